@@ -1,0 +1,260 @@
+//! Compiles and validates every shader with naga and writes the host side of each compute kernel
+//! from naga's own reflection, so that host and shader cannot drift. A bad shader fails the build
+//! with file and line.
+//!
+//! `shaders/<kernel>.wgsl` gives a module `<kernel>` in `kernels.rs`: SPIR-V, workgroup size, a
+//! `Params` struct laid out as the shader's `var<immediate>`, and a `Bindings` struct of typed
+//! buffers in binding order. `shaders/draw/<pass>.wgsl` gives only SPIR-V and entry points.
+//! A line `#include "lib/x.wgsl"` is replaced by that file, once a shader.
+
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::{env, fs};
+
+use naga::{AddressSpace, Module, ScalarKind, StorageAccess, TypeInner, VectorSize};
+
+fn main() {
+    println!("cargo::rerun-if-changed=shaders");
+    let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
+    let shaders = Path::new("shaders");
+    let mut host = String::new();
+    for path in wgsl_files(shaders) {
+        let built = Built::new(&path);
+        built.write_spirv(&out);
+        host += &built.kernel_module();
+    }
+    fs::write(out.join("kernels.rs"), host).expect("write kernels.rs");
+    let mut host = String::new();
+    for path in wgsl_files(&shaders.join("draw")) {
+        let built = Built::new(&path);
+        built.write_spirv(&out);
+        host += &built.draw_module();
+    }
+    fs::write(out.join("draw.rs"), host).expect("write draw.rs");
+}
+
+fn wgsl_files(dir: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<_> = fs::read_dir(dir)
+        .map(|d| d.filter_map(|e| e.ok().map(|e| e.path())).collect())
+        .unwrap_or_default();
+    files.retain(|p| p.extension().is_some_and(|e| e == "wgsl"));
+    files.sort();
+    files
+}
+
+struct Built {
+    stem: String,
+    module: Module,
+    spirv: Vec<u32>,
+}
+
+impl Built {
+    fn new(path: &Path) -> Self {
+        let source = with_includes(path, &mut BTreeSet::new());
+        let name = path.display().to_string();
+        let options = naga::front::wgsl::Options {
+            capabilities: naga::valid::Capabilities::all(),
+            ..naga::front::wgsl::Options::new()
+        };
+        let module = naga::front::wgsl::Frontend::new_with_options(options)
+            .parse(&source)
+            .unwrap_or_else(|e| panic!("\n{}", e.emit_to_string_with_path(&source, &name)));
+        let info = naga::valid::Validator::new(
+            naga::valid::ValidationFlags::all(),
+            naga::valid::Capabilities::all(),
+        )
+        .validate(&module)
+        .unwrap_or_else(|e| panic!("\n{}", e.emit_to_string_with_path(&source, &name)));
+        let spirv = naga::back::spv::write_vec(&module, &info, &spirv_options(), None)
+            .unwrap_or_else(|e| panic!("{name}: {e}"));
+        let stem = path.file_stem().and_then(|s| s.to_str()).expect("UTF-8 name").to_owned();
+        Self { stem, module, spirv }
+    }
+
+    fn write_spirv(&self, out: &Path) {
+        let bytes: Vec<u8> = self.spirv.iter().flat_map(|w| w.to_ne_bytes()).collect();
+        fs::write(out.join(format!("{}.spv", self.stem)), bytes).expect("write SPIR-V");
+    }
+
+    fn draw_module(&self) -> String {
+        format!(
+            "pub static {}: &[u8] = include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{}.spv\"));\n",
+            self.stem.to_uppercase(),
+            self.stem
+        )
+    }
+
+    fn kernel_module(&self) -> String {
+        let entry = match self.module.entry_points.as_slice() {
+            [e] if e.name == "main" => e,
+            _ => panic!("{}: a kernel has one entry point, `main`", self.stem),
+        };
+        let mut bindings = Vec::new();
+        let mut params = String::new();
+        let mut params_size = 0;
+        for (_, var) in self.module.global_variables.iter() {
+            match var.space {
+                AddressSpace::Storage { access } => {
+                    let slot = var.binding.as_ref().unwrap_or_else(|| {
+                        panic!("{}: `{:?}` has no binding", self.stem, var.name)
+                    });
+                    assert_eq!(slot.group, 0, "{}: one bind group", self.stem);
+                    let name = var.name.clone().expect("named binding");
+                    let TypeInner::Array { base, .. } = self.module.types[var.ty].inner else {
+                        panic!("{}: `{name}` is not an array", self.stem)
+                    };
+                    let writable = access.contains(StorageAccess::STORE);
+                    bindings.push((slot.binding, name, self.rust_type(base), writable));
+                }
+                AddressSpace::Immediate => {
+                    (params, params_size) = self.params(var.ty);
+                }
+                AddressSpace::WorkGroup | AddressSpace::Private => {}
+                other => panic!("{}: address space {other:?} is not used here", self.stem),
+            }
+        }
+        bindings.sort();
+        for (i, b) in bindings.iter().enumerate() {
+            assert_eq!(b.0 as usize, i, "{}: bindings are 0, 1, 2, …", self.stem);
+        }
+        let [wx, wy, wz] = entry.workgroup_size;
+        assert_eq!((wy, wz), (1, 1), "{}: workgroups are one-dimensional", self.stem);
+
+        let stem = &self.stem;
+        let mut s = String::new();
+        let mut list = String::new();
+        let (mut fields, mut ids, mut slices, mut opens) =
+            (String::new(), String::new(), String::new(), String::new());
+        for (i, name, ty, writable) in &bindings {
+            let _ = write!(list, "Binding {{ name: \"{name}\", writable: {writable} }}, ");
+            let _ = write!(fields, "pub {name}: Buf<{ty}>, ");
+            let _ = write!(ids, "self.{name}.id(), ");
+            let (m, open) = if *writable { ("mut ", "write") } else { ("", "read") };
+            let _ = write!(slices, "pub {name}: &'a {m}[{ty}], ");
+            let _ = write!(opens, "{name}: args.{open}({i}), ");
+        }
+        if params.is_empty() {
+            params = "#[repr(C)] #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, \
+                      bytemuck::Zeroable)] pub struct Params {}"
+                .into();
+        }
+        let _ = writeln!(
+            s,
+            "pub mod {stem} {{
+    use crate::compute::{{Binding, Buf, BufId, CpuArgs, Launch, Shader}};
+    pub static SHADER: Shader = Shader {{
+        name: \"{stem}\",
+        spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{stem}.spv\")),
+        workgroup: {wx},
+        params_size: {params_size},
+        bindings: &[{list}],
+    }};
+    {params}
+    #[derive(Clone, Copy)] pub struct Bindings {{ {fields} }}
+    impl Launch for Bindings {{
+        type Params = Params;
+        fn ids(&self) -> Vec<BufId> {{ vec![{ids}] }}
+    }}
+    /// What the CPU twin sees: the same bindings as slices.
+    pub struct Slices<'a> {{ {slices} }}
+    /// Opens a launch for the twin: slices, parameters, number of threads asked for.
+    pub fn open<'a>(args: &'a mut CpuArgs<'_>) -> (Slices<'a>, Params, usize) {{
+        let (params, threads) = (args.params(), args.threads());
+        let mut args = args.slices();
+        let _ = &mut args;
+        (Slices {{ {opens} }}, params, threads)
+    }}
+}}"
+        );
+        s
+    }
+
+    /// The immediate struct as Rust, with explicit padding so that it is plain old data.
+    fn params(&self, ty: naga::Handle<naga::Type>) -> (String, u32) {
+        let TypeInner::Struct { ref members, span } = self.module.types[ty].inner else {
+            panic!("{}: the immediate is a struct", self.stem)
+        };
+        assert!(span <= 128, "{}: immediates hold 128 bytes, this one {span}", self.stem);
+        let mut s = String::from(
+            "#[repr(C)] #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)] \
+             pub struct Params { ",
+        );
+        let (mut at, mut pads) = (0, 0);
+        let mut pad = |s: &mut String, at: &mut u32, to: u32| {
+            while *at < to {
+                let _ = write!(s, "pub pad{pads}: u32, ");
+                pads += 1;
+                *at += 4;
+            }
+        };
+        for m in members {
+            pad(&mut s, &mut at, m.offset);
+            let name = m.name.as_deref().expect("named member");
+            let _ = write!(s, "pub {name}: {}, ", self.rust_type(m.ty));
+            at = m.offset + self.module.types[m.ty].inner.size(self.module.to_ctx());
+        }
+        pad(&mut s, &mut at, span);
+        (s + "}", span)
+    }
+
+    fn rust_type(&self, ty: naga::Handle<naga::Type>) -> String {
+        let scalar = |s: naga::Scalar| match (s.kind, s.width) {
+            (ScalarKind::Uint, 4) => "u32",
+            (ScalarKind::Sint, 4) => "i32",
+            (ScalarKind::Float, 4) => "f32",
+            _ => panic!("{}: scalar {s:?} has no host type here", self.stem),
+        };
+        match self.module.types[ty].inner {
+            TypeInner::Scalar(s) | TypeInner::Atomic(s) => scalar(s).to_owned(),
+            TypeInner::Vector { size, scalar: s } => {
+                let n = match size {
+                    VectorSize::Bi => 2,
+                    VectorSize::Tri => 3,
+                    VectorSize::Quad => 4,
+                };
+                format!("[{}; {n}]", scalar(s))
+            }
+            ref other => panic!("{}: {other:?} has no host type here", self.stem),
+        }
+    }
+}
+
+fn spirv_options() -> naga::back::spv::Options<'static> {
+    use naga::back::spv::{Options, WriterFlags, ZeroInitializeWorkgroupMemoryMode};
+    use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
+    Options {
+        lang_version: (1, 3),
+        // ADJUST_COORDINATE_SPACE stays off: our projections are Vulkan's own.
+        flags: WriterFlags::LABEL_VARYINGS,
+        // Hot kernels pay 13-30 % for these; the parity cases run under GPU-side validation.
+        bounds_check_policies: BoundsCheckPolicies {
+            index: BoundsCheckPolicy::Unchecked,
+            buffer: BoundsCheckPolicy::Unchecked,
+            image_load: BoundsCheckPolicy::Unchecked,
+            binding_array: BoundsCheckPolicy::Unchecked,
+        },
+        zero_initialize_workgroup_memory: ZeroInitializeWorkgroupMemoryMode::None,
+        force_loop_bounding: false,
+        emit_int_div_checks: false,
+        use_storage_input_output_16: false,
+        ..Default::default()
+    }
+}
+
+fn with_includes(path: &Path, seen: &mut BTreeSet<PathBuf>) -> String {
+    let text = fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let mut out = String::new();
+    for line in text.lines() {
+        if let Some(name) = line.strip_prefix("#include \"").and_then(|l| l.strip_suffix('"')) {
+            let file = Path::new("shaders").join(name);
+            if seen.insert(file.clone()) {
+                out += &with_includes(&file, seen);
+            }
+        } else {
+            out += line;
+            out.push('\n');
+        }
+    }
+    out
+}

@@ -1,0 +1,78 @@
+//! A zero-initialised array of plain data whose element type is chosen by the reader.
+
+use std::marker::PhantomData;
+use std::ops::{Deref, DerefMut};
+
+use bytemuck::Pod;
+
+/// Untyped storage aligned for every buffer element (at most 8 bytes), allocated zeroed by the
+/// system, so that untouched pages cost nothing.
+#[derive(Clone, Default)]
+pub(super) struct Storage(Vec<u64>);
+
+impl Storage {
+    pub fn zeroed(bytes: usize) -> Self {
+        Self(vec![0; bytes.div_ceil(8)])
+    }
+    pub fn from_bytes(bytes: &[u8]) -> Self {
+        let mut s = Self::zeroed(bytes.len());
+        bytemuck::cast_slice_mut::<u64, u8>(&mut s.0)[..bytes.len()].copy_from_slice(bytes);
+        s
+    }
+    pub fn typed<T: Pod>(&self, len: usize) -> &[T] {
+        let bytes: &[u8] = bytemuck::cast_slice(&self.0);
+        bytemuck::cast_slice(&bytes[..len * size_of::<T>()])
+    }
+    pub fn typed_mut<T: Pod>(&mut self, len: usize) -> &mut [T] {
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut self.0);
+        bytemuck::cast_slice_mut(&mut bytes[..len * size_of::<T>()])
+    }
+    pub fn capacity_bytes(&self) -> usize {
+        self.0.len() * 8
+    }
+}
+
+/// A downloaded buffer: derefs to `[T]`.
+#[derive(Clone)]
+pub struct Array<T> {
+    storage: Storage,
+    len: usize,
+    of: PhantomData<T>,
+}
+
+impl<T: Pod> Array<T> {
+    pub(super) fn new(storage: Storage, len: usize) -> Self {
+        assert!(len * size_of::<T>() <= storage.capacity_bytes());
+        Self { storage, len, of: PhantomData }
+    }
+
+    /// Copies a slice.
+    pub fn from_slice(s: &[T]) -> Self {
+        Self::new(Storage::from_bytes(bytemuck::cast_slice(s)), s.len())
+    }
+}
+
+impl<T: Pod> Default for Array<T> {
+    fn default() -> Self {
+        Self::from_slice(&[])
+    }
+}
+
+impl<T: Pod> Deref for Array<T> {
+    type Target = [T];
+    fn deref(&self) -> &[T] {
+        self.storage.typed(self.len)
+    }
+}
+
+impl<T: Pod> DerefMut for Array<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        self.storage.typed_mut(self.len)
+    }
+}
+
+impl<T: Pod + std::fmt::Debug> std::fmt::Debug for Array<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Array(len {})", self.len)
+    }
+}

@@ -1,0 +1,156 @@
+//! The CPU runner: executes the twins in order. Twins use rayon and must not let the number of
+//! threads show in their results.
+
+use std::cell::Cell;
+use std::time::Instant;
+
+use bytemuck::Pod;
+
+use super::array::Storage;
+use super::{Contents, Outputs, Plan, Step, StepTime};
+
+enum Held<'a> {
+    Input(&'a [u8]),
+    Own(Storage),
+}
+
+/// One launch as the twin sees it.
+pub struct CpuArgs<'a> {
+    step: &'a Step,
+    reads: Vec<Option<&'a [u8]>>,
+    writes: Vec<Option<(Storage, usize)>>,
+}
+
+/// The buffers of a launch, each taken once.
+pub struct CpuSlices<'a> {
+    reads: &'a [Option<&'a [u8]>],
+    writes: Vec<Cell<Option<(&'a mut Storage, usize)>>>,
+}
+
+impl CpuArgs<'_> {
+    /// The immediate block.
+    pub fn params<P: Pod>(&self) -> P {
+        bytemuck::pod_read_unaligned(&self.step.params)
+    }
+    /// Threads asked for.
+    pub fn threads(&self) -> usize {
+        self.step.threads
+    }
+    /// Access to the buffers.
+    pub fn slices(&mut self) -> CpuSlices<'_> {
+        CpuSlices {
+            reads: &self.reads,
+            writes: self
+                .writes
+                .iter_mut()
+                .map(|w| Cell::new(w.as_mut().map(|(s, n)| (s, *n))))
+                .collect(),
+        }
+    }
+}
+
+impl<'a> CpuSlices<'a> {
+    /// A read-only binding.
+    pub fn read<T: Pod>(&self, binding: usize) -> &'a [T] {
+        bytemuck::cast_slice(self.reads[binding].expect("read-only binding"))
+    }
+    /// A writable binding; each can be opened once.
+    pub fn write<T: Pod>(&mut self, binding: usize) -> &'a mut [T] {
+        let (s, bytes) = self.writes[binding].take().expect("writable binding, opened once");
+        s.typed_mut(bytes / size_of::<T>())
+    }
+}
+
+/// Executes a plan with the CPU twins on the current rayon pool.
+pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
+    let steps = plan.steps();
+    let mut last_use = vec![0usize; plan.buffers().len()];
+    for (i, step) in steps.iter().enumerate() {
+        for b in &step.buffers {
+            last_use[b.0 as usize] = i;
+        }
+    }
+    for b in plan.downloads() {
+        last_use[b.0 as usize] = usize::MAX;
+    }
+    // Owned storage appears at first use and goes after the last one.
+    let mut held: Vec<Option<Held<'_>>> = plan
+        .buffers()
+        .iter()
+        .map(|b| match &b.contents {
+            Contents::Zeroed => None,
+            Contents::Borrowed(data) => Some(Held::Input(data)),
+            Contents::Owned(data) => Some(Held::Own(Storage::from_bytes(data))),
+        })
+        .collect();
+
+    let mut times = Vec::with_capacity(steps.len());
+    for (i, step) in steps.iter().enumerate() {
+        let start = Instant::now();
+        let shader = step.kernel.shader;
+        let mut writes = Vec::with_capacity(step.buffers.len());
+        for (id, binding) in step.buffers.iter().zip(shader.bindings) {
+            let at = id.0 as usize;
+            let bytes = plan.buffers()[at].bytes;
+            let slot = &mut held[at];
+            if slot.is_none() {
+                *slot = Some(Held::Own(Storage::zeroed(bytes)));
+            }
+            writes.push(if binding.writable {
+                let own = match slot.take() {
+                    Some(Held::Own(s)) => s,
+                    Some(Held::Input(data)) => Storage::from_bytes(data),
+                    None => Storage::zeroed(bytes),
+                };
+                Some((own, bytes))
+            } else {
+                None
+            });
+        }
+        let reads = step
+            .buffers
+            .iter()
+            .zip(shader.bindings)
+            .map(|(id, binding)| {
+                let bytes = plan.buffers()[id.0 as usize].bytes;
+                (!binding.writable).then(|| match &held[id.0 as usize] {
+                    Some(Held::Input(data)) => *data,
+                    Some(Held::Own(s)) => s.typed::<u8>(bytes),
+                    None => unreachable!("filled above"),
+                })
+            })
+            .collect();
+        let mut args = CpuArgs { step, reads, writes };
+        (step.kernel.twin)(&mut args);
+        let writes = args.writes;
+        for (id, w) in step.buffers.iter().zip(writes) {
+            if let Some((s, _)) = w {
+                held[id.0 as usize] = Some(Held::Own(s));
+            }
+        }
+        for id in &step.buffers {
+            if last_use[id.0 as usize] == i {
+                held[id.0 as usize] = None;
+            }
+        }
+        times.push(StepTime {
+            kernel: shader.name,
+            unit: step.kernel.unit,
+            items: step.items,
+            bytes: step.buffers.iter().map(|b| plan.buffers()[b.0 as usize].bytes as u64).sum(),
+            seconds: start.elapsed().as_secs_f64(),
+        });
+    }
+
+    let mut out = Outputs { times, ..Default::default() };
+    for id in plan.downloads() {
+        let bytes = plan.buffers()[id.0 as usize].bytes;
+        let s = match held[id.0 as usize].take() {
+            Some(Held::Own(s)) => s,
+            Some(Held::Input(data)) => Storage::from_bytes(data),
+            None => Storage::zeroed(bytes),
+        };
+        out.arrays.insert(*id, (s, bytes));
+    }
+    out
+}

@@ -1,0 +1,224 @@
+//! The plan: buffers, launches, downloads.
+
+use std::collections::BTreeMap;
+use std::marker::PhantomData;
+
+use bytemuck::Pod;
+
+use super::array::Storage;
+use super::{Array, Kernel, Launch};
+
+/// Index of a buffer in its plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct BufId(pub u32);
+
+/// A typed buffer of a plan.
+pub struct Buf<T> {
+    id: BufId,
+    len: usize,
+    of: PhantomData<fn() -> T>,
+}
+
+impl<T> Clone for Buf<T> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<T> Copy for Buf<T> {}
+
+impl<T> Buf<T> {
+    /// Index in the plan.
+    pub fn id(self) -> BufId {
+        self.id
+    }
+    /// Elements.
+    pub fn len(self) -> usize {
+        self.len
+    }
+    /// Whether it holds no element.
+    pub fn is_empty(self) -> bool {
+        self.len == 0
+    }
+}
+
+/// What a buffer holds before the first launch.
+pub enum Contents<'a> {
+    /// Zero bytes.
+    Zeroed,
+    /// Bytes the plan borrows.
+    Borrowed(&'a [u8]),
+    /// Bytes the plan owns.
+    Owned(Vec<u8>),
+}
+
+/// A buffer of a plan.
+pub struct PlanBuffer<'a> {
+    /// For messages.
+    pub name: &'static str,
+    /// Size in bytes; zero-sized buffers are legal.
+    pub bytes: usize,
+    /// Bytes an element.
+    pub stride: usize,
+    /// Whether the elements are f32 (or vectors of them): parity then allows a tolerance.
+    pub float: bool,
+    /// Initial contents.
+    pub contents: Contents<'a>,
+}
+
+/// One kernel launch.
+pub struct Step {
+    /// Which kernel.
+    pub kernel: &'static Kernel,
+    /// Its buffers in binding order.
+    pub buffers: Vec<BufId>,
+    /// Its immediate block.
+    pub params: Vec<u8>,
+    /// Threads asked for; devices round up to workgroups, so kernels check.
+    pub threads: usize,
+    /// Items of [`Kernel::unit`] this launch works on, for rates.
+    pub items: usize,
+}
+
+/// Buffers, launches in order, and what is wanted back. Launches see the writes of earlier ones.
+#[derive(Default)]
+pub struct Plan<'a> {
+    buffers: Vec<PlanBuffer<'a>>,
+    steps: Vec<Step>,
+    downloads: Vec<BufId>,
+}
+
+impl<'a> Plan<'a> {
+    /// An empty plan.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    fn push<T: Pod>(&mut self, name: &'static str, len: usize, contents: Contents<'a>) -> Buf<T> {
+        let id = BufId(self.buffers.len() as u32);
+        let stride = size_of::<T>();
+        let float = std::any::type_name::<T>().contains("f32");
+        self.buffers.push(PlanBuffer { name, bytes: len * stride, stride, float, contents });
+        Buf { id, len, of: PhantomData }
+    }
+
+    /// A buffer with borrowed contents.
+    pub fn upload<T: Pod>(&mut self, name: &'static str, data: &'a [T]) -> Buf<T> {
+        self.push(name, data.len(), Contents::Borrowed(bytemuck::cast_slice(data)))
+    }
+
+    /// A buffer with contents of its own.
+    pub fn upload_owned<T: Pod>(&mut self, name: &'static str, data: &[T]) -> Buf<T> {
+        let bytes = bytemuck::cast_slice::<T, u8>(data).to_vec();
+        self.push(name, data.len(), Contents::Owned(bytes))
+    }
+
+    /// A zeroed buffer of `len` elements.
+    pub fn zeroed<T: Pod>(&mut self, name: &'static str, len: usize) -> Buf<T> {
+        self.push(name, len, Contents::Zeroed)
+    }
+
+    /// Appends a launch over `threads` invocations that work on `items` units.
+    ///
+    /// # Panics
+    /// If a writable buffer is bound twice, or the immediate's size is not the shader's: both are
+    /// errors of the stage that builds the plan.
+    pub fn launch<L: Launch>(
+        &mut self,
+        kernel: &'static Kernel,
+        bindings: L,
+        params: L::Params,
+        threads: usize,
+        items: usize,
+    ) {
+        let buffers = bindings.ids();
+        let shader = kernel.shader;
+        assert_eq!(buffers.len(), shader.bindings.len(), "{}: bindings", shader.name);
+        assert_eq!(size_of::<L::Params>(), shader.params_size as usize, "{}", shader.name);
+        for (i, b) in shader.bindings.iter().enumerate() {
+            let shared = buffers.iter().filter(|id| **id == buffers[i]).count() > 1;
+            assert!(!(b.writable && shared), "{}: `{}` is bound twice", shader.name, b.name);
+        }
+        let params = bytemuck::bytes_of(&params).to_vec();
+        self.steps.push(Step { kernel, buffers, params, threads, items });
+    }
+
+    /// Asks for a buffer's contents after the last launch.
+    pub fn download<T>(&mut self, buf: Buf<T>) {
+        if !self.downloads.contains(&buf.id) {
+            self.downloads.push(buf.id);
+        }
+    }
+
+    /// All buffers, by id.
+    pub fn buffers(&self) -> &[PlanBuffer<'a>] {
+        &self.buffers
+    }
+    /// Launches in order.
+    pub fn steps(&self) -> &[Step] {
+        &self.steps
+    }
+    /// Buffers wanted back.
+    pub fn downloads(&self) -> &[BufId] {
+        &self.downloads
+    }
+    /// Bytes of all buffers together.
+    pub fn total_bytes(&self) -> u64 {
+        self.buffers.iter().map(|b| b.bytes as u64).sum()
+    }
+}
+
+/// Time of one launch.
+#[derive(Clone, Debug)]
+pub struct StepTime {
+    /// Kernel name.
+    pub kernel: &'static str,
+    /// Rate unit.
+    pub unit: &'static str,
+    /// Items worked on.
+    pub items: usize,
+    /// Bytes of all bound buffers: what the launch has to touch at least once.
+    pub bytes: u64,
+    /// On a GPU from timestamp queries, on the CPU from the monotonic clock.
+    pub seconds: f64,
+}
+
+/// What came back from running a plan.
+#[derive(Default)]
+pub struct Outputs {
+    pub(super) arrays: BTreeMap<BufId, (Storage, usize)>,
+    /// Time of each launch, in order.
+    pub times: Vec<StepTime>,
+}
+
+impl Outputs {
+    /// Adds a downloaded buffer (for runners).
+    pub fn insert_bytes(&mut self, id: BufId, bytes: &[u8]) {
+        self.arrays.insert(id, (Storage::from_bytes(bytes), bytes.len()));
+    }
+
+    /// A downloaded buffer.
+    ///
+    /// # Panics
+    /// If the plan did not ask for it.
+    pub fn get<T: Pod>(&self, buf: Buf<T>) -> &[T] {
+        let (s, bytes) = self.arrays.get(&buf.id).expect("the plan downloads this buffer");
+        assert_eq!(*bytes, buf.len * size_of::<T>());
+        s.typed(buf.len)
+    }
+
+    /// A downloaded buffer, moved out.
+    ///
+    /// # Panics
+    /// If the plan did not ask for it, or it was taken before.
+    pub fn take<T: Pod>(&mut self, buf: Buf<T>) -> Array<T> {
+        let (s, bytes) = self.arrays.remove(&buf.id).expect("the plan downloads this buffer");
+        assert_eq!(bytes, buf.len * size_of::<T>());
+        Array::new(s, buf.len)
+    }
+
+    /// A downloaded buffer as 32-bit words, for comparing devices.
+    pub fn words(&self, id: BufId) -> &[u32] {
+        let (s, bytes) = &self.arrays[&id];
+        s.typed(bytes / 4)
+    }
+}

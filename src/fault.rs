@@ -1,0 +1,58 @@
+//! Planted faults: how device loss, full disks and short reads are tested.
+//!
+//! Compiled in only with the feature `faults`, which no release has. There the environment
+//! variable `INTIMA_FAULT` holds `point:n` (comma separated): the n-th passage (from 1) of that
+//! point and every later one fails.
+
+/// A place that can be made to fail.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Point {
+    /// Writing to a file: answers as a full disk.
+    Write,
+    /// Reading a file: ends early.
+    Read,
+    /// Allocating device memory.
+    Allocate,
+    /// Submitting to a queue: answers as a lost device.
+    Submit,
+    /// Creating an instance: answers as a machine without a driver.
+    Instance,
+}
+
+#[cfg(feature = "faults")]
+mod planted {
+    use super::Point;
+    use std::sync::OnceLock;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    /// Name, failing passage, passages so far.
+    type Plant = (String, u32, AtomicU32);
+    static PLANTS: OnceLock<Vec<Plant>> = OnceLock::new();
+
+    pub fn hit(point: Point) -> bool {
+        let plants = PLANTS.get_or_init(|| {
+            let spec = std::env::var("INTIMA_FAULT").unwrap_or_default();
+            spec.split(',')
+                .filter_map(|p| p.split_once(':'))
+                .map(|(name, n)| (name.to_owned(), n.parse().unwrap_or(1), AtomicU32::new(0)))
+                .collect()
+        });
+        let name = format!("{point:?}").to_lowercase();
+        plants
+            .iter()
+            .filter(|(at, _, _)| *at == name)
+            .any(|(_, n, passed)| passed.fetch_add(1, Ordering::Relaxed) + 1 >= *n)
+    }
+}
+
+/// Whether the fault planted at `point` strikes now. Always false without the feature.
+#[inline]
+pub fn hit(point: Point) -> bool {
+    #[cfg(feature = "faults")]
+    return planted::hit(point);
+    #[cfg(not(feature = "faults"))]
+    {
+        let _ = point;
+        false
+    }
+}

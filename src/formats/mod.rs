@@ -1,0 +1,25 @@
+//! Files in and out. Volumes: DICOM in; NIfTI, NRRD, MetaImage in and out. Meshes: PLY, STL, OBJ
+//! in and out, VTP and glTF out. Centerlines: VTP, CSV and Slicer curve out. Pictures: PNG and,
+//! through ffmpeg, video.
+//!
+//! Coordinates are converted to LPS mm at the door. Every output appears whole or not at all
+//! ([`whole`]). Only geometry and intensity fields of an input are kept; no other text of it
+//! reaches an output.
+
+mod curve;
+mod error;
+mod image;
+mod mesh;
+mod video;
+mod vol;
+pub mod whole;
+
+pub use curve::write_centerline;
+pub use error::FormatError;
+pub use image::write_png;
+pub use mesh::{read_mesh, write_mesh};
+pub use video::VideoWriter;
+pub use vol::{InputInfo, ReadOptions, SeriesInfo, inspect, read_volume, write_volume};
+
+/// Carried by every image and video that leaves, and by the report.
+pub const NOTICE: &str = "Research and education only. Not for diagnosis.";

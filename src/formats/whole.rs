@@ -1,0 +1,93 @@
+//! Files that appear whole or not at all: written beside their place, synced, renamed.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use super::FormatError;
+use crate::fault;
+
+/// A file being written. It takes its name only at [`WholeFile::commit`]; dropped before that, it
+/// leaves nothing behind.
+pub struct WholeFile {
+    path: PathBuf,
+    out: BufWriter<Faulty>,
+    temp: tempfile::TempPath,
+}
+
+/// The file behind the buffer, where a full disk can be planted.
+struct Faulty(File);
+
+impl Write for Faulty {
+    fn write(&mut self, buf: &[u8]) -> io::Result<usize> {
+        if fault::hit(fault::Point::Write) {
+            return Err(io::Error::from(io::ErrorKind::StorageFull));
+        }
+        self.0.write(buf)
+    }
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
+impl WholeFile {
+    /// Starts a file that will stand at `path`.
+    ///
+    /// # Errors
+    /// [`FormatError::Io`] if the folder cannot be written.
+    pub fn create(path: &Path) -> Result<Self, FormatError> {
+        let folder = match path.parent() {
+            Some(p) if !p.as_os_str().is_empty() => p,
+            _ => Path::new("."),
+        };
+        let (file, temp) = tempfile::Builder::new()
+            .prefix(".intima-")
+            .tempfile_in(folder)
+            .map_err(|e| FormatError::io(path, e))?
+            .into_parts();
+        let out = BufWriter::with_capacity(1 << 18, Faulty(file));
+        Ok(Self { path: path.to_owned(), out, temp })
+    }
+
+    /// Syncs the bytes and gives the file its name.
+    ///
+    /// # Errors
+    /// [`FormatError::Io`]; nothing is left behind then.
+    pub fn commit(self) -> Result<(), FormatError> {
+        let Self { path, out, temp } = self;
+        let finish = || -> io::Result<()> {
+            let file = out.into_inner().map_err(|e| e.into_error())?.0;
+            // Temporary files are private; an output has the mode any new file would have.
+            #[cfg(unix)]
+            {
+                use std::os::unix::fs::PermissionsExt;
+                file.set_permissions(std::fs::Permissions::from_mode(0o644))?;
+            }
+            file.sync_all()?;
+            temp.persist(&path).map_err(|e| e.error)
+        };
+        finish().map_err(|e| FormatError::io(&path, e))
+    }
+}
+
+impl Write for WholeFile {
+    fn write(&mut self, buf: &[u8]) -> io::Result<usize> {
+        self.out.write(buf)
+    }
+    fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+}
+
+/// Writes a whole file through `fill`.
+///
+/// # Errors
+/// [`FormatError::Io`], with nothing left behind.
+pub fn write_whole(
+    path: &Path,
+    fill: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<(), FormatError> {
+    let mut file = WholeFile::create(path)?;
+    fill(&mut file).map_err(|e| FormatError::io(path, e))?;
+    file.commit()
+}

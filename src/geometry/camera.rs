@@ -1,0 +1,51 @@
+//! Where the eye is and what its lens sees.
+
+use glam::{Quat, Vec3};
+
+/// An eye in patient space. The camera looks along its own -z with +y up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// LPS mm.
+    pub position_mm: Vec3,
+    /// World from camera, unit.
+    pub rotation: Quat,
+}
+
+impl Pose {
+    /// Looks along `forward`, with `up` as near to the camera's +y as it can be.
+    pub fn looking(position_mm: Vec3, forward: Vec3, up: Vec3) -> Self {
+        let f = forward.normalize();
+        let r = f.cross(up).try_normalize().unwrap_or_else(|| f.any_orthonormal_vector());
+        let u = r.cross(f);
+        Self { position_mm, rotation: Quat::from_mat3(&glam::Mat3::from_cols(r, u, -f)) }
+    }
+
+    /// Unit viewing direction.
+    pub fn forward(&self) -> Vec3 {
+        self.rotation * Vec3::NEG_Z
+    }
+
+    /// Unit up direction.
+    pub fn up(&self) -> Vec3 {
+        self.rotation * Vec3::Y
+    }
+}
+
+/// A perspective lens.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lens {
+    /// Vertical field of view, radians, in (0, pi).
+    pub fov_y_rad: f32,
+    /// Width over height.
+    pub aspect: f32,
+    /// Near plane, mm.
+    pub near_mm: f32,
+}
+
+impl Lens {
+    /// Radius of the ball about the eye that holds the whole near rectangle, mm.
+    pub fn near_ball_mm(&self) -> f32 {
+        let t = (0.5 * self.fov_y_rad).tan();
+        self.near_mm * (1.0 + t * t * (1.0 + self.aspect * self.aspect)).sqrt()
+    }
+}

@@ -1,0 +1,9 @@
+//! What rooms hand to each other: a plain triangle mesh, a centerline, a camera pose.
+
+mod camera;
+mod centerline;
+mod mesh;
+
+pub use camera::{Lens, Pose};
+pub use centerline::{Branch, Centerline, CenterlinePoint};
+pub use mesh::Mesh;

@@ -1,0 +1,1 @@
+//! Analytic phantoms with their truth.

@@ -1,0 +1,177 @@
+//! Samples in the type they were stored in. Nothing here converts a whole volume to float.
+
+/// The stored types every reader may produce.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[allow(missing_docs)]
+pub enum SampleType {
+    U8,
+    I8,
+    U16,
+    I16,
+    U32,
+    I32,
+    U64,
+    I64,
+    F32,
+    F64,
+}
+
+impl SampleType {
+    /// Bytes a sample.
+    pub fn size(self) -> usize {
+        match self {
+            Self::U8 | Self::I8 => 1,
+            Self::U16 | Self::I16 => 2,
+            Self::U32 | Self::I32 | Self::F32 => 4,
+            Self::U64 | Self::I64 | Self::F64 => 8,
+        }
+    }
+
+    /// Whether the samples are integers.
+    pub fn is_integer(self) -> bool {
+        !matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// The name used in messages and JSON (`int16`, `float32`, …).
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::U8 => "uint8",
+            Self::I8 => "int8",
+            Self::U16 => "uint16",
+            Self::I16 => "int16",
+            Self::U32 => "uint32",
+            Self::I32 => "int32",
+            Self::U64 => "uint64",
+            Self::I64 => "int64",
+            Self::F32 => "float32",
+            Self::F64 => "float64",
+        }
+    }
+}
+
+/// Runs the body with `$s` bound to the typed slice of a [`Samples`].
+macro_rules! with_samples {
+    ($samples:expr, |$s:ident| $body:expr) => {
+        match $samples {
+            $crate::volume::Samples::U8($s) => $body,
+            $crate::volume::Samples::I8($s) => $body,
+            $crate::volume::Samples::U16($s) => $body,
+            $crate::volume::Samples::I16($s) => $body,
+            $crate::volume::Samples::U32($s) => $body,
+            $crate::volume::Samples::I32($s) => $body,
+            $crate::volume::Samples::U64($s) => $body,
+            $crate::volume::Samples::I64($s) => $body,
+            $crate::volume::Samples::F32($s) => $body,
+            $crate::volume::Samples::F64($s) => $body,
+        }
+    };
+}
+pub(crate) use with_samples;
+
+/// A sample type as a Rust type.
+pub trait Sample: Copy + Send + Sync + PartialOrd + bytemuck::Pod + 'static {
+    /// Its tag.
+    const TYPE: SampleType;
+    /// Widened; 64-bit integers beyond 2^53 round.
+    fn to_f64(self) -> f64;
+    /// Bytes reversed.
+    fn swap_bytes(self) -> Self;
+}
+
+macro_rules! samples {
+    ($($variant:ident $t:ty;)*) => {
+        /// All samples of a volume, x fastest.
+        #[derive(Clone, Debug, PartialEq)]
+        #[allow(missing_docs)]
+        pub enum Samples { $($variant(Vec<$t>),)* }
+
+        $(impl Sample for $t {
+            const TYPE: SampleType = SampleType::$variant;
+            #[inline]
+            fn to_f64(self) -> f64 { self as f64 }
+            fn swap_bytes(self) -> Self {
+                let mut b = self.to_ne_bytes();
+                b.reverse();
+                <$t>::from_ne_bytes(b)
+            }
+        }
+
+        impl From<Vec<$t>> for Samples {
+            fn from(v: Vec<$t>) -> Self { Self::$variant(v) }
+        })*
+
+        impl Samples {
+            /// Zeroed samples of a given type.
+            pub fn zeroed(t: SampleType, len: usize) -> Self {
+                match t { $(SampleType::$variant => Self::$variant(vec![<$t>::default(); len]),)* }
+            }
+        }
+    };
+}
+
+samples! {
+    U8 u8;
+    I8 i8;
+    U16 u16;
+    I16 i16;
+    U32 u32;
+    I32 i32;
+    U64 u64;
+    I64 i64;
+    F32 f32;
+    F64 f64;
+}
+
+impl Samples {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        with_samples!(self, |s| s.len())
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Stored type.
+    pub fn sample_type(&self) -> SampleType {
+        fn of<T: Sample>(_: &[T]) -> SampleType {
+            T::TYPE
+        }
+        with_samples!(self, |s| of(s))
+    }
+
+    /// Stored value at linear index `i`, widened.
+    #[inline]
+    pub fn get(&self, i: usize) -> f64 {
+        with_samples!(self, |s| s[i].to_f64())
+    }
+
+    /// Smallest and largest finite stored value.
+    pub fn range(&self) -> Option<(f64, f64)> {
+        fn of<T: Sample>(s: &[T]) -> Option<(f64, f64)> {
+            let finite = |v: &&T| v.to_f64().is_finite();
+            let first = *s.iter().find(finite)?;
+            let (lo, hi) = s.iter().filter(finite).fold((first, first), |(lo, hi), &v| {
+                (if v < lo { v } else { lo }, if v > hi { v } else { hi })
+            });
+            Some((lo.to_f64(), hi.to_f64()))
+        }
+        with_samples!(self, |s| of(s))
+    }
+
+    /// The samples as native-endian bytes.
+    pub fn bytes(&self) -> &[u8] {
+        with_samples!(self, |s| bytemuck::cast_slice(s))
+    }
+
+    /// The samples as native-endian bytes, to be filled by a reader.
+    pub fn bytes_mut(&mut self) -> &mut [u8] {
+        with_samples!(self, |s| bytemuck::cast_slice_mut(s))
+    }
+
+    /// Reverses the bytes of every sample in place.
+    pub fn swap_bytes(&mut self) {
+        with_samples!(self, |s| s.iter_mut().for_each(|v| *v = v.swap_bytes()));
+    }
+}
