@@ -1,8 +1,8 @@
 #![doc = include_str!("../ARCHITECTURE.md")]
 // Rooms stand in the order the data takes; a room imports only rooms above it (`cargo xtask check`).
-pub mod fault;
-pub mod volume;
-pub mod geometry;
-pub mod formats;
 pub mod compute;
+pub mod fault;
+pub mod formats;
+pub mod geometry;
 pub mod kernels;
+pub mod volume;

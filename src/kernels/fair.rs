@@ -63,7 +63,8 @@ fn cases() -> Vec<Case> {
         Case { name, plan }
     };
     let opposed = (vec![0, 1, 2], vec![1, 0], vec![1.0; 2], vec![1., 0., 0., -1., 0., 0.]);
-    let not_a_number = (vec![0, 1, 2], vec![1, 0], vec![1.0; 2], vec![1., 0., 0., f32::NAN, 0., 0.]);
+    let not_a_number =
+        (vec![0, 1, 2], vec![1, 0], vec![1.0; 2], vec![1., 0., 0., f32::NAN, 0., 0.]);
     vec![
         case("empty", (vec![0], vec![], vec![], vec![])),
         case("one vertex", (vec![0, 0], vec![], vec![], vec![0.0, 0.6, 0.8])),

@@ -98,8 +98,7 @@ impl Grid {
     /// Linear index of a voxel inside the grid.
     #[inline]
     pub fn index(&self, v: UVec3) -> usize {
-        v.x as usize
-            + self.dims.x as usize * (v.y as usize + self.dims.y as usize * v.z as usize)
+        v.x as usize + self.dims.x as usize * (v.y as usize + self.dims.y as usize * v.z as usize)
     }
 
     /// Voxel of a linear index.
@@ -173,8 +172,8 @@ mod tests {
             DVec3::new(0.6, 0.8, 0.0),
             DVec3::new(0.0, 0.0, 1.0),
         );
-        let g = Grid::new([5, 6, 7], DVec3::new(0.7, 0.8, 2.5), DVec3::new(-3.0, 4.0, 9.0), d)
-            .unwrap();
+        let g =
+            Grid::new([5, 6, 7], DVec3::new(0.7, 0.8, 2.5), DVec3::new(-3.0, 4.0, 9.0), d).unwrap();
         assert!(g.is_left_handed() && g.is_orthogonal());
         let v = DVec3::new(1.25, 2.5, 3.75);
         let w = g.world_from_voxel().transform_point3(v);

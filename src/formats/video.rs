@@ -1,0 +1,3 @@
+//! Video through ffmpeg.
+/// A video being written.
+pub struct VideoWriter {}
