@@ -5,4 +5,5 @@ pub mod fault;
 pub mod formats;
 pub mod geometry;
 pub mod kernels;
+pub mod lumen;
 pub mod volume;
