@@ -152,7 +152,7 @@ fn a_leak_through_one_voxel_into_noise_is_stopped_below_it() {
     let (mask, report) = grow_controlled(&v, &window, seed).unwrap();
     let extra = mask.count() as f64 / lumen_voxels as f64;
     assert!((0.99..1.01).contains(&extra), "{extra} {report:?}");
-    assert!(report.threshold < -820.0 && report.leak_ml.is_some(), "{report:?}");
+    assert!(report.threshold < -780.0 && report.leak_ml.is_some(), "{report:?}");
     // The flood at the chosen threshold is what growing there gives.
     let window = Window::Range { lo: f64::NEG_INFINITY, hi: report.threshold };
     assert_eq!(grow(&v, &window, seed).unwrap().count(), mask.count());
