@@ -105,6 +105,11 @@ pub fn local(v: IVec3) -> usize {
     ((v.x & 7) + 8 * (v.y & 7) + 64 * (v.z & 7)) as usize
 }
 
+/// Bits as a field of zeros and ones.
+pub fn bit_field(bits: &[u64]) -> Vec<f32> {
+    bits.iter().flat_map(|w| (0..64).map(move |i| (w >> i & 1) as f32)).collect()
+}
+
 /// Bricks of a mask and its bits in slot order (eight words a slot, one a z-layer; bit x + 8 y).
 pub fn of_mask(mask: &BitVolume) -> (Bricks, Vec<u64>) {
     let Some((lo, hi)) = mask.bounds() else {
