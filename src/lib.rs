@@ -2,6 +2,7 @@
 // Rooms stand in the order the data takes; a room imports only rooms above it (`cargo xtask check`).
 pub mod compute;
 pub mod fault;
+pub mod field;
 pub mod formats;
 pub mod geometry;
 pub mod kernels;
