@@ -24,12 +24,17 @@ var<immediate> params: Params;
 #include "lib/bricks.wgsl"
 #include "lib/ridge.wgsl"
 
+// Next to the wall (here < 1.5 voxel) distances rise by as little as 0.41 a voxel along lattice
+// diagonals; a medial voxel there has no higher neighbour at all, so the limit is drawn in.
 fn climbs(slot: u32, p: vec3<i32>, here: f32) -> bool {
+    let h = params.spacing_mm;
+    let at_wall = here < 1.5 * max(h.x, max(h.y, h.z)) && params.climb < 1.0;
+    let limit = select(params.climb, 0.4, at_wall);
     for (var n = 0; n < 27; n++) {
         let step = vec3(n % 3 - 1, (n / 3) % 3 - 1, n / 9 - 1);
         let e = element(slot, p + step);
         if n == 13 || e == NONE { continue; }
-        if d[e] - here > params.climb * length(vec3<f32>(step) * params.spacing_mm) { return true; }
+        if d[e] - here > limit * length(vec3<f32>(step) * h) { return true; }
     }
     return false;
 }

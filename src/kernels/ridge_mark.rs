@@ -52,10 +52,12 @@ impl Halo {
     /// Whether the field rises by more than `rate` a mm towards some neighbour.
     fn climbs(&self, local: usize, h: Vec3, rate: f32) -> bool {
         let c = Self::centre(local);
+        let at_wall = self.0[c] < 1.5 * h.max_element() && rate < 1.0;
+        let limit = if at_wall { 0.4 } else { rate };
         (0..27i32).filter(|n| *n != 13).any(|n| {
             let step = IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
             let q = (c as i32 + step.x + 10 * step.y + 100 * step.z) as usize;
-            self.0[q] - self.0[c] > rate * (step.as_vec3() * h).length()
+            self.0[q] - self.0[c] > limit * (step.as_vec3() * h).length()
         })
     }
 
