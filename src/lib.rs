@@ -7,4 +7,5 @@ pub mod formats;
 pub mod geometry;
 pub mod kernels;
 pub mod lumen;
+pub mod surface;
 pub mod volume;
