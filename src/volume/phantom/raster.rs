@@ -18,7 +18,7 @@ impl Phantom {
     pub fn mask(&self) -> Volume {
         let samples = self.fill(
             0.0,
-            |inside| u8::from(inside),
+            u8::from,
             |p| u8::from(self.shape.field(self.to_unit(p)) < 0.0),
         );
         Volume::new(self.grid, samples.into())
