@@ -19,6 +19,7 @@ usage: cargo xtask TASK
   test [--gpu]   set up, check, and run every test, on software Vulkan unless --gpu
                  (what follows `--` goes to `cargo test`)
   check          what needs no device: format, lints, docs, and the rules of the house
+  check --rules  the rules of the house alone
   bless          write the golden frames anew; then look at them
   setup          install a Vulkan loader and driver where none answer
   setup --test   the same, and what the tests need beside it
@@ -52,6 +53,7 @@ fn dispatch(args: &[&str]) -> Result<(), Stop> {
         ["demo"] => demo::demo(),
         ["test", rest @ ..] => suite::test(rest),
         ["check"] => check::check(),
+        ["check", "--rules"] => check::rules(),
         ["bless"] => golden::bless(),
         ["setup"] => setup::setup(setup::For::Running),
         ["setup", "--test"] => setup::setup(setup::For::Testing),

@@ -31,16 +31,29 @@ const RULES: &[Rule] = &[
     ("committed pictures and tables stay small", size::budgets),
 ];
 
-/// `cargo xtask check`
+/// `cargo xtask check`: everything is tried, so that one run shows all there is to mend.
 pub fn check() -> Result<(), Stop> {
     components()?;
-    loudly(&mut cargo(&["fmt", "--all", "--check"]))?;
     let clippy = ["clippy", "--workspace", "--all-targets", "--locked", "--features", "faults"];
-    loudly(&mut cargo(&[&clippy[..], &["--", "-D", "warnings"]].concat()))?;
     let doc = ["doc", "--no-deps", "--lib", "--locked", "--package", "intima"];
-    loudly(
-        cargo(&[&doc[..], &["--features", "faults"]].concat()).env("RUSTDOCFLAGS", "-D warnings"),
-    )?;
+    let steps = [
+        loudly(&mut cargo(&["fmt", "--all", "--check"])),
+        loudly(&mut cargo(&[&clippy[..], &["--", "-D", "warnings"]].concat())),
+        loudly(
+            cargo(&[&doc[..], &["--features", "faults"]].concat())
+                .env("RUSTDOCFLAGS", "-D warnings"),
+        ),
+        rules(),
+    ];
+    let failed = steps.into_iter().filter_map(Result::err).map(|stop| match stop {
+        Stop::Failed(m) | Stop::Usage(m) | Stop::NoDevice(m) => m,
+    });
+    let failed: Vec<_> = failed.collect();
+    if failed.is_empty() { Ok(()) } else { Err(Stop::Failed(failed.join("\n"))) }
+}
+
+/// `cargo xtask check --rules`: the rules of the house alone, in a blink.
+pub fn rules() -> Result<(), Stop> {
     let tree = Tree::read(&root()).map_err(|e| Stop::Failed(format!("reading the tree: {e}")))?;
     let broken = report(&tree);
     if broken.is_empty() {
