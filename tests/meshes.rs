@@ -494,3 +494,39 @@ fn video_has_the_size_the_frames_and_the_notice() {
     left.sort();
     assert_eq!(left, ["a.gif", "a.mp4", "again-a.gif", "again-a.mp4", "x"]);
 }
+
+#[test]
+fn damaged_files_give_an_error_or_a_sound_mesh_and_never_a_panic() {
+    let (dir, _) = scratch("x", "");
+    let mut state = 1u64;
+    let mut random = move |below: usize| {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % below
+    };
+    let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+                property float z\nelement face 1\nproperty list uchar int vertex_indices\n\
+                end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    for name in ["a.ply", "b.ply", "a.stl", "a.obj"] {
+        let path = dir.path().join(name);
+        write_mesh(&path, &chiral()).unwrap();
+        let good = if name == "b.ply" { text.into() } else { std::fs::read(&path).unwrap() };
+        for _ in 0..1500 {
+            let mut bytes = good.clone();
+            for _ in 0..=random(3) {
+                let at = random(bytes.len());
+                match random(4) {
+                    0 => bytes[at] = random(256) as u8,
+                    1 => bytes[at] ^= 1 << random(8),
+                    2 => bytes.insert(at, b"0123456789-. \n\xff"[random(15)]),
+                    _ => bytes.truncate(at.max(1)),
+                }
+            }
+            std::fs::write(&path, &bytes).unwrap();
+            let Ok((mesh, _)) = read_mesh(&path, None) else { continue };
+            assert!(mesh.positions.iter().chain(&mesh.normals).all(|v| v.is_finite()));
+            assert!(mesh.faces.iter().flatten().all(|&v| (v as usize) < mesh.positions.len()));
+            assert!([0, mesh.positions.len()].contains(&mesh.normals.len()));
+        }
+    }
+}

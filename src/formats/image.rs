@@ -67,12 +67,7 @@ fn bytes_of(width: u32, height: u32) -> Option<usize> {
     sides[0]?.checked_mul(sides[1]?)?.checked_mul(3)
 }
 
-fn encode(
-    out: impl Write,
-    width: u32,
-    height: u32,
-    rgb: &[u8],
-) -> Result<(), png::EncodingError> {
+fn encode(out: impl Write, width: u32, height: u32, rgb: &[u8]) -> Result<(), png::EncodingError> {
     let mut encoder = png::Encoder::new(out, width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);

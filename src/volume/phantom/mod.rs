@@ -4,9 +4,13 @@
 //! side one and scaled to the grid, so that the same organ appears at any size. Nothing of it
 //! touches the border of the grid.
 
+mod colon;
+mod ellipse;
+mod helix;
 mod path;
 mod raster;
 mod shape;
+mod tree;
 
 use std::str::FromStr;
 

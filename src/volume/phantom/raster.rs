@@ -16,17 +16,14 @@ const WALL_HU: f64 = 40.0;
 impl Phantom {
     /// The lumen as 0 and 1 (u8), sampled at voxel centres.
     pub fn mask(&self) -> Volume {
-        let samples = self.fill(
-            0.0,
-            u8::from,
-            |p| u8::from(self.shape.field(self.to_unit(p)) < 0.0),
-        );
+        let samples =
+            self.fill(0.0, u8::from, |p| u8::from(self.shape.field(self.to_unit(p)) < 0.0));
         Volume::new(self.grid, samples.into())
     }
 
     /// A CT-like volume (i16, HU): lumen -950, wall +40, in between a linear ramp over the signed
     /// distance that is as wide as a voxel is along the wall's normal. `noise` is the standard
-    /// deviation (HU) of a gaussian noise; equal seeds give equal volumes.
+    /// deviation (HU, finite) of a gaussian noise; values saturate at the ends of i16. Equal seeds give equal volumes.
     pub fn grey(&self, noise: Option<f64>, seed: u64) -> Volume {
         let spacing = self.grid.spacing_mm;
         let cubic = spacing.max_element() - spacing.min_element() < 1e-9 * spacing.x;

@@ -4,8 +4,10 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::path::{Helix, Path};
-use super::{Kind, TruthBranch};
+use super::helix::Helix;
+use super::path::Path;
+use super::tree::{Segment, tree};
+use super::{Kind, TruthBranch, colon, ellipse};
 
 /// Distance between axis points, in sides of the box.
 const STEP: f64 = 0.002;
@@ -43,24 +45,6 @@ pub(super) enum Shape {
     },
 }
 
-/// A capsule of the tree.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Segment {
-    name: &'static str,
-    parent: Option<usize>,
-    a: DVec3,
-    b: DVec3,
-    radius: f64,
-}
-
-impl Segment {
-    fn distance(&self, p: DVec3) -> f64 {
-        let d = self.b - self.a;
-        let t = ((p - self.a).dot(d) / d.length_squared()).clamp(0.0, 1.0);
-        p.distance(self.a + t * d) - self.radius
-    }
-}
-
 impl Shape {
     pub fn new(kind: Kind) -> Self {
         let swept = |corners: &[[f64; 3]], bend: f64, radius: f64| Self::Swept {
@@ -96,7 +80,7 @@ impl Shape {
                 Self::Torus { x, y: normal.cross(x), normal, ring: 0.28, radius: 0.11 }
             }
             Kind::Y => Self::Tree(tree()),
-            Kind::Colon => Self::Colon { path: Path::rounded(&COLON, COLON_BEND) },
+            Kind::Colon => Self::Colon { path: Path::rounded(&colon::AXIS, colon::BEND) },
             Kind::Aneurysm => {
                 let corner = [0.0, 0.12, 0.0];
                 let path =
@@ -126,7 +110,7 @@ impl Shape {
                 // An end is half of the ellipsoid that the ellipse makes turning about its wide
                 // axis, so that thin axis and overshoot are one coordinate.
                 let v = d.dot(along.cross(*across)).hypot(over);
-                ellipse_distance(*wide, *thin, d.dot(*across).abs(), v)
+                ellipse::distance(*wide, *thin, d.dot(*across).abs(), v)
             }
             Self::Helix { curve, radius } => curve.distance(p) - radius,
             Self::Torus { normal, ring, radius, .. } => {
@@ -138,7 +122,7 @@ impl Shape {
             }
             Self::Colon { path } => {
                 let foot = path.foot(p);
-                foot.distance - colon_radius(path, foot.s, foot.a, foot.b, foot.distance)
+                foot.distance - colon::radius(path, foot.s, foot.a, foot.b, foot.distance)
             }
         }
     }
@@ -149,7 +133,7 @@ impl Shape {
         match self {
             Self::Colon { path } => {
                 let d = path.distance(p);
-                (d - COLON_MAX, d - COLON_MIN)
+                (d - colon::MAX, d - colon::MIN)
             }
             _ => {
                 let f = self.field(p);
@@ -224,105 +208,8 @@ impl Shape {
                 segments.iter().map(one).collect()
             }
             Self::Colon { path } => vec![branch("colon", path.length, &|t| {
-                (path.at(t * path.length), colon_inscribed(path, t * path.length))
+                (path.at(t * path.length), colon::inscribed(path, t * path.length))
             })],
         }
     }
-}
-
-/// Signed distance to an ellipse with semi-axes `wide >= thin` for a point of the first quadrant.
-fn ellipse_distance(wide: f64, thin: f64, x: f64, y: f64) -> f64 {
-    let (zx, zy) = (x / wide, y / thin);
-    let level = zx * zx + zy * zy - 1.0;
-    let ratio = (wide / thin) * (wide / thin);
-    // The foot is (ratio x / (w + ratio - 1), y / w) for the largest root w of a function that is
-    // convex and falls; from the left Newton's steps never pass the root.
-    let mut w = zy.max(ratio * (zx - 1.0) + 1.0);
-    for _ in 0..200 {
-        let (u, v) = (ratio * zx / (w + ratio - 1.0), if zy > 0.0 { zy / w } else { 0.0 });
-        let curve = if zy > 0.0 { v * v / w } else { 0.0 };
-        let step = (u * u + v * v - 1.0) / (2.0 * (u * u / (w + ratio - 1.0) + curve));
-        if step.is_nan() || step <= 1e-15 * w {
-            break;
-        }
-        w += step;
-    }
-    let (fx, fy) = if zy > 0.0 {
-        (ratio * x / (w + ratio - 1.0), y / w)
-    } else if x * wide < wide * wide - thin * thin {
-        // On the wide axis, between the centres of curvature of the tips, the nearest point is off
-        // that axis.
-        let c = x * wide / (wide * wide - thin * thin);
-        (wide * c, thin * (1.0 - c * c).sqrt())
-    } else {
-        (wide, 0.0)
-    };
-    (x - fx).hypot(y - fy).copysign(level)
-}
-
-fn tree() -> Vec<Segment> {
-    let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
-    let (fork, left, right) = (at(0.02, 0.01, -0.08), at(-0.2, 0.03, 0.13), at(0.22, -0.04, 0.11));
-    let s = |name, parent, a, b, radius| Segment { name, parent, a, b, radius };
-    vec![
-        s("trunk", None, at(-0.01, 0.0, -0.37), fork, 0.075),
-        s("left", Some(0), fork, left, 0.056),
-        s("right", Some(0), fork, right, 0.056),
-        s("left-a", Some(1), left, at(-0.36, -0.1, 0.38), 0.042),
-        s("left-b", Some(1), left, at(-0.14, 0.23, 0.39), 0.042),
-        s("right-a", Some(2), right, at(0.15, -0.27, 0.38), 0.042),
-        s("right-b", Some(2), right, at(0.37, 0.11, 0.37), 0.042),
-    ]
-}
-
-/// Rectum, sigmoid, descending, transverse and ascending colon, cecum.
-const COLON: [[f64; 3]; 9] = [
-    [0.0, 0.36, -0.36],
-    [-0.06, 0.08, -0.18],
-    [0.13, -0.2, -0.35],
-    [0.33, 0.12, -0.16],
-    [0.35, 0.08, 0.36],
-    [0.04, -0.22, 0.08],
-    [-0.31, 0.0, 0.36],
-    [-0.33, 0.06, -0.12],
-    [-0.26, -0.06, -0.36],
-];
-const COLON_BEND: f64 = 0.11;
-/// Mean radius between folds.
-const COLON_R0: f64 = 0.055;
-/// Relative swing of the calibre.
-const COLON_SWING: f64 = 0.2;
-/// How far a fold reaches in, in radii.
-const FOLD_DEPTH: f64 = 0.38;
-/// Distance between folds and their half width.
-const FOLD_STEP: f64 = 2.1 * COLON_R0;
-const FOLD_WIDTH: f64 = 0.16 * FOLD_STEP;
-const COLON_MAX: f64 = COLON_R0 * (1.0 + COLON_SWING);
-const COLON_MIN: f64 = COLON_R0 * (1.0 - COLON_SWING) * (1.0 - FOLD_DEPTH);
-
-/// Radius of the colon's wall at arc length `s` in the direction (a, b) across, `rho` from the
-/// axis: folds are deepest at the three taeniae.
-fn colon_radius(path: &Path, s: f64, a: f64, b: f64, rho: f64) -> f64 {
-    // Cosine of three times the angle as a polynomial, so that it fades smoothly at the axis.
-    let taenia = (a * a * a - 3.0 * a * b * b) / rho.max(COLON_MIN).powi(3);
-    let x = (s.rem_euclid(FOLD_STEP) - 0.5 * FOLD_STEP) / FOLD_WIDTH;
-    let calibre = 1.0 + COLON_SWING * (TAU * s / (0.37 * path.length) + 0.5).sin();
-    COLON_R0 * calibre * (1.0 - FOLD_DEPTH * (-x * x).exp() * (0.72 + 0.28 * taenia))
-}
-
-/// Distance from the axis at arc length `s` to the wall, by search over the wall.
-fn colon_inscribed(path: &Path, s: f64) -> f64 {
-    let here = path.at(s);
-    let mut best = f64::INFINITY;
-    for k in -60..=60 {
-        let at = (s + f64::from(k) * COLON_MAX / 60.0).clamp(0.0, path.length);
-        let (centre, (u, v)) = (path.at(at), path.frame(at));
-        for j in 0..36 {
-            let (sin, cos) = (TAU * f64::from(j) / 36.0).sin_cos();
-            // A unit offset scaled by the wall's own radius: the taenia term sees its full depth.
-            let r = colon_radius(path, at, cos, sin, 1.0);
-            best = best.min(here.distance_squared(centre + r * (cos * u + sin * v)));
-        }
-    }
-    best.sqrt()
 }
