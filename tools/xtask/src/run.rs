@@ -4,10 +4,12 @@ use crate::Stop;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// The repository's root, two folders above this package.
+/// The repository's root, two folders above this package. Cargo says where that is now; where the
+/// program is started by hand, it is where it was built.
 pub fn root() -> PathBuf {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    here.ancestors().nth(2).expect("tools/xtask lies two folders below the root").to_owned()
+    let now = std::env::var("CARGO_MANIFEST_DIR").ok();
+    let here = now.filter(|d| d.ends_with("xtask")).unwrap_or(env!("CARGO_MANIFEST_DIR").into());
+    Path::new(&here).ancestors().nth(2).expect("tools/xtask is two folders deep").to_owned()
 }
 
 /// `program` with `args`, to be run in the repository's root.

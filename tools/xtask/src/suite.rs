@@ -28,12 +28,15 @@ pub fn test(args: &[&str]) -> Result<(), Stop> {
 /// everywhere, and hardware drivers installed without hardware only add noise.
 pub fn with_device(command: &mut Command, gpu: bool) -> &mut Command {
     command.env("INTIMA_REQUIRE_GPU", "1").env("INTIMA_VALIDATE", "1");
-    let chosen = std::env::var_os("VK_DRIVER_FILES").is_some();
+    let chosen = DRIVERS.iter().any(|v| std::env::var_os(v).is_some());
     if let Some(manifest) = pin(gpu, chosen, vulkan::look().software) {
-        command.env("VK_DRIVER_FILES", manifest);
+        command.envs(DRIVERS.map(|v| (v, &manifest)));
     }
     command
 }
+
+/// What the loader reads instead of searching; the second is what loaders before 1.3.207 know.
+const DRIVERS: [&str; 2] = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"];
 
 fn pin(gpu: bool, chosen: bool, software: Option<PathBuf>) -> Option<PathBuf> {
     software.filter(|_| !gpu && !chosen)
