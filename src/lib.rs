@@ -1,5 +1,6 @@
 #![doc = include_str!("../ARCHITECTURE.md")]
 // Rooms stand in the order the data takes; a room imports only rooms above it (`cargo xtask check`).
+pub mod centerline;
 pub mod compute;
 pub mod fault;
 pub mod field;
