@@ -1,8 +1,10 @@
 #![doc = include_str!("../ARCHITECTURE.md")]
 // Rooms stand in the order the data takes; a room imports only rooms above it (`cargo xtask check`).
 pub mod compute;
+pub mod device;
 pub mod fault;
 pub mod formats;
 pub mod geometry;
 pub mod kernels;
+pub mod vk;
 pub mod volume;
