@@ -3,8 +3,10 @@
 pub mod compute;
 pub mod device;
 pub mod fault;
+pub mod field;
 pub mod formats;
 pub mod geometry;
 pub mod kernels;
+pub mod lumen;
 pub mod vk;
 pub mod volume;

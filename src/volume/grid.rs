@@ -175,7 +175,7 @@ mod tests {
         let g =
             Grid::new([5, 6, 7], DVec3::new(0.7, 0.8, 2.5), DVec3::new(-3.0, 4.0, 9.0), d).unwrap();
         assert!(g.is_left_handed() && g.is_orthogonal());
-        let v = DVec3::new(1.25, 2.5, 3.75);
+        let v = DVec3::new(1.25, 2.6, 3.75);
         let w = g.world_from_voxel().transform_point3(v);
         assert!((g.voxel_from_world().transform_point3(w) - v).length() < 1e-12);
         assert_eq!(g.nearest_voxel(w), Some(UVec3::new(1, 3, 4)));

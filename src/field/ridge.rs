@@ -1,0 +1,242 @@
+//! Ridge candidates of the distance map, with their eigen-analysis, as one chain.
+
+use glam::{DVec3, Vec3};
+
+use super::LumenBuffers;
+use crate::compute::{Buf, Outputs, Plan};
+use crate::kernels::ridge_measure::STRIDE;
+use crate::kernels::{compact_count, compact_scatter, prefix_sum, ridge_mark, ridge_measure};
+use crate::lumen::Lumen;
+
+/// A point of the distance map's ridge.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Candidate {
+    /// Field element of its voxel.
+    pub element: usize,
+    /// From the voxel's centre to the ridge, along the index axes, mm.
+    pub offset_mm: Vec3,
+    /// Exact distance at the voxel, mm.
+    pub distance_mm: f32,
+    /// Unit direction of the ridge, along the index axes (sign free).
+    pub axis: Vec3,
+    /// Length of the smoothed map's gradient.
+    pub gradient: f32,
+    /// Eigenvalues across the axis, ascending, 1/mm.
+    pub across: [f32; 2],
+}
+
+/// Buffers of the ridge chain.
+#[derive(Clone, Copy)]
+pub struct Candidates {
+    sums: Buf<u32>,
+    list: Buf<u32>,
+    measure: Buf<f32>,
+    slots: usize,
+}
+
+/// Appends marking, compaction and measuring of ridge candidates.
+///
+/// * `smoothed`: the distance map after a Gaussian of one voxel.
+/// * `gate`: largest |∇| of a medial point, and largest rise of the exact distance per mm towards
+///   any neighbour (0.7 in default mode; infinite in paper mode, which has neither test).
+/// * `capacity`: room for candidates; [`Candidates::read`] says when it was too small.
+///
+/// The test is the paper's (section 3.1) as `shaders/lib/ridge.wgsl` reads it.
+pub fn ridge(
+    plan: &mut Plan<'_>,
+    lumen: &LumenBuffers,
+    distance: Buf<f32>,
+    smoothed: Buf<f32>,
+    gate: f32,
+    capacity: usize,
+) -> Candidates {
+    let slots = lumen.slots as usize;
+    let spacing_mm = lumen.spacing_mm.as_vec3().to_array();
+    let marked = plan.zeroed::<u32>("ridge bits", slots * 16);
+    let count = plan.zeroed::<u32>("ridge counts", slots);
+    let sums = plan.zeroed::<u32>("ridge sums", slots + 1);
+    let list = plan.zeroed::<u32>("ridge list", capacity);
+    let measure = plan.zeroed::<f32>("ridge measures", capacity * STRIDE);
+
+    let bindings = ridge_mark::Bindings {
+        near: lumen.near,
+        inside: lumen.inside,
+        f: smoothed,
+        d: distance,
+        marked,
+    };
+    let climb = if gate < 1.0 { gate } else { 3e38 };
+    let params = ridge_mark::Params {
+        spacing_mm,
+        gate: gate.min(3e38),
+        slots: lumen.slots,
+        climb,
+        ..Default::default()
+    };
+    plan.launch(&ridge_mark::KERNEL, bindings, params, lumen.field_len(), lumen.items);
+
+    let bindings = compact_count::Bindings { marked, count };
+    let params = compact_count::Params { slots: lumen.slots };
+    plan.launch(&compact_count::KERNEL, bindings, params, slots, slots);
+
+    let bindings = prefix_sum::Bindings { count, sum: sums };
+    let params = prefix_sum::Params { len: lumen.slots };
+    plan.launch(&prefix_sum::KERNEL, bindings, params, prefix_sum::THREADS, slots);
+
+    let bindings = compact_scatter::Bindings { marked, sum: sums, list };
+    let params = compact_scatter::Params { slots: lumen.slots, capacity: capacity as u32 };
+    plan.launch(&compact_scatter::KERNEL, bindings, params, slots, slots);
+
+    let bindings = ridge_measure::Bindings {
+        near: lumen.near,
+        f: smoothed,
+        d: distance,
+        total: sums,
+        list,
+        measure,
+    };
+    let params = ridge_measure::Params {
+        spacing_mm,
+        slots: lumen.slots,
+        capacity: capacity as u32,
+        ..Default::default()
+    };
+    plan.launch(&ridge_measure::KERNEL, bindings, params, capacity, capacity);
+
+    plan.download(sums);
+    plan.download(list);
+    plan.download(measure);
+    Candidates { sums, list, measure, slots }
+}
+
+impl Candidates {
+    /// The candidates in element order.
+    ///
+    /// # Errors
+    /// The number there were, when `capacity` was smaller.
+    pub fn read(&self, out: &Outputs) -> Result<Vec<Candidate>, usize> {
+        let total = out.get(self.sums)[self.slots] as usize;
+        if total > self.list.len() {
+            return Err(total);
+        }
+        let measure = out.get(self.measure).chunks_exact(STRIDE);
+        Ok(out.get(self.list)[..total]
+            .iter()
+            .zip(measure)
+            .map(|(&e, m)| Candidate {
+                element: e as usize,
+                offset_mm: Vec3::from_slice(m),
+                distance_mm: m[3],
+                axis: Vec3::from_slice(&m[4..]),
+                gradient: m[7],
+                across: [m[8], m[9]],
+            })
+            .collect())
+    }
+}
+
+impl Candidate {
+    /// The ridge point in continuous voxel coordinates.
+    pub fn voxel(&self, lumen: &Lumen) -> DVec3 {
+        let v = lumen.bricks.voxel(self.element).as_dvec3();
+        v + self.offset_mm.as_dvec3() / lumen.grid.spacing_mm
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{distance, smooth};
+    use super::*;
+    use crate::compute::run_cpu;
+    use crate::lumen::BitVolume;
+    use crate::volume::Grid;
+
+    fn lumen(dims: [u32; 3], spacing: [f64; 3], f: impl Fn(DVec3) -> bool) -> Lumen {
+        let grid = Grid::axis_aligned(dims, spacing);
+        let mut mask = BitVolume::new(grid.dims);
+        for v in (0..grid.len()).map(|i| grid.voxel(i)) {
+            if f(v.as_dvec3() * grid.spacing_mm) {
+                mask.set(v.x, v.y, v.z);
+            }
+        }
+        Lumen::new(grid, &mask)
+    }
+
+    fn candidates(lumen: &Lumen, gate: f32, capacity: usize) -> Result<Vec<Candidate>, usize> {
+        let mut plan = Plan::new();
+        let b = LumenBuffers::new(&mut plan, lumen);
+        let d = distance(&mut plan, &b);
+        let f = smooth(&mut plan, &b, d, lumen.grid.spacing_mm.min_element(), None);
+        let r = ridge(&mut plan, &b, d, f, gate, capacity);
+        r.read(&run_cpu(&plan))
+    }
+
+    #[test]
+    fn distance_equals_brute_force_on_random_masks() {
+        for (seed, spacing) in [(1u64, [1.0; 3]), (2, [0.7, 0.7, 2.5]), (3, [10.0, 1.0, 1.0])] {
+            let l = lumen([21, 13, 17], spacing, |p| {
+                let q = (p / DVec3::from(spacing)).as_u64vec3();
+                let n = q.x.wrapping_mul(0x9e3779b97f4a7c15)
+                    ^ q.y.wrapping_mul(0xc2b2ae3d27d4eb4f)
+                    ^ q.z.wrapping_mul(0x165667b19e3779f9)
+                    ^ seed;
+                n.wrapping_mul(0x9e3779b97f4a7c15) >> 60 != 0
+            });
+            let mut plan = Plan::new();
+            let b = LumenBuffers::new(&mut plan, &l);
+            let d = distance(&mut plan, &b);
+            plan.download(d);
+            let out = run_cpu(&plan);
+            let d = out.get(d);
+            let h = l.grid.spacing_mm;
+            let mut outside = Vec::new();
+            for z in -1..18 {
+                for y in -1..14 {
+                    for x in -1..22 {
+                        let v = glam::IVec3::new(x, y, z);
+                        if !l.holds(v) {
+                            outside.push(v.as_dvec3() * h);
+                        }
+                    }
+                }
+            }
+            for e in l.elements(&l.inside) {
+                let p = l.bricks.voxel(e).as_dvec3() * h;
+                let want =
+                    outside.iter().map(|q| q.distance_squared(p)).fold(f64::MAX, f64::min).sqrt();
+                assert!((f64::from(d[e]) - want).abs() <= 1e-6 * want, "{p} {} {want}", d[e]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_ridge_of_an_oblique_tube_is_its_axis_and_nothing_else() {
+        let (c, t) = (DVec3::new(20.3, 20.2, 30.0), DVec3::new(0.3, 0.2, 1.0).normalize());
+        let axis = |p: DVec3| {
+            let q = p - c;
+            (q - t * q.dot(t), q.dot(t))
+        };
+        let l = lumen([41, 41, 61], [1.0; 3], |p| {
+            let (r, s) = axis(p);
+            r.length() < 7.0 && s.abs() < 24.0
+        });
+        let found = candidates(&l, 0.7, 10_000).unwrap();
+        let core: Vec<_> =
+            found.iter().map(|c| axis(c.voxel(&l))).filter(|(_, s)| s.abs() < 15.0).collect();
+        assert!(core.len() >= 28, "{}", core.len());
+        let worst = core.iter().map(|(r, _)| r.length()).fold(0.0, f64::max);
+        assert!(worst < 0.6, "{worst}");
+        // Without the gate near-wall ridges come in: the paper's own test.
+        assert!(candidates(&l, f32::INFINITY, 100_000).unwrap().len() > 3 * found.len());
+    }
+
+    #[test]
+    fn too_small_a_list_says_how_many_there_were() {
+        let l = lumen([31, 31, 41], [1.0; 3], |p| {
+            (p.truncate() - glam::DVec2::splat(15.0)).length() < 6.0
+        });
+        let all = candidates(&l, 0.7, 10_000).unwrap().len();
+        assert!(all > 10);
+        assert_eq!(candidates(&l, 0.7, 3).unwrap_err(), all);
+    }
+}

@@ -1,0 +1,284 @@
+//! CPU twin and cases of `ridge_mark`, and the ridge test at one voxel that `ridge_measure` and
+//! `hessian` share. Formulas as in `shaders/lib/ridge.wgsl`; f64 where it costs nothing.
+
+use glam::{IVec3, Vec3};
+use rayon::prelude::*;
+
+pub use super::host::ridge_mark::{Bindings, Params};
+use super::host::ridge_mark::{SHADER, open};
+use super::{cases_on_bricks, smooth_distance};
+use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use crate::lumen::bricks::{BRICK, NONE, near_index};
+
+/// See `shaders/ridge_mark.wgsl`.
+pub static KERNEL: Kernel =
+    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance::EXACT, cases };
+
+/// A brick of a field with a rim of one voxel: 10³ values, absent bricks 0.
+pub(super) struct Halo([f32; 1000]);
+
+impl Halo {
+    pub fn gather(near: &[u32], f: &[f32], slot: usize) -> Self {
+        let mut out = [0.0; 1000];
+        let near = &near[slot * 27..][..27];
+        let split = |q: i32| (q >> 3, (q & 7) as usize);
+        for z in -1..9 {
+            let (dz, lz) = split(z);
+            for y in -1..9 {
+                let (dy, ly) = split(y);
+                let row = ((z + 1) * 100 + (y + 1) * 10) as usize;
+                let line = 64 * lz + 8 * ly;
+                let at = |dx: i32| near[near_index(dx, dy, dz)];
+                if at(-1) != NONE {
+                    out[row] = f[at(-1) as usize * BRICK + line + 7];
+                }
+                if at(0) != NONE {
+                    out[row + 1..row + 9].copy_from_slice(&f[at(0) as usize * BRICK + line..][..8]);
+                }
+                if at(1) != NONE {
+                    out[row + 9] = f[at(1) as usize * BRICK + line];
+                }
+            }
+        }
+        Self(out)
+    }
+
+    /// Place of a brick-local voxel.
+    #[inline]
+    pub fn centre(local: usize) -> usize {
+        (local & 7) + 1 + 10 * ((local >> 3 & 7) + 1) + 100 * ((local >> 6) + 1)
+    }
+
+    /// Whether the field rises by more than `rate` a mm towards some neighbour.
+    fn climbs(&self, local: usize, h: Vec3, rate: f32) -> bool {
+        let c = Self::centre(local);
+        let at_wall = self.0[c] < 1.5 * h.max_element() && rate < 1.0;
+        let limit = if at_wall { 0.4 } else { rate };
+        (0..27i32).filter(|n| *n != 13).any(|n| {
+            let step = IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
+            let q = (c as i32 + step.x + 10 * step.y + 100 * step.z) as usize;
+            self.0[q] - self.0[c] > limit * (step.as_vec3() * h).length()
+        })
+    }
+
+    /// Gradient at a place.
+    #[inline]
+    pub fn gradient(&self, c: usize, h: Vec3) -> Vec3 {
+        let f = &self.0;
+        Vec3::new(f[c + 1] - f[c - 1], f[c + 10] - f[c - 10], f[c + 100] - f[c - 100]) / (2.0 * h)
+    }
+
+    /// Diagonal (xx, yy, zz) and rest (xy, xz, yz) of the Hessian at a place.
+    #[inline]
+    pub fn hessian(&self, c: usize, h: Vec3) -> (Vec3, Vec3) {
+        let f = &self.0;
+        let up = Vec3::new(f[c + 1], f[c + 10], f[c + 100]);
+        let down = Vec3::new(f[c - 1], f[c - 10], f[c - 100]);
+        let m = (up - 2.0 * f[c] + down) / (h * h);
+        let cross = |i: usize, j: usize| f[c + i + j] - f[c + i - j] - f[c + j - i] + f[c - i - j];
+        let o = Vec3::new(
+            cross(1, 10) / (4.0 * h.x * h.y),
+            cross(1, 100) / (4.0 * h.x * h.z),
+            cross(10, 100) / (4.0 * h.y * h.z),
+        );
+        (m, o)
+    }
+}
+
+/// Eigenvalues (ascending) of a symmetric matrix, and the vector of the largest unless the matrix
+/// is a multiple of the identity. As `shaders/lib/eigen.wgsl`.
+pub fn eigen(m: Vec3, o: Vec3) -> (Vec3, Option<Vec3>) {
+    let q = (m.x + m.y + m.z) / 3.0;
+    let d = m - q;
+    let p = ((d.dot(d) + 2.0 * o.dot(o)) / 6.0).sqrt();
+    if p <= 1e-6 * q.abs() || p < 1e-30 {
+        return (Vec3::splat(q), None);
+    }
+    let (b, c) = (d / p, o / p);
+    let det = b.x * (b.y * b.z - c.z * c.z) - c.x * (c.x * b.z - c.z * c.y)
+        + c.y * (c.x * c.z - b.y * c.y);
+    let phi = (0.5 * det).clamp(-1.0, 1.0).acos() / 3.0;
+    let high = q + 2.0 * p * phi.cos();
+    let low = q + 2.0 * p * (phi + 2.094_395_1).cos();
+    let mid = 3.0 * q - high - low;
+    let values = Vec3::new(low, mid, high);
+    let r0 = Vec3::new(m.x - high, o.x, o.y);
+    let r1 = Vec3::new(o.x, m.y - high, o.z);
+    let r2 = Vec3::new(o.y, o.z, m.z - high);
+    let longest = [r0.cross(r1), r0.cross(r2), r1.cross(r2)]
+        .into_iter()
+        .reduce(|a, b| if b.length_squared() > a.length_squared() { b } else { a })
+        .filter(|v| v.length_squared() >= 1e-36);
+    (values, longest.map(|v| v / v.length()))
+}
+
+/// What the ridge test finds at a voxel.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Ridge {
+    pub accepted: bool,
+    pub offset_mm: Vec3,
+    pub gradient: f32,
+    pub values: Vec3,
+    pub axis: Vec3,
+}
+
+#[inline]
+pub(super) fn ridge(halo: &Halo, local: usize, h: Vec3, gate: f32) -> Ridge {
+    let c = Halo::centre(local);
+    let g = halo.gradient(c, h);
+    let mut out = Ridge { gradient: g.length(), ..Default::default() };
+    if out.gradient > gate {
+        return out; // most voxels of a distance map end here
+    }
+    let (m, o) = halo.hessian(c, h);
+    let (values, axis) = eigen(m, o);
+    out.values = values;
+    out.axis = axis.unwrap_or(Vec3::Z);
+    match axis {
+        None => out.offset_mm = -g / values.x,
+        Some(v) => {
+            let a = if v.x.abs() > 0.57735 {
+                Vec3::new(-v.z, 0.0, v.x)
+            } else {
+                Vec3::new(0.0, -v.z, v.y)
+            };
+            let a = a.normalize();
+            let b = v.cross(a);
+            let times = |u: Vec3| {
+                Vec3::new(
+                    m.x * u.x + o.x * u.y + o.y * u.z,
+                    o.x * u.x + m.y * u.y + o.z * u.z,
+                    o.y * u.x + o.z * u.y + m.z * u.z,
+                )
+            };
+            let (ha, hb) = (times(a), times(b));
+            let (kaa, kab, kbb) = (a.dot(ha), a.dot(hb), b.dot(hb));
+            let half = 0.5 * (kaa + kbb);
+            let root = (0.25 * (kaa - kbb) * (kaa - kbb) + kab * kab).max(0.0).sqrt();
+            out.values = Vec3::new(half - root, half + root, values.z);
+            let det = kaa * kbb - kab * kab;
+            let (ga, gb) = (a.dot(g), b.dot(g));
+            out.offset_mm = -(a * (kbb * ga - kab * gb) + b * (kaa * gb - kab * ga)) / det;
+        }
+    }
+    let falls = out.values.y < -1e-4 / h.min_element();
+    out.accepted = falls && out.offset_mm.abs().cmple(0.6 * h).all();
+    out
+}
+
+fn twin(args: &mut CpuArgs<'_>) {
+    let (s, p, _) = open(args);
+    let h = Vec3::from(p.spacing_mm);
+    s.marked.par_chunks_exact_mut(16).enumerate().with_min_len(8).for_each(|(slot, marked)| {
+        let inside = &s.inside[slot * 16..][..16];
+        if inside.iter().all(|w| *w == 0) {
+            return;
+        }
+        let halo = Halo::gather(s.near, s.f, slot);
+        let mut exact = None;
+        for (w, (&bits, marked)) in inside.iter().zip(marked).enumerate() {
+            let mut rest = bits;
+            while rest != 0 {
+                let i = rest.trailing_zeros();
+                rest &= rest - 1;
+                let local = w * 32 + i as usize;
+                if ridge(&halo, local, h, p.gate).accepted {
+                    // Few voxels get here; their bricks fetch the exact distances once.
+                    let exact = exact.get_or_insert_with(|| Halo::gather(s.near, s.d, slot));
+                    if !exact.climbs(local, h, p.climb) {
+                        *marked |= 1 << i;
+                    }
+                }
+            }
+        }
+    });
+}
+
+fn cases() -> Vec<Case> {
+    cases_on_bricks(|plan, lumen, near, inside| {
+        let f = smooth_distance(lumen);
+        let slots = lumen.bricks.len();
+        let spacing = lumen.grid.spacing_mm.as_vec3();
+        // Accept sets agree across devices only clear of their limits: keep voxels that are.
+        let clear = clear_of_limits(lumen, &f, spacing);
+        let inside = {
+            let _ = inside;
+            plan.upload_owned("clear", &clear)
+        };
+        let d: Vec<f32> = f.iter().map(|f| (64.0 * f).round() / 64.0).collect();
+        let d = plan.upload_owned("d", &d);
+        let f = plan.upload_owned("f", &f);
+        for gate in [0.7, 3e38] {
+            let marked = plan.zeroed::<u32>("marked", slots * 16);
+            let params = Params {
+                spacing_mm: spacing.to_array(),
+                gate,
+                slots: slots as u32,
+                ..Default::default()
+            };
+            let bindings = Bindings { near, inside, f, d, marked };
+            plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
+            plan.download(marked);
+        }
+    })
+}
+
+/// Inside bits without the voxels whose decision hangs on rounding.
+fn clear_of_limits(lumen: &crate::lumen::Lumen, f: &[f32], h: Vec3) -> Vec<u32> {
+    let near: Vec<u32> = lumen.bricks.near().iter().flatten().copied().collect();
+    let mut bits: Vec<u32> = bytemuck::cast_slice::<u64, u32>(&lumen.inside).to_vec();
+    for e in lumen.elements(&lumen.inside) {
+        let r = ridge(&Halo::gather(&near, f, e / BRICK), e % BRICK, h, 3e38);
+        let close = |a: f32, b: f32, by: f32| (a - b).abs() <= by;
+        let t = (r.offset_mm / h).abs();
+        let unsure = close(r.gradient, 0.7, 2e-3)
+            || t.to_array().iter().any(|t| close(*t, 0.6, 2e-3) || t.is_nan())
+            || close(r.values.y * h.min_element(), -1e-4, 1e-3)
+            || r.values.y - r.values.x < 1e-4 && r.values.z - r.values.y < 1e-3;
+        if unsure {
+            bits[e / 32] &= !(1 << (e % 32));
+        }
+    }
+    bits
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn eigenvalues_of_known_matrices() {
+        let (l, v) = eigen(Vec3::new(1.0, -2.0, 5.0), Vec3::ZERO);
+        assert!((l - Vec3::new(-2.0, 1.0, 5.0)).length() < 1e-5);
+        assert!(v.unwrap().z.abs() > 0.9999);
+        // [[2,1,0],[1,2,0],[0,0,-1]]: -1, 1, 3 along (1,1,0).
+        let (l, v) = eigen(Vec3::new(2.0, 2.0, -1.0), Vec3::new(1.0, 0.0, 0.0));
+        assert!((l - Vec3::new(-1.0, 1.0, 3.0)).length() < 1e-5);
+        let v = v.unwrap();
+        assert!((v.x - v.y).abs() < 1e-5 && v.z.abs() < 1e-5);
+        assert!(eigen(Vec3::splat(-3.0), Vec3::ZERO).1.is_none());
+    }
+
+    #[test]
+    fn a_halo_holds_the_brick_and_its_rim() {
+        let lumens = super::super::test_lumens();
+        let lumen = &lumens[2].1;
+        let near: Vec<u32> = lumen.bricks.near().iter().flatten().copied().collect();
+        let f: Vec<f32> = (0..lumen.bricks.field_len())
+            .map(|e| {
+                let v = lumen.bricks.voxel(e);
+                (v.x + 100 * v.y + 10_000 * v.z) as f32
+            })
+            .collect();
+        let slot = lumen.bricks.len() / 2;
+        let halo = Halo::gather(&near, &f, slot);
+        for local in [0, 7, 511, 100] {
+            let v = lumen.bricks.voxel(slot * BRICK + local);
+            for d in [IVec3::ZERO, IVec3::X, IVec3::new(-1, 1, -1)] {
+                let c = Halo::centre(local) as i32 + d.x + 10 * d.y + 100 * d.z;
+                let want = lumen.bricks.element(v + d).map_or(0.0, |e| f[e]);
+                assert_eq!(halo.0[c as usize], want);
+            }
+        }
+    }
+}

@@ -1,0 +1,212 @@
+//! Bricks of 8³ voxels covering the lumen and a one-voxel rim. Every field is an array in slot
+//! order: voxel `local = x + 8 y + 64 z` of slot `s` is element `512 s + local`.
+
+use glam::{IVec3, UVec3};
+
+use super::BitVolume;
+
+/// Voxels along a brick's side.
+pub const SIDE: i32 = 8;
+/// Voxels of a brick.
+pub const BRICK: usize = 512;
+/// No brick there.
+pub const NONE: u32 = u32::MAX;
+/// Index of a brick's own slot among its 27 neighbours.
+pub const SELF: usize = 13;
+
+/// Which bricks exist. Slots are numbered in z, y, x order of their place.
+#[derive(Clone, Debug)]
+pub struct Bricks {
+    /// Brick coordinates of the table's first entry; the rim may lie outside the volume.
+    origin: IVec3,
+    table_dims: UVec3,
+    table: Vec<u32>,
+    corners: Vec<[i32; 3]>,
+    near: Vec<[u32; 27]>,
+}
+
+/// Place of a neighbour in `near`: offsets are -1, 0 or 1.
+#[inline]
+pub const fn near_index(dx: i32, dy: i32, dz: i32) -> usize {
+    ((dx + 1) + 3 * (dy + 1) + 9 * (dz + 1)) as usize
+}
+
+impl Bricks {
+    /// Number of bricks.
+    pub fn len(&self) -> usize {
+        self.corners.len()
+    }
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.corners.is_empty()
+    }
+    /// Voxels of all bricks: the length of a field.
+    pub fn field_len(&self) -> usize {
+        self.len() * BRICK
+    }
+    /// First voxel of each brick; may be negative.
+    pub fn corners(&self) -> &[[i32; 3]] {
+        &self.corners
+    }
+    /// Slots of the 27 bricks around each one ([`near_index`]), [`NONE`] where there is none.
+    pub fn near(&self) -> &[[u32; 27]] {
+        &self.near
+    }
+    /// Slot of the brick that holds a voxel.
+    #[inline]
+    pub fn slot_of(&self, v: IVec3) -> Option<usize> {
+        let b: IVec3 = (v >> 3i32) - self.origin;
+        if b.cmplt(IVec3::ZERO).any() || b.cmpge(self.table_dims.as_ivec3()).any() {
+            return None;
+        }
+        let d = self.table_dims;
+        let s =
+            self.table[b.x as usize + d.x as usize * (b.y as usize + d.y as usize * b.z as usize)];
+        (s != NONE).then_some(s as usize)
+    }
+    /// Element of a field that belongs to a voxel.
+    #[inline]
+    pub fn element(&self, v: IVec3) -> Option<usize> {
+        self.slot_of(v).map(|s| s * BRICK + local(v))
+    }
+    /// Voxel of a field's element.
+    #[inline]
+    pub fn voxel(&self, element: usize) -> IVec3 {
+        let l = (element % BRICK) as i32;
+        IVec3::from(self.corners[element / BRICK]) + IVec3::new(l & 7, l >> 3 & 7, l >> 6)
+    }
+    /// The table for ray walks on a device: first brick, dimensions, slots (x fastest).
+    pub fn table(&self) -> (IVec3, UVec3, &[u32]) {
+        (self.origin, self.table_dims, &self.table)
+    }
+    /// Element of the neighbour `d` (components -1, 0, 1) of an element, through the slot's own
+    /// neighbours: no table look-up inside a brick.
+    #[inline]
+    pub fn step(&self, element: usize, d: IVec3) -> Option<usize> {
+        let l = (element % BRICK) as i32;
+        let p = IVec3::new(l & 7, l >> 3 & 7, l >> 6) + d;
+        let over: IVec3 = p >> 3i32;
+        let slot = element / BRICK;
+        let slot = if over == IVec3::ZERO {
+            slot
+        } else {
+            match self.near[slot][near_index(over.x, over.y, over.z)] {
+                NONE => return None,
+                s => s as usize,
+            }
+        };
+        Some(slot * BRICK + local(p))
+    }
+}
+
+/// Element of a voxel inside its brick.
+#[inline]
+pub fn local(v: IVec3) -> usize {
+    ((v.x & 7) + 8 * (v.y & 7) + 64 * (v.z & 7)) as usize
+}
+
+/// Bits as a field of zeros and ones.
+pub fn bit_field(bits: &[u64]) -> Vec<f32> {
+    bits.iter().flat_map(|w| (0..64).map(move |i| (w >> i & 1) as f32)).collect()
+}
+
+/// Bricks of a mask and its bits in slot order (eight words a slot, one a z-layer; bit x + 8 y).
+pub fn of_mask(mask: &BitVolume) -> (Bricks, Vec<u64>) {
+    let Some((lo, hi)) = mask.bounds() else {
+        let empty = Bricks {
+            origin: IVec3::ZERO,
+            table_dims: UVec3::ZERO,
+            table: Vec::new(),
+            corners: Vec::new(),
+            near: Vec::new(),
+        };
+        return (empty, Vec::new());
+    };
+    // One brick of margin all around holds any rim.
+    let origin: IVec3 = (lo.as_ivec3() >> 3i32) - 1;
+    let last: IVec3 = hi.as_ivec3() >> 3i32;
+    let table_dims = (last + 2 - origin).as_uvec3();
+    let d = table_dims.as_usizevec3();
+    let index = |b: IVec3| {
+        let b = (b - origin).as_usizevec3();
+        b.x + d.x * (b.y + d.y * b.z)
+    };
+    // Bits of the bricks that hold some, in scan order of the table.
+    let mut table = vec![NONE; d.x * d.y * d.z];
+    let mut filled: Vec<(IVec3, [u64; 8])> = Vec::new();
+    for bz in lo.z >> 3..=hi.z >> 3 {
+        for by in lo.y >> 3..=hi.y >> 3 {
+            let first = filled.len();
+            for z in bz * 8..(bz * 8 + 8).min(mask.dims().z) {
+                for y in by * 8..(by * 8 + 8).min(mask.dims().y) {
+                    let row: &[u8] = bytemuck::cast_slice(mask.row(y, z));
+                    for bx in lo.x >> 3..=hi.x >> 3 {
+                        let bits = row[bx as usize];
+                        if bits != 0 {
+                            let b = UVec3::new(bx, by, bz).as_ivec3();
+                            let at = &mut table[index(b)];
+                            if *at == NONE {
+                                *at = filled.len() as u32;
+                                filled.push((b, [0; 8]));
+                            }
+                            filled[*at as usize].1[(z & 7) as usize] |=
+                                u64::from(bits) << (8 * (y & 7));
+                        }
+                    }
+                }
+            }
+            filled[first..].sort_unstable_by_key(|(b, _)| b.x);
+            for (i, (b, _)) in filled.iter().enumerate().skip(first) {
+                table[index(*b)] = i as u32;
+            }
+        }
+    }
+    // A brick exists when it holds a bit or a neighbour of one.
+    const RIM: u32 = NONE - 1;
+    for (b, bits) in &filled {
+        for (n, at) in reached(bits).enumerate() {
+            if at {
+                let n = n as i32;
+                let to = *b + IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
+                let t = &mut table[index(to)];
+                if *t == NONE {
+                    *t = RIM;
+                }
+            }
+        }
+    }
+    let mut corners = Vec::with_capacity(filled.len() * 2);
+    let mut inside = Vec::with_capacity(filled.len() * 16);
+    for (i, t) in table.iter_mut().enumerate() {
+        if *t == NONE {
+            continue;
+        }
+        let bits = if *t == RIM { [0; 8] } else { filled[*t as usize].1 };
+        *t = corners.len() as u32;
+        let b =
+            origin + IVec3::new((i % d.x) as i32, (i / d.x % d.y) as i32, (i / d.x / d.y) as i32);
+        corners.push((b * SIDE).to_array());
+        inside.extend_from_slice(&bits);
+    }
+    let mut bricks = Bricks { origin, table_dims, table, corners, near: Vec::new() };
+    bricks.near = (0..bricks.len())
+        .map(|s| {
+            let c = IVec3::from(bricks.corners[s]);
+            std::array::from_fn(|n| {
+                let n = n as i32;
+                let to = c + SIDE * IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
+                bricks.slot_of(to).map_or(NONE, |s| s as u32)
+            })
+        })
+        .collect();
+    (bricks, inside)
+}
+
+/// For each of the 27 directions, whether some bit of the brick has a 26-neighbour there.
+fn reached(bits: &[u64; 8]) -> impl Iterator<Item = bool> + '_ {
+    const X: [u64; 3] = [0x0101_0101_0101_0101, !0, 0x8080_8080_8080_8080];
+    const Y: [u64; 3] = [0xff, !0, 0xff << 56];
+    let all = bits.iter().fold(0, |a, b| a | b);
+    let layers = [bits[0], all, bits[7]];
+    (0..27).map(move |n| layers[n / 9] & Y[n / 3 % 3] & X[n % 3] != 0)
+}

@@ -1,0 +1,181 @@
+//! 6-connected components of a bit volume, and its closed cavities, by union of x-runs. The cost
+//! follows the rows of the box and the number of runs, not the voxels.
+
+use glam::UVec3;
+
+use super::{BitVolume, bits::Run};
+
+/// A component: how many voxels, where its first voxel (z, y, x order) is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Component {
+    /// Voxels.
+    pub voxels: u64,
+    /// Its first voxel.
+    pub first: UVec3,
+}
+
+/// Runs of a box of rows, with a union-find over them.
+struct RunSet {
+    lo: UVec3,
+    rows_y: u32,
+    /// First run of each row, and the end.
+    row_start: Vec<u32>,
+    runs: Vec<Run>,
+    parent: Vec<u32>,
+}
+
+impl RunSet {
+    fn of(bits: &BitVolume, lo: UVec3, hi: UVec3, background: bool) -> Self {
+        let rows_y = hi.y - lo.y + 1;
+        let mut set = Self { lo, rows_y, row_start: vec![0], runs: Vec::new(), parent: Vec::new() };
+        for z in lo.z..=hi.z {
+            for y in lo.y..=hi.y {
+                if background {
+                    let mut x = lo.x;
+                    for (a, b) in bits.runs(y, z) {
+                        if a > x {
+                            set.runs.push((x, a - 1));
+                        }
+                        x = b + 1;
+                    }
+                    if x <= hi.x {
+                        set.runs.push((x, hi.x));
+                    }
+                } else {
+                    set.runs.extend(bits.runs(y, z));
+                }
+                set.row_start.push(set.runs.len() as u32);
+            }
+        }
+        set.parent = (0..set.runs.len() as u32).collect();
+        set.join();
+        set
+    }
+
+    fn row(&self, r: usize) -> std::ops::Range<usize> {
+        self.row_start[r] as usize..self.row_start[r + 1] as usize
+    }
+
+    /// Root of a run; roots are the smallest run of their component.
+    fn find(&mut self, mut i: u32) -> u32 {
+        while self.parent[i as usize] != i {
+            let up = self.parent[self.parent[i as usize] as usize];
+            self.parent[i as usize] = up;
+            i = up;
+        }
+        i
+    }
+
+    fn union(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.find(a), self.find(b));
+        self.parent[a.max(b) as usize] = a.min(b);
+    }
+
+    fn join(&mut self) {
+        let rows = self.row_start.len() - 1;
+        for r in 0..rows {
+            if r as u32 % self.rows_y > 0 {
+                self.join_rows(r - 1, r);
+            }
+            if r as u32 >= self.rows_y {
+                self.join_rows(r - self.rows_y as usize, r);
+            }
+        }
+    }
+
+    fn join_rows(&mut self, a: usize, b: usize) {
+        let (ra, rb) = (self.row(a), self.row(b));
+        let (mut i, mut j) = (ra.start, rb.start);
+        while i < ra.end && j < rb.end {
+            let ((a0, a1), (b0, b1)) = (self.runs[i], self.runs[j]);
+            if a0 <= b1 && b0 <= a1 {
+                self.union(i as u32, j as u32);
+            }
+            if a1 < b1 { i += 1 } else { j += 1 }
+        }
+    }
+
+    fn rows(&self) -> impl Iterator<Item = (usize, u32, u32)> + use<> {
+        let (lo, rows_y) = (self.lo, self.rows_y);
+        (0..self.row_start.len() - 1)
+            .map(move |r| (r, lo.y + r as u32 % rows_y, lo.z + r as u32 / rows_y))
+    }
+}
+
+/// The largest 6-component of a mask, or the one that holds `seed`; the others, largest first.
+/// Equal sizes go by first voxel.
+pub(super) fn keep_one(
+    bits: &BitVolume,
+    seed: Option<UVec3>,
+) -> Option<(BitVolume, Component, Vec<Component>)> {
+    let (lo, hi) = bits.bounds()?;
+    let mut set = RunSet::of(bits, lo, hi, false);
+    let mut sizes = vec![0u64; set.runs.len()];
+    let mut firsts = vec![UVec3::ZERO; set.runs.len()];
+    for (r, y, z) in set.rows() {
+        for i in set.row(r) {
+            let root = set.find(i as u32) as usize;
+            if root == i {
+                firsts[i] = UVec3::new(set.runs[i].0, y, z);
+            }
+            sizes[root] += u64::from(set.runs[i].1 - set.runs[i].0 + 1);
+        }
+    }
+    let component = |i: usize| Component { voxels: sizes[i], first: firsts[i] };
+    let kept = match seed {
+        Some(s) => {
+            let mut rows = set.rows();
+            let (r, ..) = rows.find(|&(_, y, z)| (y, z) == (s.y, s.z))?;
+            let i = set.row(r).find(|&i| set.runs[i].0 <= s.x && s.x <= set.runs[i].1)?;
+            set.find(i as u32) as usize
+        }
+        None => (0..sizes.len()).max_by_key(|&i| (sizes[i], usize::MAX - i))?,
+    };
+    let mut out = BitVolume::new(bits.dims());
+    for (r, y, z) in set.rows() {
+        for i in set.row(r) {
+            if set.find(i as u32) as usize == kept {
+                out.set_run(set.runs[i], y, z);
+            }
+        }
+    }
+    let mut others: Vec<_> =
+        (0..sizes.len()).filter(|&i| i != kept && sizes[i] > 0).map(component).collect();
+    others.sort_by_key(|c| (std::cmp::Reverse(c.voxels), c.first.z, c.first.y, c.first.x));
+    Some((out, component(kept), others))
+}
+
+/// Fills closed cavities: 6-components of the background that do not reach the outside of the
+/// grid. Returns how many voxels and cavities were filled.
+pub(super) fn fill_cavities(bits: &mut BitVolume) -> (u64, usize) {
+    let Some((lo, hi)) = bits.bounds() else { return (0, 0) };
+    let mut set = RunSet::of(bits, lo, hi, true);
+    let rows = set.row_start.len() - 1;
+    // Background that reaches the box reaches the outside: nothing of the mask lies beyond it.
+    let mut open = vec![false; set.runs.len()];
+    for (r, y, z) in set.rows() {
+        let edge = y == lo.y || y == hi.y || z == lo.z || z == hi.z;
+        for i in set.row(r) {
+            let (a, b) = set.runs[i];
+            if edge || a == lo.x || b == hi.x {
+                let root = set.find(i as u32) as usize;
+                open[root] = true;
+            }
+        }
+    }
+    let (mut voxels, mut cavities) = (0, 0);
+    if rows > 0 {
+        for (r, y, z) in set.rows() {
+            for i in set.row(r) {
+                let root = set.find(i as u32) as usize;
+                if !open[root] {
+                    let (a, b) = set.runs[i];
+                    bits.set_run((a, b), y, z);
+                    voxels += u64::from(b - a + 1);
+                    cavities += usize::from(root == i);
+                }
+            }
+        }
+    }
+    (voxels, cavities)
+}

@@ -1,0 +1,280 @@
+//! The lumen: which voxels are inside, in sparse bricks, with the paper's three classes.
+//!
+//! Connectivity is 6 for the inside throughout; the surface room's cell table agrees with that.
+
+mod bits;
+pub mod bricks;
+mod components;
+mod grow;
+mod leak;
+mod window;
+
+pub use bits::BitVolume;
+pub use bricks::Bricks;
+pub use components::Component;
+pub use grow::grow;
+pub use leak::{LeakReport, grow_controlled};
+pub use window::Window;
+
+use glam::{IVec3, UVec3};
+
+use crate::volume::{Grid, Volume};
+use bricks::{BRICK, NONE, near_index};
+
+/// Why there is no lumen.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LumenError {
+    /// The seed is not a voxel of the volume.
+    #[error("seed {seed} is outside the volume of {dims} voxels")]
+    SeedOutside {
+        /// The seed.
+        seed: UVec3,
+        /// The volume.
+        dims: UVec3,
+    },
+    /// The seed's world point is not in the volume.
+    #[error("seed ({}, {}, {}) mm is outside the volume", .0[0], .0[1], .0[2])]
+    SeedPoint([f64; 3]),
+    /// The seed's value is not in the window.
+    #[error("seed {seed} has value {value}, which is not in {window}")]
+    SeedValue {
+        /// The seed.
+        seed: UVec3,
+        /// Its value, real units.
+        value: f64,
+        /// What was asked.
+        window: Window,
+    },
+    /// No voxel is in the window.
+    #[error("empty lumen: no voxel is in {window}{}", range_note(.range))]
+    Empty {
+        /// What was asked.
+        window: Window,
+        /// Values of the volume, real units.
+        range: Option<(f64, f64)>,
+    },
+    /// Leak control asked for where it has no meaning.
+    #[error("leak control needs a threshold with at least one end, and a seed")]
+    LeakWindow,
+}
+
+fn range_note(range: &Option<(f64, f64)>) -> String {
+    range.map_or(String::new(), |(lo, hi)| format!(" (values run from {lo} to {hi})"))
+}
+
+/// How to choose the lumen.
+#[derive(Clone, Debug)]
+pub struct Recipe {
+    /// Which values are inside.
+    pub window: Window,
+    /// Keep the 6-component of this voxel; without it the largest.
+    pub seed: Option<UVec3>,
+    /// Keep every component (only without a seed).
+    pub all_components: bool,
+    /// Fill closed cavities.
+    pub fill: bool,
+    /// Draw the window in before the first leak (needs a seed).
+    pub leak_control: bool,
+}
+
+/// What choosing the lumen found on the way.
+#[derive(Clone, Debug, Default)]
+pub struct Found {
+    /// Components left out, largest first.
+    pub others: Vec<Component>,
+    /// Voxels of the components left out.
+    pub other_voxels: u64,
+    /// Voxels grown before filling.
+    pub grown_voxels: u64,
+    /// Voxels and cavities filled.
+    pub filled: (u64, usize),
+    /// What leak control did.
+    pub leak: Option<LeakReport>,
+}
+
+/// The lumen in bricks.
+#[derive(Clone, Debug)]
+pub struct Lumen {
+    /// Where it lies.
+    pub grid: Grid,
+    /// Which bricks exist.
+    pub bricks: Bricks,
+    /// Inside bits, eight words a slot, one a z-layer, bit x + 8 y.
+    pub inside: Vec<u64>,
+    /// Boundary bits (inside with an external 6-neighbour), laid out as `inside`.
+    pub boundary: Vec<u64>,
+    /// Inside voxels with no external 6-neighbour (class 1).
+    pub internal_voxels: u64,
+    /// Inside voxels with one (class 2).
+    pub boundary_voxels: u64,
+    /// Whether the lumen reaches the edge of the volume.
+    pub touches_edge: bool,
+}
+
+impl Recipe {
+    /// A recipe with the defaults of the command line.
+    pub fn new(window: Window) -> Self {
+        Self { window, seed: None, all_components: false, fill: true, leak_control: false }
+    }
+
+    /// Chooses the lumen.
+    ///
+    /// # Errors
+    /// [`LumenError`] names the seed or window at fault.
+    pub fn apply(&self, volume: &Volume) -> Result<(Lumen, Found), LumenError> {
+        let mut found = Found::default();
+        let mut mask = match self.seed {
+            Some(seed) if self.leak_control => {
+                let (mask, leak) = grow_controlled(volume, &self.window, seed)?;
+                found.leak = Some(leak);
+                mask
+            }
+            Some(seed) => grow(volume, &self.window, seed)?,
+            None if self.leak_control => return Err(LumenError::LeakWindow),
+            None => {
+                let all = self.window.select(volume);
+                let kept = components::keep_one(&all, None).ok_or_else(|| LumenError::Empty {
+                    window: self.window.clone(),
+                    range: volume.range(),
+                })?;
+                if self.all_components {
+                    all
+                } else {
+                    found.other_voxels = kept.2.iter().map(|c| c.voxels).sum();
+                    found.others = kept.2;
+                    kept.0
+                }
+            }
+        };
+        found.grown_voxels = mask.count();
+        if self.fill {
+            found.filled = components::fill_cavities(&mut mask);
+        }
+        Ok((Lumen::new(volume.grid, &mask), found))
+    }
+}
+
+impl Lumen {
+    /// Bricks and classes of a mask.
+    pub fn new(grid: Grid, mask: &BitVolume) -> Self {
+        let (bricks, inside) = bricks::of_mask(mask);
+        let boundary = boundary_of(&bricks, &inside);
+        let count = |b: &[u64]| b.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
+        let boundary_voxels = count(&boundary);
+        let internal_voxels = count(&inside) - boundary_voxels;
+        let top = grid.dims - 1;
+        let touches_edge = mask
+            .bounds()
+            .is_some_and(|(lo, hi)| lo.cmpeq(UVec3::ZERO).any() || hi.cmpeq(top).any());
+        Self { grid, bricks, inside, boundary, internal_voxels, boundary_voxels, touches_edge }
+    }
+
+    /// Inside voxels.
+    pub fn inside_voxels(&self) -> u64 {
+        self.internal_voxels + self.boundary_voxels
+    }
+
+    /// Volume, ml.
+    pub fn volume_ml(&self) -> f64 {
+        self.inside_voxels() as f64 * self.grid.voxel_mm3() / 1000.0
+    }
+
+    /// Whether a field element is inside.
+    #[inline]
+    pub fn is_inside(&self, element: usize) -> bool {
+        bit(&self.inside, element)
+    }
+
+    /// Whether a voxel is inside.
+    #[inline]
+    pub fn holds(&self, v: IVec3) -> bool {
+        self.bricks.element(v).is_some_and(|e| self.is_inside(e))
+    }
+
+    /// Elements of all set bits of a layout like [`Lumen::inside`], ascending.
+    pub fn elements<'a>(&self, bits: &'a [u64]) -> impl Iterator<Item = usize> + 'a {
+        bits.iter().enumerate().flat_map(|(w, &word)| {
+            std::iter::successors((word != 0).then_some(word), |b| {
+                let b = b & (b - 1);
+                (b != 0).then_some(b)
+            })
+            .map(move |b| w * 64 + b.trailing_zeros() as usize)
+        })
+    }
+
+    /// A field as a dense volume over the whole grid, `outside` elsewhere.
+    pub fn dense<T: Copy + Send + Sync>(&self, field: &[T], outside: T) -> Vec<T> {
+        let mut out = vec![outside; self.grid.len()];
+        let d = self.grid.dims;
+        for (slot, corner) in self.bricks.corners().iter().enumerate() {
+            let c = IVec3::from(*corner);
+            let (x0, x1) = (c.x.max(0), (c.x + 8).min(d.x as i32));
+            for (l, row) in field[slot * BRICK..][..BRICK].chunks_exact(8).enumerate() {
+                let (y, z) = (c.y + (l as i32 & 7), c.z + (l as i32 >> 3));
+                if x0 < x1 && y >= 0 && z >= 0 && y < d.y as i32 && z < d.z as i32 {
+                    let at = self.grid.index(UVec3::new(x0 as u32, y as u32, z as u32));
+                    let n = (x1 - x0) as usize;
+                    let from = (x0 - c.x) as usize;
+                    out[at..at + n].copy_from_slice(&row[from..from + n]);
+                }
+            }
+        }
+        out
+    }
+
+    /// The classes of the paper as a dense volume: 0 external, 1 internal, 2 boundary.
+    pub fn classes(&self) -> Vec<u8> {
+        let class = |e: usize| u8::from(self.is_inside(e)) + u8::from(bit(&self.boundary, e));
+        let field: Vec<u8> = (0..self.bricks.field_len()).map(class).collect();
+        self.dense(&field, 0)
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> u64 {
+        (self.bricks.len() * (12 + 108 + 128)) as u64
+    }
+}
+
+/// Bit of a field element.
+#[inline]
+pub fn bit(bits: &[u64], element: usize) -> bool {
+    bits[element >> 6] >> (element & 63) & 1 != 0
+}
+
+/// For each z-layer word of a slot: the same layer one voxel to each of the six sides.
+/// Returns `[+x, -x, +y, -y, +z, -z]`: bit at (x, y) of `+x` is the voxel at x + 1.
+#[inline]
+pub fn layer_neighbours(bricks: &Bricks, bits: &[u64], slot: usize, z: usize) -> [u64; 6] {
+    const LOW_X: u64 = 0x0101_0101_0101_0101;
+    let near = &bricks.near()[slot];
+    let word = |n: usize, z: usize| match near[n] {
+        NONE => 0,
+        s => bits[s as usize * 8 + z],
+    };
+    let m = bits[slot * 8 + z];
+    let xp = word(near_index(1, 0, 0), z);
+    let xm = word(near_index(-1, 0, 0), z);
+    let yp = word(near_index(0, 1, 0), z);
+    let ym = word(near_index(0, -1, 0), z);
+    [
+        (m >> 1 & !(LOW_X << 7)) | (xp & LOW_X) << 7,
+        (m << 1 & !LOW_X) | (xm >> 7 & LOW_X),
+        m >> 8 | yp << 56,
+        m << 8 | ym >> 56,
+        if z < 7 { bits[slot * 8 + z + 1] } else { word(near_index(0, 0, 1), 0) },
+        if z > 0 { bits[slot * 8 + z - 1] } else { word(near_index(0, 0, -1), 7) },
+    ]
+}
+
+fn boundary_of(bricks: &Bricks, inside: &[u64]) -> Vec<u64> {
+    (0..inside.len())
+        .map(|w| {
+            let around = layer_neighbours(bricks, inside, w / 8, w % 8);
+            inside[w] & !around.iter().fold(!0, |a, b| a & b)
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

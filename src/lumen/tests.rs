@@ -1,0 +1,174 @@
+use super::*;
+use crate::volume::Samples;
+
+/// Deterministic noise: voxel inside with probability `p`/256.
+fn noise(dims: [u32; 3], p: u32, seed: u64) -> Volume {
+    let grid = Grid::axis_aligned(dims, [1.0, 1.0, 1.0]);
+    let mut s = seed;
+    let mut next = || {
+        s = s.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (s >> 56) as u32
+    };
+    let v: Vec<u8> = (0..grid.len()).map(|_| u8::from(next() < p)).collect();
+    Volume::new(grid, Samples::U8(v))
+}
+
+fn inside(v: &Volume, p: IVec3) -> bool {
+    v.grid.contains(p) && v.samples.get(v.grid.index(p.as_uvec3())) != 0.0
+}
+
+const SIX: [IVec3; 6] = [IVec3::X, IVec3::NEG_X, IVec3::Y, IVec3::NEG_Y, IVec3::Z, IVec3::NEG_Z];
+
+/// Plain breadth-first flood, the oracle of the run and brick code.
+fn flood(seed: IVec3, holds: impl Fn(IVec3) -> bool) -> std::collections::BTreeSet<[i32; 3]> {
+    let mut seen = std::collections::BTreeSet::new();
+    let mut open = vec![seed];
+    while let Some(p) = open.pop() {
+        if holds(p) && seen.insert(p.to_array()) {
+            open.extend(SIX.map(|d| p + d));
+        }
+    }
+    seen
+}
+
+#[test]
+fn growing_equals_a_plain_flood_and_bricks_hold_every_voxel_and_its_rim() {
+    for (k, dims) in [[17, 9, 13], [8, 8, 8], [70, 5, 3], [1, 1, 1]].into_iter().enumerate() {
+        let mut v = noise(dims, 150, k as u64 + 1);
+        if let Samples::U8(s) = &mut v.samples {
+            s[0] = 1;
+        }
+        let want = flood(IVec3::ZERO, |p| inside(&v, p));
+        let recipe =
+            Recipe { seed: Some(UVec3::ZERO), fill: false, ..Recipe::new(Window::Labels(vec![])) };
+        let (lumen, found) = recipe.apply(&v).unwrap();
+        assert_eq!(found.grown_voxels as usize, want.len());
+        let got: std::collections::BTreeSet<_> =
+            lumen.elements(&lumen.inside).map(|e| lumen.bricks.voxel(e).to_array()).collect();
+        assert_eq!(got, want);
+        for p in &want {
+            for n in 0..27 {
+                let d = IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
+                let q = IVec3::from(*p) + d;
+                let e = lumen.bricks.element(q).expect("the rim has a brick");
+                assert_eq!(lumen.bricks.voxel(e), q);
+                let from = lumen.bricks.element(IVec3::from(*p)).unwrap();
+                assert_eq!(lumen.bricks.step(from, d), Some(e));
+            }
+        }
+        let boundary =
+            |p: &&[i32; 3]| SIX.iter().any(|d| !want.contains(&(IVec3::from(**p) + *d).to_array()));
+        assert_eq!(lumen.boundary_voxels as usize, want.iter().filter(boundary).count());
+        let classes = lumen.classes();
+        assert_eq!(classes.iter().filter(|c| **c != 0).count(), want.len());
+    }
+}
+
+#[test]
+fn the_largest_component_is_kept_and_the_others_are_reported_with_size_and_place() {
+    let grid = Grid::axis_aligned([10, 4, 4], [1.0; 3]);
+    let mut s = vec![0u8; grid.len()];
+    for (x, y, z) in [(0, 0, 0), (1, 0, 0), (2, 0, 0), (5, 1, 1), (6, 1, 1), (9, 3, 3)] {
+        s[grid.index(UVec3::new(x, y, z))] = 7;
+    }
+    // Touching by an edge alone is not connected.
+    s[grid.index(UVec3::new(7, 2, 1))] = 7;
+    let v = Volume::new(grid, Samples::U8(s));
+    let (lumen, found) = Recipe::new(Window::Labels(vec![7])).apply(&v).unwrap();
+    assert_eq!(lumen.inside_voxels(), 3);
+    let others: Vec<_> = found.others.iter().map(|c| (c.voxels, c.first)).collect();
+    let at = UVec3::new;
+    assert_eq!(others, [(2, at(5, 1, 1)), (1, at(7, 2, 1)), (1, at(9, 3, 3))]);
+    assert!(lumen.touches_edge);
+}
+
+#[test]
+fn closed_cavities_are_filled_and_open_ones_are_not() {
+    let grid = Grid::axis_aligned([9, 9, 9], [1.0; 3]);
+    let shell = |p: UVec3| {
+        let d = p.as_ivec3() - 4;
+        d.abs().max_element() == 3
+    };
+    let mut s: Vec<u8> = (0..grid.len()).map(|i| u8::from(shell(grid.voxel(i)))).collect();
+    let closed = Volume::new(grid, Samples::U8(s.clone()));
+    let (lumen, found) = Recipe::new(Window::Labels(vec![])).apply(&closed).unwrap();
+    assert_eq!((lumen.inside_voxels(), found.filled), (343, (125, 1)));
+    s[grid.index(UVec3::new(4, 4, 1))] = 0;
+    let open = Volume::new(grid, Samples::U8(s));
+    let (lumen, found) = Recipe::new(Window::Labels(vec![])).apply(&open).unwrap();
+    assert_eq!((lumen.inside_voxels(), found.filled), (217, (0, 0)));
+}
+
+#[test]
+fn thresholds_are_inclusive_in_real_units_for_every_sign_of_slope() {
+    let grid = Grid::axis_aligned([5, 1, 1], [1.0; 3]);
+    let mut v = Volume::new(grid, Samples::I16(vec![-3, -1, 0, 1, 3]));
+    let count = |v: &Volume, lo, hi| Window::Range { lo, hi }.select(v).count();
+    let inf = f64::INFINITY;
+    assert_eq!(count(&v, -1.0, 1.0), 3);
+    assert_eq!(count(&v, -inf, -0.5), 2);
+    assert_eq!(count(&v, 4.0, inf), 0);
+    v.rescale = crate::volume::Rescale { slope: -2.0, intercept: 10.0 }; // 16 12 10 8 4
+    assert_eq!(count(&v, 8.0, 12.0), 3);
+    assert_eq!(count(&v, 12.0, inf), 2);
+    v.samples = Samples::F32(vec![f32::NAN, -1.0, f32::INFINITY, 0.0, 1.0]);
+    v.rescale = crate::volume::Rescale::IDENTITY;
+    assert_eq!(count(&v, -inf, inf), 4);
+    assert_eq!(Window::Labels(vec![]).select(&v).count(), 3);
+    v.samples = Samples::U8(vec![1, 2, 9, 4, 0]);
+    assert_eq!(Window::Labels(vec![1, 2, 9]).select(&v).count(), 3);
+    assert_eq!(Window::Labels(vec![-5, 300]).select(&v).count(), 0);
+}
+
+#[test]
+fn a_leak_through_one_voxel_into_noise_is_stopped_below_it() {
+    // A bright-walled tube whose wall has one weak voxel, in a parenchyma of rising values.
+    let n = 48;
+    let grid = Grid::axis_aligned([n; 3], [2.0; 3]);
+    let mut s = vec![0i16; grid.len()];
+    let mut lumen_voxels = 0;
+    for (i, s) in s.iter_mut().enumerate() {
+        let p = grid.voxel(i).as_vec3();
+        let r = ((p.x - 24.0).powi(2) + (p.y - 24.0).powi(2)).sqrt();
+        let ripple = ((i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as i16 & 0x7fff;
+        let ripple = ripple % 41;
+        *s = if r < 6.0 && p.z > 3.0 && p.z < 44.0 {
+            lumen_voxels += 1;
+            -990 + ripple
+        } else if r < 8.0 {
+            50
+        } else {
+            -850 + 3 * ripple
+        };
+        if (p.x, p.y, p.z) == (30.0, 24.0, 24.0) || (p.x, p.y, p.z) == (31.0, 24.0, 24.0) {
+            *s = -880;
+        }
+    }
+    let v = Volume::new(grid, Samples::I16(s));
+    let window = Window::Range { lo: f64::NEG_INFINITY, hi: -500.0 };
+    let seed = UVec3::new(24, 24, 24);
+    let plain = grow(&v, &window, seed).unwrap().count();
+    assert!(plain > 4 * lumen_voxels, "the phantom leaks without control: {plain}");
+    let (mask, report) = grow_controlled(&v, &window, seed).unwrap();
+    let extra = mask.count() as f64 / lumen_voxels as f64;
+    assert!((0.99..1.01).contains(&extra), "{extra} {report:?}");
+    assert!(report.threshold < -780.0 && report.leak_ml.is_some(), "{report:?}");
+    // The flood at the chosen threshold is what growing there gives.
+    let window = Window::Range { lo: f64::NEG_INFINITY, hi: report.threshold };
+    assert_eq!(grow(&v, &window, seed).unwrap().count(), mask.count());
+}
+
+#[test]
+fn bad_seeds_and_empty_windows_say_what_and_where() {
+    let v = noise([4, 4, 4], 256, 3);
+    let seeded = |seed, window| Recipe { seed: Some(seed), ..Recipe::new(window) }.apply(&v);
+    let any = Window::Labels(vec![]);
+    let out = seeded(UVec3::new(4, 0, 0), any.clone()).unwrap_err();
+    assert!(matches!(out, LumenError::SeedOutside { .. }));
+    let high = Window::Range { lo: 5.0, hi: f64::INFINITY };
+    let wrong = seeded(UVec3::ZERO, high.clone()).unwrap_err();
+    assert_eq!(wrong.to_string(), "seed [0, 0, 0] has value 1, which is not in threshold 5:");
+    let empty = Recipe::new(high).apply(&v).unwrap_err();
+    let text = "empty lumen: no voxel is in threshold 5: (values run from 1 to 1)";
+    assert_eq!(empty.to_string(), text);
+}

@@ -1,0 +1,183 @@
+//! Which stored values are inside: thresholds and labels, in the stored type.
+
+use glam::UVec3;
+use rayon::prelude::*;
+
+use super::{BitVolume, LumenError};
+use crate::volume::{Sample, Volume, with_samples};
+
+/// Which real values (after rescale) are inside.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Window {
+    /// Inclusive range; infinite ends are open.
+    Range {
+        /// Lower end.
+        lo: f64,
+        /// Upper end.
+        hi: f64,
+    },
+    /// Any of these label values; empty means every non-zero value.
+    Labels(Vec<i64>),
+}
+
+impl Window {
+    /// Whether a real value is inside. NaN never is.
+    pub fn holds(&self, real: f64) -> bool {
+        match self {
+            Self::Range { lo, hi } => *lo <= real && real <= *hi,
+            Self::Labels(l) if l.is_empty() => real != 0.0 && !real.is_nan(),
+            Self::Labels(l) => l.iter().any(|&v| v as f64 == real),
+        }
+    }
+
+    /// Every voxel of a volume that is inside, whatever it is connected to.
+    pub fn select(&self, volume: &Volume) -> BitVolume {
+        let mut bits = BitVolume::new(volume.grid.dims);
+        with_samples!(&volume.samples, |s| select(self.stored(volume, s), s, &mut bits));
+        bits
+    }
+
+    /// The window as a test on stored values.
+    pub(super) fn stored<T: Sample>(&self, volume: &Volume, _: &[T]) -> StoredWindow<T> {
+        let r = volume.rescale;
+        match self {
+            Self::Range { lo, hi } => {
+                let (a, b) = (r.stored(*lo), r.stored(*hi));
+                let (lo, hi) = if r.slope < 0.0 { (b, a) } else { (a, b) };
+                StoredWindow::range(lo, hi)
+            }
+            Self::Labels(l) if l.is_empty() => StoredWindow::NonZero { zero: r.stored(0.0) },
+            Self::Labels(l) => {
+                let mut stored: Vec<f64> = l.iter().map(|&v| r.stored(v as f64)).collect();
+                stored.sort_by(f64::total_cmp);
+                // One label, or labels without a gap, are a range: the common case, and fast.
+                let dense = T::TYPE.is_integer() && stored.windows(2).all(|w| w[1] - w[0] == 1.0);
+                match (stored.first(), stored.last()) {
+                    (Some(&a), Some(&b)) if dense || a == b => StoredWindow::range(a, b),
+                    _ => StoredWindow::Any(stored),
+                }
+            }
+        }
+    }
+}
+
+/// A window in stored units of type `T`.
+pub(super) enum StoredWindow<T> {
+    /// Inclusive; empty when nothing of the type can be inside.
+    Range(Option<(T, T)>),
+    NonZero {
+        zero: f64,
+    },
+    Any(Vec<f64>),
+}
+
+impl<T: Sample> StoredWindow<T> {
+    /// Ends are rounded inwards to values the type has. A relative slack of 1e-12 keeps a bound
+    /// that went through the rescale from missing the value it came from.
+    fn range(lo: f64, hi: f64) -> Self {
+        let slack = |v: f64| if v.is_finite() { 1e-12 * v.abs().max(1.0) } else { 0.0 };
+        let (lo, hi) = (lo - slack(lo), hi + slack(hi));
+        Self::Range(narrow::<T>(lo, true).zip(narrow::<T>(hi, false)).filter(|(a, b)| a <= b))
+    }
+
+    #[inline]
+    pub fn holds(&self, v: T) -> bool {
+        match self {
+            Self::Range(Some((lo, hi))) => *lo <= v && v <= *hi,
+            Self::Range(None) => false,
+            Self::NonZero { zero } => {
+                let v = v.to_f64();
+                v != *zero && !v.is_nan()
+            }
+            Self::Any(l) => l.contains(&v.to_f64()),
+        }
+    }
+}
+
+/// Smallest value of `T` not below `bound` (`up`), or largest not above it.
+fn narrow<T: Sample>(bound: f64, up: bool) -> Option<T> {
+    use crate::volume::SampleType as S;
+    fn cast<T: Sample, U: bytemuck::Pod>(v: U) -> T {
+        *bytemuck::from_bytes(bytemuck::bytes_of(&v))
+    }
+    macro_rules! int {
+        ($t:ty) => {{
+            let v = if up { bound.ceil() } else { bound.floor() };
+            if v.is_nan() || (up && v > <$t>::MAX as f64) || (!up && v < <$t>::MIN as f64) {
+                return None;
+            }
+            cast(v as $t) // saturates at the open end
+        }};
+    }
+    if bound.is_nan() {
+        return None;
+    }
+    Some(match T::TYPE {
+        S::U8 => int!(u8),
+        S::I8 => int!(i8),
+        S::U16 => int!(u16),
+        S::I16 => int!(i16),
+        S::U32 => int!(u32),
+        S::I32 => int!(i32),
+        S::U64 => int!(u64),
+        S::I64 => int!(i64),
+        S::F32 => cast(bound as f32),
+        S::F64 => cast(bound),
+    })
+}
+
+fn select<T: Sample>(window: StoredWindow<T>, samples: &[T], bits: &mut BitVolume) {
+    let nx = bits.dims().x as usize;
+    let row_words = bits.row_words();
+    bits.words_mut()
+        .par_chunks_mut(row_words)
+        .zip(samples.par_chunks(nx))
+        .with_min_len(64)
+        .for_each(|(words, row)| match &window {
+            StoredWindow::Range(Some((lo, hi))) => {
+                pack(words, row, |v| (*lo <= v) & (v <= *hi));
+            }
+            w => pack(words, row, |v| w.holds(v)),
+        });
+}
+
+#[inline]
+fn pack<T: Copy>(words: &mut [u64], row: &[T], inside: impl Fn(T) -> bool) {
+    for (word, voxels) in words.iter_mut().zip(row.chunks(64)) {
+        *word = voxels.iter().enumerate().fold(0, |w, (i, &v)| w | u64::from(inside(v)) << i);
+    }
+}
+
+/// The voxel a seed names.
+///
+/// # Errors
+/// [`LumenError::SeedOutside`] when it is not in the volume, [`LumenError::SeedValue`] when its
+/// value is not in the window.
+pub(super) fn check_seed(volume: &Volume, window: &Window, seed: UVec3) -> Result<(), LumenError> {
+    if seed.cmpge(volume.grid.dims).any() {
+        return Err(LumenError::SeedOutside { seed, dims: volume.grid.dims });
+    }
+    let value = volume.real(volume.grid.index(seed));
+    if !window.holds(value) {
+        return Err(LumenError::SeedValue { seed, value, window: window.clone() });
+    }
+    Ok(())
+}
+
+impl std::fmt::Display for Window {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Range { lo, hi } => match (lo.is_finite(), hi.is_finite()) {
+                (true, true) => write!(f, "threshold {lo}:{hi}"),
+                (true, false) => write!(f, "threshold {lo}:"),
+                (false, true) => write!(f, "threshold :{hi}"),
+                (false, false) => write!(f, "threshold :"),
+            },
+            Self::Labels(l) if l.is_empty() => write!(f, "any label"),
+            Self::Labels(l) => {
+                let l: Vec<String> = l.iter().map(i64::to_string).collect();
+                write!(f, "label {}", l.join(","))
+            }
+        }
+    }
+}
