@@ -7,11 +7,14 @@ use ash::vk;
 
 use super::cache::{self, Cache};
 use super::commands::Commands;
+use super::draw_pipeline::DrawPipeline;
 use super::info::{self, Choice, DeviceInfo};
 use super::instance::{Instance, Validate};
 use super::memory::Memory;
 use super::pipeline::Pipelines;
-use super::timeline::Timeline;
+use super::resources::{Dead, GpuBuffer, GpuImage};
+use super::slab::Slab;
+use super::timeline::{Retire, Timeline};
 use super::{VkError, device};
 
 /// How to open a device, beyond which one.
@@ -38,6 +41,11 @@ pub struct Gpu {
     pub(super) commands: Commands,
     pub(super) timeline: Timeline,
     pub(super) queue: vk::Queue,
+    pub(super) draw_pipelines: Slab<DrawPipeline>,
+    pub(super) buffers: Slab<GpuBuffer>,
+    pub(super) images: Slab<GpuImage>,
+    /// Freed things that the device may still use.
+    pub(super) dead: Retire<Dead>,
     // These three go down in this order, after `Drop::drop`.
     pub(super) memory: Memory,
     pub(super) device: OwnedDevice,
@@ -70,6 +78,10 @@ impl Gpu {
             commands: Commands::new(&device, info.limits.queue_family)?,
             timeline: Timeline::new(&device)?,
             queue,
+            draw_pipelines: Slab::default(),
+            buffers: Slab::default(),
+            images: Slab::default(),
+            dead: Retire::default(),
             memory,
             device,
             info,
@@ -104,6 +116,9 @@ impl Drop for Gpu {
         // SAFETY: `&mut self` makes us the only user of device and queue. A lost device answers
         // with an error and is idle all the same.
         let _ = unsafe { self.device.device_wait_idle() };
+        self.bury_all();
+        let drawn: Vec<_> = self.draw_pipelines.drain().collect();
+        drawn.iter().for_each(|p| self.destroy_draw_pipeline(p));
         self.pipelines.destroy(&self.device);
         self.cache.close(&self.device);
         self.commands.destroy(&self.device);

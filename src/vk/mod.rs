@@ -9,20 +9,28 @@
 mod cache;
 mod commands;
 mod device;
+mod draw;
+mod draw_pipeline;
 mod error;
 mod gpu;
 mod info;
 mod instance;
 mod memory;
 mod pipeline;
+mod resources;
 mod runner;
+mod slab;
 mod spirv;
 mod threads;
 mod timeline;
 
+pub use draw::{Area, Draw, Pass};
+pub use draw_pipeline::{Attribute, Blend, DepthUse, DrawPipeline, DrawPipelineId, DrawSpec};
 pub use error::VkError;
 pub use gpu::{Gpu, OpenOptions};
 pub use info::{Choice, DeviceInfo, DeviceKind, MemoryHeap, list};
 pub use instance::Validate;
+pub use resources::{BufferId, Format, GpuBuffer, GpuImage, ImageId, ImageSpec};
 pub use runner::RunOptions;
+pub use slab::Handle;
 pub use threads::set_lavapipe_threads;
