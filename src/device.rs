@@ -1,0 +1,138 @@
+//! The one place that chooses between CPU and GPU.
+
+use std::str::FromStr;
+
+use crate::compute::{Outputs, Plan, run_cpu};
+use crate::vk::{Choice, DeviceInfo, Gpu, VkError};
+
+/// Which device computes, as the command line says it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DeviceChoice {
+    /// The first real GPU, else the CPU.
+    #[default]
+    Auto,
+    /// The CPU.
+    Cpu,
+    /// The first real GPU, else software Vulkan.
+    Gpu,
+    /// The GPU of that index in `intima devices`.
+    GpuAt(usize),
+}
+
+impl FromStr for DeviceChoice {
+    type Err = String;
+
+    fn from_str(s: &str) -> Result<Self, String> {
+        match s {
+            "auto" => Ok(Self::Auto),
+            "cpu" => Ok(Self::Cpu),
+            "gpu" => Ok(Self::Gpu),
+            _ => s
+                .strip_prefix("gpu:")
+                .and_then(|n| n.parse().ok())
+                .map(Self::GpuAt)
+                .ok_or_else(|| format!("`{s}` is none of auto, cpu, gpu, gpu:N")),
+        }
+    }
+}
+
+impl std::fmt::Display for DeviceChoice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Cpu => f.write_str("cpu"),
+            Self::Gpu => f.write_str("gpu"),
+            Self::GpuAt(n) => write!(f, "gpu:{n}"),
+        }
+    }
+}
+
+/// A device that runs plans.
+pub enum Device {
+    /// The CPU twins, on the current rayon pool.
+    Cpu,
+    /// The shaders, on a Vulkan device.
+    Gpu(Box<Gpu>),
+}
+
+/// Why a device could not be opened or could not finish a plan.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DeviceError {
+    /// From Vulkan.
+    #[error(transparent)]
+    Vulkan(#[from] VkError),
+}
+
+impl DeviceError {
+    /// Whether the machine has no such device (exit code 4), as opposed to one that failed.
+    pub fn is_no_device(&self) -> bool {
+        match self {
+            Self::Vulkan(e) => e.is_no_device(),
+        }
+    }
+}
+
+impl Device {
+    /// Opens the device chosen.
+    ///
+    /// # Errors
+    /// With [`DeviceChoice::Auto`] only when a GPU is there and its driver fails; a machine
+    /// without one computes on the CPU.
+    pub fn open(choice: DeviceChoice) -> Result<Self, DeviceError> {
+        let gpu = |choice| Gpu::open(choice).map(|g| Self::Gpu(Box::new(g)));
+        match choice {
+            DeviceChoice::Cpu => Ok(Self::Cpu),
+            DeviceChoice::Gpu => Ok(gpu(Choice::Any)?),
+            DeviceChoice::GpuAt(n) => Ok(gpu(Choice::Index(n))?),
+            DeviceChoice::Auto => match gpu(Choice::Real) {
+                Err(e) if e.is_no_device() => Ok(Self::Cpu),
+                other => Ok(other?),
+            },
+        }
+    }
+
+    /// Runs a plan to its end.
+    ///
+    /// # Errors
+    /// See [`Gpu::run`]; the CPU has none.
+    pub fn run(&mut self, plan: &Plan<'_>) -> Result<Outputs, DeviceError> {
+        match self {
+            Self::Cpu => Ok(run_cpu(plan)),
+            Self::Gpu(gpu) => Ok(gpu.run(plan)?),
+        }
+    }
+
+    /// Name for the report: `cpu`, or what the driver calls the device.
+    pub fn name(&self) -> &str {
+        self.info().map_or("cpu", |i| i.name.as_str())
+    }
+
+    /// What the Vulkan device says about itself; `None` for the CPU.
+    pub fn info(&self) -> Option<&DeviceInfo> {
+        match self {
+            Self::Cpu => None,
+            Self::Gpu(gpu) => Some(gpu.info()),
+        }
+    }
+
+    /// Largest buffer a plan may hold on this device, bytes.
+    pub fn max_buffer_bytes(&self) -> u64 {
+        self.info().map_or(u64::MAX, |i| i.max_storage_buffer_range.min(i.max_buffer_bytes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::DeviceChoice;
+
+    #[test]
+    fn a_device_choice_reads_as_it_writes() {
+        for s in ["auto", "cpu", "gpu", "gpu:0", "gpu:12"] {
+            assert_eq!(s.parse::<DeviceChoice>().unwrap().to_string(), s);
+        }
+        for s in ["", "GPU", "gpu:", "gpu:-1", "gpu:x", "cuda"] {
+            assert!(s.parse::<DeviceChoice>().is_err(), "`{s}`");
+        }
+    }
+}

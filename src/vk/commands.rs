@@ -1,0 +1,107 @@
+//! Command buffers: recorded once, submitted once, used again when the device is done.
+
+use ash::vk;
+
+use super::VkError;
+use super::timeline::{Retire, Timeline};
+use crate::fault;
+
+/// Pool of command buffers of the one queue.
+pub(super) struct Commands {
+    pool: vk::CommandPool,
+    idle: Vec<vk::CommandBuffer>,
+    busy: Retire<vk::CommandBuffer>,
+}
+
+impl Commands {
+    pub fn new(device: &ash::Device, family: u32) -> Result<Self, VkError> {
+        let info = vk::CommandPoolCreateInfo::default()
+            .queue_family_index(family)
+            .flags(vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER);
+        // SAFETY: `device` is live and was created with this family.
+        let pool = unsafe { device.create_command_pool(&info, None) }
+            .map_err(VkError::of("vkCreateCommandPool"))?;
+        Ok(Self { pool, idle: Vec::new(), busy: Retire::default() })
+    }
+
+    /// A command buffer in recording state.
+    pub fn begin(
+        &mut self,
+        device: &ash::Device,
+        reached: u64,
+    ) -> Result<vk::CommandBuffer, VkError> {
+        self.idle.extend(self.busy.reap(reached));
+        let cmd = match self.idle.pop() {
+            Some(cmd) => cmd,
+            None => {
+                let info = vk::CommandBufferAllocateInfo::default()
+                    .command_pool(self.pool)
+                    .command_buffer_count(1);
+                // SAFETY: the pool is ours and of this device; `&mut self` synchronizes it.
+                unsafe { device.allocate_command_buffers(&info) }
+                    .map_err(VkError::of("vkAllocateCommandBuffers"))?[0]
+            }
+        };
+        let info = vk::CommandBufferBeginInfo::default()
+            .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: `cmd` is of our pool and idle: new, given up, or past its timeline value, so it
+        // may be reset, which beginning does.
+        unsafe { device.begin_command_buffer(cmd, &info) }
+            .map_err(VkError::of("vkBeginCommandBuffer"))?;
+        Ok(cmd)
+    }
+
+    /// Ends and submits `cmd`; returns the timeline value that marks its completion.
+    pub fn submit(
+        &mut self,
+        device: &ash::Device,
+        queue: vk::Queue,
+        timeline: &mut Timeline,
+        cmd: vk::CommandBuffer,
+    ) -> Result<u64, VkError> {
+        let value = timeline.submitted + 1;
+        let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(cmd)];
+        let signals = [vk::SemaphoreSubmitInfo::default()
+            .semaphore(timeline.semaphore)
+            .value(value)
+            .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)];
+        let submit = vk::SubmitInfo2::default()
+            .command_buffer_infos(&buffers)
+            .signal_semaphore_infos(&signals);
+        // SAFETY: `cmd` was begun by us and everything recorded in it is alive until the timeline
+        // reaches `value`: frees go through the retire queue. `&mut self` makes us the only user
+        // of queue and pool.
+        let sent = unsafe {
+            device.end_command_buffer(cmd).map_err(VkError::of("vkEndCommandBuffer")).and_then(
+                |()| match fault::hit(fault::Point::Submit) {
+                    true => Err(VkError::DeviceLost { during: "vkQueueSubmit2" }),
+                    false => device
+                        .queue_submit2(queue, &[submit], vk::Fence::null())
+                        .map_err(VkError::of("vkQueueSubmit2")),
+                },
+            )
+        };
+        match sent {
+            Ok(()) => {
+                timeline.submitted = value;
+                self.busy.push(value, cmd);
+                Ok(value)
+            }
+            Err(e) => {
+                self.idle.push(cmd);
+                Err(e)
+            }
+        }
+    }
+
+    /// Takes back a command buffer that was begun and will not be submitted.
+    pub fn give_up(&mut self, cmd: vk::CommandBuffer) {
+        self.idle.push(cmd);
+    }
+
+    /// Destroys the pool with all its command buffers. The device is idle.
+    pub fn destroy(&mut self, device: &ash::Device) {
+        // SAFETY: the pool is ours and goes once, from `Gpu::drop`, after the device is idle.
+        unsafe { device.destroy_command_pool(self.pool, None) };
+    }
+}

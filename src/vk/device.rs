@@ -1,0 +1,43 @@
+//! The logical device and its one queue.
+
+use ash::vk;
+
+use super::VkError;
+use super::info::DeviceInfo;
+use super::instance::Instance;
+
+/// Creates the device with the features intima stands on, and fetches its queue.
+pub(super) fn open(
+    instance: &Instance,
+    physical: vk::PhysicalDevice,
+    info: &DeviceInfo,
+) -> Result<(ash::Device, vk::Queue), VkError> {
+    // SAFETY: `physical` comes from this live instance.
+    let has = unsafe { instance.raw.get_physical_device_features(physical) };
+    // Optional: used where present, never required.
+    let features = vk::PhysicalDeviceFeatures::default()
+        .multi_draw_indirect(has.multi_draw_indirect == vk::TRUE)
+        .draw_indirect_first_instance(has.draw_indirect_first_instance == vk::TRUE)
+        // Asked for by the layer when it instruments shaders.
+        .fragment_stores_and_atomics(has.fragment_stores_and_atomics == vk::TRUE)
+        .vertex_pipeline_stores_and_atomics(has.vertex_pipeline_stores_and_atomics == vk::TRUE);
+    let mut features12 = vk::PhysicalDeviceVulkan12Features::default().timeline_semaphore(true);
+    let mut features13 = vk::PhysicalDeviceVulkan13Features::default()
+        .dynamic_rendering(true)
+        .synchronization2(true);
+    let queues = [vk::DeviceQueueCreateInfo::default()
+        .queue_family_index(info.limits.queue_family)
+        .queue_priorities(&[1.0])];
+    let create = vk::DeviceCreateInfo::default()
+        .queue_create_infos(&queues)
+        .enabled_features(&features)
+        .push_next(&mut features12)
+        .push_next(&mut features13);
+    // SAFETY: `physical` comes from this instance and was found to have version 1.3, the queue
+    // family and the features; everything `create` points to lives until the call returns.
+    let device = unsafe { instance.raw.create_device(physical, &create, None) }
+        .map_err(VkError::of("vkCreateDevice"))?;
+    // SAFETY: the family was requested above with one queue.
+    let queue = unsafe { device.get_device_queue(info.limits.queue_family, 0) };
+    Ok((device, queue))
+}

@@ -1,0 +1,264 @@
+//! Graphics pipelines, described in our own few words.
+
+use std::ffi::CString;
+
+use ash::vk;
+
+use super::pipeline::pipeline_layout;
+use super::resources::Format;
+use super::slab::Handle;
+use super::spirv::Module;
+use super::{Gpu, VkError};
+
+/// How a draw uses depth. Depth is reversed: 1 at the near plane, 0 at infinity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum DepthUse {
+    /// Neither tested nor written.
+    Ignore,
+    /// Nearer wins and is written.
+    Nearest,
+    /// Only what lies exactly on the written depth passes.
+    Equal,
+}
+
+/// How a fragment meets what is there already; colours are linear.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Blend {
+    /// Replaces it.
+    Opaque,
+    /// Writes no colour.
+    DepthOnly,
+    /// A layer of glass: colour `rgb + (1 - a) dst`, and the target's alpha, which is what still
+    /// shines through, is multiplied by `1 - a`.
+    Layer,
+    /// A stack of such layers over a picture: `rgb + a dst`.
+    Stack,
+}
+
+/// Format of a vertex attribute.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Attribute {
+    /// Three floats.
+    F32x3,
+    /// Four signed 16-bit fractions.
+    Snorm16x4,
+}
+
+impl Attribute {
+    fn raw(self) -> (vk::Format, u32) {
+        match self {
+            Self::F32x3 => (vk::Format::R32G32B32_SFLOAT, 12),
+            Self::Snorm16x4 => (vk::Format::R16G16B16A16_SNORM, 8),
+        }
+    }
+}
+
+/// What a graphics pipeline is to be. Triangles, no culling: walls are seen from both sides.
+#[derive(Clone, Debug)]
+pub struct DrawSpec {
+    /// Module with both entry points.
+    pub spirv: &'static [u8],
+    /// Entry points for vertices and fragments.
+    pub entries: [&'static str; 2],
+    /// Attributes of one interleaved vertex buffer, locations 0, 1, …; empty for none.
+    pub attributes: &'static [Attribute],
+    /// Format of the colour target.
+    pub colour: Format,
+    /// Format of the depth target, if the pass has one.
+    pub depth: Option<Format>,
+    /// How depth is used.
+    pub depth_use: DepthUse,
+    /// Samples a pixel.
+    pub samples: u32,
+    /// How colours meet.
+    pub blend: Blend,
+    /// Bytes of the immediate block, both stages.
+    pub push_bytes: u32,
+    /// Images read by the fragment stage, bindings 0, 1, … of group 0.
+    pub images: u32,
+}
+
+/// A graphics pipeline with its layouts.
+pub struct DrawPipeline {
+    pub(super) pipeline: vk::Pipeline,
+    pub(super) layout: vk::PipelineLayout,
+    pub(super) set: vk::DescriptorSetLayout,
+    pub(super) stride: u32,
+    pub(super) push_bytes: u32,
+    pub(super) images: u32,
+}
+
+/// Handle to a graphics pipeline.
+pub type DrawPipelineId = Handle<DrawPipeline>;
+
+/// Both stages see the immediate block.
+pub(super) const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
+    vk::ShaderStageFlags::VERTEX.as_raw() | vk::ShaderStageFlags::FRAGMENT.as_raw(),
+);
+
+impl Gpu {
+    /// Creates a graphics pipeline; it lives as long as the device.
+    ///
+    /// # Errors
+    /// The failing call.
+    pub fn draw_pipeline(&mut self, spec: &DrawSpec) -> Result<DrawPipelineId, VkError> {
+        let bindings: Vec<_> = (0..spec.images)
+            .map(|i| {
+                vk::DescriptorSetLayoutBinding::default()
+                    .binding(i)
+                    .descriptor_type(vk::DescriptorType::SAMPLED_IMAGE)
+                    .descriptor_count(1)
+                    .stage_flags(vk::ShaderStageFlags::FRAGMENT)
+            })
+            .collect();
+        let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+        // SAFETY: the device is live; the bindings outlive the call.
+        let set = unsafe { self.device.create_descriptor_set_layout(&info, None) }
+            .map_err(VkError::of("vkCreateDescriptorSetLayout"))?;
+        let stride = spec.attributes.iter().map(|a| a.raw().1).sum();
+        let mut made = DrawPipeline {
+            pipeline: vk::Pipeline::null(),
+            layout: vk::PipelineLayout::null(),
+            set,
+            stride,
+            push_bytes: spec.push_bytes,
+            images: spec.images,
+        };
+        let sets = [set];
+        let sets = if spec.images > 0 { &sets[..] } else { &[] };
+        let built =
+            pipeline_layout(&self.device, sets, spec.push_bytes, STAGES).and_then(|layout| {
+                made.layout = layout;
+                self.build(spec, layout, stride)
+            });
+        match built {
+            Ok(pipeline) => {
+                made.pipeline = pipeline;
+                Ok(self.draw_pipelines.insert(made))
+            }
+            Err(e) => {
+                self.destroy_draw_pipeline(&made);
+                Err(e)
+            }
+        }
+    }
+
+    /// Destroys a pipeline. The device is idle, or never used it.
+    pub(super) fn destroy_draw_pipeline(&self, p: &DrawPipeline) {
+        // SAFETY: all three are ours and go once; by the contract above nothing uses them. Null
+        // handles are ignored.
+        unsafe {
+            self.device.destroy_pipeline(p.pipeline, None);
+            self.device.destroy_pipeline_layout(p.layout, None);
+            self.device.destroy_descriptor_set_layout(p.set, None);
+        }
+    }
+
+    fn build(
+        &self,
+        spec: &DrawSpec,
+        layout: vk::PipelineLayout,
+        stride: u32,
+    ) -> Result<vk::Pipeline, VkError> {
+        let module = Module::new(&self.device, spec.spirv, self.validated())?;
+        let names = spec.entries.map(|n| CString::new(n).expect("entry points have no NUL"));
+        let stage = |stage, name| {
+            vk::PipelineShaderStageCreateInfo::default().stage(stage).module(module.raw).name(name)
+        };
+        let stages = [
+            stage(vk::ShaderStageFlags::VERTEX, &names[0]),
+            stage(vk::ShaderStageFlags::FRAGMENT, &names[1]),
+        ];
+        let (mut attributes, mut offset) = (Vec::new(), 0);
+        for (location, a) in spec.attributes.iter().enumerate() {
+            let (format, bytes) = a.raw();
+            let location = location as u32;
+            attributes.push(vk::VertexInputAttributeDescription {
+                location,
+                binding: 0,
+                format,
+                offset,
+            });
+            offset += bytes;
+        }
+        let bindings = [vk::VertexInputBindingDescription {
+            binding: 0,
+            stride,
+            input_rate: vk::VertexInputRate::VERTEX,
+        }];
+        let mut vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
+        if stride > 0 {
+            vertex_input = vertex_input
+                .vertex_binding_descriptions(&bindings)
+                .vertex_attribute_descriptions(&attributes);
+        }
+        let assembly = vk::PipelineInputAssemblyStateCreateInfo::default()
+            .topology(vk::PrimitiveTopology::TRIANGLE_LIST);
+        let viewport =
+            vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
+        let raster = vk::PipelineRasterizationStateCreateInfo::default()
+            .polygon_mode(vk::PolygonMode::FILL)
+            .cull_mode(vk::CullModeFlags::NONE)
+            // World triangles are counter-clockwise; our projections turn y down, Vulkan's
+            // framebuffer does so too, so they stay counter-clockwise as the viewer sees them.
+            .front_face(vk::FrontFace::COUNTER_CLOCKWISE)
+            .line_width(1.0);
+        let multisample = vk::PipelineMultisampleStateCreateInfo::default()
+            .rasterization_samples(vk::SampleCountFlags::from_raw(spec.samples));
+        let depth = vk::PipelineDepthStencilStateCreateInfo::default()
+            .depth_test_enable(spec.depth_use != DepthUse::Ignore)
+            .depth_write_enable(spec.depth_use == DepthUse::Nearest)
+            .depth_compare_op(match spec.depth_use {
+                DepthUse::Equal => vk::CompareOp::EQUAL,
+                _ => vk::CompareOp::GREATER,
+            });
+        let blends = [blend(spec.blend)];
+        let blend_state = vk::PipelineColorBlendStateCreateInfo::default().attachments(&blends);
+        let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
+        let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
+        let colours = [spec.colour.raw()];
+        let mut targets =
+            vk::PipelineRenderingCreateInfo::default().color_attachment_formats(&colours);
+        if let Some(depth) = spec.depth {
+            targets = targets.depth_attachment_format(depth.raw());
+        }
+        let info = vk::GraphicsPipelineCreateInfo::default()
+            .stages(&stages)
+            .vertex_input_state(&vertex_input)
+            .input_assembly_state(&assembly)
+            .viewport_state(&viewport)
+            .rasterization_state(&raster)
+            .multisample_state(&multisample)
+            .depth_stencil_state(&depth)
+            .color_blend_state(&blend_state)
+            .dynamic_state(&dynamic)
+            .layout(layout)
+            .push_next(&mut targets);
+        // SAFETY: every struct above outlives the call; module and layout are of this device.
+        unsafe { self.device.create_graphics_pipelines(self.cache.raw, &[info], None) }
+            .map(|made| made[0])
+            .map_err(|(_, result)| VkError::of("vkCreateGraphicsPipelines")(result))
+    }
+}
+
+fn blend(blend: Blend) -> vk::PipelineColorBlendAttachmentState {
+    use vk::BlendFactor as F;
+    let mixed = |to: F, alpha_to: F| {
+        vk::PipelineColorBlendAttachmentState::default()
+            .blend_enable(true)
+            .src_color_blend_factor(F::ONE)
+            .dst_color_blend_factor(to)
+            .color_blend_op(vk::BlendOp::ADD)
+            .src_alpha_blend_factor(F::ZERO)
+            .dst_alpha_blend_factor(alpha_to)
+            .alpha_blend_op(vk::BlendOp::ADD)
+            .color_write_mask(vk::ColorComponentFlags::RGBA)
+    };
+    match blend {
+        Blend::Opaque => vk::PipelineColorBlendAttachmentState::default()
+            .color_write_mask(vk::ColorComponentFlags::RGBA),
+        Blend::DepthOnly => vk::PipelineColorBlendAttachmentState::default(),
+        Blend::Layer => mixed(F::ONE_MINUS_SRC_ALPHA, F::ONE_MINUS_SRC_ALPHA),
+        Blend::Stack => mixed(F::SRC_ALPHA, F::ONE),
+    }
+}

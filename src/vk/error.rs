@@ -1,0 +1,93 @@
+//! What can go wrong between us and a Vulkan driver.
+
+use ash::vk;
+
+/// An error of the Vulkan room.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum VkError {
+    /// The machine has no Vulkan loader.
+    #[error("no Vulkan library on this machine ({0})")]
+    NoLibrary(String),
+    /// There is a loader, but no driver answers it.
+    #[error("the Vulkan library found no driver")]
+    NoDriver,
+    /// Drivers answered, but none of their devices is the one asked for.
+    #[error("no Vulkan device fits `{wanted}` (found: {found})")]
+    NoDevice {
+        /// The choice, as the user would write it.
+        wanted: String,
+        /// Names of the devices there are and what they lack.
+        found: String,
+    },
+    /// Validation was asked for and its layer is not installed.
+    #[error("validation was asked for, but {0} is not installed")]
+    NoValidation(&'static str),
+    /// A buffer of a plan is larger than one binding of this device may be.
+    #[error("buffer `{buffer}` takes {bytes} bytes, {device} binds at most {limit} at once")]
+    TooLarge {
+        /// Name in the plan.
+        buffer: &'static str,
+        /// Bytes asked for.
+        bytes: u64,
+        /// `maxStorageBufferRange` or `maxBufferSize`.
+        limit: u64,
+        /// Device name.
+        device: String,
+    },
+    /// A launch has more threads than the device can count.
+    #[error("`{kernel}` asks for {threads} threads, this device launches at most {limit}")]
+    TooManyThreads {
+        /// Kernel name.
+        kernel: &'static str,
+        /// Threads asked for.
+        threads: u64,
+        /// Most threads of one launch.
+        limit: u64,
+    },
+    /// Device memory ran out.
+    #[error("out of device memory: {bytes} bytes for `{what}` ({detail})")]
+    OutOfMemory {
+        /// What the memory was for.
+        what: String,
+        /// Bytes asked for.
+        bytes: u64,
+        /// The allocator's words.
+        detail: String,
+    },
+    /// The device stopped answering; the `Gpu` is of no further use.
+    #[error("the device was lost during {during}")]
+    DeviceLost {
+        /// The call that said so.
+        during: &'static str,
+    },
+    /// Any other failure of a Vulkan call.
+    #[error("{call} failed: {result}")]
+    Call {
+        /// Name of the call.
+        call: &'static str,
+        /// Its answer.
+        result: vk::Result,
+    },
+}
+
+impl VkError {
+    /// Whether the machine simply has no such device, as opposed to one that failed.
+    pub fn is_no_device(&self) -> bool {
+        matches!(
+            self,
+            Self::NoLibrary(_) | Self::NoDriver | Self::NoDevice { .. } | Self::NoValidation(_)
+        )
+    }
+
+    /// Turns the answer of a call into an error that names the call.
+    pub(super) fn of(call: &'static str) -> impl Fn(vk::Result) -> Self {
+        move |result| match result {
+            vk::Result::ERROR_DEVICE_LOST => Self::DeviceLost { during: call },
+            vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY => {
+                Self::OutOfMemory { what: call.into(), bytes: 0, detail: result.to_string() }
+            }
+            result => Self::Call { call, result },
+        }
+    }
+}

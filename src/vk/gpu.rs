@@ -1,0 +1,146 @@
+//! The owner of everything Vulkan.
+
+use std::ops::Deref;
+use std::path::PathBuf;
+
+use ash::vk;
+
+use super::cache::{self, Cache};
+use super::commands::Commands;
+use super::draw_pipeline::DrawPipeline;
+use super::info::{self, Choice, DeviceInfo};
+use super::instance::{Instance, Validate};
+use super::memory::Memory;
+use super::pipeline::Pipelines;
+use super::resources::{Dead, GpuBuffer, GpuImage};
+use super::slab::Slab;
+use super::timeline::{Retire, Timeline};
+use super::{VkError, device};
+
+/// How to open a device, beyond which one.
+#[derive(Clone, Debug)]
+pub struct OpenOptions {
+    /// What the validation layer watches.
+    pub validate: Validate,
+    /// Where compiled pipelines are kept between runs; `None` keeps none.
+    pub cache_dir: Option<PathBuf>,
+}
+
+impl Default for OpenOptions {
+    /// Validation as `INTIMA_VALIDATE` says, pipelines in the user's cache directory.
+    fn default() -> Self {
+        Self { validate: Validate::from_env(), cache_dir: cache::user_dir() }
+    }
+}
+
+/// A device and everything made on it.
+pub struct Gpu {
+    pub(super) info: DeviceInfo,
+    pub(super) pipelines: Pipelines,
+    pub(super) cache: Cache,
+    pub(super) commands: Commands,
+    pub(super) timeline: Timeline,
+    pub(super) queue: vk::Queue,
+    pub(super) draw_pipelines: Slab<DrawPipeline>,
+    pub(super) buffers: Slab<GpuBuffer>,
+    pub(super) images: Slab<GpuImage>,
+    /// Freed things that the device may still use.
+    pub(super) dead: Retire<Dead>,
+    // These three go down in this order, after `Drop::drop`.
+    pub(super) memory: Memory,
+    pub(super) device: OwnedDevice,
+    pub(super) instance: Instance,
+}
+
+impl Gpu {
+    /// Opens a device with the default options.
+    ///
+    /// # Errors
+    /// [`VkError::NoLibrary`], [`VkError::NoDriver`], [`VkError::NoDevice`] where the machine has
+    /// none that fits; others when a driver fails.
+    pub fn open(choice: Choice) -> Result<Self, VkError> {
+        Self::open_with(choice, OpenOptions::default())
+    }
+
+    /// Opens a device.
+    ///
+    /// # Errors
+    /// As [`Gpu::open`]; [`VkError::NoValidation`] when the layer is asked for and not there.
+    pub fn open_with(choice: Choice, options: OpenOptions) -> Result<Self, VkError> {
+        let instance = Instance::new(options.validate)?;
+        let (physical, info) = info::choose(&instance, choice)?;
+        let (device, queue) = device::open(&instance, physical, &info)?;
+        let device = OwnedDevice(device);
+        let memory = Memory::new(&instance, &device, physical, info.unified_memory)?;
+        Ok(Self {
+            pipelines: Pipelines::default(),
+            cache: Cache::open(&device, &info.limits, options.cache_dir)?,
+            commands: Commands::new(&device, info.limits.queue_family)?,
+            timeline: Timeline::new(&device)?,
+            queue,
+            draw_pipelines: Slab::default(),
+            buffers: Slab::default(),
+            images: Slab::default(),
+            dead: Retire::default(),
+            memory,
+            device,
+            info,
+            instance,
+        })
+    }
+
+    /// What the device says about itself.
+    pub fn info(&self) -> &DeviceInfo {
+        &self.info
+    }
+
+    /// What the validation layer has said so far, severity warning and above. Always empty
+    /// without validation.
+    pub fn validation_messages(&self) -> Vec<String> {
+        self.instance.messages()
+    }
+
+    /// Whether the validation layer watches this device.
+    pub fn validated(&self) -> bool {
+        self.instance.validate != Validate::Off
+    }
+
+    /// Bytes of device memory held at the moment, blocks kept for reuse included.
+    pub fn memory_held(&self) -> u64 {
+        self.memory.capacity()
+    }
+}
+
+impl Drop for Gpu {
+    fn drop(&mut self) {
+        // SAFETY: `&mut self` makes us the only user of device and queue. A lost device answers
+        // with an error and is idle all the same.
+        let _ = unsafe { self.device.device_wait_idle() };
+        self.bury_all();
+        let drawn: Vec<_> = self.draw_pipelines.drain().collect();
+        drawn.iter().for_each(|p| self.destroy_draw_pipeline(p));
+        self.pipelines.destroy(&self.device);
+        self.cache.close(&self.device);
+        self.commands.destroy(&self.device);
+        // SAFETY: the semaphore is ours, goes once, and the device is idle.
+        unsafe { self.device.destroy_semaphore(self.timeline.semaphore, None) };
+    }
+}
+
+/// The logical device, destroyed when dropped: after the allocator, before the instance.
+pub(super) struct OwnedDevice(ash::Device);
+
+impl Deref for OwnedDevice {
+    type Target = ash::Device;
+    fn deref(&self) -> &ash::Device {
+        &self.0
+    }
+}
+
+impl Drop for OwnedDevice {
+    fn drop(&mut self) {
+        // SAFETY: dropped once, after everything made on it (field order of `Gpu`); idle, because
+        // nothing was submitted yet or `Gpu::drop` has waited.
+        unsafe { self.0.destroy_device(None) };
+    }
+}

@@ -1,0 +1,260 @@
+//! Device memory: buffers and images, each with an allocation of its own from one allocator.
+
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use gpu_allocator::vulkan::{
+    Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc,
+};
+
+use super::VkError;
+use super::instance::Instance;
+use crate::fault;
+
+/// From this size on a resource gets memory of its own instead of a place in a block.
+const DEDICATED: u64 = 32 << 20; // blocks are 64-256 MiB; larger pieces would strand their rest
+
+/// Where a buffer lives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Place {
+    /// On the device; mapped too where host and device share memory.
+    Device,
+    /// Written by the host, read by the device.
+    Upload,
+    /// Written by the device, read by the host.
+    Readback,
+}
+
+/// A buffer and its memory. Freed through [`Memory::free_buffer`], never by dropping.
+pub(super) struct Buffer {
+    pub raw: vk::Buffer,
+    pub bytes: u64,
+    memory: Allocation,
+}
+
+impl Buffer {
+    /// Its bytes as the host sees them, if it is mapped.
+    ///
+    /// The caller has waited for the device's writes; coherent memory needs nothing else.
+    pub fn mapped(&self) -> Option<&[u8]> {
+        self.memory.mapped_slice()
+    }
+    /// Its bytes for writing, if it is mapped. No submission in flight uses the buffer.
+    pub fn mapped_mut(&mut self) -> Option<&mut [u8]> {
+        self.memory.mapped_slice_mut()
+    }
+}
+
+/// An image with its one view and its memory. Freed through [`Memory::free_image`].
+pub(super) struct Image {
+    pub raw: vk::Image,
+    pub view: vk::ImageView,
+    pub aspect: vk::ImageAspectFlags,
+    pub extent: [u32; 2],
+    memory: Allocation,
+}
+
+/// What an image is to be.
+#[derive(Clone, Copy)]
+pub(super) struct ImageDesc {
+    pub format: vk::Format,
+    pub extent: [u32; 2],
+    pub samples: u32,
+    pub usage: vk::ImageUsageFlags,
+    pub aspect: vk::ImageAspectFlags,
+}
+
+/// The allocator. Must be dropped before the device.
+pub(super) struct Memory {
+    device: ash::Device,
+    allocator: Allocator,
+    unified: bool,
+}
+
+impl Memory {
+    pub fn new(
+        instance: &Instance,
+        device: &ash::Device,
+        physical: vk::PhysicalDevice,
+        unified: bool,
+    ) -> Result<Self, VkError> {
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: instance.raw.clone(),
+            device: device.clone(),
+            physical_device: physical,
+            debug_settings: Default::default(),
+            buffer_device_address: false,
+            allocation_sizes: Default::default(),
+        })
+        .map_err(|e| VkError::OutOfMemory {
+            what: "the allocator".into(),
+            bytes: 0,
+            detail: e.to_string(),
+        })?;
+        Ok(Self { device: device.clone(), allocator, unified })
+    }
+
+    /// Whether buffers placed on the device are mapped as well.
+    pub fn unified(&self) -> bool {
+        self.unified
+    }
+
+    /// Bytes the allocator holds from the device.
+    pub fn capacity(&self) -> u64 {
+        self.allocator.capacity()
+    }
+
+    /// A buffer of `bytes`, rounded up to whole words; its contents are undefined.
+    pub fn buffer(
+        &mut self,
+        name: &str,
+        bytes: u64,
+        usage: vk::BufferUsageFlags,
+        place: Place,
+    ) -> Result<Buffer, VkError> {
+        let location = match place {
+            // Cached where possible: results are read back by the host in place.
+            Place::Device if self.unified => MemoryLocation::GpuToCpu,
+            Place::Device => MemoryLocation::GpuOnly,
+            Place::Upload => MemoryLocation::CpuToGpu,
+            Place::Readback => MemoryLocation::GpuToCpu,
+        };
+        let bytes = bytes.next_multiple_of(4).max(16);
+        self.room_for(name, bytes)?;
+        let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
+        // SAFETY: the device is live: `Gpu` drops `Memory` before it.
+        let raw = unsafe { self.device.create_buffer(&info, None) }
+            .map_err(VkError::of("vkCreateBuffer"))?;
+        // SAFETY: `raw` was just created by this device.
+        let requirements = unsafe { self.device.get_buffer_memory_requirements(raw) };
+        let scheme = if bytes >= DEDICATED {
+            AllocationScheme::DedicatedBuffer(raw)
+        } else {
+            AllocationScheme::GpuAllocatorManaged
+        };
+        let bound = self.allocate(name, requirements, location, true, scheme).and_then(|memory| {
+            // SAFETY: both are fresh, of this device and unbound; size, alignment and type come
+            // from the buffer's own requirements.
+            let bind =
+                unsafe { self.device.bind_buffer_memory(raw, memory.memory(), memory.offset()) };
+            bind.map(|()| memory).map_err(VkError::of("vkBindBufferMemory"))
+        });
+        match bound {
+            Ok(memory) => Ok(Buffer { raw, bytes, memory }),
+            Err(e) => {
+                // SAFETY: `raw` is ours and was never used.
+                unsafe { self.device.destroy_buffer(raw, None) };
+                Err(e)
+            }
+        }
+    }
+
+    /// A two-dimensional image in undefined layout, with a view of all of it.
+    pub fn image(&mut self, name: &str, desc: ImageDesc) -> Result<Image, VkError> {
+        let [width, height] = desc.extent;
+        self.room_for(name, u64::from(width) * u64::from(height) * u64::from(desc.samples) * 4)?;
+        let info = vk::ImageCreateInfo::default()
+            .image_type(vk::ImageType::TYPE_2D)
+            .format(desc.format)
+            .extent(vk::Extent3D { width, height, depth: 1 })
+            .mip_levels(1)
+            .array_layers(1)
+            .samples(vk::SampleCountFlags::from_raw(desc.samples))
+            .tiling(vk::ImageTiling::OPTIMAL)
+            .usage(desc.usage);
+        // SAFETY: the device is live: `Gpu` drops `Memory` before it.
+        let raw = unsafe { self.device.create_image(&info, None) }
+            .map_err(VkError::of("vkCreateImage"))?;
+        // SAFETY: `raw` was just created by this device.
+        let requirements = unsafe { self.device.get_image_memory_requirements(raw) };
+        let scheme = AllocationScheme::DedicatedImage(raw);
+        let memory = self
+            .allocate(name, requirements, MemoryLocation::GpuOnly, false, scheme)
+            .inspect_err(|_| {
+                // SAFETY: `raw` is ours and was never used.
+                unsafe { self.device.destroy_image(raw, None) };
+            })?;
+        let range = vk::ImageSubresourceRange {
+            aspect_mask: desc.aspect,
+            level_count: 1,
+            layer_count: 1,
+            ..Default::default()
+        };
+        // SAFETY: image and memory are fresh, of this device and unbound, the memory made for the
+        // image's own requirements; the view shows an image that is bound by then.
+        let view = unsafe {
+            self.device.bind_image_memory(raw, memory.memory(), memory.offset()).and_then(|()| {
+                let info = vk::ImageViewCreateInfo::default()
+                    .image(raw)
+                    .view_type(vk::ImageViewType::TYPE_2D)
+                    .format(desc.format)
+                    .subresource_range(range);
+                self.device.create_image_view(&info, None)
+            })
+        };
+        let mut image = Image {
+            raw,
+            view: vk::ImageView::null(),
+            aspect: desc.aspect,
+            extent: desc.extent,
+            memory,
+        };
+        match view {
+            Ok(view) => {
+                image.view = view;
+                Ok(image)
+            }
+            Err(e) => {
+                self.free_image(image);
+                Err(VkError::of("vkCreateImageView")(e))
+            }
+        }
+    }
+
+    /// Destroys a buffer that the device is done with (the retire queue yielded it, or no
+    /// submission ever used it).
+    pub fn free_buffer(&mut self, b: Buffer) {
+        // SAFETY: `b.raw` came from this device and is owned by `b`, which we consume; by the
+        // contract above the timeline has passed its last use.
+        unsafe { self.device.destroy_buffer(b.raw, None) };
+        // Freeing fails only for an allocation that is not ours.
+        let _ = self.allocator.free(b.memory);
+    }
+
+    /// Destroys an image that the device is done with.
+    pub fn free_image(&mut self, i: Image) {
+        // SAFETY: image and view came from this device and are owned by `i`, which we consume; the
+        // timeline has passed their last use. A null view is ignored.
+        unsafe {
+            self.device.destroy_image_view(i.view, None);
+            self.device.destroy_image(i.raw, None);
+        }
+        let _ = self.allocator.free(i.memory);
+    }
+
+    fn room_for(&self, name: &str, bytes: u64) -> Result<(), VkError> {
+        if fault::hit(fault::Point::Allocate) {
+            return Err(VkError::OutOfMemory {
+                what: name.into(),
+                bytes,
+                detail: "planted".into(),
+            });
+        }
+        Ok(())
+    }
+
+    fn allocate(
+        &mut self,
+        name: &str,
+        requirements: vk::MemoryRequirements,
+        location: MemoryLocation,
+        linear: bool,
+        allocation_scheme: AllocationScheme,
+    ) -> Result<Allocation, VkError> {
+        let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme };
+        self.allocator.allocate(&desc).map_err(|e| VkError::OutOfMemory {
+            what: name.into(),
+            bytes: requirements.size,
+            detail: e.to_string(),
+        })
+    }
+}

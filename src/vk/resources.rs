@@ -1,0 +1,220 @@
+//! Buffers and images that outlive one submission, by handle: what the renderer draws from, draws
+//! to and reads back.
+
+use ash::vk;
+
+use super::memory::{self, Buffer, ImageDesc, Place};
+use super::slab::Handle;
+use super::{Gpu, VkError};
+
+/// Pixel formats drawing uses; every Vulkan 1.3 device can draw to them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Format {
+    /// Four bytes, encoded as sRGB on writing; shaders and blending see linear light.
+    Rgba8Srgb,
+    /// Four half floats, linear.
+    Rgba16Float,
+    /// 32-bit float depth.
+    Depth32,
+}
+
+impl Format {
+    pub(super) fn raw(self) -> vk::Format {
+        match self {
+            Self::Rgba8Srgb => vk::Format::R8G8B8A8_SRGB,
+            Self::Rgba16Float => vk::Format::R16G16B16A16_SFLOAT,
+            Self::Depth32 => vk::Format::D32_SFLOAT,
+        }
+    }
+}
+
+/// What an image is to be.
+#[derive(Clone, Copy, Debug)]
+pub struct ImageSpec {
+    /// Pixel format.
+    pub format: Format,
+    /// Width and height.
+    pub extent: [u32; 2],
+    /// Samples a pixel.
+    pub samples: u32,
+}
+
+/// A buffer of the device with its history.
+pub struct GpuBuffer {
+    pub(super) buffer: Buffer,
+    /// Timeline value of its latest use.
+    pub(super) last_use: u64,
+    /// Largest vertex an index buffer names.
+    pub(super) max_index: u32,
+}
+
+/// An image of the device with its history.
+pub struct GpuImage {
+    pub(super) image: memory::Image,
+    pub(super) layout: vk::ImageLayout,
+}
+
+/// Handle to a buffer.
+pub type BufferId = Handle<GpuBuffer>;
+/// Handle to an image.
+pub type ImageId = Handle<GpuImage>;
+
+/// Freed, but perhaps still in use by the device.
+pub(super) enum Dead {
+    Buffer(Buffer),
+    Image(memory::Image),
+    Sets(vk::DescriptorPool),
+}
+
+impl Gpu {
+    /// A vertex buffer on the device.
+    ///
+    /// # Errors
+    /// [`VkError::OutOfMemory`], [`VkError::DeviceLost`], or the failing call.
+    pub fn vertex_buffer(&mut self, name: &str, data: &[u8]) -> Result<BufferId, VkError> {
+        self.filled(name, data, vk::BufferUsageFlags::VERTEX_BUFFER, 0)
+    }
+
+    /// An index buffer on the device.
+    ///
+    /// # Errors
+    /// As [`Gpu::vertex_buffer`].
+    pub fn index_buffer(&mut self, name: &str, data: &[u32]) -> Result<BufferId, VkError> {
+        let max = data.iter().copied().max().unwrap_or(0);
+        self.filled(name, bytemuck::cast_slice(data), vk::BufferUsageFlags::INDEX_BUFFER, max)
+    }
+
+    /// A persistently mapped buffer that images are copied to.
+    ///
+    /// # Errors
+    /// As [`Gpu::vertex_buffer`].
+    pub fn readback_buffer(&mut self, name: &str, bytes: u64) -> Result<BufferId, VkError> {
+        let usage = vk::BufferUsageFlags::TRANSFER_DST;
+        let buffer = self.memory.buffer(name, bytes, usage, Place::Readback)?;
+        Ok(self.buffers.insert(GpuBuffer { buffer, last_use: 0, max_index: 0 }))
+    }
+
+    /// An image to draw to, to sample (one sample a pixel), and to read back.
+    ///
+    /// # Errors
+    /// As [`Gpu::vertex_buffer`].
+    pub fn image(&mut self, name: &str, spec: ImageSpec) -> Result<ImageId, VkError> {
+        use vk::ImageUsageFlags as Use;
+        let depth = spec.format == Format::Depth32;
+        let usage = match (depth, spec.samples) {
+            (true, _) => Use::DEPTH_STENCIL_ATTACHMENT,
+            (false, 1) => Use::COLOR_ATTACHMENT | Use::TRANSFER_SRC | Use::SAMPLED,
+            (false, _) => Use::COLOR_ATTACHMENT,
+        };
+        let aspect = if depth { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
+        let desc = ImageDesc {
+            format: spec.format.raw(),
+            extent: spec.extent,
+            samples: spec.samples,
+            usage,
+            aspect,
+        };
+        let image = self.memory.image(name, desc)?;
+        Ok(self.images.insert(GpuImage { image, layout: vk::ImageLayout::UNDEFINED }))
+    }
+
+    /// Frees a buffer once the device is done with it. A stale handle does nothing.
+    pub fn free_buffer(&mut self, id: BufferId) {
+        if let Some(b) = self.buffers.remove(id) {
+            self.dead.push(self.timeline.submitted, Dead::Buffer(b.buffer));
+        }
+    }
+
+    /// Frees an image once the device is done with it. A stale handle does nothing.
+    pub fn free_image(&mut self, id: ImageId) {
+        if let Some(i) = self.images.remove(id) {
+            self.dead.push(self.timeline.submitted, Dead::Image(i.image));
+        }
+    }
+
+    /// The bytes of a read-back buffer, after waiting for the device's last write to it.
+    ///
+    /// # Errors
+    /// [`VkError::DeviceLost`] when there is nothing left to wait for.
+    ///
+    /// # Panics
+    /// If the buffer is not a read-back buffer.
+    pub fn read(&mut self, id: BufferId) -> Result<&[u8], VkError> {
+        let last_use = self.buffers.get(id).last_use;
+        self.timeline.wait(&self.device, last_use)?;
+        Ok(self.buffers.get(id).buffer.mapped().expect("read-back memory is mapped"))
+    }
+
+    fn filled(
+        &mut self,
+        name: &str,
+        data: &[u8],
+        usage: vk::BufferUsageFlags,
+        max_index: u32,
+    ) -> Result<BufferId, VkError> {
+        let bytes = data.len() as u64;
+        let usage = usage | vk::BufferUsageFlags::TRANSFER_DST;
+        let mut buffer = self.memory.buffer(name, bytes, usage, Place::Device)?;
+        if self.memory.unified()
+            && let Some(to) = buffer.mapped_mut()
+        {
+            to[..data.len()].copy_from_slice(data);
+        } else if let Err(e) = self.copy_in(name, data, &buffer) {
+            self.memory.free_buffer(buffer);
+            return Err(e);
+        }
+        let last_use = self.timeline.submitted;
+        Ok(self.buffers.insert(GpuBuffer { buffer, last_use, max_index }))
+    }
+
+    /// Copies through staging memory and waits.
+    fn copy_in(&mut self, name: &str, data: &[u8], to: &Buffer) -> Result<(), VkError> {
+        if data.is_empty() {
+            return Ok(());
+        }
+        let usage = vk::BufferUsageFlags::TRANSFER_SRC;
+        let mut from = self.memory.buffer(name, data.len() as u64, usage, Place::Upload)?;
+        from.mapped_mut().expect("upload memory is mapped")[..data.len()].copy_from_slice(data);
+        let done = (|| {
+            let reached = self.timeline.reached(&self.device)?;
+            let cmd = self.commands.begin(&self.device, reached)?;
+            let all = [vk::BufferCopy::default().size(data.len() as u64)];
+            // SAFETY: `cmd` is recording; both buffers are ours, at least this long, and live
+            // until after the wait.
+            unsafe { self.device.cmd_copy_buffer(cmd, from.raw, to.raw, &all) };
+            let value = self.commands.submit(&self.device, self.queue, &mut self.timeline, cmd)?;
+            self.timeline.wait(&self.device, value)
+        })();
+        if done.is_err() {
+            // SAFETY: `&mut self` makes us the only user of the queue.
+            let _ = unsafe { self.device.device_wait_idle() };
+        }
+        self.memory.free_buffer(from);
+        done
+    }
+
+    /// Frees what the device has passed.
+    pub(super) fn reap(&mut self) -> Result<u64, VkError> {
+        let reached = self.timeline.reached(&self.device)?;
+        let dead: Vec<_> = self.dead.reap(reached).collect();
+        dead.into_iter().for_each(|d| self.bury(d));
+        Ok(reached)
+    }
+
+    fn bury(&mut self, dead: Dead) {
+        match dead {
+            Dead::Buffer(b) => self.memory.free_buffer(b),
+            Dead::Image(i) => self.memory.free_image(i),
+            // SAFETY: the pool is ours; the timeline has passed the submission that used its sets.
+            Dead::Sets(pool) => unsafe { self.device.destroy_descriptor_pool(pool, None) },
+        }
+    }
+
+    /// Frees everything that is left. The device is idle.
+    pub(super) fn bury_all(&mut self) {
+        let mut all: Vec<Dead> = self.dead.reap(u64::MAX).collect();
+        all.extend(self.buffers.drain().map(|b| Dead::Buffer(b.buffer)));
+        all.extend(self.images.drain().map(|i| Dead::Image(i.image)));
+        all.into_iter().for_each(|d| self.bury(d));
+    }
+}

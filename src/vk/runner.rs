@@ -1,0 +1,463 @@
+//! Runs a plan: one command buffer, one submission, one barrier between dependent launches, and
+//! only what was asked for is read back.
+
+use ash::vk;
+
+use super::memory::{Buffer, Place};
+use super::{Gpu, VkError};
+use crate::compute::{Contents, Outputs, Plan, Step, StepTime};
+
+/// Knobs of a run for tests of the tests.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct RunOptions {
+    /// Leaves out the barriers between launches, so that validation has a hazard to find.
+    pub skip_barriers: bool,
+}
+
+/// Everything a run holds on the device.
+#[derive(Default)]
+struct Held {
+    /// By plan buffer; `None` where no launch binds it or it has no bytes.
+    buffers: Vec<Option<Buffer>>,
+    /// Bound in place of buffers without bytes. A shader sees four words there and no size, so
+    /// kernels take their sizes from the immediate block.
+    dummy: Option<Buffer>,
+    staging: Vec<(usize, Buffer)>,
+    readback: Vec<(usize, Buffer)>,
+    sets: vk::DescriptorPool,
+    queries: vk::QueryPool,
+}
+
+impl Gpu {
+    /// Runs a plan and waits for it.
+    ///
+    /// # Errors
+    /// [`VkError::TooLarge`] before anything is done, [`VkError::OutOfMemory`],
+    /// [`VkError::DeviceLost`], or the failing call. Nothing stays allocated.
+    pub fn run(&mut self, plan: &Plan<'_>) -> Result<Outputs, VkError> {
+        self.run_with(plan, RunOptions::default())
+    }
+
+    /// [`Gpu::run`] with knobs.
+    ///
+    /// # Errors
+    /// As [`Gpu::run`].
+    #[doc(hidden)]
+    pub fn run_with(&mut self, plan: &Plan<'_>, options: RunOptions) -> Result<Outputs, VkError> {
+        let bound = bound(plan);
+        self.check(plan, &bound)?;
+        let mut held = Held::default();
+        let result = self.run_held(plan, &bound, options, &mut held);
+        self.let_go(held, result.is_err());
+        result
+    }
+
+    fn check(&self, plan: &Plan<'_>, bound: &[bool]) -> Result<(), VkError> {
+        let limit = self.info.max_storage_buffer_range.min(self.info.max_buffer_bytes);
+        for (b, _) in plan.buffers().iter().zip(bound).filter(|(_, bound)| **bound) {
+            if b.bytes as u64 > limit {
+                let device = self.info.name.clone();
+                let bytes = b.bytes as u64;
+                return Err(VkError::TooLarge { buffer: b.name, bytes, limit, device });
+            }
+        }
+        for step in plan.steps() {
+            let [x, y] = self.info.limits.groups.map(u64::from);
+            // Kernels count threads in 32 bits.
+            let limit = (x * y * u64::from(step.kernel.shader.workgroup)).min(u32::MAX.into());
+            if step.threads as u64 > limit {
+                let (kernel, threads) = (step.kernel.name(), step.threads as u64);
+                return Err(VkError::TooManyThreads { kernel, threads, limit });
+            }
+        }
+        Ok(())
+    }
+
+    fn run_held(
+        &mut self,
+        plan: &Plan<'_>,
+        bound: &[bool],
+        options: RunOptions,
+        held: &mut Held,
+    ) -> Result<Outputs, VkError> {
+        self.allocate(plan, bound, held)?;
+        let sets = self.write_sets(plan, held)?;
+        let steps = plan.steps().len() as u32;
+        if self.info.limits.timestamp_bits > 0 && steps > 0 {
+            let info = vk::QueryPoolCreateInfo::default()
+                .query_type(vk::QueryType::TIMESTAMP)
+                .query_count(steps + 1);
+            // SAFETY: the device is live; the pool goes to `held`, which is let go after the wait.
+            held.queries = unsafe { self.device.create_query_pool(&info, None) }
+                .map_err(VkError::of("vkCreateQueryPool"))?;
+        }
+        // Pipelines first: creating one can fail, and then nothing has been recorded.
+        let mut pipelines = Vec::with_capacity(plan.steps().len());
+        for step in plan.steps() {
+            let shader = step.kernel.shader;
+            let validating = self.validated();
+            pipelines.push(self.pipelines.get(&self.device, &self.cache, shader, validating)?);
+        }
+
+        let reached = self.timeline.reached(&self.device)?;
+        let cmd = self.commands.begin(&self.device, reached)?;
+        self.record_uploads(cmd, plan, held);
+        let mut hazards = Hazards::new(plan.buffers().len());
+        self.stamp(cmd, held, 0);
+        for (i, step) in plan.steps().iter().enumerate() {
+            if step.threads > 0 {
+                if hazards.before(step) && !options.skip_barriers {
+                    self.barrier(cmd, COMPUTE_WRITE, COMPUTE_ACCESS);
+                }
+                let shader = step.kernel.shader;
+                let groups = fold(step.threads, shader.workgroup, self.info.limits.groups[0]);
+                let p = pipelines[i];
+                // SAFETY: `cmd` is recording; pipeline, layout and set are alive until the
+                // timeline passes this submission, which `run_held` waits for; the params have the
+                // layout's size (checked when the launch was appended); group counts are within
+                // the limits that `check` compared with.
+                unsafe {
+                    let point = vk::PipelineBindPoint::COMPUTE;
+                    self.device.cmd_bind_pipeline(cmd, point, p.pipeline);
+                    self.device.cmd_bind_descriptor_sets(cmd, point, p.layout, 0, &[sets[i]], &[]);
+                    if !step.params.is_empty() {
+                        let stage = vk::ShaderStageFlags::COMPUTE;
+                        self.device.cmd_push_constants(cmd, p.layout, stage, 0, &step.params);
+                    }
+                    self.device.cmd_dispatch(cmd, groups[0], groups[1], 1);
+                }
+            }
+            self.stamp(cmd, held, i as u32 + 1);
+        }
+        self.record_downloads(cmd, plan, held);
+        let value = self.commands.submit(&self.device, self.queue, &mut self.timeline, cmd)?;
+        self.timeline.wait(&self.device, value)?;
+
+        let mut out = Outputs::default();
+        out.times = self.times(plan, held)?;
+        for id in plan.downloads() {
+            let at = id.0 as usize;
+            let bytes = plan.buffers()[at].bytes;
+            let copied = held.readback.iter().find(|(b, _)| *b == at).map(|(_, b)| b);
+            match copied.or(held.buffers[at].as_ref()).and_then(Buffer::mapped) {
+                Some(data) => out.insert_bytes(*id, &data[..bytes]),
+                // No launch touches it: what went in comes out.
+                None => match &plan.buffers()[at].contents {
+                    Contents::Zeroed => out.insert_bytes(*id, &vec![0; bytes]),
+                    Contents::Borrowed(data) => out.insert_bytes(*id, data),
+                    Contents::Owned(data) => out.insert_bytes(*id, data),
+                },
+            }
+        }
+        Ok(out)
+    }
+
+    fn allocate(
+        &mut self,
+        plan: &Plan<'_>,
+        bound: &[bool],
+        held: &mut Held,
+    ) -> Result<(), VkError> {
+        use vk::BufferUsageFlags as Use;
+        let storage = Use::STORAGE_BUFFER | Use::TRANSFER_SRC | Use::TRANSFER_DST;
+        held.buffers.resize_with(plan.buffers().len(), || None);
+        for (at, b) in plan.buffers().iter().enumerate() {
+            if !bound[at] || b.bytes == 0 {
+                continue;
+            }
+            let bytes = b.bytes as u64;
+            let mut buffer = self.memory.buffer(b.name, bytes, storage, Place::Device)?;
+            let data: Option<&[u8]> = match &b.contents {
+                Contents::Zeroed => None,
+                Contents::Borrowed(data) => Some(data),
+                Contents::Owned(data) => Some(data),
+            };
+            if let Some(data) = data {
+                if self.memory.unified()
+                    && let Some(to) = buffer.mapped_mut()
+                {
+                    to[..data.len()].copy_from_slice(data);
+                } else {
+                    let mut s =
+                        self.memory.buffer(b.name, bytes, Use::TRANSFER_SRC, Place::Upload)?;
+                    let to = s.mapped_mut().expect("upload memory is mapped");
+                    to[..data.len()].copy_from_slice(data);
+                    held.staging.push((at, s));
+                }
+            }
+            held.buffers[at] = Some(buffer);
+        }
+        if plan.steps().iter().any(|s| s.buffers.iter().any(|b| is_empty(plan, b.0))) {
+            held.dummy = Some(self.memory.buffer("nothing", 16, storage, Place::Device)?);
+        }
+        if !self.memory.unified() {
+            for id in plan.downloads() {
+                let at = id.0 as usize;
+                if held.buffers[at].is_some() {
+                    let b = &plan.buffers()[at];
+                    let to = Use::TRANSFER_DST;
+                    let r = self.memory.buffer(b.name, b.bytes as u64, to, Place::Readback)?;
+                    held.readback.push((at, r));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// One descriptor set a launch, from a pool of this run.
+    fn write_sets(
+        &mut self,
+        plan: &Plan<'_>,
+        held: &mut Held,
+    ) -> Result<Vec<vk::DescriptorSet>, VkError> {
+        let steps = plan.steps();
+        if steps.is_empty() {
+            return Ok(Vec::new());
+        }
+        let count: usize = steps.iter().map(|s| s.buffers.len()).sum();
+        let sizes = [vk::DescriptorPoolSize {
+            ty: vk::DescriptorType::STORAGE_BUFFER,
+            descriptor_count: count.max(1) as u32,
+        }];
+        let info =
+            vk::DescriptorPoolCreateInfo::default().max_sets(steps.len() as u32).pool_sizes(&sizes);
+        // SAFETY: the device is live; the pool goes to `held`, which is let go after the wait.
+        held.sets = unsafe { self.device.create_descriptor_pool(&info, None) }
+            .map_err(VkError::of("vkCreateDescriptorPool"))?;
+        let mut sets = Vec::with_capacity(steps.len());
+        for step in steps {
+            let shader = step.kernel.shader;
+            let validating = self.validated();
+            let p = self.pipelines.get(&self.device, &self.cache, shader, validating)?;
+            let layouts = [p.set];
+            let info = vk::DescriptorSetAllocateInfo::default()
+                .descriptor_pool(held.sets)
+                .set_layouts(&layouts);
+            // SAFETY: pool and layout are of this device and ours alone; the pool has room for one
+            // set a launch and all its descriptors.
+            let set = unsafe { self.device.allocate_descriptor_sets(&info) }
+                .map_err(VkError::of("vkAllocateDescriptorSets"))?[0];
+            let shown: Vec<_> = step
+                .buffers
+                .iter()
+                .map(|id| match &held.buffers[id.0 as usize] {
+                    Some(b) => [vk::DescriptorBufferInfo {
+                        buffer: b.raw,
+                        offset: 0,
+                        range: plan.buffers()[id.0 as usize].bytes as u64,
+                    }],
+                    None => [vk::DescriptorBufferInfo {
+                        buffer: held.dummy.as_ref().expect("allocated for empty buffers").raw,
+                        offset: 0,
+                        range: 16,
+                    }],
+                })
+                .collect();
+            let writes: Vec<_> = shown
+                .iter()
+                .enumerate()
+                .map(|(i, shown)| {
+                    vk::WriteDescriptorSet::default()
+                        .dst_set(set)
+                        .dst_binding(i as u32)
+                        .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                        .buffer_info(shown)
+                })
+                .collect();
+            // SAFETY: the set is fresh and not in use; buffers live in `held` until after the wait.
+            unsafe { self.device.update_descriptor_sets(&writes, &[]) };
+            sets.push(set);
+        }
+        Ok(sets)
+    }
+
+    fn record_uploads(&self, cmd: vk::CommandBuffer, plan: &Plan<'_>, held: &Held) {
+        let mut any = false;
+        for (at, b) in held.buffers.iter().enumerate() {
+            let Some(b) = b else { continue };
+            if matches!(plan.buffers()[at].contents, Contents::Zeroed) {
+                // SAFETY: `cmd` is recording; the buffer is ours, idle, and has transfer usage.
+                unsafe { self.device.cmd_fill_buffer(cmd, b.raw, 0, vk::WHOLE_SIZE, 0) };
+                any = true;
+            }
+        }
+        for (at, from) in &held.staging {
+            let to = held.buffers[*at].as_ref().expect("staged for this buffer");
+            let all = [vk::BufferCopy::default().size(to.bytes)];
+            // SAFETY: `cmd` is recording; both buffers are ours, of the same size, and live in
+            // `held` until after the wait.
+            unsafe { self.device.cmd_copy_buffer(cmd, from.raw, to.raw, &all) };
+            any = true;
+        }
+        if any {
+            self.barrier(cmd, TRANSFER_WRITE, COMPUTE_ACCESS);
+        }
+        if held.queries != vk::QueryPool::null() {
+            // SAFETY: the pool is fresh and holds one query more than there are launches.
+            unsafe {
+                let n = plan.steps().len() as u32 + 1;
+                self.device.cmd_reset_query_pool(cmd, held.queries, 0, n);
+            }
+        }
+    }
+
+    fn record_downloads(&self, cmd: vk::CommandBuffer, plan: &Plan<'_>, held: &Held) {
+        if plan.downloads().is_empty() {
+            return;
+        }
+        if !held.readback.is_empty() {
+            let copy = (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::TRANSFER_READ);
+            self.barrier(cmd, COMPUTE_WRITE, copy);
+            for (at, to) in &held.readback {
+                let from = held.buffers[*at].as_ref().expect("read back from this buffer");
+                let all = [vk::BufferCopy::default().size(from.bytes)];
+                // SAFETY: as in `record_uploads`.
+                unsafe { self.device.cmd_copy_buffer(cmd, from.raw, to.raw, &all) };
+            }
+        }
+        let source = if held.readback.is_empty() { COMPUTE_WRITE } else { TRANSFER_WRITE };
+        self.barrier(cmd, source, (vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ));
+    }
+
+    fn barrier(&self, cmd: vk::CommandBuffer, from: Access, to: Access) {
+        let barriers = [vk::MemoryBarrier2::default()
+            .src_stage_mask(from.0)
+            .src_access_mask(from.1)
+            .dst_stage_mask(to.0)
+            .dst_access_mask(to.1)];
+        let info = vk::DependencyInfo::default().memory_barriers(&barriers);
+        // SAFETY: `cmd` is recording on this device; a memory barrier names no handle.
+        unsafe { self.device.cmd_pipeline_barrier2(cmd, &info) };
+    }
+
+    fn stamp(&self, cmd: vk::CommandBuffer, held: &Held, query: u32) {
+        if held.queries != vk::QueryPool::null() {
+            let after_all = vk::PipelineStageFlags2::ALL_COMMANDS;
+            // SAFETY: `cmd` is recording, the pool was reset in it, the queue has timestamps.
+            unsafe { self.device.cmd_write_timestamp2(cmd, after_all, held.queries, query) };
+        }
+    }
+
+    fn times(&self, plan: &Plan<'_>, held: &Held) -> Result<Vec<StepTime>, VkError> {
+        let mut ticks = vec![0u64; plan.steps().len() + 1];
+        if held.queries != vk::QueryPool::null() {
+            let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
+            // SAFETY: the pool is ours, every query of it was written by the submission that we
+            // have waited for, and the slice has a word for each.
+            unsafe { self.device.get_query_pool_results(held.queries, 0, &mut ticks, flags) }
+                .map_err(VkError::of("vkGetQueryPoolResults"))?;
+        }
+        let mask = u64::MAX >> (64 - self.info.limits.timestamp_bits.clamp(1, 64));
+        let seconds = |from: u64, to: u64| {
+            let ticks = to.wrapping_sub(from) & mask;
+            ticks as f64 * f64::from(self.info.timestamp_period_ns) * 1e-9
+        };
+        let steps = plan.steps().iter().zip(ticks.windows(2));
+        let time = |(step, t): (&Step, &[u64])| StepTime {
+            kernel: step.kernel.name(),
+            unit: step.kernel.unit,
+            items: step.items,
+            bytes: step.buffers.iter().map(|b| plan.buffers()[b.0 as usize].bytes as u64).sum(),
+            seconds: seconds(t[0], t[1]),
+        };
+        Ok(steps.map(time).collect())
+    }
+
+    fn let_go(&mut self, held: Held, failed: bool) {
+        // SAFETY: `&mut self` makes us the only user of the queue. A run that succeeded has waited
+        // already; one that failed may have left work behind. After that, nothing in `held` is in
+        // use, all of it is ours and goes once; null pools are ignored.
+        unsafe {
+            if failed {
+                let _ = self.device.device_wait_idle();
+            }
+            self.device.destroy_descriptor_pool(held.sets, None);
+            self.device.destroy_query_pool(held.queries, None);
+        }
+        let moved = held.staging.into_iter().chain(held.readback).map(|(_, b)| b);
+        for b in held.buffers.into_iter().flatten().chain(held.dummy).chain(moved) {
+            self.memory.free_buffer(b);
+        }
+    }
+}
+
+type Access = (vk::PipelineStageFlags2, vk::AccessFlags2);
+
+const COMPUTE_WRITE: Access =
+    (vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_STORAGE_WRITE);
+const COMPUTE_ACCESS: Access = (
+    vk::PipelineStageFlags2::COMPUTE_SHADER,
+    vk::AccessFlags2::from_raw(
+        vk::AccessFlags2::SHADER_STORAGE_READ.as_raw()
+            | vk::AccessFlags2::SHADER_STORAGE_WRITE.as_raw(),
+    ),
+);
+const TRANSFER_WRITE: Access =
+    (vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_WRITE);
+
+/// Which buffers have been touched since the last barrier.
+struct Hazards {
+    read: Vec<bool>,
+    written: Vec<bool>,
+}
+
+impl Hazards {
+    fn new(buffers: usize) -> Self {
+        Self { read: vec![false; buffers], written: vec![false; buffers] }
+    }
+
+    /// Whether `step` needs a barrier before it; then notes what it touches.
+    fn before(&mut self, step: &Step) -> bool {
+        let touched = || step.buffers.iter().zip(step.kernel.shader.bindings);
+        let clash = touched().any(|(id, b)| {
+            let at = id.0 as usize;
+            self.written[at] || (b.writable && self.read[at])
+        });
+        if clash {
+            self.read.fill(false);
+            self.written.fill(false);
+        }
+        for (id, b) in touched() {
+            let list = if b.writable { &mut self.written } else { &mut self.read };
+            list[id.0 as usize] = true;
+        }
+        clash
+    }
+}
+
+fn bound(plan: &Plan<'_>) -> Vec<bool> {
+    let mut bound = vec![false; plan.buffers().len()];
+    for id in plan.steps().iter().flat_map(|s| &s.buffers) {
+        bound[id.0 as usize] = true;
+    }
+    bound
+}
+
+fn is_empty(plan: &Plan<'_>, id: u32) -> bool {
+    plan.buffers()[id as usize].bytes == 0
+}
+
+/// Workgroups for `threads`, folded into two dimensions where one would pass the device's limit;
+/// `shaders/lib/thread.wgsl` unfolds them.
+fn fold(threads: usize, workgroup: u32, limit: u32) -> [u32; 2] {
+    let groups = threads.div_ceil(workgroup as usize) as u64;
+    let y = groups.div_ceil(u64::from(limit)).max(1);
+    [groups.div_ceil(y) as u32, y as u32]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::fold;
+
+    #[test]
+    fn folded_workgroups_cover_every_thread_within_the_limit() {
+        for threads in [1, 63, 64, 65, 65535 * 64, 65535 * 64 + 1, 512 * 512 * 512, 1 << 32] {
+            let [x, y] = fold(threads, 64, 65535);
+            assert!(x <= 65535 && y <= 65535, "{threads}: {x} x {y}");
+            let covered = u64::from(x) * u64::from(y) * 64;
+            assert!(covered >= threads as u64, "{threads}: {x} x {y}");
+            assert!(covered - (threads as u64) < 64 * (u64::from(y) + 1), "{threads}: {x} x {y}");
+        }
+    }
+}

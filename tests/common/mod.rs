@@ -1,0 +1,37 @@
+//! What the Vulkan tests share: opening a validated device, or saying why the test is skipped.
+#![allow(dead_code)]
+
+use intima::vk::{Choice, Gpu, OpenOptions, Validate};
+
+/// A validated device with no pipeline cache on disk, or `None` with the reason printed. With
+/// `INTIMA_REQUIRE_GPU=1` a missing device or layer fails instead.
+///
+/// `INTIMA_TEST_DEVICE=N` takes device N instead of the first real GPU or software.
+pub fn gpu(validate: Validate) -> Option<Gpu> {
+    let choice = match std::env::var("INTIMA_TEST_DEVICE").map(|n| n.parse()) {
+        Ok(Ok(n)) => Choice::Index(n),
+        _ => Choice::Any,
+    };
+    match Gpu::open_with(choice, OpenOptions { validate, cache_dir: None }) {
+        Ok(gpu) => {
+            eprintln!("device: {}", gpu.info().name);
+            Some(gpu)
+        }
+        Err(e) if e.is_no_device() && !required() => {
+            eprintln!("skipped: no Vulkan device ({e})");
+            None
+        }
+        Err(e) => panic!("{e}"),
+    }
+}
+
+/// Whether a skip counts as a failure.
+pub fn required() -> bool {
+    std::env::var("INTIMA_REQUIRE_GPU").is_ok_and(|v| v == "1")
+}
+
+/// Fails with every message the validation layer had.
+pub fn assert_silent(gpu: &Gpu) {
+    let said = gpu.validation_messages();
+    assert!(said.is_empty(), "{} validation messages:\n{}", said.len(), said.join("\n\n"));
+}
