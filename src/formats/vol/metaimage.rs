@@ -45,7 +45,7 @@ impl<'a> Header<'a> {
                 return Ok(Self { path, fields, end });
             }
         }
-        Err(FormatError::field(path, "ElementDataFile", "", "missing"))
+        Err(FormatError::field(path, "ElementDataFile", "absent", "needed"))
     }
 
     /// The first of several names for the same field, with the name used.
@@ -58,7 +58,7 @@ impl<'a> Header<'a> {
     }
 
     fn need(&self, name: &str) -> Result<&str, FormatError> {
-        self.get(name).ok_or_else(|| FormatError::field(self.path, name, "", "missing"))
+        self.get(name).ok_or_else(|| FormatError::field(self.path, name, "absent", "needed"))
     }
 
     fn bad(&self, name: &str, value: &str, why: &str) -> FormatError {

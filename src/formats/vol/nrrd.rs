@@ -66,7 +66,7 @@ impl<'a> Header<'a> {
     }
 
     fn need(&self, name: &str) -> Result<&str, FormatError> {
-        self.get(name).ok_or_else(|| FormatError::field(self.path, name, "", "missing"))
+        self.get(name).ok_or_else(|| FormatError::field(self.path, name, "absent", "needed"))
     }
 
     fn bad(&self, name: &str, value: &str, why: &str) -> FormatError {
@@ -93,14 +93,14 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
         Some("big") => must_swap(true),
         Some(other) => return Err(h.bad("endian", other, "neither little nor big")),
         None if sample_type.size() == 1 || encoding == Encoding::Ascii => false,
-        None => return Err(h.bad("endian", "", "missing, and a sample has several bytes")),
+        None => return Err(h.bad("endian", "absent", "needed, a sample has several bytes")),
     };
     let (format, rescale) = ("NRRD", Rescale::IDENTITY);
     Ok(Layout { format, grid, sample_type, rescale, file, offset, skip, encoding, swap, notes })
 }
 
 fn no_end(path: &Path) -> FormatError {
-    FormatError::field(path, "header", "", "no blank line ends it and no data file is named")
+    FormatError::field(path, "header", "unended", "no blank line ends it and no data file is named")
 }
 
 fn sample_type(h: &Header) -> Result<SampleType, FormatError> {

@@ -26,7 +26,8 @@ impl Stored {
     /// Reads the pixel module of a slice.
     pub fn of(h: &Head) -> Result<Self, FormatError> {
         let get = |element, name: &str| {
-            h.int(0x0028, element).ok_or_else(|| FormatError::field(&h.file, name, "", "missing"))
+            h.int(0x0028, element)
+                .ok_or_else(|| FormatError::field(&h.file, name, "absent", "needed"))
         };
         let allocated = get(0x0100, "BitsAllocated")?;
         let signed = h.int(0x0028, 0x0103).unwrap_or(0);

@@ -120,26 +120,31 @@ impl Plane {
 /// What cannot be read whatever its geometry.
 fn refuse_unreadable(h: &Head) -> Result<(), FormatError> {
     let refuse = |what: String| Err(FormatError::unsupported(&h.file, what));
-    if !syntax::is_plain(&h.syntax) {
-        let name = syntax::name(&h.syntax);
-        return refuse(format!("compressed pixels, transfer syntax {name} ({})", h.syntax));
-    }
     let frames = h.int(0x0028, 0x0008).unwrap_or(1);
     let enhanced = ["1.2.840.10008.5.1.4.1.1.2.1", "1.2.840.10008.5.1.4.1.1.4.1"];
     if frames > 1 || enhanced.contains(&h.text(0x0008, 0x0016).as_str()) {
         return refuse(format!("a multi-frame (enhanced) file of {frames} frames"));
     }
     match (h.int(0x0028, 0x0002).unwrap_or(1), h.text(0x0028, 0x0004).as_str()) {
-        (1, "MONOCHROME2" | "") => Ok(()),
-        (1, "MONOCHROME1") => refuse("MONOCHROME1, where large values are dark".to_owned()),
-        (n, "RGB" | "YBR_FULL" | "YBR_FULL_422") => refuse(format!("colour, {n} samples a pixel")),
-        (_, "PALETTE COLOR") => refuse("palette colour".to_owned()),
-        (n, _) => refuse(format!("{n} samples a pixel in an unknown colour space")),
+        (1, "MONOCHROME2" | "") => {}
+        (1, "MONOCHROME1") => {
+            return refuse("MONOCHROME1, where large values are dark".to_owned());
+        }
+        (_, "PALETTE COLOR") => return refuse("palette colour".to_owned()),
+        (n, space) if space == "RGB" || space.starts_with("YBR_") => {
+            return refuse(format!("colour, {n} samples a pixel"));
+        }
+        (n, _) => return refuse(format!("{n} samples a pixel in an unknown colour space")),
     }
+    if !syntax::is_plain(&h.syntax) {
+        let name = syntax::name(&h.syntax);
+        return refuse(format!("compressed pixels, transfer syntax {name} ({})", h.syntax));
+    }
+    Ok(())
 }
 
 fn plane(h: &Head) -> Result<Plane, FormatError> {
-    let need = |name: &str| FormatError::field(&h.file, name, "", "missing");
+    let need = |name: &str| FormatError::field(&h.file, name, "absent", "needed");
     let name = "PixelSpacing";
     let [between_rows, between_columns] =
         h.decimals(0x0028, 0x0030, name)?.ok_or_else(|| need(name))?;
@@ -161,7 +166,7 @@ fn plane(h: &Head) -> Result<Plane, FormatError> {
 
 fn slice(h: &Head, stored: Stored) -> Result<Slice, FormatError> {
     let name = "ImagePositionPatient";
-    let missing = || FormatError::field(&h.file, name, "", "missing");
+    let missing = || FormatError::field(&h.file, name, "absent", "needed");
     let position: [f64; 3] = h.decimals(0x0020, 0x0032, name)?.ok_or_else(missing)?;
     let one = |element, name, none| {
         Ok::<f64, FormatError>(h.decimals::<1>(0x0028, element, name)?.map_or(none, |v| v[0]))
@@ -235,7 +240,10 @@ fn even_step(path: &Path, places: &[f64]) -> Result<f64, FormatError> {
         );
         return Err(FormatError::unsupported(path, what));
     }
-    Ok((places[places.len() - 1] - places[0]) / steps.len() as f64)
+    // Positions are decimal text; the last binary digits of their difference are noise that would
+    // make an isotropic volume look anisotropic.
+    let mean = (places[places.len() - 1] - places[0]) / steps.len() as f64;
+    Ok((mean * 1e9).round() / 1e9)
 }
 
 /// A single slice has no step; its thickness stands in, then 1 mm.

@@ -155,7 +155,7 @@ impl Walker<'_> {
         if !vr.iter().all(u8::is_ascii_uppercase) {
             let name = format!("element ({:04x},{:04x})", tag.0, tag.1);
             let why = "no value representation, where the transfer syntax is explicit";
-            return Err(FormatError::field(self.file, name, "", why));
+            return Err(FormatError::field(self.file, name, "untyped", why));
         }
         let long = [b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR"];
         let len = if long.contains(&&vr) || [b"UT", b"UV"].contains(&&vr) {
@@ -175,7 +175,8 @@ impl Walker<'_> {
         loop {
             let start = self.at;
             if self.end - self.at < 8 || self.peek_group()? != 2 {
-                let missing = || FormatError::field(self.file, "transfer syntax", "", "missing");
+                let missing =
+                    || FormatError::field(self.file, "transfer syntax", "absent", "needed");
                 return Ok((syntax.ok_or_else(missing)?, start));
             }
             let h = self.head(c)?;
