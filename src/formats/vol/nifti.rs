@@ -133,14 +133,20 @@ fn geometry(path: &Path, h: &NiftiHeader, notes: &mut Vec<String>) -> Result<Gri
             return Err(FormatError::field(path, "xyzt_units", other, why));
         }
     };
+    let side = |i: usize| f64::from(h.pixdim[i]);
+    let mut spacing = DVec3::new(side(1), side(2), side(3));
     let rows = [h.srow_x, h.srow_y, h.srow_z].map(|r| r.map(f64::from));
     if h.sform_code > 0 {
         let col = |j: usize| DVec3::new(rows[0][j], rows[1][j], rows[2][j]);
         let steps = DMat3::from_cols(col(0), col(1), col(2));
-        return grid_from_steps(path, dims, steps, col(3), RAS * mm);
+        let mut found = grid_from_steps(path, dims, steps, col(3), RAS * mm)?;
+        // The lengths of 32-bit columns carry noise that would make an isotropic volume look
+        // anisotropic; where pixdim says the same without it, pixdim is taken.
+        if (found.spacing_mm / (spacing * mm) - 1.0).abs().max_element() < 1e-5 {
+            found.spacing_mm = spacing * mm;
+        }
+        return Ok(found);
     }
-    let side = |i: usize| f64::from(h.pixdim[i]);
-    let mut spacing = DVec3::new(side(1), side(2), side(3));
     if h.dim[0] == 2 && spacing.z == 0.0 {
         notes.push("one slice without a thickness; 1 mm is assumed".to_owned());
         spacing.z = 1.0 / mm;

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::{DMat3, DVec3};
 
@@ -151,7 +151,7 @@ fn encoding(h: &Header) -> Result<Encoding, FormatError> {
 /// First byte of the samples (`None`: they end with the file) and decoded bytes to pass over.
 fn offset(
     h: &Header,
-    file: &PathBuf,
+    file: &Path,
     start: u64,
     encoding: Encoding,
 ) -> Result<(Option<u64>, u64), FormatError> {

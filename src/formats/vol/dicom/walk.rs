@@ -38,6 +38,16 @@ const ALLOWED: [(u16, u16); 21] = [
     (0x0028, 0x1053), // rescale slope
 ];
 
+/// Value representations whose length has 16 bits.
+const SHORT: [&[u8; 2]; 21] = [
+    b"AE", b"AS", b"AT", b"CS", b"DA", b"DS", b"DT", b"FD", b"FL", b"IS", b"LO", b"LT", b"PN",
+    b"SH", b"SL", b"SS", b"ST", b"TM", b"UI", b"UL", b"US",
+];
+
+/// Value representations of the allowed elements. With another one an element is passed over, so
+/// that the parser never sees a head it might read in a different way than we do.
+const PLAIN: [&[u8; 2]; 6] = [b"CS", b"DS", b"IS", b"SS", b"UI", b"US"];
+
 /// No allowed element needs more.
 const MOST_VALUE: u64 = 1024;
 const DEEPEST: usize = 64;
@@ -64,6 +74,13 @@ pub(super) struct Walked {
 struct Coding {
     explicit: bool,
     big: bool,
+}
+
+impl Coding {
+    fn may_copy(self, h: &ElementHead) -> bool {
+        let plain = !self.explicit || PLAIN.contains(&&h.vr);
+        ALLOWED.contains(&h.tag) && plain && u64::from(h.len) <= MOST_VALUE
+    }
 }
 
 struct ElementHead {
@@ -157,8 +174,8 @@ impl Walker<'_> {
             let why = "no value representation, where the transfer syntax is explicit";
             return Err(FormatError::field(self.file, name, "untyped", why));
         }
-        let long = [b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR"];
-        let len = if long.contains(&&vr) || [b"UT", b"UV"].contains(&&vr) {
+        // All others, those of the future included, have a long head.
+        let len = if !SHORT.contains(&&vr) {
             bytes.extend(self.bytes(4)?);
             u32_at(&bytes, 8)
         } else {
@@ -215,7 +232,7 @@ impl Walker<'_> {
             if h.len == UNDEFINED {
                 let explicit = c.explicit && &h.vr != b"UN";
                 self.skip_sequence(Coding { explicit, ..c })?;
-            } else if ALLOWED.contains(&h.tag) && len <= MOST_VALUE && last < Some(h.tag) {
+            } else if c.may_copy(&h) && last < Some(h.tag) {
                 last = Some(h.tag);
                 let value = self.bytes(len)?;
                 stream.extend(&h.bytes);
