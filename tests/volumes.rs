@@ -429,6 +429,17 @@ fn dicom_series_that_are_no_box_are_refused_with_the_miss() {
 }
 
 #[test]
+fn slices_with_their_own_rescale_become_real_values() {
+    let dir = tempfile::tempdir().unwrap();
+    series(dir.path(), &[0.0, 2.0, 4.0], |n, s| s.slope = ["1", "2", "0.5"][n]);
+    let v = read(dir.path()).unwrap();
+    assert_eq!(v.samples.sample_type(), SampleType::F32);
+    assert_eq!([v.real(3), v.real(15), v.real(27)], [-1021.0, -1018.0, -1022.5]);
+    let info = inspect(dir.path(), &ReadOptions::default()).unwrap().image.unwrap();
+    assert_eq!(info.sample_type, "float32");
+}
+
+#[test]
 fn several_dicom_series_are_listed_and_one_is_chosen() {
     let dir = tempfile::tempdir().unwrap();
     let second = dir.path().join("b");

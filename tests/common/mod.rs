@@ -80,6 +80,7 @@ pub struct Slice {
     pub photometric: &'static str,
     pub frames: &'static str,
     pub pixel_spacing: &'static str,
+    pub slope: &'static str,
     pub position: [f64; 3],
     pub orientation: [f64; 6],
     pub pixels: Vec<u16>,
@@ -97,6 +98,7 @@ impl Default for Slice {
             photometric: "MONOCHROME2",
             frames: "1",
             pixel_spacing: "0.75\\0.5",
+            slope: "1",
             position: [0.0; 3],
             orientation: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
             pixels: (0..12).collect(),
@@ -165,7 +167,7 @@ pub fn dicom_slice(s: &Slice) -> Vec<u8> {
     let mut text =
         |tag, vr: &str, value: &str| put(&mut out, s.implicit, tag, vr, value.as_bytes());
     text((0x0028, 0x1052), "DS", "-1024");
-    text((0x0028, 0x1053), "DS", "1");
+    text((0x0028, 0x1053), "DS", s.slope);
     let pixels: Vec<u8> = s.pixels.iter().flat_map(|p| p.to_le_bytes()).collect();
     put(&mut out, s.implicit, (0x7fe0, 0x0010), "OW", &pixels);
     out
