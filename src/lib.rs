@@ -12,3 +12,4 @@ pub mod centerline;
 pub mod surface;
 pub mod vk;
 pub mod device;
+pub mod pipeline;

@@ -1,0 +1,50 @@
+//! `intima distance`.
+
+use std::path::PathBuf;
+
+use super::CliError;
+use super::global::Global;
+use super::lumen_args::LumenArgs;
+use super::timing::timed;
+use crate::formats::write_volume;
+use crate::pipeline::distance_field;
+use crate::volume::{Samples, Volume};
+
+/// `intima distance INPUT LUMEN -o FIELD`
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Volume; may be left out with --mask
+    input: Option<PathBuf>,
+    /// Field to write, 32-bit float, mm, 0 outside: .nrrd, .nii, .nii.gz, .mha or .mhd
+    #[arg(short, long, value_name = "FIELD")]
+    output: PathBuf,
+    #[command(flatten)]
+    lumen: LumenArgs,
+}
+
+impl Args {
+    /// Computes the exact distance and writes it.
+    pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        let chosen = self.lumen.load(self.input.as_deref(), global)?;
+        let (lumen, _) = chosen.lumen(global)?;
+        let mut device = global.open()?;
+        let (field, timing) = timed(global, &mut device, |device, clock| {
+            Ok(distance_field(device, &lumen, clock)?)
+        })?;
+        let start = std::time::Instant::now();
+        let dense = lumen.dense(&field, 0.0f32);
+        let dense_s = start.elapsed().as_secs_f64();
+        write_volume(&self.output, &Volume::new(lumen.grid, Samples::F32(dense)))?;
+        let deepest = field.iter().copied().fold(0.0f32, f32::max);
+        global.say(format_args!(
+            "wrote {}: {} inside voxels, deepest {deepest:.3} mm",
+            self.output.display(),
+            lumen.inside_voxels()
+        ))?;
+        let timing = timing
+            .with("inside_voxels", lumen.inside_voxels())
+            .with("max_distance_mm", f64::from(deepest))
+            .with("dense_s", dense_s);
+        global.answer(&timing)
+    }
+}

@@ -1,0 +1,97 @@
+//! Flags every command takes.
+
+use std::io::Write as _;
+
+use super::CliError;
+use crate::device::{Device, DeviceChoice};
+use crate::formats::whole;
+
+/// Global flags.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Global {
+    /// Which device computes: auto, cpu, gpu or gpu:N
+    ///
+    /// auto takes the first real GPU for everything; without one the CPU computes and software
+    /// Vulkan only draws. gpu takes software Vulkan too.
+    #[arg(long, global = true, default_value = "auto", value_name = "auto|cpu|gpu|gpu:N")]
+    pub device: DeviceChoice,
+    /// Threads of the CPU and of software Vulkan (default: all cores)
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub threads: Option<u32>,
+    /// Print the result as JSON on standard output, and nothing else there
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Say more (repeat for still more)
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+    /// Say only errors
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub quiet: bool,
+    /// Refuse what would take more memory, MB
+    #[arg(long, global = true, value_name = "MB")]
+    pub max_memory: Option<u64>,
+    /// Compute N times after a warm-up and report the median; files are written once
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub repeat: Option<u32>,
+}
+
+impl Global {
+    /// Sets up threads, logging and Ctrl-C before anything else runs.
+    pub fn prepare(&self) -> Result<(), CliError> {
+        if let Some(n) = self.threads {
+            // Software Vulkan reads its thread count when the first instance is made.
+            crate::vk::set_lavapipe_threads(n);
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(n as usize)
+                .build_global()
+                .map_err(|e| CliError::System(e.to_string()))?;
+        }
+        let level = match (self.quiet, self.verbose) {
+            (true, _) => tracing::Level::ERROR,
+            (_, 0) => tracing::Level::WARN,
+            (_, 1) => tracing::Level::INFO,
+            (_, 2) => tracing::Level::DEBUG,
+            _ => tracing::Level::TRACE,
+        };
+        let _ = tracing_subscriber::fmt()
+            .with_max_level(level)
+            .with_writer(std::io::stderr)
+            .without_time()
+            .with_target(false)
+            .try_init();
+        ctrlc::set_handler(|| {
+            whole::discard_unfinished();
+            std::process::exit(130);
+        })
+        .map_err(|e| CliError::System(e.to_string()))
+    }
+
+    /// Opens the device chosen.
+    pub fn open(&self) -> Result<Device, CliError> {
+        let device = Device::open(self.device)?;
+        tracing::info!("computing on {}", device.name());
+        Ok(device)
+    }
+
+    /// Prints a line for people unless `--json` or `-q` ask for silence.
+    pub fn say(&self, line: impl std::fmt::Display) -> Result<(), CliError> {
+        if self.json || self.quiet {
+            return Ok(());
+        }
+        writeln!(std::io::stdout(), "{line}").map_err(CliError::Output)
+    }
+
+    /// Prints a warning on standard error, unless quiet.
+    pub fn warn(&self, line: impl std::fmt::Display) {
+        tracing::warn!("{line}");
+    }
+
+    /// Prints the JSON result, if asked for.
+    pub fn answer(&self, value: &impl serde::Serialize) -> Result<(), CliError> {
+        if !self.json {
+            return Ok(());
+        }
+        let line = serde_json::to_string(value).map_err(|e| CliError::System(e.to_string()))?;
+        writeln!(std::io::stdout(), "{line}").map_err(CliError::Output)
+    }
+}

@@ -1,0 +1,77 @@
+//! `intima info`.
+
+use std::path::PathBuf;
+
+use super::CliError;
+use super::global::Global;
+use crate::formats::{ReadOptions, inspect, read_volume};
+
+/// `intima info INPUT`
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Volume: DICOM folder or file, .nii[.gz], .nrrd/.nhdr, .mha/.mhd
+    input: PathBuf,
+    /// DICOM series: UID, or index from 0
+    #[arg(long, value_name = "UID|INDEX")]
+    series: Option<String>,
+}
+
+#[derive(serde::Serialize)]
+struct Answer {
+    #[serde(flatten)]
+    info: crate::formats::InputInfo,
+    /// Smallest and largest real value.
+    range: Option<[f64; 2]>,
+}
+
+impl Args {
+    /// Prints a table, or JSON.
+    pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        let options = ReadOptions { series: self.series.clone() };
+        let info = inspect(&self.input, &options)?;
+        let range = match &info.image {
+            Some(_) => read_volume(&self.input, &options)?.range().map(|(a, b)| [a, b]),
+            None => None,
+        };
+        global.say(format_args!("format       {}", info.format))?;
+        if let Some(i) = &info.image {
+            let [x, y, z] = i.dims;
+            let [a, b, c] = i.spacing_mm;
+            let [p, q, r] = i.origin_mm;
+            global.say(format_args!("dimensions   {x} x {y} x {z}"))?;
+            global.say(format_args!("spacing      {a} x {b} x {c} mm"))?;
+            global.say(format_args!("origin       {p}, {q}, {r} mm (LPS)"))?;
+            let d = i.direction;
+            for (name, k) in [("i", 0), ("j", 1), ("k", 2)] {
+                global.say(format_args!(
+                    "direction {name}  {:.6}, {:.6}, {:.6}",
+                    d[k],
+                    d[k + 3],
+                    d[k + 6]
+                ))?;
+            }
+            global.say(format_args!(
+                "orientation  {} ({}), {}",
+                i.orientation, i.orientation_words, i.handedness
+            ))?;
+            let rescale = (i.rescale_slope, i.rescale_intercept);
+            global.say(format_args!("samples      {}", i.sample_type))?;
+            global.say(format_args!("rescale      slope {}, intercept {}", rescale.0, rescale.1))?;
+        }
+        if let Some([lo, hi]) = range {
+            global.say(format_args!("range        {lo} to {hi}"))?;
+        }
+        for s in &info.series {
+            let [x, y, z] = s.dims;
+            let n = s.slices;
+            global.say(format_args!(
+                "series {:3}   {} {} {x} x {y} x {z}, {n} slices",
+                s.index, s.uid, s.modality
+            ))?;
+        }
+        for n in &info.notes {
+            global.say(format_args!("note         {n}"))?;
+        }
+        global.answer(&Answer { info, range })
+    }
+}

@@ -1,0 +1,125 @@
+//! The command line: one file a subcommand. This room parses, prints and chooses exit codes; what
+//! it calls is in the rooms above.
+
+mod bench;
+mod centerline;
+mod convert;
+mod devices;
+mod distance;
+mod error;
+mod fair;
+mod generate;
+mod global;
+mod hessian;
+mod info;
+mod input;
+mod lumen_args;
+mod mesh_args;
+mod phantom;
+mod record;
+mod run;
+mod segment;
+mod surface;
+mod timing;
+
+pub use error::CliError;
+
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser, Subcommand};
+
+use global::Global;
+
+/// Fly through a hollow organ inside a CT or MR volume.
+///
+/// Research and education only. Not a medical device. Not for diagnosis.
+#[derive(Debug, Parser)]
+#[command(name = "intima", version, about, long_about, max_term_width = 100)]
+pub struct Cli {
+    #[command(flatten)]
+    global: Global,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// What a volume is: series, dimensions, spacing, direction, range
+    Info(info::Args),
+    /// Write a volume in another format, geometry kept
+    Convert(convert::Args),
+    /// Vulkan devices and what each can do
+    Devices,
+    /// Write an analytic phantom
+    Phantom(phantom::Args),
+    /// Write the lumen: 0 external, 1 internal, 2 boundary
+    Segment(segment::Args),
+    /// Write the exact distance to the wall, mm
+    Distance(distance::Args),
+    /// Write a Hessian eigen-analysis of the distance field or the grey values
+    Hessian(hessian::Args),
+    /// Write the surface of the lumen with smooth normals
+    Surface(surface::Args),
+    /// Smooth the normals of any mesh; vertices do not move
+    Fair(fair::Args),
+    /// Write the centerline: a path, or a tree of all branches
+    Centerline(centerline::Args),
+    /// Write frames of a flight
+    Record(record::Args),
+    /// Everything above in one folder
+    Run(run::Args),
+    /// Time each kernel on each device
+    Bench(bench::Args),
+    /// Print shell completions
+    Completions(generate::CompletionArgs),
+    /// Print the manual page
+    Man,
+}
+
+/// The whole grammar, for completions and tests.
+pub fn command() -> clap::Command {
+    Cli::command()
+}
+
+/// Parses the process's arguments and runs them.
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(e) => {
+            let _ = e.print();
+            return ExitCode::from(if e.use_stderr() { 2 } else { 0 });
+        }
+    };
+    let outcome = cli.global.prepare().and_then(|()| cli.command.run(&cli.global));
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        // A reader that has seen enough closes the pipe; that is not our failure.
+        Err(e) if e.is_broken_pipe() => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("intima: {e}");
+            ExitCode::from(e.exit_code())
+        }
+    }
+}
+
+impl Command {
+    fn run(self, global: &Global) -> Result<(), CliError> {
+        match self {
+            Self::Info(a) => a.run(global),
+            Self::Convert(a) => a.run(global),
+            Self::Devices => devices::run(global),
+            Self::Phantom(a) => a.run(global),
+            Self::Segment(a) => a.run(global),
+            Self::Distance(a) => a.run(global),
+            Self::Hessian(a) => a.run(global),
+            Self::Surface(a) => a.run(global),
+            Self::Fair(a) => a.run(global),
+            Self::Centerline(a) => a.run(global),
+            Self::Record(a) => a.run(global),
+            Self::Run(a) => a.run(global),
+            Self::Bench(a) => a.run(global),
+            Self::Completions(a) => a.run(),
+            Self::Man => generate::man(),
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! Candidates, visibility and route, in both modes.
+
+use std::time::Instant;
+
+use super::{Clock, Fields, PipelineError};
+use crate::centerline::{
+    Arrangement, Proof, Radius, RouteOptions, Sampler, Viewer, add_viewers, centerline, paper_path,
+};
+use crate::compute::Plan;
+use crate::device::Device;
+use crate::field::LumenBuffers;
+use crate::geometry::Centerline;
+use crate::lumen::Lumen;
+
+/// What the chain follows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mode {
+    /// What is right.
+    #[default]
+    Default,
+    /// What the paper says, errors and all.
+    Paper,
+}
+
+/// How to find the centerline.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Ends and tree.
+    pub route: RouteOptions,
+    /// Reach of the viewers.
+    pub radius: Radius,
+}
+
+/// A centerline with the outcome of the visibility test.
+pub struct Centered {
+    /// Path or tree, LPS mm.
+    pub line: Centerline,
+    /// How it was proven inside; `None` for the paper's path, which has no proof.
+    pub proof: Option<Proof>,
+    /// Ridge candidates.
+    pub candidates: usize,
+    /// Viewers kept, added ones included.
+    pub kept: usize,
+    /// Viewers added for voxels no candidate saw.
+    pub added: usize,
+    /// Field elements of boundary voxels that no kept viewer sees, ascending.
+    pub unseen: Vec<u32>,
+    /// Inside voxels no legal route joins to the root.
+    pub unreachable: usize,
+    /// Smallest distance from the line to an external voxel centre, mm.
+    pub min_clearance_mm: f64,
+}
+
+/// Most viewers added for unseen voxels; what is still unseen then is listed.
+const MOST_ADDED: usize = 10_000;
+
+/// Visibility test and centred route.
+///
+/// # Errors
+/// [`PipelineError::Centerline`] and the device's.
+pub fn centered(
+    device: &mut Device,
+    lumen: &Lumen,
+    fields: &Fields,
+    settings: Settings,
+    clock: &mut Clock,
+) -> Result<Centered, PipelineError> {
+    let routed = clock.time(
+        "route",
+        "voxels",
+        || centerline(lumen, &fields.distance, &fields.smooth, settings.route),
+        |_| lumen.inside_voxels(),
+    )?;
+    let distance = Sampler { lumen, field: &fields.distance };
+    // Deepest first: a few wide views come before many narrow ones.
+    let mut order: Vec<usize> = (0..fields.candidates.len()).collect();
+    order.sort_by(|&a, &b| {
+        let (a, b) = (&fields.candidates[a], &fields.candidates[b]);
+        b.distance_mm.total_cmp(&a.distance_mm).then(a.element.cmp(&b.element))
+    });
+    let ranked: Vec<_> = order.iter().map(|&i| fields.candidates[i]).collect();
+    let viewers = clock.time(
+        "reach",
+        "candidates",
+        || settings.radius.viewers(&ranked, distance),
+        |v| v.len() as u64,
+    );
+    let (kept, unseen) = visible(device, lumen, &viewers, &lumen.inside, clock)?;
+    let (added, unseen) = clock.time(
+        "unseen",
+        "boundary voxels",
+        || add_viewers(lumen, &unseen, &fields.distance, MOST_ADDED),
+        |_| unseen.len() as u64,
+    );
+    Ok(Centered {
+        min_clearance_mm: clearance(&routed.line, lumen, &fields.distance),
+        line: routed.line,
+        proof: Some(routed.proof),
+        candidates: viewers.len(),
+        kept: kept.len() + added.len(),
+        added: added.len(),
+        unseen,
+        unreachable: routed.unreachable,
+    })
+}
+
+/// The paper's chain: candidates without the gate in index order, radius by Eq. 5, boundary voxels
+/// block, kept points joined by Dijkstra.
+///
+/// # Errors
+/// [`PipelineError::Centerline`] and the device's.
+pub fn paper_centered(
+    device: &mut Device,
+    lumen: &Lumen,
+    fields: &Fields,
+    radius: Radius,
+    clock: &mut Clock,
+) -> Result<Centered, PipelineError> {
+    let distance = Sampler { lumen, field: &fields.distance };
+    let viewers = radius.viewers(&fields.candidates, distance);
+    let internal: Vec<u64> =
+        lumen.inside.iter().zip(&lumen.boundary).map(|(i, b)| i & !b).collect();
+    let (kept, unseen) = visible(device, lumen, &viewers, &internal, clock)?;
+    let kept: Vec<Viewer> = kept.iter().map(|r| viewers[*r as usize]).collect();
+    let line = clock.time(
+        "paper path",
+        "kept points",
+        || paper_path(lumen, &kept, &fields.distance),
+        |_| kept.len() as u64,
+    )?;
+    Ok(Centered {
+        min_clearance_mm: clearance(&line, lumen, &fields.distance),
+        line,
+        proof: None,
+        candidates: viewers.len(),
+        kept: kept.len(),
+        added: 0,
+        unseen,
+        unreachable: 0,
+    })
+}
+
+/// Runs the visibility test: ranks kept and elements unseen.
+fn visible(
+    device: &mut Device,
+    lumen: &Lumen,
+    viewers: &[Viewer],
+    open: &[u64],
+    clock: &mut Clock,
+) -> Result<(Vec<u32>, Vec<u32>), PipelineError> {
+    let start = Instant::now();
+    let boundary: Vec<u32> = lumen.elements(&lumen.boundary).map(|e| e as u32).collect();
+    let arrangement = Arrangement::new(lumen, viewers, boundary);
+    let mut plan = Plan::new();
+    let buffers = LumenBuffers::new(&mut plan, lumen);
+    let pending = arrangement.launch(&mut plan, &buffers, open);
+    let out = device.run(&plan)?;
+    clock.plan(
+        "visibility",
+        device.name(),
+        start,
+        (lumen.boundary_voxels, "boundary voxels"),
+        &out,
+    );
+    Ok(arrangement.read(pending, &out))
+}
+
+fn clearance(line: &Centerline, lumen: &Lumen, distance: &[f32]) -> f64 {
+    let d = Sampler { lumen, field: distance };
+    let local = lumen.grid.voxel_from_world();
+    line.branches
+        .iter()
+        .flat_map(|b| &b.points)
+        .map(|p| d.at(local.transform_point3(p.position_mm) * lumen.grid.spacing_mm))
+        .fold(f64::INFINITY, f64::min)
+}

@@ -1,0 +1,34 @@
+//! Everything a chain can fail with.
+
+use crate::centerline::CenterlineError;
+use crate::device::DeviceError;
+use crate::formats::FormatError;
+use crate::lumen::LumenError;
+
+/// Why a chain stopped.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PipelineError {
+    /// A file.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+    /// The choice of the lumen.
+    #[error(transparent)]
+    Lumen(#[from] LumenError),
+    /// The centerline.
+    #[error(transparent)]
+    Centerline(#[from] CenterlineError),
+    /// The device.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+    /// More memory than allowed.
+    #[error("this needs about {needed_mb} MB, more than --max-memory {allowed_mb} MB ({what})")]
+    Memory {
+        /// Estimate, MB.
+        needed_mb: u64,
+        /// Limit, MB.
+        allowed_mb: u64,
+        /// What takes it.
+        what: &'static str,
+    },
+}

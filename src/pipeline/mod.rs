@@ -1,0 +1,20 @@
+//! The chain as calls: stages build plans, this room runs them on a device, reads back and goes
+//! on. It also keeps the stage clock, the memory estimate and the report.
+
+mod chain;
+mod clock;
+mod error;
+mod fields;
+mod memory;
+mod report;
+mod surface;
+
+pub use chain::{Centered, Mode, Settings, centered, paper_centered};
+pub use clock::{Clock, Stage};
+pub use error::PipelineError;
+pub use fields::{Fields, Grid3, distance_field, fields, hessian_field, volume_as_bricks};
+pub use memory::{estimate_bytes, peak_memory_mb, refuse_above, reset_peak};
+pub use report::{
+    CenterlineReport, FramesReport, InputReport, LumenReport, Modes, Report, SurfaceReport,
+};
+pub use surface::{SurfaceOptions, Wall, faired, wall};
