@@ -8,5 +8,6 @@ pub mod formats;
 pub mod geometry;
 pub mod kernels;
 pub mod lumen;
+pub mod render;
 pub mod vk;
 pub mod volume;
