@@ -4,7 +4,7 @@
 //!
 //! `shaders/<kernel>.wgsl` gives a module `<kernel>` in `kernels.rs`: SPIR-V, workgroup size, a
 //! `Params` struct laid out as the shader's `var<immediate>`, and a `Bindings` struct of typed
-//! buffers in binding order. `shaders/draw/<pass>.wgsl` gives only SPIR-V and entry points.
+//! buffers in binding order. `shaders/draw/<pass>.wgsl` gives SPIR-V, entry points and `Params`.
 //! A line `#include "lib/x.wgsl"` is replaced by that file, once a shader.
 
 use std::collections::BTreeSet;
@@ -21,14 +21,14 @@ fn main() {
     let mut host = String::new();
     for path in wgsl_files(shaders) {
         let built = Built::new(&path);
-        built.write_spirv(&out);
+        built.write_spirv(&out, "");
         host += &built.kernel_module();
     }
     fs::write(out.join("kernels.rs"), host).expect("write kernels.rs");
     let mut host = String::new();
     for path in wgsl_files(&shaders.join("draw")) {
         let built = Built::new(&path);
-        built.write_spirv(&out);
+        built.write_spirv(&out, "draw_");
         host += &built.draw_module();
     }
     fs::write(out.join("draw.rs"), host).expect("write draw.rs");
@@ -72,16 +72,28 @@ impl Built {
         Self { stem, module, spirv }
     }
 
-    fn write_spirv(&self, out: &Path) {
+    fn write_spirv(&self, out: &Path, prefix: &str) {
         let bytes: Vec<u8> = self.spirv.iter().flat_map(|w| w.to_ne_bytes()).collect();
-        fs::write(out.join(format!("{}.spv", self.stem)), bytes).expect("write SPIR-V");
+        fs::write(out.join(format!("{prefix}{}.spv", self.stem)), bytes).expect("write SPIR-V");
     }
 
     fn draw_module(&self) -> String {
+        let stem = &self.stem;
+        let (params, push_bytes) = self
+            .module
+            .global_variables
+            .iter()
+            .find(|(_, v)| v.space == AddressSpace::Immediate)
+            .map_or((String::new(), 0), |(_, v)| self.params(v.ty));
+        let entries: String =
+            self.module.entry_points.iter().map(|e| format!("\"{}\", ", e.name)).collect();
         format!(
-            "pub static {}: &[u8] = include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{}.spv\"));\n",
-            self.stem.to_uppercase(),
-            self.stem
+            "pub mod {stem} {{
+    pub static SPIRV: &[u8] = include_bytes!(concat!(env!(\"OUT_DIR\"), \"/draw_{stem}.spv\"));
+    pub const PUSH_BYTES: u32 = {push_bytes};
+    pub const ENTRIES: &[&str] = &[{entries}];
+    {params}
+}}\n"
         )
     }
 
@@ -214,6 +226,9 @@ impl Built {
                     VectorSize::Quad => 4,
                 };
                 format!("[{}; {n}]", scalar(s))
+            }
+            TypeInner::Matrix { columns: VectorSize::Quad, rows: VectorSize::Quad, scalar: s } => {
+                format!("[{}; 16]", scalar(s))
             }
             ref other => panic!("{}: {other:?} has no host type here", self.stem),
         }

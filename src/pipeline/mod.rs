@@ -17,4 +17,4 @@ pub use memory::{estimate_bytes, peak_memory_mb, refuse_above, reset_peak};
 pub use report::{
     CenterlineReport, FramesReport, InputReport, LumenReport, Modes, Report, SurfaceReport,
 };
-pub use surface::{SurfaceOptions, Wall, faired, wall};
+pub use surface::{SurfaceOptions, Wall, faired, gradient_normals, wall};

@@ -1,0 +1,92 @@
+// surface: the wall, seen from within by head-light, or from outside as glass.
+// in   position  LPS mm; normal xyz unit, into the lumen; normal w mean curvature times the mean
+//      radius, a quarter of it, positive on ridges that stand into the lumen
+// out  linear colour; `ghost` and `shell` are layers of glass, colour premultiplied, a = opacity
+// src  Blinn 1977, doi:10.1145/563858.563893
+// ours light and ambient fall off with distance; curvature shifts colour as crevices do
+struct Params {
+    clip: mat4x4<f32>, // clip from world, reversed depth, y down
+    eye: vec3<f32>,
+    falloff: f32, // mm at which light is halved
+    light: vec3<f32>,
+    relief: f32, // weight of curvature
+    tissue: vec3<f32>,
+    ambient: f32,
+    diffuse: f32,
+    specular: f32,
+    power: f32,
+    exposure: f32,
+}
+var<immediate> params: Params;
+
+struct Wall {
+    @builtin(position) @invariant clip: vec4<f32>,
+    @location(0) world: vec3<f32>,
+    @location(1) normal: vec4<f32>,
+}
+
+@vertex
+fn project(@location(0) position: vec3<f32>, @location(1) normal: vec4<f32>) -> Wall {
+    return Wall(params.clip * vec4(position, 1.0), position, normal);
+}
+
+// Unit normal on the viewer's side.
+fn towards(normal: vec3<f32>, view: vec3<f32>) -> vec3<f32> {
+    let n = normalize(normal);
+    return select(-n, n, dot(n, view) >= 0.0);
+}
+
+fn tinted(curvature: f32) -> vec3<f32> {
+    let k = clamp(4.0 * params.relief * curvature, -1.0, 1.0);
+    let pale = mix(params.tissue, vec3(0.95, 0.70, 0.58), 0.55);
+    let deep = params.tissue * vec3(0.62, 0.34, 0.36);
+    return select(mix(params.tissue, deep, -k), mix(params.tissue, pale, k), k >= 0.0);
+}
+
+@fragment
+fn inside(wall: Wall, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
+    let away = params.eye - wall.world;
+    let view = normalize(away);
+    let n = normalize(wall.normal.xyz) * select(-1.0, 1.0, front);
+    let to_light = params.light - wall.world;
+    let light = normalize(to_light);
+    let reach = dot(to_light, to_light) / (params.falloff * params.falloff);
+    let near = 1.0 / (1.0 + reach);
+    let lit = max(dot(n, light), 0.0);
+    let gloss = pow(max(dot(n, normalize(light + view)), 0.0), params.power);
+    // Grazing walls go darker than the cosine alone makes them: the rim of a fold stands out.
+    let edge = mix(0.55, 1.0, smoothstep(0.0, 0.4, dot(n, view)));
+    let wall_light = (params.ambient + params.diffuse * lit) * near * edge;
+    let colour = tinted(wall.normal.w) * wall_light + params.specular * gloss * near * near;
+    return vec4(1.0 - exp(-params.exposure * colour), 1.0);
+}
+
+// Every layer of wall, all of one colour, so that their order does not matter.
+@fragment
+fn ghost(wall: Wall) -> @location(0) vec4<f32> {
+    let view = normalize(params.eye - wall.world);
+    let rim = 1.0 - abs(dot(normalize(wall.normal.xyz), view));
+    let a = 0.015 + 0.20 * rim * rim * rim;
+    return vec4(vec3(0.78, 0.62, 0.58) * a, a);
+}
+
+// The nearest wall alone: form and outline.
+@fragment
+fn shell(wall: Wall) -> @location(0) vec4<f32> {
+    let view = normalize(params.eye - wall.world);
+    let n = towards(wall.normal.xyz, view);
+    let facing = dot(n, view);
+    let lit = max(dot(n, normalize(params.light - wall.world)), 0.0);
+    let rim = 1.0 - facing;
+    // Seen from outside, what stands into the lumen is a groove.
+    let k = clamp(-4.0 * params.relief * wall.normal.w, -1.0, 1.0);
+    let colour = params.tissue * (0.10 + 0.75 * lit) * (1.0 + 0.25 * k);
+    let gloss = 0.10 * pow(facing, 40.0);
+    let a = mix(0.42, 0.92, rim * rim);
+    return vec4((colour + gloss) * a, a);
+}
+
+@fragment
+fn nothing(wall: Wall) -> @location(0) vec4<f32> {
+    return vec4(0.0);
+}

@@ -1,0 +1,86 @@
+//! `intima fair`.
+
+use std::path::PathBuf;
+
+use glam::Vec3;
+
+use super::CliError;
+use super::global::Global;
+use super::input::read_checked;
+use super::mesh_args::FairArgs;
+use super::timing::timed;
+use crate::formats::{Space, read_mesh, write_mesh};
+use crate::pipeline::{faired, gradient_normals};
+use crate::surface::{Adjacency, Fairing};
+
+/// `intima fair MESH -o MESH`
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Mesh: .ply, .stl or .obj
+    mesh: PathBuf,
+    /// Mesh to write: .ply, .stl, .obj, .vtp or .glb
+    #[arg(short, long, value_name = "MESH")]
+    output: PathBuf,
+    /// Take normals from the gradient of this mask after a Gaussian, instead of smoothing
+    #[arg(long, value_name = "MASK", conflicts_with = "volume")]
+    mask: Option<PathBuf>,
+    /// Take normals from the gradient of these grey values after a Gaussian
+    #[arg(long, value_name = "VOLUME")]
+    volume: Option<PathBuf>,
+    /// Gaussian of --mask and --volume, mm (default: 1.5 of the largest voxel spacing)
+    #[arg(long, value_name = "MM")]
+    sigma: Option<f64>,
+    /// Coordinates of a mesh that does not say: lps or ras
+    #[arg(long)]
+    space: Option<Space>,
+    #[command(flatten)]
+    fair: FairArgs,
+}
+
+impl Args {
+    /// Reads, smooths and writes.
+    pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        let (mut mesh, warnings) = read_mesh(&self.mesh, self.space)?;
+        warnings.iter().for_each(|w| global.warn(w));
+        if mesh.faces.is_empty() {
+            return Err(CliError::Input(format!("{}: the mesh has no faces", self.mesh.display())));
+        }
+        mesh.caps.clear();
+        let fairing = self.fair.fairing(Fairing::PAPER)?;
+        let field = self.mask.as_ref().or(self.volume.as_ref());
+        let field = field.map(|p| read_checked(p, None, global)).transpose()?;
+        let mut device = global.open()?;
+        let (normals, timing) = timed(global, &mut device, |device, clock| {
+            Ok(match &field {
+                Some(v) => gradient_normals(device, &mesh, v, self.sigma, clock)?,
+                None => {
+                    let (adjacency, _) = clock.time(
+                        "adjacency",
+                        "vertices",
+                        || Adjacency::of(&mesh),
+                        |_| mesh.positions.len() as u64,
+                    );
+                    faired(device, &mesh, &adjacency, fairing, clock)?
+                }
+            })
+        })?;
+        let old = std::mem::take(&mut mesh.normals);
+        let turned = mean_turn(&old, &normals);
+        mesh.normals = normals;
+        write_mesh(&self.output, &mesh)?;
+        global.say(format_args!(
+            "wrote {}: {} vertices, vertices unmoved",
+            self.output.display(),
+            mesh.positions.len()
+        ))?;
+        global.answer(&timing.with("vertices", mesh.positions.len()).with("turned_mean_deg", turned))
+    }
+}
+
+/// Mean angle between two sets of normals, degrees; `None` where the first is absent.
+fn mean_turn(a: &[Vec3], b: &[Vec3]) -> Option<f64> {
+    (!a.is_empty() && a.len() == b.len()).then(|| {
+        let sum: f64 = a.iter().zip(b).map(|(a, b)| f64::from(a.angle_between(*b))).sum();
+        (sum / a.len() as f64).to_degrees()
+    })
+}

@@ -1,0 +1,129 @@
+//! `intima surface`.
+
+use std::path::PathBuf;
+
+use super::CliError;
+use super::global::Global;
+use super::lumen_args::LumenArgs;
+use super::mesh_args::SurfaceArgs;
+use super::timing::timed;
+use crate::formats::write_mesh;
+use crate::geometry::Mesh;
+use crate::lumen::Lumen;
+use crate::pipeline::{Mode, SurfaceReport, wall};
+use crate::surface::Fairing;
+
+/// `intima surface INPUT LUMEN -o MESH`
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Volume; may be left out with --mask
+    input: Option<PathBuf>,
+    /// Mesh to write: .ply, .stl, .obj, .vtp or .glb
+    #[arg(short, long, value_name = "MESH")]
+    output: PathBuf,
+    #[command(flatten)]
+    mode: ModeArg,
+    #[command(flatten)]
+    surface: SurfaceArgs,
+    #[command(flatten)]
+    lumen: LumenArgs,
+}
+
+/// `--mode`
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct ModeArg {
+    /// default does what is right; paper does what the paper says; both reports both
+    #[arg(long, value_enum, default_value = "default")]
+    pub mode: Modes,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Modes {
+    Default,
+    Paper,
+    Both,
+}
+
+impl ModeArg {
+    /// The mode whose products are written.
+    pub fn main(self) -> Mode {
+        if self.mode == Modes::Paper { Mode::Paper } else { Mode::Default }
+    }
+}
+
+/// Fairing when the user leaves it open.
+pub fn automatic(mode: Mode, lumen: &Lumen) -> Fairing {
+    match mode {
+        Mode::Paper => Fairing::PAPER,
+        Mode::Default => {
+            // Volume over area of a round tube is half its radius.
+            let per_boundary = lumen.inside_voxels() as f64 / lumen.boundary_voxels.max(1) as f64;
+            let radius = 2.0 * per_boundary * lumen.grid.spacing_mm.min_element();
+            Fairing::automatic(lumen.grid.spacing_mm, radius)
+        }
+    }
+}
+
+/// The mesh without its caps.
+pub fn without_caps(mesh: &Mesh) -> Mesh {
+    let keep = |f: &([u32; 3], bool)| !f.1;
+    let faces = mesh.faces.iter().copied().zip(mesh.caps.iter().copied());
+    Mesh {
+        positions: mesh.positions.clone(),
+        normals: mesh.normals.clone(),
+        faces: faces.filter(keep).map(|f| f.0).collect(),
+        caps: Vec::new(),
+    }
+}
+
+impl Args {
+    /// Extracts, fairs and writes.
+    pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        let chosen = self.lumen.load(self.input.as_deref(), global)?;
+        let (lumen, _) = chosen.lumen(global)?;
+        let mut device = global.open()?;
+        let build = |mode: Mode| self.surface.options(automatic(mode, &lumen), chosen.track_from());
+        let options = build(self.mode.main())?;
+        let (wall, timing) = timed(global, &mut device, |device, clock| {
+            let (volume, window) = (&chosen.volume, &chosen.recipe.window);
+            Ok(wall(device, volume, window, &lumen, options, clock)?)
+        })?;
+        let mesh = if self.surface.open_ends && !wall.mesh.caps.is_empty() {
+            &without_caps(&wall.mesh)
+        } else {
+            &wall.mesh
+        };
+        write_mesh(&self.output, mesh)?;
+        let report = SurfaceReport::of(wall.topology, wall.mesh.area_mm2());
+        global.say(format_args!(
+            "wrote {}: {} vertices, {} faces, {} component{}, Euler number {}, {}",
+            self.output.display(),
+            report.vertices,
+            report.faces,
+            report.components,
+            if report.components == 1 { "" } else { "s" },
+            report.euler,
+            if report.watertight { "watertight" } else { "NOT watertight" }
+        ))?;
+        let mut timing = timing.with("surface", serde_json::to_value(&report).unwrap_or_default());
+        if self.mode.mode == Modes::Both {
+            let options = build(Mode::Paper)?;
+            let (volume, window) = (&chosen.volume, &chosen.recipe.window);
+            let mut clock = crate::pipeline::Clock::default();
+            let paper = crate::pipeline::wall(&mut device, volume, window, &lumen, options, &mut clock)?;
+            let apart = wall.mesh.normals.iter().zip(&paper.mesh.normals);
+            let mean: f64 = apart.map(|(a, b)| f64::from(a.angle_between(*b))).sum::<f64>()
+                / wall.mesh.normals.len().max(1) as f64;
+            let of = |t| serde_json::to_value(SurfaceReport::of(t, paper.mesh.area_mm2()));
+            timing = timing.with(
+                "modes",
+                serde_json::json!({
+                    "default": of(wall.topology).unwrap_or_default(),
+                    "paper": of(paper.topology).unwrap_or_default(),
+                    "normals_apart_mean_deg": mean.to_degrees(),
+                }),
+            );
+        }
+        global.answer(&timing)
+    }
+}

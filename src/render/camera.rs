@@ -1,0 +1,90 @@
+//! Projection, and a camera that shows the whole organ.
+
+use glam::{Mat4, Quat, Vec3, Vec4};
+
+use crate::geometry::{Lens, Pose};
+
+/// Clip space from LPS mm: infinite far plane, depth 1 at the near plane falling to 0, y down as
+/// Vulkan has it.
+pub fn clip_from_world(pose: &Pose, lens: &Lens) -> Mat4 {
+    let f = 1.0 / (0.5 * lens.fov_y_rad).tan();
+    let clip_from_camera = Mat4::from_cols(
+        Vec4::new(f / lens.aspect, 0.0, 0.0, 0.0),
+        Vec4::new(0.0, -f, 0.0, 0.0),
+        Vec4::new(0.0, 0.0, 0.0, -1.0),
+        Vec4::new(0.0, 0.0, lens.near_mm, 0.0),
+    );
+    let turn = pose.rotation.conjugate();
+    clip_from_camera * Mat4::from_rotation_translation(turn, turn * -pose.position_mm)
+}
+
+/// Room left around the organ, as a share of the frame.
+const MARGIN: f32 = 0.06;
+/// Narrow, so that near and far parts keep their proportions.
+const FOV_Y: f32 = 0.35;
+
+/// A pose and lens that show the box `low` to `high` from in front of the patient: head up, the
+/// patient's left on the right.
+pub fn framing(low: Vec3, high: Vec3, aspect: f32) -> (Pose, Lens) {
+    let centre = 0.5 * (low + high);
+    let half = (0.5 * (high - low)).max(Vec3::splat(1e-3));
+    let t = (0.5 * FOV_Y).tan() * (1.0 - 2.0 * MARGIN);
+    // The nearest face of the box is the one that has to fit: distance to it, then to the centre.
+    let distance = (half.z / t).max(half.x / (t * aspect)) + half.y;
+    let eye = centre - distance * Vec3::Y;
+    let pose = Pose { position_mm: eye, rotation: facing_posterior() };
+    let near = (distance - half.y) * 0.1;
+    (pose, Lens { fov_y_rad: FOV_Y, aspect, near_mm: near })
+}
+
+/// Camera -z along +y (posterior), camera +y along +z (superior).
+fn facing_posterior() -> Quat {
+    Quat::from_rotation_x(std::f32::consts::FRAC_PI_2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen(m: Mat4, p: Vec3) -> Vec3 {
+        let c = m * p.extend(1.0);
+        c.truncate() / c.w
+    }
+
+    #[test]
+    fn depth_falls_from_one_at_the_near_plane_to_zero() {
+        let pose = Pose::looking(Vec3::new(1.0, 2.0, 3.0), Vec3::X, Vec3::Z);
+        let lens = Lens { fov_y_rad: 1.2, aspect: 1.5, near_mm: 0.25 };
+        let m = clip_from_world(&pose, &lens);
+        let at = |d: f32| seen(m, pose.position_mm + d * Vec3::X).z;
+        assert!((at(0.25) - 1.0).abs() < 1e-5);
+        assert!(at(0.5) > at(1.0) && at(1.0) > at(1e4) && at(1e4) > 0.0);
+        // Up is up: smaller y in Vulkan.
+        assert!(seen(m, pose.position_mm + Vec3::X + 0.1 * Vec3::Z).y < 0.0);
+        assert!(seen(m, pose.position_mm + Vec3::X - 0.1 * Vec3::Y).x > 0.0);
+    }
+
+    #[test]
+    fn the_framing_shows_all_of_the_box_with_the_patients_left_on_the_right() {
+        for (size, aspect) in [
+            (Vec3::new(300.0, 200.0, 450.0), 1.33),
+            (Vec3::new(10.0, 400.0, 5.0), 0.5),
+            (Vec3::new(400.0, 1.0, 20.0), 1.0),
+        ] {
+            let low = Vec3::new(-20.0, -140.0, 900.0);
+            let (pose, lens) = framing(low, low + size, aspect);
+            let m = clip_from_world(&pose, &lens);
+            let mut reach: f32 = 0.0;
+            for i in 0..8 {
+                let pick = Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32);
+                let p = seen(m, low + pick * size);
+                assert!(p.x.abs() < 1.0 && p.y.abs() < 1.0 && p.z < 1.0 && p.z > 0.0, "{p}");
+                reach = reach.max(p.x.abs()).max(p.y.abs());
+            }
+            assert!(reach > 0.8, "the organ fills only {reach} of the frame");
+            let mid = low + 0.5 * size;
+            assert!(seen(m, mid + Vec3::X).x > seen(m, mid).x);
+            assert!(seen(m, mid + Vec3::Z).y < seen(m, mid).y);
+        }
+    }
+}

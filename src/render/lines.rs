@@ -1,0 +1,120 @@
+//! Tubes about skeletons: the path, the camera's frustum, the eye.
+
+use glam::Vec3;
+
+use super::mesh::Vertex;
+
+/// Triangles of tubes; the radius is added when they are drawn.
+#[derive(Default)]
+pub(super) struct Tubes {
+    pub vertices: Vec<Vertex>,
+    pub indices: Vec<u32>,
+}
+
+const SIDES: u32 = 8;
+
+impl Tubes {
+    /// A tube along a polyline; each vertex carries its share of the length.
+    pub fn along(points: &[Vec3]) -> Self {
+        let mut tubes = Self::default();
+        tubes.add(points);
+        tubes
+    }
+
+    /// The frustum of a camera at the origin that looks along -z, one unit deep and from -1 to 1
+    /// at its base, with a tick that shows which way is up.
+    pub fn frustum() -> Self {
+        let base = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+        let corner = |i: usize| Vec3::new(base[i % 4].0, base[i % 4].1, -1.0);
+        let mut tubes = Self::default();
+        for i in 0..4 {
+            tubes.add(&[Vec3::ZERO, corner(i)]);
+            tubes.add(&[corner(i), corner(i + 1)]);
+        }
+        let tip = Vec3::new(0.0, 1.5, -1.0);
+        tubes.add(&[Vec3::new(-0.4, 1.0, -1.0), tip]);
+        tubes.add(&[tip, Vec3::new(0.4, 1.0, -1.0)]);
+        tubes
+    }
+
+    /// A ball whose skeleton is one point.
+    pub fn ball() -> Self {
+        const RINGS: u32 = 8;
+        const SLICES: u32 = 12;
+        let mut tubes = Self::default();
+        for ring in 0..=RINGS {
+            let a = std::f32::consts::PI * ring as f32 / RINGS as f32;
+            for slice in 0..SLICES {
+                let b = std::f32::consts::TAU * slice as f32 / SLICES as f32;
+                let n = Vec3::new(a.sin() * b.cos(), a.sin() * b.sin(), a.cos());
+                tubes.vertices.push(Vertex::new(Vec3::ZERO, n, 0.0));
+            }
+        }
+        for ring in 0..RINGS {
+            tubes.band(ring * SLICES, (ring + 1) * SLICES, SLICES);
+        }
+        tubes
+    }
+
+    fn add(&mut self, points: &[Vec3]) {
+        let mut points = points.to_vec();
+        points.dedup_by(|a, b| a.distance_squared(*b) < 1e-12);
+        if points.len() < 2 {
+            return;
+        }
+        let total: f32 = points.windows(2).map(|w| w[0].distance(w[1])).sum();
+        let direction = |i: usize| {
+            let (a, b) = (i.saturating_sub(1), (i + 1).min(points.len() - 1));
+            (points[b] - points[a]).try_normalize()
+        };
+        let mut tangent = direction(0).unwrap_or(Vec3::Z);
+        let mut side = tangent.any_orthonormal_vector();
+        let mut length = 0.0;
+        let first = self.vertices.len() as u32;
+        for i in 0..points.len() {
+            if i > 0 {
+                length += points[i].distance(points[i - 1]);
+            }
+            tangent = direction(i).unwrap_or(tangent);
+            // Carried along, so that the ring does not turn about the tube.
+            side = (side - side.dot(tangent) * tangent)
+                .try_normalize()
+                .unwrap_or_else(|| tangent.any_orthonormal_vector());
+            let up = tangent.cross(side);
+            for k in 0..SIDES {
+                let a = std::f32::consts::TAU * k as f32 / SIDES as f32;
+                let n = a.cos() * side + a.sin() * up;
+                self.vertices.push(Vertex::new(points[i], n, length / total));
+            }
+            if i > 0 {
+                let ring = first + i as u32 * SIDES;
+                self.band(ring - SIDES, ring, SIDES);
+            }
+        }
+    }
+
+    /// Two triangles between each pair of neighbours on two rings of `n`.
+    fn band(&mut self, a: u32, b: u32, n: u32) {
+        for k in 0..n {
+            let l = (k + 1) % n;
+            self.indices.extend([a + k, a + l, b + k, b + k, a + l, b + l]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_of_equal_points_draws_nothing_and_a_bent_one_counts_its_length() {
+        assert!(Tubes::along(&[Vec3::ONE; 5]).indices.is_empty());
+        assert!(Tubes::along(&[]).indices.is_empty());
+        let t = Tubes::along(&[Vec3::ZERO, Vec3::X, Vec3::X, Vec3::new(1.0, 3.0, 0.0)]);
+        assert_eq!(t.vertices.len(), 3 * SIDES as usize);
+        let share = |v: &Vertex| f32::from(v.normal[3]) / 32767.0;
+        assert!((share(&t.vertices[SIDES as usize]) - 0.25).abs() < 1e-4);
+        assert!((share(t.vertices.last().unwrap()) - 1.0).abs() < 1e-4);
+        assert!(t.indices.iter().all(|i| (*i as usize) < t.vertices.len()));
+    }
+}

@@ -1,0 +1,22 @@
+//! Pictures without a window: the wall from inside, the whole organ from outside, or both halves
+//! side by side. Drawing is described as passes and handed to [`crate::vk`]; no Vulkan here.
+
+mod camera;
+mod error;
+mod lines;
+mod look;
+mod mesh;
+mod overview;
+mod pipelines;
+mod renderer;
+
+pub use camera::{clip_from_world, framing};
+pub use error::RenderError;
+pub use look::Look;
+pub use renderer::{MeshHandle, PathHandle, Renderer, Scene, Shot, Ticket, View};
+
+/// SPIR-V, entry points and immediate blocks of `shaders/draw`, written by the build script.
+#[allow(missing_docs, dead_code, clippy::all)]
+mod host {
+    include!(concat!(env!("OUT_DIR"), "/draw.rs"));
+}

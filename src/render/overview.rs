@@ -1,0 +1,147 @@
+//! The overview: the organ as glass over path and camera.
+//!
+//! The glass depends on mesh and size alone, so it is drawn once into an image of its own (colour
+//! of all layers, and in alpha what still shines through) and laid over each frame's path and
+//! camera. Two kinds of layer make it up: every wall, faint, all of one colour, so that their
+//! order cannot show; and the nearest wall, found by a depth pass.
+
+use glam::Vec3;
+
+use super::camera::{clip_from_world, framing};
+use super::renderer::{MeshHandle, Renderer, Scene, Shot, draw, surface_push};
+use super::{Look, host};
+use crate::geometry::{Lens, Pose};
+use crate::vk::{Area, Draw, Pass};
+
+/// What the glass image depends on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct GlassKey {
+    mesh: MeshHandle,
+    area: Area,
+    look: Look,
+}
+
+/// Thickness of the path and size of the camera, as shares of the organ's diagonal.
+const PATH_RADIUS: f32 = 0.0035;
+const CAMERA_DEPTH: f32 = 0.085;
+
+const PATH: [f32; 3] = [0.10, 0.85, 0.55];
+const CAMERA: [f32; 3] = [1.0, 0.75, 0.05];
+
+impl Renderer<'_> {
+    /// Appends the passes that fill `area`.
+    pub(super) fn overview_passes(
+        &mut self,
+        scene: &Scene,
+        shot: &Shot,
+        area: Area,
+        passes: &mut Vec<Pass>,
+    ) {
+        let mesh = scene.overview.unwrap_or(scene.mesh);
+        let (low, high) = self.model(mesh).bounds.unwrap_or((Vec3::ZERO, Vec3::ONE));
+        let (pose, lens) = framing(low, high, area.width as f32 / area.height as f32);
+        let key = GlassKey { mesh, area, look: scene.look };
+        if self.glass_of != Some(key) {
+            passes.push(self.glass_pass(scene, mesh, &pose, &lens, area));
+            self.glass_of = Some(key);
+        }
+        let [r, g, b] = scene.look.background;
+        let (colour, resolve) = self.into_picture();
+        passes.push(Pass {
+            colour,
+            resolve,
+            depth: Some(self.targets.depth),
+            clear: Some([r, g, b, 1.0]),
+            area,
+            draws: self.marks(scene, shot, &pose, &lens, (high - low).length()),
+        });
+        let lay = Draw {
+            pipeline: self.pipelines.stack,
+            push: Vec::new(),
+            vertices: None,
+            indices: None,
+            range: 0..3,
+            images: vec![self.targets.glass],
+        };
+        passes.push(Pass {
+            colour: self.targets.picture,
+            resolve: None,
+            depth: None,
+            clear: None,
+            area,
+            draws: vec![lay],
+        });
+    }
+
+    fn glass_pass(
+        &self,
+        scene: &Scene,
+        mesh: MeshHandle,
+        pose: &Pose,
+        lens: &Lens,
+        area: Area,
+    ) -> Pass {
+        let model = self.model(mesh);
+        // From above and the side, far enough that it does not fall off.
+        let lift = pose.position_mm.distance(model.bounds.map_or(Vec3::ZERO, |b| b.0));
+        let aside = pose.rotation * Vec3::new(-0.35, 0.55, 0.0);
+        let light = pose.position_mm + lift * aside;
+        let push = surface_push(&scene.look, pose, lens, light, f32::MAX);
+        let push = bytemuck::bytes_of(&push);
+        let p = &self.pipelines;
+        let layers = [p.ghost, p.nearest, p.shell];
+        let t = &self.targets;
+        let (colour, resolve) = t.glass_many.map_or((t.glass, None), |many| (many, Some(t.glass)));
+        Pass {
+            colour,
+            resolve,
+            depth: Some(t.depth),
+            clear: Some([0.0, 0.0, 0.0, 1.0]),
+            area,
+            draws: layers.iter().filter_map(|l| draw(*l, model, push, Vec::new())).collect(),
+        }
+    }
+
+    /// Path and camera.
+    fn marks(
+        &self,
+        scene: &Scene,
+        shot: &Shot,
+        pose: &Pose,
+        lens: &Lens,
+        diagonal: f32,
+    ) -> Vec<Draw> {
+        let base = host::lines::Params {
+            clip: clip_from_world(pose, lens).to_cols_array(),
+            origin: [0.0; 3],
+            radius: PATH_RADIUS * diagonal,
+            turn: [0.0, 0.0, 0.0, 1.0],
+            scale: [1.0; 3],
+            progress: shot.progress,
+            colour: PATH,
+            ahead: 0.35,
+        };
+        let depth = CAMERA_DEPTH * diagonal;
+        let half = depth * (0.5 * shot.lens.fov_y_rad).tan().min(1.0);
+        let camera = host::lines::Params {
+            origin: shot.pose.position_mm.to_array(),
+            turn: shot.pose.rotation.to_array(),
+            scale: [half * shot.lens.aspect.min(1.5), half, depth],
+            radius: 0.9 * base.radius,
+            colour: CAMERA,
+            progress: 1.0,
+            ..base
+        };
+        let eye = host::lines::Params { radius: 2.6 * base.radius, ..camera };
+        let lines = self.pipelines.lines;
+        let path = scene.path.and_then(|p| self.paths[p.0].as_ref());
+        let of = |model, push: &host::lines::Params| {
+            draw(lines, model, bytemuck::bytes_of(push), Vec::new())
+        };
+        path.and_then(|p| of(p, &base))
+            .into_iter()
+            .chain(of(&self.frustum, &camera))
+            .chain(of(&self.ball, &eye))
+            .collect()
+    }
+}

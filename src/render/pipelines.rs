@@ -1,0 +1,68 @@
+//! The pipelines of all passes, created together.
+
+use super::host;
+use crate::vk::{Attribute, Blend, DepthUse, DrawPipelineId, DrawSpec, Format, Gpu, VkError};
+
+/// Format of pictures, and of the glass that is laid over them.
+pub(super) const PICTURE: Format = Format::Rgba8Srgb;
+pub(super) const GLASS: Format = Format::Rgba16Float;
+pub(super) const DEPTH: Format = Format::Depth32;
+
+pub(super) struct Pipelines {
+    pub inside: DrawPipelineId,
+    pub lines: DrawPipelineId,
+    pub ghost: DrawPipelineId,
+    pub nearest: DrawPipelineId,
+    pub shell: DrawPipelineId,
+    pub stack: DrawPipelineId,
+}
+
+impl Pipelines {
+    pub fn new(gpu: &mut Gpu, samples: u32) -> Result<Self, VkError> {
+        let surface = DrawSpec {
+            spirv: host::surface::SPIRV,
+            entries: ["project", "inside"],
+            attributes: &[Attribute::F32x3, Attribute::Snorm16x4],
+            colour: PICTURE,
+            depth: Some(DEPTH),
+            depth_use: DepthUse::Nearest,
+            samples,
+            blend: Blend::Opaque,
+            push_bytes: host::surface::PUSH_BYTES,
+            images: 0,
+        };
+        let glass = |fragment, depth_use, blend| DrawSpec {
+            entries: ["project", fragment],
+            colour: GLASS,
+            depth_use,
+            blend,
+            ..surface.clone()
+        };
+        let lines = DrawSpec {
+            spirv: host::lines::SPIRV,
+            entries: ["project", "shade"],
+            push_bytes: host::lines::PUSH_BYTES,
+            ..surface.clone()
+        };
+        let stack = DrawSpec {
+            spirv: host::stack::SPIRV,
+            entries: ["whole", "lay"],
+            attributes: &[],
+            depth: None,
+            depth_use: DepthUse::Ignore,
+            samples: 1,
+            blend: Blend::Stack,
+            push_bytes: host::stack::PUSH_BYTES,
+            images: 1,
+            ..surface.clone()
+        };
+        Ok(Self {
+            inside: gpu.draw_pipeline(&surface)?,
+            lines: gpu.draw_pipeline(&lines)?,
+            ghost: gpu.draw_pipeline(&glass("ghost", DepthUse::Ignore, Blend::Layer))?,
+            nearest: gpu.draw_pipeline(&glass("nothing", DepthUse::Nearest, Blend::DepthOnly))?,
+            shell: gpu.draw_pipeline(&glass("shell", DepthUse::Equal, Blend::Layer))?,
+            stack: gpu.draw_pipeline(&stack)?,
+        })
+    }
+}

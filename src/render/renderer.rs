@@ -1,0 +1,400 @@
+//! The renderer: what it holds on the device, and frames in flight.
+
+use std::collections::VecDeque;
+
+use glam::Vec3;
+
+use super::lines::Tubes;
+use super::mesh::{self, Vertex};
+use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
+use super::{Look, RenderError, host};
+use crate::geometry::{Lens, Mesh, Pose};
+use crate::vk::{Area, BufferId, Draw, DrawPipelineId, Gpu, ImageId, ImageSpec, Pass};
+
+/// A mesh on the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MeshHandle(pub(super) usize);
+
+/// A path on the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PathHandle(pub(super) usize);
+
+/// A frame that was submitted and not fetched yet.
+#[derive(Debug)]
+#[must_use = "a frame occupies a slot until it is fetched"]
+pub struct Ticket {
+    slot: usize,
+}
+
+/// What a frame shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum View {
+    /// The wall as the camera sees it.
+    #[default]
+    Inside,
+    /// The whole organ from in front of the patient, as glass, with path and camera.
+    Overview,
+    /// Inside on the left, overview on the right.
+    Split,
+}
+
+/// What there is to see.
+#[derive(Clone, Copy, Debug)]
+pub struct Scene {
+    /// The wall.
+    pub mesh: MeshHandle,
+    /// A coarser wall for the overview; the same by default.
+    pub overview: Option<MeshHandle>,
+    /// The path, drawn in the overview.
+    pub path: Option<PathHandle>,
+    /// Material and light.
+    pub look: Look,
+}
+
+impl Scene {
+    /// A scene of one mesh.
+    pub fn of(mesh: MeshHandle) -> Self {
+        Self { mesh, overview: None, path: None, look: Look::default() }
+    }
+}
+
+/// One frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Shot {
+    /// What it shows.
+    pub view: View,
+    /// Where the eye is.
+    pub pose: Pose,
+    /// The lens; its aspect is replaced by that of the part of the frame it fills.
+    pub lens: Lens,
+    /// Share of the path behind the eye, 0 to 1; the rest is drawn dim.
+    pub progress: f32,
+}
+
+pub(super) struct Model {
+    pub vertices: BufferId,
+    pub indices: BufferId,
+    pub count: u32,
+    pub bounds: Option<(Vec3, Vec3)>,
+    pub mean_radius_mm: f32,
+}
+
+/// Images of one size.
+pub(super) struct Targets {
+    pub picture: ImageId,
+    /// Multisampled twin of the picture.
+    pub picture_many: Option<ImageId>,
+    pub glass: ImageId,
+    pub glass_many: Option<ImageId>,
+    pub depth: ImageId,
+}
+
+/// Frames that may be submitted and not fetched.
+const IN_FLIGHT: usize = 3;
+
+/// Draws frames of one size.
+pub struct Renderer<'g> {
+    pub(super) gpu: &'g mut Gpu,
+    size: [u32; 2],
+    pub(super) pipelines: Pipelines,
+    pub(super) targets: Targets,
+    pub(super) models: Vec<Option<Model>>,
+    pub(super) paths: Vec<Option<Model>>,
+    pub(super) frustum: Model,
+    pub(super) ball: Model,
+    /// What the glass image shows at the moment.
+    pub(super) glass_of: Option<super::overview::GlassKey>,
+    slots: Vec<BufferId>,
+    idle: Vec<usize>,
+}
+
+impl<'g> Renderer<'g> {
+    /// A renderer of frames of `width` by `height` with 1 or 4 samples a pixel.
+    ///
+    /// # Errors
+    /// [`RenderError::BadSize`]; [`RenderError::Vulkan`] when the device runs out of memory.
+    pub fn new(
+        gpu: &'g mut Gpu,
+        width: u32,
+        height: u32,
+        samples: u32,
+    ) -> Result<Self, RenderError> {
+        let possible = matches!(samples, 1 | 4) && samples <= gpu.info().max_samples;
+        if !possible || width < 2 || height < 1 || width > 16384 || height > 16384 {
+            return Err(RenderError::BadSize { width, height, samples });
+        }
+        let extent = [width, height];
+        let image = |gpu: &mut Gpu, name, format, samples| {
+            gpu.image(name, ImageSpec { format, extent, samples })
+        };
+        let many = samples > 1;
+        let mut twin = |name, format| {
+            if many { image(gpu, name, format, samples).map(Some) } else { Ok(None) }
+        };
+        let (picture_many, glass_many) = (twin("picture", PICTURE)?, twin("glass", GLASS)?);
+        let targets = Targets {
+            picture: image(gpu, "picture", PICTURE, 1)?,
+            picture_many,
+            glass: image(gpu, "glass", GLASS, 1)?,
+            glass_many,
+            depth: image(gpu, "depth", DEPTH, samples)?,
+        };
+        let bytes = u64::from(width) * u64::from(height) * 4;
+        let slots = (0..IN_FLIGHT)
+            .map(|_| gpu.readback_buffer("frame", bytes))
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok(Self {
+            pipelines: Pipelines::new(gpu, samples)?,
+            frustum: upload_tubes(gpu, &Tubes::frustum())?,
+            ball: upload_tubes(gpu, &Tubes::ball())?,
+            gpu,
+            size: extent,
+            targets,
+            models: Vec::new(),
+            paths: Vec::new(),
+            glass_of: None,
+            idle: (0..slots.len()).collect(),
+            slots,
+        })
+    }
+
+    /// The device this draws on.
+    pub fn gpu(&mut self) -> &mut Gpu {
+        self.gpu
+    }
+
+    /// Columns and rows of a frame.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// Puts a mesh on the device; faces tagged as caps are left out on request.
+    ///
+    /// # Errors
+    /// [`RenderError::BadFace`]; [`RenderError::Vulkan`] when the device runs out of memory.
+    pub fn upload_mesh(&mut self, mesh: &Mesh, skip_caps: bool) -> Result<MeshHandle, RenderError> {
+        let p = mesh::prepare(mesh, skip_caps)?;
+        let model = upload(self.gpu, &p.vertices, &p.indices, p.bounds, p.mean_radius_mm)?;
+        self.models.push(Some(model));
+        Ok(MeshHandle(self.models.len() - 1))
+    }
+
+    /// Frees a mesh once no frame in flight uses it.
+    pub fn remove_mesh(&mut self, mesh: MeshHandle) {
+        if let Some(m) = self.models[mesh.0].take() {
+            self.gpu.free_buffer(m.vertices);
+            self.gpu.free_buffer(m.indices);
+            self.glass_of = None;
+        }
+    }
+
+    /// Puts a path on the device, LPS mm from start to end.
+    ///
+    /// # Errors
+    /// [`RenderError::Vulkan`] when the device runs out of memory.
+    pub fn upload_path(&mut self, points: &[Vec3]) -> Result<PathHandle, RenderError> {
+        let model = upload_tubes(self.gpu, &Tubes::along(points))?;
+        self.paths.push(Some(model));
+        Ok(PathHandle(self.paths.len() - 1))
+    }
+
+    /// Draws one frame and waits for it: RGB, eight bits each, rows from the top.
+    ///
+    /// # Errors
+    /// [`RenderError::Vulkan`].
+    pub fn render(&mut self, scene: &Scene, shot: &Shot) -> Result<Vec<u8>, RenderError> {
+        let ticket = self.begin_frame(scene, shot)?;
+        self.fetch(ticket)
+    }
+
+    /// Submits a frame and returns at once. At most three may wait to be fetched.
+    ///
+    /// # Errors
+    /// [`RenderError::Vulkan`].
+    ///
+    /// # Panics
+    /// If three frames are waiting already.
+    pub fn begin_frame(&mut self, scene: &Scene, shot: &Shot) -> Result<Ticket, RenderError> {
+        let slot = self.idle.pop().expect("at most three frames in flight");
+        let [width, height] = self.size;
+        let whole = Area { x: 0, y: 0, width, height };
+        let left = Area { width: width / 2, ..whole };
+        let right = Area { x: width / 2, width: width - width / 2, ..whole };
+        let mut passes = Vec::new();
+        match shot.view {
+            View::Inside => passes.push(self.inside_pass(scene, shot, whole)),
+            View::Overview => self.overview_passes(scene, shot, whole, &mut passes),
+            View::Split => {
+                passes.push(self.inside_pass(scene, shot, left));
+                self.overview_passes(scene, shot, right, &mut passes);
+            }
+        }
+        let picture = Some((self.targets.picture, self.slots[slot]));
+        if let Err(e) = self.gpu.submit_draws(&passes, picture) {
+            self.idle.push(slot);
+            self.glass_of = None;
+            return Err(e.into());
+        }
+        Ok(Ticket { slot })
+    }
+
+    /// Waits for a frame and takes it: RGB, eight bits each, rows from the top.
+    ///
+    /// # Errors
+    /// [`RenderError::Vulkan`].
+    pub fn fetch(&mut self, ticket: Ticket) -> Result<Vec<u8>, RenderError> {
+        self.idle.push(ticket.slot);
+        let [width, height] = self.size;
+        let rgba = &self.gpu.read(self.slots[ticket.slot])?[..(width * height * 4) as usize];
+        Ok(rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect())
+    }
+
+    /// Draws frames in order and hands each to `sink` with its number while the device draws the
+    /// next ones.
+    ///
+    /// # Errors
+    /// The first of the device's or the sink's errors; later frames are dropped.
+    pub fn render_sequence<E: From<RenderError>>(
+        &mut self,
+        scene: &Scene,
+        shots: impl IntoIterator<Item = Shot>,
+        mut sink: impl FnMut(usize, Vec<u8>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let mut waiting = VecDeque::with_capacity(IN_FLIGHT);
+        let mut done = 0;
+        let mut result = Ok(());
+        let mut shots = shots.into_iter();
+        loop {
+            while result.is_ok() && waiting.len() < IN_FLIGHT {
+                let Some(shot) = shots.next() else { break };
+                match self.begin_frame(scene, &shot) {
+                    Ok(ticket) => waiting.push_back(ticket),
+                    Err(e) => result = Err(e.into()),
+                }
+            }
+            let Some(ticket) = waiting.pop_front() else { return result };
+            match self.fetch(ticket) {
+                Ok(rgb) if result.is_ok() => result = sink(done, rgb),
+                Ok(_) => {}
+                Err(e) => result = result.and(Err(e.into())),
+            }
+            done += 1;
+        }
+    }
+
+    pub(super) fn model(&self, mesh: MeshHandle) -> &Model {
+        self.models[mesh.0].as_ref().expect("a mesh that was not removed")
+    }
+
+    fn inside_pass(&self, scene: &Scene, shot: &Shot, area: Area) -> Pass {
+        let model = self.model(scene.mesh);
+        let lens = Lens { aspect: area.width as f32 / area.height as f32, ..shot.lens };
+        let falloff =
+            scene.look.falloff_mm.unwrap_or(super::look::FALLOFF_RADII * model.mean_radius_mm);
+        // The light sits beside the lens, as on an endoscope: relief needs a shadow side.
+        let beside = super::look::LIGHT_RADII * model.mean_radius_mm.min(shot.lens.near_mm * 4.0);
+        let light = shot.pose.position_mm + beside * shot.pose.up();
+        let push = surface_push(&scene.look, &shot.pose, &lens, light, falloff);
+        let draws = draw(self.pipelines.inside, model, bytemuck::bytes_of(&push), Vec::new());
+        let [r, g, b] = scene.look.background;
+        let (colour, resolve) = self.into_picture();
+        Pass {
+            colour,
+            resolve,
+            depth: Some(self.targets.depth),
+            clear: Some([r, g, b, 1.0]),
+            area,
+            draws: draws.into_iter().collect(),
+        }
+    }
+
+    /// Colour target and what it is resolved to.
+    pub(super) fn into_picture(&self) -> (ImageId, Option<ImageId>) {
+        let t = &self.targets;
+        t.picture_many.map_or((t.picture, None), |many| (many, Some(t.picture)))
+    }
+}
+
+impl Drop for Renderer<'_> {
+    fn drop(&mut self) {
+        let models = self.models.drain(..).chain(self.paths.drain(..)).flatten();
+        for m in models {
+            self.gpu.free_buffer(m.vertices);
+            self.gpu.free_buffer(m.indices);
+        }
+        for m in [&self.frustum, &self.ball] {
+            self.gpu.free_buffer(m.vertices);
+            self.gpu.free_buffer(m.indices);
+        }
+        self.slots.iter().for_each(|b| self.gpu.free_buffer(*b));
+        let t = &self.targets;
+        for image in [Some(t.picture), t.picture_many, Some(t.glass), t.glass_many, Some(t.depth)] {
+            image.into_iter().for_each(|i| self.gpu.free_image(i));
+        }
+    }
+}
+
+/// A draw of all of a model, or nothing if it is empty.
+pub(super) fn draw(
+    pipeline: DrawPipelineId,
+    model: &Model,
+    push: &[u8],
+    images: Vec<ImageId>,
+) -> Option<Draw> {
+    (model.count > 0).then(|| Draw {
+        pipeline,
+        push: push.to_vec(),
+        vertices: Some(model.vertices),
+        indices: Some(model.indices),
+        range: 0..model.count,
+        images,
+    })
+}
+
+pub(super) fn surface_push(
+    look: &Look,
+    pose: &Pose,
+    lens: &Lens,
+    light: Vec3,
+    falloff: f32,
+) -> host::surface::Params {
+    host::surface::Params {
+        clip: super::clip_from_world(pose, lens).to_cols_array(),
+        eye: pose.position_mm.to_array(),
+        falloff,
+        light: light.to_array(),
+        relief: look.relief,
+        tissue: look.tissue,
+        ambient: look.ambient,
+        diffuse: look.diffuse,
+        specular: look.specular,
+        power: look.power,
+        exposure: look.exposure,
+    }
+}
+
+fn upload_tubes(gpu: &mut Gpu, tubes: &Tubes) -> Result<Model, RenderError> {
+    let bounds = tubes.vertices.iter().fold(None, |b: Option<(Vec3, Vec3)>, v| {
+        let p = Vec3::from(v.position);
+        Some(b.map_or((p, p), |(lo, hi)| (lo.min(p), hi.max(p))))
+    });
+    upload(gpu, &tubes.vertices, &tubes.indices, bounds, 0.0)
+}
+
+fn upload(
+    gpu: &mut Gpu,
+    vertices: &[Vertex],
+    indices: &[u32],
+    bounds: Option<(Vec3, Vec3)>,
+    mean_radius_mm: f32,
+) -> Result<Model, RenderError> {
+    let vertices = gpu.vertex_buffer("vertices", bytemuck::cast_slice(vertices))?;
+    let count = indices.len() as u32;
+    match gpu.index_buffer("indices", indices) {
+        Ok(indices) => Ok(Model { vertices, indices, count, bounds, mean_radius_mm }),
+        Err(e) => {
+            gpu.free_buffer(vertices);
+            Err(e.into())
+        }
+    }
+}
