@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use glam::DVec3;
+
 use super::CliError;
 use super::global::Global;
 use super::lumen_args::{LumenArgs, point};
@@ -28,6 +30,9 @@ pub struct Args {
     unseen: Option<PathBuf>,
     #[command(flatten)]
     mode: ModeArg,
+    /// Start here, LPS mm
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    from: Option<String>,
     #[command(flatten)]
     path: PathArgs,
     #[command(flatten)]
@@ -41,11 +46,8 @@ pub struct PathArgs {
     /// All branches instead of one path
     #[arg(long)]
     pub tree: bool,
-    /// Start here, LPS mm
-    #[arg(long = "path-from", visible_alias = "from", value_name = "X,Y,Z", allow_hyphen_values = true)]
-    pub start: Option<String>,
     /// End here, LPS mm
-    #[arg(long = "path-to", visible_alias = "to", value_name = "X,Y,Z", allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub to: Option<String>,
     /// How far a point sees: paper (Eq. 5) or measured (longest ray across); default by mode
     #[arg(long, value_enum)]
@@ -60,9 +62,9 @@ pub enum RadiusArg {
 
 impl PathArgs {
     /// Settings for a mode.
-    pub fn settings(&self, mode: Mode) -> Result<Settings, CliError> {
-        let end = |s: &Option<String>, flag| s.as_deref().map(|s| point(s, flag)).transpose();
-        let ends = Ends { from: end(&self.start, "--from")?, to: end(&self.to, "--to")? };
+    pub fn settings(&self, mode: Mode, from: Option<DVec3>) -> Result<Settings, CliError> {
+        let to = self.to.as_deref().map(|s| point(s, "--to")).transpose()?;
+        let ends = Ends { from, to };
         let radius = match (self.radius, mode) {
             (Some(RadiusArg::Paper), _) | (None, Mode::Paper) => Radius::Paper,
             (Some(RadiusArg::Measured), _) | (None, Mode::Default) => Radius::Measured,
@@ -106,7 +108,8 @@ impl Args {
         let (lumen, _) = chosen.lumen(global)?;
         let mut device = global.open()?;
         let mode = self.mode.main();
-        let settings = self.path.settings(mode)?;
+        let from = self.from.as_deref().map(|s| point(s, "--from")).transpose()?;
+        let settings = self.path.settings(mode, from)?;
         let ((_, found), timing) = timed(global, &mut device, |device, clock| {
             center(device, &lumen, mode, settings, clock)
         })?;
@@ -129,7 +132,7 @@ impl Args {
         let json = |r: &CenterlineReport| serde_json::to_value(r).unwrap_or_default();
         let mut timing = timing.with("centerline", json(&report));
         if self.mode.mode == Modes::Both {
-            let settings = self.path.settings(Mode::Paper)?;
+            let settings = self.path.settings(Mode::Paper, from)?;
             let (_, paper) =
                 center(&mut device, &lumen, Mode::Paper, settings, &mut Clock::default())?;
             let paper = CenterlineReport::of(&paper, &lumen);

@@ -4,6 +4,31 @@ use super::CliError;
 use crate::pipeline::SurfaceOptions;
 use crate::surface::{Fairing, Weights};
 
+/// `--from`, which names where the surface lies and where the path starts: in `run` it may be
+/// given once for each.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FromArgs {
+    /// Sub-voxel crossings from grey values; the default wherever there is a threshold.
+    pub grey: bool,
+    /// Where the path starts, LPS mm.
+    pub start: Option<glam::DVec3>,
+}
+
+impl FromArgs {
+    /// Sorts the values of `--from` by what they are.
+    pub fn of(values: &[String]) -> Result<Self, CliError> {
+        let mut out = Self { grey: true, start: None };
+        for v in values {
+            match v.as_str() {
+                "grey" => out.grey = true,
+                "mask" => out.grey = false,
+                _ => out.start = Some(super::lumen_args::point(v, "--from")?),
+            }
+        }
+        Ok(out)
+    }
+}
+
 /// Fairing flags.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Surface")]
@@ -25,9 +50,6 @@ pub struct FairArgs {
 pub struct SurfaceArgs {
     #[command(flatten)]
     pub fair: FairArgs,
-    /// Where the surface lies: grey interpolates the threshold between voxels, mask is half way
-    #[arg(long, value_enum)]
-    pub from: Option<From>,
     /// Leave caps at the edge of the volume out
     #[arg(long)]
     pub open_ends: bool,
@@ -37,12 +59,6 @@ pub struct SurfaceArgs {
 pub enum WeightArg {
     Uniform,
     InverseDistance,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum From {
-    Grey,
-    Mask,
 }
 
 impl FairArgs {
@@ -75,11 +91,12 @@ impl SurfaceArgs {
     /// Options for a lumen whose widest inscribed ball has this radius, or a guess of it.
     pub fn options(
         &self,
+        from_grey: bool,
         automatic: Fairing,
         track_from: Option<glam::IVec3>,
     ) -> Result<SurfaceOptions, CliError> {
         Ok(SurfaceOptions {
-            from_grey: self.from != Some(From::Mask),
+            from_grey,
             fairing: self.fair.fairing(automatic)?,
             track_from,
         })

@@ -23,6 +23,9 @@ pub struct Args {
     output: PathBuf,
     #[command(flatten)]
     mode: ModeArg,
+    /// Where the surface lies: grey interpolates the threshold between voxels, mask is half way
+    #[arg(long, value_name = "grey|mask", value_parser = ["grey", "mask"])]
+    from: Option<String>,
     #[command(flatten)]
     surface: SurfaceArgs,
     #[command(flatten)]
@@ -82,7 +85,10 @@ impl Args {
         let chosen = self.lumen.load(self.input.as_deref(), global)?;
         let (lumen, _) = chosen.lumen(global)?;
         let mut device = global.open()?;
-        let build = |mode: Mode| self.surface.options(automatic(mode, &lumen), chosen.track_from());
+        let grey = self.from.as_deref() != Some("mask");
+        let build = |mode: Mode| {
+            self.surface.options(grey, automatic(mode, &lumen), chosen.track_from())
+        };
         let options = build(self.mode.main())?;
         let (wall, timing) = timed(global, &mut device, |device, clock| {
             let (volume, window) = (&chosen.volume, &chosen.recipe.window);

@@ -1,11 +1,45 @@
 //! Files that appear whole or not at all: written beside their place, synced, renamed.
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 use super::FormatError;
 use crate::fault;
+
+/// Temporary files that exist now: what an interrupted program must not leave behind.
+static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// Notes a temporary file until the note is dropped.
+pub(super) struct Noted(PathBuf);
+
+impl Noted {
+    pub fn new(path: &Path) -> Self {
+        if let Ok(mut all) = UNFINISHED.lock() {
+            all.insert(path.to_owned());
+        }
+        Self(path.to_owned())
+    }
+}
+
+impl Drop for Noted {
+    fn drop(&mut self) {
+        if let Ok(mut all) = UNFINISHED.lock() {
+            all.remove(&self.0);
+        }
+    }
+}
+
+/// Removes every unfinished file; for a program about to be ended by Ctrl-C.
+pub fn discard_unfinished() {
+    if let Ok(all) = UNFINISHED.lock() {
+        for path in all.iter() {
+            let _ = std::fs::remove_file(path);
+        }
+    }
+}
 
 /// A file being written. It takes its name only at [`WholeFile::commit`]; dropped before that, it
 /// leaves nothing behind.
@@ -13,6 +47,7 @@ pub struct WholeFile {
     path: PathBuf,
     out: BufWriter<Faulty>,
     temp: tempfile::TempPath,
+    noted: Noted,
 }
 
 /// The file behind the buffer, where a full disk can be planted.
@@ -46,7 +81,8 @@ impl WholeFile {
             .map_err(|e| FormatError::io(path, e))?
             .into_parts();
         let out = BufWriter::with_capacity(1 << 18, Faulty(file));
-        Ok(Self { path: path.to_owned(), out, temp })
+        let noted = Noted::new(&temp);
+        Ok(Self { path: path.to_owned(), out, temp, noted })
     }
 
     /// Syncs the bytes and gives the file its name.
@@ -54,7 +90,7 @@ impl WholeFile {
     /// # Errors
     /// [`FormatError::Io`]; nothing is left behind then.
     pub fn commit(self) -> Result<(), FormatError> {
-        let Self { path, out, temp } = self;
+        let Self { path, out, temp, noted: _noted } = self;
         let finish = || -> io::Result<()> {
             let file = out.into_inner().map_err(|e| e.into_error())?.0;
             // Temporary files are private; an output has the mode any new file would have.
