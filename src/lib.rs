@@ -8,6 +8,7 @@ pub mod lumen;
 pub mod compute;
 pub mod kernels;
 pub mod field;
+pub mod flight;
 pub mod centerline;
 pub mod surface;
 pub mod vk;
