@@ -122,6 +122,21 @@ impl<'a> Clearance<'a> {
         exact.map_or(bound, |e| e.max(bound))
     }
 
+    /// Unit direction in which the wall recedes fastest, by the distance field; `None` where it
+    /// has no slope.
+    pub fn away(&self, p_mm: DVec3) -> Option<DVec3> {
+        self.voxel(p_mm)?;
+        let grid = &self.distance.lumen.grid;
+        let c = self.local(p_mm);
+        let slope = |axis: DVec3, h: f64| {
+            let e = 0.5 * h * axis;
+            (self.distance.at(c + e) - self.distance.at(c - e)) / h
+        };
+        let h = grid.spacing_mm;
+        let (x, y, z) = (slope(DVec3::X, h.x), slope(DVec3::Y, h.y), slope(DVec3::Z, h.z));
+        (grid.direction * DVec3::new(x, y, z)).try_normalize()
+    }
+
     /// The near plane for an eye: as wished or as much nearer as it takes, with the distance to
     /// the wall that was proven, both mm.
     ///

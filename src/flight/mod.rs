@@ -5,12 +5,16 @@ mod clearance;
 mod gaze;
 mod plan;
 mod profile;
+mod script;
+mod slide;
 mod wall;
 
 pub use clearance::{Clearance, LEAST_NEAR_MM, SAFETY};
 pub use gaze::Track;
 pub use plan::{Flight, FlightError, FlightOptions, Frames, MAX_FRAMES};
 pub use profile::{MAX_TURN_RAD_PER_S, Profile};
+pub use script::{MAX_BYTES, SCHEMA, Script, ScriptError, Shot};
+pub use slide::slide;
 pub use wall::WallIndex;
 
 /// Averages each value with its neighbours by a Gaussian of its own width.

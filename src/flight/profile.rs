@@ -121,9 +121,9 @@ mod tests {
             (0..n).map(|i| if (180..220).contains(&i) { 1.0 } else { 5.0 }).collect();
         let p = Profile::new(0.25, &radius, &vec![0.0; n - 1], 20.0);
         assert!((p.speed_at(10.0) - 20.0).abs() < 1e-9 && (p.speed_at(50.0) - 5.0).abs() < 1e-9);
-        for i in 0..n {
+        for (i, r) in radius.iter().enumerate() {
             let s = 0.25 * i as f64;
-            assert!(p.speed_at(s) <= 20.0 * (radius[i] / 5.0).max(0.25) + 1e-9, "{s}");
+            assert!(p.speed_at(s) <= 20.0 * (r / 5.0).max(0.25) + 1e-9, "{s}");
             assert!((p.arc_at(p.seconds_at(s)) - s).abs() < 1e-9);
             // smooth: a second's worth of speed takes millimetres to build up
             assert!((p.speed_at(s + 0.25) - p.speed_at(s)).abs() < 3.0, "{s}");
