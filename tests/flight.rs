@@ -272,6 +272,37 @@ fn nearest(mesh: &Mesh, p: Vec3) -> f64 {
 }
 
 #[test]
+fn every_way_from_root_to_leaf_of_a_tree_is_flown_through_its_corners() {
+    let o = organ(Kind::Y, 96, [1.0; 3]);
+    let mut plan = Plan::new();
+    let buffers = LumenBuffers::new(&mut plan, &o.lumen);
+    let d = distance(&mut plan, &buffers);
+    let f = smooth(&mut plan, &buffers, d, 1.0, None);
+    plan.download(f);
+    let out = run_cpu(&plan);
+    let options = RouteOptions { tree: true, ..Default::default() };
+    let tree = centerline(&o.lumen, &o.distance, out.get(f), options).unwrap().line;
+    assert!(tree.branches.len() >= 4);
+    for branch in 0..tree.branches.len() {
+        let path = tree.path_to(branch);
+        for reverse in [false, true] {
+            let frames = Frames::Speed { mm_per_s: 25.0, fps: 25.0 };
+            let options =
+                FlightOptions { frames, reverse, wall: Some(&o.wall), ..Default::default() };
+            let f = Flight::new(&path, &o.lumen, &o.distance, options).unwrap();
+            let turns = turns(&f);
+            let gaze = greatest(turns.iter().map(|t| t.0));
+            let roll = greatest(turns.iter().map(|t| t.1));
+            println!(
+                "branch {branch}: gaze {gaze:.2}, roll {roll:.4} deg a frame, {} moved",
+                f.moved
+            );
+            assert!(gaze < 1.21 && roll < 0.1 && f.moved == 0 && f.min_margin_mm() > 0.0);
+        }
+    }
+}
+
+#[test]
 fn a_waist_is_flown_at_the_share_of_speed_its_radius_has() {
     let mut organ = open_space(|s| DVec3::new(20.0 + s, 50.0, 50.0), 80.0, 0.5, 6.0);
     for p in &mut organ.path[60..100] {
