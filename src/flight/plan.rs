@@ -1,0 +1,300 @@
+//! From a path to the frames of a flight.
+
+use glam::DVec3;
+
+use super::profile::median;
+use super::{Clearance, Profile, Track};
+use crate::centerline::arc_lengths;
+use crate::geometry::{CenterlinePoint, Lens, Mesh, Pose};
+use crate::lumen::Lumen;
+
+/// Most frames of a flight: ten hours at 25 a second.
+pub const MAX_FRAMES: usize = 900_000;
+/// The near plane as a share of the radius.
+const NEAR_SHARE: f64 = 0.35;
+/// Farthest near plane, mm.
+const MOST_NEAR_MM: f64 = 5.0;
+/// Cruising speed in median radii a second, where only the number of frames is given.
+const CRUISE_RADII: f64 = 1.5;
+
+/// How many frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Frames {
+    /// This many, equal steps in flight time.
+    Count(usize),
+    /// As many as the flight takes.
+    Speed {
+        /// Cruising speed, mm/s; slower in narrow places and turns, never faster.
+        mm_per_s: f64,
+        /// Frames a second.
+        fps: f64,
+    },
+}
+
+/// What flight to plan.
+#[derive(Clone, Copy, Debug)]
+pub struct FlightOptions<'a> {
+    /// How many frames.
+    pub frames: Frames,
+    /// Vertical field of view, radians.
+    pub fov_y_rad: f32,
+    /// Width over height of a frame.
+    pub aspect: f32,
+    /// From the last point to the first.
+    pub reverse: bool,
+    /// The surface that is drawn, LPS mm: lets thin places be proven by exact distances.
+    pub wall: Option<&'a Mesh>,
+}
+
+impl Default for FlightOptions<'_> {
+    fn default() -> Self {
+        Self {
+            frames: Frames::Count(120),
+            fov_y_rad: std::f32::consts::FRAC_PI_2,
+            aspect: 4.0 / 3.0,
+            reverse: false,
+            wall: None,
+        }
+    }
+}
+
+/// Why there is no flight.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FlightError {
+    /// An option that cannot be flown.
+    #[error("{what} is {value}; it must be {range}")]
+    Option {
+        /// Which option.
+        what: &'static str,
+        /// What it is.
+        value: f64,
+        /// What it may be.
+        range: &'static str,
+    },
+    /// A point of the path is not a place.
+    #[error("point {0} of the path is not finite")]
+    NotFinite(usize),
+    /// There is nothing to fly along.
+    #[error("no flight: the path is {length_mm} mm long")]
+    TooShort {
+        /// Its length, mm.
+        length_mm: f64,
+    },
+    /// No near plane keeps off the wall.
+    #[error("frame {frame} at ({:.2}, {:.2}, {:.2}) mm: the wall is proven only {room_mm:.3} mm away, too near for any near plane", .at.x, .at.y, .at.z)]
+    NoRoom {
+        /// Which frame, from 0.
+        frame: usize,
+        /// The eye, LPS mm.
+        at: DVec3,
+        /// Distance to the wall that could be proven, mm; 0 outside the lumen.
+        room_mm: f64,
+    },
+}
+
+/// Frames of a flight, each proven clear of the wall.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Flight {
+    /// The eye of each frame.
+    pub poses: Vec<Pose>,
+    /// Near plane of each frame, mm.
+    pub near_mm: Vec<f32>,
+    /// Time of each frame since the first, s.
+    pub seconds: Vec<f64>,
+    /// Distance to the wall that was proven for each frame, mm: at least, not exactly.
+    pub clearance_mm: Vec<f64>,
+    /// Vertical field of view, radians.
+    pub fov_y_rad: f32,
+    /// Width over height.
+    pub aspect: f32,
+    /// Frames whose eye was moved along the path to where a near plane fits.
+    pub moved: usize,
+}
+
+impl Flight {
+    /// Plans a flight along a path.
+    ///
+    /// * `distance`: exact distance to external voxel centres, mm, in slot order of `lumen`.
+    ///
+    /// Near planes are a third of the radius or as much nearer as the proof asks for. An eye for
+    /// which none can be proven moves to the nearest sample of the path for which one can.
+    ///
+    /// # Errors
+    /// [`FlightError`] names the option, point or frame.
+    pub fn new(
+        points: &[CenterlinePoint],
+        lumen: &Lumen,
+        distance: &[f32],
+        options: FlightOptions<'_>,
+    ) -> Result<Self, FlightError> {
+        check(&options)?;
+        let mut path = points.to_vec();
+        let finite = |p: &CenterlinePoint| p.position_mm.is_finite() && p.radius_mm.is_finite();
+        if let Some(i) = path.iter().position(|p| !finite(p)) {
+            return Err(FlightError::NotFinite(i));
+        }
+        path.dedup_by_key(|p| p.position_mm);
+        if options.reverse {
+            path.reverse();
+        }
+        let places: Vec<DVec3> = path.iter().map(|p| p.position_mm).collect();
+        let length_mm = arc_lengths(&places).last().copied().unwrap_or(0.0);
+        if length_mm < 1e-3 {
+            return Err(FlightError::TooShort { length_mm });
+        }
+        let wall = Clearance::new(lumen, distance, options.wall);
+        let track = Track::new(&path, &wall, lumen.grid.spacing_mm.min_element());
+        let cruise = match options.frames {
+            Frames::Count(_) => (CRUISE_RADII * median(&track.radius_mm)).max(0.1),
+            Frames::Speed { mm_per_s, .. } => mm_per_s,
+        };
+        let profile = Profile::new(track.step_mm, &track.radius_mm, &track.turns_rad(), cruise);
+        let total = profile.total_seconds();
+        let (count, each) = match options.frames {
+            Frames::Count(n) => (n, total / n.saturating_sub(1).max(1) as f64),
+            Frames::Speed { fps, .. } => ((total * fps).ceil() as usize + 1, 1.0 / fps),
+        };
+        if count > MAX_FRAMES {
+            return Err(too_many(count));
+        }
+        // Whole frames: the flight is stretched by less than one, which only slows it.
+        let stretch = total / (each * (count - 1).max(1) as f64);
+        let mut planner = Planner::new(&track, &wall, &options);
+        let mut flight = Self::empty(options.fov_y_rad, options.aspect);
+        for k in 0..count {
+            let seconds = each * k as f64;
+            let shot = planner.shot(k, profile.arc_at(seconds * stretch))?;
+            flight.push(shot, seconds);
+        }
+        flight.moved = planner.moved;
+        Ok(flight)
+    }
+
+    pub(super) fn empty(fov_y_rad: f32, aspect: f32) -> Self {
+        Self {
+            poses: Vec::new(),
+            near_mm: Vec::new(),
+            seconds: Vec::new(),
+            clearance_mm: Vec::new(),
+            fov_y_rad,
+            aspect,
+            moved: 0,
+        }
+    }
+
+    pub(super) fn push(&mut self, shot: (Pose, f32, f64), seconds: f64) {
+        self.poses.push(shot.0);
+        self.near_mm.push(shot.1);
+        self.clearance_mm.push(shot.2);
+        self.seconds.push(seconds);
+    }
+
+    /// The lens of a frame.
+    ///
+    /// # Panics
+    /// If there is no such frame.
+    pub fn lens(&self, frame: usize) -> Lens {
+        let (fov_y_rad, aspect) = (self.fov_y_rad, self.aspect);
+        Lens { fov_y_rad, aspect, near_mm: self.near_mm[frame] }
+    }
+
+    /// Least room left over between a near ball and the wall, mm: proven distance less the ball's
+    /// radius, over all frames. Infinite without frames.
+    pub fn min_margin_mm(&self) -> f64 {
+        (0..self.poses.len())
+            .map(|i| self.clearance_mm[i] - f64::from(self.lens(i).near_ball_mm()))
+            .fold(f64::INFINITY, f64::min)
+    }
+}
+
+fn check(o: &FlightOptions<'_>) -> Result<(), FlightError> {
+    let err = |what, value, range| Err(FlightError::Option { what, value, range });
+    let fov = f64::from(o.fov_y_rad).to_degrees();
+    if !(1.0..=170.0).contains(&fov) {
+        return err("the vertical field of view in degrees", fov, "1 to 170");
+    }
+    if !(0.01..=100.0).contains(&o.aspect) {
+        return err("width over height", f64::from(o.aspect), "0.01 to 100");
+    }
+    match o.frames {
+        Frames::Count(0) => err("the number of frames", 0.0, "at least 1"),
+        Frames::Count(n) if n > MAX_FRAMES => Err(too_many(n)),
+        Frames::Count(_) => Ok(()),
+        Frames::Speed { mm_per_s, .. } if !(0.01..=10_000.0).contains(&mm_per_s) => {
+            err("the speed in mm/s", mm_per_s, "0.01 to 10000")
+        }
+        Frames::Speed { fps, .. } if !(0.01..=1000.0).contains(&fps) => {
+            err("the frame rate", fps, "0.01 to 1000")
+        }
+        Frames::Speed { .. } => Ok(()),
+    }
+}
+
+fn too_many(count: usize) -> FlightError {
+    let range = "at most 900000";
+    FlightError::Option { what: "the number of frames", value: count as f64, range }
+}
+
+/// Places eyes on a track and proves their near planes.
+struct Planner<'a> {
+    track: &'a Track,
+    wall: &'a Clearance<'a>,
+    lens: Lens,
+    /// Near plane and proven distance at samples that were asked for.
+    known: Vec<Option<Result<(f32, f64), f64>>>,
+    moved: usize,
+}
+
+impl<'a> Planner<'a> {
+    fn new(track: &'a Track, wall: &'a Clearance<'a>, options: &FlightOptions<'_>) -> Self {
+        let lens = Lens { fov_y_rad: options.fov_y_rad, aspect: options.aspect, near_mm: 0.0 };
+        Self { track, wall, lens, known: vec![None; track.eye.len()], moved: 0 }
+    }
+
+    fn prove(&self, eye: DVec3, radius_mm: f64) -> Result<(f32, f64), f64> {
+        let wish = (NEAR_SHARE * radius_mm).clamp(super::LEAST_NEAR_MM, MOST_NEAR_MM);
+        // What is drawn from is the rounded eye.
+        let eye = eye.as_vec3().as_dvec3();
+        self.wall.near_mm(eye, Lens { near_mm: wish as f32, ..self.lens })
+    }
+
+    fn shot(&mut self, frame: usize, arc_mm: f64) -> Result<(Pose, f32, f64), FlightError> {
+        let (eye, gaze, up, radius) = self.track.at(arc_mm);
+        match self.prove(eye, radius) {
+            Ok((near, room)) => Ok((pose(eye, gaze, up), near, room)),
+            Err(room_mm) => {
+                let at = (arc_mm / self.track.step_mm).round() as usize;
+                let moved = self.nearest_safe(at);
+                let Some((i, near, room)) = moved else {
+                    return Err(FlightError::NoRoom { frame, at: eye, room_mm });
+                };
+                self.moved += 1;
+                let t = self.track;
+                Ok((pose(t.eye[i], t.gaze[i], t.up[i]), near, room))
+            }
+        }
+    }
+
+    /// The sample nearest to sample `at` along the path that has room.
+    fn nearest_safe(&mut self, at: usize) -> Option<(usize, f32, f64)> {
+        let n = self.track.eye.len();
+        for k in 0..n {
+            for i in [at.checked_sub(k), Some(at + k).filter(|i| *i < n)].into_iter().flatten() {
+                let answer = match self.known[i] {
+                    Some(a) => a,
+                    None => self.prove(self.track.eye[i], self.track.radius_mm[i]),
+                };
+                self.known[i] = Some(answer);
+                if let Ok((near, room)) = answer {
+                    return Some((i, near, room));
+                }
+            }
+        }
+        None
+    }
+}
+
+fn pose(eye: DVec3, gaze: DVec3, up: DVec3) -> Pose {
+    Pose::looking(eye.as_vec3(), gaze.as_vec3(), up.as_vec3())
+}

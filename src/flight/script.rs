@@ -1,0 +1,359 @@
+//! A camera path as a file: versioned JSON, so that a flight can be kept, edited and flown again.
+
+use glam::{DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::{Clearance, Flight, FlightError, MAX_FRAMES};
+use crate::geometry::{Lens, Pose};
+
+/// Name and version of the format.
+pub const SCHEMA: &str = "intima.path/1";
+/// Largest file that is read, bytes.
+pub const MAX_BYTES: usize = 256 << 20;
+/// Quaternions may differ from unit length by this much.
+const UNIT_SLACK: f64 = 1e-3;
+/// Farthest place from the origin, mm: a kilometre.
+const FARTHEST_MM: f64 = 1e6;
+
+/// An eye at a moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shot {
+    /// Seconds since the start.
+    pub seconds: f64,
+    /// Eye, LPS mm.
+    pub position_mm: DVec3,
+    /// World from camera, unit; the camera looks along -z with +y up.
+    pub rotation: DQuat,
+    /// Wished near plane, mm.
+    pub near_mm: f64,
+}
+
+/// A camera path: shots in the order of time, at least one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Script {
+    /// Vertical field of view, degrees.
+    pub fov_y_deg: f64,
+    /// The shots, times ascending.
+    pub shots: Vec<Shot>,
+}
+
+/// What is wrong with a camera path.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ScriptError {
+    /// Too many bytes.
+    #[error("the camera path has {bytes} bytes; at most {MAX_BYTES} are read")]
+    TooLarge {
+        /// How many.
+        bytes: usize,
+    },
+    /// Not JSON, or not of the right shape.
+    #[error("line {line}, column {column} of the camera path: {why}")]
+    Json {
+        /// From 1.
+        line: usize,
+        /// From 1.
+        column: usize,
+        /// What the reader expected.
+        why: String,
+    },
+    /// Another format or version, or other units.
+    #[error("the camera path's {field} must be `{wanted}`")]
+    Schema {
+        /// `schema`, `space` or `unit`.
+        field: &'static str,
+        /// What it must be.
+        wanted: &'static str,
+    },
+    /// No shots, or too many.
+    #[error("the camera path has {0} poses; it must have 1 to {MAX_FRAMES}")]
+    Count(usize),
+    /// A field of view that no lens has.
+    #[error("the camera path's `fov_y_deg` is {0}; it must be 1 to 170")]
+    FieldOfView(f64),
+    /// A pose that cannot be.
+    #[error("pose {entry} of the camera path: `{field}` is {value}: {why}")]
+    Pose {
+        /// Which, from 0.
+        entry: usize,
+        /// Its field.
+        field: &'static str,
+        /// What it holds.
+        value: String,
+        /// What is wrong with it.
+        why: &'static str,
+    },
+}
+
+/// The file. Fields it does not know are ignored: later versions of /1 may add some.
+#[derive(Serialize, Deserialize)]
+struct File {
+    schema: String,
+    space: String,
+    unit: String,
+    fov_y_deg: f64,
+    poses: Vec<Entry>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Entry {
+    seconds: f64,
+    position: [f64; 3],
+    /// x, y, z, w.
+    quaternion: [f64; 4],
+    near: f64,
+}
+
+impl Script {
+    /// Reads a camera path.
+    ///
+    /// # Errors
+    /// [`ScriptError`] names the place or the pose.
+    pub fn parse(json: &[u8]) -> Result<Self, ScriptError> {
+        if json.len() > MAX_BYTES {
+            return Err(ScriptError::TooLarge { bytes: json.len() });
+        }
+        let file: File = serde_json::from_slice(json).map_err(|e| {
+            let why = e.to_string();
+            let why = why.split(" at line ").next().unwrap_or_default().to_owned();
+            ScriptError::Json { line: e.line(), column: e.column(), why }
+        })?;
+        for (field, is, wanted) in [
+            ("schema", &file.schema, SCHEMA),
+            ("space", &file.space, "LPS"),
+            ("unit", &file.unit, "mm"),
+        ] {
+            if is != wanted {
+                return Err(ScriptError::Schema { field, wanted });
+            }
+        }
+        if file.poses.is_empty() || file.poses.len() > MAX_FRAMES {
+            return Err(ScriptError::Count(file.poses.len()));
+        }
+        if !(1.0..=170.0).contains(&file.fov_y_deg) {
+            return Err(ScriptError::FieldOfView(file.fov_y_deg));
+        }
+        let mut shots: Vec<Shot> = Vec::with_capacity(file.poses.len());
+        for (entry, pose) in file.poses.iter().enumerate() {
+            let shot = pose.checked(entry, shots.last().map(|s| s.seconds))?;
+            shots.push(shot);
+        }
+        Ok(Self { fov_y_deg: file.fov_y_deg, shots })
+    }
+
+    /// The file's text, one pose a line; [`Script::parse`] gives back every bit.
+    pub fn to_json(&self) -> String {
+        let n =
+            |v: f64| serde_json::Number::from_f64(v).map_or("null".to_owned(), |n| n.to_string());
+        let list = |v: &[f64]| v.iter().map(|v| n(*v)).collect::<Vec<_>>().join(",");
+        let poses: Vec<String> = self
+            .shots
+            .iter()
+            .map(|s| {
+                format!(
+                    "{{\"seconds\":{},\"position\":[{}],\"quaternion\":[{}],\"near\":{}}}",
+                    n(s.seconds),
+                    list(&s.position_mm.to_array()),
+                    list(&s.rotation.to_array()),
+                    n(s.near_mm)
+                )
+            })
+            .collect();
+        format!(
+            "{{\"schema\":\"{SCHEMA}\",\"space\":\"LPS\",\"unit\":\"mm\",\n\
+             \"quaternion_order\":\"x,y,z,w\",\"camera\":\"looks along -z, +y up\",\n\
+             \"fov_y_deg\":{},\"poses\":[\n{}\n]}}\n",
+            n(self.fov_y_deg),
+            poses.join(",\n")
+        )
+    }
+
+    /// Time of the last shot since the first, s.
+    pub fn total_seconds(&self) -> f64 {
+        match (self.shots.first(), self.shots.last()) {
+            (Some(a), Some(b)) => b.seconds - a.seconds,
+            _ => 0.0,
+        }
+    }
+
+    /// The shot at a time: places and near planes in a straight line, rotations along the shorter
+    /// arc. Before the first and after the last, those.
+    ///
+    /// # Panics
+    /// Without shots.
+    pub fn at(&self, seconds: f64) -> Shot {
+        let i = self.shots.partition_point(|s| s.seconds <= seconds);
+        if i == 0 || i == self.shots.len() {
+            let end = self.shots[i.saturating_sub(1).min(self.shots.len() - 1)];
+            return Shot { seconds, ..end };
+        }
+        let (a, b) = (self.shots[i - 1], self.shots[i]);
+        let t = (seconds - a.seconds) / (b.seconds - a.seconds);
+        Shot {
+            seconds,
+            position_mm: a.position_mm.lerp(b.position_mm, t),
+            rotation: a.rotation.slerp(b.rotation, t),
+            near_mm: a.near_mm + t * (b.near_mm - a.near_mm),
+        }
+    }
+
+    /// The same path in `count` shots, equal steps in time; shots that fall on one of the file's
+    /// are that one.
+    pub fn resampled(&self, count: usize) -> Self {
+        let count = count.clamp(1, MAX_FRAMES);
+        if count == self.shots.len() {
+            return self.clone();
+        }
+        let start = self.shots.first().map_or(0.0, |s| s.seconds);
+        let each = self.total_seconds() / (count.max(2) - 1) as f64;
+        let shots = (0..count).map(|k| self.at(start + each * k as f64)).collect();
+        Self { fov_y_deg: self.fov_y_deg, shots }
+    }
+
+    /// The flight of this path, shot by shot: each is proven clear of the wall, with a nearer near
+    /// plane where its own would cut it. No eye is moved.
+    ///
+    /// * `aspect`: width over height of a frame.
+    ///
+    /// # Errors
+    /// [`FlightError::NoRoom`] names the first pose that is outside or too near to the wall.
+    pub fn fly(&self, wall: &Clearance<'_>, aspect: f32) -> Result<Flight, FlightError> {
+        let mut flight = Flight::empty(self.fov_y_deg.to_radians() as f32, aspect);
+        let start = self.shots.first().map_or(0.0, |s| s.seconds);
+        for (frame, s) in self.shots.iter().enumerate() {
+            let position_mm = s.position_mm.as_vec3();
+            let at = position_mm.as_dvec3();
+            let wish = Lens { fov_y_rad: flight.fov_y_rad, aspect, near_mm: s.near_mm as f32 };
+            let (near, room) = wall.near_mm(at, wish).map_err(|room_mm| FlightError::NoRoom {
+                frame,
+                at,
+                room_mm,
+            })?;
+            let pose = Pose { position_mm, rotation: s.rotation.as_quat().normalize() };
+            flight.push((pose, near, room), s.seconds - start);
+        }
+        Ok(flight)
+    }
+}
+
+impl From<&Flight> for Script {
+    fn from(flight: &Flight) -> Self {
+        let shot = |i: usize| {
+            let Pose { position_mm, rotation } = flight.poses[i];
+            Shot {
+                seconds: flight.seconds[i],
+                position_mm: position_mm.as_dvec3(),
+                rotation: rotation.as_dquat(),
+                near_mm: f64::from(flight.near_mm[i]),
+            }
+        };
+        Self {
+            fov_y_deg: f64::from(flight.fov_y_rad).to_degrees(),
+            shots: (0..flight.poses.len()).map(shot).collect(),
+        }
+    }
+}
+
+impl Entry {
+    fn checked(&self, entry: usize, before: Option<f64>) -> Result<Shot, ScriptError> {
+        let wrong = |field, value: String, why| Err(ScriptError::Pose { entry, field, value, why });
+        if !self.seconds.is_finite() || self.seconds.abs() > 1e9 {
+            return wrong("seconds", self.seconds.to_string(), "no time");
+        }
+        if before.is_some_and(|b| self.seconds <= b) {
+            return wrong("seconds", self.seconds.to_string(), "not later than the pose before");
+        }
+        let position_mm = DVec3::from(self.position);
+        if !self.position.iter().all(|c| c.abs() <= FARTHEST_MM) {
+            return wrong("position", format!("{:?}", self.position), "farther than 1 km");
+        }
+        let rotation = DQuat::from_array(self.quaternion);
+        if !(1.0 - UNIT_SLACK..=1.0 + UNIT_SLACK).contains(&rotation.length()) {
+            return wrong("quaternion", format!("{:?}", self.quaternion), "not of unit length");
+        }
+        if !(1e-3..=1e3).contains(&self.near) {
+            return wrong("near", self.near.to_string(), "not within 0.001 to 1000 mm");
+        }
+        Ok(Shot { seconds: self.seconds, position_mm, rotation, near_mm: self.near })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn script() -> Script {
+        let shot = |i: u32| Shot {
+            seconds: 0.1 * f64::from(i),
+            position_mm: DVec3::new(1.0 / 3.0, -2.5e-7, 1234.5) * f64::from(i),
+            rotation: DQuat::from_rotation_y(0.3 * f64::from(i)),
+            near_mm: 0.1 + 0.2 * f64::from(i),
+        };
+        Script { fov_y_deg: 77.7, shots: (0..9).map(shot).collect() }
+    }
+
+    #[test]
+    fn every_bit_comes_back() {
+        let s = script();
+        let text = s.to_json();
+        let back = Script::parse(text.as_bytes()).unwrap();
+        assert_eq!(back, s);
+        assert_eq!(back.to_json(), text);
+    }
+
+    #[test]
+    fn more_frames_lie_between_the_shots() {
+        let s = script();
+        let more = s.resampled(17);
+        assert_eq!(more.shots.len(), 17);
+        for i in 0..9 {
+            let (a, b) = (&more.shots[2 * i], &s.shots[i]);
+            assert!(a.position_mm.distance(b.position_mm) < 1e-9);
+            assert!(a.rotation.angle_between(b.rotation) < 1e-7);
+        }
+        let half = more.shots[3];
+        assert!(half.rotation.angle_between(DQuat::from_rotation_y(0.45)) < 1e-7);
+        assert!((half.near_mm - 0.4).abs() < 1e-9);
+        assert_eq!(s.resampled(9), s);
+        assert_eq!(s.resampled(1).shots[0].position_mm, DVec3::ZERO);
+        // the same turn written with the other sign is still the shorter arc
+        let mut flipped = s.clone();
+        flipped.shots[1].rotation = -flipped.shots[1].rotation;
+        let turn = flipped.at(0.05).rotation.angle_between(DQuat::from_rotation_y(0.15));
+        assert!(turn < 1e-7, "{turn}");
+        assert_eq!((s.at(-1.0).position_mm, s.at(9.0).near_mm), (DVec3::ZERO, s.shots[8].near_mm));
+    }
+
+    #[test]
+    fn what_cannot_be_flown_is_named() {
+        let good = script().to_json();
+        let error = |from: &str, to: &str| {
+            assert!(good.contains(from), "{from}");
+            Script::parse(good.replacen(from, to, 1).as_bytes()).unwrap_err().to_string()
+        };
+        let near = "\"near\":0.1}";
+        for (bad, word) in [("1e999", "range"), ("null", "null"), ("\"1\"", "string")] {
+            let said = error(near, &format!("\"near\":{bad}}}"));
+            assert!(said.contains("line 4") && said.contains(word), "{said}");
+        }
+        for bad in ["-1", "0", "1e300"] {
+            let said = error(near, &format!("\"near\":{bad}}}"));
+            assert!(said.starts_with("pose 0 ") && said.contains("`near`"), "{said}");
+        }
+        let said = error("\"seconds\":0.2,", "\"seconds\":0.1,");
+        assert!(said.starts_with("pose 2 ") && said.contains("not later"), "{said}");
+        let said = error("[0.0,0.0,0.0,1.0]", "[0.0,0.0,0.0,1.002]");
+        assert!(said.contains("pose 0") && said.contains("unit length"), "{said}");
+        assert!(error("[0.0,0.0,0.0,1.0]", "[0,0,1]").contains("line 4"));
+        assert!(error("1234.5]", "1e7]").contains("pose 1"));
+        assert!(error("path/1", "path/2").contains("`intima.path/1`"));
+        assert!(error("LPS", "RAS").contains("space"));
+        assert!(error("77.7", "180").contains("180"));
+        let empty = Script { shots: Vec::new(), ..script() }.to_json();
+        assert_eq!(Script::parse(empty.as_bytes()), Err(ScriptError::Count(0)));
+        let deep = "[".repeat(100_000);
+        for bad in ["", "{}", "[]", "\u{0}", &deep, &good[..good.len() / 2]] {
+            assert!(matches!(Script::parse(bad.as_bytes()), Err(ScriptError::Json { .. })));
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! Moving by hand without going through the wall.
+
+use glam::DVec3;
+
+use super::{Clearance, SAFETY};
+use crate::geometry::Lens;
+
+/// Most substeps of one move; what is left of the move then is not made.
+const MAX_SUBSTEPS: usize = 64;
+/// Most corrections of one substep.
+const MAX_CORRECTIONS: usize = 4;
+
+/// Moves an eye by `delta_mm`, gliding along the wall where it is in the way.
+///
+/// * `from_mm`: where the eye is, LPS mm; a place that the lens has no room at is not left.
+///
+/// Each substep is at most half the proven distance to the wall. Where the near ball would come
+/// nearer than it may, the part of the step that goes towards the wall is taken out and the eye is
+/// pushed away from it. Every place returned is proven as for the frames of a flight
+/// (ALGORITHMS, stage k.1).
+pub fn slide(from_mm: DVec3, delta_mm: DVec3, wall: &Clearance<'_>, lens: Lens) -> DVec3 {
+    let need = SAFETY * f64::from(lens.near_ball_mm());
+    let mut at = from_mm;
+    let mut left = delta_mm;
+    if !delta_mm.is_finite() {
+        return at;
+    }
+    for _ in 0..MAX_SUBSTEPS {
+        if left.length() < 1e-9 {
+            break;
+        }
+        let room = wall.proven_mm(at, need.max((2.0 * left.length()).min(4.0 * need)));
+        if room < need {
+            break;
+        }
+        let mut step = left.clamp_length_max(0.5 * room);
+        left -= step;
+        let mut push = DVec3::ZERO;
+        let mut next = None;
+        for _ in 0..=MAX_CORRECTIONS {
+            // Shorter than the room about `at`: the wall cannot be jumped.
+            let to = at + (step + push).clamp_length_max(0.9 * room);
+            let there = wall.proven_mm(to, need);
+            if there >= need {
+                next = Some(to);
+                break;
+            }
+            let Some(away) = wall.away(to).or_else(|| wall.away(at)) else { break };
+            step -= away.dot(step).min(0.0) * away;
+            push += (need - there) * away;
+        }
+        match next {
+            Some(to) => at = to,
+            None => break,
+        }
+    }
+    at
+}
