@@ -46,6 +46,18 @@ fn every_kernel_agrees_with_its_twin() {
 }
 
 #[test]
+fn no_kernel_reaches_past_its_buffers() {
+    let Some(mut gpu) = common::gpu(Validate::GpuAssisted) else { return };
+    for kernel in kernels::ALL {
+        for case in (kernel.cases)() {
+            gpu.run(&case.plan).unwrap();
+            let said = gpu.validation_messages();
+            assert!(said.is_empty(), "{}/{}: {}", kernel.name(), case.name, said.join("\n"));
+        }
+    }
+}
+
+#[test]
 fn a_second_run_gives_the_same_bytes() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     for kernel in kernels::ALL {

@@ -105,6 +105,31 @@ impl Gpu {
         self.instance.validate != Validate::Off
     }
 
+    /// Timeline value the device has reached.
+    pub(super) fn reached(&self) -> Result<u64, VkError> {
+        match self.instance.validate {
+            Validate::GpuAssisted => self.wait_idle().map(|()| self.timeline.submitted),
+            _ => self.timeline.reached(&self.device),
+        }
+    }
+
+    /// Blocks until the device has reached a timeline value.
+    pub(super) fn wait(&self, value: u64) -> Result<(), VkError> {
+        match self.instance.validate {
+            Validate::GpuAssisted => self.wait_idle(),
+            _ => self.timeline.wait(&self.device, value),
+        }
+    }
+
+    /// In place of the timeline when shaders are instrumented: there the layer's own book-keeping
+    /// of timelines hangs (it says so itself, after ten seconds). An idle queue has reached every
+    /// value.
+    fn wait_idle(&self) -> Result<(), VkError> {
+        // SAFETY: `Gpu` owns the queue and is not shared between threads while this runs: every
+        // caller holds it by `&mut`.
+        unsafe { self.device.queue_wait_idle(self.queue) }.map_err(VkError::of("vkQueueWaitIdle"))
+    }
+
     /// Bytes of device memory held at the moment, blocks kept for reuse included.
     pub fn memory_held(&self) -> u64 {
         self.memory.capacity()

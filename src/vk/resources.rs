@@ -141,7 +141,7 @@ impl Gpu {
     /// If the buffer is not a read-back buffer.
     pub fn read(&mut self, id: BufferId) -> Result<&[u8], VkError> {
         let last_use = self.buffers.get(id).last_use;
-        self.timeline.wait(&self.device, last_use)?;
+        self.wait(last_use)?;
         Ok(self.buffers.get(id).buffer.mapped().expect("read-back memory is mapped"))
     }
 
@@ -176,14 +176,14 @@ impl Gpu {
         let mut from = self.memory.buffer(name, data.len() as u64, usage, Place::Upload)?;
         from.mapped_mut().expect("upload memory is mapped")[..data.len()].copy_from_slice(data);
         let done = (|| {
-            let reached = self.timeline.reached(&self.device)?;
+            let reached = self.reached()?;
             let cmd = self.commands.begin(&self.device, reached)?;
             let all = [vk::BufferCopy::default().size(data.len() as u64)];
             // SAFETY: `cmd` is recording; both buffers are ours, at least this long, and live
             // until after the wait.
             unsafe { self.device.cmd_copy_buffer(cmd, from.raw, to.raw, &all) };
             let value = self.commands.submit(&self.device, self.queue, &mut self.timeline, cmd)?;
-            self.timeline.wait(&self.device, value)
+            self.wait(value)
         })();
         if done.is_err() {
             // SAFETY: `&mut self` makes us the only user of the queue.
@@ -195,7 +195,7 @@ impl Gpu {
 
     /// Frees what the device has passed.
     pub(super) fn reap(&mut self) -> Result<u64, VkError> {
-        let reached = self.timeline.reached(&self.device)?;
+        let reached = self.reached()?;
         let dead: Vec<_> = self.dead.reap(reached).collect();
         dead.into_iter().for_each(|d| self.bury(d));
         Ok(reached)
