@@ -16,10 +16,13 @@ pub mod whole;
 
 pub use curve::write_centerline;
 pub use error::FormatError;
-pub use image::write_png;
-pub use mesh::{read_mesh, write_mesh};
-pub use video::VideoWriter;
-pub use vol::{InputInfo, ReadOptions, SeriesInfo, inspect, read_volume, write_volume};
+pub use image::{encode_png, read_png, write_png};
+pub use mesh::{Space, read_mesh, write_mesh};
+pub use video::{NoFfmpeg, VideoWriter};
+pub use vol::{
+    ImageInfo, InputInfo, ReadOptions, SeriesInfo, inspect, read_volume, write_vector_field,
+    write_volume,
+};
 
 /// Carried by every image and video that leaves, and by the report.
 pub const NOTICE: &str = "Research and education only. Not for diagnosis.";

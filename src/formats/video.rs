@@ -1,3 +1,204 @@
-//! Video through ffmpeg.
-/// A video being written.
-pub struct VideoWriter {}
+//! Video through an `ffmpeg` in the search path: raw frames go into its standard input.
+
+use std::ffi::OsString;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use super::whole::WholeFile;
+use super::{FormatError, NOTICE};
+
+/// Inside of the [`FormatError::Io`] that says why no video can be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("no ffmpeg in the search path: a video needs it; frames as PNG do not")]
+pub struct NoFfmpeg;
+
+#[derive(Clone, Copy, PartialEq)]
+enum Container {
+    Mp4,
+    Gif,
+}
+
+/// A video being written. It takes its name at [`VideoWriter::finish`]; dropped before that, it
+/// leaves nothing behind.
+///
+/// The same frames give the same bytes with the same build of ffmpeg.
+pub struct VideoWriter {
+    path: PathBuf,
+    container: Container,
+    frame_bytes: usize,
+    frames: u64,
+    child: Child,
+    /// What ffmpeg complains about.
+    log: File,
+    temp: tempfile::TempPath,
+}
+
+impl VideoWriter {
+    /// Whether there is an ffmpeg to write with.
+    pub fn available() -> bool {
+        program().is_some()
+    }
+
+    /// Starts a video of 8-bit RGB frames: `.mp4` (H.264, 4:2:0; odd sizes get a black row or
+    /// column) or `.gif` (one palette for all frames, which ffmpeg therefore keeps in memory).
+    /// `fps` is frames a second, in (0, 1000].
+    ///
+    /// # Errors
+    /// [`FormatError::Io`] around [`NoFfmpeg`] without ffmpeg, [`FormatError::Unsupported`] for
+    /// another extension, [`FormatError::Field`] for an unusable size or rate.
+    pub fn create(path: &Path, width: u32, height: u32, fps: f64) -> Result<Self, FormatError> {
+        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        let container = match extension.to_str() {
+            Some("mp4") => Container::Mp4,
+            Some("gif") => Container::Gif,
+            _ => {
+                let what = "a video with this extension; there are .mp4 and .gif";
+                return Err(FormatError::unsupported(path, what));
+            }
+        };
+        if ![width, height].iter().all(|s| (1..=16_384).contains(s)) {
+            let size = format!("{width}x{height}");
+            return Err(FormatError::field(path, "frame size", size, "not 1 to 16384 a side"));
+        }
+        if !(fps > 0.0 && fps <= 1000.0) {
+            return Err(FormatError::field(path, "frames a second", fps, "not in (0, 1000]"));
+        }
+        let fail = |e| FormatError::io(path, e);
+        let program =
+            program().ok_or_else(|| fail(io::Error::new(io::ErrorKind::Unsupported, NoFfmpeg)))?;
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+        let temp = tempfile::Builder::new()
+            .prefix(".intima-")
+            .tempfile_in(folder.unwrap_or(Path::new(".")))
+            .map_err(fail)?
+            .into_temp_path();
+        let log = tempfile::tempfile().map_err(fail)?;
+        let child = Command::new(program)
+            .args(arguments(container, width, height, fps))
+            // An absolute name cannot be taken for an option or a protocol.
+            .arg(std::path::absolute(&temp).map_err(fail)?)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(log.try_clone().map_err(fail)?)
+            .spawn()
+            .map_err(fail)?;
+        let frame_bytes = 3 * width as usize * height as usize;
+        Ok(Self { path: path.to_owned(), container, frame_bytes, frames: 0, child, log, temp })
+    }
+
+    /// Appends a frame: rows from top to bottom, three bytes a pixel.
+    ///
+    /// # Errors
+    /// [`FormatError::Field`] for a frame of another size, [`FormatError::Io`] if ffmpeg stopped.
+    pub fn frame(&mut self, rgb: &[u8]) -> Result<(), FormatError> {
+        if rgb.len() != self.frame_bytes {
+            let why = format!("{} wanted", self.frame_bytes);
+            return Err(FormatError::field(&self.path, "bytes of a frame", rgb.len(), why));
+        }
+        let written = match &mut self.child.stdin {
+            Some(pipe) => pipe.write_all(rgb),
+            None => Err(io::ErrorKind::BrokenPipe.into()),
+        };
+        match written {
+            Ok(()) => self.frames += 1,
+            Err(_) => return Err(self.complaint()),
+        }
+        Ok(())
+    }
+
+    /// Waits for ffmpeg and gives the file its name.
+    ///
+    /// # Errors
+    /// [`FormatError::Field`] for a video without frames, [`FormatError::Io`] if ffmpeg failed;
+    /// nothing is left behind then.
+    pub fn finish(mut self) -> Result<(), FormatError> {
+        if self.frames == 0 {
+            return Err(FormatError::field(&self.path, "frames", 0, "a video has one or more"));
+        }
+        drop(self.child.stdin.take());
+        let status = self.child.wait().map_err(|e| FormatError::io(&self.path, e))?;
+        if !status.success() {
+            return Err(self.complaint());
+        }
+        let mut made = File::open(&self.temp).map_err(|e| FormatError::io(&self.path, e))?;
+        let mut out = WholeFile::create(&self.path)?;
+        let copied = match self.container {
+            Container::Mp4 => io::copy(&mut made, &mut out).map(drop),
+            Container::Gif => copy_gif(&mut made, &mut out),
+        };
+        copied.map_err(|e| FormatError::io(&self.path, e))?;
+        out.commit()
+    }
+
+    /// Ends ffmpeg and turns the last line of its log into an error.
+    fn complaint(&mut self) -> FormatError {
+        drop(self.child.stdin.take());
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let mut text = Vec::new();
+        let read = self.log.seek(SeekFrom::Start(0)).and_then(|_| self.log.read_to_end(&mut text));
+        let text = String::from_utf8_lossy(&text);
+        let last = text.lines().rfind(|l| !l.trim().is_empty()).filter(|_| read.is_ok());
+        let last: String = last.unwrap_or("no reason given").chars().take(200).collect();
+        FormatError::io(&self.path, io::Error::other(format!("ffmpeg failed: {last}")))
+    }
+}
+
+impl Drop for VideoWriter {
+    fn drop(&mut self) {
+        // After `finish` it has ended and both calls do nothing.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The first ffmpeg in the search path.
+fn program() -> Option<PathBuf> {
+    let name = format!("ffmpeg{}", std::env::consts::EXE_SUFFIX);
+    std::env::split_paths(&std::env::var_os("PATH")?).map(|d| d.join(&name)).find(|p| p.is_file())
+}
+
+fn arguments(container: Container, width: u32, height: u32, fps: f64) -> Vec<OsString> {
+    let mut list: Vec<String> = Vec::new();
+    let mut add = |text: &str| list.extend(text.split(' ').map(str::to_owned));
+    add("-hide_banner -loglevel error -y -f rawvideo -pixel_format rgb24");
+    add(&format!("-video_size {width}x{height} -framerate {fps} -i pipe:0"));
+    match container {
+        Container::Mp4 => {
+            let even = "pad=ceil(iw/2)*2:ceil(ih/2)*2";
+            let exact = "flags=bitexact+accurate_rnd+full_chroma_int";
+            add(&format!(
+                "-vf {even},scale=out_color_matrix=bt709:out_range=tv:{exact},format=yuv420p"
+            ));
+            add("-colorspace bt709 -color_primaries bt709 -color_trc bt709 -color_range tv");
+            // The encoder's result depends on the number of its threads, so it is fixed.
+            add("-c:v libx264 -preset medium -crf 18 -threads 4 -movflags +faststart");
+        }
+        Container::Gif => {
+            add("-filter_complex split[a][b];[a]palettegen[p];[b][p]paletteuse=dither=bayer");
+            add("-loop 0");
+        }
+    }
+    add("-map_metadata -1 -fflags +bitexact -flags:v +bitexact");
+    add(if container == Container::Mp4 { "-f mp4 -metadata" } else { "-f gif -metadata" });
+    list.push(format!("comment={NOTICE}"));
+    list.into_iter().map(OsString::from).collect()
+}
+
+/// Copies a GIF and puts the notice in, for which ffmpeg has no place: as a comment block after
+/// the global palette.
+fn copy_gif(from: &mut impl Read, to: &mut impl Write) -> io::Result<()> {
+    let mut head = [0; 13];
+    from.read_exact(&mut head)?;
+    to.write_all(&head)?;
+    let flags = head[10];
+    if flags & 0x80 != 0 {
+        io::copy(&mut from.take(3 << ((flags & 7) + 1)), to)?;
+    }
+    to.write_all(&[0x21, 0xfe, NOTICE.len() as u8])?;
+    to.write_all(NOTICE.as_bytes())?;
+    to.write_all(&[0])?;
+    io::copy(from, to).map(drop)
+}

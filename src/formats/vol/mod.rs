@@ -1,29 +1,155 @@
-//! Volumes in and out.
+//! Volumes in and out: DICOM series in; NIfTI, NRRD and MetaImage in and out.
+//!
+//! Every reader first makes a [`layout::Layout`]: geometry, sample type, and where the bytes lie.
+//! The layout is held against the size of the file before any memory is taken for samples, so a
+//! small file cannot claim a large volume. Only then are the bytes read (or inflated) straight
+//! into the samples.
+
+mod affine;
+mod dicom;
+mod info;
+mod layout;
+mod metaimage;
+mod metaimage_write;
+mod nifti;
+mod nifti_write;
+mod nrrd;
+mod nrrd_write;
+mod rescale;
+mod source;
+mod text;
+
+use std::path::Path;
+
+pub use info::{ImageInfo, InputInfo, SeriesInfo};
+pub use nrrd_write::write_vector_field;
+
 use super::FormatError;
 use crate::volume::Volume;
-use std::path::{Path, PathBuf};
+use layout::Layout;
+
 /// How to read an input.
 #[derive(Clone, Debug, Default)]
 pub struct ReadOptions {
-    /// DICOM series: UID or index in the listing.
+    /// DICOM series: its UID, or its index in the listing (from 0).
     pub series: Option<String>,
 }
-/// One DICOM series of a folder.
-#[derive(Clone, Debug)]
-pub struct SeriesInfo {}
-/// What `intima info` shows.
-#[derive(Clone, Debug)]
-pub struct InputInfo {}
-/// Describes an input.
-pub fn inspect(_path: &Path) -> Result<InputInfo, FormatError> {
-    todo!()
+
+/// The kinds of input, told apart by name first and by their first bytes otherwise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Nifti,
+    Nrrd,
+    MetaImage,
+    Dicom,
 }
-/// Reads any volume.
-pub fn read_volume(_path: &Path, _options: &ReadOptions) -> Result<Volume, FormatError> {
-    todo!()
+
+const ACCEPTED: &str = "a DICOM folder or file, .nii, .nii.gz, .nrrd, .nhdr, .mha or .mhd";
+
+/// Describes an input without reading its samples. Lengths are LPS mm.
+///
+/// A DICOM folder with several series and none chosen is described by its list of series alone.
+///
+/// # Errors
+/// As [`read_volume`], save what only the samples can show.
+pub fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatError> {
+    match kind(path)? {
+        Kind::Dicom => dicom::inspect(path, options),
+        k => {
+            let layout = layout_of(path, k)?;
+            layout.open()?;
+            Ok(InputInfo {
+                format: layout.format.to_owned(),
+                image: Some(ImageInfo::of(&layout.grid, layout.sample_type, layout.rescale)),
+                series: Vec::new(),
+                notes: layout.notes,
+            })
+        }
+    }
 }
-/// Writes by extension.
-pub fn write_volume(_path: &Path, _volume: &Volume) -> Result<(), FormatError> {
-    let _: Option<PathBuf> = None;
-    todo!()
+
+/// Reads any volume. Geometry comes back in LPS mm whatever the file's frame; samples keep their
+/// stored type, with the map to real values in [`Volume::rescale`].
+///
+/// # Errors
+/// [`FormatError`] names the file, the field and its value. Sizes are checked before memory is
+/// taken.
+pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume, FormatError> {
+    match kind(path)? {
+        Kind::Dicom => dicom::read(path, options),
+        k => {
+            let layout = layout_of(path, k)?;
+            for note in &layout.notes {
+                tracing::warn!("{}: {note}", path.display());
+            }
+            layout.load()
+        }
+    }
+}
+
+/// Writes a volume in the format of the extension: `.nrrd`, `.nii`, `.nii.gz`, `.mha`, or `.mhd`
+/// with its samples beside it in `.raw`. The geometry is kept, oblique and left-handed grids
+/// included; NIfTI holds it as 32-bit floats. NIfTI carries the rescale, the others hold real
+/// values.
+///
+/// # Errors
+/// [`FormatError::Unsupported`] for another extension, [`FormatError::Io`] with no partial file
+/// left behind.
+pub fn write_volume(path: &Path, volume: &Volume) -> Result<(), FormatError> {
+    let name = lower_name(path);
+    if name.ends_with(".nrrd") {
+        nrrd_write::write(path, volume)
+    } else if name.ends_with(".nii") || name.ends_with(".nii.gz") {
+        nifti_write::write(path, volume)
+    } else if name.ends_with(".mha") || name.ends_with(".mhd") {
+        metaimage_write::write(path, volume)
+    } else {
+        let what = "writing a volume to this extension; use .nrrd, .nii, .nii.gz, .mha or .mhd";
+        Err(FormatError::unsupported(path, what))
+    }
+}
+
+fn layout_of(path: &Path, kind: Kind) -> Result<Layout, FormatError> {
+    match kind {
+        Kind::Nifti => nifti::layout(path),
+        Kind::Nrrd => nrrd::layout(path),
+        Kind::MetaImage => metaimage::layout(path),
+        Kind::Dicom => Err(FormatError::unsupported(path, "a DICOM input here")),
+    }
+}
+
+fn lower_name(path: &Path) -> String {
+    path.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+}
+
+fn kind(path: &Path) -> Result<Kind, FormatError> {
+    if std::fs::metadata(path).map_err(|e| FormatError::io(path, e))?.is_dir() {
+        return Ok(Kind::Dicom);
+    }
+    let head = source::prefix(path, 512)?;
+    let name = lower_name(path);
+    let ends = |list: &[&str]| list.iter().any(|e| name.ends_with(e));
+    if head.starts_with(b"PK\x03\x04") || ends(&[".zip"]) {
+        return Err(FormatError::unsupported(path, "a zip archive; unzip it and give the folder"));
+    }
+    if ends(&[".nii", ".nii.gz", ".hdr", ".img"]) {
+        return Ok(Kind::Nifti);
+    }
+    if ends(&[".nrrd", ".nhdr"]) || head.starts_with(b"NRRD000") {
+        return Ok(Kind::Nrrd);
+    }
+    if ends(&[".mha", ".mhd"]) {
+        return Ok(Kind::MetaImage);
+    }
+    if ends(&[".dcm", ".dicom", ".ima"]) || head.get(128..132) == Some(b"DICM") {
+        return Ok(Kind::Dicom);
+    }
+    let magic = head.get(344..348);
+    if magic == Some(b"n+1\0") || magic == Some(b"ni1\0") || head.starts_with(&[0x1f, 0x8b]) {
+        return Ok(Kind::Nifti);
+    }
+    if head.starts_with(b"ObjectType") || head.starts_with(b"NDims") {
+        return Ok(Kind::MetaImage);
+    }
+    Err(FormatError::unsupported(path, format!("this kind of file; give {ACCEPTED}")))
 }

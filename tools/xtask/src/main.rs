@@ -1,1 +1,79 @@
-fn main() {}
+//! The house's own tasks, run as `cargo xtask TASK`.
+//!
+//! Standard library only, so that a clean clone gets to the first useful message in seconds.
+
+mod check;
+mod demo;
+mod golden;
+mod run;
+mod setup;
+mod suite;
+mod vulkan;
+
+use std::process::ExitCode;
+
+const USAGE: &str = "\
+usage: cargo xtask TASK
+
+  demo           set up, build, and fly a phantom: everything lands in out/demo/
+  test [--gpu]   set up, check, and run every test, on software Vulkan unless --gpu
+                 (what follows `--` goes to `cargo test`)
+  check          what needs no device: format, lints, docs, and the rules of the house
+  check --rules  the rules of the house alone
+  bless          write the golden frames anew; then look at them
+  setup          install a Vulkan loader and driver where none answer
+  setup --test   the same, and what the tests need beside it
+";
+
+/// Why a task ended early, as an exit code with its message.
+#[derive(Debug)]
+pub enum Stop {
+    /// Something that was run, or a rule, failed.
+    Failed(String),
+    /// Not a task of ours.
+    Usage(String),
+    /// No Vulkan, and no way to install one.
+    NoDevice(String),
+}
+
+fn main() -> ExitCode {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let (code, message) = match dispatch(&args.iter().map(String::as_str).collect::<Vec<_>>()) {
+        Ok(()) => return ExitCode::SUCCESS,
+        Err(Stop::Failed(m)) => (1, m),
+        Err(Stop::Usage(m)) => (2, format!("{m}\n\n{USAGE}")),
+        Err(Stop::NoDevice(m)) => (4, m),
+    };
+    eprintln!("xtask: {message}");
+    ExitCode::from(code)
+}
+
+fn dispatch(args: &[&str]) -> Result<(), Stop> {
+    match args {
+        ["demo"] => demo::demo(),
+        ["test", rest @ ..] => suite::test(rest),
+        ["check"] => check::check(),
+        ["check", "--rules"] => check::rules(),
+        ["bless"] => golden::bless(),
+        ["setup"] => setup::setup(setup::For::Running),
+        ["setup", "--test"] => setup::setup(setup::For::Testing),
+        ["help" | "-h" | "--help"] => {
+            print!("{USAGE}");
+            Ok(())
+        }
+        [] => Err(Stop::Usage("which task?".into())),
+        other => Err(Stop::Usage(format!("no such task: {}", other.join(" ")))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unknown_task_is_a_usage_error() {
+        for args in [&[][..], &["polish"], &["check", "--fast"]] {
+            assert!(matches!(dispatch(args), Err(Stop::Usage(_))), "{args:?}");
+        }
+    }
+}

@@ -1,0 +1,45 @@
+//! The centerline: visibility test over ridge candidates, cheapest routes through the voxel graph,
+//! smooth centred curves that are proven inside, trees of them, frames along them.
+
+mod centre;
+mod frames;
+mod graph;
+mod paper;
+mod prove;
+mod route;
+mod sample;
+mod spline;
+mod visibility;
+
+pub use centre::{arc_lengths, resample};
+pub use frames::{Frame, frames, tangents};
+pub use graph::{Graph, NOWHERE, Routes};
+pub use paper::paper_path;
+pub use prove::{Proof, safe_by_distance, safe_by_voxels};
+pub use route::{Ends, RouteOptions, Routed, centerline};
+pub use sample::Sampler;
+pub use visibility::{Arrangement, Pending, Radius, Viewer, add_viewers};
+
+use glam::DVec3;
+
+/// Why there is no centerline.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CenterlineError {
+    /// The lumen has no voxel.
+    #[error("no centerline: the lumen is empty")]
+    Empty,
+    /// A given end is not in the lumen.
+    #[error("{which} point ({:.2}, {:.2}, {:.2}) mm is outside the lumen; the nearest inside voxel is {nearest_mm:.1} mm away", .at.x, .at.y, .at.z)]
+    OutsideLumen {
+        /// `--from` or `--to`.
+        which: &'static str,
+        /// LPS mm.
+        at: DVec3,
+        /// Distance to the nearest inside voxel centre, mm.
+        nearest_mm: f64,
+    },
+    /// No legal route joins the ends: they touch by edges or corners of voxels at best.
+    #[error("no path: the ends lie in parts of the lumen that no face-connected route joins")]
+    Unreachable,
+}

@@ -1,0 +1,267 @@
+//! The visibility test: which candidates see which boundary voxels, and which are needed.
+//!
+//! After the reliable path of He et al. 2001, doi:10.1109/VISUAL.2001.964498, with an adaptive
+//! radius for each point (paper, section 3.2).
+
+use glam::{DVec3, IVec3, UVec3};
+use rayon::prelude::*;
+
+use super::sample::Sampler;
+use crate::compute::{Outputs, Plan};
+use crate::field::{Candidate, LumenBuffers};
+use crate::kernels::visibility as kernel;
+use crate::lumen::Lumen;
+use crate::lumen::bricks::{BRICK, SIDE};
+
+/// A point that may see.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Viewer {
+    /// Field element of its voxel.
+    pub element: usize,
+    /// How far it sees, mm.
+    pub reach_mm: f64,
+}
+
+/// How far candidates see.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Radius {
+    /// The paper's Eq. 5: k·d, k = λ1/λ2 clamped to [1, 3].
+    Paper,
+    /// Longest of 32 rays across the ridge, plus a voxel's diagonal.
+    Measured,
+}
+
+/// Directions of the rays that measure a half-major axis.
+const RAYS: usize = 32;
+
+impl Radius {
+    /// Viewers for candidates, in the candidates' order.
+    pub fn viewers(self, candidates: &[Candidate], distance: Sampler<'_>) -> Vec<Viewer> {
+        candidates
+            .par_iter()
+            .with_min_len(64)
+            .map(|c| Viewer { element: c.element, reach_mm: self.reach(c, distance) })
+            .collect()
+    }
+
+    fn reach(self, c: &Candidate, distance: Sampler<'_>) -> f64 {
+        let d = f64::from(c.distance_mm);
+        match self {
+            Self::Paper => {
+                let [l1, l2] = c.across.map(f64::from);
+                let k = if l2.abs() < 1e-12 { 3.0 } else { (l1 / l2).clamp(1.0, 3.0) };
+                k * d
+            }
+            Self::Measured => {
+                let lumen = distance.lumen;
+                let h = lumen.grid.spacing_mm;
+                let p = lumen.bricks.voxel(c.element).as_dvec3() * h;
+                let axis = c.axis.as_dvec3().try_normalize().unwrap_or(DVec3::Z);
+                let (u, v) = axis.any_orthonormal_pair();
+                let longest = (0..RAYS)
+                    .map(|k| {
+                        let a = std::f64::consts::TAU * k as f64 / RAYS as f64;
+                        trace(p, u * a.cos() + v * a.sin(), 6.0 * d, distance)
+                    })
+                    .fold(0.0, f64::max);
+                longest + 3f64.sqrt() * h.max_element()
+            }
+        }
+    }
+}
+
+/// Length of a ray from `p` until the distance falls under half a voxel, at most `cap` mm.
+fn trace(p: DVec3, dir: DVec3, cap: f64, distance: Sampler<'_>) -> f64 {
+    let least = 0.5 * distance.lumen.grid.spacing_mm.min_element();
+    let mut s = 0.0;
+    while s < cap {
+        let d = distance.at(p + dir * s);
+        if d < least {
+            return s;
+        }
+        // The trilinear distance overstates free space by up to √3: step accordingly.
+        s += (d / 3f64.sqrt()).max(least);
+    }
+    cap
+}
+
+/// What a run of the test takes, kept while its plan borrows it.
+pub struct Arrangement {
+    seen: Vec<u32>,
+    viewer: Vec<u32>,
+    reach: Vec<u32>,
+    start: Vec<u32>,
+    near_viewers: Vec<u32>,
+    weight: UVec3,
+}
+
+/// Buffers to read after the run.
+#[derive(Clone, Copy)]
+pub struct Pending {
+    first: crate::compute::Buf<u32>,
+}
+
+impl Arrangement {
+    /// Lists, for every brick with boundary voxels, the viewers whose ball meets it.
+    ///
+    /// * `viewers`: by rank, the first asked first.
+    /// * `seen`: elements of the boundary voxels to be seen, ascending.
+    pub fn new(lumen: &Lumen, viewers: &[Viewer], seen: Vec<u32>) -> Self {
+        let h = lumen.grid.spacing_mm;
+        // Squared distances in integers: weights are h² over a unit fine enough for the largest
+        // ball and coarse enough that nothing overflows 32 bits.
+        let widest = viewers.iter().map(|v| v.reach_mm).fold(0.0, f64::max);
+        let farthest = widest + f64::from(SIDE) * lumen.grid.diagonal_mm() * 2.0;
+        let unit =
+            (farthest * farthest / f64::from(1u32 << 31)).max(h.min_element().powi(2) / 1024.0);
+        let weight = (h * h / unit).round().max(DVec3::ONE).as_uvec3();
+        let reach = viewers.iter().map(|v| (v.reach_mm.powi(2) / unit) as u32).collect();
+
+        let mut needed = vec![false; lumen.bricks.len()];
+        for e in &seen {
+            needed[*e as usize / BRICK] = true;
+        }
+        // Pairs (slot, rank), slot-major: viewers go through the bricks their ball meets.
+        let mut pairs: Vec<(u32, u32)> = viewers
+            .par_iter()
+            .enumerate()
+            .with_min_len(16)
+            .flat_map_iter(|(rank, v)| {
+                let p = lumen.bricks.voxel(v.element);
+                let r = (v.reach_mm / h).ceil().as_ivec3();
+                let (lo, hi): (IVec3, IVec3) = ((p - r) >> 3i32, (p + r) >> 3i32);
+                let needed = &needed;
+                let all = (lo.z..=hi.z).flat_map(move |z| {
+                    (lo.y..=hi.y).flat_map(move |y| (lo.x..=hi.x).map(move |x| IVec3::new(x, y, z)))
+                });
+                all.filter_map(move |b| {
+                    let s = lumen.bricks.slot_of(b * SIDE)?;
+                    let first = b * SIDE;
+                    let close = p.clamp(first, first + SIDE - 1);
+                    let gap = ((close - p).as_dvec3() * h).length();
+                    (needed[s] && gap <= v.reach_mm).then_some((s as u32, rank as u32))
+                })
+            })
+            .collect();
+        pairs.par_sort_unstable();
+        let mut start = vec![0u32; lumen.bricks.len() + 1];
+        for (s, _) in &pairs {
+            start[*s as usize + 1] += 1;
+        }
+        for i in 1..start.len() {
+            start[i] += start[i - 1];
+        }
+        Self {
+            seen,
+            viewer: viewers.iter().map(|v| v.element as u32).collect(),
+            reach,
+            start,
+            near_viewers: pairs.iter().map(|p| p.1).collect(),
+            weight,
+        }
+    }
+
+    /// Appends the launch. `open`: bits of the voxels a ray may pass.
+    pub fn launch<'a>(
+        &'a self,
+        plan: &mut Plan<'a>,
+        lumen: &LumenBuffers,
+        open: &'a [u64],
+    ) -> Pending {
+        let first = plan.zeroed::<u32>("first viewer", self.seen.len());
+        let bindings = kernel::Bindings {
+            near: lumen.near,
+            corner: lumen.corner,
+            open: plan.upload("open", bytemuck::cast_slice(open)),
+            seen: plan.upload("boundary voxels", &self.seen),
+            viewer: plan.upload("viewers", &self.viewer),
+            reach: plan.upload("reach", &self.reach),
+            start: plan.upload("viewer lists", &self.start),
+            near_viewers: plan.upload("viewers near", &self.near_viewers),
+            first,
+        };
+        let boundary = self.seen.len();
+        let params = kernel::Params { weight: self.weight.to_array(), boundary: boundary as u32 };
+        plan.launch(&kernel::KERNEL, bindings, params, boundary, boundary);
+        plan.download(first);
+        Pending { first }
+    }
+
+    /// Reads which viewers are first for some boundary voxel (ranks, ascending) and the elements
+    /// of the voxels nobody sees.
+    pub fn read(&self, pending: Pending, out: &Outputs) -> (Vec<u32>, Vec<u32>) {
+        let first = out.get(pending.first);
+        let mut keep = vec![false; self.viewer.len()];
+        let mut unseen = Vec::new();
+        for (f, s) in first.iter().zip(&self.seen) {
+            match keep.get_mut(*f as usize) {
+                Some(k) => *k = true,
+                None => unseen.push(*s),
+            }
+        }
+        let kept = (0..keep.len() as u32).filter(|r| keep[*r as usize]).collect();
+        (kept, unseen)
+    }
+}
+
+/// Adds viewers for boundary voxels nobody saw: for each, the deepest inside voxel near it that
+/// sees it, as long as it is not seen by one added before. Voxels without such a viewer stay.
+///
+/// * `distance`: exact distance, mm.
+/// * `limit`: most viewers to add.
+///
+/// Returns the added viewers and the elements still unseen.
+pub fn add_viewers(
+    lumen: &Lumen,
+    unseen: &[u32],
+    distance: &[f32],
+    limit: usize,
+) -> (Vec<Viewer>, Vec<u32>) {
+    let near: &[u32] = bytemuck::cast_slice(lumen.bricks.near());
+    let open: &[u32] = bytemuck::cast_slice(&lumen.inside);
+    let h = lumen.grid.spacing_mm;
+    let mut left: Vec<u32> = unseen.to_vec();
+    let mut added = Vec::new();
+    let mut hopeless = Vec::new();
+    while let Some(&s) = left.first() {
+        if added.len() == limit {
+            break;
+        }
+        // Walk uphill from the voxel while it stays in sight.
+        let target = lumen.bricks.voxel(s as usize);
+        let in_sight = |e: usize| {
+            let d = target - lumen.bricks.voxel(e);
+            kernel::sees(near, open, e, d)
+        };
+        let mut at = s as usize;
+        loop {
+            let up = (0..27)
+                .filter(|n| *n != 13)
+                .filter_map(|n| lumen.bricks.step(at, super::graph::offset(n)))
+                .filter(|&e| lumen.is_inside(e) && distance[e] > distance[at] && in_sight(e))
+                .max_by(|&a, &b| distance[a].total_cmp(&distance[b]).then(b.cmp(&a)));
+            match up {
+                Some(e) => at = e,
+                None => break,
+            }
+        }
+        let here = lumen.bricks.voxel(at);
+        let reach_mm = (2.0 * f64::from(distance[at]))
+            .max(((target - here).as_dvec3() * h).length())
+            + 2.0 * lumen.grid.diagonal_mm();
+        let before = left.len();
+        left.retain(|&e| {
+            let d = lumen.bricks.voxel(e as usize) - here;
+            (d.as_dvec3() * h).length() > reach_mm || !kernel::sees(near, open, at, d)
+        });
+        if left.len() == before {
+            hopeless.push(s);
+            left.retain(|&e| e != s);
+        } else {
+            added.push(Viewer { element: at, reach_mm });
+        }
+    }
+    hopeless.extend(left);
+    hopeless.sort_unstable();
+    (added, hopeless)
+}

@@ -1,0 +1,54 @@
+//! Centerlines out: VTK polylines, a table, a Slicer curve.
+
+mod csv;
+mod mrk;
+mod vtp;
+
+use std::path::Path;
+
+use super::{FormatError, whole};
+use crate::geometry::Centerline;
+
+/// Writes a centerline by extension; coordinates are LPS mm, radius and abscissa mm.
+///
+/// - `.vtp`: one polyline from the root to every tip, arrays named as VMTK and Slicer look for.
+/// - `.csv`: a header, then `x,y,z,radius,abscissa,branch,parent`, one point a row; the root's
+///   parent is -1.
+/// - `.mrk.json`: a Slicer curve for every branch, the radius as a measurement.
+///
+/// # Errors
+/// [`FormatError::Field`] if a number is not finite or a parent does not come before its child,
+/// [`FormatError::Unsupported`] for another extension, [`FormatError::Io`]; nothing is left behind
+/// then.
+pub fn write_centerline(path: &Path, line: &Centerline) -> Result<(), FormatError> {
+    check(path, line)?;
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    if name.ends_with(".vtp") {
+        vtp::write(path, line)
+    } else if name.ends_with(".csv") {
+        whole::write_whole(path, |out| csv::write(out, line))
+    } else if name.ends_with(".mrk.json") {
+        whole::write_whole(path, |out| mrk::write(out, line))
+    } else {
+        let what = "a centerline with this extension; there are .vtp, .csv and .mrk.json";
+        Err(FormatError::unsupported(path, what))
+    }
+}
+
+fn check(path: &Path, line: &Centerline) -> Result<(), FormatError> {
+    for (b, branch) in line.branches.iter().enumerate() {
+        if let Some(parent) = branch.parent.filter(|&p| p >= b) {
+            let field = format!("parent of branch {b}");
+            return Err(FormatError::field(path, field, parent, "does not come before it"));
+        }
+        for (i, p) in branch.points.iter().enumerate() {
+            let finite = p.radius_mm.is_finite() && p.abscissa_mm.is_finite();
+            if !(finite && p.position_mm.is_finite()) {
+                let field = format!("point {i} of branch {b}");
+                let value = format!("{} {} {}", p.position_mm, p.radius_mm, p.abscissa_mm);
+                return Err(FormatError::field(path, field, value, "not finite"));
+            }
+        }
+    }
+    Ok(())
+}

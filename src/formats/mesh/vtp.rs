@@ -1,0 +1,34 @@
+//! A surface as VTK polygonal data.
+
+use std::path::Path;
+
+use super::polydata::{Array, PolyData};
+use super::{FormatError, Mesh};
+use crate::formats::whole;
+
+pub(super) fn write(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
+    let flat = |v| bytemuck::cast_slice::<glam::Vec3, f32>(v);
+    let offsets: Vec<i32> = (1..=mesh.faces.len() as i32).map(|k| 3 * k).collect();
+    let caps: Vec<u8> = mesh.caps.iter().map(|&c| u8::from(c)).collect();
+    let with_normals = !mesh.normals.is_empty();
+    let data = PolyData {
+        points: Array::new("Points", 3, flat(&mesh.positions)),
+        point_count: mesh.positions.len(),
+        point_data: with_normals
+            .then(|| Array::new("Normals", 3, flat(&mesh.normals)))
+            .into_iter()
+            .collect(),
+        active: if with_normals { "Normals=\"Normals\"" } else { "" },
+        cells: "Polys",
+        cell_count: mesh.faces.len(),
+        // Ids fit an i32: checked for every format.
+        connectivity: Array::new(
+            "connectivity",
+            1,
+            bytemuck::cast_slice::<[u32; 3], i32>(&mesh.faces),
+        ),
+        offsets: Array::new("offsets", 1, &offsets),
+        cell_data: (!caps.is_empty()).then(|| Array::new("Cap", 1, &caps)).into_iter().collect(),
+    };
+    whole::write_whole(path, |out| data.write(out))
+}

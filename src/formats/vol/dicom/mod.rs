@@ -1,0 +1,172 @@
+//! DICOM in: one plain series of single-frame slices, from a folder or a file.
+//!
+//! Only the elements of an allowlist are ever decoded ([`walk`]); no text of the patient gets
+//! past that point. A series that is not a box of even slices is refused with the size of the
+//! miss, never read as if it were one.
+
+mod head;
+mod pixels;
+mod stack;
+mod syntax;
+mod walk;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+
+use super::info::{ImageInfo, InputInfo, SeriesInfo};
+use super::{FormatError, ReadOptions};
+use crate::volume::Volume;
+use head::Head;
+use stack::Stack;
+
+/// More files than any series; a folder beyond it is not one.
+const MOST_FILES: usize = 100_000;
+
+/// Heads of one series.
+struct Series {
+    number: i64,
+    uid: String,
+    heads: Vec<Head>,
+}
+
+/// What a folder or file holds.
+struct Found {
+    series: Vec<Series>,
+    notes: Vec<String>,
+}
+
+pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Volume, FormatError> {
+    let found = find(path)?;
+    for note in &found.notes {
+        tracing::warn!("{}: {note}", path.display());
+    }
+    let chosen = choose(path, &found.series, options)?;
+    pixels::read(path, &Stack::new(path, &found.series[chosen].heads)?)
+}
+
+pub(super) fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatError> {
+    let found = find(path)?;
+    let series = list(path, &found.series);
+    let open = found.series.len() > 1 && options.series.is_none();
+    let image = if open {
+        None
+    } else {
+        let chosen = choose(path, &found.series, options)?;
+        let stack = Stack::new(path, &found.series[chosen].heads)?;
+        Some(ImageInfo::of(&stack.grid, stack.sample_type(), stack.shared_rescale()))
+    };
+    Ok(InputInfo { format: "DICOM".to_owned(), image, series, notes: found.notes })
+}
+
+/// Reads the heads of all files and sorts them into series.
+fn find(path: &Path) -> Result<Found, FormatError> {
+    let folder = path.is_dir();
+    let files = if folder { files_in(path)? } else { vec![path.to_owned()] };
+    let heads: Vec<_> = files.par_iter().map(|f| head::read(f)).collect();
+    let (mut other, mut without_pixels) = (0, 0);
+    let mut damaged = None;
+    let mut series = BTreeMap::<String, Vec<Head>>::new();
+    for result in heads {
+        match result {
+            Ok(Some(h)) if h.pixels.is_some() => {
+                series.entry(h.series_uid.clone()).or_default().push(h);
+            }
+            Ok(Some(h)) => {
+                without_pixels += 1;
+                if !folder {
+                    let what = format!("a DICOM file without pixels (modality {})", h.modality);
+                    return Err(FormatError::unsupported(path, what));
+                }
+            }
+            Ok(None) if folder => other += 1,
+            Ok(None) => {
+                let why = "a DICOM file holds `DICM` at byte 128";
+                return Err(FormatError::field(path, "magic", "absent", why));
+            }
+            Err(e) => {
+                damaged.get_or_insert(e);
+            }
+        }
+    }
+    // A slice that cannot be read would be a hole in its series.
+    if let Some(e) = damaged {
+        return Err(e);
+    }
+    if series.is_empty() {
+        let what = format!("a folder without DICOM images ({} files)", files.len());
+        return Err(FormatError::unsupported(path, what));
+    }
+    let mut notes = Vec::new();
+    if other > 0 {
+        notes.push(format!("{other} files that are not DICOM were passed over"));
+    }
+    if without_pixels > 0 {
+        notes.push(format!("{without_pixels} DICOM files without pixels were passed over"));
+    }
+    let mut series: Vec<Series> = series
+        .into_iter()
+        .map(|(uid, heads)| Series { number: heads[0].series_number, uid, heads })
+        .collect();
+    series.sort_by(|a, b| (a.number, &a.uid).cmp(&(b.number, &b.uid)));
+    Ok(Found { series, notes })
+}
+
+/// Plain files in a folder and its direct subfolders, in the order of their names.
+fn files_in(folder: &Path) -> Result<Vec<PathBuf>, FormatError> {
+    let mut files = Vec::new();
+    let mut folders = vec![(folder.to_owned(), 0)];
+    while let Some((at, depth)) = folders.pop() {
+        let io = |e| FormatError::io(&at, e);
+        for entry in std::fs::read_dir(&at).map_err(io)? {
+            let entry = entry.map_err(io)?.path();
+            if entry.is_dir() && depth == 0 {
+                folders.push((entry, depth + 1));
+            } else if entry.is_file() {
+                files.push(entry);
+            }
+            if files.len() > MOST_FILES {
+                let what = format!("a folder of more than {MOST_FILES} files");
+                return Err(FormatError::unsupported(folder, what));
+            }
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+fn choose(path: &Path, series: &[Series], options: &ReadOptions) -> Result<usize, FormatError> {
+    let fail = |why: String| {
+        let line = |s: &SeriesInfo| {
+            let [x, y, _] = s.dims;
+            format!("\n  {}  {}  {}  {x}x{y}, {} slices", s.index, s.uid, s.modality, s.slices)
+        };
+        let list = list(path, series).iter().map(line).collect();
+        FormatError::Series { file: path.to_owned(), why, list }
+    };
+    match options.series.as_deref().map(str::trim) {
+        None if series.len() == 1 => Ok(0),
+        None => Err(fail(format!("holds {} series", series.len()))),
+        Some(wish) => {
+            let by_uid = series.iter().position(|s| s.uid == wish);
+            let by_index = wish.parse().ok().filter(|&i: &usize| i < series.len());
+            by_uid.or(by_index).ok_or_else(|| fail("holds no series of that UID or index".into()))
+        }
+    }
+}
+
+fn list(path: &Path, series: &[Series]) -> Vec<SeriesInfo> {
+    let info = |(index, s): (usize, &Series)| {
+        let first = &s.heads[0];
+        SeriesInfo {
+            index,
+            uid: s.uid.clone(),
+            modality: first.modality.to_owned(),
+            dims: [first.columns, first.rows, s.heads.len() as u32],
+            spacing_mm: Stack::new(path, &s.heads).ok().map(|k| k.grid.spacing_mm.to_array()),
+            slices: s.heads.len(),
+        }
+    };
+    series.iter().enumerate().map(info).collect()
+}

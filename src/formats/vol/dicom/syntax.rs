@@ -1,0 +1,35 @@
+//! Transfer syntaxes by UID.
+
+pub(super) const IMPLICIT_LITTLE: &str = "1.2.840.10008.1.2";
+pub(super) const EXPLICIT_LITTLE: &str = "1.2.840.10008.1.2.1";
+pub(super) const EXPLICIT_BIG: &str = "1.2.840.10008.1.2.2";
+pub(super) const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
+
+/// Whether the pixels of this syntax are stored plainly.
+pub(super) fn is_plain(uid: &str) -> bool {
+    [IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG].contains(&uid)
+}
+
+/// The name of a syntax we do not read.
+pub(super) fn name(uid: &str) -> &'static str {
+    match uid.strip_prefix("1.2.840.10008.1.2.") {
+        Some("1.99") => "Deflated Explicit VR Little Endian",
+        Some("4.50") => "JPEG Baseline",
+        Some("4.51") => "JPEG Extended",
+        Some("4.53") => "JPEG Spectral Selection",
+        Some("4.55") => "JPEG Full Progression",
+        Some("4.57") => "JPEG Lossless",
+        Some("4.70") => "JPEG Lossless SV1",
+        Some("4.80") => "JPEG-LS Lossless",
+        Some("4.81") => "JPEG-LS Near-lossless",
+        Some("4.90") => "JPEG 2000 Lossless",
+        Some("4.91") => "JPEG 2000",
+        Some("4.100" | "4.101") => "MPEG-2",
+        Some("4.102" | "4.103" | "4.104" | "4.105" | "4.106") => "MPEG-4",
+        Some("4.110") => "JPEG XL Lossless",
+        Some("4.111" | "4.112") => "JPEG XL",
+        Some("4.201" | "4.202" | "4.203") => "High-Throughput JPEG 2000",
+        Some("5") => "RLE Lossless",
+        _ => "unknown",
+    }
+}

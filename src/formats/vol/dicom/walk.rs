@@ -1,0 +1,290 @@
+//! A walk over the elements of a DICOM file that copies out the few we may see.
+//!
+//! The parser of `dicom-object` takes memory for whatever length an element claims and follows
+//! nested sequences as deep as they go; both end the process on a hostile file. So lengths are
+//! held against the file here, sequences are stepped over without recursion, and the parser gets
+//! a small data set of allowlisted elements. What is not on the list (names, dates, descriptions)
+//! is never decoded.
+
+use std::io::{self, BufReader, Read};
+use std::path::Path;
+
+use super::super::FormatError;
+use super::super::source::{Source, fill};
+use super::syntax;
+
+/// Elements that may be read: group and element number, ascending.
+const ALLOWED: [(u16, u16); 21] = [
+    (0x0008, 0x0016), // SOP class
+    (0x0008, 0x0060), // modality
+    (0x0018, 0x0050), // slice thickness
+    (0x0018, 0x0088), // spacing between slices
+    (0x0020, 0x000e), // series instance UID
+    (0x0020, 0x0011), // series number
+    (0x0020, 0x0032), // image position
+    (0x0020, 0x0037), // image orientation
+    (0x0028, 0x0002), // samples per pixel
+    (0x0028, 0x0004), // photometric interpretation
+    (0x0028, 0x0008), // number of frames
+    (0x0028, 0x0010), // rows
+    (0x0028, 0x0011), // columns
+    (0x0028, 0x0030), // pixel spacing
+    (0x0028, 0x0100), // bits allocated
+    (0x0028, 0x0101), // bits stored
+    (0x0028, 0x0102), // high bit
+    (0x0028, 0x0103), // pixel representation
+    (0x0028, 0x0301), // burned-in annotation
+    (0x0028, 0x1052), // rescale intercept
+    (0x0028, 0x1053), // rescale slope
+];
+
+/// Value representations whose length has 16 bits.
+const SHORT: [&[u8; 2]; 21] = [
+    b"AE", b"AS", b"AT", b"CS", b"DA", b"DS", b"DT", b"FD", b"FL", b"IS", b"LO", b"LT", b"PN",
+    b"SH", b"SL", b"SS", b"ST", b"TM", b"UI", b"UL", b"US",
+];
+
+/// Value representations of the allowed elements. With another one an element is passed over, so
+/// that the parser never sees a head it might read in a different way than we do.
+const PLAIN: [&[u8; 2]; 6] = [b"CS", b"DS", b"IS", b"SS", b"UI", b"US"];
+
+/// No allowed element needs more.
+const MOST_VALUE: u64 = 1024;
+const DEEPEST: usize = 64;
+const UNDEFINED: u32 = u32::MAX;
+
+/// Where the pixels of a file lie.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pixels {
+    pub offset: u64,
+    /// `None` for encapsulated (compressed) pixels.
+    pub len: Option<u64>,
+}
+
+/// The allowed part of a file.
+pub(super) struct Walked {
+    /// UID of the transfer syntax, digits and dots only.
+    pub syntax: String,
+    /// A complete small DICOM stream of the allowed elements, without preamble.
+    pub stream: Vec<u8>,
+    pub pixels: Option<Pixels>,
+}
+
+#[derive(Clone, Copy)]
+struct Coding {
+    explicit: bool,
+    big: bool,
+}
+
+impl Coding {
+    fn may_copy(self, h: &ElementHead) -> bool {
+        let plain = !self.explicit || PLAIN.contains(&&h.vr);
+        ALLOWED.contains(&h.tag) && plain && u64::from(h.len) <= MOST_VALUE
+    }
+}
+
+struct ElementHead {
+    tag: (u16, u16),
+    vr: [u8; 2],
+    len: u32,
+    /// The head as stored.
+    bytes: Vec<u8>,
+}
+
+struct Walker<'a> {
+    file: &'a Path,
+    input: BufReader<Source>,
+    at: u64,
+    end: u64,
+}
+
+/// Walks a file; `None` if it is not DICOM.
+pub(super) fn walk(file: &Path) -> Result<Option<Walked>, FormatError> {
+    let source = Source::open(file)?;
+    let end = source.len;
+    let mut w = Walker { file, input: BufReader::with_capacity(1 << 14, source), at: 0, end };
+    let mut preamble = [0; 132];
+    let n = fill(&mut w.input, &mut preamble).map_err(|e| FormatError::io(file, e))?;
+    w.at = n as u64;
+    if n < preamble.len() || &preamble[128..] != b"DICM" {
+        return Ok(None);
+    }
+    let (syntax, first) = w.meta()?;
+    if syntax == syntax::DEFLATED {
+        // The elements themselves are compressed, so not even the series can be told.
+        let what = format!("transfer syntax {} ({syntax})", syntax::name(&syntax));
+        return Err(FormatError::unsupported(file, what));
+    }
+    let coding =
+        Coding { explicit: syntax != syntax::IMPLICIT_LITTLE, big: syntax == syntax::EXPLICIT_BIG };
+    let mut stream = synthetic_meta(coding);
+    let pixels = w.data_set(coding, first, &mut stream)?;
+    Ok(Some(Walked { syntax, stream, pixels }))
+}
+
+impl Walker<'_> {
+    fn cut(&self, wanted: u64) -> FormatError {
+        let (file, found) = (self.file.to_owned(), self.end);
+        let wanted = self.at.saturating_add(wanted);
+        FormatError::Truncated { file, what: "elements", wanted, found }
+    }
+
+    fn bytes(&mut self, n: u64) -> Result<Vec<u8>, FormatError> {
+        if n > self.end.saturating_sub(self.at) {
+            return Err(self.cut(n));
+        }
+        let mut out = vec![0; n as usize];
+        match self.input.read_exact(&mut out) {
+            Ok(()) => {}
+            Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => return Err(self.cut(n)),
+            Err(e) => return Err(FormatError::io(self.file, e)),
+        }
+        self.at += n;
+        Ok(out)
+    }
+
+    fn skip(&mut self, n: u64) -> Result<(), FormatError> {
+        if n > self.end.saturating_sub(self.at) {
+            return Err(self.cut(n));
+        }
+        self.input.seek_relative(n as i64).map_err(|e| FormatError::io(self.file, e))?;
+        self.at += n;
+        Ok(())
+    }
+
+    fn head(&mut self, c: Coding) -> Result<ElementHead, FormatError> {
+        let mut bytes = self.bytes(8)?;
+        let u16_at = |b: &[u8], i: usize| {
+            let two = [b[i], b[i + 1]];
+            if c.big { u16::from_be_bytes(two) } else { u16::from_le_bytes(two) }
+        };
+        let u32_at = |b: &[u8], i: usize| {
+            let four = [b[i], b[i + 1], b[i + 2], b[i + 3]];
+            if c.big { u32::from_be_bytes(four) } else { u32::from_le_bytes(four) }
+        };
+        let tag = (u16_at(&bytes, 0), u16_at(&bytes, 2));
+        // Items and delimiters never carry a value representation.
+        if !c.explicit || tag.0 == 0xfffe {
+            let len = u32_at(&bytes, 4);
+            return Ok(ElementHead { tag, vr: [0; 2], len, bytes });
+        }
+        let vr = [bytes[4], bytes[5]];
+        if !vr.iter().all(u8::is_ascii_uppercase) {
+            let name = format!("element ({:04x},{:04x})", tag.0, tag.1);
+            let why = "no value representation, where the transfer syntax is explicit";
+            return Err(FormatError::field(self.file, name, "untyped", why));
+        }
+        // All others, those of the future included, have a long head.
+        let len = if !SHORT.contains(&&vr) {
+            bytes.extend(self.bytes(4)?);
+            u32_at(&bytes, 8)
+        } else {
+            u32::from(u16_at(&bytes, 6))
+        };
+        Ok(ElementHead { tag, vr, len, bytes })
+    }
+
+    /// The file meta group, always explicit little endian: the transfer syntax, and the first
+    /// eight bytes' place of the data set.
+    fn meta(&mut self) -> Result<(String, u64), FormatError> {
+        let c = Coding { explicit: true, big: false };
+        let mut syntax = None;
+        loop {
+            let start = self.at;
+            if self.end - self.at < 8 || self.peek_group()? != 2 {
+                let missing =
+                    || FormatError::field(self.file, "transfer syntax", "absent", "needed");
+                return Ok((syntax.ok_or_else(missing)?, start));
+            }
+            let h = self.head(c)?;
+            if h.tag == (2, 0x10) && u64::from(h.len) <= MOST_VALUE {
+                let value = self.bytes(u64::from(h.len))?;
+                let known = |b: &&u8| b.is_ascii_digit() || **b == b'.';
+                syntax = Some(value.iter().filter(known).map(|&b| char::from(b)).collect());
+            } else {
+                self.skip(u64::from(h.len))?;
+            }
+        }
+    }
+
+    fn peek_group(&mut self) -> Result<u16, FormatError> {
+        let two = self.bytes(2)?;
+        self.input.seek_relative(-2).map_err(|e| FormatError::io(self.file, e))?;
+        self.at -= 2;
+        Ok(u16::from_le_bytes([two[0], two[1]]))
+    }
+
+    fn data_set(
+        &mut self,
+        c: Coding,
+        first: u64,
+        stream: &mut Vec<u8>,
+    ) -> Result<Option<Pixels>, FormatError> {
+        debug_assert_eq!(self.at, first);
+        let mut last = None;
+        while self.end - self.at >= 8 {
+            let h = self.head(c)?;
+            let len = u64::from(h.len);
+            if h.tag == (0x7fe0, 0x0010) {
+                let len = (h.len != UNDEFINED).then_some(len);
+                return Ok(Some(Pixels { offset: self.at, len }));
+            }
+            if h.len == UNDEFINED {
+                let explicit = c.explicit && &h.vr != b"UN";
+                self.skip_sequence(Coding { explicit, ..c })?;
+            } else if c.may_copy(&h) && last < Some(h.tag) {
+                last = Some(h.tag);
+                let value = self.bytes(len)?;
+                stream.extend(&h.bytes);
+                stream.extend(value);
+            } else {
+                self.skip(len)?;
+            }
+        }
+        Ok(None)
+    }
+
+    /// Steps over a sequence of undefined length, nested ones included.
+    fn skip_sequence(&mut self, c: Coding) -> Result<(), FormatError> {
+        let mut open = vec![c];
+        while let Some(&c) = open.last() {
+            let h = self.head(c)?;
+            match (h.tag, h.len) {
+                ((0xfffe, 0xe00d | 0xe0dd), _) => {
+                    open.pop();
+                }
+                (_, UNDEFINED) if open.len() == DEEPEST => {
+                    let what = format!("sequences nested deeper than {DEEPEST}");
+                    return Err(FormatError::unsupported(self.file, what));
+                }
+                (_, UNDEFINED) => {
+                    let explicit = c.explicit && &h.vr != b"UN";
+                    open.push(Coding { explicit, ..c });
+                }
+                (_, len) => self.skip(u64::from(len))?,
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The least meta group that the parser takes: group length and transfer syntax.
+fn synthetic_meta(c: Coding) -> Vec<u8> {
+    // Compressed files store their elements as explicit little endian.
+    let mut uid = match (c.explicit, c.big) {
+        (false, _) => syntax::IMPLICIT_LITTLE,
+        (true, false) => syntax::EXPLICIT_LITTLE,
+        (true, true) => syntax::EXPLICIT_BIG,
+    }
+    .as_bytes()
+    .to_vec();
+    if uid.len() % 2 == 1 {
+        uid.push(0);
+    }
+    let mut out = b"DICM\x02\0\0\0UL\x04\0".to_vec();
+    out.extend((8 + uid.len() as u32).to_le_bytes());
+    out.extend(b"\x02\0\x10\0UI");
+    out.extend((uid.len() as u16).to_le_bytes());
+    out.extend(uid);
+    out
+}

@@ -1,0 +1,85 @@
+//! What an input is, in words and numbers, without any text of the patient.
+
+use serde::Serialize;
+
+use super::affine::toward;
+use crate::volume::{Grid, Rescale, SampleType};
+
+/// What `intima info` shows. Holds no description, name or date of the input.
+#[derive(Clone, Debug, Serialize)]
+pub struct InputInfo {
+    /// File format.
+    pub format: String,
+    /// The image; absent where a DICOM folder holds several series and none was chosen.
+    #[serde(flatten)]
+    pub image: Option<ImageInfo>,
+    /// Series of a DICOM input, in the order of their index; empty for other formats.
+    pub series: Vec<SeriesInfo>,
+    /// What had to be assumed or was passed over, one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// Geometry and sample type of one image.
+#[derive(Clone, Debug, Serialize)]
+pub struct ImageInfo {
+    /// Voxels along i, j, k.
+    pub dims: [u32; 3],
+    /// Distance between voxel centres, mm.
+    pub spacing_mm: [f64; 3],
+    /// Centre of the first voxel, LPS mm.
+    pub origin_mm: [f64; 3],
+    /// Direction of the axes, LPS, row by row: the columns of the 3×3 matrix are i, j and k.
+    pub direction: [f64; 9],
+    /// Stored type, such as `int16`.
+    pub sample_type: String,
+    /// Factor from stored to real values.
+    pub rescale_slope: f64,
+    /// Offset from stored to real values, real units.
+    pub rescale_intercept: f64,
+    /// Where the indices i, j, k grow to, one letter each: `LPS` is left, posterior, superior.
+    pub orientation: String,
+    /// The same in words.
+    pub orientation_words: String,
+    /// `right` or `left`: whether index space is mirrored against the patient.
+    pub handedness: String,
+    /// Whether the axes are square to each other.
+    pub orthogonal: bool,
+}
+
+/// One DICOM series of a folder.
+#[derive(Clone, Debug, Serialize)]
+pub struct SeriesInfo {
+    /// Place in the listing, from 0; accepted by `--series`.
+    pub index: usize,
+    /// Series instance UID; accepted by `--series`.
+    pub uid: String,
+    /// Modality code such as `CT`, or `other`.
+    pub modality: String,
+    /// Columns, rows and slices.
+    pub dims: [u32; 3],
+    /// Spacing in mm, where the slices form a box.
+    pub spacing_mm: Option<[f64; 3]>,
+    /// Number of slices.
+    pub slices: usize,
+}
+
+impl ImageInfo {
+    pub(super) fn of(grid: &Grid, sample_type: SampleType, rescale: Rescale) -> Self {
+        let d = grid.direction;
+        let axes = [("i", toward(d.x_axis)), ("j", toward(d.y_axis)), ("k", toward(d.z_axis))];
+        let words: Vec<_> = axes.iter().map(|(n, (_, phrase))| format!("{n} {phrase}")).collect();
+        Self {
+            dims: grid.dims.to_array(),
+            spacing_mm: grid.spacing_mm.to_array(),
+            origin_mm: grid.origin_mm.to_array(),
+            direction: d.transpose().to_cols_array(),
+            sample_type: sample_type.name().to_owned(),
+            rescale_slope: rescale.slope,
+            rescale_intercept: rescale.intercept,
+            orientation: axes.iter().map(|(_, (letter, _))| letter).collect(),
+            orientation_words: words.join(", "),
+            handedness: if grid.is_left_handed() { "left" } else { "right" }.to_owned(),
+            orthogonal: grid.is_orthogonal(),
+        }
+    }
+}

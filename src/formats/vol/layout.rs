@@ -1,0 +1,172 @@
+//! Where the samples of a volume lie in a file, checked and then read in one pass.
+
+use std::io::{self, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
+
+use super::FormatError;
+use super::source::{Source, fill};
+use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
+
+/// How the samples are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Raw,
+    Gzip,
+    Zlib,
+    Ascii,
+}
+
+/// A header's whole promise: geometry, type, and where the bytes are.
+#[derive(Debug)]
+pub(super) struct Layout {
+    pub format: &'static str,
+    pub grid: Grid,
+    pub sample_type: SampleType,
+    pub rescale: Rescale,
+    /// The file that holds the samples.
+    pub file: PathBuf,
+    /// First byte of the (encoded) samples in that file; `None` if they end with the file.
+    pub offset: Option<u64>,
+    /// Decoded bytes to pass over before the first sample.
+    pub skip: u64,
+    pub encoding: Encoding,
+    /// Whether the file's byte order is not this machine's.
+    pub swap: bool,
+    /// What the reader had to assume.
+    pub notes: Vec<String>,
+}
+
+/// Deflate cannot shrink by more than 1032; the rest is room for headers.
+const MOST_SHRINK: u64 = 1100;
+
+impl Layout {
+    /// Bytes of all samples once decoded.
+    fn promised(&self) -> u64 {
+        self.grid.len() as u64 * self.sample_type.size() as u64
+    }
+
+    /// Opens the samples' file at their first byte, after holding the promise against its size.
+    pub fn open(&self) -> Result<Source, FormatError> {
+        let len = Source::open(&self.file)?.len;
+        let wanted = self.promised();
+        let offset = self.offset.unwrap_or(len.saturating_sub(wanted));
+        let found = len.saturating_sub(offset);
+        let (fits, what) = match self.encoding {
+            Encoding::Raw => (found >= wanted, "samples"),
+            // A digit and a blank each, the last blank missing.
+            Encoding::Ascii => (found / 2 + 1 >= self.grid.len() as u64, "samples"),
+            Encoding::Gzip | Encoding::Zlib => {
+                let most = found.saturating_add(16).saturating_mul(MOST_SHRINK);
+                (most >= wanted.saturating_add(self.skip), "compressed samples")
+            }
+        };
+        if !fits {
+            return Err(FormatError::Truncated { file: self.file.clone(), what, wanted, found });
+        }
+        Source::open_at(&self.file, offset)
+    }
+
+    /// Reads the samples straight into their final place.
+    pub fn load(self) -> Result<Volume, FormatError> {
+        let source = self.open()?;
+        let mut samples = zeroed(&self.file, self.sample_type, self.grid.len())?;
+        match self.encoding {
+            Encoding::Raw => self.read(source, &mut samples)?,
+            Encoding::Gzip => self.read(MultiGzDecoder::new(buffered(source)), &mut samples)?,
+            Encoding::Zlib => self.read(ZlibDecoder::new(buffered(source)), &mut samples)?,
+            Encoding::Ascii => self.read_ascii(source, &mut samples)?,
+        }
+        if self.swap && self.encoding != Encoding::Ascii {
+            samples.swap_bytes();
+        }
+        let mut volume = Volume::new(self.grid, samples);
+        volume.rescale = self.rescale;
+        Ok(volume)
+    }
+
+    fn read(&self, mut input: impl Read, samples: &mut Samples) -> Result<(), FormatError> {
+        let fail = |e| self.decode_error(e);
+        let passed = io::copy(&mut (&mut input).take(self.skip), &mut io::sink());
+        let passed = match passed {
+            Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => 0,
+            other => other.map_err(fail)?,
+        };
+        let bytes = samples.bytes_mut();
+        let wanted = bytes.len() as u64;
+        let found =
+            if passed < self.skip { 0 } else { fill(&mut input, bytes).map_err(fail)? as u64 };
+        if found < wanted {
+            let what = "samples";
+            return Err(FormatError::Truncated { file: self.file.clone(), what, wanted, found });
+        }
+        if self.encoding != Encoding::Raw {
+            // The checksum stands behind the last byte and is only looked at on reading on.
+            let mut beyond = [0u8];
+            match input.read(&mut beyond) {
+                Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => {
+                    let what = "samples with their checksum";
+                    let file = self.file.clone();
+                    return Err(FormatError::Truncated { file, what, wanted, found });
+                }
+                other => other.map_err(fail)?,
+            };
+        }
+        Ok(())
+    }
+
+    fn read_ascii(&self, mut source: Source, samples: &mut Samples) -> Result<(), FormatError> {
+        let mut text = String::new();
+        source.read_to_string(&mut text).map_err(|e| self.decode_error(e))?;
+        with_samples!(samples, |s| parse_all(&self.file, &text, s))
+    }
+
+    /// A decoder's complaint is about the file; anything else is the system's.
+    fn decode_error(&self, e: io::Error) -> FormatError {
+        match e.kind() {
+            io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData => {
+                FormatError::field(&self.file, "sample data", "damaged", e.to_string())
+            }
+            _ => FormatError::io(&self.file, e),
+        }
+    }
+}
+
+fn buffered(source: Source) -> BufReader<Source> {
+    BufReader::with_capacity(1 << 18, source)
+}
+
+fn parse_all<T: FromStr>(file: &Path, text: &str, out: &mut [T]) -> Result<(), FormatError> {
+    let mut tokens = text.split([' ', '\t', '\n', '\r', ',']).filter(|t| !t.is_empty());
+    let wanted = out.len() as u64;
+    for (i, slot) in out.iter_mut().enumerate() {
+        let Some(token) = tokens.next() else {
+            let (what, found) = ("sample numbers", i as u64);
+            return Err(FormatError::Truncated { file: file.to_owned(), what, wanted, found });
+        };
+        *slot = token.parse().map_err(|_| {
+            FormatError::field(file, format!("sample {i}"), token, "not a number of this type")
+        })?;
+    }
+    Ok(())
+}
+
+/// Zeroed samples, or an error where the memory is not to be had. The pages are taken as they are
+/// written to, so a file that ends early costs little.
+pub(super) fn zeroed(file: &Path, t: SampleType, len: usize) -> Result<Samples, FormatError> {
+    let mut probe = Vec::<u8>::new();
+    let bytes = len.saturating_mul(t.size());
+    if probe.try_reserve_exact(bytes).is_err() {
+        let why = format!("{bytes} bytes of memory for the samples");
+        return Err(FormatError::io(file, io::Error::new(io::ErrorKind::OutOfMemory, why)));
+    }
+    drop(probe);
+    Ok(Samples::zeroed(t, len))
+}
+
+/// Whether data of this byte order must be swapped here.
+pub(super) fn must_swap(big_endian: bool) -> bool {
+    big_endian != cfg!(target_endian = "big")
+}

@@ -1,0 +1,82 @@
+//! MetaImage out: `.mha` compressed, `.mhd` with plain `.raw`.
+
+use std::io::Write;
+use std::path::Path;
+
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use glam::DVec3;
+
+use super::rescale::real_samples;
+use super::{FormatError, lower_name};
+use crate::formats::whole::write_whole;
+use crate::volume::{Grid, SampleType, Volume};
+
+/// Writes by extension; real values.
+pub(super) fn write(path: &Path, volume: &Volume) -> Result<(), FormatError> {
+    let samples = real_samples(volume);
+    let head = header(&volume.grid, samples.sample_type());
+    if lower_name(path).ends_with(".mha") {
+        // The header states the compressed size, so the samples are compressed first.
+        let mut packed = ZlibEncoder::new(Vec::new(), Compression::fast());
+        let io = |e| FormatError::io(path, e);
+        packed.write_all(samples.bytes()).map_err(io)?;
+        let packed = packed.finish().map_err(io)?;
+        return write_whole(path, |out| {
+            out.write_all(head.as_bytes())?;
+            let size = packed.len();
+            writeln!(out, "CompressedData = True\nCompressedDataSize = {size}")?;
+            writeln!(out, "ElementDataFile = LOCAL")?;
+            out.write_all(&packed)
+        });
+    }
+    let raw = path.with_extension("raw");
+    let name = raw.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+    if name.is_empty() || name.trim() != name || name.contains(|c: char| c.is_control() || c == '%')
+    {
+        let what = "a name that a MetaImage header cannot hold; use .mha";
+        return Err(FormatError::unsupported(path, what));
+    }
+    write_whole(&raw, |out| out.write_all(samples.bytes()))?;
+    write_whole(path, |out| {
+        out.write_all(head.as_bytes())?;
+        writeln!(out, "CompressedData = False\nElementDataFile = {name}")
+    })
+}
+
+fn header(grid: &Grid, sample_type: SampleType) -> String {
+    let vector = |v: DVec3| format!("{} {} {}", v.x, v.y, v.z);
+    let d = grid.direction;
+    let msb = if cfg!(target_endian = "big") { "True" } else { "False" };
+    let name = match sample_type {
+        SampleType::I8 => "MET_CHAR",
+        SampleType::U8 => "MET_UCHAR",
+        SampleType::I16 => "MET_SHORT",
+        SampleType::U16 => "MET_USHORT",
+        SampleType::I32 => "MET_INT",
+        SampleType::U32 => "MET_UINT",
+        SampleType::I64 => "MET_LONG_LONG",
+        SampleType::U64 => "MET_ULONG_LONG",
+        SampleType::F32 => "MET_FLOAT",
+        SampleType::F64 => "MET_DOUBLE",
+    };
+    format!(
+        "ObjectType = Image\n\
+         NDims = 3\n\
+         BinaryData = True\n\
+         BinaryDataByteOrderMSB = {msb}\n\
+         TransformMatrix = {} {} {}\n\
+         Offset = {}\n\
+         ElementSpacing = {}\n\
+         DimSize = {} {} {}\n\
+         ElementType = {name}\n",
+        vector(d.x_axis),
+        vector(d.y_axis),
+        vector(d.z_axis),
+        vector(grid.origin_mm),
+        vector(grid.spacing_mm),
+        grid.dims.x,
+        grid.dims.y,
+        grid.dims.z,
+    )
+}

@@ -1,0 +1,310 @@
+//! NRRD in: `.nrrd`, and `.nhdr` with its data file.
+
+use std::collections::HashMap;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+
+use super::FormatError;
+use super::affine::{RAS, grid_from_steps};
+use super::layout::{Encoding, Layout, must_swap};
+use super::source::{Source, prefix, sibling};
+use super::text::{mm_per, number, numbers};
+use crate::volume::{Grid, Rescale, SampleType};
+
+/// No header of an image is longer; it bounds what is read to find its end.
+const MOST_HEADER: u64 = 1 << 20;
+
+/// Fields of a header by name, lower case and without blanks.
+struct Header<'a> {
+    path: &'a Path,
+    fields: HashMap<String, String>,
+    /// First byte behind the blank line; `None` where the header ends with the file.
+    end: Option<u64>,
+}
+
+impl<'a> Header<'a> {
+    fn read(path: &'a Path) -> Result<Self, FormatError> {
+        let bytes = prefix(path, MOST_HEADER)?;
+        if !bytes.starts_with(b"NRRD000") {
+            let value = String::from_utf8_lossy(bytes.get(..8).unwrap_or(&bytes)).into_owned();
+            return Err(FormatError::field(path, "magic", value, "a NRRD file begins NRRD000"));
+        }
+        let mut fields = HashMap::new();
+        let mut end = None;
+        let mut at = 0u64;
+        for (n, line) in bytes.split_inclusive(|&b| b == b'\n').enumerate() {
+            at += line.len() as u64;
+            let line = String::from_utf8_lossy(line);
+            let line = line.trim_end_matches(['\n', '\r']);
+            if line.is_empty() {
+                end = Some(at);
+                break;
+            }
+            if n == 0 || line.starts_with('#') {
+                continue;
+            }
+            // `key:=value` pairs are free text and none of our business.
+            match line.split_once(':') {
+                Some((_, value)) if value.starts_with('=') => {}
+                Some((name, value)) => {
+                    let name: String = name.split_whitespace().collect();
+                    fields.insert(name.to_ascii_lowercase(), value.trim().to_owned());
+                }
+                None => {
+                    let why = "neither a field nor a comment";
+                    return Err(FormatError::field(path, format!("line {}", n + 1), "text", why));
+                }
+            }
+        }
+        Ok(Self { path, fields, end })
+    }
+
+    fn get(&self, name: &str) -> Option<&str> {
+        self.fields.get(&name.replace(' ', "")).map(String::as_str)
+    }
+
+    fn need(&self, name: &str) -> Result<&str, FormatError> {
+        self.get(name).ok_or_else(|| FormatError::field(self.path, name, "absent", "needed"))
+    }
+
+    fn bad(&self, name: &str, value: &str, why: &str) -> FormatError {
+        FormatError::field(self.path, name, value, why)
+    }
+}
+
+pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
+    let h = Header::read(path)?;
+    let mut notes = Vec::new();
+    let sample_type = sample_type(&h)?;
+    let encoding = encoding(&h)?;
+    let grid = geometry(&h, &mut notes)?;
+    let (file, start) = match h.get("data file") {
+        Some(name) if name.starts_with("LIST") || name.contains('%') => {
+            return Err(FormatError::unsupported(path, "`data file` with several files"));
+        }
+        Some(name) => (sibling(path, "data file", name)?, 0),
+        None => (path.to_owned(), h.end.ok_or_else(|| no_end(path))?),
+    };
+    let (offset, skip) = offset(&h, &file, start, encoding)?;
+    let swap = match h.get("endian").map(str::to_ascii_lowercase).as_deref() {
+        Some("little") => must_swap(false),
+        Some("big") => must_swap(true),
+        Some(other) => return Err(h.bad("endian", other, "neither little nor big")),
+        None if sample_type.size() == 1 || encoding == Encoding::Ascii => false,
+        None => return Err(h.bad("endian", "absent", "needed, a sample has several bytes")),
+    };
+    let (format, rescale) = ("NRRD", Rescale::IDENTITY);
+    Ok(Layout { format, grid, sample_type, rescale, file, offset, skip, encoding, swap, notes })
+}
+
+fn no_end(path: &Path) -> FormatError {
+    FormatError::field(path, "header", "unended", "no blank line ends it and no data file is named")
+}
+
+fn sample_type(h: &Header) -> Result<SampleType, FormatError> {
+    let name = h.need("type")?;
+    let words: Vec<String> = name.split_whitespace().map(str::to_ascii_lowercase).collect();
+    Ok(match words.join(" ").as_str() {
+        "signed char" | "int8" | "int8_t" => SampleType::I8,
+        "uchar" | "unsigned char" | "uint8" | "uint8_t" => SampleType::U8,
+        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => {
+            SampleType::I16
+        }
+        "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => {
+            SampleType::U16
+        }
+        "int" | "signed int" | "int32" | "int32_t" => SampleType::I32,
+        "uint" | "unsigned int" | "uint32" | "uint32_t" => SampleType::U32,
+        "longlong"
+        | "long long"
+        | "long long int"
+        | "signed long long"
+        | "signed long long int"
+        | "int64"
+        | "int64_t" => SampleType::I64,
+        "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => {
+            SampleType::U64
+        }
+        "float" => SampleType::F32,
+        "double" => SampleType::F64,
+        "block" => return Err(FormatError::unsupported(h.path, "type `block`")),
+        _ => return Err(h.bad("type", name, "not a NRRD sample type")),
+    })
+}
+
+fn encoding(h: &Header) -> Result<Encoding, FormatError> {
+    let name = h.need("encoding")?;
+    Ok(match name.to_ascii_lowercase().as_str() {
+        "raw" => Encoding::Raw,
+        "gzip" | "gz" => Encoding::Gzip,
+        "ascii" | "text" | "txt" => Encoding::Ascii,
+        "bzip2" | "bz2" => {
+            return Err(FormatError::unsupported(h.path, "encoding bzip2; use gzip or raw"));
+        }
+        "hex" => return Err(FormatError::unsupported(h.path, "encoding hex; use gzip or raw")),
+        _ => return Err(h.bad("encoding", name, "not a NRRD encoding")),
+    })
+}
+
+/// First byte of the samples (`None`: they end with the file) and decoded bytes to pass over.
+fn offset(
+    h: &Header,
+    file: &Path,
+    start: u64,
+    encoding: Encoding,
+) -> Result<(Option<u64>, u64), FormatError> {
+    let lines: u64 = h.get("line skip").map_or(Ok(0), |v| number(h.path, "line skip", v))?;
+    let bytes: i64 = h.get("byte skip").map_or(Ok(0), |v| number(h.path, "byte skip", v))?;
+    let mut at = start;
+    let mut input = BufReader::new(Source::open_at(file, start)?);
+    for _ in 0..lines {
+        let mut line = Vec::new();
+        let n = input.read_until(b'\n', &mut line).map_err(|e| FormatError::io(file, e))?;
+        if n == 0 {
+            let lines = lines.to_string();
+            return Err(h.bad("line skip", &lines, "more lines than the file has"));
+        }
+        at += n as u64;
+    }
+    let value = bytes.to_string();
+    match (encoding, u64::try_from(bytes)) {
+        (Encoding::Raw, Err(_)) if bytes == -1 => Ok((None, 0)),
+        (_, Err(_)) => {
+            Err(h.bad("byte skip", &value, "only -1, with encoding raw, may be negative"))
+        }
+        (Encoding::Gzip, Ok(n)) => Ok((Some(at), n)),
+        (_, Ok(n)) => {
+            let too_far = || h.bad("byte skip", &value, "beyond the end of the file");
+            Ok((Some(at.checked_add(n).ok_or_else(too_far)?), 0))
+        }
+    }
+}
+
+fn geometry(h: &Header, notes: &mut Vec<String>) -> Result<Grid, FormatError> {
+    let axes: usize = number(h.path, "dimension", h.need("dimension")?)?;
+    if !(1..=16).contains(&axes) {
+        return Err(h.bad("dimension", &axes.to_string(), "1 to 16 are possible"));
+    }
+    let sizes: Vec<u64> = numbers(h.path, "sizes", h.need("sizes")?, axes)?;
+    let directions = h.get("space directions").map(|v| vectors(h, v, axes)).transpose()?;
+    let spatial = spatial_axes(h, &sizes, directions.as_deref())?;
+    let (to_lps, described) = frame(h, notes)?;
+    let pick = |v: &[f64]| DVec3::new(v[spatial[0]], v[spatial[1]], v[spatial[2]]);
+    let (steps, unit) = if let Some(d) = &directions {
+        let col = |i: usize| d[spatial[i]].unwrap_or(DVec3::ZERO);
+        (DMat3::from_cols(col(0), col(1), col(2)), unit(h, "space units")?)
+    } else if let Some(v) = h.get("spacings") {
+        let spacings = numbers::<f64>(h.path, "spacings", v, axes)?;
+        let s = pick(&spacings);
+        if s.min_element() < 0.0 {
+            return Err(h.bad("spacings", v, "negative; axes are turned by `space directions`"));
+        }
+        (DMat3::from_diagonal(s), unit(h, "units")?)
+    } else {
+        notes.push("the file gives no spacing; 1 mm is assumed".to_owned());
+        (DMat3::IDENTITY, 1.0)
+    };
+    let origin = match (h.get("space origin"), h.get("axis mins")) {
+        (Some(v), _) => vectors(h, v, 1)?[0].unwrap_or(DVec3::ZERO),
+        (None, Some(v)) if !described => {
+            let mins = numbers::<f64>(h.path, "axis mins", v, axes)?;
+            let origin = pick(&mins);
+            if origin.is_finite() { origin } else { DVec3::ZERO }
+        }
+        _ => DVec3::ZERO,
+    };
+    let dims = [sizes[spatial[0]], sizes[spatial[1]], sizes[spatial[2]]];
+    grid_from_steps(h.path, dims, steps, origin, to_lps * unit)
+}
+
+/// The three axes of space; every other axis must have size 1.
+fn spatial_axes(
+    h: &Header,
+    sizes: &[u64],
+    directions: Option<&[Option<DVec3>]>,
+) -> Result<[usize; 3], FormatError> {
+    let mut spatial: Vec<usize> = match directions {
+        Some(d) => (0..sizes.len()).filter(|&i| d[i].is_some()).collect(),
+        None => (0..sizes.len()).collect(),
+    };
+    while directions.is_none() && spatial.len() > 3 {
+        let Some(i) = spatial.iter().position(|&a| sizes[a] == 1) else { break };
+        spatial.remove(i);
+    }
+    let extra = (0..sizes.len()).find(|i| !spatial.contains(i) && sizes[*i] != 1);
+    match (<[usize; 3]>::try_from(spatial), extra) {
+        (Ok(axes), None) => Ok(axes),
+        (Ok(_), Some(axis)) => {
+            let what = format!("axis {axis} holds {} values a voxel", sizes[axis]);
+            Err(FormatError::unsupported(h.path, what))
+        }
+        (Err(axes), _) => {
+            let what = format!("{} axes of space; a volume has 3", axes.len());
+            Err(FormatError::unsupported(h.path, what))
+        }
+    }
+}
+
+/// Signs from the file's space to LPS, and whether the file names a space at all.
+fn frame(h: &Header, notes: &mut Vec<String>) -> Result<(DVec3, bool), FormatError> {
+    let Some(name) = h.get("space") else {
+        if let Some(n) = h.get("space dimension").filter(|n| *n != "3") {
+            return Err(h.bad("space dimension", n, "a volume lies in 3"));
+        }
+        return Ok((DVec3::ONE, h.get("space dimension").is_some()));
+    };
+    let signs = match name.to_ascii_lowercase().as_str() {
+        "left-posterior-superior" | "lps" => DVec3::ONE,
+        "right-anterior-superior" | "ras" => RAS,
+        "left-anterior-superior" | "las" => DVec3::new(1.0, -1.0, 1.0),
+        "scanner-xyz" | "3d-right-handed" => {
+            notes.push(format!("space `{name}` names no patient axes; LPS is assumed"));
+            DVec3::ONE
+        }
+        "3d-left-handed" => {
+            // Taken as LPS it would mirror the patient; LAS is the left-handed space with a name.
+            notes.push(format!("space `{name}` names no patient axes; LAS is assumed"));
+            DVec3::new(1.0, -1.0, 1.0)
+        }
+        _ => return Err(h.bad("space", name, "not a space of three axes that is known")),
+    };
+    Ok((signs, true))
+}
+
+/// Millimetres in the file's unit; without one it is mm.
+fn unit(h: &Header, field: &str) -> Result<f64, FormatError> {
+    let Some(value) = h.get(field) else { return Ok(1.0) };
+    let mut found = None;
+    for name in value.split(['"', ' ']).filter(|n| !n.is_empty() && *n != "none" && *n != "???") {
+        let mm = mm_per(name).ok_or_else(|| h.bad(field, value, "not a unit of length"))?;
+        if *found.get_or_insert(mm) != mm {
+            return Err(h.bad(field, value, "the axes differ in unit"));
+        }
+    }
+    Ok(found.unwrap_or(1.0))
+}
+
+/// `(x,y,z)` or `none`, `n` times.
+fn vectors(h: &Header, text: &str, n: usize) -> Result<Vec<Option<DVec3>>, FormatError> {
+    let bad = || h.bad("space directions or origin", text, "expected vectors (x,y,z) or none");
+    let mut out = Vec::new();
+    let mut rest = text.trim();
+    while !rest.is_empty() && out.len() <= n {
+        if let Some(tail) = rest.strip_prefix("none") {
+            out.push(None);
+            rest = tail.trim_start();
+            continue;
+        }
+        let (inner, tail) =
+            rest.strip_prefix('(').and_then(|r| r.split_once(')')).ok_or_else(bad)?;
+        let parts: Result<Vec<f64>, _> = inner.split(',').map(|p| p.trim().parse()).collect();
+        match parts.as_deref() {
+            Ok(&[x, y, z]) => out.push(Some(DVec3::new(x, y, z))),
+            _ => return Err(bad()),
+        }
+        rest = tail.trim_start();
+    }
+    if out.len() == n { Ok(out) } else { Err(bad()) }
+}

@@ -1,0 +1,88 @@
+//! NRRD out: gzip, LPS.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use glam::DVec3;
+
+use super::FormatError;
+use super::rescale::real_samples;
+use crate::formats::whole::write_whole;
+use crate::volume::{Grid, SampleType, Volume};
+
+/// Writes a volume as real values.
+pub(super) fn write(path: &Path, volume: &Volume) -> Result<(), FormatError> {
+    let samples = real_samples(volume);
+    let head = header(&volume.grid, samples.sample_type(), None);
+    write_whole(path, |out| body(out, &head, samples.bytes()))
+}
+
+/// Writes a field of vectors on a grid as `.nrrd`, the components of a voxel side by side:
+/// `values` holds `components` numbers a voxel, x fastest. Used for Hessian eigenvalues.
+///
+/// # Errors
+/// [`FormatError::Unsupported`] for another extension or a count that does not match the grid,
+/// [`FormatError::Io`] with no partial file left behind.
+pub fn write_vector_field(
+    path: &Path,
+    grid: &Grid,
+    components: u32,
+    values: &[f32],
+) -> Result<(), FormatError> {
+    if !super::lower_name(path).ends_with(".nrrd") {
+        return Err(FormatError::unsupported(path, "a vector field in this format; use .nrrd"));
+    }
+    if components == 0 || grid.len().checked_mul(components as usize) != Some(values.len()) {
+        let what = format!("{} values for {components} a voxel", values.len());
+        return Err(FormatError::unsupported(path, what));
+    }
+    let head = header(grid, SampleType::F32, Some(components));
+    write_whole(path, |out| body(out, &head, bytemuck::cast_slice(values)))
+}
+
+fn body(out: &mut dyn Write, head: &str, bytes: &[u8]) -> io::Result<()> {
+    out.write_all(head.as_bytes())?;
+    let mut out = GzEncoder::new(out, Compression::fast());
+    out.write_all(bytes)?;
+    out.finish().map(|_| ())
+}
+
+fn header(grid: &Grid, sample_type: SampleType, components: Option<u32>) -> String {
+    let vector = |v: DVec3| format!("({},{},{})", v.x, v.y, v.z);
+    let (d, s) = (grid.direction, grid.spacing_mm);
+    let steps = [d.x_axis * s.x, d.y_axis * s.y, d.z_axis * s.z].map(|v| vector(v + DVec3::ZERO));
+    let mut sizes: Vec<u32> = grid.dims.to_array().into();
+    let mut directions: Vec<&str> = steps.iter().map(String::as_str).collect();
+    let mut kinds = vec!["domain"; 3];
+    if let Some(n) = components {
+        sizes.insert(0, n);
+        directions.insert(0, "none");
+        kinds.insert(0, "vector");
+    }
+    let sizes: Vec<String> = sizes.iter().map(u32::to_string).collect();
+    let name = match sample_type {
+        SampleType::F32 => "float",
+        SampleType::F64 => "double",
+        integer => integer.name(),
+    };
+    let endian = if cfg!(target_endian = "big") { "big" } else { "little" };
+    format!(
+        "NRRD0005\n\
+         type: {name}\n\
+         dimension: {}\n\
+         space: left-posterior-superior\n\
+         sizes: {}\n\
+         space directions: {}\n\
+         kinds: {}\n\
+         endian: {endian}\n\
+         encoding: gzip\n\
+         space origin: {}\n\n",
+        sizes.len(),
+        sizes.join(" "),
+        directions.join(" "),
+        kinds.join(" "),
+        vector(grid.origin_mm),
+    )
+}

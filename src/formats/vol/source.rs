@@ -1,0 +1,89 @@
+//! Opening and reading input files.
+
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::{Component, Path, PathBuf};
+
+use super::FormatError;
+use crate::fault;
+
+/// An open regular file and its size. Reading can be made to end early by a planted fault.
+pub(super) struct Source {
+    file: File,
+    /// Size in bytes when opened.
+    pub len: u64,
+}
+
+impl Source {
+    /// Opens a regular file; a pipe would block and a device has no size to check against.
+    pub fn open(path: &Path) -> Result<Self, FormatError> {
+        let io = |e| FormatError::io(path, e);
+        if !std::fs::metadata(path).map_err(io)?.is_file() {
+            return Err(FormatError::unsupported(path, "an input that is not a plain file"));
+        }
+        let file = File::open(path).map_err(io)?;
+        let len = file.metadata().map_err(io)?.len();
+        Ok(Self { file, len })
+    }
+
+    /// Opens at an offset.
+    pub fn open_at(path: &Path, offset: u64) -> Result<Self, FormatError> {
+        let mut source = Self::open(path)?;
+        source.seek(SeekFrom::Start(offset)).map_err(|e| FormatError::io(path, e))?;
+        Ok(source)
+    }
+}
+
+impl Read for Source {
+    fn read(&mut self, buf: &mut [u8]) -> io::Result<usize> {
+        if fault::hit(fault::Point::Read) {
+            return Ok(0);
+        }
+        self.file.read(buf)
+    }
+}
+
+impl Seek for Source {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.file.seek(to)
+    }
+}
+
+/// The first bytes of a file, at most `most` of them.
+pub(super) fn prefix(path: &Path, most: u64) -> Result<Vec<u8>, FormatError> {
+    let mut bytes = Vec::new();
+    Source::open(path)?.take(most).read_to_end(&mut bytes).map_err(|e| FormatError::io(path, e))?;
+    Ok(bytes)
+}
+
+/// Reads until `buf` is full or the input ends; the number of bytes read.
+pub(super) fn fill(input: &mut dyn Read, buf: &mut [u8]) -> io::Result<usize> {
+    /// Decoders are handed this much at a time: their counters may be 32 bits wide.
+    const STEP: usize = 1 << 26;
+    let mut done = 0;
+    while done < buf.len() {
+        let end = buf.len().min(done + STEP);
+        match input.read(&mut buf[done..end]) {
+            Ok(0) => break,
+            Ok(n) => done += n,
+            Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+            // A decoder's word for an input that ends too soon.
+            Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => break,
+            Err(e) => return Err(e),
+        }
+    }
+    Ok(done)
+}
+
+/// A data file named by a header. It must lie in the header's folder or below it: a header from
+/// elsewhere shall not pick files of the reader's machine.
+pub(super) fn sibling(header: &Path, field: &str, name: &str) -> Result<PathBuf, FormatError> {
+    let relative = Path::new(name);
+    let inside =
+        relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
+    if name.is_empty() || !inside {
+        let why = "must be a relative path without `..`, inside the header's folder";
+        return Err(FormatError::field(header, field, name, why));
+    }
+    Ok(header.parent().unwrap_or(Path::new("")).join(relative))
+}

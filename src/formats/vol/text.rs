@@ -1,0 +1,37 @@
+//! Numbers in text headers.
+
+use std::path::Path;
+use std::str::FromStr;
+
+use super::FormatError;
+
+/// Blank-separated numbers, exactly `n` of them.
+pub(super) fn numbers<T: FromStr>(
+    file: &Path,
+    field: &str,
+    value: &str,
+    n: usize,
+) -> Result<Vec<T>, FormatError> {
+    let parsed: Result<Vec<T>, _> = value.split_whitespace().take(n + 1).map(str::parse).collect();
+    match parsed {
+        Ok(v) if v.len() == n => Ok(v),
+        _ => Err(FormatError::field(file, field, value, format!("expected {n} numbers"))),
+    }
+}
+
+/// One number.
+pub(super) fn number<T: FromStr>(file: &Path, field: &str, value: &str) -> Result<T, FormatError> {
+    let bad = |_| FormatError::field(file, field, value, "expected one number");
+    value.trim().parse().map_err(bad)
+}
+
+/// Millimetres in one unit of a name, if the name is a length we know.
+pub(super) fn mm_per(unit: &str) -> Option<f64> {
+    match unit.trim().trim_matches('"').to_ascii_lowercase().as_str() {
+        "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => Some(1.0),
+        "cm" | "centimeter" | "centimeters" => Some(10.0),
+        "m" | "meter" | "meters" | "metre" | "metres" => Some(1000.0),
+        "um" | "µm" | "μm" | "micron" | "microns" | "micrometer" | "micrometers" => Some(1e-3),
+        _ => None,
+    }
+}

@@ -1,0 +1,46 @@
+//! Sub-voxel crossings from grey values.
+
+use glam::IVec3;
+
+use super::extract::{Crossing, clamp_fraction};
+use crate::lumen::Window;
+use crate::volume::Volume;
+
+/// Crossings of the two-sided threshold function f = max(LO − v, v − HI), negative inside, by
+/// linear interpolation between voxel centres.
+///
+/// Signs follow the final mask: where f disagrees with it (filled cavities, neighbours in the
+/// window but not in the component) f counts as a hair to the mask's side. Integer thresholds lie
+/// half a stored unit outside the inclusive bounds, so that f is never 0 on a sample.
+pub struct Grey<'a> {
+    volume: &'a Volume,
+    lo: f64,
+    hi: f64,
+}
+
+impl<'a> Grey<'a> {
+    /// Crossings for a threshold window; `None` for labels, which have no grey values to go by.
+    pub fn new(volume: &'a Volume, window: &Window) -> Option<Self> {
+        let Window::Range { lo, hi } = *window else { return None };
+        let integer = volume.samples.sample_type().is_integer();
+        let half = if integer { 0.5 * volume.rescale.slope.abs() } else { 0.0 };
+        Some(Self { volume, lo: lo - half, hi: hi + half })
+    }
+
+    fn value(&self, v: IVec3) -> Option<f64> {
+        let grid = &self.volume.grid;
+        grid.contains(v).then(|| {
+            let real = self.volume.real(grid.index(v.as_uvec3()));
+            (self.lo - real).max(real - self.hi)
+        })
+    }
+}
+
+impl Crossing for Grey<'_> {
+    fn fraction(&self, inside: IVec3, outside: IVec3) -> f32 {
+        let Some(a) = self.value(inside) else { return 0.5 };
+        let Some(b) = self.value(outside) else { return 0.5 }; // the volume's edge
+        let (a, b) = (a.min(0.0), b.max(0.0));
+        clamp_fraction((a / (a - b)) as f32)
+    }
+}

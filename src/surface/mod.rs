@@ -1,0 +1,48 @@
+//! The surface of the lumen: extraction by a consistent cell table, topology, and smooth normals.
+
+mod extract;
+mod fair;
+mod grey;
+pub mod table;
+mod topology;
+
+pub use extract::{Crossing, Midpoint, clamp_fraction, extract};
+pub use fair::{DEFAULT_STEPS, Fairing, Weights, face_normals, fair, weights};
+pub use grey::Grey;
+pub use topology::{Adjacency, Topology, keep_component};
+
+use crate::geometry::Mesh;
+use crate::lumen::Lumen;
+
+/// The surface of a lumen with its adjacency and counts.
+pub struct Surface {
+    /// The mesh; normals still empty.
+    pub mesh: Mesh,
+    /// Adjacent vertices.
+    pub adjacency: Adjacency,
+    /// Counts.
+    pub topology: Topology,
+}
+
+impl Surface {
+    /// Extracts the surface. With `seed` (an inside voxel) only the component hit first by a walk
+    /// from there along +x is kept: the paper's single-surface tracking, order-free.
+    pub fn new(lumen: &Lumen, crossing: &impl Crossing, seed: Option<glam::IVec3>) -> Self {
+        let mesh = extract(lumen, crossing);
+        let (adjacency, watertight) = Adjacency::of(&mesh);
+        let topology = adjacency.topology(&mesh, watertight);
+        let hit = seed.and_then(|s| extract::vertex_beyond(lumen, s));
+        match hit {
+            Some(v) if topology.components > 1 => {
+                let mesh = keep_component(&mesh, &adjacency.components(), v);
+                let (adjacency, watertight) = Adjacency::of(&mesh);
+                let topology = adjacency.topology(&mesh, watertight);
+                Self { mesh, adjacency, topology }
+            }
+            _ => Self { mesh, adjacency, topology },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

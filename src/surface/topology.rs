@@ -1,0 +1,167 @@
+//! What a mesh is connected like: adjacency, components, whether it is closed.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::geometry::Mesh;
+
+/// Adjacent vertices of every vertex, ascending, in compressed rows.
+#[derive(Clone, Debug, Default)]
+pub struct Adjacency {
+    /// First entry of each vertex, and the end: V + 1 numbers.
+    pub start: Vec<u32>,
+    /// Adjacent vertices.
+    pub near: Vec<u32>,
+}
+
+/// Counts that say what a surface is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Topology {
+    /// Vertices used by faces.
+    pub vertices: usize,
+    /// Faces.
+    pub faces: usize,
+    /// Undirected edges.
+    pub edges: usize,
+    /// Connected components.
+    pub components: usize,
+    /// V − E + F.
+    pub euler: i64,
+    /// Every directed edge occurs once and its reverse once.
+    pub watertight: bool,
+}
+
+impl Adjacency {
+    /// Adjacency of a mesh of any kind, and whether it is watertight.
+    pub fn of(mesh: &Mesh) -> (Self, bool) {
+        let n = mesh.positions.len();
+        // Directed edges by their first vertex; a closed oriented mesh has each reverse once.
+        let mut out_start = vec![0u32; n + 1];
+        for f in &mesh.faces {
+            for v in f {
+                out_start[*v as usize + 1] += 1;
+            }
+        }
+        for i in 0..n {
+            out_start[i + 1] += out_start[i];
+        }
+        let mut fill = out_start.clone();
+        let mut out = vec![0u32; mesh.faces.len() * 3];
+        for f in &mesh.faces {
+            for k in 0..3 {
+                let at = &mut fill[f[k] as usize];
+                out[*at as usize] = f[(k + 1) % 3];
+                *at += 1;
+            }
+        }
+        let row = |v: u32| &out[out_start[v as usize] as usize..out_start[v as usize + 1] as usize];
+        let closed = (0..n as u32).into_par_iter().with_min_len(4096).all(|v| {
+            row(v).iter().all(|&w| {
+                let back = row(w).iter().filter(|&&x| x == v).count();
+                back == 1 && row(v).iter().filter(|&&x| x == w).count() == 1
+            })
+        });
+        if closed {
+            // Neighbours are then exactly the ends of the outgoing edges.
+            let mut rows = Vec::with_capacity(n);
+            let mut rest = out.as_mut_slice();
+            for v in 0..n {
+                let len = (out_start[v + 1] - out_start[v]) as usize;
+                let (r, tail) = std::mem::take(&mut rest).split_at_mut(len);
+                rows.push(r);
+                rest = tail;
+            }
+            rows.into_par_iter().with_min_len(4096).for_each(|r| r.sort_unstable());
+            return (Self { start: out_start, near: out }, true);
+        }
+        let mut pairs: Vec<u64> = mesh
+            .faces
+            .par_iter()
+            .flat_map_iter(|f| {
+                (0..3).flat_map(move |k| {
+                    let (a, b) = (u64::from(f[k]), u64::from(f[(k + 1) % 3]));
+                    [a << 32 | b, b << 32 | a]
+                })
+            })
+            .collect();
+        pairs.par_sort_unstable();
+        pairs.dedup();
+        let mut start = vec![0u32; n + 1];
+        for p in &pairs {
+            start[(p >> 32) as usize + 1] += 1;
+        }
+        for i in 0..n {
+            start[i + 1] += start[i];
+        }
+        (Self { start, near: pairs.iter().map(|p| *p as u32).collect() }, false)
+    }
+
+    /// Adjacent vertices of `v`.
+    pub fn row(&self, v: usize) -> &[u32] {
+        &self.near[self.start[v] as usize..self.start[v + 1] as usize]
+    }
+
+    /// Component of each vertex (its smallest vertex id).
+    pub fn components(&self) -> Vec<u32> {
+        let n = self.start.len().saturating_sub(1);
+        let mut label = vec![u32::MAX; n];
+        let mut open = Vec::new();
+        for v in 0..n {
+            if label[v] != u32::MAX {
+                continue;
+            }
+            label[v] = v as u32;
+            open.push(v);
+            while let Some(u) = open.pop() {
+                for &w in self.row(u) {
+                    if label[w as usize] == u32::MAX {
+                        label[w as usize] = v as u32;
+                        open.push(w as usize);
+                    }
+                }
+            }
+        }
+        label
+    }
+
+    /// Counts of the mesh.
+    pub fn topology(&self, mesh: &Mesh, watertight: bool) -> Topology {
+        let n = mesh.positions.len();
+        let used = (0..n).filter(|&v| !self.row(v).is_empty()).count();
+        let labels = self.components();
+        let roots = |v: &usize| labels[*v] as usize == *v && !self.row(*v).is_empty();
+        let components = (0..n).filter(roots).count();
+        let (edges, faces) = (self.near.len() / 2, mesh.faces.len());
+        let euler = used as i64 - edges as i64 + faces as i64;
+        Topology { vertices: used, faces, edges, components, euler, watertight }
+    }
+}
+
+/// Keeps the component of one vertex; order is kept.
+pub fn keep_component(mesh: &Mesh, labels: &[u32], of: u32) -> Mesh {
+    let kept = labels[of as usize];
+    let mut id = vec![u32::MAX; mesh.positions.len()];
+    let mut next = 0;
+    for (v, id) in id.iter_mut().enumerate() {
+        if labels[v] == kept {
+            *id = next;
+            next += 1;
+        }
+    }
+    let pick = |p: &[Vec3]| -> Vec<Vec3> {
+        p.iter().zip(labels).filter(|(_, l)| **l == kept).map(|(p, _)| *p).collect()
+    };
+    let keeps = |f: &[u32; 3]| labels[f[0] as usize] == kept;
+    Mesh {
+        positions: pick(&mesh.positions),
+        normals: pick(&mesh.normals),
+        faces: mesh.faces.iter().filter(|f| keeps(f)).map(|f| f.map(|v| id[v as usize])).collect(),
+        caps: mesh
+            .faces
+            .iter()
+            .zip(&mesh.caps)
+            .filter(|(f, _)| keeps(f))
+            .map(|(_, c)| *c)
+            .collect(),
+    }
+}

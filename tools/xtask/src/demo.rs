@@ -1,0 +1,80 @@
+//! The first thing a newcomer runs: a phantom, and a flight through it.
+
+use crate::Stop;
+use crate::run::{cargo, loudly, on_path, root};
+use crate::setup::{For, setup};
+use std::fs;
+use std::path::Path;
+
+const OUT: &str = "out/demo";
+const VOLUME: &str = "out/demo/colon.nrrd";
+const VIDEO: &str = "out/demo/flight.mp4";
+/// Half-way between the phantom's air (-950 HU) and its wall (40 HU).
+const AIR: &str = ":-455";
+
+/// `cargo xtask demo`
+pub fn demo() -> Result<(), Stop> {
+    setup(For::Running)?;
+    loudly(&mut cargo(&["build", "--release", "--locked"]))?;
+    let folder = root().join(OUT);
+    fs::create_dir_all(&folder).map_err(|e| Stop::Failed(format!("{OUT}: {e}")))?;
+    let intima = |args: &[&str]| {
+        // Through cargo, which knows where the program was built.
+        let run = ["run", "--release", "--locked", "--quiet", "--package", "intima", "--"];
+        loudly(&mut cargo(&[&run, args].concat()))
+    };
+    intima(&["phantom", "colon", "-o", VOLUME, "--size", "128"])?;
+    intima(&flight(on_path("ffmpeg")))?;
+    println!("\nEverything is in {}:", folder.display());
+    for (name, what) in PRODUCTS {
+        if let Some(line) = listed(&folder, name, what) {
+            println!("{line}");
+        }
+    }
+    Ok(())
+}
+
+/// The arguments of the one call that does it all; the video only where something can write it.
+fn flight(ffmpeg: bool) -> Vec<&'static str> {
+    let mut args = vec!["run", VOLUME, "--threshold", AIR, "--out", OUT];
+    args.extend(["--frames", "120", "--size", "640x480"]);
+    if ffmpeg {
+        args.extend(["--video", VIDEO]);
+    }
+    args
+}
+
+const PRODUCTS: &[(&str, &str)] = &[
+    ("frames", "the flight, one picture a step"),
+    ("flight.mp4", "the same as a video"),
+    ("surface.ply", "the wall, with smoothed normals"),
+    ("centerline.csv", "the path flown; .vtp and .mrk.json beside it"),
+    ("unseen.csv", "places of the wall that the path does not see"),
+    ("report.json", "every figure measured on the way"),
+    ("colon.nrrd", "the phantom itself"),
+];
+
+/// A line about a product, if the run made it.
+fn listed(folder: &Path, name: &str, what: &str) -> Option<String> {
+    let path = folder.join(name);
+    let count = path.is_dir().then(|| fs::read_dir(&path).map_or(0, Iterator::count));
+    let note = count.map(|n| format!(" ({n} files)")).unwrap_or_default();
+    path.exists().then(|| format!("  {name:<16} {what}{note}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_video_is_asked_for_only_where_ffmpeg_is() {
+        assert!(flight(true).contains(&VIDEO));
+        assert!(!flight(false).contains(&"--video"));
+    }
+
+    #[test]
+    fn only_what_exists_is_listed() {
+        assert_eq!(listed(&root(), "no-such-thing", "x"), None);
+        assert!(listed(&root(), "Cargo.toml", "x").unwrap().contains("Cargo.toml"));
+    }
+}
