@@ -167,8 +167,11 @@ fn a_device_that_is_not_there_is_named() {
 fn pipelines_are_kept_on_disk_and_a_damaged_file_does_no_harm() {
     let Some(_) = common::gpu(Validate::Off) else { return };
     let dir = tempfile::tempdir().unwrap();
-    let options =
-        OpenOptions { validate: Validate::Off, cache_dir: Some(dir.path().join("cache")) };
+    let options = OpenOptions {
+        validate: Validate::Off,
+        cache_dir: Some(dir.path().join("cache")),
+        ..OpenOptions::default()
+    };
     let once = || {
         let mut gpu = Gpu::open_with(Choice::Any, options.clone()).unwrap();
         gpu.run(&ring(&KERNEL, 100, 100, 1).0).unwrap();
@@ -230,7 +233,8 @@ mod faults {
     #[test]
     #[ignore = "runs in a process of its own, started by the test below"]
     fn child_runs_a_plan() {
-        let options = OpenOptions { validate: Validate::Sync, cache_dir: None };
+        let options =
+            OpenOptions { validate: Validate::Sync, cache_dir: None, ..OpenOptions::default() };
         let mut gpu = match Gpu::open_with(Choice::Any, options) {
             Ok(gpu) => gpu,
             Err(VkError::NoDriver) => return println!("child: no driver"),

@@ -53,13 +53,16 @@ fn inside(wall: Wall, @builtin(front_facing) front: bool) -> @location(0) vec4<f
     let light = normalize(to_light);
     let reach = dot(to_light, to_light) / (params.falloff * params.falloff);
     let near = 1.0 / (1.0 + reach);
-    let lit = max(dot(n, light), 0.0);
+    // A little light wraps round, as it does in flesh: silhouettes go dark, not black.
+    let lit = max((dot(n, light) + 0.15) / 1.15, 0.0);
     let gloss = pow(max(dot(n, normalize(light + view)), 0.0), params.power);
     // Grazing walls go darker than the cosine alone makes them: the rim of a fold stands out.
-    let edge = mix(0.6, 1.0, smoothstep(0.0, 0.5, dot(n, view)));
+    let edge = mix(0.65, 1.0, smoothstep(0.0, 0.5, dot(n, view)));
     let wall_light = (params.ambient + params.diffuse * lit) * near * edge;
     let colour = tinted(wall.normal.w) * wall_light + params.specular * gloss * near * near;
-    return vec4(1.0 - exp(-params.exposure * colour), 1.0);
+    // Highlights saturate gently; the S lends depth to the shadows.
+    let c = 1.0 - exp(-params.exposure * colour);
+    return vec4(mix(c, c * c * (3.0 - 2.0 * c), 0.5), 1.0);
 }
 
 // Every layer of wall, all of one colour, so that their order does not matter.

@@ -17,7 +17,7 @@ pub struct Look {
     pub falloff_mm: Option<f32>,
     /// How strongly curvature shifts the colour; 0 leaves it out.
     pub relief: f32,
-    /// Brightness before the tone curve `1 - exp(-x)`.
+    /// Brightness before the tone curve.
     pub exposure: f32,
     /// Behind everything.
     pub background: [f32; 3],
@@ -36,7 +36,7 @@ impl Default for Look {
             power: 50.0,
             falloff_mm: None,
             relief: 0.45,
-            exposure: 1.9,
+            exposure: 2.3,
             background: [0.006, 0.007, 0.009],
         }
     }

@@ -46,7 +46,7 @@ impl Renderer<'_> {
             self.glass_of = Some(key);
         }
         let [r, g, b] = scene.look.background;
-        let (colour, resolve) = self.into_picture();
+        let (colour, resolve) = self.picture_targets();
         passes.push(Pass {
             colour,
             resolve,

@@ -24,12 +24,16 @@ pub struct OpenOptions {
     pub validate: Validate,
     /// Where compiled pipelines are kept between runs; `None` keeps none.
     pub cache_dir: Option<PathBuf>,
+    /// Copies through staging memory even where host and device share theirs, so that software
+    /// drivers can test the path of graphics cards.
+    #[doc(hidden)]
+    pub always_stage: bool,
 }
 
 impl Default for OpenOptions {
     /// Validation as `INTIMA_VALIDATE` says, pipelines in the user's cache directory.
     fn default() -> Self {
-        Self { validate: Validate::from_env(), cache_dir: cache::user_dir() }
+        Self { validate: Validate::from_env(), cache_dir: cache::user_dir(), always_stage: false }
     }
 }
 
@@ -71,7 +75,8 @@ impl Gpu {
         let (physical, info) = info::choose(&instance, choice)?;
         let (device, queue) = device::open(&instance, physical, &info)?;
         let device = OwnedDevice(device);
-        let memory = Memory::new(&instance, &device, physical, info.unified_memory)?;
+        let unified = info.unified_memory && !options.always_stage;
+        let memory = Memory::new(&instance, &device, physical, unified)?;
         Ok(Self {
             pipelines: Pipelines::default(),
             cache: Cache::open(&device, &info.limits, options.cache_dir)?,
