@@ -330,6 +330,7 @@ impl Drop for Renderer<'_> {
             self.gpu.free_buffer(m.vertices);
             self.gpu.free_buffer(m.indices);
         }
+        self.pipelines.free(self.gpu);
         self.slots.iter().for_each(|b| self.gpu.free_buffer(*b));
         let t = &self.targets;
         for image in [Some(t.picture), t.picture_many, Some(t.glass), t.glass_many, Some(t.depth)] {

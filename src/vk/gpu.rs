@@ -147,8 +147,6 @@ impl Drop for Gpu {
         // with an error and is idle all the same.
         let _ = unsafe { self.device.device_wait_idle() };
         self.bury_all();
-        let drawn: Vec<_> = self.draw_pipelines.drain().collect();
-        drawn.iter().for_each(|p| self.destroy_draw_pipeline(p));
         self.pipelines.destroy(&self.device);
         self.cache.close(&self.device);
         self.commands.destroy(&self.device);
@@ -172,5 +170,14 @@ impl Drop for OwnedDevice {
         // SAFETY: dropped once, after everything made on it (field order of `Gpu`); idle, because
         // nothing was submitted yet or `Gpu::drop` has waited.
         unsafe { self.0.destroy_device(None) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_gpu_may_move_to_another_thread() {
+        fn moves<T: Send>() {}
+        moves::<super::Gpu>();
     }
 }

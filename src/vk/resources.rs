@@ -3,6 +3,7 @@
 
 use ash::vk;
 
+use super::draw_pipeline::{DrawPipeline, DrawPipelineId};
 use super::memory::{self, Buffer, ImageDesc, Place};
 use super::slab::Handle;
 use super::{Gpu, VkError};
@@ -64,6 +65,7 @@ pub(super) enum Dead {
     Buffer(Buffer),
     Image(memory::Image),
     Sets(vk::DescriptorPool),
+    Pipeline(DrawPipeline),
 }
 
 impl Gpu {
@@ -129,6 +131,13 @@ impl Gpu {
     pub fn free_image(&mut self, id: ImageId) {
         if let Some(i) = self.images.remove(id) {
             self.dead.push(self.timeline.submitted, Dead::Image(i.image));
+        }
+    }
+
+    /// Frees a graphics pipeline once the device is done with it. A stale handle does nothing.
+    pub fn free_draw_pipeline(&mut self, id: DrawPipelineId) {
+        if let Some(p) = self.draw_pipelines.remove(id) {
+            self.dead.push(self.timeline.submitted, Dead::Pipeline(p));
         }
     }
 
@@ -205,6 +214,7 @@ impl Gpu {
         match dead {
             Dead::Buffer(b) => self.memory.free_buffer(b),
             Dead::Image(i) => self.memory.free_image(i),
+            Dead::Pipeline(p) => self.destroy_draw_pipeline(&p),
             // SAFETY: the pool is ours; the timeline has passed the submission that used its sets.
             Dead::Sets(pool) => unsafe { self.device.destroy_descriptor_pool(pool, None) },
         }
@@ -214,6 +224,7 @@ impl Gpu {
     pub(super) fn bury_all(&mut self) {
         let mut all: Vec<Dead> = self.dead.reap(u64::MAX).collect();
         all.extend(self.buffers.drain().map(|b| Dead::Buffer(b.buffer)));
+        all.extend(self.draw_pipelines.drain().map(Dead::Pipeline));
         all.extend(self.images.drain().map(|i| Dead::Image(i.image)));
         all.into_iter().for_each(|d| self.bury(d));
     }
