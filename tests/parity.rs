@@ -4,7 +4,7 @@ mod common;
 
 use intima::compute::{Outputs, Plan, Tolerance, run_cpu, worst};
 use intima::kernels;
-use intima::vk::Validate;
+use intima::vk::{Gpu, Validate};
 
 /// The first disagreement of two runs of `plan`, if any: floats within `tol`, all else exactly.
 fn disagreement(plan: &Plan<'_>, want: &Outputs, got: &Outputs, tol: Tolerance) -> Option<String> {
@@ -27,6 +27,16 @@ fn disagreement(plan: &Plan<'_>, want: &Outputs, got: &Outputs, tol: Tolerance) 
 #[test]
 fn every_kernel_agrees_with_its_twin() {
     let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
+    every_kernel_agrees(&mut gpu);
+}
+
+#[test]
+fn every_kernel_agrees_with_its_twin_through_staging_memory() {
+    let Some(mut gpu) = common::staging_gpu(Validate::Sync) else { return };
+    every_kernel_agrees(&mut gpu);
+}
+
+fn every_kernel_agrees(gpu: &mut Gpu) {
     let mut failed = Vec::new();
     for kernel in kernels::ALL {
         for case in (kernel.cases)() {
@@ -42,7 +52,19 @@ fn every_kernel_agrees_with_its_twin() {
         }
     }
     assert!(failed.is_empty(), "{} cases disagree:\n{}", failed.len(), failed.join("\n"));
-    common::assert_silent(&gpu);
+    common::assert_silent(gpu);
+}
+
+#[test]
+fn no_kernel_reaches_past_its_buffers() {
+    let Some(mut gpu) = common::gpu(Validate::GpuAssisted) else { return };
+    for kernel in kernels::ALL {
+        for case in (kernel.cases)() {
+            gpu.run(&case.plan).unwrap();
+            let said = gpu.validation_messages();
+            assert!(said.is_empty(), "{}/{}: {}", kernel.name(), case.name, said.join("\n"));
+        }
+    }
 }
 
 #[test]

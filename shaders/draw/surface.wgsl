@@ -1,6 +1,6 @@
 // surface: the wall, seen from within by head-light, or from outside as glass.
-// in   position  LPS mm; normal xyz unit, into the lumen; normal w mean curvature times the mean
-//      radius, a quarter of it, positive on ridges that stand into the lumen
+// in   position  LPS mm; normal xyz unit, into the lumen; normal w k / (1 + |k|) with k the mean
+//      curvature times mean radius, plus a half: 0 on a plain tube, positive on ridges
 // out  linear colour; `ghost` and `shell` are layers of glass, colour premultiplied, a = opacity
 // src  Blinn 1977, doi:10.1145/563858.563893
 // ours light and ambient fall off with distance; curvature shifts colour as crevices do
@@ -36,10 +36,11 @@ fn towards(normal: vec3<f32>, view: vec3<f32>) -> vec3<f32> {
     return select(-n, n, dot(n, view) >= 0.0);
 }
 
+// Ridges pale, crevices deep: `relief` is how far a fold at full scale goes.
 fn tinted(curvature: f32) -> vec3<f32> {
-    let k = clamp(4.0 * params.relief * curvature, -1.0, 1.0);
-    let pale = mix(params.tissue, vec3(0.95, 0.70, 0.58), 0.55);
-    let deep = params.tissue * vec3(0.62, 0.34, 0.36);
+    let k = params.relief * curvature;
+    let pale = mix(params.tissue, vec3(1.0, 0.58, 0.46), 0.6);
+    let deep = params.tissue * vec3(0.50, 0.26, 0.28);
     return select(mix(params.tissue, deep, -k), mix(params.tissue, pale, k), k >= 0.0);
 }
 
@@ -52,13 +53,16 @@ fn inside(wall: Wall, @builtin(front_facing) front: bool) -> @location(0) vec4<f
     let light = normalize(to_light);
     let reach = dot(to_light, to_light) / (params.falloff * params.falloff);
     let near = 1.0 / (1.0 + reach);
-    let lit = max(dot(n, light), 0.0);
+    // A little light wraps round, as it does in flesh: silhouettes go dark, not black.
+    let lit = max((dot(n, light) + 0.15) / 1.15, 0.0);
     let gloss = pow(max(dot(n, normalize(light + view)), 0.0), params.power);
     // Grazing walls go darker than the cosine alone makes them: the rim of a fold stands out.
-    let edge = mix(0.55, 1.0, smoothstep(0.0, 0.4, dot(n, view)));
+    let edge = mix(0.65, 1.0, smoothstep(0.0, 0.5, dot(n, view)));
     let wall_light = (params.ambient + params.diffuse * lit) * near * edge;
     let colour = tinted(wall.normal.w) * wall_light + params.specular * gloss * near * near;
-    return vec4(1.0 - exp(-params.exposure * colour), 1.0);
+    // Highlights saturate gently; the S lends depth to the shadows.
+    let c = 1.0 - exp(-params.exposure * colour);
+    return vec4(mix(c, c * c * (3.0 - 2.0 * c), 0.5), 1.0);
 }
 
 // Every layer of wall, all of one colour, so that their order does not matter.
@@ -66,7 +70,7 @@ fn inside(wall: Wall, @builtin(front_facing) front: bool) -> @location(0) vec4<f
 fn ghost(wall: Wall) -> @location(0) vec4<f32> {
     let view = normalize(params.eye - wall.world);
     let rim = 1.0 - abs(dot(normalize(wall.normal.xyz), view));
-    let a = 0.015 + 0.20 * rim * rim * rim;
+    let a = 0.01 + 0.22 * rim * rim * rim;
     return vec4(vec3(0.78, 0.62, 0.58) * a, a);
 }
 
@@ -79,10 +83,10 @@ fn shell(wall: Wall) -> @location(0) vec4<f32> {
     let lit = max(dot(n, normalize(params.light - wall.world)), 0.0);
     let rim = 1.0 - facing;
     // Seen from outside, what stands into the lumen is a groove.
-    let k = clamp(-4.0 * params.relief * wall.normal.w, -1.0, 1.0);
-    let colour = params.tissue * (0.10 + 0.75 * lit) * (1.0 + 0.25 * k);
+    let k = -params.relief * wall.normal.w;
+    let colour = params.tissue * (0.10 + 0.75 * lit) * (1.0 + 0.7 * k);
     let gloss = 0.10 * pow(facing, 40.0);
-    let a = mix(0.42, 0.92, rim * rim);
+    let a = mix(0.34, 0.94, rim * sqrt(rim));
     return vec4((colour + gloss) * a, a);
 }
 

@@ -19,7 +19,7 @@ pub fn clip_from_world(pose: &Pose, lens: &Lens) -> Mat4 {
 }
 
 /// Room left around the organ, as a share of the frame.
-const MARGIN: f32 = 0.06;
+const MARGIN: f32 = 0.08;
 /// Narrow, so that near and far parts keep their proportions.
 const FOV_Y: f32 = 0.35;
 

@@ -17,31 +17,32 @@ pub struct Look {
     pub falloff_mm: Option<f32>,
     /// How strongly curvature shifts the colour; 0 leaves it out.
     pub relief: f32,
-    /// Brightness before the tone curve `1 - exp(-x)`.
+    /// Brightness before the tone curve.
     pub exposure: f32,
     /// Behind everything.
     pub background: [f32; 3],
 }
 
 impl Default for Look {
-    /// Pink tissue under a head-light: the ratios that endoscopy presets of clinical viewers use,
-    /// with a lower ambient part and highlight, because light here falls off with distance.
+    /// Pink tissue under a head-light. Ambient, diffuse part and power are those of the endoscopy
+    /// presets of clinical viewers; their highlight of 0.73 would lie as a white veil over every
+    /// wall that faces a light this near.
     fn default() -> Self {
         Self {
-            tissue: [0.72, 0.27, 0.21],
+            tissue: [0.76, 0.24, 0.175],
             ambient: 0.12,
             diffuse: 0.64,
-            specular: 0.73,
+            specular: 0.25,
             power: 50.0,
             falloff_mm: None,
-            relief: 0.5,
-            exposure: 2.2,
+            relief: 0.45,
+            exposure: 2.3,
             background: [0.006, 0.007, 0.009],
         }
     }
 }
 
 /// Light is halved after this many mean radii, unless [`Look::falloff_mm`] says otherwise.
-pub(super) const FALLOFF_RADII: f32 = 3.0;
+pub(super) const FALLOFF_RADII: f32 = 2.4;
 /// How far beside the eye the light sits, in mean radii.
 pub(super) const LIGHT_RADII: f32 = 0.2;

@@ -1,7 +1,7 @@
 //! A mesh as the device draws it.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Vec3, Vec4};
+use glam::{Vec2, Vec3};
 
 use super::RenderError;
 use crate::geometry::Mesh;
@@ -43,10 +43,14 @@ pub(super) fn prepare(mesh: &Mesh, skip_caps: bool) -> Result<Prepared, RenderEr
     let own = if given { Vec::new() } else { normals(mesh) };
     let normals = if given { &mesh.normals } else { &own };
     let mean_radius_mm = mean_radius(mesh);
-    let curvature = curvature(mesh, normals);
-    // A quarter of curvature times radius: a fold four times as sharp as the wall is full scale.
-    let scale = 0.25 * mean_radius_mm;
-    let at = |v: usize| Vertex::new(mesh.positions[v], normals[v], scale * curvature[v]);
+    let curvature = curvature(mesh, normals, mean_radius_mm);
+    // Zero on a plain tube of that radius (one curvature is -1/r, the other 0); folds of any
+    // sharpness stay apart.
+    let relief = |v: usize| {
+        let k = mean_radius_mm * curvature[v] + 0.5;
+        k / (1.0 + k.abs())
+    };
+    let at = |v: usize| Vertex::new(mesh.positions[v], normals[v], relief(v));
     let shown = |i: usize| !(skip_caps && mesh.caps.get(i).copied().unwrap_or(false));
     Ok(Prepared {
         vertices: (0..vertices).map(at).collect(),
@@ -73,29 +77,38 @@ fn normals(mesh: &Mesh) -> Vec<Vec3> {
     sum.iter().map(|n| n.try_normalize().unwrap_or(Vec3::Z)).collect()
 }
 
-/// Mean normal curvature at each vertex, 1/mm, over the edges around it and smoothed once over
-/// the same edges; positive where the wall stands into the lumen.
-fn curvature(mesh: &Mesh, normals: &[Vec3]) -> Vec<f32> {
+/// Mean normal curvature at each vertex, 1/mm, positive where the wall stands into the lumen;
+/// smoothed over about a fifth of `radius_mm`, so that folds show and voxels do not.
+fn curvature(mesh: &Mesh, normals: &[Vec3], radius_mm: f32) -> Vec<f32> {
     let edges = || mesh.faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
-    let mut sum = vec![(0.0f32, 0.0f32); mesh.positions.len()];
-    for (a, b) in edges().map(|(a, b)| (a as usize, b as usize)) {
+    let edges = || edges().map(|(a, b)| (a as usize, b as usize));
+    let mut sum = vec![Vec2::ZERO; mesh.positions.len()];
+    let mut squares = 0.0;
+    for (a, b) in edges() {
         let along = mesh.positions[b] - mesh.positions[a];
         let length2 = along.length_squared();
         if length2 > 0.0 {
-            let k = (normals[b] - normals[a]).dot(along) / length2;
-            for v in [a, b] {
-                sum[v].0 += k;
-                sum[v].1 += 1.0;
-            }
+            squares += f64::from(length2);
+            let k = Vec2::new((normals[b] - normals[a]).dot(along) / length2, 1.0);
+            sum[a] += k;
+            sum[b] += k;
         }
     }
-    let raw: Vec<f32> = sum.iter().map(|(k, n)| k / n.max(1.0)).collect();
-    let mut smooth: Vec<Vec4> = raw.iter().map(|k| Vec4::new(2.0 * k, 2.0, 0.0, 0.0)).collect();
-    for (a, b) in edges().map(|(a, b)| (a as usize, b as usize)) {
-        smooth[a] += Vec4::new(raw[b], 1.0, 0.0, 0.0);
-        smooth[b] += Vec4::new(raw[a], 1.0, 0.0, 0.0);
+    let mean = |s: &Vec2| s.x / s.y.max(1.0);
+    let mut k: Vec<f32> = sum.iter().map(mean).collect();
+    // A round of averaging spreads by about one edge, rounds add in squares.
+    let edge2 = squares / (3 * mesh.faces.len()).max(1) as f64;
+    let reach = 0.2 * f64::from(radius_mm);
+    let rounds = (reach * reach / edge2.max(1e-12)).ceil().clamp(2.0, 12.0) as usize;
+    for _ in 0..rounds {
+        sum.iter_mut().zip(&k).for_each(|(s, k)| *s = Vec2::new(*k, 1.0));
+        for (a, b) in edges() {
+            sum[a] += Vec2::new(k[b], 1.0);
+            sum[b] += Vec2::new(k[a], 1.0);
+        }
+        k.iter_mut().zip(&sum).for_each(|(k, s)| *k = mean(s));
     }
-    smooth.iter().map(|s| s.x / s.y).collect()
+    k
 }
 
 #[cfg(test)]

@@ -22,8 +22,8 @@ pub(super) struct GlassKey {
 }
 
 /// Thickness of the path and size of the camera, as shares of the organ's diagonal.
-const PATH_RADIUS: f32 = 0.0035;
-const CAMERA_DEPTH: f32 = 0.085;
+const PATH_RADIUS: f32 = 0.0045;
+const CAMERA_DEPTH: f32 = 0.07;
 
 const PATH: [f32; 3] = [0.10, 0.85, 0.55];
 const CAMERA: [f32; 3] = [1.0, 0.75, 0.05];
@@ -46,7 +46,7 @@ impl Renderer<'_> {
             self.glass_of = Some(key);
         }
         let [r, g, b] = scene.look.background;
-        let (colour, resolve) = self.into_picture();
+        let (colour, resolve) = self.picture_targets();
         passes.push(Pass {
             colour,
             resolve,
@@ -127,12 +127,12 @@ impl Renderer<'_> {
             origin: shot.pose.position_mm.to_array(),
             turn: shot.pose.rotation.to_array(),
             scale: [half * shot.lens.aspect.min(1.5), half, depth],
-            radius: 0.9 * base.radius,
+            radius: 0.6 * base.radius,
             colour: CAMERA,
             progress: 1.0,
             ..base
         };
-        let eye = host::lines::Params { radius: 2.6 * base.radius, ..camera };
+        let eye = host::lines::Params { radius: 2.2 * base.radius, ..camera };
         let lines = self.pipelines.lines;
         let path = scene.path.and_then(|p| self.paths[p.0].as_ref());
         let of = |model, push: &host::lines::Params| {

@@ -65,4 +65,11 @@ impl Pipelines {
             stack: gpu.draw_pipeline(&stack)?,
         })
     }
+
+    pub fn free(&self, gpu: &mut Gpu) {
+        let Self { inside, lines, ghost, nearest, shell, stack } = *self;
+        for p in [inside, lines, ghost, nearest, shell, stack] {
+            gpu.free_draw_pipeline(p);
+        }
+    }
 }

@@ -246,7 +246,11 @@ impl<'g> Renderer<'g> {
         self.idle.push(ticket.slot);
         let [width, height] = self.size;
         let rgba = &self.gpu.read(self.slots[ticket.slot])?[..(width * height * 4) as usize];
-        Ok(rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect())
+        let mut rgb = vec![0; rgba.len() / 4 * 3];
+        rgb.chunks_exact_mut(3).zip(rgba.chunks_exact(4)).for_each(|(to, p)| {
+            to.copy_from_slice(&p[..3]);
+        });
+        Ok(rgb)
     }
 
     /// Draws frames in order and hands each to `sink` with its number while the device draws the
@@ -297,7 +301,7 @@ impl<'g> Renderer<'g> {
         let push = surface_push(&scene.look, &shot.pose, &lens, light, falloff);
         let draws = draw(self.pipelines.inside, model, bytemuck::bytes_of(&push), Vec::new());
         let [r, g, b] = scene.look.background;
-        let (colour, resolve) = self.into_picture();
+        let (colour, resolve) = self.picture_targets();
         Pass {
             colour,
             resolve,
@@ -309,7 +313,7 @@ impl<'g> Renderer<'g> {
     }
 
     /// Colour target and what it is resolved to.
-    pub(super) fn into_picture(&self) -> (ImageId, Option<ImageId>) {
+    pub(super) fn picture_targets(&self) -> (ImageId, Option<ImageId>) {
         let t = &self.targets;
         t.picture_many.map_or((t.picture, None), |many| (many, Some(t.picture)))
     }
@@ -326,6 +330,7 @@ impl Drop for Renderer<'_> {
             self.gpu.free_buffer(m.vertices);
             self.gpu.free_buffer(m.indices);
         }
+        self.pipelines.free(self.gpu);
         self.slots.iter().for_each(|b| self.gpu.free_buffer(*b));
         let t = &self.targets;
         for image in [Some(t.picture), t.picture_many, Some(t.glass), t.glass_many, Some(t.depth)] {

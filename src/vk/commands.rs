@@ -44,7 +44,7 @@ impl Commands {
         };
         let info = vk::CommandBufferBeginInfo::default()
             .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        // SAFETY: `cmd` is of our pool and idle: new, given up, or past its timeline value, so it
+        // SAFETY: `cmd` is of our pool and idle: new, never submitted, or past its timeline value, so it
         // may be reset, which beginning does.
         unsafe { device.begin_command_buffer(cmd, &info) }
             .map_err(VkError::of("vkBeginCommandBuffer"))?;
@@ -92,11 +92,6 @@ impl Commands {
                 Err(e)
             }
         }
-    }
-
-    /// Takes back a command buffer that was begun and will not be submitted.
-    pub fn give_up(&mut self, cmd: vk::CommandBuffer) {
-        self.idle.push(cmd);
     }
 
     /// Destroys the pool with all its command buffers. The device is idle.

@@ -97,7 +97,7 @@ pub(super) const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
 );
 
 impl Gpu {
-    /// Creates a graphics pipeline; it lives as long as the device.
+    /// Creates a graphics pipeline.
     ///
     /// # Errors
     /// The failing call.

@@ -24,12 +24,16 @@ pub struct OpenOptions {
     pub validate: Validate,
     /// Where compiled pipelines are kept between runs; `None` keeps none.
     pub cache_dir: Option<PathBuf>,
+    /// Copies through staging memory even where host and device share theirs, so that software
+    /// drivers can test the path of graphics cards.
+    #[doc(hidden)]
+    pub always_stage: bool,
 }
 
 impl Default for OpenOptions {
     /// Validation as `INTIMA_VALIDATE` says, pipelines in the user's cache directory.
     fn default() -> Self {
-        Self { validate: Validate::from_env(), cache_dir: cache::user_dir() }
+        Self { validate: Validate::from_env(), cache_dir: cache::user_dir(), always_stage: false }
     }
 }
 
@@ -71,7 +75,8 @@ impl Gpu {
         let (physical, info) = info::choose(&instance, choice)?;
         let (device, queue) = device::open(&instance, physical, &info)?;
         let device = OwnedDevice(device);
-        let memory = Memory::new(&instance, &device, physical, info.unified_memory)?;
+        let unified = info.unified_memory && !options.always_stage;
+        let memory = Memory::new(&instance, &device, physical, unified)?;
         Ok(Self {
             pipelines: Pipelines::default(),
             cache: Cache::open(&device, &info.limits, options.cache_dir)?,
@@ -105,6 +110,31 @@ impl Gpu {
         self.instance.validate != Validate::Off
     }
 
+    /// Timeline value the device has reached.
+    pub(super) fn reached(&self) -> Result<u64, VkError> {
+        match self.instance.validate {
+            Validate::GpuAssisted => self.wait_idle().map(|()| self.timeline.submitted),
+            _ => self.timeline.reached(&self.device),
+        }
+    }
+
+    /// Blocks until the device has reached a timeline value.
+    pub(super) fn wait(&self, value: u64) -> Result<(), VkError> {
+        match self.instance.validate {
+            Validate::GpuAssisted => self.wait_idle(),
+            _ => self.timeline.wait(&self.device, value),
+        }
+    }
+
+    /// In place of the timeline when shaders are instrumented: there the layer's own book-keeping
+    /// of timelines hangs (it says so itself, after ten seconds). An idle queue has reached every
+    /// value.
+    fn wait_idle(&self) -> Result<(), VkError> {
+        // SAFETY: `Gpu` owns the queue and is not shared between threads while this runs: every
+        // caller holds it by `&mut`.
+        unsafe { self.device.queue_wait_idle(self.queue) }.map_err(VkError::of("vkQueueWaitIdle"))
+    }
+
     /// Bytes of device memory held at the moment, blocks kept for reuse included.
     pub fn memory_held(&self) -> u64 {
         self.memory.capacity()
@@ -117,8 +147,6 @@ impl Drop for Gpu {
         // with an error and is idle all the same.
         let _ = unsafe { self.device.device_wait_idle() };
         self.bury_all();
-        let drawn: Vec<_> = self.draw_pipelines.drain().collect();
-        drawn.iter().for_each(|p| self.destroy_draw_pipeline(p));
         self.pipelines.destroy(&self.device);
         self.cache.close(&self.device);
         self.commands.destroy(&self.device);
@@ -142,5 +170,14 @@ impl Drop for OwnedDevice {
         // SAFETY: dropped once, after everything made on it (field order of `Gpu`); idle, because
         // nothing was submitted yet or `Gpu::drop` has waited.
         unsafe { self.0.destroy_device(None) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_gpu_may_move_to_another_thread() {
+        fn moves<T: Send>() {}
+        moves::<super::Gpu>();
     }
 }

@@ -3,6 +3,7 @@
 
 use ash::vk;
 
+use super::draw_pipeline::{DrawPipeline, DrawPipelineId};
 use super::memory::{self, Buffer, ImageDesc, Place};
 use super::slab::Handle;
 use super::{Gpu, VkError};
@@ -64,6 +65,7 @@ pub(super) enum Dead {
     Buffer(Buffer),
     Image(memory::Image),
     Sets(vk::DescriptorPool),
+    Pipeline(DrawPipeline),
 }
 
 impl Gpu {
@@ -132,6 +134,13 @@ impl Gpu {
         }
     }
 
+    /// Frees a graphics pipeline once the device is done with it. A stale handle does nothing.
+    pub fn free_draw_pipeline(&mut self, id: DrawPipelineId) {
+        if let Some(p) = self.draw_pipelines.remove(id) {
+            self.dead.push(self.timeline.submitted, Dead::Pipeline(p));
+        }
+    }
+
     /// The bytes of a read-back buffer, after waiting for the device's last write to it.
     ///
     /// # Errors
@@ -141,7 +150,7 @@ impl Gpu {
     /// If the buffer is not a read-back buffer.
     pub fn read(&mut self, id: BufferId) -> Result<&[u8], VkError> {
         let last_use = self.buffers.get(id).last_use;
-        self.timeline.wait(&self.device, last_use)?;
+        self.wait(last_use)?;
         Ok(self.buffers.get(id).buffer.mapped().expect("read-back memory is mapped"))
     }
 
@@ -176,14 +185,14 @@ impl Gpu {
         let mut from = self.memory.buffer(name, data.len() as u64, usage, Place::Upload)?;
         from.mapped_mut().expect("upload memory is mapped")[..data.len()].copy_from_slice(data);
         let done = (|| {
-            let reached = self.timeline.reached(&self.device)?;
+            let reached = self.reached()?;
             let cmd = self.commands.begin(&self.device, reached)?;
             let all = [vk::BufferCopy::default().size(data.len() as u64)];
             // SAFETY: `cmd` is recording; both buffers are ours, at least this long, and live
             // until after the wait.
             unsafe { self.device.cmd_copy_buffer(cmd, from.raw, to.raw, &all) };
             let value = self.commands.submit(&self.device, self.queue, &mut self.timeline, cmd)?;
-            self.timeline.wait(&self.device, value)
+            self.wait(value)
         })();
         if done.is_err() {
             // SAFETY: `&mut self` makes us the only user of the queue.
@@ -195,7 +204,7 @@ impl Gpu {
 
     /// Frees what the device has passed.
     pub(super) fn reap(&mut self) -> Result<u64, VkError> {
-        let reached = self.timeline.reached(&self.device)?;
+        let reached = self.reached()?;
         let dead: Vec<_> = self.dead.reap(reached).collect();
         dead.into_iter().for_each(|d| self.bury(d));
         Ok(reached)
@@ -205,6 +214,7 @@ impl Gpu {
         match dead {
             Dead::Buffer(b) => self.memory.free_buffer(b),
             Dead::Image(i) => self.memory.free_image(i),
+            Dead::Pipeline(p) => self.destroy_draw_pipeline(&p),
             // SAFETY: the pool is ours; the timeline has passed the submission that used its sets.
             Dead::Sets(pool) => unsafe { self.device.destroy_descriptor_pool(pool, None) },
         }
@@ -214,6 +224,7 @@ impl Gpu {
     pub(super) fn bury_all(&mut self) {
         let mut all: Vec<Dead> = self.dead.reap(u64::MAX).collect();
         all.extend(self.buffers.drain().map(|b| Dead::Buffer(b.buffer)));
+        all.extend(self.draw_pipelines.drain().map(Dead::Pipeline));
         all.extend(self.images.drain().map(|i| Dead::Image(i.image)));
         all.into_iter().for_each(|d| self.bury(d));
     }

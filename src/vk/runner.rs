@@ -100,7 +100,7 @@ impl Gpu {
             pipelines.push(self.pipelines.get(&self.device, &self.cache, shader, validating)?);
         }
 
-        let reached = self.timeline.reached(&self.device)?;
+        let reached = self.reached()?;
         let cmd = self.commands.begin(&self.device, reached)?;
         self.record_uploads(cmd, plan, held);
         let mut hazards = Hazards::new(plan.buffers().len());
@@ -132,7 +132,7 @@ impl Gpu {
         }
         self.record_downloads(cmd, plan, held);
         let value = self.commands.submit(&self.device, self.queue, &mut self.timeline, cmd)?;
-        self.timeline.wait(&self.device, value)?;
+        self.wait(value)?;
 
         let mut out = Outputs::default();
         out.times = self.times(plan, held)?;

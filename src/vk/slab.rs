@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-/// Names a `T` of one [`Slab`].
+/// Names a `T` that a `Gpu` holds.
 pub struct Handle<T> {
     index: u32,
     generation: u32,

@@ -8,11 +8,20 @@ use intima::vk::{Choice, Gpu, OpenOptions, Validate};
 ///
 /// `INTIMA_TEST_DEVICE=N` takes device N instead of the first real GPU or software.
 pub fn gpu(validate: Validate) -> Option<Gpu> {
+    open(OpenOptions { validate, cache_dir: None, ..OpenOptions::default() })
+}
+
+/// The same, copying through staging memory as on a graphics card.
+pub fn staging_gpu(validate: Validate) -> Option<Gpu> {
+    open(OpenOptions { validate, cache_dir: None, always_stage: true })
+}
+
+fn open(options: OpenOptions) -> Option<Gpu> {
     let choice = match std::env::var("INTIMA_TEST_DEVICE").map(|n| n.parse()) {
         Ok(Ok(n)) => Choice::Index(n),
         _ => Choice::Any,
     };
-    match Gpu::open_with(choice, OpenOptions { validate, cache_dir: None }) {
+    match Gpu::open_with(choice, options) {
         Ok(gpu) => {
             eprintln!("device: {}", gpu.info().name);
             Some(gpu)
