@@ -127,7 +127,7 @@ impl Row {
     }
 
     /// From the nearest point of the axis.
-    fn from_axis(&self, p: DVec3) -> DVec3 {
+    fn off_axis(&self, p: DVec3) -> DVec3 {
         let q = p - self.centre();
         q - q.with_z(0.0).normalize_or_zero() * self.ring
     }
@@ -138,7 +138,7 @@ impl Row {
         let grid = Grid::axis_aligned(dims.to_array(), self.spacing);
         let mut bits = BitVolume::new(dims);
         for v in (0..grid.len()).map(|i| grid.voxel(i)) {
-            if self.from_axis(v.as_dvec3() * h).length() <= self.radius {
+            if self.off_axis(v.as_dvec3() * h).length() <= self.radius {
                 bits.set(v.x, v.y, v.z);
             }
         }
@@ -148,7 +148,7 @@ impl Row {
     /// Root of the mean square angle to the analytic normals, degrees.
     fn rms(&self, mesh: &Mesh, normals: impl Iterator<Item = DVec3>) -> f64 {
         let angle = |(p, n): (&Vec3, DVec3)| {
-            let inward = -self.from_axis(p.as_dvec3());
+            let inward = -self.off_axis(p.as_dvec3());
             inward.angle_between(n).to_degrees().powi(2)
         };
         let sum: f64 = mesh.positions.iter().zip(normals).map(angle).sum();
