@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::frames::tangents;
+use super::prove::safe;
 use super::sample::Sampler;
 use super::spline::Spline;
 
@@ -56,7 +57,6 @@ pub struct Fixed {
 ///
 /// * `route`: local mm, inside the lumen.
 /// * `distance`: exact distance, mm; `smooth`: the same after a Gaussian of a voxel.
-/// * `tightness`: knot spacing as a share of the distance to the wall.
 ///
 /// Returns points half a voxel apart at most.
 pub fn centre(
@@ -64,19 +64,22 @@ pub fn centre(
     distance: Sampler<'_>,
     smooth: Sampler<'_>,
     fixed: Fixed,
-    tightness: f64,
 ) -> Vec<DVec3> {
     let h = distance.lumen.grid.spacing_mm.min_element();
-    let mut curve = resample(route, h);
+    let (mut curve, mut moved) = (resample(route, h), Vec::new());
     if curve.len() < 4 {
-        return resample(&curve, 0.5 * h);
+        return resample(route, 0.5 * h);
     }
-    // The route's corners are voxels wide: a first spline gives tangents worth following.
-    curve = smoothed(&curve, distance, tightness, h);
+    // The route's corners are voxels wide: a first spline gives tangents worth following. Points
+    // keep their parameters from here on, so that no fold can grow by drawing more points into it.
+    let loose = vec![1.0; curve.len()];
+    let track = smoothed(&curve, &parameters(&curve, &loose, distance), 1.0);
+    let u = parameters(&track, &loose, distance);
+    curve.clone_from(&track);
     for knots in KNOTS {
         let t = tangents(&curve);
         let n = curve.len();
-        let moved: Vec<DVec3> = (0..n)
+        moved = (0..n)
             .into_par_iter()
             .with_min_len(16)
             .map(|i| {
@@ -84,14 +87,43 @@ pub fn centre(
                 if keep { curve[i] } else { across(curve[i], t[i], smooth) }
             })
             .collect();
-        curve = resample(&smoothed(&moved, distance, knots * tightness, h), h);
+        curve = smoothed(&moved, &u, knots);
     }
-    resample(&curve, 0.5 * h)
+    resample(&tightened(curve, &moved, &track, distance), 0.5 * h)
+}
+
+/// Fits the last round's points again with closer knots wherever the curve cannot be proven
+/// inside, and only there.
+fn tightened(
+    mut curve: Vec<DVec3>,
+    moved: &[DVec3],
+    track: &[DVec3],
+    distance: Sampler<'_>,
+) -> Vec<DVec3> {
+    let h = distance.lumen.grid.spacing_mm.min_element();
+    let n = curve.len();
+    let mut tight = vec![1.0; n];
+    for _ in 0..3 {
+        let mut near = vec![false; n];
+        for i in (0..n - 1).filter(|&i| !safe(curve[i], curve[i + 1], distance)) {
+            let reach = (2.0 * distance.at(track[i]) / h).ceil() as usize + 2;
+            near[i.saturating_sub(reach)..(i + reach).min(n)].fill(true);
+        }
+        if near.iter().all(|n| !n) {
+            break;
+        }
+        tight.iter_mut().zip(near).filter(|(_, n)| *n).for_each(|(t, _)| *t *= 0.5);
+        curve = smoothed(moved, &parameters(track, &tight, distance), KNOTS[KNOTS.len() - 1]);
+    }
+    curve
 }
 
 /// Knot spacing of each round, in distances to the wall. Wide ones first: a section across a
 /// tangent that follows every bump is askew and would move the point to where the next is worse.
-const KNOTS: [f64; 5] = [2.0, 2.0, 1.0, 1.0, 0.7];
+const KNOTS: [f64; 5] = [2.0, 2.0, 1.25, 1.25, 0.85];
+/// Farthest a point moves in a round, in distances to the wall: where pockets follow each other
+/// the best places of neighbouring sections lie far apart.
+const STRIDE: f64 = 0.15;
 /// Rays in a ring around a point.
 const RAYS: usize = 32;
 /// A wall this many lower quartiles of the section away is seen through the mouth of a branch.
@@ -140,7 +172,7 @@ fn across(p: DVec3, t: DVec3, smooth: Sampler<'_>) -> DVec3 {
         ring(-RISE, 0.5, &mut wall);
         c = c.lerp(balance(&wall, room), open);
     }
-    let c = c.clamp_length_max(0.5 * room);
+    let c = c.clamp_length_max(STRIDE * room);
     let moved = p + u * c.x + v * c.y;
     if smooth.at(moved) >= 0.5 * room { moved } else { p }
 }
@@ -194,30 +226,38 @@ fn reach(p: DVec3, way: DVec3, room: f64, smooth: Sampler<'_>, level: f64) -> f6
     most
 }
 
-/// Least-squares spline through points, knots about `knots` × the distance to the wall apart.
-pub fn smoothed(points: &[DVec3], distance: Sampler<'_>, knots: f64, h: f64) -> Vec<DVec3> {
+/// Curve parameter of each point: distance along the curve in distances to the wall, times `tight`.
+fn parameters(points: &[DVec3], tight: &[f64], distance: Sampler<'_>) -> Vec<f64> {
     let n = points.len();
-    // Parameter speed: one span per knot spacing, itself smoothed so that it varies slowly.
-    let raw: Vec<f64> = points.iter().map(|p| (knots * distance.at(*p)).max(2.5 * h)).collect();
+    let h = distance.lumen.grid.spacing_mm.min_element();
+    let raw: Vec<f64> =
+        points.iter().zip(tight).map(|(p, t)| t * distance.at(*p).max(3.0 * h)).collect();
+    // Smoothed so that the curve's speed varies slowly.
     let window = 4usize;
-    let spacing = |i: usize| {
+    let unit = |i: usize| {
         let (a, b) = (i.saturating_sub(window), (i + window + 1).min(n));
         raw[a..b].iter().sum::<f64>() / (b - a) as f64
     };
     let mut u = vec![0.0; n];
     for i in 1..n {
-        let ds = points[i].distance(points[i - 1]);
-        u[i] = u[i - 1] + ds / (0.5 * (spacing(i) + spacing(i - 1)));
+        u[i] = u[i - 1] + points[i].distance(points[i - 1]) / (0.5 * (unit(i) + unit(i - 1)));
     }
-    let total = u[n - 1];
+    u
+}
+
+/// Least-squares spline through points, its ends exactly, with knots `knots` apart.
+fn smoothed(points: &[DVec3], u: &[f64], knots: f64) -> Vec<DVec3> {
+    let total = u[u.len() - 1];
     if total <= 0.0 {
         return points.to_vec();
     }
-    let spans = (total.ceil() as usize).clamp(1, n.saturating_sub(1).max(1));
+    let spans = ((total / knots).ceil() as usize).clamp(1, points.len() - 1);
     let scale = spans as f64 / total;
-    u.iter_mut().for_each(|u| *u *= scale);
+    let u: Vec<f64> = u.iter().map(|u| u * scale).collect();
     let spline = Spline::fit(points, &u, spans);
-    u.iter().map(|u| spline.at(*u).0).collect()
+    let mut curve: Vec<DVec3> = u.iter().map(|u| spline.at(*u).0).collect();
+    (curve[0], curve[points.len() - 1]) = (points[0], points[points.len() - 1]);
+    curve
 }
 
 /// Climbs from a voxel to the local maximum of the smoothed distance, staying where the inscribed

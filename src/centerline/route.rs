@@ -181,13 +181,9 @@ impl Builder<'_> {
 
     /// A smooth curve along a route, or the route itself where no smooth one can be proven.
     pub(super) fn curve(&self, route: &[DVec3], fixed: Fixed) -> (Vec<DVec3>, Proof) {
-        for tightness in [1.0, 0.5, 0.25] {
-            let smooth = centre(route, self.d, self.f, fixed, tightness);
-            if let Some((curve, proof)) = mend(&smooth, route, self.d)
-                && (proof.replaced == 0 || tightness == 0.25)
-            {
-                return (curve, proof);
-            }
+        let smooth = centre(route, self.d, self.f, fixed);
+        if let Some(mended) = mend(&smooth, route, self.d) {
+            return mended;
         }
         let proof = Proof { replaced: route.len(), ..Proof::default() };
         (route.to_vec(), proof)
