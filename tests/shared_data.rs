@@ -3,6 +3,8 @@
 
 #[path = "common/volumes.rs"]
 mod common;
+#[path = "common/curves.rs"]
+mod curves;
 
 use std::path::Path;
 
@@ -60,13 +62,11 @@ fn counted(bits: &BitVolume) -> (usize, i64) {
     (vertices, 2 * solid)
 }
 
+/// A window, how many voxels it grows to, and their inclusive box.
+type Row = (Window, u64, Option<[[u32; 2]; 3]>);
+
 /// Grows each window from the seed and checks counts and, where given, the inclusive box.
-fn assert_grown(
-    volume: &Volume,
-    what: &str,
-    seed: [u32; 3],
-    rows: &[(Window, u64, Option<[[u32; 2]; 3]>)],
-) {
+fn assert_grown(volume: &Volume, what: &str, seed: [u32; 3], rows: &[Row]) {
     for (window, voxels, extent) in rows {
         let bits = grow(volume, window, UVec3::from(seed)).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(bits.count(), *voxels, "{what}, {window}");
@@ -165,6 +165,16 @@ fn the_colon_grows_and_its_surface_is_the_masks() {
     let rectum = Some([[98, 172], [70, 158], [0, 71]]);
     assert_grown(&volume, "rectum", [112, 136, 26], &[(at_most(-800.0), 75_086, rectum)]);
     assert_surface(&volume, "colon", &at_most(-800.0), seed, None);
+
+    let recipe = Recipe { seed: Some(seed.into()), ..Recipe::new(at_most(-800.0)) };
+    let case = curves::route(recipe.apply(&volume).unwrap().0, false);
+    let line = case.local(0);
+    case.assert_inside(&line, "colon");
+    let turns = curves::turns(&line);
+    let mean = turns.iter().sum::<f64>() / turns.len() as f64;
+    let proof = case.routed.proof;
+    println!("colon: {} mm, {mean:.2} degrees a mm, {proof:?}", turns.len());
+    assert!(mean <= 3.0 && proof.replaced == 0, "{mean} degrees a mm, {proof:?}");
 }
 
 #[test]
