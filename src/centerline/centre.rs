@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::frames::tangents;
+use super::prove::safe;
 use super::sample::Sampler;
 use super::spline::Spline;
 
@@ -51,12 +52,11 @@ pub struct Fixed {
     pub end: bool,
 }
 
-/// Centres a route: every point moves to the middle of the high ground of the distance map in the
-/// plane across the curve, then a least-squares spline smooths what voxels left uneven.
+/// Centres a route: every point moves to where the walls around it balance in the plane across the
+/// curve, then a least-squares spline smooths what voxels left uneven.
 ///
 /// * `route`: local mm, inside the lumen.
 /// * `distance`: exact distance, mm; `smooth`: the same after a Gaussian of a voxel.
-/// * `tightness`: knot spacing as a share of the distance to the wall.
 ///
 /// Returns points half a voxel apart at most.
 pub fn centre(
@@ -64,102 +64,200 @@ pub fn centre(
     distance: Sampler<'_>,
     smooth: Sampler<'_>,
     fixed: Fixed,
-    tightness: f64,
 ) -> Vec<DVec3> {
     let h = distance.lumen.grid.spacing_mm.min_element();
-    let mut curve = resample(route, h);
+    let (mut curve, mut moved) = (resample(route, h), Vec::new());
     if curve.len() < 4 {
-        return resample(&curve, 0.5 * h);
+        return resample(route, 0.5 * h);
     }
-    // The route's corners are voxels wide: a first spline gives tangents worth following.
-    curve = smoothed(&curve, distance, 2.0, h);
-    for round in 0..3 {
+    // The route's corners are voxels wide: a first spline gives tangents worth following. Points
+    // keep their parameters from here on, so that no fold can grow by drawing more points into it.
+    let loose = vec![1.0; curve.len()];
+    let track = smoothed(&curve, &parameters(&curve, &loose, distance), 1.0);
+    let u = parameters(&track, &loose, distance);
+    curve.clone_from(&track);
+    for knots in KNOTS {
         let t = tangents(&curve);
         let n = curve.len();
-        let moved: Vec<DVec3> = (0..n)
+        moved = (0..n)
             .into_par_iter()
             .with_min_len(16)
             .map(|i| {
                 let keep = (i == 0 && fixed.start) || (i == n - 1 && fixed.end);
-                if keep { curve[i] } else { across(curve[i], t[i], distance, smooth) }
+                if keep { curve[i] } else { across(curve[i], t[i], smooth) }
             })
             .collect();
-        let knots = if round < 2 { 1.5 } else { 1.0 };
-        curve = smoothed(&moved, distance, knots * tightness, h);
-        curve = resample(&curve, h);
+        curve = smoothed(&moved, &u, knots);
     }
-    resample(&curve, 0.5 * h)
+    resample(&tightened(curve, &moved, &track, distance), 0.5 * h)
 }
 
-/// Middle of the high ground of the distance map in the plane through `p` across `t`.
-fn across(p: DVec3, t: DVec3, distance: Sampler<'_>, smooth: Sampler<'_>) -> DVec3 {
-    let (u, v) = t.any_orthonormal_pair();
+/// Fits the last round's points again with closer knots wherever the curve cannot be proven
+/// inside, and only there.
+fn tightened(
+    mut curve: Vec<DVec3>,
+    moved: &[DVec3],
+    track: &[DVec3],
+    distance: Sampler<'_>,
+) -> Vec<DVec3> {
     let h = distance.lumen.grid.spacing_mm.min_element();
-    let mut c = p;
-    for _ in 0..4 {
-        let d = distance.at(c);
-        if d < h {
-            return c;
+    let n = curve.len();
+    let mut tight = vec![1.0; n];
+    for _ in 0..3 {
+        let mut near = vec![false; n];
+        for i in (0..n - 1).filter(|&i| !safe(curve[i], curve[i + 1], distance)) {
+            let reach = (2.0 * distance.at(track[i]) / h).ceil() as usize + 2;
+            near[i.saturating_sub(reach)..(i + reach).min(n)].fill(true);
         }
-        // A disc well inside the inscribed ball: all of it is lumen.
-        let reach = (0.75 * d).max(h);
-        let rings = ((reach / (0.8 * h)).ceil() as usize).clamp(2, 8);
-        let top = smooth.at(c);
-        let floor = top - 0.6 * reach;
-        let mut sum = (0.0, DVec2::ZERO);
-        for r in 1..=rings {
-            let radius = reach * r as f64 / rings as f64;
-            let spokes = 6 * r;
-            for k in 0..spokes {
-                let a = std::f64::consts::TAU * (k as f64 + 0.5 * (r % 2) as f64) / spokes as f64;
-                let q = DVec2::from_angle(a) * radius;
-                let f = smooth.at(c + u * q.x + v * q.y);
-                let w = (f - floor).max(0.0).powi(2);
-                sum.0 += w;
-                sum.1 += w * q;
-            }
+        if near.iter().all(|n| !n) {
+            break;
         }
-        if sum.0 <= 0.0 {
-            return c;
+        tight.iter_mut().zip(near).filter(|(_, n)| *n).for_each(|(t, _)| *t *= 0.5);
+        curve = smoothed(moved, &parameters(track, &tight, distance), KNOTS[KNOTS.len() - 1]);
+    }
+    curve
+}
+
+/// Knot spacing of each round, in distances to the wall. Wide ones first: a section across a
+/// tangent that follows every bump is askew and would move the point to where the next is worse.
+const KNOTS: [f64; 5] = [2.0, 2.0, 1.25, 1.25, 0.85];
+/// Farthest a point moves in a round, in distances to the wall: where pockets follow each other
+/// the best places of neighbouring sections lie far apart.
+const STRIDE: f64 = 0.15;
+/// Rays in a ring around a point.
+const RAYS: usize = 32;
+/// A wall this many lower quartiles of the section away is seen through the mouth of a branch.
+const FAR: f64 = 1.8;
+/// A section with this share of far walls, or more, is wholly a mouth.
+const OPEN: f64 = 0.08;
+/// Where it is one, rays that rise and fall by this angle (radians) join in: the ball they find
+/// stays where the section alone would slide into the branch. Elsewhere the section is better, for
+/// it has no bias in bends.
+const RISE: f64 = 0.7;
+
+/// A wall point seen along a ray: across the curve, along it (squared), and how far it is.
+struct Wall {
+    across: DVec2,
+    along2: f64,
+    range: f64,
+}
+
+/// Where the walls around `p` balance in the plane across `t`.
+fn across(p: DVec3, t: DVec3, smooth: Sampler<'_>) -> DVec3 {
+    let h = smooth.lumen.grid.spacing_mm.min_element();
+    let level = 0.7 * h; // what the smoothed distance is at a flat wall
+    let room = smooth.at(p);
+    if room < 2.0 * level {
+        return p;
+    }
+    let (u, v) = t.any_orthonormal_pair();
+    let ring = |rise: f64, turn: f64, wall: &mut Vec<Wall>| {
+        let (up, flat) = rise.sin_cos();
+        for i in 0..RAYS {
+            let a = std::f64::consts::TAU * (i as f64 + turn) / RAYS as f64;
+            let way = DVec2::from_angle(a) * flat;
+            let range = reach(p, u * way.x + v * way.y + t * up, room, smooth, level);
+            wall.push(Wall { across: way * range, along2: (up * range).powi(2), range });
         }
-        let shift = 2.0 * sum.1 / sum.0; // the centroid moves by about half the offset
-        let shift = shift.clamp_length_max(0.5 * d);
-        let next = c + u * shift.x + v * shift.y;
-        if distance.at(next) < 0.8 * d {
-            return c;
+    };
+    let mut wall = Vec::with_capacity(3 * RAYS);
+    ring(0.0, 0.0, &mut wall);
+    let mut ranges: Vec<f64> = wall.iter().map(|w| w.range).collect();
+    ranges.sort_by(f64::total_cmp);
+    let far = ranges.iter().filter(|r| **r > FAR * ranges[RAYS / 4]).count();
+    let open = (far as f64 / RAYS as f64 / OPEN).min(1.0);
+    let mut c = balance(&wall, room);
+    if open > 0.0 {
+        ring(RISE, 0.5, &mut wall);
+        ring(-RISE, 0.5, &mut wall);
+        c = c.lerp(balance(&wall, room), open);
+    }
+    let c = c.clamp_length_max(STRIDE * room);
+    let moved = p + u * c.x + v * c.y;
+    if smooth.at(moved) >= 0.5 * room { moved } else { p }
+}
+
+/// The least of the sum of 1/ρ^8 over wall points, ρ their distance. The nearest walls count most,
+/// so that the mouth of a branch hardly matters; all of them count, which averages the voxels'
+/// steps.
+fn balance(wall: &[Wall], room: f64) -> DVec2 {
+    let mut c = DVec2::ZERO;
+    for _ in 0..8 {
+        let (mut g, mut xx, mut xy, mut yy) = (DVec2::ZERO, 0.0, 0.0, 0.0);
+        for w in wall {
+            let d = c - w.across;
+            let near = room * room / (d.length_squared() + w.along2).max(1e-6 * room * room);
+            let push = w.range * near.powi(5);
+            g -= push * d;
+            let bend = 10.0 / (room * room) * near * push;
+            xx += bend * d.x * d.x - push;
+            xy += bend * d.x * d.y;
+            yy += bend * d.y * d.y - push;
         }
-        c = next;
-        if shift.length() < 0.02 * h {
+        // Newton, with the weaker curvature kept from vanishing.
+        let (mean, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
+        let split = half.hypot(xy);
+        let lift = (0.05 * (mean + split) - (mean - split)).max(0.0);
+        let (xx, yy) = (xx + lift, yy + lift);
+        let det = xx * yy - xy * xy;
+        let step = DVec2::new(yy * g.x - xy * g.y, xx * g.y - xy * g.x) / -det;
+        let step = step.clamp_length_max(0.25 * room);
+        c += step;
+        if step.length() < 1e-4 * room {
             break;
         }
     }
     c
 }
 
-/// Least-squares spline through points, knots about `knots` × the distance to the wall apart.
-pub fn smoothed(points: &[DVec3], distance: Sampler<'_>, knots: f64, h: f64) -> Vec<DVec3> {
+/// Distance to the wall along a ray, no more than a few times the room.
+fn reach(p: DVec3, way: DVec3, room: f64, smooth: Sampler<'_>, level: f64) -> f64 {
+    let (most, least) = (4.0 * room, 0.3 * level);
+    let (mut s, mut over) = (0.0, room - level);
+    while s < most {
+        let step = (0.8 * over).max(least);
+        let next = smooth.at(p + way * (s + step)) - level;
+        if next <= 0.0 {
+            return s + step * over / (over - next);
+        }
+        s += step;
+        over = next;
+    }
+    most
+}
+
+/// Curve parameter of each point: distance along the curve in distances to the wall, times `tight`.
+fn parameters(points: &[DVec3], tight: &[f64], distance: Sampler<'_>) -> Vec<f64> {
     let n = points.len();
-    // Parameter speed: one span per knot spacing, itself smoothed so that it varies slowly.
-    let raw: Vec<f64> = points.iter().map(|p| (knots * distance.at(*p)).max(2.5 * h)).collect();
+    let h = distance.lumen.grid.spacing_mm.min_element();
+    let raw: Vec<f64> =
+        points.iter().zip(tight).map(|(p, t)| t * distance.at(*p).max(3.0 * h)).collect();
+    // Smoothed so that the curve's speed varies slowly.
     let window = 4usize;
-    let spacing = |i: usize| {
+    let unit = |i: usize| {
         let (a, b) = (i.saturating_sub(window), (i + window + 1).min(n));
         raw[a..b].iter().sum::<f64>() / (b - a) as f64
     };
     let mut u = vec![0.0; n];
     for i in 1..n {
-        let ds = points[i].distance(points[i - 1]);
-        u[i] = u[i - 1] + ds / (0.5 * (spacing(i) + spacing(i - 1)));
+        u[i] = u[i - 1] + points[i].distance(points[i - 1]) / (0.5 * (unit(i) + unit(i - 1)));
     }
-    let total = u[n - 1];
+    u
+}
+
+/// Least-squares spline through points, its ends exactly, with knots `knots` apart.
+fn smoothed(points: &[DVec3], u: &[f64], knots: f64) -> Vec<DVec3> {
+    let total = u[u.len() - 1];
     if total <= 0.0 {
         return points.to_vec();
     }
-    let spans = (total.ceil() as usize).clamp(1, n.saturating_sub(1).max(1));
+    let spans = ((total / knots).ceil() as usize).clamp(1, points.len() - 1);
     let scale = spans as f64 / total;
-    u.iter_mut().for_each(|u| *u *= scale);
+    let u: Vec<f64> = u.iter().map(|u| u * scale).collect();
     let spline = Spline::fit(points, &u, spans);
-    u.iter().map(|u| spline.at(*u).0).collect()
+    let mut curve: Vec<DVec3> = u.iter().map(|u| spline.at(*u).0).collect();
+    (curve[0], curve[points.len() - 1]) = (points[0], points[points.len() - 1]);
+    curve
 }
 
 /// Climbs from a voxel to the local maximum of the smoothed distance, staying where the inscribed

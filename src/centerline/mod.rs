@@ -9,6 +9,7 @@ mod prove;
 mod route;
 mod sample;
 mod spline;
+mod tree;
 mod visibility;
 
 pub use centre::{arc_lengths, resample};

@@ -58,6 +58,11 @@ pub fn safe_by_voxels(a: DVec3, b: DVec3, lumen: &Lumen) -> bool {
     lumen.holds(end)
 }
 
+/// Whether a segment (local mm) can be proven inside one way or the other.
+pub fn safe(a: DVec3, b: DVec3, distance: Sampler<'_>) -> bool {
+    safe_by_distance(a, b, distance) || safe_by_voxels(a, b, distance.lumen)
+}
+
 fn sign(d: f64) -> i32 {
     if d > 0.0 {
         1
@@ -73,15 +78,13 @@ fn sign(d: f64) -> i32 {
 ///
 /// * `route`: centres of inside voxels, local mm, consecutive ones a legal step apart.
 ///
-/// `None` when even the joints to the route cannot be proven; the caller then refits or keeps the
-/// route.
+/// `None` when not even the start can be joined to the route.
 pub fn mend(
     curve: &[DVec3],
     route: &[DVec3],
     distance: Sampler<'_>,
 ) -> Option<(Vec<DVec3>, Proof)> {
-    let lumen = distance.lumen;
-    let safe = |a: DVec3, b: DVec3| safe_by_distance(a, b, distance) || safe_by_voxels(a, b, lumen);
+    let safe = |a: DVec3, b: DVec3| safe(a, b, distance);
     let nearest = |p: DVec3, from: usize| {
         (from..route.len())
             .min_by(|&i, &j| route[i].distance_squared(p).total_cmp(&route[j].distance_squared(p)))
@@ -98,33 +101,30 @@ pub fn mend(
             i += 1;
             continue;
         }
-        // Step onto the route, follow it, and step off at the first curve point that can be
-        // reached safely again.
-        let on = nearest(here, passed);
-        if !safe(here, route[on]) {
-            return None;
+        // Back to where the route can be reached, along it, and off at the first curve point that
+        // can be reached safely again; a curve without one ends as the route does.
+        let mut at = nearest(here, passed);
+        while !safe(*out.last()?, route[at]) {
+            out.pop();
+            proof.replaced += 1;
+            at = nearest(*out.last()?, passed);
         }
-        out.push(route[on]);
-        let mut at = on;
-        let mut next = i + 1;
+        out.push(route[at]);
         loop {
             proof.replaced += 1;
-            let off = nearest(curve[next], at);
-            while at < off {
-                at += 1;
-                out.push(route[at]);
-            }
-            if safe(route[at], curve[next]) {
-                out.push(curve[next]);
+            i += 1;
+            let off = if i < curve.len() { nearest(curve[i], at) } else { route.len() - 1 };
+            out.extend(&route[at + 1..=off]);
+            at = off;
+            if i == curve.len() {
                 break;
             }
-            next += 1;
-            if next == curve.len() {
-                return None;
+            if safe(route[at], curve[i]) {
+                out.push(curve[i]);
+                break;
             }
         }
         passed = at;
-        i = next;
     }
     for w in out.windows(2) {
         if safe_by_distance(w[0], w[1], distance) {

@@ -1,0 +1,181 @@
+//! Fairing of normals against a sparse f64 iteration, and against analytic normals.
+
+#[path = "common/fixtures.rs"]
+mod common;
+
+use common::{bytes, devices, int, json};
+use glam::{DVec3, UVec3, Vec3};
+use intima::compute::Plan;
+use intima::device::Device;
+use intima::geometry::Mesh;
+use intima::lumen::{BitVolume, Lumen};
+use intima::surface::{
+    Adjacency, Fairing, Midpoint, Surface, Weights, face_normals, fair, weights,
+};
+use intima::volume::Grid;
+
+const BOTH: [Weights; 2] = [Weights::Uniform, Weights::InverseDistance];
+
+fn faired(
+    device: &mut Device,
+    mesh: &Mesh,
+    adjacency: &Adjacency,
+    start: &[f32],
+    kind: Weights,
+) -> Vec<DVec3> {
+    let weight = weights(mesh, adjacency, kind);
+    let mut plan = Plan::new();
+    let fairing = Fairing { weights: kind, ..Fairing::PAPER };
+    let out = fair(&mut plan, adjacency, &weight, start, fairing);
+    plan.download(out);
+    let out = device.run(&plan).unwrap();
+    let id = plan.downloads()[0];
+    let words = out.words(id).iter().map(|w| f64::from(f32::from_bits(*w)));
+    let flat: Vec<f64> = words.collect();
+    flat.chunks_exact(3).map(DVec3::from_slice).collect()
+}
+
+fn floats<const N: usize, T>(bytes: &[u8], of: fn([u8; N]) -> T) -> Vec<T> {
+    bytes.chunks_exact(N).map(|b| of(b.try_into().unwrap())).collect()
+}
+
+#[test]
+fn thirty_steps_are_those_of_the_sparse_iteration_within_a_ten_thousandth_radian() {
+    let about = json("fair/about.json");
+    for mut device in devices() {
+        let device_name = device.name().to_owned();
+        for (name, about) in about.as_object().unwrap() {
+            let n = int(&about["vertices"]) as usize;
+            let input = floats(&bytes(&format!("fair/{name}.in.f32")), f32::from_le_bytes);
+            let ids = floats(&bytes(&format!("fair/{name}.faces.u32")), u32::from_le_bytes);
+            let want = floats(&bytes(&format!("fair/{name}.out.f64")), f64::from_le_bytes);
+            assert_eq!((input.len(), want.len()), (6 * n, 6 * n));
+            let mesh = Mesh {
+                positions: input[..3 * n].chunks_exact(3).map(Vec3::from_slice).collect(),
+                faces: ids.chunks_exact(3).map(|f| [f[0], f[1], f[2]]).collect(),
+                ..Mesh::default()
+            };
+            let start = &input[3 * n..];
+            for (own, start) in face_normals(&mesh).iter().zip(start) {
+                assert!((own - start).abs() < 1e-6, "{name}: {own}, not {start}");
+            }
+            let (adjacency, watertight) = Adjacency::of(&mesh);
+            assert!(watertight, "{name}");
+            for (kind, want) in BOTH.into_iter().zip(want.chunks_exact(3 * n)) {
+                let got = faired(&mut device, &mesh, &adjacency, start, kind);
+                let worst = got
+                    .iter()
+                    .zip(want.chunks_exact(3).map(DVec3::from_slice))
+                    .map(|(a, b)| a.cross(b).length().atan2(a.dot(b)))
+                    .fold(0.0, f64::max);
+                println!("{device_name}: {name}, {kind:?}: {worst:.1e} rad");
+                assert!(worst <= 1e-4, "{name}, {kind:?}: {worst} rad");
+            }
+        }
+    }
+}
+
+/// A row of the table in the algorithms' stage c: a shape, its spacing, and the least RMS error
+/// (degrees) any number of steps reaches with uniform and with inverse-distance weights.
+struct Row {
+    name: &'static str,
+    spacing: [f64; 3],
+    /// Radius of the ring of a torus, 0 for a ball; and of the ball or tube.
+    ring: f64,
+    radius: f64,
+    best: [f64; 2],
+    /// How much smaller than at the start the error must be.
+    gain: f64,
+}
+
+const THICK: [f64; 3] = [1.0, 1.0, 2.5];
+const ISO: [f64; 3] = [1.0; 3];
+const TABLE: [Row; 4] = [
+    Row {
+        name: "sphere R20",
+        spacing: ISO,
+        ring: 0.0,
+        radius: 20.0,
+        best: [1.75, 2.09],
+        gain: 4.0,
+    },
+    Row { name: "sphere R5", spacing: ISO, ring: 0.0, radius: 5.0, best: [4.34, 3.15], gain: 2.5 },
+    Row {
+        name: "torus 24/8",
+        spacing: ISO,
+        ring: 24.0,
+        radius: 8.0,
+        best: [2.81, 2.61],
+        gain: 4.0,
+    },
+    Row {
+        name: "torus, thick",
+        spacing: THICK,
+        ring: 24.0,
+        radius: 8.0,
+        best: [5.41, 3.94],
+        gain: 4.0,
+    },
+];
+
+impl Row {
+    /// Off the grid, as the table's: a centre on a voxel gives poles of a single voxel.
+    fn centre(&self) -> DVec3 {
+        let h = DVec3::from(self.spacing);
+        let half = DVec3::new(self.ring + self.radius, self.ring + self.radius, self.radius);
+        ((half / h).ceil() + 2.0 + DVec3::new(0.3, 0.2, 0.1)) * h
+    }
+
+    /// From the nearest point of the axis.
+    fn off_axis(&self, p: DVec3) -> DVec3 {
+        let q = p - self.centre();
+        q - q.with_z(0.0).normalize_or_zero() * self.ring
+    }
+
+    fn lumen(&self) -> Lumen {
+        let h = DVec3::from(self.spacing);
+        let dims = (2.0 * self.centre() / h).round().as_uvec3() + UVec3::ONE;
+        let grid = Grid::axis_aligned(dims.to_array(), self.spacing);
+        let mut bits = BitVolume::new(dims);
+        for v in (0..grid.len()).map(|i| grid.voxel(i)) {
+            if self.off_axis(v.as_dvec3() * h).length() <= self.radius {
+                bits.set(v.x, v.y, v.z);
+            }
+        }
+        Lumen::new(grid, &bits)
+    }
+
+    /// Root of the mean square angle to the analytic normals, degrees.
+    fn rms(&self, mesh: &Mesh, normals: impl Iterator<Item = DVec3>) -> f64 {
+        let angle = |(p, n): (&Vec3, DVec3)| {
+            let inward = -self.off_axis(p.as_dvec3());
+            inward.angle_between(n).to_degrees().powi(2)
+        };
+        let sum: f64 = mesh.positions.iter().zip(normals).map(angle).sum();
+        (sum / mesh.positions.len() as f64).sqrt()
+    }
+}
+
+#[test]
+fn thirty_steps_come_near_the_best_number_on_balls_and_rings() {
+    println!("{:14} {:>8} {:>16} {:>16}", "degrees RMS", "start", "uniform", "inverse");
+    let mut failed = Vec::new();
+    for row in &TABLE {
+        let surface = Surface::new(&row.lumen(), &Midpoint, None);
+        let start = face_normals(&surface.mesh);
+        let initial = start.chunks_exact(3).map(|n| Vec3::from_slice(n).as_dvec3());
+        let initial = row.rms(&surface.mesh, initial);
+        let mut line = format!("{:14} {initial:8.2}", row.name);
+        for (kind, best) in BOTH.into_iter().zip(row.best) {
+            let mut cpu = Device::Cpu;
+            let normals = faired(&mut cpu, &surface.mesh, &surface.adjacency, &start, kind);
+            let rms = row.rms(&surface.mesh, normals.into_iter());
+            line += &format!(" {rms:8.2} ({best:.2})");
+            if rms > 1.4 * best || rms * row.gain > initial {
+                failed.push(format!("{}, {kind:?}: {initial} to {rms}, {best}", row.name));
+            }
+        }
+        println!("{line}");
+    }
+    assert!(failed.is_empty(), "{failed:#?}");
+}
