@@ -26,8 +26,7 @@ impl Args {
         let volume = match read_checked(&self.input, self.series.as_deref(), global) {
             // A sheared grid can be converted as it stands; only distances need a box.
             Err(CliError::Input(_)) => {
-                let options =
-                    crate::formats::ReadOptions { series: self.series.clone() };
+                let options = crate::formats::ReadOptions { series: self.series.clone() };
                 crate::formats::read_volume(&self.input, &options)?
             }
             other => other?,

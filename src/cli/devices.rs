@@ -17,7 +17,24 @@ pub fn run(global: &Global) -> Result<(), CliError> {
         global.say("no Vulkan device; everything that needs no drawing runs on the CPU")?;
     }
     for d in &devices {
-        global.say(d)?;
+        let memory: u64 = d.memory.iter().filter(|h| h.device_local).map(|h| h.bytes).sum();
+        global.say(format_args!(
+            "gpu:{}  {}\n       {:?}, Vulkan {}, {}\n       {:.1} GB of memory, storage buffers to {} MiB, subgroups of {}, up to {} samples{}",
+            d.index,
+            d.name,
+            d.kind,
+            d.api_version,
+            d.driver,
+            memory as f64 / 1e9,
+            d.max_storage_buffer_range >> 20,
+            d.subgroup_size,
+            d.max_samples,
+            if d.missing.is_empty() {
+                String::new()
+            } else {
+                format!("\n       cannot be used: lacks {}", d.missing.join(", "))
+            }
+        ))?;
     }
     global.answer(&devices)
 }

@@ -28,9 +28,8 @@ impl Args {
         let chosen = self.lumen.load(self.input.as_deref(), global)?;
         let (lumen, _) = chosen.lumen(global)?;
         let mut device = global.open()?;
-        let (field, timing) = timed(global, &mut device, |device, clock| {
-            Ok(distance_field(device, &lumen, clock)?)
-        })?;
+        let (field, timing) =
+            timed(global, &mut device, |device, clock| Ok(distance_field(device, &lumen, clock)?))?;
         let start = std::time::Instant::now();
         let dense = lumen.dense(&field, 0.0f32);
         let dense_s = start.elapsed().as_secs_f64();

@@ -48,7 +48,11 @@ impl CliError {
             Self::Usage(_) => 2,
             Self::Input(_) | Self::Flight(_) | Self::Script(_) => 3,
             Self::Format(e) | Self::Pipeline(PipelineError::Format(e)) => {
-                if e.is_bad_input() { 3 } else { 1 }
+                if e.is_bad_input() {
+                    3
+                } else {
+                    1
+                }
             }
             Self::Pipeline(PipelineError::Lumen(_) | PipelineError::Centerline(_)) => 3,
             Self::Pipeline(PipelineError::Device(e)) if e.is_no_device() => 4,

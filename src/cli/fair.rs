@@ -73,7 +73,8 @@ impl Args {
             self.output.display(),
             mesh.positions.len()
         ))?;
-        global.answer(&timing.with("vertices", mesh.positions.len()).with("turned_mean_deg", turned))
+        global
+            .answer(&timing.with("vertices", mesh.positions.len()).with("turned_mean_deg", turned))
     }
 }
 

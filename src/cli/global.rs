@@ -40,7 +40,7 @@ impl Global {
     pub fn prepare(&self) -> Result<(), CliError> {
         if let Some(n) = self.threads {
             // Software Vulkan reads its thread count when the first instance is made.
-            crate::vk::set_lavapipe_threads(n);
+            crate::vk::set_lavapipe_threads(n as usize);
             rayon::ThreadPoolBuilder::new()
                 .num_threads(n as usize)
                 .build_global()

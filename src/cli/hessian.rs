@@ -53,9 +53,7 @@ impl Args {
     /// Computes the response and writes it.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         let l = &self.lumen;
-        let whole = self.of == Of::Grey
-            && l.mask.is_none()
-            && l.threshold.is_none();
+        let whole = self.of == Of::Grey && l.mask.is_none() && l.threshold.is_none();
         let (volume, lumen, grey) = if whole {
             let input = self.input.as_deref();
             let input = input.ok_or_else(|| CliError::Usage("an INPUT is needed".into()))?;

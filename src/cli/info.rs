@@ -56,7 +56,8 @@ impl Args {
             ))?;
             let rescale = (i.rescale_slope, i.rescale_intercept);
             global.say(format_args!("samples      {}", i.sample_type))?;
-            global.say(format_args!("rescale      slope {}, intercept {}", rescale.0, rescale.1))?;
+            global
+                .say(format_args!("rescale      slope {}, intercept {}", rescale.0, rescale.1))?;
         }
         if let Some([lo, hi]) = range {
             global.say(format_args!("range        {lo} to {hi}"))?;

@@ -164,12 +164,8 @@ pub fn notes(recipe: &Recipe, lumen: &Lumen, found: &Found) -> Vec<String> {
         out.push(format!("leak control: threshold {t} holds {v:.1} ml; {leaks}"));
     }
     if recipe.seed.is_none() && !recipe.all_components && !found.others.is_empty() {
-        let listed: Vec<String> = found
-            .others
-            .iter()
-            .take(3)
-            .map(|c| format!("{} at {}", c.voxels, c.first))
-            .collect();
+        let listed: Vec<String> =
+            found.others.iter().take(3).map(|c| format!("{} at {}", c.voxels, c.first)).collect();
         out.push(format!(
             "kept the largest of {} components; left out {} voxels ({}{})",
             found.others.len() + 1,
@@ -188,7 +184,8 @@ fn same_grid(a: &Volume, b: &Volume) -> bool {
     let (g, h) = (&a.grid, &b.grid);
     let corner = g.dims.as_dvec3();
     let off = |p: DVec3| {
-        (g.world_from_voxel().transform_point3(p) - h.world_from_voxel().transform_point3(p)).length()
+        (g.world_from_voxel().transform_point3(p) - h.world_from_voxel().transform_point3(p))
+            .length()
     };
     g.dims == h.dims && off(DVec3::ZERO).max(off(corner)) < 0.01 * g.spacing_mm.min_element()
 }
@@ -226,7 +223,9 @@ fn split_labels(spec: &str) -> Result<(PathBuf, Vec<i64>), CliError> {
 
 /// `LO:HI`, either side empty.
 pub fn parse_threshold(text: &str) -> Result<Window, CliError> {
-    let bad = |why: &str| CliError::Usage(format!("--threshold `{text}`: {why}; write LO:HI, LO: or :HI"));
+    let bad = |why: &str| {
+        CliError::Usage(format!("--threshold `{text}`: {why}; write LO:HI, LO: or :HI"))
+    };
     let (lo, hi) = text.split_once(':').ok_or_else(|| bad("no colon"))?;
     let side = |s: &str, open: f64| match s.trim() {
         "" => Ok(open),

@@ -64,14 +64,13 @@ pub enum WeightArg {
 impl FairArgs {
     /// The fairing asked for; `automatic` fills what was left open.
     pub fn fairing(&self, automatic: Fairing) -> Result<Fairing, CliError> {
-        let steps = match self.smooth.as_str() {
-            "auto" => automatic.steps,
-            n => n
-                .parse()
-                .ok()
-                .filter(|n| *n <= 10_000)
-                .ok_or_else(|| CliError::Usage(format!("--smooth `{n}`: 0 to 10000, or auto")))?,
-        };
+        let steps =
+            match self.smooth.as_str() {
+                "auto" => automatic.steps,
+                n => n.parse().ok().filter(|n| *n <= 10_000).ok_or_else(|| {
+                    CliError::Usage(format!("--smooth `{n}`: 0 to 10000, or auto"))
+                })?,
+            };
         if !(self.lambda > 0.0 && self.lambda < 1.0) {
             return Err(CliError::Usage(format!(
                 "--lambda {}: between 0 and 1; at 1 the steps oscillate",
@@ -95,10 +94,6 @@ impl SurfaceArgs {
         automatic: Fairing,
         track_from: Option<glam::IVec3>,
     ) -> Result<SurfaceOptions, CliError> {
-        Ok(SurfaceOptions {
-            from_grey,
-            fairing: self.fair.fairing(automatic)?,
-            track_from,
-        })
+        Ok(SurfaceOptions { from_grey, fairing: self.fair.fairing(automatic)?, track_from })
     }
 }

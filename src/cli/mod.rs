@@ -8,6 +8,7 @@ mod devices;
 mod distance;
 mod error;
 mod fair;
+mod frames;
 mod generate;
 mod global;
 mod hessian;

@@ -86,9 +86,8 @@ impl Args {
         let (lumen, _) = chosen.lumen(global)?;
         let mut device = global.open()?;
         let grey = self.from.as_deref() != Some("mask");
-        let build = |mode: Mode| {
-            self.surface.options(grey, automatic(mode, &lumen), chosen.track_from())
-        };
+        let build =
+            |mode: Mode| self.surface.options(grey, automatic(mode, &lumen), chosen.track_from());
         let options = build(self.mode.main())?;
         let (wall, timing) = timed(global, &mut device, |device, clock| {
             let (volume, window) = (&chosen.volume, &chosen.recipe.window);
@@ -116,7 +115,8 @@ impl Args {
             let options = build(Mode::Paper)?;
             let (volume, window) = (&chosen.volume, &chosen.recipe.window);
             let mut clock = crate::pipeline::Clock::default();
-            let paper = crate::pipeline::wall(&mut device, volume, window, &lumen, options, &mut clock)?;
+            let paper =
+                crate::pipeline::wall(&mut device, volume, window, &lumen, options, &mut clock)?;
             let apart = wall.mesh.normals.iter().zip(&paper.mesh.normals);
             let mean: f64 = apart.map(|(a, b)| f64::from(a.angle_between(*b))).sum::<f64>()
                 / wall.mesh.normals.len().max(1) as f64;

@@ -63,6 +63,16 @@ pub fn timed<T>(
 }
 
 impl Timing {
+    /// The figures other programs look for, for a report to carry.
+    pub fn keys(&self) -> BTreeMap<&'static str, f64> {
+        BTreeMap::from([("median_s", self.median_s), ("min_s", self.min_s)])
+    }
+
+    /// Its stages as a clock.
+    pub fn clock(&self) -> Clock {
+        Clock { stages: self.stages.clone() }
+    }
+
     /// Adds a figure of the result.
     pub fn with(mut self, name: &'static str, value: impl Into<serde_json::Value>) -> Self {
         self.result.insert(name, value.into());

@@ -55,16 +55,16 @@ fn twin(args: &mut CpuArgs<'_>) {
         // Hold positions in [low, high]: the edge repeats.
         let hold = |i: usize| {
             let place = i64::from(corner) + i as i64 - radius as i64;
-            let (low, high) = (i64::from(p.low), i64::from(p.high));
-            let own = (radius..radius + 8).contains(&i);
-            if own && (place < low || place > high) {
-                return None; // outside the volume: worth 0, below
-            }
-            let held = place.clamp(low, high);
+            let held = place.clamp(i64::from(p.low), i64::from(p.high));
             let j = held - i64::from(corner) + radius as i64;
             usize::try_from(j).ok().filter(|j| *j < span)
         };
         (0..span).map(|i| hold(i).and_then(|j| slots[j])).collect()
+    };
+    // Voxels outside the volume are worth 0, whatever their neighbours see in their place.
+    let outside = |slot: usize, at: usize| {
+        let place = s.corner[slot * 3 + axis] + at as i32;
+        place < p.low || place > p.high
     };
     s.g.par_chunks_exact_mut(BRICK).enumerate().with_min_len(8).for_each(|(slot, out)| {
         let places = places(slot);
@@ -77,7 +77,7 @@ fn twin(args: &mut CpuArgs<'_>) {
                 let centre = radius;
                 for x in 0..8 {
                     let c = centre + x;
-                    if places[c].is_none() {
+                    if outside(slot, x) {
                         continue; // zeroed already
                     }
                     let mut sum = s.weight[0] * row[c];
@@ -98,7 +98,7 @@ fn twin(args: &mut CpuArgs<'_>) {
             for line in (0..8).map(|i| i * across) {
                 for at in 0..8 {
                     let c = radius + at;
-                    if places[c].is_none() {
+                    if outside(slot, at) {
                         continue; // zeroed already
                     }
                     let mut sum = lanes(c, line).map(|f| s.weight[0] * f);

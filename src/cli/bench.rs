@@ -1,0 +1,210 @@
+//! `intima bench`: every kernel on every device, on a phantom.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::CliError;
+use super::global::Global;
+use crate::centerline::{Radius, RouteOptions};
+use crate::device::{Device, DeviceChoice};
+use crate::field::Response;
+use crate::kernels;
+use crate::lumen::{Lumen, Recipe, Window};
+use crate::pipeline::{
+    Clock, Settings, Stage, SurfaceOptions, centered, fields, hessian_field, peak_memory_mb, wall,
+};
+use crate::surface::Fairing;
+use crate::volume::Volume;
+use crate::volume::phantom::{Kind, Phantom};
+
+/// `intima bench [STAGE…]`
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Kernels or stages to show (default: all)
+    stages: Vec<String>,
+    /// Voxels along a side of the colon phantom
+    #[arg(long, value_name = "N", default_value_t = 128)]
+    size: u32,
+    /// Timed runs after a warm-up; medians are shown
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    runs: u32,
+}
+
+/// One kernel or stage on one device.
+#[derive(Debug, Serialize)]
+struct Row {
+    name: &'static str,
+    kind: &'static str,
+    device: String,
+    /// Median over the runs, all launches of a run together.
+    median_ms: f64,
+    min_ms: f64,
+    launches: usize,
+    items: u64,
+    unit: &'static str,
+    /// Items a second, millions.
+    rate_m_per_s: f64,
+    /// Bytes of all bound buffers.
+    bytes: u64,
+    gb_per_s: f64,
+}
+
+#[derive(Serialize)]
+struct Answer {
+    phantom: &'static str,
+    size: u32,
+    lumen_voxels: u64,
+    bricks: usize,
+    rows: Vec<Row>,
+    peak_memory_mb: f64,
+}
+
+/// Name and device, then (ms, launches, items, unit, bytes) of each run.
+type Runs =
+    BTreeMap<(usize, &'static str, &'static str), Vec<(f64, usize, u64, &'static str, u64)>>;
+
+impl Args {
+    /// Times and prints.
+    pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        for s in &self.stages {
+            let known = kernels::ALL.iter().any(|k| k.name() == s) || STAGES.contains(&s.as_str());
+            if !known {
+                let names: Vec<_> = kernels::ALL.iter().map(|k| k.name()).collect();
+                return Err(CliError::Usage(format!(
+                    "`{s}` is no kernel or stage; there are {} and the stages {}",
+                    names.join(", "),
+                    STAGES.join(", ")
+                )));
+            }
+        }
+        let phantom = Phantom::new(Kind::Colon, self.size, [1.0; 3])?;
+        let volume = phantom.mask();
+        let (lumen, _) = Recipe::new(Window::Labels(vec![])).apply(&volume)?;
+        let mut rows = Vec::new();
+        for mut device in devices(global)? {
+            rows.extend(self.on(&mut device, &volume, &lumen)?);
+        }
+        global.say(format_args!(
+            "colon phantom, {0} x {0} x {0}, {1} lumen voxels in {2} bricks, median of {3}",
+            self.size,
+            lumen.inside_voxels(),
+            lumen.bricks.len(),
+            self.runs
+        ))?;
+        global.say(format_args!(
+            "{:<18} {:<34} {:>10} {:>10} {:>14} {:>10} {:>8}",
+            "kernel or stage", "device", "median ms", "min ms", "M items/s", "MB bound", "GB/s"
+        ))?;
+        for r in &rows {
+            global.say(format_args!(
+                "{:<18} {:<34} {:>10.3} {:>10.3} {:>14.2} {:>10.1} {:>8.2}  {}",
+                r.name,
+                r.device.chars().take(34).collect::<String>(),
+                r.median_ms,
+                r.min_ms,
+                r.rate_m_per_s,
+                r.bytes as f64 / 1e6,
+                r.gb_per_s,
+                r.unit
+            ))?;
+        }
+        global.answer(&Answer {
+            phantom: "colon",
+            size: self.size,
+            lumen_voxels: lumen.inside_voxels(),
+            bricks: lumen.bricks.len(),
+            rows,
+            peak_memory_mb: peak_memory_mb(),
+        })
+    }
+
+    fn on(
+        &self,
+        device: &mut Device,
+        volume: &Volume,
+        lumen: &Lumen,
+    ) -> Result<Vec<Row>, CliError> {
+        chain(device, volume, lumen)?;
+        let mut runs: Runs = BTreeMap::new();
+        for _ in 0..self.runs {
+            for stage in chain(device, volume, lumen)? {
+                let at = STAGES.iter().position(|s| *s == stage.name);
+                if let Some(at) = at {
+                    let key = (1000 + at, stage.name, "stage");
+                    let row = (stage.ms, 1, stage.items, stage.unit, 0);
+                    runs.entry(key).or_default().push(row);
+                }
+                for k in &stage.kernels {
+                    let at = kernels::ALL.iter().position(|a| a.name() == k.kernel);
+                    let key = (at.unwrap_or(999), k.kernel, "kernel");
+                    // The Hessian chain repeats the smoothing: keep the first of a run.
+                    let done = runs.entry(key).or_default();
+                    let unit = at.map_or("items", |i| kernels::ALL[i].unit);
+                    done.push((k.ms, k.launches, stage.items * k.launches as u64, unit, k.bytes));
+                }
+            }
+        }
+        let name = device.name().to_owned();
+        Ok(runs
+            .into_iter()
+            .filter(|((_, n, _), _)| self.stages.is_empty() || self.stages.iter().any(|s| s == n))
+            .map(|((_, kernel, kind), mut all)| {
+                all.sort_by(|a, b| a.0.total_cmp(&b.0));
+                let (ms, launches, items, unit, bytes) = all[all.len() / 2];
+                Row {
+                    name: kernel,
+                    kind,
+                    device: if kind == "stage" && CPU_STAGES.contains(&kernel) {
+                        "cpu".to_owned()
+                    } else {
+                        name.clone()
+                    },
+                    median_ms: ms,
+                    min_ms: all[0].0,
+                    launches,
+                    items,
+                    unit,
+                    rate_m_per_s: items as f64 / ms.max(1e-9) / 1e3,
+                    bytes,
+                    gb_per_s: bytes as f64 / ms.max(1e-9) / 1e6,
+                }
+            })
+            .collect())
+    }
+}
+
+const STAGES: [&str; 6] = ["distance, ridge", "hessian", "visibility", "fair", "route", "surface"];
+const CPU_STAGES: [&str; 2] = ["route", "surface"];
+
+/// Every stage once.
+fn chain(device: &mut Device, volume: &Volume, lumen: &Lumen) -> Result<Vec<Stage>, CliError> {
+    let mut clock = Clock::default();
+    let f = fields(device, lumen, true, &mut clock)?;
+    let settings = Settings { route: RouteOptions::default(), radius: Radius::Measured };
+    centered(device, lumen, &f, settings, &mut clock)?;
+    let mut hessian = Clock::default();
+    let sigma = lumen.grid.spacing_mm.min_element();
+    let what = (sigma, Response::Ridge, false);
+    hessian_field(device, lumen, None, what, None, &mut hessian)?;
+    // Its distance and smoothing were timed above already.
+    for s in &mut hessian.stages {
+        s.kernels.retain(|k| k.kernel == "hessian");
+    }
+    clock.stages.extend(hessian.stages);
+    let options = SurfaceOptions { from_grey: false, fairing: Fairing::PAPER, track_from: None };
+    wall(device, volume, &Window::Labels(vec![]), lumen, options, &mut clock)?;
+    Ok(clock.stages)
+}
+
+/// The CPU and every Vulkan device, or the one asked for.
+fn devices(global: &Global) -> Result<Vec<Device>, CliError> {
+    if global.device != DeviceChoice::Auto {
+        return Ok(vec![global.open()?]);
+    }
+    let mut all = vec![Device::Cpu];
+    for (i, _) in crate::vk::list().unwrap_or_default().iter().enumerate() {
+        all.push(Device::open(DeviceChoice::GpuAt(i))?);
+    }
+    Ok(all)
+}
