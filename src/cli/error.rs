@@ -47,13 +47,7 @@ impl CliError {
         match self {
             Self::Usage(_) => 2,
             Self::Input(_) | Self::Flight(_) | Self::Script(_) => 3,
-            Self::Format(e) | Self::Pipeline(PipelineError::Format(e)) => {
-                if e.is_bad_input() {
-                    3
-                } else {
-                    1
-                }
-            }
+            Self::Format(e) | Self::Pipeline(PipelineError::Format(e)) if e.is_bad_input() => 3,
             Self::Pipeline(PipelineError::Lumen(_) | PipelineError::Centerline(_)) => 3,
             Self::Pipeline(PipelineError::Device(e)) if e.is_no_device() => 4,
             Self::Render(e) if e.is_no_device() => 4,

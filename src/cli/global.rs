@@ -2,6 +2,9 @@
 
 use std::io::Write as _;
 
+use tracing_subscriber::layer::{Layer as _, SubscriberExt as _};
+use tracing_subscriber::util::SubscriberInitExt as _;
+
 use super::CliError;
 use crate::device::{Device, DeviceChoice};
 use crate::formats::whole;
@@ -53,12 +56,14 @@ impl Global {
             (_, 2) => tracing::Level::DEBUG,
             _ => tracing::Level::TRACE,
         };
-        let _ = tracing_subscriber::fmt()
-            .with_max_level(level)
+        // Our own messages alone: what libraries say of a file may repeat its text.
+        let ours = tracing_subscriber::filter::Targets::new().with_target("intima", level);
+        let lines = tracing_subscriber::fmt::layer()
             .with_writer(std::io::stderr)
             .without_time()
             .with_target(false)
-            .try_init();
+            .with_filter(ours);
+        let _ = tracing_subscriber::registry().with(lines).try_init();
         ctrlc::set_handler(|| {
             whole::discard_unfinished();
             std::process::exit(130);

@@ -74,7 +74,7 @@ impl RunSet {
     fn join(&mut self) {
         let rows = self.row_start.len() - 1;
         for r in 0..rows {
-            if r as u32 % self.rows_y > 0 {
+            if !(r as u32).is_multiple_of(self.rows_y) {
                 self.join_rows(r - 1, r);
             }
             if r as u32 >= self.rows_y {

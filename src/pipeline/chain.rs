@@ -1,6 +1,9 @@
 //! Candidates, visibility and route, in both modes.
 
+use std::collections::BTreeMap;
 use std::time::Instant;
+
+use glam::IVec3;
 
 use super::{Clock, Fields, PipelineError};
 use crate::centerline::{
@@ -8,7 +11,7 @@ use crate::centerline::{
 };
 use crate::compute::Plan;
 use crate::device::Device;
-use crate::field::LumenBuffers;
+use crate::field::{Candidate, LumenBuffers};
 use crate::geometry::Centerline;
 use crate::lumen::Lumen;
 
@@ -72,13 +75,7 @@ pub fn centered(
         |_| lumen.inside_voxels(),
     )?;
     let distance = Sampler { lumen, field: &fields.distance };
-    // Deepest first: a few wide views come before many narrow ones.
-    let mut order: Vec<usize> = (0..fields.candidates.len()).collect();
-    order.sort_by(|&a, &b| {
-        let (a, b) = (&fields.candidates[a], &fields.candidates[b]);
-        b.distance_mm.total_cmp(&a.distance_mm).then(a.element.cmp(&b.element))
-    });
-    let ranked: Vec<_> = order.iter().map(|&i| fields.candidates[i]).collect();
+    let ranked = ranked(lumen, &fields.candidates);
     let viewers = clock.time(
         "reach",
         "candidates",
@@ -96,12 +93,30 @@ pub fn centered(
         min_clearance_mm: clearance(&routed.line, lumen, &fields.distance),
         line: routed.line,
         proof: Some(routed.proof),
-        candidates: viewers.len(),
+        candidates: fields.candidates.len(),
         kept: kept.len() + added.len(),
         added: added.len(),
         unseen,
         unreachable: routed.unreachable,
     })
+}
+
+/// Candidates in the order they are asked: deepest first, since a few wide views come before many
+/// narrow ones; of each 2³ block only the one nearest the ridge (ALGORITHMS, stage e.9).
+fn ranked(lumen: &Lumen, candidates: &[Candidate]) -> Vec<Candidate> {
+    let h = lumen.grid.spacing_mm.as_vec3();
+    let off = |c: &Candidate| (c.offset_mm / h).length_squared();
+    let mut best: BTreeMap<[i32; 3], Candidate> = BTreeMap::new();
+    for c in candidates {
+        let block: IVec3 = lumen.bricks.voxel(c.element) >> 1i32;
+        let kept = best.entry(block.to_array()).or_insert(*c);
+        if off(c) < off(kept) {
+            *kept = *c;
+        }
+    }
+    let mut ranked: Vec<Candidate> = best.into_values().collect();
+    ranked.sort_by(|a, b| b.distance_mm.total_cmp(&a.distance_mm).then(a.element.cmp(&b.element)));
+    ranked
 }
 
 /// The paper's chain: candidates without the gate in index order, radius by Eq. 5, boundary voxels
