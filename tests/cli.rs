@@ -1,0 +1,396 @@
+//! The program as its users and their scripts meet it: products, exit codes, one-line errors,
+//! nothing half written, nothing of a patient.
+
+#[path = "common/volumes.rs"]
+mod common;
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use intima::formats::{ReadOptions, read_png, read_volume, write_volume};
+use intima::volume::phantom::{Kind, Phantom};
+use serde_json::Value;
+
+fn intima(dir: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_intima"))
+        .args(args)
+        .current_dir(dir)
+        .env_remove("INTIMA_FAULT")
+        .output()
+        .expect("the program starts")
+}
+
+/// Runs and wants success; the last line of standard output as JSON, if it is that.
+fn works(dir: &Path, args: &[&str]) -> Value {
+    let out = intima(dir, args);
+    let err = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "{args:?}: {:?}\n{err}", out.status.code());
+    let text = String::from_utf8_lossy(&out.stdout);
+    text.lines().last().and_then(|l| serde_json::from_str(l).ok()).unwrap_or(Value::Null)
+}
+
+fn phantom(dir: &Path, kind: Kind, size: u32) {
+    let p = Phantom::new(kind, size, [1.0; 3]).unwrap();
+    write_volume(&dir.join("ct.nrrd"), &p.grey(None, 1)).unwrap();
+    write_volume(&dir.join("mask.nrrd"), &p.mask()).unwrap();
+}
+
+fn names(dir: &Path) -> Vec<String> {
+    let mut all: Vec<String> = std::fs::read_dir(dir)
+        .unwrap()
+        .map(|e| e.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
+    all.sort();
+    all
+}
+
+/// Whether frames can be drawn here; a machine that must have a device fails instead.
+fn can_draw() -> bool {
+    let devices = intima::vk::list().unwrap_or_default();
+    let required = std::env::var("INTIMA_REQUIRE_GPU").is_ok_and(|v| v == "1");
+    assert!(!devices.is_empty() || !required, "no Vulkan device");
+    if devices.is_empty() {
+        eprintln!("skipped: no Vulkan device");
+    }
+    !devices.is_empty()
+}
+
+#[test]
+fn run_writes_every_product_and_a_report_of_this_run() {
+    if !can_draw() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Bend, 64);
+    let args = ["run", "ct.nrrd", "--threshold", ":-455", "--out", "out", "--frames", "3"];
+    let more = ["--size", "96x64", "--mode", "both", "--view", "split", "--json"];
+    let json = works(tmp.path(), &[&args[..], &more].concat());
+    let out = tmp.path().join("out");
+    let want = [
+        "centerline.csv",
+        "centerline.mrk.json",
+        "centerline.vtp",
+        "distance.nrrd",
+        "frames",
+        "mask.nrrd",
+        "report.json",
+        "surface.ply",
+        "unseen.csv",
+    ];
+    assert_eq!(names(&out), want);
+    let frames = ["frame_00001.png", "frame_00002.png", "frame_00003.png"];
+    assert_eq!(names(&out.join("frames")), frames);
+    let (w, h, _) = read_png(&out.join("frames/frame_00002.png")).unwrap();
+    assert_eq!((w, h), (96, 64));
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+    assert_eq!(report, json);
+    assert_eq!(report["schema"], "intima.report/1");
+    assert_eq!(report["surface"]["watertight"], true);
+    assert_eq!(report["surface"]["euler"], 2);
+    assert_eq!(report["frames"]["count"], 3);
+    assert!(report["modes"]["paper"]["ridge_candidates"].as_u64() > Some(0));
+    assert!(report["frames"]["min_near_clearance_mm"].as_f64() > Some(0.0));
+    let names: Vec<&str> =
+        report["stages"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap()).collect();
+    for stage in ["read", "segment", "distance, ridge", "visibility", "route", "surface", "fair"] {
+        assert!(names.contains(&stage), "{stage} in {names:?}");
+    }
+    // No path of this machine in the report.
+    let text = report.to_string();
+    assert!(!text.contains(&*tmp.path().to_string_lossy()) && !text.contains("ct.nrrd"));
+    let mask = read_volume(&out.join("mask.nrrd"), &ReadOptions::default()).unwrap();
+    assert_eq!(mask.range(), Some((0.0, 2.0)));
+}
+
+#[test]
+fn frames_are_the_same_bytes_with_one_thread_and_with_two() {
+    if !can_draw() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Bend, 64);
+    let frames = |threads: &str, out: &str| {
+        let args = ["record", "--mask", "mask.nrrd", "--out", out, "--threads", threads];
+        works(tmp.path(), &[&args[..], &["--frames", "4", "--size", "160x120"]].concat());
+        let dir = tmp.path().join(out);
+        names(&dir).iter().map(|n| std::fs::read(dir.join(n)).unwrap()).collect::<Vec<_>>()
+    };
+    let one = frames("1", "a");
+    assert_eq!(one.len(), 4);
+    assert!(one == frames("2", "b") && one == frames("2", "c"));
+}
+
+#[test]
+fn every_computing_command_repeats_in_memory_and_answers_one_json_line() {
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Tube, 48);
+    works(tmp.path(), &["surface", "--mask", "mask.nrrd", "-o", "in.ply"]);
+    for (command, input, output) in [
+        ("segment", ["--mask", "mask.nrrd"], "o.nii.gz"),
+        ("distance", ["--mask", "mask.nrrd"], "o.nrrd"),
+        ("hessian", ["--mask", "mask.nrrd"], "o.mha"),
+        ("surface", ["--mask", "mask.nrrd"], "o.vtp"),
+        ("centerline", ["--mask", "mask.nrrd"], "o.csv"),
+        ("fair", ["in.ply", "-q"], "o.obj"),
+    ] {
+        let args = [command, input[0], input[1], "-o", output, "--repeat", "3", "--json"];
+        let out = intima(tmp.path(), &args);
+        assert!(out.status.success(), "{command}: {}", String::from_utf8_lossy(&out.stderr));
+        let text = String::from_utf8(out.stdout).unwrap();
+        assert_eq!(text.lines().count(), 1, "{command}");
+        let json: Value = serde_json::from_str(&text).unwrap();
+        for key in ["median_s", "min_s", "stages", "device", "peak_memory_mb"] {
+            assert!(!json[key].is_null(), "{command} has no {key}");
+        }
+        assert_eq!(json["runs"], 3);
+        assert!(tmp.path().join(output).exists());
+    }
+}
+
+#[test]
+fn bad_input_is_one_line_that_names_it_with_its_own_exit_code_and_leaves_nothing() {
+    let tmp = tempfile::tempdir().unwrap();
+    let dir = tmp.path();
+    phantom(dir, Kind::Tube, 48);
+    let whole = std::fs::read(dir.join("ct.nrrd")).unwrap();
+    std::fs::write(dir.join("short.nrrd"), &whole[..whole.len() / 2]).unwrap();
+    let header = b"NRRD0004\ntype: float\ndimension: 3\nsizes: 3000 3000 3000\nencoding: raw\n\n";
+    std::fs::write(dir.join("lying.nrrd"), [&header[..], &[0; 20_000]].concat()).unwrap();
+    std::fs::write(dir.join("note.txt"), "hello").unwrap();
+    let before = names(dir);
+    let cases: &[(&[&str], i32, &str)] = &[
+        (&["distance", "none.nrrd", "--threshold", ":0", "-o", "o.nrrd"], 3, "none.nrrd"),
+        (&["distance", "short.nrrd", "--threshold", ":0", "-o", "o.nrrd"], 3, "short.nrrd"),
+        (&["distance", "lying.nrrd", "--threshold", ":0", "-o", "o.nrrd"], 3, "lying.nrrd"),
+        (&["info", "note.txt"], 3, "note.txt"),
+        (
+            &["segment", "ct.nrrd", "--threshold", ":-455", "--seed", "99,0,0", "-o", "o.nrrd"],
+            3,
+            "seed",
+        ),
+        (
+            &["segment", "ct.nrrd", "--threshold", ":-455", "--seed", "0,0,0", "-o", "o.nrrd"],
+            3,
+            "value 40",
+        ),
+        (
+            &[
+                "segment",
+                "ct.nrrd",
+                "--threshold",
+                ":-455",
+                "--seed-mm",
+                "-500,0,0",
+                "-o",
+                "o.nrrd",
+            ],
+            3,
+            "outside",
+        ),
+        (&["segment", "ct.nrrd", "--threshold", "9000:", "-o", "o.nrrd"], 3, "empty lumen"),
+        (&["segment", "--mask", "mask.nrrd:7", "-o", "o.nrrd"], 3, "label 7"),
+        (&["centerline", "--mask", "mask.nrrd", "--from", "-900,0,0", "-o", "o.csv"], 3, "--from"),
+        (&["segment", "ct.nrrd", "-o", "o.nrrd"], 2, "--threshold"),
+        (&["segment", "ct.nrrd", "--threshold", "5:1", "-o", "o.nrrd"], 2, "5:1"),
+        (&["surface", "--mask", "mask.nrrd", "--lambda", "1", "-o", "o.ply"], 2, "--lambda"),
+        (&["record", "--mask", "mask.nrrd", "--size", "0x9", "--out", "o"], 2, "--size"),
+        (&["distance", "--mask", "mask.nrrd", "-o", "o.xyz"], 3, "o.xyz"),
+        (&["distance", "--mask", "mask.nrrd", "-o", "no/such/o.nrrd"], 3, "o.nrrd"),
+        (
+            &["distance", "--mask", "mask.nrrd", "-o", "o.nrrd", "--max-memory", "0"],
+            1,
+            "--max-memory",
+        ),
+        (&["distance", "--mask", "mask.nrrd", "-o", "o.nrrd", "--device", "gpu:77"], 4, "77"),
+    ];
+    for (args, code, says) in cases {
+        let out = intima(dir, args);
+        let err = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert_eq!(out.status.code(), Some(*code), "{args:?}: {err}");
+        assert!(err.contains(says), "{args:?}: {err}");
+        assert!(!err.contains("panicked"), "{args:?}: {err}");
+        let lines = err.lines().filter(|l| l.starts_with("intima: ")).count();
+        assert_eq!(lines, 1, "{args:?}: {err}");
+        assert_eq!(names(dir), before, "{args:?}");
+    }
+    let usage = intima(dir, &["distance", "--no-such-flag"]);
+    assert_eq!(usage.status.code(), Some(2));
+}
+
+#[test]
+fn nothing_of_a_patient_and_no_input_name_reaches_an_output() {
+    if !can_draw() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    let dir = tmp.path();
+    phantom(dir, Kind::Tube, 48);
+    // Text fields of a NRRD header and the file's own name stand for a patient's.
+    let canary = "CANARY^JANE";
+    let file = format!("{canary}.nrrd");
+    let bytes = std::fs::read(dir.join("ct.nrrd")).unwrap();
+    let split = bytes.windows(2).position(|w| w == b"\n\n").unwrap() + 1;
+    let text = format!("# {canary}\ncontent: {canary}\nPatientName:={canary}\n");
+    let told = [&bytes[..split], text.as_bytes(), &bytes[split..]].concat();
+    std::fs::write(dir.join(&file), told).unwrap();
+    let args = ["run", &file, "--threshold", ":-455", "--out", "out", "--frames", "1"];
+    let out = intima(dir, &[&args[..], &["--size", "64x64", "-vvv", "--json"]].concat());
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let holds = |b: &[u8]| b.windows(6).any(|w| w == b"CANARY");
+    assert!(!holds(&out.stdout) && !holds(&out.stderr));
+    let mut open = vec![dir.join("out")];
+    while let Some(d) = open.pop() {
+        for e in std::fs::read_dir(d).unwrap().map(|e| e.unwrap().path()) {
+            if e.is_dir() {
+                open.push(e);
+            } else {
+                assert!(!holds(&std::fs::read(&e).unwrap()), "{}", e.display());
+            }
+        }
+    }
+}
+
+#[test]
+fn convert_and_info_keep_geometry_through_every_format() {
+    let tmp = tempfile::tempdir().unwrap();
+    let dir = tmp.path();
+    write_volume(&dir.join("a.nrrd"), &common::phantom(true)).unwrap();
+    for (from, to) in
+        [("a.nrrd", "b.nii.gz"), ("b.nii.gz", "c.mha"), ("c.mha", "d.nii"), ("d.nii", "e.nrrd")]
+    {
+        works(dir, &["convert", from, "-o", to]);
+    }
+    let (a, e) =
+        (works(dir, &["info", "a.nrrd", "--json"]), works(dir, &["info", "e.nrrd", "--json"]));
+    for key in ["dims", "range", "handedness", "orientation"] {
+        assert_eq!(a[key], e[key], "{key}");
+    }
+    let numbers = |v: &Value| -> Vec<f64> {
+        v.as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect()
+    };
+    for key in ["spacing_mm", "origin_mm", "direction"] {
+        for (x, y) in numbers(&a[key]).iter().zip(numbers(&e[key])) {
+            assert!((x - y).abs() < 1e-4 * x.abs().max(1.0), "{key}");
+        }
+    }
+}
+
+#[test]
+fn help_completions_and_the_manual_cover_every_command() {
+    let tmp = tempfile::tempdir().unwrap();
+    let page = intima(tmp.path(), &["man"]).stdout;
+    let page = String::from_utf8(page).unwrap();
+    for shell in ["bash", "zsh", "fish"] {
+        let text = intima(tmp.path(), &["completions", shell]).stdout;
+        assert!(String::from_utf8(text).unwrap().contains("centerline"), "{shell}");
+    }
+    for sub in intima::cli::command().get_subcommands() {
+        let help = intima(tmp.path(), &[sub.get_name(), "--help"]);
+        assert!(help.status.success(), "{}", sub.get_name());
+        assert!(page.contains(&format!("intima\\-{}", sub.get_name())), "{}", sub.get_name());
+    }
+    let readme = include_str!("../README.md");
+    for line in readme.lines().filter(|l| l.starts_with("| `intima ")) {
+        let name = line.trim_start_matches("| `intima ").split([' ', '`']).next().unwrap();
+        assert!(intima::cli::command().find_subcommand(name).is_some(), "{name}");
+    }
+    let version = intima(tmp.path(), &["--version"]);
+    assert!(version.status.success());
+}
+
+#[test]
+fn a_reader_that_closes_the_pipe_is_no_error() {
+    use std::process::Stdio;
+    let mut child = Command::new(env!("CARGO_BIN_EXE_intima"))
+        .arg("man")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let out = child.wait_with_output().unwrap();
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+}
+
+#[cfg(feature = "faults")]
+mod faults {
+    use super::*;
+
+    fn with_fault(dir: &Path, fault: &str, args: &[&str]) -> (i32, String) {
+        let out = Command::new(env!("CARGO_BIN_EXE_intima"))
+            .args(args)
+            .current_dir(dir)
+            .env("INTIMA_FAULT", fault)
+            .output()
+            .unwrap();
+        let err = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert!(!err.contains("panicked"), "{fault}: {err}");
+        (out.status.code().unwrap_or(-1), err)
+    }
+
+    #[test]
+    fn a_full_disk_leaves_no_file_behind() {
+        let tmp = tempfile::tempdir().unwrap();
+        phantom(tmp.path(), Kind::Tube, 48);
+        let before = names(tmp.path());
+        for (command, output) in
+            [("distance", "o.nrrd"), ("surface", "o.ply"), ("centerline", "o.vtp")]
+        {
+            let args = [command, "--mask", "mask.nrrd", "-o", output];
+            let (code, err) = with_fault(tmp.path(), "write:1", &args);
+            assert_eq!(code, 1, "{err}");
+            assert!(err.contains(output), "{err}");
+            assert_eq!(names(tmp.path()), before);
+        }
+    }
+
+    #[test]
+    fn an_old_output_survives_a_full_disk() {
+        let tmp = tempfile::tempdir().unwrap();
+        phantom(tmp.path(), Kind::Tube, 48);
+        std::fs::write(tmp.path().join("o.nrrd"), "old").unwrap();
+        let args = ["distance", "--mask", "mask.nrrd", "-o", "o.nrrd"];
+        assert_eq!(with_fault(tmp.path(), "write:1", &args).0, 1);
+        assert_eq!(std::fs::read(tmp.path().join("o.nrrd")).unwrap(), b"old");
+    }
+
+    #[test]
+    fn a_short_read_names_the_file() {
+        let tmp = tempfile::tempdir().unwrap();
+        phantom(tmp.path(), Kind::Tube, 48);
+        let args = ["distance", "--mask", "mask.nrrd", "-o", "o.nrrd"];
+        for n in 1..4 {
+            let (code, err) = with_fault(tmp.path(), &format!("read:{n}"), &args);
+            assert_eq!(code, 3, "{err}");
+            assert!(err.contains("mask.nrrd"), "{err}");
+        }
+    }
+
+    #[test]
+    fn a_lost_device_and_exhausted_memory_end_in_one_line() {
+        if !can_draw() {
+            return;
+        }
+        let tmp = tempfile::tempdir().unwrap();
+        phantom(tmp.path(), Kind::Tube, 48);
+        let before = names(tmp.path());
+        let args = ["distance", "--mask", "mask.nrrd", "-o", "o.nrrd", "--device", "gpu"];
+        for (fault, code) in [("submit:1", 1), ("allocate:1", 1), ("instance:1", 4)] {
+            let (got, err) = with_fault(tmp.path(), fault, &args);
+            assert_eq!(got, code, "{fault}: {err}");
+            assert_eq!(names(tmp.path()), before);
+        }
+    }
+
+    #[test]
+    fn without_vulkan_everything_that_draws_nothing_still_runs() {
+        let tmp = tempfile::tempdir().unwrap();
+        phantom(tmp.path(), Kind::Tube, 48);
+        let args = ["centerline", "--mask", "mask.nrrd", "-o", "o.csv"];
+        let (code, err) = with_fault(tmp.path(), "instance:1", &args);
+        assert_eq!(code, 0, "{err}");
+        let args = ["record", "--mask", "mask.nrrd", "--out", "f", "--frames", "1"];
+        assert_eq!(with_fault(tmp.path(), "instance:1", &args).0, 4);
+    }
+}
