@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use glam::IVec3;
+use glam::{DVec3, IVec3};
 
 use super::{Clock, Fields, PipelineError};
 use crate::centerline::{
@@ -101,21 +101,33 @@ pub fn centered(
     })
 }
 
+/// Candidates this share of their own distance apart see nearly the same wall.
+const SPARING: f64 = 0.2;
+
 /// Candidates in the order they are asked: deepest first, since a few wide views come before many
-/// narrow ones; of each 2³ block only the one nearest the ridge (ALGORITHMS, stage e.9).
+/// narrow ones. A candidate nearer than a fifth of its distance to one before it is left out: wide
+/// lumens have ridge sheets of ten thousand voxels that see the same walls. What only such a one
+/// would have seen gets a viewer of its own afterwards.
 fn ranked(lumen: &Lumen, candidates: &[Candidate]) -> Vec<Candidate> {
-    let h = lumen.grid.spacing_mm.as_vec3();
-    let off = |c: &Candidate| (c.offset_mm / h).length_squared();
-    let mut best: BTreeMap<[i32; 3], Candidate> = BTreeMap::new();
-    for c in candidates {
-        let block: IVec3 = lumen.bricks.voxel(c.element) >> 1i32;
-        let kept = best.entry(block.to_array()).or_insert(*c);
-        if off(c) < off(kept) {
-            *kept = *c;
-        }
-    }
-    let mut ranked: Vec<Candidate> = best.into_values().collect();
+    let mut ranked = candidates.to_vec();
     ranked.sort_by(|a, b| b.distance_mm.total_cmp(&a.distance_mm).then(a.element.cmp(&b.element)));
+    let Some(deepest) = ranked.first() else { return ranked };
+    let cell = (SPARING * f64::from(deepest.distance_mm)).max(lumen.grid.spacing_mm.max_element());
+    let mut taken: BTreeMap<[i32; 3], Vec<DVec3>> = BTreeMap::new();
+    ranked.retain(|c| {
+        let p = lumen.bricks.voxel(c.element).as_dvec3() * lumen.grid.spacing_mm;
+        let at = (p / cell).floor().as_ivec3();
+        let apart = SPARING * f64::from(c.distance_mm);
+        let crowded = (0..27).any(|n| {
+            let to = at + IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
+            let near = taken.get(&to.to_array());
+            near.is_some_and(|all| all.iter().any(|q| q.distance(p) < apart))
+        });
+        if !crowded {
+            taken.entry(at.to_array()).or_default().push(p);
+        }
+        !crowded
+    });
     ranked
 }
 
