@@ -72,3 +72,40 @@ fn a_tree_has_the_four_tips_and_every_child_starts_on_its_parent() {
         assert!(root < 0.075 * f64::from(size), "the root is {root} voxels from the trunk's end");
     }
 }
+
+#[test]
+fn a_single_path_without_ends_starts_in_the_trunk_and_not_between_two_twigs() {
+    // A wide trunk that ends in two long thin twigs: the longest path joins the twigs.
+    use glam::DVec3;
+    use intima::lumen::{BitVolume, Lumen};
+    let grid = intima::volume::Grid::axis_aligned([120, 24, 60], [1.0; 3]);
+    let mut bits = BitVolume::new(grid.dims);
+    let segment = |p: DVec3, a: DVec3, b: DVec3| {
+        let t = ((p - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0);
+        p.distance(a.lerp(b, t))
+    };
+    let at = |x: f64, z: f64| DVec3::new(x, 12.0, z);
+    for v in (0..grid.len()).map(|i| grid.voxel(i)) {
+        let p = v.as_dvec3();
+        let inside = segment(p, at(60.0, 50.0), at(60.0, 20.0)) < 8.0
+            || segment(p, at(60.0, 20.0), at(8.0, 6.0)) < 3.0
+            || segment(p, at(60.0, 20.0), at(112.0, 6.0)) < 3.0;
+        if inside {
+            bits.set(v.x, v.y, v.z);
+        }
+    }
+    let lumen = Lumen::new(grid, &bits);
+    let mut plan = intima::compute::Plan::new();
+    let buffers = intima::field::LumenBuffers::new(&mut plan, &lumen);
+    let d = intima::field::distance(&mut plan, &buffers);
+    let f = intima::field::smooth(&mut plan, &buffers, d, 1.0, None);
+    plan.download(d);
+    plan.download(f);
+    let out = intima::compute::run_cpu(&plan);
+    let options = intima::centerline::RouteOptions::default();
+    let routed = intima::centerline::centerline(&lumen, out.get(d), out.get(f), options).unwrap();
+    let points = &routed.line.branches[0].points;
+    assert!(points[0].position_mm.distance(at(60.0, 50.0)) < 3.0, "{}", points[0].position_mm);
+    let tip = points[points.len() - 1].position_mm;
+    assert!(tip.z < 9.0 && (tip.x < 15.0 || tip.x > 105.0), "{tip}");
+}

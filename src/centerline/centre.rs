@@ -260,8 +260,15 @@ fn smoothed(points: &[DVec3], u: &[f64], knots: f64) -> Vec<DVec3> {
     curve
 }
 
-/// Climbs from a voxel to the local maximum of the smoothed distance, staying where the inscribed
-/// ball still reaches the start: the centre of the cap that ends a tube.
+/// Steepest-ascent steps must gain this much distance a mm: on the plateau of a tube's axis noise
+/// would carry the climb along.
+const CLIMB: f64 = 0.1;
+/// An inscribed ball may miss the start by this factor of its radius: √2 reaches the corner of a
+/// flat end, where the volume cuts a tube.
+const CAP_REACH: f64 = 1.5;
+
+/// Climbs from a wall voxel to the middle of the end it lies on: along the smoothed distance, as
+/// long as that rises and the inscribed ball stays near the start.
 pub fn cap_centre(start_mm: DVec3, distance: Sampler<'_>, smooth: Sampler<'_>) -> DVec3 {
     let h = distance.lumen.grid.spacing_mm;
     let step = h.min_element();
@@ -271,14 +278,14 @@ pub fn cap_centre(start_mm: DVec3, distance: Sampler<'_>, smooth: Sampler<'_>) -
         let next = (0..27usize)
             .filter(|n| *n != 13)
             .map(|n| at + super::graph::offset(n).as_dvec3() * h)
-            .filter(|p| p.distance(start_mm) <= distance.at(*p) + 0.5 * step)
-            .map(|p| (smooth.at(p), p))
+            .filter(|p| p.distance(start_mm) <= CAP_REACH * distance.at(*p) + 0.5 * step)
+            .map(|p| ((smooth.at(p) - here) / p.distance(at), p))
             .fold(None, |best: Option<(f64, DVec3)>, c| match best {
                 Some(b) if b.0 >= c.0 => Some(b),
                 _ => Some(c),
             });
         match next {
-            Some((f, p)) if f > here + 1e-6 => at = p,
+            Some((slope, p)) if slope > CLIMB => at = p,
             _ => return at,
         }
     }

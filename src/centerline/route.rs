@@ -40,14 +40,18 @@ pub struct Routed {
 
 /// How many times the room of one end another must have to be the root in its place.
 const MORE_ROOM: f64 = 1.05;
+/// How many times the room of both ends of the longest path a third tip must have to be the root:
+/// a trachea beside two bronchi.
+const TRUNK_ROOM: f64 = 1.5;
 
 /// Extracts a path or tree.
 ///
 /// * `distance`: exact distance, mm; `smooth`: after a Gaussian of one voxel.
 ///
 /// Ends that are not given are the two points farthest apart by geodesic distance (a double
-/// sweep), moved to the centres of the caps they lie on. The root is the end with more room, of a
-/// tree the tip with the most. The tree is TEASAR's (Sato et al. 2000,
+/// sweep), moved to the centres of the caps they lie on. The root is the end with more room; where
+/// the tip farthest off that path has half as much again, the path starts there; of a tree the tip
+/// with the most. The tree is TEASAR's (Sato et al. 2000,
 /// doi:10.1109/PCCGA.2000.883951) with the penalty (h/d)² in place of its exponential.
 ///
 /// # Errors
@@ -133,10 +137,25 @@ impl Builder<'_> {
                 let deepest = (0..self.graph.len() as u32)
                     .max_by(|&a, &b| self.depth(a).total_cmp(&self.depth(b)).then(b.cmp(&a)));
                 let a = self.far(deepest.unwrap_or(0));
-                let b = self.far(a.node);
+                let from_a = self.graph.by_length(&[a.node]);
+                let b = self.capped(from_a.farthest().unwrap_or(a.node));
+                let from_b = self.graph.by_length(&[b.node]);
                 // The end with more room is the root: trachea, aorta, rectum.
                 let room = |e: &End| self.f.at(e.point);
-                if room(&b) > MORE_ROOM * room(&a) { (b, a) } else { (a, b) }
+                let (a, b) = if room(&b) > MORE_ROOM * room(&a) { (b, a) } else { (a, b) };
+                // Both may be twigs. The trunk then is the tip farthest off the way between them.
+                let detour = |n: &u32| {
+                    let n = *n as usize;
+                    u64::from(from_a.cost[n].min(NOWHERE / 2))
+                        + u64::from(from_b.cost[n].min(NOWHERE / 2))
+                };
+                let off = from_a.order.iter().copied().max_by_key(|n| (detour(n), u32::MAX - n));
+                match off.map(|n| self.capped(n)) {
+                    Some(trunk) if room(&trunk) > TRUNK_ROOM * room(&a) => {
+                        (trunk, self.far(trunk.node))
+                    }
+                    _ => (a, b),
+                }
             }
         })
     }
