@@ -211,7 +211,35 @@ fn fly(scene: &Filmed<'_>, line: &Centerline, setup: &Setup) -> Result<Flight, C
     )?)
 }
 
-#[allow(clippy::cast_precision_loss)]
+/// Share of the path's length behind each eye: that of the nearest point of the path, looked for
+/// about the one before, since a path may pass close to itself.
+fn along(path: &[Vec3], flight: &Flight) -> Vec<f32> {
+    let mut length = 0.0;
+    let arc: Vec<f32> = (0..path.len())
+        .map(|i| {
+            length += if i > 0 { path[i].distance(path[i - 1]) } else { 0.0 };
+            length
+        })
+        .collect();
+    let mut at = None;
+    let nearest = |p: Vec3, among: std::ops::Range<usize>| {
+        among.min_by(|&i, &j| path[i].distance_squared(p).total_cmp(&path[j].distance_squared(p)))
+    };
+    let window = (path.len() / 10).max(50);
+    flight
+        .poses
+        .iter()
+        .map(|pose| {
+            let among = match at {
+                None => 0..path.len(),
+                Some(i) => usize::saturating_sub(i, window)..(i + window).min(path.len()),
+            };
+            at = nearest(pose.position_mm, among).or(at);
+            at.map_or(0.0, |i| arc[i] / length.max(f32::MIN_POSITIVE))
+        })
+        .collect()
+}
+
 fn draw(
     gpu: &mut Gpu,
     filmed: &Filmed<'_>,
@@ -236,12 +264,12 @@ fn draw(
         scene.path = Some(renderer.upload_path(&path)?);
     }
     let n = flight.poses.len();
-    let last = n.saturating_sub(1).max(1) as f32;
+    let progress = along(&path, flight);
     let shots = (0..n).map(|i| Shot {
         view: setup.view,
         pose: flight.poses[i],
         lens: flight.lens(i),
-        progress: if setup.reverse { 1.0 - i as f32 / last } else { i as f32 / last },
+        progress: progress[i],
     });
     let mut video = match &setup.video {
         Some(path) => Some(VideoWriter::create(path, width, height, setup.fps)?),

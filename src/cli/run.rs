@@ -114,6 +114,13 @@ impl Args {
 
         let mut warnings = notes(&chosen.recipe, &lumen, &found);
         warnings.extend(film.warnings);
+        let surface = SurfaceReport::of(wall.topology, wall.mesh.area_mm2());
+        if surface.tunnels > 0 {
+            warnings.push(format!(
+                "the lumen has {} tunnels (touching folds, loops, noise); the centerline follows a tree through them",
+                surface.tunnels
+            ));
+        }
         if centered.unreachable > 0 {
             warnings.push(format!(
                 "{} inside voxels are joined to the rest by edges or corners only; no path goes there",
@@ -126,7 +133,7 @@ impl Args {
         let report = Report {
             input: Some(InputReport::of(&chosen.volume)),
             lumen: Some(LumenReport::of(&lumen, &found)),
-            surface: Some(SurfaceReport::of(wall.topology, wall.mesh.area_mm2())),
+            surface: Some(surface),
             centerline: Some(report),
             modes,
             frames: Some(film.report),

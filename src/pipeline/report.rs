@@ -75,6 +75,8 @@ pub struct SurfaceReport {
     pub faces: usize,
     pub components: usize,
     pub euler: i64,
+    /// Tunnels through the lumen (handles of its surface): loops that a tree does not follow.
+    pub tunnels: i64,
     pub watertight: bool,
     pub area_mm2: f64,
 }
@@ -172,7 +174,9 @@ impl SurfaceReport {
     /// Counts of a surface.
     pub fn of(topology: Topology, area_mm2: f64) -> Self {
         let Topology { vertices, faces, components, euler, watertight, .. } = topology;
-        Self { vertices, faces, components, euler, watertight, area_mm2 }
+        // A closed surface of genus g has Euler number 2 - 2 g.
+        let tunnels = if watertight { components as i64 - euler / 2 } else { 0 };
+        Self { vertices, faces, components, euler, tunnels, watertight, area_mm2 }
     }
 }
 
