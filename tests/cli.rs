@@ -195,8 +195,8 @@ fn bad_input_is_one_line_that_names_it_with_its_own_exit_code_and_leaves_nothing
         (&["segment", "ct.nrrd", "--threshold", "5:1", "-o", "o.nrrd"], 2, "5:1"),
         (&["surface", "--mask", "mask.nrrd", "--lambda", "1", "-o", "o.ply"], 2, "--lambda"),
         (&["record", "--mask", "mask.nrrd", "--size", "0x9", "--out", "o"], 2, "--size"),
-        (&["distance", "--mask", "mask.nrrd", "-o", "o.xyz"], 3, "o.xyz"),
-        (&["distance", "--mask", "mask.nrrd", "-o", "no/such/o.nrrd"], 3, "o.nrrd"),
+        (&["distance", "--mask", "mask.nrrd", "-o", "o.xyz"], 2, "o.xyz"),
+        (&["distance", "--mask", "mask.nrrd", "-o", "no/such/o.nrrd"], 2, "no folder"),
         (
             &["distance", "--mask", "mask.nrrd", "-o", "o.nrrd", "--max-memory", "0"],
             1,
@@ -392,5 +392,6 @@ mod faults {
         assert_eq!(code, 0, "{err}");
         let args = ["record", "--mask", "mask.nrrd", "--out", "f", "--frames", "1"];
         assert_eq!(with_fault(tmp.path(), "instance:1", &args).0, 4);
+        assert!(!tmp.path().join("f").exists(), "no empty folder is left");
     }
 }

@@ -98,14 +98,15 @@ impl Args {
         ))?;
         for r in &rows {
             global.say(format_args!(
-                "{:<18} {:<34} {:>10.3} {:>10.3} {:>14.2} {:>10.1} {:>8.2}  {}",
+                "{:<18} {:<34} {:>10.3} {:>10.3} {:>14.2} {:>10} {:>8}  {}",
                 r.name,
                 r.device.chars().take(34).collect::<String>(),
                 r.median_ms,
                 r.min_ms,
                 r.rate_m_per_s,
-                r.bytes as f64 / 1e6,
-                r.gb_per_s,
+                // A stage is more than its kernels: it has no byte count of its own.
+                if r.bytes > 0 { format!("{:.1}", r.bytes as f64 / 1e6) } else { "-".into() },
+                if r.bytes > 0 { format!("{:.2}", r.gb_per_s) } else { "-".into() },
                 r.unit
             ))?;
         }

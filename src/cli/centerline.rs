@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use glam::DVec3;
 
 use super::CliError;
-use super::global::Global;
+use super::global::{Global, LINES};
 use super::lumen_args::{LumenArgs, point};
 use super::surface::{ModeArg, Modes};
 use super::timing::timed;
@@ -104,6 +104,7 @@ pub fn unseen_csv(lumen: &Lumen, unseen: &[u32]) -> String {
 impl Args {
     /// Extracts and writes.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        global.check_output(&self.output, LINES)?;
         let chosen = self.lumen.load(self.input.as_deref(), global)?;
         let (lumen, _) = chosen.lumen(global)?;
         let mut device = global.open()?;

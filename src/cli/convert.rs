@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::CliError;
-use super::global::Global;
+use super::global::{Global, VOLUMES};
 use super::input::read_checked;
 use crate::formats::write_volume;
 
@@ -23,6 +23,7 @@ pub struct Args {
 impl Args {
     /// Reads and writes; geometry is kept.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        global.check_output(&self.output, VOLUMES)?;
         let volume = match read_checked(&self.input, self.series.as_deref(), global) {
             // A sheared grid can be converted as it stands; only distances need a box.
             Err(CliError::Input(_)) => {

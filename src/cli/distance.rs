@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::CliError;
-use super::global::Global;
+use super::global::{Global, VOLUMES};
 use super::lumen_args::LumenArgs;
 use super::timing::timed;
 use crate::formats::write_volume;
@@ -25,6 +25,7 @@ pub struct Args {
 impl Args {
     /// Computes the exact distance and writes it.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        global.check_output(&self.output, VOLUMES)?;
         let chosen = self.lumen.load(self.input.as_deref(), global)?;
         let (lumen, _) = chosen.lumen(global)?;
         let mut device = global.open()?;

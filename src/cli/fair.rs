@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use glam::Vec3;
 
 use super::CliError;
-use super::global::Global;
+use super::global::{Global, MESHES};
 use super::input::read_checked;
 use super::mesh_args::FairArgs;
 use super::timing::timed;
@@ -40,6 +40,7 @@ pub struct Args {
 impl Args {
     /// Reads, smooths and writes.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        global.check_output(&self.output, MESHES)?;
         let (mut mesh, warnings) = read_mesh(&self.mesh, self.space)?;
         warnings.iter().for_each(|w| global.warn(w));
         if mesh.faces.is_empty() {

@@ -136,7 +136,7 @@ fn read_script(path: &Path) -> Result<Script, CliError> {
 }
 
 /// Makes a folder for outputs.
-pub fn make_folder(path: &Path) -> Result<(), CliError> {
+fn make_folder(path: &Path) -> Result<(), CliError> {
     std::fs::create_dir_all(path).map_err(|e| CliError::Format(FormatError::io(path, e)))
 }
 
@@ -253,6 +253,8 @@ fn draw(
     let name = gpu.info().name.clone();
     let [width, height] = setup.size;
     let mut renderer = Renderer::new(gpu, width, height, setup.samples)?;
+    // Only now: a machine that cannot draw leaves no empty folder.
+    make_folder(folder)?;
     let mesh = renderer.upload_mesh(&filmed.wall.mesh, filmed.open_ends)?;
     let path: Vec<Vec3> = line
         .branches

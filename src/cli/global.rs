@@ -1,6 +1,7 @@
 //! Flags every command takes.
 
 use std::io::Write as _;
+use std::path::Path;
 
 use tracing_subscriber::layer::{Layer as _, SubscriberExt as _};
 use tracing_subscriber::util::SubscriberInitExt as _;
@@ -71,6 +72,27 @@ impl Global {
         .map_err(|e| CliError::System(e.to_string()))
     }
 
+    /// Checks an output's folder and extension before anything is computed.
+    pub fn check_output(&self, path: &Path, extensions: &[&str]) -> Result<(), CliError> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+        if !extensions.iter().any(|e| name.len() > e.len() && name.ends_with(e)) {
+            return Err(CliError::Usage(format!(
+                "{}: the output is one of {}",
+                path.display(),
+                extensions.join(", ")
+            )));
+        }
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+        match folder {
+            Some(f) if !f.is_dir() => Err(CliError::Usage(format!(
+                "{}: there is no folder {}",
+                path.display(),
+                f.display()
+            ))),
+            _ => Ok(()),
+        }
+    }
+
     /// Opens the device chosen.
     pub fn open(&self) -> Result<Device, CliError> {
         let device = Device::open(self.device)?;
@@ -100,3 +122,10 @@ impl Global {
         writeln!(std::io::stdout(), "{line}").map_err(CliError::Output)
     }
 }
+
+/// Extensions of volumes that are written.
+pub const VOLUMES: &[&str] = &[".nrrd", ".nii", ".nii.gz", ".mha", ".mhd"];
+/// Extensions of meshes that are written.
+pub const MESHES: &[&str] = &[".ply", ".stl", ".obj", ".vtp", ".glb"];
+/// Extensions of centerlines that are written.
+pub const LINES: &[&str] = &[".vtp", ".csv", ".mrk.json"];

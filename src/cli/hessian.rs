@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::CliError;
-use super::global::Global;
+use super::global::{Global, VOLUMES};
 use super::input::read_checked;
 use super::lumen_args::LumenArgs;
 use super::timing::timed;
@@ -52,6 +52,8 @@ enum Kind {
 impl Args {
     /// Computes the response and writes it.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        let three = self.response == Kind::Eigenvalues;
+        global.check_output(&self.output, if three { &[".nrrd"] } else { VOLUMES })?;
         let l = &self.lumen;
         let whole = self.of == Of::Grey && l.mask.is_none() && l.threshold.is_none();
         let (volume, lumen, grey) = if whole {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::CliError;
-use super::global::Global;
+use super::global::{Global, VOLUMES};
 use crate::formats::{write_centerline, write_volume};
 use crate::geometry::{Branch, Centerline, CenterlinePoint};
 use crate::volume::phantom::{Kind, Phantom, Truth};
@@ -39,6 +39,7 @@ pub struct Args {
 impl Args {
     /// Writes the phantom.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        global.check_output(&self.output, VOLUMES)?;
         let spacing = super::lumen_args::point(&self.spacing, "--spacing")?.to_array();
         if self.noise.is_some_and(|n| !(0.0..=10_000.0).contains(&n)) {
             return Err(CliError::Usage("--noise: between 0 and 10000 HU".into()));

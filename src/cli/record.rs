@@ -42,7 +42,6 @@ impl Args {
         let from = FromArgs::of(&self.from)?;
         let chosen = self.lumen.load(self.input.as_deref(), global)?;
         let (lumen, found) = chosen.lumen(global)?;
-        super::frames::make_folder(&self.out)?;
         let mode = self.mode.main();
         let settings = self.path.settings(mode, from.start)?;
         let options =

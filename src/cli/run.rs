@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::CliError;
 use super::centerline::{PathArgs, center, unseen_csv};
-use super::frames::{Filmed, FrameArgs, film, make_folder};
+use super::frames::{Filmed, FrameArgs, film};
 use super::global::Global;
 use super::lumen_args::{LumenArgs, notes};
 use super::mesh_args::{FromArgs, SurfaceArgs};
@@ -56,7 +56,6 @@ impl Args {
         let mode = self.mode.main();
         let settings = self.path.settings(mode, from.start)?;
         let frames = self.out.join("frames");
-        make_folder(&frames)?;
         let mut device = global.open()?;
         let (products, timing) = timed(global, &mut device, |device, clock| {
             let (lumen, found) = clock.time(

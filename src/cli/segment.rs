@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::CliError;
-use super::global::Global;
+use super::global::{Global, VOLUMES};
 use super::lumen_args::LumenArgs;
 use super::timing::timed;
 use crate::device::Device;
@@ -28,6 +28,7 @@ pub struct Args {
 impl Args {
     /// Chooses the lumen and writes it.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        global.check_output(&self.output, VOLUMES)?;
         let chosen = self.lumen.load(self.input.as_deref(), global)?;
         let ((lumen, found), timing) = timed(global, &mut Device::Cpu, |_, clock| {
             let work = || chosen.lumen(global);

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::CliError;
-use super::global::Global;
+use super::global::{Global, MESHES};
 use super::lumen_args::LumenArgs;
 use super::mesh_args::SurfaceArgs;
 use super::timing::timed;
@@ -82,6 +82,7 @@ pub fn without_caps(mesh: &Mesh) -> Mesh {
 impl Args {
     /// Extracts, fairs and writes.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        global.check_output(&self.output, MESHES)?;
         let chosen = self.lumen.load(self.input.as_deref(), global)?;
         let (lumen, _) = chosen.lumen(global)?;
         let mut device = global.open()?;
