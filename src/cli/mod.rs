@@ -3,6 +3,7 @@
 
 mod bench;
 mod centerline;
+mod chain;
 mod convert;
 mod devices;
 mod distance;

@@ -1,149 +1,123 @@
 //! `intima run`: the whole chain into one folder.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Serialize;
 
 use super::CliError;
-use super::centerline::{PathArgs, center, unseen_csv};
-use super::frames::{Filmed, FrameArgs, film};
+use super::centerline::{center, unseen_csv};
+use super::chain::{ChainArgs, Flown};
 use super::global::Global;
-use super::lumen_args::{LumenArgs, notes};
-use super::mesh_args::{FromArgs, SurfaceArgs};
-use super::surface::{ModeArg, Modes as ModeChoice, automatic, without_caps};
+use super::lumen_args::notes;
+use super::surface::{Modes as ModeChoice, without_caps};
 use super::timing::timed;
 use crate::formats::{whole, write_centerline, write_mesh, write_volume};
-use crate::pipeline::{
-    CenterlineReport, Clock, InputReport, LumenReport, Mode, Modes, Report, SurfaceReport, wall,
-};
+use crate::lumen::Lumen;
+use crate::pipeline::{CenterlineReport, Clock, Mode, Modes, Report};
 use crate::volume::{Samples, Volume};
 
 /// `intima run INPUT LUMEN --out DIR`
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Volume; may be left out with --mask
-    input: Option<PathBuf>,
-    /// Folder for mask, distance, surface, centerline, frames and report; made if it is not there
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
     #[command(flatten)]
-    mode: ModeArg,
-    /// grey or mask: where the surface lies; X,Y,Z: where the path starts, LPS mm
-    #[arg(long, value_name = "grey|mask|X,Y,Z", allow_hyphen_values = true)]
-    from: Vec<String>,
-    #[command(flatten)]
-    frames: FrameArgs,
-    #[command(flatten)]
-    path: PathArgs,
-    #[command(flatten)]
-    surface: SurfaceArgs,
-    #[command(flatten)]
-    lumen: LumenArgs,
+    chain: ChainArgs,
 }
 
 impl Args {
     /// Computes everything, then writes everything.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
-        let setup = self.frames.check(global)?;
-        let from = FromArgs::of(&self.from)?;
-        let mut reading = Clock::default();
-        let chosen = reading.time(
+        let a = &self.chain;
+        let setup = a.frames.check(global)?;
+        a.settings(a.mode.main())?;
+        let mut clock = Clock::default();
+        let chosen = clock.time(
             "read",
             "voxels",
-            || self.lumen.load(self.input.as_deref(), global),
+            || a.lumen.load(a.input.as_deref(), global),
             |c| c.as_ref().map_or(0, |c| c.volume.grid.len() as u64),
         )?;
-        let mode = self.mode.main();
-        let settings = self.path.settings(mode, from.start)?;
-        let frames = self.out.join("frames");
         let mut device = global.open()?;
-        let (products, timing) = timed(global, &mut device, |device, clock| {
+        let frames = a.out.join("frames");
+        let ((lumen, found, flown), timing) = timed(global, &mut device, |device, clock| {
             let (lumen, found) = clock.time(
                 "segment",
                 "voxels",
                 || chosen.lumen(global),
                 |r| r.as_ref().map_or(0, |(l, _)| l.inside_voxels()),
             )?;
-            let (fields, centered) = center(device, &lumen, mode, settings, clock)?;
-            let options =
-                self.surface.options(from.grey, automatic(mode, &lumen), chosen.track_from())?;
-            let (volume, window) = (&chosen.volume, &chosen.recipe.window);
-            let wall = wall(device, volume, window, &lumen, options, clock)?;
-            let open_ends = self.surface.open_ends;
-            let scene = Filmed { lumen: &lumen, fields: &fields, wall: &wall, open_ends };
-            let film = film(device, &scene, &centered.line, &setup, &frames, clock)?;
-            Ok((lumen, found, fields, centered, wall, film))
+            let flown = a.fly(device, (&chosen, &lumen), &setup, &frames, clock)?;
+            Ok((lumen, found, flown))
         })?;
-        let (lumen, found, fields, centered, wall, film) = products;
-        let report = CenterlineReport::of(&centered, &lumen);
-        let modes = if self.mode.mode == ModeChoice::Both {
-            let settings = self.path.settings(Mode::Paper, from.start)?;
-            let mut clock = Clock::default();
-            let (_, paper) = center(&mut device, &lumen, Mode::Paper, settings, &mut clock)?;
-            let paper = CenterlineReport::of(&paper, &lumen);
-            Some(Modes { default: report.clone(), paper })
+        clock.stages.extend(timing.stages.iter().cloned());
+        let modes = if a.mode.mode == ModeChoice::Both {
+            let mut aside = Clock::default();
+            let settings = a.settings(Mode::Paper)?;
+            let (_, paper) = center(&mut device, &lumen, Mode::Paper, settings, &mut aside)?;
+            Some(Modes {
+                default: CenterlineReport::of(&flown.centered, &lumen),
+                paper: CenterlineReport::of(&paper, &lumen),
+            })
         } else {
             None
         };
-
-        let mut writing = Clock::default();
-        let out = |name: &str| self.out.join(name);
-        writing.time(
-            "write",
-            "files",
-            || -> Result<(), CliError> {
-                let classes = Samples::U8(lumen.classes());
-                write_volume(&out("mask.nrrd"), &Volume::new(lumen.grid, classes))?;
-                let dense = Samples::F32(lumen.dense(&fields.distance, 0.0));
-                write_volume(&out("distance.nrrd"), &Volume::new(lumen.grid, dense))?;
-                if self.surface.open_ends && !wall.mesh.caps.is_empty() {
-                    write_mesh(&out("surface.ply"), &without_caps(&wall.mesh))?;
-                } else {
-                    write_mesh(&out("surface.ply"), &wall.mesh)?;
-                }
-                for name in ["centerline.vtp", "centerline.csv", "centerline.mrk.json"] {
-                    write_centerline(&out(name), &centered.line)?;
-                }
-                let csv = unseen_csv(&lumen, &centered.unseen);
-                whole::write_whole(&out("unseen.csv"), |o| o.write_all(csv.as_bytes()))?;
-                Ok(())
-            },
-            |_| 7,
-        )?;
+        let write = || write_products(&a.out, &lumen, &flown, a.surface.open_ends);
+        clock.time("write", "files", write, |_| 7)?;
 
         let mut warnings = notes(&chosen.recipe, &lumen, &found);
-        warnings.extend(film.warnings);
-        let surface = SurfaceReport::of(wall.topology, wall.mesh.area_mm2());
-        if surface.tunnels > 0 {
-            warnings.push(format!(
-                "the lumen has {} tunnels (touching folds, loops, noise); the centerline follows a tree through them",
-                surface.tunnels
-            ));
-        }
-        if centered.unreachable > 0 {
-            warnings.push(format!(
-                "{} inside voxels are joined to the rest by edges or corners only; no path goes there",
-                centered.unreachable
-            ));
-        }
-        let mut clock = reading;
-        clock.stages.extend(timing.stages.iter().cloned());
-        clock.stages.extend(writing.stages);
-        let report = Report {
-            input: Some(InputReport::of(&chosen.volume)),
-            lumen: Some(LumenReport::of(&lumen, &found)),
-            surface: Some(surface),
-            centerline: Some(report),
-            modes,
-            frames: Some(film.report),
-            warnings,
-            timing: timing.keys(),
-            ..Report::new(&timing.device, &clock)
-        };
-        write_json(&out("report.json"), &report)?;
-        global.say(format_args!("{}", summary(&report, &self.out)))?;
+        warnings.extend(doubts(&flown));
+        let what = (&chosen, &lumen, &found);
+        let mut report = flown.report(what, &timing.device, &clock);
+        report.modes = modes;
+        report.timing = timing.keys();
+        warnings.append(&mut report.warnings);
+        report.warnings = warnings;
+        write_json(&a.out.join("report.json"), &report)?;
+        global.say(summary(&report, &a.out))?;
         global.answer(&report)
     }
+}
+
+fn write_products(
+    out: &Path,
+    lumen: &Lumen,
+    flown: &Flown,
+    open_ends: bool,
+) -> Result<(), CliError> {
+    let volume = |samples: Samples| Volume::new(lumen.grid, samples);
+    write_volume(&out.join("mask.nrrd"), &volume(Samples::U8(lumen.classes())))?;
+    let dense = lumen.dense(&flown.fields.distance, 0.0f32);
+    write_volume(&out.join("distance.nrrd"), &volume(Samples::F32(dense)))?;
+    let mesh = &flown.wall.mesh;
+    if open_ends && !mesh.caps.is_empty() {
+        write_mesh(&out.join("surface.ply"), &without_caps(mesh))?;
+    } else {
+        write_mesh(&out.join("surface.ply"), mesh)?;
+    }
+    for name in ["centerline.vtp", "centerline.csv", "centerline.mrk.json"] {
+        write_centerline(&out.join(name), &flown.centered.line)?;
+    }
+    let csv = unseen_csv(lumen, &flown.centered.unseen);
+    Ok(whole::write_whole(&out.join("unseen.csv"), |o| o.write_all(csv.as_bytes()))?)
+}
+
+/// What a reader of the centerline should know.
+fn doubts(flown: &Flown) -> Vec<String> {
+    let t = flown.wall.topology;
+    let tunnels = if t.watertight { t.components as i64 - t.euler / 2 } else { 0 };
+    let mut out = Vec::new();
+    if tunnels > 0 {
+        out.push(format!(
+            "the lumen has {tunnels} tunnels (touching folds, loops, noise); the centerline \
+             follows a tree through them"
+        ));
+    }
+    if flown.centered.unreachable > 0 {
+        out.push(format!(
+            "{} inside voxels are joined to the rest by edges or corners only; no path goes there",
+            flown.centered.unreachable
+        ));
+    }
+    out
 }
 
 fn write_json(path: &Path, value: &impl Serialize) -> Result<(), CliError> {
