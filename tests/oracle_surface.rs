@@ -32,12 +32,13 @@ fn vertices_faces_and_euler_number_are_those_counted_on_the_mask() {
 }
 
 #[test]
-fn area_and_volume_are_scikit_images_where_no_face_is_ambiguous() {
+fn area_and_volume_are_scikit_images_and_vtks_where_no_face_is_ambiguous() {
     // The other table cuts some polygons along other diagonals: area may differ by a percent, and
     // volume by what moving the whole surface by a hundredth of a voxel would do.
     let mut compared = 0;
     for (name, want) in masks() {
-        let Some(want) = want.get("lorensen") else { continue };
+        let vtk = want.get("flying_edges").cloned();
+        let (Some(want), Some(vtk)) = (want.get("lorensen"), vtk) else { continue };
         let lumen = lumen(&name);
         let mesh = Surface::new(&lumen, &Midpoint, None).mesh;
         assert_eq!(mesh.positions.len() as i64, int(&want["vertices"]), "{name}");
@@ -45,6 +46,10 @@ fn area_and_volume_are_scikit_images_where_no_face_is_ambiguous() {
         let area = mesh.area_mm2() / real(&want["area_mm2"]) - 1.0;
         let moved = (mesh.volume_mm3() - real(&want["volume_mm3"])) / real(&want["area_mm2"]);
         let moved = moved / lumen.grid.spacing_mm.min_element();
+        assert_eq!(mesh.positions.len() as i64, int(&vtk["vertices"]), "{name}");
+        assert_eq!(mesh.faces.len() as i64, int(&vtk["faces"]), "{name}");
+        let to_vtk = mesh.area_mm2() / real(&vtk["area_mm2"]) - 1.0;
+        assert!(to_vtk.abs() <= 0.01, "{name}: area differs from VTK's by {to_vtk}");
         println!("{name}: area {:+.3} %, moved {moved:+.4} voxel", 100.0 * area);
         assert!(area.abs() <= 0.01, "{name}: area is off by {area}");
         assert!(moved.abs() <= 0.01, "{name}: the wall moved by {moved} voxel");
