@@ -10,7 +10,7 @@
 // out  first  [B]    u32  rank of the first viewer, or 0xffffffff
 // grid one thread a boundary voxel
 // tol  exact: integers throughout
-// src  He 2001, doi:10.1109/VISUAL.2001.964498 (reliable path); Amanatides & Woo 1987,
+// src  He, Hong, Chen & Liang 2001 (reliable path); Amanatides & Woo 1987,
 //      doi:10.2312/egtp.19871000 (ray walk)
 // ours rays run between voxel centres in exact integer arithmetic, ties step x before y before z;
 //      the first viewer is found by going through the candidates in rank order, which equals

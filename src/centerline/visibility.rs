@@ -1,6 +1,6 @@
 //! The visibility test: which candidates see which boundary voxels, and which are needed.
 //!
-//! After the reliable path of He et al. 2001, doi:10.1109/VISUAL.2001.964498, with an adaptive
+//! After the reliable path of He, Hong, Chen and Liang 2001, with an adaptive
 //! radius for each point (paper, section 3.2).
 
 use glam::{DVec3, IVec3, UVec3};

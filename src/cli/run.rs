@@ -102,8 +102,7 @@ fn write_products(
 
 /// What a reader of the centerline should know.
 fn doubts(flown: &Flown) -> Vec<String> {
-    let t = flown.wall.topology;
-    let tunnels = if t.watertight { t.components as i64 - t.euler / 2 } else { 0 };
+    let tunnels = flown.wall.topology.tunnels();
     let mut out = Vec::new();
     if tunnels > 0 {
         out.push(format!(

@@ -15,15 +15,6 @@ pub enum Response {
     Tubeness,
 }
 
-/// How a filter treats the edge of the volume.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Edge {
-    /// Zero beyond the bricks.
-    Zero,
-    /// The outermost voxel repeats, for volumes filled with bricks of `dims` voxels.
-    Repeat(glam::UVec3),
-}
-
 /// Appends a Gaussian of `sigma_mm` in all three directions, truncated at 4 σ.
 ///
 /// With `repeat` the field fills a volume of that many voxels, whose edge repeats; without, what
@@ -35,7 +26,6 @@ pub fn smooth(
     sigma_mm: f64,
     repeat: Option<glam::UVec3>,
 ) -> Buf<f32> {
-    let edge = repeat.map_or(Edge::Zero, Edge::Repeat);
     let mut f = field;
     for axis in 0..3u32 {
         let sigma_vox = sigma_mm / lumen.spacing_mm[axis as usize];
@@ -46,10 +36,9 @@ pub fn smooth(
         }
         let weight = plan.upload_owned("gaussian weights", &weights);
         let g = plan.zeroed::<f32>("smoothed", lumen.field_len());
-        let (low, high) = match edge {
-            Edge::Zero => (i32::MIN / 2, i32::MAX / 2),
-            Edge::Repeat(dims) => (0, dims[axis as usize] as i32 - 1),
-        };
+        // Far enough out, yet clear of overflow when the radius is added.
+        let (low, high) =
+            repeat.map_or((i32::MIN / 2, i32::MAX / 2), |dims| (0, dims[axis as usize] as i32 - 1));
         let bindings =
             gauss_axis::Bindings { near: lumen.near, corner: lumen.corner, weight, f, g };
         let params = gauss_axis::Params { slots: lumen.slots, axis, radius, low, high };

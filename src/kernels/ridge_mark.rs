@@ -195,16 +195,13 @@ fn twin(args: &mut CpuArgs<'_>) {
 }
 
 fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, inside| {
+    cases_on_bricks(|plan, lumen, near, _| {
         let f = smooth_distance(lumen);
         let slots = lumen.bricks.len();
         let spacing = lumen.grid.spacing_mm.as_vec3();
         // Accept sets agree across devices only clear of their limits: keep voxels that are.
         let clear = clear_of_limits(lumen, &f, spacing);
-        let inside = {
-            let _ = inside;
-            plan.upload_owned("clear", &clear)
-        };
+        let inside = plan.upload_owned("clear", &clear);
         let d: Vec<f32> = f.iter().map(|f| (64.0 * f).round() / 64.0).collect();
         let d = plan.upload_owned("d", &d);
         let f = plan.upload_owned("f", &f);

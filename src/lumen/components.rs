@@ -150,7 +150,6 @@ pub(super) fn keep_one(
 pub(super) fn fill_cavities(bits: &mut BitVolume) -> (u64, usize) {
     let Some((lo, hi)) = bits.bounds() else { return (0, 0) };
     let mut set = RunSet::of(bits, lo, hi, true);
-    let rows = set.row_start.len() - 1;
     // Background that reaches the box reaches the outside: nothing of the mask lies beyond it.
     let mut open = vec![false; set.runs.len()];
     for (r, y, z) in set.rows() {
@@ -164,16 +163,14 @@ pub(super) fn fill_cavities(bits: &mut BitVolume) -> (u64, usize) {
         }
     }
     let (mut voxels, mut cavities) = (0, 0);
-    if rows > 0 {
-        for (r, y, z) in set.rows() {
-            for i in set.row(r) {
-                let root = set.find(i as u32) as usize;
-                if !open[root] {
-                    let (a, b) = set.runs[i];
-                    bits.set_run((a, b), y, z);
-                    voxels += u64::from(b - a + 1);
-                    cavities += usize::from(root == i);
-                }
+    for (r, y, z) in set.rows() {
+        for i in set.row(r) {
+            let root = set.find(i as u32) as usize;
+            if !open[root] {
+                let (a, b) = set.runs[i];
+                bits.set_run((a, b), y, z);
+                voxels += u64::from(b - a + 1);
+                cavities += usize::from(root == i);
             }
         }
     }

@@ -3,7 +3,7 @@
 //!
 //! c(v) is the least, over 6-paths from the seed, of the largest level on the path; V(T), the
 //! number of voxels with c ≤ T, is what growing at T would fill. After the explosion control of
-//! Mori et al. 2000, doi:10.1109/42.896789, done here in one pass for all thresholds.
+//! Mori et al. 2000, done here in one pass for all thresholds.
 
 use glam::UVec3;
 
@@ -59,8 +59,8 @@ pub fn grow_controlled(
     // Level of a value: its distance from the seed's side of the window, rising towards the end
     // that moves. The flood starts at the seed's own value.
     let end = if upper { hi } else { lo };
-    let (sign, base) = if upper { (1.0, volume.range()) } else { (-1.0, volume.range()) };
-    let (low, high) = base.unwrap_or((0.0, 0.0));
+    let sign = if upper { 1.0 } else { -1.0 };
+    let (low, high) = volume.range().unwrap_or((0.0, 0.0));
     let start = if upper { low.max(lo) } else { -high.min(hi) };
     let span = (sign * end - start).max(0.0);
     let unit = if volume.samples.sample_type().is_integer() {

@@ -78,9 +78,6 @@ pub fn fields(
     }
 }
 
-/// Dense dims of a grid, for those who have only bricks.
-pub type Grid3 = UVec3;
-
 /// A whole volume as a lumen of bricks, with its real values as a field: for the Hessian of grey
 /// values.
 pub fn volume_as_bricks(volume: &Volume) -> (Lumen, Vec<f32>) {

@@ -12,7 +12,7 @@ mod surface;
 pub use chain::{Centered, Mode, Settings, centered, paper_centered};
 pub use clock::{Clock, Stage};
 pub use error::PipelineError;
-pub use fields::{Fields, Grid3, distance_field, fields, hessian_field, volume_as_bricks};
+pub use fields::{Fields, distance_field, fields, hessian_field, volume_as_bricks};
 pub use memory::{estimate_bytes, peak_memory_mb, refuse_above, reset_peak};
 pub use report::{
     CenterlineReport, FramesReport, InputReport, LumenReport, Modes, Report, SurfaceReport,

@@ -174,8 +174,7 @@ impl SurfaceReport {
     /// Counts of a surface.
     pub fn of(topology: Topology, area_mm2: f64) -> Self {
         let Topology { vertices, faces, components, euler, watertight, .. } = topology;
-        // A closed surface of genus g has Euler number 2 - 2 g.
-        let tunnels = if watertight { components as i64 - euler / 2 } else { 0 };
+        let tunnels = topology.tunnels();
         Self { vertices, faces, components, euler, tunnels, watertight, area_mm2 }
     }
 }

@@ -5,8 +5,8 @@
 //! 6-connectivity of the inside and 18 of the outside. A polygon is triangulated without a chord
 //! between two points of one face, so that every mesh edge belongs to exactly two triangles.
 //!
-//! Rule after Nielson 2004, doi:10.1109/TVCG.2003.1207436, and Lorensen & Cline 1987,
-//! doi:10.1145/37402.37422, whose table this replaces: theirs is ambiguous.
+//! Rule after Nielson 2003, doi:10.1109/TVCG.2003.1207437, and Lorensen & Cline 1987,
+//! doi:10.1145/37401.37422, whose table this replaces: theirs is ambiguous.
 
 use std::sync::LazyLock;
 

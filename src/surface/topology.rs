@@ -31,6 +31,14 @@ pub struct Topology {
     pub watertight: bool,
 }
 
+impl Topology {
+    /// Handles of a closed surface: loops of the lumen that a tree does not follow; 0 for a mesh
+    /// that is not closed. A closed surface of genus g has Euler number 2 − 2 g.
+    pub fn tunnels(&self) -> i64 {
+        if self.watertight { self.components as i64 - self.euler / 2 } else { 0 }
+    }
+}
+
 impl Adjacency {
     /// Adjacency of a mesh of any kind, and whether it is watertight.
     pub fn of(mesh: &Mesh) -> (Self, bool) {
