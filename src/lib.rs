@@ -10,6 +10,8 @@ pub mod kernels;
 pub mod field;
 pub mod centerline;
 pub mod surface;
+pub mod mesh;
+pub mod lod;
 pub mod flight;
 pub mod vk;
 pub mod render;

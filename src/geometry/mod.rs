@@ -1,9 +1,12 @@
-//! What rooms hand to each other: a plain triangle mesh, a centerline, a camera pose.
+//! What rooms hand to each other: a plain triangle mesh, a vertex as drawn, a
+//! centerline, a camera pose.
 
 mod camera;
 mod centerline;
 mod mesh;
+mod vertex;
 
 pub use camera::{Lens, Pose};
 pub use centerline::{Branch, Centerline, CenterlinePoint};
 pub use mesh::Mesh;
+pub use vertex::Vertex;

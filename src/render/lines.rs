@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::mesh::Vertex;
+use crate::geometry::Vertex;
 
 /// Triangles of tubes; the radius is added when they are drawn.
 #[derive(Default)]
@@ -112,7 +112,7 @@ mod tests {
         assert!(Tubes::along(&[]).indices.is_empty());
         let t = Tubes::along(&[Vec3::ZERO, Vec3::X, Vec3::X, Vec3::new(1.0, 3.0, 0.0)]);
         assert_eq!(t.vertices.len(), 3 * SIDES as usize);
-        let share = |v: &Vertex| f32::from(v.normal[3]) / 32767.0;
+        let share = Vertex::w;
         assert!((share(&t.vertices[SIDES as usize]) - 0.25).abs() < 1e-4);
         assert!((share(t.vertices.last().unwrap()) - 1.0).abs() < 1e-4);
         assert!(t.indices.iter().all(|i| (*i as usize) < t.vertices.len()));

@@ -5,10 +5,10 @@ use std::collections::VecDeque;
 use glam::Vec3;
 
 use super::lines::Tubes;
-use super::mesh::{self, Vertex};
+use super::mesh;
 use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
 use super::{Look, RenderError, host};
-use crate::geometry::{Lens, Mesh, Pose};
+use crate::geometry::{Lens, Mesh, Pose, Vertex};
 use crate::vk::{Area, BufferId, Draw, DrawPipelineId, Gpu, ImageId, ImageSpec, Pass};
 
 /// A mesh on the device.
@@ -380,7 +380,7 @@ pub(super) fn surface_push(
 
 fn upload_tubes(gpu: &mut Gpu, tubes: &Tubes) -> Result<Model, RenderError> {
     let bounds = tubes.vertices.iter().fold(None, |b: Option<(Vec3, Vec3)>, v| {
-        let p = Vec3::from(v.position);
+        let p = v.position();
         Some(b.map_or((p, p), |(lo, hi)| (lo.min(p), hi.max(p))))
     });
     upload(gpu, &tubes.vertices, &tubes.indices, bounds, 0.0)

@@ -3,12 +3,14 @@
 mod extract;
 mod fair;
 mod grey;
+mod shading;
 pub mod table;
 mod topology;
 
 pub use extract::{Crossing, Midpoint, clamp_fraction, extract};
 pub use fair::{DEFAULT_STEPS, Fairing, Weights, face_normals, fair, weights};
 pub use grey::Grey;
+pub use shading::{Shading, shading};
 pub use topology::{Adjacency, Topology, keep_component};
 
 use crate::geometry::Mesh;
