@@ -21,6 +21,7 @@ mod phantom;
 mod record;
 mod run;
 mod segment;
+mod simplify;
 mod surface;
 mod timing;
 
@@ -64,6 +65,8 @@ enum Command {
     Surface(surface::Args),
     /// Smooth the normals of any mesh; vertices do not move
     Fair(fair::Args),
+    /// Simplify any mesh by half-edge collapse
+    Simplify(simplify::Args),
     /// Write the centerline: a path, or a tree of all branches
     Centerline(centerline::Args),
     /// Write frames of a flight
@@ -121,6 +124,7 @@ impl Command {
             Self::Hessian(a) => a.run(global),
             Self::Surface(a) => a.run(global),
             Self::Fair(a) => a.run(global),
+            Self::Simplify(a) => a.run(global),
             Self::Centerline(a) => a.run(global),
             Self::Record(a) => a.run(global),
             Self::Run(a) => a.run(global),
