@@ -7,9 +7,11 @@
 
 mod eye;
 mod pool;
+mod worker;
 
 pub use eye::{Camera, Cone, Eye, Sphere};
 pub use pool::{Full, Pool};
+pub use worker::{Worker, WorkerError};
 
 use crate::geometry::Vertex;
 

@@ -7,13 +7,18 @@ mod lines;
 mod look;
 mod mesh;
 mod overview;
+mod pages;
 mod pipelines;
 mod renderer;
+mod sequence;
 
 pub use camera::{clip_from_world, framing};
 pub use error::RenderError;
 pub use look::Look;
-pub use renderer::{MeshHandle, PathHandle, Renderer, Scene, Shot, Ticket, View};
+pub use pages::{MAX_PAGES, PagesHandle};
+pub use renderer::{
+    FrameStats, IN_FLIGHT, MeshHandle, PathHandle, Renderer, Scene, Shot, Ticket, View, Wall,
+};
 
 /// SPIR-V, entry points and immediate blocks of `shaders/draw`, written by the build script.
 #[allow(missing_docs, dead_code, clippy::all)]

@@ -11,12 +11,12 @@ use super::camera::{clip_from_world, framing};
 use super::renderer::{MeshHandle, Renderer, Scene, Shot, draw, surface_push};
 use super::{Look, host};
 use crate::geometry::{Lens, Pose};
-use crate::vk::{Area, Draw, Pass};
+use crate::vk::{Area, Draw, Pass, Take};
 
 /// What the glass image depends on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct GlassKey {
-    mesh: MeshHandle,
+    mesh: Option<MeshHandle>,
     area: Area,
     look: Look,
 }
@@ -37,8 +37,10 @@ impl Renderer<'_> {
         area: Area,
         passes: &mut Vec<Pass>,
     ) {
-        let mesh = scene.overview.unwrap_or(scene.mesh);
-        let (low, high) = self.model(mesh).bounds.unwrap_or((Vec3::ZERO, Vec3::ONE));
+        let mesh = scene.overview_mesh();
+        let path = scene.path.and_then(|p| self.paths[p.0].as_ref());
+        let bounds = mesh.map_or(path.and_then(|p| p.bounds), |m| self.model(m).bounds);
+        let (low, high) = bounds.unwrap_or((Vec3::ZERO, Vec3::ONE));
         let (pose, lens) = framing(low, high, area.width as f32 / area.height as f32);
         let key = GlassKey { mesh, area, look: scene.look };
         if self.glass_of != Some(key) {
@@ -60,7 +62,7 @@ impl Renderer<'_> {
             push: Vec::new(),
             vertices: None,
             indices: None,
-            range: 0..3,
+            take: Take::Range(0..3),
             images: vec![self.targets.glass],
         };
         passes.push(Pass {
@@ -76,14 +78,15 @@ impl Renderer<'_> {
     fn glass_pass(
         &self,
         scene: &Scene,
-        mesh: MeshHandle,
+        mesh: Option<MeshHandle>,
         pose: &Pose,
         lens: &Lens,
         area: Area,
     ) -> Pass {
-        let model = self.model(mesh);
+        let model = mesh.map(|m| self.model(m));
         // From above and the side, far enough that it does not fall off.
-        let lift = pose.position_mm.distance(model.bounds.map_or(Vec3::ZERO, |b| b.0));
+        let corner = model.and_then(|m| m.bounds).map_or(Vec3::ZERO, |b| b.0);
+        let lift = pose.position_mm.distance(corner);
         let aside = pose.rotation * Vec3::new(-0.35, 0.55, 0.0);
         let light = pose.position_mm + lift * aside;
         let push = surface_push(&scene.look, pose, lens, light, f32::MAX);
@@ -98,7 +101,9 @@ impl Renderer<'_> {
             depth: Some(t.depth),
             clear: Some([0.0, 0.0, 0.0, 1.0]),
             area,
-            draws: layers.iter().filter_map(|l| draw(*l, model, push, Vec::new())).collect(),
+            draws: model
+                .map(|m| layers.iter().filter_map(|l| draw(*l, m, push, Vec::new())).collect())
+                .unwrap_or_default(),
         }
     }
 

@@ -1,15 +1,15 @@
 //! The renderer: what it holds on the device, and frames in flight.
 
-use std::collections::VecDeque;
-
 use glam::Vec3;
 
 use super::lines::Tubes;
 use super::mesh;
+use super::pages::{Pages, PagesHandle};
 use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
 use super::{Look, RenderError, host};
 use crate::geometry::{Lens, Mesh, Pose, Vertex};
-use crate::vk::{Area, BufferId, Draw, DrawPipelineId, Gpu, ImageId, ImageSpec, Pass};
+use crate::lod::Camera;
+use crate::vk::{Area, BufferId, Draw, DrawPipelineId, Gpu, ImageId, ImageSpec, Pass, Take};
 
 /// A mesh on the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,6 +24,19 @@ pub struct PathHandle(pub(super) usize);
 #[must_use = "a frame occupies a slot until it is fetched"]
 pub struct Ticket {
     slot: usize,
+    /// What it took to draw it.
+    pub stats: FrameStats,
+}
+
+/// What it took to draw a frame's inside view.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameStats {
+    /// Triangles of the wall that were submitted.
+    pub triangles: u64,
+    /// Draws they were submitted in: pages, or one for a mesh.
+    pub draws: u32,
+    /// Bytes written to pages.
+    pub uploaded_bytes: u64,
 }
 
 /// What a frame shows.
@@ -38,12 +51,28 @@ pub enum View {
     Split,
 }
 
+/// What the wall is drawn from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wall {
+    /// All of a mesh.
+    Mesh(MeshHandle),
+    /// The pages of a cut that the camera can see.
+    Pages {
+        /// Which.
+        pages: PagesHandle,
+        /// Draws pages that turn their back too. From inside a closed wall they are always hidden;
+        /// through open ends, or from outside, they are not.
+        backs: bool,
+    },
+}
+
 /// What there is to see.
 #[derive(Clone, Copy, Debug)]
 pub struct Scene {
     /// The wall.
-    pub mesh: MeshHandle,
-    /// A coarser wall for the overview; the same by default.
+    pub wall: Wall,
+    /// The wall of the overview; by default that of the inside view, if it is a mesh. Without any,
+    /// the overview shows path and camera alone.
     pub overview: Option<MeshHandle>,
     /// The path, drawn in the overview.
     pub path: Option<PathHandle>,
@@ -54,7 +83,28 @@ pub struct Scene {
 impl Scene {
     /// A scene of one mesh.
     pub fn of(mesh: MeshHandle) -> Self {
-        Self { mesh, overview: None, path: None, look: Look::default() }
+        Self { wall: Wall::Mesh(mesh), overview: None, path: None, look: Look::default() }
+    }
+
+    /// A scene of one closed wall in pages, and a mesh of it for the overview.
+    pub fn paged(pages: PagesHandle, overview: Option<MeshHandle>) -> Self {
+        let wall = Wall::Pages { pages, backs: false };
+        Self { wall, overview, path: None, look: Look::default() }
+    }
+
+    /// The mesh the overview shows.
+    pub(super) fn overview_mesh(&self) -> Option<MeshHandle> {
+        self.overview.or(match self.wall {
+            Wall::Mesh(mesh) => Some(mesh),
+            Wall::Pages { .. } => None,
+        })
+    }
+
+    fn pages(&self) -> Option<PagesHandle> {
+        match self.wall {
+            Wall::Mesh(_) => None,
+            Wall::Pages { pages, .. } => Some(pages),
+        }
     }
 }
 
@@ -90,7 +140,7 @@ pub(super) struct Targets {
 }
 
 /// Frames that may be submitted and not fetched.
-const IN_FLIGHT: usize = 3;
+pub const IN_FLIGHT: usize = 3;
 
 /// Draws frames of one size.
 pub struct Renderer<'g> {
@@ -100,6 +150,7 @@ pub struct Renderer<'g> {
     pub(super) targets: Targets,
     pub(super) models: Vec<Option<Model>>,
     pub(super) paths: Vec<Option<Model>>,
+    pub(super) pages: Vec<Option<Pages>>,
     pub(super) frustum: Model,
     pub(super) ball: Model,
     /// What the glass image shows at the moment.
@@ -152,6 +203,7 @@ impl<'g> Renderer<'g> {
             targets,
             models: Vec::new(),
             paths: Vec::new(),
+            pages: Vec::new(),
             glass_of: None,
             idle: (0..slots.len()).collect(),
             slots,
@@ -216,26 +268,41 @@ impl<'g> Renderer<'g> {
     /// If three frames are waiting already.
     pub fn begin_frame(&mut self, scene: &Scene, shot: &Shot) -> Result<Ticket, RenderError> {
         let slot = self.idle.pop().expect("at most three frames in flight");
+        let (inside, outside) = self.areas(shot.view);
+        let mut passes = Vec::new();
+        let mut stats = FrameStats::default();
+        if let Some(area) = inside {
+            passes.push(self.inside_pass(scene, shot, area, &mut stats));
+        }
+        if let Some(area) = outside {
+            self.overview_passes(scene, shot, area, &mut passes);
+        }
+        let picture = (self.targets.picture, self.slots[slot]);
+        if let Err(e) = self.submit_with_changes(scene.pages(), passes, picture, &mut stats) {
+            self.idle.push(slot);
+            self.glass_of = None;
+            return Err(e);
+        }
+        Ok(Ticket { slot, stats })
+    }
+
+    /// The parts of a frame that the inside view and the overview fill.
+    fn areas(&self, view: View) -> (Option<Area>, Option<Area>) {
         let [width, height] = self.size;
         let whole = Area { x: 0, y: 0, width, height };
         let left = Area { width: width / 2, ..whole };
         let right = Area { x: width / 2, width: width - width / 2, ..whole };
-        let mut passes = Vec::new();
-        match shot.view {
-            View::Inside => passes.push(self.inside_pass(scene, shot, whole)),
-            View::Overview => self.overview_passes(scene, shot, whole, &mut passes),
-            View::Split => {
-                passes.push(self.inside_pass(scene, shot, left));
-                self.overview_passes(scene, shot, right, &mut passes);
-            }
+        match view {
+            View::Inside => (Some(whole), None),
+            View::Overview => (None, Some(whole)),
+            View::Split => (Some(left), Some(right)),
         }
-        let picture = Some((self.targets.picture, self.slots[slot]));
-        if let Err(e) = self.gpu.submit_draws(&passes, picture) {
-            self.idle.push(slot);
-            self.glass_of = None;
-            return Err(e.into());
-        }
-        Ok(Ticket { slot })
+    }
+
+    /// The camera of a shot's inside view, as the wall's level of detail has to know it; `None`
+    /// where the shot has no such view.
+    pub fn camera(&self, shot: &Shot) -> Option<Camera> {
+        self.areas(shot.view).0.map(|area| camera_of(shot, area))
     }
 
     /// Waits for a frame and takes it: RGB, eight bits each, rows from the top.
@@ -253,53 +320,43 @@ impl<'g> Renderer<'g> {
         Ok(rgb)
     }
 
-    /// Draws frames in order and hands each to `sink` with its number while the device draws the
-    /// next ones.
-    ///
-    /// # Errors
-    /// The first of the device's or the sink's errors; later frames are dropped.
-    pub fn render_sequence<E: From<RenderError>>(
-        &mut self,
-        scene: &Scene,
-        shots: impl IntoIterator<Item = Shot>,
-        mut sink: impl FnMut(usize, Vec<u8>) -> Result<(), E>,
-    ) -> Result<(), E> {
-        let mut waiting = VecDeque::with_capacity(IN_FLIGHT);
-        let mut done = 0;
-        let mut result = Ok(());
-        let mut shots = shots.into_iter();
-        loop {
-            while result.is_ok() && waiting.len() < IN_FLIGHT {
-                let Some(shot) = shots.next() else { break };
-                match self.begin_frame(scene, &shot) {
-                    Ok(ticket) => waiting.push_back(ticket),
-                    Err(e) => result = Err(e.into()),
-                }
-            }
-            let Some(ticket) = waiting.pop_front() else { return result };
-            match self.fetch(ticket) {
-                Ok(rgb) if result.is_ok() => result = sink(done, rgb),
-                Ok(_) => {}
-                Err(e) => result = result.and(Err(e.into())),
-            }
-            done += 1;
-        }
-    }
-
     pub(super) fn model(&self, mesh: MeshHandle) -> &Model {
         self.models[mesh.0].as_ref().expect("a mesh that was not removed")
     }
 
-    fn inside_pass(&self, scene: &Scene, shot: &Shot, area: Area) -> Pass {
-        let model = self.model(scene.mesh);
-        let lens = Lens { aspect: area.width as f32 / area.height as f32, ..shot.lens };
-        let falloff =
-            scene.look.falloff_mm.unwrap_or(super::look::FALLOFF_RADII * model.mean_radius_mm);
+    fn inside_pass(&self, scene: &Scene, shot: &Shot, area: Area, stats: &mut FrameStats) -> Pass {
+        let camera = camera_of(shot, area);
+        let radius = match scene.wall {
+            Wall::Mesh(mesh) => self.model(mesh).mean_radius_mm,
+            Wall::Pages { pages, .. } => self.wall_pages(pages).mean_radius_mm,
+        };
+        let falloff = scene.look.falloff_mm.unwrap_or(super::look::FALLOFF_RADII * radius);
         // The light sits beside the lens, as on an endoscope: relief needs a shadow side.
-        let beside = super::look::LIGHT_RADII * model.mean_radius_mm.min(shot.lens.near_mm * 4.0);
+        let beside = super::look::LIGHT_RADII * radius.min(shot.lens.near_mm * 4.0);
         let light = shot.pose.position_mm + beside * shot.pose.up();
-        let push = surface_push(&scene.look, &shot.pose, &lens, light, falloff);
-        let draws = draw(self.pipelines.inside, model, bytemuck::bytes_of(&push), Vec::new());
+        let push = surface_push(&scene.look, &shot.pose, &camera.lens, light, falloff);
+        let push = bytemuck::bytes_of(&push);
+        let draws = match scene.wall {
+            Wall::Mesh(mesh) => draw(self.pipelines.inside, self.model(mesh), push, Vec::new()),
+            Wall::Pages { pages, backs } => {
+                let own = self.wall_pages(pages);
+                let (pieces, triangles) = own.pieces(&camera, backs);
+                stats.draws = pieces.len() as u32;
+                stats.triangles = triangles;
+                (triangles > 0).then(|| Draw {
+                    pipeline: self.pipelines.inside,
+                    push: push.to_vec(),
+                    vertices: Some(own.vertices),
+                    indices: Some(own.indices),
+                    take: Take::Pieces(pieces),
+                    images: Vec::new(),
+                })
+            }
+        };
+        if let (Wall::Mesh(mesh), true) = (scene.wall, draws.is_some()) {
+            stats.draws = 1;
+            stats.triangles = u64::from(self.model(mesh).count / 3);
+        }
         let [r, g, b] = scene.look.background;
         let (colour, resolve) = self.picture_targets();
         Pass {
@@ -321,6 +378,7 @@ impl<'g> Renderer<'g> {
 
 impl Drop for Renderer<'_> {
     fn drop(&mut self) {
+        self.pages.drain(..).flatten().for_each(|p| p.free(self.gpu));
         let models = self.models.drain(..).chain(self.paths.drain(..)).flatten();
         for m in models {
             self.gpu.free_buffer(m.vertices);
@@ -339,6 +397,11 @@ impl Drop for Renderer<'_> {
     }
 }
 
+fn camera_of(shot: &Shot, area: Area) -> Camera {
+    let lens = Lens { aspect: area.width as f32 / area.height as f32, ..shot.lens };
+    Camera { pose: shot.pose, lens, height_px: area.height }
+}
+
 /// A draw of all of a model, or nothing if it is empty.
 pub(super) fn draw(
     pipeline: DrawPipelineId,
@@ -351,7 +414,7 @@ pub(super) fn draw(
         push: push.to_vec(),
         vertices: Some(model.vertices),
         indices: Some(model.indices),
-        range: 0..model.count,
+        take: Take::Range(0..model.count),
         images,
     })
 }

@@ -6,6 +6,7 @@ use std::ops::Range;
 use ash::vk;
 
 use super::draw_pipeline::{DrawPipelineId, STAGES};
+use super::frame::{COMMAND_BYTES, Frame, FrameOptions};
 use super::resources::{BufferId, Dead, ImageId};
 use super::{Gpu, VkError};
 
@@ -22,6 +23,26 @@ pub struct Area {
     pub height: u32,
 }
 
+/// Some of an index buffer's triangles, with vertices counted from a place of their own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Piece {
+    /// First index taken.
+    pub first_index: u32,
+    /// Indices taken.
+    pub indices: u32,
+    /// Added to every index.
+    pub first_vertex: u32,
+}
+
+/// What of its buffers a draw takes.
+#[derive(Clone, Debug)]
+pub enum Take {
+    /// A range of indices, or of vertices where there are no indices.
+    Range(Range<u32>),
+    /// Pieces in this order, by one indirect command where the device can.
+    Pieces(Vec<Piece>),
+}
+
 /// Triangles from one pair of buffers.
 #[derive(Clone, Debug)]
 pub struct Draw {
@@ -33,8 +54,8 @@ pub struct Draw {
     pub vertices: Option<BufferId>,
     /// Indices; without them vertices are taken in order.
     pub indices: Option<BufferId>,
-    /// Range of indices, or of vertices.
-    pub range: Range<u32>,
+    /// Which of them.
+    pub take: Take,
     /// Images the fragments read, as many as the pipeline has.
     pub images: Vec<ImageId>,
 }
@@ -59,24 +80,60 @@ pub struct Pass {
 const EVERYTHING: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::ALL_COMMANDS;
 
 impl Gpu {
-    /// Records and submits passes, then a copy of `picture` (four bytes a pixel, rows from the
-    /// top) to a read-back buffer, and returns without waiting; [`Gpu::read`] waits.
+    /// Records and submits a frame and returns without waiting; [`Gpu::read`] waits.
     ///
     /// # Errors
-    /// [`VkError::DeviceLost`], or the failing call.
+    /// [`VkError::StagingFull`] if earlier frames still hold the staging ring: nothing was done,
+    /// and [`Gpu::make_room`] waits for them; [`VkError::OutOfMemory`], [`VkError::DeviceLost`],
+    /// or the failing call.
     ///
     /// # Panics
-    /// If a handle is stale or a draw does not fit its pipeline or buffers: errors of the caller.
-    pub fn submit_draws(
+    /// If a handle is stale, a write does not fit its buffer, two writes overlap, or a draw does
+    /// not fit its pipeline or buffers: errors of the caller.
+    pub fn submit_draws(&mut self, frame: &Frame<'_>) -> Result<(), VkError> {
+        self.submit_draws_with(frame, FrameOptions::default())
+    }
+
+    /// [`Gpu::submit_draws`] with knobs.
+    ///
+    /// # Errors
+    /// As [`Gpu::submit_draws`].
+    #[doc(hidden)]
+    pub fn submit_draws_with(
         &mut self,
-        passes: &[Pass],
-        picture: Option<(ImageId, BufferId)>,
+        frame: &Frame<'_>,
+        options: FrameOptions,
     ) -> Result<(), VkError> {
+        let passes = &frame.passes[..];
+        self.check_writes(&frame.writes);
         for draw in passes.iter().flat_map(|p| &p.draws) {
             self.check_draw(draw);
         }
         let reached = self.reap()?;
-        let (pool, sets) = self.image_sets(passes)?;
+        let place = match frame.staged_bytes() {
+            0 => 0,
+            bytes => self.stage(bytes, reached)?,
+        };
+        let sent = self.record_frame(frame, options, place, reached);
+        self.staging.close(sent.as_ref().ok().copied());
+        let now = sent?;
+        let used = passes.iter().flat_map(|p| &p.draws).flat_map(|d| [d.vertices, d.indices]);
+        let written = frame.writes.iter().map(|w| w.to);
+        for id in used.flatten().chain(written).chain(frame.picture.map(|p| p.1)) {
+            self.buffers.get_mut(id).last_use = now;
+        }
+        Ok(())
+    }
+
+    /// Records and submits; returns the timeline value that marks completion.
+    fn record_frame(
+        &mut self,
+        frame: &Frame<'_>,
+        options: FrameOptions,
+        mut place: u64,
+        reached: u64,
+    ) -> Result<u64, VkError> {
+        let (pool, sets) = self.image_sets(&frame.passes)?;
         let cmd = match self.commands.begin(&self.device, reached) {
             Ok(cmd) => cmd,
             Err(e) => {
@@ -84,21 +141,17 @@ impl Gpu {
                 return Err(e);
             }
         };
+        place = self.record_writes(cmd, &frame.writes, place, options);
         let mut sets = sets.into_iter();
-        for pass in passes {
-            self.record_pass(cmd, pass, &mut sets);
+        for pass in &frame.passes {
+            self.record_pass(cmd, pass, &mut sets, &mut place, options);
         }
-        if let Some((from, to)) = picture {
+        if let Some((from, to)) = frame.picture {
             self.record_copy(cmd, from, to);
         }
         let sent = self.commands.submit(&self.device, self.queue, &mut self.timeline, cmd);
-        let now = self.timeline.submitted;
-        self.dead.push(now, Dead::Sets(pool));
-        let used = passes.iter().flat_map(|p| &p.draws).flat_map(|d| [d.vertices, d.indices]);
-        for id in used.flatten().chain(picture.map(|p| p.1)) {
-            self.buffers.get_mut(id).last_use = now;
-        }
-        sent.map(|_| ())
+        self.dead.push(self.timeline.submitted, Dead::Sets(pool));
+        sent
     }
 
     fn check_draw(&self, draw: &Draw) {
@@ -110,13 +163,25 @@ impl Gpu {
             0 => u64::MAX,
             stride => bytes(draw.vertices) / u64::from(stride),
         };
-        let end = u64::from(draw.range.end);
-        match draw.indices {
-            Some(i) => {
-                assert!(end * 4 <= bytes(Some(i)), "index range");
-                assert!(u64::from(self.buffers.get(i).max_index) < vertices, "index past vertices");
+        let index = draw.indices.map(|i| self.buffers.get(i));
+        let room = index.map_or(0, |i| i.buffer.bytes / u64::from(i.index_bytes.max(1)));
+        assert!(index.is_none_or(|i| i.index_bytes > 0), "an index buffer");
+        let last = index.map_or(0, |i| u64::from(i.max_index));
+        match (&draw.take, index) {
+            (Take::Range(r), Some(_)) => {
+                assert!(u64::from(r.end) <= room, "index range");
+                assert!(last < vertices, "index past vertices");
             }
-            None => assert!(end <= vertices, "vertex range"),
+            (Take::Range(r), None) => assert!(u64::from(r.end) <= vertices, "vertex range"),
+            (Take::Pieces(pieces), _) => {
+                assert!(index.is_some(), "pieces have indices");
+                for p in pieces {
+                    let end = u64::from(p.first_index) + u64::from(p.indices);
+                    assert!(end <= room, "index range");
+                    let v = u64::from(p.first_vertex);
+                    assert!(v <= i32::MAX as u64 && v + last < vertices, "index past vertices");
+                }
+            }
         }
     }
 
@@ -212,6 +277,8 @@ impl Gpu {
         cmd: vk::CommandBuffer,
         pass: &Pass,
         sets: &mut impl Iterator<Item = vk::DescriptorSet>,
+        place: &mut u64,
+        options: FrameOptions,
     ) {
         let colour_layout = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
         let depth_layout = vk::ImageLayout::DEPTH_ATTACHMENT_OPTIMAL;
@@ -273,13 +340,18 @@ impl Gpu {
         if let Some(depth) = &depth {
             info = info.depth_attachment(depth);
         }
-        // SAFETY: `cmd` is recording; every handle below was found live in its slab and stays so
-        // until the timeline passes this submission; ranges were checked by `check_draw`.
+        // SAFETY: `cmd` is recording; viewport and area lie in the target, as asserted above; the
+        // views are of live images, in the layouts named, that live until the timeline passes
+        // this submission.
         unsafe {
             self.device.cmd_begin_rendering(cmd, &info);
             self.device.cmd_set_viewport(cmd, 0, &[viewport]);
             self.device.cmd_set_scissor(cmd, 0, &[rect]);
-            for draw in &pass.draws {
+        }
+        for draw in &pass.draws {
+            // SAFETY: `cmd` is recording within a rendering; every handle below was found live in
+            // its slab and stays so until the timeline passes this submission.
+            unsafe {
                 let p = self.draw_pipelines.get(draw.pipeline);
                 let point = vk::PipelineBindPoint::GRAPHICS;
                 self.device.cmd_bind_pipeline(cmd, point, p.pipeline);
@@ -294,16 +366,75 @@ impl Gpu {
                     let raw = self.buffers.get(v).buffer.raw;
                     self.device.cmd_bind_vertex_buffers(cmd, 0, &[raw], &[0]);
                 }
-                let (first, count) = (draw.range.start, draw.range.len() as u32);
                 if let Some(i) = draw.indices {
-                    let raw = self.buffers.get(i).buffer.raw;
-                    self.device.cmd_bind_index_buffer(cmd, raw, 0, vk::IndexType::UINT32);
-                    self.device.cmd_draw_indexed(cmd, count, 1, first, 0, 0);
-                } else {
-                    self.device.cmd_draw(cmd, count, 1, first, 0);
+                    let i = self.buffers.get(i);
+                    let kind = match i.index_bytes {
+                        2 => vk::IndexType::UINT16,
+                        _ => vk::IndexType::UINT32,
+                    };
+                    self.device.cmd_bind_index_buffer(cmd, i.buffer.raw, 0, kind);
                 }
             }
-            self.device.cmd_end_rendering(cmd);
+            match &draw.take {
+                Take::Range(r) => {
+                    let (first, count) = (r.start, r.len() as u32);
+                    // SAFETY: as above; `check_draw` compared the range and the largest index with
+                    // the buffers.
+                    unsafe {
+                        match draw.indices {
+                            Some(_) => self.device.cmd_draw_indexed(cmd, count, 1, first, 0, 0),
+                            None => self.device.cmd_draw(cmd, count, 1, first, 0),
+                        }
+                    }
+                }
+                Take::Pieces(pieces) => self.record_pieces(cmd, pieces, place, options),
+            }
+        }
+        // SAFETY: `cmd` is recording within the rendering begun above.
+        unsafe { self.device.cmd_end_rendering(cmd) };
+    }
+
+    /// Draws pieces from commands in the staging ring from `place` on. The host wrote them before
+    /// the submission, which makes them visible to it without a barrier.
+    fn record_pieces(
+        &mut self,
+        cmd: vk::CommandBuffer,
+        pieces: &[Piece],
+        place: &mut u64,
+        options: FrameOptions,
+    ) {
+        let (first, at_once) = (*place, u64::from(self.info.limits.draws_at_once));
+        *place += pieces.len() as u64 * COMMAND_BYTES;
+        if at_once <= 1 || options.one_by_one {
+            for p in pieces {
+                let offset = p.first_vertex as i32;
+                // SAFETY: `cmd` is recording within a rendering with pipeline and buffers bound;
+                // `check_draw` compared each piece and the largest index with the buffers.
+                unsafe {
+                    let (n, i) = (p.indices, p.first_index);
+                    self.device.cmd_draw_indexed(cmd, n, 1, i, offset, 0);
+                }
+            }
+            return;
+        }
+        let bytes = self.staging.bytes_mut(first, *place - first);
+        for (to, p) in bytes.chunks_exact_mut(COMMAND_BYTES as usize).zip(pieces) {
+            let words = [p.indices, 1, p.first_index, p.first_vertex, 0];
+            to.copy_from_slice(bytemuck::cast_slice(&words));
+        }
+        let Some(ring) = &self.staging.buffer else { return };
+        let mut done = 0;
+        while done < pieces.len() as u64 {
+            let n = at_once.min(pieces.len() as u64 - done);
+            let at = first + done * COMMAND_BYTES;
+            // SAFETY: as above; the commands lie in the ring, which nobody writes there until the
+            // timeline passes this submission, at a multiple of four; the device has
+            // multiDrawIndirect and takes this many.
+            unsafe {
+                let stride = COMMAND_BYTES as u32;
+                self.device.cmd_draw_indexed_indirect(cmd, ring.raw, at, n as u32, stride);
+            }
+            done += n;
         }
     }
 

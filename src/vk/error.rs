@@ -45,6 +45,14 @@ pub enum VkError {
         /// Most threads of one launch.
         limit: u64,
     },
+    /// A frame has more to write and draw than the staging ring can take at the moment.
+    #[error("no room to stage {bytes} bytes in a ring of at most {budget}")]
+    StagingFull {
+        /// Bytes asked for.
+        bytes: u64,
+        /// Largest size of the ring.
+        budget: u64,
+    },
     /// Device memory ran out.
     #[error("out of device memory: {bytes} bytes for `{what}` ({detail})")]
     OutOfMemory {

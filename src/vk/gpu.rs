@@ -14,6 +14,7 @@ use super::memory::Memory;
 use super::pipeline::Pipelines;
 use super::resources::{Dead, GpuBuffer, GpuImage};
 use super::slab::Slab;
+use super::staging::Staging;
 use super::timeline::{Retire, Timeline};
 use super::{VkError, device};
 
@@ -48,6 +49,7 @@ pub struct Gpu {
     pub(super) draw_pipelines: Slab<DrawPipeline>,
     pub(super) buffers: Slab<GpuBuffer>,
     pub(super) images: Slab<GpuImage>,
+    pub(super) staging: Staging,
     /// Freed things that the device may still use.
     pub(super) dead: Retire<Dead>,
     // These three go down in this order, after `Drop::drop`.
@@ -86,6 +88,7 @@ impl Gpu {
             draw_pipelines: Slab::default(),
             buffers: Slab::default(),
             images: Slab::default(),
+            staging: Staging::default(),
             dead: Retire::default(),
             memory,
             device,

@@ -95,6 +95,8 @@ pub(super) struct Limits {
     pub queue_family: u32,
     pub timestamp_bits: u32,
     pub groups: [u32; 2],
+    /// Most indirect draws of one command; 1 without multiDrawIndirect.
+    pub draws_at_once: u32,
     pub vendor: u32,
     pub device: u32,
     pub driver_version: u32,
@@ -187,6 +189,7 @@ fn describe(instance: &Instance, device: vk::PhysicalDevice, index: usize) -> De
         let memory = instance.raw.get_physical_device_memory_properties(device);
         (memory, instance.raw.get_physical_device_queue_family_properties(device))
     };
+    let many_draws = features.features.multi_draw_indirect == vk::TRUE;
     let both = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
     let family = families.iter().position(|f| f.queue_flags.contains(both));
 
@@ -248,6 +251,7 @@ fn describe(instance: &Instance, device: vk::PhysicalDevice, index: usize) -> De
                 limits.max_compute_work_group_count[0],
                 limits.max_compute_work_group_count[1],
             ],
+            draws_at_once: if many_draws { limits.max_draw_indirect_count } else { 1 },
             vendor: plain.vendor_id,
             device: plain.device_id,
             driver_version: plain.driver_version,

@@ -45,7 +45,9 @@ pub struct GpuBuffer {
     pub(super) buffer: Buffer,
     /// Timeline value of its latest use.
     pub(super) last_use: u64,
-    /// Largest vertex an index buffer names.
+    /// Bytes of an index; 0 where the buffer holds none.
+    pub(super) index_bytes: u8,
+    /// Largest vertex an index buffer names, or has ever named.
     pub(super) max_index: u32,
 }
 
@@ -74,7 +76,23 @@ impl Gpu {
     /// # Errors
     /// [`VkError::OutOfMemory`], [`VkError::DeviceLost`], or the failing call.
     pub fn vertex_buffer(&mut self, name: &str, data: &[u8]) -> Result<BufferId, VkError> {
-        self.filled(name, data, vk::BufferUsageFlags::VERTEX_BUFFER, 0)
+        self.filled(name, data, vk::BufferUsageFlags::VERTEX_BUFFER, 0, 0)
+    }
+
+    /// A vertex buffer of `bytes` zeros, to be written by frames.
+    ///
+    /// # Errors
+    /// As [`Gpu::vertex_buffer`]; [`VkError::TooLarge`].
+    pub fn empty_vertices(&mut self, name: &'static str, bytes: u64) -> Result<BufferId, VkError> {
+        self.zeroed(name, bytes, vk::BufferUsageFlags::VERTEX_BUFFER, 0)
+    }
+
+    /// A buffer of `count` 16-bit indices, all zero, to be written by frames.
+    ///
+    /// # Errors
+    /// As [`Gpu::empty_vertices`].
+    pub fn empty_indices(&mut self, name: &'static str, count: u64) -> Result<BufferId, VkError> {
+        self.zeroed(name, count.saturating_mul(2), vk::BufferUsageFlags::INDEX_BUFFER, 2)
     }
 
     /// An index buffer on the device.
@@ -83,7 +101,7 @@ impl Gpu {
     /// As [`Gpu::vertex_buffer`].
     pub fn index_buffer(&mut self, name: &str, data: &[u32]) -> Result<BufferId, VkError> {
         let max = data.iter().copied().max().unwrap_or(0);
-        self.filled(name, bytemuck::cast_slice(data), vk::BufferUsageFlags::INDEX_BUFFER, max)
+        self.filled(name, bytemuck::cast_slice(data), vk::BufferUsageFlags::INDEX_BUFFER, 4, max)
     }
 
     /// A persistently mapped buffer that images are copied to.
@@ -93,7 +111,7 @@ impl Gpu {
     pub fn readback_buffer(&mut self, name: &str, bytes: u64) -> Result<BufferId, VkError> {
         let usage = vk::BufferUsageFlags::TRANSFER_DST;
         let buffer = self.memory.buffer(name, bytes, usage, Place::Readback)?;
-        Ok(self.buffers.insert(GpuBuffer { buffer, last_use: 0, max_index: 0 }))
+        Ok(self.buffers.insert(GpuBuffer { buffer, last_use: 0, index_bytes: 0, max_index: 0 }))
     }
 
     /// An image to draw to, to sample (one sample a pixel), and to read back.
@@ -159,6 +177,7 @@ impl Gpu {
         name: &str,
         data: &[u8],
         usage: vk::BufferUsageFlags,
+        index_bytes: u8,
         max_index: u32,
     ) -> Result<BufferId, VkError> {
         let bytes = data.len() as u64;
@@ -173,7 +192,51 @@ impl Gpu {
             return Err(e);
         }
         let last_use = self.timeline.submitted;
-        Ok(self.buffers.insert(GpuBuffer { buffer, last_use, max_index }))
+        Ok(self.buffers.insert(GpuBuffer { buffer, last_use, index_bytes, max_index }))
+    }
+
+    /// A buffer of zeros: what is drawn before it was written is a point, not a stray index.
+    fn zeroed(
+        &mut self,
+        name: &'static str,
+        bytes: u64,
+        usage: vk::BufferUsageFlags,
+        index_bytes: u8,
+    ) -> Result<BufferId, VkError> {
+        let limit = self.info.max_buffer_bytes;
+        if bytes > limit {
+            let device = self.info.name.clone();
+            return Err(VkError::TooLarge { buffer: name, bytes, limit, device });
+        }
+        let usage = usage | vk::BufferUsageFlags::TRANSFER_DST;
+        let buffer = self.memory.buffer(name, bytes, usage, Place::Device)?;
+        let done = self.at_once(|gpu, cmd| {
+            // SAFETY: `cmd` is recording; the buffer is ours, fresh, has transfer usage, and lives
+            // until after the wait.
+            unsafe { gpu.device.cmd_fill_buffer(cmd, buffer.raw, 0, vk::WHOLE_SIZE, 0) };
+        });
+        if let Err(e) = done {
+            self.memory.free_buffer(buffer);
+            return Err(e);
+        }
+        let last_use = self.timeline.submitted;
+        Ok(self.buffers.insert(GpuBuffer { buffer, last_use, index_bytes, max_index: 0 }))
+    }
+
+    /// Records, submits and waits. After an error the device is idle.
+    fn at_once(&mut self, record: impl FnOnce(&Self, vk::CommandBuffer)) -> Result<(), VkError> {
+        let done = (|| {
+            let reached = self.reached()?;
+            let cmd = self.commands.begin(&self.device, reached)?;
+            record(self, cmd);
+            let value = self.commands.submit(&self.device, self.queue, &mut self.timeline, cmd)?;
+            self.wait(value)
+        })();
+        if done.is_err() {
+            // SAFETY: `&mut self` makes us the only user of the queue.
+            let _ = unsafe { self.device.device_wait_idle() };
+        }
+        done
     }
 
     /// Copies through staging memory and waits.
@@ -184,20 +247,12 @@ impl Gpu {
         let usage = vk::BufferUsageFlags::TRANSFER_SRC;
         let mut from = self.memory.buffer(name, data.len() as u64, usage, Place::Upload)?;
         from.mapped_mut().expect("upload memory is mapped")[..data.len()].copy_from_slice(data);
-        let done = (|| {
-            let reached = self.reached()?;
-            let cmd = self.commands.begin(&self.device, reached)?;
+        let done = self.at_once(|gpu, cmd| {
             let all = [vk::BufferCopy::default().size(data.len() as u64)];
             // SAFETY: `cmd` is recording; both buffers are ours, at least this long, and live
             // until after the wait.
-            unsafe { self.device.cmd_copy_buffer(cmd, from.raw, to.raw, &all) };
-            let value = self.commands.submit(&self.device, self.queue, &mut self.timeline, cmd)?;
-            self.wait(value)
-        })();
-        if done.is_err() {
-            // SAFETY: `&mut self` makes us the only user of the queue.
-            let _ = unsafe { self.device.device_wait_idle() };
-        }
+            unsafe { gpu.device.cmd_copy_buffer(cmd, from.raw, to.raw, &all) };
+        });
         self.memory.free_buffer(from);
         done
     }
@@ -223,6 +278,7 @@ impl Gpu {
     /// Frees everything that is left. The device is idle.
     pub(super) fn bury_all(&mut self) {
         let mut all: Vec<Dead> = self.dead.reap(u64::MAX).collect();
+        all.extend(self.staging.buffer.take().map(Dead::Buffer));
         all.extend(self.buffers.drain().map(|b| Dead::Buffer(b.buffer)));
         all.extend(self.draw_pipelines.drain().map(Dead::Pipeline));
         all.extend(self.images.drain().map(|i| Dead::Image(i.image)));

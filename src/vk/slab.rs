@@ -9,6 +9,18 @@ pub struct Handle<T> {
     of: PhantomData<fn() -> T>,
 }
 
+impl<T> Handle<T> {
+    /// Names nothing.
+    #[cfg(test)]
+    pub(crate) fn none() -> Self {
+        Self { index: u32::MAX, generation: 0, of: PhantomData }
+    }
+
+    /// Differs between any two live things of one kind.
+    pub(super) fn order(self) -> u32 {
+        self.index
+    }
+}
 impl<T> Clone for Handle<T> {
     fn clone(&self) -> Self {
         *self

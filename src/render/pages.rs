@@ -1,0 +1,313 @@
+//! A wall in pages: persistent buffers, changes waiting for the next frame, and what of the cut a
+//! camera can see.
+//!
+//! A page may be written while frames that drew its old content are still running on the device.
+//! Three things keep that safe, each on its own ground:
+//! - **Contents** by order on the queue: copies wait for the draws of every earlier submission, and
+//!   draws of this one for the copies (barriers in `vk::frame`). This holds whatever pages a step
+//!   names, also where several steps are merged into one frame.
+//! - **Staged bytes** by the timeline: the ring hands them out again once their submission is done.
+//! - **The list on screen** by [`Pool`](crate::lod::Pool): what a step writes was not drawn in the
+//!   last `in_flight` steps, so the copies need not wait long for draws that run.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+use super::renderer::Renderer;
+use super::{FrameStats, RenderError};
+use crate::geometry::Vertex;
+use crate::lod::{Camera, Drawn, Eye, PAGE_TRIANGLES, PAGE_VERTICES, Step, Upload};
+use crate::vk::{BufferId, Frame, Gpu, ImageId, Pass, Piece, Write};
+
+/// A wall in pages on the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PagesHandle(pub(super) usize);
+
+/// Most pages of one wall: 832 MiB on the device, 5 MiB of commands a frame.
+pub const MAX_PAGES: u32 = 1 << 18;
+
+/// Changes of a frame beyond this go in submissions of their own, each of at most this. With the
+/// frame's commands it is a quarter of the staging ring, so that a frame with three before it in
+/// flight does not wait.
+const CHUNK_BYTES: u64 = 6 << 20;
+
+const VERTEX_BYTES: u64 = (PAGE_VERTICES * size_of::<Vertex>()) as u64;
+const INDICES: u32 = 3 * PAGE_TRIANGLES as u32;
+const INDEX_BYTES: u64 = 2 * INDICES as u64;
+
+/// What is to be written to a page.
+struct Change {
+    vertices: Vec<Vertex>,
+    indices: Vec<u16>,
+}
+
+impl Change {
+    fn bytes(&self) -> u64 {
+        (size_of_val(&self.vertices[..]) + size_of_val(&self.indices[..])) as u64
+    }
+}
+
+pub(super) struct Pages {
+    pub vertices: BufferId,
+    pub indices: BufferId,
+    pub mean_radius_mm: f32,
+    /// Triangles in each page, once what is pending has been written.
+    filled: Vec<u32>,
+    /// By page, so that copies ascend.
+    pending: BTreeMap<u32, Change>,
+    drawn: Vec<Drawn>,
+}
+
+impl Pages {
+    fn new(gpu: &mut Gpu, pages: u32, mean_radius_mm: f32) -> Result<Self, RenderError> {
+        if pages == 0 || pages > MAX_PAGES {
+            return Err(RenderError::BadPages { pages });
+        }
+        let n = u64::from(pages);
+        let vertices = gpu.empty_vertices("page vertices", n * VERTEX_BYTES)?;
+        let indices = gpu.empty_indices("page indices", n * u64::from(INDICES));
+        let indices = indices.inspect_err(|_| gpu.free_buffer(vertices))?;
+        let filled = vec![0; pages as usize];
+        let (pending, drawn) = (BTreeMap::new(), Vec::new());
+        Ok(Self { vertices, indices, mean_radius_mm, filled, pending, drawn })
+    }
+
+    /// Takes a step in, or nothing of it.
+    fn apply(&mut self, step: Step) -> Result<(), RenderError> {
+        for u in &step.uploads {
+            check(u, self.filled.len())?;
+        }
+        let mut filled = BTreeMap::new();
+        for u in &step.uploads {
+            filled.insert(u.page, u.triangles.len() as u32);
+        }
+        for d in &step.drawn {
+            let there = filled.get(&d.page).or(self.filled.get(d.page as usize)).copied();
+            if there.is_none_or(|n| d.triangles > n) {
+                let (page, triangles, there) = (d.page, d.triangles, there.unwrap_or(0));
+                return Err(RenderError::EmptyPage { page, triangles, there });
+            }
+        }
+        for u in step.uploads {
+            self.filled[u.page as usize] = u.triangles.len() as u32;
+            let indices = u.triangles.iter().flatten().map(|i| u16::from(*i)).collect();
+            self.pending.insert(u.page, Change { vertices: u.vertices, indices });
+        }
+        self.drawn = step.drawn;
+        Ok(())
+    }
+
+    /// Changes of the first pages, at least one and about `most` bytes at most.
+    fn first_changes(&mut self, most: u64) -> Vec<(u32, Change)> {
+        let mut out = Vec::new();
+        let mut bytes = 0;
+        while let Some(entry) = self.pending.first_entry() {
+            bytes += entry.get().bytes();
+            if bytes > most && !out.is_empty() {
+                break;
+            }
+            out.push(entry.remove_entry());
+        }
+        out
+    }
+
+    fn pending_bytes(&self) -> u64 {
+        self.pending.values().map(Change::bytes).sum()
+    }
+
+    /// Writes of changes: vertices first, then indices, so that each kind is one copy command.
+    fn writes<'a>(&self, changes: &'a [(u32, Change)]) -> Vec<Write<'a>> {
+        let write = |to, offset, bytes| Write { to, offset, bytes: Cow::Borrowed(bytes) };
+        let vertices = changes.iter().map(|(page, c)| {
+            let at = u64::from(*page) * VERTEX_BYTES;
+            write(self.vertices, at, bytemuck::cast_slice(&c.vertices))
+        });
+        let indices = changes.iter().map(|(page, c)| {
+            let at = u64::from(*page) * INDEX_BYTES;
+            write(self.indices, at, bytemuck::cast_slice(&c.indices))
+        });
+        vertices.chain(indices).collect()
+    }
+
+    /// Pieces of the cut that `camera` can see, in the cut's order, and their triangles. With
+    /// `backs` those that turn their back are drawn too.
+    pub fn pieces(&self, camera: &Camera, backs: bool) -> (Vec<Piece>, u64) {
+        let eye = Eye::new(camera);
+        let mut triangles = 0;
+        let seen = |d: &&Drawn| {
+            d.triangles > 0 && eye.sees(&d.sphere) && (backs || !eye.behind(&d.sphere, &d.cone))
+        };
+        let piece = |d: &Drawn| {
+            triangles += u64::from(d.triangles);
+            Piece {
+                first_index: d.page * INDICES,
+                indices: 3 * d.triangles,
+                first_vertex: d.page * PAGE_VERTICES as u32,
+            }
+        };
+        (self.drawn.iter().filter(seen).map(piece).collect(), triangles)
+    }
+
+    /// Submits about `most` bytes of changes, then passes; returns how many bytes changed. After
+    /// an error they are still pending.
+    fn send(
+        &mut self,
+        gpu: &mut Gpu,
+        most: u64,
+        passes: Vec<Pass>,
+        picture: Option<(ImageId, BufferId)>,
+    ) -> Result<u64, RenderError> {
+        let changes = self.first_changes(most);
+        let frame = Frame { writes: self.writes(&changes), passes, picture };
+        let sent = gpu.make_room(frame.staged_bytes()).and_then(|()| gpu.submit_draws(&frame));
+        drop(frame);
+        let bytes = changes.iter().map(|c| c.1.bytes()).sum();
+        match sent {
+            Ok(()) => Ok(bytes),
+            Err(e) => {
+                self.pending.extend(changes);
+                Err(e.into())
+            }
+        }
+    }
+
+    pub fn free(&self, gpu: &mut Gpu) {
+        gpu.free_buffer(self.vertices);
+        gpu.free_buffer(self.indices);
+    }
+}
+
+fn check(u: &Upload, pages: usize) -> Result<(), RenderError> {
+    let (vertices, triangles) = (u.vertices.len(), u.triangles.len());
+    let fits = vertices <= PAGE_VERTICES && triangles <= PAGE_TRIANGLES;
+    let within = u.triangles.iter().flatten().all(|i| usize::from(*i) < vertices);
+    if (u.page as usize) < pages && fits && within {
+        return Ok(());
+    }
+    Err(RenderError::BadUpload { page: u.page, pages, vertices, triangles })
+}
+
+impl Renderer<'_> {
+    /// Makes room for a wall of `pages` pages, empty until steps are applied to it.
+    ///
+    /// * `mean_radius_mm`: of the organ, for the light (see [`crate::surface::shading`]).
+    ///
+    /// # Errors
+    /// [`RenderError::BadPages`]; [`RenderError::Vulkan`] when the device runs out of memory.
+    pub fn open_pages(
+        &mut self,
+        pages: u32,
+        mean_radius_mm: f32,
+    ) -> Result<PagesHandle, RenderError> {
+        self.pages.push(Some(Pages::new(self.gpu, pages, mean_radius_mm)?));
+        Ok(PagesHandle(self.pages.len() - 1))
+    }
+
+    /// Frees a wall once no frame in flight uses it.
+    pub fn close_pages(&mut self, pages: PagesHandle) {
+        if let Some(p) = self.pages[pages.0].take() {
+            p.free(self.gpu);
+        }
+    }
+
+    /// Takes a step in: its uploads are written by the next frame that shows this wall, before it
+    /// draws, and its list is what that frame draws. Several steps before one frame are as one
+    /// step: each page is written once, with its latest content. Draws nothing and does not wait.
+    ///
+    /// # Errors
+    /// [`RenderError::BadUpload`], [`RenderError::EmptyPage`]; then nothing of the step was taken.
+    ///
+    /// # Panics
+    /// If the wall was closed.
+    pub fn apply(&mut self, pages: PagesHandle, step: Step) -> Result<(), RenderError> {
+        self.pages[pages.0].as_mut().expect("a wall that was not closed").apply(step)
+    }
+
+    pub(super) fn wall_pages(&self, pages: PagesHandle) -> &Pages {
+        self.pages[pages.0].as_ref().expect("a wall that was not closed")
+    }
+
+    /// Submits passes together with what is pending for a wall. Changes too many for one go before
+    /// them, by themselves; nothing is drawn between.
+    pub(super) fn submit_with_changes(
+        &mut self,
+        pages: Option<PagesHandle>,
+        passes: Vec<Pass>,
+        picture: (ImageId, BufferId),
+        stats: &mut FrameStats,
+    ) -> Result<(), RenderError> {
+        let picture = Some(picture);
+        let Some(handle) = pages else {
+            return Ok(self.gpu.submit_draws(&Frame { passes, picture, writes: Vec::new() })?);
+        };
+        let own = self.pages[handle.0].as_mut().expect("a wall that was not closed");
+        let mut left = own.pending_bytes();
+        stats.uploaded_bytes = left;
+        while left > CHUNK_BYTES {
+            left -= own.send(self.gpu, CHUNK_BYTES, Vec::new(), None)?;
+        }
+        own.send(self.gpu, u64::MAX, passes, picture).map(|_| ())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Lens, Pose};
+    use crate::lod::{Cone, Sphere};
+    use glam::Vec3;
+
+    #[test]
+    fn a_page_that_would_read_past_its_vertices_is_refused() {
+        let upload = |page, vertices, triangles| Upload {
+            page,
+            vertices: vec![Vertex::default(); vertices],
+            triangles,
+        };
+        assert!(check(&upload(3, 128, vec![[0, 1, 127]; 128]), 4).is_ok());
+        for bad in [
+            upload(4, 3, vec![[0, 1, 2]]),
+            upload(0, 3, vec![[0, 1, 3]]),
+            upload(0, 0, vec![[0, 0, 0]]),
+            upload(0, 129, vec![[0, 1, 2]]),
+            upload(0, 3, vec![[0, 1, 2]; 129]),
+        ] {
+            let e = check(&bad, 4).unwrap_err();
+            assert!(matches!(e, RenderError::BadUpload { .. }), "{e}");
+        }
+    }
+
+    #[test]
+    fn pieces_keep_their_order_and_leave_out_what_is_not_seen() {
+        let pose = Pose::looking(Vec3::ZERO, Vec3::X, Vec3::Z);
+        let lens = Lens { fov_y_rad: 1.0, aspect: 1.0, near_mm: 0.1 };
+        let camera = Camera { pose, lens, height_px: 100 };
+        let drawn = |page, x: f32, axis, triangles| Drawn {
+            page,
+            triangles,
+            sphere: Sphere { centre: Vec3::new(x, 0.0, 0.0), radius: 0.5 },
+            cone: Cone { axis, sine: 0.1 },
+        };
+        let (away, facing) = (Vec3::X, Vec3::NEG_X);
+        let mut pages = Pages {
+            vertices: crate::vk::BufferId::none(),
+            indices: crate::vk::BufferId::none(),
+            mean_radius_mm: 1.0,
+            filled: vec![9; 8],
+            pending: BTreeMap::new(),
+            drawn: Vec::new(),
+        };
+        pages.drawn = vec![
+            drawn(5, 9.0, facing, 7),
+            drawn(1, 5.0, away, 8),
+            drawn(2, -5.0, facing, 9),
+            drawn(3, 4.0, facing, 0),
+            drawn(4, 3.0, facing, 2),
+        ];
+        let (pieces, triangles) = pages.pieces(&camera, false);
+        let first: Vec<u32> = pieces.iter().map(|p| p.first_vertex / 128).collect();
+        assert_eq!((first, triangles), (vec![5, 4], 9));
+        assert_eq!(pieces[0], Piece { first_index: 5 * 384, indices: 21, first_vertex: 640 });
+        assert_eq!(pages.pieces(&camera, true).1, 17);
+    }
+}

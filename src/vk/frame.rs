@@ -1,0 +1,153 @@
+//! What one submission does: bytes that change, passes, the picture to be read back.
+
+use std::borrow::Cow;
+
+use ash::vk;
+
+use super::resources::BufferId;
+use super::{Gpu, ImageId, Pass, Take};
+
+/// Bytes to be written to a vertex or index buffer before anything is drawn.
+#[derive(Clone, Debug)]
+pub struct Write<'a> {
+    /// The buffer.
+    pub to: BufferId,
+    /// First byte that changes.
+    pub offset: u64,
+    /// What it becomes.
+    pub bytes: Cow<'a, [u8]>,
+}
+
+/// One submission. Writes come first, then passes in order, then the copy of the picture.
+#[derive(Clone, Debug, Default)]
+pub struct Frame<'a> {
+    /// No two of them overlap.
+    pub writes: Vec<Write<'a>>,
+    /// In order.
+    pub passes: Vec<Pass>,
+    /// Image (four bytes a pixel, rows from the top) and the read-back buffer it is copied to.
+    pub picture: Option<(ImageId, BufferId)>,
+}
+
+/// Knobs of a submission for tests of the tests.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FrameOptions {
+    /// Leaves out the barriers around writes, so that validation has a hazard to find.
+    pub skip_barriers: bool,
+    /// Draws pieces one by one, as where the device takes no more from one command.
+    pub one_by_one: bool,
+}
+
+/// Bytes of one indirect command (`VkDrawIndexedIndirectCommand`).
+pub(super) const COMMAND_BYTES: u64 = 20;
+
+impl Frame<'_> {
+    /// Bytes of the staging ring that this takes: each write and each piece's command, whole words.
+    pub fn staged_bytes(&self) -> u64 {
+        let writes = self.writes.iter().map(|w| (w.bytes.len() as u64).next_multiple_of(4));
+        let pieces = self.passes.iter().flat_map(|p| &p.draws).map(|d| match &d.take {
+            Take::Pieces(p) => p.len() as u64 * COMMAND_BYTES,
+            Take::Range(_) => 0,
+        });
+        writes.chain(pieces).sum()
+    }
+}
+
+type Access = (vk::PipelineStageFlags2, vk::AccessFlags2);
+
+/// Everything draws read from buffers that are written.
+const DRAWN: Access = (
+    vk::PipelineStageFlags2::VERTEX_INPUT,
+    vk::AccessFlags2::from_raw(
+        vk::AccessFlags2::VERTEX_ATTRIBUTE_READ.as_raw() | vk::AccessFlags2::INDEX_READ.as_raw(),
+    ),
+);
+const COPIED: Access = (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::TRANSFER_WRITE);
+
+impl Gpu {
+    /// Checks that each write lies in its buffer and no two overlap, and notes the largest index
+    /// that each index buffer may hold from now on.
+    pub(super) fn check_writes(&mut self, writes: &[Write<'_>]) {
+        let mut spans = Vec::with_capacity(writes.len());
+        for w in writes {
+            let b = self.buffers.get_mut(w.to);
+            let end = w.offset.checked_add(w.bytes.len() as u64).expect("write past the end");
+            assert!(end <= b.buffer.bytes, "write past the end of its buffer");
+            match b.index_bytes {
+                0 => {}
+                2 => {
+                    assert!(w.offset % 2 == 0 && w.bytes.len() % 2 == 0, "half an index");
+                    let index = |i: &[u8]| u32::from(u16::from_ne_bytes([i[0], i[1]]));
+                    b.max_index = w.bytes.chunks_exact(2).map(index).fold(b.max_index, u32::max);
+                }
+                _ => {
+                    assert!(w.offset % 4 == 0 && w.bytes.len() % 4 == 0, "half an index");
+                    let index = |i: &[u8]| u32::from_ne_bytes([i[0], i[1], i[2], i[3]]);
+                    b.max_index = w.bytes.chunks_exact(4).map(index).fold(b.max_index, u32::max);
+                }
+            }
+            spans.push((w.to.order(), w.offset, end));
+        }
+        spans.sort_unstable();
+        assert!(
+            spans.windows(2).all(|s| s[0].0 != s[1].0 || s[0].2 <= s[1].1),
+            "two writes to one place in one frame"
+        );
+    }
+
+    /// Puts the writes into the ring from `place` on and records their copies; returns the place
+    /// after them.
+    ///
+    /// The barrier before waits for draws of earlier submissions, which may still read what is to
+    /// be overwritten, and for their copies; the one after lets draws of this one see the bytes.
+    pub(super) fn record_writes(
+        &mut self,
+        cmd: vk::CommandBuffer,
+        writes: &[Write<'_>],
+        mut place: u64,
+        options: FrameOptions,
+    ) -> u64 {
+        if writes.is_empty() {
+            return place;
+        }
+        if !options.skip_barriers {
+            self.memory_barrier(cmd, (DRAWN.0 | COPIED.0, COPIED.1), COPIED);
+        }
+        // One command a run of writes to the same buffer.
+        let mut regions = Vec::new();
+        for same in writes.chunk_by(|a, b| a.to == b.to) {
+            regions.clear();
+            for w in same.iter().filter(|w| !w.bytes.is_empty()) {
+                let n = w.bytes.len() as u64;
+                self.staging.bytes_mut(place, n).copy_from_slice(&w.bytes);
+                let region = vk::BufferCopy { src_offset: place, dst_offset: w.offset, size: n };
+                regions.push(region);
+                place += n.next_multiple_of(4);
+            }
+            let to = self.buffers.get(same[0].to).buffer.raw;
+            if let (Some(from), false) = (&self.staging.buffer, regions.is_empty()) {
+                // SAFETY: `cmd` is recording; both buffers are ours and live until the timeline
+                // passes this submission (the ring's through the retire queue); regions lie within
+                // both (`check_writes`, `stage`) and do not overlap; nobody else writes this part
+                // of the ring until then.
+                unsafe { self.device.cmd_copy_buffer(cmd, from.raw, to, &regions) };
+            }
+        }
+        if !options.skip_barriers {
+            self.memory_barrier(cmd, COPIED, DRAWN);
+        }
+        place
+    }
+
+    fn memory_barrier(&self, cmd: vk::CommandBuffer, from: Access, to: Access) {
+        let barriers = [vk::MemoryBarrier2::default()
+            .src_stage_mask(from.0)
+            .src_access_mask(from.1)
+            .dst_stage_mask(to.0)
+            .dst_access_mask(to.1)];
+        let info = vk::DependencyInfo::default().memory_barriers(&barriers);
+        // SAFETY: `cmd` is recording on this device; a memory barrier names no handle.
+        unsafe { self.device.cmd_pipeline_barrier2(cmd, &info) };
+    }
+}
