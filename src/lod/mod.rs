@@ -5,7 +5,9 @@
 //! cut always covers the whole surface, coarsely where the camera does not look, so that a late
 //! answer shows less detail but never a hole; what lies outside the frustum is culled when drawn.
 
+pub mod clusters;
 mod eye;
+pub mod octree;
 mod pool;
 mod worker;
 

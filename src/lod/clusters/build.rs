@@ -1,0 +1,538 @@
+//! From a mesh to its clusters, level by level.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::cover::{Piece, Target};
+use super::halve::halve;
+use super::partition::{self, Bordered};
+use super::{Cluster, ClusterError, Clusters, Group, NONE};
+use crate::geometry::{Mesh, Vertex};
+use crate::lod::octree::{Item, around};
+use crate::lod::{PAGE_TRIANGLES, PAGE_VERTICES, Sphere};
+
+/// A group that keeps more than this share of its faces is not worth a level.
+const KEPT_MAX: f64 = 0.85;
+/// Pieces of the original measured by one task.
+const TASK: usize = 4096;
+/// Faces: ids are 32 bits, and four half-edge ids a face must fit.
+const FACES_MAX: usize = (1 << 30) - 1;
+/// Added to measured distances for the rounding of positions, as a part of the largest coordinate.
+const ROUNDING: f64 = 1e-9;
+
+/// Part of an original face that a cluster stands for.
+struct Part {
+    face: u32,
+    triangle: u8,
+    corners: Box<[DVec3]>,
+}
+
+/// A cluster under work: with what it stands for.
+struct Draft {
+    vertices: Vec<u32>,
+    triangles: Vec<[u8; 3]>,
+    /// Original faces that lie near one of its triangles as a whole, and which.
+    whole: Vec<(u32, u8)>,
+    /// Those that were cut.
+    parts: Vec<Part>,
+}
+
+impl Draft {
+    fn faces(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
+        self.triangles.iter().map(|t| t.map(|v| self.vertices[usize::from(v)]))
+    }
+}
+
+/// The original, to measure to.
+struct Original<'a> {
+    target: Target<'a>,
+    /// A face at each vertex.
+    face_at: Vec<u32>,
+}
+
+/// What became of a group.
+struct Made {
+    outputs: Vec<Draft>,
+    error: f64,
+    angle: f64,
+    edge: f32,
+}
+
+impl Clusters {
+    /// Builds all levels. `vertices`: one for each of the mesh's, as drawn
+    /// ([`crate::surface::shading`]). Any soup of triangles will do; the fewer of its edges have
+    /// two faces, the less can be simplified. The same at any number of threads.
+    ///
+    /// # Errors
+    /// [`ClusterError`]: a face or position that makes no sense, or too many.
+    pub fn build(mesh: &Mesh, vertices: &[Vertex]) -> Result<Self, ClusterError> {
+        check(mesh, vertices)?;
+        let normals: Vec<Vec3> = vertices.iter().map(Vertex::normal).collect();
+        let beside = partition::beside(&mesh.faces, vertices.len());
+        let mut face_at = vec![0; vertices.len()];
+        for (f, i) in mesh.faces.iter().zip(0..) {
+            f.iter().for_each(|v| face_at[*v as usize] = i);
+        }
+        let target = Target {
+            positions: &mesh.positions,
+            normals: &normals,
+            faces: &mesh.faces,
+            beside: &beside,
+        };
+        let original = Original { target, face_at };
+        let mut this = Self {
+            vertices: vertices.to_vec(),
+            clusters: Vec::new(),
+            groups: Vec::new(),
+            members: Vec::new(),
+            vertex_ids: Vec::new(),
+            triangles: Vec::new(),
+            key: super::bytes::key(mesh, vertices),
+        };
+        let mut live: Vec<(u32, Draft)> = Vec::new();
+        for draft in finest(mesh) {
+            live.push((this.push(&draft, mesh, NONE), draft));
+        }
+        while live.len() > 1 {
+            let before = this.groups.len();
+            live = this.level(live, &original);
+            if this.groups.len() == before {
+                break;
+            }
+        }
+        Ok(this)
+    }
+
+    fn push(&mut self, draft: &Draft, mesh: &Mesh, made_by: u32) -> u32 {
+        self.push_placed(draft, &mesh.positions, made_by)
+    }
+
+    fn push_placed(&mut self, draft: &Draft, positions: &[Vec3], made_by: u32) -> u32 {
+        let at = |v: u32| positions[v as usize];
+        let items = draft.faces().map(|f| Item::triangle(f.map(at)).cone);
+        let cones: Vec<_> = items.collect();
+        self.clusters.push(Cluster {
+            first_vertex: self.vertex_ids.len() as u32,
+            vertices: draft.vertices.len() as u32,
+            first_triangle: self.triangles.len() as u32,
+            triangles: draft.triangles.len() as u32,
+            sphere: ball(draft.vertices.iter().map(|v| (at(*v), 0.0))),
+            cone: around(cones.into_iter()),
+            made_by,
+            used_by: NONE,
+        });
+        self.vertex_ids.extend_from_slice(&draft.vertices);
+        self.triangles.extend_from_slice(&draft.triangles);
+        self.clusters.len() as u32 - 1
+    }
+
+    /// Groups the live clusters and simplifies each group; what is live then.
+    fn level(&mut self, live: Vec<(u32, Draft)>, original: &Original<'_>) -> Vec<(u32, Draft)> {
+        let positions = original.target.positions;
+        let bordered: Vec<Bordered> = live
+            .par_iter()
+            .map(|(id, d)| Bordered {
+                border: partition::border(d.faces()),
+                centre: self.clusters[*id as usize].sphere.centre,
+            })
+            .collect();
+        let groups = partition::group(&bordered);
+        drop(bordered);
+        // A vertex in two groups stays.
+        let mut group_of = vec![NONE; positions.len()];
+        let mut locked = vec![false; positions.len()];
+        for (g, of) in groups.iter().zip(0..) {
+            for v in g.iter().flat_map(|c| &live[*c as usize].1.vertices) {
+                let first = &mut group_of[*v as usize];
+                if *first == NONE {
+                    *first = of;
+                }
+                locked[*v as usize] |= *first != of;
+            }
+        }
+        drop(group_of);
+        let made: Vec<Option<Made>> = groups
+            .par_iter()
+            .map(|g| {
+                let floor = g.iter().map(|c| self.below(live[*c as usize].0));
+                let floor = floor.map(|g| g.map_or(0.0, |g| f64::from(g.error_mm)));
+                let drafts: Vec<&Draft> = g.iter().map(|c| &live[*c as usize].1).collect();
+                simplify(&drafts, floor.fold(0.0, f64::max), &locked, original)
+            })
+            .collect();
+        let mut next = Vec::new();
+        let mut live: Vec<Option<(u32, Draft)>> = live.into_iter().map(Some).collect();
+        for (members, made) in groups.iter().zip(made) {
+            let taken = members.iter().filter_map(|c| live[*c as usize].take());
+            let Some(made) = made else {
+                next.extend(taken);
+                continue;
+            };
+            let inputs: Vec<u32> = taken.map(|l| l.0).collect();
+            let id = self.add_group(&inputs, &made, positions);
+            for draft in made.outputs {
+                next.push((self.push_placed(&draft, positions, id), draft));
+            }
+        }
+        next
+    }
+
+    /// The group that made a cluster.
+    fn below(&self, cluster: u32) -> Option<&Group> {
+        self.groups.get(self.clusters[cluster as usize].made_by as usize)
+    }
+
+    fn add_group(&mut self, inputs: &[u32], made: &Made, positions: &[Vec3]) -> u32 {
+        let id = self.groups.len() as u32;
+        let below: Vec<Group> = inputs.iter().filter_map(|c| self.below(*c)).copied().collect();
+        let most = |first: f32, of: fn(&Group) -> f32| below.iter().map(of).fold(first, f32::max);
+        // The original lies within the error of the inputs around them.
+        let out = most(0.0, |g| g.error_mm);
+        let points = inputs.iter().flat_map(|c| self.vertex_ids(*c));
+        let sphere = ball(points.map(|v| (positions[*v as usize], out)));
+        let all = below.iter().map(|g| g.reach).chain([sphere]);
+        self.groups.push(Group {
+            first_input: self.members.len() as u32,
+            inputs: inputs.len() as u32,
+            first_output: self.clusters.len() as u32,
+            outputs: made.outputs.len() as u32,
+            sphere,
+            reach: ball(all.map(|s| (s.centre, s.radius))),
+            error_mm: most(up(made.error), |g| g.error_mm),
+            angle_rad: most(up(made.angle), |g| g.angle_rad),
+            edge_mm: most(made.edge, |g| g.edge_mm),
+        });
+        self.members.extend_from_slice(inputs);
+        inputs.iter().for_each(|c| self.clusters[*c as usize].used_by = id);
+        id
+    }
+}
+
+fn check(mesh: &Mesh, vertices: &[Vertex]) -> Result<(), ClusterError> {
+    let wanted = mesh.positions.len();
+    if vertices.len() != wanted {
+        return Err(ClusterError::Vertices { found: vertices.len(), wanted });
+    }
+    for (what, count) in [("faces", mesh.faces.len()), ("vertices", wanted)] {
+        if count > FACES_MAX {
+            return Err(ClusterError::TooMany { what, count, limit: FACES_MAX });
+        }
+    }
+    for (face, f) in mesh.faces.iter().enumerate() {
+        if let Some(&vertex) = f.iter().find(|v| **v as usize >= wanted) {
+            return Err(ClusterError::Face { face, vertex, vertices: wanted });
+        }
+    }
+    // Sums of squares of smaller numbers are numbers.
+    let placed = |p: &Vec3| p.abs().max_element() < 1e9;
+    match mesh.positions.iter().position(|p| !placed(p)) {
+        Some(vertex) => Err(ClusterError::Place { vertex }),
+        None => Ok(()),
+    }
+}
+
+/// The next f32 that is not smaller.
+fn up(v: f64) -> f32 {
+    let f = v as f32;
+    if f64::from(f) < v { f.next_up() } else { f }
+}
+
+/// A ball that holds balls, about the middle of their box.
+fn ball(of: impl Iterator<Item = (Vec3, f32)> + Clone) -> Sphere {
+    let (lo, hi) = of
+        .clone()
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, (c, r)| (b.0.min(c - r), b.1.max(c + r)));
+    let centre = 0.5 * (lo + hi);
+    let away = |(c, r): (Vec3, f32)| centre.as_dvec3().distance(c.as_dvec3()) + f64::from(r);
+    Sphere { centre, radius: up(of.map(away).fold(0.0, f64::max)) }
+}
+
+/// Clusters of the original's own faces.
+fn finest(mesh: &Mesh) -> Vec<Draft> {
+    let centre = |f: u32| {
+        let [a, b, c] = mesh.faces[f as usize].map(|v| mesh.positions[v as usize]);
+        (a + b + c) / 3.0
+    };
+    let mut ids: Vec<u32> = (0..mesh.faces.len() as u32).collect();
+    let parts = clusters_of(&mut ids, &|f| mesh.faces[f as usize], &centre);
+    let mut rest = ids.as_mut_slice();
+    let mut own = Vec::with_capacity(parts.len());
+    for n in parts {
+        let (a, b) = std::mem::take(&mut rest).split_at_mut(n);
+        own.push(a);
+        rest = b;
+    }
+    own.into_par_iter()
+        .map(|ids| {
+            ids.sort_unstable();
+            let faces: Vec<[u32; 3]> = ids.iter().map(|f| mesh.faces[*f as usize]).collect();
+            let whole = ids.iter().copied().zip(0..=u8::MAX).collect();
+            Draft { whole, ..draft(&faces) }
+        })
+        .collect()
+}
+
+/// A cluster of at most [`PAGE_TRIANGLES`] faces, which stands for nothing yet.
+fn draft(faces: &[[u32; 3]]) -> Draft {
+    let vertices = vertices_of(faces.iter().copied());
+    let place = |v: u32| vertices.binary_search(&v).unwrap_or(0) as u8;
+    let triangles = faces.iter().map(|f| f.map(place)).collect();
+    Draft { triangles, vertices, whole: Vec::new(), parts: Vec::new() }
+}
+
+/// Each vertex once, ascending.
+fn vertices_of(faces: impl Iterator<Item = [u32; 3]>) -> Vec<u32> {
+    let mut all: Vec<u32> = faces.flatten().collect();
+    all.sort_unstable();
+    all.dedup();
+    all
+}
+
+/// Sorts faces into clusters that fit a page: how many each takes, in their new order.
+fn clusters_of(
+    ids: &mut [u32],
+    face: &(impl Fn(u32) -> [u32; 3] + Sync),
+    centre: &(impl Fn(u32) -> Vec3 + Sync),
+) -> Vec<usize> {
+    let mut parts = Vec::new();
+    let mut at = 0;
+    for n in partition::split(ids, PAGE_TRIANGLES, centre) {
+        let own = &mut ids[at..at + n];
+        // Loose triangles have more vertices than faces.
+        if vertices_of(own.iter().map(|f| face(*f))).len() > PAGE_VERTICES {
+            parts.extend(partition::split(own, PAGE_VERTICES / 3, centre));
+        } else {
+            parts.push(n);
+        }
+        at += n;
+    }
+    parts
+}
+
+/// Halves the faces of a group, measures what that did, and cuts the result into clusters. `None`
+/// where that leads nowhere.
+fn simplify(
+    inputs: &[&Draft],
+    floor: f64,
+    locked: &[bool],
+    original: &Original<'_>,
+) -> Option<Made> {
+    let Target { positions, normals, .. } = original.target;
+    let mut own: Vec<u32> = inputs.iter().flat_map(|d| d.vertices.iter().copied()).collect();
+    own.sort_unstable();
+    own.dedup();
+    let local = |v: u32| own.binary_search(&v).unwrap_or(0) as u16;
+    let mut fine: Vec<[u16; 3]> = Vec::new();
+    for d in inputs {
+        let ids: Vec<u16> = d.vertices.iter().map(|v| local(*v)).collect();
+        fine.extend(d.triangles.iter().map(|t| t.map(|v| ids[usize::from(v)])));
+    }
+    let before = fine.len();
+    let middle = positions[own[own.len() / 2] as usize].as_dvec3();
+    let at: Vec<DVec3> = own.iter().map(|v| positions[*v as usize].as_dvec3() - middle).collect();
+    let up: Vec<DVec3> = own.iter().map(|v| normals[*v as usize].as_dvec3()).collect();
+    let fixed: Vec<bool> = own.iter().map(|v| locked[*v as usize]).collect();
+    let halved = halve(&at, &up, fine.clone(), &fixed, before / 2);
+    let left = halved.faces.len();
+    if left == 0 || left as f64 > KEPT_MAX * before as f64 {
+        return None;
+    }
+    // Coarse faces, cluster after cluster.
+    let mut order: Vec<u32> = (0..left as u32).collect();
+    let centre = |f: u32| {
+        let [a, b, c] = halved.faces[f as usize].map(|v| at[usize::from(v)]);
+        ((a + b + c) / 3.0).as_vec3()
+    };
+    let sizes = clusters_of(&mut order, &|f| halved.faces[f as usize].map(u32::from), &centre);
+    if sizes.len() >= inputs.len() {
+        return None;
+    }
+    let coarse: Vec<[u32; 3]> =
+        order.iter().map(|f| halved.faces[*f as usize].map(u32::from)).collect();
+    let beside = partition::beside(&coarse, own.len());
+    let faces: Vec<[u32; 3]> = coarse.iter().map(|f| f.map(|v| own[v as usize])).collect();
+    let target = Target { positions, normals, faces: &faces, beside: &beside };
+    let mut outputs = Vec::with_capacity(sizes.len());
+    let mut owner: Vec<(u16, u8)> = Vec::with_capacity(left);
+    for (n, cluster) in sizes.into_iter().zip(0..) {
+        outputs.push(draft(&faces[owner.len()..owner.len() + n]));
+        owner.extend((0..n).map(|t| (cluster, t as u8)));
+    }
+    // Where to begin looking for what a fine triangle stood for.
+    let mut some_face = vec![0u32; own.len()];
+    for (f, i) in coarse.iter().zip(0..) {
+        f.iter().for_each(|v| some_face[*v as usize] = i);
+    }
+    let stands = |v: u16| some_face[usize::from(halved.onto[usize::from(v)])];
+    let mut bound = floor;
+    for (v, p) in (0..).zip(&own) {
+        let p = positions[*p as usize].as_dvec3();
+        let near = target.nearest(target.walk(stands(v), p), p);
+        bound = bound.max(near.d2.sqrt());
+    }
+    let measure = Measure { target, original, owner: &owner };
+    let mut angle: f64 = 0.0;
+    let mut first = 0;
+    for d in inputs {
+        let start: Vec<u32> =
+            fine[first..first + d.triangles.len()].iter().map(|f| stands(f[0])).collect();
+        first += d.triangles.len();
+        for found in measure.towards(d, &start, bound) {
+            bound = bound.max(found.bound);
+            angle = angle.max(found.angle);
+            for (c, w) in found.whole {
+                outputs[usize::from(c)].whole.push(w);
+            }
+            for (c, p) in found.parts {
+                outputs[usize::from(c)].parts.push(p);
+            }
+        }
+    }
+    outputs.iter_mut().for_each(|d| d.unite(original));
+    bound = measure.back(bound);
+    let far = positions[own[0] as usize].abs().max_element();
+    let long = |f: &[u32; 3]| {
+        let [a, b, c] = f.map(|v| positions[v as usize]);
+        a.distance(b).max(b.distance(c)).max(c.distance(a))
+    };
+    Some(Made {
+        outputs,
+        error: bound + ROUNDING * f64::from(far),
+        angle,
+        edge: faces.iter().map(long).fold(0.0, f32::max),
+    })
+}
+
+impl Draft {
+    /// Puts faces together again of which all parts are here.
+    fn unite(&mut self, original: &Original<'_>) {
+        self.parts.sort_by_key(|p| p.face);
+        let parts = std::mem::take(&mut self.parts);
+        let mut parts = parts.into_iter().peekable();
+        while let Some(first) = parts.next() {
+            let mut own = vec![first];
+            while let Some(p) = parts.next_if(|p| p.face == own[0].face) {
+                own.push(p);
+            }
+            let area: f64 = own.iter().map(|p| Piece::new(&p.corners).area()).sum();
+            if area > (1.0 - 1e-6) * original.piece(own[0].face).area() {
+                self.whole.push((own[0].face, own[0].triangle));
+            } else {
+                self.parts.extend(own);
+            }
+        }
+    }
+}
+
+impl Original<'_> {
+    fn piece(&self, face: u32) -> Piece {
+        let f = self.target.faces[face as usize];
+        Piece::new(&f.map(|v| self.target.positions[v as usize].as_dvec3()))
+    }
+}
+
+/// What one task measured.
+struct Found {
+    bound: f64,
+    angle: f64,
+    /// By output cluster.
+    whole: Vec<(u16, (u32, u8))>,
+    parts: Vec<(u16, Part)>,
+}
+
+/// The coarse faces of a group against the original.
+struct Measure<'a> {
+    target: Target<'a>,
+    original: &'a Original<'a>,
+    /// Output cluster of each coarse face, and its place there.
+    owner: &'a [(u16, u8)],
+}
+
+impl Measure<'_> {
+    /// What `d` stands for, against the coarse faces. `start`: for each of its triangles, where to
+    /// begin. Tasks are cut the same whatever the number of threads.
+    fn towards(&self, d: &Draft, start: &[u32], bound: f64) -> Vec<Found> {
+        let whole = d.whole.par_chunks(TASK).map(|own| {
+            let mut found = Found { bound, angle: 0.0, whole: Vec::new(), parts: Vec::new() };
+            for &(face, triangle) in own {
+                let piece = self.original.piece(face);
+                self.one(face, &piece, start[usize::from(triangle)], true, &mut found);
+            }
+            found
+        });
+        let parts = d.parts.par_chunks(TASK).map(|own| {
+            let mut found = Found { bound, angle: 0.0, whole: Vec::new(), parts: Vec::new() };
+            for p in own {
+                let piece = Piece::new(&p.corners);
+                self.one(p.face, &piece, start[usize::from(p.triangle)], false, &mut found);
+            }
+            found
+        });
+        whole.chain(parts).collect()
+    }
+
+    fn one(&self, face: u32, piece: &Piece, start: u32, whole: bool, found: &mut Found) {
+        let first = found.parts.len();
+        let mut bound = found.bound;
+        self.target.cover(piece, start, &mut bound, |t, p, all| {
+            found.angle = found.angle.max(self.angle(face, t, p));
+            let (cluster, triangle) = self.owner[t as usize];
+            if all && whole {
+                found.whole.push((cluster, (face, triangle)));
+            } else {
+                found.parts.push((cluster, Part { face, triangle, corners: p.corners().into() }));
+            }
+        });
+        found.bound = bound;
+        // Cut, but all in one cluster.
+        let parts = &found.parts[first..];
+        if let Some((c, p)) = parts.first()
+            && parts.iter().all(|q| q.0 == *c)
+        {
+            let (cluster, triangle) = (*c, p.triangle);
+            found.parts.truncate(first);
+            if whole {
+                found.whole.push((cluster, (face, triangle)));
+            } else {
+                let corners = piece.corners().into();
+                found.parts.push((cluster, Part { face, triangle, corners }));
+            }
+        }
+    }
+
+    /// The coarse faces against the original.
+    fn back(&self, bound: f64) -> f64 {
+        let found = self.target.faces.par_chunks(256).map(|own| {
+            let mut bound = bound;
+            for f in own {
+                let piece = Piece::new(&f.map(|v| self.target.positions[v as usize].as_dvec3()));
+                let start = self.original.face_at[f[0] as usize];
+                self.original.target.cover(&piece, start, &mut bound, |_, _, _| {});
+            }
+            bound
+        });
+        found.reduce(|| bound, f64::max)
+    }
+
+    /// Angle between the interpolated normals of an original face and of the coarse face `t`, over
+    /// a piece of the first: with n and m those at a corner, not made unit, no combination of them
+    /// differs by more than the largest |n − m|, and the angle's sine is at most that over the
+    /// smallest |n|.
+    fn angle(&self, face: u32, t: u32, piece: &Piece) -> f64 {
+        let mix = |of: &Target<'_>, face: u32, p: DVec3| {
+            let w = of.nearest(face, p).weights;
+            let f = of.faces[face as usize];
+            (0..3).map(|k| of.normals[f[k] as usize].as_dvec3() * w[k]).sum::<DVec3>()
+        };
+        let (mut apart, mut axis, mut least) = (0.0f64, DVec3::ZERO, f64::INFINITY);
+        for &p in piece.corners() {
+            let n = mix(&self.original.target, face, p);
+            apart = apart.max(n.distance(mix(&self.target, t, p)));
+            if axis == DVec3::ZERO {
+                axis = n.normalize_or_zero();
+            }
+            least = least.min(n.dot(axis));
+        }
+        if apart < least { (apart / least).asin() } else { std::f64::consts::PI }
+    }
+}

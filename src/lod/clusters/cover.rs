@@ -1,0 +1,293 @@
+//! How far a piece of one surface is from another: an upper bound that is nearly exact.
+
+use glam::{DVec3, Vec3};
+
+use super::partition::NONE;
+
+/// Corners of a piece, at most.
+const CORNERS: usize = 12;
+/// Cuts behind each other, at most: near a corner the planes of its edges do not quite meet, and a
+/// piece could be handed around.
+const CUTS: u32 = 20;
+
+/// A flat convex piece of a surface.
+#[derive(Clone, Copy)]
+pub struct Piece {
+    count: usize,
+    at: [DVec3; CORNERS],
+}
+
+impl Piece {
+    /// From its corners, as many as fit.
+    pub fn new(corners: &[DVec3]) -> Self {
+        let mut piece = Self { count: corners.len().min(CORNERS), at: [DVec3::ZERO; CORNERS] };
+        piece.at[..piece.count].copy_from_slice(&corners[..piece.count]);
+        piece
+    }
+
+    /// Its corners.
+    pub fn corners(&self) -> &[DVec3] {
+        &self.at[..self.count]
+    }
+
+    fn centre(&self) -> DVec3 {
+        self.corners().iter().sum::<DVec3>() / self.count.max(1) as f64
+    }
+
+    /// Area, mm².
+    pub fn area(&self) -> f64 {
+        let p = self.corners();
+        let fan = p.windows(2).map(|w| (w[0] - p[0]).cross(w[1] - p[0])).sum::<DVec3>();
+        0.5 * fan.length()
+    }
+
+    /// The parts on either side of a plane, the side of its normal second; `None` if there would be
+    /// too many corners.
+    fn cut(&self, normal: DVec3, through: DVec3) -> Option<[Self; 2]> {
+        let mut out = [Self { count: 0, at: [DVec3::ZERO; CORNERS] }; 2];
+        let height = |p: DVec3| normal.dot(p - through);
+        let mut put = |side: usize, p: DVec3| {
+            let o = &mut out[side];
+            *o.at.get_mut(o.count)? = p;
+            o.count += 1;
+            Some(())
+        };
+        let corners = self.corners();
+        for (i, &p) in corners.iter().enumerate() {
+            let q = corners[(i + 1) % corners.len()];
+            let (hp, hq) = (height(p), height(q));
+            if hp <= 0.0 {
+                put(0, p)?;
+            }
+            if hp >= 0.0 {
+                put(1, p)?;
+            }
+            if hp * hq < 0.0 {
+                let crossing = p + (q - p) * (hp / (hp - hq));
+                put(0, crossing)?;
+                put(1, crossing)?;
+            }
+        }
+        Some(out)
+    }
+
+    /// Two halves across its longest diagonal, and the length of that.
+    fn longest(&self) -> (f64, DVec3, DVec3) {
+        let p = self.corners();
+        let mut best = (0.0, DVec3::ZERO, DVec3::ZERO);
+        for i in 0..p.len() {
+            for j in 0..i {
+                let d = p[i].distance_squared(p[j]);
+                if d > best.0 {
+                    best = (d, p[i], p[j]);
+                }
+            }
+        }
+        (best.0.sqrt(), best.1, best.2)
+    }
+}
+
+/// Where a point of a piece is nearest to a surface: distance, and weights of the face's corners.
+pub struct Near {
+    /// Squared distance, mm².
+    pub d2: f64,
+    /// Weights of the three corners.
+    pub weights: [f64; 3],
+}
+
+/// A triangle surface to measure to.
+#[derive(Clone, Copy)]
+pub struct Target<'a> {
+    /// Vertex positions, mm.
+    pub positions: &'a [Vec3],
+    /// Unit normals, one a vertex: the cuts between faces stand along them.
+    pub normals: &'a [Vec3],
+    /// Faces.
+    pub faces: &'a [[u32; 3]],
+    /// Face across each edge.
+    pub beside: &'a [[u32; 3]],
+}
+
+impl Target<'_> {
+    fn corners(&self, face: u32) -> [DVec3; 3] {
+        self.faces[face as usize].map(|v| self.positions[v as usize].as_dvec3())
+    }
+
+    /// Nearest place of a face (Ericson 2005, Real-Time Collision Detection, 5.1.5).
+    pub fn nearest(&self, face: u32, p: DVec3) -> Near {
+        let [a, b, c] = self.corners(face);
+        let (ab, ac, ap) = (b - a, c - a, p - a);
+        let put = |w: [f64; 3]| {
+            let q = ab * w[1] + ac * w[2];
+            Near { d2: ap.distance_squared(q), weights: w }
+        };
+        let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+        if d1 <= 0.0 && d2 <= 0.0 {
+            return put([1.0, 0.0, 0.0]);
+        }
+        let bp = p - b;
+        let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+        if d3 >= 0.0 && d4 <= d3 {
+            return put([0.0, 1.0, 0.0]);
+        }
+        let vc = d1 * d4 - d3 * d2;
+        if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+            let v = d1 / (d1 - d3);
+            return put([1.0 - v, v, 0.0]);
+        }
+        let cp = p - c;
+        let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+        if d6 >= 0.0 && d5 <= d6 {
+            return put([0.0, 0.0, 1.0]);
+        }
+        let vb = d5 * d2 - d1 * d6;
+        if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+            let w = d2 / (d2 - d6);
+            return put([1.0 - w, 0.0, w]);
+        }
+        let va = d3 * d6 - d5 * d4;
+        if va <= 0.0 && d4 >= d3 && d5 >= d6 {
+            let w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+            return put([0.0, 1.0 - w, w]);
+        }
+        let sum = va + vb + vc;
+        let (v, w) = (vb / sum, vc / sum);
+        put([1.0 - v - w, v, w])
+    }
+
+    /// Goes from face to face as long as that brings it nearer to `p`.
+    pub fn walk(&self, from: u32, p: DVec3) -> u32 {
+        let mut face = from;
+        let mut here = self.nearest(face, p);
+        for _ in 0..10_000 {
+            let zeros = here.weights.map(|w| w <= 0.0);
+            // Edge k is opposite corner k + 2.
+            let mut next = None;
+            for k in (0..3).filter(|k| zeros[(k + 2) % 3]) {
+                let corner = zeros[(k + 1) % 3] || zeros[k];
+                if let Some(found) = self.turn(face, k, p, here.d2, corner) {
+                    next = Some(found);
+                    break;
+                }
+            }
+            let Some((f, near)) = next else { break };
+            (face, here) = (f, near);
+        }
+        face
+    }
+
+    /// A face nearer than `d2` across edge `k`, or, where the nearest place is a corner, among
+    /// those that follow around it.
+    fn turn(&self, face: u32, k: usize, p: DVec3, d2: f64, corner: bool) -> Option<(u32, Near)> {
+        let f = self.faces[face as usize];
+        // The corner turned about: the end of edge k that has all the weight.
+        let (mut at, mut edge) = (face, k);
+        let pivot = {
+            let [a, b] = [f[k], f[(k + 1) % 3]];
+            let d = |v: u32| self.positions[v as usize].as_dvec3().distance_squared(p);
+            if d(a) <= d(b) { a } else { b }
+        };
+        for _ in 0..if corner { 12 } else { 1 } {
+            let next = self.beside[at as usize][edge];
+            if next == NONE || next == face {
+                return None;
+            }
+            let near = self.nearest(next, p);
+            if near.d2 < d2 {
+                return Some((next, near));
+            }
+            // Leave by the other edge at the pivot.
+            let g = self.faces[next as usize];
+            edge = (0..3).find(|&e| {
+                self.beside[next as usize][e] != at && (g[e] == pivot || g[(e + 1) % 3] == pivot)
+            })?;
+            at = next;
+        }
+        None
+    }
+
+    fn farthest(&self, face: u32, piece: &Piece) -> f64 {
+        let d2 = piece.corners().iter().map(|p| self.nearest(face, *p).d2);
+        d2.fold(0.0, f64::max).sqrt()
+    }
+
+    /// Cuts a piece up, gives each part the face it is nearest to, and raises `bound` (mm) to the
+    /// largest distance: of every point of a part to its face it is an upper bound whatever the
+    /// cuts are, since distance to one triangle is convex and parts make up the whole. Parts within
+    /// `bound` are not cut further. `take` gets face, part, and whether it is the whole piece.
+    ///
+    /// The cuts between two faces stand on their common edge along the normals of its ends, so that
+    /// both sides cut alike.
+    pub fn cover(
+        &self,
+        piece: &Piece,
+        start: u32,
+        bound: &mut f64,
+        mut take: impl FnMut(u32, &Piece, bool),
+    ) {
+        // Most pieces lie near one face as they are.
+        let face = self.walk(start, piece.centre());
+        if self.farthest(face, piece) <= *bound {
+            take(face, piece, true);
+            return;
+        }
+        let mut open = vec![(*piece, face, 0, true)];
+        while let Some((piece, start, cuts, whole)) = open.pop() {
+            let face = self.walk(start, piece.centre());
+            let far = self.farthest(face, &piece);
+            if far <= *bound || cuts >= CUTS {
+                *bound = bound.max(far);
+                take(face, &piece, whole);
+                continue;
+            }
+            let corners = self.corners(face);
+            let side = corners[0].distance(corners[1]).max(corners[1].distance(corners[2]));
+            let (length, a, b) = piece.longest();
+            if length > 2.0 * side.max(*bound)
+                && let Some(halves) = piece.cut(b - a, 0.5 * (a + b))
+            {
+                open.extend(halves.map(|h| (h, face, cuts, false)));
+                continue;
+            }
+            let mut rest = piece;
+            let mut split = false;
+            for k in 0..3 {
+                let next = self.beside[face as usize][k];
+                if next == NONE {
+                    continue;
+                }
+                let Some((normal, through)) = self.wall(face, k) else { continue };
+                let out = rest.corners().iter().any(|p| normal.dot(*p - through) > 1e-9);
+                if !out {
+                    continue;
+                }
+                let inner = rest.corners().iter().any(|p| normal.dot(*p - through) < -1e-9);
+                if let Some([inside, outside]) = rest.cut(normal, through) {
+                    open.push((outside, next, cuts + 1, whole && !split && !inner));
+                    split |= inner;
+                    rest = inside;
+                    if !inner {
+                        rest.count = 0;
+                        break;
+                    }
+                }
+            }
+            if rest.count >= 3 {
+                *bound = bound.max(self.farthest(face, &rest));
+                take(face, &rest, whole && !split);
+            }
+        }
+    }
+
+    /// The plane on edge `k` of a face: outward unit normal and a point; `None` without a direction.
+    fn wall(&self, face: u32, k: usize) -> Option<(DVec3, DVec3)> {
+        let f = self.faces[face as usize];
+        let (a, b) = (f[k] as usize, f[(k + 1) % 3] as usize);
+        let at = |v: usize| self.positions[v].as_dvec3();
+        let up = (self.normals[a] + self.normals[b]).as_dvec3();
+        let out = (at(b) - at(a)).cross(up).try_normalize()?;
+        // Out is away from the third corner, whatever the normals say.
+        let third = at(f[(k + 2) % 3] as usize) - at(a);
+        Some((if out.dot(third) > 0.0 { -out } else { out }, at(a)))
+    }
+}

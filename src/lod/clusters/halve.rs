@@ -1,0 +1,393 @@
+//! Simplification of one group of clusters: some thousand faces, any soup of them, borders fixed.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use glam::DVec3;
+
+/// Faces at a vertex after a collapse, at most.
+const VALENCE_MAX: usize = 24;
+/// Cosine of how far a face may turn in one collapse (75°).
+const TURN_MIN: f64 = 0.2588;
+/// Sine of the smallest angle a face may get (1°), unless it had a smaller one.
+const ANGLE_MIN: f64 = 0.01745;
+/// Weight of what holds an open boundary in place against that of its faces.
+const BOUNDARY: f64 = 10.0;
+
+/// The faces left, and where every vertex went.
+pub struct Halved {
+    /// Ids as given; none twice in a face.
+    pub faces: Vec<[u16; 3]>,
+    /// The vertex that stands for each one now.
+    pub onto: Vec<u16>,
+}
+
+/// Squared distance to weighted planes: p·A p + 2 b·p + c.
+#[derive(Clone, Copy, Default)]
+struct Quadric {
+    a: [f64; 6],
+    b: DVec3,
+    c: f64,
+}
+
+impl Quadric {
+    fn plane(n: DVec3, through: DVec3, weight: f64) -> Self {
+        let d = -n.dot(through);
+        let a = [n.x * n.x, n.y * n.y, n.z * n.z, n.x * n.y, n.y * n.z, n.z * n.x];
+        Self { a: a.map(|v| weight * v), b: weight * d * n, c: weight * d * d }
+    }
+
+    fn add(&mut self, o: &Self) {
+        self.a.iter_mut().zip(o.a).for_each(|(a, b)| *a += b);
+        self.b += o.b;
+        self.c += o.c;
+    }
+
+    fn at(&self, p: DVec3) -> f64 {
+        let [xx, yy, zz, xy, yz, zx] = self.a;
+        let square = xx * p.x * p.x + yy * p.y * p.y + zz * p.z * p.z;
+        let mixed = xy * p.x * p.y + yz * p.y * p.z + zx * p.z * p.x;
+        square + 2.0 * (mixed + self.b.dot(p)) + self.c
+    }
+}
+
+struct Soup<'a> {
+    at: &'a [DVec3],
+    faces: Vec<[u16; 3]>,
+    /// Faces of each vertex; what is gone is taken out.
+    of: Vec<Vec<u16>>,
+    quadric: Vec<Quadric>,
+    /// Marks of the vertices around the one under work, and which work.
+    mark: Vec<(u32, u8)>,
+    round: u32,
+    ring: Vec<u16>,
+}
+
+/// What is around a vertex.
+enum Fan {
+    Closed,
+    /// The two neighbours on the boundary.
+    Open(u16, u16),
+    /// More than one fan, or edges with more than two faces.
+    Other,
+}
+
+/// Collapses vertices that are not `locked` onto neighbours, cheapest first, until no more than
+/// `target` faces are left or nothing legal remains.
+///
+/// Costs after Garland & Heckbert 1997 with a further plane at each vertex through its smooth
+/// normal, as heavy as its faces together; half-edge collapses, so that every vertex keeps its
+/// place and normal. Ours: works on index soup, where a vertex of a group may have several fans.
+///
+/// * `at`: near the origin, or costs lose digits.
+pub fn halve(
+    at: &[DVec3],
+    normals: &[DVec3],
+    faces: Vec<[u16; 3]>,
+    locked: &[bool],
+    target: usize,
+) -> Halved {
+    let mut s = Soup::new(at, normals, faces);
+    let mut live = s.faces.len();
+    let mut onto: Vec<u16> = (0..at.len() as u16).collect();
+    let mut stamp = vec![0u32; at.len()];
+    let mut heap = BinaryHeap::new();
+    let mut targets = Vec::new();
+    // Costs are not negative but for rounding: their bits order them.
+    let key = |cost: f64| cost.max(0.0).to_bits();
+    for u in (0..at.len()).filter(|u| !locked[*u]) {
+        s.targets(u as u16, &mut targets);
+        heap.extend(targets.first().map(|t| Reverse((key(t.0), u as u16, 0))));
+    }
+    let mut near = Vec::new();
+    while live > target
+        && let Some(Reverse((cost, u, when))) = heap.pop()
+    {
+        if when != stamp[u as usize] {
+            continue;
+        }
+        s.targets(u, &mut targets);
+        let Some(&(now, v)) = targets.iter().find(|t| s.legal(u, t.1)) else {
+            continue;
+        };
+        // The cheapest is not allowed: the one that is waits for its turn.
+        if key(now) > cost && heap.peek().is_some_and(|next| key(now) > next.0.0) {
+            heap.push(Reverse((key(now), u, when)));
+            continue;
+        }
+        live -= s.collapse(u, v);
+        onto[u as usize] = v;
+        stamp[u as usize] += 1;
+        s.around(v);
+        near.clear();
+        near.extend(s.ring.iter().copied().chain([v]));
+        for &w in near.iter().filter(|w| !locked[**w as usize]) {
+            stamp[w as usize] += 1;
+            s.targets(w, &mut targets);
+            heap.extend(targets.first().map(|t| Reverse((key(t.0), w, stamp[w as usize]))));
+        }
+    }
+    for v in 0..onto.len() {
+        let mut to = onto[v];
+        while onto[to as usize] != to {
+            to = onto[to as usize];
+        }
+        onto[v] = to;
+    }
+    s.faces.retain(|f| f[0] != f[1]);
+    Halved { faces: s.faces, onto }
+}
+
+impl<'a> Soup<'a> {
+    fn new(at: &'a [DVec3], normals: &[DVec3], faces: Vec<[u16; 3]>) -> Self {
+        let mut of = vec![Vec::with_capacity(8); at.len()];
+        let mut quadric = vec![Quadric::default(); at.len()];
+        let mut weight = vec![0.0; at.len()];
+        for (i, f) in faces.iter().enumerate() {
+            let [a, b, c] = f.map(|v| at[v as usize]);
+            let cross = (b - a).cross(c - a);
+            let area = 0.5 * cross.length();
+            let q = Quadric::plane(cross.normalize_or_zero(), a, area);
+            for v in f.map(usize::from) {
+                of[v].push(i as u16);
+                quadric[v].add(&q);
+                weight[v] += area;
+            }
+        }
+        for v in 0..at.len() {
+            quadric[v].add(&Quadric::plane(normals[v], at[v], weight[v]));
+        }
+        let mark = vec![(0, 0); at.len()];
+        let mut s = Self { at, faces, of, quadric, mark, round: 0, ring: Vec::new() };
+        s.hold_boundaries();
+        s
+    }
+
+    /// Planes through edges with one face, at right angles to it.
+    fn hold_boundaries(&mut self) {
+        for i in 0..self.faces.len() {
+            let f = self.faces[i];
+            for k in 0..3 {
+                let (u, v) = (f[k], f[(k + 1) % 3]);
+                let both = |g: &&u16| self.faces[**g as usize].contains(&v);
+                if self.of[u as usize].iter().filter(both).count() != 1 {
+                    continue;
+                }
+                let [a, b, c] = [u, v, f[(k + 2) % 3]].map(|v| self.at[v as usize]);
+                let along = (b - a).normalize_or_zero();
+                let across = (c - a) - along * along.dot(c - a);
+                let weight = BOUNDARY * (b - a).length_squared();
+                let q = Quadric::plane(across.normalize_or_zero(), a, weight);
+                self.quadric[u as usize].add(&q);
+                self.quadric[v as usize].add(&q);
+            }
+        }
+    }
+
+    /// Puts the neighbours of `u` into `ring`, marked with how its faces use them.
+    fn around(&mut self, u: u16) -> Fan {
+        self.round += 1;
+        self.ring.clear();
+        let mut clean = true;
+        for &f in &self.of[u as usize] {
+            let f = self.faces[f as usize];
+            let k = f.iter().position(|v| *v == u).unwrap_or(0);
+            for (v, side) in [(f[(k + 1) % 3], 1), (f[(k + 2) % 3], 2)] {
+                let m = &mut self.mark[v as usize];
+                if m.0 != self.round {
+                    *m = (self.round, 0);
+                    self.ring.push(v);
+                }
+                clean &= m.1 & side == 0;
+                m.1 |= side;
+            }
+        }
+        let mut ends = self.ring.iter().filter(|v| self.mark[**v as usize].1 != 3);
+        match (clean, ends.next(), ends.next(), ends.next()) {
+            (true, None, ..) => Fan::Closed,
+            (true, Some(&a), Some(&b), None) => Fan::Open(a, b),
+            _ => Fan::Other,
+        }
+    }
+
+    /// Where `u` could go, cheapest first.
+    fn targets(&mut self, u: u16, out: &mut Vec<(f64, u16)>) {
+        out.clear();
+        let fan = self.around(u);
+        let mut q = self.quadric[u as usize];
+        let mut add = |v: u16| {
+            let o = &self.quadric[v as usize];
+            q = self.quadric[u as usize];
+            q.add(o);
+            out.push((q.at(self.at[v as usize]), v));
+        };
+        match fan {
+            Fan::Closed => self.ring.iter().for_each(|v| add(*v)),
+            Fan::Open(a, b) => [a, b].into_iter().for_each(&mut add),
+            Fan::Other => {}
+        }
+        out.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    }
+
+    /// Whether the surface stays one, and no face turns over or becomes a needle. `ring` and marks
+    /// are those of `u`.
+    fn legal(&self, u: u16, v: u16) -> bool {
+        let of = |v: u16| self.of[v as usize].iter().map(|f| self.faces[*f as usize]);
+        let (mut shared, mut dying) = (0, 0);
+        for f in of(v) {
+            if f.contains(&u) {
+                dying += 1;
+                continue;
+            }
+            // A neighbour of both shows once as the next and once as the previous of v.
+            let k = f.iter().position(|w| *w == v).unwrap_or(0);
+            let (a, b) = (f[(k + 1) % 3], f[(k + 2) % 3]);
+            let near = |w: u16| self.mark[w as usize].0 == self.round;
+            // Around v beside the dying faces, only their third vertices may be neighbours of u.
+            for w in [a, b] {
+                let third = |g: [u16; 3]| g.contains(&u) && g.contains(&w);
+                if near(w) && w != u && !of(v).any(third) {
+                    shared += 1;
+                }
+            }
+            // The face that u's last one would fall upon.
+            if near(a) && near(b) && self.of[u as usize].len() == 3 {
+                return false;
+            }
+        }
+        if shared > 0 || dying == 0 || dying > 2 {
+            return false;
+        }
+        if self.of[u as usize].len() + self.of[v as usize].len() > VALENCE_MAX + 2 * dying {
+            return false;
+        }
+        let to = self.at[v as usize];
+        of(u).filter(|f| !f.contains(&v)).all(|f| {
+            let old = f.map(|w| self.at[w as usize]);
+            let new = f.map(|w| if w == u { to } else { self.at[w as usize] });
+            let cross = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
+            let (o, n) = (cross(old), cross(new));
+            let turned = o.dot(n) < TURN_MIN * o.length() * n.length();
+            !turned && n.length() > 0.0 && {
+                let fine = thinnest(new);
+                fine > ANGLE_MIN || fine >= thinnest(old)
+            }
+        })
+    }
+
+    /// Moves the faces of `u` to `v`; how many went.
+    fn collapse(&mut self, u: u16, v: u16) -> usize {
+        let mut gone = 0;
+        for f in std::mem::take(&mut self.of[u as usize]) {
+            let face = &mut self.faces[f as usize];
+            if face.contains(&v) {
+                for w in *face {
+                    self.of[w as usize].retain(|g| *g != f);
+                }
+                *face = [0; 3];
+                gone += 1;
+            } else {
+                face.iter_mut().filter(|w| **w == u).for_each(|w| *w = v);
+                self.of[v as usize].push(f);
+            }
+        }
+        let q = self.quadric[u as usize];
+        self.quadric[v as usize].add(&q);
+        gone
+    }
+}
+
+/// Sine of the smallest angle, or a little less: twice the area over the two longest sides.
+fn thinnest([a, b, c]: [DVec3; 3]) -> f64 {
+    let sides = [a.distance_squared(b), b.distance_squared(c), c.distance_squared(a)];
+    let shortest = sides.into_iter().fold(f64::INFINITY, f64::min);
+    let product: f64 = sides.into_iter().product();
+    (b - a).cross(c - a).length() * (shortest / product.max(f64::MIN_POSITIVE)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashMap;
+
+    /// A bumpy square of 2 n² faces.
+    fn sheet(n: u16) -> (Vec<DVec3>, Vec<DVec3>, Vec<[u16; 3]>) {
+        let at = |i: u16| {
+            let (x, y) = (f64::from(i % (n + 1)), f64::from(i / (n + 1)));
+            DVec3::new(x, y, 0.4 * (0.7 * x).sin() * (0.5 * y).cos())
+        };
+        let normal = |i: u16| {
+            let p = at(i);
+            let dx = 0.28 * (0.7 * p.x).cos() * (0.5 * p.y).cos();
+            let dy = -0.2 * (0.7 * p.x).sin() * (0.5 * p.y).sin();
+            DVec3::new(-dx, -dy, 1.0).normalize()
+        };
+        let all = 0..(n + 1) * (n + 1);
+        let quad = |q: u16| {
+            let i = q / n * (n + 1) + q % n;
+            [[i, i + 1, i + n + 2], [i, i + n + 2, i + n + 1]]
+        };
+        let faces = (0..n * n).flat_map(quad).collect();
+        (all.clone().map(at).collect(), all.map(normal).collect(), faces)
+    }
+
+    fn edges(faces: &[[u16; 3]]) -> HashMap<(u16, u16), u32> {
+        let mut count = HashMap::new();
+        for f in faces {
+            (0..3).for_each(|k| *count.entry((f[k], f[(k + 1) % 3])).or_default() += 1);
+        }
+        count
+    }
+
+    fn border(faces: &[[u16; 3]]) -> Vec<(u16, u16)> {
+        let all = edges(faces);
+        assert!(all.values().all(|n| *n == 1));
+        let mut out: Vec<_> =
+            all.keys().filter(|e| !all.contains_key(&(e.1, e.0))).copied().collect();
+        out.sort_unstable();
+        out
+    }
+
+    #[test]
+    fn a_sheet_loses_half_its_faces_and_nothing_of_its_locked_rim() {
+        let (at, normals, faces) = sheet(30);
+        let rim = border(&faces);
+        let mut locked = vec![false; at.len()];
+        rim.iter().for_each(|e| locked[e.0 as usize] = true);
+        let h = halve(&at, &normals, faces.clone(), &locked, 900);
+        assert!(h.faces.len() <= 900 && h.faces.len() >= 898, "{}", h.faces.len());
+        assert_eq!(border(&h.faces), rim);
+        for f in &h.faces {
+            let [a, b, c] = f.map(|v| at[v as usize]);
+            assert!((b - a).cross(c - a).z > 0.0);
+            assert!(f.iter().all(|v| h.onto[*v as usize] == *v));
+        }
+        // Unlocked, the rim gives way too but keeps its place.
+        let free = halve(&at, &normals, faces, &vec![false; at.len()], 100);
+        assert!(free.faces.len() <= 100);
+        let rim = border(&free.faces);
+        assert!(rim.len() < 60);
+        let (x, y) = (|v: u16| at[v as usize].x, |v: u16| at[v as usize].y);
+        for side in [0.0, 30.0] {
+            assert!(rim.iter().any(|e| x(e.0) == side) && rim.iter().any(|e| y(e.0) == side));
+        }
+    }
+
+    #[test]
+    fn a_tetrahedron_an_edge_of_three_faces_and_a_double_fan_stop_it() {
+        let at: Vec<DVec3> = [[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4], [4, 4, 4]]
+            .map(|p: [i32; 3]| DVec3::from_array(p.map(f64::from)))
+            .to_vec();
+        let normals = vec![DVec3::Z; 5];
+        let tetrahedron = vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+        let h = halve(&at, &normals, tetrahedron.clone(), &[false; 5], 1);
+        assert_eq!(h.faces, tetrahedron);
+        let book = vec![[0, 1, 2], [0, 1, 3], [0, 1, 4]];
+        let h = halve(&at, &normals, book, &[false; 5], 0);
+        assert!(h.faces.len() <= 3);
+        let fans = vec![[0, 1, 2], [0, 3, 4]];
+        let h = halve(&at, &normals, fans, &[false; 5], 0);
+        assert!(h.faces.iter().all(|f| f[0] != f[1] && f[1] != f[2] && f[2] != f[0]));
+        assert!(halve(&at, &normals, vec![], &[false; 5], 0).faces.is_empty());
+    }
+}

@@ -1,0 +1,218 @@
+//! Faces into clusters, clusters into groups, and who is beside whom.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// No face.
+pub const NONE: u32 = u32::MAX;
+
+/// Clusters of a group: the number aimed at, and the bounds it is kept within where that can be.
+pub const GROUP: usize = 16;
+const GROUP_MIN: usize = 8;
+const GROUP_MAX: usize = 24;
+
+/// The face across each edge (from corner k to corner k + 1), [`NONE`] where there is none or more
+/// than one. Any soup of faces.
+pub fn beside(faces: &[[u32; 3]], vertices: usize) -> Vec<[u32; 3]> {
+    // Half-edges in buckets of their lower vertex: (higher vertex, 4 face + corner).
+    let mut start = vec![0u32; vertices + 1];
+    let low = |f: &[u32; 3], k: usize| f[k].min(f[(k + 1) % 3]) as usize;
+    for f in faces {
+        (0..3).for_each(|k| start[low(f, k) + 1] += 1);
+    }
+    for v in 0..vertices {
+        start[v + 1] += start[v];
+    }
+    let mut fill = start.clone();
+    let mut half = vec![(0u32, 0u32); 3 * faces.len()];
+    for (i, f) in faces.iter().enumerate() {
+        for k in 0..3 {
+            let at = &mut fill[low(f, k)];
+            half[*at as usize] = (f[k].max(f[(k + 1) % 3]), (4 * i + k) as u32);
+            *at += 1;
+        }
+    }
+    let mut out = vec![[NONE; 3]; faces.len()];
+    for v in 0..vertices {
+        let row = &half[start[v] as usize..start[v + 1] as usize];
+        for (i, e) in row.iter().enumerate() {
+            let mut others = row.iter().enumerate().filter(|(j, o)| *j != i && o.0 == e.0);
+            if let (Some((_, o)), None) = (others.next(), others.next()) {
+                out[e.1 as usize / 4][e.1 as usize % 4] = o.1 / 4;
+            }
+        }
+    }
+    out
+}
+
+/// Cuts items into parts of at most `most`, as even as can be, at medians of the longest side of
+/// their box; equal places by id. Part after part, in the order they then lie in `items`.
+pub fn split(items: &mut [u32], most: usize, at: &(impl Fn(u32) -> Vec3 + Sync)) -> Vec<usize> {
+    let parts = items.len().div_ceil(most);
+    if parts <= 1 {
+        return vec![items.len()];
+    }
+    let (lo, hi) = items.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, i| {
+        let p = at(*i);
+        (b.0.min(p), b.1.max(p))
+    });
+    let size = hi - lo;
+    let axis = (0..3).fold(0, |best, k| if size[k] > size[best] { k } else { best });
+    let cut = items.len() * (parts / 2) / parts;
+    let order = |a: &u32, b: &u32| at(*a)[axis].total_cmp(&at(*b)[axis]).then(a.cmp(b));
+    items.select_nth_unstable_by(cut, order);
+    let (a, b) = items.split_at_mut(cut);
+    let (mut a, b) = if a.len() > 4096 {
+        rayon::join(|| split(a, most, at), || split(b, most, at))
+    } else {
+        (split(a, most, at), split(b, most, at))
+    };
+    a.extend(b);
+    a
+}
+
+/// What grouping needs of a cluster: edges on its border (lower vertex first), and its middle.
+pub struct Bordered {
+    /// Edges with one of its faces.
+    pub border: Vec<[u32; 2]>,
+    /// Middle.
+    pub centre: Vec3,
+}
+
+/// Edges of these faces that lie on only one of them, lower vertex first.
+pub fn border(faces: impl Iterator<Item = [u32; 3]>) -> Vec<[u32; 2]> {
+    let edge = |a: u32, b: u32| [a.min(b), a.max(b)];
+    let mut all: Vec<[u32; 2]> =
+        faces.flat_map(|[a, b, c]| [edge(a, b), edge(b, c), edge(c, a)]).collect();
+    all.sort_unstable();
+    all.chunk_by(|a, b| a == b).filter(|c| c.len() == 1).map(|c| c[0]).collect()
+}
+
+/// Groups of about [`GROUP`] clusters that share much border, each cluster in one. A group takes in
+/// whoever has the largest part of its border in common with it. The rims of earlier groups, locked
+/// until then, are the densest, so that they are what most likely comes to lie inside.
+pub fn group(clusters: &[Bordered]) -> Vec<Vec<u32>> {
+    let n = clusters.len();
+    let mut edges: Vec<([u32; 2], u32)> = clusters
+        .par_iter()
+        .enumerate()
+        .flat_map_iter(|(i, c)| c.border.iter().map(move |e| (*e, i as u32)))
+        .collect();
+    edges.par_sort_unstable();
+    let mut pairs: Vec<(u32, u32)> = Vec::new();
+    for c in edges.chunk_by(|a, b| a.0 == b.0).filter(|c| c.len() == 2) {
+        pairs.extend([(c[0].1, c[1].1), (c[1].1, c[0].1)]);
+    }
+    pairs.par_sort_unstable();
+    let mut near: Vec<Vec<(u32, u32)>> = vec![Vec::new(); n];
+    for c in pairs.chunk_by(|a, b| a == b).filter(|c| c[0].0 != c[0].1) {
+        near[c[0].0 as usize].push((c[0].1, c.len() as u32));
+    }
+    let order = along_a_curve(clusters);
+    let mut group_of = vec![NONE; n];
+    let mut groups: Vec<Vec<u32>> = Vec::new();
+    // Edges in common with the group under growth, and those who have any.
+    let mut common = vec![0u32; n];
+    for &seed in &order {
+        if group_of[seed as usize] != NONE {
+            continue;
+        }
+        let id = groups.len() as u32;
+        let mut own = vec![seed];
+        let mut rim: Vec<u32> = Vec::new();
+        group_of[seed as usize] = id;
+        while own.len() < GROUP {
+            for &(w, edges) in &near[own[own.len() - 1] as usize] {
+                if group_of[w as usize] == NONE {
+                    if common[w as usize] == 0 {
+                        rim.push(w);
+                    }
+                    common[w as usize] += edges;
+                }
+            }
+            let share = |w: u32| {
+                f64::from(common[w as usize]) / clusters[w as usize].border.len().max(1) as f64
+            };
+            let best = rim
+                .iter()
+                .copied()
+                .enumerate()
+                .max_by(|a, b| share(a.1).total_cmp(&share(b.1)).then(b.1.cmp(&a.1)));
+            let Some((at, w)) = best else { break };
+            rim.swap_remove(at);
+            common[w as usize] = 0;
+            group_of[w as usize] = id;
+            own.push(w);
+        }
+        rim.iter().for_each(|w| common[*w as usize] = 0);
+        groups.push(own);
+    }
+    merge_small(&mut groups, &mut group_of, &near, &order);
+    groups
+}
+
+/// Small groups join the one they share most border with, or else the one before them on the curve.
+fn merge_small(
+    groups: &mut Vec<Vec<u32>>,
+    group_of: &mut [u32],
+    near: &[Vec<(u32, u32)>],
+    order: &[u32],
+) {
+    let fits = |a: &[u32], b: &[u32]| a.len() + b.len() <= GROUP_MAX;
+    for g in 0..groups.len() {
+        if groups[g].len() >= GROUP_MIN {
+            continue;
+        }
+        let mut shared: Vec<(u32, u32)> = groups[g]
+            .iter()
+            .flat_map(|c| &near[*c as usize])
+            .map(|(w, edges)| (group_of[*w as usize], *edges))
+            .filter(|(h, _)| *h != g as u32 && fits(&groups[g], &groups[*h as usize]))
+            .collect();
+        shared.sort_unstable();
+        let sums = shared.chunk_by(|a, b| a.0 == b.0);
+        let sums = sums.map(|c| (c.iter().map(|e| e.1).sum::<u32>(), u32::MAX - c[0].0));
+        if let Some((_, h)) = sums.max() {
+            join(groups, group_of, g, (u32::MAX - h) as usize);
+        }
+    }
+    // What has no neighbours: islands.
+    let mut last: Option<usize> = None;
+    for &c in order {
+        let g = group_of[c as usize] as usize;
+        if groups[g].len() >= GROUP_MIN || last == Some(g) {
+            continue;
+        }
+        match last {
+            Some(h) if fits(&groups[g], &groups[h]) => join(groups, group_of, g, h),
+            _ => last = Some(g),
+        }
+    }
+    groups.retain(|g| !g.is_empty());
+}
+
+fn join(groups: &mut [Vec<u32>], group_of: &mut [u32], from: usize, to: usize) {
+    let moved = std::mem::take(&mut groups[from]);
+    moved.iter().for_each(|c| group_of[*c as usize] = to as u32);
+    groups[to].extend(moved);
+}
+
+/// Clusters along a Z-order curve, equal places by id.
+fn along_a_curve(clusters: &[Bordered]) -> Vec<u32> {
+    let (lo, hi) = clusters
+        .iter()
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, c| (b.0.min(c.centre), b.1.max(c.centre)));
+    let scale = 1023.0 / (hi - lo).max_element().max(f32::MIN_POSITIVE);
+    let spread = |v: f32| {
+        let v = v as u32;
+        (0..10).fold(0u32, |s, k| s | (v >> k & 1) << (3 * k))
+    };
+    let code = |p: Vec3| {
+        let p = (p - lo) * scale;
+        spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
+    };
+    let mut order: Vec<(u32, u32)> =
+        clusters.iter().zip(0..).map(|(c, i)| (code(c.centre), i)).collect();
+    order.sort_unstable();
+    order.into_iter().map(|o| o.1).collect()
+}
