@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use super::CliError;
 use super::centerline::{PathArgs, center};
-use super::frames::{Film, Filmed, FrameArgs, Setup, film};
+use super::film::{Film, Filmed, film};
+use super::frames::{FrameArgs, Setup};
 use super::lumen_args::{Chosen, LumenArgs};
 use super::mesh_args::{FromArgs, SurfaceArgs};
 use super::surface::{ModeArg, automatic};
@@ -87,6 +88,7 @@ impl Flown {
             lumen: Some(LumenReport::of(lumen, found)),
             surface: Some(SurfaceReport::of(self.wall.topology, self.wall.mesh.area_mm2())),
             centerline: Some(CenterlineReport::of(&self.centered, lumen)),
+            lod: Some(self.film.lod),
             frames: Some(self.film.report),
             warnings: self.film.warnings,
             ..Report::new(device, clock)

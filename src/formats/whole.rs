@@ -127,3 +127,10 @@ pub fn write_whole(
     fill(&mut file).map_err(|e| FormatError::io(path, e))?;
     file.commit()
 }
+
+/// Where what can be computed again is kept: `$XDG_CACHE_HOME/intima` or `~/.cache/intima`.
+pub fn user_cache() -> Option<PathBuf> {
+    let set = |name| std::env::var_os(name).map(PathBuf::from).filter(|p| p.is_absolute());
+    let base = set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")))?;
+    Some(base.join("intima"))
+}

@@ -3,6 +3,7 @@
 use crate::centerline::CenterlineError;
 use crate::device::DeviceError;
 use crate::formats::FormatError;
+use crate::lod::clusters::ClusterError;
 use crate::lumen::LumenError;
 
 /// Why a chain stopped.
@@ -21,6 +22,9 @@ pub enum PipelineError {
     /// The device.
     #[error(transparent)]
     Device(#[from] DeviceError),
+    /// Clusters of a mesh.
+    #[error(transparent)]
+    Clusters(#[from] ClusterError),
     /// More memory than allowed.
     #[error("this needs about {needed_mb} MB, more than --max-memory {allowed_mb} MB ({what})")]
     Memory {

@@ -3,6 +3,7 @@
 
 mod chain;
 mod clock;
+pub mod detail;
 mod error;
 mod fields;
 mod memory;
@@ -11,6 +12,7 @@ mod surface;
 
 pub use chain::{Centered, Mode, Settings, centered, paper_centered};
 pub use clock::{Clock, Stage};
+pub use detail::{Detail, Lod};
 pub use error::PipelineError;
 pub use fields::{Fields, distance_field, fields, hessian_field, volume_as_bricks};
 pub use memory::{estimate_bytes, peak_memory_mb, refuse_above, reset_peak};

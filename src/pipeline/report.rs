@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use super::detail::LodReport;
 use super::{Centered, Clock, Stage};
 use crate::centerline::Proof;
 use crate::lumen::{Found, Lumen};
@@ -30,6 +31,8 @@ pub struct Report {
     pub centerline: Option<CenterlineReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub modes: Option<Modes>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lod: Option<LodReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<FramesReport>,
     pub warnings: Vec<String>,
@@ -118,6 +121,15 @@ pub struct FramesReport {
     pub p50_ms: f64,
     pub p99_ms: f64,
     pub triangles_p50: u64,
+    pub triangles_p99: u64,
+    /// Written to patches on the device.
+    pub uploaded_bytes_p50: u64,
+    pub uploaded_bytes_p99: u64,
+    /// Octree leaves that changed their state.
+    pub leaves_changed_p50: u64,
+    pub leaves_changed_p99: u64,
+    /// Frames coarser than asked for, for want of room.
+    pub degraded: usize,
     pub total_ms: f64,
     /// Smallest distance between the near plane's ball and the wall over all frames.
     pub min_near_clearance_mm: f64,

@@ -56,6 +56,8 @@ pub(super) struct Pages {
     /// By page, so that copies ascend.
     pending: BTreeMap<u32, Change>,
     drawn: Vec<Drawn>,
+    leaves_changed: u64,
+    degraded: bool,
 }
 
 impl Pages {
@@ -69,7 +71,16 @@ impl Pages {
         let indices = indices.inspect_err(|_| gpu.free_buffer(vertices))?;
         let filled = vec![0; pages as usize];
         let (pending, drawn) = (BTreeMap::new(), Vec::new());
-        Ok(Self { vertices, indices, mean_radius_mm, filled, pending, drawn })
+        Ok(Self {
+            vertices,
+            indices,
+            mean_radius_mm,
+            filled,
+            pending,
+            drawn,
+            leaves_changed: 0,
+            degraded: false,
+        })
     }
 
     /// Takes a step in, or nothing of it.
@@ -94,6 +105,8 @@ impl Pages {
             self.pending.insert(u.page, Change { vertices: u.vertices, indices });
         }
         self.drawn = step.drawn;
+        self.leaves_changed += u64::from(step.leaves_changed);
+        self.degraded = step.degraded;
         Ok(())
     }
 
@@ -243,6 +256,8 @@ impl Renderer<'_> {
         let own = self.pages[handle.0].as_mut().expect("a wall that was not closed");
         let mut left = own.pending_bytes();
         stats.uploaded_bytes = left;
+        stats.leaves_changed = std::mem::take(&mut own.leaves_changed);
+        stats.degraded = own.degraded;
         while left > CHUNK_BYTES {
             left -= own.send(self.gpu, CHUNK_BYTES, Vec::new(), None)?;
         }

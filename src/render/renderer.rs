@@ -37,6 +37,10 @@ pub struct FrameStats {
     pub draws: u32,
     /// Bytes written to pages.
     pub uploaded_bytes: u64,
+    /// Octree leaves whose state changed since the frame before.
+    pub leaves_changed: u64,
+    /// The cut did not fit its pages and is coarser than asked for.
+    pub degraded: bool,
 }
 
 /// What a frame shows.

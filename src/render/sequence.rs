@@ -17,9 +17,9 @@ impl Renderer<'_> {
         &mut self,
         scene: &Scene,
         shots: impl IntoIterator<Item = Shot>,
-        mut sink: impl FnMut(usize, Vec<u8>) -> Result<(), E>,
+        sink: impl FnMut(usize, Vec<u8>, FrameStats) -> Result<(), E>,
     ) -> Result<(), E> {
-        self.sequence(scene, shots, |_, _, _| Ok(()), |i, rgb, _| sink(i, rgb))
+        self.sequence(scene, shots, |_, _, _| Ok(()), sink)
     }
 
     /// The same for a wall in pages: each frame shows the settled cut of its own camera. The worker

@@ -56,13 +56,6 @@ impl Cache {
     }
 }
 
-/// `$XDG_CACHE_HOME/intima` or `~/.cache/intima`.
-pub(super) fn user_dir() -> Option<PathBuf> {
-    let set = |name| std::env::var_os(name).map(PathBuf::from).filter(|p| p.is_absolute());
-    let base = set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")))?;
-    Some(base.join("intima"))
-}
-
 fn read(path: &Path, limits: &Limits) -> Option<Vec<u8>> {
     let file = std::fs::read(path).ok()?;
     let data = file.strip_prefix(MAGIC)?;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use ash::vk;
 
-use super::cache::{self, Cache};
+use super::cache::Cache;
 use super::commands::Commands;
 use super::draw_pipeline::DrawPipeline;
 use super::info::{self, Choice, DeviceInfo};
@@ -17,6 +17,7 @@ use super::slab::Slab;
 use super::staging::Staging;
 use super::timeline::{Retire, Timeline};
 use super::{VkError, device};
+use crate::formats::whole;
 
 /// How to open a device, beyond which one.
 #[derive(Clone, Debug)]
@@ -34,7 +35,7 @@ pub struct OpenOptions {
 impl Default for OpenOptions {
     /// Validation as `INTIMA_VALIDATE` says, pipelines in the user's cache directory.
     fn default() -> Self {
-        Self { validate: Validate::from_env(), cache_dir: cache::user_dir(), always_stage: false }
+        Self { validate: Validate::from_env(), cache_dir: whole::user_cache(), always_stage: false }
     }
 }
 
