@@ -10,9 +10,12 @@ use super::{Cluster, ClusterError, Clusters, Group, NONE};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::octree::{Item, around};
 use crate::lod::{PAGE_TRIANGLES, PAGE_VERTICES, Sphere};
+use crate::mesh::Nearest;
 
 /// A group that keeps more than this share of its faces is not worth a level.
 const KEPT_MAX: f64 = 0.85;
+/// Faces of a cluster as first cut; the rest is room to even out its rim.
+const FILL: usize = 122;
 /// Pieces of the original measured by one task.
 const TASK: usize = 4096;
 /// Faces: ids are 32 bits, and four half-edge ids a face must fit.
@@ -78,6 +81,7 @@ impl Clusters {
             normals: &normals,
             faces: &mesh.faces,
             beside: &beside,
+            tree: &Nearest::new(mesh),
         };
         let original = Original { target, face_at };
         let mut this = Self {
@@ -90,7 +94,7 @@ impl Clusters {
             key: super::bytes::key(mesh, vertices),
         };
         let mut live: Vec<(u32, Draft)> = Vec::new();
-        for draft in finest(mesh) {
+        for draft in finest(mesh, &beside) {
             live.push((this.push(&draft, mesh, NONE), draft));
         }
         while live.len() > 1 {
@@ -248,13 +252,12 @@ fn ball(of: impl Iterator<Item = (Vec3, f32)> + Clone) -> Sphere {
 }
 
 /// Clusters of the original's own faces.
-fn finest(mesh: &Mesh) -> Vec<Draft> {
+fn finest(mesh: &Mesh, beside: &[[u32; 3]]) -> Vec<Draft> {
     let centre = |f: u32| {
         let [a, b, c] = mesh.faces[f as usize].map(|v| mesh.positions[v as usize]);
         (a + b + c) / 3.0
     };
-    let mut ids: Vec<u32> = (0..mesh.faces.len() as u32).collect();
-    let parts = clusters_of(&mut ids, &|f| mesh.faces[f as usize], &centre);
+    let (mut ids, parts) = clusters_of(&mesh.faces, beside, &centre);
     let mut rest = ids.as_mut_slice();
     let mut own = Vec::with_capacity(parts.len());
     for n in parts {
@@ -288,25 +291,43 @@ fn vertices_of(faces: impl Iterator<Item = [u32; 3]>) -> Vec<u32> {
     all
 }
 
-/// Sorts faces into clusters that fit a page: how many each takes, in their new order.
+/// Sorts faces into clusters that fit a page: their ids cluster after cluster, ascending in each,
+/// and how many each takes.
 fn clusters_of(
-    ids: &mut [u32],
-    face: &(impl Fn(u32) -> [u32; 3] + Sync),
+    faces: &[[u32; 3]],
+    beside: &[[u32; 3]],
     centre: &(impl Fn(u32) -> Vec3 + Sync),
-) -> Vec<usize> {
-    let mut parts = Vec::new();
-    let mut at = 0;
-    for n in partition::split(ids, PAGE_TRIANGLES, centre) {
-        let own = &mut ids[at..at + n];
-        // Loose triangles have more vertices than faces.
-        if vertices_of(own.iter().map(|f| face(*f))).len() > PAGE_VERTICES {
-            parts.extend(partition::split(own, PAGE_VERTICES / 3, centre));
-        } else {
-            parts.push(n);
-        }
-        at += n;
+) -> (Vec<u32>, Vec<usize>) {
+    let mut order: Vec<u32> = (0..faces.len() as u32).collect();
+    let mut sizes = partition::split(&mut order, FILL, centre);
+    let mut part = vec![0u32; faces.len()];
+    let mut first = 0;
+    for (n, id) in sizes.iter().zip(0..) {
+        order[first..first + n].iter().for_each(|f| part[*f as usize] = id);
+        first += n;
     }
-    parts
+    partition::smooth(&mut part, &mut sizes, PAGE_TRIANGLES, beside);
+    let mut fill = vec![0; sizes.len()];
+    for i in 1..sizes.len() {
+        fill[i] = fill[i - 1] + sizes[i - 1];
+    }
+    for (f, p) in (0..).zip(&part) {
+        order[fill[*p as usize]] = f;
+        fill[*p as usize] += 1;
+    }
+    let mut fit = Vec::with_capacity(sizes.len());
+    let mut first = 0;
+    for n in sizes.into_iter().filter(|n| *n > 0) {
+        let own = &mut order[first..first + n];
+        // Loose triangles have more vertices than faces.
+        if vertices_of(own.iter().map(|f| faces[*f as usize])).len() > PAGE_VERTICES {
+            fit.extend(partition::split(own, PAGE_VERTICES / 3, centre));
+        } else {
+            fit.push(n);
+        }
+        first += n;
+    }
+    (order, fit)
 }
 
 /// Halves the faces of a group, measures what that did, and cuts the result into clusters. `None`
@@ -338,20 +359,29 @@ fn simplify(
         return None;
     }
     // Coarse faces, cluster after cluster.
-    let mut order: Vec<u32> = (0..left as u32).collect();
+    let faces: Vec<[u32; 3]> = halved.faces.iter().map(|f| f.map(u32::from)).collect();
+    let beside = partition::beside(&faces, own.len());
     let centre = |f: u32| {
-        let [a, b, c] = halved.faces[f as usize].map(|v| at[usize::from(v)]);
+        let [a, b, c] = faces[f as usize].map(|v| at[v as usize]);
         ((a + b + c) / 3.0).as_vec3()
     };
-    let sizes = clusters_of(&mut order, &|f| halved.faces[f as usize].map(u32::from), &centre);
+    let (order, sizes) = clusters_of(&faces, &beside, &centre);
     if sizes.len() >= inputs.len() {
         return None;
     }
-    let coarse: Vec<[u32; 3]> =
-        order.iter().map(|f| halved.faces[*f as usize].map(u32::from)).collect();
-    let beside = partition::beside(&coarse, own.len());
+    let coarse: Vec<[u32; 3]> = order.iter().map(|f| faces[*f as usize]).collect();
+    let mut place = vec![NONE; left];
+    order.iter().zip(0..).for_each(|(f, i)| place[*f as usize] = i);
+    let moved = |n: u32| if n == NONE { NONE } else { place[n as usize] };
+    let beside: Vec<[u32; 3]> = order.iter().map(|f| beside[*f as usize].map(moved)).collect();
+    let local = Mesh {
+        positions: own.iter().map(|v| positions[*v as usize]).collect(),
+        faces: coarse.clone(),
+        ..Mesh::default()
+    };
+    let tree = Nearest::new(&local);
     let faces: Vec<[u32; 3]> = coarse.iter().map(|f| f.map(|v| own[v as usize])).collect();
-    let target = Target { positions, normals, faces: &faces, beside: &beside };
+    let target = Target { positions, normals, faces: &faces, beside: &beside, tree: &tree };
     let mut outputs = Vec::with_capacity(sizes.len());
     let mut owner: Vec<(u16, u8)> = Vec::with_capacity(left);
     for (n, cluster) in sizes.into_iter().zip(0..) {
@@ -367,9 +397,14 @@ fn simplify(
     let mut bound = floor;
     for (v, p) in (0..).zip(&own) {
         let p = positions[*p as usize].as_dvec3();
-        let near = target.nearest(target.walk(stands(v), p), p);
-        bound = bound.max(near.d2.sqrt());
+        let near = target.nearest(target.walk(stands(v), p), p).d2.sqrt();
+        if near > bound {
+            // The walk may have ended in a corner of the group.
+            let true_one = target.tree.closest_within(p, near);
+            bound = bound.max(true_one.map_or(near, |c| c.distance_mm));
+        }
     }
+    let bv = bound;
     let measure = Measure { target, original, owner: &owner };
     let mut angle: f64 = 0.0;
     let mut first = 0;
@@ -389,7 +424,16 @@ fn simplify(
         }
     }
     outputs.iter_mut().for_each(|d| d.unite(original));
+    let b0 = bound;
     bound = measure.back(bound);
+    if std::env::var("DBG").is_ok() {
+        eprintln!(
+            "group {} -> {}: floor {floor:.4} vertices {bv:.4} towards {b0:.4} back {bound:.4} parts {}",
+            before,
+            left,
+            outputs.iter().map(|d| d.parts.len()).sum::<usize>()
+        );
+    }
     let far = positions[own[0] as usize].abs().max_element();
     let long = |f: &[u32; 3]| {
         let [a, b, c] = f.map(|v| positions[v as usize]);

@@ -3,12 +3,16 @@
 use glam::{DVec3, Vec3};
 
 use super::partition::NONE;
+use crate::mesh::Nearest;
 
 /// Corners of a piece, at most.
 const CORNERS: usize = 12;
 /// Cuts behind each other, at most: near a corner the planes of its edges do not quite meet, and a
 /// piece could be handed around.
 const CUTS: u32 = 20;
+
+/// How much larger than need be a bound may be.
+const SLACK: f64 = 1.05;
 
 /// A flat convex piece of a surface.
 #[derive(Clone, Copy)]
@@ -106,6 +110,8 @@ pub struct Target<'a> {
     pub faces: &'a [[u32; 3]],
     /// Face across each edge.
     pub beside: &'a [[u32; 3]],
+    /// The same faces for search from afar.
+    pub tree: &'a Nearest,
 }
 
 impl Target<'_> {
@@ -151,6 +157,14 @@ impl Target<'_> {
             return put([0.0, 1.0 - w, w]);
         }
         let sum = va + vb + vc;
+        if sum.is_nan() || sum <= 0.0 {
+            // No area: one of the corners, which is not nearer than the nearest place.
+            let d = [a, b, c].map(|q| q.distance_squared(p));
+            let k = (0..3).fold(0, |k, i| if d[i] < d[k] { i } else { k });
+            let mut weights = [0.0; 3];
+            weights[k] = 1.0;
+            return Near { d2: d[k], weights };
+        }
         let (v, w) = (vb / sum, vc / sum);
         put([1.0 - v - w, v, w])
     }
@@ -211,13 +225,16 @@ impl Target<'_> {
         d2.fold(0.0, f64::max).sqrt()
     }
 
-    /// Cuts a piece up, gives each part the face it is nearest to, and raises `bound` (mm) to the
-    /// largest distance: of every point of a part to its face it is an upper bound whatever the
-    /// cuts are, since distance to one triangle is convex and parts make up the whole. Parts within
-    /// `bound` are not cut further. `take` gets face, part, and whether it is the whole piece.
+    /// Cuts a piece up, gives each part a face near it, and raises `bound` (mm) to the largest
+    /// distance: of every point of a part to its face it is an upper bound whatever the cuts are,
+    /// since distance to one triangle is convex and parts make up the whole. Parts within `bound`
+    /// are not cut further; nor are those that reach no more than [`SLACK`] beyond what their
+    /// corners' true distances make the least bound there can be. `take` gets face, part, and
+    /// whether it is the whole piece.
     ///
     /// The cuts between two faces stand on their common edge along the normals of its ends, so that
-    /// both sides cut alike.
+    /// both sides cut alike. Where that leads nowhere (rims, needles, corners where such planes do
+    /// not meet in a line), halving does.
     pub fn cover(
         &self,
         piece: &Piece,
@@ -235,48 +252,87 @@ impl Target<'_> {
         while let Some((piece, start, cuts, whole)) = open.pop() {
             let face = self.walk(start, piece.centre());
             let far = self.farthest(face, &piece);
-            if far <= *bound || cuts >= CUTS {
-                *bound = bound.max(far);
+            if far <= *bound {
                 take(face, &piece, whole);
                 continue;
             }
             let corners = self.corners(face);
             let side = corners[0].distance(corners[1]).max(corners[1].distance(corners[2]));
             let (length, a, b) = piece.longest();
+            if cuts < CUTS && length <= 2.0 * side.max(*bound) {
+                let before = open.len();
+                let rest = self.cut_along_walls(face, piece, |next, part| {
+                    open.push((part, next, cuts + 1, false));
+                });
+                match rest {
+                    // All beyond one wall, or within all of them.
+                    Some(rest) if open.len() > before => {
+                        open.push((rest, face, CUTS, false));
+                        continue;
+                    }
+                    None => {
+                        let alone = open.len() == before + 1;
+                        if let Some(last) = open.last_mut() {
+                            last.3 = whole && alone;
+                        }
+                        continue;
+                    }
+                    Some(_) => {}
+                }
+            }
             if length > 2.0 * side.max(*bound)
                 && let Some(halves) = piece.cut(b - a, 0.5 * (a + b))
             {
                 open.extend(halves.map(|h| (h, face, cuts, false)));
                 continue;
             }
-            let mut rest = piece;
-            let mut split = false;
-            for k in 0..3 {
-                let next = self.beside[face as usize][k];
-                if next == NONE {
-                    continue;
-                }
-                let Some((normal, through)) = self.wall(face, k) else { continue };
-                let out = rest.corners().iter().any(|p| normal.dot(*p - through) > 1e-9);
-                if !out {
-                    continue;
-                }
-                let inner = rest.corners().iter().any(|p| normal.dot(*p - through) < -1e-9);
-                if let Some([inside, outside]) = rest.cut(normal, through) {
-                    open.push((outside, next, cuts + 1, whole && !split && !inner));
-                    split |= inner;
-                    rest = inside;
-                    if !inner {
-                        rest.count = 0;
-                        break;
-                    }
-                }
-            }
-            if rest.count >= 3 {
-                *bound = bound.max(self.farthest(face, &rest));
-                take(face, &rest, whole && !split);
+            // Exact from here on.
+            let (face, far) = match self.tree.closest(piece.centre()) {
+                Some(c) => (c.at.face, self.farthest(c.at.face, &piece).min(far)),
+                None => (face, far),
+            };
+            let least = piece.corners().iter().filter_map(|p| self.tree.closest(*p));
+            *bound = least.fold(*bound, |m, c| m.max(c.distance_mm));
+            if far <= SLACK * *bound || length <= 1e-9 {
+                *bound = bound.max(far);
+                take(face, &piece, whole);
+            } else if let Some(halves) = piece.cut(b - a, 0.5 * (a + b)) {
+                open.extend(halves.map(|h| (h, face, cuts, false)));
+            } else {
+                *bound = bound.max(far);
+                take(face, &piece, whole);
             }
         }
+    }
+
+    /// Hands what lies beyond each wall of a face to the face there; what is left, if anything.
+    fn cut_along_walls(
+        &self,
+        face: u32,
+        piece: Piece,
+        mut hand: impl FnMut(u32, Piece),
+    ) -> Option<Piece> {
+        let mut rest = piece;
+        for k in 0..3 {
+            let next = self.beside[face as usize][k];
+            if next == NONE {
+                continue;
+            }
+            let Some((normal, through)) = self.wall(face, k) else { continue };
+            let height = |p: &DVec3| normal.dot(*p - through);
+            if !rest.corners().iter().any(|p| height(p) > 1e-9) {
+                continue;
+            }
+            if !rest.corners().iter().any(|p| height(p) < -1e-9) {
+                hand(next, rest);
+                return None;
+            }
+            if let Some([inside, outside]) = rest.cut(normal, through) {
+                hand(next, outside);
+                rest = inside;
+            }
+        }
+        Some(rest)
     }
 
     /// The plane on edge `k` of a face: outward unit normal and a point; `None` without a direction.

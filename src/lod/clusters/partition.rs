@@ -71,6 +71,35 @@ pub fn split(items: &mut [u32], most: usize, at: &(impl Fn(u32) -> Vec3 + Sync))
     a
 }
 
+/// Moves faces that have two neighbours in one other part, and at most one in their own, over to
+/// that part while it has room. Cuts along planes leave such teeth, and islands of one face.
+pub fn smooth(part: &mut [u32], sizes: &mut [usize], most: usize, beside: &[[u32; 3]]) {
+    for _ in 0..4 {
+        let mut moved = false;
+        for f in 0..part.len() {
+            let own = part[f];
+            let near = beside[f].map(|n| if n == NONE { NONE } else { part[n as usize] });
+            let [a, b, c] = near;
+            let other = if a == b || a == c {
+                a
+            } else if b == c {
+                b
+            } else {
+                continue;
+            };
+            if other != own && other != NONE && sizes[other as usize] < most {
+                part[f] = other;
+                sizes[own as usize] -= 1;
+                sizes[other as usize] += 1;
+                moved = true;
+            }
+        }
+        if !moved {
+            break;
+        }
+    }
+}
+
 /// What grouping needs of a cluster: edges on its border (lower vertex first), and its middle.
 pub struct Bordered {
     /// Edges with one of its faces.
