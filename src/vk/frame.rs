@@ -35,8 +35,6 @@ pub struct Frame<'a> {
 pub struct FrameOptions {
     /// Leaves out the barriers around writes, so that validation has a hazard to find.
     pub skip_barriers: bool,
-    /// Draws pieces one by one, as where the device takes no more from one command.
-    pub one_by_one: bool,
 }
 
 /// Bytes of one indirect command (`VkDrawIndexedIndirectCommand`).
