@@ -141,6 +141,9 @@ impl Gpu {
                 return Err(e);
             }
         };
+        if options.write_twice {
+            self.record_writes(cmd, &frame.writes, place, options);
+        }
         place = self.record_writes(cmd, &frame.writes, place, options);
         let mut sets = sets.into_iter();
         for pass in &frame.passes {
