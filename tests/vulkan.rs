@@ -7,7 +7,10 @@ mod common;
 use intima::compute::{Buf, Kernel, Plan, Shader, run_cpu, worst};
 use intima::device::{Device, DeviceChoice};
 use intima::kernels::fair::{Bindings, KERNEL, Params};
-use intima::vk::{Choice, Gpu, OpenOptions, RunOptions, Validate, VkError};
+use intima::vk::{
+    BufferId, Choice, Frame, FrameOptions, Gpu, OpenOptions, RunOptions, STAGING_BYTES, Validate,
+    VkError, Write,
+};
 
 /// A ring of vertices, faired `rounds` times; the output has room for `room` vertices.
 fn ring(
@@ -61,6 +64,68 @@ fn a_write_past_a_buffer_is_reported_and_one_within_is_not() {
     let _ = gpu.run(&plan);
     let said = gpu.validation_messages();
     assert!(said.iter().any(|m| m.contains("ut of bounds")), "validation saw nothing: {said:?}");
+}
+
+/// A frame that does nothing but write `bytes` zeros at `offset`.
+fn written(to: BufferId, offset: u64, bytes: usize) -> Write<'static> {
+    Write { to, offset, bytes: vec![0; bytes].into() }
+}
+
+#[test]
+fn a_missing_barrier_between_writes_to_one_place_is_reported() {
+    let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
+    let to = gpu.empty_vertices("vertices", 4096).unwrap();
+    let frame = Frame { writes: vec![written(to, 0, 512)], ..Frame::default() };
+    // Within one submission, which is as far as older layers look.
+    let options = FrameOptions { write_twice: true, ..FrameOptions::default() };
+    gpu.submit_draws_with(&frame, options).unwrap();
+    gpu.submit_draws(&frame).unwrap();
+    common::assert_silent(&gpu);
+    gpu.submit_draws_with(&frame, FrameOptions { skip_barriers: true, ..options }).unwrap();
+    let said = gpu.validation_messages();
+    assert!(said.iter().any(|m| m.contains("SYNC-HAZARD")), "validation saw nothing: {said:?}");
+}
+
+#[test]
+fn writes_that_overlap_or_pass_the_end_are_refused_before_anything_is_recorded() {
+    let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
+    let vertices = gpu.empty_vertices("vertices", 4096).unwrap();
+    let indices = gpu.empty_indices("indices", 100).unwrap();
+    let mut refused = |writes: Vec<Write<'static>>| {
+        let frame = Frame { writes, ..Frame::default() };
+        let send = || gpu.submit_draws(&frame);
+        std::panic::catch_unwind(std::panic::AssertUnwindSafe(send)).is_err()
+    };
+    let touching = vec![written(vertices, 0, 100), written(vertices, 100, 100)];
+    assert!(!refused(touching));
+    assert!(!refused(vec![written(vertices, 0, 100), written(indices, 0, 100)]));
+    assert!(refused(vec![written(vertices, 0, 101), written(vertices, 100, 100)]));
+    assert!(refused(vec![written(vertices, 4000, 97)]));
+    assert!(refused(vec![written(vertices, u64::MAX, 2)]));
+    assert!(refused(vec![written(indices, 1, 2)]));
+    common::assert_silent(&gpu);
+}
+
+#[test]
+fn a_frame_larger_than_the_staging_ring_is_refused_and_smaller_ones_take_turns() {
+    let Some(mut gpu) = common::gpu(Validate::Off) else { return };
+    let huge = (STAGING_BYTES + 4) as usize;
+    let to = gpu.empty_vertices("vertices", huge as u64).unwrap();
+    let frame = |bytes| Frame { writes: vec![written(to, 0, bytes)], ..Frame::default() };
+    match gpu.submit_draws(&frame(huge)) {
+        Err(VkError::StagingFull { bytes, budget }) => assert_eq!(bytes - 4, budget),
+        other => panic!("{other:?}"),
+    }
+    assert!(matches!(gpu.make_room(huge as u64), Err(VkError::StagingFull { .. })));
+    assert_eq!(gpu.staging_held(), 0);
+    // A third of the ring each: the fourth of every round waits for the first.
+    let third = (STAGING_BYTES / 3) as usize;
+    for _ in 0..10 {
+        gpu.make_room(third as u64).unwrap();
+        gpu.submit_draws(&frame(third)).unwrap();
+    }
+    let held = gpu.staging_held();
+    assert!(held >= third as u64 && held <= STAGING_BYTES, "{held}");
 }
 
 /// `fair` with the constant 1 of its shader made a little larger.

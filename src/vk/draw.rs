@@ -141,10 +141,13 @@ impl Gpu {
                 return Err(e);
             }
         };
+        if options.write_twice {
+            self.record_writes(cmd, &frame.writes, place, options);
+        }
         place = self.record_writes(cmd, &frame.writes, place, options);
         let mut sets = sets.into_iter();
         for pass in &frame.passes {
-            self.record_pass(cmd, pass, &mut sets, &mut place, options);
+            self.record_pass(cmd, pass, &mut sets, &mut place);
         }
         if let Some((from, to)) = frame.picture {
             self.record_copy(cmd, from, to);
@@ -278,7 +281,6 @@ impl Gpu {
         pass: &Pass,
         sets: &mut impl Iterator<Item = vk::DescriptorSet>,
         place: &mut u64,
-        options: FrameOptions,
     ) {
         let colour_layout = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
         let depth_layout = vk::ImageLayout::DEPTH_ATTACHMENT_OPTIMAL;
@@ -387,7 +389,7 @@ impl Gpu {
                         }
                     }
                 }
-                Take::Pieces(pieces) => self.record_pieces(cmd, pieces, place, options),
+                Take::Pieces(pieces) => self.record_pieces(cmd, pieces, place),
             }
         }
         // SAFETY: `cmd` is recording within the rendering begun above.
@@ -396,16 +398,10 @@ impl Gpu {
 
     /// Draws pieces from commands in the staging ring from `place` on. The host wrote them before
     /// the submission, which makes them visible to it without a barrier.
-    fn record_pieces(
-        &mut self,
-        cmd: vk::CommandBuffer,
-        pieces: &[Piece],
-        place: &mut u64,
-        options: FrameOptions,
-    ) {
+    fn record_pieces(&mut self, cmd: vk::CommandBuffer, pieces: &[Piece], place: &mut u64) {
         let (first, at_once) = (*place, u64::from(self.info.limits.draws_at_once));
         *place += pieces.len() as u64 * COMMAND_BYTES;
-        if at_once <= 1 || options.one_by_one {
+        if at_once <= 1 {
             for p in pieces {
                 let offset = p.first_vertex as i32;
                 // SAFETY: `cmd` is recording within a rendering with pipeline and buffers bound;

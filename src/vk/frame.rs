@@ -35,8 +35,8 @@ pub struct Frame<'a> {
 pub struct FrameOptions {
     /// Leaves out the barriers around writes, so that validation has a hazard to find.
     pub skip_barriers: bool,
-    /// Draws pieces one by one, as where the device takes no more from one command.
-    pub one_by_one: bool,
+    /// Records the writes twice, as the next frame might.
+    pub write_twice: bool,
 }
 
 /// Bytes of one indirect command (`VkDrawIndexedIndirectCommand`).

@@ -30,12 +30,21 @@ pub struct OpenOptions {
     /// drivers can test the path of graphics cards.
     #[doc(hidden)]
     pub always_stage: bool,
+    /// Takes at most so many draws from one indirect command, as devices with lower limits do; 1 is
+    /// a device without multiDrawIndirect.
+    #[doc(hidden)]
+    pub draws_at_once: u32,
 }
 
 impl Default for OpenOptions {
     /// Validation as `INTIMA_VALIDATE` says, pipelines in the user's cache directory.
     fn default() -> Self {
-        Self { validate: Validate::from_env(), cache_dir: whole::user_cache(), always_stage: false }
+        Self {
+            validate: Validate::from_env(),
+            cache_dir: whole::user_cache(),
+            always_stage: false,
+            draws_at_once: u32::MAX,
+        }
     }
 }
 
@@ -75,7 +84,8 @@ impl Gpu {
     /// As [`Gpu::open`]; [`VkError::NoValidation`] when the layer is asked for and not there.
     pub fn open_with(choice: Choice, options: OpenOptions) -> Result<Self, VkError> {
         let instance = Instance::new(options.validate)?;
-        let (physical, info) = info::choose(&instance, choice)?;
+        let (physical, mut info) = info::choose(&instance, choice)?;
+        info.limits.draws_at_once = info.limits.draws_at_once.min(options.draws_at_once);
         let (device, queue) = device::open(&instance, physical, &info)?;
         let device = OwnedDevice(device);
         let unified = info.unified_memory && !options.always_stage;

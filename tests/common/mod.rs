@@ -13,7 +13,13 @@ pub fn gpu(validate: Validate) -> Option<Gpu> {
 
 /// The same, copying through staging memory as on a graphics card.
 pub fn staging_gpu(validate: Validate) -> Option<Gpu> {
-    open(OpenOptions { validate, cache_dir: None, always_stage: true })
+    open(OpenOptions { validate, cache_dir: None, always_stage: true, ..OpenOptions::default() })
+}
+
+/// The same, with no more than `n` draws in one indirect command.
+pub fn few_draws_gpu(n: u32, validate: Validate) -> Option<Gpu> {
+    let options = OpenOptions { validate, cache_dir: None, ..OpenOptions::default() };
+    open(OpenOptions { draws_at_once: n, ..options })
 }
 
 fn open(options: OpenOptions) -> Option<Gpu> {

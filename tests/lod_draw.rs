@@ -1,0 +1,354 @@
+//! A wall in pages: the pictures it makes, while pages run out and uploads are few.
+
+mod common;
+#[path = "common/child.rs"]
+mod child;
+#[path = "common/sections.rs"]
+mod sections;
+#[path = "common/tube.rs"]
+mod tube;
+
+use std::collections::VecDeque;
+
+use intima::geometry::{Lens, Mesh};
+use intima::lod::{Camera, Drawn, PAGE_BYTES, Refine, Step, Tolerance, Upload, Worker};
+use intima::render::{FrameStats, IN_FLIGHT, Look, RenderError, Renderer, Scene, Shot, View, Wall};
+use intima::surface::shading;
+use intima::vk::{Gpu, STAGING_BYTES, Validate};
+use sections::{BASE_PAGES, FINE_PAGES, Sections, whole};
+
+const SIZE: [u32; 2] = [160, 120];
+const LENS: Lens = Lens { fov_y_rad: 1.4, aspect: 4.0 / 3.0, near_mm: 0.5 };
+/// Tissue is never greener than red.
+const GREEN: Look = Look {
+    background: [0.0, 1.0, 0.0],
+    tissue: [0.76, 0.24, 0.175],
+    ambient: 0.12,
+    diffuse: 0.64,
+    specular: 0.25,
+    power: 50.0,
+    falloff_mm: None,
+    relief: 0.45,
+    exposure: 2.3,
+};
+
+fn shot(s: f32) -> Shot {
+    Shot { view: View::Inside, pose: tube::pose(s), lens: LENS, progress: s / tube::length() }
+}
+
+/// There and back again, quicker than pages can follow.
+fn flight(frames: usize) -> Vec<Shot> {
+    let there = |i: usize| {
+        let t = 2.0 * i as f32 / (frames - 1) as f32;
+        8.0 + (tube::length() - 16.0) * if t > 1.0 { 2.0 - t } else { t }
+    };
+    (0..frames).map(|i| shot(there(i))).collect()
+}
+
+fn holes(rgb: &[u8]) -> usize {
+    rgb.chunks_exact(3).filter(|p| p[1] > p[0]).count()
+}
+
+fn renderer(gpu: &mut Gpu, samples: u32) -> Renderer<'_> {
+    Renderer::new(gpu, SIZE[0], SIZE[1], samples).unwrap()
+}
+
+/// A scene of all of `mesh` in pages of at most `most` triangles.
+fn paged(r: &mut Renderer<'_>, mesh: &Mesh, most: usize, backs: bool) -> Scene {
+    let step = whole(mesh, most);
+    let pages = step.drawn.len() as u32;
+    let pages = r.open_pages(pages, shading(mesh).mean_radius_mm).unwrap();
+    r.apply(pages, step).unwrap();
+    Scene { wall: Wall::Pages { pages, backs }, ..Scene::paged(pages, None) }
+}
+
+/// Draws the shots one by one.
+fn pictures(r: &mut Renderer<'_>, scene: &Scene, shots: &[Shot]) -> Vec<Vec<u8>> {
+    shots.iter().map(|s| r.render(scene, s).unwrap()).collect()
+}
+
+fn worker(pages: u32, uploads: u64) -> Worker {
+    let tolerance = Tolerance { pixels: 1.0 };
+    let refine = Box::new(Sections::new());
+    Worker::spawn(refine, tolerance, pages, uploads * PAGE_BYTES, IN_FLIGHT as u32).unwrap()
+}
+
+#[test]
+fn pages_make_the_picture_of_their_mesh_bit_by_bit() {
+    let mesh = tube::tube(250, 64);
+    let shots = flight(7);
+    for (samples, at_once) in [(1, u32::MAX), (4, u32::MAX), (4, 1), (1, 7)] {
+        let Some(mut gpu) = common::few_draws_gpu(at_once, Validate::Sync) else { return };
+        let mut r = renderer(&mut gpu, samples);
+        let plain = Scene::of(r.upload_mesh(&mesh, false).unwrap());
+        let want = pictures(&mut r, &plain, &shots);
+        for (most, backs) in [(128, true), (128, false), (16, false)] {
+            let scene = paged(&mut r, &mesh, most, backs);
+            let got = pictures(&mut r, &scene, &shots);
+            assert!(got == want, "{samples} samples, {at_once} draws at once, {most}, {backs}");
+        }
+        drop(r);
+        common::assert_silent(&gpu);
+    }
+}
+
+#[test]
+fn what_is_not_seen_is_not_submitted() {
+    let Some(mut gpu) = common::gpu(Validate::Off) else { return };
+    let mesh = tube::tube(250, 64);
+    let mut r = renderer(&mut gpu, 1);
+    let mut took = Vec::new();
+    for backs in [true, false] {
+        let scene = paged(&mut r, &mesh, 16, backs);
+        let ticket = r.begin_frame(&scene, &shot(140.0)).unwrap();
+        took.push(ticket.stats);
+        r.fetch(ticket).unwrap();
+        let again = r.begin_frame(&scene, &shot(140.0)).unwrap();
+        assert_eq!(FrameStats { uploaded_bytes: 0, ..took[took.len() - 1] }, again.stats);
+        r.fetch(again).unwrap();
+    }
+    let all = mesh.faces.len() as u64;
+    assert!(took[1].triangles < took[0].triangles && took[0].triangles < all, "{took:?} of {all}");
+    assert!(took[0].triangles > 0 && took[0].uploaded_bytes > 18 * all, "{took:?}");
+    let plain = Scene::of(r.upload_mesh(&mesh, false).unwrap());
+    let ticket = r.begin_frame(&plain, &shot(140.0)).unwrap();
+    assert_eq!(ticket.stats, FrameStats { triangles: all, draws: 1, uploaded_bytes: 0 });
+    r.fetch(ticket).unwrap();
+}
+
+#[test]
+fn changes_larger_than_a_frame_takes_arrive_before_it_is_drawn() {
+    let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
+    let mesh = tube::tube(1400, 130);
+    let mut r = renderer(&mut gpu, 1);
+    let plain = Scene::of(r.upload_mesh(&mesh, false).unwrap());
+    let scene = paged(&mut r, &mesh, 128, false);
+    let ticket = r.begin_frame(&scene, &shot(140.0)).unwrap();
+    assert!(ticket.stats.uploaded_bytes > 7 << 20, "{:?}", ticket.stats);
+    let got = r.fetch(ticket).unwrap();
+    assert!(got == r.render(&plain, &shot(140.0)).unwrap());
+    drop(r);
+    common::assert_silent(&gpu);
+}
+
+/// The whole wall is written anew for each frame while three frames that show the old one run.
+#[test]
+fn pages_are_written_while_frames_that_drew_them_run_and_the_staging_ring_goes_round() {
+    let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
+    let first = tube::tube(60, 64);
+    let mut second = first.clone();
+    second.normals.iter_mut().for_each(|n| *n = (*n + glam::Vec3::Z).normalize());
+    let steps = [whole(&first, 128), whole(&second, 128)];
+    let mut r = renderer(&mut gpu, 1);
+    let want = [&first, &second].map(|mesh| {
+        let scene = paged(&mut r, mesh, 128, false);
+        r.render(&scene, &shot(60.0)).unwrap()
+    });
+    assert!(want[0] != want[1]);
+    let scene = paged(&mut r, &first, 128, false);
+    let Wall::Pages { pages, .. } = scene.wall else { unreachable!() };
+    let mut waiting = VecDeque::new();
+    let mut uploaded = 0;
+    for i in 0..40 {
+        r.apply(pages, steps[i % 2].clone()).unwrap();
+        let ticket = r.begin_frame(&scene, &shot(60.0)).unwrap();
+        uploaded += ticket.stats.uploaded_bytes;
+        waiting.push_back((i, ticket));
+        if waiting.len() == IN_FLIGHT || i == 39 {
+            let (i, ticket) = waiting.pop_front().unwrap();
+            // The mean radius is that of the first wall in both: only the normals differ.
+            assert!(r.fetch(ticket).unwrap() == want[i % 2], "frame {i}");
+        }
+    }
+    for (i, ticket) in waiting {
+        assert!(r.fetch(ticket).unwrap() == want[i % 2], "frame {i}");
+    }
+    let held = r.gpu().staging_held();
+    assert!(uploaded > 2 * held && held <= STAGING_BYTES, "{uploaded} bytes by {held}");
+    drop(r);
+    common::assert_silent(&gpu);
+}
+
+#[test]
+fn a_live_flight_shows_no_hole_while_pages_run_out_and_arrives_at_the_films_picture() {
+    let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
+    let few = BASE_PAGES + 4 * FINE_PAGES + 3;
+    let mut r = renderer(&mut gpu, 1);
+    let pages = r.open_pages(few, tube::RADIUS).unwrap();
+    let scene = Scene { look: GREEN, ..Scene::paged(pages, None) };
+    let mut w = worker(few, 1);
+    let shots = flight(120);
+    r.apply(pages, w.converge(r.camera(&shots[0]).unwrap()).unwrap()).unwrap();
+    let (mut waiting, mut steps, mut changed, mut most) = (VecDeque::new(), 0, 0, 0);
+    for (i, shot) in shots.iter().enumerate() {
+        w.look(&r.camera(shot).unwrap());
+        while let Some(step) = w.take().unwrap() {
+            assert!(step.uploads.len() <= 1, "{} pages in one step", step.uploads.len());
+            (steps, changed) = (steps + 1, changed + step.leaves_changed);
+            r.apply(pages, step).unwrap();
+        }
+        let ticket = r.begin_frame(&scene, shot).unwrap();
+        most = most.max(ticket.stats.uploaded_bytes);
+        waiting.push_back((i, ticket));
+        if waiting.len() == IN_FLIGHT {
+            let (i, ticket) = waiting.pop_front().unwrap();
+            let holes = holes(&r.fetch(ticket).unwrap());
+            assert_eq!(holes, 0, "{holes} pixels of background in frame {i}");
+        }
+    }
+    for (_, ticket) in waiting {
+        r.fetch(ticket).unwrap();
+    }
+    assert!(steps > 20 && changed > 5 && most > 0, "{steps} steps, {changed} changes, {most} B");
+    // The last camera's cut, however it was reached.
+    let last = *shots.last().unwrap();
+    r.apply(pages, w.converge(r.camera(&last).unwrap()).unwrap()).unwrap();
+    let live = r.render(&scene, &last).unwrap();
+    let pages = r.open_pages(few, tube::RADIUS).unwrap();
+    let film = Scene { look: GREEN, ..Scene::paged(pages, None) };
+    let mut fresh = worker(few, 1000);
+    r.apply(pages, fresh.converge(r.camera(&last).unwrap()).unwrap()).unwrap();
+    assert!(live == r.render(&film, &last).unwrap(), "the cut depends on the way to it");
+    // The test for holes sees the first missing page.
+    let mut step = fresh.converge(r.camera(&last).unwrap()).unwrap();
+    step.drawn.truncate(step.drawn.len() - 9);
+    r.apply(pages, step).unwrap();
+    assert!(holes(&r.render(&film, &last).unwrap()) > 0);
+    drop(r);
+    common::assert_silent(&gpu);
+}
+
+/// The film of a flight with few pages: frames and what they took.
+fn film(gpu: &mut Gpu, pages: u32, shots: &[Shot]) -> Vec<(Vec<u8>, FrameStats)> {
+    let mut r = renderer(gpu, 1);
+    let mut w = worker(pages, 2);
+    let handle = r.open_pages(pages, tube::RADIUS).unwrap();
+    let scene = Scene { look: GREEN, ..Scene::paged(handle, None) };
+    let mut frames = Vec::new();
+    r.render_settled(&scene, &mut w, shots.iter().copied(), |i, rgb, stats| {
+        assert_eq!(i, frames.len());
+        frames.push((rgb, stats));
+        Ok::<(), RenderError>(())
+    })
+    .unwrap();
+    assert_eq!(w.outstanding(), 0);
+    frames
+}
+
+#[test]
+fn a_film_shows_each_cameras_own_cut_whatever_came_before() {
+    let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
+    let pages = BASE_PAGES + 5 * FINE_PAGES;
+    let shots = flight(12);
+    let frames = film(&mut gpu, pages, &shots);
+    let uploaded: u64 = frames.iter().map(|f| f.1.uploaded_bytes).sum();
+    assert!(uploaded > 3 * u64::from(pages) * PAGE_BYTES / 2, "no page was used again: {uploaded}");
+    for (i, frame) in frames.iter().enumerate() {
+        assert_eq!(holes(&frame.0), 0, "frame {i}");
+        let alone = film(&mut gpu, pages, &shots[i..=i]);
+        assert!(alone[0].0 == frame.0, "frame {i} differs");
+        assert_eq!(alone[0].1.triangles, frame.1.triangles);
+    }
+    common::assert_silent(&gpu);
+}
+
+#[test]
+fn a_film_that_is_stopped_loses_no_page() {
+    #[derive(Debug)]
+    struct Stop;
+    impl From<RenderError> for Stop {
+        fn from(_: RenderError) -> Self {
+            Self
+        }
+    }
+    let Some(mut gpu) = common::gpu(Validate::Off) else { return };
+    let pages = BASE_PAGES + 5 * FINE_PAGES;
+    let shots = flight(12);
+    let want = film(&mut gpu, pages, &shots[9..10]);
+    let mut r = renderer(&mut gpu, 1);
+    let mut w = worker(pages, 2);
+    let handle = r.open_pages(pages, tube::RADIUS).unwrap();
+    let scene = Scene { look: GREEN, ..Scene::paged(handle, None) };
+    let stopped = r.render_settled(&scene, &mut w, shots.iter().copied(), |i, _, _| {
+        if i == 2 { Err(Stop) } else { Ok(()) }
+    });
+    assert!(stopped.is_err());
+    r.apply(handle, w.converge(r.camera(&shots[9]).unwrap()).unwrap()).unwrap();
+    assert!(r.render(&scene, &shots[9]).unwrap() == want[0].0);
+}
+
+#[test]
+fn a_worker_that_fails_ends_the_film_with_its_error() {
+    struct Failing;
+    impl Refine for Failing {
+        fn step(&mut self, _: &Camera, _: &Tolerance, _: &mut intima::lod::Pool) -> Step {
+            panic!("planted")
+        }
+        fn state_hash(&self) -> u64 {
+            0
+        }
+        fn finest_faces(&self) -> u64 {
+            0
+        }
+    }
+    let Some(mut gpu) = common::gpu(Validate::Off) else { return };
+    let mut r = renderer(&mut gpu, 1);
+    let mut w = Worker::spawn(Box::new(Failing), Tolerance { pixels: 1.0 }, 4, 0, 3).unwrap();
+    let pages = r.open_pages(4, 1.0).unwrap();
+    let film = r.render_settled(&Scene::paged(pages, None), &mut w, flight(3), |_, _, _| {
+        Ok::<(), RenderError>(())
+    });
+    assert!(film.unwrap_err().to_string().contains("planted"));
+}
+
+#[test]
+fn a_step_that_does_not_fit_its_pages_is_refused_whole() {
+    let Some(mut gpu) = common::gpu(Validate::Off) else { return };
+    let mut r = renderer(&mut gpu, 1);
+    assert!(matches!(r.open_pages(0, 1.0), Err(RenderError::BadPages { pages: 0 })));
+    assert!(matches!(r.open_pages(u32::MAX, 1.0), Err(RenderError::BadPages { .. })));
+    let all = whole(&tube::tube(20, 16), 128);
+    let n = all.drawn.len() as u32;
+    let pages = r.open_pages(n, 18.0).unwrap();
+    let scene = Scene { look: GREEN, ..Scene::paged(pages, None) };
+    let empty = r.render(&scene, &shot(60.0)).unwrap();
+    assert_eq!(holes(&empty), empty.len() / 3);
+    let (mut far, mut more): (Step, Step) = (all.clone(), all.clone());
+    far.uploads.push(Upload { page: n, vertices: Vec::new(), triangles: Vec::new() });
+    more.drawn.push(Drawn { triangles: 129, ..all.drawn[0] });
+    let unwritten = Step { uploads: Vec::new(), ..all.clone() };
+    assert!(matches!(r.apply(pages, far), Err(RenderError::BadUpload { .. })));
+    assert!(matches!(r.apply(pages, more), Err(RenderError::EmptyPage { .. })));
+    assert!(matches!(r.apply(pages, unwritten), Err(RenderError::EmptyPage { there: 0, .. })));
+    assert!(r.render(&scene, &shot(60.0)).unwrap() == empty);
+    r.apply(pages, all).unwrap();
+    assert_eq!(holes(&r.render(&scene, &shot(60.0)).unwrap()), 0);
+    // An overview without a mesh is path and camera alone.
+    let at = Shot { view: View::Overview, ..shot(60.0) };
+    assert!(r.camera(&at).is_none());
+    r.render(&scene, &at).unwrap();
+    r.close_pages(pages);
+}
+
+#[test]
+#[ignore = "runs in a process of its own, started by the test below"]
+fn child_hashes_a_film() {
+    let mut gpu = common::gpu(Validate::Off).expect("the parent found a device");
+    for (rgb, stats) in film(&mut gpu, BASE_PAGES + 5 * FINE_PAGES, &flight(6)) {
+        println!("child: {} {stats:?}", blake3::hash(&rgb));
+    }
+}
+
+#[test]
+fn a_film_is_the_same_bytes_in_every_run_at_any_thread_count() {
+    let Some(_) = common::gpu(Validate::Off) else { return };
+    let run = |threads| {
+        let env = [("LP_NUM_THREADS", threads), ("RAYON_NUM_THREADS", threads)];
+        child::said(&child::run("child_hashes_a_film", &env))
+    };
+    let first = run("1");
+    assert_eq!(first.len(), 6);
+    for threads in ["1", "2", "0"] {
+        assert_eq!(run(threads), first, "with {threads} threads");
+    }
+}
