@@ -1,0 +1,175 @@
+//! Level of detail on large meshes: frame times and errors on screen. Measurements, run by hand:
+//! `INTIMA_MESHES=FOLDER cargo test --release --test lod_measure -- --ignored --nocapture`.
+
+#[path = "common/cast.rs"]
+mod cast;
+mod common;
+#[path = "common/fly.rs"]
+mod fly;
+#[path = "common/pages.rs"]
+mod pages;
+#[path = "common/screen.rs"]
+mod screen;
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use cast::Cast;
+use intima::geometry::Mesh;
+use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
+use intima::lod::{Camera, Pool, Refine, Tolerance, Worker};
+use intima::render::{FrameStats, RenderError, Renderer, Scene, Shot, View};
+use intima::surface::shading;
+use intima::vk::{Gpu, Validate};
+use pages::Pages;
+
+const SIZE: [u32; 2] = [1280, 720];
+const TAU: f32 = 1.0;
+
+fn median(mut v: Vec<f64>) -> f64 {
+    v.sort_by(f64::total_cmp);
+    v.get(v.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+fn clusters(mesh: &Mesh) -> (Arc<Clusters>, f32) {
+    let shading = shading(mesh);
+    let start = Instant::now();
+    let clusters = Clusters::build(mesh, &shading.vertices).unwrap();
+    println!(
+        "  clusters: {:.2} s, {} of them, {:.1} MB, {:.1} bytes a face",
+        start.elapsed().as_secs_f64(),
+        clusters.clusters().len(),
+        clusters.bytes() as f64 / 1e6,
+        clusters.bytes() as f64 / mesh.faces.len() as f64
+    );
+    (Arc::new(clusters), shading.mean_radius_mm)
+}
+
+struct Flown {
+    ms: Vec<f64>,
+    stats: Vec<FrameStats>,
+    pictures: Vec<Vec<u8>>,
+}
+
+fn fly(
+    gpu: &mut Gpu,
+    samples: u32,
+    shots: &[Shot],
+    mesh: &Mesh,
+    lod: Option<&(Arc<Clusters>, f32)>,
+) -> Flown {
+    let mut r = Renderer::new(gpu, SIZE[0], SIZE[1], samples).unwrap();
+    let (mut ms, mut stats, mut pictures) = (Vec::new(), Vec::new(), Vec::new());
+    let mut since = Instant::now();
+    let sink = |i: usize, rgb: Vec<u8>, s: FrameStats| -> Result<(), RenderError> {
+        ms.push(since.elapsed().as_secs_f64() * 1e3);
+        stats.push(s);
+        if i % 10 == 0 {
+            pictures.push(rgb);
+        }
+        since = Instant::now();
+        Ok(())
+    };
+    let shots = shots.iter().copied();
+    match lod {
+        None => {
+            let scene = Scene::of(r.upload_mesh(mesh, false).unwrap());
+            since = Instant::now();
+            r.render_sequence(&scene, shots, sink).unwrap();
+        }
+        Some((clusters, radius)) => {
+            let refine = Box::new(ClusterLod::new(Arc::clone(clusters), DEFAULT_SHADING_RAD));
+            let count = clusters.clusters().len() as u32;
+            let pages = r.open_pages(count, *radius).unwrap();
+            let tolerance = Tolerance { pixels: TAU };
+            let mut w = Worker::spawn(refine, tolerance, count, 4 << 20, 3).unwrap();
+            since = Instant::now();
+            r.render_settled(&Scene::paged(pages, None), &mut w, shots, sink).unwrap();
+        }
+    }
+    Flown { ms, stats, pictures }
+}
+
+#[test]
+#[ignore = "a measurement: give INTIMA_MESHES"]
+fn frame_times_with_and_without_level_of_detail() {
+    let Some(mut gpu) = common::gpu(Validate::Off) else { return };
+    for name in ["colon_62k", "colon_250k", "colon_1m", "vessel_143k", "trachea_96k"] {
+        let Some((mesh, axis)) = fly::named(name) else { continue };
+        println!("{name}: {} faces", mesh.faces.len());
+        let lod = clusters(&mesh);
+        let lens = fly::lens(90.0);
+        let shot = |pose| Shot { view: View::Inside, pose, lens, progress: 0.0 };
+        let shots: Vec<Shot> = fly::poses(&axis, 100).into_iter().map(shot).collect();
+        for samples in [1, 4] {
+            let on = fly(&mut gpu, samples, &shots, &mesh, Some(&lod));
+            let off = fly(&mut gpu, samples, &shots, &mesh, None);
+            let apart: Vec<f64> = on
+                .pictures
+                .iter()
+                .zip(&off.pictures)
+                .map(|(a, b)| {
+                    let sum: u64 = a.iter().zip(b).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
+                    sum as f64 / a.len() as f64
+                })
+                .collect();
+            let of = |f: &Flown, g: fn(&FrameStats) -> u64| {
+                let mut all: Vec<u64> = f.stats.iter().map(g).collect();
+                all.sort_unstable();
+                (all[all.len() / 2], all[all.len() * 99 / 100])
+            };
+            let mean = apart.iter().sum::<f64>() / apart.len() as f64;
+            let (on_ms, off_ms) = (median(on.ms.clone()), median(off.ms.clone()));
+            println!(
+                "  {samples}x: on {on_ms:.1} ms ({:.1}/s), off {off_ms:.1} ms ({:.1}/s); \
+                 triangles {:?}, uploaded {:?}, leaves {:?}, degraded {}; \
+                 pictures apart {mean:.4} of 255 in the mean",
+                1e3 / on_ms,
+                1e3 / off_ms,
+                of(&on, |s| s.triangles),
+                of(&on, |s| s.uploaded_bytes),
+                of(&on, |s| s.leaves_changed),
+                on.stats.iter().filter(|s| s.degraded).count(),
+            );
+        }
+    }
+}
+
+#[test]
+#[ignore = "a measurement: give INTIMA_MESHES"]
+fn pixels_inside_the_bound() {
+    for name in ["vessel_143k", "trachea_96k", "colon_250k"] {
+        let Some((mesh, axis)) = fly::named(name) else { continue };
+        let original = Cast::of(&mesh);
+        let (clusters, _) = clusters(&mesh);
+        for fov in [60.0, 90.0, 120.0] {
+            let mut refine = ClusterLod::new(Arc::clone(&clusters), DEFAULT_SHADING_RAD);
+            let pool = &mut Pool::new(clusters.clusters().len() as u32, u32::MAX, 0);
+            let mut pages = Pages::default();
+            let (mut found, mut drawn) = (screen::Found::default(), Vec::new());
+            for pose in fly::poses(&axis, 64) {
+                let camera = Camera { pose, lens: fly::lens(fov), height_px: 180 };
+                let tolerance = Tolerance { pixels: TAU };
+                pages.settle(&mut refine as &mut dyn Refine, &camera, &tolerance, pool);
+                let cut = pages.corners();
+                drawn.push(cut.len() as f64);
+                let one = screen::compare(&original, &Cast::new(cut), &camera, f64::from(TAU));
+                found = found.and(one);
+            }
+            println!(
+                "{name}, {fov} degrees: {:.5} % of {} pixels inside, {} holes, {} away, {} missed, \
+                 {} depth; worst {:.3} px; {:.0} triangles in the whole cut; {:?}",
+                100.0 * found.inside(),
+                found.pixels,
+                found.holes,
+                found.away,
+                found.missed,
+                found.depth,
+                found.worst_px,
+                median(drawn),
+                found.listed
+            );
+            assert!(found.inside() >= 0.9999);
+        }
+    }
+}
