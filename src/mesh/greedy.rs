@@ -6,9 +6,10 @@ use rayon::prelude::*;
 use super::halfedge::{face, next, prev};
 use super::heap::{Entry, Heap};
 use super::quadric::Quadric;
+use super::relocate::relocate;
 use super::star::Star;
 use super::start::{Freedom, PARCEL, freedoms, on_rim, quadrics};
-use super::{Collapse, HalfEdges, Recorder, SimplifyOptions, Stopped};
+use super::{Collapse, HalfEdges, Metric, Recorder, SimplifyOptions, Stopped};
 use crate::geometry::Mesh;
 
 /// When to end.
@@ -37,7 +38,9 @@ pub struct Greedy {
     pub error_mm: f64,
     faces: usize,
     mm: f64,
+    centre: DVec3,
     places: Vec<Place>,
+    normals: Vec<glam::Vec3>,
     quadrics: Vec<Quadric>,
     freedom: Vec<Freedom>,
     heap: Heap,
@@ -45,9 +48,27 @@ pub struct Greedy {
     seen: Vec<u32>,
     turn: u32,
     star: Star,
-    /// Cost of each neighbour of the star as a target, none where it is out of the question.
-    costs: Vec<Option<f64>>,
+    /// Neighbours of the star that it may go to, cheapest first.
+    targets: Vec<Target>,
     rings: Rings,
+}
+
+/// A neighbour that a vertex may go to.
+struct Target {
+    /// By the quadrics alone.
+    cost: f64,
+    id: u32,
+    /// Its place in the ring.
+    k: usize,
+}
+
+/// The target chosen.
+struct Best {
+    k: usize,
+    /// By the quadrics alone.
+    cost: f64,
+    /// With what the faces deviate.
+    dear: f64,
 }
 
 /// A star as a recorder wants it.
@@ -80,14 +101,19 @@ impl Greedy {
             collapses: 0,
             error_mm: 0.0,
             mm,
+            centre,
             places,
+            normals: match options.metric {
+                Metric::NormalQem => mesh.normals.clone(),
+                Metric::Qem | Metric::Paper => Vec::new(),
+            },
             quadrics,
             freedom,
             heap: Heap::new(&[]),
             seen: vec![0; vertices],
             turn: 0,
             star: Star::default(),
-            costs: Vec::new(),
+            targets: Vec::new(),
             rings: Rings::default(),
             edges,
         };
@@ -116,32 +142,36 @@ impl Greedy {
             };
             self.look_at(top.vertex);
             loop {
-                let Some((k, cost)) = self.next_target() else {
+                let Some(Best { k, dear, cost }) = self.best_target(stop, &mut too_far) else {
                     self.heap.pop();
                     break;
                 };
-                if (Entry { cost: cost.to_bits(), vertex: top.vertex }) > top {
+                if (Entry { cost: dear.to_bits(), vertex: top.vertex }) > top {
                     // Dearer than it seemed: others may come first now.
-                    self.heap.set(top.vertex, cost);
+                    self.heap.set(top.vertex, dear);
                     break;
                 }
-                let error_mm = self.error_mm(k, cost);
-                let near = stop.max_error_mm.is_none_or(|most| error_mm <= most);
-                if self.is_legal(k) {
-                    if near && self.agreed(k, recorder, position) {
-                        self.collapse(k, cost);
-                        self.error_mm = self.error_mm.max(error_mm);
-                        break;
-                    }
-                    too_far |= !near;
+                if self.agreed(k, recorder, position) {
+                    self.error_mm = self.error_mm.max(self.error_mm_at(k, cost));
+                    self.collapse(k, cost);
+                    break;
                 }
-                self.costs[k] = None;
+                self.targets.retain(|t| t.k != k);
             }
         }
         Stopped::Reached
     }
 
-    /// Cost of the cheapest target of `v`, legal or not.
+    /// Moves the vertices that are left to where their quadrics are least; their places, mm.
+    pub fn relocate(&self) -> Vec<DVec3> {
+        let mut at: Vec<DVec3> = self.places.iter().map(|p| p.at).collect();
+        relocate(&self.edges, &self.quadrics, &self.freedom, &mut at);
+        at.iter_mut().for_each(|p| *p = *p * self.mm + self.centre);
+        at
+    }
+
+    /// Cost of the cheapest target of `v`, legal or not, without what its faces deviate: less than
+    /// it will cost.
     fn cheapest(&self, v: u32) -> Option<f64> {
         let freedom = self.freedom[v as usize];
         if freedom == Freedom::Locked {
@@ -169,49 +199,57 @@ impl Greedy {
         q.at(to.at) + to.cost
     }
 
-    /// Fills star and costs for `v`, and marks its ring as seen.
+    /// Fills star and targets for `v`, and marks its ring as seen.
     fn look_at(&mut self, v: u32) {
         let places = &self.places;
-        self.star.gather(&self.edges, v, |w| places[w as usize].at);
+        self.star.gather(&self.edges, v, |w| places[w as usize].at, &self.normals);
         self.turn += 1;
         for w in &self.star.ring {
             self.seen[*w as usize] = self.turn;
         }
         let rim = self.freedom[v as usize] == Freedom::Rim;
-        self.costs.clear();
+        self.targets.clear();
         let q = &self.quadrics[v as usize];
-        for (i, (w, at)) in self.star.ring.iter().zip(&self.star.at).enumerate() {
-            let along = !rim || self.star.leaving.get(i).is_none_or(|h| on_rim(&self.edges, *h));
-            self.costs.push(along.then(|| q.at(*at) + self.places[*w as usize].cost));
+        for (k, (w, at)) in self.star.ring.iter().zip(&self.star.at).enumerate() {
+            if !rim || self.star.leaving.get(k).is_none_or(|h| on_rim(&self.edges, *h)) {
+                let cost = q.at(*at) + self.places[*w as usize].cost;
+                self.targets.push(Target { cost, id: *w, k });
+            }
         }
+        self.targets.sort_unstable_by(|a, b| a.cost.total_cmp(&b.cost).then(a.id.cmp(&b.id)));
     }
 
-    /// The cheapest target left, by cost and then by id.
-    fn next_target(&self) -> Option<(usize, f64)> {
-        let ring = &self.star.ring;
-        let mut best: Option<(usize, f64)> = None;
-        for (i, cost) in self.costs.iter().enumerate() {
-            if let Some(c) = *cost {
-                if best.is_none_or(|(j, b)| c < b || c == b && ring[i] < ring[j]) {
-                    best = Some((i, c));
-                }
+    /// The legal target that costs least, with what its faces deviate; by cost, then by id.
+    fn best_target(&self, stop: &Stop, too_far: &mut bool) -> Option<Best> {
+        let mut best: Option<Best> = None;
+        for &Target { cost, k, .. } in &self.targets {
+            let limit = best.as_ref().map_or(f64::INFINITY, |b| b.dear - cost);
+            if limit <= 0.0 {
+                break;
             }
+            let Some(deviation) = self.star.deviation(k, limit) else { continue };
+            if !self.is_legal(k) {
+                continue;
+            }
+            if stop.max_error_mm.is_some_and(|most| self.error_mm_at(k, cost) > most) {
+                *too_far = true;
+                continue;
+            }
+            best = Some(Best { k, cost, dear: cost + deviation });
         }
         best
     }
 
     /// Root mean square distance of the target to the planes of both, mm.
-    fn error_mm(&self, k: usize, cost: f64) -> f64 {
+    fn error_mm_at(&self, k: usize, cost: f64) -> f64 {
         let weight = |v: u32| self.quadrics[v as usize].weight;
         let sum = weight(self.star.centre) + weight(self.star.ring[k]);
         if sum > 0.0 { (cost / sum).sqrt() * self.mm } else { 0.0 }
     }
 
     fn is_legal(&self, k: usize) -> bool {
-        let from = self.places[self.star.centre as usize].at;
         let in_ring = |v: u32| self.seen[v as usize] == self.turn;
-        self.star.keeps_shape(k, from)
-            && self.star.keeps_kind(&self.edges, k, in_ring)
+        self.star.keeps_kind(&self.edges, k, in_ring)
             && (self.freedom[self.star.centre as usize] == Freedom::Free || self.keeps_cap(k))
     }
 

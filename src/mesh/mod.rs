@@ -6,7 +6,9 @@ mod greedy;
 pub mod halfedge;
 mod heap;
 mod nearest;
+mod prepare;
 mod quadric;
+mod relocate;
 mod simplify;
 mod star;
 mod start;
@@ -15,6 +17,7 @@ pub use collapse::{Collapse, OnMesh, Recorder};
 pub use error::MeshError;
 pub use halfedge::HalfEdges;
 pub use nearest::{Closest, Nearest};
+pub use prepare::{Repairs, prepare};
 pub use simplify::{Metric, Simplified, SimplifyOptions, Stopped, simplify};
 
 #[cfg(test)]

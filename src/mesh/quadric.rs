@@ -40,6 +40,23 @@ impl Quadric {
         }
     }
 
+    /// The same planes, all weights times `factor`.
+    pub fn times(self, factor: f64) -> Self {
+        Self {
+            xx: factor * self.xx,
+            yy: factor * self.yy,
+            zz: factor * self.zz,
+            xy: factor * self.xy,
+            xz: factor * self.xz,
+            yz: factor * self.yz,
+            x: factor * self.x,
+            y: factor * self.y,
+            z: factor * self.z,
+            one: factor * self.one,
+            weight: factor * self.weight,
+        }
+    }
+
     /// The weighted sum of squared distances; never below 0.
     #[inline]
     pub fn at(&self, p: DVec3) -> f64 {

@@ -27,6 +27,9 @@ pub struct SimplifyOptions<'a> {
     pub faces: usize,
     /// What a collapse costs.
     pub metric: Metric,
+    /// Whether the vertices that stay move, when all others are gone, to where they stand best for
+    /// those (see [`Simplified`]). Connectivity stays what the collapses made it.
+    pub relocate: bool,
     /// One flag a vertex: it neither moves nor goes.
     pub locked: Option<&'a [bool]>,
     /// No collapse whose vertex ends farther than this from the planes it stands for, root mean
@@ -37,7 +40,7 @@ pub struct SimplifyOptions<'a> {
 impl SimplifyOptions<'_> {
     /// Down to so many faces by the default metric.
     pub fn to_faces(faces: usize) -> Self {
-        Self { faces, metric: Metric::default(), locked: None, max_error_mm: None }
+        Self { faces, metric: Metric::default(), relocate: false, locked: None, max_error_mm: None }
     }
 }
 
@@ -107,7 +110,13 @@ pub fn simplify(
     let position = |v: u32| DVec3::from(mesh.positions[v as usize]);
     let stopped = greedy.run(&stop, recorder, &position);
     let (collapses, error_mm) = (greedy.collapses, greedy.error_mm);
-    let (mesh, vertex_ids, face_ids) = compact(mesh, &greedy.edges);
+    let moved = options.relocate.then(|| greedy.relocate());
+    let (mut mesh, vertex_ids, face_ids) = compact(mesh, &greedy.edges);
+    if let Some(moved) = moved {
+        for (p, v) in mesh.positions.iter_mut().zip(&vertex_ids) {
+            *p = moved[*v as usize].as_vec3();
+        }
+    }
     Ok(Simplified { mesh, vertex_ids, face_ids, collapses, stopped, error_mm })
 }
 

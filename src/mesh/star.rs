@@ -1,6 +1,6 @@
 //! A vertex with the faces around it, and whether it may collapse onto a neighbour.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use super::HalfEdges;
 use super::halfedge::{NONE, next, prev};
@@ -23,6 +23,12 @@ pub struct Star {
     pub ring: Vec<u32>,
     /// Where they are.
     pub at: Vec<DVec3>,
+    /// Their normals; none where normals do not count.
+    pub normals: Vec<Vec3>,
+    /// Where the centre is.
+    from: DVec3,
+    /// Twice the area times the normal of each face.
+    cross: Vec<DVec3>,
     /// Whether the centre lies on a boundary.
     pub open: bool,
 }
@@ -30,7 +36,13 @@ pub struct Star {
 impl Star {
     /// Collects the star of `v`.
     #[inline]
-    pub fn gather(&mut self, edges: &HalfEdges, v: u32, at: impl Fn(u32) -> DVec3) {
+    pub fn gather(
+        &mut self,
+        edges: &HalfEdges,
+        v: u32,
+        at: impl Fn(u32) -> DVec3,
+        normals: &[Vec3],
+    ) {
         self.centre = v;
         self.leaving.clear();
         self.ring.clear();
@@ -53,6 +65,16 @@ impl Star {
             }
         }
         self.at.extend(self.ring.iter().map(|w| at(*w)));
+        self.normals.clear();
+        if !normals.is_empty() {
+            self.normals.extend(self.ring.iter().map(|w| normals[*w as usize]));
+        }
+        self.from = at(v);
+        self.cross.clear();
+        let n = self.at.len();
+        let corners = (0..self.leaving.len()).map(|i| (i, if i + 1 == n { 0 } else { i + 1 }));
+        let (at, from) = (&self.at, self.from);
+        self.cross.extend(corners.map(|(i, j)| (at[i] - from).cross(at[j] - from)));
     }
 
     /// Faces that stay when the centre goes to `ring[k]`, as places of their other two corners.
@@ -63,23 +85,40 @@ impl Star {
         pairs.filter(move |&(i, j)| i != k && j != k)
     }
 
-    /// Whether no face turns or thins too much when the centre, now at `from`, goes to `ring[k]`.
+    /// What the faces that stay deviate from the normals of their corners when the centre goes to
+    /// `ring[k]`: Σ 2 A² (1 − n·N), N the mean of the three, which is area times squared sine of
+    /// the angle times squared size, as a squared distance by area is; 0 without normals. `None`
+    /// if a face turns or thins too much, or if the sum is not below `limit`.
     #[inline]
-    pub fn keeps_shape(&self, k: usize, from: DVec3) -> bool {
+    pub fn deviation(&self, k: usize, limit: f64) -> Option<f64> {
         let to = self.at[k];
-        self.staying(k).all(|(i, j)| {
+        let mut sum = 0.0;
+        for (i, j) in self.staying(k) {
             let (a, b) = (self.at[i], self.at[j]);
-            let old = (a - from).cross(b - from);
             let new = (a - to).cross(b - to);
+            let old = self.cross[i];
             let (old2, new2) = (old.length_squared(), new.length_squared());
             let along = old.dot(new);
             // A face without area has no direction to keep.
             if old2 > 0.0 && (along <= 0.0 || along * along < COS2_TURN * old2 * new2) {
-                return false;
+                return None;
             }
-            let thin = |cross2: f64, p: DVec3| cross2 / largest_two(a, b, p);
-            new2 >= SIN2_THIN * largest_two(a, b, to) || thin(new2, to) > thin(old2, from)
-        })
+            if new2 < SIN2_THIN * largest_two(a, b, to) {
+                let thin = |cross2: f64, p: DVec3| cross2 / largest_two(a, b, p);
+                if thin(new2, to) <= thin(old2, self.from) {
+                    return None;
+                }
+            }
+            if !self.normals.is_empty() {
+                let mean = (self.normals[i] + self.normals[j] + self.normals[k]).as_dvec3() / 3.0;
+                let twice = new2.sqrt();
+                sum += (0.5 * twice * (twice - new.dot(mean))).max(0.0);
+                if sum >= limit {
+                    return None;
+                }
+            }
+        }
+        Some(sum)
     }
 
     /// Whether the mesh stays a manifold of the same kind when the centre goes to `ring[k]`:

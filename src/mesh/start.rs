@@ -10,6 +10,9 @@ use crate::geometry::Mesh;
 
 /// The planes that hold boundaries and rims in place weigh so much more than faces.
 const RIM_WEIGHT: f64 = 10.0;
+/// How much more a vertex weighs where the normals of its faces cancel each other out altogether.
+/// A ridge of 90° weighs 1 + 0.3 times that; a tube of eight edges around, 1 + 0.01 times.
+const CREASE_WEIGHT: f64 = 200.0;
 /// Vertices of a parcel of work; smaller meshes stay on their thread.
 pub const PARCEL: usize = 4096;
 
@@ -57,6 +60,7 @@ pub fn quadrics(
     let one = |v: u32| {
         let mut q = Quadric::default();
         let mut sum = DVec3::ZERO;
+        let mut areas = 0.0;
         let p = at(v);
         for h in edges.around(v) {
             let (a, b) = (at(edges.target(h)), at(edges.origin(prev(h))));
@@ -67,6 +71,7 @@ pub fn quadrics(
             }
             let n = cross / length;
             sum += cross;
+            areas += length;
             let weight = if metric == Metric::Paper { 1.0 } else { 0.5 * length };
             q += Quadric::plane(n, p, weight);
         }
@@ -76,6 +81,10 @@ pub fn quadrics(
             if let Some(n) = normal {
                 q += Quadric::plane(n, p, q.weight);
             }
+        }
+        if metric == Metric::NormalQem && areas > 0.0 {
+            // Area alone would let go of sharp tips and ridges, whose faces are often small.
+            q = q.times(1.0 + CREASE_WEIGHT * (1.0 - sum.length() / areas));
         }
         for h in edges.around(v) {
             for h in [h, prev(h)].into_iter().filter(|h| on_rim(edges, *h)) {
