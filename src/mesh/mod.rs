@@ -1,7 +1,23 @@
 //! Half-edge meshes: invariants, simplification by half-edge collapse, parameterisation.
 
 mod collapse;
+mod error;
+mod greedy;
+pub mod halfedge;
+mod heap;
 pub mod maps;
+mod nearest;
+mod quadric;
+mod simplify;
+mod star;
+mod start;
 
 pub use collapse::{Collapse, OnMesh, Recorder};
+pub use error::MeshError;
+pub use halfedge::HalfEdges;
 pub use maps::{Mapped, Maps, MapsError};
+pub use nearest::{Closest, Nearest};
+pub use simplify::{Metric, Simplified, SimplifyOptions, Stopped, simplify};
+
+#[cfg(test)]
+mod tests;

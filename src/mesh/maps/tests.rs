@@ -125,7 +125,7 @@ fn weights_in_the_wrong_order_pass_the_round_trip_but_tear_base_edges_apart() {
         let inner = |at: &OnMesh| at.weights.iter().all(|w| *w > 1e-4);
         for at in places(&ids, 2000, 3).into_iter().filter(inner) {
             let gap = base_point(&mesh, &faces, at) - base_point(&mesh, &faces, base(fine(at)));
-            assert!(gap.length() <= 1e-6 * diagonal(&mesh), "{name}: {gap}");
+            assert!(gap.length() <= ROUND_TRIP * diagonal(&mesh), "{name}: {gap}");
         }
         let gap = widest_gap(&mesh, &maps, fine);
         assert!(gap > 0.01 * diagonal(&mesh), "{name}: the fault went unnoticed: {gap:e}");
