@@ -208,7 +208,7 @@ fn nearest(fan: impl Iterator<Item = [[f64; 2]; 3]>, p: [f64; 2]) -> (usize, [f6
 /// Weights without negative or undefined parts that sum to 1.
 pub(super) fn clean(w: [f64; 3]) -> [f64; 3] {
     // max returns the other argument for a NaN.
-    let w = w.map(|w| w.max(0.0).min(f64::MAX / 8.0));
+    let w = w.map(|w| if w > 0.0 { w.min(f64::MAX / 8.0) } else { 0.0 });
     let sum = w[0] + w[1] + w[2];
     if sum > 0.0 { w.map(|w| w / sum) } else { [1.0 / 3.0; 3] }
 }

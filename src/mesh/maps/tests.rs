@@ -178,7 +178,8 @@ fn turned(mesh: &Mesh, maps: &Maps, level: u32) -> f64 {
                     let normal = cross(original.map(|v| DVec3::from(mesh.positions[v as usize])));
                     let divided = cross(corners.map(|(i, j)| point(mesh, at(i, j, 0.0))));
                     all += 1;
-                    turned += i32::from(!(divided.dot(normal) > 0.0));
+                    let ahead = divided.dot(normal) > 0.0;
+                    turned += i32::from(!ahead);
                 }
             }
         }

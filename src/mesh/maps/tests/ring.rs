@@ -59,7 +59,7 @@ fn spikes_saddles_slivers_and_long_edges_are_mapped() {
     let saddle = |k: usize| {
         let at = |i: usize| {
             let a = i as f64 / k as f64 * TAU;
-            DVec3::new(a.cos(), a.sin(), if i % 2 == 0 { 1.5 } else { -1.5 })
+            DVec3::new(a.cos(), a.sin(), [1.5, -1.5][i % 2])
         };
         (0..k).map(at).collect::<Vec<_>>()
     };
