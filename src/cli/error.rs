@@ -4,7 +4,7 @@ use crate::device::DeviceError;
 use crate::flight::{FlightError, ScriptError};
 use crate::formats::FormatError;
 use crate::lumen::LumenError;
-use crate::mesh::MeshError;
+use crate::mesh::{MapsError, MeshError};
 use crate::pipeline::PipelineError;
 use crate::render::RenderError;
 use crate::volume::GridError;
@@ -28,6 +28,9 @@ pub enum CliError {
     /// A mesh that cannot be worked on.
     #[error(transparent)]
     Mesh(#[from] MeshError),
+    /// A parameterisation.
+    #[error(transparent)]
+    Maps(#[from] MapsError),
     /// The camera path found no place.
     #[error(transparent)]
     Flight(#[from] FlightError),
@@ -50,7 +53,7 @@ impl CliError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Usage(_) => 2,
-            Self::Input(_) | Self::Mesh(_) | Self::Flight(_) | Self::Script(_) => 3,
+            Self::Input(_) | Self::Mesh(_) | Self::Maps(_) | Self::Flight(_) | Self::Script(_) => 3,
             Self::Format(e) | Self::Pipeline(PipelineError::Format(e)) if e.is_bad_input() => 3,
             Self::Pipeline(PipelineError::Lumen(_) | PipelineError::Centerline(_)) => 3,
             Self::Pipeline(PipelineError::Device(e)) if e.is_no_device() => 4,

@@ -1,6 +1,6 @@
 //! `intima simplify`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
@@ -9,9 +9,12 @@ use super::global::{Global, MESHES};
 use super::surface::{ModeArg, Modes};
 use super::timing::timed;
 use crate::device::Device;
-use crate::formats::{Space, read_mesh, write_mesh};
+use crate::formats::{FormatError, Space, read_mesh, whole, write_mesh};
 use crate::geometry::Mesh;
-use crate::mesh::{Metric, Simplified, SimplifyOptions, Stopped, simplify};
+use crate::mesh::{
+    Maps, MeshError, Metric, Recorder, Repairs, Simplified, SimplifyOptions, Stopped, prepare,
+    simplify,
+};
 use crate::pipeline::{Clock, Mode};
 
 /// `intima simplify MESH --faces N -o MESH`
@@ -20,8 +23,8 @@ pub struct Args {
     /// Mesh: .ply, .stl or .obj
     mesh: PathBuf,
     /// Faces wanted
-    #[arg(long, value_name = "N")]
-    faces: usize,
+    #[arg(long, value_name = "N", required_unless_present = "from_maps")]
+    faces: Option<usize>,
     /// Mesh to write: .ply, .stl, .obj, .vtp or .glb
     #[arg(short, long, value_name = "MESH")]
     output: PathBuf,
@@ -33,6 +36,16 @@ pub struct Args {
     /// Stop before a vertex is farther than this from the planes it stands for
     #[arg(long, value_name = "MM")]
     max_error: Option<f64>,
+    /// Leave the vertices that stay where they were, as paper mode always does; by default they
+    /// move, at the end, to where they stand best for those that went
+    #[arg(long)]
+    keep_vertices: bool,
+    /// Keep the parameterisation: where every point of the mesh lies on the base, and back
+    #[arg(long, value_name = "FILE")]
+    maps: Option<PathBuf>,
+    /// Make the base that a kept parameterisation of this mesh ends in, instead of simplifying
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["faces", "maps", "metric", "max_error"])]
+    from_maps: Option<PathBuf>,
     /// Coordinates of a mesh that does not say: lps or ras
     #[arg(long)]
     space: Option<Space>,
@@ -46,7 +59,7 @@ enum MetricArg {
 }
 
 /// What came of it, as `--json` says it.
-#[derive(Serialize)]
+#[derive(Default, Serialize)]
 struct Reached {
     faces_in: usize,
     faces: usize,
@@ -55,11 +68,28 @@ struct Reached {
     collapses: usize,
     stopped: &'static str,
     quadric_error_mm: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    maps: Option<MapsReport>,
 }
 
-impl Reached {
-    fn of(given: &Mesh, wanted: usize, s: &Simplified) -> Self {
-        Self {
+/// The parameterisation, as `--json` says it.
+#[derive(Serialize)]
+struct MapsReport {
+    bytes: usize,
+    refused: u32,
+}
+
+/// A simplified mesh and what it lies over.
+struct Done {
+    simplified: Simplified,
+    maps: Option<Maps>,
+}
+
+impl Done {
+    fn reached(&self, given: &Mesh, wanted: usize) -> Reached {
+        let s = &self.simplified;
+        let of = |m: &Maps| MapsReport { bytes: m.memory_bytes(), refused: m.refused() };
+        Reached {
             faces_in: given.faces.len(),
             faces: s.mesh.faces.len(),
             vertices: s.mesh.positions.len(),
@@ -71,6 +101,7 @@ impl Reached {
                 Stopped::MaxError => "max error",
             },
             quadric_error_mm: s.error_mm,
+            maps: self.maps.as_ref().map(of),
         }
     }
 }
@@ -84,38 +115,48 @@ impl Args {
         }
     }
 
-    fn simplified(
-        &self,
-        mesh: &Mesh,
-        mode: Mode,
-        clock: &mut Clock,
-    ) -> Result<Simplified, CliError> {
+    fn simplified(&self, mesh: &Mesh, mode: Mode, clock: &mut Clock) -> Result<Done, CliError> {
         let options = SimplifyOptions {
             metric: self.metric(mode),
+            relocate: mode == Mode::Default && !self.keep_vertices,
             max_error_mm: self.max_error,
-            ..SimplifyOptions::to_faces(self.faces)
+            ..SimplifyOptions::to_faces(self.faces.unwrap_or(0))
         };
+        let mut maps = self.maps.as_ref().map(|_| Maps::new(mesh)).transpose()?;
+        let none: &mut dyn Recorder = &mut ();
+        let recorder = maps.as_mut().map_or(none, |m| m as &mut dyn Recorder);
         let gone = |r: &Result<Simplified, _>| r.as_ref().map_or(0, |s: &Simplified| s.collapses);
-        let work = || simplify(mesh, &options, &mut ());
-        Ok(clock.time("simplify", "collapses", work, |r| gone(r) as u64)?)
+        let work = || simplify(mesh, &options, recorder);
+        let simplified = clock.time("simplify", "collapses", work, |r| gone(r) as u64)?;
+        Ok(Done { simplified, maps })
     }
 
-    /// Reads, simplifies and writes.
+    /// Reads, repairs, simplifies and writes.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, MESHES)?;
-        if self.max_error.is_some_and(|e| !(e > 0.0)) {
-            return Err(CliError::Usage("--max-error: above 0 mm".into()));
+        if let Some(e) = self.max_error.filter(|e| e.is_nan() || *e <= 0.0) {
+            return Err(CliError::Usage(format!("--max-error {e}: above 0 mm")));
         }
-        let (mesh, warnings) = read_mesh(&self.mesh, self.space)?;
+        let (read, warnings) = read_mesh(&self.mesh, self.space)?;
         warnings.iter().for_each(|w| global.warn(w));
-        let mode = self.mode.main();
-        let (done, timing) =
-            timed(global, &mut Device::Cpu, |_, clock| self.simplified(&mesh, mode, clock))?;
-        write_mesh(&self.output, &done.mesh)?;
-        let reached = Reached::of(&mesh, self.faces, &done);
-        let note = match done.stopped {
+        let (mesh, repairs) = prepare(&read).map_err(|e| self.named(e))?;
+        repaired(&repairs).iter().for_each(|w| global.warn(w));
+        if let Some(path) = &self.from_maps {
+            return self.base_of(path, &mesh, global);
+        }
+        let wanted = self.faces.unwrap_or(0);
+        let (done, timing) = timed(global, &mut Device::Cpu, |_, clock| {
+            self.simplified(&mesh, self.mode.main(), clock)
+        })?;
+        write_mesh(&self.output, &done.simplified.mesh)?;
+        if let (Some(path), Some(maps)) = (&self.maps, &done.maps) {
+            let bytes = maps.to_bytes();
+            whole::write_whole(path, |o| o.write_all(&bytes))?;
+        }
+        let reached = done.reached(&mesh, wanted);
+        let note = match done.simplified.stopped {
             Stopped::Reached => String::new(),
-            _ => format!(", not {}: {}", self.faces, reached.stopped),
+            _ => format!(" ({wanted} wanted: {})", reached.stopped),
         };
         global.say(format_args!(
             "wrote {}: {} faces of {}{note}",
@@ -128,17 +169,82 @@ impl Args {
         if self.mode.mode == Modes::Both {
             let mut clock = Clock::default();
             let paper = self.simplified(&mesh, Mode::Paper, &mut clock)?;
-            let paper = Reached::of(&mesh, self.faces, &paper);
-            let ms = |c: &Clock| c.stages.iter().map(|s| s.ms).sum::<f64>();
+            let ms = clock.stages.iter().map(|s| s.ms).sum::<f64>();
             timing = timing.with(
                 "modes",
                 serde_json::json!({
                     "default": value(&reached),
-                    "paper": value(&paper),
-                    "paper_ms": ms(&clock),
+                    "paper": value(&paper.reached(&mesh, wanted)),
+                    "paper_ms": ms,
                 }),
             );
         }
         global.answer(&timing)
     }
+
+    /// Writes the base that a kept parameterisation ends in.
+    fn base_of(&self, path: &Path, mesh: &Mesh, global: &Global) -> Result<(), CliError> {
+        let io = |e| FormatError::io(path, e);
+        // A collapse is 8 bytes and 16 a neighbour, of which there are at most 24.
+        let most = 400 * mesh.positions.len() as u64 + 4096;
+        if std::fs::metadata(path).map_err(io)?.len() > most {
+            let what = "larger than any parameterisation of this mesh";
+            return Err(CliError::Input(format!("{}: {what}", path.display())));
+        }
+        let bytes = std::fs::read(path).map_err(io)?;
+        let maps = Maps::from_bytes(&bytes, mesh)
+            .map_err(|e| CliError::Input(format!("{}: {e}", path.display())))?;
+        let base = base_mesh(mesh, &maps);
+        write_mesh(&self.output, &base)?;
+        let (written, faces) = (self.output.display(), base.faces.len());
+        global.say(format_args!("wrote {written}: {faces} faces of {}", mesh.faces.len()))?;
+        global.answer(&serde_json::json!({
+            "mesh": { "faces_in": mesh.faces.len(), "faces": faces, "collapses": maps.collapses() },
+        }))
+    }
+
+    fn named(&self, e: MeshError) -> CliError {
+        CliError::Input(format!("{}: {e}", self.mesh.display()))
+    }
+}
+
+/// The base of a parameterisation, with its vertices where they lie in the original.
+fn base_mesh(mesh: &Mesh, maps: &Maps) -> Mesh {
+    let mut id = vec![u32::MAX; mesh.positions.len()];
+    let mut base = Mesh::default();
+    for (_, face) in maps.base_faces() {
+        let face = face.map(|v| {
+            let new = &mut id[v as usize];
+            if *new == u32::MAX {
+                *new = base.positions.len() as u32;
+                base.positions.push(mesh.positions[v as usize]);
+                base.normals.extend(mesh.normals.get(v as usize));
+            }
+            *new
+        });
+        base.faces.push(face);
+    }
+    base
+}
+
+/// What was repaired, a sentence each.
+fn repaired(r: &Repairs) -> Vec<String> {
+    let mut out = Vec::new();
+    let mut say = |n: usize, what: &str| {
+        if n > 0 {
+            out.push(format!("{n} {what}"));
+        }
+    };
+    say(r.degenerate_faces, "faces name a vertex twice: dropped");
+    say(r.duplicate_faces, "faces repeat another: dropped");
+    say(r.flipped_faces, "faces looked to the other side than their neighbours: turned over");
+    if let Some([a, b]) = r.first_edge {
+        let what = format!("edges have more than two faces: cut apart, the first from {a} to {b}");
+        say(r.split_edges, &what);
+    }
+    if let Some(p) = r.first_vertex {
+        let what = format!("vertices hold fans of faces together: doubled, the first at {p}");
+        say(r.split_vertices, &what);
+    }
+    out
 }
