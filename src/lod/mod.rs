@@ -6,6 +6,7 @@
 //! answer shows less detail but never a hole; what lies outside the frustum is culled when drawn.
 
 mod eye;
+pub mod octree;
 mod pool;
 
 pub use eye::{Camera, Cone, Eye, Sphere};

@@ -1,0 +1,283 @@
+//! An adaptive octree over things with boxes: each belongs to the one cell that holds its centre.
+
+use glam::Vec3;
+
+use super::{Cone, Sphere};
+
+/// Items of a leaf, at most, unless it lies at [`DEPTH_MAX`].
+pub const LEAF_ITEMS: usize = 128;
+/// Levels below the root, at most: what coincides cannot be told apart by more of them.
+pub const DEPTH_MAX: u32 = 10;
+
+/// What the tree needs to know of a thing.
+#[derive(Clone, Copy, Debug)]
+pub struct Item {
+    /// Smallest corner of its box, mm.
+    pub lo: Vec3,
+    /// Largest corner of its box, mm.
+    pub hi: Vec3,
+    /// Decides which cell owns it.
+    pub centre: Vec3,
+    /// Holds its normals.
+    pub cone: Cone,
+}
+
+impl Item {
+    /// A triangle with its face normal; one without area may look anywhere.
+    pub fn triangle(corners: [Vec3; 3]) -> Self {
+        let [a, b, c] = corners;
+        let normal = (b - a).cross(c - a).try_normalize();
+        Self {
+            lo: a.min(b).min(c),
+            hi: a.max(b).max(c),
+            centre: (a + b + c) / 3.0,
+            // Rounding of the normal itself.
+            cone: normal.map_or_else(Cone::default, |axis| Cone { axis, sine: 1e-5 }),
+        }
+    }
+}
+
+/// A cell with something in it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Node {
+    /// Smallest corner of the box around the items, not of the cell, mm.
+    pub lo: Vec3,
+    /// Largest corner of the box around the items, mm.
+    pub hi: Vec3,
+    /// Holds all items.
+    pub sphere: Sphere,
+    /// Holds the normals of all items.
+    pub cone: Cone,
+    /// The items: a part of [`Octree::items`].
+    pub first: u32,
+    /// How many.
+    pub count: u32,
+    /// Nodes of the eight smaller cells that hold something: from here,
+    pub children: u32,
+    /// so many of them; 0 for a leaf.
+    pub child_count: u32,
+    /// Levels below the root.
+    pub depth: u32,
+}
+
+impl Node {
+    /// Whether it has no smaller cells.
+    pub fn is_leaf(&self) -> bool {
+        self.child_count == 0
+    }
+}
+
+/// The tree. Node 0 is the root; there is none without items. Children follow their parents.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Octree {
+    /// Cells, a parent before its children, siblings next to each other.
+    pub nodes: Vec<Node>,
+    /// Item numbers, each once; those of one node are next to each other.
+    pub items: Vec<u32>,
+}
+
+impl Octree {
+    /// Sorts the items in. A centre that is not a number counts as the lowest corner.
+    pub fn new(items: &[Item]) -> Self {
+        let mut tree = Self { nodes: Vec::new(), items: (0..items.len() as u32).collect() };
+        if items.is_empty() {
+            return tree;
+        }
+        let (lo, hi) = items
+            .iter()
+            .filter(|i| i.centre.is_finite())
+            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, i| {
+                (b.0.min(i.centre), b.1.max(i.centre))
+            });
+        let (lo, side) =
+            if lo.x <= hi.x { (lo, (hi - lo).max_element()) } else { (Vec3::ZERO, 0.0) };
+        let mut cells = vec![(lo, side)];
+        tree.nodes.push(node(0, items.len() as u32, 0));
+        let mut at = 0;
+        while at < tree.nodes.len() {
+            let (lo, side) = cells[at];
+            let Node { first, count, depth, .. } = tree.nodes[at];
+            if count as usize > LEAF_ITEMS && depth < DEPTH_MAX {
+                let middle = lo + 0.5 * side;
+                let octant = |i: &u32| {
+                    let above = items[*i as usize].centre.cmpge(middle);
+                    above.bitmask() as usize
+                };
+                let own = &mut tree.items[first as usize..(first + count) as usize];
+                // Stable: equal octants keep the order of ids.
+                own.sort_by_key(octant);
+                tree.nodes[at].children = tree.nodes.len() as u32;
+                let mut from = first;
+                for part in own.chunk_by(|a, b| octant(a) == octant(b)) {
+                    let o = octant(&part[0]);
+                    let upper = Vec3::from_array([0, 1, 2].map(|k| (o >> k & 1) as f32));
+                    cells.push((lo + 0.5 * side * upper, 0.5 * side));
+                    tree.nodes.push(node(from, part.len() as u32, depth + 1));
+                    tree.nodes[at].child_count += 1;
+                    from += part.len() as u32;
+                }
+            }
+            at += 1;
+        }
+        tree.bound(items);
+        tree
+    }
+
+    /// Boxes, spheres and cones, from the leaves up.
+    fn bound(&mut self, items: &[Item]) {
+        for at in (0..self.nodes.len()).rev() {
+            let n = &self.nodes[at];
+            let (lo, hi, cone) = if n.is_leaf() {
+                let own = &self.items[n.first as usize..(n.first + n.count) as usize];
+                let own = || own.iter().map(|i| &items[*i as usize]);
+                let (lo, hi) = own().fold(EMPTY, |b, i| (b.0.min(i.lo), b.1.max(i.hi)));
+                (lo, hi, around(own().map(|i| i.cone)))
+            } else {
+                let own = || self.children(at).map(|c| &self.nodes[c]);
+                let (lo, hi) = own().fold(EMPTY, |b, i| (b.0.min(i.lo), b.1.max(i.hi)));
+                (lo, hi, around(own().map(|i| i.cone)))
+            };
+            let centre = 0.5 * (lo + hi);
+            // The rounded centre may lie off the middle.
+            let reach = (hi.as_dvec3() - centre.as_dvec3()).max(centre.as_dvec3() - lo.as_dvec3());
+            let radius = (reach.length() * (1.0 + 1e-6)) as f32;
+            let n = &mut self.nodes[at];
+            (n.lo, n.hi, n.cone) = (lo, hi, cone);
+            n.sphere = Sphere { centre, radius };
+        }
+    }
+
+    /// Nodes of the smaller cells of a node.
+    pub fn children(&self, node: usize) -> std::ops::Range<usize> {
+        let n = &self.nodes[node];
+        n.children as usize..(n.children + n.child_count) as usize
+    }
+
+    /// Items of a node and of all below it.
+    pub fn items_of(&self, node: usize) -> &[u32] {
+        let n = &self.nodes[node];
+        &self.items[n.first as usize..(n.first + n.count) as usize]
+    }
+
+    /// Goes down from the root wherever `enter` says so, and calls `leaf` at each leaf entered.
+    pub fn walk(&self, mut enter: impl FnMut(&Node) -> bool, mut leaf: impl FnMut(usize, &Node)) {
+        let mut open: Vec<usize> = (0..self.nodes.len().min(1)).collect();
+        while let Some(at) = open.pop() {
+            let n = &self.nodes[at];
+            if !enter(n) {
+                continue;
+            }
+            if n.is_leaf() {
+                leaf(at, n);
+            } else {
+                open.extend(self.children(at).rev());
+            }
+        }
+    }
+}
+
+const EMPTY: (Vec3, Vec3) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+
+fn node(first: u32, count: u32, depth: u32) -> Node {
+    Node {
+        lo: Vec3::ZERO,
+        hi: Vec3::ZERO,
+        sphere: Sphere::default(),
+        cone: Cone::default(),
+        first,
+        count,
+        children: 0,
+        child_count: 0,
+        depth,
+    }
+}
+
+/// A cone that holds all of these; every direction if they do not fit half a ball.
+pub fn around(cones: impl Iterator<Item = Cone> + Clone) -> Cone {
+    let sum: Vec3 = cones.clone().map(|c| c.axis).sum();
+    let Some(axis) = sum.try_normalize() else {
+        return Cone::default();
+    };
+    // Angles add; f64, since a cosine near 1 says little in f32.
+    let mut widest: f64 = 0.0;
+    for c in cones {
+        if c.sine.is_nan() || c.sine >= 1.0 {
+            return Cone::default();
+        }
+        let (a, b) = (axis.as_dvec3(), c.axis.as_dvec3());
+        let between = a.cross(b).length().atan2(a.dot(b));
+        widest = widest.max(between + f64::from(c.sine).asin());
+    }
+    if widest >= std::f64::consts::FRAC_PI_2 {
+        return Cone::default();
+    }
+    Cone { axis, sine: (widest.sin() * (1.0 + 1e-6)) as f32 + 1e-6 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(seed: &mut u64) -> f32 {
+        *seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (*seed >> 40) as f32 / (1u64 << 24) as f32
+    }
+
+    /// Triangles on a dented ball of radius 10, all the same way out.
+    fn triangles(n: usize) -> Vec<Item> {
+        let seed = &mut 5;
+        let mut one = || {
+            let mut v = || 2.0 * noise(seed) - 1.0;
+            let d = Vec3::new(v(), v(), v()).normalize_or(Vec3::X);
+            let (x, y) = d.any_orthonormal_pair();
+            let at = 10.0 * d + 0.5 * Vec3::new(v(), v(), v());
+            Item::triangle([at, at + 0.2 * x + 0.05 * v() * d, at + 0.2 * y])
+        };
+        (0..n).map(|_| one()).collect()
+    }
+
+    #[test]
+    fn every_item_lies_in_one_leaf_and_in_the_boxes_above_it() {
+        let items = triangles(20_000);
+        let tree = Octree::new(&items);
+        let mut owner = vec![0; items.len()];
+        for (at, n) in tree.nodes.iter().enumerate() {
+            for i in tree.items_of(at) {
+                let i = &items[*i as usize];
+                assert!(n.lo.cmple(i.lo).all() && n.hi.cmpge(i.hi).all());
+                for corner in [i.lo, i.hi] {
+                    let away = corner.as_dvec3().distance(n.sphere.centre.as_dvec3());
+                    assert!(away <= f64::from(n.sphere.radius));
+                }
+                let off = n.cone.axis.angle_between(i.cone.axis);
+                assert!(n.cone.sine >= 1.0 || off.sin() <= n.cone.sine + 1e-4 && off < 1.6);
+            }
+            if n.is_leaf() {
+                assert!(n.count as usize <= LEAF_ITEMS && n.count > 0);
+                tree.items_of(at).iter().for_each(|i| owner[*i as usize] += 1);
+            } else {
+                let sum: u32 = tree.children(at).map(|c| tree.nodes[c].count).sum();
+                assert_eq!(sum, n.count);
+            }
+        }
+        assert!(owner.iter().all(|n| *n == 1));
+        let narrow = tree.nodes.iter().filter(|n| n.is_leaf() && n.cone.sine < 0.95).count();
+        assert!(narrow > 100, "only {narrow} leaves know where they look");
+        let mut met = 0;
+        tree.walk(|_| true, |_, n| met += n.count);
+        assert_eq!(met as usize, items.len());
+        tree.walk(|n| n.hi.x < 0.0, |_, n| assert!(n.hi.x < 0.0));
+    }
+
+    #[test]
+    fn items_at_one_place_or_nowhere_end_the_tree() {
+        assert!(Octree::new(&[]).nodes.is_empty());
+        let at = |p: Vec3| Item::triangle([p, p + Vec3::X, p + Vec3::Y]);
+        let same = Octree::new(&vec![at(Vec3::ONE); 1000]);
+        assert!(same.nodes.len() <= 1 + DEPTH_MAX as usize);
+        let mut lost = vec![at(Vec3::NAN); 300];
+        assert!(Octree::new(&lost).nodes.len() <= 1 + DEPTH_MAX as usize);
+        lost.extend((0..300).map(|i| at(Vec3::splat(i as f32))));
+        assert_eq!(Octree::new(&lost).items.len(), 600);
+    }
+}
