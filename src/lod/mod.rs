@@ -8,6 +8,7 @@
 mod eye;
 pub mod octree;
 mod pool;
+pub mod vds;
 
 pub use eye::{Camera, Cone, Eye, Sphere};
 pub use pool::{Full, Pool};

@@ -12,11 +12,9 @@
 mod base;
 mod epsilon;
 mod levels;
-mod octree;
 mod pages;
 mod resample;
 mod samples;
-pub mod schemes;
 mod select;
 mod state;
 mod surface;
