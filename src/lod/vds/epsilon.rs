@@ -9,11 +9,9 @@
 //! ways, face by face: it is measured, it is rigorous, and it over-reports where the original's
 //! parameterisation lets an edge wander sideways.
 //!
-//! From M_L to the original: the distance to one triangle is convex, so that over a small triangle
-//! the distance to one original triangle is largest at a corner; the best of the original
-//! triangles that hold its corners is taken. From the original to M_L: at every vertex of the
-//! original, against the small triangle it is mapped to. Between the original's vertices nothing
-//! is measured; that is the one place where the bound is not rigorous.
+//! The original is laid onto M_L in the same way, and measured where its vertices are mapped to and
+//! in the middle of every edge of M_L. Where else it bends, at crossings of its edges and those of
+//! M_L, is not measured; that is the one place where the bound is not rigorous.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -78,31 +76,33 @@ fn to_finest(base: &Base, samples: &Samples) -> Vec<Vec<f64>> {
     (0..base.faces.len() as u32).into_par_iter().map(one).collect()
 }
 
-/// For each face, a bound of the distance of M_L and the original.
-fn finest(base: &Base, samples: &Samples, hit: &[u32], original: &dyn Original) -> Vec<f64> {
+/// For each face, the distance of M_L and the original.
+fn finest(base: &Base, samples: &Samples, original: &dyn Original) -> Vec<f64> {
     let n = 1u32 << samples.depth();
-    let forth = |f: u32| -> f64 {
-        triangles(n)
-            .map(|t| {
-                let p = t.map(|g| samples.position(base, f, g).as_dvec3());
-                let far = |g: Grid| {
-                    let on = original.triangle(hit[samples.index(base, f, g)]);
-                    p.iter().map(|p| to_triangle(*p, on)).fold(0.0, f64::max)
-                };
-                t.into_iter().map(far).fold(f64::INFINITY, f64::min)
-            })
-            .fold(0.0, f64::max)
+    let at = |f: u32, g: Grid| samples.position(base, f, g).as_dvec3();
+    let middles = |f: u32| -> f64 {
+        let mut worst: f64 = 0.0;
+        // Triangles that stand like the face have each inner edge once, and each outer one.
+        for t in triangles(n).filter(|t| t[0][0] > t[1][0]) {
+            for (p, q) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+                let middle = [0, 1, 2].map(|k| f64::from(p[k] + q[k]) / f64::from(2 * n));
+                let x = original.at(f, middle).position().as_dvec3();
+                worst = worst.max(x.distance(on_segment(x, at(f, p), at(f, q))));
+            }
+        }
+        worst
     };
-    let mut worst: Vec<f64> = (0..base.faces.len() as u32).into_par_iter().map(forth).collect();
-    let back: Vec<(u32, f64)> = (0..original.vertices())
+    let faces = base.faces.len() as u32;
+    let mut worst: Vec<f64> = (0..faces).into_par_iter().map(middles).collect();
+    let corners: Vec<(u32, f64)> = (0..original.vertices())
         .into_par_iter()
         .filter_map(|v| {
-            let (f, weights, at) = original.vertex(v)?;
-            let small = cell(weights, n).map(|g| samples.position(base, f, g).as_dvec3());
-            Some((f, to_triangle(at.as_dvec3(), small)))
+            let (f, weights, x) = original.vertex(v).filter(|(f, ..)| *f < faces)?;
+            let small = cell(weights, n).map(|g| at(f, g));
+            Some((f, to_triangle(x.as_dvec3(), small)))
         })
         .collect();
-    for (f, e) in back {
+    for (f, e) in corners {
         let w = &mut worst[f as usize];
         *w = w.max(e);
     }
@@ -128,14 +128,9 @@ fn cell(weights: [f64; 3], n: u32) -> [Grid; 3] {
 }
 
 /// For each face, a bound of the distance of level ℓ = 0 ..= L and the original, never growing with
-/// the level; and how much of it is the finest level's own.
-pub fn bounds(
-    base: &Base,
-    samples: &Samples,
-    hit: &[u32],
-    original: &dyn Original,
-) -> Vec<Vec<f32>> {
-    let own = finest(base, samples, hit, original);
+/// the level.
+pub fn bounds(base: &Base, samples: &Samples, original: &dyn Original) -> Vec<Vec<f32>> {
+    let own = finest(base, samples, original);
     let mut all = to_finest(base, samples);
     all.iter_mut()
         .zip(own)

@@ -20,7 +20,7 @@ mod state;
 mod surface;
 mod tessellate;
 
-pub use resample::{Original, Resampled};
+pub use resample::Original;
 pub use state::Vds;
 pub use surface::{Surface, VdsError, VdsOptions};
 

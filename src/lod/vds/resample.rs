@@ -1,26 +1,14 @@
 //! What subdivision asks of the original surface.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 use crate::geometry::Vertex;
-
-/// A place of the base mesh as it lies on the original.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Resampled {
-    /// The original surface there, as drawn.
-    pub vertex: Vertex,
-    /// Face of the original that holds it.
-    pub face: u32,
-}
 
 /// A mesh that a base mesh is parameterised over: every place of the base is a place on it.
 pub trait Original: Sync {
     /// The original at a place of the base: `weights` of the corners of base face `face`. Places
     /// on an edge need agree from both sides only as far as rounding goes.
-    fn at(&self, face: u32, weights: [f64; 3]) -> Resampled;
-
-    /// Corners of a face of the original, LPS mm.
-    fn triangle(&self, face: u32) -> [DVec3; 3];
+    fn at(&self, face: u32, weights: [f64; 3]) -> Vertex;
 
     /// Vertices of the original.
     fn vertices(&self) -> u32;

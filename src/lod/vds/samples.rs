@@ -8,7 +8,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::base::Base;
-use super::resample::{Original, Resampled};
+use super::resample::Original;
 use crate::geometry::Vertex;
 
 /// Point of a face's grid.
@@ -41,8 +41,8 @@ fn inner_points(n: u32) -> impl Iterator<Item = Grid> {
 }
 
 impl Samples {
-    /// Takes them all, and says which face of the original each lies on.
-    pub fn take(base: &Base, depth: u32, original: &dyn Original) -> (Self, Vec<u32>) {
+    /// Takes them all.
+    pub fn take(base: &Base, depth: u32, original: &dyn Original) -> Self {
         let n = 1u32 << depth;
         let weights = |g: Grid| g.map(|c| f64::from(c) / f64::from(n));
         let begin = [base.vertices, base.vertices + base.edges.len() * inner(depth)[0]];
@@ -53,18 +53,17 @@ impl Samples {
             }
         }
         // A vertex that no face uses is never asked for.
-        let nothing = Resampled { vertex: Vertex::default(), face: 0 };
-        let mut all: Vec<Resampled> = corner
+        let mut vertices: Vec<Vertex> = corner
             .par_iter()
             .map(|at| {
                 let mut g = [0; 3];
-                at.map_or(nothing, |(f, c)| {
+                at.map_or_else(Vertex::default, |(f, c)| {
                     g[c] = n;
                     original.at(f, weights(g))
                 })
             })
             .collect();
-        all.par_extend(base.edges.par_iter().flat_map_iter(|e| {
+        vertices.par_extend(base.edges.par_iter().flat_map_iter(|e| {
             (1..n).map(move |k| {
                 let mut g = [0; 3];
                 g[e.corner as usize] = n - k;
@@ -72,11 +71,10 @@ impl Samples {
                 original.at(e.faces[0], weights(g))
             })
         }));
-        all.par_extend((0..base.faces.len() as u32).into_par_iter().flat_map_iter(|f| {
+        vertices.par_extend((0..base.faces.len() as u32).into_par_iter().flat_map_iter(|f| {
             inner_points(n).map(move |g| original.at(f, weights(g)))
         }));
-        let faces = all.iter().map(|r| r.face).collect();
-        (Self { depth, vertices: all.into_iter().map(|r| r.vertex).collect(), begin }, faces)
+        Self { depth, vertices, begin }
     }
 
     /// L.

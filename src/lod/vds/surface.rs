@@ -147,12 +147,12 @@ impl Surface {
         if wanted > SAMPLES_MAX {
             return Err(VdsError::TooLarge { samples: wanted, depth });
         }
-        let (samples, hit) = Samples::take(&base, depth, original);
+        let samples = Samples::take(&base, depth, original);
         let lost = |v: &crate::geometry::Vertex| !v.position().is_finite();
         if let Some(sample) = samples.all().iter().position(lost) {
             return Err(VdsError::NotFinite { sample, samples: samples.all().len() });
         }
-        let errors = epsilon::bounds(&base, &samples, &hit, original);
+        let errors = epsilon::bounds(&base, &samples, original);
         Ok(Self::grown(base, samples, &errors, options))
     }
 

@@ -216,7 +216,7 @@ mod tests {
     fn a_block_knows_its_size_before_it_is_written() {
         let base = Base::new(vec![[0, 1, 2]], 3);
         let original = super::super::tests::Flat;
-        let (samples, _) = Samples::take(&base, 5, &original);
+        let samples = Samples::take(&base, 5, &original);
         let mut used = 0;
         for own in 0..=40u8 {
             for mask in 0..8 {
