@@ -179,7 +179,10 @@ impl Surface {
                 node_error_mm[at] = error_mm[0];
                 // The original lies no further from the finest samples than that.
                 let off = error_mm[samples.depth() as usize];
-                let sphere = Sphere { radius: node.sphere.radius + off, ..node.sphere };
+                let centre = node.sphere.centre;
+                let reach = faces.iter().map(|f| reach(&base, &samples, *f, centre));
+                let radius = reach.fold(0.0, f32::max) * (1.0 + 1e-6) + off;
+                let sphere = Sphere { centre, radius };
                 leaves.push(Leaf { faces, sphere, cone: node.cone, error_mm });
             },
         );
@@ -228,6 +231,13 @@ impl Surface {
             + self.tree.nodes.len() * size_of::<crate::lod::octree::Node>()
             + self.leaves.len() * (size_of::<Leaf>() + 4 * self.depth() as usize + 4)
     }
+}
+
+/// Largest distance of a face's samples from a point.
+fn reach(base: &Base, samples: &Samples, f: u32, from: Vec3) -> f32 {
+    let n = 1u32 << samples.depth();
+    let grid = (0..=n).flat_map(|i| (0..=n - i).map(move |j| [i, j, n - i - j]));
+    grid.map(|g| samples.position(base, f, g).distance(from)).fold(0.0, f32::max)
 }
 
 /// Box of a face at all its levels, cone of its triangles at all its levels. Triangles that mend
