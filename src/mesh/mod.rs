@@ -1,5 +1,21 @@
 //! Half-edge meshes: invariants, simplification by half-edge collapse, parameterisation.
 
 mod collapse;
+mod error;
+mod greedy;
+pub mod halfedge;
+mod heap;
+mod nearest;
+mod quadric;
+mod simplify;
+mod star;
+mod start;
 
 pub use collapse::{Collapse, OnMesh, Recorder};
+pub use error::MeshError;
+pub use halfedge::HalfEdges;
+pub use nearest::{Closest, Nearest};
+pub use simplify::{Metric, Simplified, SimplifyOptions, Stopped, simplify};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,98 @@
+//! What each vertex stands for before anything went: its quadric, and whether it may go.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::halfedge::{NONE, face, next, prev};
+use super::quadric::Quadric;
+use super::{HalfEdges, Metric};
+use crate::geometry::Mesh;
+
+/// The planes that hold boundaries and rims in place weigh so much more than faces.
+const RIM_WEIGHT: f64 = 10.0;
+/// Vertices of a parcel of work; smaller meshes stay on their thread.
+pub const PARCEL: usize = 4096;
+
+/// What a vertex may do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Freedom {
+    /// Goes to any neighbour.
+    Free,
+    /// Lies on a boundary or on the rim of a cap, and goes along it.
+    Rim,
+    /// Stays.
+    Locked,
+}
+
+/// Whether an edge is a boundary or separates a cap from the rest.
+#[inline]
+pub fn on_rim(edges: &HalfEdges, h: u32) -> bool {
+    let pair = edges.pair(h);
+    pair == NONE || edges.mark(face(h)) != edges.mark(face(pair))
+}
+
+/// Freedom of every vertex.
+pub fn freedoms(edges: &HalfEdges, locked: Option<&[bool]>) -> Vec<Freedom> {
+    let freedom = |v: u32| {
+        if edges.out(v) == NONE || locked.is_some_and(|l| l[v as usize]) {
+            return Freedom::Locked;
+        }
+        let leaving = edges.around(v).filter(|h| on_rim(edges, *h)).count();
+        match leaving + usize::from(edges.on_boundary(v)) {
+            0 => Freedom::Free,
+            2 => Freedom::Rim,
+            _ => Freedom::Locked,
+        }
+    };
+    (0..edges.vertex_count() as u32).into_par_iter().with_min_len(PARCEL).map(freedom).collect()
+}
+
+/// Quadric of every vertex, from positions in the units of the result.
+pub fn quadrics(
+    mesh: &Mesh,
+    edges: &HalfEdges,
+    at: &(impl Fn(u32) -> DVec3 + Sync),
+    metric: Metric,
+) -> Vec<Quadric> {
+    let one = |v: u32| {
+        let mut q = Quadric::default();
+        let mut sum = DVec3::ZERO;
+        let p = at(v);
+        for h in edges.around(v) {
+            let (a, b) = (at(edges.target(h)), at(edges.origin(prev(h))));
+            let cross = (a - p).cross(b - p);
+            let length = cross.length();
+            if length == 0.0 {
+                continue;
+            }
+            let n = cross / length;
+            sum += cross;
+            let weight = if metric == Metric::Paper { 1.0 } else { 0.5 * length };
+            q += Quadric::plane(n, p, weight);
+        }
+        if metric != Metric::Qem {
+            let given = mesh.normals.get(v as usize).map(|n| n.as_dvec3());
+            let normal = given.unwrap_or(sum).try_normalize();
+            if let Some(n) = normal {
+                q += Quadric::plane(n, p, q.weight);
+            }
+        }
+        for h in edges.around(v) {
+            for h in [h, prev(h)].into_iter().filter(|h| on_rim(edges, *h)) {
+                q += upright(edges, at, h);
+            }
+        }
+        q
+    };
+    (0..edges.vertex_count() as u32).into_par_iter().with_min_len(PARCEL).map(one).collect()
+}
+
+/// The plane through an edge, upright on its face.
+fn upright(edges: &HalfEdges, at: &impl Fn(u32) -> DVec3, h: u32) -> Quadric {
+    let [a, b, c] = [h, next(h), prev(h)].map(|h| at(edges.origin(h)));
+    let along = b - a;
+    match along.cross(along.cross(c - a)).try_normalize() {
+        Some(n) => Quadric::plane(n, a, RIM_WEIGHT * along.length_squared()),
+        None => Quadric::default(),
+    }
+}
