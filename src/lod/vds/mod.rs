@@ -15,6 +15,7 @@ mod levels;
 mod pages;
 mod resample;
 mod samples;
+pub mod schemes;
 mod select;
 mod state;
 mod surface;

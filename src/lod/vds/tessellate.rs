@@ -121,25 +121,21 @@ impl Block {
 
 /// A triangle of which some sides are split in the middle: one to four triangles, the plain one
 /// and seven templates.
-fn template(v: [u8; 3], middle: [Option<u8>; 3], faces: &mut Vec<[u8; 3]>) {
-    match middle.iter().flatten().count() {
-        0 => faces.push(v),
-        1 => {
-            let e = middle.iter().position(Option::is_some).unwrap_or(0);
-            let m = middle[e].unwrap_or(0);
-            let (a, b, c) = (v[e], v[(e + 1) % 3], v[(e + 2) % 3]);
-            faces.extend([[a, m, c], [m, b, c]]);
-        }
-        2 => {
-            // Side e stays whole; the corner opposite to it is cut off.
-            let e = middle.iter().position(Option::is_none).unwrap_or(0);
-            let (a, b, c) = (v[e], v[(e + 1) % 3], v[(e + 2) % 3]);
-            let (bc, ca) = (middle[(e + 1) % 3].unwrap_or(0), middle[(e + 2) % 3].unwrap_or(0));
-            faces.extend([[bc, c, ca], [a, b, bc], [a, bc, ca]]);
-        }
-        _ => {
-            let [ab, bc, ca] = middle.map(|m| m.unwrap_or(0));
-            let [a, b, c] = v;
+pub fn template<T: Copy>(v: [T; 3], middle: [Option<T>; 3], faces: &mut Vec<[T; 3]>) {
+    // The side from the first to the second corner is split.
+    let one = |[a, b, c]: [T; 3], m| [[a, m, c], [m, b, c]];
+    // It is whole, and the corner opposite to it is cut off.
+    let two = |[a, b, c]: [T; 3], bc, ca| [[bc, c, ca], [a, b, bc], [a, bc, ca]];
+    let [a, b, c] = v;
+    match middle {
+        [None, None, None] => faces.push(v),
+        [Some(m), None, None] => faces.extend(one([a, b, c], m)),
+        [None, Some(m), None] => faces.extend(one([b, c, a], m)),
+        [None, None, Some(m)] => faces.extend(one([c, a, b], m)),
+        [None, Some(bc), Some(ca)] => faces.extend(two([a, b, c], bc, ca)),
+        [Some(ab), None, Some(ca)] => faces.extend(two([b, c, a], ca, ab)),
+        [Some(ab), Some(bc), None] => faces.extend(two([c, a, b], ab, bc)),
+        [Some(ab), Some(bc), Some(ca)] => {
             faces.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
         }
     }
