@@ -5,6 +5,7 @@ mod error;
 mod greedy;
 pub mod halfedge;
 mod heap;
+pub mod maps;
 mod nearest;
 mod quadric;
 mod simplify;
@@ -14,6 +15,7 @@ mod start;
 pub use collapse::{Collapse, OnMesh, Recorder};
 pub use error::MeshError;
 pub use halfedge::HalfEdges;
+pub use maps::{Mapped, Maps, MapsError};
 pub use nearest::{Closest, Nearest};
 pub use simplify::{Metric, Simplified, SimplifyOptions, Stopped, simplify};
 

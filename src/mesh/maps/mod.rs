@@ -1,0 +1,307 @@
+//! MAPS: where every point of a mesh lies on what a simplifier leaves of it, and back.
+//!
+//! Each half-edge collapse u → v exchanges the faces around u for fewer faces over the same
+//! polygon. Flattened, that is a piecewise linear bijection; a point is carried over by its
+//! barycentric weights. [`Maps`] hears of every collapse and keeps the flattened polygon; a
+//! triangle gets a new id whenever it changes, so each is made at most once and taken apart at most
+//! once, and carrying a point from the original to the base or back is a walk along these two
+//! links.
+//!
+//! After Lee, Sweldens, Schröder, Cowsar, Dobkin: MAPS, 1998, doi:10.1145/280814.280828, and
+//! Khodakovsky, Litke, Schröder 2003, doi:10.1145/882262.882275. Ours: the sequence of collapses
+//! is replayed, where they keep a 4-tuple of every removed vertex up to date; a 4-tuple places
+//! vertices only, and the surface between them straddles base edges. No re-triangulation: a
+//! collapse whose flattened polygon would fold is refused.
+
+mod bytes;
+mod flatten;
+mod replay;
+#[cfg(test)]
+mod tests;
+
+use glam::DVec3;
+
+use super::{Collapse, OnMesh, Recorder};
+use crate::geometry::Mesh;
+use flatten::{Flat, Kind, Polygon, Spoke, flatten};
+
+/// No record.
+const NONE: u32 = u32::MAX;
+
+/// Why a parameterisation cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MapsError {
+    /// The bytes are something else.
+    #[error("not a parameterisation: the first bytes are not `{}`", bytes::MAGIC.escape_ascii())]
+    Magic,
+    /// Written by another version.
+    #[error("parameterisation of version {found}; this program reads version {}", bytes::VERSION)]
+    Version {
+        /// Version in the bytes.
+        found: u32,
+    },
+    /// Too short or too long.
+    #[error("parameterisation of {found} bytes where its header asks for {wanted}")]
+    Length {
+        /// Bytes the header asks for.
+        wanted: u64,
+        /// Bytes there.
+        found: u64,
+    },
+    /// The bytes changed since they were written.
+    #[error("parameterisation is damaged: its bytes do not have the hash at their end")]
+    Damaged,
+    /// It was made with another mesh.
+    #[error(
+        "parameterisation belongs to another mesh, of {vertices} vertices and {faces} faces \
+         (hash {hash}); this one has {here_vertices} and {here_faces} (hash {here})"
+    )]
+    OtherMesh {
+        /// Vertices of the mesh it was made with.
+        vertices: u32,
+        /// Faces of the mesh it was made with.
+        faces: u32,
+        /// First digits of that mesh's hash.
+        hash: String,
+        /// Vertices of the mesh given.
+        here_vertices: u32,
+        /// Faces of the mesh given.
+        here_faces: u32,
+        /// First digits of the given mesh's hash.
+        here: String,
+    },
+    /// Its collapses end in another base mesh than it says.
+    #[error("parameterisation contradicts itself: its collapses do not end in its base mesh")]
+    OtherBase,
+    /// A collapse that cannot have happened.
+    #[error("collapse {collapse} of the parameterisation: {why}")]
+    Record {
+        /// Which collapse, from 0.
+        collapse: u32,
+        /// What is wrong.
+        why: &'static str,
+    },
+    /// A face that is not there.
+    #[error("face {face} is not a face of the {mesh} mesh")]
+    NoFace {
+        /// Which face.
+        face: u32,
+        /// `original` or `base`.
+        mesh: &'static str,
+    },
+    /// More than ids can count.
+    #[error("mesh of {vertices} vertices and {faces} faces is too large for a parameterisation")]
+    TooLarge {
+        /// Its vertices.
+        vertices: usize,
+        /// Its faces.
+        faces: usize,
+    },
+}
+
+/// A place carried to the other mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mapped {
+    /// The place there.
+    pub at: OnMesh,
+    /// Collapses it was carried over.
+    pub hops: u32,
+}
+
+/// Where a removed vertex lies on the base mesh: the paper's 4-tuple.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tuple {
+    /// The vertex, by its original id.
+    pub vertex: u32,
+    /// Base face and the weights of its vertices.
+    pub at: OnMesh,
+}
+
+/// One collapse.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Record {
+    /// The vertex that goes.
+    from: u32,
+    /// First of its ring entries; they end where those of the next record start.
+    start: u32,
+    /// Id of the first triangle it makes.
+    first_post: u32,
+    /// How the fans lie.
+    kind: Kind,
+}
+
+/// One ring vertex of a collapse.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Entry {
+    /// The vertex.
+    vertex: u32,
+    /// Triangle between it and the next ring vertex, before; `NONE` after the last on a boundary.
+    pre: u32,
+    /// Where it lies in the plane.
+    flat: [f32; 2],
+}
+
+impl Flat for Entry {
+    fn flat(&self) -> [f64; 2] {
+        self.flat.map(f64::from)
+    }
+}
+
+/// One triangle that exists at some time between original and base.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Triangle {
+    /// Its vertices in the order of its weights.
+    vertices: [u32; 3],
+    /// Record that takes it apart, or `NONE` for a triangle of the base.
+    pre: u32,
+    /// Record that makes it, or `NONE` for a triangle of the original.
+    post: u32,
+    /// Half-edge face it is stored in.
+    slot: u32,
+}
+
+/// The bijection between an original mesh and its base mesh.
+///
+/// Faces of the original go by their index, faces of the base by the index of the original face
+/// whose place they took (the simplifier's half-edge face). A base face keeps the order of its
+/// vertices: where a collapse moves a corner, the new vertex stands where the old one stood.
+#[derive(Clone, Debug, Default)]
+pub struct Maps {
+    /// Vertices of the original.
+    vertices: u32,
+    /// Faces of the original.
+    faces: u32,
+    /// Hash of the original.
+    original: [u8; 32],
+    triangles: Vec<Triangle>,
+    records: Vec<Record>,
+    entries: Vec<Entry>,
+    /// Triangle in each half-edge face now, or `NONE`.
+    current: Vec<u32>,
+    /// Collapses refused.
+    refused: u32,
+    /// Scratch space of [`flatten`].
+    spokes: Vec<Spoke>,
+}
+
+impl Maps {
+    /// The identity on a mesh, ready to hear of collapses.
+    ///
+    /// # Errors
+    /// [`MapsError::TooLarge`] for a mesh whose ids could overflow: a simplification makes up to
+    /// about eight times as many triangles as the mesh has.
+    pub fn new(mesh: &Mesh) -> Result<Self, MapsError> {
+        let (vertices, faces) = (mesh.positions.len(), mesh.faces.len());
+        if vertices.max(faces) > (NONE / 16) as usize {
+            return Err(MapsError::TooLarge { vertices, faces });
+        }
+        let triangle = |(slot, &vertices): (usize, &[u32; 3])| Triangle {
+            vertices,
+            pre: NONE,
+            post: NONE,
+            slot: slot as u32,
+        };
+        Ok(Self {
+            vertices: vertices as u32,
+            faces: faces as u32,
+            original: bytes::mesh_hash(mesh),
+            triangles: mesh.faces.iter().enumerate().map(triangle).collect(),
+            current: (0..faces as u32).collect(),
+            ..Self::default()
+        })
+    }
+
+    /// Collapses recorded.
+    pub fn collapses(&self) -> usize {
+        self.records.len()
+    }
+
+    /// Collapses refused because the flattened polygon would fold.
+    pub fn refused(&self) -> u32 {
+        self.refused
+    }
+
+    /// Bytes held in memory, spare capacity not counted.
+    pub fn memory_bytes(&self) -> usize {
+        size_of_val(&self.triangles[..])
+            + size_of_val(&self.records[..])
+            + size_of_val(&self.entries[..])
+            + size_of_val(&self.current[..])
+    }
+
+    /// Faces of the base: half-edge face, and original vertex ids in the order of the weights.
+    pub fn base_faces(&self) -> impl Iterator<Item = (u32, [u32; 3])> + '_ {
+        let alive = self.current.iter().enumerate().filter(|(_, t)| **t != NONE);
+        alive.map(|(slot, &t)| (slot as u32, self.triangles[t as usize].vertices))
+    }
+
+    /// Polygon of a record.
+    fn polygon(&self, record: u32) -> (&Record, Polygon<'_, Entry>) {
+        let r = &self.records[record as usize];
+        let next = self.records.get(record as usize + 1);
+        let end = next.map_or(self.entries.len(), |n| n.start as usize);
+        (r, Polygon { ring: &self.entries[r.start as usize..end], kind: r.kind })
+    }
+
+    /// Takes the newest ring entries, from `start`, down as the collapse of `from`: the triangles
+    /// it ends and makes.
+    fn append(&mut self, from: u32, start: usize, kind: Kind) {
+        let record = self.records.len() as u32;
+        let k = self.entries.len() - start;
+        let to = self.entries[start + kind.apex(k)].vertex;
+        let first_post = self.triangles.len() as u32;
+        for i in 0..kind.pre(k) {
+            let pre = self.entries[start + i].pre as usize;
+            self.triangles[pre].pre = record;
+            let Triangle { vertices, slot, .. } = self.triangles[pre];
+            let stays = (kind.post_start()..kind.post_start() + k - 2).contains(&i);
+            self.current[slot as usize] = NONE;
+            if stays {
+                self.current[slot as usize] = self.triangles.len() as u32;
+                let vertices = vertices.map(|v| if v == from { to } else { v });
+                self.triangles.push(Triangle { vertices, pre: NONE, post: record, slot });
+            }
+        }
+        self.records.push(Record { from, start: start as u32, first_post, kind });
+    }
+}
+
+impl Recorder for Maps {
+    /// Flattens the ring; refuses a collapse whose polygon would fold, or that leaves a boundary
+    /// vertex with no face to lie on.
+    fn record(&mut self, collapse: &Collapse<'_>, position: &dyn Fn(u32) -> DVec3) -> bool {
+        let Collapse { from, to, ring, faces, boundary } = *collapse;
+        let start = self.entries.len();
+        let kind = match (boundary, ring.first() == Some(&to)) {
+            (false, _) => Kind::Inner,
+            (true, true) => Kind::First,
+            (true, false) => Kind::Last,
+        };
+        debug_assert_eq!(faces.len(), kind.pre(ring.len()), "faces of vertex {from}");
+        let room = (NONE as usize - 1).saturating_sub(ring.len());
+        let mut spokes = std::mem::take(&mut self.spokes);
+        let mut i = 0;
+        let laid = start.max(self.triangles.len()) < room
+            && flatten(
+                position(from),
+                ring.iter().map(|&r| position(r)),
+                kind,
+                &mut spokes,
+                |flat| {
+                    let pre = faces.get(i).map_or(NONE, |&f| self.current[f as usize]);
+                    self.entries.push(Entry { vertex: ring[i], pre, flat });
+                    i += 1;
+                },
+            )
+            && Polygon { ring: &self.entries[start..], kind }.unfolded();
+        self.spokes = spokes;
+        if !laid {
+            self.entries.truncate(start);
+            self.refused += 1;
+            return false;
+        }
+        self.append(from, start, kind);
+        true
+    }
+}
