@@ -21,9 +21,11 @@ mod state;
 mod surface;
 mod tessellate;
 
-pub use resample::Original;
+pub use resample::{Recorded, Original};
 pub use state::Vds;
 pub use surface::{Surface, VdsError, VdsOptions};
 
+#[cfg(test)]
+mod measure;
 #[cfg(test)]
 mod tests;

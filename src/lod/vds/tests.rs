@@ -550,3 +550,44 @@ fn what_is_drawn_keeps_the_tolerance_where_it_is_seen() {
     let most = f64::from(PIXELS.pixels);
     assert!(met > 500 && worst < most && worst > 0.2 * most, "{worst} px of {most}, {met}");
 }
+
+/// The real thing: simplified, recorded, resampled.
+#[test]
+fn a_mesh_is_refined_back_from_what_it_was_simplified_to() {
+    let mesh = Ring::new([20, 10], 4).mesh;
+    let mut maps = crate::mesh::Maps::new(&mesh).unwrap();
+    let base =
+        crate::mesh::simplify(&mesh, &crate::mesh::SimplifyOptions::to_faces(400), &mut maps)
+            .unwrap();
+    let shading = crate::surface::shading(&mesh);
+    let original = Recorded::new(&mesh, &shading.vertices, &base, &maps);
+    for (f, face) in base.mesh.faces.iter().enumerate() {
+        for c in 0..3 {
+            let mut weights = [0.0; 3];
+            weights[c] = 1.0;
+            let at = original.at(f as u32, weights).position();
+            assert_eq!(at, base.mesh.positions[face[c] as usize], "corners keep their order");
+        }
+    }
+    let surface = Arc::new(Surface::new(&base.mesh, &original, leaves_of(6)).unwrap());
+    let all: Vec<f32> = (0..=surface.depth()).map(|l| surface.error_mm(l)).collect();
+    assert!(surface.depth() == 2 && all[2] < 0.5 * all[0], "{all:?}");
+    // The finest level against the original, sampled.
+    let search = crate::mesh::Nearest::new(&mesh);
+    let at = |f: u32, g| surface.samples.position(&surface.base, f, g).as_dvec3();
+    for f in 0..base.mesh.faces.len() as u32 {
+        let bound = f64::from(surface.leaves[surface.leaf_of[f as usize] as usize].error_mm[2]);
+        for t in super::samples::triangles(4) {
+            for p in spread_over(t.map(|g| at(f, g))) {
+                let far = search.closest(p).unwrap().distance_mm;
+                assert!(far <= bound + 1e-5, "{far} mm, bound {bound} mm");
+            }
+        }
+    }
+    let mut vds = Vds::new(surface);
+    let (mut pool, mut device) = (Pool::new(4000, 4000, 2), Device::default());
+    for s in 0..6 {
+        let step = settle(&mut vds, &camera(&mut (s * 71 + 3)), &mut pool, &mut device);
+        assert!(closed(&device.triangles(&step)));
+    }
+}

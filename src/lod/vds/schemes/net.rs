@@ -24,6 +24,8 @@ pub struct Net<'a> {
     places: Vec<Place>,
     pub vertices: Vec<Vertex>,
     middles: HashMap<(u32, u32), u32>,
+    /// Faces around each vertex of the base.
+    around: Vec<Vec<u32>>,
 }
 
 /// Weights this close to nothing are nothing.
@@ -33,8 +35,13 @@ impl<'a> Net<'a> {
     /// The vertices of the base that its faces use keep their ids.
     pub fn new(base: &'a Base, original: &'a dyn Original) -> Self {
         let mut places = vec![Place { face: 0, weights: [0.0; 3] }; base.vertices];
-        for (f, face) in base.faces.iter().enumerate().rev() {
+        let mut around = vec![Vec::new(); base.vertices];
+        for (f, face) in base.faces.iter().enumerate() {
             for c in 0..3 {
+                around[face[c] as usize].push(f as u32);
+                if around[face[c] as usize].len() > 1 {
+                    continue;
+                }
                 let mut weights = [0.0; 3];
                 weights[c] = 1.0;
                 places[face[c] as usize] = Place { face: f as u32, weights };
@@ -42,7 +49,7 @@ impl<'a> Net<'a> {
         }
         let at = |p: &Place| original.at(p.face, p.weights);
         let vertices = places.iter().map(at).collect();
-        Self { base, original, places, vertices, middles: HashMap::new() }
+        Self { base, original, places, vertices, middles: HashMap::new(), around }
     }
 
     /// Weights of a place with respect to another face: its own face, one that shares the corner
@@ -77,11 +84,16 @@ impl<'a> Net<'a> {
 
     /// The mean of some places that lie in one face or in two that share an edge.
     fn mean(&self, of: &[u32]) -> Option<Place> {
-        let near = of.iter().flat_map(|v| {
-            let face = self.places[*v as usize].face;
-            let across = (0..3).filter_map(move |e| self.base.across(face, e));
-            std::iter::once(face).chain(across)
-        });
+        let mut near: Vec<u32> = Vec::new();
+        for v in of {
+            let Place { face, weights } = self.places[*v as usize];
+            near.push(face);
+            match weights.iter().position(|w| *w > 1.0 - TINY) {
+                // At a corner of the base: in each face around it.
+                Some(c) => near.extend(&self.around[self.base.faces[face as usize][c] as usize]),
+                None => near.extend((0..3).filter_map(|e| self.base.across(face, e))),
+            }
+        }
         let share = 1.0 / of.len() as f64;
         let sum = |face: u32| -> Option<Place> {
             let mut weights = [0.0; 3];
@@ -94,7 +106,7 @@ impl<'a> Net<'a> {
         let mut best: Option<Place> = None;
         let low = |p: &Place| p.weights.iter().copied().fold(f64::INFINITY, f64::min);
         // The face that holds it, else the one that comes nearest to it.
-        for p in near.filter_map(sum) {
+        for p in near.into_iter().filter_map(sum) {
             if best.is_none_or(|b| low(&p) > low(&b)) {
                 best = Some(p);
             }

@@ -65,7 +65,7 @@ fn split_only_where_needed_they_leave_no_crack_and_no_large_error() {
         }
         // Finer in one half of the ring alone.
         let base = ring.base();
-        let part = Half { ring: &ring };
+        let part = Half { ring: &ring, base: ring.base() };
         let mesh = refine(&base, &part, scheme, 0.05, 20);
         assert!(closed(&mesh), "{scheme:?}");
         let side = |right: bool| {
@@ -79,11 +79,12 @@ fn split_only_where_needed_they_leave_no_crack_and_no_large_error() {
 /// The ring on one side, its base on the other.
 struct Half<'a> {
     ring: &'a Ring,
+    base: Mesh,
 }
 
 impl Original for Half<'_> {
     fn at(&self, face: u32, weights: [f64; 3]) -> crate::geometry::Vertex {
-        let mesh = self.ring.base();
+        let mesh = &self.base;
         let corners = mesh.faces[face as usize].map(|v| mesh.positions[v as usize].as_dvec3());
         let flat: glam::DVec3 = (0..3).map(|c| weights[c] * corners[c]).sum();
         let real = self.ring.at(face, weights);
