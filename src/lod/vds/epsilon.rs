@@ -48,9 +48,8 @@ fn to_finest(base: &Base, samples: &Samples) -> Vec<Vec<f64>> {
             let m = 1u32 << (depth - l);
             let mut worst: f64 = 0.0;
             for t in triangles(1 << l) {
-                let place = |p: Grid| -> Grid {
-                    [0, 1, 2].map(|k| (0..3).map(|c| p[c] * t[c][k]).sum())
-                };
+                let place =
+                    |p: Grid| -> Grid { [0, 1, 2].map(|k| (0..3).map(|c| p[c] * t[c][k]).sum()) };
                 let corners = [[m, 0, 0], [0, m, 0], [0, 0, m]].map(|p| at(place(p)));
                 for i in 0..=m {
                     for j in 0..=m - i {

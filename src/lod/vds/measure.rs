@@ -1,7 +1,7 @@
 //! Measurements on large meshes: `INTIMA_MESHES=folder cargo test --release --lib
 //! lod::vds::measure -- --ignored --nocapture`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -23,7 +23,12 @@ fn prepared(name: &str, faces: usize) -> (Mesh, Simplified, Maps) {
     let t = Instant::now();
     let mut maps = Maps::new(&mesh).unwrap();
     let base = simplify(&mesh, &SimplifyOptions::to_faces(faces), &mut maps).unwrap();
-    println!("{name}: {} to {} faces in {:.2?}", mesh.faces.len(), base.mesh.faces.len(), t.elapsed());
+    println!(
+        "{name}: {} to {} faces in {:.2?}",
+        mesh.faces.len(),
+        base.mesh.faces.len(),
+        t.elapsed()
+    );
     (mesh, base, maps)
 }
 
@@ -36,8 +41,12 @@ fn distance(a: &Mesh, b: &Mesh) -> (f64, f64) {
             let [x, y, z] = f.map(|v| a.positions[v as usize].as_dvec3());
             let area = 0.5 * (y - x).cross(z - x).length();
             let at = |u: f64, v: f64| far(x + u * (y - x) + v * (z - x));
-            let inner = [at(1.0 / 6.0, 1.0 / 6.0), at(2.0 / 3.0, 1.0 / 6.0), at(1.0 / 6.0, 2.0 / 3.0)];
-            let most = inner.into_iter().chain([at(0.5, 0.0), at(0.5, 0.5), at(0.0, 0.5)]).fold(0.0, f64::max);
+            let inner =
+                [at(1.0 / 6.0, 1.0 / 6.0), at(2.0 / 3.0, 1.0 / 6.0), at(1.0 / 6.0, 2.0 / 3.0)];
+            let most = inner
+                .into_iter()
+                .chain([at(0.5, 0.0), at(0.5, 0.5), at(0.0, 0.5)])
+                .fold(0.0, f64::max);
             (area, area * inner.map(|d| d * d).iter().sum::<f64>() / 3.0, most)
         };
         let add = |p: (f64, f64, f64), q: (f64, f64, f64)| (p.0 + q.0, p.1 + q.1, p.2.max(q.2));
@@ -61,7 +70,10 @@ fn three_schemes_at_equal_error() {
         let predicted = butterfly::subdivide(&base.mesh);
         let split = refine(&base.mesh, &original, Scheme::Quad, -1.0, 1);
         let (rms, most) = distance(&predicted, &mesh);
-        println!("  butterfly alone, once: {} faces, rms {rms:.4}, max {most:.4} mm", predicted.faces.len());
+        println!(
+            "  butterfly alone, once: {} faces, rms {rms:.4}, max {most:.4} mm",
+            predicted.faces.len()
+        );
         println!("  scheme  tolerance   faces      rms      max mm    time");
         for rounds in 1..=5 {
             for scheme in [Scheme::Quad, Scheme::Root, Scheme::Eight] {
@@ -72,7 +84,10 @@ fn three_schemes_at_equal_error() {
                 let fine = refine(&base.mesh, &original, scheme, -1.0, rounds);
                 let spent = t.elapsed();
                 let (rms, most) = distance(&fine, &mesh);
-                println!("  {scheme:<7?} all x{rounds} {:>8} {rms:>9.5} {most:>9.4} {spent:>9.2?}", fine.faces.len());
+                println!(
+                    "  {scheme:<7?} all x{rounds} {:>8} {rms:>9.5} {most:>9.4} {spent:>9.2?}",
+                    fine.faces.len()
+                );
             }
         }
         for tolerance in [0.1, 0.05, 0.025, 0.0125] {
@@ -81,7 +96,10 @@ fn three_schemes_at_equal_error() {
                 let fine = refine(&base.mesh, &original, scheme, tolerance, 24);
                 let spent = t.elapsed();
                 let (rms, most) = distance(&fine, &mesh);
-                println!("  {scheme:<7?} {tolerance:>7} {:>8} {rms:>9.5} {most:>9.4} {spent:>9.2?}", fine.faces.len());
+                println!(
+                    "  {scheme:<7?} {tolerance:>7} {:>8} {rms:>9.5} {most:>9.4} {spent:>9.2?}",
+                    fine.faces.len()
+                );
             }
         }
         drop(split);
@@ -120,7 +138,12 @@ fn flights_through_large_meshes() {
         let t = Instant::now();
         let original = Recorded::new(&mesh, &shading.vertices, &base, &maps);
         let surface = Surface::new(&base.mesh, &original, VdsOptions::default()).unwrap();
-        println!("{name}: surface in {:.2?}, {:.1} MB, {} leaves", t.elapsed(), surface.bytes() as f64 / 1e6, surface.leaves());
+        println!(
+            "{name}: surface in {:.2?}, {:.1} MB, {} leaves",
+            t.elapsed(),
+            surface.bytes() as f64 / 1e6,
+            surface.leaves()
+        );
         let surface = Arc::new(surface);
         for l in 0..=surface.depth() {
             let step = 1 << (surface.depth() - l);
@@ -128,24 +151,40 @@ fn flights_through_large_meshes() {
             for f in 0..surface.base.faces.len() as u32 {
                 for t in super::samples::triangles(1 << l) {
                     let first = level.positions.len() as u32;
-                    level.positions.extend(t.map(|g| surface.samples.position(&surface.base, f, g.map(|c| c * step))));
+                    level.positions.extend(
+                        t.map(|g| surface.samples.position(&surface.base, f, g.map(|c| c * step))),
+                    );
                     level.faces.push([first, first + 1, first + 2]);
                 }
             }
-            let mean = surface.leaves.iter().map(|x| f64::from(x.error_mm[l as usize])).sum::<f64>() / surface.leaves() as f64;
+            let mean =
+                surface.leaves.iter().map(|x| f64::from(x.error_mm[l as usize])).sum::<f64>()
+                    / surface.leaves() as f64;
             if mesh.faces.len() < 200_000 || l == surface.depth() {
                 let (rms, most) = distance(&level, &mesh);
-                println!("  level {l}: {} faces, bound {:.4} (mean of leaves {mean:.4}), measured max {most:.4} rms {rms:.5} mm", level.faces.len(), surface.error_mm(l));
+                println!(
+                    "  level {l}: {} faces, bound {:.4} (mean of leaves {mean:.4}), measured max {most:.4} rms {rms:.5} mm",
+                    level.faces.len(),
+                    surface.error_mm(l)
+                );
             } else {
-                println!("  level {l}: {} faces, bound {:.4} (mean of leaves {mean:.4})", level.faces.len(), surface.error_mm(l));
+                println!(
+                    "  level {l}: {} faces, bound {:.4} (mean of leaves {mean:.4})",
+                    level.faces.len(),
+                    surface.error_mm(l)
+                );
             }
         }
         for morph in [false, true] {
-            let surface = Arc::new(Surface { options: VdsOptions { morph, ..surface.options }, ..(*surface).clone() });
+            let surface = Arc::new(Surface {
+                options: VdsOptions { morph, ..surface.options },
+                ..(*surface).clone()
+            });
             let mut vds = Vds::new(surface.clone());
             let mut pool = Pool::new(16384, 1200, 3);
             let tolerance = Tolerance { pixels: 1.0 };
-            let (mut times, mut triangles, mut seen_triangles, mut uploads, mut changed) = (vec![], vec![], vec![], vec![], vec![]);
+            let (mut times, mut triangles, mut seen_triangles, mut uploads, mut changed) =
+                (vec![], vec![], vec![], vec![], vec![]);
             let mut cut = vec![];
             for pose in flight(name, 0.25).into_iter().take(400) {
                 let lens = Lens { fov_y_rad: 90f32.to_radians(), aspect: 16.0 / 9.0, near_mm: 0.2 };
@@ -156,7 +195,11 @@ fn flights_through_large_meshes() {
                 let step = vds.step(&camera, &tolerance, &mut pool);
                 times.push(t.elapsed().as_secs_f64() * 1e3);
                 let sum = |seen: bool| -> u64 {
-                    step.drawn.iter().filter(|d| !seen || eye.sees(&d.sphere)).map(|d| u64::from(d.triangles)).sum()
+                    step.drawn
+                        .iter()
+                        .filter(|d| !seen || eye.sees(&d.sphere))
+                        .map(|d| u64::from(d.triangles))
+                        .sum()
                 };
                 triangles.push(sum(false) as f64);
                 seen_triangles.push(sum(true) as f64);
@@ -171,11 +214,20 @@ fn flights_through_large_meshes() {
             };
             println!(
                 "  morph {morph}: {} frames; p50/p99: step {:.2}/{:.2} ms, triangles {:.0}/{:.0}, seen {:.0}/{:.0}, pages {:.0}/{:.0}, uploads {:.0}/{:.0}, leaves changed {:.0}/{:.0}",
-                times.len(), p(&times[1..], 0.5), p(&times[1..], 0.99), p(&triangles, 0.5), p(&triangles, 0.99),
-                p(&seen_triangles, 0.5), p(&seen_triangles, 0.99), p(&cut, 0.5), p(&cut, 0.99),
-                p(&uploads[1..], 0.5), p(&uploads[1..], 0.99), p(&changed[1..], 0.5), p(&changed[1..], 0.99),
+                times.len(),
+                p(&times[1..], 0.5),
+                p(&times[1..], 0.99),
+                p(&triangles, 0.5),
+                p(&triangles, 0.99),
+                p(&seen_triangles, 0.5),
+                p(&seen_triangles, 0.99),
+                p(&cut, 0.5),
+                p(&cut, 0.99),
+                p(&uploads[1..], 0.5),
+                p(&uploads[1..], 0.99),
+                p(&changed[1..], 0.5),
+                p(&changed[1..], 0.99),
             );
         }
     }
-    let _ = Path::new("");
 }

@@ -21,7 +21,7 @@ mod state;
 mod surface;
 mod tessellate;
 
-pub use resample::{Recorded, Original};
+pub use resample::{Original, Recorded};
 pub use state::Vds;
 pub use surface::{Surface, VdsError, VdsOptions};
 

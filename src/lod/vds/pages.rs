@@ -75,9 +75,9 @@ impl Page {
         for block in &self.blocks {
             block.write(&surface.base, &surface.samples, &mut vertices, &mut triangles);
         }
-        let items = triangles.iter().map(|t: &[u8; 3]| {
-            Item::triangle(t.map(|v| vertices[usize::from(v)].position()))
-        });
+        let items = triangles
+            .iter()
+            .map(|t: &[u8; 3]| Item::triangle(t.map(|v| vertices[usize::from(v)].position())));
         let items: Vec<Item> = items.collect();
         let normals = items.iter().map(|i| i.cone).filter(|c| c.sine < 1.0);
         let cone = around(normals);

@@ -71,9 +71,11 @@ impl Samples {
                 original.at(e.faces[0], weights(g))
             })
         }));
-        vertices.par_extend((0..base.faces.len() as u32).into_par_iter().flat_map_iter(|f| {
-            inner_points(n).map(move |g| original.at(f, weights(g)))
-        }));
+        vertices.par_extend(
+            (0..base.faces.len() as u32)
+                .into_par_iter()
+                .flat_map_iter(|f| inner_points(n).map(move |g| original.at(f, weights(g)))),
+        );
         Self { depth, vertices, begin }
     }
 
@@ -122,9 +124,7 @@ pub fn triangles(m: u32) -> impl Iterator<Item = [Grid; 3]> {
     let points = |s: u32| (0..=s).flat_map(move |a| (0..=s - a).map(move |b| [a, b, s - a - b]));
     let up = points(m - 1).map(|[a, b, c]| [[a + 1, b, c], [a, b + 1, c], [a, b, c + 1]]);
     let down = (m >= 2).then(|| points(m - 2)).into_iter().flatten();
-    up.chain(down.map(|[a, b, c]| {
-        [[a, b + 1, c + 1], [a + 1, b, c + 1], [a + 1, b + 1, c]]
-    }))
+    up.chain(down.map(|[a, b, c]| [[a, b + 1, c + 1], [a + 1, b, c + 1], [a + 1, b + 1, c]]))
 }
 
 #[cfg(test)]

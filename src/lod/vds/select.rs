@@ -44,9 +44,7 @@ pub fn select(surface: &Surface, eye: &Eye, pixels: f64) -> Vec<Fineness> {
             let leaf = surface.leaf_at[at] as usize;
             let morph = surface.options.morph;
             all[leaf] = wanted(&surface.leaves[leaf], eye, pixels, morph);
-        } else if eye.sees(&sphere)
-            && eye.error_px(&sphere, surface.node_error_mm[at]) > pixels
-        {
+        } else if eye.sees(&sphere) && eye.error_px(&sphere, surface.node_error_mm[at]) > pixels {
             open.extend(tree.children(at));
         }
     }

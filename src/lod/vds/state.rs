@@ -150,7 +150,11 @@ impl Vds {
     fn order(&self, eye: &Eye, goal: &Goal) -> Vec<u32> {
         let error = |l: u32| {
             let (leaf, q) = (&self.surface.leaves[l as usize], self.leaf[l as usize]);
-            if goal.leaf[l as usize] < q { -1.0 } else { eye.error_px(&leaf.sphere, error_mm(leaf, q)) }
+            if goal.leaf[l as usize] < q {
+                -1.0
+            } else {
+                eye.error_px(&leaf.sphere, error_mm(leaf, q))
+            }
         };
         let moved = (0..self.leaf.len() as u32)
             .filter(|l| goal.leaf[*l as usize] != self.leaf[*l as usize]);
@@ -210,8 +214,7 @@ impl Vds {
         let all: Vec<(&Page, (u32, bool))> = keys().zip(places).collect();
         let write = |&(p, (page, fresh)): &(&Page, (u32, bool))| {
             let c = (complete || fresh).then(|| p.content(&s))?;
-            let drawn =
-                Drawn { page, triangles: p.triangles, sphere: c.sphere, cone: c.cone };
+            let drawn = Drawn { page, triangles: p.triangles, sphere: c.sphere, cone: c.cone };
             let upload = Upload { page, vertices: c.vertices, triangles: c.triangles };
             Some((drawn, fresh.then_some(upload)))
         };
@@ -235,7 +238,13 @@ impl Vds {
     fn keep(&self, pool: &mut Pool) -> bool {
         let stays = |(p, d): (&Page, &Drawn)| pool.keep(p.key) == Some(d.page);
         self.started
-            && self.now.iter().flatten().zip(self.drawn.iter().flatten()).map(stays).fold(true, |a, b| a & b)
+            && self
+                .now
+                .iter()
+                .flatten()
+                .zip(self.drawn.iter().flatten())
+                .map(stays)
+                .fold(true, |a, b| a & b)
     }
 
     /// Begins anew with the base mesh; true once all of it is there.

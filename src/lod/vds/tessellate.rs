@@ -42,7 +42,8 @@ impl Cell {
         let depth = own.min(BLOCK_DEPTH);
         let steps = 1 << (own - depth);
         triangles(steps).map(move |corners| {
-            let on = |e: usize| corners[e][(e + 2) % 3] == 0 && corners[(e + 1) % 3][(e + 2) % 3] == 0;
+            let on =
+                |e: usize| corners[e][(e + 2) % 3] == 0 && corners[(e + 1) % 3][(e + 2) % 3] == 0;
             let on_edge = [on(0), on(1), on(2)];
             let split = [0, 1, 2].map(|e| on_edge[e] && level(self.edges[e]) > own);
             Block { cell: self, corners, steps, depth, split, on_edge }
@@ -195,8 +196,11 @@ mod tests {
             template([0, 1, 2], middle, &mut faces);
             assert_eq!(faces.len(), 1 + mask.count_ones() as usize);
             let edges = directed(&faces);
-            let outer: Vec<_> =
-                edges.iter().copied().filter(|&(a, b)| edges.binary_search(&(b, a)).is_err()).collect();
+            let outer: Vec<_> = edges
+                .iter()
+                .copied()
+                .filter(|&(a, b)| edges.binary_search(&(b, a)).is_err())
+                .collect();
             let mut want: Vec<(u8, u8)> = (0..3u8)
                 .flat_map(|e| {
                     let (a, b) = (e, (e + 1) % 3);

@@ -54,7 +54,8 @@ impl Ring {
         let mut mesh = Mesh::default();
         for i in 0..nu {
             for j in 0..nv {
-                let (u, v) = (TAU * f64::from(i) / f64::from(nu), TAU * f64::from(j) / f64::from(nv));
+                let (u, v) =
+                    (TAU * f64::from(i) / f64::from(nu), TAU * f64::from(j) / f64::from(nv));
                 // Folds, so that no level is exact by symmetry.
                 let r = TUBE_MM * (1.0 + 0.06 * (5.0 * u + 2.0 * v).sin());
                 let out = DVec3::new(v.cos() * u.cos(), v.cos() * u.sin(), v.sin());
@@ -90,9 +91,8 @@ impl Original for Ring {
     fn at(&self, face: u32, weights: [f64; 3]) -> Vertex {
         let corners = self.corners(face);
         let m = f64::from(self.steps);
-        let [x, y] = [0, 1].map(|k| {
-            m * (0..3).map(|c| weights[c] * f64::from(corners[c][k])).sum::<f64>()
-        });
+        let [x, y] =
+            [0, 1].map(|k| m * (0..3).map(|c| weights[c] * f64::from(corners[c][k])).sum::<f64>());
         let low = |x: f64, k: usize| {
             let first = corners[0][k].min(corners[1][k]).min(corners[2][k]) * self.steps;
             (x.floor() as u32).clamp(first, first + self.steps - 1)
@@ -254,9 +254,7 @@ fn any_cut_is_closed_while_it_morphs_and_levels_differ_by_one() {
 /// differ in their last bits.
 #[test]
 fn edges_taken_from_both_sides_gape() {
-    for (jitter, apart, want) in
-        [(0.0, true, true), (1e-5, false, true), (1e-5, true, false)]
-    {
+    for (jitter, apart, want) in [(0.0, true, true), (1e-5, false, true), (1e-5, true, false)] {
         let mut ring = Ring::new([20, 10], 5);
         ring.jitter = jitter;
         let mut base = ring.base();
@@ -264,7 +262,8 @@ fn edges_taken_from_both_sides_gape() {
             // Every face has its own corners, so that no edge is shared.
             base.positions =
                 base.faces.iter().flatten().map(|v| base.positions[*v as usize]).collect();
-            base.faces = (0..base.faces.len() as u32).map(|f| [0, 1, 2].map(|c| 3 * f + c)).collect();
+            base.faces =
+                (0..base.faces.len() as u32).map(|f| [0, 1, 2].map(|c| 3 * f + c)).collect();
         }
         let surface = Arc::new(Surface::new(&base, &ring, leaves_of(6)).unwrap());
         let mut vds = Vds::new(surface);
@@ -289,9 +288,13 @@ fn the_cut_is_closed_after_every_step_however_few_pages_and_uploads_there_are() 
     let surface = surface(leaves_of(6));
     let least = Vds::new(surface.clone()).least_pages();
     let (mut settled, mut degraded) = (0, 0);
-    for (pages, uploads, in_flight) in
-        [(least, 4, 1), (2 * least, 1, 2), (2 * least + 25, 3, 3), (3 * least, 40, 2), (4 * least, 1, 0)]
-    {
+    for (pages, uploads, in_flight) in [
+        (least, 4, 1),
+        (2 * least, 1, 2),
+        (2 * least + 25, 3, 3),
+        (3 * least, 40, 2),
+        (4 * least, 1, 0),
+    ] {
         let mut vds = Vds::new(surface.clone());
         let (mut pool, mut device) = (Pool::new(pages, uploads, in_flight), Device::default());
         let seed = &mut 5;
@@ -316,7 +319,8 @@ fn the_cut_is_closed_after_every_step_however_few_pages_and_uploads_there_are() 
         // Wherever it stopped, it gets there.
         let step = settle(&mut vds, &cam, &mut pool, &mut device);
         let mut anew = Vds::new(surface.clone());
-        let other = settle(&mut anew, &cam, &mut Pool::new(pages, 10_000, 0), &mut Device::default());
+        let other =
+            settle(&mut anew, &cam, &mut Pool::new(pages, 10_000, 0), &mut Device::default());
         assert_eq!((vds.state_hash(), step.degraded), (anew.state_hash(), other.degraded));
         assert!(step.drawn.len() <= (pages / 2).max(least) as usize);
     }
@@ -425,7 +429,9 @@ fn an_open_tube_opens_nowhere_but_at_its_rim() {
         }
         // The rims lie in two planes through the ring's axis.
         for ((a, b), n) in sum {
-            let u = |p: [u32; 3]| f64::from(f32::from_bits(p[1])).atan2(f64::from(f32::from_bits(p[0])));
+            let u = |p: [u32; 3]| {
+                f64::from(f32::from_bits(p[1])).atan2(f64::from(f32::from_bits(p[0])))
+            };
             let rim = |u: f64| u.abs() < 1e-3 || (u - (0.8 * TAU - TAU)).abs() < 1e-3;
             assert_eq!(n != 0, rim(u(a)) && rim(u(b)), "{n} at {} {}", u(a), u(b));
         }
@@ -483,7 +489,8 @@ fn levels_come_nearer_and_no_point_is_further_off_than_the_bound_either_way() {
         let step = 1 << (surface.depth() - l);
         let of_face = |f: u32| {
             let surface = &surface;
-            let at = move |g: [u32; 3]| surface.samples.position(&surface.base, f, g.map(|c| c * step));
+            let at =
+                move |g: [u32; 3]| surface.samples.position(&surface.base, f, g.map(|c| c * step));
             super::samples::triangles(1 << l).map(move |t| t.map(|g| at(g).as_dvec3()))
         };
         let level: Vec<_> = (0..surface.base.faces.len() as u32).flat_map(of_face).collect();
@@ -539,8 +546,7 @@ fn what_is_drawn_keeps_the_tolerance_where_it_is_seen() {
                         let here = crate::lod::Sphere { centre: p.as_vec3(), radius: 1e-5 };
                         if eye.sees(&here) {
                             met += 1;
-                            worst =
-                                worst.max(eye.error_px(&here, nearest(p, &original) as f32));
+                            worst = worst.max(eye.error_px(&here, nearest(p, &original) as f32));
                         }
                     }
                 }

@@ -127,9 +127,9 @@ fn regular(base: &Base, f: u32, c: usize, at: &dyn Fn(u32) -> DVec3) -> DVec3 {
         sum += 0.5 * 0.5 * (at(a) + at(b)) + 0.125 * at(apex);
         for e in [k, (k + 2) % 3] {
             let (x, y, z) = (face[e], face[(e + 1) % 3], face[(e + 2) % 3]);
-            let beyond = base.across(f, e).and_then(|g| {
-                base.faces[g as usize].into_iter().find(|v| *v != x && *v != y)
-            });
+            let beyond = base
+                .across(f, e)
+                .and_then(|g| base.faces[g as usize].into_iter().find(|v| *v != x && *v != y));
             sum -= 0.0625 * beyond.map_or_else(|| at(x) + at(y) - at(z), at);
         }
     };
@@ -232,7 +232,16 @@ mod tests {
     #[test]
     fn on_an_octahedron_it_bulges_towards_the_ball() {
         let p = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
-        let f = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]];
+        let f = [
+            [0, 2, 4],
+            [2, 1, 4],
+            [1, 3, 4],
+            [3, 0, 4],
+            [2, 0, 5],
+            [1, 2, 5],
+            [3, 1, 5],
+            [0, 3, 5],
+        ];
         let mut mesh = Mesh { positions: p.to_vec(), faces: f.to_vec(), ..Mesh::default() };
         mesh = subdivide(&mesh);
         assert_eq!((mesh.positions.len(), mesh.faces.len()), (18, 32));

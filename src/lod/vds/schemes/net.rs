@@ -6,9 +6,9 @@ use std::collections::HashMap;
 use glam::DVec3;
 
 use crate::geometry::Vertex;
+use crate::lod::vds::Original;
 use crate::lod::vds::base::Base;
 use crate::lod::vds::epsilon::to_triangle;
-use crate::lod::vds::Original;
 
 /// A place of the base: a face and weights of its corners.
 #[derive(Clone, Copy, Debug, PartialEq)]
