@@ -88,7 +88,7 @@ mod tests {
 
     /// A strip of triangles, each joined to the next.
     fn strip(n: u32) -> Base {
-        let face = |i: u32| if i % 2 == 0 { [i, i + 1, i + 2] } else { [i + 1, i, i + 2] };
+        let face = |i: u32| if i.is_multiple_of(2) { [i, i + 1, i + 2] } else { [i + 1, i, i + 2] };
         Base::new((0..n).map(face).collect(), n as usize + 2)
     }
 

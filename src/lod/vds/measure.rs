@@ -61,23 +61,22 @@ fn distance(a: &Mesh, b: &Mesh) -> (f64, f64) {
 #[test]
 #[ignore = "measures; needs INTIMA_MESHES"]
 fn three_schemes_at_equal_error() {
-    for (name, faces) in [("vessel_143k", 7000), ("trachea_96k", 4800)] {
+    for (name, faces) in [("vessel_143k", 7000), ("trachea_96k", 1500)] {
         let (mesh, base, maps) = prepared(name, faces);
         let shading = crate::surface::shading(&mesh);
         let original = Recorded::new(&mesh, &shading.vertices, &base, &maps);
         let (rms, most) = distance(&base.mesh, &mesh);
         println!("{name}: base {} faces, rms {rms:.4}, max {most:.4} mm", base.mesh.faces.len());
         let predicted = butterfly::subdivide(&base.mesh);
-        let split = refine(&base.mesh, &original, Scheme::Quad, -1.0, 1);
         let (rms, most) = distance(&predicted, &mesh);
         println!(
             "  butterfly alone, once: {} faces, rms {rms:.4}, max {most:.4} mm",
             predicted.faces.len()
         );
         println!("  scheme  tolerance   faces      rms      max mm    time");
-        for rounds in 1..=5 {
+        for rounds in 1..=4 {
             for scheme in [Scheme::Quad, Scheme::Root, Scheme::Eight] {
-                if scheme == Scheme::Quad && rounds > 3 {
+                if scheme == Scheme::Quad && rounds > 2 {
                     continue;
                 }
                 let t = Instant::now();
@@ -102,7 +101,6 @@ fn three_schemes_at_equal_error() {
                 );
             }
         }
-        drop(split);
     }
 }
 

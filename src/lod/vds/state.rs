@@ -35,6 +35,8 @@ pub struct Vds {
     /// Pages of each leaf as it is drawn.
     pub(super) now: Vec<Vec<Page>>,
     pub(super) drawn: Vec<Vec<Drawn>>,
+    /// Pages of the cut, and of the base.
+    pages: usize,
     /// Whether anything is drawn yet.
     started: bool,
     /// The pool had no page although the step had uploads left: head straight for the end, so that
@@ -64,6 +66,7 @@ impl Vds {
             now: floor.clone(),
             floor,
             floor_pages,
+            pages: floor_pages,
             leaf: vec![0; leaves],
             face,
             drawn: vec![Vec::new(); leaves],
@@ -93,6 +96,13 @@ impl Vds {
         (pool.pages() as usize / 2).max(self.floor_pages)
     }
 
+    /// Pages of a leaf that are not those of the base.
+    fn beyond_floor(&self, leaf: u32, own: &[Page]) -> usize {
+        let floor = &self.floor[leaf as usize];
+        let same = own.len() == floor.len() && own.iter().zip(floor).all(|(a, b)| a.key == b.key);
+        if same { 0 } else { own.len() }
+    }
+
     /// The cut in which the leaves are as fine as given.
     pub(super) fn goal(&self, leaf: Vec<Fineness>) -> Goal {
         let s = &*self.surface;
@@ -118,11 +128,9 @@ impl Vds {
         touched.dedup();
         let changed: Vec<(u32, Vec<Page>)> =
             touched.into_iter().map(|l| (l, pages(s, &face, l))).collect();
-        let finer = |l: usize, own: &[Page]| if *own == self.floor[l] { 0 } else { own.len() };
-        let pages = self.floor_pages
-            + self.now.iter().enumerate().map(|(l, own)| finer(l, own)).sum::<usize>();
-        let pages = changed.iter().fold(pages, |sum, (l, own)| {
-            sum + finer(*l as usize, own) - finer(*l as usize, &self.now[*l as usize])
+        let finer = |l: u32, own: &[Page]| self.beyond_floor(l, own);
+        let pages = changed.iter().fold(self.pages, |sum, (l, own)| {
+            sum + finer(*l, own) - finer(*l, &self.now[*l as usize])
         });
         Goal { leaf, face, changed, pages }
     }
@@ -229,7 +237,7 @@ impl Vds {
                 self.drawn[l as usize] = drawn.by_ref().take(own.len()).collect();
                 self.now[l as usize] = own;
             }
-            (self.leaf, self.face) = (goal.leaf, goal.face);
+            (self.leaf, self.face, self.pages) = (goal.leaf, goal.face, goal.pages);
         }
         complete
     }

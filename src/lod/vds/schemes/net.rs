@@ -53,10 +53,11 @@ impl<'a> Net<'a> {
     }
 
     /// Weights of a place with respect to another face: its own face, one that shares the corner
-    /// or the edge it lies on, or the one across an edge, laid flat as a parallelogram.
-    fn seen_from(&self, p: Place, face: u32) -> Option<[f64; 3]> {
+    /// or the edge it lies on, or (then `true`) the one across an edge, laid flat as a
+    /// parallelogram.
+    fn seen_from(&self, p: Place, face: u32) -> Option<([f64; 3], bool)> {
         if p.face == face {
-            return Some(p.weights);
+            return Some((p.weights, false));
         }
         let (own, other) = (self.base.faces[p.face as usize], self.base.faces[face as usize]);
         let mut out = [0.0; 3];
@@ -69,7 +70,7 @@ impl<'a> Net<'a> {
                 None => return None,
             }
         }
-        let Some(w) = apart else { return Some(out) };
+        let Some(w) = apart else { return Some((out, false)) };
         // The two corners that both faces have, and the one that only this has.
         let alone = (0..3).find(|c| !own.contains(&other[*c]))?;
         let shared = (0..3).filter(|c| own.contains(&other[*c])).count();
@@ -79,7 +80,7 @@ impl<'a> Net<'a> {
         for (c, out) in out.iter_mut().enumerate() {
             *out += if c == alone { -w } else { w };
         }
-        Some(out)
+        Some((out, true))
     }
 
     /// The mean of some places that lie in one face or in two that share an edge.
@@ -95,23 +96,26 @@ impl<'a> Net<'a> {
             }
         }
         let share = 1.0 / of.len() as f64;
-        let sum = |face: u32| -> Option<Place> {
+        let sum = |face: u32| -> Option<(bool, f64, Place)> {
             let mut weights = [0.0; 3];
+            let mut across = false;
             for v in of {
-                let seen = self.seen_from(self.places[*v as usize], face)?;
+                let (seen, flat) = self.seen_from(self.places[*v as usize], face)?;
                 weights.iter_mut().zip(seen).for_each(|(w, s)| *w += share * s);
+                across |= flat;
             }
-            Some(Place { face, weights })
+            let low = weights.iter().copied().fold(f64::INFINITY, f64::min);
+            Some((!across, low, Place { face, weights }))
         };
-        let mut best: Option<Place> = None;
-        let low = |p: &Place| p.weights.iter().copied().fold(f64::INFINITY, f64::min);
-        // The face that holds it, else the one that comes nearest to it.
+        // The face that holds them all, else the one that the mean lies in: two vertices may be
+        // neighbours and lie across an edge from each other as well.
+        let mut best: Option<(bool, f64, Place)> = None;
         for p in near.into_iter().filter_map(sum) {
-            if best.is_none_or(|b| low(&p) > low(&b)) {
+            if best.is_none_or(|b| (p.0, p.1) > (b.0, b.1)) {
                 best = Some(p);
             }
         }
-        best.map(|p| {
+        best.map(|(.., p)| {
             let clean = p.weights.map(|w| if w < TINY { 0.0 } else { w });
             let sum: f64 = clean.iter().sum();
             Place { face: p.face, weights: clean.map(|w| w / sum) }

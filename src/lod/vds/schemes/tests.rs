@@ -76,6 +76,43 @@ fn split_only_where_needed_they_leave_no_crack_and_no_large_error() {
     }
 }
 
+/// A mesh that is its own original.
+struct Itself(Mesh);
+
+impl Original for Itself {
+    fn at(&self, face: u32, weights: [f64; 3]) -> crate::geometry::Vertex {
+        let corners = self.0.faces[face as usize].map(|v| self.0.positions[v as usize].as_dvec3());
+        let at: glam::DVec3 = (0..3).map(|c| weights[c] * corners[c]).sum();
+        crate::geometry::Vertex::new(at.as_vec3(), glam::Vec3::ZERO, 0.0)
+    }
+    fn vertices(&self) -> u32 {
+        0
+    }
+    fn vertex(&self, _: u32) -> Option<(u32, [f64; 3], glam::Vec3)> {
+        None
+    }
+    fn faces(&self) -> u64 {
+        self.0.faces.len() as u64
+    }
+}
+
+/// On a tetrahedron any two corners are neighbours and lie across an edge from each other as well.
+#[test]
+fn neighbours_that_lie_across_an_edge_as_well_are_not_mistaken() {
+    use glam::Vec3;
+    let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z];
+    let faces = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+    let solid = Itself(Mesh { positions, faces, ..Mesh::default() });
+    for (scheme, rounds, count) in
+        [(Scheme::Quad, 3, 4 * 64), (Scheme::Root, 2, 4 * 9), (Scheme::Eight, 4, 4 * 48)]
+    {
+        let mesh = refine(&solid.0, &solid, scheme, -1.0, rounds);
+        assert_eq!(mesh.faces.len(), count, "{scheme:?}");
+        assert!(closed(&mesh), "{scheme:?}");
+        assert!((mesh.area_mm2() / solid.0.area_mm2() - 1.0).abs() < 1e-5, "{scheme:?}");
+    }
+}
+
 /// The ring on one side, its base on the other.
 struct Half<'a> {
     ring: &'a Ring,
