@@ -96,20 +96,20 @@ impl<'a> Net<'a> {
             }
         }
         let share = 1.0 / of.len() as f64;
-        let sum = |face: u32| -> Option<(bool, f64, Place)> {
+        let sum = |face: u32| -> Option<(i32, f64, Place)> {
             let mut weights = [0.0; 3];
-            let mut across = false;
+            let mut across = 0;
             for v in of {
                 let (seen, flat) = self.seen_from(self.places[*v as usize], face)?;
                 weights.iter_mut().zip(seen).for_each(|(w, s)| *w += share * s);
-                across |= flat;
+                across += i32::from(flat);
             }
             let low = weights.iter().copied().fold(f64::INFINITY, f64::min);
-            Some((!across, low, Place { face, weights }))
+            Some((-across, low, Place { face, weights }))
         };
-        // The face that holds them all, else the one that the mean lies in: two vertices may be
+        // The face that holds most of them, then the one that the mean lies in: two vertices may be
         // neighbours and lie across an edge from each other as well.
-        let mut best: Option<(bool, f64, Place)> = None;
+        let mut best: Option<(i32, f64, Place)> = None;
         for p in near.into_iter().filter_map(sum) {
             if best.is_none_or(|b| (p.0, p.1) > (b.0, b.1)) {
                 best = Some(p);
