@@ -36,6 +36,9 @@ pub struct Recorded<'a> {
 impl<'a> Recorded<'a> {
     /// `shading` are the vertices of `mesh` as drawn, one each; `base` is what `mesh` was
     /// simplified to while `maps` heard of it.
+    ///
+    /// # Panics
+    /// If `base` has more faces than `mesh`, or faces of another one.
     pub fn new(
         mesh: &'a Mesh,
         shading: &'a [Vertex],
