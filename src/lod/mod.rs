@@ -10,6 +10,7 @@ mod eye;
 pub mod octree;
 mod pool;
 mod worker;
+pub mod vds;
 
 pub use eye::{Camera, Cone, Eye, Sphere};
 pub use pool::{Full, Pool};

@@ -79,6 +79,11 @@ pub struct Octree {
 impl Octree {
     /// Sorts the items in. A centre that is not a number counts as the lowest corner.
     pub fn new(items: &[Item]) -> Self {
+        Self::with_leaves(items, LEAF_ITEMS)
+    }
+
+    /// As [`Octree::new`], with another number of items for a leaf.
+    pub fn with_leaves(items: &[Item], leaf_items: usize) -> Self {
         let mut tree = Self { nodes: Vec::new(), items: (0..items.len() as u32).collect() };
         if items.is_empty() {
             return tree;
@@ -97,7 +102,7 @@ impl Octree {
         while at < tree.nodes.len() {
             let (lo, side) = cells[at];
             let Node { first, count, depth, .. } = tree.nodes[at];
-            if count as usize > LEAF_ITEMS && depth < DEPTH_MAX {
+            if count as usize > leaf_items && depth < DEPTH_MAX {
                 let middle = lo + 0.5 * side;
                 let octant = |i: &u32| {
                     let above = items[*i as usize].centre.cmpge(middle);

@@ -65,6 +65,11 @@ impl Pool {
         self.of.len() as u32
     }
 
+    /// Pages that may still be written in this step.
+    pub fn left(&self) -> u32 {
+        self.left
+    }
+
     /// Begins the next step.
     pub fn begin(&mut self) {
         self.now += 1;

@@ -1,0 +1,64 @@
+//! Edges of the base mesh: who shares them, and which way they run.
+
+use std::collections::HashMap;
+
+/// No face.
+pub const NONE: u32 = u32::MAX;
+
+/// An edge, in the direction in which its first face runs along it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Edge {
+    /// The face with the lower id, which the edge's samples are taken from, and the other one.
+    pub faces: [u32; 2],
+    /// The corner of the first face at which the edge begins.
+    pub corner: u32,
+}
+
+/// Connectivity of a base mesh. Edge e of a face runs from its corner e to corner e + 1.
+#[derive(Clone, Debug, Default)]
+pub struct Base {
+    /// Corners.
+    pub faces: Vec<[u32; 3]>,
+    /// Edges by id.
+    pub edges: Vec<Edge>,
+    /// Edge id · 2 + 1 where the face runs against it.
+    pub face_edges: Vec<[u32; 3]>,
+    /// Vertices there are.
+    pub vertices: usize,
+}
+
+impl Base {
+    /// Where more than two faces meet in an edge, or two run along it the same way, faces are
+    /// paired as they come and the rest have an edge of their own, as on a boundary.
+    pub fn new(faces: Vec<[u32; 3]>, vertices: usize) -> Self {
+        let mut base =
+            Self { face_edges: vec![[0; 3]; faces.len()], faces, vertices, ..Self::default() };
+        let mut waiting: HashMap<(u32, u32), u32> = HashMap::new();
+        for f in 0..base.faces.len() {
+            for e in 0..3 {
+                let (a, b) = (base.faces[f][e], base.faces[f][(e + 1) % 3]);
+                let id = match waiting.remove(&(b, a)) {
+                    Some(edge) if base.edges[edge as usize].faces[0] != f as u32 => {
+                        base.edges[edge as usize].faces[1] = f as u32;
+                        edge << 1 | 1
+                    }
+                    _ => {
+                        let edge = base.edges.len() as u32;
+                        base.edges.push(Edge { faces: [f as u32, NONE], corner: e as u32 });
+                        waiting.insert((a, b), edge);
+                        edge << 1
+                    }
+                };
+                base.face_edges[f][e] = id;
+            }
+        }
+        base
+    }
+
+    /// The face across edge `e` of face `f`.
+    pub fn across(&self, f: u32, e: usize) -> Option<u32> {
+        let [a, b] = self.edges[(self.face_edges[f as usize][e] >> 1) as usize].faces;
+        let other = if a == f { b } else { a };
+        (other != NONE).then_some(other)
+    }
+}

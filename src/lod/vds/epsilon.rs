@@ -1,0 +1,190 @@
+//! How far each level of a base face lies from the original, both ways.
+//!
+//! Let M_ℓ be the surface at level ℓ and M_L the finest. Sample by sample M_L is laid onto M_ℓ: a
+//! corner of a triangle S of M_ℓ stays, a sample on a side of S goes to the nearest point of that
+//! side, one within S to the nearest point of S, and between samples the map is linear. S is
+//! convex, so the small triangles over S land in S; sides land on sides and corners on corners, so
+//! the map goes round S once and meets every point of it. No point moves further than the sample
+//! that moves furthest. That distance therefore bounds the Hausdorff distance of M_ℓ and M_L both
+//! ways, face by face: it is measured, it is rigorous, and it over-reports where the original's
+//! parameterisation lets an edge wander sideways.
+//!
+//! The original is laid onto M_L in the same way, and measured where its vertices are mapped to and
+//! in the middle of every edge of M_L. Where else it bends, at crossings of its edges and those of
+//! M_L, is not measured; that is the one place where the bound is not rigorous.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::base::Base;
+use super::resample::Original;
+use super::samples::{Grid, Samples, triangles};
+
+/// Nearest point of a segment.
+fn on_segment(p: DVec3, a: DVec3, b: DVec3) -> DVec3 {
+    let ab = b - a;
+    let t = (p - a).dot(ab) / ab.length_squared();
+    // 0 / 0 for a segment without length.
+    if t.is_nan() { a } else { a + t.clamp(0.0, 1.0) * ab }
+}
+
+/// Distance of a point and a triangle.
+pub fn to_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
+    let n = (b - a).cross(c - a);
+    let inside = |a: DVec3, b: DVec3| (b - a).cross(p - a).dot(n) >= 0.0;
+    if n != DVec3::ZERO && inside(a, b) && inside(b, c) && inside(c, a) {
+        return (p - a).dot(n).abs() / n.length();
+    }
+    let away = |a, b| p.distance_squared(on_segment(p, a, b));
+    away(a, b).min(away(b, c)).min(away(c, a)).sqrt()
+}
+
+/// For each face, bounds for levels 0 to L against M_L (0 for L itself).
+fn to_finest(base: &Base, samples: &Samples) -> Vec<Vec<f64>> {
+    let depth = samples.depth();
+    let one = |f: u32| -> Vec<f64> {
+        let at = |g: Grid| samples.position(base, f, g).as_dvec3();
+        let of_level = |l: u32| {
+            let m = 1u32 << (depth - l);
+            let mut worst: f64 = 0.0;
+            for t in triangles(1 << l) {
+                let place =
+                    |p: Grid| -> Grid { [0, 1, 2].map(|k| (0..3).map(|c| p[c] * t[c][k]).sum()) };
+                let corners = [[m, 0, 0], [0, m, 0], [0, 0, m]].map(|p| at(place(p)));
+                for i in 0..=m {
+                    for j in 0..=m - i {
+                        let p = [i, j, m - i - j];
+                        let x = at(place(p));
+                        let moved = match p.iter().filter(|c| **c == 0).count() {
+                            2 => continue,
+                            1 => {
+                                let zero = p.iter().position(|c| *c == 0).unwrap_or(0);
+                                let (a, b) = (corners[(zero + 1) % 3], corners[(zero + 2) % 3]);
+                                x.distance(on_segment(x, a, b))
+                            }
+                            _ => to_triangle(x, corners),
+                        };
+                        worst = worst.max(moved);
+                    }
+                }
+            }
+            worst
+        };
+        (0..=depth).map(of_level).collect()
+    };
+    (0..base.faces.len() as u32).into_par_iter().map(one).collect()
+}
+
+/// For each face, the distance of M_L and the original.
+fn finest(base: &Base, samples: &Samples, original: &dyn Original) -> Vec<f64> {
+    let n = 1u32 << samples.depth();
+    let at = |f: u32, g: Grid| samples.position(base, f, g).as_dvec3();
+    let middles = |f: u32| -> f64 {
+        let mut worst: f64 = 0.0;
+        // Triangles that stand like the face have each inner edge once, and each outer one.
+        for t in triangles(n).filter(|t| t[0][0] > t[1][0]) {
+            for (p, q) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+                let middle = [0, 1, 2].map(|k| f64::from(p[k] + q[k]) / f64::from(2 * n));
+                let x = original.at(f, middle).position().as_dvec3();
+                worst = worst.max(x.distance(on_segment(x, at(f, p), at(f, q))));
+            }
+        }
+        worst
+    };
+    let faces = base.faces.len() as u32;
+    let mut worst: Vec<f64> = (0..faces).into_par_iter().map(middles).collect();
+    let corners: Vec<(u32, f64)> = (0..original.vertices())
+        .into_par_iter()
+        .filter_map(|v| {
+            let (f, weights, x) = original.vertex(v).filter(|(f, ..)| *f < faces)?;
+            let small = cell(weights, n).map(|g| at(f, g));
+            Some((f, to_triangle(x.as_dvec3(), small)))
+        })
+        .collect();
+    for (f, e) in corners {
+        let w = &mut worst[f as usize];
+        *w = w.max(e);
+    }
+    worst
+}
+
+/// The small triangle of a grid with n steps a side that holds the weights.
+fn cell(weights: [f64; 3], n: u32) -> [Grid; 3] {
+    let scaled = weights.map(|w| w.clamp(0.0, 1.0) * f64::from(n));
+    let low = scaled.map(|s| (s.floor() as u32).min(n));
+    let add = |by: [Grid; 3]| by.map(|u| [0, 1, 2].map(|k| low[k] + u[k]));
+    match n.saturating_sub(low.iter().sum()) {
+        0 => {
+            // A grid point, up to rounding: any triangle there will do.
+            let c = low.iter().position(|l| *l > 0).unwrap_or(0);
+            let mut t = add([[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
+            t.iter_mut().for_each(|g| g[c] -= 1);
+            t
+        }
+        1 => add([[1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        _ => add([[0, 1, 1], [1, 0, 1], [1, 1, 0]]),
+    }
+}
+
+/// For each face, a bound of the distance of level ℓ = 0 ..= L and the original, never growing with
+/// the level.
+pub fn bounds(base: &Base, samples: &Samples, original: &dyn Original) -> Vec<Vec<f32>> {
+    let own = finest(base, samples, original);
+    let mut all = to_finest(base, samples);
+    all.iter_mut()
+        .zip(own)
+        .map(|(levels, own)| {
+            let mut worst: f64 = 0.0;
+            for e in levels.iter_mut().rev() {
+                worst = worst.max(*e);
+                *e = worst + own;
+            }
+            // Rounded up.
+            levels.iter().map(|e| (e * (1.0 + 1e-6)) as f32).collect()
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_distance_to_a_triangle_is_that_to_its_nearest_point() {
+        let t = [DVec3::ZERO, DVec3::new(4.0, 0.0, 0.0), DVec3::new(0.0, 3.0, 0.0)];
+        let d = |x, y, z| to_triangle(DVec3::new(x, y, z), t);
+        assert_eq!(d(1.0, 1.0, 2.0), 2.0);
+        assert_eq!(d(-3.0, -4.0, 0.0), 5.0);
+        assert_eq!(d(2.0, -1.0, 0.0), 1.0);
+        assert!((d(4.0, 3.0, 0.0) - 2.4).abs() < 1e-12);
+        // Without area it is a segment, or a point.
+        assert_eq!(to_triangle(DVec3::Z, [DVec3::ZERO, DVec3::X, DVec3::X]), 1.0);
+        assert_eq!(to_triangle(DVec3::Z, [DVec3::ZERO; 3]), 1.0);
+    }
+
+    #[test]
+    fn the_small_triangle_of_a_place_holds_it() {
+        let mut seed = 9u64;
+        let mut noise = || {
+            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (seed >> 40) as f64 / (1u64 << 24) as f64
+        };
+        for n in [1u32, 2, 8] {
+            for i in 0..2000 {
+                let (mut a, mut b) = (noise(), noise());
+                if i % 3 == 0 {
+                    (a, b) = ((a * 8.0).floor() / 8.0, (b * 8.0).floor() / 8.0);
+                }
+                if a + b > 1.0 {
+                    (a, b) = (1.0 - a, 1.0 - b);
+                }
+                let w = [a, b, 1.0 - a - b];
+                let t = cell(w, n);
+                let flat = |g: Grid| DVec3::new(f64::from(g[0]), f64::from(g[1]), 0.0);
+                assert!(t.iter().all(|g| g.iter().sum::<u32>() == n));
+                let p = DVec3::new(a, b, 0.0) * f64::from(n);
+                assert!(to_triangle(p, t.map(flat)) < 1e-9, "{w:?} of {n}: {t:?}");
+            }
+        }
+    }
+}

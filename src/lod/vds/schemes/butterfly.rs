@@ -1,0 +1,252 @@
+//! The modified butterfly: where a smooth interpolating surface would have its new vertices.
+//!
+//! After Zorin, Schröder & Sweldens 1996 (doi:10.1145/237170.237254): eight points around an edge
+//! between two regular vertices, the ring of the extraordinary vertex otherwise, the mean of both
+//! rings between two of them, four points along a boundary. Ours: what an edge near a boundary
+//! lacks is put there by reflection, and a boundary vertex counts as regular, instead of the five
+//! special rules of the paper's table.
+//!
+//! Resampling gives the true place of a vertex; the prediction says how little of that place is
+//! news, which is what a compressed file would store and what a preview without the original would
+//! draw.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+
+use crate::geometry::Mesh;
+use crate::lod::vds::base::Base;
+
+/// A mesh with every face split one to four: old vertices keep their ids and places, then one
+/// vertex for each edge, where the modified butterfly puts it. Normals and caps are left out.
+///
+/// # Panics
+/// If a face names a vertex that is not there.
+pub fn subdivide(mesh: &Mesh) -> Mesh {
+    let base = Base::new(mesh.faces.clone(), mesh.positions.len());
+    let rings = Rings::new(&base);
+    let at = |v: u32| mesh.positions[v as usize].as_dvec3();
+    let mut positions = mesh.positions.clone();
+    positions.extend((0..base.edges.len()).map(|e| predict(&base, &rings, e, &at).as_vec3()));
+    let first = mesh.positions.len() as u32;
+    let mut faces = Vec::with_capacity(4 * mesh.faces.len());
+    for (&[a, b, c], edges) in mesh.faces.iter().zip(&base.face_edges) {
+        let [ab, bc, ca] = edges.map(|e| first + (e >> 1));
+        faces.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+    }
+    Mesh { positions, normals: Vec::new(), faces, caps: Vec::new() }
+}
+
+/// One outgoing corner (face, corner) a vertex; on a boundary the one whose right side is open.
+struct Rings(Vec<Option<(u32, usize)>>);
+
+impl Rings {
+    fn new(base: &Base) -> Self {
+        let mut first = vec![None; base.vertices];
+        for (f, face) in base.faces.iter().enumerate() {
+            for (c, v) in face.iter().enumerate() {
+                let open = base.across(f as u32, c).is_none();
+                let slot = &mut first[*v as usize];
+                if slot.is_none() || open {
+                    *slot = Some((f as u32, c));
+                }
+            }
+        }
+        Self(first)
+    }
+
+    /// Neighbours in order, beginning with `from` for an inner vertex; `None` on a boundary or
+    /// where the faces do not close up.
+    fn closed(&self, base: &Base, v: u32, from: u32) -> Option<Vec<u32>> {
+        let (first, corner) = self.0[v as usize]?;
+        let (mut f, mut c) = (first, corner);
+        let mut ring = Vec::new();
+        loop {
+            ring.push(base.faces[f as usize][(c + 1) % 3]);
+            // Over the side that ends in v, to the next face round it.
+            f = base.across(f, (c + 2) % 3)?;
+            c = base.faces[f as usize].iter().position(|x| *x == v)?;
+            if f == first || ring.len() > base.faces.len() {
+                break;
+            }
+        }
+        let start = ring.iter().position(|n| *n == from)?;
+        ring.rotate_left(start);
+        Some(ring)
+    }
+
+    /// The neighbour along the boundary that is not `from`.
+    fn along(&self, base: &Base, v: u32, from: u32) -> Option<u32> {
+        let (mut f, mut c) = self.0[v as usize]?;
+        let right = base.faces[f as usize][(c + 1) % 3];
+        if right != from {
+            return Some(right);
+        }
+        for _ in 0..base.faces.len() {
+            let Some(g) = base.across(f, (c + 2) % 3) else {
+                return Some(base.faces[f as usize][(c + 2) % 3]);
+            };
+            f = g;
+            c = base.faces[f as usize].iter().position(|x| *x == v)?;
+        }
+        None
+    }
+}
+
+/// Where the vertex of an edge goes.
+fn predict(base: &Base, rings: &Rings, edge: usize, at: &dyn Fn(u32) -> DVec3) -> DVec3 {
+    let e = base.edges[edge];
+    let (f, c) = (e.faces[0], e.corner as usize);
+    let [a, b] = [base.faces[f as usize][c], base.faces[f as usize][(c + 1) % 3]];
+    let middle = 0.5 * (at(a) + at(b));
+    if base.across(f, c).is_none() {
+        let end = |v, from| rings.along(base, v, from).map(at);
+        return match (end(a, b), end(b, a)) {
+            (Some(p), Some(q)) => 1.125 * middle - 0.0625 * (p + q),
+            _ => middle,
+        };
+    }
+    let ring = |v: u32, from: u32| {
+        let ring = rings.closed(base, v, from)?;
+        (ring.len() != 6).then(|| extraordinary(at(v), &ring, at))
+    };
+    match (ring(a, b), ring(b, a)) {
+        (Some(p), Some(q)) => 0.5 * (p + q),
+        (Some(p), None) | (None, Some(p)) => p,
+        (None, None) => regular(base, e.faces[0], c, at),
+    }
+}
+
+/// The eight-point rule; what is missing is put there by reflection.
+fn regular(base: &Base, f: u32, c: usize, at: &dyn Fn(u32) -> DVec3) -> DVec3 {
+    let mut sum = DVec3::ZERO;
+    let mut side = |f: u32, a: u32, b: u32| {
+        let face = base.faces[f as usize];
+        let Some(k) = (0..3).find(|k| face[*k] != a && face[*k] != b) else { return };
+        let apex = face[k];
+        sum += 0.5 * 0.5 * (at(a) + at(b)) + 0.125 * at(apex);
+        for e in [k, (k + 2) % 3] {
+            let (x, y, z) = (face[e], face[(e + 1) % 3], face[(e + 2) % 3]);
+            let beyond = base
+                .across(f, e)
+                .and_then(|g| base.faces[g as usize].into_iter().find(|v| *v != x && *v != y));
+            sum -= 0.0625 * beyond.map_or_else(|| at(x) + at(y) - at(z), at);
+        }
+    };
+    let (a, b) = (base.faces[f as usize][c], base.faces[f as usize][(c + 1) % 3]);
+    side(f, a, b);
+    if let Some(g) = base.across(f, c) {
+        side(g, a, b);
+    }
+    sum
+}
+
+/// The rule around an inner vertex without six neighbours; `ring` begins at the edge's other end.
+fn extraordinary(v: DVec3, ring: &[u32], at: &dyn Fn(u32) -> DVec3) -> DVec3 {
+    let k = ring.len();
+    let weight = |j: usize| match (k, j) {
+        (3, 0) => 5.0 / 12.0,
+        (3, _) => -1.0 / 12.0,
+        (4, 0) => 3.0 / 8.0,
+        (4, 2) => -1.0 / 8.0,
+        (4, _) => 0.0,
+        _ => {
+            let t = TAU * j as f64 / k as f64;
+            (0.25 + t.cos() + 0.5 * (2.0 * t).cos()) / k as f64
+        }
+    };
+    0.75 * v + ring.iter().enumerate().map(|(j, n)| weight(j) * at(*n)).sum::<DVec3>()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+
+    /// A sheet of n × n quads, each halved, so that inner vertices have six neighbours.
+    fn sheet(n: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
+        let mut mesh = Mesh::default();
+        for i in 0..=n {
+            for j in 0..=n {
+                let (x, y) = (f64::from(i) / 8.0, f64::from(j) / 8.0);
+                mesh.positions.push(DVec3::new(x, y, height(x, y)).as_vec3());
+                if i < n && j < n {
+                    let id = |i, j| i * (n + 1) + j;
+                    let [a, b, c, d] = [id(i, j), id(i + 1, j), id(i + 1, j + 1), id(i, j + 1)];
+                    mesh.faces.extend([[a, b, c], [a, c, d]]);
+                }
+            }
+        }
+        mesh
+    }
+
+    /// Largest distance of new vertices from the function, `rim` quads away from the boundary.
+    fn off(n: u32, rim: f32, height: impl Fn(f64, f64) -> f64) -> f64 {
+        let fine = subdivide(&sheet(n, &height));
+        let inner = |p: &&Vec3| {
+            let far = n as f32 / 8.0 - rim / 8.0;
+            (rim / 8.0..=far).contains(&p.x) && (rim / 8.0..=far).contains(&p.y)
+        };
+        let first = ((n + 1) * (n + 1)) as usize;
+        let miss = |p: &Vec3| (f64::from(p.z) - height(f64::from(p.x), f64::from(p.y))).abs();
+        fine.positions[first..].iter().filter(inner).map(miss).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_plane_stays_a_plane_up_to_its_boundary() {
+        assert!(off(8, 0.0, |x, y| 2.0 * x - 3.0 * y + 1.0) < 1e-6);
+    }
+
+    #[test]
+    fn cubics_are_met_between_regular_vertices_and_quartics_are_not() {
+        assert!(off(8, 2.0, |x, y| x * x - 2.0 * x * y + 3.0 * y * y) < 1e-6);
+        assert!(off(8, 2.0, |x, y| x * x * x - 2.0 * x * x * y + x * y * y + y * y * y) < 1e-6);
+        assert!(off(8, 2.0, |x, _| 8.0 * x.powi(4)) > 1e-4);
+    }
+
+    #[test]
+    fn along_a_boundary_cubics_are_met_too() {
+        let height = |x: f64, _: f64| x * x * x - x;
+        let fine = subdivide(&sheet(8, height));
+        let on = |p: &&Vec3| p.y == 0.0 && p.x > 0.125 && p.x < 0.875;
+        let miss = |p: &Vec3| (f64::from(p.z) - height(f64::from(p.x), 0.0)).abs();
+        assert!(fine.positions.iter().filter(on).map(miss).fold(0.0, f64::max) < 1e-6);
+    }
+
+    #[test]
+    fn rings_of_any_size_reproduce_a_plane_and_close_up_smoothly() {
+        for k in 3..12u32 {
+            // A flat ring: any weights that sum to one with the right first moments keep it flat,
+            // and the new vertex of a straight spoke lies on that spoke.
+            let at = |v: u32| {
+                let t = TAU * f64::from(v) / f64::from(k);
+                DVec3::new(t.cos(), t.sin(), 2.0)
+            };
+            let ring: Vec<u32> = (0..k).collect();
+            let p = extraordinary(DVec3::new(0.0, 0.0, 2.0), &ring, &at);
+            assert!((p - DVec3::new(0.5, 0.0, 2.0)).length() < 1e-12, "{k}: {p}");
+        }
+    }
+
+    #[test]
+    fn on_an_octahedron_it_bulges_towards_the_ball() {
+        let p = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
+        let f = [
+            [0, 2, 4],
+            [2, 1, 4],
+            [1, 3, 4],
+            [3, 0, 4],
+            [2, 0, 5],
+            [1, 2, 5],
+            [3, 1, 5],
+            [0, 3, 5],
+        ];
+        let mut mesh = Mesh { positions: p.to_vec(), faces: f.to_vec(), ..Mesh::default() };
+        mesh = subdivide(&mesh);
+        assert_eq!((mesh.positions.len(), mesh.faces.len()), (18, 32));
+        for p in &mesh.positions[6..] {
+            assert!(p.length() > 0.75, "{p}");
+        }
+    }
+}

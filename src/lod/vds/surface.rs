@@ -1,0 +1,268 @@
+//! A surface made ready for view-dependent subdivision: samples, octree, bounds.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::base::Base;
+use super::epsilon;
+use super::resample::Original;
+use super::samples::{Samples, count, triangles};
+use crate::geometry::Mesh;
+use crate::lod::octree::{Item, Octree, around};
+use crate::lod::{Cone, Sphere};
+
+/// Levels, at most: 4^6 triangles for one of the base.
+const DEPTH_MAX: u32 = 6;
+/// Samples, at most: 5 GiB of them.
+const SAMPLES_MAX: usize = 1 << 28;
+
+/// How a surface is cut.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VdsOptions {
+    /// Base triangles of an octree leaf, at most (1 ..= 128). Leaves are judged as a whole, so
+    /// small ones fit the view better; 42 at the base level just fill a page.
+    pub leaf_faces: u32,
+    /// Finest level (1 ..= 6); by itself the least with as many triangles as the original.
+    pub depth: Option<u32>,
+    /// New vertices glide into place in eighths instead of popping; costs uploads whenever the
+    /// camera moves.
+    pub morph: bool,
+}
+
+impl Default for VdsOptions {
+    fn default() -> Self {
+        Self { leaf_faces: 42, depth: None, morph: true }
+    }
+}
+
+/// Why a surface cannot be subdivided.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum VdsError {
+    /// Nothing to draw.
+    #[error("the base mesh has no faces")]
+    Empty,
+    /// A face names a vertex that is not there.
+    #[error("base face {face} names vertex {vertex}, but there are {vertices}")]
+    NoVertex {
+        /// The face.
+        face: usize,
+        /// What it names.
+        vertex: u32,
+        /// Vertices there are.
+        vertices: usize,
+    },
+    /// An option outside its range.
+    #[error("{name} is {value}, must be {lowest} to {highest}")]
+    Option {
+        /// Which.
+        name: &'static str,
+        /// As given.
+        value: u32,
+        /// Least value.
+        lowest: u32,
+        /// Largest value.
+        highest: u32,
+    },
+    /// More samples than fit.
+    #[error("{samples} samples at level {depth}, at most {SAMPLES_MAX} can be kept")]
+    TooLarge {
+        /// Samples wanted.
+        samples: usize,
+        /// Finest level.
+        depth: u32,
+    },
+    /// The original has a place at infinity or none at all.
+    #[error("the original has no finite position at sample {sample} of {samples}")]
+    NotFinite {
+        /// Number of the sample.
+        sample: usize,
+        /// Samples taken.
+        samples: usize,
+    },
+}
+
+/// A leaf of the octree: what is judged, refined and drawn as a whole.
+#[derive(Clone, Debug)]
+pub(super) struct Leaf {
+    /// Base faces, ascending.
+    pub faces: Vec<u32>,
+    /// Holds the surface at every level, and the original.
+    pub sphere: Sphere,
+    /// Holds the normals of every level.
+    pub cone: Cone,
+    /// Distance of each level to the original, both ways, mm; never grows.
+    pub error_mm: Vec<f32>,
+}
+
+/// A base mesh, the original at every vertex of its finest level, and how far every level is off.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    pub(super) base: Base,
+    pub(super) samples: Samples,
+    pub(super) tree: Octree,
+    /// In the order of [`Octree::walk`].
+    pub(super) leaves: Vec<Leaf>,
+    /// Leaf of each base face.
+    pub(super) leaf_of: Vec<u32>,
+    /// Leaf of each node that is one.
+    pub(super) leaf_at: Vec<u32>,
+    /// Largest error of the base within each node, mm.
+    pub(super) node_error_mm: Vec<f32>,
+    pub(super) options: VdsOptions,
+}
+
+impl Surface {
+    /// Takes the samples of `original` at every vertex of the finest level of `base` and measures
+    /// every level. Positions of `base` are not used: its vertices are samples too.
+    ///
+    /// # Errors
+    /// See [`VdsError`].
+    pub fn new(
+        base: &Mesh,
+        original: &dyn Original,
+        options: VdsOptions,
+    ) -> Result<Self, VdsError> {
+        let vertices = base.positions.len();
+        if base.faces.is_empty() {
+            return Err(VdsError::Empty);
+        }
+        for (face, f) in base.faces.iter().enumerate() {
+            if let Some(&vertex) = f.iter().find(|v| **v as usize >= vertices) {
+                return Err(VdsError::NoVertex { face, vertex, vertices });
+            }
+        }
+        let range = |name, value, lowest, highest| {
+            let fits = (lowest..=highest).contains(&value);
+            fits.then_some(value).ok_or(VdsError::Option { name, value, lowest, highest })
+        };
+        range("leaf_faces", options.leaf_faces, 1, 128)?;
+        let enough = |l: &u32| (base.faces.len() as u64) << (2 * l) >= original.faces();
+        let depth = match options.depth {
+            Some(depth) => range("depth", depth, 1, DEPTH_MAX)?,
+            None => (1..DEPTH_MAX).find(enough).unwrap_or(DEPTH_MAX),
+        };
+        let base = Base::new(base.faces.clone(), vertices);
+        let wanted = count(&base, depth);
+        if wanted > SAMPLES_MAX {
+            return Err(VdsError::TooLarge { samples: wanted, depth });
+        }
+        let samples = Samples::take(&base, depth, original);
+        let lost = |v: &crate::geometry::Vertex| !v.position().is_finite();
+        if let Some(sample) = samples.all().iter().position(lost) {
+            return Err(VdsError::NotFinite { sample, samples: samples.all().len() });
+        }
+        let errors = epsilon::bounds(&base, &samples, original);
+        Ok(Self::grown(base, samples, &errors, options))
+    }
+
+    fn grown(base: Base, samples: Samples, errors: &[Vec<f32>], options: VdsOptions) -> Self {
+        let item = |f: u32| face_item(&base, &samples, f);
+        let items: Vec<Item> = (0..base.faces.len() as u32).into_par_iter().map(item).collect();
+        let tree = Octree::with_leaves(&items, options.leaf_faces as usize);
+        let mut leaves = Vec::new();
+        let mut leaf_of = vec![0; base.faces.len()];
+        let mut leaf_at = vec![u32::MAX; tree.nodes.len()];
+        let mut node_error_mm = vec![0.0; tree.nodes.len()];
+        tree.walk(
+            |_| true,
+            |at, node| {
+                let mut faces = tree.items_of(at).to_vec();
+                faces.sort_unstable();
+                let mut error_mm = vec![0.0f32; samples.depth() as usize + 1];
+                for &f in &faces {
+                    leaf_of[f as usize] = leaves.len() as u32;
+                    let own = &errors[f as usize];
+                    error_mm.iter_mut().zip(own).for_each(|(e, own)| *e = e.max(*own));
+                }
+                leaf_at[at] = leaves.len() as u32;
+                node_error_mm[at] = error_mm[0];
+                // The original lies no further from the finest samples than that.
+                let off = error_mm[samples.depth() as usize];
+                let centre = node.sphere.centre;
+                let reach = faces.iter().map(|f| reach(&base, &samples, *f, centre));
+                let radius = reach.fold(0.0, f32::max) * (1.0 + 1e-6) + off;
+                let sphere = Sphere { centre, radius };
+                leaves.push(Leaf { faces, sphere, cone: node.cone, error_mm });
+            },
+        );
+        for at in (0..tree.nodes.len()).rev() {
+            for child in tree.children(at) {
+                node_error_mm[at] = f32::max(node_error_mm[at], node_error_mm[child]);
+            }
+        }
+        Self { base, samples, tree, leaves, leaf_of, leaf_at, node_error_mm, options }
+    }
+
+    /// Finest level L.
+    pub fn depth(&self) -> u32 {
+        self.samples.depth()
+    }
+
+    /// Faces of the base mesh.
+    pub fn base_faces(&self) -> u64 {
+        self.base.faces.len() as u64
+    }
+
+    /// Leaves of the octree.
+    pub fn leaves(&self) -> usize {
+        self.leaves.len()
+    }
+
+    /// How far level `level` is from the original at its worst, both ways, mm.
+    pub fn error_mm(&self, level: u32) -> f32 {
+        let level = level.min(self.depth()) as usize;
+        self.leaves.iter().map(|l| l.error_mm[level]).fold(0.0, f32::max)
+    }
+
+    /// What is left at the finest level, mm: the paper promises none.
+    pub fn finest_error_mm(&self) -> f32 {
+        self.error_mm(self.depth())
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        let base = &self.base;
+        size_of_val(self.samples.all())
+            + size_of_val(&base.edges[..])
+            + size_of_val(&base.faces[..])
+            + size_of_val(&base.face_edges[..])
+            + size_of_val(&self.leaf_of[..])
+            + self.tree.nodes.len() * size_of::<crate::lod::octree::Node>()
+            + self.leaves.len() * (size_of::<Leaf>() + 4 * self.depth() as usize + 4)
+    }
+}
+
+/// Largest distance of a face's samples from a point.
+fn reach(base: &Base, samples: &Samples, f: u32, from: Vec3) -> f32 {
+    let n = 1u32 << samples.depth();
+    let grid = (0..=n).flat_map(|i| (0..=n - i).map(move |j| [i, j, n - i - j]));
+    grid.map(|g| samples.position(base, f, g).distance(from)).fold(0.0, f32::max)
+}
+
+/// Box of a face at all its levels, cone of its triangles at all its levels. Triangles that mend
+/// the gap to a finer neighbour or that are on their way have their corners between these samples;
+/// their normals are not measured.
+fn face_item(base: &Base, samples: &Samples, f: u32) -> Item {
+    let depth = samples.depth();
+    let n = 1u32 << depth;
+    let mut cones = Vec::new();
+    let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let mut centre = Vec3::ZERO;
+    for level in 0..=depth {
+        let step = n >> level;
+        for t in triangles(1 << level) {
+            let p = t.map(|g| samples.position(base, f, g.map(|c| c * step)));
+            let item = Item::triangle(p);
+            (lo, hi) = (lo.min(item.lo), hi.max(item.hi));
+            if level == 0 {
+                centre = item.centre;
+            }
+            // Without area it has no normal, and nothing of it is seen.
+            if item.cone.sine < 1.0 {
+                cones.push(item.cone);
+            }
+        }
+    }
+    Item { lo, hi, centre, cone: around(cones.iter().copied()) }
+}

@@ -1,0 +1,134 @@
+//! Originals for tests.
+
+use std::f64::consts::TAU;
+
+use glam::{DVec3, Vec3};
+
+use crate::geometry::{Mesh, Vertex};
+use crate::lod::vds::Original;
+
+/// One triangle that is its own original.
+pub struct Flat;
+
+impl Original for Flat {
+    fn at(&self, _: u32, [_, x, y]: [f64; 3]) -> Vertex {
+        Vertex::new(Vec3::new(x as f32, y as f32, 0.0), Vec3::Z, 0.0)
+    }
+    fn vertices(&self) -> u32 {
+        0
+    }
+    fn vertex(&self, _: u32) -> Option<(u32, [f64; 3], Vec3)> {
+        None
+    }
+    fn faces(&self) -> u64 {
+        1
+    }
+}
+
+/// A bent tube closed to a ring, parameterised over a coarser one. Where `jitter` is set, places
+/// of the base are off by that much, another way for every base face: two faces do not agree on
+/// the edge between them, as rounding would have it.
+pub struct Ring {
+    /// Quads of the base round the ring and round the tube, and steps of the original in each.
+    cells: [u32; 2],
+    steps: u32,
+    pub jitter: f64,
+    pub mesh: Mesh,
+}
+
+pub const RING_MM: f64 = 30.0;
+const TUBE_MM: f64 = 8.0;
+
+impl Ring {
+    /// Its own original, `steps` times as fine as the base.
+    pub fn new(cells: [u32; 2], steps: u32) -> Self {
+        let mut ring = Self { cells, steps, jitter: 0.0, mesh: Mesh::default() };
+        ring.mesh = ring.grid(steps);
+        ring
+    }
+
+    /// The ring with `steps` steps to a quad.
+    pub fn grid(&self, steps: u32) -> Mesh {
+        let [nu, nv] = self.cells.map(|c| c * steps);
+        let mut mesh = Mesh::default();
+        for i in 0..nu {
+            for j in 0..nv {
+                let (u, v) =
+                    (TAU * f64::from(i) / f64::from(nu), TAU * f64::from(j) / f64::from(nv));
+                // Folds, so that no level is exact by symmetry.
+                let r = TUBE_MM * (1.0 + 0.06 * (5.0 * u + 2.0 * v).sin());
+                let out = DVec3::new(v.cos() * u.cos(), v.cos() * u.sin(), v.sin());
+                let at = DVec3::new(u.cos(), u.sin(), 0.0) * RING_MM + r * out;
+                mesh.positions.push(at.as_vec3());
+                mesh.normals.push(-out.as_vec3());
+                let id = |i: u32, j: u32| i % nu * nv + j % nv;
+                let [a, b, c, d] = [id(i, j), id(i + 1, j), id(i + 1, j + 1), id(i, j + 1)];
+                mesh.faces.extend([[a, c, b], [a, d, c]]);
+            }
+        }
+        mesh
+    }
+
+    pub fn base(&self) -> Mesh {
+        self.grid(1)
+    }
+
+    /// Corners of a face of the original.
+    pub fn triangle(&self, face: u32) -> [DVec3; 3] {
+        self.mesh.faces[face as usize].map(|v| self.mesh.positions[v as usize].as_dvec3())
+    }
+
+    /// Corners of a base face in steps of the base grid, not wrapped round.
+    fn corners(&self, face: u32) -> [[u32; 2]; 3] {
+        let (i, j) = (face / 2 / self.cells[1], face / 2 % self.cells[1]);
+        let [a, b, c, d] = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]];
+        if face.is_multiple_of(2) { [a, c, b] } else { [a, d, c] }
+    }
+}
+
+impl Original for Ring {
+    fn at(&self, face: u32, weights: [f64; 3]) -> Vertex {
+        let corners = self.corners(face);
+        let m = f64::from(self.steps);
+        let [x, y] =
+            [0, 1].map(|k| m * (0..3).map(|c| weights[c] * f64::from(corners[c][k])).sum::<f64>());
+        let low = |x: f64, k: usize| {
+            let first = corners[0][k].min(corners[1][k]).min(corners[2][k]) * self.steps;
+            (x.floor() as u32).clamp(first, first + self.steps - 1)
+        };
+        let (i, j) = (low(x, 0), low(y, 1));
+        let (fx, fy) = (x - f64::from(i), y - f64::from(j));
+        let quad = (i * self.cells[1] * self.steps + j) * 2;
+        let (id, w) = if fx >= fy {
+            (quad, [1.0 - fx, fy, fx - fy])
+        } else {
+            (quad + 1, [1.0 - fy, fy - fx, fx])
+        };
+        let f = self.mesh.faces[id as usize];
+        let sum = |of: &dyn Fn(usize) -> Vec3| -> DVec3 {
+            (0..3).map(|c| w[c] * of(f[c] as usize).as_dvec3()).sum()
+        };
+        let shift = self.jitter * (f64::from(face % 7) - 3.0);
+        let at = sum(&|v| self.mesh.positions[v]) + DVec3::splat(shift);
+        let normal = sum(&|v| self.mesh.normals[v]).as_vec3().normalize();
+        Vertex::new(at.as_vec3(), normal, 0.25)
+    }
+
+    fn vertices(&self) -> u32 {
+        self.mesh.positions.len() as u32
+    }
+
+    fn vertex(&self, vertex: u32) -> Option<(u32, [f64; 3], Vec3)> {
+        let nv = self.cells[1] * self.steps;
+        let at = [vertex / nv, vertex % nv];
+        let quad = at[0] / self.steps * self.cells[1] + at[1] / self.steps;
+        let [fx, fy] = at.map(|x| f64::from(x % self.steps) / f64::from(self.steps));
+        let (half, w) =
+            if fx >= fy { (0, [1.0 - fx, fy, fx - fy]) } else { (1, [1.0 - fy, fy - fx, fx]) };
+        Some((quad * 2 + half, w, self.mesh.positions[vertex as usize]))
+    }
+
+    fn faces(&self) -> u64 {
+        self.mesh.faces.len() as u64
+    }
+}
