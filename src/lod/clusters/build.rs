@@ -230,7 +230,7 @@ fn check(mesh: &Mesh, vertices: &[Vertex]) -> Result<(), ClusterError> {
         }
     }
     // Sums of squares of smaller numbers are numbers.
-    let placed = |p: &Vec3| p.abs().max_element() < 1e9;
+    let placed = |p: &Vec3| p.is_finite() && p.abs().max_element() < 1e9;
     match mesh.positions.iter().position(|p| !placed(p)) {
         Some(vertex) => Err(ClusterError::Place { vertex }),
         None => Ok(()),

@@ -291,9 +291,8 @@ impl Target<'_> {
     /// Cuts a piece up along walls, so that each part is near one face; `take` gets face, part,
     /// how far any point of the part is from that face at most, and whether it is the whole piece.
     pub fn part(&self, piece: &Piece, start: u32, take: &mut impl FnMut(u32, &Piece, f64, bool)) {
-        let mut open = vec![(*piece, start, CUTS, true)];
-        while let Some((piece, start, cuts, whole)) = open.pop() {
-            let face = self.walk(start, piece.centre());
+        let mut open = vec![(*piece, self.walk(start, piece.centre()), CUTS, true)];
+        while let Some((piece, face, cuts, whole)) = open.pop() {
             let corners = self.corners(face);
             let side = corners[0].distance(corners[1]).max(corners[1].distance(corners[2]));
             let (length, a, b) = piece.longest();
@@ -301,9 +300,11 @@ impl Target<'_> {
                 && cuts > 0
                 && let Some(halves) = piece.cut(b - a, 0.5 * (a + b))
             {
-                open.extend(halves.map(|h| (h, face, cuts - 1, false)));
+                open.extend(halves.map(|h| (h, self.walk(face, h.centre()), cuts - 1, false)));
                 continue;
             }
+            // What is handed across a wall is not walked again: by distance it may seem to belong
+            // where it came from.
             let before = open.len();
             let mut hand = |next, part| open.push((part, next, cuts - 1, false));
             let inner = match cuts {
