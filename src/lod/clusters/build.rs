@@ -38,6 +38,8 @@ struct Draft {
     whole: Vec<(u32, u8)>,
     /// Those that were cut.
     parts: Vec<Part>,
+    /// For each triangle, how far any point of it is from the original at most, mm.
+    back: Vec<f32>,
 }
 
 impl Draft {
@@ -228,7 +230,7 @@ fn check(mesh: &Mesh, vertices: &[Vertex]) -> Result<(), ClusterError> {
         }
     }
     // Sums of squares of smaller numbers are numbers.
-    let placed = |p: &Vec3| p.abs().max_element() < 1e9;
+    let placed = |p: &Vec3| p.is_finite() && p.abs().max_element() < 1e9;
     match mesh.positions.iter().position(|p| !placed(p)) {
         Some(vertex) => Err(ClusterError::Place { vertex }),
         None => Ok(()),
@@ -270,7 +272,7 @@ fn finest(mesh: &Mesh, beside: &[[u32; 3]]) -> Vec<Draft> {
             ids.sort_unstable();
             let faces: Vec<[u32; 3]> = ids.iter().map(|f| mesh.faces[*f as usize]).collect();
             let whole = ids.iter().copied().zip(0..=u8::MAX).collect();
-            Draft { whole, ..draft(&faces) }
+            Draft { whole, back: vec![0.0; faces.len()], ..draft(&faces) }
         })
         .collect()
 }
@@ -280,7 +282,7 @@ fn draft(faces: &[[u32; 3]]) -> Draft {
     let vertices = vertices_of(faces.iter().copied());
     let place = |v: u32| vertices.binary_search(&v).unwrap_or(0) as u8;
     let triangles = faces.iter().map(|f| f.map(place)).collect();
-    Draft { triangles, vertices, whole: Vec::new(), parts: Vec::new() }
+    Draft { triangles, vertices, whole: Vec::new(), parts: Vec::new(), back: Vec::new() }
 }
 
 /// Each vertex once, ascending.
@@ -374,12 +376,12 @@ fn simplify(
     order.iter().zip(0..).for_each(|(f, i)| place[*f as usize] = i);
     let moved = |n: u32| if n == NONE { NONE } else { place[n as usize] };
     let beside: Vec<[u32; 3]> = order.iter().map(|f| beside[*f as usize].map(moved)).collect();
-    let local = Mesh {
+    let coarse_mesh = Mesh {
         positions: own.iter().map(|v| positions[*v as usize]).collect(),
         faces: coarse.clone(),
         ..Mesh::default()
     };
-    let tree = Nearest::new(&local);
+    let tree = Nearest::new(&coarse_mesh);
     let faces: Vec<[u32; 3]> = coarse.iter().map(|f| f.map(|v| own[v as usize])).collect();
     let target = Target { positions, normals, faces: &faces, beside: &beside, tree: &tree };
     let mut outputs = Vec::with_capacity(sizes.len());
@@ -404,9 +406,19 @@ fn simplify(
             bound = bound.max(true_one.map_or(near, |c| c.distance_mm));
         }
     }
-    let bv = bound;
+    let fine_faces: Vec<[u32; 3]> = fine.iter().map(|f| f.map(|v| own[usize::from(v)])).collect();
+    let fine_local: Vec<[u32; 3]> = fine.iter().map(|f| f.map(u32::from)).collect();
+    let fine_beside = partition::beside(&fine_local, own.len());
+    let mut fine_at = vec![0u32; own.len()];
+    for (f, i) in fine.iter().zip(0..) {
+        f.iter().for_each(|v| fine_at[usize::from(*v)] = i);
+    }
+    let from = |v: u32| fine_at[usize::from(local(v))];
+    let fine_back: Vec<f32> = inputs.iter().flat_map(|d| d.back.iter().copied()).collect();
+    let fine_target =
+        Target { positions, normals, faces: &fine_faces, beside: &fine_beside, tree: &tree };
     let measure = Measure { target, original, owner: &owner };
-    let mut angle: f64 = 0.0;
+    let (mut turn, mut area) = (0.0, 0.0);
     let mut first = 0;
     for d in inputs {
         let start: Vec<u32> =
@@ -414,7 +426,8 @@ fn simplify(
         first += d.triangles.len();
         for found in measure.towards(d, &start, bound) {
             bound = bound.max(found.bound);
-            angle = angle.max(found.angle);
+            turn += found.turn;
+            area += found.area;
             for (c, w) in found.whole {
                 outputs[usize::from(c)].whole.push(w);
             }
@@ -424,15 +437,9 @@ fn simplify(
         }
     }
     outputs.iter_mut().for_each(|d| d.unite(original));
-    let b0 = bound;
-    bound = measure.back(bound);
-    if std::env::var("DBG").is_ok() {
-        eprintln!(
-            "group {} -> {}: floor {floor:.4} vertices {bv:.4} towards {b0:.4} back {bound:.4} parts {}",
-            before,
-            left,
-            outputs.iter().map(|d| d.parts.len()).sum::<usize>()
-        );
+    let (bound, back) = measure.back(bound, &fine_target, &from, &fine_back);
+    for ((cluster, _), b) in owner.iter().zip(back) {
+        outputs[usize::from(*cluster)].back.push(b);
     }
     let far = positions[own[0] as usize].abs().max_element();
     let long = |f: &[u32; 3]| {
@@ -442,7 +449,7 @@ fn simplify(
     Some(Made {
         outputs,
         error: bound + ROUNDING * f64::from(far),
-        angle,
+        angle: if area > 0.0 { (turn / area).sqrt() } else { 0.0 },
         edge: faces.iter().map(long).fold(0.0, f32::max),
     })
 }
@@ -478,10 +485,18 @@ impl Original<'_> {
 /// What one task measured.
 struct Found {
     bound: f64,
-    angle: f64,
+    /// Squared angles between normals times areas, and areas.
+    turn: f64,
+    area: f64,
     /// By output cluster.
     whole: Vec<(u16, (u32, u8))>,
     parts: Vec<(u16, Part)>,
+}
+
+impl Found {
+    fn new(bound: f64) -> Self {
+        Self { bound, turn: 0.0, area: 0.0, whole: Vec::new(), parts: Vec::new() }
+    }
 }
 
 /// The coarse faces of a group against the original.
@@ -497,7 +512,7 @@ impl Measure<'_> {
     /// begin. Tasks are cut the same whatever the number of threads.
     fn towards(&self, d: &Draft, start: &[u32], bound: f64) -> Vec<Found> {
         let whole = d.whole.par_chunks(TASK).map(|own| {
-            let mut found = Found { bound, angle: 0.0, whole: Vec::new(), parts: Vec::new() };
+            let mut found = Found::new(bound);
             for &(face, triangle) in own {
                 let piece = self.original.piece(face);
                 self.one(face, &piece, start[usize::from(triangle)], true, &mut found);
@@ -505,7 +520,7 @@ impl Measure<'_> {
             found
         });
         let parts = d.parts.par_chunks(TASK).map(|own| {
-            let mut found = Found { bound, angle: 0.0, whole: Vec::new(), parts: Vec::new() };
+            let mut found = Found::new(bound);
             for p in own {
                 let piece = Piece::new(&p.corners);
                 self.one(p.face, &piece, start[usize::from(p.triangle)], false, &mut found);
@@ -518,8 +533,10 @@ impl Measure<'_> {
     fn one(&self, face: u32, piece: &Piece, start: u32, whole: bool, found: &mut Found) {
         let first = found.parts.len();
         let mut bound = found.bound;
-        self.target.cover(piece, start, &mut bound, |t, p, all| {
-            found.angle = found.angle.max(self.angle(face, t, p));
+        self.target.cover(piece, start, &mut bound, |t, p, _, all| {
+            let area = p.area();
+            found.turn += area * self.angle(face, t, p.centre()).powi(2);
+            found.area += area;
             let (cluster, triangle) = self.owner[t as usize];
             if all && whole {
                 found.whole.push((cluster, (face, triangle)));
@@ -544,39 +561,54 @@ impl Measure<'_> {
         }
     }
 
-    /// The coarse faces against the original.
-    fn back(&self, bound: f64) -> f64 {
-        let found = self.target.faces.par_chunks(256).map(|own| {
-            let mut bound = bound;
-            for f in own {
-                let piece = Piece::new(&f.map(|v| self.target.positions[v as usize].as_dvec3()));
-                let start = self.original.face_at[f[0] as usize];
-                self.original.target.cover(&piece, start, &mut bound, |_, _, _| {});
-            }
-            bound
-        });
-        found.reduce(|| bound, f64::max)
+    /// The coarse faces against the original: the largest distance, and that of each face. They
+    /// are first laid upon the finer ones, `fine`, whose distances (`known`) add to that to those;
+    /// where the sum is too much, the original itself is asked. `from`: a fine face at each vertex
+    /// of the group.
+    fn back(
+        &self,
+        bound: f64,
+        fine: &Target<'_>,
+        from: &(impl Fn(u32) -> u32 + Sync),
+        known: &[f32],
+    ) -> (f64, Vec<f32>) {
+        let one = |f: &[u32; 3], bound: &mut f64| {
+            let piece = Piece::new(&f.map(|v| self.target.positions[v as usize].as_dvec3()));
+            let mut far: f64 = 0.0;
+            fine.part(&piece, from(f[0]), &mut |t, part, away, _| {
+                let sum = away + f64::from(known[t as usize]);
+                if sum <= *bound {
+                    far = far.max(sum);
+                    return;
+                }
+                let start = self.original.face_at[fine.faces[t as usize][0] as usize];
+                self.original.target.cover(part, start, bound, |_, _, d, _| far = far.max(d));
+            });
+            up(far)
+        };
+        let tasks: Vec<(f64, Vec<f32>)> = self
+            .target
+            .faces
+            .par_chunks(256)
+            .map(|own| {
+                let mut bound = bound;
+                let far = own.iter().map(|f| one(f, &mut bound)).collect();
+                (bound, far)
+            })
+            .collect();
+        let bound = tasks.iter().map(|t| t.0).fold(bound, f64::max);
+        (bound, tasks.into_iter().flat_map(|t| t.1).collect())
     }
 
-    /// Angle between the interpolated normals of an original face and of the coarse face `t`, over
-    /// a piece of the first: with n and m those at a corner, not made unit, no combination of them
-    /// differs by more than the largest |n − m|, and the angle's sine is at most that over the
-    /// smallest |n|.
-    fn angle(&self, face: u32, t: u32, piece: &Piece) -> f64 {
-        let mix = |of: &Target<'_>, face: u32, p: DVec3| {
+    /// Angle between the interpolated normals of an original face and of the coarse face `t`, at a
+    /// place of the first.
+    fn angle(&self, face: u32, t: u32, p: DVec3) -> f64 {
+        let mix = |of: &Target<'_>, face: u32| {
             let w = of.nearest(face, p).weights;
             let f = of.faces[face as usize];
             (0..3).map(|k| of.normals[f[k] as usize].as_dvec3() * w[k]).sum::<DVec3>()
         };
-        let (mut apart, mut axis, mut least) = (0.0f64, DVec3::ZERO, f64::INFINITY);
-        for &p in piece.corners() {
-            let n = mix(&self.original.target, face, p);
-            apart = apart.max(n.distance(mix(&self.target, t, p)));
-            if axis == DVec3::ZERO {
-                axis = n.normalize_or_zero();
-            }
-            least = least.min(n.dot(axis));
-        }
-        if apart < least { (apart / least).asin() } else { std::f64::consts::PI }
+        let (n, m) = (mix(&self.original.target, face), mix(&self.target, t));
+        n.cross(m).length().atan2(n.dot(m))
     }
 }

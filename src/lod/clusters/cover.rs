@@ -9,7 +9,7 @@ use crate::mesh::Nearest;
 const CORNERS: usize = 12;
 /// Cuts behind each other, at most: near a corner the planes of its edges do not quite meet, and a
 /// piece could be handed around.
-const CUTS: u32 = 20;
+const CUTS: u32 = 16;
 
 /// How much larger than need be a bound may be.
 const SLACK: f64 = 1.05;
@@ -34,7 +34,8 @@ impl Piece {
         &self.at[..self.count]
     }
 
-    fn centre(&self) -> DVec3 {
+    /// Mean of its corners.
+    pub fn centre(&self) -> DVec3 {
         self.corners().iter().sum::<DVec3>() / self.count.max(1) as f64
     }
 
@@ -229,8 +230,8 @@ impl Target<'_> {
     /// distance: of every point of a part to its face it is an upper bound whatever the cuts are,
     /// since distance to one triangle is convex and parts make up the whole. Parts within `bound`
     /// are not cut further; nor are those that reach no more than [`SLACK`] beyond what their
-    /// corners' true distances make the least bound there can be. `take` gets face, part, and
-    /// whether it is the whole piece.
+    /// corners' true distances make the least bound there can be. `take` gets face, part, distance,
+    /// and whether it is the whole piece.
     ///
     /// The cuts between two faces stand on their common edge along the normals of its ends, so that
     /// both sides cut alike. Where that leads nowhere (rims, needles, corners where such planes do
@@ -240,67 +241,83 @@ impl Target<'_> {
         piece: &Piece,
         start: u32,
         bound: &mut f64,
-        mut take: impl FnMut(u32, &Piece, bool),
+        mut take: impl FnMut(u32, &Piece, f64, bool),
     ) {
         // Most pieces lie near one face as they are.
         let face = self.walk(start, piece.centre());
-        if self.farthest(face, piece) <= *bound {
-            take(face, piece, true);
+        let far = self.farthest(face, piece);
+        if far <= *bound {
+            take(face, piece, far, true);
             return;
         }
-        let mut open = vec![(*piece, face, 0, true)];
-        while let Some((piece, start, cuts, whole)) = open.pop() {
-            let face = self.walk(start, piece.centre());
-            let far = self.farthest(face, &piece);
+        let mut rest = Vec::new();
+        self.part(piece, face, &mut |face, part, far, whole| {
             if far <= *bound {
-                take(face, &piece, whole);
-                continue;
+                take(face, part, far, whole);
+            } else {
+                rest.push((*part, face, far, whole));
             }
-            let corners = self.corners(face);
-            let side = corners[0].distance(corners[1]).max(corners[1].distance(corners[2]));
-            let (length, a, b) = piece.longest();
-            if cuts < CUTS && length <= 2.0 * side.max(*bound) {
-                let before = open.len();
-                let rest = self.cut_along_walls(face, piece, |next, part| {
-                    open.push((part, next, cuts + 1, false));
-                });
-                match rest {
-                    // All beyond one wall, or within all of them.
-                    Some(rest) if open.len() > before => {
-                        open.push((rest, face, CUTS, false));
-                        continue;
-                    }
-                    None => {
-                        let alone = open.len() == before + 1;
-                        if let Some(last) = open.last_mut() {
-                            last.3 = whole && alone;
-                        }
-                        continue;
-                    }
-                    Some(_) => {}
-                }
-            }
-            if length > 2.0 * side.max(*bound)
-                && let Some(halves) = piece.cut(b - a, 0.5 * (a + b))
-            {
-                open.extend(halves.map(|h| (h, face, cuts, false)));
-                continue;
-            }
+        });
+        while let Some((piece, face, far, whole)) = rest.pop() {
             // Exact from here on.
-            let (face, far) = match self.tree.closest(piece.centre()) {
+            let (face, far) = match self.tree.closest_within(piece.centre(), far) {
                 Some(c) => (c.at.face, self.farthest(c.at.face, &piece).min(far)),
                 None => (face, far),
             };
-            let least = piece.corners().iter().filter_map(|p| self.tree.closest(*p));
+            if far <= *bound {
+                take(face, &piece, far, whole);
+                continue;
+            }
+            let least = piece.corners().iter().filter_map(|p| self.tree.closest_within(*p, far));
             *bound = least.fold(*bound, |m, c| m.max(c.distance_mm));
-            if far <= SLACK * *bound || length <= 1e-9 {
-                *bound = bound.max(far);
-                take(face, &piece, whole);
-            } else if let Some(halves) = piece.cut(b - a, 0.5 * (a + b)) {
-                open.extend(halves.map(|h| (h, face, cuts, false)));
+            let (length, a, b) = piece.longest();
+            let halves = if far <= SLACK * *bound || length <= 1e-9 {
+                None
             } else {
-                *bound = bound.max(far);
-                take(face, &piece, whole);
+                piece.cut(b - a, 0.5 * (a + b))
+            };
+            match halves {
+                Some(halves) => {
+                    rest.extend(halves.map(|h| (h, face, self.farthest(face, &h), false)))
+                }
+                None => {
+                    *bound = bound.max(far);
+                    take(face, &piece, far, whole);
+                }
+            }
+        }
+    }
+
+    /// Cuts a piece up along walls, so that each part is near one face; `take` gets face, part,
+    /// how far any point of the part is from that face at most, and whether it is the whole piece.
+    pub fn part(&self, piece: &Piece, start: u32, take: &mut impl FnMut(u32, &Piece, f64, bool)) {
+        let mut open = vec![(*piece, self.walk(start, piece.centre()), CUTS, true)];
+        while let Some((piece, face, cuts, whole)) = open.pop() {
+            let corners = self.corners(face);
+            let side = corners[0].distance(corners[1]).max(corners[1].distance(corners[2]));
+            let (length, a, b) = piece.longest();
+            if length > 2.0 * side
+                && cuts > 0
+                && let Some(halves) = piece.cut(b - a, 0.5 * (a + b))
+            {
+                open.extend(halves.map(|h| (h, self.walk(face, h.centre()), cuts - 1, false)));
+                continue;
+            }
+            // What is handed across a wall is not walked again: by distance it may seem to belong
+            // where it came from.
+            let before = open.len();
+            let mut hand = |next, part| open.push((part, next, cuts - 1, false));
+            let inner = match cuts {
+                0 => Some(piece),
+                _ => self.cut_along_walls(face, piece, &mut hand),
+            };
+            let cut = open.len() - before;
+            match inner {
+                Some(inner) => {
+                    take(face, &inner, self.farthest(face, &inner), whole && cut == 0);
+                }
+                None if cut == 1 => open[before].3 = whole,
+                None => {}
             }
         }
     }
@@ -310,7 +327,7 @@ impl Target<'_> {
         &self,
         face: u32,
         piece: Piece,
-        mut hand: impl FnMut(u32, Piece),
+        hand: &mut impl FnMut(u32, Piece),
     ) -> Option<Piece> {
         let mut rest = piece;
         for k in 0..3 {

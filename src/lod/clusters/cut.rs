@@ -61,9 +61,18 @@ impl View<'_> {
         place.max(f64::from(g.angle_rad) * size / self.shading)
     }
 
+    /// That of a group. What errs lies in its outputs or within its error of them, so that their
+    /// spheres, much smaller than the group's, say better how near it is.
     fn own(&self, group: u32) -> f64 {
         let g = &self.clusters.groups[group as usize];
-        self.excess(g, &g.sphere)
+        let whole = self.excess(g, &g.sphere);
+        if whole <= 1.0 {
+            return whole;
+        }
+        let wider = |s: Sphere| Sphere { radius: (s.radius + g.error_mm).next_up(), ..s };
+        let clusters = self.clusters.outputs(group).map(|c| &self.clusters.clusters[c as usize]);
+        let outputs = clusters.map(|c| self.excess(g, &wider(c.sphere)));
+        outputs.fold(0.0, f64::max).min(whole)
     }
 
     /// At least that of the group and of every one below.

@@ -13,8 +13,9 @@
 //! doi:10.1145/1015706.1015802; Yoon et al. 2004). Ours: the error of a group is not a quadric's
 //! but a measured bound of the distance to the original, both ways ([`Group::error_mm`]).
 
-mod bytes;
 mod build;
+mod bytes;
+
 mod cover;
 mod cut;
 mod error;
