@@ -3,10 +3,10 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::halfedge::{face, next, prev};
+use super::halfedge::{NONE, face, next, prev};
 use super::heap::{Entry, Heap};
 use super::quadric::Quadric;
-use super::relocate::relocate;
+use super::relocate::better_place;
 use super::star::Star;
 use super::start::{Freedom, PARCEL, freedoms, on_rim, quadrics};
 use super::{Collapse, HalfEdges, Metric, Recorder, SimplifyOptions, Stopped};
@@ -38,6 +38,7 @@ pub struct Greedy {
     pub error_mm: f64,
     faces: usize,
     mm: f64,
+    moves: bool,
     centre: DVec3,
     places: Vec<Place>,
     normals: Vec<glam::Vec3>,
@@ -101,6 +102,7 @@ impl Greedy {
             collapses: 0,
             error_mm: 0.0,
             mm,
+            moves: options.relocate,
             centre,
             places,
             normals: match options.metric {
@@ -129,12 +131,7 @@ impl Greedy {
     }
 
     /// Collapses until `stop` says so or nothing can go.
-    pub fn run(
-        &mut self,
-        stop: &Stop,
-        recorder: &mut dyn Recorder,
-        position: &dyn Fn(u32) -> DVec3,
-    ) -> Stopped {
+    pub fn run(&mut self, stop: &Stop, recorder: &mut dyn Recorder) -> Stopped {
         let mut too_far = false;
         while self.faces > stop.faces {
             let Some(top) = self.heap.first() else {
@@ -151,7 +148,7 @@ impl Greedy {
                     self.heap.set(top.vertex, dear);
                     break;
                 }
-                if self.agreed(k, recorder, position) {
+                if self.agreed(k, recorder) {
                     self.error_mm = self.error_mm.max(self.error_mm_at(k, cost));
                     self.collapse(k, cost);
                     break;
@@ -162,12 +159,34 @@ impl Greedy {
         Stopped::Reached
     }
 
-    /// Moves the vertices that are left to where their quadrics are least; their places, mm.
-    pub fn relocate(&self) -> Vec<DVec3> {
-        let mut at: Vec<DVec3> = self.places.iter().map(|p| p.at).collect();
-        relocate(&self.edges, &self.quadrics, &self.freedom, &mut at);
-        at.iter_mut().for_each(|p| *p = *p * self.mm + self.centre);
-        at
+    /// Where a vertex is, mm.
+    pub fn position(&self, v: u32) -> DVec3 {
+        self.places[v as usize].at * self.mm + self.centre
+    }
+
+    /// Whether a vertex is free to move.
+    pub fn may_move(&self, v: u32) -> bool {
+        self.freedom[v as usize] == Freedom::Free
+    }
+
+    /// Moves `v` to where its quadric is less, if it may move.
+    fn relocate(&mut self, v: u32) {
+        if !self.may_move(v) {
+            return;
+        }
+        let (places, q) = (&self.places, &self.quadrics[v as usize]);
+        if let Some(at) = better_place(&self.edges, v, q, |w| places[w as usize].at) {
+            self.places[v as usize] = Place { at, cost: q.at(at) };
+        }
+    }
+
+    /// Moves all vertices that are left once more, now that nothing changes around them.
+    pub fn relocate_all(&mut self) {
+        for v in 0..self.edges.vertex_count() as u32 {
+            if self.edges.out(v) != NONE {
+                self.relocate(v);
+            }
+        }
     }
 
     /// Cost of the cheapest target of `v`, legal or not, without what its faces deviate: less than
@@ -264,12 +283,7 @@ impl Greedy {
     }
 
     /// Asks the recorder.
-    fn agreed(
-        &mut self,
-        k: usize,
-        recorder: &mut dyn Recorder,
-        position: &dyn Fn(u32) -> DVec3,
-    ) -> bool {
+    fn agreed(&mut self, k: usize, recorder: &mut dyn Recorder) -> bool {
         let (star, rings) = (&self.star, &mut self.rings);
         // A ring without ends begins at the target.
         let turn = if star.open { 0 } else { k };
@@ -286,13 +300,13 @@ impl Greedy {
             faces: &rings.faces,
             boundary: star.open,
         };
-        recorder.record(&collapse, position)
+        let (places, mm, centre) = (&self.places, self.mm, self.centre);
+        recorder.record(&collapse, &|v| places[v as usize].at * mm + centre)
     }
 
     /// Collapses the star onto `ring[k]` and brings the costs around up to date.
     fn collapse(&mut self, k: usize, cost: f64) {
         let (from, to) = (self.star.centre, self.star.ring[k]);
-        let n = self.star.ring.len();
         self.heap.pop();
         self.edges.collapse(from, to, &self.star.leaving);
         self.faces -= if self.star.open { 1 } else { 2 };
@@ -300,31 +314,20 @@ impl Greedy {
         let q = self.quadrics[from as usize];
         self.quadrics[to as usize] += q;
         self.places[to as usize].cost = cost;
-        // Neighbours that are new to the target may find it cheaper than what they had. All other
-        // costs have only grown: what the heap has is a lower bound.
-        for i in 0..n {
-            let w = self.star.ring[i];
-            let beside = i.abs_diff(k) == 1 || !self.star.open && i.abs_diff(k) == n - 1;
-            if i == k || beside || self.freedom[w as usize] != Freedom::Free {
-                continue;
-            }
-            let cost = self.cost(&self.quadrics[w as usize], to);
-            if self.heap.cost(w).is_some_and(|old| cost.to_bits() < old) {
-                self.heap.set(w, cost);
-            }
+        if self.moves {
+            self.relocate(to);
         }
-        // The target's own, and those of neighbours for which nothing was legal.
-        let mut h = self.edges.out(to);
-        let first = h;
         if let Some(cost) = self.cheapest(to) {
             self.heap.set(to, cost);
         }
+        let first = self.edges.out(to);
+        let mut h = first;
         loop {
-            self.wake(self.edges.target(h));
+            self.offer(self.edges.target(h), to, h);
             let p = prev(h);
             h = self.edges.pair(p);
-            if h == super::halfedge::NONE {
-                self.wake(self.edges.origin(p));
+            if h == NONE {
+                self.offer(self.edges.origin(p), to, p);
                 break;
             }
             if h == first {
@@ -333,11 +336,29 @@ impl Greedy {
         }
     }
 
-    /// Puts a vertex back into the heap if it is not there.
-    fn wake(&mut self, v: u32) {
-        if self.freedom[v as usize] != Freedom::Locked && self.heap.cost(v).is_none() {
-            if let Some(cost) = self.cheapest(v) {
-                self.heap.set(v, cost);
+    /// Tells a neighbour of a target that has changed, along edge `h`. It may be nearer than what
+    /// the neighbour had, if it is new to it or has moved; all else has only become dearer, so that
+    /// what the heap has stays a lower bound. A neighbour for which nothing was legal gets another
+    /// chance.
+    #[inline]
+    fn offer(&mut self, v: u32, to: u32, h: u32) {
+        let freedom = self.freedom[v as usize];
+        if freedom == Freedom::Locked {
+            return;
+        }
+        match self.heap.cost(v) {
+            None => {
+                if let Some(cost) = self.cheapest(v) {
+                    self.heap.set(v, cost);
+                }
+            }
+            Some(old) => {
+                if freedom == Freedom::Free || on_rim(&self.edges, h) {
+                    let cost = self.cost(&self.quadrics[v as usize], to);
+                    if cost.to_bits() < old {
+                        self.heap.set(v, cost);
+                    }
+                }
             }
         }
     }

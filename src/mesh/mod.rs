@@ -1,6 +1,7 @@
 //! Half-edge meshes: invariants, simplification by half-edge collapse, parameterisation.
 
 mod collapse;
+mod deviation;
 mod error;
 mod greedy;
 pub mod halfedge;
@@ -15,6 +16,7 @@ mod star;
 mod start;
 
 pub use collapse::{Collapse, OnMesh, Recorder};
+pub use deviation::{Deviation, deviation};
 pub use error::MeshError;
 pub use halfedge::HalfEdges;
 pub use maps::{Mapped, Maps, MapsError};

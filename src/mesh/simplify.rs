@@ -1,7 +1,5 @@
 //! Simplification by half-edge collapse: fewer faces, the vertices that stay stay where they are.
 
-use glam::DVec3;
-
 use super::greedy::{Greedy, Stop};
 use super::halfedge::NONE;
 use super::{HalfEdges, MeshError, Recorder};
@@ -27,8 +25,9 @@ pub struct SimplifyOptions<'a> {
     pub faces: usize,
     /// What a collapse costs.
     pub metric: Metric,
-    /// Whether the vertices that stay move, when all others are gone, to where they stand best for
-    /// those (see [`Simplified`]). Connectivity stays what the collapses made it.
+    /// Whether the vertices that stay move to where they stand best for those that went, at each
+    /// collapse and once more at the end; not those on boundaries and rims, nor locked ones.
+    /// Connectivity stays what the collapses made it, and normals what they were.
     pub relocate: bool,
     /// One flag a vertex: it neither moves nor goes.
     pub locked: Option<&'a [bool]>,
@@ -107,14 +106,15 @@ pub fn simplify(
     let edges = HalfEdges::new(mesh)?;
     let mut greedy = Greedy::new(mesh, edges, options);
     let stop = Stop { faces: options.faces, max_error_mm: options.max_error_mm };
-    let position = |v: u32| DVec3::from(mesh.positions[v as usize]);
-    let stopped = greedy.run(&stop, recorder, &position);
+    let stopped = greedy.run(&stop, recorder);
     let (collapses, error_mm) = (greedy.collapses, greedy.error_mm);
-    let moved = options.relocate.then(|| greedy.relocate());
     let (mut mesh, vertex_ids, face_ids) = compact(mesh, &greedy.edges);
-    if let Some(moved) = moved {
+    if options.relocate {
+        greedy.relocate_all();
         for (p, v) in mesh.positions.iter_mut().zip(&vertex_ids) {
-            *p = moved[*v as usize].as_vec3();
+            if greedy.may_move(*v) {
+                *p = greedy.position(*v).as_vec3();
+            }
         }
     }
     Ok(Simplified { mesh, vertex_ids, face_ids, collapses, stopped, error_mm })
