@@ -10,15 +10,15 @@ mod overview;
 mod pages;
 mod pipelines;
 mod renderer;
+mod scene;
 mod sequence;
 
 pub use camera::{clip_from_world, framing};
 pub use error::RenderError;
 pub use look::Look;
 pub use pages::{MAX_PAGES, PagesHandle};
-pub use renderer::{
-    FrameStats, IN_FLIGHT, MeshHandle, PathHandle, Renderer, Scene, Shot, Ticket, View, Wall,
-};
+pub use renderer::{IN_FLIGHT, Renderer, Ticket};
+pub use scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
 
 /// SPIR-V, entry points and immediate blocks of `shaders/draw`, written by the build script.
 #[allow(missing_docs, dead_code, clippy::all)]

@@ -8,7 +8,8 @@
 use glam::Vec3;
 
 use super::camera::{clip_from_world, framing};
-use super::renderer::{MeshHandle, Renderer, Scene, Shot, draw, surface_push};
+use super::renderer::{Renderer, draw, surface_push};
+use super::scene::{MeshHandle, Scene, Shot};
 use super::{Look, host};
 use crate::geometry::{Lens, Pose};
 use crate::vk::{Area, Draw, Pass, Take};

@@ -2,13 +2,15 @@
 //! camera can see.
 //!
 //! A page may be written while frames that drew its old content are still running on the device.
-//! Three things keep that safe, each on its own ground:
-//! - **Contents** by order on the queue: copies wait for the draws of every earlier submission, and
-//!   draws of this one for the copies (barriers in `vk::frame`). This holds whatever pages a step
-//!   names, also where several steps are merged into one frame.
-//! - **Staged bytes** by the timeline: the ring hands them out again once their submission is done.
-//! - **The list on screen** by [`Pool`](crate::lod::Pool): what a step writes was not drawn in the
-//!   last `in_flight` steps, so the copies need not wait long for draws that run.
+//! What keeps that safe:
+//! - **Contents**, by order on the queue: copies wait until the vertex work of every earlier
+//!   submission is done, and draws of this one wait for the copies (barriers in `vk::frame`). This
+//!   holds whatever pages are written, also where several steps are merged into one frame.
+//! - **Staged bytes**, by the timeline: the ring hands them out again once their submission is
+//!   done.
+//! - **No page half new**, by [`Pool`](crate::lod::Pool): what a step writes was not drawn in the
+//!   last `in_flight` steps. On one queue the first point alone would do; this one would let the
+//!   copies run on a queue of their own.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -27,8 +29,8 @@ pub struct PagesHandle(pub(super) usize);
 pub const MAX_PAGES: u32 = 1 << 18;
 
 /// Changes of a frame beyond this go in submissions of their own, each of at most this. With the
-/// frame's commands it is a quarter of the staging ring, so that a frame with three before it in
-/// flight does not wait.
+/// commands of 100,000 pages it is a quarter of the staging ring, so that a frame with three
+/// before it in flight does not wait.
 const CHUNK_BYTES: u64 = 6 << 20;
 
 const VERTEX_BYTES: u64 = (PAGE_VERTICES * size_of::<Vertex>()) as u64;

@@ -2,9 +2,10 @@
 
 use std::collections::VecDeque;
 
+use super::RenderError;
 use super::pages::PagesHandle;
-use super::renderer::{FrameStats, IN_FLIGHT, Renderer, Scene, Shot};
-use super::{RenderError, Wall};
+use super::renderer::{IN_FLIGHT, Renderer};
+use super::scene::{FrameStats, Scene, Shot, Wall};
 use crate::lod::Worker;
 
 impl Renderer<'_> {

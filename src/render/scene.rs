@@ -1,0 +1,110 @@
+//! What there is to see, and how a frame looks at it.
+
+use super::Look;
+use super::pages::PagesHandle;
+use crate::geometry::{Lens, Pose};
+
+/// A mesh on the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MeshHandle(pub(super) usize);
+
+/// A path on the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PathHandle(pub(super) usize);
+
+/// What it took to draw a frame's inside view.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameStats {
+    /// Triangles of the wall that were submitted.
+    pub triangles: u64,
+    /// Draws they were submitted in: pages, or one for a mesh.
+    pub draws: u32,
+    /// Bytes written to pages.
+    pub uploaded_bytes: u64,
+    /// Octree leaves whose state changed since the frame before.
+    pub leaves_changed: u64,
+    /// The cut did not fit its pages and is coarser than asked for.
+    pub degraded: bool,
+}
+
+/// What a frame shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum View {
+    /// The wall as the camera sees it.
+    #[default]
+    Inside,
+    /// The whole organ from in front of the patient, as glass, with path and camera.
+    Overview,
+    /// Inside on the left, overview on the right.
+    Split,
+}
+
+/// What the wall is drawn from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wall {
+    /// All of a mesh.
+    Mesh(MeshHandle),
+    /// The pages of a cut that the camera can see.
+    Pages {
+        /// Which.
+        pages: PagesHandle,
+        /// Draws pages that turn their back too. From inside a closed wall they are always hidden;
+        /// through open ends, or from outside, they are not.
+        backs: bool,
+    },
+}
+
+/// What there is to see.
+#[derive(Clone, Copy, Debug)]
+pub struct Scene {
+    /// The wall.
+    pub wall: Wall,
+    /// The wall of the overview; by default that of the inside view, if it is a mesh. Without any,
+    /// the overview shows path and camera alone.
+    pub overview: Option<MeshHandle>,
+    /// The path, drawn in the overview.
+    pub path: Option<PathHandle>,
+    /// Material and light.
+    pub look: Look,
+}
+
+impl Scene {
+    /// A scene of one mesh.
+    pub fn of(mesh: MeshHandle) -> Self {
+        Self { wall: Wall::Mesh(mesh), overview: None, path: None, look: Look::default() }
+    }
+
+    /// A scene of one closed wall in pages, and a mesh of it for the overview.
+    pub fn paged(pages: PagesHandle, overview: Option<MeshHandle>) -> Self {
+        let wall = Wall::Pages { pages, backs: false };
+        Self { wall, overview, path: None, look: Look::default() }
+    }
+
+    /// The mesh the overview shows.
+    pub(super) fn overview_mesh(&self) -> Option<MeshHandle> {
+        self.overview.or(match self.wall {
+            Wall::Mesh(mesh) => Some(mesh),
+            Wall::Pages { .. } => None,
+        })
+    }
+
+    pub(super) fn pages(&self) -> Option<PagesHandle> {
+        match self.wall {
+            Wall::Mesh(_) => None,
+            Wall::Pages { pages, .. } => Some(pages),
+        }
+    }
+}
+
+/// One frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Shot {
+    /// What it shows.
+    pub view: View,
+    /// Where the eye is.
+    pub pose: Pose,
+    /// The lens; its aspect is replaced by that of the part of the frame it fills.
+    pub lens: Lens,
+    /// Share of the path behind the eye, 0 to 1; the rest is drawn dim.
+    pub progress: f32,
+}
