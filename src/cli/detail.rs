@@ -1,10 +1,20 @@
 //! Flags of level of detail, and its cache on disk.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::CliError;
+use crate::formats::{FormatError, whole};
 use crate::geometry::{Mesh, Vertex};
+use crate::lod::clusters::{self, Clusters};
 use crate::pipeline::{Clock, Detail, Lod, detail};
+
+/// Files of the cache are `NAME`, a hash, `SUFFIX`.
+const NAME: &str = "clusters-";
+const SUFFIX: &str = ".bin";
+/// Bytes of all of them together.
+const KEPT_BYTES: u64 = 1 << 30;
+/// Faces from which reading is faster than building.
+const WORTH_KEEPING: u64 = 20_000;
 
 /// Flags of level of detail.
 #[derive(Clone, Debug, clap::Args)]
@@ -53,7 +63,7 @@ impl DetailArgs {
         let cache = match &self.lod_cache {
             Some(off) if off.as_os_str() == "off" => None,
             Some(folder) => Some(folder.clone()),
-            None => crate::formats::whole::user_cache(),
+            None => whole::user_cache(),
         };
         Ok(DetailSetup { lod, pixel_error: self.pixel_error, cache })
     }
@@ -70,10 +80,82 @@ impl DetailSetup {
         match self.lod {
             Lod::Off => Ok(None),
             Lod::Clusters => {
-                let clusters = detail::clusters(mesh, vertices, clock)?;
-                Ok(Some(Detail::of_clusters(clusters, self.pixel_error)))
+                let (clusters, cached) = self.clusters(mesh, vertices, clock)?;
+                Ok(Some(Detail::of_clusters(clusters, self.pixel_error, cached)))
             }
-            Lod::Vds => Err(CliError::Usage("vds is not there".into())),
+            Lod::Vds => {
+                let base = detail::base_faces(mesh);
+                let detail = Detail::of_subdivision(mesh, vertices, base, self.pixel_error, clock)?;
+                Ok(Some(detail))
+            }
         }
+    }
+
+    /// Clusters from the cache, or built and kept there; and which of the two. A cache that
+    /// cannot be read or written costs time and nothing else.
+    fn clusters(
+        &self,
+        mesh: &Mesh,
+        vertices: &[Vertex],
+        clock: &mut Clock,
+    ) -> Result<(Clusters, bool), CliError> {
+        let faces = mesh.faces.len() as u64;
+        // A small mesh is clustered sooner than it is looked up.
+        let file = self.cache.as_deref().filter(|_| faces >= WORTH_KEEPING).map(|folder| {
+            let key = blake3::Hash::from(clusters::key(mesh, vertices));
+            folder.join(format!("{NAME}{}{SUFFIX}", &key.to_hex()[..32]))
+        });
+        let read = |path: &PathBuf| -> Option<Clusters> {
+            let most = 200 * faces + 4096;
+            if std::fs::metadata(path).ok()?.len() > most {
+                return None;
+            }
+            Clusters::from_bytes(&std::fs::read(path).ok()?, mesh, vertices).ok()
+        };
+        if let Some(path) = &file
+            && let Some(found) = clock.time("clusters", "faces read", || read(path), |_| faces)
+        {
+            return Ok((found, true));
+        }
+        let build = || Clusters::build(mesh, vertices);
+        let built = clock.time("clusters", "faces", build, |_| faces);
+        let built = built.map_err(crate::pipeline::PipelineError::from)?;
+        if let Some(path) = &file {
+            keep(path, &built.to_bytes());
+        }
+        Ok((built, false))
+    }
+}
+
+/// Writes a file of the cache and removes the oldest ones beyond [`KEPT_BYTES`].
+fn keep(path: &Path, bytes: &[u8]) {
+    let Some(folder) = path.parent() else { return };
+    let write = || -> Result<(), FormatError> {
+        std::fs::create_dir_all(folder).map_err(|e| FormatError::io(folder, e))?;
+        whole::write_whole(path, |o| o.write_all(bytes))
+    };
+    if let Err(e) = write() {
+        tracing::info!("clusters are not kept: {e}");
+        return;
+    }
+    let Ok(listed) = std::fs::read_dir(folder) else { return };
+    let mut files: Vec<_> = listed
+        .flatten()
+        .filter(|f| {
+            let name = f.file_name();
+            let name = name.to_string_lossy();
+            name.starts_with(NAME) && name.ends_with(SUFFIX)
+        })
+        .filter_map(|f| Some((f.metadata().ok()?, f.path())))
+        .filter_map(|(m, path)| Some((m.modified().ok()?, m.len(), path)))
+        .collect();
+    files.sort();
+    let mut total: u64 = files.iter().map(|f| f.1).sum();
+    for (_, bytes, old) in files {
+        if total <= KEPT_BYTES || old == path {
+            break;
+        }
+        let _ = std::fs::remove_file(old);
+        total -= bytes;
     }
 }

@@ -12,8 +12,8 @@ use crate::device::Device;
 use crate::formats::{FormatError, Space, read_mesh, whole, write_mesh};
 use crate::geometry::Mesh;
 use crate::mesh::{
-    Maps, MeshError, Metric, Recorder, Repairs, Simplified, SimplifyOptions, Stopped, prepare,
-    simplify,
+    Deviation, Maps, MeshError, Metric, Recorder, Repairs, Simplified, SimplifyOptions, Stopped,
+    deviation, prepare, simplify,
 };
 use crate::pipeline::{Clock, Mode};
 
@@ -40,6 +40,9 @@ pub struct Args {
     /// move, at the end, to where they stand best for those that went
     #[arg(long)]
     keep_vertices: bool,
+    /// Also measure how far the result is from the mesh: both ways, from samples of each
+    #[arg(long)]
+    measure: bool,
     /// Keep the parameterisation: where every point of the mesh lies on the base, and back
     #[arg(long, value_name = "FILE")]
     maps: Option<PathBuf>,
@@ -70,6 +73,8 @@ struct Reached {
     quadric_error_mm: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     maps: Option<MapsReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    deviation: Option<Deviation>,
 }
 
 /// The parameterisation, as `--json` says it.
@@ -86,7 +91,7 @@ struct Done {
 }
 
 impl Done {
-    fn reached(&self, given: &Mesh, wanted: usize) -> Reached {
+    fn reached(&self, given: &Mesh, wanted: usize, measure: bool) -> Reached {
         let s = &self.simplified;
         let of = |m: &Maps| MapsReport { bytes: m.memory_bytes(), refused: m.refused() };
         Reached {
@@ -102,6 +107,7 @@ impl Done {
             },
             quadric_error_mm: s.error_mm,
             maps: self.maps.as_ref().map(of),
+            deviation: measure.then(|| deviation(&s.mesh, given)).flatten(),
         }
     }
 }
@@ -153,7 +159,7 @@ impl Args {
             let bytes = maps.to_bytes();
             whole::write_whole(path, |o| o.write_all(&bytes))?;
         }
-        let reached = done.reached(&mesh, wanted);
+        let reached = done.reached(&mesh, wanted, self.measure);
         let note = match done.simplified.stopped {
             Stopped::Reached => String::new(),
             _ => format!(" ({wanted} wanted: {})", reached.stopped),
@@ -164,6 +170,12 @@ impl Args {
             reached.faces,
             reached.faces_in
         ))?;
+        if let Some(d) = reached.deviation {
+            global.say(format_args!(
+                "at most {:.4} mm away, {:.4} mm in the mean; normals {:.2} degrees in the mean",
+                d.hausdorff_mm, d.mean_mm, d.normal_mean_deg
+            ))?;
+        }
         let value = |r: &Reached| serde_json::to_value(r).unwrap_or_default();
         let mut timing = timing.with("mesh", value(&reached));
         if self.mode.mode == Modes::Both {
@@ -174,7 +186,7 @@ impl Args {
                 "modes",
                 serde_json::json!({
                     "default": value(&reached),
-                    "paper": value(&paper.reached(&mesh, wanted)),
+                    "paper": value(&paper.reached(&mesh, wanted, self.measure)),
                     "paper_ms": ms,
                 }),
             );

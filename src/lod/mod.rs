@@ -9,8 +9,8 @@ pub mod clusters;
 mod eye;
 pub mod octree;
 mod pool;
-mod worker;
 pub mod vds;
+mod worker;
 
 pub use eye::{Camera, Cone, Eye, Sphere};
 pub use pool::{Full, Pool};

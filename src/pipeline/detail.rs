@@ -7,7 +7,9 @@ use serde::Serialize;
 use super::{Clock, PipelineError};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
+use crate::lod::vds::{Recorded, Surface, Vds, VdsOptions};
 use crate::lod::{PAGE_BYTES, Refine};
+use crate::mesh::{Maps, SimplifyOptions, simplify};
 
 /// How a wall is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,34 +50,23 @@ pub struct LodReport {
     pub finest_faces: u64,
     /// Clusters or leaves.
     pub patches: u64,
-    pub build_ms: f64,
     /// Found on disk instead of built.
     pub cached: bool,
     pub bytes: u64,
     pub pages: u32,
 }
 
-/// Clusters of a mesh, from `stored` if those are of this very mesh; also whether they were.
-///
-/// # Errors
-/// [`PipelineError::Clusters`] for a mesh that makes no sense.
-pub fn clusters(
-    mesh: &Mesh,
-    vertices: &[Vertex],
-    clock: &mut Clock,
-) -> Result<Clusters, PipelineError> {
-    let built = clock.time(
-        "clusters",
-        "faces",
-        || Clusters::build(mesh, vertices),
-        |_| mesh.faces.len() as u64,
-    );
-    Ok(built?)
+/// Faces of the base under a mesh when nobody says: a twentieth, as in the paper's vessel.
+pub fn base_faces(mesh: &Mesh) -> usize {
+    (mesh.faces.len() / 20).max(MIN_BASE_FACES.min(mesh.faces.len()))
 }
 
+/// Below this a base saves nothing worth having.
+const MIN_BASE_FACES: usize = 500;
+
 impl Detail {
-    /// Clusters ready to be refined.
-    pub fn of_clusters(clusters: Clusters, pixel_error: f32) -> Self {
+    /// Clusters ready to be refined. `cached`: they were read, not built.
+    pub fn of_clusters(clusters: Clusters, pixel_error: f32, cached: bool) -> Self {
         let count = clusters.clusters().len() as u64;
         let base = |c: u32| u64::from(clusters.clusters()[c as usize].triangles);
         let report = LodReport {
@@ -85,6 +76,7 @@ impl Detail {
             finest_faces: clusters.finest_faces(),
             patches: count,
             bytes: clusters.bytes() as u64,
+            cached,
             ..Default::default()
         };
         let refine = ClusterLod::new(Arc::new(clusters), DEFAULT_SHADING_RAD);
@@ -92,5 +84,45 @@ impl Detail {
         let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
         let pages = (count.min(u64::from(most)) as u32).max(refine.least_pages());
         Self { refine: Box::new(refine), pages, report: LodReport { pages, ..report } }
+    }
+
+    /// The paper's: the mesh simplified to `base` faces, subdivided where the camera looks, every
+    /// new vertex on the original by the record of the collapses.
+    ///
+    /// # Errors
+    /// [`PipelineError`]: a mesh that half-edges cannot hold, or that is too large.
+    pub fn of_subdivision(
+        mesh: &Mesh,
+        vertices: &[Vertex],
+        base: usize,
+        pixel_error: f32,
+        clock: &mut Clock,
+    ) -> Result<Self, PipelineError> {
+        let mut maps = Maps::new(mesh)?;
+        // The samples are the original's own: a base that moved would only mislead the bounds.
+        let options = SimplifyOptions { relocate: false, ..SimplifyOptions::to_faces(base) };
+        let simplified = clock.time(
+            "simplify",
+            "faces",
+            || simplify(mesh, &options, &mut maps),
+            |_| mesh.faces.len() as u64,
+        )?;
+        let original = Recorded::new(mesh, vertices, &simplified, &maps);
+        let build = || Surface::new(&simplified.mesh, &original, VdsOptions::default());
+        let count = simplified.mesh.faces.len() as u64;
+        let surface = clock.time("subdivision", "base faces", build, |_| count)?;
+        let report = LodReport {
+            mode: "vds",
+            pixel_error,
+            base_faces: surface.base_faces(),
+            finest_faces: surface.base_faces() << (2 * surface.depth()),
+            patches: surface.leaves() as u64,
+            bytes: surface.bytes() as u64,
+            ..Default::default()
+        };
+        let refine = Vds::new(Arc::new(surface));
+        let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
+        let pages = most.max(refine.least_pages());
+        Ok(Self { refine: Box::new(refine), pages, report: LodReport { pages, ..report } })
     }
 }

@@ -4,7 +4,9 @@ use crate::centerline::CenterlineError;
 use crate::device::DeviceError;
 use crate::formats::FormatError;
 use crate::lod::clusters::ClusterError;
+use crate::lod::vds::VdsError;
 use crate::lumen::LumenError;
+use crate::mesh::{MapsError, MeshError};
 
 /// Why a chain stopped.
 #[derive(Debug, thiserror::Error)]
@@ -25,6 +27,15 @@ pub enum PipelineError {
     /// Clusters of a mesh.
     #[error(transparent)]
     Clusters(#[from] ClusterError),
+    /// A surface that cannot be subdivided.
+    #[error(transparent)]
+    Subdivision(#[from] VdsError),
+    /// A mesh that half-edges cannot hold.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// A parameterisation.
+    #[error(transparent)]
+    Maps(#[from] MapsError),
     /// More memory than allowed.
     #[error("this needs about {needed_mb} MB, more than --max-memory {allowed_mb} MB ({what})")]
     Memory {

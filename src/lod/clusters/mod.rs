@@ -22,6 +22,7 @@ mod error;
 mod halve;
 mod partition;
 
+pub use bytes::key;
 pub use cut::{ClusterLod, DEFAULT_SHADING_RAD};
 pub use error::ClusterError;
 
