@@ -53,6 +53,9 @@ pub struct SurfaceArgs {
     /// Leave caps at the edge of the volume out
     #[arg(long)]
     pub open_ends: bool,
+    /// Faces of the simplified surface: what `surface` writes, and the base of `run`
+    #[arg(long, value_name = "FACES", value_parser = clap::value_parser!(u32).range(4..))]
+    pub decimate: Option<u32>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]

@@ -12,7 +12,9 @@ use super::lumen_args::notes;
 use super::surface::{Modes as ModeChoice, without_caps};
 use super::timing::timed;
 use crate::formats::{whole, write_centerline, write_mesh, write_volume};
+use crate::geometry::Mesh;
 use crate::lumen::Lumen;
+use crate::pipeline::detail::{base, base_faces};
 use crate::pipeline::{CenterlineReport, Clock, Mode, Modes, Report};
 use crate::volume::{Samples, Volume};
 
@@ -60,8 +62,13 @@ impl Args {
         } else {
             None
         };
-        let write = || write_products(&a.out, &lumen, &flown, a.surface.open_ends);
-        clock.time("write", "files", write, |_| 7)?;
+        let base = {
+            let mesh = &flown.wall.mesh;
+            let faces = a.surface.decimate.map_or_else(|| base_faces(mesh), |n| n as usize);
+            base(mesh, faces, a.mode.main(), &mut clock)?
+        };
+        let write = || write_products(&a.out, &lumen, &flown, &base.mesh, a.surface.open_ends);
+        clock.time("write", "files", write, |_| 8)?;
 
         let mut warnings = notes(&chosen.recipe, &lumen, &found);
         warnings.extend(doubts(&flown));
@@ -81,17 +88,19 @@ fn write_products(
     out: &Path,
     lumen: &Lumen,
     flown: &Flown,
+    base: &Mesh,
     open_ends: bool,
 ) -> Result<(), CliError> {
     let volume = |samples: Samples| Volume::new(lumen.grid, samples);
     write_volume(&out.join("mask.nrrd"), &volume(Samples::U8(lumen.classes())))?;
     let dense = lumen.dense(&flown.fields.distance, 0.0f32);
     write_volume(&out.join("distance.nrrd"), &volume(Samples::F32(dense)))?;
-    let mesh = &flown.wall.mesh;
-    if open_ends && !mesh.caps.is_empty() {
-        write_mesh(&out.join("surface.ply"), &without_caps(mesh))?;
-    } else {
-        write_mesh(&out.join("surface.ply"), mesh)?;
+    for (name, mesh) in [("surface.ply", &flown.wall.mesh), ("base.ply", base)] {
+        if open_ends && !mesh.caps.is_empty() {
+            write_mesh(&out.join(name), &without_caps(mesh))?;
+        } else {
+            write_mesh(&out.join(name), mesh)?;
+        }
     }
     for name in ["centerline.vtp", "centerline.csv", "centerline.mrk.json"] {
         write_centerline(&out.join(name), &flown.centered.line)?;

@@ -10,7 +10,7 @@ use super::timing::timed;
 use crate::formats::write_mesh;
 use crate::geometry::Mesh;
 use crate::lumen::Lumen;
-use crate::pipeline::{Mode, SurfaceReport, wall};
+use crate::pipeline::{Mode, SurfaceReport, detail, wall};
 use crate::surface::Fairing;
 
 /// `intima surface INPUT LUMEN -o MESH`
@@ -92,12 +92,17 @@ impl Args {
         let options = build(self.mode.main())?;
         let (wall, timing) = timed(global, &mut device, |device, clock| {
             let (volume, window) = (&chosen.volume, &chosen.recipe.window);
-            Ok(wall(device, volume, window, &lumen, options, clock)?)
+            let wall = wall(device, volume, window, &lumen, options, clock)?;
+            let faces = self.surface.decimate.map(|n| n as usize);
+            let base = faces.map(|n| detail::base(&wall.mesh, n, self.mode.main(), clock));
+            Ok((wall, base.transpose()?))
         })?;
-        let mesh = if self.surface.open_ends && !wall.mesh.caps.is_empty() {
-            &without_caps(&wall.mesh)
+        let (wall, base) = wall;
+        let whole = base.as_ref().map_or(&wall.mesh, |b| &b.mesh);
+        let mesh = if self.surface.open_ends && !whole.caps.is_empty() {
+            &without_caps(whole)
         } else {
-            &wall.mesh
+            whole
         };
         write_mesh(&self.output, mesh)?;
         let report = SurfaceReport::of(wall.topology, wall.mesh.area_mm2());
@@ -111,6 +116,10 @@ impl Args {
             report.euler,
             if report.watertight { "watertight" } else { "NOT watertight" }
         ))?;
+        if let Some(base) = &base {
+            global.say(format_args!("  simplified to {} faces", base.mesh.faces.len()))?;
+        }
+        let timing = timing.with("decimated_faces", base.as_ref().map(|b| b.mesh.faces.len()));
         let mut timing = timing.with("surface", serde_json::to_value(&report).unwrap_or_default());
         if self.mode.mode == Modes::Both {
             let options = build(Mode::Paper)?;

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use super::{Clock, PipelineError};
+use super::{Clock, Mode, PipelineError};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
 use crate::lod::vds::{Recorded, Surface, Vds, VdsOptions};
 use crate::lod::{PAGE_BYTES, Refine};
-use crate::mesh::{Maps, SimplifyOptions, simplify};
+use crate::mesh::{Maps, MeshError, Metric, Simplified, SimplifyOptions, prepare, simplify};
 
 /// How a wall is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -59,6 +59,31 @@ pub struct LodReport {
 /// Faces of the base under a mesh when nobody says: a twentieth, as in the paper's vessel.
 pub fn base_faces(mesh: &Mesh) -> usize {
     (mesh.faces.len() / 20).max(MIN_BASE_FACES.min(mesh.faces.len()))
+}
+
+/// A mesh with so many faces: by the default metric with vertices moved to where they stand best,
+/// or by the paper's with vertices that stay. Where fans of faces touch they are parted first.
+///
+/// # Errors
+/// [`PipelineError::Mesh`] for a mesh that makes no sense.
+pub fn base(
+    mesh: &Mesh,
+    faces: usize,
+    mode: Mode,
+    clock: &mut Clock,
+) -> Result<Simplified, PipelineError> {
+    let options = SimplifyOptions {
+        metric: if mode == Mode::Paper { Metric::Paper } else { Metric::NormalQem },
+        relocate: mode == Mode::Default,
+        ..SimplifyOptions::to_faces(faces)
+    };
+    let work = || match simplify(mesh, &options, &mut ()) {
+        Err(MeshError::NonManifoldEdge { .. } | MeshError::NonManifoldVertex { .. }) => {
+            simplify(&prepare(mesh)?.0, &options, &mut ())
+        }
+        done => done,
+    };
+    Ok(clock.time("base", "faces", work, |_| mesh.faces.len() as u64)?)
 }
 
 /// Below this a base saves nothing worth having.
