@@ -3,8 +3,9 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::cover::{Piece, Target};
+use super::cover::Target;
 use super::halve::halve;
+use super::measure::{Draft, Measure, Original};
 use super::partition::{self, Bordered};
 use super::{Cluster, ClusterError, Clusters, Group, NONE};
 use crate::geometry::{Mesh, Vertex};
@@ -16,44 +17,12 @@ use crate::mesh::Nearest;
 const KEPT_MAX: f64 = 0.85;
 /// Faces of a cluster as first cut; the rest is room to even out its rim.
 const FILL: usize = 122;
-/// Pieces of the original measured by one task.
-const TASK: usize = 4096;
 /// Faces: ids are 32 bits, and four half-edge ids a face must fit.
 const FACES_MAX: usize = (1 << 30) - 1;
 /// Added to measured distances for the rounding of positions, as a part of the largest coordinate.
 const ROUNDING: f64 = 1e-9;
-
-/// Part of an original face that a cluster stands for.
-struct Part {
-    face: u32,
-    triangle: u8,
-    corners: Box<[DVec3]>,
-}
-
-/// A cluster under work: with what it stands for.
-struct Draft {
-    vertices: Vec<u32>,
-    triangles: Vec<[u8; 3]>,
-    /// Original faces that lie near one of its triangles as a whole, and which.
-    whole: Vec<(u32, u8)>,
-    /// Those that were cut.
-    parts: Vec<Part>,
-    /// For each triangle, how far any point of it is from the original at most, mm.
-    back: Vec<f32>,
-}
-
-impl Draft {
-    fn faces(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
-        self.triangles.iter().map(|t| t.map(|v| self.vertices[usize::from(v)]))
-    }
-}
-
-/// The original, to measure to.
-struct Original<'a> {
-    target: Target<'a>,
-    /// A face at each vertex.
-    face_at: Vec<u32>,
-}
+/// Half the distance between neighbouring f32 numbers, as a part of them.
+const RESOLUTION: f64 = 6e-8;
 
 /// What became of a group.
 struct Made {
@@ -97,7 +66,7 @@ impl Clusters {
         };
         let mut live: Vec<(u32, Draft)> = Vec::new();
         for draft in finest(mesh, &beside) {
-            live.push((this.push(&draft, mesh, NONE), draft));
+            live.push((this.push(&draft, &mesh.positions, NONE), draft));
         }
         while live.len() > 1 {
             let before = this.groups.len();
@@ -109,11 +78,8 @@ impl Clusters {
         Ok(this)
     }
 
-    fn push(&mut self, draft: &Draft, mesh: &Mesh, made_by: u32) -> u32 {
-        self.push_placed(draft, &mesh.positions, made_by)
-    }
-
-    fn push_placed(&mut self, draft: &Draft, positions: &[Vec3], made_by: u32) -> u32 {
+    /// Adds a cluster; its id.
+    fn push(&mut self, draft: &Draft, positions: &[Vec3], made_by: u32) -> u32 {
         let at = |v: u32| positions[v as usize];
         let items = draft.faces().map(|f| Item::triangle(f.map(at)).cone);
         let cones: Vec<_> = items.collect();
@@ -177,7 +143,7 @@ impl Clusters {
             let inputs: Vec<u32> = taken.map(|l| l.0).collect();
             let id = self.add_group(&inputs, &made, positions);
             for draft in made.outputs {
-                next.push((self.push_placed(&draft, positions, id), draft));
+                next.push((self.push(&draft, positions, id), draft));
             }
         }
         next
@@ -238,7 +204,7 @@ fn check(mesh: &Mesh, vertices: &[Vertex]) -> Result<(), ClusterError> {
 }
 
 /// The next f32 that is not smaller.
-fn up(v: f64) -> f32 {
+pub fn up(v: f64) -> f32 {
     let f = v as f32;
     if f64::from(f) < v { f.next_up() } else { f }
 }
@@ -396,7 +362,9 @@ fn simplify(
         f.iter().for_each(|v| some_face[*v as usize] = i);
     }
     let stands = |v: u16| some_face[usize::from(halved.onto[usize::from(v)])];
-    let mut bound = floor;
+    // Nothing below the resolution of the coordinates is told apart.
+    let far = positions[own[0] as usize].abs().max_element();
+    let mut bound = floor.max(RESOLUTION * f64::from(far));
     for (v, p) in (0..).zip(&own) {
         let p = positions[*p as usize].as_dvec3();
         let near = target.nearest(target.walk(stands(v), p), p).d2.sqrt();
@@ -441,7 +409,6 @@ fn simplify(
     for ((cluster, _), b) in owner.iter().zip(back) {
         outputs[usize::from(*cluster)].back.push(b);
     }
-    let far = positions[own[0] as usize].abs().max_element();
     let long = |f: &[u32; 3]| {
         let [a, b, c] = f.map(|v| positions[v as usize]);
         a.distance(b).max(b.distance(c)).max(c.distance(a))
@@ -452,163 +419,4 @@ fn simplify(
         angle: if area > 0.0 { (turn / area).sqrt() } else { 0.0 },
         edge: faces.iter().map(long).fold(0.0, f32::max),
     })
-}
-
-impl Draft {
-    /// Puts faces together again of which all parts are here.
-    fn unite(&mut self, original: &Original<'_>) {
-        self.parts.sort_by_key(|p| p.face);
-        let parts = std::mem::take(&mut self.parts);
-        let mut parts = parts.into_iter().peekable();
-        while let Some(first) = parts.next() {
-            let mut own = vec![first];
-            while let Some(p) = parts.next_if(|p| p.face == own[0].face) {
-                own.push(p);
-            }
-            let area: f64 = own.iter().map(|p| Piece::new(&p.corners).area()).sum();
-            if area > (1.0 - 1e-6) * original.piece(own[0].face).area() {
-                self.whole.push((own[0].face, own[0].triangle));
-            } else {
-                self.parts.extend(own);
-            }
-        }
-    }
-}
-
-impl Original<'_> {
-    fn piece(&self, face: u32) -> Piece {
-        let f = self.target.faces[face as usize];
-        Piece::new(&f.map(|v| self.target.positions[v as usize].as_dvec3()))
-    }
-}
-
-/// What one task measured.
-struct Found {
-    bound: f64,
-    /// Squared angles between normals times areas, and areas.
-    turn: f64,
-    area: f64,
-    /// By output cluster.
-    whole: Vec<(u16, (u32, u8))>,
-    parts: Vec<(u16, Part)>,
-}
-
-impl Found {
-    fn new(bound: f64) -> Self {
-        Self { bound, turn: 0.0, area: 0.0, whole: Vec::new(), parts: Vec::new() }
-    }
-}
-
-/// The coarse faces of a group against the original.
-struct Measure<'a> {
-    target: Target<'a>,
-    original: &'a Original<'a>,
-    /// Output cluster of each coarse face, and its place there.
-    owner: &'a [(u16, u8)],
-}
-
-impl Measure<'_> {
-    /// What `d` stands for, against the coarse faces. `start`: for each of its triangles, where to
-    /// begin. Tasks are cut the same whatever the number of threads.
-    fn towards(&self, d: &Draft, start: &[u32], bound: f64) -> Vec<Found> {
-        let whole = d.whole.par_chunks(TASK).map(|own| {
-            let mut found = Found::new(bound);
-            for &(face, triangle) in own {
-                let piece = self.original.piece(face);
-                self.one(face, &piece, start[usize::from(triangle)], true, &mut found);
-            }
-            found
-        });
-        let parts = d.parts.par_chunks(TASK).map(|own| {
-            let mut found = Found::new(bound);
-            for p in own {
-                let piece = Piece::new(&p.corners);
-                self.one(p.face, &piece, start[usize::from(p.triangle)], false, &mut found);
-            }
-            found
-        });
-        whole.chain(parts).collect()
-    }
-
-    fn one(&self, face: u32, piece: &Piece, start: u32, whole: bool, found: &mut Found) {
-        let first = found.parts.len();
-        let mut bound = found.bound;
-        self.target.cover(piece, start, &mut bound, |t, p, _, all| {
-            let area = p.area();
-            found.turn += area * self.angle(face, t, p.centre()).powi(2);
-            found.area += area;
-            let (cluster, triangle) = self.owner[t as usize];
-            if all && whole {
-                found.whole.push((cluster, (face, triangle)));
-            } else {
-                found.parts.push((cluster, Part { face, triangle, corners: p.corners().into() }));
-            }
-        });
-        found.bound = bound;
-        // Cut, but all in one cluster.
-        let parts = &found.parts[first..];
-        if let Some((c, p)) = parts.first()
-            && parts.iter().all(|q| q.0 == *c)
-        {
-            let (cluster, triangle) = (*c, p.triangle);
-            found.parts.truncate(first);
-            if whole {
-                found.whole.push((cluster, (face, triangle)));
-            } else {
-                let corners = piece.corners().into();
-                found.parts.push((cluster, Part { face, triangle, corners }));
-            }
-        }
-    }
-
-    /// The coarse faces against the original: the largest distance, and that of each face. They
-    /// are first laid upon the finer ones, `fine`, whose distances (`known`) add to that to those;
-    /// where the sum is too much, the original itself is asked. `from`: a fine face at each vertex
-    /// of the group.
-    fn back(
-        &self,
-        bound: f64,
-        fine: &Target<'_>,
-        from: &(impl Fn(u32) -> u32 + Sync),
-        known: &[f32],
-    ) -> (f64, Vec<f32>) {
-        let one = |f: &[u32; 3], bound: &mut f64| {
-            let piece = Piece::new(&f.map(|v| self.target.positions[v as usize].as_dvec3()));
-            let mut far: f64 = 0.0;
-            fine.part(&piece, from(f[0]), &mut |t, part, away, _| {
-                let sum = away + f64::from(known[t as usize]);
-                if sum <= *bound {
-                    far = far.max(sum);
-                    return;
-                }
-                let start = self.original.face_at[fine.faces[t as usize][0] as usize];
-                self.original.target.cover(part, start, bound, |_, _, d, _| far = far.max(d));
-            });
-            up(far)
-        };
-        let tasks: Vec<(f64, Vec<f32>)> = self
-            .target
-            .faces
-            .par_chunks(256)
-            .map(|own| {
-                let mut bound = bound;
-                let far = own.iter().map(|f| one(f, &mut bound)).collect();
-                (bound, far)
-            })
-            .collect();
-        let bound = tasks.iter().map(|t| t.0).fold(bound, f64::max);
-        (bound, tasks.into_iter().flat_map(|t| t.1).collect())
-    }
-
-    /// Angle between the interpolated normals of an original face and of the coarse face `t`, at a
-    /// place of the first.
-    fn angle(&self, face: u32, t: u32, p: DVec3) -> f64 {
-        let mix = |of: &Target<'_>, face: u32| {
-            let w = of.nearest(face, p).weights;
-            let f = of.faces[face as usize];
-            (0..3).map(|k| of.normals[f[k] as usize].as_dvec3() * w[k]).sum::<DVec3>()
-        };
-        let (n, m) = (mix(&self.original.target, face), mix(&self.target, t));
-        n.cross(m).length().atan2(n.dot(m))
-    }
 }

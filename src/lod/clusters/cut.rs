@@ -7,8 +7,10 @@ use std::sync::Arc;
 use super::{Clusters, Group, NONE};
 use crate::lod::{Camera, Drawn, Eye, Full, Pool, Refine, Sphere, Step, Tolerance, Upload};
 
-/// Angle between the normals drawn and the original's that is let pass where triangles look large.
-pub const DEFAULT_SHADING_RAD: f32 = 0.35;
+/// Root mean square angle between the normals drawn and the original's that is let pass where
+/// triangles look large: a tenth of the light at most, and on a colon of 1 M faces at one pixel
+/// hardly a triangle more than the tolerance of places asks for anyway.
+pub const DEFAULT_SHADING_RAD: f32 = 0.1;
 /// Triangles whose edges look at least this long show their shading in full, pixels.
 const FULL_SHADING_PX: f64 = 16.0;
 
@@ -48,7 +50,7 @@ struct View<'a> {
 impl View<'_> {
     /// How many times what is allowed the errors of a group look, anywhere in `s`; 0 if unseen.
     ///
-    /// Two rules. No point may look farther off than the tolerance. And angles between normals,
+    /// Two rules. No point may look farther off than the tolerance. And the angle between normals,
     /// scaled down where the coarse triangles look smaller than [`FULL_SHADING_PX`], may not be
     /// larger than the shading tolerance: a wrong shade over a pixel or two is noise, over a broad
     /// triangle it is a dent.

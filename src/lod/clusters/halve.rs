@@ -1,4 +1,7 @@
 //! Simplification of one group of clusters: some thousand faces, any soup of them, borders fixed.
+//!
+//! *Why not [`crate::mesh::simplify`]:* it takes manifold meshes, as parameterisation must; a group
+//! as a rule has vertices where several fans of its clusters touch, and input may be any soup.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;

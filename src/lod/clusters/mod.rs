@@ -20,6 +20,7 @@ mod cover;
 mod cut;
 mod error;
 mod halve;
+mod measure;
 mod partition;
 
 pub use bytes::key;
@@ -71,8 +72,9 @@ pub struct Group {
     /// No point of the outputs is farther than this from the original, and no point of the
     /// original they stand for is farther from them, mm. At least that of every group below.
     pub error_mm: f32,
-    /// Angle between the original's interpolated normals and the outputs', at most, radians. At
-    /// least that of every group below.
+    /// Angle between the original's interpolated normals and the outputs', root mean square by
+    /// area, radians; the largest would be that of single creases. At least that of every group
+    /// below.
     pub angle_rad: f32,
     /// Longest edge of the outputs, mm. At least that of every group below.
     pub edge_mm: f32,
