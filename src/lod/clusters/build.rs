@@ -40,6 +40,15 @@ impl Clusters {
     /// # Errors
     /// [`ClusterError`]: a face or position that makes no sense, or too many.
     pub fn build(mesh: &Mesh, vertices: &[Vertex]) -> Result<Self, ClusterError> {
+        Self::build_with(mesh, vertices, true)
+    }
+
+    /// `lock`: false only to show what becomes of a surface whose rims are not locked.
+    pub(super) fn build_with(
+        mesh: &Mesh,
+        vertices: &[Vertex],
+        lock: bool,
+    ) -> Result<Self, ClusterError> {
         check(mesh, vertices)?;
         let normals: Vec<Vec3> = vertices.iter().map(Vertex::normal).collect();
         let beside = partition::beside(&mesh.faces, vertices.len());
@@ -70,7 +79,7 @@ impl Clusters {
         }
         while live.len() > 1 {
             let before = this.groups.len();
-            live = this.level(live, &original);
+            live = this.level(live, &original, lock);
             if this.groups.len() == before {
                 break;
             }
@@ -99,7 +108,12 @@ impl Clusters {
     }
 
     /// Groups the live clusters and simplifies each group; what is live then.
-    fn level(&mut self, live: Vec<(u32, Draft)>, original: &Original<'_>) -> Vec<(u32, Draft)> {
+    fn level(
+        &mut self,
+        live: Vec<(u32, Draft)>,
+        original: &Original<'_>,
+        lock: bool,
+    ) -> Vec<(u32, Draft)> {
         let positions = original.target.positions;
         let bordered: Vec<Bordered> = live
             .par_iter()
@@ -119,7 +133,7 @@ impl Clusters {
                 if *first == NONE {
                     *first = of;
                 }
-                locked[*v as usize] |= *first != of;
+                locked[*v as usize] |= lock && *first != of;
             }
         }
         drop(group_of);

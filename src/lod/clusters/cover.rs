@@ -226,6 +226,14 @@ impl Target<'_> {
         d2.fold(0.0, f64::max).sqrt()
     }
 
+    /// The face that a triangle is within `bound` of as a whole, if the walk from `start` finds one:
+    /// what [`Self::cover`] tries first, as most need no more.
+    pub fn near(&self, corners: [DVec3; 3], start: u32, bound: f64) -> Option<u32> {
+        let face = self.walk(start, corners.iter().sum::<DVec3>() / 3.0);
+        let within = |p: &DVec3| self.nearest(face, *p).d2 <= bound * bound;
+        corners.iter().all(within).then_some(face)
+    }
+
     /// Cuts a piece up, gives each part a face near it, and raises `bound` (mm) to the largest
     /// distance: of every point of a part to its face it is an upper bound whatever the cuts are,
     /// since distance to one triangle is convex and parts make up the whole. Parts within `bound`

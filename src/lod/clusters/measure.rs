@@ -62,7 +62,7 @@ impl Draft {
                 own.push(p);
             }
             let area: f64 = own.iter().map(|p| Piece::new(&p.corners).area()).sum();
-            if area > (1.0 - 1e-6) * original.piece(own[0].face).area() {
+            if area > (1.0 - 1e-6) * Piece::new(&original.corners(own[0].face)).area() {
                 self.whole.push((own[0].face, own[0].triangle));
             } else {
                 self.parts.extend(own);
@@ -72,9 +72,8 @@ impl Draft {
 }
 
 impl Original<'_> {
-    fn piece(&self, face: u32) -> Piece {
-        let f = self.target.faces[face as usize];
-        Piece::new(&f.map(|v| self.target.positions[v as usize].as_dvec3()))
+    fn corners(&self, face: u32) -> [DVec3; 3] {
+        self.target.faces[face as usize].map(|v| self.target.positions[v as usize].as_dvec3())
     }
 }
 
@@ -114,8 +113,15 @@ impl Measure<'_> {
         let whole = d.whole.par_chunks(TASK).map(|own| {
             let mut found = Found::new(bound);
             for &(face, triangle) in own {
-                let piece = self.original.piece(face);
-                self.one(face, &piece, start[usize::from(triangle)], true, &mut found);
+                let corners = self.original.corners(face);
+                let start = start[usize::from(triangle)];
+                if let Some(t) = self.target.near(corners, start, found.bound) {
+                    let (cluster, triangle) = self.owner[t as usize];
+                    found.whole.push((cluster, (face, triangle)));
+                    self.shade(face, t, &corners, &mut found);
+                } else {
+                    self.one(face, &Piece::new(&corners), start, true, &mut found);
+                }
             }
             found
         });
@@ -134,11 +140,7 @@ impl Measure<'_> {
         let first = found.parts.len();
         let mut bound = found.bound;
         self.target.cover(piece, start, &mut bound, |t, p, _, all| {
-            if face.is_multiple_of(SHADING_SAMPLE) {
-                let area = p.area();
-                found.turn += area * self.angle(face, t, p.centre()).powi(2);
-                found.area += area;
-            }
+            self.shade(face, t, p.corners(), found);
             let (cluster, triangle) = self.owner[t as usize];
             if all && whole {
                 found.whole.push((cluster, (face, triangle)));
@@ -200,6 +202,16 @@ impl Measure<'_> {
             .collect();
         let bound = tasks.iter().map(|t| t.0).fold(bound, f64::max);
         (bound, tasks.into_iter().flat_map(|t| t.1).collect())
+    }
+
+    /// Takes the shading of a piece of an original face on the coarse face `t` into account.
+    fn shade(&self, face: u32, t: u32, corners: &[DVec3], found: &mut Found) {
+        if face.is_multiple_of(SHADING_SAMPLE) {
+            let piece = Piece::new(corners);
+            let area = piece.area();
+            found.turn += area * self.angle(face, t, piece.centre()).powi(2);
+            found.area += area;
+        }
     }
 
     /// Angle between the interpolated normals of an original face and of the coarse face `t`, at a

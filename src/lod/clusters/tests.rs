@@ -194,6 +194,25 @@ fn a_group_opened_without_those_above_tears_the_surface() {
     assert!(tears(torn.iter().flat_map(|r| c.faces(*r))) > 0);
 }
 
+/// The other fault that the check finds: rims that give way.
+#[test]
+fn rims_that_are_not_locked_tear_where_levels_meet() {
+    let mesh = ring(120, 44);
+    let vertices = shading(&mesh).vertices;
+    for lock in [true, false] {
+        let clusters = Arc::new(Clusters::build_with(&mesh, &vertices, lock).unwrap());
+        let mut lod = ClusterLod::new(clusters, DEFAULT_SHADING_RAD);
+        let mut torn = 0;
+        for k in 0..6 {
+            let extra = 12 * k;
+            let mut pool = Pool::new(lod.least_pages() + extra, 1000, 1);
+            settle(&mut lod, &camera(0.3), 0.2, &mut pool);
+            torn += tears(lod.drawn().flat_map(|c| lod.clusters().faces(c)));
+        }
+        assert_eq!(torn == 0, lock, "{torn} edges torn");
+    }
+}
+
 #[test]
 fn after_500_steps_the_cut_is_that_of_a_fresh_start() {
     let (_, clusters) = &*RING;
