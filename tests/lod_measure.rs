@@ -74,7 +74,6 @@ fn fly(
     match lod {
         None => {
             let scene = Scene::of(r.upload_mesh(mesh, false).unwrap());
-            since = Instant::now();
             r.render_sequence(&scene, shots, sink).unwrap();
         }
         Some((clusters, radius)) => {
@@ -83,7 +82,6 @@ fn fly(
             let pages = r.open_pages(count, *radius).unwrap();
             let tolerance = Tolerance { pixels: TAU };
             let mut w = Worker::spawn(refine, tolerance, count, 4 << 20, 3).unwrap();
-            since = Instant::now();
             r.render_settled(&Scene::paged(pages, None), &mut w, shots, sink).unwrap();
         }
     }

@@ -10,7 +10,12 @@ use serde_json::Value;
 /// as `{"branches": [{"points": [[x, y, z, …], …]}]}`, LPS mm.
 pub fn named(name: &str) -> Option<(Mesh, Vec<DVec3>)> {
     let folder = std::path::PathBuf::from(std::env::var_os("INTIMA_MESHES")?);
-    let mesh = read_mesh(&folder.join(format!("{name}.ply")), None).unwrap().0;
+    let mut mesh = read_mesh(&folder.join(format!("{name}.ply")), None).unwrap().0;
+    // Others let faces look outwards.
+    if mesh.volume_mm3() < 0.0 {
+        mesh.faces.iter_mut().for_each(|f| f.swap(1, 2));
+        mesh.normals.iter_mut().for_each(|n| *n = -*n);
+    }
     let json = std::fs::read(folder.join(format!("{name}.json"))).unwrap();
     let json: Value = serde_json::from_slice(&json).unwrap();
     let points = json["branches"][0]["points"].as_array().unwrap();

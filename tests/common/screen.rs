@@ -75,7 +75,7 @@ pub fn compare(original: &Cast, cut: &Cast, camera: &Camera, tau: f64) -> Found 
             let mut found = Found { pixels: 1, ..Default::default() };
             let here = reference[(y * width + x) as usize];
             let drawn = cut.ray(eye, world * along(x, y));
-            let mut note = |found: &mut Found, what| found.listed.push((x, y, what));
+            let note = |found: &mut Found, what| found.listed.push((x, y, what));
             if drawn.is_none() && here.is_some() {
                 found.holes += 1;
                 note(&mut found, "hole");
