@@ -6,6 +6,7 @@ mod frames;
 mod graph;
 mod paper;
 mod prove;
+mod queue;
 mod route;
 mod sample;
 mod search;

@@ -15,6 +15,7 @@
 use rayon::prelude::*;
 
 use super::graph::{FREE, Graph, STAY, number, offset};
+use super::queue::Queue;
 
 /// No distance.
 pub const NOWHERE: u32 = u32::MAX;
@@ -58,58 +59,6 @@ fn worthwhile(length: &[u32; 27]) -> [u32; 27] {
         }
     }
     out
-}
-
-/// A circular queue of buckets; words of bits tell which of them hold something.
-struct Queue<T> {
-    buckets: Vec<Vec<T>>,
-    busy: Vec<u64>,
-    spare: Vec<T>,
-    at: u32,
-}
-
-impl<T> Queue<T> {
-    /// * `most`: the largest difference between keys that wait at the same time.
-    fn new(most: u32, first: u32) -> Self {
-        let n = (most as usize + 1).next_power_of_two().max(64);
-        let buckets = std::iter::repeat_with(Vec::new).take(n).collect();
-        Self { buckets, busy: vec![0; n / 64], spare: Vec::new(), at: first }
-    }
-
-    #[inline]
-    fn push(&mut self, key: u32, item: T) {
-        let i = key as usize & (self.buckets.len() - 1);
-        self.busy[i / 64] |= 1 << (i % 64);
-        self.buckets[i].push(item);
-    }
-
-    /// The next batch with its key.
-    fn next(&mut self) -> Option<(u32, Vec<T>)> {
-        let n = self.buckets.len();
-        let start = self.at as usize & (n - 1);
-        let mut w = start / 64;
-        let mut word = self.busy[w] & !0 << (start % 64);
-        for _ in 0..=n / 64 {
-            if word != 0 {
-                let i = w * 64 + word.trailing_zeros() as usize;
-                self.busy[w] &= !(1 << (i % 64));
-                self.at = self.at.wrapping_add((i.wrapping_sub(start) & (n - 1)) as u32);
-                return Some((
-                    self.at,
-                    std::mem::replace(&mut self.buckets[i], std::mem::take(&mut self.spare)),
-                ));
-            }
-            w = (w + 1) % (n / 64);
-            word = self.busy[w];
-        }
-        None
-    }
-
-    /// Gives a batch's memory back.
-    fn done(&mut self, mut batch: Vec<T>) {
-        batch.clear();
-        self.spare = batch;
-    }
 }
 
 impl Graph<'_> {
