@@ -1,44 +1,38 @@
-//! The voxel graph of the lumen and shortest routes on it.
+//! The voxel graph of the lumen.
 //!
-//! Nodes are inside voxels. A diagonal step is legal only when every voxel of the block it spans
-//! is inside: the straight segment then stays inside the surface, which separates inside voxels
-//! that share only an edge or a corner.
+//! Nodes are inside voxels, numbered as the elements of a field. A diagonal step is legal only when
+//! every voxel of the block it spans is inside: the straight segment then stays inside the
+//! surface, which separates inside voxels that share only an edge or a corner.
 
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
 use crate::lumen::Lumen;
-use crate::lumen::bricks::{BRICK, NONE, near_index};
+use crate::lumen::bricks::{BRICK, NONE, SIDE, near_index};
 
-/// No parent, no distance.
-pub const NOWHERE: u32 = u32::MAX;
-
-/// Inside voxels as nodes, with their legal steps.
+/// Inside voxels as nodes, with their legal steps. A node is the voxel's field element.
 pub struct Graph<'a> {
     lumen: &'a Lumen,
-    /// Field element of each node, ascending.
-    elements: Vec<u32>,
-    /// Nodes ahead of each 64-bit word of the inside bits.
-    rank: Vec<u32>,
-    /// One bit for each of the 27 offsets that is a legal step.
+    /// One bit for each of the 27 offsets that is a legal step, by element; 0 outside.
     legal: Vec<u32>,
 }
 
-/// Result of a shortest-route search from one or more sources.
-pub struct Routes {
-    /// Quantised cost from the source, [`NOWHERE`] where there is no route.
-    pub cost: Vec<u32>,
-    /// Previous node on the route; a source is its own.
-    pub parent: Vec<u32>,
-    /// Nodes in the order they were settled.
-    pub order: Vec<u32>,
-}
+/// Number of the offset that goes nowhere.
+pub(super) const STAY: usize = 13;
+/// Every step is legal: the voxel's whole surroundings are inside.
+pub(super) const FREE: u32 = ((1 << 27) - 1) & !(1 << STAY);
 
 /// Offset of one of the 27 neighbours.
 #[inline]
-pub fn offset(n: usize) -> IVec3 {
+pub const fn offset(n: usize) -> IVec3 {
     let n = n as i32;
     IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1)
+}
+
+/// Number of one of the 27 offsets.
+#[inline]
+pub(super) const fn number(d: IVec3) -> usize {
+    near_index(d.x, d.y, d.z)
 }
 
 /// For every offset, the bits of all voxels of the block it spans.
@@ -46,20 +40,33 @@ const BLOCK: [u32; 27] = {
     let mut out = [0u32; 27];
     let mut n = 0;
     while n < 27 {
-        let d = [n as i32 % 3 - 1, n as i32 / 3 % 3 - 1, n as i32 / 9 - 1];
-        let mut m = 0;
+        let d = offset(n);
         let mut k = 0;
         while k < 8 {
-            let at = [
-                if k & 1 != 0 { d[0] } else { 0 },
-                if k & 2 != 0 { d[1] } else { 0 },
-                if k & 4 != 0 { d[2] } else { 0 },
-            ];
-            m |= 1 << ((at[0] + 1) + 3 * (at[1] + 1) + 9 * (at[2] + 1));
+            let x = if k & 1 != 0 { d.x } else { 0 };
+            let y = if k & 2 != 0 { d.y } else { 0 };
+            let z = if k & 4 != 0 { d.z } else { 0 };
+            out[n] |= 1 << near_index(x, y, z);
             k += 1;
         }
-        out[n] = m;
         n += 1;
+    }
+    out
+};
+
+/// Where a step leads along one axis, by place (0 to 7) and direction (-1, 0, 1): which brick
+/// (-1, 0, 1) and which place in it.
+const ALONG: [[(i8, u8); 3]; 8] = {
+    let mut out = [[(0, 0); 3]; 8];
+    let mut p = 0;
+    while p < 8 {
+        let mut d = 0;
+        while d < 3 {
+            let to = p as i32 + d as i32 - 1;
+            out[p][d] = ((to >> 3) as i8, (to & 7) as u8);
+            d += 1;
+        }
+        p += 1;
     }
     out
 };
@@ -67,70 +74,63 @@ const BLOCK: [u32; 27] = {
 impl<'a> Graph<'a> {
     /// The graph of a lumen.
     pub fn new(lumen: &'a Lumen) -> Self {
-        let elements: Vec<u32> = lumen.elements(&lumen.inside).map(|e| e as u32).collect();
-        let rank = lumen
-            .inside
-            .iter()
-            .scan(0u32, |at, w| {
-                let r = *at;
-                *at += w.count_ones();
-                Some(r)
-            })
-            .collect();
-        let legal = elements
-            .par_iter()
-            .with_min_len(4096)
-            .map(|&e| {
-                let around = surroundings(lumen, e as usize);
-                (0..27).filter(|&n| n != 13 && BLOCK[n] & !around == 0).fold(0, |m, n| m | 1 << n)
-            })
-            .collect();
-        Self { lumen, elements, rank, legal }
+        let mut legal = vec![0u32; lumen.bricks.field_len()];
+        legal
+            .par_chunks_exact_mut(BRICK)
+            .enumerate()
+            .with_min_len(64)
+            .for_each(|(slot, out)| legal_steps(lumen, slot, out));
+        Self { lumen, legal }
     }
 
     /// Number of nodes.
     pub fn len(&self) -> usize {
-        self.elements.len()
+        self.lumen.inside_voxels() as usize
     }
     /// Whether the lumen is empty.
     pub fn is_empty(&self) -> bool {
-        self.elements.is_empty()
+        self.len() == 0
     }
     /// The lumen.
     pub fn lumen(&self) -> &'a Lumen {
         self.lumen
     }
-    /// Field element of a node.
-    #[inline]
-    pub fn element(&self, node: u32) -> usize {
-        self.elements[node as usize] as usize
+    /// All nodes, ascending.
+    pub fn nodes(&self) -> impl Iterator<Item = u32> + '_ {
+        self.lumen.elements(&self.lumen.inside).map(|e| e as u32)
     }
     /// Voxel of a node.
     pub fn voxel(&self, node: u32) -> IVec3 {
-        self.lumen.bricks.voxel(self.element(node))
-    }
-    /// Node of a field element that is inside.
-    #[inline]
-    pub fn node(&self, element: usize) -> u32 {
-        let w = element >> 6;
-        self.rank[w] + (self.lumen.inside[w] & ((1 << (element & 63)) - 1)).count_ones()
+        self.lumen.bricks.voxel(node as usize)
     }
     /// Node of a voxel, if it is inside.
     pub fn node_at(&self, v: IVec3) -> Option<u32> {
         let e = self.lumen.bricks.element(v)?;
-        self.lumen.is_inside(e).then(|| self.node(e))
+        self.lumen.is_inside(e).then_some(e as u32)
+    }
+    /// Bits of the legal steps of a node.
+    #[inline]
+    pub(super) fn legal(&self, node: u32) -> u32 {
+        self.legal[node as usize]
+    }
+    /// Node that a legal step leads to.
+    #[inline]
+    pub(super) fn step(&self, node: u32, n: usize) -> u32 {
+        let (slot, l) = (node as usize / BRICK, node as usize % BRICK);
+        let (x, y, z) = (l & 7, l >> 3 & 7, l >> 6);
+        let ((ox, x), (oy, y), (oz, z)) = (ALONG[x][n % 3], ALONG[y][n / 3 % 3], ALONG[z][n / 9]);
+        let place = u32::from(x) + 8 * u32::from(y) + 64 * u32::from(z);
+        let over = near_index(i32::from(ox), i32::from(oy), i32::from(oz));
+        self.lumen.bricks.near()[slot][over] * BRICK as u32 + place
     }
     /// Legal steps of a node: offset number and node.
-    #[inline]
     pub fn steps(&self, node: u32) -> impl Iterator<Item = (usize, u32)> + '_ {
-        let e = self.element(node);
-        let mut bits = self.legal[node as usize];
+        let mut bits = self.legal(node);
         std::iter::from_fn(move || {
             (bits != 0).then(|| {
                 let n = bits.trailing_zeros() as usize;
                 bits &= bits - 1;
-                let to = self.lumen.bricks.step(e, offset(n));
-                (n, self.node(to.expect("a legal step ends inside")))
+                (n, self.step(node, n))
             })
         })
     }
@@ -140,145 +140,55 @@ impl<'a> Graph<'a> {
         let h: DVec3 = self.lumen.grid.spacing_mm;
         std::array::from_fn(|n| (offset(n).as_dvec3() * h).length())
     }
-
-    /// Geodesic distance from `sources`, in [`Graph::length_unit_mm`].
-    pub fn by_length(&self, sources: &[u32]) -> Routes {
-        let unit = self.length_unit_mm();
-        let length = self.step_lengths_mm().map(|l| (l / unit).round() as u32);
-        let most = length.iter().copied().max().unwrap_or(1);
-        self.search(sources, most, |_, _, n| length[n])
-    }
-
-    /// Resolution of [`Graph::by_length`], mm: a sixty-fourth of the shortest spacing.
-    pub fn length_unit_mm(&self) -> f64 {
-        self.lumen.grid.spacing_mm.min_element() / 64.0
-    }
-
-    /// Cheapest routes from `sources` when a step costs its length times the mean of
-    /// (h/d)² at its ends: far from walls where it can be.
-    ///
-    /// * `distance`: the exact distance field, mm.
-    pub fn by_centrality(&self, sources: &[u32], distance: &[f32]) -> Routes {
-        let h = self.lumen.grid.spacing_mm.min_element() as f32;
-        let deepest = self.elements.iter().map(|&e| distance[e as usize]).fold(h, f32::max);
-        // The cheapest unit step, deep inside, is worth 64; the dearest is bounded, so that a
-        // circular queue of buckets holds every pending cost.
-        let cheapest = (h / deepest).powi(2);
-        let scale = (64.0 / cheapest).min(65_536.0);
-        let weight: Vec<f32> = self
-            .elements
-            .par_iter()
-            .with_min_len(8192)
-            .map(|&e| 0.5 * scale * (h / distance[e as usize].max(h)).powi(2))
-            .collect();
-        let length = self.step_lengths_mm().map(|l| l as f32 / h);
-        let longest = length.iter().copied().fold(1.0, f32::max);
-        let most = (scale * longest).ceil() as u32 + 1;
-        self.search(sources, most, |a, b, n| {
-            (length[n] * (weight[a as usize] + weight[b as usize])) as u32 + 1
-        })
-    }
-
-    /// Dijkstra with a circular bucket queue (Dial 1969, doi:10.1145/363269.363610). Ties go to
-    /// the node that was reached first, whose order is fixed: the result is deterministic.
-    fn search(
-        &self,
-        sources: &[u32],
-        most: u32,
-        cost_of: impl Fn(u32, u32, usize) -> u32,
-    ) -> Routes {
-        let n = self.len();
-        let mut cost = vec![NOWHERE; n];
-        let mut parent = vec![NOWHERE; n];
-        let mut order = Vec::with_capacity(n);
-        let mask = (most + 1).next_power_of_two() - 1;
-        let mut buckets: Vec<Vec<u32>> = vec![Vec::new(); mask as usize + 1];
-        for &s in sources {
-            cost[s as usize] = 0;
-            parent[s as usize] = s;
-            buckets[0].push(s);
-        }
-        let mut pending = sources.len();
-        let mut at = 0u32;
-        while pending > 0 {
-            let mut batch = std::mem::take(&mut buckets[(at & mask) as usize]);
-            for &u in &batch {
-                pending -= 1;
-                if cost[u as usize] != at {
-                    continue; // reached more cheaply since
-                }
-                order.push(u);
-                for (k, v) in self.steps(u) {
-                    let c = at.saturating_add(cost_of(u, v, k).max(1));
-                    if c < cost[v as usize] {
-                        cost[v as usize] = c;
-                        parent[v as usize] = u;
-                        buckets[(c & mask) as usize].push(v);
-                        pending += 1;
-                    }
-                }
-            }
-            batch.clear();
-            buckets[(at & mask) as usize] = batch;
-            at += 1;
-        }
-        Routes { cost, parent, order }
-    }
 }
 
-impl Routes {
-    /// The settled node farthest from the sources; the last one settled.
-    pub fn farthest(&self) -> Option<u32> {
-        self.order.last().copied()
-    }
-
-    /// Nodes from a source to `node`, both included; empty when there is no route.
-    pub fn path_to(&self, node: u32) -> Vec<u32> {
-        let mut path = Vec::new();
-        if self.cost[node as usize] == NOWHERE {
-            return path;
+/// Legal steps of a brick's voxels, layer by layer: 64 voxels at a time where all of them agree.
+fn legal_steps(lumen: &Lumen, slot: usize, out: &mut [u32]) {
+    for (z, out) in out.chunks_exact_mut(64).enumerate() {
+        let inside = lumen.inside[slot * SIDE as usize + z];
+        if inside == 0 {
+            continue; // zeroed already
         }
-        let mut at = node;
-        loop {
-            path.push(at);
-            let up = self.parent[at as usize];
-            if up == at {
-                break;
-            }
-            at = up;
-        }
-        path.reverse();
-        path
-    }
-}
-
-/// Inside bits of the 27 voxels about an element.
-fn surroundings(lumen: &Lumen, element: usize) -> u32 {
-    let near = &lumen.bricks.near()[element / BRICK];
-    let l = (element % BRICK) as i32;
-    let p = IVec3::new(l & 7, l >> 3 & 7, l >> 6);
-    let mut out = 0;
-    for dz in -1..=1 {
-        let z = p.z + dz;
-        for dy in -1..=1 {
-            let y = p.y + dy;
-            let byte = |dx: i32| -> u32 {
-                match near[near_index(dx, y >> 3, z >> 3)] {
-                    NONE => 0,
-                    s => {
-                        let word = lumen.inside[s as usize * 8 + (z & 7) as usize];
-                        (word >> (8 * (y & 7)) & 0xff) as u32
-                    }
-                }
+        let around = surroundings(lumen, slot, z as i32);
+        let mut left = inside;
+        let free = around.iter().fold(!0, |a, b| a & b);
+        while left != 0 {
+            let i = left.trailing_zeros();
+            left &= left - 1;
+            out[i as usize] = if free >> i & 1 != 0 {
+                FREE
+            } else {
+                let held = (0..27).fold(0, |m, n| m | ((around[n] >> i & 1) as u32) << n);
+                let legal = |n: usize| u32::from(BLOCK[n] & !held == 0) << n;
+                (0..27).fold(0, |m, n| m | legal(n)) & FREE
             };
-            // Ten bits: the row with a voxel of either neighbour.
-            let mut row = byte(0) << 1;
-            if p.x == 0 {
-                row |= byte(-1) >> 7;
-            } else if p.x == 7 {
-                row |= (byte(1) & 1) << 9;
-            }
-            out |= (row >> p.x & 7) << (3 * (dy + 1) + 9 * (dz + 1));
+        }
+    }
+}
+
+/// Inside bits of a brick's layer, moved by each of the 27 offsets: bit v of word n tells whether
+/// voxel v + offset(n) is inside.
+fn surroundings(lumen: &Lumen, slot: usize, z: i32) -> [u64; 27] {
+    const LOW: u64 = 0x0101_0101_0101_0101;
+    let near = &lumen.bricks.near()[slot];
+    let mut out = [0; 27];
+    for dz in 0..3 {
+        let z = z + dz - 1;
+        let layer = |dx: i32, dy: i32| match near[near_index(dx, dy, z >> 3)] {
+            NONE => 0,
+            s => lumen.inside[s as usize * SIDE as usize + (z & 7) as usize],
+        };
+        // Columns of bricks at x - 1, x, x + 1, each moved by the three offsets in y.
+        let columns: [[u64; 3]; 3] = std::array::from_fn(|x| {
+            let [low, here, high] = [-1, 0, 1].map(|dy| layer(x as i32 - 1, dy));
+            [here << 8 | low >> 56, here, here >> 8 | high << 56]
+        });
+        for dy in 0..3 {
+            let [low, here, high] = [0, 1, 2].map(|x| columns[x][dy]);
+            let at = &mut out[3 * dy + 9 * dz as usize..][..3];
+            at[0] = here << 1 & !LOW | low >> 7 & LOW;
+            at[1] = here;
+            at[2] = here >> 1 & !(LOW << 7) | high << 7 & LOW << 7;
         }
     }
     out
@@ -291,25 +201,25 @@ mod tests {
     use crate::volume::Grid;
     use glam::UVec3;
 
-    fn lumen(dims: [u32; 3], inside: impl Fn(UVec3) -> bool) -> Lumen {
-        let grid = Grid::axis_aligned(dims, [1.0; 3]);
-        let mut bits = BitVolume::new(grid.dims);
-        for v in (0..grid.len()).map(|i| grid.voxel(i)).filter(|v| inside(*v)) {
-            bits.set(v.x, v.y, v.z);
-        }
-        Lumen::new(grid, &bits)
-    }
-
     #[test]
     fn steps_are_those_whose_whole_block_is_inside() {
-        let l = lumen([19, 11, 13], |v| (v.x * 7 + v.y * 13 + v.z * 29 + v.x * v.z) % 4 != 0);
+        let grid = Grid::axis_aligned([19, 21, 13], [1.0; 3]);
+        let mut bits = BitVolume::new(grid.dims);
+        let deep = |v: UVec3| v.y >= 9 && v.x > 1 && v.z > 1;
+        let rough = |v: UVec3| (v.x * 7 + v.y * 13 + v.z * 29 + v.x * v.z) % 4 != 0;
+        for v in (0..grid.len()).map(|i| grid.voxel(i)).filter(|v| deep(*v) || rough(*v)) {
+            bits.set(v.x, v.y, v.z);
+        }
+        let l = Lumen::new(grid, &bits);
         let g = Graph::new(&l);
-        for node in 0..g.len() as u32 {
+        assert_eq!(g.nodes().count(), g.len());
+        let mut free = 0;
+        for node in g.nodes() {
             let v = g.voxel(node);
             assert_eq!(g.node_at(v), Some(node));
             let got: Vec<_> = g.steps(node).map(|(_, to)| g.voxel(to)).collect();
             let want: Vec<_> = (0..27)
-                .filter(|&n| n != 13)
+                .filter(|&n| n != STAY)
                 .map(offset)
                 .filter(|d| {
                     (0..8).all(|k| {
@@ -320,33 +230,8 @@ mod tests {
                 .map(|d| v + d)
                 .collect();
             assert_eq!(got, want);
+            free += usize::from(g.legal(node) == FREE);
         }
-    }
-
-    #[test]
-    fn a_u_bend_is_followed_along_its_middle() {
-        let l = lumen([40, 40, 9], |v| {
-            let p = v.as_dvec3() - DVec3::new(20.0, 4.0, 4.0);
-            let r = (p.truncate().length() - 14.0).hypot(p.z);
-            p.y > 0.0 && r < 4.0
-        });
-        let g = Graph::new(&l);
-        let start = g.node_at(IVec3::new(34, 6, 4)).unwrap();
-        let end = g.node_at(IVec3::new(6, 6, 4)).unwrap();
-        let mut plan = crate::compute::Plan::new();
-        let b = crate::field::LumenBuffers::new(&mut plan, &l);
-        let d = crate::field::distance(&mut plan, &b);
-        plan.download(d);
-        let out = crate::compute::run_cpu(&plan);
-        let path = g.by_centrality(&[start], out.get(d)).path_to(end);
-        let off = |n: &u32| {
-            let p = g.voxel(*n).as_dvec3() - DVec3::new(20.0, 4.0, 4.0);
-            (p.truncate().length() - 14.0).hypot(p.z)
-        };
-        let worst = path.iter().map(off).fold(0.0, f64::max);
-        assert!(worst < 1.3, "{worst}");
-        // The shortest route hugs the wall instead.
-        let short = g.by_length(&[start]).path_to(end);
-        assert!(short.iter().map(off).fold(0.0, f64::max) > 2.0);
+        assert!(free > 500, "{free}");
     }
 }

@@ -6,19 +6,22 @@ mod frames;
 mod graph;
 mod paper;
 mod prove;
+mod queue;
 mod route;
 mod sample;
+mod search;
 mod spline;
 mod tree;
 mod visibility;
 
 pub use centre::{arc_lengths, resample};
 pub use frames::{Frame, frames, tangents};
-pub use graph::{Graph, NOWHERE, Routes};
+pub use graph::Graph;
 pub use paper::paper_path;
 pub use prove::{Proof, safe_by_distance, safe_by_voxels};
 pub use route::{Ends, RouteOptions, Routed, centerline};
 pub use sample::Sampler;
+pub use search::{NOWHERE, Routes};
 pub use visibility::{Arrangement, Pending, Radius, Viewer, add_viewers};
 
 use glam::DVec3;

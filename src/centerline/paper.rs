@@ -119,13 +119,13 @@ impl Net<'_> {
                 return Ok((a, far(&cost)));
             };
             let graph = graph.get_or_insert_with(|| Graph::new(self.lumen));
-            let node = |g: &Graph<'_>, i: usize| g.node(self.kept[i].element);
-            let routes = graph.by_length(&[node(graph, lost)]);
+            let node = |i: usize| self.kept[i].element;
+            let routes = graph.by_length(&[node(lost) as u32]);
             let reached = (0..cost.len())
                 .filter(|&i| cost[i] != u64::MAX)
-                .min_by_key(|&i| (routes.cost[node(graph, i) as usize], i))
+                .min_by_key(|&i| (routes.cost[node(i)], i))
                 .ok_or(CenterlineError::Unreachable)?;
-            let route = routes.path_to(node(graph, reached));
+            let route = routes.path_to(graph, node(reached) as u32);
             if route.is_empty() {
                 return Err(CenterlineError::Unreachable);
             }

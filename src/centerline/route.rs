@@ -1,11 +1,14 @@
 //! From the distance map to a path or a tree in patient space.
 
+use std::cmp::Reverse;
+
 use glam::{DVec3, IVec3};
+use rayon::prelude::*;
 
 use super::centre::{Fixed, cap_centre, centre};
 use super::prove::{Proof, mend};
-use super::tree::Tree;
-use super::{CenterlineError, Graph, NOWHERE, Sampler};
+use super::tree::{Tree, grow};
+use super::{CenterlineError, Graph, NOWHERE, Routes, Sampler};
 use crate::geometry::Centerline;
 use crate::lumen::Lumen;
 
@@ -69,16 +72,19 @@ pub fn centerline(
     let d = Sampler { lumen, field: distance };
     let f = Sampler { lumen, field: smooth };
     let builder = Builder { graph: &graph, d, f };
-    let (from, to) = builder.ends(options.ends)?;
-    let (mut tree, mut unreachable) = builder.tree((from, to), options.tree)?;
+    let trunk = builder.trunk(options)?;
+    let unreachable = graph.len() - trunk.lengths.order.len();
+    let mut twigs = grow(&builder, &trunk);
     if options.tree && options.ends == Ends::default() {
         // The longest path may join two twigs; the trunk then is a tip with more room.
-        let room = |e: &End| builder.f.at(e.point);
-        let widest = tree.tips().iter().copied().max_by(|a, b| room(a).total_cmp(&room(b)));
-        if let Some(root) = widest.filter(|tip| room(tip) > MORE_ROOM * room(&from)) {
-            (tree, unreachable) = builder.tree((root, builder.far(root.node)), true)?;
+        let room = |e: &End| f.at(e.point);
+        let tips = twigs.iter().map(|t| t.ends.1);
+        let widest = tips.max_by(|a, b| room(a).total_cmp(&room(b)));
+        if let Some(root) = widest.filter(|tip| room(tip) > MORE_ROOM * room(&trunk.from)) {
+            twigs = grow(&builder, &builder.trunk_from(root, None, true)?);
         }
     }
+    let tree = Tree::new(builder, &twigs);
     Ok(Routed { line: tree.finish(), proof: tree.proof, unreachable })
 }
 
@@ -91,6 +97,32 @@ pub(super) struct End {
     pub point: DVec3,
     /// Given by the user: the curve meets it exactly.
     pub given: bool,
+}
+
+/// The path between two ends and what was found on the way to it.
+pub(super) struct Trunk {
+    pub from: End,
+    pub to: End,
+    /// From the first end.
+    pub lengths: Routes,
+    /// The route between the ends.
+    pub nodes: Vec<u32>,
+    /// Central routes from the first end, of a tree.
+    pub all: Option<Routes>,
+}
+
+impl Trunk {
+    fn new(
+        from: End,
+        to: End,
+        lengths: Routes,
+        (nodes, all): (Vec<u32>, Option<Routes>),
+    ) -> Result<Self, CenterlineError> {
+        if nodes.is_empty() {
+            return Err(CenterlineError::Unreachable);
+        }
+        Ok(Self { from, to, lengths, nodes, all })
+    }
 }
 
 /// What curves are built from: the graph, the exact distance, the smoothed one.
@@ -116,7 +148,7 @@ impl Builder<'_> {
         };
         let node = node.ok_or_else(|| {
             let near = |n: u32| (self.graph.voxel(n).as_dvec3() - v) * grid.spacing_mm;
-            let nearest = (0..self.graph.len() as u32).map(|n| near(n).length());
+            let nearest = self.graph.nodes().map(|n| near(n).length());
             CenterlineError::OutsideLumen {
                 which,
                 at,
@@ -126,68 +158,95 @@ impl Builder<'_> {
         Ok(End { node, point: v * grid.spacing_mm, given: true })
     }
 
-    fn ends(&self, ends: Ends) -> Result<(End, End), CenterlineError> {
-        let from = ends.from.map(|p| self.given("--from", p)).transpose()?;
-        let to = ends.to.map(|p| self.given("--to", p)).transpose()?;
-        Ok(match (from, to) {
-            (Some(a), Some(b)) => (a, b),
-            (Some(a), None) => (a, self.far(a.node)),
-            (None, Some(b)) => (self.far(b.node), b),
-            (None, None) => {
-                let deepest = (0..self.graph.len() as u32)
-                    .max_by(|&a, &b| self.depth(a).total_cmp(&self.depth(b)).then(b.cmp(&a)));
-                let a = self.far(deepest.unwrap_or(0));
-                let from_a = self.graph.by_length(&[a.node]);
-                let b = self.capped(from_a.farthest().unwrap_or(a.node));
-                let from_b = self.graph.by_length(&[b.node]);
-                // The end with more room is the root: trachea, aorta, rectum.
-                let room = |e: &End| self.f.at(e.point);
-                let (a, b) = if room(&b) > MORE_ROOM * room(&a) { (b, a) } else { (a, b) };
-                // Both may be twigs. The trunk then is the tip farthest off the way between them.
-                let detour = |n: &u32| {
-                    let n = *n as usize;
-                    u64::from(from_a.cost[n].min(NOWHERE / 2))
-                        + u64::from(from_b.cost[n].min(NOWHERE / 2))
-                };
-                let off = from_a.order.iter().copied().max_by_key(|n| (detour(n), u32::MAX - n));
-                match off.map(|n| self.capped(n)) {
-                    Some(trunk) if room(&trunk) > TRUNK_ROOM * room(&a) => {
-                        (trunk, self.far(trunk.node))
-                    }
-                    _ => (a, b),
-                }
+    /// Finds the ends and the route that joins them.
+    fn trunk(&self, options: RouteOptions) -> Result<Trunk, CenterlineError> {
+        let from = options.ends.from.map(|p| self.given("--from", p)).transpose()?;
+        let to = options.ends.to.map(|p| self.given("--to", p)).transpose()?;
+        match (from, to) {
+            (Some(a), to) => self.trunk_from(a, to, options.tree),
+            (None, Some(b)) => {
+                let a = self.farthest(&self.graph.by_length(&[b.node]), b.node);
+                self.trunk_from(a, Some(b), options.tree)
             }
-        })
+            (None, None) => self.trunk_between_tips(options.tree),
+        }
     }
 
-    /// The end farthest from a node.
-    fn far(&self, from: u32) -> End {
-        self.capped(self.graph.by_length(&[from]).farthest().unwrap_or(from))
+    /// From a known start to a known end, or to the one farthest away.
+    fn trunk_from(&self, from: End, to: Option<End>, tree: bool) -> Result<Trunk, CenterlineError> {
+        let lengths = self.graph.by_length(&[from.node]);
+        let to = to.unwrap_or_else(|| self.farthest(&lengths, from.node));
+        let found = self.central(from, to, (from, &lengths), tree);
+        Trunk::new(from, to, lengths, found)
     }
 
-    /// The path between two ends, or the tree that grows from the first with that path as trunk;
-    /// and how many nodes no route reaches.
-    fn tree(
+    /// Between the two tips farthest apart, or from a third with far more room.
+    fn trunk_between_tips(&self, tree: bool) -> Result<Trunk, CenterlineError> {
+        let deepest = self.deepest();
+        let a = self.farthest(&self.graph.by_length(&[deepest]), deepest);
+        let from_a = self.graph.by_length(&[a.node]);
+        let b = self.farthest(&from_a, a.node);
+        // The end with more room is the root: trachea, aorta, rectum.
+        let room = |e: &End| self.f.at(e.point);
+        let swap = room(&b) > MORE_ROOM * room(&a);
+        let (root, other) = if swap { (b, a) } else { (a, b) };
+        // Whether the second is of use shows when the first has ended; they run side by side.
+        let (from_b, found) = rayon::join(
+            || self.graph.by_length(&[b.node]),
+            || self.central(root, other, (a, &from_a), tree),
+        );
+        // Both may be twigs. The trunk then is the tip farthest off the way between them.
+        let detour = |n: u32| {
+            let n = n as usize;
+            u64::from(from_a.cost[n].min(NOWHERE / 2)) + u64::from(from_b.cost[n].min(NOWHERE / 2))
+        };
+        let nodes = from_a.order.par_iter().with_min_len(1 << 16);
+        let off = nodes.map(|n| (detour(*n), Reverse(*n))).max();
+        match off.map(|(_, Reverse(n))| self.capped(n)) {
+            Some(trunk) if room(&trunk) > TRUNK_ROOM * room(&root) => {
+                self.trunk_from(trunk, None, tree)
+            }
+            _ => Trunk::new(root, other, if swap { from_b } else { from_a }, found),
+        }
+    }
+
+    /// The central route between two ends, of a tree with all others from its root.
+    ///
+    /// * `lengths`: one of the ends, and lengths from there.
+    fn central(
         &self,
-        (from, to): (End, End),
-        grown: bool,
-    ) -> Result<(Tree<'_>, usize), CenterlineError> {
-        let routes = self.graph.by_centrality(&[from.node], self.d.field);
-        if routes.cost[to.node as usize] == NOWHERE {
-            return Err(CenterlineError::Unreachable);
+        from: End,
+        to: End,
+        (end, lengths): (End, &Routes),
+        tree: bool,
+    ) -> (Vec<u32>, Option<Routes>) {
+        if tree {
+            let all = self.graph.by_centrality(&[from.node], self.d.field);
+            return (all.path_to(self.graph, to.node), Some(all));
         }
-        let trunk = routes.path_to(to.node);
-        let mut tree = Tree::new(*self);
-        let fixed = Fixed { start: from.given, end: to.given };
-        tree.add(None, &trunk, (from, to), fixed);
-        if grown {
-            tree.grow(&routes, from.node, &trunk);
+        let back = end.node == from.node;
+        let other = if back { to.node } else { from.node };
+        let mut nodes = self.graph.central_route(other, end.node, lengths, self.d.field);
+        if back {
+            nodes.reverse();
         }
-        Ok((tree, self.graph.len() - routes.order.len()))
+        (nodes, None)
+    }
+
+    /// The node farthest from walls, of several the first.
+    fn deepest(&self) -> u32 {
+        let field = self.d.field.par_iter().enumerate().with_min_len(1 << 16);
+        // Distances are not negative: their bits are in their order.
+        field.map(|(i, d)| (d.to_bits(), Reverse(i as u32))).max().map_or(0, |(_, n)| n.0)
+    }
+
+    /// The end a search got to last.
+    fn farthest(&self, routes: &Routes, source: u32) -> End {
+        self.capped(routes.farthest().unwrap_or(source))
     }
 
     pub(super) fn depth(&self, node: u32) -> f32 {
-        self.d.field[self.graph.element(node)]
+        self.d.field[node as usize]
     }
 
     /// The centre of the cap a wall voxel lies on.

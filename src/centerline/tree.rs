@@ -1,11 +1,12 @@
 //! Trees of curves: branches found one after another, farthest tip first.
 
 use glam::{DVec3, IVec3};
+use rayon::prelude::*;
 
+use super::NOWHERE;
 use super::centre::{Fixed, arc_lengths};
 use super::prove::{Proof, safe_by_voxels};
-use super::route::{Builder, End};
-use super::{NOWHERE, Routes};
+use super::route::{Builder, End, Trunk};
 use crate::geometry::{Branch, Centerline, CenterlinePoint};
 
 /// Shortest branch of a tree that is kept, mm, unless twice the distance at its root is more.
@@ -15,135 +16,157 @@ const CLEAR_SCALE: f64 = 1.5;
 /// … plus this, mm, before the next is looked for.
 const CLEAR_MM: f64 = 3.0;
 
-/// Branches as they are found; parents come before children.
+/// A branch as a route: parents come before children.
+pub(super) struct Twig {
+    parent: Option<usize>,
+    /// From where it leaves its parent, or the root, to its tip.
+    nodes: Vec<u32>,
+    /// Where it starts and ends; a branch starts on its parent's curve instead, near the first.
+    pub ends: (End, End),
+}
+
+/// The trunk, and of a tree by TEASAR's loop the rest: the farthest voxel not yet cleared gets a
+/// branch, until none is far enough from the tree to make one.
+pub(super) fn grow(builder: &Builder<'_>, trunk: &Trunk) -> Vec<Twig> {
+    let ends = (trunk.from, trunk.to);
+    let mut twigs = vec![Twig { parent: None, nodes: trunk.nodes.clone(), ends }];
+    let Some(routes) = &trunk.all else { return twigs };
+    let graph = builder.graph;
+    let field_len = graph.lumen().bricks.field_len();
+    let mut cleared = vec![false; field_len];
+    // Branch each node of the tree belongs to.
+    let mut owner = vec![u32::MAX; field_len];
+    clear(builder, &trunk.nodes, &mut cleared);
+    trunk.nodes.iter().for_each(|n| owner[*n as usize] = 0);
+    for &tip in trunk.lengths.order.iter().rev() {
+        if cleared[tip as usize] || routes.cost[tip as usize] == NOWHERE {
+            continue;
+        }
+        let mut nodes = vec![tip];
+        let mut at = tip;
+        while owner[at as usize] == u32::MAX {
+            at = routes.parent(graph, at);
+            nodes.push(at);
+        }
+        nodes.reverse();
+        clear(builder, &nodes, &mut cleared);
+        let route: Vec<DVec3> = nodes.iter().map(|n| builder.local(*n)).collect();
+        let length = arc_lengths(&route).last().copied().unwrap_or(0.0);
+        let room = 2.0 * f64::from(builder.depth(at));
+        if length < room.max(LEAST_BRANCH_MM) || nodes.len() < 4 {
+            continue;
+        }
+        let parent = owner[at as usize] as usize;
+        let id = twigs.len() as u32;
+        nodes[1..].iter().for_each(|n| owner[*n as usize] = id);
+        let end = builder.capped(tip);
+        // The cap's centre may lie back along the branch: stop where it is passed.
+        let until = (1..nodes.len())
+            .min_by(|&i, &j| {
+                let off = |k: usize| route[k].distance_squared(end.point);
+                off(i).total_cmp(&off(j))
+            })
+            .unwrap_or(nodes.len() - 1);
+        nodes.truncate(until.max(1) + 1);
+        let start = End { node: at, point: route[0], given: false };
+        twigs.push(Twig { parent: Some(parent), nodes, ends: (start, end) });
+    }
+    twigs
+}
+
+/// Clears balls about a route: they will not start branches.
+fn clear(builder: &Builder<'_>, nodes: &[u32], cleared: &mut [bool]) {
+    let graph = builder.graph;
+    let h = builder.d.lumen.grid.spacing_mm;
+    let mut last: Option<(DVec3, f64)> = None;
+    for (i, &n) in nodes.iter().enumerate() {
+        let p = builder.local(n);
+        let r = CLEAR_SCALE * f64::from(builder.depth(n)) + CLEAR_MM;
+        // Balls overlap heavily: the next one is due when this one has moved on by a fifth.
+        let due = last.is_none_or(|(q, s)| p.distance(q) > 0.2 * s || r > 1.1 * s);
+        if !due && i + 1 < nodes.len() {
+            continue;
+        }
+        last = Some((p, r));
+        let c = graph.voxel(n);
+        let reach = (r / h).floor().as_ivec3();
+        for z in -reach.z..=reach.z {
+            for y in -reach.y..=reach.y {
+                let rest = r * r - (f64::from(z) * h.z).powi(2) - (f64::from(y) * h.y).powi(2);
+                if rest < 0.0 {
+                    continue;
+                }
+                let x = (rest.sqrt() / h.x).floor() as i32;
+                for x in -x..=x {
+                    if let Some(m) = graph.node_at(c + IVec3::new(x, y, z)) {
+                        cleared[m as usize] = true;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The curve along a route between its ends; of a branch from its parent's curve.
+fn curve(builder: &Builder<'_>, twig: &Twig, parent: Option<&Vec<DVec3>>) -> (Vec<DVec3>, Proof) {
+    let mut route: Vec<DVec3> = twig.nodes.iter().map(|n| builder.local(*n)).collect();
+    // A branch starts on its parent's curve, at the point nearest to the voxel it left.
+    let near = |p: &DVec3| p.distance_squared(route[0]);
+    let nearest = parent.and_then(|c| c.iter().min_by(|a, b| near(a).total_cmp(&near(b))).copied());
+    let (start, end) = (nearest.unwrap_or(twig.ends.0.point), twig.ends.1);
+    let fixed = match parent {
+        None => Fixed { start: twig.ends.0.given, end: end.given },
+        Some(_) => Fixed { start: true, end: false },
+    };
+    // The exact ends replace or extend the voxels they lie in.
+    let joins = |a: DVec3, b: DVec3| safe_by_voxels(a, b, builder.d.lumen);
+    if joins(start, route[0]) {
+        route.insert(0, start);
+    }
+    if joins(end.point, route[route.len() - 1]) {
+        route.push(end.point);
+    }
+    route.dedup();
+    builder.curve(&route, fixed)
+}
+
+/// Branches as curves.
 pub(super) struct Tree<'a> {
     builder: Builder<'a>,
     /// Parent and points (local mm) of each branch.
     branches: Vec<(Option<usize>, Vec<DVec3>)>,
-    /// Where each branch ends.
-    tips: Vec<End>,
     /// How all curves together were proven.
     pub proof: Proof,
 }
 
 impl<'a> Tree<'a> {
-    pub fn new(builder: Builder<'a>) -> Self {
-        Self { builder, branches: Vec::new(), tips: Vec::new(), proof: Proof::default() }
-    }
-
-    /// Where the branches end.
-    pub fn tips(&self) -> &[End] {
-        &self.tips
-    }
-
-    /// Adds the curve along a route between two ends.
-    pub fn add(&mut self, parent: Option<usize>, nodes: &[u32], ends: (End, End), fixed: Fixed) {
-        let mut route: Vec<DVec3> = nodes.iter().map(|n| self.builder.local(*n)).collect();
-        let lumen = self.builder.d.lumen;
-        // The exact ends replace or extend the voxels they lie in.
-        let joins = |a: DVec3, b: DVec3| safe_by_voxels(a, b, lumen);
-        if joins(ends.0.point, route[0]) {
-            route.insert(0, ends.0.point);
-        }
-        if joins(ends.1.point, route[route.len() - 1]) {
-            route.push(ends.1.point);
-        }
-        route.dedup();
-        let (points, proof) = self.builder.curve(&route, fixed);
-        self.proof.by_distance += proof.by_distance;
-        self.proof.by_voxels += proof.by_voxels;
-        self.proof.replaced += proof.replaced;
-        self.branches.push((parent, points));
-        self.tips.push(ends.1);
-    }
-
-    /// TEASAR's loop: the farthest voxel not yet cleared gets a branch, until none is far enough
-    /// from the tree to make one.
-    pub fn grow(&mut self, routes: &Routes, root: u32, trunk: &[u32]) {
-        let graph = self.builder.graph;
-        let mut by_length = graph.by_length(&[root]).order;
-        by_length.reverse();
-        let mut cleared = vec![false; graph.len()];
-        // Branch each node of the tree belongs to.
-        let mut owner = vec![u32::MAX; graph.len()];
-        self.clear(trunk, &mut cleared);
-        trunk.iter().for_each(|n| owner[*n as usize] = 0);
-        for tip in by_length {
-            if cleared[tip as usize] || routes.cost[tip as usize] == NOWHERE {
-                continue;
-            }
-            let mut nodes = vec![tip];
-            let mut at = tip;
-            while owner[at as usize] == u32::MAX {
-                at = routes.parent[at as usize];
-                nodes.push(at);
-            }
-            nodes.reverse();
-            self.clear(&nodes, &mut cleared);
-            let route: Vec<DVec3> = nodes.iter().map(|n| self.builder.local(*n)).collect();
-            let length = arc_lengths(&route).last().copied().unwrap_or(0.0);
-            let room = 2.0 * f64::from(self.builder.depth(at));
-            if length < room.max(LEAST_BRANCH_MM) || nodes.len() < 4 {
-                continue;
-            }
-            let parent = owner[at as usize] as usize;
-            let id = self.branches.len() as u32;
-            nodes[1..].iter().for_each(|n| owner[*n as usize] = id);
-            // The branch starts on its parent's curve, at the point nearest to the voxel it left.
-            let start = self.branches[parent]
-                .1
-                .iter()
-                .copied()
-                .min_by(|a, b| {
-                    a.distance_squared(route[0]).total_cmp(&b.distance_squared(route[0]))
-                })
-                .unwrap_or(route[0]);
-            let end = self.builder.capped(tip);
-            // The cap's centre may lie back along the branch: stop where it is passed.
-            let until = (1..nodes.len())
-                .min_by(|&i, &j| {
-                    route[i]
-                        .distance_squared(end.point)
-                        .total_cmp(&route[j].distance_squared(end.point))
-                })
-                .unwrap_or(nodes.len() - 1);
-            let nodes = &nodes[..=until.max(1)];
-            let start = End { node: at, point: start, given: false };
-            self.add(Some(parent), nodes, (start, end), Fixed { start: true, end: false });
-        }
-    }
-
-    /// Clears balls about a route: they will not start branches.
-    fn clear(&self, nodes: &[u32], cleared: &mut [bool]) {
-        let graph = self.builder.graph;
-        let h = self.builder.d.lumen.grid.spacing_mm;
-        let mut last: Option<(DVec3, f64)> = None;
-        for (i, &n) in nodes.iter().enumerate() {
-            let p = self.builder.local(n);
-            let r = CLEAR_SCALE * f64::from(self.builder.depth(n)) + CLEAR_MM;
-            // Balls overlap heavily: the next one is due when this one has moved on by a fifth.
-            let due = last.is_none_or(|(q, s)| p.distance(q) > 0.2 * s || r > 1.1 * s);
-            if !due && i + 1 < nodes.len() {
-                continue;
-            }
-            last = Some((p, r));
-            let c = graph.voxel(n);
-            let reach = (r / h).floor().as_ivec3();
-            for z in -reach.z..=reach.z {
-                for y in -reach.y..=reach.y {
-                    let rest = r * r - (f64::from(z) * h.z).powi(2) - (f64::from(y) * h.y).powi(2);
-                    if rest < 0.0 {
-                        continue;
+    /// Curves along all routes: those whose parents have theirs side by side.
+    pub fn new(builder: Builder<'a>, twigs: &[Twig]) -> Self {
+        let mut curves: Vec<Option<(Vec<DVec3>, Proof)>> = twigs.iter().map(|_| None).collect();
+        loop {
+            let made: Vec<(usize, (Vec<DVec3>, Proof))> = (0..twigs.len())
+                .into_par_iter()
+                .filter(|&i| curves[i].is_none())
+                .filter_map(|i| match twigs[i].parent {
+                    None => Some((i, curve(&builder, &twigs[i], None))),
+                    Some(p) => {
+                        curves[p].as_ref().map(|up| (i, curve(&builder, &twigs[i], Some(&up.0))))
                     }
-                    let x = (rest.sqrt() / h.x).floor() as i32;
-                    for x in -x..=x {
-                        if let Some(m) = graph.node_at(c + IVec3::new(x, y, z)) {
-                            cleared[m as usize] = true;
-                        }
-                    }
-                }
+                })
+                .collect();
+            if made.is_empty() {
+                break;
             }
+            made.into_iter().for_each(|(i, c)| curves[i] = Some(c));
         }
+        let mut tree = Self { builder, branches: Vec::new(), proof: Proof::default() };
+        for (twig, (points, proof)) in twigs.iter().zip(curves.into_iter().flatten()) {
+            tree.proof.by_distance += proof.by_distance;
+            tree.proof.by_voxels += proof.by_voxels;
+            tree.proof.replaced += proof.replaced;
+            tree.branches.push((twig.parent, points));
+        }
+        tree
     }
 
     /// The branches in patient space.
