@@ -9,7 +9,8 @@ import numpy as np
 
 NRRD_TYPES = {"uint8": "u1", "int16": "<i2", "uint16": "<u2", "float": "<f4", "double": "<f8"}
 NRRD_ALIASES = {"unsigned char": "uint8", "short": "int16", "unsigned short": "uint16"}
-PLY_TYPES = {"float": "<f4", "double": "<f8", "uchar": "u1", "int": "<i4", "uint": "<u4", "short": "<i2", "ushort": "<u2"}
+PLY_TYPES = {"float": "<f4", "double": "<f8", "uchar": "u1", "short": "<i2", "ushort": "<u2", "int": "<i4",
+             "uint": "<u4"}
 
 
 def write_nrrd(path, array, spacing):

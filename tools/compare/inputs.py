@@ -111,31 +111,19 @@ def _volume(case):
 
 def _mesh(case):
     import numpy as np
-    import vtk
 
     import phantoms
     from formats import write_ply
-    from peers.meshes import from_poly, image
+    from peers.meshes import PLAIN, apply, from_poly, image
     kind, step, keep = MESHES[case.name]
     box = [127.5] * 3
     phantom = phantoms.make(kind, box)
     dims = tuple(int(np.ceil(b / step)) + 1 for b in box)
     values = np.clip(phantoms.sample(phantom, dims, [step] * 3), -4 * step, 4 * step)
-    edges = vtk.vtkFlyingEdges3D()
-    edges.SetInputData(image(values, [step] * 3))
-    edges.SetValue(0, 0.0)
-    edges.ComputeNormalsOff()
-    edges.ComputeScalarsOff()
-    clean = vtk.vtkCleanPolyData()  # merges the corners of faces without area, so that the mesh is closed
-    clean.SetTolerance(0)
-    clean.ConvertPolysToLinesOff()
-    clean.SetInputConnection(edges.GetOutputPort())
-    whole = vtk.vtkTriangleFilter()
-    whole.PassLinesOff()
-    whole.PassVertsOff()
-    whole.SetInputConnection(clean.GetOutputPort())
-    whole.Update()
-    vertices, faces, _ = from_poly(whole.GetOutput())
+    wall = apply("FlyingEdges3D", image(values, [step] * 3), SetValue=(0, 0.0), **PLAIN)
+    # Merges the corners of faces without area, so that the mesh is closed.
+    wall = apply("CleanPolyData", wall, SetTolerance=(0,), ConvertPolysToLinesOff=())
+    vertices, faces, _ = from_poly(apply("TriangleFilter", wall, PassLinesOff=(), PassVertsOff=()))
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     if np.einsum("ij,ij->i", np.cross(b - a, c - a), phantom.slope(a)).sum() < 0:
         faces = faces[:, ::-1]

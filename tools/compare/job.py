@@ -67,7 +67,7 @@ def main(stage, peer, folder, name, output):
         if first or took >= SLOW_S:
             times.append(took)
         first = first or took
-    found = {"times": times, "peak_mb": peak_mb(), "before_mb": before, "also": getattr(call, "also", {})}
+    found = {"times": times, "peak_mb": peak_mb(), "also": {"before_mb": before, **getattr(call, "also", {})}}
     if output != "-":
         save(output, finish(result))
     print("\n" + json.dumps(found), flush=True)

@@ -25,12 +25,12 @@ def machine(intima):
     system = [line.split("=", 1)[1].strip('"') for line in _lines("/etc/os-release") if line.startswith("PRETTY_NAME")]
     devices = json.loads(said(str(intima), "devices", "--json") or "[]")
     memory = [int(line.split()[1]) // 1000 for line in _lines("/proc/meminfo") if line.startswith("MemTotal")]
-    here = Path(__file__).resolve().parent
+    commit = said("git", "-C", str(Path(__file__).resolve().parent), "rev-parse", "--short", "HEAD")
     return {"date": datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC"),
             "cpu": (cpu or [platform.processor() or platform.machine()])[0], "cores": os.cpu_count(),
             "memory_mb": (memory or [None])[0], "os": (system or [platform.platform()])[0],
             "vulkan": [d["name"] for d in devices], "python": platform.python_version(),
-            "intima": said(str(intima), "--version"), "commit": said("git", "-C", str(here), "rev-parse", "--short", "HEAD"),
+            "intima": said(str(intima), "--version"), "commit": commit,
             "load_start": os.getloadavg()[0]}
 
 
@@ -52,7 +52,7 @@ def number(value):
 
 def line(row):
     """A row while it is measured."""
-    shown = {k: v for k, v in row.items() if k not in ("stage", "case", "program", "ours", "stages", "before_mb")}
+    shown = {k: v for k, v in row.items() if k not in ("stage", "case", "program", "ours", "stages_ms", "before_mb")}
     found = row.get("error") or "  ".join(f"{k} {number(v)}" for k, v in shown.items())
     return f"{row['case']:<14} {row['program']:<32} {found}"
 
@@ -86,8 +86,8 @@ def setting(results):
 def table(results):
     """Everything, stage by stage, as Markdown."""
     out = ["# How intima compares", "", setting(results), "",
-           "Seconds are medians over the rounds; `n` counts timed calls; `÷ intima` is a program's time over that of the "
-           "first row of intima. Peaks are of the whole process: for peers that is Python and libraries too. Input in "
+           "Seconds are medians over the rounds; `n` counts timed calls; `÷ intima` is a time over that of "
+           "the first row of intima. Peaks are of the whole process: for peers that is Python and libraries too. Input in "
            "memory to output in memory, unless said.", ""]
     last = None
     for stage, case, rows, ours in groups(results):
@@ -169,7 +169,8 @@ def short(results):
         best = min(scored, key=lambda r: (r[key] if better == "less" else -r[key], r["median_s"]), default=None)
         last = "" if best is None else "the same" if best is fastest else cell(best)
         mine = next(r for r in good if r["ours"])
-        out.append(f"| {STAGES[stage].title} | {case_name(case)} | {head} | {cell(mine, False)} | {cell(fastest)} | {last} |")
+        cells = [STAGES[stage].title, case_name(case), head, cell(mine, False), cell(fastest), last]
+        out.append(f"| {' | '.join(cells)} |")
     return "\n".join(out) + "\n"
 
 

@@ -22,7 +22,7 @@ def main(folder, name, out, frames, size):
 
     from inputs import Case
     from job import peak_mb
-    from peers.meshes import image, threads
+    from peers.meshes import apply, image, threads
     threads()
     case, out, (width, height) = Case(Path(folder), name), Path(out), map(int, size.split("x"))
     (out / "frames").mkdir(parents=True, exist_ok=True)
@@ -33,21 +33,13 @@ def main(folder, name, out, frames, size):
     grown = sitk.ConnectedThreshold(sitk.GetImageFromArray(grey), [case.voxel("start")], -3000, hu, 1)
     mask = sitk.GetArrayFromImage(grown)
     # wall: what is not lumen is lifted above the threshold, so that only the lumen is contoured
-    edges, smooth, fewer = vtk.vtkFlyingEdges3D(), vtk.vtkWindowedSincPolyDataFilter(), vtk.vtkQuadricDecimation()
-    edges.SetInputData(image(np.where(mask > 0, grey, np.maximum(grey, hu + 55)), spacing))
-    edges.SetValue(0, hu)
-    edges.ComputeNormalsOff()
-    smooth.SetInputConnection(edges.GetOutputPort())
-    smooth.SetNumberOfIterations(20)
-    smooth.SetPassBand(0.01)
-    smooth.NormalizeCoordinatesOn()
-    fewer.SetInputConnection(smooth.GetOutputPort())
-    fewer.SetTargetReduction(0.9)  # a tenth of the faces draws faster than it takes to get there
-    normals = vtk.vtkPolyDataNormals()
-    normals.SetInputConnection(fewer.GetOutputPort())
-    normals.SplittingOff()
-    normals.AutoOrientNormalsOn()
-    normals.Update()
+    lifted = np.where(mask > 0, grey, np.maximum(grey, hu + 55))
+    wall = apply("FlyingEdges3D", image(lifted, spacing), SetValue=(0, hu), ComputeNormalsOff=())
+    wall = apply("WindowedSincPolyDataFilter", wall, SetNumberOfIterations=(20,), SetPassBand=(0.01,),
+                 NormalizeCoordinatesOn=())
+    # A tenth of the faces draws faster than it takes to get there.
+    wall = apply("QuadricDecimation", wall, SetTargetReduction=(0.9,))
+    wall = apply("PolyDataNormals", wall, SplittingOff=(), AutoOrientNormalsOn=())
     # centerline
     distance = edt.edt(mask.view(bool), anisotropy=tuple(spacing[::-1]), black_border=False, parallel=os.cpu_count())
     cost = np.where(distance > 0, 1e5 * (1 - distance / (1.01 * distance.max())) ** 4 + 1e-2, np.inf)
@@ -61,7 +53,7 @@ def main(folder, name, out, frames, size):
     # flight
     mapper, actor, renderer, window = (vtk.vtkPolyDataMapper(), vtk.vtkActor(), vtk.vtkRenderer(),
                                        vtk.vtkRenderWindow())
-    mapper.SetInputConnection(normals.GetOutputPort())
+    mapper.SetInputData(wall)
     actor.SetMapper(mapper)
     actor.GetProperty().SetColor(0.93, 0.62, 0.55)
     renderer.AddActor(actor)

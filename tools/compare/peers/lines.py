@@ -44,34 +44,19 @@ def skimage_path(case):
 
 def _vmtk_surface(case):
     """-> a closed surface of at most VMTK_FACES faces with normals outwards, and the seconds it took."""
-    import vtk
-
-    from peers.meshes import image, threads
+    from peers.meshes import apply, image, threads
     threads()
     began = time.perf_counter()
-    mask, spacing = case.volume("mask")
-    with_ct = case.path("ct.nrrd").exists()
-    array, level = (case.volume("ct")[0], case.about()["hu"]) if with_ct else (mask, 0.5)
-    steps = [vtk.vtkFlyingEdges3D(), vtk.vtkCleanPolyData(), vtk.vtkPolyDataConnectivityFilter(),
-             vtk.vtkTriangleFilter()]
-    steps[0].SetInputData(image(array, spacing))
-    steps[0].SetValue(0, level)
-    steps[0].ComputeNormalsOff()
-    steps[1].ConvertPolysToLinesOff()
-    steps[2].SetExtractionModeToLargestRegion()
-    steps[3].PassLinesOff()
-    steps[3].PassVertsOff()
-    for before, after in zip(steps, steps[1:]):
-        after.SetInputConnection(before.GetOutputPort())
-    steps[3].Update()
-    fewer, normals = vtk.vtkQuadricDecimation(), vtk.vtkPolyDataNormals()
-    fewer.SetInputData(steps[3].GetOutput())
-    fewer.SetTargetReduction(max(0.0, 1 - VMTK_FACES / steps[3].GetOutput().GetNumberOfCells()))
-    normals.SetInputConnection(fewer.GetOutputPort())
-    normals.SplittingOff()
-    normals.AutoOrientNormalsOn()
-    normals.Update()
-    return normals.GetOutput(), time.perf_counter() - began
+    of = "ct" if case.path("ct.nrrd").exists() else "mask"
+    wall = apply("FlyingEdges3D", image(*case.volume(of)), ComputeNormalsOff=(),
+                 SetValue=(0, 0.5 if of == "mask" else case.about()["hu"]))
+    wall = apply("CleanPolyData", wall, ConvertPolysToLinesOff=())
+    wall = apply("PolyDataConnectivityFilter", wall, SetExtractionModeToLargestRegion=())
+    wall = apply("TriangleFilter", wall, PassLinesOff=(), PassVertsOff=())
+    share = max(0.0, 1 - VMTK_FACES / wall.GetNumberOfCells())
+    wall = apply("QuadricDecimation", wall, SetTargetReduction=(share,))
+    wall = apply("PolyDataNormals", wall, SplittingOff=(), AutoOrientNormalsOn=())
+    return wall, time.perf_counter() - began
 
 
 def _cells(poly):
@@ -108,21 +93,19 @@ def vmtk_network(case):
     """The whole network from a hole cut at the start; of it, the way from start to end."""
     import vtk
     from vmtk import vmtkscripts
+
+    from peers.meshes import apply
     about = case.about()
     start, end = np.array(about["start_mm"]), np.array(about["end_mm"])
-    hole, cut, largest = vtk.vtkSphere(), vtk.vtkClipPolyData(), vtk.vtkPolyDataConnectivityFilter()
+    hole, (surface, mesh_s) = vtk.vtkSphere(), _vmtk_surface(case)
     hole.SetCenter(start - 0.9 * about["start_radius_mm"] * np.array(about["inwards"]))
     hole.SetRadius(0.75 * about["start_radius_mm"])
-    surface, mesh_s = _vmtk_surface(case)
-    cut.SetInputData(surface)
-    cut.SetClipFunction(hole)
-    largest.SetInputConnection(cut.GetOutputPort())
-    largest.SetExtractionModeToLargestRegion()
-    largest.Update()
+    opened = apply("PolyDataConnectivityFilter", apply("ClipPolyData", surface, SetClipFunction=(hole,)),
+                   SetExtractionModeToLargestRegion=())
 
     def call():
         f = vmtkscripts.vmtkNetworkExtraction()
-        f.Surface, f.AdvancementRatio, f.LogOn = largest.GetOutput(), 1.05, 0
+        f.Surface, f.AdvancementRatio, f.LogOn = opened, 1.05, 0
         f.Execute()
         return f.Network
     call.also = {"mesh_s": mesh_s}

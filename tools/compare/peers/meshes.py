@@ -16,6 +16,16 @@ def threads():
     vtk.vtkSMPTools.SetBackend("STDThread")
 
 
+def apply(name, data, **settings):
+    """The output of the filter vtkNAME for `data`, after each method in `settings` with its arguments."""
+    f = getattr(vtk, f"vtk{name}")()
+    f.SetInputData(data)
+    for method, given in settings.items():
+        getattr(f, method)(*given)
+    f.Update()
+    return f.GetOutput()
+
+
 def image(array, spacing):
     """[z, y, x] as vtkImageData, sharing memory."""
     out = vtk.vtkImageData()
@@ -53,21 +63,14 @@ def _source(case, of):
     return array, spacing, 0.5 if of == "mask" else case.about()["hu"]
 
 
+PLAIN = {"ComputeScalarsOff": (), "ComputeGradientsOff": (), "ComputeNormalsOff": ()}
+
+
 def flying_edges(case, of):
     threads()
     array, spacing, level = _source(case, of)
     volume = image(array, spacing)
-
-    def call():
-        f = vtk.vtkFlyingEdges3D()
-        f.SetInputData(volume)
-        f.SetValue(0, level)
-        f.ComputeScalarsOff()
-        f.ComputeGradientsOff()
-        f.ComputeNormalsOff()
-        f.Update()
-        return f.GetOutput()
-    return call
+    return lambda: apply("FlyingEdges3D", volume, SetValue=(0, level), **PLAIN)
 
 
 def discrete_flying_edges(case, of):
@@ -75,17 +78,7 @@ def discrete_flying_edges(case, of):
     threads()
     array, spacing, level = _source(case, of)
     volume = image(array if of == "mask" else (array <= level).astype(np.uint8), spacing)
-
-    def call():
-        f = vtk.vtkDiscreteFlyingEdges3D()
-        f.SetInputData(volume)
-        f.SetValue(0, 1)
-        f.ComputeScalarsOff()
-        f.ComputeGradientsOff()
-        f.ComputeNormalsOff()
-        f.Update()
-        return f.GetOutput()
-    return call
+    return lambda: apply("DiscreteFlyingEdges3D", volume, SetValue=(0, 1), **PLAIN)
 
 
 def skimage_cubes(case, of):
@@ -98,18 +91,11 @@ def skimage_cubes(case, of):
 
 def staircase(case):
     """The mesh whose normals are wanted: VTK's, of the mask."""
-    call = discrete_flying_edges(case, "mask")
-    return call()
+    return discrete_flying_edges(case, "mask")()
 
 
 def _point_normals(poly):
-    f = vtk.vtkPolyDataNormals()
-    f.SetInputData(poly)
-    f.SplittingOff()
-    f.ConsistencyOff()
-    f.AutoOrientNormalsOff()
-    f.Update()
-    return f.GetOutput()
+    return apply("PolyDataNormals", poly, SplittingOff=(), ConsistencyOff=(), AutoOrientNormalsOff=())
 
 
 def plain_normals(case):
@@ -122,16 +108,11 @@ def laplacian_normals(case):
     poly = staircase(case)
 
     def call():
-        f = vtk.vtkSmoothPolyDataFilter()
-        f.SetInputData(poly)
-        f.SetNumberOfIterations(20)
-        f.SetRelaxationFactor(0.3)
-        f.BoundarySmoothingOff()
-        f.FeatureEdgeSmoothingOff()
-        f.Update()
+        smooth = apply("SmoothPolyDataFilter", poly, SetNumberOfIterations=(20,), SetRelaxationFactor=(0.3,),
+                       BoundarySmoothingOff=(), FeatureEdgeSmoothingOff=())
         out = vtk.vtkPolyData()
         out.ShallowCopy(poly)
-        out.GetPointData().SetNormals(_point_normals(f.GetOutput()).GetPointData().GetNormals())
+        out.GetPointData().SetNormals(_point_normals(smooth).GetPointData().GetNormals())
         return out
     return call
 
@@ -140,17 +121,9 @@ def constrained_smoothing(case):
     """Moves vertices, by three quarters of a voxel at most."""
     threads()
     poly, reach = staircase(case), 0.75 * max(case.about()["spacing"])
-
-    def call():
-        f = vtk.vtkConstrainedSmoothingFilter()
-        f.SetInputData(poly)
-        f.SetConstraintStrategyToConstraintDistance()
-        f.SetConstraintDistance(reach)
-        f.SetNumberOfIterations(30)
-        f.SetRelaxationFactor(0.3)
-        f.Update()
-        return _point_normals(f.GetOutput())
-    return call
+    return lambda: _point_normals(apply(
+        "ConstrainedSmoothingFilter", poly, SetConstraintStrategyToConstraintDistance=(),
+        SetConstraintDistance=(reach,), SetNumberOfIterations=(30,), SetRelaxationFactor=(0.3,)))
 
 
 def gradient_normals(case):
@@ -172,20 +145,10 @@ def vtk_quadric(case):
     """Normals are part of the error, and come out."""
     threads()
     mesh, keep = case.mesh(), case.about()["keep"]
-    poly = to_poly(mesh)
-
-    def call():
-        f = vtk.vtkQuadricDecimation()
-        f.SetInputData(poly)
-        f.SetTargetReduction(1 - keep / len(mesh[1]))
-        f.AttributeErrorMetricOn()
-        for other in (f.ScalarsAttributeOff, f.VectorsAttributeOff, f.TCoordsAttributeOff, f.TensorsAttributeOff):
-            other()
-        f.NormalsAttributeOn()
-        f.SetNormalsWeight(0.5)
-        f.Update()
-        return f.GetOutput()
-    return call
+    poly, share = to_poly(mesh), 1 - keep / len(mesh[1])
+    others = {f"{kind}AttributeOff": () for kind in ("Scalars", "Vectors", "TCoords", "Tensors")}
+    return lambda: apply("QuadricDecimation", poly, SetTargetReduction=(share,), AttributeErrorMetricOn=(),
+                         NormalsAttributeOn=(), SetNormalsWeight=(0.5,), **others)
 
 
 def meshoptimizer(case):
