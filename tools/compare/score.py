@@ -172,7 +172,7 @@ def line(case, points):
     found["turn"] = float(np.degrees(np.arccos(np.clip((way[1:] * way[:-1]).sum(1), -1, 1))).mean())
     phantom = case.phantom()
     if phantom:
-        axis = resample(phantom.axis, 0.25 * spacing.min())
+        axis = resample(phantom.axis, 0.02 * spacing.min())  # so fine that its nearest sample is its nearest point
         off, foot = cKDTree(axis).query(fine)
         inner = (foot > 0) & (foot < len(axis) - 1)
         gap, _ = cKDTree(fine).query(axis)

@@ -146,9 +146,9 @@ STAGES = {
         "normals", [*NORMALS, LUMEN]),
     "centerline": Stage(
         "centerline of a mask, between two points",
-        "Distance and path. VMTK works on a mesh of 20,000 faces of the CT, made off the clock (last column), and its "
-        "network covers all branches. Clearance is the distance to the wall over the best in the "
-        "section across.",
+        "Distance and path. VMTK works on a mesh of 20,000 faces of the CT, made off the clock (last column, counted "
+        "in the ratio), and its network covers all branches. Clearance is the distance to the wall over the best in "
+        "the section across.",
         ["colon_128", "y_128"], ["colon_256", "helix_256", "tube_256", "y_256", "colon_ct"],
         {"intima centerline": (_to("csv", lambda c: [
             "centerline", *_mask(c), "--from", _mm(c, "start"), "--to", _mm(c, "end")]), _mask)},
