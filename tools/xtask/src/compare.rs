@@ -28,7 +28,7 @@ pub fn compare(args: &[&str]) -> Result<(), Stop> {
         return Ok(());
     }
     let (python, rest) = split(args)?;
-    if let Err(Stop::NoDevice(why)) = setup(For::Running) {
+    if let Err(Stop::NoDevice(why) | Stop::Failed(why)) = setup(For::Running) {
         eprintln!("the flight will be missing from the comparison: {why}");
     }
     loudly(&mut cargo(&["build", "--release", "--locked"]))?;
@@ -114,6 +114,23 @@ mod tests {
         for file in [SCRIPT, WANTED] {
             assert!(root().join(file).is_file(), "{file}");
         }
+    }
+
+    #[test]
+    fn every_peer_is_pinned() {
+        let text = std::fs::read_to_string(root().join(WANTED)).unwrap();
+        let mut lines = text.lines().filter(|l| !l.starts_with('#')).peekable();
+        assert!(lines.peek().is_some());
+        lines.for_each(|l| assert!(l.contains("=="), "{l}"));
+    }
+
+    #[test]
+    fn the_readme_has_a_place_for_the_table() {
+        let script = std::fs::read_to_string(root().join("tools/compare/report.py")).unwrap();
+        let marks = script.lines().find_map(|l| l.strip_prefix("MARKS = ")).unwrap();
+        let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
+        let found: Vec<_> = marks.split('"').skip(1).step_by(2).map(|m| readme.find(m)).collect();
+        assert!(found.len() == 2 && found[0].is_some() && found[0] < found[1], "{found:?}");
     }
 
     #[test]
