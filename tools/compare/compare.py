@@ -177,8 +177,8 @@ def measure(args, key, name):
             except Exception as e:  # whatever a program leaves, it is one row and not the end
                 row["error"] = f"its output could not be scored: {type(e).__name__}: {e}"
     for row, _, rounds in turns:
-        if rounds:
-            row.update(summary(rounds))
+        row.update(summary(rounds) if rounds else {})
+    for row in rows:
         print(report.line(row), flush=True)
     return rows
 
