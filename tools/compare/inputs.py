@@ -115,6 +115,7 @@ def _mesh(case):
     import phantoms
     from formats import write_ply
     from peers.meshes import PLAIN, apply, from_poly, image
+    from score import weighted_normals
     kind, step, keep = MESHES[case.name]
     box = [127.5] * 3
     phantom = phantoms.make(kind, box)
@@ -127,7 +128,10 @@ def _mesh(case):
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     if np.einsum("ij,ij->i", np.cross(b - a, c - a), phantom.slope(a)).sum() < 0:
         faces = faces[:, ::-1]
-    write_ply(case.path("ply"), (vertices, faces, phantom.normal(vertices)))
+    normals, own = phantom.normal(vertices), weighted_normals(vertices, faces)
+    crease = (normals * own).sum(1) < 0.87  # 30 degrees apart: the formula has an edge there, and no gradient
+    normals[crease] = own[crease]
+    write_ply(case.path("ply"), (vertices, faces, normals))
     return {"kind": kind, "box": box, "keep": keep, "faces": len(faces)}
 
 

@@ -115,7 +115,7 @@ def normals(case, mesh):
     return {**_angles(angle), **_wall(case, vertices[used])}
 
 
-def _weighted_normals(vertices, faces):
+def weighted_normals(vertices, faces):
     """Face normals summed at the vertices by the angle there."""
     corners = [vertices[faces[:, k]] for k in range(3)]
     face, sums = _unit(np.cross(corners[1] - corners[0], corners[2] - corners[0])), np.zeros_like(vertices)
@@ -128,13 +128,18 @@ def _weighted_normals(vertices, faces):
 
 
 def _spread(vertices, faces, seed):
-    """Points spread evenly over a mesh."""
+    """Points spread evenly over a mesh: faces, and barycentric coordinates in them."""
     random = np.random.default_rng(seed)
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     area = np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1))
     face = np.searchsorted(area / area[-1], random.random(SAMPLES)).clip(0, len(faces) - 1)
     u, v = np.sqrt(random.random((SAMPLES, 1))), random.random((SAMPLES, 1))
-    return (1 - u) * a[face] + u * (1 - v) * b[face] + u * v * c[face]
+    return face, np.hstack([1 - u, u * (1 - v), u * v])
+
+
+def _at(values, faces, face, share):
+    """What the corners' values are in between."""
+    return (values[faces[face]] * share[..., None]).sum(1)
 
 
 def _nearest(points, vertices, faces):
@@ -150,15 +155,17 @@ def _nearest(points, vertices, faces):
 
 
 def simplified(case, mesh):
+    """Against the input and its normals, which are the formula's."""
     vertices, faces, given = mesh
     vertices, source = np.asarray(vertices, float), case.mesh()
-    given = _weighted_normals(vertices, faces) if given is None else given
-    points, own = _spread(*source[:2], SEED), _spread(vertices, faces, SEED + 1)
+    given = weighted_normals(vertices, faces) if given is None else given
+    spread, own = _spread(*source[:2], SEED), _spread(vertices, faces, SEED + 1)
+    points, truth = (_at(values, source[1], *spread) for values in (source[0], source[2]))
     there, face, share = _nearest(points, vertices, faces)
-    back, _, _ = _nearest(np.concatenate([own, vertices[np.unique(faces)]]), *source[:2])
-    shaded = (given[faces[face]] * share[..., None]).sum(1)
+    back, _, _ = _nearest(np.concatenate([_at(vertices, faces, *own), vertices[np.unique(faces)]]), *source[:2])
+    shaded = _at(given, faces, face, share)
     both = 0.5 * ((there ** 2).mean() + (back ** 2).mean())
-    return {**_topology(vertices, faces), **_angles(_degrees(shaded, case.phantom().normal(points))),
+    return {**_topology(vertices, faces), **_angles(_degrees(shaded, truth)),
             "rms_mm": float(np.sqrt(both)), "max_mm": float(max(there.max(), back.max()))}
 
 

@@ -170,7 +170,7 @@ STAGES = {
     "simplify": Stage(
         "simplification",
         "To a given number of faces. Distances both ways between the input and the result; normals against the "
-        "formula's, with those the program writes, or angle-weighted ones where it writes none.",
+        "input's, with those the program writes, or angle-weighted ones where it writes none.",
         ["vessel_20k"], ["vessel_143k", "trachea_96k", "colon_1m"],
         {"intima simplify": (_simplify(), None), "intima simplify --relocate": (_simplify("--relocate"), None)},
         {"meshoptimizer": ("meshoptimizer", "meshes:meshoptimizer"),
