@@ -3,6 +3,7 @@
 //! Standard library only, so that a clean clone gets to the first useful message in seconds.
 
 mod check;
+mod compare;
 mod demo;
 mod golden;
 mod run;
@@ -21,6 +22,8 @@ usage: cargo xtask TASK
   check          what needs no device: format, lints, docs, and the rules of the house
   check --rules  the rules of the house alone
   bless          write the golden frames anew; then look at them
+  compare        intima beside other programs: times, memory, accuracy, in out/compare/
+                 (`compare --help` has the flags, tools/compare/README.md the rest)
   setup          install a Vulkan loader and driver where none answer
   setup --test   the same, and what the tests need beside it
 ";
@@ -54,6 +57,7 @@ fn dispatch(args: &[&str]) -> Result<(), Stop> {
         ["test", rest @ ..] => suite::test(rest),
         ["check"] => check::check(),
         ["check", "--rules"] => check::rules(),
+        ["compare", rest @ ..] => compare::compare(rest),
         ["bless"] => golden::bless(),
         ["setup"] => setup::setup(setup::For::Running),
         ["setup", "--test"] => setup::setup(setup::For::Testing),

@@ -1,0 +1,78 @@
+"""The files that pass between the peers, intima and the scores: NRRD volumes, PLY meshes, polylines.
+
+Arrays are [z, y, x]; spacings and points are (x, y, z) in mm, with the centre of voxel (0, 0, 0) at the origin.
+A mesh is (vertices [n, 3], faces [m, 3], normals [n, 3] or None)."""
+
+import gzip
+
+import numpy as np
+
+NRRD_TYPES = {"uint8": "u1", "int16": "<i2", "uint16": "<u2", "float": "<f4", "double": "<f8"}
+NRRD_ALIASES = {"unsigned char": "uint8", "short": "int16", "unsigned short": "uint16"}
+PLY_TYPES = {"float": "<f4", "double": "<f8", "uchar": "u1", "short": "<i2", "ushort": "<u2", "int": "<i4",
+             "uint": "<u4"}
+
+
+def write_nrrd(path, array, spacing):
+    """Uncompressed, so that reading it costs nobody anything."""
+    kind = next(k for k, code in NRRD_TYPES.items() if np.dtype(code) == array.dtype)
+    x, y, z = (float(h) for h in spacing)
+    head = ["NRRD0004", f"type: {kind}", "dimension: 3", "space: left-posterior-superior",
+            "sizes: {2} {1} {0}".format(*array.shape), f"space directions: ({x},0,0) (0,{y},0) (0,0,{z})",
+            "kinds: domain domain domain", "endian: little", "encoding: raw", "space origin: (0,0,0)"]
+    with open(path, "wb") as out:
+        out.write(("\n".join(head) + "\n\n").encode())
+        out.write(np.ascontiguousarray(array).tobytes())
+
+
+def read_nrrd(path):
+    """-> (array [z, y, x] or [z, y, x, c], spacing) of an attached, axis-aligned NRRD, raw or gzip."""
+    with open(path, "rb") as file:
+        head, _, body = file.read().partition(b"\n\n")
+    fields = dict(line.split(": ", 1) for line in head.decode().splitlines()[1:] if ": " in line)
+    if fields["encoding"] != "raw":
+        body = gzip.decompress(body)
+    kind = NRRD_ALIASES.get(fields["type"], fields["type"])
+    sizes = [int(n) for n in fields["sizes"].split()]
+    axes = [a for a in fields["space directions"].replace(", ", ",").split() if a != "none"]
+    spacing = tuple(abs(float(a.strip("()").split(",")[i])) for i, a in enumerate(axes))
+    return np.frombuffer(bytearray(body), NRRD_TYPES[kind]).reshape(sizes[::-1]), spacing  # some peers want it writable
+
+
+def write_ply(path, mesh):
+    """Binary, float32, normals where there are some."""
+    vertices, faces, normals = mesh
+    columns = [vertices] if normals is None else [vertices, normals]
+    names = ["x", "y", "z"] + ([] if normals is None else ["nx", "ny", "nz"])
+    rows = np.zeros(len(faces), [("n", "u1"), ("i", "<i4", 3)])
+    rows["n"], rows["i"] = 3, faces
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    head += [f"property float {name}" for name in names]
+    head += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+    with open(path, "wb") as out:
+        out.write(("\n".join(head) + "\n").encode())
+        out.write(np.hstack(columns).astype("<f4").tobytes() + rows.tobytes())
+
+
+def read_ply(path):
+    """Binary little-endian triangles, with or without further properties of a vertex."""
+    with open(path, "rb") as file:
+        head, _, body = file.read().partition(b"end_header\n")
+    counts, vertex, index = {}, [], None
+    for words in (line.split() for line in head.decode().splitlines()):
+        if words[0] == "element":
+            counts[words[1]] = int(words[2])
+        elif words[0] == "property" and words[1] != "list":
+            (vertex if len(counts) == 1 else []).append((words[2], PLY_TYPES[words[1]]))
+        elif words[0] == "property":
+            index = [("n", PLY_TYPES[words[2]]), ("i", PLY_TYPES[words[3]], 3)]
+    rows = np.frombuffer(body, np.dtype(vertex), counts["vertex"])
+    faces = np.frombuffer(body, np.dtype(index), counts["face"], rows.nbytes)["i"].astype(np.int64)
+    triple = [np.stack([rows[k] for k in keys], 1).astype(float) if keys[0] in rows.dtype.names else None
+              for keys in (("x", "y", "z"), ("nx", "ny", "nz"))]
+    return triple[0], faces, triple[1]
+
+
+def read_line(path):
+    """x, y, z of a CSV with one line of names."""
+    return np.loadtxt(path, delimiter=",", skiprows=1, usecols=(0, 1, 2), ndmin=2)

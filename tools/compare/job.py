@@ -1,0 +1,78 @@
+"""One peer on one case, in a process of its own: prepares, calls, and prints a JSON object.
+
+    job.py STAGE PEER CASE_FOLDER CASE OUTPUT
+
+The call is timed from input in memory to output in memory. A first call warms up; where it takes SLOW seconds or more
+it is the sample itself. OUTPUT gets the result as arrays, unless it is `-`."""
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+SLOW_S = 5.0  # calls this long are not repeated within a process
+CALLS = 3     # timed calls in a process that is warm, of quick ones
+
+
+def _status_mb(key):
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(key):
+            return int(line.split()[1]) * 1024 / 1e6
+    return None
+
+
+def peak_mb():
+    """The most memory this process has held, MB; none where the system does not say."""
+    return _status_mb("VmHWM") if os.path.exists("/proc/self/status") else None
+
+
+def plain(result):
+    """A peer's own kind of result as arrays."""
+    import numpy as np
+    kind = type(result).__module__
+    if "SimpleITK" in kind:
+        import SimpleITK as sitk
+        return sitk.GetArrayFromImage(result)
+    if "vtk" in kind:
+        from peers.meshes import from_poly
+        return from_poly(result)
+    return np.asarray(result)
+
+
+def save(path, result):
+    """Arrays as NAME.npz: `a`, or vertices, faces and normals as `v`, `f`, `n`."""
+    import numpy as np
+    if isinstance(result, tuple):
+        vertices, faces, normals = result
+        np.savez(path, v=vertices, f=faces, **({} if normals is None else {"n": normals}))
+    else:
+        np.savez(path, a=result)
+
+
+def main(stage, peer, folder, name, output):
+    from inputs import Case
+    from stages import STAGES
+    prepared = STAGES[stage].peer(peer)(Case(Path(folder), name))
+    call, finish = prepared if isinstance(prepared, tuple) else (prepared, plain)
+    before, times = peak_mb(), []
+    result, first = None, 0.0
+    while len(times) < (1 if first >= 1.0 else CALLS):
+        result = None  # the last one's memory is not the next one's
+        start = time.perf_counter()
+        result = call()
+        took = time.perf_counter() - start
+        if first or took >= SLOW_S:
+            times.append(took)
+        first = first or took
+    found = {"times": times, "peak_mb": peak_mb(), "also": {"before_mb": before, **getattr(call, "also", {})}}
+    if output != "-":
+        save(output, finish(result))
+    print("\n" + json.dumps(found), flush=True)
+    os._exit(0)  # VTK and ITK threads do not always end in peace
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,192 @@
+"""What is compared: for each stage its cases, its peers, intima's command lines, and how the outputs are scored."""
+
+import importlib
+from dataclasses import dataclass, field
+
+from inputs import stairs
+
+SIGMA_MM = 2.0
+FLIGHT = ["--frames", "100", "--msaa", "1", "--size", "1280x720"]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """`ours` maps a row's name to how to make a command: a function of (case, output path without suffix) ->
+    (arguments, output path or None), and, where the command wants a lumen, a function of the case that names it.
+    Making the lumen from a mask or CT is then timed too and added, since peers start from the array.
+    `peers` maps a row's name to (package, module:function, further arguments). `score` names a function of score.py;
+    `columns` are (key, heading, whether less or more is better) of what it finds; the first is the headline."""
+
+    title: str
+    note: str
+    quick: list
+    full: list
+    ours: dict
+    peers: dict
+    score: str
+    columns: list
+    real: list = field(default_factory=list)
+    whole: bool = False  # processes are timed from start to exit
+
+    def peer(self, name):
+        """The peer's function of a Case."""
+        _, place, *more = self.peers[name]
+        module, function = place.split(":")
+        found = getattr(importlib.import_module(f"peers.{module}"), function)
+        return lambda case: found(case, *more)
+
+
+def _mask(case):
+    return ["--mask", str(case.path("mask.nrrd"))]
+
+
+def _mm(case, which):
+    return ",".join(f"{x:.4f}" for x in case.about()[f"{which}_mm"])
+
+
+def _air(case):
+    return [str(case.path("ct.nrrd")), "--threshold", f":{case.about()['hu']}", "--seed-mm", _mm(case, "start")]
+
+
+def _to(suffix, make):
+    """A command that writes one file, named by -o."""
+    def command(case, out):
+        path = f"{out}.{suffix}"
+        return [*make(case), "-o", path], path
+    return command
+
+
+def _chain(command):
+    def make(case, out):
+        return [command, *_air(case), "--from", _mm(case, "start"), "--to", _mm(case, "end"), *FLIGHT,
+                "--out", out], f"{out}/centerline.csv" if command == "run" else None
+    return make
+
+
+def _simplify(*more):
+    return _to("ply", lambda c: ["simplify", str(c.path("ply")), "--faces", str(c.about()["keep"]), *more])
+
+
+def _surface(of, *more):
+    return _to("ply", lambda c: ["surface", *(_mask(c) if of == "mask" else _air(c)), *more])
+
+
+LUMEN = ("lumen_s", "of it lumen s", "")
+NORMALS = [("angle_mean", "normals off, mean °", "less"), ("angle_p99", "99 % °", "less"),
+           ("angle_max", "max °", "less"), ("wall_rms_mm", "vertices off the wall, rms mm", "less")]
+WALL = [("wall_rms_mm", "off the wall, rms mm", "less"), ("faces", "faces", ""), ("degenerate", "without area", "less"),
+        ("closed", "closed", "")]
+LINE = [("mean_mm", "off the axis, mean mm", "less"), ("max_mm", "max mm", "less"),
+        ("clear_mean", "clearance of the best, mean", "more"), ("clear_min", "least", "more"),
+        ("turn", "turn °/mm", "less"), ("covered", "covered", "more")]
+
+
+def _surface_stage(of, quick, full):
+    what = "mask" if of == "mask" else "CT"
+    note = {
+        "mask": "The wall of a mask, without smoothing. Ours also computes plain vertex normals.",
+        "ct": "The wall at -455 HU of a CT. Ours contours the lumen it has grown first; peers contour the "
+              "whole volume, which here holds one lumen and noise far from the threshold. Discrete Flying Edges takes "
+              "the thresholded volume.",
+    }[of]
+    return Stage(
+        f"surface of a {what}", note, quick, full,
+        {"intima surface": (_surface(of, "--smooth", "0"), _mask if of == "mask" else _air)},
+        {"VTK Flying Edges": ("vtk", "meshes:flying_edges", of),
+         "VTK discrete Flying Edges": ("vtk", "meshes:discrete_flying_edges", of),
+         "scikit-image Lewiner": ("scikit-image", "meshes:skimage_cubes", of)},
+        "wall", [*WALL, LUMEN], real=["real_colon_mask"] if of == "mask" else [])
+
+
+STAGES = {
+    "distance": Stage(
+        "distance to the wall", "Exact Euclidean, over the whole volume. Truth: SciPy in double precision, inside.",
+        ["colon_128", "colon_ct_half"], ["colon_256", "colon_ct"],
+        {"intima distance": (_to("nrrd", lambda c: ["distance", *_mask(c), "--no-fill", "--all-components"]), _mask)},
+        {"SciPy": ("scipy", "volumes:scipy_distance"), "edt": ("edt", "volumes:edt_distance"),
+         "SimpleITK Maurer": ("SimpleITK", "volumes:maurer_distance")},
+        "distance", [("max_mm", "max error mm", "less"), ("wrong", "share off by over 0.001 mm", "less"), LUMEN],
+        real=["real_colon_mask"]),
+    "hessian": Stage(
+        "Hessian eigenvalues of the whole grey volume",
+        f"sigma {SIGMA_MM} mm. Truth: SciPy's Gaussian derivatives, truncated at 6 sigma, inside; errors relative to "
+        "the largest eigenvalue. SimpleITK gives a tube measure instead of eigenvalues. Ours computes on bricks; "
+        "copying the volume into them and the result out of them is not in its time unless it says so (`dense_s`).",
+        ["colon_128"], ["colon_256"],
+        {"intima hessian": (_to("nrrd", lambda c: [
+            "hessian", str(c.path("ct.nrrd")), "--of", "grey", "--response", "eigenvalues", "--sigma", str(SIGMA_MM)]),
+            None)},
+        {"SimpleITK objectness": ("SimpleITK", "volumes:itk_objectness", SIGMA_MM),
+         "scikit-image": ("scikit-image", "volumes:skimage_eigenvalues", SIGMA_MM)},
+        "eigenvalues", [("rms", "rms error", "less"), ("max", "max error", "less")]),
+    "ridge": Stage(
+        "ridge of the distance over the lumen",
+        f"Distance, blur of {SIGMA_MM} mm, Hessian, response. Scored by how far from the axis the strongest 2 % "
+        "of the lumen's voxels lie, beside what all of them do.",
+        ["helix_128"], ["helix_256", "tube_256"],
+        {"intima hessian": (_to("nrrd", lambda c: [
+            "hessian", *_mask(c), "--of", "distance", "--response", "ridge", "--sigma", str(SIGMA_MM)]), _mask)},
+        {"SimpleITK": ("SimpleITK", "volumes:itk_ridge", SIGMA_MM),
+         "edt + scikit-image": ("scikit-image", "volumes:skimage_ridge", SIGMA_MM)},
+        "ridge", [("strong_mm", "strongest, mm off the axis", "less"), ("all_mm", "all, mm", ""), LUMEN]),
+    "surface": _surface_stage("mask", ["colon_128"], ["colon_256"]),
+    "surface-ct": _surface_stage("ct", ["colon_128", "colon_ct_half"], ["colon_256", "colon_ct"]),
+    "normals": Stage(
+        "normals on a staircase",
+        "Of the mesh of a mask, against the formula at each vertex. `intima fair` and the peers start from VTK's mesh; "
+        "`intima surface` extracts its own, on the clock. Constrained smoothing moves the vertices.",
+        ["sphere_128", "torus_128"], ["sphere_128", "torus_128", "tube_ct"],
+        {"intima fair": (_to("ply", lambda c: ["fair", str(stairs(c))]), None),
+         "intima fair --mask": (_to("ply", lambda c: ["fair", str(stairs(c)), *_mask(c)]), None),
+         "intima surface": (_surface("mask"), _mask)},
+        {"VTK, no smoothing": ("vtk", "meshes:plain_normals"),
+         "VTK Laplacian, normals only": ("vtk", "meshes:laplacian_normals"),
+         "VTK constrained smoothing": ("vtk", "meshes:constrained_smoothing"),
+         "SciPy Gaussian gradient": ("scipy", "meshes:gradient_normals")},
+        "normals", [*NORMALS, LUMEN]),
+    "centerline": Stage(
+        "centerline of a mask, between two points",
+        "Distance and path. VMTK works on a mesh of 20,000 faces of the CT, made off the clock (last column, counted "
+        "in the ratio), and its network covers all branches. Clearance is the distance to the wall over the best in "
+        "the section across.",
+        ["colon_128", "y_128"], ["colon_256", "helix_256", "tube_256", "y_256", "colon_ct"],
+        {"intima centerline": (_to("csv", lambda c: [
+            "centerline", *_mask(c), "--from", _mm(c, "start"), "--to", _mm(c, "end")]), _mask)},
+        {"edt + dijkstra3d": ("dijkstra3d", "lines:dijkstra3d_path"),
+         "edt + scikit-image MCP": ("scikit-image", "lines:skimage_path"),
+         "VMTK centerlines": ("vmtk", "lines:vmtk_centerlines"),
+         "VMTK network": ("vmtk", "lines:vmtk_network")},
+        "line", [*LINE, LUMEN, ("mesh_s", "mesh for it, s", "")], real=["real_colon_mask"]),
+    "grow": Stage(
+        "lumen of a CT, grown from a seed",
+        "Ours also fills closed cavities and marks the boundary, and leaves the lumen in bricks. "
+        "The voxels that noise moves across the threshold are the same for all.",
+        ["colon_128"], ["colon_256", "colon_ct"],
+        {"intima segment": (_to("nrrd", lambda c: ["segment", *_air(c), "--binary"]), None)},
+        {"SimpleITK connected threshold": ("SimpleITK", "volumes:itk_grow"),
+         "scikit-image flood": ("scikit-image", "volumes:skimage_grow"),
+         "SciPy label": ("scipy", "volumes:scipy_grow")},
+        "overlap", [("dice", "Dice", "more"), ("voxels", "voxels", "")], real=["real_colon_ct"]),
+    "simplify": Stage(
+        "simplification",
+        "To a given number of faces. Distances both ways between the input and the result; normals against the "
+        "input's, with those the program writes, or angle-weighted ones where it writes none.",
+        ["vessel_20k"], ["vessel_143k", "trachea_96k", "colon_1m"],
+        {"intima simplify": (_simplify(), None), "intima simplify --relocate": (_simplify("--relocate"), None)},
+        {"meshoptimizer": ("meshoptimizer", "meshes:meshoptimizer"),
+         "fast-simplification": ("fast-simplification", "meshes:fast_simplification"),
+         "VTK quadric, normals": ("vtk", "meshes:vtk_quadric"),
+         "MeshLab quadric": ("pymeshlab", "meshes:pymeshlab_quadric")},
+        "simplified", [("rms_mm", "rms mm", "less"), ("max_mm", "Hausdorff mm", "less"),
+                       ("angle_mean", "normals off, mean °", "less"), ("angle_p99", "99 % °", "less"),
+                       ("faces", "faces", ""), ("closed", "closed", "")]),
+    "chain": Stage(
+        "the whole chain: CT on disk to a flight",
+        "Processes from start to exit: lumen, wall, centerline and 100 frames of 1280x720 without multisampling. "
+        "`intima run` also writes mask, distance field, surface and report; `record` only the frames. The script "
+        "simplifies the wall to a tenth before it draws.",
+        ["colon_ct_half"], ["colon_ct"],
+        {"intima run": (_chain("run"), None), "intima record": (_chain("record"), None)},
+        {"VTK + SimpleITK + dijkstra3d": ("vtk", "chain:script")},
+        "line", LINE, whole=True),
+}
