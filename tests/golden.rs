@@ -190,7 +190,7 @@ fn frames_in_flight_are_the_frames_drawn_one_by_one() {
         (0..8).map(|i| shot([View::Split, View::Inside][i / 4], 20.0 * i as f32 + 10.0)).collect();
     let single: Vec<_> = shots.iter().map(|s| r.render(&scene, s).unwrap()).collect();
     let mut seen = 0;
-    r.render_sequence(&scene, shots.iter().copied(), |i, rgb| {
+    r.render_sequence(&scene, shots.iter().copied(), |i, rgb, _| {
         assert_eq!(i, seen);
         assert!(rgb == single[i], "frame {i} differs");
         seen += 1;
@@ -218,7 +218,7 @@ fn an_error_of_the_sink_ends_the_sequence_and_the_renderer_goes_on() {
     let (mut r, scene) = stage(&mut gpu, SIZE, 1);
     let shots = (0..10).map(|i| shot(View::Inside, 10.0 * i as f32));
     let mut seen = 0;
-    let full = r.render_sequence(&scene, shots, |i, _| {
+    let full = r.render_sequence(&scene, shots, |i, _, _| {
         seen += 1;
         if i == 2 { Err(Stop::Full) } else { Ok(()) }
     });

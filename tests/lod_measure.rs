@@ -64,7 +64,7 @@ fn fly(
     let sink = |i: usize, rgb: Vec<u8>, s: FrameStats| -> Result<(), RenderError> {
         ms.push(since.elapsed().as_secs_f64() * 1e3);
         stats.push(s);
-        if i % 10 == 0 {
+        if i.is_multiple_of(10) {
             pictures.push(rgb);
         }
         since = Instant::now();

@@ -206,7 +206,7 @@ mod tests {
         let grid = Grid::axis_aligned([19, 21, 13], [1.0; 3]);
         let mut bits = BitVolume::new(grid.dims);
         let deep = |v: UVec3| v.y >= 9 && v.x > 1 && v.z > 1;
-        let rough = |v: UVec3| (v.x * 7 + v.y * 13 + v.z * 29 + v.x * v.z) % 4 != 0;
+        let rough = |v: UVec3| !(v.x * 7 + v.y * 13 + v.z * 29 + v.x * v.z).is_multiple_of(4);
         for v in (0..grid.len()).map(|i| grid.voxel(i)).filter(|v| deep(*v) || rough(*v)) {
             bits.set(v.x, v.y, v.z);
         }

@@ -194,7 +194,7 @@ fn a_boundary_stays_in_its_plane_and_whole() {
         let options = SimplifyOptions { relocate, ..SimplifyOptions::to_faces(120) };
         let s = simplify(&mesh, &options, &mut ()).unwrap();
         let (number, open) = euler(&s.mesh);
-        assert!(number == 1 && open >= 4 && open < 80, "{number} {open}");
+        assert!(number == 1 && (4..80).contains(&open), "{number} {open}");
         let edges = edges_of(&s.mesh);
         let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for (v, p) in s.mesh.positions.iter().enumerate() {
@@ -282,7 +282,7 @@ impl Recorder for Replay {
             assert_eq!(c.to, c.ring[0]);
         }
         self.heard += 1;
-        if self.heard % 3 == 0 {
+        if self.heard.is_multiple_of(3) {
             return false;
         }
         for (i, f) in c.faces.iter().enumerate() {

@@ -313,6 +313,8 @@ mod tests {
             filled: vec![9; 8],
             pending: BTreeMap::new(),
             drawn: Vec::new(),
+            leaves_changed: 0,
+            degraded: false,
         };
         pages.drawn = vec![
             drawn(5, 9.0, facing, 7),
