@@ -285,7 +285,7 @@ mod tests {
         let (a, b) = (DVec3::ZERO, DVec3::X);
         for t in [[a, a, a], [a, b, b], [a, a, b], [a, b, a], [a, b, 0.5 * b], [a, 0.5 * b, b]] {
             let (d2, w) = nearest_on_triangle(DVec3::new(0.25, 2.0, 0.0), t);
-            assert!(w.is_finite() && d2 >= 4.0 && d2 < 4.1, "{t:?}: {d2} {w}");
+            assert!(w.is_finite() && (4.0..4.1).contains(&d2), "{t:?}: {d2} {w}");
         }
     }
 
