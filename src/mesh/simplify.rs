@@ -11,7 +11,9 @@ pub enum Metric {
     /// Squared distances to the planes of the faces, by area (Garland and Heckbert 1997).
     Qem,
     /// Those and the tangent plane by each vertex's normal, which weighs as much as the faces
-    /// around together. The normals should be fair.
+    /// around together, all of it more where normals differ from their neighbours'; and squared
+    /// area times squared angle of each new face against its corners' normals. The normals should
+    /// be fair; without any, those of the faces serve for the tangent planes.
     #[default]
     NormalQem,
     /// The paper's: each face weighs 1, the tangent plane as many as there are faces around.
@@ -90,6 +92,8 @@ pub struct Simplified {
 /// After Garland and Heckbert 1997 with half-edge collapses and the paper's normal term (section
 /// 4.1). Departures: one entry a vertex in the heap, its cheapest target, whose cost is a lower
 /// bound brought up to date when it is met: 9 of 10 entries of one an edge would be stale.
+/// [`Metric::NormalQem`] also counts what the new faces deviate from their corners' normals, which
+/// sees diagonals that quadrics at vertices do not, and weighs creases more.
 pub fn simplify(
     mesh: &Mesh,
     options: &SimplifyOptions<'_>,
