@@ -28,6 +28,15 @@ pub struct Fairing {
     pub weights: Weights,
 }
 
+/// How a surface gets its normals.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Smoothing {
+    /// Each vertex as far as its surroundings allow ([`super::by_scales`]).
+    Scales,
+    /// The paper's: the same number of steps for every vertex.
+    Steps(Fairing),
+}
+
 /// Steps that stay within a fifth of the best number on spheres, tori and tubes.
 pub const DEFAULT_STEPS: u32 = 30;
 
