@@ -1,7 +1,7 @@
 // scale_restore: normals from their smoothed versions, with every detail that stands out of the
 // noise of the voxel steps.
 // in   normal [3V]   f32  unit normals of the faces
-// in   level  [5 3V] f32  the same smoothed over times t, 2t, 4t, 8t, 16t; any length
+// in   level  [5 V]  vec4 the same smoothed over times t, 2t, 4t, 8t, 16t; any length
 // in   pooled [5V]   f32  energy of each band's residual, averaged around the vertex
 // out  faired [3V]   f32  unit normals
 // grid one thread a vertex
@@ -12,7 +12,7 @@
 // ours each band is foretold from the next coarser one (Richardson's extrapolation in t), and only
 //      what differs is shrunk; the noise of a digital plane is a table by its slope to the axes
 @group(0) @binding(0) var<storage, read> normal: array<f32>;
-@group(0) @binding(1) var<storage, read> level: array<f32>;
+@group(0) @binding(1) var<storage, read> level: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> pooled: array<f32>;
 @group(0) @binding(3) var<storage, read_write> faired: array<f32>;
 

@@ -8,8 +8,7 @@ fn ladder(v: u32, vertices: u32) -> Ladder {
     let raw = vec3(normal[3u * v], normal[3u * v + 1u], normal[3u * v + 2u]);
     out.n[0] = raw;
     for (var l = 0u; l < 5u; l++) {
-        let at = 3u * (l * vertices + v);
-        let u = vec3(level[at], level[at + 1u], level[at + 2u]);
+        let u = level[l * vertices + v].xyz;
         let len = length(u);
         out.n[l + 1u] = select(raw, u / len, len >= 1e-12);
     }

@@ -1,7 +1,7 @@
 //! CPU twin and cases of `scale_bands`: what each band of scales holds that coarser ones do not
 //! foretell.
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 pub use super::host::scale_bands::{Bindings, Params};
@@ -18,11 +18,11 @@ pub static KERNEL: Kernel = Kernel {
 };
 
 /// Unit normals of a vertex at six scales, finest first.
-pub(super) fn ladder(normal: &[f32], level: &[f32], v: usize) -> [Vec3; 6] {
+pub(super) fn ladder(normal: &[f32], level: &[[f32; 4]], v: usize) -> [Vec3; 6] {
     let raw = Vec3::from_slice(&normal[3 * v..]);
     let mut out = [raw; 6];
     for (l, n) in out.iter_mut().skip(1).enumerate() {
-        let u = Vec3::from_slice(&level[l * normal.len() + 3 * v..]);
+        let u = Vec4::from_array(level[l * normal.len() / 3 + v]).truncate();
         let len = u.length();
         *n = if len >= 1e-12 { u / len } else { raw };
     }
@@ -47,21 +47,23 @@ fn twin(args: &mut CpuArgs<'_>) {
 }
 
 /// Normals that swing, and smoothed ones that swing less.
-pub(super) fn swinging(vertices: usize) -> (Vec<f32>, Vec<f32>) {
+pub(super) fn swinging(vertices: usize) -> (Vec<f32>, Vec<[f32; 4]>) {
     let at = |v: usize, swing: f32| {
         let a = v as f32 * 0.01;
         let b = swing * (v as f32 * 2.3).sin();
-        Vec3::new(a.cos(), a.sin(), b).normalize().to_array()
+        Vec3::new(a.cos(), a.sin(), b).normalize()
     };
-    let normal = (0..vertices).flat_map(|v| at(v, 0.3)).collect();
+    let normal = (0..vertices).flat_map(|v| at(v, 0.3).to_array()).collect();
     let level = (0..5)
-        .flat_map(|l| (0..vertices).flat_map(move |v| at(v, 0.2 / (1 << l) as f32)))
+        .flat_map(|l| {
+            (0..vertices).map(move |v| at(v, 0.2 / (1 << l) as f32).extend(0.0).to_array())
+        })
         .collect();
     (normal, level)
 }
 
 fn cases() -> Vec<Case> {
-    let case = |name, (normal, level): (Vec<f32>, Vec<f32>)| {
+    let case = |name, (normal, level): (Vec<f32>, Vec<[f32; 4]>)| {
         let vertices = normal.len() / 3;
         let mut plan = Plan::new();
         let normal = plan.upload_owned("normal", &normal);
@@ -73,7 +75,7 @@ fn cases() -> Vec<Case> {
         plan.download(energy);
         Case { name, plan }
     };
-    let flat = (vec![0.0, 0.0, 1.0], vec![0.0; 15]);
+    let flat = (vec![0.0, 0.0, 1.0], vec![[0.0; 4]; 5]);
     vec![
         case("empty", swinging(0)),
         case("smoothed to nothing", flat),

@@ -1,6 +1,6 @@
 //! CPU twin and cases of `scale_step`: one step of a Chebyshev series of heat flow.
 
-use glam::Vec3;
+use glam::Vec4;
 use rayon::prelude::*;
 
 pub use super::host::scale_step::{Bindings, Params};
@@ -20,37 +20,36 @@ pub static KERNEL: Kernel = Kernel {
 fn twin(args: &mut CpuArgs<'_>) {
     let (s, p, _) = open(args);
     let vertices = p.vertices as usize;
-    let at = |v: usize| Vec3::from_slice(&s.now[3 * v..]);
-    let chunk = 4096;
-    // The chunk is worked once for the recurrence, then once for each time that gains from it.
-    let gains = s.level.chunks_exact_mut((3 * vertices).max(1)).zip([
-        p.part[0],
-        p.part[1],
-        p.part[2],
-        p.part[3],
-        p.last_part,
-    ]);
-    let mut rows: Vec<Vec<(f32, &mut [f32])>> = Vec::new();
+    let chunk = 1024;
+    let parts = [p.part[0], p.part[1], p.part[2], p.part[3], p.last_part];
+    let gaining = s.level.chunks_exact_mut(vertices.max(1)).zip(parts);
+    let mut rows: Vec<Vec<(f32, &mut [[f32; 4]])>> = Vec::new();
     rows.resize_with(vertices.div_ceil(chunk), Vec::new);
-    for (level, part) in gains.filter(|(_, part)| *part != 0.0) {
-        for (row, level) in rows.iter_mut().zip(level.chunks_mut(3 * chunk)) {
+    for (level, part) in gaining.filter(|(_, part)| *part != 0.0) {
+        for (row, level) in rows.iter_mut().zip(level.chunks_mut(chunk)) {
             row.push((part, level));
         }
     }
-    s.next.par_chunks_mut(3 * chunk).zip(rows).enumerate().for_each(|(c, (next, levels))| {
-        for (i, next) in next.chunks_exact_mut(3).enumerate() {
-            let v = c * chunk + i;
-            let own = at(v);
-            let edges = s.start[v] as usize..s.start[v + 1] as usize;
-            let near = s.near[edges.clone()].iter().zip(&s.weight[edges]);
-            let sum = near.fold(own, |sum, (j, w)| sum + *w * (at(*j as usize) - own));
-            let x = p.turn * sum - p.keep * Vec3::from_slice(next);
-            next.copy_from_slice(&x.to_array());
-        }
-        for (part, level) in levels {
-            level.iter_mut().zip(&*next).for_each(|(l, x)| *l += part * x);
-        }
-    });
+    s.next.par_chunks_mut(chunk).zip(rows).enumerate().with_min_len(4).for_each(
+        |(c, (next, levels))| {
+            for (i, next) in next.iter_mut().enumerate() {
+                let v = c * chunk + i;
+                let edges = s.start[v] as usize..s.start[v + 1] as usize;
+                let (mut sum, mut rest) = (Vec4::ZERO, 1.0);
+                for (j, w) in s.near[edges.clone()].iter().zip(&s.weight[edges]) {
+                    sum += *w * Vec4::from_array(s.now[*j as usize]);
+                    rest -= w;
+                }
+                let own = Vec4::from_array(s.now[v]);
+                let before = Vec4::from_array(*next);
+                *next = (p.turn * (sum + rest * own) - p.keep * before).to_array();
+            }
+            for (part, level) in levels {
+                let (to, from) = (level.as_flattened_mut(), next.as_flattened());
+                to.iter_mut().zip(from).for_each(|(l, x)| *l += part * x);
+            }
+        },
+    );
 }
 
 fn cases() -> Vec<Case> {
@@ -60,10 +59,11 @@ fn cases() -> Vec<Case> {
         let start = plan.upload_owned("start", &g.start);
         let near = plan.upload_owned("near", &g.near);
         let weight = plan.upload_owned("weight", &g.weight);
-        let values: Vec<f32> = (0..3 * vertices).map(|i| (i as f32 * 0.37).sin()).collect();
-        let mut now = plan.zeroed::<f32>("now", 3 * vertices);
+        let at = |v: usize| Vec4::new(0.37, 0.61, 0.83, 0.0) * v as f32;
+        let values: Vec<[f32; 4]> = (0..vertices).map(|v| at(v).to_array().map(f32::sin)).collect();
+        let mut now = plan.zeroed::<[f32; 4]>("now", vertices);
         let mut next = plan.upload_owned("next", &values);
-        let level = plan.zeroed::<f32>("level", 15 * vertices);
+        let level = plan.zeroed::<[f32; 4]>("level", 5 * vertices);
         for (turn, keep) in [(0.0, -1.0), (1.0, 0.0), (2.0, 1.0), (2.0, 1.0)] {
             let params = Params {
                 part: [0.4, 0.0, 0.2, -0.1],

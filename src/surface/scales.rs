@@ -7,10 +7,10 @@
 //! stands for. Then every band between two scales is put back as far as it stands out of the
 //! noise that voxel steps of this slope make (`shaders/scale_restore.wgsl`).
 
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DMat3, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::{Adjacency, face_normals};
+use super::Adjacency;
 use crate::compute::{Buf, Plan};
 use crate::geometry::Mesh;
 use crate::kernels::{scale_bands, scale_pool, scale_restore, scale_step};
@@ -20,15 +20,15 @@ use crate::kernels::{scale_bands, scale_pool, scale_restore, scale_step};
 const SCALES: [f64; 5] = [1.0, std::f64::consts::SQRT_2, 2.0, 2.0 * std::f64::consts::SQRT_2, 4.0];
 
 /// Share of the fastest mode that the cut series of the heat may still hold.
-const CUT: f64 = 1e-3;
+const CUT: f64 = 1e-2;
 
 /// Fastest exchange of a vertex with its neighbours, over the inverse of the voxel's area. On a
 /// binary surface a quarter of the vertices, those of the smallest faces, are slowed to it; at 6
 /// the error on thick slices doubles, above 8 nothing is gained.
 const RATE: f64 = 8.0;
 
-/// Steps of averaging of the bands' energies: a standard deviation of √2 voxels.
-const POOL_STEPS: u32 = 8;
+/// Steps of averaging of the bands' energies: a standard deviation of 1.2 voxels.
+const POOL_STEPS: u32 = 6;
 
 /// Median angle between a normal and the mean around it on masks, rad: 8.8 to 9.9 degrees over
 /// balls, rings, tubes and folds, isotropic and not.
@@ -79,8 +79,8 @@ impl Lattice {
 pub struct Scales {
     /// Unit normals of the faces around each vertex, three floats a vertex.
     normals: Vec<f32>,
-    /// Their area vectors over the vertex's share of area, three floats a vertex.
-    density: Vec<f32>,
+    /// Their area vectors over the vertex's share of area, and 0.
+    density: Vec<Vec4>,
     /// Exchange with every adjacent vertex, as a share of the fastest.
     weight: Vec<f32>,
     /// Noise of this surface as a share of a mask's, at most 1.
@@ -97,42 +97,37 @@ impl Scales {
         let (most, least) = (h.max_element(), h.min_element());
         // Slices ten times as thick would ask for ten times the steps.
         let rate = RATE / (most * least.max(0.25 * most));
-        let normals = face_normals(mesh);
         let Flow { mut weight, mut density } = Flow::new(mesh, adjacency);
-        let (density3, _) = density.as_chunks_mut::<4>();
-        let mut rows = Vec::with_capacity(density3.len());
+        let normals: Vec<f32> = density
+            .iter()
+            .flat_map(|d| d.truncate().try_normalize().unwrap_or(Vec3::Z).to_array())
+            .collect();
+        let mut rows = Vec::with_capacity(density.len());
         let mut rest = weight.as_mut_slice();
-        for v in 0..density3.len() {
+        for v in 0..density.len() {
             let (row, tail) = rest.split_at_mut(adjacency.row(v).len());
             rows.push(row);
             rest = tail;
         }
         // Exchange over area, where needed over an area enlarged to the fastest rate.
-        let flat: Vec<f32> = density3
-            .par_iter()
-            .zip(rows)
-            .with_min_len(4096)
-            .flat_map_iter(|([x, y, z, area], row)| {
-                row.iter_mut().for_each(|w| *w = w.max(0.0));
-                let exchange: f32 = row.iter().sum();
-                let area = area.max(exchange / rate as f32);
-                let per = if area > 0.0 { 1.0 / area } else { 0.0 };
-                let per = if per.is_finite() { per } else { 0.0 };
-                row.iter_mut().for_each(|w| *w *= per / rate as f32);
-                [x * per, y * per, z * per]
-            })
-            .collect();
+        density.par_iter_mut().zip(rows).with_min_len(4096).for_each(|(d, row)| {
+            let exchange: f32 = row.iter().sum();
+            let per = 1.0 / d.w.max(exchange / rate as f32);
+            let per = if per.is_finite() { per } else { 0.0 };
+            row.iter_mut().for_each(|w| *w *= per / rate as f32);
+            *d = (d.truncate() * per).extend(0.0);
+        });
         let noise = (roughness(&normals, adjacency) / MASK_ROUGHNESS).min(1.0);
-        Self { normals, density: flat, weight, noise, rate, lattice }
+        Self { normals, density, weight, noise, rate, lattice }
     }
 }
 
 /// Cotangent weights and area vectors, before the division by the areas.
 struct Flow {
-    /// Half the sum of the two cotangents across each edge; negative where faces are very obtuse.
+    /// Half the sum of the two cotangents across each edge, 0 where the faces are too obtuse.
     weight: Vec<f32>,
-    /// Area vector and area of each vertex, four floats.
-    density: Vec<f32>,
+    /// Area vector and area of each vertex.
+    density: Vec<Vec4>,
 }
 
 impl Flow {
@@ -156,25 +151,33 @@ impl Flow {
             })
             .collect();
         let mut weight = vec![0.0f32; adjacency.near.len()];
-        let mut density = vec![0.0f32; 4 * mesh.positions.len()];
+        let mut density = vec![Vec4::ZERO; mesh.positions.len()];
         let entry = |v: u32, w: u32| {
             let row = adjacency.row(v as usize);
             row.iter().position(|x| *x == w).map(|k| adjacency.start[v as usize] as usize + k)
         };
+        // Each edge is summed in the row of its smaller end, in the order of the faces.
         for (f, (vector, cots)) in mesh.faces.iter().zip(&corners) {
-            let area = vector.length();
+            let gain = vector.extend(vector.length());
             for k in 0..3 {
-                let out = &mut density[4 * f[k] as usize..4 * f[k] as usize + 4];
-                out[0] += vector.x;
-                out[1] += vector.y;
-                out[2] += vector.z;
-                out[3] += area;
+                density[f[k] as usize] += gain;
                 let (a, b) = (f[(k + 1) % 3], f[(k + 2) % 3]);
-                for e in [entry(a, b), entry(b, a)].into_iter().flatten() {
+                if let Some(e) = entry(a.min(b), a.max(b)) {
                     weight[e] += cots[k];
                 }
             }
         }
+        let weight = (0..density.len())
+            .into_par_iter()
+            .with_min_len(4096)
+            .flat_map_iter(|v| {
+                let weight = &weight;
+                adjacency.row(v).iter().map(move |w| {
+                    let (a, b) = (v as u32, *w);
+                    entry(a.min(b), a.max(b)).map_or(0.0, |e| weight[e].max(0.0))
+                })
+            })
+            .collect();
         Self { weight, density }
     }
 }
@@ -230,9 +233,9 @@ pub fn by_scales<'a>(
     let weight = plan.upload("exchange", weight);
     let normal = plan.upload("face normals", normals);
 
-    let level = plan.zeroed::<f32>("smoothed normals", 5 * normals.len());
-    let mut now = plan.zeroed::<f32>("series", normals.len());
-    let mut next = plan.upload("area vectors", density);
+    let level = plan.zeroed::<[f32; 4]>("smoothed normals", 5 * n);
+    let mut now = plan.zeroed::<[f32; 4]>("series", n);
+    let mut next = plan.upload("area vectors", bytemuck::cast_slice(density));
     let times = SCALES.map(|s| rate * 0.5 * (s * h.max_element()).powi(2));
     let terms = terms_of(times[4]);
     let series = times.map(|a| heat_series(a, terms));
