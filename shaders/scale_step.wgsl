@@ -7,8 +7,7 @@
 // out  level  [5 V] vec4 exp(-t_l L) u of five times, each gains part_l of what `next` became
 // grid one thread a vertex
 // tol  |gpu - cpu| <= 1e-5 a component
-// src  heat by Chebyshev series: Tal-Ezer 1989, doi:10.1137/0726001; on graphs: Hammond 2011,
-//      doi:10.1016/j.acha.2010.04.005
+// src  series of a graph's Laplacian: Hammond 2011, doi:10.1016/j.acha.2010.04.005, section 6
 @group(0) @binding(0) var<storage, read> start: array<u32>;
 @group(0) @binding(1) var<storage, read> near: array<u32>;
 @group(0) @binding(2) var<storage, read> weight: array<f32>;

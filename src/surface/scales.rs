@@ -115,9 +115,10 @@ impl Scales {
         density.par_iter_mut().zip(rows).with_min_len(4096).for_each(|(d, row)| {
             let exchange: f32 = row.iter().sum();
             let per = 1.0 / d.w.max(exchange / rate as f32);
-            let per = if per.is_finite() { per } else { 0.0 };
-            row.iter_mut().for_each(|w| *w *= per / rate as f32);
-            *d = (d.truncate() * per).extend(0.0);
+            // A vertex without area, or with more than a float holds, exchanges nothing.
+            let sound = per.is_finite() && d.is_finite();
+            row.iter_mut().for_each(|w| *w = if sound { *w * per / rate as f32 } else { 0.0 });
+            *d = if sound { (d.truncate() * per).extend(0.0) } else { Vec4::ZERO };
         });
         let noise = (roughness(&normals, adjacency) / MASK_ROUGHNESS).min(1.0);
         Self { normals, density, weight, noise, rate, lattice }
