@@ -9,7 +9,8 @@
 // src  bands of a heat flow as in diffusion wavelets: Coifman 2006,
 //      doi:10.1016/j.acha.2006.04.004
 // ours each band is foretold from the next coarser one (Richardson's extrapolation in t), and only
-//      what differs is shrunk, by 1 - (noise² / energy)²; the noise of a digital plane is a table by its slope to the axes
+//      what differs is shrunk, by 1 - (noise² / energy)²; the noise of a digital plane is a table
+//      by its slope to the axes
 @group(0) @binding(0) var<storage, read> normal: array<f32>;
 @group(0) @binding(1) var<storage, read> level: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> pooled: array<f32>;

@@ -36,9 +36,9 @@ const POOL_STEPS: u32 = 6;
 /// which 1.4 errs least.
 const MASK_ROUGHNESS: f32 = 0.152 / 1.4;
 
-/// Noise of the finest band on an isotropic mask, rad: what it holds is put back on smoother
-/// surfaces only.
-const RAW: f64 = 0.35;
+/// Noise of the finest band on an isotropic mask, rad: two standard deviations. What faces hold
+/// beyond the first scale is mostly their own noise, on grey surfaces too: only creases pass.
+const RAW: f64 = 0.6;
 
 /// The grid a surface was taken from: its steps are the noise to smooth away.
 #[derive(Clone, Copy, Debug, PartialEq)]
