@@ -50,7 +50,7 @@ pub struct Lattice {
 }
 
 impl Lattice {
-    /// The grid of a mesh that comes without one: axes of patient space, spacings as 95 of 100
+    /// The grid of a mesh that comes without one: axes of patient space, spacings as 199 of 200
     /// edges are long along each; marching cubes makes no longer ones, and many as long.
     /// A mesh without extent gets 1 mm.
     pub fn of(mesh: &Mesh) -> Self {
@@ -61,7 +61,7 @@ impl Lattice {
         let spacing = [0, 1, 2].map(|axis| {
             let mut all: Vec<f32> =
                 mesh.faces.iter().flat_map(|f| (0..3).map(move |k| span(f, k, axis))).collect();
-            let at = all.len() * 95 / 100;
+            let at = all.len() * 199 / 200;
             let longest =
                 (at < all.len()).then(|| *all.select_nth_unstable_by(at, f32::total_cmp).1);
             f64::from(longest.unwrap_or(0.0))
