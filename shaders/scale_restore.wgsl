@@ -35,7 +35,7 @@ var<immediate> params: Params;
 // scale, rad; the scale over the largest spacing.
 const PLANE = array<f32, 5>(0.0, 0.04363, 0.02793, 0.01745, 0.01047);
 const TERRACE = array<f32, 5>(0.0, 0.06981, 0.05236, 0.03927, 0.02531);
-const SCALE = array<f32, 5>(0.0, 1.0, 1.41421, 2.0, 2.82843);
+const SCALE = array<f32, 5>(0.0, 1.0, 1.4142136, 2.0, 2.8284271);
 
 // How much of the terraces of an axis a band sees: all where they are wider than about two of its
 // scales, none where they are narrower.

@@ -1,5 +1,7 @@
 //! CPU twin and cases of `scale_restore`: smooth normals with the detail that stands out of noise.
 
+use std::f32::consts::SQRT_2;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -20,7 +22,7 @@ pub static KERNEL: Kernel = Kernel {
 // As in the shader.
 const PLANE: [f32; 5] = [0.0, 0.04363, 0.02793, 0.01745, 0.01047];
 const TERRACE: [f32; 5] = [0.0, 0.06981, 0.05236, 0.03927, 0.02531];
-const SCALE: [f32; 5] = [0.0, 1.0, 1.41421, 2.0, 2.82843];
+const SCALE: [f32; 5] = [0.0, 1.0, SQRT_2, 2.0, 2.0 * SQRT_2];
 
 fn noise(n: Vec3, band: usize, p: &Params) -> f32 {
     if band == 0 {

@@ -17,13 +17,16 @@ pub static KERNEL: Kernel = Kernel {
     cases,
 };
 
+/// A part and the stretch of a level that gains it.
+type Gain<'a> = (f32, &'a mut [[f32; 4]]);
+
 fn twin(args: &mut CpuArgs<'_>) {
     let (s, p, _) = open(args);
     let vertices = p.vertices as usize;
     let chunk = 1024;
     let parts = [p.part[0], p.part[1], p.part[2], p.part[3], p.last_part];
     let gaining = s.level.chunks_exact_mut(vertices.max(1)).zip(parts);
-    let mut rows: Vec<Vec<(f32, &mut [[f32; 4]])>> = Vec::new();
+    let mut rows: Vec<Vec<Gain<'_>>> = Vec::new();
     rows.resize_with(vertices.div_ceil(chunk), Vec::new);
     for (level, part) in gaining.filter(|(_, part)| *part != 0.0) {
         for (row, level) in rows.iter_mut().zip(level.chunks_mut(chunk)) {
@@ -38,7 +41,7 @@ fn twin(args: &mut CpuArgs<'_>) {
                 let (mut sum, mut rest) = (Vec4::ZERO, 1.0);
                 for (j, w) in s.near[edges.clone()].iter().zip(&s.weight[edges]) {
                     sum += *w * Vec4::from_array(s.now[*j as usize]);
-                    rest -= w;
+                    rest -= *w;
                 }
                 let own = Vec4::from_array(s.now[v]);
                 let before = Vec4::from_array(*next);
