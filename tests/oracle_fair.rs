@@ -10,7 +10,8 @@ use intima::device::Device;
 use intima::geometry::Mesh;
 use intima::lumen::{BitVolume, Lumen};
 use intima::surface::{
-    Adjacency, Fairing, Midpoint, Surface, Weights, face_normals, fair, weights,
+    Adjacency, Crossing, Fairing, Lattice, Midpoint, Scales, Surface, Weights, by_scales,
+    face_normals, fair, weights,
 };
 use intima::volume::Grid;
 
@@ -178,4 +179,156 @@ fn thirty_steps_come_near_the_best_number_on_balls_and_rings() {
         println!("{line}");
     }
     assert!(failed.is_empty(), "{failed:#?}");
+}
+
+fn lattice(lumen: &Lumen) -> Lattice {
+    Lattice { direction: lumen.grid.direction, spacing_mm: lumen.grid.spacing_mm }
+}
+
+fn scaled(device: &mut Device, surface: &Surface, lattice: Lattice) -> Vec<DVec3> {
+    let scales = Scales::new(&surface.mesh, &surface.adjacency, lattice);
+    let mut plan = Plan::new();
+    let out = by_scales(&mut plan, &surface.adjacency, &scales);
+    plan.download(out);
+    let got = device.run(&plan).unwrap();
+    got.get(out).chunks_exact(3).map(|n| Vec3::from_slice(n).as_dvec3()).collect()
+}
+
+/// Errors of thirty steps with the better weights, and by scales.
+fn both(row: &Row, surface: &Surface, lattice: Lattice) -> [f64; 2] {
+    let start = face_normals(&surface.mesh);
+    let steps = BOTH.map(|kind| {
+        let (mesh, adjacency) = (&surface.mesh, &surface.adjacency);
+        row.rms(mesh, faired(&mut Device::Cpu, mesh, adjacency, &start, kind).into_iter())
+    });
+    let scales = scaled(&mut Device::Cpu, surface, lattice).into_iter();
+    [steps[0].min(steps[1]), row.rms(&surface.mesh, scales)]
+}
+
+#[test]
+fn by_scales_masks_of_balls_and_rings_come_nearer_the_truth_than_by_any_number_of_steps() {
+    // Degrees RMS; the last row, three slices to a radius, is where steps are still better.
+    for (row, most) in TABLE.iter().zip([0.8, 1.5, 2.2, 5.5]) {
+        let lumen = row.lumen();
+        let surface = Surface::new(&lumen, &Midpoint, None);
+        let [steps, scales] = both(row, &surface, lattice(&lumen));
+        let [_, guessed] = both(row, &surface, Lattice::of(&surface.mesh));
+        println!("{:14} {steps:.2} by steps, {scales:.2}, {guessed:.2} by scales", row.name);
+        let best = row.best[0].min(row.best[1]);
+        assert!(scales < most, "{}: {scales}", row.name);
+        assert!(scales < best || row.spacing == THICK, "{}: {scales}, not {best}", row.name);
+        assert!(guessed < 1.1 * scales, "{}: {guessed} without the grid, {scales}", row.name);
+    }
+}
+
+/// Crossings of the true surface.
+struct Exact<'a>(&'a Row, DVec3);
+
+impl Crossing for Exact<'_> {
+    fn fraction(&self, inside: glam::IVec3, outside: glam::IVec3) -> f32 {
+        let f = |v: glam::IVec3| self.0.off_axis(v.as_dvec3() * self.1).length() - self.0.radius;
+        let (a, b) = (f(inside), f(outside));
+        ((a / (a - b)) as f32).clamp(0.01, 0.99)
+    }
+}
+
+#[test]
+fn by_scales_true_surfaces_keep_normals_as_good_as_by_steps() {
+    // Of the better weights' error at thirty steps; three slices to a radius are the hard case.
+    for (row, share) in TABLE.iter().zip([1.0, 0.7, 0.8, 1.15]) {
+        let lumen = row.lumen();
+        let exact = Exact(row, DVec3::from(row.spacing));
+        let surface = Surface::new(&lumen, &exact, None);
+        let noise = Scales::new(&surface.mesh, &surface.adjacency, lattice(&lumen)).noise;
+        let [steps, scales] = both(row, &surface, lattice(&lumen));
+        println!("{:14} {noise:.2} noise, {steps:.2} by steps, {scales:.2} by scales", row.name);
+        assert!(noise < 0.5, "{}: noise {noise}", row.name);
+        assert!(scales < share * steps, "{}: {steps} by steps, {scales} by scales", row.name);
+    }
+}
+
+#[test]
+fn by_scales_the_faces_of_a_box_stay_flat_and_its_edges_sharper_than_by_steps() {
+    let grid = Grid::axis_aligned([40, 40, 40], [1.0; 3]);
+    let mut bits = BitVolume::new(grid.dims);
+    for v in (0..grid.len()).map(|i| grid.voxel(i)) {
+        if v.cmpge(UVec3::splat(6)).all() && v.cmplt(UVec3::splat(34)).all() {
+            bits.set(v.x, v.y, v.z);
+        }
+    }
+    let surface = Surface::new(&Lumen::new(grid, &bits), &Midpoint, None);
+    let off = |normals: &[DVec3], near: f64, far: f64| {
+        // Largest and mean turn from the nearest side, between two distances from the box's edge.
+        let angles: Vec<f64> = surface
+            .mesh
+            .positions
+            .iter()
+            .zip(normals)
+            .filter_map(|(p, n)| {
+                let q = (p.as_dvec3() - 19.5).abs();
+                let mut sorted = q.to_array();
+                sorted.sort_by(f64::total_cmp);
+                let from_edge = 14.0 - sorted[1];
+                (from_edge >= near && from_edge < far)
+                    .then(|| n.abs().max_element().min(1.0).acos().to_degrees())
+            })
+            .collect();
+        angles.iter().sum::<f64>() / angles.len() as f64
+    };
+    let scales = scaled(&mut Device::Cpu, &surface, Lattice::of(&surface.mesh));
+    let start = face_normals(&surface.mesh);
+    let (mesh, adjacency) = (&surface.mesh, &surface.adjacency);
+    let steps = faired(&mut Device::Cpu, mesh, adjacency, &start, Weights::Uniform);
+    let [a, b] = [&scales, &steps].map(|n| [off(n, 0.0, 4.0), off(n, 4.0, 20.0)]);
+    println!("by scales {a:.2?}, by steps {b:.2?} degrees near edges and away");
+    assert!(a[0] < 0.6 * b[0] && a[1] < 1.0, "{a:?}, {b:?}");
+}
+
+#[test]
+fn by_scales_every_device_and_number_of_threads_gives_the_same_normals() {
+    let lumen = TABLE[3].lumen();
+    let surface = Surface::new(&lumen, &Midpoint, None);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| scaled(&mut Device::Cpu, &surface, lattice(&lumen)))
+    };
+    let want = on(1);
+    assert_eq!(want, on(3));
+    for mut device in devices() {
+        let got = scaled(&mut device, &surface, lattice(&lumen));
+        let worst = got.iter().zip(&want).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+        println!("{}: {worst:.1e}", device.name());
+        assert!(worst < 1e-3, "{}: {worst}", device.name());
+    }
+}
+
+#[test]
+fn by_scales_broken_meshes_get_unit_normals() {
+    let far = Vec3::splat(f32::MAX / 4.0);
+    let meshes = [
+        Mesh::default(),
+        Mesh { positions: vec![Vec3::ZERO; 3], faces: vec![[0, 1, 2]], ..Mesh::default() },
+        Mesh {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE, far],
+            faces: vec![[0, 1, 2], [0, 1, 2], [0, 0, 1], [4, 1, 2]],
+            ..Mesh::default()
+        },
+        Mesh {
+            positions: vec![Vec3::ZERO, Vec3::X, 2.0 * Vec3::X, 1e-30 * Vec3::Y],
+            faces: vec![[0, 1, 2], [0, 3, 1]],
+            ..Mesh::default()
+        },
+    ];
+    for (i, mesh) in meshes.into_iter().enumerate() {
+        let (adjacency, _) = Adjacency::of(&mesh);
+        let lattice = Lattice::of(&mesh);
+        let scales = Scales::new(&mesh, &adjacency, lattice);
+        let mut plan = Plan::new();
+        let out = by_scales(&mut plan, &adjacency, &scales);
+        plan.download(out);
+        let got = intima::compute::run_cpu(&plan);
+        for n in got.get(out).chunks_exact(3).map(Vec3::from_slice) {
+            assert!((n.length() - 1.0).abs() < 1e-5, "mesh {i}: {n}");
+        }
+    }
 }

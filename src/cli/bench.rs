@@ -14,7 +14,7 @@ use crate::lumen::{Lumen, Recipe, Window};
 use crate::pipeline::{
     Clock, Settings, Stage, SurfaceOptions, centered, fields, hessian_field, peak_memory_mb, wall,
 };
-use crate::surface::Fairing;
+use crate::surface::Smoothing;
 use crate::volume::Volume;
 use crate::volume::phantom::{Kind, Phantom};
 
@@ -193,7 +193,8 @@ fn chain(device: &mut Device, volume: &Volume, lumen: &Lumen) -> Result<Vec<Stag
         s.kernels.retain(|k| k.kernel == "hessian");
     }
     clock.stages.extend(hessian.stages);
-    let options = SurfaceOptions { from_grey: false, fairing: Fairing::PAPER, track_from: None };
+    let options =
+        SurfaceOptions { from_grey: false, smoothing: Smoothing::Scales, track_from: None };
     wall(device, volume, &Window::Labels(vec![]), lumen, options, &mut clock)?;
     Ok(clock.stages)
 }

@@ -64,7 +64,7 @@ impl ChainArgs {
     ) -> Result<Flown, CliError> {
         let mode = self.mode.main();
         let grey = FromArgs::of(&self.from)?.grey;
-        let options = self.surface.options(grey, automatic(mode, lumen), chosen.track_from())?;
+        let options = self.surface.options(grey, automatic(mode), chosen.track_from())?;
         let (fields, centered) = center(device, lumen, mode, self.settings(mode)?, clock)?;
         let (volume, window) = (&chosen.volume, &chosen.recipe.window);
         let wall = wall(device, volume, window, lumen, options, clock)?;

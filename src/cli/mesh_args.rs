@@ -2,7 +2,7 @@
 
 use super::CliError;
 use crate::pipeline::SurfaceOptions;
-use crate::surface::{Fairing, Weights};
+use crate::surface::{Fairing, Smoothing, Weights};
 
 /// `--from`, which names where the surface lies and where the path starts: in `run` it may be
 /// given once for each.
@@ -33,13 +33,14 @@ impl FromArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Surface")]
 pub struct FairArgs {
-    /// Steps of normal smoothing, or auto (30)
+    /// Normals: auto smooths each vertex as far as its surroundings allow (paper mode: 30 steps);
+    /// a number takes so many steps of the paper's smoothing everywhere
     #[arg(long, value_name = "N|auto", default_value = "auto")]
     pub smooth: String,
-    /// Share of the neighbours' mean in a step, between 0 and 1
-    #[arg(long, value_name = "L", default_value_t = 0.5)]
-    pub lambda: f32,
-    /// Weights of the neighbours (default: by spacing and radius)
+    /// Share of the neighbours' mean in a step, between 0 and 1 (default: 0.5)
+    #[arg(long, value_name = "L")]
+    pub lambda: Option<f32>,
+    /// Weights of the neighbours in a step (default: uniform)
     #[arg(long, value_enum)]
     pub weights: Option<WeightArg>,
 }
@@ -65,38 +66,42 @@ pub enum WeightArg {
 }
 
 impl FairArgs {
-    /// The fairing asked for; `automatic` fills what was left open.
-    pub fn fairing(&self, automatic: Fairing) -> Result<Fairing, CliError> {
+    /// The smoothing asked for: `automatic`, unless anything about steps is said.
+    pub fn smoothing(&self, automatic: Smoothing) -> Result<Smoothing, CliError> {
         let steps =
             match self.smooth.as_str() {
-                "auto" => automatic.steps,
-                n => n.parse().ok().filter(|n| *n <= 10_000).ok_or_else(|| {
+                "auto" => None,
+                n => Some(n.parse().ok().filter(|n| *n <= 10_000).ok_or_else(|| {
                     CliError::Usage(format!("--smooth `{n}`: 0 to 10000, or auto"))
-                })?,
+                })?),
             };
-        if !(self.lambda > 0.0 && self.lambda < 1.0) {
+        if steps.is_none() && self.lambda.is_none() && self.weights.is_none() {
+            return Ok(automatic);
+        }
+        let paper = Fairing::PAPER;
+        let lambda = self.lambda.unwrap_or(paper.lambda);
+        if !(lambda > 0.0 && lambda < 1.0) {
             return Err(CliError::Usage(format!(
-                "--lambda {}: between 0 and 1; at 1 the steps oscillate",
-                self.lambda
+                "--lambda {lambda}: between 0 and 1; at 1 the steps oscillate"
             )));
         }
         let weights = match self.weights {
-            None => automatic.weights,
+            None => paper.weights,
             Some(WeightArg::Uniform) => Weights::Uniform,
             Some(WeightArg::InverseDistance) => Weights::InverseDistance,
         };
-        Ok(Fairing { steps, lambda: self.lambda, weights })
+        Ok(Smoothing::Steps(Fairing { steps: steps.unwrap_or(paper.steps), lambda, weights }))
     }
 }
 
 impl SurfaceArgs {
-    /// Options for a lumen whose widest inscribed ball has this radius, or a guess of it.
+    /// Options of the surface; `automatic` smooths where the user leaves it open.
     pub fn options(
         &self,
         from_grey: bool,
-        automatic: Fairing,
+        automatic: Smoothing,
         track_from: Option<glam::IVec3>,
     ) -> Result<SurfaceOptions, CliError> {
-        Ok(SurfaceOptions { from_grey, fairing: self.fair.fairing(automatic)?, track_from })
+        Ok(SurfaceOptions { from_grey, smoothing: self.fair.smoothing(automatic)?, track_from })
     }
 }

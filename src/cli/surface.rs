@@ -9,9 +9,8 @@ use super::mesh_args::SurfaceArgs;
 use super::timing::timed;
 use crate::formats::write_mesh;
 use crate::geometry::Mesh;
-use crate::lumen::Lumen;
 use crate::pipeline::{Mode, SurfaceReport, detail, wall};
-use crate::surface::Fairing;
+use crate::surface::{Fairing, Smoothing};
 
 /// `intima surface INPUT LUMEN -o MESH`
 #[derive(Debug, clap::Args)]
@@ -54,16 +53,11 @@ impl ModeArg {
     }
 }
 
-/// Fairing when the user leaves it open.
-pub fn automatic(mode: Mode, lumen: &Lumen) -> Fairing {
+/// Smoothing of the normals when the user leaves it open.
+pub fn automatic(mode: Mode) -> Smoothing {
     match mode {
-        Mode::Paper => Fairing::PAPER,
-        Mode::Default => {
-            // Volume over area of a round tube is half its radius.
-            let per_boundary = lumen.inside_voxels() as f64 / lumen.boundary_voxels.max(1) as f64;
-            let radius = 2.0 * per_boundary * lumen.grid.spacing_mm.min_element();
-            Fairing::automatic(lumen.grid.spacing_mm, radius)
-        }
+        Mode::Paper => Smoothing::Steps(Fairing::PAPER),
+        Mode::Default => Smoothing::Scales,
     }
 }
 
@@ -87,8 +81,7 @@ impl Args {
         let (lumen, _) = chosen.lumen(global)?;
         let mut device = global.open()?;
         let grey = self.from.as_deref() != Some("mask");
-        let build =
-            |mode: Mode| self.surface.options(grey, automatic(mode, &lumen), chosen.track_from());
+        let build = |mode: Mode| self.surface.options(grey, automatic(mode), chosen.track_from());
         let options = build(self.mode.main())?;
         let (wall, timing) = timed(global, &mut device, |device, clock| {
             let (volume, window) = (&chosen.volume, &chosen.recipe.window);

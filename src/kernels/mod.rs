@@ -11,6 +11,10 @@ pub mod hessian;
 pub mod prefix_sum;
 pub mod ridge_mark;
 pub mod ridge_measure;
+pub mod scale_bands;
+pub mod scale_pool;
+pub mod scale_restore;
+pub mod scale_step;
 pub mod visibility;
 
 use glam::UVec3;
@@ -39,6 +43,10 @@ pub static ALL: &[&Kernel] = &[
     &hessian::KERNEL,
     &visibility::KERNEL,
     &fair::KERNEL,
+    &scale_step::KERNEL,
+    &scale_bands::KERNEL,
+    &scale_pool::KERNEL,
+    &scale_restore::KERNEL,
 ];
 
 /// Slot beside `slot` along an axis, from the flat neighbour table kernels bind.

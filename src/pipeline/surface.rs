@@ -11,7 +11,9 @@ use crate::compute::Plan;
 use crate::device::Device;
 use crate::geometry::Mesh;
 use crate::lumen::{Lumen, Window};
-use crate::surface::{self as stage, Adjacency, Fairing, Grey, Midpoint, Surface, Topology};
+use crate::surface::{
+    self as stage, Adjacency, Grey, Lattice, Midpoint, Scales, Smoothing, Surface, Topology,
+};
 use crate::volume::Volume;
 
 /// How to make the surface.
@@ -19,8 +21,8 @@ use crate::volume::Volume;
 pub struct SurfaceOptions {
     /// Sub-voxel crossings from grey values, where the window is a threshold.
     pub from_grey: bool,
-    /// Fairing of the normals.
-    pub fairing: Fairing,
+    /// Smoothing of the normals.
+    pub smoothing: Smoothing,
     /// Keep only the component a walk from this voxel along +x hits first.
     pub track_from: Option<IVec3>,
 }
@@ -56,26 +58,39 @@ pub fn wall(
         |s| s.mesh.faces.len() as u64,
     );
     let Surface { mut mesh, adjacency, topology } = surface;
-    mesh.normals = faired(device, &mesh, &adjacency, options.fairing, clock)?;
+    let grid = &lumen.grid;
+    let lattice = Lattice { direction: grid.direction, spacing_mm: grid.spacing_mm };
+    mesh.normals = faired(device, (&mesh, &adjacency), lattice, options.smoothing, clock)?;
     Ok(Wall { mesh, topology })
 }
 
-/// Smoothed normals of a mesh, from its face normals.
+/// Smoothed normals of a mesh and its adjacency, from its face normals.
+///
+/// * `lattice`: the grid the mesh was taken from.
 ///
 /// # Errors
 /// The device's.
 pub fn faired(
     device: &mut Device,
-    mesh: &Mesh,
-    adjacency: &Adjacency,
-    fairing: Fairing,
+    (mesh, adjacency): (&Mesh, &Adjacency),
+    lattice: Lattice,
+    smoothing: Smoothing,
     clock: &mut Clock,
 ) -> Result<Vec<Vec3>, PipelineError> {
     let start = Instant::now();
-    let normals = stage::face_normals(mesh);
-    let weights = stage::weights(mesh, adjacency, fairing.weights);
     let mut plan = Plan::new();
-    let n = stage::fair(&mut plan, adjacency, &weights, &normals, fairing);
+    let (scales, normals, weights);
+    let n = match smoothing {
+        Smoothing::Scales => {
+            scales = Scales::new(mesh, adjacency, lattice);
+            stage::by_scales(&mut plan, adjacency, &scales)
+        }
+        Smoothing::Steps(fairing) => {
+            normals = stage::face_normals(mesh);
+            weights = stage::weights(mesh, adjacency, fairing.weights);
+            stage::fair(&mut plan, adjacency, &weights, &normals, fairing)
+        }
+    };
     plan.download(n);
     let out = device.run(&plan)?;
     clock.plan("fair", device.name(), start, (mesh.positions.len() as u64, "vertices"), &out);

@@ -28,22 +28,21 @@ pub struct Fairing {
     pub weights: Weights,
 }
 
+/// How a surface gets its normals.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Smoothing {
+    /// Each vertex as far as its surroundings allow ([`super::by_scales`]).
+    Scales,
+    /// The paper's: the same number of steps for every vertex.
+    Steps(Fairing),
+}
+
 /// Steps that stay within a fifth of the best number on spheres, tori and tubes.
 pub const DEFAULT_STEPS: u32 = 30;
 
 impl Fairing {
     /// The paper's: uniform weights, λ = 0.5.
     pub const PAPER: Self = Self { steps: DEFAULT_STEPS, lambda: 0.5, weights: Weights::Uniform };
-
-    /// Inverse-distance weights on anisotropic grids (uniform ones there favour the short edges)
-    /// and in lumens narrower than 8 voxels; uniform elsewhere.
-    pub fn automatic(spacing_mm: glam::DVec3, radius_mm: f64) -> Self {
-        let anisotropic = spacing_mm.max_element() > 1.3 * spacing_mm.min_element();
-        let narrow = radius_mm < 8.0 * spacing_mm.max_element();
-        let weights =
-            if anisotropic || narrow { Weights::InverseDistance } else { Weights::Uniform };
-        Self { weights, ..Self::PAPER }
-    }
 }
 
 /// Area-weighted vertex normals, three floats a vertex; a vertex without area gets +z.

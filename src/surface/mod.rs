@@ -3,13 +3,15 @@
 mod extract;
 mod fair;
 mod grey;
+mod scales;
 mod shading;
 pub mod table;
 mod topology;
 
 pub use extract::{Crossing, Midpoint, clamp_fraction, extract};
-pub use fair::{DEFAULT_STEPS, Fairing, Weights, face_normals, fair, weights};
+pub use fair::{DEFAULT_STEPS, Fairing, Smoothing, Weights, face_normals, fair, weights};
 pub use grey::Grey;
+pub use scales::{Lattice, Scales, by_scales};
 pub use shading::{Shading, shading};
 pub use topology::{Adjacency, Topology, keep_component};
 
