@@ -1,8 +1,10 @@
 //! Simplification by half-edge collapse: fewer faces, the vertices that stay stay where they are.
 
+use rayon::prelude::*;
+
 use super::greedy::{Greedy, Stop};
 use super::halfedge::NONE;
-use super::{HalfEdges, MeshError, Recorder};
+use super::{Closest, HalfEdges, MeshError, Nearest, Recorder};
 use crate::geometry::Mesh;
 
 /// What a collapse costs.
@@ -29,7 +31,7 @@ pub struct SimplifyOptions<'a> {
     pub metric: Metric,
     /// Whether the vertices that stay move to where they stand best for those that went, at each
     /// collapse and once more at the end; not those on boundaries and rims, nor locked ones.
-    /// Connectivity stays what the collapses made it, and normals what they were.
+    /// Connectivity stays what the collapses made it; normals are taken anew where they come to lie.
     pub relocate: bool,
     /// One flag a vertex: it neither moves nor goes.
     pub locked: Option<&'a [bool]>,
@@ -112,16 +114,35 @@ pub fn simplify(
     let stop = Stop { faces: options.faces, max_error_mm: options.max_error_mm };
     let stopped = greedy.run(&stop, recorder);
     let (collapses, error_mm) = (greedy.collapses, greedy.error_mm);
-    let (mut mesh, vertex_ids, face_ids) = compact(mesh, &greedy.edges);
-    if options.relocate {
+    let (mut left, vertex_ids, face_ids) = compact(mesh, &greedy.edges);
+    if options.relocate && collapses > 0 {
         greedy.relocate_all();
-        for (p, v) in mesh.positions.iter_mut().zip(&vertex_ids) {
+        for (p, v) in left.positions.iter_mut().zip(&vertex_ids) {
             if greedy.may_move(*v) {
                 *p = greedy.position(*v).as_vec3();
             }
         }
+        renew_normals(&mut left, &vertex_ids, mesh);
     }
-    Ok(Simplified { mesh, vertex_ids, face_ids, collapses, stopped, error_mm })
+    Ok(Simplified { mesh: left, vertex_ids, face_ids, collapses, stopped, error_mm })
+}
+
+/// Gives vertices that moved the normal of the surface given at the place nearest to them.
+fn renew_normals(left: &mut Mesh, vertex_ids: &[u32], given: &Mesh) {
+    if left.normals.is_empty() {
+        return;
+    }
+    let tree = Nearest::new(given);
+    let places = left.positions.par_iter().zip(vertex_ids).with_min_len(512);
+    places.zip(&mut left.normals).for_each(|((p, id), normal)| {
+        if *p == given.positions[*id as usize] {
+            return;
+        }
+        let Some(Closest { at, .. }) = tree.closest(p.as_dvec3()) else { return };
+        let corners = given.faces[at.face as usize].map(|v| given.normals[v as usize]);
+        let sum: glam::Vec3 = corners.iter().zip(at.weights).map(|(n, w)| *n * w as f32).sum();
+        *normal = sum.try_normalize().unwrap_or(*normal);
+    });
 }
 
 /// What is left, in the old order, with old ids of vertices and faces.

@@ -255,6 +255,23 @@ fn no_collapse_errs_more_than_allowed() {
 }
 
 #[test]
+fn vertices_that_move_lie_better_and_take_the_normal_of_where_they_lie() {
+    let mesh = torus(120, 60);
+    let at = |relocate| {
+        let options = SimplifyOptions { relocate, ..SimplifyOptions::to_faces(700) };
+        let s = simplify(&mesh, &options, &mut ()).unwrap();
+        for (p, n) in s.mesh.positions.iter().zip(&s.mesh.normals) {
+            let tube = 10.0 * Vec3::new(p.x, p.y, 0.0).normalize() - *p;
+            assert!(n.dot(tube.normalize()) > 0.999, "{p} {n}");
+        }
+        deviation(&s.mesh, &mesh).unwrap()
+    };
+    let (stay, moved) = (at(false), at(true));
+    assert!(moved.mean_mm < 0.7 * stay.mean_mm, "{moved:?} {stay:?}");
+    assert!(moved.hausdorff_mm < stay.hausdorff_mm, "{moved:?} {stay:?}");
+}
+
+#[test]
 fn ids_name_where_vertices_and_faces_come_from() {
     let mesh = torus(30, 20);
     let s = down_to(&mesh, 300);
