@@ -123,7 +123,7 @@ STAGES = {
         "ridge of the distance over the lumen",
         f"Distance, blur of {SIGMA_MM} mm, Hessian, response. Scored by how far from the axis the strongest 2 % "
         "of the lumen's voxels lie, beside what all of them do.",
-        ["helix_128"], ["helix_256", "tube_256"],
+        ["helix_128"], ["helix_256"],
         {"intima hessian": (_to("nrrd", lambda c: [
             "hessian", *_mask(c), "--of", "distance", "--response", "ridge", "--sigma", str(SIGMA_MM)]), _mask)},
         {"SimpleITK": ("SimpleITK", "volumes:itk_ridge", SIGMA_MM),
