@@ -57,7 +57,7 @@ pub struct Cluster {
 /// Clusters that are replaced together.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Group {
-    /// Its fine clusters in [`Clusters::members`]: the first,
+    /// Its fine clusters in `Clusters::members`: the first,
     pub first_input: u32,
     /// and how many.
     pub inputs: u32,
