@@ -11,7 +11,8 @@
 //!
 //! The original is laid onto M_L in the same way, and measured where its vertices are mapped to and
 //! in the middle of every edge of M_L. Where else it bends, at crossings of its edges and those of
-//! M_L, is not measured; that is the one place where the bound is not rigorous.
+//! M_L, is not measured: a tenth is added for that (up to 0.03 % was missing in tests). It is the
+//! one place where the bound is not rigorous.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -126,6 +127,9 @@ fn cell(weights: [f64; 3], n: u32) -> [Grid; 3] {
     }
 }
 
+/// For what lies between the places measured on the finest level.
+const BETWEEN: f64 = 1.1;
+
 /// For each face, a bound of the distance of level ℓ = 0 ..= L and the original, never growing with
 /// the level.
 pub fn bounds(base: &Base, samples: &Samples, original: &dyn Original) -> Vec<Vec<f32>> {
@@ -137,7 +141,7 @@ pub fn bounds(base: &Base, samples: &Samples, original: &dyn Original) -> Vec<Ve
             let mut worst: f64 = 0.0;
             for e in levels.iter_mut().rev() {
                 worst = worst.max(*e);
-                *e = worst + own;
+                *e = worst + BETWEEN * own;
             }
             // Rounded up.
             levels.iter().map(|e| (e * (1.0 + 1e-6)) as f32).collect()

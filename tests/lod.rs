@@ -1,0 +1,81 @@
+//! Levels of detail against the original, by rays and nearest points of their own.
+
+#[path = "common/cast.rs"]
+mod cast;
+#[path = "common/pages.rs"]
+mod pages;
+#[path = "common/screen.rs"]
+mod screen;
+#[path = "common/tube.rs"]
+mod tube;
+
+use cast::Cast;
+use intima::geometry::{Lens, Mesh};
+use intima::lod::{Camera, Pool, Tolerance};
+use intima::pipeline::{Clock, Detail};
+use intima::surface::shading;
+use pages::Pages;
+
+fn camera(s: f32, fov_deg: f32) -> Camera {
+    let lens = Lens { fov_y_rad: fov_deg.to_radians(), aspect: 4.0 / 3.0, near_mm: 0.5 };
+    Camera { pose: tube::pose(s), lens, height_px: 60 }
+}
+
+fn clusters(mesh: &Mesh) -> Detail {
+    let vertices = shading(mesh).vertices;
+    let built = intima::lod::clusters::Clusters::build(mesh, &vertices).unwrap();
+    Detail::of_clusters(built, 1.0, false)
+}
+
+fn subdivision(mesh: &Mesh) -> Detail {
+    let vertices = shading(mesh).vertices;
+    let clock = &mut Clock::default();
+    Detail::of_subdivision(mesh, &vertices, mesh.faces.len() / 10, 1.0, clock).unwrap()
+}
+
+/// Every pixel of a flight through the tube.
+fn flown(mut detail: Detail, mesh: &Mesh, tau: f64) -> (screen::Found, f64) {
+    let original = Cast::of(mesh);
+    let tolerance = Tolerance { pixels: detail.report.pixel_error };
+    let pool = &mut Pool::new(detail.pages, u32::MAX, 0);
+    let mut pages = Pages::default();
+    let (mut found, mut drawn) = (screen::Found::default(), 0);
+    for fov in [60.0, 90.0, 120.0] {
+        for i in 0..5 {
+            let camera = camera(30.0 + 50.0 * i as f32, fov);
+            pages.settle(detail.refine.as_mut(), &camera, &tolerance, pool);
+            let cut = pages.corners();
+            drawn += cut.len();
+            found = found.and(screen::compare(&original, &Cast::new(cut), &camera, tau));
+        }
+    }
+    (found, drawn as f64 / 15.0 / mesh.faces.len() as f64)
+}
+
+#[test]
+fn every_pixel_of_clusters_is_within_the_bound_and_none_is_a_hole() {
+    let mesh = tube::tube(500, 160);
+    let (found, share) = flown(clusters(&mesh), &mesh, 1.0);
+    println!("{found:?}, {share:.3} of the faces");
+    assert!(share < 0.5, "nothing is saved: {share}");
+    assert_eq!(found.holes, 0);
+    assert!(found.inside() >= 0.9999, "{found:?}");
+}
+
+#[test]
+fn every_pixel_of_the_subdivision_is_within_the_bound_and_none_is_a_hole() {
+    let mesh = tube::tube(300, 96);
+    let (found, _) = flown(subdivision(&mesh), &mesh, 1.0);
+    println!("{found:?}");
+    assert_eq!(found.holes, 0);
+    assert!(found.inside() >= 0.9999, "{found:?}");
+}
+
+#[test]
+fn a_cut_coarser_than_the_bound_is_seen_by_this_test() {
+    let mesh = tube::tube(300, 96);
+    let mut detail = clusters(&mesh);
+    detail.report.pixel_error = 8.0;
+    let (found, _) = flown(detail, &mesh, 0.05);
+    assert!(found.inside() < 0.999 && found.worst_px > 0.1, "{found:?}");
+}
