@@ -85,7 +85,7 @@ fn what_cannot_be_reached_is_said_with_its_reason() {
 fn odd_meshes_are_repaired_aloud() {
     let good = tube::tube(30, 16);
     let cases: [(&str, fn(&mut Mesh), &str); 4] = [
-        ("degenerate", |m| m.faces.push([3, 3, 4]), "name a vertex twice"),
+        ("degenerate", |m| m.faces.push([3, 3, 4]), "repeated vertex"),
         ("duplicate", |m| m.faces.push(m.faces[5]), "repeat another"),
         ("flipped", |m| m.faces[7].swap(0, 1), "turned over"),
         (
@@ -111,16 +111,27 @@ fn odd_meshes_are_repaired_aloud() {
 
 #[test]
 fn meshes_past_repair_are_refused_in_one_line_and_nothing_is_written() {
-    let good = tube::tube(30, 16);
-    let mut nan = good.clone();
-    nan.positions[17].y = f32::NAN;
-    let mut empty = good.clone();
-    empty.faces.clear();
-    for (name, mesh, word) in [("nan", nan, "vertex 17"), ("empty", empty, "no faces")] {
-        let (code, _, said, done) = simplify(&mesh, &["--faces", "100"]);
-        assert_eq!(code, Some(3), "{name}: {said}");
-        assert!(said.contains(word) && said.lines().count() == 1, "{name}: {said}");
-        assert!(done.faces.is_empty());
+    let dir = tempfile::tempdir().unwrap();
+    for (name, text, word) in [
+        ("nan", "v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n", "not finite"),
+        ("empty", "v 0 0 0\nv 1 0 0\n", "no faces"),
+        ("index", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "9"),
+        (
+            "moebius",
+            "v 0 0 0\nv 1 0 0\nv 2 1 0\nv 1 2 1\nv 0 1 1\n\
+             f 1 2 3\nf 2 3 4\nf 3 4 5\nf 4 5 1\nf 5 1 2\n",
+            "one-sided",
+        ),
+    ] {
+        std::fs::write(dir.path().join("in.obj"), text).unwrap();
+        let args = ["simplify", "in.obj", "--faces", "1", "-o", "out.ply", "--space", "lps"];
+        let out = intima(dir.path(), &args);
+        let said = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert_eq!(out.status.code(), Some(3), "{name}: {said}");
+        assert!(said.contains(word) && said.contains("in.obj"), "{name}: {said}");
+        let lines = said.lines().filter(|l| l.starts_with("intima:")).count();
+        assert_eq!(lines, 1, "{name}: {said}");
+        assert!(!dir.path().join("out.ply").exists());
     }
 }
 
