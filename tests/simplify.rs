@@ -84,7 +84,8 @@ fn what_cannot_be_reached_is_said_with_its_reason() {
 #[test]
 fn odd_meshes_are_repaired_aloud() {
     let good = tube::tube(30, 16);
-    let cases: [(&str, fn(&mut Mesh), &str); 4] = [
+    type Case = (&'static str, fn(&mut Mesh), &'static str);
+    let cases: [Case; 4] = [
         ("degenerate", |m| m.faces.push([3, 3, 4]), "repeated vertex"),
         ("duplicate", |m| m.faces.push(m.faces[5]), "repeat another"),
         ("flipped", |m| m.faces[7].swap(0, 1), "turned over"),
