@@ -67,6 +67,7 @@ fn run_writes_every_product_and_a_report_of_this_run() {
     let json = works(tmp.path(), &[&args[..], &more].concat());
     let out = tmp.path().join("out");
     let want = [
+        "base.ply",
         "centerline.csv",
         "centerline.mrk.json",
         "centerline.vtp",
@@ -89,6 +90,10 @@ fn run_writes_every_product_and_a_report_of_this_run() {
     assert_eq!(report["surface"]["watertight"], true);
     assert_eq!(report["surface"]["euler"], 2);
     assert_eq!(report["frames"]["count"], 3);
+    assert_eq!(report["lod"]["mode"], "clusters");
+    assert_eq!(report["lod"]["finest_faces"], report["surface"]["faces"]);
+    let drawn = report["frames"]["triangles_p99"].as_u64().unwrap();
+    assert!(drawn > 0 && drawn < report["surface"]["faces"].as_u64().unwrap());
     assert!(report["modes"]["paper"]["ridge_candidates"].as_u64() > Some(0));
     assert!(report["frames"]["min_near_clearance_mm"].as_f64() > Some(0.0));
     let names: Vec<&str> =
@@ -119,6 +124,50 @@ fn frames_are_the_same_bytes_with_one_thread_and_with_two() {
     let one = frames("1", "a");
     assert_eq!(one.len(), 4);
     assert!(one == frames("2", "b") && one == frames("2", "c"));
+}
+
+#[test]
+fn every_way_of_drawing_shows_nearly_the_same_and_keeps_its_clusters() {
+    if !can_draw() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Bend, 128);
+    let film = |lod: &str, out: &str| {
+        let args = ["record", "--mask", "mask.nrrd", "--out", out, "--lod", lod, "--json"];
+        let more = ["--frames", "3", "--size", "160x120", "--msaa", "1", "--lod-cache", "kept"];
+        let report = works(tmp.path(), &[&args[..], &more].concat());
+        let pictures: Vec<Vec<u8>> = names(&tmp.path().join(out))
+            .iter()
+            .map(|n| read_png(&tmp.path().join(out).join(n)).unwrap().2)
+            .collect();
+        (report, pictures)
+    };
+    let (whole, want) = film("off", "off");
+    assert_eq!(whole["lod"]["mode"], "off");
+    for (lod, out, cached) in
+        [("clusters", "a", false), ("clusters", "b", true), ("vds", "c", false)]
+    {
+        let (report, got) = film(lod, out);
+        assert_eq!(report["lod"]["mode"], lod);
+        assert_eq!(report["lod"]["cached"], cached, "{lod} {out}");
+        for (a, b) in want.iter().zip(&got) {
+            let sum: u64 = a.iter().zip(b).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
+            let mean = sum as f64 / a.len() as f64;
+            assert!(mean < 1.0, "{lod}: {mean} of 255 apart");
+        }
+    }
+    // What is kept is checked: damage costs a build, nothing else.
+    let kept = names(&tmp.path().join("kept"));
+    assert_eq!(kept.len(), 1, "{kept:?}");
+    let file = tmp.path().join("kept").join(&kept[0]);
+    let mut bytes = std::fs::read(&file).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(&file, bytes).unwrap();
+    let (report, again) = film("clusters", "d");
+    assert_eq!(report["lod"]["cached"], false);
+    assert!(again == film("clusters", "e").1, "a cut depends on where its clusters come from");
 }
 
 #[test]
