@@ -113,7 +113,7 @@ impl DetailSetup {
             Clusters::from_bytes(&std::fs::read(path).ok()?, mesh, vertices).ok()
         };
         if let Some(path) = &file
-            && let Some(found) = clock.time("clusters", "faces read", || read(path), |_| faces)
+            && let Some(found) = clock.time("kept clusters", "faces", || read(path), |_| faces)
         {
             return Ok((found, true));
         }
