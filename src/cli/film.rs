@@ -17,7 +17,7 @@ use crate::lod::{Tolerance, Worker};
 use crate::lumen::Lumen;
 use crate::pipeline::detail::{LodReport, UPLOAD_BYTES};
 use crate::pipeline::{Clock, Fields, FramesReport, Stage, Wall};
-use crate::render::{FrameStats, Renderer, Scene, Shot, View};
+use crate::render::{FrameStats, IN_FLIGHT, Renderer, Scene, Shot, View};
 use crate::surface::shading;
 use crate::vk::{Choice, Gpu};
 
@@ -128,14 +128,11 @@ fn along(path: &[Vec3], flight: &Flight) -> Vec<f32> {
 }
 
 /// What is drawn, and by what it is refined.
-struct Set {
+struct Staged {
     scene: Scene,
     worker: Option<Worker>,
     lod: LodReport,
 }
-
-/// Frames in flight that a page may still be read by.
-const IN_FLIGHT: u32 = 3;
 
 /// Puts the wall on the device: whole, or as pages that a worker fills.
 fn set(
@@ -144,7 +141,7 @@ fn set(
     closed: bool,
     setup: &Setup,
     clock: &mut Clock,
-) -> Result<Set, CliError> {
+) -> Result<Staged, CliError> {
     let detail = match setup.view {
         View::Overview => None,
         View::Inside | View::Split => {
@@ -158,7 +155,7 @@ fn set(
         let lod =
             LodReport { mode: "off", base_faces: faces, finest_faces: faces, ..Default::default() };
         let scene = Scene::of(renderer.upload_mesh(mesh, false)?);
-        return Ok(Set { scene, worker: None, lod });
+        return Ok(Staged { scene, worker: None, lod });
     };
     let overview = match setup.view {
         View::Inside => None,
@@ -166,12 +163,13 @@ fn set(
     };
     let pages = renderer.open_pages(detail.pages, radius_mm)?;
     let tolerance = Tolerance { pixels: setup.detail.pixel_error };
-    let worker = Worker::spawn(detail.refine, tolerance, detail.pages, UPLOAD_BYTES, IN_FLIGHT);
+    let worker =
+        Worker::spawn(detail.refine, tolerance, detail.pages, UPLOAD_BYTES, IN_FLIGHT as u32);
     let mut scene = Scene::paged(pages, overview);
     // Through an open end the back of a wall can be seen.
     scene.wall = crate::render::Wall::Pages { pages, backs: !closed };
     let worker = Some(worker.map_err(|e| CliError::System(e.to_string()))?);
-    Ok(Set { scene, worker, lod: detail.report })
+    Ok(Staged { scene, worker, lod: detail.report })
 }
 
 /// Figures of every frame.
@@ -212,7 +210,7 @@ fn draw(
     let opened = open.then(|| without_caps(&filmed.wall.mesh));
     let mesh = opened.as_ref().unwrap_or(&filmed.wall.mesh);
     let closed = filmed.wall.topology.watertight && !open;
-    let Set { mut scene, mut worker, lod } = set(&mut renderer, mesh, closed, setup, clock)?;
+    let Staged { mut scene, mut worker, lod } = set(&mut renderer, mesh, closed, setup, clock)?;
 
     let started = Instant::now();
     let path: Vec<Vec3> = line

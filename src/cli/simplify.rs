@@ -37,7 +37,7 @@ pub struct Args {
     #[arg(long, value_name = "MM")]
     max_error: Option<f64>,
     /// Leave the vertices that stay where they were, as paper mode always does; by default they
-    /// move, at the end, to where they stand best for those that went
+    /// move, at each collapse, to where they stand best for those that went
     #[arg(long)]
     keep_vertices: bool,
     /// Also measure how far the result is from the mesh: both ways, from samples of each
