@@ -12,8 +12,8 @@ use crate::device::Device;
 use crate::formats::{FormatError, Space, read_mesh, whole, write_mesh};
 use crate::geometry::Mesh;
 use crate::mesh::{
-    Deviation, Maps, MeshError, Metric, Recorder, Repairs, Simplified, SimplifyOptions, Stopped,
-    deviation, prepare, simplify,
+    Deviation, Maps, MeshError, Metric, Repairs, Simplified, SimplifyOptions, Stopped, deviation,
+    prepare, simplify,
 };
 use crate::pipeline::{Clock, Mode};
 
@@ -129,10 +129,11 @@ impl Args {
             ..SimplifyOptions::to_faces(self.faces.unwrap_or(0))
         };
         let mut maps = self.maps.as_ref().map(|_| Maps::new(mesh)).transpose()?;
-        let none: &mut dyn Recorder = &mut ();
-        let recorder = maps.as_mut().map_or(none, |m| m as &mut dyn Recorder);
         let gone = |r: &Result<Simplified, _>| r.as_ref().map_or(0, |s: &Simplified| s.collapses);
-        let work = || simplify(mesh, &options, recorder);
+        let work = || match maps.as_mut() {
+            Some(maps) => simplify(mesh, &options, maps),
+            None => simplify(mesh, &options, &mut ()),
+        };
         let simplified = clock.time("simplify", "collapses", work, |r| gone(r) as u64)?;
         Ok(Done { simplified, maps })
     }

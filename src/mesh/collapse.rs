@@ -18,21 +18,51 @@ pub struct Collapse<'a> {
     /// vertex (the last one closes the ring), K − 1 on a boundary. The faces that hold `to` go;
     /// every other one survives under its id with `from` replaced by `to`.
     pub faces: &'a [u32],
+    /// Where `from` is, mm.
+    pub from_at: DVec3,
+    /// Where each vertex of the ring is, mm.
+    pub ring_at: &'a [DVec3],
     /// Whether `from` lies on a boundary.
     pub boundary: bool,
 }
 
-/// Hears of every collapse before it happens.
+/// Hears of every collapse in a part of a mesh before it happens.
+pub trait Log: Default + Send {
+    /// Takes the collapse down, or refuses it.
+    fn record(&mut self, collapse: &Collapse<'_>) -> bool;
+
+    /// Whether it agrees to everything and need not be asked.
+    fn is_deaf(&self) -> bool {
+        false
+    }
+}
+
+/// Hears of every collapse.
 pub trait Recorder {
-    /// Takes the collapse down, or refuses it. `position` gives where each vertex lies.
-    fn record(&mut self, collapse: &Collapse<'_>, position: &dyn Fn(u32) -> DVec3) -> bool;
+    /// Hears of those in one part of the mesh, beside those in other parts.
+    type Log: Log;
+
+    /// Takes a log up. The collapses of logs taken up earlier came before those of this one, or
+    /// have nothing to do with them.
+    fn take_up(&mut self, log: Self::Log);
+}
+
+/// Records nothing, refuses nothing.
+impl Log for () {
+    fn record(&mut self, _: &Collapse<'_>) -> bool {
+        true
+    }
+
+    fn is_deaf(&self) -> bool {
+        true
+    }
 }
 
 /// Records nothing, refuses nothing.
 impl Recorder for () {
-    fn record(&mut self, _: &Collapse<'_>, _: &dyn Fn(u32) -> DVec3) -> bool {
-        true
-    }
+    type Log = ();
+
+    fn take_up(&mut self, (): ()) {}
 }
 
 /// A place on a mesh: a face and weights of its three vertices, which sum to 1.

@@ -1,34 +1,44 @@
 //! The cheapest legal collapse, again and again.
 
-use glam::DVec3;
-use rayon::prelude::*;
+use glam::{DVec3, Vec3};
 
+use super::given::Given;
 use super::halfedge::{NONE, face, next, prev};
 use super::heap::{Entry, Heap};
 use super::quadric::Quadric;
 use super::relocate::better_place;
 use super::star::Star;
-use super::start::{Freedom, PARCEL, freedoms, on_rim, quadrics};
-use super::{Collapse, HalfEdges, Metric, Recorder, SimplifyOptions, Stopped};
-use crate::geometry::Mesh;
+use super::start::{Freedom, on_rim, quadrics};
+use super::{Collapse, HalfEdges, Log, Metric, Stopped};
 
 /// When to end.
+#[derive(Clone, Copy)]
 pub struct Stop {
     /// At so many faces.
     pub faces: usize,
+    /// Before a collapse that costs more; bits of the cost.
+    pub most: u64,
     /// Before a collapse that errs more, mm.
     pub max_error_mm: Option<f64>,
 }
 
 /// Where a vertex is and what it costs there.
 #[derive(Clone, Copy)]
-struct Place {
+pub struct Place {
     at: DVec3,
     /// Its own quadric there.
     cost: f64,
 }
 
-/// A mesh on its way down. Positions are centred and scaled to a box of side 1.
+/// What a run works on, by ids of the mesh given.
+pub struct Piece {
+    /// Its vertices, ascending.
+    pub vertex_ids: Vec<u32>,
+    /// Its faces, ascending.
+    pub face_ids: Vec<u32>,
+}
+
+/// A mesh, or part of one, on its way down.
 pub struct Greedy {
     /// What is left.
     pub edges: HalfEdges,
@@ -36,16 +46,19 @@ pub struct Greedy {
     pub collapses: usize,
     /// Largest error of a collapse made, mm.
     pub error_mm: f64,
+    piece: Piece,
     faces: usize,
     mm: f64,
     moves: bool,
-    centre: DVec3,
     places: Vec<Place>,
     /// Normals that faces are held against; none where only quadrics count.
-    normals: Vec<glam::Vec3>,
+    normals: Vec<Vec3>,
     quadrics: Vec<Quadric>,
     freedom: Vec<Freedom>,
     heap: Heap,
+    /// The target of each vertex that goes with its cost in the heap; `NONE` where something around
+    /// has changed since, and that cost is a lower bound.
+    choice: Vec<u32>,
     /// The last turn in which a vertex was in the ring of the vertex at hand.
     seen: Vec<u32>,
     turn: u32,
@@ -78,78 +91,164 @@ struct Best {
 struct Rings {
     ring: Vec<u32>,
     faces: Vec<u32>,
+    at: Vec<DVec3>,
 }
 
 impl Greedy {
-    /// Takes a mesh over. O(V + F).
-    pub fn new(mesh: &Mesh, mut edges: HalfEdges, options: &SimplifyOptions<'_>) -> Self {
-        for (f, cap) in mesh.caps.iter().enumerate() {
-            edges.set_mark(f as u32, u32::from(*cap));
-        }
-        let (lo, hi) = mesh.bounds().unwrap_or_default();
-        let (lo, hi) = (lo.as_dvec3(), hi.as_dvec3());
-        let centre = 0.5 * (lo + hi);
-        let side = (hi - lo).max_element();
-        let mm = if side > 0.0 { side } else { 1.0 };
-        let place = |p: &glam::Vec3| Place { at: (p.as_dvec3() - centre) / mm, cost: 0.0 };
-        let places: Vec<Place> =
-            mesh.positions.par_iter().with_min_len(PARCEL).map(place).collect();
-        let at = |v: u32| places[v as usize].at;
-        let quadrics = quadrics(mesh, &edges, &at, options.metric);
-        let freedom = freedoms(&edges, options.locked);
-        let vertices = edges.vertex_count();
+    /// Begins with faces none of which has changed. O(V + F).
+    pub fn new(given: &Given<'_>, piece: Piece, edges: HalfEdges, freedom: Vec<Freedom>) -> Self {
+        let ids = &piece.vertex_ids;
+        let places = given.of_each(ids, |v| Place { at: given.at(v), cost: 0.0 });
+        let quadrics = quadrics(given.mesh, &given.edges, &|v| given.at(v), given.metric, ids);
+        Self::with(given, piece, edges, freedom, (places, quadrics), true)
+    }
+
+    /// Begins with what other runs left: for each vertex what they knew of it, if one of them could
+    /// change it.
+    pub fn resume(
+        given: &Given<'_>,
+        piece: Piece,
+        edges: HalfEdges,
+        known: Vec<Option<(Place, Quadric)>>,
+    ) -> Self {
+        let ids = &piece.vertex_ids;
+        let new: Vec<u32> =
+            ids.iter().zip(&known).filter(|(_, k)| k.is_none()).map(|(v, _)| *v).collect();
+        let new = quadrics(given.mesh, &given.edges, &|v| given.at(v), given.metric, &new);
+        let mut new = new.into_iter();
+        let begin = |v: u32| Place { at: given.at(v), cost: 0.0 };
+        let know = |(v, known): (&u32, Option<(Place, Quadric)>)| {
+            known.unwrap_or_else(|| (begin(*v), new.next().unwrap_or_default()))
+        };
+        let state = ids.iter().zip(known).map(know).unzip();
+        let freedom = ids.iter().map(|v| given.freedom[*v as usize]).collect();
+        Self::with(given, piece, edges, freedom, state, false)
+    }
+
+    fn with(
+        given: &Given<'_>,
+        piece: Piece,
+        edges: HalfEdges,
+        freedom: Vec<Freedom>,
+        (places, quadrics): (Vec<Place>, Vec<Quadric>),
+        fresh: bool,
+    ) -> Self {
+        let vertices = piece.vertex_ids.len();
+        let normals = match given.metric {
+            Metric::NormalQem if !given.mesh.normals.is_empty() => {
+                given.of_each(&piece.vertex_ids, |v| given.mesh.normals[v as usize])
+            }
+            _ => Vec::new(),
+        };
         let mut this = Self {
-            faces: mesh.faces.len(),
+            edges,
             collapses: 0,
             error_mm: 0.0,
-            mm,
-            moves: options.relocate,
-            centre,
+            faces: piece.face_ids.len(),
+            piece,
+            mm: given.mm,
+            moves: given.moves,
             places,
-            normals: match options.metric {
-                Metric::NormalQem => mesh.normals.clone(),
-                Metric::Qem | Metric::Paper => Vec::new(),
-            },
+            normals,
             quadrics,
             freedom,
             heap: Heap::new(&[]),
+            choice: vec![NONE; vertices],
             seen: vec![0; vertices],
             turn: 0,
             star: Star::default(),
             targets: Vec::new(),
             rings: Rings::default(),
-            edges,
         };
-        if this.faces > options.faces {
-            let costs: Vec<Option<f64>> = (0..vertices as u32)
-                .into_par_iter()
-                .with_min_len(PARCEL)
-                .map(|v| this.cheapest(v))
-                .collect();
-            this.heap = Heap::new(&costs);
+        if fresh {
+            this.settle();
+        } else {
+            let all: Vec<u32> = (0..vertices as u32).collect();
+            this.heap = Heap::new(&given.of_each(&all, |v| this.cheapest(v)));
         }
         this
     }
 
+    /// Faces left.
+    pub fn faces(&self) -> usize {
+        self.faces
+    }
+
+    /// Id in the mesh given of a vertex.
+    pub fn vertex_id(&self, v: u32) -> u32 {
+        self.piece.vertex_ids[v as usize]
+    }
+
+    /// Id in the mesh given of a face.
+    pub fn face_id(&self, f: u32) -> u32 {
+        self.piece.face_ids[f as usize]
+    }
+
+    /// Ids in the mesh given of the vertices that belong to other parts too.
+    pub fn foreign(&self) -> impl Iterator<Item = u32> + '_ {
+        let ids = self.piece.vertex_ids.iter().zip(&self.freedom);
+        ids.filter(|(_, f)| **f == Freedom::Foreign).map(|(v, _)| *v)
+    }
+
+    /// Costs of the next collapses, as bits, in no order.
+    pub fn costs(&self) -> impl Iterator<Item = u64> + '_ {
+        self.heap.entries().iter().map(|e| e.cost)
+    }
+
+    /// Faces left: ids in the mesh given, and here.
+    pub fn faces_left(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        let all = self.piece.face_ids.iter().zip(0..);
+        all.filter(|(_, f)| self.edges.face(*f).is_some()).map(|(id, f)| (*id, f))
+    }
+
+    /// Vertices that faces left use.
+    pub fn stay(&self) -> impl Iterator<Item = u32> + '_ {
+        (0..self.edges.vertex_count() as u32).filter(|v| self.edges.out(*v) != NONE)
+    }
+
+    /// Vertices left: id in the mesh given, and what it stands for unless it is another part's too.
+    pub fn vertices_left(&self) -> impl Iterator<Item = (u32, Option<(Place, Quadric)>)> + '_ {
+        self.stay().map(|v| {
+            let id = self.vertex_id(v);
+            let v = v as usize;
+            let own = self.freedom[v] != Freedom::Foreign;
+            (id, own.then(|| (self.places[v], self.quadrics[v])))
+        })
+    }
+
     /// Collapses until `stop` says so or nothing can go.
-    pub fn run(&mut self, stop: &Stop, recorder: &mut dyn Recorder) -> Stopped {
+    pub fn run(&mut self, given: &Given<'_>, stop: &Stop, log: &mut impl Log) -> Stopped {
         let mut too_far = false;
         while self.faces > stop.faces {
             let Some(top) = self.heap.first() else {
                 return if too_far { Stopped::MaxError } else { Stopped::NoLegalCollapse };
             };
-            self.look_at(top.vertex);
+            if top.cost > stop.most {
+                break;
+            }
+            self.gather(top.vertex);
+            if let Some((k, cost)) = self.chosen().filter(|_| stop.max_error_mm.is_none())
+                && self.is_legal(k)
+                && self.agreed(k, given, log)
+            {
+                self.error_mm = self.error_mm.max(self.error_mm_at(k, cost));
+                self.collapse(k, cost);
+                continue;
+            }
+            self.weigh();
             loop {
-                let Some(Best { k, dear, cost }) = self.best_target(stop, &mut too_far) else {
+                let best = self.best_target(stop.max_error_mm, &mut too_far);
+                let Some(Best { k, dear, cost }) = best else {
                     self.heap.pop();
                     break;
                 };
                 if (Entry { cost: dear.to_bits(), vertex: top.vertex }) > top {
                     // Dearer than it seemed: others may come first now.
                     self.heap.set(top.vertex, dear);
+                    self.choice[top.vertex as usize] = self.star.ring[k];
                     break;
                 }
-                if self.is_legal(k) && self.agreed(k, recorder) {
+                if self.is_legal(k) && self.agreed(k, given, log) {
                     self.error_mm = self.error_mm.max(self.error_mm_at(k, cost));
                     self.collapse(k, cost);
                     break;
@@ -160,9 +259,9 @@ impl Greedy {
         Stopped::Reached
     }
 
-    /// Where a vertex is, mm.
+    /// Where a vertex is, in the units of the run.
     pub fn position(&self, v: u32) -> DVec3 {
-        self.places[v as usize].at * self.mm + self.centre
+        self.places[v as usize].at
     }
 
     /// Whether a vertex is free to move.
@@ -195,7 +294,7 @@ impl Greedy {
     /// it will cost.
     fn cheapest(&self, v: u32) -> Option<f64> {
         let freedom = self.freedom[v as usize];
-        if freedom == Freedom::Locked {
+        if matches!(freedom, Freedom::Locked | Freedom::Foreign) {
             return None;
         }
         let q = &self.quadrics[v as usize];
@@ -220,19 +319,35 @@ impl Greedy {
         q.at(to.at) + to.cost
     }
 
-    /// Fills star and targets for `v`, and marks its ring as seen.
-    fn look_at(&mut self, v: u32) {
+    /// Fills the star of `v`, and marks its ring as seen.
+    fn gather(&mut self, v: u32) {
         let places = &self.places;
-        self.star.gather(&self.edges, v, |w| places[w as usize].at, &self.normals);
+        self.star.gather(&self.edges, v, |w| places[w as usize].at);
         self.turn += 1;
         for w in &self.star.ring {
             self.seen[*w as usize] = self.turn;
         }
+    }
+
+    /// The target found for the star before, if nothing around has changed since: its place in the
+    /// ring, and its cost by the quadrics alone.
+    fn chosen(&self) -> Option<(usize, f64)> {
+        let v = self.star.centre as usize;
+        let to = self.choice[v];
+        let k = self.star.ring.iter().position(|w| *w == to)?;
+        Some((k, self.quadrics[v].at(self.star.at[k]) + self.places[to as usize].cost))
+    }
+
+    /// Fills the targets of the star.
+    fn weigh(&mut self) {
+        let v = self.star.centre;
+        self.star.measure(self.places[v as usize].at, &self.normals);
         let rim = self.freedom[v as usize] == Freedom::Rim;
         self.targets.clear();
         let q = &self.quadrics[v as usize];
         for (k, (w, at)) in self.star.ring.iter().zip(&self.star.at).enumerate() {
-            if !rim || self.star.leaving.get(k).is_none_or(|h| on_rim(&self.edges, *h)) {
+            let open = !rim || self.star.leaving.get(k).is_none_or(|h| on_rim(&self.edges, *h));
+            if open && self.freedom[*w as usize] != Freedom::Foreign {
                 let cost = q.at(*at) + self.places[*w as usize].cost;
                 self.targets.push(Target { cost, id: *w, k });
             }
@@ -240,17 +355,35 @@ impl Greedy {
         self.targets.sort_unstable_by(|a, b| a.cost.total_cmp(&b.cost).then(a.id.cmp(&b.id)));
     }
 
+    /// Finds out what every vertex costs, one after the other: neighbours are met while they are
+    /// in the cache, as they are not in the order of costs.
+    fn settle(&mut self) {
+        let vertices = self.edges.vertex_count() as u32;
+        let cost = |v| {
+            if matches!(self.freedom[v as usize], Freedom::Locked | Freedom::Foreign) {
+                return None;
+            }
+            self.gather(v);
+            self.weigh();
+            let best = self.best_target(None, &mut false)?;
+            self.choice[v as usize] = self.star.ring[best.k];
+            Some(best.dear)
+        };
+        let costs: Vec<_> = (0..vertices).map(cost).collect();
+        self.heap = Heap::new(&costs);
+    }
+
     /// The target that costs least, with what its faces deviate, by cost, then by id; faces keep
     /// their shape, but whether it is legal is looked at last, for that is dear.
-    fn best_target(&self, stop: &Stop, too_far: &mut bool) -> Option<Best> {
+    fn best_target(&self, max_error_mm: Option<f64>, too_far: &mut bool) -> Option<Best> {
         let mut best: Option<Best> = None;
         for &Target { cost, k, .. } in &self.targets {
             let limit = best.as_ref().map_or(f64::INFINITY, |b| b.dear - cost);
             if limit <= 0.0 {
                 break;
             }
-            let Some(deviation) = self.star.deviation(k, limit) else { continue };
-            if stop.max_error_mm.is_some_and(|most| self.error_mm_at(k, cost) > most) {
+            let Some(deviation) = self.star.deviation(k).filter(|d| *d < limit) else { continue };
+            if max_error_mm.is_some_and(|most| self.error_mm_at(k, cost) > most) {
                 *too_far = true;
                 continue;
             }
@@ -284,25 +417,31 @@ impl Greedy {
     }
 
     /// Asks the recorder.
-    fn agreed(&mut self, k: usize, recorder: &mut dyn Recorder) -> bool {
-        let (star, rings) = (&self.star, &mut self.rings);
+    fn agreed(&mut self, k: usize, given: &Given<'_>, log: &mut impl Log) -> bool {
+        if log.is_deaf() {
+            return true;
+        }
+        let (star, rings, piece) = (&self.star, &mut self.rings, &self.piece);
         // A ring without ends begins at the target.
         let turn = if star.open { 0 } else { k };
-        let rotated = |list: &[u32], into: &mut Vec<u32>, of: fn(u32) -> u32| {
-            into.clear();
-            into.extend(list[turn..].iter().chain(&list[..turn]).map(|v| of(*v)));
-        };
-        rotated(&star.ring, &mut rings.ring, |v| v);
-        rotated(&star.leaving, &mut rings.faces, face);
-        let collapse = Collapse {
-            from: star.centre,
-            to: star.ring[k],
+        fn turned<'t, T>(list: &'t [T], by: usize) -> impl Iterator<Item = &'t T> {
+            list[by..].iter().chain(&list[..by])
+        }
+        rings.ring.clear();
+        rings.ring.extend(turned(&star.ring, turn).map(|v| piece.vertex_ids[*v as usize]));
+        rings.faces.clear();
+        rings.faces.extend(turned(&star.leaving, turn).map(|h| piece.face_ids[face(*h) as usize]));
+        rings.at.clear();
+        rings.at.extend(turned(&star.at, turn).map(|at| given.in_mm(*at)));
+        log.record(&Collapse {
+            from: piece.vertex_ids[star.centre as usize],
+            to: piece.vertex_ids[star.ring[k] as usize],
             ring: &rings.ring,
             faces: &rings.faces,
+            from_at: given.in_mm(self.places[star.centre as usize].at),
+            ring_at: &rings.at,
             boundary: star.open,
-        };
-        let (places, mm, centre) = (&self.places, self.mm, self.centre);
-        recorder.record(&collapse, &|v| places[v as usize].at * mm + centre)
+        })
     }
 
     /// Collapses the star onto `ring[k]` and brings the costs around up to date.
@@ -315,6 +454,7 @@ impl Greedy {
         let q = self.quadrics[from as usize];
         self.quadrics[to as usize] += q;
         self.places[to as usize].cost = cost;
+        self.choice[to as usize] = NONE;
         if self.moves {
             self.relocate(to);
         }
@@ -352,9 +492,10 @@ impl Greedy {
     /// costs a third more time, and gains nothing that could be measured.
     #[inline]
     fn offer(&mut self, v: u32, to: u32, h: u32) {
+        self.choice[v as usize] = NONE;
         let freedom = self.freedom[v as usize];
         let cost = match self.heap.cost(v) {
-            _ if freedom == Freedom::Locked => None,
+            _ if matches!(freedom, Freedom::Locked | Freedom::Foreign) => None,
             None => self.cheapest(v),
             Some(old) if self.exact() && (freedom == Freedom::Free || on_rim(&self.edges, h)) => {
                 Some(self.cost(&self.quadrics[v as usize], to)).filter(|c| c.to_bits() < old)

@@ -62,49 +62,66 @@ impl HalfEdges {
     pub fn new(mesh: &Mesh) -> Result<Self, MeshError> {
         check_sizes(mesh)?;
         let vertices = mesh.positions.len();
-        for (i, f) in mesh.faces.iter().enumerate() {
-            if let Some(&vertex) = f.iter().find(|v| **v as usize >= vertices) {
-                return Err(MeshError::Index { face: i, vertex, vertices });
+        if let Some(error) = mesh.faces.iter().enumerate().find_map(|(i, f)| {
+            let out = f.iter().find(|v| **v as usize >= vertices);
+            let twice = f[0] == f[1] || f[1] == f[2] || f[2] == f[0];
+            match out {
+                Some(&vertex) => Some(MeshError::Index { face: i, vertex, vertices }),
+                None => twice.then_some(MeshError::Degenerate { face: i }),
             }
-            if f[0] == f[1] || f[1] == f[2] || f[2] == f[0] {
-                return Err(MeshError::Degenerate { face: i });
-            }
+        }) {
+            return Err(error);
         }
-        let faces =
-            mesh.faces.iter().map(|&[a, b, c]| Face { corner: [a, b, c, 0], pair: [NONE; 4] });
-        let mut this = Self { faces: faces.collect(), out: vec![NONE; vertices] };
-        let (start, edges) = by_lower_vertex(&mesh.faces, vertices);
-        for low in 0..vertices {
-            let row = &edges[start[low] as usize..start[low + 1] as usize];
-            for (i, &(high, h)) in row.iter().enumerate() {
-                if this.pair(h) != NONE {
-                    continue;
+        let (start, leaving) = by_origin(&mesh.faces, vertices);
+        let from = |v: u32| &leaving[start[v as usize] as usize..start[v as usize + 1] as usize];
+        let blank = |&[a, b, c]: &[u32; 3]| Face { corner: [a, b, c, 0], pair: [NONE; 4] };
+        let mut faces: Vec<Face> = mesh.faces.par_iter().with_min_len(8192).map(blank).collect();
+        let corner = |h: u32| mesh.faces[face(h) as usize][(h & 3) as usize];
+        let wrong = faces.par_iter_mut().with_min_len(8192).find_map_first(|f| {
+            for c in 0..3 {
+                let (a, b) = (f.corner[c], f.corner[(c + 1) % 3]);
+                match twin([a, b], from, corner) {
+                    Ok(pair) => f.pair[c] = pair,
+                    Err(kind) => return Some(kind([a, b].map(|v| mesh.positions[v as usize]))),
                 }
-                let mut twins = row[i + 1..].iter().filter(|e| e.0 == high).map(|e| e.1);
-                let Some(twin) = twins.next() else { continue };
-                let edge = || [low as u32, high].map(|v| mesh.positions[v as usize]);
-                if twins.next().is_some() {
-                    return Err(MeshError::NonManifoldEdge { edge: edge() });
-                }
-                if this.origin(twin) == this.origin(h) {
-                    return Err(MeshError::Misoriented { edge: edge() });
-                }
-                this.glue(h, twin);
             }
+            None
+        });
+        if let Some(error) = wrong {
+            return Err(error);
         }
-        this.find_outs();
-        let short = |v: &u32| this.around(*v).count() as u32;
-        let mut incident = vec![0u32; vertices];
-        mesh.faces.iter().flatten().for_each(|v| incident[*v as usize] += 1);
+        // Walking begins at a boundary if there is one.
+        let begin = |v: u32| {
+            let open = |h: &&u32| faces[face(**h) as usize].pair[(**h & 3) as usize] == NONE;
+            let list = from(v);
+            list.iter().find(open).or(list.first()).copied().unwrap_or(NONE)
+        };
+        let out = (0..vertices as u32).into_par_iter().with_min_len(8192).map(begin).collect();
+        let this = Self { faces, out };
         let touching = (0..vertices as u32)
             .into_par_iter()
             .with_min_len(8192)
-            .find_first(|v| short(v) != incident[*v as usize]);
+            .find_first(|v| this.around(*v).count() != from(*v).len());
         if let Some(vertex) = touching {
             let position = mesh.positions[vertex as usize];
             return Err(MeshError::NonManifoldVertex { vertex, position });
         }
         Ok(this)
+    }
+
+    /// Half-edges from corners, pairs and mark of each face, taken as they are. Where several fans
+    /// of faces touch in a vertex, which [`Self::new`] refuses, only one of them can be walked.
+    pub(super) fn from_pairs(
+        faces: impl Iterator<Item = ([u32; 3], [u32; 3], u32)>,
+        vertices: usize,
+    ) -> Self {
+        let faces = faces.map(|([a, b, c], [p, q, r], mark)| Face {
+            corner: [a, b, c, mark],
+            pair: [p, q, r, NONE],
+        });
+        let mut this = Self { faces: faces.collect(), out: vec![NONE; vertices] };
+        this.find_outs();
+        this
     }
 
     fn find_outs(&mut self) {
@@ -351,6 +368,63 @@ pub(super) fn check_sizes(mesh: &Mesh) -> Result<(), MeshError> {
         }
     }
     Ok(())
+}
+
+/// What an edge of two ends is refused as.
+type Refused = fn([glam::Vec3; 2]) -> MeshError;
+
+/// The half-edge b → a, `NONE` on a boundary. `from` lists the half-edges that leave a vertex,
+/// `corner` gives the vertex that one leaves.
+///
+/// Every face at the edge stands in the lists of both ends; the shorter one is read, so that a
+/// vertex of a million faces does not cost a million million steps.
+fn twin<'l>(
+    [a, b]: [u32; 2],
+    from: impl Fn(u32) -> &'l [u32],
+    corner: impl Fn(u32) -> u32,
+) -> Result<u32, Refused> {
+    let (mut same, mut against, mut pair) = (0, 0, NONE);
+    let swap = from(b).len() > from(a).len();
+    let (here, there) = if swap { (a, b) } else { (b, a) };
+    for &h in from(here) {
+        // Out to the other end, and in from there.
+        if corner(next(h)) == there {
+            let count = if swap { &mut same } else { &mut against };
+            *count += 1;
+            pair = if swap { pair } else { h };
+        }
+        if corner(prev(h)) == there {
+            let count = if swap { &mut against } else { &mut same };
+            *count += 1;
+            pair = if swap { prev(h) } else { pair };
+        }
+    }
+    match (same, against) {
+        (1, 0 | 1) => Ok(pair),
+        (2, 0) => Err(|edge| MeshError::Misoriented { edge }),
+        _ => Err(|edge| MeshError::NonManifoldEdge { edge }),
+    }
+}
+
+/// Half-edges that leave each vertex, in the order of the faces: first of each vertex and the end.
+fn by_origin(faces: &[[u32; 3]], vertices: usize) -> (Vec<u32>, Vec<u32>) {
+    let mut start = vec![0u32; vertices + 1];
+    faces.iter().flatten().for_each(|v| start[*v as usize + 1] += 1);
+    for i in 0..vertices {
+        start[i + 1] += start[i];
+    }
+    let mut leaving = vec![0; 3 * faces.len()];
+    // Filling moves each start to the next one's; shifting by one afterwards undoes that.
+    for (f, i) in faces.iter().zip(0u32..) {
+        for (v, c) in f.iter().zip(0..) {
+            let at = &mut start[*v as usize];
+            leaving[*at as usize] = 4 * i + c;
+            *at += 1;
+        }
+    }
+    start.copy_within(0..vertices, 1);
+    start[0] = 0;
+    (start, leaving)
 }
 
 /// Half-edges in rows of the lower vertex of their edge: first entry of each row and the end, and

@@ -36,6 +36,11 @@ impl Heap {
         heap
     }
 
+    /// All, in no order.
+    pub fn entries(&self) -> &[Entry] {
+        &self.entries
+    }
+
     /// The cheapest.
     pub fn first(&self) -> Option<Entry> {
         self.entries.first().copied()

@@ -3,11 +3,13 @@
 mod collapse;
 mod deviation;
 mod error;
+mod given;
 mod greedy;
 pub mod halfedge;
 mod heap;
 pub mod maps;
 mod nearest;
+mod parts;
 mod prepare;
 mod quadric;
 mod relocate;
@@ -15,7 +17,7 @@ mod simplify;
 mod star;
 mod start;
 
-pub use collapse::{Collapse, OnMesh, Recorder};
+pub use collapse::{Collapse, Log, OnMesh, Recorder};
 pub use deviation::{Deviation, deviation};
 pub use error::MeshError;
 pub use halfedge::HalfEdges;

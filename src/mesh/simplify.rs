@@ -2,9 +2,11 @@
 
 use rayon::prelude::*;
 
-use super::greedy::{Greedy, Stop};
+use super::given::Given;
+use super::greedy::{Greedy, Piece, Stop};
 use super::halfedge::NONE;
-use super::{Closest, HalfEdges, MeshError, Nearest, Recorder};
+use super::parts::in_parts;
+use super::{Closest, MeshError, Nearest, Recorder};
 use crate::geometry::Mesh;
 
 /// What a collapse costs.
@@ -93,13 +95,14 @@ pub struct Simplified {
 ///
 /// After Garland and Heckbert 1997 with half-edge collapses and the paper's normal term (section
 /// 4.1). Departures: one entry a vertex in the heap, its cheapest target, whose cost is a lower
-/// bound brought up to date when it is met: 9 of 10 entries of one an edge would be stale.
+/// bound brought up to date when it is met: 9 of 10 entries of one an edge would be stale. Meshes
+/// of 32,768 faces or more are simplified in parts of 16,384 (see `parts.rs`), then as a whole.
 /// [`Metric::NormalQem`] also counts what the new faces deviate from their corners' normals, which
 /// sees diagonals that quadrics at vertices do not, and weighs creases more.
-pub fn simplify(
+pub fn simplify<R: Recorder>(
     mesh: &Mesh,
     options: &SimplifyOptions<'_>,
-    recorder: &mut dyn Recorder,
+    recorder: &mut R,
 ) -> Result<Simplified, MeshError> {
     if mesh.faces.is_empty() {
         return Err(MeshError::Empty);
@@ -109,22 +112,38 @@ pub fn simplify(
         let (what, found) = ("locked flags", locked.len());
         return Err(MeshError::Length { what, found, wanted });
     }
-    let edges = HalfEdges::new(mesh)?;
-    let mut greedy = Greedy::new(mesh, edges, options);
-    let stop = Stop { faces: options.faces, max_error_mm: options.max_error_mm };
-    let stopped = greedy.run(&stop, recorder);
-    let (collapses, error_mm) = (greedy.collapses, greedy.error_mm);
-    let (mut left, vertex_ids, face_ids) = compact(mesh, &greedy.edges);
+    let given = Given::new(mesh, options)?;
+    let stop = Stop { faces: options.faces, most: u64::MAX, max_error_mm: options.max_error_mm };
+    let mut run = match in_parts::<R::Log>(&given, &stop) {
+        Some((run, logs)) => {
+            logs.into_iter().for_each(|log| recorder.take_up(log));
+            run
+        }
+        None => whole(&given),
+    };
+    let mut log = R::Log::default();
+    let stopped = run.run(&given, &stop, &mut log);
+    recorder.take_up(log);
+    let (collapses, error_mm) = (run.collapses, run.error_mm);
+    let (mut left, vertex_ids, face_ids) = left_of(mesh, &run);
     if options.relocate && collapses > 0 {
-        greedy.relocate_all();
-        for (p, v) in left.positions.iter_mut().zip(&vertex_ids) {
-            if greedy.may_move(*v) {
-                *p = greedy.position(*v).as_vec3();
+        run.relocate_all();
+        for (p, v) in left.positions.iter_mut().zip(run.stay()) {
+            if run.may_move(v) {
+                *p = given.in_mm(run.position(v)).as_vec3();
             }
         }
         renew_normals(&mut left, &vertex_ids, mesh);
     }
     Ok(Simplified { mesh: left, vertex_ids, face_ids, collapses, stopped, error_mm })
+}
+
+/// The run over all of the mesh.
+pub fn whole(given: &Given<'_>) -> Greedy {
+    let ids = |count: usize| (0..count as u32).collect();
+    let vertex_ids = ids(given.mesh.positions.len());
+    let piece = Piece { vertex_ids, face_ids: ids(given.mesh.faces.len()) };
+    Greedy::new(given, piece, given.edges.clone(), given.freedom.clone())
 }
 
 /// Gives vertices that moved the normal of the surface given at the place nearest to them.
@@ -146,18 +165,18 @@ fn renew_normals(left: &mut Mesh, vertex_ids: &[u32], given: &Mesh) {
 }
 
 /// What is left, in the old order, with old ids of vertices and faces.
-fn compact(mesh: &Mesh, edges: &HalfEdges) -> (Mesh, Vec<u32>, Vec<u32>) {
-    let mut new = vec![NONE; edges.vertex_count()];
+pub fn left_of(mesh: &Mesh, run: &Greedy) -> (Mesh, Vec<u32>, Vec<u32>) {
+    let mut new = vec![NONE; run.edges.vertex_count()];
     let mut vertex_ids = Vec::new();
-    for v in (0..edges.vertex_count() as u32).filter(|v| edges.out(*v) != NONE) {
+    for v in run.stay() {
         new[v as usize] = vertex_ids.len() as u32;
-        vertex_ids.push(v);
+        vertex_ids.push(run.vertex_id(v));
     }
     let (mut faces, mut face_ids) = (Vec::new(), Vec::new());
-    for f in 0..edges.face_count() as u32 {
-        if let Some(corners) = edges.face(f) {
+    for f in 0..run.edges.face_count() as u32 {
+        if let Some(corners) = run.edges.face(f) {
             faces.push(corners.map(|v| new[v as usize]));
-            face_ids.push(f);
+            face_ids.push(run.face_id(f));
         }
     }
     let pick = |list: &[glam::Vec3]| match list.is_empty() {

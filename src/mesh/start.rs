@@ -25,6 +25,8 @@ pub enum Freedom {
     Rim,
     /// Stays.
     Locked,
+    /// Stays, and takes no other vertex in: belongs to more than one part of the mesh.
+    Foreign,
 }
 
 /// Whether an edge is a boundary or separates a cap from the rest.
@@ -50,14 +52,15 @@ pub fn freedoms(edges: &HalfEdges, locked: Option<&[bool]>) -> Vec<Freedom> {
     (0..edges.vertex_count() as u32).into_par_iter().with_min_len(PARCEL).map(freedom).collect()
 }
 
-/// Quadric of every vertex, from positions in the units of the result.
+/// Quadrics of the vertices `of`, from positions in the units of the result.
 pub fn quadrics(
     mesh: &Mesh,
     edges: &HalfEdges,
     at: &(impl Fn(u32) -> DVec3 + Sync),
     metric: Metric,
+    of: &[u32],
 ) -> Vec<Quadric> {
-    let one = |v: u32| {
+    let one = |&v: &u32| {
         let mut q = Quadric::default();
         let mut sum = DVec3::ZERO;
         let p = at(v);
@@ -90,7 +93,7 @@ pub fn quadrics(
         }
         q
     };
-    (0..edges.vertex_count() as u32).into_par_iter().with_min_len(PARCEL).map(one).collect()
+    of.par_iter().with_min_len(PARCEL).map(one).collect()
 }
 
 /// Mean of 1 − cos between the normal of `v` and those of its neighbours: 0.3 on a sharp ridge of

@@ -24,7 +24,7 @@ fn closed_lattice(m: u32, n: u32, at: impl Fn(f32, f32) -> (Vec3, Vec3)) -> Mesh
 }
 
 /// A torus of radii 10 and 3 mm, 2 m n faces; normals point inwards.
-fn torus(m: u32, n: u32) -> Mesh {
+pub fn torus(m: u32, n: u32) -> Mesh {
     closed_lattice(m, n, |a, b| {
         let out = Vec3::new(a.cos() * b.cos(), a.sin() * b.cos(), b.sin());
         (10.0 * Vec3::new(a.cos(), a.sin(), 0.0) + 3.0 * out, -out)
@@ -282,18 +282,26 @@ fn ids_name_where_vertices_and_faces_come_from() {
     assert!(s.face_ids.windows(2).all(|w| w[0] < w[1]));
 }
 
-/// Replays what it hears on faces of its own, refusing every third collapse.
-struct Replay {
-    faces: Vec<Option<[u32; 3]>>,
-    heard: usize,
-    made: usize,
+/// A collapse as it was heard of.
+struct Heard {
+    from: u32,
+    to: u32,
+    ring: Vec<u32>,
+    faces: Vec<u32>,
 }
 
-impl Recorder for Replay {
-    fn record(&mut self, c: &Collapse<'_>, position: &dyn Fn(u32) -> glam::DVec3) -> bool {
+/// Refuses every third collapse.
+#[derive(Default)]
+struct Third {
+    made: Vec<Heard>,
+    heard: usize,
+}
+
+impl Log for Third {
+    fn record(&mut self, c: &Collapse<'_>) -> bool {
         let n = c.ring.len();
-        assert!(position(c.from).is_finite());
-        assert_eq!(c.faces.len(), if c.boundary { n - 1 } else { n });
+        assert!(c.from_at.is_finite() && c.ring_at.iter().all(|p| p.is_finite()));
+        assert_eq!((c.faces.len(), c.ring_at.len()), (if c.boundary { n - 1 } else { n }, n));
         if c.boundary {
             assert!(c.to == c.ring[0] || c.to == c.ring[n - 1]);
         } else {
@@ -303,22 +311,45 @@ impl Recorder for Replay {
         if self.heard.is_multiple_of(3) {
             return false;
         }
-        for (i, f) in c.faces.iter().enumerate() {
-            let (a, b) = (c.ring[i], c.ring[(i + 1) % n]);
-            let face = &mut self.faces[*f as usize];
-            let corners = face.unwrap();
-            let turned = (0..3).map(|k| [corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]]);
-            assert!(turned.into_iter().any(|t| t == [c.from, a, b]), "{corners:?}");
-            *face = (a != c.to && b != c.to).then_some([c.to, a, b]);
-        }
-        self.made += 1;
+        let (ring, faces) = (c.ring.to_vec(), c.faces.to_vec());
+        self.made.push(Heard { from: c.from, to: c.to, ring, faces });
         true
+    }
+}
+
+/// Replays what logs hold on faces of its own.
+struct Replay {
+    faces: Vec<Option<[u32; 3]>>,
+    heard: usize,
+    made: usize,
+}
+
+impl Recorder for Replay {
+    type Log = Third;
+
+    fn take_up(&mut self, log: Third) {
+        self.heard += log.heard;
+        self.made += log.made.len();
+        for c in log.made {
+            for (i, f) in c.faces.iter().enumerate() {
+                let (a, b) = (c.ring[i], c.ring[(i + 1) % c.ring.len()]);
+                let face = &mut self.faces[*f as usize];
+                let was = face.unwrap();
+                let turned = (0..3).map(|k| [was[k], was[(k + 1) % 3], was[(k + 2) % 3]]);
+                assert!(turned.into_iter().any(|t| t == [c.from, a, b]), "{was:?}");
+                *face = (a != c.to && b != c.to).then_some([c.to, a, b]);
+            }
+        }
     }
 }
 
 #[test]
 fn a_recorder_hears_of_every_collapse_and_may_refuse() {
-    for mesh in [torus(30, 20), sheet(15), boxed(6)] {
+    // The last two are large enough to be cut into parts.
+    let smooth = torus(170, 100);
+    let bare = Mesh { normals: Vec::new(), ..smooth.clone() };
+    let two = both(&bare, &sheet(40), Vec3::splat(50.0));
+    for mesh in [torus(30, 20), sheet(15), boxed(6), smooth, two] {
         let faces = mesh.faces.iter().map(|f| Some(*f)).collect();
         let mut replay = Replay { faces, heard: 0, made: 0 };
         let options = SimplifyOptions { relocate: true, ..SimplifyOptions::to_faces(100) };
@@ -338,14 +369,16 @@ fn a_recorder_hears_of_every_collapse_and_may_refuse() {
 
 #[test]
 fn the_result_is_the_same_at_any_number_of_threads() {
-    let mesh = torus(150, 60);
-    let at = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let options = SimplifyOptions { relocate: true, ..SimplifyOptions::to_faces(900) };
-        pool.install(|| simplify(&mesh, &options, &mut ()).unwrap())
-    };
-    let (one, four) = (at(1), at(4));
-    assert!(one.mesh == four.mesh && one.face_ids == four.face_ids);
+    // Whole, and in parts.
+    for mesh in [torus(150, 50), torus(250, 100)] {
+        let at = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let options = SimplifyOptions { relocate: true, ..SimplifyOptions::to_faces(900) };
+            pool.install(|| simplify(&mesh, &options, &mut ()).unwrap())
+        };
+        let (one, four) = (at(1), at(4));
+        assert!(one.mesh == four.mesh && one.face_ids == four.face_ids);
+    }
 }
 
 #[test]

@@ -19,9 +19,7 @@ mod replay;
 #[cfg(test)]
 mod tests;
 
-use glam::DVec3;
-
-use super::{Collapse, OnMesh, Recorder};
+use super::{Collapse, Log, OnMesh, Recorder};
 use crate::geometry::Mesh;
 use flatten::{Flat, Kind, Polygon, Spoke, flatten};
 
@@ -181,19 +179,17 @@ pub struct Maps {
     current: Vec<u32>,
     /// Collapses refused.
     refused: u32,
-    /// Scratch space of [`flatten`].
-    spokes: Vec<Spoke>,
 }
 
 impl Maps {
     /// The identity on a mesh, ready to hear of collapses.
     ///
     /// # Errors
-    /// [`MapsError::TooLarge`] for a mesh whose ids could overflow: a simplification makes up to
-    /// about eight times as many triangles as the mesh has.
+    /// [`MapsError::TooLarge`] for a mesh whose ids could overflow: each collapse takes a vertex and
+    /// a face at least, and makes fewer than 32 ring entries and triangles.
     pub fn new(mesh: &Mesh) -> Result<Self, MapsError> {
         let (vertices, faces) = (mesh.positions.len(), mesh.faces.len());
-        if vertices.max(faces) > (NONE / 16) as usize {
+        if vertices.max(faces) > (NONE / 32) as usize {
             return Err(MapsError::TooLarge { vertices, faces });
         }
         let triangle = |(slot, &vertices): (usize, &[u32; 3])| Triangle {
@@ -267,11 +263,24 @@ impl Maps {
     }
 }
 
-impl Recorder for Maps {
+/// Collapses of one part of a mesh, flattened.
+#[derive(Debug, Default)]
+pub struct Flattened {
+    /// The vertex that goes, how the fans lie, and the end of its ring entries.
+    collapses: Vec<(u32, Kind, usize)>,
+    /// Ring entries; in place of the triangle, the half-edge face it is stored in.
+    entries: Vec<Entry>,
+    /// Collapses refused.
+    refused: u32,
+    /// Scratch space of [`flatten`].
+    spokes: Vec<Spoke>,
+}
+
+impl Log for Flattened {
     /// Flattens the ring; refuses a collapse whose polygon would fold, or that leaves a boundary
     /// vertex with no face to lie on.
-    fn record(&mut self, collapse: &Collapse<'_>, position: &dyn Fn(u32) -> DVec3) -> bool {
-        let Collapse { from, to, ring, faces, boundary } = *collapse;
+    fn record(&mut self, collapse: &Collapse<'_>) -> bool {
+        let Collapse { from, to, ring, faces, from_at, ring_at, boundary } = *collapse;
         let start = self.entries.len();
         let kind = match (boundary, ring.first() == Some(&to)) {
             (false, _) => Kind::Inner,
@@ -279,29 +288,38 @@ impl Recorder for Maps {
             (true, false) => Kind::Last,
         };
         debug_assert_eq!(faces.len(), kind.pre(ring.len()), "faces of vertex {from}");
-        let room = (NONE as usize - 1).saturating_sub(ring.len());
-        let mut spokes = std::mem::take(&mut self.spokes);
+        let Self { spokes, entries, .. } = self;
         let mut i = 0;
-        let laid = start.max(self.triangles.len()) < room
-            && flatten(
-                position(from),
-                ring.iter().map(|&r| position(r)),
-                kind,
-                &mut spokes,
-                |flat| {
-                    let pre = faces.get(i).map_or(NONE, |&f| self.current[f as usize]);
-                    self.entries.push(Entry { vertex: ring[i], pre, flat });
-                    i += 1;
-                },
-            )
+        let push = |flat| {
+            entries.push(Entry { vertex: ring[i], pre: faces.get(i).map_or(NONE, |f| *f), flat });
+            i += 1;
+        };
+        let laid = flatten(from_at, ring_at.iter().copied(), kind, spokes, push)
             && Polygon { ring: &self.entries[start..], kind }.unfolded();
-        self.spokes = spokes;
-        if !laid {
+        if laid {
+            self.collapses.push((from, kind, self.entries.len()));
+        } else {
             self.entries.truncate(start);
             self.refused += 1;
-            return false;
         }
-        self.append(from, start, kind);
-        true
+        laid
+    }
+}
+
+impl Recorder for Maps {
+    type Log = Flattened;
+
+    fn take_up(&mut self, log: Flattened) {
+        self.refused += log.refused;
+        let mut begin = 0;
+        for (from, kind, end) in log.collapses {
+            let start = self.entries.len();
+            let current = &self.current;
+            let triangle = |slot: u32| if slot == NONE { NONE } else { current[slot as usize] };
+            let ring = log.entries[begin..end].iter();
+            self.entries.extend(ring.map(|e| Entry { pre: triangle(e.pre), ..*e }));
+            self.append(from, start, kind);
+            begin = end;
+        }
     }
 }

@@ -199,13 +199,21 @@ impl Soup<'_> {
     }
 }
 
+/// Tells of one collapse.
+pub fn hears(maps: &mut Maps, collapse: &Collapse<'_>) -> bool {
+    let mut log = Flattened::default();
+    let agreed = log.record(collapse);
+    maps.take_up(log);
+    agreed
+}
+
 /// Collapses a random vertex along its shortest legal edge until `faces` are left or nothing
 /// works any more. Returns the base's faces by slot.
 pub fn simplify(
     mesh: &Mesh,
     faces: usize,
     seed: u64,
-    recorder: &mut impl Recorder,
+    recorder: &mut Maps,
 ) -> Vec<Option<[u32; 3]>> {
     let mut of = vec![Vec::new(); mesh.positions.len()];
     for (f, t) in mesh.faces.iter().enumerate() {
@@ -233,8 +241,11 @@ pub fn simplify(
             ring.rotate_left(at);
             around.rotate_left(at);
         }
-        let collapse = Collapse { from: u, to, ring: &ring, faces: &around, boundary };
-        if !recorder.record(&collapse, &position) {
+        let (from_at, ring_at) =
+            (position(u), ring.iter().map(|r| position(*r)).collect::<Vec<_>>());
+        let (faces, ring_at) = (&around, &ring_at);
+        let collapse = Collapse { from: u, to, ring: &ring, faces, from_at, ring_at, boundary };
+        if !hears(recorder, &collapse) {
             continue;
         }
         for &f in &around {

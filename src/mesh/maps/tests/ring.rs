@@ -4,6 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec2;
 
+use super::driver::hears;
 use super::*;
 
 /// A fan around vertex 0: ring vertices 1.. in order.
@@ -29,9 +30,12 @@ impl Fan {
         let faces: Vec<u32> = (0..self.mesh.faces.len() as u32).collect();
         let to = if last { ring[ring.len() - 1] } else { ring[0] };
         let boundary = self.boundary;
-        let c = Collapse { from: 0, to, ring: &ring, faces: &faces, boundary };
+        let at = |v: &u32| DVec3::from(self.mesh.positions[*v as usize]);
+        let ring_at: Vec<_> = ring.iter().map(at).collect();
+        let (from_at, ring_at, faces) = (at(&0), &ring_at, &faces);
+        let c = Collapse { from: 0, to, ring: &ring, faces, from_at, ring_at, boundary };
         let before = maps.to_bytes();
-        if maps.record(&c, &|v| DVec3::from(self.mesh.positions[v as usize])) {
+        if hears(&mut maps, &c) {
             return Some(maps);
         }
         assert_eq!((maps.refused(), maps.to_bytes()), (1, before), "a refusal leaves no trace");

@@ -1,0 +1,67 @@
+//! What a simplification starts from.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::start::{Freedom, PARCEL, freedoms};
+use super::{HalfEdges, MeshError, Metric, SimplifyOptions};
+use crate::geometry::Mesh;
+
+/// A mesh as it was given; runs over all of it or parts of it start here.
+pub struct Given<'a> {
+    /// The mesh.
+    pub mesh: &'a Mesh,
+    /// Its half-edges; marks are caps.
+    pub edges: HalfEdges,
+    /// What each vertex may do.
+    pub freedom: Vec<Freedom>,
+    /// What a collapse costs.
+    pub metric: Metric,
+    /// Whether vertices that stay move.
+    pub moves: bool,
+    /// Side of the bounding box, mm.
+    pub mm: f64,
+    centre: DVec3,
+}
+
+impl<'a> Given<'a> {
+    /// Checks a mesh. O(V + F).
+    ///
+    /// # Errors
+    /// What [`HalfEdges::new`] refuses.
+    pub fn new(mesh: &'a Mesh, options: &SimplifyOptions<'_>) -> Result<Self, MeshError> {
+        let mut edges = HalfEdges::new(mesh)?;
+        for (f, cap) in mesh.caps.iter().enumerate() {
+            edges.set_mark(f as u32, u32::from(*cap));
+        }
+        let (lo, hi) = mesh.bounds().unwrap_or_default();
+        let (lo, hi) = (lo.as_dvec3(), hi.as_dvec3());
+        let side = (hi - lo).max_element();
+        Ok(Self {
+            mesh,
+            freedom: freedoms(&edges, options.locked),
+            edges,
+            metric: options.metric,
+            moves: options.relocate,
+            mm: if side > 0.0 { side } else { 1.0 },
+            centre: 0.5 * (lo + hi),
+        })
+    }
+
+    /// Where a vertex is, in the units of a run: the box centred, its longest side 1.
+    #[inline]
+    pub fn at(&self, v: u32) -> DVec3 {
+        (self.mesh.positions[v as usize].as_dvec3() - self.centre) / self.mm
+    }
+
+    /// A place of a run in mm.
+    #[inline]
+    pub fn in_mm(&self, at: DVec3) -> DVec3 {
+        at * self.mm + self.centre
+    }
+
+    /// Something for each of these vertices, in their order.
+    pub fn of_each<T: Send>(&self, ids: &[u32], what: impl Fn(u32) -> T + Sync + Send) -> Vec<T> {
+        ids.par_iter().with_min_len(PARCEL).map(|v| what(*v)).collect()
+    }
+}

@@ -1,0 +1,264 @@
+//! A mesh cut into parts that are simplified side by side.
+//!
+//! Collapses in the order of their costs jump all over a mesh, and nearly each of them misses the
+//! cache. A part is small enough to stay in it, and threads share the parts. Vertices on a cut
+//! neither go nor take others in, so that nothing done in one part is seen by another: together
+//! the parts do what one run over all of the mesh would do that leaves those vertices alone. A last
+//! run over what is left has them too.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::Log;
+use super::given::Given;
+use super::greedy::{Greedy, Piece, Place, Stop};
+use super::halfedge::{HalfEdges, NONE, face};
+use super::quadric::Quadric;
+use super::start::Freedom;
+
+/// Faces of a part, at most: with all that is kept beside them they fill 1.9 MB.
+const PART_FACES: usize = 16_384;
+/// Meshes below this many faces are not cut.
+const LEAST_FACES: usize = 2 * PART_FACES;
+/// Rounds end when so small a share of the faces wanted is left to go.
+const NEAR: usize = 32;
+
+/// A part on its way down and what its recorder heard.
+struct Part<L> {
+    run: Greedy,
+    log: L,
+}
+
+/// Simplifies part by part as far as that does not show, and gives the run over what is left, with
+/// the logs of the parts in order. `None` for a mesh that is not worth cutting.
+pub fn in_parts<L: Log>(given: &Given<'_>, stop: &Stop) -> Option<(Greedy, Vec<L>)> {
+    let faces = given.mesh.faces.len();
+    if faces < LEAST_FACES || stop.faces > faces / 2 {
+        return None;
+    }
+    let mut order: Vec<(Vec3, u32)> = middles(given);
+    let mut pieces = Vec::new();
+    cut(&mut order, faces.div_ceil(PART_FACES), &mut pieces);
+    let mut rank = vec![NONE; faces];
+    order.iter().zip(0..).for_each(|(f, i)| rank[f.1 as usize] = i);
+    let scratch = || vec![NONE; given.mesh.positions.len()];
+    let mut parts: Vec<Part<L>> = pieces
+        .par_iter()
+        .map_init(scratch, |local, &(begin, end)| {
+            let ids = order[begin..end].iter().map(|f| f.1).collect();
+            let inside = |f: u32| {
+                let at = rank[f as usize] as usize;
+                (begin..end).contains(&at).then(|| (at - begin) as u32)
+            };
+            Part { run: part(given, ids, inside, local), log: L::default() }
+        })
+        .collect();
+    rounds(given, &mut parts, stop);
+    let left = join(given, &parts);
+    Some((left, parts.into_iter().map(|p| p.log).collect()))
+}
+
+/// Three times the middle of each face, and the face.
+fn middles(given: &Given<'_>) -> Vec<(Vec3, u32)> {
+    let at = |v: &u32| given.mesh.positions[*v as usize];
+    let faces = given.mesh.faces.par_iter().with_min_len(8192).enumerate();
+    faces.map(|(i, f)| (f.iter().map(at).sum(), i as u32)).collect()
+}
+
+/// Orders faces so that each of `parts` parts lies together, halving the longest side again and
+/// again; gives begin and end of each. Within a part faces that are neighbours stand together.
+fn cut(faces: &mut [(Vec3, u32)], parts: usize, ends: &mut Vec<(usize, usize)>) {
+    fn halve(faces: &mut [(Vec3, u32)], parts: usize) -> Vec<usize> {
+        if parts <= 1 {
+            along_a_curve(faces);
+            return vec![faces.len()];
+        }
+        let (lo, hi) = faces
+            .iter()
+            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), f| (lo.min(f.0), hi.max(f.0)));
+        let size = (hi - lo).to_array();
+        let axis = (0..3).fold(0, |best, a| if size[a] > size[best] { a } else { best });
+        let middle = faces.len() * (parts / 2) / parts;
+        let key = |f: &(Vec3, u32)| (f.0[axis], f.1);
+        faces.select_nth_unstable_by(middle, |a, b| {
+            let ((x, i), (y, j)) = (key(a), key(b));
+            x.total_cmp(&y).then(i.cmp(&j))
+        });
+        let (a, b) = faces.split_at_mut(middle);
+        let (mut sizes, more) = rayon::join(|| halve(a, parts / 2), || halve(b, parts - parts / 2));
+        sizes.extend(more);
+        sizes
+    }
+    let mut begin = 0;
+    for size in halve(faces, parts) {
+        ends.push((begin, begin + size));
+        begin += size;
+    }
+}
+
+/// Orders faces along a Morton curve through 1024³ cells of their box, then by id.
+fn along_a_curve(faces: &mut [(Vec3, u32)]) {
+    let (lo, hi) = faces
+        .iter()
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), f| (lo.min(f.0), hi.max(f.0)));
+    let per = 1023.0 / (hi - lo).max_element().max(f32::MIN_POSITIVE);
+    // Two zero bits before each of ten.
+    let spread = |x: f32| {
+        let mut x = x as u32 & 1023;
+        for (shift, mask) in [(16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)] {
+            x = (x | x << shift) & mask;
+        }
+        x
+    };
+    faces.sort_by_cached_key(|f| {
+        let cell = (f.0 - lo) * per;
+        (spread(cell.x) | spread(cell.y) << 1 | spread(cell.z) << 2, f.1)
+    });
+}
+
+/// The run over the faces `face_ids`; `inside` gives the number of a face among them. `local` is
+/// scratch space for the vertices, all `NONE` before and after.
+fn part(
+    given: &Given<'_>,
+    face_ids: Vec<u32>,
+    inside: impl Fn(u32) -> Option<u32>,
+    local: &mut [u32],
+) -> Greedy {
+    let mesh = given.mesh;
+    let mut vertex_ids = Vec::with_capacity(face_ids.len() / 2);
+    for v in face_ids.iter().flat_map(|f| mesh.faces[*f as usize]) {
+        if local[v as usize] == NONE {
+            local[v as usize] = vertex_ids.len() as u32;
+            vertex_ids.push(v);
+        }
+    }
+    let mut freedom: Vec<_> = vertex_ids.iter().map(|v| given.freedom[*v as usize]).collect();
+    let faces = face_ids.iter().map(|&f| {
+        let corners = mesh.faces[f as usize].map(|v| local[v as usize]);
+        let pairs = [0, 1, 2].map(|c| {
+            let pair = given.edges.pair(4 * f + c);
+            if pair == NONE {
+                return NONE;
+            }
+            if let Some(other) = inside(face(pair)) {
+                return 4 * other + (pair & 3);
+            }
+            for c in [c, (c + 1) % 3] {
+                freedom[corners[c as usize] as usize] = Freedom::Foreign;
+            }
+            NONE
+        });
+        (corners, pairs, given.edges.mark(f))
+    });
+    let edges = HalfEdges::from_pairs(faces, vertex_ids.len());
+    vertex_ids.iter().for_each(|v| local[*v as usize] = NONE);
+    Greedy::new(given, Piece { vertex_ids, face_ids }, edges, freedom)
+}
+
+/// Takes all parts down together: in each round every part makes its collapses up to one cost,
+/// such that in the end no part is simplified more than the others. What stands at the cuts must
+/// go in the last run, so that many faces more are left to it.
+fn rounds<L: Log>(given: &Given<'_>, parts: &mut [Part<L>], stop: &Stop) {
+    let mut foreign: Vec<u32> = parts.iter().flat_map(|p| p.run.foreign()).collect();
+    foreign.sort_unstable();
+    foreign.dedup();
+    let goal = stop.faces + 2 * foreign.len();
+    let mut left = given.mesh.faces.len();
+    let mut costs: Vec<u64> = Vec::new();
+    while left > goal + goal / NEAR {
+        let wanted = left - goal;
+        costs.clear();
+        costs.extend(parts.iter().flat_map(|p| p.run.costs()));
+        // A collapse makes its neighbours dearer, so up to this cost there are fewer than half of
+        // those wanted; the rounds do not go beyond their mark in one stride.
+        let rank = (wanted / 2).min(costs.len().saturating_sub(1));
+        // Each round lets something go or learns what something really costs.
+        let none = parts.iter().all(|p| p.run.faces() * wanted / left == 0);
+        if costs.is_empty() || none {
+            return;
+        }
+        let most = *costs.select_nth_unstable(rank).1;
+        parts.par_iter_mut().for_each(|p| {
+            let share = p.run.faces() * wanted / left;
+            let stop = Stop { faces: p.run.faces() - share, most, ..*stop };
+            p.run.run(given, &stop, &mut p.log);
+        });
+        left = parts.iter().map(|p| p.run.faces()).sum();
+    }
+}
+
+/// The run over what the parts left.
+fn join<L>(given: &Given<'_>, parts: &[Part<L>]) -> Greedy {
+    let mut alive: Vec<(u32, u32, u32)> = Vec::new();
+    let mut stay: Vec<(u32, Option<(Place, Quadric)>)> = Vec::new();
+    for (i, p) in parts.iter().enumerate() {
+        alive.extend(p.run.faces_left().map(|(id, f)| (id, i as u32, f)));
+        stay.extend(p.run.vertices_left());
+    }
+    alive.sort_unstable();
+    stay.sort_by_key(|v| v.0);
+    stay.dedup_by_key(|v| v.0);
+    let mut new_face = vec![NONE; given.mesh.faces.len()];
+    alive.iter().zip(0..).for_each(|(f, i)| new_face[f.0 as usize] = i);
+    let mut new_vertex = vec![NONE; given.mesh.positions.len()];
+    stay.iter().zip(0..).for_each(|(v, i)| new_vertex[v.0 as usize] = i);
+    let faces = alive.iter().map(|&(id, part, f)| {
+        let run = &parts[part as usize].run;
+        let corners =
+            [0, 1, 2].map(|c| new_vertex[run.vertex_id(run.edges.origin(4 * f + c)) as usize]);
+        let pairs = [0, 1, 2].map(|c| {
+            let pair = match run.edges.pair(4 * f + c) {
+                // At a cut half-edges are those of the mesh given, and their faces stay. Where the
+                // face beyond has gone, there is a boundary now.
+                NONE => given.edges.pair(4 * id + c),
+                p => 4 * run.face_id(face(p)) + (p & 3),
+            };
+            match new_face.get(face(pair) as usize) {
+                Some(&other) if pair != NONE && other != NONE => 4 * other + (pair & 3),
+                _ => NONE,
+            }
+        });
+        (corners, pairs, given.edges.mark(id))
+    });
+    let edges = HalfEdges::from_pairs(faces, stay.len());
+    let vertex_ids: Vec<u32> = stay.iter().map(|v| v.0).collect();
+    let piece = Piece { vertex_ids, face_ids: alive.iter().map(|f| f.0).collect() };
+    let known: Vec<_> = stay.into_iter().map(|v| v.1).collect();
+    let mut run = Greedy::resume(given, piece, edges, known);
+    run.collapses = parts.iter().map(|p| p.run.collapses).sum();
+    run.error_mm = parts.iter().fold(0.0, |most, p| p.run.error_mm.max(most));
+    run
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Mesh;
+    use crate::mesh::simplify::{left_of, whole};
+    use crate::mesh::tests::torus;
+    use crate::mesh::{Metric, SimplifyOptions, deviation};
+
+    #[test]
+    fn a_mesh_in_parts_comes_out_as_good_as_in_one_piece_and_no_cut_shows() {
+        let mesh = torus(250, 100);
+        for metric in [Metric::NormalQem, Metric::Qem] {
+            let options = SimplifyOptions { metric, ..SimplifyOptions::to_faces(2000) };
+            let given = Given::new(&mesh, &options).unwrap();
+            let stop = Stop { faces: 2000, most: u64::MAX, max_error_mm: None };
+            let (mut parts, logs) = in_parts::<()>(&given, &stop).unwrap();
+            assert_eq!(logs.len(), 4);
+            parts.edges.check().unwrap();
+            // Nearly everything went in parts, and no part went below what was wanted.
+            assert!((2000..6000).contains(&parts.faces()), "{}", parts.faces());
+            let end = |run: &mut Greedy| -> Mesh {
+                run.run(&given, &stop, &mut ());
+                run.edges.check().unwrap();
+                left_of(&mesh, run).0
+            };
+            let (one, cut) = (end(&mut whole(&given)), end(&mut parts));
+            assert_eq!((one.faces.len(), cut.faces.len()), (2000, 2000));
+            let [one, cut] = [one, cut].map(|m| deviation(&m, &mesh).unwrap().rms_mm);
+            assert!(cut < 1.1 * one, "{metric:?}: {cut} and {one} mm");
+        }
+    }
+}
