@@ -7,8 +7,14 @@ use super::halfedge::{NONE, next, prev};
 
 /// cos² of the most that a face may turn, 75°.
 const COS2_TURN: f64 = 0.066_987_298_107_780_7;
-/// sin² of the smallest angle of a face, 1°.
-const SIN2_THIN: f64 = 3.045_865_2e-4;
+/// Square of the least fairness of a face, its area by [`fair`]: smallest angles of 0.1°. More
+/// would keep the cheapest collapses on a plane, which go by way of needles, from being made.
+const FAIR2_THIN: f64 = 9e-6;
+/// How much of a face's area counts as the fair one by its sides in what it deviates; the rest is
+/// its true area. Fair faces make fair normals of vertices; true areas alone lie nearer.
+const FAIR_SHARE: f64 = 0.75;
+/// How much more a face counts the more it deviates: twice as much at 1 − cos = 1/150, 6.6°.
+const STEEP: f64 = 150.0;
 /// Neighbours of a vertex, at most.
 const MOST_NEIGHBOURS: usize = 24;
 
@@ -86,16 +92,18 @@ impl Star {
     }
 
     /// What the faces that stay deviate from the normals of their corners when the centre goes to
-    /// `ring[k]`: Σ 2 A² (1 − n·N), N the mean of the three, which is area times squared sine of
-    /// the angle times squared size, as a squared distance by area is; 0 without normals. `None`
-    /// if a face turns or thins too much, or if the sum is not below `limit`.
+    /// `ring[k]`: Σ 2 A r (A' + 150 A r), where r = 1 − n·N, N the mean normal of the three, and A'
+    /// lies between A and the area of the fair face with such sides; 0 without normals. r is the
+    /// squared angle by half, so that this is area times squared size times squared angle, as a
+    /// squared distance by area is; where the angle is large, its fourth power. `None` if a face
+    /// turns or thins too much, or if the sum is not below `limit`.
     #[inline]
     pub fn deviation(&self, k: usize, limit: f64) -> Option<f64> {
         let to = self.at[k];
         let mut sum = 0.0;
         for (i, j) in self.staying(k) {
-            let (a, b) = (self.at[i], self.at[j]);
-            let new = (a - to).cross(b - to);
+            let (a, b) = (self.at[i] - to, self.at[j] - to);
+            let new = a.cross(b);
             let old = self.cross[i];
             let (old2, new2) = (old.length_squared(), new.length_squared());
             let along = old.dot(new);
@@ -103,16 +111,19 @@ impl Star {
             if old2 > 0.0 && (along <= 0.0 || along * along < COS2_TURN * old2 * new2) {
                 return None;
             }
-            if new2 < SIN2_THIN * largest_two(a, b, to) {
-                let thin = |cross2: f64, p: DVec3| cross2 / largest_two(a, b, p);
-                if thin(new2, to) <= thin(old2, self.from) {
+            let fairest = fair(a, b);
+            if new2 < FAIR2_THIN * fairest * fairest {
+                let was = fair(self.at[i] - self.from, self.at[j] - self.from);
+                if new2 * was * was <= old2 * fairest * fairest {
                     return None;
                 }
             }
             if !self.normals.is_empty() {
                 let mean = (self.normals[i] + self.normals[j] + self.normals[k]).as_dvec3() / 3.0;
                 let twice = new2.sqrt();
-                sum += (0.5 * twice * (twice - new.dot(mean))).max(0.0);
+                let off = (twice - new.dot(mean)).max(0.0);
+                let size = FAIR_SHARE * fairest + (1.0 - FAIR_SHARE) * twice;
+                sum += 0.5 * off * (size + STEEP * off);
                 if sum >= limit {
                     return None;
                 }
@@ -159,9 +170,10 @@ impl Star {
     }
 }
 
-/// Product of the two largest squared sides.
+/// Twice the area of the fair (equilateral) face whose squared sides sum up to those of the face
+/// with sides `a`, `b` and `b − a`; no face with that sum is larger.
 #[inline]
-fn largest_two(a: DVec3, b: DVec3, c: DVec3) -> f64 {
-    let [x, y, z] = [a.distance_squared(b), b.distance_squared(c), c.distance_squared(a)];
-    (x * y).max(y * z).max(z * x)
+fn fair(a: DVec3, b: DVec3) -> f64 {
+    const BY_SUM: f64 = 0.288_675_134_594_812_9; // 1/√12
+    BY_SUM * (a.length_squared() + b.length_squared() + a.distance_squared(b))
 }

@@ -13,6 +13,8 @@ const RIM_WEIGHT: f64 = 10.0;
 /// How much more a vertex weighs the more its normal differs from its neighbours'. Area alone would
 /// let go of sharp tips and ridges, whose faces are often small.
 const CREASE_WEIGHT: f64 = 50.0;
+/// What the tangent plane of a vertex weighs by the faces around together.
+const TANGENT_WEIGHT: f64 = 0.5;
 /// Vertices of a parcel of work; smaller meshes stay on their thread.
 pub const PARCEL: usize = 4096;
 
@@ -57,6 +59,7 @@ pub fn quadrics(
     at: &(impl Fn(u32) -> DVec3 + Sync),
     metric: Metric,
 ) -> Vec<Quadric> {
+    let floor = if metric == Metric::NormalQem { mean_area(mesh, at) } else { 0.0 };
     let one = |v: u32| {
         let mut q = Quadric::default();
         let mut sum = DVec3::ZERO;
@@ -70,14 +73,15 @@ pub fn quadrics(
             }
             let n = cross / length;
             sum += cross;
-            let weight = if metric == Metric::Paper { 1.0 } else { 0.5 * length };
+            let weight = if metric == Metric::Paper { 1.0 } else { 0.5 * length + floor };
             q += Quadric::plane(n, p, weight);
         }
         if metric != Metric::Qem {
             let given = mesh.normals.get(v as usize).map(|n| n.as_dvec3());
             let normal = given.unwrap_or(sum).try_normalize();
             if let Some(n) = normal {
-                q += Quadric::plane(n, p, q.weight);
+                let share = if metric == Metric::Paper { 1.0 } else { TANGENT_WEIGHT };
+                q += Quadric::plane(n, p, share * q.weight);
             }
         }
         if metric == Metric::NormalQem {
@@ -91,6 +95,18 @@ pub fn quadrics(
         q
     };
     (0..edges.vertex_count() as u32).into_par_iter().with_min_len(PARCEL).map(one).collect()
+}
+
+/// Mean area of a face; each face of a quadric weighs so much more than its own, for the bottom of
+/// a pit may be made of specks. Parcels are summed in order: the same at any number of threads.
+fn mean_area(mesh: &Mesh, at: &(impl Fn(u32) -> DVec3 + Sync)) -> f64 {
+    let twice = |f: &[u32; 3]| {
+        let [a, b, c] = f.map(at);
+        (b - a).cross(c - a).length()
+    };
+    let sums: Vec<f64> =
+        mesh.faces.par_chunks(PARCEL).map(|part| part.iter().map(twice).sum()).collect();
+    0.5 * sums.iter().sum::<f64>() / mesh.faces.len().max(1) as f64
 }
 
 /// Mean of 1 − cos between the normal of `v` and those of its neighbours: 0.3 on a sharp ridge of
