@@ -1,6 +1,7 @@
 //! Half-edge meshes: invariants, simplification by half-edge collapse, parameterisation.
 
 mod collapse;
+pub mod contract;
 mod deviation;
 mod error;
 mod greedy;

@@ -12,7 +12,7 @@ use crate::geometry::Mesh;
 const RIM_WEIGHT: f64 = 10.0;
 /// How much more a vertex weighs the more its normal differs from its neighbours'. Area alone would
 /// let go of sharp tips and ridges, whose faces are often small.
-const CREASE_WEIGHT: f64 = 50.0;
+const CREASE_WEIGHT: f64 = 100.0;
 /// What the tangent plane of a vertex weighs by the faces around together.
 const TANGENT_WEIGHT: f64 = 0.5;
 /// Vertices of a parcel of work; smaller meshes stay on their thread.
