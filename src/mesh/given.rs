@@ -3,7 +3,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::start::{Freedom, PARCEL, freedoms};
+use super::quadric::Quadric;
+use super::start::{Freedom, PARCEL, floor, freedoms, quadrics};
 use super::{HalfEdges, MeshError, Metric, SimplifyOptions};
 use crate::geometry::Mesh;
 
@@ -17,6 +18,8 @@ pub struct Given<'a> {
     pub freedom: Vec<Freedom>,
     /// What a collapse costs.
     pub metric: Metric,
+    /// What a face weighs more than its area.
+    pub floor: f64,
     /// Whether vertices that stay move.
     pub moves: bool,
     /// Side of the bounding box, mm.
@@ -37,7 +40,7 @@ impl<'a> Given<'a> {
         let (lo, hi) = mesh.bounds().unwrap_or_default();
         let (lo, hi) = (lo.as_dvec3(), hi.as_dvec3());
         let side = (hi - lo).max_element();
-        Ok(Self {
+        let mut this = Self {
             mesh,
             freedom: freedoms(&edges, options.locked),
             edges,
@@ -45,7 +48,10 @@ impl<'a> Given<'a> {
             moves: options.relocate,
             mm: if side > 0.0 { side } else { 1.0 },
             centre: 0.5 * (lo + hi),
-        })
+            floor: 0.0,
+        };
+        this.floor = floor(mesh, |v| this.at(v), options.metric);
+        Ok(this)
     }
 
     /// Where a vertex is, in the units of a run: the box centred, its longest side 1.
@@ -58,6 +64,11 @@ impl<'a> Given<'a> {
     #[inline]
     pub fn in_mm(&self, at: DVec3) -> DVec3 {
         at * self.mm + self.centre
+    }
+
+    /// Quadrics of these vertices, before anything went.
+    pub fn quadrics(&self, ids: &[u32]) -> Vec<Quadric> {
+        quadrics(self.mesh, &self.edges, &|v| self.at(v), (self.metric, self.floor), ids)
     }
 
     /// Something for each of these vertices, in their order.

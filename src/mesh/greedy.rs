@@ -8,7 +8,7 @@ use super::heap::{Entry, Heap};
 use super::quadric::Quadric;
 use super::relocate::better_place;
 use super::star::Star;
-use super::start::{Freedom, on_rim, quadrics};
+use super::start::{Freedom, on_rim};
 use super::{Collapse, HalfEdges, Log, Metric, Stopped};
 
 /// When to end.
@@ -99,7 +99,7 @@ impl Greedy {
     pub fn new(given: &Given<'_>, piece: Piece, edges: HalfEdges, freedom: Vec<Freedom>) -> Self {
         let ids = &piece.vertex_ids;
         let places = given.of_each(ids, |v| Place { at: given.at(v), cost: 0.0 });
-        let quadrics = quadrics(given.mesh, &given.edges, &|v| given.at(v), given.metric, ids);
+        let quadrics = given.quadrics(ids);
         Self::with(given, piece, edges, freedom, (places, quadrics), true)
     }
 
@@ -114,7 +114,7 @@ impl Greedy {
         let ids = &piece.vertex_ids;
         let new: Vec<u32> =
             ids.iter().zip(&known).filter(|(_, k)| k.is_none()).map(|(v, _)| *v).collect();
-        let new = quadrics(given.mesh, &given.edges, &|v| given.at(v), given.metric, &new);
+        let new = given.quadrics(&new);
         let mut new = new.into_iter();
         let begin = |v: u32| Place { at: given.at(v), cost: 0.0 };
         let know = |(v, known): (&u32, Option<(Place, Quadric)>)| {
@@ -424,7 +424,7 @@ impl Greedy {
         let (star, rings, piece) = (&self.star, &mut self.rings, &self.piece);
         // A ring without ends begins at the target.
         let turn = if star.open { 0 } else { k };
-        fn turned<'t, T>(list: &'t [T], by: usize) -> impl Iterator<Item = &'t T> {
+        fn turned<T>(list: &[T], by: usize) -> impl Iterator<Item = &T> {
             list[by..].iter().chain(&list[..by])
         }
         rings.ring.clear();

@@ -1,7 +1,9 @@
 //! Half-edge meshes: invariants, simplification by half-edge collapse, parameterisation.
 
 mod collapse;
+pub mod contract;
 mod deviation;
+mod eight;
 mod error;
 mod given;
 mod greedy;

@@ -14,10 +14,11 @@ use crate::geometry::Mesh;
 pub enum Metric {
     /// Squared distances to the planes of the faces, by area (Garland and Heckbert 1997).
     Qem,
-    /// Those and the tangent plane by each vertex's normal, which weighs as much as the faces
-    /// around together, all of it more where normals differ from their neighbours'; and squared
-    /// area times squared angle of each new face against its corners' normals. The normals should
-    /// be fair; without any, those of the faces serve for the tangent planes.
+    /// Those, each face weighing the mean area more, and the tangent plane by each vertex's normal,
+    /// which weighs half as much as the faces around together, all of it more where normals differ
+    /// from their neighbours'; and squared size times squared angle of each new face against its
+    /// corners' normals, more than that where the angle is large or the face is a sliver. The
+    /// normals should be fair; without any, those of the faces serve for the tangent planes.
     #[default]
     NormalQem,
     /// The paper's: each face weighs 1, the tangent plane as many as there are faces around.
@@ -84,7 +85,7 @@ pub struct Simplified {
 ///
 /// A vertex on a boundary or on the rim of a cap goes along that line or not at all; where more
 /// than two such lines meet, it stays. No face turns by more than 75° in a collapse, none becomes
-/// thinner than 1° unless it was, no vertex gets more than 24 neighbours.
+/// thinner than 0.1° unless it was, no vertex gets more than 24 neighbours.
 ///
 /// The recorder hears of each collapse when everything else agrees, under the ids of `mesh`; one
 /// that it refuses is not made.

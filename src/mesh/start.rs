@@ -12,7 +12,9 @@ use crate::geometry::Mesh;
 const RIM_WEIGHT: f64 = 10.0;
 /// How much more a vertex weighs the more its normal differs from its neighbours'. Area alone would
 /// let go of sharp tips and ridges, whose faces are often small.
-const CREASE_WEIGHT: f64 = 50.0;
+const CREASE_WEIGHT: f64 = 100.0;
+/// What the tangent plane of a vertex weighs by the faces around together.
+const TANGENT_WEIGHT: f64 = 0.5;
 /// Vertices of a parcel of work; smaller meshes stay on their thread.
 pub const PARCEL: usize = 4096;
 
@@ -52,12 +54,13 @@ pub fn freedoms(edges: &HalfEdges, locked: Option<&[bool]>) -> Vec<Freedom> {
     (0..edges.vertex_count() as u32).into_par_iter().with_min_len(PARCEL).map(freedom).collect()
 }
 
-/// Quadrics of the vertices `of`, from positions in the units of the result.
+/// Quadrics of the vertices `of`, from positions in the units of the result. By area, a face weighs
+/// `floor` more than its own.
 pub fn quadrics(
     mesh: &Mesh,
     edges: &HalfEdges,
     at: &(impl Fn(u32) -> DVec3 + Sync),
-    metric: Metric,
+    (metric, floor): (Metric, f64),
     of: &[u32],
 ) -> Vec<Quadric> {
     let one = |&v: &u32| {
@@ -73,14 +76,15 @@ pub fn quadrics(
             }
             let n = cross / length;
             sum += cross;
-            let weight = if metric == Metric::Paper { 1.0 } else { 0.5 * length };
+            let weight = if metric == Metric::Paper { 1.0 } else { 0.5 * length + floor };
             q += Quadric::plane(n, p, weight);
         }
         if metric != Metric::Qem {
             let given = mesh.normals.get(v as usize).map(|n| n.as_dvec3());
             let normal = given.unwrap_or(sum).try_normalize();
             if let Some(n) = normal {
-                q += Quadric::plane(n, p, q.weight);
+                let share = if metric == Metric::Paper { 1.0 } else { TANGENT_WEIGHT };
+                q += Quadric::plane(n, p, share * q.weight);
             }
         }
         if metric == Metric::NormalQem {
@@ -94,6 +98,21 @@ pub fn quadrics(
         q
     };
     of.par_iter().with_min_len(PARCEL).map(one).collect()
+}
+
+/// What each face of a quadric weighs more than its own area: the mean of all, for the bottom of a
+/// pit may be made of specks. Parcels are summed in order: the same at any number of threads.
+pub fn floor(mesh: &Mesh, at: impl Fn(u32) -> DVec3 + Sync, metric: Metric) -> f64 {
+    if metric != Metric::NormalQem {
+        return 0.0;
+    }
+    let twice = |f: &[u32; 3]| {
+        let [a, b, c] = f.map(&at);
+        (b - a).cross(c - a).length()
+    };
+    let parcels = mesh.faces.par_chunks(PARCEL);
+    let sums: Vec<f64> = parcels.map(|part| part.iter().map(twice).sum()).collect();
+    0.5 * sums.iter().sum::<f64>() / mesh.faces.len().max(1) as f64
 }
 
 /// Mean of 1 − cos between the normal of `v` and those of its neighbours: 0.3 on a sharp ridge of
