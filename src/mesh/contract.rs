@@ -31,8 +31,7 @@ pub fn contract(mesh: &Mesh, faces: usize) -> Result<Mesh, MeshError> {
     let centre = 0.5 * (lo + hi).as_dvec3();
     let at: Vec<DVec3> = mesh.positions.iter().map(|p| p.as_dvec3() - centre).collect();
     let quadrics = quadrics(mesh, &edges, &|v| at[v as usize], Metric::Qem);
-    let mut this =
-        Contract { heap: Heap::new(&[]), star: Star::default(), edges, at, quadrics };
+    let mut this = Contract { heap: Heap::new(&[]), star: Star::default(), edges, at, quadrics };
     let costs: Vec<Option<f64>> = (0..4 * this.edges.face_count() as u32)
         .map(|h| (h & 3 < 3 && this.key(h) == h).then(|| this.best(h).0))
         .collect();

@@ -12,9 +12,9 @@ const COS2_TURN: f64 = 0.066_987_298_107_780_7;
 const FAIR2_THIN: f64 = 9e-6;
 /// How much of a face's area counts as the fair one by its sides in what it deviates; the rest is
 /// its true area. Fair faces make fair normals of vertices; true areas alone lie nearer.
-const FAIR_SHARE: f64 = 0.75;
-/// How much more a face counts the more it deviates: twice as much at 1 − cos = 1/120, 7.4°.
-const STEEP: f64 = 120.0;
+const FAIR_SHARE: f64 = 0.7;
+/// How much more a face counts the more it deviates: twice as much at 1 − cos = 1/180, 6.0°.
+const STEEP: f64 = 180.0;
 /// Neighbours of a vertex, at most.
 const MOST_NEIGHBOURS: usize = 24;
 
@@ -92,7 +92,7 @@ impl Star {
     }
 
     /// What the faces that stay deviate from the normals of their corners when the centre goes to
-    /// `ring[k]`: Σ 2 A r (A' + 120 A r), where r = 1 − n·N, N the mean normal of the three, and A'
+    /// `ring[k]`: Σ 2 A r (A' + 180 A r), where r = 1 − n·N, N the mean normal of the three, and A'
     /// lies between A and the area of the fair face with such sides; 0 without normals. r is the
     /// squared angle by half, so that this is area times squared size times squared angle, as a
     /// squared distance by area is; where the angle is large, its fourth power. `None` if a face
