@@ -11,9 +11,9 @@ const COS2_TURN: f32 = 0.066_987_3;
 const FAIR2_THIN: f32 = 9e-6;
 /// How much of a face's area counts as the fair one by its sides in what it deviates; the rest is
 /// its true area. Fair faces make fair normals of vertices; true areas alone lie nearer.
-const FAIR_SHARE: f32 = 0.75;
-/// How much more a face counts the more it deviates: twice as much at 1 − cos = 1/120, 7.4°.
-const STEEP: f32 = 120.0;
+const FAIR_SHARE: f32 = 0.7;
+/// How much more a face counts the more it deviates: twice as much at 1 − cos = 1/180, 6.0°.
+const STEEP: f32 = 180.0;
 /// Faces looked at side by side.
 pub const LANES: usize = 8;
 

@@ -97,7 +97,7 @@ pub struct Simplified {
 /// After Garland and Heckbert 1997 with half-edge collapses and the paper's normal term (section
 /// 4.1). Departures: one entry a vertex in the heap, its cheapest target, whose cost is a lower
 /// bound brought up to date when it is met: 9 of 10 entries of one an edge would be stale. Meshes
-/// of 32,768 faces or more are simplified in parts of 16,384 (see `parts.rs`), then as a whole.
+/// of 24,576 faces or more are simplified in parts of 12,288 (see `parts.rs`), then as a whole.
 /// [`Metric::NormalQem`] also counts what the new faces deviate from their corners' normals, which
 /// sees diagonals that quadrics at vertices do not, and weighs creases more.
 pub fn simplify<R: Recorder>(

@@ -88,7 +88,7 @@ impl Star {
     }
 
     /// What the faces that stay deviate from the normals of their corners when the centre goes to
-    /// `ring[k]`: Σ 2 A r (A' + 120 A r), where r = 1 − n·N, N the mean normal of the three, and A'
+    /// `ring[k]`: Σ 2 A r (A' + 180 A r), where r = 1 − n·N, N the mean normal of the three, and A'
     /// lies between A and the area of the fair face with such sides; 0 without normals. r is the
     /// squared angle by half, so that this is area times squared size times squared angle, as a
     /// squared distance by area is; where the angle is large, its fourth power. `None` if a face

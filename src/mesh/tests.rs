@@ -413,6 +413,53 @@ fn normals_beat_plain_quadrics_on_a_torus_of_voxels() {
     assert!(fair.hausdorff_mm <= 0.85 * plain.hausdorff_mm, "{fair:?} {plain:?}");
 }
 
+#[test]
+fn shading_after_the_default_metric_is_nearer_to_the_torus_than_after_plain_quadrics() {
+    let mesh = torus(160, 64);
+    // Mean angle between the normals that the faces left give their corners, and the torus's.
+    let off = |metric| {
+        let options = SimplifyOptions { metric, ..SimplifyOptions::to_faces(1000) };
+        let s = simplify(&mesh, &options, &mut ()).unwrap().mesh;
+        let mut sums = vec![Vec3::ZERO; s.positions.len()];
+        for f in &s.faces {
+            f.iter().for_each(|v| sums[*v as usize] += s.face_cross(*f));
+        }
+        let sum: f32 = sums.iter().zip(&s.normals).map(|(a, b)| a.angle_between(*b)).sum();
+        sum.to_degrees() / s.positions.len() as f32
+    };
+    let (plain, ours) = (off(Metric::Qem), off(Metric::NormalQem));
+    println!("{plain} {ours}");
+    assert!(ours < 0.75 * plain, "{ours} {plain}");
+}
+
+#[test]
+fn contracted_edges_lie_nearer_than_vertices_that_stay_and_keep_the_kind() {
+    let mesh = both(&torus(80, 40), &sphere(4.0, 12), Vec3::ZERO);
+    let c = contract::contract(&mesh, 800).unwrap();
+    assert_eq!((euler(&c), c.faces.len()), ((2, 0), 800));
+    let options = SimplifyOptions { metric: Metric::Qem, ..SimplifyOptions::to_faces(800) };
+    let kept = simplify(&mesh, &options, &mut ()).unwrap().mesh;
+    let [contracted, kept] = [c, kept].map(|m| deviation(&m, &mesh).unwrap());
+    assert!(contracted.mean_mm < 0.8 * kept.mean_mm, "{contracted:?} {kept:?}");
+}
+
+#[test]
+fn contraction_keeps_cubes_and_the_borders_of_sheets() {
+    // All but the edges of a cube is singular.
+    let cube = contract::contract(&boxed(8), 12).unwrap();
+    assert_eq!((euler(&cube), cube.faces.len()), ((2, 0), 12));
+    assert!((cube.volume_mm3() - 8.0).abs() < 1e-5, "{}", cube.volume_mm3());
+    let sheet = contract::contract(&sheet(20), 120).unwrap();
+    let (number, open) = euler(&sheet);
+    assert!(number == 1 && (4..80).contains(&open), "{number} {open}");
+    let (lo, hi) = sheet.bounds().unwrap();
+    assert!(
+        lo.truncate().length() < 0.05 && hi.truncate().distance(glam::Vec2::splat(20.0)) < 0.05
+    );
+    // Nothing is left to contract: it ends.
+    assert!(contract::contract(&boxed(2), 0).unwrap().faces.len() >= 4);
+}
+
 /// Times, and leaves results for scoring by others in the folder `INTIMA_OUT`, if it is set.
 #[test]
 #[ignore = "measures; needs INTIMA_MESHES, the folder of the three big meshes"]
