@@ -123,13 +123,33 @@ fn gather(lines: &mut [[f32; 8]], places: &[Place], f: &[f32], axis: usize) -> b
     let span = places.len();
     if axis == 0 {
         let flat = lines.as_flattened_mut();
-        for (i, place) in places.iter().enumerate() {
-            let from = place.map(|(slot, q)| &f[slot * BRICK + q..(slot + 1) * BRICK]);
-            for row in 0..64 {
-                let v = from.map_or(0.0, |f| f[8 * row]);
-                any |= v.to_bits();
-                flat[row * span + i] = v;
+        // Positions of one brick follow each other, save where the volume's edge repeats.
+        let mut i = 0;
+        while i < span {
+            let Some((slot, q)) = places[i] else {
+                for row in 0..64 {
+                    flat[row * span + i] = 0.0;
+                }
+                i += 1;
+                continue;
+            };
+            let follows = |n: &usize| places.get(i + n) == Some(&Some((slot, q + n)));
+            let n = (1..8 - q).take_while(follows).count() + 1;
+            let brick = f[slot * BRICK..][..BRICK].as_chunks::<8>().0;
+            if n == 8 {
+                for (row, from) in brick.iter().enumerate() {
+                    flat[row * span + i..][..8].copy_from_slice(from);
+                    any |= from.iter().fold(0, |any, v| any | v.to_bits());
+                }
+            } else {
+                for (row, from) in brick.iter().enumerate() {
+                    for (to, v) in flat[row * span + i..][..n].iter_mut().zip(&from[q..]) {
+                        *to = *v;
+                        any |= v.to_bits();
+                    }
+                }
             }
+            i += n;
         }
         return any << 1 != 0; // a negative 0 adds nothing either
     }

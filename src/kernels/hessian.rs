@@ -64,8 +64,7 @@ fn row_values(halo: &Halo, row: usize, [hx, hy, hz]: [f32; 3], sign: f32) -> [[f
     // The rows around it by (y, z), each with its two neighbours along x.
     let [dd, cd, ud, dc, cc, uc, du, cu, uu] = halo.rows(row);
     let (xx, yy, zz) = (sign / (hx * hx), sign / (hy * hy), sign / (hz * hz));
-    let (xy, xz, yz) =
-        (sign / (4.0 * hx * hy), sign / (4.0 * hx * hz), sign / (4.0 * hy * hz));
+    let (xy, xz, yz) = (sign / (4.0 * hx * hy), sign / (4.0 * hx * hz), sign / (4.0 * hy * hz));
     let mut out = [[0.0; 8]; 3];
     for i in 0..8 {
         let twice = 2.0 * cc[i + 1];
