@@ -120,8 +120,7 @@ fn tightened(
 
 /// Knot spacing of each round, in distances to the wall. Wide ones first: a section across a
 /// tangent that follows every bump is askew and would move the point to where the next is worse.
-/// Close ones last: at a fork the axis has a corner, which wide knots cut.
-const KNOTS: [f64; 5] = [2.0, 2.0, 1.25, 0.85, 0.7];
+const KNOTS: [f64; 5] = [2.0, 2.0, 1.25, 1.25, 0.85];
 /// Farthest a point moves in a round, in distances to the wall: where pockets follow each other
 /// the best places of neighbouring sections lie far apart.
 const STRIDE: f64 = 0.15;

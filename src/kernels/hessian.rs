@@ -63,20 +63,20 @@ fn twin(args: &mut CpuArgs<'_>) {
 fn row_values(halo: &Halo, row: usize, [hx, hy, hz]: [f32; 3], sign: f32) -> [[f32; 8]; 3] {
     // The rows around it by (y, z), each with its two neighbours along x.
     let [dd, cd, ud, dc, cc, uc, du, cu, uu] = halo.rows(row);
-    let (xx, yy, zz) = (sign / (hx * hx), sign / (hy * hy), sign / (hz * hz));
-    let (xy, xz, yz) = (sign / (4.0 * hx * hy), sign / (4.0 * hx * hz), sign / (4.0 * hy * hz));
+    let (xx, yy, zz) = (hx * hx, hy * hy, hz * hz);
+    let (xy, xz, yz) = (4.0 * hx * hy, 4.0 * hx * hz, 4.0 * hy * hz);
     let mut out = [[0.0; 8]; 3];
     for i in 0..8 {
         let twice = 2.0 * cc[i + 1];
         let m = [
-            (cc[i + 2] - twice + cc[i]) * xx,
-            (uc[i + 1] - twice + dc[i + 1]) * yy,
-            (cu[i + 1] - twice + cd[i + 1]) * zz,
+            sign * ((cc[i + 2] - twice + cc[i]) / xx),
+            sign * ((uc[i + 1] - twice + dc[i + 1]) / yy),
+            sign * ((cu[i + 1] - twice + cd[i + 1]) / zz),
         ];
         let o = [
-            (uc[i + 2] - uc[i] - dc[i + 2] + dc[i]) * xy,
-            (cu[i + 2] - cu[i] - cd[i + 2] + cd[i]) * xz,
-            (uu[i + 1] - ud[i + 1] - du[i + 1] + dd[i + 1]) * yz,
+            sign * ((uc[i + 2] - dc[i + 2] - uc[i] + dc[i]) / xy),
+            sign * ((cu[i + 2] - cd[i + 2] - cu[i] + cd[i]) / xz),
+            sign * ((uu[i + 1] - ud[i + 1] - du[i + 1] + dd[i + 1]) / yz),
         ];
         [out[0][i], out[1][i], out[2][i]] = eigenvalues(m, o);
     }
@@ -87,15 +87,15 @@ fn row_values(halo: &Halo, row: usize, [hx, hy, hz]: [f32; 3], sign: f32) -> [[f
 /// the cubic's closed form. As `shaders/lib/eigen.wgsl`, but without a branch or an angle, so that
 /// a row of voxels runs in lanes: with the determinant r of the scaled matrix, cos(acos(r) / 3) is
 /// a smooth function of √((1 + r) / 2), and the smallest root is the largest of the matrix turned.
+/// Rounded as there on the way to r: near double roots its last bit shows.
 #[inline]
 fn eigenvalues(m: [f32; 3], o: [f32; 3]) -> [f32; 3] {
     let q = (m[0] + m[1] + m[2]) / 3.0;
     let [x, y, z] = m.map(|v| v - q);
     let off = o[0] * o[0] + o[1] * o[1] + o[2] * o[2];
     let p = ((x * x + y * y + z * z + 2.0 * off) / 6.0).sqrt();
-    let per = 1.0 / p;
-    let (x, y, z) = (x * per, y * per, z * per);
-    let [a, b, c] = o.map(|v| v * per);
+    let (x, y, z) = (x / p, y / p, z / p);
+    let [a, b, c] = o.map(|v| v / p);
     let det = x * (y * z - c * c) - a * (a * z - c * b) + b * (a * c - y * b);
     let half = (0.25 * det).clamp(-0.5, 0.5);
     let high = q + 2.0 * p * third((0.5 + half).sqrt());
