@@ -71,6 +71,26 @@ const ALONG: [[(i8, u8); 3]; 8] = {
     out
 };
 
+/// By how much an element changes with each offset, as long as that does not leave its brick.
+const DELTA: [i32; 27] = {
+    let mut out = [0; 27];
+    let mut n = 0;
+    while n < 27 {
+        let d = offset(n);
+        out[n] = d.x + SIDE * d.y + SIDE * SIDE * d.z;
+        n += 1;
+    }
+    out
+};
+
+/// Whether no step from a place of a brick leaves it.
+#[inline]
+fn deep_in_brick(node: u32) -> bool {
+    let l = node as usize % BRICK;
+    let inner = |p: usize| p.wrapping_sub(1) < 6;
+    inner(l & 7) & inner(l >> 3 & 7) & inner(l >> 6)
+}
+
 impl<'a> Graph<'a> {
     /// The graph of a lumen.
     pub fn new(lumen: &'a Lumen) -> Self {
@@ -123,14 +143,22 @@ impl<'a> Graph<'a> {
         let over = near_index(i32::from(ox), i32::from(oy), i32::from(oz));
         self.lumen.bricks.near()[slot][over] * BRICK as u32 + place
     }
+    /// As [`Graph::step`] for several steps of a node: most nodes have all of them in one brick.
+    #[inline]
+    pub(super) fn leads(&self, node: u32) -> impl Fn(usize) -> u32 + '_ {
+        let deep = deep_in_brick(node);
+        move |n| if deep { node.wrapping_add_signed(DELTA[n]) } else { self.step(node, n) }
+    }
     /// Legal steps of a node: offset number and node.
+    #[inline]
     pub fn steps(&self, node: u32) -> impl Iterator<Item = (usize, u32)> + '_ {
         let mut bits = self.legal(node);
+        let leads = self.leads(node);
         std::iter::from_fn(move || {
             (bits != 0).then(|| {
                 let n = bits.trailing_zeros() as usize;
                 bits &= bits - 1;
-                (n, self.step(node, n))
+                (n, leads(n))
             })
         })
     }

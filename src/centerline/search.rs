@@ -87,7 +87,8 @@ impl Graph<'_> {
             state[s as usize] = (0, FREE);
             queue.push(0, s);
         }
-        while let Some((at, batch)) = queue.next() {
+        let mut batch = Vec::new();
+        while let Some(at) = queue.next(&mut batch) {
             for &u in &batch {
                 let (cost, mut steps) = state[u as usize];
                 if cost != at {
@@ -98,10 +99,11 @@ impl Graph<'_> {
                 if legal != FREE {
                     steps = legal;
                 }
+                let leads = self.leads(u);
                 while steps != 0 {
                     let n = steps.trailing_zeros() as usize;
                     steps &= steps - 1;
-                    let v = self.step(u, n);
+                    let v = leads(n);
                     let c = at.saturating_add(length[n]);
                     let old = &mut state[v as usize];
                     if c < old.0 {
@@ -113,7 +115,6 @@ impl Graph<'_> {
                     }
                 }
             }
-            queue.done(batch);
         }
         let cost = state.into_par_iter().with_min_len(1 << 16).map(|s| s.0).collect();
         Routes { cost, order, by }
@@ -158,19 +159,23 @@ impl Graph<'_> {
         centrality: &Centrality<'_>,
         bound: impl Fn(u32) -> u32,
     ) -> Routes {
-        let n = self.lumen().bricks.field_len();
-        let (mut cost, mut by) = (vec![NOWHERE; n], vec![OPEN; n]);
+        // Cost and weight side by side: what a look at a neighbour needs.
+        let distance = centrality.distance.par_iter().with_min_len(1 << 16);
+        let mut state: Vec<(u32, f32)> =
+            distance.map(|d| (NOWHERE, centrality.weight(*d))).collect();
+        let mut by = vec![OPEN; state.len()];
         let mut order = Vec::new();
         let first = sources.iter().map(|s| bound(*s)).min().unwrap_or(0);
         let slack = sources.iter().map(|s| bound(*s) - first).max().unwrap_or(0);
         let most = centrality.most * if goal.is_some() { 2 } else { 1 };
-        let mut queue = Queue::<u32>::new(most.max(slack), first);
+        let mut queue = Queue::new(most.max(slack), first);
         for &s in sources {
-            cost[s as usize] = 0;
+            state[s as usize].0 = 0;
             by[s as usize] = OPEN | STAY as u8;
             queue.push(bound(s), s);
         }
-        'search: while let Some((_, batch)) = queue.next() {
+        let mut batch = Vec::new();
+        'search: while queue.next(&mut batch).is_some() {
             for &u in &batch {
                 let came = by[u as usize];
                 if came & OPEN == 0 {
@@ -181,27 +186,40 @@ impl Graph<'_> {
                 if goal == Some(u) {
                     break 'search;
                 }
-                let (at, weight) = (cost[u as usize], centrality.weight(u));
+                let (at, weight) = state[u as usize];
+                // Its own half of a step often tells that it leads nowhere new.
+                let least = centrality.kinds.map(|l| at.saturating_add((l * weight) as u32));
                 for (n, v) in self.steps(u) {
-                    // Its own half of the step often tells that it leads nowhere new.
-                    let half = centrality.length[n] * weight;
-                    if cost[v as usize] <= at.saturating_add(half as u32) {
+                    let (old, there) = state[v as usize];
+                    if old <= least[KIND[n]] {
                         continue;
                     }
-                    let step = centrality.length[n] * (weight + centrality.weight(v));
+                    let step = centrality.length[n] * (weight + there);
                     let c = at.saturating_add(step as u32 + 1);
-                    if c < cost[v as usize] {
-                        cost[v as usize] = c;
+                    if c < old {
+                        state[v as usize].0 = c;
                         by[v as usize] = OPEN | n as u8;
                         queue.push(c.saturating_add(bound(v)), v);
                     }
                 }
             }
-            queue.done(batch);
         }
+        let cost = state.into_par_iter().with_min_len(1 << 16).map(|s| s.0).collect();
         Routes { cost, order, by }
     }
 }
+
+/// Which axes a step runs along, one bit each: steps of a kind are of one length.
+const KIND: [usize; 27] = {
+    let mut out = [0; 27];
+    let mut n = 0;
+    while n < 27 {
+        let d = offset(n);
+        out[n] = (d.x & 1 | (d.y & 1) << 1 | (d.z & 1) << 2) as usize;
+        n += 1;
+    }
+    out
+};
 
 /// What a step costs.
 struct Centrality<'a> {
@@ -212,6 +230,8 @@ struct Centrality<'a> {
     scale: f32,
     /// Lengths of the steps over h.
     length: [f32; 27],
+    /// The same by [`KIND`].
+    kinds: [f32; 8],
     /// The dearest step.
     most: u32,
 }
@@ -226,12 +246,17 @@ impl<'a> Centrality<'a> {
         let scale = (64.0 / cheapest).min(65_536.0);
         let length = graph.step_lengths_mm().map(|l| l as f32 / h);
         let longest = length.iter().copied().fold(1.0, f32::max);
-        Self { distance, h, scale, length, most: (scale * longest).ceil() as u32 + 1 }
+        let mut kinds = [0.0; 8];
+        for (n, l) in length.into_iter().enumerate() {
+            kinds[KIND[n]] = l;
+        }
+        Self { distance, h, scale, length, kinds, most: (scale * longest).ceil() as u32 + 1 }
     }
 
+    /// Half of what a unit step costs in the direction of a node, by its distance.
     #[inline]
-    fn weight(&self, node: u32) -> f32 {
-        0.5 * self.scale * (self.h / self.distance[node as usize].max(self.h)).powi(2)
+    fn weight(&self, distance: f32) -> f32 {
+        0.5 * self.scale * (self.h / distance.max(self.h)).powi(2)
     }
 }
 
@@ -431,8 +456,9 @@ mod tests {
             let d = distance(&l);
             let g = Graph::new(&l);
             let c = Centrality::new(&g, &d);
-            let cost =
-                |a: u32, b: u32, n: usize| (c.length[n] * (c.weight(a) + c.weight(b))) as u32 + 1;
+            let cost = |a: u32, b: u32, n: usize| {
+                (c.length[n] * (c.weight(d[a as usize]) + c.weight(d[b as usize]))) as u32 + 1
+            };
             let from = g.node_at(IVec3::new(1, 1, 7)).expect("inside");
             let all = g.by_centrality(&[from], &d);
             assert_eq!(all.cost, relaxed(&g, from, cost));

@@ -1,6 +1,7 @@
 //! `intima hessian`.
 
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 use super::CliError;
 use super::global::{Global, VOLUMES};
@@ -55,12 +56,15 @@ impl Args {
         let three = self.response == Kind::Eigenvalues;
         global.check_output(&self.output, if three { &[".nrrd"] } else { VOLUMES })?;
         let l = &self.lumen;
+        let mut copied = Duration::ZERO; // into bricks and out of them
         let whole = self.of == Of::Grey && l.mask.is_none() && l.threshold.is_none();
         let (volume, lumen, grey) = if whole {
             let input = self.input.as_deref();
             let input = input.ok_or_else(|| CliError::Usage("an INPUT is needed".into()))?;
             let volume = read_checked(input, l.series.as_deref(), global)?;
+            let start = Instant::now();
             let (lumen, values) = volume_as_bricks(&volume);
+            copied += start.elapsed();
             (volume, lumen, Some(values))
         } else if self.of == Of::Grey {
             return Err(CliError::Usage(
@@ -90,15 +94,18 @@ impl Args {
             let what = (sigma, response, self.dark);
             Ok(hessian_field(device, &lumen, grey.as_deref(), what, repeat_edge, clock)?)
         })?;
+        let start = Instant::now();
         if response == Response::Eigenvalues {
             let triples: &[[f32; 3]] = bytemuck::cast_slice(&field);
             let dense = lumen.dense(triples, [0.0; 3]);
+            copied += start.elapsed();
             write_vector_field(&self.output, &lumen.grid, 3, bytemuck::cast_slice(&dense))?;
         } else {
             let dense = lumen.dense(&field, 0.0f32);
+            copied += start.elapsed();
             write_volume(&self.output, &Volume::new(lumen.grid, Samples::F32(dense)))?;
         }
         global.say(format_args!("wrote {} (sigma {sigma} mm)", self.output.display()))?;
-        global.answer(&timing.with("sigma_mm", sigma))
+        global.answer(&timing.with("sigma_mm", sigma).with("dense_s", copied.as_secs_f64()))
     }
 }

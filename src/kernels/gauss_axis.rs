@@ -27,92 +27,144 @@ pub fn gaussian_weights(sigma_vox: f64) -> Vec<f32> {
     w.iter().map(|w| (w / sum) as f32).collect()
 }
 
+/// Where a position along the axis lies: slot and place in its brick; `None` where no brick is.
+type Place = Option<(usize, usize)>;
+
 fn twin(args: &mut CpuArgs<'_>) {
     let (s, p, _) = open(args);
     let axis = p.axis as usize;
     let radius = p.radius as usize;
     let span = 8 + 2 * radius;
-    // Where each position of the span lies: slot and place in it, None where no brick is.
-    let places = |slot: usize| -> Vec<Option<(usize, usize)>> {
-        let corner = s.corner[slot * 3 + axis];
-        let mut slots = vec![None; span];
-        let side = |up: bool, slots: &mut Vec<Option<(usize, usize)>>| {
-            let mut at = Some(slot);
-            for k in 1..=radius {
-                let q = if up { 7 + k as i32 } else { -(k as i32) };
-                if (up && q & 7 == 0) || (!up && q & 7 == 7) {
-                    at = at.and_then(|a| neighbour(s.near, a, axis, up));
-                }
-                let i = (q + radius as i32) as usize;
-                slots[i] = at.map(|a| (a, (q & 7) as usize));
-            }
-        };
-        for i in 0..8 {
-            slots[radius + i] = Some((slot, i));
+    let weight = &s.weight[..=radius];
+    // The slots that a span crosses, then each position held in [low, high]: the edge repeats.
+    let places = |slot: usize, places: &mut Vec<Place>| {
+        let reach = radius.div_ceil(8);
+        let mut slots = vec![None; 2 * reach + 1];
+        slots[reach] = Some(slot);
+        for k in 1..=reach {
+            let beside = |at: Option<usize>, up| at.and_then(|a| neighbour(s.near, a, axis, up));
+            slots[reach + k] = beside(slots[reach + k - 1], true);
+            slots[reach - k] = beside(slots[reach + 1 - k], false);
         }
-        side(true, &mut slots);
-        side(false, &mut slots);
-        // Hold positions in [low, high]: the edge repeats.
-        let hold = |i: usize| {
-            let place = i64::from(corner) + i as i64 - radius as i64;
-            let held = place.clamp(i64::from(p.low), i64::from(p.high));
-            let j = held - i64::from(corner) + radius as i64;
-            usize::try_from(j).ok().filter(|j| *j < span)
-        };
-        (0..span).map(|i| hold(i).and_then(|j| slots[j])).collect()
+        let corner = i64::from(s.corner[slot * 3 + axis]);
+        places.clear();
+        places.extend((0..span as i64).map(|i| {
+            let at = (corner + i - radius as i64).clamp(i64::from(p.low), i64::from(p.high));
+            let q = at - corner + 8 * reach as i64;
+            let slot = *slots.get(usize::try_from(q).ok()? >> 3)?;
+            Some((slot?, (q & 7) as usize))
+        }));
     };
     // Voxels outside the volume are worth 0, whatever their neighbours see in their place.
     let outside = |slot: usize, at: usize| {
         let place = s.corner[slot * 3 + axis] + at as i32;
         place < p.low || place > p.high
     };
-    s.g.par_chunks_exact_mut(BRICK).enumerate().with_min_len(8).for_each(|(slot, out)| {
-        let places = places(slot);
-        if axis == 0 {
-            let mut row = vec![0.0f32; span];
-            for r in 0..64 {
-                for (v, place) in row.iter_mut().zip(&places) {
-                    *v = place.map_or(0.0, |(a, q)| s.f[a * BRICK + r * 8 + q]);
-                }
-                let centre = radius;
-                for x in 0..8 {
-                    let c = centre + x;
-                    if outside(slot, x) {
-                        continue; // zeroed already
-                    }
-                    let mut sum = s.weight[0] * row[c];
-                    for k in 1..=radius {
-                        sum += s.weight[k] * (row[c + k] + row[c - k]);
-                    }
-                    out[r * 8 + x] = sum;
-                }
+    let scratch = || (Vec::with_capacity(span), vec![[0.0f32; 8]; 8 * span]);
+    s.g.par_chunks_exact_mut(BRICK).enumerate().with_min_len(8).for_each_init(
+        scratch,
+        |(around, lines), (slot, out)| {
+            places(slot, around);
+            if !gather(lines, around, s.f, axis) {
+                return; // all around is 0, and so is the result already
             }
-        } else {
-            let (along, across) = if axis == 1 { (8, 64) } else { (64, 8) };
-            const ZERO: [f32; 8] = [0.0; 8];
-            let lanes = |i: usize, line: usize| -> &[f32; 8] {
-                places[i].map_or(&ZERO, |(a, q)| {
-                    s.f[a * BRICK + line + q * along..][..8].try_into().expect("eight lanes")
-                })
-            };
-            for line in (0..8).map(|i| i * across) {
-                for at in 0..8 {
-                    let c = radius + at;
-                    if outside(slot, at) {
-                        continue; // zeroed already
-                    }
-                    let mut sum = lanes(c, line).map(|f| s.weight[0] * f);
-                    for k in 1..=radius {
-                        let (a, b) = (lanes(c + k, line), lanes(c - k, line));
+            if axis == 0 {
+                let flat: &[f32] = lines.as_flattened();
+                for (row, out) in out.as_chunks_mut::<8>().0.iter_mut().enumerate() {
+                    let row = &flat[row * span..][..span];
+                    let at = |from: usize| -> &[f32; 8] {
+                        row[from..from + 8].try_into().expect("eight lanes")
+                    };
+                    let mut sum = at(radius).map(|f| weight[0] * f);
+                    for (k, w) in weight.iter().enumerate().skip(1) {
+                        let (a, b) = (at(radius + k), at(radius - k));
                         for i in 0..8 {
-                            sum[i] += s.weight[k] * (a[i] + b[i]);
+                            sum[i] += w * (a[i] + b[i]);
                         }
                     }
-                    out[line + at * along..][..8].copy_from_slice(&sum);
+                    for (x, (out, sum)) in out.iter_mut().zip(sum).enumerate() {
+                        *out = if outside(slot, x) { 0.0 } else { sum };
+                    }
+                }
+                return;
+            }
+            // A position holds eight lane groups; `step` and `across` place them in the brick.
+            let (step, across) = if axis == 1 { (1, 8) } else { (8, 1) };
+            let groups = out.as_chunks_mut::<8>().0;
+            for at in (0..8).filter(|at| !outside(slot, *at)) {
+                let c = radius + at;
+                for pair in 0..4 {
+                    let of = |i: usize| -> &[[f32; 8]; 2] {
+                        lines[8 * i + 2 * pair..][..2].try_into().expect("two groups")
+                    };
+                    let mut sum = of(c).map(|g| g.map(|f| weight[0] * f));
+                    for (k, w) in weight.iter().enumerate().skip(1) {
+                        let (a, b) = (of(c + k), of(c - k));
+                        for j in 0..2 {
+                            for i in 0..8 {
+                                sum[j][i] += w * (a[j][i] + b[j][i]);
+                            }
+                        }
+                    }
+                    for (j, sum) in sum.into_iter().enumerate() {
+                        groups[at * step + (2 * pair + j) * across] = sum;
+                    }
                 }
             }
+        },
+    );
+}
+
+/// Copies what lies around a brick along an axis, and says whether any of it is not 0.
+///
+/// Across x (axes y and z) `lines` is [position][group of eight x]; along x it is [row][position].
+fn gather(lines: &mut [[f32; 8]], places: &[Place], f: &[f32], axis: usize) -> bool {
+    let mut any = 0u32;
+    let span = places.len();
+    if axis == 0 {
+        let flat = lines.as_flattened_mut();
+        // Positions of one brick follow each other, save where the volume's edge repeats.
+        let mut i = 0;
+        while i < span {
+            let Some((slot, q)) = places[i] else {
+                for row in 0..64 {
+                    flat[row * span + i] = 0.0;
+                }
+                i += 1;
+                continue;
+            };
+            let follows = |n: &usize| places.get(i + n) == Some(&Some((slot, q + n)));
+            let n = (1..8 - q).take_while(follows).count() + 1;
+            let brick = f[slot * BRICK..][..BRICK].as_chunks::<8>().0;
+            if n == 8 {
+                for (row, from) in brick.iter().enumerate() {
+                    flat[row * span + i..][..8].copy_from_slice(from);
+                    any |= from.iter().fold(0, |any, v| any | v.to_bits());
+                }
+            } else {
+                for (row, from) in brick.iter().enumerate() {
+                    for (to, v) in flat[row * span + i..][..n].iter_mut().zip(&from[q..]) {
+                        *to = *v;
+                        any |= v.to_bits();
+                    }
+                }
+            }
+            i += n;
         }
-    });
+        return any << 1 != 0; // a negative 0 adds nothing either
+    }
+    let (step, across) = if axis == 1 { (8, 64) } else { (64, 8) };
+    for (groups, place) in lines.as_chunks_mut::<8>().0.iter_mut().zip(places) {
+        let Some((slot, q)) = *place else {
+            *groups = [[0.0; 8]; 8];
+            continue;
+        };
+        for (j, group) in groups.iter_mut().enumerate() {
+            group.copy_from_slice(&f[slot * BRICK + q * step + j * across..][..8]);
+            any |= group.iter().fold(0, |any, v| any | v.to_bits());
+        }
+    }
+    any << 1 != 0
 }
 
 fn cases() -> Vec<Case> {

@@ -1,11 +1,10 @@
 //! CPU twin and cases of `hessian`: eigenvalues or a response over a whole field.
 
-use glam::Vec3;
 use rayon::prelude::*;
 
 pub use super::host::hessian::{Bindings, Params};
 use super::host::hessian::{SHADER, open};
-use super::ridge_mark::{Halo, eigen};
+use super::ridge_mark::Halo;
 use super::{cases_on_bricks, smooth_distance};
 use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::BRICK;
@@ -21,29 +20,106 @@ pub static KERNEL: Kernel = Kernel {
 
 fn twin(args: &mut CpuArgs<'_>) {
     let (s, p, _) = open(args);
-    let h = Vec3::from(p.spacing_mm);
     let stride = if p.kind == 0 { 3 } else { 1 };
     s.response.par_chunks_exact_mut(BRICK * stride).enumerate().with_min_len(4).for_each(
         |(slot, out)| {
-            let inside = &s.inside[slot * 16..][..16];
+            let inside: &[u8] = bytemuck::cast_slice(&s.inside[slot * 16..][..16]);
             if inside.iter().all(|w| *w == 0) {
                 return;
             }
             let halo = Halo::gather(s.near, s.f, slot);
-            for local in 0..BRICK {
-                if inside[local / 32] >> (local % 32) & 1 == 0 {
-                    continue;
+            for (row, out) in out.chunks_exact_mut(8 * stride).enumerate() {
+                let inside = inside[row];
+                if inside == 0 {
+                    continue; // zeroed already
                 }
-                let (m, o) = halo.hessian(Halo::centre(local), h);
-                let (l, _) = eigen(p.sign * m, p.sign * o);
+                let keep = |i: usize, v: f32| if inside >> i & 1 != 0 { v } else { 0.0 };
+                let [low, mid, high] = row_values(&halo, row, p.spacing_mm, p.sign);
                 match p.kind {
-                    0 => out[3 * local..][..3].copy_from_slice(&l.to_array()),
-                    1 => out[local] = (-l.y).max(0.0),
-                    _ => out[local] = if l.y < 0.0 { (l.x * l.y).sqrt() } else { 0.0 },
+                    0 => {
+                        for (i, out) in out.chunks_exact_mut(3).enumerate() {
+                            out.copy_from_slice(&[low[i], mid[i], high[i]].map(|v| keep(i, v)));
+                        }
+                    }
+                    1 => {
+                        for (i, out) in out.iter_mut().enumerate() {
+                            *out = keep(i, (-mid[i]).max(0.0));
+                        }
+                    }
+                    _ => {
+                        for (i, out) in out.iter_mut().enumerate() {
+                            let t = if mid[i] < 0.0 { (low[i] * mid[i]).sqrt() } else { 0.0 };
+                            *out = keep(i, t);
+                        }
+                    }
                 }
             }
         },
     );
+}
+
+/// Eigenvalues of the eight Hessians of a row of a brick: smallest, middle and largest of each.
+#[inline]
+fn row_values(halo: &Halo, row: usize, [hx, hy, hz]: [f32; 3], sign: f32) -> [[f32; 8]; 3] {
+    // The rows around it by (y, z), each with its two neighbours along x.
+    let [dd, cd, ud, dc, cc, uc, du, cu, uu] = halo.rows(row);
+    let (xx, yy, zz) = (hx * hx, hy * hy, hz * hz);
+    let (xy, xz, yz) = (4.0 * hx * hy, 4.0 * hx * hz, 4.0 * hy * hz);
+    let mut out = [[0.0; 8]; 3];
+    for i in 0..8 {
+        let twice = 2.0 * cc[i + 1];
+        let m = [
+            sign * ((cc[i + 2] - twice + cc[i]) / xx),
+            sign * ((uc[i + 1] - twice + dc[i + 1]) / yy),
+            sign * ((cu[i + 1] - twice + cd[i + 1]) / zz),
+        ];
+        let o = [
+            sign * ((uc[i + 2] - dc[i + 2] - uc[i] + dc[i]) / xy),
+            sign * ((cu[i + 2] - cd[i + 2] - cu[i] + cd[i]) / xz),
+            sign * ((uu[i + 1] - ud[i + 1] - du[i + 1] + dd[i + 1]) / yz),
+        ];
+        [out[0][i], out[1][i], out[2][i]] = eigenvalues(m, o);
+    }
+    out
+}
+
+/// Eigenvalues, ascending, of the symmetric matrix of diagonal `m` and rest `o` (xy, xz, yz), by
+/// the cubic's closed form. As `shaders/lib/eigen.wgsl`, but without a branch or an angle, so that
+/// a row of voxels runs in lanes: with the determinant r of the scaled matrix, cos(acos(r) / 3) is
+/// a smooth function of √((1 + r) / 2), and the smallest root is the largest of the matrix turned.
+/// Rounded as there on the way to r: near double roots its last bit shows.
+#[inline]
+fn eigenvalues(m: [f32; 3], o: [f32; 3]) -> [f32; 3] {
+    let q = (m[0] + m[1] + m[2]) / 3.0;
+    let [x, y, z] = m.map(|v| v - q);
+    let off = o[0] * o[0] + o[1] * o[1] + o[2] * o[2];
+    let p = ((x * x + y * y + z * z + 2.0 * off) / 6.0).sqrt();
+    let (x, y, z) = (x / p, y / p, z / p);
+    let [a, b, c] = o.map(|v| v / p);
+    let det = x * (y * z - c * c) - a * (a * z - c * b) + b * (a * c - y * b);
+    let half = (0.25 * det).clamp(-0.5, 0.5);
+    let high = q + 2.0 * p * third((0.5 + half).sqrt());
+    let low = q - 2.0 * p * third((0.5 - half).sqrt());
+    let mid = (3.0 * q - high - low).max(low).min(high);
+    let multiple = p <= 1e-6 * q.abs() || p < 1e-30;
+    [low, mid, high].map(|v| if multiple { q } else { v })
+}
+
+/// cos(2/3 acos s) for s in [0, 1], within 1e-7: Chebyshev interpolation of degree 8.
+#[inline]
+fn third(s: f32) -> f32 {
+    const C: [f32; 9] = [
+        0.5,
+        0.577_349_66,
+        -0.111_094_49,
+        0.053_279_35,
+        -0.031_925_414,
+        0.019_600_32,
+        -0.010_237_508,
+        0.003_654_119_6,
+        -0.000_626_045_34,
+    ];
+    C.iter().rev().fold(0.0, |sum, c| sum * s + c)
 }
 
 fn cases() -> Vec<Case> {
@@ -62,4 +138,50 @@ fn cases() -> Vec<Case> {
             plan.download(response);
         }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernels::ridge_mark::eigen;
+
+    #[test]
+    fn a_third_of_the_angle_is_within_two_units_of_rounding() {
+        for i in 0..=10_000 {
+            let s = i as f32 / 10_000.0;
+            let want = (f64::from(s).acos() * 2.0 / 3.0).cos();
+            assert!((f64::from(third(s)) - want).abs() < 1.2e-7, "{s}");
+        }
+    }
+
+    #[test]
+    fn eigenvalues_agree_with_the_angles_and_keep_their_order() {
+        let mut at = 1u32;
+        let mut next = || {
+            at = at.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (at >> 8) as f32 / 8_388_608.0 - 1.0
+        };
+        for _ in 0..10_000 {
+            let m: [f32; 3] = std::array::from_fn(|_| next());
+            let o: [f32; 3] = std::array::from_fn(|_| next());
+            let [low, mid, high] = eigenvalues(m, o);
+            let want = eigen(m.into(), o.into()).0;
+            // A double root moves with the root of the rounding error.
+            assert!((glam::Vec3::new(low, mid, high) - want).abs().max_element() < 2e-3);
+            assert!(low <= mid && mid <= high);
+            // What does not hang on the angle: the trace, and the sum of squares.
+            let trace = low + mid + high - (m[0] + m[1] + m[2]);
+            let squares = |v: [f32; 3]| v.map(|v| f64::from(v).powi(2)).iter().sum::<f64>();
+            let square = squares([low, mid, high]) - squares(m) - 2.0 * squares(o);
+            assert!(trace.abs() < 2e-6 && square.abs() < 2e-5, "{trace} {square}");
+        }
+    }
+
+    #[test]
+    fn multiples_of_the_identity_and_zero_are_their_own_eigenvalues() {
+        for v in [0.0, -3.0, 1e-20] {
+            assert_eq!(eigenvalues([v; 3], [0.0; 3]), [v; 3]);
+        }
+        assert!(eigenvalues([f32::NAN; 3], [0.0; 3])[0].is_nan());
+    }
 }

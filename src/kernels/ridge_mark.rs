@@ -61,6 +61,16 @@ impl Halo {
         })
     }
 
+    /// The rows of ten around a row of eight (y + 8 z), by y then z from below to above.
+    #[inline]
+    pub fn rows(&self, row: usize) -> [&[f32; 10]; 9] {
+        let first = 10 * (row & 7) + 100 * (row >> 3);
+        std::array::from_fn(|n| {
+            let at = first + 10 * (n % 3) + 100 * (n / 3);
+            self.0[at..at + 10].try_into().expect("ten values")
+        })
+    }
+
     /// Gradient at a place.
     #[inline]
     pub fn gradient(&self, c: usize, h: Vec3) -> Vec3 {

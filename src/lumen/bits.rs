@@ -2,6 +2,7 @@
 //! are one byte of a brick. Memory is taken zeroed from the system: rows never touched cost none.
 
 use glam::{IVec3, UVec3};
+use rayon::prelude::*;
 
 /// One bit a voxel, x fastest, rows padded to 64.
 #[derive(Clone, Debug)]
@@ -86,7 +87,12 @@ impl BitVolume {
 
     /// Number of set voxels.
     pub fn count(&self) -> u64 {
-        self.words.iter().map(|w| u64::from(w.count_ones())).sum()
+        self.words.par_chunks(1 << 14).map(ones).sum()
+    }
+
+    /// Whether no voxel is set.
+    pub fn is_empty(&self) -> bool {
+        self.words.iter().all(|w| *w == 0)
     }
 
     /// Runs of set voxels in a row, ascending.
@@ -96,20 +102,32 @@ impl BitVolume {
 
     /// Smallest box that holds all set voxels, inclusive corners.
     pub fn bounds(&self) -> Option<(UVec3, UVec3)> {
-        let (mut lo, mut hi) = (UVec3::MAX, UVec3::ZERO);
-        for z in 0..self.dims.z {
-            for y in 0..self.dims.y {
-                let row = self.row(y, z);
+        let slice = self.row_words * self.dims.y as usize;
+        let box_of = |z: usize, words: &[u64]| {
+            let (mut lo, mut hi) = (UVec3::MAX, UVec3::ZERO);
+            for (y, row) in words.chunks_exact(self.row_words).enumerate() {
                 let Some(first) = row.iter().position(|w| *w != 0) else { continue };
                 let last = row.iter().rposition(|w| *w != 0).unwrap_or(first);
                 let x0 = first as u32 * 64 + row[first].trailing_zeros();
                 let x1 = last as u32 * 64 + 63 - row[last].leading_zeros();
-                lo = lo.min(UVec3::new(x0, y, z));
-                hi = hi.max(UVec3::new(x1, y, z));
+                lo = lo.min(UVec3::new(x0, y as u32, z as u32));
+                hi = hi.max(UVec3::new(x1, y as u32, z as u32));
             }
-        }
+            (lo, hi)
+        };
+        let (lo, hi) = self
+            .words
+            .par_chunks_exact(slice.max(1))
+            .enumerate()
+            .with_min_len(8)
+            .map(|(z, words)| box_of(z, words))
+            .reduce(|| (UVec3::MAX, UVec3::ZERO), |a, b| (a.0.min(b.0), a.1.max(b.1)));
         (lo.x != u32::MAX).then_some((lo, hi))
     }
+}
+
+fn ones(words: &[u64]) -> u64 {
+    words.iter().map(|w| u64::from(w.count_ones())).sum()
 }
 
 struct Runs<'a> {

@@ -2,6 +2,7 @@
 //! order: voxel `local = x + 8 y + 64 z` of slot `s` is element `512 s + local`.
 
 use glam::{IVec3, UVec3};
+use rayon::prelude::*;
 
 use super::BitVolume;
 
@@ -111,8 +112,10 @@ pub fn bit_field(bits: &[u64]) -> Vec<f32> {
 }
 
 /// Bricks of a mask and its bits in slot order (eight words a slot, one a z-layer; bit x + 8 y).
-pub fn of_mask(mask: &BitVolume) -> (Bricks, Vec<u64>) {
-    let Some((lo, hi)) = mask.bounds() else {
+///
+/// * `bounds`: the mask's own.
+pub(super) fn of_mask(mask: &BitVolume, bounds: Option<(UVec3, UVec3)>) -> (Bricks, Vec<u64>) {
+    let Some((lo, hi)) = bounds else {
         let empty = Bricks {
             origin: IVec3::ZERO,
             table_dims: UVec3::ZERO,
@@ -132,34 +135,20 @@ pub fn of_mask(mask: &BitVolume) -> (Bricks, Vec<u64>) {
         b.x + d.x * (b.y + d.y * b.z)
     };
     // Bits of the bricks that hold some, in scan order of the table.
+    let filled: Vec<(IVec3, [u64; 8])> = (lo.z >> 3..(hi.z >> 3) + 1)
+        .into_par_iter()
+        .map(|bz| {
+            let mut layer = Vec::new();
+            for by in lo.y >> 3..=hi.y >> 3 {
+                filled_of(mask, (lo.x, hi.x), by, bz, &mut layer);
+            }
+            layer
+        })
+        .flatten_iter()
+        .collect();
     let mut table = vec![NONE; d.x * d.y * d.z];
-    let mut filled: Vec<(IVec3, [u64; 8])> = Vec::new();
-    for bz in lo.z >> 3..=hi.z >> 3 {
-        for by in lo.y >> 3..=hi.y >> 3 {
-            let first = filled.len();
-            for z in bz * 8..(bz * 8 + 8).min(mask.dims().z) {
-                for y in by * 8..(by * 8 + 8).min(mask.dims().y) {
-                    let row: &[u8] = bytemuck::cast_slice(mask.row(y, z));
-                    for bx in lo.x >> 3..=hi.x >> 3 {
-                        let bits = row[bx as usize];
-                        if bits != 0 {
-                            let b = UVec3::new(bx, by, bz).as_ivec3();
-                            let at = &mut table[index(b)];
-                            if *at == NONE {
-                                *at = filled.len() as u32;
-                                filled.push((b, [0; 8]));
-                            }
-                            filled[*at as usize].1[(z & 7) as usize] |=
-                                u64::from(bits) << (8 * (y & 7));
-                        }
-                    }
-                }
-            }
-            filled[first..].sort_unstable_by_key(|(b, _)| b.x);
-            for (i, (b, _)) in filled.iter().enumerate().skip(first) {
-                table[index(*b)] = i as u32;
-            }
-        }
+    for (i, (b, _)) in filled.iter().enumerate() {
+        table[index(*b)] = i as u32;
     }
     // A brick exists when it holds a bit or a neighbour of one.
     const RIM: u32 = NONE - 1;
@@ -190,6 +179,8 @@ pub fn of_mask(mask: &BitVolume) -> (Bricks, Vec<u64>) {
     }
     let mut bricks = Bricks { origin, table_dims, table, corners, near: Vec::new() };
     bricks.near = (0..bricks.len())
+        .into_par_iter()
+        .with_min_len(256)
         .map(|s| {
             let c = IVec3::from(bricks.corners[s]);
             std::array::from_fn(|n| {
@@ -200,6 +191,31 @@ pub fn of_mask(mask: &BitVolume) -> (Bricks, Vec<u64>) {
         })
         .collect();
     (bricks, inside)
+}
+
+/// Appends the bricks with bits of one row of bricks along x, ascending.
+fn filled_of(
+    mask: &BitVolume,
+    (first, last): (u32, u32),
+    by: u32,
+    bz: u32,
+    out: &mut Vec<(IVec3, [u64; 8])>,
+) {
+    let dims = mask.dims();
+    let rows: [&[u64]; 64] = std::array::from_fn(|l| {
+        let (y, z) = (8 * by + (l as u32 & 7), 8 * bz + (l as u32 >> 3));
+        if y < dims.y && z < dims.z { mask.row(y, z) } else { &[] }
+    });
+    for w in (first >> 6) as usize..=(last >> 6) as usize {
+        let words = rows.map(|row| row.get(w).copied().unwrap_or(0));
+        let any = words.iter().fold(0, |any, w| any | w);
+        for k in (0..8).filter(|k| any >> (8 * k) & 255 != 0) {
+            let bits = std::array::from_fn(|z| {
+                (0..8).fold(0, |layer, y| layer | (words[8 * z + y] >> (8 * k) & 255) << (8 * y))
+            });
+            out.push((UVec3::new(8 * w as u32 + k, by, bz).as_ivec3(), bits));
+        }
+    }
 }
 
 /// For each of the 27 directions, whether some bit of the brick has a 26-neighbour there.

@@ -1,8 +1,9 @@
-//! Region growing: the 6-component of a seed, by spans. It visits what it fills and the rows
-//! beside that, reading the stored type.
+//! Region growing: the 6-component of a seed, by spans of bits. It visits what it fills and the
+//! rows beside that: of the stored samples, 64 at a time are compared when first met.
 
 use glam::UVec3;
 
+use super::bits::Run;
 use super::window::{StoredWindow, check_seed};
 use super::{BitVolume, LumenError, Window};
 use crate::volume::{Sample, Volume, with_samples};
@@ -18,38 +19,76 @@ pub fn grow(volume: &Volume, window: &Window, seed: UVec3) -> Result<BitVolume, 
     Ok(bits)
 }
 
+/// Which voxels are in the window, found a word of 64 at a time when asked.
+struct Allowed<'a, T> {
+    window: &'a StoredWindow<T>,
+    samples: &'a [T],
+    bits: BitVolume,
+    /// A bit for each word of `bits` that holds its answer.
+    known: Vec<u64>,
+}
+
+impl<T: Sample> Allowed<'_, T> {
+    /// A row's word.
+    #[inline]
+    fn word(&mut self, row: usize, w: usize) -> u64 {
+        let (words, nx) = (self.bits.row_words(), self.bits.dims().x as usize);
+        let at = row * words + w;
+        let (block, bit) = (at >> 6, 1u64 << (at & 63));
+        if self.known[block] & bit == 0 {
+            self.known[block] |= bit;
+            let from = row * nx + 64 * w;
+            let n = 64.min(nx - 64 * w);
+            self.bits.words_mut()[at] = self.window.word(&self.samples[from..from + n]);
+        }
+        self.bits.words_mut()[at]
+    }
+
+    /// The run of allowed voxels around one, inclusive.
+    fn run(&mut self, row: usize, x: u32) -> Run {
+        let (mut w, bit) = ((x >> 6) as usize, x & 63);
+        // Voxels not allowed at or below `bit`, then of lower words.
+        let mut stop = !self.word(row, w) & (!0 >> (63 - bit));
+        while stop == 0 && w > 0 {
+            w -= 1;
+            stop = !self.word(row, w);
+        }
+        let first = 64 * w as u32 + 64 - stop.leading_zeros();
+        let (mut w, words) = ((x >> 6) as usize, self.bits.row_words());
+        let mut stop = !self.word(row, w) & (!0 << bit);
+        while stop == 0 && w + 1 < words {
+            w += 1;
+            stop = !self.word(row, w);
+        }
+        let end = 64 * w as u32 + stop.trailing_zeros();
+        (first, end.min(self.bits.dims().x) - 1)
+    }
+}
+
 fn spans<T: Sample>(window: &StoredWindow<T>, samples: &[T], seed: UVec3, bits: &mut BitVolume) {
     let dims = bits.dims();
-    let nx = dims.x as usize;
-    let row = |y: u32, z: u32| {
-        let s = nx * (y as usize + dims.y as usize * z as usize);
-        &samples[s..s + nx]
-    };
+    let words = bits.row_words();
+    let known = vec![0; (words * dims.y as usize * dims.z as usize).div_ceil(64)];
+    let mut allowed = Allowed { window, samples, bits: BitVolume::new(dims), known };
     let mut open = vec![(seed.x, seed.y, seed.z)];
     while let Some((x, y, z)) = open.pop() {
         if bits.at(x, y, z) {
             continue;
         }
-        let values = row(y, z);
-        let mut a = x;
-        while a > 0 && window.holds(values[a as usize - 1]) {
-            a -= 1;
-        }
-        let mut b = x;
-        while b + 1 < dims.x && window.holds(values[b as usize + 1]) {
-            b += 1;
-        }
+        let row = |y: u32, z: u32| y as usize + dims.y as usize * z as usize;
+        let (a, b) = allowed.run(row(y, z), x);
         bits.set_run((a, b), y, z);
         let mut beside = |y: u32, z: u32| {
-            let values = &row(y, z)[a as usize..=b as usize];
-            let mut fresh = false;
-            for (i, &v) in values.iter().enumerate() {
-                let x = a + i as u32;
-                let enters = window.holds(v) && !bits.at(x, y, z);
-                if enters && !fresh {
-                    open.push((x, y, z));
+            let row = row(y, z);
+            for w in (a >> 6) as usize..=(b >> 6) as usize {
+                let from = 64 * w as u32;
+                let span = !0u64 << a.saturating_sub(from) & !0 >> (63 - (b - from).min(63));
+                let fresh = allowed.word(row, w) & !bits.words_mut()[row * words + w] & span;
+                let mut starts = fresh & !(fresh << 1);
+                while starts != 0 {
+                    open.push((from + starts.trailing_zeros(), y, z));
+                    starts &= starts - 1;
                 }
-                fresh = enters;
             }
         };
         if y > 0 {

@@ -17,6 +17,7 @@ pub use leak::{LeakReport, grow_controlled};
 pub use window::Window;
 
 use glam::{IVec3, UVec3};
+use rayon::prelude::*;
 
 use crate::volume::{Grid, Volume};
 use bricks::{BRICK, NONE, near_index};
@@ -134,13 +135,15 @@ impl Recipe {
             None if self.leak_control => return Err(LumenError::LeakWindow),
             None => {
                 let all = self.window.select(volume);
-                let kept = components::keep_one(&all, None).ok_or_else(|| LumenError::Empty {
-                    window: self.window.clone(),
-                    range: volume.range(),
-                })?;
+                let empty =
+                    || LumenError::Empty { window: self.window.clone(), range: volume.range() };
                 if self.all_components {
+                    if all.is_empty() {
+                        return Err(empty());
+                    }
                     all
                 } else {
+                    let kept = components::keep_one(&all, None).ok_or_else(empty)?;
                     found.other_voxels = kept.2.iter().map(|c| c.voxels).sum();
                     found.others = kept.2;
                     kept.0
@@ -158,15 +161,15 @@ impl Recipe {
 impl Lumen {
     /// Bricks and classes of a mask.
     pub fn new(grid: Grid, mask: &BitVolume) -> Self {
-        let (bricks, inside) = bricks::of_mask(mask);
+        let bounds = mask.bounds();
+        let (bricks, inside) = bricks::of_mask(mask, bounds);
         let boundary = boundary_of(&bricks, &inside);
         let count = |b: &[u64]| b.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
         let boundary_voxels = count(&boundary);
         let internal_voxels = count(&inside) - boundary_voxels;
         let top = grid.dims - 1;
-        let touches_edge = mask
-            .bounds()
-            .is_some_and(|(lo, hi)| lo.cmpeq(UVec3::ZERO).any() || hi.cmpeq(top).any());
+        let touches_edge =
+            bounds.is_some_and(|(lo, hi)| lo.cmpeq(UVec3::ZERO).any() || hi.cmpeq(top).any());
         Self { grid, bricks, inside, boundary, internal_voxels, boundary_voxels, touches_edge }
     }
 
@@ -207,26 +210,33 @@ impl Lumen {
     pub fn dense<T: Copy + Send + Sync>(&self, field: &[T], outside: T) -> Vec<T> {
         let mut out = vec![outside; self.grid.len()];
         let d = self.grid.dims;
-        for (slot, corner) in self.bricks.corners().iter().enumerate() {
-            let c = IVec3::from(*corner);
-            let (x0, x1) = (c.x.max(0), (c.x + 8).min(d.x as i32));
-            for (l, row) in field[slot * BRICK..][..BRICK].chunks_exact(8).enumerate() {
-                let (y, z) = (c.y + (l as i32 & 7), c.z + (l as i32 >> 3));
-                if x0 < x1 && y >= 0 && z >= 0 && y < d.y as i32 && z < d.z as i32 {
-                    let at = self.grid.index(UVec3::new(x0 as u32, y as u32, z as u32));
-                    let n = (x1 - x0) as usize;
-                    let from = (x0 - c.x) as usize;
-                    out[at..at + n].copy_from_slice(&row[from..from + n]);
+        let slice = d.x as usize * d.y as usize;
+        // Bricks are in z order: each group of slices takes those of its own height.
+        let corners = self.bricks.corners();
+        out.par_chunks_mut(8 * slice).enumerate().for_each(|(layer, out)| {
+            let z0 = 8 * layer as i32;
+            let first = corners.partition_point(|c| c[2] < z0);
+            let end = corners.partition_point(|c| c[2] <= z0);
+            for (slot, &[cx, cy, _]) in corners.iter().enumerate().take(end).skip(first) {
+                let (x0, x1) = (cx.max(0), (cx + 8).min(d.x as i32));
+                for (l, row) in field[slot * BRICK..][..BRICK].chunks_exact(8).enumerate() {
+                    let (y, z) = (cy + (l as i32 & 7), l >> 3);
+                    if x0 < x1 && y >= 0 && y < d.y as i32 && (z + 1) * slice <= out.len() {
+                        let at = z * slice + y as usize * d.x as usize + x0 as usize;
+                        let n = (x1 - x0) as usize;
+                        let from = (x0 - cx) as usize;
+                        out[at..at + n].copy_from_slice(&row[from..from + n]);
+                    }
                 }
             }
-        }
+        });
         out
     }
 
     /// The classes of the paper as a dense volume: 0 external, 1 internal, 2 boundary.
     pub fn classes(&self) -> Vec<u8> {
         let class = |e: usize| u8::from(self.is_inside(e)) + u8::from(bit(&self.boundary, e));
-        let field: Vec<u8> = (0..self.bricks.field_len()).map(class).collect();
+        let field: Vec<u8> = (0..self.bricks.field_len()).into_par_iter().map(class).collect();
         self.dense(&field, 0)
     }
 
@@ -269,6 +279,8 @@ pub fn layer_neighbours(bricks: &Bricks, bits: &[u64], slot: usize, z: usize) ->
 
 fn boundary_of(bricks: &Bricks, inside: &[u64]) -> Vec<u64> {
     (0..inside.len())
+        .into_par_iter()
+        .with_min_len(4096)
         .map(|w| {
             let around = layer_neighbours(bricks, inside, w / 8, w % 8);
             inside[w] & !around.iter().fold(!0, |a, b| a & b)

@@ -172,3 +172,55 @@ fn bad_seeds_and_empty_windows_say_what_and_where() {
     let text = "empty lumen: no voxel is in threshold 5: (values run from 1 to 1)";
     assert_eq!(empty.to_string(), text);
 }
+
+#[test]
+fn a_window_selects_what_its_real_values_say() {
+    use crate::volume::Rescale;
+    let grid = Grid::axis_aligned([67, 3, 2], [1.0; 3]);
+    let floats: Vec<f32> = (0..grid.len())
+        .map(|i| if i % 11 == 0 { f32::NAN } else { (i % 7) as f32 - 3.0 })
+        .collect();
+    let shorts: Vec<i16> = (0..grid.len()).map(|i| (i % 9) as i16 - 4).collect();
+    let bytes: Vec<u8> = (0..grid.len()).map(|i| (i * 37 % 5) as u8).collect();
+    let windows = [
+        Window::Labels(vec![]),
+        Window::Labels(vec![2]),
+        Window::Labels(vec![-1, 3]),
+        Window::Range { lo: f64::NEG_INFINITY, hi: 0.5 },
+        Window::Range { lo: -1.0, hi: 2.0 },
+        Window::Range { lo: 1e9, hi: 2e9 },
+    ];
+    for samples in [Samples::F32(floats), Samples::I16(shorts), Samples::U8(bytes)] {
+        // Of the last, no stored value is a real 0.
+        for (slope, intercept) in [(1.0, 0.0), (-2.0, 4.0), (1.0, 0.25)] {
+            let mut v = Volume::new(grid, samples.clone());
+            v.rescale = Rescale { slope, intercept };
+            for window in &windows {
+                let bits = window.select(&v);
+                for i in 0..grid.len() {
+                    let p = grid.voxel(i);
+                    let want = window.holds(v.real(i));
+                    assert_eq!(bits.at(p.x, p.y, p.z), want, "{window} {p} {slope} {intercept}");
+                }
+                let some = (0..grid.len()).any(|i| window.holds(v.real(i)));
+                assert_eq!(!bits.is_empty(), some);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_field_laid_out_densely_is_its_own_at_every_voxel() {
+    for dims in [[17, 9, 13], [8, 8, 8], [3, 21, 16]] {
+        let v = noise(dims, 60, 5);
+        let recipe =
+            Recipe { all_components: true, fill: false, ..Recipe::new(Window::Labels(vec![])) };
+        let (lumen, _) = recipe.apply(&v).unwrap();
+        let field: Vec<u32> = (0..lumen.bricks.field_len() as u32).collect();
+        let dense = lumen.dense(&field, u32::MAX);
+        for (i, d) in dense.iter().enumerate() {
+            let e = lumen.bricks.element(v.grid.voxel(i).as_ivec3());
+            assert_eq!(*d, e.map_or(u32::MAX, |e| e as u32));
+        }
+    }
+}

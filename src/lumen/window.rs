@@ -46,7 +46,11 @@ impl Window {
                 let (lo, hi) = if r.slope < 0.0 { (b, a) } else { (a, b) };
                 StoredWindow::range(lo, hi)
             }
-            Self::Labels(l) if l.is_empty() => StoredWindow::NonZero { zero: r.stored(0.0) },
+            Self::Labels(l) if l.is_empty() => {
+                let zero = r.stored(0.0);
+                let held = narrow::<T>(zero, true).filter(|z| z.to_f64() == zero);
+                held.map_or(StoredWindow::Number, StoredWindow::Not)
+            }
             Self::Labels(l) => {
                 let mut stored: Vec<f64> = l.iter().map(|&v| r.stored(v as f64)).collect();
                 stored.sort_by(f64::total_cmp);
@@ -65,9 +69,10 @@ impl Window {
 pub(super) enum StoredWindow<T> {
     /// Inclusive; empty when nothing of the type can be inside.
     Range(Option<(T, T)>),
-    NonZero {
-        zero: f64,
-    },
+    /// All but one value, and NaN.
+    Not(T),
+    /// All but NaN.
+    Number,
     Any(Vec<f64>),
 }
 
@@ -85,10 +90,8 @@ impl<T: Sample> StoredWindow<T> {
         match self {
             Self::Range(Some((lo, hi))) => *lo <= v && v <= *hi,
             Self::Range(None) => false,
-            Self::NonZero { zero } => {
-                let v = v.to_f64();
-                v != *zero && !v.is_nan()
-            }
+            Self::Not(value) => is_number(v) & (v != *value),
+            Self::Number => is_number(v),
             Self::Any(l) => l.contains(&v.to_f64()),
         }
     }
@@ -126,6 +129,26 @@ fn narrow<T: Sample>(bound: f64, up: bool) -> Option<T> {
     })
 }
 
+impl<T: Sample> StoredWindow<T> {
+    /// Bits of up to 64 samples, the first in the lowest place.
+    #[inline]
+    pub fn word(&self, samples: &[T]) -> u64 {
+        match self {
+            Self::Range(Some((lo, hi))) => pack(samples, |v| (*lo <= v) & (v <= *hi)),
+            Self::Range(None) => 0,
+            Self::Not(value) => pack(samples, |v| is_number(v) & (v != *value)),
+            w => pack(samples, |v| w.holds(v)),
+        }
+    }
+}
+
+/// Not NaN.
+#[inline]
+#[allow(clippy::eq_op)]
+fn is_number<T: PartialEq + Copy>(v: T) -> bool {
+    v == v
+}
+
 fn select<T: Sample>(window: StoredWindow<T>, samples: &[T], bits: &mut BitVolume) {
     let nx = bits.dims().x as usize;
     let row_words = bits.row_words();
@@ -133,19 +156,36 @@ fn select<T: Sample>(window: StoredWindow<T>, samples: &[T], bits: &mut BitVolum
         .par_chunks_mut(row_words)
         .zip(samples.par_chunks(nx))
         .with_min_len(64)
-        .for_each(|(words, row)| match &window {
-            StoredWindow::Range(Some((lo, hi))) => {
-                pack(words, row, |v| (*lo <= v) & (v <= *hi));
+        .for_each(|(words, row)| {
+            for (word, voxels) in words.iter_mut().zip(row.chunks(64)) {
+                *word = window.word(voxels);
             }
-            w => pack(words, row, |v| w.holds(v)),
         });
 }
 
+/// Comparisons fill a byte each, which compilers turn into lanes; a product then brings eight
+/// bytes of 0 or 1 together in the top one.
 #[inline]
-fn pack<T: Copy>(words: &mut [u64], row: &[T], inside: impl Fn(T) -> bool) {
-    for (word, voxels) in words.iter_mut().zip(row.chunks(64)) {
-        *word = voxels.iter().enumerate().fold(0, |w, (i, &v)| w | u64::from(inside(v)) << i);
+fn pack<T: Copy>(samples: &[T], inside: impl Fn(T) -> bool) -> u64 {
+    let mut bytes = [0u8; 64];
+    match <&[T; 64]>::try_from(samples) {
+        Ok(samples) => {
+            for (b, v) in bytes.iter_mut().zip(samples) {
+                *b = u8::from(inside(*v));
+            }
+        }
+        Err(_) => {
+            for (b, v) in bytes.iter_mut().zip(samples) {
+                *b = u8::from(inside(*v));
+            }
+        }
     }
+    let mut word = 0;
+    for (i, eight) in bytes.as_chunks::<8>().0.iter().enumerate() {
+        let top = u64::from_le_bytes(*eight).wrapping_mul(0x0102_0408_1020_4080) >> 56;
+        word |= top << (8 * i);
+    }
+    word
 }
 
 /// The voxel a seed names.

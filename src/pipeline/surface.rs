@@ -47,14 +47,19 @@ pub fn wall(
     options: SurfaceOptions,
     clock: &mut Clock,
 ) -> Result<Wall, PipelineError> {
-    let seed = options.track_from;
-    let surface = clock.time(
+    let mesh = clock.time(
         "surface",
         "faces",
         || match Grey::new(volume, window).filter(|_| options.from_grey) {
-            Some(grey) => Surface::new(lumen, &grey, seed),
-            None => Surface::new(lumen, &Midpoint, seed),
+            Some(grey) => stage::extract(lumen, &grey),
+            None => stage::extract(lumen, &Midpoint),
         },
+        |mesh| mesh.faces.len() as u64,
+    );
+    let surface = clock.time(
+        "topology",
+        "faces",
+        || Surface::of(mesh, lumen, options.track_from),
         |s| s.mesh.faces.len() as u64,
     );
     let Surface { mut mesh, adjacency, topology } = surface;

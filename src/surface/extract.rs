@@ -167,64 +167,71 @@ pub fn extract(lumen: &Lumen, crossing: &impl Crossing) -> Mesh {
             }
         });
 
-    let table = &*TRIANGLES;
-    let counts: Vec<usize> = (0..bricks.len())
+    // Groups of bricks, each into a list of its own: how many there are shows while they are made.
+    let groups: Vec<(Vec<[u32; 3]>, Vec<bool>)> = (0..bricks.len().div_ceil(GROUP))
         .into_par_iter()
-        .with_min_len(16)
-        .map(|s| {
-            let l = layers(bricks, &lumen.inside, s);
-            (0..8)
-                .flat_map(|z| set_bits(mixed(&l[z], &l[z + 1])).map(move |b| (z, b)))
-                .map(|(z, b)| table[case_at(&l[z], &l[z + 1], b) as usize].len())
-                .sum()
+        .map(|g| {
+            let (mut faces, mut caps) = (Vec::with_capacity(GROUP * 128), Vec::new());
+            for slot in g * GROUP..(g * GROUP + GROUP).min(bricks.len()) {
+                faces_of(lumen, slot, (&all, &base), &mut faces, &mut caps);
+            }
+            (faces, caps)
         })
         .collect();
-    let mut faces = vec![[0u32; 3]; counts.iter().sum()];
-    let mut caps = if lumen.touches_edge { vec![false; faces.len()] } else { Vec::new() };
-    let cap_counts = counts.iter().map(|&n| if lumen.touches_edge { n } else { 0 });
+    let mut faces = vec![[0u32; 3]; groups.iter().map(|g| g.0.len()).sum()];
+    parts(&mut faces, groups.iter().map(|g| g.0.len()))
+        .into_par_iter()
+        .zip(&groups)
+        .for_each(|(part, g)| part.copy_from_slice(&g.0));
+    let caps = groups.iter().flat_map(|g| &g.1).copied().collect();
+    Mesh { positions, normals: Vec::new(), faces, caps }
+}
+
+/// Bricks whose faces are made together.
+const GROUP: usize = 32;
+
+/// Appends the faces of a brick's cells, and whether each is a cap if the lumen reaches the edge.
+///
+/// * `(edges, base)`: of all bricks the crossed edges, and the number of the first vertex.
+fn faces_of(
+    lumen: &Lumen,
+    slot: usize,
+    (edges, base): (&[Edges], &[u32]),
+    faces: &mut Vec<[u32; 3]>,
+    caps: &mut Vec<bool>,
+) {
+    let table = &*TRIANGLES;
+    let l = layers(&lumen.bricks, &lumen.inside, slot);
+    let near = &lumen.bricks.near()[slot];
+    let corner = IVec3::from(lumen.bricks.corners()[slot]);
     let dims = lumen.grid.dims.as_ivec3();
     let mirrored = lumen.grid.is_left_handed();
-    parts(&mut faces, counts.iter().copied())
-        .into_par_iter()
-        .zip(parts(&mut caps, cap_counts))
-        .enumerate()
-        .with_min_len(16)
-        .for_each(|(slot, (faces, caps))| {
-            if faces.is_empty() {
-                return;
+    for z in 0..8usize {
+        for b in set_bits(mixed(&l[z], &l[z + 1])) {
+            let p = IVec3::new(b as i32 & 7, b as i32 >> 3, z as i32);
+            let vertex = |edge: u8| {
+                let e = EDGES[edge as usize];
+                let c = i32::from(e.corner);
+                let q = p + IVec3::new(c & 1, c >> 1 & 1, c >> 2);
+                let over: IVec3 = q >> 3i32;
+                let s = near[near_index(over.x, over.y, over.z)] as usize;
+                let bit = (q.x & 7) + 8 * (q.y & 7);
+                let w = 3 * (q.z & 7) as usize + e.axis as usize;
+                let below = edges[s].words[w] & ((1u64 << bit) - 1);
+                base[s] + u32::from(edges[s].before[w]) + below.count_ones()
+            };
+            let before = faces.len();
+            for t in &table[case_at(&l[z], &l[z + 1], b) as usize] {
+                let [a, b, c] = t.map(vertex);
+                faces.push(if mirrored { [a, c, b] } else { [a, b, c] });
             }
-            let l = layers(bricks, &lumen.inside, slot);
-            let near = &bricks.near()[slot];
-            let corner = IVec3::from(bricks.corners()[slot]);
-            let mut at = 0;
-            for z in 0..8usize {
-                for b in set_bits(mixed(&l[z], &l[z + 1])) {
-                    let p = IVec3::new(b as i32 & 7, b as i32 >> 3, z as i32);
-                    let vertex = |edge: u8| {
-                        let e = EDGES[edge as usize];
-                        let c = i32::from(e.corner);
-                        let q = p + IVec3::new(c & 1, c >> 1 & 1, c >> 2);
-                        let over: IVec3 = q >> 3i32;
-                        let s = near[near_index(over.x, over.y, over.z)] as usize;
-                        let bit = (q.x & 7) + 8 * (q.y & 7);
-                        let w = 3 * (q.z & 7) as usize + e.axis as usize;
-                        let below = all[s].words[w] & ((1u64 << bit) - 1);
-                        base[s] + u32::from(all[s].before[w]) + below.count_ones()
-                    };
-                    let low = corner + p;
-                    let cap = low.cmplt(IVec3::ZERO).any() || (low + 1).cmpge(dims).any();
-                    for t in &table[case_at(&l[z], &l[z + 1], b) as usize] {
-                        let [a, b, c] = t.map(vertex);
-                        faces[at] = if mirrored { [a, c, b] } else { [a, b, c] };
-                        if let Some(flag) = caps.get_mut(at) {
-                            *flag = cap;
-                        }
-                        at += 1;
-                    }
-                }
+            if lumen.touches_edge {
+                let low = corner + p;
+                let cap = low.cmplt(IVec3::ZERO).any() || (low + 1).cmpge(dims).any();
+                caps.resize(caps.len() + faces.len() - before, cap);
             }
-        });
-    Mesh { positions, normals: Vec::new(), faces, caps }
+        }
+    }
 }
 
 /// Id of the vertex where a walk from an inside voxel along +x leaves the lumen.

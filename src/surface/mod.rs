@@ -32,19 +32,22 @@ impl Surface {
     /// Extracts the surface. With `seed` (an inside voxel) only the component hit first by a walk
     /// from there along +x is kept: the paper's single-surface tracking, order-free.
     pub fn new(lumen: &Lumen, crossing: &impl Crossing, seed: Option<glam::IVec3>) -> Self {
-        let mesh = extract(lumen, crossing);
+        Self::of(extract(lumen, crossing), lumen, seed)
+    }
+
+    /// Adjacency and counts of a lumen's extracted mesh, with the choice of [`Surface::new`].
+    pub fn of(mesh: Mesh, lumen: &Lumen, seed: Option<glam::IVec3>) -> Self {
         let (adjacency, watertight) = Adjacency::of(&mesh);
         let topology = adjacency.topology(&mesh, watertight);
-        let hit = seed.and_then(|s| extract::vertex_beyond(lumen, s));
-        match hit {
-            Some(v) if topology.components > 1 => {
-                let mesh = keep_component(&mesh, &adjacency.components(), v);
-                let (adjacency, watertight) = Adjacency::of(&mesh);
-                let topology = adjacency.topology(&mesh, watertight);
-                Self { mesh, adjacency, topology }
-            }
-            _ => Self { mesh, adjacency, topology },
+        if topology.components > 1
+            && let Some(v) = seed.and_then(|s| extract::vertex_beyond(lumen, s))
+        {
+            let mesh = keep_component(&mesh, &adjacency.components(), v);
+            let (adjacency, watertight) = Adjacency::of(&mesh);
+            let topology = adjacency.topology(&mesh, watertight);
+            return Self { mesh, adjacency, topology };
         }
+        Self { mesh, adjacency, topology }
     }
 }
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from inputs import stairs
 
 SIGMA_MM = 2.0
+ALL = ["--no-fill", "--all-components"]  # the voxels as they are: what peers that contour or transform take
 FLIGHT = ["--frames", "100", "--msaa", "1", "--size", "1280x720"]
 
 
@@ -15,7 +16,8 @@ class Stage:
     (arguments, output path or None), and, where the command wants a lumen, a function of the case that names it.
     Making the lumen from a mask or CT is then timed too and added, since peers start from the array.
     `peers` maps a row's name to (package, module:function, further arguments). `score` names a function of score.py;
-    `columns` are (key, heading, whether less or more is better) of what it finds; the first is the headline."""
+    `columns` are (key, heading, whether less or more is better) of what it finds; the first is the headline.
+    `span` names those of the command's stages that make what the peers make; without it all of them count."""
 
     title: str
     note: str
@@ -27,6 +29,7 @@ class Stage:
     columns: list
     real: list = field(default_factory=list)
     whole: bool = False  # processes are timed from start to exit
+    span: tuple = ()
 
     def peer(self, name):
         """The peer's function of a Case."""
@@ -42,6 +45,10 @@ def _mask(case):
 
 def _mm(case, which):
     return ",".join(f"{x:.4f}" for x in case.about()[f"{which}_mm"])
+
+
+def _thresholded(case):
+    return [str(case.path("ct.nrrd")), "--threshold", f":{case.about()['hu']}", *ALL]
 
 
 def _air(case):
@@ -67,8 +74,13 @@ def _simplify(*more):
     return _to("ply", lambda c: ["simplify", str(c.path("ply")), "--faces", str(c.about()["keep"]), *more])
 
 
+def _wall_of(of):
+    """Every voxel inside, as peers contour them all."""
+    return (lambda c: [*_mask(c), *ALL]) if of == "mask" else _thresholded
+
+
 def _surface(of, *more):
-    return _to("ply", lambda c: ["surface", *(_mask(c) if of == "mask" else _air(c)), *more])
+    return _to("ply", lambda c: ["surface", *of(c), *more])
 
 
 LUMEN = ("lumen_s", "of it lumen s", "")
@@ -84,25 +96,25 @@ LINE = [("mean_mm", "off the axis, mean mm", "less"), ("max_mm", "max mm", "less
 def _surface_stage(of, quick, full):
     what = "mask" if of == "mask" else "CT"
     note = {
-        "mask": "The wall of a mask, without smoothing. Ours also computes plain vertex normals.",
-        "ct": "The wall at -455 HU of a CT. Ours contours the lumen it has grown first; peers contour the "
-              "whole volume, which here holds one lumen and noise far from the threshold. Discrete Flying Edges takes "
-              "the thresholded volume.",
+        "mask": "The wall of a mask. From the array to positions and faces with numbered vertices, for all.",
+        "ct": "The wall at -455 HU of a CT, every component of it. From the array to positions and faces with "
+              "numbered vertices, for all; ours counts the threshold and its bricks. "
+              "Discrete Flying Edges takes the thresholded volume.",
     }[of]
     return Stage(
         f"surface of a {what}", note, quick, full,
-        {"intima surface": (_surface(of, "--smooth", "0"), _mask if of == "mask" else _air)},
+        {"intima surface": (_surface(_wall_of(of), "--smooth", "0"), _wall_of(of))},
         {"VTK Flying Edges": ("vtk", "meshes:flying_edges", of),
          "VTK discrete Flying Edges": ("vtk", "meshes:discrete_flying_edges", of),
          "scikit-image Lewiner": ("scikit-image", "meshes:skimage_cubes", of)},
-        "wall", [*WALL, LUMEN], real=["real_colon_mask"] if of == "mask" else [])
+        "wall", [*WALL, LUMEN], real=["real_colon_mask"] if of == "mask" else [], span=("surface",))
 
 
 STAGES = {
     "distance": Stage(
         "distance to the wall", "Exact Euclidean, over the whole volume. Truth: SciPy in double precision, inside.",
         ["colon_128", "colon_ct_half"], ["colon_256", "colon_ct"],
-        {"intima distance": (_to("nrrd", lambda c: ["distance", *_mask(c), "--no-fill", "--all-components"]), _mask)},
+        {"intima distance": (_to("nrrd", lambda c: ["distance", *_mask(c), *ALL]), lambda c: [*_mask(c), *ALL])},
         {"SciPy": ("scipy", "volumes:scipy_distance"), "edt": ("edt", "volumes:edt_distance"),
          "SimpleITK Maurer": ("SimpleITK", "volumes:maurer_distance")},
         "distance", [("max_mm", "max error mm", "less"), ("wrong", "share off by over 0.001 mm", "less"), LUMEN],
@@ -111,7 +123,7 @@ STAGES = {
         "Hessian eigenvalues of the whole grey volume",
         f"sigma {SIGMA_MM} mm. Truth: SciPy's Gaussian derivatives, truncated at 6 sigma, inside; errors relative to "
         "the largest eigenvalue. SimpleITK gives a tube measure instead of eigenvalues. Ours computes on bricks; "
-        "copying the volume into them and the result out of them is not in its time unless it says so (`dense_s`).",
+        "copying the volume into them and the result out of them is in its time.",
         ["colon_128"], ["colon_256"],
         {"intima hessian": (_to("nrrd", lambda c: [
             "hessian", str(c.path("ct.nrrd")), "--of", "grey", "--response", "eigenvalues", "--sigma", str(SIGMA_MM)]),
@@ -138,7 +150,7 @@ STAGES = {
         ["sphere_128", "torus_128"], ["sphere_128", "torus_128", "tube_ct"],
         {"intima fair": (_to("ply", lambda c: ["fair", str(stairs(c))]), None),
          "intima fair --mask": (_to("ply", lambda c: ["fair", str(stairs(c)), *_mask(c)]), None),
-         "intima surface": (_surface("mask"), _mask)},
+         "intima surface": (_surface(_mask), _mask)},
         {"VTK, no smoothing": ("vtk", "meshes:plain_normals"),
          "VTK Laplacian, normals only": ("vtk", "meshes:laplacian_normals"),
          "VTK constrained smoothing": ("vtk", "meshes:constrained_smoothing"),
