@@ -119,7 +119,7 @@ fn trachea_and_colon_as_in_the_papers_figures() {
         for (tag, pixels) in ["c_coarse", "d_fine"].into_iter().zip(bounds) {
             let tolerance = Tolerance { pixels };
             let mut vds = Vds::new(Arc::clone(&surface));
-            let most = 4 * vds.least_pages();
+            let most = vds.least_pages() + 16_384;
             let camera = Camera { pose, lens: shot.lens, height_px: SIZE[1] };
             let mut cut = Pages::default();
             let pool = &mut Pool::new(most, u32::MAX, 0);
