@@ -6,7 +6,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// Faces at a vertex after a collapse, at most.
 const VALENCE_MAX: usize = 24;
@@ -16,6 +16,13 @@ const TURN_MIN: f64 = 0.2588;
 const ANGLE_MIN: f64 = 0.01745;
 /// Weight of what holds an open boundary in place against that of its faces.
 const BOUNDARY: f64 = 10.0;
+/// Share of a quadric's stiffness that holds a vertex where it is: along flats and ridges, where
+/// planes say nothing, it stays.
+const HOLD: f64 = 1e-3;
+/// Cosine of how far a face may turn in one move (30°).
+const MOVE_TURN_MIN: f64 = 0.866;
+/// A vertex moves by this share of its shortest edge at most.
+const MOVE_MAX: f64 = 0.5;
 
 /// The faces left, and where every vertex went.
 pub struct Halved {
@@ -23,6 +30,8 @@ pub struct Halved {
     pub faces: Vec<[u16; 3]>,
     /// The vertex that stands for each one now.
     pub onto: Vec<u16>,
+    /// Where each vertex is now, as given or moved; of no use for those that are gone.
+    pub at: Vec<DVec3>,
 }
 
 /// Squared distance to weighted planes: p·A p + 2 b·p + c.
@@ -46,6 +55,13 @@ impl Quadric {
         self.c += o.c;
     }
 
+    /// Half the gradient at `p`, and the matrix A.
+    fn slope(&self, p: DVec3) -> (DVec3, DMat3) {
+        let [xx, yy, zz, xy, yz, zx] = self.a;
+        let m = DMat3::from_cols_array(&[xx, xy, zx, xy, yy, yz, zx, yz, zz]);
+        (m * p + self.b, m)
+    }
+
     fn at(&self, p: DVec3) -> f64 {
         let [xx, yy, zz, xy, yz, zx] = self.a;
         let square = xx * p.x * p.x + yy * p.y * p.y + zz * p.z * p.z;
@@ -54,8 +70,8 @@ impl Quadric {
     }
 }
 
-struct Soup<'a> {
-    at: &'a [DVec3],
+struct Soup {
+    at: Vec<DVec3>,
     faces: Vec<[u16; 3]>,
     /// Faces of each vertex; what is gone is taken out.
     of: Vec<Vec<u16>>,
@@ -84,21 +100,22 @@ enum Fan {
 ///
 /// * `at`: near the origin, or costs lose digits.
 pub fn halve(
-    at: &[DVec3],
+    at: Vec<DVec3>,
     normals: &[DVec3],
     faces: Vec<[u16; 3]>,
     locked: &[bool],
     target: usize,
 ) -> Halved {
+    let count = at.len();
     let mut s = Soup::new(at, normals, faces);
     let mut live = s.faces.len();
-    let mut onto: Vec<u16> = (0..at.len() as u16).collect();
-    let mut stamp = vec![0u32; at.len()];
+    let mut onto: Vec<u16> = (0..count as u16).collect();
+    let mut stamp = vec![0u32; count];
     let mut heap = BinaryHeap::new();
     let mut targets = Vec::new();
     // Costs are not negative but for rounding: their bits order them.
     let key = |cost: f64| cost.max(0.0).to_bits();
-    for u in (0..at.len()).filter(|u| !locked[*u]) {
+    for u in (0..count).filter(|u| !locked[*u]) {
         s.targets(u as u16, &mut targets);
         heap.extend(targets.first().map(|t| Reverse((key(t.0), u as u16, 0))));
     }
@@ -121,7 +138,9 @@ pub fn halve(
         live -= s.collapse(u, v);
         onto[u as usize] = v;
         stamp[u as usize] += 1;
-        s.around(v);
+        if let (Fan::Closed, false) = (s.around(v), locked[v as usize]) {
+            s.settle(v);
+        }
         near.clear();
         near.extend(s.ring.iter().copied().chain([v]));
         for &w in near.iter().filter(|w| !locked[**w as usize]) {
@@ -138,11 +157,11 @@ pub fn halve(
         onto[v] = to;
     }
     s.faces.retain(|f| f[0] != f[1]);
-    Halved { faces: s.faces, onto }
+    Halved { faces: s.faces, onto, at: s.at }
 }
 
-impl<'a> Soup<'a> {
-    fn new(at: &'a [DVec3], normals: &[DVec3], faces: Vec<[u16; 3]>) -> Self {
+impl Soup {
+    fn new(at: Vec<DVec3>, normals: &[DVec3], faces: Vec<[u16; 3]>) -> Self {
         let mut of = vec![Vec::with_capacity(8); at.len()];
         let mut quadric = vec![Quadric::default(); at.len()];
         let mut weight = vec![0.0; at.len()];
@@ -276,6 +295,40 @@ impl<'a> Soup<'a> {
                 fine > ANGLE_MIN || fine >= thinnest(old)
             }
         })
+    }
+
+    /// Moves `v`, inside one closed fan, to where its quadric is least, or half or a quarter of the
+    /// way: the first place where no face around turns much or becomes a needle.
+    fn settle(&mut self, v: u16) {
+        let quadric = self.quadric[v as usize];
+        let old = self.at[v as usize];
+        let (slope, m) = quadric.slope(old);
+        let trace = m.x_axis.x + m.y_axis.y + m.z_axis.z;
+        if trace.is_nan() || trace <= 0.0 {
+            return;
+        }
+        let held = m + DMat3::from_diagonal(DVec3::splat(HOLD * trace));
+        let sides = self.ring.iter().map(|w| self.at[*w as usize].distance_squared(old));
+        let shortest = sides.fold(f64::INFINITY, f64::min).sqrt();
+        let step = (held.inverse() * -slope).clamp_length_max(MOVE_MAX * shortest);
+        let fits = |p: DVec3| {
+            self.of[v as usize].iter().all(|f| {
+                let f = self.faces[*f as usize];
+                let was = f.map(|w| self.at[w as usize]);
+                let is = f.map(|w| if w == v { p } else { self.at[w as usize] });
+                let cross = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
+                let (o, n) = (cross(was), cross(is));
+                o.dot(n) > MOVE_TURN_MIN * o.length() * n.length() && {
+                    let fine = thinnest(is);
+                    fine > ANGLE_MIN || fine >= thinnest(was)
+                }
+            })
+        };
+        let places = [1.0, 0.5, 0.25].map(|s| old + s * step);
+        let better = |p: &DVec3| p.is_finite() && quadric.at(*p) < quadric.at(old);
+        if let Some(p) = places.into_iter().find(|p| fits(*p)).filter(better) {
+            self.at[v as usize] = p;
+        }
     }
 
     /// Moves the faces of `u` to `v`; how many went.
