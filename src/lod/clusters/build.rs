@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::cover::Target;
+use super::cover::{Target, Worked};
 use super::halve::halve;
 use super::measure::{Draft, Fine, Measure, Original};
 use super::partition::{self, Bordered};
@@ -15,8 +15,12 @@ use crate::mesh::Nearest;
 
 /// A group that keeps more than this share of its faces is not worth a level.
 const KEPT_MAX: f64 = 0.85;
-/// Faces of a cluster as first cut; the rest is room to even out its rim.
-const FILL: usize = 122;
+/// Faces of a cluster as first cut. About half a page: smaller clusters need finer levels where
+/// they are near only, and less of them is drawn beyond the edge of the picture.
+const FILL: usize = 60;
+/// Faces of a cluster once its rim is evened out.
+const MOST: usize = 64;
+const _: () = assert!(MOST <= PAGE_TRIANGLES);
 /// Faces: ids are 32 bits, and four half-edge ids a face must fit.
 const FACES_MAX: usize = (1 << 30) - 1;
 /// Added to measured distances for the rounding of positions, as a part of the largest coordinate.
@@ -73,11 +77,13 @@ impl Clusters {
             faces: &mesh.faces,
             beside: &beside,
             tree: &Nearest::new(mesh),
+            worked: &Worked::default(),
         };
         let original = Original { target };
         let mut places = Places { positions: mesh.positions.clone(), face_at };
         let mut this = Self {
             vertices: vertices.to_vec(),
+            own_vertices: vertices.len(),
             clusters: Vec::new(),
             groups: Vec::new(),
             members: Vec::new(),
@@ -311,7 +317,7 @@ fn clusters_of(
         order[first..first + n].iter().for_each(|f| part[*f as usize] = id);
         first += n;
     }
-    partition::smooth(&mut part, &mut sizes, PAGE_TRIANGLES, beside);
+    partition::smooth(&mut part, &mut sizes, MOST, beside);
     let mut fill = vec![0; sizes.len()];
     for i in 1..sizes.len() {
         fill[i] = fill[i - 1] + sizes[i - 1];
@@ -396,8 +402,11 @@ fn simplify(
     let coarse_mesh = Mesh { positions, faces: coarse, ..Mesh::default() };
     let (positions, coarse) = (&coarse_mesh.positions, &coarse_mesh.faces);
     let tree = Nearest::new(&coarse_mesh);
+    let none = &Worked::default();
+    let normals = &normals;
     let target =
-        Target { positions, normals: &normals, faces: coarse, beside: &beside, tree: &tree };
+        Target { positions, normals, faces: coarse, beside: &beside, tree: &tree, worked: none };
+    let target = Target { worked: &Worked::new(&target), ..target };
     let mut outputs = Vec::with_capacity(sizes.len());
     let mut owner: Vec<(u16, u8)> = Vec::with_capacity(left);
     for (n, cluster) in sizes.into_iter().zip(0..) {
@@ -450,9 +459,10 @@ fn simplify(
         faces: &fine,
         beside: &fine_beside,
         tree: &tree,
+        worked: none,
     };
     let fine = Fine {
-        target: fine_target,
+        target: Target { worked: &Worked::new(&fine_target), ..fine_target },
         known: inputs.iter().flat_map(|d| d.back.iter().copied()).collect(),
         face_at: fine_at,
         original_at: own.iter().map(|v| places.face_at[*v as usize]).collect(),

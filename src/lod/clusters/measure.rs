@@ -10,7 +10,7 @@ use crate::geometry::Vertex;
 /// Pieces of the original measured by one task.
 const TASK: usize = 4096;
 /// Of so many original faces one is looked at for shading: it is a mean, and no bound.
-const SHADING_SAMPLE: u32 = 4;
+const SHADING_SAMPLE: u32 = 8;
 
 /// Part of an original face that a cluster stands for.
 pub struct Part {
@@ -135,7 +135,7 @@ impl Measure<'_> {
     pub fn least(&self, inputs: &[&Draft], start: &[Vec<u32>], count: usize, least: f64) -> f64 {
         let mut bound = least;
         let all: usize = inputs.iter().map(|d| d.whole.len()).sum();
-        let every = (all / count.max(1)).max(1);
+        let every = (4 * all / count.max(1)).max(1);
         for (d, start) in inputs.iter().zip(start) {
             for &(face, triangle) in d.whole.iter().step_by(every) {
                 let p = self.original.corners(face)[0];
@@ -156,14 +156,17 @@ impl Measure<'_> {
     pub fn towards(&self, d: &Draft, start: &[u32], bound: f64) -> Vec<Found> {
         let whole = d.whole.par_chunks(TASK).map(|own| {
             let mut found = Found::new(bound);
+            let mut last = None;
             for &(face, triangle) in own {
                 let corners = self.original.corners(face);
-                let start = start[usize::from(triangle)];
+                let start = last.unwrap_or(start[usize::from(triangle)]);
                 if let Some(t) = self.target.near(corners, start, found.bound) {
+                    last = Some(t);
                     let (cluster, triangle) = self.owner[t as usize];
                     found.whole.push((cluster, (face, triangle)));
                     self.shade(face, t, &corners, &mut found);
                 } else {
+                    last = None;
                     self.one(face, &Piece::new(&corners), start, true, &mut found);
                 }
             }

@@ -85,7 +85,9 @@ pub struct Group {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clusters {
     /// Vertices of the original, then those that coarser levels moved, as drawn.
-    pub(super) vertices: Vec<Vertex>,
+    vertices: Vec<Vertex>,
+    /// How many are the original's.
+    own_vertices: usize,
     clusters: Vec<Cluster>,
     groups: Vec<Group>,
     members: Vec<u32>,
