@@ -3,9 +3,9 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::cover::Target;
+use super::cover::{Target, Worked};
 use super::halve::halve;
-use super::measure::{Draft, Measure, Original};
+use super::measure::{Draft, Fine, Measure, Original};
 use super::partition::{self, Bordered};
 use super::{Cluster, ClusterError, Clusters, Group, NONE};
 use crate::geometry::{Mesh, Vertex};
@@ -15,8 +15,12 @@ use crate::mesh::Nearest;
 
 /// A group that keeps more than this share of its faces is not worth a level.
 const KEPT_MAX: f64 = 0.85;
-/// Faces of a cluster as first cut; the rest is room to even out its rim.
-const FILL: usize = 122;
+/// Faces of a cluster as first cut. About half a page: smaller clusters need finer levels where
+/// they are near only, and less of them is drawn beyond the edge of the picture.
+const FILL: usize = 60;
+/// Faces of a cluster once its rim is evened out.
+const MOST: usize = 64;
+const _: () = assert!(MOST <= PAGE_TRIANGLES);
 /// Faces: ids are 32 bits, and four half-edge ids a face must fit.
 const FACES_MAX: usize = (1 << 30) - 1;
 /// Added to measured distances for the rounding of positions, as a part of the largest coordinate.
@@ -24,9 +28,20 @@ const ROUNDING: f64 = 1e-9;
 /// Half the distance between neighbouring f32 numbers, as a part of them.
 const RESOLUTION: f64 = 6e-8;
 
+/// Where all vertices are, first the original's.
+struct Places {
+    /// Of each, LPS mm.
+    positions: Vec<Vec3>,
+    /// An original face at or near each.
+    face_at: Vec<u32>,
+}
+
 /// What became of a group.
 struct Made {
+    /// Ids from the number of vertices there were upwards are places in `moved`.
     outputs: Vec<Draft>,
+    /// Vertices that went to better places, and an original face near each.
+    moved: Vec<(Vertex, u32)>,
     error: f64,
     angle: f64,
     edge: f32,
@@ -62,10 +77,13 @@ impl Clusters {
             faces: &mesh.faces,
             beside: &beside,
             tree: &Nearest::new(mesh),
+            worked: &Worked::default(),
         };
-        let original = Original { target, face_at };
+        let original = Original { target };
+        let mut places = Places { positions: mesh.positions.clone(), face_at };
         let mut this = Self {
             vertices: vertices.to_vec(),
+            own_vertices: vertices.len(),
             clusters: Vec::new(),
             groups: Vec::new(),
             members: Vec::new(),
@@ -79,7 +97,7 @@ impl Clusters {
         }
         while live.len() > 1 {
             let before = this.groups.len();
-            live = this.level(live, &original, lock);
+            live = this.level(live, &original, &mut places, lock);
             if this.groups.len() == before {
                 break;
             }
@@ -112,9 +130,9 @@ impl Clusters {
         &mut self,
         live: Vec<(u32, Draft)>,
         original: &Original<'_>,
+        places: &mut Places,
         lock: bool,
     ) -> Vec<(u32, Draft)> {
-        let positions = original.target.positions;
         let bordered: Vec<Bordered> = live
             .par_iter()
             .map(|(id, d)| Bordered {
@@ -125,8 +143,9 @@ impl Clusters {
         let groups = partition::group(&bordered);
         drop(bordered);
         // A vertex in two groups stays.
-        let mut group_of = vec![NONE; positions.len()];
-        let mut locked = vec![false; positions.len()];
+        let known = self.vertices.len() as u32;
+        let mut group_of = vec![NONE; known as usize];
+        let mut locked = vec![false; known as usize];
         for (g, of) in groups.iter().zip(0..) {
             for v in g.iter().flat_map(|c| &live[*c as usize].1.vertices) {
                 let first = &mut group_of[*v as usize];
@@ -143,21 +162,30 @@ impl Clusters {
                 let floor = g.iter().map(|c| self.below(live[*c as usize].0));
                 let floor = floor.map(|g| g.map_or(0.0, |g| f64::from(g.error_mm)));
                 let drafts: Vec<&Draft> = g.iter().map(|c| &live[*c as usize].1).collect();
-                simplify(&drafts, floor.fold(0.0, f64::max), &locked, original)
+                let floor = floor.fold(0.0, f64::max);
+                simplify(&drafts, floor, &locked, original, places, &self.vertices)
             })
             .collect();
         let mut next = Vec::new();
         let mut live: Vec<Option<(u32, Draft)>> = live.into_iter().map(Some).collect();
         for (members, made) in groups.iter().zip(made) {
             let taken = members.iter().filter_map(|c| live[*c as usize].take());
-            let Some(made) = made else {
+            let Some(mut made) = made else {
                 next.extend(taken);
                 continue;
             };
+            let shift = self.vertices.len() as u32 - known;
+            let ids = made.outputs.iter_mut().flat_map(|d| &mut d.vertices);
+            ids.filter(|v| **v >= known).for_each(|v| *v += shift);
+            for (vertex, face) in &made.moved {
+                self.vertices.push(*vertex);
+                places.positions.push(vertex.position());
+                places.face_at.push(*face);
+            }
             let inputs: Vec<u32> = taken.map(|l| l.0).collect();
-            let id = self.add_group(&inputs, &made, positions);
+            let id = self.add_group(&inputs, &made, &places.positions);
             for draft in made.outputs {
-                next.push((self.push(&draft, positions, id), draft));
+                next.push((self.push(&draft, &places.positions, id), draft));
             }
         }
         next
@@ -174,8 +202,9 @@ impl Clusters {
         let most = |first: f32, of: fn(&Group) -> f32| below.iter().map(of).fold(first, f32::max);
         // The original lies within the error of the inputs around them.
         let out = most(0.0, |g| g.error_mm);
-        let points = inputs.iter().flat_map(|c| self.vertex_ids(*c));
-        let sphere = ball(points.map(|v| (positions[*v as usize], out)));
+        let fine = inputs.iter().flat_map(|c| self.vertex_ids(*c)).map(|v| (v, out));
+        let coarse = made.outputs.iter().flat_map(|d| &d.vertices).map(|v| (v, 0.0));
+        let sphere = ball(fine.chain(coarse).map(|(v, r)| (positions[*v as usize], r)));
         let all = below.iter().map(|g| g.reach).chain([sphere]);
         self.groups.push(Group {
             first_input: self.members.len() as u32,
@@ -288,7 +317,7 @@ fn clusters_of(
         order[first..first + n].iter().for_each(|f| part[*f as usize] = id);
         first += n;
     }
-    partition::smooth(&mut part, &mut sizes, PAGE_TRIANGLES, beside);
+    partition::smooth(&mut part, &mut sizes, MOST, beside);
     let mut fill = vec![0; sizes.len()];
     for i in 1..sizes.len() {
         fill[i] = fill[i - 1] + sizes[i - 1];
@@ -319,32 +348,46 @@ fn simplify(
     floor: f64,
     locked: &[bool],
     original: &Original<'_>,
+    places: &Places,
+    vertices: &[Vertex],
 ) -> Option<Made> {
-    let Target { positions, normals, .. } = original.target;
     let mut own: Vec<u32> = inputs.iter().flat_map(|d| d.vertices.iter().copied()).collect();
     own.sort_unstable();
     own.dedup();
-    let local = |v: u32| own.binary_search(&v).unwrap_or(0) as u16;
-    let mut fine: Vec<[u16; 3]> = Vec::new();
+    let local = |v: u32| own.binary_search(&v).unwrap_or(0) as u32;
+    let mut fine: Vec<[u32; 3]> = Vec::new();
     for d in inputs {
-        let ids: Vec<u16> = d.vertices.iter().map(|v| local(*v)).collect();
+        let ids: Vec<u32> = d.vertices.iter().map(|v| local(*v)).collect();
         fine.extend(d.triangles.iter().map(|t| t.map(|v| ids[usize::from(v)])));
     }
     let before = fine.len();
-    let middle = positions[own[own.len() / 2] as usize].as_dvec3();
-    let at: Vec<DVec3> = own.iter().map(|v| positions[*v as usize].as_dvec3() - middle).collect();
-    let up: Vec<DVec3> = own.iter().map(|v| normals[*v as usize].as_dvec3()).collect();
+    let fine_positions: Vec<Vec3> = own.iter().map(|v| places.positions[*v as usize]).collect();
+    let fine_normals: Vec<Vec3> = own.iter().map(|v| vertices[*v as usize].normal()).collect();
+    let middle = fine_positions[own.len() / 2].as_dvec3();
+    let at: Vec<DVec3> = fine_positions.iter().map(|p| p.as_dvec3() - middle).collect();
+    let up: Vec<DVec3> = fine_normals.iter().map(|n| n.as_dvec3()).collect();
     let fixed: Vec<bool> = own.iter().map(|v| locked[*v as usize]).collect();
-    let halved = halve(&at, &up, fine.clone(), &fixed, before / 2);
+    let small = fine.iter().map(|f| f.map(|v| v as u16)).collect();
+    let halved = halve(at.clone(), &up, small, &fixed, before / 2);
     let left = halved.faces.len();
     if left == 0 || left as f64 > KEPT_MAX * before as f64 {
         return None;
+    }
+    // Vertices that moved get ids of their own, and what the original has where they are now.
+    let (mut moved, mut ids) = (Vec::new(), own.clone());
+    let (mut positions, mut normals) = (fine_positions.clone(), fine_normals.clone());
+    for v in (0..own.len()).filter(|v| halved.onto[*v] as usize == *v && halved.at[*v] != at[*v]) {
+        let p = (halved.at[v] + middle).as_vec3();
+        let (vertex, face) = original.vertex(p, places.face_at[own[v] as usize], vertices);
+        (positions[v], normals[v]) = (p, vertex.normal());
+        ids[v] = (vertices.len() + moved.len()) as u32;
+        moved.push((vertex, face));
     }
     // Coarse faces, cluster after cluster.
     let faces: Vec<[u32; 3]> = halved.faces.iter().map(|f| f.map(u32::from)).collect();
     let beside = partition::beside(&faces, own.len());
     let centre = |f: u32| {
-        let [a, b, c] = faces[f as usize].map(|v| at[v as usize]);
+        let [a, b, c] = faces[f as usize].map(|v| halved.at[v as usize]);
         ((a + b + c) / 3.0).as_vec3()
     };
     let (order, sizes) = clusters_of(&faces, &beside, &centre);
@@ -354,20 +397,22 @@ fn simplify(
     let coarse: Vec<[u32; 3]> = order.iter().map(|f| faces[*f as usize]).collect();
     let mut place = vec![NONE; left];
     order.iter().zip(0..).for_each(|(f, i)| place[*f as usize] = i);
-    let moved = |n: u32| if n == NONE { NONE } else { place[n as usize] };
-    let beside: Vec<[u32; 3]> = order.iter().map(|f| beside[*f as usize].map(moved)).collect();
-    let coarse_mesh = Mesh {
-        positions: own.iter().map(|v| positions[*v as usize]).collect(),
-        faces: coarse.clone(),
-        ..Mesh::default()
-    };
+    let over = |n: u32| if n == NONE { NONE } else { place[n as usize] };
+    let beside: Vec<[u32; 3]> = order.iter().map(|f| beside[*f as usize].map(over)).collect();
+    let coarse_mesh = Mesh { positions, faces: coarse, ..Mesh::default() };
+    let (positions, coarse) = (&coarse_mesh.positions, &coarse_mesh.faces);
     let tree = Nearest::new(&coarse_mesh);
-    let faces: Vec<[u32; 3]> = coarse.iter().map(|f| f.map(|v| own[v as usize])).collect();
-    let target = Target { positions, normals, faces: &faces, beside: &beside, tree: &tree };
+    let none = &Worked::default();
+    let normals = &normals;
+    let target =
+        Target { positions, normals, faces: coarse, beside: &beside, tree: &tree, worked: none };
+    let target = Target { worked: &Worked::new(&target), ..target };
     let mut outputs = Vec::with_capacity(sizes.len());
     let mut owner: Vec<(u16, u8)> = Vec::with_capacity(left);
     for (n, cluster) in sizes.into_iter().zip(0..) {
-        outputs.push(draft(&faces[owner.len()..owner.len() + n]));
+        let own = &coarse[owner.len()..owner.len() + n];
+        let own: Vec<[u32; 3]> = own.iter().map(|f| f.map(|v| ids[v as usize])).collect();
+        outputs.push(draft(&own));
         owner.extend((0..n).map(|t| (cluster, t as u8)));
     }
     // Where to begin looking for what a fine triangle stood for.
@@ -375,38 +420,22 @@ fn simplify(
     for (f, i) in coarse.iter().zip(0..) {
         f.iter().for_each(|v| some_face[*v as usize] = i);
     }
-    let stands = |v: u16| some_face[usize::from(halved.onto[usize::from(v)])];
-    // Nothing below the resolution of the coordinates is told apart.
-    let far = positions[own[0] as usize].abs().max_element();
-    let mut bound = floor.max(RESOLUTION * f64::from(far));
-    for (v, p) in (0..).zip(&own) {
-        let p = positions[*p as usize].as_dvec3();
-        let near = target.nearest(target.walk(stands(v), p), p).d2.sqrt();
-        if near > bound {
-            // The walk may have ended in a corner of the group.
-            let true_one = target.tree.closest_within(p, near);
-            bound = bound.max(true_one.map_or(near, |c| c.distance_mm));
-        }
-    }
-    let fine_faces: Vec<[u32; 3]> = fine.iter().map(|f| f.map(|v| own[usize::from(v)])).collect();
-    let fine_local: Vec<[u32; 3]> = fine.iter().map(|f| f.map(u32::from)).collect();
-    let fine_beside = partition::beside(&fine_local, own.len());
-    let mut fine_at = vec![0u32; own.len()];
-    for (f, i) in fine.iter().zip(0..) {
-        f.iter().for_each(|v| fine_at[usize::from(*v)] = i);
-    }
-    let from = |v: u32| fine_at[usize::from(local(v))];
-    let fine_back: Vec<f32> = inputs.iter().flat_map(|d| d.back.iter().copied()).collect();
-    let fine_target =
-        Target { positions, normals, faces: &fine_faces, beside: &fine_beside, tree: &tree };
-    let measure = Measure { target, original, owner: &owner };
-    let (mut turn, mut area) = (0.0, 0.0);
-    let mut first = 0;
+    let stands = |v: u32| some_face[usize::from(halved.onto[v as usize])];
+    let mut start: Vec<Vec<u32>> = Vec::with_capacity(inputs.len());
+    let mut rest = fine.as_slice();
     for d in inputs {
-        let start: Vec<u32> =
-            fine[first..first + d.triangles.len()].iter().map(|f| stands(f[0])).collect();
-        first += d.triangles.len();
-        for found in measure.towards(d, &start, bound) {
+        let (a, b) = rest.split_at(d.triangles.len());
+        start.push(a.iter().map(|f| stands(f[0])).collect());
+        rest = b;
+    }
+    // Nothing below the resolution of the coordinates is told apart.
+    let far = positions[0].abs().max_element();
+    let least = floor.max(RESOLUTION * f64::from(far));
+    let measure = Measure { target, original, owner: &owner };
+    let mut bound = measure.least(inputs, &start, before, least);
+    let (mut turn, mut area) = (0.0, 0.0);
+    for (d, start) in inputs.iter().zip(&start) {
+        for found in measure.towards(d, start, bound) {
             bound = bound.max(found.bound);
             turn += found.turn;
             area += found.area;
@@ -419,7 +448,26 @@ fn simplify(
         }
     }
     outputs.iter_mut().for_each(|d| d.unite(original));
-    let (bound, back) = measure.back(bound, &fine_target, &from, &fine_back);
+    let fine_beside = partition::beside(&fine, own.len());
+    let mut fine_at = vec![0u32; own.len()];
+    for (f, i) in fine.iter().zip(0..) {
+        f.iter().for_each(|v| fine_at[*v as usize] = i);
+    }
+    let fine_target = Target {
+        positions: &fine_positions,
+        normals: &fine_normals,
+        faces: &fine,
+        beside: &fine_beside,
+        tree: &tree,
+        worked: none,
+    };
+    let fine = Fine {
+        target: Target { worked: &Worked::new(&fine_target), ..fine_target },
+        known: inputs.iter().flat_map(|d| d.back.iter().copied()).collect(),
+        face_at: fine_at,
+        original_at: own.iter().map(|v| places.face_at[*v as usize]).collect(),
+    };
+    let (bound, back) = measure.back(bound, &fine);
     for ((cluster, _), b) in owner.iter().zip(back) {
         outputs[usize::from(*cluster)].back.push(b);
     }
@@ -429,8 +477,9 @@ fn simplify(
     };
     Some(Made {
         outputs,
+        moved,
         error: bound + ROUNDING * f64::from(far),
         angle: if area > 0.0 { (turn / area).sqrt() } else { 0.0 },
-        edge: faces.iter().map(long).fold(0.0, f32::max),
+        edge: coarse.iter().map(long).fold(0.0, f32::max),
     })
 }

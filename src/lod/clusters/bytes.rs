@@ -1,7 +1,8 @@
 //! Clusters as bytes, so that a mesh seen before need not be clustered again.
 //!
-//! Little-endian: magic, version, key of the mesh, five counts, then clusters, groups, members,
-//! vertex ids (32-bit words each), triangles (three bytes each), and a BLAKE3 of all that.
+//! Little-endian: magic, version, key of the mesh, six counts, then clusters, groups, members,
+//! vertex ids, vertices that are not the mesh's (32-bit words each), triangles (three bytes each),
+//! and a BLAKE3 of all that.
 
 use glam::Vec3;
 
@@ -11,11 +12,12 @@ use crate::lod::{Cone, PAGE_TRIANGLES, PAGE_VERTICES, Sphere};
 
 const MAGIC: &[u8; 8] = b"intimaCL";
 /// To be raised whenever the same mesh would give other clusters or other bytes.
-const VERSION: u32 = 1;
-const HEADER: usize = 8 + 4 + 32 + 5 * 8;
+const VERSION: u32 = 2;
+const HEADER: usize = 8 + 4 + 32 + 6 * 8;
 const HASH: usize = 32;
 const CLUSTER_WORDS: usize = 14;
 const GROUP_WORDS: usize = 15;
+const VERTEX_WORDS: usize = size_of::<Vertex>() / 4;
 
 /// Hash of everything that a build depends on.
 pub fn key(mesh: &Mesh, vertices: &[Vertex]) -> [u8; 32] {
@@ -28,13 +30,15 @@ pub fn key(mesh: &Mesh, vertices: &[Vertex]) -> [u8; 32] {
 }
 
 impl Clusters {
-    /// Everything but the vertices, which the mesh has.
+    /// Everything but the mesh's own vertices.
     pub fn to_bytes(&self) -> Vec<u8> {
+        let moved = &self.vertices[self.own_vertices..];
         let counts = [
             self.clusters.len(),
             self.groups.len(),
             self.members.len(),
             self.vertex_ids.len(),
+            moved.len(),
             self.triangles.len(),
         ];
         let mut out = Vec::with_capacity(length(counts.map(|c| c as u64)) as usize);
@@ -45,7 +49,9 @@ impl Clusters {
         let clusters = self.clusters.iter().flat_map(cluster_words);
         let groups = self.groups.iter().flat_map(group_words);
         let ids = self.members.iter().chain(&self.vertex_ids).copied();
-        clusters.chain(groups).chain(ids).for_each(|w| out.extend_from_slice(&w.to_le_bytes()));
+        let moved = moved.iter().flat_map(|v| bytemuck::cast::<Vertex, [u32; VERTEX_WORDS]>(*v));
+        let words = clusters.chain(groups).chain(ids).chain(moved);
+        words.for_each(|w| out.extend_from_slice(&w.to_le_bytes()));
         self.triangles.iter().for_each(|t| out.extend_from_slice(t));
         let hash = blake3::hash(&out);
         out.extend_from_slice(hash.as_bytes());
@@ -75,7 +81,7 @@ impl Clusters {
         if key_read != key(mesh, vertices) {
             return Err(ClusterError::OtherMesh);
         }
-        let mut counts = [0u64; 5];
+        let mut counts = [0u64; 6];
         for (c, b) in counts.iter_mut().zip(bytes[44..HEADER].chunks_exact(8)) {
             *c = b.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b));
         }
@@ -88,19 +94,22 @@ impl Clusters {
             return Err(ClusterError::Checksum);
         }
         // The length agrees: the counts are those of bytes that are there.
-        let [clusters, groups, members, ids, triangles] = counts.map(|c| c as usize);
+        let [clusters, groups, members, ids, moved, triangles] = counts.map(|c| c as usize);
         let (words, bytes) = content[HEADER..].split_at(content.len() - HEADER - 3 * triangles);
         let mut words = words.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
         let mut next = || words.next().unwrap_or(0);
-        let this = Self {
+        let mut this = Self {
             clusters: (0..clusters).map(|_| read_cluster(&mut next)).collect(),
             groups: (0..groups).map(|_| read_group(&mut next)).collect(),
             members: (0..members).map(|_| next()).collect(),
             vertex_ids: (0..ids).map(|_| next()).collect(),
             triangles: bytes.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
             vertices: vertices.to_vec(),
+            own_vertices: vertices.len(),
             key: key_read,
         };
+        let mut word = || [(); VERTEX_WORDS].map(|()| next());
+        this.vertices.extend((0..moved).map(|_| bytemuck::cast::<_, Vertex>(word())));
         this.check()?;
         Ok(this)
     }
@@ -128,6 +137,10 @@ impl Clusters {
         }
         if ids != self.vertex_ids.len() || triangles != self.triangles.len() {
             return broken("cluster", self.clusters.len());
+        }
+        let placed = |v: &Vertex| v.position().is_finite();
+        if let Some(at) = self.vertices.iter().position(|v| !placed(v)) {
+            return broken("vertex", at);
         }
         if let Some(at) = self.vertex_ids.iter().position(|v| *v as usize >= self.vertices.len()) {
             return broken("vertex", at);
@@ -176,12 +189,13 @@ impl Clusters {
 }
 
 /// Bytes that the counts ask for; saturates.
-fn length([clusters, groups, members, ids, triangles]: [u64; 5]) -> u64 {
+fn length([clusters, groups, members, ids, moved, triangles]: [u64; 6]) -> u64 {
     let words = clusters
         .saturating_mul(CLUSTER_WORDS as u64)
         .saturating_add(groups.saturating_mul(GROUP_WORDS as u64))
         .saturating_add(members)
-        .saturating_add(ids);
+        .saturating_add(ids)
+        .saturating_add(moved.saturating_mul(VERTEX_WORDS as u64));
     let content = words.saturating_mul(4).saturating_add(triangles.saturating_mul(3));
     content.saturating_add((HEADER + HASH) as u64)
 }

@@ -6,7 +6,7 @@ use super::partition::NONE;
 use crate::mesh::Nearest;
 
 /// Corners of a piece, at most.
-const CORNERS: usize = 12;
+const CORNERS: usize = 8;
 /// Cuts behind each other, at most: near a corner the planes of its edges do not quite meet, and a
 /// piece could be handed around.
 const CUTS: u32 = 16;
@@ -100,6 +100,27 @@ pub struct Near {
     pub weights: [f64; 3],
 }
 
+/// A plane on an edge of a face, towards the face beside it: outward unit normal, and a point.
+pub type Wall = Option<(DVec3, DVec3)>;
+
+/// What is asked of faces again and again, worked out once.
+#[derive(Default)]
+pub struct Worked {
+    corners: Vec<[DVec3; 3]>,
+    walls: Vec<[Wall; 3]>,
+}
+
+impl Worked {
+    /// Of all faces of a target.
+    pub fn new(target: &Target<'_>) -> Self {
+        let all = 0..target.faces.len() as u32;
+        Self {
+            corners: all.clone().map(|f| target.corners(f)).collect(),
+            walls: all.map(|f| [0, 1, 2].map(|k| target.wall(f, k))).collect(),
+        }
+    }
+}
+
 /// A triangle surface to measure to.
 #[derive(Clone, Copy)]
 pub struct Target<'a> {
@@ -113,10 +134,16 @@ pub struct Target<'a> {
     pub beside: &'a [[u32; 3]],
     /// The same faces for search from afar.
     pub tree: &'a Nearest,
+    /// Of all faces, or of none where they are too many.
+    pub worked: &'a Worked,
 }
 
 impl Target<'_> {
+    #[inline]
     fn corners(&self, face: u32) -> [DVec3; 3] {
+        if let Some(c) = self.worked.corners.get(face as usize) {
+            return *c;
+        }
         self.faces[face as usize].map(|v| self.positions[v as usize].as_dvec3())
     }
 
@@ -258,6 +285,15 @@ impl Target<'_> {
             take(face, piece, far, true);
             return;
         }
+        // Most others lie on both sides of one edge.
+        if let Some((next, [inside, outside])) = self.two(piece, face) {
+            let far = [self.farthest(face, &inside), self.farthest(next, &outside)];
+            if far[0] <= *bound && far[1] <= *bound {
+                take(face, &inside, far[0], false);
+                take(next, &outside, far[1], false);
+                return;
+            }
+        }
         let mut rest = Vec::new();
         self.part(piece, face, &mut |face, part, far, whole| {
             if far <= *bound {
@@ -330,6 +366,24 @@ impl Target<'_> {
         }
     }
 
+    /// The parts of a piece on a face and on the one behind the only wall that it reaches across.
+    fn two(&self, piece: &Piece, face: u32) -> Option<(u32, [Piece; 2])> {
+        let mut across = None;
+        for k in 0..3 {
+            let next = self.beside[face as usize][k];
+            let Some((normal, through)) = self.wall(face, k) else { continue };
+            if next != NONE && piece.corners().iter().any(|p| normal.dot(*p - through) > 1e-9) {
+                if across.is_some() {
+                    return None;
+                }
+                across = Some((next, normal, through));
+            }
+        }
+        let (next, normal, through) = across?;
+        let parts = piece.cut(normal, through)?;
+        (parts[0].count > 2 && parts[1].count > 2).then_some((next, parts))
+    }
+
     /// Hands what lies beyond each wall of a face to the face there; what is left, if anything.
     fn cut_along_walls(
         &self,
@@ -361,7 +415,11 @@ impl Target<'_> {
     }
 
     /// The plane on edge `k` of a face: outward unit normal and a point; `None` without a direction.
-    fn wall(&self, face: u32, k: usize) -> Option<(DVec3, DVec3)> {
+    #[inline]
+    fn wall(&self, face: u32, k: usize) -> Wall {
+        if let Some(w) = self.worked.walls.get(face as usize) {
+            return w[k];
+        }
         let f = self.faces[face as usize];
         let (a, b) = (f[k] as usize, f[(k + 1) % 3] as usize);
         let at = |v: usize| self.positions[v].as_dvec3();

@@ -1,15 +1,16 @@
 //! The coarse faces of a group against the original they stand for: distance both ways, shading.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::build::up;
 use super::cover::{Piece, Target};
+use crate::geometry::Vertex;
 
 /// Pieces of the original measured by one task.
 const TASK: usize = 4096;
 /// Of so many original faces one is looked at for shading: it is a mean, and no bound.
-const SHADING_SAMPLE: u32 = 4;
+const SHADING_SAMPLE: u32 = 8;
 
 /// Part of an original face that a cluster stands for.
 pub struct Part {
@@ -46,8 +47,6 @@ impl Draft {
 pub struct Original<'a> {
     /// Its faces.
     pub target: Target<'a>,
-    /// A face at each vertex.
-    pub face_at: Vec<u32>,
 }
 
 impl Draft {
@@ -72,6 +71,17 @@ impl Draft {
 }
 
 impl Original<'_> {
+    /// A vertex at `p` with what the original has nearest to there: its normal and relief, between
+    /// `vertices`; and the face of that. `from`: a face near it.
+    pub fn vertex(&self, p: Vec3, from: u32, vertices: &[Vertex]) -> (Vertex, u32) {
+        let face = self.target.walk(from, p.as_dvec3());
+        let w = self.target.nearest(face, p.as_dvec3()).weights.map(|w| w as f32);
+        let [a, b, c] = self.target.faces[face as usize].map(|v| vertices[v as usize]);
+        let normal = a.normal() * w[0] + b.normal() * w[1] + c.normal() * w[2];
+        let relief = a.w() * w[0] + b.w() * w[1] + c.w() * w[2];
+        (Vertex::new(p, normal.try_normalize().unwrap_or(a.normal()), relief), face)
+    }
+
     fn corners(&self, face: u32) -> [DVec3; 3] {
         self.target.faces[face as usize].map(|v| self.target.positions[v as usize].as_dvec3())
     }
@@ -106,20 +116,57 @@ pub struct Measure<'a> {
     pub owner: &'a [(u16, u8)],
 }
 
+/// The fine faces of a group, as the way from the coarse ones back to the original.
+pub struct Fine<'a> {
+    /// The faces; the tree is not asked.
+    pub target: Target<'a>,
+    /// For each, how far any point of it is from the original at most, mm.
+    pub known: Vec<f32>,
+    /// One of the faces at each vertex.
+    pub face_at: Vec<u32>,
+    /// An original face near each vertex.
+    pub original_at: Vec<u32>,
+}
+
 impl Measure<'_> {
+    /// A distance that the original certainly has from the coarse faces somewhere, or `least` if
+    /// that is more: that of some of its vertices, about `count`. `start`: as for
+    /// [`Self::towards`], for each of `inputs`.
+    pub fn least(&self, inputs: &[&Draft], start: &[Vec<u32>], count: usize, least: f64) -> f64 {
+        let mut bound = least;
+        let all: usize = inputs.iter().map(|d| d.whole.len()).sum();
+        let every = (4 * all / count.max(1)).max(1);
+        for (d, start) in inputs.iter().zip(start) {
+            for &(face, triangle) in d.whole.iter().step_by(every) {
+                let p = self.original.corners(face)[0];
+                let near = self.target.walk(start[usize::from(triangle)], p);
+                let near = self.target.nearest(near, p).d2.sqrt();
+                if near > bound {
+                    // The walk may have ended in a corner of the group.
+                    let true_one = self.target.tree.closest_within(p, near);
+                    bound = bound.max(true_one.map_or(near, |c| c.distance_mm));
+                }
+            }
+        }
+        bound
+    }
+
     /// What `d` stands for, against the coarse faces. `start`: for each of its triangles, where to
     /// begin. Tasks are cut the same whatever the number of threads.
     pub fn towards(&self, d: &Draft, start: &[u32], bound: f64) -> Vec<Found> {
         let whole = d.whole.par_chunks(TASK).map(|own| {
             let mut found = Found::new(bound);
+            let mut last = None;
             for &(face, triangle) in own {
                 let corners = self.original.corners(face);
-                let start = start[usize::from(triangle)];
+                let start = last.unwrap_or(start[usize::from(triangle)]);
                 if let Some(t) = self.target.near(corners, start, found.bound) {
+                    last = Some(t);
                     let (cluster, triangle) = self.owner[t as usize];
                     found.whole.push((cluster, (face, triangle)));
                     self.shade(face, t, &corners, &mut found);
                 } else {
+                    last = None;
                     self.one(face, &Piece::new(&corners), start, true, &mut found);
                 }
             }
@@ -166,26 +213,20 @@ impl Measure<'_> {
     }
 
     /// The coarse faces against the original: the largest distance, and that of each face. They
-    /// are first laid upon the finer ones, `fine`, whose distances (`known`) add to that to those;
-    /// where the sum is too much, the original itself is asked. `from`: a fine face at each vertex
-    /// of the group.
-    pub fn back(
-        &self,
-        bound: f64,
-        fine: &Target<'_>,
-        from: &(impl Fn(u32) -> u32 + Sync),
-        known: &[f32],
-    ) -> (f64, Vec<f32>) {
+    /// are first laid upon the finer ones, whose known distances add to that to those; where the
+    /// sum is too much, the original itself is asked.
+    pub fn back(&self, bound: f64, fine: &Fine<'_>) -> (f64, Vec<f32>) {
         let one = |f: &[u32; 3], bound: &mut f64| {
             let piece = Piece::new(&f.map(|v| self.target.positions[v as usize].as_dvec3()));
             let mut far: f64 = 0.0;
-            fine.part(&piece, from(f[0]), &mut |t, part, away, _| {
-                let sum = away + f64::from(known[t as usize]);
+            let from = fine.face_at[f[0] as usize];
+            fine.target.part(&piece, from, &mut |t, part, away, _| {
+                let sum = away + f64::from(fine.known[t as usize]);
                 if sum <= *bound {
                     far = far.max(sum);
                     return;
                 }
-                let start = self.original.face_at[fine.faces[t as usize][0] as usize];
+                let start = fine.original_at[fine.target.faces[t as usize][0] as usize];
                 self.original.target.cover(part, start, bound, |_, _, d, _| far = far.max(d));
             });
             up(far)

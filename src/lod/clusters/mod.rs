@@ -7,7 +7,8 @@
 //! open groups that holds with a group all groups that use its outputs draws the surface once and
 //! without cracks.
 //!
-//! Every vertex of every level is one of the original's, with its normal and relief.
+//! The finest level has the original's vertices. Inside a group, coarse ones move to where they
+//! stand best for those that went, and have the normal and relief of the original there.
 //!
 //! After Karis 2021 (Nanite) and the cluster hierarchies before it (Cignoni et al. 2004,
 //! doi:10.1145/1015706.1015802; Yoon et al. 2004). Ours: the error of a group is not a quadric's
@@ -83,8 +84,10 @@ pub struct Group {
 /// A surface at all its levels. Groups come after all groups below them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clusters {
-    /// Vertices of the original, which are those of all levels.
-    pub(super) vertices: Vec<Vertex>,
+    /// Vertices of the original, then those that coarser levels moved, as drawn.
+    vertices: Vec<Vertex>,
+    /// How many are the original's.
+    own_vertices: usize,
     clusters: Vec<Cluster>,
     groups: Vec<Group>,
     members: Vec<u32>,
@@ -117,7 +120,13 @@ impl Clusters {
         g.first_output..g.first_output + g.outputs
     }
 
-    /// The original's vertices that a cluster uses.
+    /// All vertices as drawn: the original's under its own ids, then those that coarser levels
+    /// moved.
+    pub fn vertices(&self) -> &[Vertex] {
+        &self.vertices
+    }
+
+    /// The vertices that a cluster uses, as places in [`Self::vertices`].
     pub fn vertex_ids(&self, cluster: u32) -> &[u32] {
         let c = &self.clusters[cluster as usize];
         &self.vertex_ids[c.first_vertex as usize..][..c.vertices as usize]
@@ -129,7 +138,7 @@ impl Clusters {
         &self.triangles[c.first_triangle as usize..][..c.triangles as usize]
     }
 
-    /// A cluster's triangles by the original's vertices.
+    /// A cluster's triangles by places in [`Self::vertices`].
     pub fn faces(&self, cluster: u32) -> impl Iterator<Item = [u32; 3]> + '_ {
         let ids = self.vertex_ids(cluster);
         self.triangles(cluster).iter().map(move |t| t.map(|v| ids[usize::from(v)]))

@@ -7,9 +7,9 @@ use rayon::prelude::*;
 pub const NONE: u32 = u32::MAX;
 
 /// Clusters of a group: the number aimed at, and the bounds it is kept within where that can be.
-pub const GROUP: usize = 16;
-const GROUP_MIN: usize = 8;
-const GROUP_MAX: usize = 24;
+pub const GROUP: usize = 8;
+const GROUP_MIN: usize = 4;
+const GROUP_MAX: usize = 12;
 
 /// The face across each edge (from corner k to corner k + 1), [`NONE`] where there is none or more
 /// than one. Any soup of faces.

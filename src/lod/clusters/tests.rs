@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use super::*;
 use crate::geometry::{Lens, Mesh, Pose};
 use crate::lod::{
-    Camera, Eye, PAGE_TRIANGLES, PAGE_VERTICES, Pool, Refine, Sphere, Step, Tolerance,
+    Camera, Drawn, Eye, PAGE_TRIANGLES, PAGE_VERTICES, Pool, Refine, Sphere, Step, Tolerance,
 };
 use crate::mesh::Nearest;
 use crate::surface::shading;
@@ -123,15 +123,17 @@ fn the_finest_clusters_are_the_original_triangles() {
 
 #[test]
 fn errors_rise_and_spheres_hold_what_is_below() {
-    let (mesh, c) = &*RING;
+    let (_, c) = &*RING;
     for (id, g) in c.groups().iter().enumerate() {
         assert!(g.error_mm > 0.0 && g.error_mm.is_finite());
-        for &i in c.inputs(id as u32) {
-            let from = c.clusters()[i as usize].made_by;
+        for i in c.inputs(id as u32).iter().copied().chain(c.outputs(id as u32)) {
             for v in c.vertex_ids(i) {
-                let away = mesh.positions[*v as usize].distance(g.sphere.centre);
+                let away = c.vertices()[*v as usize].position().distance(g.sphere.centre);
                 assert!(away <= g.sphere.radius * 1.00001);
             }
+        }
+        for &i in c.inputs(id as u32) {
+            let from = c.clusters()[i as usize].made_by;
             let Some(b) = c.groups().get(from as usize) else { continue };
             assert!(b.error_mm <= g.error_mm && b.angle_rad <= g.angle_rad);
             assert!(b.edge_mm <= g.edge_mm && (from as usize) < id);
@@ -267,6 +269,30 @@ fn nothing_seen_errs_more_than_the_tolerance_once_settled() {
     assert!(step.drawn.iter().map(|d| d.triangles).sum::<u32>() > counts[0]);
 }
 
+/// Triangles in the picture, the middle of several places.
+fn in_view(clusters: Clusters, px: f32) -> u64 {
+    let mut lod = ClusterLod::new(Arc::new(clusters), DEFAULT_SHADING_RAD);
+    let mut pool = Pool::new(10_000, 10_000, 1);
+    let mut counts: Vec<u64> = (0..9)
+        .map(|k| {
+            let cam = camera(k as f32 / 9.0);
+            let eye = Eye::new(&cam);
+            let step = settle(&mut lod, &cam, px, &mut pool);
+            let shown = |d: &&Drawn| eye.sees(&d.sphere) && !eye.behind(&d.sphere, &d.cone);
+            step.drawn.iter().filter(shown).map(|d| u64::from(d.triangles)).sum()
+        })
+        .collect();
+    counts.sort_unstable();
+    counts[4]
+}
+
+/// With vertices that stay and clusters twice as large it was 2.0 times as many, 8,593 of them.
+#[test]
+fn four_times_the_triangles_put_less_than_twice_as_many_into_the_picture() {
+    let [few, many] = [(150, 48), (300, 96)].map(|(n, m)| in_view(build(&ring(n, m)), 8.0));
+    assert!(many as f64 <= 1.7 * few as f64 && many <= 5200, "{few} and {many} triangles");
+}
+
 /// Points on a face.
 fn sprinkle(corners: [Vec3; 3], n: u32, seed: &mut u64) -> Vec<DVec3> {
     let [a, b, c] = corners.map(|v| v.as_dvec3());
@@ -287,7 +313,8 @@ fn no_point_is_farther_than_the_error_and_some_come_near_it() {
     let (mesh, c) = &*RING;
     let original = Nearest::new(mesh);
     let seed = &mut 11;
-    let corners = |f: [u32; 3]| f.map(|v| mesh.positions[v as usize]);
+    let places: Vec<Vec3> = c.vertices().iter().map(Vertex::position).collect();
+    let corners = |f: [u32; 3]| f.map(|v| places[v as usize]);
     let far = |tree: &Nearest, p: &DVec3| tree.closest(*p).unwrap().distance_mm;
     let mut near_it = 0;
     // Group by group, coarse towards original.
@@ -316,7 +343,7 @@ fn no_point_is_farther_than_the_error_and_some_come_near_it() {
         let used =
             cut.iter().filter_map(|i| c.groups().get(c.clusters()[*i as usize].made_by as usize));
         let bound = used.map(|g| f64::from(g.error_mm)).fold(0.0, f64::max);
-        let coarse = Mesh { positions: mesh.positions.clone(), faces, ..Mesh::default() };
+        let coarse = Mesh { positions: places.clone(), faces, ..Mesh::default() };
         let tree = Nearest::new(&coarse);
         let mut farthest: f64 = 0.0;
         for f in &mesh.faces {
@@ -375,7 +402,7 @@ fn bytes_that_were_tampered_with_are_refused_or_harmless() {
     for k in 0..400 {
         let mut bad = bytes.clone();
         let content = bad.len() - 32;
-        let at = 84 + (noise(seed) * (content - 84) as f32) as usize;
+        let at = 92 + (noise(seed) * (content - 92) as f32) as usize;
         bad[at.min(content - 1)] ^= 1 << (k % 8);
         let hash = blake3::hash(&bad[..content]);
         bad[content..].copy_from_slice(hash.as_bytes());
