@@ -137,7 +137,7 @@ fn trachea_and_colon_as_in_the_papers_figures() {
                 );
                 Ok(())
             };
-            r.render_settled(&Scene::paged(pages, None), &mut w, [shot].into_iter(), sink).unwrap();
+            r.render_settled(&Scene::paged(pages, None), &mut w, [shot], sink).unwrap();
         }
     }
 }

@@ -91,7 +91,7 @@ pub struct Simplified {
 /// that it refuses is not made.
 ///
 /// # Errors
-/// What [`HalfEdges::new`] refuses (see [`super::prepare`]); [`MeshError::Length`] for a list of
+/// What [`super::HalfEdges::new`] refuses (see [`super::prepare`]); [`MeshError::Length`] for a list of
 /// locked vertices of another length than the vertices; [`MeshError::Empty`].
 ///
 /// After Garland and Heckbert 1997 with half-edge collapses and the paper's normal term (section

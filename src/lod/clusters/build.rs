@@ -365,10 +365,9 @@ fn simplify(
     let fine_normals: Vec<Vec3> = own.iter().map(|v| vertices[*v as usize].normal()).collect();
     let middle = fine_positions[own.len() / 2].as_dvec3();
     let at: Vec<DVec3> = fine_positions.iter().map(|p| p.as_dvec3() - middle).collect();
-    let up: Vec<DVec3> = fine_normals.iter().map(|n| n.as_dvec3()).collect();
     let fixed: Vec<bool> = own.iter().map(|v| locked[*v as usize]).collect();
     let small = fine.iter().map(|f| f.map(|v| v as u16)).collect();
-    let halved = halve(at.clone(), &up, small, &fixed, before / 2);
+    let halved = halve(at.clone(), small, &fixed, before / 2);
     let left = halved.faces.len();
     if left == 0 || left as f64 > KEPT_MAX * before as f64 {
         return None;
