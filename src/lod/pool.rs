@@ -1,6 +1,7 @@
 //! Pages on the device: who lies where, and when a page may be written again.
 
 use std::collections::{BTreeSet, HashMap, VecDeque};
+use std::hash::{BuildHasherDefault, Hasher};
 
 /// Why no page could be had.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,6 +19,28 @@ struct Resident {
     page: u32,
     /// Step in which it was last part of the cut.
     used: u64,
+    /// Step under which it stands in the order of age.
+    filed: u64,
+}
+
+/// Spreads keys over a table. They are ours, so that nobody chooses them to collide, and each drawn
+/// patch is looked up in every step.
+#[derive(Default)]
+struct Spread(u64);
+
+impl Hasher for Spread {
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|b| self.write_u64(u64::from(*b)));
+    }
+
+    fn write_u64(&mut self, key: u64) {
+        // 2^64 by the golden ratio (Knuth, The Art of Computer Programming 3, 6.4).
+        self.0 = (self.0 ^ key).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(26);
+    }
+
+    fn finish(&self) -> u64 {
+        self.0
+    }
 }
 
 /// Pages by the key of what they hold. A patch that leaves the cut keeps its page until the room is
@@ -28,8 +51,9 @@ pub struct Pool {
     free: Vec<u32>,
     /// Freed pages with the step in which they were last drawn.
     cooling: VecDeque<(u64, u32)>,
-    of: HashMap<u64, Resident>,
-    /// (last used, key) of every resident patch.
+    of: HashMap<u64, Resident, BuildHasherDefault<Spread>>,
+    /// (step, key) of every resident patch: last used in that step or later. Brought up to date
+    /// when something has to go, which it hardly ever has, and not at each use.
     by_age: BTreeSet<(u64, u64)>,
     pages: u32,
     in_flight: u64,
@@ -45,7 +69,7 @@ impl Pool {
         Self {
             free: (0..pages).rev().collect(),
             cooling: VecDeque::new(),
-            of: HashMap::new(),
+            of: HashMap::default(),
             by_age: BTreeSet::new(),
             pages,
             in_flight: u64::from(in_flight),
@@ -86,11 +110,7 @@ impl Pool {
     /// The page that holds `key`, which thereby counts as drawn in this step.
     pub fn keep(&mut self, key: u64) -> Option<u32> {
         let r = self.of.get_mut(&key)?;
-        if r.used != self.now {
-            self.by_age.remove(&(r.used, key));
-            r.used = self.now;
-            self.by_age.insert((r.used, key));
-        }
+        r.used = self.now;
         Some(r.page)
     }
 
@@ -119,7 +139,7 @@ impl Pool {
             return Err(if self.cooling.is_empty() { Full::Pages } else { Full::Cooling });
         };
         self.left -= 1;
-        self.of.insert(key, Resident { page, used: self.now });
+        self.of.insert(key, Resident { page, used: self.now, filed: self.now });
         self.by_age.insert((self.now, key));
         Ok(page)
     }
@@ -127,17 +147,25 @@ impl Pool {
     /// Frees the page of a patch whose content will not be asked for again.
     pub fn forget(&mut self, key: u64) {
         if let Some(r) = self.of.remove(&key) {
-            self.by_age.remove(&(r.used, key));
+            self.by_age.remove(&(r.filed, key));
             self.release(r);
         }
     }
 
     /// Frees the page that was not drawn for longest, if it is not drawn in this step.
     fn evict(&mut self) {
-        if let Some(&(used, key)) = self.by_age.first()
-            && used < self.now
-        {
-            self.forget(key);
+        while let Some(&(filed, key)) = self.by_age.first() {
+            let Some(r) = self.of.get_mut(&key) else { return };
+            if r.used == filed {
+                if filed < self.now {
+                    self.forget(key);
+                }
+                return;
+            }
+            // Used since; all others were last used no earlier than they are filed.
+            self.by_age.remove(&(filed, key));
+            r.filed = r.used;
+            self.by_age.insert((r.filed, key));
         }
     }
 

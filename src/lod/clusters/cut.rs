@@ -30,6 +30,9 @@ pub struct ClusterLod {
     /// Of the cut, those that are no roots: they take pages beside the roots'.
     beside_roots: u32,
     widest: u32,
+    /// By group: the last step that met it, and the last that wanted it.
+    met: Vec<[u64; 2]>,
+    steps: u64,
 }
 
 /// What a camera wants to be open.
@@ -98,6 +101,8 @@ impl ClusterLod {
         Self {
             shading_rad,
             open: vec![false; clusters.groups.len()],
+            met: vec![[0; 2]; clusters.groups.len()],
+            steps: 0,
             opened: BTreeSet::new(),
             cut: roots.iter().copied().collect(),
             tops: groups.filter(|g| clusters.outputs(*g).all(last)).collect(),
@@ -145,28 +150,36 @@ impl ClusterLod {
     /// Groups that have to be open: those whose own errors look too large, and whatever lies above
     /// them. Looks only at open surroundings: from the tops down while the reach of a group, which
     /// holds all below it, still shows too large an error.
-    fn wanted(&self, view: &View<'_>, room: i64) -> Wanted {
-        let mut met = BTreeSet::new();
-        let mut wanted = BTreeSet::new();
+    fn wanted(&mut self, view: &View<'_>, room: i64) -> Wanted {
+        self.steps += 1;
+        let now = self.steps;
+        let mut met = std::mem::take(&mut self.met);
+        // Whether this is the first time.
+        let mut first =
+            |what: usize, g: u32| std::mem::replace(&mut met[g as usize][what], now) != now;
+        let mut wanted = Vec::new();
         let mut look: Vec<u32> = self.tops.clone();
         let mut climb = Vec::new();
         while let Some(g) = look.pop() {
-            if !met.insert(g) || view.reach(g) <= 1.0 {
+            if !first(0, g) || view.reach(g) <= 1.0 {
                 continue;
             }
             look.extend(self.below(g));
             if view.own(g) > 1.0 {
                 climb.push(g);
                 while let Some(g) = climb.pop() {
-                    if wanted.insert(g) {
+                    if first(1, g) {
+                        wanted.push(g);
                         climb.extend(self.above(g));
                     }
                 }
             }
         }
+        self.met = met;
+        wanted.sort_unstable();
         let size: i64 = wanted.iter().map(|g| self.gain(*g)).sum();
         if size <= room {
-            return Wanted { groups: wanted.into_iter().collect(), degraded: false };
+            return Wanted { groups: wanted, degraded: false };
         }
         // The worst first, as far as pages go.
         let mut taken = BTreeSet::new();
@@ -186,7 +199,8 @@ impl ClusterLod {
             }
             size += self.gain(g);
             taken.insert(g);
-            let next = self.below(g).filter(|b| wanted.contains(b) && ready(&taken, *b));
+            let next =
+                self.below(g).filter(|b| wanted.binary_search(b).is_ok() && ready(&taken, *b));
             heap.extend(next.map(|b| rank(view.reach(b), b)));
         }
         Wanted { groups: taken.into_iter().collect(), degraded: true }
