@@ -39,6 +39,30 @@ impl Default for Cone {
     }
 }
 
+/// A convex piece of space as a camera has it. Tighter than a sphere: sides of the picture, depth
+/// and angle off the axis are those of its corners. All three are bounded by those of the corners:
+/// sides and depth are linear, and what is at most some angle off the axis is convex.
+#[derive(Clone, Copy, Debug)]
+pub struct Spot {
+    /// A bit for each side of the picture and the near plane that all of it is beyond.
+    outside: u8,
+    /// Least depth, mm.
+    nearest: f64,
+    /// 1 / cosine of the largest angle off the axis; infinite where it reaches behind the eye.
+    secant: f64,
+}
+
+impl Spot {
+    /// That of the hull of both.
+    pub fn with(self, o: &Self) -> Self {
+        Self {
+            outside: self.outside & o.outside,
+            nearest: self.nearest.min(o.nearest),
+            secant: self.secant.max(o.secant),
+        }
+    }
+}
+
 /// A camera with everything worked out that each test needs. In f64: a test that errs on the safe
 /// side must not lose that to rounding.
 #[derive(Clone, Copy, Debug)]
@@ -52,8 +76,9 @@ pub struct Eye {
     near: f64,
     /// Pixels a radian at the centre.
     focal_px: f64,
-    /// Angle off the axis of the picture's corner.
+    /// Angle off the axis of the picture's corner, and 1 / its cosine.
     corner: f64,
+    corner_secant: f64,
 }
 
 impl Eye {
@@ -70,6 +95,7 @@ impl Eye {
             near: f64::from(camera.lens.near_mm),
             focal_px: f64::from(camera.height_px) / (2.0 * t_y),
             corner: t_x.hypot(t_y).atan(),
+            corner_secant: (1.0 + t_x * t_x + t_y * t_y).sqrt(),
         }
     }
 
@@ -108,6 +134,35 @@ impl Eye {
             (centre + (r / distance).asin()).min(self.corner)
         };
         self.focal_px * e / ((z - e) * off.cos())
+    }
+
+    /// Where all points are that are within `margin_mm` of `p`.
+    pub fn spot(&self, p: Vec3, margin_mm: f32) -> Spot {
+        let c = self.camera_from_world * (p.as_dvec3() - self.position);
+        let m = f64::from(margin_mm) * (1.0 + 1e-6) + 1e-6;
+        let mut outside = u8::from(-c.z < self.near - m);
+        for k in 0..2 {
+            let (reach, slack) = (self.tangent[k] * -c.z, m * self.secant[k]);
+            outside |= u8::from(c[k] > reach + slack) << (2 * k + 1);
+            outside |= u8::from(-c[k] > reach + slack) << (2 * k + 2);
+        }
+        let nearest = -c.z - m;
+        let secant = if nearest > 0.0 { (c.length() + m) / nearest } else { f64::INFINITY };
+        Spot { outside, nearest, secant }
+    }
+
+    /// [`Self::error_px`] for points of a spot instead of a sphere; 0 where none can be in the
+    /// picture.
+    pub fn error_in_spot_px(&self, s: &Spot, error_mm: f32) -> f64 {
+        let e = f64::from(error_mm);
+        if e <= 0.0 || s.outside != 0 {
+            return 0.0;
+        }
+        let z = s.nearest.max(self.near);
+        if z <= 2.0 * e {
+            return f64::INFINITY;
+        }
+        self.focal_px * e * s.secant.min(self.corner_secant) / (z - e)
     }
 
     /// Whether every face with its normal in the cone and its place in the sphere shows its back.
@@ -167,6 +222,46 @@ mod tests {
             }
             assert!(closest > 0.9, "the bound is loose: {closest}");
         }
+    }
+
+    #[test]
+    fn no_point_beside_a_triangle_moves_further_on_screen_than_its_corners_say() {
+        let seed = &mut 11;
+        let eye = Eye::new(&camera(90.0));
+        let (focal, mut closest, mut unseen) = (eye.focal_px, 0.0f64, 0);
+        for _ in 0..20_000 {
+            let mut v = |s: f64| DVec3::from_array([(); 3].map(|()| s * (2.0 * noise(seed) - 1.0)));
+            let middle = v(8.0);
+            let corners = [(); 3].map(|()| (eye.position + middle + v(1.0)).as_vec3());
+            let error = 0.1 * v(1.0).x.abs() as f32;
+            let [a, b, c] = corners.map(|p| eye.spot(p, error));
+            let spot = a.with(&b).with(&c);
+            let bound = eye.error_in_spot_px(&spot, error);
+            // Points of the triangle and points no farther than the error from those, seen or not.
+            for _ in 0..4 {
+                let w = v(1.0).abs();
+                let [a, b, c] = corners.map(|p| p.as_dvec3());
+                let on = (a * w.x + b * w.y + c * w.z) / (w.x + w.y + w.z);
+                let near = on + v(1.0).normalize_or_zero() * f64::from(error);
+                let [p, q] = [on, near].map(|p| eye.camera_from_world * (p - eye.position));
+                let inside = |p: DVec3| {
+                    let side = |k: usize| p[k].abs() <= eye.tangent[k] * -p.z;
+                    -p.z >= eye.near && side(0) && side(1)
+                };
+                if !inside(p) && !inside(q) {
+                    continue;
+                }
+                if spot.outside != 0 {
+                    unseen += 1;
+                }
+                let px = |p: DVec3| p.truncate() * (focal / -p.z);
+                let seen = px(p).distance(px(q));
+                assert!(seen <= bound * 1.001, "{seen} px, bound {bound}");
+                closest = closest.max(seen / bound);
+            }
+        }
+        assert_eq!(unseen, 0);
+        assert!(closest > 0.8, "the bound is loose: {closest}");
     }
 
     #[test]

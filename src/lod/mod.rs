@@ -12,7 +12,7 @@ mod pool;
 pub mod vds;
 mod worker;
 
-pub use eye::{Camera, Cone, Eye, Sphere};
+pub use eye::{Camera, Cone, Eye, Sphere, Spot};
 pub use pool::{Full, Pool};
 pub use worker::{Worker, WorkerError};
 

@@ -5,7 +5,7 @@ use std::collections::{BTreeSet, BinaryHeap};
 use std::sync::Arc;
 
 use super::{Clusters, Group, NONE};
-use crate::lod::{Camera, Drawn, Eye, Full, Pool, Refine, Sphere, Step, Tolerance, Upload};
+use crate::lod::{Camera, Drawn, Eye, Full, Pool, Refine, Sphere, Spot, Step, Tolerance, Upload};
 
 /// Root mean square angle between the normals drawn and the original's that is let pass where
 /// triangles look large: a tenth of the light at most, and on a colon of 1 M faces at one pixel
@@ -51,39 +51,57 @@ struct View<'a> {
 }
 
 impl View<'_> {
-    /// How many times what is allowed the errors of a group look, anywhere in `s`; 0 if unseen.
+    /// How many times what is allowed the errors of a group look, where an error of so many
+    /// millimetres looks as large as `px` says.
     ///
     /// Two rules. No point may look farther off than the tolerance. And the angle between normals,
     /// scaled down where the coarse triangles look smaller than [`FULL_SHADING_PX`], may not be
     /// larger than the shading tolerance: a wrong shade over a pixel or two is noise, over a broad
     /// triangle it is a dent.
-    fn excess(&self, g: &Group, s: &Sphere) -> f64 {
-        if !self.eye.sees(s) {
-            return 0.0;
-        }
-        let place = self.eye.error_px(s, g.error_mm) / self.pixels;
-        let size = (self.eye.error_px(s, g.edge_mm) / FULL_SHADING_PX).min(1.0);
+    fn excess(&self, g: &Group, px: impl Fn(f32) -> f64) -> f64 {
+        let place = px(g.error_mm) / self.pixels;
+        let size = (px(g.edge_mm) / FULL_SHADING_PX).min(1.0);
         place.max(f64::from(g.angle_rad) * size / self.shading)
     }
 
-    /// That of a group. What errs lies in its outputs or within its error of them, so that their
-    /// spheres, much smaller than the group's, say better how near it is.
-    fn own(&self, group: u32) -> f64 {
-        let g = &self.clusters.groups[group as usize];
-        let whole = self.excess(g, &g.sphere);
-        if whole <= 1.0 {
-            return whole;
+    /// That anywhere in `s`; 0 if unseen.
+    fn within(&self, g: &Group, s: &Sphere) -> f64 {
+        if !self.eye.sees(s) {
+            return 0.0;
+        }
+        self.excess(g, |mm| self.eye.error_px(s, mm))
+    }
+
+    /// Whether the errors of a group look larger than allowed. What errs lies in its outputs or
+    /// within its error of them, so that their triangles, much smaller than the group's sphere, say
+    /// better how near it is and whether it is in the picture at all.
+    fn too_coarse(&self, group: u32) -> bool {
+        let c = self.clusters;
+        let g = &c.groups[group as usize];
+        if self.within(g, &g.sphere) <= 1.0 {
+            return false;
         }
         let wider = |s: Sphere| Sphere { radius: (s.radius + g.error_mm).next_up(), ..s };
-        let clusters = self.clusters.outputs(group).map(|c| &self.clusters.clusters[c as usize]);
-        let outputs = clusters.map(|c| self.excess(g, &wider(c.sphere)));
-        outputs.fold(0.0, f64::max).min(whole)
+        let coarse = |id: &u32| self.within(g, &wider(c.clusters[*id as usize].sphere)) > 1.0;
+        let spot = |v: u32| self.eye.spot(c.vertices[v as usize].position(), g.error_mm);
+        let exceeds = |[x, y, z]: [&Spot; 3]| {
+            let s = x.with(y).with(z);
+            self.excess(g, |mm| self.eye.error_in_spot_px(&s, mm)) > 1.0
+        };
+        // Most that are, are so nearly everywhere.
+        let first = |id: u32| c.faces(id).next().is_some_and(|f| exceeds(f.map(spot).each_ref()));
+        c.outputs(group).any(first)
+            || c.outputs(group).filter(coarse).any(|id| {
+                let spots: Vec<Spot> = c.vertex_ids(id).iter().map(|v| spot(*v)).collect();
+                let at = |v: u8| &spots[usize::from(v)];
+                c.triangles(id).iter().any(|t| exceeds(t.map(at)))
+            })
     }
 
     /// At least that of the group and of every one below.
     fn reach(&self, group: u32) -> f64 {
         let g = &self.clusters.groups[group as usize];
-        self.excess(g, &g.reach)
+        self.within(g, &g.reach)
     }
 }
 
@@ -165,7 +183,7 @@ impl ClusterLod {
                 continue;
             }
             look.extend(self.below(g));
-            if view.own(g) > 1.0 {
+            if view.too_coarse(g) {
                 climb.push(g);
                 while let Some(g) = climb.pop() {
                     if first(1, g) {
