@@ -61,6 +61,22 @@ fn golden_frames_have_not_changed() {
     common::assert_silent(&gpu);
 }
 
+/// One sample a pixel is encoded as sRGB by the shader, four are by the device.
+#[test]
+fn the_shader_encodes_colours_as_the_device_does() {
+    let Some(mut gpu) = common::gpu(Validate::Off) else { return };
+    for s in [15.0, 140.0] {
+        let [one, four] =
+            [1, 4].map(|n| draw(&mut gpu, SIZE, n, Look::default(), shot(View::Inside, s)));
+        let apart = one.rgb.iter().zip(&four.rgb).filter(|(a, b)| a.abs_diff(**b) > 2).count();
+        // Edges differ, of course.
+        assert!(apart * 50 < one.rgb.len(), "{apart} of {} values at {s} mm", one.rgb.len());
+        let mean =
+            |f: &Frame| f.rgb.iter().map(|v| f64::from(*v)).sum::<f64>() / f.rgb.len() as f64;
+        assert!((mean(&one) - mean(&four)).abs() < 0.3, "{} and {}", mean(&one), mean(&four));
+    }
+}
+
 #[test]
 fn copying_through_staging_memory_changes_no_pixel() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };

@@ -46,3 +46,11 @@ impl Default for Look {
 pub(super) const FALLOFF_RADII: f32 = 2.4;
 /// How far beside the eye the light sits, in mean radii.
 pub(super) const LIGHT_RADII: f32 = 0.2;
+
+/// A linear colour as sRGB stores it (IEC 61966-2-1).
+pub(super) fn srgb(linear: [f32; 3]) -> [f32; 3] {
+    let one = |c: f32| {
+        if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
+    };
+    linear.map(one)
+}

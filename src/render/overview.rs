@@ -54,6 +54,7 @@ impl Renderer<'_> {
             colour,
             resolve,
             depth: Some(self.targets.depth),
+            encoded: false,
             clear: Some([r, g, b, 1.0]),
             area,
             draws: self.marks(scene, shot, &pose, &lens, (high - low).length()),
@@ -70,6 +71,7 @@ impl Renderer<'_> {
             colour: self.targets.picture,
             resolve: None,
             depth: None,
+            encoded: false,
             clear: None,
             area,
             draws: vec![lay],
@@ -100,6 +102,7 @@ impl Renderer<'_> {
             colour,
             resolve,
             depth: Some(t.depth),
+            encoded: false,
             clear: Some([0.0, 0.0, 0.0, 1.0]),
             area,
             draws: model

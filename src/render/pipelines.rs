@@ -19,11 +19,18 @@ pub(super) struct Pipelines {
 
 impl Pipelines {
     pub fn new(gpu: &mut Gpu, samples: u32) -> Result<Self, VkError> {
+        // Where samples are averaged they have to be linear. Elsewhere the shader encodes for itself:
+        // software devices encode every block of 16 pixels that a triangle touches, and decode it
+        // before, which is a seventh of a frame.
+        let (inside, stored) = match samples {
+            1 => ("inside_encoded", Format::Rgba8Stored),
+            _ => ("inside", PICTURE),
+        };
         let surface = DrawSpec {
             spirv: host::surface::SPIRV,
-            entries: ["project", "inside"],
+            entries: ["project", inside],
             attributes: &[Attribute::F32x3, Attribute::Snorm16x4],
-            colour: PICTURE,
+            colour: stored,
             depth: Some(DEPTH),
             depth_use: DepthUse::Nearest,
             samples,
@@ -41,12 +48,14 @@ impl Pipelines {
         let lines = DrawSpec {
             spirv: host::lines::SPIRV,
             entries: ["project", "shade"],
+            colour: PICTURE,
             push_bytes: host::lines::PUSH_BYTES,
             ..surface.clone()
         };
         let stack = DrawSpec {
             spirv: host::stack::SPIRV,
             entries: ["whole", "lay"],
+            colour: PICTURE,
             attributes: &[],
             depth: None,
             depth_use: DepthUse::Ignore,

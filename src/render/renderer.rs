@@ -257,12 +257,15 @@ impl<'g> Renderer<'g> {
             stats.draws = 1;
             stats.triangles = u64::from(self.model(mesh).count / 3);
         }
-        let [r, g, b] = scene.look.background;
         let (colour, resolve) = self.picture_targets();
+        let encoded = resolve.is_none();
+        let background = scene.look.background;
+        let [r, g, b] = if encoded { super::look::srgb(background) } else { background };
         Pass {
             colour,
             resolve,
             depth: Some(self.targets.depth),
+            encoded,
             clear: Some([r, g, b, 1.0]),
             area,
             draws: draws.into_iter().collect(),

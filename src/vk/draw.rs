@@ -69,7 +69,10 @@ pub struct Pass {
     pub resolve: Option<ImageId>,
     /// Depth target; always cleared to infinity.
     pub depth: Option<ImageId>,
-    /// Linear colour the area is cleared to; `None` keeps it.
+    /// Shaders write sRGB themselves ([`super::Format::Rgba8Stored`]): the colour target, one sample
+    /// a pixel and not resolved, takes their numbers as they are.
+    pub encoded: bool,
+    /// Colour the area is cleared to, linear or as `encoded` says; `None` keeps it.
     pub clear: Option<[f32; 4]>,
     /// The part of the targets that is drawn to.
     pub area: Area,
@@ -309,8 +312,11 @@ impl Gpu {
             min_depth: 0.0,
             max_depth: 1.0,
         };
+        let target = &self.images.get(pass.colour).image;
+        let view = if pass.encoded { target.stored } else { target.view };
+        assert!(view != vk::ImageView::null(), "an encoded target is stored as sRGB");
         let mut colour = vk::RenderingAttachmentInfo::default()
-            .image_view(self.images.get(pass.colour).image.view)
+            .image_view(view)
             .image_layout(colour_layout)
             .load_op(vk::AttachmentLoadOp::LOAD)
             .store_op(vk::AttachmentStoreOp::STORE);

@@ -44,10 +44,12 @@ impl Buffer {
     }
 }
 
-/// An image with its one view and its memory. Freed through [`Memory::free_image`].
+/// An image with its views and its memory. Freed through [`Memory::free_image`].
 pub(super) struct Image {
     pub raw: vk::Image,
     pub view: vk::ImageView,
+    /// Of an image stored as sRGB, one sample a pixel: its bytes as they are. Null for others.
+    pub stored: vk::ImageView,
     pub aspect: vk::ImageAspectFlags,
     pub extent: [u32; 2],
     memory: Allocation,
@@ -148,11 +150,17 @@ impl Memory {
         }
     }
 
-    /// A two-dimensional image in undefined layout, with a view of all of it.
+    /// A two-dimensional image in undefined layout, with views of all of it.
     pub fn image(&mut self, name: &str, desc: ImageDesc) -> Result<Image, VkError> {
         let [width, height] = desc.extent;
         self.room_for(name, u64::from(width) * u64::from(height) * u64::from(desc.samples) * 4)?;
-        let info = vk::ImageCreateInfo::default()
+        let stored = match (desc.format, desc.samples) {
+            (vk::Format::R8G8B8A8_SRGB, 1) => Some(vk::Format::R8G8B8A8_UNORM),
+            _ => None,
+        };
+        let formats = [desc.format, stored.unwrap_or_default()];
+        let mut formats = vk::ImageFormatListCreateInfo::default().view_formats(&formats);
+        let mut info = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
             .format(desc.format)
             .extent(vk::Extent3D { width, height, depth: 1 })
@@ -161,6 +169,9 @@ impl Memory {
             .samples(vk::SampleCountFlags::from_raw(desc.samples))
             .tiling(vk::ImageTiling::OPTIMAL)
             .usage(desc.usage);
+        if stored.is_some() {
+            info = info.flags(vk::ImageCreateFlags::MUTABLE_FORMAT).push_next(&mut formats);
+        }
         // SAFETY: the device is live: `Gpu` drops `Memory` before it.
         let raw = unsafe { self.device.create_image(&info, None) }
             .map_err(VkError::of("vkCreateImage"))?;
@@ -180,29 +191,31 @@ impl Memory {
             ..Default::default()
         };
         // SAFETY: image and memory are fresh, of this device and unbound, the memory made for the
-        // image's own requirements; the view shows an image that is bound by then.
-        let view = unsafe {
-            self.device.bind_image_memory(raw, memory.memory(), memory.offset()).and_then(|()| {
-                let info = vk::ImageViewCreateInfo::default()
-                    .image(raw)
-                    .view_type(vk::ImageViewType::TYPE_2D)
-                    .format(desc.format)
-                    .subresource_range(range);
-                self.device.create_image_view(&info, None)
-            })
+        // image's own requirements.
+        let bound = unsafe { self.device.bind_image_memory(raw, memory.memory(), memory.offset()) };
+        let view = |format| {
+            let info = vk::ImageViewCreateInfo::default()
+                .image(raw)
+                .view_type(vk::ImageViewType::TYPE_2D)
+                .format(format)
+                .subresource_range(range);
+            // SAFETY: the image is bound when this is called, and the format its own or, with
+            // MUTABLE_FORMAT, one of its list.
+            unsafe { self.device.create_image_view(&info, None) }
         };
-        let mut image = Image {
-            raw,
-            view: vk::ImageView::null(),
-            aspect: desc.aspect,
-            extent: desc.extent,
-            memory,
-        };
-        match view {
-            Ok(view) => {
-                image.view = view;
-                Ok(image)
+        let null = vk::ImageView::null();
+        let (aspect, extent) = (desc.aspect, desc.extent);
+        let mut image = Image { raw, view: null, stored: null, aspect, extent, memory };
+        let mut made = || -> Result<(), vk::Result> {
+            bound?;
+            image.view = view(desc.format)?;
+            if let Some(format) = stored {
+                image.stored = view(format)?;
             }
+            Ok(())
+        };
+        match made() {
+            Ok(()) => Ok(image),
             Err(e) => {
                 self.free_image(image);
                 Err(VkError::of("vkCreateImageView")(e))
@@ -222,9 +235,10 @@ impl Memory {
 
     /// Destroys an image that the device is done with.
     pub fn free_image(&mut self, i: Image) {
-        // SAFETY: image and view came from this device and are owned by `i`, which we consume; the
+        // SAFETY: image and views came from this device and are owned by `i`, which we consume; the
         // timeline has passed their last use. A null view is ignored.
         unsafe {
+            self.device.destroy_image_view(i.stored, None);
             self.device.destroy_image_view(i.view, None);
             self.device.destroy_image(i.raw, None);
         }

@@ -13,6 +13,8 @@ use super::{Gpu, VkError};
 pub enum Format {
     /// Four bytes, encoded as sRGB on writing; shaders and blending see linear light.
     Rgba8Srgb,
+    /// The same, but what the shader writes is stored as it is ([`super::Pass::encoded`]).
+    Rgba8Stored,
     /// Four half floats, linear.
     Rgba16Float,
     /// 32-bit float depth.
@@ -23,6 +25,7 @@ impl Format {
     pub(super) fn raw(self) -> vk::Format {
         match self {
             Self::Rgba8Srgb => vk::Format::R8G8B8A8_SRGB,
+            Self::Rgba8Stored => vk::Format::R8G8B8A8_UNORM,
             Self::Rgba16Float => vk::Format::R16G16B16A16_SFLOAT,
             Self::Depth32 => vk::Format::D32_SFLOAT,
         }
