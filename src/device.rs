@@ -1,6 +1,7 @@
 //! The one place that chooses between CPU and GPU.
 
 use std::str::FromStr;
+use std::time::Duration;
 
 use crate::compute::{Outputs, Plan, run_cpu};
 use crate::vk::{Choice, DeviceInfo, Gpu, VkError};
@@ -113,6 +114,22 @@ impl Device {
         match self {
             Self::Cpu => None,
             Self::Gpu(gpu) => Some(gpu.info()),
+        }
+    }
+
+    /// Submissions to the device so far; the CPU has none.
+    pub fn submissions(&self) -> u64 {
+        match self {
+            Self::Cpu => 0,
+            Self::Gpu(gpu) => gpu.submissions(),
+        }
+    }
+
+    /// From the call that makes the Vulkan instance to the first launches handed to the device.
+    pub fn first_dispatch(&self) -> Option<Duration> {
+        match self {
+            Self::Cpu => None,
+            Self::Gpu(gpu) => gpu.first_dispatch(),
         }
     }
 

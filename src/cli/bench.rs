@@ -11,8 +11,10 @@ use crate::device::{Device, DeviceChoice};
 use crate::field::Response;
 use crate::kernels;
 use crate::lumen::{Lumen, Recipe, Window};
+use crate::pipeline::bench::{CopyRate, copy_rate};
 use crate::pipeline::{
-    Clock, Settings, Stage, SurfaceOptions, centered, fields, hessian_field, peak_memory_mb, wall,
+    Clock, Settings, Stage, SurfaceOptions, centered, distance_field, fields, hessian_field,
+    peak_memory_mb, wall,
 };
 use crate::surface::Smoothing;
 use crate::volume::Volume;
@@ -48,6 +50,21 @@ struct Row {
     /// Bytes of all bound buffers.
     bytes: u64,
     gb_per_s: f64,
+    /// Of the rate at which the device copies memory.
+    of_copy: f64,
+}
+
+/// What concerns a device as a whole.
+#[derive(Debug, Serialize)]
+struct Summary {
+    device: String,
+    threads: usize,
+    copy: CopyRate,
+    /// From the making of the Vulkan instance to the first launches handed over.
+    first_dispatch_ms: Option<f64>,
+    /// Plans of one chain, and how often it handed work to the device.
+    plans: usize,
+    submissions: u64,
 }
 
 #[derive(Serialize)]
@@ -56,6 +73,7 @@ struct Answer {
     size: u32,
     lumen_voxels: u64,
     bricks: usize,
+    devices: Vec<Summary>,
     rows: Vec<Row>,
     peak_memory_mb: f64,
 }
@@ -81,9 +99,13 @@ impl Args {
         let phantom = Phantom::new(Kind::Colon, self.size, [1.0; 3])?;
         let volume = phantom.mask();
         let (lumen, _) = Recipe::new(Window::Labels(vec![])).apply(&volume)?;
-        let mut rows = Vec::new();
-        for mut device in devices(global)? {
-            rows.extend(self.on(&mut device, &volume, &lumen)?);
+        let (mut devices, mut rows) = (Vec::new(), Vec::new());
+        for choice in choices(global) {
+            // Opened in its turn: the time to its first dispatch is its own.
+            let mut device = Device::open(choice)?;
+            let (summary, its) = self.on(&mut device, &volume, &lumen)?;
+            devices.push(summary);
+            rows.extend(its);
         }
         global.say(format_args!(
             "colon phantom, {0} x {0} x {0}, {1} lumen voxels in {2} bricks, median of {3}",
@@ -93,12 +115,19 @@ impl Args {
             self.runs
         ))?;
         global.say(format_args!(
-            "{:<18} {:<34} {:>10} {:>10} {:>14} {:>10} {:>8}",
-            "kernel or stage", "device", "median ms", "min ms", "M items/s", "MB bound", "GB/s"
+            "{:<18} {:<34} {:>10} {:>10} {:>14} {:>10} {:>8} {:>7}",
+            "kernel or stage",
+            "device",
+            "median ms",
+            "min ms",
+            "M items/s",
+            "MB bound",
+            "GB/s",
+            "of copy"
         ))?;
         for r in &rows {
             global.say(format_args!(
-                "{:<18} {:<34} {:>10.3} {:>10.3} {:>14.2} {:>10} {:>8}  {}",
+                "{:<18} {:<34} {:>10.3} {:>10.3} {:>14.2} {:>10} {:>8} {:>7}  {}",
                 r.name,
                 r.device.chars().take(34).collect::<String>(),
                 r.median_ms,
@@ -107,14 +136,19 @@ impl Args {
                 // A stage is more than its kernels: it has no byte count of its own.
                 if r.bytes > 0 { format!("{:.1}", r.bytes as f64 / 1e6) } else { "-".into() },
                 if r.bytes > 0 { format!("{:.2}", r.gb_per_s) } else { "-".into() },
+                if r.of_copy > 0.0 { format!("{:.0} %", 100.0 * r.of_copy) } else { "-".into() },
                 r.unit
             ))?;
+        }
+        for d in &devices {
+            global.say(d.line())?;
         }
         global.answer(&Answer {
             phantom: "colon",
             size: self.size,
             lumen_voxels: lumen.inside_voxels(),
             bricks: lumen.bricks.len(),
+            devices,
             rows,
             peak_memory_mb: peak_memory_mb(),
         })
@@ -125,8 +159,11 @@ impl Args {
         device: &mut Device,
         volume: &Volume,
         lumen: &Lumen,
-    ) -> Result<Vec<Row>, CliError> {
-        chain(device, volume, lumen)?;
+    ) -> Result<(Summary, Vec<Row>), CliError> {
+        let before = device.submissions();
+        let planned = |s: &&Stage| STAGES.contains(&s.name) && !CPU_STAGES.contains(&s.name);
+        let plans = chain(device, volume, lumen)?.iter().filter(planned).count();
+        let submissions = device.submissions() - before;
         let mut runs: Runs = BTreeMap::new();
         for _ in 0..self.runs {
             for stage in chain(device, volume, lumen)? {
@@ -146,8 +183,14 @@ impl Args {
                 }
             }
         }
+        let copy = copy_rate(device, COPIED, self.runs as usize)?;
+        let rate = copy.gb_per_s.max(1e-9);
+        let at = kernels::ALL.iter().position(|k| k.name() == "copy").unwrap_or(999);
+        let each =
+            copy.seconds.iter().map(|s| (s * 1e3, 1, copy.bytes / 16, "quads", 2 * copy.bytes));
+        runs.insert((at, "copy", "kernel"), each.collect());
         let name = device.name().to_owned();
-        Ok(runs
+        let rows = runs
             .into_iter()
             .filter(|((_, n, _), _)| self.stages.is_empty() || self.stages.iter().any(|s| s == n))
             .map(|((_, kernel, kind), mut all)| {
@@ -169,18 +212,49 @@ impl Args {
                     rate_m_per_s: items as f64 / ms.max(1e-9) / 1e3,
                     bytes,
                     gb_per_s: bytes as f64 / ms.max(1e-9) / 1e6,
+                    of_copy: bytes as f64 / ms.max(1e-9) / 1e6 / rate,
                 }
             })
-            .collect())
+            .collect();
+        let summary = Summary {
+            device: name,
+            threads: rayon::current_num_threads(),
+            copy,
+            first_dispatch_ms: device.first_dispatch().map(|d| d.as_secs_f64() * 1e3),
+            plans,
+            submissions,
+        };
+        Ok((summary, rows))
     }
 }
 
-const STAGES: [&str; 6] = ["distance, ridge", "hessian", "visibility", "fair", "route", "surface"];
+impl Summary {
+    /// For people.
+    fn line(&self) -> String {
+        let Self { device, copy, plans, submissions, .. } = self;
+        let mb = copy.bytes as f64 / 1e6;
+        let mut line = format!("{device}: copies {mb:.0} MB at {:.2} GB/s", copy.gb_per_s);
+        if let Some(ms) = self.first_dispatch_ms {
+            line += &format!("; {ms:.0} ms from instance to first dispatch; ");
+            line += &format!("{submissions} submissions for {plans} plans");
+        }
+        line
+    }
+}
+
+/// Beyond the caches of most devices, and within a binding of those with small ones.
+const COPIED: u64 = 128 << 20;
+
+const STAGES: [&str; 7] =
+    ["distance", "distance, ridge", "hessian", "visibility", "fair", "route", "surface"];
 const CPU_STAGES: [&str; 2] = ["route", "surface"];
 
 /// Every stage once.
 fn chain(device: &mut Device, volume: &Volume, lumen: &Lumen) -> Result<Vec<Stage>, CliError> {
     let mut clock = Clock::default();
+    distance_field(device, lumen, &mut clock)?;
+    // Its kernels are part of the next chain too: they are counted there.
+    clock.stages.iter_mut().for_each(|s| s.kernels.clear());
     let f = fields(device, lumen, true, &mut clock)?;
     let settings = Settings { route: RouteOptions::default(), radius: Radius::Measured };
     centered(device, lumen, &f, settings, &mut clock)?;
@@ -200,13 +274,10 @@ fn chain(device: &mut Device, volume: &Volume, lumen: &Lumen) -> Result<Vec<Stag
 }
 
 /// The CPU and every Vulkan device, or the one asked for.
-fn devices(global: &Global) -> Result<Vec<Device>, CliError> {
+fn choices(global: &Global) -> Vec<DeviceChoice> {
     if global.device != DeviceChoice::Auto {
-        return Ok(vec![global.open()?]);
+        return vec![global.device];
     }
-    let mut all = vec![Device::Cpu];
-    for (i, _) in crate::vk::list().unwrap_or_default().iter().enumerate() {
-        all.push(Device::open(DeviceChoice::GpuAt(i))?);
-    }
-    Ok(all)
+    let gpus = crate::vk::list().unwrap_or_default().len();
+    std::iter::once(DeviceChoice::Cpu).chain((0..gpus).map(DeviceChoice::GpuAt)).collect()
 }

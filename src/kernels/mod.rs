@@ -3,6 +3,7 @@
 
 pub mod compact_count;
 pub mod compact_scatter;
+pub mod copy;
 pub mod edt_axis;
 pub mod edt_rows;
 pub mod fair;
@@ -47,6 +48,7 @@ pub static ALL: &[&Kernel] = &[
     &scale_bands::KERNEL,
     &scale_pool::KERNEL,
     &scale_restore::KERNEL,
+    &copy::KERNEL,
 ];
 
 /// Slot beside `slot` along an axis, from the flat neighbour table kernels bind.

@@ -2,6 +2,7 @@
 
 use std::ops::Deref;
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 use ash::vk;
 
@@ -62,6 +63,8 @@ pub struct Gpu {
     pub(super) staging: Staging,
     /// Freed things that the device may still use.
     pub(super) dead: Retire<Dead>,
+    started: Instant,
+    first_dispatch: Option<Duration>,
     // These three go down in this order, after `Drop::drop`.
     pub(super) memory: Memory,
     pub(super) device: OwnedDevice,
@@ -83,6 +86,7 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::open`]; [`VkError::NoValidation`] when the layer is asked for and not there.
     pub fn open_with(choice: Choice, options: OpenOptions) -> Result<Self, VkError> {
+        let started = Instant::now();
         let instance = Instance::new(options.validate)?;
         let (physical, mut info) = info::choose(&instance, choice)?;
         info.limits.draws_at_once = info.limits.draws_at_once.min(options.draws_at_once);
@@ -101,6 +105,8 @@ impl Gpu {
             images: Slab::default(),
             staging: Staging::default(),
             dead: Retire::default(),
+            started,
+            first_dispatch: None,
             memory,
             device,
             info,
@@ -111,6 +117,22 @@ impl Gpu {
     /// What the device says about itself.
     pub fn info(&self) -> &DeviceInfo {
         &self.info
+    }
+
+    /// Notes that launches were handed to the device.
+    pub(super) fn dispatched(&mut self) {
+        let started = self.started;
+        self.first_dispatch.get_or_insert_with(|| started.elapsed());
+    }
+
+    /// From the call that makes the instance to the first launches handed to the device.
+    pub fn first_dispatch(&self) -> Option<Duration> {
+        self.first_dispatch
+    }
+
+    /// Submissions so far.
+    pub fn submissions(&self) -> u64 {
+        self.timeline.submitted
     }
 
     /// What the validation layer has said so far, severity warning and above. Always empty

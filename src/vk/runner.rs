@@ -132,6 +132,7 @@ impl Gpu {
         }
         self.record_downloads(cmd, plan, held);
         let value = self.commands.submit(&self.device, self.queue, &mut self.timeline, cmd)?;
+        self.dispatched();
         self.wait(value)?;
 
         let mut out = Outputs::default();
