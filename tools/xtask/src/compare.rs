@@ -36,13 +36,17 @@ pub fn compare(args: &[&str]) -> Result<(), Stop> {
         Some(given) => given.to_owned(),
         None => peers()?.to_string_lossy().into_owned(),
     };
+    loudly(&mut command(&python, &[&[SCRIPT, "--intima", &program()], &rest[..]].concat()))
+}
+
+/// Where the release program is built.
+pub fn program() -> String {
     let program = target().join("release").join(format!("intima{}", std::env::consts::EXE_SUFFIX));
-    let program = program.to_string_lossy();
-    loudly(&mut command(&python, &[&[SCRIPT, "--intima", &program], &rest[..]].concat()))
+    program.to_string_lossy().into_owned()
 }
 
 /// The interpreter asked for, and what is left for the script.
-fn split<'a>(args: &[&'a str]) -> Result<(Option<&'a str>, Vec<&'a str>), Stop> {
+pub fn split<'a>(args: &[&'a str]) -> Result<(Option<&'a str>, Vec<&'a str>), Stop> {
     let Some(at) = args.iter().position(|a| *a == "--python") else {
         return Ok((None, args.to_vec()));
     };
@@ -67,8 +71,7 @@ fn peers() -> Result<PathBuf, Stop> {
     if read(&wanted).is_some() && read(&wanted) == read(&done) {
         return Ok(python);
     }
-    let system = ["python3", "python"].into_iter().find(|p| on_path(p) && fits(p));
-    let system = system.ok_or_else(|| Stop::Failed(NO_PYTHON.into()))?;
+    let system = system_python()?;
     let folder = home.to_string_lossy().into_owned();
     loudly(&mut command(system, &["-m", "venv", &folder])).map_err(|_| missing("venv"))?;
     let venv = python.to_string_lossy().into_owned();
@@ -78,6 +81,12 @@ fn peers() -> Result<PathBuf, Stop> {
     loudly(&mut command(&venv, &["-m", "pip", "install", "--quiet", "-r", WANTED]))?;
     std::fs::copy(&wanted, &done).map_err(|e| Stop::Failed(format!("{}: {e}", done.display())))?;
     Ok(python)
+}
+
+/// A Python of the system that is new enough.
+pub fn system_python() -> Result<&'static str, Stop> {
+    let found = ["python3", "python"].into_iter().find(|p| on_path(p) && fits(p));
+    found.ok_or_else(|| Stop::Failed(NO_PYTHON.into()))
 }
 
 /// Whether it is of a version for which all the pinned peers have wheels.

@@ -7,6 +7,7 @@ mod compare;
 mod demo;
 mod golden;
 mod run;
+mod scaling;
 mod setup;
 mod suite;
 mod vulkan;
@@ -24,6 +25,8 @@ usage: cargo xtask TASK
   bless          write the golden frames anew; then look at them
   compare        intima beside other programs: times, memory, accuracy, in out/compare/
                  (`compare --help` has the flags, tools/compare/README.md the rest)
+  scaling        threads, growth, memory and device beside their limits, in out/scaling/
+                 (`scaling --help` has the flags, tools/scaling/README.md the rest)
   setup          install a Vulkan loader and driver where none answer
   setup --test   the same, and what the tests need beside it
 ";
@@ -58,6 +61,7 @@ fn dispatch(args: &[&str]) -> Result<(), Stop> {
         ["check"] => check::check(),
         ["check", "--rules"] => check::rules(),
         ["compare", rest @ ..] => compare::compare(rest),
+        ["scaling", rest @ ..] => scaling::scaling(rest),
         ["bless"] => golden::bless(),
         ["setup"] => setup::setup(setup::For::Running),
         ["setup", "--test"] => setup::setup(setup::For::Testing),
