@@ -46,6 +46,7 @@ fn wgsl_files(dir: &Path) -> Vec<PathBuf> {
 struct Built {
     stem: String,
     module: Module,
+    info: naga::valid::ModuleInfo,
     spirv: Vec<u32>,
 }
 
@@ -69,7 +70,7 @@ impl Built {
         let spirv = naga::back::spv::write_vec(&module, &info, &spirv_options(), None)
             .unwrap_or_else(|e| panic!("{name}: {e}"));
         let stem = path.file_stem().and_then(|s| s.to_str()).expect("UTF-8 name").to_owned();
-        Self { stem, module, spirv }
+        Self { stem, module, info, spirv }
     }
 
     fn write_spirv(&self, out: &Path, prefix: &str) {
@@ -105,7 +106,7 @@ impl Built {
         let mut bindings = Vec::new();
         let mut params = String::new();
         let mut params_size = 0;
-        for (_, var) in self.module.global_variables.iter() {
+        for (handle, var) in self.module.global_variables.iter() {
             match var.space {
                 AddressSpace::Storage { access } => {
                     let slot = var.binding.as_ref().unwrap_or_else(|| {
@@ -117,7 +118,9 @@ impl Built {
                         panic!("{}: `{name}` is not an array", self.stem)
                     };
                     let writable = access.contains(StorageAccess::STORE);
-                    bindings.push((slot.binding, name, self.rust_type(base), writable));
+                    let read =
+                        self.info.get_entry_point(0)[handle].contains(naga::valid::GlobalUse::READ);
+                    bindings.push((slot.binding, name, self.rust_type(base), writable, read));
                 }
                 AddressSpace::Immediate => {
                     (params, params_size) = self.params(var.ty);
@@ -138,8 +141,11 @@ impl Built {
         let mut list = String::new();
         let (mut fields, mut ids, mut slices, mut opens) =
             (String::new(), String::new(), String::new(), String::new());
-        for (i, name, ty, writable) in &bindings {
-            let _ = write!(list, "Binding {{ name: \"{name}\", writable: {writable} }}, ");
+        for (i, name, ty, writable, read) in &bindings {
+            let _ = write!(
+                list,
+                "Binding {{ name: \"{name}\", writable: {writable}, read: {read} }}, "
+            );
             let _ = write!(fields, "pub {name}: Buf<{ty}>, ");
             let _ = write!(ids, "self.{name}.id(), ");
             let (m, open) = if *writable { ("mut ", "write") } else { ("", "read") };

@@ -4,6 +4,7 @@ use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 
 use bytemuck::Pod;
+use rayon::prelude::*;
 
 /// Untyped storage aligned for every buffer element (at most 8 bytes), allocated zeroed by the
 /// system, so that untouched pages cost nothing.
@@ -13,6 +14,15 @@ pub(super) struct Storage(Vec<u64>);
 impl Storage {
     pub fn zeroed(bytes: usize) -> Self {
         Self(vec![0; bytes.div_ceil(8)])
+    }
+    /// Writes to every page, so that the system gives each memory of its own at once. A fresh page
+    /// that is read first is a shared one of zeros; the first write to it must then be announced to
+    /// every core that runs this program, which costs more than the work of many kernels.
+    pub fn touch(&mut self) {
+        const PAGE: usize = 4096 / 8; // the least there is; larger ones are touched more than once
+        self.0.par_chunks_mut(64 * PAGE).for_each(|words| {
+            words.iter_mut().step_by(PAGE).for_each(|w| *w = std::hint::black_box(0));
+        });
     }
     pub fn from_bytes(bytes: &[u8]) -> Self {
         let mut s = Self::zeroed(bytes.len());
@@ -74,5 +84,19 @@ impl<T: Pod> DerefMut for Array<T> {
 impl<T: Pod + std::fmt::Debug> std::fmt::Debug for Array<T> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Array(len {})", self.len)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Storage;
+
+    #[test]
+    fn zeros_that_were_touched_are_zeros() {
+        for bytes in [0, 1, 4096, 300_001] {
+            let mut s = Storage::zeroed(bytes);
+            s.touch();
+            assert_eq!(s.typed::<u8>(bytes), vec![0; bytes], "{bytes} bytes");
+        }
     }
 }

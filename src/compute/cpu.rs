@@ -94,7 +94,11 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
             let bytes = plan.buffers()[at].bytes;
             let slot = &mut held[at];
             if slot.is_none() {
-                *slot = Some(Held::Own(Storage::zeroed(bytes)));
+                let mut zeros = Storage::zeroed(bytes);
+                if binding.writable && binding.read {
+                    zeros.touch();
+                }
+                *slot = Some(Held::Own(zeros));
             }
             writes.push(if binding.writable {
                 let own = match slot.take() {

@@ -9,6 +9,8 @@ pub struct Binding {
     pub name: &'static str,
     /// Whether the shader may write it. Nothing else of the launch may then bind the same buffer.
     pub writable: bool,
+    /// Whether the shader reads it, as naga found.
+    pub read: bool,
 }
 
 /// A compiled compute shader, as reflected from its WGSL by the build script.

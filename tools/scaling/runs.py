@@ -44,12 +44,15 @@ class Intima:
         """A place for a file."""
         return self.out / "files" / name
 
-    def run(self, *command):
-        """Runs a command with `--json`. Its peak is what the system counted, not what it says itself."""
+    def run(self, *command, cache=None):
+        """Runs a command with `--json`. Its peak is what the system counted, not what it says itself.
+
+        `cache` is a folder in place of the user's cache."""
         line = [str(self.program), *map(str, command), "--json"]
+        environment = os.environ | ({"XDG_CACHE_HOME": str(Path(cache).resolve())} if cache else {})
         with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as errors:
             began = time.perf_counter()
-            child = subprocess.Popen(line, stdout=said, stderr=errors)
+            child = subprocess.Popen(line, stdout=said, stderr=errors, env=environment)
             _, status, used = os.wait4(child.pid, 0)
             wall = time.perf_counter() - began
             child.returncode = os.waitstatus_to_exitcode(status)
