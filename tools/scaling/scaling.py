@@ -9,6 +9,7 @@ import os
 import platform
 import subprocess
 import sys
+import time
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -75,14 +76,36 @@ def main():
                            "detail": detail})
             print(line(checks[-1]), flush=True)
 
+        before = busy()
         PARTS[part](intima, args, check)
+        others = elsewhere(before)
         found["machine"]["load_end"] = os.getloadavg()[0]
+        if others is not None:
+            check("cores that other programs took", others, "", None, "not quiet: read the fastest" if others > 0.2 else "quiet")
         (args.out / "results.json").write_text(json.dumps(found | {"checks": checks}, indent=1))
         table.write_text(markdown(found, checks))
     missed = [c for c in checks if c["held"] is False]
     judged = [c for c in checks if c["held"] is not None]
     print(f"\n{len(judged) - len(missed)} of {len(judged)} limits hold; {table}")
     return 1 if missed else 0
+
+
+def busy():
+    """Seconds: now, of all cores at work since the start (`None` where the system does not say), of our programs."""
+    stat = Path("/proc/stat")
+    spent = stat.read_text().split("\n", 1)[0].split()[1:] if stat.exists() else []
+    own = sum(os.times()[:4])
+    ticks = sum(map(int, spent[:8])) - sum(map(int, spent[3:5]))  # all but idle and waiting
+    return time.monotonic(), ticks / os.sysconf("SC_CLK_TCK") if spent else None, own
+
+
+def elsewhere(before):
+    """Cores that other programs took since then, on average."""
+    now = busy()
+    if now[1] is None:
+        return None
+    wall, all_cores, own = (b - a for a, b in zip(before, now))
+    return max(0.0, (all_cores - own) / wall)
 
 
 VERDICT = {True: "holds", False: "MISSED", None: ""}
