@@ -11,7 +11,7 @@ use crate::device::{Device, DeviceChoice};
 use crate::field::Response;
 use crate::kernels;
 use crate::lumen::{Lumen, Recipe, Window};
-use crate::pipeline::bench::{CopyRate, copy_rate};
+use crate::pipeline::copy::{CopyRate, copy_rate};
 use crate::pipeline::{
     Clock, Settings, Stage, SurfaceOptions, centered, distance_field, fields, hessian_field,
     peak_memory_mb, wall,

@@ -1,9 +1,9 @@
 //! The chain as calls: stages build plans, this room runs them on a device, reads back and goes
 //! on. It also keeps the stage clock, the memory estimate and the report.
 
-pub mod bench;
 mod chain;
 mod clock;
+pub mod copy;
 pub mod detail;
 mod error;
 mod fields;
