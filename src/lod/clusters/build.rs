@@ -1,11 +1,14 @@
 //! From a mesh to its clusters, level by level.
 
+use std::collections::VecDeque;
+
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::back::{Earlier, Fine};
 use super::cover::{Target, Worked};
 use super::halve::halve;
-use super::measure::{Draft, Fine, Measure, Original};
+use super::measure::{Draft, Measure, Original};
 use super::partition::{self, Bordered};
 use super::{Cluster, ClusterError, Clusters, Group, NONE};
 use crate::geometry::{Mesh, Vertex};
@@ -29,19 +32,23 @@ const ROUNDING: f64 = 1e-9;
 const RESOLUTION: f64 = 6e-8;
 
 /// Where all vertices are, first the original's.
-struct Places {
+pub struct Places {
     /// Of each, LPS mm.
-    positions: Vec<Vec3>,
+    pub positions: Vec<Vec3>,
+    /// Unit normals.
+    pub normals: Vec<Vec3>,
     /// An original face at or near each.
-    face_at: Vec<u32>,
+    pub face_at: Vec<u32>,
+    /// Of those that moved, the vertex each was before; else [`NONE`].
+    pub before: Vec<u32>,
 }
 
 /// What became of a group.
 struct Made {
     /// Ids from the number of vertices there were upwards are places in `moved`.
     outputs: Vec<Draft>,
-    /// Vertices that went to better places, and an original face near each.
-    moved: Vec<(Vertex, u32)>,
+    /// Vertices that went to better places, an original face near each, and what it was.
+    moved: Vec<(Vertex, u32, u32)>,
     error: f64,
     angle: f64,
     edge: f32,
@@ -80,7 +87,13 @@ impl Clusters {
             worked: &Worked::default(),
         };
         let original = Original { target };
-        let mut places = Places { positions: mesh.positions.clone(), face_at };
+        let mut places = Places {
+            positions: mesh.positions.clone(),
+            normals: normals.clone(),
+            face_at,
+            before: vec![NONE; vertices.len()],
+        };
+        let mut earlier = VecDeque::new();
         let mut this = Self {
             vertices: vertices.to_vec(),
             own_vertices: vertices.len(),
@@ -97,7 +110,12 @@ impl Clusters {
         }
         while live.len() > 1 {
             let before = this.groups.len();
-            live = this.level(live, &original, &mut places, lock);
+            let known = places.positions.len();
+            if !this.groups.is_empty() {
+                earlier.push_back(Earlier::new(live.iter().map(|l| &l.1), known));
+            }
+            let ask = if earlier.len() > 2 { earlier.pop_front() } else { None };
+            live = this.level(live, &original, &mut places, ask.as_ref(), lock);
             if this.groups.len() == before {
                 break;
             }
@@ -131,6 +149,7 @@ impl Clusters {
         live: Vec<(u32, Draft)>,
         original: &Original<'_>,
         places: &mut Places,
+        earlier: Option<&Earlier>,
         lock: bool,
     ) -> Vec<(u32, Draft)> {
         let bordered: Vec<Bordered> = live
@@ -163,7 +182,7 @@ impl Clusters {
                 let floor = floor.map(|g| g.map_or(0.0, |g| f64::from(g.error_mm)));
                 let drafts: Vec<&Draft> = g.iter().map(|c| &live[*c as usize].1).collect();
                 let floor = floor.fold(0.0, f64::max);
-                simplify(&drafts, floor, &locked, original, places, &self.vertices)
+                simplify(&drafts, floor, &locked, original, places, earlier, &self.vertices)
             })
             .collect();
         let mut next = Vec::new();
@@ -177,10 +196,12 @@ impl Clusters {
             let shift = self.vertices.len() as u32 - known;
             let ids = made.outputs.iter_mut().flat_map(|d| &mut d.vertices);
             ids.filter(|v| **v >= known).for_each(|v| *v += shift);
-            for (vertex, face) in &made.moved {
+            for (vertex, face, before) in &made.moved {
                 self.vertices.push(*vertex);
                 places.positions.push(vertex.position());
+                places.normals.push(vertex.normal());
                 places.face_at.push(*face);
+                places.before.push(*before);
             }
             let inputs: Vec<u32> = taken.map(|l| l.0).collect();
             let id = self.add_group(&inputs, &made, &places.positions);
@@ -349,6 +370,7 @@ fn simplify(
     locked: &[bool],
     original: &Original<'_>,
     places: &Places,
+    earlier: Option<&Earlier>,
     vertices: &[Vertex],
 ) -> Option<Made> {
     let mut own: Vec<u32> = inputs.iter().flat_map(|d| d.vertices.iter().copied()).collect();
@@ -380,7 +402,7 @@ fn simplify(
         let (vertex, face) = original.vertex(p, places.face_at[own[v] as usize], vertices);
         (positions[v], normals[v]) = (p, vertex.normal());
         ids[v] = (vertices.len() + moved.len()) as u32;
-        moved.push((vertex, face));
+        moved.push((vertex, face, own[v]));
     }
     // Coarse faces, cluster after cluster.
     let faces: Vec<[u32; 3]> = halved.faces.iter().map(|f| f.map(u32::from)).collect();
@@ -464,7 +486,10 @@ fn simplify(
         target: Target { worked: &Worked::new(&fine_target), ..fine_target },
         known: inputs.iter().flat_map(|d| d.back.iter().copied()).collect(),
         face_at: fine_at,
-        original_at: own.iter().map(|v| places.face_at[*v as usize]).collect(),
+        ids: &own,
+        places,
+        earlier,
+        coarse_at: (0..own.len()).map(|v| stands(v as u32)).collect(),
     };
     let (bound, back) = measure.back(bound, &fine);
     for ((cluster, _), b) in owner.iter().zip(back) {

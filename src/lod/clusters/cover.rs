@@ -6,7 +6,7 @@ use super::partition::NONE;
 use crate::mesh::Nearest;
 
 /// Corners of a piece, at most.
-const CORNERS: usize = 8;
+pub const CORNERS: usize = 8;
 /// Cuts behind each other, at most: near a corner the planes of its edges do not quite meet, and a
 /// piece could be handed around.
 const CUTS: u32 = 16;
@@ -100,13 +100,83 @@ pub struct Near {
     pub weights: [f64; 3],
 }
 
+/// A triangle and what the nearest place on it takes.
+#[derive(Clone, Copy)]
+pub struct Known {
+    corners: [DVec3; 3],
+    ab: DVec3,
+    ac: DVec3,
+    /// Products of the two sides.
+    bb: f64,
+    bc: f64,
+    cc: f64,
+}
+
+impl Known {
+    /// Of a triangle.
+    #[inline]
+    pub fn new([a, b, c]: [DVec3; 3]) -> Self {
+        let (ab, ac) = (b - a, c - a);
+        let (bb, bc, cc) = (ab.dot(ab), ab.dot(ac), ac.dot(ac));
+        Self { corners: [a, b, c], ab, ac, bb, bc, cc }
+    }
+
+    /// Nearest place (Ericson 2005, Real-Time Collision Detection, 5.1.5).
+    #[inline]
+    pub fn nearest(&self, p: DVec3) -> Near {
+        let ap = p - self.corners[0];
+        let put = |w: [f64; 3]| {
+            let q = self.ab * w[1] + self.ac * w[2];
+            Near { d2: ap.distance_squared(q), weights: w }
+        };
+        let (d1, d2) = (self.ab.dot(ap), self.ac.dot(ap));
+        if d1 <= 0.0 && d2 <= 0.0 {
+            return put([1.0, 0.0, 0.0]);
+        }
+        let (d3, d4) = (d1 - self.bb, d2 - self.bc);
+        if d3 >= 0.0 && d4 <= d3 {
+            return put([0.0, 1.0, 0.0]);
+        }
+        let vc = d1 * d4 - d3 * d2;
+        if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+            let v = d1 / (d1 - d3).max(f64::MIN_POSITIVE);
+            return put([1.0 - v, v, 0.0]);
+        }
+        let (d5, d6) = (d1 - self.bc, d2 - self.cc);
+        if d6 >= 0.0 && d5 <= d6 {
+            return put([0.0, 0.0, 1.0]);
+        }
+        let vb = d5 * d2 - d1 * d6;
+        if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+            let w = d2 / (d2 - d6).max(f64::MIN_POSITIVE);
+            return put([1.0 - w, 0.0, w]);
+        }
+        let va = d3 * d6 - d5 * d4;
+        if va <= 0.0 && d4 >= d3 && d5 >= d6 {
+            let w = (d4 - d3) / ((d4 - d3) + (d5 - d6)).max(f64::MIN_POSITIVE);
+            return put([0.0, 1.0 - w, w]);
+        }
+        let sum = va + vb + vc;
+        if sum.is_nan() || sum <= 0.0 {
+            // No area: one of the corners, which is not nearer than the nearest place.
+            let d = self.corners.map(|q| q.distance_squared(p));
+            let k = (0..3).fold(0, |k, i| if d[i] < d[k] { i } else { k });
+            let mut weights = [0.0; 3];
+            weights[k] = 1.0;
+            return Near { d2: d[k], weights };
+        }
+        let (v, w) = (vb / sum, vc / sum);
+        put([1.0 - v - w, v, w])
+    }
+}
+
 /// A plane on an edge of a face, towards the face beside it: outward unit normal, and a point.
 pub type Wall = Option<(DVec3, DVec3)>;
 
 /// What is asked of faces again and again, worked out once.
 #[derive(Default)]
 pub struct Worked {
-    corners: Vec<[DVec3; 3]>,
+    faces: Vec<Known>,
     walls: Vec<[Wall; 3]>,
 }
 
@@ -115,7 +185,7 @@ impl Worked {
     pub fn new(target: &Target<'_>) -> Self {
         let all = 0..target.faces.len() as u32;
         Self {
-            corners: all.clone().map(|f| target.corners(f)).collect(),
+            faces: all.clone().map(|f| Known::new(target.corners(f))).collect(),
             walls: all.map(|f| [0, 1, 2].map(|k| target.wall(f, k))).collect(),
         }
     }
@@ -140,65 +210,30 @@ pub struct Target<'a> {
 
 impl Target<'_> {
     #[inline]
-    fn corners(&self, face: u32) -> [DVec3; 3] {
-        if let Some(c) = self.worked.corners.get(face as usize) {
-            return *c;
+    pub fn corners(&self, face: u32) -> [DVec3; 3] {
+        if let Some(c) = self.worked.faces.get(face as usize) {
+            return c.corners;
         }
         self.faces[face as usize].map(|v| self.positions[v as usize].as_dvec3())
     }
 
-    /// Nearest place of a face (Ericson 2005, Real-Time Collision Detection, 5.1.5).
+    /// Nearest place of a face.
+    #[inline]
     pub fn nearest(&self, face: u32, p: DVec3) -> Near {
-        let [a, b, c] = self.corners(face);
-        let (ab, ac, ap) = (b - a, c - a, p - a);
-        let put = |w: [f64; 3]| {
-            let q = ab * w[1] + ac * w[2];
-            Near { d2: ap.distance_squared(q), weights: w }
-        };
-        let (d1, d2) = (ab.dot(ap), ac.dot(ap));
-        if d1 <= 0.0 && d2 <= 0.0 {
-            return put([1.0, 0.0, 0.0]);
+        match self.worked.faces.get(face as usize) {
+            Some(f) => f.nearest(p),
+            None => Known::new(self.corners(face)).nearest(p),
         }
-        let bp = p - b;
-        let (d3, d4) = (ab.dot(bp), ac.dot(bp));
-        if d3 >= 0.0 && d4 <= d3 {
-            return put([0.0, 1.0, 0.0]);
-        }
-        let vc = d1 * d4 - d3 * d2;
-        if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-            let v = d1 / (d1 - d3);
-            return put([1.0 - v, v, 0.0]);
-        }
-        let cp = p - c;
-        let (d5, d6) = (ab.dot(cp), ac.dot(cp));
-        if d6 >= 0.0 && d5 <= d6 {
-            return put([0.0, 0.0, 1.0]);
-        }
-        let vb = d5 * d2 - d1 * d6;
-        if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-            let w = d2 / (d2 - d6);
-            return put([1.0 - w, 0.0, w]);
-        }
-        let va = d3 * d6 - d5 * d4;
-        if va <= 0.0 && d4 >= d3 && d5 >= d6 {
-            let w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
-            return put([0.0, 1.0 - w, w]);
-        }
-        let sum = va + vb + vc;
-        if sum.is_nan() || sum <= 0.0 {
-            // No area: one of the corners, which is not nearer than the nearest place.
-            let d = [a, b, c].map(|q| q.distance_squared(p));
-            let k = (0..3).fold(0, |k, i| if d[i] < d[k] { i } else { k });
-            let mut weights = [0.0; 3];
-            weights[k] = 1.0;
-            return Near { d2: d[k], weights };
-        }
-        let (v, w) = (vb / sum, vc / sum);
-        put([1.0 - v - w, v, w])
     }
 
     /// Goes from face to face as long as that brings it nearer to `p`.
     pub fn walk(&self, from: u32, p: DVec3) -> u32 {
+        self.walked(from, p).0
+    }
+
+    /// [`Self::walk`] with the place on the face where it ends.
+    #[inline]
+    pub fn walked(&self, from: u32, p: DVec3) -> (u32, Near) {
         let mut face = from;
         let mut here = self.nearest(face, p);
         for _ in 0..10_000 {
@@ -215,7 +250,7 @@ impl Target<'_> {
             let Some((f, near)) = next else { break };
             (face, here) = (f, near);
         }
-        face
+        (face, here)
     }
 
     /// A face nearer than `d2` across edge `k`, or, where the nearest place is a corner, among
@@ -251,14 +286,6 @@ impl Target<'_> {
     fn farthest(&self, face: u32, piece: &Piece) -> f64 {
         let d2 = piece.corners().iter().map(|p| self.nearest(face, *p).d2);
         d2.fold(0.0, f64::max).sqrt()
-    }
-
-    /// The face that a triangle is within `bound` of as a whole, if the walk from `start` finds one:
-    /// what [`Self::cover`] tries first, as most need no more.
-    pub fn near(&self, corners: [DVec3; 3], start: u32, bound: f64) -> Option<u32> {
-        let face = self.walk(start, corners.iter().sum::<DVec3>() / 3.0);
-        let within = |p: &DVec3| self.nearest(face, *p).d2 <= bound * bound;
-        corners.iter().all(within).then_some(face)
     }
 
     /// Cuts a piece up, gives each part a face near it, and raises `bound` (mm) to the largest

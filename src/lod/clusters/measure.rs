@@ -3,8 +3,9 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::build::up;
 use super::cover::{Piece, Target};
+use super::lay::{Landing, Round};
+use super::partition::NONE;
 use crate::geometry::Vertex;
 
 /// Pieces of the original measured by one task.
@@ -87,6 +88,25 @@ impl Original<'_> {
     }
 }
 
+/// Where vertices landed, as far as there is room to remember it.
+struct Landings(Vec<(u32, Landing)>);
+
+impl Landings {
+    fn new(faces: usize) -> Self {
+        let none = (NONE, Landing { face: NONE, d2: f64::INFINITY });
+        Self(vec![none; faces.next_power_of_two().clamp(64, 4096)])
+    }
+
+    fn of(&mut self, v: u32, work: impl FnOnce() -> Landing) -> Landing {
+        let mask = self.0.len() as u32 - 1;
+        let slot = &mut self.0[(v.wrapping_mul(0x9E37_79B1) >> 16 & mask) as usize];
+        if slot.0 != v {
+            *slot = (v, work());
+        }
+        slot.1
+    }
+}
+
 /// What one task measured.
 pub struct Found {
     /// Largest distance, mm.
@@ -114,18 +134,6 @@ pub struct Measure<'a> {
     pub original: &'a Original<'a>,
     /// Output cluster of each coarse face, and its place there.
     pub owner: &'a [(u16, u8)],
-}
-
-/// The fine faces of a group, as the way from the coarse ones back to the original.
-pub struct Fine<'a> {
-    /// The faces; the tree is not asked.
-    pub target: Target<'a>,
-    /// For each, how far any point of it is from the original at most, mm.
-    pub known: Vec<f32>,
-    /// One of the faces at each vertex.
-    pub face_at: Vec<u32>,
-    /// An original face near each vertex.
-    pub original_at: Vec<u32>,
 }
 
 impl Measure<'_> {
@@ -156,16 +164,21 @@ impl Measure<'_> {
     pub fn towards(&self, d: &Draft, start: &[u32], bound: f64) -> Vec<Found> {
         let whole = d.whole.par_chunks(TASK).map(|own| {
             let mut found = Found::new(bound);
+            let mut round = Round::default();
+            let mut known = Landings::new(own.len());
             let mut last = None;
             for &(face, triangle) in own {
                 let corners = self.original.corners(face);
                 let start = last.unwrap_or(start[usize::from(triangle)]);
-                if let Some(t) = self.target.near(corners, start, found.bound) {
-                    last = Some(t);
-                    let (cluster, triangle) = self.owner[t as usize];
-                    found.whole.push((cluster, (face, triangle)));
-                    self.shade(face, t, &corners, &mut found);
-                } else {
+                let mut from = start;
+                let lands = [0, 1, 2].map(|k| {
+                    let v = self.original.target.faces[face as usize][k];
+                    let land = known.of(v, || self.target.land(from, corners[k]));
+                    from = land.face;
+                    land
+                });
+                last = Some(from);
+                if !self.lay(face, &corners, &lands, true, &mut round, &mut found) {
                     last = None;
                     self.one(face, &Piece::new(&corners), start, true, &mut found);
                 }
@@ -174,13 +187,94 @@ impl Measure<'_> {
         });
         let parts = d.parts.par_chunks(TASK).map(|own| {
             let mut found = Found::new(bound);
+            let mut round = Round::default();
+            let mut lands = Vec::new();
             for p in own {
-                let piece = Piece::new(&p.corners);
-                self.one(p.face, &piece, start[usize::from(p.triangle)], false, &mut found);
+                let start = start[usize::from(p.triangle)];
+                let mut from = start;
+                lands.clear();
+                lands.extend(p.corners.iter().map(|c| {
+                    let land = self.target.land(from, *c);
+                    from = land.face;
+                    land
+                }));
+                if !self.lay(p.face, &p.corners, &lands, false, &mut round, &mut found) {
+                    self.one(p.face, &Piece::new(&p.corners), start, false, &mut found);
+                }
             }
             found
         });
         whole.chain(parts).collect()
+    }
+
+    /// Lays a piece of an original face upon the coarse faces if it is within the bound as it is:
+    /// whether it was. `lands`: of its corners.
+    fn lay(
+        &self,
+        face: u32,
+        corners: &[DVec3],
+        lands: &[Landing],
+        whole: bool,
+        round: &mut Round,
+        found: &mut Found,
+    ) -> bool {
+        let limit2 = found.bound * found.bound;
+
+        if !lands.iter().all(|l| l.d2 <= limit2) {
+            return false;
+        }
+        // Most lie near one face as a whole.
+        let within = |l: &Landing| {
+            let near = |(c, o): (&DVec3, &Landing)| {
+                o.face == l.face || self.target.nearest(l.face, *c).d2 <= limit2
+            };
+            corners.iter().zip(lands).all(near)
+        };
+        let mut tried = NONE;
+        for l in lands {
+            if l.face != tried && within(l) {
+                self.put(face, l.face, corners, whole, found);
+                self.shade(face, l.face, corners, found);
+                return true;
+            }
+            tried = l.face;
+        }
+        round.crossings.clear();
+        for (k, l) in lands.iter().enumerate() {
+            let j = (k + 1) % lands.len();
+            let (from, to) = ((corners[k], l.face), (corners[j], lands[j].face));
+            if !self.target.lead(k as u8, from, to, limit2, round) {
+                return false;
+            }
+        }
+        if self.target.closes(corners, limit2, round).is_none() {
+            return false;
+        }
+        let first = lands[0].face;
+        let cluster = |t: u32| self.owner[t as usize].0;
+        if round.crossings.iter().all(|c| cluster(c.1.to) == cluster(first)) {
+            self.put(face, first, corners, whole, found);
+        } else if round.split(corners, first, cluster) {
+            for p in &round.parts {
+                self.put(face, p.0, &p.1, false, found);
+            }
+        } else {
+            return false;
+        }
+        if face.is_multiple_of(SHADING_SAMPLE) {
+            let t = self.target.walk(first, Piece::new(corners).centre());
+            self.shade(face, t, corners, found);
+        }
+        true
+    }
+
+    fn put(&self, face: u32, t: u32, corners: &[DVec3], whole: bool, found: &mut Found) {
+        let (cluster, triangle) = self.owner[t as usize];
+        if whole {
+            found.whole.push((cluster, (face, triangle)));
+        } else {
+            found.parts.push((cluster, Part { face, triangle, corners: corners.into() }));
+        }
     }
 
     fn one(&self, face: u32, piece: &Piece, start: u32, whole: bool, found: &mut Found) {
@@ -210,39 +304,6 @@ impl Measure<'_> {
                 found.parts.push((cluster, Part { face, triangle, corners }));
             }
         }
-    }
-
-    /// The coarse faces against the original: the largest distance, and that of each face. They
-    /// are first laid upon the finer ones, whose known distances add to that to those; where the
-    /// sum is too much, the original itself is asked.
-    pub fn back(&self, bound: f64, fine: &Fine<'_>) -> (f64, Vec<f32>) {
-        let one = |f: &[u32; 3], bound: &mut f64| {
-            let piece = Piece::new(&f.map(|v| self.target.positions[v as usize].as_dvec3()));
-            let mut far: f64 = 0.0;
-            let from = fine.face_at[f[0] as usize];
-            fine.target.part(&piece, from, &mut |t, part, away, _| {
-                let sum = away + f64::from(fine.known[t as usize]);
-                if sum <= *bound {
-                    far = far.max(sum);
-                    return;
-                }
-                let start = fine.original_at[fine.target.faces[t as usize][0] as usize];
-                self.original.target.cover(part, start, bound, |_, _, d, _| far = far.max(d));
-            });
-            up(far)
-        };
-        let tasks: Vec<(f64, Vec<f32>)> = self
-            .target
-            .faces
-            .par_chunks(256)
-            .map(|own| {
-                let mut bound = bound;
-                let far = own.iter().map(|f| one(f, &mut bound)).collect();
-                (bound, far)
-            })
-            .collect();
-        let bound = tasks.iter().map(|t| t.0).fold(bound, f64::max);
-        (bound, tasks.into_iter().flat_map(|t| t.1).collect())
     }
 
     /// Takes the shading of a piece of an original face on the coarse face `t` into account.

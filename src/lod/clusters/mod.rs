@@ -14,6 +14,7 @@
 //! doi:10.1145/1015706.1015802; Yoon et al. 2004). Ours: the error of a group is not a quadric's
 //! but a measured bound of the distance to the original, both ways ([`Group::error_mm`]).
 
+mod back;
 mod build;
 mod bytes;
 
@@ -21,6 +22,7 @@ mod cover;
 mod cut;
 mod error;
 mod halve;
+mod lay;
 mod measure;
 mod partition;
 
