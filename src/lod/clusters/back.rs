@@ -227,21 +227,22 @@ impl Measure<'_> {
             }
             led.push(sides);
             let own = f.map(|v| lands[v as usize]);
-            let mut far2 = own.iter().map(|l| l.d2).fold(0.0, f64::max);
             let corners = f.map(at);
-            let whole = sides.iter().all(Option::is_some) && far2 <= limit2;
+            let whole = sides.iter().all(Option::is_some) && own.iter().all(|l| l.d2 <= limit2);
             let laid = whole.then(|| coarse.closes(&corners, limit2, &mut round)).flatten();
-            far2 = far2.max(laid.unwrap_or(0.0));
-            let sum = far2.sqrt() + f64::from(fine.known[i as usize]);
+            let known = f64::from(fine.known[i as usize]);
             let mut over = |t: u32| {
-                let t = t as usize;
-                if laid.is_none() {
-                    barrier[t] = true;
-                } else if sum > bound {
-                    high[t] = true;
-                } else {
-                    far[t] = far[t].max(sum);
-                }
+                let Some(middle) = laid else {
+                    barrier[t as usize] = true;
+                    return;
+                };
+                // What is on this face: corners, and crossings of its edges.
+                let lie = own.iter().filter(|l| l.face == t).map(|l| l.d2);
+                let cross = round.crossings.iter().filter(|c| c.1.from == t || c.1.to == t);
+                let far2 = lie.chain(cross.map(|c| c.1.d2)).fold(middle, f64::max);
+                let sum = far2.sqrt() + known;
+                high[t as usize] |= sum > bound;
+                far[t as usize] = far[t as usize].max(sum);
             };
             own.iter().for_each(|l| over(l.face));
             round.crossings.iter().for_each(|c| over(c.1.to));

@@ -237,6 +237,9 @@ impl Target<'_> {
         let mut face = from;
         let mut here = self.nearest(face, p);
         for _ in 0..10_000 {
+            if here.d2 == 0.0 {
+                break;
+            }
             let zeros = here.weights.map(|w| w <= 0.0);
             // Edge k is opposite corner k + 2.
             let mut next = None;

@@ -169,7 +169,7 @@ pub fn halve(at: Vec<DVec3>, faces: Vec<[u16; 3]>, locked: &[bool], target: usiz
 
 impl<'a> Soup<'a> {
     fn new(at: Vec<DVec3>, faces: Vec<[u16; 3]>, locked: &'a [bool]) -> Self {
-        let mut of = vec![Vec::with_capacity(8); at.len()];
+        let mut of: Vec<Vec<u16>> = at.iter().map(|_| Vec::with_capacity(8)).collect();
         let mut quadric = vec![Quadric::default(); at.len()];
         let cross = |f: &[u16; 3]| {
             let [a, b, c] = f.map(|v| at[v as usize]);

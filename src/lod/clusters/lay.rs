@@ -154,7 +154,7 @@ impl Target<'_> {
     }
 
     /// Leads the side from `p`, near face `from`, to `q`, near face `to`, over edges within
-    /// √`limit2` of it, by the fewest; adds them to `round`. Whether there is a way.
+    /// √`limit2` of it, by few of them; adds them to `round`. Whether there is a way.
     pub fn lead(
         &self,
         side: u8,
@@ -171,6 +171,23 @@ impl Target<'_> {
             if c.d2 <= limit2 {
                 round.crossings.push((side, c));
                 return true;
+            }
+        }
+        // Most others have a vertex in common, and one face between them.
+        for k in 0..3 {
+            let middle = self.beside[from as usize][k];
+            if middle == NONE {
+                continue;
+            }
+            if let Some(j) = (0..3).find(|j| self.beside[middle as usize][*j] == to) {
+                let c = self.crossing(from, k, p, q);
+                if c.d2 <= limit2 {
+                    let d = self.crossing(middle, j, p, q);
+                    if d.d2 <= limit2 {
+                        round.crossings.extend([(side, c), (side, d)]);
+                        return true;
+                    }
+                }
             }
         }
         let way = &mut round.way;
@@ -208,14 +225,11 @@ impl Target<'_> {
     }
 
     /// Whether a piece whose sides have been led lies over the faces that they were led across as
-    /// a whole: then the largest squared distance of its sides' crossings and of the vertex that
-    /// they go around, if they do.
+    /// a whole: then the squared distance of the vertex that they go around, nought if none.
     pub fn closes(&self, corners: &[DVec3], limit2: f64, round: &mut Round) -> Option<f64> {
         let open = &mut round.open;
         open.clear();
-        let mut far2: f64 = 0.0;
         for (_, c) in &round.crossings {
-            far2 = far2.max(c.d2);
             if open.last().is_some_and(|last| last.undoes(c)) {
                 open.pop();
             } else {
@@ -228,12 +242,12 @@ impl Target<'_> {
         {
             rest = middle;
         }
-        let Some(first) = rest.first() else { return Some(far2) };
+        let Some(first) = rest.first() else { return Some(0.0) };
         let around = first.edge.into_iter().find(|v| rest.iter().all(|c| c.edge.contains(v)))?;
         let v = self.positions[around as usize].as_dvec3();
         let fan = corners.windows(2).skip(1);
         let d2 = fan.map(|w| nearest([corners[0], w[0], w[1]], v).d2).fold(f64::INFINITY, f64::min);
-        (d2 <= limit2).then_some(far2.max(d2))
+        (d2 <= limit2).then_some(d2)
     }
 }
 

@@ -164,6 +164,7 @@ impl Measure<'_> {
     pub fn towards(&self, d: &Draft, start: &[u32], bound: f64) -> Vec<Found> {
         let whole = d.whole.par_chunks(TASK).map(|own| {
             let mut found = Found::new(bound);
+            found.whole.reserve(own.len());
             let mut round = Round::default();
             let mut known = Landings::new(own.len());
             let mut last = None;
@@ -187,6 +188,7 @@ impl Measure<'_> {
         });
         let parts = d.parts.par_chunks(TASK).map(|own| {
             let mut found = Found::new(bound);
+            found.parts.reserve(own.len());
             let mut round = Round::default();
             let mut lands = Vec::new();
             for p in own {
