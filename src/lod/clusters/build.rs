@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::back::{Earlier, Fine};
 use super::cover::{Target, Worked};
 use super::halve::halve;
-use super::measure::{Draft, Measure, Original};
+use super::measure::{Draft, Measure, Original, Parts};
 use super::partition::{self, Bordered};
 use super::{Cluster, ClusterError, Clusters, Group, NONE};
 use crate::geometry::{Mesh, Vertex};
@@ -312,7 +312,7 @@ fn draft(faces: &[[u32; 3]]) -> Draft {
     let vertices = vertices_of(faces.iter().copied());
     let place = |v: u32| vertices.binary_search(&v).unwrap_or(0) as u8;
     let triangles = faces.iter().map(|f| f.map(place)).collect();
-    Draft { triangles, vertices, whole: Vec::new(), parts: Vec::new(), back: Vec::new() }
+    Draft { triangles, vertices, whole: Vec::new(), parts: Parts::default(), back: Vec::new() }
 }
 
 /// Each vertex once, ascending.
@@ -460,12 +460,7 @@ fn simplify(
             bound = bound.max(found.bound);
             turn += found.turn;
             area += found.area;
-            for (c, w) in found.whole {
-                outputs[usize::from(c)].whole.push(w);
-            }
-            for (c, p) in found.parts {
-                outputs[usize::from(c)].parts.push(p);
-            }
+            found.share(&mut outputs);
         }
     }
     outputs.iter_mut().for_each(|d| d.unite(original));

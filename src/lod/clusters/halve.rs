@@ -76,11 +76,73 @@ impl Quadric {
     }
 }
 
+/// Faces of each vertex, all in one place.
+struct Fans {
+    /// Where those of a vertex begin, how many there are, and how many there is room for.
+    place: Vec<(u32, u32, u32)>,
+    faces: Vec<u16>,
+}
+
+impl Fans {
+    fn new(vertices: usize, faces: &[[u16; 3]]) -> Self {
+        let mut place = vec![(0, 0, 0); vertices];
+        faces.iter().flatten().for_each(|v| place[usize::from(*v)].2 += 1);
+        let mut room = 0;
+        for p in &mut place {
+            // Half as many again, as a vertex takes on those of another.
+            p.2 += p.2 / 2;
+            p.0 = room;
+            room += p.2;
+        }
+        let mut this = Self { place, faces: vec![0; room as usize] };
+        for (f, i) in faces.iter().zip(0..) {
+            f.iter().for_each(|v| this.push(*v, i));
+        }
+        this
+    }
+
+    fn get(&self, v: u16) -> &[u16] {
+        let (first, count, _) = self.place[usize::from(v)];
+        &self.faces[first as usize..][..count as usize]
+    }
+
+    fn push(&mut self, v: u16, face: u16) {
+        let (first, count, room) = self.place[usize::from(v)];
+        let mut to = first as usize;
+        if count == room {
+            // Moves to the end.
+            to = self.faces.len();
+            self.faces.extend_from_within(first as usize..(first + count) as usize);
+            self.faces.resize(to + 2 * count as usize + 4, 0);
+            self.place[usize::from(v)] = (to as u32, count, 2 * count + 4);
+        }
+        self.faces[to + count as usize] = face;
+        self.place[usize::from(v)].1 += 1;
+    }
+
+    /// Takes a face out; the others stay in order.
+    fn remove(&mut self, v: u16, face: u16) {
+        let (first, count, _) = self.place[usize::from(v)];
+        let own = &mut self.faces[first as usize..][..count as usize];
+        if let Some(i) = own.iter().position(|f| *f == face) {
+            own.copy_within(i + 1.., i);
+            self.place[usize::from(v)].1 -= 1;
+        }
+    }
+
+    /// Leaves none; where they were.
+    fn take(&mut self, v: u16) -> std::ops::Range<usize> {
+        let p = &mut self.place[usize::from(v)];
+        let count = std::mem::take(&mut p.1);
+        p.0 as usize..(p.0 + count) as usize
+    }
+}
+
 struct Soup<'a> {
     at: Vec<DVec3>,
     faces: Vec<[u16; 3]>,
     /// Faces of each vertex; what is gone is taken out.
-    of: Vec<Vec<u16>>,
+    of: Fans,
     quadric: Vec<Quadric>,
     /// Marks of the vertices around the one under work, and which work.
     mark: Vec<(u32, u8)>,
@@ -169,7 +231,7 @@ pub fn halve(at: Vec<DVec3>, faces: Vec<[u16; 3]>, locked: &[bool], target: usiz
 
 impl<'a> Soup<'a> {
     fn new(at: Vec<DVec3>, faces: Vec<[u16; 3]>, locked: &'a [bool]) -> Self {
-        let mut of: Vec<Vec<u16>> = at.iter().map(|_| Vec::with_capacity(8)).collect();
+        let of = Fans::new(at.len(), &faces);
         let mut quadric = vec![Quadric::default(); at.len()];
         let cross = |f: &[u16; 3]| {
             let [a, b, c] = f.map(|v| at[v as usize]);
@@ -177,11 +239,10 @@ impl<'a> Soup<'a> {
         };
         let area = |f: &[u16; 3]| 0.5 * cross(f).length();
         let floor = faces.iter().map(area).sum::<f64>() / faces.len().max(1) as f64;
-        for (i, f) in faces.iter().enumerate() {
+        for f in &faces {
             let normal = cross(f).normalize_or_zero();
             let q = Quadric::plane(normal, at[f[0] as usize], area(f) + floor);
             for v in f.map(usize::from) {
-                of[v].push(i as u16);
                 quadric[v].add(&q);
             }
         }
@@ -198,7 +259,7 @@ impl<'a> Soup<'a> {
             for k in 0..3 {
                 let (u, v) = (f[k], f[(k + 1) % 3]);
                 let both = |g: &&u16| self.faces[**g as usize].contains(&v);
-                if self.of[u as usize].iter().filter(both).count() != 1 {
+                if self.of.get(u).iter().filter(both).count() != 1 {
                     continue;
                 }
                 let [a, b, c] = [u, v, f[(k + 2) % 3]].map(|v| self.at[v as usize]);
@@ -217,7 +278,7 @@ impl<'a> Soup<'a> {
         self.round += 1;
         self.ring.clear();
         let mut clean = true;
-        for &f in &self.of[u as usize] {
+        for &f in self.of.get(u) {
             let f = self.faces[f as usize];
             let k = f.iter().position(|v| *v == u).unwrap_or(0);
             for (v, side) in [(f[(k + 1) % 3], 1), (f[(k + 2) % 3], 2)] {
@@ -264,7 +325,7 @@ impl<'a> Soup<'a> {
     /// Whether the surface stays one, and no face turns over or becomes a needle. `ring` and marks
     /// are those of `u`.
     fn legal(&self, u: u16, v: u16) -> bool {
-        let of = |v: u16| self.of[v as usize].iter().map(|f| self.faces[*f as usize]);
+        let of = |v: u16| self.of.get(v).iter().map(|f| self.faces[*f as usize]);
         let (mut shared, mut dying) = (0, 0);
         for f in of(v) {
             if f.contains(&u) {
@@ -283,14 +344,14 @@ impl<'a> Soup<'a> {
                 }
             }
             // The face that u's last one would fall upon.
-            if near(a) && near(b) && self.of[u as usize].len() == 3 {
+            if near(a) && near(b) && self.of.get(u).len() == 3 {
                 return false;
             }
         }
         if shared > 0 || dying == 0 || dying > 2 {
             return false;
         }
-        if self.of[u as usize].len() + self.of[v as usize].len() > VALENCE_MAX + 2 * dying {
+        if self.of.get(u).len() + self.of.get(v).len() > VALENCE_MAX + 2 * dying {
             return false;
         }
         let to = self.at[v as usize];
@@ -322,7 +383,7 @@ impl<'a> Soup<'a> {
         let shortest = sides.fold(f64::INFINITY, f64::min).sqrt();
         let step = (held.inverse() * -slope).clamp_length_max(MOVE_MAX * shortest);
         let fits = |p: DVec3| {
-            self.of[v as usize].iter().all(|f| {
+            self.of.get(v).iter().all(|f| {
                 let f = self.faces[*f as usize];
                 let was = f.map(|w| self.at[w as usize]);
                 let is = f.map(|w| if w == v { p } else { self.at[w as usize] });
@@ -344,17 +405,18 @@ impl<'a> Soup<'a> {
     /// Moves the faces of `u` to `v`; how many went.
     fn collapse(&mut self, u: u16, v: u16) -> usize {
         let mut gone = 0;
-        for f in std::mem::take(&mut self.of[u as usize]) {
+        for i in self.of.take(u) {
+            let f = self.of.faces[i];
             let face = &mut self.faces[f as usize];
             if face.contains(&v) {
                 for w in *face {
-                    self.of[w as usize].retain(|g| *g != f);
+                    self.of.remove(w, f);
                 }
                 *face = [0; 3];
                 gone += 1;
             } else {
                 face.iter_mut().filter(|w| **w == u).for_each(|w| *w = v);
-                self.of[v as usize].push(f);
+                self.of.push(v, f);
             }
         }
         let q = self.quadric[u as usize];

@@ -14,13 +14,42 @@ const TASK: usize = 4096;
 const SHADING_SAMPLE: u32 = 8;
 
 /// Part of an original face that a cluster stands for.
+#[derive(Clone, Copy)]
 pub struct Part {
     /// The original's face id.
     pub face: u32,
+    /// Where its corners begin among all.
+    first: u32,
+    /// How many there are.
+    count: u8,
     /// Triangle of the cluster that it was near to.
     pub triangle: u8,
-    /// Its corners, mm.
-    pub corners: Box<[DVec3]>,
+}
+
+/// Parts of original faces.
+pub struct Parts<T> {
+    /// Each with what is to be known of it.
+    list: Vec<(T, Part)>,
+    /// Their corners, mm.
+    corners: Vec<DVec3>,
+}
+
+impl<T> Default for Parts<T> {
+    fn default() -> Self {
+        Self { list: Vec::new(), corners: Vec::new() }
+    }
+}
+
+impl<T> Parts<T> {
+    fn push(&mut self, of: T, face: u32, triangle: u8, corners: &[DVec3]) {
+        let (first, count) = (self.corners.len() as u32, corners.len() as u8);
+        self.corners.extend_from_slice(corners);
+        self.list.push((of, Part { face, first, count, triangle }));
+    }
+
+    fn corners(&self, part: &Part) -> &[DVec3] {
+        &self.corners[part.first as usize..][..usize::from(part.count)]
+    }
 }
 
 /// A cluster under work: with what it stands for.
@@ -32,7 +61,7 @@ pub struct Draft {
     /// Original faces that lie near one of its triangles as a whole, and which.
     pub whole: Vec<(u32, u8)>,
     /// Those that were cut.
-    pub parts: Vec<Part>,
+    pub parts: Parts<()>,
     /// For each triangle, how far any point of it is from the original at most, mm.
     pub back: Vec<f32>,
 }
@@ -53,19 +82,15 @@ pub struct Original<'a> {
 impl Draft {
     /// Puts faces together again of which all parts are here.
     pub fn unite(&mut self, original: &Original<'_>) {
-        self.parts.sort_by_key(|p| p.face);
-        let parts = std::mem::take(&mut self.parts);
-        let mut parts = parts.into_iter().peekable();
-        while let Some(first) = parts.next() {
-            let mut own = vec![first];
-            while let Some(p) = parts.next_if(|p| p.face == own[0].face) {
-                own.push(p);
-            }
-            let area: f64 = own.iter().map(|p| Piece::new(&p.corners).area()).sum();
-            if area > (1.0 - 1e-6) * Piece::new(&original.corners(own[0].face)).area() {
-                self.whole.push((own[0].face, own[0].triangle));
+        let mut list = std::mem::take(&mut self.parts.list);
+        list.sort_by_key(|p| p.1.face);
+        for own in list.chunk_by(|a, b| a.1.face == b.1.face) {
+            let Part { face, triangle, .. } = own[0].1;
+            let area = own.iter().map(|p| Piece::new(self.parts.corners(&p.1)).area());
+            if area.sum::<f64>() > (1.0 - 1e-6) * Piece::new(&original.corners(face)).area() {
+                self.whole.push((face, triangle));
             } else {
-                self.parts.extend(own);
+                self.parts.list.extend_from_slice(own);
             }
         }
     }
@@ -117,12 +142,23 @@ pub struct Found {
     /// By output cluster.
     pub whole: Vec<(u16, (u32, u8))>,
     /// The same of those that were cut.
-    pub parts: Vec<(u16, Part)>,
+    pub parts: Parts<u16>,
 }
 
 impl Found {
+    /// Hands what was found to the clusters that stand for it.
+    pub fn share(&self, among: &mut [Draft]) {
+        for (c, w) in &self.whole {
+            among[usize::from(*c)].whole.push(*w);
+        }
+        for (c, p) in &self.parts.list {
+            let parts = &mut among[usize::from(*c)].parts;
+            parts.push((), p.face, p.triangle, self.parts.corners(p));
+        }
+    }
+
     fn new(bound: f64) -> Self {
-        Self { bound, turn: 0.0, area: 0.0, whole: Vec::new(), parts: Vec::new() }
+        Self { bound, turn: 0.0, area: 0.0, whole: Vec::new(), parts: Parts::default() }
     }
 }
 
@@ -186,22 +222,23 @@ impl Measure<'_> {
             }
             found
         });
-        let parts = d.parts.par_chunks(TASK).map(|own| {
+        let parts = d.parts.list.par_chunks(TASK).map(|own| {
             let mut found = Found::new(bound);
-            found.parts.reserve(own.len());
+            found.parts.list.reserve(own.len());
             let mut round = Round::default();
             let mut lands = Vec::new();
-            for p in own {
+            for (_, p) in own {
+                let corners = d.parts.corners(p);
                 let start = start[usize::from(p.triangle)];
                 let mut from = start;
                 lands.clear();
-                lands.extend(p.corners.iter().map(|c| {
+                lands.extend(corners.iter().map(|c| {
                     let land = self.target.land(from, *c);
                     from = land.face;
                     land
                 }));
-                if !self.lay(p.face, &p.corners, &lands, false, &mut round, &mut found) {
-                    self.one(p.face, &Piece::new(&p.corners), start, false, &mut found);
+                if !self.lay(p.face, corners, &lands, false, &mut round, &mut found) {
+                    self.one(p.face, &Piece::new(corners), start, false, &mut found);
                 }
             }
             found
@@ -275,12 +312,12 @@ impl Measure<'_> {
         if whole {
             found.whole.push((cluster, (face, triangle)));
         } else {
-            found.parts.push((cluster, Part { face, triangle, corners: corners.into() }));
+            found.parts.push(cluster, face, triangle, corners);
         }
     }
 
     fn one(&self, face: u32, piece: &Piece, start: u32, whole: bool, found: &mut Found) {
-        let first = found.parts.len();
+        let first = found.parts.list.len();
         let mut bound = found.bound;
         self.target.cover(piece, start, &mut bound, |t, p, _, all| {
             self.shade(face, t, p.corners(), found);
@@ -288,22 +325,21 @@ impl Measure<'_> {
             if all && whole {
                 found.whole.push((cluster, (face, triangle)));
             } else {
-                found.parts.push((cluster, Part { face, triangle, corners: p.corners().into() }));
+                found.parts.push(cluster, face, triangle, p.corners());
             }
         });
         found.bound = bound;
         // Cut, but all in one cluster.
-        let parts = &found.parts[first..];
+        let parts = &found.parts.list[first..];
         if let Some((c, p)) = parts.first()
             && parts.iter().all(|q| q.0 == *c)
         {
             let (cluster, triangle) = (*c, p.triangle);
-            found.parts.truncate(first);
+            found.parts.list.truncate(first);
             if whole {
                 found.whole.push((cluster, (face, triangle)));
             } else {
-                let corners = piece.corners().into();
-                found.parts.push((cluster, Part { face, triangle, corners }));
+                found.parts.push(cluster, face, triangle, piece.corners());
             }
         }
     }
