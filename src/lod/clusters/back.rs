@@ -15,9 +15,9 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::build::Places;
 use super::build::up;
 use super::cover::{Piece, Target};
+use super::group::Places;
 use super::lay::{Crossing, Landing, Round};
 use super::measure::{Draft, Measure};
 use super::partition::{self, NONE};
@@ -66,10 +66,11 @@ impl Earlier {
 }
 
 /// What laying the fine faces told of the coarse ones.
-struct Image {
+pub struct Image {
     /// How far any point of each is from the original at most, mm, if it is `covered`.
-    far: Vec<f64>,
-    covered: Vec<bool>,
+    pub far: Vec<f64>,
+    /// Whether images of fine faces near enough cover it.
+    pub covered: Vec<bool>,
 }
 
 /// The sides of fine faces as led across the coarse ones: where their crossings are.
@@ -118,7 +119,7 @@ impl Measure<'_> {
     /// earlier surface: raises `far`, and `bound` where need be.
     fn asked(&self, part: &Piece, vertex: u32, fine: &Fine<'_>, bound: &mut f64, far: &mut f64) {
         let places = fine.places;
-        let mut original = |part: &Piece, vertex: u32, bound: &mut f64, far: &mut f64| {
+        let original = |part: &Piece, vertex: u32, bound: &mut f64, far: &mut f64| {
             let start = places.face_at[vertex as usize];
 
             self.original.target.cover(part, start, bound, |_, _, d, _| *far = far.max(d));
@@ -153,7 +154,7 @@ impl Measure<'_> {
     }
 
     /// Lays the fine faces upon the coarse ones.
-    fn image(&self, bound: f64, fine: &Fine<'_>) -> Image {
+    pub fn image(&self, bound: f64, fine: &Fine<'_>) -> Image {
         let limit2 = bound * bound;
         let (coarse, faces) = (&self.target, fine.target.faces);
         let at = |v: u32| fine.target.positions[v as usize].as_dvec3();

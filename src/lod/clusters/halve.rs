@@ -8,6 +8,8 @@ use std::collections::BinaryHeap;
 
 use glam::{DMat3, DVec3};
 
+use super::fans::Fans;
+
 /// Faces at a vertex after a collapse, at most.
 const VALENCE_MAX: usize = 24;
 /// Cosine of how far a face may turn in one collapse (75°).
@@ -73,68 +75,6 @@ impl Quadric {
         let square = xx * p.x * p.x + yy * p.y * p.y + zz * p.z * p.z;
         let mixed = xy * p.x * p.y + yz * p.y * p.z + zx * p.z * p.x;
         square + 2.0 * (mixed + self.b.dot(p)) + self.c
-    }
-}
-
-/// Faces of each vertex, all in one place.
-struct Fans {
-    /// Where those of a vertex begin, how many there are, and how many there is room for.
-    place: Vec<(u32, u32, u32)>,
-    faces: Vec<u16>,
-}
-
-impl Fans {
-    fn new(vertices: usize, faces: &[[u16; 3]]) -> Self {
-        let mut place = vec![(0, 0, 0); vertices];
-        faces.iter().flatten().for_each(|v| place[usize::from(*v)].2 += 1);
-        let mut room = 0;
-        for p in &mut place {
-            // Half as many again, as a vertex takes on those of another.
-            p.2 += p.2 / 2;
-            p.0 = room;
-            room += p.2;
-        }
-        let mut this = Self { place, faces: vec![0; room as usize] };
-        for (f, i) in faces.iter().zip(0..) {
-            f.iter().for_each(|v| this.push(*v, i));
-        }
-        this
-    }
-
-    fn get(&self, v: u16) -> &[u16] {
-        let (first, count, _) = self.place[usize::from(v)];
-        &self.faces[first as usize..][..count as usize]
-    }
-
-    fn push(&mut self, v: u16, face: u16) {
-        let (first, count, room) = self.place[usize::from(v)];
-        let mut to = first as usize;
-        if count == room {
-            // Moves to the end.
-            to = self.faces.len();
-            self.faces.extend_from_within(first as usize..(first + count) as usize);
-            self.faces.resize(to + 2 * count as usize + 4, 0);
-            self.place[usize::from(v)] = (to as u32, count, 2 * count + 4);
-        }
-        self.faces[to + count as usize] = face;
-        self.place[usize::from(v)].1 += 1;
-    }
-
-    /// Takes a face out; the others stay in order.
-    fn remove(&mut self, v: u16, face: u16) {
-        let (first, count, _) = self.place[usize::from(v)];
-        let own = &mut self.faces[first as usize..][..count as usize];
-        if let Some(i) = own.iter().position(|f| *f == face) {
-            own.copy_within(i + 1.., i);
-            self.place[usize::from(v)].1 -= 1;
-        }
-    }
-
-    /// Leaves none; where they were.
-    fn take(&mut self, v: u16) -> std::ops::Range<usize> {
-        let p = &mut self.place[usize::from(v)];
-        let count = std::mem::take(&mut p.1);
-        p.0 as usize..(p.0 + count) as usize
     }
 }
 
@@ -406,7 +346,7 @@ impl<'a> Soup<'a> {
     fn collapse(&mut self, u: u16, v: u16) -> usize {
         let mut gone = 0;
         for i in self.of.take(u) {
-            let f = self.of.faces[i];
+            let f = self.of.at(i);
             let face = &mut self.faces[f as usize];
             if face.contains(&v) {
                 for w in *face {

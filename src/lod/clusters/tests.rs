@@ -12,6 +12,7 @@ use crate::lod::{
 use crate::mesh::Nearest;
 use crate::surface::shading;
 
+mod laid;
 mod measure;
 
 /// A ring of a tube with folds, seen from inside: 2 n m faces, closed, one handle.

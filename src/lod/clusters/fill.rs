@@ -1,0 +1,95 @@
+//! Faces into clusters that fit a page.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::measure::{Draft, Parts};
+use super::partition;
+use crate::geometry::Mesh;
+use crate::lod::{PAGE_TRIANGLES, PAGE_VERTICES};
+
+/// Faces of a cluster as first cut. About half a page: smaller clusters need finer levels where
+/// they are near only, and less of them is drawn beyond the edge of the picture.
+const FILL: usize = 60;
+/// Faces of a cluster once its rim is evened out.
+const MOST: usize = 64;
+const _: () = assert!(MOST <= PAGE_TRIANGLES);
+
+/// Clusters of the original's own faces.
+pub fn finest(mesh: &Mesh, beside: &[[u32; 3]]) -> Vec<Draft> {
+    let centre = |f: u32| {
+        let [a, b, c] = mesh.faces[f as usize].map(|v| mesh.positions[v as usize]);
+        (a + b + c) / 3.0
+    };
+    let (mut ids, parts) = clusters_of(&mesh.faces, beside, &centre);
+    let mut rest = ids.as_mut_slice();
+    let mut own = Vec::with_capacity(parts.len());
+    for n in parts {
+        let (a, b) = std::mem::take(&mut rest).split_at_mut(n);
+        own.push(a);
+        rest = b;
+    }
+    own.into_par_iter()
+        .map(|ids| {
+            ids.sort_unstable();
+            let faces: Vec<[u32; 3]> = ids.iter().map(|f| mesh.faces[*f as usize]).collect();
+            let whole = ids.iter().copied().zip(0..=u8::MAX).collect();
+            Draft { whole, back: vec![0.0; faces.len()], ..draft(&faces) }
+        })
+        .collect()
+}
+
+/// A cluster of at most [`PAGE_TRIANGLES`] faces, which stands for nothing yet.
+pub fn draft(faces: &[[u32; 3]]) -> Draft {
+    let vertices = vertices_of(faces.iter().copied());
+    let place = |v: u32| vertices.binary_search(&v).unwrap_or(0) as u8;
+    let triangles = faces.iter().map(|f| f.map(place)).collect();
+    Draft { triangles, vertices, whole: Vec::new(), parts: Parts::default(), back: Vec::new() }
+}
+
+/// Each vertex once, ascending.
+fn vertices_of(faces: impl Iterator<Item = [u32; 3]>) -> Vec<u32> {
+    let mut all: Vec<u32> = faces.flatten().collect();
+    all.sort_unstable();
+    all.dedup();
+    all
+}
+
+/// Sorts faces into clusters that fit a page: their ids cluster after cluster, ascending in each,
+/// and how many each takes.
+pub fn clusters_of(
+    faces: &[[u32; 3]],
+    beside: &[[u32; 3]],
+    centre: &(impl Fn(u32) -> Vec3 + Sync),
+) -> (Vec<u32>, Vec<usize>) {
+    let mut order: Vec<u32> = (0..faces.len() as u32).collect();
+    let mut sizes = partition::split(&mut order, FILL, centre);
+    let mut part = vec![0u32; faces.len()];
+    let mut first = 0;
+    for (n, id) in sizes.iter().zip(0..) {
+        order[first..first + n].iter().for_each(|f| part[*f as usize] = id);
+        first += n;
+    }
+    partition::smooth(&mut part, &mut sizes, MOST, beside);
+    let mut fill = vec![0; sizes.len()];
+    for i in 1..sizes.len() {
+        fill[i] = fill[i - 1] + sizes[i - 1];
+    }
+    for (f, p) in (0..).zip(&part) {
+        order[fill[*p as usize]] = f;
+        fill[*p as usize] += 1;
+    }
+    let mut fit = Vec::with_capacity(sizes.len());
+    let mut first = 0;
+    for n in sizes.into_iter().filter(|n| *n > 0) {
+        let own = &mut order[first..first + n];
+        // Loose triangles have more vertices than faces.
+        if vertices_of(own.iter().map(|f| faces[*f as usize])).len() > PAGE_VERTICES {
+            fit.extend(partition::split(own, PAGE_VERTICES / 3, centre));
+        } else {
+            fit.push(n);
+        }
+        first += n;
+    }
+    (order, fit)
+}

@@ -1,0 +1,170 @@
+//! Pieces laid upon a surface, and a surface upon another.
+
+use super::super::back::Fine;
+use super::super::cover::{Target, Worked};
+use super::super::group::Places;
+use super::super::lay::{Landing, Round};
+use super::super::measure::{Measure, Original};
+use super::super::partition;
+use super::*;
+
+/// A bumpy square of 2 n² faces, side 1 mm each.
+fn sheet(n: u32) -> Mesh {
+    let at = |v: u32| {
+        let (x, y) = ((v % (n + 1)) as f32, (v / (n + 1)) as f32);
+        Vec3::new(x, y, 0.3 * (1.1 * x).sin() * (0.8 * y).cos())
+    };
+    let quad = |q: u32| {
+        let i = q / n * (n + 1) + q % n;
+        [[i, i + 1, i + n + 2], [i, i + n + 2, i + n + 1]]
+    };
+    Mesh {
+        positions: (0..(n + 1) * (n + 1)).map(at).collect(),
+        faces: (0..n * n).flat_map(quad).collect(),
+        ..Mesh::default()
+    }
+}
+
+/// Runs `test` with a mesh to measure to.
+fn upon<T>(mesh: &Mesh, test: impl FnOnce(&Target<'_>) -> T) -> T {
+    let target = Target {
+        positions: &mesh.positions,
+        normals: &shading(mesh).vertices.iter().map(Vertex::normal).collect::<Vec<_>>(),
+        faces: &mesh.faces,
+        beside: &partition::beside(&mesh.faces, mesh.positions.len()),
+        tree: &Nearest::new(mesh),
+        worked: &Worked::default(),
+    };
+    test(&target)
+}
+
+#[test]
+fn every_point_of_a_piece_that_closes_is_within_the_limit_and_so_are_its_parts() {
+    let mesh = sheet(12);
+    let seed = &mut 5;
+    // By crossings: none, some, and around a vertex.
+    let mut closed = [0; 3];
+    let mut refused = 0;
+    upon(&mesh, |target| {
+        for k in 0..6000 {
+            let size = [0.3, 1.0, 2.0][k % 3];
+            let mid = Vec3::new(3.0 + 6.0 * noise(seed), 3.0 + 6.0 * noise(seed), 0.0);
+            let mut corner = || {
+                let p = mid + size * Vec3::new(noise(seed) - 0.5, noise(seed) - 0.5, 0.0);
+                let z = 0.3 * (1.1 * p.x).sin() * (0.8 * p.y).cos();
+                p.with_z(z + 0.05 * noise(seed))
+            };
+            let corners = [corner(), corner(), corner()];
+            let at = corners.map(|p| p.as_dvec3());
+            let limit = f64::from(0.02 + 0.2 * noise(seed));
+            let limit2 = limit * limit;
+            let lands: [Landing; 3] = at.map(|p| {
+                let c = target.tree.closest(p).unwrap();
+                Landing { face: c.at.face, d2: c.distance_mm * c.distance_mm }
+            });
+            let mut round = Round::default();
+            let led = (0..3).all(|k| {
+                let end = |k: usize| (at[k], lands[k].face);
+                target.lead(k as u8, end(k), end((k + 1) % 3), limit2, &mut round)
+            });
+            let near = lands.iter().all(|l| l.d2 <= limit2);
+            if !near || !led || target.closes(&at, limit2, &mut round).is_none() {
+                refused += 1;
+                continue;
+            }
+            for p in sprinkle(corners, 20, seed) {
+                assert!(target.tree.closest(p).unwrap().distance_mm <= limit + 1e-9);
+            }
+            let apart = round.split(&at, lands[0].face, |t| t as u16);
+            let kind = if round.crossings.is_empty() { 0 } else { 2 - usize::from(apart) };
+            closed[kind] += 1;
+            if apart {
+                let mut area = 0.0;
+                for (t, corners) in &round.parts {
+                    let near = |p: &DVec3| target.nearest(*t, *p).d2 <= limit2 * (1.0 + 1e-9);
+                    assert!(corners.iter().all(near));
+                    let fan = corners.windows(2).skip(1);
+                    let cross = |w: &[DVec3]| (w[0] - corners[0]).cross(w[1] - corners[0]);
+                    area += 0.5 * fan.map(cross).sum::<DVec3>().length();
+                }
+                let whole = 0.5 * (at[1] - at[0]).cross(at[2] - at[0]).length();
+                assert!(area >= whole * (1.0 - 1e-6), "{area} of {whole} mm²");
+            }
+        }
+    });
+    assert!(closed.iter().all(|n| *n > 50) && refused > 500, "{closed:?} {refused}");
+}
+
+/// Lays a sheet with a third of its inside shaken and without some faces upon the sheet: which of the faces
+/// that has are covered, all of them near enough.
+fn covered(without: &[u32]) -> (Vec<bool>, usize) {
+    let coarse = sheet(12);
+    let mut fine = coarse.clone();
+    let seed = &mut 3;
+    // One vertex of each face: a face that holds two of the other sheet's is not laid.
+    for p in fine.positions.iter_mut().step_by(3) {
+        let inside = |v: f32| v > 0.5 && v < 11.5;
+        if inside(p.x) && inside(p.y) {
+            *p += 0.3 * Vec3::new(noise(seed) - 0.5, noise(seed) - 0.5, 0.2 * noise(seed));
+        }
+    }
+    let keep = |f: &u32| !without.contains(f);
+    let all = 0..fine.faces.len() as u32;
+    fine.faces = all.filter(keep).map(|f| coarse.faces[f as usize]).collect();
+    let count = fine.positions.len();
+    let mut coarse_at = vec![0; count];
+    for (f, i) in coarse.faces.iter().zip(0..) {
+        f.iter().for_each(|v| coarse_at[*v as usize] = i);
+    }
+    let (positions, normals, before) = (Vec::new(), Vec::new(), Vec::new());
+    let places = Places { positions, normals, face_at: Vec::new(), before };
+    upon(&fine, |below| {
+        upon(&coarse, |above| {
+            let original = Original { target: *below };
+            let measure = Measure { target: *above, original: &original, owner: &[] };
+            let fine = Fine {
+                target: *below,
+                known: vec![0.0; fine.faces.len()],
+                face_at: vec![0; count],
+                ids: &[],
+                places: &places,
+                earlier: None,
+                coarse_at,
+            };
+            let image = measure.image(0.1, &fine);
+            // What is said to be covered is, and not farther than said.
+            let (mut near, mut seed) = (0, 8);
+            for (t, f) in coarse.faces.iter().enumerate().filter(|t| image.covered[t.0]) {
+                let corners = f.map(|v| coarse.positions[v as usize]);
+                for p in sprinkle(corners, 10, &mut seed) {
+                    let away = below.tree.closest(p).unwrap().distance_mm;
+                    assert!(away <= image.far[t] + 1e-9, "{away} mm, not {}", image.far[t]);
+                    near += usize::from(away > 0.3 * image.far[t]);
+                }
+            }
+            (image.covered, near)
+        })
+    })
+}
+
+#[test]
+fn a_surface_is_covered_by_one_with_the_same_rim_and_not_over_its_holes() {
+    let (all, near) = covered(&[]);
+    let share = all.iter().filter(|c| **c).count() as f64 / all.len() as f64;
+    assert!(share > 0.6 && near > 20, "{share} {near}");
+    // Half a quad in the middle.
+    for hole in [130, 145, 150] {
+        let (holed, _) = covered(&[hole]);
+        assert!(!holed[hole as usize]);
+        assert!(holed.iter().filter(|c| **c).count() > 150);
+    }
+    // A moat: what is inside cannot be told from the rim.
+    let ring = |f: &u32| {
+        let (x, y) = (f / 2 % 12, f / 24);
+        x.abs_diff(6).max(y.abs_diff(6)) == 3
+    };
+    let moat: Vec<u32> = (0..288).filter(ring).collect();
+    let (holed, _) = covered(&moat);
+    assert!(moat.iter().all(|f| !holed[*f as usize]) && !holed[2 * (12 * 6 + 6)]);
+    assert!(holed[0] && holed.iter().any(|c| *c));
+}
