@@ -14,7 +14,8 @@ use crate::device::Device;
 use crate::formats::write_centerline;
 use crate::lumen::Lumen;
 use crate::pipeline::{
-    Centered, CenterlineReport, Clock, Fields, Mode, Settings, centered, fields, paper_centered,
+    Centered, CenterlineReport, Clock, Fields, Mode, Settings, beside, fields, paper_centered,
+    route, seen,
 };
 
 /// `intima centerline INPUT LUMEN -o LINE`
@@ -73,7 +74,7 @@ impl PathArgs {
     }
 }
 
-/// Fields and centerline in one mode.
+/// Fields and centerline in one mode; the route is searched beside the visibility test.
 pub fn center(
     device: &mut Device,
     lumen: &Lumen,
@@ -83,7 +84,15 @@ pub fn center(
 ) -> Result<(Fields, Centered), CliError> {
     let fields = fields(device, lumen, mode == Mode::Default, clock)?;
     let centered = match mode {
-        Mode::Default => centered(device, lumen, &fields, settings, clock)?,
+        Mode::Default => {
+            let mut aside = clock.beside();
+            let (routed, seen) = beside(
+                || route(lumen, &fields, settings.route, &mut aside),
+                || seen(device, lumen, &fields, settings.radius, clock),
+            );
+            clock.take(aside);
+            Centered::new(lumen, &fields, routed?, seen?)
+        }
         Mode::Paper => paper_centered(device, lumen, &fields, settings.radius, clock)?,
     };
     Ok((fields, centered))

@@ -13,7 +13,7 @@ use crate::device::Device;
 use crate::lumen::{Found, Lumen};
 use crate::pipeline::{
     Centered, CenterlineReport, Clock, Fields, InputReport, LumenReport, Mode, Report, Settings,
-    SurfaceReport, Wall, wall,
+    SurfaceReport, Wall, beside, fields, route, seen, wall,
 };
 
 /// Flags of a whole chain.
@@ -39,11 +39,16 @@ pub struct ChainArgs {
     pub lumen: LumenArgs,
 }
 
-/// What the chain made.
-pub struct Flown {
+/// What a flight goes through.
+pub struct Anatomy {
     pub fields: Fields,
     pub centered: Centered,
     pub wall: Wall,
+}
+
+/// What the chain made.
+pub struct Flown {
+    pub anatomy: Anatomy,
     pub film: Film,
 }
 
@@ -53,25 +58,56 @@ impl ChainArgs {
         self.path.settings(mode, FromArgs::of(&self.from)?.start)
     }
 
-    /// Centerline, surface and frames of a lumen.
-    pub fn fly(
+    /// Centerline, surface and frames of a lumen. `aside` is done beside drawing the frames.
+    pub fn fly<T: Send>(
         &self,
         device: &mut Device,
         (chosen, lumen): (&Chosen, &Lumen),
         setup: &Setup,
         folder: &Path,
         clock: &mut Clock,
-    ) -> Result<Flown, CliError> {
+        aside: impl FnOnce(&Anatomy, &mut Clock) -> T + Send,
+    ) -> Result<(Flown, T), CliError> {
+        let anatomy = self.anatomy(device, (chosen, lumen), clock)?;
+        let Anatomy { fields, centered, wall } = &anatomy;
+        let scene = Filmed { lumen, fields, wall, open_ends: self.surface.open_ends };
+        let mut other = clock.beside();
+        let done = || aside(&anatomy, &mut other);
+        let (film, aside) = film(device, &scene, &centered.line, setup, folder, clock, done)?;
+        clock.take(other);
+        Ok((Flown { anatomy, film }, aside))
+    }
+
+    /// Centerline and surface of a lumen; the route is searched beside the surface.
+    fn anatomy(
+        &self,
+        device: &mut Device,
+        (chosen, lumen): (&Chosen, &Lumen),
+        clock: &mut Clock,
+    ) -> Result<Anatomy, CliError> {
         let mode = self.mode.main();
+        let settings = self.settings(mode)?;
         let grey = FromArgs::of(&self.from)?.grey;
         let options = self.surface.options(grey, automatic(mode), chosen.track_from())?;
-        let (fields, centered) = center(device, lumen, mode, self.settings(mode)?, clock)?;
         let (volume, window) = (&chosen.volume, &chosen.recipe.window);
-        let wall = wall(device, volume, window, lumen, options, clock)?;
-        let scene =
-            Filmed { lumen, fields: &fields, wall: &wall, open_ends: self.surface.open_ends };
-        let film = film(device, &scene, &centered.line, setup, folder, clock)?;
-        Ok(Flown { fields, centered, wall, film })
+        if mode == Mode::Paper {
+            let (fields, centered) = center(device, lumen, mode, settings, clock)?;
+            let wall = wall(device, volume, window, lumen, options, clock)?;
+            return Ok(Anatomy { fields, centered, wall });
+        }
+        let fields = fields(device, lumen, true, clock)?;
+        let mut other = clock.beside();
+        let (routed, seen) = beside(
+            || route(lumen, &fields, settings.route, &mut other),
+            || -> Result<_, CliError> {
+                let seen = seen(device, lumen, &fields, settings.radius, clock)?;
+                Ok((seen, wall(device, volume, window, lumen, options, clock)?))
+            },
+        );
+        clock.take(other);
+        let (routed, (seen, wall)) = (routed?, seen?);
+        let centered = Centered::new(lumen, &fields, routed, seen);
+        Ok(Anatomy { fields, centered, wall })
     }
 }
 
@@ -83,11 +119,12 @@ impl Flown {
         device: &str,
         clock: &Clock,
     ) -> Report {
+        let Anatomy { centered, wall, .. } = self.anatomy;
         Report {
             input: Some(InputReport::of(&chosen.volume)),
             lumen: Some(LumenReport::of(lumen, found)),
-            surface: Some(SurfaceReport::of(self.wall.topology, self.wall.mesh.area_mm2())),
-            centerline: Some(CenterlineReport::of(&self.centered, lumen)),
+            surface: Some(SurfaceReport::of(wall.topology, wall.mesh.area_mm2())),
+            centerline: Some(CenterlineReport::of(&centered, lumen)),
             lod: Some(self.film.lod),
             frames: Some(self.film.report),
             warnings: self.film.warnings,

@@ -16,9 +16,9 @@ use crate::geometry::{Centerline, Mesh};
 use crate::lod::{Tolerance, Worker};
 use crate::lumen::Lumen;
 use crate::pipeline::detail::{LodReport, UPLOAD_BYTES};
-use crate::pipeline::{Clock, Fields, FramesReport, Stage, Wall};
+use crate::pipeline::{Clock, Detail, Fields, FramesReport, Wall, beside};
 use crate::render::{FrameStats, IN_FLIGHT, Renderer, Scene, Shot, View};
-use crate::surface::shading;
+use crate::surface::{Shading, shading};
 use crate::vk::{Choice, Gpu};
 
 /// Makes a folder for outputs.
@@ -41,33 +41,72 @@ pub struct Film {
     pub warnings: Vec<String>,
 }
 
-/// Flies along the first root-to-tip path and writes every frame.
-pub fn film(
+/// Flies along the first root-to-tip path and writes every frame. Levels of detail are built
+/// beside planning the flight and opening the renderer, `aside` is done beside the frames.
+pub fn film<T: Send>(
     device: &mut Device,
     scene: &Filmed<'_>,
     line: &Centerline,
     setup: &Setup,
     folder: &Path,
     clock: &mut Clock,
-) -> Result<Film, CliError> {
-    let flight = clock.time(
-        "flight",
-        "frames",
-        || fly(scene, line, setup),
-        |f| f.as_ref().map_or(0, |f| f.poses.len() as u64),
-    )?;
-    if let Some(path) = &setup.write_path {
-        let json = Script::from(&flight).to_json();
-        whole::write_whole(path, |o| o.write_all(json.as_bytes()))?;
-    }
-    match device {
-        Device::Gpu(gpu) => draw(gpu, scene, line, setup, &flight, folder, clock),
+    aside: impl FnOnce() -> T + Send,
+) -> Result<(Film, T), CliError> {
+    let open = scene.open_ends && scene.wall.mesh.caps.contains(&true);
+    let without = open.then(|| without_caps(&scene.wall.mesh));
+    let mesh = without.as_ref().unwrap_or(&scene.wall.mesh);
+    let mut own = None;
+    let mut building = clock.beside();
+    let (detail, begun) = beside(
+        || detailed(mesh, setup, &mut building),
+        || -> Result<_, CliError> {
+            let fly = || fly(scene, line, setup);
+            let count = |f: &Result<Flight, _>| f.as_ref().map_or(0, |f| f.poses.len() as u64);
+            let flight = clock.time("flight", "frames", fly, count)?;
+            if let Some(path) = &setup.write_path {
+                let json = Script::from(&flight).to_json();
+                whole::write_whole(path, |o| o.write_all(json.as_bytes()))?;
+            }
+            Ok((flight, open_renderer(device, &mut own, setup, clock)?))
+        },
+    );
+    clock.take(building);
+    let (flight, opened) = begun?;
+    // Only now: a machine that cannot draw leaves no empty folder.
+    make_folder(folder)?;
+    let closed = scene.wall.topology.watertight && !open;
+    let set = set(opened, mesh, closed, setup, detail?)?;
+    let (aside, film) = beside(aside, || draw(set, line, setup, &flight, folder, clock));
+    Ok((film?, aside))
+}
+
+/// The renderer on the device that computes or, where that is the CPU, on what Vulkan there is,
+/// kept in `own`.
+fn open_renderer<'a>(
+    device: &'a mut Device,
+    own: &'a mut Option<Gpu>,
+    setup: &Setup,
+    clock: &mut Clock,
+) -> Result<Opened<'a>, CliError> {
+    let start = Instant::now();
+    let gpu = match device {
+        Device::Gpu(gpu) => &mut **gpu,
         Device::Cpu => {
-            // Drawing needs Vulkan, real or software; computing stays where it was.
-            let mut gpu = Gpu::open(Choice::Any).map_err(crate::device::DeviceError::from)?;
-            draw(&mut gpu, scene, line, setup, &flight, folder, clock)
+            own.insert(Gpu::open(Choice::Any).map_err(crate::device::DeviceError::from)?)
         }
-    }
+    };
+    let name = gpu.info().name.clone();
+    let [width, height] = setup.size;
+    let renderer = Renderer::new(gpu, width, height, setup.samples)?;
+    let pixels = u64::from(width) * u64::from(height);
+    clock.record("renderer", &name, start, (pixels, "pixels"), Vec::new());
+    Ok(Opened { renderer, name })
+}
+
+/// A renderer and the name of its device.
+struct Opened<'a> {
+    renderer: Renderer<'a>,
+    name: String,
 }
 
 fn fly(scene: &Filmed<'_>, line: &Centerline, setup: &Setup) -> Result<Flight, CliError> {
@@ -127,35 +166,45 @@ fn along(path: &[Vec3], flight: &Flight) -> Vec<f32> {
         .collect()
 }
 
-/// What is drawn, and by what it is refined.
-struct Staged {
+/// What is drawn, where, and by what it is refined.
+struct Staged<'a> {
+    on: Opened<'a>,
     scene: Scene,
     worker: Option<Worker>,
     lod: LodReport,
 }
 
+/// The wall at many levels and the mean radius of its lumen, mm; `None` where the whole mesh is to
+/// be drawn.
+fn detailed(
+    mesh: &Mesh,
+    setup: &Setup,
+    clock: &mut Clock,
+) -> Result<Option<(Detail, f32)>, CliError> {
+    if setup.view == View::Overview {
+        return Ok(None);
+    }
+    let count = |s: &Shading| s.vertices.len() as u64;
+    let shading = clock.time("shading", "vertices", || shading(mesh), count);
+    let built = setup.detail.build(mesh, &shading.vertices, clock)?;
+    Ok(built.map(|d| (d, shading.mean_radius_mm)))
+}
+
 /// Puts the wall on the device: whole, or as pages that a worker fills.
-fn set(
-    renderer: &mut Renderer<'_>,
+fn set<'a>(
+    mut on: Opened<'a>,
     mesh: &Mesh,
     closed: bool,
     setup: &Setup,
-    clock: &mut Clock,
-) -> Result<Staged, CliError> {
-    let detail = match setup.view {
-        View::Overview => None,
-        View::Inside | View::Split => {
-            let shading = shading(mesh);
-            let built = setup.detail.build(mesh, &shading.vertices, clock)?;
-            built.map(|d| (d, shading.mean_radius_mm))
-        }
-    };
+    detail: Option<(Detail, f32)>,
+) -> Result<Staged<'a>, CliError> {
+    let renderer = &mut on.renderer;
     let Some((detail, radius_mm)) = detail else {
         let faces = mesh.faces.len() as u64;
         let lod =
             LodReport { mode: "off", base_faces: faces, finest_faces: faces, ..Default::default() };
         let scene = Scene::of(renderer.upload_mesh(mesh, false)?);
-        return Ok(Staged { scene, worker: None, lod });
+        return Ok(Staged { on, scene, worker: None, lod });
     };
     let overview = match setup.view {
         View::Inside => None,
@@ -169,7 +218,7 @@ fn set(
     // Through an open end the back of a wall can be seen.
     scene.wall = crate::render::Wall::Pages { pages, backs: !closed };
     let worker = Some(worker.map_err(|e| CliError::System(e.to_string()))?);
-    Ok(Staged { scene, worker, lod: detail.report })
+    Ok(Staged { on, scene, worker, lod: detail.report })
 }
 
 /// Figures of every frame.
@@ -193,25 +242,15 @@ impl Tally {
 }
 
 fn draw(
-    gpu: &mut Gpu,
-    filmed: &Filmed<'_>,
+    set: Staged<'_>,
     line: &Centerline,
     setup: &Setup,
     flight: &Flight,
     folder: &Path,
     clock: &mut Clock,
 ) -> Result<Film, CliError> {
-    let name = gpu.info().name.clone();
+    let Staged { on: Opened { mut renderer, name }, mut scene, mut worker, lod } = set;
     let [width, height] = setup.size;
-    let mut renderer = Renderer::new(gpu, width, height, setup.samples)?;
-    // Only now: a machine that cannot draw leaves no empty folder.
-    make_folder(folder)?;
-    let open = filmed.open_ends && filmed.wall.mesh.caps.contains(&true);
-    let opened = open.then(|| without_caps(&filmed.wall.mesh));
-    let mesh = opened.as_ref().unwrap_or(&filmed.wall.mesh);
-    let closed = filmed.wall.topology.watertight && !open;
-    let Staged { mut scene, mut worker, lod } = set(&mut renderer, mesh, closed, setup, clock)?;
-
     let started = Instant::now();
     let path: Vec<Vec3> = line
         .branches
@@ -279,14 +318,7 @@ fn draw(
         v.finish()?;
     }
     let total_ms = started.elapsed().as_secs_f64() * 1000.0;
-    clock.stages.push(Stage {
-        name: "frames",
-        device: name.clone(),
-        ms: total_ms,
-        items: n as u64,
-        unit: "frames",
-        kernels: Vec::new(),
-    });
+    clock.record("frames", &name, started, (n as u64, "frames"), Vec::new());
     let mut warnings = Vec::new();
     if flight.moved > 0 {
         warnings.push(format!(

@@ -21,8 +21,8 @@ impl Args {
         let chosen = a.lumen.load(a.input.as_deref(), global)?;
         let (lumen, found) = chosen.lumen(global)?;
         let mut device = global.open()?;
-        let (flown, timing) = timed(global, &mut device, |device, clock| {
-            a.fly(device, (&chosen, &lumen), &setup, &a.out, clock)
+        let ((flown, ()), timing) = timed(global, &mut device, |device, clock| {
+            a.fly(device, (&chosen, &lumen), &setup, &a.out, clock, |_, _| ())
         })?;
         global.say(format_args!(
             "wrote {} frames to {} ({:.1} s of flight)",
@@ -31,7 +31,7 @@ impl Args {
             flown.film.report.flight_seconds
         ))?;
         let what = (&chosen, &lumen, &found);
-        let mut report = flown.report(what, &timing.device, &timing.clock());
+        let mut report = flown.report(what, &timing.device, &timing.clock);
         report.timing = timing.keys();
         global.answer(&report)
     }

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::CliError;
 use super::centerline::{center, unseen_csv};
-use super::chain::{ChainArgs, Flown};
+use super::chain::{Anatomy, ChainArgs, Flown};
 use super::global::Global;
 use super::lumen_args::notes;
 use super::surface::{Modes as ModeChoice, without_caps};
@@ -26,7 +26,8 @@ pub struct Args {
 }
 
 impl Args {
-    /// Computes everything, then writes everything.
+    /// Computes everything and writes everything, the report last. Products are written beside
+    /// the frames; with `--repeat` once, afterwards.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         let a = &self.chain;
         let setup = a.frames.check(global)?;
@@ -40,35 +41,37 @@ impl Args {
         )?;
         let mut device = global.open()?;
         let frames = a.out.join("frames");
-        let ((lumen, found, flown), timing) = timed(global, &mut device, |device, clock| {
-            let (lumen, found) = clock.time(
-                "segment",
-                "voxels",
-                || chosen.lumen(global),
-                |r| r.as_ref().map_or(0, |(l, _)| l.inside_voxels()),
-            )?;
-            let flown = a.fly(device, (&chosen, &lumen), &setup, &frames, clock)?;
-            Ok((lumen, found, flown))
-        })?;
-        clock.stages.extend(timing.stages.iter().cloned());
+        let once = global.repeat.is_none();
+        let ((lumen, found, flown, written), timing) =
+            timed(global, &mut device, |device, clock| {
+                let (lumen, found) = clock.time(
+                    "segment",
+                    "voxels",
+                    || chosen.lumen(global),
+                    |r| r.as_ref().map_or(0, |(l, _)| l.inside_voxels()),
+                )?;
+                let aside = |anatomy: &Anatomy, clock: &mut Clock| {
+                    once.then(|| self.products(&lumen, anatomy, clock))
+                };
+                let what = (&chosen, &lumen);
+                let (flown, written) = a.fly(device, what, &setup, &frames, clock, aside)?;
+                Ok((lumen, found, flown, written.transpose()?))
+            })?;
+        clock.take(timing.clock.clone());
+        if written.is_none() {
+            self.products(&lumen, &flown.anatomy, &mut clock)?;
+        }
         let modes = if a.mode.mode == ModeChoice::Both {
             let mut aside = Clock::default();
             let settings = a.settings(Mode::Paper)?;
             let (_, paper) = center(&mut device, &lumen, Mode::Paper, settings, &mut aside)?;
             Some(Modes {
-                default: CenterlineReport::of(&flown.centered, &lumen),
+                default: CenterlineReport::of(&flown.anatomy.centered, &lumen),
                 paper: CenterlineReport::of(&paper, &lumen),
             })
         } else {
             None
         };
-        let base = {
-            let mesh = &flown.wall.mesh;
-            let faces = a.surface.decimate.map_or_else(|| base_faces(mesh), |n| n as usize);
-            base(mesh, faces, a.mode.main(), &mut clock)?
-        };
-        let write = || write_products(&a.out, &lumen, &flown, &base.mesh, a.surface.open_ends);
-        clock.time("write", "files", write, |_| 8)?;
 
         let mut warnings = notes(&chosen.recipe, &lumen, &found);
         warnings.extend(doubts(&flown));
@@ -82,20 +85,36 @@ impl Args {
         global.say(summary(&report, &a.out))?;
         global.answer(&report)
     }
+
+    /// Makes and writes what is no picture: eight files.
+    fn products(
+        &self,
+        lumen: &Lumen,
+        anatomy: &Anatomy,
+        clock: &mut Clock,
+    ) -> Result<(), CliError> {
+        let a = &self.chain;
+        let mesh = &anatomy.wall.mesh;
+        let faces = a.surface.decimate.map_or_else(|| base_faces(mesh), |n| n as usize);
+        let base = base(mesh, faces, a.mode.main(), clock)?;
+        let write = || write_products(&a.out, lumen, anatomy, &base.mesh, a.surface.open_ends);
+        clock.time("write", "files", write, |_| 8)
+    }
 }
 
 fn write_products(
     out: &Path,
     lumen: &Lumen,
-    flown: &Flown,
+    anatomy: &Anatomy,
     base: &Mesh,
     open_ends: bool,
 ) -> Result<(), CliError> {
+    let Anatomy { fields, centered, wall } = anatomy;
     let volume = |samples: Samples| Volume::new(lumen.grid, samples);
     write_volume(&out.join("mask.nrrd"), &volume(Samples::U8(lumen.classes())))?;
-    let dense = lumen.dense(&flown.fields.distance, 0.0f32);
+    let dense = lumen.dense(&fields.distance, 0.0f32);
     write_volume(&out.join("distance.nrrd"), &volume(Samples::F32(dense)))?;
-    for (name, mesh) in [("surface.ply", &flown.wall.mesh), ("base.ply", base)] {
+    for (name, mesh) in [("surface.ply", &wall.mesh), ("base.ply", base)] {
         if open_ends && !mesh.caps.is_empty() {
             write_mesh(&out.join(name), &without_caps(mesh))?;
         } else {
@@ -103,15 +122,15 @@ fn write_products(
         }
     }
     for name in ["centerline.vtp", "centerline.csv", "centerline.mrk.json"] {
-        write_centerline(&out.join(name), &flown.centered.line)?;
+        write_centerline(&out.join(name), &centered.line)?;
     }
-    let csv = unseen_csv(lumen, &flown.centered.unseen);
+    let csv = unseen_csv(lumen, &centered.unseen);
     Ok(whole::write_whole(&out.join("unseen.csv"), |o| o.write_all(csv.as_bytes()))?)
 }
 
 /// What a reader of the centerline should know.
 fn doubts(flown: &Flown) -> Vec<String> {
-    let tunnels = flown.wall.topology.tunnels();
+    let tunnels = flown.anatomy.wall.topology.tunnels();
     let mut out = Vec::new();
     if tunnels > 0 {
         out.push(format!(
@@ -119,10 +138,10 @@ fn doubts(flown: &Flown) -> Vec<String> {
              follows a tree through them"
         ));
     }
-    if flown.centered.unreachable > 0 {
+    if flown.anatomy.centered.unreachable > 0 {
         out.push(format!(
             "{} inside voxels are joined to the rest by edges or corners only; no path goes there",
-            flown.centered.unreachable
+            flown.anatomy.centered.unreachable
         ));
     }
     out
@@ -161,6 +180,5 @@ fn summary(r: &Report, out: &Path) -> String {
             f.count, f.width, f.height, f.p50_ms, f.flight_seconds
         );
     }
-    let total: f64 = r.stages.iter().map(|s| s.ms).sum();
-    s + &format!("  {:.2} s in all, {:.0} MB at most", total / 1000.0, r.peak_memory_mb)
+    s + &format!("  {:.2} s in all, {:.0} MB at most", r.total_ms / 1000.0, r.peak_memory_mb)
 }

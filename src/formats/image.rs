@@ -74,7 +74,7 @@ fn encode(out: impl Write, width: u32, height: u32, rgb: &[u8]) -> Result<(), pn
     // The fast deflate leaves time to choose the filter row by row: measured on shaded walls at
     // 1280x720, the choice costs 2 ms of 6 and saves a sixth of the bytes.
     encoder.set_compression(png::Compression::Fast);
-    encoder.set_filter(png::Filter::Adaptive);
+    encoder.set_filter(png::Filter::Paeth);
     for keyword in ["Comment", "Disclaimer"] {
         encoder.add_text_chunk(keyword.into(), NOTICE.into())?;
     }

@@ -7,7 +7,8 @@ use glam::{DVec3, IVec3};
 
 use super::{Clock, Fields, PipelineError};
 use crate::centerline::{
-    Arrangement, Proof, Radius, RouteOptions, Sampler, Viewer, add_viewers, centerline, paper_path,
+    Arrangement, Proof, Radius, RouteOptions, Routed, Sampler, Viewer, add_viewers, centerline,
+    paper_path,
 };
 use crate::compute::Plan;
 use crate::device::Device;
@@ -57,7 +58,17 @@ pub struct Centered {
 /// Most viewers added for unseen voxels; what is still unseen then is listed.
 const MOST_ADDED: usize = 10_000;
 
-/// Visibility test and centred route.
+/// What the visibility test found.
+pub struct Seen {
+    /// Viewers kept, added ones included.
+    kept: usize,
+    /// Viewers added.
+    added: usize,
+    /// Field elements of boundary voxels that nobody sees, ascending.
+    unseen: Vec<u32>,
+}
+
+/// Centred route and visibility test, one after the other.
 ///
 /// # Errors
 /// [`PipelineError::Centerline`] and the device's.
@@ -68,20 +79,40 @@ pub fn centered(
     settings: Settings,
     clock: &mut Clock,
 ) -> Result<Centered, PipelineError> {
-    let routed = clock.time(
-        "route",
-        "voxels",
-        || centerline(lumen, &fields.distance, &fields.smooth, settings.route),
-        |_| lumen.inside_voxels(),
-    )?;
+    let routed = route(lumen, fields, settings.route, clock)?;
+    let seen = seen(device, lumen, fields, settings.radius, clock)?;
+    Ok(Centered::new(lumen, fields, routed, seen))
+}
+
+/// Centred route: needs no device and nothing of the visibility test.
+///
+/// # Errors
+/// [`PipelineError::Centerline`].
+pub fn route(
+    lumen: &Lumen,
+    fields: &Fields,
+    options: RouteOptions,
+    clock: &mut Clock,
+) -> Result<Routed, PipelineError> {
+    let work = || centerline(lumen, &fields.distance, &fields.smooth, options);
+    Ok(clock.time("route", "voxels", work, |_| lumen.inside_voxels())?)
+}
+
+/// Visibility test: viewers from candidates, those kept, those added.
+///
+/// # Errors
+/// The device's.
+pub fn seen(
+    device: &mut Device,
+    lumen: &Lumen,
+    fields: &Fields,
+    radius: Radius,
+    clock: &mut Clock,
+) -> Result<Seen, PipelineError> {
     let distance = Sampler { lumen, field: &fields.distance };
     let ranked = ranked(lumen, &fields.candidates);
-    let viewers = clock.time(
-        "reach",
-        "candidates",
-        || settings.radius.viewers(&ranked, distance),
-        |v| v.len() as u64,
-    );
+    let viewers =
+        clock.time("reach", "candidates", || radius.viewers(&ranked, distance), |v| v.len() as u64);
     let (kept, unseen) = visible(device, lumen, &viewers, &lumen.inside, clock)?;
     let (added, unseen) = clock.time(
         "unseen",
@@ -89,16 +120,23 @@ pub fn centered(
         || add_viewers(lumen, &unseen, &fields.distance, MOST_ADDED),
         |_| unseen.len() as u64,
     );
-    Ok(Centered {
-        min_clearance_mm: clearance(&routed.line, lumen, &fields.distance),
-        line: routed.line,
-        proof: Some(routed.proof),
-        candidates: fields.candidates.len(),
-        kept: kept.len() + added.len(),
-        added: added.len(),
-        unseen,
-        unreachable: routed.unreachable,
-    })
+    Ok(Seen { kept: kept.len() + added.len(), added: added.len(), unseen })
+}
+
+impl Centered {
+    /// A route with the outcome of the visibility test in the same lumen.
+    pub fn new(lumen: &Lumen, fields: &Fields, routed: Routed, seen: Seen) -> Self {
+        Self {
+            min_clearance_mm: clearance(&routed.line, lumen, &fields.distance),
+            line: routed.line,
+            proof: Some(routed.proof),
+            candidates: fields.candidates.len(),
+            kept: seen.kept,
+            added: seen.added,
+            unseen: seen.unseen,
+            unreachable: routed.unreachable,
+        }
+    }
 }
 
 /// Candidates this share of their own distance apart see nearly the same wall.

@@ -1,6 +1,6 @@
 //! The stage clock: what ran where, for how long, on how much.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crate::compute::{Outputs, StepTime};
 
@@ -11,6 +11,8 @@ pub struct Stage {
     pub name: &'static str,
     /// Where it ran: `cpu`, or the device's name.
     pub device: String,
+    /// When it began, milliseconds since its clock did. Stages may run side by side.
+    pub start_ms: f64,
     /// Milliseconds: wall time of CPU stages, and of a plan from hand-over to results.
     pub ms: f64,
     /// Items worked on.
@@ -36,13 +38,52 @@ pub struct KernelTime {
 }
 
 /// Collects stages.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Clock {
-    /// Stages in the order they ended.
+    /// Stages in the order they ended; those of another clock after those before it.
     pub stages: Vec<Stage>,
+    began: Instant,
+}
+
+impl Default for Clock {
+    fn default() -> Self {
+        Self { stages: Vec::new(), began: Instant::now() }
+    }
 }
 
 impl Clock {
+    /// An empty clock that began when this one did: for what runs beside.
+    pub fn beside(&self) -> Self {
+        Self { stages: Vec::new(), began: self.began }
+    }
+
+    /// Takes the stages of another clock, which did not begin before this one.
+    pub fn take(&mut self, other: Self) {
+        let later = milliseconds(other.began.saturating_duration_since(self.began));
+        let moved = |s: Stage| Stage { start_ms: s.start_ms + later, ..s };
+        self.stages.extend(other.stages.into_iter().map(moved));
+    }
+
+    /// Milliseconds since this clock began.
+    pub fn elapsed_ms(&self) -> f64 {
+        milliseconds(self.began.elapsed())
+    }
+
+    /// Records a stage that ends now.
+    pub fn record(
+        &mut self,
+        name: &'static str,
+        device: &str,
+        since: Instant,
+        (items, unit): (u64, &'static str),
+        kernels: Vec<KernelTime>,
+    ) {
+        let ms = milliseconds(since.elapsed());
+        let start_ms = milliseconds(since.saturating_duration_since(self.began));
+        let device = device.to_owned();
+        self.stages.push(Stage { name, device, start_ms, ms, items, unit, kernels });
+    }
+
     /// Times a CPU stage; `items` counts what its result holds.
     pub fn time<T>(
         &mut self,
@@ -53,10 +94,10 @@ impl Clock {
     ) -> T {
         let start = Instant::now();
         let out = work();
-        let ms = start.elapsed().as_secs_f64() * 1000.0;
-        let items = items(&out);
-        let device = "cpu".to_owned();
-        self.stages.push(Stage { name, device, ms, items, unit, kernels: Vec::new() });
+        self.record(name, "cpu", start, (0, unit), Vec::new());
+        if let Some(stage) = self.stages.last_mut() {
+            stage.items = items(&out);
+        }
         out
     }
 
@@ -66,10 +107,9 @@ impl Clock {
         name: &'static str,
         device: &str,
         since: Instant,
-        (items, unit): (u64, &'static str),
+        items: (u64, &'static str),
         out: &Outputs,
     ) {
-        let ms = since.elapsed().as_secs_f64() * 1000.0;
         let mut kernels: Vec<KernelTime> = Vec::new();
         for StepTime { kernel, seconds, bytes, .. } in &out.times {
             match kernels.iter_mut().find(|k| k.kernel == *kernel) {
@@ -86,12 +126,15 @@ impl Clock {
                 }),
             }
         }
-        let device = device.to_owned();
-        self.stages.push(Stage { name, device, ms, items, unit, kernels });
+        self.record(name, device, since, items, kernels);
     }
 
     /// Milliseconds of all stages together.
     pub fn total_ms(&self) -> f64 {
         self.stages.iter().map(|s| s.ms).sum()
     }
+}
+
+fn milliseconds(time: Duration) -> f64 {
+    time.as_secs_f64() * 1000.0
 }

@@ -1,6 +1,7 @@
 //! The chain as calls: stages build plans, this room runs them on a device, reads back and goes
 //! on. It also keeps the stage clock, the memory estimate and the report.
 
+mod beside;
 mod chain;
 mod clock;
 pub mod copy;
@@ -11,7 +12,8 @@ mod memory;
 mod report;
 mod surface;
 
-pub use chain::{Centered, Mode, Settings, centered, paper_centered};
+pub use beside::beside;
+pub use chain::{Centered, Mode, Seen, Settings, centered, paper_centered, route, seen};
 pub use clock::{Clock, Stage};
 pub use detail::{Detail, Lod};
 pub use error::PipelineError;

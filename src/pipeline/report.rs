@@ -23,6 +23,9 @@ pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub input: Option<InputReport>,
     pub stages: Vec<Stage>,
+    /// Wall time since the clock of the stages began; less than their sum where some ran side by
+    /// side.
+    pub total_ms: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lumen: Option<LumenReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -146,6 +149,7 @@ impl Report {
             notice: crate::formats::NOTICE,
             device: device.to_owned(),
             stages: clock.stages.clone(),
+            total_ms: clock.elapsed_ms(),
             peak_memory_mb: super::peak_memory_mb(),
             ..Self::default()
         }
