@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::CliError;
 use super::centerline::{PathArgs, center};
-use super::film::{Film, Filmed, film};
+use super::film::{Film, Filmed, Go, film};
 use super::frames::{FrameArgs, Setup};
 use super::lumen_args::{Chosen, LumenArgs};
 use super::mesh_args::{FromArgs, SurfaceArgs};
@@ -58,7 +58,8 @@ impl ChainArgs {
         self.path.settings(mode, FromArgs::of(&self.from)?.start)
     }
 
-    /// Centerline, surface and frames of a lumen. `aside` is done beside drawing the frames.
+    /// Centerline, surface and frames of a lumen. `aside` is done beside the
+    /// frames and what comes before them, see [`film`].
     pub fn fly<T: Send>(
         &self,
         device: &mut Device,
@@ -66,14 +67,14 @@ impl ChainArgs {
         setup: &Setup,
         folder: &Path,
         clock: &mut Clock,
-        aside: impl FnOnce(&Anatomy, &mut Clock) -> T + Send,
+        aside: impl FnOnce(&Anatomy, Go, &mut Clock) -> T + Send,
     ) -> Result<(Flown, T), CliError> {
         let anatomy = self.anatomy(device, (chosen, lumen), clock)?;
         let Anatomy { fields, centered, wall } = &anatomy;
         let scene = Filmed { lumen, fields, wall, open_ends: self.surface.open_ends };
         let mut other = clock.beside();
-        let done = || aside(&anatomy, &mut other);
-        let (film, aside) = film(device, &scene, &centered.line, setup, folder, clock, done)?;
+        let other_done = |go| aside(&anatomy, go, &mut other);
+        let (film, aside) = film(device, &scene, &centered.line, setup, folder, clock, other_done)?;
         clock.take(other);
         Ok((Flown { anatomy, film }, aside))
     }

@@ -1,7 +1,8 @@
 //! A flight as frames: flying, drawing, encoding beside drawing.
 
+use std::borrow::Cow;
 use std::path::Path;
-use std::sync::mpsc::sync_channel;
+use std::sync::mpsc::{Receiver, channel, sync_channel};
 use std::time::Instant;
 
 use glam::Vec3;
@@ -42,7 +43,8 @@ pub struct Film {
 }
 
 /// Flies along the first root-to-tip path and writes every frame. Levels of detail are built
-/// beside planning the flight and opening the renderer, `aside` is done beside the frames.
+/// beside planning the flight and opening the renderer, and `aside` is done beside all of it. Its
+/// [`Go`] says when the folder is there and files may be written.
 pub fn film<T: Send>(
     device: &mut Device,
     scene: &Filmed<'_>,
@@ -50,15 +52,67 @@ pub fn film<T: Send>(
     setup: &Setup,
     folder: &Path,
     clock: &mut Clock,
-    aside: impl FnOnce() -> T + Send,
+    aside: impl FnOnce(Go) -> T + Send,
 ) -> Result<(Film, T), CliError> {
-    let open = scene.open_ends && scene.wall.mesh.caps.contains(&true);
-    let without = open.then(|| without_caps(&scene.wall.mesh));
-    let mesh = without.as_ref().unwrap_or(&scene.wall.mesh);
-    let mut own = None;
+    let (ready, go) = channel();
+    let (aside, film) = beside(
+        || aside(Go(go)),
+        || -> Result<Film, CliError> {
+            // Dropped with an error on the way: whoever waits then hears of it.
+            let ready = ready;
+            let shown = Shown::of(scene);
+            let mut own = None;
+            let (set, flight) = prepare(device, &mut own, scene, &shown, line, setup, clock)?;
+            // Only now: a machine that cannot draw leaves no empty folder.
+            make_folder(folder)?;
+            // An `aside` that has ended already does not listen.
+            let _ = ready.send(());
+            draw(set, line, setup, &flight, folder, clock)
+        },
+    );
+    Ok((film?, aside))
+}
+
+/// What waits for a folder.
+pub struct Go(Receiver<()>);
+
+impl Go {
+    /// Waits until files may be written; `false` when there will be no frames, so that nothing
+    /// should be.
+    pub fn wait(self) -> bool {
+        self.0.recv().is_ok()
+    }
+}
+
+/// The mesh that is drawn.
+struct Shown<'a> {
+    mesh: Cow<'a, Mesh>,
+    closed: bool,
+}
+
+impl<'a> Shown<'a> {
+    fn of(scene: &Filmed<'a>) -> Self {
+        let mesh = &scene.wall.mesh;
+        let open = scene.open_ends && mesh.caps.contains(&true);
+        let closed = scene.wall.topology.watertight && !open;
+        let mesh = if open { Cow::Owned(without_caps(mesh)) } else { Cow::Borrowed(mesh) };
+        Self { mesh, closed }
+    }
+}
+
+/// All that comes before the first frame.
+fn prepare<'a>(
+    device: &'a mut Device,
+    own: &'a mut Option<Gpu>,
+    scene: &Filmed<'_>,
+    shown: &Shown<'_>,
+    line: &Centerline,
+    setup: &Setup,
+    clock: &mut Clock,
+) -> Result<(Staged<'a>, Flight), CliError> {
     let mut building = clock.beside();
     let (detail, begun) = beside(
-        || detailed(mesh, setup, &mut building),
+        || detailed(&shown.mesh, setup, &mut building),
         || -> Result<_, CliError> {
             let fly = || fly(scene, line, setup);
             let count = |f: &Result<Flight, _>| f.as_ref().map_or(0, |f| f.poses.len() as u64);
@@ -67,17 +121,12 @@ pub fn film<T: Send>(
                 let json = Script::from(&flight).to_json();
                 whole::write_whole(path, |o| o.write_all(json.as_bytes()))?;
             }
-            Ok((flight, open_renderer(device, &mut own, setup, clock)?))
+            Ok((flight, open_renderer(device, own, setup, clock)?))
         },
     );
     clock.take(building);
     let (flight, opened) = begun?;
-    // Only now: a machine that cannot draw leaves no empty folder.
-    make_folder(folder)?;
-    let closed = scene.wall.topology.watertight && !open;
-    let set = set(opened, mesh, closed, setup, detail?)?;
-    let (aside, film) = beside(aside, || draw(set, line, setup, &flight, folder, clock));
-    Ok((film?, aside))
+    Ok((set(opened, shown, setup, detail?)?, flight))
 }
 
 /// The renderer on the device that computes or, where that is the CPU, on what Vulkan there is,
@@ -193,8 +242,7 @@ fn detailed(
 /// Puts the wall on the device: whole, or as pages that a worker fills.
 fn set<'a>(
     mut on: Opened<'a>,
-    mesh: &Mesh,
-    closed: bool,
+    Shown { mesh, closed }: &Shown<'_>,
     setup: &Setup,
     detail: Option<(Detail, f32)>,
 ) -> Result<Staged<'a>, CliError> {

@@ -22,7 +22,7 @@ impl Args {
         let (lumen, found) = chosen.lumen(global)?;
         let mut device = global.open()?;
         let ((flown, ()), timing) = timed(global, &mut device, |device, clock| {
-            a.fly(device, (&chosen, &lumen), &setup, &a.out, clock, |_, _| ())
+            a.fly(device, (&chosen, &lumen), &setup, &a.out, clock, |_, _, _| ())
         })?;
         global.say(format_args!(
             "wrote {} frames to {} ({:.1} s of flight)",

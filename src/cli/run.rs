@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::CliError;
 use super::centerline::{center, unseen_csv};
 use super::chain::{Anatomy, ChainArgs, Flown};
+use super::film::Go;
 use super::global::Global;
 use super::lumen_args::notes;
 use super::surface::{Modes as ModeChoice, without_caps};
@@ -15,7 +16,7 @@ use crate::formats::{whole, write_centerline, write_mesh, write_volume};
 use crate::geometry::Mesh;
 use crate::lumen::Lumen;
 use crate::pipeline::detail::{base, base_faces};
-use crate::pipeline::{CenterlineReport, Clock, Mode, Modes, Report};
+use crate::pipeline::{CenterlineReport, Clock, Mode, Modes, Report, beside};
 use crate::volume::{Samples, Volume};
 
 /// `intima run INPUT LUMEN --out DIR`
@@ -33,13 +34,16 @@ impl Args {
         let setup = a.frames.check(global)?;
         a.settings(a.mode.main())?;
         let mut clock = Clock::default();
-        let chosen = clock.time(
-            "read",
-            "voxels",
-            || a.lumen.load(a.input.as_deref(), global),
-            |c| c.as_ref().map_or(0, |c| c.volume.grid.len() as u64),
-        )?;
-        let mut device = global.open()?;
+        let read = || {
+            clock.time(
+                "read",
+                "voxels",
+                || a.lumen.load(a.input.as_deref(), global),
+                |c| c.as_ref().map_or(0, |c| c.volume.grid.len() as u64),
+            )
+        };
+        let (device, chosen) = beside(|| global.open(), read);
+        let (chosen, mut device) = (chosen?, device?);
         let frames = a.out.join("frames");
         let once = global.repeat.is_none();
         let ((lumen, found, flown, written), timing) =
@@ -50,16 +54,17 @@ impl Args {
                     || chosen.lumen(global),
                     |r| r.as_ref().map_or(0, |(l, _)| l.inside_voxels()),
                 )?;
-                let aside = |anatomy: &Anatomy, clock: &mut Clock| {
-                    once.then(|| self.products(&lumen, anatomy, clock))
+                let aside = |anatomy: &Anatomy, go: Go, clock: &mut Clock| {
+                    let products = || self.products(&lumen, anatomy, Some(go), clock);
+                    once.then(products).transpose()
                 };
                 let what = (&chosen, &lumen);
                 let (flown, written) = a.fly(device, what, &setup, &frames, clock, aside)?;
-                Ok((lumen, found, flown, written.transpose()?))
+                Ok((lumen, found, flown, written?))
             })?;
         clock.take(timing.clock.clone());
         if written.is_none() {
-            self.products(&lumen, &flown.anatomy, &mut clock)?;
+            self.products(&lumen, &flown.anatomy, None, &mut clock)?;
         }
         let modes = if a.mode.mode == ModeChoice::Both {
             let mut aside = Clock::default();
@@ -86,17 +91,21 @@ impl Args {
         global.answer(&report)
     }
 
-    /// Makes and writes what is no picture: eight files.
+    /// Makes what is no picture, and writes it once `go` allows: eight files.
     fn products(
         &self,
         lumen: &Lumen,
         anatomy: &Anatomy,
+        go: Option<Go>,
         clock: &mut Clock,
     ) -> Result<(), CliError> {
         let a = &self.chain;
         let mesh = &anatomy.wall.mesh;
         let faces = a.surface.decimate.map_or_else(|| base_faces(mesh), |n| n as usize);
         let base = base(mesh, faces, a.mode.main(), clock)?;
+        if !go.is_none_or(Go::wait) {
+            return Ok(());
+        }
         let write = || write_products(&a.out, lumen, anatomy, &base.mesh, a.surface.open_ends);
         clock.time("write", "files", write, |_| 8)
     }
