@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use super::CliError;
 use super::centerline::{PathArgs, center};
-use super::film::{Film, Filmed, Go, film};
+use super::draw::Film;
+use super::film::{Filmed, Go, film};
 use super::frames::{FrameArgs, Setup};
 use super::lumen_args::{Chosen, LumenArgs};
 use super::mesh_args::{FromArgs, SurfaceArgs};
@@ -116,13 +117,14 @@ impl Flown {
     /// The report of this chain.
     pub fn report(
         self,
-        (chosen, lumen, found): (&Chosen, &Lumen, &Found),
+        input: InputReport,
+        (lumen, found): (&Lumen, &Found),
         device: &str,
         clock: &Clock,
     ) -> Report {
         let Anatomy { centered, wall, .. } = self.anatomy;
         Report {
-            input: Some(InputReport::of(&chosen.volume)),
+            input: Some(input),
             lumen: Some(LumenReport::of(lumen, found)),
             surface: Some(SurfaceReport::of(wall.topology, wall.mesh.area_mm2())),
             centerline: Some(CenterlineReport::of(&centered, lumen)),

@@ -70,35 +70,36 @@ impl DetailArgs {
 }
 
 impl DetailSetup {
-    /// The wall at many levels, or nothing where the whole mesh is to be drawn.
+    /// The wall at many levels, or nothing where the whole mesh is to be drawn; and what is to be
+    /// kept of it.
     pub fn build(
         &self,
         mesh: &Mesh,
         vertices: &[Vertex],
         clock: &mut Clock,
-    ) -> Result<Option<Detail>, CliError> {
+    ) -> Result<Option<(Detail, Option<Keep>)>, CliError> {
         match self.lod {
             Lod::Off => Ok(None),
             Lod::Clusters => {
-                let (clusters, cached) = self.clusters(mesh, vertices, clock)?;
-                Ok(Some(Detail::of_clusters(clusters, self.pixel_error, cached)))
+                let (clusters, cached, keep) = self.clusters(mesh, vertices, clock)?;
+                Ok(Some((Detail::of_clusters(clusters, self.pixel_error, cached), keep)))
             }
             Lod::Vds => {
                 let base = detail::base_faces(mesh);
                 let detail = Detail::of_subdivision(mesh, vertices, base, self.pixel_error, clock)?;
-                Ok(Some(detail))
+                Ok(Some((detail, None)))
             }
         }
     }
 
-    /// Clusters from the cache, or built and kept there; and which of the two. A cache that
+    /// Clusters from the cache, or built and to be kept there; and which of the two. A cache that
     /// cannot be read or written costs time and nothing else.
     fn clusters(
         &self,
         mesh: &Mesh,
         vertices: &[Vertex],
         clock: &mut Clock,
-    ) -> Result<(Clusters, bool), CliError> {
+    ) -> Result<(Clusters, bool, Option<Keep>), CliError> {
         let faces = mesh.faces.len() as u64;
         // A small mesh is clustered sooner than it is looked up.
         let file = self.cache.as_deref().filter(|_| faces >= WORTH_KEEPING).map(|folder| {
@@ -115,15 +116,26 @@ impl DetailSetup {
         if let Some(path) = &file
             && let Some(found) = clock.time("kept clusters", "faces", || read(path), |_| faces)
         {
-            return Ok((found, true));
+            return Ok((found, true, None));
         }
         let build = || Clusters::build(mesh, vertices);
         let built = clock.time("clusters", "faces", build, |_| faces);
         let built = built.map_err(crate::pipeline::PipelineError::from)?;
-        if let Some(path) = &file {
-            keep(path, &built.to_bytes());
-        }
-        Ok((built, false))
+        let keep = file.map(|path| Keep { bytes: built.to_bytes(), path });
+        Ok((built, false, keep))
+    }
+}
+
+/// Clusters that were built and should be found next time.
+pub struct Keep {
+    path: PathBuf,
+    bytes: Vec<u8>,
+}
+
+impl Keep {
+    /// Writes the file: nobody waits for it, so it can be done beside the drawing.
+    pub fn write(self) {
+        keep(&self.path, &self.bytes);
     }
 }
 

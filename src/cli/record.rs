@@ -4,6 +4,7 @@ use super::CliError;
 use super::chain::ChainArgs;
 use super::global::Global;
 use super::timing::timed;
+use crate::pipeline::InputReport;
 
 /// `intima record INPUT LUMEN --out DIR`
 #[derive(Debug, clap::Args)]
@@ -21,8 +22,10 @@ impl Args {
         let chosen = a.lumen.load(a.input.as_deref(), global)?;
         let (lumen, found) = chosen.lumen(global)?;
         let mut device = global.open()?;
-        let ((flown, ()), timing) = timed(global, &mut device, |device, clock| {
-            a.fly(device, (&chosen, &lumen), &setup, &a.out, clock, |_, _, _| ())
+        let ((flown, input), timing) = timed(global, &mut device, |device, clock| {
+            a.fly(device, (&chosen, &lumen), &setup, &a.out, clock, |_, _, _| {
+                InputReport::of(&chosen.volume)
+            })
         })?;
         global.say(format_args!(
             "wrote {} frames to {} ({:.1} s of flight)",
@@ -30,8 +33,7 @@ impl Args {
             a.out.display(),
             flown.film.report.flight_seconds
         ))?;
-        let what = (&chosen, &lumen, &found);
-        let mut report = flown.report(what, &timing.device, &timing.clock);
+        let mut report = flown.report(input, (&lumen, &found), &timing.device, &timing.clock);
         report.timing = timing.keys();
         global.answer(&report)
     }

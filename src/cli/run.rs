@@ -16,7 +16,7 @@ use crate::formats::{whole, write_centerline, write_mesh, write_volume};
 use crate::geometry::Mesh;
 use crate::lumen::Lumen;
 use crate::pipeline::detail::{base, base_faces};
-use crate::pipeline::{CenterlineReport, Clock, Mode, Modes, Report, beside};
+use crate::pipeline::{CenterlineReport, Clock, InputReport, Mode, Modes, Report, beside};
 use crate::volume::{Samples, Volume};
 
 /// `intima run INPUT LUMEN --out DIR`
@@ -46,7 +46,7 @@ impl Args {
         let (chosen, mut device) = (chosen?, device?);
         let frames = a.out.join("frames");
         let once = global.repeat.is_none();
-        let ((lumen, found, flown, written), timing) =
+        let ((lumen, found, flown, written, input), timing) =
             timed(global, &mut device, |device, clock| {
                 let (lumen, found) = clock.time(
                     "segment",
@@ -55,12 +55,14 @@ impl Args {
                     |r| r.as_ref().map_or(0, |(l, _)| l.inside_voxels()),
                 )?;
                 let aside = |anatomy: &Anatomy, go: Go, clock: &mut Clock| {
+                    let input = InputReport::of(&chosen.volume);
                     let products = || self.products(&lumen, anatomy, Some(go), clock);
-                    once.then(products).transpose()
+                    (once.then(products), input)
                 };
                 let what = (&chosen, &lumen);
-                let (flown, written) = a.fly(device, what, &setup, &frames, clock, aside)?;
-                Ok((lumen, found, flown, written?))
+                let (flown, (written, input)) =
+                    a.fly(device, what, &setup, &frames, clock, aside)?;
+                Ok((lumen, found, flown, written.transpose()?, input))
             })?;
         clock.take(timing.clock.clone());
         if written.is_none() {
@@ -80,8 +82,7 @@ impl Args {
 
         let mut warnings = notes(&chosen.recipe, &lumen, &found);
         warnings.extend(doubts(&flown));
-        let what = (&chosen, &lumen, &found);
-        let mut report = flown.report(what, &timing.device, &clock);
+        let mut report = flown.report(input, (&lumen, &found), &timing.device, &clock);
         report.modes = modes;
         report.timing = timing.keys();
         warnings.append(&mut report.warnings);
