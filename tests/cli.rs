@@ -101,11 +101,29 @@ fn run_writes_every_product_and_a_report_of_this_run() {
     for stage in ["read", "segment", "distance, ridge", "visibility", "route", "surface", "fair"] {
         assert!(names.contains(&stage), "{stage} in {names:?}");
     }
+    let total = report["total_ms"].as_f64().unwrap();
+    for stage in report["stages"].as_array().unwrap() {
+        let (start, ms) = (stage["start_ms"].as_f64().unwrap(), stage["ms"].as_f64().unwrap());
+        assert!(start >= 0.0 && start + ms <= total, "{stage} of {total} ms");
+    }
     // No path of this machine in the report.
     let text = report.to_string();
     assert!(!text.contains(&*tmp.path().to_string_lossy()) && !text.contains("ct.nrrd"));
     let mask = read_volume(&out.join("mask.nrrd"), &ReadOptions::default()).unwrap();
     assert_eq!(mask.range(), Some((0.0, 2.0)));
+}
+
+#[test]
+fn a_run_that_fails_before_its_first_frame_leaves_no_file() {
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Bend, 32);
+    for threads in ["1", "2"] {
+        let args = ["run", "--mask", "mask.nrrd", "--out", "out", "--threads", threads];
+        let more = ["--frames", "2", "--size", "64x48", "--write-path", "nowhere/path.json"];
+        let out = intima(tmp.path(), &[&args[..], &more].concat());
+        assert_eq!(out.status.code(), Some(1), "{}", String::from_utf8_lossy(&out.stderr));
+        assert_eq!(names(tmp.path()), ["ct.nrrd", "mask.nrrd"]);
+    }
 }
 
 #[test]

@@ -73,7 +73,7 @@ pub fn centre(
     // The route's corners are voxels wide: a first spline gives tangents worth following. Points
     // keep their parameters from here on, so that no fold can grow by drawing more points into it.
     let loose = vec![1.0; curve.len()];
-    let track = smoothed(&curve, &parameters(&curve, &loose, distance), 1.0);
+    let track = smoothed(&curve, &parameters(&curve, &loose, distance), (1.0, 0.0));
     let u = parameters(&track, &loose, distance);
     curve.clone_from(&track);
     for knots in KNOTS {
@@ -118,9 +118,11 @@ fn tightened(
     curve
 }
 
-/// Knot spacing of each round, in distances to the wall. Wide ones first: a section across a
-/// tangent that follows every bump is askew and would move the point to where the next is worse.
-const KNOTS: [f64; 5] = [2.0, 2.0, 1.25, 1.25, 0.85];
+/// Knot spacing of each round, in distances to the wall, and stiffness. Wide ones first: a section
+/// across a tangent that follows every bump is askew and would move the point to where the next is
+/// worse. Close knots follow the bends at forks; stiffness keeps them from following noise, and the
+/// curve from depending on where the knots fall.
+const KNOTS: [(f64, f64); 5] = [(2.0, 0.0), (2.0, 0.0), (1.25, 0.0), (0.7, 0.002), (0.7, 0.001)];
 /// Farthest a point moves in a round, in distances to the wall: where pockets follow each other
 /// the best places of neighbouring sections lie far apart.
 const STRIDE: f64 = 0.15;
@@ -245,8 +247,8 @@ fn parameters(points: &[DVec3], tight: &[f64], distance: Sampler<'_>) -> Vec<f64
     u
 }
 
-/// Least-squares spline through points, its ends exactly, with knots `knots` apart.
-fn smoothed(points: &[DVec3], u: &[f64], knots: f64) -> Vec<DVec3> {
+/// Least-squares spline through points, its ends exactly, with knots so far apart and so stiff.
+fn smoothed(points: &[DVec3], u: &[f64], (knots, stiffness): (f64, f64)) -> Vec<DVec3> {
     let total = u[u.len() - 1];
     if total <= 0.0 {
         return points.to_vec();
@@ -254,7 +256,7 @@ fn smoothed(points: &[DVec3], u: &[f64], knots: f64) -> Vec<DVec3> {
     let spans = ((total / knots).ceil() as usize).clamp(1, points.len() - 1);
     let scale = spans as f64 / total;
     let u: Vec<f64> = u.iter().map(|u| u * scale).collect();
-    let spline = Spline::fit(points, &u, spans);
+    let spline = Spline::fit(points, &u, spans, stiffness);
     let mut curve: Vec<DVec3> = u.iter().map(|u| spline.at(*u).0).collect();
     (curve[0], curve[points.len() - 1]) = (points[0], points[points.len() - 1]);
     curve

@@ -28,9 +28,13 @@ impl Spline {
     /// interpolated (weight 10⁶ against 1); a trace of second-difference smoothing keeps spans
     /// without points determined.
     ///
+    /// * `stiffness`: weight of squared third differences of neighbouring control points (a P-spline,
+    ///   Eilers & Marx 1996, doi:10.1214/ss/1038425655), against 1 for all points of a mean span.
+    ///   Parabolas cost nothing, so bends are not flattened as second differences would have them.
+    ///
     /// # Panics
     /// With fewer than two points or spans < 1: the caller decides what a curve is.
-    pub fn fit(points: &[DVec3], parameters: &[f64], spans: usize) -> Self {
+    pub fn fit(points: &[DVec3], parameters: &[f64], spans: usize, stiffness: f64) -> Self {
         assert!(points.len() >= 2 && points.len() == parameters.len() && spans >= 1);
         let n = spans + 3;
         // Normal equations, symmetric with three bands above the diagonal.
@@ -50,14 +54,9 @@ impl Spline {
             }
         }
         const TRACE: f64 = 1e-3;
-        for i in 0..n - 2 {
-            let d = [1.0, -2.0, 1.0];
-            for r in 0..3 {
-                for c in r..3 {
-                    a[i + r][c - r] += TRACE * d[r] * d[c];
-                }
-            }
-        }
+        let stiffness = stiffness * points.len() as f64 / spans as f64;
+        penalise(&mut a, [1.0, -2.0, 1.0], TRACE);
+        penalise(&mut a, [-1.0, 3.0, -3.0, 1.0], stiffness);
         Self { control: solve(a, rhs) }
     }
 
@@ -74,6 +73,17 @@ impl Spline {
         let c = &self.control[s..s + 4];
         let sum = |w: [f64; 4]| c.iter().zip(w).map(|(c, w)| *c * w).sum();
         (sum(b), sum(d))
+    }
+}
+
+/// Adds a weighted sum of squared differences of control points to normal equations.
+fn penalise<const N: usize>(a: &mut [[f64; 4]], difference: [f64; N], weight: f64) {
+    for i in 0..a.len() + 1 - N {
+        for r in 0..N {
+            for c in r..N {
+                a[i + r][c - r] += weight * difference[r] * difference[c];
+            }
+        }
     }
 }
 
@@ -116,7 +126,7 @@ mod tests {
         let f = |u: f64| DVec3::new(u, 0.1 * u * u * u - u * u, 3.0 - u);
         let u: Vec<f64> = (0..60).map(|i| f64::from(i) / 59.0 * 5.0).collect();
         let p: Vec<DVec3> = u.iter().map(|u| f(*u)).collect();
-        let s = Spline::fit(&p, &u, 5);
+        let s = Spline::fit(&p, &u, 5, 0.0);
         for u in u {
             assert!(s.at(u).0.distance(f(u)) < 2e-2, "{u}");
         }
@@ -126,9 +136,26 @@ mod tests {
     }
 
     #[test]
+    fn stiffness_takes_the_waves_of_noise_and_leaves_a_parabola() {
+        let f = |u: f64| DVec3::new(u, 0.2 * u * u, 1.0);
+        let u: Vec<f64> = (0..200).map(|i| f64::from(i) / 199.0 * 20.0).collect();
+        let noise = |i: usize| DVec3::Z * if i / 5 % 2 == 0 { 0.1 } else { -0.1 };
+        let clean: Vec<DVec3> = u.iter().map(|u| f(*u)).collect();
+        let noisy: Vec<DVec3> = clean.iter().enumerate().map(|(i, p)| *p + noise(i)).collect();
+        let worst = |points: &[DVec3], stiffness: f64| {
+            let s = Spline::fit(points, &u, 20, stiffness);
+            let off = u.iter().skip(20).take(160).map(|u| s.at(*u).0.distance(f(*u)));
+            off.fold(0.0, f64::max)
+        };
+        assert!(worst(&clean, 10.0) < 1e-2, "{}", worst(&clean, 10.0));
+        let (loose, stiff) = (worst(&noisy, 0.0), worst(&noisy, 0.3));
+        assert!(stiff < 0.3 * loose, "{stiff} and {loose}");
+    }
+
+    #[test]
     fn two_points_make_a_straight_line() {
         let p = [DVec3::ZERO, DVec3::new(4.0, 2.0, 0.0)];
-        let s = Spline::fit(&p, &[0.0, 1.0], 1);
+        let s = Spline::fit(&p, &[0.0, 1.0], 1, 0.0);
         assert!(s.at(0.5).0.distance(DVec3::new(2.0, 1.0, 0.0)) < 1e-6);
     }
 }

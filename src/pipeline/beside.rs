@@ -22,3 +22,19 @@ pub fn beside<A: Send, B>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B) -
         }
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::beside;
+    use std::sync::mpsc::channel;
+
+    #[test]
+    fn the_first_may_wait_for_the_second_at_any_number_of_threads() {
+        for threads in [1, 2] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let (say, hear) = channel();
+            let both = || beside(move || hear.recv(), move || say.send(7).is_ok());
+            assert_eq!(pool.install(both), (Ok(7), true));
+        }
+    }
+}

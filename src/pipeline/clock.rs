@@ -138,3 +138,26 @@ impl Clock {
 fn milliseconds(time: Duration) -> f64 {
     time.as_secs_f64() * 1000.0
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stages_keep_their_place_in_time_when_another_clock_takes_them() {
+        let pause = || std::thread::sleep(Duration::from_millis(2));
+        let mut clock = Clock::default();
+        let mut aside = clock.beside();
+        pause();
+        let mut later = Clock::default();
+        later.time("later", "pauses", pause, |()| 1);
+        aside.time("aside", "pauses", pause, |()| 1);
+        let (own, same) = (later.stages[0].start_ms, aside.stages[0].start_ms);
+        clock.take(later);
+        clock.take(aside);
+        assert!(clock.stages[0].start_ms >= own + 2.0);
+        assert_eq!(clock.stages[1].start_ms, same);
+        let end = clock.stages[0].start_ms + clock.stages[0].ms;
+        assert!(clock.stages[0].ms >= 2.0 && end <= same && same < clock.elapsed_ms());
+    }
+}
