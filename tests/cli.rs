@@ -121,7 +121,7 @@ fn a_run_that_fails_before_its_first_frame_leaves_no_file() {
         let args = ["run", "--mask", "mask.nrrd", "--out", "out", "--threads", threads];
         let more = ["--frames", "2", "--size", "64x48", "--write-path", "nowhere/path.json"];
         let out = intima(tmp.path(), &[&args[..], &more].concat());
-        assert_eq!(out.status.code(), Some(1), "{}", String::from_utf8_lossy(&out.stderr));
+        assert_eq!(out.status.code(), Some(3), "{}", String::from_utf8_lossy(&out.stderr));
         assert_eq!(names(tmp.path()), ["ct.nrrd", "mask.nrrd"]);
     }
 }
