@@ -139,7 +139,7 @@ mod tests {
     fn stiffness_takes_the_waves_of_noise_and_leaves_a_parabola() {
         let f = |u: f64| DVec3::new(u, 0.2 * u * u, 1.0);
         let u: Vec<f64> = (0..200).map(|i| f64::from(i) / 199.0 * 20.0).collect();
-        let noise = |i: usize| DVec3::Z * if i / 12 % 2 == 0 { 0.1 } else { -0.1 };
+        let noise = |i: usize| DVec3::Z * if (i / 12).is_multiple_of(2) { 0.1 } else { -0.1 };
         let clean: Vec<DVec3> = u.iter().map(|u| f(*u)).collect();
         let noisy: Vec<DVec3> = clean.iter().enumerate().map(|(i, p)| *p + noise(i)).collect();
         let worst = |points: &[DVec3], stiffness: f64| {
