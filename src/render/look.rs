@@ -11,7 +11,7 @@ pub struct Look {
     pub diffuse: f32,
     /// Strength of the highlight of a wet wall.
     pub specular: f32,
-    /// Sharpness of the highlight.
+    /// Sharpness of the highlight, 16 or more.
     pub power: f32,
     /// Distance at which light is halved, mm; by default a multiple of the organ's mean radius.
     pub falloff_mm: Option<f32>,
