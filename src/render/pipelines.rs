@@ -63,7 +63,6 @@ impl Pipelines {
             blend: Blend::Stack,
             push_bytes: host::stack::PUSH_BYTES,
             images: 1,
-            ..surface.clone()
         };
         Ok(Self {
             inside: gpu.draw_pipeline(&surface)?,

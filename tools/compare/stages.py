@@ -195,10 +195,12 @@ STAGES = {
     "chain": Stage(
         "the whole chain: CT on disk to a flight",
         "Processes from start to exit: lumen, wall, centerline and 100 frames of 1280x720 without multisampling. "
-        "`intima run` also writes mask, distance field, surface and report; `record` only the frames. The script "
+        "`intima run` also writes mask, distance field, surface and report; `record` only the frames. Both build their "
+        "levels of detail, as on a first run; `again` has them from the one before. The script "
         "simplifies the wall to a tenth before it draws.",
         ["colon_ct_half"], ["colon_ct"],
-        {"intima run": (_chain("run"), None), "intima record": (_chain("record"), None)},
+        {"intima run": (_chain("run"), None), "intima run again": (_chain("run"), None),
+         "intima record": (_chain("record"), None)},
         {"VTK + SimpleITK + dijkstra3d": ("vtk", "chain:script")},
         "line", LINE, whole=True),
 }
