@@ -94,6 +94,7 @@ impl Clusters {
         let at = |v: u32| positions[v as usize];
         let items = draft.faces().map(|f| Item::triangle(f.map(at)).cone);
         let cones: Vec<_> = items.collect();
+        let most = self.groups.get(made_by as usize).map_or(0.0, |g| g.error_mm);
         self.clusters.push(Cluster {
             first_vertex: self.vertex_ids.len() as u32,
             vertices: draft.vertices.len() as u32,
@@ -101,6 +102,7 @@ impl Clusters {
             triangles: draft.triangles.len() as u32,
             sphere: ball(draft.vertices.iter().map(|v| (at(*v), 0.0))),
             cone: around(cones.into_iter()),
+            error_mm: up(draft.error).min(most),
             made_by,
             used_by: NONE,
         });

@@ -12,10 +12,10 @@ use crate::lod::{Cone, PAGE_TRIANGLES, PAGE_VERTICES, Sphere};
 
 const MAGIC: &[u8; 8] = b"intimaCL";
 /// To be raised whenever the same mesh would give other clusters or other bytes.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 const HEADER: usize = 8 + 4 + 32 + 6 * 8;
 const HASH: usize = 32;
-const CLUSTER_WORDS: usize = 14;
+const CLUSTER_WORDS: usize = 15;
 const GROUP_WORDS: usize = 15;
 const VERTEX_WORDS: usize = size_of::<Vertex>() / 4;
 
@@ -126,7 +126,10 @@ impl Clusters {
             let there = ids <= self.vertex_ids.len() && triangles <= self.triangles.len();
             let groups = self.groups.len() as u32;
             let known = [c.made_by, c.used_by].iter().all(|g| *g == NONE || *g < groups);
-            let shaped = sound(&c.sphere) && c.cone.axis.is_finite() && !c.cone.sine.is_nan();
+            let shaped = sound(&c.sphere)
+                && c.cone.axis.is_finite()
+                && !c.cone.sine.is_nan()
+                && c.error_mm >= 0.0;
             if !(fits && placed && there && known && shaped) {
                 return broken("cluster", at);
             }
@@ -163,7 +166,8 @@ impl Clusters {
                 return broken;
             }
             (members, outputs) = (members + i, outputs + o);
-            if (g.first_output as usize..end).any(|c| self.clusters[c].made_by as usize != at) {
+            let made = |c: &Cluster| c.made_by as usize == at && c.error_mm <= g.error_mm;
+            if !self.clusters[g.first_output as usize..end].iter().all(made) {
                 return broken;
             }
             for &c in self.inputs(at as u32) {
@@ -210,7 +214,8 @@ fn cluster_words(c: &Cluster) -> [u32; CLUSTER_WORDS] {
     let sine = c.cone.sine.to_bits();
     let place = [c.first_vertex, c.vertices, c.first_triangle, c.triangles];
     let [i, j, k, l] = place;
-    [i, j, k, l, x, y, z, r, a, b, d, sine, c.made_by, c.used_by]
+    let error = c.error_mm.to_bits();
+    [i, j, k, l, x, y, z, r, a, b, d, sine, error, c.made_by, c.used_by]
 }
 
 fn read_cluster(next: &mut impl FnMut() -> u32) -> Cluster {
@@ -221,6 +226,7 @@ fn read_cluster(next: &mut impl FnMut() -> u32) -> Cluster {
         triangles: next(),
         sphere: read_sphere(next),
         cone: Cone { axis: read_vector(next), sine: f32::from_bits(next()) },
+        error_mm: f32::from_bits(next()),
         made_by: next(),
         used_by: next(),
     }

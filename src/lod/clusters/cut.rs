@@ -58,18 +58,18 @@ impl View<'_> {
     /// scaled down where the coarse triangles look smaller than [`FULL_SHADING_PX`], may not be
     /// larger than the shading tolerance: a wrong shade over a pixel or two is noise, over a broad
     /// triangle it is a dent.
-    fn excess(&self, g: &Group, px: impl Fn(f32) -> f64) -> f64 {
-        let place = px(g.error_mm) / self.pixels;
-        let size = (px(g.edge_mm) / FULL_SHADING_PX).min(1.0);
+    fn excess(&self, g: &Group, (error_mm, edge_mm): (f32, f32), px: impl Fn(f32) -> f64) -> f64 {
+        let place = px(error_mm) / self.pixels;
+        let size = (px(edge_mm) / FULL_SHADING_PX).min(1.0);
         place.max(f64::from(g.angle_rad) * size / self.shading)
     }
 
     /// That anywhere in `s`; 0 if unseen.
-    fn within(&self, g: &Group, s: &Sphere) -> f64 {
+    fn within(&self, g: &Group, error_mm: f32, s: &Sphere) -> f64 {
         if !self.eye.sees(s) {
             return 0.0;
         }
-        self.excess(g, |mm| self.eye.error_px(s, mm))
+        self.excess(g, (error_mm, g.edge_mm), |mm| self.eye.error_px(s, mm))
     }
 
     /// Whether the errors of a group look larger than allowed. What errs lies in its outputs or
@@ -78,30 +78,44 @@ impl View<'_> {
     fn too_coarse(&self, group: u32) -> bool {
         let c = self.clusters;
         let g = &c.groups[group as usize];
-        if self.within(g, &g.sphere) <= 1.0 {
+        if self.within(g, g.error_mm, &g.sphere) <= 1.0 {
             return false;
         }
-        let wider = |s: Sphere| Sphere { radius: (s.radius + g.error_mm).next_up(), ..s };
-        let coarse = |id: &u32| self.within(g, &wider(c.clusters[*id as usize].sphere)) > 1.0;
-        let spot = |v: u32| self.eye.spot(c.vertices[v as usize].position(), g.error_mm);
-        let exceeds = |[x, y, z]: [&Spot; 3]| {
+        // Each cluster errs as far as it does, near or far, and each triangle is as broad as it is.
+        let coarse = |id: u32| -> Option<f32> {
+            let own = &c.clusters[id as usize];
+            let (e, s) = (own.error_mm, own.sphere);
+            let wider = Sphere { radius: (s.radius + e).next_up(), ..s };
+            (self.within(g, e, &wider) > 1.0).then_some(e)
+        };
+        let place = |v: u32| c.vertices[v as usize].position();
+        let exceeds = |f: [u32; 3], [x, y, z]: [&Spot; 3], e: f32| {
+            let [a, b, d] = f.map(place);
+            let edge = a.distance(b).max(b.distance(d)).max(d.distance(a));
             let s = x.with(y).with(z);
-            self.excess(g, |mm| self.eye.error_in_spot_px(&s, mm)) > 1.0
+            self.excess(g, (e, edge), |mm| self.eye.error_in_spot_px(&s, mm)) > 1.0
         };
         // Most that are, are so nearly everywhere.
-        let first = |id: u32| c.faces(id).next().is_some_and(|f| exceeds(f.map(spot).each_ref()));
+        let first = |id: u32| {
+            let e = c.clusters[id as usize].error_mm;
+            let spots = |f: [u32; 3]| f.map(|v| self.eye.spot(place(v), e));
+            c.faces(id).next().is_some_and(|f| exceeds(f, spots(f).each_ref(), e))
+        };
         c.outputs(group).any(first)
-            || c.outputs(group).filter(coarse).any(|id| {
-                let spots: Vec<Spot> = c.vertex_ids(id).iter().map(|v| spot(*v)).collect();
-                let at = |v: u8| &spots[usize::from(v)];
-                c.triangles(id).iter().any(|t| exceeds(t.map(at)))
+            || c.outputs(group).filter_map(|id| Some((id, coarse(id)?))).any(|(id, e)| {
+                let ids = c.vertex_ids(id);
+                let spots: Vec<Spot> = ids.iter().map(|v| self.eye.spot(place(*v), e)).collect();
+                c.triangles(id).iter().any(|t| {
+                    let t = t.map(usize::from);
+                    exceeds(t.map(|v| ids[v]), t.map(|v| &spots[v]), e)
+                })
             })
     }
 
     /// At least that of the group and of every one below.
     fn reach(&self, group: u32) -> f64 {
         let g = &self.clusters.groups[group as usize];
-        self.within(g, &g.reach)
+        self.within(g, g.error_mm, &g.reach)
     }
 }
 

@@ -44,7 +44,14 @@ pub fn draft(faces: &[[u32; 3]]) -> Draft {
     let vertices = vertices_of(faces.iter().copied());
     let place = |v: u32| vertices.binary_search(&v).unwrap_or(0) as u8;
     let triangles = faces.iter().map(|f| f.map(place)).collect();
-    Draft { triangles, vertices, whole: Vec::new(), parts: Parts::default(), back: Vec::new() }
+    Draft {
+        triangles,
+        vertices,
+        whole: Vec::new(),
+        parts: Parts::default(),
+        back: Vec::new(),
+        error: 0.0,
+    }
 }
 
 /// Each vertex once, ascending.

@@ -243,8 +243,11 @@ pub fn simplify(
     };
     let (bound, back) = measure.back(bound, &fine);
     for ((cluster, _), b) in owner.iter().zip(back) {
-        outputs[usize::from(*cluster)].back.push(b);
+        let own = &mut outputs[usize::from(*cluster)];
+        own.back.push(b);
+        own.error = own.error.max(f64::from(b));
     }
+    outputs.iter_mut().for_each(|d| d.error += ROUNDING * far);
     Some(Made {
         outputs,
         error: bound + ROUNDING * far,

@@ -64,6 +64,8 @@ pub struct Draft {
     pub parts: Parts<()>,
     /// For each triangle, how far any point of it is from the original at most, mm.
     pub back: Vec<f32>,
+    /// At least that, and how far any point of what it stands for is from it, mm.
+    pub error: f64,
 }
 
 impl Draft {
@@ -139,6 +141,8 @@ pub struct Found {
     /// Squared angles between normals times areas, and areas.
     pub turn: f64,
     pub area: f64,
+    /// By output cluster: how far what it stands for is from it at most, mm².
+    pub far2: Vec<f64>,
     /// By output cluster.
     pub whole: Vec<(u16, (u32, u8))>,
     /// The same of those that were cut.
@@ -148,6 +152,9 @@ pub struct Found {
 impl Found {
     /// Hands what was found to the clusters that stand for it.
     pub fn share(&self, among: &mut [Draft]) {
+        for (draft, far2) in among.iter_mut().zip(&self.far2) {
+            draft.error = draft.error.max(far2.sqrt());
+        }
         for (c, w) in &self.whole {
             among[usize::from(*c)].whole.push(*w);
         }
@@ -157,8 +164,9 @@ impl Found {
         }
     }
 
-    fn new(bound: f64) -> Self {
-        Self { bound, turn: 0.0, area: 0.0, whole: Vec::new(), parts: Parts::default() }
+    fn new(bound: f64, clusters: usize) -> Self {
+        let (whole, parts) = (Vec::new(), Parts::default());
+        Self { bound, turn: 0.0, area: 0.0, far2: vec![0.0; clusters], whole, parts }
     }
 }
 
@@ -198,8 +206,9 @@ impl Measure<'_> {
     /// What `d` stands for, against the coarse faces. `start`: for each of its triangles, where to
     /// begin. Tasks are cut the same whatever the number of threads.
     pub fn towards(&self, d: &Draft, start: &[u32], bound: f64) -> Vec<Found> {
+        let clusters = self.owner.iter().map(|o| usize::from(o.0) + 1).max().unwrap_or(0);
         let whole = d.whole.par_chunks(TASK).map(|own| {
-            let mut found = Found::new(bound);
+            let mut found = Found::new(bound, clusters);
             found.whole.reserve(own.len());
             let mut round = Round::default();
             let mut known = Landings::new(own.len());
@@ -223,7 +232,7 @@ impl Measure<'_> {
             found
         });
         let parts = d.parts.list.par_chunks(TASK).map(|own| {
-            let mut found = Found::new(bound);
+            let mut found = Found::new(bound, clusters);
             found.parts.list.reserve(own.len());
             let mut round = Round::default();
             let mut lands = Vec::new();
@@ -264,15 +273,20 @@ impl Measure<'_> {
         }
         // Most lie near one face as a whole.
         let within = |l: &Landing| {
-            let near = |(c, o): (&DVec3, &Landing)| {
-                o.face == l.face || self.target.nearest(l.face, *c).d2 <= limit2
-            };
-            corners.iter().zip(lands).all(near)
+            corners.iter().zip(lands).try_fold(0f64, |far2, (c, o)| {
+                let d2 = match o.face == l.face {
+                    true => o.d2,
+                    false => self.target.nearest(l.face, *c).d2,
+                };
+                (d2 <= limit2).then_some(far2.max(d2))
+            })
         };
         let mut tried = NONE;
         for l in lands {
-            if l.face != tried && within(l) {
-                self.put(face, l.face, corners, whole, found);
+            if l.face != tried
+                && let Some(far2) = within(l)
+            {
+                self.put((face, l.face), corners, whole, far2, found);
                 self.shade(face, l.face, corners, found);
                 return true;
             }
@@ -286,16 +300,16 @@ impl Measure<'_> {
                 return false;
             }
         }
-        if self.target.closes(corners, limit2, round).is_none() {
-            return false;
-        }
+        let Some(middle) = self.target.closes(corners, limit2, round) else { return false };
+        let all = lands.iter().map(|l| l.d2).chain(round.crossings.iter().map(|c| c.1.d2));
+        let far2 = all.fold(middle, f64::max);
         let first = lands[0].face;
         let cluster = |t: u32| self.owner[t as usize].0;
         if round.crossings.iter().all(|c| cluster(c.1.to) == cluster(first)) {
-            self.put(face, first, corners, whole, found);
+            self.put((face, first), corners, whole, far2, found);
         } else if round.split(corners, first, cluster) {
             for p in &round.parts {
-                self.put(face, p.0, &p.1, false, found);
+                self.put((face, p.0), &p.1, false, far2, found);
             }
         } else {
             return false;
@@ -307,8 +321,18 @@ impl Measure<'_> {
         true
     }
 
-    fn put(&self, face: u32, t: u32, corners: &[DVec3], whole: bool, found: &mut Found) {
+    /// Notes that a piece of an original face is near a coarse one, and how near.
+    fn put(
+        &self,
+        (face, t): (u32, u32),
+        corners: &[DVec3],
+        whole: bool,
+        far2: f64,
+        found: &mut Found,
+    ) {
         let (cluster, triangle) = self.owner[t as usize];
+        let far = &mut found.far2[usize::from(cluster)];
+        *far = far.max(far2);
         if whole {
             found.whole.push((cluster, (face, triangle)));
         } else {
@@ -319,14 +343,9 @@ impl Measure<'_> {
     fn one(&self, face: u32, piece: &Piece, start: u32, whole: bool, found: &mut Found) {
         let first = found.parts.list.len();
         let mut bound = found.bound;
-        self.target.cover(piece, start, &mut bound, |t, p, _, all| {
+        self.target.cover(piece, start, &mut bound, |t, p, far, all| {
             self.shade(face, t, p.corners(), found);
-            let (cluster, triangle) = self.owner[t as usize];
-            if all && whole {
-                found.whole.push((cluster, (face, triangle)));
-            } else {
-                found.parts.push(cluster, face, triangle, p.corners());
-            }
+            self.put((face, t), p.corners(), all && whole, far * far, found);
         });
         found.bound = bound;
         // Cut, but all in one cluster.

@@ -54,6 +54,9 @@ pub struct Cluster {
     pub sphere: Sphere,
     /// Holds the normals of its triangles.
     pub cone: Cone,
+    /// No point of it is farther than this from the original, and no point of what it stands for
+    /// farther from it, mm; 0 for the finest. At most that of the group that made it.
+    pub error_mm: f32,
     /// The group it is an output of; [`NONE`] for the finest.
     pub made_by: u32,
     /// The group it is an input of; [`NONE`] for the coarsest.

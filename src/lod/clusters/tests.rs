@@ -330,11 +330,10 @@ fn no_point_is_farther_than_the_error_and_some_come_near_it() {
     let far = |tree: &Nearest, p: &DVec3| tree.closest(*p).unwrap().distance_mm;
     let mut near_it = 0;
     // Group by group, coarse towards original.
-    for (id, g) in c.groups().iter().enumerate() {
-        for f in c.outputs(id as u32).flat_map(|o| c.faces(o)) {
-            for p in sprinkle(corners(f), 4, seed) {
-                assert!(far(&original, &p) <= f64::from(g.error_mm));
-            }
+    for id in 0..c.clusters().len() as u32 {
+        let error = c.clusters()[id as usize].error_mm;
+        for p in c.faces(id).flat_map(|f| sprinkle(corners(f), 4, seed)) {
+            assert!(far(&original, &p) <= f64::from(error).max(1e-6));
         }
     }
     // The original towards whole cuts, each the coarsest with errors up to some size.
@@ -358,9 +357,17 @@ fn no_point_is_farther_than_the_error_and_some_come_near_it() {
         let coarse = Mesh { positions: places.clone(), faces, ..Mesh::default() };
         let tree = Nearest::new(&coarse);
         let mut farthest: f64 = 0.0;
+        let own = |id: &u32| {
+            let faces = c.faces(*id).collect();
+            let mesh = Mesh { positions: places.clone(), faces, ..Mesh::default() };
+            (f64::from(c.clusters()[*id as usize].error_mm), Nearest::new(&mesh))
+        };
+        let own: Vec<(f64, Nearest)> = cut.iter().map(own).collect();
         for f in &mesh.faces {
             for p in sprinkle(corners(*f), 4, seed) {
                 farthest = farthest.max(far(&tree, &p));
+                // Some cluster stands for it and is no farther away than it says.
+                assert!(own.iter().any(|(error, tree)| far(tree, &p) <= error.max(1e-6)));
             }
         }
         assert!(farthest <= bound, "{farthest} beyond {bound} mm");
