@@ -121,7 +121,6 @@ impl Measure<'_> {
         let places = fine.places;
         let original = |part: &Piece, vertex: u32, bound: &mut f64, far: &mut f64| {
             let start = places.face_at[vertex as usize];
-
             self.original.target.cover(part, start, bound, |_, _, d, _| *far = far.max(d));
         };
         let Some(earlier) = fine.earlier else {

@@ -267,7 +267,6 @@ impl Measure<'_> {
         found: &mut Found,
     ) -> bool {
         let limit2 = found.bound * found.bound;
-
         if !lands.iter().all(|l| l.d2 <= limit2) {
             return false;
         }
