@@ -4,30 +4,41 @@
 // out  linear colour; `ghost` and `shell` are layers of glass, colour premultiplied, a = opacity
 // src  Blinn 1977, doi:10.1145/563858.563893
 // ours light and ambient fall off with distance; curvature shifts colour as crevices do
+//
+// Fragments work in camera space, where the pixel and its depth say where they are: four numbers
+// are interpolated instead of seven, and none of them is the place.
 struct Params {
-    clip: mat4x4<f32>, // clip from world, reversed depth, y down
-    eye: vec3<f32>,
-    falloff: f32, // mm at which light is halved
-    light: vec3<f32>,
-    relief: f32, // weight of curvature
+    turn: vec4<f32>, // unit quaternion, camera from world
+    eye: vec3<f32>,  // mm
+    near: f32,       // mm
+    light: vec3<f32>, // camera space, mm
+    half: f32,        // mm squared from the light at which it is halved
     tissue: vec3<f32>,
-    ambient: f32,
+    relief: f32, // weight of curvature
+    focal: vec2<f32>,  // clip x and y of what lies one unit beside the axis; y down
+    middle: vec2<f32>, // pixel of the axis
+    step: vec2<f32>,   // x and y between pixels, one unit before the eye
+    ambient: f32, // exposure is in these three
     diffuse: f32,
     specular: f32,
     power: f32,
-    exposure: f32,
 }
 var<immediate> params: Params;
 
 struct Wall {
-    @builtin(position) @invariant clip: vec4<f32>,
-    @location(0) world: vec3<f32>,
-    @location(1) normal: vec4<f32>,
+    @builtin(position) @invariant at: vec4<f32>, // to fragments: pixel, depth, 1 / mm before the eye
+    @location(0) normal: vec4<f32>, // camera space
+}
+
+fn turned(v: vec3<f32>) -> vec3<f32> {
+    let q = params.turn;
+    return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v);
 }
 
 @vertex
 fn project(@location(0) position: vec3<f32>, @location(1) normal: vec4<f32>) -> Wall {
-    return Wall(params.clip * vec4(position, 1.0), position, normal);
+    let p = turned(position - params.eye);
+    return Wall(vec4(params.focal * p.xy, params.near, -p.z), vec4(turned(normal.xyz), normal.w));
 }
 
 // Not `normalize`: compilers guard that against overflow, which costs more than all the rest.
@@ -35,10 +46,9 @@ fn unit(v: vec3<f32>) -> vec3<f32> {
     return v * inverseSqrt(dot(v, v));
 }
 
-// Unit normal on the viewer's side.
-fn towards(normal: vec3<f32>, view: vec3<f32>) -> vec3<f32> {
-    let n = unit(normal);
-    return select(-n, n, dot(n, view) >= 0.0);
+// From the eye through the pixel, one unit deep.
+fn ray(at: vec4<f32>) -> vec3<f32> {
+    return vec3((at.xy - params.middle) * params.step, -1.0);
 }
 
 // Ridges pale, crevices deep: `relief` is how far a fold at full scale goes.
@@ -48,30 +58,28 @@ fn tinted(curvature: f32) -> vec3<f32> {
     return params.tissue * (1.0 - pale - deep * vec3(0.50, 0.74, 0.72)) + pale * vec3(1.0, 0.58, 0.46);
 }
 
-// exp(-x) for x >= 0, off by 0.0016 at most: the fourth power of 1 over the series of exp(x / 4).
-fn decay(x: vec3<f32>) -> vec3<f32> {
-    let y = 0.25 * x;
-    let d = 1.0 / (1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0))));
-    return d * d * d * d;
-}
-
-// Light from the wall under a head-light, highlights saturating gently.
+// Light from the wall under a head-light, times exposure.
 fn lit_wall(wall: Wall, front: bool) -> vec3<f32> {
-    let view = unit(params.eye - wall.world);
-    let n = unit(wall.normal.xyz) * select(-1.0, 1.0, front);
-    let to_light = params.light - wall.world;
+    let ray = ray(wall.at);
+    let to_light = params.light - ray / wall.at.w;
+    let n = wall.normal.xyz * select(-1.0, 1.0, front);
+    let nn = dot(n, n);
     let away = dot(to_light, to_light);
-    let light = to_light * inverseSqrt(away);
-    let half = params.falloff * params.falloff;
-    let near = half / (half + away);
-    let cos_light = dot(n, light);
-    let cos_view = dot(n, view);
+    let by_light = inverseSqrt(nn * away);
+    let by_view = inverseSqrt(nn * dot(ray, ray));
+    let cos_light = dot(n, to_light) * by_light;
+    let cos_view = -dot(n, ray) * by_view;
     // A little light wraps round, as it does in flesh: silhouettes go dark, not black.
     let lit = max((cos_light + 0.15) * (1.0 / 1.15), 0.0);
-    // The squared cosine to the half vector, and its power as that of a line near 1: off by
-    // 0.003 at a power of 50, and good for 16 and more.
+    // Falloff and the squared cosine to the half vector, by one division.
     let both = max(cos_light + cos_view, 0.0);
-    let square = both * both / (2.0 + 2.0 * dot(light, view));
+    let spread = 2.0 - 2.0 * dot(to_light, ray) * by_light * by_view * nn;
+    let far = params.half + away;
+    let share = 1.0 / (far * spread);
+    let near = params.half * spread * share;
+    let square = both * both * far * share;
+    // The power of that cosine as the one of a line near 1: off by 0.003 at 50, and good for 16 and
+    // more.
     let line = max(1.0 + (square - 1.0) * (params.power / 64.0), 0.0);
     let l4 = (line * line) * (line * line);
     let l16 = (l4 * l4) * (l4 * l4);
@@ -80,30 +88,36 @@ fn lit_wall(wall: Wall, front: bool) -> vec3<f32> {
     let t = clamp(2.0 * cos_view, 0.0, 1.0);
     let edge = 0.65 + 0.35 * t * t * (3.0 - 2.0 * t);
     let wall_light = (params.ambient + params.diffuse * lit) * near * edge;
-    let colour = tinted(wall.normal.w) * wall_light + params.specular * gloss * near * near;
-    return 1.0 - decay(params.exposure * colour);
+    return tinted(wall.normal.w) * wall_light + params.specular * gloss * near * near;
 }
 
-// The S lends depth to the shadows.
+// exp(-x) for x >= 0, off by 0.0016 at most: the fourth power of 1 over the series of exp(x / 4).
+fn decay(x: vec3<f32>) -> vec3<f32> {
+    let y = 0.25 * x;
+    let d = 1.0 / (1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0))));
+    return d * d * d * d;
+}
+
+// Highlights saturate gently; the S lends depth to the shadows.
 @fragment
 fn inside(wall: Wall, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
-    let c = lit_wall(wall, front);
+    let c = 1.0 - decay(lit_wall(wall, front));
     return vec4(c * (0.5 + c * (1.5 - c)), 1.0);
 }
 
-// The same S and sRGB (IEC 61966-2-1) as one polynomial in the root, off by 0.6 of 255 at most.
+// The same and sRGB (IEC 61966-2-1) as one polynomial in the root: off by 0.4 of 255 at most, by
+// 1.5 below 20.
 @fragment
 fn inside_encoded(wall: Wall, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
-    let q = sqrt(lit_wall(wall, front));
-    let high = 114.29707 + q * (-150.88159 + q * (100.90008 + q * -27.01960));
-    return vec4(q * (-0.02430 + q * (9.91162 + q * (-46.18327 + q * high))), 1.0);
+    let q = min(sqrt(lit_wall(wall, front)), vec3(2.1));
+    let high = -0.43039522 + q * (-0.28610155 + q * (0.27396255 + q * -0.05507998));
+    return vec4(-0.02119111 + q * (0.80587825 + q * (0.54642465 + q * high)), 1.0);
 }
 
 // Every layer of wall, all of one colour, so that their order does not matter.
 @fragment
 fn ghost(wall: Wall) -> @location(0) vec4<f32> {
-    let view = unit(params.eye - wall.world);
-    let rim = 1.0 - abs(dot(unit(wall.normal.xyz), view));
+    let rim = 1.0 - abs(dot(unit(wall.normal.xyz), unit(ray(wall.at))));
     let a = 0.01 + 0.22 * rim * rim * rim;
     return vec4(vec3(0.78, 0.62, 0.58) * a, a);
 }
@@ -111,10 +125,11 @@ fn ghost(wall: Wall) -> @location(0) vec4<f32> {
 // The nearest wall alone: form and outline.
 @fragment
 fn shell(wall: Wall) -> @location(0) vec4<f32> {
-    let view = unit(params.eye - wall.world);
-    let n = towards(wall.normal.xyz, view);
-    let facing = dot(n, view);
-    let lit = max(dot(n, unit(params.light - wall.world)), 0.0);
+    let ray = ray(wall.at);
+    let towards = dot(unit(wall.normal.xyz), unit(ray));
+    let n = unit(wall.normal.xyz) * select(1.0, -1.0, towards > 0.0);
+    let facing = abs(towards);
+    let lit = max(dot(n, unit(params.light - ray / wall.at.w)), 0.0);
     let rim = 1.0 - facing;
     // Seen from outside, what stands into the lumen is a groove.
     let k = -params.relief * wall.normal.w;

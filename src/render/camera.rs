@@ -1,21 +1,27 @@
 //! Projection, and a camera that shows the whole organ.
 
-use glam::{Mat4, Quat, Vec3, Vec4};
+use glam::{Mat4, Quat, Vec2, Vec3, Vec4};
 
 use crate::geometry::{Lens, Pose};
 
 /// Clip space from LPS mm: infinite far plane, depth 1 at the near plane falling to 0, y down as
 /// Vulkan has it.
 pub fn clip_from_world(pose: &Pose, lens: &Lens) -> Mat4 {
-    let f = 1.0 / (0.5 * lens.fov_y_rad).tan();
+    let f = focal(lens);
     let clip_from_camera = Mat4::from_cols(
-        Vec4::new(f / lens.aspect, 0.0, 0.0, 0.0),
-        Vec4::new(0.0, -f, 0.0, 0.0),
+        Vec4::new(f.x, 0.0, 0.0, 0.0),
+        Vec4::new(0.0, f.y, 0.0, 0.0),
         Vec4::new(0.0, 0.0, 0.0, -1.0),
         Vec4::new(0.0, 0.0, lens.near_mm, 0.0),
     );
     let turn = pose.rotation.conjugate();
     clip_from_camera * Mat4::from_rotation_translation(turn, turn * -pose.position_mm)
+}
+
+/// Clip x and y of what lies one unit right of the axis and one above it, one unit before the eye.
+pub(super) fn focal(lens: &Lens) -> Vec2 {
+    let f = 1.0 / (0.5 * lens.fov_y_rad).tan();
+    Vec2::new(f / lens.aspect, -f)
 }
 
 /// Room left around the organ, as a share of the frame.

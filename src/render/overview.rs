@@ -92,7 +92,7 @@ impl Renderer<'_> {
         let lift = pose.position_mm.distance(corner);
         let aside = pose.rotation * Vec3::new(-0.35, 0.55, 0.0);
         let light = pose.position_mm + lift * aside;
-        let push = surface_push(&scene.look, pose, lens, light, f32::MAX);
+        let push = surface_push(&scene.look, pose, lens, area, light, 1e18);
         let push = bytemuck::bytes_of(&push);
         let p = &self.pipelines;
         let layers = [p.ghost, p.nearest, p.shell];

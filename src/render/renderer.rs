@@ -1,6 +1,6 @@
 //! The renderer: what it holds on the device, and frames in flight.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::lines::Tubes;
 use super::mesh;
@@ -234,7 +234,7 @@ impl<'g> Renderer<'g> {
         // The light sits beside the lens, as on an endoscope: relief needs a shadow side.
         let beside = super::look::LIGHT_RADII * radius.min(shot.lens.near_mm * 4.0);
         let light = shot.pose.position_mm + beside * shot.pose.up();
-        let push = surface_push(&scene.look, &shot.pose, &camera.lens, light, falloff);
+        let push = surface_push(&scene.look, &shot.pose, &camera.lens, area, light, falloff);
         let push = bytemuck::bytes_of(&push);
         let draws = match scene.wall {
             Wall::Mesh(mesh) => draw(self.pipelines.inside, self.model(mesh), push, Vec::new()),
@@ -322,25 +322,35 @@ pub(super) fn draw(
     })
 }
 
+/// What the surface shader has to know; `light` in LPS mm.
 pub(super) fn surface_push(
     look: &Look,
     pose: &Pose,
     lens: &Lens,
+    area: Area,
     light: Vec3,
     falloff: f32,
 ) -> host::surface::Params {
+    let focal = super::camera::focal(lens);
+    let size = Vec2::new(area.width as f32, area.height as f32);
+    let middle = Vec2::new(area.x as f32, area.y as f32) + 0.5 * size;
+    let turn = pose.rotation.conjugate();
     host::surface::Params {
-        clip: super::clip_from_world(pose, lens).to_cols_array(),
+        turn: turn.to_array(),
         eye: pose.position_mm.to_array(),
-        falloff,
-        light: light.to_array(),
-        relief: look.relief,
+        near: lens.near_mm,
+        light: (turn * (light - pose.position_mm)).to_array(),
+        half: falloff * falloff,
         tissue: look.tissue,
-        ambient: look.ambient,
-        diffuse: look.diffuse,
-        specular: look.specular,
+        relief: look.relief,
+        focal: focal.to_array(),
+        middle: middle.to_array(),
+        step: (2.0 / (size * focal)).to_array(),
+        ambient: look.exposure * look.ambient,
+        diffuse: look.exposure * look.diffuse,
+        specular: look.exposure * look.specular,
         power: look.power,
-        exposure: look.exposure,
+        ..bytemuck::Zeroable::zeroed()
     }
 }
 
