@@ -1,5 +1,6 @@
 //! What `record` and `run` have in common: their flags, and the chain from lumen to frames.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use super::CliError;
@@ -7,15 +8,18 @@ use super::centerline::{PathArgs, center};
 use super::draw::Film;
 use super::film::{Filmed, Go, film};
 use super::frames::{FrameArgs, Setup};
-use super::lumen_args::{Chosen, LumenArgs};
+use super::global::Global;
+use super::lumen_args::{LumenArgs, track_from};
 use super::mesh_args::{FromArgs, SurfaceArgs};
 use super::surface::{ModeArg, automatic};
+use crate::compute::Array;
 use crate::device::Device;
-use crate::lumen::{Found, Lumen};
+use crate::lumen::{Found, Lumen, Recipe};
 use crate::pipeline::{
-    Centered, CenterlineReport, Clock, Fields, InputReport, LumenReport, Mode, Report, Settings,
-    SurfaceReport, Wall, beside, fields, route, seen, wall,
+    Centered, CenterlineReport, Clock, InputReport, LumenReport, Mode, Report, Settings,
+    SurfaceReport, Wall, beside, fields, return_freed_memory, route, seen, wall,
 };
+use crate::volume::Volume;
 
 /// Flags of a whole chain.
 #[derive(Debug, clap::Args)]
@@ -40,11 +44,33 @@ pub struct ChainArgs {
     pub lumen: LumenArgs,
 }
 
+/// What a chain begins with.
+pub struct Subject<'a> {
+    /// Only the surface and the report need it: one that is owned is dropped once they are made.
+    pub volume: Cow<'a, Volume>,
+    pub recipe: &'a Recipe,
+    pub lumen: &'a Lumen,
+}
+
+/// The volume for one run: given away where there is no other, lent where there is.
+///
+/// # Panics
+/// If it was given away before.
+pub fn for_run<'a>(held: &'a mut Option<Volume>, global: &Global) -> Cow<'a, Volume> {
+    let volume = match global.repeat {
+        None => held.take().map(Cow::Owned),
+        Some(_) => held.as_ref().map(Cow::Borrowed),
+    };
+    volume.expect("a volume that was not given away")
+}
+
 /// What a flight goes through.
 pub struct Anatomy {
-    pub fields: Fields,
+    /// Exact distance, mm.
+    pub distance: Array<f32>,
     pub centered: Centered,
     pub wall: Wall,
+    pub input: InputReport,
 }
 
 /// What the chain made.
@@ -59,43 +85,55 @@ impl ChainArgs {
         self.path.settings(mode, FromArgs::of(&self.from)?.start)
     }
 
-    /// Centerline, surface and frames of a lumen. `aside` is done beside the
-    /// frames and what comes before them, see [`film`].
-    pub fn fly<T: Send>(
+    /// Centerline, surface and frames of a lumen. `made` is made of the surface before anything is
+    /// drawn; `aside` takes it and is done beside the frames and what comes before them, see
+    /// [`film`].
+    pub fn fly<M: Send, T: Send>(
         &self,
         device: &mut Device,
-        (chosen, lumen): (&Chosen, &Lumen),
-        setup: &Setup,
-        folder: &Path,
+        subject: Subject<'_>,
+        (setup, folder): (&Setup, &Path),
         clock: &mut Clock,
-        aside: impl FnOnce(&Anatomy, Go, &mut Clock) -> T + Send,
+        made: impl FnOnce(&Wall, &mut Clock) -> Result<M, CliError>,
+        aside: impl FnOnce(&Anatomy, M, Go, &mut Clock) -> T + Send,
     ) -> Result<(Flown, T), CliError> {
-        let anatomy = self.anatomy(device, (chosen, lumen), clock)?;
-        let Anatomy { fields, centered, wall } = &anatomy;
-        let scene = Filmed { lumen, fields, wall, open_ends: self.surface.open_ends };
+        let lumen = subject.lumen;
+        let (anatomy, made) = self.anatomy(device, subject, clock, made)?;
+        return_freed_memory();
+        let Anatomy { distance, centered, wall, .. } = &anatomy;
+        let scene = Filmed { lumen, distance, wall, open_ends: self.surface.open_ends };
         let mut other = clock.beside();
-        let other_done = |go| aside(&anatomy, go, &mut other);
+        let other_done = |go| aside(&anatomy, made, go, &mut other);
         let (film, aside) = film(device, &scene, &centered.line, setup, folder, clock, other_done)?;
         clock.take(other);
         Ok((Flown { anatomy, film }, aside))
     }
 
-    /// Centerline and surface of a lumen; the route is searched beside the surface.
-    fn anatomy(
+    /// Centerline and surface of a lumen, and what is made of the surface; the route is searched
+    /// beside all that. The largest pieces of memory, the volume and what simplification needs, are
+    /// never held together, nor beside the building of levels of detail.
+    fn anatomy<M>(
         &self,
         device: &mut Device,
-        (chosen, lumen): (&Chosen, &Lumen),
+        Subject { volume, recipe, lumen }: Subject<'_>,
         clock: &mut Clock,
-    ) -> Result<Anatomy, CliError> {
+        made: impl FnOnce(&Wall, &mut Clock) -> Result<M, CliError>,
+    ) -> Result<(Anatomy, M), CliError> {
         let mode = self.mode.main();
         let settings = self.settings(mode)?;
         let grey = FromArgs::of(&self.from)?.grey;
-        let options = self.surface.options(grey, automatic(mode), chosen.track_from())?;
-        let (volume, window) = (&chosen.volume, &chosen.recipe.window);
+        let options = self.surface.options(grey, automatic(mode), track_from(recipe))?;
+        let finish = |device: &mut Device, clock: &mut Clock| -> Result<_, CliError> {
+            let wall = wall(device, &volume, &recipe.window, lumen, options, clock)?;
+            let input = InputReport::of(&volume);
+            drop(volume);
+            let made = made(&wall, clock)?;
+            Ok((wall, input, made))
+        };
         if mode == Mode::Paper {
             let (fields, centered) = center(device, lumen, mode, settings, clock)?;
-            let wall = wall(device, volume, window, lumen, options, clock)?;
-            return Ok(Anatomy { fields, centered, wall });
+            let (wall, input, made) = finish(device, clock)?;
+            return Ok((Anatomy { distance: fields.distance, centered, wall, input }, made));
         }
         let fields = fields(device, lumen, true, clock)?;
         let mut other = clock.beside();
@@ -103,26 +141,20 @@ impl ChainArgs {
             || route(lumen, &fields, settings.route, &mut other),
             || -> Result<_, CliError> {
                 let seen = seen(device, lumen, &fields, settings.radius, clock)?;
-                Ok((seen, wall(device, volume, window, lumen, options, clock)?))
+                Ok((seen, finish(device, clock)?))
             },
         );
         clock.take(other);
-        let (routed, (seen, wall)) = (routed?, seen?);
+        let (routed, (seen, (wall, input, made))) = (routed?, seen?);
         let centered = Centered::new(lumen, &fields, routed, seen);
-        Ok(Anatomy { fields, centered, wall })
+        Ok((Anatomy { distance: fields.distance, centered, wall, input }, made))
     }
 }
 
 impl Flown {
     /// The report of this chain.
-    pub fn report(
-        self,
-        input: InputReport,
-        (lumen, found): (&Lumen, &Found),
-        device: &str,
-        clock: &Clock,
-    ) -> Report {
-        let Anatomy { centered, wall, .. } = self.anatomy;
+    pub fn report(self, (lumen, found): (&Lumen, &Found), device: &str, clock: &Clock) -> Report {
+        let Anatomy { centered, wall, input, .. } = self.anatomy;
         Report {
             input: Some(input),
             lumen: Some(LumenReport::of(lumen, found)),

@@ -1,6 +1,7 @@
 //! Flags of level of detail, and its cache on disk.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::CliError;
 use crate::formats::{FormatError, whole};
@@ -99,7 +100,7 @@ impl DetailSetup {
         mesh: &Mesh,
         vertices: &[Vertex],
         clock: &mut Clock,
-    ) -> Result<(Clusters, bool, Option<Keep>), CliError> {
+    ) -> Result<(Arc<Clusters>, bool, Option<Keep>), CliError> {
         let faces = mesh.faces.len() as u64;
         // A small mesh is clustered sooner than it is looked up.
         let file = self.cache.as_deref().filter(|_| faces >= WORTH_KEEPING).map(|folder| {
@@ -116,12 +117,12 @@ impl DetailSetup {
         if let Some(path) = &file
             && let Some(found) = clock.time("kept clusters", "faces", || read(path), |_| faces)
         {
-            return Ok((found, true, None));
+            return Ok((Arc::new(found), true, None));
         }
         let build = || Clusters::build(mesh, vertices);
         let built = clock.time("clusters", "faces", build, |_| faces);
-        let built = built.map_err(crate::pipeline::PipelineError::from)?;
-        let keep = file.map(|path| Keep { bytes: built.to_bytes(), path });
+        let built = Arc::new(built.map_err(crate::pipeline::PipelineError::from)?);
+        let keep = file.map(|path| Keep { clusters: Arc::clone(&built), path });
         Ok((built, false, keep))
     }
 }
@@ -129,13 +130,13 @@ impl DetailSetup {
 /// Clusters that were built and should be found next time.
 pub struct Keep {
     path: PathBuf,
-    bytes: Vec<u8>,
+    clusters: Arc<Clusters>,
 }
 
 impl Keep {
     /// Writes the file: nobody waits for it, so it can be done beside the drawing.
     pub fn write(self) {
-        keep(&self.path, &self.bytes);
+        keep(&self.path, &self.clusters.to_bytes());
     }
 }
 

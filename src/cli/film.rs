@@ -13,7 +13,7 @@ use crate::flight::{Clearance, Flight, FlightOptions, Script};
 use crate::formats::{FormatError, whole};
 use crate::geometry::Centerline;
 use crate::lumen::Lumen;
-use crate::pipeline::{Clock, Fields, Wall, beside};
+use crate::pipeline::{Clock, Wall, beside, return_freed_memory};
 use crate::render::View;
 use crate::vk::Gpu;
 
@@ -25,7 +25,8 @@ fn make_folder(path: &Path) -> Result<(), CliError> {
 /// What is filmed.
 pub struct Filmed<'a> {
     pub lumen: &'a Lumen,
-    pub fields: &'a Fields,
+    /// Exact distance, mm.
+    pub distance: &'a [f32],
     pub wall: &'a Wall,
     pub open_ends: bool,
 }
@@ -51,6 +52,7 @@ pub fn film<T: Send>(
             let shown = Shown::of(scene.wall, scene.open_ends);
             let mut own = None;
             let (mut set, flight) = prepare(device, &mut own, scene, &shown, line, setup, clock)?;
+            return_freed_memory();
             // Only now: a machine that cannot draw leaves no empty folder.
             make_folder(folder)?;
             // An `aside` that has ended already does not listen.
@@ -109,7 +111,7 @@ fn fly(scene: &Filmed<'_>, line: &Centerline, setup: &Setup) -> Result<Flight, C
     let width = if setup.view == View::Split { setup.size[0] / 2 } else { setup.size[0] };
     let aspect = width as f32 / setup.size[1] as f32;
     if let Some(script) = &setup.script {
-        let clearance = Clearance::new(scene.lumen, &scene.fields.distance, wall);
+        let clearance = Clearance::new(scene.lumen, scene.distance, wall);
         let flown = match setup.script_frames {
             Some(n) => script.resampled(n).fly(&clearance, aspect)?,
             None => script.fly(&clearance, aspect)?,
@@ -120,7 +122,7 @@ fn fly(scene: &Filmed<'_>, line: &Centerline, setup: &Setup) -> Result<Flight, C
     Ok(Flight::new(
         points,
         scene.lumen,
-        &scene.fields.distance,
+        scene.distance,
         FlightOptions {
             frames: setup.frames,
             fov_y_rad: setup.fov_y_rad,

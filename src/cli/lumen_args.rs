@@ -126,31 +126,37 @@ impl LumenArgs {
 impl Chosen {
     /// Chooses the lumen and says what is worth knowing.
     pub fn lumen(&self, global: &Global) -> Result<(Lumen, Found), CliError> {
-        let (lumen, found) = self.recipe.apply(&self.volume)?;
-        if lumen.bricks.is_empty() {
-            return Err(LumenError::Empty {
-                window: self.recipe.window.clone(),
-                range: self.volume.range(),
-            }
-            .into());
-        }
-        for line in notes(&self.recipe, &lumen, &found) {
-            global.warn(line);
-        }
-        let bytes = crate::pipeline::estimate_bytes(
-            self.volume.samples.bytes().len() as u64,
-            self.volume.grid.len() as u64,
-            lumen.bricks.len() as u64,
-        );
-        tracing::info!("about {} MB will be needed", bytes / 1_000_000);
-        crate::pipeline::refuse_above(global.max_memory, bytes, "volume, fields and surface")?;
-        Ok((lumen, found))
+        lumen(&self.volume, &self.recipe, global)
     }
+}
 
-    /// A voxel to track the surface from: the seed, where one was given.
-    pub fn track_from(&self) -> Option<IVec3> {
-        self.recipe.seed.filter(|_| !self.recipe.all_components).map(|s| s.as_ivec3())
+/// Chooses the lumen of a volume and says what is worth knowing.
+pub fn lumen(
+    volume: &Volume,
+    recipe: &Recipe,
+    global: &Global,
+) -> Result<(Lumen, Found), CliError> {
+    let (lumen, found) = recipe.apply(volume)?;
+    if lumen.bricks.is_empty() {
+        let (window, range) = (recipe.window.clone(), volume.range());
+        return Err(LumenError::Empty { window, range }.into());
     }
+    for line in notes(recipe, &lumen, &found) {
+        global.warn(line);
+    }
+    let bytes = crate::pipeline::estimate_bytes(
+        volume.samples.bytes().len() as u64,
+        volume.grid.len() as u64,
+        lumen.bricks.len() as u64,
+    );
+    tracing::info!("about {} MB will be needed", bytes / 1_000_000);
+    crate::pipeline::refuse_above(global.max_memory, bytes, "volume, fields and surface")?;
+    Ok((lumen, found))
+}
+
+/// A voxel to track the surface from: the seed, where one was given.
+pub fn track_from(recipe: &Recipe) -> Option<IVec3> {
+    recipe.seed.filter(|_| !recipe.all_components).map(|s| s.as_ivec3())
 }
 
 /// What a user should know about how the lumen came out.

@@ -1,10 +1,10 @@
 //! `intima record`.
 
 use super::CliError;
-use super::chain::ChainArgs;
+use super::chain::{ChainArgs, Subject, for_run};
 use super::global::Global;
+use super::lumen_args::Chosen;
 use super::timing::timed;
-use crate::pipeline::InputReport;
 
 /// `intima record INPUT LUMEN --out DIR`
 #[derive(Debug, clap::Args)]
@@ -22,10 +22,12 @@ impl Args {
         let chosen = a.lumen.load(a.input.as_deref(), global)?;
         let (lumen, found) = chosen.lumen(global)?;
         let mut device = global.open()?;
-        let ((flown, input), timing) = timed(global, &mut device, |device, clock| {
-            a.fly(device, (&chosen, &lumen), &setup, &a.out, clock, |_, _, _| {
-                InputReport::of(&chosen.volume)
-            })
+        let Chosen { volume, recipe } = chosen;
+        let mut held = Some(volume);
+        let ((flown, ()), timing) = timed(global, &mut device, |device, clock| {
+            let volume = for_run(&mut held, global);
+            let subject = Subject { volume, recipe: &recipe, lumen: &lumen };
+            a.fly(device, subject, (&setup, &a.out), clock, |_, _| Ok(()), |_, (), _, _| ())
         })?;
         global.say(format_args!(
             "wrote {} frames to {} ({:.1} s of flight)",
@@ -33,7 +35,7 @@ impl Args {
             a.out.display(),
             flown.film.report.flight_seconds
         ))?;
-        let mut report = flown.report(input, (&lumen, &found), &timing.device, &timing.clock);
+        let mut report = flown.report((&lumen, &found), &timing.device, &timing.clock);
         report.timing = timing.keys();
         global.answer(&report)
     }

@@ -6,18 +6,17 @@ use serde::Serialize;
 
 use super::CliError;
 use super::centerline::{center, unseen_csv};
-use super::chain::{Anatomy, ChainArgs, Flown};
+use super::chain::{Anatomy, ChainArgs, Flown, Subject, for_run};
 use super::film::Go;
 use super::global::Global;
-use super::lumen_args::notes;
+use super::lumen_args::{Chosen, lumen as choose, notes};
 use super::surface::{Modes as ModeChoice, without_caps};
 use super::timing::timed;
-use crate::formats::{whole, write_centerline, write_mesh, write_volume};
+use crate::formats::{whole, write_centerline, write_layers, write_mesh};
 use crate::geometry::Mesh;
 use crate::lumen::Lumen;
 use crate::pipeline::detail::{base, base_faces};
-use crate::pipeline::{CenterlineReport, Clock, InputReport, Mode, Modes, Report, beside};
-use crate::volume::{Samples, Volume};
+use crate::pipeline::{CenterlineReport, Clock, Mode, Modes, Report, Wall, beside};
 
 /// `intima run INPUT LUMEN --out DIR`
 #[derive(Debug, clap::Args)]
@@ -28,7 +27,8 @@ pub struct Args {
 
 impl Args {
     /// Computes everything and writes everything, the report last. Products are written beside
-    /// the frames; with `--repeat` once, afterwards.
+    /// the frames; with `--repeat` once, afterwards. The volume is held no longer than it is
+    /// needed, unless it is needed again.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         let a = &self.chain;
         let setup = a.frames.check(global)?;
@@ -46,27 +46,33 @@ impl Args {
         let (chosen, mut device) = (chosen?, device?);
         let frames = a.out.join("frames");
         let once = global.repeat.is_none();
-        let ((lumen, found, flown, written, input), timing) =
+        let Chosen { volume, recipe } = chosen;
+        let mut held = Some(volume);
+        let ((lumen, found, flown, unwritten), timing) =
             timed(global, &mut device, |device, clock| {
+                let volume = for_run(&mut held, global);
                 let (lumen, found) = clock.time(
                     "segment",
                     "voxels",
-                    || chosen.lumen(global),
+                    || choose(&volume, &recipe, global),
                     |r| r.as_ref().map_or(0, |(l, _)| l.inside_voxels()),
                 )?;
-                let aside = |anatomy: &Anatomy, go: Go, clock: &mut Clock| {
-                    let input = InputReport::of(&chosen.volume);
-                    let products = || self.products(&lumen, anatomy, Some(go), clock);
-                    (once.then(products), input)
+                let aside = |anatomy: &Anatomy, base: Mesh, go: Go, clock: &mut Clock| {
+                    let write = once && go.wait();
+                    if write {
+                        self.write(&lumen, anatomy, &base, clock)?;
+                    }
+                    Ok::<_, CliError>((!once).then_some(base))
                 };
-                let what = (&chosen, &lumen);
-                let (flown, (written, input)) =
-                    a.fly(device, what, &setup, &frames, clock, aside)?;
-                Ok((lumen, found, flown, written.transpose()?, input))
+                let subject = Subject { volume, recipe: &recipe, lumen: &lumen };
+                let base = |wall: &Wall, clock: &mut Clock| self.base(&wall.mesh, clock);
+                let (flown, unwritten) =
+                    a.fly(device, subject, (&setup, &frames), clock, base, aside)?;
+                Ok((lumen, found, flown, unwritten?))
             })?;
         clock.take(timing.clock.clone());
-        if written.is_none() {
-            self.products(&lumen, &flown.anatomy, None, &mut clock)?;
+        if let Some(base) = unwritten {
+            self.write(&lumen, &flown.anatomy, &base, &mut clock)?;
         }
         let modes = if a.mode.mode == ModeChoice::Both {
             let mut aside = Clock::default();
@@ -80,9 +86,9 @@ impl Args {
             None
         };
 
-        let mut warnings = notes(&chosen.recipe, &lumen, &found);
+        let mut warnings = notes(&recipe, &lumen, &found);
         warnings.extend(doubts(&flown));
-        let mut report = flown.report(input, (&lumen, &found), &timing.device, &clock);
+        let mut report = flown.report((&lumen, &found), &timing.device, &clock);
         report.modes = modes;
         report.timing = timing.keys();
         warnings.append(&mut report.warnings);
@@ -92,22 +98,23 @@ impl Args {
         global.answer(&report)
     }
 
-    /// Makes what is no picture, and writes it once `go` allows: eight files.
-    fn products(
+    /// The surface with few faces.
+    fn base(&self, mesh: &Mesh, clock: &mut Clock) -> Result<Mesh, CliError> {
+        let a = &self.chain;
+        let faces = a.surface.decimate.map_or_else(|| base_faces(mesh), |n| n as usize);
+        Ok(base(mesh, faces, a.mode.main(), clock)?.mesh)
+    }
+
+    /// Writes what is no picture: eight files.
+    fn write(
         &self,
         lumen: &Lumen,
         anatomy: &Anatomy,
-        go: Option<Go>,
+        base: &Mesh,
         clock: &mut Clock,
     ) -> Result<(), CliError> {
         let a = &self.chain;
-        let mesh = &anatomy.wall.mesh;
-        let faces = a.surface.decimate.map_or_else(|| base_faces(mesh), |n| n as usize);
-        let base = base(mesh, faces, a.mode.main(), clock)?;
-        if !go.is_none_or(Go::wait) {
-            return Ok(());
-        }
-        let write = || write_products(&a.out, lumen, anatomy, &base.mesh, a.surface.open_ends);
+        let write = || write_products(&a.out, lumen, anatomy, base, a.surface.open_ends);
         clock.time("write", "files", write, |_| 8)
     }
 }
@@ -119,11 +126,10 @@ fn write_products(
     base: &Mesh,
     open_ends: bool,
 ) -> Result<(), CliError> {
-    let Anatomy { fields, centered, wall } = anatomy;
-    let volume = |samples: Samples| Volume::new(lumen.grid, samples);
-    write_volume(&out.join("mask.nrrd"), &volume(Samples::U8(lumen.classes())))?;
-    let dense = lumen.dense(&fields.distance, 0.0f32);
-    write_volume(&out.join("distance.nrrd"), &volume(Samples::F32(dense)))?;
+    let Anatomy { distance, centered, wall, .. } = anatomy;
+    let classes = lumen.class_field();
+    write_layers(&out.join("mask.nrrd"), &lumen.grid, lumen.layers(&classes, 0))?;
+    write_layers(&out.join("distance.nrrd"), &lumen.grid, lumen.layers(distance, 0.0))?;
     for (name, mesh) in [("surface.ply", &wall.mesh), ("base.ply", base)] {
         if open_ends && !mesh.caps.is_empty() {
             write_mesh(&out.join(name), &without_caps(mesh))?;

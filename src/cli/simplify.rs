@@ -147,6 +147,7 @@ impl Args {
         let (read, warnings) = read_mesh(&self.mesh, self.space)?;
         warnings.iter().for_each(|w| global.warn(w));
         let (mesh, repairs) = prepare(&read).map_err(|e| self.named(e))?;
+        drop(read);
         repaired(&repairs).iter().for_each(|w| global.warn(w));
         if let Some(path) = &self.from_maps {
             return self.base_of(path, &mesh, global);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::CliError;
 use super::global::{Global, MESHES};
-use super::lumen_args::LumenArgs;
+use super::lumen_args::{LumenArgs, track_from};
 use super::mesh_args::SurfaceArgs;
 use super::timing::timed;
 use crate::formats::write_mesh;
@@ -81,7 +81,8 @@ impl Args {
         let (lumen, _) = chosen.lumen(global)?;
         let mut device = global.open()?;
         let grey = self.from.as_deref() != Some("mask");
-        let build = |mode: Mode| self.surface.options(grey, automatic(mode), chosen.track_from());
+        let track = track_from(&chosen.recipe);
+        let build = |mode: Mode| self.surface.options(grey, automatic(mode), track);
         let options = build(self.mode.main())?;
         let (wall, timing) = timed(global, &mut device, |device, clock| {
             let (volume, window) = (&chosen.volume, &chosen.recipe.window);

@@ -209,35 +209,58 @@ impl Lumen {
     /// A field as a dense volume over the whole grid, `outside` elsewhere.
     pub fn dense<T: Copy + Send + Sync>(&self, field: &[T], outside: T) -> Vec<T> {
         let mut out = vec![outside; self.grid.len()];
+        let layer = self.layer_len();
+        let layers = out.par_chunks_mut(layer).enumerate();
+        layers.for_each(|(layer, out)| self.fill_layer(layer, field, out));
+        out
+    }
+
+    /// The same, eight slices at a time: for what is written as it is made.
+    pub fn layers<T: Copy>(&self, field: &[T], outside: T) -> impl Iterator<Item = Vec<T>> {
+        let (all, layer) = (self.grid.len(), self.layer_len());
+        (0..all.div_ceil(layer)).map(move |i| {
+            let mut out = vec![outside; layer.min(all - i * layer)];
+            self.fill_layer(i, field, &mut out);
+            out
+        })
+    }
+
+    /// Voxels of eight slices.
+    fn layer_len(&self) -> usize {
+        8 * self.grid.dims.x as usize * self.grid.dims.y as usize
+    }
+
+    /// Fills up to eight slices from the bricks that lie in them. Bricks are in z order.
+    fn fill_layer<T: Copy>(&self, layer: usize, field: &[T], out: &mut [T]) {
         let d = self.grid.dims;
         let slice = d.x as usize * d.y as usize;
-        // Bricks are in z order: each group of slices takes those of its own height.
         let corners = self.bricks.corners();
-        out.par_chunks_mut(8 * slice).enumerate().for_each(|(layer, out)| {
-            let z0 = 8 * layer as i32;
-            let first = corners.partition_point(|c| c[2] < z0);
-            let end = corners.partition_point(|c| c[2] <= z0);
-            for (slot, &[cx, cy, _]) in corners.iter().enumerate().take(end).skip(first) {
-                let (x0, x1) = (cx.max(0), (cx + 8).min(d.x as i32));
-                for (l, row) in field[slot * BRICK..][..BRICK].chunks_exact(8).enumerate() {
-                    let (y, z) = (cy + (l as i32 & 7), l >> 3);
-                    if x0 < x1 && y >= 0 && y < d.y as i32 && (z + 1) * slice <= out.len() {
-                        let at = z * slice + y as usize * d.x as usize + x0 as usize;
-                        let n = (x1 - x0) as usize;
-                        let from = (x0 - cx) as usize;
-                        out[at..at + n].copy_from_slice(&row[from..from + n]);
-                    }
+        let z0 = 8 * layer as i32;
+        let first = corners.partition_point(|c| c[2] < z0);
+        let end = corners.partition_point(|c| c[2] <= z0);
+        for (slot, &[cx, cy, _]) in corners.iter().enumerate().take(end).skip(first) {
+            let (x0, x1) = (cx.max(0), (cx + 8).min(d.x as i32));
+            for (l, row) in field[slot * BRICK..][..BRICK].chunks_exact(8).enumerate() {
+                let (y, z) = (cy + (l as i32 & 7), l >> 3);
+                if x0 < x1 && y >= 0 && y < d.y as i32 && (z + 1) * slice <= out.len() {
+                    let at = z * slice + y as usize * d.x as usize + x0 as usize;
+                    let n = (x1 - x0) as usize;
+                    let from = (x0 - cx) as usize;
+                    out[at..at + n].copy_from_slice(&row[from..from + n]);
                 }
             }
-        });
-        out
+        }
     }
 
     /// The classes of the paper as a dense volume: 0 external, 1 internal, 2 boundary.
     pub fn classes(&self) -> Vec<u8> {
+        self.dense(&self.class_field(), 0)
+    }
+
+    /// The same as a field.
+    pub fn class_field(&self) -> Vec<u8> {
         let class = |e: usize| u8::from(self.is_inside(e)) + u8::from(bit(&self.boundary, e));
-        let field: Vec<u8> = (0..self.bricks.field_len()).into_par_iter().map(class).collect();
-        self.dense(&field, 0)
+        (0..self.bricks.field_len()).into_par_iter().map(class).collect()
     }
 
     /// Bytes held.

@@ -91,7 +91,7 @@ const MIN_BASE_FACES: usize = 500;
 
 impl Detail {
     /// Clusters ready to be refined. `cached`: they were read, not built.
-    pub fn of_clusters(clusters: Clusters, pixel_error: f32, cached: bool) -> Self {
+    pub fn of_clusters(clusters: Arc<Clusters>, pixel_error: f32, cached: bool) -> Self {
         let count = clusters.clusters().len() as u64;
         let base = |c: u32| u64::from(clusters.clusters()[c as usize].triangles);
         let report = LodReport {
@@ -104,7 +104,7 @@ impl Detail {
             cached,
             ..Default::default()
         };
-        let refine = ClusterLod::new(Arc::new(clusters), DEFAULT_SHADING_RAD);
+        let refine = ClusterLod::new(clusters, DEFAULT_SHADING_RAD);
         // All of it if it fits: then nothing is ever driven out.
         let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
         let pages = (count.min(u64::from(most)) as u32).max(refine.least_pages());

@@ -12,6 +12,7 @@ mod memory;
 mod report;
 mod surface;
 
+pub use crate::vk::return_freed_memory;
 pub use beside::beside;
 pub use chain::{Centered, Mode, Seen, Settings, centered, paper_centered, route, seen};
 pub use clock::{Clock, Stage};

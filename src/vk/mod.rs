@@ -14,6 +14,7 @@ mod draw_pipeline;
 mod error;
 mod frame;
 mod gpu;
+mod heap;
 mod info;
 mod instance;
 mod memory;
@@ -31,6 +32,7 @@ pub use draw_pipeline::{Attribute, Blend, DepthUse, DrawPipeline, DrawPipelineId
 pub use error::VkError;
 pub use frame::{Frame, FrameOptions, Write};
 pub use gpu::{Gpu, OpenOptions};
+pub use heap::return_freed_memory;
 pub use info::{Choice, DeviceInfo, DeviceKind, MemoryHeap, list};
 pub use instance::Validate;
 pub use resources::{BufferId, Format, GpuBuffer, GpuImage, ImageId, ImageSpec};

@@ -22,7 +22,7 @@ mod text;
 use std::path::Path;
 
 pub use info::{ImageInfo, InputInfo, SeriesInfo};
-pub use nrrd_write::write_vector_field;
+pub use nrrd_write::{write_layers, write_vector_field};
 
 use super::FormatError;
 use crate::volume::Volume;

@@ -10,13 +10,13 @@ use glam::DVec3;
 use super::FormatError;
 use super::rescale::real_samples;
 use crate::formats::whole::write_whole;
-use crate::volume::{Grid, SampleType, Volume};
+use crate::volume::{Grid, Sample, SampleType, Volume};
 
 /// Writes a volume as real values.
 pub(super) fn write(path: &Path, volume: &Volume) -> Result<(), FormatError> {
     let samples = real_samples(volume);
     let head = header(&volume.grid, samples.sample_type(), None);
-    write_whole(path, |out| body(out, &head, samples.bytes()))
+    write_whole(path, |out| body(out, &head, |out| out.write_all(samples.bytes())))
 }
 
 /// Writes a field of vectors on a grid as `.nrrd`, the components of a voxel side by side:
@@ -39,13 +39,45 @@ pub fn write_vector_field(
         return Err(FormatError::unsupported(path, what));
     }
     let head = header(grid, SampleType::F32, Some(components));
-    write_whole(path, |out| body(out, &head, bytemuck::cast_slice(values)))
+    write_whole(path, |out| body(out, &head, |out| out.write_all(bytemuck::cast_slice(values))))
 }
 
-fn body(out: &mut dyn Write, head: &str, bytes: &[u8]) -> io::Result<()> {
+/// Writes a volume as `.nrrd` while it is made, so that nobody holds all of it: `layers` are its
+/// samples in order, x fastest, in pieces of any length.
+///
+/// # Errors
+/// [`FormatError::Unsupported`] for another extension, [`FormatError::Io`] also where the layers
+/// together do not fill the grid; no partial file is left behind.
+pub fn write_layers<T: Sample>(
+    path: &Path,
+    grid: &Grid,
+    layers: impl Iterator<Item = Vec<T>>,
+) -> Result<(), FormatError> {
+    if !super::lower_name(path).ends_with(".nrrd") {
+        return Err(FormatError::unsupported(path, "a volume in layers in this format; use .nrrd"));
+    }
+    let head = header(grid, T::TYPE, None);
+    write_whole(path, |out| {
+        body(out, &head, |out| {
+            let mut written = 0;
+            for layer in layers {
+                written += layer.len();
+                out.write_all(bytemuck::cast_slice(&layer))?;
+            }
+            let fits = written == grid.len();
+            if fits { Ok(()) } else { Err(io::Error::other("the layers do not fill the grid")) }
+        })
+    })
+}
+
+fn body(
+    out: &mut dyn Write,
+    head: &str,
+    samples: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
     out.write_all(head.as_bytes())?;
     let mut out = GzEncoder::new(out, Compression::fast());
-    out.write_all(bytes)?;
+    samples(&mut out)?;
     out.finish().map(|_| ())
 }
 
