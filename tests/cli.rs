@@ -216,6 +216,39 @@ fn every_computing_command_repeats_in_memory_and_answers_one_json_line() {
 }
 
 #[test]
+fn every_command_that_reads_or_writes_says_the_most_memory_it_held() {
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Tube, 48);
+    works(tmp.path(), &["surface", "--mask", "mask.nrrd", "-o", "in.ply"]);
+    let lumen = ["ct.nrrd", "--threshold", ":-455"];
+    let film = ["--frames", "1", "--size", "16x16", "--lod-cache", "off", "--out", "film"];
+    let mut all: Vec<Vec<&str>> = vec![
+        vec!["info", "ct.nrrd"],
+        vec!["convert", "ct.nrrd", "-o", "o.nii"],
+        vec!["phantom", "tube", "--size", "32", "-o", "p.nrrd"],
+        [&["segment"], &lumen[..], &["-o", "o.nrrd"]].concat(),
+        [&["distance"], &lumen[..], &["-o", "o.nrrd"]].concat(),
+        [&["hessian"], &lumen[..], &["-o", "o.nrrd"]].concat(),
+        [&["centerline"], &lumen[..], &["-o", "o.csv"]].concat(),
+        [&["surface"], &lumen[..], &["-o", "o.ply"]].concat(),
+        vec!["fair", "in.ply", "-o", "o.ply"],
+        vec!["simplify", "in.ply", "--faces", "300", "--maps", "m.bin", "-o", "o.ply"],
+        vec!["simplify", "in.ply", "--from-maps", "m.bin", "-o", "o.ply"],
+    ];
+    if can_draw() {
+        all.push([&["record"], &lumen[..], &film].concat());
+        all.push([&["run"], &lumen[..], &film].concat());
+    }
+    for mut args in all {
+        args.push("--json");
+        let said = works(tmp.path(), &args)["peak_memory_mb"].as_f64();
+        // Where the system does not say, it is 0.
+        let least = if cfg!(target_os = "linux") { 1.0 } else { 0.0 };
+        assert!(said.is_some_and(|mb| mb >= least), "{}: {said:?} MB", args[0]);
+    }
+}
+
+#[test]
 fn bad_input_is_one_line_that_names_it_with_its_own_exit_code_and_leaves_nothing() {
     let tmp = tempfile::tempdir().unwrap();
     let dir = tmp.path();

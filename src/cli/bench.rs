@@ -13,8 +13,7 @@ use crate::kernels;
 use crate::lumen::{Lumen, Recipe, Window};
 use crate::pipeline::copy::{CopyRate, copy_rate};
 use crate::pipeline::{
-    Clock, Settings, Stage, SurfaceOptions, centered, distance_field, fields, hessian_field,
-    peak_memory_mb, wall,
+    Clock, Settings, Stage, SurfaceOptions, centered, distance_field, fields, hessian_field, wall,
 };
 use crate::surface::Smoothing;
 use crate::volume::Volume;
@@ -75,7 +74,6 @@ struct Answer {
     bricks: usize,
     devices: Vec<Summary>,
     rows: Vec<Row>,
-    peak_memory_mb: f64,
 }
 
 /// Name and device, then (ms, launches, items, unit, bytes) of each run.
@@ -150,7 +148,6 @@ impl Args {
             bricks: lumen.bricks.len(),
             devices,
             rows,
-            peak_memory_mb: peak_memory_mb(),
         })
     }
 

@@ -36,5 +36,5 @@ pub fn run(global: &Global) -> Result<(), CliError> {
             }
         ))?;
     }
-    global.answer(&devices)
+    global.answer_only(&devices)
 }

@@ -9,6 +9,7 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 use super::CliError;
 use crate::device::{Device, DeviceChoice};
 use crate::formats::whole;
+use crate::pipeline::peak_memory_mb;
 
 /// Global flags.
 #[derive(Clone, Debug, clap::Args)]
@@ -113,8 +114,21 @@ impl Global {
         tracing::warn!("{line}");
     }
 
-    /// Prints the JSON result, if asked for.
+    /// Prints the JSON result with the most memory that was held, if asked for.
     pub fn answer(&self, value: &impl serde::Serialize) -> Result<(), CliError> {
+        #[derive(serde::Serialize)]
+        struct Answer<'a, T> {
+            #[serde(flatten)]
+            value: &'a T,
+            /// Largest resident size so far, MB.
+            peak_memory_mb: f64,
+        }
+        self.answer_only(&Answer { value, peak_memory_mb: peak_memory_mb() })
+    }
+
+    /// Prints the JSON result and nothing beside it, if asked for: a list, or a report that says
+    /// how much memory there was.
+    pub fn answer_only(&self, value: &impl serde::Serialize) -> Result<(), CliError> {
         if !self.json {
             return Ok(());
         }

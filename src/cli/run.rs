@@ -95,7 +95,7 @@ impl Args {
         report.warnings = warnings;
         write_json(&a.out.join("report.json"), &report)?;
         global.say(summary(&report, &a.out))?;
-        global.answer(&report)
+        global.answer_only(&report)
     }
 
     /// The surface with few faces.

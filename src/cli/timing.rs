@@ -6,7 +6,7 @@ use std::time::Instant;
 use super::CliError;
 use super::global::Global;
 use crate::device::Device;
-use crate::pipeline::{Clock, Stage, peak_memory_mb};
+use crate::pipeline::{Clock, Stage};
 
 /// What `--json` answers for a computing command.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -24,8 +24,6 @@ pub struct Timing {
     pub clock: Clock,
     /// Where plans ran.
     pub device: String,
-    /// Largest resident size so far, MB.
-    pub peak_memory_mb: f64,
     /// Result figures of the command.
     #[serde(flatten)]
     pub result: BTreeMap<&'static str, serde_json::Value>,
@@ -59,7 +57,6 @@ pub fn timed<T>(
         stages: clock.stages.clone(),
         clock: clock.clone(),
         device: device.name().to_owned(),
-        peak_memory_mb: peak_memory_mb(),
         result: BTreeMap::new(),
     };
     let result = last.expect("at least one run");

@@ -53,9 +53,9 @@ pub fn in_parts<L: Log>(given: &Given<'_>, stop: &Stop) -> Option<(Greedy, Vec<L
             Part { run: part(given, ids, inside, local), log: L::default() }
         })
         .collect();
+    drop((order, rank, pieces));
     rounds(given, &mut parts, stop);
-    let left = join(given, &parts);
-    Some((left, parts.into_iter().map(|p| p.log).collect()))
+    Some(join(given, parts))
 }
 
 /// Three times the middle of each face, and the face.
@@ -187,47 +187,59 @@ fn rounds<L: Log>(given: &Given<'_>, parts: &mut [Part<L>], stop: &Stop) {
     }
 }
 
-/// The run over what the parts left.
-fn join<L>(given: &Given<'_>, parts: &[Part<L>]) -> Greedy {
-    let mut alive: Vec<(u32, u32, u32)> = Vec::new();
-    let mut stay: Vec<(u32, Option<(Place, Quadric)>)> = Vec::new();
-    for (i, p) in parts.iter().enumerate() {
-        alive.extend(p.run.faces_left().map(|(id, f)| (id, i as u32, f)));
-        stay.extend(p.run.vertices_left());
+/// A face that a part left, with everything by its number in the mesh given.
+struct Left {
+    id: u32,
+    corners: [u32; 3],
+    /// Half-edges.
+    pairs: [u32; 3],
+}
+
+/// The run over what the parts left, and their logs. A part goes as soon as that is taken from it.
+fn join<L>(given: &Given<'_>, parts: Vec<Part<L>>) -> (Greedy, Vec<L>) {
+    let mut alive: Vec<Left> = Vec::with_capacity(parts.iter().map(|p| p.run.faces()).sum());
+    let mut stay: Vec<(u32, Option<(Place, Quadric)>)> =
+        Vec::with_capacity(parts.iter().map(|p| p.run.stay().count()).sum());
+    let mut logs = Vec::with_capacity(parts.len());
+    let (mut collapses, mut error_mm) = (0, 0f64);
+    for Part { run, log } in parts {
+        alive.extend(run.faces_left().map(|(id, f)| Left {
+            id,
+            corners: [0, 1, 2].map(|c| run.vertex_id(run.edges.origin(4 * f + c))),
+            pairs: [0, 1, 2].map(|c| match run.edges.pair(4 * f + c) {
+                // At a cut half-edges are those of the mesh given, and their faces stay.
+                NONE => given.edges.pair(4 * id + c),
+                p => 4 * run.face_id(face(p)) + (p & 3),
+            }),
+        }));
+        stay.extend(run.vertices_left());
+        collapses += run.collapses;
+        error_mm = error_mm.max(run.error_mm);
+        logs.push(log);
     }
-    alive.sort_unstable();
+    alive.sort_unstable_by_key(|f| f.id);
     stay.sort_by_key(|v| v.0);
     stay.dedup_by_key(|v| v.0);
     let mut new_face = vec![NONE; given.mesh.faces.len()];
-    alive.iter().zip(0..).for_each(|(f, i)| new_face[f.0 as usize] = i);
+    alive.iter().zip(0..).for_each(|(f, i)| new_face[f.id as usize] = i);
     let mut new_vertex = vec![NONE; given.mesh.positions.len()];
     stay.iter().zip(0..).for_each(|(v, i)| new_vertex[v.0 as usize] = i);
-    let faces = alive.iter().map(|&(id, part, f)| {
-        let run = &parts[part as usize].run;
-        let corners =
-            [0, 1, 2].map(|c| new_vertex[run.vertex_id(run.edges.origin(4 * f + c)) as usize]);
-        let pairs = [0, 1, 2].map(|c| {
-            let pair = match run.edges.pair(4 * f + c) {
-                // At a cut half-edges are those of the mesh given, and their faces stay. Where the
-                // face beyond has gone, there is a boundary now.
-                NONE => given.edges.pair(4 * id + c),
-                p => 4 * run.face_id(face(p)) + (p & 3),
-            };
-            match new_face.get(face(pair) as usize) {
-                Some(&other) if pair != NONE && other != NONE => 4 * other + (pair & 3),
-                _ => NONE,
-            }
+    let faces = alive.iter().map(|f| {
+        // Where the face beyond has gone, there is a boundary now.
+        let pairs = f.pairs.map(|pair| match new_face.get(face(pair) as usize) {
+            Some(&other) if pair != NONE && other != NONE => 4 * other + (pair & 3),
+            _ => NONE,
         });
-        (corners, pairs, given.edges.mark(id))
+        (f.corners.map(|v| new_vertex[v as usize]), pairs, given.edges.mark(f.id))
     });
     let edges = HalfEdges::from_pairs(faces, stay.len());
     let vertex_ids: Vec<u32> = stay.iter().map(|v| v.0).collect();
-    let piece = Piece { vertex_ids, face_ids: alive.iter().map(|f| f.0).collect() };
+    let piece = Piece { vertex_ids, face_ids: alive.iter().map(|f| f.id).collect() };
+    drop((alive, new_face, new_vertex));
     let known: Vec<_> = stay.into_iter().map(|v| v.1).collect();
     let mut run = Greedy::resume(given, piece, edges, known);
-    run.collapses = parts.iter().map(|p| p.run.collapses).sum();
-    run.error_mm = parts.iter().fold(0.0, |most, p| p.run.error_mm.max(most));
-    run
+    (run.collapses, run.error_mm) = (collapses, error_mm);
+    (run, logs)
 }
 
 #[cfg(test)]
