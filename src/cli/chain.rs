@@ -2,11 +2,13 @@
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
 
 use super::CliError;
 use super::centerline::{PathArgs, center};
 use super::draw::Film;
-use super::film::{Filmed, Go, film};
+use super::film::{Cues, Filmed, film};
 use super::frames::{FrameArgs, Setup};
 use super::global::Global;
 use super::lumen_args::{LumenArgs, track_from};
@@ -69,13 +71,13 @@ pub struct Anatomy {
     /// Exact distance, mm.
     pub distance: Array<f32>,
     pub centered: Centered,
-    pub wall: Wall,
+    pub wall: Arc<Wall>,
     pub input: InputReport,
 }
 
 /// What the chain made.
 pub struct Flown {
-    pub anatomy: Anatomy,
+    pub anatomy: Arc<Anatomy>,
     pub film: Film,
 }
 
@@ -85,40 +87,62 @@ impl ChainArgs {
         self.path.settings(mode, FromArgs::of(&self.from)?.start)
     }
 
-    /// Centerline, surface and frames of a lumen. `made` is made of the surface before anything is
-    /// drawn; `aside` takes it and is done beside the frames and what comes before them, see
-    /// [`film`].
-    pub fn fly<M: Send, T: Send>(
+    /// Centerline, surface and frames of a lumen. `aside` is done beside all of it; what it does is
+    /// up to what it hears.
+    pub fn fly<T: Send>(
         &self,
         device: &mut Device,
         subject: Subject<'_>,
         (setup, folder): (&Setup, &Path),
         clock: &mut Clock,
-        made: impl FnOnce(&Wall, &mut Clock) -> Result<M, CliError>,
-        aside: impl FnOnce(&Anatomy, M, Go, &mut Clock) -> T + Send,
+        aside: impl FnOnce(Heard, &mut Clock) -> T + Send,
     ) -> Result<(Flown, T), CliError> {
-        let lumen = subject.lumen;
-        let (anatomy, made) = self.anatomy(device, subject, clock, made)?;
-        return_freed_memory();
-        let Anatomy { distance, centered, wall, .. } = &anatomy;
-        let scene = Filmed { lumen, distance, wall, open_ends: self.surface.open_ends };
+        let (surface, wall) = channel();
+        let (relieved, relief) = channel();
+        let (ready, go) = channel();
         let mut other = clock.beside();
-        let other_done = |go| aside(&anatomy, made, go, &mut other);
-        let (film, aside) = film(device, &scene, &centered.line, setup, folder, clock, other_done)?;
+        // With one thread all of `aside` comes afterwards.
+        let waits = rayon::current_num_threads() > 1;
+        let (aside, flown) = beside(
+            || aside(Heard { wall, relieved, go }, &mut other),
+            || -> Result<Flown, CliError> {
+                // Dropped with an error on the way: whoever waits then hears of it.
+                let (surface, ready) = (surface, ready);
+                let lumen = subject.lumen;
+                let anatomy = Arc::new(self.anatomy(device, subject, clock, |wall| {
+                    // One who does not listen needs nothing.
+                    let _ = surface.send(wall);
+                })?);
+                let Anatomy { distance, centered, wall, .. } = &*anatomy;
+                let scene = Filmed { lumen, distance, wall, open_ends: self.surface.open_ends };
+                let cues = Cues {
+                    before_building: move || {
+                        if waits {
+                            let _ = relief.recv();
+                        }
+                        return_freed_memory();
+                    },
+                    ready: || {
+                        let _ = ready.send(Arc::clone(&anatomy));
+                    },
+                };
+                let film = film(device, &scene, &centered.line, (setup, folder), clock, cues)?;
+                Ok(Flown { anatomy, film })
+            },
+        );
         clock.take(other);
-        Ok((Flown { anatomy, film }, aside))
+        Ok((flown?, aside))
     }
 
-    /// Centerline and surface of a lumen, and what is made of the surface; the route is searched
-    /// beside all that. The largest pieces of memory, the volume and what simplification needs, are
-    /// never held together, nor beside the building of levels of detail.
-    fn anatomy<M>(
+    /// Centerline and surface of a lumen; the route is searched beside the surface. `surface` gets
+    /// the surface as soon as it is there and the volume is gone.
+    fn anatomy(
         &self,
         device: &mut Device,
         Subject { volume, recipe, lumen }: Subject<'_>,
         clock: &mut Clock,
-        made: impl FnOnce(&Wall, &mut Clock) -> Result<M, CliError>,
-    ) -> Result<(Anatomy, M), CliError> {
+        surface: impl FnOnce(Arc<Wall>),
+    ) -> Result<Anatomy, CliError> {
         let mode = self.mode.main();
         let settings = self.settings(mode)?;
         let grey = FromArgs::of(&self.from)?.grey;
@@ -127,13 +151,14 @@ impl ChainArgs {
             let wall = wall(device, &volume, &recipe.window, lumen, options, clock)?;
             let input = InputReport::of(&volume);
             drop(volume);
-            let made = made(&wall, clock)?;
-            Ok((wall, input, made))
+            let wall = Arc::new(wall);
+            surface(Arc::clone(&wall));
+            Ok((wall, input))
         };
         if mode == Mode::Paper {
             let (fields, centered) = center(device, lumen, mode, settings, clock)?;
-            let (wall, input, made) = finish(device, clock)?;
-            return Ok((Anatomy { distance: fields.distance, centered, wall, input }, made));
+            let (wall, input) = finish(device, clock)?;
+            return Ok(Anatomy { distance: fields.distance, centered, wall, input });
         }
         let fields = fields(device, lumen, true, clock)?;
         let mut other = clock.beside();
@@ -145,21 +170,48 @@ impl ChainArgs {
             },
         );
         clock.take(other);
-        let (routed, (seen, (wall, input, made))) = (routed?, seen?);
+        let (routed, (seen, (wall, input))) = (routed?, seen?);
         let centered = Centered::new(lumen, &fields, routed, seen);
-        Ok((Anatomy { distance: fields.distance, centered, wall, input }, made))
+        Ok(Anatomy { distance: fields.distance, centered, wall, input })
+    }
+}
+
+/// What is done beside a chain hears this of it.
+pub struct Heard {
+    wall: Receiver<Arc<Wall>>,
+    relieved: Sender<()>,
+    go: Receiver<Arc<Anatomy>>,
+}
+
+impl Heard {
+    /// Waits for the surface; `None` when there will be none.
+    pub fn wall(&self) -> Option<Arc<Wall>> {
+        self.wall.recv().ok()
+    }
+
+    /// Says that the memory for what is made of the surface is free again. Levels of detail are
+    /// not built before that: neither needs to leave room for the other.
+    pub fn relieve(&self) {
+        // A chain that has failed does not listen.
+        let _ = self.relieved.send(());
+    }
+
+    /// Waits until files may be written; `None` when there will be no frames, so that nothing
+    /// should be.
+    pub fn go(self) -> Option<Arc<Anatomy>> {
+        self.go.recv().ok()
     }
 }
 
 impl Flown {
     /// The report of this chain.
     pub fn report(self, (lumen, found): (&Lumen, &Found), device: &str, clock: &Clock) -> Report {
-        let Anatomy { centered, wall, input, .. } = self.anatomy;
+        let Anatomy { centered, wall, input, .. } = &*self.anatomy;
         Report {
-            input: Some(input),
+            input: Some(input.clone()),
             lumen: Some(LumenReport::of(lumen, found)),
             surface: Some(SurfaceReport::of(wall.topology, wall.mesh.area_mm2())),
-            centerline: Some(CenterlineReport::of(&centered, lumen)),
+            centerline: Some(CenterlineReport::of(centered, lumen)),
             lod: Some(self.film.lod),
             frames: Some(self.film.report),
             warnings: self.film.warnings,

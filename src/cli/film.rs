@@ -1,7 +1,6 @@
 //! A flight as frames: what must be there before the first, and what is done beside them.
 
 use std::path::Path;
-use std::sync::mpsc::{Receiver, channel};
 
 use super::CliError;
 use super::detail::Keep;
@@ -31,49 +30,35 @@ pub struct Filmed<'a> {
     pub open_ends: bool,
 }
 
+/// What a film calls on its way.
+pub struct Cues<B, R> {
+    /// Before levels of detail are built, on the thread that builds them.
+    pub before_building: B,
+    /// Once the folder is there and files may be written.
+    pub ready: R,
+}
+
 /// Flies along the first root-to-tip path and writes every frame. Levels of detail are built
-/// beside planning the flight and opening the renderer, and `aside` is done beside all of it. Its
-/// [`Go`] says when the folder is there and files may be written.
-pub fn film<T: Send>(
+/// beside planning the flight and opening the renderer.
+pub fn film(
     device: &mut Device,
     scene: &Filmed<'_>,
     line: &Centerline,
-    setup: &Setup,
-    folder: &Path,
+    (setup, folder): (&Setup, &Path),
     clock: &mut Clock,
-    aside: impl FnOnce(Go) -> T + Send,
-) -> Result<(Film, T), CliError> {
-    let (ready, go) = channel();
-    let (aside, film) = beside(
-        || aside(Go(go)),
-        || -> Result<Film, CliError> {
-            // Dropped with an error on the way: whoever waits then hears of it.
-            let ready = ready;
-            let shown = Shown::of(scene.wall, scene.open_ends);
-            let mut own = None;
-            let (mut set, flight) = prepare(device, &mut own, scene, &shown, line, setup, clock)?;
-            return_freed_memory();
-            // Only now: a machine that cannot draw leaves no empty folder.
-            make_folder(folder)?;
-            // An `aside` that has ended already does not listen.
-            let _ = ready.send(());
-            let keep = set.keep.take();
-            let draw = || draw(set, line, setup, &flight, folder, clock);
-            beside(|| keep.into_iter().for_each(Keep::write), draw).1
-        },
-    );
-    Ok((film?, aside))
-}
-
-/// What waits for a folder.
-pub struct Go(Receiver<()>);
-
-impl Go {
-    /// Waits until files may be written; `false` when there will be no frames, so that nothing
-    /// should be.
-    pub fn wait(self) -> bool {
-        self.0.recv().is_ok()
-    }
+    Cues { before_building, ready }: Cues<impl FnOnce() + Send, impl FnOnce()>,
+) -> Result<Film, CliError> {
+    let shown = Shown::of(scene.wall, scene.open_ends);
+    let mut own = None;
+    let before = before_building;
+    let (mut set, flight) = prepare(device, &mut own, scene, (&shown, before), line, setup, clock)?;
+    return_freed_memory();
+    // Only now: a machine that cannot draw leaves no empty folder.
+    make_folder(folder)?;
+    ready();
+    let keep = set.keep.take();
+    let draw = || draw(set, line, setup, &flight, folder, clock);
+    beside(|| keep.into_iter().for_each(Keep::write), draw).1
 }
 
 /// All that comes before the first frame.
@@ -81,14 +66,14 @@ fn prepare<'a>(
     device: &'a mut Device,
     own: &'a mut Option<Gpu>,
     scene: &Filmed<'_>,
-    shown: &Shown<'_>,
+    (shown, before_building): (&Shown<'_>, impl FnOnce() + Send),
     line: &Centerline,
     setup: &Setup,
     clock: &mut Clock,
 ) -> Result<(Staged<'a>, Flight), CliError> {
     let mut building = clock.beside();
     let (levels, begun) = beside(
-        || levels(&shown.mesh, setup, &mut building),
+        || levels(&shown.mesh, setup, &mut building, before_building),
         || -> Result<_, CliError> {
             let fly = || fly(scene, line, setup);
             let count = |f: &Result<Flight, _>| f.as_ref().map_or(0, |f| f.poses.len() as u64);

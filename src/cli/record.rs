@@ -27,7 +27,7 @@ impl Args {
         let ((flown, ()), timing) = timed(global, &mut device, |device, clock| {
             let volume = for_run(&mut held, global);
             let subject = Subject { volume, recipe: &recipe, lumen: &lumen };
-            a.fly(device, subject, (&setup, &a.out), clock, |_, _| Ok(()), |_, (), _, _| ())
+            a.fly(device, subject, (&setup, &a.out), clock, |_, _| ())
         })?;
         global.say(format_args!(
             "wrote {} frames to {} ({:.1} s of flight)",

@@ -6,8 +6,7 @@ use serde::Serialize;
 
 use super::CliError;
 use super::centerline::{center, unseen_csv};
-use super::chain::{Anatomy, ChainArgs, Flown, Subject, for_run};
-use super::film::Go;
+use super::chain::{Anatomy, ChainArgs, Flown, Heard, Subject, for_run};
 use super::global::Global;
 use super::lumen_args::{Chosen, lumen as choose, notes};
 use super::surface::{Modes as ModeChoice, without_caps};
@@ -16,7 +15,7 @@ use crate::formats::{whole, write_centerline, write_layers, write_mesh};
 use crate::geometry::Mesh;
 use crate::lumen::Lumen;
 use crate::pipeline::detail::{base, base_faces};
-use crate::pipeline::{CenterlineReport, Clock, Mode, Modes, Report, Wall, beside};
+use crate::pipeline::{CenterlineReport, Clock, Mode, Modes, Report, beside};
 
 /// `intima run INPUT LUMEN --out DIR`
 #[derive(Debug, clap::Args)]
@@ -57,17 +56,20 @@ impl Args {
                     || choose(&volume, &recipe, global),
                     |r| r.as_ref().map_or(0, |(l, _)| l.inside_voxels()),
                 )?;
-                let aside = |anatomy: &Anatomy, base: Mesh, go: Go, clock: &mut Clock| {
-                    let write = once && go.wait();
-                    if write {
-                        self.write(&lumen, anatomy, &base, clock)?;
+                let aside = |heard: Heard, clock: &mut Clock| -> Result<_, CliError> {
+                    let Some(wall) = heard.wall() else { return Ok(None) };
+                    let base = self.base(&wall.mesh, clock)?;
+                    heard.relieve();
+                    if !once {
+                        return Ok(Some(base));
                     }
-                    Ok::<_, CliError>((!once).then_some(base))
+                    if let Some(anatomy) = heard.go() {
+                        self.write(&lumen, &anatomy, &base, clock)?;
+                    }
+                    Ok(None)
                 };
                 let subject = Subject { volume, recipe: &recipe, lumen: &lumen };
-                let base = |wall: &Wall, clock: &mut Clock| self.base(&wall.mesh, clock);
-                let (flown, unwritten) =
-                    a.fly(device, subject, (&setup, &frames), clock, base, aside)?;
+                let (flown, unwritten) = a.fly(device, subject, (&setup, &frames), clock, aside)?;
                 Ok((lumen, found, flown, unwritten?))
             })?;
         clock.take(timing.clock.clone());

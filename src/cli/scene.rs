@@ -78,14 +78,20 @@ pub struct Levels {
     keep: Option<Keep>,
 }
 
-/// `None` where the whole mesh is to be drawn.
-pub fn levels(mesh: &Mesh, setup: &Setup, clock: &mut Clock) -> Result<Option<Levels>, CliError> {
+/// `None` where the whole mesh is to be drawn. `before_building` is called unless they are found
+/// on disk.
+pub fn levels(
+    mesh: &Mesh,
+    setup: &Setup,
+    clock: &mut Clock,
+    before_building: impl FnOnce(),
+) -> Result<Option<Levels>, CliError> {
     if setup.view == View::Overview {
         return Ok(None);
     }
     let count = |s: &Shading| s.vertices.len() as u64;
     let shading = clock.time("shading", "vertices", || shading(mesh), count);
-    let built = setup.detail.build(mesh, &shading.vertices, clock)?;
+    let built = setup.detail.build(mesh, &shading.vertices, clock, before_building)?;
     let mean_radius_mm = shading.mean_radius_mm;
     Ok(built.map(|(detail, keep)| Levels { detail, mean_radius_mm, keep }))
 }

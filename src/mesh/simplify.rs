@@ -134,6 +134,8 @@ pub fn simplify<R: Recorder>(
                 *p = given.in_mm(run.position(v)).as_vec3();
             }
         }
+        // The tree over the mesh given takes as much again.
+        drop((run, given));
         renew_normals(&mut left, &vertex_ids, mesh);
     }
     Ok(Simplified { mesh: left, vertex_ids, face_ids, collapses, stopped, error_mm })
