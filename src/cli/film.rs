@@ -52,7 +52,6 @@ pub fn film(
     let mut own = None;
     let before = before_building;
     let (mut set, flight) = prepare(device, &mut own, scene, (&shown, before), line, setup, clock)?;
-    return_freed_memory();
     // Only now: a machine that cannot draw leaves no empty folder.
     make_folder(folder)?;
     ready();
@@ -87,7 +86,10 @@ fn prepare<'a>(
     );
     clock.take(building);
     let (flight, opened) = begun?;
-    Ok((set(opened, shown, setup, levels?)?, flight))
+    let levels = levels?;
+    // What building them took is larger than the pages that come now.
+    return_freed_memory();
+    Ok((set(opened, shown, setup, levels)?, flight))
 }
 
 fn fly(scene: &Filmed<'_>, line: &Centerline, setup: &Setup) -> Result<Flight, CliError> {

@@ -91,7 +91,8 @@ const MIN_BASE_FACES: usize = 500;
 
 impl Detail {
     /// Clusters ready to be refined. `cached`: they were read, not built.
-    pub fn of_clusters(clusters: Arc<Clusters>, pixel_error: f32, cached: bool) -> Self {
+    pub fn of_clusters(clusters: impl Into<Arc<Clusters>>, pixel_error: f32, cached: bool) -> Self {
+        let clusters = clusters.into();
         let count = clusters.clusters().len() as u64;
         let base = |c: u32| u64::from(clusters.clusters()[c as usize].triangles);
         let report = LodReport {
