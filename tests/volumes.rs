@@ -637,8 +637,7 @@ fn a_volume_in_layers_is_on_disk_while_it_is_made_and_the_same_as_in_one_piece()
     assert!(most_held < 2 * layer as i64, "{most_held} bytes of {}", 2 * all.len());
     let whole = tmp.path().join("whole.nrrd");
     write_volume(&whole, &Volume::new(grid, all.clone().into())).unwrap();
-    let read = |name: &str| std::fs::read(tmp.path().join(name)).unwrap();
-    assert!(read("layers.nrrd") == read("whole.nrrd"));
+    assert!(read(&tmp.path().join("layers.nrrd")).unwrap() == read(&whole).unwrap());
 }
 
 #[test]
