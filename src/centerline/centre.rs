@@ -1,11 +1,11 @@
 //! From a voxel route to a smooth, centred curve.
 
-use glam::{DVec2, DVec3};
-use rayon::prelude::*;
+use glam::DVec3;
 
-use super::frames::tangents;
+use super::clear::clear;
 use super::prove::safe;
 use super::sample::Sampler;
+use super::section::{around, centres};
 use super::spline::Spline;
 
 /// Points a fixed arc length apart along a polyline, ends included.
@@ -76,20 +76,82 @@ pub fn centre(
     let track = smoothed(&curve, &parameters(&curve, &loose, distance), (1.0, 0.0));
     let u = parameters(&track, &loose, distance);
     curve.clone_from(&track);
+    let last = curve.len() - 1;
+    let free = |i: usize| !(i == 0 && fixed.start || i == last && fixed.end);
     for knots in KNOTS {
-        let t = tangents(&curve);
-        let n = curve.len();
-        moved = (0..n)
-            .into_par_iter()
-            .with_min_len(16)
-            .map(|i| {
-                let keep = (i == 0 && fixed.start) || (i == n - 1 && fixed.end);
-                if keep { curve[i] } else { across(curve[i], t[i], smooth) }
-            })
-            .collect();
+        moved = centres(&curve, &u, free, smooth);
         curve = smoothed(&moved, &u, knots);
     }
-    resample(&tightened(curve, &moved, &track, distance), 0.5 * h)
+    let mut tight = vec![1.0; u.len()];
+    curve = corners(curve, &mut moved, (&track, &u, &mut tight), distance, smooth);
+    let curve = tightened(curve, &moved, (&track, &mut tight), distance);
+    resample(&clear(curve, &u, distance), 0.5 * h)
+}
+
+/// A curve this far, in voxels, to one side of its sections' middles for a while cuts a corner.
+const ASTRAY: f64 = 0.1;
+/// That while, and the stretch to fit more closely about it, in distances to the wall.
+const WHILE: f64 = 0.25;
+const ABOUT: f64 = 0.5;
+/// Closer knots are right where the sections across the curve they make agree with it this many
+/// times as well. Where pockets follow each other they never do.
+const AGREE: f64 = 0.7;
+
+/// Fits with closer knots where that shows that the curve cuts corners: at forks.
+fn corners(
+    mut curve: Vec<DVec3>,
+    moved: &mut [DVec3],
+    (track, u, tight): (&[DVec3], &[f64], &mut [f64]),
+    distance: Sampler<'_>,
+    smooth: Sampler<'_>,
+) -> Vec<DVec3> {
+    let h = distance.lumen.grid.spacing_mm.min_element();
+    for _ in 0..3 {
+        let astray = astray(&curve, moved, u, ASTRAY * h);
+        if astray.iter().all(|a| !a) {
+            break;
+        }
+        let close: Vec<f64> =
+            tight.iter().zip(&astray).map(|(t, a)| if *a { 0.5 * t } else { *t }).collect();
+        let closer = smoothed(moved, &parameters(track, &close, distance), KNOTS[KNOTS.len() - 1]);
+        let again = centres(&closer, u, |i| astray[i], smooth);
+        let mut better = false;
+        let mut end = 0;
+        for run in astray.chunk_by(|a, b| a == b) {
+            let range = end..end + run.len();
+            end = range.end;
+            let gap = |a: &[DVec3], b: &[DVec3]| -> f64 {
+                range.clone().map(|i| a[i].distance(b[i])).sum()
+            };
+            if run[0] && gap(&again, &closer) < AGREE * gap(moved, &curve) {
+                better = true;
+                moved[range.clone()].copy_from_slice(&again[range.clone()]);
+                tight[range.clone()].copy_from_slice(&close[range.clone()]);
+            }
+        }
+        if !better {
+            break;
+        }
+        curve = smoothed(moved, &parameters(track, tight, distance), KNOTS[KNOTS.len() - 1]);
+    }
+    curve
+}
+
+/// Points near those where a curve keeps to one side of the places its points should lie at.
+fn astray(curve: &[DVec3], moved: &[DVec3], u: &[f64], least: f64) -> Vec<bool> {
+    let n = curve.len();
+    let mut out = vec![false; n];
+    for i in 1..n - 1 {
+        let (a, b) = around(u, i, WHILE);
+        let k = (i - a).min(b - 1 - i); // as many on either side
+        let sum: DVec3 = (i - k..=i + k).map(|j| moved[j] - curve[j]).sum();
+        if sum.length() > least * (2 * k + 1) as f64 {
+            let (a, b) = around(u, i, ABOUT);
+            // The ends are met as they are.
+            out[a.max(1)..b.min(n - 1)].fill(true);
+        }
+    }
+    out
 }
 
 /// Fits the last round's points again with closer knots wherever the curve cannot be proven
@@ -97,12 +159,11 @@ pub fn centre(
 fn tightened(
     mut curve: Vec<DVec3>,
     moved: &[DVec3],
-    track: &[DVec3],
+    (track, tight): (&[DVec3], &mut [f64]),
     distance: Sampler<'_>,
 ) -> Vec<DVec3> {
     let h = distance.lumen.grid.spacing_mm.min_element();
     let n = curve.len();
-    let mut tight = vec![1.0; n];
     for _ in 0..3 {
         let mut near = vec![false; n];
         for i in (0..n - 1).filter(|&i| !safe(curve[i], curve[i + 1], distance)) {
@@ -113,7 +174,7 @@ fn tightened(
             break;
         }
         tight.iter_mut().zip(near).filter(|(_, n)| *n).for_each(|(t, _)| *t *= 0.5);
-        curve = smoothed(moved, &parameters(track, &tight, distance), KNOTS[KNOTS.len() - 1]);
+        curve = smoothed(moved, &parameters(track, tight, distance), KNOTS[KNOTS.len() - 1]);
     }
     curve
 }
@@ -123,111 +184,6 @@ fn tightened(
 /// worse. Close knots follow the bends at forks; stiffness keeps them from following noise, and the
 /// curve from depending on where the knots fall.
 const KNOTS: [(f64, f64); 5] = [(2.0, 0.0), (2.0, 0.0), (1.25, 0.0), (0.7, 0.002), (0.7, 0.001)];
-/// Farthest a point moves in a round, in distances to the wall: where pockets follow each other
-/// the best places of neighbouring sections lie far apart.
-const STRIDE: f64 = 0.15;
-/// Rays in a ring around a point.
-const RAYS: usize = 32;
-/// A wall this many lower quartiles of the section away is seen through the mouth of a branch.
-const FAR: f64 = 1.8;
-/// A section with this share of far walls, or more, is wholly a mouth.
-const OPEN: f64 = 0.08;
-/// Where it is one, rays that rise and fall by this angle (radians) join in: the ball they find
-/// stays where the section alone would slide into the branch. Elsewhere the section is better, for
-/// it has no bias in bends.
-const RISE: f64 = 0.7;
-
-/// A wall point seen along a ray: across the curve, along it (squared), and how far it is.
-struct Wall {
-    across: DVec2,
-    along2: f64,
-    range: f64,
-}
-
-/// Where the walls around `p` balance in the plane across `t`.
-fn across(p: DVec3, t: DVec3, smooth: Sampler<'_>) -> DVec3 {
-    let h = smooth.lumen.grid.spacing_mm.min_element();
-    let level = 0.7 * h; // what the smoothed distance is at a flat wall
-    let room = smooth.at(p);
-    if room < 2.0 * level {
-        return p;
-    }
-    let (u, v) = t.any_orthonormal_pair();
-    let ring = |rise: f64, turn: f64, wall: &mut Vec<Wall>| {
-        let (up, flat) = rise.sin_cos();
-        for i in 0..RAYS {
-            let a = std::f64::consts::TAU * (i as f64 + turn) / RAYS as f64;
-            let way = DVec2::from_angle(a) * flat;
-            let range = reach(p, u * way.x + v * way.y + t * up, room, smooth, level);
-            wall.push(Wall { across: way * range, along2: (up * range).powi(2), range });
-        }
-    };
-    let mut wall = Vec::with_capacity(3 * RAYS);
-    ring(0.0, 0.0, &mut wall);
-    let mut ranges: Vec<f64> = wall.iter().map(|w| w.range).collect();
-    ranges.sort_by(f64::total_cmp);
-    let far = ranges.iter().filter(|r| **r > FAR * ranges[RAYS / 4]).count();
-    let open = (far as f64 / RAYS as f64 / OPEN).min(1.0);
-    let mut c = balance(&wall, room);
-    if open > 0.0 {
-        ring(RISE, 0.5, &mut wall);
-        ring(-RISE, 0.5, &mut wall);
-        c = c.lerp(balance(&wall, room), open);
-    }
-    let c = c.clamp_length_max(STRIDE * room);
-    let moved = p + u * c.x + v * c.y;
-    if smooth.at(moved) >= 0.5 * room { moved } else { p }
-}
-
-/// The least of the sum of 1/ρ^8 over wall points, ρ their distance. The nearest walls count most,
-/// so that the mouth of a branch hardly matters; all of them count, which averages the voxels'
-/// steps.
-fn balance(wall: &[Wall], room: f64) -> DVec2 {
-    let mut c = DVec2::ZERO;
-    for _ in 0..8 {
-        let (mut g, mut xx, mut xy, mut yy) = (DVec2::ZERO, 0.0, 0.0, 0.0);
-        for w in wall {
-            let d = c - w.across;
-            let near = room * room / (d.length_squared() + w.along2).max(1e-6 * room * room);
-            let push = w.range * near.powi(5);
-            g -= push * d;
-            let bend = 10.0 / (room * room) * near * push;
-            xx += bend * d.x * d.x - push;
-            xy += bend * d.x * d.y;
-            yy += bend * d.y * d.y - push;
-        }
-        // Newton, with the weaker curvature kept from vanishing.
-        let (mean, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
-        let split = half.hypot(xy);
-        let lift = (0.05 * (mean + split) - (mean - split)).max(0.0);
-        let (xx, yy) = (xx + lift, yy + lift);
-        let det = xx * yy - xy * xy;
-        let step = DVec2::new(yy * g.x - xy * g.y, xx * g.y - xy * g.x) / -det;
-        let step = step.clamp_length_max(0.25 * room);
-        c += step;
-        if step.length() < 1e-4 * room {
-            break;
-        }
-    }
-    c
-}
-
-/// Distance to the wall along a ray, no more than a few times the room.
-fn reach(p: DVec3, way: DVec3, room: f64, smooth: Sampler<'_>, level: f64) -> f64 {
-    let (most, least) = (4.0 * room, 0.3 * level);
-    let (mut s, mut over) = (0.0, room - level);
-    while s < most {
-        let step = (0.8 * over).max(least);
-        let next = smooth.at(p + way * (s + step)) - level;
-        if next <= 0.0 {
-            return s + step * over / (over - next);
-        }
-        s += step;
-        over = next;
-    }
-    most
-}
-
 /// Curve parameter of each point: distance along the curve in distances to the wall, times `tight`.
 fn parameters(points: &[DVec3], tight: &[f64], distance: Sampler<'_>) -> Vec<f64> {
     let n = points.len();

@@ -2,6 +2,7 @@
 //! smooth centred curves that are proven inside, trees of them, frames along them.
 
 mod centre;
+mod clear;
 mod frames;
 mod graph;
 mod paper;
@@ -10,6 +11,7 @@ mod queue;
 mod route;
 mod sample;
 mod search;
+mod section;
 mod spline;
 mod tree;
 mod visibility;

@@ -11,11 +11,15 @@
 //!   doi:10.1109/TSSC.1968.300136) under a bound from the lengths to the goal: the way there leads
 //!   through all lesser lengths, at each of them over no more than the greatest distance to the
 //!   wall found there.
+//!
+//! In bends that bound is weak; a central route is therefore looked for among deep places first.
 
+use glam::IVec3;
 use rayon::prelude::*;
 
 use super::graph::{FREE, Graph, STAY, number, offset};
 use super::queue::Queue;
+use crate::lumen::bricks::{BRICK, NONE, SIDE};
 
 /// No distance.
 pub const NOWHERE: u32 = u32::MAX;
@@ -125,11 +129,14 @@ impl Graph<'_> {
     ///
     /// * `distance`: the exact distance field, mm.
     pub fn by_centrality(&self, sources: &[u32], distance: &[f32]) -> Routes {
-        self.cheapest(sources, None, &Centrality::new(self, distance), |_| 0)
+        self.cheapest(sources, None, &Centrality::new(self, distance), None, |_| 0)
     }
 
-    /// The cheapest route between two nodes as [`Graph::by_centrality`] has it; empty when there
-    /// is none. Looks only where it may run.
+    /// A central route between two nodes; empty when there is none.
+    ///
+    /// Costs are those of [`Graph::by_centrality`]. Looked at first are deep places alone; the
+    /// route found there is good enough where none at all can cost less than two thirds of it.
+    /// Otherwise it is the cheapest.
     ///
     /// * `lengths`: [`Graph::by_length`] from `to`.
     pub fn central_route(
@@ -144,12 +151,18 @@ impl Graph<'_> {
         }
         let centrality = Centrality::new(self, distance);
         let bound = Bound::new(self, lengths, &centrality);
-        let routes = self.cheapest(&[from], Some(to), &centrality, |v| bound.at(v));
+        let deep = Deep::new(self, distance, [from, to]);
+        let routes = self.cheapest(&[from], Some(to), &centrality, Some(&deep), |v| bound.at(v));
+        if u64::from(routes.cost[to as usize]) * 2 <= u64::from(bound.at(from)) * 3 {
+            return routes.path_to(self, to);
+        }
+        let routes = self.cheapest(&[from], Some(to), &centrality, None, |v| bound.at(v));
         routes.path_to(self, to)
     }
 
     /// A* until `goal`, or all of Dijkstra's search when the bound is 0.
     ///
+    /// * `deep`: where to look; everywhere without.
     /// * `bound`: no more than the cost from a node to the goal, and between neighbours no steeper
     ///   than the step between them.
     fn cheapest(
@@ -157,12 +170,18 @@ impl Graph<'_> {
         sources: &[u32],
         goal: Option<u32>,
         centrality: &Centrality<'_>,
+        deep: Option<&Deep>,
         bound: impl Fn(u32) -> u32,
     ) -> Routes {
-        // Cost and weight side by side: what a look at a neighbour needs.
-        let distance = centrality.distance.par_iter().with_min_len(1 << 16);
-        let mut state: Vec<(u32, f32)> =
-            distance.map(|d| (NOWHERE, centrality.weight(*d))).collect();
+        // Cost and weight side by side: what a look at a neighbour needs. Nothing leads more
+        // cheaply to where not to look.
+        let distance = centrality.distance.par_iter().enumerate().with_min_len(1 << 16);
+        let mut state: Vec<(u32, f32)> = distance
+            .map(|(e, d)| match deep {
+                Some(deep) if *d < deep.least[e / BRICK] => (0, 0.0),
+                _ => (NOWHERE, centrality.weight(*d)),
+            })
+            .collect();
         let mut by = vec![OPEN; state.len()];
         let mut order = Vec::new();
         let first = sources.iter().map(|s| bound(*s)).min().unwrap_or(0);
@@ -257,6 +276,45 @@ impl<'a> Centrality<'a> {
     #[inline]
     fn weight(&self, distance: f32) -> f32 {
         0.5 * self.scale * (self.h / distance.max(self.h)).powi(2)
+    }
+}
+
+/// Places deep for where they are: a route through them is found among far fewer nodes.
+struct Deep {
+    /// Least distance to the wall, mm, by brick.
+    least: Vec<f32>,
+}
+
+impl Deep {
+    /// Share of the greatest distance in a brick and those around it.
+    const SHARE: f32 = 0.5;
+
+    /// All places near `ends` count as deep: they lie where they were put.
+    fn new(graph: &Graph<'_>, distance: &[f32], ends: [u32; 2]) -> Self {
+        let bricks = &graph.lumen().bricks;
+        let deepest: Vec<f32> = distance
+            .par_chunks_exact(BRICK)
+            .with_min_len(64)
+            .map(|d| d.iter().copied().fold(0.0, f32::max))
+            .collect();
+        let around = |slot: &[u32; 27]| {
+            let known = slot.iter().filter(|s| **s != NONE);
+            known.map(|s| deepest[*s as usize]).fold(0.0, f32::max)
+        };
+        let mut least: Vec<f32> = bricks.near().iter().map(|s| Self::SHARE * around(s)).collect();
+        let h = graph.lumen().grid.spacing_mm;
+        for end in ends {
+            let at = graph.voxel(end).as_dvec3();
+            let reach = 2.0 * f64::from(around(&bricks.near()[end as usize / BRICK]));
+            for (least, corner) in least.iter_mut().zip(bricks.corners()) {
+                let low = IVec3::from_array(*corner).as_dvec3();
+                let nearest = at.clamp(low, low + f64::from(SIDE - 1));
+                if ((nearest - at) * h).length() <= reach {
+                    *least = 0.0;
+                }
+            }
+        }
+        Self { least }
     }
 }
 
@@ -471,7 +529,7 @@ mod tests {
                         assert!(bound.at(u) <= bound.at(v) + cost(u, v, n));
                     }
                 }
-                let some = g.cheapest(&[from], Some(to), &c, |v| bound.at(v));
+                let some = g.cheapest(&[from], Some(to), &c, None, |v| bound.at(v));
                 assert_eq!(some.cost[to as usize], all.cost[to as usize]);
                 fewer += usize::from(some.order.len() * 2 < all.order.len());
             }
