@@ -78,8 +78,13 @@ pub fn centre(
     curve.clone_from(&track);
     let last = curve.len() - 1;
     let free = |i: usize| !(i == 0 && fixed.start || i == last && fixed.end);
-    for knots in KNOTS {
-        moved = centres(&curve, &u, free, smooth);
+    for (round, knots) in KNOTS.into_iter().enumerate() {
+        // Wide knots need no more: they average.
+        moved = if round < COARSE {
+            centres::<16>(&curve, &u, free, smooth)
+        } else {
+            centres::<32>(&curve, &u, free, smooth)
+        };
         curve = smoothed(&moved, &u, knots);
     }
     let mut tight = vec![1.0; u.len()];
@@ -88,6 +93,8 @@ pub fn centre(
     resample(&clear(curve, &u, distance), 0.5 * h)
 }
 
+/// Rounds with half the rays.
+const COARSE: usize = 3;
 /// A curve this far, in voxels, to one side of its sections' middles for a while cuts a corner.
 const ASTRAY: f64 = 0.1;
 /// That while, and the stretch to fit more closely about it, in distances to the wall.
@@ -114,7 +121,7 @@ fn corners(
         let close: Vec<f64> =
             tight.iter().zip(&astray).map(|(t, a)| if *a { 0.5 * t } else { *t }).collect();
         let closer = smoothed(moved, &parameters(track, &close, distance), KNOTS[KNOTS.len() - 1]);
-        let again = centres(&closer, u, |i| astray[i], smooth);
+        let again = centres::<32>(&closer, u, |i| astray[i], smooth);
         let mut better = false;
         let mut end = 0;
         for run in astray.chunk_by(|a, b| a == b) {

@@ -11,8 +11,6 @@ use super::sample::Sampler;
 /// Farthest a point moves in a round, in distances to the wall: where pockets follow each other
 /// the best places of neighbouring sections lie far apart.
 const STRIDE: f64 = 0.15;
-/// Rays in a ring around a point.
-const RAYS: usize = 32;
 /// A wall this many lower quartiles of the section away is seen through the mouth of a branch; the
 /// ends of an oval one and a half times as long as wide are nearer.
 const FAR: f64 = 1.5;
@@ -27,7 +25,8 @@ const LIP: f64 = 0.3;
 ///
 /// * `u`: ascending parameters of the points, in distances to the wall.
 /// * `asked`: whether a point may move; the others stay.
-pub(super) fn centres(
+/// * `RAYS`: how many look for the wall around each point.
+pub(super) fn centres<const RAYS: usize>(
     curve: &[DVec3],
     u: &[f64],
     asked: impl Fn(usize) -> bool + Sync,
@@ -35,9 +34,16 @@ pub(super) fn centres(
 ) -> Vec<DVec3> {
     let tangents = tangents(curve);
     let points = || (0..curve.len()).into_par_iter().with_min_len(16);
-    let balanced: Vec<(DVec3, f64)> = points()
-        .map(|i| if asked(i) { across(curve[i], tangents[i], smooth) } else { (curve[i], 0.0) })
-        .collect();
+    let balanced: Vec<(DVec3, f64)> =
+        points()
+            .map(|i| {
+                if asked(i) {
+                    across::<RAYS>(curve[i], tangents[i], smooth)
+                } else {
+                    (curve[i], 0.0)
+                }
+            })
+            .collect();
     let open = near_mouths(&balanced, u);
     points()
         .map(|i| {
@@ -77,7 +83,7 @@ struct Wall {
 }
 
 /// Where the walls around `p` balance in the plane across `t`, and how much of a mouth they are.
-fn across(p: DVec3, t: DVec3, smooth: Sampler<'_>) -> (DVec3, f64) {
+fn across<const RAYS: usize>(p: DVec3, t: DVec3, smooth: Sampler<'_>) -> (DVec3, f64) {
     let h = smooth.lumen.grid.spacing_mm.min_element();
     let level = 0.7 * h; // what the smoothed distance is at a flat wall
     let room = smooth.at(p);
