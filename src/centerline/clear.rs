@@ -85,3 +85,22 @@ fn wanting(p: DVec3, t: DVec3, distance: Sampler<'_>) -> DVec3 {
     }
     u * way.x + v * way.y
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_way_bends_its_surroundings_smoothly_and_leaves_the_ends() {
+        let u: Vec<f64> = (0..200).map(|i| f64::from(i) * 0.05).collect();
+        let mut ways = vec![DVec3::ZERO; 200];
+        (ways[100], ways[2]) = (DVec3::X, DVec3::Y);
+        let out = spread(&ways, &u);
+        assert_eq!(
+            (out[100], out[0], out[2], out[199]),
+            (DVec3::X, DVec3::ZERO, DVec3::ZERO, DVec3::ZERO)
+        );
+        assert!(out.windows(2).all(|w| w[0].distance(w[1]) < 0.05));
+        assert!(out[130].x > 0.0 && out[137] == DVec3::ZERO);
+    }
+}

@@ -532,6 +532,14 @@ mod tests {
                 let some = g.cheapest(&[from], Some(to), &c, None, |v| bound.at(v));
                 assert_eq!(some.cost[to as usize], all.cost[to as usize]);
                 fewer += usize::from(some.order.len() * 2 < all.order.len());
+                let route = g.central_route(from, to, &lengths, &d);
+                assert_eq!((route[0], route[route.len() - 1]), (from, to));
+                let step = |w: &[u32]| {
+                    let n = g.steps(w[0]).find(|s| s.1 == w[1]).expect("legal").0;
+                    cost(w[0], w[1], n)
+                };
+                let found: u32 = route.windows(2).map(step).sum();
+                assert!(2 * found <= 3 * all.cost[to as usize].max(1), "{found}");
             }
             assert!(fewer > 10, "{fewer}");
             let beyond = g.node_at(IVec3::new(23, 4, 4)).expect("inside");
@@ -558,6 +566,11 @@ mod tests {
         };
         let worst = path.iter().map(off).fold(0.0, f64::max);
         assert!(worst < 1.3, "{worst}");
+        // Places near walls are not looked at.
+        let d = distance(&l);
+        let (c, deep) = (Centrality::new(&g, &d), Deep::new(&g, &d, [start, start]));
+        let settled = |deep| g.cheapest(&[start], Some(end), &c, deep, |_| 0).order.len();
+        assert!(settled(Some(&deep)) * 10 < 9 * settled(None));
         // The shortest route hugs the wall instead.
         let short = lengths.path_to(&g, start);
         assert!(short.iter().map(off).fold(0.0, f64::max) > 2.0);

@@ -13,9 +13,9 @@ use super::sample::Sampler;
 const STRIDE: f64 = 0.15;
 /// A wall this many lower quartiles of the section away is seen through the mouth of a branch; the
 /// ends of an oval one and a half times as long as wide are nearer.
-const FAR: f64 = 1.5;
+const FAR: f64 = 1.6;
 /// A section with this share of far walls, or more, is wholly a mouth.
-const OPEN: f64 = 0.03;
+const OPEN: f64 = 0.08;
 /// The lips of a mouth bend sections beside it too: as far from an open one, in distances to the
 /// wall.
 const LIP: f64 = 0.3;
@@ -192,4 +192,29 @@ pub(super) fn climb(height: impl Fn(DVec2) -> f64, first: f64, least: f64, most:
         }
     }
     at
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_climb_ends_on_the_top_or_where_it_may_go_no_farther() {
+        let top = DVec2::new(1.3, -0.7);
+        let near = climb(|q| -q.distance(top), 0.5, 0.01, 10.0);
+        assert!(near.distance(top) < 0.05, "{near}");
+        assert_eq!(climb(|_| 1.0, 0.5, 0.01, 10.0), DVec2::ZERO);
+        let cut = climb(|q| -q.distance(top), 0.5, 0.01, 1.0).length();
+        assert!((1.0..1.6).contains(&cut), "{cut}");
+    }
+
+    #[test]
+    fn sections_beside_a_mouth_are_a_little_of_one() {
+        let u: Vec<f64> = (0..21).map(|i| f64::from(i) * 0.05).collect();
+        let mut sections = vec![(DVec3::ZERO, 0.0); 21];
+        sections[10].1 = 0.8;
+        let open = near_mouths(&sections, &u);
+        assert_eq!((open[10], open[8], open[3], open[17]), (0.8, 0.8, 0.0, 0.0));
+        assert!(open[5] > 0.0 && open[5] < open[6] && (open[5] - open[15]).abs() < 1e-9);
+    }
 }
