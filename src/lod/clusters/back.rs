@@ -1,16 +1,10 @@
 //! The coarse faces of a group back to the original, by way of the fine ones.
 //!
-//! The fine faces, which have the same rim, are laid upon the coarse ones ([`super::lay`]), side by
-//! side alike from both of its faces. That makes a continuous map of the fine surface onto the
-//! coarse one, and one that stays where it is along the rim. Counted modulo 2, images of the fine
-//! faces and the coarse faces themselves then have the same boundary, so that a coarse face beside
-//! the rim is covered by images, and so is its neighbour, and so on: every point of it has a fine
-//! one no farther away than the map moves any, and the original is not farther from that than what
-//! is known of the fine face.
-//!
-//! Where fine faces cannot be laid, their sides may be boundary of the image: coarse faces these
-//! run over, and those that cannot be reached from the rim but across them, are cut up instead, and
-//! so are those where the sum of distances is too much.
+//! The fine faces, which have the same rim, are laid upon the coarse ones ([`super::image`]). Every
+//! point of a coarse face that they cover has a fine one no farther away than the map moves any, and
+//! the original is not farther from that than what is known of the fine face. Coarse faces that are
+//! not known to be covered are cut up along the fine ones instead, and so are those where the sum of
+//! distances is too much.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -18,7 +12,7 @@ use rayon::prelude::*;
 use super::build::up;
 use super::cover::{Piece, Target};
 use super::group::Places;
-use super::lay::{Crossing, Landing, Round};
+use super::image::{Image, image};
 use super::measure::{Draft, Measure};
 use super::partition::{self, NONE};
 
@@ -52,6 +46,13 @@ pub struct Earlier {
     pub face_at: Vec<u32>,
 }
 
+impl Fine<'_> {
+    /// Where a vertex is.
+    pub fn at(&self, v: u32) -> DVec3 {
+        self.target.positions[v as usize].as_dvec3()
+    }
+}
+
 impl Earlier {
     /// The surface of live clusters; `vertices`: how many there are of all levels.
     pub fn new<'a>(live: impl Iterator<Item = &'a Draft> + Clone, vertices: usize) -> Self {
@@ -65,29 +66,18 @@ impl Earlier {
     }
 }
 
-/// What laying the fine faces told of the coarse ones.
-pub struct Image {
-    /// How far any point of each is from the original at most, mm, if it is `covered`.
-    pub far: Vec<f64>,
-    /// Whether images of fine faces near enough cover it.
-    pub covered: Vec<bool>,
-}
-
-/// The sides of fine faces as led across the coarse ones: where their crossings are.
-type Led = Option<(u32, u32)>;
-
 impl Measure<'_> {
     /// The coarse faces against the original: the largest distance, and that of each face.
     pub fn back(&self, bound: f64, fine: &Fine<'_>) -> (f64, Vec<f32>) {
-        let image = self.image(bound, fine);
+        let far = by_image(&image(&self.target, fine, bound), &fine.known, bound);
         let tasks: Vec<(f64, Vec<f32>)> = (0..self.target.faces.len())
             .collect::<Vec<_>>()
             .par_chunks(64)
             .map(|own| {
                 let mut bound = bound;
-                let far = own.iter().map(|t| match image.covered[*t] {
-                    true => up(image.far[*t]),
-                    false => up(self.cut_back(*t as u32, fine, &mut bound)),
+                let far = own.iter().map(|t| match far[*t] {
+                    Some(far) => up(far),
+                    None => up(self.cut_back(*t as u32, fine, &mut bound)),
                 });
                 let far = far.collect();
                 (bound, far)
@@ -151,161 +141,19 @@ impl Measure<'_> {
             }
         });
     }
-
-    /// Lays the fine faces upon the coarse ones.
-    pub fn image(&self, bound: f64, fine: &Fine<'_>) -> Image {
-        let limit2 = bound * bound;
-        let (coarse, faces) = (&self.target, fine.target.faces);
-        let at = |v: u32| fine.target.positions[v as usize].as_dvec3();
-        let lands: Vec<Landing> = (0..fine.target.positions.len() as u32)
-            .map(|v| match fine.target.positions[v as usize] == coarse.positions[v as usize] {
-                // Gone ones have no face of their own.
-                true if coarse.faces[fine.coarse_at[v as usize] as usize].contains(&v) => {
-                    Landing { face: fine.coarse_at[v as usize], d2: 0.0 }
-                }
-                _ => coarse.land(fine.coarse_at[v as usize], at(v)),
-            })
-            .collect();
-        let all = coarse.faces.len();
-        // Coarse faces that are, or may be, on the boundary of what is laid; or too far.
-        let (mut barrier, mut high) = (vec![false; all], vec![false; all]);
-        let mut far = vec![0f64; all];
-        let mut open = Vec::new();
-        let (rim, fine_rim) = (rim(coarse), rim(&fine.target));
-        let mut crossings: Vec<Crossing> = Vec::new();
-        let mut led: Vec<[Led; 3]> = Vec::with_capacity(faces.len());
-        let mut round = Round::default();
-        for (i, f) in (0..).zip(faces) {
-            round.crossings.clear();
-            let mut sides = [None; 3];
-            for k in 0..3 {
-                let before = round.crossings.len();
-                let (a, b) = (f[k], f[(k + 1) % 3]);
-                let other = fine.target.beside[i as usize][k];
-                if other < i {
-                    // Led before, the other way.
-                    let j = fine.target.beside[other as usize].iter().position(|n| *n == i);
-                    let Some((first, end)) = j.and_then(|j| led[other as usize][j]) else {
-                        continue;
-                    };
-                    let way = &crossings[first as usize..end as usize];
-                    round.crossings.extend(way.iter().rev().map(|c| (k as u8, c.reversed())));
-                    sides[k] = Some((first, end));
-                    continue;
-                }
-                let (from, to) = (lands[a as usize].face, lands[b as usize].face);
-                let mut along = false;
-                if other == NONE {
-                    let edge = [a.min(b), a.max(b)];
-                    let find = |rim: &[([u32; 2], u32)]| {
-                        rim.binary_search_by_key(&edge, |e| e.0).ok().map(|n| rim[n].1)
-                    };
-                    if let (Some(_), Some(t)) = (find(&fine_rim), find(&rim)) {
-                        along = coarse.turn_about(k as u8, a, from, t, &mut round)
-                            && coarse.turn_about(k as u8, b, t, to, &mut round);
-                        if along {
-                            open.push(t);
-                        } else {
-                            round.crossings.truncate(before);
-                        }
-                    }
-                }
-                let (p, q) = ((at(a), from), (at(b), to));
-                let there = along || coarse.lead(k as u8, p, q, limit2, &mut round);
-                if !there {
-                    continue;
-                }
-                let way = &round.crossings[before..];
-                if other == NONE && !along {
-                    barrier[from as usize] = true;
-                    barrier[to as usize] = true;
-                    way.iter().for_each(|c| barrier[c.1.to as usize] = true);
-                }
-                let first = crossings.len() as u32;
-                crossings.extend(way.iter().map(|c| c.1));
-                sides[k] = Some((first, crossings.len() as u32));
-            }
-            led.push(sides);
-            let own = f.map(|v| lands[v as usize]);
-            let corners = f.map(at);
-            let whole = sides.iter().all(Option::is_some) && own.iter().all(|l| l.d2 <= limit2);
-            let laid = whole.then(|| coarse.closes(&corners, limit2, &mut round)).flatten();
-            let known = f64::from(fine.known[i as usize]);
-            let mut over = |t: u32| {
-                let Some(middle) = laid else {
-                    barrier[t as usize] = true;
-                    return;
-                };
-                // What is on this face: corners, and crossings of its edges.
-                let lie = own.iter().filter(|l| l.face == t).map(|l| l.d2);
-                let cross = round.crossings.iter().filter(|c| c.1.from == t || c.1.to == t);
-                let far2 = lie.chain(cross.map(|c| c.1.d2)).fold(middle, f64::max);
-                let sum = far2.sqrt() + known;
-                high[t as usize] |= sum > bound;
-                far[t as usize] = far[t as usize].max(sum);
-            };
-            own.iter().for_each(|l| over(l.face));
-            round.crossings.iter().for_each(|c| over(c.1.to));
-        }
-        let mut covered = vec![false; all];
-        while let Some(t) = open.pop() {
-            if !barrier[t as usize] && !covered[t as usize] {
-                covered[t as usize] = true;
-                open.extend(coarse.beside[t as usize].iter().filter(|n| **n != NONE));
-            }
-        }
-        covered.iter_mut().zip(&high).for_each(|(c, h)| *c &= !h);
-        Image { far, covered }
-    }
 }
 
-/// Edges with one face, the lower vertex first, in order, and that face.
-fn rim(of: &Target<'_>) -> Vec<([u32; 2], u32)> {
-    let mut all: Vec<([u32; 2], u32)> = Vec::new();
-    for ((f, beside), i) in of.faces.iter().zip(of.beside).zip(0..) {
-        for k in (0..3).filter(|k| beside[*k] == NONE) {
-            let (a, b) = (f[k], f[(k + 1) % 3]);
-            all.push(([a.min(b), a.max(b)], i));
+/// For each coarse face, how far any point of it is from the original at most by way of the fine
+/// faces that cover it; `None` if they do not or if that is more than `bound`. `known`: the same of
+/// the fine faces.
+pub fn by_image(image: &Image, known: &[f32], bound: f64) -> Vec<Option<f64>> {
+    let mut far: Vec<f64> =
+        image.covered.iter().map(|c| if *c { 0.0 } else { f64::INFINITY }).collect();
+    for (range, known) in image.laid.iter().zip(known) {
+        for (t, away) in &image.over[range.clone()] {
+            let sum = away + f64::from(*known);
+            far[*t as usize] = far[*t as usize].max(sum);
         }
     }
-    all.sort_unstable();
-    let once = all.chunk_by(|a, b| a.0 == b.0).filter(|c| c.len() == 1).map(|c| c[0]);
-    once.collect()
-}
-
-impl Target<'_> {
-    /// Goes around vertex `v` from one face at it to another, all crossings at the vertex.
-    fn turn_about(&self, side: u8, v: u32, from: u32, to: u32, round: &mut Round) -> bool {
-        let at: DVec3 = self.positions[v as usize].as_dvec3();
-        let first = round.crossings.len();
-        for way in 0..2 {
-            let (mut face, mut last) = (from, NONE);
-            for _ in 0..64 {
-                if face == to {
-                    return true;
-                }
-                let f = self.faces[face as usize];
-                let Some(corner) = f.iter().position(|w| *w == v) else { break };
-                // The two edges at the corner; never back, and the second way first the other.
-                let mut edges = [corner, (corner + 2) % 3];
-                if way == 1 && last == NONE {
-                    edges.reverse();
-                }
-                let over = |k: &usize| self.beside[face as usize][*k];
-                let Some(k) = (match last {
-                    NONE => Some(edges[0]).filter(|k| over(k) != NONE),
-                    _ => edges.into_iter().find(|k| over(k) != NONE && over(k) != last),
-                }) else {
-                    break;
-                };
-                let edge = [f[k], f[(k + 1) % 3]];
-                let edge = [edge[0].min(edge[1]), edge[0].max(edge[1])];
-                let next = over(&k);
-                round.crossings.push((side, Crossing { from: face, to: next, edge, at, d2: 0.0 }));
-                (last, face) = (face, next);
-            }
-            round.crossings.truncate(first);
-        }
-        false
-    }
+    far.into_iter().map(|f| (f.is_finite() && f <= bound).then_some(f)).collect()
 }

@@ -1,5 +1,7 @@
 //! How far a piece of one surface is from another: an upper bound that is nearly exact.
 
+use std::cell::Cell;
+
 use glam::{DVec3, Vec3};
 
 use super::partition::NONE;
@@ -10,6 +12,14 @@ pub const CORNERS: usize = 8;
 /// Cuts behind each other, at most: near a corner the planes of its edges do not quite meet, and a
 /// piece could be handed around.
 const CUTS: u32 = 16;
+
+thread_local! {
+    /// Room for [`Target::part`]: too much to ask for again for each piece.
+    static OPEN: Cell<Vec<Open>> = const { Cell::new(Vec::new()) };
+}
+
+/// A piece to be cut, a face near it, how many cuts it may get, and whether it is the whole.
+type Open = (Piece, u32, u32, bool);
 
 /// How much larger than need be a bound may be.
 const SLACK: f64 = 1.05;
@@ -365,7 +375,9 @@ impl Target<'_> {
     /// Cuts a piece up along walls, so that each part is near one face; `take` gets face, part,
     /// how far any point of the part is from that face at most, and whether it is the whole piece.
     pub fn part(&self, piece: &Piece, start: u32, take: &mut impl FnMut(u32, &Piece, f64, bool)) {
-        let mut open = vec![(*piece, self.walk(start, piece.centre()), CUTS, true)];
+        let mut open = OPEN.take();
+        open.clear();
+        open.push((*piece, self.walk(start, piece.centre()), CUTS, true));
         while let Some((piece, face, cuts, whole)) = open.pop() {
             let corners = self.corners(face);
             let side = corners[0].distance(corners[1]).max(corners[1].distance(corners[2]));
@@ -394,6 +406,7 @@ impl Target<'_> {
                 None => {}
             }
         }
+        OPEN.set(open);
     }
 
     /// The parts of a piece on a face and on the one behind the only wall that it reaches across.

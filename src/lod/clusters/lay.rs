@@ -70,6 +70,24 @@ pub struct Round {
 }
 
 impl Round {
+    /// Adds the faces that a piece lies over and how far it is from each there at most, mm.
+    ///
+    /// * `lands`: of its corners.
+    /// * `middle`: what [`Target::closes`] said.
+    pub fn over(&self, lands: &[Landing], middle: f64, out: &mut Vec<(u32, f64)>) {
+        let first = out.len();
+        let mut put = |t: u32, d2: f64| match out[first..].iter_mut().find(|o| o.0 == t) {
+            Some(o) => o.1 = o.1.max(d2),
+            None => out.push((t, middle.max(d2))),
+        };
+        lands.iter().for_each(|l| put(l.face, l.d2));
+        for (_, c) in &self.crossings {
+            put(c.from, c.d2);
+            put(c.to, c.d2);
+        }
+        out[first..].iter_mut().for_each(|o| o.1 = o.1.sqrt());
+    }
+
     /// Cuts a piece along the chords between faces of different clusters into `parts`, each of one
     /// cluster. False where the round goes around a vertex or a part has too many corners.
     ///

@@ -102,8 +102,8 @@ impl Original<'_> {
     /// A vertex at `p` with what the original has nearest to there: its normal and relief, between
     /// `vertices`; and the face of that. `from`: a face near it.
     pub fn vertex(&self, p: Vec3, from: u32, vertices: &[Vertex]) -> (Vertex, u32) {
-        let face = self.target.walk(from, p.as_dvec3());
-        let w = self.target.nearest(face, p.as_dvec3()).weights.map(|w| w as f32);
+        let (face, near) = self.target.walked(from, p.as_dvec3());
+        let w = near.weights.map(|w| w as f32);
         let [a, b, c] = self.target.faces[face as usize].map(|v| vertices[v as usize]);
         let normal = a.normal() * w[0] + b.normal() * w[1] + c.normal() * w[2];
         let relief = a.w() * w[0] + b.w() * w[1] + c.w() * w[2];

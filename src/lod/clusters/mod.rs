@@ -17,7 +17,6 @@
 mod back;
 mod build;
 mod bytes;
-
 mod cover;
 mod cut;
 mod error;
@@ -25,6 +24,7 @@ mod fans;
 mod fill;
 mod group;
 mod halve;
+mod image;
 mod lay;
 mod measure;
 mod partition;

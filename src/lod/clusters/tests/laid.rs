@@ -1,10 +1,10 @@
 //! Pieces laid upon a surface, and a surface upon another.
 
-use super::super::back::Fine;
+use super::super::back::{Fine, by_image};
 use super::super::cover::{Target, Worked};
 use super::super::group::Places;
+use super::super::image::image;
 use super::super::lay::{Landing, Round};
-use super::super::measure::{Measure, Original};
 use super::super::partition;
 use super::*;
 
@@ -120,8 +120,6 @@ fn covered(without: &[u32]) -> (Vec<bool>, usize) {
     let places = Places { positions, normals, face_at: Vec::new(), before };
     upon(&fine, |below| {
         upon(&coarse, |above| {
-            let original = Original { target: *below };
-            let measure = Measure { target: *above, original: &original, owner: &[] };
             let fine = Fine {
                 target: *below,
                 known: vec![0.0; fine.faces.len()],
@@ -131,15 +129,17 @@ fn covered(without: &[u32]) -> (Vec<bool>, usize) {
                 earlier: None,
                 coarse_at,
             };
-            let image = measure.image(0.1, &fine);
+            let image = image(above, &fine, 0.1);
+            let far = by_image(&image, &fine.known, f64::INFINITY);
+            assert!((0..far.len()).all(|t| far[t].is_some() == image.covered[t]));
             // What is said to be covered is, and not farther than said.
             let (mut near, mut seed) = (0, 8);
             for (t, f) in coarse.faces.iter().enumerate().filter(|t| image.covered[t.0]) {
                 let corners = f.map(|v| coarse.positions[v as usize]);
                 for p in sprinkle(corners, 10, &mut seed) {
                     let away = below.tree.closest(p).unwrap().distance_mm;
-                    assert!(away <= image.far[t] + 1e-9, "{away} mm, not {}", image.far[t]);
-                    near += usize::from(away > 0.3 * image.far[t]);
+                    assert!(away <= far[t].unwrap() + 1e-9, "{away} mm, not {}", far[t].unwrap());
+                    near += usize::from(away > 0.3 * far[t].unwrap());
                 }
             }
             (image.covered, near)
