@@ -8,9 +8,9 @@
 use glam::Vec3;
 
 use super::camera::{clip_from_world, framing};
+use super::host;
 use super::renderer::{Renderer, draw, surface_push};
 use super::scene::{MeshHandle, Scene, Shot};
-use super::{Look, host};
 use crate::geometry::{Lens, Pose};
 use crate::vk::{Area, Draw, Pass, Take};
 
@@ -19,7 +19,6 @@ use crate::vk::{Area, Draw, Pass, Take};
 pub(super) struct GlassKey {
     mesh: Option<MeshHandle>,
     area: Area,
-    look: Look,
 }
 
 /// Thickness of the path and size of the camera, as shares of the organ's diagonal.
@@ -43,9 +42,9 @@ impl Renderer<'_> {
         let bounds = mesh.map_or(path.and_then(|p| p.bounds), |m| self.model(m).bounds);
         let (low, high) = bounds.unwrap_or((Vec3::ZERO, Vec3::ONE));
         let (pose, lens) = framing(low, high, area.width as f32 / area.height as f32);
-        let key = GlassKey { mesh, area, look: scene.look };
+        let key = GlassKey { mesh, area };
         if self.glass_of != Some(key) {
-            passes.push(self.glass_pass(scene, mesh, &pose, &lens, area));
+            passes.push(self.glass_pass(mesh, &pose, &lens, area));
             self.glass_of = Some(key);
         }
         let [r, g, b] = scene.look.background;
@@ -78,21 +77,14 @@ impl Renderer<'_> {
         });
     }
 
-    fn glass_pass(
-        &self,
-        scene: &Scene,
-        mesh: Option<MeshHandle>,
-        pose: &Pose,
-        lens: &Lens,
-        area: Area,
-    ) -> Pass {
+    fn glass_pass(&self, mesh: Option<MeshHandle>, pose: &Pose, lens: &Lens, area: Area) -> Pass {
         let model = mesh.map(|m| self.model(m));
         // From above and the side, far enough that it does not fall off.
         let corner = model.and_then(|m| m.bounds).map_or(Vec3::ZERO, |b| b.0);
         let lift = pose.position_mm.distance(corner);
         let aside = pose.rotation * Vec3::new(-0.35, 0.55, 0.0);
         let light = pose.position_mm + lift * aside;
-        let push = surface_push(&scene.look, pose, lens, area, light, 1e18);
+        let push = surface_push(pose, lens, area, light, 1e18);
         let push = bytemuck::bytes_of(&push);
         let p = &self.pipelines;
         let layers = [p.ghost, p.nearest, p.shell];

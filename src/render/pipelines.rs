@@ -10,6 +10,8 @@ pub(super) const DEPTH: Format = Format::Depth32;
 
 pub(super) struct Pipelines {
     pub inside: DrawPipelineId,
+    /// The same for walls whose backs are hidden.
+    pub inside_fronts: DrawPipelineId,
     pub lines: DrawPipelineId,
     pub ghost: DrawPipelineId,
     pub nearest: DrawPipelineId,
@@ -35,9 +37,11 @@ impl Pipelines {
             depth_use: DepthUse::Nearest,
             samples,
             blend: Blend::Opaque,
+            cull_backs: false,
             push_bytes: host::surface::PUSH_BYTES,
             images: 0,
         };
+        let fronts = DrawSpec { cull_backs: true, ..surface.clone() };
         let glass = |fragment, depth_use, blend| DrawSpec {
             entries: ["project", fragment],
             colour: GLASS,
@@ -53,6 +57,7 @@ impl Pipelines {
             ..surface.clone()
         };
         let stack = DrawSpec {
+            cull_backs: false,
             spirv: host::stack::SPIRV,
             entries: ["whole", "lay"],
             colour: PICTURE,
@@ -66,6 +71,7 @@ impl Pipelines {
         };
         Ok(Self {
             inside: gpu.draw_pipeline(&surface)?,
+            inside_fronts: gpu.draw_pipeline(&fronts)?,
             lines: gpu.draw_pipeline(&lines)?,
             ghost: gpu.draw_pipeline(&glass("ghost", DepthUse::Ignore, Blend::Layer))?,
             nearest: gpu.draw_pipeline(&glass("nothing", DepthUse::Nearest, Blend::DepthOnly))?,
@@ -75,8 +81,8 @@ impl Pipelines {
     }
 
     pub fn free(&self, gpu: &mut Gpu) {
-        let Self { inside, lines, ghost, nearest, shell, stack } = *self;
-        for p in [inside, lines, ghost, nearest, shell, stack] {
+        let Self { inside, inside_fronts, lines, ghost, nearest, shell, stack } = *self;
+        for p in [inside, inside_fronts, lines, ghost, nearest, shell, stack] {
             gpu.free_draw_pipeline(p);
         }
     }

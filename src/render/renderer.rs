@@ -7,7 +7,7 @@ use super::mesh;
 use super::pages::Pages;
 use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
 use super::scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
-use super::{Look, RenderError, host};
+use super::{RenderError, host};
 use crate::geometry::{Lens, Mesh, Pose, Vertex};
 use crate::lod::Camera;
 use crate::vk::{Area, BufferId, Draw, DrawPipelineId, Gpu, ImageId, ImageSpec, Pass, Take};
@@ -234,7 +234,7 @@ impl<'g> Renderer<'g> {
         // The light sits beside the lens, as on an endoscope: relief needs a shadow side.
         let beside = super::look::LIGHT_RADII * radius.min(shot.lens.near_mm * 4.0);
         let light = shot.pose.position_mm + beside * shot.pose.up();
-        let push = surface_push(&scene.look, &shot.pose, &camera.lens, area, light, falloff);
+        let push = surface_push(&shot.pose, &camera.lens, area, light, falloff);
         let push = bytemuck::bytes_of(&push);
         let draws = match scene.wall {
             Wall::Mesh(mesh) => draw(self.pipelines.inside, self.model(mesh), push, Vec::new()),
@@ -243,8 +243,9 @@ impl<'g> Renderer<'g> {
                 let (pieces, triangles) = own.pieces(&camera, backs);
                 stats.draws = pieces.len() as u32;
                 stats.triangles = triangles;
+                let p = &self.pipelines;
                 (triangles > 0).then(|| Draw {
-                    pipeline: self.pipelines.inside,
+                    pipeline: if backs { p.inside } else { p.inside_fronts },
                     push: push.to_vec(),
                     vertices: Some(own.vertices),
                     indices: Some(own.indices),
@@ -322,9 +323,8 @@ pub(super) fn draw(
     })
 }
 
-/// What the surface shader has to know; `light` in LPS mm.
+/// What the surface shader has to know; `light` in LPS mm, halved at `falloff` mm.
 pub(super) fn surface_push(
-    look: &Look,
     pose: &Pose,
     lens: &Lens,
     area: Area,
@@ -341,15 +341,9 @@ pub(super) fn surface_push(
         near: lens.near_mm,
         light: (turn * (light - pose.position_mm)).to_array(),
         half: falloff * falloff,
-        tissue: look.tissue,
-        relief: look.relief,
         focal: focal.to_array(),
         middle: middle.to_array(),
         step: (2.0 / (size * focal)).to_array(),
-        ambient: look.exposure * look.ambient,
-        diffuse: look.exposure * look.diffuse,
-        specular: look.exposure * look.specular,
-        power: look.power,
         ..bytemuck::Zeroable::zeroed()
     }
 }

@@ -48,7 +48,7 @@ pub enum Wall {
     Pages {
         /// Which.
         pages: PagesHandle,
-        /// Draws pages that turn their back too. From inside a closed wall they are always hidden;
+        /// Draws what turns its back too. From inside a closed wall that is always hidden;
         /// through open ends, or from outside, they are not.
         backs: bool,
     },

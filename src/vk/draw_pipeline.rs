@@ -53,7 +53,7 @@ impl Attribute {
     }
 }
 
-/// What a graphics pipeline is to be. Triangles, no culling: walls are seen from both sides.
+/// What a graphics pipeline is to be; it draws triangles.
 #[derive(Clone, Debug)]
 pub struct DrawSpec {
     /// Module with both entry points.
@@ -72,6 +72,8 @@ pub struct DrawSpec {
     pub samples: u32,
     /// How colours meet.
     pub blend: Blend,
+    /// Leaves out triangles that turn their back.
+    pub cull_backs: bool,
     /// Bytes of the immediate block, both stages.
     pub push_bytes: u32,
     /// Images read by the fragment stage, bindings 0, 1, … of group 0.
@@ -198,7 +200,10 @@ impl Gpu {
             vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
         let raster = vk::PipelineRasterizationStateCreateInfo::default()
             .polygon_mode(vk::PolygonMode::FILL)
-            .cull_mode(vk::CullModeFlags::NONE)
+            .cull_mode(match spec.cull_backs {
+                true => vk::CullModeFlags::BACK,
+                false => vk::CullModeFlags::NONE,
+            })
             // World triangles are counter-clockwise; our projections turn y down, Vulkan's
             // framebuffer does so too, so they stay counter-clockwise as the viewer sees them.
             .front_face(vk::FrontFace::COUNTER_CLOCKWISE)
