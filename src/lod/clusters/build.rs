@@ -13,8 +13,8 @@ use super::measure::{Draft, Original};
 use super::partition::{self, Bordered};
 use super::{Cluster, ClusterError, Clusters, Group, NONE};
 use crate::geometry::{Mesh, Vertex};
-use crate::lod::Sphere;
 use crate::lod::octree::{Item, around};
+use crate::lod::{Cone, Sphere};
 use crate::mesh::Nearest;
 
 /// Faces: ids are 32 bits, and four half-edge ids a face must fit.
@@ -39,7 +39,10 @@ impl Clusters {
     ) -> Result<Self, ClusterError> {
         check(mesh, vertices)?;
         let normals: Vec<Vec3> = vertices.iter().map(Vertex::normal).collect();
-        let beside = partition::beside(&mesh.faces, vertices.len());
+        let (beside, (tree, key)) = rayon::join(
+            || partition::beside(&mesh.faces, vertices.len()),
+            || rayon::join(|| Nearest::new(mesh), || super::bytes::key(mesh, vertices)),
+        );
         let mut face_at = vec![0; vertices.len()];
         for (f, i) in mesh.faces.iter().zip(0..) {
             f.iter().for_each(|v| face_at[*v as usize] = i);
@@ -49,7 +52,7 @@ impl Clusters {
             normals: &normals,
             faces: &mesh.faces,
             beside: &beside,
-            tree: &Nearest::new(mesh),
+            tree: &tree,
             worked: &Worked::default(),
         };
         let original = Original { target };
@@ -68,11 +71,14 @@ impl Clusters {
             members: Vec::new(),
             vertex_ids: Vec::new(),
             triangles: Vec::new(),
-            key: super::bytes::key(mesh, vertices),
+            key,
         };
-        let mut live: Vec<(u32, Draft)> = Vec::new();
-        for draft in fill::finest(mesh, &beside) {
-            live.push((this.push(&draft, &mesh.positions, NONE), draft));
+        let finest = fill::finest(mesh, &beside);
+        let bounds: Vec<Bounds> =
+            finest.par_iter().map(|d| Bounds::of(d, &mesh.positions)).collect();
+        let mut live: Vec<(u32, Draft)> = Vec::with_capacity(finest.len());
+        for (draft, bounds) in finest.into_iter().zip(bounds) {
+            live.push((this.push(&draft, bounds, NONE), draft));
         }
         while live.len() > 1 {
             let before = this.groups.len();
@@ -90,18 +96,15 @@ impl Clusters {
     }
 
     /// Adds a cluster; its id.
-    fn push(&mut self, draft: &Draft, positions: &[Vec3], made_by: u32) -> u32 {
-        let at = |v: u32| positions[v as usize];
-        let items = draft.faces().map(|f| Item::triangle(f.map(at)).cone);
-        let cones: Vec<_> = items.collect();
+    fn push(&mut self, draft: &Draft, bounds: Bounds, made_by: u32) -> u32 {
         let most = self.groups.get(made_by as usize).map_or(0.0, |g| g.error_mm);
         self.clusters.push(Cluster {
             first_vertex: self.vertex_ids.len() as u32,
             vertices: draft.vertices.len() as u32,
             first_triangle: self.triangles.len() as u32,
             triangles: draft.triangles.len() as u32,
-            sphere: ball(draft.vertices.iter().map(|v| (at(*v), 0.0))),
-            cone: around(cones.into_iter()),
+            sphere: bounds.sphere,
+            cone: bounds.cone,
             error_mm: up(draft.error).min(most),
             made_by,
             used_by: NONE,
@@ -130,9 +133,9 @@ impl Clusters {
         let groups = partition::group(&bordered);
         drop(bordered);
         // A vertex in two groups stays.
-        let known = self.vertices.len() as u32;
-        let mut group_of = vec![NONE; known as usize];
-        let mut locked = vec![false; known as usize];
+        let known = self.vertices.len();
+        let mut group_of = vec![NONE; known];
+        let mut locked = vec![false; known];
         for (g, of) in groups.iter().zip(0..) {
             for v in g.iter().flat_map(|c| &live[*c as usize].1.vertices) {
                 let first = &mut group_of[*v as usize];
@@ -153,14 +156,19 @@ impl Clusters {
                 simplify(&drafts, floor, &locked, original, places, earlier, &self.vertices)
             })
             .collect();
-        let mut next = Vec::new();
-        let mut live: Vec<Option<(u32, Draft)>> = live.into_iter().map(Some).collect();
-        for (members, made) in groups.iter().zip(made) {
-            let taken = members.iter().filter_map(|c| live[*c as usize].take());
-            let Some(mut made) = made else {
-                next.extend(taken);
-                continue;
-            };
+        self.take_in(live, &groups, made, places)
+    }
+
+    /// Adds what became of each group; what is live then.
+    fn take_in(
+        &mut self,
+        live: Vec<(u32, Draft)>,
+        groups: &[Vec<u32>],
+        mut made: Vec<Option<Made>>,
+        places: &mut Places,
+    ) -> Vec<(u32, Draft)> {
+        let known = self.vertices.len() as u32;
+        for made in made.iter_mut().flatten() {
             let shift = self.vertices.len() as u32 - known;
             let ids = made.outputs.iter_mut().flat_map(|d| &mut d.vertices);
             ids.filter(|v| **v >= known).for_each(|v| *v += shift);
@@ -171,10 +179,24 @@ impl Clusters {
                 places.face_at.push(*face);
                 places.before.push(*before);
             }
+        }
+        let bounds_of = |m: &Option<Made>| {
+            let outputs = m.iter().flat_map(|m| &m.outputs);
+            outputs.map(|d| Bounds::of(d, &places.positions)).collect()
+        };
+        let bounds: Vec<Vec<Bounds>> = made.par_iter().map(bounds_of).collect();
+        let mut next = Vec::new();
+        let mut live: Vec<Option<(u32, Draft)>> = live.into_iter().map(Some).collect();
+        for ((members, made), bounds) in groups.iter().zip(made).zip(bounds) {
+            let taken = members.iter().filter_map(|c| live[*c as usize].take());
+            let Some(made) = made else {
+                next.extend(taken);
+                continue;
+            };
             let inputs: Vec<u32> = taken.map(|l| l.0).collect();
             let id = self.add_group(&inputs, &made, &places.positions);
-            for draft in made.outputs {
-                next.push((self.push(&draft, &places.positions, id), draft));
+            for (draft, bounds) in made.outputs.into_iter().zip(bounds) {
+                next.push((self.push(&draft, bounds, id), draft));
             }
         }
         next
@@ -209,6 +231,21 @@ impl Clusters {
         self.members.extend_from_slice(inputs);
         inputs.iter().for_each(|c| self.clusters[*c as usize].used_by = id);
         id
+    }
+}
+
+/// What holds a cluster, and its normals.
+struct Bounds {
+    sphere: Sphere,
+    cone: Cone,
+}
+
+impl Bounds {
+    fn of(draft: &Draft, positions: &[Vec3]) -> Self {
+        let at = |v: u32| positions[v as usize];
+        let cones: Vec<Cone> = draft.faces().map(|f| Item::triangle(f.map(at)).cone).collect();
+        let sphere = ball(draft.vertices.iter().map(|v| (at(*v), 0.0)));
+        Self { sphere, cone: around(cones.into_iter()) }
     }
 }
 
