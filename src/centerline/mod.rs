@@ -3,6 +3,7 @@
 
 mod centre;
 mod clear;
+mod deep;
 mod frames;
 mod graph;
 mod paper;

@@ -14,12 +14,11 @@
 //!
 //! In bends that bound is weak; a central route is therefore looked for among deep places first.
 
-use glam::IVec3;
 use rayon::prelude::*;
 
+use super::deep::Deep;
 use super::graph::{FREE, Graph, STAY, number, offset};
 use super::queue::Queue;
-use crate::lumen::bricks::{BRICK, NONE, SIDE};
 
 /// No distance.
 pub const NOWHERE: u32 = u32::MAX;
@@ -178,7 +177,7 @@ impl Graph<'_> {
         let distance = centrality.distance.par_iter().enumerate().with_min_len(1 << 16);
         let mut state: Vec<(u32, f32)> = distance
             .map(|(e, d)| match deep {
-                Some(deep) if *d < deep.least[e / BRICK] => (0, 0.0),
+                Some(deep) if !deep.holds(e, *d) => (0, 0.0),
                 _ => (NOWHERE, centrality.weight(*d)),
             })
             .collect();
@@ -276,45 +275,6 @@ impl<'a> Centrality<'a> {
     #[inline]
     fn weight(&self, distance: f32) -> f32 {
         0.5 * self.scale * (self.h / distance.max(self.h)).powi(2)
-    }
-}
-
-/// Places deep for where they are: a route through them is found among far fewer nodes.
-struct Deep {
-    /// Least distance to the wall, mm, by brick.
-    least: Vec<f32>,
-}
-
-impl Deep {
-    /// Share of the greatest distance in a brick and those around it.
-    const SHARE: f32 = 0.5;
-
-    /// All places near `ends` count as deep: they lie where they were put.
-    fn new(graph: &Graph<'_>, distance: &[f32], ends: [u32; 2]) -> Self {
-        let bricks = &graph.lumen().bricks;
-        let deepest: Vec<f32> = distance
-            .par_chunks_exact(BRICK)
-            .with_min_len(64)
-            .map(|d| d.iter().copied().fold(0.0, f32::max))
-            .collect();
-        let around = |slot: &[u32; 27]| {
-            let known = slot.iter().filter(|s| **s != NONE);
-            known.map(|s| deepest[*s as usize]).fold(0.0, f32::max)
-        };
-        let mut least: Vec<f32> = bricks.near().iter().map(|s| Self::SHARE * around(s)).collect();
-        let h = graph.lumen().grid.spacing_mm;
-        for end in ends {
-            let at = graph.voxel(end).as_dvec3();
-            let reach = 2.0 * f64::from(around(&bricks.near()[end as usize / BRICK]));
-            for (least, corner) in least.iter_mut().zip(bricks.corners()) {
-                let low = IVec3::from_array(*corner).as_dvec3();
-                let nearest = at.clamp(low, low + f64::from(SIDE - 1));
-                if ((nearest - at) * h).length() <= reach {
-                    *least = 0.0;
-                }
-            }
-        }
-        Self { least }
     }
 }
 

@@ -23,6 +23,10 @@ use crate::pipeline::{
 };
 use crate::volume::Volume;
 
+/// Walls from so many faces on leave the base and levels of detail no room for each other: what
+/// both hold while they are made comes to more than what the volume did, 90 MB at this size.
+const LARGE_FACES: usize = 400_000;
+
 /// Flags of a whole chain.
 #[derive(Debug, clap::Args)]
 pub struct ChainArgs {
@@ -102,7 +106,7 @@ impl ChainArgs {
         let (ready, go) = channel();
         let mut other = clock.beside();
         // With one thread all of `aside` comes afterwards.
-        let waits = rayon::current_num_threads() > 1;
+        let threads = rayon::current_num_threads();
         let (aside, flown) = beside(
             || aside(Heard { wall, relieved, go }, &mut other),
             || -> Result<Flown, CliError> {
@@ -115,9 +119,10 @@ impl ChainArgs {
                 })?);
                 let Anatomy { distance, centered, wall, .. } = &*anatomy;
                 let scene = Filmed { lumen, distance, wall, open_ends: self.surface.open_ends };
+                let large = wall.mesh.faces.len() >= LARGE_FACES;
                 let cues = Cues {
                     before_building: move || {
-                        if waits {
+                        if large && threads > 1 {
                             let _ = relief.recv();
                         }
                         return_freed_memory();
@@ -189,8 +194,8 @@ impl Heard {
         self.wall.recv().ok()
     }
 
-    /// Says that the memory for what is made of the surface is free again. Levels of detail are
-    /// not built before that: neither needs to leave room for the other.
+    /// Says that the memory for what is made of the surface is free again. Levels of detail of a
+    /// large one are not built before that.
     pub fn relieve(&self) {
         // A chain that has failed does not listen.
         let _ = self.relieved.send(());
