@@ -15,8 +15,10 @@ use crate::mesh::Nearest;
 const KEPT_MAX: f64 = 0.85;
 /// Added to measured distances for the rounding of positions, as a part of the largest coordinate.
 const ROUNDING: f64 = 1e-9;
-/// Half the distance between neighbouring f32 numbers, as a part of them.
-const RESOLUTION: f64 = 6e-8;
+/// Smaller distances are not told apart, as a part of the largest coordinate: some steps between
+/// neighbouring f32 numbers. Vertices that move are rounded at each level, so flat walls are off
+/// by a little, and to measure that cuts every face of the original.
+const RESOLUTION: f64 = 1e-6;
 
 /// Where all vertices are, first the original's.
 pub struct Places {

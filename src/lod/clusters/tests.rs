@@ -12,6 +12,7 @@ use crate::lod::{
 use crate::mesh::Nearest;
 use crate::surface::shading;
 
+mod flat;
 mod laid;
 mod measure;
 
