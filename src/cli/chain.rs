@@ -24,7 +24,8 @@ use crate::pipeline::{
 use crate::volume::Volume;
 
 /// Walls from so many faces on leave the base and levels of detail no room for each other: what
-/// both hold while they are made comes to more than what the volume did, 90 MB at this size.
+/// both hold while they are made comes to more than what the volume did, some 90 MB each at this
+/// size.
 const LARGE_FACES: usize = 400_000;
 
 /// Flags of a whole chain.

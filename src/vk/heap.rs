@@ -1,8 +1,8 @@
 //! Memory that was freed and is still held.
 
 /// Gives freed memory back to the system. The C library keeps what was freed in small pieces for
-/// later requests, for each thread its own: after levels of detail were built for a mesh of a
-/// million faces that is 300 MB which nothing else would use. Where there is no such call, nothing
+/// later requests, for each thread its own: after levels of detail were built for 0.8 million faces
+/// that was some 250 MB which nothing else would use. Where there is no such call, nothing
 /// happens.
 pub fn return_freed_memory() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
