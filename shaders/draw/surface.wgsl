@@ -6,22 +6,23 @@
 // ours light and ambient fall off with distance; curvature shifts colour as crevices do
 //
 // Fragments work in camera space, where the pixel and its depth say where they are: four numbers
-// are interpolated instead of seven, and none of them is the place.
+// are interpolated instead of seven, and none of them is the place. Lengths there are counted in
+// distances at which light is halved, and the ray through a pixel in pixels.
 struct Params {
     turn: vec4<f32>, // unit quaternion, camera from world
     eye: vec3<f32>,  // mm
-    near: f32,       // mm
-    light: vec3<f32>, // camera space, mm; `inside` has it straight above the eye
-    half: f32,        // mm squared from the light at which it is halved
+    near: f32,       // of clip space
+    light: vec3<f32>, // camera space; `inside` has it straight above the eye
+    scale: f32,       // w of clip space a mm: the place is the pixel's ray times w
     focal: vec2<f32>,  // clip x and y of what lies one unit beside the axis; y down
     middle: vec2<f32>, // pixel of the axis
-    step: vec2<f32>,   // x and y between pixels, one unit before the eye
+    depth: f32,        // pixels from the eye to the picture
 }
 var<immediate> params: Params;
 
 // Pink tissue. Ambient, diffuse part and power are those of the endoscopy presets of clinical viewers;
 // their highlight of 0.73 would lie as a white veil over every wall that faces a light this near.
-// Constants, not parameters: software devices fetch a parameter for each lane of each fragment.
+// Constants, not parameters, which software devices are slow to fetch.
 const TISSUE = vec3<f32>(0.76, 0.24, 0.175);
 const EXPOSURE: f32 = 2.3; // before the tone curve
 const AMBIENT: f32 = EXPOSURE * 0.12;
@@ -31,8 +32,11 @@ const POWER: f32 = 50.0;
 const RELIEF: f32 = 0.45; // weight of curvature
 
 struct Wall {
-    @builtin(position) @invariant at: vec4<f32>, // to fragments: pixel, depth, 1 / mm before the eye
+    @builtin(position) @invariant at: vec4<f32>, // to fragments: pixel, depth, 1 / w
     @location(0) normal: vec4<f32>, // camera space
+    // Middle, depth, and y of the light. Software devices fetch a parameter for each lane of each
+    // fragment; what is the same all over a triangle they fetch once.
+    @location(1) @interpolate(flat) same: vec4<f32>,
 }
 
 fn turned(v: vec3<f32>) -> vec3<f32> {
@@ -42,8 +46,12 @@ fn turned(v: vec3<f32>) -> vec3<f32> {
 
 @vertex
 fn project(@location(0) position: vec3<f32>, @location(1) normal: vec4<f32>) -> Wall {
-    let p = turned(position - params.eye);
-    return Wall(vec4(params.focal * p.xy, params.near, -p.z), vec4(turned(normal.xyz), normal.w));
+    let p = turned(position - params.eye) * params.scale;
+    return Wall(
+        vec4(params.focal * p.xy, params.near, -p.z),
+        vec4(turned(normal.xyz), normal.w),
+        vec4(params.middle, params.depth, params.light.y),
+    );
 }
 
 // Not `normalize`: compilers guard that against overflow, which costs more than all the rest.
@@ -51,9 +59,14 @@ fn unit(v: vec3<f32>) -> vec3<f32> {
     return v * inverseSqrt(dot(v, v));
 }
 
-// From the eye through the pixel, one unit deep.
-fn ray(at: vec4<f32>) -> vec3<f32> {
-    return vec3((at.xy - params.middle) * params.step, -1.0);
+// From the eye to the pixel.
+fn ray(wall: Wall) -> vec3<f32> {
+    return vec3(wall.at.x - wall.same.x, wall.same.y - wall.at.y, -wall.same.z);
+}
+
+// Where the wall is.
+fn place(wall: Wall, ray: vec3<f32>) -> vec3<f32> {
+    return ray * (1.0 / wall.at.w);
 }
 
 // Ridges pale, crevices deep: RELIEF is how far a fold at full scale goes.
@@ -63,15 +76,22 @@ fn tinted(curvature: f32) -> vec3<f32> {
     return TISSUE * (1.0 - pale - deep * vec3(0.50, 0.74, 0.72)) + pale * vec3(1.0, 0.58, 0.46);
 }
 
+// 1 / sqrt(x) but for 0.065 per cent: exponent halved as an integer, one step of Newton's with
+// constants that even the error out (Kadlec 2010).
+fn rough_inverse_sqrt(x: f32) -> f32 {
+    let y = bitcast<f32>(0x5F1FFFF9u - (bitcast<u32>(x) >> 1u));
+    return y * (0.703952253 * (2.38924456 - x * y * y));
+}
+
 // Light from the wall under a head-light, times exposure.
 fn lit_wall(wall: Wall, front: bool) -> vec3<f32> {
-    let ray = ray(wall.at);
-    let to_light = vec3(0.0, params.light.y, 0.0) - ray / wall.at.w;
+    let ray = ray(wall);
+    let to_light = vec3(0.0, wall.same.w, 0.0) - place(wall, ray);
     let n = wall.normal.xyz * select(-1.0, 1.0, front);
     let nn = dot(n, n);
     let away = dot(to_light, to_light);
-    let by_light = inverseSqrt(nn * away);
-    let by_view = inverseSqrt(nn * dot(ray, ray));
+    let by_light = rough_inverse_sqrt(nn * away);
+    let by_view = rough_inverse_sqrt(nn * dot(ray, ray));
     let cos_light = dot(n, to_light) * by_light;
     let cos_view = -dot(n, ray) * by_view;
     // A little light wraps round, as it does in flesh: silhouettes go dark, not black.
@@ -79,9 +99,9 @@ fn lit_wall(wall: Wall, front: bool) -> vec3<f32> {
     // Falloff and the squared cosine to the half vector, by one division.
     let both = max(cos_light + cos_view, 0.0);
     let spread = 2.0 - 2.0 * dot(to_light, ray) * by_light * by_view * nn;
-    let far = params.half + away;
+    let far = 1.0 + away;
     let share = 1.0 / (far * spread);
-    let near = params.half * spread * share;
+    let near = spread * share;
     let square = both * both * far * share;
     // The power of that cosine as the one of a line near 1: off by 0.003.
     let line = max(1.0 + (square - 1.0) * (POWER / 64.0), 0.0);
@@ -121,7 +141,7 @@ fn inside_encoded(wall: Wall, @builtin(front_facing) front: bool) -> @location(0
 // Every layer of wall, all of one colour, so that their order does not matter.
 @fragment
 fn ghost(wall: Wall) -> @location(0) vec4<f32> {
-    let rim = 1.0 - abs(dot(unit(wall.normal.xyz), unit(ray(wall.at))));
+    let rim = 1.0 - abs(dot(unit(wall.normal.xyz), unit(ray(wall))));
     let a = 0.01 + 0.22 * rim * rim * rim;
     return vec4(vec3(0.78, 0.62, 0.58) * a, a);
 }
@@ -129,11 +149,11 @@ fn ghost(wall: Wall) -> @location(0) vec4<f32> {
 // The nearest wall alone: form and outline.
 @fragment
 fn shell(wall: Wall) -> @location(0) vec4<f32> {
-    let ray = ray(wall.at);
+    let ray = ray(wall);
     let towards = dot(unit(wall.normal.xyz), unit(ray));
     let n = unit(wall.normal.xyz) * select(1.0, -1.0, towards > 0.0);
     let facing = abs(towards);
-    let lit = max(dot(n, unit(params.light - ray / wall.at.w)), 0.0);
+    let lit = max(dot(n, unit(params.light - place(wall, ray))), 0.0);
     let rim = 1.0 - facing;
     // Seen from outside, what stands into the lumen is a groove.
     let k = -RELIEF * wall.normal.w;

@@ -85,7 +85,7 @@ impl Renderer<'_> {
         let aside = pose.rotation * Vec3::new(-0.35, 0.55, 0.0);
         let light = pose.position_mm + lift * aside;
         // Glass does not ask how light falls off.
-        let push = surface_push(pose, lens, area, light, 0.0);
+        let push = surface_push(pose, lens, area, light, 1.0);
         let push = bytemuck::bytes_of(&push);
         let p = &self.pipelines;
         let layers = [p.ghost, p.nearest, p.shell];

@@ -323,7 +323,11 @@ pub(super) fn draw(
     })
 }
 
-/// What the surface shader has to know; `light` in LPS mm, halved at `falloff` mm.
+/// Within these, mm, squares of distances in falloffs are numbers.
+const FALLOFFS_MM: (f32, f32) = (1e-3, 1e6);
+
+/// What the surface shader has to know; `light` in LPS mm, halved at `falloff` mm. Pixels are
+/// square: the lens has the area's aspect.
 pub(super) fn surface_push(
     pose: &Pose,
     lens: &Lens,
@@ -334,16 +338,19 @@ pub(super) fn surface_push(
     let focal = super::camera::focal(lens);
     let size = Vec2::new(area.width as f32, area.height as f32);
     let middle = Vec2::new(area.x as f32, area.y as f32) + 0.5 * size;
+    let depth = -0.5 * size.y * focal.y;
+    let falloff = falloff.clamp(FALLOFFS_MM.0, FALLOFFS_MM.1);
+    let scale = (depth * falloff).recip();
     let turn = pose.rotation.conjugate();
     host::surface::Params {
         turn: turn.to_array(),
         eye: pose.position_mm.to_array(),
-        near: lens.near_mm,
-        light: (turn * (light - pose.position_mm)).to_array(),
-        half: falloff * falloff,
+        near: lens.near_mm * scale,
+        light: ((turn * (light - pose.position_mm)) / falloff).to_array(),
+        scale,
         focal: focal.to_array(),
         middle: middle.to_array(),
-        step: (2.0 / (size * focal)).to_array(),
+        depth,
         ..bytemuck::Zeroable::zeroed()
     }
 }
