@@ -18,6 +18,7 @@ mod heap;
 mod info;
 mod instance;
 mod memory;
+mod passes;
 mod pipeline;
 mod resources;
 mod runner;
