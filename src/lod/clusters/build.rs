@@ -17,6 +17,10 @@ use crate::lod::octree::{Item, around};
 use crate::lod::{Cone, Sphere};
 use crate::mesh::Nearest;
 
+/// Clusters of the coarsest surface, at most about: two thousand triangles, drawn in no time. What is
+/// coarser than that is off by a hundredth of the organ, takes as long to measure as finer levels do,
+/// and leaves threads without work.
+const COARSEST: usize = 32;
 /// Faces: ids are 32 bits, and four half-edge ids a face must fit.
 const FACES_MAX: usize = (1 << 30) - 1;
 
@@ -28,13 +32,15 @@ impl Clusters {
     /// # Errors
     /// [`ClusterError`]: a face or position that makes no sense, or too many.
     pub fn build(mesh: &Mesh, vertices: &[Vertex]) -> Result<Self, ClusterError> {
-        Self::build_with(mesh, vertices, true)
+        Self::build_with(mesh, vertices, COARSEST, true)
     }
 
-    /// `lock`: false only to show what becomes of a surface whose rims are not locked.
+    /// * `coarsest`: no coarser levels are built once so few clusters are left.
+    /// * `lock`: false only to show what becomes of a surface whose rims are not locked.
     pub(super) fn build_with(
         mesh: &Mesh,
         vertices: &[Vertex],
+        coarsest: usize,
         lock: bool,
     ) -> Result<Self, ClusterError> {
         check(mesh, vertices)?;
@@ -80,7 +86,7 @@ impl Clusters {
         for (draft, bounds) in finest.into_iter().zip(bounds) {
             live.push((this.push(&draft, bounds, NONE), draft));
         }
-        while live.len() > 1 {
+        while live.len() > coarsest {
             let before = this.groups.len();
             let known = places.positions.len();
             if !this.groups.is_empty() {

@@ -37,7 +37,7 @@ fn ring(n: u32, m: u32) -> Mesh {
 }
 
 fn build(mesh: &Mesh) -> Clusters {
-    Clusters::build(mesh, &shading(mesh).vertices).unwrap()
+    Clusters::build_with(mesh, &shading(mesh).vertices, 1, true).unwrap()
 }
 
 static RING: LazyLock<(Mesh, Arc<Clusters>)> = LazyLock::new(|| {
@@ -121,6 +121,9 @@ fn the_finest_clusters_are_the_original_triangles() {
     assert_eq!(faces, wanted);
     assert_eq!(clusters.finest_faces(), mesh.faces.len() as u64);
     assert!(clusters.groups().len() > 8 && clusters.roots().count() <= 8);
+    // What is built for drawing ends earlier.
+    let drawn = Clusters::build(mesh, &shading(mesh).vertices).unwrap();
+    assert!((9..=32).contains(&drawn.roots().count()) && !drawn.groups().is_empty());
 }
 
 #[test]
@@ -204,7 +207,7 @@ fn rims_that_are_not_locked_tear_where_levels_meet() {
     let mesh = ring(120, 44);
     let vertices = shading(&mesh).vertices;
     for lock in [true, false] {
-        let clusters = Arc::new(Clusters::build_with(&mesh, &vertices, lock).unwrap());
+        let clusters = Arc::new(Clusters::build_with(&mesh, &vertices, 1, lock).unwrap());
         let mut lod = ClusterLod::new(clusters, DEFAULT_SHADING_RAD);
         let mut torn = 0;
         for k in 0..6 {
