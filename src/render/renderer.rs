@@ -213,11 +213,7 @@ impl<'g> Renderer<'g> {
         self.idle.push(ticket.slot);
         let [width, height] = self.size;
         let rgba = &self.gpu.read(self.slots[ticket.slot])?[..(width * height * 4) as usize];
-        let mut rgb = vec![0; rgba.len() / 4 * 3];
-        rgb.chunks_exact_mut(3).zip(rgba.chunks_exact(4)).for_each(|(to, p)| {
-            to.copy_from_slice(&p[..3]);
-        });
-        Ok(rgb)
+        Ok(rgba.as_chunks::<4>().0.iter().flat_map(|p| [p[0], p[1], p[2]]).collect())
     }
 
     pub(super) fn model(&self, mesh: MeshHandle) -> &Model {

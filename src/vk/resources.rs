@@ -82,12 +82,12 @@ impl Gpu {
         self.filled(name, data, vk::BufferUsageFlags::VERTEX_BUFFER, 0, 0)
     }
 
-    /// A vertex buffer of `bytes` zeros, to be written by frames.
+    /// A vertex buffer of `bytes`, to be written by frames; until then it holds anything.
     ///
     /// # Errors
     /// As [`Gpu::vertex_buffer`]; [`VkError::TooLarge`].
     pub fn empty_vertices(&mut self, name: &'static str, bytes: u64) -> Result<BufferId, VkError> {
-        self.zeroed(name, bytes, vk::BufferUsageFlags::VERTEX_BUFFER, 0)
+        self.unwritten(name, bytes, vk::BufferUsageFlags::VERTEX_BUFFER, 0)
     }
 
     /// A buffer of `count` 16-bit indices, all zero, to be written by frames.
@@ -95,7 +95,7 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::empty_vertices`].
     pub fn empty_indices(&mut self, name: &'static str, count: u64) -> Result<BufferId, VkError> {
-        self.zeroed(name, count.saturating_mul(2), vk::BufferUsageFlags::INDEX_BUFFER, 2)
+        self.unwritten(name, count.saturating_mul(2), vk::BufferUsageFlags::INDEX_BUFFER, 2)
     }
 
     /// An index buffer on the device.
@@ -198,8 +198,10 @@ impl Gpu {
         Ok(self.buffers.insert(GpuBuffer { buffer, last_use, index_bytes, max_index }))
     }
 
-    /// A buffer of zeros: what is drawn before it was written is a point, not a stray index.
-    fn zeroed(
+    /// A buffer that frames write. Indices are zeros until then: what is drawn before it was written
+    /// is a point, not a stray index. Vertices are left alone: their memory may be a hundred times
+    /// what is ever written, and much of it is not even there before it is touched.
+    fn unwritten(
         &mut self,
         name: &'static str,
         bytes: u64,
@@ -213,11 +215,14 @@ impl Gpu {
         }
         let usage = usage | vk::BufferUsageFlags::TRANSFER_DST;
         let buffer = self.memory.buffer(name, bytes, usage, Place::Device)?;
-        let done = self.at_once(|gpu, cmd| {
-            // SAFETY: `cmd` is recording; the buffer is ours, fresh, has transfer usage, and lives
-            // until after the wait.
-            unsafe { gpu.device.cmd_fill_buffer(cmd, buffer.raw, 0, vk::WHOLE_SIZE, 0) };
-        });
+        let done = match index_bytes {
+            0 => Ok(()),
+            _ => self.at_once(|gpu, cmd| {
+                // SAFETY: `cmd` is recording; the buffer is ours, fresh, has transfer usage, and
+                // lives until after the wait.
+                unsafe { gpu.device.cmd_fill_buffer(cmd, buffer.raw, 0, vk::WHOLE_SIZE, 0) };
+            }),
+        };
         if let Err(e) = done {
             self.memory.free_buffer(buffer);
             return Err(e);
