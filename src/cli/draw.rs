@@ -5,6 +5,7 @@ use std::sync::mpsc::sync_channel;
 use std::time::Instant;
 
 use glam::Vec3;
+use thread_priority::{ThreadPriority, set_current_thread_priority};
 
 use super::CliError;
 use super::frames::Setup;
@@ -51,6 +52,9 @@ fn along(path: &[Vec3], flight: &Flight) -> Vec<f32> {
         })
         .collect()
 }
+
+/// Frames that may wait for each encoder.
+const QUEUED: usize = 4;
 
 /// Figures of every frame.
 #[derive(Default)]
@@ -105,15 +109,19 @@ pub fn draw(
         None => None,
     };
     let mut tally = Tally::default();
-    // Encoders run beside the drawing; the short queues bound what waits in memory.
+    // Encoders run beside the drawing; the short queues bound what waits in memory. Software devices
+    // draw on the same cores: encoders take what those leave, and queues of a few frames last until
+    // they leave some.
     let encoders = rayon::current_num_threads().clamp(1, 4);
     std::thread::scope(|scope| -> Result<(), CliError> {
         let mut queues = Vec::new();
         let mut handles = Vec::new();
         for _ in 0..encoders {
-            let (send, receive) = sync_channel::<(usize, Vec<u8>)>(2);
+            let (send, receive) = sync_channel::<(usize, Vec<u8>)>(QUEUED);
             queues.push(send);
             handles.push(scope.spawn(move || -> Result<(), FormatError> {
+                // Where that may not be asked for, frames come out all the same.
+                let _ = set_current_thread_priority(ThreadPriority::Min);
                 for (i, rgb) in receive {
                     let png = encode_png(width, height, &rgb);
                     let path = folder.join(format!("frame_{:05}.png", i + 1));
