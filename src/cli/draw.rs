@@ -54,7 +54,7 @@ fn along(path: &[Vec3], flight: &Flight) -> Vec<f32> {
 }
 
 /// Frames that may wait for each encoder.
-const QUEUED: usize = 4;
+const QUEUED: usize = 6;
 
 /// Figures of every frame.
 #[derive(Default)]

@@ -17,10 +17,10 @@ use crate::lod::octree::{Item, around};
 use crate::lod::{Cone, Sphere};
 use crate::mesh::Nearest;
 
-/// Clusters of the coarsest surface, at most about: two thousand triangles, drawn in no time. What is
+/// Clusters of the coarsest surface, at most about: four thousand triangles, drawn in no time. What is
 /// coarser than that is off by a hundredth of the organ, takes as long to measure as finer levels do,
 /// and leaves threads without work.
-const COARSEST: usize = 32;
+const COARSEST: usize = 64;
 /// Faces: ids are 32 bits, and four half-edge ids a face must fit.
 const FACES_MAX: usize = (1 << 30) - 1;
 
