@@ -109,9 +109,9 @@ pub fn draw(
         None => None,
     };
     let mut tally = Tally::default();
-    // Encoders run beside the drawing; the short queues bound what waits in memory. Software devices
-    // draw on the same cores: encoders take what those leave, and queues of a few frames last until
-    // they leave some.
+    // Encoders run beside the drawing; the short queues bound what waits in memory. Software
+    // devices draw on the same cores: encoders take what those leave, and queues of a few frames
+    // last until they leave some.
     let encoders = rayon::current_num_threads().clamp(1, 4);
     std::thread::scope(|scope| -> Result<(), CliError> {
         let mut queues = Vec::new();

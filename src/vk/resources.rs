@@ -199,8 +199,8 @@ impl Gpu {
     }
 
     /// A buffer that frames write. Indices are zeros until then: what is drawn before it was written
-    /// is a point, not a stray index. Vertices are left alone: their memory may be a hundred times
-    /// what is ever written, and much of it is not even there before it is touched.
+    /// is a point, not a stray index. Vertices are left alone: there is room for every cluster of a
+    /// wall, of which a flight writes a part, and memory is not even there before it is touched.
     fn unwritten(
         &mut self,
         name: &'static str,

@@ -17,9 +17,9 @@ use crate::lod::octree::{Item, around};
 use crate::lod::{Cone, Sphere};
 use crate::mesh::Nearest;
 
-/// Clusters of the coarsest surface, at most about: four thousand triangles, drawn in no time. What is
-/// coarser than that is off by a hundredth of the organ, takes as long to measure as finer levels do,
-/// and leaves threads without work.
+/// No coarser level is built where so few clusters are left: four thousand triangles, drawn in no
+/// time. What is coarser is off by a millimetre and more on a colon, too much for any place inside
+/// it, and is built a group or two at a time, so that threads have no work.
 const COARSEST: usize = 64;
 /// Faces: ids are 32 bits, and four half-edge ids a face must fit.
 const FACES_MAX: usize = (1 << 30) - 1;
