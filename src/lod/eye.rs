@@ -136,6 +136,21 @@ impl Eye {
         self.focal_px * e / ((z - e) * off.cos())
     }
 
+    /// Lower bound of [`Self::error_in_spot_px`] for every spot within the sphere: that on the
+    /// axis at its far side. 0 where the sphere is not in the picture as a whole.
+    pub fn least_error_px(&self, s: &Sphere, error_mm: f32) -> f64 {
+        let e = f64::from(error_mm);
+        let c = self.camera_from_world * (s.centre.as_dvec3() - self.position);
+        let r = f64::from(s.radius) * (1.0 + 1e-6) + 1e-6;
+        let inside = -c.z - r >= self.near
+            && (0..2).all(|k| c[k].abs() + r * self.secant[k] <= self.tangent[k] * -c.z);
+        let far = r - c.z;
+        if !inside || e <= 0.0 {
+            return 0.0;
+        }
+        if far <= 2.0 * e { f64::INFINITY } else { self.focal_px * e / (far - e) }
+    }
+
     /// Where all points are that are within `margin_mm` of `p`.
     pub fn spot(&self, p: Vec3, margin_mm: f32) -> Spot {
         let c = self.camera_from_world * (p.as_dvec3() - self.position);
@@ -279,6 +294,29 @@ mod tests {
             assert!(eye.sees(&large) || !eye.sees(&small));
             assert!(eye.error_px(&large, 0.05) >= eye.error_px(&small, 0.05) * 0.9999);
         }
+    }
+
+    #[test]
+    fn every_spot_of_a_sphere_errs_no_less_than_the_sphere_does_everywhere() {
+        let seed = &mut 5;
+        let eye = Eye::new(&camera(90.0));
+        let (mut whole, mut closest) = (0, 0.0f64);
+        for _ in 0..20_000 {
+            let mut v = |s: f64| DVec3::from_array([(); 3].map(|()| s * (2.0 * noise(seed) - 1.0)));
+            let centre = (eye.position + v(12.0)).as_vec3();
+            let radius = v(2.0).x.abs() as f32;
+            let error = 0.1 * v(1.0).x.abs() as f32;
+            let least = eye.least_error_px(&Sphere { centre, radius }, error);
+            let at = v(1.0).clamp_length_max(1.0) * f64::from(radius);
+            let spot = eye.spot((centre.as_dvec3() + at).as_vec3(), error);
+            let px = eye.error_in_spot_px(&spot, error);
+            assert!(least <= px, "{least} px, of a spot {px}");
+            if least > 0.0 {
+                assert!(eye.sees(&Sphere { centre, radius: 0.0 }));
+                (whole, closest) = (whole + 1, closest.max(least / px));
+            }
+        }
+        assert!(whole > 500 && closest > 0.9, "{whole} in the picture, {closest}");
     }
 
     #[test]

@@ -18,10 +18,11 @@ pub use worker::{Worker, WorkerError};
 
 use crate::geometry::Vertex;
 
-/// Vertices of one page, at most.
-pub const PAGE_VERTICES: usize = 128;
+/// Vertices of one page, at most: not much more than what pages hold, since memory between them is
+/// brought in with them.
+pub const PAGE_VERTICES: usize = 96;
 /// Triangles of one page, at most.
-pub const PAGE_TRIANGLES: usize = 128;
+pub const PAGE_TRIANGLES: usize = 96;
 /// Bytes of a full page on the device: vertices, and three 16-bit indices a triangle.
 pub const PAGE_BYTES: u64 = (PAGE_VERTICES * size_of::<Vertex>() + PAGE_TRIANGLES * 6) as u64;
 

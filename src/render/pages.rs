@@ -25,7 +25,7 @@ use crate::vk::{BufferId, Frame, Gpu, ImageId, Pass, Piece, Write};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PagesHandle(pub(super) usize);
 
-/// Most pages of one wall: 832 MiB on the device, 5 MiB of commands a frame.
+/// Most pages of one wall: 624 MiB on the device, 5 MiB of commands a frame.
 pub const MAX_PAGES: u32 = 1 << 18;
 
 /// Changes of a frame beyond this go in submissions of their own, each of at most this. With the
@@ -281,13 +281,15 @@ mod tests {
             vertices: vec![Vertex::default(); vertices],
             triangles,
         };
-        assert!(check(&upload(3, 128, vec![[0, 1, 127]; 128]), 4).is_ok());
+        let last = PAGE_VERTICES as u8 - 1;
+        let full = vec![[0, 1, last]; PAGE_TRIANGLES];
+        assert!(check(&upload(3, PAGE_VERTICES, full), 4).is_ok());
         for bad in [
             upload(4, 3, vec![[0, 1, 2]]),
             upload(0, 3, vec![[0, 1, 3]]),
             upload(0, 0, vec![[0, 0, 0]]),
-            upload(0, 129, vec![[0, 1, 2]]),
-            upload(0, 3, vec![[0, 1, 2]; 129]),
+            upload(0, PAGE_VERTICES + 1, vec![[0, 1, 2]]),
+            upload(0, 3, vec![[0, 1, 2]; PAGE_TRIANGLES + 1]),
         ] {
             let e = check(&bad, 4).unwrap_err();
             assert!(matches!(e, RenderError::BadUpload { .. }), "{e}");
@@ -324,9 +326,11 @@ mod tests {
             drawn(4, 3.0, facing, 2),
         ];
         let (pieces, triangles) = pages.pieces(&camera, false);
-        let first: Vec<u32> = pieces.iter().map(|p| p.first_vertex / 128).collect();
-        assert_eq!((first, triangles), (vec![5, 4], 9));
-        assert_eq!(pieces[0], Piece { first_index: 5 * 384, indices: 21, first_vertex: 640 });
+        let piece = |page, indices| {
+            let (first_index, first_vertex) = (page * INDICES, page * PAGE_VERTICES as u32);
+            Piece { first_index, indices, first_vertex }
+        };
+        assert_eq!((pieces, triangles), (vec![piece(5, 21), piece(4, 6)], 9));
         assert_eq!(pages.pieces(&camera, true).1, 17);
     }
 }

@@ -81,6 +81,14 @@ impl View<'_> {
         if self.within(g, g.error_mm, &g.sphere) <= 1.0 {
             return false;
         }
+        // Most that are, are so everywhere in some cluster: no need to fetch its triangles then.
+        let everywhere = |id: u32| {
+            let own = &c.clusters[id as usize];
+            self.eye.least_error_px(&own.sphere, own.error_mm) > self.pixels
+        };
+        if c.outputs(group).any(everywhere) {
+            return true;
+        }
         // Each cluster errs as far as it does, near or far, and each triangle is as broad as it is.
         let coarse = |id: u32| -> Option<f32> {
             let own = &c.clusters[id as usize];
@@ -95,7 +103,7 @@ impl View<'_> {
             let s = x.with(y).with(z);
             self.excess(g, (e, edge), |mm| self.eye.error_in_spot_px(&s, mm)) > 1.0
         };
-        // Most that are, are so nearly everywhere.
+        // Most others are so nearly everywhere.
         let first = |id: u32| {
             let e = c.clusters[id as usize].error_mm;
             let spots = |f: [u32; 3]| f.map(|v| self.eye.spot(place(v), e));
