@@ -86,17 +86,22 @@ pub fn clusters_of(
         order[fill[*p as usize]] = f;
         fill[*p as usize] += 1;
     }
-    let mut fit = Vec::with_capacity(sizes.len());
-    let mut first = 0;
+    let mut rest = order.as_mut_slice();
+    let mut parts = Vec::with_capacity(sizes.len());
     for n in sizes.into_iter().filter(|n| *n > 0) {
-        let own = &mut order[first..first + n];
+        let (own, after) = std::mem::take(&mut rest).split_at_mut(n);
+        parts.push(own);
+        rest = after;
+    }
+    let fit = parts.into_par_iter().map(|own| {
         // Loose triangles have more vertices than faces.
         if vertices_of(own.iter().map(|f| faces[*f as usize])).len() > PAGE_VERTICES {
-            fit.extend(partition::split(own, PAGE_VERTICES / 3, centre));
+            partition::split(own, PAGE_VERTICES / 3, centre)
         } else {
-            fit.push(n);
+            vec![own.len()]
         }
-        first += n;
-    }
+    });
+    let fit: Vec<Vec<usize>> = fit.collect();
+    let fit = fit.concat();
     (order, fit)
 }

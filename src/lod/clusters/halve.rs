@@ -127,13 +127,14 @@ pub fn halve(at: Vec<DVec3>, faces: Vec<[u16; 3]>, locked: &[bool], target: usiz
     for u in (0..count).filter(|u| !locked[*u]) {
         s.targets(u as u16, &mut targets);
         waits[u] = !targets.is_empty();
-        heap.extend(targets.first().map(|t| Reverse((key(t.0), u as u16))));
+        heap.extend(cheapest(&targets).map(|cost| Reverse((key(cost), u as u16))));
     }
     let mut near = Vec::new();
     while live > target
         && let Some(Reverse((cost, u))) = heap.pop()
     {
         s.targets(u, &mut targets);
+        targets.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let Some(&(now, v)) = targets.iter().find(|t| s.legal(u, t.1)) else {
             waits[u as usize] = false;
             continue;
@@ -155,7 +156,7 @@ pub fn halve(at: Vec<DVec3>, faces: Vec<[u16; 3]>, locked: &[bool], target: usiz
         for &w in &near {
             s.targets(w, &mut targets);
             waits[w as usize] = !targets.is_empty();
-            heap.extend(targets.first().map(|t| Reverse((key(t.0), w))));
+            heap.extend(cheapest(&targets).map(|cost| Reverse((key(cost), w))));
         }
     }
     for v in 0..onto.len() {
@@ -239,7 +240,7 @@ impl<'a> Soup<'a> {
         }
     }
 
-    /// Where `u` could go, cheapest first.
+    /// Where `u` could go, and what that costs.
     fn targets(&mut self, u: u16, out: &mut Vec<(f64, u16)>) {
         out.clear();
         let fan = self.around(u);
@@ -259,7 +260,6 @@ impl<'a> Soup<'a> {
             Fan::Open(a, b) => [a, b].into_iter().for_each(&mut add),
             Fan::Other => {}
         }
-        out.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     }
 
     /// Whether the surface stays one, and no face turns over or becomes a needle. `ring` and marks
@@ -363,6 +363,11 @@ impl<'a> Soup<'a> {
         self.quadric[v as usize].add(&q);
         gone
     }
+}
+
+/// The least of some costs.
+fn cheapest(targets: &[(f64, u16)]) -> Option<f64> {
+    targets.iter().map(|t| t.0).reduce(f64::min)
 }
 
 /// Sine of the smallest angle, or a little less: twice the area over the two longest sides.

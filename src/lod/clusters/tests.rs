@@ -123,7 +123,7 @@ fn the_finest_clusters_are_the_original_triangles() {
     assert!(clusters.groups().len() > 8 && clusters.roots().count() <= 8);
     // What is built for drawing ends earlier.
     let drawn = Clusters::build(mesh, &shading(mesh).vertices).unwrap();
-    assert!((9..=64).contains(&drawn.roots().count()) && !drawn.groups().is_empty());
+    assert!((65..=256).contains(&drawn.roots().count()) && !drawn.groups().is_empty());
 }
 
 #[test]
