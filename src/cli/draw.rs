@@ -116,7 +116,9 @@ pub fn draw(
     std::thread::scope(|scope| -> Result<(), CliError> {
         let mut queues = Vec::new();
         let mut handles = Vec::new();
+        let spares = renderer.spares();
         for _ in 0..encoders {
+            let spares = spares.clone();
             let (send, receive) = sync_channel::<(usize, Vec<u8>)>(QUEUED);
             queues.push(send);
             handles.push(scope.spawn(move || -> Result<(), FormatError> {
@@ -124,6 +126,7 @@ pub fn draw(
                 let _ = set_current_thread_priority(ThreadPriority::Min);
                 for (i, rgb) in receive {
                     let png = encode_png(width, height, &rgb);
+                    spares.give(rgb);
                     let path = folder.join(format!("frame_{:05}.png", i + 1));
                     whole::write_whole(&path, |o| o.write_all(&png))?;
                 }

@@ -8,6 +8,7 @@ mod look;
 mod mesh;
 mod overview;
 mod pages;
+mod picture;
 mod pipelines;
 mod renderer;
 mod scene;
@@ -17,6 +18,7 @@ pub use camera::{clip_from_world, framing};
 pub use error::RenderError;
 pub use look::Look;
 pub use pages::{MAX_PAGES, PagesHandle};
+pub use picture::Spares;
 pub use renderer::{IN_FLIGHT, Renderer, Ticket};
 pub use scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
 

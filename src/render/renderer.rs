@@ -5,6 +5,7 @@ use glam::{Vec2, Vec3};
 use super::lines::Tubes;
 use super::mesh;
 use super::pages::Pages;
+use super::picture::{Spares, without_alpha};
 use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
 use super::scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
 use super::{RenderError, host};
@@ -57,6 +58,7 @@ pub struct Renderer<'g> {
     pub(super) glass_of: Option<super::overview::GlassKey>,
     slots: Vec<BufferId>,
     idle: Vec<usize>,
+    spares: Spares,
 }
 
 impl<'g> Renderer<'g> {
@@ -107,6 +109,7 @@ impl<'g> Renderer<'g> {
             glass_of: None,
             idle: (0..slots.len()).collect(),
             slots,
+            spares: Spares::default(),
         })
     }
 
@@ -212,8 +215,16 @@ impl<'g> Renderer<'g> {
     pub fn fetch(&mut self, ticket: Ticket) -> Result<Vec<u8>, RenderError> {
         self.idle.push(ticket.slot);
         let [width, height] = self.size;
-        let rgba = &self.gpu.read(self.slots[ticket.slot])?[..(width * height * 4) as usize];
-        Ok(rgba.as_chunks::<4>().0.iter().flat_map(|p| [p[0], p[1], p[2]]).collect())
+        let pixels = width as usize * height as usize;
+        let rgba = &self.gpu.read(self.slots[ticket.slot])?[..4 * pixels];
+        let mut rgb = self.spares.take(3 * pixels);
+        without_alpha(rgba, &mut rgb);
+        Ok(rgb)
+    }
+
+    /// Where pictures may be given back once they are not needed any more, from any thread.
+    pub fn spares(&self) -> Spares {
+        self.spares.clone()
     }
 
     pub(super) fn model(&self, mesh: MeshHandle) -> &Model {
