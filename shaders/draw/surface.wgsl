@@ -30,6 +30,7 @@ const DIFFUSE: f32 = EXPOSURE * 0.64;
 const SPECULAR: f32 = EXPOSURE * 0.25;
 const POWER: f32 = 50.0;
 const RELIEF: f32 = 0.45; // weight of curvature
+const WRAP: f32 = 0.15; // cosine beyond a right angle that is still lit
 
 struct Wall {
     @builtin(position) @invariant at: vec4<f32>, // to fragments: pixel, depth, 1 / w
@@ -71,9 +72,9 @@ fn place(wall: Wall, ray: vec3<f32>) -> vec3<f32> {
 
 // Ridges pale, crevices deep: RELIEF is how far a fold at full scale goes.
 fn tinted(curvature: f32) -> vec3<f32> {
-    let pale = 0.6 * max(RELIEF * curvature, 0.0);
-    let deep = max(-RELIEF * curvature, 0.0);
-    return TISSUE * (1.0 - pale - deep * vec3(0.50, 0.74, 0.72)) + pale * vec3(1.0, 0.58, 0.46);
+    let pale = (0.6 * RELIEF) * (vec3(1.0, 0.58, 0.46) - TISSUE);
+    let deep = RELIEF * vec3(0.50, 0.74, 0.72) * TISSUE;
+    return TISSUE + max(curvature, 0.0) * pale + min(curvature, 0.0) * deep;
 }
 
 // 1 / sqrt(x) but for 0.065 per cent: exponent halved as an integer, one step of Newton's with
@@ -95,7 +96,7 @@ fn lit_wall(wall: Wall, front: bool) -> vec3<f32> {
     let cos_light = dot(n, to_light) * by_light;
     let cos_view = -dot(n, ray) * by_view;
     // A little light wraps round, as it does in flesh: silhouettes go dark, not black.
-    let lit = max((cos_light + 0.15) * (1.0 / 1.15), 0.0);
+    let lit = max((cos_light + WRAP) * (DIFFUSE / (1.0 + WRAP)), 0.0);
     // Falloff and the squared cosine to the half vector, by one division.
     let both = max(cos_light + cos_view, 0.0);
     let spread = 2.0 - 2.0 * dot(to_light, ray) * by_light * by_view * nn;
@@ -111,7 +112,7 @@ fn lit_wall(wall: Wall, front: bool) -> vec3<f32> {
     // Grazing walls go darker than the cosine alone makes them: the rim of a fold stands out.
     let t = clamp(2.0 * cos_view, 0.0, 1.0);
     let edge = 0.65 + 0.35 * t * t * (3.0 - 2.0 * t);
-    let wall_light = (AMBIENT + DIFFUSE * lit) * near * edge;
+    let wall_light = (AMBIENT + lit) * near * edge;
     return tinted(wall.normal.w) * wall_light + SPECULAR * (gloss * gloss);
 }
 
@@ -129,16 +130,25 @@ fn inside(wall: Wall, @builtin(front_facing) front: bool) -> @location(0) vec4<f
     return vec4(c * (0.5 + c * (1.5 - c)), 1.0);
 }
 
-// The same and sRGB (IEC 61966-2-1) as one polynomial in the root: off by 0.4 of 255 at most, by
-// 1.5 below 20.
+// The same and sRGB (IEC 61966-2-1) of light up to 2.3, more than there can be, as one fraction: off
+// by 0.24 of 255 at most, by 0.66 below 20.
+fn encoded(light: vec3<f32>) -> vec4<f32> {
+    let over = light * (8.08786483 + light * 81.30991004);
+    let under = 1.0 + light * (43.89031511 + light * (58.03680881 + light * 4.39672131));
+    // One division for the three.
+    let others = under.yzx * under.zxy;
+    return vec4(over * others * (1.0 / (under.x * others.x)), 1.0);
+}
+
 @fragment
 fn inside_encoded(wall: Wall, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
-    let q = min(sqrt(lit_wall(wall, front)), vec3(2.1));
-    // Not one term after the other: each would wait for the one before.
-    let q2 = q * q;
-    let low = (-0.02119111 + q * 0.80587825) + q2 * (0.54642465 + q * -0.43039522);
-    let high = (-0.28610155 + q * 0.27396255) + q2 * -0.05507998;
-    return vec4(low + (q2 * q2) * high, 1.0);
+    return encoded(lit_wall(wall, front));
+}
+
+// Where backs are culled, what is seen is front.
+@fragment
+fn fronts_encoded(wall: Wall) -> @location(0) vec4<f32> {
+    return encoded(lit_wall(wall, true));
 }
 
 // Every layer of wall, all of one colour, so that their order does not matter.

@@ -24,9 +24,9 @@ impl Pipelines {
         // Where samples are averaged they have to be linear. Elsewhere the shader encodes for itself:
         // software devices encode every block of 16 pixels that a triangle touches, and decode it
         // before, which is a seventh of a frame.
-        let (inside, stored) = match samples {
-            1 => ("inside_encoded", Format::Rgba8Stored),
-            _ => ("inside", PICTURE),
+        let (inside, inside_fronts, stored) = match samples {
+            1 => ("inside_encoded", "fronts_encoded", Format::Rgba8Stored),
+            _ => ("inside", "inside", PICTURE),
         };
         let surface = DrawSpec {
             spirv: host::surface::SPIRV,
@@ -41,7 +41,8 @@ impl Pipelines {
             push_bytes: host::surface::PUSH_BYTES,
             images: 0,
         };
-        let fronts = DrawSpec { cull_backs: true, ..surface.clone() };
+        let fronts =
+            DrawSpec { entries: ["project", inside_fronts], cull_backs: true, ..surface.clone() };
         let glass = |fragment, depth_use, blend| DrawSpec {
             entries: ["project", fragment],
             colour: GLASS,
