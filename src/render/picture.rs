@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Pictures that nobody needs any more, to be filled anew: fresh memory is handed out by the system
-/// a page at a time, which takes about as long as filling it.
+/// Pictures that nobody needs any more, to be filled anew: the system hands fresh memory out a page
+/// at a time, 675 of them for a picture of 1280 x 720.
 #[derive(Clone, Debug, Default)]
 pub struct Spares(Arc<Mutex<Vec<Vec<u8>>>>);
 
@@ -15,8 +15,8 @@ impl Spares {
 
     /// One of so many bytes, with anything in it.
     pub(super) fn take(&self, bytes: usize) -> Vec<u8> {
-        let mut spare = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let mut picture = spare.take().unwrap_or_default();
+        let spare = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut picture = spare.unwrap_or_default();
         picture.resize(bytes, 0);
         picture
     }
