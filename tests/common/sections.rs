@@ -90,7 +90,7 @@ pub fn whole(mesh: &Mesh, most: usize) -> Step {
     Step { uploads, drawn, leaves_changed: 0, settled: true, degraded: false }
 }
 
-const SIDES: u32 = 48;
+const SIDES: u32 = PAGE_TRIANGLES as u32 / 2;
 /// Rings of a section; a band between two rings fills a page.
 const RINGS: u32 = 8;
 const SECTIONS: u32 = 30;

@@ -17,11 +17,10 @@ use crate::lod::octree::{Item, around};
 use crate::lod::{Cone, Sphere};
 use crate::mesh::Nearest;
 
-/// No coarser level is built where so few clusters are left: up to 16,000 triangles, of which a
-/// flight sees some hundred. What is coarser is off by most of a millimetre on a colon, too much for
-/// all but the farthest places inside it (none of its triangles in 100 views of a colon of 1 M
-/// faces, 3 per cent of those of a trachea), and each level takes about as long to build as the one
-/// before.
+/// No coarser level is built where so few clusters are left, up to 16,000 triangles. What is coarser
+/// is too far off for all but the farthest places of an organ: none of its triangles would be among
+/// those of 100 views inside a colon of 1 M faces, 3 per cent of those inside a trachea; and a level
+/// still takes six tenths of the time of the one before.
 const COARSEST: usize = 256;
 /// Faces: ids are 32 bits, and four half-edge ids a face must fit.
 const FACES_MAX: usize = (1 << 30) - 1;

@@ -8,7 +8,7 @@ use super::partition;
 use crate::geometry::Mesh;
 use crate::lod::{PAGE_TRIANGLES, PAGE_VERTICES};
 
-/// Faces of a cluster as first cut. About half a page: smaller clusters need finer levels where
+/// Faces of a cluster as first cut. Two thirds of a page: smaller clusters need finer levels where
 /// they are near only, and less of them is drawn beyond the edge of the picture.
 const FILL: usize = 60;
 /// Faces of a cluster once its rim is evened out.
@@ -22,13 +22,7 @@ pub fn finest(mesh: &Mesh, beside: &[[u32; 3]]) -> Vec<Draft> {
         (a + b + c) / 3.0
     };
     let (mut ids, parts) = clusters_of(&mesh.faces, beside, &centre);
-    let mut rest = ids.as_mut_slice();
-    let mut own = Vec::with_capacity(parts.len());
-    for n in parts {
-        let (a, b) = std::mem::take(&mut rest).split_at_mut(n);
-        own.push(a);
-        rest = b;
-    }
+    let own = cut_up(&mut ids, parts);
     own.into_par_iter()
         .map(|ids| {
             ids.sort_unstable();
@@ -62,6 +56,13 @@ fn vertices_of(faces: impl Iterator<Item = [u32; 3]>) -> Vec<u32> {
     all
 }
 
+/// Neighbouring parts of so many.
+fn cut_up(all: &mut [u32], sizes: impl IntoIterator<Item = usize>) -> Vec<&mut [u32]> {
+    let mut rest = all;
+    let part = |n| rest.split_off_mut(..n).unwrap_or_default();
+    sizes.into_iter().map(part).collect()
+}
+
 /// Sorts faces into clusters that fit a page: their ids cluster after cluster, ascending in each,
 /// and how many each takes.
 pub fn clusters_of(
@@ -86,13 +87,7 @@ pub fn clusters_of(
         order[fill[*p as usize]] = f;
         fill[*p as usize] += 1;
     }
-    let mut rest = order.as_mut_slice();
-    let mut parts = Vec::with_capacity(sizes.len());
-    for n in sizes.into_iter().filter(|n| *n > 0) {
-        let (own, after) = std::mem::take(&mut rest).split_at_mut(n);
-        parts.push(own);
-        rest = after;
-    }
+    let parts = cut_up(&mut order, sizes.into_iter().filter(|n| *n > 0));
     let fit = parts.into_par_iter().map(|own| {
         // Loose triangles have more vertices than faces.
         if vertices_of(own.iter().map(|f| faces[*f as usize])).len() > PAGE_VERTICES {

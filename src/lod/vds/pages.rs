@@ -71,7 +71,8 @@ pub fn pages(surface: &Surface, fine: &[Fineness], leaf: u32) -> Vec<Page> {
 impl Page {
     /// Gathers the page.
     pub fn content(&self, surface: &Surface) -> Content {
-        let (mut vertices, mut triangles) = (Vec::with_capacity(128), Vec::with_capacity(128));
+        let mut vertices = Vec::with_capacity(PAGE_VERTICES);
+        let mut triangles = Vec::with_capacity(PAGE_TRIANGLES);
         for block in &self.blocks {
             block.write(&surface.base, &surface.samples, &mut vertices, &mut triangles);
         }
