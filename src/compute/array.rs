@@ -56,6 +56,22 @@ impl<T: Pod> Array<T> {
         Self { storage, len, of: PhantomData }
     }
 
+    /// Several as one, in order. One alone is not copied.
+    pub fn joined(mut parts: Vec<Self>) -> Self {
+        if parts.len() == 1 {
+            return parts.remove(0);
+        }
+        let len = parts.iter().map(|p| p.len).sum();
+        let mut all = Self::new(Storage::zeroed(len * size_of::<T>()), len);
+        let mut rest = &mut all[..];
+        for part in parts {
+            let (here, after) = rest.split_at_mut(part.len);
+            here.copy_from_slice(&part);
+            rest = after;
+        }
+        all
+    }
+
     /// Copies a slice.
     pub fn from_slice(s: &[T]) -> Self {
         Self::new(Storage::from_bytes(bytemuck::cast_slice(s)), s.len())

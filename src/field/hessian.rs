@@ -3,6 +3,7 @@
 use super::LumenBuffers;
 use crate::compute::{Buf, Plan};
 use crate::kernels::{gauss_axis, hessian as kernel};
+use crate::lumen::bricks::BRICK;
 
 /// What to make of the Hessian's eigenvalues l1 ≤ l2 ≤ l3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,7 +49,8 @@ pub fn smooth(
     f
 }
 
-/// Appends the Hessian response of a (smoothed) field at inside voxels; 0 elsewhere.
+/// Appends the Hessian response of a (smoothed) field at inside voxels; 0 elsewhere. It comes in
+/// as many buffers, in order, as it takes where none may hold more than `most_bytes`.
 ///
 /// Derivatives are central differences, field unit / mm². `dark` looks for dark ridges instead of
 /// bright ones.
@@ -58,21 +60,72 @@ pub fn hessian(
     f: Buf<f32>,
     response: Response,
     dark: bool,
-) -> Buf<f32> {
+    most_bytes: u64,
+) -> Vec<Buf<f32>> {
     let (kind, components) = match response {
         Response::Eigenvalues => (0, 3),
         Response::Ridge => (1, 1),
         Response::Tubeness => (2, 1),
     };
-    let out = plan.zeroed::<f32>("hessian response", lumen.field_len() * components);
-    let params = kernel::Params {
-        spacing_mm: lumen.spacing_mm.as_vec3().to_array(),
-        sign: if dark { -1.0 } else { 1.0 },
-        slots: lumen.slots,
-        kind,
-        ..Default::default()
-    };
-    let bindings = kernel::Bindings { near: lumen.near, inside: lumen.inside, f, response: out };
-    plan.launch(&kernel::KERNEL, bindings, params, lumen.field_len(), lumen.items);
+    let slot_bytes = (BRICK * components * size_of::<f32>()) as u64;
+    let at_once = u32::try_from((most_bytes / slot_bytes).max(1)).unwrap_or(u32::MAX);
+    let mut out = Vec::new();
+    for first in (0..lumen.slots).step_by(at_once as usize) {
+        let slots = at_once.min(lumen.slots - first);
+        let voxels = slots as usize * BRICK;
+        let response = plan.zeroed::<f32>("hessian response", voxels * components);
+        let params = kernel::Params {
+            spacing_mm: lumen.spacing_mm.as_vec3().to_array(),
+            sign: if dark { -1.0 } else { 1.0 },
+            first,
+            slots,
+            kind,
+            ..Default::default()
+        };
+        let bindings = kernel::Bindings { near: lumen.near, inside: lumen.inside, f, response };
+        // Of the lumen's voxels each buffer has its share of slots.
+        let items = lumen.items * slots as usize / lumen.slots as usize;
+        plan.launch(&kernel::KERNEL, bindings, params, voxels, items);
+        out.push(response);
+    }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compute::{Array, run_cpu};
+    use crate::lumen::{BitVolume, Lumen};
+    use crate::volume::Grid;
+
+    #[test]
+    fn a_response_in_several_buffers_is_the_one_in_a_single_buffer() {
+        let grid = Grid::axis_aligned([40, 33, 29], [0.8, 0.8, 1.5]);
+        let mut mask = BitVolume::new(grid.dims);
+        for v in (0..grid.len()).map(|i| grid.voxel(i)) {
+            if v.as_dvec3().distance(glam::DVec3::new(19.0, 16.0, 14.0)) < 12.5 {
+                mask.set(v.x, v.y, v.z);
+            }
+        }
+        let lumen = Lumen::new(grid, &mask);
+        let run = |response, most_bytes| {
+            let mut plan = Plan::new();
+            let b = LumenBuffers::new(&mut plan, &lumen);
+            let d = crate::field::distance(&mut plan, &b);
+            let parts = hessian(&mut plan, &b, d, response, false, most_bytes);
+            parts.iter().for_each(|p| plan.download(*p));
+            let mut out = run_cpu(&plan);
+            let n = parts.len();
+            (n, Array::joined(parts.into_iter().map(|p| out.take(p)).collect()).to_vec())
+        };
+        for response in [Response::Eigenvalues, Response::Ridge] {
+            let (one, whole) = run(response, u64::MAX);
+            assert!(one == 1 && whole.iter().any(|v| *v > 0.1));
+            // Seven bricks of three values, or 21 of one, and a bit that holds none.
+            let (several, same) = run(response, 7 * 512 * 12 + 100);
+            assert!(several >= 3 && same == whole, "{several}");
+            // Less than a brick needs is taken as a brick.
+            assert_eq!(run(response, 0).1, whole);
+        }
+    }
 }

@@ -22,7 +22,8 @@ fn twin(args: &mut CpuArgs<'_>) {
     let (s, p, _) = open(args);
     let stride = if p.kind == 0 { 3 } else { 1 };
     s.response.par_chunks_exact_mut(BRICK * stride).enumerate().with_min_len(4).for_each(
-        |(slot, out)| {
+        |(at, out)| {
+            let slot = at + p.first as usize;
             let inside: &[u8] = bytemuck::cast_slice(&s.inside[slot * 16..][..16]);
             if inside.iter().all(|w| *w == 0) {
                 return;
@@ -127,12 +128,16 @@ fn cases() -> Vec<Case> {
         let f = smooth_distance(lumen);
         let slots = lumen.bricks.len();
         let f = plan.upload_owned("f", &f);
-        for (kind, sign) in [(0u32, 1.0), (1, 1.0), (1, -1.0)] {
-            let n = lumen.bricks.field_len() * if kind == 0 { 3 } else { 1 };
+        // All slots; then from one in the middle on, as where a response takes several buffers.
+        for (kind, sign, first) in [(0u32, 1.0, 0), (1, 1.0, 0), (1, -1.0, 0), (0, 1.0, slots / 2)]
+        {
+            let slots = slots - first;
+            let n = slots * BRICK * if kind == 0 { 3 } else { 1 };
             let response = plan.zeroed::<f32>("response", n);
             let spacing_mm = lumen.grid.spacing_mm.as_vec3().to_array();
+            let (first, count) = (first as u32, slots as u32);
             let params =
-                Params { spacing_mm, sign, slots: slots as u32, kind, ..Default::default() };
+                Params { spacing_mm, sign, first, slots: count, kind, ..Default::default() };
             let bindings = Bindings { near, inside, f, response };
             plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
             plan.download(response);

@@ -142,9 +142,10 @@ pub fn hessian_field(
         None => field::distance(&mut plan, &buffers),
     };
     let f = field::smooth(&mut plan, &buffers, field, sigma_mm, dims);
-    let r = field::hessian(&mut plan, &buffers, f, response, dark);
-    plan.download(r);
+    let most = device.max_buffer_bytes();
+    let parts = field::hessian(&mut plan, &buffers, f, response, dark, most);
+    parts.iter().for_each(|part| plan.download(*part));
     let mut out = device.run(&plan)?;
     clock.plan("hessian", device.name(), start, (lumen.inside_voxels(), "voxels"), &out);
-    Ok(out.take(r))
+    Ok(Array::joined(parts.into_iter().map(|part| out.take(part)).collect()))
 }
