@@ -83,6 +83,16 @@ def _surface(of, *more):
     return _to("ply", lambda c: ["surface", *of(c), *more])
 
 
+def _on_both(ours):
+    """Each row a second time on Vulkan, software where nothing else is there; the first is on the default device."""
+    def on_vulkan(make):
+        def command(case, out):
+            arguments, path = make(case, out)
+            return [*arguments, "--device", "gpu"], path
+        return command
+    return ours | {f"{name} --device gpu": (on_vulkan(make), lumen) for name, (make, lumen) in ours.items()}
+
+
 LUMEN = ("lumen_s", "of it lumen s", "")
 NORMALS = [("angle_mean", "normals off, mean °", "less"), ("angle_p99", "99 % °", "less"),
            ("angle_max", "max °", "less"), ("wall_rms_mm", "vertices off the wall, rms mm", "less")]
@@ -114,7 +124,8 @@ STAGES = {
     "distance": Stage(
         "distance to the wall", "Exact Euclidean, over the whole volume. Truth: SciPy in double precision, inside.",
         ["colon_128", "colon_ct_half"], ["colon_256", "colon_ct"],
-        {"intima distance": (_to("nrrd", lambda c: ["distance", *_mask(c), *ALL]), lambda c: [*_mask(c), *ALL])},
+        _on_both({"intima distance": (_to("nrrd", lambda c: ["distance", *_mask(c), *ALL]),
+                                      lambda c: [*_mask(c), *ALL])}),
         {"SciPy": ("scipy", "volumes:scipy_distance"), "edt": ("edt", "volumes:edt_distance"),
          "SimpleITK Maurer": ("SimpleITK", "volumes:maurer_distance")},
         "distance", [("max_mm", "max error mm", "less"), ("wrong", "share off by over 0.001 mm", "less"), LUMEN],
@@ -125,9 +136,9 @@ STAGES = {
         "the largest eigenvalue. SimpleITK gives a tube measure instead of eigenvalues. Ours computes on bricks; "
         "copying the volume into them and the result out of them is in its time.",
         ["colon_128"], ["colon_256"],
-        {"intima hessian": (_to("nrrd", lambda c: [
+        _on_both({"intima hessian": (_to("nrrd", lambda c: [
             "hessian", str(c.path("ct.nrrd")), "--of", "grey", "--response", "eigenvalues", "--sigma", str(SIGMA_MM)]),
-            None)},
+            None)}),
         {"SimpleITK objectness": ("SimpleITK", "volumes:itk_objectness", SIGMA_MM),
          "scikit-image": ("scikit-image", "volumes:skimage_eigenvalues", SIGMA_MM)},
         "eigenvalues", [("rms", "rms error", "less"), ("max", "max error", "less")]),
@@ -136,8 +147,8 @@ STAGES = {
         f"Distance, blur of {SIGMA_MM} mm, Hessian, response. Scored by how far from the axis the strongest 2 % "
         "of the lumen's voxels lie, beside what all of them do.",
         ["helix_128"], ["helix_256"],
-        {"intima hessian": (_to("nrrd", lambda c: [
-            "hessian", *_mask(c), "--of", "distance", "--response", "ridge", "--sigma", str(SIGMA_MM)]), _mask)},
+        _on_both({"intima hessian": (_to("nrrd", lambda c: [
+            "hessian", *_mask(c), "--of", "distance", "--response", "ridge", "--sigma", str(SIGMA_MM)]), _mask)}),
         {"SimpleITK": ("SimpleITK", "volumes:itk_ridge", SIGMA_MM),
          "edt + scikit-image": ("scikit-image", "volumes:skimage_ridge", SIGMA_MM)},
         "ridge", [("strong_mm", "strongest, mm off the axis", "less"), ("all_mm", "all, mm", ""), LUMEN]),
@@ -148,8 +159,8 @@ STAGES = {
         "Of the mesh of a mask, against the formula at each vertex. `intima fair` and the peers start from VTK's mesh; "
         "`intima surface` extracts its own, on the clock. Constrained smoothing moves the vertices.",
         ["sphere_128", "torus_128"], ["sphere_128", "torus_128", "tube_ct"],
-        {"intima fair": (_to("ply", lambda c: ["fair", str(stairs(c))]), None),
-         "intima fair --mask": (_to("ply", lambda c: ["fair", str(stairs(c)), *_mask(c)]), None),
+        _on_both({"intima fair": (_to("ply", lambda c: ["fair", str(stairs(c))]), None)}) |
+        {"intima fair --mask": (_to("ply", lambda c: ["fair", str(stairs(c)), *_mask(c)]), None),
          "intima surface": (_surface(_mask), _mask)},
         {"VTK, no smoothing": ("vtk", "meshes:plain_normals"),
          "VTK Laplacian, normals only": ("vtk", "meshes:laplacian_normals"),
@@ -162,8 +173,8 @@ STAGES = {
         "in the ratio), and its network covers all branches. Clearance is the distance to the wall over the best in "
         "the section across.",
         ["colon_128", "y_128"], ["colon_256", "helix_256", "tube_256", "y_256", "colon_ct"],
-        {"intima centerline": (_to("csv", lambda c: [
-            "centerline", *_mask(c), "--from", _mm(c, "start"), "--to", _mm(c, "end")]), _mask)},
+        _on_both({"intima centerline": (_to("csv", lambda c: [
+            "centerline", *_mask(c), "--from", _mm(c, "start"), "--to", _mm(c, "end")]), _mask)}),
         {"edt + dijkstra3d": ("dijkstra3d", "lines:dijkstra3d_path"),
          "edt + scikit-image MCP": ("scikit-image", "lines:skimage_path"),
          "VMTK centerlines": ("vmtk", "lines:vmtk_centerlines"),
@@ -184,7 +195,8 @@ STAGES = {
         "To a given number of faces. Distances both ways between the input and the result; normals against the "
         "input's, with those the program writes, or angle-weighted ones where it writes none.",
         ["vessel_20k"], ["vessel_143k", "trachea_96k", "colon_1m"],
-        {"intima simplify": (_simplify(), None), "intima simplify --relocate": (_simplify("--relocate"), None)},
+        {"intima simplify": (_simplify(), None),
+         "intima simplify --keep-vertices": (_simplify("--keep-vertices"), None)},
         {"meshoptimizer": ("meshoptimizer", "meshes:meshoptimizer"),
          "fast-simplification": ("fast-simplification", "meshes:fast_simplification"),
          "VTK quadric, normals": ("vtk", "meshes:vtk_quadric"),
