@@ -44,7 +44,9 @@ impl Hasher for Spread {
 }
 
 /// Pages by the key of what they hold. A patch that leaves the cut keeps its page until the room is
-/// needed, least recently used first: turning back costs nothing. A page is written again only
+/// needed, least recently used first: turning back costs nothing. Room is needed when all pages are
+/// taken, and also from twice the cut on: memory that was never touched comes from the system a
+/// page at a time, which can take longer than writing the patch. A page is written again only
 /// after `in_flight` further steps, when no frame that drew it can still be running.
 #[derive(Debug)]
 pub struct Pool {
@@ -60,7 +62,14 @@ pub struct Pool {
     now: u64,
     budget: u32,
     left: u32,
+    /// Patches kept or claimed in this step.
+    drawn: usize,
+    /// Residents from which on the oldest makes room, though there are pages that held nothing yet.
+    enough: usize,
 }
+
+/// Residents that always stay.
+const FEW: usize = 2048; // 5 MB
 
 impl Pool {
     /// `pages` pages; at most `uploads` of them are written in one step; frames of the last
@@ -76,6 +85,8 @@ impl Pool {
             now: 0,
             budget: uploads,
             left: uploads,
+            drawn: 0,
+            enough: FEW,
         }
     }
 
@@ -98,6 +109,8 @@ impl Pool {
     pub fn begin(&mut self) {
         self.now += 1;
         self.left = self.budget;
+        self.enough = FEW.max(2 * self.drawn);
+        self.drawn = 0;
         while let Some(&(used, page)) = self.cooling.front() {
             if used + self.in_flight >= self.now {
                 break;
@@ -111,6 +124,7 @@ impl Pool {
     pub fn keep(&mut self, key: u64) -> Option<u32> {
         let r = self.of.get_mut(&key)?;
         r.used = self.now;
+        self.drawn += 1;
         Some(r.page)
     }
 
@@ -133,12 +147,15 @@ impl Pool {
             return Err(Full::Upload);
         }
         if self.free.is_empty() {
-            self.evict();
+            self.evict(self.now);
+        } else if self.of.len() >= self.enough {
+            self.evict(self.now.saturating_sub(self.in_flight));
         }
         let Some(page) = self.free.pop() else {
             return Err(if self.cooling.is_empty() { Full::Pages } else { Full::Cooling });
         };
         self.left -= 1;
+        self.drawn += 1;
         self.of.insert(key, Resident { page, used: self.now, filed: self.now });
         self.by_age.insert((self.now, key));
         Ok(page)
@@ -152,12 +169,12 @@ impl Pool {
         }
     }
 
-    /// Frees the page that was not drawn for longest, if it is not drawn in this step.
-    fn evict(&mut self) {
+    /// Frees the page that was not drawn for longest, if that was before the step `before`.
+    fn evict(&mut self, before: u64) {
         while let Some(&(filed, key)) = self.by_age.first() {
             let Some(r) = self.of.get_mut(&key) else { return };
             if r.used == filed {
-                if filed < self.now {
+                if filed < before {
                     self.forget(key);
                 }
                 return;
@@ -217,6 +234,32 @@ mod tests {
         assert!(!pool.holds(3));
         assert_eq!(pool.claim(6), Err(Full::Pages));
         assert_eq!(pool.resident(), 3);
+    }
+
+    #[test]
+    fn what_was_left_behind_makes_room_before_memory_that_was_never_touched() {
+        let mut pool = Pool::new(10 * FEW as u32, u32::MAX, 3);
+        let mut pages = BTreeSet::new();
+        // A flight that never turns back: a cut of 100, of which ten are new in each step.
+        for step in 0..3 * FEW as u64 / 10 {
+            pool.begin();
+            for key in 10 * step..10 * step + 100 {
+                if pool.keep(key).is_none() {
+                    pages.insert(pool.claim(key).unwrap());
+                }
+            }
+        }
+        assert_eq!(pages.len(), FEW);
+        // A cut larger than that still finds pages, and twice as many stay.
+        for _ in 0..2 {
+            pool.begin();
+            for key in 1_000_000..1_000_000 + 3 * FEW as u64 {
+                assert!(pool.keep(key).is_some() || pool.claim(key).is_ok());
+            }
+        }
+        assert!(pool.resident() as usize >= 3 * FEW);
+        pool.begin();
+        assert_eq!(pool.enough, 6 * FEW);
     }
 
     #[test]

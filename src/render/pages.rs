@@ -69,7 +69,8 @@ impl Pages {
         }
         let n = u64::from(pages);
         let vertices = gpu.empty_vertices("page vertices", n * VERTEX_BYTES)?;
-        let indices = gpu.empty_indices("page indices", n * u64::from(INDICES));
+        let each = u64::from(INDICES);
+        let indices = gpu.empty_indices("page indices", n * each, each);
         let indices = indices.inspect_err(|_| gpu.free_buffer(vertices))?;
         let filled = vec![0; pages as usize];
         let (pending, drawn) = (BTreeMap::new(), Vec::new());

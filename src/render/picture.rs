@@ -16,7 +16,8 @@ impl Spares {
     /// One of so many bytes, with anything in it.
     pub(super) fn take(&self, bytes: usize) -> Vec<u8> {
         let spare = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let mut picture = spare.unwrap_or_default();
+        // Fresh zeros come from the system as they are; growing would write them.
+        let mut picture = spare.unwrap_or_else(|| vec![0; bytes]);
         picture.resize(bytes, 0);
         picture
     }

@@ -105,8 +105,16 @@ impl Gpu {
         frame: &Frame<'_>,
         options: FrameOptions,
     ) -> Result<(), VkError> {
-        let passes = &frame.passes[..];
         self.check_writes(&frame.writes);
+        let sent = self.send_draws(frame, options);
+        if sent.is_err() {
+            self.forget_writes(&frame.writes);
+        }
+        sent
+    }
+
+    fn send_draws(&mut self, frame: &Frame<'_>, options: FrameOptions) -> Result<(), VkError> {
+        let passes = &frame.passes[..];
         for draw in passes.iter().flat_map(|p| &p.draws) {
             self.check_draw(draw);
         }
@@ -171,17 +179,23 @@ impl Gpu {
         let room = index.map_or(0, |i| i.buffer.bytes / u64::from(i.index_bytes.max(1)));
         assert!(index.is_none_or(|i| i.index_bytes > 0), "an index buffer");
         let last = index.map_or(0, |i| u64::from(i.max_index));
+        // Whether indices from one on are there and hold something.
+        let there = |first: u32, count: u32| {
+            let [first, end] = [u64::from(first), u64::from(first) + u64::from(count)];
+            let bytes = index.map_or(0, |i| u64::from(i.index_bytes));
+            let written = index.and_then(|i| i.written.as_ref());
+            end <= room && written.is_none_or(|w| w.holds(first * bytes..end * bytes))
+        };
         match (&draw.take, index) {
             (Take::Range(r), Some(_)) => {
-                assert!(u64::from(r.end) <= room, "index range");
+                assert!(there(r.start, r.len() as u32), "index range");
                 assert!(last < vertices, "index past vertices");
             }
             (Take::Range(r), None) => assert!(u64::from(r.end) <= vertices, "vertex range"),
             (Take::Pieces(pieces), _) => {
                 assert!(index.is_some(), "pieces have indices");
                 for p in pieces {
-                    let end = u64::from(p.first_index) + u64::from(p.indices);
-                    assert!(end <= room, "index range");
+                    assert!(there(p.first_index, p.indices), "index range");
                     let v = u64::from(p.first_vertex);
                     assert!(v <= i32::MAX as u64 && v + last < vertices, "index past vertices");
                 }

@@ -66,8 +66,8 @@ const DRAWN: Access = (
 const COPIED: Access = (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::TRANSFER_WRITE);
 
 impl Gpu {
-    /// Checks that each write lies in its buffer and no two overlap, and notes the largest index
-    /// that each index buffer may hold from now on.
+    /// Checks that each write lies in its buffer and no two overlap, and notes what index buffers
+    /// hold from now on, and the largest index they may hold.
     pub(super) fn check_writes(&mut self, writes: &[Write<'_>]) {
         let mut spans = Vec::with_capacity(writes.len());
         for w in writes {
@@ -87,6 +87,9 @@ impl Gpu {
                     b.max_index = w.bytes.chunks_exact(4).map(index).fold(b.max_index, u32::max);
                 }
             }
+            if let Some(written) = &mut b.written {
+                written.add(w.offset..end);
+            }
             spans.push((w.to.order(), w.offset, end));
         }
         spans.sort_unstable();
@@ -94,6 +97,15 @@ impl Gpu {
             spans.windows(2).all(|s| s[0].0 != s[1].0 || s[0].2 <= s[1].1),
             "two writes to one place in one frame"
         );
+    }
+
+    /// After a submission that failed: its writes may not have been done.
+    pub(super) fn forget_writes(&mut self, writes: &[Write<'_>]) {
+        for w in writes {
+            if let Some(written) = &mut self.buffers.get_mut(w.to).written {
+                written.forget(w.offset..w.offset + w.bytes.len() as u64);
+            }
+        }
     }
 
     /// Puts the writes into the ring from `place` on and records their copies; returns the place

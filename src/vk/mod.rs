@@ -27,6 +27,7 @@ mod spirv;
 mod staging;
 mod threads;
 mod timeline;
+mod written;
 
 pub use draw::{Area, Draw, Pass, Piece, Take};
 pub use draw_pipeline::{Attribute, Blend, DepthUse, DrawPipeline, DrawPipelineId, DrawSpec};

@@ -6,6 +6,7 @@ use ash::vk;
 use super::draw_pipeline::{DrawPipeline, DrawPipelineId};
 use super::memory::{self, Buffer, ImageDesc, Place};
 use super::slab::Handle;
+use super::written::Written;
 use super::{Gpu, VkError};
 
 /// Pixel formats drawing uses; every Vulkan 1.3 device can draw to them.
@@ -52,6 +53,8 @@ pub struct GpuBuffer {
     pub(super) index_bytes: u8,
     /// Largest vertex an index buffer names, or has ever named.
     pub(super) max_index: u32,
+    /// Of an index buffer that frames write: what they have written.
+    pub(super) written: Option<Written>,
 }
 
 /// An image of the device with its history.
@@ -90,12 +93,21 @@ impl Gpu {
         self.unwritten(name, bytes, vk::BufferUsageFlags::VERTEX_BUFFER, 0)
     }
 
-    /// A buffer of `count` 16-bit indices, all zero, to be written by frames.
+    /// A buffer of `count` 16-bit indices, to be written by frames. Each part of `part` of them is
+    /// written from its start on, and drawn as far as it was written.
     ///
     /// # Errors
     /// As [`Gpu::empty_vertices`].
-    pub fn empty_indices(&mut self, name: &'static str, count: u64) -> Result<BufferId, VkError> {
-        self.unwritten(name, count.saturating_mul(2), vk::BufferUsageFlags::INDEX_BUFFER, 2)
+    pub fn empty_indices(
+        &mut self,
+        name: &'static str,
+        count: u64,
+        part: u64,
+    ) -> Result<BufferId, VkError> {
+        let [bytes, part] = [count, part].map(|n| n.saturating_mul(2));
+        let id = self.unwritten(name, bytes, vk::BufferUsageFlags::INDEX_BUFFER, 2)?;
+        self.buffers.get_mut(id).written = Some(Written::new(bytes, part));
+        Ok(id)
     }
 
     /// An index buffer on the device.
@@ -114,7 +126,7 @@ impl Gpu {
     pub fn readback_buffer(&mut self, name: &str, bytes: u64) -> Result<BufferId, VkError> {
         let usage = vk::BufferUsageFlags::TRANSFER_DST;
         let buffer = self.memory.buffer(name, bytes, usage, Place::Readback)?;
-        Ok(self.buffers.insert(GpuBuffer { buffer, last_use: 0, index_bytes: 0, max_index: 0 }))
+        Ok(self.insert(buffer, 0, 0))
     }
 
     /// An image to draw to, to sample (one sample a pixel), and to read back.
@@ -194,13 +206,17 @@ impl Gpu {
             self.memory.free_buffer(buffer);
             return Err(e);
         }
-        let last_use = self.timeline.submitted;
-        Ok(self.buffers.insert(GpuBuffer { buffer, last_use, index_bytes, max_index }))
+        Ok(self.insert(buffer, index_bytes, max_index))
     }
 
-    /// A buffer that frames write. Indices are zeros until then: what is drawn before it was written
-    /// is a point, not a stray index. Vertices are left alone: there is room for every cluster of a
-    /// wall, of which a flight writes a part, and memory is not even there before it is touched.
+    fn insert(&mut self, buffer: Buffer, index_bytes: u8, max_index: u32) -> BufferId {
+        let last_use = self.timeline.submitted;
+        let written = None;
+        self.buffers.insert(GpuBuffer { buffer, last_use, index_bytes, max_index, written })
+    }
+
+    /// A buffer that frames write. It is left alone until then: there is room for every cluster of
+    /// a wall, of which a flight writes a part, and memory is not even there before it is touched.
     fn unwritten(
         &mut self,
         name: &'static str,
@@ -215,20 +231,7 @@ impl Gpu {
         }
         let usage = usage | vk::BufferUsageFlags::TRANSFER_DST;
         let buffer = self.memory.buffer(name, bytes, usage, Place::Device)?;
-        let done = match index_bytes {
-            0 => Ok(()),
-            _ => self.at_once(|gpu, cmd| {
-                // SAFETY: `cmd` is recording; the buffer is ours, fresh, has transfer usage, and
-                // lives until after the wait.
-                unsafe { gpu.device.cmd_fill_buffer(cmd, buffer.raw, 0, vk::WHOLE_SIZE, 0) };
-            }),
-        };
-        if let Err(e) = done {
-            self.memory.free_buffer(buffer);
-            return Err(e);
-        }
-        let last_use = self.timeline.submitted;
-        Ok(self.buffers.insert(GpuBuffer { buffer, last_use, index_bytes, max_index: 0 }))
+        Ok(self.insert(buffer, index_bytes, 0))
     }
 
     /// Records, submits and waits. After an error the device is idle.
