@@ -76,8 +76,7 @@ pub struct Eye {
     near: f64,
     /// Pixels a radian at the centre.
     focal_px: f64,
-    /// Angle off the axis of the picture's corner, and 1 / its cosine.
-    corner: f64,
+    /// 1 / cosine of the angle off the axis of the picture's corner.
     corner_secant: f64,
 }
 
@@ -94,7 +93,6 @@ impl Eye {
             secant: [(1.0 + t_x * t_x).sqrt(), (1.0 + t_y * t_y).sqrt()],
             near: f64::from(camera.lens.near_mm),
             focal_px: f64::from(camera.height_px) / (2.0 * t_y),
-            corner: t_x.hypot(t_y).atan(),
             corner_secant: (1.0 + t_x * t_x + t_y * t_y).sqrt(),
         }
     }
@@ -115,25 +113,33 @@ impl Eye {
     /// is sec θ. The usual F ε / distance is too small by 1.7 (60° lens) to 14 (120°, corner).
     /// Infinite where the nearest depth is not at least 2 ε.
     pub fn error_px(&self, s: &Sphere, error_mm: f32) -> f64 {
-        let e = f64::from(error_mm);
-        if e <= 0.0 {
-            return 0.0;
-        }
+        self.errors_px(s)(error_mm)
+    }
+
+    /// [`Self::error_px`] of any error in one sphere.
+    pub fn errors_px(&self, s: &Sphere) -> impl Fn(f32) -> f64 + use<> {
         let c = self.camera_from_world * (s.centre.as_dvec3() - self.position);
         let r = f64::from(s.radius) * (1.0 + 1e-6) + 1e-6;
         // Nothing nearer than the near plane is drawn.
         let z = (-c.z - r).max(self.near);
-        if z <= 2.0 * e {
-            return f64::INFINITY;
+        // The largest angle off the axis is the centre's and half of what the sphere spans; the
+        // cosine of the sum, without the angles. Beyond the picture's corner nothing is drawn.
+        let (square, span) = (c.length_squared(), c.length_squared() - r * r);
+        let mut cosine = self.corner_secant.recip();
+        if span > 0.0 {
+            cosine = cosine.max((-c.z * span.sqrt() - c.truncate().length() * r) / square);
         }
-        let distance = c.length();
-        let off = if distance <= r {
-            self.corner
-        } else {
-            let centre = c.x.hypot(c.y).atan2(-c.z);
-            (centre + (r / distance).asin()).min(self.corner)
-        };
-        self.focal_px * e / ((z - e) * off.cos())
+        let focal_px = self.focal_px;
+        move |error_mm| {
+            let e = f64::from(error_mm);
+            if e <= 0.0 {
+                0.0
+            } else if z <= 2.0 * e {
+                f64::INFINITY
+            } else {
+                focal_px * e / ((z - e) * cosine)
+            }
+        }
     }
 
     /// Lower bound of [`Self::error_in_spot_px`] for every spot within the sphere: that on the

@@ -69,7 +69,7 @@ impl View<'_> {
         if !self.eye.sees(s) {
             return 0.0;
         }
-        self.excess(g, (error_mm, g.edge_mm), |mm| self.eye.error_px(s, mm))
+        self.excess(g, (error_mm, g.edge_mm), self.eye.errors_px(s))
     }
 
     /// Whether the errors of a group look larger than allowed. What errs lies in its outputs or
