@@ -27,3 +27,38 @@ pub(super) fn srgb(linear: [f32; 3]) -> [f32; 3] {
     };
     linear.map(one)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::srgb;
+
+    /// The fraction's five numbers, as the shader has them.
+    fn fraction() -> [f64; 5] {
+        let shader = include_str!("../../shaders/draw/surface.wgsl");
+        let body = shader.split("fn encoded").nth(1).and_then(|b| b.split("let others").next());
+        let numbers =
+            body.expect("the shader's `encoded`").split(|c: char| !"0123456789.".contains(c));
+        let found: Vec<f64> =
+            numbers.filter(|n| n.len() > 5).map(|n| n.parse().expect("a number")).collect();
+        found.try_into().expect("five numbers")
+    }
+
+    #[test]
+    fn the_shaders_fraction_is_tone_curve_and_srgb_within_what_it_says() {
+        let [a, b, c, d, e] = fraction();
+        let (mut dark, mut bright): (f64, f64) = (0.0, 0.0);
+        for i in 0..=230_000 {
+            let light = f64::from(i) * 1e-5;
+            let tone = 1.0 - (-light).exp();
+            let [curve, ..] = srgb([(tone * (0.5 + tone * (1.5 - tone))) as f32; 3]);
+            let fraction = light * (a + light * b) / (1.0 + light * (c + light * (d + light * e)));
+            let off = 255.0 * (fraction - f64::from(curve)).abs();
+            if f64::from(curve) < 20.0 / 255.0 {
+                dark = dark.max(off)
+            } else {
+                bright = bright.max(off)
+            }
+        }
+        assert!(dark < 0.665 && bright < 0.245, "{dark} below 20, {bright} above");
+    }
+}
