@@ -6,11 +6,15 @@ use intima::formats::read_mesh;
 use intima::geometry::{Lens, Mesh, Pose};
 use serde_json::Value;
 
-/// Mesh and axis by name, or `None` where the folder is not given. The axis lies beside the mesh
+/// Mesh and axis by name, or `None` where the folder is not given or does not hold it. The axis lies beside the mesh
 /// as `{"branches": [{"points": [[x, y, z, …], …]}]}`, LPS mm.
 pub fn named(name: &str) -> Option<(Mesh, Vec<DVec3>)> {
     let folder = std::path::PathBuf::from(std::env::var_os("INTIMA_MESHES")?);
-    let mut mesh = read_mesh(&folder.join(format!("{name}.ply")), None).unwrap().0;
+    let file = folder.join(format!("{name}.ply"));
+    if !file.exists() {
+        return None;
+    }
+    let mut mesh = read_mesh(&file, None).unwrap().0;
     // Others let faces look outwards.
     if mesh.volume_mm3() < 0.0 {
         mesh.faces.iter_mut().for_each(|f| f.swap(1, 2));
