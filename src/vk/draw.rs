@@ -2,6 +2,7 @@
 //! caller reads the picture when it likes, so several frames can be in flight.
 
 use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
 use ash::vk;
 
@@ -106,11 +107,12 @@ impl Gpu {
         options: FrameOptions,
     ) -> Result<(), VkError> {
         self.check_writes(&frame.writes);
-        let sent = self.send_draws(frame, options);
-        if sent.is_err() {
+        // A caller that goes on after a panic must not draw what was never written.
+        let sent = catch_unwind(AssertUnwindSafe(|| self.send_draws(frame, options)));
+        if !matches!(sent, Ok(Ok(()))) {
             self.forget_writes(&frame.writes);
         }
-        sent
+        sent.unwrap_or_else(|panic| resume_unwind(panic))
     }
 
     fn send_draws(&mut self, frame: &Frame<'_>, options: FrameOptions) -> Result<(), VkError> {

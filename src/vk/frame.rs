@@ -87,9 +87,6 @@ impl Gpu {
                     b.max_index = w.bytes.chunks_exact(4).map(index).fold(b.max_index, u32::max);
                 }
             }
-            if let Some(written) = &mut b.written {
-                written.add(w.offset..end);
-            }
             spans.push((w.to.order(), w.offset, end));
         }
         spans.sort_unstable();
@@ -97,9 +94,14 @@ impl Gpu {
             spans.windows(2).all(|s| s[0].0 != s[1].0 || s[0].2 <= s[1].1),
             "two writes to one place in one frame"
         );
+        for w in writes {
+            if let Some(written) = &mut self.buffers.get_mut(w.to).written {
+                written.add(w.offset..w.offset + w.bytes.len() as u64);
+            }
+        }
     }
 
-    /// After a submission that failed: its writes may not have been done.
+    /// After a submission that failed, or was never made: its writes may not have been done.
     pub(super) fn forget_writes(&mut self, writes: &[Write<'_>]) {
         for w in writes {
             if let Some(written) = &mut self.buffers.get_mut(w.to).written {
