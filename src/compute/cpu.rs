@@ -95,7 +95,7 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
             let slot = &mut held[at];
             if slot.is_none() {
                 let mut zeros = Storage::zeroed(bytes);
-                if binding.writable && binding.read {
+                if binding.read {
                     zeros.touch();
                 }
                 *slot = Some(Held::Own(zeros));

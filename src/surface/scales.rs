@@ -41,6 +41,9 @@ const MASK_ROUGHNESS: f32 = 0.152 / 1.4;
 /// beyond the first scale is mostly their own noise, on grey surfaces too: only creases pass.
 const RAW: f64 = 0.6;
 
+/// Bands of vertices for each thread.
+const BANDS: usize = 2;
+
 /// The grid a surface was taken from: its steps are the noise to smooth away.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lattice {
@@ -100,98 +103,120 @@ impl Scales {
         let (most, least) = (h.max_element(), h.min_element());
         // Slices ten times as thick would ask for ten times the steps.
         let rate = RATE / (most * least.max(0.25 * most));
-        let Flow { mut weight, mut density } = Flow::new(mesh, adjacency);
-        let normals: Vec<f32> = density
-            .par_iter()
-            .with_min_len(8192)
-            .flat_map_iter(|d| d.truncate().try_normalize().unwrap_or(Vec3::Z).to_array())
+        let vertices = mesh.positions.len();
+        let mut weight = vec![0.0f32; adjacency.near.len()];
+        let mut density = vec![Vec4::ZERO; vertices];
+        let mut normals = vec![0.0f32; 3 * vertices];
+        let mut rest = (weight.as_mut_slice(), density.as_mut_slice(), normals.as_mut_slice());
+        let count = BANDS * rayon::current_num_threads();
+        let bands: Vec<Band<'_>> = (1..=count)
+            .map(|i| {
+                // Rows of as many entries in each.
+                let end = adjacency.near.len() * i / count;
+                let end = adjacency.start.partition_point(|s| (*s as usize) < end);
+                let end = if i == count { vertices } else { end };
+                Band::split(&mut rest, adjacency, end)
+            })
             .collect();
-        let mut rows = Vec::with_capacity(density.len());
-        let mut rest = weight.as_mut_slice();
-        for v in 0..density.len() {
-            let (row, tail) = rest.split_at_mut(adjacency.row(v).len());
-            rows.push(row);
-            rest = tail;
-        }
-        // Exchange over area, where needed over an area enlarged to the fastest rate.
-        density.par_iter_mut().zip(rows).with_min_len(4096).for_each(|(d, row)| {
-            let exchange: f32 = row.iter().sum();
-            let per = 1.0 / d.w.max(exchange / rate as f32);
-            // A vertex without area, or with more than a float holds, exchanges nothing.
-            let sound = per.is_finite() && d.is_finite();
-            row.iter_mut().for_each(|w| *w = if sound { *w * per / rate as f32 } else { 0.0 });
-            *d = if sound { (d.truncate() * per).extend(0.0) } else { Vec4::ZERO };
+        bands.into_par_iter().for_each(|mut band| {
+            band.sum(mesh, adjacency);
+            band.scale(adjacency, rate as f32);
         });
         let noise = (roughness(&normals, adjacency) / MASK_ROUGHNESS).min(1.0);
         Self { normals, density, weight, noise, rate, lattice }
     }
 }
 
-/// Cotangent weights and area vectors, before the division by the areas.
-struct Flow {
-    /// Half the sum of the two cotangents across each edge, 0 where the faces are too obtuse.
-    weight: Vec<f32>,
-    /// Area vector and area of each vertex.
-    density: Vec<Vec4>,
+/// Some vertices in a row, and what the heat flow starts from there. Each band goes through all
+/// faces and takes what concerns its own vertices, so that every sum is in the order of the faces
+/// whatever the number of bands is.
+struct Band<'a> {
+    /// Its first vertex.
+    first: usize,
+    /// First entry of its first vertex in the adjacency.
+    entry: usize,
+    weight: &'a mut [f32],
+    density: &'a mut [Vec4],
+    normals: &'a mut [f32],
 }
 
-impl Flow {
-    fn new(mesh: &Mesh, adjacency: &Adjacency) -> Self {
-        let corners: Vec<(Vec3, [f32; 3])> = mesh
-            .faces
-            .par_iter()
-            .with_min_len(4096)
-            .map(|f| {
-                let p = f.map(|v| mesh.positions[v as usize]);
-                let cross = (p[1] - p[0]).cross(p[2] - p[0]);
-                let double_area = cross.length();
-                let cot = |k: usize| {
-                    let (a, b) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
-                    // A needle counts like an angle of a thousandth.
-                    let least = 1e-3 * a.length() * b.length();
-                    let c = 0.5 * a.dot(b) / double_area.max(least);
-                    if c.is_finite() { c } else { 0.0 }
-                };
-                (cross / 6.0, [cot(0), cot(1), cot(2)])
-            })
-            .collect();
-        let mut weight = vec![0.0f32; adjacency.near.len()];
-        let mut density = vec![Vec4::ZERO; mesh.positions.len()];
-        let entry = |v: u32, w: u32| {
-            let row = adjacency.row(v as usize);
-            row.iter().position(|x| *x == w).map(|k| adjacency.start[v as usize] as usize + k)
-        };
-        // Sums in the order of the faces, each edge's in the row of its smaller end; areas and edges
-        // are summed side by side, as the order is the time it takes.
-        let sum_areas = || {
-            for (f, (vector, _)) in mesh.faces.iter().zip(&corners) {
-                let gain = vector.extend(vector.length());
-                f.iter().for_each(|v| density[*v as usize] += gain);
+/// The slices of weights, densities and normals that bands are cut from.
+type Rest<'a> = (&'a mut [f32], &'a mut [Vec4], &'a mut [f32]);
+
+impl<'a> Band<'a> {
+    /// Cuts the vertices before `end` from what is left.
+    fn split(rest: &mut Rest<'a>, adjacency: &Adjacency, end: usize) -> Self {
+        let (weight, density, normals) = std::mem::take(rest);
+        let first = adjacency.start.len() - 1 - density.len();
+        let entry = adjacency.start[first] as usize;
+        let (weight, later_weight) = weight.split_at_mut(adjacency.start[end] as usize - entry);
+        let (density, later_density) = density.split_at_mut(end - first);
+        let (normals, later_normals) = normals.split_at_mut(3 * (end - first));
+        *rest = (later_weight, later_density, later_normals);
+        Self { first, entry, weight, density, normals }
+    }
+
+    /// Sums area vectors and areas in `density`, and in `weight` half the two cotangents across
+    /// each edge.
+    fn sum(&mut self, mesh: &Mesh, adjacency: &Adjacency) {
+        // Written before they are read: see `compute::array::Storage::touch`.
+        self.weight.fill(0.0);
+        self.density.fill(Vec4::ZERO);
+        let own = self.first as u32..(self.first + self.density.len()) as u32;
+        for f in &mesh.faces {
+            if !f.iter().any(|v| own.contains(v)) {
+                continue;
             }
-        };
-        let sum_edges = || {
-            for (f, (_, cots)) in mesh.faces.iter().zip(&corners) {
-                for k in 0..3 {
-                    let (a, b) = (f[(k + 1) % 3], f[(k + 2) % 3]);
-                    if let Some(e) = entry(a.min(b), a.max(b)) {
-                        weight[e] += cots[k];
+            let p = f.map(|v| mesh.positions[v as usize]);
+            let cross = (p[1] - p[0]).cross(p[2] - p[0]);
+            let double_area = cross.length();
+            let vector = cross / 6.0;
+            let gain = vector.extend(vector.length());
+            let cot = [0, 1, 2].map(|k| {
+                let (a, b) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
+                // A needle counts like an angle of a thousandth.
+                let least = 1e-3 * a.length() * b.length();
+                let c = 0.5 * a.dot(b) / double_area.max(least);
+                if c.is_finite() { c } else { 0.0 }
+            });
+            for k in 0..3 {
+                if !own.contains(&f[k]) {
+                    continue;
+                }
+                let v = f[k] as usize;
+                self.density[v - self.first] += gain;
+                let row = adjacency.row(v);
+                let at = adjacency.start[v] as usize - self.entry;
+                // The edge to the next corner lies across from the one after it.
+                for (w, cot) in
+                    [(f[(k + 1) % 3], cot[(k + 2) % 3]), (f[(k + 2) % 3], cot[(k + 1) % 3])]
+                {
+                    if let Some(i) = row.iter().position(|x| *x == w) {
+                        self.weight[at + i] += cot;
                     }
                 }
             }
-        };
-        rayon::join(sum_areas, sum_edges);
-        let weight = (0..density.len())
-            .into_par_iter()
-            .with_min_len(4096)
-            .flat_map_iter(|v| {
-                let weight = &weight;
-                adjacency.row(v).iter().map(move |w| {
-                    let (a, b) = (v as u32, *w);
-                    entry(a.min(b), a.max(b)).map_or(0.0, |e| weight[e].max(0.0))
-                })
-            })
-            .collect();
-        Self { weight, density }
+        }
+    }
+
+    /// Normals from the area vectors; exchange over area, where needed over an area enlarged to
+    /// the fastest rate.
+    fn scale(&mut self, adjacency: &Adjacency, rate: f32) {
+        let normals = self.normals.as_chunks_mut::<3>().0;
+        let mut rest = &mut *self.weight;
+        for (i, (d, normal)) in self.density.iter_mut().zip(normals).enumerate() {
+            let (row, later) = rest.split_at_mut(adjacency.row(self.first + i).len());
+            rest = later;
+            *normal = d.truncate().try_normalize().unwrap_or(Vec3::Z).to_array();
+            // Edges whose faces are too obtuse exchange nothing.
+            row.iter_mut().for_each(|w| *w = w.max(0.0));
+            let exchange: f32 = row.iter().sum();
+            let per = 1.0 / d.w.max(exchange / rate);
+            // A vertex without area, or with more than a float holds, exchanges nothing.
+            let sound = per.is_finite() && d.is_finite();
+            row.iter_mut().for_each(|w| *w = if sound { *w * per / rate } else { 0.0 });
+            *d = if sound { (d.truncate() * per).extend(0.0) } else { Vec4::ZERO };
+        }
     }
 }
 
