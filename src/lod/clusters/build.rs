@@ -232,7 +232,9 @@ impl Clusters {
             sphere,
             reach: ball(all.map(|s| (s.centre, s.radius))),
             error_mm: most(up(made.error), |g| g.error_mm),
-            angle_rad: most(up(made.angle), |g| g.angle_rad),
+            angle_rad: up(made.angle),
+            reach_angle_rad: most(up(made.angle), |g| g.reach_angle_rad),
+            reach_turn_mm: most(up(made.angle * f64::from(made.edge)), |g| g.reach_turn_mm),
             edge_mm: most(made.edge, |g| g.edge_mm),
         });
         self.members.extend_from_slice(inputs);

@@ -12,11 +12,11 @@ use crate::lod::{Cone, PAGE_TRIANGLES, PAGE_VERTICES, Sphere};
 
 const MAGIC: &[u8; 8] = b"intimaCL";
 /// To be raised whenever the same mesh would give other clusters or other bytes.
-const VERSION: u32 = 6;
+const VERSION: u32 = 7;
 const HEADER: usize = 8 + 4 + 32 + 6 * 8;
 const HASH: usize = 32;
 const CLUSTER_WORDS: usize = 15;
-const GROUP_WORDS: usize = 15;
+const GROUP_WORDS: usize = 17;
 const VERTEX_WORDS: usize = size_of::<Vertex>() / 4;
 
 /// Hash of everything that a build depends on.
@@ -160,7 +160,7 @@ impl Clusters {
             let (i, o) = (g.inputs as usize, g.outputs as usize);
             let end = g.first_output as usize + o;
             let placed = g.first_input as usize == members && members + i <= self.members.len();
-            let numbers = [g.error_mm, g.angle_rad, g.edge_mm].iter().all(|v| *v >= 0.0);
+            let numbers = group_numbers(g).iter().all(|v| *v >= 0.0);
             let shaped = sound(&g.sphere) && sound(&g.reach) && numbers;
             if !placed || !shaped || end > all || i == 0 || o == 0 {
                 return broken;
@@ -232,12 +232,16 @@ fn read_cluster(next: &mut impl FnMut() -> u32) -> Cluster {
     }
 }
 
+fn group_numbers(g: &Group) -> [f32; 5] {
+    [g.error_mm, g.angle_rad, g.reach_angle_rad, g.reach_turn_mm, g.edge_mm]
+}
+
 fn group_words(g: &Group) -> [u32; GROUP_WORDS] {
     let [a, b, c, d] = sphere_words(&g.sphere);
     let [e, f, h, i] = sphere_words(&g.reach);
-    let [x, y, z] = [g.error_mm, g.angle_rad, g.edge_mm].map(f32::to_bits);
+    let [u, v, x, y, z] = group_numbers(g).map(f32::to_bits);
     let (first, last) = (g.first_input, g.first_output);
-    [first, g.inputs, last, g.outputs, a, b, c, d, e, f, h, i, x, y, z]
+    [first, g.inputs, last, g.outputs, a, b, c, d, e, f, h, i, u, v, x, y, z]
 }
 
 fn read_group(next: &mut impl FnMut() -> u32) -> Group {
@@ -250,6 +254,8 @@ fn read_group(next: &mut impl FnMut() -> u32) -> Group {
         reach: read_sphere(next),
         error_mm: f32::from_bits(next()),
         angle_rad: f32::from_bits(next()),
+        reach_angle_rad: f32::from_bits(next()),
+        reach_turn_mm: f32::from_bits(next()),
         edge_mm: f32::from_bits(next()),
     }
 }

@@ -123,7 +123,15 @@ impl View<'_> {
     /// At least that of the group and of every one below.
     fn reach(&self, group: u32) -> f64 {
         let g = &self.clusters.groups[group as usize];
-        self.within(g, g.error_mm, &g.reach)
+        if !self.eye.sees(&g.reach) {
+            return 0.0;
+        }
+        let px = self.eye.errors_px(&g.reach);
+        // An angle counts as the longest edge looks: shorter ones look shorter at least in
+        // proportion. Where there is no edge or no end to how long it looks, the angle alone.
+        let turn = f64::from(g.reach_turn_mm / g.edge_mm) * px(g.edge_mm) / FULL_SHADING_PX;
+        let shade = turn.min(f64::from(g.reach_angle_rad));
+        (px(g.error_mm) / self.pixels).max(shade / self.shading)
     }
 }
 

@@ -82,9 +82,12 @@ pub struct Group {
     /// original they stand for is farther from them, mm. At least that of every group below.
     pub error_mm: f32,
     /// Angle between the original's interpolated normals and the outputs', root mean square by
-    /// area, radians; the largest would be that of single creases. At least that of every group
-    /// below.
+    /// area, radians; the largest would be that of single creases.
     pub angle_rad: f32,
+    /// Largest angle of this group and of every group below, radians.
+    pub reach_angle_rad: f32,
+    /// Largest product of angle and longest edge of this group and of every group below, rad mm.
+    pub reach_turn_mm: f32,
     /// Longest edge of the outputs, mm. At least that of every group below.
     pub edge_mm: f32,
 }

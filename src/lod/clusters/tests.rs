@@ -140,8 +140,9 @@ fn errors_rise_and_spheres_hold_what_is_below() {
         for &i in c.inputs(id as u32) {
             let from = c.clusters()[i as usize].made_by;
             let Some(b) = c.groups().get(from as usize) else { continue };
-            assert!(b.error_mm <= g.error_mm && b.angle_rad <= g.angle_rad);
-            assert!(b.edge_mm <= g.edge_mm && (from as usize) < id);
+            assert!(b.error_mm <= g.error_mm && b.edge_mm <= g.edge_mm && (from as usize) < id);
+            assert!(b.reach_angle_rad <= g.reach_angle_rad && g.angle_rad <= g.reach_angle_rad);
+            assert!(b.reach_turn_mm <= g.reach_turn_mm);
             let apart = b.reach.centre.distance(g.reach.centre) + b.reach.radius;
             assert!(apart <= g.reach.radius * 1.00001);
         }
@@ -307,6 +308,26 @@ fn in_view(clusters: Clusters, px: f32) -> u64 {
 fn four_times_the_triangles_put_less_than_twice_as_many_into_the_picture() {
     let [few, many] = [(150, 48), (300, 96)].map(|(n, m)| in_view(build(&ring(n, m)), 8.0));
     assert!(many as f64 <= 1.7 * few as f64 && many <= 5200, "{few} and {many} triangles");
+}
+
+/// A small spot where every other row has normals that stand 60 degrees off, as at creases, turns the
+/// shading of the fine groups around it. Coarse groups used to take that over, and stayed open
+/// wherever their long edges looked long; now each counts with what it turns itself.
+#[test]
+fn a_crease_does_not_keep_open_all_that_lies_above_it() {
+    let mesh = ring(300, 96);
+    let mut vertices = shading(&mesh).vertices;
+    for (_, v) in
+        vertices.iter_mut().enumerate().filter(|(v, _)| v / 96 < 9 && v % 96 < 9 && v % 2 == 0)
+    {
+        let off = v.normal().any_orthonormal_vector() * 3f32.sqrt();
+        *v = Vertex::new(v.position(), (v.normal() + off).normalize(), v.w());
+    }
+    let c = Clusters::build_with(&mesh, &vertices, 1, true).unwrap();
+    let above: Vec<&Group> = c.groups().iter().filter(|g| g.reach_angle_rad > 0.15).collect();
+    let share = |g: &&Group| g.angle_rad / g.reach_angle_rad;
+    let least = above.iter().map(share).fold(1.0, f32::min);
+    assert!(above.len() > 8 && least < 0.6, "{} groups, {least}", above.len());
 }
 
 /// Points on a face.
