@@ -12,6 +12,7 @@ use crate::lod::{
 use crate::mesh::Nearest;
 use crate::surface::shading;
 
+mod bytes;
 mod flat;
 mod laid;
 mod measure;
@@ -310,8 +311,8 @@ fn four_times_the_triangles_put_less_than_twice_as_many_into_the_picture() {
     assert!(many as f64 <= 1.7 * few as f64 && many <= 5200, "{few} and {many} triangles");
 }
 
-/// A small spot where every other row has normals that stand 60 degrees off, as at creases, turns the
-/// shading of the fine groups around it. Coarse groups used to take that over, and stayed open
+/// A small spot where every other row has normals that stand 60 degrees off, as at creases, turns
+/// the shading of the fine groups around it. Coarse groups used to take that over, and stayed open
 /// wherever their long edges looked long; now each counts with what it turns itself.
 #[test]
 fn a_crease_does_not_keep_open_all_that_lies_above_it() {
@@ -411,54 +412,6 @@ fn any_number_of_threads_gives_the_same_clusters() {
         pool.install(|| Clusters::build(&mesh, &vertices).unwrap().to_bytes())
     });
     assert!(a == b);
-}
-
-#[test]
-fn clusters_come_back_from_bytes_and_only_for_their_mesh() {
-    let mesh = ring(60, 20);
-    let vertices = shading(&mesh).vertices;
-    let clusters = Clusters::build(&mesh, &vertices).unwrap();
-    let bytes = clusters.to_bytes();
-    assert!(Clusters::from_bytes(&bytes, &mesh, &vertices).unwrap() == clusters);
-    let mut other = mesh.clone();
-    other.positions[7].x += 1e-3;
-    let err = Clusters::from_bytes(&bytes, &other, &vertices).unwrap_err();
-    assert_eq!(err, ClusterError::OtherMesh);
-}
-
-#[test]
-fn bytes_that_were_tampered_with_are_refused_or_harmless() {
-    let mesh = ring(60, 20);
-    let vertices = shading(&mesh).vertices;
-    let bytes = Clusters::build(&mesh, &vertices).unwrap().to_bytes();
-    let read = |b: &[u8]| Clusters::from_bytes(b, &mesh, &vertices);
-    for n in (0..bytes.len()).step_by(997) {
-        assert!(read(&bytes[..n]).is_err());
-    }
-    let mut huge = bytes.clone();
-    huge[44..52].copy_from_slice(&u64::MAX.to_le_bytes());
-    assert!(matches!(read(&huge), Err(ClusterError::Length { .. })));
-    let mut bad = bytes.clone();
-    bad[200] ^= 1;
-    assert_eq!(read(&bad).unwrap_err(), ClusterError::Checksum);
-    // With the checksum put right again: whatever passes can be used.
-    let (mut refused, seed) = (0, &mut 21);
-    for k in 0..400 {
-        let mut bad = bytes.clone();
-        let content = bad.len() - 32;
-        let at = 92 + (noise(seed) * (content - 92) as f32) as usize;
-        bad[at.min(content - 1)] ^= 1 << (k % 8);
-        let hash = blake3::hash(&bad[..content]);
-        bad[content..].copy_from_slice(hash.as_bytes());
-        match read(&bad) {
-            Err(_) => refused += 1,
-            Ok(c) => {
-                let mut lod = ClusterLod::new(Arc::new(c), DEFAULT_SHADING_RAD);
-                settle(&mut lod, &camera(0.1), 0.5, &mut Pool::new(4000, 4000, 1));
-            }
-        }
-    }
-    assert!(refused > 20, "{refused}");
 }
 
 #[test]

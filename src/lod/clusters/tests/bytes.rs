@@ -1,0 +1,56 @@
+//! Clusters as bytes: there and back, and what was tampered with.
+
+use std::sync::Arc;
+
+use super::super::{ClusterError, ClusterLod, Clusters, DEFAULT_SHADING_RAD};
+use super::{camera, noise, ring, settle};
+use crate::lod::Pool;
+use crate::surface::shading;
+
+#[test]
+fn clusters_come_back_from_bytes_and_only_for_their_mesh() {
+    let mesh = ring(60, 20);
+    let vertices = shading(&mesh).vertices;
+    let clusters = Clusters::build(&mesh, &vertices).unwrap();
+    let bytes = clusters.to_bytes();
+    assert!(Clusters::from_bytes(&bytes, &mesh, &vertices).unwrap() == clusters);
+    let mut other = mesh.clone();
+    other.positions[7].x += 1e-3;
+    let err = Clusters::from_bytes(&bytes, &other, &vertices).unwrap_err();
+    assert_eq!(err, ClusterError::OtherMesh);
+}
+
+#[test]
+fn bytes_that_were_tampered_with_are_refused_or_harmless() {
+    let mesh = ring(60, 20);
+    let vertices = shading(&mesh).vertices;
+    let bytes = Clusters::build(&mesh, &vertices).unwrap().to_bytes();
+    let read = |b: &[u8]| Clusters::from_bytes(b, &mesh, &vertices);
+    for n in (0..bytes.len()).step_by(997) {
+        assert!(read(&bytes[..n]).is_err());
+    }
+    let mut huge = bytes.clone();
+    huge[44..52].copy_from_slice(&u64::MAX.to_le_bytes());
+    assert!(matches!(read(&huge), Err(ClusterError::Length { .. })));
+    let mut bad = bytes.clone();
+    bad[200] ^= 1;
+    assert_eq!(read(&bad).unwrap_err(), ClusterError::Checksum);
+    // With the checksum put right again: whatever passes can be used.
+    let (mut refused, seed) = (0, &mut 21);
+    for k in 0..400 {
+        let mut bad = bytes.clone();
+        let content = bad.len() - 32;
+        let at = 92 + (noise(seed) * (content - 92) as f32) as usize;
+        bad[at.min(content - 1)] ^= 1 << (k % 8);
+        let hash = blake3::hash(&bad[..content]);
+        bad[content..].copy_from_slice(hash.as_bytes());
+        match read(&bad) {
+            Err(_) => refused += 1,
+            Ok(c) => {
+                let mut lod = ClusterLod::new(Arc::new(c), DEFAULT_SHADING_RAD);
+                settle(&mut lod, &camera(0.1), 0.5, &mut Pool::new(4000, 4000, 1));
+            }
+        }
+    }
+    assert!(refused > 20, "{refused}");
+}
