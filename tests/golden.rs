@@ -53,7 +53,10 @@ fn goldens() -> Vec<(&'static str, u32, Shot)> {
 #[test]
 fn golden_frames_have_not_changed() {
     let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
-    let driver = format!("{}, {}", gpu.info().name, gpu.info().driver);
+    let mut driver = format!("{}, {}", gpu.info().name, gpu.info().driver);
+    if !gpu.info().is_real() {
+        driver += &format!(", on {}", golden::processor());
+    }
     for (name, samples, shot) in goldens() {
         let frame = draw(&mut gpu, SIZE, samples, Look::default(), shot);
         golden::check(name, &driver, &frame, OTHER_DRIVER);

@@ -1,7 +1,8 @@
 //! Golden frames: small pictures a person has looked at, and what to do when one changes.
 //!
 //! `INTIMA_BLESS=1` writes what was drawn as the new truth. Each file names the driver that drew
-//! it: the same driver must give the same bytes, another one stays within the stated budget.
+//! it, and for software the processor: the same must give the same bytes, another one stays within
+//! the stated budget.
 //! A failure leaves `actual` and `diff` pictures under `target/golden`.
 #![allow(dead_code)]
 
@@ -31,6 +32,18 @@ impl Frame {
         let at = 3 * (y * self.size[0] + x) as usize;
         self.rgb[at..at + 3].iter().map(|v| f32::from(*v)).sum::<f32>() / 3.0
     }
+}
+
+/// Maker, family and model of the processor: software drivers use its own approximate roots and
+/// reciprocals, and makers round these otherwise.
+pub fn processor() -> String {
+    let told = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let of = |key: &str| {
+        let line = told.lines().find_map(|l| l.split_once(':').filter(|l| l.0.trim() == key));
+        line.map_or("?", |l| l.1.trim()).to_owned()
+    };
+    let arch = std::env::consts::ARCH;
+    format!("{arch} {} {} {}", of("vendor_id"), of("cpu family"), of("model"))
 }
 
 /// Compares `frame` with `tests/golden/<name>.png`; `driver` names what drew it.
