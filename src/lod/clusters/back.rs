@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::build::up;
 use super::cover::{Piece, Target};
 use super::group::Places;
-use super::image::{Image, image};
+use super::image::Image;
 use super::measure::{Draft, Measure};
 use super::partition::{self, NONE};
 
@@ -67,9 +67,10 @@ impl Earlier {
 }
 
 impl Measure<'_> {
-    /// The coarse faces against the original: the largest distance, and that of each face.
-    pub fn back(&self, bound: f64, fine: &Fine<'_>) -> (f64, Vec<f32>) {
-        let far = by_image(&image(&self.target, fine, bound), &fine.known, bound);
+    /// The coarse faces against the original: the largest distance, and that of each face. `image`:
+    /// of the fine faces.
+    pub fn back(&self, bound: f64, fine: &Fine<'_>, image: &Image) -> (f64, Vec<f32>) {
+        let far = by_image(image, &fine.known, bound);
         let tasks: Vec<(f64, Vec<f32>)> = (0..self.target.faces.len())
             .collect::<Vec<_>>()
             .par_chunks(64)

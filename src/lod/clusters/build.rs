@@ -44,6 +44,17 @@ impl Clusters {
         coarsest: usize,
         lock: bool,
     ) -> Result<Self, ClusterError> {
+        Self::build_seen(mesh, vertices, coarsest, lock, |_, _| ())
+    }
+
+    /// `see` is shown what is live after each level, and where all vertices are.
+    pub(super) fn build_seen(
+        mesh: &Mesh,
+        vertices: &[Vertex],
+        coarsest: usize,
+        lock: bool,
+        mut see: impl FnMut(&[(u32, Draft)], &Places),
+    ) -> Result<Self, ClusterError> {
         check(mesh, vertices)?;
         let normals: Vec<Vec3> = vertices.iter().map(Vertex::normal).collect();
         let (beside, (tree, key)) = rayon::join(
@@ -95,6 +106,7 @@ impl Clusters {
             }
             let ask = if earlier.len() > 2 { earlier.pop_front() } else { None };
             live = this.level(live, &original, &mut places, ask.as_ref(), lock);
+            see(&live, &places);
             if this.groups.len() == before {
                 break;
             }

@@ -345,7 +345,10 @@ impl Target<'_> {
         while let Some((piece, face, far, whole)) = rest.pop() {
             // Exact from here on.
             let (face, far) = match self.tree.closest_within(piece.centre(), far) {
-                Some(c) => (c.at.face, self.farthest(c.at.face, &piece).min(far)),
+                Some(c) => match self.farthest(c.at.face, &piece) {
+                    nearer if nearer < far => (c.at.face, nearer),
+                    _ => (face, far),
+                },
                 None => (face, far),
             };
             if far <= *bound {

@@ -3,6 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::carry::Near;
 use super::measure::{Draft, Parts};
 use super::partition;
 use crate::geometry::Mesh;
@@ -13,7 +14,8 @@ use crate::lod::{PAGE_TRIANGLES, PAGE_VERTICES};
 const FILL: usize = 60;
 /// Faces of a cluster once its rim is evened out.
 const MOST: usize = 64;
-const _: () = assert!(MOST <= PAGE_TRIANGLES);
+// [`Near`] has a bit for each.
+const _: () = assert!(MOST <= PAGE_TRIANGLES && MOST <= 64);
 
 /// Clusters of the original's own faces.
 pub fn finest(mesh: &Mesh, beside: &[[u32; 3]]) -> Vec<Draft> {
@@ -28,7 +30,8 @@ pub fn finest(mesh: &Mesh, beside: &[[u32; 3]]) -> Vec<Draft> {
             ids.sort_unstable();
             let faces: Vec<[u32; 3]> = ids.iter().map(|f| mesh.faces[*f as usize]).collect();
             let whole = ids.iter().copied().zip(0..=u8::MAX).collect();
-            Draft { whole, back: vec![0.0; faces.len()], ..draft(&faces) }
+            let near = (0..=u8::MAX).take(faces.len()).map(Near::itself).collect();
+            Draft { whole, near, back: vec![0.0; faces.len()], ..draft(&faces) }
         })
         .collect()
 }
@@ -43,6 +46,7 @@ pub fn draft(faces: &[[u32; 3]]) -> Draft {
         vertices,
         whole: Vec::new(),
         parts: Parts::default(),
+        near: vec![Near::default(); faces.len()],
         back: Vec::new(),
         error: 0.0,
     }
@@ -70,14 +74,16 @@ pub fn clusters_of(
     beside: &[[u32; 3]],
     centre: &(impl Fn(u32) -> Vec3 + Sync),
 ) -> (Vec<u32>, Vec<usize>) {
-    let mut order: Vec<u32> = (0..faces.len() as u32).collect();
-    let mut sizes = partition::split(&mut order, FILL, centre);
+    let all = (0..faces.len() as u32).into_par_iter().with_min_len(8192);
+    let mut placed: Vec<(Vec3, u32)> = all.map(|f| (centre(f), f)).collect();
+    let mut sizes = partition::split(&mut placed, FILL);
     let mut part = vec![0u32; faces.len()];
     let mut first = 0;
     for (n, id) in sizes.iter().zip(0..) {
-        order[first..first + n].iter().for_each(|f| part[*f as usize] = id);
+        placed[first..first + n].iter().for_each(|f| part[f.1 as usize] = id);
         first += n;
     }
+    let mut order: Vec<u32> = placed.into_iter().map(|p| p.1).collect();
     partition::smooth(&mut part, &mut sizes, MOST, beside);
     let mut fill = vec![0; sizes.len()];
     for i in 1..sizes.len() {
@@ -91,7 +97,10 @@ pub fn clusters_of(
     let fit = parts.into_par_iter().map(|own| {
         // Loose triangles have more vertices than faces.
         if vertices_of(own.iter().map(|f| faces[*f as usize])).len() > PAGE_VERTICES {
-            partition::split(own, PAGE_VERTICES / 3, centre)
+            let mut placed: Vec<_> = own.iter().map(|f| (centre(*f), *f)).collect();
+            let sizes = partition::split(&mut placed, PAGE_VERTICES / 3);
+            own.iter_mut().zip(placed).for_each(|(f, p)| *f = p.1);
+            sizes
         } else {
             vec![own.len()]
         }

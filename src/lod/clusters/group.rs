@@ -6,6 +6,7 @@ use super::back::{Earlier, Fine};
 use super::cover::{Target, Worked};
 use super::fill;
 use super::halve::{Halved, halve};
+use super::image::image;
 use super::measure::{Draft, Measure, Original};
 use super::partition::{self, NONE};
 use crate::geometry::{Mesh, Vertex};
@@ -19,6 +20,10 @@ const ROUNDING: f64 = 1e-9;
 /// neighbouring f32 numbers. Vertices that move are rounded at each level, so flat walls are off
 /// by a little, and to measure that cuts every face of the original.
 const RESOLUTION: f64 = 1e-6;
+
+/// Fine faces are laid upon coarse ones over edges within this times the bound that is known when
+/// they are; it may still rise.
+const LAID: f64 = 1.25;
 
 /// Where all vertices are, first the original's.
 pub struct Places {
@@ -216,16 +221,6 @@ pub fn simplify(
     // Nothing below the resolution of the coordinates is told apart.
     let far = f64::from(after.mesh.positions[0].abs().max_element());
     let mut bound = measure.least(inputs, &start, count, floor.max(RESOLUTION * far));
-    let (mut turn, mut area) = (0.0, 0.0);
-    for (d, start) in inputs.iter().zip(&start) {
-        for found in measure.towards(d, start, bound) {
-            bound = bound.max(found.bound);
-            turn += found.turn;
-            area += found.area;
-            found.share(&mut outputs);
-        }
-    }
-    outputs.iter_mut().for_each(|d| d.unite(original));
     let target = Target {
         positions: &before.positions,
         normals: &before.normals,
@@ -243,7 +238,26 @@ pub fn simplify(
         earlier,
         coarse_at,
     };
-    let (bound, back) = measure.back(bound, &fine);
+    let image = image(&measure.target, &fine, LAID * bound);
+    let (mut turn, mut area, mut first) = (0.0, 0.0, 0);
+    for (d, start) in inputs.iter().zip(&start) {
+        let carried = measure.carried(d, first, &image, bound);
+        first += d.triangles.len();
+        for (face, near) in carried.iter().flatten() {
+            let (cluster, triangle) = owner[*face as usize];
+            let own = &mut outputs[usize::from(cluster)];
+            own.near[usize::from(triangle)].join(*near);
+            own.error = own.error.max(near.far);
+        }
+        for found in measure.towards(d, start, bound, &carried) {
+            bound = bound.max(found.bound);
+            turn += found.turn;
+            area += found.area;
+            found.share(&owner, &mut outputs);
+        }
+    }
+    outputs.iter_mut().for_each(|d| d.unite(original));
+    let (bound, back) = measure.back(bound, &fine, &image);
     for ((cluster, _), b) in owner.iter().zip(back) {
         let own = &mut outputs[usize::from(*cluster)];
         own.back.push(b);

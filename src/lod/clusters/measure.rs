@@ -3,9 +3,12 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::carry::{Carried, Near};
 use super::cover::{Piece, Target};
 use super::lay::{Landing, Round};
 use super::partition::NONE;
+#[cfg(test)]
+use crate::geometry::Mesh;
 use crate::geometry::Vertex;
 
 /// Pieces of the original measured by one task.
@@ -62,6 +65,8 @@ pub struct Draft {
     pub whole: Vec<(u32, u8)>,
     /// Those that were cut.
     pub parts: Parts<()>,
+    /// For each triangle, what is near it of both.
+    pub near: Vec<Near>,
     /// For each triangle, how far any point of it is from the original at most, mm.
     pub back: Vec<f32>,
     /// At least that, and how far any point of what it stands for is from it, mm.
@@ -82,6 +87,18 @@ pub struct Original<'a> {
 }
 
 impl Draft {
+    /// What it stands for: original face, corners, and the triangle that is near.
+    #[cfg(test)]
+    pub fn stands_for(&self, original: &Mesh) -> Vec<(u32, Vec<DVec3>, u8)> {
+        let corners = |f: u32| -> Vec<DVec3> {
+            original.faces[f as usize].map(|v| original.positions[v as usize].as_dvec3()).to_vec()
+        };
+        let whole = self.whole.iter().map(|(f, t)| (*f, corners(*f), *t));
+        let parts = self.parts.list.iter();
+        let part = |p: &Part| (p.face, self.parts.corners(p).to_vec(), p.triangle);
+        whole.chain(parts.map(|(_, p)| part(p))).collect()
+    }
+
     /// Puts faces together again of which all parts are here.
     pub fn unite(&mut self, original: &Original<'_>) {
         let mut list = std::mem::take(&mut self.parts.list);
@@ -91,6 +108,10 @@ impl Draft {
             let area = own.iter().map(|p| Piece::new(self.parts.corners(&p.1)).area());
             if area.sum::<f64>() > (1.0 - 1e-6) * Piece::new(&original.corners(face)).area() {
                 self.whole.push((face, triangle));
+                for p in own {
+                    let other = self.near[usize::from(p.1.triangle)];
+                    self.near[usize::from(triangle)].join(other);
+                }
             } else {
                 self.parts.list.extend_from_slice(own);
             }
@@ -143,6 +164,8 @@ pub struct Found {
     pub area: f64,
     /// By output cluster: how far what it stands for is from it at most, mm².
     pub far2: Vec<f64>,
+    /// By coarse face.
+    pub near: Vec<Near>,
     /// By output cluster.
     pub whole: Vec<(u16, (u32, u8))>,
     /// The same of those that were cut.
@@ -150,8 +173,11 @@ pub struct Found {
 }
 
 impl Found {
-    /// Hands what was found to the clusters that stand for it.
-    pub fn share(&self, among: &mut [Draft]) {
+    /// Hands what was found to the clusters that stand for it. `owner`: as in [`Measure`].
+    pub fn share(&self, owner: &[(u16, u8)], among: &mut [Draft]) {
+        for ((cluster, triangle), near) in owner.iter().zip(&self.near) {
+            among[usize::from(*cluster)].near[usize::from(*triangle)].join(*near);
+        }
         for (draft, far2) in among.iter_mut().zip(&self.far2) {
             draft.error = draft.error.max(far2.sqrt());
         }
@@ -164,9 +190,11 @@ impl Found {
         }
     }
 
-    fn new(bound: f64, clusters: usize) -> Self {
+    fn new(bound: f64, owner: &[(u16, u8)]) -> Self {
+        let clusters = owner.last().map_or(0, |o| usize::from(o.0) + 1);
         let (whole, parts) = (Vec::new(), Parts::default());
-        Self { bound, turn: 0.0, area: 0.0, far2: vec![0.0; clusters], whole, parts }
+        let (far2, near) = (vec![0.0; clusters], vec![Near::default(); owner.len()]);
+        Self { bound, turn: 0.0, area: 0.0, far2, near, whole, parts }
     }
 }
 
@@ -204,16 +232,28 @@ impl Measure<'_> {
     }
 
     /// What `d` stands for, against the coarse faces. `start`: for each of its triangles, where to
-    /// begin. Tasks are cut the same whatever the number of threads.
-    pub fn towards(&self, d: &Draft, start: &[u32], bound: f64) -> Vec<Found> {
-        let clusters = self.owner.iter().map(|o| usize::from(o.0) + 1).max().unwrap_or(0);
+    /// begin; `carried`: what need not be measured. Tasks are cut the same whatever the number of
+    /// threads.
+    pub fn towards(&self, d: &Draft, start: &[u32], bound: f64, carried: &[Carried]) -> Vec<Found> {
         let whole = d.whole.par_chunks(TASK).map(|own| {
-            let mut found = Found::new(bound, clusters);
+            let mut found = Found::new(bound, self.owner);
             found.whole.reserve(own.len());
             let mut round = Round::default();
             let mut known = Landings::new(own.len());
             let mut last = None;
             for &(face, triangle) in own {
+                if let Some((t, _)) = carried[usize::from(triangle)] {
+                    let (cluster, triangle) = self.owner[t as usize];
+                    found.whole.push((cluster, (face, triangle)));
+                    self.shade_near(
+                        face,
+                        t,
+                        || Piece::new(&self.original.corners(face)),
+                        &mut found,
+                    );
+                    last = None;
+                    continue;
+                }
                 let corners = self.original.corners(face);
                 let start = last.unwrap_or(start[usize::from(triangle)]);
                 let mut from = start;
@@ -232,12 +272,18 @@ impl Measure<'_> {
             found
         });
         let parts = d.parts.list.par_chunks(TASK).map(|own| {
-            let mut found = Found::new(bound, clusters);
+            let mut found = Found::new(bound, self.owner);
             found.parts.list.reserve(own.len());
             let mut round = Round::default();
             let mut lands = Vec::new();
             for (_, p) in own {
                 let corners = d.parts.corners(p);
+                if let Some((t, _)) = carried[usize::from(p.triangle)] {
+                    let (cluster, triangle) = self.owner[t as usize];
+                    found.parts.push(cluster, p.face, triangle, corners);
+                    self.shade_near(p.face, t, || Piece::new(corners), &mut found);
+                    continue;
+                }
                 let start = start[usize::from(p.triangle)];
                 let mut from = start;
                 lands.clear();
@@ -285,7 +331,7 @@ impl Measure<'_> {
             if l.face != tried
                 && let Some(far2) = within(l)
             {
-                self.put((face, l.face), corners, whole, far2, found);
+                self.put((face, l.face), corners, whole, far2, [l.face], found);
                 self.shade(face, l.face, corners, found);
                 return true;
             }
@@ -304,32 +350,38 @@ impl Measure<'_> {
         let far2 = all.fold(middle, f64::max);
         let first = lands[0].face;
         let cluster = |t: u32| self.owner[t as usize].0;
-        if round.crossings.iter().all(|c| cluster(c.1.to) == cluster(first)) {
-            self.put((face, first), corners, whole, far2, found);
-        } else if round.split(corners, first, cluster) {
-            for p in &round.parts {
-                self.put((face, p.0), &p.1, false, far2, found);
-            }
-        } else {
+        let split = !round.crossings.iter().all(|c| cluster(c.1.to) == cluster(first));
+        if split && !round.split(corners, first, cluster) {
             return false;
         }
-        if face.is_multiple_of(SHADING_SAMPLE) {
-            let t = self.target.walk(first, Piece::new(corners).centre());
-            self.shade(face, t, corners, found);
+        let over = || round.crossings.iter().map(|c| c.1.to).chain([first]);
+        if split {
+            for p in &round.parts {
+                self.put((face, p.0), &p.1, false, far2, over(), found);
+            }
+        } else {
+            self.put((face, first), corners, whole, far2, over(), found);
         }
+        self.shade_near(face, first, || Piece::new(corners), found);
         true
     }
 
-    /// Notes that a piece of an original face is near a coarse one, and how near.
+    /// Notes that a piece of an original face is near a coarse one, and how near. `over`: that one
+    /// and all others that it may be near a part of; those of the same cluster count.
     fn put(
         &self,
         (face, t): (u32, u32),
         corners: &[DVec3],
         whole: bool,
         far2: f64,
+        over: impl IntoIterator<Item = u32>,
         found: &mut Found,
     ) {
         let (cluster, triangle) = self.owner[t as usize];
+        let near = &mut found.near[t as usize];
+        near.far = near.far.max(far2.sqrt());
+        let over = over.into_iter().map(|t| self.owner[t as usize]).filter(|o| o.0 == cluster);
+        over.for_each(|o| near.over |= 1 << o.1);
         let far = &mut found.far2[usize::from(cluster)];
         *far = far.max(far2);
         if whole {
@@ -344,7 +396,7 @@ impl Measure<'_> {
         let mut bound = found.bound;
         self.target.cover(piece, start, &mut bound, |t, p, far, all| {
             self.shade(face, t, p.corners(), found);
-            self.put((face, t), p.corners(), all && whole, far * far, found);
+            self.put((face, t), p.corners(), all && whole, far * far, [t], found);
         });
         found.bound = bound;
         // Cut, but all in one cluster.
@@ -353,6 +405,11 @@ impl Measure<'_> {
             && parts.iter().all(|q| q.0 == *c)
         {
             let (cluster, triangle) = (*c, p.triangle);
+            let start = self.owner.partition_point(|o| o.0 < cluster);
+            for p in parts {
+                let near = found.near[start + usize::from(p.1.triangle)];
+                found.near[start + usize::from(triangle)].join(near);
+            }
             found.parts.list.truncate(first);
             if whole {
                 found.whole.push((cluster, (face, triangle)));
@@ -369,6 +426,15 @@ impl Measure<'_> {
             let area = piece.area();
             found.turn += area * self.angle(face, t, piece.centre()).powi(2);
             found.area += area;
+        }
+    }
+
+    /// The same, with the coarse face at its middle, which is not far from `from`.
+    fn shade_near(&self, face: u32, from: u32, piece: impl Fn() -> Piece, found: &mut Found) {
+        if face.is_multiple_of(SHADING_SAMPLE) {
+            let piece = piece();
+            let t = self.target.walk(from, piece.centre());
+            self.shade(face, t, piece.corners(), found);
         }
     }
 

@@ -17,9 +17,11 @@
 mod back;
 mod build;
 mod bytes;
+mod carry;
 mod cover;
 mod cut;
 mod error;
+mod even;
 mod fans;
 mod fill;
 mod group;

@@ -46,26 +46,25 @@ pub fn beside(faces: &[[u32; 3]], vertices: usize) -> Vec<[u32; 3]> {
 }
 
 /// Cuts items into parts of at most `most`, as even as can be, at medians of the longest side of
-/// their box; equal places by id. Part after part, in the order they then lie in `items`.
-pub fn split(items: &mut [u32], most: usize, at: &(impl Fn(u32) -> Vec3 + Sync)) -> Vec<usize> {
+/// their box; equal places by id. Part after part, in the order they then lie in `items`. Each comes
+/// with its place: to move 16 bytes is faster than to look places up.
+pub fn split(items: &mut [(Vec3, u32)], most: usize) -> Vec<usize> {
     let parts = items.len().div_ceil(most);
     if parts <= 1 {
         return vec![items.len()];
     }
-    let (lo, hi) = items.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, i| {
-        let p = at(*i);
-        (b.0.min(p), b.1.max(p))
-    });
+    let (lo, hi) = items
+        .iter()
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, i| (b.0.min(i.0), b.1.max(i.0)));
     let size = hi - lo;
     let axis = (0..3).fold(0, |best, k| if size[k] > size[best] { k } else { best });
     let cut = items.len() * (parts / 2) / parts;
-    let order = |a: &u32, b: &u32| at(*a)[axis].total_cmp(&at(*b)[axis]).then(a.cmp(b));
-    items.select_nth_unstable_by(cut, order);
+    items.select_nth_unstable_by(cut, |a, b| a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1)));
     let (a, b) = items.split_at_mut(cut);
     let (mut a, b) = if a.len() > 4096 {
-        rayon::join(|| split(a, most, at), || split(b, most, at))
+        rayon::join(|| split(a, most), || split(b, most))
     } else {
-        (split(a, most, at), split(b, most, at))
+        (split(a, most), split(b, most))
     };
     a.extend(b);
     a

@@ -13,6 +13,8 @@ use crate::mesh::Nearest;
 use crate::surface::shading;
 
 mod bytes;
+mod carry;
+mod even;
 mod flat;
 mod laid;
 mod measure;
