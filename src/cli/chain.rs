@@ -3,12 +3,12 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, channel};
 
 use super::CliError;
 use super::centerline::{PathArgs, center};
 use super::draw::Film;
-use super::film::{Cues, Filmed, film};
+use super::film::{Filmed, film};
 use super::frames::{FrameArgs, Setup};
 use super::global::Global;
 use super::lumen_args::{LumenArgs, track_from};
@@ -16,17 +16,13 @@ use super::mesh_args::{FromArgs, SurfaceArgs};
 use super::surface::{ModeArg, automatic};
 use crate::compute::Array;
 use crate::device::Device;
+use crate::lod::clusters::Clusters;
 use crate::lumen::{Found, Lumen, Recipe};
 use crate::pipeline::{
     Centered, CenterlineReport, Clock, InputReport, LumenReport, Mode, Report, Settings,
-    SurfaceReport, Wall, beside, fields, return_freed_memory, route, seen, wall,
+    SurfaceReport, Wall, beside, fields, route, seen, wall,
 };
 use crate::volume::Volume;
-
-/// Walls from so many faces on leave the base and levels of detail no room for each other: what
-/// both hold while they are made comes to more than what the volume did, some 90 MB each at this
-/// size.
-const LARGE_FACES: usize = 400_000;
 
 /// Flags of a whole chain.
 #[derive(Debug, clap::Args)]
@@ -76,7 +72,7 @@ pub struct Anatomy {
     /// Exact distance, mm.
     pub distance: Array<f32>,
     pub centered: Centered,
-    pub wall: Arc<Wall>,
+    pub wall: Wall,
     pub input: InputReport,
 }
 
@@ -102,37 +98,22 @@ impl ChainArgs {
         clock: &mut Clock,
         aside: impl FnOnce(Heard, &mut Clock) -> T + Send,
     ) -> Result<(Flown, T), CliError> {
-        let (surface, wall) = channel();
-        let (relieved, relief) = channel();
         let (ready, go) = channel();
         let mut other = clock.beside();
-        // With one thread all of `aside` comes afterwards.
-        let threads = rayon::current_num_threads();
         let (aside, flown) = beside(
-            || aside(Heard { wall, relieved, go }, &mut other),
+            || aside(Heard(go), &mut other),
             || -> Result<Flown, CliError> {
                 // Dropped with an error on the way: whoever waits then hears of it.
-                let (surface, ready) = (surface, ready);
+                let ready = ready;
                 let lumen = subject.lumen;
-                let anatomy = Arc::new(self.anatomy(device, subject, clock, |wall| {
-                    // One who does not listen needs nothing.
-                    let _ = surface.send(wall);
-                })?);
+                let anatomy = Arc::new(self.anatomy(device, subject, clock)?);
                 let Anatomy { distance, centered, wall, .. } = &*anatomy;
                 let scene = Filmed { lumen, distance, wall, open_ends: self.surface.open_ends };
-                let large = wall.mesh.faces.len() >= LARGE_FACES;
-                let cues = Cues {
-                    before_building: move || {
-                        if large && threads > 1 {
-                            let _ = relief.recv();
-                        }
-                        return_freed_memory();
-                    },
-                    ready: || {
-                        let _ = ready.send(Arc::clone(&anatomy));
-                    },
+                let go = |clusters| {
+                    // One who does not listen needs nothing.
+                    let _ = ready.send(Begun { anatomy: Arc::clone(&anatomy), clusters });
                 };
-                let film = film(device, &scene, &centered.line, (setup, folder), clock, cues)?;
+                let film = film(device, &scene, &centered.line, (setup, folder), clock, go)?;
                 Ok(Flown { anatomy, film })
             },
         );
@@ -140,14 +121,13 @@ impl ChainArgs {
         Ok((flown?, aside))
     }
 
-    /// Centerline and surface of a lumen; the route is searched beside the surface. `surface` gets
-    /// the surface as soon as it is there and the volume is gone.
+    /// Centerline and surface of a lumen; the route is searched beside the surface, and the volume
+    /// goes when that is there.
     fn anatomy(
         &self,
         device: &mut Device,
         Subject { volume, recipe, lumen }: Subject<'_>,
         clock: &mut Clock,
-        surface: impl FnOnce(Arc<Wall>),
     ) -> Result<Anatomy, CliError> {
         let mode = self.mode.main();
         let settings = self.settings(mode)?;
@@ -157,8 +137,6 @@ impl ChainArgs {
             let wall = wall(device, &volume, &recipe.window, lumen, options, clock)?;
             let input = InputReport::of(&volume);
             drop(volume);
-            let wall = Arc::new(wall);
-            surface(Arc::clone(&wall));
             Ok((wall, input))
         };
         if mode == Mode::Paper {
@@ -183,29 +161,21 @@ impl ChainArgs {
 }
 
 /// What is done beside a chain hears this of it.
-pub struct Heard {
-    wall: Receiver<Arc<Wall>>,
-    relieved: Sender<()>,
-    go: Receiver<Arc<Anatomy>>,
+pub struct Heard(Receiver<Begun>);
+
+/// A chain that has come to its frames.
+pub struct Begun {
+    pub anatomy: Arc<Anatomy>,
+    /// Of its wall, if that is how it is drawn.
+    pub clusters: Option<Arc<Clusters>>,
 }
 
 impl Heard {
-    /// Waits for the surface; `None` when there will be none.
-    pub fn wall(&self) -> Option<Arc<Wall>> {
-        self.wall.recv().ok()
-    }
-
-    /// Says that the memory for what is made of the surface is free again. Levels of detail of a
-    /// large one are not built before that.
-    pub fn relieve(&self) {
-        // A chain that has failed does not listen.
-        let _ = self.relieved.send(());
-    }
-
     /// Waits until files may be written; `None` when there will be no frames, so that nothing
     /// should be.
-    pub fn go(self) -> Option<Arc<Anatomy>> {
-        self.go.recv().ok()
+    pub fn go(self) -> Option<Begun> {
+        // A chain that has failed has let go of its end.
+        self.0.recv().ok()
     }
 }
 

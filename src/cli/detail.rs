@@ -7,7 +7,7 @@ use super::CliError;
 use crate::formats::{FormatError, whole};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{self, Clusters};
-use crate::pipeline::{Clock, Detail, Lod, detail};
+use crate::pipeline::{Clock, Detail, Lod, detail, return_freed_memory};
 
 /// Files of the cache are `NAME`, a hash, `SUFFIX`.
 const NAME: &str = "clusters-";
@@ -72,23 +72,21 @@ impl DetailArgs {
 
 impl DetailSetup {
     /// The wall at many levels, or nothing where the whole mesh is to be drawn; and what is to be
-    /// kept of it. `before_building` is called unless it is found on disk.
+    /// kept of it.
     pub fn build(
         &self,
         mesh: &Mesh,
         vertices: &[Vertex],
         clock: &mut Clock,
-        before_building: impl FnOnce(),
     ) -> Result<Option<(Detail, Option<Keep>)>, CliError> {
         match self.lod {
             Lod::Off => Ok(None),
             Lod::Clusters => {
-                let (clusters, cached, keep) =
-                    self.clusters(mesh, vertices, clock, before_building)?;
+                let (clusters, cached, keep) = self.clusters(mesh, vertices, clock)?;
                 Ok(Some((Detail::of_clusters(clusters, self.pixel_error, cached), keep)))
             }
             Lod::Vds => {
-                before_building();
+                return_freed_memory();
                 let base = detail::base_faces(mesh);
                 let detail = Detail::of_subdivision(mesh, vertices, base, self.pixel_error, clock)?;
                 Ok(Some((detail, None)))
@@ -103,7 +101,6 @@ impl DetailSetup {
         mesh: &Mesh,
         vertices: &[Vertex],
         clock: &mut Clock,
-        before_building: impl FnOnce(),
     ) -> Result<(Arc<Clusters>, bool, Option<Keep>), CliError> {
         let faces = mesh.faces.len() as u64;
         // A small mesh is clustered sooner than it is looked up.
@@ -123,7 +120,7 @@ impl DetailSetup {
         {
             return Ok((Arc::new(found), true, None));
         }
-        before_building();
+        return_freed_memory();
         let build = || Clusters::build(mesh, vertices);
         let built = clock.time("clusters", "faces", build, |_| faces);
         let built = Arc::new(built.map_err(crate::pipeline::PipelineError::from)?);

@@ -1,16 +1,18 @@
 //! A flight as frames: what must be there before the first, and what is done beside them.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use super::CliError;
 use super::detail::Keep;
 use super::draw::{Film, draw};
 use super::frames::Setup;
-use super::scene::{Shown, Staged, levels, open_renderer, set};
+use super::scene::{Levels, Opened, Shown, levels, open_renderer, set};
 use crate::device::Device;
 use crate::flight::{Clearance, Flight, FlightOptions, Script};
 use crate::formats::{FormatError, whole};
 use crate::geometry::Centerline;
+use crate::lod::clusters::Clusters;
 use crate::lumen::Lumen;
 use crate::pipeline::{Clock, Wall, beside, return_freed_memory};
 use crate::render::View;
@@ -30,31 +32,25 @@ pub struct Filmed<'a> {
     pub open_ends: bool,
 }
 
-/// What a film calls on its way.
-pub struct Cues<B, R> {
-    /// Before levels of detail are built, on the thread that builds them.
-    pub before_building: B,
-    /// Once the folder is there and files may be written.
-    pub ready: R,
-}
-
 /// Flies along the first root-to-tip path and writes every frame. Levels of detail are built
-/// beside planning the flight and opening the renderer.
+/// beside planning the flight and opening the renderer. `ready` hears of their clusters once the
+/// folder is there and files may be written.
 pub fn film(
     device: &mut Device,
     scene: &Filmed<'_>,
     line: &Centerline,
     (setup, folder): (&Setup, &Path),
     clock: &mut Clock,
-    Cues { before_building, ready }: Cues<impl FnOnce() + Send, impl FnOnce()>,
+    ready: impl FnOnce(Option<Arc<Clusters>>),
 ) -> Result<Film, CliError> {
     let shown = Shown::of(scene.wall, scene.open_ends);
     let mut own = None;
-    let before = before_building;
-    let (mut set, flight) = prepare(device, &mut own, scene, (&shown, before), line, setup, clock)?;
+    let (opened, levels, flight) = prepare(device, &mut own, scene, &shown, line, setup, clock)?;
+    let clusters = levels.as_ref().and_then(Levels::clusters);
+    let mut set = set(opened, &shown, setup, levels)?;
     // Only now: a machine that cannot draw leaves no empty folder.
     make_folder(folder)?;
-    ready();
+    ready(clusters);
     let keep = set.keep.take();
     let draw = || draw(set, line, setup, &flight, folder, clock);
     beside(|| keep.into_iter().for_each(Keep::write), draw).1
@@ -65,14 +61,14 @@ fn prepare<'a>(
     device: &'a mut Device,
     own: &'a mut Option<Gpu>,
     scene: &Filmed<'_>,
-    (shown, before_building): (&Shown<'_>, impl FnOnce() + Send),
+    shown: &Shown<'_>,
     line: &Centerline,
     setup: &Setup,
     clock: &mut Clock,
-) -> Result<(Staged<'a>, Flight), CliError> {
+) -> Result<(Opened<'a>, Option<Levels>, Flight), CliError> {
     let mut building = clock.beside();
     let (levels, begun) = beside(
-        || levels(&shown.mesh, setup, &mut building, before_building),
+        || levels(&shown.mesh, setup, &mut building),
         || -> Result<_, CliError> {
             let fly = || fly(scene, line, setup);
             let count = |f: &Result<Flight, _>| f.as_ref().map_or(0, |f| f.poses.len() as u64);
@@ -89,7 +85,7 @@ fn prepare<'a>(
     let levels = levels?;
     // What building them took is larger than the pages that come now.
     return_freed_memory();
-    Ok((set(opened, shown, setup, levels)?, flight))
+    Ok((opened, levels, flight))
 }
 
 fn fly(scene: &Filmed<'_>, line: &Centerline, setup: &Setup) -> Result<Flight, CliError> {

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::CliError;
 use super::centerline::{center, unseen_csv};
-use super::chain::{Anatomy, ChainArgs, Flown, Heard, Subject, for_run};
+use super::chain::{Anatomy, Begun, ChainArgs, Flown, Heard, Subject, for_run};
 use super::global::Global;
 use super::lumen_args::{Chosen, lumen as choose, notes};
 use super::surface::{Modes as ModeChoice, without_caps};
@@ -57,15 +57,12 @@ impl Args {
                     |r| r.as_ref().map_or(0, |(l, _)| l.inside_voxels()),
                 )?;
                 let aside = |heard: Heard, clock: &mut Clock| -> Result<_, CliError> {
-                    let Some(wall) = heard.wall() else { return Ok(None) };
-                    let base = self.base(&wall.mesh, clock)?;
-                    heard.relieve();
+                    let Some(begun) = heard.go() else { return Ok(None) };
+                    let base = self.base(&begun, clock)?;
                     if !once {
                         return Ok(Some(base));
                     }
-                    if let Some(anatomy) = heard.go() {
-                        self.write(&lumen, &anatomy, &base, clock)?;
-                    }
+                    self.write(&lumen, &begun.anatomy, &base, clock)?;
                     Ok(None)
                 };
                 let subject = Subject { volume, recipe: &recipe, lumen: &lumen };
@@ -101,10 +98,11 @@ impl Args {
     }
 
     /// The surface with few faces.
-    fn base(&self, mesh: &Mesh, clock: &mut Clock) -> Result<Mesh, CliError> {
+    fn base(&self, begun: &Begun, clock: &mut Clock) -> Result<Mesh, CliError> {
         let a = &self.chain;
+        let mesh = &begun.anatomy.wall.mesh;
         let faces = a.surface.decimate.map_or_else(|| base_faces(mesh), |n| n as usize);
-        Ok(base(mesh, faces, a.mode.main(), clock)?.mesh)
+        Ok(base(mesh, begun.clusters.as_deref(), faces, a.mode.main(), clock)?)
     }
 
     /// Writes what is no picture: eight files.

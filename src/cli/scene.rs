@@ -1,6 +1,7 @@
 //! What a film shows: the wall, whole or at many levels, on a renderer.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 use std::time::Instant;
 
 use super::CliError;
@@ -9,6 +10,7 @@ use super::frames::Setup;
 use super::surface::without_caps;
 use crate::device::{Device, DeviceError};
 use crate::geometry::Mesh;
+use crate::lod::clusters::Clusters;
 use crate::lod::{Tolerance, Worker};
 use crate::pipeline::detail::{LodReport, UPLOAD_BYTES};
 use crate::pipeline::{Clock, Detail, Wall};
@@ -78,20 +80,21 @@ pub struct Levels {
     keep: Option<Keep>,
 }
 
-/// `None` where the whole mesh is to be drawn. `before_building` is called unless they are found
-/// on disk.
-pub fn levels(
-    mesh: &Mesh,
-    setup: &Setup,
-    clock: &mut Clock,
-    before_building: impl FnOnce(),
-) -> Result<Option<Levels>, CliError> {
+impl Levels {
+    /// The clusters, if it is these.
+    pub fn clusters(&self) -> Option<Arc<Clusters>> {
+        self.detail.clusters.clone()
+    }
+}
+
+/// `None` where the whole mesh is to be drawn.
+pub fn levels(mesh: &Mesh, setup: &Setup, clock: &mut Clock) -> Result<Option<Levels>, CliError> {
     if setup.view == View::Overview {
         return Ok(None);
     }
     let count = |s: &Shading| s.vertices.len() as u64;
     let shading = clock.time("shading", "vertices", || shading(mesh), count);
-    let built = setup.detail.build(mesh, &shading.vertices, clock, before_building)?;
+    let built = setup.detail.build(mesh, &shading.vertices, clock)?;
     let mean_radius_mm = shading.mean_radius_mm;
     Ok(built.map(|(detail, keep)| Levels { detail, mean_radius_mm, keep }))
 }

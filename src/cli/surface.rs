@@ -88,11 +88,11 @@ impl Args {
             let (volume, window) = (&chosen.volume, &chosen.recipe.window);
             let wall = wall(device, volume, window, &lumen, options, clock)?;
             let faces = self.surface.decimate.map(|n| n as usize);
-            let base = faces.map(|n| detail::base(&wall.mesh, n, self.mode.main(), clock));
+            let base = faces.map(|n| detail::base(&wall.mesh, None, n, self.mode.main(), clock));
             Ok((wall, base.transpose()?))
         })?;
         let (wall, base) = wall;
-        let whole = base.as_ref().map_or(&wall.mesh, |b| &b.mesh);
+        let whole = base.as_ref().unwrap_or(&wall.mesh);
         let mesh = if self.surface.open_ends && !whole.caps.is_empty() {
             &without_caps(whole)
         } else {
@@ -111,9 +111,9 @@ impl Args {
             if report.watertight { "watertight" } else { "NOT watertight" }
         ))?;
         if let Some(base) = &base {
-            global.say(format_args!("  simplified to {} faces", base.mesh.faces.len()))?;
+            global.say(format_args!("  simplified to {} faces", base.faces.len()))?;
         }
-        let timing = timing.with("decimated_faces", base.as_ref().map(|b| b.mesh.faces.len()));
+        let timing = timing.with("decimated_faces", base.as_ref().map(|b| b.faces.len()));
         let mut timing = timing.with("surface", serde_json::to_value(&report).unwrap_or_default());
         if self.mode.mode == Modes::Both {
             let options = build(Mode::Paper)?;

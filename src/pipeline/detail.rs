@@ -9,7 +9,7 @@ use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
 use crate::lod::vds::{Recorded, Surface, Vds, VdsOptions};
 use crate::lod::{PAGE_BYTES, Refine};
-use crate::mesh::{Maps, MeshError, Metric, Simplified, SimplifyOptions, prepare, simplify};
+use crate::mesh::{Maps, MeshError, Metric, SimplifyOptions, prepare, simplify};
 
 /// How a wall is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,6 +36,8 @@ pub struct Detail {
     pub pages: u32,
     /// What to say of it.
     pub report: LodReport,
+    /// The clusters, if it is these.
+    pub clusters: Option<Arc<Clusters>>,
 }
 
 /// Level of detail.
@@ -61,27 +63,39 @@ pub fn base_faces(mesh: &Mesh) -> usize {
     (mesh.faces.len() / 20).max(MIN_BASE_FACES.min(mesh.faces.len()))
 }
 
+/// A base is made of a surface of so many times its faces, where there is one.
+const BASE_OF: u64 = 6;
+
 /// A mesh with so many faces: by the default metric with vertices moved to where they stand best,
 /// or by the paper's with vertices that stay. Where fans of faces touch they are parted first.
+///
+/// By default it begins with what `clusters` of the mesh have at six times the faces, where
+/// there are any: that errs a small part of what the base will, and takes a fifth of the time.
 ///
 /// # Errors
 /// [`PipelineError::Mesh`] for a mesh that makes no sense.
 pub fn base(
     mesh: &Mesh,
+    clusters: Option<&Clusters>,
     faces: usize,
     mode: Mode,
     clock: &mut Clock,
-) -> Result<Simplified, PipelineError> {
+) -> Result<Mesh, PipelineError> {
     let options = SimplifyOptions {
         metric: if mode == Mode::Paper { Metric::Paper } else { Metric::NormalQem },
         relocate: mode == Mode::Default,
         ..SimplifyOptions::to_faces(faces)
     };
-    let work = || match simplify(mesh, &options, &mut ()) {
-        Err(MeshError::NonManifoldEdge { .. } | MeshError::NonManifoldVertex { .. }) => {
-            simplify(&prepare(mesh)?.0, &options, &mut ())
+    let work = || -> Result<Mesh, MeshError> {
+        let begun = clusters.filter(|_| mode == Mode::Default);
+        let begun = begun.map(|c| c.evenly(BASE_OF * faces as u64).0);
+        let mesh = begun.as_ref().unwrap_or(mesh);
+        match simplify(mesh, &options, &mut ()) {
+            Err(MeshError::NonManifoldEdge { .. } | MeshError::NonManifoldVertex { .. }) => {
+                Ok(simplify(&prepare(mesh)?.0, &options, &mut ())?.mesh)
+            }
+            done => Ok(done?.mesh),
         }
-        done => done,
     };
     Ok(clock.time("base", "faces", work, |_| mesh.faces.len() as u64)?)
 }
@@ -105,11 +119,12 @@ impl Detail {
             cached,
             ..Default::default()
         };
-        let refine = ClusterLod::new(clusters, DEFAULT_SHADING_RAD);
+        let refine = ClusterLod::new(Arc::clone(&clusters), DEFAULT_SHADING_RAD);
         // All of it if it fits: then nothing is ever driven out.
         let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
         let pages = (count.min(u64::from(most)) as u32).max(refine.least_pages());
-        Self { refine: Box::new(refine), pages, report: LodReport { pages, ..report } }
+        let report = LodReport { pages, ..report };
+        Self { refine: Box::new(refine), pages, report, clusters: Some(clusters) }
     }
 
     /// The paper's: the mesh simplified to `base` faces, subdivided where the camera looks, every
@@ -149,6 +164,7 @@ impl Detail {
         let refine = Vds::new(Arc::new(surface));
         let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
         let pages = most.max(refine.least_pages());
-        Ok(Self { refine: Box::new(refine), pages, report: LodReport { pages, ..report } })
+        let report = LodReport { pages, ..report };
+        Ok(Self { refine: Box::new(refine), pages, report, clusters: None })
     }
 }
