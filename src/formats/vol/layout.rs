@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
-use rayon::prelude::*;
 
 use super::FormatError;
 use super::source::{Source, fill};
@@ -42,9 +41,6 @@ pub(super) struct Layout {
 
 /// Deflate cannot shrink by more than 1032; the rest is room for headers.
 const MOST_SHRINK: u64 = 1100;
-/// Bytes of raw samples that are read at a time, each piece by one thread: from files that the
-/// system still holds, most of the time is that of copying and of memory touched first.
-const PIECE: usize = 1 << 23;
 
 impl Layout {
     /// Bytes of all samples once decoded.
@@ -54,11 +50,6 @@ impl Layout {
 
     /// Opens the samples' file at their first byte, after holding the promise against its size.
     pub fn open(&self) -> Result<Source, FormatError> {
-        Source::open_at(&self.file, self.first_byte()?)
-    }
-
-    /// Where the samples begin, after holding the promise against the file's size.
-    fn first_byte(&self) -> Result<u64, FormatError> {
         let len = Source::open(&self.file)?.len;
         let wanted = self.promised();
         let offset = self.offset.unwrap_or(len.saturating_sub(wanted));
@@ -75,19 +66,18 @@ impl Layout {
         if !fits {
             return Err(FormatError::Truncated { file: self.file.clone(), what, wanted, found });
         }
-        Ok(offset)
+        Source::open_at(&self.file, offset)
     }
 
     /// Reads the samples straight into their final place.
     pub fn load(self) -> Result<Volume, FormatError> {
-        let first = self.first_byte()?;
-        let source = || Source::open_at(&self.file, first);
+        let source = self.open()?;
         let mut samples = zeroed(&self.file, self.sample_type, self.grid.len())?;
         match self.encoding {
-            Encoding::Raw => self.read_pieces(first + self.skip, &mut samples)?,
-            Encoding::Gzip => self.read(MultiGzDecoder::new(buffered(source()?)), &mut samples)?,
-            Encoding::Zlib => self.read(ZlibDecoder::new(buffered(source()?)), &mut samples)?,
-            Encoding::Ascii => self.read_ascii(source()?, &mut samples)?,
+            Encoding::Raw => self.read(source, &mut samples)?,
+            Encoding::Gzip => self.read(MultiGzDecoder::new(buffered(source)), &mut samples)?,
+            Encoding::Zlib => self.read(ZlibDecoder::new(buffered(source)), &mut samples)?,
+            Encoding::Ascii => self.read_ascii(source, &mut samples)?,
         }
         if self.swap && self.encoding != Encoding::Ascii {
             samples.swap_bytes();
@@ -97,28 +87,6 @@ impl Layout {
         Ok(volume)
     }
 
-    /// Raw samples from this byte on.
-    fn read_pieces(&self, first: u64, samples: &mut Samples) -> Result<(), FormatError> {
-        let bytes = samples.bytes_mut();
-        let wanted = bytes.len() as u64;
-        let piece = |(i, own): (usize, &mut [u8])| {
-            let mut source = Source::open_at(&self.file, first + (i * PIECE) as u64)?;
-            Ok(fill(&mut source, own).map_err(|e| self.decode_error(e))? as u64)
-        };
-        let pieces = bytes.par_chunks_mut(PIECE).enumerate();
-        let found = pieces.map(piece).try_reduce(|| 0, |a, b| Ok(a + b))?;
-        self.is_all(found, wanted)
-    }
-
-    fn is_all(&self, found: u64, wanted: u64) -> Result<(), FormatError> {
-        if found == wanted {
-            return Ok(());
-        }
-        let (file, what) = (self.file.clone(), "samples");
-        Err(FormatError::Truncated { file, what, wanted, found })
-    }
-
-    /// Compressed samples.
     fn read(&self, mut input: impl Read, samples: &mut Samples) -> Result<(), FormatError> {
         let fail = |e| self.decode_error(e);
         let passed = io::copy(&mut (&mut input).take(self.skip), &mut io::sink());
@@ -130,17 +98,23 @@ impl Layout {
         let wanted = bytes.len() as u64;
         let found =
             if passed < self.skip { 0 } else { fill(&mut input, bytes).map_err(fail)? as u64 };
-        self.is_all(found, wanted)?;
-        // The checksum stands behind the last byte and is only looked at on reading on.
-        let mut beyond = [0u8];
-        match input.read(&mut beyond) {
-            Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => {
-                let what = "samples with their checksum";
-                let file = self.file.clone();
-                Err(FormatError::Truncated { file, what, wanted, found })
-            }
-            other => other.map_err(fail).map(|_| ()),
+        if found < wanted {
+            let what = "samples";
+            return Err(FormatError::Truncated { file: self.file.clone(), what, wanted, found });
         }
+        if self.encoding != Encoding::Raw {
+            // The checksum stands behind the last byte and is only looked at on reading on.
+            let mut beyond = [0u8];
+            match input.read(&mut beyond) {
+                Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => {
+                    let what = "samples with their checksum";
+                    let file = self.file.clone();
+                    return Err(FormatError::Truncated { file, what, wanted, found });
+                }
+                other => other.map_err(fail)?,
+            };
+        }
+        Ok(())
     }
 
     fn read_ascii(&self, mut source: Source, samples: &mut Samples) -> Result<(), FormatError> {
