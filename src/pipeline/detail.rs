@@ -70,7 +70,7 @@ const BASE_OF: u64 = 6;
 /// or by the paper's with vertices that stay. Where fans of faces touch they are parted first.
 ///
 /// By default it begins with what `clusters` of the mesh have at six times the faces, where
-/// there are any: that errs a small part of what the base will, and takes a fifth of the time.
+/// there are any: that errs a small part of what the base will, and takes three tenths of the time.
 ///
 /// # Errors
 /// [`PipelineError::Mesh`] for a mesh that makes no sense.

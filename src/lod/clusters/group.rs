@@ -245,9 +245,7 @@ pub fn simplify(
         first += d.triangles.len();
         for (face, near) in carried.iter().flatten() {
             let (cluster, triangle) = owner[*face as usize];
-            let own = &mut outputs[usize::from(cluster)];
-            own.near[usize::from(triangle)].join(*near);
-            own.error = own.error.max(near.far);
+            outputs[usize::from(cluster)].near[usize::from(triangle)].join(*near);
         }
         for found in measure.towards(d, start, bound, &carried) {
             bound = bound.max(found.bound);
@@ -256,7 +254,10 @@ pub fn simplify(
             found.share(&owner, &mut outputs);
         }
     }
-    outputs.iter_mut().for_each(|d| d.unite(original));
+    for d in &mut outputs {
+        d.unite(original);
+        d.error = d.near.iter().fold(0.0, |far, near| near.far.max(far));
+    }
     let (bound, back) = measure.back(bound, &fine, &image);
     for ((cluster, _), b) in owner.iter().zip(back) {
         let own = &mut outputs[usize::from(*cluster)];

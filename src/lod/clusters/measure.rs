@@ -162,8 +162,6 @@ pub struct Found {
     /// Squared angles between normals times areas, and areas.
     pub turn: f64,
     pub area: f64,
-    /// By output cluster: how far what it stands for is from it at most, mm².
-    pub far2: Vec<f64>,
     /// By coarse face.
     pub near: Vec<Near>,
     /// By output cluster.
@@ -178,9 +176,6 @@ impl Found {
         for ((cluster, triangle), near) in owner.iter().zip(&self.near) {
             among[usize::from(*cluster)].near[usize::from(*triangle)].join(*near);
         }
-        for (draft, far2) in among.iter_mut().zip(&self.far2) {
-            draft.error = draft.error.max(far2.sqrt());
-        }
         for (c, w) in &self.whole {
             among[usize::from(*c)].whole.push(*w);
         }
@@ -191,10 +186,9 @@ impl Found {
     }
 
     fn new(bound: f64, owner: &[(u16, u8)]) -> Self {
-        let clusters = owner.last().map_or(0, |o| usize::from(o.0) + 1);
         let (whole, parts) = (Vec::new(), Parts::default());
-        let (far2, near) = (vec![0.0; clusters], vec![Near::default(); owner.len()]);
-        Self { bound, turn: 0.0, area: 0.0, far2, near, whole, parts }
+        let near = vec![Near::default(); owner.len()];
+        Self { bound, turn: 0.0, area: 0.0, near, whole, parts }
     }
 }
 
@@ -382,8 +376,6 @@ impl Measure<'_> {
         near.far = near.far.max(far2.sqrt());
         let over = over.into_iter().map(|t| self.owner[t as usize]).filter(|o| o.0 == cluster);
         over.for_each(|o| near.over |= 1 << o.1);
-        let far = &mut found.far2[usize::from(cluster)];
-        *far = far.max(far2);
         if whole {
             found.whole.push((cluster, (face, triangle)));
         } else {
@@ -405,6 +397,7 @@ impl Measure<'_> {
             && parts.iter().all(|q| q.0 == *c)
         {
             let (cluster, triangle) = (*c, p.triangle);
+            // What else is near those triangles comes along; that is more than need be, not less.
             let start = self.owner.partition_point(|o| o.0 < cluster);
             for p in parts {
                 let near = found.near[start + usize::from(p.1.triangle)];
