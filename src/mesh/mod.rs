@@ -12,6 +12,7 @@ mod heap;
 pub mod maps;
 mod nearest;
 mod parts;
+pub(crate) mod placed;
 mod prepare;
 mod quadric;
 mod relocate;

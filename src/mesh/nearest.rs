@@ -4,6 +4,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::OnMesh;
+use super::placed::{self, Placed};
 use crate::geometry::Mesh;
 
 /// Triangles of a leaf.
@@ -71,9 +72,8 @@ impl Nearest {
     /// triangles without area are welcome.
     pub fn new(mesh: &Mesh) -> Self {
         let corners = |f: u32| mesh.faces[f as usize].map(|v| mesh.positions[v as usize]);
-        // Sorted with their ids: moving 16 bytes beats looking up centroids at random.
-        let centre = |f: u32| (corners(f).iter().sum::<Vec3>(), f);
-        let mut items: Vec<(Vec3, u32)> =
+        let centre = |f: u32| Placed::new(corners(f).iter().sum(), f);
+        let mut items: Vec<Placed> =
             (0..mesh.faces.len() as u32).into_par_iter().with_min_len(8192).map(centre).collect();
         let mut tree = vec![Bounds::NOTHING; if items.is_empty() { 0 } else { nodes(items.len()) }];
         if !items.is_empty() {
@@ -82,7 +82,7 @@ impl Nearest {
                 Bounds { lo: a.min(b).min(c), hi: a.max(b).max(c) }
             });
         }
-        let faces: Vec<u32> = items.iter().map(|i| i.1).collect();
+        let faces: Vec<u32> = items.iter().map(Placed::id).collect();
         let triangles = faces.par_iter().with_min_len(8192).map(|f| corners(*f)).collect();
         Self { nodes: tree, triangles, faces }
     }
@@ -137,18 +137,14 @@ impl Nearest {
 }
 
 /// Orders `items` into leaves and fills in the boxes.
-fn build(items: &mut [(Vec3, u32)], tree: &mut [Bounds], bounds: &(impl Fn(u32) -> Bounds + Sync)) {
+fn build(items: &mut [Placed], tree: &mut [Bounds], bounds: &(impl Fn(u32) -> Bounds + Sync)) {
     let n = items.len();
     if n <= LEAF {
-        tree[0] = items.iter().fold(Bounds::NOTHING, |b, i| b.join(bounds(i.1)));
+        tree[0] = items.iter().fold(Bounds::NOTHING, |b, i| b.join(bounds(i.id())));
         return;
     }
-    let around = |(lo, hi): (Vec3, Vec3), i: &(Vec3, u32)| (lo.min(i.0), hi.max(i.0));
-    let (lo, hi) = items.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), around);
-    let axis = (hi - lo).max_position();
     let m = left(n);
-    items.select_nth_unstable_by(m, |a, b| a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1)));
-    let (near, far) = items.split_at_mut(m);
+    let (near, far) = placed::part(items, m);
     let (top, rest) = tree.split_at_mut(1);
     let (near_tree, far_tree) = rest.split_at_mut(nodes(m));
     if n > ALONE {

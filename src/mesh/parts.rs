@@ -6,13 +6,13 @@
 //! the parts do what one run over all of the mesh would do that leaves those vertices alone. A last
 //! run over what is left has them too.
 
-use glam::Vec3;
 use rayon::prelude::*;
 
 use super::Log;
 use super::given::Given;
 use super::greedy::{Greedy, Piece, Place, Stop};
 use super::halfedge::{HalfEdges, NONE, face};
+use super::placed::{self, Placed};
 use super::quadric::Quadric;
 use super::start::Freedom;
 
@@ -36,16 +36,16 @@ pub fn in_parts<L: Log>(given: &Given<'_>, stop: &Stop) -> Option<(Greedy, Vec<L
     if faces < LEAST_FACES || stop.faces > faces / 2 {
         return None;
     }
-    let mut order: Vec<(Vec3, u32)> = middles(given);
+    let mut order = middles(given);
     let mut pieces = Vec::new();
     cut(&mut order, faces.div_ceil(PART_FACES), &mut pieces);
     let mut rank = vec![NONE; faces];
-    order.iter().zip(0..).for_each(|(f, i)| rank[f.1 as usize] = i);
+    order.iter().zip(0..).for_each(|(f, i)| rank[f.id() as usize] = i);
     let scratch = || vec![NONE; given.mesh.positions.len()];
     let mut parts: Vec<Part<L>> = pieces
         .par_iter()
         .map_init(scratch, |local, &(begin, end)| {
-            let ids = order[begin..end].iter().map(|f| f.1).collect();
+            let ids = order[begin..end].iter().map(Placed::id).collect();
             let inside = |f: u32| {
                 let at = rank[f as usize] as usize;
                 (begin..end).contains(&at).then(|| (at - begin) as u32)
@@ -59,32 +59,22 @@ pub fn in_parts<L: Log>(given: &Given<'_>, stop: &Stop) -> Option<(Greedy, Vec<L
 }
 
 /// Three times the middle of each face, and the face.
-fn middles(given: &Given<'_>) -> Vec<(Vec3, u32)> {
+fn middles(given: &Given<'_>) -> Vec<Placed> {
     let at = |v: &u32| given.mesh.positions[*v as usize];
     let faces = given.mesh.faces.par_iter().with_min_len(8192).enumerate();
-    faces.map(|(i, f)| (f.iter().map(at).sum(), i as u32)).collect()
+    faces.map(|(i, f)| Placed::new(f.iter().map(at).sum(), i as u32)).collect()
 }
 
 /// Orders faces so that each of `parts` parts lies together, halving the longest side again and
 /// again; gives begin and end of each. Within a part faces that are neighbours stand together.
-fn cut(faces: &mut [(Vec3, u32)], parts: usize, ends: &mut Vec<(usize, usize)>) {
-    fn halve(faces: &mut [(Vec3, u32)], parts: usize) -> Vec<usize> {
+fn cut(faces: &mut [Placed], parts: usize, ends: &mut Vec<(usize, usize)>) {
+    fn halve(faces: &mut [Placed], parts: usize) -> Vec<usize> {
         if parts <= 1 {
             along_a_curve(faces);
             return vec![faces.len()];
         }
-        let (lo, hi) = faces
-            .iter()
-            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), f| (lo.min(f.0), hi.max(f.0)));
-        let size = (hi - lo).to_array();
-        let axis = (0..3).fold(0, |best, a| if size[a] > size[best] { a } else { best });
         let middle = faces.len() * (parts / 2) / parts;
-        let key = |f: &(Vec3, u32)| (f.0[axis], f.1);
-        faces.select_nth_unstable_by(middle, |a, b| {
-            let ((x, i), (y, j)) = (key(a), key(b));
-            x.total_cmp(&y).then(i.cmp(&j))
-        });
-        let (a, b) = faces.split_at_mut(middle);
+        let (a, b) = placed::part(faces, middle);
         let (mut sizes, more) = rayon::join(|| halve(a, parts / 2), || halve(b, parts - parts / 2));
         sizes.extend(more);
         sizes
@@ -97,10 +87,8 @@ fn cut(faces: &mut [(Vec3, u32)], parts: usize, ends: &mut Vec<(usize, usize)>) 
 }
 
 /// Orders faces along a Morton curve through 1024³ cells of their box, then by id.
-fn along_a_curve(faces: &mut [(Vec3, u32)]) {
-    let (lo, hi) = faces
-        .iter()
-        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), f| (lo.min(f.0), hi.max(f.0)));
+fn along_a_curve(faces: &mut [Placed]) {
+    let (lo, hi) = placed::bounds(faces);
     let per = 1023.0 / (hi - lo).max_element().max(f32::MIN_POSITIVE);
     // Two zero bits before each of ten.
     let spread = |x: f32| {
@@ -111,8 +99,8 @@ fn along_a_curve(faces: &mut [(Vec3, u32)]) {
         x
     };
     faces.sort_by_cached_key(|f| {
-        let cell = (f.0 - lo) * per;
-        (spread(cell.x) | spread(cell.y) << 1 | spread(cell.z) << 2, f.1)
+        let cell = (f.place() - lo) * per;
+        (spread(cell.x) | spread(cell.y) << 1 | spread(cell.z) << 2, f.id())
     });
 }
 
