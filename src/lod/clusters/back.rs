@@ -7,7 +7,6 @@
 //! distances is too much.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::build::up;
 use super::cover::{Piece, Target};
@@ -71,21 +70,13 @@ impl Measure<'_> {
     /// of the fine faces.
     pub fn back(&self, bound: f64, fine: &Fine<'_>, image: &Image) -> (f64, Vec<f32>) {
         let far = by_image(image, &fine.known, bound);
-        let tasks: Vec<(f64, Vec<f32>)> = (0..self.target.faces.len())
-            .collect::<Vec<_>>()
-            .par_chunks(64)
-            .map(|own| {
-                let mut bound = bound;
-                let far = own.iter().map(|t| match far[*t] {
-                    Some(far) => up(far),
-                    None => up(self.cut_back(*t as u32, fine, &mut bound)),
-                });
-                let far = far.collect();
-                (bound, far)
-            })
-            .collect();
-        let bound = tasks.iter().map(|t| t.0).fold(bound, f64::max);
-        (bound, tasks.into_iter().flat_map(|t| t.1).collect())
+        let mut bound = bound;
+        let far = (0..).zip(far).map(|(t, far)| match far {
+            Some(far) => up(far),
+            None => up(self.cut_back(t, fine, &mut bound)),
+        });
+        let far = far.collect();
+        (bound, far)
     }
 
     /// A coarse face is cut up along the fine ones, whose known distances add to that to those;

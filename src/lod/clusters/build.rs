@@ -104,8 +104,12 @@ impl Clusters {
             if !this.groups.is_empty() {
                 earlier.push_back(Earlier::new(live.iter().map(|l| &l.1), known));
             }
-            let ask = if earlier.len() > 2 { earlier.pop_front() } else { None };
-            live = this.level(live, &original, &mut places, ask.as_ref(), lock);
+            // The one before the last: of the nearer ones too little is within the bound.
+            if earlier.len() > 3 {
+                earlier.pop_front();
+            }
+            let ask = if earlier.len() > 1 { earlier.front() } else { None };
+            live = this.level(live, &original, &mut places, ask, lock);
             see(&live, &places);
             if this.groups.len() == before {
                 break;

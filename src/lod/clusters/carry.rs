@@ -1,73 +1,101 @@
 //! What a fine face stands for, carried along to the coarse faces it lies over.
 //!
 //! Each level stands for all of the original, so to measure it against the original anew takes as
-//! long at every level. But what is near a fine face is near the coarse ones that this lies over
+//! long at every level. But what is near fine faces is near the coarse ones that these lie over
 //! ([`super::image`]), by no more than both distances together; and as a group is as far off as its
 //! worst place, that is nearly everywhere less than what the group errs anyway. Only what may be
-//! farther is measured.
+//! farther is measured, and what lies over faces of several clusters.
 
+use std::cmp::Ordering;
+
+use super::build::up;
 use super::image::Image;
-use super::measure::{Draft, Measure};
+use super::measure::{Lies, Measure};
 
-/// What stands for something of the original, and how well.
-#[derive(Clone, Copy, Default)]
-pub struct Near {
-    /// No point of it is farther than this, mm,
-    pub far: f64,
-    /// from all of these triangles of the cluster together, a bit for each; none if there is
-    /// nothing.
-    pub over: u64,
+/// Coarse faces of one cluster that a fine one lies over.
+#[derive(Clone, Copy)]
+pub struct Below {
+    /// One of them.
+    face: u32,
+    /// The cluster,
+    cluster: u16,
+    /// and a bit for each of its triangles.
+    over: u64,
+    /// How far the fine face is from them at most, mm.
+    away: f64,
 }
 
-impl Near {
-    /// Of a triangle that stands for what lies on it.
-    pub fn itself(triangle: u8) -> Self {
-        Self { far: 0.0, over: 1 << triangle }
-    }
+/// Where a piece of the original goes along to.
+#[derive(Clone, Copy)]
+pub struct Carried {
+    /// A coarse face that it is near to.
+    pub near: u32,
+    /// The cluster of that,
+    pub cluster: u16,
+    /// and where it lies there.
+    pub lies: Lies,
+}
 
-    /// Takes in what another stands for.
-    pub fn join(&mut self, o: Self) {
-        self.far = self.far.max(o.far);
-        self.over |= o.over;
-    }
-
-    fn triangles(self) -> impl Iterator<Item = usize> {
-        let rest = |bits: u64| (bits != 0).then_some(bits);
-        std::iter::successors(rest(self.over), move |b| rest(b & (b - 1)))
-            .map(|b| b.trailing_zeros() as usize)
+impl Carried {
+    /// How far it is from there at most, mm.
+    pub fn far(&self) -> f64 {
+        f64::from(self.lies.far)
     }
 }
 
-/// Where what a fine triangle stands for goes as it is: a coarse face, and what is near there then.
-pub type Carried = Option<(u32, Near)>;
+/// Something that goes along if the bound rises enough.
+pub struct Late {
+    /// Where to.
+    pub to: Carried,
+    /// Place of its cluster among the inputs.
+    pub draft: u32,
+    /// Its place there: whole faces first, then parts.
+    pub piece: u32,
+}
+
+impl Late {
+    /// The farthest first.
+    pub fn before(&self, o: &Self) -> Ordering {
+        let far = o.to.lies.far.total_cmp(&self.to.lies.far);
+        far.then((self.draft, self.piece).cmp(&(o.draft, o.piece)))
+    }
+}
 
 impl Measure<'_> {
-    /// For each triangle of `d`, where what it stands for can go without being measured: that lies
-    /// over faces of one cluster, no farther than `bound`, mm.
-    ///
-    /// * `first`: of its triangles among the fine faces of `image`.
-    pub fn carried(&self, d: &Draft, first: usize, image: &Image, bound: f64) -> Vec<Carried> {
-        let to = |near: &Near| {
-            let mut over = 0;
-            let (mut to, mut away) = (None, 0f64);
-            for fine in near.triangles() {
-                let laid = &image.over[image.laid[first + fine].clone()];
-                if laid.is_empty() {
+    /// For each fine face, what it lies over, if that is of one cluster.
+    pub fn below(&self, image: &Image) -> Vec<Option<Below>> {
+        let of = |range: &std::ops::Range<usize>| {
+            let laid = &image.over[range.clone()];
+            let face = laid.first()?.0;
+            let (cluster, _) = self.owner[face as usize];
+            let (mut over, mut away) = (0, 0f64);
+            for (face, far) in laid {
+                let (other, triangle) = self.owner[*face as usize];
+                if other != cluster {
                     return None;
                 }
-                for &(face, far) in laid {
-                    let (cluster, triangle) = self.owner[face as usize];
-                    let (known, _) = *to.get_or_insert((cluster, face));
-                    if known != cluster {
-                        return None;
-                    }
-                    over |= 1 << triangle;
-                    away = away.max(far);
-                }
+                over |= 1 << triangle;
+                away = away.max(*far);
             }
-            let far = near.far + away;
-            to.filter(|_| far <= bound).map(|(_, face)| (face, Near { far, over }))
+            Some(Below { face, cluster, over, away })
         };
-        d.near.iter().map(to).collect()
+        image.laid.iter().map(of).collect()
     }
+}
+
+/// Where a piece of the original can go without being measured: all that it may lie over has to lie
+/// over faces of one cluster. `below`: of the triangles of the cluster that stands for it.
+pub fn carried(lies: &Lies, below: &[Option<Below>]) -> Option<Carried> {
+    let home = below[lies.triangle()]?;
+    let (mut over, mut away) = (0, 0f64);
+    for t in lies.triangles() {
+        let other = below[t]?;
+        if other.cluster != home.cluster {
+            return None;
+        }
+        over |= other.over;
+        away = away.max(other.away);
+    }
+    let far = up(f64::from(lies.far) + away);
+    Some(Carried { near: home.face, cluster: home.cluster, lies: Lies { far, over, ..*lies } })
 }

@@ -56,11 +56,23 @@ impl Piece {
         0.5 * fan.length()
     }
 
+    /// Heights of its corners over a plane.
+    fn heights(&self, normal: DVec3, through: DVec3) -> [f64; CORNERS] {
+        let mut heights = [0.0; CORNERS];
+        let corners = self.corners().iter();
+        heights.iter_mut().zip(corners).for_each(|(h, p)| *h = normal.dot(*p - through));
+        heights
+    }
+
     /// The parts on either side of a plane, the side of its normal second; `None` if there would be
     /// too many corners.
     fn cut(&self, normal: DVec3, through: DVec3) -> Option<[Self; 2]> {
+        self.cut_at(&self.heights(normal, through))
+    }
+
+    /// [`Self::cut`] by the plane that its corners are so high over.
+    fn cut_at(&self, heights: &[f64; CORNERS]) -> Option<[Self; 2]> {
         let mut out = [Self { count: 0, at: [DVec3::ZERO; CORNERS] }; 2];
-        let height = |p: DVec3| normal.dot(p - through);
         let mut put = |side: usize, p: DVec3| {
             let o = &mut out[side];
             *o.at.get_mut(o.count)? = p;
@@ -69,8 +81,8 @@ impl Piece {
         };
         let corners = self.corners();
         for (i, &p) in corners.iter().enumerate() {
-            let q = corners[(i + 1) % corners.len()];
-            let (hp, hq) = (height(p), height(q));
+            let j = if i + 1 < corners.len() { i + 1 } else { 0 };
+            let (q, hp, hq) = (corners[j], heights[i], heights[j]);
             if hp <= 0.0 {
                 put(0, p)?;
             }
@@ -382,11 +394,15 @@ impl Target<'_> {
         open.clear();
         open.push((*piece, self.walk(start, piece.centre()), CUTS, true));
         while let Some((piece, face, cuts, whole)) = open.pop() {
-            let corners = self.corners(face);
-            let side = corners[0].distance(corners[1]).max(corners[1].distance(corners[2]));
-            let (length, a, b) = piece.longest();
-            if length > 2.0 * side
+            let [a, b, c] = self.corners(face);
+            let side2 = a.distance_squared(b).max(b.distance_squared(c));
+            // No two corners are farther apart than both are from a third.
+            let first = piece.at[0];
+            let reach2 = piece.corners().iter().fold(0.0, |r, p| p.distance_squared(first).max(r));
+            if reach2 > side2
                 && cuts > 0
+                && let (length, a, b) = piece.longest()
+                && length > 2.0 * side2.sqrt()
                 && let Some(halves) = piece.cut(b - a, 0.5 * (a + b))
             {
                 open.extend(halves.map(|h| (h, self.walk(face, h.centre()), cuts - 1, false)));
@@ -444,15 +460,16 @@ impl Target<'_> {
                 continue;
             }
             let Some((normal, through)) = self.wall(face, k) else { continue };
-            let height = |p: &DVec3| normal.dot(*p - through);
-            if !rest.corners().iter().any(|p| height(p) > 1e-9) {
+            let heights = rest.heights(normal, through);
+            let corners = &heights[..rest.count];
+            if !corners.iter().any(|h| *h > 1e-9) {
                 continue;
             }
-            if !rest.corners().iter().any(|p| height(p) < -1e-9) {
+            if !corners.iter().any(|h| *h < -1e-9) {
                 hand(next, rest);
                 return None;
             }
-            if let Some([inside, outside]) = rest.cut(normal, through) {
+            if let Some([inside, outside]) = rest.cut_at(&heights) {
                 hand(next, outside);
                 rest = inside;
             }

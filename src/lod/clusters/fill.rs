@@ -3,18 +3,18 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::carry::Near;
-use super::measure::{Draft, Parts};
+use super::measure::{Draft, Lies, Parts};
 use super::partition;
 use crate::geometry::Mesh;
 use crate::lod::{PAGE_TRIANGLES, PAGE_VERTICES};
+use crate::mesh::placed::Placed;
 
 /// Faces of a cluster as first cut. Two thirds of a page: smaller clusters need finer levels where
 /// they are near only, and less of them is drawn beyond the edge of the picture.
 const FILL: usize = 60;
 /// Faces of a cluster once its rim is evened out.
 const MOST: usize = 64;
-// [`Near`] has a bit for each.
+// [`Lies`] has a bit for each.
 const _: () = assert!(MOST <= PAGE_TRIANGLES && MOST <= 64);
 
 /// Clusters of the original's own faces.
@@ -29,9 +29,8 @@ pub fn finest(mesh: &Mesh, beside: &[[u32; 3]]) -> Vec<Draft> {
         .map(|ids| {
             ids.sort_unstable();
             let faces: Vec<[u32; 3]> = ids.iter().map(|f| mesh.faces[*f as usize]).collect();
-            let whole = ids.iter().copied().zip(0..=u8::MAX).collect();
-            let near = (0..=u8::MAX).take(faces.len()).map(Near::itself).collect();
-            Draft { whole, near, back: vec![0.0; faces.len()], ..draft(&faces) }
+            let whole = (0..).zip(ids.iter()).map(|(t, face)| Lies::on(*face, t)).collect();
+            Draft { whole, back: vec![0.0; faces.len()], ..draft(&faces) }
         })
         .collect()
 }
@@ -46,7 +45,6 @@ pub fn draft(faces: &[[u32; 3]]) -> Draft {
         vertices,
         whole: Vec::new(),
         parts: Parts::default(),
-        near: vec![Near::default(); faces.len()],
         back: Vec::new(),
         error: 0.0,
     }
@@ -75,15 +73,15 @@ pub fn clusters_of(
     centre: &(impl Fn(u32) -> Vec3 + Sync),
 ) -> (Vec<u32>, Vec<usize>) {
     let all = (0..faces.len() as u32).into_par_iter().with_min_len(8192);
-    let mut placed: Vec<(Vec3, u32)> = all.map(|f| (centre(f), f)).collect();
+    let mut placed: Vec<Placed> = all.map(|f| Placed::new(centre(f), f)).collect();
     let mut sizes = partition::split(&mut placed, FILL);
     let mut part = vec![0u32; faces.len()];
     let mut first = 0;
     for (n, id) in sizes.iter().zip(0..) {
-        placed[first..first + n].iter().for_each(|f| part[f.1 as usize] = id);
+        placed[first..first + n].iter().for_each(|f| part[f.id() as usize] = id);
         first += n;
     }
-    let mut order: Vec<u32> = placed.into_iter().map(|p| p.1).collect();
+    let mut order: Vec<u32> = placed.iter().map(Placed::id).collect();
     partition::smooth(&mut part, &mut sizes, MOST, beside);
     let mut fill = vec![0; sizes.len()];
     for i in 1..sizes.len() {
@@ -97,9 +95,9 @@ pub fn clusters_of(
     let fit = parts.into_par_iter().map(|own| {
         // Loose triangles have more vertices than faces.
         if vertices_of(own.iter().map(|f| faces[*f as usize])).len() > PAGE_VERTICES {
-            let mut placed: Vec<_> = own.iter().map(|f| (centre(*f), *f)).collect();
+            let mut placed: Vec<_> = own.iter().map(|f| Placed::new(centre(*f), *f)).collect();
             let sizes = partition::split(&mut placed, PAGE_VERTICES / 3);
-            own.iter_mut().zip(placed).for_each(|(f, p)| *f = p.1);
+            own.iter_mut().zip(placed).for_each(|(f, p)| *f = p.id());
             sizes
         } else {
             vec![own.len()]

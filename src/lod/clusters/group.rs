@@ -7,7 +7,7 @@ use super::cover::{Target, Worked};
 use super::fill;
 use super::halve::{Halved, halve};
 use super::image::image;
-use super::measure::{Draft, Measure, Original};
+use super::measure::{Draft, Found, Measure, Original};
 use super::partition::{self, NONE};
 use crate::geometry::{Mesh, Vertex};
 use crate::mesh::Nearest;
@@ -57,6 +57,8 @@ struct Before<'a> {
     /// Vertices among all, ascending; faces name places here.
     ids: Vec<u32>,
     faces: Vec<[u32; 3]>,
+    /// Face across each edge.
+    beside: Vec<[u32; 3]>,
     /// Of each vertex.
     positions: Vec<Vec3>,
     normals: Vec<Vec3>,
@@ -75,7 +77,8 @@ impl<'a> Before<'a> {
         }
         let positions = ids.iter().map(|v| places.positions[*v as usize]).collect();
         let normals = ids.iter().map(|v| places.normals[*v as usize]).collect();
-        Self { inputs, ids, faces, positions, normals }
+        let beside = partition::beside(&faces, ids.len());
+        Self { inputs, ids, faces, beside, positions, normals }
     }
 
     /// With half the faces, and where the origin was put for that.
@@ -84,7 +87,7 @@ impl<'a> Before<'a> {
         let at = self.positions.iter().map(|p| p.as_dvec3() - middle).collect();
         let fixed: Vec<bool> = self.ids.iter().map(|v| locked[*v as usize]).collect();
         let small = self.faces.iter().map(|f| f.map(|v| v as u16)).collect();
-        (halve(at, small, &fixed, self.faces.len() / 2), middle)
+        (halve(at, small, &self.beside, &fixed, self.faces.len() / 2), middle)
     }
 }
 
@@ -220,12 +223,12 @@ pub fn simplify(
     let start: Vec<Vec<u32>> = start.collect();
     // Nothing below the resolution of the coordinates is told apart.
     let far = f64::from(after.mesh.positions[0].abs().max_element());
-    let mut bound = measure.least(inputs, &start, count, floor.max(RESOLUTION * far));
+    let bound = measure.least(inputs, &start, count, floor.max(RESOLUTION * far));
     let target = Target {
         positions: &before.positions,
         normals: &before.normals,
         faces: &before.faces,
-        beside: &partition::beside(&before.faces, before.ids.len()),
+        beside: &before.beside,
         tree: &tree,
         worked: &none,
     };
@@ -239,24 +242,12 @@ pub fn simplify(
         coarse_at,
     };
     let image = image(&measure.target, &fine, LAID * bound);
-    let (mut turn, mut area, mut first) = (0.0, 0.0, 0);
-    for (d, start) in inputs.iter().zip(&start) {
-        let carried = measure.carried(d, first, &image, bound);
-        first += d.triangles.len();
-        for (face, near) in carried.iter().flatten() {
-            let (cluster, triangle) = owner[*face as usize];
-            outputs[usize::from(cluster)].near[usize::from(triangle)].join(*near);
-        }
-        for found in measure.towards(d, start, bound, &carried) {
-            bound = bound.max(found.bound);
-            turn += found.turn;
-            area += found.area;
-            found.share(&owner, &mut outputs);
-        }
-    }
+    let all = inputs.iter().map(|d| d.whole.len()).sum();
+    let mut found = Found::new(bound, &mut outputs, all);
+    measure.towards(inputs, &start, &image, &mut found);
+    let (angle, bound) = (found.angle(), found.bound);
     for d in &mut outputs {
         d.unite(original);
-        d.error = d.near.iter().fold(0.0, |far, near| near.far.max(far));
     }
     let (bound, back) = measure.back(bound, &fine, &image);
     for ((cluster, _), b) in owner.iter().zip(back) {
@@ -268,7 +259,7 @@ pub fn simplify(
     Some(Made {
         outputs,
         error: bound + ROUNDING * far,
-        angle: if area > 0.0 { (turn / area).sqrt() } else { 0.0 },
+        angle,
         edge: after.longest_edge(),
         moved: after.moved,
     })

@@ -9,6 +9,7 @@ use std::collections::BinaryHeap;
 use glam::{DMat3, DVec3};
 
 use super::fans::Fans;
+use super::partition::NONE;
 
 /// Faces at a vertex after a collapse, at most.
 const VALENCE_MAX: usize = 24;
@@ -112,9 +113,16 @@ enum Fan {
 /// largest distance.
 ///
 /// * `at`: near the origin, or costs lose digits.
-pub fn halve(at: Vec<DVec3>, faces: Vec<[u16; 3]>, locked: &[bool], target: usize) -> Halved {
+/// * `beside`: the face across each edge, [`NONE`] where there is none or more than one.
+pub fn halve(
+    at: Vec<DVec3>,
+    faces: Vec<[u16; 3]>,
+    beside: &[[u32; 3]],
+    locked: &[bool],
+    target: usize,
+) -> Halved {
     let count = at.len();
-    let mut s = Soup::new(at, faces, locked);
+    let mut s = Soup::new(at, faces, beside, locked);
     let mut live = s.faces.len();
     let mut onto: Vec<u16> = (0..count as u16).collect();
     // Whether a vertex waits in the heap. Its cost there may be old: it is worked out anew when it
@@ -171,7 +179,7 @@ pub fn halve(at: Vec<DVec3>, faces: Vec<[u16; 3]>, locked: &[bool], target: usiz
 }
 
 impl<'a> Soup<'a> {
-    fn new(at: Vec<DVec3>, faces: Vec<[u16; 3]>, locked: &'a [bool]) -> Self {
+    fn new(at: Vec<DVec3>, faces: Vec<[u16; 3]>, beside: &[[u32; 3]], locked: &'a [bool]) -> Self {
         let of = Fans::new(at.len(), &faces);
         let mut quadric = vec![Quadric::default(); at.len()];
         let cross = |f: &[u16; 3]| {
@@ -189,15 +197,15 @@ impl<'a> Soup<'a> {
         }
         let mark = vec![(0, 0); at.len()];
         let mut s = Self { at, faces, of, quadric, mark, round: 0, ring: Vec::new(), locked };
-        s.hold_boundaries();
+        s.hold_boundaries(beside);
         s
     }
 
     /// Planes through edges with one face, at right angles to it.
-    fn hold_boundaries(&mut self) {
-        for i in 0..self.faces.len() {
+    fn hold_boundaries(&mut self, beside: &[[u32; 3]]) {
+        for (i, beside) in beside.iter().enumerate() {
             let f = self.faces[i];
-            for k in 0..3 {
+            for k in (0..3).filter(|k| beside[*k] == NONE) {
                 let (u, v) = (f[k], f[(k + 1) % 3]);
                 let both = |g: &&u16| self.faces[**g as usize].contains(&v);
                 if self.of.get(u).iter().filter(both).count() != 1 {
@@ -415,13 +423,19 @@ mod tests {
         out
     }
 
+    fn halved(at: Vec<DVec3>, faces: Vec<[u16; 3]>, locked: &[bool], target: usize) -> Halved {
+        let wide: Vec<[u32; 3]> = faces.iter().map(|f| f.map(u32::from)).collect();
+        let beside = super::super::partition::beside(&wide, at.len());
+        halve(at, faces, &beside, locked, target)
+    }
+
     #[test]
     fn a_sheet_loses_half_its_faces_and_nothing_of_its_locked_rim() {
         let (at, faces) = sheet(30);
         let rim = border(&faces);
         let mut locked = vec![false; at.len()];
         rim.iter().for_each(|e| locked[e.0 as usize] = true);
-        let h = halve(at.clone(), faces.clone(), &locked, 900);
+        let h = halved(at.clone(), faces.clone(), &locked, 900);
         assert!(h.faces.len() <= 900 && h.faces.len() >= 898, "{}", h.faces.len());
         assert_eq!(border(&h.faces), rim);
         for f in &h.faces {
@@ -435,7 +449,7 @@ mod tests {
         let moved = moved.filter(|v| h.at[*v as usize] != at[*v as usize]);
         assert!(moved.count() > 100);
         // Unlocked, the rim gives way too but keeps its place.
-        let free = halve(at.clone(), faces, &vec![false; at.len()], 100);
+        let free = halved(at.clone(), faces, &vec![false; at.len()], 100);
         assert!(free.faces.len() <= 100);
         let rim = border(&free.faces);
         assert!(rim.len() < 60);
@@ -451,14 +465,14 @@ mod tests {
             .map(|p: [i32; 3]| DVec3::from_array(p.map(f64::from)))
             .to_vec();
         let tetrahedron = vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
-        let h = halve(at.clone(), tetrahedron.clone(), &[false; 5], 1);
+        let h = halved(at.clone(), tetrahedron.clone(), &[false; 5], 1);
         assert_eq!(h.faces, tetrahedron);
         let book = vec![[0, 1, 2], [0, 1, 3], [0, 1, 4]];
-        let h = halve(at.clone(), book, &[false; 5], 0);
+        let h = halved(at.clone(), book, &[false; 5], 0);
         assert!(h.faces.len() <= 3);
         let fans = vec![[0, 1, 2], [0, 3, 4]];
-        let h = halve(at.clone(), fans, &[false; 5], 0);
+        let h = halved(at.clone(), fans, &[false; 5], 0);
         assert!(h.faces.iter().all(|f| f[0] != f[1] && f[1] != f[2] && f[2] != f[0]));
-        assert!(halve(at, vec![], &[false; 5], 0).faces.is_empty());
+        assert!(halved(at, vec![], &[false; 5], 0).faces.is_empty());
     }
 }

@@ -65,6 +65,10 @@ pub struct Round {
     pub crossings: Vec<(u8, Crossing)>,
     /// What [`Self::split`] found: a face that each part is near to, and its corners.
     pub parts: Vec<(u32, Vec<DVec3>)>,
+    /// Parts under way, those inside others last.
+    under: Vec<(u32, Vec<DVec3>)>,
+    /// Room of parts that are not needed any more.
+    spare: Vec<Vec<DVec3>>,
     open: Vec<Crossing>,
     way: Vec<(Crossing, u8)>,
 }
@@ -93,13 +97,17 @@ impl Round {
     ///
     /// * `first`: the face of the first corner.
     pub fn split(&mut self, corners: &[DVec3], first: u32, cluster: impl Fn(u32) -> u16) -> bool {
-        self.parts.clear();
+        self.spare.extend(self.parts.drain(..).chain(self.under.drain(..)).map(|p| p.1));
         self.open.clear();
-        // Parts under way, those inside others last.
-        let mut under: Vec<(u32, Vec<DVec3>)> = vec![(first, Vec::with_capacity(CORNERS))];
+        let fresh = |spare: &mut Vec<Vec<DVec3>>| {
+            let mut part = spare.pop().unwrap_or_default();
+            part.clear();
+            part
+        };
+        self.under.push((first, fresh(&mut self.spare)));
         let mut rest = self.crossings.as_slice();
         for (side, p) in (0..).zip(corners) {
-            if let Some(part) = under.last_mut() {
+            if let Some(part) = self.under.last_mut() {
                 part.1.push(*p);
             }
             while let [(s, c), after @ ..] = rest
@@ -107,28 +115,28 @@ impl Round {
             {
                 rest = after;
                 let over = cluster(c.from) != cluster(c.to);
-                if over && let Some(part) = under.last_mut() {
+                if over && let Some(part) = self.under.last_mut() {
                     part.1.push(c.at);
                 }
                 if self.open.last().is_some_and(|last| last.undoes(c)) {
                     self.open.pop();
                     if over {
-                        self.parts.extend(under.pop());
-                        if let Some(part) = under.last_mut() {
+                        self.parts.extend(self.under.pop());
+                        if let Some(part) = self.under.last_mut() {
                             part.1.push(c.at);
                         }
                     }
                 } else {
                     self.open.push(*c);
                     if over {
-                        let mut part = Vec::with_capacity(CORNERS);
+                        let mut part = fresh(&mut self.spare);
                         part.push(c.at);
-                        under.push((c.to, part));
+                        self.under.push((c.to, part));
                     }
                 }
             }
         }
-        self.parts.append(&mut under);
+        self.parts.append(&mut self.under);
         let area = |p: &[DVec3]| Piece::new(p).area();
         let speck = SPECK * area(corners);
         let fits = self.open.is_empty() && self.parts.iter().all(|p| p.1.len() <= CORNERS);

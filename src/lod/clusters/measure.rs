@@ -1,53 +1,74 @@
 //! The coarse faces of a group against the original they stand for: distance both ways, shading.
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
-use super::carry::{Carried, Near};
+use super::build::up;
+use super::carry::{Carried, Late, carried};
 use super::cover::{Piece, Target};
+use super::image::Image;
 use super::lay::{Landing, Round};
 use super::partition::NONE;
 #[cfg(test)]
 use crate::geometry::Mesh;
 use crate::geometry::Vertex;
 
-/// Pieces of the original measured by one task.
-const TASK: usize = 4096;
 /// Of so many original faces one is looked at for shading: it is a mean, and no bound.
 const SHADING_SAMPLE: u32 = 8;
+
+/// A piece of the original, and where it lies on the cluster that stands for it.
+#[derive(Clone, Copy)]
+pub struct Lies {
+    /// The original's face id.
+    pub face: u32,
+    /// No point of it is farther than this, mm,
+    pub far: f32,
+    /// from all of these triangles together: a bit for each, at least one.
+    pub over: u64,
+}
+
+impl Lies {
+    /// One that is the triangle itself.
+    pub fn on(face: u32, triangle: u8) -> Self {
+        Self { face, far: 0.0, over: 1 << triangle }
+    }
+
+    /// One of the triangles.
+    pub fn triangle(self) -> usize {
+        self.over.trailing_zeros() as usize
+    }
+
+    /// All of them.
+    pub fn triangles(self) -> impl Iterator<Item = usize> {
+        let rest = |bits: u64| (bits != 0).then_some(bits);
+        std::iter::successors(rest(self.over), move |b| rest(b & (b - 1)))
+            .map(|b| b.trailing_zeros() as usize)
+    }
+}
 
 /// Part of an original face that a cluster stands for.
 #[derive(Clone, Copy)]
 pub struct Part {
-    /// The original's face id.
-    pub face: u32,
+    /// Where it lies.
+    pub lies: Lies,
     /// Where its corners begin among all.
     first: u32,
     /// How many there are.
     count: u8,
-    /// Triangle of the cluster that it was near to.
-    pub triangle: u8,
 }
 
 /// Parts of original faces.
-pub struct Parts<T> {
-    /// Each with what is to be known of it.
-    list: Vec<(T, Part)>,
+#[derive(Default)]
+pub struct Parts {
+    list: Vec<Part>,
     /// Their corners, mm.
     corners: Vec<DVec3>,
 }
 
-impl<T> Default for Parts<T> {
-    fn default() -> Self {
-        Self { list: Vec::new(), corners: Vec::new() }
-    }
-}
-
-impl<T> Parts<T> {
-    fn push(&mut self, of: T, face: u32, triangle: u8, corners: &[DVec3]) {
+impl Parts {
+    fn push(&mut self, lies: Lies, corners: &[DVec3]) {
         let (first, count) = (self.corners.len() as u32, corners.len() as u8);
         self.corners.extend_from_slice(corners);
-        self.list.push((of, Part { face, first, count, triangle }));
+        self.list.push(Part { lies, first, count });
     }
 
     fn corners(&self, part: &Part) -> &[DVec3] {
@@ -61,12 +82,10 @@ pub struct Draft {
     pub vertices: Vec<u32>,
     /// Places in `vertices`.
     pub triangles: Vec<[u8; 3]>,
-    /// Original faces that lie near one of its triangles as a whole, and which.
-    pub whole: Vec<(u32, u8)>,
+    /// Original faces that it stands for as a whole.
+    pub whole: Vec<Lies>,
     /// Those that were cut.
-    pub parts: Parts<()>,
-    /// For each triangle, what is near it of both.
-    pub near: Vec<Near>,
+    pub parts: Parts,
     /// For each triangle, how far any point of it is from the original at most, mm.
     pub back: Vec<f32>,
     /// At least that, and how far any point of what it stands for is from it, mm.
@@ -87,33 +106,34 @@ pub struct Original<'a> {
 }
 
 impl Draft {
-    /// What it stands for: original face, corners, and the triangle that is near.
+    /// What it stands for, and the corners of that.
     #[cfg(test)]
-    pub fn stands_for(&self, original: &Mesh) -> Vec<(u32, Vec<DVec3>, u8)> {
+    pub fn stands_for(&self, original: &Mesh) -> Vec<(Lies, Vec<DVec3>)> {
         let corners = |f: u32| -> Vec<DVec3> {
             original.faces[f as usize].map(|v| original.positions[v as usize].as_dvec3()).to_vec()
         };
-        let whole = self.whole.iter().map(|(f, t)| (*f, corners(*f), *t));
-        let parts = self.parts.list.iter();
-        let part = |p: &Part| (p.face, self.parts.corners(p).to_vec(), p.triangle);
-        whole.chain(parts.map(|(_, p)| part(p))).collect()
+        let whole = self.whole.iter().map(|lies| (*lies, corners(lies.face)));
+        let part = |p: &Part| (p.lies, self.parts.corners(p).to_vec());
+        whole.chain(self.parts.list.iter().map(part)).collect()
     }
 
     /// Puts faces together again of which all parts are here.
     pub fn unite(&mut self, original: &Original<'_>) {
-        let mut list = std::mem::take(&mut self.parts.list);
-        list.sort_by_key(|p| p.1.face);
-        for own in list.chunk_by(|a, b| a.1.face == b.1.face) {
-            let Part { face, triangle, .. } = own[0].1;
-            let area = own.iter().map(|p| Piece::new(self.parts.corners(&p.1)).area());
-            if area.sum::<f64>() > (1.0 - 1e-6) * Piece::new(&original.corners(face)).area() {
-                self.whole.push((face, triangle));
-                for p in own {
-                    let other = self.near[usize::from(p.1.triangle)];
-                    self.near[usize::from(triangle)].join(other);
-                }
+        let list = std::mem::take(&mut self.parts.list);
+        let mut order: Vec<u64> =
+            (0..).zip(&list).map(|(i, p)| u64::from(p.lies.face) << 32 | i).collect();
+        order.sort_unstable();
+        let part = |o: &u64| &list[*o as u32 as usize];
+        for own in order.chunk_by(|a, b| a >> 32 == b >> 32) {
+            let face = part(&own[0]).lies.face;
+            let area = || own.iter().map(|o| Piece::new(self.parts.corners(part(o))).area());
+            let whole = || Piece::new(&original.corners(face)).area();
+            if own.len() > 1 && area().sum::<f64>() > (1.0 - 1e-6) * whole() {
+                let far = own.iter().fold(0f32, |far, o| far.max(part(o).lies.far));
+                let over = own.iter().fold(0, |over, o| over | part(o).lies.over);
+                self.whole.push(Lies { face, far, over });
             } else {
-                self.parts.list.extend_from_slice(own);
+                self.parts.list.extend(own.iter().map(part));
             }
         }
     }
@@ -155,40 +175,43 @@ impl Landings {
     }
 }
 
-/// What one task measured.
-pub struct Found {
+/// What measuring a group has found so far; what it stands for goes to its clusters at once.
+pub struct Found<'d> {
     /// Largest distance, mm.
     pub bound: f64,
     /// Squared angles between normals times areas, and areas.
-    pub turn: f64,
-    pub area: f64,
-    /// By coarse face.
-    pub near: Vec<Near>,
-    /// By output cluster.
-    pub whole: Vec<(u16, (u32, u8))>,
-    /// The same of those that were cut.
-    pub parts: Parts<u16>,
+    turn: f64,
+    area: f64,
+    outputs: &'d mut [Draft],
+    known: Landings,
+    lands: Vec<Landing>,
+    round: Round,
+    cuts: Vec<(u32, Piece, f64)>,
 }
 
-impl Found {
-    /// Hands what was found to the clusters that stand for it. `owner`: as in [`Measure`].
-    pub fn share(&self, owner: &[(u16, u8)], among: &mut [Draft]) {
-        for ((cluster, triangle), near) in owner.iter().zip(&self.near) {
-            among[usize::from(*cluster)].near[usize::from(*triangle)].join(*near);
-        }
-        for (c, w) in &self.whole {
-            among[usize::from(*c)].whole.push(*w);
-        }
-        for (c, p) in &self.parts.list {
-            let parts = &mut among[usize::from(*c)].parts;
-            parts.push((), p.face, p.triangle, self.parts.corners(p));
-        }
+impl<'d> Found<'d> {
+    /// Nothing yet.
+    ///
+    /// * `outputs`: those that are to stand for what is measured.
+    /// * `faces`: how many original ones, about.
+    pub fn new(bound: f64, outputs: &'d mut [Draft], faces: usize) -> Self {
+        let (lands, round, cuts) = (Vec::new(), Round::default(), Vec::new());
+        let each = faces / outputs.len().max(1);
+        outputs.iter_mut().for_each(|d| d.whole.reserve(each));
+        let known = Landings::new(faces);
+        Self { bound, turn: 0.0, area: 0.0, outputs, known, lands, round, cuts }
     }
 
-    fn new(bound: f64, owner: &[(u16, u8)]) -> Self {
-        let (whole, parts) = (Vec::new(), Parts::default());
-        let near = vec![Near::default(); owner.len()];
-        Self { bound, turn: 0.0, area: 0.0, near, whole, parts }
+    /// The cluster that something goes along to.
+    fn take(&mut self, to: &Carried) -> &mut Draft {
+        let own = &mut self.outputs[usize::from(to.cluster)];
+        own.error = own.error.max(to.far());
+        own
+    }
+
+    /// Root mean square angle between normals, radians.
+    pub fn angle(&self) -> f64 {
+        if self.area > 0.0 { (self.turn / self.area).sqrt() } else { 0.0 }
     }
 }
 
@@ -211,9 +234,9 @@ impl Measure<'_> {
         let all: usize = inputs.iter().map(|d| d.whole.len()).sum();
         let every = (4 * all / count.max(1)).max(1);
         for (d, start) in inputs.iter().zip(start) {
-            for &(face, triangle) in d.whole.iter().step_by(every) {
-                let p = self.original.corners(face)[0];
-                let near = self.target.walk(start[usize::from(triangle)], p);
+            for lies in d.whole.iter().step_by(every) {
+                let p = self.original.corners(lies.face)[0];
+                let near = self.target.walk(start[lies.triangle()], p);
                 let near = self.target.nearest(near, p).d2.sqrt();
                 if near > bound {
                     // The walk may have ended in a corner of the group.
@@ -225,74 +248,108 @@ impl Measure<'_> {
         bound
     }
 
-    /// What `d` stands for, against the coarse faces. `start`: for each of its triangles, where to
-    /// begin; `carried`: what need not be measured. Tasks are cut the same whatever the number of
-    /// threads.
-    pub fn towards(&self, d: &Draft, start: &[u32], bound: f64, carried: &[Carried]) -> Vec<Found> {
-        let whole = d.whole.par_chunks(TASK).map(|own| {
-            let mut found = Found::new(bound, self.owner);
-            found.whole.reserve(own.len());
-            let mut round = Round::default();
-            let mut known = Landings::new(own.len());
+    /// What `inputs` stand for, against the coarse faces. `start`: for each of the triangles of each,
+    /// where to begin.
+    ///
+    /// What can go along unmeasured but may be farther than the bound so far waits; then the worst
+    /// are measured, which raises the bound until the rest is within it.
+    pub fn towards(
+        &self,
+        inputs: &[&Draft],
+        start: &[Vec<u32>],
+        image: &Image,
+        found: &mut Found<'_>,
+    ) {
+        let below = self.below(image);
+        let (mut below, mut late) = (below.as_slice(), Vec::new());
+        for ((draft, d), start) in (0..).zip(inputs).zip(start) {
+            let (own, rest) = below.split_at(d.triangles.len());
+            below = rest;
             let mut last = None;
-            for &(face, triangle) in own {
-                if let Some((t, _)) = carried[usize::from(triangle)] {
-                    let (cluster, triangle) = self.owner[t as usize];
-                    found.whole.push((cluster, (face, triangle)));
-                    self.shade_near(
-                        face,
-                        t,
-                        || Piece::new(&self.original.corners(face)),
-                        &mut found,
-                    );
-                    last = None;
-                    continue;
+            for (piece, lies) in (0..).zip(&d.whole) {
+                match carried(lies, own) {
+                    Some(to) if to.far() <= found.bound => self.hand_whole(&to, found),
+                    Some(to) => late.push(Late { to, draft, piece }),
+                    None => {
+                        let start = last.unwrap_or(start[lies.triangle()]);
+                        last = self.whole(lies.face, start, found);
+                        continue;
+                    }
                 }
-                let corners = self.original.corners(face);
-                let start = last.unwrap_or(start[usize::from(triangle)]);
-                let mut from = start;
-                let lands = [0, 1, 2].map(|k| {
-                    let v = self.original.target.faces[face as usize][k];
-                    let land = known.of(v, || self.target.land(from, corners[k]));
-                    from = land.face;
-                    land
-                });
-                last = Some(from);
-                if !self.lay(face, &corners, &lands, true, &mut round, &mut found) {
-                    last = None;
-                    self.one(face, &Piece::new(&corners), start, true, &mut found);
-                }
+                last = None;
             }
-            found
-        });
-        let parts = d.parts.list.par_chunks(TASK).map(|own| {
-            let mut found = Found::new(bound, self.owner);
-            found.parts.list.reserve(own.len());
-            let mut round = Round::default();
-            let mut lands = Vec::new();
-            for (_, p) in own {
+            for (piece, p) in (d.whole.len() as u32..).zip(&d.parts.list) {
                 let corners = d.parts.corners(p);
-                if let Some((t, _)) = carried[usize::from(p.triangle)] {
-                    let (cluster, triangle) = self.owner[t as usize];
-                    found.parts.push(cluster, p.face, triangle, corners);
-                    self.shade_near(p.face, t, || Piece::new(corners), &mut found);
-                    continue;
-                }
-                let start = start[usize::from(p.triangle)];
-                let mut from = start;
-                lands.clear();
-                lands.extend(corners.iter().map(|c| {
-                    let land = self.target.land(from, *c);
-                    from = land.face;
-                    land
-                }));
-                if !self.lay(p.face, corners, &lands, false, &mut round, &mut found) {
-                    self.one(p.face, &Piece::new(corners), start, false, &mut found);
+                match carried(&p.lies, own) {
+                    Some(to) if to.far() <= found.bound => self.hand_part(corners, &to, found),
+                    Some(to) => late.push(Late { to, draft, piece }),
+                    None => self.part(p.lies.face, corners, start[p.lies.triangle()], found),
                 }
             }
-            found
+        }
+        late.sort_unstable_by(Late::before);
+        for Late { to, draft, piece } in &late {
+            let d = inputs[*draft as usize];
+            let within = to.far() <= found.bound;
+            match (piece.checked_sub(d.whole.len() as u32), within) {
+                (None, true) => self.hand_whole(to, found),
+                (None, false) => {
+                    self.whole(to.lies.face, to.near, found);
+                }
+                (Some(part), within) => {
+                    let corners = d.parts.corners(&d.parts.list[part as usize]);
+                    if within {
+                        self.hand_part(corners, to, found);
+                    } else {
+                        self.part(to.lies.face, corners, to.near, found);
+                    }
+                }
+            }
+        }
+    }
+
+    fn hand_whole(&self, to: &Carried, found: &mut Found<'_>) {
+        found.take(to).whole.push(to.lies);
+        let corners = || Piece::new(&self.original.corners(to.lies.face));
+        self.shade_near(to.lies.face, to.near, corners, found);
+    }
+
+    fn hand_part(&self, corners: &[DVec3], to: &Carried, found: &mut Found<'_>) {
+        found.take(to).parts.push(to.lies, corners);
+        self.shade_near(to.lies.face, to.near, || Piece::new(corners), found);
+    }
+
+    /// Measures a whole original face; where to begin with the next.
+    fn whole(&self, face: u32, start: u32, found: &mut Found<'_>) -> Option<u32> {
+        let corners = self.original.corners(face);
+        let mut from = start;
+        let lands = [0, 1, 2].map(|k| {
+            let v = self.original.target.faces[face as usize][k];
+            let land = found.known.of(v, || self.target.land(from, corners[k]));
+            from = land.face;
+            land
         });
-        whole.chain(parts).collect()
+        if self.lay(face, &corners, &lands, true, found) {
+            return Some(from);
+        }
+        self.one(face, &Piece::new(&corners), start, true, found);
+        None
+    }
+
+    /// Measures a part of an original face.
+    fn part(&self, face: u32, corners: &[DVec3], start: u32, found: &mut Found<'_>) {
+        let mut lands = std::mem::take(&mut found.lands);
+        let mut from = start;
+        lands.clear();
+        lands.extend(corners.iter().map(|c| {
+            let land = self.target.land(from, *c);
+            from = land.face;
+            land
+        }));
+        if !self.lay(face, corners, &lands, false, found) {
+            self.one(face, &Piece::new(corners), start, false, found);
+        }
+        found.lands = lands;
     }
 
     /// Lays a piece of an original face upon the coarse faces if it is within the bound as it is:
@@ -303,8 +360,22 @@ impl Measure<'_> {
         corners: &[DVec3],
         lands: &[Landing],
         whole: bool,
+        found: &mut Found<'_>,
+    ) -> bool {
+        let mut round = std::mem::take(&mut found.round);
+        let laid = self.lay_with(face, corners, lands, whole, &mut round, found);
+        found.round = round;
+        laid
+    }
+
+    fn lay_with(
+        &self,
+        face: u32,
+        corners: &[DVec3],
+        lands: &[Landing],
+        whole: bool,
         round: &mut Round,
-        found: &mut Found,
+        found: &mut Found<'_>,
     ) -> bool {
         let limit2 = found.bound * found.bound;
         if !lands.iter().all(|l| l.d2 <= limit2) {
@@ -369,51 +440,48 @@ impl Measure<'_> {
         whole: bool,
         far2: f64,
         over: impl IntoIterator<Item = u32>,
-        found: &mut Found,
+        found: &mut Found<'_>,
     ) {
-        let (cluster, triangle) = self.owner[t as usize];
-        let near = &mut found.near[t as usize];
-        near.far = near.far.max(far2.sqrt());
+        let (cluster, _) = self.owner[t as usize];
         let over = over.into_iter().map(|t| self.owner[t as usize]).filter(|o| o.0 == cluster);
-        over.for_each(|o| near.over |= 1 << o.1);
+        let over = over.fold(0, |over, o| over | 1 << o.1);
+        let lies = Lies { face, far: up(far2.sqrt()), over };
+        let own = &mut found.outputs[usize::from(cluster)];
+        own.error = own.error.max(f64::from(lies.far));
         if whole {
-            found.whole.push((cluster, (face, triangle)));
+            own.whole.push(lies);
         } else {
-            found.parts.push(cluster, face, triangle, corners);
+            own.parts.push(lies, corners);
         }
     }
 
-    fn one(&self, face: u32, piece: &Piece, start: u32, whole: bool, found: &mut Found) {
-        let first = found.parts.list.len();
+    fn one(&self, face: u32, piece: &Piece, start: u32, whole: bool, found: &mut Found<'_>) {
+        let mut cuts = std::mem::take(&mut found.cuts);
+        cuts.clear();
         let mut bound = found.bound;
-        self.target.cover(piece, start, &mut bound, |t, p, far, all| {
-            self.shade(face, t, p.corners(), found);
-            self.put((face, t), p.corners(), all && whole, far * far, [t], found);
-        });
+        self.target.cover(piece, start, &mut bound, |t, p, far, _| cuts.push((t, *p, far)));
         found.bound = bound;
-        // Cut, but all in one cluster.
-        let parts = &found.parts.list[first..];
-        if let Some((c, p)) = parts.first()
-            && parts.iter().all(|q| q.0 == *c)
+        for (t, p, _) in &cuts {
+            self.shade(face, *t, p.corners(), found);
+        }
+        let cluster = |c: &(u32, Piece, f64)| self.owner[c.0 as usize].0;
+        if let Some(first) = cuts.first()
+            && cuts.iter().all(|c| cluster(c) == cluster(first))
         {
-            let (cluster, triangle) = (*c, p.triangle);
-            // What else is near those triangles comes along; that is more than need be, not less.
-            let start = self.owner.partition_point(|o| o.0 < cluster);
-            for p in parts {
-                let near = found.near[start + usize::from(p.1.triangle)];
-                found.near[start + usize::from(triangle)].join(near);
-            }
-            found.parts.list.truncate(first);
-            if whole {
-                found.whole.push((cluster, (face, triangle)));
-            } else {
-                found.parts.push(cluster, face, triangle, piece.corners());
+            // Cut, but all in one cluster.
+            let far = cuts.iter().fold(0f64, |far, c| far.max(c.2));
+            let over = cuts.iter().map(|c| c.0);
+            self.put((face, first.0), piece.corners(), whole, far * far, over, found);
+        } else {
+            for (t, p, far) in &cuts {
+                self.put((face, *t), p.corners(), false, far * far, [*t], found);
             }
         }
+        found.cuts = cuts;
     }
 
     /// Takes the shading of a piece of an original face on the coarse face `t` into account.
-    fn shade(&self, face: u32, t: u32, corners: &[DVec3], found: &mut Found) {
+    fn shade(&self, face: u32, t: u32, corners: &[DVec3], found: &mut Found<'_>) {
         if face.is_multiple_of(SHADING_SAMPLE) {
             let piece = Piece::new(corners);
             let area = piece.area();
@@ -423,7 +491,7 @@ impl Measure<'_> {
     }
 
     /// The same, with the coarse face at its middle, which is not far from `from`.
-    fn shade_near(&self, face: u32, from: u32, piece: impl Fn() -> Piece, found: &mut Found) {
+    fn shade_near(&self, face: u32, from: u32, piece: impl Fn() -> Piece, found: &mut Found<'_>) {
         if face.is_multiple_of(SHADING_SAMPLE) {
             let piece = piece();
             let t = self.target.walk(from, piece.centre());

@@ -3,6 +3,8 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::mesh::placed::{self, Placed};
+
 /// No face.
 pub const NONE: u32 = u32::MAX;
 
@@ -34,11 +36,17 @@ pub fn beside(faces: &[[u32; 3]], vertices: usize) -> Vec<[u32; 3]> {
     }
     let mut out = vec![[NONE; 3]; faces.len()];
     for v in 0..vertices {
-        let row = &half[start[v] as usize..start[v + 1] as usize];
-        for (i, e) in row.iter().enumerate() {
-            let mut others = row.iter().enumerate().filter(|(j, o)| *j != i && o.0 == e.0);
-            if let (Some((_, o)), None) = (others.next(), others.next()) {
-                out[e.1 as usize / 4][e.1 as usize % 4] = o.1 / 4;
+        let mut row = &half[start[v] as usize..start[v + 1] as usize];
+        while let [first, rest @ ..] = row {
+            row = rest;
+            let mut others = rest.iter().filter(|o| o.0 == first.0);
+            if let (Some(second), None) = (others.next(), others.next()) {
+                // Of three and more, the last two come here too.
+                let before = &half[start[v] as usize..start[v + 1] as usize - rest.len() - 1];
+                if !before.iter().any(|o| o.0 == first.0) {
+                    out[first.1 as usize / 4][first.1 as usize % 4] = second.1 / 4;
+                    out[second.1 as usize / 4][second.1 as usize % 4] = first.1 / 4;
+                }
             }
         }
     }
@@ -46,21 +54,14 @@ pub fn beside(faces: &[[u32; 3]], vertices: usize) -> Vec<[u32; 3]> {
 }
 
 /// Cuts items into parts of at most `most`, as even as can be, at medians of the longest side of
-/// their box; equal places by id. Part after part, in the order they then lie in `items`. Each comes
-/// with its place: to move 16 bytes is faster than to look places up.
-pub fn split(items: &mut [(Vec3, u32)], most: usize) -> Vec<usize> {
+/// their box. Part after part, in the order they then lie in `items`.
+pub fn split(items: &mut [Placed], most: usize) -> Vec<usize> {
     let parts = items.len().div_ceil(most);
     if parts <= 1 {
         return vec![items.len()];
     }
-    let (lo, hi) = items
-        .iter()
-        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, i| (b.0.min(i.0), b.1.max(i.0)));
-    let size = hi - lo;
-    let axis = (0..3).fold(0, |best, k| if size[k] > size[best] { k } else { best });
     let cut = items.len() * (parts / 2) / parts;
-    items.select_nth_unstable_by(cut, |a, b| a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1)));
-    let (a, b) = items.split_at_mut(cut);
+    let (a, b) = placed::part(items, cut);
     let (mut a, b) = if a.len() > 4096 {
         rayon::join(|| split(a, most), || split(b, most))
     } else {
@@ -99,18 +100,18 @@ pub fn smooth(part: &mut [u32], sizes: &mut [usize], most: usize, beside: &[[u32
     }
 }
 
-/// What grouping needs of a cluster: edges on its border (lower vertex first), and its middle.
+/// What grouping needs of a cluster: edges on its border, and its middle.
 pub struct Bordered {
-    /// Edges with one of its faces.
-    pub border: Vec<[u32; 2]>,
+    /// Edges with one of its faces: the lower vertex in the upper half.
+    pub border: Vec<u64>,
     /// Middle.
     pub centre: Vec3,
 }
 
-/// Edges of these faces that lie on only one of them, lower vertex first.
-pub fn border(faces: impl Iterator<Item = [u32; 3]>) -> Vec<[u32; 2]> {
-    let edge = |a: u32, b: u32| [a.min(b), a.max(b)];
-    let mut all: Vec<[u32; 2]> =
+/// Edges of these faces that lie on only one of them, as in [`Bordered`].
+pub fn border(faces: impl Iterator<Item = [u32; 3]>) -> Vec<u64> {
+    let edge = |a: u32, b: u32| u64::from(a.min(b)) << 32 | u64::from(a.max(b));
+    let mut all: Vec<u64> =
         faces.flat_map(|[a, b, c]| [edge(a, b), edge(b, c), edge(c, a)]).collect();
     all.sort_unstable();
     all.chunk_by(|a, b| a == b).filter(|c| c.len() == 1).map(|c| c[0]).collect()
@@ -121,7 +122,7 @@ pub fn border(faces: impl Iterator<Item = [u32; 3]>) -> Vec<[u32; 2]> {
 /// until then, are the densest, so that they are what most likely comes to lie inside.
 pub fn group(clusters: &[Bordered]) -> Vec<Vec<u32>> {
     let n = clusters.len();
-    let mut edges: Vec<([u32; 2], u32)> = clusters
+    let mut edges: Vec<(u64, u32)> = clusters
         .par_iter()
         .enumerate()
         .flat_map_iter(|(i, c)| c.border.iter().map(move |e| (*e, i as u32)))

@@ -20,17 +20,17 @@ fn all_of_the_original_is_as_near_to_what_stands_for_it_as_is_said() {
                 .faces()
                 .map(|f| Known::new(f.map(|v| places.positions[v as usize].as_dvec3())))
                 .collect();
-            for (face, piece, triangle) in d.stands_for(&mesh) {
-                held[face as usize] += Piece::new(&piece).area();
-                let near = d.near[usize::from(triangle)];
-                assert!(near.far <= d.error, "{} of a cluster that errs {}", near.far, d.error);
-                let over = || (0..faces.len()).filter(|t| near.over >> t & 1 == 1);
+            for (lies, piece) in d.stands_for(&mesh) {
+                held[lies.face as usize] += Piece::new(&piece).area();
+                let far = f64::from(lies.far);
+                assert!(far <= d.error, "{far} of a cluster that errs {}", d.error);
+                assert!(lies.over != 0);
                 let middle = piece.iter().sum::<DVec3>() / piece.len() as f64;
                 for p in piece.iter().chain([&middle]) {
-                    let d2 = over().map(|t| faces[t].nearest(*p).d2).fold(f64::INFINITY, f64::min);
-                    let away = d2.sqrt();
-                    assert!(away <= near.far + 1e-6, "{away} mm, not {}", near.far);
-                    close += usize::from(away > 0.9 * near.far && near.far > 0.01);
+                    let d2 = lies.triangles().map(|t| faces[t].nearest(*p).d2);
+                    let away = d2.fold(f64::INFINITY, f64::min).sqrt();
+                    assert!(away <= far + 1e-6, "{away} mm, not {far}");
+                    close += usize::from(away > 0.9 * far && far > 0.01);
                 }
             }
         }
