@@ -128,8 +128,9 @@ fn write_products(
 ) -> Result<(), CliError> {
     let Anatomy { distance, centered, wall, .. } = anatomy;
     let classes = lumen.class_field();
-    write_layers(&out.join("mask.nrrd"), &lumen.grid, lumen.layers(&classes, 0))?;
-    write_layers(&out.join("distance.nrrd"), &lumen.grid, lumen.layers(distance, 0.0))?;
+    let grid = &lumen.grid;
+    write_layers(&out.join("mask.nrrd"), grid, |put| lumen.each_layer(&classes, 0, put))?;
+    write_layers(&out.join("distance.nrrd"), grid, |put| lumen.each_layer(distance, 0.0, put))?;
     for (name, mesh) in [("surface.ply", &wall.mesh), ("base.ply", base)] {
         if open_ends && !mesh.caps.is_empty() {
             write_mesh(&out.join(name), &without_caps(mesh))?;

@@ -216,13 +216,25 @@ impl Lumen {
     }
 
     /// The same, eight slices at a time: for what is written as it is made.
-    pub fn layers<T: Copy>(&self, field: &[T], outside: T) -> impl Iterator<Item = Vec<T>> {
+    ///
+    /// # Errors
+    /// What `put` says; it is not called again then.
+    pub fn each_layer<T: Copy, E>(
+        &self,
+        field: &[T],
+        outside: T,
+        put: &mut dyn FnMut(&[T]) -> Result<(), E>,
+    ) -> Result<(), E> {
         let (all, layer) = (self.grid.len(), self.layer_len());
-        (0..all.div_ceil(layer)).map(move |i| {
-            let mut out = vec![outside; layer.min(all - i * layer)];
-            self.fill_layer(i, field, &mut out);
-            out
-        })
+        let mut out = vec![outside; layer.min(all)];
+        for i in 0..all.div_ceil(layer) {
+            let out = &mut out[..layer.min(all - i * layer)];
+            self.fill_layer(i, field, out);
+            put(out)?;
+            // Only what was written is other than outside.
+            self.layer_rows(i, out.len(), |_, to| out[to].fill(outside));
+        }
+        Ok(())
     }
 
     /// Voxels of eight slices.
@@ -230,8 +242,19 @@ impl Lumen {
         8 * self.grid.dims.x as usize * self.grid.dims.y as usize
     }
 
-    /// Fills up to eight slices from the bricks that lie in them. Bricks are in z order.
+    /// Fills up to eight slices from the bricks that lie in them.
     fn fill_layer<T: Copy>(&self, layer: usize, field: &[T], out: &mut [T]) {
+        self.layer_rows(layer, out.len(), |from, to| out[to].copy_from_slice(&field[from]));
+    }
+
+    /// Rows of bricks within the first `len` voxels of a layer: where they are in a field, and
+    /// where in the layer. Bricks are in z order.
+    fn layer_rows(
+        &self,
+        layer: usize,
+        len: usize,
+        mut each: impl FnMut(std::ops::Range<usize>, std::ops::Range<usize>),
+    ) {
         let d = self.grid.dims;
         let slice = d.x as usize * d.y as usize;
         let corners = self.bricks.corners();
@@ -240,13 +263,13 @@ impl Lumen {
         let end = corners.partition_point(|c| c[2] <= z0);
         for (slot, &[cx, cy, _]) in corners.iter().enumerate().take(end).skip(first) {
             let (x0, x1) = (cx.max(0), (cx + 8).min(d.x as i32));
-            for (l, row) in field[slot * BRICK..][..BRICK].chunks_exact(8).enumerate() {
+            for l in 0..64 {
                 let (y, z) = (cy + (l as i32 & 7), l >> 3);
-                if x0 < x1 && y >= 0 && y < d.y as i32 && (z + 1) * slice <= out.len() {
-                    let at = z * slice + y as usize * d.x as usize + x0 as usize;
+                if x0 < x1 && y >= 0 && y < d.y as i32 && (z + 1) * slice <= len {
+                    let to = z * slice + y as usize * d.x as usize + x0 as usize;
+                    let from = slot * BRICK + 8 * l + (x0 - cx) as usize;
                     let n = (x1 - x0) as usize;
-                    let from = (x0 - cx) as usize;
-                    out[at..at + n].copy_from_slice(&row[from..from + n]);
+                    each(from..from + n, to..to + n);
                 }
             }
         }

@@ -222,7 +222,12 @@ fn a_field_laid_out_densely_is_its_own_at_every_voxel() {
             let e = lumen.bricks.element(v.grid.voxel(i).as_ivec3());
             assert_eq!(*d, e.map_or(u32::MAX, |e| e as u32));
         }
-        let layers: Vec<Vec<u32>> = lumen.layers(&field, u32::MAX).collect();
+        let mut layers: Vec<Vec<u32>> = Vec::new();
+        let put = &mut |layer: &[u32]| -> Result<(), ()> {
+            layers.push(layer.to_vec());
+            Ok(())
+        };
+        lumen.each_layer(&field, u32::MAX, put).unwrap();
         let most = 8 * dims[0] as usize * dims[1] as usize;
         assert!(layers.iter().all(|l| l.len() <= most));
         assert_eq!(layers.concat(), dense);

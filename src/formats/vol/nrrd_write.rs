@@ -42,8 +42,8 @@ pub fn write_vector_field(
     write_whole(path, |out| body(out, &head, |out| out.write_all(bytemuck::cast_slice(values))))
 }
 
-/// Writes a volume as `.nrrd` while it is made, so that nobody holds all of it: `layers` are its
-/// samples in order, x fastest, in pieces of any length.
+/// Writes a volume as `.nrrd` while it is made, so that nobody holds all of it: `layers` hands over
+/// its samples in order, x fastest, in pieces of any length.
 ///
 /// # Errors
 /// [`FormatError::Unsupported`] for another extension, [`FormatError::Io`] also where the layers
@@ -51,7 +51,7 @@ pub fn write_vector_field(
 pub fn write_layers<T: Sample>(
     path: &Path,
     grid: &Grid,
-    layers: impl Iterator<Item = Vec<T>>,
+    layers: impl FnOnce(&mut dyn FnMut(&[T]) -> io::Result<()>) -> io::Result<()>,
 ) -> Result<(), FormatError> {
     if !super::lower_name(path).ends_with(".nrrd") {
         return Err(FormatError::unsupported(path, "a volume in layers in this format; use .nrrd"));
@@ -60,10 +60,10 @@ pub fn write_layers<T: Sample>(
     write_whole(path, |out| {
         body(out, &head, |out| {
             let mut written = 0;
-            for layer in layers {
+            layers(&mut |layer| {
                 written += layer.len();
-                out.write_all(bytemuck::cast_slice(&layer))?;
-            }
+                out.write_all(bytemuck::cast_slice(layer))
+            })?;
             let fits = written == grid.len();
             if fits { Ok(()) } else { Err(io::Error::other("the layers do not fill the grid")) }
         })
