@@ -42,15 +42,21 @@ impl Sampler<'_> {
             }
             out
         };
-        let mut sum = 0.0;
         if (b & 7).cmplt(IVec3::splat(7)).all() {
             // All eight in one brick: most samples.
             let field = &self.field[corner..][..74];
-            for (d, at) in CORNERS.into_iter().zip([0, 1, 8, 9, 64, 65, 72, 73]) {
-                sum += weight(t, d) * f64::from(field[at]);
-            }
-            return sum;
+            let along_x = |at: usize| {
+                let [a, b] = [field[at], field[at + 1]].map(f64::from);
+                a + (b - a) * t.x
+            };
+            let along_y = |at: usize| {
+                let [a, b] = [along_x(at), along_x(at + 8)];
+                a + (b - a) * t.y
+            };
+            let [a, b] = [along_y(0), along_y(64)];
+            return a + (b - a) * t.z;
         }
+        let mut sum = 0.0;
         for d in CORNERS {
             if let Some(e) = self.lumen.bricks.step(corner, d) {
                 sum += weight(t, d) * f64::from(self.field[e]);

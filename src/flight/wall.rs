@@ -4,8 +4,9 @@ use glam::{DVec3, IVec3};
 
 use crate::geometry::Mesh;
 
-/// Most buckets: 2^22 starts are 16 MiB.
-const MAX_BUCKETS: f64 = 4_194_304.0;
+/// Most buckets: 2^22 starts are 16 MiB. And no more than triangles: most of a wall's box is empty,
+/// and a flight asks some hundred times.
+const MAX_BUCKETS: usize = 1 << 22;
 
 /// Triangles of a wall, found by place.
 #[derive(Clone, Debug)]
@@ -19,7 +20,7 @@ pub struct WallIndex {
 }
 
 impl WallIndex {
-    /// Sorts the triangles of a mesh (LPS mm) into buckets about two edges wide. Triangles with a
+    /// Sorts the triangles of a mesh (LPS mm) into buckets two edges wide or more. Triangles with a
     /// vertex that is not finite are left out.
     pub fn new(mesh: &Mesh) -> Self {
         let corners: Vec<[glam::Vec3; 3]> = mesh
@@ -43,7 +44,8 @@ impl WallIndex {
         let size = hi - lo;
         let mut side_mm = (2.0 * edges / corners.len().max(1) as f64).max(1e-3);
         let count = |side: f64| (size / side).floor() + 1.0;
-        while count(side_mm).element_product() > MAX_BUCKETS {
+        let most = corners.len().clamp(64, MAX_BUCKETS) as f64;
+        while count(side_mm).element_product() > most {
             side_mm *= 1.25;
         }
         let dims = count(side_mm).as_ivec3();
