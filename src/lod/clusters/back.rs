@@ -10,9 +10,10 @@ use glam::DVec3;
 
 use super::build::up;
 use super::cover::{Piece, Target};
+use super::draft::Draft;
 use super::group::Places;
 use super::image::Image;
-use super::measure::{Draft, Measure};
+use super::measure::Measure;
 use super::partition::{self, NONE};
 
 /// The fine faces of a group, as the way from the coarse ones back to the original.

@@ -7,9 +7,10 @@ use rayon::prelude::*;
 
 use super::back::Earlier;
 use super::cover::{Target, Worked};
+use super::draft::Draft;
 use super::fill;
 use super::group::{Made, Places, simplify};
-use super::measure::{Draft, Original};
+use super::measure::Original;
 use super::partition::{self, Bordered};
 use super::{Cluster, ClusterError, Clusters, Group, NONE};
 use crate::geometry::{Mesh, Vertex};

@@ -9,8 +9,9 @@
 use std::cmp::Ordering;
 
 use super::build::up;
+use super::draft::Lies;
 use super::image::Image;
-use super::measure::{Lies, Measure};
+use super::measure::Measure;
 
 /// Coarse faces of one cluster that a fine one lies over.
 #[derive(Clone, Copy)]

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::measure::{Draft, Lies, Parts};
+use super::draft::{Draft, Lies, Parts};
 use super::partition;
 use crate::geometry::Mesh;
 use crate::lod::{PAGE_TRIANGLES, PAGE_VERTICES};

@@ -4,10 +4,11 @@ use glam::{DVec3, Vec3};
 
 use super::back::{Earlier, Fine};
 use super::cover::{Target, Worked};
+use super::draft::Draft;
 use super::fill;
 use super::halve::{Halved, halve};
 use super::image::image;
-use super::measure::{Draft, Found, Measure, Original};
+use super::measure::{Found, Measure, Original};
 use super::partition::{self, NONE};
 use crate::geometry::{Mesh, Vertex};
 use crate::mesh::Nearest;

@@ -20,6 +20,7 @@ mod bytes;
 mod carry;
 mod cover;
 mod cut;
+mod draft;
 mod error;
 mod even;
 mod fans;

@@ -1,8 +1,8 @@
 //! What clusters stand for while they are built.
 
 use super::super::cover::{Known, Piece};
+use super::super::draft::Draft;
 use super::super::group::Places;
-use super::super::measure::Draft;
 use super::*;
 
 #[test]
