@@ -24,7 +24,7 @@ fn camera(s: f32, fov_deg: f32) -> Camera {
 fn clusters(mesh: &Mesh) -> Detail {
     let vertices = shading(mesh).vertices;
     let built = intima::lod::clusters::Clusters::build(mesh, &vertices).unwrap();
-    Detail::of_clusters(built, 1.0, false)
+    Detail::of_clusters(built, 1.0, false, None)
 }
 
 fn subdivision(mesh: &Mesh) -> Detail {

@@ -17,7 +17,7 @@ use std::time::Instant;
 use cast::Cast;
 use intima::geometry::Mesh;
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
-use intima::lod::{Camera, Pool, Refine, Tolerance, Worker};
+use intima::lod::{Camera, Outside, Pool, Refine, Tolerance, Worker};
 use intima::render::{FrameStats, RenderError, Renderer, Scene, Shot, View};
 use intima::surface::shading;
 use intima::vk::{Gpu, Validate};
@@ -77,9 +77,12 @@ fn fly(
             r.render_sequence(&scene, shots, sink).unwrap();
         }
         Some((clusters, radius)) => {
-            let refine = Box::new(ClusterLod::new(Arc::clone(clusters), DEFAULT_SHADING_RAD));
+            let outside = Arc::new(Outside::new(mesh, clusters.largest_error_mm()));
+            let refine = ClusterLod::new(Arc::clone(clusters), DEFAULT_SHADING_RAD);
+            let refine = Box::new(refine.within(Arc::clone(&outside)));
             let count = clusters.clusters().len() as u32;
             let pages = r.open_pages(count, *radius).unwrap();
+            r.hide(pages, outside);
             let tolerance = Tolerance { pixels: TAU };
             let mut w = Worker::spawn(refine, tolerance, count, 4 << 20, 3).unwrap();
             r.render_settled(&Scene::paged(pages, None), &mut w, shots, sink).unwrap();

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::CliError;
 use crate::formats::{FormatError, whole};
 use crate::geometry::{Mesh, Vertex};
+use crate::lod::Outside;
 use crate::lod::clusters::{self, Clusters};
 use crate::pipeline::{Clock, Detail, Lod, detail, return_freed_memory};
 
@@ -72,18 +73,24 @@ impl DetailArgs {
 
 impl DetailSetup {
     /// The wall at many levels, or nothing where the whole mesh is to be drawn; and what is to be
-    /// kept of it.
+    /// kept of it. `closed`: the wall has no hole.
     pub fn build(
         &self,
         mesh: &Mesh,
         vertices: &[Vertex],
+        closed: bool,
         clock: &mut Clock,
     ) -> Result<Option<(Detail, Option<Keep>)>, CliError> {
         match self.lod {
             Lod::Off => Ok(None),
             Lod::Clusters => {
                 let (clusters, cached, keep) = self.clusters(mesh, vertices, clock)?;
-                Ok(Some((Detail::of_clusters(clusters, self.pixel_error, cached), keep)))
+                let outside = closed.then(|| {
+                    let work = || Outside::new(mesh, clusters.largest_error_mm());
+                    Arc::new(clock.time("outside", "faces", work, |_| mesh.faces.len() as u64))
+                });
+                let detail = Detail::of_clusters(clusters, self.pixel_error, cached, outside);
+                Ok(Some((detail, keep)))
             }
             Lod::Vds => {
                 return_freed_memory();

@@ -68,7 +68,7 @@ fn prepare<'a>(
 ) -> Result<(Opened<'a>, Option<Levels>, Flight), CliError> {
     let mut building = clock.beside();
     let (levels, begun) = beside(
-        || levels(&shown.mesh, setup, &mut building),
+        || levels(shown, setup, &mut building),
         || -> Result<_, CliError> {
             let fly = || fly(scene, line, setup);
             let count = |f: &Result<Flight, _>| f.as_ref().map_or(0, |f| f.poses.len() as u64);

@@ -88,13 +88,17 @@ impl Levels {
 }
 
 /// `None` where the whole mesh is to be drawn.
-pub fn levels(mesh: &Mesh, setup: &Setup, clock: &mut Clock) -> Result<Option<Levels>, CliError> {
+pub fn levels(
+    Shown { mesh, closed }: &Shown<'_>,
+    setup: &Setup,
+    clock: &mut Clock,
+) -> Result<Option<Levels>, CliError> {
     if setup.view == View::Overview {
         return Ok(None);
     }
     let count = |s: &Shading| s.vertices.len() as u64;
     let shading = clock.time("shading", "vertices", || shading(mesh), count);
-    let built = setup.detail.build(mesh, &shading.vertices, clock)?;
+    let built = setup.detail.build(mesh, &shading.vertices, *closed, clock)?;
     let mean_radius_mm = shading.mean_radius_mm;
     Ok(built.map(|(detail, keep)| Levels { detail, mean_radius_mm, keep }))
 }
@@ -119,6 +123,9 @@ pub fn set<'a>(
         _ => Some(renderer.upload_mesh(mesh, false)?),
     };
     let pages = renderer.open_pages(detail.pages, mean_radius_mm)?;
+    if let Some(outside) = detail.outside {
+        renderer.hide(pages, outside);
+    }
     let tolerance = Tolerance { pixels: setup.detail.pixel_error };
     let worker =
         Worker::spawn(detail.refine, tolerance, detail.pages, UPLOAD_BYTES, IN_FLIGHT as u32);

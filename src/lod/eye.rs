@@ -97,6 +97,11 @@ impl Eye {
         }
     }
 
+    /// Where it stands, LPS mm.
+    pub fn position(&self) -> DVec3 {
+        self.position
+    }
+
     /// Whether any point of the sphere may be in the picture: false only if none is.
     pub fn sees(&self, s: &Sphere) -> bool {
         let c = self.camera_from_world * (s.centre.as_dvec3() - self.position);

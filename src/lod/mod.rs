@@ -8,11 +8,13 @@
 pub mod clusters;
 mod eye;
 pub mod octree;
+mod outside;
 mod pool;
 pub mod vds;
 mod worker;
 
 pub use eye::{Camera, Cone, Eye, Sphere, Spot};
+pub use outside::Outside;
 pub use pool::{Full, Pool};
 pub use worker::{Worker, WorkerError};
 

@@ -8,7 +8,7 @@ use super::{Clock, Mode, PipelineError};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
 use crate::lod::vds::{Recorded, Surface, Vds, VdsOptions};
-use crate::lod::{PAGE_BYTES, Refine};
+use crate::lod::{Outside, PAGE_BYTES, Refine};
 use crate::mesh::{Maps, MeshError, Metric, SimplifyOptions, prepare, simplify};
 
 /// How a wall is drawn.
@@ -38,6 +38,8 @@ pub struct Detail {
     pub report: LodReport,
     /// The clusters, if it is these.
     pub clusters: Option<Arc<Clusters>>,
+    /// What a closed wall hides, if that is known.
+    pub outside: Option<Arc<Outside>>,
 }
 
 /// Level of detail.
@@ -104,8 +106,16 @@ pub fn base(
 const MIN_BASE_FACES: usize = 500;
 
 impl Detail {
-    /// Clusters ready to be refined. `cached`: they were read, not built.
-    pub fn of_clusters(clusters: impl Into<Arc<Clusters>>, pixel_error: f32, cached: bool) -> Self {
+    /// Clusters ready to be refined.
+    ///
+    /// * `cached`: they were read, not built.
+    /// * `outside`: of a closed wall, with as much margin as the largest error of any group.
+    pub fn of_clusters(
+        clusters: impl Into<Arc<Clusters>>,
+        pixel_error: f32,
+        cached: bool,
+        outside: Option<Arc<Outside>>,
+    ) -> Self {
         let clusters = clusters.into();
         let count = clusters.clusters().len() as u64;
         let base = |c: u32| u64::from(clusters.clusters()[c as usize].triangles);
@@ -119,12 +129,15 @@ impl Detail {
             cached,
             ..Default::default()
         };
-        let refine = ClusterLod::new(Arc::clone(&clusters), DEFAULT_SHADING_RAD);
+        let mut refine = ClusterLod::new(Arc::clone(&clusters), DEFAULT_SHADING_RAD);
+        if let Some(outside) = &outside {
+            refine = refine.within(Arc::clone(outside));
+        }
         // All of it if it fits: then nothing is ever driven out.
         let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
         let pages = (count.min(u64::from(most)) as u32).max(refine.least_pages());
         let report = LodReport { pages, ..report };
-        Self { refine: Box::new(refine), pages, report, clusters: Some(clusters) }
+        Self { refine: Box::new(refine), pages, report, clusters: Some(clusters), outside }
     }
 
     /// The paper's: the mesh simplified to `base` faces, subdivided where the camera looks, every
@@ -165,6 +178,7 @@ impl Detail {
         let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
         let pages = most.max(refine.least_pages());
         let report = LodReport { pages, ..report };
-        Ok(Self { refine: Box::new(refine), pages, report, clusters: None })
+        let refine = Box::new(refine);
+        Ok(Self { refine, pages, report, clusters: None, outside: None })
     }
 }

@@ -14,11 +14,12 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use super::renderer::Renderer;
 use super::{FrameStats, RenderError};
 use crate::geometry::Vertex;
-use crate::lod::{Camera, Drawn, Eye, PAGE_TRIANGLES, PAGE_VERTICES, Step, Upload};
+use crate::lod::{Camera, Drawn, Eye, Outside, PAGE_TRIANGLES, PAGE_VERTICES, Step, Upload};
 use crate::vk::{BufferId, Frame, Gpu, ImageId, Pass, Piece, Write};
 
 /// A wall in pages on the device.
@@ -53,6 +54,8 @@ pub(super) struct Pages {
     pub vertices: BufferId,
     pub indices: BufferId,
     pub mean_radius_mm: f32,
+    /// What the wall hides is not drawn, unless backs are.
+    outside: Option<Arc<Outside>>,
     /// Triangles in each page, once what is pending has been written.
     filled: Vec<u32>,
     /// By page, so that copies ascend.
@@ -78,6 +81,7 @@ impl Pages {
             vertices,
             indices,
             mean_radius_mm,
+            outside: None,
             filled,
             pending,
             drawn,
@@ -146,12 +150,17 @@ impl Pages {
     }
 
     /// Pieces of the cut that `camera` can see, in the cut's order, and their triangles. With
-    /// `backs` those that turn their back are drawn too.
+    /// `backs` those that turn their back or are hidden are drawn too.
     pub fn pieces(&self, camera: &Camera, backs: bool) -> (Vec<Piece>, u64) {
         let eye = Eye::new(camera);
         let mut triangles = 0;
         let seen = |d: &&Drawn| {
-            d.triangles > 0 && eye.sees(&d.sphere) && (backs || !eye.behind(&d.sphere, &d.cone))
+            let hidden = || {
+                let outside = self.outside.as_ref();
+                eye.behind(&d.sphere, &d.cone)
+                    || outside.is_some_and(|o| o.hides(eye.position(), &d.sphere))
+            };
+            d.triangles > 0 && eye.sees(&d.sphere) && (backs || !hidden())
         };
         let piece = |d: &Drawn| {
             triangles += u64::from(d.triangles);
@@ -217,6 +226,14 @@ impl Renderer<'_> {
     ) -> Result<PagesHandle, RenderError> {
         self.pages.push(Some(Pages::new(self.gpu, pages, mean_radius_mm)?));
         Ok(PagesHandle(self.pages.len() - 1))
+    }
+
+    /// From now on, nothing of a wall is drawn that it hides itself. Cameras stand within it.
+    ///
+    /// # Panics
+    /// If the wall was closed.
+    pub fn hide(&mut self, pages: PagesHandle, outside: Arc<Outside>) {
+        self.pages[pages.0].as_mut().expect("a wall that was not closed").outside = Some(outside);
     }
 
     /// Frees a wall once no frame in flight uses it.
@@ -313,6 +330,7 @@ mod tests {
             vertices: crate::vk::BufferId::none(),
             indices: crate::vk::BufferId::none(),
             mean_radius_mm: 1.0,
+            outside: None,
             filled: vec![9; 8],
             pending: BTreeMap::new(),
             drawn: Vec::new(),

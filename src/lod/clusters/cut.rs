@@ -5,7 +5,9 @@ use std::collections::{BTreeSet, BinaryHeap};
 use std::sync::Arc;
 
 use super::{Clusters, Group, NONE};
-use crate::lod::{Camera, Drawn, Eye, Full, Pool, Refine, Sphere, Spot, Step, Tolerance, Upload};
+use crate::lod::{
+    Camera, Drawn, Eye, Full, Outside, Pool, Refine, Sphere, Spot, Step, Tolerance, Upload,
+};
 
 /// Root mean square angle between the normals drawn and the original's that is let pass where
 /// triangles look large: a tenth of the light at most, and on a colon of 1 M faces at one pixel
@@ -19,6 +21,7 @@ const FULL_SHADING_PX: f64 = 16.0;
 pub struct ClusterLod {
     clusters: Arc<Clusters>,
     shading_rad: f32,
+    outside: Option<Arc<Outside>>,
     /// By group.
     open: Vec<bool>,
     opened: BTreeSet<u32>,
@@ -48,9 +51,15 @@ struct View<'a> {
     pixels: f64,
     shading: f64,
     clusters: &'a Clusters,
+    outside: Option<&'a Outside>,
 }
 
 impl View<'_> {
+    /// Whether any point of the sphere may be seen.
+    fn sees(&self, s: &Sphere) -> bool {
+        self.eye.sees(s) && !self.outside.is_some_and(|o| o.hides(self.eye.position(), s))
+    }
+
     /// How many times what is allowed the errors of a group look, where an error of so many
     /// millimetres looks as large as `px` says.
     ///
@@ -66,7 +75,7 @@ impl View<'_> {
 
     /// That anywhere in `s`; 0 if unseen.
     fn within(&self, g: &Group, error_mm: f32, s: &Sphere) -> f64 {
-        if !self.eye.sees(s) {
+        if !self.sees(s) {
             return 0.0;
         }
         self.excess(g, (error_mm, g.edge_mm), self.eye.errors_px(s))
@@ -123,7 +132,7 @@ impl View<'_> {
     /// At least that of the group and of every one below.
     fn reach(&self, group: u32) -> f64 {
         let g = &self.clusters.groups[group as usize];
-        if !self.eye.sees(&g.reach) {
+        if !self.sees(&g.reach) {
             return 0.0;
         }
         let px = self.eye.errors_px(&g.reach);
@@ -148,6 +157,7 @@ impl ClusterLod {
         let groups = 0..clusters.groups.len() as u32;
         Self {
             shading_rad,
+            outside: None,
             open: vec![false; clusters.groups.len()],
             met: vec![[0; 2]; clusters.groups.len()],
             steps: 0,
@@ -159,6 +169,12 @@ impl ClusterLod {
             widest: clusters.widest_group(),
             clusters,
         }
+    }
+
+    /// The same, with nothing refined that the wall hides. Cameras stand within it.
+    #[must_use]
+    pub fn within(self, outside: Arc<Outside>) -> Self {
+        Self { outside: Some(outside), ..self }
     }
 
     /// The hierarchy.
@@ -374,11 +390,13 @@ impl Refine for ClusterLod {
         let rooted = self.gather(self.roots.iter().copied(), pool, &mut step.uploads);
         if rooted.is_ok() {
             let clusters = Arc::clone(&self.clusters);
+            let outside = self.outside.clone();
             let view = View {
                 eye: Eye::new(camera),
                 pixels: f64::from(tolerance.pixels).max(1e-9),
                 shading: f64::from(self.shading_rad).max(1e-9),
                 clusters: &clusters,
+                outside: outside.as_deref(),
             };
             // One group's worth of pages stays free, so that any change can be made.
             let room = i64::from(pool.pages()) - i64::from(self.least_pages());

@@ -158,6 +158,11 @@ impl Clusters {
         self.triangles(cluster).iter().map(move |t| t.map(|v| ids[usize::from(v)]))
     }
 
+    /// How far any cut may be from the original, mm.
+    pub fn largest_error_mm(&self) -> f64 {
+        self.groups.iter().fold(0.0, |most, g| f64::from(g.error_mm).max(most))
+    }
+
     /// Triangles of the original.
     pub fn finest_faces(&self) -> u64 {
         let finest = self.clusters.iter().filter(|c| c.made_by == NONE);
