@@ -105,16 +105,17 @@ impl Outside {
         let d = self.dims.as_usizevec3();
         let stride = [1, d.x, d.x * d.y][axis];
         let n = d[axis];
-        let mut row = vec![0; n];
+        // Room at both ends saves asking for them.
+        let room = usize::from(STEPS_MAX);
+        let mut row = vec![STEPS_MAX; n + 2 * room];
         for first in (0..self.steps.len()).filter(|i| (i / stride).is_multiple_of(n)) {
-            (0..n).for_each(|i| row[i] = self.steps[first + i * stride]);
+            (0..n).for_each(|i| row[room + i] = self.steps[first + i * stride]);
             for i in 0..n {
-                let mut best = row[i];
-                let mut k = 1;
-                while k < usize::from(best) && (k <= i || i + k < n) {
-                    let beside = i.checked_sub(k).map(|j| row[j]).into_iter();
-                    let beside = beside.chain(row.get(i + k).copied());
-                    best = beside.fold(best, |best, s| best.min(s.max(k as u8)));
+                let at = room + i;
+                let (mut best, mut k) = (row[at], 1);
+                while k < best {
+                    let beside = row[at - usize::from(k)].min(row[at + usize::from(k)]);
+                    best = best.min(beside.max(k));
                     k += 1;
                 }
                 self.steps[first + i * stride] = best;
