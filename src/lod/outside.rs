@@ -3,8 +3,8 @@
 //! A bent organ comes past the eye several times. Half of the triangles in a picture of a colon lie
 //! in other loops than the eye's, behind centimetres of tissue, where neither the picture's edge nor
 //! their backs leave them out. Space is cut into cells; those that no triangle comes near and that
-//! can be reached from the rim of all are outside. What is hidden is proven: no test on the safe side
-//! says hidden where a point is seen.
+//! can be reached from the rim of all are outside. The test is on the safe side: what it calls hidden,
+//! no ray from an eye within the wall can reach.
 
 use glam::{DVec3, IVec3, UVec3, Vec3};
 
@@ -80,18 +80,10 @@ impl Outside {
         let mut reached: Vec<bool> = (0..self.steps.len())
             .map(|i| rim(i % d.x, d.x) || rim(i / row % d.y, d.y) || rim(i / layer, d.z))
             .collect();
-        // The rim itself is untouched and never gone on from, so no neighbour is beyond the grid.
-        let mut open = Vec::new();
+        // What begins beside the rim and is not the rim has all its neighbours in the grid.
         let beside = |i: usize| [i - 1, i + 1, i - row, i + row, i - layer, i + layer];
-        for z in 1..d.z - 1 {
-            for y in 1..d.y - 1 {
-                let ends = [1, d.x - 2].into_iter();
-                let all = 1..d.x - 1;
-                let inner = rim(y - 1, d.y - 2) || rim(z - 1, d.z - 2);
-                let xs: Vec<usize> = if inner { all.collect() } else { ends.collect() };
-                open.extend(xs.into_iter().map(|x| x + row * y + layer * z));
-            }
-        }
+        let inner = |i: &usize| !reached[*i] && beside(*i).iter().any(|j| reached[*j]);
+        let mut open: Vec<usize> = (0..self.steps.len()).filter(inner).collect();
         while let Some(i) = open.pop() {
             if self.steps[i] > 0 && !std::mem::replace(&mut reached[i], true) {
                 open.extend(beside(i).into_iter().filter(|j| !reached[*j]));

@@ -34,7 +34,7 @@ pub struct Fine<'a> {
     pub coarse_at: Vec<u32>,
 }
 
-/// A surface between the original and the fine one: the last but two.
+/// A surface between the original and the fine one: three levels below the coarse one, or the first.
 pub struct Earlier {
     /// Its faces, by ids of all vertices.
     pub faces: Vec<[u32; 3]>,
@@ -86,7 +86,7 @@ impl Measure<'_> {
         let piece = Piece::new(&self.target.corners(face));
         let mut far: f64 = 0.0;
         let from = fine.face_at[self.target.faces[face as usize][0] as usize];
-        fine.target.part(&piece, from, &mut |t, part, away, _| {
+        fine.target.part(&piece, from, &mut |t, part, away| {
             let sum = away + f64::from(fine.known[t as usize]);
             if sum <= *bound {
                 far = far.max(sum);
@@ -104,7 +104,7 @@ impl Measure<'_> {
         let places = fine.places;
         let original = |part: &Piece, vertex: u32, bound: &mut f64, far: &mut f64| {
             let start = places.face_at[vertex as usize];
-            self.original.target.cover(part, start, bound, |_, _, d, _| *far = far.max(d));
+            self.original.target.cover(part, start, bound, |_, _, d| *far = far.max(d));
         };
         let Some(earlier) = fine.earlier else {
             return original(part, vertex, bound, far);
@@ -125,7 +125,7 @@ impl Measure<'_> {
             beside: &earlier.beside,
             ..self.original.target
         };
-        target.part(part, at(then), &mut |t, part, away, _| {
+        target.part(part, at(then), &mut |t, part, away| {
             let sum = away + f64::from(earlier.known[t as usize]);
             if sum <= *bound {
                 *far = far.max(sum);

@@ -105,7 +105,7 @@ impl Clusters {
             if !this.groups.is_empty() {
                 earlier.push_back(Earlier::new(live.iter().map(|l| &l.1), known));
             }
-            // The one before the last: of the nearer ones too little is within the bound.
+            // The first, or the one three levels below: what is nearer errs too much itself.
             if earlier.len() > 3 {
                 earlier.pop_front();
             }

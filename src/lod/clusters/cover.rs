@@ -18,8 +18,8 @@ thread_local! {
     static OPEN: Cell<Vec<Open>> = const { Cell::new(Vec::new()) };
 }
 
-/// A piece to be cut, a face near it, how many cuts it may get, and whether it is the whole.
-type Open = (Piece, u32, u32, bool);
+/// A piece to be cut, a face near it, and how many cuts it may get.
+type Open = (Piece, u32, u32);
 
 /// How much larger than need be a bound may be.
 const SLACK: f64 = 1.05;
@@ -317,8 +317,7 @@ impl Target<'_> {
     /// distance: of every point of a part to its face it is an upper bound whatever the cuts are,
     /// since distance to one triangle is convex and parts make up the whole. Parts within `bound`
     /// are not cut further; nor are those that reach no more than [`SLACK`] beyond what their
-    /// corners' true distances make the least bound there can be. `take` gets face, part, distance,
-    /// and whether it is the whole piece.
+    /// corners' true distances make the least bound there can be. `take` gets face, part and distance.
     ///
     /// The cuts between two faces stand on their common edge along the normals of its ends, so that
     /// both sides cut alike. Where that leads nowhere (rims, needles, corners where such planes do
@@ -328,33 +327,33 @@ impl Target<'_> {
         piece: &Piece,
         start: u32,
         bound: &mut f64,
-        mut take: impl FnMut(u32, &Piece, f64, bool),
+        mut take: impl FnMut(u32, &Piece, f64),
     ) {
         // Most pieces lie near one face as they are.
         let face = self.walk(start, piece.centre());
         let far = self.farthest(face, piece);
         if far <= *bound {
-            take(face, piece, far, true);
+            take(face, piece, far);
             return;
         }
         // Most others lie on both sides of one edge.
         if let Some((next, [inside, outside])) = self.two(piece, face) {
             let far = [self.farthest(face, &inside), self.farthest(next, &outside)];
             if far[0] <= *bound && far[1] <= *bound {
-                take(face, &inside, far[0], false);
-                take(next, &outside, far[1], false);
+                take(face, &inside, far[0]);
+                take(next, &outside, far[1]);
                 return;
             }
         }
         let mut rest = Vec::new();
-        self.part(piece, face, &mut |face, part, far, whole| {
+        self.part(piece, face, &mut |face, part, far| {
             if far <= *bound {
-                take(face, part, far, whole);
+                take(face, part, far);
             } else {
-                rest.push((*part, face, far, whole));
+                rest.push((*part, face, far));
             }
         });
-        while let Some((piece, face, far, whole)) = rest.pop() {
+        while let Some((piece, face, far)) = rest.pop() {
             // Exact from here on.
             let (face, far) = match self.tree.closest_within(piece.centre(), far) {
                 Some(c) => match self.farthest(c.at.face, &piece) {
@@ -364,7 +363,7 @@ impl Target<'_> {
                 None => (face, far),
             };
             if far <= *bound {
-                take(face, &piece, far, whole);
+                take(face, &piece, far);
                 continue;
             }
             let least = piece.corners().iter().filter_map(|p| self.tree.closest_within(*p, far));
@@ -376,24 +375,22 @@ impl Target<'_> {
                 piece.cut(b - a, 0.5 * (a + b))
             };
             match halves {
-                Some(halves) => {
-                    rest.extend(halves.map(|h| (h, face, self.farthest(face, &h), false)))
-                }
+                Some(halves) => rest.extend(halves.map(|h| (h, face, self.farthest(face, &h)))),
                 None => {
                     *bound = bound.max(far);
-                    take(face, &piece, far, whole);
+                    take(face, &piece, far);
                 }
             }
         }
     }
 
     /// Cuts a piece up along walls, so that each part is near one face; `take` gets face, part,
-    /// how far any point of the part is from that face at most, and whether it is the whole piece.
-    pub fn part(&self, piece: &Piece, start: u32, take: &mut impl FnMut(u32, &Piece, f64, bool)) {
+    /// and how far any point of the part is from that face at most.
+    pub fn part(&self, piece: &Piece, start: u32, take: &mut impl FnMut(u32, &Piece, f64)) {
         let mut open = OPEN.take();
         open.clear();
-        open.push((*piece, self.walk(start, piece.centre()), CUTS, true));
-        while let Some((piece, face, cuts, whole)) = open.pop() {
+        open.push((*piece, self.walk(start, piece.centre()), CUTS));
+        while let Some((piece, face, cuts)) = open.pop() {
             let [a, b, c] = self.corners(face);
             let side2 = a.distance_squared(b).max(b.distance_squared(c));
             // No two corners are farther apart than both are from a third.
@@ -405,24 +402,18 @@ impl Target<'_> {
                 && length > 2.0 * side2.sqrt()
                 && let Some(halves) = piece.cut(b - a, 0.5 * (a + b))
             {
-                open.extend(halves.map(|h| (h, self.walk(face, h.centre()), cuts - 1, false)));
+                open.extend(halves.map(|h| (h, self.walk(face, h.centre()), cuts - 1)));
                 continue;
             }
             // What is handed across a wall is not walked again: by distance it may seem to belong
             // where it came from.
-            let before = open.len();
-            let mut hand = |next, part| open.push((part, next, cuts - 1, false));
+            let mut hand = |next, part| open.push((part, next, cuts - 1));
             let inner = match cuts {
                 0 => Some(piece),
                 _ => self.cut_along_walls(face, piece, &mut hand),
             };
-            let cut = open.len() - before;
-            match inner {
-                Some(inner) => {
-                    take(face, &inner, self.farthest(face, &inner), whole && cut == 0);
-                }
-                None if cut == 1 => open[before].3 = whole,
-                None => {}
+            if let Some(inner) = inner {
+                take(face, &inner, self.farthest(face, &inner));
             }
         }
         OPEN.set(open);

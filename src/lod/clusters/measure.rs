@@ -341,7 +341,7 @@ impl Measure<'_> {
         let mut cuts = std::mem::take(&mut found.cuts);
         cuts.clear();
         let mut bound = found.bound;
-        self.target.cover(piece, start, &mut bound, |t, p, far, _| cuts.push((t, *p, far)));
+        self.target.cover(piece, start, &mut bound, |t, p, far| cuts.push((t, *p, far)));
         found.bound = bound;
         for (t, p, _) in &cuts {
             self.shade(face, *t, p.corners(), found);
