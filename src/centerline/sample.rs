@@ -26,9 +26,7 @@ impl Sampler<'_> {
     /// Trilinear value at a local point, mm.
     pub fn at(&self, p_mm: DVec3) -> f64 {
         let q = p_mm / self.lumen.grid.spacing_mm;
-        let base = q.floor();
-        let t = q - base;
-        let b = base.as_ivec3();
+        let (b, t) = parted(q);
         let corner = match self.lumen.bricks.element(b) {
             Some(e) => e,
             None => return self.slow(b, t),
@@ -73,8 +71,32 @@ impl Sampler<'_> {
     }
 }
 
+/// The voxel below and the rest. Not by `floor`, which not every x86-64 has an instruction for: as a
+/// function it took a third of a sample.
+#[inline]
+fn parted(q: DVec3) -> (IVec3, DVec3) {
+    let cut = q.as_ivec3();
+    let above = q.cmplt(cut.as_dvec3());
+    let b = cut - IVec3::new(above.x.into(), above.y.into(), above.z.into());
+    (b, q - b.as_dvec3())
+}
+
 #[inline]
 fn weight(t: DVec3, d: IVec3) -> f64 {
     let side = |t: f64, d: i32| if d == 0 { 1.0 - t } else { t };
     side(t.x, d.x) * side(t.y, d.y) * side(t.z, d.z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_are_parted_as_by_floor() {
+        for x in [-3.0, -2.75, -1.0, -1e-300, -0.0, 0.0, 0.25, 1.0, 6.999_999, 7.0, 1e6 + 0.5] {
+            let q = DVec3::new(x, -x, x - 0.5);
+            let (b, t) = parted(q);
+            assert_eq!((b, t), (q.floor().as_ivec3(), q - q.floor()));
+        }
+    }
 }
