@@ -39,7 +39,7 @@ fn pictures_within_a_ring_are_the_same_without_what_lies_behind_its_hole() {
     let mesh = ring(400, 100);
     let shaded = shading(&mesh);
     let clusters = Arc::new(Clusters::build(&mesh, &shaded.vertices).unwrap());
-    let outside = Arc::new(Outside::new(&mesh, clusters.largest_error_mm()));
+    let outside = Arc::new(Outside::new(&mesh).with_margin(clusters.largest_error_mm()));
     let count = clusters.clusters().len() as u32;
     let mut r = Renderer::new(&mut gpu, 160, 120, 1).unwrap();
     let mut fly = |hide: bool| {

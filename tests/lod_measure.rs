@@ -77,7 +77,7 @@ fn fly(
             r.render_sequence(&scene, shots, sink).unwrap();
         }
         Some((clusters, radius)) => {
-            let outside = Arc::new(Outside::new(mesh, clusters.largest_error_mm()));
+            let outside = Arc::new(Outside::new(mesh).with_margin(clusters.largest_error_mm()));
             let refine = ClusterLod::new(Arc::clone(clusters), DEFAULT_SHADING_RAD);
             let refine = Box::new(refine.within(Arc::clone(&outside)));
             let count = clusters.clusters().len() as u32;

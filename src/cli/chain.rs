@@ -134,10 +134,12 @@ impl ChainArgs {
         let grey = FromArgs::of(&self.from)?.grey;
         let options = self.surface.options(grey, automatic(mode), track_from(recipe))?;
         let finish = |device: &mut Device, clock: &mut Clock| -> Result<_, CliError> {
-            let wall = wall(device, &volume, &recipe.window, lumen, options, clock)?;
-            let input = InputReport::of(&volume);
+            let (input, wall) = beside(
+                || InputReport::of(&volume),
+                || wall(device, &volume, &recipe.window, lumen, options, clock),
+            );
             drop(volume);
-            Ok((wall, input))
+            Ok((wall?, input))
         };
         if mode == Mode::Paper {
             let (fields, centered) = center(device, lumen, mode, settings, clock)?;

@@ -8,7 +8,7 @@ use crate::formats::{FormatError, whole};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::Outside;
 use crate::lod::clusters::{self, Clusters};
-use crate::pipeline::{Clock, Detail, Lod, detail, return_freed_memory};
+use crate::pipeline::{Clock, Detail, Lod, beside, detail, return_freed_memory};
 
 /// Files of the cache are `NAME`, a hash, `SUFFIX`.
 const NAME: &str = "clusters-";
@@ -84,11 +84,19 @@ impl DetailSetup {
         match self.lod {
             Lod::Off => Ok(None),
             Lod::Clusters => {
-                let (clusters, cached, keep) = self.clusters(mesh, vertices, clock)?;
-                let outside = closed.then(|| {
-                    let work = || Outside::new(mesh, clusters.largest_error_mm());
-                    Arc::new(clock.time("outside", "faces", work, |_| mesh.faces.len() as u64))
-                });
+                let mut other = clock.beside();
+                let (outside, found) = beside(
+                    || {
+                        let work = || Outside::new(mesh);
+                        closed.then(|| {
+                            other.time("outside", "faces", work, |_| mesh.faces.len() as u64)
+                        })
+                    },
+                    || self.clusters(mesh, vertices, clock),
+                );
+                clock.take(other);
+                let (clusters, cached, keep) = found?;
+                let outside = outside.map(|o| Arc::new(o.with_margin(clusters.largest_error_mm())));
                 let detail = Detail::of_clusters(clusters, self.pixel_error, cached, outside);
                 Ok(Some((detail, keep)))
             }

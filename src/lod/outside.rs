@@ -28,10 +28,9 @@ pub struct Outside {
 }
 
 impl Outside {
-    /// Sorts space out around a wall (LPS mm), which must be closed. 262,144 cells, a byte each.
-    ///
-    /// * `margin_mm`: how far what is drawn may be from the wall at most.
-    pub fn new(mesh: &Mesh, margin_mm: f64) -> Self {
+    /// Sorts space out around a wall (LPS mm), which must be closed, for what is drawn right on it.
+    /// 262,144 cells, a byte each.
+    pub fn new(mesh: &Mesh) -> Self {
         let around = |(lo, hi): (Vec3, Vec3), p: &Vec3| (lo.min(*p), hi.max(*p));
         let (lo, hi) = mesh.positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), around);
         let size = if mesh.positions.is_empty() { DVec3::ZERO } else { (hi - lo).as_dvec3() };
@@ -40,7 +39,7 @@ impl Outside {
         let side_mm = side_mm.max(1e-3);
         // A cell more on every side.
         let dims = ((size / side_mm).floor() + 3.0).as_uvec3();
-        let mut this = Self { lo: lo - side_mm, side_mm, dims, steps: Vec::new(), margin_mm };
+        let mut this = Self { lo: lo - side_mm, side_mm, dims, steps: Vec::new(), margin_mm: 0.0 };
         this.steps = vec![STEPS_MAX; dims.as_usizevec3().element_product()];
         for f in &mesh.faces {
             let [a, b, c] = f.map(|v| mesh.positions[v as usize]);
@@ -56,14 +55,19 @@ impl Outside {
             }
         }
         this.keep_reached();
-        for axis in 0..3 {
-            this.spread(axis);
-        }
+        this.spread();
         this
     }
 
+    /// The same where what is drawn may be so far from the wall at most.
+    #[must_use]
+    pub fn with_margin(self, margin_mm: f64) -> Self {
+        Self { margin_mm, ..self }
+    }
+
     fn cell(&self, p: DVec3) -> IVec3 {
-        let c = ((p - self.lo) / self.side_mm).floor().as_ivec3();
+        // Cut off, not rounded down: what is below 0 becomes 0 either way.
+        let c = ((p - self.lo) / self.side_mm).as_ivec3();
         c.clamp(IVec3::ZERO, self.dims.as_ivec3() - 1)
     }
 
@@ -77,9 +81,13 @@ impl Outside {
         let d = self.dims.as_usizevec3();
         let (row, layer) = (d.x, d.x * d.y);
         let rim = |k: usize, n: usize| k == 0 || k == n - 1;
-        let mut reached: Vec<bool> = (0..self.steps.len())
-            .map(|i| rim(i % d.x, d.x) || rim(i / row % d.y, d.y) || rim(i / layer, d.z))
-            .collect();
+        let mut reached = vec![false; self.steps.len()];
+        for (k, own) in reached.chunks_exact_mut(row).enumerate() {
+            if rim(k % d.y, d.y) || rim(k / d.y, d.z) {
+                own.fill(true);
+            }
+            (own[0], own[row - 1]) = (true, true);
+        }
         // What begins beside the rim and is not the rim has all its neighbours in the grid.
         let beside = |i: usize| [i - 1, i + 1, i - row, i + row, i - layer, i + layer];
         let inner = |i: &usize| !reached[*i] && beside(*i).iter().any(|j| reached[*j]);
@@ -92,25 +100,43 @@ impl Outside {
         self.steps.iter_mut().zip(reached).filter(|s| !s.1).for_each(|s| *s.0 = 0);
     }
 
-    /// The steps along one axis more: the least of the larger of steps so far and steps along it.
-    fn spread(&mut self, axis: usize) {
-        let d = self.dims.as_usizevec3();
-        let stride = [1, d.x, d.x * d.y][axis];
-        let n = d[axis];
-        // Room at both ends saves asking for them.
-        let room = usize::from(STEPS_MAX);
-        let mut row = vec![STEPS_MAX; n + 2 * room];
-        for first in (0..self.steps.len()).filter(|i| (i / stride).is_multiple_of(n)) {
-            (0..n).for_each(|i| row[room + i] = self.steps[first + i * stride]);
-            for i in 0..n {
-                let at = room + i;
-                let (mut best, mut k) = (row[at], 1);
-                while k < best {
-                    let beside = row[at - usize::from(k)].min(row[at + usize::from(k)]);
-                    best = best.min(beside.max(k));
-                    k += 1;
+    /// Counts steps from what is 0: what comes before a cell in memory tells it forwards, what comes
+    /// after it backwards, which for a king's steps is exact (Borgefors 1986,
+    /// doi:10.1016/S0734-189X(86)80047-0).
+    fn spread(&mut self) {
+        let [nx, ny, nz] = self.dims.to_array().map(|n| n as usize);
+        let rows = ny * nz;
+        let mut near = vec![0u8; nx];
+        for forwards in [true, false] {
+            for k in 0..rows {
+                let at = if forwards { k } else { rows - 1 - k };
+                let (y, z) = (at % ny, at / ny);
+                // Rows of the layer before this one, and the row before in its own.
+                let step =
+                    |n: usize, by: isize| n.checked_add_signed(if forwards { by } else { -by });
+                let others = [(-1, -1), (0, -1), (1, -1), (-1, 0)].map(|(dy, dz)| {
+                    let y = step(y, dy).filter(|y| *y < ny)?;
+                    let z = step(z, dz).filter(|z| *z < nz)?;
+                    Some((y + ny * z) * nx)
+                });
+                near.fill(STEPS_MAX);
+                for first in others.into_iter().flatten() {
+                    let row = &self.steps[first..first + nx];
+                    near.iter_mut().zip(row).for_each(|(n, s)| *n = (*n).min(*s));
                 }
-                self.steps[first + i * stride] = best;
+                let own = &mut self.steps[at * nx..][..nx];
+                let beside = |x: usize| near[x.saturating_sub(1)].min(near[(x + 1).min(nx - 1)]);
+                (0..nx).for_each(|x| own[x] = own[x].min(near[x].min(beside(x)) + 1));
+                let mut last = STEPS_MAX;
+                let mut along = |s: &mut u8| {
+                    *s = (*s).min(last + 1);
+                    last = *s;
+                };
+                if forwards {
+                    own.iter_mut().for_each(&mut along);
+                } else {
+                    own.iter_mut().rev().for_each(&mut along);
+                }
             }
         }
     }
@@ -170,6 +196,23 @@ mod tests {
         mesh
     }
 
+    #[test]
+    fn steps_are_those_of_a_king() {
+        let outside = Outside::new(&ring(60, 30));
+        let d = outside.dims.as_ivec3();
+        let cells = || {
+            (0..d.z).flat_map(|z| {
+                (0..d.y).flat_map(move |y| (0..d.x).map(move |x| IVec3::new(x, y, z)))
+            })
+        };
+        let none: Vec<IVec3> = cells().filter(|c| outside.steps[outside.at(*c)] == 0).collect();
+        for c in cells().step_by(97) {
+            let steps = none.iter().map(|n| (c - *n).abs().max_element()).min().unwrap_or(i32::MAX);
+            let found = i32::from(outside.steps[outside.at(c)]);
+            assert_eq!(found, steps.min(i32::from(STEPS_MAX)), "{c}");
+        }
+    }
+
     /// How far a point is beyond the torus.
     fn beyond(p: DVec3) -> f64 {
         DVec3::new(p.truncate().length() - MAJOR, p.z, 0.0).length() - MINOR
@@ -177,7 +220,7 @@ mod tests {
 
     #[test]
     fn what_is_hidden_in_a_ring_is_seen_by_no_ray_and_most_of_its_far_side_is() {
-        let outside = Outside::new(&ring(300, 90), 0.1);
+        let outside = Outside::new(&ring(300, 90)).with_margin(0.1);
         let mut seed = 3u64;
         let mut noise = || {
             seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -208,7 +251,7 @@ mod tests {
     #[test]
     fn nothing_is_outside_where_cells_are_too_large_or_there_is_no_wall() {
         for mesh in [Mesh::default(), ring(12, 5)] {
-            let outside = Outside::new(&mesh, 100.0);
+            let outside = Outside::new(&mesh).with_margin(100.0);
             let s = Sphere { centre: Vec3::new(-30.0, 0.0, 0.0), radius: 1.0 };
             assert!(!outside.hides(DVec3::new(30.0, 0.0, 0.0), &s));
         }
@@ -227,7 +270,7 @@ mod tests {
             let [a, b, c, d] = s.map(|k: u32| first + k);
             mesh.faces.extend([[a, b, c], [a, c, d]]);
         }
-        let outside = Outside::new(&mesh, 0.1);
+        let outside = Outside::new(&mesh).with_margin(0.1);
         let s = Sphere { centre: Vec3::new(-30.0, 0.0, 0.0), radius: 1.0 };
         assert!(!outside.hides(DVec3::new(30.0, 0.0, 0.0), &s));
     }
