@@ -74,7 +74,7 @@ fn place(wall: Wall, ray: vec3<f32>) -> vec3<f32> {
 fn tinted(curvature: f32) -> vec3<f32> {
     let pale = (0.6 * RELIEF) * (vec3(1.0, 0.58, 0.46) - TISSUE);
     let deep = RELIEF * vec3(0.50, 0.74, 0.72) * TISSUE;
-    return TISSUE + max(curvature, 0.0) * pale + min(curvature, 0.0) * deep;
+    return TISSUE + curvature * select(deep, pale, curvature > 0.0);
 }
 
 // 1 / sqrt(x) but for 0.065 per cent: exponent halved as an integer, one step of Newton's with
@@ -84,34 +84,41 @@ fn rough_inverse_sqrt(x: f32) -> f32 {
     return y * (0.703952253 * (2.38924456 - x * y * y));
 }
 
-// Light from the wall under a head-light, times exposure.
+// Light from the wall under a head-light, times exposure. With the light at (0, l, 0) and the wall
+// at `ray` times `far`, products with what leads from one to the other are sums of products with
+// `ray`, which are needed anyway.
 fn lit_wall(wall: Wall, front: bool) -> vec3<f32> {
     let ray = ray(wall);
-    let to_light = vec3(0.0, wall.same.w, 0.0) - place(wall, ray);
+    let far = 1.0 / wall.at.w;
+    let l = wall.same.w;
     let n = wall.normal.xyz * select(-1.0, 1.0, front);
     let nn = dot(n, n);
-    let away = dot(to_light, to_light);
+    let n_ray = dot(n, ray);
+    let ray2 = dot(ray, ray);
+    let above = l * ray.y;
+    let light_ray = above - far * ray2;
+    let away = l * l - far * (above + light_ray);
     let by_light = rough_inverse_sqrt(nn * away);
-    let by_view = rough_inverse_sqrt(nn * dot(ray, ray));
-    let cos_light = dot(n, to_light) * by_light;
-    let cos_view = -dot(n, ray) * by_view;
+    let by_view = rough_inverse_sqrt(nn * ray2);
+    let cos_light = (l * n.y - far * n_ray) * by_light;
+    let cos_view = -n_ray * by_view;
     // A little light wraps round, as it does in flesh: silhouettes go dark, not black.
     let lit = max((cos_light + WRAP) * (DIFFUSE / (1.0 + WRAP)), 0.0);
-    // Falloff and the squared cosine to the half vector, by one division.
+    // Falloff and twice the squared cosine to the half vector, by one division.
     let both = max(cos_light + cos_view, 0.0);
-    let spread = 2.0 - 2.0 * dot(to_light, ray) * by_light * by_view * nn;
-    let far = 1.0 + away;
-    let share = 1.0 / (far * spread);
+    let spread = 1.0 - light_ray * by_light * by_view * nn;
+    let faded = 1.0 + away;
+    let share = 1.0 / (faded * spread);
     let near = spread * share;
-    let square = both * both * far * share;
+    let square = both * both * faded * share;
     // The power of that cosine as the one of a line near 1: off by 0.003.
-    let line = max(1.0 + (square - 1.0) * (POWER / 64.0), 0.0);
+    let line = max(square * (POWER / 128.0) + (1.0 - POWER / 64.0), 0.0);
     let l4 = (line * line) * (line * line);
     let l16 = (l4 * l4) * (l4 * l4);
     let gloss = l16 * near;
     // Grazing walls go darker than the cosine alone makes them: the rim of a fold stands out.
-    let t = clamp(2.0 * cos_view, 0.0, 1.0);
-    let edge = 0.65 + 0.35 * t * t * (3.0 - 2.0 * t);
+    let t = clamp(cos_view, 0.0, 0.5);
+    let edge = 0.65 + t * t * (4.2 - 5.6 * t);
     let wall_light = (AMBIENT + lit) * near * edge;
     return tinted(wall.normal.w) * wall_light + SPECULAR * (gloss * gloss);
 }
