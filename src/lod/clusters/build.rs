@@ -60,8 +60,13 @@ impl Clusters {
     ) -> Result<Self, ClusterError> {
         check(mesh, vertices)?;
         let normals: Vec<Vec3> = vertices.iter().map(Vertex::normal).collect();
-        let (beside, (tree, key)) = rayon::join(
-            || partition::beside(&mesh.faces, vertices.len()),
+        // Cutting up and evening out is in part done by one thread alone.
+        let ((beside, finest), (tree, key)) = rayon::join(
+            || {
+                let beside = partition::beside(&mesh.faces, vertices.len());
+                let finest = fill::finest(mesh, &beside);
+                (beside, finest)
+            },
             || rayon::join(|| Nearest::new(mesh), || super::bytes::key(mesh, vertices)),
         );
         let mut face_at = vec![0; vertices.len()];
@@ -94,7 +99,6 @@ impl Clusters {
             triangles: Vec::new(),
             key,
         };
-        let finest = fill::finest(mesh, &beside);
         let bounds: Vec<Bounds> =
             finest.par_iter().map(|d| Bounds::of(d, &mesh.positions)).collect();
         let mut live: Vec<(u32, Draft)> = Vec::with_capacity(finest.len());
@@ -104,15 +108,18 @@ impl Clusters {
         while live.len() > coarsest {
             let before = this.groups.len();
             let known = places.positions.len();
-            if !this.groups.is_empty() {
-                earlier.push_back(Earlier::new(live.iter().map(|l| &l.1), known));
-            }
+            let made = !this.groups.is_empty();
+            let (new, parted) = rayon::join(
+                || made.then(|| Earlier::new(live.iter().map(|l| &l.1), known)),
+                || this.parted(&live, lock),
+            );
+            earlier.extend(new);
             // The first, or the one three levels below: what is nearer errs too much itself.
             if earlier.len() > 3 {
                 earlier.pop_front();
             }
             let ask = if earlier.len() > 1 { earlier.front() } else { None };
-            live = this.level(live, &original, &mut places, ask, lock);
+            live = this.level(live, parted, &original, &mut places, ask);
             see(&live, &places);
             if this.groups.len() == before {
                 break;
@@ -140,15 +147,8 @@ impl Clusters {
         self.clusters.len() as u32 - 1
     }
 
-    /// Groups the live clusters and simplifies each group; what is live then.
-    fn level(
-        &mut self,
-        live: Vec<(u32, Draft)>,
-        original: &Original<'_>,
-        places: &mut Places,
-        earlier: Option<&Earlier>,
-        lock: bool,
-    ) -> Vec<(u32, Draft)> {
+    /// Groups of the live clusters, and whether each vertex stays.
+    fn parted(&self, live: &[(u32, Draft)], lock: bool) -> (Vec<Vec<u32>>, Vec<bool>) {
         let bordered: Vec<Bordered> = live
             .par_iter()
             .map(|(id, d)| Bordered {
@@ -171,7 +171,18 @@ impl Clusters {
                 locked[*v as usize] |= lock && *first != of;
             }
         }
-        drop(group_of);
+        (groups, locked)
+    }
+
+    /// Simplifies each group; what is live then.
+    fn level(
+        &mut self,
+        live: Vec<(u32, Draft)>,
+        (groups, locked): (Vec<Vec<u32>>, Vec<bool>),
+        original: &Original<'_>,
+        places: &mut Places,
+        earlier: Option<&Earlier>,
+    ) -> Vec<(u32, Draft)> {
         let made: Vec<Option<Made>> = groups
             .par_iter()
             .map(|g| {
