@@ -1,5 +1,6 @@
 //! CPU twin and cases of `gauss_axis`: a separable symmetric filter.
 
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 pub use super::host::gauss_axis::{Bindings, Params};
@@ -60,6 +61,7 @@ fn twin(args: &mut CpuArgs<'_>) {
         let place = s.corner[slot * 3 + axis] + at as i32;
         place < p.low || place > p.high
     };
+    let arch = Arch::new();
     let scratch = || (Vec::with_capacity(span), vec![[0.0f32; 8]; 8 * span]);
     s.g.par_chunks_exact_mut(BRICK).enumerate().with_min_len(8).for_each_init(
         scratch,
@@ -68,51 +70,89 @@ fn twin(args: &mut CpuArgs<'_>) {
             if !gather(lines, around, s.f, axis) {
                 return; // all around is 0, and so is the result already
             }
-            if axis == 0 {
-                let flat: &[f32] = lines.as_flattened();
-                for (row, out) in out.as_chunks_mut::<8>().0.iter_mut().enumerate() {
-                    let row = &flat[row * span..][..span];
-                    let at = |from: usize| -> &[f32; 8] {
-                        row[from..from + 8].try_into().expect("eight lanes")
-                    };
-                    let mut sum = at(radius).map(|f| weight[0] * f);
-                    for (k, w) in weight.iter().enumerate().skip(1) {
-                        let (a, b) = (at(radius + k), at(radius - k));
-                        for i in 0..8 {
-                            sum[i] += w * (a[i] + b[i]);
-                        }
-                    }
-                    for (x, (out, sum)) in out.iter_mut().zip(sum).enumerate() {
-                        *out = if outside(slot, x) { 0.0 } else { sum };
-                    }
-                }
-                return;
-            }
-            // A position holds eight lane groups; `step` and `across` place them in the brick.
-            let (step, across) = if axis == 1 { (1, 8) } else { (8, 1) };
-            let groups = out.as_chunks_mut::<8>().0;
-            for at in (0..8).filter(|at| !outside(slot, *at)) {
-                let c = radius + at;
-                for pair in 0..4 {
-                    let of = |i: usize| -> &[[f32; 8]; 2] {
-                        lines[8 * i + 2 * pair..][..2].try_into().expect("two groups")
-                    };
-                    let mut sum = of(c).map(|g| g.map(|f| weight[0] * f));
-                    for (k, w) in weight.iter().enumerate().skip(1) {
-                        let (a, b) = (of(c + k), of(c - k));
-                        for j in 0..2 {
-                            for i in 0..8 {
-                                sum[j][i] += w * (a[j][i] + b[j][i]);
-                            }
-                        }
-                    }
-                    for (j, sum) in sum.into_iter().enumerate() {
-                        groups[at * step + (2 * pair + j) * across] = sum;
-                    }
-                }
-            }
+            let outside = [0, 1, 2, 3, 4, 5, 6, 7].map(|at| outside(slot, at));
+            arch.dispatch(Sums { out, lines, weight, axis, outside });
         },
     );
+}
+
+/// Sums of a brick, to be worked out in lanes as wide as the processor has: for that all of it must
+/// be inlined.
+struct Sums<'a> {
+    out: &'a mut [f32],
+    lines: &'a [[f32; 8]],
+    weight: &'a [f32],
+    axis: usize,
+    outside: [bool; 8],
+}
+
+impl WithSimd for Sums<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { out, lines, weight, axis, outside } = self;
+        match axis {
+            0 => along_x(out, lines.as_flattened(), weight, outside),
+            1 => across_x(out, lines, weight, (1, 8), outside),
+            _ => across_x(out, lines, weight, (8, 1), outside),
+        }
+    }
+}
+
+/// Sums along the rows of a brick, `flat` holding what lies around each.
+#[inline(always)]
+fn along_x(out: &mut [f32], flat: &[f32], weight: &[f32], outside: [bool; 8]) {
+    let radius = weight.len() - 1;
+    let span = 8 + 2 * radius;
+    for (row, out) in out.as_chunks_mut::<8>().0.iter_mut().enumerate() {
+        let row = &flat[row * span..][..span];
+        let at =
+            |from: usize| -> &[f32; 8] { row[from..from + 8].try_into().expect("eight lanes") };
+        let mut sum = at(radius).map(|f| weight[0] * f);
+        for (k, w) in weight.iter().enumerate().skip(1) {
+            let (a, b) = (at(radius + k), at(radius - k));
+            for i in 0..8 {
+                sum[i] += w * (a[i] + b[i]);
+            }
+        }
+        for (x, (out, sum)) in out.iter_mut().zip(sum).enumerate() {
+            *out = if outside[x] { 0.0 } else { sum };
+        }
+    }
+}
+
+/// Sums across the rows of a brick. A position along the axis holds eight lane groups; `step` and
+/// `across` place them in the brick.
+#[inline(always)]
+fn across_x(
+    out: &mut [f32],
+    lines: &[[f32; 8]],
+    weight: &[f32],
+    (step, across): (usize, usize),
+    outside: [bool; 8],
+) {
+    let groups = out.as_chunks_mut::<8>().0;
+    for at in (0..8).filter(|at| !outside[*at]) {
+        let c = weight.len() - 1 + at;
+        for pair in 0..4 {
+            let of = |i: usize| -> &[[f32; 8]; 2] {
+                lines[8 * i + 2 * pair..][..2].try_into().expect("two groups")
+            };
+            let mut sum = of(c).map(|g| g.map(|f| weight[0] * f));
+            for (k, w) in weight.iter().enumerate().skip(1) {
+                let (a, b) = (of(c + k), of(c - k));
+                for j in 0..2 {
+                    for i in 0..8 {
+                        sum[j][i] += w * (a[j][i] + b[j][i]);
+                    }
+                }
+            }
+            for (j, sum) in sum.into_iter().enumerate() {
+                groups[at * step + (2 * pair + j) * across] = sum;
+            }
+        }
+    }
 }
 
 /// Copies what lies around a brick along an axis, and says whether any of it is not 0.

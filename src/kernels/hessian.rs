@@ -1,5 +1,6 @@
 //! CPU twin and cases of `hessian`: eigenvalues or a response over a whole field.
 
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 pub use super::host::hessian::{Bindings, Params};
@@ -21,6 +22,7 @@ pub static KERNEL: Kernel = Kernel {
 fn twin(args: &mut CpuArgs<'_>) {
     let (s, p, _) = open(args);
     let stride = if p.kind == 0 { 3 } else { 1 };
+    let arch = Arch::new();
     s.response.par_chunks_exact_mut(BRICK * stride).enumerate().with_min_len(4).for_each(
         |(at, out)| {
             let slot = at + p.first as usize;
@@ -35,7 +37,8 @@ fn twin(args: &mut CpuArgs<'_>) {
                     continue; // zeroed already
                 }
                 let keep = |i: usize, v: f32| if inside >> i & 1 != 0 { v } else { 0.0 };
-                let [low, mid, high] = row_values(&halo, row, p.spacing_mm, p.sign);
+                let work = Row { halo: &halo, row, spacing_mm: p.spacing_mm, sign: p.sign };
+                let [low, mid, high] = arch.dispatch(work);
                 match p.kind {
                     0 => {
                         for (i, out) in out.chunks_exact_mut(3).enumerate() {
@@ -59,8 +62,26 @@ fn twin(args: &mut CpuArgs<'_>) {
     );
 }
 
+/// A row of a brick, to be worked out in lanes as wide as the processor has: for that all of it must
+/// be inlined.
+struct Row<'a> {
+    halo: &'a Halo,
+    row: usize,
+    spacing_mm: [f32; 3],
+    sign: f32,
+}
+
+impl WithSimd for Row<'_> {
+    type Output = [[f32; 8]; 3];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        row_values(self.halo, self.row, self.spacing_mm, self.sign)
+    }
+}
+
 /// Eigenvalues of the eight Hessians of a row of a brick: smallest, middle and largest of each.
-#[inline]
+#[inline(always)]
 fn row_values(halo: &Halo, row: usize, [hx, hy, hz]: [f32; 3], sign: f32) -> [[f32; 8]; 3] {
     // The rows around it by (y, z), each with its two neighbours along x.
     let [dd, cd, ud, dc, cc, uc, du, cu, uu] = halo.rows(row);
@@ -89,7 +110,7 @@ fn row_values(halo: &Halo, row: usize, [hx, hy, hz]: [f32; 3], sign: f32) -> [[f
 /// a row of voxels runs in lanes: with the determinant r of the scaled matrix, cos(acos(r) / 3) is
 /// a smooth function of √((1 + r) / 2), and the smallest root is the largest of the matrix turned.
 /// Rounded as there on the way to r: near double roots its last bit shows.
-#[inline]
+#[inline(always)]
 fn eigenvalues(m: [f32; 3], o: [f32; 3]) -> [f32; 3] {
     let q = (m[0] + m[1] + m[2]) / 3.0;
     let [x, y, z] = m.map(|v| v - q);
@@ -107,7 +128,7 @@ fn eigenvalues(m: [f32; 3], o: [f32; 3]) -> [f32; 3] {
 }
 
 /// cos(2/3 acos s) for s in [0, 1], within 1e-7: Chebyshev interpolation of degree 8.
-#[inline]
+#[inline(always)]
 fn third(s: f32) -> f32 {
     const C: [f32; 9] = [
         0.5,
