@@ -72,7 +72,7 @@ impl Sampler<'_> {
 }
 
 /// The voxel below and the rest. Not by `floor`, which not every x86-64 has an instruction for: as a
-/// function it took a third of a sample.
+/// function it took a fifth of a sample.
 #[inline]
 fn parted(q: DVec3) -> (IVec3, DVec3) {
     let cut = q.as_ivec3();
