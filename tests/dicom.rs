@@ -5,20 +5,10 @@ mod common;
 
 use std::path::{Path, PathBuf};
 
-use common::{dicom_slice, unzip};
+use common::{dicom_slice, read, refusal, unzip};
 use glam::{DVec3, UVec3};
 use intima::formats::{FormatError, ReadOptions, inspect, read_volume};
 use intima::volume::{SampleType, Volume};
-
-fn read(path: &Path) -> Result<Volume, FormatError> {
-    read_volume(path, &ReadOptions::default())
-}
-
-fn refusal(path: &Path) -> String {
-    let text = read(path).expect_err("must be refused").to_string();
-    println!("{text}");
-    text
-}
 
 fn series(dir: &Path, places: &[f64], edit: impl Fn(usize, &mut common::Slice)) {
     for (n, z) in places.iter().enumerate() {

@@ -3,24 +3,10 @@
 #[path = "common/volumes.rs"]
 mod common;
 
-use std::path::Path;
-
-use common::{NiftiHeader, phantom, shared_data, unzip};
+use common::{NiftiHeader, phantom, read, refusal, shared_data, unzip};
 use glam::{DMat3, DVec3, UVec3};
-use intima::formats::{
-    FormatError, ReadOptions, inspect, read_volume, write_vector_field, write_volume,
-};
+use intima::formats::{ReadOptions, inspect, write_vector_field, write_volume};
 use intima::volume::{Grid, Rescale, SampleType, Samples, Volume};
-
-fn read(path: &Path) -> Result<Volume, FormatError> {
-    read_volume(path, &ReadOptions::default())
-}
-
-fn refusal(path: &Path) -> String {
-    let text = read(path).expect_err("must be refused").to_string();
-    println!("{text}");
-    text
-}
 
 /// Real values at a few labelled points by world position.
 fn assert_same_world(a: &Volume, b: &Volume, tolerance_mm: f64, what: &str) {

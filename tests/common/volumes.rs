@@ -5,7 +5,20 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use glam::{DMat3, DQuat, DVec3};
+use intima::formats::{FormatError, ReadOptions, read_volume};
 use intima::volume::{Grid, Samples, Volume};
+
+/// Reads a volume where nothing has to be chosen.
+pub fn read(path: &Path) -> Result<Volume, FormatError> {
+    read_volume(path, &ReadOptions::default())
+}
+
+/// What is said of a file that must not be read.
+pub fn refusal(path: &Path) -> String {
+    let text = read(path).expect_err("must be refused").to_string();
+    println!("{text}");
+    text
+}
 
 /// An oblique, anisotropic grid with four labelled points that no mirror image repeats.
 pub fn phantom(left_handed: bool) -> Volume {
