@@ -4,6 +4,8 @@
 mod camera;
 mod centerline;
 mod mesh;
+#[cfg(test)]
+pub mod shapes;
 mod vertex;
 
 pub use camera::{Lens, Pose};

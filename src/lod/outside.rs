@@ -174,26 +174,18 @@ impl Outside {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::shapes::closed_lattice;
 
     const MAJOR: f64 = 30.0;
     const MINOR: f64 = 8.0;
 
     /// A torus about z.
     fn ring(around: u32, across: u32) -> Mesh {
-        let mut mesh = Mesh::default();
-        for i in 0..around {
-            for j in 0..across {
-                let turn = |k: u32, n: u32| std::f64::consts::TAU * f64::from(k) / f64::from(n);
-                let (u, v) = (turn(i, around), turn(j, across));
-                let r = MAJOR + MINOR * v.cos();
-                mesh.positions
-                    .push(DVec3::new(r * u.cos(), r * u.sin(), MINOR * v.sin()).as_vec3());
-                let at = |i: u32, j: u32| (i % around) * across + j % across;
-                let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-                mesh.faces.extend([[a, b, c], [a, c, d]]);
-            }
-        }
-        mesh
+        closed_lattice(around, across, |u, v| {
+            let out = Vec3::new(u.cos() * v.cos(), u.sin() * v.cos(), v.sin());
+            let middle = Vec3::new(u.cos(), u.sin(), 0.0);
+            (MAJOR as f32 * middle + MINOR as f32 * out, -out)
+        })
     }
 
     #[test]

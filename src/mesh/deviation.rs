@@ -143,7 +143,7 @@ fn find(samples: &[Sample], mesh: &Mesh, normals: &[Vec3]) -> Option<Found> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::tests::sphere;
+    use crate::geometry::shapes::sphere;
 
     #[test]
     fn concentric_spheres_are_as_far_apart_as_their_radii() {

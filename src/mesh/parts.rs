@@ -234,8 +234,8 @@ fn join<L>(given: &Given<'_>, parts: Vec<Part<L>>) -> (Greedy, Vec<L>) {
 mod tests {
     use super::*;
     use crate::geometry::Mesh;
+    use crate::geometry::shapes::torus;
     use crate::mesh::simplify::{left_of, whole};
-    use crate::mesh::tests::torus;
     use crate::mesh::{Metric, SimplifyOptions, deviation};
 
     #[test]

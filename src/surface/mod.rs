@@ -3,6 +3,7 @@
 mod extract;
 mod fair;
 mod grey;
+mod heat;
 mod scales;
 mod shading;
 pub mod table;

@@ -10,7 +10,7 @@
 use glam::{DMat3, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::Adjacency;
+use super::{Adjacency, heat};
 use crate::compute::{Buf, Plan};
 use crate::geometry::Mesh;
 use crate::kernels::{scale_bands, scale_pool, scale_restore, scale_step};
@@ -239,27 +239,6 @@ fn roughness(normals: &[f32], adjacency: &Adjacency) -> f32 {
     if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f32::total_cmp).1 }
 }
 
-/// Coefficients of exp(−a (1 − S)) in Chebyshev polynomials of S: (2 − δ) e^−a I_k(a), by downward
-/// recurrence from where they are nothing.
-fn heat_series(a: f64, terms: usize) -> Vec<f64> {
-    let from = 2 * terms_of(a) + 20;
-    let (mut above, mut here) = (0.0, 1e-280);
-    let mut all = vec![0.0; from + 1];
-    for k in (0..=from).rev() {
-        all[k] = here;
-        (above, here) = (here, above + 2.0 * k as f64 / a * here);
-    }
-    let sum = all[0] + 2.0 * all[1..].iter().sum::<f64>();
-    (0..terms)
-        .map(|k| all.get(k).map_or(0.0, |i| if k == 0 { i / sum } else { 2.0 * i / sum }))
-        .collect()
-}
-
-/// Terms after which what the series lacks is less than [`CUT`] in every mode.
-fn terms_of(a: f64) -> usize {
-    (2.0 * a * -CUT.ln()).sqrt().ceil() as usize + 2
-}
-
 /// Appends the smoothing by scales; returns unit normals, three floats a vertex.
 pub fn by_scales<'a>(
     plan: &mut Plan<'a>,
@@ -279,7 +258,7 @@ pub fn by_scales<'a>(
     let mut now = plan.zeroed::<[f32; 4]>("series", n);
     let mut next = plan.upload("area vectors", bytemuck::cast_slice(density));
     let times = SCALES.map(|s| rate * 0.5 * (s * h.max_element()).powi(2));
-    let series = times.map(|a| heat_series(a, terms_of(a)));
+    let series = times.map(|a| heat::series(a, heat::terms(a, CUT)));
     for k in 0..series[4].len() {
         let part = series.each_ref().map(|s| s.get(k).map_or(0.0, |c| *c as f32));
         let (turn, keep) = [(0.0, -1.0), (1.0, 0.0), (2.0, 1.0)][k.min(2)];
@@ -324,26 +303,4 @@ pub fn by_scales<'a>(
     let bindings = scale_restore::Bindings { normal, level, pooled: energy, faired };
     plan.launch(&scale_restore::KERNEL, bindings, params, n, n);
     faired
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_series_of_heat_sums_to_the_exponential_and_cut_to_nearly_that() {
-        for a in [0.5, 4.0, 64.0, 256.0] {
-            for (terms, most) in [(2 * terms_of(a) + 20, 1e-9), (terms_of(a), CUT)] {
-                let c = heat_series(a, terms);
-                for i in 0..=200 {
-                    let s: f64 = -1.0 + f64::from(i) / 100.0;
-                    let angle = s.acos();
-                    let term = |(k, c): (usize, &f64)| c * (k as f64 * angle).cos();
-                    let sum: f64 = c.iter().enumerate().map(term).sum();
-                    let off = (sum - (-a * (1.0 - s)).exp()).abs();
-                    assert!(off < most, "{a}, {terms} terms, {s}: off by {off}");
-                }
-            }
-        }
-    }
 }
