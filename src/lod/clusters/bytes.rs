@@ -12,7 +12,7 @@ use crate::lod::{Cone, PAGE_TRIANGLES, PAGE_VERTICES, Sphere};
 
 const MAGIC: &[u8; 8] = b"intimaCL";
 /// To be raised whenever the same mesh would give other clusters or other bytes.
-const VERSION: u32 = 9;
+const VERSION: u32 = 10;
 const HEADER: usize = 8 + 4 + 32 + 6 * 8;
 const HASH: usize = 32;
 const CLUSTER_WORDS: usize = 15;

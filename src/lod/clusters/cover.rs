@@ -18,8 +18,8 @@ thread_local! {
     static OPEN: Cell<Vec<Open>> = const { Cell::new(Vec::new()) };
 }
 
-/// A piece to be cut, a face near it, and how many cuts it may get.
-type Open = (Piece, u32, u32);
+/// A piece to be cut, a face near it, how many cuts it may get, and whether halves bring it nearer.
+type Open = (Piece, u32, u32, bool);
 
 /// How much larger than need be a bound may be.
 const SLACK: f64 = 1.05;
@@ -389,25 +389,30 @@ impl Target<'_> {
     pub fn part(&self, piece: &Piece, start: u32, take: &mut impl FnMut(u32, &Piece, f64)) {
         let mut open = OPEN.take();
         open.clear();
-        open.push((*piece, self.walk(start, piece.centre()), CUTS));
-        while let Some((piece, face, cuts)) = open.pop() {
+        open.push((*piece, self.walk(start, piece.centre()), CUTS, true));
+        while let Some((piece, face, cuts, halve)) = open.pop() {
             let [a, b, c] = self.corners(face);
             let side2 = a.distance_squared(b).max(b.distance_squared(c));
             // No two corners are farther apart than both are from a third.
             let first = piece.at[0];
             let reach2 = piece.corners().iter().fold(0.0, |r, p| p.distance_squared(first).max(r));
-            if reach2 > side2
+            if halve
+                && reach2 > side2
                 && cuts > 0
                 && let (length, a, b) = piece.longest()
                 && length > 2.0 * side2.sqrt()
                 && let Some(halves) = piece.cut(b - a, 0.5 * (a + b))
             {
-                open.extend(halves.map(|h| (h, self.walk(face, h.centre()), cuts - 1)));
+                // Where all walks end on one tiny face, as on folds, halves lie no nearer to it.
+                open.extend(halves.map(|h| {
+                    let next = self.walk(face, h.centre());
+                    (h, next, cuts - 1, next != face)
+                }));
                 continue;
             }
             // What is handed across a wall is not walked again: by distance it may seem to belong
             // where it came from.
-            let mut hand = |next, part| open.push((part, next, cuts - 1));
+            let mut hand = |next, part| open.push((part, next, cuts - 1, true));
             let inner = match cuts {
                 0 => Some(piece),
                 _ => self.cut_along_walls(face, piece, &mut hand),

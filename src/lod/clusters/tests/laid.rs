@@ -1,7 +1,7 @@
 //! Pieces laid upon a surface, and a surface upon another.
 
 use super::super::back::{Fine, by_image};
-use super::super::cover::{Target, Worked};
+use super::super::cover::{Piece, Target, Worked};
 use super::super::group::Places;
 use super::super::image::image;
 use super::super::lay::{Landing, Round};
@@ -167,4 +167,21 @@ fn a_surface_is_covered_by_one_with_the_same_rim_and_not_over_its_holes() {
     let (holed, _) = covered(&moat);
     assert!(moat.iter().all(|f| !holed[*f as usize]) && !holed[2 * (12 * 6 + 6)]);
     assert!(holed[0] && holed.iter().any(|c| *c));
+}
+
+#[test]
+fn a_piece_beside_one_tiny_face_is_not_cut_into_thousands() {
+    let positions = [Vec3::ZERO, 1e-6 * Vec3::X, 1e-6 * Vec3::Y].to_vec();
+    let mesh = Mesh { positions, faces: vec![[0, 1, 2]], ..Mesh::default() };
+    let corners = [[-1.0, -1.0, 0.1], [1.0, -0.5, 0.1], [0.0, 1.0, 0.1]].map(DVec3::from);
+    upon(&mesh, |target| {
+        let (mut parts, mut area) = (0, 0.0);
+        target.part(&Piece::new(&corners), 0, &mut |_, part, _| {
+            parts += 1;
+            area += part.area();
+        });
+        let whole = Piece::new(&corners).area();
+        assert!(parts < 10, "{parts} parts");
+        assert!((area - whole).abs() < 1e-9 * whole, "{area} of {whole}");
+    });
 }
