@@ -18,7 +18,7 @@ use cast::Cast;
 use intima::geometry::Mesh;
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
 use intima::lod::{Camera, Outside, Pool, Refine, Tolerance, Worker};
-use intima::render::{FrameStats, RenderError, Renderer, Scene, Shot, View};
+use intima::render::{FrameStats, MAX_PAGES, RenderError, Renderer, Scene, Shot, View};
 use intima::surface::shading;
 use intima::vk::{Gpu, Validate};
 use pages::Pages;
@@ -80,7 +80,7 @@ fn fly(
             let outside = Arc::new(Outside::new(mesh).with_margin(clusters.largest_error_mm()));
             let refine = ClusterLod::new(Arc::clone(clusters), DEFAULT_SHADING_RAD);
             let refine = Box::new(refine.within(Arc::clone(&outside)));
-            let count = clusters.clusters().len() as u32;
+            let count = (clusters.clusters().len() as u32).min(MAX_PAGES);
             let pages = r.open_pages(count, *radius).unwrap();
             r.hide(pages, outside);
             let tolerance = Tolerance { pixels: TAU };
