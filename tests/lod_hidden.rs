@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use intima::geometry::{Lens, Mesh, Pose};
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
-use intima::lod::{Outside, Pool, Refine, Tolerance};
+use intima::lod::{Cells, Outside, Pool, Refine, Tolerance};
 use intima::render::{Renderer, Scene, Shot, View};
 use intima::surface::shading;
 use intima::vk::Validate;
@@ -39,7 +39,7 @@ fn pictures_within_a_ring_are_the_same_without_what_lies_behind_its_hole() {
     let mesh = ring(400, 100);
     let shaded = shading(&mesh);
     let clusters = Arc::new(Clusters::build(&mesh, &shaded.vertices).unwrap());
-    let outside = Arc::new(Outside::new(&mesh).with_margin(clusters.largest_error_mm()));
+    let outside = Arc::new(Outside::new(Cells::new(&mesh), clusters.largest_error_mm()));
     let count = clusters.clusters().len() as u32;
     let mut r = Renderer::new(&mut gpu, 160, 120, 1).unwrap();
     let mut fly = |hide: bool| {

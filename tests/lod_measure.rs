@@ -17,7 +17,7 @@ use std::time::Instant;
 use cast::Cast;
 use intima::geometry::Mesh;
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
-use intima::lod::{Camera, Outside, Pool, Refine, Tolerance, Worker};
+use intima::lod::{Camera, Cells, Outside, Pool, Refine, Tolerance, Worker};
 use intima::render::{FrameStats, MAX_PAGES, RenderError, Renderer, Scene, Shot, View};
 use intima::surface::shading;
 use intima::vk::{Gpu, Validate};
@@ -77,7 +77,7 @@ fn fly(
             r.render_sequence(&scene, shots, sink).unwrap();
         }
         Some((clusters, radius)) => {
-            let outside = Arc::new(Outside::new(mesh).with_margin(clusters.largest_error_mm()));
+            let outside = Arc::new(Outside::new(Cells::new(mesh), clusters.largest_error_mm()));
             let refine = ClusterLod::new(Arc::clone(clusters), DEFAULT_SHADING_RAD);
             let refine = Box::new(refine.within(Arc::clone(&outside)));
             let count = (clusters.clusters().len() as u32).min(MAX_PAGES);

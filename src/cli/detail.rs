@@ -6,8 +6,8 @@ use std::sync::Arc;
 use super::CliError;
 use crate::formats::{FormatError, whole};
 use crate::geometry::{Mesh, Vertex};
-use crate::lod::Outside;
 use crate::lod::clusters::{self, Clusters};
+use crate::lod::{Cells, Outside};
 use crate::pipeline::{Clock, Detail, Lod, beside, detail, return_freed_memory};
 
 /// Files of the cache are `NAME`, a hash, `SUFFIX`.
@@ -85,9 +85,9 @@ impl DetailSetup {
             Lod::Off => Ok(None),
             Lod::Clusters => {
                 let mut other = clock.beside();
-                let (outside, found) = beside(
+                let (cells, found) = beside(
                     || {
-                        let work = || Outside::new(mesh);
+                        let work = || Cells::new(mesh);
                         closed.then(|| {
                             other.time("outside", "faces", work, |_| mesh.faces.len() as u64)
                         })
@@ -96,7 +96,8 @@ impl DetailSetup {
                 );
                 clock.take(other);
                 let (clusters, cached, keep) = found?;
-                let outside = outside.map(|o| Arc::new(o.with_margin(clusters.largest_error_mm())));
+                let margin = clusters.largest_error_mm();
+                let outside = cells.map(|cells| Arc::new(Outside::new(cells, margin)));
                 let detail = Detail::of_clusters(clusters, self.pixel_error, cached, outside);
                 Ok(Some((detail, keep)))
             }

@@ -14,7 +14,7 @@ pub mod vds;
 mod worker;
 
 pub use eye::{Camera, Cone, Eye, Sphere, Spot};
-pub use outside::Outside;
+pub use outside::{Cells, Outside};
 pub use pool::{Full, Pool};
 pub use worker::{Worker, WorkerError};
 

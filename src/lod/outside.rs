@@ -16,20 +16,25 @@ const CELLS: f64 = 262_144.0;
 /// More steps are not told apart.
 const STEPS_MAX: u8 = 12;
 
-/// Cells outside a closed wall, and how far each is from all others.
+/// Space around a closed wall in cells: those outside, and how far each is from all others.
 #[derive(Debug)]
-pub struct Outside {
+pub struct Cells {
     lo: DVec3,
     side_mm: f64,
     dims: UVec3,
     /// Steps of a king from each cell to the nearest that is not outside, 0 there.
     steps: Vec<u8>,
+}
+
+/// What a closed wall hides.
+#[derive(Debug)]
+pub struct Outside {
+    cells: Cells,
     margin_mm: f64,
 }
 
-impl Outside {
-    /// Sorts space out around a wall (LPS mm), which must be closed, for what is drawn right on it.
-    /// 262,144 cells, a byte each.
+impl Cells {
+    /// Sorts space out around a wall (LPS mm), which must be closed. 262,144 cells, a byte each.
     pub fn new(mesh: &Mesh) -> Self {
         let around = |(lo, hi): (Vec3, Vec3), p: &Vec3| (lo.min(*p), hi.max(*p));
         let (lo, hi) = mesh.positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), around);
@@ -39,7 +44,7 @@ impl Outside {
         let side_mm = side_mm.max(1e-3);
         // A cell more on every side.
         let dims = ((size / side_mm).floor() + 3.0).as_uvec3();
-        let mut this = Self { lo: lo - side_mm, side_mm, dims, steps: Vec::new(), margin_mm: 0.0 };
+        let mut this = Self { lo: lo - side_mm, side_mm, dims, steps: Vec::new() };
         this.steps = vec![STEPS_MAX; dims.as_usizevec3().element_product()];
         for f in &mesh.faces {
             let [a, b, c] = f.map(|v| mesh.positions[v as usize]);
@@ -57,12 +62,6 @@ impl Outside {
         this.keep_reached();
         this.spread();
         this
-    }
-
-    /// The same where what is drawn may be so far from the wall at most.
-    #[must_use]
-    pub fn with_margin(self, margin_mm: f64) -> Self {
-        Self { margin_mm, ..self }
     }
 
     fn cell(&self, p: DVec3) -> IVec3 {
@@ -146,6 +145,14 @@ impl Outside {
         let steps = self.steps[self.at(self.cell(p))];
         f64::from(steps.saturating_sub(1)) * self.side_mm
     }
+}
+
+impl Outside {
+    /// * `cells`: of the wall.
+    /// * `margin_mm`: how far what is drawn may be from the wall at most.
+    pub fn new(cells: Cells, margin_mm: f64) -> Self {
+        Self { cells, margin_mm }
+    }
 
     /// Whether the wall hides all of a sphere from an eye within it.
     ///
@@ -160,12 +167,12 @@ impl Outside {
         while gone < length - radius {
             let t = gone / length;
             let wanted = radius * t + self.margin_mm;
-            let clear = self.clear_mm(eye + way * t);
+            let clear = self.cells.clear_mm(eye + way * t);
             if clear > wanted {
                 return true;
             }
             // Nowhere nearer can be clear enough but for whole cells.
-            gone += (wanted - clear).max(0.5 * self.side_mm);
+            gone += (wanted - clear).max(0.5 * self.cells.side_mm);
         }
         false
     }
@@ -190,17 +197,17 @@ mod tests {
 
     #[test]
     fn steps_are_those_of_a_king() {
-        let outside = Outside::new(&ring(60, 30));
-        let d = outside.dims.as_ivec3();
-        let cells = || {
+        let cells = Cells::new(&ring(60, 30));
+        let d = cells.dims.as_ivec3();
+        let all = || {
             (0..d.z).flat_map(|z| {
                 (0..d.y).flat_map(move |y| (0..d.x).map(move |x| IVec3::new(x, y, z)))
             })
         };
-        let none: Vec<IVec3> = cells().filter(|c| outside.steps[outside.at(*c)] == 0).collect();
-        for c in cells().step_by(97) {
+        let none: Vec<IVec3> = all().filter(|c| cells.steps[cells.at(*c)] == 0).collect();
+        for c in all().step_by(97) {
             let steps = none.iter().map(|n| (c - *n).abs().max_element()).min().unwrap_or(i32::MAX);
-            let found = i32::from(outside.steps[outside.at(c)]);
+            let found = i32::from(cells.steps[cells.at(c)]);
             assert_eq!(found, steps.min(i32::from(STEPS_MAX)), "{c}");
         }
     }
@@ -212,7 +219,7 @@ mod tests {
 
     #[test]
     fn what_is_hidden_in_a_ring_is_seen_by_no_ray_and_most_of_its_far_side_is() {
-        let outside = Outside::new(&ring(300, 90)).with_margin(0.1);
+        let outside = Outside::new(Cells::new(&ring(300, 90)), 0.1);
         let mut seed = 3u64;
         let mut noise = || {
             seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -243,7 +250,7 @@ mod tests {
     #[test]
     fn nothing_is_outside_where_cells_are_too_large_or_there_is_no_wall() {
         for mesh in [Mesh::default(), ring(12, 5)] {
-            let outside = Outside::new(&mesh).with_margin(100.0);
+            let outside = Outside::new(Cells::new(&mesh), 100.0);
             let s = Sphere { centre: Vec3::new(-30.0, 0.0, 0.0), radius: 1.0 };
             assert!(!outside.hides(DVec3::new(30.0, 0.0, 0.0), &s));
         }
@@ -262,7 +269,7 @@ mod tests {
             let [a, b, c, d] = s.map(|k: u32| first + k);
             mesh.faces.extend([[a, b, c], [a, c, d]]);
         }
-        let outside = Outside::new(&mesh).with_margin(0.1);
+        let outside = Outside::new(Cells::new(&mesh), 0.1);
         let s = Sphere { centre: Vec3::new(-30.0, 0.0, 0.0), radius: 1.0 };
         assert!(!outside.hides(DVec3::new(30.0, 0.0, 0.0), &s));
     }

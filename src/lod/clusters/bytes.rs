@@ -162,7 +162,8 @@ impl Clusters {
             let placed = g.first_input as usize == members && members + i <= self.members.len();
             let numbers = group_numbers(g).iter().all(|v| *v >= 0.0);
             let shaped = sound(&g.sphere) && sound(&g.reach) && numbers;
-            if !placed || !shaped || end > all || i == 0 || o == 0 {
+            let rises = g.angle_rad <= g.reach_angle_rad;
+            if !placed || !shaped || !rises || end > all || i == 0 || o == 0 {
                 return broken;
             }
             (members, outputs) = (members + i, outputs + o);
@@ -175,7 +176,9 @@ impl Clusters {
                 let below = self.groups.get(cluster.made_by as usize);
                 // Groups below come before.
                 let order = cluster.made_by == NONE || (cluster.made_by as usize) < at;
-                let rises = below.is_none_or(|b| b.error_mm <= g.error_mm);
+                // The search for what is open stops where nothing below can be larger.
+                let reach = |g: &Group| [g.error_mm, g.reach_angle_rad, g.reach_turn_mm, g.edge_mm];
+                let rises = below.is_none_or(|b| (0..4).all(|k| reach(b)[k] <= reach(g)[k]));
                 let met = std::mem::replace(&mut met[c as usize], true);
                 if met || cluster.used_by as usize != at || !order || !rises {
                     return broken;

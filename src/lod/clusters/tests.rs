@@ -409,12 +409,11 @@ fn no_point_is_farther_than_the_error_and_some_come_near_it() {
 #[test]
 fn any_number_of_threads_gives_the_same_clusters() {
     let mesh = ring(70, 30);
-    let vertices = shading(&mesh).vertices;
     let [a, b] = [1, 3].map(|n| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap();
-        pool.install(|| Clusters::build(&mesh, &vertices).unwrap().to_bytes())
+        pool.install(|| build(&mesh))
     });
-    assert!(a == b);
+    assert!(a.groups().len() > 3 && a.to_bytes() == b.to_bytes());
 }
 
 #[test]

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use super::super::{ClusterError, ClusterLod, Clusters, DEFAULT_SHADING_RAD};
-use super::{camera, noise, ring, settle};
+use super::super::{ClusterError, ClusterLod, Clusters, DEFAULT_SHADING_RAD, Group};
+use super::{build, camera, noise, ring, settle};
 use crate::lod::Pool;
 use crate::surface::shading;
 
@@ -11,7 +11,8 @@ use crate::surface::shading;
 fn clusters_come_back_from_bytes_and_only_for_their_mesh() {
     let mesh = ring(60, 20);
     let vertices = shading(&mesh).vertices;
-    let clusters = Clusters::build(&mesh, &vertices).unwrap();
+    let clusters = build(&mesh);
+    assert!(clusters.groups().len() > 3);
     let bytes = clusters.to_bytes();
     assert!(Clusters::from_bytes(&bytes, &mesh, &vertices).unwrap() == clusters);
     let mut other = mesh.clone();
@@ -21,10 +22,29 @@ fn clusters_come_back_from_bytes_and_only_for_their_mesh() {
 }
 
 #[test]
+fn reaches_that_hide_what_lies_below_are_refused() {
+    let mesh = ring(60, 20);
+    let vertices = shading(&mesh).vertices;
+    let clusters = build(&mesh);
+    assert!(clusters.groups().len() > 3);
+    let last = clusters.groups.len() - 1;
+    for lower in [
+        |g: &mut Group| g.reach_angle_rad = 0.0,
+        |g: &mut Group| g.reach_turn_mm = 0.0,
+        |g: &mut Group| g.edge_mm = 0.0,
+    ] {
+        let mut bad = clusters.clone();
+        lower(&mut bad.groups[last]);
+        let read = Clusters::from_bytes(&bad.to_bytes(), &mesh, &vertices);
+        assert_eq!(read.unwrap_err(), ClusterError::Broken { what: "group", at: last });
+    }
+}
+
+#[test]
 fn bytes_that_were_tampered_with_are_refused_or_harmless() {
     let mesh = ring(60, 20);
     let vertices = shading(&mesh).vertices;
-    let bytes = Clusters::build(&mesh, &vertices).unwrap().to_bytes();
+    let bytes = build(&mesh).to_bytes();
     let read = |b: &[u8]| Clusters::from_bytes(b, &mesh, &vertices);
     for n in (0..bytes.len()).step_by(997) {
         assert!(read(&bytes[..n]).is_err());
