@@ -114,6 +114,36 @@ fn run_writes_every_product_and_a_report_of_this_run() {
 }
 
 #[test]
+fn a_shorter_flight_leaves_nothing_of_the_one_before_in_its_folder() {
+    if !can_draw() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Bend, 32);
+    let out = tmp.path().join("out");
+    let fly = |frames: &str, more: &[&str]| {
+        let args = ["run", "--mask", "mask.nrrd", "--out", "out", "--size", "64x48", "--frames"];
+        intima(tmp.path(), &[&args[..], &[frames], more].concat())
+    };
+    assert!(fly("4", &[]).status.success());
+    for other in ["frame_1.png", "frame_000001.png", "frame_00009.txt", "notes"] {
+        std::fs::write(out.join("frames").join(other), "kept").unwrap();
+    }
+    assert!(fly("2", &[]).status.success());
+    let want = ["frame_00001.png", "frame_00002.png", "frame_000001.png", "frame_00009.txt"];
+    let mut want = [&want[..], &["frame_1.png", "notes"]].concat();
+    want.sort_unstable();
+    assert_eq!(names(&out.join("frames")), want);
+    // One that fails among its frames leaves no report either.
+    std::fs::remove_file(out.join("frames/frame_00002.png")).unwrap();
+    std::fs::create_dir(out.join("frames/frame_00002.png")).unwrap();
+    let failed = fly("3", &[]);
+    assert_eq!(failed.status.code(), Some(1), "{}", String::from_utf8_lossy(&failed.stderr));
+    assert!(String::from_utf8_lossy(&failed.stderr).contains("frame_00002.png"));
+    assert!(!out.join("report.json").exists());
+}
+
+#[test]
 fn a_run_that_fails_before_its_first_frame_leaves_no_file() {
     let tmp = tempfile::tempdir().unwrap();
     phantom(tmp.path(), Kind::Bend, 32);

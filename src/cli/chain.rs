@@ -29,7 +29,7 @@ use crate::volume::Volume;
 pub struct ChainArgs {
     /// Volume; may be left out with --mask
     pub input: Option<PathBuf>,
-    /// Folder for the outputs; made if it is not there
+    /// Folder for the outputs; made if it is not there, and rid of the frames of an earlier flight
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     #[command(flatten)]

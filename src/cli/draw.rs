@@ -8,6 +8,7 @@ use glam::Vec3;
 use thread_priority::{ThreadPriority, set_current_thread_priority};
 
 use super::CliError;
+use super::film::frame_name;
 use super::frames::Setup;
 use super::scene::{Opened, Staged};
 use crate::flight::Flight;
@@ -127,7 +128,7 @@ pub fn draw(
                 for (i, rgb) in receive {
                     let png = encode_png(width, height, &rgb);
                     spares.give(rgb);
-                    let path = folder.join(format!("frame_{:05}.png", i + 1));
+                    let path = folder.join(frame_name(i + 1));
                     whole::write_whole(&path, |o| o.write_all(&png))?;
                 }
                 Ok(())

@@ -23,6 +23,30 @@ fn make_folder(path: &Path) -> Result<(), CliError> {
     std::fs::create_dir_all(path).map_err(|e| CliError::Format(FormatError::io(path, e)))
 }
 
+/// Takes the frames of an earlier flight out of a folder: a shorter one would leave the rest of
+/// them, perhaps of another patient, behind its own.
+fn clear_frames(folder: &Path) -> Result<(), CliError> {
+    let failed = |path: &Path, e| CliError::Format(FormatError::io(path, e));
+    for entry in std::fs::read_dir(folder).map_err(|e| failed(folder, e))? {
+        let path = entry.map_err(|e| failed(folder, e))?.path();
+        let name = path.file_name().and_then(|n| n.to_str());
+        if name.is_some_and(is_frame) && !path.is_dir() {
+            std::fs::remove_file(&path).map_err(|e| failed(&path, e))?;
+        }
+    }
+    Ok(())
+}
+
+/// Name of a frame, counted from 1.
+pub fn frame_name(number: usize) -> String {
+    format!("frame_{number:05}.png")
+}
+
+fn is_frame(name: &str) -> bool {
+    let number = name.strip_prefix("frame_").and_then(|n| n.strip_suffix(".png"));
+    number.is_some_and(|n| n.len() == 5 && n.bytes().all(|b| b.is_ascii_digit()))
+}
+
 /// What is filmed.
 pub struct Filmed<'a> {
     pub lumen: &'a Lumen,
@@ -50,6 +74,7 @@ pub fn film(
     let mut set = set(opened, &shown, setup, levels)?;
     // Only now: a machine that cannot draw leaves no empty folder.
     make_folder(folder)?;
+    clear_frames(folder)?;
     ready(clusters);
     let keep = set.keep.take();
     let draw = || draw(set, line, setup, &flight, folder, clock);

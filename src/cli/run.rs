@@ -11,11 +11,13 @@ use super::global::Global;
 use super::lumen_args::{Chosen, lumen as choose, notes};
 use super::surface::{Modes as ModeChoice, without_caps};
 use super::timing::timed;
-use crate::formats::{whole, write_centerline, write_layers, write_mesh};
+use crate::formats::{FormatError, whole, write_centerline, write_layers, write_mesh};
 use crate::geometry::Mesh;
 use crate::lumen::Lumen;
 use crate::pipeline::detail::{base, base_faces};
 use crate::pipeline::{CenterlineReport, Clock, Mode, Modes, Report, beside};
+
+const REPORT: &str = "report.json";
 
 /// `intima run INPUT LUMEN --out DIR`
 #[derive(Debug, clap::Args)]
@@ -25,8 +27,8 @@ pub struct Args {
 }
 
 impl Args {
-    /// Computes everything and writes everything, the report last. Products are written beside
-    /// the frames; with `--repeat` once, afterwards. The volume is held no longer than it is
+    /// Computes everything and writes everything, the report last: where there is one, all is there
+    /// and of one run. Products are written beside the frames; with `--repeat` once, afterwards. The volume is held no longer than it is
     /// needed, unless it is needed again.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         let a = &self.chain;
@@ -58,6 +60,7 @@ impl Args {
                 )?;
                 let aside = |heard: Heard, clock: &mut Clock| -> Result<_, CliError> {
                     let Some(begun) = heard.go() else { return Ok(None) };
+                    self.drop_report()?;
                     let base = self.base(&begun, clock)?;
                     if !once {
                         return Ok(Some(base));
@@ -92,9 +95,20 @@ impl Args {
         report.timing = timing.keys();
         warnings.append(&mut report.warnings);
         report.warnings = warnings;
-        write_json(&a.out.join("report.json"), &report)?;
+        write_json(&a.out.join(REPORT), &report)?;
         global.say(summary(&report, &a.out))?;
         global.answer_only(&report)
+    }
+
+    /// Takes away the report of an earlier run, whose products and frames now go.
+    fn drop_report(&self) -> Result<(), CliError> {
+        let path = self.chain.out.join(REPORT);
+        match std::fs::remove_file(&path) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+                Err(CliError::Format(FormatError::io(&path, e)))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The surface with few faces.
