@@ -88,3 +88,81 @@ impl Pipelines {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+
+    use super::*;
+    use crate::vk::{
+        Area, Choice, Draw, Frame, ImageSpec, OpenOptions, Pass, Piece, Take, Validate,
+    };
+
+    #[test]
+    fn draws_that_do_not_fit_their_buffers_are_refused_before_anything_is_recorded() {
+        let options =
+            OpenOptions { validate: Validate::Sync, cache_dir: None, ..Default::default() };
+        let mut gpu = match Gpu::open_with(Choice::Any, options) {
+            Ok(gpu) => gpu,
+            Err(e) if e.is_no_device() && std::env::var_os("INTIMA_REQUIRE_GPU").is_none() => {
+                return;
+            }
+            Err(e) => panic!("{e}"),
+        };
+        let inside = Pipelines::new(&mut gpu, 1).unwrap().inside;
+        let image = |format| ImageSpec { format, extent: [16, 16], samples: 1 };
+        let colour = gpu.image("picture", image(PICTURE)).unwrap();
+        let depth = gpu.image("depth", image(DEPTH)).unwrap();
+        // Four vertices of 20 bytes.
+        let vertices = gpu.vertex_buffer("vertices", &[0; 80]).unwrap();
+        let [within, beyond] = [3, 4].map(|most| {
+            let indices = [0, 1, 2, 1, 2, most];
+            gpu.index_buffer("indices", &indices).unwrap()
+        });
+        let fits = Draw {
+            pipeline: inside,
+            push: vec![0; host::surface::PUSH_BYTES as usize],
+            vertices: Some(vertices),
+            indices: Some(within),
+            take: Take::Range(0..6),
+            images: Vec::new(),
+        };
+        let mut refused = |draw: Draw| {
+            let area = Area { x: 0, y: 0, width: 16, height: 16 };
+            let (clear, draws) = (Some([0.0; 4]), vec![draw]);
+            let (resolve, depth, encoded) = (None, Some(depth), true);
+            let pass = Pass { colour, resolve, depth, encoded, clear, area, draws };
+            let frame = Frame { passes: vec![pass], ..Frame::default() };
+            catch_unwind(AssertUnwindSafe(|| gpu.submit_draws(&frame).unwrap())).is_err()
+        };
+        let piece = |first_index, indices, first_vertex| {
+            Take::Pieces(vec![Piece { first_index, indices, first_vertex }])
+        };
+        let pieces = |take| Draw { take, ..fits.clone() };
+        assert!(!refused(fits.clone()));
+        assert!(!refused(pieces(piece(3, 3, 0))));
+        assert!(!refused(Draw { indices: None, take: Take::Range(0..3), ..fits.clone() }));
+        let wrong = [
+            ("indices that are not there", pieces(Take::Range(3..9))),
+            ("a vertex that is not there", Draw { indices: Some(beyond), ..fits.clone() }),
+            ("no vertices", Draw { vertices: None, ..fits.clone() }),
+            (
+                "vertices past the end",
+                Draw { indices: None, take: Take::Range(3..6), ..fits.clone() },
+            ),
+            ("vertices for indices", Draw { indices: Some(vertices), ..fits.clone() }),
+            ("a piece past the indices", pieces(piece(6, 3, 0))),
+            ("a piece past the vertices", pieces(piece(0, 3, 1))),
+            ("a piece far past them", pieces(piece(0, 3, u32::MAX))),
+            ("pieces of no indices", Draw { indices: None, ..pieces(piece(0, 3, 0)) }),
+            ("a short immediate block", Draw { push: vec![0; 4], ..fits.clone() }),
+            ("an image too many", Draw { images: vec![colour], ..fits.clone() }),
+        ];
+        for (what, draw) in wrong {
+            assert!(refused(draw), "{what}");
+        }
+        assert!(!refused(fits));
+        let said = gpu.validation_messages();
+        assert!(said.is_empty(), "{said:?}");
+    }
+}
