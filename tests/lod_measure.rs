@@ -160,8 +160,13 @@ fn growth_of_the_frame_time() {
             }
         }
         let ms: Vec<f64> = ms.into_iter().map(median).collect();
-        let grown: Vec<f64> = ms.windows(3).map(|m| m[2] / m[0]).collect();
-        println!("{samples}x: {ms:.1?} ms; 16 times the triangles: {grown:.3?} times");
+        let grown = |ms: &[f64]| ms.windows(3).map(|m| m[2] / m[0]).collect::<Vec<_>>();
+        println!("{samples}x: {ms:.1?} ms; 16 times the triangles: {:.3?} times", grown(&ms));
+        let off = all
+            .iter()
+            .map(|(_, mesh, shots)| median(fly(&mut gpu, samples, &shots[..20], mesh, None).ms));
+        let off: Vec<f64> = off.collect();
+        println!("  off: {off:.1?} ms; {:.3?} times", grown(&off));
     }
 }
 

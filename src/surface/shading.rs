@@ -10,7 +10,7 @@ use crate::geometry::{Mesh, Vertex};
 const MIN_LEN: usize = 4096;
 /// Rounds of averaging at most: edges of a 64th of what is smoothed over.
 const ROUNDS_MAX: f64 = 4096.0;
-/// Part of what no smoothing would leave that the cut series may leave of the roughest noise.
+/// Part of the roughest noise that the cut series may leave.
 const CUT: f64 = 1.0 / 15.0;
 
 /// A mesh's vertices as they are drawn, and what the light needs to know.
