@@ -28,8 +28,8 @@ pub struct Args {
 
 impl Args {
     /// Computes everything and writes everything, the report last: where there is one, all is there
-    /// and of one run. Products are written beside the frames; with `--repeat` once, afterwards. The volume is held no longer than it is
-    /// needed, unless it is needed again.
+    /// and of one run. Products are written beside the frames; with `--repeat` once, afterwards.
+    /// The volume is held no longer than it is needed, unless it is needed again.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         let a = &self.chain;
         let setup = a.frames.check(global)?;
