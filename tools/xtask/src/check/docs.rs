@@ -1,4 +1,4 @@
-//! ARCHITECTURE.md is the crate's documentation, so its map of rooms has to be the true one.
+//! ARCHITECTURE.md is the map of the code: it names the rooms there are.
 
 use super::layers::ORDER;
 use super::tree::Tree;

@@ -22,6 +22,7 @@ pub const ORDER: &[&str] = &[
     "render",
     "device",
     "pipeline",
+    "session",
     "app",
     "cli",
 ];
