@@ -2,6 +2,7 @@
 //! wall. Millimetres and patient space (LPS) throughout, seconds for time.
 
 mod clearance;
+mod coverage;
 mod gaze;
 mod plan;
 mod profile;
@@ -10,6 +11,7 @@ mod slide;
 mod wall;
 
 pub use clearance::{Clearance, LEAST_NEAR_MM, SAFETY};
+pub use coverage::{Coverage, LISTED_FROM_MM2, MissedPatch, coverage, unseen_voxels};
 pub use gaze::Track;
 pub use plan::{Flight, FlightError, FlightOptions, Frames, MAX_FRAMES};
 pub use profile::{MAX_TURN_RAD_PER_S, Profile};

@@ -199,6 +199,11 @@ impl Flight {
         Lens { fov_y_rad, aspect, near_mm: self.near_mm[frame] }
     }
 
+    /// Pose and lens of every frame: what [`super::coverage`] asks for.
+    pub fn views(&self) -> Vec<(Pose, Lens)> {
+        (0..self.poses.len()).map(|i| (self.poses[i], self.lens(i))).collect()
+    }
+
     /// Least room left over between a near ball and the wall, mm: proven distance less the ball's
     /// radius, over all frames. Infinite without frames.
     pub fn min_margin_mm(&self) -> f64 {

@@ -1,0 +1,96 @@
+//! Connected patches of wall that no view saw.
+
+use glam::DVec3;
+
+use crate::geometry::Mesh;
+
+/// Faces that share edges and that no view saw.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MissedPatch {
+    /// Area, mm².
+    pub area_mm2: f64,
+    /// Area-weighted mean of its faces, LPS mm; may lie off a curved patch.
+    pub center_mm: DVec3,
+    /// Way that the eye has flown where it is nearest to the centre, mm since the first frame.
+    pub arc_mm: f64,
+    /// Number of faces.
+    pub faces: usize,
+}
+
+/// All missed patches, largest first, and the rank of the patch that each face belongs to.
+///
+/// * `eyes`: LPS mm, in the order flown.
+///
+/// Equally large patches stand in the order of their first faces.
+pub(super) fn missed_patches(
+    wall: &Mesh,
+    areas: &[f64],
+    missed: impl Fn(usize) -> bool,
+    eyes: &[DVec3],
+) -> (Vec<MissedPatch>, Vec<Option<u32>>) {
+    let faces: Vec<u32> = (0..wall.faces.len()).filter(|f| missed(*f)).map(|f| f as u32).collect();
+    let first_of = components(wall, &faces);
+    // Sums by component, components in the order of their first faces.
+    let mut order: Vec<usize> = (0..faces.len()).collect();
+    order.sort_by_key(|i| first_of[*i]);
+    let mut found: Vec<(MissedPatch, Vec<u32>)> = order
+        .chunk_by(|a, b| first_of[*a] == first_of[*b])
+        .map(|part| {
+            let ids: Vec<u32> = part.iter().map(|i| faces[*i]).collect();
+            (patch(wall, areas, &ids, eyes), ids)
+        })
+        .collect();
+    found.sort_by(|a, b| b.0.area_mm2.total_cmp(&a.0.area_mm2));
+    let mut patch_of_face = vec![None; wall.faces.len()];
+    for (rank, (_, ids)) in found.iter().enumerate() {
+        ids.iter().for_each(|f| patch_of_face[*f as usize] = Some(rank as u32));
+    }
+    (found.into_iter().map(|f| f.0).collect(), patch_of_face)
+}
+
+fn patch(wall: &Mesh, areas: &[f64], faces: &[u32], eyes: &[DVec3]) -> MissedPatch {
+    let mut area_mm2 = 0.0;
+    let mut moment = DVec3::ZERO;
+    for f in faces {
+        let corners = wall.faces[*f as usize].map(|v| wall.positions[v as usize].as_dvec3());
+        let area = areas[*f as usize];
+        area_mm2 += area;
+        moment += area / 3.0 * corners.iter().sum::<DVec3>();
+    }
+    let center_mm = moment / area_mm2;
+    MissedPatch { area_mm2, center_mm, arc_mm: arc_at(eyes, center_mm), faces: faces.len() }
+}
+
+/// Way flown at the eye nearest to a place, mm; the first of equally near ones.
+fn arc_at(eyes: &[DVec3], place: DVec3) -> f64 {
+    let near = |i: &usize| eyes[*i].distance_squared(place);
+    let nearest = (0..eyes.len()).min_by(|a, b| near(a).total_cmp(&near(b))).unwrap_or(0);
+    eyes.windows(2).take(nearest).map(|w| w[0].distance(w[1])).sum()
+}
+
+/// For each of `faces`, ascending, the place in the list of the first one that it is joined to
+/// over shared edges.
+fn components(wall: &Mesh, faces: &[u32]) -> Vec<u32> {
+    let mut edges: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * faces.len());
+    for (i, f) in faces.iter().enumerate() {
+        let [a, b, c] = wall.faces[*f as usize];
+        edges.extend([(a, b), (b, c), (c, a)].map(|(u, v)| (u.min(v), u.max(v), i as u32)));
+    }
+    edges.sort_unstable();
+    let mut parent: Vec<u32> = (0..faces.len() as u32).collect();
+    fn root(parent: &mut [u32], mut i: u32) -> u32 {
+        while parent[i as usize] != i {
+            parent[i as usize] = parent[parent[i as usize] as usize];
+            i = parent[i as usize];
+        }
+        i
+    }
+    for w in edges.windows(2) {
+        if (w[0].0, w[0].1) == (w[1].0, w[1].1) {
+            let (a, b) = (root(&mut parent, w[0].2), root(&mut parent, w[1].2));
+            // The lower one stays a root: it is the first face of both.
+            parent[a.max(b) as usize] = a.min(b);
+        }
+    }
+    (0..faces.len() as u32).map(|i| root(&mut parent, i)).collect()
+}
