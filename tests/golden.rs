@@ -8,10 +8,10 @@ mod golden;
 #[path = "common/tube.rs"]
 mod tube;
 
-use golden::{Budget, Frame};
+use golden::{Budget, Frame as Picture};
 use intima::geometry::{Lens, Mesh};
 use intima::render::{Look, RenderError, Renderer, Scene, Shot, View};
-use intima::vk::{Gpu, Validate};
+use intima::vk::{Frame, Gpu, Validate};
 
 const SIZE: [u32; 2] = [160, 120];
 const LENS: Lens = Lens { fov_y_rad: 1.4, aspect: 4.0 / 3.0, near_mm: 0.5 };
@@ -27,17 +27,17 @@ fn mesh() -> Mesh {
 }
 
 /// A renderer with the bent tube and its axis.
-fn stage(gpu: &mut Gpu, size: [u32; 2], samples: u32) -> (Renderer<'_>, Scene) {
+fn stage(gpu: &mut Gpu, size: [u32; 2], samples: u32) -> (Renderer, Scene) {
     let mut r = Renderer::new(gpu, size[0], size[1], samples).unwrap();
-    let mesh = r.upload_mesh(&mesh(), false).unwrap();
-    let path = r.upload_path(&tube::path(8.0, tube::length() - 8.0, 2.0)).unwrap();
+    let mesh = r.upload_mesh(gpu, &mesh(), false).unwrap();
+    let path = r.upload_path(gpu, &tube::path(8.0, tube::length() - 8.0, 2.0)).unwrap();
     (r, Scene { path: Some(path), ..Scene::of(mesh) })
 }
 
-fn draw(gpu: &mut Gpu, size: [u32; 2], samples: u32, look: Look, shot: Shot) -> Frame {
+fn draw(gpu: &mut Gpu, size: [u32; 2], samples: u32, look: Look, shot: Shot) -> Picture {
     let (mut r, scene) = stage(gpu, size, samples);
-    let rgb = r.render(&Scene { look, ..scene }, &shot).unwrap();
-    Frame { size, rgb }
+    let rgb = r.render(gpu, &Scene { look, ..scene }, &shot).unwrap();
+    Picture { size, rgb }
 }
 
 /// The golden frames: name, samples, shot.
@@ -75,7 +75,7 @@ fn the_shader_encodes_colours_as_the_device_does() {
         // Edges differ, of course.
         assert!(apart * 50 < one.rgb.len(), "{apart} of {} values at {s} mm", one.rgb.len());
         let mean =
-            |f: &Frame| f.rgb.iter().map(|v| f64::from(*v)).sum::<f64>() / f.rgb.len() as f64;
+            |f: &Picture| f.rgb.iter().map(|v| f64::from(*v)).sum::<f64>() / f.rgb.len() as f64;
         assert!((mean(&one) - mean(&four)).abs() < 0.3, "{} and {}", mean(&one), mean(&four));
     }
 }
@@ -135,8 +135,8 @@ fn a_closed_lumen_shows_no_background() {
         .unwrap();
     holed.faces.remove(best);
     let mut r = Renderer::new(&mut gpu, SIZE[0], SIZE[1], 4).unwrap();
-    let scene = Scene { look, ..Scene::of(r.upload_mesh(&holed, false).unwrap()) };
-    let rgb = r.render(&scene, &shot(View::Inside, 15.0)).unwrap();
+    let scene = Scene { look, ..Scene::of(r.upload_mesh(&mut gpu, &holed, false).unwrap()) };
+    let rgb = r.render(&mut gpu, &scene, &shot(View::Inside, 15.0)).unwrap();
     assert!(rgb.chunks_exact(3).any(|p| p[1] > p[0]), "the hole was not seen");
 }
 
@@ -148,7 +148,7 @@ fn split_is_the_inside_view_beside_another_picture() {
     let half = SIZE[0] / 2;
     let inside = Shot { view: View::Inside, ..at };
     let inside = draw(&mut gpu, [half, SIZE[1]], 4, Look::default(), inside);
-    let row = |f: &Frame, y: u32, x: u32, n: u32| {
+    let row = |f: &Picture, y: u32, x: u32, n: u32| {
         let from = 3 * (y * f.size[0] + x) as usize;
         f.rgb[from..from + 3 * n as usize].to_vec()
     };
@@ -172,8 +172,8 @@ fn the_overview_has_head_up_and_the_patients_left_on_the_right() {
     let mut at = shot(View::Overview, 75.0);
     at.pose.position_mm.y = -1e6; // the camera's mark, out of sight
     let (mut r, scene) = stage(&mut gpu, SIZE, 4);
-    let rgb = r.render(&Scene { path: None, ..scene }, &at).unwrap();
-    let frame = Frame { size: SIZE, rgb };
+    let rgb = r.render(&mut gpu, &Scene { path: None, ..scene }, &at).unwrap();
+    let frame = Picture { size: SIZE, rgb };
     let tissue = |x: u32, y: u32| frame.level(x, y) > 60.0;
     let count = |xs: std::ops::Range<u32>, ys: std::ops::Range<u32>| {
         ys.flat_map(|y| xs.clone().map(move |x| (x, y))).filter(|(x, y)| tissue(*x, *y)).count()
@@ -194,7 +194,7 @@ fn the_path_behind_the_eye_is_brighter_and_moves_with_it() {
     let mut at = |progress| {
         let mut shot = Shot { progress, ..shot(View::Overview, 75.0) };
         shot.pose.position_mm.y = -1e6;
-        let rgb = r.render(&scene, &shot).unwrap();
+        let rgb = r.render(&mut gpu, &scene, &shot).unwrap();
         rgb.chunks_exact(3).map(|p| u64::from(p[1])).sum::<u64>()
     };
     let (none, half, all) = (at(0.0), at(0.5), at(1.0));
@@ -207,9 +207,9 @@ fn frames_in_flight_are_the_frames_drawn_one_by_one() {
     let (mut r, scene) = stage(&mut gpu, SIZE, 4);
     let shots: Vec<Shot> =
         (0..8).map(|i| shot([View::Split, View::Inside][i / 4], 20.0 * i as f32 + 10.0)).collect();
-    let single: Vec<_> = shots.iter().map(|s| r.render(&scene, s).unwrap()).collect();
+    let single: Vec<_> = shots.iter().map(|s| r.render(&mut gpu, &scene, s).unwrap()).collect();
     let mut seen = 0;
-    r.render_sequence(&scene, shots.iter().copied(), |i, rgb, _| {
+    r.render_sequence(&mut gpu, &scene, shots.iter().copied(), |i, rgb, _| {
         assert_eq!(i, seen);
         assert!(rgb == single[i], "frame {i} differs");
         seen += 1;
@@ -237,24 +237,80 @@ fn an_error_of_the_sink_ends_the_sequence_and_the_renderer_goes_on() {
     let (mut r, scene) = stage(&mut gpu, SIZE, 1);
     let shots = (0..10).map(|i| shot(View::Inside, 10.0 * i as f32));
     let mut seen = 0;
-    let full = r.render_sequence(&scene, shots, |i, _, _| {
+    let full = r.render_sequence(&mut gpu, &scene, shots, |i, _, _| {
         seen += 1;
         if i == 2 { Err(Stop::Full) } else { Ok(()) }
     });
     assert!(matches!(full, Err(Stop::Full)) && seen == 3, "{full:?} after {seen}");
-    r.render(&scene, &shot(View::Inside, 10.0)).unwrap();
+    r.render(&mut gpu, &scene, &shot(View::Inside, 10.0)).unwrap();
+}
+
+#[test]
+fn a_resized_renderer_draws_the_bytes_of_a_new_one_of_that_size() {
+    let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
+    let sizes = [[96, 200], SIZE, [250, 40]];
+    for samples in [1, 4] {
+        let (mut r, scene) = stage(&mut gpu, SIZE, samples);
+        for (view, size) in [View::Split, View::Inside, View::Overview].into_iter().zip(sizes) {
+            let at = shot(view, 140.0);
+            let before = r.size();
+            let wanted = draw(&mut gpu, before, samples, Look::default(), at).rgb;
+            let in_flight = r.begin_frame(&mut gpu, &scene, &at).unwrap();
+            r.resize(&mut gpu, size[0], size[1]).unwrap();
+            assert_eq!(r.size(), size);
+            let wanted_after = draw(&mut gpu, size, samples, Look::default(), at).rgb;
+            let after = r.begin_frame(&mut gpu, &scene, &at).unwrap();
+            let what = format!("{view:?}, {samples} samples, {before:?} to {size:?}");
+            assert!(r.fetch(&mut gpu, after).unwrap() == wanted_after, "{what}");
+            let old = r.fetch(&mut gpu, in_flight).unwrap();
+            assert!(old == wanted, "the frame in flight: {what}");
+        }
+        for [width, height] in [[0, 5], [5, 0], [1 << 20, 5], [5, 1 << 20]] {
+            let refused = r.resize(&mut gpu, width, height);
+            assert!(matches!(refused, Err(RenderError::BadSize { .. })), "{width} x {height}");
+            assert_eq!(r.size(), sizes[2]);
+        }
+        r.render(&mut gpu, &scene, &shot(View::Split, 20.0)).unwrap();
+    }
+    common::assert_silent(&gpu);
+}
+
+#[test]
+fn a_renderer_refuses_a_device_it_was_not_made_on() {
+    let Some(mut gpu) = common::gpu(Validate::Off) else { return };
+    let Some(mut other) = common::gpu(Validate::Off) else { return };
+    let (mut r, scene) = stage(&mut gpu, SIZE, 1);
+    let mut on = |gpu: &mut Gpu| {
+        let frame = || r.render(gpu, &scene, &shot(View::Inside, 20.0)).unwrap();
+        std::panic::catch_unwind(std::panic::AssertUnwindSafe(frame)).is_ok()
+    };
+    assert!(!on(&mut other));
+    assert!(on(&mut gpu));
+}
+
+#[test]
+fn what_a_dropped_renderer_held_is_retired_at_the_next_submission() {
+    let Some(mut gpu) = common::gpu(Validate::Off) else { return };
+    let (mut r, scene) = stage(&mut gpu, [1024, 1024], 1);
+    r.render(&mut gpu, &scene, &shot(View::Inside, 20.0)).unwrap();
+    let held = gpu.memory_held();
+    drop(r);
+    gpu.submit_draws(&Frame::default()).unwrap();
+    let left = gpu.memory_held();
+    // Its images have memory of their own: picture, glass and depth, 16 bytes a pixel.
+    assert!(left + (16 << 20) <= held, "{held} bytes before, {left} after");
 }
 
 #[test]
 fn nothing_to_draw_is_a_picture_of_nothing() {
     let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
     let mut r = Renderer::new(&mut gpu, 16, 16, 4).unwrap();
-    let scene = Scene::of(r.upload_mesh(&Mesh::default(), false).unwrap());
-    let rgb = r.render(&scene, &shot(View::Inside, 0.0)).unwrap();
+    let scene = Scene::of(r.upload_mesh(&mut gpu, &Mesh::default(), false).unwrap());
+    let rgb = r.render(&mut gpu, &scene, &shot(View::Inside, 0.0)).unwrap();
     assert!(rgb.chunks_exact(3).all(|p| p == &rgb[..3]));
-    r.render(&scene, &shot(View::Split, 0.0)).unwrap();
-    assert!(matches!(Renderer::new(r.gpu(), 16, 0, 1), Err(RenderError::BadSize { .. })));
-    assert!(matches!(Renderer::new(r.gpu(), 16, 16, 3), Err(RenderError::BadSize { .. })));
+    r.render(&mut gpu, &scene, &shot(View::Split, 0.0)).unwrap();
+    assert!(matches!(Renderer::new(&mut gpu, 16, 0, 1), Err(RenderError::BadSize { .. })));
+    assert!(matches!(Renderer::new(&mut gpu, 16, 16, 3), Err(RenderError::BadSize { .. })));
     drop(r);
     common::assert_silent(&gpu);
 }

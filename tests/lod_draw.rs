@@ -39,22 +39,22 @@ fn holes(rgb: &[u8]) -> usize {
     rgb.chunks_exact(3).filter(|p| p[1] > p[0]).count()
 }
 
-fn renderer(gpu: &mut Gpu, samples: u32) -> Renderer<'_> {
+fn renderer(gpu: &mut Gpu, samples: u32) -> Renderer {
     Renderer::new(gpu, SIZE[0], SIZE[1], samples).unwrap()
 }
 
 /// A scene of all of `mesh` in pages of at most `most` triangles.
-fn paged(r: &mut Renderer<'_>, mesh: &Mesh, most: usize, backs: bool) -> Scene {
+fn paged(gpu: &mut Gpu, r: &mut Renderer, mesh: &Mesh, most: usize, backs: bool) -> Scene {
     let step = whole(mesh, most);
     let pages = step.drawn.len() as u32;
-    let pages = r.open_pages(pages, shading(mesh).mean_radius_mm).unwrap();
+    let pages = r.open_pages(gpu, pages, shading(mesh).mean_radius_mm).unwrap();
     r.apply(pages, step).unwrap();
     Scene { wall: Wall::Pages { pages, backs }, ..Scene::paged(pages, None) }
 }
 
 /// Draws the shots one by one.
-fn pictures(r: &mut Renderer<'_>, scene: &Scene, shots: &[Shot]) -> Vec<Vec<u8>> {
-    shots.iter().map(|s| r.render(scene, s).unwrap()).collect()
+fn pictures(gpu: &mut Gpu, r: &mut Renderer, scene: &Scene, shots: &[Shot]) -> Vec<Vec<u8>> {
+    shots.iter().map(|s| r.render(gpu, scene, s).unwrap()).collect()
 }
 
 fn worker(pages: u32, uploads: u64) -> Worker {
@@ -70,12 +70,12 @@ fn pages_make_the_picture_of_their_mesh_bit_by_bit() {
     for (samples, at_once) in [(1, u32::MAX), (4, u32::MAX), (4, 1), (1, 7)] {
         let Some(mut gpu) = common::few_draws_gpu(at_once, Validate::Sync) else { return };
         let mut r = renderer(&mut gpu, samples);
-        let plain = Scene::of(r.upload_mesh(&mesh, false).unwrap());
-        let want = pictures(&mut r, &plain, &shots);
+        let plain = Scene::of(r.upload_mesh(&mut gpu, &mesh, false).unwrap());
+        let want = pictures(&mut gpu, &mut r, &plain, &shots);
         let mut fronts = Vec::new();
         for (most, backs) in [(128, true), (16, true), (128, false), (16, false)] {
-            let scene = paged(&mut r, &mesh, most, backs);
-            let got = pictures(&mut r, &scene, &shots);
+            let scene = paged(&mut gpu, &mut r, &mesh, most, backs);
+            let got = pictures(&mut gpu, &mut r, &scene, &shots);
             let what = format!("{samples} samples, {at_once} draws at once, {most}");
             if backs {
                 assert!(got == want, "{what}");
@@ -102,21 +102,21 @@ fn what_is_not_seen_is_not_submitted() {
     let mut r = renderer(&mut gpu, 1);
     let mut took = Vec::new();
     for backs in [true, false] {
-        let scene = paged(&mut r, &mesh, 16, backs);
-        let ticket = r.begin_frame(&scene, &shot(140.0)).unwrap();
+        let scene = paged(&mut gpu, &mut r, &mesh, 16, backs);
+        let ticket = r.begin_frame(&mut gpu, &scene, &shot(140.0)).unwrap();
         took.push(ticket.stats);
-        r.fetch(ticket).unwrap();
-        let again = r.begin_frame(&scene, &shot(140.0)).unwrap();
+        r.fetch(&mut gpu, ticket).unwrap();
+        let again = r.begin_frame(&mut gpu, &scene, &shot(140.0)).unwrap();
         assert_eq!(FrameStats { uploaded_bytes: 0, ..took[took.len() - 1] }, again.stats);
-        r.fetch(again).unwrap();
+        r.fetch(&mut gpu, again).unwrap();
     }
     let all = mesh.faces.len() as u64;
     assert!(took[1].triangles < took[0].triangles && took[0].triangles < all, "{took:?} of {all}");
     assert!(took[0].triangles > 0 && took[0].uploaded_bytes > 18 * all, "{took:?}");
-    let plain = Scene::of(r.upload_mesh(&mesh, false).unwrap());
-    let ticket = r.begin_frame(&plain, &shot(140.0)).unwrap();
+    let plain = Scene::of(r.upload_mesh(&mut gpu, &mesh, false).unwrap());
+    let ticket = r.begin_frame(&mut gpu, &plain, &shot(140.0)).unwrap();
     assert_eq!(ticket.stats, FrameStats { triangles: all, draws: 1, ..Default::default() });
-    r.fetch(ticket).unwrap();
+    r.fetch(&mut gpu, ticket).unwrap();
 }
 
 #[test]
@@ -124,12 +124,12 @@ fn changes_larger_than_a_frame_takes_arrive_before_it_is_drawn() {
     let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
     let mesh = tube::tube(1400, 130);
     let mut r = renderer(&mut gpu, 1);
-    let plain = Scene::of(r.upload_mesh(&mesh, false).unwrap());
-    let scene = paged(&mut r, &mesh, 128, true);
-    let ticket = r.begin_frame(&scene, &shot(140.0)).unwrap();
+    let plain = Scene::of(r.upload_mesh(&mut gpu, &mesh, false).unwrap());
+    let scene = paged(&mut gpu, &mut r, &mesh, 128, true);
+    let ticket = r.begin_frame(&mut gpu, &scene, &shot(140.0)).unwrap();
     assert!(ticket.stats.uploaded_bytes > 7 << 20, "{:?}", ticket.stats);
-    let got = r.fetch(ticket).unwrap();
-    assert!(got == r.render(&plain, &shot(140.0)).unwrap());
+    let got = r.fetch(&mut gpu, ticket).unwrap();
+    assert!(got == r.render(&mut gpu, &plain, &shot(140.0)).unwrap());
     drop(r);
     common::assert_silent(&gpu);
 }
@@ -144,29 +144,29 @@ fn pages_are_written_while_frames_that_drew_them_run_and_the_staging_ring_goes_r
     let steps = [whole(&first, 128), whole(&second, 128)];
     let mut r = renderer(&mut gpu, 1);
     let want = [&first, &second].map(|mesh| {
-        let scene = paged(&mut r, mesh, 128, false);
-        r.render(&scene, &shot(60.0)).unwrap()
+        let scene = paged(&mut gpu, &mut r, mesh, 128, false);
+        r.render(&mut gpu, &scene, &shot(60.0)).unwrap()
     });
     assert!(want[0] != want[1]);
-    let scene = paged(&mut r, &first, 128, false);
+    let scene = paged(&mut gpu, &mut r, &first, 128, false);
     let Wall::Pages { pages, .. } = scene.wall else { unreachable!() };
     let mut waiting = VecDeque::new();
     let mut uploaded = 0;
     for i in 0..40 {
         r.apply(pages, steps[i % 2].clone()).unwrap();
-        let ticket = r.begin_frame(&scene, &shot(60.0)).unwrap();
+        let ticket = r.begin_frame(&mut gpu, &scene, &shot(60.0)).unwrap();
         uploaded += ticket.stats.uploaded_bytes;
         waiting.push_back((i, ticket));
         if waiting.len() == IN_FLIGHT || i == 39 {
             let (i, ticket) = waiting.pop_front().unwrap();
             // The mean radius is that of the first wall in both: only the normals differ.
-            assert!(r.fetch(ticket).unwrap() == want[i % 2], "frame {i}");
+            assert!(r.fetch(&mut gpu, ticket).unwrap() == want[i % 2], "frame {i}");
         }
     }
     for (i, ticket) in waiting {
-        assert!(r.fetch(ticket).unwrap() == want[i % 2], "frame {i}");
+        assert!(r.fetch(&mut gpu, ticket).unwrap() == want[i % 2], "frame {i}");
     }
-    let held = r.gpu().staging_held();
+    let held = gpu.staging_held();
     assert!(uploaded > 2 * held && held <= STAGING_BYTES, "{uploaded} bytes by {held}");
     drop(r);
     common::assert_silent(&gpu);
@@ -177,7 +177,7 @@ fn a_live_flight_shows_no_hole_while_pages_run_out_and_arrives_at_the_films_pict
     let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
     let few = BASE_PAGES + 4 * FINE_PAGES + 3;
     let mut r = renderer(&mut gpu, 1);
-    let pages = r.open_pages(few, tube::RADIUS).unwrap();
+    let pages = r.open_pages(&mut gpu, few, tube::RADIUS).unwrap();
     let scene = Scene { look: GREEN, ..Scene::paged(pages, None) };
     let mut w = worker(few, 1);
     let shots = flight(120);
@@ -190,33 +190,33 @@ fn a_live_flight_shows_no_hole_while_pages_run_out_and_arrives_at_the_films_pict
             (steps, changed) = (steps + 1, changed + step.leaves_changed);
             r.apply(pages, step).unwrap();
         }
-        let ticket = r.begin_frame(&scene, shot).unwrap();
+        let ticket = r.begin_frame(&mut gpu, &scene, shot).unwrap();
         most = most.max(ticket.stats.uploaded_bytes);
         waiting.push_back((i, ticket));
         if waiting.len() == IN_FLIGHT {
             let (i, ticket) = waiting.pop_front().unwrap();
-            let holes = holes(&r.fetch(ticket).unwrap());
+            let holes = holes(&r.fetch(&mut gpu, ticket).unwrap());
             assert_eq!(holes, 0, "{holes} pixels of background in frame {i}");
         }
     }
     for (_, ticket) in waiting {
-        r.fetch(ticket).unwrap();
+        r.fetch(&mut gpu, ticket).unwrap();
     }
     assert!(steps > 20 && changed > 5 && most > 0, "{steps} steps, {changed} changes, {most} B");
     // The last camera's cut, however it was reached.
     let last = *shots.last().unwrap();
     r.apply(pages, w.converge(r.camera(&last).unwrap()).unwrap()).unwrap();
-    let live = r.render(&scene, &last).unwrap();
-    let pages = r.open_pages(few, tube::RADIUS).unwrap();
+    let live = r.render(&mut gpu, &scene, &last).unwrap();
+    let pages = r.open_pages(&mut gpu, few, tube::RADIUS).unwrap();
     let film = Scene { look: GREEN, ..Scene::paged(pages, None) };
     let mut fresh = worker(few, 1000);
     r.apply(pages, fresh.converge(r.camera(&last).unwrap()).unwrap()).unwrap();
-    assert!(live == r.render(&film, &last).unwrap(), "the cut depends on the way to it");
+    assert!(live == r.render(&mut gpu, &film, &last).unwrap(), "the cut depends on the way to it");
     // The test for holes sees the first missing page.
     let mut step = fresh.converge(r.camera(&last).unwrap()).unwrap();
     step.drawn.truncate(step.drawn.len() - 9);
     r.apply(pages, step).unwrap();
-    assert!(holes(&r.render(&film, &last).unwrap()) > 0);
+    assert!(holes(&r.render(&mut gpu, &film, &last).unwrap()) > 0);
     drop(r);
     common::assert_silent(&gpu);
 }
@@ -225,10 +225,10 @@ fn a_live_flight_shows_no_hole_while_pages_run_out_and_arrives_at_the_films_pict
 fn film(gpu: &mut Gpu, pages: u32, shots: &[Shot]) -> Vec<(Vec<u8>, FrameStats)> {
     let mut r = renderer(gpu, 1);
     let mut w = worker(pages, 2);
-    let handle = r.open_pages(pages, tube::RADIUS).unwrap();
+    let handle = r.open_pages(gpu, pages, tube::RADIUS).unwrap();
     let scene = Scene { look: GREEN, ..Scene::paged(handle, None) };
     let mut frames = Vec::new();
-    r.render_settled(&scene, &mut w, shots.iter().copied(), |i, rgb, stats| {
+    r.render_settled(gpu, &scene, &mut w, shots.iter().copied(), |i, rgb, stats| {
         assert_eq!(i, frames.len());
         frames.push((rgb, stats));
         Ok::<(), RenderError>(())
@@ -270,14 +270,14 @@ fn a_film_that_is_stopped_loses_no_page() {
     let want = film(&mut gpu, pages, &shots[9..10]);
     let mut r = renderer(&mut gpu, 1);
     let mut w = worker(pages, 2);
-    let handle = r.open_pages(pages, tube::RADIUS).unwrap();
+    let handle = r.open_pages(&mut gpu, pages, tube::RADIUS).unwrap();
     let scene = Scene { look: GREEN, ..Scene::paged(handle, None) };
-    let stopped = r.render_settled(&scene, &mut w, shots.iter().copied(), |i, _, _| {
+    let stopped = r.render_settled(&mut gpu, &scene, &mut w, shots.iter().copied(), |i, _, _| {
         if i == 2 { Err(Stop) } else { Ok(()) }
     });
     assert!(stopped.is_err());
     r.apply(handle, w.converge(r.camera(&shots[9]).unwrap()).unwrap()).unwrap();
-    assert!(r.render(&scene, &shots[9]).unwrap() == want[0].0);
+    assert!(r.render(&mut gpu, &scene, &shots[9]).unwrap() == want[0].0);
 }
 
 #[test]
@@ -297,10 +297,11 @@ fn a_worker_that_fails_ends_the_film_with_its_error() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     let mut r = renderer(&mut gpu, 1);
     let mut w = Worker::spawn(Box::new(Failing), Tolerance { pixels: 1.0 }, 4, 0, 3).unwrap();
-    let pages = r.open_pages(4, 1.0).unwrap();
-    let film = r.render_settled(&Scene::paged(pages, None), &mut w, flight(3), |_, _, _| {
-        Ok::<(), RenderError>(())
-    });
+    let pages = r.open_pages(&mut gpu, 4, 1.0).unwrap();
+    let film =
+        r.render_settled(&mut gpu, &Scene::paged(pages, None), &mut w, flight(3), |_, _, _| {
+            Ok::<(), RenderError>(())
+        });
     assert!(film.unwrap_err().to_string().contains("planted"));
 }
 
@@ -308,13 +309,13 @@ fn a_worker_that_fails_ends_the_film_with_its_error() {
 fn a_step_that_does_not_fit_its_pages_is_refused_whole() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     let mut r = renderer(&mut gpu, 1);
-    assert!(matches!(r.open_pages(0, 1.0), Err(RenderError::BadPages { pages: 0 })));
-    assert!(matches!(r.open_pages(u32::MAX, 1.0), Err(RenderError::BadPages { .. })));
+    assert!(matches!(r.open_pages(&mut gpu, 0, 1.0), Err(RenderError::BadPages { pages: 0 })));
+    assert!(matches!(r.open_pages(&mut gpu, u32::MAX, 1.0), Err(RenderError::BadPages { .. })));
     let all = whole(&tube::tube(20, 16), 128);
     let n = all.drawn.len() as u32;
-    let pages = r.open_pages(n, 18.0).unwrap();
+    let pages = r.open_pages(&mut gpu, n, 18.0).unwrap();
     let scene = Scene { look: GREEN, ..Scene::paged(pages, None) };
-    let empty = r.render(&scene, &shot(60.0)).unwrap();
+    let empty = r.render(&mut gpu, &scene, &shot(60.0)).unwrap();
     assert_eq!(holes(&empty), empty.len() / 3);
     let (mut far, mut more): (Step, Step) = (all.clone(), all.clone());
     far.uploads.push(Upload { page: n, vertices: Vec::new(), triangles: Vec::new() });
@@ -323,13 +324,13 @@ fn a_step_that_does_not_fit_its_pages_is_refused_whole() {
     assert!(matches!(r.apply(pages, far), Err(RenderError::BadUpload { .. })));
     assert!(matches!(r.apply(pages, more), Err(RenderError::EmptyPage { .. })));
     assert!(matches!(r.apply(pages, unwritten), Err(RenderError::EmptyPage { there: 0, .. })));
-    assert!(r.render(&scene, &shot(60.0)).unwrap() == empty);
+    assert!(r.render(&mut gpu, &scene, &shot(60.0)).unwrap() == empty);
     r.apply(pages, all).unwrap();
-    assert_eq!(holes(&r.render(&scene, &shot(60.0)).unwrap()), 0);
+    assert_eq!(holes(&r.render(&mut gpu, &scene, &shot(60.0)).unwrap()), 0);
     // An overview without a mesh is path and camera alone.
     let at = Shot { view: View::Overview, ..shot(60.0) };
     assert!(r.camera(&at).is_none());
-    r.render(&scene, &at).unwrap();
+    r.render(&mut gpu, &scene, &at).unwrap();
     r.close_pages(pages);
 }
 
@@ -401,16 +402,22 @@ mod measure {
     }
 
     /// Frames one by one; prints milliseconds, and what the frame of the middle size took.
-    fn time(r: &mut Renderer<'_>, name: &str, scene: &Scene, shots: &[Shot]) -> Vec<Vec<u8>> {
+    fn time(
+        gpu: &mut Gpu,
+        r: &mut Renderer,
+        name: &str,
+        scene: &Scene,
+        shots: &[Shot],
+    ) -> Vec<Vec<u8>> {
         let mut ms = Vec::new();
         let (mut stats, mut frames) = (Vec::new(), Vec::new());
-        r.render(scene, &shots[0]).unwrap();
+        r.render(gpu, scene, &shots[0]).unwrap();
         for shot in shots {
             let start = Instant::now();
-            let ticket = r.begin_frame(scene, shot).unwrap();
+            let ticket = r.begin_frame(gpu, scene, shot).unwrap();
             let begun = start.elapsed();
             stats.push((ticket.stats.triangles, ticket.stats.draws, begun));
-            frames.push(r.fetch(ticket).unwrap());
+            frames.push(r.fetch(gpu, ticket).unwrap());
             ms.push(start.elapsed().as_secs_f64() * 1e3);
         }
         ms.sort_by(f64::total_cmp);
@@ -448,13 +455,13 @@ mod measure {
             let Some(mut gpu) = common::few_draws_gpu(at_once, Validate::Off) else { return };
             println!("{}: {samples} samples, {at_once} draws at once", gpu.info().name);
             let mut r = Renderer::new(&mut gpu, 1280, 720, samples).unwrap();
-            let plain = Scene::of(r.upload_mesh(&mesh, false).unwrap());
-            let want = time(&mut r, "one draw", &plain, &shots);
-            let pages = r.open_pages(step.drawn.len() as u32, radius).unwrap();
+            let plain = Scene::of(r.upload_mesh(&mut gpu, &mesh, false).unwrap());
+            let want = time(&mut gpu, &mut r, "one draw", &plain, &shots);
+            let pages = r.open_pages(&mut gpu, step.drawn.len() as u32, radius).unwrap();
             let mut all = |name: &str, step: &Step, backs: bool| {
                 r.apply(pages, step.clone()).unwrap();
                 let scene = Scene { wall: Wall::Pages { pages, backs }, ..plain };
-                let got = time(&mut r, name, &scene, &shots);
+                let got = time(&mut gpu, &mut r, name, &scene, &shots);
                 let off = |(a, b): (&Vec<u8>, &Vec<u8>)| {
                     a.chunks_exact(3).zip(b.chunks_exact(3)).filter(|(a, b)| a != b).count()
                 };

@@ -113,8 +113,8 @@ fn trachea_and_colon_as_in_the_papers_figures() {
             println!("{name} {tag}: {} faces", triangles.len());
         };
         for (tag, mesh) in [("a_original", &mesh), ("b_base", &base.mesh)] {
-            let scene = Scene::of(r.upload_mesh(mesh, false).unwrap());
-            save(tag, &r.render(&scene, &shot).unwrap(), &corners(mesh));
+            let scene = Scene::of(r.upload_mesh(&mut gpu, mesh, false).unwrap());
+            save(tag, &r.render(&mut gpu, &scene, &shot).unwrap(), &corners(mesh));
         }
         for (tag, pixels) in ["c_coarse", "d_fine"].into_iter().zip(bounds) {
             let tolerance = Tolerance { pixels };
@@ -126,7 +126,7 @@ fn trachea_and_colon_as_in_the_papers_figures() {
             cut.settle(&mut vds, &camera, &tolerance, pool);
             let triangles = cut.triangles();
             assert!(!cut.last.degraded);
-            let pages = r.open_pages(most, shaded.mean_radius_mm).unwrap();
+            let pages = r.open_pages(&mut gpu, most, shaded.mean_radius_mm).unwrap();
             let refine = Box::new(Vds::new(Arc::clone(&surface)));
             let mut w = Worker::spawn(refine, tolerance, most, 4 << 20, 3).unwrap();
             let sink = |_: usize, rgb: Vec<u8>, _: FrameStats| -> Result<(), RenderError> {
@@ -137,7 +137,7 @@ fn trachea_and_colon_as_in_the_papers_figures() {
                 );
                 Ok(())
             };
-            r.render_settled(&Scene::paged(pages, None), &mut w, [shot], sink).unwrap();
+            r.render_settled(&mut gpu, &Scene::paged(pages, None), &mut w, [shot], sink).unwrap();
         }
     }
 }

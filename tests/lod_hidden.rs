@@ -43,7 +43,7 @@ fn pictures_within_a_ring_are_the_same_without_what_lies_behind_its_hole() {
     let count = clusters.clusters().len() as u32;
     let mut r = Renderer::new(&mut gpu, 160, 120, 1).unwrap();
     let mut fly = |hide: bool| {
-        let pages = r.open_pages(count, shaded.mean_radius_mm).unwrap();
+        let pages = r.open_pages(&mut gpu, count, shaded.mean_radius_mm).unwrap();
         let mut lod = ClusterLod::new(Arc::clone(&clusters), DEFAULT_SHADING_RAD);
         if hide {
             lod = lod.within(Arc::clone(&outside));
@@ -70,9 +70,9 @@ fn pictures_within_a_ring_are_the_same_without_what_lies_behind_its_hole() {
                     break;
                 }
             }
-            let ticket = r.begin_frame(&scene, &shot).unwrap();
+            let ticket = r.begin_frame(&mut gpu, &scene, &shot).unwrap();
             triangles += ticket.stats.triangles;
-            pictures.push(r.fetch(ticket).unwrap());
+            pictures.push(r.fetch(&mut gpu, ticket).unwrap());
         }
         (pictures, triangles)
     };

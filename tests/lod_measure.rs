@@ -73,19 +73,19 @@ fn fly(
     let shots = shots.iter().copied();
     match lod {
         None => {
-            let scene = Scene::of(r.upload_mesh(mesh, false).unwrap());
-            r.render_sequence(&scene, shots, sink).unwrap();
+            let scene = Scene::of(r.upload_mesh(gpu, mesh, false).unwrap());
+            r.render_sequence(gpu, &scene, shots, sink).unwrap();
         }
         Some((clusters, radius)) => {
             let outside = Arc::new(Outside::new(Cells::new(mesh), clusters.largest_error_mm()));
             let refine = ClusterLod::new(Arc::clone(clusters), DEFAULT_SHADING_RAD);
             let refine = Box::new(refine.within(Arc::clone(&outside)));
             let count = (clusters.clusters().len() as u32).min(MAX_PAGES);
-            let pages = r.open_pages(count, *radius).unwrap();
+            let pages = r.open_pages(gpu, count, *radius).unwrap();
             r.hide(pages, outside);
             let tolerance = Tolerance { pixels: TAU };
             let mut w = Worker::spawn(refine, tolerance, count, 4 << 20, 3).unwrap();
-            r.render_settled(&Scene::paged(pages, None), &mut w, shots, sink).unwrap();
+            r.render_settled(gpu, &Scene::paged(pages, None), &mut w, shots, sink).unwrap();
         }
     }
     Flown { ms, stats, pictures }

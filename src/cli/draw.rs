@@ -86,7 +86,7 @@ pub fn draw(
     folder: &Path,
     clock: &mut Clock,
 ) -> Result<Film, CliError> {
-    let Staged { on: Opened { mut renderer, name }, mut scene, mut worker, lod, .. } = set;
+    let Staged { on: Opened { gpu, mut renderer, name }, mut scene, mut worker, lod, .. } = set;
     let [width, height] = setup.size;
     let started = Instant::now();
     let path: Vec<Vec3> = line
@@ -95,7 +95,7 @@ pub fn draw(
         .map(|b| b.points.iter().map(|p| p.position_mm.as_vec3()).collect())
         .unwrap_or_default();
     if path.len() > 1 && setup.view != View::Inside {
-        scene.path = Some(renderer.upload_path(&path)?);
+        scene.path = Some(renderer.upload_path(gpu, &path)?);
     }
     let n = flight.poses.len();
     let progress = along(&path, flight);
@@ -147,8 +147,8 @@ pub fn draw(
             Ok(())
         };
         let mut result = match &mut worker {
-            Some(worker) => renderer.render_settled(&scene, worker, shots, sink),
-            None => renderer.render_sequence(&scene, shots, sink),
+            Some(worker) => renderer.render_settled(gpu, &scene, worker, shots, sink),
+            None => renderer.render_sequence(gpu, &scene, shots, sink),
         };
         drop(queues);
         for h in handles {

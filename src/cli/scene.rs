@@ -53,12 +53,13 @@ pub fn open_renderer<'a>(
     let renderer = Renderer::new(gpu, width, height, setup.samples)?;
     let pixels = u64::from(width) * u64::from(height);
     clock.record("renderer", &name, start, (pixels, "pixels"), Vec::new());
-    Ok(Opened { renderer, name })
+    Ok(Opened { gpu, renderer, name })
 }
 
 /// A renderer and the name of its device.
 pub struct Opened<'a> {
-    pub renderer: Renderer<'a>,
+    pub gpu: &'a mut Gpu,
+    pub renderer: Renderer,
     pub name: String,
 }
 
@@ -110,19 +111,19 @@ pub fn set<'a>(
     setup: &Setup,
     levels: Option<Levels>,
 ) -> Result<Staged<'a>, CliError> {
-    let renderer = &mut on.renderer;
+    let (gpu, renderer) = (&mut *on.gpu, &mut on.renderer);
     let Some(Levels { detail, mean_radius_mm, keep }) = levels else {
         let faces = mesh.faces.len() as u64;
         let lod =
             LodReport { mode: "off", base_faces: faces, finest_faces: faces, ..Default::default() };
-        let scene = Scene::of(renderer.upload_mesh(mesh, false)?);
+        let scene = Scene::of(renderer.upload_mesh(gpu, mesh, false)?);
         return Ok(Staged { on, scene, worker: None, lod, keep: None });
     };
     let overview = match setup.view {
         View::Inside => None,
-        _ => Some(renderer.upload_mesh(mesh, false)?),
+        _ => Some(renderer.upload_mesh(gpu, mesh, false)?),
     };
-    let pages = renderer.open_pages(detail.pages, mean_radius_mm)?;
+    let pages = renderer.open_pages(gpu, detail.pages, mean_radius_mm)?;
     if let Some(outside) = detail.outside {
         renderer.hide(pages, outside);
     }

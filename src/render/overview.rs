@@ -28,7 +28,7 @@ const CAMERA_DEPTH: f32 = 0.07;
 const PATH: [f32; 3] = [0.10, 0.85, 0.55];
 const CAMERA: [f32; 3] = [1.0, 0.75, 0.05];
 
-impl Renderer<'_> {
+impl Renderer {
     /// Appends the passes that fill `area`.
     pub(super) fn overview_passes(
         &mut self,

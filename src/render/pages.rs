@@ -20,7 +20,7 @@ use super::renderer::Renderer;
 use super::{FrameStats, RenderError};
 use crate::geometry::Vertex;
 use crate::lod::{Camera, Drawn, Eye, Outside, PAGE_TRIANGLES, PAGE_VERTICES, Step, Upload};
-use crate::vk::{BufferId, Frame, Gpu, ImageId, Pass, Piece, Write};
+use crate::vk::{BufferId, Frame, Gpu, ImageId, Pass, Piece, Releaser, Write};
 
 /// A wall in pages on the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,10 +71,11 @@ impl Pages {
             return Err(RenderError::BadPages { pages });
         }
         let n = u64::from(pages);
-        let vertices = gpu.empty_vertices("page vertices", n * VERTEX_BYTES)?;
         let each = u64::from(INDICES);
-        let indices = gpu.empty_indices("page indices", n * each, each);
-        let indices = indices.inspect_err(|_| gpu.free_buffer(vertices))?;
+        let (vertices, indices) = gpu.all_or_none(|gpu| {
+            let vertices = gpu.empty_vertices("page vertices", n * VERTEX_BYTES)?;
+            Ok::<_, RenderError>((vertices, gpu.empty_indices("page indices", n * each, each)?))
+        })?;
         let filled = vec![0; pages as usize];
         let (pending, drawn) = (BTreeMap::new(), Vec::new());
         Ok(Self {
@@ -196,9 +197,9 @@ impl Pages {
         }
     }
 
-    pub fn free(&self, gpu: &mut Gpu) {
-        gpu.free_buffer(self.vertices);
-        gpu.free_buffer(self.indices);
+    pub fn release(&self, releaser: &Releaser) {
+        releaser.buffer(self.vertices);
+        releaser.buffer(self.indices);
     }
 }
 
@@ -212,7 +213,7 @@ fn check(u: &Upload, pages: usize) -> Result<(), RenderError> {
     Err(RenderError::BadUpload { page: u.page, pages, vertices, triangles })
 }
 
-impl Renderer<'_> {
+impl Renderer {
     /// Makes room for a wall of `pages` pages, empty until steps are applied to it.
     ///
     /// * `mean_radius_mm`: of the organ, for the light (see [`crate::surface::shading`]).
@@ -221,10 +222,12 @@ impl Renderer<'_> {
     /// [`RenderError::BadPages`]; [`RenderError::Vulkan`] when the device runs out of memory.
     pub fn open_pages(
         &mut self,
+        gpu: &mut Gpu,
         pages: u32,
         mean_radius_mm: f32,
     ) -> Result<PagesHandle, RenderError> {
-        self.pages.push(Some(Pages::new(self.gpu, pages, mean_radius_mm)?));
+        self.check_device(gpu);
+        self.pages.push(Some(Pages::new(gpu, pages, mean_radius_mm)?));
         Ok(PagesHandle(self.pages.len() - 1))
     }
 
@@ -239,7 +242,7 @@ impl Renderer<'_> {
     /// Frees a wall once no frame in flight uses it.
     pub fn close_pages(&mut self, pages: PagesHandle) {
         if let Some(p) = self.pages[pages.0].take() {
-            p.free(self.gpu);
+            p.release(&self.releaser);
         }
     }
 
@@ -264,6 +267,7 @@ impl Renderer<'_> {
     /// them, by themselves; nothing is drawn between.
     pub(super) fn submit_with_changes(
         &mut self,
+        gpu: &mut Gpu,
         pages: Option<PagesHandle>,
         passes: Vec<Pass>,
         picture: (ImageId, BufferId),
@@ -271,7 +275,7 @@ impl Renderer<'_> {
     ) -> Result<(), RenderError> {
         let picture = Some(picture);
         let Some(handle) = pages else {
-            return Ok(self.gpu.submit_draws(&Frame { passes, picture, writes: Vec::new() })?);
+            return Ok(gpu.submit_draws(&Frame { passes, picture, writes: Vec::new() })?);
         };
         let own = self.pages[handle.0].as_mut().expect("a wall that was not closed");
         let mut left = own.pending_bytes();
@@ -279,9 +283,9 @@ impl Renderer<'_> {
         stats.leaves_changed = std::mem::take(&mut own.leaves_changed);
         stats.degraded = own.degraded;
         while left > CHUNK_BYTES {
-            left -= own.send(self.gpu, CHUNK_BYTES, Vec::new(), None)?;
+            left -= own.send(gpu, CHUNK_BYTES, Vec::new(), None)?;
         }
-        own.send(self.gpu, u64::MAX, passes, picture).map(|_| ())
+        own.send(gpu, u64::MAX, passes, picture).map(|_| ())
     }
 }
 

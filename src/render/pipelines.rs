@@ -1,7 +1,9 @@
 //! The pipelines of all passes, created together.
 
 use super::host;
-use crate::vk::{Attribute, Blend, DepthUse, DrawPipelineId, DrawSpec, Format, Gpu, VkError};
+use crate::vk::{
+    Attribute, Blend, DepthUse, DrawPipelineId, DrawSpec, Format, Gpu, Releaser, VkError,
+};
 
 /// Format of pictures, and of the glass that is laid over them.
 pub(super) const PICTURE: Format = Format::Rgba8Srgb;
@@ -81,10 +83,10 @@ impl Pipelines {
         })
     }
 
-    pub fn free(&self, gpu: &mut Gpu) {
+    pub fn release(&self, releaser: &Releaser) {
         let Self { inside, inside_fronts, lines, ghost, nearest, shell, stack } = *self;
         for p in [inside, inside_fronts, lines, ghost, nearest, shell, stack] {
-            gpu.free_draw_pipeline(p);
+            releaser.draw_pipeline(p);
         }
     }
 }

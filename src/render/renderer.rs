@@ -11,7 +11,9 @@ use super::scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
 use super::{RenderError, host};
 use crate::geometry::{Lens, Mesh, Pose, Vertex};
 use crate::lod::Camera;
-use crate::vk::{Area, BufferId, Draw, DrawPipelineId, Gpu, ImageId, ImageSpec, Pass, Take};
+use crate::vk::{
+    Area, BufferId, Draw, DrawPipelineId, Gpu, ImageId, ImageSpec, Pass, Releaser, Take,
+};
 
 /// A frame that was submitted and not fetched yet.
 #[derive(Debug)]
@@ -30,8 +32,16 @@ pub(super) struct Model {
     pub mean_radius_mm: f32,
 }
 
+impl Model {
+    fn release(&self, releaser: &Releaser) {
+        releaser.buffer(self.vertices);
+        releaser.buffer(self.indices);
+    }
+}
+
 /// Images of one size.
 pub(super) struct Targets {
+    extent: [u32; 2],
     pub picture: ImageId,
     /// Multisampled twin of the picture.
     pub picture_many: Option<ImageId>,
@@ -40,13 +50,65 @@ pub(super) struct Targets {
     pub depth: ImageId,
 }
 
+impl Targets {
+    /// All of them, or none.
+    fn new(gpu: &mut Gpu, extent: [u32; 2], samples: u32) -> Result<Self, RenderError> {
+        let [width, height] = extent;
+        let possible = matches!(samples, 1 | 4) && samples <= gpu.info().max_samples;
+        let most = gpu.info().max_image_side.min(MAX_SIDE);
+        if !possible || width < 2 || height < 1 || width > most || height > most {
+            return Err(RenderError::BadSize { width, height, samples });
+        }
+        gpu.all_or_none(|gpu| {
+            let mut image =
+                |name, format, samples| gpu.image(name, ImageSpec { format, extent, samples });
+            let many = samples > 1;
+            let mut twin = |name, format| many.then(|| image(name, format, samples)).transpose();
+            let (picture_many, glass_many) = (twin("picture", PICTURE)?, twin("glass", GLASS)?);
+            Ok(Self {
+                extent,
+                picture: image("picture", PICTURE, 1)?,
+                picture_many,
+                glass: image("glass", GLASS, 1)?,
+                glass_many,
+                depth: image("depth", DEPTH, samples)?,
+            })
+        })
+    }
+
+    fn release(&self, releaser: &Releaser) {
+        let Self { extent: _, picture, picture_many, glass, glass_many, depth } = *self;
+        let all = [Some(picture), picture_many, Some(glass), glass_many, Some(depth)];
+        all.into_iter().flatten().for_each(|i| releaser.image(i));
+    }
+}
+
+/// Where a frame is read back; a frame in flight keeps its own size.
+#[derive(Clone, Copy)]
+struct Slot {
+    buffer: BufferId,
+    extent: [u32; 2],
+}
+
+impl Slot {
+    fn new(gpu: &mut Gpu, extent: [u32; 2]) -> Result<Self, RenderError> {
+        let bytes = u64::from(extent[0]) * u64::from(extent[1]) * 4;
+        Ok(Self { buffer: gpu.readback_buffer("frame", bytes)?, extent })
+    }
+}
+
 /// Frames that may be submitted and not fetched.
 pub const IN_FLIGHT: usize = 3;
+/// Columns and rows are never more, whatever the device can.
+const MAX_SIDE: u32 = 16384;
 
 /// Draws frames of one size.
-pub struct Renderer<'g> {
-    pub(super) gpu: &'g mut Gpu,
-    size: [u32; 2],
+///
+/// It holds handles to what it keeps on a [`Gpu`] and borrows no `Gpu`: each call that needs the
+/// device is given the one the renderer was made on, and panics if it is another. Dropped, it
+/// frees what it holds at the device's next submission.
+pub struct Renderer {
+    samples: u32,
     pub(super) pipelines: Pipelines,
     pub(super) targets: Targets,
     pub(super) models: Vec<Option<Model>>,
@@ -56,80 +118,79 @@ pub struct Renderer<'g> {
     pub(super) ball: Model,
     /// What the glass image shows at the moment.
     pub(super) glass_of: Option<super::overview::GlassKey>,
-    slots: Vec<BufferId>,
+    slots: Vec<Slot>,
     idle: Vec<usize>,
     spares: Spares,
+    pub(super) releaser: Releaser,
 }
 
-impl<'g> Renderer<'g> {
-    /// A renderer of frames of `width` by `height` with 1 or 4 samples a pixel.
+impl Renderer {
+    /// A renderer of frames of `width` by `height` pixels with 1 or 4 samples a pixel.
     ///
     /// # Errors
-    /// [`RenderError::BadSize`]; [`RenderError::Vulkan`] when the device runs out of memory.
-    pub fn new(
-        gpu: &'g mut Gpu,
-        width: u32,
-        height: u32,
-        samples: u32,
-    ) -> Result<Self, RenderError> {
-        let possible = matches!(samples, 1 | 4) && samples <= gpu.info().max_samples;
-        if !possible || width < 2 || height < 1 || width > 16384 || height > 16384 {
-            return Err(RenderError::BadSize { width, height, samples });
-        }
+    /// [`RenderError::BadSize`]; [`RenderError::Vulkan`] when the device runs out of memory. After
+    /// an error nothing stays on the device.
+    pub fn new(gpu: &mut Gpu, width: u32, height: u32, samples: u32) -> Result<Self, RenderError> {
         let extent = [width, height];
-        let image = |gpu: &mut Gpu, name, format, samples| {
-            gpu.image(name, ImageSpec { format, extent, samples })
-        };
-        let many = samples > 1;
-        let mut twin = |name, format| {
-            if many { image(gpu, name, format, samples).map(Some) } else { Ok(None) }
-        };
-        let (picture_many, glass_many) = (twin("picture", PICTURE)?, twin("glass", GLASS)?);
-        let targets = Targets {
-            picture: image(gpu, "picture", PICTURE, 1)?,
-            picture_many,
-            glass: image(gpu, "glass", GLASS, 1)?,
-            glass_many,
-            depth: image(gpu, "depth", DEPTH, samples)?,
-        };
-        let bytes = u64::from(width) * u64::from(height) * 4;
-        let slots = (0..IN_FLIGHT)
-            .map(|_| gpu.readback_buffer("frame", bytes))
-            .collect::<Result<Vec<_>, _>>()?;
-        Ok(Self {
-            pipelines: Pipelines::new(gpu, samples)?,
-            frustum: upload_tubes(gpu, &Tubes::frustum())?,
-            ball: upload_tubes(gpu, &Tubes::ball())?,
-            gpu,
-            size: extent,
-            targets,
-            models: Vec::new(),
-            paths: Vec::new(),
-            pages: Vec::new(),
-            glass_of: None,
-            idle: (0..slots.len()).collect(),
-            slots,
-            spares: Spares::default(),
+        gpu.all_or_none(|gpu| {
+            let targets = Targets::new(gpu, extent, samples)?;
+            let slots = (0..IN_FLIGHT).map(|_| Slot::new(gpu, extent)).collect::<Result<_, _>>()?;
+            Ok(Self {
+                samples,
+                pipelines: Pipelines::new(gpu, samples)?,
+                frustum: upload_tubes(gpu, &Tubes::frustum())?,
+                ball: upload_tubes(gpu, &Tubes::ball())?,
+                targets,
+                models: Vec::new(),
+                paths: Vec::new(),
+                pages: Vec::new(),
+                glass_of: None,
+                slots,
+                idle: (0..IN_FLIGHT).collect(),
+                spares: Spares::default(),
+                releaser: gpu.releaser(),
+            })
         })
     }
 
-    /// The device this draws on.
-    pub fn gpu(&mut self) -> &mut Gpu {
-        self.gpu
+    /// From now on frames have `width` by `height` pixels. Frames in flight keep their size and
+    /// may still be fetched.
+    ///
+    /// # Errors
+    /// As [`Renderer::new`]; then the size is what it was.
+    pub fn resize(&mut self, gpu: &mut Gpu, width: u32, height: u32) -> Result<(), RenderError> {
+        self.check_device(gpu);
+        if self.size() == [width, height] {
+            return Ok(());
+        }
+        let targets = Targets::new(gpu, [width, height], self.samples)?;
+        std::mem::replace(&mut self.targets, targets).release(&self.releaser);
+        self.glass_of = None;
+        Ok(())
+    }
+
+    pub(super) fn check_device(&self, gpu: &Gpu) {
+        assert!(gpu.owns(&self.releaser), "a renderer draws on the device it was made on");
     }
 
     /// Columns and rows of a frame.
     pub fn size(&self) -> [u32; 2] {
-        self.size
+        self.targets.extent
     }
 
     /// Puts a mesh on the device; faces tagged as caps are left out on request.
     ///
     /// # Errors
     /// [`RenderError::BadFace`]; [`RenderError::Vulkan`] when the device runs out of memory.
-    pub fn upload_mesh(&mut self, mesh: &Mesh, skip_caps: bool) -> Result<MeshHandle, RenderError> {
+    pub fn upload_mesh(
+        &mut self,
+        gpu: &mut Gpu,
+        mesh: &Mesh,
+        skip_caps: bool,
+    ) -> Result<MeshHandle, RenderError> {
+        self.check_device(gpu);
         let p = mesh::prepare(mesh, skip_caps)?;
-        let model = upload(self.gpu, &p.vertices, &p.indices, p.bounds, p.mean_radius_mm)?;
+        let model = upload(gpu, &p.vertices, &p.indices, p.bounds, p.mean_radius_mm)?;
         self.models.push(Some(model));
         Ok(MeshHandle(self.models.len() - 1))
     }
@@ -137,8 +198,7 @@ impl<'g> Renderer<'g> {
     /// Frees a mesh once no frame in flight uses it.
     pub fn remove_mesh(&mut self, mesh: MeshHandle) {
         if let Some(m) = self.models[mesh.0].take() {
-            self.gpu.free_buffer(m.vertices);
-            self.gpu.free_buffer(m.indices);
+            m.release(&self.releaser);
             self.glass_of = None;
         }
     }
@@ -147,8 +207,13 @@ impl<'g> Renderer<'g> {
     ///
     /// # Errors
     /// [`RenderError::Vulkan`] when the device runs out of memory.
-    pub fn upload_path(&mut self, points: &[Vec3]) -> Result<PathHandle, RenderError> {
-        let model = upload_tubes(self.gpu, &Tubes::along(points))?;
+    pub fn upload_path(
+        &mut self,
+        gpu: &mut Gpu,
+        points: &[Vec3],
+    ) -> Result<PathHandle, RenderError> {
+        self.check_device(gpu);
+        let model = upload_tubes(gpu, &Tubes::along(points))?;
         self.paths.push(Some(model));
         Ok(PathHandle(self.paths.len() - 1))
     }
@@ -157,9 +222,14 @@ impl<'g> Renderer<'g> {
     ///
     /// # Errors
     /// [`RenderError::Vulkan`].
-    pub fn render(&mut self, scene: &Scene, shot: &Shot) -> Result<Vec<u8>, RenderError> {
-        let ticket = self.begin_frame(scene, shot)?;
-        self.fetch(ticket)
+    pub fn render(
+        &mut self,
+        gpu: &mut Gpu,
+        scene: &Scene,
+        shot: &Shot,
+    ) -> Result<Vec<u8>, RenderError> {
+        let ticket = self.begin_frame(gpu, scene, shot)?;
+        self.fetch(gpu, ticket)
     }
 
     /// Submits a frame and returns at once. At most three may wait to be fetched.
@@ -169,8 +239,33 @@ impl<'g> Renderer<'g> {
     ///
     /// # Panics
     /// If three frames are waiting already.
-    pub fn begin_frame(&mut self, scene: &Scene, shot: &Shot) -> Result<Ticket, RenderError> {
+    pub fn begin_frame(
+        &mut self,
+        gpu: &mut Gpu,
+        scene: &Scene,
+        shot: &Shot,
+    ) -> Result<Ticket, RenderError> {
+        self.check_device(gpu);
         let slot = self.idle.pop().expect("at most three frames in flight");
+        let begun = self.submit_frame(gpu, scene, shot, slot);
+        if begun.is_err() {
+            self.idle.push(slot);
+            self.glass_of = None;
+        }
+        begun.map(|stats| Ticket { slot, stats })
+    }
+
+    fn submit_frame(
+        &mut self,
+        gpu: &mut Gpu,
+        scene: &Scene,
+        shot: &Shot,
+        slot: usize,
+    ) -> Result<FrameStats, RenderError> {
+        if self.slots[slot].extent != self.size() {
+            let new = Slot::new(gpu, self.size())?;
+            self.releaser.buffer(std::mem::replace(&mut self.slots[slot], new).buffer);
+        }
         let (inside, outside) = self.areas(shot.view);
         let mut passes = Vec::new();
         let mut stats = FrameStats::default();
@@ -180,18 +275,14 @@ impl<'g> Renderer<'g> {
         if let Some(area) = outside {
             self.overview_passes(scene, shot, area, &mut passes);
         }
-        let picture = (self.targets.picture, self.slots[slot]);
-        if let Err(e) = self.submit_with_changes(scene.pages(), passes, picture, &mut stats) {
-            self.idle.push(slot);
-            self.glass_of = None;
-            return Err(e);
-        }
-        Ok(Ticket { slot, stats })
+        let picture = (self.targets.picture, self.slots[slot].buffer);
+        self.submit_with_changes(gpu, scene.pages(), passes, picture, &mut stats)?;
+        Ok(stats)
     }
 
     /// The parts of a frame that the inside view and the overview fill.
     fn areas(&self, view: View) -> (Option<Area>, Option<Area>) {
-        let [width, height] = self.size;
+        let [width, height] = self.size();
         let whole = Area { x: 0, y: 0, width, height };
         let left = Area { width: width / 2, ..whole };
         let right = Area { x: width / 2, width: width - width / 2, ..whole };
@@ -212,11 +303,12 @@ impl<'g> Renderer<'g> {
     ///
     /// # Errors
     /// [`RenderError::Vulkan`].
-    pub fn fetch(&mut self, ticket: Ticket) -> Result<Vec<u8>, RenderError> {
+    pub fn fetch(&mut self, gpu: &mut Gpu, ticket: Ticket) -> Result<Vec<u8>, RenderError> {
+        self.check_device(gpu);
         self.idle.push(ticket.slot);
-        let [width, height] = self.size;
+        let Slot { buffer, extent: [width, height] } = self.slots[ticket.slot];
         let pixels = width as usize * height as usize;
-        let rgba = &self.gpu.read(self.slots[ticket.slot])?[..4 * pixels];
+        let rgba = &gpu.read(buffer)?[..4 * pixels];
         let mut rgb = self.spares.take(3 * pixels);
         without_alpha(rgba, &mut rgb);
         Ok(rgb)
@@ -287,24 +379,15 @@ impl<'g> Renderer<'g> {
     }
 }
 
-impl Drop for Renderer<'_> {
+impl Drop for Renderer {
     fn drop(&mut self) {
-        self.pages.drain(..).flatten().for_each(|p| p.free(self.gpu));
-        let models = self.models.drain(..).chain(self.paths.drain(..)).flatten();
-        for m in models {
-            self.gpu.free_buffer(m.vertices);
-            self.gpu.free_buffer(m.indices);
-        }
-        for m in [&self.frustum, &self.ball] {
-            self.gpu.free_buffer(m.vertices);
-            self.gpu.free_buffer(m.indices);
-        }
-        self.pipelines.free(self.gpu);
-        self.slots.iter().for_each(|b| self.gpu.free_buffer(*b));
-        let t = &self.targets;
-        for image in [Some(t.picture), t.picture_many, Some(t.glass), t.glass_many, Some(t.depth)] {
-            image.into_iter().for_each(|i| self.gpu.free_image(i));
-        }
+        let releaser = &self.releaser;
+        self.pages.iter().flatten().for_each(|p| p.release(releaser));
+        let models = self.models.iter().chain(&self.paths).flatten();
+        models.chain([&self.frustum, &self.ball]).for_each(|m| m.release(releaser));
+        self.pipelines.release(releaser);
+        self.slots.iter().for_each(|s| releaser.buffer(s.buffer));
+        self.targets.release(releaser);
     }
 }
 
@@ -377,13 +460,10 @@ fn upload(
     bounds: Option<(Vec3, Vec3)>,
     mean_radius_mm: f32,
 ) -> Result<Model, RenderError> {
-    let vertices = gpu.vertex_buffer("vertices", bytemuck::cast_slice(vertices))?;
     let count = indices.len() as u32;
-    match gpu.index_buffer("indices", indices) {
-        Ok(indices) => Ok(Model { vertices, indices, count, bounds, mean_radius_mm }),
-        Err(e) => {
-            gpu.free_buffer(vertices);
-            Err(e.into())
-        }
-    }
+    gpu.all_or_none(|gpu| {
+        let vertices = gpu.vertex_buffer("vertices", bytemuck::cast_slice(vertices))?;
+        let indices = gpu.index_buffer("indices", indices)?;
+        Ok(Model { vertices, indices, count, bounds, mean_radius_mm })
+    })
 }

@@ -7,8 +7,9 @@ use super::pages::PagesHandle;
 use super::renderer::{IN_FLIGHT, Renderer};
 use super::scene::{FrameStats, Scene, Shot, Wall};
 use crate::lod::Worker;
+use crate::vk::Gpu;
 
-impl Renderer<'_> {
+impl Renderer {
     /// Draws frames in order and hands each to `sink` with its number while the device draws the
     /// next ones.
     ///
@@ -16,11 +17,12 @@ impl Renderer<'_> {
     /// The first of the device's or the sink's errors; later frames are dropped.
     pub fn render_sequence<E: From<RenderError>>(
         &mut self,
+        gpu: &mut Gpu,
         scene: &Scene,
         shots: impl IntoIterator<Item = Shot>,
         sink: impl FnMut(usize, Vec<u8>, FrameStats) -> Result<(), E>,
     ) -> Result<(), E> {
-        self.sequence(scene, shots, |_, _, _| Ok(()), sink)
+        self.sequence(gpu, scene, shots, |_, _, _| Ok(()), sink)
     }
 
     /// The same for a wall in pages: each frame shows the settled cut of its own camera. The worker
@@ -35,6 +37,7 @@ impl Renderer<'_> {
     /// If the scene's wall is not in pages.
     pub fn render_settled<E: From<RenderError>>(
         &mut self,
+        gpu: &mut Gpu,
         scene: &Scene,
         worker: &mut Worker,
         shots: impl IntoIterator<Item = Shot>,
@@ -53,7 +56,7 @@ impl Renderer<'_> {
             }
             result
         };
-        let result = self.sequence(scene, shots, prepare, sink);
+        let result = self.sequence(gpu, scene, shots, prepare, sink);
         // A frame that was never drawn may have been refined for: its pages are not lost.
         result.and(self.take_answers(pages, worker).map_err(E::from))
     }
@@ -68,6 +71,7 @@ impl Renderer<'_> {
 
     fn sequence<E: From<RenderError>>(
         &mut self,
+        gpu: &mut Gpu,
         scene: &Scene,
         shots: impl IntoIterator<Item = Shot>,
         mut prepare: impl FnMut(&mut Self, &Shot, Option<&Shot>) -> Result<(), RenderError>,
@@ -81,14 +85,14 @@ impl Renderer<'_> {
             while result.is_ok() && waiting.len() < IN_FLIGHT {
                 let Some(shot) = shots.next() else { break };
                 let begun = prepare(self, &shot, shots.peek());
-                match begun.and_then(|()| self.begin_frame(scene, &shot)) {
+                match begun.and_then(|()| self.begin_frame(gpu, scene, &shot)) {
                     Ok(ticket) => waiting.push_back(ticket),
                     Err(e) => result = Err(e.into()),
                 }
             }
             let Some(ticket) = waiting.pop_front() else { return result };
             let stats = ticket.stats;
-            match self.fetch(ticket) {
+            match self.fetch(gpu, ticket) {
                 Ok(rgb) if result.is_ok() => result = sink(done, rgb, stats),
                 Ok(_) => {}
                 Err(e) => result = result.and(Err(e.into())),

@@ -3,14 +3,15 @@
 use ash::vk;
 
 use super::VkError;
-use super::timeline::{Retire, Timeline};
+use super::retire::RetireQueue;
+use super::timeline::Timeline;
 use crate::fault;
 
 /// Pool of command buffers of the one queue.
 pub(super) struct Commands {
     pool: vk::CommandPool,
     idle: Vec<vk::CommandBuffer>,
-    busy: Retire<vk::CommandBuffer>,
+    busy: RetireQueue<vk::CommandBuffer>,
 }
 
 impl Commands {
@@ -21,7 +22,7 @@ impl Commands {
         // SAFETY: `device` is live and was created with this family.
         let pool = unsafe { device.create_command_pool(&info, None) }
             .map_err(VkError::of("vkCreateCommandPool"))?;
-        Ok(Self { pool, idle: Vec::new(), busy: Retire::default() })
+        Ok(Self { pool, idle: Vec::new(), busy: RetireQueue::default() })
     }
 
     /// A command buffer in recording state.

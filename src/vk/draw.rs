@@ -8,7 +8,8 @@ use ash::vk;
 
 use super::draw_pipeline::DrawPipelineId;
 use super::frame::{Frame, FrameOptions};
-use super::resources::{BufferId, Dead, ImageId};
+use super::resources::{BufferId, ImageId};
+use super::retire::Retired;
 use super::{Gpu, VkError};
 
 /// A rectangle of pixels, from the top left.
@@ -148,7 +149,7 @@ impl Gpu {
         let cmd = match self.commands.begin(&self.device, reached) {
             Ok(cmd) => cmd,
             Err(e) => {
-                self.dead.push(self.timeline.submitted, Dead::Sets(pool));
+                self.retired.push(self.timeline.submitted, Retired::Sets(pool));
                 return Err(e);
             }
         };
@@ -164,7 +165,7 @@ impl Gpu {
             self.record_copy(cmd, from, to);
         }
         let sent = self.commands.submit(&self.device, self.queue, &mut self.timeline, cmd);
-        self.dead.push(self.timeline.submitted, Dead::Sets(pool));
+        self.retired.push(self.timeline.submitted, Retired::Sets(pool));
         sent
     }
 

@@ -6,6 +6,7 @@ use ash::vk;
 
 use super::pipeline::pipeline_layout;
 use super::resources::Format;
+use super::retire::ResourceId;
 use super::slab::Handle;
 use super::spirv::Module;
 use super::{Gpu, VkError};
@@ -136,7 +137,9 @@ impl Gpu {
         match built {
             Ok(pipeline) => {
                 made.pipeline = pipeline;
-                Ok(self.draw_pipelines.insert(made))
+                let id = self.draw_pipelines.insert(made);
+                self.note_made(ResourceId::Pipeline(id));
+                Ok(id)
             }
             Err(e) => {
                 self.destroy_draw_pipeline(&made);

@@ -13,10 +13,11 @@ use super::info::{self, Choice, DeviceInfo};
 use super::instance::{Instance, Validate};
 use super::memory::Memory;
 use super::pipeline::Pipelines;
-use super::resources::{Dead, GpuBuffer, GpuImage};
+use super::resources::{GpuBuffer, GpuImage};
+use super::retire::{Releaser, ResourceId, RetireQueue, Retired};
 use super::slab::Slab;
 use super::staging::Staging;
-use super::timeline::{Retire, Timeline};
+use super::timeline::Timeline;
 use super::{VkError, device};
 use crate::formats::whole;
 
@@ -61,8 +62,10 @@ pub struct Gpu {
     pub(super) buffers: Slab<GpuBuffer>,
     pub(super) images: Slab<GpuImage>,
     pub(super) staging: Staging,
-    /// Freed things that the device may still use.
-    pub(super) dead: Retire<Dead>,
+    pub(super) retired: RetireQueue<Retired>,
+    pub(super) releaser: Releaser,
+    /// What was made since [`Gpu::all_or_none`] began.
+    pub(super) made: Option<Vec<ResourceId>>,
     started: Instant,
     first_dispatch: Option<Duration>,
     // These three go down in this order, after `Drop::drop`.
@@ -104,7 +107,9 @@ impl Gpu {
             buffers: Slab::default(),
             images: Slab::default(),
             staging: Staging::default(),
-            dead: Retire::default(),
+            retired: RetireQueue::default(),
+            releaser: Releaser::default(),
+            made: None,
             started,
             first_dispatch: None,
             memory,
@@ -182,7 +187,7 @@ impl Drop for Gpu {
         // SAFETY: `&mut self` makes us the only user of device and queue. A lost device answers
         // with an error and is idle all the same.
         let _ = unsafe { self.device.device_wait_idle() };
-        self.bury_all();
+        self.destroy_all();
         self.pipelines.destroy(&self.device);
         self.cache.close(&self.device);
         self.commands.destroy(&self.device);

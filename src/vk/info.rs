@@ -81,6 +81,9 @@ pub struct DeviceInfo {
     pub subgroup_size: u32,
     /// Nanoseconds a timestamp tick; 0 without timestamps.
     pub timestamp_period_ns: f32,
+    /// Most columns and rows of an image.
+    #[serde(skip)]
+    pub max_image_side: u32,
     /// Most samples a pixel for colour and depth together.
     pub max_samples: u32,
     /// What intima needs and this device lacks; empty when it can be used.
@@ -242,6 +245,7 @@ fn describe(instance: &Instance, device: vk::PhysicalDevice, index: usize) -> De
         max_shared_bytes: limits.max_compute_shared_memory_size,
         subgroup_size: subgroup.subgroup_size,
         timestamp_period_ns: if timestamp_bits > 0 { limits.timestamp_period } else { 0.0 },
+        max_image_side: limits.max_image_dimension2_d,
         max_samples: 1 << (31 - samples.as_raw().max(1).leading_zeros()),
         missing,
         limits: Limits {

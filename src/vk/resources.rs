@@ -3,8 +3,8 @@
 
 use ash::vk;
 
-use super::draw_pipeline::{DrawPipeline, DrawPipelineId};
 use super::memory::{self, Buffer, ImageDesc, Place};
+use super::retire::ResourceId;
 use super::slab::Handle;
 use super::written::Written;
 use super::{Gpu, VkError};
@@ -67,14 +67,6 @@ pub struct GpuImage {
 pub type BufferId = Handle<GpuBuffer>;
 /// Handle to an image.
 pub type ImageId = Handle<GpuImage>;
-
-/// Freed, but perhaps still in use by the device.
-pub(super) enum Dead {
-    Buffer(Buffer),
-    Image(memory::Image),
-    Sets(vk::DescriptorPool),
-    Pipeline(DrawPipeline),
-}
 
 impl Gpu {
     /// A vertex buffer on the device.
@@ -150,28 +142,9 @@ impl Gpu {
             aspect,
         };
         let image = self.memory.image(name, desc)?;
-        Ok(self.images.insert(GpuImage { image, layout: vk::ImageLayout::UNDEFINED }))
-    }
-
-    /// Frees a buffer once the device is done with it. A stale handle does nothing.
-    pub fn free_buffer(&mut self, id: BufferId) {
-        if let Some(b) = self.buffers.remove(id) {
-            self.dead.push(self.timeline.submitted, Dead::Buffer(b.buffer));
-        }
-    }
-
-    /// Frees an image once the device is done with it. A stale handle does nothing.
-    pub fn free_image(&mut self, id: ImageId) {
-        if let Some(i) = self.images.remove(id) {
-            self.dead.push(self.timeline.submitted, Dead::Image(i.image));
-        }
-    }
-
-    /// Frees a graphics pipeline once the device is done with it. A stale handle does nothing.
-    pub fn free_draw_pipeline(&mut self, id: DrawPipelineId) {
-        if let Some(p) = self.draw_pipelines.remove(id) {
-            self.dead.push(self.timeline.submitted, Dead::Pipeline(p));
-        }
+        let id = self.images.insert(GpuImage { image, layout: vk::ImageLayout::UNDEFINED });
+        self.note_made(ResourceId::Image(id));
+        Ok(id)
     }
 
     /// The bytes of a read-back buffer, after waiting for the device's last write to it.
@@ -212,7 +185,10 @@ impl Gpu {
     fn insert(&mut self, buffer: Buffer, index_bytes: u8, max_index: u32) -> BufferId {
         let last_use = self.timeline.submitted;
         let written = None;
-        self.buffers.insert(GpuBuffer { buffer, last_use, index_bytes, max_index, written })
+        let made = GpuBuffer { buffer, last_use, index_bytes, max_index, written };
+        let id = self.buffers.insert(made);
+        self.note_made(ResourceId::Buffer(id));
+        id
     }
 
     /// A buffer that frames write. It is left alone until then: there is room for every cluster of
@@ -266,33 +242,5 @@ impl Gpu {
         });
         self.memory.free_buffer(from);
         done
-    }
-
-    /// Frees what the device has passed.
-    pub(super) fn reap(&mut self) -> Result<u64, VkError> {
-        let reached = self.reached()?;
-        let dead: Vec<_> = self.dead.reap(reached).collect();
-        dead.into_iter().for_each(|d| self.bury(d));
-        Ok(reached)
-    }
-
-    fn bury(&mut self, dead: Dead) {
-        match dead {
-            Dead::Buffer(b) => self.memory.free_buffer(b),
-            Dead::Image(i) => self.memory.free_image(i),
-            Dead::Pipeline(p) => self.destroy_draw_pipeline(&p),
-            // SAFETY: the pool is ours; the timeline has passed the submission that used its sets.
-            Dead::Sets(pool) => unsafe { self.device.destroy_descriptor_pool(pool, None) },
-        }
-    }
-
-    /// Frees everything that is left. The device is idle.
-    pub(super) fn bury_all(&mut self) {
-        let mut all: Vec<Dead> = self.dead.reap(u64::MAX).collect();
-        all.extend(self.staging.buffer.take().map(Dead::Buffer));
-        all.extend(self.buffers.drain().map(|b| Dead::Buffer(b.buffer)));
-        all.extend(self.draw_pipelines.drain().map(Dead::Pipeline));
-        all.extend(self.images.drain().map(|i| Dead::Image(i.image)));
-        all.into_iter().for_each(|d| self.bury(d));
     }
 }

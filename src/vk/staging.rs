@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use ash::vk;
 
 use super::memory::{Buffer, Place};
-use super::resources::Dead;
+use super::retire::Retired;
 use super::{Gpu, VkError};
 
 /// The ring is never larger: three frames in flight and the one being made, 8 MiB each.
@@ -104,7 +104,7 @@ impl Gpu {
         let usage = Use::TRANSFER_SRC | Use::INDIRECT_BUFFER;
         let buffer = self.memory.buffer("staging", more, usage, Place::Upload)?;
         if let Some(old) = self.staging.buffer.replace(buffer) {
-            self.dead.push(self.timeline.submitted, Dead::Buffer(old));
+            self.retired.push(self.timeline.submitted, Retired::Buffer(old));
         }
         self.staging.ring = Ring { bytes: more, ..Ring::default() };
         self.staging.ring.take(bytes).ok_or(VkError::StagingFull { bytes, budget: STAGING_BYTES })

@@ -1,6 +1,4 @@
-//! Counting submissions, and holding freed things until the device is past their last use.
-
-use std::collections::VecDeque;
+//! The timeline semaphore that counts submissions.
 
 use ash::vk;
 
@@ -37,47 +35,5 @@ impl Timeline {
         let info = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
         // SAFETY: the semaphore is ours, of this device; arrays outlive the call.
         unsafe { device.wait_semaphores(&info, u64::MAX) }.map_err(VkError::of("vkWaitSemaphores"))
-    }
-}
-
-/// Things waiting for the device to pass a timeline value. Values pushed never decrease.
-pub(super) struct Retire<T> {
-    queue: VecDeque<(u64, T)>,
-}
-
-impl<T> Default for Retire<T> {
-    fn default() -> Self {
-        Self { queue: VecDeque::new() }
-    }
-}
-
-impl<T> Retire<T> {
-    /// Holds `thing` until `value` is reached.
-    pub fn push(&mut self, value: u64, thing: T) {
-        debug_assert!(self.queue.back().is_none_or(|(v, _)| *v <= value), "values decrease");
-        self.queue.push_back((value, thing));
-    }
-
-    /// Takes out everything whose value has been reached.
-    pub fn reap(&mut self, reached: u64) -> impl Iterator<Item = T> + '_ {
-        let n = self.queue.iter().take_while(|(v, _)| *v <= reached).count();
-        self.queue.drain(..n).map(|(_, t)| t)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::Retire;
-
-    #[test]
-    fn things_leave_only_once_their_value_is_reached() {
-        let mut r = Retire::default();
-        for (value, thing) in [(1, 'a'), (1, 'b'), (3, 'c')] {
-            r.push(value, thing);
-        }
-        assert_eq!(r.reap(0).count(), 0);
-        assert_eq!(r.reap(2).collect::<String>(), "ab");
-        assert_eq!(r.reap(2).count(), 0);
-        assert_eq!(r.reap(3).collect::<String>(), "c");
     }
 }
