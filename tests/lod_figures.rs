@@ -17,7 +17,7 @@ use intima::formats::write_png;
 use intima::geometry::{Mesh, Pose};
 use intima::lod::vds::{Recorded, Surface, Vds, VdsOptions};
 use intima::lod::{Camera, Pool, Tolerance, Worker};
-use intima::mesh::{Maps, SimplifyOptions, simplify};
+use intima::mesh::{Parameterization, SimplifyOptions, simplify};
 use intima::render::{FrameStats, RenderError, Renderer, Scene, Shot, View};
 use intima::surface::shading;
 use intima::vk::Validate;
@@ -94,7 +94,7 @@ fn trachea_and_colon_as_in_the_papers_figures() {
         let (mesh, axis) = fly::named(name).expect("the meshes");
         let pose: Pose = fly::poses(&axis, 101)[(at * 100.0) as usize];
         let shot = Shot { view: View::Inside, pose, lens: fly::lens(90.0), progress: at };
-        let mut maps = Maps::new(&mesh).unwrap();
+        let mut maps = Parameterization::new(&mesh).unwrap();
         let base = simplify(&mesh, &SimplifyOptions::to_faces(faces), &mut maps).unwrap();
         let shaded = shading(&mesh);
         let original = Recorded::new(&mesh, &shaded.vertices, &base, &maps);

@@ -10,8 +10,8 @@ use intima::device::Device;
 use intima::geometry::Mesh;
 use intima::lumen::{BitVolume, Lumen};
 use intima::surface::{
-    Adjacency, Crossing, Fairing, Lattice, Midpoint, Scales, Surface, Weights, by_scales,
-    face_normals, fair, weights,
+    Adjacency, Crossing, Fairing, Midpoint, MultiscaleNormals, Surface, VoxelFrame, Weights,
+    face_normals, fair, multiscale_normals, weights,
 };
 use intima::volume::Grid;
 
@@ -181,21 +181,21 @@ fn thirty_steps_come_near_the_best_number_on_balls_and_rings() {
     assert!(failed.is_empty(), "{failed:#?}");
 }
 
-fn lattice(lumen: &Lumen) -> Lattice {
-    Lattice { direction: lumen.grid.direction, spacing_mm: lumen.grid.spacing_mm }
+fn lattice(lumen: &Lumen) -> VoxelFrame {
+    VoxelFrame { direction: lumen.grid.direction, spacing_mm: lumen.grid.spacing_mm }
 }
 
-fn scaled(device: &mut Device, surface: &Surface, lattice: Lattice) -> Vec<DVec3> {
-    let scales = Scales::new(&surface.mesh, &surface.adjacency, lattice);
+fn scaled(device: &mut Device, surface: &Surface, lattice: VoxelFrame) -> Vec<DVec3> {
+    let scales = MultiscaleNormals::new(&surface.mesh, &surface.adjacency, lattice);
     let mut plan = Plan::new();
-    let out = by_scales(&mut plan, &surface.adjacency, &scales);
+    let out = multiscale_normals(&mut plan, &surface.adjacency, &scales);
     plan.download(out);
     let got = device.run(&plan).unwrap();
     got.get(out).chunks_exact(3).map(|n| Vec3::from_slice(n).as_dvec3()).collect()
 }
 
 /// Errors of thirty steps with the better weights, and by scales.
-fn both(row: &Row, surface: &Surface, lattice: Lattice) -> [f64; 2] {
+fn both(row: &Row, surface: &Surface, lattice: VoxelFrame) -> [f64; 2] {
     let start = face_normals(&surface.mesh);
     let steps = BOTH.map(|kind| {
         let (mesh, adjacency) = (&surface.mesh, &surface.adjacency);
@@ -212,7 +212,7 @@ fn by_scales_masks_of_balls_and_rings_come_nearer_the_truth_than_by_any_number_o
         let lumen = row.lumen();
         let surface = Surface::new(&lumen, &Midpoint, None);
         let [steps, scales] = both(row, &surface, lattice(&lumen));
-        let [_, guessed] = both(row, &surface, Lattice::of(&surface.mesh));
+        let [_, guessed] = both(row, &surface, VoxelFrame::of(&surface.mesh));
         println!("{:14} {steps:.2} by steps, {scales:.2}, {guessed:.2} by scales", row.name);
         let best = row.best[0].min(row.best[1]);
         assert!(scales < most, "{}: {scales}", row.name);
@@ -239,7 +239,8 @@ fn by_scales_true_surfaces_keep_normals_as_good_as_by_steps() {
         let lumen = row.lumen();
         let exact = Exact(row, DVec3::from(row.spacing));
         let surface = Surface::new(&lumen, &exact, None);
-        let noise = Scales::new(&surface.mesh, &surface.adjacency, lattice(&lumen)).noise;
+        let noise =
+            MultiscaleNormals::new(&surface.mesh, &surface.adjacency, lattice(&lumen)).noise;
         let [steps, scales] = both(row, &surface, lattice(&lumen));
         println!("{:14} {noise:.2} noise, {steps:.2} by steps, {scales:.2} by scales", row.name);
         assert!(noise < 0.5, "{}: noise {noise}", row.name);
@@ -275,7 +276,7 @@ fn by_scales_the_faces_of_a_box_stay_flat_and_its_edges_sharper_than_by_steps() 
             .collect();
         angles.iter().sum::<f64>() / angles.len() as f64
     };
-    let scales = scaled(&mut Device::Cpu, &surface, Lattice::of(&surface.mesh));
+    let scales = scaled(&mut Device::Cpu, &surface, VoxelFrame::of(&surface.mesh));
     let start = face_normals(&surface.mesh);
     let (mesh, adjacency) = (&surface.mesh, &surface.adjacency);
     let steps = faired(&mut Device::Cpu, mesh, adjacency, &start, Weights::Uniform);
@@ -321,10 +322,10 @@ fn by_scales_broken_meshes_get_unit_normals() {
     ];
     for (i, mesh) in meshes.into_iter().enumerate() {
         let (adjacency, _) = Adjacency::of(&mesh);
-        let lattice = Lattice::of(&mesh);
-        let scales = Scales::new(&mesh, &adjacency, lattice);
+        let lattice = VoxelFrame::of(&mesh);
+        let scales = MultiscaleNormals::new(&mesh, &adjacency, lattice);
         let mut plan = Plan::new();
-        let out = by_scales(&mut plan, &adjacency, &scales);
+        let out = multiscale_normals(&mut plan, &adjacency, &scales);
         plan.download(out);
         let got = intima::compute::run_cpu(&plan);
         for n in got.get(out).chunks_exact(3).map(Vec3::from_slice) {

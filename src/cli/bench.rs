@@ -265,7 +265,7 @@ fn chain(device: &mut Device, volume: &Volume, lumen: &Lumen) -> Result<Vec<Stag
     }
     clock.stages.extend(hessian.stages);
     let options =
-        SurfaceOptions { from_grey: false, smoothing: Smoothing::Scales, track_from: None };
+        SurfaceOptions { from_grey: false, smoothing: Smoothing::Multiscale, track_from: None };
     wall(device, volume, &Window::Labels(vec![]), lumen, options, &mut clock)?;
     Ok(clock.stages)
 }

@@ -4,7 +4,7 @@ use crate::device::DeviceError;
 use crate::flight::{FlightError, ScriptError};
 use crate::formats::FormatError;
 use crate::lumen::LumenError;
-use crate::mesh::{MapsError, MeshError};
+use crate::mesh::{MeshError, ParameterizationError};
 use crate::pipeline::PipelineError;
 use crate::render::RenderError;
 use crate::volume::GridError;
@@ -30,7 +30,7 @@ pub enum CliError {
     Mesh(#[from] MeshError),
     /// A parameterisation.
     #[error(transparent)]
-    Maps(#[from] MapsError),
+    Maps(#[from] ParameterizationError),
     /// The camera path found no place.
     #[error(transparent)]
     Flight(#[from] FlightError),

@@ -11,7 +11,7 @@ use super::mesh_args::FairArgs;
 use super::timing::timed;
 use crate::formats::{Space, read_mesh, write_mesh};
 use crate::pipeline::{faired, gradient_normals};
-use crate::surface::{Adjacency, Lattice, Smoothing};
+use crate::surface::{Adjacency, Smoothing, VoxelFrame};
 
 /// `intima fair MESH -o MESH`
 #[derive(Debug, clap::Args)]
@@ -47,7 +47,7 @@ impl Args {
             return Err(CliError::Input(format!("{}: the mesh has no faces", self.mesh.display())));
         }
         mesh.caps.clear();
-        let smoothing = self.fair.smoothing(Smoothing::Scales)?;
+        let smoothing = self.fair.smoothing(Smoothing::Multiscale)?;
         let field = self.mask.as_ref().or(self.volume.as_ref());
         let field = field.map(|p| read_checked(p, None, global)).transpose()?;
         let mut device = global.open()?;
@@ -61,7 +61,7 @@ impl Args {
                         || Adjacency::of(&mesh),
                         |_| mesh.positions.len() as u64,
                     );
-                    faired(device, (&mesh, &adjacency), Lattice::of(&mesh), smoothing, clock)?
+                    faired(device, (&mesh, &adjacency), VoxelFrame::of(&mesh), smoothing, clock)?
                 }
             })
         })?;

@@ -12,8 +12,8 @@ use crate::device::Device;
 use crate::formats::{FormatError, Space, read_mesh, whole, write_mesh};
 use crate::geometry::Mesh;
 use crate::mesh::{
-    Deviation, Maps, MeshError, Metric, Repairs, Simplified, SimplifyOptions, Stopped, deviation,
-    prepare, simplify,
+    Deviation, MeshError, Metric, Parameterization, Repairs, Simplified, SimplifyOptions,
+    StopReason, deviation, make_manifold, simplify,
 };
 use crate::pipeline::{Clock, Mode};
 
@@ -87,13 +87,14 @@ struct MapsReport {
 /// A simplified mesh and what it lies over.
 struct Done {
     simplified: Simplified,
-    maps: Option<Maps>,
+    maps: Option<Parameterization>,
 }
 
 impl Done {
     fn reached(&self, given: &Mesh, wanted: usize, measure: bool) -> Reached {
         let s = &self.simplified;
-        let of = |m: &Maps| MapsReport { bytes: m.memory_bytes(), refused: m.refused() };
+        let of =
+            |m: &Parameterization| MapsReport { bytes: m.memory_bytes(), refused: m.refused() };
         Reached {
             faces_in: given.faces.len(),
             faces: s.mesh.faces.len(),
@@ -101,9 +102,9 @@ impl Done {
             wanted,
             collapses: s.collapses,
             stopped: match s.stopped {
-                Stopped::Reached => "reached",
-                Stopped::NoLegalCollapse => "no legal collapse",
-                Stopped::MaxError => "max error",
+                StopReason::Reached => "reached",
+                StopReason::NoLegalCollapse => "no legal collapse",
+                StopReason::MaxError => "max error",
             },
             quadric_error_mm: s.error_mm,
             maps: self.maps.as_ref().map(of),
@@ -128,7 +129,7 @@ impl Args {
             max_error_mm: self.max_error,
             ..SimplifyOptions::to_faces(self.faces.unwrap_or(0))
         };
-        let mut maps = self.maps.as_ref().map(|_| Maps::new(mesh)).transpose()?;
+        let mut maps = self.maps.as_ref().map(|_| Parameterization::new(mesh)).transpose()?;
         let gone = |r: &Result<Simplified, _>| r.as_ref().map_or(0, |s: &Simplified| s.collapses);
         let work = || match maps.as_mut() {
             Some(maps) => simplify(mesh, &options, maps),
@@ -146,7 +147,7 @@ impl Args {
         }
         let (read, warnings) = read_mesh(&self.mesh, self.space)?;
         warnings.iter().for_each(|w| global.warn(w));
-        let (mesh, repairs) = prepare(&read).map_err(|e| self.named(e))?;
+        let (mesh, repairs) = make_manifold(&read).map_err(|e| self.named(e))?;
         drop(read);
         repaired(&repairs).iter().for_each(|w| global.warn(w));
         if let Some(path) = &self.from_maps {
@@ -163,7 +164,7 @@ impl Args {
         }
         let reached = done.reached(&mesh, wanted, self.measure);
         let note = match done.simplified.stopped {
-            Stopped::Reached => String::new(),
+            StopReason::Reached => String::new(),
             _ => format!(" ({wanted} wanted: {})", reached.stopped),
         };
         global.say(format_args!(
@@ -206,7 +207,7 @@ impl Args {
             return Err(CliError::Input(format!("{}: {what}", path.display())));
         }
         let bytes = std::fs::read(path).map_err(io)?;
-        let maps = Maps::from_bytes(&bytes, mesh)
+        let maps = Parameterization::from_bytes(&bytes, mesh)
             .map_err(|e| CliError::Input(format!("{}: {e}", path.display())))?;
         let base = base_mesh(mesh, &maps);
         write_mesh(&self.output, &base)?;
@@ -223,7 +224,7 @@ impl Args {
 }
 
 /// The base of a parameterisation, with its vertices where they lie in the original.
-fn base_mesh(mesh: &Mesh, maps: &Maps) -> Mesh {
+fn base_mesh(mesh: &Mesh, maps: &Parameterization) -> Mesh {
     let mut id = vec![u32::MAX; mesh.positions.len()];
     let mut base = Mesh::default();
     for (_, face) in maps.base_faces() {

@@ -57,7 +57,7 @@ impl ModeArg {
 pub fn automatic(mode: Mode) -> Smoothing {
     match mode {
         Mode::Paper => Smoothing::Steps(Fairing::PAPER),
-        Mode::Default => Smoothing::Scales,
+        Mode::Default => Smoothing::Multiscale,
     }
 }
 

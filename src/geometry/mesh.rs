@@ -1,4 +1,4 @@
-//! Plain triangle mesh.
+//! Plain triangle mesh, and points on it.
 
 use glam::{DVec3, Vec3};
 
@@ -39,4 +39,13 @@ impl Mesh {
         let p = |v: u32| DVec3::from(self.positions[v as usize]);
         -self.faces.iter().map(|&[a, b, c]| p(a).dot(p(b).cross(p(c)))).sum::<f64>() / 6.0
     }
+}
+
+/// A point on a mesh: a face and barycentric weights, which sum to 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeshPoint {
+    /// Face id.
+    pub face: u32,
+    /// Weights in the order of the face's vertices.
+    pub weights: [f64; 3],
 }

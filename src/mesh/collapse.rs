@@ -1,4 +1,4 @@
-//! What a simplifier tells a recorder about each collapse, and places on a mesh.
+//! What a simplifier tells a recorder about each collapse.
 
 use glam::DVec3;
 
@@ -26,50 +26,41 @@ pub struct Collapse<'a> {
     pub boundary: bool,
 }
 
-/// Hears of every collapse in a part of a mesh before it happens.
+/// Receives every collapse in a part of a mesh before it is made.
 pub trait Log: Default + Send {
-    /// Takes the collapse down, or refuses it.
+    /// Records the collapse and returns true, or vetoes it by returning false.
     fn record(&mut self, collapse: &Collapse<'_>) -> bool;
 
-    /// Whether it agrees to everything and need not be asked.
-    fn is_deaf(&self) -> bool {
+    /// Whether [`Self::record`] does nothing and need not be called.
+    fn is_noop(&self) -> bool {
         false
     }
 }
 
-/// Hears of every collapse.
+/// Receives every collapse of a simplification.
 pub trait Recorder {
-    /// Hears of those in one part of the mesh, beside those in other parts.
+    /// Log of one part of the mesh; the parts are simplified in parallel.
     type Log: Log;
 
-    /// Takes a log up. The collapses of logs taken up earlier came before those of this one, or
-    /// have nothing to do with them.
-    fn take_up(&mut self, log: Self::Log);
+    /// Appends a log. The collapses of logs merged earlier were made before those of this one, or
+    /// are independent of them.
+    fn merge(&mut self, log: Self::Log);
 }
 
-/// Records nothing, refuses nothing.
+/// Records nothing, vetoes nothing.
 impl Log for () {
     fn record(&mut self, _: &Collapse<'_>) -> bool {
         true
     }
 
-    fn is_deaf(&self) -> bool {
+    fn is_noop(&self) -> bool {
         true
     }
 }
 
-/// Records nothing, refuses nothing.
+/// Records nothing, vetoes nothing.
 impl Recorder for () {
     type Log = ();
 
-    fn take_up(&mut self, (): ()) {}
-}
-
-/// A place on a mesh: a face and weights of its three vertices, which sum to 1.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct OnMesh {
-    /// Face id.
-    pub face: u32,
-    /// Weights in the order of the face's vertices.
-    pub weights: [f64; 3],
+    fn merge(&mut self, (): ()) {}
 }

@@ -3,8 +3,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::{Closest, Nearest};
-use crate::geometry::Mesh;
+use crate::geometry::{ClosestPoint, Mesh, TriangleBvh};
 
 /// Samples spread over each mesh by area, beside all its vertices.
 const SAMPLES: usize = 100_000;
@@ -114,9 +113,9 @@ fn samples(mesh: &Mesh, normals: &[Vec3]) -> Option<Vec<Sample>> {
 
 /// Means and largest values over all samples.
 fn find(samples: &[Sample], mesh: &Mesh, normals: &[Vec3]) -> Option<Found> {
-    let tree = Nearest::new(mesh);
+    let tree = TriangleBvh::new(mesh);
     let one = |s: &Sample| -> Option<(f64, f64)> {
-        let Closest { at, distance_mm, .. } = tree.closest(s.at)?;
+        let ClosestPoint { at, distance_mm, .. } = tree.closest(s.at)?;
         let corners = mesh.faces[at.face as usize].map(|v| normals[v as usize]);
         let there = mix(corners, at.weights, |n, w| n.normalize_or_zero() * w);
         Some((distance_mm, s.normal.angle_between(there)))

@@ -58,7 +58,7 @@ impl HalfEdges {
     /// # Errors
     /// [`MeshError`] naming the first index out of range, degenerate face, edge with more than two
     /// faces or with faces looking to different sides, or vertex where fans touch. A mesh that may
-    /// have such faults goes through [`super::prepare`] first.
+    /// have such faults goes through [`super::make_manifold`] first.
     pub fn new(mesh: &Mesh) -> Result<Self, MeshError> {
         check_sizes(mesh)?;
         let vertices = mesh.positions.len();

@@ -1,33 +1,30 @@
-//! Half-edge meshes: invariants, simplification by half-edge collapse, parameterisation.
+//! Half-edge meshes: repair, simplification by half-edge collapse, parameterization, and how far
+//! two meshes are apart.
 
 mod collapse;
-pub mod contract;
 mod deviation;
-mod eight;
+mod edge_collapse;
 mod error;
-mod given;
-mod greedy;
 pub mod halfedge;
 mod heap;
-pub mod maps;
-mod nearest;
+mod input;
+mod make_manifold;
+pub mod parameterization;
 mod parts;
-pub(crate) mod placed;
-mod prepare;
 mod quadric;
 mod relocate;
 mod simplify;
 mod star;
-mod start;
+mod triangle_x8;
+mod vertex_quadrics;
 
-pub use collapse::{Collapse, Log, OnMesh, Recorder};
+pub use collapse::{Collapse, Log, Recorder};
 pub use deviation::{Deviation, deviation};
 pub use error::MeshError;
 pub use halfedge::HalfEdges;
-pub use maps::{Mapped, Maps, MapsError};
-pub use nearest::{Closest, Nearest};
-pub use prepare::{Repairs, prepare};
-pub use simplify::{Metric, Simplified, SimplifyOptions, Stopped, simplify};
+pub use make_manifold::{Repairs, make_manifold};
+pub use parameterization::{MappedPoint, Parameterization, ParameterizationError};
+pub use simplify::{Metric, Simplified, SimplifyOptions, StopReason, simplify};
 
 #[cfg(test)]
 mod tests;

@@ -9,12 +9,12 @@
 use rayon::prelude::*;
 
 use super::Log;
-use super::given::Given;
-use super::greedy::{Greedy, Piece, Place, Stop};
+use super::edge_collapse::{Decimation, Piece, Place, Stop};
 use super::halfedge::{HalfEdges, NONE, face};
-use super::placed::{self, Placed};
+use super::input::Input;
 use super::quadric::Quadric;
-use super::start::Freedom;
+use super::vertex_quadrics::Freedom;
+use crate::geometry::median_split::{self, KeyedPoint};
 
 /// Faces of a part, at most: with all that is kept beside them they fill 1.4 MB.
 const PART_FACES: usize = 12_288;
@@ -25,56 +25,56 @@ const NEAR: usize = 32;
 
 /// A part on its way down and what its recorder heard.
 struct Part<L> {
-    run: Greedy,
+    run: Decimation,
     log: L,
 }
 
 /// Simplifies part by part as far as that does not show, and gives the run over what is left, with
 /// the logs of the parts in order. `None` for a mesh that is not worth cutting.
-pub fn in_parts<L: Log>(given: &Given<'_>, stop: &Stop) -> Option<(Greedy, Vec<L>)> {
-    let faces = given.mesh.faces.len();
+pub fn in_parts<L: Log>(input: &Input<'_>, stop: &Stop) -> Option<(Decimation, Vec<L>)> {
+    let faces = input.mesh.faces.len();
     if faces < LEAST_FACES || stop.faces > faces / 2 {
         return None;
     }
-    let mut order = middles(given);
+    let mut order = middles(input);
     let mut pieces = Vec::new();
     cut(&mut order, faces.div_ceil(PART_FACES), &mut pieces);
     let mut rank = vec![NONE; faces];
     order.iter().zip(0..).for_each(|(f, i)| rank[f.id() as usize] = i);
-    let scratch = || vec![NONE; given.mesh.positions.len()];
+    let scratch = || vec![NONE; input.mesh.positions.len()];
     let mut parts: Vec<Part<L>> = pieces
         .par_iter()
         .map_init(scratch, |local, &(begin, end)| {
-            let ids = order[begin..end].iter().map(Placed::id).collect();
+            let ids = order[begin..end].iter().map(KeyedPoint::id).collect();
             let inside = |f: u32| {
                 let at = rank[f as usize] as usize;
                 (begin..end).contains(&at).then(|| (at - begin) as u32)
             };
-            Part { run: part(given, ids, inside, local), log: L::default() }
+            Part { run: part(input, ids, inside, local), log: L::default() }
         })
         .collect();
     drop((order, rank, pieces));
-    rounds(given, &mut parts, stop);
-    Some(join(given, parts))
+    rounds(input, &mut parts, stop);
+    Some(join(input, parts))
 }
 
 /// Three times the middle of each face, and the face.
-fn middles(given: &Given<'_>) -> Vec<Placed> {
-    let at = |v: &u32| given.mesh.positions[*v as usize];
-    let faces = given.mesh.faces.par_iter().with_min_len(8192).enumerate();
-    faces.map(|(i, f)| Placed::new(f.iter().map(at).sum(), i as u32)).collect()
+fn middles(input: &Input<'_>) -> Vec<KeyedPoint> {
+    let at = |v: &u32| input.mesh.positions[*v as usize];
+    let faces = input.mesh.faces.par_iter().with_min_len(8192).enumerate();
+    faces.map(|(i, f)| KeyedPoint::new(f.iter().map(at).sum(), i as u32)).collect()
 }
 
 /// Orders faces so that each of `parts` parts lies together, halving the longest side again and
 /// again; gives begin and end of each. Within a part faces that are neighbours stand together.
-fn cut(faces: &mut [Placed], parts: usize, ends: &mut Vec<(usize, usize)>) {
-    fn halve(faces: &mut [Placed], parts: usize) -> Vec<usize> {
+fn cut(faces: &mut [KeyedPoint], parts: usize, ends: &mut Vec<(usize, usize)>) {
+    fn halve(faces: &mut [KeyedPoint], parts: usize) -> Vec<usize> {
         if parts <= 1 {
             along_a_curve(faces);
             return vec![faces.len()];
         }
         let middle = faces.len() * (parts / 2) / parts;
-        let (a, b) = placed::part(faces, middle);
+        let (a, b) = median_split::split(faces, middle);
         let (mut sizes, more) = rayon::join(|| halve(a, parts / 2), || halve(b, parts - parts / 2));
         sizes.extend(more);
         sizes
@@ -87,8 +87,8 @@ fn cut(faces: &mut [Placed], parts: usize, ends: &mut Vec<(usize, usize)>) {
 }
 
 /// Orders faces along a Morton curve through 1024³ cells of their box, then by id.
-fn along_a_curve(faces: &mut [Placed]) {
-    let (lo, hi) = placed::bounds(faces);
+fn along_a_curve(faces: &mut [KeyedPoint]) {
+    let (lo, hi) = median_split::bounds(faces);
     let per = 1023.0 / (hi - lo).max_element().max(f32::MIN_POSITIVE);
     // Two zero bits before each of ten.
     let spread = |x: f32| {
@@ -99,7 +99,7 @@ fn along_a_curve(faces: &mut [Placed]) {
         x
     };
     faces.sort_by_cached_key(|f| {
-        let cell = (f.place() - lo) * per;
+        let cell = (f.position() - lo) * per;
         (spread(cell.x) | spread(cell.y) << 1 | spread(cell.z) << 2, f.id())
     });
 }
@@ -107,12 +107,12 @@ fn along_a_curve(faces: &mut [Placed]) {
 /// The run over the faces `face_ids`; `inside` gives the number of a face among them. `local` is
 /// scratch space for the vertices, all `NONE` before and after.
 fn part(
-    given: &Given<'_>,
+    input: &Input<'_>,
     face_ids: Vec<u32>,
     inside: impl Fn(u32) -> Option<u32>,
     local: &mut [u32],
-) -> Greedy {
-    let mesh = given.mesh;
+) -> Decimation {
+    let mesh = input.mesh;
     let mut vertex_ids = Vec::with_capacity(face_ids.len() / 2);
     for v in face_ids.iter().flat_map(|f| mesh.faces[*f as usize]) {
         if local[v as usize] == NONE {
@@ -120,11 +120,11 @@ fn part(
             vertex_ids.push(v);
         }
     }
-    let mut freedom: Vec<_> = vertex_ids.iter().map(|v| given.freedom[*v as usize]).collect();
+    let mut freedom: Vec<_> = vertex_ids.iter().map(|v| input.freedom[*v as usize]).collect();
     let faces = face_ids.iter().map(|&f| {
         let corners = mesh.faces[f as usize].map(|v| local[v as usize]);
         let pairs = [0, 1, 2].map(|c| {
-            let pair = given.edges.pair(4 * f + c);
+            let pair = input.edges.pair(4 * f + c);
             if pair == NONE {
                 return NONE;
             }
@@ -136,22 +136,22 @@ fn part(
             }
             NONE
         });
-        (corners, pairs, given.edges.mark(f))
+        (corners, pairs, input.edges.mark(f))
     });
     let edges = HalfEdges::from_pairs(faces, vertex_ids.len());
     vertex_ids.iter().for_each(|v| local[*v as usize] = NONE);
-    Greedy::new(given, Piece { vertex_ids, face_ids }, edges, freedom)
+    Decimation::new(input, Piece { vertex_ids, face_ids }, edges, freedom)
 }
 
 /// Takes all parts down together: in each round every part makes its collapses up to one cost,
 /// such that in the end no part is simplified more than the others. What stands at the cuts must
 /// go in the last run, so that many faces more are left to it.
-fn rounds<L: Log>(given: &Given<'_>, parts: &mut [Part<L>], stop: &Stop) {
+fn rounds<L: Log>(input: &Input<'_>, parts: &mut [Part<L>], stop: &Stop) {
     let mut foreign: Vec<u32> = parts.iter().flat_map(|p| p.run.foreign()).collect();
     foreign.sort_unstable();
     foreign.dedup();
     let goal = stop.faces + 2 * foreign.len();
-    let mut left = given.mesh.faces.len();
+    let mut left = input.mesh.faces.len();
     let mut costs: Vec<u64> = Vec::new();
     while left > goal + goal / NEAR {
         let wanted = left - goal;
@@ -169,7 +169,7 @@ fn rounds<L: Log>(given: &Given<'_>, parts: &mut [Part<L>], stop: &Stop) {
         parts.par_iter_mut().for_each(|p| {
             let share = p.run.faces() * wanted / left;
             let stop = Stop { faces: p.run.faces() - share, most, ..*stop };
-            p.run.run(given, &stop, &mut p.log);
+            p.run.run(input, &stop, &mut p.log);
         });
         left = parts.iter().map(|p| p.run.faces()).sum();
     }
@@ -184,7 +184,7 @@ struct Left {
 }
 
 /// The run over what the parts left, and their logs. A part goes as soon as that is taken from it.
-fn join<L>(given: &Given<'_>, parts: Vec<Part<L>>) -> (Greedy, Vec<L>) {
+fn join<L>(input: &Input<'_>, parts: Vec<Part<L>>) -> (Decimation, Vec<L>) {
     let mut alive: Vec<Left> = Vec::with_capacity(parts.iter().map(|p| p.run.faces()).sum());
     let mut stay: Vec<(u32, Option<(Place, Quadric)>)> =
         Vec::with_capacity(parts.iter().map(|p| p.run.stay().count()).sum());
@@ -196,7 +196,7 @@ fn join<L>(given: &Given<'_>, parts: Vec<Part<L>>) -> (Greedy, Vec<L>) {
             corners: [0, 1, 2].map(|c| run.vertex_id(run.edges.origin(4 * f + c))),
             pairs: [0, 1, 2].map(|c| match run.edges.pair(4 * f + c) {
                 // At a cut half-edges are those of the mesh given, and their faces stay.
-                NONE => given.edges.pair(4 * id + c),
+                NONE => input.edges.pair(4 * id + c),
                 p => 4 * run.face_id(face(p)) + (p & 3),
             }),
         }));
@@ -208,9 +208,9 @@ fn join<L>(given: &Given<'_>, parts: Vec<Part<L>>) -> (Greedy, Vec<L>) {
     alive.sort_unstable_by_key(|f| f.id);
     stay.sort_by_key(|v| v.0);
     stay.dedup_by_key(|v| v.0);
-    let mut new_face = vec![NONE; given.mesh.faces.len()];
+    let mut new_face = vec![NONE; input.mesh.faces.len()];
     alive.iter().zip(0..).for_each(|(f, i)| new_face[f.id as usize] = i);
-    let mut new_vertex = vec![NONE; given.mesh.positions.len()];
+    let mut new_vertex = vec![NONE; input.mesh.positions.len()];
     stay.iter().zip(0..).for_each(|(v, i)| new_vertex[v.0 as usize] = i);
     let faces = alive.iter().map(|f| {
         // Where the face beyond has gone, there is a boundary now.
@@ -218,14 +218,14 @@ fn join<L>(given: &Given<'_>, parts: Vec<Part<L>>) -> (Greedy, Vec<L>) {
             Some(&other) if pair != NONE && other != NONE => 4 * other + (pair & 3),
             _ => NONE,
         });
-        (f.corners.map(|v| new_vertex[v as usize]), pairs, given.edges.mark(f.id))
+        (f.corners.map(|v| new_vertex[v as usize]), pairs, input.edges.mark(f.id))
     });
     let edges = HalfEdges::from_pairs(faces, stay.len());
     let vertex_ids: Vec<u32> = stay.iter().map(|v| v.0).collect();
     let piece = Piece { vertex_ids, face_ids: alive.iter().map(|f| f.id).collect() };
     drop((alive, new_face, new_vertex));
     let known: Vec<_> = stay.into_iter().map(|v| v.1).collect();
-    let mut run = Greedy::resume(given, piece, edges, known);
+    let mut run = Decimation::resume(input, piece, edges, known);
     (run.collapses, run.error_mm) = (collapses, error_mm);
     (run, logs)
 }
@@ -243,19 +243,19 @@ mod tests {
         let mesh = torus(250, 100);
         for metric in [Metric::NormalQem, Metric::Qem] {
             let options = SimplifyOptions { metric, ..SimplifyOptions::to_faces(2000) };
-            let given = Given::new(&mesh, &options).unwrap();
+            let input = Input::new(&mesh, &options).unwrap();
             let stop = Stop { faces: 2000, most: u64::MAX, max_error_mm: None };
-            let (mut parts, logs) = in_parts::<()>(&given, &stop).unwrap();
+            let (mut parts, logs) = in_parts::<()>(&input, &stop).unwrap();
             assert_eq!(logs.len(), 5);
             parts.edges.check().unwrap();
             // Nearly everything went in parts, and no part went below what was wanted.
             assert!((2000..6000).contains(&parts.faces()), "{}", parts.faces());
-            let end = |run: &mut Greedy| -> Mesh {
-                run.run(&given, &stop, &mut ());
+            let end = |run: &mut Decimation| -> Mesh {
+                run.run(&input, &stop, &mut ());
                 run.edges.check().unwrap();
                 left_of(&mesh, run).0
             };
-            let (one, cut) = (end(&mut whole(&given)), end(&mut parts));
+            let (one, cut) = (end(&mut whole(&input)), end(&mut parts));
             assert_eq!((one.faces.len(), cut.faces.len()), (2000, 2000));
             let [one, cut] = [one, cut].map(|m| deviation(&m, &mesh).unwrap().rms_mm);
             assert!(cut < 1.1 * one, "{metric:?}: {cut} and {one} mm");

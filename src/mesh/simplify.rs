@@ -2,12 +2,12 @@
 
 use rayon::prelude::*;
 
-use super::given::Given;
-use super::greedy::{Greedy, Piece, Stop};
+use super::edge_collapse::{Decimation, Piece, Stop};
 use super::halfedge::NONE;
+use super::input::Input;
 use super::parts::in_parts;
-use super::{Closest, MeshError, Nearest, Recorder};
-use crate::geometry::Mesh;
+use super::{MeshError, Recorder};
+use crate::geometry::{ClosestPoint, Mesh, TriangleBvh};
 
 /// What a collapse costs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -52,7 +52,7 @@ impl SimplifyOptions<'_> {
 
 /// Why no more faces went.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stopped {
+pub enum StopReason {
     /// As few faces as were wanted.
     Reached,
     /// Every further collapse would damage the mesh, or touch what is locked, or was refused by
@@ -75,7 +75,7 @@ pub struct Simplified {
     /// Collapses made.
     pub collapses: usize,
     /// Why it ended.
-    pub stopped: Stopped,
+    pub stopped: StopReason,
     /// Largest root mean square distance of a vertex that stayed to the planes it took over, mm.
     pub error_mm: f64,
 }
@@ -91,7 +91,7 @@ pub struct Simplified {
 /// that it refuses is not made.
 ///
 /// # Errors
-/// What [`super::HalfEdges::new`] refuses (see [`super::prepare`]); [`MeshError::Length`] for a list of
+/// What [`super::HalfEdges::new`] refuses (see [`super::make_manifold`]); [`MeshError::Length`] for a list of
 /// locked vertices of another length than the vertices; [`MeshError::Empty`].
 ///
 /// After Garland and Heckbert 1997 with half-edge collapses and the paper's normal term (section
@@ -113,62 +113,62 @@ pub fn simplify<R: Recorder>(
         let (what, found) = ("locked flags", locked.len());
         return Err(MeshError::Length { what, found, wanted });
     }
-    let given = Given::new(mesh, options)?;
+    let input = Input::new(mesh, options)?;
     let stop = Stop { faces: options.faces, most: u64::MAX, max_error_mm: options.max_error_mm };
-    let mut run = match in_parts::<R::Log>(&given, &stop) {
+    let mut run = match in_parts::<R::Log>(&input, &stop) {
         Some((run, logs)) => {
-            logs.into_iter().for_each(|log| recorder.take_up(log));
+            logs.into_iter().for_each(|log| recorder.merge(log));
             run
         }
-        None => whole(&given),
+        None => whole(&input),
     };
     let mut log = R::Log::default();
-    let stopped = run.run(&given, &stop, &mut log);
-    recorder.take_up(log);
+    let stopped = run.run(&input, &stop, &mut log);
+    recorder.merge(log);
     let (collapses, error_mm) = (run.collapses, run.error_mm);
     let (mut left, vertex_ids, face_ids) = left_of(mesh, &run);
     if options.relocate && collapses > 0 {
         run.relocate_all();
         for (p, v) in left.positions.iter_mut().zip(run.stay()) {
             if run.may_move(v) {
-                *p = given.in_mm(run.position(v)).as_vec3();
+                *p = input.in_mm(run.position(v)).as_vec3();
             }
         }
         // The tree over the mesh given takes as much again.
-        drop((run, given));
+        drop((run, input));
         renew_normals(&mut left, &vertex_ids, mesh);
     }
     Ok(Simplified { mesh: left, vertex_ids, face_ids, collapses, stopped, error_mm })
 }
 
 /// The run over all of the mesh.
-pub fn whole(given: &Given<'_>) -> Greedy {
+pub fn whole(input: &Input<'_>) -> Decimation {
     let ids = |count: usize| (0..count as u32).collect();
-    let vertex_ids = ids(given.mesh.positions.len());
-    let piece = Piece { vertex_ids, face_ids: ids(given.mesh.faces.len()) };
-    Greedy::new(given, piece, given.edges.clone(), given.freedom.clone())
+    let vertex_ids = ids(input.mesh.positions.len());
+    let piece = Piece { vertex_ids, face_ids: ids(input.mesh.faces.len()) };
+    Decimation::new(input, piece, input.edges.clone(), input.freedom.clone())
 }
 
 /// Gives vertices that moved the normal of the surface given at the place nearest to them.
-fn renew_normals(left: &mut Mesh, vertex_ids: &[u32], given: &Mesh) {
+fn renew_normals(left: &mut Mesh, vertex_ids: &[u32], input: &Mesh) {
     if left.normals.is_empty() {
         return;
     }
-    let tree = Nearest::new(given);
+    let tree = TriangleBvh::new(input);
     let places = left.positions.par_iter().zip(vertex_ids).with_min_len(512);
     places.zip(&mut left.normals).for_each(|((p, id), normal)| {
-        if *p == given.positions[*id as usize] {
+        if *p == input.positions[*id as usize] {
             return;
         }
-        let Some(Closest { at, .. }) = tree.closest(p.as_dvec3()) else { return };
-        let corners = given.faces[at.face as usize].map(|v| given.normals[v as usize]);
+        let Some(ClosestPoint { at, .. }) = tree.closest(p.as_dvec3()) else { return };
+        let corners = input.faces[at.face as usize].map(|v| input.normals[v as usize]);
         let sum: glam::Vec3 = corners.iter().zip(at.weights).map(|(n, w)| *n * w as f32).sum();
         *normal = sum.try_normalize().unwrap_or(*normal);
     });
 }
 
 /// What is left, in the old order, with old ids of vertices and faces.
-pub fn left_of(mesh: &Mesh, run: &Greedy) -> (Mesh, Vec<u32>, Vec<u32>) {
+pub fn left_of(mesh: &Mesh, run: &Decimation) -> (Mesh, Vec<u32>, Vec<u32>) {
     let mut new = vec![NONE; run.edges.vertex_count()];
     let mut vertex_ids = Vec::new();
     for v in run.stay() {

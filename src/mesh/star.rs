@@ -3,8 +3,8 @@
 use glam::{DVec3, Vec3};
 
 use super::HalfEdges;
-use super::eight::{Eight, LANES};
 use super::halfedge::{NONE, next, prev};
+use super::triangle_x8::{LANES, TriangleX8};
 
 /// Neighbours of a vertex, at most.
 const MOST_NEIGHBOURS: usize = 24;
@@ -25,7 +25,7 @@ pub struct Star {
     /// Where they are from the centre, in units of the longest spoke, and their normals (0 where
     /// normals do not count).
     spokes: Vec<(Vec3, Vec3)>,
-    faces: Vec<Eight>,
+    faces: Vec<TriangleX8>,
     /// Whether normals count.
     shaded: bool,
     /// The longest spoke to the fourth: what squared areas are in.
@@ -75,7 +75,7 @@ impl Star {
         let (n, faces) = (self.ring.len(), self.leaving.len());
         self.faces.clear();
         for first in (0..faces).step_by(LANES) {
-            let mut eight = Eight::default();
+            let mut eight = TriangleX8::default();
             for lane in 0..LANES.min(faces - first) {
                 let i = first + lane;
                 let ((a, na), (b, nb)) =

@@ -4,8 +4,11 @@ use std::time::Instant;
 use glam::Vec3;
 
 use super::*;
-use crate::geometry::Mesh;
 use crate::geometry::shapes::{boxed, sphere, torus};
+use crate::geometry::{Mesh, TriangleBvh};
+use garland_heckbert::contract;
+
+mod garland_heckbert;
 
 /// A square of n × n cells with a boundary, bent a little.
 fn sheet(n: u32) -> Mesh {
@@ -69,7 +72,7 @@ fn euler_number_and_manifoldness_hold_at_every_thousandth_collapse() {
             let options = SimplifyOptions { metric, relocate, ..SimplifyOptions::to_faces(faces) };
             let s = simplify(&mesh, &options, &mut ()).unwrap();
             assert_eq!(euler(&s.mesh), want, "{faces} {metric:?} {relocate}");
-            assert_eq!((s.stopped, s.mesh.faces.len()), (Stopped::Reached, faces));
+            assert_eq!((s.stopped, s.mesh.faces.len()), (StopReason::Reached, faces));
             assert_eq!(2 * s.collapses, mesh.faces.len() - faces);
         }
     }
@@ -79,10 +82,10 @@ fn euler_number_and_manifoldness_hold_at_every_thousandth_collapse() {
 fn a_target_out_of_reach_is_reported_and_the_shape_is_kept() {
     // A torus needs 14 faces; the link condition may end a little earlier.
     let s = down_to(&torus(30, 15), 0);
-    assert_eq!((s.stopped, euler(&s.mesh).0), (Stopped::NoLegalCollapse, 0));
+    assert_eq!((s.stopped, euler(&s.mesh).0), (StopReason::NoLegalCollapse, 0));
     assert!(s.mesh.faces.len() >= 14 && s.mesh.faces.len() < 120, "{}", s.mesh.faces.len());
     let s = down_to(&sphere(3.0, 8), 0);
-    assert_eq!((s.stopped, euler(&s.mesh).0), (Stopped::NoLegalCollapse, 2));
+    assert_eq!((s.stopped, euler(&s.mesh).0), (StopReason::NoLegalCollapse, 2));
 }
 
 #[test]
@@ -91,7 +94,7 @@ fn a_target_above_the_mesh_changes_nothing() {
     for (faces, relocate) in [(mesh.faces.len(), false), (usize::MAX, true)] {
         let options = SimplifyOptions { relocate, ..SimplifyOptions::to_faces(faces) };
         let s = simplify(&mesh, &options, &mut ()).unwrap();
-        assert!(s.mesh == mesh && s.collapses == 0 && s.stopped == Stopped::Reached);
+        assert!(s.mesh == mesh && s.collapses == 0 && s.stopped == StopReason::Reached);
         assert!(s.vertex_ids.iter().zip(0..).all(|(a, b)| *a == b));
     }
 }
@@ -106,7 +109,7 @@ fn the_smallest_meshes_end_as_they_should() {
     assert_eq!(down_to(&tetrahedron, 0).mesh, tetrahedron);
     // Two triangles may lose one; the last face never goes.
     let s = down_to(&sheet(1), 0);
-    assert_eq!((s.mesh.faces.len(), s.stopped), (1, Stopped::NoLegalCollapse));
+    assert_eq!((s.mesh.faces.len(), s.stopped), (1, StopReason::NoLegalCollapse));
     let pillow = Mesh { faces: vec![[0, 1, 2], [0, 2, 1]], ..tetrahedron.clone() };
     let s = simplify(&pillow, &SimplifyOptions::to_faces(0), &mut ()).unwrap();
     assert_eq!(s.mesh.faces.len(), 2);
@@ -190,7 +193,7 @@ fn no_collapse_errs_more_than_allowed() {
     for most in [0.01, 0.05, 0.2] {
         let options = SimplifyOptions { max_error_mm: Some(most), ..SimplifyOptions::to_faces(0) };
         let s = simplify(&mesh, &options, &mut ()).unwrap();
-        assert!(s.error_mm <= most && s.stopped == Stopped::MaxError, "{most}: {s:?}");
+        assert!(s.error_mm <= most && s.stopped == StopReason::MaxError, "{most}: {s:?}");
         assert!(s.mesh.faces.len() < last);
         last = s.mesh.faces.len();
     }
@@ -269,7 +272,7 @@ struct Replay {
 impl Recorder for Replay {
     type Log = Third;
 
-    fn take_up(&mut self, log: Third) {
+    fn merge(&mut self, log: Third) {
         self.heard += log.heard;
         self.made += log.made.len();
         for c in log.made {
@@ -377,7 +380,7 @@ fn shading_after_the_default_metric_is_nearer_to_the_torus_than_after_plain_quad
 #[test]
 fn contracted_edges_lie_nearer_than_vertices_that_stay_and_keep_the_kind() {
     let mesh = both(&torus(80, 40), &sphere(4.0, 12), Vec3::ZERO);
-    let c = contract::contract(&mesh, 800).unwrap();
+    let c = contract(&mesh, 800).unwrap();
     assert_eq!((euler(&c), c.faces.len()), ((2, 0), 800));
     let options = SimplifyOptions { metric: Metric::Qem, ..SimplifyOptions::to_faces(800) };
     let kept = simplify(&mesh, &options, &mut ()).unwrap().mesh;
@@ -388,10 +391,10 @@ fn contracted_edges_lie_nearer_than_vertices_that_stay_and_keep_the_kind() {
 #[test]
 fn contraction_keeps_cubes_and_the_borders_of_sheets() {
     // All but the edges of a cube is singular.
-    let cube = contract::contract(&boxed(8), 12).unwrap();
+    let cube = contract(&boxed(8), 12).unwrap();
     assert_eq!((euler(&cube), cube.faces.len()), ((2, 0), 12));
     assert!((cube.volume_mm3() - 8.0).abs() < 1e-5, "{}", cube.volume_mm3());
-    let sheet = contract::contract(&sheet(20), 120).unwrap();
+    let sheet = contract(&sheet(20), 120).unwrap();
     let (number, open) = euler(&sheet);
     assert!(number == 1 && (4..80).contains(&open), "{number} {open}");
     let (lo, hi) = sheet.bounds().unwrap();
@@ -399,7 +402,7 @@ fn contraction_keeps_cubes_and_the_borders_of_sheets() {
         lo.truncate().length() < 0.05 && hi.truncate().distance(glam::Vec2::splat(20.0)) < 0.05
     );
     // Nothing is left to contract: it ends.
-    assert!(contract::contract(&boxed(2), 0).unwrap().faces.len() >= 4);
+    assert!(contract(&boxed(2), 0).unwrap().faces.len() >= 4);
 }
 
 /// Times, and leaves results for scoring by others in the folder `INTIMA_OUT`, if it is set.
@@ -415,10 +418,10 @@ fn measure() {
         HalfEdges::new(&mesh).unwrap();
         println!("{name}: half-edges {:.3} s", t.elapsed().as_secs_f64());
         let t = Instant::now();
-        Nearest::new(&mesh);
+        TriangleBvh::new(&mesh);
         println!("{name}: tree {:.3} s", t.elapsed().as_secs_f64());
         let t = Instant::now();
-        prepare(&mesh).unwrap();
+        make_manifold(&mesh).unwrap();
         println!("{name}: repairs {:.3} s", t.elapsed().as_secs_f64());
         for (metric, relocate) in METRICS.into_iter().flat_map(|m| [(m, false), (m, true)]) {
             let options = SimplifyOptions { metric, relocate, ..SimplifyOptions::to_faces(faces) };

@@ -9,7 +9,7 @@ use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
 use crate::lod::vds::{Recorded, Surface, Vds, VdsOptions};
 use crate::lod::{Outside, PAGE_BYTES, Refine};
-use crate::mesh::{Maps, MeshError, Metric, SimplifyOptions, prepare, simplify};
+use crate::mesh::{MeshError, Metric, Parameterization, SimplifyOptions, make_manifold, simplify};
 
 /// How a wall is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -94,7 +94,7 @@ pub fn base(
         let mesh = begun.as_ref().unwrap_or(mesh);
         match simplify(mesh, &options, &mut ()) {
             Err(MeshError::NonManifoldEdge { .. } | MeshError::NonManifoldVertex { .. }) => {
-                Ok(simplify(&prepare(mesh)?.0, &options, &mut ())?.mesh)
+                Ok(simplify(&make_manifold(mesh)?.0, &options, &mut ())?.mesh)
             }
             done => Ok(done?.mesh),
         }
@@ -152,7 +152,7 @@ impl Detail {
         pixel_error: f32,
         clock: &mut Clock,
     ) -> Result<Self, PipelineError> {
-        let mut maps = Maps::new(mesh)?;
+        let mut maps = Parameterization::new(mesh)?;
         // The samples are the original's own: a base that moved would only mislead the bounds.
         let options = SimplifyOptions { relocate: false, ..SimplifyOptions::to_faces(base) };
         let simplified = clock.time(

@@ -6,7 +6,7 @@ use crate::formats::FormatError;
 use crate::lod::clusters::ClusterError;
 use crate::lod::vds::VdsError;
 use crate::lumen::LumenError;
-use crate::mesh::{MapsError, MeshError};
+use crate::mesh::{MeshError, ParameterizationError};
 
 /// Why a chain stopped.
 #[derive(Debug, thiserror::Error)]
@@ -35,7 +35,7 @@ pub enum PipelineError {
     Mesh(#[from] MeshError),
     /// A parameterisation.
     #[error(transparent)]
-    Maps(#[from] MapsError),
+    Maps(#[from] ParameterizationError),
     /// More memory than allowed.
     #[error("this needs about {needed_mb} MB, more than --max-memory {allowed_mb} MB ({what})")]
     Memory {

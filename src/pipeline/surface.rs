@@ -12,7 +12,8 @@ use crate::device::Device;
 use crate::geometry::Mesh;
 use crate::lumen::{Lumen, Window};
 use crate::surface::{
-    self as stage, Adjacency, Grey, Lattice, Midpoint, Scales, Smoothing, Surface, Topology,
+    self as stage, Adjacency, Grey, Midpoint, MultiscaleNormals, Smoothing, Surface, Topology,
+    VoxelFrame,
 };
 use crate::volume::Volume;
 
@@ -64,7 +65,7 @@ pub fn wall(
     );
     let Surface { mut mesh, adjacency, topology } = surface;
     let grid = &lumen.grid;
-    let lattice = Lattice { direction: grid.direction, spacing_mm: grid.spacing_mm };
+    let lattice = VoxelFrame { direction: grid.direction, spacing_mm: grid.spacing_mm };
     mesh.normals = faired(device, (&mesh, &adjacency), lattice, options.smoothing, clock)?;
     Ok(Wall { mesh, topology })
 }
@@ -78,7 +79,7 @@ pub fn wall(
 pub fn faired(
     device: &mut Device,
     (mesh, adjacency): (&Mesh, &Adjacency),
-    lattice: Lattice,
+    lattice: VoxelFrame,
     smoothing: Smoothing,
     clock: &mut Clock,
 ) -> Result<Vec<Vec3>, PipelineError> {
@@ -86,9 +87,9 @@ pub fn faired(
     let mut plan = Plan::new();
     let (scales, normals, weights);
     let n = match smoothing {
-        Smoothing::Scales => {
-            scales = Scales::new(mesh, adjacency, lattice);
-            stage::by_scales(&mut plan, adjacency, &scales)
+        Smoothing::Multiscale => {
+            scales = MultiscaleNormals::new(mesh, adjacency, lattice);
+            stage::multiscale_normals(&mut plan, adjacency, &scales)
         }
         Smoothing::Steps(fairing) => {
             normals = stage::face_normals(mesh);

@@ -1,4 +1,4 @@
-//! Fairing: smooth normals on vertices that never move.
+//! Normal smoothing (*fairing*, Li et al. 2004, section 2): vertices never move.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -8,7 +8,7 @@ use crate::compute::{Buf, Plan};
 use crate::geometry::Mesh;
 use crate::kernels::fair as kernel;
 
-/// Weights of the discrete Laplacian (paper, section 2).
+/// Weights of the discrete Laplacian (Li et al. 2004, section 2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weights {
     /// 1/m, m the valence.
@@ -20,7 +20,7 @@ pub enum Weights {
 /// How to smooth normals.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fairing {
-    /// Steps; there is nothing to converge to, so the number is the rule (ALGORITHMS: 30).
+    /// Steps; the iteration has no useful limit, so the number of steps is the rule.
     pub steps: u32,
     /// Share of the neighbours' mean in a step, in (0, 1).
     pub lambda: f32,
@@ -28,16 +28,17 @@ pub struct Fairing {
     pub weights: Weights,
 }
 
-/// How a surface gets its normals.
+/// Method of smoothing normals.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Smoothing {
-    /// Each vertex as far as its surroundings allow ([`super::by_scales`]).
-    Scales,
+    /// Each vertex as far as its surroundings allow ([`super::multiscale_normals`]).
+    Multiscale,
     /// The paper's: the same number of steps for every vertex.
     Steps(Fairing),
 }
 
-/// Steps that stay within a fifth of the best number on spheres, tori and tubes.
+/// With this many steps the error on spheres, tori and tubes is within a fifth of that with the best
+/// number of steps.
 pub const DEFAULT_STEPS: u32 = 30;
 
 impl Fairing {

@@ -4,7 +4,7 @@ mod extract;
 mod fair;
 mod grey;
 mod heat;
-mod scales;
+mod multiscale;
 mod shading;
 pub mod table;
 mod topology;
@@ -12,7 +12,7 @@ mod topology;
 pub use extract::{Crossing, Midpoint, clamp_fraction, extract};
 pub use fair::{DEFAULT_STEPS, Fairing, Smoothing, Weights, face_normals, fair, weights};
 pub use grey::Grey;
-pub use scales::{Lattice, Scales, by_scales};
+pub use multiscale::{MultiscaleNormals, VoxelFrame, multiscale_normals};
 pub use shading::{Shading, shading};
 pub use topology::{Adjacency, Topology, keep_component};
 

@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use super::Coverage;
 use crate::geometry::Mesh;
+use crate::geometry::TriangleBvh;
 use crate::lumen::Lumen;
-use crate::mesh::Nearest;
 
 /// Boundary voxels whose wall neither way saw: field element and rank of the missed patch, in
 /// element order.
@@ -18,7 +18,7 @@ pub fn unseen_voxels(lumen: &Lumen, wall: &Mesh, coverage: &Coverage) -> Vec<(u3
     if coverage.patch_of_face.iter().all(Option::is_none) {
         return Vec::new();
     }
-    let nearest = Nearest::new(wall);
+    let nearest = TriangleBvh::new(wall);
     let world = lumen.grid.world_from_voxel();
     let elements: Vec<usize> = lumen.elements(&lumen.boundary).collect();
     elements

@@ -13,10 +13,9 @@ use super::group::{Made, Places, simplify};
 use super::measure::Original;
 use super::partition::{self, Bordered};
 use super::{Cluster, ClusterError, Clusters, Group, NONE};
-use crate::geometry::{Mesh, Vertex};
+use crate::geometry::{Mesh, TriangleBvh, Vertex};
 use crate::lod::octree::{Item, around};
 use crate::lod::{Cone, Sphere};
-use crate::mesh::Nearest;
 
 /// No coarser level is built where so few clusters are left, up to 31,000 triangles. What is coarser
 /// is too far off for all but the farthest places of an organ, and a level still takes six tenths of
@@ -67,7 +66,7 @@ impl Clusters {
                 let finest = fill::finest(mesh, &beside);
                 (beside, finest)
             },
-            || rayon::join(|| Nearest::new(mesh), || super::bytes::key(mesh, vertices)),
+            || rayon::join(|| TriangleBvh::new(mesh), || super::bytes::key(mesh, vertices)),
         );
         let mut face_at = vec![0; vertices.len()];
         for (f, i) in mesh.faces.iter().zip(0..) {

@@ -5,7 +5,7 @@ use std::cell::Cell;
 use glam::{DVec3, Vec3};
 
 use super::partition::NONE;
-use crate::mesh::Nearest;
+use crate::geometry::TriangleBvh;
 
 /// Corners of a piece, at most.
 pub const CORNERS: usize = 8;
@@ -225,7 +225,7 @@ pub struct Target<'a> {
     /// Face across each edge.
     pub beside: &'a [[u32; 3]],
     /// The same faces for search from afar.
-    pub tree: &'a Nearest,
+    pub tree: &'a TriangleBvh,
     /// Of all faces, or of none where they are too many.
     pub worked: &'a Worked,
 }

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use super::draft::{Draft, Lies, Parts};
 use super::partition;
 use crate::geometry::Mesh;
+use crate::geometry::median_split::KeyedPoint;
 use crate::lod::{PAGE_TRIANGLES, PAGE_VERTICES};
-use crate::mesh::placed::Placed;
 
 /// Faces of a cluster as first cut. Two thirds of a page: smaller clusters need finer levels where
 /// they are near only, and less of them is drawn beyond the edge of the picture.
@@ -73,7 +73,7 @@ pub fn clusters_of(
     centre: &(impl Fn(u32) -> Vec3 + Sync),
 ) -> (Vec<u32>, Vec<usize>) {
     let all = (0..faces.len() as u32).into_par_iter().with_min_len(8192);
-    let mut placed: Vec<Placed> = all.map(|f| Placed::new(centre(f), f)).collect();
+    let mut placed: Vec<KeyedPoint> = all.map(|f| KeyedPoint::new(centre(f), f)).collect();
     let mut sizes = partition::split(&mut placed, FILL);
     let mut part = vec![0u32; faces.len()];
     let mut first = 0;
@@ -81,7 +81,7 @@ pub fn clusters_of(
         placed[first..first + n].iter().for_each(|f| part[f.id() as usize] = id);
         first += n;
     }
-    let mut order: Vec<u32> = placed.iter().map(Placed::id).collect();
+    let mut order: Vec<u32> = placed.iter().map(KeyedPoint::id).collect();
     partition::smooth(&mut part, &mut sizes, MOST, beside);
     let mut fill = vec![0; sizes.len()];
     for i in 1..sizes.len() {
@@ -95,7 +95,7 @@ pub fn clusters_of(
     let fit = parts.into_par_iter().map(|own| {
         // Loose triangles have more vertices than faces.
         if vertices_of(own.iter().map(|f| faces[*f as usize])).len() > PAGE_VERTICES {
-            let mut placed: Vec<_> = own.iter().map(|f| Placed::new(centre(*f), *f)).collect();
+            let mut placed: Vec<_> = own.iter().map(|f| KeyedPoint::new(centre(*f), *f)).collect();
             let sizes = partition::split(&mut placed, PAGE_VERTICES / 3);
             own.iter_mut().zip(placed).for_each(|(f, p)| *f = p.id());
             sizes

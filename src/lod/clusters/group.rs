@@ -10,8 +10,7 @@ use super::halve::{Halved, halve};
 use super::image::image;
 use super::measure::{Found, Measure, Original};
 use super::partition::{self, NONE};
-use crate::geometry::{Mesh, Vertex};
-use crate::mesh::Nearest;
+use crate::geometry::{Mesh, TriangleBvh, Vertex};
 
 /// A group that keeps more than this share of its faces is not worth a level.
 const KEPT_MAX: f64 = 0.85;
@@ -200,7 +199,7 @@ pub fn simplify(
     }
     let after = After::new(&before, (&halved, middle), original, places, vertices)?;
     let (mut outputs, owner) = after.drafts();
-    let tree = Nearest::new(&after.mesh);
+    let tree = TriangleBvh::new(&after.mesh);
     let none = Worked::default();
     let target = Target {
         positions: &after.mesh.positions,

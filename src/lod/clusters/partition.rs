@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::mesh::placed::{self, Placed};
+use crate::geometry::median_split::{self, KeyedPoint};
 
 /// No face.
 pub const NONE: u32 = u32::MAX;
@@ -55,13 +55,13 @@ pub fn beside(faces: &[[u32; 3]], vertices: usize) -> Vec<[u32; 3]> {
 
 /// Cuts items into parts of at most `most`, as even as can be, at medians of the longest side of
 /// their box. Part after part, in the order they then lie in `items`.
-pub fn split(items: &mut [Placed], most: usize) -> Vec<usize> {
+pub fn split(items: &mut [KeyedPoint], most: usize) -> Vec<usize> {
     let parts = items.len().div_ceil(most);
     if parts <= 1 {
         return vec![items.len()];
     }
     let cut = items.len() * (parts / 2) / parts;
-    let (a, b) = placed::part(items, cut);
+    let (a, b) = median_split::split(items, cut);
     let (mut a, b) = if a.len() > 4096 {
         rayon::join(|| split(a, most), || split(b, most))
     } else {

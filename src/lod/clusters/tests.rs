@@ -5,11 +5,11 @@ use std::sync::{Arc, LazyLock};
 use glam::{DVec3, Vec3};
 
 use super::*;
+use crate::geometry::TriangleBvh;
 use crate::geometry::{Lens, Mesh, Pose};
 use crate::lod::{
     Camera, Drawn, Eye, PAGE_TRIANGLES, PAGE_VERTICES, Pool, Refine, Sphere, Step, Tolerance,
 };
-use crate::mesh::Nearest;
 use crate::surface::shading;
 
 mod bytes;
@@ -352,11 +352,11 @@ fn sprinkle(corners: [Vec3; 3], n: u32, seed: &mut u64) -> Vec<DVec3> {
 #[test]
 fn no_point_is_farther_than_the_error_and_some_come_near_it() {
     let (mesh, c) = &*RING;
-    let original = Nearest::new(mesh);
+    let original = TriangleBvh::new(mesh);
     let seed = &mut 11;
     let places: Vec<Vec3> = c.vertices().iter().map(Vertex::position).collect();
     let corners = |f: [u32; 3]| f.map(|v| places[v as usize]);
-    let far = |tree: &Nearest, p: &DVec3| tree.closest(*p).unwrap().distance_mm;
+    let far = |tree: &TriangleBvh, p: &DVec3| tree.closest(*p).unwrap().distance_mm;
     let mut near_it = 0;
     // Group by group, coarse towards original.
     for id in 0..c.clusters().len() as u32 {
@@ -384,14 +384,14 @@ fn no_point_is_farther_than_the_error_and_some_come_near_it() {
             cut.iter().filter_map(|i| c.groups().get(c.clusters()[*i as usize].made_by as usize));
         let bound = used.map(|g| f64::from(g.error_mm)).fold(0.0, f64::max);
         let coarse = Mesh { positions: places.clone(), faces, ..Mesh::default() };
-        let tree = Nearest::new(&coarse);
+        let tree = TriangleBvh::new(&coarse);
         let mut farthest: f64 = 0.0;
         let own = |id: &u32| {
             let faces = c.faces(*id).collect();
             let mesh = Mesh { positions: places.clone(), faces, ..Mesh::default() };
-            (f64::from(c.clusters()[*id as usize].error_mm), Nearest::new(&mesh))
+            (f64::from(c.clusters()[*id as usize].error_mm), TriangleBvh::new(&mesh))
         };
-        let own: Vec<(f64, Nearest)> = cut.iter().map(own).collect();
+        let own: Vec<(f64, TriangleBvh)> = cut.iter().map(own).collect();
         for f in &mesh.faces {
             for p in sprinkle(corners(*f), 4, seed) {
                 farthest = farthest.max(far(&tree, &p));

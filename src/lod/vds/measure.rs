@@ -10,18 +10,18 @@ use rayon::prelude::*;
 
 use super::schemes::{Scheme, butterfly, refine};
 use super::*;
-use crate::geometry::{Lens, Mesh, Pose};
+use crate::geometry::{Lens, Mesh, Pose, TriangleBvh};
 use crate::lod::{Camera, Eye, Pool, Refine, Tolerance};
-use crate::mesh::{Maps, Nearest, Simplified, SimplifyOptions, simplify};
+use crate::mesh::{Parameterization, Simplified, SimplifyOptions, simplify};
 
 fn folder() -> PathBuf {
     std::env::var("INTIMA_MESHES").expect("INTIMA_MESHES names a folder").into()
 }
 
-fn prepared(name: &str, faces: usize) -> (Mesh, Simplified, Maps) {
+fn prepared(name: &str, faces: usize) -> (Mesh, Simplified, Parameterization) {
     let (mesh, _) = crate::formats::read_mesh(&folder().join(format!("{name}.ply")), None).unwrap();
     let t = Instant::now();
-    let mut maps = Maps::new(&mesh).unwrap();
+    let mut maps = Parameterization::new(&mesh).unwrap();
     let base = simplify(&mesh, &SimplifyOptions::to_faces(faces), &mut maps).unwrap();
     println!(
         "{name}: {} to {} faces in {:.2?}",
@@ -35,7 +35,7 @@ fn prepared(name: &str, faces: usize) -> (Mesh, Simplified, Maps) {
 /// Distance of two meshes both ways: root mean square over area from `a`, and the largest.
 fn distance(a: &Mesh, b: &Mesh) -> (f64, f64) {
     let one = |a: &Mesh, b: &Mesh| {
-        let search = Nearest::new(b);
+        let search = TriangleBvh::new(b);
         let far = |p: DVec3| search.closest(p).map_or(0.0, |c| c.distance_mm);
         let face = |f: &[u32; 3]| {
             let [x, y, z] = f.map(|v| a.positions[v as usize].as_dvec3());

@@ -2,9 +2,9 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::geometry::{Mesh, Vertex};
-use crate::mesh::maps::Tuple;
-use crate::mesh::{Maps, OnMesh, Simplified};
+use crate::geometry::{Mesh, MeshPoint, Vertex};
+use crate::mesh::parameterization::RemovedVertex;
+use crate::mesh::{Parameterization, Simplified};
 
 /// A mesh that a base mesh is parameterised over: every place of the base is a place on it.
 pub trait Original: Sync {
@@ -24,13 +24,13 @@ pub trait Original: Sync {
 
 /// A mesh over the base that it was simplified to, through the record of its collapses.
 pub struct Recorded<'a> {
-    maps: &'a Maps,
+    maps: &'a Parameterization,
     mesh: &'a Mesh,
     shading: &'a [Vertex],
     /// Half-edge face of each base face, and the base face of each half-edge face.
     slots: &'a [u32],
     faces: Vec<u32>,
-    tuples: Vec<Tuple>,
+    tuples: Vec<RemovedVertex>,
 }
 
 impl<'a> Recorded<'a> {
@@ -43,20 +43,20 @@ impl<'a> Recorded<'a> {
         mesh: &'a Mesh,
         shading: &'a [Vertex],
         base: &'a Simplified,
-        maps: &'a Maps,
+        maps: &'a Parameterization,
     ) -> Self {
         let mut faces = vec![u32::MAX; mesh.faces.len()];
         for (face, slot) in base.face_ids.iter().enumerate() {
             faces[*slot as usize] = face as u32;
         }
-        Self { maps, mesh, shading, slots: &base.face_ids, faces, tuples: maps.tuples() }
+        Self { maps, mesh, shading, slots: &base.face_ids, faces, tuples: maps.removed_vertices() }
     }
 }
 
 impl Original for Recorded<'_> {
     /// Not finite for a place that the record does not know.
     fn at(&self, face: u32, weights: [f64; 3]) -> Vertex {
-        let place = OnMesh { face: self.slots[face as usize], weights };
+        let place = MeshPoint { face: self.slots[face as usize], weights };
         let Ok(to) = self.maps.to_fine(place) else {
             return Vertex::new(Vec3::NAN, Vec3::ZERO, 0.0);
         };
@@ -75,7 +75,7 @@ impl Original for Recorded<'_> {
     }
 
     fn vertex(&self, vertex: u32) -> Option<(u32, [f64; 3], Vec3)> {
-        let Tuple { vertex, at } = self.tuples[vertex as usize];
+        let RemovedVertex { vertex, at } = self.tuples[vertex as usize];
         let position = self.mesh.positions[vertex as usize];
         Some((self.faces[at.face as usize], at.weights, position))
     }

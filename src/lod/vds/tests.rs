@@ -442,7 +442,7 @@ fn what_is_drawn_keeps_the_tolerance_where_it_is_seen() {
 #[test]
 fn a_mesh_is_refined_back_from_what_it_was_simplified_to() {
     let mesh = Ring::new([20, 10], 4).mesh;
-    let mut maps = crate::mesh::Maps::new(&mesh).unwrap();
+    let mut maps = crate::mesh::Parameterization::new(&mesh).unwrap();
     let base =
         crate::mesh::simplify(&mesh, &crate::mesh::SimplifyOptions::to_faces(400), &mut maps)
             .unwrap();
@@ -460,7 +460,7 @@ fn a_mesh_is_refined_back_from_what_it_was_simplified_to() {
     let all: Vec<f32> = (0..=surface.depth()).map(|l| surface.error_mm(l)).collect();
     assert!(surface.depth() == 2 && all[2] < 0.5 * all[0], "{all:?}");
     // The finest level against the original, sampled.
-    let search = crate::mesh::Nearest::new(&mesh);
+    let search = crate::geometry::TriangleBvh::new(&mesh);
     let at = |f: u32, g| surface.samples.position(&surface.base, f, g).as_dvec3();
     for f in 0..base.mesh.faces.len() as u32 {
         let bound = f64::from(surface.leaves[surface.leaf_of[f as usize] as usize].error_mm[2]);

@@ -6,7 +6,7 @@ use super::*;
 fn a_cut_of_so_many_faces_is_closed_and_as_far_off_as_it_says() {
     let (mesh, clusters) = &*RING;
     let all = mesh.faces.len() as u64;
-    let original = Nearest::new(mesh);
+    let original = TriangleBvh::new(mesh);
     let mut before = (u64::MAX, 0.0);
     for wanted in [all + 1, all, all / 2, all / 5, all / 20, 1] {
         let (cut, error_mm) = clusters.evenly(wanted);
@@ -16,8 +16,8 @@ fn a_cut_of_so_many_faces_is_closed_and_as_far_off_as_it_says() {
         before = (count, error_mm);
         assert_eq!(tears(cut.faces.iter().copied()), 0);
         assert_eq!(cut.normals.len(), cut.positions.len());
-        let back = Nearest::new(&cut);
-        let away = |tree: &Nearest, p: &Vec3| tree.closest(p.as_dvec3()).unwrap().distance_mm;
+        let back = TriangleBvh::new(&cut);
+        let away = |tree: &TriangleBvh, p: &Vec3| tree.closest(p.as_dvec3()).unwrap().distance_mm;
         let there = cut.positions.iter().map(|p| away(&original, p));
         let far = there.chain(mesh.positions.iter().map(|p| away(&back, p))).fold(0.0, f64::max);
         assert!(far <= f64::from(error_mm) + 1e-5, "{far} mm, not {error_mm}");

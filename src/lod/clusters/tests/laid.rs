@@ -32,7 +32,7 @@ fn upon<T>(mesh: &Mesh, test: impl FnOnce(&Target<'_>) -> T) -> T {
         normals: &shading(mesh).vertices.iter().map(Vertex::normal).collect::<Vec<_>>(),
         faces: &mesh.faces,
         beside: &partition::beside(&mesh.faces, mesh.positions.len()),
-        tree: &Nearest::new(mesh),
+        tree: &TriangleBvh::new(mesh),
         worked: &Worked::default(),
     };
     test(&target)

@@ -1,11 +1,12 @@
-//! Normals by scales: each vertex is smoothed as far as its surroundings allow.
+//! Multiscale normals: a scale space of area vectors whose bands are shrunk to the noise of the
+//! voxel grid, so that every vertex is smoothed as far as its surroundings allow.
 //!
-//! The paper smooths every vertex by the same number of steps, on a graph whose diffusion runs
-//! faster along the diagonals of faces, and of unit normals, so that small faces count like large
-//! ones. Here area vectors flow by the cotangent Laplacian, which moves alike in all directions
-//! of the surface, to five scales; a mean of area vectors is the normal of the plane a staircase
-//! stands for. Then every band between two scales is put back as far as it stands out of the
-//! noise that voxel steps of this slope make (`shaders/scale_restore.wgsl`).
+//! Li et al. 2004 smooth every vertex by the same number of steps, with graph weights that diffuse
+//! faster along the diagonals of faces, and unit normals, which count small faces like large ones.
+//! Here area vectors diffuse by the cotangent Laplacian, which is isotropic on the surface, to five
+//! scales; the mean of area vectors is the normal of the plane that a voxel staircase approximates.
+//! Then the band between two scales is restored as far as it exceeds the noise that voxel steps of
+//! this slope make (`shaders/scale_restore.wgsl`).
 
 use glam::{DMat3, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
@@ -19,43 +20,43 @@ use crate::kernels::{scale_bands, scale_pool, scale_restore, scale_step};
 /// the time of the one before.
 const SCALES: [f64; 5] = [1.0, std::f64::consts::SQRT_2, 2.0, 2.0 * std::f64::consts::SQRT_2, 4.0];
 
-/// Error a cut series of the heat may have in any mode. A tighter one changes no measured error by
-/// more than 0.1 degree, and on thick slices for the worse: 1/100 asks for a third more steps.
+/// Error of the truncated series in any mode, at most. A tighter one changes no measured error by
+/// more than 0.1 degree and needs a third more steps.
 const CUT: f64 = 1.0 / 15.0;
 
-/// Fastest exchange of a vertex with its neighbours, over the inverse of the voxel's area. On a
-/// binary surface a quarter of the vertices, those of the smallest faces, are slowed to it; at 6
-/// the error on thick slices doubles, above 8 nothing is gained.
+/// Largest diffusion rate of a vertex, times the voxel's area. On the surface of a mask it limits
+/// a quarter of the vertices, those with the smallest faces; at 6 the error on thick slices
+/// doubles, above 8 nothing is gained.
 const RATE: f64 = 8.0;
 
-/// Steps of averaging of the bands' energies: a standard deviation of 1.1 voxels.
+/// Averaging steps of the bands' energies: a standard deviation of 1.1 voxels.
 const POOL_STEPS: u32 = 5;
 
-/// Median turn of a normal from the mean around it from which a surface counts as a mask's, rad.
-/// Masks of balls, rings, tubes and folds have 8.8 to 9.9 degrees, isotropic or not. Surfaces from
-/// grey values have 1 to 2, and 1.3 to 1.7 times a mask's share of noise in the coarser bands, of
-/// which 1.4 errs least.
+/// Median angle between a normal and the mean around it at which a surface has the full noise of a
+/// mask, rad. Masks of balls, tori, tubes and folds have 8.8 to 9.9 degrees, isotropic or not.
+/// Surfaces from grey values have 1 to 2 degrees, and by that measure 1.3 to 1.7 times as much noise
+/// in the coarser bands as masks, hence the divisor.
 const MASK_ROUGHNESS: f32 = 0.152 / 1.4;
 
-/// Noise of the finest band on an isotropic mask, rad: two standard deviations. What faces hold
-/// beyond the first scale is mostly their own noise, on grey surfaces too: only creases pass.
+/// Noise of the finest band on an isotropic mask, rad: two standard deviations. The finest band is
+/// mostly noise, on grey surfaces too: only creases exceed it.
 const RAW: f64 = 0.6;
 
-/// Bands of vertices for each thread.
-const BANDS: usize = 2;
+/// Vertex ranges for each thread.
+const RANGES_PER_THREAD: usize = 2;
 
-/// The grid a surface was taken from: its steps are the noise to smooth away.
+/// Axes and spacing of the voxel grid that a surface was extracted from: the steps to smooth away.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lattice {
+pub struct VoxelFrame {
     /// Unit axes in patient space, in columns.
     pub direction: DMat3,
     /// Voxel spacing, mm.
     pub spacing_mm: DVec3,
 }
 
-impl Lattice {
-    /// The grid of a mesh that comes without one: axes of patient space, spacings as 199 of 200
-    /// edges are long along each; marching cubes makes no longer ones, and many as long.
+impl VoxelFrame {
+    /// Estimate for a mesh that comes without a grid: axes of patient space, and along each the
+    /// 99.5th percentile of the edges' extents, as marching cubes makes edges up to one voxel long.
     /// A mesh without extent gets 1 mm.
     pub fn of(mesh: &Mesh) -> Self {
         let span = |f: &[u32; 3], k: usize, axis: usize| {
@@ -81,56 +82,55 @@ impl Lattice {
     }
 }
 
-/// What the heat flow starts from.
-pub struct Scales {
+/// Initial values and weights of the diffusion.
+pub struct MultiscaleNormals {
     /// Unit normals of the faces around each vertex, three floats a vertex.
     normals: Vec<f32>,
-    /// Their area vectors over the vertex's share of area, and 0.
+    /// Area vector over area of each vertex, and 0.
     density: Vec<Vec4>,
-    /// Exchange with every adjacent vertex, as a share of the fastest.
+    /// Diffusion weight of every adjacency entry, as a share of `rate`.
     weight: Vec<f32>,
-    /// Noise of this surface as a share of a mask's, at most 1.
+    /// Noise of this surface relative to a mask's, at most 1.
     pub noise: f32,
-    /// Fastest exchange, 1/mm².
+    /// Largest diffusion rate, 1/mm².
     rate: f64,
-    lattice: Lattice,
+    frame: VoxelFrame,
 }
 
-impl Scales {
-    /// Prepares a mesh; `adjacency` is the mesh's own.
-    pub fn new(mesh: &Mesh, adjacency: &Adjacency, lattice: Lattice) -> Self {
-        let h = lattice.spacing_mm;
+impl MultiscaleNormals {
+    /// Weights and area vectors of a mesh; `adjacency` is the mesh's own.
+    pub fn new(mesh: &Mesh, adjacency: &Adjacency, frame: VoxelFrame) -> Self {
+        let h = frame.spacing_mm;
         let (most, least) = (h.max_element(), h.min_element());
-        // Slices ten times as thick would ask for ten times the steps.
+        // Bounded, or slices ten times as thick would need ten times the steps.
         let rate = RATE / (most * least.max(0.25 * most));
         let vertices = mesh.positions.len();
         let mut weight = vec![0.0f32; adjacency.near.len()];
         let mut density = vec![Vec4::ZERO; vertices];
         let mut normals = vec![0.0f32; 3 * vertices];
         let mut rest = (weight.as_mut_slice(), density.as_mut_slice(), normals.as_mut_slice());
-        let count = BANDS * rayon::current_num_threads();
-        let bands: Vec<Band<'_>> = (1..=count)
+        let count = RANGES_PER_THREAD * rayon::current_num_threads();
+        let ranges: Vec<VertexRange<'_>> = (1..=count)
             .map(|i| {
-                // Rows of as many entries in each.
+                // About as many adjacency entries in each.
                 let end = adjacency.near.len() * i / count;
                 let end = adjacency.start.partition_point(|s| (*s as usize) < end);
                 let end = if i == count { vertices } else { end };
-                Band::split(&mut rest, adjacency, end)
+                VertexRange::split(&mut rest, adjacency, end)
             })
             .collect();
-        bands.into_par_iter().for_each(|mut band| {
-            band.sum(mesh, adjacency);
-            band.scale(adjacency, rate as f32);
+        ranges.into_par_iter().for_each(|mut range| {
+            range.sum(mesh, adjacency);
+            range.scale(adjacency, rate as f32);
         });
         let noise = (roughness(&normals, adjacency) / MASK_ROUGHNESS).min(1.0);
-        Self { normals, density, weight, noise, rate, lattice }
+        Self { normals, density, weight, noise, rate, frame }
     }
 }
 
-/// Some vertices in a row, and what the heat flow starts from there. Each band goes through all
-/// faces and takes what concerns its own vertices, so that every sum is in the order of the faces
-/// whatever the number of bands is.
-struct Band<'a> {
+/// A range of vertices with their initial values. Each range is summed in a pass over all faces, so
+/// that every sum is in the order of the faces whatever the number of ranges is.
+struct VertexRange<'a> {
     /// Its first vertex.
     first: usize,
     /// First entry of its first vertex in the adjacency.
@@ -140,11 +140,11 @@ struct Band<'a> {
     normals: &'a mut [f32],
 }
 
-/// The slices of weights, densities and normals that bands are cut from.
+/// The slices of weights, densities and normals that ranges are cut from.
 type Rest<'a> = (&'a mut [f32], &'a mut [Vec4], &'a mut [f32]);
 
-impl<'a> Band<'a> {
-    /// Cuts the vertices before `end` from what is left.
+impl<'a> VertexRange<'a> {
+    /// Cuts the vertices before `end` from the rest.
     fn split(rest: &mut Rest<'a>, adjacency: &Adjacency, end: usize) -> Self {
         let (weight, density, normals) = std::mem::take(rest);
         let first = adjacency.start.len() - 1 - density.len();
@@ -199,8 +199,8 @@ impl<'a> Band<'a> {
         }
     }
 
-    /// Normals from the area vectors; exchange over area, where needed over an area enlarged to
-    /// the fastest rate.
+    /// Normals from the area vectors; weights over area, or over an area enlarged such that they
+    /// sum to `rate`.
     fn scale(&mut self, adjacency: &Adjacency, rate: f32) {
         let normals = self.normals.as_chunks_mut::<3>().0;
         let mut rest = &mut *self.weight;
@@ -208,11 +208,11 @@ impl<'a> Band<'a> {
             let (row, later) = rest.split_at_mut(adjacency.row(self.first + i).len());
             rest = later;
             *normal = d.truncate().try_normalize().unwrap_or(Vec3::Z).to_array();
-            // Edges whose faces are too obtuse exchange nothing.
+            // Negative cotangents, of obtuse faces, count as 0.
             row.iter_mut().for_each(|w| *w = w.max(0.0));
             let exchange: f32 = row.iter().sum();
             let per = 1.0 / d.w.max(exchange / rate);
-            // A vertex without area, or with more than a float holds, exchanges nothing.
+            // A vertex without area, or whose area overflows, does not diffuse.
             let sound = per.is_finite() && d.is_finite();
             row.iter_mut().for_each(|w| *w = if sound { *w * per / rate } else { 0.0 });
             *d = if sound { (d.truncate() * per).extend(0.0) } else { Vec4::ZERO };
@@ -220,8 +220,8 @@ impl<'a> Band<'a> {
     }
 }
 
-/// Median angle (as a chord) between normals and the mean of those around them, of some thirty
-/// thousand vertices spread over the mesh.
+/// Median angle (as a chord) between normals and the mean of those adjacent to them, over some
+/// thirty thousand vertices spread over the mesh.
 fn roughness(normals: &[f32], adjacency: &Adjacency) -> f32 {
     let at = |v: usize| Vec3::from_slice(&normals[3 * v..]);
     let vertices = normals.len() / 3;
@@ -239,16 +239,16 @@ fn roughness(normals: &[f32], adjacency: &Adjacency) -> f32 {
     if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f32::total_cmp).1 }
 }
 
-/// Appends the smoothing by scales; returns unit normals, three floats a vertex.
-pub fn by_scales<'a>(
+/// Appends the multiscale smoothing; returns unit normals, three floats a vertex.
+pub fn multiscale_normals<'a>(
     plan: &mut Plan<'a>,
     adjacency: &'a Adjacency,
-    scales: &'a Scales,
+    initial: &'a MultiscaleNormals,
 ) -> Buf<f32> {
-    let Scales { normals, density, weight, noise, rate, lattice } = scales;
+    let MultiscaleNormals { normals, density, weight, noise, rate, frame } = initial;
     let n = normals.len() / 3;
     let vertices = n as u32;
-    let h = lattice.spacing_mm;
+    let h = frame.spacing_mm;
     let start = plan.upload("adjacency rows", &adjacency.start);
     let near = plan.upload("adjacent vertices", &adjacency.near);
     let weight = plan.upload("exchange", weight);
@@ -286,9 +286,8 @@ pub fn by_scales<'a>(
     }
 
     let (most, least) = (h.max_element(), h.min_element());
-    let axis =
-        |k: usize| lattice.direction.col(k).as_vec3().extend((h[k] / most) as f32).to_array();
-    // Thick steps stand out more sharply the finer the grid is across.
+    let axis = |k: usize| frame.direction.col(k).as_vec3().extend((h[k] / most) as f32).to_array();
+    // Thick slices make sharper steps the finer the grid is within a slice.
     let terrace = |k: usize| (h[k] / most * (h[k] / least).powf(0.4)) as f32;
     let faired = plan.zeroed::<f32>("faired normals", normals.len());
     let params = scale_restore::Params {

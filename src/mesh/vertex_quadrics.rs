@@ -80,8 +80,8 @@ pub fn quadrics(
             q += Quadric::plane(n, p, weight);
         }
         if metric != Metric::Qem {
-            let given = mesh.normals.get(v as usize).map(|n| n.as_dvec3());
-            let normal = given.unwrap_or(sum).try_normalize();
+            let own = mesh.normals.get(v as usize).map(|n| n.as_dvec3());
+            let normal = own.unwrap_or(sum).try_normalize();
             if let Some(n) = normal {
                 let share = if metric == Metric::Paper { 1.0 } else { TANGENT_WEIGHT };
                 q += Quadric::plane(n, p, share * q.weight);

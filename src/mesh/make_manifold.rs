@@ -41,7 +41,7 @@ impl Repairs {
 /// # Errors
 /// [`MeshError`]: lists that do not fit together, a coordinate that is not finite, an index out of
 /// range, no face left, a one-sided surface.
-pub fn prepare(mesh: &Mesh) -> Result<(Mesh, Repairs), MeshError> {
+pub fn make_manifold(mesh: &Mesh) -> Result<(Mesh, Repairs), MeshError> {
     check_sizes(mesh)?;
     let vertices = mesh.positions.len();
     for (i, f) in mesh.faces.iter().enumerate() {
@@ -252,7 +252,7 @@ mod tests {
     #[test]
     fn a_good_mesh_comes_back_as_it_was() {
         let m = mesh(4, &TETRAHEDRON);
-        let (out, repairs) = prepare(&m).unwrap();
+        let (out, repairs) = make_manifold(&m).unwrap();
         assert!(out == m && repairs.none());
         sound(&out);
     }
@@ -265,7 +265,7 @@ mod tests {
         faces.push([2, 3, 1]);
         let mut m = mesh(4, &faces);
         m.caps = vec![false, true, false, true, false, false, true];
-        let (out, repairs) = prepare(&m).unwrap();
+        let (out, repairs) = make_manifold(&m).unwrap();
         assert_eq!((repairs.degenerate_faces, repairs.duplicate_faces), (1, 2));
         assert_eq!((out.faces.len(), out.caps), (4, vec![false; 4]));
         assert_eq!(out.faces, TETRAHEDRON);
@@ -277,7 +277,7 @@ mod tests {
             let mut m = mesh(4, &TETRAHEDRON);
             m.faces[flipped].swap(0, 1);
             assert!(matches!(HalfEdges::new(&m), Err(MeshError::Misoriented { .. })));
-            let (out, repairs) = prepare(&m).unwrap();
+            let (out, repairs) = make_manifold(&m).unwrap();
             assert_eq!(repairs, Repairs { flipped_faces: 1, ..Repairs::default() });
             sound(&out);
             let volume = mesh(4, &TETRAHEDRON).volume_mm3();
@@ -292,7 +292,7 @@ mod tests {
         faces.extend(TETRAHEDRON.map(|f| f.map(|v| if v < 2 { v } else { v + 2 })));
         let m = mesh(6, &faces);
         assert!(matches!(HalfEdges::new(&m), Err(MeshError::NonManifoldEdge { .. })));
-        let (out, repairs) = prepare(&m).unwrap();
+        let (out, repairs) = make_manifold(&m).unwrap();
         assert_eq!((repairs.split_edges, repairs.split_vertices), (1, 2));
         assert_eq!(repairs.first_edge, Some([m.positions[0], m.positions[1]]));
         assert_eq!((out.positions.len(), out.faces.len()), (8, 8));
@@ -305,7 +305,7 @@ mod tests {
         let m = mesh(5, &[[0, 1, 2], [0, 3, 4]]);
         let found = HalfEdges::new(&m).unwrap_err();
         assert_eq!(found, MeshError::NonManifoldVertex { vertex: 0, position: m.positions[0] });
-        let (out, repairs) = prepare(&m).unwrap();
+        let (out, repairs) = make_manifold(&m).unwrap();
         assert_eq!((repairs.split_vertices, repairs.first_vertex), (1, Some(m.positions[0])));
         assert_eq!(out.faces, [[0, 1, 2], [5, 3, 4]]);
         sound(&out);
@@ -315,7 +315,7 @@ mod tests {
     fn a_fin_on_a_closed_surface_comes_off() {
         let mut faces = TETRAHEDRON.to_vec();
         faces.push([0, 1, 4]);
-        let (out, repairs) = prepare(&mesh(5, &faces)).unwrap();
+        let (out, repairs) = make_manifold(&mesh(5, &faces)).unwrap();
         assert_eq!(repairs.split_edges, 1);
         sound(&out);
     }
@@ -323,7 +323,7 @@ mod tests {
     #[test]
     fn a_moebius_strip_is_refused_at_an_edge() {
         let faces: Vec<[u32; 3]> = (0..5).map(|i| [i, (i + 1) % 5, (i + 2) % 5]).collect();
-        assert!(matches!(prepare(&mesh(5, &faces)), Err(MeshError::OneSided { .. })));
+        assert!(matches!(make_manifold(&mesh(5, &faces)), Err(MeshError::OneSided { .. })));
     }
 
     #[test]
@@ -333,8 +333,8 @@ mod tests {
             let mut m = good.clone();
             change(&mut m);
             let other = HalfEdges::new(&m).map(|_| ()).unwrap_err();
-            assert_eq!(prepare(&m).unwrap_err().to_string(), other.to_string());
-            prepare(&m).unwrap_err()
+            assert_eq!(make_manifold(&m).unwrap_err().to_string(), other.to_string());
+            make_manifold(&m).unwrap_err()
         };
         let index = MeshError::Index { face: 2, vertex: 4, vertices: 4 };
         assert_eq!(bad(|m| m.faces[2][1] = 4), index);
@@ -344,8 +344,8 @@ mod tests {
         assert!(matches!(inf, MeshError::NotFinite { what: "normal", vertex: 0, .. }));
         let caps = MeshError::Length { what: "cap flags", found: 1, wanted: 4 };
         assert_eq!(bad(|m| m.caps = vec![true]), caps);
-        assert_eq!(prepare(&Mesh::default()).unwrap_err(), MeshError::Empty);
-        assert_eq!(prepare(&mesh(3, &[[0, 1, 1]])).unwrap_err(), MeshError::Empty);
+        assert_eq!(make_manifold(&Mesh::default()).unwrap_err(), MeshError::Empty);
+        assert_eq!(make_manifold(&mesh(3, &[[0, 1, 1]])).unwrap_err(), MeshError::Empty);
     }
 
     #[test]
@@ -361,7 +361,7 @@ mod tests {
             let count = 1 + noise(1 + round / 40);
             let faces: Vec<[u32; 3]> =
                 (0..count).map(|_| [0; 3].map(|_| noise(u64::from(vertices)))).collect();
-            match prepare(&mesh(vertices as usize, &faces)) {
+            match make_manifold(&mesh(vertices as usize, &faces)) {
                 Ok((out, _)) => {
                     sound(&out);
                     made += 1;

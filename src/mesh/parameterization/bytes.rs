@@ -7,7 +7,7 @@
 //! Triangles follow from the original's faces and the collapses, and are not written.
 
 use super::flatten::{Kind, Polygon};
-use super::{Entry, Maps, MapsError, NONE};
+use super::{Entry, NONE, Parameterization, ParameterizationError};
 use crate::geometry::Mesh;
 
 /// First bytes.
@@ -22,7 +22,7 @@ const ENTRY: usize = 16;
 /// Bits of a record's second word that hold the ring length.
 const LENGTH: u32 = (1 << 30) - 1;
 
-impl Maps {
+impl Parameterization {
     /// The parameterisation as bytes.
     pub fn to_bytes(&self) -> Vec<u8> {
         let size = HEADER + self.records.len() * RECORD + self.entries.len() * ENTRY + HASH;
@@ -51,40 +51,40 @@ impl Maps {
         out
     }
 
-    /// Reads what [`Maps::to_bytes`] wrote. `original` is the mesh it was made with. Every
+    /// Reads what [`Parameterization::to_bytes`] wrote. `original` is the mesh it was made with. Every
     /// collapse is followed on the mesh and its polygon judged anew, so that what is returned is a
     /// bijection whatever the bytes hold.
     ///
     /// # Errors
-    /// [`MapsError`] other than `NoFace`. Memory is taken only once the length is right.
-    pub fn from_bytes(bytes: &[u8], original: &Mesh) -> Result<Self, MapsError> {
+    /// [`ParameterizationError`] other than `NoFace`. Memory is taken only once the length is right.
+    pub fn from_bytes(bytes: &[u8], original: &Mesh) -> Result<Self, ParameterizationError> {
         if !bytes.starts_with(MAGIC) {
-            return Err(MapsError::Magic);
+            return Err(ParameterizationError::Magic);
         }
         let found = bytes.len() as u64;
-        let short = MapsError::Length { wanted: (HEADER + HASH) as u64, found };
+        let short = ParameterizationError::Length { wanted: (HEADER + HASH) as u64, found };
         let (header, rest) = bytes.split_at_checked(HEADER).ok_or(short)?;
         let [version, vertices, faces, records, entries, base_faces] =
             std::array::from_fn(|i| word(header, 2 + i));
         if version != VERSION {
-            return Err(MapsError::Version { found: version });
+            return Err(ParameterizationError::Version { found: version });
         }
         let wanted = HEADER as u64
             + u64::from(records) * RECORD as u64
             + u64::from(entries) * ENTRY as u64
             + HASH as u64;
         if found != wanted {
-            return Err(MapsError::Length { wanted, found });
+            return Err(ParameterizationError::Length { wanted, found });
         }
         let (content, end) = bytes.split_at(bytes.len() - HASH);
         if blake3::hash(content).as_bytes() != end {
-            return Err(MapsError::Damaged);
+            return Err(ParameterizationError::Damaged);
         }
         let (made_with, base) = header[HEADER - 2 * HASH..].split_at(HASH);
         let mut maps = Self::new(original)?;
         if (maps.vertices, maps.faces) != (vertices, faces) || maps.original != made_with {
             let digits = |h: &[u8]| h[..6].iter().map(|b| format!("{b:02x}")).collect();
-            return Err(MapsError::OtherMesh {
+            return Err(ParameterizationError::OtherMesh {
                 vertices,
                 faces,
                 hash: digits(made_with),
@@ -100,7 +100,7 @@ impl Maps {
         let mut live = Live::new(&maps);
         let mut at = entries[..entries.len() - HASH].chunks_exact(ENTRY);
         for (r, record) in records.chunks_exact(RECORD).enumerate() {
-            let bad = |why| MapsError::Record { collapse: r as u32, why };
+            let bad = |why| ParameterizationError::Record { collapse: r as u32, why };
             let (from, k) = (word(record, 0), (word(record, 1) & LENGTH) as usize);
             let kind = match word(record, 1) >> 30 {
                 0 => Kind::Inner,
@@ -133,7 +133,7 @@ impl Maps {
             || maps.base_hash() != base
             || maps.base_faces().count() != base_faces as usize
         {
-            return Err(MapsError::OtherBase);
+            return Err(ParameterizationError::OtherBase);
         }
         Ok(maps)
     }
@@ -154,7 +154,7 @@ struct Live {
 
 impl Live {
     /// The original.
-    fn new(maps: &Maps) -> Self {
+    fn new(maps: &Parameterization) -> Self {
         let mut faces = vec![0; maps.vertices as usize];
         for &v in maps.triangles.iter().flat_map(|t| &t.vertices) {
             if let Some(n) = faces.get_mut(v as usize) {
@@ -167,7 +167,7 @@ impl Live {
     /// Whether the collapse of `from` with this ring can come next.
     fn check(
         &mut self,
-        maps: &Maps,
+        maps: &Parameterization,
         from: u32,
         ring: &[Entry],
         kind: Kind,

@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 
-use super::halfedge::{NONE, next, prev};
-use super::heap::Heap;
-use super::quadric::Quadric;
-use super::star::Star;
-use super::start::quadrics;
-use super::{HalfEdges, MeshError, Metric};
+use super::super::halfedge::{NONE, next, prev};
+use super::super::heap::Heap;
+use super::super::quadric::Quadric;
+use super::super::star::Star;
+use super::super::vertex_quadrics::quadrics;
+use super::super::{HalfEdges, MeshError, Metric};
 use crate::geometry::Mesh;
 
 /// A 3 × 3 matrix whose determinant is less than this by its trace cubed is taken for singular.

@@ -2,14 +2,14 @@
 
 use glam::{DVec3, Vec3};
 
-use super::given::Given;
 use super::halfedge::{NONE, face, next, prev};
 use super::heap::{Entry, Heap};
+use super::input::Input;
 use super::quadric::Quadric;
 use super::relocate::better_place;
 use super::star::Star;
-use super::start::{Freedom, on_rim};
-use super::{Collapse, HalfEdges, Log, Metric, Stopped};
+use super::vertex_quadrics::{Freedom, on_rim};
+use super::{Collapse, HalfEdges, Log, Metric, StopReason};
 
 /// When to end.
 #[derive(Clone, Copy)]
@@ -39,7 +39,7 @@ pub struct Piece {
 }
 
 /// A mesh, or part of one, on its way down.
-pub struct Greedy {
+pub struct Decimation {
     /// What is left.
     pub edges: HalfEdges,
     /// Collapses made.
@@ -94,19 +94,19 @@ struct Rings {
     at: Vec<DVec3>,
 }
 
-impl Greedy {
+impl Decimation {
     /// Begins with faces none of which has changed. O(V + F).
-    pub fn new(given: &Given<'_>, piece: Piece, edges: HalfEdges, freedom: Vec<Freedom>) -> Self {
+    pub fn new(input: &Input<'_>, piece: Piece, edges: HalfEdges, freedom: Vec<Freedom>) -> Self {
         let ids = &piece.vertex_ids;
-        let places = given.of_each(ids, |v| Place { at: given.at(v), cost: 0.0 });
-        let quadrics = given.quadrics(ids);
-        Self::with(given, piece, edges, freedom, (places, quadrics), true)
+        let places = input.of_each(ids, |v| Place { at: input.at(v), cost: 0.0 });
+        let quadrics = input.quadrics(ids);
+        Self::with(input, piece, edges, freedom, (places, quadrics), true)
     }
 
     /// Begins with what other runs left: for each vertex what they knew of it, if one of them could
     /// change it.
     pub fn resume(
-        given: &Given<'_>,
+        input: &Input<'_>,
         piece: Piece,
         edges: HalfEdges,
         known: Vec<Option<(Place, Quadric)>>,
@@ -114,19 +114,19 @@ impl Greedy {
         let ids = &piece.vertex_ids;
         let new: Vec<u32> =
             ids.iter().zip(&known).filter(|(_, k)| k.is_none()).map(|(v, _)| *v).collect();
-        let new = given.quadrics(&new);
+        let new = input.quadrics(&new);
         let mut new = new.into_iter();
-        let begin = |v: u32| Place { at: given.at(v), cost: 0.0 };
+        let begin = |v: u32| Place { at: input.at(v), cost: 0.0 };
         let know = |(v, known): (&u32, Option<(Place, Quadric)>)| {
             known.unwrap_or_else(|| (begin(*v), new.next().unwrap_or_default()))
         };
         let state = ids.iter().zip(known).map(know).unzip();
-        let freedom = ids.iter().map(|v| given.freedom[*v as usize]).collect();
-        Self::with(given, piece, edges, freedom, state, false)
+        let freedom = ids.iter().map(|v| input.freedom[*v as usize]).collect();
+        Self::with(input, piece, edges, freedom, state, false)
     }
 
     fn with(
-        given: &Given<'_>,
+        input: &Input<'_>,
         piece: Piece,
         edges: HalfEdges,
         freedom: Vec<Freedom>,
@@ -134,9 +134,9 @@ impl Greedy {
         fresh: bool,
     ) -> Self {
         let vertices = piece.vertex_ids.len();
-        let normals = match given.metric {
-            Metric::NormalQem if !given.mesh.normals.is_empty() => {
-                given.of_each(&piece.vertex_ids, |v| given.mesh.normals[v as usize])
+        let normals = match input.metric {
+            Metric::NormalQem if !input.mesh.normals.is_empty() => {
+                input.of_each(&piece.vertex_ids, |v| input.mesh.normals[v as usize])
             }
             _ => Vec::new(),
         };
@@ -146,8 +146,8 @@ impl Greedy {
             error_mm: 0.0,
             faces: piece.face_ids.len(),
             piece,
-            mm: given.mm,
-            moves: given.moves,
+            mm: input.mm,
+            moves: input.moves,
             places,
             normals,
             quadrics,
@@ -164,7 +164,7 @@ impl Greedy {
             this.settle();
         } else {
             let all: Vec<u32> = (0..vertices as u32).collect();
-            this.heap = Heap::new(&given.of_each(&all, |v| this.cheapest(v)));
+            this.heap = Heap::new(&input.of_each(&all, |v| this.cheapest(v)));
         }
         this
     }
@@ -217,11 +217,11 @@ impl Greedy {
     }
 
     /// Collapses until `stop` says so or nothing can go.
-    pub fn run(&mut self, given: &Given<'_>, stop: &Stop, log: &mut impl Log) -> Stopped {
+    pub fn run(&mut self, input: &Input<'_>, stop: &Stop, log: &mut impl Log) -> StopReason {
         let mut too_far = false;
         while self.faces > stop.faces {
             let Some(top) = self.heap.first() else {
-                return if too_far { Stopped::MaxError } else { Stopped::NoLegalCollapse };
+                return if too_far { StopReason::MaxError } else { StopReason::NoLegalCollapse };
             };
             if top.cost > stop.most {
                 break;
@@ -229,7 +229,7 @@ impl Greedy {
             self.gather(top.vertex);
             if let Some((k, cost)) = self.chosen().filter(|_| stop.max_error_mm.is_none())
                 && self.is_legal(k)
-                && self.agreed(k, given, log)
+                && self.agreed(k, input, log)
             {
                 self.error_mm = self.error_mm.max(self.error_mm_at(k, cost));
                 self.collapse(k, cost);
@@ -248,7 +248,7 @@ impl Greedy {
                     self.choice[top.vertex as usize] = self.star.ring[k];
                     break;
                 }
-                if self.is_legal(k) && self.agreed(k, given, log) {
+                if self.is_legal(k) && self.agreed(k, input, log) {
                     self.error_mm = self.error_mm.max(self.error_mm_at(k, cost));
                     self.collapse(k, cost);
                     break;
@@ -256,7 +256,7 @@ impl Greedy {
                 self.targets.retain(|t| t.k != k);
             }
         }
-        Stopped::Reached
+        StopReason::Reached
     }
 
     /// Where a vertex is, in the units of the run.
@@ -417,8 +417,8 @@ impl Greedy {
     }
 
     /// Asks the recorder.
-    fn agreed(&mut self, k: usize, given: &Given<'_>, log: &mut impl Log) -> bool {
-        if log.is_deaf() {
+    fn agreed(&mut self, k: usize, input: &Input<'_>, log: &mut impl Log) -> bool {
+        if log.is_noop() {
             return true;
         }
         let (star, rings, piece) = (&self.star, &mut self.rings, &self.piece);
@@ -432,13 +432,13 @@ impl Greedy {
         rings.faces.clear();
         rings.faces.extend(turned(&star.leaving, turn).map(|h| piece.face_ids[face(*h) as usize]));
         rings.at.clear();
-        rings.at.extend(turned(&star.at, turn).map(|at| given.in_mm(*at)));
+        rings.at.extend(turned(&star.at, turn).map(|at| input.in_mm(*at)));
         log.record(&Collapse {
             from: piece.vertex_ids[star.centre as usize],
             to: piece.vertex_ids[star.ring[k] as usize],
             ring: &rings.ring,
             faces: &rings.faces,
-            from_at: given.in_mm(self.places[star.centre as usize].at),
+            from_at: input.in_mm(self.places[star.centre as usize].at),
             ring_at: &rings.at,
             boundary: star.open,
         })

@@ -4,9 +4,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::flatten::clean;
-use super::{Maps, MapsError, NONE, OnMesh, Triangle, Tuple};
-use crate::geometry::Mesh;
-use crate::mesh::Mapped;
+use super::{NONE, Parameterization, ParameterizationError, RemovedVertex, Triangle};
+use crate::geometry::{Mesh, MeshPoint};
+use crate::mesh::MappedPoint;
 
 /// Points a thread takes at least: a hop takes some tens of nanoseconds.
 const MIN_BATCH: usize = 512;
@@ -16,49 +16,49 @@ fn corner(triangle: &Triangle, vertex: u32) -> usize {
     triangle.vertices.iter().position(|&v| v == vertex).unwrap_or(0)
 }
 
-impl Maps {
+impl Parameterization {
     /// Carries a place on the original mesh to the base mesh.
     ///
     /// Weights that are negative or undefined count as 0; the result's are not negative and sum
     /// to 1.
     ///
     /// # Errors
-    /// [`MapsError::NoFace`] for a face the original mesh does not have.
-    pub fn to_base(&self, at: OnMesh) -> Result<Mapped, MapsError> {
+    /// [`ParameterizationError::NoFace`] for a face the original mesh does not have.
+    pub fn to_base(&self, at: MeshPoint) -> Result<MappedPoint, ParameterizationError> {
         self.to_base_with(at, |w| w)
     }
 
     /// Carries a place on the base mesh, its face named by half-edge face, to the original mesh.
     ///
     /// # Errors
-    /// [`MapsError::NoFace`] for a face the base mesh does not have.
-    pub fn to_fine(&self, at: OnMesh) -> Result<Mapped, MapsError> {
+    /// [`ParameterizationError::NoFace`] for a face the base mesh does not have.
+    pub fn to_fine(&self, at: MeshPoint) -> Result<MappedPoint, ParameterizationError> {
         self.to_fine_with(at, |w| w)
     }
 
-    /// [`Maps::to_base`] of many places, on all threads.
+    /// [`Parameterization::to_base`] of many places, on all threads.
     ///
     /// # Errors
     /// As there, for the first such place.
-    pub fn to_base_all(&self, at: &[OnMesh]) -> Result<Vec<Mapped>, MapsError> {
+    pub fn to_base_all(&self, at: &[MeshPoint]) -> Result<Vec<MappedPoint>, ParameterizationError> {
         all(at, |p| self.to_base(p))
     }
 
-    /// [`Maps::to_fine`] of many places, on all threads.
+    /// [`Parameterization::to_fine`] of many places, on all threads.
     ///
     /// # Errors
     /// As there, for the first such place.
-    pub fn to_fine_all(&self, at: &[OnMesh]) -> Result<Vec<Mapped>, MapsError> {
+    pub fn to_fine_all(&self, at: &[MeshPoint]) -> Result<Vec<MappedPoint>, ParameterizationError> {
         all(at, |p| self.to_fine(p))
     }
 
     /// Where every removed vertex lies on the base, in the order of removal.
-    pub fn tuples(&self) -> Vec<Tuple> {
+    pub fn removed_vertices(&self) -> Vec<RemovedVertex> {
         let tuple = |record: u32| {
             let (r, polygon) = self.polygon(record);
             let (j, w) = polygon.find_post([0.0; 2]);
             let (t, w) = self.enter_post(record, j, w);
-            Tuple { vertex: r.from, at: self.down(t, w, |w| w).at }
+            RemovedVertex { vertex: r.from, at: self.down(t, w, |w| w).at }
         };
         (0..self.records.len() as u32).into_par_iter().with_min_len(MIN_BATCH).map(tuple).collect()
     }
@@ -66,9 +66,9 @@ impl Maps {
     /// A point of the original mesh.
     ///
     /// # Errors
-    /// [`MapsError::NoFace`] for a face or vertex that is not there.
-    pub fn point(mesh: &Mesh, at: OnMesh) -> Result<DVec3, MapsError> {
-        let missing = MapsError::NoFace { face: at.face, mesh: "original" };
+    /// [`ParameterizationError::NoFace`] for a face or vertex that is not there.
+    pub fn point(mesh: &Mesh, at: MeshPoint) -> Result<DVec3, ParameterizationError> {
+        let missing = ParameterizationError::NoFace { face: at.face, mesh: "original" };
         let Some(face) = mesh.faces.get(at.face as usize) else { return Err(missing) };
         let mut sum = DVec3::ZERO;
         for (&v, w) in face.iter().zip(at.weights) {
@@ -78,25 +78,25 @@ impl Maps {
         Ok(sum)
     }
 
-    /// [`Maps::to_base`], the weights passing through `between` after each hop.
+    /// [`Parameterization::to_base`], the weights passing through `between` after each hop.
     pub(super) fn to_base_with(
         &self,
-        at: OnMesh,
+        at: MeshPoint,
         between: impl Fn([f64; 3]) -> [f64; 3],
-    ) -> Result<Mapped, MapsError> {
+    ) -> Result<MappedPoint, ParameterizationError> {
         if at.face >= self.faces {
-            return Err(MapsError::NoFace { face: at.face, mesh: "original" });
+            return Err(ParameterizationError::NoFace { face: at.face, mesh: "original" });
         }
         Ok(self.down(at.face, clean(at.weights), between))
     }
 
-    /// [`Maps::to_fine`], the weights passing through `between` before each hop.
+    /// [`Parameterization::to_fine`], the weights passing through `between` before each hop.
     pub(super) fn to_fine_with(
         &self,
-        at: OnMesh,
+        at: MeshPoint,
         between: impl Fn([f64; 3]) -> [f64; 3],
-    ) -> Result<Mapped, MapsError> {
-        let missing = MapsError::NoFace { face: at.face, mesh: "base" };
+    ) -> Result<MappedPoint, ParameterizationError> {
+        let missing = ParameterizationError::NoFace { face: at.face, mesh: "base" };
         let Some(&t) = self.current.get(at.face as usize) else { return Err(missing) };
         if t == NONE {
             return Err(missing);
@@ -105,12 +105,17 @@ impl Maps {
     }
 
     /// Towards the base. Ids of triangles grow with every hop, so it ends.
-    fn down(&self, mut t: u32, mut w: [f64; 3], between: impl Fn([f64; 3]) -> [f64; 3]) -> Mapped {
+    fn down(
+        &self,
+        mut t: u32,
+        mut w: [f64; 3],
+        between: impl Fn([f64; 3]) -> [f64; 3],
+    ) -> MappedPoint {
         let mut hops = 0;
         loop {
             let triangle = &self.triangles[t as usize];
             if triangle.pre == NONE {
-                return Mapped { at: OnMesh { face: triangle.slot, weights: w }, hops };
+                return MappedPoint { at: MeshPoint { face: triangle.slot, weights: w }, hops };
             }
             let (record, polygon) = self.polygon(triangle.pre);
             let i = polygon.ring.iter().position(|e| e.pre == t).unwrap_or(0);
@@ -137,12 +142,17 @@ impl Maps {
     }
 
     /// Towards the original. Ids of triangles fall with every hop, so it ends.
-    fn up(&self, mut t: u32, mut w: [f64; 3], between: impl Fn([f64; 3]) -> [f64; 3]) -> Mapped {
+    fn up(
+        &self,
+        mut t: u32,
+        mut w: [f64; 3],
+        between: impl Fn([f64; 3]) -> [f64; 3],
+    ) -> MappedPoint {
         let mut hops = 0;
         loop {
             let triangle = &self.triangles[t as usize];
             if triangle.post == NONE {
-                return Mapped { at: OnMesh { face: t, weights: w }, hops };
+                return MappedPoint { at: MeshPoint { face: t, weights: w }, hops };
             }
             w = between(w);
             let (record, polygon) = self.polygon(triangle.post);
@@ -161,8 +171,8 @@ impl Maps {
 
 /// Every place carried by `one`.
 fn all(
-    at: &[OnMesh],
-    one: impl Fn(OnMesh) -> Result<Mapped, MapsError> + Sync,
-) -> Result<Vec<Mapped>, MapsError> {
+    at: &[MeshPoint],
+    one: impl Fn(MeshPoint) -> Result<MappedPoint, ParameterizationError> + Sync,
+) -> Result<Vec<MappedPoint>, ParameterizationError> {
     at.par_iter().with_min_len(MIN_BATCH).map(|&p| one(p)).collect()
 }

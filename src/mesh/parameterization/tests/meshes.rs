@@ -6,7 +6,8 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::*;
-use crate::mesh::{Metric, Nearest, Simplified, SimplifyOptions, simplify as reduce};
+use crate::geometry::TriangleBvh;
+use crate::mesh::{Metric, Simplified, SimplifyOptions, simplify as reduce};
 
 /// Base faces as the simplifier hands them out, by original ids.
 fn handed_out(s: &Simplified) -> Vec<(u32, [u32; 3])> {
@@ -18,27 +19,27 @@ fn handed_out(s: &Simplified) -> Vec<(u32, [u32; 3])> {
 fn the_simplifiers_base_faces_are_the_recorders_in_the_same_order_of_corners() {
     for (name, mesh) in [("sphere", sphere(4)), ("torus", torus()), ("tube", tube())] {
         for metric in [Metric::NormalQem, Metric::Qem, Metric::Paper] {
-            let mut maps = Maps::new(&mesh).unwrap();
+            let mut maps = Parameterization::new(&mesh).unwrap();
             let options = SimplifyOptions { metric, ..SimplifyOptions::to_faces(200) };
             let s = reduce(&mesh, &options, &mut maps).unwrap();
             assert_eq!(maps.collapses(), s.collapses, "{name}");
             assert!(maps.base_faces().eq(handed_out(&s)), "{name} {metric:?}");
             let gap = widest_gap(&mesh, &maps, |p| maps.to_fine(p).unwrap().at);
             assert!(gap <= CONTINUITY * diagonal(&mesh), "{name} {metric:?}: {gap:e}");
-            let read = Maps::from_bytes(&maps.to_bytes(), &mesh).unwrap();
-            assert_eq!(read.tuples(), maps.tuples(), "{name} {metric:?}");
+            let read = Parameterization::from_bytes(&maps.to_bytes(), &mesh).unwrap();
+            assert_eq!(read.removed_vertices(), maps.removed_vertices(), "{name} {metric:?}");
         }
     }
 }
 
 /// Every base face in 4^level, its points carried over; a soup.
-fn divided(mesh: &Mesh, maps: &Maps, level: u32) -> Mesh {
+fn divided(mesh: &Mesh, maps: &Parameterization, level: u32) -> Mesh {
     let n = 1u32 << level;
     let mut at = Vec::new();
     for (face, _) in maps.base_faces() {
         let mut corner = |i: u32, j: u32| {
             let (a, b) = (f64::from(i) / f64::from(n), f64::from(j) / f64::from(n));
-            at.push(OnMesh { face, weights: [1.0 - a - b, a, b] });
+            at.push(MeshPoint { face, weights: [1.0 - a - b, a, b] });
         };
         for (i, j) in (0..n).flat_map(|i| (0..n - i).map(move |j| (i, j))) {
             [(i, j), (i + 1, j), (i, j + 1)].into_iter().for_each(|(i, j)| corner(i, j));
@@ -77,15 +78,15 @@ fn measure() {
         let options = SimplifyOptions::to_faces(faces);
         let bare = best_ms(|| reduce(&mesh, &options, &mut ()).unwrap());
         let with = best_ms(|| {
-            let mut maps = Maps::new(&mesh).unwrap();
+            let mut maps = Parameterization::new(&mesh).unwrap();
             reduce(&mesh, &options, &mut maps).unwrap();
             maps
         });
-        let mut maps = Maps::new(&mesh).unwrap();
+        let mut maps = Parameterization::new(&mesh).unwrap();
         let s = reduce(&mesh, &options, &mut maps).unwrap();
         assert!(maps.base_faces().eq(handed_out(&s)), "{name}");
         let (bytes, written) = seconds(|| maps.to_bytes());
-        let (read, reading) = seconds(|| Maps::from_bytes(&bytes, &mesh).unwrap());
+        let (read, reading) = seconds(|| Parameterization::from_bytes(&bytes, &mesh).unwrap());
         assert_eq!(read.triangles, maps.triangles, "{name}");
         println!(
             "{name}: {} collapses, {} refused; {bare:.0} ms alone, {with:.0} ms recorded; \
@@ -128,7 +129,7 @@ fn measure() {
             "  base edges: sides {gap:.1e} of the box apart, planted fault {:.1e}",
             torn / size
         );
-        let (tuples, ms) = seconds(|| maps.tuples());
+        let (tuples, ms) = seconds(|| maps.removed_vertices());
         let missed = tuples.iter().map(|t| {
             let found = point(&mesh, maps.to_fine(t.at).unwrap().at);
             (found - DVec3::from(mesh.positions[t.vertex as usize])).length()
@@ -149,7 +150,7 @@ fn measure() {
         println!("  divided three times: {:.3} % turned", 100.0 * turned(&mesh, &maps, 3));
         for level in 0..if faces > 20_000 { 3 } else { 5 } {
             let resampled = divided(&mesh, &maps, level);
-            let nearest = Nearest::new(&resampled);
+            let nearest = TriangleBvh::new(&resampled);
             let far: Vec<f64> = (mesh.positions.par_iter())
                 .map(|p| nearest.closest(DVec3::from(*p)).unwrap().distance_mm)
                 .collect();

@@ -4,12 +4,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::quadric::Quadric;
-use super::start::{Freedom, PARCEL, floor, freedoms, quadrics};
+use super::vertex_quadrics::{Freedom, PARCEL, floor, freedoms, quadrics};
 use super::{HalfEdges, MeshError, Metric, SimplifyOptions};
 use crate::geometry::Mesh;
 
 /// A mesh as it was given; runs over all of it or parts of it start here.
-pub struct Given<'a> {
+pub struct Input<'a> {
     /// The mesh.
     pub mesh: &'a Mesh,
     /// Its half-edges; marks are caps.
@@ -27,7 +27,7 @@ pub struct Given<'a> {
     centre: DVec3,
 }
 
-impl<'a> Given<'a> {
+impl<'a> Input<'a> {
     /// Checks a mesh. O(V + F).
     ///
     /// # Errors

@@ -6,9 +6,9 @@ use super::super::*;
 /// A part of an original face that lies in one base face, affinely.
 pub struct Piece {
     /// Its centre on the base.
-    pub base: OnMesh,
+    pub base: MeshPoint,
     /// Its centre on the original.
-    pub fine: OnMesh,
+    pub fine: MeshPoint,
     /// Signed area, the whole base face being 1.
     pub area: f64,
 }
@@ -47,7 +47,7 @@ fn area(polygon: &[Corner]) -> f64 {
 }
 
 /// The pieces of an original face.
-pub fn pieces(maps: &Maps, face: u32) -> Vec<Piece> {
+pub fn pieces(maps: &Parameterization, face: u32) -> Vec<Piece> {
     let unit = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mut open = vec![(face, unit.map(|w| (w, w)).to_vec())];
     let mut done = Vec::new();
@@ -59,8 +59,8 @@ pub fn pieces(maps: &Maps, face: u32) -> Vec<Piece> {
                 [0, 1, 2].map(|i| polygon.iter().map(|c| pick(c)[i]).sum::<f64>() / n)
             };
             done.push(Piece {
-                base: OnMesh { face: triangle.slot, weights: mean(|c| c.0) },
-                fine: OnMesh { face, weights: mean(|c| c.1) },
+                base: MeshPoint { face: triangle.slot, weights: mean(|c| c.0) },
+                fine: MeshPoint { face, weights: mean(|c| c.1) },
                 area: area(&polygon),
             });
             continue;

@@ -24,8 +24,8 @@ impl Fan {
     }
 
     /// Vertex 0 collapsed into the first ring vertex, or the last.
-    fn collapse(&self, last: bool) -> Option<Maps> {
-        let mut maps = Maps::new(&self.mesh).expect("small");
+    fn collapse(&self, last: bool) -> Option<Parameterization> {
+        let mut maps = Parameterization::new(&self.mesh).expect("small");
         let ring: Vec<u32> = (1..self.mesh.positions.len() as u32).collect();
         let faces: Vec<u32> = (0..self.mesh.faces.len() as u32).collect();
         let to = if last { ring[ring.len() - 1] } else { ring[0] };
@@ -49,11 +49,11 @@ fn around(k: usize, z: f64, r: impl Fn(usize) -> f64) -> Vec<DVec3> {
     (0..k).map(|i| DVec2::from_angle(angle(i)).extend(z) * r(i)).collect()
 }
 
-fn comes_back(name: &str, fan: &Fan, maps: &Maps) {
+fn comes_back(name: &str, fan: &Fan, maps: &Parameterization) {
     let all: Vec<u32> = (0..fan.mesh.faces.len() as u32).collect();
     let gap = fine_round_trip(&fan.mesh, maps, &places(&all, 5000, 5));
     assert!(gap <= ROUND_TRIP * diagonal(&fan.mesh), "{name}: {gap:e}");
-    let tuple = maps.tuples()[0];
+    let tuple = maps.removed_vertices()[0];
     let home = point(&fan.mesh, maps.to_fine(tuple.at).unwrap().at).length();
     assert!(home <= ROUND_TRIP * diagonal(&fan.mesh), "{name}: vertex found at {home:e}");
 }

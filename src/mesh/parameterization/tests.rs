@@ -20,14 +20,14 @@ const CONTINUITY: f64 = 1e-5;
 struct Case {
     name: &'static str,
     mesh: Mesh,
-    maps: Maps,
+    maps: Parameterization,
 }
 
 /// Closed meshes of genus 0 and 1, and open ones, reduced to a tenth.
 fn cases() -> Vec<Case> {
     let meshes = [("sphere", sphere(4)), ("torus", torus()), ("tube", tube()), ("patch", patch())];
     let case = |(name, mesh): (&'static str, Mesh)| {
-        let mut maps = Maps::new(&mesh).expect("small enough");
+        let mut maps = Parameterization::new(&mesh).expect("small enough");
         let left = simplify(&mesh, mesh.faces.len() / 10, 7, &mut maps);
         let slots = left.iter().enumerate();
         let base: Vec<_> = slots.filter_map(|(s, t)| Some((s as u32, (*t)?))).collect();
@@ -39,28 +39,28 @@ fn cases() -> Vec<Case> {
 }
 
 /// Random places on faces named by `ids`.
-fn places(ids: &[u32], n: usize, seed: u64) -> Vec<OnMesh> {
+fn places(ids: &[u32], n: usize, seed: u64) -> Vec<MeshPoint> {
     let mut dice = Dice::new(seed);
-    let place = |_| OnMesh { face: ids[dice.below(ids.len())], weights: dice.weights() };
+    let place = |_| MeshPoint { face: ids[dice.below(ids.len())], weights: dice.weights() };
     (0..n).map(place).collect()
 }
 
 /// Largest distance between the places and where they come back to.
-fn fine_round_trip(mesh: &Mesh, maps: &Maps, at: &[OnMesh]) -> f64 {
-    let base: Vec<OnMesh> = maps.to_base_all(at).unwrap().iter().map(|m| m.at).collect();
+fn fine_round_trip(mesh: &Mesh, maps: &Parameterization, at: &[MeshPoint]) -> f64 {
+    let base: Vec<MeshPoint> = maps.to_base_all(at).unwrap().iter().map(|m| m.at).collect();
     let back = maps.to_fine_all(&base).unwrap();
-    let gap = |(a, b): (&OnMesh, &Mapped)| (point(mesh, *a) - point(mesh, b.at)).length();
+    let gap = |(a, b): (&MeshPoint, &MappedPoint)| (point(mesh, *a) - point(mesh, b.at)).length();
     at.iter().zip(&back).map(gap).fold(0.0, f64::max)
 }
 
 /// Where base places lie on the flat base mesh.
-fn base_point(mesh: &Mesh, faces: &BTreeMap<u32, [u32; 3]>, at: OnMesh) -> DVec3 {
+fn base_point(mesh: &Mesh, faces: &BTreeMap<u32, [u32; 3]>, at: MeshPoint) -> DVec3 {
     let corners = faces[&at.face].map(|v| DVec3::from(mesh.positions[v as usize]));
     corners.into_iter().zip(at.weights).map(|(p, w)| p * w).sum()
 }
 
 /// Largest distance between what the two faces of a base edge make of its points.
-fn widest_gap(mesh: &Mesh, maps: &Maps, fine: impl Fn(OnMesh) -> OnMesh) -> f64 {
+fn widest_gap(mesh: &Mesh, maps: &Parameterization, fine: impl Fn(MeshPoint) -> MeshPoint) -> f64 {
     let mut sides: BTreeMap<(u32, u32), Vec<(u32, usize)>> = BTreeMap::new();
     for (slot, t) in maps.base_faces() {
         for k in 0..3 {
@@ -79,7 +79,7 @@ fn widest_gap(mesh: &Mesh, maps: &Maps, fine: impl Fn(OnMesh) -> OnMesh) -> f64 
                 let ahead = faces[&face][k] == low;
                 weights[k] = if ahead { 1.0 - x } else { x };
                 weights[(k + 1) % 3] = 1.0 - weights[k];
-                point(mesh, fine(OnMesh { face, weights }))
+                point(mesh, fine(MeshPoint { face, weights }))
             });
             widest = widest.max((p - q).length());
         }
@@ -122,7 +122,7 @@ fn weights_in_the_wrong_order_pass_the_round_trip_but_tear_base_edges_apart() {
         let ids: Vec<u32> = maps.base_faces().map(|f| f.0).collect();
         let faces: BTreeMap<u32, [u32; 3]> = maps.base_faces().collect();
         // Not on edges, where the torn map has two answers.
-        let inner = |at: &OnMesh| at.weights.iter().all(|w| *w > 1e-4);
+        let inner = |at: &MeshPoint| at.weights.iter().all(|w| *w > 1e-4);
         for at in places(&ids, 2000, 3).into_iter().filter(inner) {
             let gap = base_point(&mesh, &faces, at) - base_point(&mesh, &faces, base(fine(at)));
             assert!(gap.length() <= ROUND_TRIP * diagonal(&mesh), "{name}: {gap}");
@@ -135,17 +135,17 @@ fn weights_in_the_wrong_order_pass_the_round_trip_but_tear_base_edges_apart() {
 #[test]
 fn every_removed_vertex_is_found_by_its_tuple_and_every_other_where_it_was() {
     for Case { name, mesh, maps } in cases() {
-        let tuples = maps.tuples();
+        let tuples = maps.removed_vertices();
         assert_eq!(tuples.len(), maps.collapses(), "{name}");
         let kept = maps.base_faces().flat_map(|(face, t)| {
             [0, 1, 2].map(|k| {
                 let mut weights = [0.0; 3];
                 weights[k] = 1.0;
-                Tuple { vertex: t[k], at: OnMesh { face, weights } }
+                RemovedVertex { vertex: t[k], at: MeshPoint { face, weights } }
             })
         });
         let mut seen = vec![false; mesh.positions.len()];
-        for Tuple { vertex, at } in tuples.iter().copied().chain(kept) {
+        for RemovedVertex { vertex, at } in tuples.iter().copied().chain(kept) {
             let found = point(&mesh, maps.to_fine(at).unwrap().at);
             let gap = (found - DVec3::from(mesh.positions[vertex as usize])).length();
             assert!(gap <= ROUND_TRIP * diagonal(&mesh), "{name}: vertex {vertex}: {gap:e}");
@@ -157,7 +157,7 @@ fn every_removed_vertex_is_found_by_its_tuple_and_every_other_where_it_was() {
 
 /// Share of faces turned away from the original surface after each base face is divided in
 /// 4^level and its points are carried over.
-fn turned(mesh: &Mesh, maps: &Maps, level: u32) -> f64 {
+fn turned(mesh: &Mesh, maps: &Parameterization, level: u32) -> f64 {
     let n = 1u32 << level;
     let (mut turned, mut all) = (0, 0);
     let cross = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
@@ -165,7 +165,7 @@ fn turned(mesh: &Mesh, maps: &Maps, level: u32) -> f64 {
         let at = |i: u32, j: u32, third: f64| {
             let (a, b) =
                 ((f64::from(i) + third) / f64::from(n), (f64::from(j) + third) / f64::from(n));
-            maps.to_fine(OnMesh { face, weights: [1.0 - a - b, a, b] }).unwrap().at
+            maps.to_fine(MeshPoint { face, weights: [1.0 - a - b, a, b] }).unwrap().at
         };
         for i in 0..n {
             for j in 0..n - i {
@@ -230,11 +230,11 @@ fn results_are_the_same_bytes_at_any_number_of_threads() {
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let mut maps = Maps::new(&mesh).unwrap();
+            let mut maps = Parameterization::new(&mesh).unwrap();
             simplify(&mesh, 300, 3, &mut maps);
             let ids: Vec<u32> = (0..mesh.faces.len() as u32).collect();
             let down = maps.to_base_all(&places(&ids, 5000, 4)).unwrap();
-            (maps.to_bytes(), maps.tuples(), down)
+            (maps.to_bytes(), maps.removed_vertices(), down)
         })
     };
     assert_eq!(run(1), run(4));
@@ -243,15 +243,21 @@ fn results_are_the_same_bytes_at_any_number_of_threads() {
 #[test]
 fn faces_that_are_not_there_are_refused_and_odd_weights_give_no_odd_numbers() {
     let Case { mesh, maps, .. } = cases().swap_remove(1);
-    let at = |face, weights| OnMesh { face, weights };
+    let at = |face, weights| MeshPoint { face, weights };
     let gone = (0..mesh.faces.len() as u32).find(|f| maps.base_faces().all(|b| b.0 != *f)).unwrap();
     for face in [mesh.faces.len() as u32, u32::MAX] {
         let answer = maps.to_base(at(face, [1.0, 0.0, 0.0]));
-        assert!(matches!(answer, Err(MapsError::NoFace { mesh: "original", .. })), "{answer:?}");
+        assert!(
+            matches!(answer, Err(ParameterizationError::NoFace { mesh: "original", .. })),
+            "{answer:?}"
+        );
     }
     for face in [gone, mesh.faces.len() as u32, u32::MAX] {
         let answer = maps.to_fine_all(&[at(face, [1.0, 0.0, 0.0])]);
-        assert!(matches!(answer, Err(MapsError::NoFace { mesh: "base", .. })), "{answer:?}");
+        assert!(
+            matches!(answer, Err(ParameterizationError::NoFace { mesh: "base", .. })),
+            "{answer:?}"
+        );
     }
     let odd =
         [0.0, -0.0, -1.0, 1e-320, 1e300, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX];

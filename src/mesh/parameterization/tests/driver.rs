@@ -133,8 +133,8 @@ pub fn sphere(level: u32) -> Mesh {
 }
 
 /// Where a place lies.
-pub fn point(mesh: &Mesh, at: OnMesh) -> DVec3 {
-    Maps::point(mesh, at).expect("a face of the original")
+pub fn point(mesh: &Mesh, at: MeshPoint) -> DVec3 {
+    Parameterization::point(mesh, at).expect("a face of the original")
 }
 
 /// Length of the diagonal of the box.
@@ -200,10 +200,10 @@ impl Soup<'_> {
 }
 
 /// Tells of one collapse.
-pub fn hears(maps: &mut Maps, collapse: &Collapse<'_>) -> bool {
-    let mut log = Flattened::default();
+pub fn hears(maps: &mut Parameterization, collapse: &Collapse<'_>) -> bool {
+    let mut log = FlattenLog::default();
     let agreed = log.record(collapse);
-    maps.take_up(log);
+    maps.merge(log);
     agreed
 }
 
@@ -213,7 +213,7 @@ pub fn simplify(
     mesh: &Mesh,
     faces: usize,
     seed: u64,
-    recorder: &mut Maps,
+    recorder: &mut Parameterization,
 ) -> Vec<Option<[u32; 3]>> {
     let mut of = vec![Vec::new(); mesh.positions.len()];
     for (f, t) in mesh.faces.iter().enumerate() {

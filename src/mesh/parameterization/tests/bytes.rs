@@ -2,9 +2,9 @@
 
 use super::*;
 
-fn written() -> (Mesh, Maps, Vec<u8>) {
+fn written() -> (Mesh, Parameterization, Vec<u8>) {
     let mesh = patch();
-    let mut maps = Maps::new(&mesh).unwrap();
+    let mut maps = Parameterization::new(&mesh).unwrap();
     simplify(&mesh, 300, 11, &mut maps);
     let bytes = maps.to_bytes();
     (mesh, maps, bytes)
@@ -21,40 +21,48 @@ fn sealed(mut bytes: Vec<u8>) -> Vec<u8> {
 #[test]
 fn what_is_written_is_read_back_and_maps_alike() {
     for Case { name, mesh, maps } in cases() {
-        let read = Maps::from_bytes(&maps.to_bytes(), &mesh).unwrap();
+        let read = Parameterization::from_bytes(&maps.to_bytes(), &mesh).unwrap();
         assert_eq!(read.to_bytes(), maps.to_bytes(), "{name}");
         assert_eq!(read.triangles, maps.triangles, "{name}");
-        assert_eq!(read.tuples(), maps.tuples(), "{name}");
+        assert_eq!(read.removed_vertices(), maps.removed_vertices(), "{name}");
     }
-    let none = Maps::new(&Mesh::default()).unwrap();
-    assert_eq!(Maps::from_bytes(&none.to_bytes(), &Mesh::default()).unwrap().collapses(), 0);
+    let none = Parameterization::new(&Mesh::default()).unwrap();
+    assert_eq!(
+        Parameterization::from_bytes(&none.to_bytes(), &Mesh::default()).unwrap().collapses(),
+        0
+    );
 }
 
 #[test]
 fn a_file_of_another_mesh_version_or_length_is_refused_by_name() {
     let (mesh, _, bytes) = written();
-    let read = |bytes: &[u8], mesh: &Mesh| Maps::from_bytes(bytes, mesh).map(|_| ()).unwrap_err();
+    let read = |bytes: &[u8], mesh: &Mesh| {
+        Parameterization::from_bytes(bytes, mesh).map(|_| ()).unwrap_err()
+    };
     let mut moved = mesh.clone();
     moved.positions[17].x += 1e-5;
     let mut turned = mesh.clone();
     turned.faces[3].rotate_left(1);
     for other in [moved, turned, torus(), Mesh::default()] {
         let e = read(&bytes, &other);
-        assert!(matches!(e, MapsError::OtherMesh { .. }), "{e}");
+        assert!(matches!(e, ParameterizationError::OtherMesh { .. }), "{e}");
     }
     let mut newer = bytes.clone();
     newer[8] = 9;
-    assert!(matches!(read(&sealed(newer), &mesh), MapsError::Version { found: 9 }));
-    assert!(matches!(read(b"ply\nformat ascii 1.0", &mesh), MapsError::Magic));
-    assert!(matches!(read(b"", &mesh), MapsError::Magic));
+    assert!(matches!(read(&sealed(newer), &mesh), ParameterizationError::Version { found: 9 }));
+    assert!(matches!(read(b"ply\nformat ascii 1.0", &mesh), ParameterizationError::Magic));
+    assert!(matches!(read(b"", &mesh), ParameterizationError::Magic));
     for n in (8..bytes.len()).step_by(61) {
-        assert!(matches!(read(&bytes[..n], &mesh), MapsError::Length { .. }), "{n} bytes");
+        assert!(
+            matches!(read(&bytes[..n], &mesh), ParameterizationError::Length { .. }),
+            "{n} bytes"
+        );
     }
     let longer = [&bytes[..], &[0]].concat();
-    assert!(matches!(read(&longer, &mesh), MapsError::Length { .. }));
+    assert!(matches!(read(&longer, &mesh), ParameterizationError::Length { .. }));
     let mut damaged = bytes.clone();
     damaged[5000] ^= 4;
-    assert!(matches!(read(&damaged, &mesh), MapsError::Damaged));
+    assert!(matches!(read(&damaged, &mesh), ParameterizationError::Damaged));
 }
 
 #[test]
@@ -63,8 +71,8 @@ fn counts_that_ask_for_more_than_is_there_take_no_memory() {
     for at in [20, 24] {
         let mut greedy = bytes.clone();
         greedy[at..at + 4].copy_from_slice(&u32::MAX.to_le_bytes());
-        let e = Maps::from_bytes(&sealed(greedy), &mesh).map(|_| ()).unwrap_err();
-        let MapsError::Length { wanted, found } = e else { panic!("{e}") };
+        let e = Parameterization::from_bytes(&sealed(greedy), &mesh).map(|_| ()).unwrap_err();
+        let ParameterizationError::Length { wanted, found } = e else { panic!("{e}") };
         assert!(wanted > 30_000_000_000 && found < 1_000_000, "{wanted} of {found}");
     }
 }
@@ -85,7 +93,7 @@ fn changed_words_under_a_right_hash_are_refused_or_harmless() {
             _ => u32::from_le_bytes([0, 1, 2, 3].map(|i| bytes[word + i])) ^ 1 << dice.below(32),
         };
         changed[word..word + 4].copy_from_slice(&value.to_le_bytes());
-        let Ok(read) = Maps::from_bytes(&sealed(changed), &mesh) else {
+        let Ok(read) = Parameterization::from_bytes(&sealed(changed), &mesh) else {
             refused += 1;
             continue;
         };
@@ -101,17 +109,19 @@ fn changed_words_under_a_right_hash_are_refused_or_harmless() {
 #[test]
 fn collapses_in_another_order_or_twice_are_refused() {
     let (mesh, maps, _) = written();
-    let read = |maps: &Maps| Maps::from_bytes(&maps.to_bytes(), &mesh).map(|_| ()).unwrap_err();
+    let read = |maps: &Parameterization| {
+        Parameterization::from_bytes(&maps.to_bytes(), &mesh).map(|_| ()).unwrap_err()
+    };
     let mut twice = maps.clone();
     let (last, start) = (twice.records[twice.records.len() - 1], twice.entries.len());
     twice.entries.extend_from_within(last.start as usize..);
     twice.records.push(Record { start: start as u32, ..last });
-    assert!(matches!(read(&twice), MapsError::Record { .. }));
+    assert!(matches!(read(&twice), ParameterizationError::Record { .. }));
     let mut short = maps.clone();
     short.records.pop();
     short.entries.truncate(last.start as usize);
-    assert!(matches!(read(&short), MapsError::OtherBase));
+    assert!(matches!(read(&short), ParameterizationError::OtherBase));
     let mut renamed = maps.clone();
     renamed.records[5].from = 900_000;
-    assert!(matches!(read(&renamed), MapsError::Record { collapse: 5, .. }));
+    assert!(matches!(read(&renamed), ParameterizationError::Record { collapse: 5, .. }));
 }

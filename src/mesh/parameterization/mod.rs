@@ -2,7 +2,7 @@
 //!
 //! Each half-edge collapse u → v exchanges the faces around u for fewer faces over the same
 //! polygon. Flattened, that is a piecewise linear bijection; a point is carried over by its
-//! barycentric weights. [`Maps`] hears of every collapse and keeps the flattened polygon; a
+//! barycentric weights. [`Parameterization`] hears of every collapse and keeps the flattened polygon; a
 //! triangle gets a new id whenever it changes, so each is made at most once and taken apart at most
 //! once, and carrying a point from the original to the base or back is a walk along these two
 //! links.
@@ -19,8 +19,8 @@ mod replay;
 #[cfg(test)]
 mod tests;
 
-use super::{Collapse, Log, OnMesh, Recorder};
-use crate::geometry::Mesh;
+use super::{Collapse, Log, Recorder};
+use crate::geometry::{Mesh, MeshPoint};
 use flatten::{Flat, Kind, Polygon, Spoke, flatten};
 
 /// No record.
@@ -29,7 +29,7 @@ const NONE: u32 = u32::MAX;
 /// Why a parameterisation cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum MapsError {
+pub enum ParameterizationError {
     /// The bytes are something else.
     #[error("not a parameterisation: the first bytes are not `{}`", bytes::MAGIC.escape_ascii())]
     Magic,
@@ -100,20 +100,20 @@ pub enum MapsError {
 
 /// A place carried to the other mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mapped {
+pub struct MappedPoint {
     /// The place there.
-    pub at: OnMesh,
+    pub at: MeshPoint,
     /// Collapses it was carried over.
     pub hops: u32,
 }
 
 /// Where a removed vertex lies on the base mesh: the paper's 4-tuple.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tuple {
+pub struct RemovedVertex {
     /// The vertex, by its original id.
     pub vertex: u32,
     /// Base face and the weights of its vertices.
-    pub at: OnMesh,
+    pub at: MeshPoint,
 }
 
 /// One collapse.
@@ -165,7 +165,7 @@ struct Triangle {
 /// whose place they took (the simplifier's half-edge face). A base face keeps the order of its
 /// vertices: where a collapse moves a corner, the new vertex stands where the old one stood.
 #[derive(Clone, Debug, Default)]
-pub struct Maps {
+pub struct Parameterization {
     /// Vertices of the original.
     vertices: u32,
     /// Faces of the original.
@@ -181,16 +181,16 @@ pub struct Maps {
     refused: u32,
 }
 
-impl Maps {
+impl Parameterization {
     /// The identity on a mesh, ready to hear of collapses.
     ///
     /// # Errors
-    /// [`MapsError::TooLarge`] for a mesh whose ids could overflow: each collapse takes a vertex and
+    /// [`ParameterizationError::TooLarge`] for a mesh whose ids could overflow: each collapse takes a vertex and
     /// a face at least, and makes fewer than 32 ring entries and triangles.
-    pub fn new(mesh: &Mesh) -> Result<Self, MapsError> {
+    pub fn new(mesh: &Mesh) -> Result<Self, ParameterizationError> {
         let (vertices, faces) = (mesh.positions.len(), mesh.faces.len());
         if vertices.max(faces) > (NONE / 32) as usize {
-            return Err(MapsError::TooLarge { vertices, faces });
+            return Err(ParameterizationError::TooLarge { vertices, faces });
         }
         let triangle = |(slot, &vertices): (usize, &[u32; 3])| Triangle {
             vertices,
@@ -265,7 +265,7 @@ impl Maps {
 
 /// Collapses of one part of a mesh, flattened.
 #[derive(Debug, Default)]
-pub struct Flattened {
+pub struct FlattenLog {
     /// The vertex that goes, how the fans lie, and the end of its ring entries.
     collapses: Vec<(u32, Kind, usize)>,
     /// Ring entries; in place of the triangle, the half-edge face it is stored in.
@@ -276,7 +276,7 @@ pub struct Flattened {
     spokes: Vec<Spoke>,
 }
 
-impl Log for Flattened {
+impl Log for FlattenLog {
     /// Flattens the ring; refuses a collapse whose polygon would fold, or that leaves a boundary
     /// vertex with no face to lie on.
     fn record(&mut self, collapse: &Collapse<'_>) -> bool {
@@ -306,10 +306,10 @@ impl Log for Flattened {
     }
 }
 
-impl Recorder for Maps {
-    type Log = Flattened;
+impl Recorder for Parameterization {
+    type Log = FlattenLog;
 
-    fn take_up(&mut self, log: Flattened) {
+    fn merge(&mut self, log: FlattenLog) {
         self.refused += log.refused;
         let mut begin = 0;
         for (from, kind, end) in log.collapses {

@@ -1,4 +1,4 @@
-//! Eight faces of a star at once: what they deviate and how thin they are when the centre moves.
+//! TriangleX8 faces of a star at once: what they deviate and how thin they are when the centre moves.
 
 use std::array::from_fn;
 
@@ -20,12 +20,12 @@ pub const LANES: usize = 8;
 /// One number of each of eight faces.
 pub type Lanes = [f32; LANES];
 
-/// Eight vectors, component by component.
+/// TriangleX8 vectors, component by component.
 type Vectors = [Lanes; 3];
 
-/// Eight faces of a star. Lengths are in units of the longest spoke, places from the centre.
+/// TriangleX8 faces of a star. Lengths are in units of the longest spoke, places from the centre.
 #[derive(Clone, Copy, Default)]
-pub struct Eight {
+pub struct TriangleX8 {
     /// The two corners beside the centre.
     a: Vectors,
     b: Vectors,
@@ -40,7 +40,7 @@ pub struct Eight {
     fair2: Lanes,
 }
 
-impl Eight {
+impl TriangleX8 {
     /// Puts in one face: its corners beside the centre, and the sum of their normals.
     #[inline]
     pub fn set(&mut self, lane: usize, a: Vec3, b: Vec3, normals: Vec3) {
