@@ -21,12 +21,14 @@ import report  # noqa: E402
 import score  # noqa: E402
 from formats import read_line, read_nrrd, read_ply  # noqa: E402
 from inputs import Case, make  # noqa: E402
-from job import CALLS  # noqa: E402
+from job import CALLS, load  # noqa: E402
 from stages import STAGES  # noqa: E402
 
 HERE = Path(__file__).resolve().parent
+DATA = HERE.parents[2] / "shared" / "data"
 TIMEOUT_S = 1200
-GLACIAL_S = 20.0  # what takes longer has one round
+GLACIAL_S = 10.0  # what takes longer has one round, or WHOLE_ROUNDS where processes are timed from start to exit
+WHOLE_ROUNDS = 3
 NOT_HERE = ("error: unrecognized subcommand", "error: unexpected argument")
 READERS = {".nrrd": read_nrrd, ".ply": read_ply, ".csv": read_line}
 
@@ -43,7 +45,9 @@ def arguments():
     parser.add_argument("--sizes", choices=("quick", "full"), default="full")
     parser.add_argument("--repeat", type=int, default=5, metavar="N", help="rounds (default 5)")
     parser.add_argument("--vmtk", metavar="PYTHON", help="an interpreter that can import vmtk")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="folder of real volumes, for times")
+    parser.add_argument("--without", default="", metavar="A,B", help="leave out rows whose program's name holds A or B")
+    parser.add_argument("--data", type=Path, metavar="DIR", help="folder of real volumes; with full sizes it is "
+                        "../shared/data beside the repository where that is there")
     parser.add_argument("--out", type=Path, default=Path("out/compare"), metavar="DIR")
     parser.add_argument("--render", action="store_true", help="only write table and plot of DIR/results.json anew")
     parser.add_argument("--readme", action="store_true", help="also put the short table into README.md")
@@ -51,6 +55,8 @@ def arguments():
     unknown = set(args.stages.split(",")) - set(STAGES)
     if unknown or args.repeat < 1:
         parser.error(f"no such stage: {', '.join(sorted(unknown))}" if unknown else "--repeat is at least 1")
+    if args.data is None and args.sizes == "full" and DATA.is_dir():
+        args.data = DATA
     return args
 
 
@@ -120,9 +126,9 @@ class Ours:
 class Peer:
     """A peer on a case."""
 
-    def __init__(self, args, key, stage, name, case):
-        self.stage, self.package = stage, stage.peers[name][0]
-        self.python, self.environment = sys.executable, None
+    def __init__(self, args, stage, name, case):
+        self.stage, (self.package, place, *more) = stage, stage.peers[name]
+        self.python, self.environment, self.prepare = sys.executable, None, None
         self.out = args.out / "outputs" / f"{case.name}-{''.join(c for c in name if c.isalnum())}"
         self.saved = self.out.with_name(self.out.name + ".npz")
         if self.package == "vmtk":
@@ -131,25 +137,26 @@ class Peer:
             self.python = args.vmtk
             self.environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
         if stage.whole:
-            flight = ("100", "1280x720")
-            self.command = [self.python, HERE / "peers/chain.py", case.folder, case.name, self.out, *flight]
+            self.command = [self.python, HERE / "peers/chain.py", case.folder, case.name, self.out, *more, "100",
+                            "1280x720"]
         else:
-            self.command = [self.python, HERE / "job.py", key, name, case.folder, case.name]
+            self.command = [self.python, HERE / "job.py", place, json.dumps(more), case.folder, case.name]
+        if name in stage.prepares:
+            _, place, *more = stage.prepares[name]
+            self.prepare = [sys.executable, HERE / "job.py", place, json.dumps(more), case.folder, case.name,
+                            case.small_wall()]
 
     def round(self, first):
         if self.stage.whole:
-            said, wall = run(self.command)
+            said, wall = run(self.command, self.environment)
             return {"times": [wall], "min_s": wall, "calls": 1, "peak_mb": said["peak_mb"]}
+        also = {"mesh_s": statistics.median(run(self.prepare)[0]["times"])} if self.prepare else {}
         said, _ = run([*self.command, self.saved if first else "-"], self.environment)
         return {**said, "times": [statistics.median(said["times"])], "min_s": min(said["times"]),
-                "calls": len(said["times"])}
+                "calls": len(said["times"]), "also": {**said["also"], **also}}
 
     def output(self):
-        if self.stage.whole:
-            return read_line(self.out / "centerline.csv")
-        import numpy as np
-        with np.load(self.saved) as found:
-            return found["a"] if "a" in found else (found["v"], found["f"], found.get("n"))
+        return read_line(self.out / "centerline.csv") if self.stage.whole else load(self.saved)
 
     def version(self):
         ask = f"from importlib.metadata import version; print(version({self.package!r}))"
@@ -161,18 +168,22 @@ def measure(args, key, name):
     stage, case = STAGES[key], Case(args.out / "inputs", name)
     make(case, args.data)
     rows, turns = [], []
+    without = [part for part in args.without.split(",") if part]
     for program in [*stage.ours, *stage.peers]:
+        if any(part in program for part in without):
+            continue
         row = {"stage": key, "case": name, "program": program, "ours": program in stage.ours}
         rows.append(row)
         try:
-            runner = Ours(args, stage, program, case) if row["ours"] else Peer(args, key, stage, program, case)
+            runner = (Ours if row["ours"] else Peer)(args, stage, program, case)
             turns.append((row, runner, []))
         except (Failed, KeyError) as e:
             row["error"] = str(e) if isinstance(e, Failed) else "needs what this input lacks"
     for number in range(args.repeat):
         for row, runner, rounds in turns:
             slow = rounds[0]["times"][0] if rounds else 0
-            if "error" in row or (number > 0 and slow > GLACIAL_S):
+            most = args.repeat if slow <= GLACIAL_S else WHOLE_ROUNDS if stage.whole else 1
+            if "error" in row or number >= most:
                 continue
             try:
                 rounds.append(runner.round(number == 0))

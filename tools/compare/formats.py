@@ -76,3 +76,10 @@ def read_ply(path):
 def read_line(path):
     """x, y, z of a CSV with one line of names."""
     return np.loadtxt(path, delimiter=",", skiprows=1, usecols=(0, 1, 2), ndmin=2)
+
+
+def resample(points, step):
+    """The polyline `points` at equal steps of about `step` mm."""
+    length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    at = np.linspace(0, length[-1], max(2, int(np.ceil(length[-1] / step)) + 1))
+    return np.stack([np.interp(at, length, column) for column in points.T], 1)

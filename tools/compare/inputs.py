@@ -48,13 +48,18 @@ class Case:
         return read_ply(self.path("ply"))
 
     def about(self):
-        """start_mm, end_mm, hu, and for phantoms kind and box; for meshes faces to keep."""
+        """spacing, start_mm, end_mm, the CT's threshold hu (none for a label map), and for phantoms kind and box; for
+        meshes faces to keep."""
         return json.loads(self.path("json").read_text())
 
     def voxel(self, which):
         """`start` or `end` as an index (x, y, z)."""
         about = self.about()
         return tuple(int(round(p / h)) for p, h in zip(about[f"{which}_mm"], about["spacing"]))
+
+    def small_wall(self):
+        """The mesh that VMTK starts from, made anew in every round by meshes.small_wall."""
+        return self.path("small-wall.npz")
 
     def phantom(self):
         """The formula behind it; None for real volumes."""
@@ -102,10 +107,7 @@ def _volume(case):
     values = phantoms.sample(phantom, dims, spacing)
     write_nrrd(case.path("mask.nrrd"), (values < 0).astype(np.uint8), spacing)
     write_nrrd(case.path("ct.nrrd"), phantoms.grey(values, spacing), spacing)
-    ahead = phantom.axis[min(20, len(phantom.axis) - 1)] - phantom.axis[0]
     return {"kind": kind, "box": box, "spacing": spacing, "hu": AIR_HU,
-            "start_radius_mm": float(-phantom.value(phantom.axis[:1])[0]),
-            "inwards": (ahead / max(np.linalg.norm(ahead), 1e-9)).tolist(),
             "start_mm": phantom.axis[0].tolist(), "end_mm": phantom.axis[-1].tolist()}
 
 

@@ -1,10 +1,15 @@
 """One peer on one case, in a process of its own: prepares, calls, and prints a JSON object.
 
-    job.py STAGE PEER CASE_FOLDER CASE OUTPUT
+    job.py MODULE:FUNCTION ARGUMENTS CASE_FOLDER CASE OUTPUT
+
+FUNCTION of peers/MODULE.py takes a Case and ARGUMENTS (a JSON list) and returns the call to be timed, alone or with a
+function that turns its result into arrays. A call with an attribute `fresh` gets what `fresh()` returns, made off the
+clock before every call.
 
 The call is timed from input in memory to output in memory. A first call warms up; where it takes SLOW seconds or more
 it is the sample itself. OUTPUT gets the result as arrays, unless it is `-`."""
 
+import importlib
 import json
 import os
 import sys
@@ -52,22 +57,31 @@ def save(path, result):
         np.savez(path, a=result)
 
 
-def main(stage, peer, folder, name, output):
+def load(path):
+    """What `save` wrote: an array, or (vertices, faces, normals or None)."""
+    import numpy as np
+    with np.load(path) as found:
+        return found["a"] if "a" in found else (found["v"], found["f"], found.get("n"))
+
+
+def main(place, arguments, folder, name, output):
     from inputs import Case
-    from stages import STAGES
-    prepared = STAGES[stage].peer(peer)(Case(Path(folder), name))
+    module, function = place.split(":")
+    make = getattr(importlib.import_module(f"peers.{module}"), function)
+    prepared = make(Case(Path(folder), name), *json.loads(arguments))
     call, finish = prepared if isinstance(prepared, tuple) else (prepared, plain)
     before, times = peak_mb(), []
     result, first = None, 0.0
     while len(times) < (1 if first >= 1.0 else CALLS):
         result = None  # the last one's memory is not the next one's
+        given = [call.fresh()] if hasattr(call, "fresh") else []
         start = time.perf_counter()
-        result = call()
+        result = call(*given)
         took = time.perf_counter() - start
         if first or took >= SLOW_S:
             times.append(took)
         first = first or took
-    found = {"times": times, "peak_mb": peak_mb(), "also": {"before_mb": before, **getattr(call, "also", {})}}
+    found = {"times": times, "peak_mb": peak_mb(), "also": {"before_mb": before}}
     if output != "-":
         save(output, finish(result))
     print("\n" + json.dumps(found), flush=True)

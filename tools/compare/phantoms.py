@@ -1,7 +1,7 @@
 """Hollow organs given by formulas, independent of intima, so that the truth is nobody's output.
 
 A phantom has `value(p)`, negative inside and zero on the wall, and an `axis` with the radius `reach` of the largest
-ball there. `value` is a distance in mm for the round ones and proportional to one near the wall for the others.
+ball there. `value` is a distance in mm for the round ones and close to one near the wall for the others.
 All lengths follow the smallest side of the box, so one shape serves every grid."""
 
 import numpy as np
@@ -9,12 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
-
-def resample(points, step):
-    """The polyline `points` at equal steps of about `step` mm."""
-    length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    at = np.linspace(0, length[-1], max(2, int(np.ceil(length[-1] / step)) + 1))
-    return np.stack([np.interp(at, length, column) for column in points.T], 1)
+from formats import resample
 
 
 class Phantom:
@@ -86,6 +81,80 @@ class Branches(Phantom):
             along = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
             best = np.minimum(best, np.linalg.norm(p - a - along[:, None] * (b - a), axis=1) - radius)
         return best
+
+
+class Turned(Phantom):
+    """A body of revolution, or of three half axes, about a tilted axis of its own through the box's centre."""
+
+    def place(self, box, half_length):
+        """The frame, and an axis of `half_length` mm both ways."""
+        up = np.array([0.35, 0.2, 0.9])
+        self.centre, up = box / 2 + (0.13, 0.21, 0.07), up / np.linalg.norm(up)
+        side = np.cross(up, (0.4, 1, 0))
+        side /= np.linalg.norm(side)
+        self.frame = np.stack([side, np.cross(up, side), up])
+        self.axis = resample(self.centre + np.outer([-half_length, half_length], up), half_length / 100)
+
+    def local(self, p):
+        """Coordinates along the body's axes, the long one last; mm."""
+        return (p - self.centre) @ self.frame.T
+
+    def polar(self, p):
+        """-> distance from the long axis, and how far along it; mm."""
+        q = self.local(p)
+        return np.hypot(q[:, 0], q[:, 1]), q[:, 2]
+
+
+class Ellipsoid(Turned):
+    """Three different half axes: curvature changes everywhere."""
+
+    def __init__(self, box):
+        self.half = box.min() * np.array([0.14, 0.24, 0.38])
+        self.reach = self.half[1]
+        self.place(box, self.half[2])
+
+    def value(self, p):
+        q = self.local(p) / self.half
+        size = np.linalg.norm(q, axis=1)
+        return size * (size - 1) / np.maximum(np.linalg.norm(q / self.half, axis=1), 1e-9)
+
+
+class Cone(Turned):
+    """A ball that shrinks as it moves along a line: a cone with a wide cap and a tip of 2.5 % of the box."""
+
+    def __init__(self, box):
+        m = box.min()
+        self.wide, self.tip, self.length = 0.2 * m, 0.025 * m, 0.5 * m
+        self.reach = self.wide
+        self.place(box, self.length / 2)
+
+    def value(self, p):
+        away, along = self.polar(p)
+        along = along + self.length / 2
+        sine = (self.wide - self.tip) / self.length
+        cosine = np.sqrt(1 - sine ** 2)
+        foot = cosine * along - sine * away  # along the wall, from the wide ball's contact with it
+        side = away * cosine + along * sine - self.wide
+        return np.where(foot < 0, np.hypot(away, along) - self.wide,
+                        np.where(foot > self.length * cosine, np.hypot(away, along - self.length) - self.tip, side))
+
+
+class Hyperboloid(Turned):
+    """Of one sheet, a saddle everywhere, between two planes; the rims are rounded."""
+
+    def __init__(self, box):
+        m = box.min()
+        self.waist, self.slope_at_infinity, self.half_length, self.rim = 0.1 * m, 0.55, 0.34 * m, 0.05 * m
+        self.reach = np.hypot(self.waist, self.slope_at_infinity * self.half_length)
+        self.place(box, self.half_length)
+
+    def value(self, p):
+        away, along = self.polar(p)
+        radius = np.hypot(self.waist, self.slope_at_infinity * along)
+        steep = self.slope_at_infinity ** 2 * along / radius
+        wall, end = (away - radius) / np.hypot(1, steep), np.abs(along) - self.half_length
+        inner = np.minimum(np.maximum(wall, end), -self.rim)
+        return inner + np.hypot(np.maximum(wall + self.rim, 0), np.maximum(end + self.rim, 0))
 
 
 class Swept(Phantom):
@@ -164,7 +233,8 @@ class Colon(Swept):
         return np.sqrt(a ** 2 + b ** 2 + beyond ** 2) - wall
 
 
-KINDS = {"sphere": Sphere, "torus": Torus, "tube": Tube, "helix": Helix, "y": Branches, "colon": Colon}
+KINDS = {"sphere": Sphere, "torus": Torus, "tube": Tube, "helix": Helix, "y": Branches, "colon": Colon,
+         "ellipsoid": Ellipsoid, "cone": Cone, "hyperboloid": Hyperboloid}
 
 
 def make(kind, box):

@@ -1,8 +1,9 @@
-"""What one would script today: a CT on disk -> lumen -> wall -> centerline -> a flight of PNG frames.
+"""What one would script today: a volume on disk -> lumen -> wall -> centerline -> a flight of PNG frames.
 
-    chain.py CASE_FOLDER CASE OUT_FOLDER FRAMES WIDTHxHEIGHT
+    chain.py CASE_FOLDER CASE OUT_FOLDER dijkstra3d|vmtk FRAMES WIDTHxHEIGHT
 
-A program of its own, because the whole process is timed, as intima's is. Prints a JSON object."""
+The volume is a CT, or a label map where the case has no threshold. A program of its own, because the whole process is
+timed, as intima's is. Prints a JSON object."""
 
 import json
 import os
@@ -12,43 +13,52 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 
-def main(folder, name, out, frames, size):
-    import dijkstra3d
-    import edt
+def main(folder, name, out, route, frames, size):
     import numpy as np
-    import SimpleITK as sitk
     import vtk
-    from scipy.ndimage import gaussian_filter1d
 
     from inputs import Case
     from job import peak_mb
-    from peers.meshes import apply, image, threads
+    from peers.lines import between, cheapest, cropped, longest, smoothed
+    from peers.meshes import apply, decimated, from_poly, image, threads, to_poly, windowed_sinc
     threads()
     case, out, (width, height) = Case(Path(folder), name), Path(out), map(int, size.split("x"))
     (out / "frames").mkdir(parents=True, exist_ok=True)
-    grey, spacing = case.volume("ct")
-    spacing, hu = np.array(spacing), case.about()["hu"]
+    about = case.about()
 
-    # lumen
-    grown = sitk.ConnectedThreshold(sitk.GetImageFromArray(grey), [case.voxel("start")], -3000, hu, 1)
-    mask = sitk.GetArrayFromImage(grown)
-    # wall: what is not lumen is lifted above the threshold, so that only the lumen is contoured
-    lifted = np.where(mask > 0, grey, np.maximum(grey, hu + 55))
-    wall = apply("FlyingEdges3D", image(lifted, spacing), SetValue=(0, hu), ComputeNormalsOff=())
-    wall = apply("WindowedSincPolyDataFilter", wall, SetNumberOfIterations=(20,), SetPassBand=(0.01,),
-                 NormalizeCoordinatesOn=())
+    # lumen: grown from the start, or the largest piece of the label; from here on in the box around it
+    if about["hu"] is None:
+        import cc3d
+        mask, spacing = case.volume("mask")
+        mask, low = cropped(mask)
+        mask = cc3d.largest_k(mask, k=1, connectivity=6).astype(np.uint8)
+        grey, level = mask, 0.5
+    else:
+        import SimpleITK as sitk
+        (grey, spacing), level = case.volume("ct"), about["hu"]
+        grown = sitk.ConnectedThreshold(sitk.GetImageFromArray(grey), [case.voxel("start")], -3000, level, 1)
+        mask, low = cropped(sitk.GetArrayFromImage(grown))
+        grey = grey[tuple(slice(i, i + n) for i, n in zip(low, mask.shape))]
+        # What is not lumen is lifted above the threshold, so that only the lumen is contoured.
+        grey = np.where(mask > 0, grey, np.maximum(grey, level + 55))
+    low_mm = low[::-1] * np.array(spacing)
+    # wall
+    wall = apply("FlyingEdges3D", image(grey, spacing, low_mm), SetValue=(0, level), ComputeNormalsOff=(),
+                 ComputeScalarsOff=())
+    vertices, faces, _ = from_poly(windowed_sinc(wall))
     # A tenth of the faces draws faster than it takes to get there.
-    wall = apply("QuadricDecimation", wall, SetTargetReduction=(0.9,))
-    wall = apply("PolyDataNormals", wall, SplittingOff=(), AutoOrientNormalsOn=())
+    wall = apply("PolyDataNormals", to_poly(decimated(vertices, faces, len(faces) // 10)), SplittingOff=(),
+                 AutoOrientNormalsOn=())
     # centerline
-    distance = edt.edt(mask.view(bool), anisotropy=tuple(spacing[::-1]), black_border=False, parallel=os.cpu_count())
-    cost = np.where(distance > 0, 1e5 * (1 - distance / (1.01 * distance.max())) ** 4 + 1e-2, np.inf)
-    ends = [case.voxel(k)[::-1] for k in ("start", "end")]
-    path = dijkstra3d.dijkstra(np.asfortranarray(cost.astype(np.float32)), *ends, connectivity=26)
-    points = np.asarray(path, float)[:, ::-1] * spacing
-    along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    at = np.arange(0, along[-1], 0.5)
-    points = gaussian_filter1d(np.stack([np.interp(at, along, c) for c in points.T], 1), 6, axis=0, mode="nearest")
+    if route == "vmtk":
+        points = longest(between(wall, about["start_mm"], about["end_mm"]))
+        start = np.array(about["start_mm"])
+        if np.linalg.norm(points[0] - start) > np.linalg.norm(points[-1] - start):
+            points = points[::-1]
+        points = smoothed(points)
+    else:
+        ends = (np.array(case.voxel(k)) - low[::-1] for k in ("start", "end"))
+        points = cheapest(mask, spacing, *ends) + low_mm
     np.savetxt(out / "centerline.csv", points, delimiter=",", header="x,y,z", comments="")
     # flight
     mapper, actor, renderer, window = (vtk.vtkPolyDataMapper(), vtk.vtkActor(), vtk.vtkRenderer(),
@@ -82,9 +92,9 @@ def main(folder, name, out, frames, size):
         writer.SetInputData(frame)
         writer.SetFileName(str(out / "frames" / f"frame_{number:05}.png"))
         writer.Write()
-    print(json.dumps({"peak_mb": peak_mb()}), flush=True)
+    print("\n" + json.dumps({"peak_mb": peak_mb()}), flush=True)  # VMTK does not end its lines
     os._exit(0)  # some drivers of OpenGL fall over when they are unloaded
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:3], sys.argv[3], int(sys.argv[4]), sys.argv[5])
+    main(*sys.argv[1:5], int(sys.argv[5]), sys.argv[6])

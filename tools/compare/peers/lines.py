@@ -1,62 +1,71 @@
 """Peers that give a centerline from the case's start to its end, as points [n, 3] in mm."""
 
 import heapq
-import time
+import os
 
 import numpy as np
 
-VMTK_FACES = 20_000  # on a million faces vmtkCenterlines takes minutes
+from formats import resample
+
+STEP_MM, SMOOTHING_STEPS = 0.5, 6  # of `smoothed`
+END_MM = 40.0  # how far around the start vmtk_network looks for where the lumen goes on
 
 
-def _penalty(case):
-    """Distance by edt, then TEASAR's penalty with kimimaro's constants (10.1109/PCCGA.2000.883951)."""
-    from peers.volumes import edt_distance
-    distance = edt_distance(case)
-
-    def call(outside):
-        d = distance()
-        return np.where(d > 0, 1e5 * (1 - d / (1.01 * d.max())) ** 4 + 1e-2, outside).astype(np.float32)
-    return call
+def cropped(mask):
+    """-> the voxels of the smallest box around what is not 0 and one voxel more, and its lowest index [z, y, x].
+    The background around it is what the distance is measured to."""
+    from scipy import ndimage
+    box = [slice(max(s.start - 1, 0), s.stop + 1) for s in ndimage.find_objects(mask, 1)[0]]
+    return np.ascontiguousarray(mask[tuple(box)]), np.array([s.start for s in box])
 
 
-def _points(case):
-    spacing = np.array(case.about()["spacing"])
-    return lambda path: np.asarray(path, float)[:, ::-1] * spacing
+def penalty(mask, spacing, outside):
+    """Distance by edt, then TEASAR's penalty with kimimaro's constants (10.1109/PCCGA.2000.883951), [z, y, x]."""
+    import edt
+    d = edt.edt(mask.view(bool), anisotropy=spacing[::-1], black_border=False, parallel=os.cpu_count() or 1)
+    d *= -1 / (1.01 * d.max())
+    d += 1
+    np.square(d, out=d)
+    np.square(d, out=d)
+    d *= 1e5
+    d += 1e-2
+    np.putmask(d, mask == 0, outside)
+    return d
 
 
-def dijkstra3d_path(case):
+def smoothed(points):
+    """At equal steps and after a Gaussian along the path: voxel paths are steps of whole voxels."""
+    from scipy.ndimage import gaussian_filter1d
+    return gaussian_filter1d(resample(points, STEP_MM), SMOOTHING_STEPS, axis=0, mode="nearest")
+
+
+def cheapest(mask, spacing, start, end, bidirectional=False):
+    """The smoothed path of least penalty from voxel `start` to `end` (x, y, z), searched in the box around the mask.
+    The penalty is passed as [x, y, z] in the order it lies in memory, so nothing is copied."""
     import dijkstra3d
-    cost, start, end = _penalty(case), case.voxel("start")[::-1], case.voxel("end")[::-1]
-    return lambda: dijkstra3d.dijkstra(np.asfortranarray(cost(np.inf)), start, end, connectivity=26), _points(case)
+    mask, low = cropped(mask)
+    cost, low = penalty(mask, spacing, np.inf).T, low[::-1]
+    ends = [tuple(int(i) for i in p - low) for p in (np.array(start), np.array(end))]
+    path = dijkstra3d.dijkstra(cost, *ends, bidirectional=bidirectional, connectivity=26)
+    return smoothed((np.asarray(path, float) + low) * spacing)
+
+
+def dijkstra3d_path(case, bidirectional):
+    (mask, spacing), start, end = case.volume("mask"), case.voxel("start"), case.voxel("end")
+    return lambda: cheapest(mask, spacing, start, end, bidirectional)
 
 
 def skimage_path(case):
     from skimage.graph import MCP_Geometric
-    cost, start, end = _penalty(case), case.voxel("start")[::-1], case.voxel("end")[::-1]
-    spacing = case.about()["spacing"][::-1]
+    (mask, spacing), start, end = case.volume("mask"), case.voxel("start"), case.voxel("end")
 
     def call():
-        paths = MCP_Geometric(cost(-1), sampling=spacing)
-        paths.find_costs([start], [end])
-        return paths.traceback(end)
-    return call, _points(case)
-
-
-def _vmtk_surface(case):
-    """-> a closed surface of at most VMTK_FACES faces with normals outwards, and the seconds it took."""
-    from peers.meshes import apply, image, threads
-    threads()
-    began = time.perf_counter()
-    of = "ct" if case.path("ct.nrrd").exists() else "mask"
-    wall = apply("FlyingEdges3D", image(*case.volume(of)), ComputeNormalsOff=(),
-                 SetValue=(0, 0.5 if of == "mask" else case.about()["hu"]))
-    wall = apply("CleanPolyData", wall, ConvertPolysToLinesOff=())
-    wall = apply("PolyDataConnectivityFilter", wall, SetExtractionModeToLargestRegion=())
-    wall = apply("TriangleFilter", wall, PassLinesOff=(), PassVertsOff=())
-    share = max(0.0, 1 - VMTK_FACES / wall.GetNumberOfCells())
-    wall = apply("QuadricDecimation", wall, SetTargetReduction=(share,))
-    wall = apply("PolyDataNormals", wall, SplittingOff=(), AutoOrientNormalsOn=())
-    return wall, time.perf_counter() - began
+        box, low = cropped(mask)
+        paths = MCP_Geometric(penalty(box, spacing, -1), sampling=spacing[::-1])
+        first, last = (tuple(int(i) for i in np.array(p[::-1]) - low) for p in (start, end))
+        paths.find_costs([first], [last])
+        return smoothed((np.asarray(paths.traceback(last), float) + low)[:, ::-1] * spacing)
+    return call
 
 
 def _cells(poly):
@@ -70,23 +79,34 @@ def _cells(poly):
     return vtk_to_numpy(poly.GetPoints().GetData()).astype(float), lines
 
 
+def between(surface, start, end):
+    """VMTK's centerline over the Voronoi diagram of `surface`, a vtkPolyData, from `start` to `end` in mm."""
+    from vmtk import vmtkscripts
+    f = vmtkscripts.vmtkCenterlines()
+    f.Surface, f.SeedSelectorName, f.AppendEndPoints, f.LogOn = surface, "pointlist", 0, 0
+    f.SourcePoints, f.TargetPoints = list(start), list(end)
+    f.Execute()
+    return f.Centerlines
+
+
+def longest(lines):
+    """Points of the longest line of a vtkPolyData."""
+    points, lines = _cells(lines)
+    return points[max(lines, key=len)]
+
+
 def vmtk_centerlines(case):
     """Over the Voronoi diagram of the surface, between the two points."""
-    from vmtk import vmtkscripts
-    (surface, mesh_s), about = _vmtk_surface(case), case.about()
+    surface, about = _small_wall(case), case.about()
+    return lambda: between(surface, about["start_mm"], about["end_mm"]), longest
 
-    def call():
-        f = vmtkscripts.vmtkCenterlines()
-        f.Surface, f.SeedSelectorName, f.AppendEndPoints, f.LogOn = surface, "pointlist", 0, 0
-        f.SourcePoints, f.TargetPoints = list(about["start_mm"]), list(about["end_mm"])
-        f.Execute()
-        return f.Centerlines
-    call.also = {"mesh_s": mesh_s}
 
-    def plain(found):
-        points, lines = _cells(found)
-        return points[max(lines, key=len)]
-    return call, plain
+def _small_wall(case):
+    """The mesh of meshes.small_wall as vtkPolyData."""
+    from job import load
+    from peers.meshes import threads, to_poly
+    threads()
+    return to_poly(load(case.small_wall()))
 
 
 def vmtk_network(case):
@@ -95,21 +115,35 @@ def vmtk_network(case):
     from vmtk import vmtkscripts
 
     from peers.meshes import apply
-    about = case.about()
-    start, end = np.array(about["start_mm"]), np.array(about["end_mm"])
-    hole, (surface, mesh_s) = vtk.vtkSphere(), _vmtk_surface(case)
-    hole.SetCenter(start - 0.9 * about["start_radius_mm"] * np.array(about["inwards"]))
-    hole.SetRadius(0.75 * about["start_radius_mm"])
+    start, end = (np.array(case.about()[f"{k}_mm"]) for k in ("start", "end"))
+    surface, (radius, inwards) = _small_wall(case), _end_of_lumen(case)
+    hole = vtk.vtkSphere()
+    hole.SetCenter(start - 0.9 * radius * inwards)
+    hole.SetRadius(0.75 * radius)
     opened = apply("PolyDataConnectivityFilter", apply("ClipPolyData", surface, SetClipFunction=(hole,)),
                    SetExtractionModeToLargestRegion=())
+    opened = apply("CleanPolyData", opened)  # drops the points that only the part cut off used
 
     def call():
         f = vmtkscripts.vmtkNetworkExtraction()
         f.Surface, f.AdvancementRatio, f.LogOn = opened, 1.05, 0
         f.Execute()
         return f.Network
-    call.also = {"mesh_s": mesh_s}
     return call, lambda found: _shortest(*_cells(found), start, end)
+
+
+def _end_of_lumen(case):
+    """-> the distance from the start to the wall, mm, and the direction in which the lumen goes on from there:
+    to the centroid of its voxels within three times that distance, as far as END_MM goes."""
+    from scipy import ndimage
+    (mask, spacing), start = case.volume("mask"), np.array(case.voxel("start"))
+    low = np.maximum(start - (END_MM / np.array(spacing)).astype(int), 0)
+    near = tuple(slice(i, 2 * j - i + 1) for i, j in zip(low[::-1], start[::-1]))
+    box, at = mask[near], start - low
+    reach = 3 * ndimage.distance_transform_edt(box, sampling=spacing[::-1])[tuple(at[::-1])]
+    away = (np.argwhere(box)[:, ::-1] - at) * spacing
+    inwards = away[(away ** 2).sum(1) <= reach ** 2].mean(0)
+    return reach / 3, inwards / np.linalg.norm(inwards)
 
 
 def _shortest(points, lines, start, end):

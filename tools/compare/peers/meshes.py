@@ -26,9 +26,10 @@ def apply(name, data, **settings):
     return f.GetOutput()
 
 
-def image(array, spacing):
-    """[z, y, x] as vtkImageData, sharing memory."""
+def image(array, spacing, origin=(0.0, 0.0, 0.0)):
+    """[z, y, x] as vtkImageData; `origin` is the place of its first voxel, mm."""
     out = vtk.vtkImageData()
+    out.SetOrigin(origin)
     out.SetDimensions(array.shape[::-1])
     out.SetSpacing(spacing)
     out.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(array).ravel(), deep=True))
@@ -89,6 +90,42 @@ def skimage_cubes(case, of):
             lambda found: (found[0][:, ::-1].astype(float), found[1].astype(np.int64), None))
 
 
+def surface_nets(case, of):
+    """Vertices within the cells, smoothed within them: its defaults."""
+    threads()
+    array, spacing, level = _source(case, of)
+    volume = image(array if of == "mask" else (array <= level).astype(np.uint8), spacing)
+    return lambda: _nets(volume)
+
+
+def _nets(volume):
+    return apply("SurfaceNets3D", volume, SetValue=(0, 1), SetOutputMeshTypeToTriangles=())
+
+
+def constrained_wall(case, of):
+    """Flying Edges, then constrained smoothing as in `constrained_smoothing`."""
+    extract, reach = discrete_flying_edges(case, of), _reach(case)
+    return lambda: _constrained(extract(), reach)
+
+
+def small_wall(case, keep):
+    """What VMTK wants: a closed surface of `keep` faces with normals outwards. Of the CT where there is one; the
+    largest component, which is looked for when there are few faces left."""
+    threads()
+    of = "ct" if case.about()["hu"] is not None else "mask"
+    array, spacing, level = _source(case, of)
+    volume = image(array, spacing)
+
+    def call():
+        vertices, faces, _ = from_poly(apply("FlyingEdges3D", volume, SetValue=(0, level), **PLAIN))
+        small = to_poly(decimated(vertices, faces, keep))
+        small = apply("CleanPolyData", small, SetTolerance=(0,), ConvertPolysToLinesOff=())
+        small = apply("PolyDataConnectivityFilter", small, SetExtractionModeToLargestRegion=())
+        return apply("PolyDataNormals", apply("CleanPolyData", small, SetTolerance=(0,)), SplittingOff=(),
+                     AutoOrientNormalsOn=())
+    return call
+
+
 def staircase(case):
     """The mesh whose normals are wanted: VTK's, of the mask."""
     return discrete_flying_edges(case, "mask")()
@@ -103,27 +140,64 @@ def plain_normals(case):
     return lambda: _point_normals(poly)
 
 
+def _normals_of(poly, smooth):
+    """`poly` with the normals of a smoothed copy; its vertices do not move."""
+    out = vtk.vtkPolyData()
+    out.ShallowCopy(poly)
+    out.GetPointData().SetNormals(_point_normals(smooth).GetPointData().GetNormals())
+    return out
+
+
 def laplacian_normals(case):
     """Normals of a smoothed copy, put on the vertices that did not move."""
     poly = staircase(case)
+    return lambda: _normals_of(poly, apply(
+        "SmoothPolyDataFilter", poly, SetNumberOfIterations=(20,), SetRelaxationFactor=(0.3,),
+        BoundarySmoothingOff=(), FeatureEdgeSmoothingOff=()))
 
-    def call():
-        smooth = apply("SmoothPolyDataFilter", poly, SetNumberOfIterations=(20,), SetRelaxationFactor=(0.3,),
-                       BoundarySmoothingOff=(), FeatureEdgeSmoothingOff=())
-        out = vtk.vtkPolyData()
-        out.ShallowCopy(poly)
-        out.GetPointData().SetNormals(_point_normals(smooth).GetPointData().GetNormals())
-        return out
-    return call
+
+def windowed_sinc(poly):
+    """A low-pass filter of positions (Taubin, Zhang and Golub, "Optimal surface smoothing as filter design", 1996)."""
+    return apply("WindowedSincPolyDataFilter", poly, SetNumberOfIterations=(20,), SetPassBand=(0.01,),
+                 NormalizeCoordinatesOn=(), BoundarySmoothingOff=(), FeatureEdgeSmoothingOff=(),
+                 NonManifoldSmoothingOn=())
+
+
+def sinc_normals(case):
+    """Normals of a copy smoothed by windowed sinc, put on the vertices that did not move."""
+    threads()
+    poly = staircase(case)
+    return lambda: _normals_of(poly, windowed_sinc(poly))
+
+
+def sinc_smoothing(case):
+    """Moves vertices, without a bound."""
+    threads()
+    poly = staircase(case)
+    return lambda: _point_normals(windowed_sinc(poly))
+
+
+def _reach(case):
+    return 0.75 * max(case.about()["spacing"])
+
+
+def _constrained(poly, reach):
+    return apply("ConstrainedSmoothingFilter", poly, SetConstraintStrategyToConstraintDistance=(),
+                 SetConstraintDistance=(reach,), SetNumberOfIterations=(30,), SetRelaxationFactor=(0.3,))
 
 
 def constrained_smoothing(case):
     """Moves vertices, by three quarters of a voxel at most."""
     threads()
-    poly, reach = staircase(case), 0.75 * max(case.about()["spacing"])
-    return lambda: _point_normals(apply(
-        "ConstrainedSmoothingFilter", poly, SetConstraintStrategyToConstraintDistance=(),
-        SetConstraintDistance=(reach,), SetNumberOfIterations=(30,), SetRelaxationFactor=(0.3,)))
+    poly, reach = staircase(case), _reach(case)
+    return lambda: _point_normals(_constrained(poly, reach))
+
+
+def nets_normals(case):
+    """A mesh of its own from the mask, on the clock, smoothed within the cells; normals of its faces."""
+    threads()
+    volume = image(*case.volume("mask"))
+    return lambda: _point_normals(_nets(volume))
 
 
 def gradient_normals(case):
@@ -151,17 +225,40 @@ def vtk_quadric(case):
                          NormalsAttributeOn=(), SetNormalsWeight=(0.5,), **others)
 
 
-def meshoptimizer(case):
-    """Positions only: its Python package cannot pass normals."""
-    import meshoptimizer as mo
-    (vertices, faces, _), keep = case.mesh(), case.about()["keep"]
-    points, index = vertices.astype(np.float32), faces.ravel().astype(np.uint32)
+def _simplified(points, index, keep, normals=None):
+    """meshoptimizer's index of `keep` faces, at whatever error; with normals as attributes where they are given."""
+    import ctypes
 
-    def call():
-        out, error = np.zeros_like(index), np.zeros(1, np.float32)
-        n = mo.simplify(out, index, points, target_index_count=3 * keep, target_error=1e9, result_error=error)
-        return out[:n].reshape(-1, 3).astype(np.int64)
-    return call, lambda found: (vertices, found, None)
+    import meshoptimizer as mo
+    from meshoptimizer._loader import lib
+    out, error = np.zeros_like(index), np.zeros(1, np.float32)
+    to = {"target_index_count": 3 * keep, "target_error": 1e9, "result_error": error}
+    if normals is None:
+        n = mo.simplify(out, index, points, **to)
+    else:
+        # The package declares no argument types for this function, without which ctypes refuses the float among them.
+        floats, count, number = ctypes.POINTER(ctypes.c_float), ctypes.c_size_t, ctypes.POINTER(ctypes.c_uint)
+        lib.meshopt_simplifyWithAttributes.argtypes = [
+            number, number, count, floats, count, count, floats, count, floats, count,
+            ctypes.POINTER(ctypes.c_ubyte), count, ctypes.c_float, ctypes.c_uint, floats]
+        lib.meshopt_simplifyWithAttributes.restype = count
+        n = mo.simplify_with_attributes(out, index, points, normals, np.full(3, 0.5, np.float32), **to)
+    return out[:n].reshape(-1, 3).astype(np.int64)
+
+
+def decimated(vertices, faces, keep):
+    """By meshoptimizer, positions alone; -> (vertices that are left, faces, None)."""
+    found = _simplified(vertices.astype(np.float32), faces.ravel().astype(np.uint32), keep)
+    used, number = np.unique(found, return_inverse=True)
+    return vertices[used], number.reshape(-1, 3), None
+
+
+def meshoptimizer(case, with_normals=False):
+    """Keeps some of the vertices, and so their normals."""
+    (vertices, faces, normals), keep = case.mesh(), case.about()["keep"]
+    points, index = vertices.astype(np.float32), faces.ravel().astype(np.uint32)
+    more = [normals.astype(np.float32)] if with_normals else []
+    return lambda: _simplified(points, index, keep, *more), lambda found: (vertices, found, normals)
 
 
 def fast_simplification(case):
@@ -173,14 +270,19 @@ def fast_simplification(case):
 
 
 def pymeshlab_quadric(case):
-    """Its filter works in place, so taking the mesh in is on the clock."""
+    """Its filter works in place, so every call gets a mesh of its own, made off the clock."""
     import pymeshlab
     (vertices, faces, _), keep = case.mesh(), case.about()["keep"]
 
-    def call():
-        f = pymeshlab.MeshSet(verbose=False)
-        f.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
-        f.meshing_decimation_quadric_edge_collapse(targetfacenum=keep, preservenormal=True, preservetopology=True,
-                                                   optimalplacement=True, qualitythr=0.3)
-        return f
-    return call, lambda f: (f.current_mesh().vertex_matrix(), f.current_mesh().face_matrix().astype(np.int64), None)
+    def fresh():
+        meshes = pymeshlab.MeshSet(verbose=False)
+        meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
+        return meshes
+
+    def call(meshes):
+        meshes.meshing_decimation_quadric_edge_collapse(targetfacenum=keep, preservenormal=True, preservetopology=True,
+                                                        optimalplacement=True, qualitythr=0.3)
+        return meshes
+    call.fresh = fresh
+    return call, lambda meshes: (meshes.current_mesh().vertex_matrix(),
+                                 meshes.current_mesh().face_matrix().astype(np.int64), None)

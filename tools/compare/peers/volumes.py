@@ -34,16 +34,17 @@ def maurer_distance(case):
                                                 useImageSpacing=True)
 
 
-def skimage_eigenvalues(case, sigma_mm):
-    """Ascending and per mm2, from a blur and central differences (its default)."""
+def _hessian(grey, sigma, gaussian):
     from skimage.feature import hessian_matrix, hessian_matrix_eigvals
+    return hessian_matrix_eigvals(hessian_matrix(grey, sigma=sigma, order="rc", use_gaussian_derivatives=gaussian))
+
+
+def skimage_eigenvalues(case, sigma_mm, gaussian):
+    """Ascending and per mm2, from Gaussian derivatives, or from a blur and central differences."""
     array, spacing = case.volume("ct")
     grey = array.astype(np.float32)
-
-    def call():
-        parts = hessian_matrix(grey, sigma=sigma_mm / spacing[0], order="rc", use_gaussian_derivatives=False)
-        return hessian_matrix_eigvals(parts)
-    return call, lambda found: np.moveaxis(found[::-1], 0, -1) / spacing[0] ** 2
+    return (lambda: _hessian(grey, sigma_mm / spacing[0], gaussian),
+            lambda found: np.moveaxis(found[::-1], 0, -1) / spacing[0] ** 2)
 
 
 def itk_objectness(case, sigma_mm):
@@ -66,18 +67,13 @@ def itk_ridge(case, sigma_mm):
     return call
 
 
-def skimage_ridge(case, sigma_mm):
+def skimage_ridge(case, sigma_mm, gaussian):
     """max(0, -l2) of the blurred distance, edt before it; isotropic grids."""
-    from skimage.feature import hessian_matrix, hessian_matrix_eigvals
     spacing = case.volume("mask")[1]
     if len(set(spacing)) > 1:
         raise RuntimeError("takes isotropic voxels only")
     distance = edt_distance(case)
-
-    def call():
-        parts = hessian_matrix(distance(), sigma=sigma_mm / spacing[0], order="rc", use_gaussian_derivatives=False)
-        return np.maximum(0, -hessian_matrix_eigvals(parts)[1])
-    return call
+    return lambda: np.maximum(0, -_hessian(distance(), sigma_mm / spacing[0], gaussian)[1])
 
 
 def itk_grow(case):
@@ -99,5 +95,16 @@ def scipy_grow(case):
 
     def call():
         labels, _ = ndimage.label(grey <= hu)
+        return labels == labels[seed]
+    return call
+
+
+def cc3d_grow(case):
+    """Labels every component, as SciPy does, and keeps the seed's."""
+    import cc3d
+    grey, seed, hu = case.volume("ct")[0], case.voxel("start")[::-1], case.about()["hu"]
+
+    def call():
+        labels = cc3d.connected_components(grey <= hu, connectivity=6)
         return labels == labels[seed]
     return call

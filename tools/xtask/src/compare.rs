@@ -7,36 +7,56 @@ use std::path::{Path, PathBuf};
 
 const SCRIPT: &str = "tools/compare/compare.py";
 const WANTED: &str = "tools/compare/requirements.txt";
+const WANTED_VMTK: &str = "tools/compare/requirements-vmtk.txt";
 const HELP: &str = "\
 usage: cargo xtask compare [FLAGS]
 
   --stages A,B         only these (default: all; a wrong name lists them)
   --sizes quick|full   half the grid, or all of it (default: full)
   --repeat N           rounds, in which all programs of a case take turns (default: 5)
-  --vmtk PYTHON        an interpreter that can import vmtk
-  --data DIR           real volumes, for times
+  --without A,B        leave out rows whose program's name holds A or B
+  --vmtk PYTHON        an interpreter with tools/compare/requirements-vmtk.txt installed
+                       (default: one made of a Python 3.12 or newer, where there is one)
+  --data DIR           real volumes (default with full sizes: ../shared/data, where it is)
   --out DIR            where everything lands (default: out/compare)
   --python PATH        an interpreter that has tools/compare/requirements.txt installed
+  --intima PATH        this program instead of building one
   --readme             also put the short table into README.md
   --render             only write table and plot anew from what is in --out
 ";
 
-/// `cargo xtask compare [--python PATH] [ARGUMENTS OF compare.py]`
+/// `cargo xtask compare [--python PATH] [--intima PATH] [ARGUMENTS OF compare.py]`
 pub fn compare(args: &[&str]) -> Result<(), Stop> {
     if args.iter().any(|a| ["-h", "--help"].contains(a)) {
         print!("{HELP}");
         return Ok(());
     }
     let (python, rest) = split(args)?;
+    let (given, rest) = value("--intima", &rest)?;
     if let Err(Stop::NoDevice(why) | Stop::Failed(why)) = setup(For::Running) {
         eprintln!("the flight will be missing from the comparison: {why}");
     }
-    loudly(&mut cargo(&["build", "--release", "--locked"]))?;
+    let intima = match given {
+        Some(path) => absolute(path)?,
+        None => {
+            loudly(&mut cargo(&["build", "--release", "--locked"]))?;
+            program()
+        }
+    };
     let python = match python {
         Some(given) => given.to_owned(),
-        None => peers()?.to_string_lossy().into_owned(),
+        None => environment("compare-venv", WANTED, system_python()?)?,
     };
-    loudly(&mut command(&python, &[&[SCRIPT, "--intima", &program()], &rest[..]].concat()))
+    let vmtk = if rest.contains(&"--vmtk") { None } else { vmtk() };
+    let vmtk: Vec<&str> = vmtk.iter().flat_map(|python| ["--vmtk", python]).collect();
+    let args = [&[SCRIPT, "--intima", &intima], &vmtk[..], &rest[..]].concat();
+    loudly(&mut command(&python, &args))
+}
+
+/// A path as given, from where we were started: the script runs in the repository's root.
+fn absolute(path: &str) -> Result<String, Stop> {
+    let found = std::fs::canonicalize(path).map_err(|e| Stop::Failed(format!("{path}: {e}")))?;
+    Ok(found.to_string_lossy().into_owned())
 }
 
 /// Where the release program is built.
@@ -47,11 +67,16 @@ pub fn program() -> String {
 
 /// The interpreter asked for, and what is left for the script.
 pub fn split<'a>(args: &[&'a str]) -> Result<(Option<&'a str>, Vec<&'a str>), Stop> {
-    let Some(at) = args.iter().position(|a| *a == "--python") else {
+    value("--python", args)
+}
+
+/// The path after `flag`, and the other arguments.
+fn value<'a>(flag: &str, args: &[&'a str]) -> Result<(Option<&'a str>, Vec<&'a str>), Stop> {
+    let Some(at) = args.iter().position(|a| *a == flag) else {
         return Ok((None, args.to_vec()));
     };
     let Some(given) = args.get(at + 1) else {
-        return Err(Stop::Usage("--python wants the path of an interpreter".into()));
+        return Err(Stop::Usage(format!("{flag} wants a path")));
     };
     Ok((Some(*given), [&args[..at], &args[at + 2..]].concat()))
 }
@@ -61,37 +86,52 @@ fn target() -> PathBuf {
     root().join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or("target".into()))
 }
 
-/// Python with every peer in it, installed if that has not been done for these very versions.
-fn peers() -> Result<PathBuf, Stop> {
-    let home = target().join("compare-venv");
+/// The interpreter of an environment `name` made with `system`, with the packages of the file
+/// `wanted` installed unless that has been done for these very versions.
+fn environment(name: &str, wanted: &str, system: &str) -> Result<String, Stop> {
+    let home = target().join(name);
     let bin = if cfg!(windows) { "Scripts" } else { "bin" };
     let python = home.join(bin).join(format!("python{}", std::env::consts::EXE_SUFFIX));
-    let (wanted, done) = (root().join(WANTED), home.join("installed.txt"));
+    let python = python.to_string_lossy().into_owned();
+    let (list, done) = (root().join(wanted), home.join("installed.txt"));
     let read = |path: &Path| std::fs::read_to_string(path).ok();
-    if read(&wanted).is_some() && read(&wanted) == read(&done) {
+    if read(&list).is_some() && read(&list) == read(&done) {
         return Ok(python);
     }
-    let system = system_python()?;
     let folder = home.to_string_lossy().into_owned();
     loudly(&mut command(system, &["-m", "venv", &folder])).map_err(|_| missing("venv"))?;
-    let venv = python.to_string_lossy().into_owned();
-    if !quietly(&mut command(&venv, &["-m", "pip", "--version"])) {
+    if !quietly(&mut command(&python, &["-m", "pip", "--version"])) {
         return Err(missing("pip"));
     }
-    loudly(&mut command(&venv, &["-m", "pip", "install", "--quiet", "-r", WANTED]))?;
-    std::fs::copy(&wanted, &done).map_err(|e| Stop::Failed(format!("{}: {e}", done.display())))?;
+    loudly(&mut command(&python, &["-m", "pip", "install", "--quiet", "-r", wanted]))?;
+    std::fs::copy(&list, &done).map_err(|e| Stop::Failed(format!("{}: {e}", done.display())))?;
     Ok(python)
+}
+
+/// An interpreter with VMTK, where it can be had; without it only its rows are missing.
+fn vmtk() -> Option<String> {
+    let names = ["python3", "python3.14", "python3.13", "python3.12"];
+    let Some(system) = names.into_iter().find(|p| on_path(p) && fits(p, VMTK_PYTHON)) else {
+        eprintln!("VMTK will be missing: it wants a Python 3.12 to 3.14 on PATH, or --vmtk");
+        return None;
+    };
+    let made = environment("compare-vmtk-venv", WANTED_VMTK, system);
+    made.inspect_err(|_| eprintln!("VMTK will be missing: its packages do not install")).ok()
 }
 
 /// A Python of the system that is new enough.
 pub fn system_python() -> Result<&'static str, Stop> {
-    let found = ["python3", "python"].into_iter().find(|p| on_path(p) && fits(p));
+    let found = ["python3", "python"].into_iter().find(|p| on_path(p) && fits(p, PYTHON));
     found.ok_or_else(|| Stop::Failed(NO_PYTHON.into()))
 }
 
-/// Whether it is of a version for which all the pinned peers have wheels.
-fn fits(python: &str) -> bool {
-    quietly(&mut command(python, &["-c", "import sys; sys.exit(sys.version_info < (3, 11))"]))
+/// For which versions all the pinned peers have wheels, as a condition in Python.
+const PYTHON: &str = "sys.version_info >= (3, 11)";
+const VMTK_PYTHON: &str = "(3, 12) <= sys.version_info < (3, 15)";
+
+/// Whether its version is one of `versions`.
+fn fits(python: &str, versions: &str) -> bool {
+    quietly(&mut command(python, &["-c", &format!("import sys; sys.exit(not ({versions}))")]))
 }
 
 const NO_PYTHON: &str = "no Python 3.11 or newer on PATH; install one with its venv and pip (on Debian \
@@ -110,7 +150,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_interpreter_is_taken_out_of_the_arguments() {
+    fn interpreter_and_program_are_taken_out_of_the_arguments() {
+        let (intima, rest) = value("--intima", &["--intima", "p", "--sizes", "quick"]).unwrap();
+        assert_eq!((intima, rest), (Some("p"), vec!["--sizes", "quick"]));
         let (python, rest) =
             split(&["--stages", "grow", "--python", "p", "--repeat", "3"]).unwrap();
         assert_eq!((python, rest), (Some("p"), vec!["--stages", "grow", "--repeat", "3"]));
@@ -120,17 +162,29 @@ mod tests {
 
     #[test]
     fn what_is_named_here_exists() {
-        for file in [SCRIPT, WANTED] {
+        for file in [SCRIPT, WANTED, WANTED_VMTK] {
             assert!(root().join(file).is_file(), "{file}");
         }
     }
 
     #[test]
     fn every_peer_is_pinned() {
-        let text = std::fs::read_to_string(root().join(WANTED)).unwrap();
-        let mut lines = text.lines().filter(|l| !l.starts_with('#')).peekable();
-        assert!(lines.peek().is_some());
-        lines.for_each(|l| assert!(l.contains("=="), "{l}"));
+        for wanted in [WANTED, WANTED_VMTK] {
+            let text = std::fs::read_to_string(root().join(wanted)).unwrap();
+            let mut lines = text.lines().filter(|l| !l.starts_with('#')).peekable();
+            assert!(lines.peek().is_some());
+            lines.for_each(|l| assert!(l.contains("=="), "{l}"));
+        }
+    }
+
+    #[test]
+    fn every_flag_of_the_script_is_in_the_help() {
+        let text = std::fs::read_to_string(root().join(SCRIPT)).unwrap();
+        let flags: Vec<_> = text.split("add_argument(\"").skip(1).collect();
+        assert!(flags.len() > 5, "{SCRIPT} parses no flags");
+        for flag in flags.iter().filter_map(|f| f.split('"').next()) {
+            assert!(HELP.contains(&format!("  {flag} ")), "{flag}");
+        }
     }
 
     #[test]
