@@ -5,7 +5,7 @@
 //! `shaders/<kernel>.wgsl` gives a module `<kernel>` in `kernels.rs`: SPIR-V, workgroup size, a
 //! `Params` struct laid out as the shader's `var<immediate>`, and a `Bindings` struct of typed
 //! buffers in binding order. `shaders/draw/<pass>.wgsl` gives SPIR-V, entry points and `Params`.
-//! A line `#include "lib/x.wgsl"` is replaced by that file, once a shader.
+//! A line `#include "lib/NAME.wgsl"` is replaced by that file, once a shader.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;

@@ -3,9 +3,19 @@
 use super::layers::ORDER;
 use super::tree::Tree;
 
+const PAGE: &str = "ARCHITECTURE.md";
+/// Lines of the page that a newcomer reads in ten minutes.
+const MOST_LINES: usize = 150;
+
+/// The page is no longer than it may be.
+pub fn length(tree: &Tree) -> Vec<String> {
+    let lines = tree.text(PAGE).unwrap_or_default().lines().count();
+    let over = (lines > MOST_LINES).then(|| format!("{PAGE}: {lines} lines, {MOST_LINES} at most"));
+    over.into_iter().collect()
+}
+
 /// Rooms that the page leaves out, and rooms it shows that do not exist.
 pub fn rooms(tree: &Tree) -> Vec<String> {
-    const PAGE: &str = "ARCHITECTURE.md";
     let Some(text) = tree.text(PAGE) else { return vec![format!("no {PAGE}")] };
     let there = tree.rooms();
     let left_out = there.iter().filter(|room| !names(text, room));
@@ -76,6 +86,13 @@ mod tests {
         let found = said("`volume/` `device.rs`\n  lod/  levels\nsee `src/attic/old.rs`");
         assert_eq!(found.len(), 2, "{found:?}");
         assert_eq!(said("`volume` `device`\n| `lod` | levels |").len(), 1);
+    }
+
+    #[test]
+    fn one_line_too_many_is_caught() {
+        let page = |lines: usize| Tree::of(&[(PAGE, &"x\n".repeat(lines))]);
+        assert_eq!(length(&page(150)), [""; 0]);
+        assert_eq!(length(&page(151)), ["ARCHITECTURE.md: 151 lines, 150 at most"]);
     }
 
     #[test]

@@ -6,6 +6,7 @@ use super::tree::{Tree, line};
 /// The rooms, first to last.
 pub const ORDER: &[&str] = &[
     "fault",
+    "task",
     "volume",
     "geometry",
     "formats",

@@ -7,6 +7,7 @@ mod code;
 mod docs;
 mod kernels;
 mod layers;
+mod links;
 mod manifest;
 mod size;
 mod source;
@@ -27,6 +28,8 @@ const RULES: &[Rule] = &[
     ("every kernel has its shader, twin, cases and place", kernels::complete),
     ("every shader says what it does", kernels::headers),
     ("ARCHITECTURE.md names the rooms there are", docs::rooms),
+    ("ARCHITECTURE.md is short", docs::length),
+    ("links of documents resolve", links::resolve),
     ("every dependency has its reason", manifest::reasons),
     ("committed pictures and tables stay small", size::budgets),
 ];

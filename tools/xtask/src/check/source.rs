@@ -2,6 +2,16 @@
 
 /// `text` with comments, strings and character literals blanked; lines keep their places.
 pub fn code_only(text: &str) -> String {
+    blanked(text, |piece| piece.is_none())
+}
+
+/// `text` with all but its comments blanked; lines keep their places.
+pub fn comments_only(text: &str) -> String {
+    blanked(text, |piece| piece.is_some_and(|p| p.starts_with("//") || p.starts_with("/*")))
+}
+
+/// Keeps what `keep` says of a comment, string or character, or of `None` for code; blanks the rest.
+fn blanked(text: &str, keep: impl Fn(Option<&str>) -> bool) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
     let mut in_word = false;
@@ -10,10 +20,10 @@ pub fn code_only(text: &str) -> String {
         let skip = if skip > 0 { skip } else { plain(rest) };
         let taken = if skip > 0 { skip } else { c.len_utf8() };
         let (now, later) = rest.split_at(taken);
-        if skip > 0 {
-            out.extend(now.chars().map(|c| if c == '\n' { '\n' } else { ' ' }));
+        if keep((skip > 0).then_some(now)) {
+            out.push_str(now);
         } else {
-            out.push(c);
+            out.extend(now.chars().map(|c| if c == '\n' { '\n' } else { ' ' }));
         }
         in_word = skip == 0 && is_word(c);
         rest = later;
@@ -137,6 +147,12 @@ mod tests {
             assert_eq!(got.trim_end(), code.trim_end(), "{text}");
             assert_eq!(got.lines().count(), text.lines().count(), "{text}");
         }
+    }
+
+    #[test]
+    fn comments_stay_and_code_and_strings_are_blanked() {
+        let text = "a(\"// x\"); // y\n/* z */ 'c' b";
+        assert_eq!(comments_only(text), "           // y\n/* z */      ");
     }
 
     #[test]
