@@ -1,8 +1,8 @@
-//! intima beside what one would use instead: builds, installs the peers, and lets Python measure.
+//! `cargo xtask compare`: builds intima, installs the peers and runs `tools/compare`.
 
-use crate::Stop;
-use crate::run::{cargo, command, loudly, on_path, quietly, root};
-use crate::setup::{For, setup};
+use crate::TaskError;
+use crate::process::{cargo, command, on_path, root, run, succeeds};
+use crate::setup::{Purpose, setup};
 use std::path::{Path, PathBuf};
 
 const SCRIPT: &str = "tools/compare/compare.py";
@@ -26,20 +26,20 @@ usage: cargo xtask compare [FLAGS]
 ";
 
 /// `cargo xtask compare [--python PATH] [--intima PATH] [ARGUMENTS OF compare.py]`
-pub fn compare(args: &[&str]) -> Result<(), Stop> {
+pub fn compare(args: &[&str]) -> Result<(), TaskError> {
     if args.iter().any(|a| ["-h", "--help"].contains(a)) {
         print!("{HELP}");
         return Ok(());
     }
     let (python, rest) = split(args)?;
     let (given, rest) = value("--intima", &rest)?;
-    if let Err(Stop::NoDevice(why) | Stop::Failed(why)) = setup(For::Running) {
+    if let Err(TaskError::NoDevice(why) | TaskError::Failed(why)) = setup(Purpose::Running) {
         eprintln!("the flight will be missing from the comparison: {why}");
     }
     let intima = match given {
         Some(path) => absolute(path)?,
         None => {
-            loudly(&mut cargo(&["build", "--release", "--locked"]))?;
+            run(&mut cargo(&["build", "--release", "--locked"]))?;
             program()
         }
     };
@@ -50,12 +50,13 @@ pub fn compare(args: &[&str]) -> Result<(), Stop> {
     let vmtk = if rest.contains(&"--vmtk") { None } else { vmtk() };
     let vmtk: Vec<&str> = vmtk.iter().flat_map(|python| ["--vmtk", python]).collect();
     let args = [&[SCRIPT, "--intima", &intima], &vmtk[..], &rest[..]].concat();
-    loudly(&mut command(&python, &args))
+    run(&mut command(&python, &args))
 }
 
 /// A path as given, from where we were started: the script runs in the repository's root.
-fn absolute(path: &str) -> Result<String, Stop> {
-    let found = std::fs::canonicalize(path).map_err(|e| Stop::Failed(format!("{path}: {e}")))?;
+fn absolute(path: &str) -> Result<String, TaskError> {
+    let found =
+        std::fs::canonicalize(path).map_err(|e| TaskError::Failed(format!("{path}: {e}")))?;
     Ok(found.to_string_lossy().into_owned())
 }
 
@@ -66,17 +67,17 @@ pub fn program() -> String {
 }
 
 /// The interpreter asked for, and what is left for the script.
-pub fn split<'a>(args: &[&'a str]) -> Result<(Option<&'a str>, Vec<&'a str>), Stop> {
+pub fn split<'a>(args: &[&'a str]) -> Result<(Option<&'a str>, Vec<&'a str>), TaskError> {
     value("--python", args)
 }
 
 /// The path after `flag`, and the other arguments.
-fn value<'a>(flag: &str, args: &[&'a str]) -> Result<(Option<&'a str>, Vec<&'a str>), Stop> {
+fn value<'a>(flag: &str, args: &[&'a str]) -> Result<(Option<&'a str>, Vec<&'a str>), TaskError> {
     let Some(at) = args.iter().position(|a| *a == flag) else {
         return Ok((None, args.to_vec()));
     };
     let Some(given) = args.get(at + 1) else {
-        return Err(Stop::Usage(format!("{flag} wants a path")));
+        return Err(TaskError::Usage(format!("{flag} wants a path")));
     };
     Ok((Some(*given), [&args[..at], &args[at + 2..]].concat()))
 }
@@ -88,7 +89,7 @@ fn target() -> PathBuf {
 
 /// The interpreter of an environment `name` made with `system`, with the packages of the file
 /// `wanted` installed unless that has been done for these very versions.
-fn environment(name: &str, wanted: &str, system: &str) -> Result<String, Stop> {
+fn environment(name: &str, wanted: &str, system: &str) -> Result<String, TaskError> {
     let home = target().join(name);
     let bin = if cfg!(windows) { "Scripts" } else { "bin" };
     let python = home.join(bin).join(format!("python{}", std::env::consts::EXE_SUFFIX));
@@ -99,12 +100,13 @@ fn environment(name: &str, wanted: &str, system: &str) -> Result<String, Stop> {
         return Ok(python);
     }
     let folder = home.to_string_lossy().into_owned();
-    loudly(&mut command(system, &["-m", "venv", &folder])).map_err(|_| missing("venv"))?;
-    if !quietly(&mut command(&python, &["-m", "pip", "--version"])) {
+    run(&mut command(system, &["-m", "venv", &folder])).map_err(|_| missing("venv"))?;
+    if !succeeds(&mut command(&python, &["-m", "pip", "--version"])) {
         return Err(missing("pip"));
     }
-    loudly(&mut command(&python, &["-m", "pip", "install", "--quiet", "-r", wanted]))?;
-    std::fs::copy(&list, &done).map_err(|e| Stop::Failed(format!("{}: {e}", done.display())))?;
+    run(&mut command(&python, &["-m", "pip", "install", "--quiet", "-r", wanted]))?;
+    std::fs::copy(&list, &done)
+        .map_err(|e| TaskError::Failed(format!("{}: {e}", done.display())))?;
     Ok(python)
 }
 
@@ -120,9 +122,9 @@ fn vmtk() -> Option<String> {
 }
 
 /// A Python of the system that is new enough.
-pub fn system_python() -> Result<&'static str, Stop> {
+pub fn system_python() -> Result<&'static str, TaskError> {
     let found = ["python3", "python"].into_iter().find(|p| on_path(p) && fits(p, PYTHON));
-    found.ok_or_else(|| Stop::Failed(NO_PYTHON.into()))
+    found.ok_or_else(|| TaskError::Failed(NO_PYTHON.into()))
 }
 
 /// For which versions all the pinned peers have wheels, as a condition in Python.
@@ -131,14 +133,14 @@ const VMTK_PYTHON: &str = "(3, 12) <= sys.version_info < (3, 15)";
 
 /// Whether its version is one of `versions`.
 fn fits(python: &str, versions: &str) -> bool {
-    quietly(&mut command(python, &["-c", &format!("import sys; sys.exit(not ({versions}))")]))
+    succeeds(&mut command(python, &["-c", &format!("import sys; sys.exit(not ({versions}))")]))
 }
 
 const NO_PYTHON: &str = "no Python 3.11 or newer on PATH; install one with its venv and pip (on Debian \
 and Ubuntu: `apt-get install python3 python3-venv python3-pip`), or name one with --python";
 
-fn missing(module: &str) -> Stop {
-    Stop::Failed(format!(
+fn missing(module: &str) -> TaskError {
+    TaskError::Failed(format!(
         "Python is here without `{module}`; on Debian and Ubuntu: \
          `apt-get install python3-venv python3-pip`. Or name an interpreter that has \
          {WANTED} installed, with --python"
@@ -157,7 +159,7 @@ mod tests {
             split(&["--stages", "grow", "--python", "p", "--repeat", "3"]).unwrap();
         assert_eq!((python, rest), (Some("p"), vec!["--stages", "grow", "--repeat", "3"]));
         assert_eq!(split(&["--readme"]).unwrap(), (None, vec!["--readme"]));
-        assert!(matches!(split(&["--python"]), Err(Stop::Usage(_))));
+        assert!(matches!(split(&["--python"]), Err(TaskError::Usage(_))));
     }
 
     #[test]
@@ -198,7 +200,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_said_with_a_way_out() {
-        let Stop::Failed(text) = missing("venv") else { panic!("another kind") };
+        let TaskError::Failed(text) = missing("venv") else { panic!("another kind") };
         assert!(text.contains("`venv`") && text.contains("--python"), "{text}");
     }
 }

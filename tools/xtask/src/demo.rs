@@ -1,8 +1,8 @@
-//! The first thing a newcomer runs: a phantom, and a flight through it.
+//! `cargo xtask demo`: makes a phantom and flies through it.
 
-use crate::Stop;
-use crate::run::{cargo, loudly, on_path, root};
-use crate::setup::{For, setup};
+use crate::TaskError;
+use crate::process::{cargo, on_path, root, run};
+use crate::setup::{Purpose, setup};
 use std::fs;
 use std::path::Path;
 
@@ -13,15 +13,15 @@ const VIDEO: &str = "out/demo/flight.mp4";
 const AIR: &str = ":-455";
 
 /// `cargo xtask demo`
-pub fn demo() -> Result<(), Stop> {
-    setup(For::Running)?;
-    loudly(&mut cargo(&["build", "--release", "--locked"]))?;
+pub fn demo() -> Result<(), TaskError> {
+    setup(Purpose::Running)?;
+    run(&mut cargo(&["build", "--release", "--locked"]))?;
     let folder = root().join(OUT);
-    fs::create_dir_all(&folder).map_err(|e| Stop::Failed(format!("{OUT}: {e}")))?;
+    fs::create_dir_all(&folder).map_err(|e| TaskError::Failed(format!("{OUT}: {e}")))?;
     let intima = |args: &[&str]| {
         // Through cargo, which knows where the program was built.
-        let run = ["run", "--release", "--locked", "--quiet", "--package", "intima", "--"];
-        loudly(&mut cargo(&[&run, args].concat()))
+        let start = ["run", "--release", "--locked", "--quiet", "--package", "intima", "--"];
+        run(&mut cargo(&[&start, args].concat()))
     };
     intima(&["phantom", "colon", "-o", VOLUME, "--size", "128"])?;
     intima(&flight(on_path("ffmpeg")))?;
@@ -34,7 +34,7 @@ pub fn demo() -> Result<(), Stop> {
     Ok(())
 }
 
-/// The arguments of the one call that does it all; the video only where something can write it.
+/// Arguments of `intima run`; a video only where `ffmpeg` is installed.
 fn flight(ffmpeg: bool) -> Vec<&'static str> {
     let mut args = vec!["run", VOLUME, "--threshold", AIR, "--out", OUT];
     args.extend(["--frames", "120", "--size", "640x480"]);
@@ -49,8 +49,8 @@ const PRODUCTS: &[(&str, &str)] = &[
     ("flight.mp4", "the same as a video"),
     ("surface.ply", "the wall, with smoothed normals"),
     ("centerline.csv", "the path flown; .vtp and .mrk.json beside it"),
-    ("unseen.csv", "places of the wall that the path does not see"),
-    ("report.json", "every figure measured on the way"),
+    ("unseen.csv", "boundary voxels that the flight does not see"),
+    ("report.json", "every figure of the run"),
     ("colon.nrrd", "the phantom itself"),
 ];
 
@@ -67,13 +67,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_video_is_asked_for_only_where_ffmpeg_is() {
+    fn a_video_is_requested_only_with_ffmpeg() {
         assert!(flight(true).contains(&VIDEO));
         assert!(!flight(false).contains(&"--video"));
     }
 
     #[test]
-    fn only_what_exists_is_listed() {
+    fn only_existing_products_are_listed() {
         assert_eq!(listed(&root(), "no-such-thing", "x"), None);
         assert!(listed(&root(), "Cargo.toml", "x").unwrap().contains("Cargo.toml"));
     }

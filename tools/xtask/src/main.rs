@@ -1,15 +1,15 @@
-//! The house's own tasks, run as `cargo xtask TASK`.
+//! Tasks of the project, run as `cargo xtask TASK`.
 //!
 //! Standard library only, so that a clean clone gets to the first useful message in seconds.
 
+mod bless;
 mod check;
 mod compare;
 mod demo;
-mod golden;
-mod run;
+mod process;
 mod scaling;
 mod setup;
-mod suite;
+mod test_suite;
 mod vulkan;
 
 use std::process::ExitCode;
@@ -20,8 +20,8 @@ usage: cargo xtask TASK
   demo           set up, build, and fly a phantom: everything lands in out/demo/
   test [--gpu]   set up, check, and run every test, on software Vulkan unless --gpu
                  (what follows `--` goes to `cargo test`)
-  check          what needs no device: format, lints, docs, and the rules of the house
-  check --rules  the rules of the house alone
+  check          what needs no device: format, lints, docs, builds, project rules
+  check --rules  the project rules alone
   bless          write the golden frames anew; then look at them
   compare        intima beside other programs: times, memory, accuracy, in out/compare/
                  (`compare --help` has the flags, tools/compare/README.md the rest)
@@ -31,14 +31,14 @@ usage: cargo xtask TASK
   setup --test   the same, and what the tests need beside it
 ";
 
-/// Why a task ended early, as an exit code with its message.
+/// Why a task failed; each kind has an exit code.
 #[derive(Debug)]
-pub enum Stop {
-    /// Something that was run, or a rule, failed.
+pub enum TaskError {
+    /// A command or a rule failed.
     Failed(String),
-    /// Not a task of ours.
+    /// Bad arguments.
     Usage(String),
-    /// No Vulkan, and no way to install one.
+    /// No Vulkan, and it could not be installed.
     NoDevice(String),
 }
 
@@ -46,31 +46,31 @@ fn main() -> ExitCode {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let (code, message) = match dispatch(&args.iter().map(String::as_str).collect::<Vec<_>>()) {
         Ok(()) => return ExitCode::SUCCESS,
-        Err(Stop::Failed(m)) => (1, m),
-        Err(Stop::Usage(m)) => (2, format!("{m}\n\n{USAGE}")),
-        Err(Stop::NoDevice(m)) => (4, m),
+        Err(TaskError::Failed(m)) => (1, m),
+        Err(TaskError::Usage(m)) => (2, format!("{m}\n\n{USAGE}")),
+        Err(TaskError::NoDevice(m)) => (4, m),
     };
     eprintln!("xtask: {message}");
     ExitCode::from(code)
 }
 
-fn dispatch(args: &[&str]) -> Result<(), Stop> {
+fn dispatch(args: &[&str]) -> Result<(), TaskError> {
     match args {
         ["demo"] => demo::demo(),
-        ["test", rest @ ..] => suite::test(rest),
+        ["test", rest @ ..] => test_suite::test(rest),
         ["check"] => check::check(),
         ["check", "--rules"] => check::rules(),
         ["compare", rest @ ..] => compare::compare(rest),
         ["scaling", rest @ ..] => scaling::scaling(rest),
-        ["bless"] => golden::bless(),
-        ["setup"] => setup::setup(setup::For::Running),
-        ["setup", "--test"] => setup::setup(setup::For::Testing),
+        ["bless"] => bless::bless(),
+        ["setup"] => setup::setup(setup::Purpose::Running),
+        ["setup", "--test"] => setup::setup(setup::Purpose::Testing),
         ["help" | "-h" | "--help"] => {
             print!("{USAGE}");
             Ok(())
         }
-        [] => Err(Stop::Usage("which task?".into())),
-        other => Err(Stop::Usage(format!("no such task: {}", other.join(" ")))),
+        [] => Err(TaskError::Usage("which task?".into())),
+        other => Err(TaskError::Usage(format!("no such task: {}", other.join(" ")))),
     }
 }
 
@@ -81,7 +81,7 @@ mod tests {
     #[test]
     fn an_unknown_task_is_a_usage_error() {
         for args in [&[][..], &["polish"], &["check", "--fast"]] {
-            assert!(matches!(dispatch(args), Err(Stop::Usage(_))), "{args:?}");
+            assert!(matches!(dispatch(args), Err(TaskError::Usage(_))), "{args:?}");
         }
     }
 }

@@ -1,8 +1,8 @@
-//! How intima scales: builds it, and lets Python measure.
+//! `cargo xtask scaling`: builds intima and runs `tools/scaling`.
 
-use crate::Stop;
+use crate::TaskError;
 use crate::compare::{program, split, system_python};
-use crate::run::{cargo, command, loudly};
+use crate::process::{cargo, command, run};
 
 const SCRIPT: &str = "tools/scaling/scaling.py";
 const HELP: &str = "\
@@ -22,7 +22,7 @@ Ends with 1 where a limit is missed.
 ";
 
 /// `cargo xtask scaling [--python PATH] [ARGUMENTS OF scaling.py]`
-pub fn scaling(args: &[&str]) -> Result<(), Stop> {
+pub fn scaling(args: &[&str]) -> Result<(), TaskError> {
     if args.iter().any(|a| ["-h", "--help"].contains(a)) {
         print!("{HELP}");
         return Ok(());
@@ -32,14 +32,14 @@ pub fn scaling(args: &[&str]) -> Result<(), Stop> {
         Some(given) => given,
         None => system_python()?,
     };
-    loudly(&mut cargo(&["build", "--release", "--locked"]))?;
-    loudly(&mut command(python, &[&[SCRIPT, "--intima", &program()], &rest[..]].concat()))
+    run(&mut cargo(&["build", "--release", "--locked"]))?;
+    run(&mut command(python, &[&[SCRIPT, "--intima", &program()], &rest[..]].concat()))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::root;
+    use crate::process::root;
 
     #[test]
     fn every_flag_of_the_script_is_in_the_help() {

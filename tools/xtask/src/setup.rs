@@ -1,20 +1,20 @@
-//! Installs what is missing through the system's package manager, and nothing that is there.
+//! Installs missing Vulkan packages through the system's package manager.
 
-use crate::run::{command, loudly, on_path, quietly};
-use crate::{Stop, vulkan};
+use crate::process::{command, on_path, run, succeeds};
+use crate::{TaskError, vulkan};
 
-/// What the machine is wanted for.
+/// What the machine is set up for.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub enum For {
+pub enum Purpose {
     /// Running intima: a loader and a driver.
     Running,
     /// Testing it: also the validation layer and the SPIR-V tools it needs to see through our shaders.
     Testing,
 }
 
-/// A thing that may be missing.
+/// Something that may be missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Need {
+enum Package {
     Loader,
     Driver,
     Validation,
@@ -26,7 +26,7 @@ struct Manager {
     program: &'static str,
     install: &'static [&'static str],
     refresh: &'static [&'static str],
-    names: fn(Need) -> &'static str,
+    names: fn(Package) -> &'static str,
 }
 
 const MANAGERS: &[Manager] = &[
@@ -35,10 +35,10 @@ const MANAGERS: &[Manager] = &[
         install: &["install", "-y", "--no-install-recommends"],
         refresh: &["update"],
         names: |need| match need {
-            Need::Loader => "libvulkan1",
-            Need::Driver => "mesa-vulkan-drivers",
-            Need::Validation => "vulkan-validationlayers",
-            Need::SpirvTools => "spirv-tools",
+            Package::Loader => "libvulkan1",
+            Package::Driver => "mesa-vulkan-drivers",
+            Package::Validation => "vulkan-validationlayers",
+            Package::SpirvTools => "spirv-tools",
         },
     },
     Manager {
@@ -46,10 +46,10 @@ const MANAGERS: &[Manager] = &[
         install: &["install", "-y"],
         refresh: &["makecache"],
         names: |need| match need {
-            Need::Loader => "vulkan-loader",
-            Need::Driver => "mesa-vulkan-drivers",
-            Need::Validation => "vulkan-validation-layers",
-            Need::SpirvTools => "spirv-tools",
+            Package::Loader => "vulkan-loader",
+            Package::Driver => "mesa-vulkan-drivers",
+            Package::Validation => "vulkan-validation-layers",
+            Package::SpirvTools => "spirv-tools",
         },
     },
     Manager {
@@ -57,37 +57,37 @@ const MANAGERS: &[Manager] = &[
         install: &["-S", "--noconfirm", "--needed"],
         refresh: &["-Sy"],
         names: |need| match need {
-            Need::Loader => "vulkan-icd-loader",
-            Need::Driver => "vulkan-swrast",
-            Need::Validation => "vulkan-validation-layers",
-            Need::SpirvTools => "spirv-tools",
+            Package::Loader => "vulkan-icd-loader",
+            Package::Driver => "vulkan-swrast",
+            Package::Validation => "vulkan-validation-layers",
+            Package::SpirvTools => "spirv-tools",
         },
     },
 ];
 
-/// Makes the machine ready, or says exactly what to install.
-pub fn setup(what_for: For) -> Result<(), Stop> {
-    let needs = missing(&vulkan::look(), on_path("spirv-opt"), what_for);
+/// Installs what is missing, or says exactly what to install.
+pub fn setup(purpose: Purpose) -> Result<(), TaskError> {
+    let needs = missing(&vulkan::detect(), on_path("spirv-opt"), purpose);
     if needs.is_empty() {
         return Ok(());
     }
     eprintln!("missing: {needs:?}");
     let manager = MANAGERS.iter().find(|m| on_path(m.program));
     let (Some(manager), Some(prefix)) = (manager, rights()) else {
-        return Err(Stop::NoDevice(advice(&needs)));
+        return Err(TaskError::NoDevice(advice(&needs)));
     };
-    install(manager, prefix, &needs).map_err(|_| Stop::NoDevice(advice(&needs)))?;
-    let still = missing(&vulkan::look(), on_path("spirv-opt"), what_for);
-    if still.is_empty() { Ok(()) } else { Err(Stop::NoDevice(advice(&still))) }
+    install(manager, prefix, &needs).map_err(|_| TaskError::NoDevice(advice(&needs)))?;
+    let still = missing(&vulkan::detect(), on_path("spirv-opt"), purpose);
+    if still.is_empty() { Ok(()) } else { Err(TaskError::NoDevice(advice(&still))) }
 }
 
-fn missing(found: &vulkan::Found, spirv_opt: bool, what_for: For) -> Vec<Need> {
-    let testing = what_for == For::Testing;
+fn missing(found: &vulkan::Detected, spirv_opt: bool, purpose: Purpose) -> Vec<Package> {
+    let testing = purpose == Purpose::Testing;
     let all = [
-        (Need::Loader, found.loader),
-        (Need::Driver, found.driver()),
-        (Need::Validation, found.validation || !testing),
-        (Need::SpirvTools, spirv_opt || !testing),
+        (Package::Loader, found.loader),
+        (Package::Driver, found.driver()),
+        (Package::Validation, found.validation || !testing),
+        (Package::SpirvTools, spirv_opt || !testing),
     ];
     all.into_iter().filter(|(_, there)| !there).map(|(need, _)| need).collect()
 }
@@ -99,18 +99,18 @@ fn rights() -> Option<&'static [&'static str]> {
     if root {
         Some(&[])
     } else {
-        quietly(&mut command("sudo", &["-n", "true"])).then_some(&["sudo", "-n"])
+        succeeds(&mut command("sudo", &["-n", "true"])).then_some(&["sudo", "-n"])
     }
 }
 
 /// Installs at once; if that fails, the lists may be old or absent: refreshes them and tries again.
-fn install(manager: &Manager, prefix: &[&str], needs: &[Need]) -> Result<(), Stop> {
+fn install(manager: &Manager, prefix: &[&str], needs: &[Package]) -> Result<(), TaskError> {
     let names: Vec<_> = needs.iter().map(|n| (manager.names)(*n)).collect();
     let with = |args: &[&str]| {
         // `env`, because sudo drops variables: no package may stop to ask.
         let start = ["env", "DEBIAN_FRONTEND=noninteractive", manager.program];
         let words = [prefix, &start, args].concat();
-        loudly(&mut command(words[0], &words[1..]))
+        run(&mut command(words[0], &words[1..]))
     };
     let install = [manager.install, &names].concat();
     with(&install).or_else(|_| {
@@ -119,8 +119,8 @@ fn install(manager: &Manager, prefix: &[&str], needs: &[Need]) -> Result<(), Sto
     })
 }
 
-/// What a person should type, for every package manager we know.
-fn advice(needs: &[Need]) -> String {
+/// The commands to type, for every package manager we know.
+fn advice(needs: &[Package]) -> String {
     let lines = MANAGERS.iter().map(|m| {
         let names: Vec<_> = needs.iter().map(|n| (m.names)(*n)).collect();
         format!("  sudo {} {} {}\n", m.program, m.install.join(" "), names.join(" "))
@@ -133,25 +133,25 @@ fn advice(needs: &[Need]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vulkan::Found;
+    use crate::vulkan::Detected;
     use std::path::PathBuf;
 
     #[test]
-    fn a_gpu_driver_needs_nothing_more_to_run() {
+    fn a_gpu_driver_is_enough_to_run() {
         let hardware = vec![PathBuf::from("nvidia_icd.json")];
-        let found = Found { loader: true, hardware, ..Found::default() };
-        assert_eq!(missing(&found, false, For::Running), []);
-        let more = [Need::Validation, Need::SpirvTools];
-        assert_eq!(missing(&found, false, For::Testing), more);
+        let found = Detected { loader: true, hardware, ..Detected::default() };
+        assert_eq!(missing(&found, false, Purpose::Running), []);
+        let more = [Package::Validation, Package::SpirvTools];
+        assert_eq!(missing(&found, false, Purpose::Testing), more);
     }
 
     #[test]
     fn a_bare_machine_needs_loader_and_driver() {
-        let needs = missing(&Found::default(), false, For::Running);
-        assert_eq!(needs, [Need::Loader, Need::Driver]);
+        let needs = missing(&Detected::default(), false, Purpose::Running);
+        assert_eq!(needs, [Package::Loader, Package::Driver]);
         let software = Some(PathBuf::from("lvp_icd.json"));
-        let no_loader = Found { software, ..Found::default() };
-        assert_eq!(missing(&no_loader, false, For::Running), [Need::Loader]);
+        let no_loader = Detected { software, ..Detected::default() };
+        assert_eq!(missing(&no_loader, false, Purpose::Running), [Package::Loader]);
         let text = advice(&needs);
         assert!(text.contains("sudo apt-get install -y --no-install-recommends libvulkan1 mesa-"));
         assert!(text.contains("sudo pacman -S --noconfirm --needed vulkan-icd-loader vulkan-s"));

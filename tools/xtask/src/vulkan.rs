@@ -1,13 +1,13 @@
-//! Whether Vulkan is here, asked of the file system alone: a loader, and a driver that can answer.
+//! Detects a Vulkan loader, drivers and the validation layer from the file system alone.
 
 use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What was found.
+/// What this machine has.
 #[derive(Debug, Default)]
-pub struct Found {
+pub struct Detected {
     /// The loader, `libvulkan`.
     pub loader: bool,
     /// Manifest of the software driver, lavapipe.
@@ -18,21 +18,21 @@ pub struct Found {
     pub validation: bool,
 }
 
-impl Found {
-    /// Whether some driver would answer a loader.
+impl Detected {
+    /// Whether the loader would find a usable driver.
     pub fn driver(&self) -> bool {
         self.software.is_some() || !self.hardware.is_empty()
     }
 }
 
-/// Looks at this machine.
-pub fn look() -> Found {
+/// Inspects this machine.
+pub fn detect() -> Detected {
     let libraries = libraries();
     let (software, hardware): (Vec<_>, Vec<_>) = drivers()
         .into_iter()
         .filter(|m| fs::read_to_string(m).is_ok_and(|text| usable(&text, m, &libraries)))
         .partition(|m| is_lavapipe(m));
-    Found {
+    Detected {
         loader: has_loader(&libraries),
         software: software.into_iter().next(),
         hardware: if has_device_node() { hardware } else { Vec::new() },
@@ -151,7 +151,7 @@ mod tests {
         "2 libs found\n\tlibvulkan_lvp.so (libc6,x86-64) => /lib/libvulkan_lvp.so\n";
 
     #[test]
-    fn a_manifest_counts_only_with_its_library() {
+    fn a_driver_manifest_counts_only_if_its_library_exists() {
         let at = Path::new("/nowhere/lvp_icd.json");
         let manifest = |path: &str| format!("{{ \"ICD\": {{ \"library_path\": \"{path}\" }} }}");
         assert!(usable(&manifest("libvulkan_lvp.so"), at, CACHE));
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn a_library_is_matched_by_its_whole_name() {
+    fn libraries_are_matched_by_whole_name() {
         assert!(has_library("libvulkan_lvp.so", CACHE));
         assert!(!has_library("libvulkan_l", CACHE));
     }

@@ -1,4 +1,4 @@
-//! Words that may stand in some rooms only, or in none.
+//! Words that are allowed in some rooms only, or nowhere.
 
 use super::source::words;
 use super::tree::{Tree, line};
@@ -25,7 +25,7 @@ pub fn unsafe_in_vk(tree: &Tree) -> Vec<String> {
 }
 
 /// No placeholder and no debugging print is committed.
-pub fn nothing_left_to_do(tree: &Tree) -> Vec<String> {
+pub fn placeholders(tree: &Tree) -> Vec<String> {
     let mut found = Vec::new();
     for (path, code) in tree.rust("") {
         for word in ["todo", "unimplemented", "dbg"] {
@@ -61,8 +61,8 @@ mod tests {
     fn placeholders_are_caught() {
         let text = "fn a() { todo!() }\nfn b() { unimplemented!(\"later\") }\nfn c() { dbg!(1); }";
         let tree = Tree::of(&[("src/lumen/mod.rs", text)]);
-        assert_eq!(nothing_left_to_do(&tree).len(), 3);
+        assert_eq!(placeholders(&tree).len(), 3);
         let clean = Tree::of(&[("src/lumen/mod.rs", "// todo!\nlet todo = \"dbg!()\";")]);
-        assert_eq!(nothing_left_to_do(&clean), [""; 0]);
+        assert_eq!(placeholders(&clean), [""; 0]);
     }
 }

@@ -1,4 +1,4 @@
-//! A dependency without a reason is the first to rot.
+//! Every dependency has its reason beside it.
 
 use super::tree::Tree;
 

@@ -1,4 +1,4 @@
-//! The rules of the house, as far as a program can see them.
+//! The project rules that a program can check.
 //!
 //! Each rule is a function from a [`Tree`] to the places that break it, with tests that plant a
 //! violation and see it caught. Cargo's own checks come first.
@@ -13,8 +13,8 @@ mod size;
 mod source;
 mod tree;
 
-use crate::Stop;
-use crate::run::{cargo, loudly, on_path, quietly, root};
+use crate::TaskError;
+use crate::process::{cargo, on_path, root, run, succeeds};
 use tree::Tree;
 
 /// A rule: its name, and a function that lists what breaks it, one line a place.
@@ -24,46 +24,45 @@ const RULES: &[Rule] = &[
     ("rooms import only rooms above them", layers::order),
     ("Vulkan is called in vk alone", code::vulkan_in_vk),
     ("unsafe code is in vk alone", code::unsafe_in_vk),
-    ("nothing is left to do", code::nothing_left_to_do),
+    ("no placeholder or debugging print", code::placeholders),
     ("every kernel has its shader, twin, cases and place", kernels::complete),
-    ("every shader says what it does", kernels::headers),
+    ("every kernel shader has a complete header", kernels::headers),
     ("ARCHITECTURE.md names the rooms there are", docs::rooms),
     ("ARCHITECTURE.md is short", docs::length),
     ("links of documents resolve", links::resolve),
-    ("every dependency has its reason", manifest::reasons),
+    ("every dependency has a reason", manifest::reasons),
     ("committed pictures and tables stay small", size::budgets),
 ];
 
-/// `cargo xtask check`: everything is tried, so that one run shows all there is to mend.
-pub fn check() -> Result<(), Stop> {
+/// `cargo xtask check`: all steps run, so that one call shows all failures.
+pub fn check() -> Result<(), TaskError> {
     components()?;
     let clippy = ["clippy", "--workspace", "--all-targets", "--locked", "--features", "faults"];
     let doc = ["doc", "--no-deps", "--lib", "--locked", "--package", "intima"];
     let steps = [
-        loudly(&mut cargo(&["fmt", "--all", "--check"])),
-        loudly(&mut cargo(&[&clippy[..], &["--", "-D", "warnings"]].concat())),
-        loudly(
-            cargo(&[&doc[..], &["--features", "faults"]].concat())
-                .env("RUSTDOCFLAGS", "-D warnings"),
-        ),
+        run(&mut cargo(&["fmt", "--all", "--check"])),
+        run(&mut cargo(&[&clippy[..], &["--", "-D", "warnings"]].concat())),
+        run(cargo(&[&doc[..], &["--features", "faults"]].concat())
+            .env("RUSTDOCFLAGS", "-D warnings")),
         rules(),
     ];
     let failed = steps.into_iter().filter_map(Result::err).map(|stop| match stop {
-        Stop::Failed(m) | Stop::Usage(m) | Stop::NoDevice(m) => m,
+        TaskError::Failed(m) | TaskError::Usage(m) | TaskError::NoDevice(m) => m,
     });
     let failed: Vec<_> = failed.collect();
-    if failed.is_empty() { Ok(()) } else { Err(Stop::Failed(failed.join("\n"))) }
+    if failed.is_empty() { Ok(()) } else { Err(TaskError::Failed(failed.join("\n"))) }
 }
 
-/// `cargo xtask check --rules`: the rules of the house alone, in a blink.
-pub fn rules() -> Result<(), Stop> {
-    let tree = Tree::read(&root()).map_err(|e| Stop::Failed(format!("reading the tree: {e}")))?;
+/// `cargo xtask check --rules`: the project rules alone.
+pub fn rules() -> Result<(), TaskError> {
+    let tree =
+        Tree::read(&root()).map_err(|e| TaskError::Failed(format!("reading the tree: {e}")))?;
     let broken = report(&tree);
     if broken.is_empty() {
         eprintln!("{} rules hold over {} files", RULES.len(), tree.len());
         return Ok(());
     }
-    Err(Stop::Failed(broken.join("\n")))
+    Err(TaskError::Failed(broken.join("\n")))
 }
 
 /// Every broken rule with its places.
@@ -76,13 +75,13 @@ fn report(tree: &Tree) -> Vec<String> {
 }
 
 /// rustfmt and clippy are optional parts of a toolchain: fetched where rustup can.
-fn components() -> Result<(), Stop> {
+fn components() -> Result<(), TaskError> {
     for (part, probe) in [("rustfmt", "fmt"), ("clippy", "clippy")] {
-        if !quietly(&mut cargo(&[probe, "--version"])) {
+        if !succeeds(&mut cargo(&[probe, "--version"])) {
             if !on_path("rustup") {
-                return Err(Stop::Failed(format!("{part} is missing: install it with Rust")));
+                return Err(TaskError::Failed(format!("{part} is missing: install it with Rust")));
             }
-            loudly(&mut crate::run::command("rustup", &["component", "add", part]))?;
+            run(&mut crate::process::command("rustup", &["component", "add", part]))?;
         }
     }
     Ok(())
@@ -93,10 +92,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_broken_rule_is_reported_with_its_place() {
+    fn a_broken_rule_is_reported_with_file_and_line() {
         let tree = Tree::of(&[("src/volume/grid.rs", "fn f() { todo!() }")]);
         let said = report(&tree).join("\n");
-        assert!(said.contains("nothing is left to do"), "{said}");
+        assert!(said.contains("no placeholder or debugging print"), "{said}");
         assert!(said.contains("src/volume/grid.rs:1"), "{said}");
     }
 }

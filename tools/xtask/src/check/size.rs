@@ -1,4 +1,4 @@
-//! Bytes that every clone carries.
+//! Sizes of committed files.
 
 use super::tree::Tree;
 

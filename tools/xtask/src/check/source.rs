@@ -1,4 +1,4 @@
-//! Just enough of Rust's grammar to tell code from comments and strings.
+//! Tells Rust code from comments and strings.
 
 /// `text` with comments, strings and character literals blanked; lines keep their places.
 pub fn code_only(text: &str) -> String {

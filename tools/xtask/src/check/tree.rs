@@ -1,4 +1,4 @@
-//! The repository as the rules see it: paths and bytes. Tests build their own.
+//! The repository as paths and bytes. Tests build small ones.
 
 use super::source::code_only;
 use std::collections::BTreeMap;
@@ -9,7 +9,7 @@ use std::{fs, io};
 #[derive(Default)]
 pub struct Tree(BTreeMap<String, Vec<u8>>);
 
-/// What lies in the root but is not ours to judge.
+/// Folders that are not checked.
 const SKIPPED: &[&str] = &["target", "out", "venv", "__pycache__"];
 
 impl Tree {
@@ -99,7 +99,7 @@ mod tests {
 
     #[test]
     fn our_own_tree_is_read() {
-        let tree = Tree::read(&crate::run::root()).unwrap();
+        let tree = Tree::read(&crate::process::root()).unwrap();
         assert!(tree.has("tools/xtask/src/check/tree.rs"));
         assert!(tree.below("target/").next().is_none());
     }

@@ -1,6 +1,6 @@
-//! Running other programs: from the repository's root, announced, and loud when they fail.
+//! Runs other programs from the repository's root.
 
-use crate::Stop;
+use crate::TaskError;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -25,19 +25,19 @@ pub fn cargo(args: &[&str]) -> Command {
     command(&program, args)
 }
 
-/// Says what is run, runs it, and fails with its name.
-pub fn loudly(command: &mut Command) -> Result<(), Stop> {
+/// Prints and runs a command; an error names it.
+pub fn run(command: &mut Command) -> Result<(), TaskError> {
     let line = line(command);
     eprintln!("+ {line}");
     match command.status() {
         Ok(status) if status.success() => Ok(()),
-        Ok(status) => Err(Stop::Failed(format!("`{line}` ended with {status}"))),
-        Err(e) => Err(Stop::Failed(format!("`{line}` did not start: {e}"))),
+        Ok(status) => Err(TaskError::Failed(format!("`{line}` ended with {status}"))),
+        Err(e) => Err(TaskError::Failed(format!("`{line}` did not start: {e}"))),
     }
 }
 
 /// Whether it starts and succeeds; prints nothing.
-pub fn quietly(command: &mut Command) -> bool {
+pub fn succeeds(command: &mut Command) -> bool {
     let silent = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     silent.status().is_ok_and(|s| s.success())
 }
@@ -72,14 +72,14 @@ mod tests {
     }
 
     #[test]
-    fn a_command_reads_as_typed() {
+    fn a_command_prints_as_typed() {
         let mut c = command("/usr/bin/cargo", &["test", "--locked"]);
         assert_eq!(line(c.env("A", "1")), "A=1 cargo test --locked");
     }
 
     #[test]
-    fn what_is_not_there_fails_with_its_name() {
-        let Err(Stop::Failed(m)) = loudly(&mut command("no-such-program", &["x"])) else {
+    fn an_error_names_the_command() {
+        let Err(TaskError::Failed(m)) = run(&mut command("no-such-program", &["x"])) else {
             panic!("it ran");
         };
         assert!(m.starts_with("`no-such-program x`"), "{m}");
