@@ -43,6 +43,7 @@ def arguments():
     parser.add_argument("--intima", required=True, type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--stages", default=",".join(STAGES), help=f"of {', '.join(STAGES)} (default: all)")
     parser.add_argument("--sizes", choices=("quick", "full"), default="full")
+    parser.add_argument("--cases", default="", metavar="A,B", help="only inputs whose name holds A or B")
     parser.add_argument("--repeat", type=int, default=5, metavar="N", help="rounds (default 5)")
     parser.add_argument("--vmtk", metavar="PYTHON", help="an interpreter that can import vmtk")
     parser.add_argument("--without", default="", metavar="A,B", help="leave out rows whose program's name holds A or B")
@@ -52,6 +53,7 @@ def arguments():
     parser.add_argument("--render", action="store_true", help="only write table and plot of DIR/results.json anew")
     parser.add_argument("--readme", action="store_true", help="also put the short table into README.md")
     args = parser.parse_args()
+    args.cases, args.without = ([part for part in text.split(",") if part] for text in (args.cases, args.without))
     unknown = set(args.stages.split(",")) - set(STAGES)
     if unknown or args.repeat < 1:
         parser.error(f"no such stage: {', '.join(sorted(unknown))}" if unknown else "--repeat is at least 1")
@@ -168,9 +170,8 @@ def measure(args, key, name):
     stage, case = STAGES[key], Case(args.out / "inputs", name)
     make(case, args.data)
     rows, turns = [], []
-    without = [part for part in args.without.split(",") if part]
     for program in [*stage.ours, *stage.peers]:
-        if any(part in program for part in without):
+        if any(part in program for part in args.without):
             continue
         row = {"stage": key, "case": name, "program": program, "ours": program in stage.ours}
         rows.append(row)
@@ -221,7 +222,8 @@ def main():
         for key in args.stages.split(","):
             stage = STAGES[key]
             print(f"\n== {stage.title}", flush=True)
-            for name in (stage.quick if args.sizes == "quick" else stage.full) + (stage.real if args.data else []):
+            names = (stage.quick if args.sizes == "quick" else stage.full) + (stage.real if args.data else [])
+            for name in names if not args.cases else [n for n in names if any(part in n for part in args.cases)]:
                 rows += measure(args, key, name)
                 machine["load_end"] = os.getloadavg()[0]
                 made = {"machine": machine, "sizes": args.sizes, "repeat": args.repeat, "rows": rows}

@@ -58,7 +58,7 @@ class Case:
         return tuple(int(round(p / h)) for p, h in zip(about[f"{which}_mm"], about["spacing"]))
 
     def small_wall(self):
-        """The mesh that VMTK starts from, made anew in every round by meshes.small_wall."""
+        """The mesh that VMTK starts from, made anew before each of its runs by meshes.small_wall."""
         return self.path("small-wall.npz")
 
     def phantom(self):

@@ -54,7 +54,7 @@ def line(row):
     """A row while it is measured."""
     shown = {k: v for k, v in row.items() if k not in ("stage", "case", "program", "ours", "stages_ms", "before_mb")}
     found = row.get("error") or "  ".join(f"{k} {number(v)}" for k, v in shown.items())
-    return f"{row['case']:<14} {row['program']:<32} {found}"
+    return f"{row['case']:<15} {row['program']:<40} {found}"
 
 
 def case_name(case):
@@ -170,9 +170,12 @@ def left_out(stage, row):
 def short(results):
     """A line for each stage and input: ours, the fastest other program, the most accurate other."""
     heads = ["stage", "input", "measure", "intima", "not in intima's time", "fastest other", "most accurate other"]
-    out = [setting(results), "", f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    out = [setting(results) + " Seconds are from input in memory to output in memory, of the chain from start to exit.",
+           "", f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for stage, case, rows, ours in groups(results):
-        key, head, better = STAGES[stage].columns[0]
+        judged = [column for column in STAGES[stage].columns if column[2]]
+        # Without a formula behind the input the first measure may not be had.
+        key, head, better = next((c for c in judged if any(r.get(c[0]) is not None for r in rows)), judged[0])
         good = [r for r in rows if "median_s" in r and "error" not in r]
         others = [r for r in good if not r["ours"]]
         if ours is None or not others:

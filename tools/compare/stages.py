@@ -102,7 +102,11 @@ LINE = [("mean_mm", "off the axis, mean mm", "less"), ("max_mm", "max mm", "less
 
 
 SMALL_WALL_FACES = 20_000  # on a million faces vmtkCenterlines takes minutes
-SMALL_WALL = ("meshoptimizer", "meshes:small_wall", SMALL_WALL_FACES)
+
+
+def _small_wall(closed):
+    """What makes VMTK's input, for Stage.prepares."""
+    return "meshoptimizer", "meshes:small_wall", SMALL_WALL_FACES, closed
 
 
 def _surface_stage(of, quick, full):
@@ -134,6 +138,7 @@ STAGES = {
         _on_both({"intima distance": (_to("nrrd", lambda c: ["distance", *_mask(c), *ALL]),
                                       lambda c: [*_mask(c), *ALL])}),
         {"SciPy": ("scipy", "volumes:scipy_distance"), "edt": ("edt", "volumes:edt_distance"),
+         "edt, in the box around the mask": ("edt", "volumes:edt_distance_in_box"),
          "SimpleITK Maurer": ("SimpleITK", "volumes:maurer_distance")},
         "distance", [("max_mm", "max error mm", "less"), ("wrong", "share off by over 0.001 mm", "less"), LUMEN],
         real=["real_colon_mask"]),
@@ -187,7 +192,8 @@ STAGES = {
         f"Distance and path. The voxel paths are searched in the box around the mask and smoothed. VMTK takes a mesh "
         f"instead of a mask: Flying Edges of the CT, or of the mask where there is no CT, and meshoptimizer to "
         f"{SMALL_WALL_FACES:,} faces. Making that is timed apart (last column). Its network covers all branches and "
-        "starts at a hole, cut off the clock. Clearance is the distance to the wall over the best in the section "
+        "starts at a hole, cut off the clock; it stops at edges of more than two faces, so where decimation makes "
+        "such (on the real label map) it gets all faces. Clearance is the distance to the wall over the best in the section "
         "across.",
         ["colon_128", "y_128"], ["colon_256", "helix_256", "tube_256", "y_256", "colon_ct"],
         _on_both({"intima centerline": (_to("csv", lambda c: [
@@ -198,7 +204,7 @@ STAGES = {
          "VMTK centerlines": ("vmtk", "lines:vmtk_centerlines"),
          "VMTK network": ("vmtk", "lines:vmtk_network")},
         "line", [*LINE, LUMEN, ("mesh_s", "mesh for it, s", "")], real=["real_colon_mask"],
-        prepares={"VMTK centerlines": SMALL_WALL, "VMTK network": SMALL_WALL}),
+        prepares={"VMTK centerlines": _small_wall(False), "VMTK network": _small_wall(True)}),
     "grow": Stage(
         "lumen of a CT, grown from a seed",
         "Ours also fills closed cavities and marks the boundary, and leaves the lumen in bricks. "

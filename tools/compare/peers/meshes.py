@@ -108,22 +108,32 @@ def constrained_wall(case, of):
     return lambda: _constrained(extract(), reach)
 
 
-def small_wall(case, keep):
-    """What VMTK wants: a closed surface of `keep` faces with normals outwards. Of the CT where there is one; the
-    largest component, which is looked for when there are few faces left."""
+def small_wall(case, keep, closed):
+    """What VMTK wants: a surface with normals outwards, of `keep` faces. Of the CT where there is one; the largest
+    component, which is looked for when there are few faces left. Where it has to be `closed` and decimation joins
+    sheets that nearly touch, so that edges have more than two faces, all faces are kept."""
     threads()
     of = "ct" if case.about()["hu"] is not None else "mask"
     array, spacing, level = _source(case, of)
     volume = image(array, spacing)
 
-    def call():
-        vertices, faces, _ = from_poly(apply("FlyingEdges3D", volume, SetValue=(0, level), **PLAIN))
-        small = to_poly(decimated(vertices, faces, keep))
-        small = apply("CleanPolyData", small, SetTolerance=(0,), ConvertPolysToLinesOff=())
-        small = apply("PolyDataConnectivityFilter", small, SetExtractionModeToLargestRegion=())
-        return apply("PolyDataNormals", apply("CleanPolyData", small, SetTolerance=(0,)), SplittingOff=(),
-                     AutoOrientNormalsOn=())
-    return call
+    def wall(small):
+        found = apply("FlyingEdges3D", volume, SetValue=(0, level), **PLAIN)
+        if small:
+            found = to_poly(decimated(*from_poly(found)[:2], keep))
+        found = apply("CleanPolyData", found, SetTolerance=(0,), ConvertPolysToLinesOff=())
+        found = apply("PolyDataConnectivityFilter", found, SetExtractionModeToLargestRegion=())
+        found = apply("CleanPolyData", found, SetTolerance=(0,))  # drops the points of the other components
+        return apply("PolyDataNormals", found, SplittingOff=(), AutoOrientNormalsOn=())
+    small = not closed or _closed(wall(True))
+    return lambda: wall(small)
+
+
+def _closed(poly):
+    """Whether every edge has two faces."""
+    edges = apply("FeatureEdges", poly, BoundaryEdgesOn=(), NonManifoldEdgesOn=(), FeatureEdgesOff=(),
+                  ManifoldEdgesOff=())
+    return edges.GetNumberOfCells() == 0
 
 
 def staircase(case):

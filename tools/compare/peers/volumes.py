@@ -26,6 +26,22 @@ def edt_distance(case):
     return lambda: edt.edt(mask.view(bool), anisotropy=spacing[::-1], black_border=False, parallel=CORES)
 
 
+def edt_distance_in_box(case):
+    """Of the box around the mask alone, written back into the whole volume."""
+    import edt
+
+    from peers.lines import cropped
+    mask, spacing = case.volume("mask")
+
+    def call():
+        box, low = cropped(mask)
+        whole = np.zeros(mask.shape, np.float32)
+        whole[tuple(slice(i, i + n) for i, n in zip(low, box.shape))] = edt.edt(
+            box.view(bool), anisotropy=spacing[::-1], black_border=False, parallel=CORES)
+        return whole
+    return call
+
+
 def maurer_distance(case):
     """Inside, to the nearest voxel outside: the map of the complement."""
     import SimpleITK as sitk

@@ -12,6 +12,7 @@ const HELP: &str = "\
 usage: cargo xtask compare [FLAGS]
 
   --stages A,B         only these (default: all; a wrong name lists them)
+  --cases A,B          only inputs whose name holds A or B
   --sizes quick|full   half the grid, or all of it (default: full)
   --repeat N           rounds, in which all programs of a case take turns (default: 5)
   --without A,B        leave out rows whose program's name holds A or B
