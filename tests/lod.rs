@@ -1,4 +1,5 @@
-//! Levels of detail against the original, by rays and nearest points of their own.
+//! Levels of detail against the original, by ray casting and nearest-point queries that share no
+//! code with the crate.
 
 #[path = "common/cast.rs"]
 mod cast;
@@ -11,7 +12,7 @@ mod tube;
 
 use cast::Cast;
 use intima::geometry::{Lens, Mesh};
-use intima::lod::{Camera, Pool, Tolerance};
+use intima::lod::{Camera, PageCache, Tolerance};
 use intima::pipeline::{Clock, Detail};
 use intima::surface::shading;
 use pages::Pages;
@@ -33,17 +34,17 @@ fn subdivision(mesh: &Mesh) -> Detail {
     Detail::of_subdivision(mesh, &vertices, mesh.faces.len() / 10, 1.0, clock).unwrap()
 }
 
-/// Every pixel of a flight through the tube.
+/// Compares every pixel of a flight through the tube.
 fn flown(mut detail: Detail, mesh: &Mesh, tau: f64) -> (screen::Found, f64) {
     let original = Cast::of(mesh);
     let tolerance = Tolerance { pixels: detail.report.pixel_error };
-    let pool = &mut Pool::new(detail.pages, u32::MAX, 0);
+    let cache = &mut PageCache::new(detail.pages, u32::MAX, 0);
     let mut pages = Pages::default();
     let (mut found, mut drawn) = (screen::Found::default(), 0);
     for fov in [60.0, 90.0, 120.0] {
         for i in 0..5 {
             let camera = camera(30.0 + 50.0 * i as f32, fov);
-            pages.settle(detail.refine.as_mut(), &camera, &tolerance, pool);
+            pages.settle(detail.refine.as_mut(), &camera, &tolerance, cache);
             let cut = pages.corners();
             drawn += cut.len();
             found = found.and(screen::compare(&original, &Cast::new(cut), &camera, tau));
@@ -53,7 +54,7 @@ fn flown(mut detail: Detail, mesh: &Mesh, tau: f64) -> (screen::Found, f64) {
 }
 
 #[test]
-fn every_pixel_of_clusters_is_within_the_bound_and_none_is_a_hole() {
+fn cluster_cuts_have_no_hole_and_keep_the_pixel_error() {
     let mesh = tube::tube(500, 160);
     let (found, share) = flown(clusters(&mesh), &mesh, 1.0);
     println!("{found:?}, {share:.3} of the faces");
@@ -63,7 +64,7 @@ fn every_pixel_of_clusters_is_within_the_bound_and_none_is_a_hole() {
 }
 
 #[test]
-fn every_pixel_of_the_subdivision_is_within_the_bound_and_none_is_a_hole() {
+fn subdivision_cuts_have_no_hole_and_keep_the_pixel_error() {
     let mesh = tube::tube(300, 96);
     let (found, _) = flown(subdivision(&mesh), &mesh, 1.0);
     println!("{found:?}");
@@ -72,7 +73,7 @@ fn every_pixel_of_the_subdivision_is_within_the_bound_and_none_is_a_hole() {
 }
 
 #[test]
-fn a_cut_coarser_than_the_bound_is_seen_by_this_test() {
+fn the_pixel_comparison_detects_a_cut_coarser_than_the_bound() {
     let mesh = tube::tube(300, 96);
     let mut detail = clusters(&mesh);
     detail.report.pixel_error = 8.0;

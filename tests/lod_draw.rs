@@ -1,4 +1,4 @@
-//! A wall in pages: the pictures it makes, while pages run out and uploads are few.
+//! Drawing a wall from pages, with few pages and small upload budgets.
 
 mod common;
 #[path = "common/child.rs"]
@@ -11,7 +11,9 @@ mod tube;
 use std::collections::VecDeque;
 
 use intima::geometry::{Lens, Mesh};
-use intima::lod::{Camera, Drawn, PAGE_BYTES, Refine, Step, Tolerance, Upload, Worker};
+use intima::lod::{
+    Camera, LodHierarchy, PAGE_BYTES, Step, Tolerance, Upload, VisiblePatch, Worker,
+};
 use intima::render::{FrameStats, IN_FLIGHT, Look, RenderError, Renderer, Scene, Shot, View, Wall};
 use intima::surface::shading;
 use intima::vk::{Gpu, STAGING_BYTES, Validate};
@@ -26,7 +28,7 @@ fn shot(s: f32) -> Shot {
     Shot { view: View::Inside, pose: tube::pose(s), lens: LENS, progress: s / tube::length() }
 }
 
-/// There and back again, quicker than pages can follow.
+/// There and back again, faster than uploads can follow.
 fn flight(frames: usize) -> Vec<Shot> {
     let there = |i: usize| {
         let t = 2.0 * i as f32 / (frames - 1) as f32;
@@ -64,7 +66,7 @@ fn worker(pages: u32, uploads: u64) -> Worker {
 }
 
 #[test]
-fn pages_make_the_picture_of_their_mesh_bit_by_bit() {
+fn pages_draw_the_same_image_as_their_mesh() {
     let mesh = tube::tube(250, 64);
     let shots = flight(7);
     for (samples, at_once) in [(1, u32::MAX), (4, u32::MAX), (4, 1), (1, 7)] {
@@ -96,7 +98,7 @@ fn pages_make_the_picture_of_their_mesh_bit_by_bit() {
 }
 
 #[test]
-fn what_is_not_seen_is_not_submitted() {
+fn culled_pages_are_not_submitted() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     let mesh = tube::tube(250, 64);
     let mut r = renderer(&mut gpu, 1);
@@ -120,7 +122,7 @@ fn what_is_not_seen_is_not_submitted() {
 }
 
 #[test]
-fn changes_larger_than_a_frame_takes_arrive_before_it_is_drawn() {
+fn uploads_larger_than_one_submission_arrive_before_the_frame() {
     let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
     let mesh = tube::tube(1400, 130);
     let mut r = renderer(&mut gpu, 1);
@@ -136,7 +138,7 @@ fn changes_larger_than_a_frame_takes_arrive_before_it_is_drawn() {
 
 /// The whole wall is written anew for each frame while three frames that show the old one run.
 #[test]
-fn pages_are_written_while_frames_that_drew_them_run_and_the_staging_ring_goes_round() {
+fn pages_can_be_overwritten_while_frames_that_drew_them_are_in_flight() {
     let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
     let first = tube::tube(60, 64);
     let mut second = first.clone();
@@ -173,7 +175,7 @@ fn pages_are_written_while_frames_that_drew_them_run_and_the_staging_ring_goes_r
 }
 
 #[test]
-fn a_live_flight_shows_no_hole_while_pages_run_out_and_arrives_at_the_films_picture() {
+fn a_live_flight_has_no_hole_with_few_pages_and_converges_to_the_captured_image() {
     let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
     let few = BASE_PAGES + 4 * FINE_PAGES + 3;
     let mut r = renderer(&mut gpu, 1);
@@ -184,8 +186,8 @@ fn a_live_flight_shows_no_hole_while_pages_run_out_and_arrives_at_the_films_pict
     r.apply(pages, w.converge(r.camera(&shots[0]).unwrap()).unwrap()).unwrap();
     let (mut waiting, mut steps, mut changed, mut most) = (VecDeque::new(), 0, 0, 0);
     for (i, shot) in shots.iter().enumerate() {
-        w.look(&r.camera(shot).unwrap());
-        while let Some(step) = w.take().unwrap() {
+        w.set_camera(&r.camera(shot).unwrap());
+        while let Some(step) = w.try_recv().unwrap() {
             assert!(step.uploads.len() <= 1, "{} pages in one step", step.uploads.len());
             (steps, changed) = (steps + 1, changed + step.leaves_changed);
             r.apply(pages, step).unwrap();
@@ -221,8 +223,8 @@ fn a_live_flight_shows_no_hole_while_pages_run_out_and_arrives_at_the_films_pict
     common::assert_silent(&gpu);
 }
 
-/// The film of a flight with few pages: frames and what they took.
-fn film(gpu: &mut Gpu, pages: u32, shots: &[Shot]) -> Vec<(Vec<u8>, FrameStats)> {
+/// Captures a flight with few pages: frames and their statistics.
+fn capture(gpu: &mut Gpu, pages: u32, shots: &[Shot]) -> Vec<(Vec<u8>, FrameStats)> {
     let mut r = renderer(gpu, 1);
     let mut w = worker(pages, 2);
     let handle = r.open_pages(gpu, pages, tube::RADIUS).unwrap();
@@ -239,16 +241,16 @@ fn film(gpu: &mut Gpu, pages: u32, shots: &[Shot]) -> Vec<(Vec<u8>, FrameStats)>
 }
 
 #[test]
-fn a_film_shows_each_cameras_own_cut_whatever_came_before() {
+fn captured_frames_do_not_depend_on_earlier_frames() {
     let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
     let pages = BASE_PAGES + 5 * FINE_PAGES;
     let shots = flight(12);
-    let frames = film(&mut gpu, pages, &shots);
+    let frames = capture(&mut gpu, pages, &shots);
     let uploaded: u64 = frames.iter().map(|f| f.1.uploaded_bytes).sum();
     assert!(uploaded > 3 * u64::from(pages) * PAGE_BYTES / 2, "no page was used again: {uploaded}");
     for (i, frame) in frames.iter().enumerate() {
         assert_eq!(holes(&frame.0), 0, "frame {i}");
-        let alone = film(&mut gpu, pages, &shots[i..=i]);
+        let alone = capture(&mut gpu, pages, &shots[i..=i]);
         assert!(alone[0].0 == frame.0, "frame {i} differs");
         assert_eq!(alone[0].1.triangles, frame.1.triangles);
     }
@@ -256,7 +258,7 @@ fn a_film_shows_each_cameras_own_cut_whatever_came_before() {
 }
 
 #[test]
-fn a_film_that_is_stopped_loses_no_page() {
+fn a_stopped_capture_loses_no_page() {
     #[derive(Debug)]
     struct Stop;
     impl From<RenderError> for Stop {
@@ -267,7 +269,7 @@ fn a_film_that_is_stopped_loses_no_page() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     let pages = BASE_PAGES + 5 * FINE_PAGES;
     let shots = flight(12);
-    let want = film(&mut gpu, pages, &shots[9..10]);
+    let want = capture(&mut gpu, pages, &shots[9..10]);
     let mut r = renderer(&mut gpu, 1);
     let mut w = worker(pages, 2);
     let handle = r.open_pages(&mut gpu, pages, tube::RADIUS).unwrap();
@@ -281,10 +283,10 @@ fn a_film_that_is_stopped_loses_no_page() {
 }
 
 #[test]
-fn a_worker_that_fails_ends_the_film_with_its_error() {
+fn a_failed_worker_ends_the_capture_with_its_error() {
     struct Failing;
-    impl Refine for Failing {
-        fn step(&mut self, _: &Camera, _: &Tolerance, _: &mut intima::lod::Pool) -> Step {
+    impl LodHierarchy for Failing {
+        fn step(&mut self, _: &Camera, _: &Tolerance, _: &mut intima::lod::PageCache) -> Step {
             panic!("planted")
         }
         fn state_hash(&self) -> u64 {
@@ -306,7 +308,7 @@ fn a_worker_that_fails_ends_the_film_with_its_error() {
 }
 
 #[test]
-fn a_step_that_does_not_fit_its_pages_is_refused_whole() {
+fn an_invalid_step_is_refused_without_side_effects() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     let mut r = renderer(&mut gpu, 1);
     assert!(matches!(r.open_pages(&mut gpu, 0, 1.0), Err(RenderError::BadPages { pages: 0 })));
@@ -319,7 +321,7 @@ fn a_step_that_does_not_fit_its_pages_is_refused_whole() {
     assert_eq!(holes(&empty), empty.len() / 3);
     let (mut far, mut more): (Step, Step) = (all.clone(), all.clone());
     far.uploads.push(Upload { page: n, vertices: Vec::new(), triangles: Vec::new() });
-    more.drawn.push(Drawn { triangles: 129, ..all.drawn[0] });
+    more.drawn.push(VisiblePatch { triangles: 129, ..all.drawn[0] });
     let unwritten = Step { uploads: Vec::new(), ..all.clone() };
     assert!(matches!(r.apply(pages, far), Err(RenderError::BadUpload { .. })));
     assert!(matches!(r.apply(pages, more), Err(RenderError::EmptyPage { .. })));
@@ -336,19 +338,19 @@ fn a_step_that_does_not_fit_its_pages_is_refused_whole() {
 
 #[test]
 #[ignore = "runs in a process of its own, started by the test below"]
-fn child_hashes_a_film() {
+fn child_hashes_a_capture() {
     let mut gpu = common::gpu(Validate::Off).expect("the parent found a device");
-    for (rgb, stats) in film(&mut gpu, BASE_PAGES + 5 * FINE_PAGES, &flight(6)) {
+    for (rgb, stats) in capture(&mut gpu, BASE_PAGES + 5 * FINE_PAGES, &flight(6)) {
         println!("child: {} {stats:?}", blake3::hash(&rgb));
     }
 }
 
 #[test]
-fn a_film_is_the_same_bytes_in_every_run_at_any_thread_count() {
+fn captured_frames_have_the_same_bytes_at_any_thread_count() {
     let Some(_) = common::gpu(Validate::Off) else { return };
     let run = |threads| {
         let env = [("LP_NUM_THREADS", threads), ("RAYON_NUM_THREADS", threads)];
-        child::said(&child::run("child_hashes_a_film", &env))
+        child::said(&child::run("child_hashes_a_capture", &env))
     };
     let first = run("1");
     assert_eq!(first.len(), 6);
@@ -442,7 +444,7 @@ mod measure {
             drawn: step
                 .drawn
                 .iter()
-                .map(|d| Drawn {
+                .map(|d| VisiblePatch {
                     sphere: Sphere { radius: 1e6, ..d.sphere },
                     cone: Cone::default(),
                     ..*d

@@ -15,8 +15,8 @@ use std::sync::Arc;
 use glam::Vec3;
 use intima::formats::write_png;
 use intima::geometry::{Mesh, Pose};
-use intima::lod::vds::{Recorded, Surface, Vds, VdsOptions};
-use intima::lod::{Camera, Pool, Tolerance, Worker};
+use intima::lod::vds::{ParameterizedOriginal, Surface, Vds, VdsOptions};
+use intima::lod::{Camera, PageCache, Tolerance, Worker};
 use intima::mesh::{Parameterization, SimplifyOptions, simplify};
 use intima::render::{FrameStats, RenderError, Renderer, Scene, Shot, View};
 use intima::surface::shading;
@@ -97,7 +97,7 @@ fn trachea_and_colon_as_in_the_papers_figures() {
         let mut maps = Parameterization::new(&mesh).unwrap();
         let base = simplify(&mesh, &SimplifyOptions::to_faces(faces), &mut maps).unwrap();
         let shaded = shading(&mesh);
-        let original = Recorded::new(&mesh, &shaded.vertices, &base, &maps);
+        let original = ParameterizedOriginal::new(&mesh, &shaded.vertices, &base, &maps);
         // Small leaves, as close to the view as the paper's.
         let options = VdsOptions { leaf_faces: 4, ..VdsOptions::default() };
         let surface = Arc::new(Surface::new(&base.mesh, &original, options).unwrap());
@@ -122,8 +122,8 @@ fn trachea_and_colon_as_in_the_papers_figures() {
             let most = vds.least_pages() + 16_384;
             let camera = Camera { pose, lens: shot.lens, height_px: SIZE[1] };
             let mut cut = Pages::default();
-            let pool = &mut Pool::new(most, u32::MAX, 0);
-            cut.settle(&mut vds, &camera, &tolerance, pool);
+            let cache = &mut PageCache::new(most, u32::MAX, 0);
+            cut.settle(&mut vds, &camera, &tolerance, cache);
             let triangles = cut.triangles();
             assert!(!cut.last.degraded);
             let pages = r.open_pages(&mut gpu, most, shaded.mean_radius_mm).unwrap();

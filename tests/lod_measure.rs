@@ -17,7 +17,9 @@ use std::time::Instant;
 use cast::Cast;
 use intima::geometry::Mesh;
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
-use intima::lod::{Camera, Cells, Outside, Pool, Refine, Tolerance, Worker};
+use intima::lod::{
+    Camera, ExteriorGrid, LodHierarchy, OcclusionTest, PageCache, Tolerance, Worker,
+};
 use intima::render::{FrameStats, MAX_PAGES, RenderError, Renderer, Scene, Shot, View};
 use intima::surface::shading;
 use intima::vk::{Gpu, Validate};
@@ -77,9 +79,10 @@ fn fly(
             r.render_sequence(gpu, &scene, shots, sink).unwrap();
         }
         Some((clusters, radius)) => {
-            let outside = Arc::new(Outside::new(Cells::new(mesh), clusters.largest_error_mm()));
+            let outside =
+                Arc::new(OcclusionTest::new(ExteriorGrid::new(mesh), clusters.largest_error_mm()));
             let refine = ClusterLod::new(Arc::clone(clusters), DEFAULT_SHADING_RAD);
-            let refine = Box::new(refine.within(Arc::clone(&outside)));
+            let refine = Box::new(refine.with_occlusion(Arc::clone(&outside)));
             let count = (clusters.clusters().len() as u32).min(MAX_PAGES);
             let pages = r.open_pages(gpu, count, *radius).unwrap();
             r.hide(pages, outside);
@@ -179,13 +182,13 @@ fn pixels_inside_the_bound() {
         let (clusters, _) = clusters(&mesh);
         for fov in [60.0, 90.0, 120.0] {
             let mut refine = ClusterLod::new(Arc::clone(&clusters), DEFAULT_SHADING_RAD);
-            let pool = &mut Pool::new(clusters.clusters().len() as u32, u32::MAX, 0);
+            let cache = &mut PageCache::new(clusters.clusters().len() as u32, u32::MAX, 0);
             let mut pages = Pages::default();
             let (mut found, mut drawn) = (screen::Found::default(), Vec::new());
             for pose in fly::poses(&axis, 64) {
                 let camera = Camera { pose, lens: fly::lens(fov), height_px: 180 };
                 let tolerance = Tolerance { pixels: TAU };
-                pages.settle(&mut refine as &mut dyn Refine, &camera, &tolerance, pool);
+                pages.settle(&mut refine as &mut dyn LodHierarchy, &camera, &tolerance, cache);
                 let cut = pages.corners();
                 drawn.push(cut.len() as f64);
                 let one = screen::compare(&original, &Cast::new(cut), &camera, f64::from(TAU));

@@ -7,7 +7,7 @@ use super::CliError;
 use crate::formats::{FormatError, whole};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{self, Clusters};
-use crate::lod::{Cells, Outside};
+use crate::lod::{ExteriorGrid, OcclusionTest};
 use crate::pipeline::{Clock, Detail, Lod, beside, detail, return_freed_memory};
 
 /// Files of the cache are `NAME`, a hash, `SUFFIX`.
@@ -87,7 +87,7 @@ impl DetailSetup {
                 let mut other = clock.beside();
                 let (cells, found) = beside(
                     || {
-                        let work = || Cells::new(mesh);
+                        let work = || ExteriorGrid::new(mesh);
                         closed.then(|| {
                             other.time("outside", "faces", work, |_| mesh.faces.len() as u64)
                         })
@@ -97,7 +97,7 @@ impl DetailSetup {
                 clock.take(other);
                 let (clusters, cached, keep) = found?;
                 let margin = clusters.largest_error_mm();
-                let outside = cells.map(|cells| Arc::new(Outside::new(cells, margin)));
+                let outside = cells.map(|cells| Arc::new(OcclusionTest::new(cells, margin)));
                 let detail = Detail::of_clusters(clusters, self.pixel_error, cached, outside);
                 Ok(Some((detail, keep)))
             }

@@ -1,90 +1,97 @@
-//! Level of detail: which patches of which fineness a camera needs, and what has to be uploaded.
+//! Level of detail (LOD): which patches of which resolution a camera needs, and what to upload.
 //!
-//! A [`Refine`] owns a surface at many levels. It is asked step by step for the cut that a camera
-//! wants and answers with patches to be written into pages and the list of pages to be drawn. A
-//! cut always covers the whole surface, coarsely where the camera does not look, so that a late
-//! answer shows less detail but never a hole; what lies outside the frustum is culled when drawn.
+//! An [`LodHierarchy`] holds one surface at many resolutions. Each step moves the current cut
+//! towards the one that a camera needs and returns the patches to write into pages of the
+//! [`PageCache`] and the list of pages to draw. A cut always covers the whole surface, coarsely
+//! outside the view frustum, so a late step shows less detail but never a hole. Frustum and
+//! back-face culling happen when the cut is drawn ([`ViewFrustum`]); the [`OcclusionTest`] rejects
+//! what the wall itself hides.
+//!
+//! * [`clusters`]: the default, a hierarchy of triangle clusters with two-sided error bounds.
+//! * [`vds`]: the view-dependent subdivision of the paper (Li et al. 2004).
 
 pub mod clusters;
-mod eye;
+mod culling;
 pub mod octree;
-mod outside;
-mod pool;
+mod occlusion;
+mod page_cache;
 pub mod vds;
 mod worker;
 
-pub use eye::{Camera, Cone, Eye, Sphere, Spot};
-pub use outside::{Cells, Outside};
-pub use pool::{Full, Pool};
+pub use culling::{Camera, Cone, ProjectedBounds, Sphere, ViewFrustum};
+pub use occlusion::{ExteriorGrid, OcclusionTest};
+pub use page_cache::{NoPage, PageCache};
 pub use worker::{Worker, WorkerError};
 
 use crate::geometry::Vertex;
 
-/// Vertices of one page, at most: not much more than what pages hold, since memory between them is
-/// brought in with them.
+/// Most vertices of one page. Not much more than clusters fill, since unused memory between pages
+/// is fetched with them.
 pub const PAGE_VERTICES: usize = 96;
-/// Triangles of one page, at most.
+/// Most triangles of one page.
 pub const PAGE_TRIANGLES: usize = 96;
-/// Bytes of a full page on the device: vertices, and three 16-bit indices a triangle.
+/// Bytes of a full page on the device: its vertices, and three 16-bit indices a triangle.
 pub const PAGE_BYTES: u64 = (PAGE_VERTICES * size_of::<Vertex>() + PAGE_TRIANGLES * 6) as u64;
 
-/// How far a cut may be from the original.
+/// Largest deviation of a cut from the original surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
-    /// Distance on screen between any drawn point and the original, both ways, pixels.
+    /// Screen-space error: distance on screen between any drawn point and the original and back,
+    /// pixels.
     pub pixels: f32,
 }
 
 /// Content of one page.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Upload {
-    /// Where it goes.
+    /// The page to write.
     pub page: u32,
     /// At most [`PAGE_VERTICES`].
     pub vertices: Vec<Vertex>,
-    /// At most [`PAGE_TRIANGLES`], each three places in `vertices`.
+    /// At most [`PAGE_TRIANGLES`]; each holds three indices into `vertices`.
     pub triangles: Vec<[u8; 3]>,
 }
 
-/// A resident patch of the cut.
+/// A patch of the current cut, resident in a page.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Drawn {
+pub struct VisiblePatch {
     /// Its page.
     pub page: u32,
     /// Triangles in it.
     pub triangles: u32,
-    /// Holds all of it.
+    /// Bounding sphere of the patch.
     pub sphere: Sphere,
-    /// Holds the normals of all its faces.
+    /// Cone that contains the normals of all its faces.
     pub cone: Cone,
 }
 
-/// Answer to one step: what changed, and what is to be drawn from now on.
+/// Result of one step: what changed, and what to draw from now on.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Step {
-    /// To be written before anything is drawn.
+    /// Pages to write before anything is drawn.
     pub uploads: Vec<Upload>,
-    /// The whole cut, in an order that depends on nothing but the cut.
-    pub drawn: Vec<Drawn>,
+    /// The whole cut, in an order that depends on the cut alone.
+    pub drawn: Vec<VisiblePatch>,
     /// Octree leaves whose state changed in this step.
     pub leaves_changed: u32,
-    /// No further step would change anything while the camera stays.
+    /// Whether no further step would change anything while the camera stays.
     pub settled: bool,
-    /// The wanted cut did not fit the pages: settled, but coarser than asked for.
+    /// Whether the required cut did not fit the page cache: settled, but coarser than the tolerance
+    /// asks.
     pub degraded: bool,
 }
 
-/// A surface at many levels of detail.
-pub trait Refine: Send {
-    /// One step from the current cut towards the one for `camera`, within what `pool` can give.
-    /// [`Pool::begin`] has been called for this step. Once settled, the cut depends on nothing but
-    /// camera, tolerance and number of pages.
-    fn step(&mut self, camera: &Camera, tolerance: &Tolerance, pool: &mut Pool) -> Step;
+/// A surface at many resolutions.
+pub trait LodHierarchy: Send {
+    /// One step from the current cut towards the one for `camera`, within the pages and uploads
+    /// that `cache` has left. [`PageCache::begin_step`] must have been called for this step. Once
+    /// settled, the cut depends on camera, tolerance and number of pages alone.
+    fn step(&mut self, camera: &Camera, tolerance: &Tolerance, cache: &mut PageCache) -> Step;
 
-    /// A number that says which cut is drawn now: content, not pages. Equal cuts give equal
-    /// numbers whatever came before.
+    /// Hash of the current cut: of its content, not of its pages. Equal cuts have equal hashes,
+    /// whatever came before.
     fn state_hash(&self) -> u64;
 
-    /// Faces of the whole surface at its finest.
+    /// Faces of the whole surface at its finest level.
     fn finest_faces(&self) -> u64;
 }

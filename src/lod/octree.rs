@@ -1,29 +1,30 @@
-//! An adaptive octree over things with boxes: each belongs to the one cell that holds its centre.
+//! An adaptive octree over items with bounding boxes: each item belongs to the one cell that
+//! contains its centre.
 
 use glam::Vec3;
 
 use super::{Cone, Sphere};
 
-/// Items of a leaf, at most, unless it lies at [`DEPTH_MAX`].
+/// Most items of a leaf, unless it is at [`DEPTH_MAX`].
 pub const LEAF_ITEMS: usize = 128;
-/// Levels below the root, at most: what coincides cannot be told apart by more of them.
+/// Most levels below the root: coincident items cannot be separated.
 pub const DEPTH_MAX: u32 = 10;
 
-/// What the tree needs to know of a thing.
+/// An item of the tree.
 #[derive(Clone, Copy, Debug)]
 pub struct Item {
     /// Smallest corner of its box, mm.
     pub lo: Vec3,
     /// Largest corner of its box, mm.
     pub hi: Vec3,
-    /// Decides which cell owns it.
+    /// Selects the cell that owns it.
     pub centre: Vec3,
-    /// Holds its normals.
+    /// Cone that contains its normals.
     pub cone: Cone,
 }
 
 impl Item {
-    /// A triangle with its face normal; one without area may look anywhere.
+    /// A triangle with its face normal; a degenerate one may face any direction.
     pub fn triangle(corners: [Vec3; 3]) -> Self {
         let [a, b, c] = corners;
         let normal = (b - a).cross(c - a).try_normalize();
@@ -37,24 +38,24 @@ impl Item {
     }
 }
 
-/// A cell with something in it.
+/// A non-empty cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
     /// Smallest corner of the box around the items, not of the cell, mm.
     pub lo: Vec3,
     /// Largest corner of the box around the items, mm.
     pub hi: Vec3,
-    /// Holds all items.
+    /// Bounding sphere of all items.
     pub sphere: Sphere,
-    /// Holds the normals of all items.
+    /// Cone that contains the normals of all items.
     pub cone: Cone,
-    /// The items: a part of [`Octree::items`].
+    /// First of its items in [`Octree::items`].
     pub first: u32,
-    /// How many.
+    /// Number of its items.
     pub count: u32,
-    /// Nodes of the eight smaller cells that hold something: from here,
+    /// First of its non-empty child cells.
     pub children: u32,
-    /// so many of them; 0 for a leaf.
+    /// Number of child cells; 0 for a leaf.
     pub child_count: u32,
     /// Levels below the root.
     pub depth: u32,
@@ -77,7 +78,7 @@ pub struct Octree {
 }
 
 impl Octree {
-    /// Sorts the items in. A centre that is not a number counts as the lowest corner.
+    /// Builds the tree. A NaN centre counts as the lowest corner.
     pub fn new(items: &[Item]) -> Self {
         Self::with_leaves(items, LEAF_ITEMS)
     }
@@ -136,14 +137,14 @@ impl Octree {
                 let own = &self.items[n.first as usize..(n.first + n.count) as usize];
                 let own = || own.iter().map(|i| &items[*i as usize]);
                 let (lo, hi) = own().fold(EMPTY, |b, i| (b.0.min(i.lo), b.1.max(i.hi)));
-                (lo, hi, around(own().map(|i| i.cone)))
+                (lo, hi, bounding_cone(own().map(|i| i.cone)))
             } else {
                 let own = || self.children(at).map(|c| &self.nodes[c]);
                 let (lo, hi) = own().fold(EMPTY, |b, i| (b.0.min(i.lo), b.1.max(i.hi)));
-                (lo, hi, around(own().map(|i| i.cone)))
+                (lo, hi, bounding_cone(own().map(|i| i.cone)))
             };
             let centre = 0.5 * (lo + hi);
-            // The rounded centre may lie off the middle.
+            // The rounded centre may be off the middle.
             let reach = (hi.as_dvec3() - centre.as_dvec3()).max(centre.as_dvec3() - lo.as_dvec3());
             let radius = (reach.length() * (1.0 + 1e-6)) as f32;
             let n = &mut self.nodes[at];
@@ -152,7 +153,7 @@ impl Octree {
         }
     }
 
-    /// Nodes of the smaller cells of a node.
+    /// Children of a node.
     pub fn children(&self, node: usize) -> std::ops::Range<usize> {
         let n = &self.nodes[node];
         n.children as usize..(n.children + n.child_count) as usize
@@ -164,8 +165,13 @@ impl Octree {
         &self.items[n.first as usize..(n.first + n.count) as usize]
     }
 
-    /// Goes down from the root wherever `enter` says so, and calls `leaf` at each leaf entered.
-    pub fn walk(&self, mut enter: impl FnMut(&Node) -> bool, mut leaf: impl FnMut(usize, &Node)) {
+    /// Traverses the tree from the root wherever `enter` returns true, and calls `leaf` at each
+    /// leaf.
+    pub fn traverse(
+        &self,
+        mut enter: impl FnMut(&Node) -> bool,
+        mut leaf: impl FnMut(usize, &Node),
+    ) {
         let mut open: Vec<usize> = (0..self.nodes.len().min(1)).collect();
         while let Some(at) = open.pop() {
             let n = &self.nodes[at];
@@ -197,8 +203,9 @@ fn node(first: u32, count: u32, depth: u32) -> Node {
     }
 }
 
-/// A cone that holds all of these; every direction if they do not fit half a ball.
-pub fn around(cones: impl Iterator<Item = Cone> + Clone) -> Cone {
+/// Smallest cone about the mean axis that contains all cones; every direction if they do not fit a
+/// half-space.
+pub fn bounding_cone(cones: impl Iterator<Item = Cone> + Clone) -> Cone {
     let sum: Vec3 = cones.clone().map(|c| c.axis).sum();
     let Some(axis) = sum.try_normalize() else {
         return Cone::default();
@@ -242,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn every_item_lies_in_one_leaf_and_in_the_boxes_above_it() {
+    fn every_item_is_in_one_leaf_and_inside_all_bounds_above_it() {
         let items = triangles(20_000);
         let tree = Octree::new(&items);
         let mut owner = vec![0; items.len()];
@@ -269,13 +276,13 @@ mod tests {
         let narrow = tree.nodes.iter().filter(|n| n.is_leaf() && n.cone.sine < 0.95).count();
         assert!(narrow > 100, "only {narrow} leaves know where they look");
         let mut met = 0;
-        tree.walk(|_| true, |_, n| met += n.count);
+        tree.traverse(|_| true, |_, n| met += n.count);
         assert_eq!(met as usize, items.len());
-        tree.walk(|n| n.hi.x < 0.0, |_, n| assert!(n.hi.x < 0.0));
+        tree.traverse(|n| n.hi.x < 0.0, |_, n| assert!(n.hi.x < 0.0));
     }
 
     #[test]
-    fn items_at_one_place_or_nowhere_end_the_tree() {
+    fn coincident_and_nan_items_do_not_split_forever() {
         assert!(Octree::new(&[]).nodes.is_empty());
         let at = |p: Vec3| Item::triangle([p, p + Vec3::X, p + Vec3::Y]);
         let same = Octree::new(&vec![at(Vec3::ONE); 1000]);

@@ -1,40 +1,40 @@
-//! The thread that owns a surface's levels of detail.
+//! The worker thread that owns the level-of-detail hierarchy of a surface and its page cache.
 //!
-//! A live camera is looked at ([`Worker::look`]) and steps are taken as they come
-//! ([`Worker::take`]); neither waits, and only the newest camera counts. A film asks
-//! ([`Worker::ask`]) and waits for the settled cut ([`Worker::answer`]). Steps are handed over in
-//! the order they were made and none is dropped: each says what to write to pages that the next
-//! takes for written.
+//! Live mode: [`Worker::set_camera`] replaces the camera and [`Worker::try_recv`] returns finished
+//! steps; neither waits, and only the newest camera counts. Capture mode: [`Worker::request`]
+//! queues a camera and [`Worker::recv`] waits for its settled cut. Steps are delivered in the order
+//! in which they were made and none is dropped, since each relies on the page contents that the
+//! ones before it wrote.
 
 use std::collections::{HashMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-use super::{Camera, PAGE_BYTES, Pool, Refine, Step, Tolerance};
+use super::{Camera, LodHierarchy, PAGE_BYTES, PageCache, Step, Tolerance};
 
-/// Live steps that wait to be taken; the thread makes no more until one is.
-const UNTAKEN: usize = 2;
-/// Steps in a row that neither upload nor change what is drawn, while nothing is settled, after
-/// which a question is given up: pages cool down in far fewer.
-const IDLE_STEPS: u32 = 1000;
+/// Finished live steps that may be queued; the thread pauses until one is received.
+const MAX_PENDING: usize = 2;
+/// Consecutive steps that change nothing while the cut is not settled, after which a request fails.
+/// Frames in flight release their pages in far fewer.
+const MAX_IDLE_STEPS: u32 = 1000;
 
 /// Why there are no more steps.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum WorkerError {
-    /// The system gave no thread.
+    /// The system could not start the thread.
     #[error("no thread for level of detail ({0})")]
     NoThread(String),
-    /// Refinement panicked; nothing more comes from this worker.
+    /// The hierarchy panicked; the worker has ended.
     #[error("level of detail failed: {0}")]
     Panicked(String),
-    /// A cut did not settle.
+    /// A requested cut did not settle.
     #[error("level of detail did not settle: {0} steps in a row changed nothing")]
     Unsettled(u32),
 }
 
-/// A thread that owns a [`Refine`] and its [`Pool`].
+/// A thread that owns an [`LodHierarchy`] and its [`PageCache`].
 pub struct Worker {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -50,16 +50,16 @@ struct Shared {
 
 #[derive(Default)]
 struct State {
-    look: Option<Camera>,
-    untaken: VecDeque<Step>,
-    asked: VecDeque<Camera>,
-    answers: VecDeque<Step>,
+    camera: Option<Camera>,
+    pending: VecDeque<Step>,
+    requests: VecDeque<Camera>,
+    replies: VecDeque<Step>,
     stop: bool,
     failed: Option<WorkerError>,
 }
 
 impl Shared {
-    // A panic is caught before it can pass a lock; a poisoned one still holds a whole state.
+    // Panics are caught before they unwind through a lock; a poisoned state is still consistent.
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -68,34 +68,34 @@ impl Shared {
 impl Worker {
     /// Starts the thread.
     ///
-    /// * `pages`: pages on the device.
-    /// * `upload_bytes`: most bytes of pages written in one step, at least one page.
-    /// * `in_flight`: steps whose frames may still be running; at least 1, so that no step writes
-    ///   to what the step before draws.
+    /// * `pages`: capacity of the page cache.
+    /// * `upload_bytes`: most bytes of pages written in one step; at least one page is.
+    /// * `in_flight`: steps whose frames may still be running; at least 1, so that no step
+    ///   overwrites what the step before it draws.
     ///
     /// # Errors
     /// [`WorkerError::NoThread`].
     pub fn spawn(
-        refine: Box<dyn Refine>,
+        hierarchy: Box<dyn LodHierarchy>,
         tolerance: Tolerance,
         pages: u32,
         upload_bytes: u64,
         in_flight: u32,
     ) -> Result<Self, WorkerError> {
         let uploads = (upload_bytes / PAGE_BYTES).clamp(1, u64::from(u32::MAX)) as u32;
-        let finest_faces = refine.finest_faces();
+        let finest_faces = hierarchy.finest_faces();
         let shared = Arc::new(Shared::default());
-        let mut owner = Owner {
-            refine,
+        let mut worker = WorkerThread {
+            hierarchy,
             tolerance,
-            pool: Pool::new(pages, uploads, in_flight.max(1)),
+            cache: PageCache::new(pages, uploads, in_flight.max(1)),
             shared: Arc::clone(&shared),
             camera: None,
             settled: true,
         };
         let thread = std::thread::Builder::new()
             .name("detail".into())
-            .spawn(move || owner.run())
+            .spawn(move || worker.run())
             .map_err(|e| WorkerError::NoThread(e.to_string()))?;
         Ok(Self { shared, thread: Some(thread), outstanding: 0, finest_faces })
     }
@@ -105,23 +105,24 @@ impl Worker {
         self.finest_faces
     }
 
-    /// Turns to a camera. Never waits for a step; a camera not turned to yet is forgotten.
-    pub fn look(&mut self, camera: &Camera) {
-        self.shared.lock().look = Some(*camera);
+    /// Sets the camera of the live mode. Never waits; a camera that was not processed yet is
+    /// replaced.
+    pub fn set_camera(&mut self, camera: &Camera) {
+        self.shared.lock().camera = Some(*camera);
         self.shared.changed.notify_all();
     }
 
-    /// The oldest live step that was not taken yet, if there is one. Never waits for a step. While
-    /// a question is open there are none: its answer holds them.
+    /// Receives the oldest finished live step, if there is one. Never waits. While requests are
+    /// outstanding there are none: their replies include them.
     ///
     /// # Errors
-    /// [`WorkerError::Panicked`], once all steps made before it have been taken.
-    pub fn take(&mut self) -> Result<Option<Step>, WorkerError> {
+    /// [`WorkerError::Panicked`], once all steps made before it have been received.
+    pub fn try_recv(&mut self) -> Result<Option<Step>, WorkerError> {
         if self.outstanding > 0 {
             return Ok(None);
         }
         let mut state = self.shared.lock();
-        let step = state.untaken.pop_front();
+        let step = state.pending.pop_front();
         match (step, &state.failed) {
             (None, Some(e)) => Err(e.clone()),
             (step, _) => {
@@ -131,33 +132,33 @@ impl Worker {
         }
     }
 
-    /// Asks for the settled cut of a camera, and does not wait for it. Questions are answered in
-    /// order, each after as many steps as it needs.
-    pub fn ask(&mut self, camera: Camera) {
+    /// Requests the settled cut of a camera without waiting. Requests are served in order, each by
+    /// as many steps as it needs.
+    pub fn request(&mut self, camera: Camera) {
         self.outstanding += 1;
-        self.shared.lock().asked.push_back(camera);
+        self.shared.lock().requests.push_back(camera);
         self.shared.changed.notify_all();
     }
 
-    /// Questions that have no answer yet.
+    /// Requests that were not received yet.
     pub fn outstanding(&self) -> usize {
         self.outstanding
     }
 
-    /// Waits for the answer to the oldest question: all its steps, and live ones before them, as
-    /// one, with each page written at most once.
+    /// Waits for the reply to the oldest request: all its steps, and live ones before them, merged
+    /// into one that writes each page at most once.
     ///
     /// # Errors
     /// [`WorkerError::Panicked`], [`WorkerError::Unsettled`].
     ///
     /// # Panics
-    /// If nothing was asked.
-    pub fn answer(&mut self) -> Result<Step, WorkerError> {
-        assert!(self.outstanding > 0, "an answer needs a question");
+    /// If no request is outstanding.
+    pub fn recv(&mut self) -> Result<Step, WorkerError> {
+        assert!(self.outstanding > 0, "recv needs an outstanding request");
         self.outstanding -= 1;
         let mut state = self.shared.lock();
         loop {
-            if let Some(step) = state.answers.pop_front() {
+            if let Some(step) = state.replies.pop_front() {
                 return Ok(step);
             }
             if let Some(e) = &state.failed {
@@ -168,15 +169,16 @@ impl Worker {
         }
     }
 
-    /// Waits for the settled cut of a camera. The answers to earlier questions are part of it.
+    /// Requests the settled cut of a camera and waits for it. Replies to earlier requests are
+    /// merged into the result.
     ///
     /// # Errors
-    /// As [`Worker::answer`].
+    /// As [`Worker::recv`].
     pub fn converge(&mut self, camera: Camera) -> Result<Step, WorkerError> {
-        self.ask(camera);
-        let mut merged = Merged::default();
+        self.request(camera);
+        let mut merged = MergedSteps::default();
         while self.outstanding > 0 {
-            merged.add(self.answer()?);
+            merged.add(self.recv()?);
         }
         Ok(merged.step)
     }
@@ -187,17 +189,17 @@ impl Drop for Worker {
         self.shared.lock().stop = true;
         self.shared.changed.notify_all();
         if let Some(thread) = self.thread.take() {
-            // The thread catches its panics; there is nothing to learn from how it ended.
+            // The thread catches its panics and reports them; the join result holds nothing more.
             let _ = thread.join();
         }
     }
 }
 
-/// What runs on the thread.
-struct Owner {
-    refine: Box<dyn Refine>,
+/// State of the thread.
+struct WorkerThread {
+    hierarchy: Box<dyn LodHierarchy>,
     tolerance: Tolerance,
-    pool: Pool,
+    cache: PageCache,
     shared: Arc<Shared>,
     camera: Option<Camera>,
     settled: bool,
@@ -208,15 +210,15 @@ enum Job {
     Settle(Camera, Vec<Step>),
 }
 
-impl Owner {
+impl WorkerThread {
     fn run(&mut self) {
         while let Some(job) = self.next_job() {
             let done = match job {
                 Job::Step(camera) => self.step(&camera).map(|step| {
-                    self.shared.lock().untaken.push_back(step);
+                    self.shared.lock().pending.push_back(step);
                 }),
                 Job::Settle(camera, before) => self.settle(&camera, before).map(|step| {
-                    self.shared.lock().answers.extend(step);
+                    self.shared.lock().replies.extend(step);
                 }),
             };
             if let Err(e) = done {
@@ -228,7 +230,7 @@ impl Owner {
         }
     }
 
-    /// Waits for something to do; `None` when it is time to end.
+    /// Waits for the next job; `None` when the worker is dropped.
     fn next_job(&mut self) -> Option<Job> {
         let shared = Arc::clone(&self.shared);
         let mut state = shared.lock();
@@ -236,11 +238,11 @@ impl Owner {
             if state.stop {
                 return None;
             }
-            if let Some(camera) = state.asked.pop_front() {
-                return Some(Job::Settle(camera, state.untaken.drain(..).collect()));
+            if let Some(camera) = state.requests.pop_front() {
+                return Some(Job::Settle(camera, state.pending.drain(..).collect()));
             }
-            if state.untaken.len() < UNTAKEN {
-                if let Some(camera) = state.look.take()
+            if state.pending.len() < MAX_PENDING {
+                if let Some(camera) = state.camera.take()
                     && self.camera != Some(camera)
                 {
                     self.camera = Some(camera);
@@ -256,18 +258,18 @@ impl Owner {
 
     fn step(&mut self, camera: &Camera) -> Result<Step, WorkerError> {
         let step = catch_unwind(AssertUnwindSafe(|| {
-            self.pool.begin();
-            self.refine.step(camera, &self.tolerance, &mut self.pool)
+            self.cache.begin_step();
+            self.hierarchy.step(camera, &self.tolerance, &mut self.cache)
         }))
-        .map_err(|panic| WorkerError::Panicked(message(&*panic)))?;
+        .map_err(|panic| WorkerError::Panicked(panic_message(&*panic)))?;
         self.settled = step.settled;
         Ok(step)
     }
 
-    /// Steps until settled; `None` when it is time to end.
+    /// Steps until the cut is settled; `None` when the worker is dropped.
     fn settle(&mut self, camera: &Camera, before: Vec<Step>) -> Result<Option<Step>, WorkerError> {
         self.camera = Some(*camera);
-        let mut merged = Merged::default();
+        let mut merged = MergedSteps::default();
         before.into_iter().for_each(|s| merged.add(s));
         let mut idle = 0;
         loop {
@@ -278,7 +280,7 @@ impl Owner {
             if self.settled {
                 return Ok(Some(merged.step));
             }
-            if idle == IDLE_STEPS {
+            if idle == MAX_IDLE_STEPS {
                 return Err(WorkerError::Unsettled(idle));
             }
             if self.shared.lock().stop {
@@ -288,22 +290,22 @@ impl Owner {
     }
 }
 
-/// Steps as one.
+/// Several steps merged into one.
 #[derive(Default)]
-struct Merged {
+struct MergedSteps {
     step: Step,
-    /// Where in the uploads each page is.
-    place: HashMap<u32, usize>,
+    /// Index of each page in the uploads.
+    upload_at: HashMap<u32, usize>,
 }
 
-impl Merged {
+impl MergedSteps {
     fn add(&mut self, next: Step) {
         let changed = self.step.leaves_changed.saturating_add(next.leaves_changed);
         for upload in next.uploads {
-            match self.place.get(&upload.page) {
+            match self.upload_at.get(&upload.page) {
                 Some(&at) => self.step.uploads[at] = upload,
                 None => {
-                    self.place.insert(upload.page, self.step.uploads.len());
+                    self.upload_at.insert(upload.page, self.step.uploads.len());
                     self.step.uploads.push(upload);
                 }
             }
@@ -313,7 +315,7 @@ impl Merged {
     }
 }
 
-fn message(panic: &(dyn std::any::Any + Send)) -> String {
+fn panic_message(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "unknown".into())
 }

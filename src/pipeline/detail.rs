@@ -7,8 +7,8 @@ use serde::Serialize;
 use super::{Clock, Mode, PipelineError};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
-use crate::lod::vds::{Recorded, Surface, Vds, VdsOptions};
-use crate::lod::{Outside, PAGE_BYTES, Refine};
+use crate::lod::vds::{ParameterizedOriginal, Surface, Vds, VdsOptions};
+use crate::lod::{LodHierarchy, OcclusionTest, PAGE_BYTES};
 use crate::mesh::{MeshError, Metric, Parameterization, SimplifyOptions, make_manifold, simplify};
 
 /// How a wall is drawn.
@@ -31,7 +31,7 @@ const RESIDENT_BYTES: u64 = 256 << 20;
 /// A wall at many levels.
 pub struct Detail {
     /// It, with nothing refined.
-    pub refine: Box<dyn Refine>,
+    pub refine: Box<dyn LodHierarchy>,
     /// Pages it is given.
     pub pages: u32,
     /// What to say of it.
@@ -39,7 +39,7 @@ pub struct Detail {
     /// The clusters, if it is these.
     pub clusters: Option<Arc<Clusters>>,
     /// What a closed wall hides, if that is known.
-    pub outside: Option<Arc<Outside>>,
+    pub outside: Option<Arc<OcclusionTest>>,
 }
 
 /// Level of detail.
@@ -90,7 +90,7 @@ pub fn base(
     };
     let work = || -> Result<Mesh, MeshError> {
         let begun = clusters.filter(|_| mode == Mode::Default);
-        let begun = begun.map(|c| c.evenly(BASE_OF * faces as u64).0);
+        let begun = begun.map(|c| c.uniform_cut(BASE_OF * faces as u64).0);
         let mesh = begun.as_ref().unwrap_or(mesh);
         match simplify(mesh, &options, &mut ()) {
             Err(MeshError::NonManifoldEdge { .. } | MeshError::NonManifoldVertex { .. }) => {
@@ -114,7 +114,7 @@ impl Detail {
         clusters: impl Into<Arc<Clusters>>,
         pixel_error: f32,
         cached: bool,
-        outside: Option<Arc<Outside>>,
+        outside: Option<Arc<OcclusionTest>>,
     ) -> Self {
         let clusters = clusters.into();
         let count = clusters.clusters().len() as u64;
@@ -131,7 +131,7 @@ impl Detail {
         };
         let mut refine = ClusterLod::new(Arc::clone(&clusters), DEFAULT_SHADING_RAD);
         if let Some(outside) = &outside {
-            refine = refine.within(Arc::clone(outside));
+            refine = refine.with_occlusion(Arc::clone(outside));
         }
         // All of it if it fits: then nothing is ever driven out.
         let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
@@ -161,7 +161,7 @@ impl Detail {
             || simplify(mesh, &options, &mut maps),
             |_| mesh.faces.len() as u64,
         )?;
-        let original = Recorded::new(mesh, vertices, &simplified, &maps);
+        let original = ParameterizedOriginal::new(mesh, vertices, &simplified, &maps);
         let build = || Surface::new(&simplified.mesh, &original, VdsOptions::default());
         let count = simplified.mesh.faces.len() as u64;
         let surface = clock.time("subdivision", "base faces", build, |_| count)?;

@@ -8,7 +8,7 @@
 //!   holds whatever pages are written, also where several steps are merged into one frame.
 //! - **Staged bytes**, by the timeline: the ring hands them out again once their submission is
 //!   done.
-//! - **No page half new**, by [`Pool`](crate::lod::Pool): what a step writes was not drawn in the
+//! - **No page half new**, by [`PageCache`](crate::lod::PageCache): what a step writes was not drawn in the
 //!   last `in_flight` steps. On one queue the first point alone would do; this one would let the
 //!   copies run on a queue of their own.
 
@@ -19,7 +19,9 @@ use std::sync::Arc;
 use super::renderer::Renderer;
 use super::{FrameStats, RenderError};
 use crate::geometry::Vertex;
-use crate::lod::{Camera, Drawn, Eye, Outside, PAGE_TRIANGLES, PAGE_VERTICES, Step, Upload};
+use crate::lod::{
+    Camera, OcclusionTest, PAGE_TRIANGLES, PAGE_VERTICES, Step, Upload, ViewFrustum, VisiblePatch,
+};
 use crate::vk::{BufferId, Frame, Gpu, ImageId, Pass, Piece, Releaser, Write};
 
 /// A wall in pages on the device.
@@ -55,12 +57,12 @@ pub(super) struct Pages {
     pub indices: BufferId,
     pub mean_radius_mm: f32,
     /// What the wall hides is not drawn, unless backs are.
-    outside: Option<Arc<Outside>>,
+    outside: Option<Arc<OcclusionTest>>,
     /// Triangles in each page, once what is pending has been written.
     filled: Vec<u32>,
     /// By page, so that copies ascend.
     pending: BTreeMap<u32, Change>,
-    drawn: Vec<Drawn>,
+    drawn: Vec<VisiblePatch>,
     leaves_changed: u64,
     degraded: bool,
 }
@@ -153,17 +155,17 @@ impl Pages {
     /// Pieces of the cut that `camera` can see, in the cut's order, and their triangles. With
     /// `backs` those that turn their back or are hidden are drawn too.
     pub fn pieces(&self, camera: &Camera, backs: bool) -> (Vec<Piece>, u64) {
-        let eye = Eye::new(camera);
+        let frustum = ViewFrustum::new(camera);
         let mut triangles = 0;
-        let seen = |d: &&Drawn| {
+        let seen = |d: &&VisiblePatch| {
             let hidden = || {
                 let outside = self.outside.as_ref();
-                eye.behind(&d.sphere, &d.cone)
-                    || outside.is_some_and(|o| o.hides(eye.position(), &d.sphere))
+                frustum.is_backfacing(&d.sphere, &d.cone)
+                    || outside.is_some_and(|o| o.is_occluded(frustum.position(), &d.sphere))
             };
-            d.triangles > 0 && eye.sees(&d.sphere) && (backs || !hidden())
+            d.triangles > 0 && frustum.intersects(&d.sphere) && (backs || !hidden())
         };
-        let piece = |d: &Drawn| {
+        let piece = |d: &VisiblePatch| {
             triangles += u64::from(d.triangles);
             Piece {
                 first_index: d.page * INDICES,
@@ -235,7 +237,7 @@ impl Renderer {
     ///
     /// # Panics
     /// If the wall was closed.
-    pub fn hide(&mut self, pages: PagesHandle, outside: Arc<Outside>) {
+    pub fn hide(&mut self, pages: PagesHandle, outside: Arc<OcclusionTest>) {
         self.pages[pages.0].as_mut().expect("a wall that was not closed").outside = Some(outside);
     }
 
@@ -323,7 +325,7 @@ mod tests {
         let pose = Pose::looking(Vec3::ZERO, Vec3::X, Vec3::Z);
         let lens = Lens { fov_y_rad: 1.0, aspect: 1.0, near_mm: 0.1 };
         let camera = Camera { pose, lens, height_px: 100 };
-        let drawn = |page, x: f32, axis, triangles| Drawn {
+        let drawn = |page, x: f32, axis, triangles| VisiblePatch {
             page,
             triangles,
             sphere: Sphere { centre: Vec3::new(x, 0.0, 0.0), radius: 0.5 },

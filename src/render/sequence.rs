@@ -47,12 +47,12 @@ impl Renderer {
         let prepare = |r: &mut Self, shot: &Shot, next: Option<&Shot>| {
             // Asked already while the frame before was made; asked now for the first.
             if let (0, Some(camera)) = (worker.outstanding(), r.camera(shot)) {
-                worker.ask(camera);
+                worker.request(camera);
             }
             // The answer is taken before the next question, so that at most one is on its way.
             let result = r.take_answers(pages, worker);
             if let (Ok(()), Some(camera)) = (&result, next.and_then(|n| r.camera(n))) {
-                worker.ask(camera);
+                worker.request(camera);
             }
             result
         };
@@ -63,7 +63,7 @@ impl Renderer {
 
     fn take_answers(&mut self, pages: PagesHandle, worker: &mut Worker) -> Result<(), RenderError> {
         while worker.outstanding() > 0 {
-            let step = worker.answer()?;
+            let step = worker.recv()?;
             self.apply(pages, step)?;
         }
         Ok(())

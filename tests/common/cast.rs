@@ -1,5 +1,6 @@
-//! Rays and nearest points on a heap of triangles, by a tree of boxes in f64: a second opinion on
-//! everything that is drawn or measured, with nothing in common with the crate's own search.
+//! Ray casting and nearest-point queries on a triangle soup, by a bounding volume hierarchy in f64:
+//! an independent check of everything that is drawn or measured, with no code in common with the
+//! crate.
 #![allow(dead_code)]
 
 use glam::DVec3;
@@ -15,7 +16,7 @@ struct Node {
     count: usize,
 }
 
-/// Triangles that can be asked.
+/// A triangle soup with its bounding volume hierarchy.
 pub struct Cast {
     triangles: Vec<[DVec3; 3]>,
     nodes: Vec<Node>,

@@ -1,13 +1,15 @@
-//! A cut as the device would hold it: pages written and drawn by steps.
+//! A cut as the device holds it: pages written and drawn by steps.
 #![allow(dead_code)]
 
 use std::collections::HashMap;
 
 use glam::DVec3;
 use intima::geometry::Vertex;
-use intima::lod::{Camera, PAGE_TRIANGLES, PAGE_VERTICES, Pool, Refine, Step, Tolerance};
+use intima::lod::{
+    Camera, LodHierarchy, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Step, Tolerance,
+};
 
-/// What was written where, and what is drawn.
+/// Page contents, and the last step.
 #[derive(Default)]
 pub struct Pages {
     content: HashMap<u32, (Vec<Vertex>, Vec<[u8; 3]>)>,
@@ -15,7 +17,7 @@ pub struct Pages {
 }
 
 impl Pages {
-    /// Writes and draws what a step says.
+    /// Applies a step.
     pub fn apply(&mut self, step: Step) {
         for u in &step.uploads {
             assert!(u.vertices.len() <= PAGE_VERTICES && u.triangles.len() <= PAGE_TRIANGLES);
@@ -26,17 +28,17 @@ impl Pages {
         self.last = step;
     }
 
-    /// Steps until nothing changes any more.
+    /// Steps until the cut is settled.
     pub fn settle(
         &mut self,
-        refine: &mut dyn Refine,
+        refine: &mut dyn LodHierarchy,
         camera: &Camera,
         tolerance: &Tolerance,
-        pool: &mut Pool,
+        cache: &mut PageCache,
     ) {
         for _ in 0..100_000 {
-            pool.begin();
-            self.apply(refine.step(camera, tolerance, pool));
+            cache.begin_step();
+            self.apply(refine.step(camera, tolerance, cache));
             if self.last.settled {
                 return;
             }

@@ -6,8 +6,8 @@ use std::collections::HashMap;
 use glam::Vec3;
 use intima::geometry::{Mesh, Vertex};
 use intima::lod::{
-    Camera, Cone, Drawn, Full, PAGE_TRIANGLES, PAGE_VERTICES, Pool, Refine, Sphere, Step,
-    Tolerance, Upload,
+    Camera, Cone, LodHierarchy, NoPage, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Sphere, Step,
+    Tolerance, Upload, VisiblePatch,
 };
 use intima::surface::shading;
 
@@ -17,13 +17,13 @@ use crate::tube;
 #[derive(Clone)]
 pub struct Patch {
     pub upload: Upload,
-    pub drawn: Drawn,
+    pub drawn: VisiblePatch,
 }
 
 impl Patch {
     /// In another page.
-    pub fn at(&self, page: u32) -> (Upload, Drawn) {
-        (Upload { page, ..self.upload.clone() }, Drawn { page, ..self.drawn })
+    pub fn at(&self, page: u32) -> (Upload, VisiblePatch) {
+        (Upload { page, ..self.upload.clone() }, VisiblePatch { page, ..self.drawn })
     }
 }
 
@@ -49,7 +49,7 @@ pub fn cut(vertices: &[Vertex], faces: &[[u32; 3]], most: usize) -> Vec<Patch> {
         }
         from += triangles.len();
         let sphere = sphere(&own);
-        let drawn = Drawn {
+        let drawn = VisiblePatch {
             page: 0,
             triangles: triangles.len() as u32,
             sphere,
@@ -172,10 +172,10 @@ impl Sections {
     }
 
     /// Makes all of `keys` resident, or as many as there is room for.
-    fn bring(&self, keys: &[u64], pool: &mut Pool, step: &mut Step) -> Result<(), Full> {
+    fn bring(&self, keys: &[u64], cache: &mut PageCache, step: &mut Step) -> Result<(), NoPage> {
         for &key in keys {
-            if pool.keep(key).is_none() {
-                let page = pool.claim(key)?;
+            if cache.touch(key).is_none() {
+                let page = cache.allocate(key)?;
                 step.uploads.push(self.patch(key).at(page).0);
             }
         }
@@ -183,8 +183,8 @@ impl Sections {
     }
 }
 
-impl Refine for Sections {
-    fn step(&mut self, camera: &Camera, _: &Tolerance, pool: &mut Pool) -> Step {
+impl LodHierarchy for Sections {
+    fn step(&mut self, camera: &Camera, _: &Tolerance, cache: &mut PageCache) -> Step {
         let mut step = Step { settled: true, ..Step::default() };
         let eye = camera.pose.position_mm;
         let mut near: Vec<usize> = (0..self.middles.len()).collect();
@@ -192,7 +192,7 @@ impl Refine for Sections {
             self.middles[*a].distance(eye).total_cmp(&self.middles[*b].distance(eye))
         });
         near.retain(|s| self.middles[*s].distance(eye) < REACH_MM);
-        let room = pool.pages().saturating_sub(BASE_PAGES) / FINE_PAGES;
+        let room = cache.pages().saturating_sub(BASE_PAGES) / FINE_PAGES;
         step.degraded = near.len() > room as usize;
         near.truncate(room as usize);
 
@@ -203,11 +203,11 @@ impl Refine for Sections {
         if self.started {
             // What is drawn stays, whatever else finds no room.
             for key in drawn_keys(&self.fine) {
-                assert!(pool.keep(key).is_some(), "a drawn page was taken away");
+                assert!(cache.touch(key).is_some(), "a drawn page was taken away");
             }
         } else {
             let all = drawn_keys(&self.fine);
-            self.started = self.bring(&all, pool, &mut step).is_ok();
+            self.started = self.bring(&all, cache, &mut step).is_ok();
             step.settled = self.started;
         }
         for wanted in [false, true] {
@@ -218,7 +218,7 @@ impl Refine for Sections {
                 true => near.iter().copied().filter(|s| !self.fine[*s]).collect(),
             };
             for s in change.into_iter().filter(|_| self.started) {
-                if self.bring(&Self::keys(s, wanted), pool, &mut step).is_err() {
+                if self.bring(&Self::keys(s, wanted), cache, &mut step).is_err() {
                     step.settled = false;
                     break;
                 }
@@ -228,7 +228,7 @@ impl Refine for Sections {
         }
         if self.started {
             for key in drawn_keys(&self.fine) {
-                let page = pool.keep(key).expect("brought before");
+                let page = cache.touch(key).expect("brought before");
                 step.drawn.push(self.patch(key).at(page).1);
             }
         }

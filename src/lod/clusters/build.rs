@@ -1,70 +1,69 @@
-//! From a mesh to its clusters, level by level.
+//! Builds the cluster hierarchy of a mesh, level by level.
 
 use std::collections::VecDeque;
 
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::back::Earlier;
-use super::cover::{Target, Worked};
-use super::draft::Draft;
-use super::fill;
-use super::group::{Made, Places, simplify};
-use super::measure::Original;
-use super::partition::{self, Bordered};
-use super::{Cluster, ClusterError, Clusters, Group, NONE};
+use super::cluster_builder::ClusterBuilder;
+use super::clusterize;
+use super::coarse_to_fine::IntermediateSurface;
+use super::distance_bound::{Target, TargetCache};
+use super::group::{SimplifiedGroup, VertexTable, simplify};
+use super::group_error::OriginalSurface;
+use super::partition::{self, ClusterBorder};
+use super::{Cluster, ClusterError, Clusters, Group, NO_GROUP};
 use crate::geometry::{Mesh, TriangleBvh, Vertex};
-use crate::lod::octree::{Item, around};
+use crate::lod::octree::{Item, bounding_cone};
 use crate::lod::{Cone, Sphere};
 
-/// No coarser level is built where so few clusters are left, up to 31,000 triangles. What is coarser
-/// is too far off for all but the farthest places of an organ, and a level still takes six tenths of
-/// the time of the one before. With 256, building a CT colon of 220,180 faces takes 9 per cent longer
-/// for 1 per cent fewer triangles in 100 views from within, a colon of 1 M faces 6 per cent longer for
-/// none fewer, a trachea of 96 k 34 per cent longer for 14 per cent fewer; with 1,024 the first is
-/// built in 83 per cent of the time and has 11 per cent more.
-const COARSEST: usize = 512;
-/// Faces: ids are 32 bits, and four half-edge ids a face must fit.
+/// No coarser level is built where at most this many clusters are left (up to 31,000 triangles).
+/// Coarser ones serve only the farthest places of an organ, and each level still takes six tenths
+/// of the time of the one before.
+const MIN_CLUSTERS: usize = 512;
+/// Most faces: ids are 32 bits, and four half-edge ids a face must fit.
 const FACES_MAX: usize = (1 << 30) - 1;
 
 impl Clusters {
-    /// Builds all levels. `vertices`: one for each of the mesh's, as drawn
-    /// ([`crate::surface::shading`]). Any soup of triangles will do; the fewer of its edges have
-    /// two faces, the less can be simplified. The same at any number of threads.
+    /// Builds all levels. `vertices`: one for each vertex of the mesh, as drawn
+    /// ([`crate::surface::shading`]). Any triangle soup is accepted; the fewer of its edges have
+    /// two faces, the less can be simplified. The result does not depend on the number of threads.
     ///
     /// # Errors
     /// [`ClusterError`]: a face or position that makes no sense, or too many.
     pub fn build(mesh: &Mesh, vertices: &[Vertex]) -> Result<Self, ClusterError> {
-        Self::build_with(mesh, vertices, COARSEST, true)
+        Self::build_with(mesh, vertices, MIN_CLUSTERS, true)
     }
 
-    /// * `coarsest`: no coarser levels are built once so few clusters are left.
-    /// * `lock`: false only to show what becomes of a surface whose rims are not locked.
+    /// * `min_clusters`: no coarser level is built once so few clusters are left.
+    /// * `lock`: whether group boundaries are locked; false only in the test of what happens
+    ///   without.
     pub(super) fn build_with(
         mesh: &Mesh,
         vertices: &[Vertex],
-        coarsest: usize,
+        min_clusters: usize,
         lock: bool,
     ) -> Result<Self, ClusterError> {
-        Self::build_seen(mesh, vertices, coarsest, lock, |_, _| ())
+        Self::build_observed(mesh, vertices, min_clusters, lock, |_, _| ())
     }
 
-    /// `see` is shown what is live after each level, and where all vertices are.
-    pub(super) fn build_seen(
+    /// As [`Self::build_with`]. `observe` is called after each level with its live clusters and the
+    /// vertices so far.
+    pub(super) fn build_observed(
         mesh: &Mesh,
         vertices: &[Vertex],
-        coarsest: usize,
+        min_clusters: usize,
         lock: bool,
-        mut see: impl FnMut(&[(u32, Draft)], &Places),
+        mut observe: impl FnMut(&[(u32, ClusterBuilder)], &VertexTable),
     ) -> Result<Self, ClusterError> {
         check(mesh, vertices)?;
         let normals: Vec<Vec3> = vertices.iter().map(Vertex::normal).collect();
-        // Cutting up and evening out is in part done by one thread alone.
-        let ((beside, finest), (tree, key)) = rayon::join(
+        // Clustering is partly serial, so the search tree and the hash are built at the same time.
+        let ((face_neighbors, finest), (bvh, key)) = rayon::join(
             || {
-                let beside = partition::beside(&mesh.faces, vertices.len());
-                let finest = fill::finest(mesh, &beside);
-                (beside, finest)
+                let face_neighbors = partition::face_neighbors(&mesh.faces, vertices.len());
+                let finest = clusterize::finest_clusters(mesh, &face_neighbors);
+                (face_neighbors, finest)
             },
             || rayon::join(|| TriangleBvh::new(mesh), || super::bytes::key(mesh, vertices)),
         );
@@ -76,21 +75,21 @@ impl Clusters {
             positions: &mesh.positions,
             normals: &normals,
             faces: &mesh.faces,
-            beside: &beside,
-            tree: &tree,
-            worked: &Worked::default(),
+            face_neighbors: &face_neighbors,
+            bvh: &bvh,
+            cache: &TargetCache::default(),
         };
-        let original = Original { target };
-        let mut places = Places {
+        let original = OriginalSurface { target };
+        let mut places = VertexTable {
             positions: mesh.positions.clone(),
             normals: normals.clone(),
             face_at,
-            before: vec![NONE; vertices.len()],
+            predecessor: vec![NO_GROUP; vertices.len()],
         };
-        let mut earlier = VecDeque::new();
+        let mut intermediate = VecDeque::new();
         let mut this = Self {
             vertices: vertices.to_vec(),
-            own_vertices: vertices.len(),
+            original_vertices: vertices.len(),
             clusters: Vec::new(),
             groups: Vec::new(),
             members: Vec::new(),
@@ -98,28 +97,29 @@ impl Clusters {
             triangles: Vec::new(),
             key,
         };
-        let bounds: Vec<Bounds> =
-            finest.par_iter().map(|d| Bounds::of(d, &mesh.positions)).collect();
-        let mut live: Vec<(u32, Draft)> = Vec::with_capacity(finest.len());
+        let bounds: Vec<ClusterBounds> =
+            finest.par_iter().map(|d| ClusterBounds::of(d, &mesh.positions)).collect();
+        let mut live: Vec<(u32, ClusterBuilder)> = Vec::with_capacity(finest.len());
         for (draft, bounds) in finest.into_iter().zip(bounds) {
-            live.push((this.push(&draft, bounds, NONE), draft));
+            live.push((this.push(&draft, bounds, NO_GROUP), draft));
         }
-        while live.len() > coarsest {
+        while live.len() > min_clusters {
             let before = this.groups.len();
             let known = places.positions.len();
             let made = !this.groups.is_empty();
-            let (new, parted) = rayon::join(
-                || made.then(|| Earlier::new(live.iter().map(|l| &l.1), known)),
-                || this.parted(&live, lock),
+            let (new, form_groups) = rayon::join(
+                || made.then(|| IntermediateSurface::new(live.iter().map(|l| &l.1), known)),
+                || this.form_groups(&live, lock),
             );
-            earlier.extend(new);
-            // The first, or the one three levels below: what is nearer errs too much itself.
-            if earlier.len() > 3 {
-                earlier.pop_front();
+            intermediate.extend(new);
+            // The first surface, or the one three levels below: nearer ones have too large an error
+            // themselves.
+            if intermediate.len() > 3 {
+                intermediate.pop_front();
             }
-            let ask = if earlier.len() > 1 { earlier.front() } else { None };
-            live = this.level(live, parted, &original, &mut places, ask);
-            see(&live, &places);
+            let ask = if intermediate.len() > 1 { intermediate.front() } else { None };
+            live = this.simplify_level(live, form_groups, &original, &mut places, ask);
+            observe(&live, &places);
             if this.groups.len() == before {
                 break;
             }
@@ -127,9 +127,9 @@ impl Clusters {
         Ok(this)
     }
 
-    /// Adds a cluster; its id.
-    fn push(&mut self, draft: &Draft, bounds: Bounds, made_by: u32) -> u32 {
-        let most = self.groups.get(made_by as usize).map_or(0.0, |g| g.error_mm);
+    /// Adds a cluster; returns its id.
+    fn push(&mut self, draft: &ClusterBuilder, bounds: ClusterBounds, output_of: u32) -> u32 {
+        let most = self.groups.get(output_of as usize).map_or(0.0, |g| g.error_mm);
         self.clusters.push(Cluster {
             first_vertex: self.vertex_ids.len() as u32,
             vertices: draft.vertices.len() as u32,
@@ -137,34 +137,38 @@ impl Clusters {
             triangles: draft.triangles.len() as u32,
             sphere: bounds.sphere,
             cone: bounds.cone,
-            error_mm: up(draft.error).min(most),
-            made_by,
-            used_by: NONE,
+            error_mm: round_up(draft.error).min(most),
+            output_of,
+            input_of: NO_GROUP,
         });
         self.vertex_ids.extend_from_slice(&draft.vertices);
         self.triangles.extend_from_slice(&draft.triangles);
         self.clusters.len() as u32 - 1
     }
 
-    /// Groups of the live clusters, and whether each vertex stays.
-    fn parted(&self, live: &[(u32, Draft)], lock: bool) -> (Vec<Vec<u32>>, Vec<bool>) {
-        let bordered: Vec<Bordered> = live
+    /// Groups the live clusters, and finds the locked vertices.
+    fn form_groups(
+        &self,
+        live: &[(u32, ClusterBuilder)],
+        lock: bool,
+    ) -> (Vec<Vec<u32>>, Vec<bool>) {
+        let bordered: Vec<ClusterBorder> = live
             .par_iter()
-            .map(|(id, d)| Bordered {
-                border: partition::border(d.faces()),
+            .map(|(id, d)| ClusterBorder {
+                border: partition::border_edges(d.faces()),
                 centre: self.clusters[*id as usize].sphere.centre,
             })
             .collect();
-        let groups = partition::group(&bordered);
+        let groups = partition::group_clusters(&bordered);
         drop(bordered);
-        // A vertex in two groups stays.
+        // Vertices of several groups are locked.
         let known = self.vertices.len();
-        let mut group_of = vec![NONE; known];
+        let mut group_of = vec![NO_GROUP; known];
         let mut locked = vec![false; known];
         for (g, of) in groups.iter().zip(0..) {
             for v in g.iter().flat_map(|c| &live[*c as usize].1.vertices) {
                 let first = &mut group_of[*v as usize];
-                if *first == NONE {
+                if *first == NO_GROUP {
                     *first = of;
                 }
                 locked[*v as usize] |= lock && *first != of;
@@ -173,36 +177,36 @@ impl Clusters {
         (groups, locked)
     }
 
-    /// Simplifies each group; what is live then.
-    fn level(
+    /// Simplifies each group; returns the live clusters of the next level.
+    fn simplify_level(
         &mut self,
-        live: Vec<(u32, Draft)>,
+        live: Vec<(u32, ClusterBuilder)>,
         (groups, locked): (Vec<Vec<u32>>, Vec<bool>),
-        original: &Original<'_>,
-        places: &mut Places,
-        earlier: Option<&Earlier>,
-    ) -> Vec<(u32, Draft)> {
-        let made: Vec<Option<Made>> = groups
+        original: &OriginalSurface<'_>,
+        places: &mut VertexTable,
+        intermediate: Option<&IntermediateSurface>,
+    ) -> Vec<(u32, ClusterBuilder)> {
+        let made: Vec<Option<SimplifiedGroup>> = groups
             .par_iter()
             .map(|g| {
-                let floor = g.iter().map(|c| self.below(live[*c as usize].0));
+                let floor = g.iter().map(|c| self.producer(live[*c as usize].0));
                 let floor = floor.map(|g| g.map_or(0.0, |g| f64::from(g.error_mm)));
-                let drafts: Vec<&Draft> = g.iter().map(|c| &live[*c as usize].1).collect();
+                let drafts: Vec<&ClusterBuilder> = g.iter().map(|c| &live[*c as usize].1).collect();
                 let floor = floor.fold(0.0, f64::max);
-                simplify(&drafts, floor, &locked, original, places, earlier, &self.vertices)
+                simplify(&drafts, floor, &locked, original, places, intermediate, &self.vertices)
             })
             .collect();
-        self.take_in(live, &groups, made, places)
+        self.append_level(live, &groups, made, places)
     }
 
-    /// Adds what became of each group; what is live then.
-    fn take_in(
+    /// Adds the results of all groups; returns the live clusters of the next level.
+    fn append_level(
         &mut self,
-        live: Vec<(u32, Draft)>,
+        live: Vec<(u32, ClusterBuilder)>,
         groups: &[Vec<u32>],
-        mut made: Vec<Option<Made>>,
-        places: &mut Places,
-    ) -> Vec<(u32, Draft)> {
+        mut made: Vec<Option<SimplifiedGroup>>,
+        places: &mut VertexTable,
+    ) -> Vec<(u32, ClusterBuilder)> {
         let known = self.vertices.len() as u32;
         for made in made.iter_mut().flatten() {
             let shift = self.vertices.len() as u32 - known;
@@ -213,16 +217,16 @@ impl Clusters {
                 places.positions.push(vertex.position());
                 places.normals.push(vertex.normal());
                 places.face_at.push(*face);
-                places.before.push(*before);
+                places.predecessor.push(*before);
             }
         }
-        let bounds_of = |m: &Option<Made>| {
+        let bounds_of = |m: &Option<SimplifiedGroup>| {
             let outputs = m.iter().flat_map(|m| &m.outputs);
-            outputs.map(|d| Bounds::of(d, &places.positions)).collect()
+            outputs.map(|d| ClusterBounds::of(d, &places.positions)).collect()
         };
-        let bounds: Vec<Vec<Bounds>> = made.par_iter().map(bounds_of).collect();
+        let bounds: Vec<Vec<ClusterBounds>> = made.par_iter().map(bounds_of).collect();
         let mut next = Vec::new();
-        let mut live: Vec<Option<(u32, Draft)>> = live.into_iter().map(Some).collect();
+        let mut live: Vec<Option<(u32, ClusterBuilder)>> = live.into_iter().map(Some).collect();
         for ((members, made), bounds) in groups.iter().zip(made).zip(bounds) {
             let taken = members.iter().filter_map(|c| live[*c as usize].take());
             let Some(made) = made else {
@@ -238,52 +242,54 @@ impl Clusters {
         next
     }
 
-    /// The group that made a cluster.
-    fn below(&self, cluster: u32) -> Option<&Group> {
-        self.groups.get(self.clusters[cluster as usize].made_by as usize)
+    /// The group that a cluster is an output of.
+    fn producer(&self, cluster: u32) -> Option<&Group> {
+        self.groups.get(self.clusters[cluster as usize].output_of as usize)
     }
 
-    fn add_group(&mut self, inputs: &[u32], made: &Made, positions: &[Vec3]) -> u32 {
+    fn add_group(&mut self, inputs: &[u32], made: &SimplifiedGroup, positions: &[Vec3]) -> u32 {
         let id = self.groups.len() as u32;
-        let below: Vec<Group> = inputs.iter().filter_map(|c| self.below(*c)).copied().collect();
+        let below: Vec<Group> = inputs.iter().filter_map(|c| self.producer(*c)).copied().collect();
         let most = |first: f32, of: fn(&Group) -> f32| below.iter().map(of).fold(first, f32::max);
-        // The original lies within the error of the inputs around them.
+        // The original is within the error of the inputs around them.
         let out = most(0.0, |g| g.error_mm);
         let fine = inputs.iter().flat_map(|c| self.vertex_ids(*c)).map(|v| (v, out));
         let coarse = made.outputs.iter().flat_map(|d| &d.vertices).map(|v| (v, 0.0));
-        let sphere = ball(fine.chain(coarse).map(|(v, r)| (positions[*v as usize], r)));
-        let all = below.iter().map(|g| g.reach).chain([sphere]);
+        let sphere = bounding_sphere(fine.chain(coarse).map(|(v, r)| (positions[*v as usize], r)));
+        let all = below.iter().map(|g| g.subtree_sphere).chain([sphere]);
         self.groups.push(Group {
             first_input: self.members.len() as u32,
             inputs: inputs.len() as u32,
             first_output: self.clusters.len() as u32,
             outputs: made.outputs.len() as u32,
             sphere,
-            reach: ball(all.map(|s| (s.centre, s.radius))),
-            error_mm: most(up(made.error), |g| g.error_mm),
-            angle_rad: up(made.angle),
-            reach_angle_rad: most(up(made.angle), |g| g.reach_angle_rad),
-            reach_turn_mm: most(up(made.angle * f64::from(made.edge)), |g| g.reach_turn_mm),
+            subtree_sphere: bounding_sphere(all.map(|s| (s.centre, s.radius))),
+            error_mm: most(round_up(made.error), |g| g.error_mm),
+            angle_rad: round_up(made.angle),
+            subtree_angle_rad: most(round_up(made.angle), |g| g.subtree_angle_rad),
+            subtree_turn_mm: most(round_up(made.angle * f64::from(made.edge)), |g| {
+                g.subtree_turn_mm
+            }),
             edge_mm: most(made.edge, |g| g.edge_mm),
         });
         self.members.extend_from_slice(inputs);
-        inputs.iter().for_each(|c| self.clusters[*c as usize].used_by = id);
+        inputs.iter().for_each(|c| self.clusters[*c as usize].input_of = id);
         id
     }
 }
 
-/// What holds a cluster, and its normals.
-struct Bounds {
+/// Bounding sphere of a cluster and cone of its normals.
+struct ClusterBounds {
     sphere: Sphere,
     cone: Cone,
 }
 
-impl Bounds {
-    fn of(draft: &Draft, positions: &[Vec3]) -> Self {
+impl ClusterBounds {
+    fn of(draft: &ClusterBuilder, positions: &[Vec3]) -> Self {
         let at = |v: u32| positions[v as usize];
         let cones: Vec<Cone> = draft.faces().map(|f| Item::triangle(f.map(at)).cone).collect();
-        let sphere = ball(draft.vertices.iter().map(|v| (at(*v), 0.0)));
-        Self { sphere, cone: around(cones.into_iter()) }
+        let sphere = bounding_sphere(draft.vertices.iter().map(|v| (at(*v), 0.0)));
+        Self { sphere, cone: bounding_cone(cones.into_iter()) }
     }
 }
 
@@ -302,7 +308,7 @@ fn check(mesh: &Mesh, vertices: &[Vertex]) -> Result<(), ClusterError> {
             return Err(ClusterError::Face { face, vertex, vertices: wanted });
         }
     }
-    // Sums of squares of smaller numbers are numbers.
+    // Larger coordinates would overflow sums of squares.
     let placed = |p: &Vec3| p.is_finite() && p.abs().max_element() < 1e9;
     match mesh.positions.iter().position(|p| !placed(p)) {
         Some(vertex) => Err(ClusterError::Place { vertex }),
@@ -310,18 +316,18 @@ fn check(mesh: &Mesh, vertices: &[Vertex]) -> Result<(), ClusterError> {
     }
 }
 
-/// The next f32 that is not smaller.
-pub fn up(v: f64) -> f32 {
+/// Rounds up to f32.
+pub fn round_up(v: f64) -> f32 {
     let f = v as f32;
     if f64::from(f) < v { f.next_up() } else { f }
 }
 
-/// A ball that holds balls, about the middle of their box.
-fn ball(of: impl Iterator<Item = (Vec3, f32)> + Clone) -> Sphere {
+/// Bounding sphere of spheres, about the centre of their box.
+fn bounding_sphere(of: impl Iterator<Item = (Vec3, f32)> + Clone) -> Sphere {
     let (lo, hi) = of
         .clone()
         .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, (c, r)| (b.0.min(c - r), b.1.max(c + r)));
     let centre = 0.5 * (lo + hi);
     let away = |(c, r): (Vec3, f32)| centre.as_dvec3().distance(c.as_dvec3()) + f64::from(r);
-    Sphere { centre, radius: up(of.map(away).fold(0.0, f64::max)) }
+    Sphere { centre, radius: round_up(of.map(away).fold(0.0, f64::max)) }
 }

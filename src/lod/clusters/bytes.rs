@@ -1,17 +1,17 @@
-//! Clusters as bytes, so that a mesh seen before need not be clustered again.
+//! Serialization of clusters, so that a known mesh need not be clustered again.
 //!
-//! Little-endian: magic, version, key of the mesh, six counts, then clusters, groups, members,
+//! Little-endian: magic, version, hash of the mesh, six counts, then clusters, groups, members,
 //! vertex ids, vertices that are not the mesh's (32-bit words each), triangles (three bytes each),
-//! and a BLAKE3 of all that.
+//! and a BLAKE3 hash of all that.
 
 use glam::Vec3;
 
-use super::{Cluster, ClusterError, Clusters, Group, NONE};
+use super::{Cluster, ClusterError, Clusters, Group, NO_GROUP};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::{Cone, PAGE_TRIANGLES, PAGE_VERTICES, Sphere};
 
 const MAGIC: &[u8; 8] = b"intimaCL";
-/// To be raised whenever the same mesh would give other clusters or other bytes.
+/// Raised whenever the same mesh gives other clusters or other bytes.
 const VERSION: u32 = 10;
 const HEADER: usize = 8 + 4 + 32 + 6 * 8;
 const HASH: usize = 32;
@@ -19,7 +19,7 @@ const CLUSTER_WORDS: usize = 15;
 const GROUP_WORDS: usize = 17;
 const VERTEX_WORDS: usize = size_of::<Vertex>() / 4;
 
-/// Hash of everything that a build depends on.
+/// Hash of everything that the clusters depend on.
 pub fn key(mesh: &Mesh, vertices: &[Vertex]) -> [u8; 32] {
     let mut hash = blake3::Hasher::new();
     hash.update(&(vertices.len() as u64).to_le_bytes());
@@ -30,9 +30,9 @@ pub fn key(mesh: &Mesh, vertices: &[Vertex]) -> [u8; 32] {
 }
 
 impl Clusters {
-    /// Everything but the mesh's own vertices.
+    /// Serializes everything but the vertices of the mesh.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let moved = &self.vertices[self.own_vertices..];
+        let moved = &self.vertices[self.original_vertices..];
         let counts = [
             self.clusters.len(),
             self.groups.len(),
@@ -93,7 +93,7 @@ impl Clusters {
         if blake3::hash(content).as_bytes() != hash {
             return Err(ClusterError::Checksum);
         }
-        // The length agrees: the counts are those of bytes that are there.
+        // The length agrees, so the counts are bounded by the bytes present.
         let [clusters, groups, members, ids, moved, triangles] = counts.map(|c| c as usize);
         let (words, bytes) = content[HEADER..].split_at(content.len() - HEADER - 3 * triangles);
         let mut words = words.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
@@ -105,7 +105,7 @@ impl Clusters {
             vertex_ids: (0..ids).map(|_| next()).collect(),
             triangles: bytes.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
             vertices: vertices.to_vec(),
-            own_vertices: vertices.len(),
+            original_vertices: vertices.len(),
             key: key_read,
         };
         let mut word = || [(); VERTEX_WORDS].map(|()| next());
@@ -114,7 +114,7 @@ impl Clusters {
         Ok(this)
     }
 
-    /// Whether every id leads where it should, so that nothing built on it can fail.
+    /// Whether all ids and bounds are consistent, so that nothing built on them can fail.
     fn check(&self) -> Result<(), ClusterError> {
         let broken = |what, at| Err(ClusterError::Broken { what, at });
         let (mut ids, mut triangles) = (0usize, 0usize);
@@ -125,7 +125,7 @@ impl Clusters {
             (ids, triangles) = (ids + v, triangles + t);
             let there = ids <= self.vertex_ids.len() && triangles <= self.triangles.len();
             let groups = self.groups.len() as u32;
-            let known = [c.made_by, c.used_by].iter().all(|g| *g == NONE || *g < groups);
+            let known = [c.output_of, c.input_of].iter().all(|g| *g == NO_GROUP || *g < groups);
             let shaped = sound(&c.sphere)
                 && c.cone.axis.is_finite()
                 && !c.cone.sine.is_nan()
@@ -161,33 +161,34 @@ impl Clusters {
             let end = g.first_output as usize + o;
             let placed = g.first_input as usize == members && members + i <= self.members.len();
             let numbers = group_numbers(g).iter().all(|v| *v >= 0.0);
-            let shaped = sound(&g.sphere) && sound(&g.reach) && numbers;
-            let rises = g.angle_rad <= g.reach_angle_rad;
+            let shaped = sound(&g.sphere) && sound(&g.subtree_sphere) && numbers;
+            let rises = g.angle_rad <= g.subtree_angle_rad;
             if !placed || !shaped || !rises || end > all || i == 0 || o == 0 {
                 return broken;
             }
             (members, outputs) = (members + i, outputs + o);
-            let made = |c: &Cluster| c.made_by as usize == at && c.error_mm <= g.error_mm;
+            let made = |c: &Cluster| c.output_of as usize == at && c.error_mm <= g.error_mm;
             if !self.clusters[g.first_output as usize..end].iter().all(made) {
                 return broken;
             }
             for &c in self.inputs(at as u32) {
                 let Some(cluster) = self.clusters.get(c as usize) else { return broken };
-                let below = self.groups.get(cluster.made_by as usize);
-                // Groups below come before.
-                let order = cluster.made_by == NONE || (cluster.made_by as usize) < at;
-                // The search for what is open stops where nothing below can be larger.
-                let reach = |g: &Group| [g.error_mm, g.reach_angle_rad, g.reach_turn_mm, g.edge_mm];
+                let below = self.groups.get(cluster.output_of as usize);
+                // Groups below come first.
+                let order = cluster.output_of == NO_GROUP || (cluster.output_of as usize) < at;
+                // The selection of open groups relies on bounds that rise with the level.
+                let reach =
+                    |g: &Group| [g.error_mm, g.subtree_angle_rad, g.subtree_turn_mm, g.edge_mm];
                 let rises = below.is_none_or(|b| (0..4).all(|k| reach(b)[k] <= reach(g)[k]));
                 let met = std::mem::replace(&mut met[c as usize], true);
-                if met || cluster.used_by as usize != at || !order || !rises {
+                if met || cluster.input_of as usize != at || !order || !rises {
                     return broken;
                 }
             }
         }
-        // Nobody claims a group that does not know of it.
-        let used = self.clusters.iter().filter(|c| c.used_by != NONE).count();
-        let made = self.clusters.iter().filter(|c| c.made_by != NONE).count();
+        // No cluster names a group that does not list it.
+        let used = self.clusters.iter().filter(|c| c.input_of != NO_GROUP).count();
+        let made = self.clusters.iter().filter(|c| c.output_of != NO_GROUP).count();
         match used == members && made == outputs && members == self.members.len() {
             true => Ok(()),
             false => Err(ClusterError::Broken { what: "group", at: self.groups.len() }),
@@ -195,7 +196,7 @@ impl Clusters {
     }
 }
 
-/// Bytes that the counts ask for; saturates.
+/// File length by the counts; saturates.
 fn length([clusters, groups, members, ids, moved, triangles]: [u64; 6]) -> u64 {
     let words = clusters
         .saturating_mul(CLUSTER_WORDS as u64)
@@ -218,7 +219,7 @@ fn cluster_words(c: &Cluster) -> [u32; CLUSTER_WORDS] {
     let place = [c.first_vertex, c.vertices, c.first_triangle, c.triangles];
     let [i, j, k, l] = place;
     let error = c.error_mm.to_bits();
-    [i, j, k, l, x, y, z, r, a, b, d, sine, error, c.made_by, c.used_by]
+    [i, j, k, l, x, y, z, r, a, b, d, sine, error, c.output_of, c.input_of]
 }
 
 fn read_cluster(next: &mut impl FnMut() -> u32) -> Cluster {
@@ -230,18 +231,18 @@ fn read_cluster(next: &mut impl FnMut() -> u32) -> Cluster {
         sphere: read_sphere(next),
         cone: Cone { axis: read_vector(next), sine: f32::from_bits(next()) },
         error_mm: f32::from_bits(next()),
-        made_by: next(),
-        used_by: next(),
+        output_of: next(),
+        input_of: next(),
     }
 }
 
 fn group_numbers(g: &Group) -> [f32; 5] {
-    [g.error_mm, g.angle_rad, g.reach_angle_rad, g.reach_turn_mm, g.edge_mm]
+    [g.error_mm, g.angle_rad, g.subtree_angle_rad, g.subtree_turn_mm, g.edge_mm]
 }
 
 fn group_words(g: &Group) -> [u32; GROUP_WORDS] {
     let [a, b, c, d] = sphere_words(&g.sphere);
-    let [e, f, h, i] = sphere_words(&g.reach);
+    let [e, f, h, i] = sphere_words(&g.subtree_sphere);
     let [u, v, x, y, z] = group_numbers(g).map(f32::to_bits);
     let (first, last) = (g.first_input, g.first_output);
     [first, g.inputs, last, g.outputs, a, b, c, d, e, f, h, i, u, v, x, y, z]
@@ -254,11 +255,11 @@ fn read_group(next: &mut impl FnMut() -> u32) -> Group {
         first_output: next(),
         outputs: next(),
         sphere: read_sphere(next),
-        reach: read_sphere(next),
+        subtree_sphere: read_sphere(next),
         error_mm: f32::from_bits(next()),
         angle_rad: f32::from_bits(next()),
-        reach_angle_rad: f32::from_bits(next()),
-        reach_turn_mm: f32::from_bits(next()),
+        subtree_angle_rad: f32::from_bits(next()),
+        subtree_turn_mm: f32::from_bits(next()),
         edge_mm: f32::from_bits(next()),
     }
 }

@@ -1,10 +1,10 @@
-//! What can be wrong with a mesh to be clustered, or with clusters read back.
+//! Errors of clustering a mesh and of reading clusters back.
 
-/// Why there are no clusters.
+/// Why a mesh cannot be clustered or a cluster file cannot be read.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClusterError {
-    /// More than ids can count.
+    /// More faces or vertices than ids can count.
     #[error("{count} {what} are too many: {limit} at most")]
     TooMany {
         /// Faces or vertices.
@@ -14,7 +14,7 @@ pub enum ClusterError {
         /// How many there may be.
         limit: usize,
     },
-    /// Vertices to be drawn that are not those of the mesh.
+    /// The number of vertices as drawn is not that of the mesh.
     #[error("{found} vertices to draw for a mesh of {wanted}")]
     Vertices {
         /// Given.
@@ -22,7 +22,7 @@ pub enum ClusterError {
         /// In the mesh.
         wanted: usize,
     },
-    /// A face that names a vertex that is not there.
+    /// A face with a vertex index out of range.
     #[error("face {face} names vertex {vertex} of {vertices}")]
     Face {
         /// Which face.
@@ -32,19 +32,19 @@ pub enum ClusterError {
         /// Vertices there are.
         vertices: usize,
     },
-    /// A position that is no number, or so far off that its square is none.
+    /// A position that is not finite or larger than 1e9 mm.
     #[error("vertex {vertex} has no place")]
     Place {
         /// Which vertex.
         vertex: usize,
     },
-    /// Bytes that do not hold clusters of this version.
+    /// Not a cluster file, or one of another version.
     #[error("not a cluster file of this version")]
     Kind,
-    /// Clusters of another mesh.
+    /// Clusters that were built from another mesh.
     #[error("the clusters belong to another mesh")]
     OtherMesh,
-    /// Bytes that end too soon or too late.
+    /// A file that is shorter or longer than its counts say.
     #[error("{found} bytes of clusters where {wanted} should be")]
     Length {
         /// Bytes there are.
@@ -52,10 +52,10 @@ pub enum ClusterError {
         /// Bytes that the counts ask for.
         wanted: u64,
     },
-    /// Bytes that are not those written.
+    /// The checksum does not match the content.
     #[error("the clusters are damaged: their checksum differs")]
     Checksum,
-    /// Content that contradicts itself.
+    /// Inconsistent content.
     #[error("{what} {at} of the clusters contradicts the others")]
     Broken {
         /// Cluster or group.

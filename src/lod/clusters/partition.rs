@@ -1,22 +1,23 @@
-//! Faces into clusters, clusters into groups, and who is beside whom.
+//! Face adjacency, and partitioning: faces into clusters, clusters into groups.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::geometry::median_split::{self, KeyedPoint};
 
-/// No face.
-pub const NONE: u32 = u32::MAX;
+/// Stands for "no face".
+pub const NO_FACE: u32 = u32::MAX;
 
-/// Clusters of a group: the number aimed at, and the bounds it is kept within where that can be.
-pub const GROUP: usize = 8;
+/// Target number of clusters in a group.
+pub const GROUP_SIZE: usize = 8;
 const GROUP_MIN: usize = 4;
 const GROUP_MAX: usize = 12;
 
-/// The face across each edge (from corner k to corner k + 1), [`NONE`] where there is none or more
-/// than one. Any soup of faces.
-pub fn beside(faces: &[[u32; 3]], vertices: usize) -> Vec<[u32; 3]> {
-    // Half-edges in buckets of their lower vertex: (higher vertex, 4 face + corner).
+/// Half-edge connectivity: for each face, the face across each of its edges (from corner k to
+/// corner k + 1), [`NO_FACE`] on a boundary or where more than two faces meet. Accepts any triangle
+/// soup.
+pub fn face_neighbors(faces: &[[u32; 3]], vertices: usize) -> Vec<[u32; 3]> {
+    // Half-edges in buckets by their lower vertex: (higher vertex, 4 · face + corner).
     let mut start = vec![0u32; vertices + 1];
     let low = |f: &[u32; 3], k: usize| f[k].min(f[(k + 1) % 3]) as usize;
     for f in faces {
@@ -34,14 +35,14 @@ pub fn beside(faces: &[[u32; 3]], vertices: usize) -> Vec<[u32; 3]> {
             *at += 1;
         }
     }
-    let mut out = vec![[NONE; 3]; faces.len()];
+    let mut out = vec![[NO_FACE; 3]; faces.len()];
     for v in 0..vertices {
         let mut row = &half[start[v] as usize..start[v + 1] as usize];
         while let [first, rest @ ..] = row {
             row = rest;
             let mut others = rest.iter().filter(|o| o.0 == first.0);
             if let (Some(second), None) = (others.next(), others.next()) {
-                // Of three and more, the last two come here too.
+                // Of three and more half-edges, the last two reach this point too.
                 let before = &half[start[v] as usize..start[v + 1] as usize - rest.len() - 1];
                 if !before.iter().any(|o| o.0 == first.0) {
                     out[first.1 as usize / 4][first.1 as usize % 4] = second.1 / 4;
@@ -53,9 +54,10 @@ pub fn beside(faces: &[[u32; 3]], vertices: usize) -> Vec<[u32; 3]> {
     out
 }
 
-/// Cuts items into parts of at most `most`, as even as can be, at medians of the longest side of
-/// their box. Part after part, in the order they then lie in `items`.
-pub fn split(items: &mut [KeyedPoint], most: usize) -> Vec<usize> {
+/// Splits items recursively at medians of the longest side of their box, into nearly equal parts of
+/// at most `most`. Returns the size of each part, in the order in which the parts then stand in
+/// `items`.
+pub fn split_at_medians(items: &mut [KeyedPoint], most: usize) -> Vec<usize> {
     let parts = items.len().div_ceil(most);
     if parts <= 1 {
         return vec![items.len()];
@@ -63,22 +65,29 @@ pub fn split(items: &mut [KeyedPoint], most: usize) -> Vec<usize> {
     let cut = items.len() * (parts / 2) / parts;
     let (a, b) = median_split::split(items, cut);
     let (mut a, b) = if a.len() > 4096 {
-        rayon::join(|| split(a, most), || split(b, most))
+        rayon::join(|| split_at_medians(a, most), || split_at_medians(b, most))
     } else {
-        (split(a, most), split(b, most))
+        (split_at_medians(a, most), split_at_medians(b, most))
     };
     a.extend(b);
     a
 }
 
-/// Moves faces that have two neighbours in one other part, and at most one in their own, over to
-/// that part while it has room. Cuts along planes leave such teeth, and islands of one face.
-pub fn smooth(part: &mut [u32], sizes: &mut [usize], most: usize, beside: &[[u32; 3]]) {
+/// Smooths cluster borders: moves faces that have two neighbours in one other cluster, and at most
+/// one in their own, to that cluster while it has room. Median splits leave such teeth, and islands
+/// of one face.
+pub fn smooth_borders(
+    part: &mut [u32],
+    sizes: &mut [usize],
+    most: usize,
+    face_neighbors: &[[u32; 3]],
+) {
     for _ in 0..4 {
         let mut moved = false;
         for f in 0..part.len() {
             let own = part[f];
-            let near = beside[f].map(|n| if n == NONE { NONE } else { part[n as usize] });
+            let near =
+                face_neighbors[f].map(|n| if n == NO_FACE { NO_FACE } else { part[n as usize] });
             let [a, b, c] = near;
             let other = if a == b || a == c {
                 a
@@ -87,7 +96,7 @@ pub fn smooth(part: &mut [u32], sizes: &mut [usize], most: usize, beside: &[[u32
             } else {
                 continue;
             };
-            if other != own && other != NONE && sizes[other as usize] < most {
+            if other != own && other != NO_FACE && sizes[other as usize] < most {
                 part[f] = other;
                 sizes[own as usize] -= 1;
                 sizes[other as usize] += 1;
@@ -100,16 +109,16 @@ pub fn smooth(part: &mut [u32], sizes: &mut [usize], most: usize, beside: &[[u32
     }
 }
 
-/// What grouping needs of a cluster: edges on its border, and its middle.
-pub struct Bordered {
-    /// Edges with one of its faces: the lower vertex in the upper half.
+/// What grouping needs to know of a cluster.
+pub struct ClusterBorder {
+    /// Its boundary edges: lower vertex in the upper half, higher vertex in the lower.
     pub border: Vec<u64>,
-    /// Middle.
+    /// Centre of its bounding sphere, mm.
     pub centre: Vec3,
 }
 
-/// Edges of these faces that lie on only one of them, as in [`Bordered`].
-pub fn border(faces: impl Iterator<Item = [u32; 3]>) -> Vec<u64> {
+/// Boundary edges of some faces, in the form of [`ClusterBorder::border`].
+pub fn border_edges(faces: impl Iterator<Item = [u32; 3]>) -> Vec<u64> {
     let edge = |a: u32, b: u32| u64::from(a.min(b)) << 32 | u64::from(a.max(b));
     let mut all: Vec<u64> =
         faces.flat_map(|[a, b, c]| [edge(a, b), edge(b, c), edge(c, a)]).collect();
@@ -117,10 +126,11 @@ pub fn border(faces: impl Iterator<Item = [u32; 3]>) -> Vec<u64> {
     all.chunk_by(|a, b| a == b).filter(|c| c.len() == 1).map(|c| c[0]).collect()
 }
 
-/// Groups of about [`GROUP`] clusters that share much border, each cluster in one. A group takes in
-/// whoever has the largest part of its border in common with it. The rims of earlier groups, locked
-/// until then, are the densest, so that they are what most likely comes to lie inside.
-pub fn group(clusters: &[Bordered]) -> Vec<Vec<u32>> {
+/// Partitions clusters greedily into groups of about [`GROUP_SIZE`] that share much border. A group
+/// grows by the cluster that has the largest share of its border in common with it. Boundaries of
+/// earlier groups, locked until then, have the densest edges, so they most likely come to lie
+/// inside the new groups.
+pub fn group_clusters(clusters: &[ClusterBorder]) -> Vec<Vec<u32>> {
     let n = clusters.len();
     let mut edges: Vec<(u64, u32)> = clusters
         .par_iter()
@@ -133,26 +143,26 @@ pub fn group(clusters: &[Bordered]) -> Vec<Vec<u32>> {
         pairs.extend([(c[0].1, c[1].1), (c[1].1, c[0].1)]);
     }
     pairs.par_sort_unstable();
-    let mut near: Vec<Vec<(u32, u32)>> = vec![Vec::new(); n];
+    let mut adjacency: Vec<Vec<(u32, u32)>> = vec![Vec::new(); n];
     for c in pairs.chunk_by(|a, b| a == b).filter(|c| c[0].0 != c[0].1) {
-        near[c[0].0 as usize].push((c[0].1, c.len() as u32));
+        adjacency[c[0].0 as usize].push((c[0].1, c.len() as u32));
     }
-    let order = along_a_curve(clusters);
-    let mut group_of = vec![NONE; n];
+    let order = morton_order(clusters);
+    let mut group_of = vec![NO_FACE; n];
     let mut groups: Vec<Vec<u32>> = Vec::new();
-    // Edges in common with the group under growth, and those who have any.
+    // Number of edges that each cluster shares with the growing group.
     let mut common = vec![0u32; n];
     for &seed in &order {
-        if group_of[seed as usize] != NONE {
+        if group_of[seed as usize] != NO_FACE {
             continue;
         }
         let id = groups.len() as u32;
         let mut own = vec![seed];
         let mut rim: Vec<u32> = Vec::new();
         group_of[seed as usize] = id;
-        while own.len() < GROUP {
-            for &(w, edges) in &near[own[own.len() - 1] as usize] {
-                if group_of[w as usize] == NONE {
+        while own.len() < GROUP_SIZE {
+            for &(w, edges) in &adjacency[own[own.len() - 1] as usize] {
+                if group_of[w as usize] == NO_FACE {
                     if common[w as usize] == 0 {
                         rim.push(w);
                     }
@@ -176,15 +186,16 @@ pub fn group(clusters: &[Bordered]) -> Vec<Vec<u32>> {
         rim.iter().for_each(|w| common[*w as usize] = 0);
         groups.push(own);
     }
-    merge_small(&mut groups, &mut group_of, &near, &order);
+    merge_small_groups(&mut groups, &mut group_of, &adjacency, &order);
     groups
 }
 
-/// Small groups join the one they share most border with, or else the one before them on the curve.
-fn merge_small(
+/// Merges small groups into the neighbour that shares most border, or else into the previous group
+/// on the Z-order curve.
+fn merge_small_groups(
     groups: &mut Vec<Vec<u32>>,
     group_of: &mut [u32],
-    near: &[Vec<(u32, u32)>],
+    adjacency: &[Vec<(u32, u32)>],
     order: &[u32],
 ) {
     let fits = |a: &[u32], b: &[u32]| a.len() + b.len() <= GROUP_MAX;
@@ -194,7 +205,7 @@ fn merge_small(
         }
         let mut shared: Vec<(u32, u32)> = groups[g]
             .iter()
-            .flat_map(|c| &near[*c as usize])
+            .flat_map(|c| &adjacency[*c as usize])
             .map(|(w, edges)| (group_of[*w as usize], *edges))
             .filter(|(h, _)| *h != g as u32 && fits(&groups[g], &groups[*h as usize]))
             .collect();
@@ -202,10 +213,10 @@ fn merge_small(
         let sums = shared.chunk_by(|a, b| a.0 == b.0);
         let sums = sums.map(|c| (c.iter().map(|e| e.1).sum::<u32>(), u32::MAX - c[0].0));
         if let Some((_, h)) = sums.max() {
-            join(groups, group_of, g, (u32::MAX - h) as usize);
+            merge_groups(groups, group_of, g, (u32::MAX - h) as usize);
         }
     }
-    // What has no neighbours: islands.
+    // Groups without neighbours: islands.
     let mut last: Option<usize> = None;
     for &c in order {
         let g = group_of[c as usize] as usize;
@@ -213,21 +224,21 @@ fn merge_small(
             continue;
         }
         match last {
-            Some(h) if fits(&groups[g], &groups[h]) => join(groups, group_of, g, h),
+            Some(h) if fits(&groups[g], &groups[h]) => merge_groups(groups, group_of, g, h),
             _ => last = Some(g),
         }
     }
     groups.retain(|g| !g.is_empty());
 }
 
-fn join(groups: &mut [Vec<u32>], group_of: &mut [u32], from: usize, to: usize) {
+fn merge_groups(groups: &mut [Vec<u32>], group_of: &mut [u32], from: usize, to: usize) {
     let moved = std::mem::take(&mut groups[from]);
     moved.iter().for_each(|c| group_of[*c as usize] = to as u32);
     groups[to].extend(moved);
 }
 
-/// Clusters along a Z-order curve, equal places by id.
-fn along_a_curve(clusters: &[Bordered]) -> Vec<u32> {
+/// Clusters along a Z-order (Morton) curve; ties by id.
+fn morton_order(clusters: &[ClusterBorder]) -> Vec<u32> {
     let (lo, hi) = clusters
         .iter()
         .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, c| (b.0.min(c.centre), b.1.max(c.centre)));

@@ -1,35 +1,35 @@
-//! Leaves cut into pages.
+//! Splits octree leaves into pages.
 
-use super::levels::Fineness;
+use super::fineness::Fineness;
 use super::surface::Surface;
-use super::tessellate::{Block, Cell};
+use super::tessellate::{Block, FaceFineness};
 use crate::geometry::Vertex;
-use crate::lod::octree::{Item, around};
+use crate::lod::octree::{Item, bounding_cone};
 use crate::lod::{Cone, PAGE_TRIANGLES, PAGE_VERTICES, Sphere};
 
-/// A page to be: what is on it, and its name.
+/// A page before it is gathered: its blocks and its key.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Page {
-    /// Equal for equal content of the same place.
+    /// Hash of leaf, index and content.
     pub key: u64,
     /// Triangles.
     pub triangles: u32,
     blocks: Vec<Block>,
 }
 
-/// A page as it is written.
-pub struct Content {
+/// Content of a page.
+pub struct PageContent {
     /// At most [`PAGE_VERTICES`].
     pub vertices: Vec<Vertex>,
     /// At most [`PAGE_TRIANGLES`].
     pub triangles: Vec<[u8; 3]>,
-    /// Holds all of it.
+    /// Bounding sphere.
     pub sphere: Sphere,
-    /// Holds the normals of its faces.
+    /// Cone that contains the normals of its faces.
     pub cone: Cone,
 }
 
-/// Mixes one more number in (the finaliser of SplitMix64).
+/// Hash combination (the finaliser of SplitMix64).
 pub fn mix(hash: u64, more: u64) -> u64 {
     let mut x = (hash ^ more).wrapping_add(0x9e37_79b9_7f4a_7c15);
     x = (x ^ x >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -37,14 +37,14 @@ pub fn mix(hash: u64, more: u64) -> u64 {
     x ^ x >> 31
 }
 
-/// A face as fine as `fine` says, its edges as fine as the finer of their faces.
-pub fn cell(surface: &Surface, fine: &[Fineness], face: u32) -> Cell {
+/// A face at its fineness; each edge takes the larger fineness of its faces.
+pub fn cell(surface: &Surface, fine: &[Fineness], face: u32) -> FaceFineness {
     let own = fine[face as usize];
     let edge = |e| surface.base.across(face, e).map_or(own, |g| own.max(fine[g as usize]));
-    Cell { face, own, edges: [edge(0), edge(1), edge(2)] }
+    FaceFineness { face, own, edges: [edge(0), edge(1), edge(2)] }
 }
 
-/// Pages of a leaf: its faces' blocks in order, as many to a page as fit.
+/// Pages of a leaf: the blocks of its faces in order, as many to a page as fit.
 pub fn pages(surface: &Surface, fine: &[Fineness], leaf: u32) -> Vec<Page> {
     let mut all: Vec<Page> = Vec::new();
     let mut vertices = PAGE_VERTICES;
@@ -69,8 +69,8 @@ pub fn pages(surface: &Surface, fine: &[Fineness], leaf: u32) -> Vec<Page> {
 }
 
 impl Page {
-    /// Gathers the page.
-    pub fn content(&self, surface: &Surface) -> Content {
+    /// Gathers vertices and triangles.
+    pub fn content(&self, surface: &Surface) -> PageContent {
         let mut vertices = Vec::with_capacity(PAGE_VERTICES);
         let mut triangles = Vec::with_capacity(PAGE_TRIANGLES);
         for block in &self.blocks {
@@ -81,14 +81,14 @@ impl Page {
             .map(|t: &[u8; 3]| Item::triangle(t.map(|v| vertices[usize::from(v)].position())));
         let items: Vec<Item> = items.collect();
         let normals = items.iter().map(|i| i.cone).filter(|c| c.sine < 1.0);
-        let cone = around(normals);
+        let cone = bounding_cone(normals);
         let at = |v: &Vertex| v.position();
         let lo = vertices.iter().map(at).reduce(|a, b| a.min(b)).unwrap_or_default();
         let hi = vertices.iter().map(at).reduce(|a, b| a.max(b)).unwrap_or_default();
         let centre = 0.5 * (lo + hi);
         let reach = vertices.iter().map(|v| at(v).distance(centre)).fold(0.0, f32::max);
         let sphere = Sphere { centre, radius: reach * (1.0 + 1e-6) };
-        Content { vertices, triangles, sphere, cone }
+        PageContent { vertices, triangles, sphere, cone }
     }
 
     /// Its blocks.

@@ -1,48 +1,48 @@
-//! The original at every vertex of the finest level.
+//! Samples of the original at every vertex of the finest level.
 //!
-//! A face's grid of depth L has n = 2^L steps a side; a grid point (i, j, k), i + j + k = n, has
-//! the weights i/n, j/n, k/n. Points on edges and at corners are stored once for all faces that
-//! meet there, taken from the face with the lowest id: both sides read the same bits.
+//! The grid of a face at depth L has n = 2^L steps a side; the grid point (i, j, k), i + j + k = n,
+//! has the weights i/n, j/n, k/n. Points on edges and at corners are stored once for all incident
+//! faces, sampled from the face with the lowest id, so both sides read the same bits.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::base::Base;
-use super::resample::Original;
+use super::base_mesh::BaseMesh;
+use super::original::Original;
 use crate::geometry::Vertex;
 
-/// Point of a face's grid.
+/// Grid point of a face.
 pub type Grid = [u32; 3];
 
 /// All samples.
 #[derive(Clone, Debug, Default)]
-pub struct Samples {
+pub struct SurfaceSamples {
     depth: u32,
     vertices: Vec<Vertex>,
-    /// Where those of edges and of faces begin.
+    /// First sample of edges and first sample of faces.
     begin: [usize; 2],
 }
 
-/// Inner points of an edge and of a face.
+/// Number of inner points of an edge and of a face.
 fn inner(depth: u32) -> [usize; 2] {
     let n = 1usize << depth;
     [n - 1, (n - 1) * (n.max(2) - 2) / 2]
 }
 
-/// Samples of a base mesh at a depth, without making them.
-pub fn count(base: &Base, depth: u32) -> usize {
+/// Number of samples of a base mesh at a depth.
+pub fn count(base: &BaseMesh, depth: u32) -> usize {
     let [edge, face] = inner(depth);
     base.vertices + base.edges.len() * edge + base.faces.len() * face
 }
 
-/// Inner grid points of a face in the order of their places.
+/// Inner grid points of a face, in storage order.
 fn inner_points(n: u32) -> impl Iterator<Item = Grid> {
     (1..n.saturating_sub(1)).flat_map(move |i| (1..n - i).map(move |j| [i, j, n - i - j]))
 }
 
-impl Samples {
-    /// Takes them all.
-    pub fn take(base: &Base, depth: u32, original: &dyn Original) -> Self {
+impl SurfaceSamples {
+    /// Takes all samples.
+    pub fn take(base: &BaseMesh, depth: u32, original: &dyn Original) -> Self {
         let n = 1u32 << depth;
         let weights = |g: Grid| g.map(|c| f64::from(c) / f64::from(n));
         let begin = [base.vertices, base.vertices + base.edges.len() * inner(depth)[0]];
@@ -52,7 +52,7 @@ impl Samples {
                 corner[*v as usize].get_or_insert((f as u32, c));
             }
         }
-        // A vertex that no face uses is never asked for.
+        // Vertices without faces are never read.
         let mut vertices: Vec<Vertex> = corner
             .par_iter()
             .map(|at| {
@@ -79,13 +79,13 @@ impl Samples {
         Self { depth, vertices, begin }
     }
 
-    /// L.
+    /// The depth L.
     pub fn depth(&self) -> u32 {
         self.depth
     }
 
-    /// Place of a grid point of a face in the list of samples.
-    pub fn index(&self, base: &Base, f: u32, g: Grid) -> usize {
+    /// Index of a grid point of a face among the samples.
+    pub fn index(&self, base: &BaseMesh, f: u32, g: Grid) -> usize {
         let n = 1u32 << self.depth;
         if let Some(c) = g.iter().position(|&c| c == n) {
             return base.faces[f as usize][c] as usize;
@@ -103,12 +103,12 @@ impl Samples {
     }
 
     /// The original at a grid point.
-    pub fn vertex(&self, base: &Base, f: u32, g: Grid) -> Vertex {
+    pub fn vertex(&self, base: &BaseMesh, f: u32, g: Grid) -> Vertex {
         self.vertices[self.index(base, f, g)]
     }
 
-    /// Where it lies.
-    pub fn position(&self, base: &Base, f: u32, g: Grid) -> Vec3 {
+    /// Its position.
+    pub fn position(&self, base: &BaseMesh, f: u32, g: Grid) -> Vec3 {
         self.vertex(base, f, g).position()
     }
 
@@ -118,8 +118,8 @@ impl Samples {
     }
 }
 
-/// Small triangles of a triangular grid with `m` steps a side, all running the way of the large
-/// one: first those that stand like it, then those upside down.
+/// Triangles of a triangular grid with `m` steps a side, all oriented like the face: first the
+/// upright ones, then the inverted ones.
 pub fn triangles(m: u32) -> impl Iterator<Item = [Grid; 3]> {
     let points = |s: u32| (0..=s).flat_map(move |a| (0..=s - a).map(move |b| [a, b, s - a - b]));
     let up = points(m - 1).map(|[a, b, c]| [[a + 1, b, c], [a, b + 1, c], [a, b, c + 1]]);
@@ -132,10 +132,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_sample_has_one_place_and_edges_are_shared() {
-        let base = Base::new(vec![[0, 1, 2], [2, 1, 3], [3, 0, 2]], 4);
+    fn samples_are_indexed_once_and_shared_across_edges() {
+        let base = BaseMesh::new(vec![[0, 1, 2], [2, 1, 3], [3, 0, 2]], 4);
         let depth = 3;
-        let samples = Samples {
+        let samples = SurfaceSamples {
             depth,
             vertices: Vec::new(),
             begin: [4, 4 + base.edges.len() * inner(depth)[0]],
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn small_triangles_tile_the_large_one() {
+    fn grid_triangles_tile_the_face() {
         for m in [1, 2, 4, 8] {
             let twice_area = |[a, b, c]: [Grid; 3]| {
                 let d = |p: Grid, q: Grid| [0, 1].map(|k| i64::from(q[k]) - i64::from(p[k]));

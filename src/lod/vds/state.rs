@@ -1,84 +1,86 @@
-//! From cut to cut, within what the pages allow.
+//! The current cut, and how it changes within the page cache.
 //!
-//! A cut is told by one fineness a leaf; whatever these are, the surface has no crack. A step goes
-//! from the cut that is drawn to one where some leaves have what the camera wants and the others
-//! what they had: the largest number, in order of their error on screen, whose pages can be
-//! written now. If not even one leaf can be changed at once, its pages are written ahead, step by
-//! step, and drawn when all of them are there.
+//! A cut is given by one fineness for each leaf; any values give a surface without cracks. A step
+//! moves from the current cut to one where some leaves have the fineness that the camera requires
+//! and the others what they had: the largest number of leaves, in order of their screen-space
+//! error, whose pages can be written now. If not even one leaf can change at once, its pages are
+//! written ahead, step by step, and drawn when all of them are resident.
 //!
-//! Pages of the base are always resident. A cut may use half of all pages, so that a cut and the
-//! next one fit side by side and no order of cameras leads into a dead end; the other half holds
-//! what was left behind. A cut that needs more is coarsened as a whole.
+//! Pages of the base are always resident. A cut may use half of all pages, so the current cut and
+//! the next fit side by side and no sequence of cameras leads to a deadlock; the other half holds
+//! patches of earlier cuts. A cut that needs more is coarsened as a whole.
 
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::levels::{Fineness, spread};
+use super::fineness::{Fineness, balance};
 use super::pages::{Page, mix, pages};
 use super::select::{error_mm, select};
 use super::surface::Surface;
-use crate::lod::{Camera, Drawn, Eye, Pool, Refine, Step, Tolerance, Upload};
+use crate::lod::{
+    Camera, LodHierarchy, PageCache, Step, Tolerance, Upload, ViewFrustum, VisiblePatch,
+};
 
-/// Steps of the tolerance while a cut does not fit, a quarter of an octave each.
+/// Factor of the tolerance, in octaves, by which a cut that does not fit is coarsened.
 const COARSER: f64 = 0.25;
 
-/// The cut of a subdivided surface that is drawn.
+/// View-dependent subdivision of a surface and its current cut.
 pub struct Vds {
     surface: Arc<Surface>,
-    /// Pages of every leaf at the base, and what is drawn of them.
-    floor: Vec<Vec<Page>>,
-    floor_pages: usize,
+    /// Pages of every leaf at the base level.
+    base_pages: Vec<Vec<Page>>,
+    base_page_count: usize,
     /// Fineness of each leaf, and of each base face.
     leaf: Vec<Fineness>,
     pub(super) face: Vec<Fineness>,
-    /// Pages of each leaf as it is drawn.
+    /// Pages of each leaf in the current cut.
     pub(super) now: Vec<Vec<Page>>,
-    pub(super) drawn: Vec<Vec<Drawn>>,
-    /// Pages of the cut, and of the base.
+    pub(super) drawn: Vec<Vec<VisiblePatch>>,
+    /// Number of pages of the cut and of the base.
     pages: usize,
-    /// Whether anything is drawn yet.
+    /// Whether the base has been drawn.
     started: bool,
-    /// The pool had no page although the step had uploads left: head straight for the end, so that
-    /// pages written ahead are not driven out by those of another way there.
-    straight: bool,
+    /// The cache had no page although uploads were left: head directly for the final cut, so that
+    /// pages written ahead are not evicted by those of intermediate ones.
+    direct: bool,
 }
 
 /// A cut that could be drawn next.
-pub(super) struct Goal {
+pub(super) struct CutGoal {
     leaf: Vec<Fineness>,
     face: Vec<Fineness>,
-    /// Leaves whose pages differ.
+    /// Leaves whose pages differ from the current cut.
     changed: Vec<(u32, Vec<Page>)>,
-    /// Pages of the whole cut, and of the base.
+    /// Number of pages of the whole cut and of the base.
     pages: usize,
 }
 
 impl Vds {
-    /// Begins with nothing drawn.
+    /// Starts with nothing drawn.
     pub fn new(surface: Arc<Surface>) -> Self {
         let leaves = surface.leaves.len();
         let face = vec![0; surface.base.faces.len()];
         let at_base = |l: usize| pages(&surface, &face, l as u32);
-        let floor: Vec<Vec<Page>> = (0..leaves).into_par_iter().map(at_base).collect();
-        let floor_pages = floor.iter().map(Vec::len).sum();
+        let base_pages: Vec<Vec<Page>> = (0..leaves).into_par_iter().map(at_base).collect();
+        let base_page_count = base_pages.iter().map(Vec::len).sum();
         Self {
-            now: floor.clone(),
-            floor,
-            floor_pages,
-            pages: floor_pages,
+            now: base_pages.clone(),
+            base_pages,
+            base_page_count,
+            pages: base_page_count,
             leaf: vec![0; leaves],
             face,
             drawn: vec![Vec::new(); leaves],
             started: false,
-            straight: false,
+            direct: false,
             surface,
         }
     }
 
-    /// Pages without which nothing can be drawn at all: those of the base mesh.
+    /// Least number of pages: those of the base mesh.
     pub fn least_pages(&self) -> u32 {
-        self.floor_pages as u32
+        self.base_page_count as u32
     }
 
     /// The surface.
@@ -91,26 +93,27 @@ impl Vds {
         &self.face
     }
 
-    /// Pages that a cut may use.
-    fn room(&self, pool: &Pool) -> usize {
-        (pool.pages() as usize / 2).max(self.floor_pages)
+    /// Number of pages that a cut may use.
+    fn room(&self, cache: &PageCache) -> usize {
+        (cache.pages() as usize / 2).max(self.base_page_count)
     }
 
-    /// Pages of a leaf that are not those of the base.
-    fn beyond_floor(&self, leaf: u32, own: &[Page]) -> usize {
-        let floor = &self.floor[leaf as usize];
-        let same = own.len() == floor.len() && own.iter().zip(floor).all(|(a, b)| a.key == b.key);
+    /// Number of pages of a leaf that are not those of the base.
+    fn pages_beyond_base(&self, leaf: u32, own: &[Page]) -> usize {
+        let base_pages = &self.base_pages[leaf as usize];
+        let same = own.len() == base_pages.len()
+            && own.iter().zip(base_pages).all(|(a, b)| a.key == b.key);
         if same { 0 } else { own.len() }
     }
 
-    /// The cut in which the leaves are as fine as given.
-    pub(super) fn goal(&self, leaf: Vec<Fineness>) -> Goal {
+    /// The cut with the given fineness of leaves.
+    pub(super) fn cut_for(&self, leaf: Vec<Fineness>) -> CutGoal {
         let s = &*self.surface;
         let mut face = self.face.clone();
         let moved = (0..leaf.len()).filter(|l| leaf[*l] != self.leaf[*l]);
         let seeds = moved.flat_map(|l| s.leaves[l].faces.iter().copied());
         let of = |f: u32| leaf[s.leaf_of[f as usize] as usize];
-        let near = spread(&s.base, &of, seeds, s.depth(), &mut face);
+        let near = balance(&s.base, &of, seeds, s.depth(), &mut face);
         let mut touched = Vec::new();
         for f in near {
             let (old, new) = (self.face[f as usize], face[f as usize]);
@@ -128,25 +131,25 @@ impl Vds {
         touched.dedup();
         let changed: Vec<(u32, Vec<Page>)> =
             touched.into_iter().map(|l| (l, pages(s, &face, l))).collect();
-        let finer = |l: u32, own: &[Page]| self.beyond_floor(l, own);
+        let finer = |l: u32, own: &[Page]| self.pages_beyond_base(l, own);
         let pages = changed.iter().fold(self.pages, |sum, (l, own)| {
             sum + finer(*l, own) - finer(*l, &self.now[*l as usize])
         });
-        Goal { leaf, face, changed, pages }
+        CutGoal { leaf, face, changed, pages }
     }
 
-    /// The cut that the camera wants, coarser where it does not fit, and whether it had to be.
-    fn wanted(&self, eye: &Eye, tolerance: &Tolerance, room: usize) -> (Goal, bool) {
+    /// The cut that the camera requires, coarsened until it fits, and whether it had to be.
+    fn wanted(&self, frustum: &ViewFrustum, tolerance: &Tolerance, room: usize) -> (CutGoal, bool) {
         let finest = 8 * self.surface.depth() as i32;
         let mut rung = 0;
         loop {
             let pixels = f64::from(tolerance.pixels) * (COARSER * f64::from(rung)).exp2();
-            let mut leaf = select(&self.surface, eye, pixels);
+            let mut leaf = select(&self.surface, frustum, pixels);
             // Where the camera touches the wall no tolerance is large enough.
             let most = (finest - rung).max(0) as Fineness;
             let most = if self.surface.options.morph { most } else { most / 8 * 8 };
             leaf.iter_mut().for_each(|q| *q = (*q).min(most));
-            let goal = self.goal(leaf);
+            let goal = self.cut_for(leaf);
             if goal.pages <= room || most == 0 {
                 return (goal, rung > 0);
             }
@@ -154,14 +157,14 @@ impl Vds {
         }
     }
 
-    /// Puts the leaves that are to change in order: finer ones first, by the error that is seen.
-    fn order(&self, eye: &Eye, goal: &Goal) -> Vec<u32> {
+    /// Leaves that change, sorted: refined ones first, by screen-space error.
+    fn order(&self, frustum: &ViewFrustum, goal: &CutGoal) -> Vec<u32> {
         let error = |l: u32| {
             let (leaf, q) = (&self.surface.leaves[l as usize], self.leaf[l as usize]);
             if goal.leaf[l as usize] < q {
                 -1.0
             } else {
-                eye.error_px(&leaf.sphere, error_mm(leaf, q))
+                frustum.error_px(&leaf.sphere, error_mm(leaf, q))
             }
         };
         let moved = (0..self.leaf.len() as u32)
@@ -172,18 +175,25 @@ impl Vds {
     }
 
     /// The next cut on the way to `end`, and whether it is `end`.
-    fn next(&self, eye: &Eye, end: Goal, room: usize, pool: &Pool) -> (Goal, bool) {
-        let fits = |g: &Goal| g.pages <= room && missing(g, pool) <= pool.left() as usize;
-        let order = self.order(eye, &end);
-        if order.len() < 2 || self.straight || fits(&end) {
+    fn next(
+        &self,
+        frustum: &ViewFrustum,
+        end: CutGoal,
+        room: usize,
+        cache: &PageCache,
+    ) -> (CutGoal, bool) {
+        let fits =
+            |g: &CutGoal| g.pages <= room && missing(g, cache) <= cache.uploads_left() as usize;
+        let order = self.order(frustum, &end);
+        if order.len() < 2 || self.direct || fits(&end) {
             return (end, true);
         }
         let first = |n: usize| {
             let mut leaf = self.leaf.clone();
             order[..n].iter().for_each(|l| leaf[*l as usize] = end.leaf[*l as usize]);
-            self.goal(leaf)
+            self.cut_for(leaf)
         };
-        // More leaves need more pages, near enough: halve.
+        // Pages grow with the number of leaves, nearly: bisection.
         let (mut good, mut bad) = (0, order.len());
         let mut best = None;
         while bad - good > 1 {
@@ -202,18 +212,23 @@ impl Vds {
         if one.pages <= room { (one, false) } else { (end, true) }
     }
 
-    /// Has the pages of `goal` written, and draws it if all are there.
-    pub(super) fn draw(&mut self, goal: Goal, pool: &mut Pool, uploads: &mut Vec<Upload>) -> bool {
+    /// Uploads the missing pages of a cut, and makes it the current one if all are resident.
+    pub(super) fn commit(
+        &mut self,
+        goal: CutGoal,
+        cache: &mut PageCache,
+        uploads: &mut Vec<Upload>,
+    ) -> bool {
         let s = self.surface.clone();
         let keys = || goal.changed.iter().flat_map(|(_, pages)| pages);
         keys().for_each(|p| {
-            pool.keep(p.key);
+            cache.touch(p.key);
         });
         let mut places = Vec::new();
         for p in keys() {
-            let place = match pool.keep(p.key) {
+            let place = match cache.touch(p.key) {
                 Some(page) => Ok((page, false)),
-                None => pool.claim(p.key).map(|page| (page, true)),
+                None => cache.allocate(p.key).map(|page| (page, true)),
             };
             let Ok(place) = place else { break };
             places.push(place);
@@ -222,7 +237,8 @@ impl Vds {
         let all: Vec<(&Page, (u32, bool))> = keys().zip(places).collect();
         let write = |&(p, (page, fresh)): &(&Page, (u32, bool))| {
             let c = (complete || fresh).then(|| p.content(&s))?;
-            let drawn = Drawn { page, triangles: p.triangles, sphere: c.sphere, cone: c.cone };
+            let drawn =
+                VisiblePatch { page, triangles: p.triangles, sphere: c.sphere, cone: c.cone };
             let upload = Upload { page, vertices: c.vertices, triangles: c.triangles };
             Some((drawn, fresh.then_some(upload)))
         };
@@ -242,9 +258,9 @@ impl Vds {
         complete
     }
 
-    /// Keeps what is drawn; false if something of it is gone, as when the pool is another one.
-    fn keep(&self, pool: &mut Pool) -> bool {
-        let stays = |(p, d): (&Page, &Drawn)| pool.keep(p.key) == Some(d.page);
+    /// Touches the current cut; false if a page of it is gone, as with another cache.
+    fn touch_drawn(&self, cache: &mut PageCache) -> bool {
+        let stays = |(p, d): (&Page, &VisiblePatch)| cache.touch(p.key) == Some(d.page);
         self.started
             && self
                 .now
@@ -255,51 +271,52 @@ impl Vds {
                 .fold(true, |a, b| a & b)
     }
 
-    /// Begins anew with the base mesh; true once all of it is there.
-    fn start(&mut self, pool: &mut Pool, uploads: &mut Vec<Upload>) -> bool {
+    /// Restarts from the base mesh; true once all of it is resident.
+    fn restart(&mut self, cache: &mut PageCache, uploads: &mut Vec<Upload>) -> bool {
         self.leaf.fill(0);
         self.face.fill(0);
-        let changed = self.floor.iter().cloned().enumerate().map(|(l, p)| (l as u32, p)).collect();
-        let goal = Goal {
+        let changed =
+            self.base_pages.iter().cloned().enumerate().map(|(l, p)| (l as u32, p)).collect();
+        let goal = CutGoal {
             leaf: self.leaf.clone(),
             face: self.face.clone(),
             changed,
-            pages: self.floor_pages,
+            pages: self.base_page_count,
         };
-        self.started = self.draw(goal, pool, uploads);
+        self.started = self.commit(goal, cache, uploads);
         self.started
     }
 }
 
-/// Pages of a cut that would have to be written.
-fn missing(goal: &Goal, pool: &Pool) -> usize {
-    goal.changed.iter().flat_map(|(_, p)| p).filter(|p| !pool.holds(p.key)).count()
+/// Number of pages of a cut that are not resident.
+fn missing(goal: &CutGoal, cache: &PageCache) -> usize {
+    goal.changed.iter().flat_map(|(_, p)| p).filter(|p| !cache.contains(p.key)).count()
 }
 
-impl Refine for Vds {
-    fn step(&mut self, camera: &Camera, tolerance: &Tolerance, pool: &mut Pool) -> Step {
+impl LodHierarchy for Vds {
+    fn step(&mut self, camera: &Camera, tolerance: &Tolerance, cache: &mut PageCache) -> Step {
         let mut step = Step::default();
-        if self.floor_pages > pool.pages() as usize {
-            // Not even the base fits: rather nothing than a part.
+        if self.base_page_count > cache.pages() as usize {
+            // Not even the base fits: draws nothing rather than a part.
             return Step { settled: true, degraded: true, ..step };
         }
-        if !self.keep(pool) && !self.start(pool, &mut step.uploads) {
+        if !self.touch_drawn(cache) && !self.restart(cache, &mut step.uploads) {
             return step;
         }
-        self.floor.iter().flatten().for_each(|p| {
-            pool.keep(p.key);
+        self.base_pages.iter().flatten().for_each(|p| {
+            cache.touch(p.key);
         });
-        let eye = Eye::new(camera);
-        let room = self.room(pool);
-        let (end, coarser) = self.wanted(&eye, tolerance, room);
+        let frustum = ViewFrustum::new(camera);
+        let room = self.room(cache);
+        let (end, coarser) = self.wanted(&frustum, tolerance, room);
         if end.leaf == self.leaf {
             (step.settled, step.degraded) = (true, coarser);
         } else {
             let before = self.leaf.clone();
-            let (goal, last) = self.next(&eye, end, room, pool);
-            let enough = missing(&goal, pool) <= pool.left() as usize;
-            let there = self.draw(goal, pool, &mut step.uploads);
-            self.straight = !there && (enough || self.straight);
+            let (goal, last) = self.next(&frustum, end, room, cache);
+            let enough = missing(&goal, cache) <= cache.uploads_left() as usize;
+            let there = self.commit(goal, cache, &mut step.uploads);
+            self.direct = !there && (enough || self.direct);
             step.settled = there && last;
             step.degraded = step.settled && coarser;
             step.leaves_changed =

@@ -1,31 +1,31 @@
-//! A surface made ready for view-dependent subdivision: samples, octree, bounds.
+//! Surface prepared for view-dependent subdivision: samples, octree, distance bounds.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::base::Base;
-use super::epsilon;
-use super::resample::Original;
-use super::samples::{Samples, count, triangles};
+use super::base_mesh::BaseMesh;
+use super::level_bounds;
+use super::original::Original;
+use super::samples::{SurfaceSamples, count, triangles};
 use crate::geometry::Mesh;
-use crate::lod::octree::{Item, Octree, around};
+use crate::lod::octree::{Item, Octree, bounding_cone};
 use crate::lod::{Cone, Sphere};
 
-/// Levels, at most: 4^6 triangles for one of the base.
+/// Most levels: 4^6 triangles for one of the base.
 const DEPTH_MAX: u32 = 6;
-/// Samples, at most: 5 GiB of them.
+/// Most samples: 5 GiB.
 const SAMPLES_MAX: usize = 1 << 28;
 
-/// How a surface is cut.
+/// Options of the subdivision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VdsOptions {
-    /// Base triangles of an octree leaf, at most (1 ..= 128). Leaves are judged as a whole, so
-    /// small ones fit the view better; 42 at the base level just fill a page.
+    /// Most base triangles of an octree leaf (1 ..= 128). A leaf is refined as a whole, so small
+    /// ones follow the view better; 42 at the base level just fill a page.
     pub leaf_faces: u32,
-    /// Finest level (1 ..= 6); by itself the least with as many triangles as the original.
+    /// Finest level (1 ..= 6); by default the least with as many triangles as the original.
     pub depth: Option<u32>,
-    /// New vertices glide into place in eighths instead of popping; costs uploads whenever the
-    /// camera moves.
+    /// Geomorphing: new vertices move into place in eighths instead of popping; costs uploads
+    /// whenever the camera moves.
     pub morph: bool,
 }
 
@@ -39,10 +39,10 @@ impl Default for VdsOptions {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum VdsError {
-    /// Nothing to draw.
+    /// The base mesh is empty.
     #[error("the base mesh has no faces")]
     Empty,
-    /// A face names a vertex that is not there.
+    /// A face with a vertex index out of range.
     #[error("base face {face} names vertex {vertex}, but there are {vertices}")]
     NoVertex {
         /// The face.
@@ -64,7 +64,7 @@ pub enum VdsError {
         /// Largest value.
         highest: u32,
     },
-    /// More samples than fit.
+    /// More samples than memory is planned for.
     #[error("{samples} samples at level {depth}, at most {SAMPLES_MAX} can be kept")]
     TooLarge {
         /// Samples wanted.
@@ -72,7 +72,7 @@ pub enum VdsError {
         /// Finest level.
         depth: u32,
     },
-    /// The original has a place at infinity or none at all.
+    /// A sample of the original that is not finite.
     #[error("the original has no finite position at sample {sample} of {samples}")]
     NotFinite {
         /// Number of the sample.
@@ -82,39 +82,40 @@ pub enum VdsError {
     },
 }
 
-/// A leaf of the octree: what is judged, refined and drawn as a whole.
+/// A leaf of the octree: the unit of selection, refinement and drawing.
 #[derive(Clone, Debug)]
 pub(super) struct Leaf {
     /// Base faces, ascending.
     pub faces: Vec<u32>,
-    /// Holds the surface at every level, and the original.
+    /// Bounding sphere of the surface at every level, and of the original.
     pub sphere: Sphere,
-    /// Holds the normals of every level.
+    /// Cone that contains the normals of every level.
     pub cone: Cone,
-    /// Distance of each level to the original, both ways, mm; never grows.
+    /// Two-sided distance bound of each level to the original, mm; never grows.
     pub error_mm: Vec<f32>,
 }
 
-/// A base mesh, the original at every vertex of its finest level, and how far every level is off.
+/// A base mesh, samples of the original at every vertex of its finest level, and the distance bound
+/// of every level.
 #[derive(Clone, Debug)]
 pub struct Surface {
-    pub(super) base: Base,
-    pub(super) samples: Samples,
+    pub(super) base: BaseMesh,
+    pub(super) samples: SurfaceSamples,
     pub(super) tree: Octree,
-    /// In the order of [`Octree::walk`].
+    /// In the order of [`Octree::traverse`].
     pub(super) leaves: Vec<Leaf>,
     /// Leaf of each base face.
     pub(super) leaf_of: Vec<u32>,
-    /// Leaf of each node that is one.
+    /// Leaf of each octree node that is one.
     pub(super) leaf_at: Vec<u32>,
-    /// Largest error of the base within each node, mm.
+    /// Largest error of the base level in each node, mm.
     pub(super) node_error_mm: Vec<f32>,
     pub(super) options: VdsOptions,
 }
 
 impl Surface {
-    /// Takes the samples of `original` at every vertex of the finest level of `base` and measures
-    /// every level. Positions of `base` are not used: its vertices are samples too.
+    /// Samples `original` at every vertex of the finest level of `base` and measures every level.
+    /// Positions of `base` are not used: its vertices are samples too.
     ///
     /// # Errors
     /// See [`VdsError`].
@@ -142,21 +143,26 @@ impl Surface {
             Some(depth) => range("depth", depth, 1, DEPTH_MAX)?,
             None => (1..DEPTH_MAX).find(enough).unwrap_or(DEPTH_MAX),
         };
-        let base = Base::new(base.faces.clone(), vertices);
+        let base = BaseMesh::new(base.faces.clone(), vertices);
         let wanted = count(&base, depth);
         if wanted > SAMPLES_MAX {
             return Err(VdsError::TooLarge { samples: wanted, depth });
         }
-        let samples = Samples::take(&base, depth, original);
+        let samples = SurfaceSamples::take(&base, depth, original);
         let lost = |v: &crate::geometry::Vertex| !v.position().is_finite();
         if let Some(sample) = samples.all().iter().position(lost) {
             return Err(VdsError::NotFinite { sample, samples: samples.all().len() });
         }
-        let errors = epsilon::bounds(&base, &samples, original);
+        let errors = level_bounds::bounds(&base, &samples, original);
         Ok(Self::grown(base, samples, &errors, options))
     }
 
-    fn grown(base: Base, samples: Samples, errors: &[Vec<f32>], options: VdsOptions) -> Self {
+    fn grown(
+        base: BaseMesh,
+        samples: SurfaceSamples,
+        errors: &[Vec<f32>],
+        options: VdsOptions,
+    ) -> Self {
         let item = |f: u32| face_item(&base, &samples, f);
         let items: Vec<Item> = (0..base.faces.len() as u32).into_par_iter().map(item).collect();
         let tree = Octree::with_leaves(&items, options.leaf_faces as usize);
@@ -164,7 +170,7 @@ impl Surface {
         let mut leaf_of = vec![0; base.faces.len()];
         let mut leaf_at = vec![u32::MAX; tree.nodes.len()];
         let mut node_error_mm = vec![0.0; tree.nodes.len()];
-        tree.walk(
+        tree.traverse(
             |_| true,
             |at, node| {
                 let mut faces = tree.items_of(at).to_vec();
@@ -177,7 +183,7 @@ impl Surface {
                 }
                 leaf_at[at] = leaves.len() as u32;
                 node_error_mm[at] = error_mm[0];
-                // The original lies no further from the finest samples than that.
+                // The original is no further from the finest samples than that.
                 let off = error_mm[samples.depth() as usize];
                 let centre = node.sphere.centre;
                 let reach = faces.iter().map(|f| reach(&base, &samples, *f, centre));
@@ -209,18 +215,18 @@ impl Surface {
         self.leaves.len()
     }
 
-    /// How far level `level` is from the original at its worst, both ways, mm.
+    /// Two-sided distance bound of level `level` to the original, mm.
     pub fn error_mm(&self, level: u32) -> f32 {
         let level = level.min(self.depth()) as usize;
         self.leaves.iter().map(|l| l.error_mm[level]).fold(0.0, f32::max)
     }
 
-    /// What is left at the finest level, mm: the paper promises none.
+    /// Distance bound of the finest level, mm; the paper assumes 0.
     pub fn finest_error_mm(&self) -> f32 {
         self.error_mm(self.depth())
     }
 
-    /// Bytes held.
+    /// Memory, bytes.
     pub fn bytes(&self) -> usize {
         let base = &self.base;
         size_of_val(self.samples.all())
@@ -234,16 +240,16 @@ impl Surface {
 }
 
 /// Largest distance of a face's samples from a point.
-fn reach(base: &Base, samples: &Samples, f: u32, from: Vec3) -> f32 {
+fn reach(base: &BaseMesh, samples: &SurfaceSamples, f: u32, from: Vec3) -> f32 {
     let n = 1u32 << samples.depth();
     let grid = (0..=n).flat_map(|i| (0..=n - i).map(move |j| [i, j, n - i - j]));
     grid.map(|g| samples.position(base, f, g).distance(from)).fold(0.0, f32::max)
 }
 
-/// Box of a face at all its levels, cone of its triangles at all its levels. Triangles that mend
-/// the gap to a finer neighbour or that are on their way have their corners between these samples;
-/// their normals are not measured.
-fn face_item(base: &Base, samples: &Samples, f: u32) -> Item {
+/// Bounding box of a face at all its levels, and cone of its triangles at all its levels. Triangles
+/// of templates and geomorphs have their corners between these samples; their normals are not
+/// included.
+fn face_item(base: &BaseMesh, samples: &SurfaceSamples, f: u32) -> Item {
     let depth = samples.depth();
     let n = 1u32 << depth;
     let mut cones = Vec::new();
@@ -258,11 +264,11 @@ fn face_item(base: &Base, samples: &Samples, f: u32) -> Item {
             if level == 0 {
                 centre = item.centre;
             }
-            // Without area it has no normal, and nothing of it is seen.
+            // Degenerate triangles have no normal and are not visible.
             if item.cone.sine < 1.0 {
                 cones.push(item.cone);
             }
         }
     }
-    Item { lo, hi, centre, cone: around(cones.iter().copied()) }
+    Item { lo, hi, centre, cone: bounding_cone(cones.iter().copied()) }
 }

@@ -1,42 +1,42 @@
 //! Triangles of one base face at its fineness, matched to the fineness of its edges.
 
-use super::base::Base;
-use super::levels::{Fineness, level, morph};
-use super::samples::{Grid, Samples, triangles};
+use super::base_mesh::BaseMesh;
+use super::fineness::{Fineness, level, morph};
+use super::samples::{Grid, SurfaceSamples, triangles};
 use crate::geometry::Vertex;
 
-/// Levels below a block: a face at a finer level is cut into several blocks of 64 triangles.
+/// Levels inside a block: a face at a finer level is split into several blocks of 64 triangles.
 const BLOCK_DEPTH: u32 = 3;
 
-/// How fine a face and its three edges are: all that its triangles depend on.
+/// Fineness of a face and its three edges: all that its triangles depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Cell {
-    /// Base face.
+pub struct FaceFineness {
+    /// Base face id.
     pub face: u32,
-    /// The face.
+    /// Fineness of the face.
     pub own: Fineness,
-    /// Its edges; each has the level of the face or the next one.
+    /// Fineness of its edges; each has the level of the face or the next one.
     pub edges: [Fineness; 3],
 }
 
 /// A part of a face that is written at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// The face.
-    pub cell: Cell,
-    /// Corners on the face's grid of level `level - depth`, and that grid's steps.
+    /// Fineness of the face.
+    pub cell: FaceFineness,
+    /// Corners on the grid of the face at level `level - depth`, and the steps of that grid.
     corners: [Grid; 3],
     steps: u32,
-    /// Levels below the block.
+    /// Levels inside the block.
     depth: u32,
-    /// Sides (from corner e to e + 1) that lie on the face's edge e and are split once more.
+    /// Sides (from corner e to e + 1) that are on edge e of the face and are split once more.
     pub split: [bool; 3],
-    /// Sides that lie on the face's edge e.
+    /// Sides that are on edge e of the face.
     on_edge: [bool; 3],
 }
 
-impl Cell {
-    /// Parts of the face, in a fixed order.
+impl FaceFineness {
+    /// Blocks of the face, in a fixed order.
     pub fn blocks(self) -> impl Iterator<Item = Block> {
         let own = level(self.own);
         let depth = own.min(BLOCK_DEPTH);
@@ -56,18 +56,18 @@ impl Block {
         self.split.iter().filter(|s| **s).count() << self.depth
     }
 
-    /// Triangles of the block.
+    /// Number of triangles.
     pub fn triangles(&self) -> usize {
         (1 << (2 * self.depth)) + self.splits()
     }
 
-    /// Vertices of the block.
+    /// Number of vertices.
     pub fn vertices(&self) -> usize {
         let m = 1usize << self.depth;
         (m + 1) * (m + 2) / 2 + self.splits()
     }
 
-    /// What the block's triangles depend on, as one number a block.
+    /// Everything that the triangles of the block depend on, as two numbers.
     pub fn content(&self) -> [u64; 2] {
         let seen = |e: usize| if self.on_edge[e] { u64::from(self.cell.edges[e]) } else { 0xff };
         let fine = [u64::from(self.cell.own), seen(0), seen(1), seen(2)];
@@ -77,17 +77,17 @@ impl Block {
         [u64::from(self.cell.face) << 32 | fine.iter().fold(0, |p, f| p << 8 | f), place]
     }
 
-    /// Writes the block's vertices and triangles behind those that are there.
+    /// Appends the vertices and triangles of the block.
     pub fn write(
         &self,
-        base: &Base,
-        samples: &Samples,
+        base: &BaseMesh,
+        samples: &SurfaceSamples,
         vertices: &mut Vec<Vertex>,
         faces: &mut Vec<[u8; 3]>,
     ) {
         let first = vertices.len();
         let m = 1u32 << self.depth;
-        // Half steps, so that the middles of split sides have whole coordinates too.
+        // In half steps, so that midpoints of split sides have integer coordinates.
         let scale = (1 << samples.depth()) / self.steps;
         let grid = |p: Grid| -> Grid {
             [0, 1, 2].map(|k| {
@@ -96,7 +96,7 @@ impl Block {
             })
         };
         let at = |p: Grid| self.cell.vertex(base, samples, grid(p));
-        // Rows by the first coordinate: row a begins behind the rows above it.
+        // Rows by the first coordinate.
         let place = |[a, b, _]: Grid| {
             first + (a * (m + 1) + b) as usize - (a * a.saturating_sub(1) / 2) as usize
         };
@@ -105,7 +105,7 @@ impl Block {
         }
         for t in triangles(m) {
             let v = t.map(|p| place(p) as u8);
-            // Only triangles that stand like the block have sides on its sides.
+            // Only upright triangles have sides on the sides of the block.
             let upright = t[0][0] == t[1][0] + 1;
             let side = |e: usize| upright && t[e][(e + 2) % 3] == 0 && self.split[e];
             let middle = [0, 1, 2].map(|e| {
@@ -120,12 +120,12 @@ impl Block {
     }
 }
 
-/// A triangle of which some sides are split in the middle: one to four triangles, the plain one
-/// and seven templates.
+/// Red-green templates: a triangle with some sides split at the midpoint becomes one to four
+/// triangles.
 pub fn template<T: Copy>(v: [T; 3], middle: [Option<T>; 3], faces: &mut Vec<[T; 3]>) {
-    // The side from the first to the second corner is split.
+    // One side, from the first to the second corner, is split.
     let one = |[a, b, c]: [T; 3], m| [[a, m, c], [m, b, c]];
-    // It is whole, and the corner opposite to it is cut off.
+    // It is not split, and the other two are.
     let two = |[a, b, c]: [T; 3], bc, ca| [[bc, c, ca], [a, b, bc], [a, bc, ca]];
     let [a, b, c] = v;
     match middle {
@@ -142,13 +142,13 @@ pub fn template<T: Copy>(v: [T; 3], middle: [Option<T>; 3], faces: &mut Vec<[T; 
     }
 }
 
-impl Cell {
-    /// A vertex of the face: the original's, or on the way there from the middle of the edge that
-    /// it splits. What lies on an edge depends on the edge alone.
-    fn vertex(&self, base: &Base, samples: &Samples, g: Grid) -> Vertex {
+impl FaceFineness {
+    /// A vertex of the face: the sample, or a point on the way there from the midpoint of the edge
+    /// that it splits. Vertices on an edge depend on the edge alone.
+    fn vertex(&self, base: &BaseMesh, samples: &SurfaceSamples, g: Grid) -> Vertex {
         let depth = samples.depth();
         let at = |g| samples.vertex(base, self.face, g);
-        // The level that the vertex belongs to.
+        // The level at which the vertex is inserted.
         let unit = (g[0] | g[1] | g[2] | 1 << depth).trailing_zeros();
         let born = depth - unit;
         let q = match g.iter().position(|&c| c == 0) {
@@ -158,7 +158,8 @@ impl Cell {
         if born == 0 || born < level(q) || morph(q) == 8 {
             return at(g);
         }
-        // Two of its coordinates are odd on the grid of its level: its edge runs along these.
+        // Two of its coordinates are odd on the grid of that level: the split edge runs along
+        // these.
         let odd = [0, 1, 2].map(|k| g[k] >> unit & 1 == 1);
         let even = odd.iter().position(|o| !o).unwrap_or(0);
         let (i, j) = ((even + 1) % 3, (even + 2) % 3);
@@ -167,7 +168,7 @@ impl Cell {
         (q_end[i], q_end[j]) = (g[i] - (1 << unit), g[j] + (1 << unit));
         let (p, q_end, end) = (at(p), at(q_end), at(g));
         let a = morph(q) as f32 / 8.0;
-        // Sums of two commute: both sides of an edge get the same bits.
+        // Addition commutes: both faces of an edge get the same bits.
         Vertex::new(
             (p.position() + q_end.position()) * (0.5 * (1.0 - a)) + end.position() * a,
             ((p.normal() + q_end.normal()) * (0.5 * (1.0 - a)) + end.normal() * a)
@@ -189,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn each_template_fills_the_triangle_and_splits_just_the_sides_it_is_told_to() {
+    fn templates_fill_the_triangle_and_split_exactly_the_given_sides() {
         for mask in 0..8u8 {
             let middle = [0, 1, 2].map(|e| (mask >> e & 1 == 1).then_some(3 + e));
             let mut faces = Vec::new();
@@ -213,15 +214,15 @@ mod tests {
     }
 
     #[test]
-    fn a_block_knows_its_size_before_it_is_written() {
-        let base = Base::new(vec![[0, 1, 2]], 3);
+    fn predicted_block_sizes_match_the_written_blocks() {
+        let base = BaseMesh::new(vec![[0, 1, 2]], 3);
         let original = super::super::tests::Flat;
-        let samples = Samples::take(&base, 5, &original);
+        let samples = SurfaceSamples::take(&base, 5, &original);
         let mut used = 0;
         for own in 0..=40u8 {
             for mask in 0..8 {
                 let edge = |e: u32| if mask >> e & 1 == 1 { (own + 8).min(40) } else { own };
-                let cell = Cell { face: 0, own, edges: [edge(0), edge(1), edge(2)] };
+                let cell = FaceFineness { face: 0, own, edges: [edge(0), edge(1), edge(2)] };
                 let mut area = 0.0;
                 for block in cell.blocks() {
                     let (mut v, mut f) = (Vec::new(), Vec::new());

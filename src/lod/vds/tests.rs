@@ -8,13 +8,13 @@ use glam::{DVec3, Vec3};
 
 pub(super) use ring::{Flat, Ring};
 
-use super::levels::level;
+use super::fineness::level;
 use super::*;
 use crate::geometry::{Lens, Mesh, Pose};
-use crate::lod::{Camera, Pool, Refine, Step, Tolerance, Upload};
+use crate::lod::{Camera, LodHierarchy, PageCache, Step, Tolerance, Upload};
 use ring::RING_MM;
 
-/// What the device would hold.
+/// Page contents as on the device.
 #[derive(Default)]
 struct Device(HashMap<u32, Upload>);
 
@@ -91,10 +91,10 @@ fn leaves_of(n: u32) -> VdsOptions {
     VdsOptions { leaf_faces: n, ..VdsOptions::default() }
 }
 
-fn settle(vds: &mut Vds, camera: &Camera, pool: &mut Pool, device: &mut Device) -> Step {
+fn settle(vds: &mut Vds, camera: &Camera, cache: &mut PageCache, device: &mut Device) -> Step {
     for _ in 0..2000 {
-        pool.begin();
-        let step = vds.step(camera, &PIXELS, pool);
+        cache.begin_step();
+        let step = vds.step(camera, &PIXELS, cache);
         device.apply(&step);
         if step.settled {
             return step;
@@ -104,15 +104,15 @@ fn settle(vds: &mut Vds, camera: &Camera, pool: &mut Pool, device: &mut Device) 
 }
 
 #[test]
-fn any_cut_is_closed_while_it_morphs_and_levels_differ_by_one() {
+fn cuts_are_watertight_during_geomorphs_and_levels_differ_by_at_most_one() {
     for morph in [true, false] {
         let surface = surface(VdsOptions { morph, ..leaves_of(6) });
         let mut vds = Vds::new(surface.clone());
-        let (mut pool, mut device) = (Pool::new(4000, 4000, 2), Device::default());
+        let (mut cache, mut device) = (PageCache::new(4000, 4000, 2), Device::default());
         let (mut templates, mut levels) = (0u32, HashSet::new());
         let seed = &mut 11;
         for _ in 0..30 {
-            let step = settle(&mut vds, &camera(seed), &mut pool, &mut device);
+            let step = settle(&mut vds, &camera(seed), &mut cache, &mut device);
             assert!(!step.degraded && closed(&device.triangles(&step)));
             for f in 0..surface.base.faces.len() as u32 {
                 let own = vds.face[f as usize];
@@ -130,10 +130,10 @@ fn any_cut_is_closed_while_it_morphs_and_levels_differ_by_one() {
     }
 }
 
-/// The guard can fail: taken from both sides, edges gape as soon as the original's two answers
+/// The check for cracks can fail: sampled from both faces, edges crack as soon as the two answers
 /// differ in their last bits.
 #[test]
-fn edges_taken_from_both_sides_gape() {
+fn edges_sampled_from_both_faces_crack() {
     for (jitter, apart, want) in [(0.0, true, true), (1e-5, false, true), (1e-5, true, false)] {
         let mut ring = Ring::new([20, 10], 5);
         ring.jitter = jitter;
@@ -147,14 +147,14 @@ fn edges_taken_from_both_sides_gape() {
         }
         let surface = Arc::new(Surface::new(&base, &ring, leaves_of(6)).unwrap());
         let mut vds = Vds::new(surface);
-        let (mut pool, mut device) = (Pool::new(4000, 4000, 2), Device::default());
-        let step = settle(&mut vds, &camera(&mut 3), &mut pool, &mut device);
+        let (mut cache, mut device) = (PageCache::new(4000, 4000, 2), Device::default());
+        let step = settle(&mut vds, &camera(&mut 3), &mut cache, &mut device);
         assert!(closed(&device.triangles(&step)) || apart);
-        // The same level everywhere: apart, faces cannot hear of each other's.
-        pool.begin();
+        // The same level everywhere: faces without shared edges cannot be balanced.
+        cache.begin_step();
         let mut step = Step::default();
         let finest = vec![8 * vds.surface().depth() as u8; vds.surface().leaves()];
-        assert!(vds.draw(vds.goal(finest), &mut pool, &mut step.uploads));
+        assert!(vds.commit(vds.cut_for(finest), &mut cache, &mut step.uploads));
         device.apply(&step);
         step.drawn = vds.drawn.iter().flatten().copied().collect();
         let all = device.triangles(&step);
@@ -164,7 +164,7 @@ fn edges_taken_from_both_sides_gape() {
 }
 
 #[test]
-fn the_cut_is_closed_after_every_step_however_few_pages_and_uploads_there_are() {
+fn every_intermediate_cut_is_watertight_for_any_page_and_upload_budget() {
     let surface = surface(leaves_of(6));
     let least = Vds::new(surface.clone()).least_pages();
     let (mut settled, mut degraded) = (0, 0);
@@ -176,7 +176,8 @@ fn the_cut_is_closed_after_every_step_however_few_pages_and_uploads_there_are() 
         (4 * least, 1, 0),
     ] {
         let mut vds = Vds::new(surface.clone());
-        let (mut pool, mut device) = (Pool::new(pages, uploads, in_flight), Device::default());
+        let (mut cache, mut device) =
+            (PageCache::new(pages, uploads, in_flight), Device::default());
         let seed = &mut 5;
         let mut cam = camera(seed);
         let mut begun = false;
@@ -184,8 +185,8 @@ fn the_cut_is_closed_after_every_step_however_few_pages_and_uploads_there_are() 
             if i % 40 == 39 {
                 cam = camera(seed);
             }
-            pool.begin();
-            let step = vds.step(&cam, &PIXELS, &mut pool);
+            cache.begin_step();
+            let step = vds.step(&cam, &PIXELS, &mut cache);
             assert!(step.uploads.len() <= uploads as usize);
             let fresh: HashSet<u32> = step.uploads.iter().map(|u| u.page).collect();
             assert_eq!(fresh.len(), step.uploads.len(), "a page is written once a step");
@@ -196,27 +197,27 @@ fn the_cut_is_closed_after_every_step_however_few_pages_and_uploads_there_are() 
             degraded += u32::from(step.degraded);
         }
         assert!(begun);
-        // Wherever it stopped, it gets there.
-        let step = settle(&mut vds, &cam, &mut pool, &mut device);
+        // From every state it settles.
+        let step = settle(&mut vds, &cam, &mut cache, &mut device);
         let mut anew = Vds::new(surface.clone());
         let other =
-            settle(&mut anew, &cam, &mut Pool::new(pages, 10_000, 0), &mut Device::default());
+            settle(&mut anew, &cam, &mut PageCache::new(pages, 10_000, 0), &mut Device::default());
         assert_eq!((vds.state_hash(), step.degraded), (anew.state_hash(), other.degraded));
         assert!(step.drawn.len() <= (pages / 2).max(least) as usize);
     }
     assert!(settled > 50 && degraded > 50, "{settled} {degraded}");
     let mut vds = Vds::new(surface);
-    let mut pool = Pool::new(least - 1, 100, 1);
-    pool.begin();
-    let step = vds.step(&camera(&mut 1), &PIXELS, &mut pool);
+    let mut cache = PageCache::new(least - 1, 100, 1);
+    cache.begin_step();
+    let step = vds.step(&camera(&mut 1), &PIXELS, &mut cache);
     assert!(step.settled && step.degraded && step.drawn.is_empty() && step.uploads.is_empty());
 }
 
 #[test]
-fn after_500_cameras_the_cut_is_the_one_made_from_scratch() {
+fn the_settled_cut_does_not_depend_on_earlier_cameras() {
     let surface = surface(leaves_of(6));
     let mut vds = Vds::new(surface.clone());
-    let (mut pool, mut device) = (Pool::new(1500, 20, 2), Device::default());
+    let (mut cache, mut device) = (PageCache::new(1500, 20, 2), Device::default());
     let (mut changed, mut kept) = (0, 0);
     let seed = &mut 77;
     for i in 0..500u32 {
@@ -229,28 +230,28 @@ fn after_500_cameras_the_cut_is_the_one_made_from_scratch() {
             cam.pose =
                 Pose::looking(at.as_vec3(), (at + DVec3::new(-y, x, 0.1)).as_vec3(), Vec3::Z);
         }
-        pool.begin();
-        let step = vds.step(&cam, &PIXELS, &mut pool);
+        cache.begin_step();
+        let step = vds.step(&cam, &PIXELS, &mut cache);
         device.apply(&step);
         changed += step.leaves_changed;
         kept += u32::from(!step.settled);
         if i % 100 != 99 {
             continue;
         }
-        let step = settle(&mut vds, &cam, &mut pool, &mut device);
+        let step = settle(&mut vds, &cam, &mut cache, &mut device);
         let mut anew = Vds::new(surface.clone());
-        let (mut other_pool, mut other) = (Pool::new(1500, 1500, 2), Device::default());
+        let (mut other_pool, mut other) = (PageCache::new(1500, 1500, 2), Device::default());
         let scratch = settle(&mut anew, &cam, &mut other_pool, &mut other);
         assert_eq!(vds.state_hash(), anew.state_hash());
         assert_eq!(device.triangles(&step), other.triangles(&scratch));
-        let same = |a: &[crate::lod::Drawn], b: &[crate::lod::Drawn]| {
+        let same = |a: &[crate::lod::VisiblePatch], b: &[crate::lod::VisiblePatch]| {
             a.len() == b.len()
                 && a.iter().zip(b).all(|(a, b)| (a.sphere, a.cone) == (b.sphere, b.cone))
         };
         assert!(same(&step.drawn, &scratch.drawn));
         // Standing still changes nothing and writes nothing.
-        pool.begin();
-        let again = vds.step(&cam, &PIXELS, &mut pool);
+        cache.begin_step();
+        let again = vds.step(&cam, &PIXELS, &mut cache);
         assert!(again.settled && again.uploads.is_empty() && again.leaves_changed == 0);
         assert_eq!(again.drawn, step.drawn);
     }
@@ -258,29 +259,29 @@ fn after_500_cameras_the_cut_is_the_one_made_from_scratch() {
 }
 
 #[test]
-fn turning_back_writes_nothing() {
+fn returning_to_an_earlier_camera_uploads_nothing() {
     let mut vds = Vds::new(surface(leaves_of(6)));
-    let (mut pool, mut device) = (Pool::new(4000, 4000, 2), Device::default());
+    let (mut cache, mut device) = (PageCache::new(4000, 4000, 2), Device::default());
     let (a, b) = (camera(&mut 1), camera(&mut 2));
-    let first = settle(&mut vds, &a, &mut pool, &mut device);
-    settle(&mut vds, &b, &mut pool, &mut device);
-    pool.begin();
-    let back = vds.step(&a, &PIXELS, &mut pool);
+    let first = settle(&mut vds, &a, &mut cache, &mut device);
+    settle(&mut vds, &b, &mut cache, &mut device);
+    cache.begin_step();
+    let back = vds.step(&a, &PIXELS, &mut cache);
     assert!(back.settled && back.uploads.is_empty());
     assert_eq!(back.drawn, first.drawn);
 }
 
 #[test]
-fn bytes_do_not_depend_on_the_number_of_threads() {
+fn steps_have_the_same_bytes_at_any_thread_count() {
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let mut vds = Vds::new(surface(leaves_of(6)));
-            let mut pool = Pool::new(2000, 200, 2);
+            let mut cache = PageCache::new(2000, 200, 2);
             let seed = &mut 9;
             let step = |_| {
-                pool.begin();
-                vds.step(&camera(seed), &PIXELS, &mut pool)
+                cache.begin_step();
+                vds.step(&camera(seed), &PIXELS, &mut cache)
             };
             (0..12).map(step).collect::<Vec<_>>()
         })
@@ -289,16 +290,16 @@ fn bytes_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn an_open_tube_opens_nowhere_but_at_its_rim() {
+fn an_open_base_has_no_boundary_but_its_own() {
     let ring = Ring::new([20, 10], 5);
     let mut base = ring.base();
     // A fifth of the ring is taken out; face ids of the rest stay what they were.
     base.faces.truncate(320);
     let surface = Arc::new(Surface::new(&base, &ring, leaves_of(6)).unwrap());
     let mut vds = Vds::new(surface);
-    let (mut pool, mut device) = (Pool::new(4000, 4000, 2), Device::default());
+    let (mut cache, mut device) = (PageCache::new(4000, 4000, 2), Device::default());
     for s in 0..8 {
-        let step = settle(&mut vds, &camera(&mut (s * 71)), &mut pool, &mut device);
+        let step = settle(&mut vds, &camera(&mut (s * 71)), &mut cache, &mut device);
         let mut sum: HashMap<([u32; 3], [u32; 3]), i32> = HashMap::new();
         for t in device.triangles(&step) {
             let bits = t.map(|p| p.to_array().map(f32::to_bits));
@@ -319,7 +320,7 @@ fn an_open_tube_opens_nowhere_but_at_its_rim() {
 }
 
 #[test]
-fn meshes_that_are_none_are_refused_and_odd_ones_are_drawn() {
+fn invalid_base_meshes_are_refused_and_non_manifold_ones_are_drawn() {
     let ring = Ring::new([20, 10], 5);
     let new = |base: &Mesh, o| Surface::new(base, &ring, o).map(|_| ());
     let mut base = ring.base();
@@ -336,9 +337,9 @@ fn meshes_that_are_none_are_refused_and_odd_ones_are_drawn() {
     base.faces[2] = [base.faces[0][0], base.faces[0][1], 77];
     base.faces[3] = [5, 5, 5];
     let mut vds = Vds::new(Arc::new(Surface::new(&base, &ring, leaves_of(6)).unwrap()));
-    let (mut pool, mut device) = (Pool::new(4000, 4000, 2), Device::default());
+    let (mut cache, mut device) = (PageCache::new(4000, 4000, 2), Device::default());
     for s in 0..4 {
-        settle(&mut vds, &camera(&mut (s * 31)), &mut pool, &mut device);
+        settle(&mut vds, &camera(&mut (s * 31)), &mut cache, &mut device);
     }
     base.faces[0][1] = 200;
     assert!(matches!(
@@ -349,7 +350,7 @@ fn meshes_that_are_none_are_refused_and_odd_ones_are_drawn() {
 
 /// Distance to the nearest of some triangles.
 fn nearest(p: DVec3, all: &[[DVec3; 3]]) -> f64 {
-    all.iter().map(|t| super::epsilon::to_triangle(p, *t)).fold(f64::INFINITY, f64::min)
+    all.iter().map(|t| super::level_bounds::to_triangle(p, *t)).fold(f64::INFINITY, f64::min)
 }
 
 /// Points spread over a triangle.
@@ -359,7 +360,7 @@ fn spread_over([a, b, c]: [DVec3; 3]) -> impl Iterator<Item = DVec3> {
 }
 
 #[test]
-fn levels_come_nearer_and_no_point_is_further_off_than_the_bound_either_way() {
+fn level_bounds_are_never_below_sampled_distance_either_way() {
     let ring = Ring::new([12, 6], 5);
     let surface = Surface::new(&ring.base(), &ring, leaves_of(6)).unwrap();
     let original: Vec<_> = (0..ring.faces() as u32).map(|f| ring.triangle(f)).collect();
@@ -397,24 +398,24 @@ fn levels_come_nearer_and_no_point_is_further_off_than_the_bound_either_way() {
     }
 }
 
-/// The whole cut with its templates and its morphs, seen from the camera: no point is further from
-/// the original, in pixels, than was asked for or than the finest level can do.
+/// The whole cut with templates and geomorphs, seen from the camera: no point is further from the
+/// original, in pixels, than the tolerance or than the finest level allows.
 #[test]
-fn what_is_drawn_keeps_the_tolerance_where_it_is_seen() {
+fn visible_points_are_within_the_screen_space_tolerance() {
     let ring = Ring::new([36, 16], 3);
     let surface = Arc::new(Surface::new(&ring.base(), &ring, leaves_of(2)).unwrap());
     let original: Vec<_> = (0..ring.faces() as u32).map(|f| ring.triangle(f)).collect();
     let mut vds = Vds::new(surface.clone());
-    let (mut pool, mut device) = (Pool::new(4000, 4000, 2), Device::default());
+    let (mut cache, mut device) = (PageCache::new(4000, 4000, 2), Device::default());
     let (mut worst, mut met) = (0.0f64, 0);
     for s in 0..6u64 {
         let mut cam = camera(&mut (s * 1234 + 5));
         cam.height_px = 200;
-        let eye = crate::lod::Eye::new(&cam);
-        settle(&mut vds, &cam, &mut pool, &mut device);
+        let frustum = crate::lod::ViewFrustum::new(&cam);
+        settle(&mut vds, &cam, &mut cache, &mut device);
         for (leaf, drawn) in surface.leaves.iter().zip(&vds.drawn) {
-            let finest = eye.error_px(&leaf.sphere, *leaf.error_mm.last().unwrap());
-            if !eye.sees(&leaf.sphere) || finest > f64::from(PIXELS.pixels) {
+            let finest = frustum.error_px(&leaf.sphere, *leaf.error_mm.last().unwrap());
+            if !frustum.intersects(&leaf.sphere) || finest > f64::from(PIXELS.pixels) {
                 continue;
             }
             for u in drawn.iter().map(|d| &device.0[&d.page]) {
@@ -425,9 +426,10 @@ fn what_is_drawn_keeps_the_tolerance_where_it_is_seen() {
                         .dot(cam.pose.position_mm.as_dvec3() - t[0]);
                     for p in spread_over(t).skip(3).filter(|_| facing > 0.0) {
                         let here = crate::lod::Sphere { centre: p.as_vec3(), radius: 1e-5 };
-                        if eye.sees(&here) {
+                        if frustum.intersects(&here) {
                             met += 1;
-                            worst = worst.max(eye.error_px(&here, nearest(p, &original) as f32));
+                            worst =
+                                worst.max(frustum.error_px(&here, nearest(p, &original) as f32));
                         }
                     }
                 }
@@ -438,16 +440,16 @@ fn what_is_drawn_keeps_the_tolerance_where_it_is_seen() {
     assert!(met > 500 && worst < most && worst > 0.2 * most, "{worst} px of {most}, {met}");
 }
 
-/// The real thing: simplified, recorded, resampled.
+/// Simplified, recorded, resampled.
 #[test]
-fn a_mesh_is_refined_back_from_what_it_was_simplified_to() {
+fn a_simplified_mesh_is_refined_back_to_its_original() {
     let mesh = Ring::new([20, 10], 4).mesh;
     let mut maps = crate::mesh::Parameterization::new(&mesh).unwrap();
     let base =
         crate::mesh::simplify(&mesh, &crate::mesh::SimplifyOptions::to_faces(400), &mut maps)
             .unwrap();
     let shading = crate::surface::shading(&mesh);
-    let original = Recorded::new(&mesh, &shading.vertices, &base, &maps);
+    let original = ParameterizedOriginal::new(&mesh, &shading.vertices, &base, &maps);
     for (f, face) in base.mesh.faces.iter().enumerate() {
         for c in 0..3 {
             let mut weights = [0.0; 3];
@@ -472,9 +474,9 @@ fn a_mesh_is_refined_back_from_what_it_was_simplified_to() {
         }
     }
     let mut vds = Vds::new(surface);
-    let (mut pool, mut device) = (Pool::new(4000, 4000, 2), Device::default());
+    let (mut cache, mut device) = (PageCache::new(4000, 4000, 2), Device::default());
     for s in 0..6 {
-        let step = settle(&mut vds, &camera(&mut (s * 71 + 3)), &mut pool, &mut device);
+        let step = settle(&mut vds, &camera(&mut (s * 71 + 3)), &mut cache, &mut device);
         assert!(closed(&device.triangles(&step)));
     }
 }

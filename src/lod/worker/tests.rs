@@ -1,4 +1,4 @@
-//! The worker against refinements that are only as clever as a test needs.
+//! The worker with scripted hierarchies.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
@@ -7,7 +7,7 @@ use glam::{Quat, Vec3};
 
 use super::*;
 use crate::geometry::{Lens, Pose};
-use crate::lod::{Drawn, Upload};
+use crate::lod::{Upload, VisiblePatch};
 
 /// A camera known by its number.
 fn camera(number: u32) -> Camera {
@@ -21,8 +21,8 @@ struct Scripted<F> {
     script: F,
 }
 
-impl<F: FnMut(u32, u32) -> Step + Send> Refine for Scripted<F> {
-    fn step(&mut self, camera: &Camera, _: &Tolerance, _: &mut Pool) -> Step {
+impl<F: FnMut(u32, u32) -> Step + Send> LodHierarchy for Scripted<F> {
+    fn step(&mut self, camera: &Camera, _: &Tolerance, _: &mut PageCache) -> Step {
         self.steps += 1;
         (self.script)(camera.height_px, self.steps)
     }
@@ -39,18 +39,22 @@ fn worker(script: impl FnMut(u32, u32) -> Step + Send + 'static) -> Worker {
     Worker::spawn(refine, Tolerance { pixels: 1.0 }, 8, 1 << 20, 3).unwrap()
 }
 
-/// A step that writes `page` and says its own number by the triangles it writes there.
-fn wrote(page: u32, number: u32, settled: bool) -> Step {
+/// A step that writes `page` with `number` triangles.
+fn step_writing(page: u32, number: u32, settled: bool) -> Step {
     let triangles = vec![[0, 0, 0]; number as usize];
     let upload = Upload { page, vertices: Vec::new(), triangles };
-    let drawn =
-        Drawn { page, triangles: number, sphere: Default::default(), cone: Default::default() };
+    let drawn = VisiblePatch {
+        page,
+        triangles: number,
+        sphere: Default::default(),
+        cone: Default::default(),
+    };
     Step { uploads: vec![upload], drawn: vec![drawn], leaves_changed: 1, settled, degraded: false }
 }
 
 fn next(worker: &mut Worker) -> Step {
     for _ in 0..2000 {
-        if let Some(step) = worker.take().unwrap() {
+        if let Some(step) = worker.try_recv().unwrap() {
             return step;
         }
         std::thread::sleep(Duration::from_millis(1));
@@ -58,82 +62,82 @@ fn next(worker: &mut Worker) -> Step {
     panic!("no step came");
 }
 
-/// A script that reports each camera and then waits to be let on.
+/// A script that reports each camera and then blocks until it is released.
 fn gated() -> (Worker, Receiver<u32>, Sender<()>) {
-    let (said, hear) = channel();
+    let (sender, receiver) = channel();
     let (go, wait) = channel();
     let w = worker(move |camera, step| {
-        said.send(camera).unwrap();
+        sender.send(camera).unwrap();
         wait.recv().unwrap();
-        wrote(0, step, true)
+        step_writing(0, step, true)
     });
-    (w, hear, go)
+    (w, receiver, go)
 }
 
 #[test]
-fn the_newest_camera_wins() {
-    let (mut w, hear, go) = gated();
-    w.look(&camera(1));
-    assert_eq!(hear.recv().unwrap(), 1);
+fn only_the_newest_live_camera_is_processed() {
+    let (mut w, receiver, go) = gated();
+    w.set_camera(&camera(1));
+    assert_eq!(receiver.recv().unwrap(), 1);
     for i in 2..=5 {
-        w.look(&camera(i));
+        w.set_camera(&camera(i));
     }
     go.send(()).unwrap();
-    assert_eq!(hear.recv().unwrap(), 5);
+    assert_eq!(receiver.recv().unwrap(), 5);
     go.send(()).unwrap();
     assert_eq!((next(&mut w).drawn[0].triangles, next(&mut w).drawn[0].triangles), (1, 2));
-    // A settled camera is not looked at twice.
-    w.look(&camera(5));
-    w.look(&camera(6));
-    assert_eq!(hear.recv().unwrap(), 6);
+    // A settled camera is not processed again.
+    w.set_camera(&camera(5));
+    w.set_camera(&camera(6));
+    assert_eq!(receiver.recv().unwrap(), 6);
     go.send(()).unwrap();
     assert_eq!(w.finest_faces(), 42);
 }
 
 #[test]
-fn no_upload_is_lost_and_no_more_than_two_steps_wait() {
-    let (said, hear) = channel();
+fn no_upload_is_lost_and_at_most_two_steps_are_queued() {
+    let (sender, receiver) = channel();
     let mut w = worker(move |_, step| {
-        said.send(step).unwrap();
-        wrote(step % 8, step, step >= 10)
+        sender.send(step).unwrap();
+        step_writing(step % 8, step, step >= 10)
     });
-    w.look(&camera(1));
-    assert_eq!((hear.recv().unwrap(), hear.recv().unwrap()), (1, 2));
-    assert!(hear.recv_timeout(Duration::from_millis(30)).is_err(), "a third step was made");
+    w.set_camera(&camera(1));
+    assert_eq!((receiver.recv().unwrap(), receiver.recv().unwrap()), (1, 2));
+    assert!(receiver.recv_timeout(Duration::from_millis(30)).is_err(), "a third step was made");
     let numbers: Vec<u32> = (0..5).map(|_| next(&mut w).drawn[0].triangles).collect();
     assert_eq!(numbers, [1, 2, 3, 4, 5]);
-    // What waits goes into the answer, in order.
-    assert_eq!(hear.iter().nth(4), Some(7));
+    // Queued live steps are part of the reply, in order.
+    assert_eq!(receiver.iter().nth(4), Some(7));
     let step = w.converge(camera(1)).unwrap();
     let mut pages: Vec<_> = step.uploads.iter().map(|u| (u.page, u.triangles.len())).collect();
     pages.sort_unstable();
     assert_eq!(pages, [(0, 8), (1, 9), (2, 10), (6, 6), (7, 7)]);
     assert_eq!((step.drawn[0].triangles, step.leaves_changed, step.settled), (10, 5, true));
-    assert_eq!(w.take(), Ok(None));
+    assert_eq!(w.try_recv(), Ok(None));
 }
 
 #[test]
-fn questions_are_answered_in_order_each_page_once() {
-    let mut w = worker(|camera, step| wrote(step % 2, step, step % 4 == 0 || camera == 9));
-    w.ask(camera(1));
-    w.ask(camera(2));
-    assert_eq!((w.outstanding(), w.take()), (2, Ok(None)));
-    let first = w.answer().unwrap();
+fn requests_are_served_in_order_and_merged_steps_write_each_page_once() {
+    let mut w = worker(|camera, step| step_writing(step % 2, step, step % 4 == 0 || camera == 9));
+    w.request(camera(1));
+    w.request(camera(2));
+    assert_eq!((w.outstanding(), w.try_recv()), (2, Ok(None)));
+    let first = w.recv().unwrap();
     assert_eq!(first.uploads.iter().map(|u| u.triangles.len()).collect::<Vec<_>>(), [3, 4]);
-    // The second answer and the third become one.
+    // The replies to the second and third request are merged.
     let both = w.converge(camera(9)).unwrap();
     assert_eq!(both.uploads.iter().map(|u| u.triangles.len()).collect::<Vec<_>>(), [9, 8]);
     assert_eq!((both.drawn[0].triangles, w.outstanding()), (9, 0));
 }
 
 #[test]
-fn a_worker_goes_down_while_it_is_busy() {
-    for asked in [false, true] {
-        let mut w = worker(|_, step| wrote(step % 8, step % 100, false));
-        if asked {
-            w.ask(camera(1))
+fn dropping_a_busy_worker_ends_its_thread() {
+    for requested in [false, true] {
+        let mut w = worker(|_, step| step_writing(step % 8, step % 100, false));
+        if requested {
+            w.request(camera(1))
         } else {
-            w.look(&camera(1))
+            w.set_camera(&camera(1))
         }
         std::thread::sleep(Duration::from_millis(5));
         drop(w);
@@ -141,24 +145,24 @@ fn a_worker_goes_down_while_it_is_busy() {
 }
 
 #[test]
-fn a_panic_is_an_error_after_the_steps_before_it() {
+fn a_panic_is_reported_after_all_earlier_steps() {
     let script = |_: u32, step: u32| {
         assert!(step < 2, "planted in step {step}");
-        wrote(0, step, false)
+        step_writing(0, step, false)
     };
     let planted = WorkerError::Panicked("planted in step 2".into());
     let mut live = worker(script);
-    live.look(&camera(1));
+    live.set_camera(&camera(1));
     assert_eq!(next(&mut live).drawn[0].triangles, 1);
     let end = (0..2000).find_map(|_| {
         std::thread::sleep(Duration::from_millis(1));
-        live.take().err()
+        live.try_recv().err()
     });
     assert_eq!(end, Some(planted.clone()));
-    let mut film = worker(script);
-    film.ask(camera(1));
-    assert_eq!(film.converge(camera(2)), Err(planted.clone()));
-    assert_eq!((film.outstanding(), film.take()), (0, Err(planted)));
+    let mut capture = worker(script);
+    capture.request(camera(1));
+    assert_eq!(capture.converge(camera(2)), Err(planted.clone()));
+    assert_eq!((capture.outstanding(), capture.try_recv()), (0, Err(planted)));
 }
 
 #[test]

@@ -1,14 +1,14 @@
-//! Clusters as bytes: there and back, and what was tampered with.
+//! Serialized clusters: round trip and corruption.
 
 use std::sync::Arc;
 
 use super::super::{ClusterError, ClusterLod, Clusters, DEFAULT_SHADING_RAD, Group};
 use super::{build, camera, noise, ring, settle};
-use crate::lod::Pool;
+use crate::lod::PageCache;
 use crate::surface::shading;
 
 #[test]
-fn clusters_come_back_from_bytes_and_only_for_their_mesh() {
+fn serialized_clusters_round_trip_for_their_own_mesh_only() {
     let mesh = ring(60, 20);
     let vertices = shading(&mesh).vertices;
     let clusters = build(&mesh);
@@ -22,15 +22,15 @@ fn clusters_come_back_from_bytes_and_only_for_their_mesh() {
 }
 
 #[test]
-fn reaches_that_hide_what_lies_below_are_refused() {
+fn subtree_bounds_below_those_of_children_are_refused() {
     let mesh = ring(60, 20);
     let vertices = shading(&mesh).vertices;
     let clusters = build(&mesh);
     assert!(clusters.groups().len() > 3);
     let last = clusters.groups.len() - 1;
     for lower in [
-        |g: &mut Group| g.reach_angle_rad = 0.0,
-        |g: &mut Group| g.reach_turn_mm = 0.0,
+        |g: &mut Group| g.subtree_angle_rad = 0.0,
+        |g: &mut Group| g.subtree_turn_mm = 0.0,
         |g: &mut Group| g.edge_mm = 0.0,
     ] {
         let mut bad = clusters.clone();
@@ -41,7 +41,7 @@ fn reaches_that_hide_what_lies_below_are_refused() {
 }
 
 #[test]
-fn bytes_that_were_tampered_with_are_refused_or_harmless() {
+fn corrupted_cluster_files_are_refused_or_usable() {
     let mesh = ring(60, 20);
     let vertices = shading(&mesh).vertices;
     let bytes = build(&mesh).to_bytes();
@@ -55,7 +55,7 @@ fn bytes_that_were_tampered_with_are_refused_or_harmless() {
     let mut bad = bytes.clone();
     bad[200] ^= 1;
     assert_eq!(read(&bad).unwrap_err(), ClusterError::Checksum);
-    // With the checksum put right again: whatever passes can be used.
+    // With a valid checksum: whatever is accepted can be used.
     let (mut refused, seed) = (0, &mut 21);
     for k in 0..400 {
         let mut bad = bytes.clone();
@@ -68,7 +68,7 @@ fn bytes_that_were_tampered_with_are_refused_or_harmless() {
             Err(_) => refused += 1,
             Ok(c) => {
                 let mut lod = ClusterLod::new(Arc::new(c), DEFAULT_SHADING_RAD);
-                settle(&mut lod, &camera(0.1), 0.5, &mut Pool::new(4000, 4000, 1));
+                settle(&mut lod, &camera(0.1), 0.5, &mut PageCache::new(4000, 4000, 1));
             }
         }
     }

@@ -1,29 +1,29 @@
-//! The modified butterfly: where a smooth interpolating surface would have its new vertices.
+//! Modified butterfly subdivision: where a smooth interpolating surface would have its new
+//! vertices.
 //!
 //! After Zorin, Schröder & Sweldens 1996 (doi:10.1145/237170.237254): eight points around an edge
-//! between two regular vertices, the ring of the extraordinary vertex otherwise, the mean of both
-//! rings between two of them, four points along a boundary. Ours: what an edge near a boundary
-//! lacks is put there by reflection, and a boundary vertex counts as regular, instead of the five
-//! special rules of the paper's table.
+//! between two regular vertices, the one-ring of the extraordinary vertex otherwise, the mean of
+//! both one-rings between two of them, four points along a boundary. Departure: points that an edge
+//! near a boundary lacks are reflected, and a boundary vertex counts as regular, instead of the
+//! five special rules of the paper's table.
 //!
-//! Resampling gives the true place of a vertex; the prediction says how little of that place is
-//! news, which is what a compressed file would store and what a preview without the original would
-//! draw.
+//! Resampling gives the true place of a vertex; the difference to the prediction is what a
+//! compressed file would store and what a preview without the original would lack.
 
 use std::f64::consts::TAU;
 
 use glam::DVec3;
 
 use crate::geometry::Mesh;
-use crate::lod::vds::base::Base;
+use crate::lod::vds::base_mesh::BaseMesh;
 
-/// A mesh with every face split one to four: old vertices keep their ids and places, then one
-/// vertex for each edge, where the modified butterfly puts it. Normals and caps are left out.
+/// Splits every face 1-to-4: old vertices keep their ids and positions, then one vertex for each
+/// edge, where the modified butterfly puts it. Normals and caps are left out.
 ///
 /// # Panics
-/// If a face names a vertex that is not there.
+/// If a face has a vertex index out of range.
 pub fn subdivide(mesh: &Mesh) -> Mesh {
-    let base = Base::new(mesh.faces.clone(), mesh.positions.len());
+    let base = BaseMesh::new(mesh.faces.clone(), mesh.positions.len());
     let rings = Rings::new(&base);
     let at = |v: u32| mesh.positions[v as usize].as_dvec3();
     let mut positions = mesh.positions.clone();
@@ -37,11 +37,11 @@ pub fn subdivide(mesh: &Mesh) -> Mesh {
     Mesh { positions, normals: Vec::new(), faces, caps: Vec::new() }
 }
 
-/// One outgoing corner (face, corner) a vertex; on a boundary the one whose right side is open.
+/// One outgoing half-edge (face, corner) of each vertex; on a boundary the first one.
 struct Rings(Vec<Option<(u32, usize)>>);
 
 impl Rings {
-    fn new(base: &Base) -> Self {
+    fn new(base: &BaseMesh) -> Self {
         let mut first = vec![None; base.vertices];
         for (f, face) in base.faces.iter().enumerate() {
             for (c, v) in face.iter().enumerate() {
@@ -55,15 +55,15 @@ impl Rings {
         Self(first)
     }
 
-    /// Neighbours in order, beginning with `from` for an inner vertex; `None` on a boundary or
-    /// where the faces do not close up.
-    fn closed(&self, base: &Base, v: u32, from: u32) -> Option<Vec<u32>> {
+    /// One-ring in order, starting with `from`, for an inner vertex; `None` on a boundary or where
+    /// the faces do not form a closed fan.
+    fn closed(&self, base: &BaseMesh, v: u32, from: u32) -> Option<Vec<u32>> {
         let (first, corner) = self.0[v as usize]?;
         let (mut f, mut c) = (first, corner);
         let mut ring = Vec::new();
         loop {
             ring.push(base.faces[f as usize][(c + 1) % 3]);
-            // Over the side that ends in v, to the next face round it.
+            // Across the side that ends in v, to the next face.
             f = base.across(f, (c + 2) % 3)?;
             c = base.faces[f as usize].iter().position(|x| *x == v)?;
             if f == first || ring.len() > base.faces.len() {
@@ -76,7 +76,7 @@ impl Rings {
     }
 
     /// The neighbour along the boundary that is not `from`.
-    fn along(&self, base: &Base, v: u32, from: u32) -> Option<u32> {
+    fn along(&self, base: &BaseMesh, v: u32, from: u32) -> Option<u32> {
         let (mut f, mut c) = self.0[v as usize]?;
         let right = base.faces[f as usize][(c + 1) % 3];
         if right != from {
@@ -93,8 +93,8 @@ impl Rings {
     }
 }
 
-/// Where the vertex of an edge goes.
-fn predict(base: &Base, rings: &Rings, edge: usize, at: &dyn Fn(u32) -> DVec3) -> DVec3 {
+/// Predicted vertex of an edge.
+fn predict(base: &BaseMesh, rings: &Rings, edge: usize, at: &dyn Fn(u32) -> DVec3) -> DVec3 {
     let e = base.edges[edge];
     let (f, c) = (e.faces[0], e.corner as usize);
     let [a, b] = [base.faces[f as usize][c], base.faces[f as usize][(c + 1) % 3]];
@@ -117,8 +117,8 @@ fn predict(base: &Base, rings: &Rings, edge: usize, at: &dyn Fn(u32) -> DVec3) -
     }
 }
 
-/// The eight-point rule; what is missing is put there by reflection.
-fn regular(base: &Base, f: u32, c: usize, at: &dyn Fn(u32) -> DVec3) -> DVec3 {
+/// Eight-point rule; missing points are reflected.
+fn regular(base: &BaseMesh, f: u32, c: usize, at: &dyn Fn(u32) -> DVec3) -> DVec3 {
     let mut sum = DVec3::ZERO;
     let mut side = |f: u32, a: u32, b: u32| {
         let face = base.faces[f as usize];
@@ -141,7 +141,8 @@ fn regular(base: &Base, f: u32, c: usize, at: &dyn Fn(u32) -> DVec3) -> DVec3 {
     sum
 }
 
-/// The rule around an inner vertex without six neighbours; `ring` begins at the edge's other end.
+/// Rule around an inner vertex of valence other than six; `ring` starts at the other end of the
+/// edge.
 fn extraordinary(v: DVec3, ring: &[u32], at: &dyn Fn(u32) -> DVec3) -> DVec3 {
     let k = ring.len();
     let weight = |j: usize| match (k, j) {
@@ -194,19 +195,19 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_stays_a_plane_up_to_its_boundary() {
+    fn planes_are_reproduced_up_to_the_boundary() {
         assert!(off(8, 0.0, |x, y| 2.0 * x - 3.0 * y + 1.0) < 1e-6);
     }
 
     #[test]
-    fn cubics_are_met_between_regular_vertices_and_quartics_are_not() {
+    fn regular_vertices_reproduce_cubics_but_not_quartics() {
         assert!(off(8, 2.0, |x, y| x * x - 2.0 * x * y + 3.0 * y * y) < 1e-6);
         assert!(off(8, 2.0, |x, y| x * x * x - 2.0 * x * x * y + x * y * y + y * y * y) < 1e-6);
         assert!(off(8, 2.0, |x, _| 8.0 * x.powi(4)) > 1e-4);
     }
 
     #[test]
-    fn along_a_boundary_cubics_are_met_too() {
+    fn cubics_are_reproduced_along_a_boundary() {
         let height = |x: f64, _: f64| x * x * x - x;
         let fine = subdivide(&sheet(8, height));
         let on = |p: &&Vec3| p.y == 0.0 && p.x > 0.125 && p.x < 0.875;
@@ -215,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn rings_of_any_size_reproduce_a_plane_and_close_up_smoothly() {
+    fn extraordinary_rules_of_any_valence_reproduce_planes() {
         for k in 3..12u32 {
             // A flat ring: any weights that sum to one with the right first moments keep it flat,
             // and the new vertex of a straight spoke lies on that spoke.
@@ -230,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn on_an_octahedron_it_bulges_towards_the_ball() {
+    fn a_subdivided_octahedron_approaches_a_sphere() {
         let p = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
         let f = [
             [0, 2, 4],

@@ -1,7 +1,7 @@
 use super::*;
 use crate::lod::vds::tests::Ring;
 
-const ALL: [Scheme; 3] = [Scheme::Quad, Scheme::Root, Scheme::Eight];
+const ALL: [Scheme; 3] = [Scheme::OneToFour, Scheme::Sqrt3, Scheme::FourEight];
 
 fn closed(mesh: &Mesh) -> bool {
     let mut edges: Vec<(u32, u32)> =
@@ -11,7 +11,7 @@ fn closed(mesh: &Mesh) -> bool {
         && edges.iter().all(|&(a, b)| edges.binary_search(&(b, a)).is_ok())
 }
 
-/// Share of faces that turn their back to the normals of their corners.
+/// Share of faces whose orientation contradicts the normals of their corners.
 fn flipped(mesh: &Mesh) -> f64 {
     let back = |f: &&[u32; 3]| {
         let n: glam::Vec3 = f.iter().map(|v| mesh.normals[*v as usize]).sum();
@@ -21,10 +21,10 @@ fn flipped(mesh: &Mesh) -> f64 {
 }
 
 #[test]
-fn everywhere_alike_they_grow_by_four_by_three_and_by_two() {
+fn uniform_refinement_multiplies_faces_by_four_three_and_two() {
     let ring = Ring::new([12, 6], 5);
     for (scheme, first, factor) in
-        [(Scheme::Quad, 1, 4usize), (Scheme::Root, 1, 3), (Scheme::Eight, 3, 2)]
+        [(Scheme::OneToFour, 1, 4usize), (Scheme::Sqrt3, 1, 3), (Scheme::FourEight, 3, 2)]
     {
         for rounds in 0..4 {
             let mesh = refine(&ring.base(), &ring, scheme, -1.0, rounds);
@@ -35,24 +35,24 @@ fn everywhere_alike_they_grow_by_four_by_three_and_by_two() {
     }
 }
 
-/// Every vertex in its place: over a base that is its own original any scheme lies within it, and
-/// where its triangles do too, their areas add up.
+/// Over a base that is its own original any scheme stays on it, and where its triangles do too,
+/// their areas add up.
 #[test]
-fn new_vertices_lie_where_the_scheme_puts_them_on_the_base() {
+fn over_its_own_base_each_scheme_preserves_area() {
     let ring = Ring::new([12, 6], 1);
     let area = ring.base().area_mm2();
     for (scheme, rounds) in
-        [(Scheme::Quad, 3), (Scheme::Root, 2), (Scheme::Root, 4), (Scheme::Eight, 3)]
+        [(Scheme::OneToFour, 3), (Scheme::Sqrt3, 2), (Scheme::Sqrt3, 4), (Scheme::FourEight, 3)]
     {
         let mesh = refine(&ring.base(), &ring, scheme, -1.0, rounds);
         assert!((mesh.area_mm2() / area - 1.0).abs() < 1e-4, "{scheme:?} {rounds}");
     }
-    // In between, √3 cuts the base's edges off.
-    assert!(refine(&ring.base(), &ring, Scheme::Root, -1.0, 1).area_mm2() < 0.99 * area);
+    // At odd steps √3 cuts across the edges of the base.
+    assert!(refine(&ring.base(), &ring, Scheme::Sqrt3, -1.0, 1).area_mm2() < 0.99 * area);
 }
 
 #[test]
-fn split_only_where_needed_they_leave_no_crack_and_no_large_error() {
+fn adaptive_refinement_is_watertight_and_local() {
     let ring = Ring::new([12, 6], 9);
     for scheme in ALL {
         let mut before = 0;
@@ -98,13 +98,13 @@ impl Original for Itself {
 
 /// On a tetrahedron any two corners are neighbours and lie across an edge from each other as well.
 #[test]
-fn neighbours_that_lie_across_an_edge_as_well_are_not_mistaken() {
+fn tetrahedra_whose_neighbours_are_also_opposite_are_refined() {
     use glam::Vec3;
     let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z];
     let faces = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
     let solid = Itself(Mesh { positions, faces, ..Mesh::default() });
     for (scheme, rounds, count) in
-        [(Scheme::Quad, 3, 4 * 64), (Scheme::Root, 2, 4 * 9), (Scheme::Eight, 4, 4 * 48)]
+        [(Scheme::OneToFour, 3, 4 * 64), (Scheme::Sqrt3, 2, 4 * 9), (Scheme::FourEight, 4, 4 * 48)]
     {
         let mesh = refine(&solid.0, &solid, scheme, -1.0, rounds);
         assert_eq!(mesh.faces.len(), count, "{scheme:?}");
@@ -141,7 +141,7 @@ impl Original for Half<'_> {
 }
 
 #[test]
-fn an_open_base_keeps_its_rim_and_is_torn_nowhere_else() {
+fn an_open_base_has_no_boundary_but_its_own_after_refinement() {
     let ring = Ring::new([12, 6], 5);
     let mut base = ring.base();
     base.faces.truncate(96);
@@ -157,9 +157,9 @@ fn an_open_base_keeps_its_rim_and_is_torn_nowhere_else() {
         let rim = edges.values().filter(|n| **n != 0).count();
         // Two rims of six edges each, halved by each round, by every other one, or not at all.
         let want = match scheme {
-            Scheme::Quad => 12 * 8,
-            Scheme::Root => 12,
-            Scheme::Eight => 12 * 4,
+            Scheme::OneToFour => 12 * 8,
+            Scheme::Sqrt3 => 12,
+            Scheme::FourEight => 12 * 4,
         };
         assert_eq!(rim, want, "{scheme:?}");
     }

@@ -25,9 +25,9 @@ impl Original for Flat {
     }
 }
 
-/// A bent tube closed to a ring, parameterised over a coarser one. Where `jitter` is set, places
-/// of the base are off by that much, another way for every base face: two faces do not agree on
-/// the edge between them, as rounding would have it.
+/// A torus with folds, parameterised over a coarser one. `jitter` displaces samples by that much,
+/// differently for every base face: two faces then disagree on their common edge, as rounding would
+/// have it.
 pub struct Ring {
     /// Quads of the base round the ring and round the tube, and steps of the original in each.
     cells: [u32; 2],

@@ -1,31 +1,30 @@
-//! How far each level of a base face lies from the original, both ways.
+//! Two-sided distance bound of each level of a base face to the original.
 //!
-//! Let M_ℓ be the surface at level ℓ and M_L the finest. Sample by sample M_L is laid onto M_ℓ: a
+//! Let M_ℓ be the surface at level ℓ and M_L the finest. M_L is mapped onto M_ℓ sample by sample: a
 //! corner of a triangle S of M_ℓ stays, a sample on a side of S goes to the nearest point of that
-//! side, one within S to the nearest point of S, and between samples the map is linear. S is
-//! convex, so the small triangles over S land in S; sides land on sides and corners on corners, so
-//! the map goes round S once and meets every point of it. No point moves further than the sample
-//! that moves furthest. That distance therefore bounds the Hausdorff distance of M_ℓ and M_L both
-//! ways, face by face: it is measured, it is rigorous, and it over-reports where the original's
-//! parameterisation lets an edge wander sideways.
+//! side, one inside S to the nearest point of S, and between samples the map is linear. S is
+//! convex, so the small triangles over S map into S; sides map to sides and corners to corners, so
+//! the map has degree one and covers every point of S. No point moves further than the sample that
+//! moves furthest. That distance therefore bounds the Hausdorff distance of M_ℓ and M_L, face by
+//! face; it overestimates where the parameterisation lets an edge drift sideways.
 //!
-//! The original is laid onto M_L in the same way, and measured where its vertices are mapped to and
-//! in the middle of every edge of M_L. Where else it bends, at crossings of its edges and those of
-//! M_L, is not measured: a tenth is added for that (up to 0.03 % was missing in tests). It is the
-//! one place where the bound is not rigorous.
+//! The original is mapped onto M_L in the same way, and measured at its vertices and at the
+//! midpoint of every edge of M_L. Where else it bends, at crossings of its edges with those of M_L,
+//! is not measured: a tenth is added for that (up to 0.03 % was missing in tests). This is the one
+//! place where the bound is not rigorous.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::base::Base;
-use super::resample::Original;
-use super::samples::{Grid, Samples, triangles};
+use super::base_mesh::BaseMesh;
+use super::original::Original;
+use super::samples::{Grid, SurfaceSamples, triangles};
 
-/// Nearest point of a segment.
+/// TriangleBvh point of a segment.
 fn on_segment(p: DVec3, a: DVec3, b: DVec3) -> DVec3 {
     let ab = b - a;
     let t = (p - a).dot(ab) / ab.length_squared();
-    // 0 / 0 for a segment without length.
+    // 0 / 0 for a degenerate segment.
     if t.is_nan() { a } else { a + t.clamp(0.0, 1.0) * ab }
 }
 
@@ -40,8 +39,8 @@ pub fn to_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
     away(a, b).min(away(b, c)).min(away(c, a)).sqrt()
 }
 
-/// For each face, bounds for levels 0 to L against M_L (0 for L itself).
-fn to_finest(base: &Base, samples: &Samples) -> Vec<Vec<f64>> {
+/// Of each face, bounds of levels 0 to L against M_L (0 for L itself).
+fn to_finest(base: &BaseMesh, samples: &SurfaceSamples) -> Vec<Vec<f64>> {
     let depth = samples.depth();
     let one = |f: u32| -> Vec<f64> {
         let at = |g: Grid| samples.position(base, f, g).as_dvec3();
@@ -76,13 +75,13 @@ fn to_finest(base: &Base, samples: &Samples) -> Vec<Vec<f64>> {
     (0..base.faces.len() as u32).into_par_iter().map(one).collect()
 }
 
-/// For each face, the distance of M_L and the original.
-fn finest(base: &Base, samples: &Samples, original: &dyn Original) -> Vec<f64> {
+/// Of each face, distance between M_L and the original.
+fn finest(base: &BaseMesh, samples: &SurfaceSamples, original: &dyn Original) -> Vec<f64> {
     let n = 1u32 << samples.depth();
     let at = |f: u32, g: Grid| samples.position(base, f, g).as_dvec3();
-    let middles = |f: u32| -> f64 {
+    let midpoints = |f: u32| -> f64 {
         let mut worst: f64 = 0.0;
-        // Triangles that stand like the face have each inner edge once, and each outer one.
+        // Upright triangles have each inner edge once, and each outer one.
         for t in triangles(n).filter(|t| t[0][0] > t[1][0]) {
             for (p, q) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
                 let middle = [0, 1, 2].map(|k| f64::from(p[k] + q[k]) / f64::from(2 * n));
@@ -93,7 +92,7 @@ fn finest(base: &Base, samples: &Samples, original: &dyn Original) -> Vec<f64> {
         worst
     };
     let faces = base.faces.len() as u32;
-    let mut worst: Vec<f64> = (0..faces).into_par_iter().map(middles).collect();
+    let mut worst: Vec<f64> = (0..faces).into_par_iter().map(midpoints).collect();
     let corners: Vec<(u32, f64)> = (0..original.vertices())
         .into_par_iter()
         .filter_map(|v| {
@@ -109,14 +108,14 @@ fn finest(base: &Base, samples: &Samples, original: &dyn Original) -> Vec<f64> {
     worst
 }
 
-/// The small triangle of a grid with n steps a side that holds the weights.
+/// The triangle of a grid with n steps a side that contains the given barycentric weights.
 fn cell(weights: [f64; 3], n: u32) -> [Grid; 3] {
     let scaled = weights.map(|w| w.clamp(0.0, 1.0) * f64::from(n));
     let low = scaled.map(|s| (s.floor() as u32).min(n));
     let add = |by: [Grid; 3]| by.map(|u| [0, 1, 2].map(|k| low[k] + u[k]));
     match n.saturating_sub(low.iter().sum()) {
         0 => {
-            // A grid point, up to rounding: any triangle there will do.
+            // A grid point, up to rounding: any incident triangle will do.
             let c = low.iter().position(|l| *l > 0).unwrap_or(0);
             let mut t = add([[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
             t.iter_mut().for_each(|g| g[c] -= 1);
@@ -127,12 +126,12 @@ fn cell(weights: [f64; 3], n: u32) -> [Grid; 3] {
     }
 }
 
-/// For what lies between the places measured on the finest level.
+/// Factor for what is between the measured points of the finest level.
 const BETWEEN: f64 = 1.1;
 
-/// For each face, a bound of the distance of level ℓ = 0 ..= L and the original, never growing with
+/// Of each face, two-sided distance bound of levels 0 to L to the original, mm, never growing with
 /// the level.
-pub fn bounds(base: &Base, samples: &Samples, original: &dyn Original) -> Vec<Vec<f32>> {
+pub fn bounds(base: &BaseMesh, samples: &SurfaceSamples, original: &dyn Original) -> Vec<Vec<f32>> {
     let own = finest(base, samples, original);
     let mut all = to_finest(base, samples);
     all.iter_mut()
@@ -154,7 +153,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_distance_to_a_triangle_is_that_to_its_nearest_point() {
+    fn point_triangle_distance_of_faces_edges_and_degenerate_triangles() {
         let t = [DVec3::ZERO, DVec3::new(4.0, 0.0, 0.0), DVec3::new(0.0, 3.0, 0.0)];
         let d = |x, y, z| to_triangle(DVec3::new(x, y, z), t);
         assert_eq!(d(1.0, 1.0, 2.0), 2.0);
@@ -167,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn the_small_triangle_of_a_place_holds_it() {
+    fn the_grid_triangle_of_weights_contains_them() {
         let mut seed = 9u64;
         let mut noise = || {
             seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);

@@ -1,5 +1,5 @@
 //! Measurements on large meshes: `INTIMA_MESHES=folder cargo test --release --lib
-//! lod::vds::measure -- --ignored --nocapture`.
+//! lod::vds::large_meshes -- --ignored --nocapture`.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -10,8 +10,9 @@ use rayon::prelude::*;
 
 use super::schemes::{Scheme, butterfly, refine};
 use super::*;
-use crate::geometry::{Lens, Mesh, Pose, TriangleBvh};
-use crate::lod::{Camera, Eye, Pool, Refine, Tolerance};
+use crate::geometry::TriangleBvh;
+use crate::geometry::{Lens, Mesh, Pose};
+use crate::lod::{Camera, LodHierarchy, PageCache, Tolerance, ViewFrustum};
 use crate::mesh::{Parameterization, Simplified, SimplifyOptions, simplify};
 
 fn folder() -> PathBuf {
@@ -64,7 +65,7 @@ fn three_schemes_at_equal_error() {
     for (name, faces) in [("vessel_143k", 7000), ("trachea_96k", 1500)] {
         let (mesh, base, maps) = prepared(name, faces);
         let shading = crate::surface::shading(&mesh);
-        let original = Recorded::new(&mesh, &shading.vertices, &base, &maps);
+        let original = ParameterizedOriginal::new(&mesh, &shading.vertices, &base, &maps);
         let (rms, most) = distance(&base.mesh, &mesh);
         println!("{name}: base {} faces, rms {rms:.4}, max {most:.4} mm", base.mesh.faces.len());
         let predicted = butterfly::subdivide(&base.mesh);
@@ -75,8 +76,8 @@ fn three_schemes_at_equal_error() {
         );
         println!("  scheme  tolerance   faces      rms      max mm    time");
         for rounds in 1..=4 {
-            for scheme in [Scheme::Quad, Scheme::Root, Scheme::Eight] {
-                if scheme == Scheme::Quad && rounds > 2 {
+            for scheme in [Scheme::OneToFour, Scheme::Sqrt3, Scheme::FourEight] {
+                if scheme == Scheme::OneToFour && rounds > 2 {
                     continue;
                 }
                 let t = Instant::now();
@@ -90,7 +91,7 @@ fn three_schemes_at_equal_error() {
             }
         }
         for tolerance in [0.1, 0.05, 0.025, 0.0125] {
-            for scheme in [Scheme::Quad, Scheme::Root, Scheme::Eight] {
+            for scheme in [Scheme::OneToFour, Scheme::Sqrt3, Scheme::FourEight] {
                 let t = Instant::now();
                 let fine = refine(&base.mesh, &original, scheme, tolerance, 24);
                 let spent = t.elapsed();
@@ -134,7 +135,7 @@ fn flights_through_large_meshes() {
         let (mesh, base, maps) = prepared(name, faces);
         let shading = crate::surface::shading(&mesh);
         let t = Instant::now();
-        let original = Recorded::new(&mesh, &shading.vertices, &base, &maps);
+        let original = ParameterizedOriginal::new(&mesh, &shading.vertices, &base, &maps);
         let surface = Surface::new(&base.mesh, &original, VdsOptions::default()).unwrap();
         println!(
             "{name}: surface in {:.2?}, {:.1} MB, {} leaves",
@@ -179,7 +180,7 @@ fn flights_through_large_meshes() {
                 ..(*surface).clone()
             });
             let mut vds = Vds::new(surface.clone());
-            let mut pool = Pool::new(16384, 1200, 3);
+            let mut cache = PageCache::new(16384, 1200, 3);
             let tolerance = Tolerance { pixels: 1.0 };
             let (mut times, mut triangles, mut seen_triangles, mut uploads, mut changed) =
                 (vec![], vec![], vec![], vec![], vec![]);
@@ -187,15 +188,15 @@ fn flights_through_large_meshes() {
             for pose in flight(name, 0.25).into_iter().take(400) {
                 let lens = Lens { fov_y_rad: 90f32.to_radians(), aspect: 16.0 / 9.0, near_mm: 0.2 };
                 let camera = Camera { pose, lens, height_px: 720 };
-                let eye = Eye::new(&camera);
-                pool.begin();
+                let frustum = ViewFrustum::new(&camera);
+                cache.begin_step();
                 let t = Instant::now();
-                let step = vds.step(&camera, &tolerance, &mut pool);
+                let step = vds.step(&camera, &tolerance, &mut cache);
                 times.push(t.elapsed().as_secs_f64() * 1e3);
                 let sum = |seen: bool| -> u64 {
                     step.drawn
                         .iter()
-                        .filter(|d| !seen || eye.sees(&d.sphere))
+                        .filter(|d| !seen || frustum.intersects(&d.sphere))
                         .map(|d| u64::from(d.triangles))
                         .sum()
                 };

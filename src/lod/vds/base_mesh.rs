@@ -1,14 +1,14 @@
-//! Edges of the base mesh: who shares them, and which way they run.
+//! Edge connectivity of the base mesh.
 
 use std::collections::HashMap;
 
-/// No face.
-pub const NONE: u32 = u32::MAX;
+/// Stands for "no face".
+pub const NO_FACE: u32 = u32::MAX;
 
 /// An edge, in the direction in which its first face runs along it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// The face with the lower id, which the edge's samples are taken from, and the other one.
+    /// The face with the lower id, which the samples of the edge are taken from, and the other one.
     pub faces: [u32; 2],
     /// The corner of the first face at which the edge begins.
     pub corner: u32,
@@ -16,20 +16,20 @@ pub struct Edge {
 
 /// Connectivity of a base mesh. Edge e of a face runs from its corner e to corner e + 1.
 #[derive(Clone, Debug, Default)]
-pub struct Base {
-    /// Corners.
+pub struct BaseMesh {
+    /// Vertices of each face.
     pub faces: Vec<[u32; 3]>,
     /// Edges by id.
     pub edges: Vec<Edge>,
-    /// Edge id · 2 + 1 where the face runs against it.
+    /// Of each face: edge id · 2, + 1 where the face runs against the edge.
     pub face_edges: Vec<[u32; 3]>,
-    /// Vertices there are.
+    /// Number of vertices.
     pub vertices: usize,
 }
 
-impl Base {
-    /// Where more than two faces meet in an edge, or two run along it the same way, faces are
-    /// paired as they come and the rest have an edge of their own, as on a boundary.
+impl BaseMesh {
+    /// Builds the connectivity. Where more than two faces meet in an edge, or two run along it the
+    /// same way, faces are paired in order and the rest get an edge of their own, as on a boundary.
     pub fn new(faces: Vec<[u32; 3]>, vertices: usize) -> Self {
         let mut base =
             Self { face_edges: vec![[0; 3]; faces.len()], faces, vertices, ..Self::default() };
@@ -44,7 +44,7 @@ impl Base {
                     }
                     _ => {
                         let edge = base.edges.len() as u32;
-                        base.edges.push(Edge { faces: [f as u32, NONE], corner: e as u32 });
+                        base.edges.push(Edge { faces: [f as u32, NO_FACE], corner: e as u32 });
                         waiting.insert((a, b), edge);
                         edge << 1
                     }
@@ -59,6 +59,6 @@ impl Base {
     pub fn across(&self, f: u32, e: usize) -> Option<u32> {
         let [a, b] = self.edges[(self.face_edges[f as usize][e] >> 1) as usize].faces;
         let other = if a == f { b } else { a };
-        (other != NONE).then_some(other)
+        (other != NO_FACE).then_some(other)
     }
 }

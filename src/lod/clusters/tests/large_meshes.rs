@@ -1,4 +1,4 @@
-//! Figures on the large meshes, by hand: `INTIMA_MESHES=... cargo test --release --lib measures --
+//! Statistics of large meshes, by hand: `INTIMA_MESHES=... cargo test --release --lib large_mesh --
 //! --ignored --nocapture`, `MESH=colon_1m` for one of them.
 
 use std::time::Instant;
@@ -7,7 +7,7 @@ use super::*;
 
 #[test]
 #[ignore = "needs INTIMA_MESHES"]
-fn measures_of_a_large_mesh() {
+fn statistics_of_a_large_mesh() {
     let dir = std::env::var("INTIMA_MESHES").unwrap();
     let name = std::env::var("MESH").unwrap_or("vessel_143k".into());
     let path = std::path::Path::new(&dir).join(format!("{name}.ply"));
@@ -17,7 +17,7 @@ fn measures_of_a_large_mesh() {
     let c = Clusters::build(&mesh, &vertices).unwrap();
     let seconds = clock.elapsed().as_secs_f64();
     let all = c.clusters().len();
-    let stuck = c.roots().filter(|r| c.clusters()[*r as usize].made_by == NONE).count();
+    let stuck = c.roots().filter(|r| c.clusters()[*r as usize].output_of == NO_GROUP).count();
     let mean = c.triangles.len() as f64 / all as f64;
     println!(
         "{name}: {seconds:.2} s, {all} clusters of {mean:.1} triangles, {} groups, {} roots, {stuck} of them finest, {:.1} MB",
@@ -28,8 +28,9 @@ fn measures_of_a_large_mesh() {
     let mut level = vec![0usize; c.groups().len()];
     let mut rows: Vec<[f64; 6]> = Vec::new();
     for (id, g) in c.groups().iter().enumerate() {
-        let below = c.inputs(id as u32).iter().map(|i| c.clusters()[*i as usize].made_by);
-        level[id] = below.filter(|m| *m != NONE).map(|m| level[m as usize] + 1).max().unwrap_or(0);
+        let below = c.inputs(id as u32).iter().map(|i| c.clusters()[*i as usize].output_of);
+        level[id] =
+            below.filter(|m| *m != NO_GROUP).map(|m| level[m as usize] + 1).max().unwrap_or(0);
         if rows.len() <= level[id] {
             rows.push([0.0; 6]);
         }
@@ -42,7 +43,7 @@ fn measures_of_a_large_mesh() {
         r[2] += faces(&mut c.outputs(id as u32));
         r[3] += f64::from(g.error_mm);
         r[4] += f64::from(g.angle_rad);
-        r[5] += f64::from(g.reach.radius / g.sphere.radius);
+        r[5] += f64::from(g.subtree_sphere.radius / g.sphere.radius);
     }
     for [n, before, after, error, angle, reach] in rows {
         println!(
@@ -75,7 +76,7 @@ fn measures_of_a_large_mesh() {
         (2.0, f32::INFINITY),
     ] {
         let mut lod = ClusterLod::new(Arc::clone(&c), angle);
-        let mut pool = Pool::new(20_000, 20_000, 2);
+        let mut cache = PageCache::new(20_000, 20_000, 2);
         let (mut shown, mut drawn, mut seen, mut took) = (vec![], vec![], vec![], vec![]);
         let ahead = |i: usize| {
             let far = |p: &Vec3| p.distance(points[i]) >= 4.0;
@@ -88,14 +89,14 @@ fn measures_of_a_large_mesh() {
             let up = Vec3::new(0.1, 0.2, 1.0);
             let cam =
                 Camera { pose: Pose::looking(points[i], to - points[i], up), lens, height_px: 720 };
-            let eye = Eye::new(&cam);
-            pool.begin();
+            let frustum = ViewFrustum::new(&cam);
+            cache.begin_step();
             let clock = Instant::now();
-            let step = lod.step(&cam, &PX(px), &mut pool);
+            let step = lod.step(&cam, &PX(px), &mut cache);
             took.push(clock.elapsed().as_secs_f64() * 1e3);
             shown.push(step.drawn.len() as f64);
             drawn.push(step.drawn.iter().map(|d| f64::from(d.triangles)).sum::<f64>());
-            let in_view = step.drawn.iter().filter(|d| eye.sees(&d.sphere));
+            let in_view = step.drawn.iter().filter(|d| frustum.intersects(&d.sphere));
             seen.push(in_view.map(|d| f64::from(d.triangles)).sum::<f64>());
         }
         let stat = |v: &mut Vec<f64>| {

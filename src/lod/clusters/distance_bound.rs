@@ -1,45 +1,47 @@
-//! How far a piece of one surface is from another: an upper bound that is nearly exact.
+//! Distance bound: how far a piece of one surface is from another, an upper bound that is nearly
+//! exact.
 
 use std::cell::Cell;
 
 use glam::{DVec3, Vec3};
 
-use super::partition::NONE;
+use super::partition::NO_FACE;
 use crate::geometry::TriangleBvh;
 
-/// Corners of a piece, at most.
-pub const CORNERS: usize = 8;
-/// Cuts behind each other, at most: near a corner the planes of its edges do not quite meet, and a
-/// piece could be handed around.
-const CUTS: u32 = 16;
+/// Most corners of a polygon.
+pub const MAX_CORNERS: usize = 8;
+/// Most clips in sequence: near a corner the planes of its edges do not quite meet, and a piece
+/// could circulate.
+const MAX_CUTS: u32 = 16;
 
 thread_local! {
-    /// Room for [`Target::part`]: too much to ask for again for each piece.
-    static OPEN: Cell<Vec<Open>> = const { Cell::new(Vec::new()) };
+    /// Stack of [`Target::clip_to_faces`], kept between calls.
+    static STACK: Cell<Vec<StackEntry>> = const { Cell::new(Vec::new()) };
 }
 
-/// A piece to be cut, a face near it, how many cuts it may get, and whether halves bring it nearer.
-type Open = (Piece, u32, u32, bool);
+/// A piece to clip, a face near it, the clips that are left, and whether halving brings it nearer.
+type StackEntry = (ConvexPolygon, u32, u32, bool);
 
-/// How much larger than need be a bound may be.
-const SLACK: f64 = 1.05;
+/// Factor by which a bound may exceed the least possible one.
+const BOUND_SLACK: f64 = 1.05;
 
-/// A flat convex piece of a surface.
+/// A planar convex polygon, mm.
 #[derive(Clone, Copy)]
-pub struct Piece {
+pub struct ConvexPolygon {
     count: usize,
-    at: [DVec3; CORNERS],
+    at: [DVec3; MAX_CORNERS],
 }
 
-impl Piece {
-    /// From its corners, as many as fit.
+impl ConvexPolygon {
+    /// From its corners; those beyond [`MAX_CORNERS`] are dropped.
     pub fn new(corners: &[DVec3]) -> Self {
-        let mut piece = Self { count: corners.len().min(CORNERS), at: [DVec3::ZERO; CORNERS] };
+        let mut piece =
+            Self { count: corners.len().min(MAX_CORNERS), at: [DVec3::ZERO; MAX_CORNERS] };
         piece.at[..piece.count].copy_from_slice(&corners[..piece.count]);
         piece
     }
 
-    /// Its corners.
+    /// Corners.
     pub fn corners(&self) -> &[DVec3] {
         &self.at[..self.count]
     }
@@ -56,23 +58,23 @@ impl Piece {
         0.5 * fan.length()
     }
 
-    /// Heights of its corners over a plane.
-    fn heights(&self, normal: DVec3, through: DVec3) -> [f64; CORNERS] {
-        let mut heights = [0.0; CORNERS];
+    /// Signed distances of its corners from a plane.
+    fn heights(&self, normal: DVec3, through: DVec3) -> [f64; MAX_CORNERS] {
+        let mut heights = [0.0; MAX_CORNERS];
         let corners = self.corners().iter();
         heights.iter_mut().zip(corners).for_each(|(h, p)| *h = normal.dot(*p - through));
         heights
     }
 
-    /// The parts on either side of a plane, the side of its normal second; `None` if there would be
-    /// too many corners.
-    fn cut(&self, normal: DVec3, through: DVec3) -> Option<[Self; 2]> {
-        self.cut_at(&self.heights(normal, through))
+    /// Splits by a plane; the part on the side of the normal comes second. `None` if a part had too
+    /// many corners.
+    fn split(&self, normal: DVec3, through: DVec3) -> Option<[Self; 2]> {
+        self.split_at(&self.heights(normal, through))
     }
 
-    /// [`Self::cut`] by the plane that its corners are so high over.
-    fn cut_at(&self, heights: &[f64; CORNERS]) -> Option<[Self; 2]> {
-        let mut out = [Self { count: 0, at: [DVec3::ZERO; CORNERS] }; 2];
+    /// [`Self::split`] by the plane that the corners have these signed distances from.
+    fn split_at(&self, heights: &[f64; MAX_CORNERS]) -> Option<[Self; 2]> {
+        let mut out = [Self { count: 0, at: [DVec3::ZERO; MAX_CORNERS] }; 2];
         let mut put = |side: usize, p: DVec3| {
             let o = &mut out[side];
             *o.at.get_mut(o.count)? = p;
@@ -98,8 +100,8 @@ impl Piece {
         Some(out)
     }
 
-    /// Two halves across its longest diagonal, and the length of that.
-    fn longest(&self) -> (f64, DVec3, DVec3) {
+    /// Longest diagonal: its length and its ends.
+    fn longest_diagonal(&self) -> (f64, DVec3, DVec3) {
         let p = self.corners();
         let mut best = (0.0, DVec3::ZERO, DVec3::ZERO);
         for i in 0..p.len() {
@@ -122,20 +124,20 @@ pub struct Near {
     pub weights: [f64; 3],
 }
 
-/// A triangle and what the nearest place on it takes.
+/// A triangle with the products that the nearest-point query needs.
 #[derive(Clone, Copy)]
-pub struct Known {
+pub struct TriangleCache {
     corners: [DVec3; 3],
     ab: DVec3,
     ac: DVec3,
-    /// Products of the two sides.
+    /// Dot products of the two sides.
     bb: f64,
     bc: f64,
     cc: f64,
 }
 
-impl Known {
-    /// Of a triangle.
+impl TriangleCache {
+    /// Precomputes the products.
     #[inline]
     pub fn new([a, b, c]: [DVec3; 3]) -> Self {
         let (ab, ac) = (b - a, c - a);
@@ -143,7 +145,7 @@ impl Known {
         Self { corners: [a, b, c], ab, ac, bb, bc, cc }
     }
 
-    /// Nearest place (Ericson 2005, Real-Time Collision Detection, 5.1.5).
+    /// TriangleBvh place (Ericson 2005, Real-Time Collision Detection, 5.1.5).
     #[inline]
     pub fn nearest(&self, p: DVec3) -> Near {
         let ap = p - self.corners[0];
@@ -192,70 +194,71 @@ impl Known {
     }
 }
 
-/// A plane on an edge of a face, towards the face beside it: outward unit normal, and a point.
-pub type Wall = Option<(DVec3, DVec3)>;
+/// Plane through an edge of a face, perpendicular to the surface: outward unit normal, and a point.
+pub type EdgePlane = Option<(DVec3, DVec3)>;
 
-/// What is asked of faces again and again, worked out once.
+/// Cache of what is computed per face of a target.
 #[derive(Default)]
-pub struct Worked {
-    faces: Vec<Known>,
-    walls: Vec<[Wall; 3]>,
+pub struct TargetCache {
+    faces: Vec<TriangleCache>,
+    edge_planes: Vec<[EdgePlane; 3]>,
 }
 
-impl Worked {
-    /// Of all faces of a target.
+impl TargetCache {
+    /// Computes it for all faces.
     pub fn new(target: &Target<'_>) -> Self {
         let all = 0..target.faces.len() as u32;
         Self {
-            faces: all.clone().map(|f| Known::new(target.corners(f))).collect(),
-            walls: all.map(|f| [0, 1, 2].map(|k| target.wall(f, k))).collect(),
+            faces: all.clone().map(|f| TriangleCache::new(target.corners(f))).collect(),
+            edge_planes: all.map(|f| [0, 1, 2].map(|k| target.edge_plane(f, k))).collect(),
         }
     }
 }
 
-/// A triangle surface to measure to.
+/// A triangle surface to measure distances to.
 #[derive(Clone, Copy)]
 pub struct Target<'a> {
     /// Vertex positions, mm.
     pub positions: &'a [Vec3],
-    /// Unit normals, one a vertex: the cuts between faces stand along them.
+    /// Unit normals, one a vertex; edge planes contain them.
     pub normals: &'a [Vec3],
     /// Faces.
     pub faces: &'a [[u32; 3]],
     /// Face across each edge.
-    pub beside: &'a [[u32; 3]],
-    /// The same faces for search from afar.
-    pub tree: &'a TriangleBvh,
-    /// Of all faces, or of none where they are too many.
-    pub worked: &'a Worked,
+    pub face_neighbors: &'a [[u32; 3]],
+    /// Search tree over the same faces, for queries from afar.
+    pub bvh: &'a TriangleBvh,
+    /// Cache of all faces, or empty where they are too many.
+    pub cache: &'a TargetCache,
 }
 
 impl Target<'_> {
     #[inline]
     pub fn corners(&self, face: u32) -> [DVec3; 3] {
-        if let Some(c) = self.worked.faces.get(face as usize) {
+        if let Some(c) = self.cache.faces.get(face as usize) {
             return c.corners;
         }
         self.faces[face as usize].map(|v| self.positions[v as usize].as_dvec3())
     }
 
-    /// Nearest place of a face.
+    /// TriangleBvh point of a face.
     #[inline]
     pub fn nearest(&self, face: u32, p: DVec3) -> Near {
-        match self.worked.faces.get(face as usize) {
+        match self.cache.faces.get(face as usize) {
             Some(f) => f.nearest(p),
-            None => Known::new(self.corners(face)).nearest(p),
+            None => TriangleCache::new(self.corners(face)).nearest(p),
         }
     }
 
-    /// Goes from face to face as long as that brings it nearer to `p`.
-    pub fn walk(&self, from: u32, p: DVec3) -> u32 {
-        self.walked(from, p).0
+    /// Walks across edges as long as that comes nearer to `p`; returns the face where it ends, a
+    /// local minimum.
+    pub fn walk_to_face(&self, from: u32, p: DVec3) -> u32 {
+        self.walk_to_point(from, p).0
     }
 
-    /// [`Self::walk`] with the place on the face where it ends.
+    /// [`Self::walk_to_face`], with the nearest point of the face where it ends.
     #[inline]
-    pub fn walked(&self, from: u32, p: DVec3) -> (u32, Near) {
+    pub fn walk_to_point(&self, from: u32, p: DVec3) -> (u32, Near) {
         let mut face = from;
         let mut here = self.nearest(face, p);
         for _ in 0..10_000 {
@@ -267,7 +270,7 @@ impl Target<'_> {
             let mut next = None;
             for k in (0..3).filter(|k| zeros[(k + 2) % 3]) {
                 let corner = zeros[(k + 1) % 3] || zeros[k];
-                if let Some(found) = self.turn(face, k, p, here.d2, corner) {
+                if let Some(found) = self.turn_around_vertex(face, k, p, here.d2, corner) {
                     next = Some(found);
                     break;
                 }
@@ -278,11 +281,18 @@ impl Target<'_> {
         (face, here)
     }
 
-    /// A face nearer than `d2` across edge `k`, or, where the nearest place is a corner, among
-    /// those that follow around it.
-    fn turn(&self, face: u32, k: usize, p: DVec3, d2: f64, corner: bool) -> Option<(u32, Near)> {
+    /// A face nearer than `d2` across edge `k` or, where the nearest point is a corner, among those
+    /// that follow around it.
+    fn turn_around_vertex(
+        &self,
+        face: u32,
+        k: usize,
+        p: DVec3,
+        d2: f64,
+        corner: bool,
+    ) -> Option<(u32, Near)> {
         let f = self.faces[face as usize];
-        // The corner turned about: the end of edge k that has all the weight.
+        // The pivot: the end of edge k that has all the weight.
         let (mut at, mut edge) = (face, k);
         let pivot = {
             let [a, b] = [f[k], f[(k + 1) % 3]];
@@ -290,8 +300,8 @@ impl Target<'_> {
             if d(a) <= d(b) { a } else { b }
         };
         for _ in 0..if corner { 12 } else { 1 } {
-            let next = self.beside[at as usize][edge];
-            if next == NONE || next == face {
+            let next = self.face_neighbors[at as usize][edge];
+            if next == NO_FACE || next == face {
                 return None;
             }
             let near = self.nearest(next, p);
@@ -301,136 +311,147 @@ impl Target<'_> {
             // Leave by the other edge at the pivot.
             let g = self.faces[next as usize];
             edge = (0..3).find(|&e| {
-                self.beside[next as usize][e] != at && (g[e] == pivot || g[(e + 1) % 3] == pivot)
+                self.face_neighbors[next as usize][e] != at
+                    && (g[e] == pivot || g[(e + 1) % 3] == pivot)
             })?;
             at = next;
         }
         None
     }
 
-    fn farthest(&self, face: u32, piece: &Piece) -> f64 {
+    fn max_distance(&self, face: u32, piece: &ConvexPolygon) -> f64 {
         let d2 = piece.corners().iter().map(|p| self.nearest(face, *p).d2);
         d2.fold(0.0, f64::max).sqrt()
     }
 
-    /// Cuts a piece up, gives each part a face near it, and raises `bound` (mm) to the largest
-    /// distance: of every point of a part to its face it is an upper bound whatever the cuts are,
-    /// since distance to one triangle is convex and parts make up the whole. Parts within `bound`
-    /// are not cut further; nor are those that reach no more than [`SLACK`] beyond what their
-    /// corners' true distances make the least bound there can be. `take` gets face, part and distance.
+    /// Splits a piece into parts, assigns each part a face near it, and raises `bound` (mm) to the
+    /// largest distance. Distance to one triangle is convex and the parts make up the whole, so
+    /// this is an upper bound for every point wherever the splits are. Parts within `bound` are not
+    /// split further, nor are those that exceed the least possible bound, given by the exact
+    /// distances of their corners, by no more than [`BOUND_SLACK`]. `emit` gets face, part and
+    /// distance.
     ///
-    /// The cuts between two faces stand on their common edge along the normals of its ends, so that
-    /// both sides cut alike. Where that leads nowhere (rims, needles, corners where such planes do
-    /// not meet in a line), halving does.
-    pub fn cover(
+    /// The planes between two faces contain their common edge and the normals of its ends, so both
+    /// sides split alike. Where that makes no progress (boundaries, needles, corners where planes
+    /// do not meet in a line), parts are halved.
+    pub fn bound_distance(
         &self,
-        piece: &Piece,
+        piece: &ConvexPolygon,
         start: u32,
         bound: &mut f64,
-        mut take: impl FnMut(u32, &Piece, f64),
+        mut emit: impl FnMut(u32, &ConvexPolygon, f64),
     ) {
-        // Most pieces lie near one face as they are.
-        let face = self.walk(start, piece.centre());
-        let far = self.farthest(face, piece);
+        // Most pieces are near one face as a whole.
+        let face = self.walk_to_face(start, piece.centre());
+        let far = self.max_distance(face, piece);
         if far <= *bound {
-            take(face, piece, far);
+            emit(face, piece, far);
             return;
         }
-        // Most others lie on both sides of one edge.
-        if let Some((next, [inside, outside])) = self.two(piece, face) {
-            let far = [self.farthest(face, &inside), self.farthest(next, &outside)];
+        // Most others extend across one edge.
+        if let Some((next, [inside, outside])) = self.split_across_one_edge(piece, face) {
+            let far = [self.max_distance(face, &inside), self.max_distance(next, &outside)];
             if far[0] <= *bound && far[1] <= *bound {
-                take(face, &inside, far[0]);
-                take(next, &outside, far[1]);
+                emit(face, &inside, far[0]);
+                emit(next, &outside, far[1]);
                 return;
             }
         }
         let mut rest = Vec::new();
-        self.part(piece, face, &mut |face, part, far| {
+        self.clip_to_faces(piece, face, &mut |face, part, far| {
             if far <= *bound {
-                take(face, part, far);
+                emit(face, part, far);
             } else {
                 rest.push((*part, face, far));
             }
         });
         while let Some((piece, face, far)) = rest.pop() {
-            // Exact from here on.
-            let (face, far) = match self.tree.closest_within(piece.centre(), far) {
-                Some(c) => match self.farthest(c.at.face, &piece) {
+            // Exact queries from here on.
+            let (face, far) = match self.bvh.closest_within(piece.centre(), far) {
+                Some(c) => match self.max_distance(c.at.face, &piece) {
                     nearer if nearer < far => (c.at.face, nearer),
                     _ => (face, far),
                 },
                 None => (face, far),
             };
             if far <= *bound {
-                take(face, &piece, far);
+                emit(face, &piece, far);
                 continue;
             }
-            let least = piece.corners().iter().filter_map(|p| self.tree.closest_within(*p, far));
+            let least = piece.corners().iter().filter_map(|p| self.bvh.closest_within(*p, far));
             *bound = least.fold(*bound, |m, c| m.max(c.distance_mm));
-            let (length, a, b) = piece.longest();
-            let halves = if far <= SLACK * *bound || length <= 1e-9 {
+            let (length, a, b) = piece.longest_diagonal();
+            let halves = if far <= BOUND_SLACK * *bound || length <= 1e-9 {
                 None
             } else {
-                piece.cut(b - a, 0.5 * (a + b))
+                piece.split(b - a, 0.5 * (a + b))
             };
             match halves {
-                Some(halves) => rest.extend(halves.map(|h| (h, face, self.farthest(face, &h)))),
+                Some(halves) => rest.extend(halves.map(|h| (h, face, self.max_distance(face, &h)))),
                 None => {
                     *bound = bound.max(far);
-                    take(face, &piece, far);
+                    emit(face, &piece, far);
                 }
             }
         }
     }
 
-    /// Cuts a piece up along walls, so that each part is near one face; `take` gets face, part,
-    /// and how far any point of the part is from that face at most.
-    pub fn part(&self, piece: &Piece, start: u32, take: &mut impl FnMut(u32, &Piece, f64)) {
-        let mut open = OPEN.take();
+    /// Clips a piece along edge planes, so that each part is near one face; `emit` gets face, part,
+    /// and a distance bound of the part to that face.
+    pub fn clip_to_faces(
+        &self,
+        piece: &ConvexPolygon,
+        start: u32,
+        emit: &mut impl FnMut(u32, &ConvexPolygon, f64),
+    ) {
+        let mut open = STACK.take();
         open.clear();
-        open.push((*piece, self.walk(start, piece.centre()), CUTS, true));
-        while let Some((piece, face, cuts, halve)) = open.pop() {
+        open.push((*piece, self.walk_to_face(start, piece.centre()), MAX_CUTS, true));
+        while let Some((piece, face, cuts, simplify_faces)) = open.pop() {
             let [a, b, c] = self.corners(face);
             let side2 = a.distance_squared(b).max(b.distance_squared(c));
-            // No two corners are farther apart than both are from a third.
+            // No two corners are farther apart than twice this.
             let first = piece.at[0];
             let reach2 = piece.corners().iter().fold(0.0, |r, p| p.distance_squared(first).max(r));
-            if halve
+            if simplify_faces
                 && reach2 > side2
                 && cuts > 0
-                && let (length, a, b) = piece.longest()
+                && let (length, a, b) = piece.longest_diagonal()
                 && length > 2.0 * side2.sqrt()
-                && let Some(halves) = piece.cut(b - a, 0.5 * (a + b))
+                && let Some(halves) = piece.split(b - a, 0.5 * (a + b))
             {
-                // Where all walks end on one tiny face, as on folds, halves lie no nearer to it.
+                // Where all walks end on one tiny face, as in folds, halves are no nearer to it.
                 open.extend(halves.map(|h| {
-                    let next = self.walk(face, h.centre());
+                    let next = self.walk_to_face(face, h.centre());
                     (h, next, cuts - 1, next != face)
                 }));
                 continue;
             }
-            // What is handed across a wall is not walked again: by distance it may seem to belong
-            // where it came from.
+            // A part handed across an edge plane is not walked again: by distance it may seem to
+            // belong where it came from.
             let mut hand = |next, part| open.push((part, next, cuts - 1, true));
             let inner = match cuts {
                 0 => Some(piece),
-                _ => self.cut_along_walls(face, piece, &mut hand),
+                _ => self.clip_at_edge_planes(face, piece, &mut hand),
             };
             if let Some(inner) = inner {
-                take(face, &inner, self.farthest(face, &inner));
+                emit(face, &inner, self.max_distance(face, &inner));
             }
         }
-        OPEN.set(open);
+        STACK.set(open);
     }
 
-    /// The parts of a piece on a face and on the one behind the only wall that it reaches across.
-    fn two(&self, piece: &Piece, face: u32) -> Option<(u32, [Piece; 2])> {
+    /// Splits a piece between a face and the one behind the only edge plane that it crosses.
+    fn split_across_one_edge(
+        &self,
+        piece: &ConvexPolygon,
+        face: u32,
+    ) -> Option<(u32, [ConvexPolygon; 2])> {
         let mut across = None;
         for k in 0..3 {
-            let next = self.beside[face as usize][k];
-            let Some((normal, through)) = self.wall(face, k) else { continue };
-            if next != NONE && piece.corners().iter().any(|p| normal.dot(*p - through) > 1e-9) {
+            let next = self.face_neighbors[face as usize][k];
+            let Some((normal, through)) = self.edge_plane(face, k) else { continue };
+            if next != NO_FACE && piece.corners().iter().any(|p| normal.dot(*p - through) > 1e-9) {
                 if across.is_some() {
                     return None;
                 }
@@ -438,24 +459,24 @@ impl Target<'_> {
             }
         }
         let (next, normal, through) = across?;
-        let parts = piece.cut(normal, through)?;
+        let parts = piece.split(normal, through)?;
         (parts[0].count > 2 && parts[1].count > 2).then_some((next, parts))
     }
 
-    /// Hands what lies beyond each wall of a face to the face there; what is left, if anything.
-    fn cut_along_walls(
+    /// Hands what is beyond each edge plane of a face to the face there; returns the rest, if any.
+    fn clip_at_edge_planes(
         &self,
         face: u32,
-        piece: Piece,
-        hand: &mut impl FnMut(u32, Piece),
-    ) -> Option<Piece> {
+        piece: ConvexPolygon,
+        hand: &mut impl FnMut(u32, ConvexPolygon),
+    ) -> Option<ConvexPolygon> {
         let mut rest = piece;
         for k in 0..3 {
-            let next = self.beside[face as usize][k];
-            if next == NONE {
+            let next = self.face_neighbors[face as usize][k];
+            if next == NO_FACE {
                 continue;
             }
-            let Some((normal, through)) = self.wall(face, k) else { continue };
+            let Some((normal, through)) = self.edge_plane(face, k) else { continue };
             let heights = rest.heights(normal, through);
             let corners = &heights[..rest.count];
             if !corners.iter().any(|h| *h > 1e-9) {
@@ -465,7 +486,7 @@ impl Target<'_> {
                 hand(next, rest);
                 return None;
             }
-            if let Some([inside, outside]) = rest.cut_at(&heights) {
+            if let Some([inside, outside]) = rest.split_at(&heights) {
                 hand(next, outside);
                 rest = inside;
             }
@@ -473,10 +494,10 @@ impl Target<'_> {
         Some(rest)
     }
 
-    /// The plane on edge `k` of a face: outward unit normal and a point; `None` without a direction.
+    /// The plane through edge `k` of a face: outward unit normal and a point; `None` if degenerate.
     #[inline]
-    fn wall(&self, face: u32, k: usize) -> Wall {
-        if let Some(w) = self.worked.walls.get(face as usize) {
+    fn edge_plane(&self, face: u32, k: usize) -> EdgePlane {
+        if let Some(w) = self.cache.edge_planes.get(face as usize) {
             return w[k];
         }
         let f = self.faces[face as usize];
@@ -484,7 +505,7 @@ impl Target<'_> {
         let at = |v: usize| self.positions[v].as_dvec3();
         let up = (self.normals[a] + self.normals[b]).as_dvec3();
         let out = (at(b) - at(a)).cross(up).try_normalize()?;
-        // Out is away from the third corner, whatever the normals say.
+        // Outward means away from the third corner, whatever the normals say.
         let third = at(f[(k + 2) % 3] as usize) - at(a);
         Some((if out.dot(third) > 0.0 { -out } else { out }, at(a)))
     }

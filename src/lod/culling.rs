@@ -1,10 +1,10 @@
-//! What a camera sees of a sphere, and how large an error in it can look.
+//! View frustum culling, back-face culling, and the screen-space error of a bounded region.
 
 use glam::{DMat3, DQuat, DVec3, Vec3};
 
 use crate::geometry::{Lens, Pose};
 
-/// A camera, and the rows of the picture it makes.
+/// A camera with the height of its image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Where it stands.
@@ -39,34 +39,34 @@ impl Default for Cone {
     }
 }
 
-/// A convex piece of space as a camera has it. Tighter than a sphere: sides of the picture, depth
-/// and angle off the axis are those of its corners. All three are bounded by those of the corners:
-/// sides and depth are linear, and what is at most some angle off the axis is convex.
+/// Bounds of a projected convex region, tighter than a bounding sphere: image sides, depth and
+/// angle off the axis, each bounded by its values at the corners. Sides and depth are linear, and
+/// the set of points within some angle of the axis is convex.
 #[derive(Clone, Copy, Debug)]
-pub struct Spot {
-    /// A bit for each side of the picture and the near plane that all of it is beyond.
-    outside: u8,
+pub struct ProjectedBounds {
+    /// One bit for each side of the image and the near plane that the whole region is beyond.
+    outside_planes: u8,
     /// Least depth, mm.
-    nearest: f64,
+    min_depth_mm: f64,
     /// 1 / cosine of the largest angle off the axis; infinite where it reaches behind the eye.
     secant: f64,
 }
 
-impl Spot {
-    /// That of the hull of both.
-    pub fn with(self, o: &Self) -> Self {
+impl ProjectedBounds {
+    /// Bounds of the convex hull of both.
+    pub fn union(self, o: &Self) -> Self {
         Self {
-            outside: self.outside & o.outside,
-            nearest: self.nearest.min(o.nearest),
+            outside_planes: self.outside_planes & o.outside_planes,
+            min_depth_mm: self.min_depth_mm.min(o.min_depth_mm),
             secant: self.secant.max(o.secant),
         }
     }
 }
 
-/// A camera with everything worked out that each test needs. In f64: a test that errs on the safe
-/// side must not lose that to rounding.
+/// The view frustum of a camera, with the products that each test needs. In f64: conservative tests
+/// must not be broken by rounding.
 #[derive(Clone, Copy, Debug)]
-pub struct Eye {
+pub struct ViewFrustum {
     position: DVec3,
     camera_from_world: DMat3,
     /// Tangents of half the field of view.
@@ -80,8 +80,8 @@ pub struct Eye {
     corner_secant: f64,
 }
 
-impl Eye {
-    /// Works a camera out.
+impl ViewFrustum {
+    /// Precomputes the frustum of a camera.
     pub fn new(camera: &Camera) -> Self {
         let t_y = (0.5 * f64::from(camera.lens.fov_y_rad)).tan();
         let t_x = t_y * f64::from(camera.lens.aspect);
@@ -97,13 +97,13 @@ impl Eye {
         }
     }
 
-    /// Where it stands, LPS mm.
+    /// Position of the eye, LPS mm.
     pub fn position(&self) -> DVec3 {
         self.position
     }
 
-    /// Whether any point of the sphere may be in the picture: false only if none is.
-    pub fn sees(&self, s: &Sphere) -> bool {
+    /// Frustum culling: whether any point of the sphere may be in the image; false only if none is.
+    pub fn intersects(&self, s: &Sphere) -> bool {
         let c = self.camera_from_world * (s.centre.as_dvec3() - self.position);
         let r = f64::from(s.radius) * (1.0 + 1e-6) + 1e-6;
         // Planes through the eye, normals inwards (camera looks along -z).
@@ -111,18 +111,18 @@ impl Eye {
             && (0..2).all(|k| c[k].abs() - self.tangent[k] * -c.z <= r * self.secant[k])
     }
 
-    /// Upper bound, in pixels, of how far apart two points can look that are at most `error_mm`
-    /// apart, one of them in the sphere and in the picture. With F = H / (2 tan(fov/2)), view depth
-    /// z and angle θ off the axis it is F ε sec θ / (z − ε): for a displacement δ the picture moves
-    /// by F (δ_xy − δ_z tan θ) / (z + δ_z), and the operator norm of (δ_xy, δ_z) ↦ δ_xy − δ_z tan θ
-    /// is sec θ. The usual F ε / distance is too small by 1.7 (60° lens) to 14 (120°, corner).
-    /// Infinite where the nearest depth is not at least 2 ε.
+    /// Screen-space error: upper bound, in pixels, of the projected distance of two points that are
+    /// at most `error_mm` apart, one of them in the sphere and in the image. With F = H / (2
+    /// tan(fov/2)), view depth z and angle θ off the axis it is F ε sec θ / (z − ε): for a
+    /// displacement δ the image point moves by F (δ_xy − δ_z tan θ) / (z + δ_z), and the operator
+    /// norm of (δ_xy, δ_z) ↦ δ_xy − δ_z tan θ is sec θ. The usual F ε / distance is too small by
+    /// 1.7 (60° lens) to 14 (120°, corner). Infinite where the nearest depth is not at least 2 ε.
     pub fn error_px(&self, s: &Sphere, error_mm: f32) -> f64 {
-        self.errors_px(s)(error_mm)
+        self.error_px_fn(s)(error_mm)
     }
 
-    /// [`Self::error_px`] of any error in one sphere.
-    pub fn errors_px(&self, s: &Sphere) -> impl Fn(f32) -> f64 + use<> {
+    /// [`Self::error_px`] as a function of the error, for one sphere.
+    pub fn error_px_fn(&self, s: &Sphere) -> impl Fn(f32) -> f64 + use<> {
         let c = self.camera_from_world * (s.centre.as_dvec3() - self.position);
         let r = f64::from(s.radius) * (1.0 + 1e-6) + 1e-6;
         // Nothing nearer than the near plane is drawn.
@@ -147,9 +147,9 @@ impl Eye {
         }
     }
 
-    /// Lower bound of [`Self::error_in_spot_px`] for every spot within the sphere: that on the
-    /// axis at its far side. 0 where the sphere is not in the picture as a whole.
-    pub fn least_error_px(&self, s: &Sphere, error_mm: f32) -> f64 {
+    /// Lower bound of [`Self::bounds_error_px`] for every region within the sphere: the error on
+    /// the axis at its far side. 0 where the sphere is not entirely in the image.
+    pub fn min_error_px(&self, s: &Sphere, error_mm: f32) -> f64 {
         let e = f64::from(error_mm);
         let c = self.camera_from_world * (s.centre.as_dvec3() - self.position);
         let r = f64::from(s.radius) * (1.0 + 1e-6) + 1e-6;
@@ -162,37 +162,39 @@ impl Eye {
         if far <= 2.0 * e { f64::INFINITY } else { self.focal_px * e / (far - e) }
     }
 
-    /// Where all points are that are within `margin_mm` of `p`.
-    pub fn spot(&self, p: Vec3, margin_mm: f32) -> Spot {
+    /// Projects the ball of radius `margin_mm` around `p`.
+    pub fn project(&self, p: Vec3, margin_mm: f32) -> ProjectedBounds {
         let c = self.camera_from_world * (p.as_dvec3() - self.position);
         let m = f64::from(margin_mm) * (1.0 + 1e-6) + 1e-6;
-        let mut outside = u8::from(-c.z < self.near - m);
+        let mut outside_planes = u8::from(-c.z < self.near - m);
         for k in 0..2 {
             let (reach, slack) = (self.tangent[k] * -c.z, m * self.secant[k]);
-            outside |= u8::from(c[k] > reach + slack) << (2 * k + 1);
-            outside |= u8::from(-c[k] > reach + slack) << (2 * k + 2);
+            outside_planes |= u8::from(c[k] > reach + slack) << (2 * k + 1);
+            outside_planes |= u8::from(-c[k] > reach + slack) << (2 * k + 2);
         }
-        let nearest = -c.z - m;
-        let secant = if nearest > 0.0 { (c.length() + m) / nearest } else { f64::INFINITY };
-        Spot { outside, nearest, secant }
+        let min_depth_mm = -c.z - m;
+        let secant =
+            if min_depth_mm > 0.0 { (c.length() + m) / min_depth_mm } else { f64::INFINITY };
+        ProjectedBounds { outside_planes, min_depth_mm, secant }
     }
 
-    /// [`Self::error_px`] for points of a spot instead of a sphere; 0 where none can be in the
-    /// picture.
-    pub fn error_in_spot_px(&self, s: &Spot, error_mm: f32) -> f64 {
+    /// [`Self::error_px`] for projected bounds instead of a sphere; 0 where they are outside the
+    /// image.
+    pub fn bounds_error_px(&self, s: &ProjectedBounds, error_mm: f32) -> f64 {
         let e = f64::from(error_mm);
-        if e <= 0.0 || s.outside != 0 {
+        if e <= 0.0 || s.outside_planes != 0 {
             return 0.0;
         }
-        let z = s.nearest.max(self.near);
+        let z = s.min_depth_mm.max(self.near);
         if z <= 2.0 * e {
             return f64::INFINITY;
         }
         self.focal_px * e * s.secant.min(self.corner_secant) / (z - e)
     }
 
-    /// Whether every face with its normal in the cone and its place in the sphere shows its back.
-    pub fn behind(&self, s: &Sphere, cone: &Cone) -> bool {
+    /// Back-face culling: whether every face with its normal in the cone and its position in the
+    /// sphere faces away.
+    pub fn is_backfacing(&self, s: &Sphere, cone: &Cone) -> bool {
         let away = s.centre.as_dvec3() - self.position;
         let (r, sine) = (f64::from(s.radius), f64::from(cone.sine));
         // Facing means: normal · (eye − point) > 0.
@@ -219,12 +221,12 @@ mod tests {
     }
 
     #[test]
-    fn no_displacement_moves_further_on_screen_than_the_bound_and_some_come_near() {
+    fn screen_space_error_bounds_every_displacement_and_is_nearly_attained() {
         let seed = &mut 7;
         for fov in [60.0, 90.0, 120.0] {
             let cam = camera(fov);
-            let eye = Eye::new(&cam);
-            let (t_y, focal) = ((0.5 * f64::from(fov).to_radians()).tan(), eye.focal_px);
+            let frustum = ViewFrustum::new(&cam);
+            let (t_y, focal) = ((0.5 * f64::from(fov).to_radians()).tan(), frustum.focal_px);
             let t_x = t_y * f64::from(cam.lens.aspect);
             let mut closest: f64 = 0.0;
             for _ in 0..20_000 {
@@ -239,10 +241,10 @@ mod tests {
                 let moved = at + ball.normalize_or_zero() * error;
                 let px = |p: DVec3| p.truncate() * (focal / -p.z);
                 let seen = px(moved).distance(px(at));
-                let world = eye.position + eye.camera_from_world.transpose() * at;
+                let world = frustum.position + frustum.camera_from_world.transpose() * at;
                 let s = Sphere { centre: world.as_vec3(), radius: 1e-4 };
-                assert!(eye.sees(&s));
-                let bound = eye.error_px(&s, error as f32 * 1.000_001);
+                assert!(frustum.intersects(&s));
+                let bound = frustum.error_px(&s, error as f32 * 1.000_001);
                 assert!(seen <= bound * 1.001, "{seen} px, bound {bound}");
                 closest = closest.max(seen / bound);
             }
@@ -251,33 +253,33 @@ mod tests {
     }
 
     #[test]
-    fn no_point_beside_a_triangle_moves_further_on_screen_than_its_corners_say() {
+    fn projected_bounds_of_the_corners_bound_the_error_of_the_whole_triangle() {
         let seed = &mut 11;
-        let eye = Eye::new(&camera(90.0));
-        let (focal, mut closest, mut unseen) = (eye.focal_px, 0.0f64, 0);
+        let frustum = ViewFrustum::new(&camera(90.0));
+        let (focal, mut closest, mut unseen) = (frustum.focal_px, 0.0f64, 0);
         for _ in 0..20_000 {
             let mut v = |s: f64| DVec3::from_array([(); 3].map(|()| s * (2.0 * noise(seed) - 1.0)));
             let middle = v(8.0);
-            let corners = [(); 3].map(|()| (eye.position + middle + v(1.0)).as_vec3());
+            let corners = [(); 3].map(|()| (frustum.position + middle + v(1.0)).as_vec3());
             let error = 0.1 * v(1.0).x.abs() as f32;
-            let [a, b, c] = corners.map(|p| eye.spot(p, error));
-            let spot = a.with(&b).with(&c);
-            let bound = eye.error_in_spot_px(&spot, error);
+            let [a, b, c] = corners.map(|p| frustum.project(p, error));
+            let bounds = a.union(&b).union(&c);
+            let bound = frustum.bounds_error_px(&bounds, error);
             // Points of the triangle and points no farther than the error from those, seen or not.
             for _ in 0..4 {
                 let w = v(1.0).abs();
                 let [a, b, c] = corners.map(|p| p.as_dvec3());
                 let on = (a * w.x + b * w.y + c * w.z) / (w.x + w.y + w.z);
                 let near = on + v(1.0).normalize_or_zero() * f64::from(error);
-                let [p, q] = [on, near].map(|p| eye.camera_from_world * (p - eye.position));
+                let [p, q] = [on, near].map(|p| frustum.camera_from_world * (p - frustum.position));
                 let inside = |p: DVec3| {
-                    let side = |k: usize| p[k].abs() <= eye.tangent[k] * -p.z;
-                    -p.z >= eye.near && side(0) && side(1)
+                    let side = |k: usize| p[k].abs() <= frustum.tangent[k] * -p.z;
+                    -p.z >= frustum.near && side(0) && side(1)
                 };
                 if !inside(p) && !inside(q) {
                     continue;
                 }
-                if spot.outside != 0 {
+                if bounds.outside_planes != 0 {
                     unseen += 1;
                 }
                 let px = |p: DVec3| p.truncate() * (focal / -p.z);
@@ -291,9 +293,9 @@ mod tests {
     }
 
     #[test]
-    fn a_larger_sphere_is_seen_whenever_a_smaller_one_in_it_is_and_errs_no_less() {
+    fn visibility_and_error_are_monotonic_in_the_bounding_sphere() {
         let seed = &mut 3;
-        let eye = Eye::new(&camera(90.0));
+        let frustum = ViewFrustum::new(&camera(90.0));
         for _ in 0..20_000 {
             let mut v = |s: f64| {
                 DVec3::from_array([(); 3].map(|()| s * (2.0 * noise(seed) - 1.0))).as_vec3()
@@ -302,28 +304,28 @@ mod tests {
             let shift = v(3.0);
             let large =
                 Sphere { centre: small.centre + shift, radius: small.radius + shift.length() };
-            assert!(eye.sees(&large) || !eye.sees(&small));
-            assert!(eye.error_px(&large, 0.05) >= eye.error_px(&small, 0.05) * 0.9999);
+            assert!(frustum.intersects(&large) || !frustum.intersects(&small));
+            assert!(frustum.error_px(&large, 0.05) >= frustum.error_px(&small, 0.05) * 0.9999);
         }
     }
 
     #[test]
-    fn every_spot_of_a_sphere_errs_no_less_than_the_sphere_does_everywhere() {
+    fn min_error_px_bounds_every_region_in_the_sphere_from_below() {
         let seed = &mut 5;
-        let eye = Eye::new(&camera(90.0));
+        let frustum = ViewFrustum::new(&camera(90.0));
         let (mut whole, mut closest) = (0, 0.0f64);
         for _ in 0..20_000 {
             let mut v = |s: f64| DVec3::from_array([(); 3].map(|()| s * (2.0 * noise(seed) - 1.0)));
-            let centre = (eye.position + v(12.0)).as_vec3();
+            let centre = (frustum.position + v(12.0)).as_vec3();
             let radius = v(2.0).x.abs() as f32;
             let error = 0.1 * v(1.0).x.abs() as f32;
-            let least = eye.least_error_px(&Sphere { centre, radius }, error);
+            let least = frustum.min_error_px(&Sphere { centre, radius }, error);
             let at = v(1.0).clamp_length_max(1.0) * f64::from(radius);
-            let spot = eye.spot((centre.as_dvec3() + at).as_vec3(), error);
-            let px = eye.error_in_spot_px(&spot, error);
+            let bounds = frustum.project((centre.as_dvec3() + at).as_vec3(), error);
+            let px = frustum.bounds_error_px(&bounds, error);
             assert!(least <= px, "{least} px, of a spot {px}");
             if least > 0.0 {
-                assert!(eye.sees(&Sphere { centre, radius: 0.0 }));
+                assert!(frustum.intersects(&Sphere { centre, radius: 0.0 }));
                 (whole, closest) = (whole + 1, closest.max(least / px));
             }
         }
@@ -331,14 +333,14 @@ mod tests {
     }
 
     #[test]
-    fn a_patch_is_behind_only_if_all_of_it_turns_its_back() {
-        let eye = Eye::new(&camera(90.0));
+    fn a_patch_is_backfacing_only_if_all_of_its_faces_are() {
+        let frustum = ViewFrustum::new(&camera(90.0));
         let s = Sphere { centre: Vec3::new(13.0, -2.0, 5.0), radius: 1.0 };
         let cone = |axis, sine| Cone { axis, sine };
-        assert!(eye.behind(&s, &cone(Vec3::X, 0.2)));
-        assert!(!eye.behind(&s, &cone(Vec3::NEG_X, 0.2)));
-        assert!(!eye.behind(&s, &cone(Vec3::Y, 0.2)));
-        assert!(!eye.behind(&s, &cone(Vec3::X, 0.95)));
-        assert!(!eye.behind(&s, &Cone::default()));
+        assert!(frustum.is_backfacing(&s, &cone(Vec3::X, 0.2)));
+        assert!(!frustum.is_backfacing(&s, &cone(Vec3::NEG_X, 0.2)));
+        assert!(!frustum.is_backfacing(&s, &cone(Vec3::Y, 0.2)));
+        assert!(!frustum.is_backfacing(&s, &cone(Vec3::X, 0.95)));
+        assert!(!frustum.is_backfacing(&s, &Cone::default()));
     }
 }

@@ -1,14 +1,14 @@
-//! Pieces laid upon a surface, and a surface upon another.
+//! Projection of polygons onto a surface, and the map of one surface onto another.
 
-use super::super::back::{Fine, by_image};
-use super::super::cover::{Piece, Target, Worked};
-use super::super::group::Places;
-use super::super::image::image;
-use super::super::lay::{Landing, Round};
+use super::super::coarse_to_fine::{FineSurface, bounds_through_map};
+use super::super::distance_bound::{ConvexPolygon, Target, TargetCache};
+use super::super::group::VertexTable;
 use super::super::partition;
+use super::super::projection::{BoundaryTrace, ProjectedPoint};
+use super::super::surface_map::map_surface;
 use super::*;
 
-/// A bumpy square of 2 n² faces, side 1 mm each.
+/// A bumpy square sheet of 2 n² faces, side 1 mm each.
 fn sheet(n: u32) -> Mesh {
     let at = |v: u32| {
         let (x, y) = ((v % (n + 1)) as f32, (v / (n + 1)) as f32);
@@ -25,27 +25,27 @@ fn sheet(n: u32) -> Mesh {
     }
 }
 
-/// Runs `test` with a mesh to measure to.
-fn upon<T>(mesh: &Mesh, test: impl FnOnce(&Target<'_>) -> T) -> T {
+/// Runs `test` with a mesh as target.
+fn with_target<T>(mesh: &Mesh, test: impl FnOnce(&Target<'_>) -> T) -> T {
     let target = Target {
         positions: &mesh.positions,
         normals: &shading(mesh).vertices.iter().map(Vertex::normal).collect::<Vec<_>>(),
         faces: &mesh.faces,
-        beside: &partition::beside(&mesh.faces, mesh.positions.len()),
-        tree: &TriangleBvh::new(mesh),
-        worked: &Worked::default(),
+        face_neighbors: &partition::face_neighbors(&mesh.faces, mesh.positions.len()),
+        bvh: &TriangleBvh::new(mesh),
+        cache: &TargetCache::default(),
     };
     test(&target)
 }
 
 #[test]
-fn every_point_of_a_piece_that_closes_is_within_the_limit_and_so_are_its_parts() {
+fn projected_polygons_and_their_parts_are_within_the_limit() {
     let mesh = sheet(12);
     let seed = &mut 5;
-    // By crossings: none, some, and around a vertex.
+    // Number of accepted polygons by crossings: none, some, and around a vertex.
     let mut closed = [0; 3];
     let mut refused = 0;
-    upon(&mesh, |target| {
+    with_target(&mesh, |target| {
         for k in 0..6000 {
             let size = [0.3, 1.0, 2.0][k % 3];
             let mid = Vec3::new(3.0 + 6.0 * noise(seed), 3.0 + 6.0 * noise(seed), 0.0);
@@ -58,29 +58,29 @@ fn every_point_of_a_piece_that_closes_is_within_the_limit_and_so_are_its_parts()
             let at = corners.map(|p| p.as_dvec3());
             let limit = f64::from(0.02 + 0.2 * noise(seed));
             let limit2 = limit * limit;
-            let lands: [Landing; 3] = at.map(|p| {
-                let c = target.tree.closest(p).unwrap();
-                Landing { face: c.at.face, d2: c.distance_mm * c.distance_mm }
+            let projected: [ProjectedPoint; 3] = at.map(|p| {
+                let c = target.bvh.closest(p).unwrap();
+                ProjectedPoint { face: c.at.face, d2: c.distance_mm * c.distance_mm }
             });
-            let mut round = Round::default();
+            let mut trace = BoundaryTrace::default();
             let led = (0..3).all(|k| {
-                let end = |k: usize| (at[k], lands[k].face);
-                target.lead(k as u8, end(k), end((k + 1) % 3), limit2, &mut round)
+                let end = |k: usize| (at[k], projected[k].face);
+                target.trace_side(k as u8, end(k), end((k + 1) % 3), limit2, &mut trace)
             });
-            let near = lands.iter().all(|l| l.d2 <= limit2);
-            if !near || !led || target.closes(&at, limit2, &mut round).is_none() {
+            let near = projected.iter().all(|l| l.d2 <= limit2);
+            if !near || !led || target.close_trace(&at, limit2, &mut trace).is_none() {
                 refused += 1;
                 continue;
             }
             for p in sprinkle(corners, 20, seed) {
-                assert!(target.tree.closest(p).unwrap().distance_mm <= limit + 1e-9);
+                assert!(target.bvh.closest(p).unwrap().distance_mm <= limit + 1e-9);
             }
-            let apart = round.split(&at, lands[0].face, |t| t as u16);
-            let kind = if round.crossings.is_empty() { 0 } else { 2 - usize::from(apart) };
+            let apart = trace.split_by_cluster(&at, projected[0].face, |t| t as u16);
+            let kind = if trace.crossings.is_empty() { 0 } else { 2 - usize::from(apart) };
             closed[kind] += 1;
             if apart {
                 let mut area = 0.0;
-                for (t, corners) in &round.parts {
+                for (t, corners) in &trace.parts {
                     let near = |p: &DVec3| target.nearest(*t, *p).d2 <= limit2 * (1.0 + 1e-9);
                     assert!(corners.iter().all(near));
                     let fan = corners.windows(2).skip(1);
@@ -95,13 +95,13 @@ fn every_point_of_a_piece_that_closes_is_within_the_limit_and_so_are_its_parts()
     assert!(closed.iter().all(|n| *n > 50) && refused > 500, "{closed:?} {refused}");
 }
 
-/// Lays a sheet with a third of its inside shaken and without some faces upon the sheet: which of the faces
-/// that has are covered, all of them near enough.
+/// Parameterization a sheet with a third of its inner vertices moved and without some faces onto the sheet:
+/// which faces are covered, and how many samples are near their bound.
 fn covered(without: &[u32]) -> (Vec<bool>, usize) {
     let coarse = sheet(12);
     let mut fine = coarse.clone();
     let seed = &mut 3;
-    // One vertex of each face: a face that holds two of the other sheet's is not laid.
+    // One vertex of each face: a face that encloses two vertices of the other sheet is not mapped.
     for p in fine.positions.iter_mut().step_by(3) {
         let inside = |v: f32| v > 0.5 && v < 11.5;
         if inside(p.x) && inside(p.y) {
@@ -117,48 +117,48 @@ fn covered(without: &[u32]) -> (Vec<bool>, usize) {
         f.iter().for_each(|v| coarse_at[*v as usize] = i);
     }
     let (positions, normals, before) = (Vec::new(), Vec::new(), Vec::new());
-    let places = Places { positions, normals, face_at: Vec::new(), before };
-    upon(&fine, |below| {
-        upon(&coarse, |above| {
-            let fine = Fine {
+    let places = VertexTable { positions, normals, face_at: Vec::new(), predecessor: before };
+    with_target(&fine, |below| {
+        with_target(&coarse, |above| {
+            let fine = FineSurface {
                 target: *below,
-                known: vec![0.0; fine.faces.len()],
+                to_original_mm: vec![0.0; fine.faces.len()],
                 face_at: vec![0; count],
                 ids: &[],
                 places: &places,
-                earlier: None,
+                intermediate: None,
                 coarse_at,
             };
-            let image = image(above, &fine, 0.1);
-            let far = by_image(&image, &fine.known, f64::INFINITY);
-            assert!((0..far.len()).all(|t| far[t].is_some() == image.covered[t]));
-            // What is said to be covered is, and not farther than said.
+            let map = map_surface(above, &fine, 0.1);
+            let far = bounds_through_map(&map, &fine.to_original_mm, f64::INFINITY);
+            assert!((0..far.len()).all(|t| far[t].is_some() == map.covered[t]));
+            // Covered faces are covered, within their bound.
             let (mut near, mut seed) = (0, 8);
-            for (t, f) in coarse.faces.iter().enumerate().filter(|t| image.covered[t.0]) {
+            for (t, f) in coarse.faces.iter().enumerate().filter(|t| map.covered[t.0]) {
                 let corners = f.map(|v| coarse.positions[v as usize]);
                 for p in sprinkle(corners, 10, &mut seed) {
-                    let away = below.tree.closest(p).unwrap().distance_mm;
+                    let away = below.bvh.closest(p).unwrap().distance_mm;
                     assert!(away <= far[t].unwrap() + 1e-9, "{away} mm, not {}", far[t].unwrap());
                     near += usize::from(away > 0.3 * far[t].unwrap());
                 }
             }
-            (image.covered, near)
+            (map.covered, near)
         })
     })
 }
 
 #[test]
-fn a_surface_is_covered_by_one_with_the_same_rim_and_not_over_its_holes() {
+fn the_map_covers_a_surface_with_the_same_boundary_except_over_holes() {
     let (all, near) = covered(&[]);
     let share = all.iter().filter(|c| **c).count() as f64 / all.len() as f64;
     assert!(share > 0.6 && near > 20, "{share} {near}");
-    // Half a quad in the middle.
+    // Half a quad in the middle is missing.
     for hole in [130, 145, 150] {
         let (holed, _) = covered(&[hole]);
         assert!(!holed[hole as usize]);
         assert!(holed.iter().filter(|c| **c).count() > 150);
     }
-    // A moat: what is inside cannot be told from the rim.
+    // A ring of faces is missing: the inside cannot be reached from the boundary.
     let ring = |f: &u32| {
         let (x, y) = (f / 2 % 12, f / 24);
         x.abs_diff(6).max(y.abs_diff(6)) == 3
@@ -170,17 +170,17 @@ fn a_surface_is_covered_by_one_with_the_same_rim_and_not_over_its_holes() {
 }
 
 #[test]
-fn a_piece_beside_one_tiny_face_is_not_cut_into_thousands() {
+fn clipping_to_a_tiny_face_yields_few_parts() {
     let positions = [Vec3::ZERO, 1e-6 * Vec3::X, 1e-6 * Vec3::Y].to_vec();
     let mesh = Mesh { positions, faces: vec![[0, 1, 2]], ..Mesh::default() };
     let corners = [[-1.0, -1.0, 0.1], [1.0, -0.5, 0.1], [0.0, 1.0, 0.1]].map(DVec3::from);
-    upon(&mesh, |target| {
+    with_target(&mesh, |target| {
         let (mut parts, mut area) = (0, 0.0);
-        target.part(&Piece::new(&corners), 0, &mut |_, part, _| {
+        target.clip_to_faces(&ConvexPolygon::new(&corners), 0, &mut |_, part, _| {
             parts += 1;
             area += part.area();
         });
-        let whole = Piece::new(&corners).area();
+        let whole = ConvexPolygon::new(&corners).area();
         assert!(parts < 10, "{parts} parts");
         assert!((area - whole).abs() < 1e-9 * whole, "{area} of {whole}");
     });

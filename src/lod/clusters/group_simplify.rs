@@ -1,45 +1,47 @@
-//! Simplification of one group of clusters: some thousand faces, any soup of them, borders fixed.
+//! Simplification of one group of clusters by half-edge collapses: some thousand faces, any
+//! triangle soup, boundaries locked.
 //!
-//! *Why not [`crate::mesh::simplify`]:* it takes manifold meshes, as parameterisation must; a group
-//! as a rule has vertices where several fans of its clusters touch, and input may be any soup.
+//! *Why not [`crate::mesh::simplify`]:* it takes manifold meshes, as parameterisation must. A group
+//! usually has vertices where several face fans of its clusters touch, and the input may be any
+//! soup.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use glam::{DMat3, DVec3};
 
-use super::fans::Fans;
-use super::partition::NONE;
+use super::partition::NO_FACE;
+use super::vertex_faces::VertexFaces;
 
-/// Faces at a vertex after a collapse, at most.
-const VALENCE_MAX: usize = 24;
-/// Cosine of how far a face may turn in one collapse (75°).
-const TURN_MIN: f64 = 0.2588;
-/// Sine of the smallest angle a face may get (0.1°), unless it had a smaller one. With 1° the
-/// cheapest collapses of nearly flat places, which go by way of needles, are not made: a group then
-/// ends far from its half, and the coarsest surface of a colon of 1 M faces at 86 clusters for 3.
-const ANGLE_MIN: f64 = 0.001745;
-/// Weight of what holds an open boundary in place against that of its faces.
-const BOUNDARY: f64 = 10.0;
-/// Share of a quadric's stiffness that holds a vertex where it is: along flats and ridges, where
-/// planes say nothing, it stays.
-const HOLD: f64 = 1e-3;
-/// Cosine of how far a face may turn in one move (30°).
-const MOVE_TURN_MIN: f64 = 0.866;
-/// A vertex moves by this share of its shortest edge at most.
-const MOVE_MAX: f64 = 0.5;
+/// Most faces at a vertex after a collapse.
+const MAX_VALENCE: usize = 24;
+/// Least cosine of the angle that a face may turn by in one collapse (75°).
+const MIN_TURN_COSINE: f64 = 0.2588;
+/// Sine of the smallest angle that a face may get (0.1°), unless it had a smaller one. The cheapest
+/// collapses of nearly flat regions go by way of needles: at 1° groups end far from half their
+/// faces.
+const MIN_ANGLE_SINE: f64 = 0.001745;
+/// Weight of the planes that hold an open boundary in place, relative to that of faces.
+const BOUNDARY_WEIGHT: f64 = 10.0;
+/// Share of the trace of a quadric that is added to its diagonal: along flats and ridges, where
+/// planes do not determine a minimum, the vertex stays.
+const REST_STIFFNESS: f64 = 1e-3;
+/// Least cosine of the angle that a face may turn by in one vertex move (30°).
+const MIN_MOVE_COSINE: f64 = 0.866;
+/// Largest move of a vertex, relative to its shortest edge.
+const MAX_MOVE_SHARE: f64 = 0.5;
 
-/// A collapse is judged at this share of the way from the vertex that stays to the one that goes,
-/// as the one that stays will move a little towards it.
-const SHARE: f64 = 0.25;
+/// A collapse is evaluated at this share of the way from the vertex that stays to the one that
+/// goes, since the one that stays will move a little towards it.
+const KEPT_VERTEX_SHARE: f64 = 0.25;
 
-/// The faces left, and where every vertex went.
-pub struct Halved {
-    /// Ids as given; none twice in a face.
+/// Result: the remaining faces, and the vertex that replaces each one.
+pub struct SimplifiedFaces {
+    /// Vertex ids as given; no degenerate face.
     pub faces: Vec<[u16; 3]>,
-    /// The vertex that stands for each one now.
+    /// The vertex that replaces each vertex, itself if it remains.
     pub onto: Vec<u16>,
-    /// Where each vertex is now, as given or moved; of no use for those that are gone.
+    /// Position of each remaining vertex, as given or moved; of no meaning for the others.
     pub at: Vec<DVec3>,
 }
 
@@ -79,91 +81,92 @@ impl Quadric {
     }
 }
 
-struct Soup<'a> {
+struct TriangleSoup<'a> {
     at: Vec<DVec3>,
     faces: Vec<[u16; 3]>,
-    /// Faces of each vertex; what is gone is taken out.
-    of: Fans,
+    /// Incident faces of each vertex; removed faces are not listed.
+    of: VertexFaces,
     quadric: Vec<Quadric>,
-    /// Marks of the vertices around the one under work, and which work.
+    /// Marks of the one-ring vertices, each with the pass that set it.
     mark: Vec<(u32, u8)>,
-    round: u32,
+    trace: u32,
     ring: Vec<u16>,
     locked: &'a [bool],
 }
 
-/// What is around a vertex.
-enum Fan {
+/// Topology of the faces at a vertex.
+enum VertexFan {
     Closed,
-    /// The two neighbours on the boundary.
+    /// The two neighbours along the boundary.
     Open(u16, u16),
-    /// More than one fan, or edges with more than two faces.
+    /// Several fans, or edges with more than two faces.
     Other,
 }
 
-/// Collapses vertices that are not `locked` onto neighbours, cheapest first, until no more than
-/// `target` faces are left or nothing legal remains. A vertex that took another's place moves to
-/// the least of their quadric, if it is neither locked nor on a boundary.
+/// Collapses vertices that are not `locked` onto neighbours, cheapest first, until at most `target`
+/// faces are left or no legal collapse remains. A vertex that replaced another moves to the minimum
+/// of their quadric, if it is neither locked nor on a boundary.
 ///
-/// Costs after Garland & Heckbert 1997. Ours: each face weighs the mean area of all more than its
-/// own, as the worst places of a group are pits made of specks; half-edge collapses, each followed
-/// by a move that no face around it turns or thins too much by; costs are worked out anew only when
-/// a vertex comes up; and it works on index soup, where a vertex of a group may have several fans.
-/// The tangent planes of [`crate::mesh::Metric::NormalQem`] do not pay here: what counts is the
-/// largest distance.
+/// Quadric error metric of Garland & Heckbert 1997 (doi:10.1145/258734.258849). Departures: each
+/// face weighs the mean area of all plus its own, since concave tips consist of tiny triangles that
+/// area weights ignore; half-edge collapses, each followed by a move that turns and thins no
+/// incident face too much; costs are updated lazily, when a vertex reaches the top of the heap; and
+/// it works on triangle soup, where a vertex may have several fans. The tangent planes of
+/// [`crate::mesh::Metric::NormalQem`] do not help here, since the largest distance counts.
 ///
-/// * `at`: near the origin, or costs lose digits.
-/// * `beside`: the face across each edge, [`NONE`] where there is none or more than one.
-pub fn halve(
+/// * `at`: positions near the origin, or costs lose digits.
+/// * `face_neighbors`: the face across each edge, [`NO_FACE`] where there is none or more than one.
+pub fn simplify_faces(
     at: Vec<DVec3>,
     faces: Vec<[u16; 3]>,
-    beside: &[[u32; 3]],
+    face_neighbors: &[[u32; 3]],
     locked: &[bool],
     target: usize,
-) -> Halved {
+) -> SimplifiedFaces {
     let count = at.len();
-    let mut s = Soup::new(at, faces, beside, locked);
+    let mut s = TriangleSoup::new(at, faces, face_neighbors, locked);
     let mut live = s.faces.len();
     let mut onto: Vec<u16> = (0..count as u16).collect();
-    // Whether a vertex waits in the heap. Its cost there may be old: it is worked out anew when it
-    // comes up.
-    let mut waits = vec![false; count];
+    // Whether a vertex is in the heap. Its cost there may be outdated: it is computed anew when the
+    // vertex is popped.
+    let mut queued = vec![false; count];
     let mut heap = BinaryHeap::new();
     let mut targets = Vec::new();
-    // Costs are not negative but for rounding: their bits order them.
+    // Costs are not negative but for rounding, so their bits order them.
     let key = |cost: f64| cost.max(0.0).to_bits();
     for u in (0..count).filter(|u| !locked[*u]) {
         s.targets(u as u16, &mut targets);
-        waits[u] = !targets.is_empty();
+        queued[u] = !targets.is_empty();
         heap.extend(cheapest(&targets).map(|cost| Reverse((key(cost), u as u16))));
     }
-    let mut near = Vec::new();
+    let mut neighbors = Vec::new();
     while live > target
         && let Some(Reverse((cost, u))) = heap.pop()
     {
         s.targets(u, &mut targets);
         targets.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let Some(&(now, v)) = targets.iter().find(|t| s.legal(u, t.1)) else {
-            waits[u as usize] = false;
+        let Some(&(now, v)) = targets.iter().find(|t| s.is_legal(u, t.1)) else {
+            queued[u as usize] = false;
             continue;
         };
-        // Dearer than it was, or the cheapest is not allowed: it waits for its turn.
+        // More expensive than its entry says, or the cheapest collapse is not legal: back into the
+        // heap.
         if key(now) > cost && heap.peek().is_some_and(|next| key(now) > next.0.0) {
             heap.push(Reverse((key(now), u)));
             continue;
         }
         live -= s.collapse(u, v);
         onto[u as usize] = v;
-        waits[u as usize] = true;
-        if let (Fan::Closed, false) = (s.around(v), locked[v as usize]) {
-            s.settle(v);
+        queued[u as usize] = true;
+        if let (VertexFan::Closed, false) = (s.gather_ring(v), locked[v as usize]) {
+            s.relocate(v);
         }
-        near.clear();
-        let rest = |w: &u16| !locked[*w as usize] && !waits[*w as usize];
-        near.extend(s.ring.iter().copied().chain([v]).filter(rest));
-        for &w in &near {
+        neighbors.clear();
+        let rest = |w: &u16| !locked[*w as usize] && !queued[*w as usize];
+        neighbors.extend(s.ring.iter().copied().chain([v]).filter(rest));
+        for &w in &neighbors {
             s.targets(w, &mut targets);
-            waits[w as usize] = !targets.is_empty();
+            queued[w as usize] = !targets.is_empty();
             heap.extend(cheapest(&targets).map(|cost| Reverse((key(cost), w))));
         }
     }
@@ -175,12 +178,17 @@ pub fn halve(
         onto[v] = to;
     }
     s.faces.retain(|f| f[0] != f[1]);
-    Halved { faces: s.faces, onto, at: s.at }
+    SimplifiedFaces { faces: s.faces, onto, at: s.at }
 }
 
-impl<'a> Soup<'a> {
-    fn new(at: Vec<DVec3>, faces: Vec<[u16; 3]>, beside: &[[u32; 3]], locked: &'a [bool]) -> Self {
-        let of = Fans::new(at.len(), &faces);
+impl<'a> TriangleSoup<'a> {
+    fn new(
+        at: Vec<DVec3>,
+        faces: Vec<[u16; 3]>,
+        face_neighbors: &[[u32; 3]],
+        locked: &'a [bool],
+    ) -> Self {
+        let of = VertexFaces::new(at.len(), &faces);
         let mut quadric = vec![Quadric::default(); at.len()];
         let cross = |f: &[u16; 3]| {
             let [a, b, c] = f.map(|v| at[v as usize]);
@@ -196,16 +204,16 @@ impl<'a> Soup<'a> {
             }
         }
         let mark = vec![(0, 0); at.len()];
-        let mut s = Self { at, faces, of, quadric, mark, round: 0, ring: Vec::new(), locked };
-        s.hold_boundaries(beside);
+        let mut s = Self { at, faces, of, quadric, mark, trace: 0, ring: Vec::new(), locked };
+        s.add_boundary_planes(face_neighbors);
         s
     }
 
-    /// Planes through edges with one face, at right angles to it.
-    fn hold_boundaries(&mut self, beside: &[[u32; 3]]) {
-        for (i, beside) in beside.iter().enumerate() {
+    /// Adds to the quadrics the planes through boundary edges, perpendicular to their face.
+    fn add_boundary_planes(&mut self, face_neighbors: &[[u32; 3]]) {
+        for (i, face_neighbors) in face_neighbors.iter().enumerate() {
             let f = self.faces[i];
-            for k in (0..3).filter(|k| beside[*k] == NONE) {
+            for k in (0..3).filter(|k| face_neighbors[*k] == NO_FACE) {
                 let (u, v) = (f[k], f[(k + 1) % 3]);
                 let both = |g: &&u16| self.faces[**g as usize].contains(&v);
                 if self.of.get(u).iter().filter(both).count() != 1 {
@@ -214,7 +222,7 @@ impl<'a> Soup<'a> {
                 let [a, b, c] = [u, v, f[(k + 2) % 3]].map(|v| self.at[v as usize]);
                 let along = (b - a).normalize_or_zero();
                 let across = (c - a) - along * along.dot(c - a);
-                let weight = BOUNDARY * (b - a).length_squared();
+                let weight = BOUNDARY_WEIGHT * (b - a).length_squared();
                 let q = Quadric::plane(across.normalize_or_zero(), a, weight);
                 self.quadric[u as usize].add(&q);
                 self.quadric[v as usize].add(&q);
@@ -222,9 +230,9 @@ impl<'a> Soup<'a> {
         }
     }
 
-    /// Puts the neighbours of `u` into `ring`, marked with how its faces use them.
-    fn around(&mut self, u: u16) -> Fan {
-        self.round += 1;
+    /// Collects the one-ring of `u` into `ring`, with marks of how its faces use each neighbour.
+    fn gather_ring(&mut self, u: u16) -> VertexFan {
+        self.trace += 1;
         self.ring.clear();
         let mut clean = true;
         for &f in self.of.get(u) {
@@ -232,8 +240,8 @@ impl<'a> Soup<'a> {
             let k = f.iter().position(|v| *v == u).unwrap_or(0);
             for (v, side) in [(f[(k + 1) % 3], 1), (f[(k + 2) % 3], 2)] {
                 let m = &mut self.mark[v as usize];
-                if m.0 != self.round {
-                    *m = (self.round, 0);
+                if m.0 != self.trace {
+                    *m = (self.trace, 0);
                     self.ring.push(v);
                 }
                 clean &= m.1 & side == 0;
@@ -242,16 +250,16 @@ impl<'a> Soup<'a> {
         }
         let mut ends = self.ring.iter().filter(|v| self.mark[**v as usize].1 != 3);
         match (clean, ends.next(), ends.next(), ends.next()) {
-            (true, None, ..) => Fan::Closed,
-            (true, Some(&a), Some(&b), None) => Fan::Open(a, b),
-            _ => Fan::Other,
+            (true, None, ..) => VertexFan::Closed,
+            (true, Some(&a), Some(&b), None) => VertexFan::Open(a, b),
+            _ => VertexFan::Other,
         }
     }
 
-    /// Where `u` could go, and what that costs.
+    /// Neighbours that `u` could collapse onto, with costs.
     fn targets(&mut self, u: u16, out: &mut Vec<(f64, u16)>) {
         out.clear();
-        let fan = self.around(u);
+        let fan = self.gather_ring(u);
         let mut q = self.quadric[u as usize];
         let mut add = |v: u16| {
             let o = &self.quadric[v as usize];
@@ -259,20 +267,20 @@ impl<'a> Soup<'a> {
             q.add(o);
             let mut p = self.at[v as usize];
             if !self.locked[v as usize] {
-                p += SHARE * (self.at[u as usize] - p);
+                p += KEPT_VERTEX_SHARE * (self.at[u as usize] - p);
             }
             out.push((q.at(p).max(0.0), v));
         };
         match fan {
-            Fan::Closed => self.ring.iter().for_each(|v| add(*v)),
-            Fan::Open(a, b) => [a, b].into_iter().for_each(&mut add),
-            Fan::Other => {}
+            VertexFan::Closed => self.ring.iter().for_each(|v| add(*v)),
+            VertexFan::Open(a, b) => [a, b].into_iter().for_each(&mut add),
+            VertexFan::Other => {}
         }
     }
 
-    /// Whether the surface stays one, and no face turns over or becomes a needle. `ring` and marks
-    /// are those of `u`.
-    fn legal(&self, u: u16, v: u16) -> bool {
+    /// Whether a collapse keeps the topology and flips or thins no face. `ring` and marks are those
+    /// of `u`.
+    fn is_legal(&self, u: u16, v: u16) -> bool {
         let of = |v: u16| self.of.get(v).iter().map(|f| self.faces[*f as usize]);
         let (mut shared, mut dying) = (0, 0);
         for f in of(v) {
@@ -280,18 +288,19 @@ impl<'a> Soup<'a> {
                 dying += 1;
                 continue;
             }
-            // A neighbour of both shows once as the next and once as the previous of v.
+            // A common neighbour appears once as the next and once as the previous vertex around v.
             let k = f.iter().position(|w| *w == v).unwrap_or(0);
             let (a, b) = (f[(k + 1) % 3], f[(k + 2) % 3]);
-            let near = |w: u16| self.mark[w as usize].0 == self.round;
-            // Around v beside the dying faces, only their third vertices may be neighbours of u.
+            let near = |w: u16| self.mark[w as usize].0 == self.trace;
+            // Common neighbours other than the third vertices of removed faces break the link
+            // condition.
             for w in [a, b] {
                 let third = |g: [u16; 3]| g.contains(&u) && g.contains(&w);
                 if near(w) && w != u && !of(v).any(third) {
                     shared += 1;
                 }
             }
-            // The face that u's last one would fall upon.
+            // The collapse would fold the last face of u onto this one.
             if near(a) && near(b) && self.of.get(u).len() == 3 {
                 return false;
             }
@@ -299,7 +308,7 @@ impl<'a> Soup<'a> {
         if shared > 0 || dying == 0 || dying > 2 {
             return false;
         }
-        if self.of.get(u).len() + self.of.get(v).len() > VALENCE_MAX + 2 * dying {
+        if self.of.get(u).len() + self.of.get(v).len() > MAX_VALENCE + 2 * dying {
             return false;
         }
         let to = self.at[v as usize];
@@ -308,17 +317,17 @@ impl<'a> Soup<'a> {
             let new = f.map(|w| if w == u { to } else { self.at[w as usize] });
             let cross = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
             let (o, n) = (cross(old), cross(new));
-            let turned = o.dot(n) < TURN_MIN * o.length() * n.length();
+            let turned = o.dot(n) < MIN_TURN_COSINE * o.length() * n.length();
             !turned && n.length() > 0.0 && {
-                let fine = thinnest(new);
-                fine > ANGLE_MIN || fine >= thinnest(old)
+                let fine = sine_of_smallest_angle(new);
+                fine > MIN_ANGLE_SINE || fine >= sine_of_smallest_angle(old)
             }
         })
     }
 
-    /// Moves `v`, inside one closed fan, to where its quadric is least, or half or a quarter of the
-    /// way: the first place where no face around turns much or becomes a needle.
-    fn settle(&mut self, v: u16) {
+    /// Moves `v`, the centre of a closed fan, to the minimum of its quadric, or half or a quarter
+    /// of the way: the first place where no incident face turns or thins too much.
+    fn relocate(&mut self, v: u16) {
         let quadric = self.quadric[v as usize];
         let old = self.at[v as usize];
         let (slope, m) = quadric.slope(old);
@@ -326,10 +335,10 @@ impl<'a> Soup<'a> {
         if trace.is_nan() || trace <= 0.0 {
             return;
         }
-        let held = m + DMat3::from_diagonal(DVec3::splat(HOLD * trace));
+        let held = m + DMat3::from_diagonal(DVec3::splat(REST_STIFFNESS * trace));
         let sides = self.ring.iter().map(|w| self.at[*w as usize].distance_squared(old));
         let shortest = sides.fold(f64::INFINITY, f64::min).sqrt();
-        let step = (held.inverse() * -slope).clamp_length_max(MOVE_MAX * shortest);
+        let step = (held.inverse() * -slope).clamp_length_max(MAX_MOVE_SHARE * shortest);
         let fits = |p: DVec3| {
             self.of.get(v).iter().all(|f| {
                 let f = self.faces[*f as usize];
@@ -337,9 +346,9 @@ impl<'a> Soup<'a> {
                 let is = f.map(|w| if w == v { p } else { self.at[w as usize] });
                 let cross = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
                 let (o, n) = (cross(was), cross(is));
-                o.dot(n) > MOVE_TURN_MIN * o.length() * n.length() && {
-                    let fine = thinnest(is);
-                    fine > ANGLE_MIN || fine >= thinnest(was)
+                o.dot(n) > MIN_MOVE_COSINE * o.length() * n.length() && {
+                    let fine = sine_of_smallest_angle(is);
+                    fine > MIN_ANGLE_SINE || fine >= sine_of_smallest_angle(was)
                 }
             })
         };
@@ -350,11 +359,11 @@ impl<'a> Soup<'a> {
         }
     }
 
-    /// Moves the faces of `u` to `v`; how many went.
+    /// Moves the faces of `u` to `v`; returns how many degenerate and disappear.
     fn collapse(&mut self, u: u16, v: u16) -> usize {
         let mut gone = 0;
-        for i in self.of.take(u) {
-            let f = self.of.at(i);
+        for i in self.of.clear(u) {
+            let f = self.of.face(i);
             let face = &mut self.faces[f as usize];
             if face.contains(&v) {
                 for w in *face {
@@ -373,13 +382,14 @@ impl<'a> Soup<'a> {
     }
 }
 
-/// The least of some costs.
+/// Least cost.
 fn cheapest(targets: &[(f64, u16)]) -> Option<f64> {
     targets.iter().map(|t| t.0).reduce(f64::min)
 }
 
-/// Sine of the smallest angle, or a little less: twice the area over the two longest sides.
-fn thinnest([a, b, c]: [DVec3; 3]) -> f64 {
+/// Lower bound of the sine of the smallest angle: twice the area over the product of the two
+/// longest sides.
+fn sine_of_smallest_angle([a, b, c]: [DVec3; 3]) -> f64 {
     let sides = [a.distance_squared(b), b.distance_squared(c), c.distance_squared(a)];
     let shortest = sides.into_iter().fold(f64::INFINITY, f64::min);
     let product: f64 = sides.into_iter().product();
@@ -391,7 +401,7 @@ mod tests {
     use super::*;
     use std::collections::HashMap;
 
-    /// A bumpy square of 2 n² faces.
+    /// A bumpy square sheet of 2 n² faces.
     fn sheet(n: u16) -> (Vec<DVec3>, Vec<[u16; 3]>) {
         let at = |i: u16| {
             let (x, y) = (f64::from(i % (n + 1)), f64::from(i / (n + 1)));
@@ -423,14 +433,19 @@ mod tests {
         out
     }
 
-    fn halved(at: Vec<DVec3>, faces: Vec<[u16; 3]>, locked: &[bool], target: usize) -> Halved {
+    fn halved(
+        at: Vec<DVec3>,
+        faces: Vec<[u16; 3]>,
+        locked: &[bool],
+        target: usize,
+    ) -> SimplifiedFaces {
         let wide: Vec<[u32; 3]> = faces.iter().map(|f| f.map(u32::from)).collect();
-        let beside = super::super::partition::beside(&wide, at.len());
-        halve(at, faces, &beside, locked, target)
+        let face_neighbors = super::super::partition::face_neighbors(&wide, at.len());
+        simplify_faces(at, faces, &face_neighbors, locked, target)
     }
 
     #[test]
-    fn a_sheet_loses_half_its_faces_and_nothing_of_its_locked_rim() {
+    fn a_sheet_is_simplified_to_half_its_faces_with_its_boundary_locked() {
         let (at, faces) = sheet(30);
         let rim = border(&faces);
         let mut locked = vec![false; at.len()];
@@ -444,11 +459,11 @@ mod tests {
             assert!(f.iter().all(|v| h.onto[*v as usize] == *v));
         }
         assert!((0..at.len()).filter(|v| locked[*v]).all(|v| h.at[v] == at[v]));
-        // Some 30 mm of sheet with 0.4 mm of bumps: places chosen well straddle it.
+        // On a sheet of 30 mm with bumps of 0.4 mm, optimal positions differ from the given ones.
         let moved = (0..at.len() as u16).filter(|v| h.onto[*v as usize] == *v);
         let moved = moved.filter(|v| h.at[*v as usize] != at[*v as usize]);
         assert!(moved.count() > 100);
-        // Unlocked, the rim gives way too but keeps its place.
+        // Without locks the boundary is simplified too but keeps its place.
         let free = halved(at.clone(), faces, &vec![false; at.len()], 100);
         assert!(free.faces.len() <= 100);
         let rim = border(&free.faces);
@@ -460,7 +475,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tetrahedron_an_edge_of_three_faces_and_a_double_fan_stop_it() {
+    fn tetrahedra_and_non_manifold_edges_and_vertices_are_not_collapsed() {
         let at: Vec<DVec3> = [[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4], [4, 4, 4]]
             .map(|p: [i32; 3]| DVec3::from_array(p.map(f64::from)))
             .to_vec();

@@ -1,37 +1,38 @@
-//! How fine every triangle is, given how fine each leaf asks to be.
+//! Fineness of every triangle, given the fineness that each octree leaf requires.
 //!
-//! Fineness counts in eighths of a level: q = 8 (ℓ − 1) + a is level ℓ of which the newest
-//! vertices have gone a eighths of their way from the middle of the edge that they split (geomorph,
-//! Hoppe 1996, doi:10.1145/237170.237216); 0 is the base. A triangle is as fine as its leaf asks,
-//! and at most eight eighths coarser than each neighbour: q(t) = max over s of
-//! (leaf(s) − 8 · steps from s to t). An edge is as fine as the finer of its triangles.
+//! Fineness counts eighths of a level: q = 8 (ℓ − 1) + a is level ℓ whose newest vertices have
+//! moved a eighths of the way from the midpoint of the edge that they split (geomorph, Hoppe 1996,
+//! doi:10.1145/237170.237216); 0 is the base. A triangle has the fineness of its leaf, and is at
+//! most eight eighths coarser than each neighbour (a restricted, 2:1 balanced subdivision): q(t) =
+//! max over s of (leaf(s) − 8 · dual distance of s and t). An edge has the larger fineness of its
+//! triangles.
 
-use super::base::Base;
+use super::base_mesh::BaseMesh;
 
 /// Eighths of a level.
 pub type Fineness = u8;
 
-/// Level: how often a triangle is split.
+/// Level: how many times a triangle is split.
 pub fn level(q: Fineness) -> u32 {
     u32::from(q).div_ceil(8)
 }
 
-/// Eighths of their way that the newest vertices have gone.
+/// Eighths of the way that the newest vertices have moved.
 pub fn morph(q: Fineness) -> u32 {
     if q == 0 { 8 } else { (u32::from(q) - 1) % 8 + 1 }
 }
 
-/// Works the triangles near `seeds` (all triangles of all leaves that changed) out anew: `now`
-/// holds a valid answer for the leaves as they were, and gets the one for `leaf`. `depth` is the
-/// finest level. Returns the triangles that were looked at.
-pub fn spread(
-    base: &Base,
+/// Restores the balance near `seeds` (all triangles of all leaves that changed): `now` holds a
+/// valid state for the previous leaves, and gets the one for `leaf`. `depth` is the finest level.
+/// Returns the triangles that were visited.
+pub fn balance(
+    base: &BaseMesh,
     leaf: &dyn Fn(u32) -> Fineness,
     seeds: impl IntoIterator<Item = u32>,
     depth: u32,
     now: &mut [Fineness],
 ) -> Vec<u32> {
-    // A leaf reaches less than `depth` steps beyond its own triangles.
+    // A leaf influences triangles less than `depth` steps away.
     let mut inside = vec![false; base.faces.len()];
     let mut region: Vec<u32> = Vec::new();
     for f in seeds {
@@ -86,31 +87,31 @@ pub fn spread(
 mod tests {
     use super::*;
 
-    /// A strip of triangles, each joined to the next.
-    fn strip(n: u32) -> Base {
+    /// A strip of triangles.
+    fn strip(n: u32) -> BaseMesh {
         let face = |i: u32| if i.is_multiple_of(2) { [i, i + 1, i + 2] } else { [i + 1, i, i + 2] };
-        Base::new((0..n).map(face).collect(), n as usize + 2)
+        BaseMesh::new((0..n).map(face).collect(), n as usize + 2)
     }
 
     #[test]
-    fn a_fineness_is_a_level_and_a_share_of_it() {
+    fn fineness_splits_into_level_and_morph() {
         assert_eq!([0, 1, 8, 9, 16].map(level), [0, 1, 1, 2, 2]);
         assert_eq!([0, 1, 8, 9, 16].map(morph), [8, 1, 8, 1, 8]);
     }
 
     #[test]
-    fn a_leaf_pulls_its_neighbours_up_step_by_step_and_lets_them_fall_again() {
+    fn neighbours_differ_by_one_level_after_refining_and_coarsening_a_leaf() {
         let base = strip(12);
         let mut now = vec![0; 12];
         let mut leaf = [0u8; 12];
         leaf[5] = 27;
-        spread(&base, &|f| leaf[f as usize], [5], 4, &mut now);
+        balance(&base, &|f| leaf[f as usize], [5], 4, &mut now);
         assert_eq!(now, [0, 0, 3, 11, 19, 27, 19, 11, 3, 0, 0, 0]);
         leaf[9] = 16;
-        spread(&base, &|f| leaf[f as usize], [9], 4, &mut now);
+        balance(&base, &|f| leaf[f as usize], [9], 4, &mut now);
         assert_eq!(now, [0, 0, 3, 11, 19, 27, 19, 11, 8, 16, 8, 0]);
         leaf[5] = 0;
-        spread(&base, &|f| leaf[f as usize], [5], 4, &mut now);
+        balance(&base, &|f| leaf[f as usize], [5], 4, &mut now);
         assert_eq!(now, [0, 0, 0, 0, 0, 0, 0, 0, 8, 16, 8, 0]);
     }
 }

@@ -1,4 +1,4 @@
-//! What the wall hides is left out, and no pixel changes.
+//! Occlusion culling changes no pixel.
 
 mod common;
 
@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use intima::geometry::{Lens, Mesh, Pose};
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
-use intima::lod::{Cells, Outside, Pool, Refine, Tolerance};
+use intima::lod::{ExteriorGrid, LodHierarchy, OcclusionTest, PageCache, Tolerance};
 use intima::render::{Renderer, Scene, Shot, View};
 use intima::surface::shading;
 use intima::vk::Validate;
@@ -34,23 +34,24 @@ fn ring(around: u32, across: u32) -> Mesh {
 }
 
 #[test]
-fn pictures_within_a_ring_are_the_same_without_what_lies_behind_its_hole() {
+fn occlusion_culling_in_a_torus_changes_no_pixel_and_draws_less() {
     let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
     let mesh = ring(400, 100);
     let shaded = shading(&mesh);
     let clusters = Arc::new(Clusters::build(&mesh, &shaded.vertices).unwrap());
-    let outside = Arc::new(Outside::new(Cells::new(&mesh), clusters.largest_error_mm()));
+    let occlusion =
+        Arc::new(OcclusionTest::new(ExteriorGrid::new(&mesh), clusters.largest_error_mm()));
     let count = clusters.clusters().len() as u32;
     let mut r = Renderer::new(&mut gpu, 160, 120, 1).unwrap();
     let mut fly = |hide: bool| {
         let pages = r.open_pages(&mut gpu, count, shaded.mean_radius_mm).unwrap();
         let mut lod = ClusterLod::new(Arc::clone(&clusters), DEFAULT_SHADING_RAD);
         if hide {
-            lod = lod.within(Arc::clone(&outside));
-            r.hide(pages, Arc::clone(&outside));
+            lod = lod.with_occlusion(Arc::clone(&occlusion));
+            r.hide(pages, Arc::clone(&occlusion));
         }
         let scene = Scene::paged(pages, None);
-        let pool = &mut Pool::new(count, u32::MAX, 0);
+        let cache = &mut PageCache::new(count, u32::MAX, 0);
         let (mut pictures, mut triangles) = (Vec::new(), 0);
         for i in 0..12 {
             let u = 0.3 + 0.5 * i as f32;
@@ -63,7 +64,7 @@ fn pictures_within_a_ring_are_the_same_without_what_lies_behind_its_hole() {
             let shot = Shot { view: View::Inside, pose, lens, progress: 0.0 };
             let camera = r.camera(&shot).unwrap();
             loop {
-                let step = lod.step(&camera, &Tolerance { pixels: 0.5 }, pool);
+                let step = lod.step(&camera, &Tolerance { pixels: 0.5 }, cache);
                 let settled = step.settled;
                 r.apply(pages, step).unwrap();
                 if settled {

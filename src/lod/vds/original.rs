@@ -1,4 +1,4 @@
-//! What subdivision asks of the original surface.
+//! The original surface as subdivision samples it.
 
 use glam::{DVec3, Vec3};
 
@@ -6,36 +6,37 @@ use crate::geometry::{Mesh, MeshPoint, Vertex};
 use crate::mesh::parameterization::RemovedVertex;
 use crate::mesh::{Parameterization, Simplified};
 
-/// A mesh that a base mesh is parameterised over: every place of the base is a place on it.
+/// A surface that is parameterised over a base mesh: every point of the base corresponds to a point
+/// of it.
 pub trait Original: Sync {
-    /// The original at a place of the base: `weights` of the corners of base face `face`. Places
-    /// on an edge need agree from both sides only as far as rounding goes.
+    /// The original at the point with barycentric `weights` in base face `face`. Results for points
+    /// on an edge need agree between both faces only up to rounding.
     fn at(&self, face: u32, weights: [f64; 3]) -> Vertex;
 
-    /// Vertices of the original that are looked at when errors are measured.
+    /// Number of vertices at which errors are measured.
     fn vertices(&self) -> u32;
 
-    /// Where such a vertex lies on the base (face, weights) and in space; `None` if nowhere.
+    /// Base face and weights of such a vertex, and its position; `None` if it has none.
     fn vertex(&self, vertex: u32) -> Option<(u32, [f64; 3], Vec3)>;
 
     /// Faces of the original.
     fn faces(&self) -> u64;
 }
 
-/// A mesh over the base that it was simplified to, through the record of its collapses.
-pub struct Recorded<'a> {
+/// A mesh parameterised over the base that it was simplified to, by the record of its collapses.
+pub struct ParameterizedOriginal<'a> {
     maps: &'a Parameterization,
     mesh: &'a Mesh,
     shading: &'a [Vertex],
-    /// Half-edge face of each base face, and the base face of each half-edge face.
+    /// Half-edge face of each base face, and the inverse.
     slots: &'a [u32],
     faces: Vec<u32>,
     tuples: Vec<RemovedVertex>,
 }
 
-impl<'a> Recorded<'a> {
-    /// `shading` are the vertices of `mesh` as drawn, one each; `base` is what `mesh` was
-    /// simplified to while `maps` heard of it.
+impl<'a> ParameterizedOriginal<'a> {
+    /// `shading` are the vertices of `mesh` as drawn, one each; `base` is the result of simplifying
+    /// `mesh` while `maps` recorded it.
     ///
     /// # Panics
     /// If `base` has more faces than `mesh`, or faces of another one.
@@ -53,8 +54,8 @@ impl<'a> Recorded<'a> {
     }
 }
 
-impl Original for Recorded<'_> {
-    /// Not finite for a place that the record does not know.
+impl Original for ParameterizedOriginal<'_> {
+    /// Not finite for a point outside the recorded parameterisation.
     fn at(&self, face: u32, weights: [f64; 3]) -> Vertex {
         let place = MeshPoint { face: self.slots[face as usize], weights };
         let Ok(to) = self.maps.to_fine(place) else {
@@ -69,7 +70,7 @@ impl Original for Recorded<'_> {
         Vertex::new(sum(&Vertex::position).as_vec3(), normal, relief)
     }
 
-    /// Those that were collapsed; the others are corners of the base.
+    /// The collapsed vertices; the others are corners of the base.
     fn vertices(&self) -> u32 {
         self.tuples.len() as u32
     }
