@@ -9,6 +9,10 @@
 pub enum Point {
     /// Writing to a file: answers as a full disk.
     Write,
+    /// Giving a finished file its name: answers as a read-only file system.
+    Rename,
+    /// Syncing a folder after a file in it took its name: answers as a full disk.
+    SyncFolder,
     /// Reading a file: ends early.
     Read,
     /// Allocating device memory.

@@ -6,6 +6,9 @@ mod common;
 #[cfg(feature = "faults")]
 #[path = "cli/faults.rs"]
 mod faults;
+#[cfg(unix)]
+#[path = "cli/files.rs"]
+mod files;
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -101,7 +101,7 @@ fn dimensions_beyond_all_bounds_are_named() {
     }
     for sizes in ["-1 1 1", "1 1", "1e3 1 1", "99999999999999999999 1 1"] {
         let text = refusal("d.nrrd", &nrrd(&fields(sizes), b"xx"));
-        assert!(text.contains("sizes is"), "{text}");
+        assert!(text.contains("sizes: expected 3 numbers"), "{text}");
     }
     let mut nii = NiftiHeader { code: 2, ..NiftiHeader::default() }.bytes();
     nii[42..44].copy_from_slice(&(-2i16).to_le_bytes());
@@ -131,7 +131,7 @@ fn nan_spacing_is_named() {
         assert!(refusal("s.nii", &nii).contains("spacing"));
     }
     let bad = common::Slice { pixel_spacing: "0\\1", ..common::Slice::default() };
-    assert!(refusal("s.dcm", &dicom_slice(&bad)).contains("PixelSpacing is `0\\1`"));
+    assert!(refusal("s.dcm", &dicom_slice(&bad)).contains("PixelSpacing is `0 1`"));
 }
 
 #[test]
@@ -152,10 +152,16 @@ fn unknown_types_and_encodings_are_named() {
              endian: little"
         )
     };
-    assert!(refusal("t.nrrd", &nrrd(&head("quad", "raw"), &[])).contains("type is `quad`"));
+    assert!(
+        refusal("t.nrrd", &nrrd(&head("quad", "raw"), &[]))
+            .contains("type: not a NRRD sample type")
+    );
     assert!(refusal("t.nrrd", &nrrd(&head("block", "raw"), &[])).contains("block"));
     assert!(refusal("t.nrrd", &nrrd(&head("short", "bzip2"), &[])).contains("bzip2"));
-    assert!(refusal("t.nrrd", &nrrd(&head("short", "lzma"), &[])).contains("encoding is `lzma`"));
+    assert!(
+        refusal("t.nrrd", &nrrd(&head("short", "lzma"), &[]))
+            .contains("encoding: not a NRRD encoding")
+    );
     let h = NiftiHeader { code: 77, ..NiftiHeader::default() };
     assert!(refusal("t.nii", &h.bytes()).contains("datatype is `77`"));
     for (code, name) in [(1536, "128-bit"), (128, "RGB"), (32, "complex"), (1, "binary")] {
@@ -163,7 +169,7 @@ fn unknown_types_and_encodings_are_named() {
         assert!(refusal("t.nii", &h.bytes()).contains(name));
     }
     let mha = b"NDims = 3\nDimSize = 2 2 2\nElementType = MET_OTHER\nElementDataFile = LOCAL\n";
-    assert!(refusal("t.mha", mha).contains("MET_OTHER"));
+    assert!(refusal("t.mha", mha).contains("ElementType: not a MetaImage"));
     let mut nifti2 = vec![0; 600];
     nifti2[..4].copy_from_slice(&540i32.to_le_bytes());
     assert!(refusal("t.nii", &nifti2).contains("NIfTI-2"));

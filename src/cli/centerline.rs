@@ -126,7 +126,7 @@ impl Args {
         write_centerline(&self.output, &found.line)?;
         if let Some(path) = &self.unseen {
             let csv = unseen_csv(&lumen, &found.unseen);
-            crate::formats::whole::write_whole(path, |o| o.write_all(csv.as_bytes()))?;
+            crate::formats::atomic_file::write_atomic(path, |o| o.write_all(csv.as_bytes()))?;
         }
         let report = CenterlineReport::of(&found, &lumen);
         global.say(format_args!(

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::CliError;
-use crate::formats::{FormatError, whole};
+use crate::formats::{FormatError, atomic_file};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{self, Clusters};
 use crate::lod::{ExteriorGrid, OcclusionTest};
@@ -65,7 +65,7 @@ impl DetailArgs {
         let cache = match &self.lod_cache {
             Some(off) if off.as_os_str() == "off" => None,
             Some(folder) => Some(folder.clone()),
-            None => whole::user_cache(),
+            None => atomic_file::user_cache(),
         };
         Ok(DetailSetup { lod, pixel_error: self.pixel_error, cache })
     }
@@ -163,7 +163,7 @@ fn keep(path: &Path, bytes: &[u8]) {
     let Some(folder) = path.parent() else { return };
     let write = || -> Result<(), FormatError> {
         std::fs::create_dir_all(folder).map_err(|e| FormatError::io(folder, e))?;
-        whole::write_whole(path, |o| o.write_all(bytes))
+        atomic_file::write_atomic(path, |o| o.write_all(bytes))
     };
     if let Err(e) = write() {
         tracing::info!("clusters are not kept: {e}");

@@ -12,7 +12,7 @@ use super::film::frame_name;
 use super::frames::Setup;
 use super::scene::{Opened, Staged};
 use crate::flight::Flight;
-use crate::formats::{FormatError, VideoWriter, encode_png, whole};
+use crate::formats::{FormatError, VideoWriter, atomic_file, encode_png};
 use crate::geometry::Centerline;
 use crate::pipeline::detail::LodReport;
 use crate::pipeline::{Clock, FramesReport};
@@ -129,7 +129,7 @@ pub fn draw(
                     let png = encode_png(width, height, &rgb);
                     spares.give(rgb);
                     let path = folder.join(frame_name(i + 1));
-                    whole::write_whole(&path, |o| o.write_all(&png))?;
+                    atomic_file::write_atomic(&path, |o| o.write_all(&png))?;
                 }
                 Ok(())
             }));

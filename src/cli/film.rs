@@ -10,7 +10,7 @@ use super::frames::Setup;
 use super::scene::{Levels, Opened, Shown, levels, open_renderer, set};
 use crate::device::Device;
 use crate::flight::{Clearance, Flight, FlightOptions, Script};
-use crate::formats::{FormatError, whole};
+use crate::formats::{FormatError, atomic_file};
 use crate::geometry::Centerline;
 use crate::lod::clusters::Clusters;
 use crate::lumen::Lumen;
@@ -100,7 +100,7 @@ fn prepare<'a>(
             let flight = clock.time("flight", "frames", fly, count)?;
             if let Some(path) = &setup.write_path {
                 let json = Script::from(&flight).to_json();
-                whole::write_whole(path, |o| o.write_all(json.as_bytes()))?;
+                atomic_file::write_atomic(path, |o| o.write_all(json.as_bytes()))?;
             }
             Ok((flight, open_renderer(device, own, setup, clock)?))
         },

@@ -8,7 +8,7 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 
 use super::CliError;
 use crate::device::{Device, DeviceChoice};
-use crate::formats::whole;
+use crate::formats::atomic_file;
 use crate::pipeline::peak_memory_mb;
 
 /// Global flags.
@@ -67,7 +67,7 @@ impl Global {
             .with_filter(ours);
         let _ = tracing_subscriber::registry().with(lines).try_init();
         ctrlc::set_handler(|| {
-            whole::discard_unfinished();
+            atomic_file::discard_unfinished();
             std::process::exit(130);
         })
         .map_err(|e| CliError::System(e.to_string()))

@@ -11,7 +11,7 @@ use super::global::Global;
 use super::lumen_args::{Chosen, lumen as choose, notes};
 use super::surface::{Modes as ModeChoice, without_caps};
 use super::timing::timed;
-use crate::formats::{FormatError, whole, write_centerline, write_layers, write_mesh};
+use crate::formats::{FormatError, atomic_file, write_centerline, write_layers, write_mesh};
 use crate::geometry::Mesh;
 use crate::lumen::Lumen;
 use crate::pipeline::detail::{base, base_faces};
@@ -156,7 +156,7 @@ fn write_products(
         write_centerline(&out.join(name), &centered.line)?;
     }
     let csv = unseen_csv(lumen, &centered.unseen);
-    Ok(whole::write_whole(&out.join("unseen.csv"), |o| o.write_all(csv.as_bytes()))?)
+    Ok(atomic_file::write_atomic(&out.join("unseen.csv"), |o| o.write_all(csv.as_bytes()))?)
 }
 
 /// What a reader of the centerline should know.
@@ -180,7 +180,7 @@ fn doubts(flown: &Flown) -> Vec<String> {
 
 fn write_json(path: &Path, value: &impl Serialize) -> Result<(), CliError> {
     let text = serde_json::to_string_pretty(value).map_err(|e| CliError::System(e.to_string()))?;
-    Ok(whole::write_whole(path, |o| o.write_all(text.as_bytes()))?)
+    Ok(atomic_file::write_atomic(path, |o| o.write_all(text.as_bytes()))?)
 }
 
 fn summary(r: &Report, out: &Path) -> String {

@@ -9,7 +9,7 @@ use super::global::{Global, MESHES};
 use super::surface::{ModeArg, Modes};
 use super::timing::timed;
 use crate::device::Device;
-use crate::formats::{FormatError, Space, read_mesh, whole, write_mesh};
+use crate::formats::{FormatError, Space, atomic_file, read_mesh, write_mesh};
 use crate::geometry::Mesh;
 use crate::mesh::{
     Deviation, MeshError, Metric, Parameterization, Repairs, Simplified, SimplifyOptions,
@@ -160,7 +160,7 @@ impl Args {
         write_mesh(&self.output, &done.simplified.mesh)?;
         if let (Some(path), Some(maps)) = (&self.maps, &done.maps) {
             let bytes = maps.to_bytes();
-            whole::write_whole(path, |o| o.write_all(&bytes))?;
+            atomic_file::write_atomic(path, |o| o.write_all(&bytes))?;
         }
         let reached = done.reached(&mesh, wanted, self.measure);
         let note = match done.simplified.stopped {

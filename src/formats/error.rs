@@ -1,11 +1,54 @@
 //! Errors of the formats room.
 
+use std::borrow::Cow;
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 use crate::volume::GridError;
 
+/// What an error shows of a header field: words of this program and numbers that were read as
+/// such. It cannot be made of text from a file, which may name a patient.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FieldValue(Cow<'static, str>);
+
+impl FieldValue {
+    /// Several numbers.
+    pub(super) fn numbers<N: Into<f64> + Copy>(numbers: &[N]) -> Self {
+        let shown: Vec<String> = numbers.iter().map(|&n| n.into().to_string()).collect();
+        Self(shown.join(" ").into())
+    }
+
+    /// Width and height.
+    pub(super) fn size(width: u32, height: u32) -> Self {
+        Self(format!("{width}x{height}").into())
+    }
+}
+
+impl fmt::Display for FieldValue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl From<&'static str> for FieldValue {
+    fn from(words: &'static str) -> Self {
+        Self(words.into())
+    }
+}
+
+macro_rules! from_numbers {
+    ($($t:ty)*) => {$(
+        impl From<$t> for FieldValue {
+            fn from(number: $t) -> Self {
+                Self(number.to_string().into())
+            }
+        }
+    )*};
+}
+from_numbers!(u8 i16 u32 i64 u64 usize f32 f64 glam::Vec3 glam::DVec3);
+
 /// What is wrong with a file. Every message names the file and, where there is one, the field and
-/// its value.
+/// its value if that is a number. No message holds text of the file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FormatError {
@@ -25,8 +68,18 @@ pub enum FormatError {
         /// Name of the header field or tag.
         field: String,
         /// What it holds.
-        value: String,
+        value: FieldValue,
         /// What is wrong with it.
+        why: String,
+    },
+    /// A header field or a place in the file whose text, which is not shown, cannot be right.
+    #[error("{}: {field}: {why}", .file.display())]
+    Text {
+        /// Which file.
+        file: PathBuf,
+        /// Name of the header field or tag, or the line.
+        field: String,
+        /// What was expected.
         why: String,
     },
     /// The data ends before the header says it should.
@@ -78,11 +131,15 @@ impl FormatError {
     pub fn field(
         file: &Path,
         field: impl Into<String>,
-        value: impl ToString,
+        value: impl Into<FieldValue>,
         why: impl Into<String>,
     ) -> Self {
-        let value = value.to_string().chars().filter(|c| !c.is_control()).take(80).collect();
-        Self::Field { file: file.to_owned(), field: field.into(), value, why: why.into() }
+        let (field, value) = (field.into(), value.into());
+        Self::Field { file: file.to_owned(), field, value, why: why.into() }
+    }
+    /// Names a header field, or a place in the file, whose text cannot be used.
+    pub fn text(file: &Path, field: impl Into<String>, why: impl Into<String>) -> Self {
+        Self::Text { file: file.to_owned(), field: field.into(), why: why.into() }
     }
     /// Names something this version does not read or write.
     pub fn unsupported(file: &Path, what: impl Into<String>) -> Self {

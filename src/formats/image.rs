@@ -4,7 +4,8 @@ use std::fs::File;
 use std::io::{BufReader, Write};
 use std::path::Path;
 
-use super::{FormatError, NOTICE, whole};
+use super::error::FieldValue;
+use super::{FormatError, NOTICE, atomic_file};
 
 /// Most pixels of a picture that is read back; a hostile header asks for no more memory than this.
 const MAX_PIXELS: u64 = 1 << 28;
@@ -28,12 +29,12 @@ pub fn encode_png(width: u32, height: u32, rgb: &[u8]) -> Vec<u8> {
 /// refuses; nothing is left behind then.
 pub fn write_png(path: &Path, width: u32, height: u32, rgb: &[u8]) -> Result<(), FormatError> {
     if Some(rgb.len()) != bytes_of(width, height) {
-        let size = format!("{width}x{height}");
+        let size = FieldValue::size(width, height);
         let why = format!("{} bytes are no RGB picture of that size", rgb.len());
         return Err(FormatError::field(path, "picture size", size, why));
     }
     let png = encode_png(width, height, rgb);
-    whole::write_whole(path, |out| out.write_all(&png))
+    atomic_file::write_atomic(path, |out| out.write_all(&png))
 }
 
 /// Reads an 8-bit RGB picture: width, height, pixels.
@@ -44,7 +45,7 @@ pub fn read_png(path: &Path) -> Result<(u32, u32, Vec<u8>), FormatError> {
     let file = File::open(path).map_err(|e| FormatError::io(path, e))?;
     let bad = |e: png::DecodingError| match e {
         png::DecodingError::IoError(e) => FormatError::io(path, e),
-        e => FormatError::field(path, "PNG", "data", e.to_string()),
+        e => FormatError::text(path, "PNG data", damage(&e)),
     };
     let mut reader = png::Decoder::new(BufReader::new(file)).read_info().map_err(bad)?;
     let (width, height) = (reader.info().width, reader.info().height);
@@ -53,12 +54,20 @@ pub fn read_png(path: &Path) -> Result<(u32, u32, Vec<u8>), FormatError> {
         return Err(FormatError::unsupported(path, format!("PNG of {kind}; 8-bit RGB is")));
     }
     if u64::from(width) * u64::from(height) > MAX_PIXELS {
-        let size = format!("{width}x{height}");
+        let size = FieldValue::size(width, height);
         return Err(FormatError::field(path, "picture size", size, "too large"));
     }
     let mut rgb = vec![0; 3 * width as usize * height as usize];
     reader.next_frame(&mut rgb).map_err(bad)?;
     Ok((width, height, rgb))
+}
+
+/// What is wrong with a PNG, without the text that the decoder's own message may repeat.
+fn damage(e: &png::DecodingError) -> &'static str {
+    match e {
+        png::DecodingError::LimitsExceeded => "too large",
+        _ => "damaged",
+    }
 }
 
 /// Bytes of a picture, if it has any and they can be counted.

@@ -3,7 +3,7 @@
 //! through ffmpeg, video.
 //!
 //! Coordinates are converted to LPS mm at the door. Every output appears whole or not at all
-//! ([`whole`]). Only geometry and intensity fields of an input are kept; no other text of it
+//! ([`atomic_file`]). Only geometry and intensity fields of an input are kept; no other text of it
 //! reaches an output.
 
 mod curve;
@@ -12,10 +12,10 @@ mod image;
 mod mesh;
 mod video;
 mod vol;
-pub mod whole;
+pub mod atomic_file;
 
 pub use curve::write_centerline;
-pub use error::FormatError;
+pub use error::{FieldValue, FormatError};
 pub use image::{encode_png, read_png, write_png};
 pub use mesh::{Space, read_mesh, write_mesh};
 pub use video::{NoFfmpeg, VideoWriter};

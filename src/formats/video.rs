@@ -4,10 +4,33 @@ use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
-use super::whole::WholeFile;
+use super::atomic_file::{AtomicFile, TemporaryFile};
+use super::error::FieldValue;
 use super::{FormatError, NOTICE};
+
+/// Encoders that may still run.
+static ENCODERS: Mutex<Vec<Weak<Mutex<Child>>>> = Mutex::new(Vec::new());
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Ends every encoder for good: threads that start or wait for one hang from here on. For a
+/// program about to be ended by a signal.
+pub(super) fn end_encoders() {
+    let all = locked(&ENCODERS);
+    for encoder in all.iter().filter_map(Weak::upgrade) {
+        let mut child = locked(&encoder);
+        let _ = child.kill();
+        let _ = child.wait();
+        std::mem::forget(child);
+        std::mem::forget(encoder.clone());
+    }
+    std::mem::forget(all);
+}
 
 /// Inside of the [`FormatError::Io`] that says why no video can be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -29,10 +52,14 @@ pub struct VideoWriter {
     container: Container,
     frame_bytes: usize,
     frames: u64,
-    child: Child,
+    child: Arc<Mutex<Child>>,
+    /// Where the frames go.
+    stdin: Option<ChildStdin>,
+    /// Closed when ffmpeg ends, so that waiting for it holds no lock.
+    stdout: Option<ChildStdout>,
     /// What ffmpeg complains about.
     log: File,
-    temp: tempfile::TempPath,
+    temporary: TemporaryFile,
 }
 
 impl VideoWriter {
@@ -59,7 +86,7 @@ impl VideoWriter {
             }
         };
         if ![width, height].iter().all(|s| (1..=16_384).contains(s)) {
-            let size = format!("{width}x{height}");
+            let size = FieldValue::size(width, height);
             return Err(FormatError::field(path, "frame size", size, "not 1 to 16384 a side"));
         }
         if !(fps > 0.0 && fps <= 1000.0) {
@@ -68,24 +95,31 @@ impl VideoWriter {
         let fail = |e| FormatError::io(path, e);
         let program =
             program().ok_or_else(|| fail(io::Error::new(io::ErrorKind::Unsupported, NoFfmpeg)))?;
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-        let temp = tempfile::Builder::new()
-            .prefix(".intima-")
-            .tempfile_in(folder.unwrap_or(Path::new(".")))
-            .map_err(fail)?
-            .into_temp_path();
+        let temporary = TemporaryFile::create(path).map_err(fail)?;
         let log = tempfile::tempfile().map_err(fail)?;
-        let child = Command::new(program)
+        let mut command = Command::new(program);
+        command
             .args(arguments(container, width, height, fps))
             // An absolute name cannot be taken for an option or a protocol.
-            .arg(std::path::absolute(&temp).map_err(fail)?)
+            .arg(std::path::absolute(temporary.path()).map_err(fail)?)
             .stdin(Stdio::piped())
-            .stdout(Stdio::null())
-            .stderr(log.try_clone().map_err(fail)?)
-            .spawn()
-            .map_err(fail)?;
+            .stdout(Stdio::piped())
+            .stderr(log.try_clone().map_err(fail)?);
+        // Ctrl-C reaches every process of a terminal's group; ended by it, ffmpeg would look as if
+        // it had failed.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        let mut all = locked(&ENCODERS);
+        let mut child = command.spawn().map_err(fail)?;
+        let (stdin, stdout) = (child.stdin.take(), child.stdout.take());
+        let child = Arc::new(Mutex::new(child));
+        all.retain(|e| e.strong_count() > 0);
+        all.push(Arc::downgrade(&child));
+        drop(all);
         let frame_bytes = 3 * width as usize * height as usize;
-        Ok(Self { path: path.to_owned(), container, frame_bytes, frames: 0, child, log, temp })
+        let path = path.to_owned();
+        let frames = 0;
+        Ok(Self { path, container, frame_bytes, frames, child, stdin, stdout, log, temporary })
     }
 
     /// Appends a frame: rows from top to bottom, three bytes a pixel.
@@ -97,7 +131,7 @@ impl VideoWriter {
             let why = format!("{} wanted", self.frame_bytes);
             return Err(FormatError::field(&self.path, "bytes of a frame", rgb.len(), why));
         }
-        let written = match &mut self.child.stdin {
+        let written = match &mut self.stdin {
             Some(pipe) => pipe.write_all(rgb),
             None => Err(io::ErrorKind::BrokenPipe.into()),
         };
@@ -115,15 +149,19 @@ impl VideoWriter {
     /// nothing is left behind then.
     pub fn finish(mut self) -> Result<(), FormatError> {
         if self.frames == 0 {
-            return Err(FormatError::field(&self.path, "frames", 0, "a video has one or more"));
+            return Err(FormatError::field(&self.path, "frames", 0u32, "a video has one or more"));
         }
-        drop(self.child.stdin.take());
-        let status = self.child.wait().map_err(|e| FormatError::io(&self.path, e))?;
+        drop(self.stdin.take());
+        if let Some(mut stdout) = self.stdout.take() {
+            let _ = io::copy(&mut stdout, &mut io::sink());
+        }
+        let status = locked(&self.child).wait().map_err(|e| FormatError::io(&self.path, e))?;
         if !status.success() {
             return Err(self.complaint());
         }
-        let mut made = File::open(&self.temp).map_err(|e| FormatError::io(&self.path, e))?;
-        let mut out = WholeFile::create(&self.path)?;
+        let mut made =
+            File::open(self.temporary.path()).map_err(|e| FormatError::io(&self.path, e))?;
+        let mut out = AtomicFile::create(&self.path)?;
         let copied = match self.container {
             Container::Mp4 => io::copy(&mut made, &mut out).map(drop),
             Container::Gif => copy_gif(&mut made, &mut out),
@@ -132,11 +170,16 @@ impl VideoWriter {
         out.commit()
     }
 
+    fn end(&mut self) {
+        drop(self.stdin.take());
+        let mut child = locked(&self.child);
+        let _ = child.kill();
+        let _ = child.wait();
+    }
+
     /// Ends ffmpeg and turns the last line of its log into an error.
     fn complaint(&mut self) -> FormatError {
-        drop(self.child.stdin.take());
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        self.end();
         let mut text = Vec::new();
         let read = self.log.seek(SeekFrom::Start(0)).and_then(|_| self.log.read_to_end(&mut text));
         let text = String::from_utf8_lossy(&text);
@@ -148,9 +191,8 @@ impl VideoWriter {
 
 impl Drop for VideoWriter {
     fn drop(&mut self) {
-        // After `finish` it has ended and both calls do nothing.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        // After `finish` it has ended and this does nothing.
+        self.end();
     }
 }
 

@@ -19,7 +19,7 @@ use super::slab::Slab;
 use super::staging::Staging;
 use super::timeline::Timeline;
 use super::{VkError, device};
-use crate::formats::whole;
+use crate::formats::atomic_file;
 
 /// How to open a device, beyond which one.
 #[derive(Clone, Debug)]
@@ -43,7 +43,7 @@ impl Default for OpenOptions {
     fn default() -> Self {
         Self {
             validate: Validate::from_env(),
-            cache_dir: whole::user_cache(),
+            cache_dir: atomic_file::user_cache(),
             always_stage: false,
             draws_at_once: u32::MAX,
         }

@@ -39,6 +39,49 @@ fn an_old_output_survives_a_full_disk() {
     assert_eq!(std::fs::read(tmp.path().join("o.nrrd")).unwrap(), b"old");
 }
 
+/// Both parts of a `.mhd` change together: what is read after any failure is the old volume, the
+/// new one, or nothing.
+#[test]
+fn no_failed_write_leaves_an_old_mhd_header_beside_new_samples() {
+    let tmp = tempfile::tempdir().unwrap();
+    let dir = tmp.path();
+    // The new volume is larger, so that the old header would fit its samples.
+    for (size, name) in [(24, "old.nrrd"), (32, "new.nrrd")] {
+        let p = Phantom::new(Kind::Tube, size, [1.0; 3]).unwrap();
+        write_volume(&dir.join(name), &p.grey(None, 1)).unwrap();
+    }
+    let read = |name: &str| read_volume(&dir.join(name), &ReadOptions::default());
+    let (old, new) = (read("old.nrrd").unwrap(), read("new.nrrd").unwrap());
+    let mut failures = 0;
+    for point in ["write", "rename", "syncfolder"] {
+        for n in 1..6 {
+            works(dir, &["convert", "old.nrrd", "-o", "v.mhd"]);
+            let args = ["convert", "new.nrrd", "-o", "v.mhd"];
+            let (code, err) = with_fault(dir, &format!("{point}:{n}"), &args);
+            match read("v.mhd") {
+                Ok(v) if code == 0 => assert_eq!(v, new, "{point}:{n}"),
+                Ok(v) => assert!(v == old || v == new, "{point}:{n}: {err}"),
+                Err(_) => assert!(!dir.join("v.mhd").exists(), "{point}:{n}: {err}"),
+            }
+            failures += usize::from(code == 1);
+            let left = names(dir).into_iter().filter(|n| n.starts_with('.')).count();
+            assert_eq!(left, 0, "{point}:{n}");
+        }
+    }
+    // Two files are filled and renamed, and the folder is synced three times.
+    assert!(failures >= 2 + 2 + 3, "{failures}");
+}
+
+#[test]
+fn a_folder_that_cannot_be_synced_is_said() {
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Tube, 24);
+    let args = ["convert", "ct.nrrd", "-o", "o.nrrd"];
+    let (code, err) = with_fault(tmp.path(), "syncfolder:1", &args);
+    assert_eq!(code, 1, "{err}");
+    assert!(err.contains("o.nrrd"), "{err}");
+}
+
 #[test]
 fn a_short_read_names_the_file() {
     let tmp = tempfile::tempdir().unwrap();

@@ -6,7 +6,8 @@ mod vtp;
 
 use std::path::Path;
 
-use super::{FormatError, whole};
+use super::error::FieldValue;
+use super::{FormatError, atomic_file};
 use crate::geometry::Centerline;
 
 /// Writes a centerline by extension; coordinates are LPS mm, radius and abscissa mm.
@@ -26,9 +27,9 @@ pub fn write_centerline(path: &Path, line: &Centerline) -> Result<(), FormatErro
     if name.ends_with(".vtp") {
         vtp::write(path, line)
     } else if name.ends_with(".csv") {
-        whole::write_whole(path, |out| csv::write(out, line))
+        atomic_file::write_atomic(path, |out| csv::write(out, line))
     } else if name.ends_with(".mrk.json") {
-        whole::write_whole(path, |out| mrk::write(out, line))
+        atomic_file::write_atomic(path, |out| mrk::write(out, line))
     } else {
         let what = "a centerline with this extension; there are .vtp, .csv and .mrk.json";
         Err(FormatError::unsupported(path, what))
@@ -45,7 +46,8 @@ fn check(path: &Path, line: &Centerline) -> Result<(), FormatError> {
             let finite = p.radius_mm.is_finite() && p.abscissa_mm.is_finite();
             if !(finite && p.position_mm.is_finite()) {
                 let field = format!("point {i} of branch {b}");
-                let value = format!("{} {} {}", p.position_mm, p.radius_mm, p.abscissa_mm);
+                let [x, y, z] = p.position_mm.to_array();
+                let value = FieldValue::numbers(&[x, y, z, p.radius_mm, p.abscissa_mm]);
                 return Err(FormatError::field(path, field, value, "not finite"));
             }
         }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{FormatError, whole};
+use super::{FormatError, atomic_file};
 use crate::formats::mesh::polydata::{Array, PolyData};
 use crate::geometry::Centerline;
 
@@ -47,5 +47,5 @@ pub(super) fn write(path: &Path, line: &Centerline) -> Result<(), FormatError> {
             Array::new("Blanking", 1, &zeros),
         ],
     };
-    whole::write_whole(path, |out| data.write(out))
+    atomic_file::write_atomic(path, |out| data.write(out))
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde_json::json;
 
 use super::{FormatError, Mesh};
-use crate::formats::whole;
+use crate::formats::atomic_file;
 
 /// glTF's codes.
 const FLOAT: u32 = 5126;
@@ -72,7 +72,7 @@ pub(super) fn write(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
     let Ok(total) = u32::try_from(total) else {
         return Err(FormatError::unsupported(path, "a .glb of more than 4 GiB"));
     };
-    whole::write_whole(path, |out| {
+    atomic_file::write_atomic(path, |out| {
         for word in [0x4654_6c67, 2, total, text.len() as u32, 0x4e4f_534a] {
             out.write_all(&u32::to_le_bytes(word))?;
         }

@@ -13,6 +13,7 @@ use std::str::FromStr;
 use glam::Vec3;
 
 use super::FormatError;
+use super::error::FieldValue;
 use crate::geometry::Mesh;
 
 /// The patient coordinates a file is in, where it does not say so itself.
@@ -113,7 +114,7 @@ fn vertex(path: &Path, index: usize, xyz: [f64; 3]) -> Result<Vec3, FormatError>
     if v.is_finite() {
         return Ok(v);
     }
-    let value = format!("{} {} {}", xyz[0], xyz[1], xyz[2]);
+    let value = FieldValue::numbers(&xyz);
     Err(FormatError::field(path, format!("vertex {index}"), value, "not finite"))
 }
 
@@ -174,7 +175,7 @@ fn check(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
         }
     }
     if let Some(v) = mesh.faces.iter().flatten().find(|&&v| v as usize >= n) {
-        return Err(FormatError::field(path, "vertex of a face", v, format!("there are {n}")));
+        return Err(FormatError::field(path, "vertex of a face", *v, format!("there are {n}")));
     }
     if let Some(i) = mesh.positions.iter().position(|p| !p.is_finite()) {
         let value = mesh.positions[i];

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::Vec3;
 
 use super::{FormatError, Mesh, Raw, push_fan, space_tag, vertex};
-use crate::formats::whole;
+use crate::formats::atomic_file;
 
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, FormatError> {
     // Names in the file may be in any encoding; what is read here is ASCII.
@@ -15,8 +15,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, FormatError> {
     let mut normal_of: Vec<Option<usize>> = Vec::new();
     let (mut several, mut polygon) = (false, Vec::new());
     for (number, line) in text.lines().enumerate() {
-        let bad =
-            |why: &str| FormatError::field(path, format!("line {}", number + 1), line.trim(), why);
+        let bad = |why: &str| FormatError::text(path, format!("line {}", number + 1), why);
         let mut words = line.split_ascii_whitespace();
         match words.next() {
             Some("v") => {
@@ -82,7 +81,7 @@ fn index(word: &str, count: usize) -> Option<usize> {
 }
 
 pub(super) fn write(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
-    whole::write_whole(path, |out| {
+    atomic_file::write_atomic(path, |out| {
         writeln!(out, "# SPACE=LPS\n# units mm")?;
         for p in &mesh.positions {
             writeln!(out, "v {} {} {}", p.x, p.y, p.z)?;

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::Vec3;
 
 use super::{FormatError, Mesh, Raw, space_tag, vertex};
-use crate::formats::whole;
+use crate::formats::atomic_file;
 
 const HEADER: usize = 80;
 /// Normal, three corners, two bytes of attributes.
@@ -49,22 +49,21 @@ fn text(path: &Path, bytes: &[u8]) -> Result<Raw, FormatError> {
     let mut welder = Welder::default();
     welder.raw.space = text.lines().next().and_then(space_tag);
     let (mut corners, mut ended) = (Vec::new(), false);
-    let bad = |number: usize, line: &str, why: &str| {
-        FormatError::field(path, format!("line {}", number + 1), line.trim(), why)
-    };
+    let bad =
+        |number: usize, why: &str| FormatError::text(path, format!("line {}", number + 1), why);
     for (number, line) in text.lines().enumerate() {
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         match words[..] {
             ["vertex", ref xyz @ ..] => {
                 let xyz: Vec<Option<f64>> = xyz.iter().map(|w| w.parse().ok()).collect();
                 let [Some(x), Some(y), Some(z)] = xyz[..] else {
-                    return Err(bad(number, line, "no vertex"));
+                    return Err(bad(number, "no vertex"));
                 };
                 corners.push([x, y, z]);
             }
             ["endloop"] => {
                 if corners.len() < 3 {
-                    return Err(bad(number, line, "a loop has three vertices or more"));
+                    return Err(bad(number, "a loop has three vertices or more"));
                 }
                 for k in 2..corners.len() {
                     welder.face(path, [corners[0], corners[k - 1], corners[k]])?;
@@ -76,7 +75,7 @@ fn text(path: &Path, bytes: &[u8]) -> Result<Raw, FormatError> {
         }
     }
     if !ended || !corners.is_empty() {
-        return Err(FormatError::field(path, "last line", "endsolid", "not found: truncated"));
+        return Err(FormatError::text(path, "last line", "not endsolid: truncated"));
     }
     Ok(welder.raw)
 }
@@ -106,7 +105,7 @@ impl Welder {
 }
 
 pub(super) fn write(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
-    whole::write_whole(path, |out| {
+    atomic_file::write_atomic(path, |out| {
         // A header that begins with `solid` would pass for the text form.
         let mut header = [b' '; HEADER];
         let title = b"intima surface, units mm, SPACE=LPS";

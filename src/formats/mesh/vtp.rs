@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::polydata::{Array, PolyData};
 use super::{FormatError, Mesh};
-use crate::formats::whole;
+use crate::formats::atomic_file;
 
 pub(super) fn write(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
     let flat = |v| bytemuck::cast_slice::<glam::Vec3, f32>(v);
@@ -30,5 +30,5 @@ pub(super) fn write(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
         offsets: Array::new("offsets", 1, &offsets),
         cell_data: (!caps.is_empty()).then(|| Array::new("Cap", 1, &caps)).into_iter().collect(),
     };
-    whole::write_whole(path, |out| data.write(out))
+    atomic_file::write_atomic(path, |out| data.write(out))
 }

@@ -26,6 +26,8 @@ pub(super) struct Layout {
     pub grid: Grid,
     pub sample_type: SampleType,
     pub rescale: Rescale,
+    /// What errors name: the file that was asked for. A header's name of its data file is text.
+    pub path: PathBuf,
     /// The file that holds the samples.
     pub file: PathBuf,
     /// First byte of the (encoded) samples in that file; `None` if they end with the file.
@@ -64,7 +66,7 @@ impl Layout {
             }
         };
         if !fits {
-            return Err(FormatError::Truncated { file: self.file.clone(), what, wanted, found });
+            return Err(FormatError::Truncated { file: self.path.clone(), what, wanted, found });
         }
         Source::open_at(&self.file, offset)
     }
@@ -72,7 +74,7 @@ impl Layout {
     /// Reads the samples straight into their final place.
     pub fn load(self) -> Result<Volume, FormatError> {
         let source = self.open()?;
-        let mut samples = zeroed(&self.file, self.sample_type, self.grid.len())?;
+        let mut samples = zeroed(&self.path, self.sample_type, self.grid.len())?;
         match self.encoding {
             Encoding::Raw => self.read(source, &mut samples)?,
             Encoding::Gzip => self.read(MultiGzDecoder::new(buffered(source)), &mut samples)?,
@@ -100,7 +102,7 @@ impl Layout {
             if passed < self.skip { 0 } else { fill(&mut input, bytes).map_err(fail)? as u64 };
         if found < wanted {
             let what = "samples";
-            return Err(FormatError::Truncated { file: self.file.clone(), what, wanted, found });
+            return Err(FormatError::Truncated { file: self.path.clone(), what, wanted, found });
         }
         if self.encoding != Encoding::Raw {
             // The checksum stands behind the last byte and is only looked at on reading on.
@@ -108,7 +110,7 @@ impl Layout {
             match input.read(&mut beyond) {
                 Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => {
                     let what = "samples with their checksum";
-                    let file = self.file.clone();
+                    let file = self.path.clone();
                     return Err(FormatError::Truncated { file, what, wanted, found });
                 }
                 other => other.map_err(fail)?,
@@ -117,19 +119,17 @@ impl Layout {
         Ok(())
     }
 
-    fn read_ascii(&self, mut source: Source, samples: &mut Samples) -> Result<(), FormatError> {
-        let mut text = String::new();
-        source.read_to_string(&mut text).map_err(|e| self.decode_error(e))?;
-        with_samples!(samples, |s| parse_all(&self.file, &text, s))
+    fn read_ascii(&self, source: Source, samples: &mut Samples) -> Result<(), FormatError> {
+        with_samples!(samples, |s| parse_all(&self.path, buffered(source), s))
     }
 
     /// A decoder's complaint is about the file; anything else is the system's.
     fn decode_error(&self, e: io::Error) -> FormatError {
         match e.kind() {
             io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData => {
-                FormatError::field(&self.file, "sample data", "damaged", e.to_string())
+                FormatError::text(&self.path, "sample data", "damaged")
             }
-            _ => FormatError::io(&self.file, e),
+            _ => FormatError::io(&self.path, e),
         }
     }
 }
@@ -138,17 +138,36 @@ fn buffered(source: Source) -> BufReader<Source> {
     BufReader::with_capacity(1 << 18, source)
 }
 
-fn parse_all<T: FromStr>(file: &Path, text: &str, out: &mut [T]) -> Result<(), FormatError> {
-    let mut tokens = text.split([' ', '\t', '\n', '\r', ',']).filter(|t| !t.is_empty());
-    let wanted = out.len() as u64;
-    for (i, slot) in out.iter_mut().enumerate() {
-        let Some(token) = tokens.next() else {
-            let (what, found) = ("sample numbers", i as u64);
-            return Err(FormatError::Truncated { file: file.to_owned(), what, wanted, found });
-        };
-        *slot = token.parse().map_err(|_| {
-            FormatError::field(file, format!("sample {i}"), token, "not a number of this type")
-        })?;
+/// Numbers between blanks, commas and line ends, as many as `out` holds; read as they come, so that
+/// no text of the file is kept.
+fn parse_all<T: FromStr>(path: &Path, input: impl Read, out: &mut [T]) -> Result<(), FormatError> {
+    /// No number is longer.
+    const MOST_DIGITS: usize = 64;
+    let (mut token, mut found) = (Vec::with_capacity(MOST_DIGITS), 0);
+    let wanted = out.len();
+    let bad = |i: usize| FormatError::text(path, format!("sample {i}"), "no number of this type");
+    let ends = |b: u8| b" \t\n\r,".contains(&b);
+    for byte in input.bytes().chain([Ok(b'\n')]) {
+        let byte = byte.map_err(|e| FormatError::io(path, e))?;
+        if !ends(byte) {
+            if token.len() == MOST_DIGITS {
+                return Err(bad(found));
+            }
+            token.push(byte);
+        } else if !token.is_empty() {
+            let value = std::str::from_utf8(&token).ok().and_then(|t| t.parse().ok());
+            out[found] = value.ok_or_else(|| bad(found))?;
+            found += 1;
+            if found == wanted {
+                return Ok(());
+            }
+            token.clear();
+        }
+    }
+    if found < wanted {
+        let (file, what) = (path.to_owned(), "sample numbers");
+        let (wanted, found) = (wanted as u64, found as u64);
+        return Err(FormatError::Truncated { file, what, wanted, found });
     }
     Ok(())
 }

@@ -35,7 +35,7 @@ impl<'a> Header<'a> {
             }
             let Some((name, value)) = line.split_once('=') else {
                 let field = format!("line {}", n + 1);
-                return Err(FormatError::field(path, field, "text", "expected `name = value`"));
+                return Err(FormatError::text(path, field, "expected `name = value`"));
             };
             let name = name.trim().to_owned();
             // This field closes the header; what follows may be samples.
@@ -61,8 +61,8 @@ impl<'a> Header<'a> {
         self.get(name).ok_or_else(|| FormatError::field(self.path, name, "absent", "needed"))
     }
 
-    fn bad(&self, name: &str, value: &str, why: &str) -> FormatError {
-        FormatError::field(self.path, name, value, why)
+    fn bad(&self, name: &str, why: &str) -> FormatError {
+        FormatError::text(self.path, name, why)
     }
 
     fn yes(&self, names: &[&str]) -> Result<Option<bool>, FormatError> {
@@ -74,7 +74,7 @@ impl<'a> Header<'a> {
             Some((_, v)) if ["false", "0", "no"].contains(&v.to_ascii_lowercase().as_str()) => {
                 Ok(Some(false))
             }
-            Some((name, v)) => Err(self.bad(name, v, "neither True nor False")),
+            Some((name, _)) => Err(self.bad(name, "neither True nor False")),
         }
     }
 }
@@ -103,13 +103,13 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
         Some("-1") if !packed && !ascii => None,
         Some(v) => {
             let n: u64 = number(path, "HeaderSize", v)?;
-            let far = || h.bad("HeaderSize", v, "beyond the end of the file");
+            let far = || h.bad("HeaderSize", "beyond the end of the file");
             Some(start.checked_add(n).ok_or_else(far)?)
         }
     };
     let encoding = match (packed, ascii) {
-        (true, true) => return Err(h.bad("CompressedData", "True", "text is not compressed")),
-        (true, false) if gzip_at(&file, offset)? => Encoding::Gzip,
+        (true, true) => return Err(h.bad("CompressedData", "True, where text is not compressed")),
+        (true, false) if gzip_at(path, &file, offset)? => Encoding::Gzip,
         (true, false) => Encoding::Zlib,
         (false, true) => Encoding::Ascii,
         (false, false) => Encoding::Raw,
@@ -119,7 +119,7 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
         let len = super::source::Source::open(&file)?.len;
         let found = len.saturating_sub(offset.unwrap_or(0));
         if found < wanted {
-            let what = "compressed samples";
+            let (file, what) = (path.to_owned(), "compressed samples");
             return Err(FormatError::Truncated { file, what, wanted, found });
         }
     }
@@ -128,6 +128,7 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
         grid: geometry(&h, &mut notes)?,
         sample_type,
         rescale: rescale(&h)?,
+        path: path.to_owned(),
         file,
         offset,
         skip: 0,
@@ -138,10 +139,10 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
 }
 
 /// Some writers put a gzip stream where a zlib stream belongs; the library's own reader takes both.
-fn gzip_at(file: &Path, offset: Option<u64>) -> Result<bool, FormatError> {
+fn gzip_at(path: &Path, file: &Path, offset: Option<u64>) -> Result<bool, FormatError> {
     let mut source = super::source::Source::open_at(file, offset.unwrap_or(0))?;
     let mut magic = [0; 2];
-    super::source::fill(&mut source, &mut magic).map_err(|e| FormatError::io(file, e))?;
+    super::source::fill(&mut source, &mut magic).map_err(|e| FormatError::io(path, e))?;
     Ok(magic == [0x1f, 0x8b])
 }
 
@@ -163,7 +164,7 @@ fn sample_type(h: &Header) -> Result<SampleType, FormatError> {
             let what = "ElementType of an array, several values a voxel";
             return Err(FormatError::unsupported(h.path, what));
         }
-        _ => return Err(h.bad("ElementType", name, "not a MetaImage sample type")),
+        _ => return Err(h.bad("ElementType", "not a MetaImage sample type")),
     })
 }
 
@@ -200,7 +201,7 @@ fn geometry(h: &Header, notes: &mut Vec<String>) -> Result<Grid, FormatError> {
     };
     let unit = match h.get("DistanceUnits") {
         None | Some("?" | "") => 1.0,
-        Some(v) => mm_per(v).ok_or_else(|| h.bad("DistanceUnits", v, "not a unit of length"))?,
+        Some(v) => mm_per(v).ok_or_else(|| h.bad("DistanceUnits", "not a unit of length"))?,
     };
     let dims = [dims[0], dims[1], dims[2]];
     grid(h.path, dims, spacing * unit, origin * unit, direction)
@@ -209,12 +210,13 @@ fn geometry(h: &Header, notes: &mut Vec<String>) -> Result<Grid, FormatError> {
 fn rescale(h: &Header) -> Result<Rescale, FormatError> {
     let read = |name: &str, none: f64| {
         let v = h.get(name).map_or(Ok(none), |v| number(h.path, name, v))?;
-        if v.is_finite() { Ok(v) } else { Err(h.bad(name, &v.to_string(), "not finite")) }
+        if v.is_finite() { Ok(v) } else { Err(FormatError::field(h.path, name, v, "not finite")) }
     };
     let slope = read("ElementToIntensityFunctionSlope", 1.0)?;
     let intercept = read("ElementToIntensityFunctionOffset", 0.0)?;
     if slope == 0.0 {
-        return Err(h.bad("ElementToIntensityFunctionSlope", "0", "every value would be the same"));
+        let (name, why) = ("ElementToIntensityFunctionSlope", "every value would be the same");
+        return Err(FormatError::field(h.path, name, slope, why));
     }
     Ok(Rescale { slope, intercept })
 }

@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::rescale::real_samples;
 use super::{FormatError, lower_name};
-use crate::formats::whole::write_whole;
+use crate::formats::atomic_file::{AtomicFile, write_atomic};
 use crate::volume::{Grid, SampleType, Volume};
 
 /// Writes by extension; real values.
@@ -22,7 +22,7 @@ pub(super) fn write(path: &Path, volume: &Volume) -> Result<(), FormatError> {
         let io = |e| FormatError::io(path, e);
         packed.write_all(samples.bytes()).map_err(io)?;
         let packed = packed.finish().map_err(io)?;
-        return write_whole(path, |out| {
+        return write_atomic(path, |out| {
             out.write_all(head.as_bytes())?;
             let size = packed.len();
             writeln!(out, "CompressedData = True\nCompressedDataSize = {size}")?;
@@ -37,11 +37,13 @@ pub(super) fn write(path: &Path, volume: &Volume) -> Result<(), FormatError> {
         let what = "a name that a MetaImage header cannot hold; use .mha";
         return Err(FormatError::unsupported(path, what));
     }
-    write_whole(&raw, |out| out.write_all(samples.bytes()))?;
-    write_whole(path, |out| {
-        out.write_all(head.as_bytes())?;
-        writeln!(out, "CompressedData = False\nElementDataFile = {name}")
-    })
+    let io = |e| FormatError::io(path, e);
+    let mut data = AtomicFile::create(&raw)?;
+    data.write_all(samples.bytes()).map_err(io)?;
+    let mut out = AtomicFile::create(path)?;
+    out.write_all(head.as_bytes()).map_err(io)?;
+    writeln!(out, "CompressedData = False\nElementDataFile = {name}").map_err(io)?;
+    out.commit_with_data(data)
 }
 
 fn header(grid: &Grid, sample_type: SampleType) -> String {

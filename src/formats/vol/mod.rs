@@ -80,7 +80,7 @@ pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume, FormatE
         k => {
             let layout = layout_of(path, k)?;
             for note in &layout.notes {
-                tracing::warn!("{}: {note}", path.display());
+                tracing::warn!("{}: {note}", layout.format);
             }
             layout.load()
         }

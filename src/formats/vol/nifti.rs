@@ -31,19 +31,17 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
             let file = path.to_owned();
             return Err(FormatError::Truncated { file, what: "header", wanted, found });
         }
-        found => {
-            let value = format!("{found:?}");
-            return Err(FormatError::field(path, "sizeof_hdr", value, "a NIfTI file holds 348"));
+        _ => {
+            return Err(FormatError::text(path, "sizeof_hdr", "a NIfTI-1 file holds 348"));
         }
     }
     let h = NiftiHeader::from_reader(bytes.as_slice())
-        .map_err(|e| FormatError::field(path, "header", "unreadable", e.to_string()))?;
+        .map_err(|_| FormatError::text(path, "header", "cannot be taken apart"))?;
     let single = match &h.magic {
         b"n+1\0" => true,
         b"ni1\0" => false,
-        other => {
-            let value = String::from_utf8_lossy(other).into_owned();
-            return Err(FormatError::field(path, "magic", value, "neither n+1 nor ni1"));
+        _ => {
+            return Err(FormatError::text(path, "magic", "neither n+1 nor ni1"));
         }
     };
     let file = if single { header_path.clone() } else { image_path };
@@ -55,6 +53,7 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
         grid: geometry(path, &h, &mut notes)?,
         sample_type: sample_type(path, h.datatype)?,
         rescale: rescale(path, &h)?,
+        path: file.clone(),
         file,
         offset: Some(if gz { 0 } else { start }),
         skip: if gz { start } else { 0 },
@@ -81,8 +80,7 @@ fn header_bytes(path: &Path) -> Result<Vec<u8>, FormatError> {
     let mut found = fill(&mut source, &mut bytes).map_err(io)?;
     if bytes.starts_with(&[0x1f, 0x8b]) {
         let mut input = MultiGzDecoder::new(Source::open(path)?.take(1 << 20));
-        let bad =
-            |e: std::io::Error| FormatError::field(path, "gzip data", "damaged", e.to_string());
+        let bad = |_: std::io::Error| FormatError::text(path, "gzip data", "damaged");
         found = fill(&mut input, &mut bytes).map_err(bad)?;
     }
     if found < HEADER {

@@ -10,7 +10,7 @@ use glam::{DMat3, DQuat};
 use super::affine::RAS;
 use super::rescale::real_samples;
 use super::{FormatError, lower_name};
-use crate::formats::whole::write_whole;
+use crate::formats::atomic_file::write_atomic;
 use crate::volume::{Grid, Rescale, SampleType, Volume};
 
 /// Writes `.nii` raw and `.nii.gz` compressed.
@@ -25,7 +25,7 @@ pub(super) fn write(path: &Path, volume: &Volume) -> Result<(), FormatError> {
     };
     let head = header(&volume.grid, samples.sample_type(), scl);
     let gz = lower_name(path).ends_with(".gz");
-    write_whole(path, |out| {
+    write_atomic(path, |out| {
         if !gz {
             out.write_all(&head)?;
             return out.write_all(samples.bytes());

@@ -28,8 +28,7 @@ impl<'a> Header<'a> {
     fn read(path: &'a Path) -> Result<Self, FormatError> {
         let bytes = prefix(path, MOST_HEADER)?;
         if !bytes.starts_with(b"NRRD000") {
-            let value = String::from_utf8_lossy(bytes.get(..8).unwrap_or(&bytes)).into_owned();
-            return Err(FormatError::field(path, "magic", value, "a NRRD file begins NRRD000"));
+            return Err(FormatError::text(path, "magic", "a NRRD file begins NRRD000"));
         }
         let mut fields = HashMap::new();
         let mut end = None;
@@ -54,7 +53,7 @@ impl<'a> Header<'a> {
                 }
                 None => {
                     let why = "neither a field nor a comment";
-                    return Err(FormatError::field(path, format!("line {}", n + 1), "text", why));
+                    return Err(FormatError::text(path, format!("line {}", n + 1), why));
                 }
             }
         }
@@ -69,8 +68,8 @@ impl<'a> Header<'a> {
         self.get(name).ok_or_else(|| FormatError::field(self.path, name, "absent", "needed"))
     }
 
-    fn bad(&self, name: &str, value: &str, why: &str) -> FormatError {
-        FormatError::field(self.path, name, value, why)
+    fn bad(&self, name: &str, why: &str) -> FormatError {
+        FormatError::text(self.path, name, why)
     }
 }
 
@@ -91,16 +90,29 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
     let swap = match h.get("endian").map(str::to_ascii_lowercase).as_deref() {
         Some("little") => must_swap(false),
         Some("big") => must_swap(true),
-        Some(other) => return Err(h.bad("endian", other, "neither little nor big")),
+        Some(_) => return Err(h.bad("endian", "neither little nor big")),
         None if sample_type.size() == 1 || encoding == Encoding::Ascii => false,
-        None => return Err(h.bad("endian", "absent", "needed, a sample has several bytes")),
+        None => return Err(h.bad("endian", "absent, and a sample has several bytes")),
     };
     let (format, rescale) = ("NRRD", Rescale::IDENTITY);
-    Ok(Layout { format, grid, sample_type, rescale, file, offset, skip, encoding, swap, notes })
+    let path = path.to_owned();
+    Ok(Layout {
+        format,
+        grid,
+        sample_type,
+        rescale,
+        path,
+        file,
+        offset,
+        skip,
+        encoding,
+        swap,
+        notes,
+    })
 }
 
 fn no_end(path: &Path) -> FormatError {
-    FormatError::field(path, "header", "unended", "no blank line ends it and no data file is named")
+    FormatError::text(path, "header", "no blank line ends it and no data file is named")
 }
 
 fn sample_type(h: &Header) -> Result<SampleType, FormatError> {
@@ -130,7 +142,7 @@ fn sample_type(h: &Header) -> Result<SampleType, FormatError> {
         "float" => SampleType::F32,
         "double" => SampleType::F64,
         "block" => return Err(FormatError::unsupported(h.path, "type `block`")),
-        _ => return Err(h.bad("type", name, "not a NRRD sample type")),
+        _ => return Err(h.bad("type", "not a NRRD sample type")),
     })
 }
 
@@ -144,7 +156,7 @@ fn encoding(h: &Header) -> Result<Encoding, FormatError> {
             return Err(FormatError::unsupported(h.path, "encoding bzip2; use gzip or raw"));
         }
         "hex" => return Err(FormatError::unsupported(h.path, "encoding hex; use gzip or raw")),
-        _ => return Err(h.bad("encoding", name, "not a NRRD encoding")),
+        _ => return Err(h.bad("encoding", "not a NRRD encoding")),
     })
 }
 
@@ -161,22 +173,20 @@ fn offset(
     let mut input = BufReader::new(Source::open_at(file, start)?);
     for _ in 0..lines {
         let mut line = Vec::new();
-        let n = input.read_until(b'\n', &mut line).map_err(|e| FormatError::io(file, e))?;
+        let n = input.read_until(b'\n', &mut line).map_err(|e| FormatError::io(h.path, e))?;
         if n == 0 {
-            let lines = lines.to_string();
-            return Err(h.bad("line skip", &lines, "more lines than the file has"));
+            let why = "more lines than the file has";
+            return Err(FormatError::field(h.path, "line skip", lines, why));
         }
         at += n as u64;
     }
-    let value = bytes.to_string();
+    let bad = |why: &str| FormatError::field(h.path, "byte skip", bytes, why);
     match (encoding, u64::try_from(bytes)) {
         (Encoding::Raw, Err(_)) if bytes == -1 => Ok((None, 0)),
-        (_, Err(_)) => {
-            Err(h.bad("byte skip", &value, "only -1, with encoding raw, may be negative"))
-        }
+        (_, Err(_)) => Err(bad("only -1, with encoding raw, may be negative")),
         (Encoding::Gzip, Ok(n)) => Ok((Some(at), n)),
         (_, Ok(n)) => {
-            let too_far = || h.bad("byte skip", &value, "beyond the end of the file");
+            let too_far = || bad("beyond the end of the file");
             Ok((Some(at.checked_add(n).ok_or_else(too_far)?), 0))
         }
     }
@@ -185,7 +195,7 @@ fn offset(
 fn geometry(h: &Header, notes: &mut Vec<String>) -> Result<Grid, FormatError> {
     let axes: usize = number(h.path, "dimension", h.need("dimension")?)?;
     if !(1..=16).contains(&axes) {
-        return Err(h.bad("dimension", &axes.to_string(), "1 to 16 are possible"));
+        return Err(FormatError::field(h.path, "dimension", axes, "1 to 16 are possible"));
     }
     let sizes: Vec<u64> = numbers(h.path, "sizes", h.need("sizes")?, axes)?;
     let directions = h.get("space directions").map(|v| vectors(h, v, axes)).transpose()?;
@@ -199,7 +209,7 @@ fn geometry(h: &Header, notes: &mut Vec<String>) -> Result<Grid, FormatError> {
         let spacings = numbers::<f64>(h.path, "spacings", v, axes)?;
         let s = pick(&spacings);
         if s.min_element() < 0.0 {
-            return Err(h.bad("spacings", v, "negative; axes are turned by `space directions`"));
+            return Err(h.bad("spacings", "negative; axes are turned by `space directions`"));
         }
         (DMat3::from_diagonal(s), unit(h, "units")?)
     } else {
@@ -250,8 +260,8 @@ fn spatial_axes(
 /// Signs from the file's space to LPS, and whether the file names a space at all.
 fn frame(h: &Header, notes: &mut Vec<String>) -> Result<(DVec3, bool), FormatError> {
     let Some(name) = h.get("space") else {
-        if let Some(n) = h.get("space dimension").filter(|n| *n != "3") {
-            return Err(h.bad("space dimension", n, "a volume lies in 3"));
+        if h.get("space dimension").is_some_and(|n| n != "3") {
+            return Err(h.bad("space dimension", "a volume lies in 3"));
         }
         return Ok((DVec3::ONE, h.get("space dimension").is_some()));
     };
@@ -260,15 +270,15 @@ fn frame(h: &Header, notes: &mut Vec<String>) -> Result<(DVec3, bool), FormatErr
         "right-anterior-superior" | "ras" => RAS,
         "left-anterior-superior" | "las" => DVec3::new(1.0, -1.0, 1.0),
         "scanner-xyz" | "3d-right-handed" => {
-            notes.push(format!("space `{name}` names no patient axes; LPS is assumed"));
+            notes.push("the space names no patient axes; LPS is assumed".to_owned());
             DVec3::ONE
         }
         "3d-left-handed" => {
             // Taken as LPS it would mirror the patient; LAS is the left-handed space with a name.
-            notes.push(format!("space `{name}` names no patient axes; LAS is assumed"));
+            notes.push("the space names no patient axes; LAS is assumed".to_owned());
             DVec3::new(1.0, -1.0, 1.0)
         }
-        _ => return Err(h.bad("space", name, "not a space of three axes that is known")),
+        _ => return Err(h.bad("space", "not a space of three axes that is known")),
     };
     Ok((signs, true))
 }
@@ -278,9 +288,9 @@ fn unit(h: &Header, field: &str) -> Result<f64, FormatError> {
     let Some(value) = h.get(field) else { return Ok(1.0) };
     let mut found = None;
     for name in value.split(['"', ' ']).filter(|n| !n.is_empty() && *n != "none" && *n != "???") {
-        let mm = mm_per(name).ok_or_else(|| h.bad(field, value, "not a unit of length"))?;
+        let mm = mm_per(name).ok_or_else(|| h.bad(field, "not a unit of length"))?;
         if *found.get_or_insert(mm) != mm {
-            return Err(h.bad(field, value, "the axes differ in unit"));
+            return Err(h.bad(field, "the axes differ in unit"));
         }
     }
     Ok(found.unwrap_or(1.0))
@@ -288,7 +298,7 @@ fn unit(h: &Header, field: &str) -> Result<f64, FormatError> {
 
 /// `(x,y,z)` or `none`, `n` times.
 fn vectors(h: &Header, text: &str, n: usize) -> Result<Vec<Option<DVec3>>, FormatError> {
-    let bad = || h.bad("space directions or origin", text, "expected vectors (x,y,z) or none");
+    let bad = || h.bad("space directions or origin", "expected vectors (x,y,z) or none");
     let mut out = Vec::new();
     let mut rest = text.trim();
     while !rest.is_empty() && out.len() <= n {

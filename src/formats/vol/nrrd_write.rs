@@ -9,14 +9,14 @@ use glam::DVec3;
 
 use super::FormatError;
 use super::rescale::real_samples;
-use crate::formats::whole::write_whole;
+use crate::formats::atomic_file::write_atomic;
 use crate::volume::{Grid, Sample, SampleType, Volume};
 
 /// Writes a volume as real values.
 pub(super) fn write(path: &Path, volume: &Volume) -> Result<(), FormatError> {
     let samples = real_samples(volume);
     let head = header(&volume.grid, samples.sample_type(), None);
-    write_whole(path, |out| body(out, &head, |out| out.write_all(samples.bytes())))
+    write_atomic(path, |out| body(out, &head, |out| out.write_all(samples.bytes())))
 }
 
 /// Writes a field of vectors on a grid as `.nrrd`, the components of a voxel side by side:
@@ -39,7 +39,7 @@ pub fn write_vector_field(
         return Err(FormatError::unsupported(path, what));
     }
     let head = header(grid, SampleType::F32, Some(components));
-    write_whole(path, |out| body(out, &head, |out| out.write_all(bytemuck::cast_slice(values))))
+    write_atomic(path, |out| body(out, &head, |out| out.write_all(bytemuck::cast_slice(values))))
 }
 
 /// Writes a volume as `.nrrd` while it is made, so that nobody holds all of it: `layers` hands over
@@ -57,7 +57,7 @@ pub fn write_layers<T: Sample>(
         return Err(FormatError::unsupported(path, "a volume in layers in this format; use .nrrd"));
     }
     let head = header(grid, T::TYPE, None);
-    write_whole(path, |out| {
+    write_atomic(path, |out| {
         body(out, &head, |out| {
             let mut written = 0;
             layers(&mut |layer| {

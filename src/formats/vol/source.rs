@@ -83,7 +83,12 @@ pub(super) fn sibling(header: &Path, field: &str, name: &str) -> Result<PathBuf,
         relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
     if name.is_empty() || !inside {
         let why = "must be a relative path without `..`, inside the header's folder";
-        return Err(FormatError::field(header, field, name, why));
+        return Err(FormatError::text(header, field, why));
     }
-    Ok(header.parent().unwrap_or(Path::new("")).join(relative))
+    let path = header.parent().unwrap_or(Path::new("")).join(relative);
+    // Its name is text of the header, so it is the field that is named where it cannot be read.
+    match std::fs::metadata(&path).map(|m| m.is_file()) {
+        Ok(true) => Ok(path),
+        _ => Err(FormatError::text(header, field, "the file it names is not there")),
+    }
 }

@@ -15,13 +15,13 @@ pub(super) fn numbers<T: FromStr>(
     let parsed: Result<Vec<T>, _> = value.split_whitespace().take(n + 1).map(str::parse).collect();
     match parsed {
         Ok(v) if v.len() == n => Ok(v),
-        _ => Err(FormatError::field(file, field, value, format!("expected {n} numbers"))),
+        _ => Err(FormatError::text(file, field, format!("expected {n} numbers"))),
     }
 }
 
 /// One number.
 pub(super) fn number<T: FromStr>(file: &Path, field: &str, value: &str) -> Result<T, FormatError> {
-    let bad = |_| FormatError::field(file, field, value, "expected one number");
+    let bad = |_| FormatError::text(file, field, "expected one number");
     value.trim().parse().map_err(bad)
 }
 

@@ -104,29 +104,29 @@ pub(super) fn header<'a>(
     bytes: &'a [u8],
     raw: &mut Raw,
 ) -> Result<(Vec<Element>, Body<'a>, u64), FormatError> {
-    let bad =
-        |field: &str, value: &str, why: &str| Err(FormatError::field(path, field, value, why));
+    let bad = |field: &str, why: &str| Err(FormatError::text(path, field, why));
     let (mut rest, mut format, mut elements) = (bytes, String::new(), Vec::<Element>::new());
     for number in 0.. {
         let Some(end) = rest.iter().take(1 << 16).position(|&b| b == b'\n') else {
-            return bad("header", "end_header", "not found");
+            return bad("header", "no end_header");
         };
         let line = String::from_utf8_lossy(&rest[..end]);
         rest = &rest[end + 1..];
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         if number == 0 {
             if words != ["ply"] {
-                return bad("first line", &line, "a PLY file starts with `ply`");
+                return bad("first line", "a PLY file starts with `ply`");
             }
             continue;
         }
+        let place = format!("header line {}", number + 1);
         match words[..] {
             ["end_header"] => break,
             ["format", name, _] => format = name.to_owned(),
             ["comment" | "obj_info", ..] => raw.space = raw.space.or(space_tag(&line)),
             ["element", name, count] => {
                 let Ok(count) = count.parse() else {
-                    return bad("element count", count, "no count");
+                    return bad("element count", "no count");
                 };
                 elements.push(Element { name: name.to_owned(), count, properties: Vec::new() });
             }
@@ -136,25 +136,25 @@ pub(super) fn header<'a>(
                 let (list, kind) = match (kind.first(), types.as_deref()) {
                     (Some(&"list"), Some(&[count, kind])) => (Some(count), kind),
                     (Some(&first), Some(&[kind])) if first != "list" => (None, kind),
-                    _ => return bad("property", &line, "its type is unknown"),
+                    _ => return bad(&place, "its type is unknown"),
                 };
                 let Some(element) = elements.last_mut() else {
-                    return bad("property", &line, "stands before any element");
+                    return bad(&place, "stands before any element");
                 };
                 element.properties.push(Property { name: name.to_owned(), list, kind });
             }
             [] => {}
-            _ => return bad("header line", &line, "not understood"),
+            _ => return bad(&place, "not understood"),
         }
     }
     let body = match format.as_str() {
         "ascii" => match std::str::from_utf8(rest) {
             Ok(text) => Body::Text(text.split_ascii_whitespace()),
-            Err(_) => return bad("format", "ascii", "but the data is not text"),
+            Err(_) => return bad("format", "ascii, but the data is not text"),
         },
         "binary_little_endian" => Body::Bytes { rest, big_endian: false },
         "binary_big_endian" => Body::Bytes { rest, big_endian: true },
-        _ => return bad("format", &format, "not ascii, binary_little_endian or binary_big_endian"),
+        _ => return bad("format", "not ascii, binary_little_endian or binary_big_endian"),
     };
     Ok((elements, body, rest.len() as u64))
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 use glam::Vec3;
 
 use super::{FormatError, Mesh, Raw, push_fan, vertex};
-use crate::formats::whole;
+use crate::formats::atomic_file;
 use header::{Body, Element, Property, header};
 
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, FormatError> {
@@ -75,16 +75,13 @@ fn rows(
         return Err(FormatError::field(path, "element", "face", "lacks a list vertex_indices"));
     }
     let normals = has(3) && has(4) && has(5);
+    // The names of other elements are the file's own.
+    let shown = ["vertex", "face"].into_iter().find(|n| *n == name).unwrap_or("other row");
     let mut polygon = Vec::new();
     for i in 0..element.count as usize {
         let cut = || {
-            let value = format!("{name} {i} of {}", element.count);
-            FormatError::field(
-                path,
-                "row",
-                value,
-                format!("missing or no number ({size} bytes of data)"),
-            )
+            let why = format!("missing or no number ({size} bytes of data)");
+            FormatError::text(path, format!("{shown} {i} of {}", element.count), why)
         };
         let mut row = [0.0; 6];
         for (p, slot) in element.properties.iter().zip(&slots) {
@@ -99,7 +96,7 @@ fn rows(
             if !(count >= 0.0 && count.fract() == 0.0 && count <= size as f64) {
                 return Err(FormatError::field(
                     path,
-                    format!("list length in {name} {i}"),
+                    format!("list length in {shown} {i}"),
                     count,
                     "no length",
                 ));
@@ -135,7 +132,7 @@ fn rows(
 
 pub(super) fn write(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
     let with_normals = !mesh.normals.is_empty();
-    whole::write_whole(path, |out| {
+    atomic_file::write_atomic(path, |out| {
         writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment SPACE=LPS\ncomment units mm")?;
         writeln!(out, "element vertex {}", mesh.positions.len())?;
         let normal = if with_normals { &["nx", "ny", "nz"][..] } else { &[] };

@@ -72,7 +72,7 @@ impl Head {
     /// Decimal numbers, exactly `N`; `None` if absent or empty.
     ///
     /// # Errors
-    /// Names the element if it holds something else. Its text is shown only where it is numeric.
+    /// Names the element if it holds something else; its text is not shown.
     pub fn decimals<const N: usize>(
         &self,
         group: u16,
@@ -88,9 +88,6 @@ impl Head {
         if let Some(v) = finite.and_then(|v| <[f64; N]>::try_from(v).ok()) {
             return Ok(Some(v));
         }
-        let numeric = |c: char| c.is_ascii_digit() || "+-.eE\\ ".contains(c);
-        let shown = if text.chars().all(numeric) { text } else { "text".to_owned() };
-        let why = format!("expected {N} finite numbers");
-        Err(FormatError::field(&self.file, name, shown, why))
+        Err(FormatError::text(&self.file, name, format!("expected {N} finite numbers")))
     }
 }

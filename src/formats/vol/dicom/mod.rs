@@ -40,7 +40,7 @@ struct Found {
 pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Volume, FormatError> {
     let found = find(path)?;
     for note in &found.notes {
-        tracing::warn!("{}: {note}", path.display());
+        tracing::warn!("DICOM: {note}");
     }
     let chosen = choose(path, &found.series, options)?;
     pixels::read(path, &Stack::new(path, &found.series[chosen].heads)?)

@@ -9,6 +9,7 @@ use super::super::affine::grid;
 use super::head::Head;
 use super::pixels::Stored;
 use super::syntax;
+use crate::formats::error::FieldValue;
 use crate::volume::{Grid, Rescale};
 
 /// Largest angle between the stack's run and the slices' normal, degrees.
@@ -60,7 +61,7 @@ impl Stack {
             refuse_unreadable(h)?;
             if (h.rows, h.columns) != (first.rows, first.columns) {
                 let what = format!("slices of {}x{} pixels", first.columns, first.rows);
-                let value = format!("{}x{}", h.columns, h.rows);
+                let value = FieldValue::size(h.columns, h.rows);
                 return Err(FormatError::field(&h.file, "Columns x Rows", value, what));
             }
             if Stored::of(h)? != stored {
@@ -78,7 +79,7 @@ impl Stack {
             }
             let scale = |i: usize| (other.pixel_mm[i] / plane.pixel_mm[i] - 1.0).abs();
             if scale(0).max(scale(1)) > 1e-3 {
-                let value = format!("{:?}", other.pixel_mm);
+                let value = FieldValue::numbers(&other.pixel_mm);
                 let why = format!("the series has {:?} mm", plane.pixel_mm);
                 return Err(FormatError::field(&h.file, "PixelSpacing", value, why));
             }
@@ -137,8 +138,8 @@ fn refuse_unreadable(h: &Head) -> Result<(), FormatError> {
         (n, _) => return refuse(format!("{n} samples a pixel in an unknown colour space")),
     }
     if !syntax::is_plain(&h.syntax) {
-        let name = syntax::name(&h.syntax);
-        return refuse(format!("compressed pixels, transfer syntax {name} ({})", h.syntax));
+        let name = syntax::describe(&h.syntax);
+        return refuse(format!("compressed pixels, transfer syntax {name}"));
     }
     Ok(())
 }
@@ -149,7 +150,7 @@ fn plane(h: &Head) -> Result<Plane, FormatError> {
     let [between_rows, between_columns] =
         h.decimals(0x0028, 0x0030, name)?.ok_or_else(|| need(name))?;
     if between_rows <= 0.0 || between_columns <= 0.0 {
-        let value = format!("{between_rows}\\{between_columns}");
+        let value = FieldValue::numbers(&[between_rows, between_columns]);
         return Err(FormatError::field(&h.file, name, value, "not positive"));
     }
     let name = "ImageOrientationPatient";
@@ -157,7 +158,7 @@ fn plane(h: &Head) -> Result<Plane, FormatError> {
     let (row, column) = (DVec3::new(v[0], v[1], v[2]), DVec3::new(v[3], v[4], v[5]));
     let unit = |v: DVec3| (v.length() - 1.0).abs() < 1e-2;
     if !(unit(row) && unit(column) && row.dot(column).abs() < 1e-2) {
-        let value = format!("{v:?}");
+        let value = FieldValue::numbers(&v);
         return Err(FormatError::field(&h.file, name, value, "not two square unit vectors"));
     }
     let pixel_mm = [between_columns, between_rows];

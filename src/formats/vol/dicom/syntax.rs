@@ -10,8 +10,14 @@ pub(super) fn is_plain(uid: &str) -> bool {
     [IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG].contains(&uid)
 }
 
-/// The name of a syntax we do not read.
-pub(super) fn name(uid: &str) -> &'static str {
+/// The name of a syntax we do not read, with its UID where DICOM has assigned it.
+pub(super) fn describe(uid: &str) -> String {
+    let assigned = uid.starts_with("1.2.840.10008.") && uid.len() <= 64;
+    let shown = if assigned { format!(" ({uid})") } else { String::new() };
+    format!("{}{shown}", name(uid))
+}
+
+fn name(uid: &str) -> &'static str {
     match uid.strip_prefix("1.2.840.10008.1.2.") {
         Some("1.99") => "Deflated Explicit VR Little Endian",
         Some("4.50") => "JPEG Baseline",

@@ -112,7 +112,7 @@ pub(super) fn walk(file: &Path) -> Result<Option<Walked>, FormatError> {
     let (syntax, first) = w.meta()?;
     if syntax == syntax::DEFLATED {
         // The elements themselves are compressed, so not even the series can be told.
-        let what = format!("transfer syntax {} ({syntax})", syntax::name(&syntax));
+        let what = format!("transfer syntax {}", syntax::describe(&syntax));
         return Err(FormatError::unsupported(file, what));
     }
     let coding =
