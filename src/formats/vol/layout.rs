@@ -1,6 +1,6 @@
 //! Where the samples of a volume lie in a file, checked and then read in one pass.
 
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -140,7 +140,11 @@ fn buffered(source: Source) -> BufReader<Source> {
 
 /// Numbers between blanks, commas and line ends, as many as `out` holds; read as they come, so that
 /// no text of the file is kept.
-fn parse_all<T: FromStr>(path: &Path, input: impl Read, out: &mut [T]) -> Result<(), FormatError> {
+fn parse_all<T: FromStr>(
+    path: &Path,
+    input: impl BufRead,
+    out: &mut [T],
+) -> Result<(), FormatError> {
     /// No number is longer.
     const MOST_DIGITS: usize = 64;
     let (mut token, mut found) = (Vec::with_capacity(MOST_DIGITS), 0);
