@@ -1,4 +1,4 @@
-"""What can be counted on a mask: components, holes, classes, and the size of its iso-surface.
+"""Counts of a mask: components, cavities, voxel classes, and vertices, faces and Euler characteristic of its iso-surface.
 
 Components are 6-connected. Filling closes the background's 6-components that do not reach the outside. A boundary voxel
 is inside and has at least one external 6-neighbour (outside the volume is external); the other inside voxels are

@@ -1,7 +1,7 @@
 """Exact Euclidean distance from each inside voxel centre to the nearest external voxel centre, mm; 0 outside.
 
 One layer of external voxels is put around the volume first. SciPy's transform is checked here against a k-d tree over
-all external centres, so the fixture has two independent witnesses.
+all external centres, so two independent methods agree on the fixture.
 """
 
 import numpy as np

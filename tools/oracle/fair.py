@@ -1,4 +1,4 @@
-"""Normals-only fairing by a sparse matrix in float64.
+"""Normal smoothing (vertices fixed) by a sparse matrix in float64.
 
 Start: area-weighted face normals, unit, into the lumen, rounded to f32 (what a program holds). A step is
   n <- normalize((1 - 0.5) n + 0.5 W n),   and a vertex whose sum is shorter than 1e-6 keeps its normal

@@ -1,4 +1,4 @@
-"""The small label volumes every other oracle starts from. Arrays are [z, y, x]; spacing is (x, y, z) in mm.
+"""Small label volumes from formulas or a seeded generator; the input of the other modules. Arrays are [z, y, x]; spacing is (x, y, z) in mm.
 
 Shapes are sampled at voxel centres; voxel (0, 0, 0)'s centre is the origin. A few touch the edge of their volume on
 purpose: outside the volume is external.

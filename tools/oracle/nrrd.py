@@ -1,4 +1,4 @@
-"""The smallest NRRD writer and reader the fixtures need: attached, little-endian, gzip, axes along x, y, z."""
+"""A minimal NRRD writer and reader for the fixtures: attached, little-endian, gzip, axes along x, y, z."""
 
 import gzip
 

@@ -2,7 +2,7 @@
 
 Definition, for a mask with spacing h = (hx, hy, hz) mm and h_min its smallest entry:
 
-  d      distance to the nearest external voxel centre, mm (edt.py). Outside the lumen, two readings:
+  d      distance to the nearest external voxel centre, mm (edt.py). Outside the lumen, two continuations:
            zero    d = 0
            signed  d = -(distance to the nearest inside voxel centre)
   f      d blurred by a Gaussian of sigma = h_min (physical), so sigma / h voxels along each axis; the kernel is cut at
@@ -17,15 +17,15 @@ A voxel is accepted if d >= h_min (every inside voxel is), l2 < -1e-4 / h_min, |
 |g| <= 0.7. `paper` is the same without the last condition. Where H is a multiple of the identity (p < 1e-6 |q| with
 q = tr H / 3, p = sqrt(|H - q I|^2 / 6)) v3 has no direction: there t = -g / q and l1 = l2 = q.
 
-Why two readings: with zeros outside, the blur sees the crease at the wall and bends f over the last two voxels; the
+Why two continuations: with zeros outside, the blur sees the crease at the wall and bends f over the last two voxels; the
 slope there falls below the gate and a second layer of "ridge" appears along the wall, on clean tubes most of all that
 is accepted. Signed distances have no such crease, and what is left lies on the axis.
 
-Uncertain voxels, on which a single-precision program may decide either way, are those that a loose reading accepts and
-a strict one does not:
+Uncertain voxels, on which a single-precision program may decide either way, are those that loose thresholds accept and
+strict ones do not:
   |t_i| / h_i  0.61 and 0.59      |g|  0.71 and 0.69      l2 h_min  -0.5e-4 and -2e-4
-  and, in the strict reading only, (l3 - l2) h_min > 1e-3 (closer eigenvalues leave v3 to rounding).
-`accepted` holds what passes the strict reading, `uncertain` the rest of the loose one; all else is rejected.
+  and, for the strict thresholds only, (l3 - l2) h_min > 1e-3 (closer eigenvalues leave v3 to rounding).
+`accepted` holds what passes the strict thresholds, `uncertain` what passes only the loose ones; all else is rejected.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""How cost grows with the lumen, and with the volume around it."""
+"""Growth of time with the size of the lumen, and with the size of the volume around it."""
 
 import gzip
 import math
@@ -10,7 +10,7 @@ MOST, MOST_BOX = 1.1, 1.2
 
 
 def measure(intima, args, check):
-    """The colon at four sizes, in turns; the exponent is the slope through the logarithms."""
+    """The colon phantom at four sizes, in turns; the exponent is the slope of log time over log voxels."""
     found = {size: [] for size in args.sizes}
     voxels = {}
     for _ in range(intima.rounds):
@@ -26,7 +26,7 @@ def measure(intima, args, check):
 
 
 def slope(x, y):
-    """Least squares through the logarithms."""
+    """Least-squares slope of log y over log x."""
     x, y = [math.log(v) for v in x], [math.log(max(v, 1e-9)) for v in y]
     mx, my = sum(x) / len(x), sum(y) / len(y)
     return sum((a - mx) * (b - my) for a, b in zip(x, y)) / sum((a - mx) ** 2 for a in x)
@@ -52,7 +52,7 @@ def measure_box(intima, args, check):
 
 
 def pad(small, large):
-    """Twice as large along each axis; what was there is in the middle, wall around it."""
+    """Pads a volume to twice its size along each axis with wall values, the old one in the middle."""
     header, _, data = small.read_bytes().partition(b"\n\n")
     fields = dict(line.split(b": ", 1) for line in header.splitlines() if b": " in line)
     nx, ny, nz = map(int, fields[b"sizes"].split())

@@ -1,4 +1,4 @@
-"""The most memory each command holds, beside what it may."""
+"""Peak memory of each command, with its limit."""
 
 import shutil
 import statistics
@@ -10,15 +10,15 @@ BRICK = 512
 
 
 def measure(intima, args, check):
-    """Every command on one large volume; a mesh command on the mesh of it."""
+    """Every command on one large volume; mesh commands on its surface."""
     volume, seed = intima.phantom(args.large)
     lumen = ["--threshold", AIR, "--seed-mm", seed]
     out = intima.file
     segment = intima.run("segment", volume, *lumen, "-o", out("o.nrrd"))
-    surface = intima.run("surface", volume, *lumen, "-o", out("large.ply")).said["surface"]
+    surface = intima.run("surface", volume, *lumen, "-o", out("large.ply")).report["surface"]
     mesh = (24 * surface["vertices"] + 12 * surface["faces"]) / 1e6
     stored = 2 * args.large**3 / 1e6
-    slots = PER_SLOT * BRICK * segment.said["lumen"]["bricks"] / 1e6
+    slots = PER_SLOT * BRICK * segment.report["lumen"]["bricks"] / 1e6
     frames = ["--frames", 8, "--out"]
     tenth = surface["faces"] // 10
     commands = {
@@ -45,7 +45,7 @@ def measure(intima, args, check):
 
 
 def cold(intima, name, flags, args):
-    """The peak of a command that finds nothing in its cache: building what is kept there counts."""
+    """Peak memory of a command with an empty cache, so that building the cached data counts."""
     cache = folder(intima.file("cache"))
     try:
         return intima.run(name, *flags, *args.device, cache=cache).peak_mb

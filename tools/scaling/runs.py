@@ -1,4 +1,4 @@
-"""Starting intima: what it answered, how long it took, and the most memory it held."""
+"""Runs intima: its JSON output, wall and processor time, peak memory."""
 
 import json
 import os
@@ -12,56 +12,56 @@ AIR = ":-455"  # half-way between the phantoms' gas and wall
 
 
 class Failed(Exception):
-    """A command that did not end well, in its own words."""
+    """A command that failed, with its error message."""
 
 
 @dataclass
 class Run:
     """One finished command."""
 
-    said: dict
+    report: dict
     wall_s: float
     cpu_s: float
     peak_mb: float
 
     def stages(self):
         """Milliseconds of each stage."""
-        return {s["name"]: s["ms"] for s in self.said["stages"]}
+        return {s["name"]: s["ms"] for s in self.report["stages"]}
 
     def kernels(self, stage):
         """Milliseconds of each kernel of a stage."""
-        return {k["kernel"]: k["ms"] for s in self.said["stages"] if s["name"] == stage for k in s.get("kernels", [])}
+        return {k["kernel"]: k["ms"] for s in self.report["stages"] if s["name"] == stage for k in s.get("kernels", [])}
 
 
 class Intima:
-    """The program, and a folder for what it reads and writes."""
+    """The program, and a folder for its inputs and outputs."""
 
     def __init__(self, program, out, rounds):
         self.program, self.out, self.rounds = program, out, rounds
         (out / "files").mkdir(parents=True, exist_ok=True)
 
     def file(self, name):
-        """A place for a file."""
+        """Path of a file in that folder."""
         return self.out / "files" / name
 
     def run(self, *command, cache=None):
-        """Runs a command with `--json`. Its peak is what the system counted, not what it says itself.
+        """Runs a command with `--json`. The peak is `ru_maxrss`, not the program's own figure.
 
         `cache` is a folder in place of the user's cache."""
         line = [str(self.program), *map(str, command), "--json"]
         environment = os.environ | ({"XDG_CACHE_HOME": str(Path(cache).resolve())} if cache else {})
-        with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as errors:
+        with tempfile.TemporaryFile() as report, tempfile.TemporaryFile() as errors:
             began = time.perf_counter()
-            child = subprocess.Popen(line, stdout=said, stderr=errors, env=environment)
+            child = subprocess.Popen(line, stdout=report, stderr=errors, env=environment)
             _, status, used = os.wait4(child.pid, 0)
             wall = time.perf_counter() - began
             child.returncode = os.waitstatus_to_exitcode(status)
-            said.seek(0)
+            report.seek(0)
             errors.seek(0)
             if child.returncode:
                 lines = [s for s in errors.read().decode(errors="replace").splitlines() if s.strip()]
                 raise Failed(f"{command[0]}: {(lines or [f'ended with {child.returncode}'])[0][:200]}")
-            lines = [s for s in said.read().decode().splitlines() if s.startswith("{")]
+            lines = [s for s in report.read().decode().splitlines() if s.startswith("{")]
         answer = json.loads(lines[-1]) if lines else {}
         return Run(answer, wall, used.ru_utime + used.ru_stime, used.ru_maxrss * 1024 / 1e6)
 
@@ -70,8 +70,8 @@ class Intima:
         path = self.file(f"{kind}_{size}.nrrd")
         note = path.with_suffix(".json")
         if not note.exists():
-            said = self.run("phantom", kind, "--size", size, "-o", path, *(["--noise"] if noise else [])).said
-            note.write_text(json.dumps(said))
+            report = self.run("phantom", kind, "--size", size, "-o", path, *(["--noise"] if noise else [])).report
+            note.write_text(json.dumps(report))
         start = json.loads(note.read_text())["start_mm"]
         return path, ",".join(f"{x:.4f}" for x in start)
 
@@ -87,7 +87,7 @@ def chain(intima, volume, chosen, extra=()):
     surface = intima.run("surface", *common, "-o", intima.file("o.ply"), "--repeat", 3).stages()
     found, kernels = line.stages(), line.kernels("distance, ridge")
     edt = sum(ms for name, ms in kernels.items() if name.startswith("edt"))
-    lumen = segment.said["lumen"]
+    lumen = segment.report["lumen"]
     return {
         "segment": segment.stages()["segment"],
         "distance": distance,
@@ -100,7 +100,7 @@ def chain(intima, volume, chosen, extra=()):
 
 
 def folder(path):
-    """An empty place for a command that makes a folder."""
+    """Creates a folder."""
     path = Path(path)
     path.mkdir(parents=True, exist_ok=True)
     return path

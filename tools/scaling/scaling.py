@@ -1,4 +1,4 @@
-"""How intima scales: threads, growth, memory and the device, each beside its limit.
+"""Scaling of intima: threads, growth, memory and the device, each with its limit.
 
 Started by `cargo xtask scaling`, which builds intima. Needs nothing but Python. README.md says how to read the
 result."""
@@ -53,12 +53,12 @@ def arguments():
 
 def machine(intima):
     """What the figures depend on."""
-    def said(*command):
+    def report(*command):
         return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
     info = Path("/proc/cpuinfo")
     cpu = [s.split(":", 1)[1].strip() for s in info.read_text().splitlines() if s.startswith("model name")] if info.exists() else []
-    return {"date": datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC"), "intima": said(str(intima), "--version"),
-            "commit": said("git", "-C", str(Path(__file__).resolve().parent), "rev-parse", "--short", "HEAD"),
+    return {"date": datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC"), "intima": report(str(intima), "--version"),
+            "commit": report("git", "-C", str(Path(__file__).resolve().parent), "rev-parse", "--short", "HEAD"),
             "cpu": (cpu or [platform.machine()])[0], "cores": os.cpu_count(), "load_start": os.getloadavg()[0]}
 
 

@@ -1,4 +1,4 @@
-"""What a second thread brings on the CPU."""
+"""Speed-up of CPU stages and kernels from one thread to two."""
 
 from statistics import median
 
@@ -11,8 +11,8 @@ def measure(intima, args, check):
     runs = {1: [], 2: []}
     for _ in range(intima.rounds):
         for threads, found in runs.items():
-            said = intima.run("bench", "--device", "cpu", "--threads", threads, "--size", args.size, "--runs", 5).said
-            found.append({r["name"]: (r["median_ms"], r["min_ms"]) for r in said["rows"] if r["device"] == "cpu"})
+            report = intima.run("bench", "--device", "cpu", "--threads", threads, "--size", args.size, "--runs", 5).report
+            found.append({r["name"]: (r["median_ms"], r["min_ms"]) for r in report["rows"] if r["device"] == "cpu"})
     for name in [*STAGES, *sorted(set(runs[1][0]) - set(STAGES))]:
         one, two = ([r[name] for r in runs[t]] for t in (1, 2))
         ms = [median(r[0] for r in each) for each in (one, two)]
