@@ -3,6 +3,7 @@
 //! Each rule is a function from a [`Tree`] to the places that break it, with tests that plant a
 //! violation and see it caught. Cargo's own checks come first.
 
+mod builds;
 mod code;
 mod docs;
 mod kernels;
@@ -44,6 +45,8 @@ pub fn check() -> Result<(), TaskError> {
         run(&mut cargo(&[&clippy[..], &["--", "-D", "warnings"]].concat())),
         run(cargo(&[&doc[..], &["--features", "faults"]].concat())
             .env("RUSTDOCFLAGS", "-D warnings")),
+        builds::library(),
+        builds::release(),
         rules(),
     ];
     let failed = steps.into_iter().filter_map(Result::err).map(|stop| match stop {
