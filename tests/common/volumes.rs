@@ -211,3 +211,32 @@ pub fn unzip(name: &str) -> Option<tempfile::TempDir> {
     }
     Some(dir)
 }
+
+/// A mask (1 inside) that is hard on every assumption about grids: oblique axes, left-handed,
+/// spacing 1:5, and two pieces, of which the larger is cut off by the edge of the volume. A helical
+/// tube with haustra about a separate ellipsoid; more than 200,000 faces.
+pub fn oblique_two_piece() -> Volume {
+    use rayon::prelude::*;
+    use std::f64::consts::TAU;
+    let mut axes = DMat3::from_quat(DQuat::from_euler(glam::EulerRot::XYZ, 0.4, -0.3, 0.7));
+    axes.x_axis = -axes.x_axis;
+    let spacing = DVec3::new(0.5, 0.5, 2.5);
+    let dims = [212, 216, 50];
+    let grid = Grid::new(dims, spacing, DVec3::new(-61.5, 40.25, -318.0), axes).unwrap();
+    // Millimetres along the index axes. The tube's axis passes 3 mm from the face x = 0.
+    let middle = DVec3::new(48.0, 54.0, 62.0);
+    let (ring, pitch, turns) = (45.0, 26.0, 3.4);
+    let inside = |i: usize| {
+        let p = grid.voxel(i).as_dvec3() * spacing - middle;
+        if (p / DVec3::new(14.0, 9.0, 25.0)).length() < 1.0 {
+            return true;
+        }
+        let (across, angle) = (p.truncate().length() - ring, p.y.atan2(p.x));
+        (-2..3).map(|k| angle / TAU + f64::from(k)).filter(|t| t.abs() < 0.5 * turns).any(|t| {
+            let radius = 7.5 + 1.5 * (40.0 * t).sin();
+            DVec3::new(across, 0.0, p.z - pitch * t).length() < radius
+        })
+    };
+    let samples = (0..grid.len()).into_par_iter().map(|i| u8::from(inside(i))).collect();
+    Volume::new(grid, Samples::U8(samples))
+}
