@@ -1,4 +1,4 @@
-//! Fairing of normals against a sparse f64 iteration, and against analytic normals.
+//! Normal smoothing against a sparse f64 iteration, and against analytic normals.
 
 #[path = "common/fixtures.rs"]
 mod common;
@@ -41,7 +41,7 @@ fn floats<const N: usize, T>(bytes: &[u8], of: fn([u8; N]) -> T) -> Vec<T> {
 }
 
 #[test]
-fn thirty_steps_are_those_of_the_sparse_iteration_within_a_ten_thousandth_radian() {
+fn thirty_smoothing_steps_equal_the_sparse_iteration_within_1e_4_rad() {
     let about = json("fair/about.json");
     for mut device in devices() {
         let device_name = device.name().to_owned();
@@ -76,8 +76,8 @@ fn thirty_steps_are_those_of_the_sparse_iteration_within_a_ten_thousandth_radian
     }
 }
 
-/// A row of the table in the algorithms' stage c: a shape, its spacing, and the least RMS error
-/// (degrees) any number of steps reaches with uniform and with inverse-distance weights.
+/// A shape, its spacing, and the least RMS error (degrees) that any number of smoothing steps reaches
+/// on it with uniform and with inverse-distance weights.
 struct Row {
     name: &'static str,
     spacing: [f64; 3],
@@ -158,7 +158,7 @@ impl Row {
 }
 
 #[test]
-fn thirty_steps_come_near_the_best_number_on_balls_and_rings() {
+fn thirty_smoothing_steps_are_near_the_best_number_on_balls_and_tori() {
     println!("{:14} {:>8} {:>16} {:>16}", "degrees RMS", "start", "uniform", "inverse");
     let mut failed = Vec::new();
     for row in &TABLE {
@@ -181,12 +181,12 @@ fn thirty_steps_come_near_the_best_number_on_balls_and_rings() {
     assert!(failed.is_empty(), "{failed:#?}");
 }
 
-fn lattice(lumen: &Lumen) -> VoxelFrame {
+fn frame(lumen: &Lumen) -> VoxelFrame {
     VoxelFrame { direction: lumen.grid.direction, spacing_mm: lumen.grid.spacing_mm }
 }
 
-fn scaled(device: &mut Device, surface: &Surface, lattice: VoxelFrame) -> Vec<DVec3> {
-    let scales = MultiscaleNormals::new(&surface.mesh, &surface.adjacency, lattice);
+fn scaled(device: &mut Device, surface: &Surface, frame: VoxelFrame) -> Vec<DVec3> {
+    let scales = MultiscaleNormals::new(&surface.mesh, &surface.adjacency, frame);
     let mut plan = Plan::new();
     let out = multiscale_normals(&mut plan, &surface.adjacency, &scales);
     plan.download(out);
@@ -194,24 +194,24 @@ fn scaled(device: &mut Device, surface: &Surface, lattice: VoxelFrame) -> Vec<DV
     got.get(out).chunks_exact(3).map(|n| Vec3::from_slice(n).as_dvec3()).collect()
 }
 
-/// Errors of thirty steps with the better weights, and by scales.
-fn both(row: &Row, surface: &Surface, lattice: VoxelFrame) -> [f64; 2] {
+/// Errors of thirty steps with the better weights, and of multiscale normals.
+fn both(row: &Row, surface: &Surface, frame: VoxelFrame) -> [f64; 2] {
     let start = face_normals(&surface.mesh);
     let steps = BOTH.map(|kind| {
         let (mesh, adjacency) = (&surface.mesh, &surface.adjacency);
         row.rms(mesh, faired(&mut Device::Cpu, mesh, adjacency, &start, kind).into_iter())
     });
-    let scales = scaled(&mut Device::Cpu, surface, lattice).into_iter();
+    let scales = scaled(&mut Device::Cpu, surface, frame).into_iter();
     [steps[0].min(steps[1]), row.rms(&surface.mesh, scales)]
 }
 
 #[test]
-fn by_scales_masks_of_balls_and_rings_come_nearer_the_truth_than_by_any_number_of_steps() {
+fn multiscale_normals_of_ball_and_torus_masks_beat_any_number_of_steps() {
     // Degrees RMS; the last row, three slices to a radius, is where steps are still better.
     for (row, most) in TABLE.iter().zip([0.8, 1.5, 2.2, 5.5]) {
         let lumen = row.lumen();
         let surface = Surface::new(&lumen, &Midpoint, None);
-        let [steps, scales] = both(row, &surface, lattice(&lumen));
+        let [steps, scales] = both(row, &surface, frame(&lumen));
         let [_, guessed] = both(row, &surface, VoxelFrame::of(&surface.mesh));
         println!("{:14} {steps:.2} by steps, {scales:.2}, {guessed:.2} by scales", row.name);
         let best = row.best[0].min(row.best[1]);
@@ -233,15 +233,14 @@ impl Crossing for Exact<'_> {
 }
 
 #[test]
-fn by_scales_true_surfaces_keep_normals_as_good_as_by_steps() {
+fn multiscale_normals_of_exact_surfaces_are_as_good_as_by_steps() {
     // Of the better weights' error at thirty steps; three slices to a radius are the hard case.
     for (row, share) in TABLE.iter().zip([1.0, 0.7, 0.8, 1.15]) {
         let lumen = row.lumen();
         let exact = Exact(row, DVec3::from(row.spacing));
         let surface = Surface::new(&lumen, &exact, None);
-        let noise =
-            MultiscaleNormals::new(&surface.mesh, &surface.adjacency, lattice(&lumen)).noise;
-        let [steps, scales] = both(row, &surface, lattice(&lumen));
+        let noise = MultiscaleNormals::new(&surface.mesh, &surface.adjacency, frame(&lumen)).noise;
+        let [steps, scales] = both(row, &surface, frame(&lumen));
         println!("{:14} {noise:.2} noise, {steps:.2} by steps, {scales:.2} by scales", row.name);
         assert!(noise < 0.5, "{}: noise {noise}", row.name);
         assert!(scales < share * steps, "{}: {steps} by steps, {scales} by scales", row.name);
@@ -249,7 +248,7 @@ fn by_scales_true_surfaces_keep_normals_as_good_as_by_steps() {
 }
 
 #[test]
-fn by_scales_the_faces_of_a_box_stay_flat_and_its_edges_sharper_than_by_steps() {
+fn multiscale_normals_keep_box_faces_flat_and_edges_sharper_than_steps() {
     let grid = Grid::axis_aligned([40, 40, 40], [1.0; 3]);
     let mut bits = BitVolume::new(grid.dims);
     for v in (0..grid.len()).map(|i| grid.voxel(i)) {
@@ -286,17 +285,17 @@ fn by_scales_the_faces_of_a_box_stay_flat_and_its_edges_sharper_than_by_steps() 
 }
 
 #[test]
-fn by_scales_every_device_and_number_of_threads_gives_the_same_normals() {
+fn multiscale_normals_agree_between_devices_and_thread_counts() {
     let lumen = TABLE[3].lumen();
     let surface = Surface::new(&lumen, &Midpoint, None);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| scaled(&mut Device::Cpu, &surface, lattice(&lumen)))
+        pool.install(|| scaled(&mut Device::Cpu, &surface, frame(&lumen)))
     };
     let want = on(1);
     assert_eq!(want, on(3));
     for mut device in devices() {
-        let got = scaled(&mut device, &surface, lattice(&lumen));
+        let got = scaled(&mut device, &surface, frame(&lumen));
         let worst = got.iter().zip(&want).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
         println!("{}: {worst:.1e}", device.name());
         assert!(worst < 1e-3, "{}: {worst}", device.name());
@@ -304,7 +303,7 @@ fn by_scales_every_device_and_number_of_threads_gives_the_same_normals() {
 }
 
 #[test]
-fn by_scales_broken_meshes_get_unit_normals() {
+fn multiscale_normals_of_broken_meshes_are_unit_vectors() {
     let far = Vec3::splat(f32::MAX / 4.0);
     let meshes = [
         Mesh::default(),
@@ -322,8 +321,8 @@ fn by_scales_broken_meshes_get_unit_normals() {
     ];
     for (i, mesh) in meshes.into_iter().enumerate() {
         let (adjacency, _) = Adjacency::of(&mesh);
-        let lattice = VoxelFrame::of(&mesh);
-        let scales = MultiscaleNormals::new(&mesh, &adjacency, lattice);
+        let frame = VoxelFrame::of(&mesh);
+        let scales = MultiscaleNormals::new(&mesh, &adjacency, frame);
         let mut plan = Plan::new();
         let out = multiscale_normals(&mut plan, &adjacency, &scales);
         plan.download(out);

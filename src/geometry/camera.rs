@@ -1,8 +1,8 @@
-//! Where the eye is and what its lens sees.
+//! Camera pose and perspective lens.
 
 use glam::{Quat, Vec3};
 
-/// An eye in patient space. The camera looks along its own -z with +y up.
+/// A camera pose in patient space. The camera looks along its own -z with +y up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// LPS mm.
@@ -12,7 +12,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// Looks along `forward`, with `up` as near to the camera's +y as it can be.
+    /// Pose that looks along `forward`, with the camera's +y as near to `up` as possible.
     pub fn looking(position_mm: Vec3, forward: Vec3, up: Vec3) -> Self {
         let f = forward.normalize();
         let r = f.cross(up).try_normalize().unwrap_or_else(|| f.any_orthonormal_vector());
@@ -43,7 +43,7 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// Radius of the ball about the eye that holds the whole near rectangle, mm.
+    /// Distance from the eye to the corners of the near rectangle, mm.
     pub fn near_ball_mm(&self) -> f32 {
         let t = (0.5 * self.fov_y_rad).tan();
         self.near_mm * (1.0 + t * t * (1.0 + self.aspect * self.aspect)).sqrt()

@@ -32,7 +32,7 @@ impl Vertex {
         Vec3::new(x, y, z)
     }
 
-    /// The fourth number: relief for a wall, the share of the path for a line.
+    /// The fourth number: curvature tint of a wall, share of the path of a line.
     pub fn w(&self) -> f32 {
         f32::from(self.normal[3]) / 32767.0
     }

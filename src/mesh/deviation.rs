@@ -1,11 +1,11 @@
-//! How far two meshes are from each other.
+//! Distance and normal deviation between two meshes, from samples of both.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::geometry::{ClosestPoint, Mesh, TriangleBvh};
 
-/// Samples spread over each mesh by area, beside all its vertices.
+/// Samples of each mesh by area, in addition to its vertices.
 const SAMPLES: usize = 100_000;
 
 /// Distances between two meshes, from samples of both.
@@ -17,21 +17,21 @@ pub struct Deviation {
     pub mean_mm: f64,
     /// Root mean square distance, likewise, mm.
     pub rms_mm: f64,
-    /// Mean angle between the reference's normals and those at the nearest places, degrees.
+    /// Mean angle between the reference's normals and those at the nearest points, degrees.
     pub normal_mean_deg: f64,
     /// Largest such angle, degrees.
     pub normal_max_deg: f64,
 }
 
-/// A place to measure from.
+/// A point to measure from.
 struct Sample {
     at: DVec3,
     normal: DVec3,
 }
 
-/// What the samples of one mesh find on the other.
+/// Sums and maxima over the samples of one mesh.
 #[derive(Clone, Copy, Default)]
-struct Found {
+struct OneWay {
     most: f64,
     sum: f64,
     squares: f64,
@@ -39,13 +39,13 @@ struct Found {
     most_angle: f64,
 }
 
-/// Compares a mesh with what it stands for, both ways, from the vertices and 100,000 samples of
-/// each, spread by area. Normals are those given, or from faces by area where none are. The same
-/// at any number of threads. `None` if either mesh has no area.
+/// Compares a mesh with a reference, both ways, from the vertices and 100,000 samples of each,
+/// distributed by area. Normals are the meshes' own, or area-weighted means of faces. The same at
+/// any number of threads. `None` if either mesh has no area.
 pub fn deviation(mesh: &Mesh, reference: &Mesh) -> Option<Deviation> {
     let (normals, wanted) = (normals(mesh), normals(reference));
-    let from_reference = find(&samples(reference, &wanted)?, mesh, &normals)?;
-    let from_mesh = find(&samples(mesh, &normals)?, reference, &wanted)?;
+    let from_reference = one_way(&samples(reference, &wanted)?, mesh, &normals)?;
+    let from_mesh = one_way(&samples(mesh, &normals)?, reference, &wanted)?;
     let [r, m] = [from_reference, from_mesh];
     Some(Deviation {
         hausdorff_mm: r.most.max(m.most),
@@ -78,8 +78,8 @@ fn mix<T: std::ops::Add<Output = T>>(
     a + b + c
 }
 
-/// The vertices that faces use, and samples at equal steps of area, their place in a face by a
-/// sequence that fills the unit square evenly (Roberts 2018, the plastic number).
+/// The vertices that faces use, and samples at equal steps of area, placed within a face by the R2
+/// low-discrepancy sequence (Roberts 2018, based on the plastic number).
 fn samples(mesh: &Mesh, normals: &[Vec3]) -> Option<Vec<Sample>> {
     let area = mesh.area_mm2();
     if !(area > 0.0 && area.is_finite()) {
@@ -112,7 +112,7 @@ fn samples(mesh: &Mesh, normals: &[Vec3]) -> Option<Vec<Sample>> {
 }
 
 /// Means and largest values over all samples.
-fn find(samples: &[Sample], mesh: &Mesh, normals: &[Vec3]) -> Option<Found> {
+fn one_way(samples: &[Sample], mesh: &Mesh, normals: &[Vec3]) -> Option<OneWay> {
     let tree = TriangleBvh::new(mesh);
     let one = |s: &Sample| -> Option<(f64, f64)> {
         let ClosestPoint { at, distance_mm, .. } = tree.closest(s.at)?;
@@ -122,8 +122,8 @@ fn find(samples: &[Sample], mesh: &Mesh, normals: &[Vec3]) -> Option<Found> {
     };
     let found: Vec<(f64, f64)> =
         samples.par_iter().with_min_len(1024).map(one).collect::<Option<_>>()?;
-    // Summed in one order, whoever found them.
-    let mut all = Found::default();
+    // Summed in one order: the same at any number of threads.
+    let mut all = OneWay::default();
     for (d, angle) in &found {
         let angle = if angle.is_nan() { 0.0 } else { *angle };
         all.most = all.most.max(*d);
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_dent_is_found_from_either_side() {
+    fn a_single_dent_counts_whichever_mesh_is_the_reference() {
         let a = sphere(5.0, 40);
         let mut b = a.clone();
         b.positions[100] *= 0.9;
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_of_a_mesh_without_area() {
+    fn a_mesh_without_area_has_no_deviation() {
         let none =
             Mesh { positions: vec![Vec3::ZERO; 3], faces: vec![[0, 1, 2]], ..Mesh::default() };
         assert_eq!(deviation(&none, &sphere(1.0, 8)), None);

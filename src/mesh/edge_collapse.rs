@@ -1,4 +1,4 @@
-//! The cheapest legal collapse, again and again.
+//! Decimation: the cheapest legal half-edge collapse, repeated.
 
 use glam::{DVec3, Vec3};
 
@@ -11,36 +11,36 @@ use super::star::Star;
 use super::vertex_quadrics::{Freedom, on_rim};
 use super::{Collapse, HalfEdges, Log, Metric, StopReason};
 
-/// When to end.
+/// When to stop.
 #[derive(Clone, Copy)]
 pub struct Stop {
-    /// At so many faces.
+    /// At this many faces.
     pub faces: usize,
-    /// Before a collapse that costs more; bits of the cost.
+    /// Before a collapse of higher cost; bits of the cost.
     pub most: u64,
-    /// Before a collapse that errs more, mm.
+    /// Before a collapse of larger error, mm.
     pub max_error_mm: Option<f64>,
 }
 
-/// Where a vertex is and what it costs there.
+/// Position of a vertex, and the value of its quadric there.
 #[derive(Clone, Copy)]
 pub struct Place {
     at: DVec3,
-    /// Its own quadric there.
+    /// Value of its quadric.
     cost: f64,
 }
 
-/// What a run works on, by ids of the mesh given.
+/// The part of the input mesh that a run works on.
 pub struct Piece {
-    /// Its vertices, ascending.
+    /// Input ids of its vertices, ascending.
     pub vertex_ids: Vec<u32>,
-    /// Its faces, ascending.
+    /// Input ids of its faces, ascending.
     pub face_ids: Vec<u32>,
 }
 
-/// A mesh, or part of one, on its way down.
+/// State of the decimation of a mesh, or of a part of one.
 pub struct Decimation {
-    /// What is left.
+    /// Connectivity of what is left.
     pub edges: HalfEdges,
     /// Collapses made.
     pub collapses: usize,
@@ -51,42 +51,42 @@ pub struct Decimation {
     mm: f64,
     moves: bool,
     places: Vec<Place>,
-    /// Normals that faces are held against; none where only quadrics count.
+    /// Vertex normals that new faces are compared with; empty where only quadrics count.
     normals: Vec<Vec3>,
     quadrics: Vec<Quadric>,
     freedom: Vec<Freedom>,
     heap: Heap,
-    /// The target of each vertex that goes with its cost in the heap; `NONE` where something around
-    /// has changed since, and that cost is a lower bound.
+    /// The target of each vertex that its cost in the heap belongs to; `NONE` where its
+    /// neighbourhood has changed since, and that cost is a lower bound.
     choice: Vec<u32>,
-    /// The last turn in which a vertex was in the ring of the vertex at hand.
+    /// The last turn in which a vertex was in the ring of the current star.
     seen: Vec<u32>,
     turn: u32,
     star: Star,
-    /// Neighbours of the star that it may go to, cheapest first.
+    /// Neighbours that the centre of the star may collapse onto, cheapest first.
     targets: Vec<Target>,
     rings: Rings,
 }
 
-/// A neighbour that a vertex may go to.
+/// A neighbour that a vertex may collapse onto.
 struct Target {
-    /// By the quadrics alone.
+    /// Cost by the quadrics alone.
     cost: f64,
     id: u32,
-    /// Its place in the ring.
+    /// Its index in the ring.
     k: usize,
 }
 
-/// The target chosen.
+/// The cheapest target.
 struct Best {
     k: usize,
-    /// By the quadrics alone.
+    /// Cost by the quadrics alone.
     cost: f64,
-    /// With what the faces deviate.
-    dear: f64,
+    /// Cost with the deviation of the faces' normals.
+    total: f64,
 }
 
-/// A star as a recorder wants it.
+/// Buffers of a star as a recorder receives it.
 #[derive(Default)]
 struct Rings {
     ring: Vec<u32>,
@@ -95,7 +95,7 @@ struct Rings {
 }
 
 impl Decimation {
-    /// Begins with faces none of which has changed. O(V + F).
+    /// Starts with a part of the input. O(V + F).
     pub fn new(input: &Input<'_>, piece: Piece, edges: HalfEdges, freedom: Vec<Freedom>) -> Self {
         let ids = &piece.vertex_ids;
         let places = input.of_each(ids, |v| Place { at: input.at(v), cost: 0.0 });
@@ -103,8 +103,8 @@ impl Decimation {
         Self::with(input, piece, edges, freedom, (places, quadrics), true)
     }
 
-    /// Begins with what other runs left: for each vertex what they knew of it, if one of them could
-    /// change it.
+    /// Starts with what other runs left: for each vertex its position and quadric, or `None` for one
+    /// that they were not allowed to change.
     pub fn resume(
         input: &Input<'_>,
         piece: Piece,
@@ -174,17 +174,17 @@ impl Decimation {
         self.faces
     }
 
-    /// Id in the mesh given of a vertex.
+    /// Input id of a vertex.
     pub fn vertex_id(&self, v: u32) -> u32 {
         self.piece.vertex_ids[v as usize]
     }
 
-    /// Id in the mesh given of a face.
+    /// Input id of a face.
     pub fn face_id(&self, f: u32) -> u32 {
         self.piece.face_ids[f as usize]
     }
 
-    /// Ids in the mesh given of the vertices that belong to other parts too.
+    /// Input ids of the vertices that belong to other parts too.
     pub fn foreign(&self) -> impl Iterator<Item = u32> + '_ {
         let ids = self.piece.vertex_ids.iter().zip(&self.freedom);
         ids.filter(|(_, f)| **f == Freedom::Foreign).map(|(v, _)| *v)
@@ -195,7 +195,7 @@ impl Decimation {
         self.heap.entries().iter().map(|e| e.cost)
     }
 
-    /// Faces left: ids in the mesh given, and here.
+    /// Faces left: input id, and id here.
     pub fn faces_left(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
         let all = self.piece.face_ids.iter().zip(0..);
         all.filter(|(_, f)| self.edges.face(*f).is_some()).map(|(id, f)| (*id, f))
@@ -206,7 +206,7 @@ impl Decimation {
         (0..self.edges.vertex_count() as u32).filter(|v| self.edges.out(*v) != NONE)
     }
 
-    /// Vertices left: id in the mesh given, and what it stands for unless it is another part's too.
+    /// Vertices left: input id, and position and quadric unless other parts share the vertex.
     pub fn vertices_left(&self) -> impl Iterator<Item = (u32, Option<(Place, Quadric)>)> + '_ {
         self.stay().map(|v| {
             let id = self.vertex_id(v);
@@ -216,7 +216,7 @@ impl Decimation {
         })
     }
 
-    /// Collapses until `stop` says so or nothing can go.
+    /// Collapses until `stop` is reached or no legal collapse is left.
     pub fn run(&mut self, input: &Input<'_>, stop: &Stop, log: &mut impl Log) -> StopReason {
         let mut too_far = false;
         while self.faces > stop.faces {
@@ -229,7 +229,7 @@ impl Decimation {
             self.gather(top.vertex);
             if let Some((k, cost)) = self.chosen().filter(|_| stop.max_error_mm.is_none())
                 && self.is_legal(k)
-                && self.agreed(k, input, log)
+                && self.accepted(k, input, log)
             {
                 self.error_mm = self.error_mm.max(self.error_mm_at(k, cost));
                 self.collapse(k, cost);
@@ -238,17 +238,17 @@ impl Decimation {
             self.weigh();
             loop {
                 let best = self.best_target(stop.max_error_mm, &mut too_far);
-                let Some(Best { k, dear, cost }) = best else {
+                let Some(Best { k, total, cost }) = best else {
                     self.heap.pop();
                     break;
                 };
-                if (Entry { cost: dear.to_bits(), vertex: top.vertex }) > top {
-                    // Dearer than it seemed: others may come first now.
-                    self.heap.set(top.vertex, dear);
+                if (Entry { cost: total.to_bits(), vertex: top.vertex }) > top {
+                    // Its cost is above its lower bound: others may come first now.
+                    self.heap.set(top.vertex, total);
                     self.choice[top.vertex as usize] = self.star.ring[k];
                     break;
                 }
-                if self.is_legal(k) && self.agreed(k, input, log) {
+                if self.is_legal(k) && self.accepted(k, input, log) {
                     self.error_mm = self.error_mm.max(self.error_mm_at(k, cost));
                     self.collapse(k, cost);
                     break;
@@ -259,17 +259,17 @@ impl Decimation {
         StopReason::Reached
     }
 
-    /// Where a vertex is, in the units of the run.
+    /// Position of a vertex, in the units of the run.
     pub fn position(&self, v: u32) -> DVec3 {
         self.places[v as usize].at
     }
 
-    /// Whether a vertex is free to move.
+    /// Whether a vertex may be relocated.
     pub fn may_move(&self, v: u32) -> bool {
         self.freedom[v as usize] == Freedom::Free
     }
 
-    /// Moves `v` to where its quadric is less, if it may move.
+    /// Moves `v` towards the minimum of its quadric, if it may move.
     fn relocate(&mut self, v: u32) {
         if !self.may_move(v) {
             return;
@@ -280,18 +280,17 @@ impl Decimation {
         }
     }
 
-    /// Moves all vertices that took others over once more, now that nothing changes around them.
+    /// Relocates all vertices that others collapsed onto once more, now that connectivity is final.
     pub fn relocate_all(&mut self) {
         for v in 0..self.edges.vertex_count() as u32 {
-            // One that stands for itself alone costs nothing where it is.
+            // One that no other collapsed onto is at the minimum of its quadric.
             if self.edges.out(v) != NONE && self.places[v as usize].cost > 0.0 {
                 self.relocate(v);
             }
         }
     }
 
-    /// Cost of the cheapest target of `v`, legal or not, without what its faces deviate: less than
-    /// it will cost.
+    /// Cost of the cheapest target of `v`, legal or not, by quadrics alone: a lower bound.
     fn cheapest(&self, v: u32) -> Option<f64> {
         let freedom = self.freedom[v as usize];
         if matches!(freedom, Freedom::Locked | Freedom::Foreign) {
@@ -329,8 +328,8 @@ impl Decimation {
         }
     }
 
-    /// The target found for the star before, if nothing around has changed since: its place in the
-    /// ring, and its cost by the quadrics alone.
+    /// The target found for the star earlier, if its neighbourhood has not changed since: its index in
+    /// the ring, and its cost by the quadrics alone.
     fn chosen(&self) -> Option<(usize, f64)> {
         let v = self.star.centre as usize;
         let to = self.choice[v];
@@ -355,8 +354,8 @@ impl Decimation {
         self.targets.sort_unstable_by(|a, b| a.cost.total_cmp(&b.cost).then(a.id.cmp(&b.id)));
     }
 
-    /// Finds out what every vertex costs, one after the other: neighbours are met while they are
-    /// in the cache, as they are not in the order of costs.
+    /// Computes the cost of every vertex in order of id: neighbours are then in the cache, as they are
+    /// not in the order of costs.
     fn settle(&mut self) {
         let vertices = self.edges.vertex_count() as u32;
         let cost = |v| {
@@ -367,18 +366,18 @@ impl Decimation {
             self.weigh();
             let best = self.best_target(None, &mut false)?;
             self.choice[v as usize] = self.star.ring[best.k];
-            Some(best.dear)
+            Some(best.total)
         };
         let costs: Vec<_> = (0..vertices).map(cost).collect();
         self.heap = Heap::new(&costs);
     }
 
-    /// The target that costs least, with what its faces deviate, by cost, then by id; faces keep
-    /// their shape, but whether it is legal is looked at last, for that is dear.
+    /// The target of least total cost, then least id, among those that turn or thin no face too much.
+    /// Whether it is legal is checked later, as that is expensive.
     fn best_target(&self, max_error_mm: Option<f64>, too_far: &mut bool) -> Option<Best> {
         let mut best: Option<Best> = None;
         for &Target { cost, k, .. } in &self.targets {
-            let limit = best.as_ref().map_or(f64::INFINITY, |b| b.dear - cost);
+            let limit = best.as_ref().map_or(f64::INFINITY, |b| b.total - cost);
             if limit <= 0.0 {
                 break;
             }
@@ -387,7 +386,7 @@ impl Decimation {
                 *too_far = true;
                 continue;
             }
-            best = Some(Best { k, cost, dear: cost + deviation });
+            best = Some(Best { k, cost, total: cost + deviation });
         }
         best
     }
@@ -399,14 +398,14 @@ impl Decimation {
         if sum > 0.0 { (cost / sum).sqrt() * self.mm } else { 0.0 }
     }
 
-    /// Whether the mesh stays of its kind.
+    /// Whether the collapse keeps the topology of the mesh.
     fn is_legal(&self, k: usize) -> bool {
         let in_ring = |v: u32| self.seen[v as usize] == self.turn;
-        self.star.keeps_kind(&self.edges, k, in_ring)
+        self.star.keeps_topology(&self.edges, k, in_ring)
             && (self.freedom[self.star.centre as usize] == Freedom::Free || self.keeps_cap(k))
     }
 
-    /// Whether no cap, and no wall between caps, loses its last face.
+    /// Whether no cap, and no strip of wall between caps, loses its last face.
     fn keeps_cap(&self, k: usize) -> bool {
         let to = self.star.ring[k];
         self.star.leaving.iter().all(|&h| {
@@ -416,13 +415,13 @@ impl Decimation {
         })
     }
 
-    /// Asks the recorder.
-    fn agreed(&mut self, k: usize, input: &Input<'_>, log: &mut impl Log) -> bool {
+    /// Whether the recorder accepts the collapse.
+    fn accepted(&mut self, k: usize, input: &Input<'_>, log: &mut impl Log) -> bool {
         if log.is_noop() {
             return true;
         }
         let (star, rings, piece) = (&self.star, &mut self.rings, &self.piece);
-        // A ring without ends begins at the target.
+        // A closed ring begins at the target.
         let turn = if star.open { 0 } else { k };
         fn turned<T>(list: &[T], by: usize) -> impl Iterator<Item = &T> {
             list[by..].iter().chain(&list[..by])
@@ -466,11 +465,11 @@ impl Decimation {
         let first = self.edges.out(to);
         let mut h = first;
         loop {
-            self.offer(self.edges.target(h), to, h);
+            self.update_neighbor(self.edges.target(h), to, h);
             let p = prev(h);
             h = self.edges.pair(p);
             if h == NONE {
-                self.offer(self.edges.origin(p), to, p);
+                self.update_neighbor(self.edges.origin(p), to, p);
                 break;
             }
             if h == first {
@@ -484,14 +483,13 @@ impl Decimation {
         self.normals.is_empty()
     }
 
-    /// Tells a neighbour of a target that has changed, along edge `h`. One for which nothing was
-    /// legal gets another chance. For the others the target may be nearer now than what they had,
-    /// if it is new to them or has moved; all else has only become dearer, so that what the heap
-    /// has stays a lower bound. Where faces count too, quadrics alone say less than the heap
-    /// already knows: those neighbours are met when their old cost comes up. Telling them at once
-    /// costs a third more time, and gains nothing that could be measured.
+    /// Updates the cost of a neighbour `v` of the changed target `to`, along edge `h`. A vertex
+    /// without a legal collapse is queued again. For the others `to` may now be the cheapest target;
+    /// all other targets have only become more expensive, so that the cost in the heap stays a lower
+    /// bound. Where normals count too, the heap already holds a better lower bound than quadrics
+    /// give, and the cost is brought up to date when it comes up.
     #[inline]
-    fn offer(&mut self, v: u32, to: u32, h: u32) {
+    fn update_neighbor(&mut self, v: u32, to: u32, h: u32) {
         self.choice[v as usize] = NONE;
         let freedom = self.freedom[v as usize];
         let cost = match self.heap.cost(v) {

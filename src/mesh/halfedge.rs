@@ -1,4 +1,4 @@
-//! Half-edges: who is beside whom, and what a collapse does to that.
+//! Half-edge connectivity of a manifold mesh, and the half-edge collapse.
 
 use rayon::prelude::*;
 
@@ -11,7 +11,8 @@ pub const NONE: u32 = u32::MAX;
 /// Faces that ids can count: four half-edge ids a face, and one id to say none.
 pub const MOST_FACES: usize = (1 << 30) - 1;
 
-/// Three half-edges; the fourth place keeps a face within a cache line and its corner shifts cheap.
+/// The three half-edges of a face. Padded to four, so that a face lies within one cache line and
+/// ids need no division.
 #[repr(align(32))]
 #[derive(Clone, Copy, Debug)]
 struct Face {
@@ -202,13 +203,13 @@ impl HalfEdges {
         self.out.len()
     }
 
-    /// A number of the caller's own beside each face.
+    /// A number of the caller's own for each face.
     #[inline]
     pub(super) fn mark(&self, f: u32) -> u32 {
         self.faces[f as usize].corner[3]
     }
 
-    /// Sets the number beside a face.
+    /// Sets the mark of a face.
     pub(super) fn set_mark(&mut self, f: u32, mark: u32) {
         self.faces[f as usize].corner[3] = mark;
     }
@@ -230,7 +231,7 @@ impl HalfEdges {
     }
 
     /// Collapses the vertex `from` onto `to`. `leaving` are the half-edges around `from` in order,
-    /// as [`Self::around`] gives them. One or two faces go. The caller has seen to it that the
+    /// as [`Self::around`] gives them. One or two faces are removed. The caller guarantees that the
     /// result is manifold.
     pub(super) fn collapse(&mut self, from: u32, to: u32, leaving: &[u32]) {
         let first = leaving[0];
@@ -370,8 +371,8 @@ pub(super) fn check_sizes(mesh: &Mesh) -> Result<(), MeshError> {
     Ok(())
 }
 
-/// What an edge of two ends is refused as.
-type Refused = fn([glam::Vec3; 2]) -> MeshError;
+/// The error for an edge with these ends.
+type EdgeError = fn([glam::Vec3; 2]) -> MeshError;
 
 /// The half-edge b → a, `NONE` on a boundary. `from` lists the half-edges that leave a vertex,
 /// `corner` gives the vertex that one leaves.
@@ -382,7 +383,7 @@ fn twin<'l>(
     [a, b]: [u32; 2],
     from: impl Fn(u32) -> &'l [u32],
     corner: impl Fn(u32) -> u32,
-) -> Result<u32, Refused> {
+) -> Result<u32, EdgeError> {
     let (mut same, mut against, mut pair) = (0, 0, NONE);
     let swap = from(b).len() > from(a).len();
     let (here, there) = if swap { (a, b) } else { (b, a) };

@@ -1,4 +1,4 @@
-//! The cheapest collapse of every vertex, cheapest first.
+//! Priority queue of vertices by the cost of their cheapest collapse.
 
 use super::halfedge::NONE;
 
@@ -11,15 +11,15 @@ pub struct Entry {
     pub vertex: u32,
 }
 
-/// A heap of four children a node with at most one entry a vertex, whose cost may change.
+/// An indexed 4-ary heap with at most one entry a vertex, whose cost may change.
 pub struct Heap {
     entries: Vec<Entry>,
-    /// Where each vertex's entry is, `NONE` where it has none.
+    /// Index of each vertex's entry, `NONE` where it has none.
     place: Vec<u32>,
 }
 
 impl Heap {
-    /// Orders what is given: a cost for each vertex, or none.
+    /// Heap of the vertices that have a cost. O(V).
     pub fn new(costs: &[Option<f64>]) -> Self {
         let some = |(v, c): (usize, &Option<f64>)| {
             c.map(|c| Entry { cost: c.to_bits(), vertex: v as u32 })
@@ -36,17 +36,17 @@ impl Heap {
         heap
     }
 
-    /// All, in no order.
+    /// All entries, in no order.
     pub fn entries(&self) -> &[Entry] {
         &self.entries
     }
 
-    /// The cheapest.
+    /// The cheapest entry.
     pub fn first(&self) -> Option<Entry> {
         self.entries.first().copied()
     }
 
-    /// Takes the cheapest out.
+    /// Removes the cheapest entry.
     pub fn pop(&mut self) {
         let Some(first) = self.first() else { return };
         self.place[first.vertex as usize] = NONE;
@@ -128,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn entries_come_out_by_cost_then_vertex_whatever_was_changed_before() {
+    fn entries_pop_by_cost_then_vertex_after_any_changes() {
         let mut seed = 5u64;
         let mut noise = |n: u64| {
             seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);

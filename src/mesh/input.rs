@@ -1,4 +1,4 @@
-//! What a simplification starts from.
+//! The input of a simplification, shared by the runs over all of it or over parts.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -8,21 +8,21 @@ use super::vertex_quadrics::{Freedom, PARCEL, floor, freedoms, quadrics};
 use super::{HalfEdges, MeshError, Metric, SimplifyOptions};
 use crate::geometry::Mesh;
 
-/// A mesh as it was given; runs over all of it or parts of it start here.
+/// The input mesh with its connectivity, vertex freedoms and metric.
 pub struct Input<'a> {
     /// The mesh.
     pub mesh: &'a Mesh,
-    /// Its half-edges; marks are caps.
+    /// Its half-edges; the mark of a face is 1 for a cap.
     pub edges: HalfEdges,
-    /// What each vertex may do.
+    /// Which collapses and moves each vertex is allowed.
     pub freedom: Vec<Freedom>,
-    /// What a collapse costs.
+    /// Cost of a collapse.
     pub metric: Metric,
-    /// What a face weighs more than its area.
+    /// Weight added to the area of each face.
     pub floor: f64,
-    /// Whether vertices that stay move.
+    /// Whether kept vertices are relocated.
     pub moves: bool,
-    /// Side of the bounding box, mm.
+    /// Longest side of the bounding box, mm: the unit length of a run.
     pub mm: f64,
     centre: DVec3,
 }
@@ -54,24 +54,24 @@ impl<'a> Input<'a> {
         Ok(this)
     }
 
-    /// Where a vertex is, in the units of a run: the box centred, its longest side 1.
+    /// Position of a vertex in the units of a run: the box centred at 0, its longest side 1.
     #[inline]
     pub fn at(&self, v: u32) -> DVec3 {
         (self.mesh.positions[v as usize].as_dvec3() - self.centre) / self.mm
     }
 
-    /// A place of a run in mm.
+    /// A position of a run in mm.
     #[inline]
     pub fn in_mm(&self, at: DVec3) -> DVec3 {
         at * self.mm + self.centre
     }
 
-    /// Quadrics of these vertices, before anything went.
+    /// Initial quadrics of these vertices.
     pub fn quadrics(&self, ids: &[u32]) -> Vec<Quadric> {
         quadrics(self.mesh, &self.edges, &|v| self.at(v), (self.metric, self.floor), ids)
     }
 
-    /// Something for each of these vertices, in their order.
+    /// `what` of each of these vertices, in their order.
     pub fn of_each<T: Send>(&self, ids: &[u32], what: impl Fn(u32) -> T + Sync + Send) -> Vec<T> {
         ids.par_iter().with_min_len(PARCEL).map(|v| what(*v)).collect()
     }

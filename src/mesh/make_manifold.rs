@@ -1,4 +1,4 @@
-//! Makes a mesh of any origin one that half-edges can hold, and says what that took.
+//! Makes any mesh manifold and consistently oriented, and counts the repairs.
 
 use glam::Vec3;
 
@@ -6,37 +6,36 @@ use super::halfedge::{NONE, by_lower_vertex, check_sizes, face, next, prev};
 use super::{HalfEdges, MeshError};
 use crate::geometry::Mesh;
 
-/// What was repaired.
+/// Counts of what was repaired.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Repairs {
     /// Faces dropped because they name a vertex twice.
     pub degenerate_faces: usize,
     /// Faces dropped because an earlier one has the same vertices.
     pub duplicate_faces: usize,
-    /// Faces turned over to look to the side that most of their component look to.
+    /// Faces flipped to the orientation that most of their component has.
     pub flipped_faces: usize,
-    /// Edges at which more than two faces met, cut apart.
+    /// Edges with more than two faces, cut apart.
     pub split_edges: usize,
     /// Ends of the first of them, mm.
     pub first_edge: Option<[Vec3; 2]>,
-    /// Vertices made out of others, in which separate fans of faces touched.
+    /// Vertices duplicated, as separate fans of faces touched in one.
     pub split_vertices: usize,
-    /// The first such place, mm.
+    /// The first of them, mm.
     pub first_vertex: Option<Vec3>,
 }
 
 impl Repairs {
-    /// Whether the mesh was good as it came.
+    /// Whether nothing had to be repaired.
     pub fn none(&self) -> bool {
         *self == Self::default()
     }
 }
 
-/// Repairs a mesh so that [`HalfEdges::new`] takes it. Faces that name a vertex twice or repeat
-/// another are dropped; faces are turned over to agree with their neighbours; edges with more than
-/// two faces are cut, and vertices in which fans of faces touch are doubled, the new ones at the
-/// end of the list. Positions, and the order of what stays, are kept; so are vertices that no face
-/// uses.
+/// Repairs a mesh so that [`HalfEdges::new`] accepts it. Faces that name a vertex twice or repeat
+/// another are dropped; faces are flipped to agree with their neighbours; edges with more than two
+/// faces are cut, and vertices in which fans of faces touch are duplicated, the new ones at the end
+/// of the list. Positions, the order of what is kept, and vertices without faces are kept.
 ///
 /// # Errors
 /// [`MeshError`]: lists that do not fit together, a coordinate that is not finite, an index out of
@@ -56,13 +55,13 @@ pub fn make_manifold(mesh: &Mesh) -> Result<(Mesh, Repairs), MeshError> {
         return Err(MeshError::Empty);
     }
     let mut pairs = pair_up(&mesh, &mut repairs);
-    agree(&mut mesh, &mut pairs, &mut repairs)?;
+    orient(&mut mesh, &mut pairs, &mut repairs)?;
     split_vertices(&mut mesh, &pairs, &mut repairs);
     debug_assert!(HalfEdges::new(&mesh).is_ok());
     Ok((mesh, repairs))
 }
 
-/// Drops degenerate and duplicate faces; of equal ones the first stays.
+/// Drops degenerate and duplicate faces; of equal ones the first is kept.
 fn drop_bad_faces(mesh: &mut Mesh, repairs: &mut Repairs) {
     let sorted = |f: &[u32; 3]| {
         let mut f = *f;
@@ -105,7 +104,7 @@ fn drop_bad_faces(mesh: &mut Mesh, repairs: &mut Repairs) {
     mesh.caps.retain(|_| *kept.next().unwrap_or(&true));
 }
 
-/// The other half-edge of every half-edge at edges with two faces, whichever way they look.
+/// The other half-edge of every half-edge at edges with two faces, of either orientation.
 fn pair_up(mesh: &Mesh, repairs: &mut Repairs) -> Vec<u32> {
     let mut pairs = vec![NONE; 4 * mesh.faces.len()];
     let (start, mut edges) = by_lower_vertex(&mesh.faces, mesh.positions.len());
@@ -130,12 +129,12 @@ fn pair_up(mesh: &Mesh, repairs: &mut Repairs) -> Vec<u32> {
     pairs
 }
 
-/// Turns faces over until those that share an edge look to the same side: the one that most of
-/// each component look to, or its first face where both are equally many.
-fn agree(mesh: &mut Mesh, pairs: &mut [u32], repairs: &mut Repairs) -> Result<(), MeshError> {
+/// Flips faces until those that share an edge are oriented alike: as most of each component are, or
+/// as its first face is where both are equally many.
+fn orient(mesh: &mut Mesh, pairs: &mut [u32], repairs: &mut Repairs) -> Result<(), MeshError> {
     let origin = |mesh: &Mesh, h: u32| mesh.faces[face(h) as usize][(h & 3) as usize];
     let faces = mesh.faces.len();
-    // Whether a face is turned against the first one of its component.
+    // Whether a face is oriented against the first one of its component.
     let mut turned: Vec<Option<bool>> = vec![None; faces];
     let mut component = Vec::new();
     for first in 0..faces {
@@ -199,7 +198,7 @@ fn split_vertices(mesh: &mut Mesh, pairs: &[u32], repairs: &mut Repairs) {
         if seen[first as usize] {
             continue;
         }
-        // Back to where the fan begins, then through it.
+        // Back to the first half-edge of the fan, then through it.
         let mut begin = first;
         while pairs[begin as usize] != NONE {
             begin = next(pairs[begin as usize]);

@@ -1,10 +1,10 @@
-//! A mesh cut into parts that are simplified side by side.
+//! Simplification of a large mesh in parts, in parallel.
 //!
-//! Collapses in the order of their costs jump all over a mesh, and nearly each of them misses the
-//! cache. A part is small enough to stay in it, and threads share the parts. Vertices on a cut
-//! neither go nor take others in, so that nothing done in one part is seen by another: together
-//! the parts do what one run over all of the mesh would do that leaves those vertices alone. A last
-//! run over what is left has them too.
+//! Collapses in the order of their costs access a mesh at random, and nearly each of them misses the
+//! cache. A part is small enough to stay in the cache, and threads share the parts. A vertex on a
+//! cut is kept, and no vertex collapses onto it, so that the parts are independent: together they
+//! do what one run over the whole mesh would do with those vertices locked. A last run over what is
+//! left has no cuts.
 
 use rayon::prelude::*;
 
@@ -16,27 +16,27 @@ use super::quadric::Quadric;
 use super::vertex_quadrics::Freedom;
 use crate::geometry::median_split::{self, KeyedPoint};
 
-/// Faces of a part, at most: with all that is kept beside them they fill 1.4 MB.
+/// Faces of a part, at most; their working set is 1.4 MB.
 const PART_FACES: usize = 12_288;
-/// Meshes below this many faces are not cut.
+/// Meshes below this many faces are not divided.
 const LEAST_FACES: usize = 2 * PART_FACES;
-/// Rounds end when so small a share of the faces wanted is left to go.
+/// Rounds end within this fraction of the target, as its reciprocal.
 const NEAR: usize = 32;
 
-/// A part on its way down and what its recorder heard.
+/// A part and its log.
 struct Part<L> {
     run: Decimation,
     log: L,
 }
 
-/// Simplifies part by part as far as that does not show, and gives the run over what is left, with
-/// the logs of the parts in order. `None` for a mesh that is not worth cutting.
+/// Simplifies in parts down to where the vertices on cuts are missed, and returns the run over what
+/// is left, with the logs of the parts in order. `None` for a mesh too small to divide.
 pub fn in_parts<L: Log>(input: &Input<'_>, stop: &Stop) -> Option<(Decimation, Vec<L>)> {
     let faces = input.mesh.faces.len();
     if faces < LEAST_FACES || stop.faces > faces / 2 {
         return None;
     }
-    let mut order = middles(input);
+    let mut order = centroids(input);
     let mut pieces = Vec::new();
     cut(&mut order, faces.div_ceil(PART_FACES), &mut pieces);
     let mut rank = vec![NONE; faces];
@@ -58,19 +58,19 @@ pub fn in_parts<L: Log>(input: &Input<'_>, stop: &Stop) -> Option<(Decimation, V
     Some(join(input, parts))
 }
 
-/// Three times the middle of each face, and the face.
-fn middles(input: &Input<'_>) -> Vec<KeyedPoint> {
+/// Three times the centroid of each face, with its id.
+fn centroids(input: &Input<'_>) -> Vec<KeyedPoint> {
     let at = |v: &u32| input.mesh.positions[*v as usize];
     let faces = input.mesh.faces.par_iter().with_min_len(8192).enumerate();
     faces.map(|(i, f)| KeyedPoint::new(f.iter().map(at).sum(), i as u32)).collect()
 }
 
-/// Orders faces so that each of `parts` parts lies together, halving the longest side again and
-/// again; gives begin and end of each. Within a part faces that are neighbours stand together.
+/// Orders faces so that each of `parts` parts is contiguous, by recursive median splits; appends begin
+/// and end of each. Within a part faces follow a space-filling curve.
 fn cut(faces: &mut [KeyedPoint], parts: usize, ends: &mut Vec<(usize, usize)>) {
     fn halve(faces: &mut [KeyedPoint], parts: usize) -> Vec<usize> {
         if parts <= 1 {
-            along_a_curve(faces);
+            sort_by_morton_code(faces);
             return vec![faces.len()];
         }
         let middle = faces.len() * (parts / 2) / parts;
@@ -86,8 +86,8 @@ fn cut(faces: &mut [KeyedPoint], parts: usize, ends: &mut Vec<(usize, usize)>) {
     }
 }
 
-/// Orders faces along a Morton curve through 1024³ cells of their box, then by id.
-fn along_a_curve(faces: &mut [KeyedPoint]) {
+/// Orders faces by the Morton code of their cell, of 1024³ in their box, then by id.
+fn sort_by_morton_code(faces: &mut [KeyedPoint]) {
     let (lo, hi) = median_split::bounds(faces);
     let per = 1023.0 / (hi - lo).max_element().max(f32::MIN_POSITIVE);
     // Two zero bits before each of ten.
@@ -104,7 +104,7 @@ fn along_a_curve(faces: &mut [KeyedPoint]) {
     });
 }
 
-/// The run over the faces `face_ids`; `inside` gives the number of a face among them. `local` is
+/// The run over the faces `face_ids`; `inside` gives the index of a face among them. `local` is
 /// scratch space for the vertices, all `NONE` before and after.
 fn part(
     input: &Input<'_>,
@@ -143,9 +143,9 @@ fn part(
     Decimation::new(input, Piece { vertex_ids, face_ids }, edges, freedom)
 }
 
-/// Takes all parts down together: in each round every part makes its collapses up to one cost,
-/// such that in the end no part is simplified more than the others. What stands at the cuts must
-/// go in the last run, so that many faces more are left to it.
+/// Simplifies all parts in rounds: in each, every part makes its collapses up to a common cost, so
+/// that in the end no part is simplified more than the others. Two faces a vertex on a cut are left
+/// to the last run, which removes those vertices.
 fn rounds<L: Log>(input: &Input<'_>, parts: &mut [Part<L>], stop: &Stop) {
     let mut foreign: Vec<u32> = parts.iter().flat_map(|p| p.run.foreign()).collect();
     foreign.sort_unstable();
@@ -157,10 +157,10 @@ fn rounds<L: Log>(input: &Input<'_>, parts: &mut [Part<L>], stop: &Stop) {
         let wanted = left - goal;
         costs.clear();
         costs.extend(parts.iter().flat_map(|p| p.run.costs()));
-        // A collapse makes its neighbours dearer, so up to this cost there are fewer than half of
-        // those wanted; the rounds do not go beyond their mark in one stride.
+        // A collapse raises the cost of its neighbours, so up to this cost there are fewer than half
+        // of those wanted: a round does not overshoot the target.
         let rank = (wanted / 2).min(costs.len().saturating_sub(1));
-        // Each round lets something go or learns what something really costs.
+        // Each round makes a collapse or brings a cost up to date, so the loop ends.
         let none = parts.iter().all(|p| p.run.faces() * wanted / left == 0);
         if costs.is_empty() || none {
             return;
@@ -175,7 +175,7 @@ fn rounds<L: Log>(input: &Input<'_>, parts: &mut [Part<L>], stop: &Stop) {
     }
 }
 
-/// A face that a part left, with everything by its number in the mesh given.
+/// A face that a part left, by input ids.
 struct Left {
     id: u32,
     corners: [u32; 3],
@@ -183,7 +183,7 @@ struct Left {
     pairs: [u32; 3],
 }
 
-/// The run over what the parts left, and their logs. A part goes as soon as that is taken from it.
+/// The run over what the parts left, and their logs. Each part is freed as soon as it is read.
 fn join<L>(input: &Input<'_>, parts: Vec<Part<L>>) -> (Decimation, Vec<L>) {
     let mut alive: Vec<Left> = Vec::with_capacity(parts.iter().map(|p| p.run.faces()).sum());
     let mut stay: Vec<(u32, Option<(Place, Quadric)>)> =
@@ -195,7 +195,7 @@ fn join<L>(input: &Input<'_>, parts: Vec<Part<L>>) -> (Decimation, Vec<L>) {
             id,
             corners: [0, 1, 2].map(|c| run.vertex_id(run.edges.origin(4 * f + c))),
             pairs: [0, 1, 2].map(|c| match run.edges.pair(4 * f + c) {
-                // At a cut half-edges are those of the mesh given, and their faces stay.
+                // At a cut the pairs are those of the input: faces at cuts are kept.
                 NONE => input.edges.pair(4 * id + c),
                 p => 4 * run.face_id(face(p)) + (p & 3),
             }),
@@ -213,7 +213,7 @@ fn join<L>(input: &Input<'_>, parts: Vec<Part<L>>) -> (Decimation, Vec<L>) {
     let mut new_vertex = vec![NONE; input.mesh.positions.len()];
     stay.iter().zip(0..).for_each(|(v, i)| new_vertex[v.0 as usize] = i);
     let faces = alive.iter().map(|f| {
-        // Where the face beyond has gone, there is a boundary now.
+        // Where the adjacent face is removed, there is a boundary.
         let pairs = f.pairs.map(|pair| match new_face.get(face(pair) as usize) {
             Some(&other) if pair != NONE && other != NONE => 4 * other + (pair & 3),
             _ => NONE,
@@ -239,7 +239,7 @@ mod tests {
     use crate::mesh::{Metric, SimplifyOptions, deviation};
 
     #[test]
-    fn a_mesh_in_parts_comes_out_as_good_as_in_one_piece_and_no_cut_shows() {
+    fn simplification_in_parts_is_as_accurate_as_in_one_piece() {
         let mesh = torus(250, 100);
         for metric in [Metric::NormalQem, Metric::Qem] {
             let options = SimplifyOptions { metric, ..SimplifyOptions::to_faces(2000) };
@@ -248,7 +248,7 @@ mod tests {
             let (mut parts, logs) = in_parts::<()>(&input, &stop).unwrap();
             assert_eq!(logs.len(), 5);
             parts.edges.check().unwrap();
-            // Nearly everything went in parts, and no part went below what was wanted.
+            // Most collapses are made in parts, and none of them below the target.
             assert!((2000..6000).contains(&parts.faces()), "{}", parts.faces());
             let end = |run: &mut Decimation| -> Mesh {
                 run.run(&input, &stop, &mut ());

@@ -1,4 +1,4 @@
-//! Weighted sums of squared distances to planes.
+//! Quadric error: weighted sums of squared distances to planes.
 
 use glam::DVec3;
 

@@ -1,4 +1,4 @@
-//! Moves a vertex to where it stands best for those that went.
+//! Moves a vertex to the minimum of its quadric after others collapsed onto it.
 
 use glam::{DMat3, DVec3};
 
@@ -6,17 +6,17 @@ use super::HalfEdges;
 use super::halfedge::prev;
 use super::quadric::Quadric;
 
-/// Share of the quadric's own stiffness that holds a vertex where it is: across a flat or along a
-/// ridge, where planes say nothing, it stays.
+/// Regularization: share of the quadric's trace added to its diagonal, so that a vertex does not move
+/// in directions its planes do not determine (within a flat, along a ridge).
 const HOLD: f64 = 1e-3;
-/// cos² of the most that a face may turn in one move, 30°.
+/// cos² of the largest angle that a face may turn by in one move, 30°.
 const COS2_TURN: f64 = 0.75;
-/// A vertex moves by this share of its shortest edge at most.
+/// Largest step, as a share of the vertex's shortest edge.
 const MOST_STEP: f64 = 0.5;
 
-/// Where `v`, now at `at(v)`, is best placed for its quadric: at the least of it, or half way
-/// there, or a quarter; at the first of these where no face around turns too much. `None` if there
-/// is none, or nothing is gained.
+/// The minimum of the quadric of `v`, now at `at(v)`, or the point half or a quarter of the way
+/// there: the first where no face around turns too much. `None` if there is none, or the quadric is
+/// not less there.
 pub fn better_place(
     edges: &HalfEdges,
     v: u32,

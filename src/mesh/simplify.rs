@@ -1,4 +1,4 @@
-//! Simplification by half-edge collapse: fewer faces, the vertices that stay stay where they are.
+//! Mesh simplification by half-edge collapse with quadric error metrics.
 
 use rayon::prelude::*;
 
@@ -9,97 +9,97 @@ use super::parts::in_parts;
 use super::{MeshError, Recorder};
 use crate::geometry::{ClosestPoint, Mesh, TriangleBvh};
 
-/// What a collapse costs.
+/// Cost of a collapse.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Metric {
     /// Squared distances to the planes of the faces, by area (Garland and Heckbert 1997).
     Qem,
-    /// Those, each face weighing the mean area more, and the tangent plane by each vertex's normal,
-    /// which weighs half as much as the faces around together, all of it more where normals differ
-    /// from their neighbours'; and squared size times squared angle of each new face against its
-    /// corners' normals, more than that where the angle is large or the face is a sliver. The
-    /// normals should be fair; without any, those of the faces serve for the tangent planes.
+    /// Those with the mean area added to each face's weight; a tangent plane by each vertex's normal,
+    /// with half the weight of its faces together; higher weights where normals differ from their
+    /// neighbours'; and the deviation of each new face from its corners' normals, as squared size
+    /// times squared angle, more where the angle is large or the face a sliver. The normals should
+    /// be smoothed; without any, tangent planes come from the faces.
     #[default]
     NormalQem,
-    /// The paper's: each face weighs 1, the tangent plane as many as there are faces around.
+    /// Of Li et al. 2004: each face has weight 1, the tangent plane as much as all faces together.
     Paper,
 }
 
-/// What to simplify to, and what to leave alone.
+/// Target and constraints of a simplification.
 #[derive(Clone, Copy, Debug)]
 pub struct SimplifyOptions<'a> {
-    /// Faces wanted; a collapse takes two (one on a boundary), so the last may go one below.
+    /// Target number of faces; a collapse removes two (one on a boundary), so the result may have one
+    /// less.
     pub faces: usize,
-    /// What a collapse costs.
+    /// Cost of a collapse.
     pub metric: Metric,
-    /// Whether the vertices that stay move to where they stand best for those that went, at each
-    /// collapse and once more at the end; not those on boundaries and rims, nor locked ones.
-    /// Connectivity stays what the collapses made it; normals are taken anew where they come to lie.
+    /// Whether kept vertices move to the minimum of their quadric, at each collapse and once more at
+    /// the end, except those on boundaries and cap rims and locked ones. Their normals are
+    /// interpolated from the input at the nearest point.
     pub relocate: bool,
-    /// One flag a vertex: it neither moves nor goes.
+    /// One flag a vertex: it is neither moved nor removed.
     pub locked: Option<&'a [bool]>,
-    /// No collapse whose vertex ends farther than this from the planes it stands for, root mean
-    /// square, mm.
+    /// Largest root mean square distance of a vertex to the planes of its quadric that a collapse may
+    /// cause, mm.
     pub max_error_mm: Option<f64>,
 }
 
 impl SimplifyOptions<'_> {
-    /// Down to so many faces by the default metric.
+    /// Down to this many faces by the default metric.
     pub fn to_faces(faces: usize) -> Self {
         Self { faces, metric: Metric::default(), relocate: false, locked: None, max_error_mm: None }
     }
 }
 
-/// Why no more faces went.
+/// Why a simplification ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopReason {
-    /// As few faces as were wanted.
+    /// The target number of faces is reached.
     Reached,
-    /// Every further collapse would damage the mesh, or touch what is locked, or was refused by
-    /// the recorder.
+    /// Every further collapse would change the topology, turn or thin a face too much, touch a locked
+    /// vertex, or was vetoed by the recorder.
     NoLegalCollapse,
-    /// Every further collapse would err too much.
+    /// Every further collapse would exceed `max_error_mm`.
     MaxError,
 }
 
-/// A simplified mesh, and where its parts come from.
+/// A simplified mesh, with the input ids of its vertices and faces.
 #[derive(Clone, Debug)]
 pub struct Simplified {
-    /// The mesh. Vertices and faces are in the order of those they come from.
+    /// The mesh. Vertices and faces are in the order of their input ids.
     pub mesh: Mesh,
-    /// For each vertex, its id in the mesh given.
+    /// For each vertex, its input id.
     pub vertex_ids: Vec<u32>,
-    /// For each face, its id in the mesh given (a face whose corner moved to another vertex keeps
-    /// its id).
+    /// For each face, its input id (a face one of whose corners collapsed keeps its id).
     pub face_ids: Vec<u32>,
     /// Collapses made.
     pub collapses: usize,
-    /// Why it ended.
+    /// Why the simplification ended.
     pub stopped: StopReason,
-    /// Largest root mean square distance of a vertex that stayed to the planes it took over, mm.
+    /// Largest root mean square distance of a vertex to the planes of its quadric, mm.
     pub error_mm: f64,
 }
 
 /// Simplifies a manifold mesh; the result is manifold, with as many components, handles and
 /// boundary loops as before, and the same at any number of threads.
 ///
-/// A vertex on a boundary or on the rim of a cap goes along that line or not at all; where more
-/// than two such lines meet, it stays. No face turns by more than 75° in a collapse, none becomes
-/// thinner than 0.1° unless it was, no vertex gets more than 24 neighbours.
+/// A vertex on a boundary or on the rim of a cap collapses along that line only; where more than two
+/// such lines meet, it is kept. No face turns by more than 75° in a collapse, no angle becomes
+/// smaller than 0.1° unless it was, no vertex gets more than 24 neighbours.
 ///
-/// The recorder hears of each collapse when everything else agrees, under the ids of `mesh`; one
-/// that it refuses is not made.
+/// The recorder receives each legal collapse before it is made, with the ids of `mesh`; one that it
+/// vetoes is not made.
 ///
 /// # Errors
 /// What [`super::HalfEdges::new`] refuses (see [`super::make_manifold`]); [`MeshError::Length`] for a list of
 /// locked vertices of another length than the vertices; [`MeshError::Empty`].
 ///
-/// After Garland and Heckbert 1997 with half-edge collapses and the paper's normal term (section
-/// 4.1). Departures: one entry a vertex in the heap, its cheapest target, whose cost is a lower
-/// bound brought up to date when it is met: 9 of 10 entries of one an edge would be stale. Meshes
-/// of 24,576 faces or more are simplified in parts of 12,288 (see `parts.rs`), then as a whole.
-/// [`Metric::NormalQem`] also counts what the new faces deviate from their corners' normals, which
-/// sees diagonals that quadrics at vertices do not, and weighs creases more.
+/// Garland and Heckbert 1997 (doi:10.1145/258734.258849) with half-edge collapses and the normal term
+/// of Li et al. 2004, section 4.1. Departures: the heap has one entry a vertex, its cheapest target,
+/// whose cost is a lower bound that is brought up to date when it comes up. Meshes of 24,576 faces
+/// or more are simplified in parts of 12,288 in parallel (`parts.rs`), then as a whole.
+/// [`Metric::NormalQem`] adds the deviation of new faces from their corners' normals, which tells
+/// diagonals apart that vertex quadrics do not, and weights creases.
 pub fn simplify<R: Recorder>(
     mesh: &Mesh,
     options: &SimplifyOptions<'_>,
@@ -134,9 +134,9 @@ pub fn simplify<R: Recorder>(
                 *p = input.in_mm(run.position(v)).as_vec3();
             }
         }
-        // The tree over the mesh given takes as much again.
+        // Freed first: the tree over the input needs as much memory again.
         drop((run, input));
-        renew_normals(&mut left, &vertex_ids, mesh);
+        interpolate_normals(&mut left, &vertex_ids, mesh);
     }
     Ok(Simplified { mesh: left, vertex_ids, face_ids, collapses, stopped, error_mm })
 }
@@ -149,8 +149,8 @@ pub fn whole(input: &Input<'_>) -> Decimation {
     Decimation::new(input, piece, input.edges.clone(), input.freedom.clone())
 }
 
-/// Gives vertices that moved the normal of the surface given at the place nearest to them.
-fn renew_normals(left: &mut Mesh, vertex_ids: &[u32], input: &Mesh) {
+/// Gives vertices that moved the normal of the input surface at the nearest point.
+fn interpolate_normals(left: &mut Mesh, vertex_ids: &[u32], input: &Mesh) {
     if left.normals.is_empty() {
         return;
     }
@@ -167,7 +167,7 @@ fn renew_normals(left: &mut Mesh, vertex_ids: &[u32], input: &Mesh) {
     });
 }
 
-/// What is left, in the old order, with old ids of vertices and faces.
+/// The remaining mesh in input order, with the input ids of its vertices and faces.
 pub fn left_of(mesh: &Mesh, run: &Decimation) -> (Mesh, Vec<u32>, Vec<u32>) {
     let mut new = vec![NONE; run.edges.vertex_count()];
     let mut vertex_ids = Vec::new();

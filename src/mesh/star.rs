@@ -1,4 +1,4 @@
-//! A vertex with the faces around it, and whether it may collapse onto a neighbour.
+//! The star of a vertex (its faces and neighbours), and whether it may collapse onto a neighbour.
 
 use glam::{DVec3, Vec3};
 
@@ -6,7 +6,7 @@ use super::HalfEdges;
 use super::halfedge::{NONE, next, prev};
 use super::triangle_x8::{LANES, TriangleX8};
 
-/// Neighbours of a vertex, at most.
+/// Largest valence a collapse may make.
 const MOST_NEIGHBOURS: usize = 24;
 
 /// The faces around one vertex.
@@ -18,17 +18,17 @@ pub struct Star {
     pub leaving: Vec<u32>,
     /// Neighbours in order: face i holds the centre, `ring[i]` and the next.
     pub ring: Vec<u32>,
-    /// Where they are.
+    /// Positions of the ring.
     pub at: Vec<DVec3>,
     /// Whether the centre lies on a boundary.
     pub open: bool,
-    /// Where they are from the centre, in units of the longest spoke, and their normals (0 where
-    /// normals do not count).
+    /// Positions of the ring relative to the centre, in units of the longest spoke, and normals (0
+    /// where normals do not count).
     spokes: Vec<(Vec3, Vec3)>,
     faces: Vec<TriangleX8>,
     /// Whether normals count.
     shaded: bool,
-    /// The longest spoke to the fourth: what squared areas are in.
+    /// The longest spoke to the fourth power: the unit of squared areas.
     unit4: f64,
 }
 
@@ -60,7 +60,7 @@ impl Star {
         self.at.extend(self.ring.iter().map(|w| at(*w)));
     }
 
-    /// Measures the faces, so that [`Self::deviation`] can be asked for.
+    /// Measures the faces, as [`Self::deviation`] needs.
     #[inline]
     pub fn measure(&mut self, from: DVec3, normals: &[Vec3]) {
         self.shaded = !normals.is_empty();
@@ -87,14 +87,14 @@ impl Star {
         }
     }
 
-    /// What the faces that stay deviate from the normals of their corners when the centre goes to
-    /// `ring[k]`: Σ 2 A r (A' + 180 A r), where r = 1 − n·N, N the mean normal of the three, and A'
-    /// lies between A and the area of the fair face with such sides; 0 without normals. r is the
-    /// squared angle by half, so that this is area times squared size times squared angle, as a
-    /// squared distance by area is; where the angle is large, its fourth power. `None` if a face
-    /// turns or thins too much.
+    /// Deviation of the kept faces from the normals of their corners when the centre collapses onto
+    /// `ring[k]`: Σ 2 A r (A' + 180 A r), where r = 1 − n·N, N is the mean normal of the three corners,
+    /// and A' lies between A and the area of the equilateral face with the same sum of squared sides;
+    /// 0 without normals. As r is half the squared angle, the unit is that of a quadric weighted by
+    /// area (area times squared distance); for large angles the fourth power of the angle counts.
+    /// `None` if a face turns or thins too much.
     ///
-    /// In single precision: about 10⁻⁷ of A² is lost, what an angle of 0.02° amounts to.
+    /// In f32: the rounding of about 10⁻⁷ A² corresponds to an angle of 0.02°.
     #[inline]
     pub fn deviation(&self, k: usize) -> Option<f64> {
         let (to, normal) = self.spokes[k];
@@ -114,12 +114,17 @@ impl Star {
         Some(if self.shaded { f64::from(sum) * self.unit4 } else { 0.0 })
     }
 
-    /// Whether the mesh stays a manifold of the same kind when the centre goes to `ring[k]`:
-    /// centre and target have no neighbours in common but those of the faces that go (Dey et al.
-    /// 1999), no two faces become one, and no vertex gets too many neighbours. `in_ring` says
-    /// whether a vertex is in the ring.
+    /// Whether the mesh keeps its topology when the centre collapses onto `ring[k]`: centre and
+    /// target have no neighbours in common but those of the faces that are removed (the link
+    /// condition, Dey et al. 1999), no two faces coincide, and no valence exceeds 24. `in_ring`
+    /// says whether a vertex is in the ring.
     #[inline]
-    pub fn keeps_kind(&self, edges: &HalfEdges, k: usize, in_ring: impl Fn(u32) -> bool) -> bool {
+    pub fn keeps_topology(
+        &self,
+        edges: &HalfEdges,
+        k: usize,
+        in_ring: impl Fn(u32) -> bool,
+    ) -> bool {
         let (to, n) = (self.ring[k], self.ring.len());
         let (mut common, mut neighbours) = (0, 0);
         let first = edges.out(to);
@@ -142,8 +147,8 @@ impl Star {
         if common != goes || n + neighbours > MOST_NEIGHBOURS + 2 + goes {
             return false;
         }
-        // Three faces (two, one at a boundary) leave one (none): it must not fall onto another,
-        // nor may the last face of a component go.
+        // A ring of three leaves one face (at a boundary, none): it must not coincide with another
+        // face, nor may the last face of a component be removed.
         if !self.open && n == 3 {
             let across = edges.pair(next(self.leaving[(k + 1) % 3]));
             return across == NONE || edges.origin(prev(across)) != to;

@@ -1,32 +1,33 @@
-//! TriangleX8 faces of a star at once: what they deviate and how thin they are when the centre moves.
+//! Eight faces of a star in SIMD lanes: how far they turn, thin, and deviate from given normals when
+//! the centre moves.
 
 use std::array::from_fn;
 
 use glam::Vec3;
 
-/// cos² of the most that a face may turn, 75°.
+/// cos² of the largest angle that a face may turn by, 75°.
 const COS2_TURN: f32 = 0.066_987_3;
-/// Square of the least fairness of a face, its area by [`fair`]: smallest angles of 0.1°. More
-/// would keep the cheapest collapses on a plane, which go by way of needles, from being made.
-const FAIR2_THIN: f32 = 9e-6;
-/// How much of a face's area counts as the fair one by its sides in what it deviates; the rest is
-/// its true area. Fair faces make fair normals of vertices; true areas alone lie nearer.
-const FAIR_SHARE: f32 = 0.7;
-/// How much more a face counts the more it deviates: twice as much at 1 − cos = 1/180, 6.0°.
-const STEEP: f32 = 180.0;
-/// Faces looked at side by side.
+/// Square of the least quality of a face, its area over [`equilateral`]: smallest angles of 0.1°. A
+/// stricter limit forbids the cheapest collapses on a plane, which pass through needles.
+const MIN_QUALITY2: f32 = 9e-6;
+/// Share of [`equilateral`] in the size of a face by which its deviation is weighted; the rest is its
+/// true area. More gives better shaped faces and vertex normals, less a nearer surface.
+const EQUILATERAL_SHARE: f32 = 0.7;
+/// Growth of a face's weight with its deviation: twice as much at 1 − cos = 1/180, 6.0°.
+const STEEPNESS: f32 = 180.0;
+/// Faces computed together.
 pub const LANES: usize = 8;
 
-/// One number of each of eight faces.
+/// One number for each of eight faces.
 pub type Lanes = [f32; LANES];
 
-/// TriangleX8 vectors, component by component.
+/// Eight vectors, component by component.
 type Vectors = [Lanes; 3];
 
-/// TriangleX8 faces of a star. Lengths are in units of the longest spoke, places from the centre.
+/// Eight faces of a star. Lengths are in units of the longest spoke, positions relative to the centre.
 #[derive(Clone, Copy, Default)]
 pub struct TriangleX8 {
-    /// The two corners beside the centre.
+    /// The two corners other than the centre.
     a: Vectors,
     b: Vectors,
     /// Sum of their normals.
@@ -36,12 +37,12 @@ pub struct TriangleX8 {
     cross2: Lanes,
     /// Squared length of the edge across.
     across2: Lanes,
-    /// Square of [`fair`].
-    fair2: Lanes,
+    /// Square of [`equilateral`].
+    equilateral2: Lanes,
 }
 
 impl TriangleX8 {
-    /// Puts in one face: its corners beside the centre, and the sum of their normals.
+    /// Sets one face: its two corners other than the centre, and the sum of their normals.
     #[inline]
     pub fn set(&mut self, lane: usize, a: Vec3, b: Vec3, normals: Vec3) {
         for c in 0..3 {
@@ -51,19 +52,20 @@ impl TriangleX8 {
         }
     }
 
-    /// Fills in what follows from the corners.
+    /// Computes areas and qualities from the corners.
     #[inline]
     pub fn measure(&mut self) {
         let across = from_fn(|c| minus(&self.b[c], &self.a[c]));
         self.cross = cross(&self.a, &self.b);
         self.cross2 = dot(&self.cross, &self.cross);
         self.across2 = dot(&across, &across);
-        let fairest = fair(&dot(&self.a, &self.a), &dot(&self.b, &self.b), &self.across2);
-        self.fair2 = from_fn(|l| fairest[l] * fairest[l]);
+        let equilateral_area =
+            equilateral(&dot(&self.a, &self.a), &dot(&self.b, &self.b), &self.across2);
+        self.equilateral2 = from_fn(|l| equilateral_area[l] * equilateral_area[l]);
     }
 
-    /// Adds what the faces that stay (1, others 0) deviate with the centre at `to`, whose normal
-    /// is `normal`; says whether none turns or thins too much.
+    /// Adds the deviation of the kept faces (`stays` 1, others 0) with the centre at `to` and of
+    /// normal `normal`; returns whether none of them turns or thins too much.
     #[inline]
     pub fn moved(&self, to: Vec3, normal: Vec3, stays: &Lanes, sum: &mut Lanes) -> bool {
         let a = from_fn(|c| minus(&self.a[c], &[to[c]; LANES]));
@@ -71,21 +73,22 @@ impl TriangleX8 {
         let mean = from_fn(|c| from_fn(|l| self.normals[c][l] + normal[c]));
         let new = cross(&a, &b);
         let (new2, along, facing) = (dot(&new, &new), dot(&self.cross, &new), dot(&new, &mean));
-        let fairest = fair(&dot(&a, &a), &dot(&b, &b), &self.across2);
+        let equilateral_area = equilateral(&dot(&a, &a), &dot(&b, &b), &self.across2);
         let bad: [bool; LANES] = from_fn(|l| {
             let old2 = self.cross2[l];
             // A face without area has no direction to keep.
             let turns = (old2 > 0.0)
                 & ((along[l] <= 0.0) | (along[l] * along[l] < COS2_TURN * old2 * new2[l]));
-            let fair2 = fairest[l] * fairest[l];
-            let thins = (new2[l] < FAIR2_THIN * fair2) & (new2[l] * self.fair2[l] <= old2 * fair2);
+            let equilateral2 = equilateral_area[l] * equilateral_area[l];
+            let thins = (new2[l] < MIN_QUALITY2 * equilateral2)
+                & (new2[l] * self.equilateral2[l] <= old2 * equilateral2);
             (stays[l] > 0.0) & (turns | thins)
         });
         *sum = from_fn(|l| {
             let twice = new2[l].sqrt();
             let off = (twice - facing[l] * (1.0 / 3.0)).max(0.0);
-            let size = FAIR_SHARE * fairest[l] + (1.0 - FAIR_SHARE) * twice;
-            sum[l] + stays[l] * 0.5 * off * (size + STEEP * off)
+            let size = EQUILATERAL_SHARE * equilateral_area[l] + (1.0 - EQUILATERAL_SHARE) * twice;
+            sum[l] + stays[l] * 0.5 * off * (size + STEEPNESS * off)
         });
         !bad.contains(&true)
     }
@@ -109,10 +112,10 @@ fn dot(a: &Vectors, b: &Vectors) -> Lanes {
     from_fn(|l| a[0][l] * b[0][l] + a[1][l] * b[1][l] + a[2][l] * b[2][l])
 }
 
-/// Twice the area of the fair (equilateral) face whose squared sides have the sum of these three;
-/// no face with that sum is larger.
+/// Twice the area of the equilateral triangle whose squared sides have the sum of these three, the
+/// largest of any triangle with that sum.
 #[inline]
-fn fair(x: &Lanes, y: &Lanes, z: &Lanes) -> Lanes {
+fn equilateral(x: &Lanes, y: &Lanes, z: &Lanes) -> Lanes {
     const BY_SUM: f32 = 0.288_675_13; // 1/√12
     from_fn(|l| BY_SUM * (x[l] + y[l] + z[l]))
 }

@@ -1,4 +1,4 @@
-//! What each vertex stands for before anything went: its quadric, and whether it may go.
+//! Initial quadrics of the vertices, and which vertices may be collapsed or moved.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -8,26 +8,26 @@ use super::quadric::Quadric;
 use super::{HalfEdges, Metric};
 use crate::geometry::Mesh;
 
-/// The planes that hold boundaries and rims in place weigh so much more than faces.
+/// Weight of the planes that hold boundaries and cap rims in place, relative to faces.
 const RIM_WEIGHT: f64 = 10.0;
-/// How much more a vertex weighs the more its normal differs from its neighbours'. Area alone would
-/// let go of sharp tips and ridges, whose faces are often small.
+/// Weight of a vertex per unit of [`crease`]. By area alone sharp tips and ridges, whose faces are
+/// often small, would be collapsed early.
 const CREASE_WEIGHT: f64 = 100.0;
-/// What the tangent plane of a vertex weighs by the faces around together.
+/// Weight of the tangent plane of a vertex relative to its faces together.
 const TANGENT_WEIGHT: f64 = 0.5;
-/// Vertices of a parcel of work; smaller meshes stay on their thread.
+/// Vertices of a parallel task; smaller meshes stay on their thread.
 pub const PARCEL: usize = 4096;
 
-/// What a vertex may do.
+/// Which collapses and moves a vertex is allowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Freedom {
-    /// Goes to any neighbour.
+    /// May collapse onto any neighbour, and move.
     Free,
-    /// Lies on a boundary or on the rim of a cap, and goes along it.
+    /// Lies on a boundary or on the rim of a cap, and collapses along it only.
     Rim,
-    /// Stays.
+    /// Is kept where it is.
     Locked,
-    /// Stays, and takes no other vertex in: belongs to more than one part of the mesh.
+    /// Is kept, and no vertex may collapse onto it: belongs to more than one part of the mesh.
     Foreign,
 }
 
@@ -54,8 +54,8 @@ pub fn freedoms(edges: &HalfEdges, locked: Option<&[bool]>) -> Vec<Freedom> {
     (0..edges.vertex_count() as u32).into_par_iter().with_min_len(PARCEL).map(freedom).collect()
 }
 
-/// Quadrics of the vertices `of`, from positions in the units of the result. By area, a face weighs
-/// `floor` more than its own.
+/// Quadrics of the vertices `of`, from positions in the units of the result. The weight of a face is
+/// its area plus `floor`.
 pub fn quadrics(
     mesh: &Mesh,
     edges: &HalfEdges,
@@ -92,7 +92,7 @@ pub fn quadrics(
         }
         for h in edges.around(v) {
             for h in [h, prev(h)].into_iter().filter(|h| on_rim(edges, *h)) {
-                q += upright(edges, at, h);
+                q += edge_plane(edges, at, h);
             }
         }
         q
@@ -100,8 +100,8 @@ pub fn quadrics(
     of.par_iter().with_min_len(PARCEL).map(one).collect()
 }
 
-/// What each face of a quadric weighs more than its own area: the mean of all, for the bottom of a
-/// pit may be made of specks. Parcels are summed in order: the same at any number of threads.
+/// Weight added to the area of each face: the mean area, as concave tips consist of tiny triangles
+/// that area weights ignore. Chunks are summed in order: the same at any number of threads.
 pub fn floor(mesh: &Mesh, at: impl Fn(u32) -> DVec3 + Sync, metric: Metric) -> f64 {
     if metric != Metric::NormalQem {
         return 0.0;
@@ -110,14 +110,14 @@ pub fn floor(mesh: &Mesh, at: impl Fn(u32) -> DVec3 + Sync, metric: Metric) -> f
         let [a, b, c] = f.map(&at);
         (b - a).cross(c - a).length()
     };
-    let parcels = mesh.faces.par_chunks(PARCEL);
-    let sums: Vec<f64> = parcels.map(|part| part.iter().map(twice).sum()).collect();
+    let chunks = mesh.faces.par_chunks(PARCEL);
+    let sums: Vec<f64> = chunks.map(|part| part.iter().map(twice).sum()).collect();
     0.5 * sums.iter().sum::<f64>() / mesh.faces.len().max(1) as f64
 }
 
 /// Mean of 1 − cos between the normal of `v` and those of its neighbours: 0.3 on a sharp ridge of
-/// 90°, below 0.01 where a mesh is fine enough for its shape. Normals are the fair ones, so that
-/// the stairs of a mask do not count.
+/// 90°, below 0.01 where a mesh is fine enough for its shape. The normals should be smoothed, or the
+/// voxel steps of a mask count as creases.
 fn crease(mesh: &Mesh, edges: &HalfEdges, v: u32) -> f64 {
     let Some(n) = mesh.normals.get(v as usize) else { return 0.0 };
     let turn = |h: u32| 1.0 - f64::from(n.dot(mesh.normals[edges.target(h) as usize]));
@@ -125,8 +125,8 @@ fn crease(mesh: &Mesh, edges: &HalfEdges, v: u32) -> f64 {
     if count > 0.0 { f64::max(sum / count, 0.0) } else { 0.0 }
 }
 
-/// The plane through an edge, upright on its face.
-fn upright(edges: &HalfEdges, at: &impl Fn(u32) -> DVec3, h: u32) -> Quadric {
+/// The plane through an edge at right angles to its face.
+fn edge_plane(edges: &HalfEdges, at: &impl Fn(u32) -> DVec3, h: u32) -> Quadric {
     let [a, b, c] = [h, next(h), prev(h)].map(|h| at(edges.origin(h)));
     let along = b - a;
     match along.cross(along.cross(c - a)).try_normalize() {

@@ -1,5 +1,5 @@
-//! Iso-surface of the lumen from its bricks, in bit operations: a brick layer of 64 cells is
-//! classified at once, and a vertex's number is a population count.
+//! Iso-surface of the lumen from its bricks by bit operations: a brick layer of 64 cells is
+//! classified at once, and a vertex id is a population count.
 
 use glam::{DVec3, IVec3, Vec3};
 use rayon::prelude::*;
@@ -9,14 +9,14 @@ use crate::geometry::Mesh;
 use crate::lumen::Lumen;
 use crate::lumen::bricks::{BRICK, Bricks, NONE, near_index};
 
-/// Where a vertex lies between the inside and the outside voxel of its edge.
+/// Position of a vertex between the inside and the outside voxel of its edge.
 pub trait Crossing: Sync {
     /// Fraction of the way from the inside voxel to the outside one, in [1/256, 255/256].
     /// `outside` may lie outside the grid.
     fn fraction(&self, inside: IVec3, outside: IVec3) -> f32;
 }
 
-/// Half way: the surface of a binary mask.
+/// Half way, for the surface of a binary mask.
 pub struct Midpoint;
 
 impl Crossing for Midpoint {
@@ -25,7 +25,7 @@ impl Crossing for Midpoint {
     }
 }
 
-/// Keeps a crossing off the voxels, so that no two vertices coincide.
+/// Keeps a crossing away from voxel centres, so that no two vertices coincide.
 pub fn clamp_fraction(t: f32) -> f32 {
     if t.is_nan() { 0.5 } else { t.clamp(1.0 / 256.0, 255.0 / 256.0) }
 }
@@ -82,7 +82,7 @@ fn edges(layers: &[[u64; 4]; 9]) -> Edges {
     e
 }
 
-/// Cells of a layer whose corners are not all alike.
+/// Cells of a layer with corners both inside and outside.
 #[inline]
 fn mixed(low: &[u64; 4], high: &[u64; 4]) -> u64 {
     let any = low.iter().chain(high).fold(0, |a, b| a | b);
@@ -167,7 +167,7 @@ pub fn extract(lumen: &Lumen, crossing: &impl Crossing) -> Mesh {
             }
         });
 
-    // Groups of bricks, each into a list of its own: how many there are shows while they are made.
+    // Groups of bricks, each into a list of its own: the number of faces is not known before.
     let groups: Vec<(Vec<[u32; 3]>, Vec<bool>)> = (0..bricks.len().div_ceil(GROUP))
         .into_par_iter()
         .map(|g| {
@@ -187,12 +187,12 @@ pub fn extract(lumen: &Lumen, crossing: &impl Crossing) -> Mesh {
     Mesh { positions, normals: Vec::new(), faces, caps }
 }
 
-/// Bricks whose faces are made together.
+/// Bricks of a parallel task.
 const GROUP: usize = 32;
 
 /// Appends the faces of a brick's cells, and whether each is a cap if the lumen reaches the edge.
 ///
-/// * `(edges, base)`: of all bricks the crossed edges, and the number of the first vertex.
+/// * `(edges, base)`: crossed edges and first vertex id of every brick.
 fn faces_of(
     lumen: &Lumen,
     slot: usize,
@@ -234,7 +234,7 @@ fn faces_of(
     }
 }
 
-/// Id of the vertex where a walk from an inside voxel along +x leaves the lumen.
+/// Id of the vertex where a ray from an inside voxel along +x leaves the lumen.
 pub(super) fn vertex_beyond(lumen: &Lumen, from: IVec3) -> Option<u32> {
     let bricks = &lumen.bricks;
     let mut p = from;

@@ -1,4 +1,4 @@
-//! Sub-voxel crossings from grey values.
+//! Sub-voxel crossings interpolated from intensities.
 
 use glam::IVec3;
 
@@ -10,7 +10,7 @@ use crate::volume::Volume;
 /// linear interpolation between voxel centres.
 ///
 /// Signs follow the final mask: where f disagrees with it (filled cavities, neighbours in the
-/// window but not in the component) f counts as a hair to the mask's side. Integer thresholds lie
+/// window but not in the component) f is clamped to 0, on the mask's side. Integer thresholds lie
 /// half a stored unit outside the inclusive bounds, so that f is never 0 on a sample.
 pub struct Grey<'a> {
     volume: &'a Volume,
@@ -19,7 +19,7 @@ pub struct Grey<'a> {
 }
 
 impl<'a> Grey<'a> {
-    /// Crossings for a threshold window; `None` for labels, which have no grey values to go by.
+    /// Crossings for a threshold window; `None` for labels, which have no intensities to interpolate.
     pub fn new(volume: &'a Volume, window: &Window) -> Option<Self> {
         let Window::Range { lo, hi } = *window else { return None };
         let integer = volume.samples.sample_type().is_integer();

@@ -1,7 +1,7 @@
-//! The heat equation on a graph by few steps: a series of Chebyshev polynomials.
+//! Diffusion on a graph by a truncated Chebyshev series of the heat kernel.
 
 /// Coefficients of exp(−a (1 − S)) in Chebyshev polynomials of S: (2 − δ) e^−a I_k(a), by downward
-/// recurrence from where they are nothing.
+/// (Miller) recurrence from where they vanish.
 pub fn series(a: f64, count: usize) -> Vec<f64> {
     let from = 3 * terms(a, 1.0 / 15.0) + 20;
     let (mut above, mut here) = (0.0, 1e-280);
@@ -16,7 +16,7 @@ pub fn series(a: f64, count: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Terms after which what the series lacks is less than `cut` in every mode.
+/// Number of terms for which the truncation error is less than `cut` in every mode.
 pub fn terms(a: f64, cut: f64) -> usize {
     (2.0 * a * -cut.ln()).sqrt().ceil() as usize + 2
 }
@@ -26,7 +26,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_series_of_heat_sums_to_the_exponential_and_cut_to_nearly_that() {
+    fn truncated_heat_series_errs_by_less_than_its_bound() {
         for a in [0.5, 4.0, 64.0, 256.0, 4096.0] {
             for (count, most) in [
                 (3 * terms(a, 1.0 / 15.0) + 20, 1e-9),

@@ -1,4 +1,5 @@
-//! The surface of the lumen: extraction by a consistent cell table, topology, and smooth normals.
+//! The surface of the lumen: iso-surface extraction by a consistent cell table, topology, smooth
+//! normals, and curvature tint.
 
 mod extract;
 mod fair;
@@ -30,13 +31,13 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Extracts the surface. With `seed` (an inside voxel) only the component hit first by a walk
-    /// from there along +x is kept: the paper's single-surface tracking, order-free.
+    /// Extracts the surface. With `seed` (an inside voxel) only the component that a ray from there
+    /// along +x leaves through is kept: the single-surface tracking of Li et al. 2004.
     pub fn new(lumen: &Lumen, crossing: &impl Crossing, seed: Option<glam::IVec3>) -> Self {
         Self::of(extract(lumen, crossing), lumen, seed)
     }
 
-    /// Adjacency and counts of a lumen's extracted mesh, with the choice of [`Surface::new`].
+    /// Adjacency and counts of a lumen's extracted mesh; `seed` as in [`Surface::new`].
     pub fn of(mesh: Mesh, lumen: &Lumen, seed: Option<glam::IVec3>) -> Self {
         let (adjacency, watertight) = Adjacency::of(&mesh);
         let topology = adjacency.topology(&mesh, watertight);

@@ -1,4 +1,4 @@
-//! What a wall needs to be drawn beside its shape: a normal and a curvature at each vertex.
+//! Vertices of a wall as drawn: position, normal and curvature tint.
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -6,24 +6,25 @@ use rayon::prelude::*;
 use super::{Adjacency, heat};
 use crate::geometry::{Mesh, Vertex};
 
-/// Vertices worth a task.
+/// Vertices of a parallel task.
 const MIN_LEN: usize = 4096;
-/// Rounds of averaging at most: edges of a 64th of what is smoothed over.
+/// Averaging rounds, at most: enough for edges of a 64th of the smoothing radius.
 const ROUNDS_MAX: f64 = 4096.0;
-/// Part of the roughest noise that the cut series may leave.
+/// Error of the truncated series in any mode, at most.
 const CUT: f64 = 1.0 / 15.0;
 
-/// A mesh's vertices as they are drawn, and what the light needs to know.
+/// A mesh's vertices as drawn, and the radius that the light is scaled by.
 #[derive(Clone, Debug, Default)]
 pub struct Shading {
-    /// One for each vertex of the mesh; `w` is k / (1 + |k|) with k the mean curvature times the
-    /// mean radius, plus a half: 0 on a plain tube, positive on ridges.
+    /// One for each vertex of the mesh; `w` is the curvature tint: k / (1 + |k|), where k is the mean
+    /// curvature times the mean radius, plus a half; 0 on a plain tube, positive on ridges.
     pub vertices: Vec<Vertex>,
-    /// Radius of the long tube with this volume and area, mm.
+    /// Radius of the long tube with the mesh's ratio of volume to area, mm.
     pub mean_radius_mm: f32,
 }
 
-/// Vertices as drawn, with the mesh's own normals or, where it has none, the mean of its faces'.
+/// Vertices as drawn, with the mesh's own normals or, where it has none, area-weighted means of its
+/// faces'.
 ///
 /// # Panics
 /// If a face names a vertex that is not there.
@@ -34,18 +35,18 @@ pub fn shading(mesh: &Mesh) -> Shading {
     let normals = if given { &mesh.normals } else { &own };
     let mean_radius_mm = mean_radius(mesh);
     let curvature = curvature(mesh, normals, mean_radius_mm);
-    // Zero on a plain tube of that radius (one curvature is -1/r, the other 0); folds of any
-    // sharpness stay apart.
-    let relief = |v: usize| {
+    // Zero on a plain tube of that radius (principal curvatures -1/r and 0); strictly monotonic, so
+    // that sharper folds remain distinguishable.
+    let curvature_tint = |v: usize| {
         let k = mean_radius_mm * curvature[v] + 0.5;
         k / (1.0 + k.abs())
     };
-    let at = |v: usize| Vertex::new(mesh.positions[v], normals[v], relief(v));
+    let at = |v: usize| Vertex::new(mesh.positions[v], normals[v], curvature_tint(v));
     Shading { vertices: (0..vertices).map(at).collect(), mean_radius_mm }
 }
 
-/// Radius of the long tube with this volume and area: 2 V / A. Open or tiny meshes fall back to a
-/// share of their size.
+/// Radius of the long tube with this volume and area, 2 V / A; for open or tiny meshes a share of
+/// their size, mm.
 fn mean_radius(mesh: &Mesh) -> f32 {
     let r = (2.0 * mesh.volume_mm3().abs() / mesh.area_mm2()) as f32;
     let size = mesh.bounds().map_or(1.0, |(lo, hi)| (hi - lo).length());
@@ -61,34 +62,32 @@ fn normals(mesh: &Mesh) -> Vec<Vec3> {
     sum.iter().map(|n| n.try_normalize().unwrap_or(Vec3::Z)).collect()
 }
 
-/// Mean normal curvature at each vertex, 1/mm, positive where the wall stands into the lumen;
+/// Mean normal curvature at each vertex, 1/mm, positive where the wall protrudes into the lumen;
 /// smoothed over about a fifth of `radius_mm`, so that folds show and voxels do not.
 ///
-/// Edges count by their squared length, before and while it is smoothed: how a normal turns along
-/// the sliver of a millimetre is noise, and divided by that length it would outweigh a whole fold.
+/// Numerator and denominator are weighted by squared edge length and smoothed apart: the turn of
+/// the normal along a very short edge is noise, and its quotient would outweigh a whole fold.
 fn curvature(mesh: &Mesh, normals: &[Vec3], radius_mm: f32) -> Vec<f32> {
     let (adjacency, _) = Adjacency::of(mesh);
-    // Turn of the normals along the edges times their lengths, and squared lengths.
+    // Sums over edges of normal difference dot edge vector, and of squared lengths.
     let at = |v: usize| {
         let edge = |&w: &u32| (mesh.positions[w as usize] - mesh.positions[v], normals[w as usize]);
-        let known = adjacency.row(v).iter().map(edge);
-        known.fold(Vec2::ZERO, |s, (along, n)| {
+        adjacency.row(v).iter().map(edge).fold(Vec2::ZERO, |s, (along, n)| {
             s + Vec2::new((n - normals[v]).dot(along), along.length_squared())
         })
     };
     let sums = gather(mesh.positions.len(), at);
     let all: f64 = sums.iter().map(|s| f64::from(s.y)).sum();
     let edge2 = all / adjacency.near.len().max(1) as f64;
-    // A round of averaging spreads by about one edge, rounds add in squares.
+    // A round of averaging has a standard deviation of about one edge; variances add.
     let reach = 0.2 * f64::from(radius_mm);
     let rounds = (reach * reach / edge2.max(1e-12)).clamp(2.0, ROUNDS_MAX);
     let sums = diffuse(&adjacency, sums, rounds);
     sums.into_iter().map(|s| if s.y > 0.0 { s.x / s.y } else { 0.0 }).collect()
 }
 
-/// What so many rounds of averaging with the neighbours make of the values at vertices, but for a
-/// common factor near 1. A mesh of four times the faces needs four times the rounds, which the
-/// series makes of twice the steps.
+/// Values at vertices after `rounds` of averaging with the neighbours, up to a common factor near 1.
+/// Computed by a Chebyshev series whose length grows with the square root of `rounds`.
 fn diffuse(adjacency: &Adjacency, values: Vec<Vec2>, rounds: f64) -> Vec<Vec2> {
     let mean = |of: &[Vec2], v: usize| {
         let near = adjacency.row(v);
@@ -122,23 +121,22 @@ mod tests {
     use super::*;
     use crate::geometry::shapes::sphere;
 
-    /// Largest distance of the relief on a sphere from what it is: a curvature of −1/R at a mean
-    /// radius of 2 R / 3.
-    fn off_a_sphere(mesh: &Mesh) -> f32 {
+    /// Largest error of the curvature tint on a sphere: curvature −1/R at a mean radius of 2 R / 3.
+    fn tint_error(mesh: &Mesh) -> f32 {
         let off = |v: &Vertex| (v.w() + 1.0 / 7.0).abs();
         shading(mesh).vertices.iter().map(off).fold(0.0, f32::max)
     }
 
     #[test]
-    fn a_sphere_is_curved_alike_at_any_size_of_faces() {
+    fn curvature_tint_of_a_sphere_does_not_depend_on_face_size() {
         for n in [8, 40, 120] {
-            let off = off_a_sphere(&sphere(5.0, n));
+            let off = tint_error(&sphere(5.0, n));
             assert!(off < 0.01, "{n}: off by {off}");
         }
     }
 
     #[test]
-    fn slivers_with_poor_normals_show_no_spots() {
+    fn slivers_with_noisy_normals_do_not_disturb_the_curvature_tint() {
         let mut mesh = sphere(5.0, 40);
         // Every 37th vertex nearly falls upon a neighbour, and their normals differ.
         for i in (0..mesh.faces.len()).step_by(74) {
@@ -147,12 +145,12 @@ mod tests {
             mesh.positions[a] = mesh.positions[b] + 1e-3 * along;
             mesh.normals[a] = (mesh.normals[b] + 0.02 * along.normalize()).normalize();
         }
-        let off = off_a_sphere(&mesh);
+        let off = tint_error(&mesh);
         assert!(off < 0.05, "off by {off}");
     }
 
     #[test]
-    fn noise_of_normals_shows_less_on_finer_meshes() {
+    fn normal_noise_disturbs_the_curvature_tint_less_on_finer_meshes() {
         let spread = |n: u32| {
             let mut mesh = sphere(5.0, n);
             let mut seed = 1u32;
@@ -163,7 +161,7 @@ mod tests {
             for n in &mut mesh.normals {
                 *n = (*n + 0.02 * Vec3::new(random(), random(), random())).normalize();
             }
-            off_a_sphere(&mesh)
+            tint_error(&mesh)
         };
         let (coarse, fine) = (spread(30), spread(120));
         assert!(fine < coarse, "{coarse}, with faces a quarter as long {fine}");

@@ -13,7 +13,9 @@ fn mask(dims: [u32; 3], inside: impl Fn(UVec3) -> bool) -> Lumen {
     Lumen::new(grid, &bits)
 }
 
-/// Vertices and Euler number from the mask alone (ALGORITHMS, stage b.4).
+/// Vertices and Euler number from the mask alone: inside/outside pairs of 6-neighbours, and the
+/// alternating sum over cells of the 6-connected inside, corrected for cells whose only outside
+/// corners are two opposite ones.
 fn counts(l: &Lumen) -> (usize, i64) {
     let d = l.grid.dims.as_ivec3();
     let at = |v: IVec3| l.holds(v);
@@ -105,8 +107,7 @@ fn a_lumen_that_reaches_the_edge_is_closed_there_by_caps() {
     }
 }
 
-/// Grey values: a sampled signed distance gives a sphere whose area and volume are right to a
-/// small part, and better the larger it is.
+/// A sampled signed distance gives a sphere whose area and volume converge with resolution.
 #[test]
 fn the_grey_surface_of_a_sphere_converges() {
     let mut last = f64::INFINITY;

@@ -1,4 +1,4 @@
-//! What a mesh is connected like: adjacency, components, whether it is closed.
+//! Vertex adjacency, connected components, Euler number and watertightness of a mesh.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -14,7 +14,7 @@ pub struct Adjacency {
     pub near: Vec<u32>,
 }
 
-/// Counts that say what a surface is.
+/// Topological counts of a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Topology {
     /// Vertices used by faces.
@@ -145,7 +145,7 @@ impl Adjacency {
     }
 }
 
-/// Keeps the component of one vertex; order is kept.
+/// The component of one vertex, in the order of the mesh.
 pub fn keep_component(mesh: &Mesh, labels: &[u32], of: u32) -> Mesh {
     let kept = labels[of as usize];
     let mut id = vec![u32::MAX; mesh.positions.len()];

@@ -66,8 +66,8 @@ impl Original for ParameterizedOriginal<'_> {
             corners.iter().zip(to.at.weights).map(|(c, w)| w * of(c).as_dvec3()).sum()
         };
         let normal = sum(&Vertex::normal).normalize_or_zero().as_vec3();
-        let relief = sum(&|v| Vec3::splat(v.w())).x as f32;
-        Vertex::new(sum(&Vertex::position).as_vec3(), normal, relief)
+        let curvature_tint = sum(&|v| Vec3::splat(v.w())).x as f32;
+        Vertex::new(sum(&Vertex::position).as_vec3(), normal, curvature_tint)
     }
 
     /// The collapsed vertices; the others are corners of the base.

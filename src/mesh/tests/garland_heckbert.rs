@@ -1,4 +1,4 @@
-//! The textbook's simplification, to compare ours with.
+//! Simplification by edge contraction as published, the reference for [`super::simplify`].
 
 use glam::DVec3;
 
@@ -13,15 +13,14 @@ use crate::geometry::Mesh;
 /// A 3 × 3 matrix whose determinant is less than this by its trace cubed is taken for singular.
 const SINGULAR: f64 = 1e-9;
 
-/// Simplifies a manifold mesh to so many faces as Garland and Heckbert 1997
-/// (doi:10.1145/258734.258849) have it: the cheapest edge contracts to where the sum of the
-/// quadrics of its ends is least, found by a 3 × 3 solve, or to the best of its ends and its middle
-/// where that is singular. One heap entry an edge; planes weigh by area. Positions in mm, result
-/// without normals and caps; vertices move.
+/// Simplifies a manifold mesh to this many faces after Garland and Heckbert 1997
+/// (doi:10.1145/258734.258849): the cheapest edge contracts to the minimum of the sum of the
+/// quadrics of its ends, found by a 3 × 3 solve, or to the best of its ends and its midpoint where
+/// the matrix is singular. One heap entry an edge; planes are weighted by area. Positions in mm,
+/// result without normals and caps.
 ///
-/// For comparison only: [`super::simplify`] keeps vertices, caps and records. Departures: no pairs
-/// that are not edges, for the mesh stays a manifold of its kind; a contraction that turns a face
-/// by 90° or more is not made (the textbook's check for inversion).
+/// Departures: no pairs that are not edges, so that the topology is kept; a contraction that turns
+/// a face by 90° or more is not made (the published check for inversion).
 ///
 /// # Errors
 /// What [`HalfEdges::new`] refuses.
@@ -47,7 +46,7 @@ pub fn contract(mesh: &Mesh, faces: usize) -> Result<Mesh, MeshError> {
     Ok(this.compact(centre))
 }
 
-/// A mesh on its way down. Edges go by the lower of their half-edges.
+/// State of the contraction. An edge is named by the lower of its half-edges.
 struct Contract {
     edges: HalfEdges,
     at: Vec<DVec3>,
@@ -92,7 +91,7 @@ impl Contract {
         self.star.gather(&self.edges, from, |v| at[v as usize]);
         let Some(k) = self.star.ring.iter().position(|v| *v == to) else { return 0 };
         let ring = &self.star.ring;
-        if !self.star.keeps_kind(&self.edges, k, |v| ring.contains(&v))
+        if !self.star.keeps_topology(&self.edges, k, |v| ring.contains(&v))
             || !self.keeps_sides(from, to, p)
             || !self.keeps_sides(to, from, p)
         {
