@@ -13,7 +13,7 @@ mod tube;
 use cast::Cast;
 use intima::geometry::{Lens, Mesh};
 use intima::lod::{Camera, PageCache, Tolerance};
-use intima::pipeline::{Clock, Detail};
+use intima::session::{Clock, Levels};
 use intima::surface::shading;
 use pages::Pages;
 
@@ -22,29 +22,30 @@ fn camera(s: f32, fov_deg: f32) -> Camera {
     Camera { pose: tube::pose(s), lens, height_px: 60 }
 }
 
-fn clusters(mesh: &Mesh) -> Detail {
+fn clusters(mesh: &Mesh) -> Levels {
     let vertices = shading(mesh).vertices;
     let built = intima::lod::clusters::Clusters::build(mesh, &vertices).unwrap();
-    Detail::of_clusters(built, 1.0, false, None)
+    Levels::of_clusters(built, 1.0, false, None)
 }
 
-fn subdivision(mesh: &Mesh) -> Detail {
+fn subdivision(mesh: &Mesh) -> Levels {
     let vertices = shading(mesh).vertices;
     let clock = &mut Clock::default();
-    Detail::of_subdivision(mesh, &vertices, mesh.faces.len() / 10, 1.0, clock).unwrap()
+    Levels::of_subdivision(mesh, &vertices, mesh.faces.len() / 10, 1.0, clock).unwrap()
 }
 
 /// Compares every pixel of a flight through the tube.
-fn flown(mut detail: Detail, mesh: &Mesh, tau: f64) -> (screen::Found, f64) {
+fn flown(levels: Levels, mesh: &Mesh, tau: f64) -> (screen::Found, f64) {
     let original = Cast::of(mesh);
-    let tolerance = Tolerance { pixels: detail.report.pixel_error };
-    let cache = &mut PageCache::new(detail.pages, u32::MAX, 0);
+    let tolerance = Tolerance { pixels: levels.report.pixel_error };
+    let cache = &mut PageCache::new(levels.pages, u32::MAX, 0);
+    let mut hierarchy = levels.hierarchy();
     let mut pages = Pages::default();
     let (mut found, mut drawn) = (screen::Found::default(), 0);
     for fov in [60.0, 90.0, 120.0] {
         for i in 0..5 {
             let camera = camera(30.0 + 50.0 * i as f32, fov);
-            pages.settle(detail.refine.as_mut(), &camera, &tolerance, cache);
+            pages.settle(hierarchy.as_mut(), &camera, &tolerance, cache);
             let cut = pages.corners();
             drawn += cut.len();
             found = found.and(screen::compare(&original, &Cast::new(cut), &camera, tau));
@@ -75,8 +76,8 @@ fn subdivision_cuts_have_no_hole_and_keep_the_pixel_error() {
 #[test]
 fn the_pixel_comparison_detects_a_cut_coarser_than_the_bound() {
     let mesh = tube::tube(300, 96);
-    let mut detail = clusters(&mesh);
-    detail.report.pixel_error = 8.0;
-    let (found, _) = flown(detail, &mesh, 0.05);
+    let mut levels = clusters(&mesh);
+    levels.report.pixel_error = 8.0;
+    let (found, _) = flown(levels, &mesh, 0.05);
     assert!(found.inside() < 0.999 && found.worst_px > 0.1, "{found:?}");
 }

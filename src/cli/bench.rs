@@ -1,21 +1,20 @@
 //! `intima bench`: every kernel on every device, on a phantom.
 
 use std::collections::BTreeMap;
+use std::sync::{Arc, PoisonError};
 
 use serde::Serialize;
 
 use super::CliError;
 use super::global::Global;
-use crate::centerline::{Radius, RouteOptions};
-use crate::device::{Device, DeviceChoice};
+use crate::device::DeviceChoice;
 use crate::field::Response;
 use crate::kernels;
-use crate::lumen::{Lumen, Recipe, Window};
-use crate::pipeline::copy::{CopyRate, copy_rate};
-use crate::pipeline::{
-    Clock, Settings, Stage, SurfaceOptions, centered, distance_field, fields, hessian_field, wall,
+use crate::lumen::Window;
+use crate::session::copy_rate::{CopyRate, copy_rate};
+use crate::session::{
+    HessianSettings, LumenSettings, Product, Session, Settings, Source, StageTime, VolumeSource,
 };
-use crate::surface::Smoothing;
 use crate::volume::Volume;
 use crate::volume::phantom::{Kind, Phantom};
 
@@ -96,21 +95,19 @@ impl Args {
         }
         let phantom = Phantom::new(Kind::Colon, self.size, [1.0; 3])?;
         let volume = phantom.mask();
-        let (lumen, _) = Recipe::new(Window::Labels(vec![])).apply(&volume)?;
+        let volume = Arc::new(volume);
         let (mut devices, mut rows) = (Vec::new(), Vec::new());
+        let mut lumen_counts = (0, 0);
         for choice in choices(global) {
             // Opened in its turn: the time to its first dispatch is its own.
-            let mut device = Device::open(choice)?;
-            let (summary, its) = self.on(&mut device, &volume, &lumen)?;
+            let (summary, its, counts) = self.on(choice, &volume, global)?;
+            lumen_counts = counts;
             devices.push(summary);
             rows.extend(its);
         }
         global.say(format_args!(
             "colon phantom, {0} x {0} x {0}, {1} lumen voxels in {2} bricks, median of {3}",
-            self.size,
-            lumen.inside_voxels(),
-            lumen.bricks.len(),
-            self.runs
+            self.size, lumen_counts.0, lumen_counts.1, self.runs
         ))?;
         global.say(format_args!(
             "{:<18} {:<34} {:>10} {:>10} {:>14} {:>10} {:>8} {:>7}",
@@ -144,26 +141,37 @@ impl Args {
         global.answer(&Answer {
             phantom: "colon",
             size: self.size,
-            lumen_voxels: lumen.inside_voxels(),
-            bricks: lumen.bricks.len(),
+            lumen_voxels: lumen_counts.0,
+            bricks: lumen_counts.1,
             devices,
             rows,
         })
     }
 
+    /// Summary and rows of one device, and the lumen's voxels and bricks.
     fn on(
         &self,
-        device: &mut Device,
-        volume: &Volume,
-        lumen: &Lumen,
-    ) -> Result<(Summary, Vec<Row>), CliError> {
-        let before = device.submissions();
-        let planned = |s: &&Stage| STAGES.contains(&s.name) && !CPU_STAGES.contains(&s.name);
-        let plans = chain(device, volume, lumen)?.iter().filter(planned).count();
-        let submissions = device.submissions() - before;
+        choice: DeviceChoice,
+        volume: &Arc<Volume>,
+        global: &Global,
+    ) -> Result<OnDevice, CliError> {
+        let source = Source::Image(VolumeSource::Memory(Arc::clone(volume)));
+        let select = Some(Window::Labels(Vec::new()));
+        let lumen = LumenSettings { select, ..LumenSettings::default() };
+        let settings = Settings { device: choice, lumen, ..global.settings() };
+        let mut session = Session::new(source, settings)?;
+        session.keep_volume();
+        let segmented = session.lumen()?;
+        let counts = (segmented.lumen.inside_voxels(), segmented.lumen.bricks.len());
+        let device = session.device()?;
+        let device = || device.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = device().submissions();
+        let planned = |s: &&StageTime| STAGES.contains(&s.name) && !CPU_STAGES.contains(&s.name);
+        let plans = stages(&mut session)?.iter().filter(planned).count();
+        let submissions = device().submissions() - before;
         let mut runs: Runs = BTreeMap::new();
         for _ in 0..self.runs {
-            for stage in chain(device, volume, lumen)? {
+            for stage in stages(&mut session)? {
                 let at = STAGES.iter().position(|s| *s == stage.name);
                 if let Some(at) = at {
                     let key = (1000 + at, stage.name, "stage");
@@ -180,13 +188,13 @@ impl Args {
                 }
             }
         }
-        let copy = copy_rate(device, COPIED, self.runs as usize)?;
+        let copy = copy_rate(&mut device(), COPIED, self.runs as usize)?;
         let rate = copy.gb_per_s.max(1e-9);
         let at = kernels::ALL.iter().position(|k| k.name() == "copy").unwrap_or(999);
         let each =
             copy.seconds.iter().map(|s| (s * 1e3, 1, copy.bytes / 16, "quads", 2 * copy.bytes));
         runs.insert((at, "copy", "kernel"), each.collect());
-        let name = device.name().to_owned();
+        let name = device().name().to_owned();
         let rows = runs
             .into_iter()
             .filter(|((_, n, _), _)| self.stages.is_empty() || self.stages.iter().any(|s| s == n))
@@ -217,13 +225,16 @@ impl Args {
             device: name,
             threads: rayon::current_num_threads(),
             copy,
-            first_dispatch_ms: device.first_dispatch().map(|d| d.as_secs_f64() * 1e3),
+            first_dispatch_ms: device().first_dispatch().map(|d| d.as_secs_f64() * 1e3),
             plans,
             submissions,
         };
-        Ok((summary, rows))
+        Ok((summary, rows, counts))
     }
 }
+
+/// Summary and rows of one device, and the lumen's voxels and bricks.
+type OnDevice = (Summary, Vec<Row>, (u64, usize));
 
 impl Summary {
     /// For people.
@@ -246,28 +257,30 @@ const STAGES: [&str; 7] =
     ["distance", "distance, ridge", "hessian", "visibility", "fair", "route", "surface"];
 const CPU_STAGES: [&str; 2] = ["route", "surface"];
 
-/// Every stage once.
-fn chain(device: &mut Device, volume: &Volume, lumen: &Lumen) -> Result<Vec<Stage>, CliError> {
-    let mut clock = Clock::default();
-    distance_field(device, lumen, &mut clock)?;
-    // Its kernels are part of the next chain too: they are counted there.
-    clock.stages.iter_mut().for_each(|s| s.kernels.clear());
-    let f = fields(device, lumen, true, &mut clock)?;
-    let settings = Settings { route: RouteOptions::default(), radius: Radius::Measured };
-    centered(device, lumen, &f, settings, &mut clock)?;
-    let mut hessian = Clock::default();
-    let sigma = lumen.grid.spacing_mm.min_element();
-    let what = (sigma, Response::Ridge, false);
-    hessian_field(device, lumen, None, what, None, &mut hessian)?;
-    // Its distance and smoothing were timed above already.
-    for s in &mut hessian.stages {
-        s.kernels.retain(|k| k.kernel == "hessian");
+/// Every stage once, each alone.
+fn stages(session: &mut Session) -> Result<Vec<StageTime>, CliError> {
+    session.forget(&[Product::Distance, Product::Fields, Product::Wall]);
+    session.restart_clock();
+    session.prepare(&[Product::Distance])?;
+    // Its kernels are part of the next plan too: they are counted there.
+    session.clock().stages.iter_mut().for_each(|s| s.kernels.clear());
+    for product in [Product::Fields, Product::Route, Product::Visibility] {
+        session.prepare(&[product])?;
     }
-    clock.stages.extend(hessian.stages);
-    let options =
-        SurfaceOptions { from_grey: false, smoothing: Smoothing::Multiscale, track_from: None };
-    wall(device, volume, &Window::Labels(vec![]), lumen, options, &mut clock)?;
-    Ok(clock.stages)
+    let lumen = session.lumen()?;
+    let before = session.clock().stages.len();
+    session.distance_hessian(HessianSettings {
+        sigma_mm: lumen.lumen.grid.spacing_mm.min_element(),
+        response: Response::Ridge,
+        dark: false,
+    })?;
+    // Its distance and smoothing were timed above already.
+    for stage in &mut session.clock().stages[before..] {
+        stage.kernels.retain(|k| k.kernel == "hessian");
+    }
+    session.prepare(&[Product::Wall])?;
+    let stages = session.clock().stages.clone();
+    Ok(stages)
 }
 
 /// The CPU and every Vulkan device, or the one asked for.

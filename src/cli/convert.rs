@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use super::CliError;
 use super::global::{Global, VOLUMES};
-use super::input::read_checked;
 use crate::formats::write_volume;
+use crate::session::{InputReport, VolumeSource, read_any_volume};
 
 /// `intima convert INPUT -o VOLUME`
 #[derive(Debug, clap::Args)]
@@ -24,16 +24,11 @@ impl Args {
     /// Reads and writes; geometry is kept.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, VOLUMES)?;
-        let volume = match read_checked(&self.input, self.series.as_deref(), global) {
-            // A sheared grid can be converted as it stands; only distances need a box.
-            Err(CliError::Input(_)) => {
-                let options = crate::formats::ReadOptions { series: self.series.clone() };
-                crate::formats::read_volume(&self.input, &options)?
-            }
-            other => other?,
-        };
+        // A sheared grid is converted as it stands; only distances need a box.
+        let source = VolumeSource::File { path: self.input.clone(), series: self.series.clone() };
+        let volume = read_any_volume(&source, global.max_memory)?;
         write_volume(&self.output, &volume)?;
         global.say(format_args!("wrote {}", self.output.display()))?;
-        global.answer(&crate::pipeline::InputReport::of(&volume))
+        global.answer(&InputReport::of(&volume))
     }
 }

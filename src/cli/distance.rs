@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use super::CliError;
 use super::global::{Global, VOLUMES};
 use super::lumen_args::LumenArgs;
-use super::timing::timed;
+use super::repeat::timed_products;
 use crate::formats::write_volume;
-use crate::pipeline::distance_field;
+use crate::session::{Product, Session, Settings};
 use crate::volume::{Samples, Volume};
 
 /// `intima distance INPUT LUMEN -o FIELD`
@@ -26,11 +26,14 @@ impl Args {
     /// Computes the exact distance and writes it.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, VOLUMES)?;
-        let chosen = self.lumen.load(self.input.as_deref(), global)?;
-        let (lumen, _) = chosen.lumen(global)?;
-        let mut device = global.open()?;
+        let settings = Settings { lumen: self.lumen.settings()?, ..global.settings() };
+        let mut session = Session::new(self.lumen.source(self.input.as_deref())?, settings)?;
+        let needs = [Product::Lumen, Product::Device];
+        let anew = [Product::Distance];
         let (field, timing) =
-            timed(global, &mut device, |device, clock| Ok(distance_field(device, &lumen, clock)?))?;
+            timed_products(global, &mut session, &needs, &anew, |s| Ok(s.distance()?))?;
+        let segmented = session.lumen()?;
+        let lumen = &segmented.lumen;
         let start = std::time::Instant::now();
         let dense = lumen.dense(&field, 0.0f32);
         let dense_s = start.elapsed().as_secs_f64();

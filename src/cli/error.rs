@@ -1,12 +1,10 @@
 //! Errors as the user meets them, and their exit codes.
 
 use crate::device::DeviceError;
-use crate::flight::{FlightError, ScriptError};
+use crate::flight::ScriptError;
 use crate::formats::FormatError;
-use crate::lumen::LumenError;
 use crate::mesh::{MeshError, ParameterizationError};
-use crate::pipeline::PipelineError;
-use crate::render::RenderError;
+use crate::session::SessionError;
 use crate::volume::GridError;
 
 /// What a command fails with.
@@ -19,27 +17,9 @@ pub enum CliError {
     /// The input is not what the command needs.
     #[error("{0}")]
     Input(String),
-    /// A file.
+    /// A stage, a file or the device.
     #[error(transparent)]
-    Format(#[from] FormatError),
-    /// A stage or the device.
-    #[error(transparent)]
-    Pipeline(#[from] PipelineError),
-    /// A mesh that cannot be worked on.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// A parameterisation.
-    #[error(transparent)]
-    Maps(#[from] ParameterizationError),
-    /// The camera path found no place.
-    #[error(transparent)]
-    Flight(#[from] FlightError),
-    /// A camera path file.
-    #[error(transparent)]
-    Script(#[from] ScriptError),
-    /// The renderer.
-    #[error(transparent)]
-    Render(#[from] RenderError),
+    Session(SessionError),
     /// Standard output.
     #[error("standard output: {0}")]
     Output(std::io::Error),
@@ -49,16 +29,47 @@ pub enum CliError {
 }
 
 impl CliError {
-    /// 1 failed, 2 bad arguments, 3 bad input, 4 no usable device.
+    /// 1 failed, 2 bad arguments, 3 bad input, 4 no usable device, 130 stopped.
     pub fn exit_code(&self) -> u8 {
-        match self {
-            Self::Usage(_) => 2,
-            Self::Input(_) | Self::Mesh(_) | Self::Maps(_) | Self::Flight(_) | Self::Script(_) => 3,
-            Self::Format(e) | Self::Pipeline(PipelineError::Format(e)) if e.is_bad_input() => 3,
-            Self::Pipeline(PipelineError::Lumen(_) | PipelineError::Centerline(_)) => 3,
-            Self::Pipeline(PipelineError::Device(e)) if e.is_no_device() => 4,
-            Self::Render(e) if e.is_no_device() => 4,
+        use SessionError as S;
+        let error = match self {
+            Self::Usage(_) => return 2,
+            Self::Input(_) => return 3,
+            Self::Session(error) => error,
+            Self::Output(_) | Self::System(_) => return 1,
+        };
+        match error {
+            S::LumenNotChosen { .. } => 2,
+            S::Format(e) if e.is_bad_input() => 3,
+            S::Lumen(_) | S::Centerline(_) | S::Mesh(_) | S::Maps(_) => 3,
+            S::Flight(_) | S::Script(_) | S::ShearedGrid { .. } => 3,
+            S::Device(e) if e.is_no_device() => 4,
+            S::Render(e) if e.is_no_device() => 4,
+            S::Cancelled => 130,
             _ => 1,
+        }
+    }
+
+    /// A code for programs: the kind of error and, where there is one, of its cause, in lower case
+    /// with dashes, such as `lumen/seed-outside`. Holds no text of any file.
+    pub fn reason(&self) -> String {
+        use SessionError as S;
+        match self {
+            Self::Usage(_) => "usage".into(),
+            Self::Input(_) => "input".into(),
+            Self::Output(_) => "output".into(),
+            Self::System(_) => "system".into(),
+            Self::Session(error) => match error {
+                S::Format(e) => format!("file/{}", variant(e)),
+                S::Lumen(e) => format!("lumen/{}", variant(e)),
+                S::Centerline(e) => format!("centerline/{}", variant(e)),
+                S::Device(e) => format!("device/{}", variant(e)),
+                S::Mesh(e) => format!("mesh/{}", variant(e)),
+                S::Flight(e) => format!("flight/{}", variant(e)),
+                S::Script(e) => format!("camera-path/{}", variant(e)),
+                S::Render(e) => format!("render/{}", variant(e)),
+                other => variant(other),
+            },
         }
     }
 
@@ -68,20 +79,81 @@ impl CliError {
     }
 }
 
-impl From<LumenError> for CliError {
-    fn from(e: LumenError) -> Self {
-        Self::Pipeline(e.into())
+/// Name of an enum's variant, from the first word of its debug text.
+fn variant(error: &impl std::fmt::Debug) -> String {
+    let text = format!("{error:?}");
+    let name = text.split(|c: char| !c.is_ascii_alphanumeric()).next().unwrap_or_default();
+    let mut out = String::new();
+    for (i, c) in name.chars().enumerate() {
+        if c.is_ascii_uppercase() && i > 0 {
+            out.push('-');
+        }
+        out.push(c.to_ascii_lowercase());
+    }
+    out
+}
+
+impl From<SessionError> for CliError {
+    /// Adds the flags that would help, which the library does not know.
+    fn from(e: SessionError) -> Self {
+        match e {
+            SessionError::LumenNotChosen { name } => Self::Usage(format!(
+                "{name}: not a label map, so the lumen must be chosen: --mask FILE[:LABEL], \
+                 --threshold LO:HI with --seed I,J,K, or --threshold LO:HI alone for the largest \
+                 component"
+            )),
+            other => Self::Session(other),
+        }
+    }
+}
+
+impl From<FormatError> for CliError {
+    fn from(e: FormatError) -> Self {
+        SessionError::from(e).into()
+    }
+}
+
+impl From<MeshError> for CliError {
+    fn from(e: MeshError) -> Self {
+        SessionError::from(e).into()
+    }
+}
+
+impl From<ParameterizationError> for CliError {
+    fn from(e: ParameterizationError) -> Self {
+        SessionError::from(e).into()
+    }
+}
+
+impl From<ScriptError> for CliError {
+    fn from(e: ScriptError) -> Self {
+        SessionError::from(e).into()
     }
 }
 
 impl From<DeviceError> for CliError {
     fn from(e: DeviceError) -> Self {
-        Self::Pipeline(e.into())
+        SessionError::from(e).into()
     }
 }
 
 impl From<GridError> for CliError {
     fn from(e: GridError) -> Self {
         Self::Usage(e.to_string())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lumen::LumenError;
+
+    #[test]
+    fn reason_codes_name_kind_and_cause() {
+        let e = CliError::from(SessionError::from(LumenError::SeedPoint([0.0; 3])));
+        assert_eq!((e.reason().as_str(), e.exit_code()), ("lumen/seed-point", 3));
+        let e = CliError::from(SessionError::Cancelled);
+        assert_eq!((e.reason().as_str(), e.exit_code()), ("cancelled", 130));
+        assert_eq!(CliError::Usage("x".into()).reason(), "usage");
     }
 }

@@ -6,11 +6,12 @@ use glam::Vec3;
 
 use super::CliError;
 use super::global::{Global, MESHES};
-use super::input::read_checked;
-use super::mesh_args::FairArgs;
-use super::timing::timed;
+use super::repeat::timed;
+use super::surface_args::FairArgs;
 use crate::formats::{Space, read_mesh, write_mesh};
-use crate::pipeline::{faired, gradient_normals};
+use crate::session::{
+    Clock, VolumeSource, gradient_normals, read_orthogonal_volume, smoothed_normals,
+};
 use crate::surface::{Adjacency, Smoothing, VoxelFrame};
 
 /// `intima fair MESH -o MESH`
@@ -47,24 +48,33 @@ impl Args {
             return Err(CliError::Input(format!("{}: the mesh has no faces", self.mesh.display())));
         }
         mesh.caps.clear();
-        let smoothing = self.fair.smoothing(Smoothing::Multiscale)?;
+        let smoothing = self.fair.smoothing()?.unwrap_or(Smoothing::Multiscale);
         let field = self.mask.as_ref().or(self.volume.as_ref());
-        let field = field.map(|p| read_checked(p, None, global)).transpose()?;
+        let field = field
+            .map(|p| read_orthogonal_volume(&VolumeSource::file(p), global.max_memory))
+            .transpose()?;
         let mut device = global.open()?;
-        let (normals, timing) = timed(global, &mut device, |device, clock| {
-            Ok(match &field {
-                Some(v) => gradient_normals(device, &mesh, v, self.sigma, clock)?,
-                None => {
-                    let (adjacency, _) = clock.time(
-                        "adjacency",
-                        "vertices",
-                        || Adjacency::of(&mesh),
-                        |_| mesh.positions.len() as u64,
-                    );
-                    faired(device, (&mesh, &adjacency), VoxelFrame::of(&mesh), smoothing, clock)?
-                }
-            })
-        })?;
+        let (normals, timing) = timed(
+            global,
+            &mut device,
+            |d| Ok(d.name().to_owned()),
+            |_| (),
+            |device| {
+                let mut clock = Clock::default();
+                let normals = match &field {
+                    Some(v) => gradient_normals(device, &mesh, v, self.sigma, &mut clock)?,
+                    None => {
+                        let vertices = mesh.positions.len() as u64;
+                        let work = || Adjacency::of(&mesh);
+                        let (adjacency, _) =
+                            clock.time("adjacency", "vertices", work, |_| vertices);
+                        let frame = VoxelFrame::of(&mesh);
+                        smoothed_normals(device, (&mesh, &adjacency), frame, smoothing, &mut clock)?
+                    }
+                };
+                Ok((normals, clock))
+            },
+        )?;
         let old = std::mem::take(&mut mesh.normals);
         let turned = mean_turn(&old, &normals);
         mesh.normals = normals;

@@ -4,11 +4,11 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use super::CliError;
-use super::detail::{DetailArgs, DetailSetup};
 use super::global::Global;
 use crate::flight::{Frames, Script};
-use crate::formats::{FormatError, VideoWriter};
+use crate::formats::{FormatError, VideoWriter, atomic_file};
 use crate::render::View;
+use crate::session::{FlightSettings, LevelSettings, Lod};
 
 /// Flags of the frames.
 #[derive(Clone, Debug, clap::Args)]
@@ -48,7 +48,7 @@ pub struct FrameArgs {
     #[arg(long, value_name = "FILE.json")]
     pub write_path: Option<PathBuf>,
     #[command(flatten)]
-    pub detail: DetailArgs,
+    pub levels: LevelArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -58,25 +58,9 @@ pub enum ViewArg {
     Split,
 }
 
-/// Checked flags.
-pub struct Setup {
-    pub size: [u32; 2],
-    pub frames: Frames,
-    pub fps: f64,
-    pub view: View,
-    pub fov_y_rad: f32,
-    pub samples: u32,
-    pub reverse: bool,
-    pub video: Option<PathBuf>,
-    pub script: Option<Script>,
-    pub script_frames: Option<usize>,
-    pub write_path: Option<PathBuf>,
-    pub detail: DetailSetup,
-}
-
 impl FrameArgs {
     /// Checks the flags before anything is computed.
-    pub fn check(&self, global: &Global) -> Result<Setup, CliError> {
+    pub fn settings(&self) -> Result<FlightSettings, CliError> {
         let size = self.size.split_once(['x', 'X']).and_then(|(w, h)| {
             let side = |s: &str| s.parse::<u32>().ok().filter(|n| (16..=8192).contains(n));
             Some([side(w)?, side(h)?])
@@ -96,16 +80,12 @@ impl FrameArgs {
         if self.speed.is_some_and(|s| !(s > 0.0 && s <= 10_000.0)) {
             return Err(CliError::Usage("--speed: above 0, at most 10000 mm/s".into()));
         }
-        if self.video.is_some() && !VideoWriter::available() {
-            global.warn("no ffmpeg in PATH: frames are written, the video is not");
-        }
-        Ok(Setup {
+        Ok(FlightSettings {
             size,
             frames: match self.speed {
                 Some(mm_per_s) => Frames::Speed { mm_per_s, fps: self.fps },
                 None => Frames::Count(self.frames.unwrap_or(120)),
             },
-            fps: self.fps,
             view: match self.view {
                 ViewArg::Inside => View::Inside,
                 ViewArg::Overview => View::Overview,
@@ -114,12 +94,62 @@ impl FrameArgs {
             fov_y_rad: self.fov.to_radians(),
             samples: if self.msaa == "1" { 1 } else { 4 },
             reverse: self.reverse,
-            video: self.video.clone().filter(|_| VideoWriter::available()),
             script: self.path.as_deref().map(read_script).transpose()?,
             script_frames: self.frames,
-            write_path: self.write_path.clone(),
-            detail: self.detail.check()?,
         })
+    }
+
+    /// The video, where one is asked for and can be written.
+    pub fn video(&self, global: &Global) -> Option<PathBuf> {
+        let video = self.video.clone()?;
+        if VideoWriter::available() {
+            return Some(video);
+        }
+        global.warn("no ffmpeg in PATH: frames are written, the video is not");
+        None
+    }
+}
+
+/// Flags of level of detail.
+#[derive(Clone, Debug, clap::Args)]
+#[command(next_help_heading = "Level of detail")]
+pub struct LevelArgs {
+    /// clusters: original triangles near, coarser ones far; vds: the paper's subdivision; off
+    #[arg(long, value_enum, default_value = "clusters")]
+    pub lod: LodArg,
+    /// Pixels that what is drawn may be away from the full mesh
+    #[arg(long, value_name = "T", default_value_t = 1.0)]
+    pub pixel_error: f32,
+    /// Folder where clusters are kept between runs, or off (default: the user's cache folder)
+    #[arg(long, value_name = "DIR|off")]
+    pub lod_cache: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum LodArg {
+    Clusters,
+    Vds,
+    Off,
+}
+
+impl LevelArgs {
+    /// Checks the flags.
+    pub fn settings(&self) -> Result<LevelSettings, CliError> {
+        if !(0.01..=100.0).contains(&self.pixel_error) {
+            let error = self.pixel_error;
+            return Err(CliError::Usage(format!("--pixel-error {error}: 0.01 to 100 pixels")));
+        }
+        let lod = match self.lod {
+            LodArg::Clusters => Lod::Clusters,
+            LodArg::Vds => Lod::Vds,
+            LodArg::Off => Lod::Off,
+        };
+        let cache = match &self.lod_cache {
+            Some(off) if off.as_os_str() == "off" => None,
+            Some(folder) => Some(folder.clone()),
+            None => atomic_file::user_cache(),
+        };
+        Ok(LevelSettings { lod, pixel_error: self.pixel_error, cache })
     }
 }
 

@@ -9,7 +9,7 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 use super::CliError;
 use crate::device::{Device, DeviceChoice};
 use crate::formats::atomic_file;
-use crate::pipeline::peak_memory_mb;
+use crate::session::{Settings, peak_memory_mb};
 
 /// Global flags.
 #[derive(Clone, Debug, clap::Args)]
@@ -94,7 +94,17 @@ impl Global {
         }
     }
 
-    /// Opens the device chosen.
+    /// Settings that every session takes from here.
+    pub fn settings(&self) -> Settings {
+        Settings {
+            device: self.device,
+            threads: self.threads.map(|n| n as usize),
+            max_memory_mb: self.max_memory,
+            ..Settings::default()
+        }
+    }
+
+    /// Opens the device chosen, for commands that drive no session.
     pub fn open(&self) -> Result<Device, CliError> {
         let device = Device::open(self.device)?;
         tracing::info!("computing on {}", device.name());
@@ -134,6 +144,19 @@ impl Global {
         }
         let line = serde_json::to_string(value).map_err(|e| CliError::System(e.to_string()))?;
         writeln!(std::io::stdout(), "{line}").map_err(CliError::Output)
+    }
+
+    /// Prints why there is no result as JSON, if asked for.
+    pub fn refuse(&self, error: &CliError) {
+        if self.json {
+            let answer = serde_json::json!({ "error": {
+                "reason": error.reason(),
+                "message": error.to_string(),
+                "exit_code": error.exit_code(),
+            }});
+            // Standard error has the message; a closed standard output changes nothing.
+            let _ = writeln!(std::io::stdout(), "{answer}");
+        }
     }
 }
 

@@ -1,17 +1,19 @@
 //! `intima hessian`.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::CliError;
 use super::global::{Global, VOLUMES};
-use super::input::read_checked;
 use super::lumen_args::LumenArgs;
-use super::timing::timed;
+use super::repeat::{Timing, timed, timed_products};
+use crate::compute::Array;
 use crate::field::Response;
 use crate::formats::{write_vector_field, write_volume};
-use crate::pipeline::{hessian_field, volume_as_bricks};
-use crate::volume::{Samples, Volume};
+use crate::lumen::Lumen;
+use crate::session::{Clock, HessianSettings, Product, Session, Settings, grey_hessian};
+use crate::volume::{Grid, Samples, Volume};
 
 /// `intima hessian INPUT [LUMEN] -o FIELD`
 #[derive(Debug, clap::Args)]
@@ -56,44 +58,20 @@ impl Args {
         let three = self.response == Kind::Eigenvalues;
         global.check_output(&self.output, if three { &[".nrrd"] } else { VOLUMES })?;
         let l = &self.lumen;
-        let mut copied = Duration::ZERO; // into bricks and out of them
-        let whole = self.of == Of::Grey && l.mask.is_none() && l.threshold.is_none();
-        let (volume, lumen, grey) = if whole {
-            let input = self.input.as_deref();
-            let input = input.ok_or_else(|| CliError::Usage("an INPUT is needed".into()))?;
-            let volume = read_checked(input, l.series.as_deref(), global)?;
-            let start = Instant::now();
-            let (lumen, values) = volume_as_bricks(&volume);
-            copied += start.elapsed();
-            (volume, lumen, Some(values))
-        } else if self.of == Of::Grey {
+        let grey = self.of == Of::Grey;
+        if grey && (l.mask.is_some() || l.threshold.is_some()) {
             return Err(CliError::Usage(
                 "--of grey analyses the whole volume: leave --mask and --threshold out".into(),
             ));
-        } else {
-            let chosen = l.load(self.input.as_deref(), global)?;
-            let (lumen, _) = chosen.lumen(global)?;
-            (chosen.volume, lumen, None)
-        };
-        let least = volume.grid.spacing_mm.min_element();
-        let sigma = self.sigma.unwrap_or(least);
-        if !(sigma > 0.0 && sigma <= 50.0 * least) {
-            return Err(CliError::Usage(format!(
-                "--sigma {sigma}: between 0 and 50 voxels ({} mm)",
-                50.0 * least
-            )));
         }
-        let response = match self.response {
-            Kind::Ridge => Response::Ridge,
-            Kind::Tubeness => Response::Tubeness,
-            Kind::Eigenvalues => Response::Eigenvalues,
+        let settings = Settings { lumen: l.settings()?, ..global.settings() };
+        let mut session = Session::new(l.source(self.input.as_deref())?, settings)?;
+        let (field, bricks, timing, settings, mut copied) = if grey {
+            self.of_grey(global, &session)?
+        } else {
+            self.of_distance(global, &mut session)?
         };
-        let repeat_edge = whole.then_some(volume.grid.dims);
-        let mut device = global.open()?;
-        let (field, timing) = timed(global, &mut device, |device, clock| {
-            let what = (sigma, response, self.dark);
-            Ok(hessian_field(device, &lumen, grey.as_deref(), what, repeat_edge, clock)?)
-        })?;
+        let (lumen, sigma, response) = (&*bricks, settings.sigma_mm, settings.response);
         let start = Instant::now();
         if response == Response::Eigenvalues {
             let triples: &[[f32; 3]] = bytemuck::cast_slice(&field);
@@ -108,4 +86,62 @@ impl Args {
         global.say(format_args!("wrote {} (sigma {sigma} mm)", self.output.display()))?;
         global.answer(&timing.with("sigma_mm", sigma).with("dense_s", copied.as_secs_f64()))
     }
+
+    fn settings(&self, grid: &Grid) -> Result<HessianSettings, CliError> {
+        let least = grid.spacing_mm.min_element();
+        let sigma_mm = self.sigma.unwrap_or(least);
+        if !(sigma_mm > 0.0 && sigma_mm <= 50.0 * least) {
+            return Err(CliError::Usage(format!(
+                "--sigma {sigma_mm}: between 0 and 50 voxels ({} mm)",
+                50.0 * least
+            )));
+        }
+        let response = match self.response {
+            Kind::Ridge => Response::Ridge,
+            Kind::Tubeness => Response::Tubeness,
+            Kind::Eigenvalues => Response::Eigenvalues,
+        };
+        Ok(HessianSettings { sigma_mm, response, dark: self.dark })
+    }
+
+    /// Of the grey values of the whole volume; copying them into bricks is outside the clock.
+    fn of_grey(&self, global: &Global, session: &Session) -> Result<HessianField, CliError> {
+        let volume = global.watched(session, || session.volume())?;
+        let settings = self.settings(&volume.grid)?;
+        let start = Instant::now();
+        let values = grey_hessian(&volume);
+        let copied = start.elapsed();
+        drop(volume);
+        let device = session.device()?;
+        let mut device = device.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let (field, timing) = timed(
+            global,
+            &mut *device,
+            |d| Ok(d.name().to_owned()),
+            |_| (),
+            |d| {
+                let mut clock = Clock::default();
+                Ok((values.response(d, settings, &mut clock)?, clock))
+            },
+        )?;
+        Ok((field, Arc::new(values.bricks), timing, settings, copied))
+    }
+
+    /// Of the distance field over the lumen.
+    fn of_distance(
+        &self,
+        global: &Global,
+        session: &mut Session,
+    ) -> Result<HessianField, CliError> {
+        global.watched(session, || session.lumen())?;
+        let lumen = Arc::new(session.lumen()?.lumen.clone());
+        let settings = self.settings(&lumen.grid)?;
+        let needs = [Product::Lumen, Product::Device];
+        let (field, timing) =
+            timed_products(global, session, &needs, &[], |s| Ok(s.distance_hessian(settings)?))?;
+        Ok((field, lumen, timing, settings, Duration::ZERO))
+    }
 }
+
+/// The field, the bricks it lies in, its timing and settings, and the time copying took.
+type HessianField = (Array<f32>, Arc<Lumen>, Timing, HessianSettings, Duration);

@@ -3,31 +3,28 @@
 
 mod bench;
 mod centerline;
-mod chain;
 mod convert;
-mod detail;
 mod devices;
 mod distance;
-mod draw;
 mod error;
 mod fair;
-mod film;
 mod frames;
 mod generate;
 mod global;
 mod hessian;
 mod info;
-mod input;
 mod lumen_args;
-mod mesh_args;
+mod mode;
 mod phantom;
+mod progress;
 mod record;
+mod repeat;
 mod run;
-mod scene;
 mod segment;
+mod session_args;
 mod simplify;
 mod surface;
-mod timing;
+mod surface_args;
 
 pub use error::CliError;
 
@@ -104,13 +101,15 @@ pub fn main_with(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode
             return ExitCode::from(if e.use_stderr() { 2 } else { 0 });
         }
     };
-    let outcome = cli.global.prepare().and_then(|()| cli.command.run(&cli.global));
+    let Cli { global, command } = cli;
+    let outcome = global.prepare().and_then(|()| command.run(&global));
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         // A reader that has seen enough closes the pipe; that is not our failure.
         Err(e) if e.is_broken_pipe() => ExitCode::SUCCESS,
         Err(e) => {
             eprintln!("intima: {e}");
+            global.refuse(&e);
             ExitCode::from(e.exit_code())
         }
     }

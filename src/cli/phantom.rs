@@ -46,7 +46,7 @@ impl Args {
         }
         let phantom = Phantom::new(self.kind, self.size, spacing)?;
         let bytes = phantom.grid().len() as u64 * 3;
-        crate::pipeline::refuse_above(global.max_memory, bytes, "the phantom")?;
+        crate::session::refuse_above(global.max_memory, bytes, "the phantom")?;
         let volume =
             if self.mask { phantom.mask() } else { phantom.grey(self.noise, self.noise_seed) };
         write_volume(&self.output, &volume)?;

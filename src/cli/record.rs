@@ -1,42 +1,57 @@
 //! `intima record`.
 
 use super::CliError;
-use super::chain::{ChainArgs, Subject, for_run};
 use super::global::Global;
-use super::lumen_args::Chosen;
-use super::timing::timed;
+use super::repeat::timed_products;
+use super::session_args::SessionArgs;
+use crate::session::{CenterlineReport, Mode, Modes, Product, Session};
 
 /// `intima record INPUT LUMEN --out DIR`
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    chain: ChainArgs,
+    flags: SessionArgs,
 }
 
 impl Args {
     /// Computes what a flight needs, flies, writes frames.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
-        let a = &self.chain;
-        let setup = a.frames.check(global)?;
-        a.settings(a.mode.main())?;
-        let chosen = a.lumen.load(a.input.as_deref(), global)?;
-        let (lumen, found) = chosen.lumen(global)?;
-        let mut device = global.open()?;
-        let Chosen { volume, recipe } = chosen;
-        let mut held = Some(volume);
-        let ((flown, ()), timing) = timed(global, &mut device, |device, clock| {
-            let volume = for_run(&mut held, global);
-            let subject = Subject { volume, recipe: &recipe, lumen: &lumen };
-            a.fly(device, subject, (&setup, &a.out), clock, |_, _| ())
-        })?;
+        let mut session = self.flags.session(global)?;
+        let recording = self.flags.recording(self.flags.out.clone(), global);
+        let needs = [Product::Lumen, Product::Device];
+        let anew = [Product::Distance, Product::Fields, Product::Wall];
+        let (stream, timing) = if global.repeat.is_some() {
+            let (_, timing) =
+                timed_products(global, &mut session, &needs, &anew, |s| Ok(s.draw_all()?))?;
+            (session.record(&recording)?, timing)
+        } else {
+            timed_products(global, &mut session, &needs, &[], |s| Ok(s.record(&recording)?))?
+        };
+        session.prepare(&[Product::Coverage])?;
+        let mut report = session.report(Some(&stream))?;
+        report.stages = timing.stages.clone();
+        report.modes = modes(&session, self.flags.mode.is_both())?;
+        report.timing = timing.keys();
+        let frames = stream.report();
         global.say(format_args!(
             "wrote {} frames to {} ({:.1} s of flight)",
-            flown.film.report.count,
-            a.out.display(),
-            flown.film.report.flight_seconds
+            frames.count,
+            self.flags.out.display(),
+            frames.flight_seconds
         ))?;
-        let mut report = flown.report((&lumen, &found), &timing.device, &timing.clock);
-        report.timing = timing.keys();
         global.answer_only(&report)
     }
+}
+
+/// The centerline's figures in both modes, if asked for.
+pub fn modes(session: &Session, both: bool) -> Result<Option<Modes>, CliError> {
+    if !both {
+        return Ok(None);
+    }
+    let lumen = session.lumen()?;
+    let paper = session.in_mode(Mode::Paper);
+    let of = |s: &Session| -> Result<_, CliError> {
+        Ok(CenterlineReport::of(&*s.centerline()?, &lumen.lumen))
+    };
+    Ok(Some(Modes { default: of(session)?, paper: of(&paper)? }))
 }

@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use super::CliError;
 use super::global::{Global, VOLUMES};
 use super::lumen_args::LumenArgs;
-use super::timing::timed;
-use crate::device::Device;
+use super::repeat::timed_products;
+use crate::device::DeviceChoice;
 use crate::formats::write_volume;
+use crate::session::{LumenReport, Product, Session, Settings};
 use crate::volume::{Samples, Volume};
 
 /// `intima segment INPUT LUMEN -o MASK`
@@ -29,13 +30,14 @@ impl Args {
     /// Chooses the lumen and writes it.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, VOLUMES)?;
-        let chosen = self.lumen.load(self.input.as_deref(), global)?;
-        let ((lumen, found), timing) = timed(global, &mut Device::Cpu, |_, clock| {
-            let work = || chosen.lumen(global);
-            clock.time("segment", "voxels", work, |r| {
-                r.as_ref().map_or(0, |(l, _)| l.inside_voxels())
-            })
-        })?;
+        let settings = Settings { lumen: self.lumen.settings()?, ..global.settings() };
+        let settings = Settings { device: DeviceChoice::Cpu, ..settings };
+        let mut session = Session::new(self.lumen.source(self.input.as_deref())?, settings)?;
+        let (segmented, timing) =
+            timed_products(global, &mut session, &[Product::Volume], &[Product::Lumen], |s| {
+                Ok(s.lumen()?)
+            })?;
+        let lumen = &segmented.lumen;
         let mut classes = lumen.classes();
         if self.binary {
             classes.iter_mut().for_each(|c| *c = (*c).min(1));
@@ -48,8 +50,6 @@ impl Args {
             lumen.boundary_voxels,
             lumen.volume_ml()
         ))?;
-        let report = crate::pipeline::LumenReport::of(&lumen, &found);
-        let report = serde_json::to_value(report).unwrap_or_default();
-        global.answer(&timing.with("lumen", report))
+        global.answer(&timing.with("lumen", LumenReport::of(&segmented)))
     }
 }

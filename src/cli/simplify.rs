@@ -6,16 +6,15 @@ use serde::Serialize;
 
 use super::CliError;
 use super::global::{Global, MESHES};
-use super::surface::{ModeArg, Modes};
-use super::timing::timed;
-use crate::device::Device;
+use super::mode::ModeArg;
+use super::repeat::timed;
 use crate::formats::{FormatError, Space, atomic_file, read_mesh, write_mesh};
 use crate::geometry::Mesh;
 use crate::mesh::{
     Deviation, MeshError, Metric, Parameterization, Repairs, Simplified, SimplifyOptions,
     StopReason, deviation, make_manifold, simplify,
 };
-use crate::pipeline::{Clock, Mode};
+use crate::session::{Clock, Mode};
 
 /// `intima simplify MESH --faces N -o MESH`
 #[derive(Debug, clap::Args)]
@@ -154,9 +153,17 @@ impl Args {
             return self.base_of(path, &mesh, global);
         }
         let wanted = self.faces.unwrap_or(0);
-        let (done, timing) = timed(global, &mut Device::Cpu, |_, clock| {
-            self.simplified(&mesh, self.mode.main(), clock)
-        })?;
+        let (done, timing) = timed(
+            global,
+            &mut (),
+            |()| Ok("cpu".to_owned()),
+            |()| (),
+            |()| {
+                let mut clock = Clock::default();
+                let done = self.simplified(&mesh, self.mode.main(), &mut clock)?;
+                Ok((done, clock))
+            },
+        )?;
         write_mesh(&self.output, &done.simplified.mesh)?;
         if let (Some(path), Some(maps)) = (&self.maps, &done.maps) {
             let bytes = maps.to_bytes();
@@ -181,7 +188,7 @@ impl Args {
         }
         let value = |r: &Reached| serde_json::to_value(r).unwrap_or_default();
         let mut timing = timing.with("mesh", value(&reached));
-        if self.mode.mode == Modes::Both {
+        if self.mode.is_both() {
             let mut clock = Clock::default();
             let paper = self.simplified(&mesh, Mode::Paper, &mut clock)?;
             let ms = clock.stages.iter().map(|s| s.ms).sum::<f64>();

@@ -1,9 +1,10 @@
 //! What an input is, in words and numbers, without any text of the patient.
 
+use glam::{DMat3, DVec3};
 use serde::Serialize;
 
 use super::affine::toward;
-use crate::volume::{Grid, Rescale, SampleType};
+use crate::volume::{Grid, GridError, Rescale, SampleType};
 
 /// What `intima info` shows. Holds no description, name or date of the input.
 #[derive(Clone, Debug, Serialize)]
@@ -64,6 +65,19 @@ pub struct SeriesInfo {
 }
 
 impl ImageInfo {
+    /// The grid that this describes.
+    ///
+    /// # Errors
+    /// [`GridError`] names the part that is unusable.
+    pub fn grid(&self) -> Result<Grid, GridError> {
+        Grid::new(
+            self.dims.map(u64::from),
+            DVec3::from(self.spacing_mm),
+            DVec3::from(self.origin_mm),
+            DMat3::from_cols_array(&self.direction).transpose(),
+        )
+    }
+
     pub(super) fn of(grid: &Grid, sample_type: SampleType, rescale: Rescale) -> Self {
         let d = grid.direction;
         let axes = [("i", toward(d.x_axis)), ("j", toward(d.y_axis)), ("k", toward(d.z_axis))];

@@ -1,6 +1,6 @@
 //! Memory: what a run will need, and what it took.
 
-use super::PipelineError;
+use super::SessionError;
 
 /// Largest resident size of this process so far, MB (10⁶ bytes); 0 where the system does not say.
 pub fn peak_memory_mb() -> f64 {
@@ -24,16 +24,16 @@ pub fn estimate_bytes(stored: u64, voxels: u64, bricks: u64) -> u64 {
 /// Refuses what needs more than allowed.
 ///
 /// # Errors
-/// [`PipelineError::Memory`].
+/// [`SessionError::Memory`].
 pub fn refuse_above(
     allowed_mb: Option<u64>,
     bytes: u64,
     what: &'static str,
-) -> Result<(), PipelineError> {
+) -> Result<(), SessionError> {
     let needed_mb = bytes.div_ceil(1_000_000);
     match allowed_mb {
         Some(allowed_mb) if needed_mb > allowed_mb => {
-            Err(PipelineError::Memory { needed_mb, allowed_mb, what })
+            Err(SessionError::Memory { needed_mb, allowed_mb, what })
         }
         _ => Ok(()),
     }

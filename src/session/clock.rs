@@ -6,7 +6,7 @@ use crate::compute::{Outputs, StepTime};
 
 /// One stage of a run.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Stage {
+pub struct StageTime {
     /// Stage name.
     pub name: &'static str,
     /// Where it ran: `cpu`, or the device's name.
@@ -41,7 +41,7 @@ pub struct KernelTime {
 #[derive(Clone, Debug)]
 pub struct Clock {
     /// Stages in the order they ended; those of another clock after those before it.
-    pub stages: Vec<Stage>,
+    pub stages: Vec<StageTime>,
     began: Instant,
 }
 
@@ -52,15 +52,15 @@ impl Default for Clock {
 }
 
 impl Clock {
-    /// An empty clock that began when this one did: for what runs beside.
-    pub fn beside(&self) -> Self {
+    /// An empty clock that began when this one did, for another thread.
+    pub fn fork(&self) -> Self {
         Self { stages: Vec::new(), began: self.began }
     }
 
-    /// Takes the stages of another clock, which did not begin before this one.
-    pub fn take(&mut self, other: Self) {
+    /// Appends the stages of another clock, which did not begin before this one.
+    pub fn merge(&mut self, other: Self) {
         let later = milliseconds(other.began.saturating_duration_since(self.began));
-        let moved = |s: Stage| Stage { start_ms: s.start_ms + later, ..s };
+        let moved = |s: StageTime| StageTime { start_ms: s.start_ms + later, ..s };
         self.stages.extend(other.stages.into_iter().map(moved));
     }
 
@@ -81,7 +81,7 @@ impl Clock {
         let ms = milliseconds(since.elapsed());
         let start_ms = milliseconds(since.saturating_duration_since(self.began));
         let device = device.to_owned();
-        self.stages.push(Stage { name, device, start_ms, ms, items, unit, kernels });
+        self.stages.push(StageTime { name, device, start_ms, ms, items, unit, kernels });
     }
 
     /// Times a CPU stage; `items` counts what its result holds.
@@ -102,7 +102,7 @@ impl Clock {
     }
 
     /// Records a plan that ran.
-    pub fn plan(
+    pub fn record_plan(
         &mut self,
         name: &'static str,
         device: &str,
@@ -147,14 +147,14 @@ mod tests {
     fn stages_keep_their_place_in_time_when_another_clock_takes_them() {
         let pause = || std::thread::sleep(Duration::from_millis(2));
         let mut clock = Clock::default();
-        let mut aside = clock.beside();
+        let mut aside = clock.fork();
         pause();
         let mut later = Clock::default();
         later.time("later", "pauses", pause, |()| 1);
         aside.time("aside", "pauses", pause, |()| 1);
         let (own, same) = (later.stages[0].start_ms, aside.stages[0].start_ms);
-        clock.take(later);
-        clock.take(aside);
+        clock.merge(later);
+        clock.merge(aside);
         assert!(clock.stages[0].start_ms >= own + 2.0);
         assert_eq!(clock.stages[1].start_ms, same);
         let end = clock.stages[0].start_ms + clock.stages[0].ms;

@@ -1,6 +1,6 @@
 //! What memory gives on a device: the rate that kernels are set beside.
 
-use super::PipelineError;
+use super::SessionError;
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::kernels::copy::{Bindings, KERNEL, Params};
@@ -25,7 +25,7 @@ pub struct CopyRate {
 ///
 /// # Errors
 /// The device's.
-pub fn copy_rate(device: &mut Device, bytes: u64, runs: usize) -> Result<CopyRate, PipelineError> {
+pub fn copy_rate(device: &mut Device, bytes: u64, runs: usize) -> Result<CopyRate, SessionError> {
     let quads = (bytes.min(device.max_buffer_bytes()) / 16) as usize;
     let mut plan = Plan::new();
     let (a, b) = (plan.zeroed("a", quads), plan.zeroed("b", quads));

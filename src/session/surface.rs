@@ -1,31 +1,32 @@
 //! The surface with its normals.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DVec3, IVec3, Vec3};
 use rayon::prelude::*;
 
-use super::{Clock, PipelineError};
+use super::{Clock, Segmented, Session, SessionError, locked, present, put};
 use crate::centerline::Sampler;
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::geometry::Mesh;
 use crate::lumen::{Lumen, Window};
 use crate::surface::{
-    self as stage, Adjacency, Grey, Midpoint, MultiscaleNormals, Smoothing, Surface, Topology,
-    VoxelFrame,
+    self as stage, Adjacency, Grey, Midpoint, MultiscaleNormals, Shading, Smoothing, Surface,
+    Topology, VoxelFrame, shading,
 };
 use crate::volume::Volume;
 
 /// How to make the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SurfaceOptions {
+struct SurfaceOptions {
     /// Sub-voxel crossings from grey values, where the window is a threshold.
-    pub from_grey: bool,
+    from_grey: bool,
     /// Smoothing of the normals.
-    pub smoothing: Smoothing,
+    smoothing: Smoothing,
     /// Keep only the component a walk from this voxel along +x hits first.
-    pub track_from: Option<IVec3>,
+    track_from: Option<IVec3>,
 }
 
 /// A surface ready to draw.
@@ -36,18 +37,93 @@ pub struct Wall {
     pub topology: Topology,
 }
 
+impl Wall {
+    /// What a reader of the surface should know.
+    pub(super) fn notes(&self) -> Option<String> {
+        let tunnels = self.topology.tunnels();
+        (tunnels > 0).then(|| {
+            format!(
+                "the lumen has {tunnels} tunnels (touching folds, loops, noise); the centerline \
+                 follows a tree through them"
+            )
+        })
+    }
+}
+
+/// What is drawn and written of a wall.
+pub struct DrawnWall {
+    wall: Arc<Wall>,
+    /// The wall without caps, where they are left out and there are any.
+    open: Option<Mesh>,
+    /// Whether it has no hole.
+    pub closed: bool,
+}
+
+impl DrawnWall {
+    /// The mesh that is drawn.
+    pub fn mesh(&self) -> &Mesh {
+        self.open.as_ref().unwrap_or(&self.wall.mesh)
+    }
+}
+
+/// The mesh without its caps.
+pub fn without_caps(mesh: &Mesh) -> Mesh {
+    let keep = |f: &([u32; 3], bool)| !f.1;
+    let faces = mesh.faces.iter().copied().zip(mesh.caps.iter().copied());
+    Mesh {
+        positions: mesh.positions.clone(),
+        normals: mesh.normals.clone(),
+        faces: faces.filter(keep).map(|f| f.0).collect(),
+        caps: Vec::new(),
+    }
+}
+
+impl Session {
+    pub(super) fn run_wall(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let (loaded, segmented) = (present(&self.slots.volume), present(&self.slots.lumen));
+        let device = present(&self.slots.device);
+        let options = SurfaceOptions {
+            from_grey: !self.settings.wall.from_mask,
+            smoothing: self.settings.smoothing(),
+            track_from: segmented.track_from(),
+        };
+        let Segmented { lumen, recipe, .. } = &*segmented;
+        let (volume, select) = (&*loaded.volume, &recipe.window);
+        let wall = wall(&mut locked(&device), volume, select, lumen, options, clock)?;
+        put(&self.slots.wall, wall);
+        Ok(())
+    }
+
+    pub(super) fn run_drawn_wall(&self, _: &mut Clock) -> Result<(), SessionError> {
+        let wall = present(&self.slots.wall);
+        let open = self.settings.wall.open_ends && wall.mesh.caps.contains(&true);
+        let closed = wall.topology.watertight && !open;
+        let open = open.then(|| without_caps(&wall.mesh));
+        put(&self.slots.drawn_wall, DrawnWall { wall, open, closed });
+        Ok(())
+    }
+
+    pub(super) fn run_shading(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let drawn = present(&self.slots.drawn_wall);
+        let count = |s: &Shading| s.vertices.len() as u64;
+        let made = clock.time("shading", "vertices", || shading(drawn.mesh()), count);
+        put(&self.slots.shading, made);
+        Ok(())
+    }
+}
+
 /// Extracts and fairs the surface of a lumen.
 ///
 /// # Errors
 /// The device's.
-pub fn wall(
+fn wall(
     device: &mut Device,
     volume: &Volume,
     window: &Window,
     lumen: &Lumen,
     options: SurfaceOptions,
     clock: &mut Clock,
-) -> Result<Wall, PipelineError> {
+) -> Result<Wall, SessionError> {
     let mesh = clock.time(
         "surface",
         "faces",
@@ -66,7 +142,8 @@ pub fn wall(
     let Surface { mut mesh, adjacency, topology } = surface;
     let grid = &lumen.grid;
     let lattice = VoxelFrame { direction: grid.direction, spacing_mm: grid.spacing_mm };
-    mesh.normals = faired(device, (&mesh, &adjacency), lattice, options.smoothing, clock)?;
+    mesh.normals =
+        smoothed_normals(device, (&mesh, &adjacency), lattice, options.smoothing, clock)?;
     Ok(Wall { mesh, topology })
 }
 
@@ -76,13 +153,13 @@ pub fn wall(
 ///
 /// # Errors
 /// The device's.
-pub fn faired(
+pub fn smoothed_normals(
     device: &mut Device,
     (mesh, adjacency): (&Mesh, &Adjacency),
     lattice: VoxelFrame,
     smoothing: Smoothing,
     clock: &mut Clock,
-) -> Result<Vec<Vec3>, PipelineError> {
+) -> Result<Vec<Vec3>, SessionError> {
     let start = Instant::now();
     let mut plan = Plan::new();
     let (scales, normals, weights);
@@ -99,12 +176,18 @@ pub fn faired(
     };
     plan.download(n);
     let out = device.run(&plan)?;
-    clock.plan("fair", device.name(), start, (mesh.positions.len() as u64, "vertices"), &out);
+    clock.record_plan(
+        "fair",
+        device.name(),
+        start,
+        (mesh.positions.len() as u64, "vertices"),
+        &out,
+    );
     Ok(out.get(n).chunks_exact(3).map(Vec3::from_slice).collect())
 }
 
 /// Normals of a mesh from the gradient of a volume after a Gaussian: what normal smoothing is
-/// compared with, and the better choice on isotropic binary data (ALGORITHMS, stage c).
+/// compared with, and the better choice on isotropic binary data.
 ///
 /// * `sigma_mm`: `None` takes 1.5 of the largest voxel spacing.
 ///
@@ -118,11 +201,11 @@ pub fn gradient_normals(
     volume: &Volume,
     sigma_mm: Option<f64>,
     clock: &mut Clock,
-) -> Result<Vec<Vec3>, PipelineError> {
+) -> Result<Vec<Vec3>, SessionError> {
     let h = volume.grid.spacing_mm;
     let sigma = sigma_mm.unwrap_or(1.5 * h.max_element());
     let start = Instant::now();
-    let (bricks, values) = super::volume_as_bricks(volume);
+    let (bricks, values) = super::fields::volume_as_bricks(volume);
     let mut plan = Plan::new();
     let buffers = crate::field::LumenBuffers::new(&mut plan, &bricks);
     let f = plan.upload("values", &values);
@@ -158,6 +241,6 @@ pub fn gradient_normals(
         normals.iter_mut().for_each(|n| *n = -*n);
     }
     let items = (mesh.positions.len() as u64, "vertices");
-    clock.plan("gradient normals", device.name(), start, items, &out);
+    clock.record_plan("gradient normals", device.name(), start, items, &out);
     Ok(normals)
 }

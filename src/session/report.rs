@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::detail::LodReport;
-use super::{Centered, Clock, Stage};
+use super::levels::LodReport;
+use super::{Centered, Clock, Segmented, Session, SessionError, StageTime};
 use crate::centerline::Proof;
-use crate::lumen::{Found, Lumen};
+use crate::lumen::Lumen;
 use crate::surface::Topology;
-use crate::volume::Volume;
+use crate::volume::{Grid, Volume};
 
 /// The report of a run.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -22,7 +22,10 @@ pub struct Report {
     pub device: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub input: Option<InputReport>,
-    pub stages: Vec<Stage>,
+    /// The label map the lumen was chosen from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mask: Option<InputReport>,
+    pub stages: Vec<StageTime>,
     /// Wall time since the clock of the stages began; less than their sum where some ran side by
     /// side.
     pub total_ms: f64,
@@ -32,6 +35,8 @@ pub struct Report {
     pub surface: Option<SurfaceReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub centerline: Option<CenterlineReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coverage: Option<CoverageReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub modes: Option<Modes>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -48,11 +53,12 @@ pub struct Report {
 #[derive(Clone, Debug, Serialize)]
 #[allow(missing_docs)]
 pub struct InputReport {
-    /// BLAKE3 of the stored samples.
-    pub hash: String,
+    /// BLAKE3 of the stored samples; absent where only the header was read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hash: Option<String>,
     pub dims: [u32; 3],
     pub spacing_mm: [f64; 3],
-    pub sample_type: &'static str,
+    pub sample_type: String,
 }
 
 /// The lumen.
@@ -99,8 +105,10 @@ pub struct CenterlineReport {
     pub ridge_candidates: usize,
     pub kept: usize,
     pub added: usize,
-    pub boundary_seen_fraction: f64,
-    pub unseen: usize,
+    /// Share of the boundary voxels that the viewpoints of the visibility test see. What the
+    /// frames saw is in `coverage`.
+    pub viewers_seen_fraction: f64,
+    pub viewers_unseen: usize,
     pub unreachable_voxels: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub proof: Option<Proof>,
@@ -140,7 +148,72 @@ pub struct FramesReport {
     pub device: String,
 }
 
+/// What the frames of the flight saw of the wall.
+#[derive(Clone, Debug, Serialize)]
+#[allow(missing_docs)]
+pub struct CoverageReport {
+    /// Share seen by the flight as it was flown.
+    pub one_way_fraction: f64,
+    /// Share seen by it or by the same flight in the other direction.
+    pub both_ways_fraction: f64,
+    /// What the shares are of.
+    pub by: &'static str,
+    pub area_mm2: f64,
+    /// Connected patches that neither direction saw, largest first.
+    pub patches: Vec<PatchReport>,
+    /// Patches of at least this area are listed.
+    pub listed_from_mm2: f64,
+    /// Patches smaller than that, and their area together.
+    pub smaller_patches: usize,
+    pub smaller_patches_mm2: f64,
+}
+
+/// A patch that was missed.
+#[derive(Clone, Debug, Serialize)]
+#[allow(missing_docs)]
+pub struct PatchReport {
+    pub area_mm2: f64,
+    pub center_mm: [f64; 3],
+    /// Arc length of the path nearest to its centre, mm.
+    pub arc_mm: f64,
+}
+
+impl Session {
+    /// The report of all products that are there, and of these frames.
+    ///
+    /// # Errors
+    /// What computing the inputs' hash fails with.
+    pub fn report(&self, frames: Option<&super::FrameStream>) -> Result<Report, SessionError> {
+        let inputs = self.product(super::Product::Inputs, &self.slots.inputs)?;
+        let (lumen, wall) = (self.lumen()?, self.wall()?);
+        let centered = self.centerline()?;
+        let coverage = super::locked(&self.slots.coverage).clone();
+        let mut warnings = self.warnings();
+        warnings.extend(frames.map(super::FrameStream::warnings).unwrap_or_default());
+        let area = wall.mesh.area_mm2();
+        Ok(Report {
+            input: inputs.input.clone(),
+            mask: inputs.mask.clone(),
+            lumen: Some(LumenReport::of(&lumen)),
+            surface: Some(SurfaceReport::of(wall.topology, area)),
+            centerline: Some(CenterlineReport::of(&centered, &lumen.lumen)),
+            coverage: coverage.map(|c| super::coverage::report(&c)),
+            lod: frames.map(|f| f.lod().clone()),
+            frames: frames.map(super::FrameStream::report),
+            warnings,
+            ..Report::new(&self.device_name()?, &self.clock())
+        })
+    }
+}
+
 impl Report {
+    /// Takes this run's own time, less the reading, as the one measured.
+    pub fn add_own_timing(&mut self) {
+        let read: f64 = self.stages.iter().filter(|s| s.name == "read").map(|s| s.ms).sum();
+        let seconds = (self.total_ms - read) / 1000.0;
+        self.timing = BTreeMap::from([("median_s", seconds), ("min_s", seconds)]);
+    }
+
     /// A report of what a clock holds.
     pub fn new(device: &str, clock: &Clock) -> Self {
         Self {
@@ -160,17 +233,23 @@ impl InputReport {
     /// Hash and geometry of a volume.
     pub fn of(volume: &Volume) -> Self {
         Self {
-            hash: blake3::hash(volume.samples.bytes()).to_hex().to_string(),
+            hash: Some(blake3::hash(volume.samples.bytes()).to_hex().to_string()),
             dims: volume.grid.dims.to_array(),
             spacing_mm: volume.grid.spacing_mm.to_array(),
-            sample_type: volume.samples.sample_type().name(),
+            sample_type: volume.samples.sample_type().name().to_owned(),
         }
+    }
+
+    /// Geometry of an image of which only the header was read.
+    pub(super) fn of_header(grid: &Grid, sample_type: String) -> Self {
+        let (dims, spacing_mm) = (grid.dims.to_array(), grid.spacing_mm.to_array());
+        Self { hash: None, dims, spacing_mm, sample_type }
     }
 }
 
 impl LumenReport {
     /// Counts of a lumen.
-    pub fn of(lumen: &Lumen, found: &Found) -> Self {
+    pub fn of(Segmented { lumen, found, .. }: &Segmented) -> Self {
         Self {
             internal_voxels: lumen.internal_voxels,
             boundary_voxels: lumen.boundary_voxels,
@@ -207,8 +286,8 @@ impl CenterlineReport {
             ridge_candidates: c.candidates,
             kept: c.kept,
             added: c.added,
-            boundary_seen_fraction: 1.0 - c.unseen.len() as f64 / boundary,
-            unseen: c.unseen.len(),
+            viewers_seen_fraction: 1.0 - c.unseen.len() as f64 / boundary,
+            viewers_unseen: c.unseen.len(),
             unreachable_voxels: c.unreachable,
             proof: c.proof,
         }

@@ -1,45 +1,47 @@
 //! Fields of a lumen on a device: one plan a chain, no read-back inside it.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use glam::UVec3;
 
-use super::{Clock, PipelineError};
+use super::{Clock, Session, SessionError, locked, present, put};
 use crate::compute::{Array, Plan};
 use crate::device::Device;
 use crate::field::{self, Candidate, LumenBuffers, Response};
 use crate::lumen::{BitVolume, Lumen};
 use crate::volume::{Grid, Volume};
 
-/// What the centerline needs.
+/// What the centerline needs, in slot order of the lumen.
 pub struct Fields {
     /// Exact distance, mm.
-    pub distance: Array<f32>,
+    pub distance: Arc<Array<f32>>,
     /// The same after a Gaussian of one (smallest) voxel.
     pub smooth: Array<f32>,
     /// Ridge candidates, in element order.
     pub candidates: Vec<Candidate>,
 }
 
-/// Largest smoothed slope of a medial point in default mode (ALGORITHMS, stage e).
+/// Largest smoothed slope of a medial point in default mode: on a medial axis distances to
+/// opposite walls balance, so the smoothed slope is well below 1.
 const GATE: f32 = 0.7;
 
 /// Exact distance alone.
 ///
 /// # Errors
 /// The device's.
-pub fn distance_field(
+pub(super) fn distance_field(
     device: &mut Device,
     lumen: &Lumen,
     clock: &mut Clock,
-) -> Result<Array<f32>, PipelineError> {
+) -> Result<Array<f32>, SessionError> {
     let start = Instant::now();
     let mut plan = Plan::new();
     let buffers = LumenBuffers::new(&mut plan, lumen);
     let d = field::distance(&mut plan, &buffers);
     plan.download(d);
     let mut out = device.run(&plan)?;
-    clock.plan("distance", device.name(), start, (lumen.inside_voxels(), "voxels"), &out);
+    clock.record_plan("distance", device.name(), start, (lumen.inside_voxels(), "voxels"), &out);
     Ok(out.take(d))
 }
 
@@ -47,12 +49,12 @@ pub fn distance_field(
 ///
 /// # Errors
 /// The device's.
-pub fn fields(
+pub(super) fn fields(
     device: &mut Device,
     lumen: &Lumen,
     gated: bool,
     clock: &mut Clock,
-) -> Result<Fields, PipelineError> {
+) -> Result<Fields, SessionError> {
     let gate = if gated { GATE } else { f32::INFINITY };
     // A ridge is a curve or a sheet: far fewer voxels than the lumen. Where the guess is too
     // small the counter says by how much, and the chain runs again.
@@ -70,8 +72,9 @@ pub fn fields(
         match ridge.read(&out) {
             Ok(candidates) => {
                 let items = (lumen.inside_voxels(), "voxels");
-                clock.plan("distance, ridge", device.name(), start, items, &out);
-                return Ok(Fields { distance: out.take(d), smooth: out.take(f), candidates });
+                clock.record_plan("distance, ridge", device.name(), start, items, &out);
+                let distance = Arc::new(out.take(d));
+                return Ok(Fields { distance, smooth: out.take(f), candidates });
             }
             Err(total) => capacity = total,
         }
@@ -80,7 +83,7 @@ pub fn fields(
 
 /// A whole volume as a lumen of bricks, with its real values as a field: for the Hessian of grey
 /// values.
-pub fn volume_as_bricks(volume: &Volume) -> (Lumen, Vec<f32>) {
+pub(super) fn volume_as_bricks(volume: &Volume) -> (Lumen, Vec<f32>) {
     let grid: Grid = volume.grid;
     let mut all = BitVolume::new(grid.dims);
     for z in 0..grid.dims.z {
@@ -119,6 +122,89 @@ fn values_in(lumen: &Lumen, volume: &Volume) -> Vec<f32> {
     field
 }
 
+/// How to analyse a Hessian.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HessianSettings {
+    /// Gaussian before the derivatives, mm.
+    pub sigma_mm: f64,
+    /// What is made of the eigenvalues.
+    pub response: Response,
+    /// Dark ridges instead of bright ones.
+    pub dark: bool,
+}
+
+impl Session {
+    pub(super) fn run_distance(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let fields = locked(&self.slots.fields).clone();
+        let distance = match fields {
+            Some(fields) => Arc::clone(&fields.distance),
+            None => {
+                let lumen = present(&self.slots.lumen);
+                let device = present(&self.slots.device);
+                Arc::new(distance_field(&mut locked(&device), &lumen.lumen, clock)?)
+            }
+        };
+        put(&self.slots.distance, distance);
+        Ok(())
+    }
+
+    pub(super) fn run_fields(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let lumen = present(&self.slots.lumen);
+        let device = present(&self.slots.device);
+        let gated = self.settings.mode == super::Mode::Default;
+        put(&self.slots.fields, fields(&mut locked(&device), &lumen.lumen, gated, clock)?);
+        Ok(())
+    }
+
+    /// Hessian eigen-analysis of the distance field over the lumen, in its slot order: one value
+    /// an element, or three eigenvalues in ascending order.
+    ///
+    /// # Errors
+    /// What choosing the lumen fails with, and the device's.
+    pub fn distance_hessian(&self, s: HessianSettings) -> Result<Array<f32>, SessionError> {
+        let segmented = self.lumen()?;
+        let device = self.device()?;
+        let mut clock = self.clock().fork();
+        let field = self.pool.install(|| {
+            let mut device = locked(&device);
+            hessian_field(&mut device, &segmented.lumen, None, s, None, &mut clock)
+        });
+        self.clock().merge(clock);
+        field
+    }
+}
+
+/// Hessian eigen-analysis of all grey values of a volume. Bricks cover the whole volume and its
+/// edge repeats; the lumen returned holds their places.
+pub struct GreyHessian {
+    /// Bricks that cover the volume.
+    pub bricks: Lumen,
+    values: Vec<f32>,
+    dims: UVec3,
+}
+
+/// Prepares the Hessian of grey values: copies the volume into bricks.
+pub fn grey_hessian(volume: &Volume) -> GreyHessian {
+    let (bricks, values) = volume_as_bricks(volume);
+    GreyHessian { bricks, values, dims: volume.grid.dims }
+}
+
+impl GreyHessian {
+    /// The response, in slot order of [`GreyHessian::bricks`].
+    ///
+    /// # Errors
+    /// The device's.
+    pub fn response(
+        &self,
+        device: &mut Device,
+        settings: HessianSettings,
+        clock: &mut Clock,
+    ) -> Result<Array<f32>, SessionError> {
+        let grey = Some(self.values.as_slice());
+        hessian_field(device, &self.bricks, grey, settings, Some(self.dims), clock)
+    }
+}
+
 /// A Hessian response over a lumen.
 ///
 /// * `grey`: values to analyse; `None` takes the exact distance.
@@ -126,14 +212,14 @@ fn values_in(lumen: &Lumen, volume: &Volume) -> Vec<f32> {
 ///
 /// # Errors
 /// The device's.
-pub fn hessian_field(
+pub(super) fn hessian_field(
     device: &mut Device,
     lumen: &Lumen,
     grey: Option<&[f32]>,
-    (sigma_mm, response, dark): (f64, Response, bool),
+    HessianSettings { sigma_mm, response, dark }: HessianSettings,
     dims: Option<UVec3>,
     clock: &mut Clock,
-) -> Result<Array<f32>, PipelineError> {
+) -> Result<Array<f32>, SessionError> {
     let start = Instant::now();
     let mut plan = Plan::new();
     let buffers = LumenBuffers::new(&mut plan, lumen);
@@ -146,6 +232,6 @@ pub fn hessian_field(
     let parts = field::hessian(&mut plan, &buffers, f, response, dark, most);
     parts.iter().for_each(|part| plan.download(*part));
     let mut out = device.run(&plan)?;
-    clock.plan("hessian", device.name(), start, (lumen.inside_voxels(), "voxels"), &out);
+    clock.record_plan("hessian", device.name(), start, (lumen.inside_voxels(), "voxels"), &out);
     Ok(Array::joined(parts.into_iter().map(|part| out.take(part)).collect()))
 }

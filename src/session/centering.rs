@@ -1,39 +1,20 @@
-//! Candidates, visibility and route, in both modes.
+//! Route and visibility test: the centerline, in both modes.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
 
 use glam::{DVec3, IVec3};
 
-use super::{Clock, Fields, PipelineError};
+use super::{Clock, Fields, Session, SessionError, locked, present, put};
 use crate::centerline::{
-    Arrangement, Proof, Radius, RouteOptions, Routed, Sampler, Viewer, add_viewers, centerline,
-    paper_path,
+    Arrangement, Ends, Proof, Radius, RouteOptions, Routed, Sampler, Viewer, add_viewers,
+    centerline, paper_path,
 };
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::field::{Candidate, LumenBuffers};
 use crate::geometry::Centerline;
 use crate::lumen::Lumen;
-
-/// What the chain follows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Mode {
-    /// What is right.
-    #[default]
-    Default,
-    /// What the paper says, errors and all.
-    Paper,
-}
-
-/// How to find the centerline.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// Ends and tree.
-    pub route: RouteOptions,
-    /// Reach of the viewers.
-    pub radius: Radius,
-}
 
 /// A centerline with the outcome of the visibility test.
 pub struct Centered {
@@ -59,7 +40,7 @@ pub struct Centered {
 const MOST_ADDED: usize = 10_000;
 
 /// What the visibility test found.
-pub struct Seen {
+pub struct Visibility {
     /// Viewers kept, added ones included.
     kept: usize,
     /// Viewers added.
@@ -68,32 +49,51 @@ pub struct Seen {
     unseen: Vec<u32>,
 }
 
-/// Centred route and visibility test, one after the other.
-///
-/// # Errors
-/// [`PipelineError::Centerline`] and the device's.
-pub fn centered(
-    device: &mut Device,
-    lumen: &Lumen,
-    fields: &Fields,
-    settings: Settings,
-    clock: &mut Clock,
-) -> Result<Centered, PipelineError> {
-    let routed = route(lumen, fields, settings.route, clock)?;
-    let seen = seen(device, lumen, fields, settings.radius, clock)?;
-    Ok(Centered::new(lumen, fields, routed, seen))
+impl Session {
+    pub(super) fn run_route(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
+        let c = self.settings.centerline;
+        let options = RouteOptions { ends: Ends { from: c.from, to: c.to }, tree: c.tree };
+        put(&self.slots.route, route(&lumen.lumen, &fields, options, clock)?);
+        Ok(())
+    }
+
+    pub(super) fn run_visibility(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
+        let device = present(&self.slots.device);
+        let radius = self.settings.radius();
+        let seen = visibility(&mut locked(&device), &lumen.lumen, &fields, radius, clock)?;
+        put(&self.slots.visibility, seen);
+        Ok(())
+    }
+
+    pub(super) fn run_centerline(&self, _: &mut Clock) -> Result<(), SessionError> {
+        let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
+        let (route, seen) = (present(&self.slots.route), present(&self.slots.visibility));
+        put(&self.slots.centerline, Centered::new(&lumen.lumen, &fields, &route, &seen));
+        Ok(())
+    }
+
+    pub(super) fn run_paper_centerline(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
+        let device = present(&self.slots.device);
+        let radius = self.settings.radius();
+        let found = paper_centered(&mut locked(&device), &lumen.lumen, &fields, radius, clock)?;
+        put(&self.slots.centerline, found);
+        Ok(())
+    }
 }
 
 /// Centred route: needs no device and nothing of the visibility test.
 ///
 /// # Errors
-/// [`PipelineError::Centerline`].
-pub fn route(
+/// [`SessionError::Centerline`].
+fn route(
     lumen: &Lumen,
     fields: &Fields,
     options: RouteOptions,
     clock: &mut Clock,
-) -> Result<Routed, PipelineError> {
+) -> Result<Routed, SessionError> {
     let work = || centerline(lumen, &fields.distance, &fields.smooth, options);
     Ok(clock.time("route", "voxels", work, |_| lumen.inside_voxels())?)
 }
@@ -102,13 +102,13 @@ pub fn route(
 ///
 /// # Errors
 /// The device's.
-pub fn seen(
+fn visibility(
     device: &mut Device,
     lumen: &Lumen,
     fields: &Fields,
     radius: Radius,
     clock: &mut Clock,
-) -> Result<Seen, PipelineError> {
+) -> Result<Visibility, SessionError> {
     let distance = Sampler { lumen, field: &fields.distance };
     let ranked = ranked(lumen, &fields.candidates);
     let viewers =
@@ -120,20 +120,30 @@ pub fn seen(
         || add_viewers(lumen, &unseen, &fields.distance, MOST_ADDED),
         |_| unseen.len() as u64,
     );
-    Ok(Seen { kept: kept.len() + added.len(), added: added.len(), unseen })
+    Ok(Visibility { kept: kept.len() + added.len(), added: added.len(), unseen })
 }
 
 impl Centered {
+    /// What a reader of the centerline should know.
+    pub(super) fn notes(&self) -> Option<String> {
+        (self.unreachable > 0).then(|| {
+            format!(
+                "{} inside voxels are joined to the rest by edges or corners only; no path goes there",
+                self.unreachable
+            )
+        })
+    }
+
     /// A route with the outcome of the visibility test in the same lumen.
-    pub fn new(lumen: &Lumen, fields: &Fields, routed: Routed, seen: Seen) -> Self {
+    fn new(lumen: &Lumen, fields: &Fields, routed: &Routed, seen: &Visibility) -> Self {
         Self {
             min_clearance_mm: clearance(&routed.line, lumen, &fields.distance),
-            line: routed.line,
+            line: routed.line.clone(),
             proof: Some(routed.proof),
             candidates: fields.candidates.len(),
             kept: seen.kept,
             added: seen.added,
-            unseen: seen.unseen,
+            unseen: seen.unseen.clone(),
             unreachable: routed.unreachable,
         }
     }
@@ -173,14 +183,14 @@ fn ranked(lumen: &Lumen, candidates: &[Candidate]) -> Vec<Candidate> {
 /// block, kept points joined by Dijkstra.
 ///
 /// # Errors
-/// [`PipelineError::Centerline`] and the device's.
-pub fn paper_centered(
+/// [`SessionError::Centerline`] and the device's.
+fn paper_centered(
     device: &mut Device,
     lumen: &Lumen,
     fields: &Fields,
     radius: Radius,
     clock: &mut Clock,
-) -> Result<Centered, PipelineError> {
+) -> Result<Centered, SessionError> {
     let distance = Sampler { lumen, field: &fields.distance };
     let viewers = radius.viewers(&fields.candidates, distance);
     let internal: Vec<u64> =
@@ -212,7 +222,7 @@ fn visible(
     viewers: &[Viewer],
     open: &[u64],
     clock: &mut Clock,
-) -> Result<(Vec<u32>, Vec<u32>), PipelineError> {
+) -> Result<(Vec<u32>, Vec<u32>), SessionError> {
     let start = Instant::now();
     let boundary: Vec<u32> = lumen.elements(&lumen.boundary).map(|e| e as u32).collect();
     let arrangement = Arrangement::new(lumen, viewers, boundary);
@@ -220,7 +230,7 @@ fn visible(
     let buffers = LumenBuffers::new(&mut plan, lumen);
     let pending = arrangement.launch(&mut plan, &buffers, open);
     let out = device.run(&plan)?;
-    clock.plan(
+    clock.record_plan(
         "visibility",
         device.name(),
         start,

@@ -1,33 +1,8 @@
 //! Flags of the surface and its normals.
 
 use super::CliError;
-use crate::pipeline::SurfaceOptions;
+use crate::session::WallSettings;
 use crate::surface::{Fairing, Smoothing, Weights};
-
-/// `--from`, which names where the surface lies and where the path starts: in `run` it may be
-/// given once for each.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct FromArgs {
-    /// Sub-voxel crossings from grey values; the default wherever there is a threshold.
-    pub grey: bool,
-    /// Where the path starts, LPS mm.
-    pub start: Option<glam::DVec3>,
-}
-
-impl FromArgs {
-    /// Sorts the values of `--from` by what they are.
-    pub fn of(values: &[String]) -> Result<Self, CliError> {
-        let mut out = Self { grey: true, start: None };
-        for v in values {
-            match v.as_str() {
-                "grey" => out.grey = true,
-                "mask" => out.grey = false,
-                _ => out.start = Some(super::lumen_args::point(v, "--from")?),
-            }
-        }
-        Ok(out)
-    }
-}
 
 /// Fairing flags.
 #[derive(Clone, Debug, clap::Args)]
@@ -51,6 +26,9 @@ pub struct FairArgs {
 pub struct SurfaceArgs {
     #[command(flatten)]
     pub fair: FairArgs,
+    /// Where the surface lies: grey interpolates the threshold between voxels, mask is half way
+    #[arg(long, value_enum, default_value = "grey")]
+    pub surface_from: SurfaceFrom,
     /// Leave caps at the edge of the volume out
     #[arg(long)]
     pub open_ends: bool,
@@ -60,14 +38,20 @@ pub struct SurfaceArgs {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum SurfaceFrom {
+    Grey,
+    Mask,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum WeightArg {
     Uniform,
     InverseDistance,
 }
 
 impl FairArgs {
-    /// The smoothing asked for: `automatic`, unless anything about steps is said.
-    pub fn smoothing(&self, automatic: Smoothing) -> Result<Smoothing, CliError> {
+    /// The smoothing asked for; `None` where it is left open.
+    pub fn smoothing(&self) -> Result<Option<Smoothing>, CliError> {
         let steps =
             match self.smooth.as_str() {
                 "auto" => None,
@@ -76,7 +60,7 @@ impl FairArgs {
                 })?),
             };
         if steps.is_none() && self.lambda.is_none() && self.weights.is_none() {
-            return Ok(automatic);
+            return Ok(None);
         }
         let paper = Fairing::PAPER;
         let lambda = self.lambda.unwrap_or(paper.lambda);
@@ -90,18 +74,19 @@ impl FairArgs {
             Some(WeightArg::Uniform) => Weights::Uniform,
             Some(WeightArg::InverseDistance) => Weights::InverseDistance,
         };
-        Ok(Smoothing::Steps(Fairing { steps: steps.unwrap_or(paper.steps), lambda, weights }))
+        let steps = steps.unwrap_or(paper.steps);
+        Ok(Some(Smoothing::Steps(Fairing { steps, lambda, weights })))
     }
 }
 
 impl SurfaceArgs {
-    /// Options of the surface; `automatic` smooths where the user leaves it open.
-    pub fn options(
-        &self,
-        from_grey: bool,
-        automatic: Smoothing,
-        track_from: Option<glam::IVec3>,
-    ) -> Result<SurfaceOptions, CliError> {
-        Ok(SurfaceOptions { from_grey, smoothing: self.fair.smoothing(automatic)?, track_from })
+    /// Settings of the wall.
+    pub fn settings(&self) -> Result<WallSettings, CliError> {
+        Ok(WallSettings {
+            from_mask: self.surface_from == SurfaceFrom::Mask,
+            smoothing: self.fair.smoothing()?,
+            open_ends: self.open_ends,
+            base_faces: self.decimate.map(|n| n as usize),
+        })
     }
 }

@@ -1,0 +1,72 @@
+//! What the frames of the flight saw of the wall.
+
+use std::fmt::Write as _;
+
+use glam::Quat;
+
+use super::report::{CoverageReport, PatchReport};
+use super::{Clock, Session, SessionError, present, put};
+use crate::flight::{Coverage, Flight, LISTED_FROM_MM2, coverage, unseen_voxels};
+use crate::geometry::{Lens, Pose};
+
+impl Session {
+    pub(super) fn run_coverage(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let (wall, flight) = (present(&self.slots.wall), present(&self.slots.flight));
+        let faces = wall.mesh.faces.len() as u64;
+        let seen = || coverage(&wall.mesh, &views(&flight), &reversed_views(&flight));
+        put(&self.slots.coverage, clock.time("coverage", "faces", seen, |_| faces));
+        Ok(())
+    }
+
+    /// Rows of `unseen.csv`: boundary voxels that the flight sees in neither direction, with the
+    /// number of their missed patch.
+    ///
+    /// # Errors
+    /// What the stages fail with.
+    pub fn unseen_csv(&self) -> Result<String, SessionError> {
+        let (segmented, wall) = (self.lumen()?, self.wall()?);
+        let coverage = self.coverage()?;
+        let lumen = &segmented.lumen;
+        let world = lumen.grid.world_from_voxel();
+        let mut out = String::from("i,j,k,x,y,z,patch\n");
+        for (element, patch) in unseen_voxels(lumen, &wall.mesh, &coverage) {
+            let v = lumen.bricks.voxel(element as usize);
+            let p = world.transform_point3(v.as_dvec3());
+            let (x, y, z) = (p.x, p.y, p.z);
+            let _ = writeln!(out, "{},{},{},{x:.4},{y:.4},{z:.4},{patch}", v.x, v.y, v.z);
+        }
+        Ok(out)
+    }
+}
+
+fn views(flight: &Flight) -> Vec<(Pose, Lens)> {
+    flight.poses.iter().enumerate().map(|(i, pose)| (*pose, flight.lens(i))).collect()
+}
+
+/// The same places looked at the other way: each camera turned half about its own up.
+fn reversed_views(flight: &Flight) -> Vec<(Pose, Lens)> {
+    let half_turn = Quat::from_xyzw(0.0, 1.0, 0.0, 0.0);
+    let mut views = views(flight);
+    views.reverse();
+    views.iter_mut().for_each(|(pose, _)| pose.rotation *= half_turn);
+    views
+}
+
+/// What the report says of a coverage.
+pub(super) fn report(c: &Coverage) -> CoverageReport {
+    let patch = |p: &crate::flight::MissedPatch| PatchReport {
+        area_mm2: p.area_mm2,
+        center_mm: p.center_mm.to_array(),
+        arc_mm: p.arc_mm,
+    };
+    CoverageReport {
+        one_way_fraction: c.one_way_fraction,
+        both_ways_fraction: c.both_ways_fraction,
+        by: "area",
+        area_mm2: c.area_mm2,
+        patches: c.patches.iter().map(patch).collect(),
+        listed_from_mm2: LISTED_FROM_MM2,
+        smaller_patches: c.smaller_patches,
+        smaller_patches_mm2: c.smaller_patches_mm2,
+    }
+}

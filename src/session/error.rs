@@ -1,0 +1,85 @@
+//! Everything a session can fail with.
+
+use crate::centerline::CenterlineError;
+use crate::device::DeviceError;
+use crate::flight::{FlightError, ScriptError};
+use crate::formats::FormatError;
+use crate::lod::WorkerError;
+use crate::lod::clusters::ClusterError;
+use crate::lod::vds::VdsError;
+use crate::lumen::LumenError;
+use crate::mesh::{MeshError, ParameterizationError};
+use crate::render::RenderError;
+
+/// Why a product could not be made.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SessionError {
+    /// A file.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+    /// The choice of the lumen.
+    #[error(transparent)]
+    Lumen(#[from] LumenError),
+    /// The centerline.
+    #[error(transparent)]
+    Centerline(#[from] CenterlineError),
+    /// The device.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+    /// Clusters of a mesh.
+    #[error(transparent)]
+    Clusters(#[from] ClusterError),
+    /// A surface that cannot be subdivided.
+    #[error(transparent)]
+    Subdivision(#[from] VdsError),
+    /// A mesh that half-edges cannot hold.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// A parameterisation.
+    #[error(transparent)]
+    Maps(#[from] ParameterizationError),
+    /// The flight.
+    #[error(transparent)]
+    Flight(#[from] FlightError),
+    /// A camera path file.
+    #[error(transparent)]
+    Script(#[from] ScriptError),
+    /// The renderer.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    /// The thread that refines.
+    #[error(transparent)]
+    Worker(#[from] WorkerError),
+    /// A grid whose axes are not orthogonal.
+    #[error("{name}: the grid's axes are not orthogonal (sheared); distances would be wrong")]
+    ShearedGrid {
+        /// Which volume.
+        name: String,
+    },
+    /// A volume from which nothing says how to choose a lumen.
+    #[error(
+        "{name}: not a label map, so the lumen must be chosen: by a label map, \
+         by a threshold with a seed, or by a threshold alone for the largest component"
+    )]
+    LumenNotChosen {
+        /// Which volume.
+        name: String,
+    },
+    /// More memory than allowed.
+    #[error("this needs about {needed_mb} MB, more than the {allowed_mb} MB allowed ({what})")]
+    Memory {
+        /// Estimate, MB.
+        needed_mb: u64,
+        /// Limit, MB.
+        allowed_mb: u64,
+        /// What takes it.
+        what: &'static str,
+    },
+    /// Stopped before it was done, because someone asked for it.
+    #[error("cancelled")]
+    Cancelled,
+    /// The system gave no thread, or took one away.
+    #[error("{0}")]
+    System(String),
+}

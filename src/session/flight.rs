@@ -1,0 +1,48 @@
+//! The flight along the first path, and what its frames saw.
+
+use super::{Centered, Clock, Session, SessionError, Wall, present, put};
+use crate::flight::{Clearance, Flight, FlightOptions};
+use crate::lumen::Lumen;
+use crate::render::View;
+
+impl Session {
+    pub(super) fn run_flight(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
+        let (centered, wall) = (present(&self.slots.centerline), present(&self.slots.wall));
+        let plan = || self.fly(&lumen.lumen, &fields.distance, &centered, &wall);
+        let count = |f: &Result<Flight, _>| f.as_ref().map_or(0, |f| f.poses.len() as u64);
+        let flight = clock.time("flight", "frames", plan, count)?;
+        put(&self.slots.flight, flight);
+        Ok(())
+    }
+
+    fn fly(
+        &self,
+        lumen: &Lumen,
+        distance: &[f32],
+        centered: &Centered,
+        wall: &Wall,
+    ) -> Result<Flight, SessionError> {
+        let s = &self.settings.flight;
+        // In a split view the eye fills half the frame.
+        let width = if s.view == View::Split { s.size[0] / 2 } else { s.size[0] };
+        let aspect = width as f32 / s.size[1] as f32;
+        let mesh = Some(&wall.mesh);
+        if let Some(script) = &s.script {
+            let clearance = Clearance::new(lumen, distance, mesh);
+            return Ok(match s.script_frames {
+                Some(n) => script.resampled(n).fly(&clearance, aspect)?,
+                None => script.fly(&clearance, aspect)?,
+            });
+        }
+        let points = centered.line.branches.first().map_or(&[][..], |b| &b.points);
+        let options = FlightOptions {
+            frames: s.frames,
+            fov_y_rad: s.fov_y_rad,
+            aspect,
+            reverse: s.reverse,
+            wall: mesh,
+        };
+        Ok(Flight::new(points, lumen, distance, options)?)
+    }
+}

@@ -1,0 +1,208 @@
+//! Products, frames and report written to a folder.
+
+use std::path::{Path, PathBuf};
+
+use super::writer::{FrameWriter, clear_folder};
+use super::{FrameStream, Product, Report, Session, SessionError, without_caps};
+use crate::flight::Script;
+use crate::formats::{FormatError, atomic_file, write_centerline, write_layers, write_mesh};
+use crate::geometry::Mesh;
+use crate::lumen::Lumen;
+
+/// Name of the report in a folder.
+pub const REPORT_FILE: &str = "report.json";
+
+/// Where frames go.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Recording {
+    /// Folder of the frames; made if it is not there, and rid of the frames of an earlier flight.
+    pub frames: PathBuf,
+    /// A video of them, and its frames a second.
+    pub video: Option<(PathBuf, f64)>,
+    /// Where the camera path is written.
+    pub camera_path: Option<PathBuf>,
+}
+
+impl Session {
+    /// Computes what frames need and draws all of them, writing nothing: what `--repeat` times.
+    ///
+    /// # Errors
+    /// What the stages and the drawing fail with.
+    pub fn draw_all(&self) -> Result<FrameStream, SessionError> {
+        let mut stream = self.frames()?;
+        let spares = stream.spares();
+        self.progress.begin_frames(stream.count());
+        let outcome = loop {
+            match stream.next_frame() {
+                Ok(Some(frame)) => {
+                    self.progress.frames(frame.index + 1);
+                    spares.give(frame.rgb);
+                }
+                Ok(None) => break Ok(()),
+                Err(e) => break Err(e),
+            }
+        };
+        self.progress.end_frames();
+        outcome?;
+        self.record_frames(&mut self.clock(), &stream);
+        Ok(stream)
+    }
+
+    /// Computes everything that [`Session::run_to_folder`] writes and draws all frames, writing
+    /// nothing.
+    ///
+    /// # Errors
+    /// What the stages and the drawing fail with.
+    pub fn compute_all(&self) -> Result<FrameStream, SessionError> {
+        self.prepare(&self.needs_of_frames())?;
+        let products = || self.prepare(&[Product::Base, Product::Coverage, Product::Inputs]);
+        if self.pool.current_num_threads() == 1 {
+            products()?;
+            return self.draw_all();
+        }
+        std::thread::scope(|scope| {
+            let products = scope.spawn(products);
+            let stream = self.draw_all();
+            let products = products.join();
+            let products = products.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            stream.and_then(|stream| products.map(|()| stream))
+        })
+    }
+
+    /// Draws all frames and writes them.
+    ///
+    /// # Errors
+    /// What the stages, the drawing and the writing fail with.
+    pub fn record(&self, to: &Recording) -> Result<FrameStream, SessionError> {
+        self.prepare(&self.needs_of_frames())?;
+        clear_folder(&to.frames)?;
+        if let Some(path) = &to.camera_path {
+            let json = Script::from(&*self.flight()?).to_json();
+            atomic_file::write_atomic(path, |o| o.write_all(json.as_bytes()))?;
+        }
+        std::thread::scope(|scope| {
+            // Nobody waits for the cache of levels.
+            let serial = self.pool.current_num_threads() == 1;
+            let keeping = (!serial).then(|| scope.spawn(|| self.keep_levels()));
+            let outcome = self.draw_to_files(to);
+            match keeping {
+                Some(thread) => drop(thread.join()),
+                None => self.keep_levels(),
+            }
+            outcome
+        })
+    }
+
+    fn draw_to_files(&self, to: &Recording) -> Result<FrameStream, SessionError> {
+        let mut stream = self.frames()?;
+        let video = to.video.as_ref().map(|(path, fps)| (path.as_path(), *fps));
+        let threads = self.pool.current_num_threads();
+        let size = self.settings.flight.size;
+        let mut writer = FrameWriter::new(&to.frames, size, threads, &stream.spares(), video)?;
+        self.progress.begin_frames(stream.count());
+        let outcome = loop {
+            match stream.next_frame() {
+                Ok(None) => break Ok(()),
+                Ok(Some(frame)) => {
+                    self.progress.frames(frame.index + 1);
+                    if let Err(e) = writer.write(frame) {
+                        break Err(e);
+                    }
+                }
+                Err(e) => break Err(e),
+            }
+        };
+        self.progress.end_frames();
+        outcome?;
+        writer.finish()?;
+        self.record_frames(&mut self.clock(), &stream);
+        Ok(stream)
+    }
+
+    /// Everything into one folder: products, frames, and the report last, so that where there is a
+    /// report all is there and of one run. Products are computed and written beside the drawing.
+    ///
+    /// # Errors
+    /// What the stages, the drawing and the writing fail with.
+    pub fn run_to_folder(
+        &self,
+        folder: &Path,
+        recording: &Recording,
+    ) -> Result<(Report, FrameStream), SessionError> {
+        self.prepare(&self.needs_of_frames())?;
+        std::fs::create_dir_all(folder).map_err(|e| FormatError::io(folder, e))?;
+        remove_file(&folder.join(REPORT_FILE))?;
+        clear_folder(&recording.frames)?;
+        let stream = if self.pool.current_num_threads() == 1 {
+            let stream = self.record(recording)?;
+            self.write_products(folder)?;
+            stream
+        } else {
+            std::thread::scope(|scope| {
+                let products = scope.spawn(|| self.write_products(folder));
+                let stream = self.record(recording);
+                let products = products.join();
+                let products = products.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+                stream.and_then(|stream| products.map(|()| stream))
+            })?
+        };
+        let report = self.report(Some(&stream))?;
+        Ok((report, stream))
+    }
+
+    /// Writes the report of a run.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write_report(&self, folder: &Path, report: &Report) -> Result<(), SessionError> {
+        let text = serde_json::to_string_pretty(report)
+            .map_err(|e| SessionError::System(e.to_string()))?;
+        let path = folder.join(REPORT_FILE);
+        Ok(atomic_file::write_atomic(&path, |o| o.write_all(text.as_bytes()))?)
+    }
+
+    /// Computes and writes everything that is no picture: eight files.
+    fn write_products(&self, folder: &Path) -> Result<(), SessionError> {
+        self.prepare(&[Product::Base, Product::Coverage])?;
+        let mut clock = self.clock().fork();
+        let written = clock.time("write", "files", || self.write_files(folder), |_| 8);
+        self.clock().merge(clock);
+        written
+    }
+
+    fn write_files(&self, out: &Path) -> Result<(), SessionError> {
+        let (segmented, fields) = (self.lumen()?, self.fields()?);
+        let (wall, base, centered) = (self.wall()?, self.base()?, self.centerline()?);
+        let lumen: &Lumen = &segmented.lumen;
+        let distance: &[f32] = &fields.distance;
+        let grid = &lumen.grid;
+        let classes = lumen.class_field();
+        write_layers(&out.join("mask.nrrd"), grid, |put| lumen.each_layer(&classes, 0, put))?;
+        write_layers(&out.join("distance.nrrd"), grid, |put| lumen.each_layer(distance, 0.0, put))?;
+        let open = self.settings.wall.open_ends;
+        for (name, mesh) in [("surface.ply", &wall.mesh), ("base.ply", &*base)] {
+            write_drawn_mesh(&out.join(name), mesh, open)?;
+        }
+        for name in ["centerline.vtp", "centerline.csv", "centerline.mrk.json"] {
+            write_centerline(&out.join(name), &centered.line)?;
+        }
+        let csv = self.unseen_csv()?;
+        Ok(atomic_file::write_atomic(&out.join("unseen.csv"), |o| o.write_all(csv.as_bytes()))?)
+    }
+}
+
+/// Writes a mesh, without its caps where ends are open.
+pub(super) fn write_drawn_mesh(path: &Path, mesh: &Mesh, open: bool) -> Result<(), FormatError> {
+    if open && !mesh.caps.is_empty() {
+        write_mesh(path, &without_caps(mesh))
+    } else {
+        write_mesh(path, mesh)
+    }
+}
+
+fn remove_file(path: &Path) -> Result<(), FormatError> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(FormatError::io(path, e)),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,407 @@
+//! Frames of the flight, drawn one after the other on request while the device draws the next.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+use glam::Vec3;
+
+use super::levels::{LodReport, UPLOAD_BYTES};
+use super::settings::Lod;
+use super::{Clock, FramesReport, Product, Session, SessionError, locked, present, put};
+use crate::device::{Device, DeviceError};
+use crate::flight::Flight;
+use crate::lod::{Tolerance, Worker};
+use crate::render::{
+    FrameStats, IN_FLIGHT, MeshHandle, PagesHandle, Renderer, Scene, Shot, Spares, Ticket, View,
+    Wall,
+};
+use crate::task::CancelToken;
+use crate::vk::{Choice, Gpu, return_freed_memory};
+
+/// The renderer with the device it draws on: the one that computes or, where that is the CPU,
+/// what Vulkan there is.
+pub(super) struct Display {
+    device: Arc<Mutex<Device>>,
+    own: Option<Mutex<Gpu>>,
+    /// Taken by the stream that draws.
+    renderer: Mutex<Option<Renderer>>,
+    name: String,
+}
+
+impl Display {
+    fn with_gpu<T>(&self, work: impl FnOnce(&mut Gpu) -> T) -> T {
+        if let Some(own) = &self.own {
+            return work(&mut locked(own));
+        }
+        match &mut *locked(&self.device) {
+            Device::Gpu(gpu) => work(gpu),
+            Device::Cpu => unreachable!("a CPU draws with a device of its own"),
+        }
+    }
+}
+
+impl Session {
+    pub(super) fn run_display(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let start = Instant::now();
+        let device = present(&self.slots.device);
+        let computes = matches!(&*locked(&device), Device::Gpu(_));
+        let own = if computes {
+            None
+        } else {
+            Some(Mutex::new(Gpu::open(Choice::Any).map_err(DeviceError::from)?))
+        };
+        let display = Display { device, own, renderer: Mutex::new(None), name: String::new() };
+        let s = &self.settings.flight;
+        let [width, height] = s.size;
+        let (name, renderer) = display.with_gpu(|gpu| {
+            let name = gpu.info().name.clone();
+            Renderer::new(gpu, width, height, s.samples).map(|renderer| (name, renderer))
+        })?;
+        *locked(&display.renderer) = Some(renderer);
+        let display = Display { name, ..display };
+        let pixels = u64::from(width) * u64::from(height);
+        clock.record("renderer", &display.name, start, (pixels, "pixels"), Vec::new());
+        put(&self.slots.display, display);
+        Ok(())
+    }
+
+    /// Products that a stream of frames needs.
+    pub(super) fn needs_of_frames(&self) -> Vec<Product> {
+        let mut needs = vec![Product::DrawnWall, Product::Flight, Product::Display];
+        if self.settings.drawn_lod() != Lod::Off {
+            needs.extend([Product::Levels, Product::Shading]);
+        }
+        needs
+    }
+
+    /// The frames of the flight, in order. Everything they need is computed first; each is drawn
+    /// when it is asked for, with the next ones on their way.
+    ///
+    /// # Errors
+    /// What the stages fail with; the renderer's.
+    pub fn frames(&self) -> Result<FrameStream, SessionError> {
+        self.prepare(&self.needs_of_frames())?;
+        // What building levels took is larger than the pages that come now.
+        return_freed_memory();
+        let drawn = present(&self.slots.drawn_wall);
+        let flight = self.flight()?;
+        let centered = self.centerline()?;
+        let display = self.product(Product::Display, &self.slots.display)?;
+        let s = &self.settings.flight;
+        let mut renderer = match locked(&display.renderer).take() {
+            Some(renderer) => renderer,
+            None => display.with_gpu(|gpu| Renderer::new(gpu, s.size[0], s.size[1], s.samples))?,
+        };
+        let mesh = drawn.mesh();
+        let overview = s.view != View::Inside;
+        let mut held = Held::default();
+        let (scene, worker, lod) = if self.settings.drawn_lod() == Lod::Off {
+            let faces = mesh.faces.len() as u64;
+            let lod = LodReport {
+                mode: "off",
+                base_faces: faces,
+                finest_faces: faces,
+                ..Default::default()
+            };
+            let handle = display.with_gpu(|gpu| renderer.upload_mesh(gpu, mesh, false))?;
+            held.meshes.push(handle);
+            (Scene::of(handle), None, lod)
+        } else {
+            let levels = self.levels()?;
+            let shading = present(&self.slots.shading);
+            let of_overview = overview
+                .then(|| display.with_gpu(|gpu| renderer.upload_mesh(gpu, mesh, false)))
+                .transpose()?;
+            held.meshes.extend(of_overview);
+            let radius = shading.mean_radius_mm;
+            let pages = display.with_gpu(|gpu| renderer.open_pages(gpu, levels.pages, radius))?;
+            held.pages = Some(pages);
+            if let Some(occlusion) = &levels.occlusion {
+                renderer.hide(pages, Arc::clone(occlusion));
+            }
+            let tolerance = Tolerance { pixels: self.settings.levels.pixel_error };
+            let hierarchy = levels.hierarchy();
+            let in_flight = IN_FLIGHT as u32;
+            let worker =
+                Worker::spawn(hierarchy, tolerance, levels.pages, UPLOAD_BYTES, in_flight)?;
+            let mut scene = Scene::paged(pages, of_overview);
+            // Through an open end the back of a wall can be seen.
+            scene.wall = Wall::Pages { pages, backs: !drawn.closed };
+            (scene, Some(worker), levels.report.clone())
+        };
+        let path: Vec<Vec3> = centered
+            .line
+            .branches
+            .first()
+            .map(|b| b.points.iter().map(|p| p.position_mm.as_vec3()).collect())
+            .unwrap_or_default();
+        let mut scene = scene;
+        if path.len() > 1 && overview {
+            scene.path = Some(display.with_gpu(|gpu| renderer.upload_path(gpu, &path))?);
+        }
+        Ok(FrameStream {
+            progress: share_of_path(&path, &flight),
+            view: s.view,
+            size: s.size,
+            spares: renderer.spares(),
+            renderer: Some(renderer),
+            display,
+            scene,
+            held,
+            worker,
+            flight,
+            lod,
+            cancel: self.cancel.clone(),
+            waiting: VecDeque::with_capacity(IN_FLIGHT),
+            begun: 0,
+            given: 0,
+            started: Instant::now(),
+            since: Instant::now(),
+            figures: Figures::default(),
+        })
+    }
+
+    /// Adds the drawing of a stream to the clock.
+    pub(super) fn record_frames(&self, clock: &mut Clock, stream: &FrameStream) {
+        let items = (stream.given as u64, "frames");
+        clock.record("frames", &stream.display.name, stream.started, items, Vec::new());
+    }
+}
+
+/// A drawn frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DrawnFrame {
+    /// Its place in the flight, from 0.
+    pub index: usize,
+    /// Columns and rows.
+    pub size: [u32; 2],
+    /// Eight bits each of red, green and blue; rows from the top.
+    pub rgb: Vec<u8>,
+    /// What it took to draw it.
+    pub stats: FrameStats,
+}
+
+/// What a stream has put on the device.
+#[derive(Default)]
+struct Held {
+    meshes: Vec<MeshHandle>,
+    pages: Option<PagesHandle>,
+}
+
+/// Figures of every frame given so far.
+#[derive(Default)]
+struct Figures {
+    ms: Vec<f64>,
+    stats: Vec<FrameStats>,
+}
+
+/// Frames of a flight, drawn as they are asked for. Each shows the settled cut of its own camera,
+/// so frames depend on cameras alone, not on timing or number of threads.
+pub struct FrameStream {
+    renderer: Option<Renderer>,
+    display: Arc<Display>,
+    scene: Scene,
+    held: Held,
+    worker: Option<Worker>,
+    flight: Arc<Flight>,
+    /// Share of the path behind each eye.
+    progress: Vec<f32>,
+    view: View,
+    size: [u32; 2],
+    spares: Spares,
+    lod: LodReport,
+    cancel: CancelToken,
+    waiting: VecDeque<Ticket>,
+    begun: usize,
+    given: usize,
+    started: Instant,
+    since: Instant,
+    figures: Figures,
+}
+
+impl FrameStream {
+    /// Frames of the whole flight.
+    pub fn count(&self) -> usize {
+        self.flight.poses.len()
+    }
+
+    /// Where pictures may be given back once they are not needed any more, from any thread.
+    pub fn spares(&self) -> Spares {
+        self.spares.clone()
+    }
+
+    /// Levels of detail, as they were when the stream was opened.
+    pub fn lod(&self) -> &LodReport {
+        &self.lod
+    }
+
+    /// The next frame; `None` after the last.
+    ///
+    /// # Errors
+    /// The renderer's and the refining thread's; [`SessionError::Cancelled`]. After an error there
+    /// are no more frames.
+    pub fn next_frame(&mut self) -> Result<Option<DrawnFrame>, SessionError> {
+        if self.cancel.is_cancelled() {
+            return Err(SessionError::Cancelled);
+        }
+        while self.waiting.len() < IN_FLIGHT && self.begun < self.count() {
+            if let Err(e) = self.begin(self.begun) {
+                self.begun = self.count();
+                return Err(e);
+            }
+            self.begun += 1;
+        }
+        let Some(ticket) = self.waiting.pop_front() else { return Ok(None) };
+        let stats = ticket.stats;
+        let display = Arc::clone(&self.display);
+        let rgb = display.with_gpu(|gpu| self.renderer().fetch(gpu, ticket))?;
+        self.figures.ms.push(self.since.elapsed().as_secs_f64() * 1000.0);
+        self.figures.stats.push(stats);
+        self.since = Instant::now();
+        self.given += 1;
+        Ok(Some(DrawnFrame { index: self.given - 1, size: self.size, rgb, stats }))
+    }
+
+    /// Figures of the frames given so far.
+    pub fn report(&self) -> FramesReport {
+        let f = &self.figures;
+        let [width, height] = self.size;
+        let [p50_ms, p99_ms] = f.both(|i| f.ms[i]);
+        let [triangles_p50, triangles_p99] = f.both(|i| f.stats[i].triangles);
+        let [uploaded_bytes_p50, uploaded_bytes_p99] = f.both(|i| f.stats[i].uploaded_bytes);
+        let [leaves_changed_p50, leaves_changed_p99] = f.both(|i| f.stats[i].leaves_changed);
+        FramesReport {
+            count: self.given,
+            width,
+            height,
+            p50_ms,
+            p99_ms,
+            triangles_p50,
+            triangles_p99,
+            uploaded_bytes_p50,
+            uploaded_bytes_p99,
+            leaves_changed_p50,
+            leaves_changed_p99,
+            degraded: f.stats.iter().filter(|s| s.degraded).count(),
+            total_ms: self.started.elapsed().as_secs_f64() * 1000.0,
+            min_near_clearance_mm: self.flight.min_margin_mm(),
+            flight_seconds: self.flight.seconds.last().copied().unwrap_or(0.0),
+            device: self.display.name.clone(),
+        }
+    }
+
+    /// What a viewer of the frames should know.
+    pub fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if self.flight.moved > 0 {
+            warnings.push(format!(
+                "{} frames had no room and stand at the nearest place that has",
+                self.flight.moved
+            ));
+        }
+        let degraded = self.figures.stats.iter().filter(|s| s.degraded).count();
+        if degraded > 0 {
+            warnings.push(format!(
+                "{degraded} frames needed more patches than there is room for and are coarser than asked for"
+            ));
+        }
+        warnings
+    }
+
+    fn renderer(&mut self) -> &mut Renderer {
+        self.renderer.as_mut().expect("held until the stream is dropped")
+    }
+
+    fn shot(&self, i: usize) -> Shot {
+        Shot {
+            view: self.view,
+            pose: self.flight.poses[i],
+            lens: self.flight.lens(i),
+            progress: self.progress[i],
+        }
+    }
+
+    /// Brings the pages to the frame's settled cut, asks for the next frame's, and submits it.
+    fn begin(&mut self, i: usize) -> Result<(), SessionError> {
+        let shot = self.shot(i);
+        let next = (i + 1 < self.count()).then(|| self.shot(i + 1));
+        let renderer = self.renderer.as_mut().expect("held until the stream is dropped");
+        if let (Some(worker), Some(pages)) = (&mut self.worker, self.held.pages) {
+            // Asked already while the frame before was made; asked now for the first.
+            if let (0, Some(camera)) = (worker.outstanding(), renderer.camera(&shot)) {
+                worker.request(camera);
+            }
+            // The answer is taken before the next question, so that at most one is on its way.
+            while worker.outstanding() > 0 {
+                renderer.apply(pages, worker.recv()?)?;
+            }
+            if let Some(camera) = next.and_then(|n| renderer.camera(&n)) {
+                worker.request(camera);
+            }
+        }
+        let scene = &self.scene;
+        let ticket = self.display.with_gpu(|gpu| renderer.begin_frame(gpu, scene, &shot))?;
+        self.waiting.push_back(ticket);
+        Ok(())
+    }
+}
+
+impl Drop for FrameStream {
+    fn drop(&mut self) {
+        let Some(mut renderer) = self.renderer.take() else { return };
+        self.display.with_gpu(|gpu| {
+            for ticket in self.waiting.drain(..) {
+                // A frame nobody wants any more: its slot is free once the device is done.
+                let _ = renderer.fetch(gpu, ticket);
+            }
+        });
+        self.held.meshes.drain(..).for_each(|m| renderer.remove_mesh(m));
+        if let Some(pages) = self.held.pages.take() {
+            renderer.close_pages(pages);
+        }
+        *locked(&self.display.renderer) = Some(renderer);
+    }
+}
+
+impl Figures {
+    /// The value below which a share of the frames lies.
+    fn at<T: Copy + PartialOrd + Default>(&self, q: f64, of: impl Fn(usize) -> T) -> T {
+        let mut all: Vec<T> = (0..self.ms.len()).map(of).collect();
+        all.sort_by(|a, b| a.partial_cmp(b).expect("numbers"));
+        all.get(((all.len().max(1) - 1) as f64 * q).round() as usize).copied().unwrap_or_default()
+    }
+
+    fn both<T: Copy + PartialOrd + Default>(&self, of: impl Fn(usize) -> T + Copy) -> [T; 2] {
+        [self.at(0.5, of), self.at(0.99, of)]
+    }
+}
+
+/// Share of the path's length behind each eye: that of the nearest point of the path, searched
+/// about the one before, since a path may pass close to itself.
+fn share_of_path(path: &[Vec3], flight: &Flight) -> Vec<f32> {
+    let mut length = 0.0;
+    let arc: Vec<f32> = (0..path.len())
+        .map(|i| {
+            length += if i > 0 { path[i].distance(path[i - 1]) } else { 0.0 };
+            length
+        })
+        .collect();
+    let mut at = None;
+    let nearest = |p: Vec3, among: std::ops::Range<usize>| {
+        among.min_by(|&i, &j| path[i].distance_squared(p).total_cmp(&path[j].distance_squared(p)))
+    };
+    let window = (path.len() / 10).max(50);
+    flight
+        .poses
+        .iter()
+        .map(|pose| {
+            let among = match at {
+                None => 0..path.len(),
+                Some(i) => usize::saturating_sub(i, window)..(i + window).min(path.len()),
+            };
+            at = nearest(pose.position_mm, among).or(at);
+            at.map_or(0.0, |i| arc[i] / length.max(f32::MIN_POSITIVE))
+        })
+        .collect()
+}

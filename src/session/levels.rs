@@ -1,0 +1,283 @@
+//! Levels of detail of the wall and its simplified base, and what the report says of them.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+
+use serde::Serialize;
+
+use super::{Clock, Mode, Session, SessionError, level_cache, locked, present, put};
+use crate::geometry::{Mesh, Vertex};
+use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
+use crate::lod::vds::{ParameterizedOriginal, Surface, Vds, VdsOptions};
+use crate::lod::{ExteriorGrid, LodHierarchy, OcclusionTest, PAGE_BYTES};
+use crate::mesh::{MeshError, Metric, Parameterization, SimplifyOptions, make_manifold, simplify};
+use crate::vk::return_freed_memory;
+
+/// Bytes written to pages in one step, at most.
+pub const UPLOAD_BYTES: u64 = 4 << 20;
+/// Bytes of all pages, at most.
+const RESIDENT_BYTES: u64 = 256 << 20;
+
+/// Clusters as they were built or read.
+pub(super) struct BuiltClusters {
+    pub clusters: Arc<Clusters>,
+    /// They were read from the cache.
+    cached: bool,
+    /// Where they should be kept.
+    keep: Option<PathBuf>,
+}
+
+/// The grid outside a closed wall, until [`Levels`] takes it.
+pub(super) struct ExteriorSlot(Mutex<Option<ExteriorGrid>>);
+
+/// A wall at many levels of detail; each flight refines its own [`Levels::hierarchy`] of it.
+pub struct Levels {
+    kind: Kind,
+    /// Pages a hierarchy is given.
+    pub pages: u32,
+    /// What to say of it.
+    pub report: LodReport,
+    /// What a closed wall hides, if that is known.
+    pub occlusion: Option<Arc<OcclusionTest>>,
+}
+
+enum Kind {
+    Clusters(Arc<Clusters>),
+    Subdivision(Arc<Surface>),
+}
+
+/// Level of detail.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct LodReport {
+    pub mode: &'static str,
+    pub pixel_error: f32,
+    /// Faces of the coarsest surface.
+    pub base_faces: u64,
+    /// Faces of the finest.
+    pub finest_faces: u64,
+    /// Clusters or leaves.
+    pub patches: u64,
+    /// Found on disk instead of built.
+    pub cached: bool,
+    pub bytes: u64,
+    pub pages: u32,
+}
+
+/// Faces of the base under a mesh when nobody says: a twentieth, as in the paper's vessel.
+pub fn base_faces(mesh: &Mesh) -> usize {
+    (mesh.faces.len() / 20).max(MIN_BASE_FACES.min(mesh.faces.len()))
+}
+
+/// A base is made of a surface of so many times its faces, where there is one.
+const BASE_OF: u64 = 6;
+
+/// A mesh with so many faces: by the default metric with vertices moved to where they stand best,
+/// or by the paper's with vertices that stay. Where fans of faces touch they are parted first.
+///
+/// By default it begins with what `clusters` of the mesh have at six times the faces, where
+/// there are any: that errs a small part of what the base will, and takes three tenths of the time.
+///
+/// # Errors
+/// [`SessionError::Mesh`] for a mesh that makes no sense.
+pub fn base(
+    mesh: &Mesh,
+    clusters: Option<&Clusters>,
+    faces: usize,
+    mode: Mode,
+    clock: &mut Clock,
+) -> Result<Mesh, SessionError> {
+    let options = SimplifyOptions {
+        metric: if mode == Mode::Paper { Metric::Paper } else { Metric::NormalQem },
+        relocate: mode == Mode::Default,
+        ..SimplifyOptions::to_faces(faces)
+    };
+    let work = || -> Result<Mesh, MeshError> {
+        let begun = clusters.filter(|_| mode == Mode::Default);
+        let begun = begun.map(|c| c.uniform_cut(BASE_OF * faces as u64).0);
+        let mesh = begun.as_ref().unwrap_or(mesh);
+        match simplify(mesh, &options, &mut ()) {
+            Err(MeshError::NonManifoldEdge { .. } | MeshError::NonManifoldVertex { .. }) => {
+                Ok(simplify(&make_manifold(mesh)?.0, &options, &mut ())?.mesh)
+            }
+            done => Ok(done?.mesh),
+        }
+    };
+    Ok(clock.time("base", "faces", work, |_| mesh.faces.len() as u64)?)
+}
+
+/// Below this a base saves nothing worth having.
+const MIN_BASE_FACES: usize = 500;
+
+impl Levels {
+    /// Levels of clusters.
+    ///
+    /// * `cached`: they were read, not built.
+    /// * `occlusion`: of a closed wall, with as much margin as the largest error of any group.
+    pub fn of_clusters(
+        clusters: impl Into<Arc<Clusters>>,
+        pixel_error: f32,
+        cached: bool,
+        occlusion: Option<Arc<OcclusionTest>>,
+    ) -> Self {
+        let clusters = clusters.into();
+        let count = clusters.clusters().len() as u64;
+        let base = |c: u32| u64::from(clusters.clusters()[c as usize].triangles);
+        let report = LodReport {
+            mode: "clusters",
+            pixel_error,
+            base_faces: clusters.roots().map(base).sum(),
+            finest_faces: clusters.finest_faces(),
+            patches: count,
+            bytes: clusters.bytes() as u64,
+            cached,
+            ..Default::default()
+        };
+        let least = ClusterLod::new(Arc::clone(&clusters), DEFAULT_SHADING_RAD).least_pages();
+        // All of it if it fits: then nothing is ever driven out.
+        let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
+        let pages = (count.min(u64::from(most)) as u32).max(least);
+        let report = LodReport { pages, ..report };
+        Self { kind: Kind::Clusters(clusters), pages, report, occlusion }
+    }
+
+    /// The paper's: the mesh simplified to `base` faces, subdivided where the camera looks, every
+    /// new vertex on the original by the record of the collapses.
+    ///
+    /// # Errors
+    /// [`SessionError`]: a mesh that half-edges cannot hold, or that is too large.
+    pub fn of_subdivision(
+        mesh: &Mesh,
+        vertices: &[Vertex],
+        base: usize,
+        pixel_error: f32,
+        clock: &mut Clock,
+    ) -> Result<Self, SessionError> {
+        let mut maps = Parameterization::new(mesh)?;
+        // The samples are the original's own: a base that moved would only mislead the bounds.
+        let options = SimplifyOptions { relocate: false, ..SimplifyOptions::to_faces(base) };
+        let simplified = clock.time(
+            "simplify",
+            "faces",
+            || simplify(mesh, &options, &mut maps),
+            |_| mesh.faces.len() as u64,
+        )?;
+        let original = ParameterizedOriginal::new(mesh, vertices, &simplified, &maps);
+        let build = || Surface::new(&simplified.mesh, &original, VdsOptions::default());
+        let count = simplified.mesh.faces.len() as u64;
+        let surface = clock.time("subdivision", "base faces", build, |_| count)?;
+        let report = LodReport {
+            mode: "vds",
+            pixel_error,
+            base_faces: surface.base_faces(),
+            finest_faces: surface.base_faces() << (2 * surface.depth()),
+            patches: surface.leaves() as u64,
+            bytes: surface.bytes() as u64,
+            ..Default::default()
+        };
+        let surface = Arc::new(surface);
+        let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
+        let pages = most.max(Vds::new(Arc::clone(&surface)).least_pages());
+        let report = LodReport { pages, ..report };
+        Ok(Self { kind: Kind::Subdivision(surface), pages, report, occlusion: None })
+    }
+
+    /// A hierarchy with nothing refined, for one flight.
+    pub fn hierarchy(&self) -> Box<dyn LodHierarchy> {
+        match &self.kind {
+            Kind::Clusters(clusters) => {
+                let lod = ClusterLod::new(Arc::clone(clusters), DEFAULT_SHADING_RAD);
+                Box::new(match &self.occlusion {
+                    Some(test) => lod.with_occlusion(Arc::clone(test)),
+                    None => lod,
+                })
+            }
+            Kind::Subdivision(surface) => Box::new(Vds::new(Arc::clone(surface))),
+        }
+    }
+}
+
+impl Session {
+    pub(super) fn run_clusters(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let drawn = present(&self.slots.drawn_wall);
+        let shading = present(&self.slots.shading);
+        let (mesh, vertices) = (drawn.mesh(), &shading.vertices);
+        let faces = mesh.faces.len() as u64;
+        let folder = self.settings.levels.cache.as_deref();
+        let file = folder.and_then(|folder| level_cache::file_of(folder, mesh, vertices));
+        let read = |path: &PathBuf| level_cache::read(path, mesh, vertices);
+        if let Some(path) = &file
+            && let Some(found) = clock.time("kept clusters", "faces", || read(path), |_| faces)
+        {
+            let clusters = Arc::new(found);
+            put(&self.slots.clusters, BuiltClusters { clusters, cached: true, keep: None });
+            return Ok(());
+        }
+        return_freed_memory();
+        let build = || Clusters::build(mesh, vertices);
+        let built = Arc::new(clock.time("clusters", "faces", build, |_| faces)?);
+        put(&self.slots.clusters, BuiltClusters { clusters: built, cached: false, keep: file });
+        Ok(())
+    }
+
+    pub(super) fn run_exterior(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let drawn = present(&self.slots.drawn_wall);
+        let mesh = drawn.mesh();
+        let faces = mesh.faces.len() as u64;
+        let work = || ExteriorGrid::new(mesh);
+        let cells = drawn.closed.then(|| clock.time("outside", "faces", work, |_| faces));
+        put(&self.slots.exterior, ExteriorSlot(Mutex::new(cells)));
+        Ok(())
+    }
+
+    pub(super) fn run_cluster_levels(&self, _: &mut Clock) -> Result<(), SessionError> {
+        let built = present(&self.slots.clusters);
+        let cells = locked(&present(&self.slots.exterior).0).take();
+        let margin = built.clusters.largest_error_mm();
+        let occlusion = cells.map(|cells| Arc::new(OcclusionTest::new(cells, margin)));
+        let clusters = Arc::clone(&built.clusters);
+        let error = self.settings.levels.pixel_error;
+        let levels = Levels::of_clusters(clusters, error, built.cached, occlusion);
+        put(&self.slots.levels, levels);
+        Ok(())
+    }
+
+    pub(super) fn run_subdivision_levels(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let drawn = present(&self.slots.drawn_wall);
+        let shading = present(&self.slots.shading);
+        let (mesh, error) = (drawn.mesh(), self.settings.levels.pixel_error);
+        return_freed_memory();
+        let base = base_faces(mesh);
+        let levels = Levels::of_subdivision(mesh, &shading.vertices, base, error, clock)?;
+        put(&self.slots.levels, levels);
+        Ok(())
+    }
+
+    pub(super) fn run_base_from_clusters(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let built = present(&self.slots.clusters);
+        self.make_base(Some(&built.clusters), clock)
+    }
+
+    pub(super) fn run_base_from_wall(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        self.make_base(None, clock)
+    }
+
+    fn make_base(&self, clusters: Option<&Clusters>, c: &mut Clock) -> Result<(), SessionError> {
+        let wall = present(&self.slots.wall);
+        let faces = self.settings.wall.base_faces.unwrap_or_else(|| base_faces(&wall.mesh));
+        let made = base(&wall.mesh, clusters, faces, self.settings.mode, c)?;
+        put(&self.slots.base, made);
+        Ok(())
+    }
+
+    /// Keeps clusters that were built for the next session, where settings name a folder. Nobody
+    /// waits for the file, so it can be written beside the drawing.
+    pub fn keep_levels(&self) {
+        let built = locked(&self.slots.clusters).clone();
+        if let Some(built) = built
+            && let Some(path) = &built.keep
+        {
+            level_cache::write(path, &built.clusters);
+        }
+    }
+}

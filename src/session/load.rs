@@ -1,0 +1,217 @@
+//! Reading the volumes of a session.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::settings::{Source, VolumeSource};
+use super::{Clock, InputReport, Session, SessionError, present, put, refuse_above};
+use crate::formats::{ReadOptions, inspect, read_volume};
+use crate::lumen::Window;
+use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
+
+/// The volume the lumen is chosen from.
+pub(super) struct Loaded {
+    pub volume: Arc<Volume>,
+    /// Values or labels inside.
+    pub select: Window,
+    /// The image a label map was drawn on, as its header says; its voxels were not read.
+    pub image: Option<InputReport>,
+    /// The label map as it was read, where it had to be resampled.
+    pub resampled: Option<InputReport>,
+    /// Whether it is a label map given as such.
+    pub is_mask: bool,
+}
+
+/// What the report says of the inputs.
+pub(super) struct Inputs {
+    pub input: Option<InputReport>,
+    pub mask: Option<InputReport>,
+}
+
+impl Session {
+    pub(super) fn run_volume(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let read = || self.load();
+        let voxels = |l: &Result<Loaded, _>| l.as_ref().map_or(0, |l| l.volume.grid.len() as u64);
+        let loaded = clock.time("read", "voxels", read, voxels)?;
+        put(&self.slots.volume, loaded);
+        Ok(())
+    }
+
+    pub(super) fn run_inputs(&self, _: &mut Clock) -> Result<(), SessionError> {
+        let loaded = present(&self.slots.volume);
+        let own = loaded.resampled.clone().unwrap_or_else(|| InputReport::of(&loaded.volume));
+        let inputs = if loaded.is_mask {
+            Inputs { input: loaded.image.clone(), mask: Some(own) }
+        } else {
+            Inputs { input: Some(own), mask: None }
+        };
+        put(&self.slots.inputs, inputs);
+        Ok(())
+    }
+
+    fn load(&self) -> Result<Loaded, SessionError> {
+        let select = self.settings.lumen.select.clone();
+        let limit = self.settings.max_memory_mb;
+        match &self.source {
+            Source::Image(source) => {
+                let volume = read_orthogonal_volume(source, limit)?;
+                let select = match select {
+                    Some(select) => select,
+                    None if is_label_map(&volume) => Window::Labels(Vec::new()),
+                    None => return Err(SessionError::LumenNotChosen { name: source.name() }),
+                };
+                Ok(Loaded { volume, select, image: None, resampled: None, is_mask: false })
+            }
+            Source::Mask { mask, image } => {
+                let volume = read_orthogonal_volume(mask, limit)?;
+                let select = select.unwrap_or_else(|| Window::Labels(Vec::new()));
+                let image = image.as_ref().map(geometry).transpose()?;
+                let mut loaded =
+                    Loaded { volume, select, image: None, resampled: None, is_mask: true };
+                if let Some((grid, report)) = image {
+                    loaded.image = Some(report);
+                    if !same_grid(&grid, &loaded.volume.grid) {
+                        tracing::warn!(
+                            "the mask lies on another grid: resampled to the input's, nearest label"
+                        );
+                        loaded.resampled = Some(InputReport::of(&loaded.volume));
+                        loaded.volume = Arc::new(resampled(&loaded.volume, grid));
+                    }
+                }
+                Ok(loaded)
+            }
+        }
+    }
+}
+
+/// Reads a volume after checking its size against a limit.
+///
+/// # Errors
+/// As [`read_volume`]; [`SessionError::Memory`].
+pub fn read_any_volume(
+    source: &VolumeSource,
+    max_memory_mb: Option<u64>,
+) -> Result<Arc<Volume>, SessionError> {
+    Ok(match source {
+        VolumeSource::Memory(volume) => Arc::clone(volume),
+        VolumeSource::File { path, series } => {
+            Arc::new(read_file(path, series.clone(), max_memory_mb)?)
+        }
+    })
+}
+
+/// The same for what distances are computed on: its axes must be orthogonal.
+///
+/// # Errors
+/// As [`read_any_volume`]; [`SessionError::ShearedGrid`].
+pub fn read_orthogonal_volume(
+    source: &VolumeSource,
+    max_memory_mb: Option<u64>,
+) -> Result<Arc<Volume>, SessionError> {
+    let volume = read_any_volume(source, max_memory_mb)?;
+    check_axes(&volume.grid, source)?;
+    Ok(volume)
+}
+
+fn read_file(
+    path: &std::path::Path,
+    series: Option<String>,
+    max_memory_mb: Option<u64>,
+) -> Result<Volume, SessionError> {
+    let options = ReadOptions { series };
+    if max_memory_mb.is_some() {
+        let info = inspect(path, &options)?;
+        if let Some(image) = info.image {
+            let voxels: u64 = image.dims.iter().map(|d| u64::from(*d)).product();
+            refuse_above(max_memory_mb, voxels, "the volume alone")?;
+        }
+    }
+    let volume = read_volume(path, &options)?;
+    let d = volume.grid.dims;
+    tracing::info!("read {} x {} x {} voxels", d.x, d.y, d.z);
+    Ok(volume)
+}
+
+fn check_axes(grid: &Grid, source: &VolumeSource) -> Result<(), SessionError> {
+    if grid.is_orthogonal() {
+        return Ok(());
+    }
+    Err(SessionError::ShearedGrid { name: source.name() })
+}
+
+/// Grid and description of an image whose voxels are not needed.
+fn geometry(source: &VolumeSource) -> Result<(Grid, InputReport), SessionError> {
+    let (grid, report) = match source {
+        VolumeSource::Memory(volume) => (volume.grid, InputReport::of(volume)),
+        VolumeSource::File { path, series } => {
+            let info = inspect(path, &ReadOptions { series: series.clone() })?;
+            match info.image.and_then(|image| Some((image.grid().ok()?, image))) {
+                Some((grid, image)) => (grid, InputReport::of_header(&grid, image.sample_type)),
+                // A format whose header does not say enough is read.
+                None => {
+                    let volume = read_volume(path, &ReadOptions { series: series.clone() })?;
+                    (volume.grid, InputReport::of(&volume))
+                }
+            }
+        }
+    };
+    check_axes(&grid, source)?;
+    Ok((grid, report))
+}
+
+/// Labels of `mask` at the voxel centres of `grid`, nearest; 0 beyond the mask.
+fn resampled(mask: &Volume, grid: Grid) -> Volume {
+    fn pick<T: Copy + Default>(from: &[T], mask: &Grid, grid: &Grid) -> Vec<T> {
+        let map = mask.voxel_from_world() * grid.world_from_voxel();
+        let step = map.transform_vector3(DVec3::X);
+        let mut out = Vec::with_capacity(grid.len());
+        for k in 0..grid.dims.z {
+            crate::task::checkpoint();
+            for j in 0..grid.dims.y {
+                let row = map.transform_point3(DVec3::new(0.0, f64::from(j), f64::from(k)));
+                out.extend((0..grid.dims.x).map(|i| {
+                    let v = (row + step * f64::from(i)).round().as_ivec3();
+                    if mask.contains(v) { from[mask.index(v.as_uvec3())] } else { T::default() }
+                }));
+            }
+        }
+        out
+    }
+    let samples: Samples = with_samples!(&mask.samples, |s| pick(s, &mask.grid, &grid).into());
+    Volume { grid, samples, rescale: mask.rescale }
+}
+
+fn same_grid(g: &Grid, h: &Grid) -> bool {
+    let corner = g.dims.as_dvec3();
+    let off = |p: DVec3| {
+        (g.world_from_voxel().transform_point3(p) - h.world_from_voxel().transform_point3(p))
+            .length()
+    };
+    g.dims == h.dims && off(DVec3::ZERO).max(off(corner)) < 0.01 * g.spacing_mm.min_element()
+}
+
+/// Most distinct values of a volume that is taken for a label map without being told.
+const LABELS: usize = 32;
+
+fn is_label_map(volume: &Volume) -> bool {
+    if !volume.samples.sample_type().is_integer() || volume.rescale != Rescale::IDENTITY {
+        return false;
+    }
+    let mut seen: Vec<i64> = Vec::new();
+    let bytes = volume.samples.sample_type() == SampleType::U8;
+    for i in 0..volume.samples.len() {
+        if i % (1 << 20) == 0 {
+            crate::task::checkpoint();
+        }
+        let v = volume.samples.get(i) as i64;
+        if !seen.contains(&v) {
+            // Labels are small and not negative; the many values of an image show at once.
+            if v < 0 || (!bytes && v > 10_000) || seen.len() == LABELS {
+                return false;
+            }
+            seen.push(v);
+        }
+    }
+    true
+}

@@ -1,0 +1,180 @@
+//! Computes the products asked for: each once, in the order of their needs, side by side where
+//! they do not need each other.
+
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+use super::stages::{PRODUCTS, Product, RunsOn, Stage, row};
+use super::{Session, SessionError};
+use crate::task::catch_cancelled;
+
+/// Stages that run at once, at most. Each keeps one worker busy while it is serial, so there are
+/// never more than there are workers.
+const SIDE_BY_SIDE: usize = 2;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Status {
+    #[default]
+    Missing,
+    Running,
+    Ready,
+}
+
+/// What is there, and what is being made.
+#[derive(Default)]
+pub(super) struct Board {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    status: [Status; PRODUCTS],
+    device_busy: bool,
+}
+
+/// What a thread that computes does next.
+enum Next {
+    Run(&'static Stage),
+    Done,
+}
+
+impl Board {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // Nothing panics while it holds this lock.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub fn is_ready(&self, product: Product) -> bool {
+        self.lock().status[product as usize] == Status::Ready
+    }
+
+    /// A product was put in place by hand.
+    pub fn mark_ready(&self, product: Product) {
+        self.lock().status[product as usize] = Status::Ready;
+    }
+
+    /// A product is gone.
+    pub fn forget(&self, product: Product) {
+        self.lock().status[product as usize] = Status::Missing;
+        self.changed.notify_all();
+    }
+
+    /// Takes the first row that can start, or waits for one; `stop` ends the search.
+    fn take(&self, plan: &[&'static Stage], stop: &Mutex<Option<SessionError>>) -> Next {
+        let mut state = self.lock();
+        loop {
+            let stopped = stop.lock().unwrap_or_else(PoisonError::into_inner).is_some();
+            let status = state.status;
+            let ready = |p: &Product| status[*p as usize] == Status::Ready;
+            if stopped || plan.iter().all(|s| ready(&s.product)) {
+                return Next::Done;
+            }
+            let can_start = |s: &&&Stage| {
+                status[s.product as usize] == Status::Missing
+                    && s.needs.iter().all(ready)
+                    && !(s.runs_on == RunsOn::Device && state.device_busy)
+            };
+            if let Some(stage) = plan.iter().find(can_start) {
+                state.status[stage.product as usize] = Status::Running;
+                state.device_busy |= stage.runs_on == RunsOn::Device;
+                return Next::Run(stage);
+            }
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    fn finish(&self, stage: &Stage, done: bool) {
+        let mut state = self.lock();
+        state.status[stage.product as usize] = if done { Status::Ready } else { Status::Missing };
+        if stage.runs_on == RunsOn::Device {
+            state.device_busy = false;
+        }
+        drop(state);
+        self.changed.notify_all();
+    }
+}
+
+impl Session {
+    /// Computes these products and what they need, side by side where possible. Asking for one
+    /// that is there costs nothing; one that another thread computes is waited for.
+    ///
+    /// # Errors
+    /// The first of the stages' errors; [`SessionError::Cancelled`].
+    pub fn prepare(&self, products: &[Product]) -> Result<(), SessionError> {
+        let plan = self.plan(products);
+        if plan.is_empty() {
+            return Ok(());
+        }
+        let weight = plan.iter().map(|s| s.weight).sum();
+        self.progress.add(weight);
+        let error = Mutex::new(None);
+        let lanes = self.pool.current_num_threads().min(SIDE_BY_SIDE).min(plan.len());
+        std::thread::scope(|scope| {
+            for _ in 1..lanes {
+                scope.spawn(|| self.work(&plan, &error));
+            }
+            self.work(&plan, &error);
+        });
+        error.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
+    }
+
+    /// Rows to be run, in the order of the table.
+    fn plan(&self, products: &[Product]) -> Vec<&'static Stage> {
+        let mut wanted = [false; PRODUCTS];
+        let mut open: Vec<Product> = products.to_vec();
+        let mut plan: Vec<&'static Stage> = Vec::new();
+        while let Some(product) = open.pop() {
+            if wanted[product as usize] || self.board.is_ready(product) {
+                continue;
+            }
+            wanted[product as usize] = true;
+            if let Some(stage) = row(product, &self.settings) {
+                open.extend(stage.needs);
+                plan.push(stage);
+            }
+        }
+        let place =
+            |s: &&'static Stage| super::stages::STAGES.iter().position(|t| std::ptr::eq(t, *s));
+        plan.sort_by_key(place);
+        plan
+    }
+
+    /// Runs stages of a plan until there are none left or one has failed.
+    fn work(&self, plan: &[&'static Stage], error: &Mutex<Option<SessionError>>) {
+        while let Next::Run(stage) = self.board.take(plan, error) {
+            let outcome = self.run_stage(stage);
+            if let Err(e) = &outcome {
+                tracing::debug!("{}: {e}", stage.label);
+            }
+            let done = outcome.is_ok();
+            if let Err(e) = outcome {
+                error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(e);
+            }
+            self.board.finish(stage, done);
+            if done {
+                self.release_what_nothing_needs();
+            }
+        }
+    }
+
+    /// One stage on a worker of the pool, serial parts included.
+    fn run_stage(&self, stage: &Stage) -> Result<(), SessionError> {
+        if self.cancel.is_cancelled() {
+            return Err(SessionError::Cancelled);
+        }
+        self.progress.begin(stage.label);
+        let mut clock = self.clock().fork();
+        let outcome = self.pool.install(|| catch_cancelled(|| (stage.run)(self, &mut clock)));
+        self.clock().merge(clock);
+        self.progress.end(stage.label, stage.weight);
+        outcome.unwrap_or(Err(SessionError::Cancelled))
+    }
+
+    /// Drops the volume once every product that reads it is there, where it can be read again.
+    fn release_what_nothing_needs(&self) {
+        let readers = [Product::Lumen, Product::Wall, Product::Inputs];
+        if !self.keep_volume && readers.iter().all(|p| self.board.is_ready(*p)) {
+            self.forget_one(Product::Volume);
+        }
+    }
+}

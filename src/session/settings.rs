@@ -1,0 +1,227 @@
+//! What a [`Session`](super::Session) is asked to do: where its volumes are, which lumen, and how
+//! each stage works. Plain data; nothing here reads a file.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use glam::{DVec3, UVec3};
+
+use super::Mode;
+use crate::centerline::Radius;
+use crate::device::DeviceChoice;
+use crate::flight::{Frames, Script};
+use crate::lumen::Window;
+use crate::render::View;
+use crate::surface::{Fairing, Smoothing};
+use crate::volume::Volume;
+
+/// Where a volume comes from.
+#[derive(Clone, Debug)]
+pub enum VolumeSource {
+    /// A file or a DICOM folder, read when first needed and again if it was dropped since.
+    File {
+        /// File or folder.
+        path: PathBuf,
+        /// DICOM series: UID, or index from 0.
+        series: Option<String>,
+    },
+    /// A volume in memory.
+    Memory(Arc<Volume>),
+}
+
+impl VolumeSource {
+    /// A file or DICOM folder of one series.
+    pub fn file(path: impl Into<PathBuf>) -> Self {
+        Self::File { path: path.into(), series: None }
+    }
+
+    /// What to call it in messages: the file's name, or `volume in memory`.
+    pub fn name(&self) -> String {
+        match self {
+            Self::File { path, .. } => path.display().to_string(),
+            Self::Memory(_) => "volume in memory".to_owned(),
+        }
+    }
+}
+
+/// The volumes of a session.
+#[derive(Clone, Debug)]
+pub enum Source {
+    /// Grey values from which the lumen is chosen, or a label map.
+    Image(VolumeSource),
+    /// A label map, and the image it was drawn on. The image's voxels are not read for the lumen;
+    /// its geometry is the grid of all products.
+    Mask {
+        /// The label map; resampled to the image's grid (nearest label) where it has another.
+        mask: VolumeSource,
+        /// What it was drawn on.
+        image: Option<VolumeSource>,
+    },
+}
+
+/// Where a component starts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Seed {
+    /// A voxel, x fastest.
+    Voxel(UVec3),
+    /// A point, LPS mm.
+    Point(DVec3),
+}
+
+/// Which voxels are the lumen.
+#[derive(Clone, Debug)]
+pub struct LumenSettings {
+    /// Values or labels inside; `None` takes the image for a label map if it is one.
+    pub select: Option<Window>,
+    /// Keep the 6-connected component of this voxel; without it the largest.
+    pub seed: Option<Seed>,
+    /// Keep every component.
+    pub all_components: bool,
+    /// Fill closed cavities.
+    pub fill: bool,
+    /// Draw the threshold in to just before the first leak (needs a seed).
+    pub leak_control: bool,
+}
+
+impl Default for LumenSettings {
+    fn default() -> Self {
+        Self { select: None, seed: None, all_components: false, fill: true, leak_control: false }
+    }
+}
+
+/// The centerline.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CenterlineSettings {
+    /// Start, LPS mm; found where `None`.
+    pub from: Option<DVec3>,
+    /// End, LPS mm; found where `None`.
+    pub to: Option<DVec3>,
+    /// All branches instead of one path.
+    pub tree: bool,
+    /// How far a viewpoint sees; by mode where `None`.
+    pub radius: Option<Radius>,
+}
+
+/// The wall.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WallSettings {
+    /// Leave vertices half way between voxels even where grey values say more.
+    pub from_mask: bool,
+    /// Normal smoothing; by mode where `None`.
+    pub smoothing: Option<Smoothing>,
+    /// Leave caps at the edge of the volume out of what is drawn and written.
+    pub open_ends: bool,
+    /// Faces of the simplified surface; a twentieth of the wall's where `None`.
+    pub base_faces: Option<usize>,
+}
+
+/// How a wall is drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Lod {
+    /// Clusters of original triangles and ever coarser ones above them.
+    #[default]
+    Clusters,
+    /// The paper's: a base mesh subdivided where the camera looks.
+    Vds,
+    /// The whole mesh.
+    Off,
+}
+
+/// Levels of detail.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LevelSettings {
+    /// Which method.
+    pub lod: Lod,
+    /// Pixels that what is drawn may be away from the full mesh.
+    pub pixel_error: f32,
+    /// Folder where clusters are kept between runs; `None` keeps none.
+    pub cache: Option<PathBuf>,
+}
+
+impl Default for LevelSettings {
+    fn default() -> Self {
+        Self { lod: Lod::default(), pixel_error: 1.0, cache: None }
+    }
+}
+
+/// The flight and its frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FlightSettings {
+    /// How many frames.
+    pub frames: Frames,
+    /// Columns and rows of a frame.
+    pub size: [u32; 2],
+    /// What a frame shows.
+    pub view: View,
+    /// Vertical field of view, radians.
+    pub fov_y_rad: f32,
+    /// Samples a pixel, 1 or 4.
+    pub samples: u32,
+    /// From the end to the start.
+    pub reverse: bool,
+    /// This camera path instead of one along the centerline.
+    pub script: Option<Script>,
+    /// Poses the camera path is resampled to; as many as it has where `None`.
+    pub script_frames: Option<usize>,
+}
+
+impl Default for FlightSettings {
+    fn default() -> Self {
+        Self {
+            frames: Frames::Count(120),
+            size: [1280, 720],
+            view: View::Inside,
+            fov_y_rad: std::f32::consts::FRAC_PI_2,
+            samples: 4,
+            reverse: false,
+            script: None,
+            script_frames: None,
+        }
+    }
+}
+
+/// Everything a session is asked to do.
+#[derive(Clone, Debug, Default)]
+pub struct Settings {
+    /// Default or the paper's methods.
+    pub mode: Mode,
+    /// Where plans run.
+    pub device: DeviceChoice,
+    /// Threads of the session's pool; all cores where `None`.
+    pub threads: Option<usize>,
+    /// Refuse what would take more memory, MB.
+    pub max_memory_mb: Option<u64>,
+    /// Which voxels are the lumen.
+    pub lumen: LumenSettings,
+    /// The centerline.
+    pub centerline: CenterlineSettings,
+    /// The wall.
+    pub wall: WallSettings,
+    /// Levels of detail.
+    pub levels: LevelSettings,
+    /// The flight and its frames.
+    pub flight: FlightSettings,
+}
+
+impl Settings {
+    /// Reach of viewpoints in this mode.
+    pub(super) fn radius(&self) -> Radius {
+        self.centerline.radius.unwrap_or(match self.mode {
+            Mode::Paper => Radius::Paper,
+            Mode::Default => Radius::Measured,
+        })
+    }
+
+    /// Normal smoothing in this mode.
+    pub(super) fn smoothing(&self) -> Smoothing {
+        self.wall.smoothing.unwrap_or(match self.mode {
+            Mode::Paper => Smoothing::Steps(Fairing::PAPER),
+            Mode::Default => Smoothing::Multiscale,
+        })
+    }
+
+    /// The levels that are drawn: an overview alone shows the whole mesh.
+    pub(super) fn drawn_lod(&self) -> Lod {
+        if self.flight.view == View::Overview { Lod::Off } else { self.levels.lod }
+    }
+}

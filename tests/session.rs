@@ -1,0 +1,147 @@
+//! The session: products once, on request; progress; cancellation; sharing.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use intima::session::{
+    LevelSettings, Lod, LumenSettings, Mode, Product, Session, SessionError, Settings, Source,
+    VolumeSource,
+};
+use intima::volume::Volume;
+use intima::volume::phantom::{Kind, Phantom};
+
+fn phantom(kind: Kind, size: u32) -> Arc<Volume> {
+    Arc::new(Phantom::new(kind, size, [1.0; 3]).unwrap().mask())
+}
+
+fn session(volume: &Arc<Volume>, settings: Settings) -> Session {
+    Session::new(Source::Image(VolumeSource::Memory(Arc::clone(volume))), settings).unwrap()
+}
+
+#[test]
+fn a_product_is_computed_once() {
+    let session = session(&phantom(Kind::Bend, 48), Settings::default());
+    let first = session.centerline().unwrap();
+    let stages = session.clock().stages.len();
+    assert!(Arc::ptr_eq(&first, &session.centerline().unwrap()));
+    assert_eq!(session.clock().stages.len(), stages, "nothing ran again");
+}
+
+#[test]
+fn threads_that_ask_at_once_get_the_same_product() {
+    let session = session(&phantom(Kind::Bend, 48), Settings::default());
+    let (a, b) = std::thread::scope(|scope| {
+        let a = scope.spawn(|| session.wall().unwrap());
+        let b = scope.spawn(|| session.wall().unwrap());
+        (a.join().unwrap(), b.join().unwrap())
+    });
+    assert!(Arc::ptr_eq(&a, &b));
+    let walls = session.clock().stages.iter().filter(|s| s.name == "surface").count();
+    assert_eq!(walls, 1);
+}
+
+#[test]
+fn what_depends_on_a_forgotten_product_is_computed_anew() {
+    let mut session = session(&phantom(Kind::Bend, 48), Settings::default());
+    let (line, wall) = (session.centerline().unwrap(), session.wall().unwrap());
+    session.forget(&[Product::Fields]);
+    assert!(!Arc::ptr_eq(&line, &session.centerline().unwrap()));
+    assert!(Arc::ptr_eq(&wall, &session.wall().unwrap()), "the wall needs no fields");
+}
+
+#[test]
+fn products_are_the_same_at_every_number_of_threads() {
+    let volume = phantom(Kind::Y, 64);
+    let at = |threads| {
+        let levels = LevelSettings { lod: Lod::Clusters, ..LevelSettings::default() };
+        let settings = Settings { threads: Some(threads), levels, ..Settings::default() };
+        let session = session(&volume, settings);
+        let base = session.base().unwrap();
+        let wall = session.wall().unwrap();
+        let csv = session.unseen_csv().unwrap();
+        let line = session.centerline().unwrap().line.clone();
+        (wall.mesh.clone(), (*base).clone(), csv, line)
+    };
+    let one = at(1);
+    for threads in [2, 3, 8] {
+        assert!(one == at(threads), "{threads} threads give another product");
+    }
+}
+
+#[test]
+fn a_cancelled_session_stops_within_a_second_and_goes_on_after_a_reset() {
+    let session = session(&phantom(Kind::Colon, 128), Settings::default());
+    let token = session.cancel_token();
+    let (outcome, waited) = std::thread::scope(|scope| {
+        let work = scope.spawn(|| session.levels());
+        while session.progress().stage.is_empty() && !work.is_finished() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        std::thread::sleep(Duration::from_millis(100));
+        token.cancel();
+        let since = Instant::now();
+        (work.join().unwrap(), since.elapsed())
+    });
+    assert!(matches!(outcome, Err(SessionError::Cancelled)), "it was done before");
+    assert!(waited < Duration::from_secs(1), "{waited:?}");
+    token.reset();
+    assert!(session.lumen().is_ok());
+}
+
+#[test]
+fn progress_reaches_its_end() {
+    let session = session(&phantom(Kind::Bend, 48), Settings::default());
+    assert_eq!(session.progress().share, 0.0);
+    session.centerline().unwrap();
+    assert!((session.progress().share - 1.0).abs() < 1e-3, "{:?}", session.progress());
+    assert_eq!(session.progress().stage, "");
+}
+
+#[test]
+fn the_paper_s_mode_shares_the_lumen_and_finds_another_line() {
+    let session = session(&phantom(Kind::Bend, 48), Settings::default());
+    let line = session.centerline().unwrap();
+    let paper = session.in_mode(Mode::Paper);
+    assert!(Arc::ptr_eq(&session.lumen().unwrap(), &paper.lumen().unwrap()));
+    assert_ne!(line.line, paper.centerline().unwrap().line);
+}
+
+#[test]
+fn an_image_that_is_no_label_map_asks_how_the_lumen_is_chosen() {
+    let ct = Arc::new(Phantom::new(Kind::Bend, 32, [1.0; 3]).unwrap().grey(None, 1));
+    let outcome = session(&ct, Settings::default()).lumen();
+    assert!(matches!(outcome, Err(SessionError::LumenNotChosen { .. })));
+    let text = outcome.err().unwrap().to_string();
+    assert!(!text.contains("--"), "a library names no flags: {text}");
+}
+
+#[test]
+fn an_estimate_above_the_limit_is_refused_before_fields_are_made() {
+    let volume = phantom(Kind::Colon, 64);
+    let settings = Settings { max_memory_mb: Some(1), ..Settings::default() };
+    let outcome = session(&volume, settings).wall();
+    assert!(matches!(outcome, Err(SessionError::Memory { allowed_mb: 1, .. })));
+}
+
+#[test]
+fn an_image_beside_a_mask_is_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let (image, mask) = (folder.path().join("ct.nrrd"), folder.path().join("mask.nrrd"));
+    let volume = phantom(Kind::Bend, 32);
+    intima::formats::write_volume(&mask, &volume).unwrap();
+    intima::formats::write_volume(&image, &volume).unwrap();
+    // The header stays; without its voxels the file cannot be read as a volume.
+    let bytes = std::fs::read(&image).unwrap();
+    let header = bytes.windows(2).position(|w| w == b"\n\n").unwrap() + 2;
+    std::fs::write(&image, &bytes[..header + 100]).unwrap();
+    assert!(intima::formats::read_volume(&image, &Default::default()).is_err());
+    let source =
+        Source::Mask { mask: VolumeSource::file(&mask), image: Some(VolumeSource::file(&image)) };
+    let lumen = LumenSettings {
+        select: Some(intima::lumen::Window::Labels(vec![1])),
+        ..Default::default()
+    };
+    let settings = Settings { lumen, ..Settings::default() };
+    let outcome = Session::new(source, settings).unwrap().lumen();
+    assert!(outcome.is_ok(), "{:?}", outcome.err());
+}
