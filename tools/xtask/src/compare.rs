@@ -114,12 +114,28 @@ fn environment(name: &str, wanted: &str, system: &str) -> Result<String, TaskErr
 /// An interpreter with VMTK, where it can be had; without it only its rows are missing.
 fn vmtk() -> Option<String> {
     let names = ["python3", "python3.14", "python3.13", "python3.12"];
-    let Some(system) = names.into_iter().find(|p| on_path(p) && fits(p, VMTK_PYTHON)) else {
-        eprintln!("VMTK will be missing: it wants a Python 3.12 to 3.14 on PATH, or --vmtk");
+    let named = names.into_iter().filter(|p| on_path(p)).map(str::to_owned);
+    let Some(system) = named.chain(pyenv()).find(|p| fits(p, VMTK_PYTHON)) else {
+        eprintln!(
+            "VMTK will be missing: it wants a Python 3.12 to 3.14 on PATH or of pyenv, or --vmtk"
+        );
         return None;
     };
-    let made = environment("compare-vmtk-venv", WANTED_VMTK, system);
+    let made = environment("compare-vmtk-venv", WANTED_VMTK, &system);
     made.inspect_err(|_| eprintln!("VMTK will be missing: its packages do not install")).ok()
+}
+
+/// The interpreters that pyenv has installed; those it has not chosen are not on PATH.
+fn pyenv() -> Vec<String> {
+    let home = std::env::home_dir().map(|h| h.join(".pyenv"));
+    let Some(root) = std::env::var_os("PYENV_ROOT").map(PathBuf::from).or(home) else {
+        return Vec::new();
+    };
+    let folders = std::fs::read_dir(root.join("versions")).into_iter().flatten().flatten();
+    let found = folders.map(|f| f.path().join("bin/python3").to_string_lossy().into_owned());
+    let mut found: Vec<_> = found.collect();
+    found.sort();
+    found
 }
 
 /// A Python of the system that is new enough.
