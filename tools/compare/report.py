@@ -185,7 +185,8 @@ def short(results):
         def cell(row, named=True):
             name = f"{row['program']} {row['version']}: " if named else ""
             mesh = f" + {number(row['mesh_s'])} s for its mesh" if "mesh_s" in row else ""
-            return f"{name}{number(row['median_s'])} s{mesh}, {number(row[key]) if row.get(key) is not None else 'none'}"
+            found = "none" if row.get(key) is None else number(row[key])
+            return f"{name}{number(row['median_s'])} s{mesh}, {found}"
         fastest = min(others, key=whole_s)
         best = min(scored, key=lambda r: (r[key] if better == "less" else -r[key], whole_s(r)), default=None)
         last = "" if best is None else "the same" if best is fastest else cell(best)

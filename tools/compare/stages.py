@@ -112,8 +112,8 @@ def _small_wall(closed):
 def _surface_stage(of, quick, full):
     what = "mask" if of == "mask" else "CT"
     note = {
-        "mask": "The wall of a mask. From the array to positions and faces with numbered vertices, for all. SurfaceNets "
-                "and constrained smoothing move vertices off the crossings, within a voxel.",
+        "mask": "The wall of a mask. From the array to positions and faces with numbered vertices, for all. "
+                "SurfaceNets and constrained smoothing move vertices off the crossings, within a voxel.",
         "ct": "The wall at -455 HU of a CT, every component of it. From the array to positions and faces with "
               "numbered vertices, for all; ours counts the threshold and its bricks. "
               "Discrete Flying Edges takes the thresholded volume.",
@@ -172,8 +172,8 @@ STAGES = {
         "normals on a staircase",
         "Of the mesh of a mask, against the formula at each vertex. `intima fair` and the peers start from VTK's mesh; "
         "`intima surface` and SurfaceNets extract their own, on the clock. Where it does not say \"normals only\", "
-        "smoothing moves the vertices. The method was made on masks of spheres, tori, tubes and folds; ellipsoid, "
-        "cone (with a round tip) and hyperboloid (a saddle everywhere) are here alone.",
+        "smoothing moves the vertices. The method was made on masks of spheres, tori, tubes and folds, not of "
+        "ellipsoid, cone (with a round tip) and hyperboloid (a saddle everywhere).",
         ["sphere_128", "ellipsoid_128", "cone_128", "hyperboloid_128"],
         ["sphere_128", "torus_128", "ellipsoid_128", "cone_128", "hyperboloid_128", "tube_ct", "cone_ct"],
         _on_both({"intima fair": (_to("ply", lambda c: ["fair", str(stairs(c))]), None)}) |
@@ -193,8 +193,8 @@ STAGES = {
         f"instead of a mask: Flying Edges of the CT, or of the mask where there is no CT, and meshoptimizer to "
         f"{SMALL_WALL_FACES:,} faces. Making that is timed apart (last column). Its network covers all branches and "
         "starts at a hole, cut off the clock; it stops at edges of more than two faces, so where decimation makes "
-        "such (on the real label map) it gets all faces. Clearance is the distance to the wall over the best in the section "
-        "across.",
+        "such (on the real label map) it gets all faces. Clearance is the distance to the wall over the best "
+        "in the section across.",
         ["colon_128", "y_128"], ["colon_256", "helix_256", "tube_256", "y_256", "colon_ct"],
         _on_both({"intima centerline": (_to("csv", lambda c: [
             "centerline", *_mask(c), "--from", _mm(c, "start"), "--to", _mm(c, "end")]), _mask)}),
