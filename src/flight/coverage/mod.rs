@@ -1,6 +1,7 @@
 //! Coverage: which share of the wall's area the frames of a flight saw, and the patches they
 //! missed.
 
+mod exterior;
 mod patches;
 mod sight;
 mod voxels;
@@ -57,8 +58,11 @@ pub struct Coverage {
 /// seen when most of its samples are. The samples are those of the mesh, whatever the size of the
 /// picture; the answer does not depend on the order of the views or on the number of threads.
 ///
-/// Time O(V F) at worst; boxes outside the frustum, boxes in the shadow of one triangle and faces
+/// Boxes of faces outside the frustum, boxes that lie behind the outside of a closed wall, and faces
 /// already seen are passed over.
+///
+/// Eyes are expected inside the lumen: a closed wall whose faces look outwards is not seen from
+/// outside.
 pub fn coverage(wall: &Mesh, forward: &[(Pose, Lens)], backward: &[(Pose, Lens)]) -> Coverage {
     let areas: Vec<f64> = (0..wall.faces.len()).map(|f| wall_area_mm2(wall, f)).collect();
     let area_mm2: f64 = areas.iter().sum();

@@ -1,9 +1,10 @@
 //! Which faces of a wall views see: frustum, facing and ray tests on a tree of boxes.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec3A};
 use rayon::prelude::*;
 
 use super::LARGE_FACE_MM2;
+use super::exterior::Exterior;
 use crate::geometry::{Lens, Mesh, Pose};
 
 /// Triangles of a leaf.
@@ -11,11 +12,15 @@ const LEAF: usize = 4;
 /// Triangles of the subtrees that threads take. Fixed, so that the work is cut the same way
 /// whatever the number of threads.
 const PORTION: usize = 2048;
+/// Subtrees of fewer triangles are not asked whether cells outside hide them.
+const WALKED_TO: usize = 64;
 /// A segment from the eye ends this share short of the sample: coincident faces do not hide each
 /// other.
 const SEGMENT_END: f64 = 1.0 - 1e-6;
 /// Barycentric slack of a triangle's edges, so that no segment passes between two faces.
 const EDGE_SLACK: f64 = 1e-9;
+/// Share by which a box's far end is put off: more than three roundings of single numbers.
+const SLAB_SLACK: f32 = 1e-6;
 
 /// Faces that the forward views see, and those that forward or backward views see.
 ///
@@ -26,9 +31,10 @@ pub(super) fn seen_faces(
     forward: &[(Pose, Lens)],
     backward: &[(Pose, Lens)],
 ) -> (Vec<bool>, Vec<bool>) {
-    let tree = Tree::new(wall);
-    let frusta = |views: &[(Pose, Lens)]| -> Vec<Frustum> {
-        views.iter().map(|(pose, lens)| Frustum::new(*pose, *lens)).collect()
+    let (tree, exterior) = rayon::join(|| Tree::new(wall), || Exterior::new(wall));
+    let frusta = |views: &[(Pose, Lens)]| -> Vec<Frustum<'_>> {
+        let exterior = exterior.as_ref();
+        views.iter().map(|(pose, lens)| Frustum::new(*pose, *lens, exterior)).collect()
     };
     let (forward, backward) = (frusta(forward), frusta(backward));
     let portions: Vec<(Subtree, [Vec<bool>; 2])> = tree
@@ -37,7 +43,7 @@ pub(super) fn seen_faces(
         .map(|subtree| {
             let mut portion = Portion::new(&tree, subtree, areas);
             let both = [&forward, &backward].map(|frusta| {
-                frusta.iter().for_each(|frustum| portion.look(frustum));
+                frusta.iter().for_each(|frustum| portion.look_below(subtree, frustum));
                 portion.seen()
             });
             (subtree, both)
@@ -55,16 +61,19 @@ pub(super) fn seen_faces(
 }
 
 /// What one view can see: planes in front of which it lies, from the eye.
-struct Frustum {
+struct Frustum<'a> {
     eye: DVec3,
+    /// Cells outside the wall, where they are known and the eye is inside.
+    exterior: Option<&'a Exterior>,
     /// Inward normals of the four sides; all planes pass through the eye.
     sides: [DVec3; 4],
     forward: DVec3,
     near_mm: f64,
 }
 
-impl Frustum {
-    fn new(pose: Pose, lens: Lens) -> Self {
+impl<'a> Frustum<'a> {
+    fn new(pose: Pose, lens: Lens, exterior: Option<&'a Exterior>) -> Self {
+        let eye = pose.position_mm.as_dvec3();
         let rotation = pose.rotation.as_dquat().normalize();
         let y = (0.5 * f64::from(lens.fov_y_rad)).tan();
         let x = y * f64::from(lens.aspect);
@@ -76,7 +85,8 @@ impl Frustum {
             DVec3::new(0.0, -1.0, -y),
         ];
         Self {
-            eye: pose.position_mm.as_dvec3(),
+            eye,
+            exterior: exterior.filter(|e| e.holds(eye)),
             sides: sides.map(|n| rotation * n),
             forward: rotation * DVec3::NEG_Z,
             near_mm: f64::from(lens.near_mm),
@@ -89,41 +99,9 @@ impl Frustum {
     }
 
     /// Whether a box, relative to the eye, lies outside one of the planes.
-    fn misses(&self, (centre, half): (DVec3, DVec3)) -> bool {
+    fn misses(&self, centre: DVec3, half: DVec3) -> bool {
         let reach = |n: DVec3| n.dot(centre) + n.abs().dot(half);
         reach(self.forward) < self.near_mm || self.sides.iter().any(|n| reach(*n) < 0.0)
-    }
-}
-
-/// The places that one triangle hides from an eye.
-struct Shadow {
-    triangle: usize,
-    /// Inward normals of the planes through the eye and each edge.
-    sides: [DVec3; 3],
-    /// Normal of the triangle's plane, away from the eye, and the plane's offset from the eye.
-    plane: (DVec3, f64),
-}
-
-impl Shadow {
-    /// * `corners`: relative to the eye.
-    fn new(triangle: usize, [a, b, c]: [DVec3; 3]) -> Self {
-        let side = |a: DVec3, b: DVec3, inner: DVec3| {
-            let n = a.cross(b);
-            if n.dot(inner) < 0.0 { -n } else { n }
-        };
-        let n = (b - a).cross(c - a);
-        let n = if n.dot(a) < 0.0 { -n } else { n };
-        Self {
-            triangle,
-            sides: [side(a, b, c), side(b, c, a), side(c, a, b)],
-            plane: (n, n.dot(a)),
-        }
-    }
-
-    /// Whether all of a box, relative to the eye, is hidden.
-    fn covers(&self, (centre, half): (DVec3, DVec3)) -> bool {
-        let reach = |n: DVec3| n.dot(centre) - n.abs().dot(half);
-        reach(self.plane.0) > self.plane.1 && self.sides.iter().all(|n| reach(*n) > 0.0)
     }
 }
 
@@ -144,13 +122,14 @@ impl Bounds {
     }
 
     /// Where on a segment the box begins, in lengths of the segment; infinite where they do not
-    /// meet before its end.
-    fn enter(&self, from: DVec3, inverse: DVec3) -> f64 {
-        let (a, b) = ((self.lo.as_dvec3() - from) * inverse, (self.hi.as_dvec3() - from) * inverse);
+    /// meet before its end. Single precision, with slack enough that it never parts what meets.
+    #[inline]
+    fn enter(&self, from: Vec3A, inverse: Vec3A) -> f32 {
+        let a = (Vec3A::from(self.lo) - from) * inverse;
+        let b = (Vec3A::from(self.hi) - from) * inverse;
         let near = a.min(b).max_element().max(0.0);
-        // Rounding must not part a segment from a box that it touches.
-        let far = a.max(b).min_element() * (1.0 + 8.0 * f64::EPSILON);
-        if near <= far.min(1.0) { near } else { f64::INFINITY }
+        let far = a.max(b).min_element() * (1.0 + SLAB_SLACK);
+        if near <= far.min(1.0) { near } else { f32::INFINITY }
     }
 }
 
@@ -234,8 +213,9 @@ impl Tree {
     /// A triangle that meets the segment from an eye to a sample, not `own`: the first one found
     /// from the eye on.
     fn hit(&self, eye: DVec3, along: DVec3, own: usize) -> Option<usize> {
-        // A component of 0 would give NaN in planes through the eye.
-        let inverse = along.map(|d| if d.abs() < 1e-200 { 1e200 } else { 1.0 / d });
+        // Eyes are single numbers. A component of 0 would give NaN in planes through the eye.
+        let from = eye.as_vec3a();
+        let inverse = along.map(|d| if d.abs() < 1e-30 { 1e30 } else { 1.0 / d }).as_vec3a();
         let mut open = [Subtree { node: 0, first: 0, count: 0 }; 64];
         open[0].count = self.faces.len();
         let mut depth = 1;
@@ -251,7 +231,7 @@ impl Tree {
                 continue;
             }
             let [left, right] = s.halves();
-            let enter = |s: Subtree| self.nodes[s.node].enter(eye, inverse);
+            let enter = |s: Subtree| self.nodes[s.node].enter(from, inverse);
             let (a, b) = (enter(left), enter(right));
             let ((near, first), (far, second)) =
                 if a <= b { ((left, a), (right, b)) } else { ((right, b), (left, a)) };
@@ -358,38 +338,35 @@ impl<'a> Portion<'a> {
         (0..self.samples.len()).map(|i| self.is_seen(i)).collect()
     }
 
-    /// Adds what one view sees.
-    fn look(&mut self, frustum: &Frustum) {
-        let mut shadow = self.occluder.map(|t| self.shadow(t, frustum.eye));
-        self.look_below(self.subtree, frustum, &mut shadow);
-        self.occluder = shadow.map(|s| s.triangle);
-    }
-
-    fn shadow(&self, triangle: usize, eye: DVec3) -> Shadow {
-        Shadow::new(triangle, self.tree.corners_about(triangle, eye))
-    }
-
-    fn look_below(&mut self, s: Subtree, frustum: &Frustum, shadow: &mut Option<Shadow>) {
+    /// Adds what one view sees of a subtree.
+    fn look_below(&mut self, s: Subtree, frustum: &Frustum<'_>) {
         let node = s.node - self.subtree.node;
         if self.done[node] {
             return;
         }
-        let bounds = self.tree.nodes[s.node].about(frustum.eye);
-        if frustum.misses(bounds) || shadow.as_ref().is_some_and(|s| s.covers(bounds)) {
+        let (centre, half) = self.tree.nodes[s.node].about(frustum.eye);
+        if frustum.misses(centre, half) {
+            return;
+        }
+        // Below that a walk takes longer than what it saves.
+        if s.count >= WALKED_TO
+            && frustum.exterior.is_some_and(|e| e.hides(frustum.eye, centre, half))
+        {
             return;
         }
         if s.is_leaf() {
-            let all = s.first - self.subtree.first..s.first - self.subtree.first + s.count;
-            all.clone().for_each(|i| self.look_at(i, frustum, shadow));
+            let first = s.first - self.subtree.first;
+            let all = first..first + s.count;
+            all.clone().for_each(|i| self.look_at(i, frustum));
             self.done[node] = all.clone().all(|i| self.sample_counts[i] == 0 || self.is_seen(i));
             return;
         }
         let halves = s.halves();
-        halves.iter().for_each(|half| self.look_below(*half, frustum, shadow));
+        halves.iter().for_each(|half| self.look_below(*half, frustum));
         self.done[node] = halves.iter().all(|half| self.done[half.node - self.subtree.node]);
     }
 
-    fn look_at(&mut self, i: usize, frustum: &Frustum, shadow: &mut Option<Shadow>) {
+    fn look_at(&mut self, i: usize, frustum: &Frustum<'_>) {
         let count = self.sample_counts[i];
         if count == 0 || self.is_seen(i) {
             return;
@@ -400,10 +377,8 @@ impl<'a> Portion<'a> {
         if (b - a).cross(c - a).dot(a) >= 0.0 {
             return;
         }
-        for k in 0..count {
-            if self.samples[i] >> k & 1 != 0 {
-                continue;
-            }
+        let unseen = !self.samples[i];
+        for k in (0..count).filter(|k| unseen >> k & 1 != 0) {
             let sample = match (count, k) {
                 (1, _) => (a + b + c) / 3.0,
                 (_, 0) => (4.0 * a + b + c) / 6.0,
@@ -413,13 +388,12 @@ impl<'a> Portion<'a> {
             if !frustum.contains(sample) {
                 continue;
             }
-            let known = shadow.as_ref().map(|s| s.triangle);
-            let hides = |t: &usize| *t != triangle && self.tree.meets(*t, frustum.eye, sample);
-            if known.is_some_and(|t| hides(&t)) {
+            let hides = |t: usize| t != triangle && self.tree.meets(t, frustum.eye, sample);
+            if self.occluder.is_some_and(hides) {
                 continue;
             }
             match self.tree.hit(frustum.eye, sample, triangle) {
-                Some(t) => *shadow = Some(self.shadow(t, frustum.eye)),
+                Some(t) => self.occluder = Some(t),
                 None => self.samples[i] |= 1 << k,
             }
         }
