@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 use intima::formats::{FormatError, Space, read_mesh, write_centerline, write_mesh};
-use intima::geometry::{Branch, Centerline, CenterlinePoint, Mesh};
+use intima::geometry::{Attachment, Branch, Centerline, CenterlinePoint, Mesh};
 
 /// A tetrahedron without any symmetry, so that a mirror or a swapped axis shows; normals are unit.
 fn chiral() -> Mesh {
@@ -316,7 +316,11 @@ fn forked_line() -> Centerline {
         radius_mm: r,
         abscissa_mm: s,
     };
-    let branch = |parent, points: &[CenterlinePoint]| Branch { parent, points: points.to_vec() };
+    let branch = |parent: Option<usize>, points: &[CenterlinePoint]| Branch {
+        start: parent.map(|branch| Attachment { branch, point: 1 }),
+        end: None,
+        points: points.to_vec(),
+    };
     Centerline {
         branches: vec![
             branch(None, &[point(0.0, 0.0, 2.0, 0.0), point(1.0 / 3.0, 0.0, 2.0, 1.0 / 3.0)]),
@@ -391,7 +395,7 @@ fn a_centerline_that_is_not_finite_or_not_a_tree_is_not_written() {
         let message = write_centerline(&path, &line).unwrap_err().to_string();
         assert!(message.contains("point 1 of branch 1"), "{message}");
         line = forked_line();
-        line.branches[1].parent = Some(1);
+        line.branches[1].start = Some(Attachment { branch: 1, point: 0 });
         assert!(write_centerline(&path, &line).is_err());
         assert!(!path.exists());
         write_centerline(&path, &Centerline::default()).unwrap();

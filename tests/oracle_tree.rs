@@ -47,14 +47,14 @@ fn a_tree_has_the_four_tips_and_every_child_starts_on_its_parent() {
             let points = case.points(i);
             case.assert_inside(&points, "tree");
             let least = case.least_clearance(&points);
-            println!("{size}: branch {i} of {:?}: least clearance {least:.3}", b.parent);
+            println!("{size}: branch {i} of {:?}: least clearance {least:.3}", b.parent());
             assert!(least >= 0.90, "{size}, branch {i}: {least}");
             let tip = *points.last().unwrap();
             let near = |e: &DVec3| e.distance(tip);
             let nearest =
                 (0..4).min_by(|&a, &b| near(&truth.ends[a]).total_cmp(&near(&truth.ends[b])));
             tips.push((nearest.unwrap(), near(&truth.ends[nearest.unwrap()]) / case.h()));
-            let Some(parent) = b.parent else { continue };
+            let Some(parent) = b.parent() else { continue };
             assert!(parent < i, "branch {i} comes before its parent {parent}");
             let up = case.points(parent);
             let at = up.iter().position(|p| p.distance(points[0]) < 1e-6 * case.h());

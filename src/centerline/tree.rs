@@ -7,7 +7,7 @@ use super::NOWHERE;
 use super::centre::{Fixed, arc_lengths};
 use super::prove::{Proof, safe_by_voxels};
 use super::route::{Builder, End, Trunk};
-use crate::geometry::{Branch, Centerline, CenterlinePoint};
+use crate::geometry::{Attachment, Branch, Centerline, CenterlinePoint};
 
 /// Shortest branch of a tree that is kept, mm, unless twice the distance at its root is more.
 const LEAST_BRANCH_MM: f64 = 5.0;
@@ -178,20 +178,15 @@ impl<'a> Tree<'a> {
         let half = 0.5 * (grid.spacing_mm.element_product()).cbrt();
         let mut line = Centerline::default();
         for (parent, points) in &self.branches {
-            let offset = match parent {
-                None => 0.0,
-                Some(p) => {
-                    let up: &Branch = &line.branches[*p];
-                    let start = world.transform_point3(points[0] / grid.spacing_mm);
-                    up.points
-                        .iter()
-                        .min_by(|a, b| {
-                            let d = |p: &CenterlinePoint| p.position_mm.distance_squared(start);
-                            d(a).total_cmp(&d(b))
-                        })
-                        .map_or(0.0, |p| p.abscissa_mm)
-                }
-            };
+            // A branch starts at one of its parent's points.
+            let start = parent.map(|branch| {
+                let first = world.transform_point3(points[0] / grid.spacing_mm);
+                let up: &[CenterlinePoint] = &line.branches[branch].points;
+                let off = |i: &usize| up[*i].position_mm.distance_squared(first);
+                let nearest = (0..up.len()).min_by(|a, b| off(a).total_cmp(&off(b)));
+                Attachment { branch, point: nearest.unwrap_or(0) }
+            });
+            let offset = start.map_or(0.0, |s| line.branches[s.branch].points[s.point].abscissa_mm);
             let points = points
                 .iter()
                 .zip(arc_lengths(points))
@@ -201,7 +196,7 @@ impl<'a> Tree<'a> {
                     abscissa_mm: offset + s,
                 })
                 .collect();
-            line.branches.push(Branch { parent: *parent, points });
+            line.branches.push(Branch { start, end: None, points });
         }
         line
     }

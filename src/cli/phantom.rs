@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::CliError;
 use super::global::{Global, VOLUMES};
 use crate::formats::{write_centerline, write_volume};
-use crate::geometry::{Branch, Centerline, CenterlinePoint};
+use crate::geometry::{Attachment, Branch, Centerline, CenterlinePoint};
 use crate::volume::phantom::{Kind, Phantom, Truth};
 
 /// `intima phantom KIND -o VOLUME`
@@ -81,7 +81,9 @@ fn axis(truth: &Truth) -> Centerline {
             }
             points.push(CenterlinePoint { position_mm, radius_mm: *r, abscissa_mm: s });
         }
-        line.branches.push(Branch { parent: b.parent, points });
+        let last = |branch: usize| line.branches[branch].points.len() - 1;
+        let start = b.parent.map(|branch| Attachment { branch, point: last(branch) });
+        line.branches.push(Branch { start, end: None, points });
     }
     line
 }

@@ -13,7 +13,10 @@ mod vertex;
 
 pub use bvh::{ClosestPoint, TriangleBvh};
 pub use camera::{Lens, Pose};
-pub use centerline::{Branch, Centerline, CenterlinePoint};
+pub use centerline::{
+    Attachment, AttachmentError, Branch, Centerline, CenterlineEdge, CenterlineGraph,
+    CenterlineNode, CenterlinePoint, NodeKind,
+};
 pub use mesh::{Mesh, MeshPoint};
 pub use point_triangle::nearest_on_triangle;
 pub use vertex::Vertex;

@@ -37,11 +37,11 @@ pub fn write_centerline(path: &Path, line: &Centerline) -> Result<(), FormatErro
 }
 
 fn check(path: &Path, line: &Centerline) -> Result<(), FormatError> {
+    line.check_attachments().map_err(|e| {
+        let field = format!("attachment of branch {}", e.branch);
+        FormatError::field(path, field, e.to.branch, "is no point of an earlier branch")
+    })?;
     for (b, branch) in line.branches.iter().enumerate() {
-        if let Some(parent) = branch.parent.filter(|&p| p >= b) {
-            let field = format!("parent of branch {b}");
-            return Err(FormatError::field(path, field, parent, "does not come before it"));
-        }
         for (i, p) in branch.points.iter().enumerate() {
             let finite = p.radius_mm.is_finite() && p.abscissa_mm.is_finite();
             if !(finite && p.position_mm.is_finite()) {

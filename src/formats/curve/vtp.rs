@@ -7,7 +7,7 @@ use crate::formats::mesh::polydata::{Array, PolyData};
 use crate::geometry::Centerline;
 
 pub(super) fn write(path: &Path, line: &Centerline) -> Result<(), FormatError> {
-    let parents: Vec<usize> = line.branches.iter().filter_map(|b| b.parent).collect();
+    let parents: Vec<usize> = line.branches.iter().filter_map(|b| b.parent()).collect();
     let leaves: Vec<usize> = (0..line.branches.len()).filter(|b| !parents.contains(b)).collect();
     let (mut points, mut radius, mut abscissa) = (Vec::new(), Vec::new(), Vec::new());
     let mut offsets: Vec<i32> = Vec::new();
