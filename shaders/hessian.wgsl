@@ -20,6 +20,7 @@ var<immediate> params: Params;
 #include "lib/thread.wgsl"
 #include "lib/bricks.wgsl"
 #include "lib/ridge.wgsl"
+#include "lib/eigenvalues.wgsl"
 
 @compute @workgroup_size(64)
 fn main(
@@ -34,7 +35,7 @@ fn main(
     var l = vec3(0.0);
     if ((inside[voxel >> 5u] >> (voxel & 31u)) & 1u) != 0u {
         let n = derivatives(slot, position(voxel & 511u), params.spacing_mm);
-        l = eigen(params.sign * n.m, params.sign * n.o).values;
+        l = eigenvalues(params.sign * n.m, params.sign * n.o);
     }
     if params.kind == 0u {
         response[3u * at] = l.x;

@@ -106,8 +106,8 @@ fn row_values(halo: &Halo, row: usize, [hx, hy, hz]: [f32; 3], sign: f32) -> [[f
 }
 
 /// Eigenvalues, ascending, of the symmetric matrix of diagonal `m` and rest `o` (xy, xz, yz), by
-/// the cubic's closed form. As `shaders/lib/eigen.wgsl`, but without a branch or an angle, so that
-/// a row of voxels runs in lanes: with the determinant r of the scaled matrix, cos(acos(r) / 3) is
+/// the cubic's closed form. As `shaders/lib/eigenvalues.wgsl`, but without a branch, so that a row
+/// of voxels runs in lanes: with the determinant r of the scaled matrix, cos(acos(r) / 3) is
 /// a smooth function of √((1 + r) / 2), and the smallest root is the largest of the matrix turned.
 /// Rounded as there on the way to r: near double roots its last bit shows.
 #[inline(always)]
@@ -149,9 +149,16 @@ fn cases() -> Vec<Case> {
         let f = smooth_distance(lumen);
         let slots = lumen.bricks.len();
         let f = plan.upload_owned("f", &f);
+        let sheets = plan.upload_owned("sheets", &sheets(lumen));
         // All slots; then from one in the middle on, as where a response takes several buffers.
-        for (kind, sign, first) in [(0u32, 1.0, 0), (1, 1.0, 0), (1, -1.0, 0), (0, 1.0, slots / 2)]
-        {
+        for (kind, sign, first, f) in [
+            (0u32, 1.0, 0, f),
+            (1, 1.0, 0, f),
+            (1, -1.0, 0, f),
+            (0, 1.0, slots / 2, f),
+            (2, 1.0, 0, sheets),
+            (2, -1.0, 0, sheets),
+        ] {
             let slots = slots - first;
             let n = slots * BRICK * if kind == 0 { 3 } else { 1 };
             let response = plan.zeroed::<f32>("response", n);
@@ -164,6 +171,16 @@ fn cases() -> Vec<Case> {
             plan.download(response);
         }
     })
+}
+
+/// A field that is curved along one axis alone, by another amount at each voxel: two eigenvalues
+/// are 0 but for rounding, and tubeness is the root of their product.
+fn sheets(lumen: &crate::lumen::Lumen) -> Vec<f32> {
+    let at = |e: usize| {
+        let x = lumen.bricks.voxel(e).x as f32;
+        0.013 * x * x + 0.0007 * x * x * x
+    };
+    (0..lumen.bricks.field_len()).map(at).collect()
 }
 
 #[cfg(test)]
