@@ -326,7 +326,11 @@ fn bad_input_is_one_line_that_names_it_with_its_own_exit_code_and_leaves_nothing
         ),
         (&["segment", "ct.nrrd", "--threshold", "9000:", "-o", "o.nrrd"], 3, "empty lumen"),
         (&["segment", "--mask", "mask.nrrd:7", "-o", "o.nrrd"], 3, "label 7"),
-        (&["centerline", "--mask", "mask.nrrd", "--from", "-900,0,0", "-o", "o.csv"], 3, "--from"),
+        (
+            &["centerline", "--mask", "mask.nrrd", "--from", "-900,0,0", "-o", "o.csv"],
+            3,
+            "the start (-900.00",
+        ),
         (&["segment", "ct.nrrd", "-o", "o.nrrd"], 2, "--threshold"),
         (&["segment", "ct.nrrd", "--threshold", "5:1", "-o", "o.nrrd"], 2, "5:1"),
         (&["surface", "--mask", "mask.nrrd", "--lambda", "1", "-o", "o.ply"], 2, "--lambda"),

@@ -37,15 +37,18 @@ pub enum CenterlineError {
     #[error("no centerline: the lumen is empty")]
     Empty,
     /// A given end is not in the lumen.
-    #[error("{which} point ({:.2}, {:.2}, {:.2}) mm is outside the lumen; the nearest inside voxel is {nearest_mm:.1} mm away", .at.x, .at.y, .at.z)]
+    #[error("the {which} ({:.2}, {:.2}, {:.2}) mm is outside the lumen; the nearest inside voxel is {nearest_mm:.1} mm away", .at.x, .at.y, .at.z)]
     OutsideLumen {
-        /// `--from` or `--to`.
+        /// `start` or `end`.
         which: &'static str,
         /// LPS mm.
         at: DVec3,
         /// Distance to the nearest inside voxel centre, mm.
         nearest_mm: f64,
     },
+    /// The paper's method makes one path: its points carry no order that a tree could be read from.
+    #[error("the paper's method (Li et al. 2004) joins its points into one path; it has no tree")]
+    PaperTree,
     /// No legal route joins the ends: they touch by edges or corners of voxels at best.
     #[error("no path: the ends lie in parts of the lumen that no face-connected route joins")]
     Unreachable,

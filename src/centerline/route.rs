@@ -160,8 +160,8 @@ impl Builder<'_> {
 
     /// Finds the ends and the route that joins them.
     fn trunk(&self, options: RouteOptions) -> Result<Trunk, CenterlineError> {
-        let from = options.ends.from.map(|p| self.given("--from", p)).transpose()?;
-        let to = options.ends.to.map(|p| self.given("--to", p)).transpose()?;
+        let from = options.ends.from.map(|p| self.given("start", p)).transpose()?;
+        let to = options.ends.to.map(|p| self.given("end", p)).transpose()?;
         match (from, to) {
             (Some(a), to) => self.trunk_from(a, to, options.tree),
             (None, Some(b)) => {

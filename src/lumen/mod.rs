@@ -55,6 +55,14 @@ pub enum LumenError {
         /// Values of the volume, real units.
         range: Option<(f64, f64)>,
     },
+    /// The grid is sheared: distances along its axes are not distances in space.
+    #[error(
+        "the grid's axes are not at right angles (off by {degrees:.2} degrees); resample the volume first"
+    )]
+    Sheared {
+        /// Largest difference of an angle between axes from a right one, degrees.
+        degrees: f64,
+    },
     /// Leak control asked for where it has no meaning.
     #[error("leak control needs a threshold with at least one end, and a seed")]
     LeakWindow,
@@ -122,8 +130,12 @@ impl Recipe {
     /// Chooses the lumen.
     ///
     /// # Errors
-    /// [`LumenError`] names the seed or window at fault.
+    /// [`LumenError`] names the seed or window at fault, [`LumenError::Sheared`] a grid that is no
+    /// box. No lumen is ever empty.
     pub fn apply(&self, volume: &Volume) -> Result<(Lumen, Found), LumenError> {
+        if !volume.grid.is_orthogonal() {
+            return Err(LumenError::Sheared { degrees: volume.grid.shear_rad().to_degrees() });
+        }
         let mut found = Found::default();
         let mut mask = match self.seed {
             Some(seed) if self.leak_control => {
@@ -151,6 +163,9 @@ impl Recipe {
             }
         };
         found.grown_voxels = mask.count();
+        if found.grown_voxels == 0 {
+            return Err(LumenError::Empty { window: self.window.clone(), range: volume.range() });
+        }
         if self.fill {
             found.filled = components::fill_cavities(&mut mask);
         }

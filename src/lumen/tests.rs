@@ -233,3 +233,22 @@ fn a_field_laid_out_densely_is_its_own_at_every_voxel() {
         assert_eq!(layers.concat(), dense);
     }
 }
+
+#[test]
+fn a_sheared_grid_is_refused_by_the_library_with_its_angle() {
+    let mut v = noise([8, 8, 8], 128, 3);
+    let any = Recipe::new(Window::Labels(vec![]));
+    for degrees in [0.0, 0.09, 0.2, 18.5] {
+        let (sin, cos) = f64::to_radians(degrees).sin_cos();
+        let direction =
+            glam::DMat3::from_cols(glam::DVec3::X, glam::DVec3::Y, glam::DVec3::new(0.0, sin, cos));
+        v.grid = Grid::new([8; 3], glam::DVec3::ONE, glam::DVec3::ZERO, direction).unwrap();
+        match any.apply(&v) {
+            Ok(_) => assert!(degrees < 0.1, "{degrees}"),
+            Err(LumenError::Sheared { degrees: said }) => {
+                assert!(degrees > 0.1 && (said - degrees).abs() < 1e-9, "{degrees}: {said}");
+            }
+            Err(e) => panic!("{e}"),
+        }
+    }
+}

@@ -52,10 +52,13 @@ pub struct Visibility {
 impl Session {
     pub(super) fn run_route(&self, clock: &mut Clock) -> Result<(), SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
-        let c = self.settings.centerline;
-        let options = RouteOptions { ends: Ends { from: c.from, to: c.to }, tree: c.tree };
-        put(&self.slots.route, route(&lumen.lumen, &fields, options, clock)?);
+        put(&self.slots.route, route(&lumen.lumen, &fields, self.route_options(), clock)?);
         Ok(())
+    }
+
+    fn route_options(&self) -> RouteOptions {
+        let c = self.settings.centerline;
+        RouteOptions { ends: Ends { from: c.from, to: c.to }, tree: c.tree }
     }
 
     pub(super) fn run_visibility(&self, clock: &mut Clock) -> Result<(), SessionError> {
@@ -78,7 +81,8 @@ impl Session {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
         let device = present(&self.slots.device);
         let radius = self.settings.radius();
-        let found = paper_centered(&mut locked(&device), &lumen.lumen, &fields, radius, clock)?;
+        let how = (radius, self.route_options());
+        let found = paper_centered(&mut locked(&device), &lumen.lumen, &fields, how, clock)?;
         put(&self.slots.centerline, found);
         Ok(())
     }
@@ -188,7 +192,7 @@ fn paper_centered(
     device: &mut Device,
     lumen: &Lumen,
     fields: &Fields,
-    radius: Radius,
+    (radius, options): (Radius, RouteOptions),
     clock: &mut Clock,
 ) -> Result<Centered, SessionError> {
     let distance = Sampler { lumen, field: &fields.distance };
@@ -200,7 +204,7 @@ fn paper_centered(
     let line = clock.time(
         "paper path",
         "kept points",
-        || paper_path(lumen, &kept, &fields.distance),
+        || paper_path(lumen, &kept, &fields.distance, options),
         |_| kept.len() as u64,
     )?;
     Ok(Centered {

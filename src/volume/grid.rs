@@ -139,10 +139,20 @@ impl Grid {
 
     /// Whether the axes are orthogonal to within 0.1 degree.
     pub fn is_orthogonal(&self) -> bool {
+        self.largest_cosine() < 1.75e-3
+    }
+
+    /// Largest difference of an angle between two axes from a right one, radians.
+    pub fn shear_rad(&self) -> f64 {
+        self.largest_cosine().min(1.0).asin()
+    }
+
+    /// Largest absolute cosine of an angle between two axes.
+    fn largest_cosine(&self) -> f64 {
         let d = self.direction;
         [d.x_axis.dot(d.y_axis), d.y_axis.dot(d.z_axis), d.z_axis.dot(d.x_axis)]
             .iter()
-            .all(|c| c.abs() < 1.75e-3)
+            .fold(0.0, |most, c| c.abs().max(most))
     }
 
     /// Whether index space is mirrored against patient space.
