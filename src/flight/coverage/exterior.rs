@@ -117,7 +117,9 @@ impl Exterior {
                         let sign = before[i].signum();
                         let all = (0..27).all(|n| {
                             let j = i + n % 3 + d.x * (n / 3 % 3) + d.x * d.y * (n / 9)
-                                - 1 - d.x - d.x * d.y;
+                                - 1
+                                - d.x
+                                - d.x * d.y;
                             before[j] * sign >= k
                         });
                         if all {
