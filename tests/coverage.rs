@@ -16,7 +16,7 @@ use intima::field::{LumenBuffers, distance, smooth};
 use intima::flight::{Coverage, Flight, FlightOptions, Frames, coverage, unseen_voxels};
 use intima::formats::{ReadOptions, read_volume};
 use intima::geometry::{CenterlinePoint, Lens, Mesh, Pose};
-use intima::lumen::{Lumen, Recipe, Window};
+use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
 use intima::surface::{Midpoint, Surface};
 use intima::volume::Volume;
 use intima::volume::phantom::{Kind, Phantom};
@@ -30,7 +30,7 @@ struct Organ {
 }
 
 impl Organ {
-    fn of(volume: &Volume, recipe: &Recipe) -> Self {
+    fn of(volume: &Volume, recipe: &SegmentationOptions) -> Self {
         let (lumen, _) = recipe.apply(volume).unwrap();
         let mut plan = Plan::new();
         let buffers = LumenBuffers::new(&mut plan, &lumen);
@@ -47,7 +47,7 @@ impl Organ {
 
     fn phantom(kind: Kind, size: u32, spacing: [f64; 3]) -> Self {
         let mask = Phantom::new(kind, size, spacing).unwrap().mask();
-        Self::of(&mask, &Recipe::new(Window::Labels(Vec::new())))
+        Self::of(&mask, &SegmentationOptions::new(IntensitySelection::Labels(Vec::new())))
     }
 
     /// Pose and lens of every frame, there or back.
@@ -196,10 +196,10 @@ fn unseen_voxels_are_those_whose_nearest_face_was_missed() {
 #[ignore = "minutes; prints figures of real organs beside rays"]
 fn coverage_of_real_organs_beside_rays() {
     let Some(data) = volumes::shared_data() else { return };
-    let labels = Recipe::new(Window::Labels(Vec::new()));
-    let bright = Recipe {
+    let labels = SegmentationOptions::new(IntensitySelection::Labels(Vec::new()));
+    let bright = SegmentationOptions {
         seed: Some(UVec3::new(75, 133, 16)),
-        ..Recipe::new(Window::Range { lo: 1100.0, hi: f64::INFINITY })
+        ..SegmentationOptions::new(IntensitySelection::Range { lo: 1100.0, hi: f64::INFINITY })
     };
     for (name, recipe, every) in [
         ("colon_label_1.nii.gz", &labels, 7),

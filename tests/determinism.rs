@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use intima::compute::{Plan, run_cpu};
 use intima::flight::{Flight, FlightOptions, Frames, coverage, unseen_voxels};
 use intima::geometry::Mesh;
-use intima::lumen::{Lumen, Recipe, Window};
+use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
 use intima::mesh::{Parameterization, SimplifyOptions, simplify};
 use intima::surface::{
     Adjacency, Fairing, Midpoint, MultiscaleNormals, Surface, VoxelFrame, Weights, face_normals,
@@ -47,7 +47,10 @@ fn normals(surface: &Surface, lumen: &Lumen) -> [Vec<f32>; 2] {
 
 /// The whole chain, each product as it is made.
 fn products(volume: &Volume) -> Products {
-    let recipe = Recipe { all_components: true, ..Recipe::new(Window::Labels(vec![1])) };
+    let recipe = SegmentationOptions {
+        all_components: true,
+        ..SegmentationOptions::new(IntensitySelection::Labels(vec![1]))
+    };
     let (lumen, _) = recipe.apply(volume).unwrap();
     assert!(lumen.grid.is_left_handed() && lumen.touches_edge);
     let mut all = Products::new();

@@ -5,10 +5,11 @@ use intima::centerline::{RouteOptions, centerline};
 use intima::compute::{Plan, run_cpu};
 use intima::field::{LumenBuffers, distance, smooth};
 use intima::flight::{
-    Clearance, Flight, FlightError, FlightOptions, Frames, Script, Track, WallIndex, slide,
+    CameraPath, Clearance, Flight, FlightError, FlightOptions, Frames, Track, WallIndex,
+    collide_and_slide,
 };
 use intima::geometry::{CenterlinePoint, Mesh};
-use intima::lumen::{Lumen, Recipe, Window};
+use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
 use intima::surface::{Midpoint, Surface};
 use intima::volume::Volume;
 use intima::volume::phantom::{Kind, Phantom};
@@ -25,7 +26,8 @@ fn organ(kind: Kind, size: u32, spacing: [f64; 3]) -> Organ {
 }
 
 fn organ_of(volume: &Volume) -> Organ {
-    let (lumen, _) = Recipe::new(Window::Labels(Vec::new())).apply(volume).unwrap();
+    let (lumen, _) =
+        SegmentationOptions::new(IntensitySelection::Labels(Vec::new())).apply(volume).unwrap();
     let mut plan = Plan::new();
     let buffers = LumenBuffers::new(&mut plan, &lumen);
     let d = distance(&mut plan, &buffers);
@@ -437,8 +439,8 @@ fn a_written_flight_is_flown_again_and_a_pose_in_the_wall_is_named() {
     let options = FlightOptions { wall: Some(&o.wall), ..Default::default() };
     let f = o.fly(options).unwrap();
     assert_eq!(o.fly(options).unwrap(), f, "a second flight is the same");
-    let json = Script::from(&f).to_json();
-    let script = Script::parse(json.as_bytes()).unwrap();
+    let json = CameraPath::from(&f).to_json();
+    let script = CameraPath::parse(json.as_bytes()).unwrap();
     let wall = Clearance::new(&o.lumen, &o.distance, Some(&o.wall));
     let again = script.fly(&wall, options.aspect).unwrap();
     for i in 0..f.poses.len() {
@@ -458,7 +460,7 @@ fn a_written_flight_is_flown_again_and_a_pose_in_the_wall_is_named() {
 }
 
 #[test]
-fn a_million_random_moves_never_bring_the_near_ball_to_the_wall() {
+fn random_moves_never_bring_the_near_ball_to_the_wall() {
     let moves: u64 = if cfg!(debug_assertions) { 20_000 } else { 1_000_000 };
     for kind in [Kind::Bend, Kind::Colon] {
         let o = organ(kind, 64, [1.0; 3]);
@@ -471,7 +473,7 @@ fn a_million_random_moves_never_bring_the_near_ball_to_the_wall() {
         for i in 0..moves / 2 {
             // long and short moves, and now and then a drift that keeps pressing on the wall
             let size = [0.1, 1.0, 4.0, 30.0][i as usize % 4];
-            let to = slide(at, noise(i, size) + noise(i / 50, 1.0), &wall, lens);
+            let to = collide_and_slide(at, noise(i, size) + noise(i / 50, 1.0), &wall, lens);
             gone += to.distance(at);
             at = to;
             assert!(wall.holds(at), "{} move {i}", kind.name());

@@ -55,7 +55,8 @@ struct Noise(u64);
 
 impl Noise {
     fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 11) as f64 / (1u64 << 53) as f64
     }
 }
@@ -126,10 +127,8 @@ fn distance_is_that_of_a_search_on_random_masks_20_to_40_voxels_deep() {
     ];
     let mut all: Vec<Device> = devices();
     for (dims, depth, specks, spacing, seed) in cases {
-        let lumen = Lumen::new(
-            Grid::axis_aligned(dims, spacing),
-            &random_mask(dims, depth, specks, seed),
-        );
+        let lumen =
+            Lumen::new(Grid::axis_aligned(dims, spacing), &random_mask(dims, depth, specks, seed));
         let want = by_search(&lumen, 13);
         let deepest = want.iter().map(|w| w.1).fold(0.0, f64::max);
         let least = 20.0 * spacing[0].min(spacing[1]);
@@ -144,7 +143,12 @@ fn distance_is_that_of_a_search_on_random_masks_20_to_40_voxels_deep() {
             for (e, want) in &want {
                 let error = (f64::from(d[*e]) - want).abs();
                 let at = lumen.bricks.voxel(*e);
-                assert!(error <= 1e-6 * want, "{}, voxel {at}: {} not {want}", device.name(), d[*e]);
+                assert!(
+                    error <= 1e-6 * want,
+                    "{}, voxel {at}: {} not {want}",
+                    device.name(),
+                    d[*e]
+                );
             }
             println!("{}: {} voxels to {deepest:.1} mm deep", device.name(), want.len());
         }

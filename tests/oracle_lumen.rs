@@ -4,13 +4,15 @@
 mod common;
 
 use common::{int, ints, json, mask, masks, selected, volume, voxel};
-use intima::lumen::{BitVolume, Lumen, LumenError, Recipe, Window, grow, grow_controlled};
+use intima::lumen::{
+    BitVolume, IntensitySelection, Lumen, LumenError, SegmentationOptions, grow, grow_controlled,
+};
 use intima::volume::Volume;
 use serde_json::Value;
 
-fn window(recipe: &Value) -> Window {
+fn window(recipe: &Value) -> IntensitySelection {
     let end = |v: &Value, open: f64| v.as_f64().unwrap_or(open);
-    Window::Range {
+    IntensitySelection::Range {
         lo: end(&recipe["low"], f64::NEG_INFINITY),
         hi: end(&recipe["high"], f64::INFINITY),
     }
@@ -31,7 +33,8 @@ fn every_recipe_grows_and_fills_as_many_voxels() {
     for r in common::list(&all["recipes"]) {
         let grown = grow(&grey, &window(r), seed).unwrap();
         assert_eq!(grown.count() as i64, int(&r["grown"]), "{r}");
-        let recipe = Recipe { seed: Some(seed), ..Recipe::new(window(r)) };
+        let recipe =
+            SegmentationOptions { seed: Some(seed), ..SegmentationOptions::new(window(r)) };
         let (lumen, found) = recipe.apply(&grey).unwrap();
         assert_eq!(found.grown_voxels as i64, int(&r["grown"]), "{r}");
         assert_eq!(lumen.inside_voxels() as i64, int(&r["filled"]), "{r}");
@@ -48,7 +51,8 @@ fn growing_at_every_threshold_gives_the_sublevel_set_of_the_flood_level() {
     assert!(levels.len() > 100, "{}", levels.len());
     for t in levels {
         let hi = t as f64;
-        let grown = grow(&grey, &Window::Range { lo: f64::NEG_INFINITY, hi }, seed).unwrap();
+        let grown =
+            grow(&grey, &IntensitySelection::Range { lo: f64::NEG_INFINITY, hi }, seed).unwrap();
         assert!(is_set(&grown, &level, |c| c <= hi), "threshold {t}");
     }
 }
@@ -61,7 +65,7 @@ fn leak_control_keeps_a_sublevel_set_of_the_flood_level() {
     for (scale, leaks) in [(1.0, false), (2.0, true)] {
         let mut grey = volume("grow/grey.nrrd");
         grey.grid.spacing_mm *= scale;
-        let window = Window::Range { lo: f64::NEG_INFINITY, hi: -500.0 };
+        let window = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -500.0 };
         let (bits, report) = grow_controlled(&grey, &window, seed).unwrap();
         println!("{report:?}");
         assert!(is_set(&bits, &level, |c| c <= report.threshold), "{report:?}");
@@ -88,16 +92,19 @@ fn assert_classes(lumen: &Lumen, want: &Value, what: &str) {
 fn classes_of_every_mask_as_it_is_filled_and_its_largest_component() {
     for (name, want) in masks() {
         let volume = mask(&name);
-        let recipe = Recipe { all_components: true, ..Recipe::new(Window::Labels(vec![1])) };
+        let recipe = SegmentationOptions {
+            all_components: true,
+            ..SegmentationOptions::new(IntensitySelection::Labels(vec![1]))
+        };
         assert_classes(&Lumen::new(volume.grid, &selected(&volume)), &want, &name);
-        let largest = Recipe { all_components: false, ..recipe.clone() };
+        let largest = SegmentationOptions { all_components: false, ..recipe.clone() };
         if int(&want["inside"]) == 0 {
             for r in [recipe, largest] {
                 assert!(matches!(r.apply(&volume), Err(LumenError::Empty { .. })), "{name}");
             }
             continue;
         }
-        let plain = Recipe { fill: false, ..recipe.clone() };
+        let plain = SegmentationOptions { fill: false, ..recipe.clone() };
         assert_classes(&plain.apply(&volume).unwrap().0, &want, &name);
         let (lumen, found) = recipe.apply(&volume).unwrap();
         let mut filled = want["filled"].clone();
@@ -121,9 +128,10 @@ fn classes_of_every_mask_as_it_is_filled_and_its_largest_component() {
 fn components_grown_from_their_first_voxels_are_those_found() {
     for (name, want) in masks().into_iter().filter(|(_, w)| int(&w["inside"]) > 0) {
         let volume = mask(&name);
-        let (_, found) = Recipe::new(Window::Labels(vec![1])).apply(&volume).unwrap();
+        let (_, found) =
+            SegmentationOptions::new(IntensitySelection::Labels(vec![1])).apply(&volume).unwrap();
         for c in &found.others {
-            let grown = grow(&volume, &Window::Labels(vec![1]), c.first).unwrap();
+            let grown = grow(&volume, &IntensitySelection::Labels(vec![1]), c.first).unwrap();
             assert_eq!(grown.count(), c.voxels, "{name}: {c:?}");
         }
         let others = ints(&want["component_sizes"])[1..].iter().sum::<i64>();

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{int, lumen, mask, masks, real};
-use intima::lumen::{Lumen, Recipe, Window};
+use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
 use intima::surface::{Midpoint, Surface};
 use serde_json::Value;
 
@@ -23,10 +23,14 @@ fn vertices_faces_and_euler_number_are_those_counted_on_the_mask() {
         if int(&want["inside"]) == 0 {
             continue;
         }
-        let recipe = Recipe { all_components: true, ..Recipe::new(Window::Labels(vec![1])) };
+        let recipe = SegmentationOptions {
+            all_components: true,
+            ..SegmentationOptions::new(IntensitySelection::Labels(vec![1]))
+        };
         let filled = recipe.apply(&mask(&name)).unwrap().0;
         assert_counts(&filled, &want["filled"]["surface"], &format!("{name}, filled"));
-        let one = Recipe { all_components: false, ..recipe }.apply(&mask(&name)).unwrap().0;
+        let one =
+            SegmentationOptions { all_components: false, ..recipe }.apply(&mask(&name)).unwrap().0;
         assert_counts(&one, &want["largest_filled"]["surface"], &format!("{name}, largest"));
     }
 }

@@ -74,7 +74,7 @@ fn a_tree_has_the_four_tips_and_every_child_starts_on_its_parent() {
 }
 
 #[test]
-fn a_single_path_without_ends_starts_in_the_trunk_and_not_between_two_twigs() {
+fn a_single_path_without_ends_starts_in_the_trunk_and_not_between_two_side_branches() {
     // A wide trunk that ends in two long thin twigs: the longest path joins the twigs.
     use glam::DVec3;
     use intima::lumen::{BitVolume, Lumen};

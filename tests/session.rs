@@ -138,7 +138,7 @@ fn an_image_beside_a_mask_is_not_read() {
     let source =
         Source::Mask { mask: VolumeSource::file(&mask), image: Some(VolumeSource::file(&image)) };
     let lumen = LumenSettings {
-        select: Some(intima::lumen::Window::Labels(vec![1])),
+        select: Some(intima::lumen::IntensitySelection::Labels(vec![1])),
         ..Default::default()
     };
     let settings = Settings { lumen, ..Settings::default() };

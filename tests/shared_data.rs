@@ -11,7 +11,7 @@ use std::path::Path;
 use common::{shared_data, unzip};
 use glam::{IVec3, UVec3};
 use intima::formats::{ReadOptions, read_volume};
-use intima::lumen::{BitVolume, Lumen, Recipe, Window, grow};
+use intima::lumen::{BitVolume, IntensitySelection, Lumen, SegmentationOptions, grow};
 use intima::surface::{Midpoint, Surface};
 use intima::volume::Volume;
 
@@ -19,12 +19,12 @@ fn read(path: &Path) -> Volume {
     read_volume(path, &ReadOptions::default()).unwrap_or_else(|e| panic!("{e}"))
 }
 
-fn at_least(lo: f64) -> Window {
-    Window::Range { lo, hi: f64::INFINITY }
+fn at_least(lo: f64) -> IntensitySelection {
+    IntensitySelection::Range { lo, hi: f64::INFINITY }
 }
 
-fn at_most(hi: f64) -> Window {
-    Window::Range { lo: f64::NEG_INFINITY, hi }
+fn at_most(hi: f64) -> IntensitySelection {
+    IntensitySelection::Range { lo: f64::NEG_INFINITY, hi }
 }
 
 /// Vertices and Euler number of the surface, counted on the mask alone: in/out pairs, and twice
@@ -63,7 +63,7 @@ fn counted(bits: &BitVolume) -> (usize, i64) {
 }
 
 /// A window, how many voxels it grows to, and their inclusive box.
-type Row = (Window, u64, Option<[[u32; 2]; 3]>);
+type Row = (IntensitySelection, u64, Option<[[u32; 2]; 3]>);
 
 /// Grows each window from the seed and checks counts and, where given, the inclusive box.
 fn assert_grown(volume: &Volume, what: &str, seed: [u32; 3], rows: &[Row]) {
@@ -82,14 +82,15 @@ fn assert_grown(volume: &Volume, what: &str, seed: [u32; 3], rows: &[Row]) {
 fn assert_surface(
     volume: &Volume,
     what: &str,
-    window: &Window,
+    window: &IntensitySelection,
     seed: [u32; 3],
     cavities: Option<usize>,
 ) {
     let seed = UVec3::from(seed);
     let grown = grow(volume, window, seed).unwrap();
     let plain = Lumen::new(volume.grid, &grown);
-    let recipe = Recipe { seed: Some(seed), ..Recipe::new(window.clone()) };
+    let recipe =
+        SegmentationOptions { seed: Some(seed), ..SegmentationOptions::new(window.clone()) };
     let (filled, found) = recipe.apply(volume).unwrap();
     assert_eq!(found.filled.1, cavities.unwrap_or(found.filled.1), "{what}: cavities");
     let mut solid = BitVolume::new(volume.grid.dims);
@@ -166,7 +167,10 @@ fn the_colon_grows_and_its_surface_is_the_masks() {
     assert_grown(&volume, "rectum", [112, 136, 26], &[(at_most(-800.0), 75_086, rectum)]);
     assert_surface(&volume, "colon", &at_most(-800.0), seed, None);
 
-    let recipe = Recipe { seed: Some(seed.into()), ..Recipe::new(at_most(-800.0)) };
+    let recipe = SegmentationOptions {
+        seed: Some(seed.into()),
+        ..SegmentationOptions::new(at_most(-800.0))
+    };
     let case = curves::route(recipe.apply(&volume).unwrap().0, false);
     let line = case.local(0);
     case.assert_inside(&line, "colon");
@@ -190,6 +194,9 @@ fn the_airway_grows_from_dicom_and_its_surface_is_the_masks() {
     ];
     assert_grown(&volume, "airway", seed, &rows);
     assert_surface(&volume, "airway", &at_most(-920.0), seed, Some(255));
-    let recipe = Recipe { seed: Some(seed.into()), ..Recipe::new(at_most(-920.0)) };
+    let recipe = SegmentationOptions {
+        seed: Some(seed.into()),
+        ..SegmentationOptions::new(at_most(-920.0))
+    };
     assert_eq!(recipe.apply(&volume).unwrap().0.inside_voxels(), 48_983);
 }

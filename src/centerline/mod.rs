@@ -1,13 +1,13 @@
 //! The centerline: visibility test over ridge candidates, cheapest routes through the voxel graph,
 //! smooth centred curves that are proven inside, trees of them, frames along them.
 
-mod centre;
-mod clear;
-mod deep;
+mod recenter;
+mod clearance_refine;
+mod search_corridor;
 mod frames;
 mod graph;
 mod paper;
-mod prove;
+mod containment;
 mod queue;
 mod route;
 mod sample;
@@ -17,15 +17,15 @@ mod spline;
 mod tree;
 mod visibility;
 
-pub use centre::{arc_lengths, resample};
+pub use containment::{Proof, safe_by_distance, safe_by_voxels};
 pub use frames::{Frame, frames, tangents};
 pub use graph::Graph;
 pub use paper::paper_path;
-pub use prove::{Proof, safe_by_distance, safe_by_voxels};
+pub use recenter::{arc_lengths, resample};
 pub use route::{Ends, RouteOptions, Routed, centerline};
 pub use sample::Sampler;
 pub use search::{NOWHERE, Routes};
-pub use visibility::{Arrangement, Pending, Radius, Viewer, add_viewers};
+pub use visibility::{Pending, Radius, Viewpoint, VisibilityInput, add_viewers};
 
 use glam::DVec3;
 

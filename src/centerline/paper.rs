@@ -6,8 +6,8 @@ use glam::{DVec3, IVec3};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::centre::arc_lengths;
-use super::{CenterlineError, Ends, Graph, RouteOptions, Sampler, Viewer};
+use super::recenter::arc_lengths;
+use super::{CenterlineError, Ends, Graph, RouteOptions, Sampler, Viewpoint};
 use crate::geometry::{Branch, Centerline, CenterlinePoint};
 use crate::kernels::visibility::sees;
 use crate::lumen::Lumen;
@@ -28,7 +28,7 @@ use crate::lumen::Lumen;
 /// the voxel graph does not join them.
 pub fn paper_path(
     lumen: &Lumen,
-    kept: &[Viewer],
+    kept: &[Viewpoint],
     distance: &[f32],
     options: RouteOptions,
 ) -> Result<Centerline, CenterlineError> {
@@ -61,7 +61,7 @@ pub fn paper_path(
 
 struct Net<'a> {
     lumen: &'a Lumen,
-    kept: &'a [Viewer],
+    kept: &'a [Viewpoint],
     points: Vec<IVec3>,
     /// Voxel routes between points no ray joins.
     bridges: Vec<(usize, usize, Vec<IVec3>)>,
@@ -205,7 +205,7 @@ mod tests {
     use crate::volume::Grid;
 
     /// A square channel along x with kept points on its axis, 4 voxels apart, that see 5 mm far.
-    fn channel() -> (Lumen, Vec<Viewer>, Vec<f32>) {
+    fn channel() -> (Lumen, Vec<Viewpoint>, Vec<f32>) {
         let grid = Grid::axis_aligned([50, 9, 9], [1.0; 3]);
         let mut bits = BitVolume::new(grid.dims);
         for v in (0..grid.len()).map(|i| grid.voxel(i)) {
@@ -216,7 +216,7 @@ mod tests {
         let lumen = Lumen::new(grid, &bits);
         let element = |x| lumen.bricks.element(IVec3::new(x, 4, 4)).unwrap();
         let kept =
-            (0..12).map(|k| Viewer { element: element(3 + 4 * k), reach_mm: 5.0 }).collect();
+            (0..12).map(|k| Viewpoint { element: element(3 + 4 * k), reach_mm: 5.0 }).collect();
         let distance = vec![4.0; lumen.bricks.field_len()];
         (lumen, kept, distance)
     }
@@ -231,7 +231,10 @@ mod tests {
     #[test]
     fn the_papers_path_runs_between_the_kept_points_nearest_to_given_ends() {
         let at = |x: f64| Some(DVec3::new(x, 5.0, 3.0));
-        assert_eq!(xs(Ends { from: at(30.4), to: at(10.1) }).unwrap(), [31., 27., 23., 19., 15., 11.]);
+        assert_eq!(
+            xs(Ends { from: at(30.4), to: at(10.1) }).unwrap(),
+            [31., 27., 23., 19., 15., 11.]
+        );
         // One given end: the other is the farthest point along the path.
         let from = xs(Ends { from: at(30.4), to: None }).unwrap();
         assert_eq!((from[0], *from.last().unwrap()), (31.0, 3.0));

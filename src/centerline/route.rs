@@ -5,8 +5,8 @@ use std::cmp::Reverse;
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
-use super::centre::{Fixed, cap_centre, centre};
-use super::prove::{Proof, mend};
+use super::containment::{Proof, mend};
+use super::recenter::{Fixed, cap_centre, recenter};
 use super::tree::{Tree, grow};
 use super::{CenterlineError, Graph, NOWHERE, Routes, Sampler};
 use crate::geometry::Centerline;
@@ -74,17 +74,17 @@ pub fn centerline(
     let builder = Builder { graph: &graph, d, f };
     let trunk = builder.trunk(options)?;
     let unreachable = graph.len() - trunk.lengths.order.len();
-    let mut twigs = grow(&builder, &trunk);
+    let mut branch_routes = grow(&builder, &trunk);
     if options.tree && options.ends == Ends::default() {
-        // The longest path may join two twigs; the trunk then is a tip with more room.
+        // The longest path may join two side branches; the trunk then is a tip with more room.
         let room = |e: &End| f.at(e.point);
-        let tips = twigs.iter().map(|t| t.ends.1);
+        let tips = branch_routes.iter().map(|t| t.ends.1);
         let widest = tips.max_by(|a, b| room(a).total_cmp(&room(b)));
         if let Some(root) = widest.filter(|tip| room(tip) > MORE_ROOM * room(&trunk.from)) {
-            twigs = grow(&builder, &builder.trunk_from(root, None, true)?);
+            branch_routes = grow(&builder, &builder.trunk_from(root, None, true)?);
         }
     }
-    let tree = Tree::new(builder, &twigs);
+    let tree = Tree::new(builder, &branch_routes);
     Ok(Routed { line: tree.finish(), proof: tree.proof, unreachable })
 }
 
@@ -195,7 +195,7 @@ impl Builder<'_> {
             || self.graph.by_length(&[b.node]),
             || self.central(root, other, (a, &from_a), tree),
         );
-        // Both may be twigs. The trunk then is the tip farthest off the way between them.
+        // Both may be side branches. The trunk then is the tip farthest off the way between them.
         let detour = |n: u32| {
             let n = n as usize;
             u64::from(from_a.cost[n].min(NOWHERE / 2)) + u64::from(from_b.cost[n].min(NOWHERE / 2))
@@ -259,7 +259,7 @@ impl Builder<'_> {
 
     /// A smooth curve along a route, or the route itself where no smooth one can be proven.
     pub(super) fn curve(&self, route: &[DVec3], fixed: Fixed) -> (Vec<DVec3>, Proof) {
-        let smooth = centre(route, self.d, self.f, fixed);
+        let smooth = recenter(route, self.d, self.f, fixed);
         if let Some(mended) = mend(&smooth, route, self.d) {
             return mended;
         }

@@ -92,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn points_are_parted_as_by_floor() {
+    fn cells_of_sample_points_equal_floor() {
         for x in [-3.0, -2.75, -1.0, -1e-300, -0.0, 0.0, 0.25, 1.0, 6.999_999, 7.0, 1e6 + 0.5] {
             let q = DVec3::new(x, -x, x - 0.5);
             let (b, t) = parted(q);

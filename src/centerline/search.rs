@@ -12,13 +12,14 @@
 //!   through all lesser lengths, at each of them over no more than the greatest distance to the
 //!   wall found there.
 //!
-//! In bends that bound is weak; a central route is therefore looked for among deep places first.
+//! In bends that bound is weak; a central route is therefore looked for among places in the corridor
+//! first.
 
 use rayon::prelude::*;
 
-use super::deep::Deep;
 use super::graph::{FREE, Graph, STAY, number, offset};
 use super::queue::Queue;
+use super::search_corridor::SearchCorridor;
 
 /// No distance.
 pub const NOWHERE: u32 = u32::MAX;
@@ -133,7 +134,7 @@ impl Graph<'_> {
 
     /// A central route between two nodes; empty when there is none.
     ///
-    /// Costs are those of [`Graph::by_centrality`]. Looked at first are deep places alone; the
+    /// Costs are those of [`Graph::by_centrality`]. Places in the corridor are looked at first; the
     /// route found there is good enough where none at all can cost less than two thirds of it.
     /// Otherwise it is the cheapest.
     ///
@@ -150,8 +151,9 @@ impl Graph<'_> {
         }
         let centrality = Centrality::new(self, distance);
         let bound = Bound::new(self, lengths, &centrality);
-        let deep = Deep::new(self, distance, [from, to]);
-        let routes = self.cheapest(&[from], Some(to), &centrality, Some(&deep), |v| bound.at(v));
+        let corridor = SearchCorridor::new(self, distance, [from, to]);
+        let routes =
+            self.cheapest(&[from], Some(to), &centrality, Some(&corridor), |v| bound.at(v));
         if u64::from(routes.cost[to as usize]) * 2 <= u64::from(bound.at(from)) * 3 {
             return routes.path_to(self, to);
         }
@@ -161,7 +163,7 @@ impl Graph<'_> {
 
     /// A* until `goal`, or all of Dijkstra's search when the bound is 0.
     ///
-    /// * `deep`: where to look; everywhere without.
+    /// * `corridor`: where to look; everywhere without.
     /// * `bound`: no more than the cost from a node to the goal, and between neighbours no steeper
     ///   than the step between them.
     fn cheapest(
@@ -169,15 +171,15 @@ impl Graph<'_> {
         sources: &[u32],
         goal: Option<u32>,
         centrality: &Centrality<'_>,
-        deep: Option<&Deep>,
+        corridor: Option<&SearchCorridor>,
         bound: impl Fn(u32) -> u32,
     ) -> Routes {
         // Cost and weight side by side: what a look at a neighbour needs. Nothing leads more
         // cheaply to where not to look.
         let distance = centrality.distance.par_iter().enumerate().with_min_len(1 << 16);
         let mut state: Vec<(u32, f32)> = distance
-            .map(|(e, d)| match deep {
-                Some(deep) if !deep.holds(e, *d) => (0, 0.0),
+            .map(|(e, d)| match corridor {
+                Some(corridor) if !corridor.holds(e, *d) => (0, 0.0),
                 _ => (NOWHERE, centrality.weight(*d)),
             })
             .collect();
@@ -433,7 +435,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_are_those_of_looking_at_every_step() {
+    fn geodesic_lengths_with_pruned_directions_equal_those_without() {
         for spacing in [[1.0; 3], [0.8, 0.8, 1.25], [1.0, 0.3, 7.0], [0.78125, 0.78125, 0.79]] {
             let l = rooms(spacing);
             let g = Graph::new(&l);
@@ -458,7 +460,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_left_out_after_a_step_are_most_of_them() {
+    fn pruned_directions_are_most_of_them() {
         let l = lumen([3, 3, 3], [1.0; 3], |_| true);
         let kept = worthwhile(&Graph::new(&l).lengths()).map(u32::count_ones);
         for (n, kept) in kept.into_iter().enumerate().filter(|(n, _)| *n != STAY) {
@@ -468,7 +470,7 @@ mod tests {
     }
 
     #[test]
-    fn a_route_under_the_bound_costs_what_the_whole_search_says() {
+    fn a_route_in_the_corridor_costs_what_the_whole_search_says() {
         for spacing in [[1.0; 3], [0.8, 0.8, 1.25]] {
             let l = rooms(spacing);
             let d = distance(&l);
@@ -528,9 +530,9 @@ mod tests {
         assert!(worst < 1.3, "{worst}");
         // Places near walls are not looked at.
         let d = distance(&l);
-        let (c, deep) = (Centrality::new(&g, &d), Deep::new(&g, &d, [start, start]));
-        let settled = |deep| g.cheapest(&[start], Some(end), &c, deep, |_| 0).order.len();
-        assert!(settled(Some(&deep)) * 10 < 9 * settled(None));
+        let (c, corridor) = (Centrality::new(&g, &d), SearchCorridor::new(&g, &d, [start, start]));
+        let settled = |corridor| g.cheapest(&[start], Some(end), &c, corridor, |_| 0).order.len();
+        assert!(settled(Some(&corridor)) * 10 < 9 * settled(None));
         // The shortest route hugs the wall instead.
         let short = lengths.path_to(&g, start);
         assert!(short.iter().map(off).fold(0.0, f64::max) > 2.0);

@@ -199,7 +199,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_climb_ends_on_the_top_or_where_it_may_go_no_farther() {
+    fn hill_climbing_stops_at_the_maximum_or_the_search_radius() {
         let top = DVec2::new(1.3, -0.7);
         let near = climb(|q| -q.distance(top), 0.5, 0.01, 10.0);
         assert!(near.distance(top) < 0.05, "{near}");
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn sections_beside_a_mouth_are_a_little_of_one() {
+    fn sections_near_a_branch_mouth_count_as_partly_open() {
         let u: Vec<f64> = (0..21).map(|i| f64::from(i) * 0.05).collect();
         let mut sections = vec![(DVec3::ZERO, 0.0); 21];
         sections[10].1 = 0.8;

@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn stiffness_takes_the_waves_of_noise_and_leaves_a_parabola() {
+    fn spline_stiffness_removes_noise_and_keeps_a_parabola() {
         let f = |u: f64| DVec3::new(u, 0.2 * u * u, 1.0);
         let u: Vec<f64> = (0..200).map(|i| f64::from(i) / 199.0 * 20.0).collect();
         let noise = |i: usize| DVec3::Z * if (i / 12).is_multiple_of(2) { 0.1 } else { -0.1 };

@@ -1,15 +1,17 @@
-//! Trees of curves: branches found one after another, farthest tip first.
+//! Trees of curves: branches found one after another, farthest tip first (TEASAR: Sato et al. 2000,
+//! doi:10.1109/PCCGA.2000.883951). Branch pruning: what is too short, or within the balls that a
+//! branch clears about it, makes no branch.
 
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
 use super::NOWHERE;
-use super::centre::{Fixed, arc_lengths};
-use super::prove::{Proof, safe_by_voxels};
+use super::containment::{Proof, safe_by_voxels};
+use super::recenter::{Fixed, arc_lengths};
 use super::route::{Builder, End, Trunk};
 use crate::geometry::{Attachment, Branch, Centerline, CenterlinePoint};
 
-/// Shortest branch of a tree that is kept, mm, unless twice the distance at its root is more.
+/// Branch pruning: the shortest branch that is kept, mm, unless twice the distance at its root is more.
 const LEAST_BRANCH_MM: f64 = 5.0;
 /// A branch clears balls of this many distances about it …
 const CLEAR_SCALE: f64 = 1.5;
@@ -17,7 +19,7 @@ const CLEAR_SCALE: f64 = 1.5;
 const CLEAR_MM: f64 = 3.0;
 
 /// A branch as a route: parents come before children.
-pub(super) struct Twig {
+pub(super) struct BranchRoute {
     parent: Option<usize>,
     /// From where it leaves its parent, or the root, to its tip.
     nodes: Vec<u32>,
@@ -27,10 +29,10 @@ pub(super) struct Twig {
 
 /// The trunk, and of a tree by TEASAR's loop the rest: the farthest voxel not yet cleared gets a
 /// branch, until none is far enough from the tree to make one.
-pub(super) fn grow(builder: &Builder<'_>, trunk: &Trunk) -> Vec<Twig> {
+pub(super) fn grow(builder: &Builder<'_>, trunk: &Trunk) -> Vec<BranchRoute> {
     let ends = (trunk.from, trunk.to);
-    let mut twigs = vec![Twig { parent: None, nodes: trunk.nodes.clone(), ends }];
-    let Some(routes) = &trunk.all else { return twigs };
+    let mut branch_routes = vec![BranchRoute { parent: None, nodes: trunk.nodes.clone(), ends }];
+    let Some(routes) = &trunk.all else { return branch_routes };
     let graph = builder.graph;
     let field_len = graph.lumen().bricks.field_len();
     let mut cleared = vec![false; field_len];
@@ -57,7 +59,7 @@ pub(super) fn grow(builder: &Builder<'_>, trunk: &Trunk) -> Vec<Twig> {
             continue;
         }
         let parent = owner[at as usize] as usize;
-        let id = twigs.len() as u32;
+        let id = branch_routes.len() as u32;
         nodes[1..].iter().for_each(|n| owner[*n as usize] = id);
         let end = builder.capped(tip);
         // The cap's centre may lie back along the branch: stop where it is passed.
@@ -69,9 +71,9 @@ pub(super) fn grow(builder: &Builder<'_>, trunk: &Trunk) -> Vec<Twig> {
             .unwrap_or(nodes.len() - 1);
         nodes.truncate(until.max(1) + 1);
         let start = End { node: at, point: route[0], given: false };
-        twigs.push(Twig { parent: Some(parent), nodes, ends: (start, end) });
+        branch_routes.push(BranchRoute { parent: Some(parent), nodes, ends: (start, end) });
     }
-    twigs
+    branch_routes
 }
 
 /// Clears balls about a route: they will not start branches.
@@ -108,14 +110,18 @@ fn clear(builder: &Builder<'_>, nodes: &[u32], cleared: &mut [bool]) {
 }
 
 /// The curve along a route between its ends; of a branch from its parent's curve.
-fn curve(builder: &Builder<'_>, twig: &Twig, parent: Option<&Vec<DVec3>>) -> (Vec<DVec3>, Proof) {
-    let mut route: Vec<DVec3> = twig.nodes.iter().map(|n| builder.local(*n)).collect();
+fn curve(
+    builder: &Builder<'_>,
+    branch_route: &BranchRoute,
+    parent: Option<&Vec<DVec3>>,
+) -> (Vec<DVec3>, Proof) {
+    let mut route: Vec<DVec3> = branch_route.nodes.iter().map(|n| builder.local(*n)).collect();
     // A branch starts on its parent's curve, at the point nearest to the voxel it left.
     let near = |p: &DVec3| p.distance_squared(route[0]);
     let nearest = parent.and_then(|c| c.iter().min_by(|a, b| near(a).total_cmp(&near(b))).copied());
-    let (start, end) = (nearest.unwrap_or(twig.ends.0.point), twig.ends.1);
+    let (start, end) = (nearest.unwrap_or(branch_route.ends.0.point), branch_route.ends.1);
     let fixed = match parent {
-        None => Fixed { start: twig.ends.0.given, end: end.given },
+        None => Fixed { start: branch_route.ends.0.given, end: end.given },
         Some(_) => Fixed { start: true, end: false },
     };
     // The exact ends replace or extend the voxels they lie in.
@@ -141,17 +147,18 @@ pub(super) struct Tree<'a> {
 
 impl<'a> Tree<'a> {
     /// Curves along all routes: those whose parents have theirs side by side.
-    pub fn new(builder: Builder<'a>, twigs: &[Twig]) -> Self {
-        let mut curves: Vec<Option<(Vec<DVec3>, Proof)>> = twigs.iter().map(|_| None).collect();
+    pub fn new(builder: Builder<'a>, branch_routes: &[BranchRoute]) -> Self {
+        let mut curves: Vec<Option<(Vec<DVec3>, Proof)>> =
+            branch_routes.iter().map(|_| None).collect();
         loop {
-            let made: Vec<(usize, (Vec<DVec3>, Proof))> = (0..twigs.len())
+            let made: Vec<(usize, (Vec<DVec3>, Proof))> = (0..branch_routes.len())
                 .into_par_iter()
                 .filter(|&i| curves[i].is_none())
-                .filter_map(|i| match twigs[i].parent {
-                    None => Some((i, curve(&builder, &twigs[i], None))),
-                    Some(p) => {
-                        curves[p].as_ref().map(|up| (i, curve(&builder, &twigs[i], Some(&up.0))))
-                    }
+                .filter_map(|i| match branch_routes[i].parent {
+                    None => Some((i, curve(&builder, &branch_routes[i], None))),
+                    Some(p) => curves[p]
+                        .as_ref()
+                        .map(|up| (i, curve(&builder, &branch_routes[i], Some(&up.0)))),
                 })
                 .collect();
             if made.is_empty() {
@@ -160,11 +167,13 @@ impl<'a> Tree<'a> {
             made.into_iter().for_each(|(i, c)| curves[i] = Some(c));
         }
         let mut tree = Self { builder, branches: Vec::new(), proof: Proof::default() };
-        for (twig, (points, proof)) in twigs.iter().zip(curves.into_iter().flatten()) {
+        for (branch_route, (points, proof)) in
+            branch_routes.iter().zip(curves.into_iter().flatten())
+        {
             tree.proof.by_distance += proof.by_distance;
             tree.proof.by_voxels += proof.by_voxels;
             tree.proof.replaced += proof.replaced;
-            tree.branches.push((twig.parent, points));
+            tree.branches.push((branch_route.parent, points));
         }
         tree
     }

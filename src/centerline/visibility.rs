@@ -15,7 +15,7 @@ use crate::lumen::bricks::{BRICK, SIDE};
 
 /// A point that may see.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Viewer {
+pub struct Viewpoint {
     /// Field element of its voxel.
     pub element: usize,
     /// How far it sees, mm.
@@ -36,11 +36,11 @@ const RAYS: usize = 32;
 
 impl Radius {
     /// Viewers for candidates, in the candidates' order.
-    pub fn viewers(self, candidates: &[Candidate], distance: Sampler<'_>) -> Vec<Viewer> {
+    pub fn viewers(self, candidates: &[Candidate], distance: Sampler<'_>) -> Vec<Viewpoint> {
         candidates
             .par_iter()
             .with_min_len(64)
-            .map(|c| Viewer { element: c.element, reach_mm: self.reach(c, distance) })
+            .map(|c| Viewpoint { element: c.element, reach_mm: self.reach(c, distance) })
             .collect()
     }
 
@@ -86,7 +86,7 @@ fn trace(p: DVec3, dir: DVec3, cap: f64, distance: Sampler<'_>) -> f64 {
 }
 
 /// What a run of the test takes, kept while its plan borrows it.
-pub struct Arrangement {
+pub struct VisibilityInput {
     seen: Vec<u32>,
     viewer: Vec<u32>,
     reach: Vec<u32>,
@@ -101,12 +101,12 @@ pub struct Pending {
     first: crate::compute::Buf<u32>,
 }
 
-impl Arrangement {
+impl VisibilityInput {
     /// Lists, for every brick with boundary voxels, the viewers whose ball meets it.
     ///
     /// * `viewers`: by rank, the first asked first.
     /// * `seen`: elements of the boundary voxels to be seen, ascending.
-    pub fn new(lumen: &Lumen, viewers: &[Viewer], seen: Vec<u32>) -> Self {
+    pub fn new(lumen: &Lumen, viewers: &[Viewpoint], seen: Vec<u32>) -> Self {
         let h = lumen.grid.spacing_mm;
         // Squared distances in integers: weights are h² over a unit fine enough for the largest
         // ball and coarse enough that nothing overflows 32 bits.
@@ -216,7 +216,7 @@ pub fn add_viewers(
     unseen: &[u32],
     distance: &[f32],
     limit: usize,
-) -> (Vec<Viewer>, Vec<u32>) {
+) -> (Vec<Viewpoint>, Vec<u32>) {
     let near: &[u32] = bytemuck::cast_slice(lumen.bricks.near());
     let open: &[u32] = bytemuck::cast_slice(&lumen.inside);
     let h = lumen.grid.spacing_mm;
@@ -258,7 +258,7 @@ pub fn add_viewers(
             hopeless.push(s);
             left.retain(|&e| e != s);
         } else {
-            added.push(Viewer { element: at, reach_mm });
+            added.push(Viewpoint { element: at, reach_mm });
         }
     }
     hopeless.extend(left);

@@ -10,7 +10,7 @@ use super::global::Global;
 use crate::device::DeviceChoice;
 use crate::field::Response;
 use crate::kernels;
-use crate::lumen::Window;
+use crate::lumen::IntensitySelection;
 use crate::session::copy_rate::{CopyRate, copy_rate};
 use crate::session::{
     HessianSettings, LumenSettings, Product, Session, Settings, Source, StageTime, VolumeSource,
@@ -156,7 +156,7 @@ impl Args {
         global: &Global,
     ) -> Result<OnDevice, CliError> {
         let source = Source::Image(VolumeSource::Memory(Arc::clone(volume)));
-        let select = Some(Window::Labels(Vec::new()));
+        let select = Some(IntensitySelection::Labels(Vec::new()));
         let lumen = LumenSettings { select, ..LumenSettings::default() };
         let settings = Settings { device: choice, lumen, ..global.settings() };
         let mut session = Session::new(source, settings)?;

@@ -1,7 +1,7 @@
 //! Errors as the user meets them, and their exit codes.
 
 use crate::device::DeviceError;
-use crate::flight::ScriptError;
+use crate::flight::CameraPathError;
 use crate::formats::FormatError;
 use crate::mesh::{MeshError, ParameterizationError};
 use crate::session::SessionError;
@@ -42,7 +42,7 @@ impl CliError {
             S::LumenNotChosen { .. } => 2,
             S::Format(e) if e.is_bad_input() => 3,
             S::Lumen(_) | S::Centerline(_) | S::Mesh(_) | S::Maps(_) => 3,
-            S::Flight(_) | S::Script(_) | S::ShearedGrid { .. } => 3,
+            S::Flight(_) | S::CameraPath(_) | S::ShearedGrid { .. } => 3,
             S::Device(e) if e.is_no_device() => 4,
             S::Render(e) if e.is_no_device() => 4,
             S::Cancelled => 130,
@@ -66,7 +66,7 @@ impl CliError {
                 S::Device(e) => format!("device/{}", variant(e)),
                 S::Mesh(e) => format!("mesh/{}", variant(e)),
                 S::Flight(e) => format!("flight/{}", variant(e)),
-                S::Script(e) => format!("camera-path/{}", variant(e)),
+                S::CameraPath(e) => format!("camera-path/{}", variant(e)),
                 S::Render(e) => format!("render/{}", variant(e)),
                 other => variant(other),
             },
@@ -125,8 +125,8 @@ impl From<ParameterizationError> for CliError {
     }
 }
 
-impl From<ScriptError> for CliError {
-    fn from(e: ScriptError) -> Self {
+impl From<CameraPathError> for CliError {
+    fn from(e: CameraPathError) -> Self {
         SessionError::from(e).into()
     }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::CliError;
 use super::global::Global;
-use crate::flight::{Frames, Script};
+use crate::flight::{CameraPath, Frames};
 use crate::formats::{FormatError, VideoWriter, atomic_file};
 use crate::render::View;
 use crate::session::{FlightSettings, LevelSettings, Lod};
@@ -153,10 +153,10 @@ impl LevelArgs {
     }
 }
 
-fn read_script(path: &Path) -> Result<Script, CliError> {
+fn read_script(path: &Path) -> Result<CameraPath, CliError> {
     let io = |e| FormatError::io(path, e);
     let mut bytes = Vec::new();
     let file = std::fs::File::open(path).map_err(io)?;
     file.take(crate::flight::MAX_BYTES as u64 + 1).read_to_end(&mut bytes).map_err(io)?;
-    Ok(Script::parse(&bytes)?)
+    Ok(CameraPath::parse(&bytes)?)
 }

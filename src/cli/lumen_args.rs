@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, UVec3};
 
 use super::CliError;
-use crate::lumen::Window;
+use crate::lumen::IntensitySelection;
 use crate::session::{LumenSettings, Seed, Source, VolumeSource};
 
 /// LUMEN flags.
@@ -54,7 +54,7 @@ impl LumenArgs {
     /// Which voxels are the lumen.
     pub fn settings(&self) -> Result<LumenSettings, CliError> {
         let select = match (&self.mask, &self.threshold) {
-            (Some(spec), _) => Some(Window::Labels(split_labels(spec).1)),
+            (Some(spec), _) => Some(IntensitySelection::Labels(split_labels(spec).1)),
             (None, Some(threshold)) => Some(parse_threshold(threshold)?),
             (None, None) => None,
         };
@@ -93,7 +93,7 @@ fn split_labels(spec: &str) -> (PathBuf, Vec<i64>) {
 }
 
 /// `LO:HI`, either side empty.
-pub fn parse_threshold(text: &str) -> Result<Window, CliError> {
+pub fn parse_threshold(text: &str) -> Result<IntensitySelection, CliError> {
     let bad = |why: &str| {
         CliError::Usage(format!("--threshold `{text}`: {why}; write LO:HI, LO: or :HI"))
     };
@@ -109,7 +109,7 @@ pub fn parse_threshold(text: &str) -> Result<Window, CliError> {
     if lo > hi {
         return Err(bad("the lower end is above the upper one"));
     }
-    Ok(Window::Range { lo, hi })
+    Ok(IntensitySelection::Range { lo, hi })
 }
 
 fn numbers<T: std::str::FromStr>(s: &str, flag: &str, form: &str) -> Result<[T; 3], CliError> {
@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn thresholds_take_minus_signs_and_open_ends() {
-        let range = |lo, hi| Window::Range { lo, hi };
+        let range = |lo, hi| IntensitySelection::Range { lo, hi };
         assert_eq!(parse_threshold(":-920").unwrap(), range(f64::NEG_INFINITY, -920.0));
         assert_eq!(parse_threshold("-100:-5.5").unwrap(), range(-100.0, -5.5));
         assert_eq!(parse_threshold("300:").unwrap(), range(300.0, f64::INFINITY));

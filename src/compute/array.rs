@@ -108,7 +108,7 @@ mod tests {
     use super::Storage;
 
     #[test]
-    fn zeros_that_were_touched_are_zeros() {
+    fn pretouched_buffers_are_zero() {
         for bytes in [0, 1, 4096, 300_001] {
             let mut s = Storage::zeroed(bytes);
             s.touch();

@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn too_small_a_list_says_how_many_there_were() {
+    fn an_overflowing_candidate_list_reports_its_full_count() {
         let l = lumen([31, 31, 41], [1.0; 3], |p| {
             (p.truncate() - glam::DVec2::splat(15.0)).length() < 6.0
         });

@@ -6,17 +6,17 @@ mod coverage;
 mod gaze;
 mod plan;
 mod profile;
-mod script;
-mod slide;
+mod camera_path;
+mod collide_and_slide;
 mod wall;
 
+pub use camera_path::{CameraPath, CameraPathError, CameraPathPose, MAX_BYTES, SCHEMA};
 pub use clearance::{Clearance, LEAST_NEAR_MM, SAFETY};
+pub use collide_and_slide::collide_and_slide;
 pub use coverage::{Coverage, LISTED_FROM_MM2, MissedPatch, coverage, unseen_voxels};
 pub use gaze::Track;
 pub use plan::{Flight, FlightError, FlightOptions, Frames, MAX_FRAMES};
 pub use profile::{MAX_TURN_RAD_PER_S, Profile};
-pub use script::{MAX_BYTES, SCHEMA, Script, ScriptError, Shot};
-pub use slide::slide;
 pub use wall::WallIndex;
 
 /// Averages each value with its neighbours by a Gaussian of its own width.

@@ -2,7 +2,7 @@
 
 use super::smoothed_below;
 
-/// Fastest turn of the gaze, radians a second (30 degrees: ALGORITHMS, stage g).
+/// Fastest turn of the gaze, radians a second (30 degrees).
 pub const MAX_TURN_RAD_PER_S: f64 = std::f64::consts::PI / 6.0;
 /// Slowest share of the cruising speed in a narrow place.
 const LEAST_SHARE: f64 = 0.25;

@@ -52,7 +52,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     });
 }
 
-/// The bricks beside one along the axis, as far as searches have gone; each list ends where there
+/// The neighbours of a brick along the axis, as far as searches have gone; each list ends where there
 /// is none.
 struct Chain<'a> {
     near: &'a [u32],
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn across_a_wide_lumen_every_row_is_found_that_a_search_of_all_finds() {
+    fn a_wide_lumen_has_the_distances_of_a_search_through_all_rows() {
         let lumen = wide();
         let near: Vec<u32> = lumen.bricks.near().iter().flatten().copied().collect();
         let bits = bit_field(&lumen.inside);

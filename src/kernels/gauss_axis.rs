@@ -43,9 +43,9 @@ fn twin(args: &mut CpuArgs<'_>) {
         let mut slots = vec![None; 2 * reach + 1];
         slots[reach] = Some(slot);
         for k in 1..=reach {
-            let beside = |at: Option<usize>, up| at.and_then(|a| neighbour(s.near, a, axis, up));
-            slots[reach + k] = beside(slots[reach + k - 1], true);
-            slots[reach - k] = beside(slots[reach + 1 - k], false);
+            let next_slot = |at: Option<usize>, up| at.and_then(|a| neighbour(s.near, a, axis, up));
+            slots[reach + k] = next_slot(slots[reach + k - 1], true);
+            slots[reach - k] = next_slot(slots[reach + 1 - k], false);
         }
         let corner = i64::from(s.corner[slot * 3 + axis]);
         places.clear();

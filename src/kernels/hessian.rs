@@ -189,7 +189,7 @@ mod tests {
     use crate::kernels::ridge_mark::eigen;
 
     #[test]
-    fn a_third_of_the_angle_is_within_two_units_of_rounding() {
+    fn the_polynomial_cosine_is_within_two_ulps() {
         for i in 0..=10_000 {
             let s = i as f32 / 10_000.0;
             let want = (f64::from(s).acos() * 2.0 / 3.0).cos();

@@ -51,7 +51,7 @@ pub static ALL: &[&Kernel] = &[
     &copy::KERNEL,
 ];
 
-/// Slot beside `slot` along an axis, from the flat neighbour table kernels bind.
+/// Neighbouring slot of `slot` along an axis, from the flat neighbour table kernels bind.
 #[inline]
 fn neighbour(near: &[u32], slot: usize, axis: usize, up: bool) -> Option<usize> {
     const AT: [[usize; 2]; 3] = [

@@ -1,18 +1,22 @@
 //! Region growing: the 6-component of a seed, by spans of bits. It visits what it fills and the
-//! rows beside that: of the stored samples, 64 at a time are compared when first met.
+//! rows next to that: of the stored samples, 64 at a time are compared when first met.
 
 use glam::UVec3;
 
 use super::bits::Run;
-use super::window::{StoredWindow, check_seed};
-use super::{BitVolume, LumenError, Window};
+use super::intensity_selection::{StoredSelection, check_seed};
+use super::{BitVolume, IntensitySelection, LumenError};
 use crate::volume::{Sample, Volume, with_samples};
 
 /// The 6-connected component of `seed` in `window`.
 ///
 /// # Errors
 /// [`LumenError::SeedOutside`], [`LumenError::SeedValue`].
-pub fn grow(volume: &Volume, window: &Window, seed: UVec3) -> Result<BitVolume, LumenError> {
+pub fn grow(
+    volume: &Volume,
+    window: &IntensitySelection,
+    seed: UVec3,
+) -> Result<BitVolume, LumenError> {
     check_seed(volume, window, seed)?;
     let mut bits = BitVolume::new(volume.grid.dims);
     with_samples!(&volume.samples, |s| spans(&window.stored(volume, s), s, seed, &mut bits));
@@ -21,7 +25,7 @@ pub fn grow(volume: &Volume, window: &Window, seed: UVec3) -> Result<BitVolume, 
 
 /// Which voxels are in the window, found a word of 64 at a time when asked.
 struct Allowed<'a, T> {
-    window: &'a StoredWindow<T>,
+    window: &'a StoredSelection<T>,
     samples: &'a [T],
     bits: BitVolume,
     /// A bit for each word of `bits` that holds its answer.
@@ -65,7 +69,7 @@ impl<T: Sample> Allowed<'_, T> {
     }
 }
 
-fn spans<T: Sample>(window: &StoredWindow<T>, samples: &[T], seed: UVec3, bits: &mut BitVolume) {
+fn spans<T: Sample>(window: &StoredSelection<T>, samples: &[T], seed: UVec3, bits: &mut BitVolume) {
     let dims = bits.dims();
     let words = bits.row_words();
     let known = vec![0; (words * dims.y as usize * dims.z as usize).div_ceil(64)];
@@ -78,7 +82,7 @@ fn spans<T: Sample>(window: &StoredWindow<T>, samples: &[T], seed: UVec3, bits: 
         let row = |y: u32, z: u32| y as usize + dims.y as usize * z as usize;
         let (a, b) = allowed.run(row(y, z), x);
         bits.set_run((a, b), y, z);
-        let mut beside = |y: u32, z: u32| {
+        let mut visit_row = |y: u32, z: u32| {
             let row = row(y, z);
             for w in (a >> 6) as usize..=(b >> 6) as usize {
                 let from = 64 * w as u32;
@@ -92,16 +96,16 @@ fn spans<T: Sample>(window: &StoredWindow<T>, samples: &[T], seed: UVec3, bits: 
             }
         };
         if y > 0 {
-            beside(y - 1, z);
+            visit_row(y - 1, z);
         }
         if y + 1 < dims.y {
-            beside(y + 1, z);
+            visit_row(y + 1, z);
         }
         if z > 0 {
-            beside(y, z - 1);
+            visit_row(y, z - 1);
         }
         if z + 1 < dims.z {
-            beside(y, z + 1);
+            visit_row(y, z + 1);
         }
     }
 }

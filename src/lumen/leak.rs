@@ -7,8 +7,8 @@
 
 use glam::UVec3;
 
-use super::window::check_seed;
-use super::{BitVolume, LumenError, Window};
+use super::intensity_selection::check_seed;
+use super::{BitVolume, IntensitySelection, LumenError};
 use crate::volume::{Volume, with_samples};
 
 /// What leak control chose.
@@ -44,11 +44,11 @@ const LEVELS: f64 = 65_536.0;
 /// and for a window open on both sides.
 pub fn grow_controlled(
     volume: &Volume,
-    window: &Window,
+    window: &IntensitySelection,
     seed: UVec3,
 ) -> Result<(BitVolume, LeakReport), LumenError> {
     check_seed(volume, window, seed)?;
-    let Window::Range { lo, hi } = *window else { return Err(LumenError::LeakWindow) };
+    let IntensitySelection::Range { lo, hi } = *window else { return Err(LumenError::LeakWindow) };
     let at_seed = volume.real(volume.grid.index(seed));
     let upper = match (lo.is_finite(), hi.is_finite()) {
         (_, true) if !lo.is_finite() => true,

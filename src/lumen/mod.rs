@@ -7,14 +7,14 @@ pub mod bricks;
 mod components;
 mod grow;
 mod leak;
-mod window;
+mod intensity_selection;
 
 pub use bits::BitVolume;
 pub use bricks::Bricks;
 pub use components::Component;
 pub use grow::grow;
+pub use intensity_selection::IntensitySelection;
 pub use leak::{LeakReport, grow_controlled};
-pub use window::Window;
 
 use glam::{IVec3, UVec3};
 use rayon::prelude::*;
@@ -45,13 +45,13 @@ pub enum LumenError {
         /// Its value, real units.
         value: f64,
         /// What was asked.
-        window: Window,
+        window: IntensitySelection,
     },
     /// No voxel is in the window.
     #[error("empty lumen: no voxel is in {window}{}", range_note(.range))]
     Empty {
         /// What was asked.
-        window: Window,
+        window: IntensitySelection,
         /// Values of the volume, real units.
         range: Option<(f64, f64)>,
     },
@@ -74,9 +74,9 @@ fn range_note(range: &Option<(f64, f64)>) -> String {
 
 /// How to choose the lumen.
 #[derive(Clone, Debug)]
-pub struct Recipe {
+pub struct SegmentationOptions {
     /// Which values are inside.
-    pub window: Window,
+    pub window: IntensitySelection,
     /// Keep the 6-component of this voxel; without it the largest.
     pub seed: Option<UVec3>,
     /// Keep every component (only without a seed).
@@ -89,7 +89,7 @@ pub struct Recipe {
 
 /// What choosing the lumen found on the way.
 #[derive(Clone, Debug, Default)]
-pub struct Found {
+pub struct SegmentationStats {
     /// Components left out, largest first.
     pub others: Vec<Component>,
     /// Voxels of the components left out.
@@ -121,9 +121,9 @@ pub struct Lumen {
     pub touches_edge: bool,
 }
 
-impl Recipe {
+impl SegmentationOptions {
     /// A recipe with the defaults of the command line.
-    pub fn new(window: Window) -> Self {
+    pub fn new(window: IntensitySelection) -> Self {
         Self { window, seed: None, all_components: false, fill: true, leak_control: false }
     }
 
@@ -132,11 +132,11 @@ impl Recipe {
     /// # Errors
     /// [`LumenError`] names the seed or window at fault, [`LumenError::Sheared`] a grid that is no
     /// box. No lumen is ever empty.
-    pub fn apply(&self, volume: &Volume) -> Result<(Lumen, Found), LumenError> {
+    pub fn apply(&self, volume: &Volume) -> Result<(Lumen, SegmentationStats), LumenError> {
         if !volume.grid.is_orthogonal() {
             return Err(LumenError::Sheared { degrees: volume.grid.shear_rad().to_degrees() });
         }
-        let mut found = Found::default();
+        let mut found = SegmentationStats::default();
         let mut mask = match self.seed {
             Some(seed) if self.leak_control => {
                 let (mask, leak) = grow_controlled(volume, &self.window, seed)?;

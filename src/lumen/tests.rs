@@ -39,8 +39,11 @@ fn growing_equals_a_plain_flood_and_bricks_hold_every_voxel_and_its_rim() {
             s[0] = 1;
         }
         let want = flood(IVec3::ZERO, |p| inside(&v, p));
-        let recipe =
-            Recipe { seed: Some(UVec3::ZERO), fill: false, ..Recipe::new(Window::Labels(vec![])) };
+        let recipe = SegmentationOptions {
+            seed: Some(UVec3::ZERO),
+            fill: false,
+            ..SegmentationOptions::new(IntensitySelection::Labels(vec![]))
+        };
         let (lumen, found) = recipe.apply(&v).unwrap();
         assert_eq!(found.grown_voxels as usize, want.len());
         let got: std::collections::BTreeSet<_> =
@@ -74,7 +77,8 @@ fn the_largest_component_is_kept_and_the_others_are_reported_with_size_and_place
     // Touching by an edge alone is not connected.
     s[grid.index(UVec3::new(7, 2, 1))] = 7;
     let v = Volume::new(grid, Samples::U8(s));
-    let (lumen, found) = Recipe::new(Window::Labels(vec![7])).apply(&v).unwrap();
+    let (lumen, found) =
+        SegmentationOptions::new(IntensitySelection::Labels(vec![7])).apply(&v).unwrap();
     assert_eq!(lumen.inside_voxels(), 3);
     let others: Vec<_> = found.others.iter().map(|c| (c.voxels, c.first)).collect();
     let at = UVec3::new;
@@ -91,11 +95,13 @@ fn closed_cavities_are_filled_and_open_ones_are_not() {
     };
     let mut s: Vec<u8> = (0..grid.len()).map(|i| u8::from(shell(grid.voxel(i)))).collect();
     let closed = Volume::new(grid, Samples::U8(s.clone()));
-    let (lumen, found) = Recipe::new(Window::Labels(vec![])).apply(&closed).unwrap();
+    let (lumen, found) =
+        SegmentationOptions::new(IntensitySelection::Labels(vec![])).apply(&closed).unwrap();
     assert_eq!((lumen.inside_voxels(), found.filled), (343, (125, 1)));
     s[grid.index(UVec3::new(4, 4, 1))] = 0;
     let open = Volume::new(grid, Samples::U8(s));
-    let (lumen, found) = Recipe::new(Window::Labels(vec![])).apply(&open).unwrap();
+    let (lumen, found) =
+        SegmentationOptions::new(IntensitySelection::Labels(vec![])).apply(&open).unwrap();
     assert_eq!((lumen.inside_voxels(), found.filled), (217, (0, 0)));
 }
 
@@ -103,7 +109,7 @@ fn closed_cavities_are_filled_and_open_ones_are_not() {
 fn thresholds_are_inclusive_in_real_units_for_every_sign_of_slope() {
     let grid = Grid::axis_aligned([5, 1, 1], [1.0; 3]);
     let mut v = Volume::new(grid, Samples::I16(vec![-3, -1, 0, 1, 3]));
-    let count = |v: &Volume, lo, hi| Window::Range { lo, hi }.select(v).count();
+    let count = |v: &Volume, lo, hi| IntensitySelection::Range { lo, hi }.select(v).count();
     let inf = f64::INFINITY;
     assert_eq!(count(&v, -1.0, 1.0), 3);
     assert_eq!(count(&v, -inf, -0.5), 2);
@@ -114,10 +120,10 @@ fn thresholds_are_inclusive_in_real_units_for_every_sign_of_slope() {
     v.samples = Samples::F32(vec![f32::NAN, -1.0, f32::INFINITY, 0.0, 1.0]);
     v.rescale = crate::volume::Rescale::IDENTITY;
     assert_eq!(count(&v, -inf, inf), 4);
-    assert_eq!(Window::Labels(vec![]).select(&v).count(), 3);
+    assert_eq!(IntensitySelection::Labels(vec![]).select(&v).count(), 3);
     v.samples = Samples::U8(vec![1, 2, 9, 4, 0]);
-    assert_eq!(Window::Labels(vec![1, 2, 9]).select(&v).count(), 3);
-    assert_eq!(Window::Labels(vec![-5, 300]).select(&v).count(), 0);
+    assert_eq!(IntensitySelection::Labels(vec![1, 2, 9]).select(&v).count(), 3);
+    assert_eq!(IntensitySelection::Labels(vec![-5, 300]).select(&v).count(), 0);
 }
 
 #[test]
@@ -145,7 +151,7 @@ fn a_leak_through_one_voxel_into_noise_is_stopped_below_it() {
         }
     }
     let v = Volume::new(grid, Samples::I16(s));
-    let window = Window::Range { lo: f64::NEG_INFINITY, hi: -500.0 };
+    let window = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -500.0 };
     let seed = UVec3::new(24, 24, 24);
     let plain = grow(&v, &window, seed).unwrap().count();
     assert!(plain > 4 * lumen_voxels, "the phantom leaks without control: {plain}");
@@ -154,27 +160,29 @@ fn a_leak_through_one_voxel_into_noise_is_stopped_below_it() {
     assert!((0.99..1.01).contains(&extra), "{extra} {report:?}");
     assert!(report.threshold < -780.0 && report.leak_ml.is_some(), "{report:?}");
     // The flood at the chosen threshold is what growing there gives.
-    let window = Window::Range { lo: f64::NEG_INFINITY, hi: report.threshold };
+    let window = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: report.threshold };
     assert_eq!(grow(&v, &window, seed).unwrap().count(), mask.count());
 }
 
 #[test]
-fn bad_seeds_and_empty_windows_say_what_and_where() {
+fn bad_seeds_and_empty_selections_are_named() {
     let v = noise([4, 4, 4], 256, 3);
-    let seeded = |seed, window| Recipe { seed: Some(seed), ..Recipe::new(window) }.apply(&v);
-    let any = Window::Labels(vec![]);
+    let seeded = |seed, window| {
+        SegmentationOptions { seed: Some(seed), ..SegmentationOptions::new(window) }.apply(&v)
+    };
+    let any = IntensitySelection::Labels(vec![]);
     let out = seeded(UVec3::new(4, 0, 0), any.clone()).unwrap_err();
     assert!(matches!(out, LumenError::SeedOutside { .. }));
-    let high = Window::Range { lo: 5.0, hi: f64::INFINITY };
+    let high = IntensitySelection::Range { lo: 5.0, hi: f64::INFINITY };
     let wrong = seeded(UVec3::ZERO, high.clone()).unwrap_err();
     assert_eq!(wrong.to_string(), "seed [0, 0, 0] has value 1, which is not in threshold 5:");
-    let empty = Recipe::new(high).apply(&v).unwrap_err();
+    let empty = SegmentationOptions::new(high).apply(&v).unwrap_err();
     let text = "empty lumen: no voxel is in threshold 5: (values run from 1 to 1)";
     assert_eq!(empty.to_string(), text);
 }
 
 #[test]
-fn a_window_selects_what_its_real_values_say() {
+fn an_intensity_selection_tests_rescaled_values() {
     use crate::volume::Rescale;
     let grid = Grid::axis_aligned([67, 3, 2], [1.0; 3]);
     let floats: Vec<f32> = (0..grid.len())
@@ -183,12 +191,12 @@ fn a_window_selects_what_its_real_values_say() {
     let shorts: Vec<i16> = (0..grid.len()).map(|i| (i % 9) as i16 - 4).collect();
     let bytes: Vec<u8> = (0..grid.len()).map(|i| (i * 37 % 5) as u8).collect();
     let windows = [
-        Window::Labels(vec![]),
-        Window::Labels(vec![2]),
-        Window::Labels(vec![-1, 3]),
-        Window::Range { lo: f64::NEG_INFINITY, hi: 0.5 },
-        Window::Range { lo: -1.0, hi: 2.0 },
-        Window::Range { lo: 1e9, hi: 2e9 },
+        IntensitySelection::Labels(vec![]),
+        IntensitySelection::Labels(vec![2]),
+        IntensitySelection::Labels(vec![-1, 3]),
+        IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: 0.5 },
+        IntensitySelection::Range { lo: -1.0, hi: 2.0 },
+        IntensitySelection::Range { lo: 1e9, hi: 2e9 },
     ];
     for samples in [Samples::F32(floats), Samples::I16(shorts), Samples::U8(bytes)] {
         // Of the last, no stored value is a real 0.
@@ -213,8 +221,11 @@ fn a_window_selects_what_its_real_values_say() {
 fn a_field_laid_out_densely_is_its_own_at_every_voxel() {
     for dims in [[17, 9, 13], [8, 8, 8], [3, 21, 16]] {
         let v = noise(dims, 60, 5);
-        let recipe =
-            Recipe { all_components: true, fill: false, ..Recipe::new(Window::Labels(vec![])) };
+        let recipe = SegmentationOptions {
+            all_components: true,
+            fill: false,
+            ..SegmentationOptions::new(IntensitySelection::Labels(vec![]))
+        };
         let (lumen, _) = recipe.apply(&v).unwrap();
         let field: Vec<u32> = (0..lumen.bricks.field_len() as u32).collect();
         let dense = lumen.dense(&field, u32::MAX);
@@ -237,7 +248,7 @@ fn a_field_laid_out_densely_is_its_own_at_every_voxel() {
 #[test]
 fn a_sheared_grid_is_refused_by_the_library_with_its_angle() {
     let mut v = noise([8, 8, 8], 128, 3);
-    let any = Recipe::new(Window::Labels(vec![]));
+    let any = SegmentationOptions::new(IntensitySelection::Labels(vec![]));
     for degrees in [0.0, 0.09, 0.2, 18.5] {
         let (sin, cos) = f64::to_radians(degrees).sin_cos();
         let direction =

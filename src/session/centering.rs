@@ -7,7 +7,7 @@ use glam::{DVec3, IVec3};
 
 use super::{Clock, Fields, Session, SessionError, locked, present, put};
 use crate::centerline::{
-    Arrangement, Ends, Proof, Radius, RouteOptions, Routed, Sampler, Viewer, add_viewers,
+    Ends, Proof, Radius, RouteOptions, Routed, Sampler, Viewpoint, VisibilityInput, add_viewers,
     centerline, paper_path,
 };
 use crate::compute::Plan;
@@ -200,7 +200,7 @@ fn paper_centered(
     let internal: Vec<u64> =
         lumen.inside.iter().zip(&lumen.boundary).map(|(i, b)| i & !b).collect();
     let (kept, unseen) = visible(device, lumen, &viewers, &internal, clock)?;
-    let kept: Vec<Viewer> = kept.iter().map(|r| viewers[*r as usize]).collect();
+    let kept: Vec<Viewpoint> = kept.iter().map(|r| viewers[*r as usize]).collect();
     let line = clock.time(
         "paper path",
         "kept points",
@@ -223,13 +223,13 @@ fn paper_centered(
 fn visible(
     device: &mut Device,
     lumen: &Lumen,
-    viewers: &[Viewer],
+    viewers: &[Viewpoint],
     open: &[u64],
     clock: &mut Clock,
 ) -> Result<(Vec<u32>, Vec<u32>), SessionError> {
     let start = Instant::now();
     let boundary: Vec<u32> = lumen.elements(&lumen.boundary).map(|e| e as u32).collect();
-    let arrangement = Arrangement::new(lumen, viewers, boundary);
+    let arrangement = VisibilityInput::new(lumen, viewers, boundary);
     let mut plan = Plan::new();
     let buffers = LumenBuffers::new(&mut plan, lumen);
     let pending = arrangement.launch(&mut plan, &buffers, open);

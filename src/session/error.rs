@@ -2,7 +2,7 @@
 
 use crate::centerline::CenterlineError;
 use crate::device::DeviceError;
-use crate::flight::{FlightError, ScriptError};
+use crate::flight::{CameraPathError, FlightError};
 use crate::formats::FormatError;
 use crate::lod::WorkerError;
 use crate::lod::clusters::ClusterError;
@@ -44,7 +44,7 @@ pub enum SessionError {
     Flight(#[from] FlightError),
     /// A camera path file.
     #[error(transparent)]
-    Script(#[from] ScriptError),
+    CameraPath(#[from] CameraPathError),
     /// The renderer.
     #[error(transparent)]
     Render(#[from] RenderError),

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::writer::{FrameWriter, clear_folder};
 use super::{FrameStream, Product, Report, Session, SessionError, without_caps};
-use crate::flight::Script;
+use crate::flight::CameraPath;
 use crate::formats::{FormatError, atomic_file, write_centerline, write_layers, write_mesh};
 use crate::geometry::Mesh;
 use crate::lumen::Lumen;
@@ -77,7 +77,7 @@ impl Session {
         self.prepare(&self.needs_of_frames())?;
         clear_folder(&to.frames)?;
         if let Some(path) = &to.camera_path {
-            let json = Script::from(&*self.flight()?).to_json();
+            let json = CameraPath::from(&*self.flight()?).to_json();
             atomic_file::write_atomic(path, |o| o.write_all(json.as_bytes()))?;
         }
         std::thread::scope(|scope| {

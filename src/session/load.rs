@@ -7,14 +7,14 @@ use glam::DVec3;
 use super::settings::{Source, VolumeSource};
 use super::{Clock, InputReport, Session, SessionError, present, put, refuse_above};
 use crate::formats::{ReadOptions, inspect, read_volume};
-use crate::lumen::Window;
+use crate::lumen::IntensitySelection;
 use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
 
 /// The volume the lumen is chosen from.
 pub(super) struct Loaded {
     pub volume: Arc<Volume>,
     /// Values or labels inside.
-    pub select: Window,
+    pub select: IntensitySelection,
     /// The image a label map was drawn on, as its header says; its voxels were not read.
     pub image: Option<InputReport>,
     /// The label map as it was read, where it had to be resampled.
@@ -58,14 +58,14 @@ impl Session {
                 let volume = read_orthogonal_volume(source, limit)?;
                 let select = match select {
                     Some(select) => select,
-                    None if is_label_map(&volume) => Window::Labels(Vec::new()),
+                    None if is_label_map(&volume) => IntensitySelection::Labels(Vec::new()),
                     None => return Err(SessionError::LumenNotChosen { name: source.name() }),
                 };
                 Ok(Loaded { volume, select, image: None, resampled: None, is_mask: false })
             }
             Source::Mask { mask, image } => {
                 let volume = read_orthogonal_volume(mask, limit)?;
-                let select = select.unwrap_or_else(|| Window::Labels(Vec::new()));
+                let select = select.unwrap_or_else(|| IntensitySelection::Labels(Vec::new()));
                 let image = image.as_ref().map(geometry).transpose()?;
                 let mut loaded =
                     Loaded { volume, select, image: None, resampled: None, is_mask: true };

@@ -4,7 +4,7 @@ use glam::IVec3;
 
 use super::settings::Seed;
 use super::{Clock, Session, SessionError, estimate_bytes, present, put, refuse_above};
-use crate::lumen::{Found, Lumen, LumenError, Recipe};
+use crate::lumen::{Lumen, LumenError, SegmentationOptions, SegmentationStats};
 use crate::volume::Volume;
 
 /// The lumen with what choosing it found.
@@ -12,9 +12,9 @@ pub struct Segmented {
     /// Bricks and classes.
     pub lumen: Lumen,
     /// Components left out, cavities filled, leaks.
-    pub found: Found,
+    pub found: SegmentationStats,
     /// The options it was chosen with, the seed as a voxel.
-    pub recipe: Recipe,
+    pub recipe: SegmentationOptions,
     /// What a user should know about how it came out.
     pub notes: Vec<String>,
 }
@@ -39,14 +39,16 @@ impl Session {
                 Some(v.ok_or(LumenError::SeedPoint(p.to_array()))?)
             }
         };
-        let recipe = Recipe {
+        let recipe = SegmentationOptions {
             window: loaded.select.clone(),
             seed,
             all_components: settings.all_components,
             fill: settings.fill,
             leak_control: settings.leak_control,
         };
-        let voxels = |r: &Result<(Lumen, Found), _>| r.as_ref().map_or(0, |r| r.0.inside_voxels());
+        let voxels = |r: &Result<(Lumen, SegmentationStats), _>| {
+            r.as_ref().map_or(0, |r| r.0.inside_voxels())
+        };
         let (lumen, found) = clock.time("segment", "voxels", || recipe.apply(volume), voxels)?;
         if lumen.bricks.is_empty() {
             let (window, range) = (recipe.window.clone(), volume.range());
@@ -70,7 +72,7 @@ impl Session {
     }
 }
 
-fn notes(recipe: &Recipe, lumen: &Lumen, found: &Found) -> Vec<String> {
+fn notes(recipe: &SegmentationOptions, lumen: &Lumen, found: &SegmentationStats) -> Vec<String> {
     let mut out = Vec::new();
     if let Some(leak) = found.leak {
         let leaks = leak.leak_ml.map_or("no leak found".to_owned(), |ml| {

@@ -9,8 +9,8 @@ use glam::{DVec3, UVec3};
 use super::Mode;
 use crate::centerline::Radius;
 use crate::device::DeviceChoice;
-use crate::flight::{Frames, Script};
-use crate::lumen::Window;
+use crate::flight::{CameraPath, Frames};
+use crate::lumen::IntensitySelection;
 use crate::render::View;
 use crate::surface::{Fairing, Smoothing};
 use crate::volume::Volume;
@@ -72,7 +72,7 @@ pub enum Seed {
 #[derive(Clone, Debug)]
 pub struct LumenSettings {
     /// Values or labels inside; `None` takes the image for a label map if it is one.
-    pub select: Option<Window>,
+    pub select: Option<IntensitySelection>,
     /// Keep the 6-connected component of this voxel; without it the largest.
     pub seed: Option<Seed>,
     /// Keep every component.
@@ -160,7 +160,7 @@ pub struct FlightSettings {
     /// From the end to the start.
     pub reverse: bool,
     /// This camera path instead of one along the centerline.
-    pub script: Option<Script>,
+    pub script: Option<CameraPath>,
     /// Poses the camera path is resampled to; as many as it has where `None`.
     pub script_frames: Option<usize>,
 }

@@ -11,7 +11,7 @@ use crate::centerline::Sampler;
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::geometry::Mesh;
-use crate::lumen::{Lumen, Window};
+use crate::lumen::{IntensitySelection, Lumen};
 use crate::surface::{
     self as stage, Adjacency, Grey, Midpoint, MultiscaleNormals, Shading, Smoothing, Surface,
     Topology, VoxelFrame, shading,
@@ -119,7 +119,7 @@ impl Session {
 fn wall(
     device: &mut Device,
     volume: &Volume,
-    window: &Window,
+    window: &IntensitySelection,
     lumen: &Lumen,
     options: SurfaceOptions,
     clock: &mut Clock,

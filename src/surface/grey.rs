@@ -3,7 +3,7 @@
 use glam::IVec3;
 
 use super::extract::{Crossing, clamp_fraction};
-use crate::lumen::Window;
+use crate::lumen::IntensitySelection;
 use crate::volume::Volume;
 
 /// Crossings of the two-sided threshold function f = max(LO − v, v − HI), negative inside, by
@@ -20,8 +20,8 @@ pub struct Grey<'a> {
 
 impl<'a> Grey<'a> {
     /// Crossings for a threshold window; `None` for labels, which have no intensities to interpolate.
-    pub fn new(volume: &'a Volume, window: &Window) -> Option<Self> {
-        let Window::Range { lo, hi } = *window else { return None };
+    pub fn new(volume: &'a Volume, window: &IntensitySelection) -> Option<Self> {
+        let IntensitySelection::Range { lo, hi } = *window else { return None };
         let integer = volume.samples.sample_type().is_integer();
         let half = if integer { 0.5 * volume.rescale.slope.abs() } else { 0.0 };
         Some(Self { volume, lo: lo - half, hi: hi + half })

@@ -118,8 +118,9 @@ fn the_grey_surface_of_a_sphere_converges() {
         let f = |v: UVec3| ((v.as_dvec3() - c).length() - r) as f32;
         let values: Vec<f32> = (0..grid.len()).map(|i| f(grid.voxel(i))).collect();
         let volume = crate::volume::Volume::new(grid, values.into());
-        let window = crate::lumen::Window::Range { lo: f64::NEG_INFINITY, hi: 0.0 };
-        let (lumen, _) = crate::lumen::Recipe::new(window.clone()).apply(&volume).unwrap();
+        let window = crate::lumen::IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: 0.0 };
+        let (lumen, _) =
+            crate::lumen::SegmentationOptions::new(window.clone()).apply(&volume).unwrap();
         let grey = Grey::new(&volume, &window).unwrap();
         let s = Surface::new(&lumen, &grey, None);
         let pi = std::f64::consts::PI;

@@ -5,7 +5,7 @@ use glam::{DVec3, IVec3};
 use intima::centerline::{Ends, RouteOptions, Routed, Sampler, centerline, resample};
 use intima::compute::{Plan, run_cpu};
 use intima::field::{LumenBuffers, distance, smooth};
-use intima::lumen::{Lumen, Recipe, Window};
+use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
 use intima::volume::phantom::{Kind, Phantom, Truth};
 
 /// A lumen, its exact distance, and what came of it. Axes of phantoms are their grid's and the
@@ -18,7 +18,7 @@ pub struct Case {
 
 pub fn run(kind: Kind, size: u32, spacing_mm: f64, tree: bool) -> (Case, Truth) {
     let phantom = Phantom::new(kind, size, [spacing_mm; 3]).unwrap();
-    let recipe = Recipe::new(Window::Labels(vec![1]));
+    let recipe = SegmentationOptions::new(IntensitySelection::Labels(vec![1]));
     (route(recipe.apply(&phantom.mask()).unwrap().0, tree), phantom.truth())
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use intima::device::{Device, DeviceChoice};
 use intima::formats::{ReadOptions, read_volume};
-use intima::lumen::{BitVolume, Lumen, Window};
+use intima::lumen::{BitVolume, IntensitySelection, Lumen};
 use intima::volume::Volume;
 use serde_json::Value;
 
@@ -38,7 +38,7 @@ pub fn mask(name: &str) -> Volume {
 
 /// Every voxel of a label volume, as it is.
 pub fn selected(volume: &Volume) -> BitVolume {
-    Window::Labels(Vec::new()).select(volume)
+    IntensitySelection::Labels(Vec::new()).select(volume)
 }
 
 pub fn lumen(name: &str) -> Lumen {

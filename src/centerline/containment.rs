@@ -144,7 +144,7 @@ mod tests {
     use glam::UVec3;
 
     #[test]
-    fn the_voxel_walk_sees_every_voxel_a_segment_crosses() {
+    fn voxel_traversal_visits_every_voxel_a_segment_crosses() {
         let grid = Grid::axis_aligned([20, 20, 20], [1.0, 2.0, 0.5]);
         let mut bits = BitVolume::new(grid.dims);
         for v in (0..grid.len()).map(|i| grid.voxel(i)) {
@@ -162,8 +162,9 @@ mod tests {
             let (a, b) = ((through - dir * 4.3) * h, (through + dir * 4.9) * h);
             assert!(!safe_by_voxels(a, b, &l) && !safe_by_voxels(b, a, &l), "{i}");
         }
-        let beside = |x: f64| safe_by_voxels(DVec3::new(x, 4.0, 4.0), DVec3::new(x, 30.0, 4.0), &l);
-        assert!(beside(9.4) && beside(10.6) && !beside(9.6) && !beside(10.4));
+        let at_side =
+            |x: f64| safe_by_voxels(DVec3::new(x, 4.0, 4.0), DVec3::new(x, 30.0, 4.0), &l);
+        assert!(at_side(9.4) && at_side(10.6) && !at_side(9.6) && !at_side(10.4));
         assert!(!safe_by_voxels(DVec3::ZERO, DVec3::new(-1.0, 0.0, 0.0), &l));
     }
 }

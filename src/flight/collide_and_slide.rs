@@ -1,4 +1,4 @@
-//! Moving by hand without going through the wall.
+//! Collision response: an eye that is moved by hand slides along the wall and never through it.
 
 use glam::DVec3;
 
@@ -16,9 +16,14 @@ const MAX_CORRECTIONS: usize = 4;
 ///
 /// Each substep is at most half the proven distance to the wall. Where the near ball would come
 /// nearer than it may, the part of the step that goes towards the wall is taken out and the eye is
-/// pushed away from it. Every place returned is proven as for the frames of a flight
-/// (ALGORITHMS, stage k.1).
-pub fn slide(from_mm: DVec3, delta_mm: DVec3, wall: &Clearance<'_>, lens: Lens) -> DVec3 {
+/// pushed away from it. Every place returned is proven as for the frames of a flight: the wall is
+/// more than the near ball's radius away ([`Clearance`]).
+pub fn collide_and_slide(
+    from_mm: DVec3,
+    delta_mm: DVec3,
+    wall: &Clearance<'_>,
+    lens: Lens,
+) -> DVec3 {
     let need = SAFETY * f64::from(lens.near_ball_mm());
     let mut at = from_mm;
     let mut left = delta_mm;

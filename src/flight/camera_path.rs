@@ -17,7 +17,7 @@ const FARTHEST_MM: f64 = 1e6;
 
 /// An eye at a moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shot {
+pub struct CameraPathPose {
     /// Seconds since the start.
     pub seconds: f64,
     /// Eye, LPS mm.
@@ -30,17 +30,17 @@ pub struct Shot {
 
 /// A camera path: shots in the order of time, at least one.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Script {
+pub struct CameraPath {
     /// Vertical field of view, degrees.
     pub fov_y_deg: f64,
     /// The shots, times ascending.
-    pub shots: Vec<Shot>,
+    pub shots: Vec<CameraPathPose>,
 }
 
 /// What is wrong with a camera path.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ScriptError {
+pub enum CameraPathError {
     /// Too many bytes.
     #[error("the camera path has {bytes} bytes; at most {MAX_BYTES} are read")]
     TooLarge {
@@ -104,19 +104,19 @@ struct Entry {
     near: f64,
 }
 
-impl Script {
+impl CameraPath {
     /// Reads a camera path.
     ///
     /// # Errors
-    /// [`ScriptError`] names the place or the pose.
-    pub fn parse(json: &[u8]) -> Result<Self, ScriptError> {
+    /// [`CameraPathError`] names the place or the pose.
+    pub fn parse(json: &[u8]) -> Result<Self, CameraPathError> {
         if json.len() > MAX_BYTES {
-            return Err(ScriptError::TooLarge { bytes: json.len() });
+            return Err(CameraPathError::TooLarge { bytes: json.len() });
         }
         let file: File = serde_json::from_slice(json).map_err(|e| {
             let why = e.to_string();
             let why = why.split(" at line ").next().unwrap_or_default().to_owned();
-            ScriptError::Json { line: e.line(), column: e.column(), why }
+            CameraPathError::Json { line: e.line(), column: e.column(), why }
         })?;
         for (field, is, wanted) in [
             ("schema", &file.schema, SCHEMA),
@@ -124,16 +124,16 @@ impl Script {
             ("unit", &file.unit, "mm"),
         ] {
             if is != wanted {
-                return Err(ScriptError::Schema { field, wanted });
+                return Err(CameraPathError::Schema { field, wanted });
             }
         }
         if file.poses.is_empty() || file.poses.len() > MAX_FRAMES {
-            return Err(ScriptError::Count(file.poses.len()));
+            return Err(CameraPathError::Count(file.poses.len()));
         }
         if !(1.0..=170.0).contains(&file.fov_y_deg) {
-            return Err(ScriptError::FieldOfView(file.fov_y_deg));
+            return Err(CameraPathError::FieldOfView(file.fov_y_deg));
         }
-        let mut shots: Vec<Shot> = Vec::with_capacity(file.poses.len());
+        let mut shots: Vec<CameraPathPose> = Vec::with_capacity(file.poses.len());
         for (entry, pose) in file.poses.iter().enumerate() {
             let shot = pose.checked(entry, shots.last().map(|s| s.seconds))?;
             shots.push(shot);
@@ -141,7 +141,7 @@ impl Script {
         Ok(Self { fov_y_deg: file.fov_y_deg, shots })
     }
 
-    /// The file's text, one pose a line; [`Script::parse`] gives back every bit.
+    /// The file's text, one pose a line; [`CameraPath::parse`] gives back every bit.
     pub fn to_json(&self) -> String {
         let n =
             |v: f64| serde_json::Number::from_f64(v).map_or("null".to_owned(), |n| n.to_string());
@@ -181,15 +181,15 @@ impl Script {
     ///
     /// # Panics
     /// Without shots.
-    pub fn at(&self, seconds: f64) -> Shot {
+    pub fn at(&self, seconds: f64) -> CameraPathPose {
         let i = self.shots.partition_point(|s| s.seconds <= seconds);
         if i == 0 || i == self.shots.len() {
             let end = self.shots[i.saturating_sub(1).min(self.shots.len() - 1)];
-            return Shot { seconds, ..end };
+            return CameraPathPose { seconds, ..end };
         }
         let (a, b) = (self.shots[i - 1], self.shots[i]);
         let t = (seconds - a.seconds) / (b.seconds - a.seconds);
-        Shot {
+        CameraPathPose {
             seconds,
             position_mm: a.position_mm.lerp(b.position_mm, t),
             rotation: a.rotation.slerp(b.rotation, t),
@@ -236,11 +236,11 @@ impl Script {
     }
 }
 
-impl From<&Flight> for Script {
+impl From<&Flight> for CameraPath {
     fn from(flight: &Flight) -> Self {
         let shot = |i: usize| {
             let Pose { position_mm, rotation } = flight.poses[i];
-            Shot {
+            CameraPathPose {
                 seconds: flight.seconds[i],
                 position_mm: position_mm.as_dvec3(),
                 rotation: rotation.as_dquat(),
@@ -255,8 +255,13 @@ impl From<&Flight> for Script {
 }
 
 impl Entry {
-    fn checked(&self, entry: usize, before: Option<f64>) -> Result<Shot, ScriptError> {
-        let wrong = |field, value: String, why| Err(ScriptError::Pose { entry, field, value, why });
+    fn checked(
+        &self,
+        entry: usize,
+        before: Option<f64>,
+    ) -> Result<CameraPathPose, CameraPathError> {
+        let wrong =
+            |field, value: String, why| Err(CameraPathError::Pose { entry, field, value, why });
         if !self.seconds.is_finite() || self.seconds.abs() > 1e9 {
             return wrong("seconds", self.seconds.to_string(), "no time");
         }
@@ -274,7 +279,7 @@ impl Entry {
         if !(1e-3..=1e3).contains(&self.near) {
             return wrong("near", self.near.to_string(), "not within 0.001 to 1000 mm");
         }
-        Ok(Shot { seconds: self.seconds, position_mm, rotation, near_mm: self.near })
+        Ok(CameraPathPose { seconds: self.seconds, position_mm, rotation, near_mm: self.near })
     }
 }
 
@@ -282,27 +287,27 @@ impl Entry {
 mod tests {
     use super::*;
 
-    fn script() -> Script {
-        let shot = |i: u32| Shot {
+    fn script() -> CameraPath {
+        let shot = |i: u32| CameraPathPose {
             seconds: 0.1 * f64::from(i),
             position_mm: DVec3::new(1.0 / 3.0, -2.5e-7, 1234.5) * f64::from(i),
             rotation: DQuat::from_rotation_y(0.3 * f64::from(i)),
             near_mm: 0.1 + 0.2 * f64::from(i),
         };
-        Script { fov_y_deg: 77.7, shots: (0..9).map(shot).collect() }
+        CameraPath { fov_y_deg: 77.7, shots: (0..9).map(shot).collect() }
     }
 
     #[test]
-    fn every_bit_comes_back() {
+    fn a_camera_path_round_trips_bit_for_bit() {
         let s = script();
         let text = s.to_json();
-        let back = Script::parse(text.as_bytes()).unwrap();
+        let back = CameraPath::parse(text.as_bytes()).unwrap();
         assert_eq!(back, s);
         assert_eq!(back.to_json(), text);
     }
 
     #[test]
-    fn more_frames_lie_between_the_shots() {
+    fn resampled_poses_lie_between_their_neighbours() {
         let s = script();
         let more = s.resampled(17);
         assert_eq!(more.shots.len(), 17);
@@ -325,11 +330,11 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_flown_is_named() {
+    fn errors_name_what_is_wrong_with_a_camera_path() {
         let good = script().to_json();
         let error = |from: &str, to: &str| {
             assert!(good.contains(from), "{from}");
-            Script::parse(good.replacen(from, to, 1).as_bytes()).unwrap_err().to_string()
+            CameraPath::parse(good.replacen(from, to, 1).as_bytes()).unwrap_err().to_string()
         };
         let near = "\"near\":0.1}";
         for (bad, word) in [("1e999", "range"), ("null", "null"), ("\"1\"", "string")] {
@@ -349,11 +354,11 @@ mod tests {
         assert!(error("path/1", "path/2").contains("`intima.path/1`"));
         assert!(error("LPS", "RAS").contains("space"));
         assert!(error("77.7", "180").contains("180"));
-        let empty = Script { shots: Vec::new(), ..script() }.to_json();
-        assert_eq!(Script::parse(empty.as_bytes()), Err(ScriptError::Count(0)));
+        let empty = CameraPath { shots: Vec::new(), ..script() }.to_json();
+        assert_eq!(CameraPath::parse(empty.as_bytes()), Err(CameraPathError::Count(0)));
         let deep = "[".repeat(100_000);
         for bad in ["", "{}", "[]", "\u{0}", &deep, &good[..good.len() / 2]] {
-            assert!(matches!(Script::parse(bad.as_bytes()), Err(ScriptError::Json { .. })));
+            assert!(matches!(CameraPath::parse(bad.as_bytes()), Err(CameraPathError::Json { .. })));
         }
     }
 }

@@ -7,12 +7,12 @@ use super::graph::Graph;
 use crate::lumen::bricks::{BRICK, NONE, SIDE};
 
 /// Places deep for where they are: a route through them is found among far fewer nodes.
-pub(super) struct Deep {
+pub(super) struct SearchCorridor {
     /// Least distance to the wall, mm, by brick.
     least: Vec<f32>,
 }
 
-impl Deep {
+impl SearchCorridor {
     /// Share of the greatest distance in a brick and those around it.
     const SHARE: f32 = 0.5;
 

@@ -8,7 +8,7 @@ use crate::volume::{Sample, Volume, with_samples};
 
 /// Which real values (after rescale) are inside.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Window {
+pub enum IntensitySelection {
     /// Inclusive range; infinite ends are open.
     Range {
         /// Lower end.
@@ -20,7 +20,7 @@ pub enum Window {
     Labels(Vec<i64>),
 }
 
-impl Window {
+impl IntensitySelection {
     /// Whether a real value is inside. NaN never is.
     pub fn holds(&self, real: f64) -> bool {
         match self {
@@ -38,18 +38,18 @@ impl Window {
     }
 
     /// The window as a test on stored values.
-    pub(super) fn stored<T: Sample>(&self, volume: &Volume, _: &[T]) -> StoredWindow<T> {
+    pub(super) fn stored<T: Sample>(&self, volume: &Volume, _: &[T]) -> StoredSelection<T> {
         let r = volume.rescale;
         match self {
             Self::Range { lo, hi } => {
                 let (a, b) = (r.stored(*lo), r.stored(*hi));
                 let (lo, hi) = if r.slope < 0.0 { (b, a) } else { (a, b) };
-                StoredWindow::range(lo, hi)
+                StoredSelection::range(lo, hi)
             }
             Self::Labels(l) if l.is_empty() => {
                 let zero = r.stored(0.0);
                 let held = narrow::<T>(zero, true).filter(|z| z.to_f64() == zero);
-                held.map_or(StoredWindow::Number, StoredWindow::Not)
+                held.map_or(StoredSelection::Number, StoredSelection::Not)
             }
             Self::Labels(l) => {
                 let mut stored: Vec<f64> = l.iter().map(|&v| r.stored(v as f64)).collect();
@@ -57,8 +57,8 @@ impl Window {
                 // One label, or labels without a gap, are a range: the common case, and fast.
                 let dense = T::TYPE.is_integer() && stored.windows(2).all(|w| w[1] - w[0] == 1.0);
                 match (stored.first(), stored.last()) {
-                    (Some(&a), Some(&b)) if dense || a == b => StoredWindow::range(a, b),
-                    _ => StoredWindow::Any(stored),
+                    (Some(&a), Some(&b)) if dense || a == b => StoredSelection::range(a, b),
+                    _ => StoredSelection::Any(stored),
                 }
             }
         }
@@ -66,7 +66,7 @@ impl Window {
 }
 
 /// A window in stored units of type `T`.
-pub(super) enum StoredWindow<T> {
+pub(super) enum StoredSelection<T> {
     /// Inclusive; empty when nothing of the type can be inside.
     Range(Option<(T, T)>),
     /// All but one value, and NaN.
@@ -76,7 +76,7 @@ pub(super) enum StoredWindow<T> {
     Any(Vec<f64>),
 }
 
-impl<T: Sample> StoredWindow<T> {
+impl<T: Sample> StoredSelection<T> {
     /// Ends are rounded inwards to values the type has. A relative slack of 1e-12 keeps a bound
     /// that went through the rescale from missing the value it came from.
     fn range(lo: f64, hi: f64) -> Self {
@@ -129,7 +129,7 @@ fn narrow<T: Sample>(bound: f64, up: bool) -> Option<T> {
     })
 }
 
-impl<T: Sample> StoredWindow<T> {
+impl<T: Sample> StoredSelection<T> {
     /// Bits of up to 64 samples, the first in the lowest place.
     #[inline]
     pub fn word(&self, samples: &[T]) -> u64 {
@@ -149,7 +149,7 @@ fn is_number<T: PartialEq + Copy>(v: T) -> bool {
     v == v
 }
 
-fn select<T: Sample>(window: StoredWindow<T>, samples: &[T], bits: &mut BitVolume) {
+fn select<T: Sample>(window: StoredSelection<T>, samples: &[T], bits: &mut BitVolume) {
     let nx = bits.dims().x as usize;
     let row_words = bits.row_words();
     bits.words_mut()
@@ -193,7 +193,11 @@ fn pack<T: Copy>(samples: &[T], inside: impl Fn(T) -> bool) -> u64 {
 /// # Errors
 /// [`LumenError::SeedOutside`] when it is not in the volume, [`LumenError::SeedValue`] when its
 /// value is not in the window.
-pub(super) fn check_seed(volume: &Volume, window: &Window, seed: UVec3) -> Result<(), LumenError> {
+pub(super) fn check_seed(
+    volume: &Volume,
+    window: &IntensitySelection,
+    seed: UVec3,
+) -> Result<(), LumenError> {
     if seed.cmpge(volume.grid.dims).any() {
         return Err(LumenError::SeedOutside { seed, dims: volume.grid.dims });
     }
@@ -204,7 +208,7 @@ pub(super) fn check_seed(volume: &Volume, window: &Window, seed: UVec3) -> Resul
     Ok(())
 }
 
-impl std::fmt::Display for Window {
+impl std::fmt::Display for IntensitySelection {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Range { lo, hi } => match (lo.is_finite(), hi.is_finite()) {

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::clear::clear;
-use super::prove::safe;
+use super::clearance_refine::refine_clearance;
+use super::containment::safe;
 use super::sample::Sampler;
 use super::section::{around, centres};
 use super::spline::Spline;
@@ -59,7 +59,7 @@ pub struct Fixed {
 /// * `distance`: exact distance, mm; `smooth`: the same after a Gaussian of a voxel.
 ///
 /// Returns points half a voxel apart at most.
-pub fn centre(
+pub fn recenter(
     route: &[DVec3],
     distance: Sampler<'_>,
     smooth: Sampler<'_>,
@@ -90,7 +90,7 @@ pub fn centre(
     let mut tight = vec![1.0; u.len()];
     curve = corners(curve, &mut moved, (&track, &u, &mut tight), distance, smooth);
     let curve = tightened(curve, &moved, (&track, &mut tight), distance);
-    resample(&clear(curve, &u, distance), 0.5 * h)
+    resample(&refine_clearance(curve, &u, distance), 0.5 * h)
 }
 
 /// Rounds with half the rays.

@@ -24,7 +24,11 @@ const ROUNDS: usize = 3;
 ///
 /// * `u`: ascending parameters of the points, in distances to the wall.
 /// * `distance`: exact distance, mm.
-pub(super) fn clear(mut curve: Vec<DVec3>, u: &[f64], distance: Sampler<'_>) -> Vec<DVec3> {
+pub(super) fn refine_clearance(
+    mut curve: Vec<DVec3>,
+    u: &[f64],
+    distance: Sampler<'_>,
+) -> Vec<DVec3> {
     for _ in 0..ROUNDS {
         let t = tangents(&curve);
         let points = (0..curve.len()).into_par_iter().with_min_len(64);
@@ -91,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_way_bends_its_surroundings_smoothly_and_leaves_the_ends() {
+    fn a_local_displacement_spreads_smoothly_and_keeps_the_ends() {
         let u: Vec<f64> = (0..200).map(|i| f64::from(i) * 0.05).collect();
         let mut ways = vec![DVec3::ZERO; 200];
         (ways[100], ways[2]) = (DVec3::X, DVec3::Y);
