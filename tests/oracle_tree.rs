@@ -63,7 +63,7 @@ fn a_tree_has_the_four_tips_and_every_child_starts_on_its_parent() {
             assert!((b.points[0].abscissa_mm - abscissa).abs() < 1e-9);
         }
         println!("{size}: tips {tips:.2?}");
-        assert_eq!(branches.iter().filter(|b| b.parent.is_none()).count(), 1);
+        assert_eq!(branches.iter().filter(|b| b.parent().is_none()).count(), 1);
         tips.sort_by_key(|t| t.0);
         assert_eq!(tips.iter().map(|t| t.0).collect::<Vec<_>>(), [0, 1, 2, 3]);
         // The lumen goes on for a radius of a twenty-fourth of the box beyond an axis' end.
