@@ -33,7 +33,6 @@ pub fn resolve(tree: &Tree) -> Vec<String> {
 }
 
 /// Files named in documents and comments that are not there.
-#[allow(dead_code)] // becomes a rule once the rooms have dropped their old names
 pub fn cited(tree: &Tree) -> Vec<String> {
     let mut broken = Vec::new();
     let documents = documents(tree).filter(|(path, _)| !path.starts_with(LOGS));

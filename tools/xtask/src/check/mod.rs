@@ -31,6 +31,7 @@ const RULES: &[Rule] = &[
     ("ARCHITECTURE.md names the rooms there are", docs::rooms),
     ("ARCHITECTURE.md is short", docs::length),
     ("links of documents resolve", links::resolve),
+    ("documents and comments name files that exist", links::cited),
     ("every dependency has a reason", manifest::reasons),
     ("committed pictures and tables stay small", size::budgets),
 ];
