@@ -1,7 +1,7 @@
 //! `intima bench`: every kernel on every device, on a phantom.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 
 use serde::Serialize;
 
@@ -164,7 +164,7 @@ impl Args {
         let segmented = session.lumen()?;
         let counts = (segmented.lumen.inside_voxels(), segmented.lumen.bricks.len());
         let device = session.device()?;
-        let device = || device.lock().unwrap_or_else(PoisonError::into_inner);
+        let device = || device.lock();
         let before = device().submissions();
         let planned = |s: &&StageTime| STAGES.contains(&s.name) && !CPU_STAGES.contains(&s.name);
         let plans = stages(&mut session)?.iter().filter(planned).count();

@@ -20,6 +20,16 @@ pub enum CliError {
     /// A stage, a file or the device.
     #[error(transparent)]
     Session(SessionError),
+    /// More memory than `--max-memory` allows.
+    #[error("this needs about {needed_mb} MB, more than --max-memory {allowed_mb} MB ({what})")]
+    Memory {
+        /// Estimate, MB.
+        needed_mb: u64,
+        /// Limit, MB.
+        allowed_mb: u64,
+        /// What takes it.
+        what: &'static str,
+    },
     /// Standard output.
     #[error("standard output: {0}")]
     Output(std::io::Error),
@@ -36,7 +46,7 @@ impl CliError {
             Self::Usage(_) => return 2,
             Self::Input(_) => return 3,
             Self::Session(error) => error,
-            Self::Output(_) | Self::System(_) => return 1,
+            Self::Memory { .. } | Self::Output(_) | Self::System(_) => return 1,
         };
         match error {
             S::LumenNotChosen { .. } => 2,
@@ -57,6 +67,7 @@ impl CliError {
         match self {
             Self::Usage(_) => "usage".into(),
             Self::Input(_) => "input".into(),
+            Self::Memory { .. } => "memory".into(),
             Self::Output(_) => "output".into(),
             Self::System(_) => "system".into(),
             Self::Session(error) => match error {
@@ -102,6 +113,9 @@ impl From<SessionError> for CliError {
                  --threshold LO:HI with --seed I,J,K, or --threshold LO:HI alone for the largest \
                  component"
             )),
+            SessionError::Memory { needed_mb, allowed_mb, what } => {
+                Self::Memory { needed_mb, allowed_mb, what }
+            }
             other => Self::Session(other),
         }
     }

@@ -113,7 +113,7 @@ impl Args {
         let copied = start.elapsed();
         drop(volume);
         let device = session.device()?;
-        let mut device = device.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut device = device.lock();
         let (field, timing) = timed(
             global,
             &mut *device,

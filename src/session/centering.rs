@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use glam::{DVec3, IVec3};
 
-use super::{Clock, Fields, Session, SessionError, locked, present, put};
+use super::{Clock, Fields, Session, SessionError, present, put};
 use crate::centerline::{
     Ends, Proof, Radius, RouteOptions, Routed, Sampler, Viewpoint, VisibilityInput, add_viewers,
     centerline, paper_path,
@@ -65,7 +65,7 @@ impl Session {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
         let device = present(&self.slots.device);
         let radius = self.settings.radius();
-        let seen = visibility(&mut locked(&device), &lumen.lumen, &fields, radius, clock)?;
+        let seen = visibility(&mut device.lock(), &lumen.lumen, &fields, radius, clock)?;
         put(&self.slots.visibility, seen);
         Ok(())
     }
@@ -82,7 +82,7 @@ impl Session {
         let device = present(&self.slots.device);
         let radius = self.settings.radius();
         let how = (radius, self.route_options());
-        let found = paper_centered(&mut locked(&device), &lumen.lumen, &fields, how, clock)?;
+        let found = paper_centered(&mut device.lock(), &lumen.lumen, &fields, how, clock)?;
         put(&self.slots.centerline, found);
         Ok(())
     }

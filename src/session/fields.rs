@@ -141,7 +141,7 @@ impl Session {
             None => {
                 let lumen = present(&self.slots.lumen);
                 let device = present(&self.slots.device);
-                Arc::new(distance_field(&mut locked(&device), &lumen.lumen, clock)?)
+                Arc::new(distance_field(&mut device.lock(), &lumen.lumen, clock)?)
             }
         };
         put(&self.slots.distance, distance);
@@ -152,7 +152,7 @@ impl Session {
         let lumen = present(&self.slots.lumen);
         let device = present(&self.slots.device);
         let gated = self.settings.mode == super::Mode::Default;
-        put(&self.slots.fields, fields(&mut locked(&device), &lumen.lumen, gated, clock)?);
+        put(&self.slots.fields, fields(&mut device.lock(), &lumen.lumen, gated, clock)?);
         Ok(())
     }
 
@@ -166,7 +166,7 @@ impl Session {
         let device = self.device()?;
         let mut clock = self.clock().fork();
         let field = self.pool.install(|| {
-            let mut device = locked(&device);
+            let mut device = device.lock();
             hessian_field(&mut device, &segmented.lumen, None, s, None, &mut clock)
         });
         self.clock().merge(clock);

@@ -75,11 +75,19 @@ impl Session {
     /// What the stages, the drawing and the writing fail with.
     pub fn record(&self, to: &Recording) -> Result<FrameStream, SessionError> {
         self.prepare(&self.needs_of_frames())?;
+        self.write_camera_path(to)?;
         clear_folder(&to.frames)?;
-        if let Some(path) = &to.camera_path {
-            let json = CameraPath::from(&*self.flight()?).to_json();
-            atomic_file::write_atomic(path, |o| o.write_all(json.as_bytes()))?;
-        }
+        self.draw_and_keep_levels(to)
+    }
+
+    /// The first thing written: where it fails, no folder was made.
+    fn write_camera_path(&self, to: &Recording) -> Result<(), SessionError> {
+        let Some(path) = &to.camera_path else { return Ok(()) };
+        let json = CameraPath::from(&*self.flight()?).to_json();
+        Ok(atomic_file::write_atomic(path, |o| o.write_all(json.as_bytes()))?)
+    }
+
+    fn draw_and_keep_levels(&self, to: &Recording) -> Result<FrameStream, SessionError> {
         std::thread::scope(|scope| {
             // Nobody waits for the cache of levels.
             let serial = self.pool.current_num_threads() == 1;
@@ -130,17 +138,18 @@ impl Session {
         recording: &Recording,
     ) -> Result<(Report, FrameStream), SessionError> {
         self.prepare(&self.needs_of_frames())?;
+        self.write_camera_path(recording)?;
         std::fs::create_dir_all(folder).map_err(|e| FormatError::io(folder, e))?;
         remove_file(&folder.join(REPORT_FILE))?;
         clear_folder(&recording.frames)?;
         let stream = if self.pool.current_num_threads() == 1 {
-            let stream = self.record(recording)?;
+            let stream = self.draw_and_keep_levels(recording)?;
             self.write_products(folder)?;
             stream
         } else {
             std::thread::scope(|scope| {
                 let products = scope.spawn(|| self.write_products(folder));
-                let stream = self.record(recording);
+                let stream = self.draw_and_keep_levels(recording);
                 let products = products.join();
                 let products = products.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
                 stream.and_then(|stream| products.map(|()| stream))

@@ -8,7 +8,9 @@ use glam::Vec3;
 
 use super::levels::{LodReport, UPLOAD_BYTES};
 use super::settings::Lod;
-use super::{Clock, FramesReport, Product, Session, SessionError, locked, present, put};
+use super::{
+    Clock, FramesReport, OpenDevice, Product, Session, SessionError, locked, present, put,
+};
 use crate::device::{Device, DeviceError};
 use crate::flight::Flight;
 use crate::lod::{Tolerance, Worker};
@@ -22,7 +24,7 @@ use crate::vk::{Choice, Gpu, return_freed_memory};
 /// The renderer with the device it draws on: the one that computes or, where that is the CPU,
 /// what Vulkan there is.
 pub(super) struct Display {
-    device: Arc<Mutex<Device>>,
+    device: Arc<OpenDevice>,
     own: Option<Mutex<Gpu>>,
     /// Taken by the stream that draws.
     renderer: Mutex<Option<Renderer>>,
@@ -34,7 +36,7 @@ impl Display {
         if let Some(own) = &self.own {
             return work(&mut locked(own));
         }
-        match &mut *locked(&self.device) {
+        match &mut *self.device.lock() {
             Device::Gpu(gpu) => work(gpu),
             Device::Cpu => unreachable!("a CPU draws with a device of its own"),
         }
@@ -45,21 +47,19 @@ impl Session {
     pub(super) fn run_display(&self, clock: &mut Clock) -> Result<(), SessionError> {
         let start = Instant::now();
         let device = present(&self.slots.device);
-        let computes = matches!(&*locked(&device), Device::Gpu(_));
-        let own = if computes {
-            None
+        // A device that computes may be at work now: its renderer is opened with the first frames.
+        let display = if device.is_gpu {
+            let name = device.name.clone();
+            Display { device, own: None, renderer: Mutex::new(None), name }
         } else {
-            Some(Mutex::new(Gpu::open(Choice::Any).map_err(DeviceError::from)?))
-        };
-        let display = Display { device, own, renderer: Mutex::new(None), name: String::new() };
-        let s = &self.settings.flight;
-        let [width, height] = s.size;
-        let (name, renderer) = display.with_gpu(|gpu| {
+            let mut gpu = Gpu::open(Choice::Any).map_err(DeviceError::from)?;
             let name = gpu.info().name.clone();
-            Renderer::new(gpu, width, height, s.samples).map(|renderer| (name, renderer))
-        })?;
-        *locked(&display.renderer) = Some(renderer);
-        let display = Display { name, ..display };
+            let s = &self.settings.flight;
+            let renderer = Renderer::new(&mut gpu, s.size[0], s.size[1], s.samples)?;
+            let renderer = Mutex::new(Some(renderer));
+            Display { device, own: Some(Mutex::new(gpu)), renderer, name }
+        };
+        let [width, height] = self.settings.flight.size;
         let pixels = u64::from(width) * u64::from(height);
         clock.record("renderer", &display.name, start, (pixels, "pixels"), Vec::new());
         put(&self.slots.display, display);

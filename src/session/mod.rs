@@ -76,6 +76,23 @@ pub enum Mode {
     Paper,
 }
 
+/// The device that plans run on, with what can be known of it without waiting for its work.
+pub struct OpenDevice {
+    device: Mutex<Device>,
+    /// `cpu`, or what the driver calls it.
+    pub name: String,
+    /// Whether it is a Vulkan device.
+    pub is_gpu: bool,
+}
+
+impl OpenDevice {
+    /// The device itself. Waits while a stage runs on it, so only stages that run on the device
+    /// may ask from inside the pool: a worker that waits here may hold parts of that stage.
+    pub fn lock(&self) -> MutexGuard<'_, Device> {
+        locked(&self.device)
+    }
+}
+
 /// A place for one product.
 type Slot<T> = Mutex<Option<Arc<T>>>;
 
@@ -83,7 +100,7 @@ type Slot<T> = Mutex<Option<Arc<T>>>;
 #[derive(Default)]
 struct Slots {
     volume: Slot<Loaded>,
-    device: Slot<Mutex<Device>>,
+    device: Slot<OpenDevice>,
     inputs: Slot<Inputs>,
     lumen: Slot<Segmented>,
     distance: Slot<Array<f32>>,
@@ -245,14 +262,14 @@ impl Session {
     /// # Errors
     /// As [`Device::open`].
     pub fn device_name(&self) -> Result<String, SessionError> {
-        Ok(locked(&*self.device()?).name().to_owned())
+        Ok(self.device()?.name.clone())
     }
 
     /// The device that plans run on.
     ///
     /// # Errors
     /// As [`Device::open`].
-    pub fn device(&self) -> Result<Arc<Mutex<Device>>, SessionError> {
+    pub fn device(&self) -> Result<Arc<OpenDevice>, SessionError> {
         self.product(Product::Device, &self.slots.device)
     }
 
@@ -346,7 +363,8 @@ impl Session {
     fn run_device(&self, _: &mut Clock) -> Result<(), SessionError> {
         let device = Device::open(self.settings.device)?;
         tracing::info!("computing on {}", device.name());
-        put(&self.slots.device, Mutex::new(device));
+        let (name, is_gpu) = (device.name().to_owned(), device.info().is_some());
+        put(&self.slots.device, OpenDevice { device: Mutex::new(device), name, is_gpu });
         Ok(())
     }
 }

@@ -6,7 +6,7 @@ use std::time::Instant;
 use glam::{DVec3, IVec3, Vec3};
 use rayon::prelude::*;
 
-use super::{Clock, Segmented, Session, SessionError, locked, present, put};
+use super::{Clock, Segmented, Session, SessionError, present, put};
 use crate::centerline::Sampler;
 use crate::compute::Plan;
 use crate::device::Device;
@@ -89,7 +89,7 @@ impl Session {
         };
         let Segmented { lumen, recipe, .. } = &*segmented;
         let (volume, select) = (&*loaded.volume, &recipe.window);
-        let wall = wall(&mut locked(&device), volume, select, lumen, options, clock)?;
+        let wall = wall(&mut device.lock(), volume, select, lumen, options, clock)?;
         put(&self.slots.wall, wall);
         Ok(())
     }
