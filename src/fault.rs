@@ -21,6 +21,10 @@ pub enum Point {
     Submit,
     /// Creating an instance: answers as a machine without a driver.
     Instance,
+    /// Error bounds of clusters: answers with an eighth of what was measured.
+    ErrorBound,
+    /// Clearance of exterior cells in the occlusion test: answers the largest there is.
+    Occlusion,
 }
 
 #[cfg(feature = "faults")]

@@ -10,6 +10,7 @@
 use glam::{DVec3, IVec3, UVec3, Vec3};
 
 use super::Sphere;
+use crate::fault;
 use crate::geometry::Mesh;
 
 /// Number of grid cells, about.
@@ -64,6 +65,9 @@ impl ExteriorGrid {
         }
         this.flood_from_border();
         this.chebyshev_transform();
+        if fault::hit(fault::Point::Occlusion) {
+            this.distance.iter_mut().filter(|d| **d > 0).for_each(|d| *d = DISTANCE_MAX);
+        }
         this
     }
 

@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use glam::DVec3;
 use intima::geometry::Vertex;
 use intima::lod::{
-    Camera, LodHierarchy, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Step, Tolerance,
+    Camera, LodHierarchy, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Step, Tolerance, VisiblePatch,
 };
 
 /// Page contents, and the last step.
@@ -48,8 +48,13 @@ impl Pages {
 
     /// Every triangle that is drawn.
     pub fn triangles(&self) -> Vec<[Vertex; 3]> {
+        self.triangles_where(|_| true)
+    }
+
+    /// The triangles of the patches that pass a test.
+    pub fn triangles_where(&self, keep: impl Fn(&VisiblePatch) -> bool) -> Vec<[Vertex; 3]> {
         let mut out = Vec::new();
-        for d in &self.last.drawn {
+        for d in self.last.drawn.iter().filter(|d| keep(d)) {
             let (vertices, triangles) = &self.content[&d.page];
             assert_eq!(triangles.len(), d.triangles as usize);
             out.extend(triangles.iter().map(|t| t.map(|c| vertices[usize::from(c)])));
@@ -59,6 +64,11 @@ impl Pages {
 
     /// The same as bare corners.
     pub fn corners(&self) -> Vec<[DVec3; 3]> {
-        self.triangles().iter().map(|t| t.map(|v| v.position().as_dvec3())).collect()
+        corners(&self.triangles())
     }
+}
+
+/// Bare corners of triangles.
+pub fn corners(triangles: &[[Vertex; 3]]) -> Vec<[DVec3; 3]> {
+    triangles.iter().map(|t| t.map(|v| v.position().as_dvec3())).collect()
 }

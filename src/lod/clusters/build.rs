@@ -13,6 +13,7 @@ use super::group::{SimplifiedGroup, VertexTable, simplify};
 use super::group_error::OriginalSurface;
 use super::partition::{self, ClusterBorder};
 use super::{Cluster, ClusterError, Clusters, Group, NO_GROUP};
+use crate::fault;
 use crate::geometry::{Mesh, TriangleBvh, Vertex};
 use crate::lod::octree::{Item, bounding_cone};
 use crate::lod::{Cone, Sphere};
@@ -123,6 +124,10 @@ impl Clusters {
             if this.groups.len() == before {
                 break;
             }
+        }
+        if fault::hit(fault::Point::ErrorBound) {
+            this.groups.iter_mut().for_each(|g| g.error_mm *= 0.125);
+            this.clusters.iter_mut().for_each(|c| c.error_mm *= 0.125);
         }
         Ok(this)
     }
