@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::distance_bound::ConvexPolygon;
+use super::convex_polygon::ConvexPolygon;
 use super::group_error::OriginalSurface;
 #[cfg(test)]
 use crate::geometry::Mesh;

@@ -11,7 +11,8 @@ use glam::DVec3;
 
 use super::build::round_up;
 use super::cluster_builder::ClusterBuilder;
-use super::distance_bound::{ConvexPolygon, Target};
+use super::convex_polygon::ConvexPolygon;
+use super::distance_bound::Target;
 use super::group::VertexTable;
 use super::group_error::GroupErrorMeasure;
 use super::partition::{self, NO_FACE};

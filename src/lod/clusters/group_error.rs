@@ -5,7 +5,8 @@ use glam::{DVec3, Vec3};
 
 use super::build::round_up;
 use super::cluster_builder::{ClusterBuilder, Correspondence};
-use super::distance_bound::{ConvexPolygon, Target};
+use super::convex_polygon::ConvexPolygon;
+use super::distance_bound::Target;
 use super::partition::NO_FACE;
 use super::projection::{BoundaryTrace, ProjectedPoint};
 use super::propagate::{DeferredPatch, Propagated, propagate};

@@ -13,7 +13,8 @@
 
 use glam::DVec3;
 
-use super::distance_bound::{ConvexPolygon, MAX_CORNERS, Target};
+use super::convex_polygon::{ConvexPolygon, MAX_CORNERS};
+use super::distance_bound::Target;
 use super::partition::NO_FACE;
 
 /// Most faces visited to trace one side.
@@ -298,7 +299,7 @@ impl Target<'_> {
     }
 }
 
-/// TriangleBvh point of a triangle.
+/// Nearest point of a triangle.
 fn nearest(t: [DVec3; 3], p: DVec3) -> super::distance_bound::Near {
     super::distance_bound::TriangleCache::new(t).nearest(p)
 }

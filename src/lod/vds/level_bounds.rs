@@ -20,7 +20,7 @@ use super::base_mesh::BaseMesh;
 use super::original::Original;
 use super::samples::{Grid, SurfaceSamples, triangles};
 
-/// TriangleBvh point of a segment.
+/// Nearest point of a segment.
 fn on_segment(p: DVec3, a: DVec3, b: DVec3) -> DVec3 {
     let ab = b - a;
     let t = (p - a).dot(ab) / ab.length_squared();

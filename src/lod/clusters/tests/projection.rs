@@ -1,7 +1,8 @@
 //! Projection of polygons onto a surface, and the map of one surface onto another.
 
 use super::super::coarse_to_fine::{FineSurface, bounds_through_map};
-use super::super::distance_bound::{ConvexPolygon, Target, TargetCache};
+use super::super::convex_polygon::ConvexPolygon;
+use super::super::distance_bound::{Target, TargetCache};
 use super::super::group::VertexTable;
 use super::super::partition;
 use super::super::projection::{BoundaryTrace, ProjectedPoint};

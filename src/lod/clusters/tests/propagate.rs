@@ -1,7 +1,8 @@
 //! Correspondences of clusters while they are built.
 
 use super::super::cluster_builder::ClusterBuilder;
-use super::super::distance_bound::{ConvexPolygon, TriangleCache};
+use super::super::convex_polygon::ConvexPolygon;
+use super::super::distance_bound::TriangleCache;
 use super::super::group::VertexTable;
 use super::*;
 
