@@ -4,7 +4,7 @@
 //!
 //! `shaders/<kernel>.wgsl` gives a module `<kernel>` in `kernels.rs`: SPIR-V, workgroup size, a
 //! `Params` struct laid out as the shader's `var<immediate>`, and a `Bindings` struct of typed
-//! buffers in binding order. `shaders/draw/<pass>.wgsl` gives SPIR-V, entry points and `Params`.
+//! buffers in binding order. `shaders/draw/<pass>.wgsl` gives a `DrawShader` and `Params`.
 //! A line `#include "lib/NAME.wgsl"` is replaced by that file, once a shader.
 
 use std::collections::BTreeSet;
@@ -86,16 +86,63 @@ impl Built {
             .iter()
             .find(|(_, v)| v.space == AddressSpace::Immediate)
             .map_or((String::new(), 0), |(_, v)| self.params(v.ty));
-        let entries: String =
-            self.module.entry_points.iter().map(|e| format!("\"{}\", ", e.name)).collect();
+        let mut entries = String::new();
+        for e in &self.module.entry_points {
+            let is_vertex = e.stage == naga::ShaderStage::Vertex;
+            let attributes = if is_vertex { self.locations(&e.function) } else { 0 };
+            let _ = write!(
+                entries,
+                "DrawEntry {{ name: \"{}\", is_vertex: {is_vertex}, attributes: {attributes} }}, ",
+                e.name
+            );
+        }
+        let images = self.images();
         format!(
             "pub mod {stem} {{
-    pub static SPIRV: &[u8] = include_bytes!(concat!(env!(\"OUT_DIR\"), \"/draw_{stem}.spv\"));
-    pub const PUSH_BYTES: u32 = {push_bytes};
-    pub const ENTRIES: &[&str] = &[{entries}];
+    use crate::vk::{{DrawEntry, DrawShader}};
+    pub static SHADER: DrawShader = DrawShader {{
+        spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/draw_{stem}.spv\")),
+        entries: &[{entries}],
+        push_bytes: {push_bytes},
+        images: {images},
+    }};
     {params}
 }}\n"
         )
+    }
+
+    /// Locations that an entry point's arguments take.
+    fn locations(&self, function: &naga::Function) -> u32 {
+        let located = |b: &Option<naga::Binding>| matches!(b, Some(naga::Binding::Location { .. }));
+        let of = |a: &naga::FunctionArgument| match &self.module.types[a.ty].inner {
+            TypeInner::Struct { members, .. } => {
+                members.iter().filter(|m| located(&m.binding)).count() as u32
+            }
+            _ => u32::from(located(&a.binding)),
+        };
+        function.arguments.iter().map(of).sum()
+    }
+
+    /// Images a module for drawing reads: bindings 0, 1, … of group 0, and nothing else is bound.
+    fn images(&self) -> u32 {
+        let mut slots = Vec::new();
+        for (_, var) in self.module.global_variables.iter() {
+            match var.space {
+                AddressSpace::Immediate | AddressSpace::Private => {}
+                AddressSpace::Handle => {
+                    let image = &self.module.types[var.ty].inner;
+                    assert!(matches!(image, TypeInner::Image { .. }), "{}: an image", self.stem);
+                    let slot = var.binding.as_ref().expect("an image has a binding");
+                    assert_eq!(slot.group, 0, "{}: one bind group", self.stem);
+                    slots.push(slot.binding);
+                }
+                other => panic!("{}: address space {other:?} is not used here", self.stem),
+            }
+        }
+        slots.sort_unstable();
+        let count = slots.len() as u32;
+        assert!(slots.into_iter().eq(0..count), "{}: bindings are 0, 1, 2, …", self.stem);
+        count
     }
 
     fn kernel_module(&self) -> String {

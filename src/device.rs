@@ -84,7 +84,14 @@ impl Device {
         let gpu = |choice| Gpu::open(choice).map(|g| Self::Gpu(Box::new(g)));
         match choice {
             DeviceChoice::Cpu => Ok(Self::Cpu),
-            DeviceChoice::Gpu => Ok(gpu(Choice::Any)?),
+            DeviceChoice::Gpu => {
+                let opened = gpu(Choice::Any)?;
+                if opened.is_software() {
+                    let name = opened.name();
+                    tracing::warn!("no real GPU was found: {name} is software Vulkan");
+                }
+                Ok(opened)
+            }
             DeviceChoice::GpuAt(n) => Ok(gpu(Choice::Index(n))?),
             DeviceChoice::Auto => match gpu(Choice::Real) {
                 Err(e) if e.is_no_device() => Ok(Self::Cpu),
@@ -93,15 +100,27 @@ impl Device {
         }
     }
 
-    /// Runs a plan to its end.
+    /// Runs a plan to its end. Where a buffer or a launch is larger than the GPU takes at once, the
+    /// CPU twins run the plan instead, with a warning.
     ///
     /// # Errors
     /// See [`Gpu::run`]; the CPU has none.
     pub fn run(&mut self, plan: &Plan<'_>) -> Result<Outputs, DeviceError> {
         match self {
             Self::Cpu => Ok(run_cpu(plan)),
-            Self::Gpu(gpu) => Ok(gpu.run(plan)?),
+            Self::Gpu(gpu) => match gpu.run(plan) {
+                Err(e @ (VkError::TooLarge { .. } | VkError::TooManyThreads { .. })) => {
+                    tracing::warn!("{e}; the CPU computes it instead");
+                    Ok(run_cpu(plan))
+                }
+                result => Ok(result?),
+            },
         }
+    }
+
+    /// Whether this is a software Vulkan driver, which runs on the CPU and no faster than its twins.
+    pub fn is_software(&self) -> bool {
+        self.info().is_some_and(|i| !i.is_real())
     }
 
     /// Name for the report: `cpu`, or what the driver calls the device.

@@ -2,7 +2,7 @@
 //!
 //! Compiled in only with the feature `faults`, which no release has. There the environment
 //! variable `INTIMA_FAULT` holds `point:n` (comma separated): the n-th passage (from 1) of that
-//! point and every later one fails.
+//! point and every later one fails. With `point:n-m` those up to the m-th fail.
 
 /// A place that can be made to fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,6 +25,10 @@ pub enum Point {
     ErrorBound,
     /// Clearance of exterior cells in the occlusion test: answers the largest there is.
     Occlusion,
+    /// Creating the device and what it comes with: answers as exhausted host memory.
+    Create,
+    /// A barrier between launches: is left out, so that validation has a hazard to report.
+    Barrier,
 }
 
 #[cfg(feature = "faults")]
@@ -33,8 +37,8 @@ mod planted {
     use std::sync::OnceLock;
     use std::sync::atomic::{AtomicU32, Ordering};
 
-    /// Name, failing passage, passages so far.
-    type Plant = (String, u32, AtomicU32);
+    /// Name, first and last failing passage, passages so far.
+    type Plant = (String, [u32; 2], AtomicU32);
     static PLANTS: OnceLock<Vec<Plant>> = OnceLock::new();
 
     pub fn hit(point: Point) -> bool {
@@ -42,14 +46,17 @@ mod planted {
             let spec = std::env::var("INTIMA_FAULT").unwrap_or_default();
             spec.split(',')
                 .filter_map(|p| p.split_once(':'))
-                .map(|(name, n)| (name.to_owned(), n.parse().unwrap_or(1), AtomicU32::new(0)))
+                .map(|(name, n)| {
+                    let (first, last) = n.split_once('-').unwrap_or((n, ""));
+                    let passages = [first.parse().unwrap_or(1), last.parse().unwrap_or(u32::MAX)];
+                    (name.to_owned(), passages, AtomicU32::new(0))
+                })
                 .collect()
         });
         let name = format!("{point:?}").to_lowercase();
-        plants
-            .iter()
-            .filter(|(at, _, _)| *at == name)
-            .any(|(_, n, passed)| passed.fetch_add(1, Ordering::Relaxed) + 1 >= *n)
+        plants.iter().filter(|(at, _, _)| *at == name).any(|(_, [first, last], passed)| {
+            (*first..=*last).contains(&(passed.fetch_add(1, Ordering::Relaxed) + 1))
+        })
     }
 }
 

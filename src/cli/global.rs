@@ -43,9 +43,10 @@ pub struct Global {
 impl Global {
     /// Sets up threads, logging and Ctrl-C before anything else runs.
     pub fn prepare(&self) -> Result<(), CliError> {
+        let mut unset = None;
         if let Some(n) = self.threads {
             // Software Vulkan reads its thread count when the first instance is made.
-            crate::vk::set_lavapipe_threads(n as usize);
+            unset = crate::vk::set_lavapipe_threads(n as usize).err();
             rayon::ThreadPoolBuilder::new()
                 .num_threads(n as usize)
                 .build_global()
@@ -66,9 +67,12 @@ impl Global {
             .with_target(false)
             .with_filter(ours);
         let _ = tracing_subscriber::registry().with(lines).try_init();
+        if let Some(e) = unset {
+            tracing::info!("{e}");
+        }
         ctrlc::set_handler(|| {
             atomic_file::discard_unfinished();
-            std::process::exit(130);
+            crate::vk::exit_now(130);
         })
         .map_err(|e| CliError::System(e.to_string()))
     }

@@ -103,7 +103,11 @@ pub fn main_with(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode
     };
     let Cli { global, command } = cli;
     let outcome = global.prepare().and_then(|()| command.run(&global));
+    // None without validation (INTIMA_VALIDATE).
+    let said = crate::vk::all_validation_messages();
+    said.iter().for_each(|message| eprintln!("intima: validation: {message}"));
     match outcome {
+        Ok(()) if !said.is_empty() => ExitCode::FAILURE,
         Ok(()) => ExitCode::SUCCESS,
         // A reader that has seen enough closes the pipe; that is not our failure.
         Err(e) if e.is_broken_pipe() => ExitCode::SUCCESS,

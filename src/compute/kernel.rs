@@ -13,13 +13,14 @@ pub struct Binding {
     pub read: bool,
 }
 
-/// A compiled compute shader, as reflected from its WGSL by the build script.
+/// A compiled compute shader, as reflected from its WGSL by the build script, which alone makes it:
+/// a driver trusts SPIR-V as it trusts code.
 #[derive(Debug)]
 pub struct Shader {
     /// File stem under `shaders/`.
     pub name: &'static str,
     /// SPIR-V words in native byte order.
-    pub spirv: &'static [u8],
+    pub(crate) spirv: &'static [u8],
     /// Invocations a workgroup, one-dimensional.
     pub workgroup: u32,
     /// Bytes of the immediate (push-constant) block.

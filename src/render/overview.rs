@@ -12,7 +12,7 @@ use super::host;
 use super::renderer::{Renderer, draw, surface_push};
 use super::scene::{MeshHandle, Scene, Shot};
 use crate::geometry::{Lens, Pose};
-use crate::vk::{Area, Draw, Pass, Take};
+use crate::vk::{Area, Draw, DrawRange, Pass};
 
 /// What the glass image depends on.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,7 +63,7 @@ impl Renderer {
             push: Vec::new(),
             vertices: None,
             indices: None,
-            take: Take::Range(0..3),
+            range: DrawRange::Direct(0..3),
             images: vec![self.targets.glass],
         };
         passes.push(Pass {

@@ -22,7 +22,7 @@ use crate::geometry::Vertex;
 use crate::lod::{
     Camera, OcclusionTest, PAGE_TRIANGLES, PAGE_VERTICES, Step, Upload, ViewFrustum, VisiblePatch,
 };
-use crate::vk::{BufferId, Frame, Gpu, ImageId, Pass, Piece, Releaser, Write};
+use crate::vk::{BufferId, Frame, Gpu, ImageId, IndexedRange, Pass, Releaser, Write};
 
 /// A wall in pages on the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,7 +93,7 @@ impl Pages {
         })
     }
 
-    /// Takes a step in, or nothing of it.
+    /// DrawRanges a step in, or nothing of it.
     fn apply(&mut self, step: Step) -> Result<(), RenderError> {
         for u in &step.uploads {
             check(u, self.filled.len())?;
@@ -152,9 +152,9 @@ impl Pages {
         vertices.chain(indices).collect()
     }
 
-    /// Pieces of the cut that `camera` can see, in the cut's order, and their triangles. With
-    /// `backs` those that turn their back or are hidden are drawn too.
-    pub fn pieces(&self, camera: &Camera, backs: bool) -> (Vec<Piece>, u64) {
+    /// Index ranges of the patches that `camera` can see, in the cut's order, and their triangles.
+    /// With `backs` those that turn their back or are hidden are drawn too.
+    pub fn visible_ranges(&self, camera: &Camera, backs: bool) -> (Vec<IndexedRange>, u64) {
         let frustum = ViewFrustum::new(camera);
         let mut triangles = 0;
         let seen = |d: &&VisiblePatch| {
@@ -165,15 +165,15 @@ impl Pages {
             };
             d.triangles > 0 && frustum.intersects(&d.sphere) && (backs || !hidden())
         };
-        let piece = |d: &VisiblePatch| {
+        let range = |d: &VisiblePatch| {
             triangles += u64::from(d.triangles);
-            Piece {
+            IndexedRange {
                 first_index: d.page * INDICES,
                 indices: 3 * d.triangles,
                 first_vertex: d.page * PAGE_VERTICES as u32,
             }
         };
-        (self.drawn.iter().filter(seen).map(piece).collect(), triangles)
+        (self.drawn.iter().filter(seen).map(range).collect(), triangles)
     }
 
     /// Submits about `most` bytes of changes, then passes; returns how many bytes changed. After
@@ -248,7 +248,7 @@ impl Renderer {
         }
     }
 
-    /// Takes a step in: its uploads are written by the next frame that shows this wall, before it
+    /// DrawRanges a step in: its uploads are written by the next frame that shows this wall, before it
     /// draws, and its list is what that frame draws. Several steps before one frame are as one
     /// step: each page is written once, with its latest content. Draws nothing and does not wait.
     ///
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn pieces_keep_their_order_and_leave_out_what_is_not_seen() {
+    fn index_ranges_keep_the_cuts_order_and_leave_out_culled_patches() {
         let pose = Pose::looking(Vec3::ZERO, Vec3::X, Vec3::Z);
         let lens = Lens { fov_y_rad: 1.0, aspect: 1.0, near_mm: 0.1 };
         let camera = Camera { pose, lens, height_px: 100 };
@@ -333,8 +333,8 @@ mod tests {
         };
         let (away, facing) = (Vec3::X, Vec3::NEG_X);
         let mut pages = Pages {
-            vertices: crate::vk::BufferId::none(),
-            indices: crate::vk::BufferId::none(),
+            vertices: crate::vk::BufferId::default(),
+            indices: crate::vk::BufferId::default(),
             mean_radius_mm: 1.0,
             outside: None,
             filled: vec![9; 8],
@@ -350,12 +350,12 @@ mod tests {
             drawn(3, 4.0, facing, 0),
             drawn(4, 3.0, facing, 2),
         ];
-        let (pieces, triangles) = pages.pieces(&camera, false);
-        let piece = |page, indices| {
+        let (ranges, triangles) = pages.visible_ranges(&camera, false);
+        let range = |page, indices| {
             let (first_index, first_vertex) = (page * INDICES, page * PAGE_VERTICES as u32);
-            Piece { first_index, indices, first_vertex }
+            IndexedRange { first_index, indices, first_vertex }
         };
-        assert_eq!((pieces, triangles), (vec![piece(5, 21), piece(4, 6)], 9));
-        assert_eq!(pages.pieces(&camera, true).1, 17);
+        assert_eq!((ranges, triangles), (vec![range(5, 21), range(4, 6)], 9));
+        assert_eq!(pages.visible_ranges(&camera, true).1, 17);
     }
 }

@@ -31,7 +31,7 @@ impl Pipelines {
             _ => ("inside", "inside", PICTURE),
         };
         let surface = DrawSpec {
-            spirv: host::surface::SPIRV,
+            shader: &host::surface::SHADER,
             entries: ["project", inside],
             attributes: &[Attribute::F32x3, Attribute::Snorm16x4],
             colour: stored,
@@ -40,8 +40,6 @@ impl Pipelines {
             samples,
             blend: Blend::Opaque,
             cull_backs: false,
-            push_bytes: host::surface::PUSH_BYTES,
-            images: 0,
         };
         let fronts =
             DrawSpec { entries: ["project", inside_fronts], cull_backs: true, ..surface.clone() };
@@ -53,15 +51,14 @@ impl Pipelines {
             ..surface.clone()
         };
         let lines = DrawSpec {
-            spirv: host::lines::SPIRV,
+            shader: &host::lines::SHADER,
             entries: ["project", "shade"],
             colour: PICTURE,
-            push_bytes: host::lines::PUSH_BYTES,
             ..surface.clone()
         };
         let stack = DrawSpec {
             cull_backs: false,
-            spirv: host::stack::SPIRV,
+            shader: &host::stack::SHADER,
             entries: ["whole", "lay"],
             colour: PICTURE,
             attributes: &[],
@@ -69,8 +66,6 @@ impl Pipelines {
             depth_use: DepthUse::Ignore,
             samples: 1,
             blend: Blend::Stack,
-            push_bytes: host::stack::PUSH_BYTES,
-            images: 1,
         };
         Ok(Self {
             inside: gpu.draw_pipeline(&surface)?,
@@ -97,66 +92,110 @@ mod tests {
 
     use super::*;
     use crate::vk::{
-        Area, Choice, Draw, Frame, ImageSpec, OpenOptions, Pass, Piece, Take, Validate,
+        Area, BufferId, Choice, Draw, DrawRange, Frame, ImageId, ImageSpec, IndexedRange,
+        OpenOptions, Pass, Validate,
     };
 
-    #[test]
-    fn draws_that_do_not_fit_their_buffers_are_refused_before_anything_is_recorded() {
+    /// A device with what a small picture needs.
+    struct Stage {
+        gpu: Gpu,
+        pipelines: Pipelines,
+        colour: ImageId,
+        depth: ImageId,
+        vertices: BufferId,
+    }
+
+    fn stage() -> Option<Stage> {
         let options =
             OpenOptions { validate: Validate::Sync, cache_dir: None, ..Default::default() };
         let mut gpu = match Gpu::open_with(Choice::Any, options) {
             Ok(gpu) => gpu,
             Err(e) if e.is_no_device() && std::env::var_os("INTIMA_REQUIRE_GPU").is_none() => {
-                return;
+                return None;
             }
             Err(e) => panic!("{e}"),
         };
-        let inside = Pipelines::new(&mut gpu, 1).unwrap().inside;
-        let image = |format| ImageSpec { format, extent: [16, 16], samples: 1 };
-        let colour = gpu.image("picture", image(PICTURE)).unwrap();
-        let depth = gpu.image("depth", image(DEPTH)).unwrap();
+        let pipelines = Pipelines::new(&mut gpu, 1).unwrap();
+        let colour = gpu.image("picture", image(PICTURE, 16, 1)).unwrap();
+        let depth = gpu.image("depth", image(DEPTH, 16, 1)).unwrap();
         // Four vertices of 20 bytes.
         let vertices = gpu.vertex_buffer("vertices", &[0; 80]).unwrap();
+        Some(Stage { gpu, pipelines, colour, depth, vertices })
+    }
+
+    fn image(format: Format, side: u32, samples: u32) -> ImageSpec {
+        ImageSpec { format, extent: [side, side], samples }
+    }
+
+    impl Stage {
+        fn draw(&self) -> Draw {
+            Draw {
+                pipeline: self.pipelines.inside,
+                push: vec![0; host::surface::SHADER.push_bytes() as usize],
+                vertices: Some(self.vertices),
+                indices: None,
+                range: DrawRange::Direct(0..3),
+                images: Vec::new(),
+            }
+        }
+
+        fn pass(&self, draws: Vec<Draw>) -> Pass {
+            Pass {
+                colour: self.colour,
+                resolve: None,
+                depth: Some(self.depth),
+                encoded: true,
+                clear: Some([0.0; 4]),
+                area: Area { x: 0, y: 0, width: 16, height: 16 },
+                draws,
+            }
+        }
+
+        fn refused(&mut self, frame: &Frame<'_>) -> bool {
+            catch_unwind(AssertUnwindSafe(|| self.gpu.submit_draws(frame).unwrap())).is_err()
+        }
+
+        fn pass_refused(&mut self, pass: Pass) -> bool {
+            self.refused(&Frame { passes: vec![pass], ..Frame::default() })
+        }
+
+        fn assert_silent(&self) {
+            let said = self.gpu.validation_messages();
+            assert!(said.is_empty(), "{said:?}");
+        }
+    }
+
+    #[test]
+    fn draws_that_do_not_fit_their_buffers_are_refused_before_anything_is_recorded() {
+        let Some(mut s) = stage() else { return };
         let [within, beyond] = [3, 4].map(|most| {
             let indices = [0, 1, 2, 1, 2, most];
-            gpu.index_buffer("indices", &indices).unwrap()
+            s.gpu.index_buffer("indices", &indices).unwrap()
         });
-        let fits = Draw {
-            pipeline: inside,
-            push: vec![0; host::surface::PUSH_BYTES as usize],
-            vertices: Some(vertices),
-            indices: Some(within),
-            take: Take::Range(0..6),
-            images: Vec::new(),
+        let (plain, colour, vertices) = (s.draw(), s.colour, s.vertices);
+        let fits = Draw { indices: Some(within), range: DrawRange::Direct(0..6), ..plain.clone() };
+        let indirect = |first_index, indices, first_vertex| {
+            let range = IndexedRange { first_index, indices, first_vertex };
+            Draw { range: DrawRange::Indirect(vec![range]), ..fits.clone() }
         };
         let mut refused = |draw: Draw| {
-            let area = Area { x: 0, y: 0, width: 16, height: 16 };
-            let (clear, draws) = (Some([0.0; 4]), vec![draw]);
-            let (resolve, depth, encoded) = (None, Some(depth), true);
-            let pass = Pass { colour, resolve, depth, encoded, clear, area, draws };
-            let frame = Frame { passes: vec![pass], ..Frame::default() };
-            catch_unwind(AssertUnwindSafe(|| gpu.submit_draws(&frame).unwrap())).is_err()
+            let pass = s.pass(vec![draw]);
+            s.pass_refused(pass)
         };
-        let piece = |first_index, indices, first_vertex| {
-            Take::Pieces(vec![Piece { first_index, indices, first_vertex }])
-        };
-        let pieces = |take| Draw { take, ..fits.clone() };
         assert!(!refused(fits.clone()));
-        assert!(!refused(pieces(piece(3, 3, 0))));
-        assert!(!refused(Draw { indices: None, take: Take::Range(0..3), ..fits.clone() }));
+        assert!(!refused(indirect(3, 3, 0)));
+        assert!(!refused(plain.clone()));
         let wrong = [
-            ("indices that are not there", pieces(Take::Range(3..9))),
+            ("indices that are not there", Draw { range: DrawRange::Direct(3..9), ..fits.clone() }),
             ("a vertex that is not there", Draw { indices: Some(beyond), ..fits.clone() }),
             ("no vertices", Draw { vertices: None, ..fits.clone() }),
-            (
-                "vertices past the end",
-                Draw { indices: None, take: Take::Range(3..6), ..fits.clone() },
-            ),
+            ("vertices past the end", Draw { range: DrawRange::Direct(3..6), ..plain }),
             ("vertices for indices", Draw { indices: Some(vertices), ..fits.clone() }),
-            ("a piece past the indices", pieces(piece(6, 3, 0))),
-            ("a piece past the vertices", pieces(piece(0, 3, 1))),
-            ("a piece far past them", pieces(piece(0, 3, u32::MAX))),
-            ("pieces of no indices", Draw { indices: None, ..pieces(piece(0, 3, 0)) }),
+            ("indices for vertices", Draw { vertices: Some(within), ..fits.clone() }),
+            ("an indirect range past the indices", indirect(6, 3, 0)),
+            ("an indirect range past the vertices", indirect(0, 3, 1)),
+            ("an indirect range far past them", indirect(0, 3, u32::MAX)),
+            ("indirect ranges of no indices", Draw { indices: None, ..indirect(0, 3, 0) }),
             ("a short immediate block", Draw { push: vec![0; 4], ..fits.clone() }),
             ("an image too many", Draw { images: vec![colour], ..fits.clone() }),
         ];
@@ -164,7 +203,98 @@ mod tests {
             assert!(refused(draw), "{what}");
         }
         assert!(!refused(fits));
-        let said = gpu.validation_messages();
-        assert!(said.is_empty(), "{said:?}");
+        s.assert_silent();
+    }
+
+    #[test]
+    fn draws_whose_pipeline_was_made_for_other_targets_are_refused() {
+        let Some(mut s) = stage() else { return };
+        let many = Pipelines::new(&mut s.gpu, 4).unwrap();
+        let mut make = |spec| s.gpu.image("another", spec).unwrap();
+        let small = make(image(DEPTH, 8, 1));
+        let [colour_many, depth_many] = [PICTURE, DEPTH].map(|f| make(image(f, 16, 4)));
+        let glass = make(image(GLASS, 16, 1));
+        let draw = s.draw();
+        let (inside, lines, ghost) = (s.pipelines.inside, s.pipelines.lines, s.pipelines.ghost);
+        let lay = Draw {
+            pipeline: s.pipelines.stack,
+            push: Vec::new(),
+            vertices: None,
+            images: vec![glass],
+            ..draw.clone()
+        };
+        let with = |pipeline| vec![Draw { pipeline, ..draw.clone() }];
+        let fits = s.pass(with(inside));
+        let averaged = Pass {
+            colour: colour_many,
+            resolve: Some(s.colour),
+            depth: Some(depth_many),
+            encoded: false,
+            draws: with(many.inside),
+            ..fits.clone()
+        };
+        let laid = Pass { depth: None, encoded: false, draws: vec![lay.clone()], ..fits.clone() };
+        for (what, pass) in [
+            ("one sample", fits.clone()),
+            ("four samples", averaged.clone()),
+            ("an image that is read", laid.clone()),
+        ] {
+            assert!(!s.pass_refused(pass), "{what}");
+        }
+        let lines_push = vec![0; host::lines::SHADER.push_bytes() as usize];
+        let area = fits.area;
+        let wrong = [
+            ("encoded colours without a pass for them", Pass { encoded: false, ..fits.clone() }),
+            (
+                "linear colours in a pass for encoded ones",
+                s.pass(vec![Draw { pipeline: lines, push: lines_push, ..draw.clone() }]),
+            ),
+            ("a colour format of another target", s.pass(with(ghost))),
+            ("a pipeline without depth in a pass with it", {
+                Pass { depth: Some(s.depth), ..laid.clone() }
+            }),
+            ("no depth", Pass { depth: None, ..fits.clone() }),
+            ("a colour image for depth", Pass { depth: Some(glass), ..fits.clone() }),
+            ("four samples in a pass of one", s.pass(with(many.inside))),
+            ("one sample in a pass of four", Pass { draws: with(inside), ..averaged.clone() }),
+            ("depth of one sample beside colour of four", {
+                Pass { depth: Some(s.depth), ..averaged.clone() }
+            }),
+            ("a resolve of one sample", Pass { resolve: Some(s.colour), ..fits.clone() }),
+            ("a resolve to another format", Pass { resolve: Some(glass), ..averaged.clone() }),
+            ("depth smaller than the area", Pass { depth: Some(small), ..fits.clone() }),
+            (
+                "an area past the right edge",
+                Pass { area: Area { x: u32::MAX, ..area }, ..fits.clone() },
+            ),
+            ("an empty area", Pass { area: Area { width: 0, ..area }, ..fits.clone() }),
+            ("a target that is read", {
+                Pass { draws: vec![Draw { images: vec![s.colour], ..lay.clone() }], ..laid.clone() }
+            }),
+            ("an image of four samples that is read", {
+                Pass { draws: vec![Draw { images: vec![colour_many], ..lay }], ..laid.clone() }
+            }),
+        ];
+        for (what, pass) in wrong {
+            assert!(s.pass_refused(pass), "{what}");
+        }
+        assert!(!s.pass_refused(fits));
+        s.assert_silent();
+    }
+
+    #[test]
+    fn pictures_of_eight_bytes_a_pixel_need_as_much_room() {
+        let Some(mut s) = stage() else { return };
+        let glass = s.gpu.image("glass", image(GLASS, 16, 1)).unwrap();
+        let [small, large] = [4, 8].map(|n| s.gpu.readback_buffer("picture", n * 256).unwrap());
+        let (colour, depth, vertices) = (s.colour, s.depth, s.vertices);
+        let mut refused =
+            |from, to| s.refused(&Frame { picture: Some((from, to)), ..Frame::default() });
+        assert!(!refused(colour, small) && !refused(glass, large));
+        assert!(refused(glass, small), "a copy past the end of its buffer");
+        assert!(refused(depth, small), "a depth image");
+        assert!(refused(colour, vertices), "a vertex buffer");
+        s.gpu.make_room(0).unwrap();
+        s.assert_silent();
     }
 }

@@ -12,7 +12,7 @@ use super::{RenderError, host};
 use crate::geometry::{Lens, Mesh, Pose, Vertex};
 use crate::lod::Camera;
 use crate::vk::{
-    Area, BufferId, Draw, DrawPipelineId, Gpu, ImageId, ImageSpec, Pass, Releaser, Take,
+    Area, BufferId, Draw, DrawPipelineId, DrawRange, Gpu, ImageId, ImageSpec, Pass, Releaser,
 };
 
 /// A frame that was submitted and not fetched yet.
@@ -339,8 +339,8 @@ impl Renderer {
             Wall::Mesh(mesh) => draw(self.pipelines.inside, self.model(mesh), push, Vec::new()),
             Wall::Pages { pages, backs } => {
                 let own = self.wall_pages(pages);
-                let (pieces, triangles) = own.pieces(&camera, backs);
-                stats.draws = pieces.len() as u32;
+                let (ranges, triangles) = own.visible_ranges(&camera, backs);
+                stats.draws = ranges.len() as u32;
                 stats.triangles = triangles;
                 let p = &self.pipelines;
                 (triangles > 0).then(|| Draw {
@@ -348,7 +348,7 @@ impl Renderer {
                     push: push.to_vec(),
                     vertices: Some(own.vertices),
                     indices: Some(own.indices),
-                    take: Take::Pieces(pieces),
+                    range: DrawRange::Indirect(ranges),
                     images: Vec::new(),
                 })
             }
@@ -408,7 +408,7 @@ pub(super) fn draw(
         push: push.to_vec(),
         vertices: Some(model.vertices),
         indices: Some(model.indices),
-        take: Take::Range(0..model.count),
+        range: DrawRange::Direct(0..model.count),
         images,
     })
 }

@@ -15,8 +15,9 @@ use super::info::Limits;
 const MAGIC: &[u8; 8] = b"intimaPC";
 const HASH: usize = 32;
 
-/// A `VkPipelineCache` and where it is kept.
+/// A `VkPipelineCache` and where it is kept; dropped before the device, it is written to disk.
 pub(super) struct Cache {
+    device: ash::Device,
     pub raw: vk::PipelineCache,
     path: Option<PathBuf>,
     loaded: Vec<u8>,
@@ -33,26 +34,30 @@ impl Cache {
         let name = format!("pipelines-{uuid}-{:08x}.bin", limits.driver_version);
         let path = dir.map(|d| d.join(name));
         let loaded = path.as_deref().and_then(|p| read(p, limits)).unwrap_or_default();
+        VkError::planted("vkCreatePipelineCache")?;
         let info = vk::PipelineCacheCreateInfo::default().initial_data(&loaded);
         // SAFETY: `device` is live; the initial data is empty or written by this driver for this
         // device, as its header and our hash say.
         let raw = unsafe { device.create_pipeline_cache(&info, None) }
             .map_err(VkError::of("vkCreatePipelineCache"))?;
-        Ok(Self { raw, path, loaded })
+        Ok(Self { device: device.clone(), raw, path, loaded })
     }
+}
 
-    /// Writes what the driver has learnt, if it is anything new, and destroys the cache.
-    pub fn close(&mut self, device: &ash::Device) {
+impl Drop for Cache {
+    /// Writes what the driver has learnt, if it is anything new.
+    fn drop(&mut self) {
         // SAFETY: the cache is ours, of this device, and `&mut self` makes us its only user.
-        let data = unsafe { device.get_pipeline_cache_data(self.raw) }.unwrap_or_default();
+        let data = unsafe { self.device.get_pipeline_cache_data(self.raw) }.unwrap_or_default();
         if let Some(path) = &self.path
             && data.len() > 32
             && data != self.loaded
         {
             let _ = write(path, &data);
         }
-        // SAFETY: as above; called once, from `Gpu::drop`. Pipelines do not need it to live.
-        unsafe { device.destroy_pipeline_cache(self.raw, None) };
+        // SAFETY: as above; goes once, before the device (field order of `Gpu`). Pipelines do not
+        // need it to live.
+        unsafe { self.device.destroy_pipeline_cache(self.raw, None) };
     }
 }
 

@@ -7,8 +7,9 @@ use super::retire::RetireQueue;
 use super::timeline::Timeline;
 use crate::fault;
 
-/// Pool of command buffers of the one queue.
+/// Pool of command buffers of the one queue; dropped before the device, once that is idle.
 pub(super) struct Commands {
+    device: ash::Device,
     pool: vk::CommandPool,
     idle: Vec<vk::CommandBuffer>,
     busy: RetireQueue<vk::CommandBuffer>,
@@ -19,18 +20,15 @@ impl Commands {
         let info = vk::CommandPoolCreateInfo::default()
             .queue_family_index(family)
             .flags(vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER);
+        VkError::planted("vkCreateCommandPool")?;
         // SAFETY: `device` is live and was created with this family.
         let pool = unsafe { device.create_command_pool(&info, None) }
             .map_err(VkError::of("vkCreateCommandPool"))?;
-        Ok(Self { pool, idle: Vec::new(), busy: RetireQueue::default() })
+        Ok(Self { device: device.clone(), pool, idle: Vec::new(), busy: RetireQueue::default() })
     }
 
     /// A command buffer in recording state.
-    pub fn begin(
-        &mut self,
-        device: &ash::Device,
-        reached: u64,
-    ) -> Result<vk::CommandBuffer, VkError> {
+    pub fn begin(&mut self, reached: u64) -> Result<vk::CommandBuffer, VkError> {
         self.idle.extend(self.busy.reap(reached));
         let cmd = match self.idle.pop() {
             Some(cmd) => cmd,
@@ -39,7 +37,7 @@ impl Commands {
                     .command_pool(self.pool)
                     .command_buffer_count(1);
                 // SAFETY: the pool is ours and of this device; `&mut self` synchronizes it.
-                unsafe { device.allocate_command_buffers(&info) }
+                unsafe { self.device.allocate_command_buffers(&info) }
                     .map_err(VkError::of("vkAllocateCommandBuffers"))?[0]
             }
         };
@@ -47,7 +45,7 @@ impl Commands {
             .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         // SAFETY: `cmd` is of our pool and idle: new, never submitted, or past its timeline value, so it
         // may be reset, which beginning does.
-        unsafe { device.begin_command_buffer(cmd, &info) }
+        unsafe { self.device.begin_command_buffer(cmd, &info) }
             .map_err(VkError::of("vkBeginCommandBuffer"))?;
         Ok(cmd)
     }
@@ -55,7 +53,6 @@ impl Commands {
     /// Ends and submits `cmd`; returns the timeline value that marks its completion.
     pub fn submit(
         &mut self,
-        device: &ash::Device,
         queue: vk::Queue,
         timeline: &mut Timeline,
         cmd: vk::CommandBuffer,
@@ -73,10 +70,11 @@ impl Commands {
         // reaches `value`: frees go through the retire queue. `&mut self` makes us the only user
         // of queue and pool.
         let sent = unsafe {
-            device.end_command_buffer(cmd).map_err(VkError::of("vkEndCommandBuffer")).and_then(
+            self.device.end_command_buffer(cmd).map_err(VkError::of("vkEndCommandBuffer")).and_then(
                 |()| match fault::hit(fault::Point::Submit) {
                     true => Err(VkError::DeviceLost { during: "vkQueueSubmit2" }),
-                    false => device
+                    false => self
+                        .device
                         .queue_submit2(queue, &[submit], vk::Fence::null())
                         .map_err(VkError::of("vkQueueSubmit2")),
                 },
@@ -94,10 +92,12 @@ impl Commands {
             }
         }
     }
+}
 
-    /// Destroys the pool with all its command buffers. The device is idle.
-    pub fn destroy(&mut self, device: &ash::Device) {
-        // SAFETY: the pool is ours and goes once, from `Gpu::drop`, after the device is idle.
-        unsafe { device.destroy_command_pool(self.pool, None) };
+impl Drop for Commands {
+    fn drop(&mut self) {
+        // SAFETY: the pool is ours and goes once with all its command buffers; the device is idle
+        // (`Gpu::drop` waits) or nothing was submitted to it.
+        unsafe { self.device.destroy_command_pool(self.pool, None) };
     }
 }

@@ -1,6 +1,8 @@
 //! The logical device and its one queue.
 
-use ash::vk;
+use std::ffi::c_char;
+
+use ash::{khr, vk};
 
 use super::VkError;
 use super::info::DeviceInfo;
@@ -16,6 +18,9 @@ pub(super) fn open(
     let has = unsafe { instance.raw.get_physical_device_features(physical) };
     // Optional: used where present, never required.
     let features = vk::PhysicalDeviceFeatures::default()
+        // Every device has it. Immediate blocks of a plan are not related to the lengths of its
+        // buffers; with this, a kernel that is told a wrong size stays within its buffers.
+        .robust_buffer_access(true)
         .multi_draw_indirect(has.multi_draw_indirect == vk::TRUE)
         .draw_indirect_first_instance(has.draw_indirect_first_instance == vk::TRUE)
         // Asked for by the layer when it instruments shaders.
@@ -28,11 +33,14 @@ pub(super) fn open(
     let queues = [vk::DeviceQueueCreateInfo::default()
         .queue_family_index(info.limits.queue_family)
         .queue_priorities(&[1.0])];
+    let extensions = extensions(instance, physical)?;
     let create = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
         .enabled_features(&features)
+        .enabled_extension_names(&extensions)
         .push_next(&mut features12)
         .push_next(&mut features13);
+    VkError::planted("vkCreateDevice")?;
     // SAFETY: `physical` comes from this instance and was found to have version 1.3, the queue
     // family and the features; everything `create` points to lives until the call returns.
     let device = unsafe { instance.raw.create_device(physical, &create, None) }
@@ -40,4 +48,18 @@ pub(super) fn open(
     // SAFETY: the family was requested above with one queue.
     let queue = unsafe { device.get_device_queue(info.limits.queue_family, 0) };
     Ok((device, queue))
+}
+
+/// What a device wants to have named before it is used: drivers that translate Vulkan to another
+/// interface (MoltenVK) demand it of `VK_KHR_portability_subset`.
+fn extensions(
+    instance: &Instance,
+    physical: vk::PhysicalDevice,
+) -> Result<Vec<*const c_char>, VkError> {
+    // SAFETY: `physical` comes from this live instance.
+    let there = unsafe { instance.raw.enumerate_device_extension_properties(physical) }
+        .map_err(VkError::of("vkEnumerateDeviceExtensionProperties"))?;
+    let subset = khr::portability_subset::NAME;
+    let has = there.iter().any(|e| e.extension_name_as_c_str() == Ok(subset));
+    Ok(has.then_some(subset.as_ptr()).into_iter().collect())
 }

@@ -25,24 +25,24 @@ pub struct Area {
     pub height: u32,
 }
 
-/// Some of an index buffer's triangles, with vertices counted from a place of their own.
+/// A range of an index buffer, with vertices counted from a first one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Piece {
-    /// First index taken.
+pub struct IndexedRange {
+    /// First index of the range.
     pub first_index: u32,
-    /// Indices taken.
+    /// Number of indices.
     pub indices: u32,
     /// Added to every index.
     pub first_vertex: u32,
 }
 
-/// What of its buffers a draw takes.
+/// What of its buffers a draw reads.
 #[derive(Clone, Debug)]
-pub enum Take {
+pub enum DrawRange {
     /// A range of indices, or of vertices where there are no indices.
-    Range(Range<u32>),
-    /// Pieces in this order, by one indirect command where the device can.
-    Pieces(Vec<Piece>),
+    Direct(Range<u32>),
+    /// Ranges in this order, by one indirect command where the device can.
+    Indirect(Vec<IndexedRange>),
 }
 
 /// Triangles from one pair of buffers.
@@ -57,7 +57,7 @@ pub struct Draw {
     /// Indices; without them vertices are taken in order.
     pub indices: Option<BufferId>,
     /// Which of them.
-    pub take: Take,
+    pub range: DrawRange,
     /// Images the fragments read, as many as the pipeline has.
     pub images: Vec<ImageId>,
 }
@@ -91,8 +91,8 @@ impl Gpu {
     /// or the failing call.
     ///
     /// # Panics
-    /// If a handle is stale, a write does not fit its buffer, two writes overlap, or a draw does
-    /// not fit its pipeline or buffers: errors of the caller.
+    /// If a handle is stale, a write does not fit its buffer, two writes overlap, a draw does not
+    /// fit its pipeline or buffers, or a pipeline not its pass: errors of the caller.
     pub fn submit_draws(&mut self, frame: &Frame<'_>) -> Result<(), VkError> {
         self.submit_draws_with(frame, FrameOptions::default())
     }
@@ -110,17 +110,20 @@ impl Gpu {
         self.check_writes(&frame.writes);
         // A caller that goes on after a panic must not draw what was never written.
         let sent = catch_unwind(AssertUnwindSafe(|| self.send_draws(frame, options)));
+        let transitions = std::mem::take(&mut self.transitions);
         if !matches!(sent, Ok(Ok(()))) {
             self.forget_writes(&frame.writes);
+            // Nothing was submitted, so the images are in the layouts they had before.
+            for (image, before) in transitions.into_iter().rev() {
+                self.images[image].layout = before;
+            }
         }
         sent.unwrap_or_else(|panic| resume_unwind(panic))
     }
 
     fn send_draws(&mut self, frame: &Frame<'_>, options: FrameOptions) -> Result<(), VkError> {
+        self.check_frame(frame);
         let passes = &frame.passes[..];
-        for draw in passes.iter().flat_map(|p| &p.draws) {
-            self.check_draw(draw);
-        }
         let reached = self.reap()?;
         let place = match frame.staged_bytes() {
             0 => 0,
@@ -132,7 +135,7 @@ impl Gpu {
         let used = passes.iter().flat_map(|p| &p.draws).flat_map(|d| [d.vertices, d.indices]);
         let written = frame.writes.iter().map(|w| w.to);
         for id in used.flatten().chain(written).chain(frame.picture.map(|p| p.1)) {
-            self.buffers.get_mut(id).last_use = now;
+            self.buffers[id].last_use = now;
         }
         Ok(())
     }
@@ -146,7 +149,7 @@ impl Gpu {
         reached: u64,
     ) -> Result<u64, VkError> {
         let (pool, sets) = self.image_sets(&frame.passes)?;
-        let cmd = match self.commands.begin(&self.device, reached) {
+        let cmd = match self.commands.begin(reached) {
             Ok(cmd) => cmd,
             Err(e) => {
                 self.retired.push(self.timeline.submitted, Retired::Sets(pool));
@@ -164,46 +167,9 @@ impl Gpu {
         if let Some((from, to)) = frame.picture {
             self.record_copy(cmd, from, to);
         }
-        let sent = self.commands.submit(&self.device, self.queue, &mut self.timeline, cmd);
+        let sent = self.commands.submit(self.queue, &mut self.timeline, cmd);
         self.retired.push(self.timeline.submitted, Retired::Sets(pool));
         sent
-    }
-
-    fn check_draw(&self, draw: &Draw) {
-        let p = self.draw_pipelines.get(draw.pipeline);
-        assert_eq!(draw.push.len(), p.push_bytes as usize, "immediate block");
-        assert_eq!(draw.images.len(), p.images as usize, "images");
-        let bytes = |id: Option<BufferId>| id.map_or(0, |b| self.buffers.get(b).buffer.bytes);
-        let vertices = match p.stride {
-            0 => u64::MAX,
-            stride => bytes(draw.vertices) / u64::from(stride),
-        };
-        let index = draw.indices.map(|i| self.buffers.get(i));
-        let room = index.map_or(0, |i| i.buffer.bytes / u64::from(i.index_bytes.max(1)));
-        assert!(index.is_none_or(|i| i.index_bytes > 0), "an index buffer");
-        let last = index.map_or(0, |i| u64::from(i.max_index));
-        // Whether indices from one on are there and hold something.
-        let there = |first: u32, count: u32| {
-            let [first, end] = [u64::from(first), u64::from(first) + u64::from(count)];
-            let bytes = index.map_or(0, |i| u64::from(i.index_bytes));
-            let written = index.and_then(|i| i.written.as_ref());
-            end <= room && written.is_none_or(|w| w.holds(first * bytes..end * bytes))
-        };
-        match (&draw.take, index) {
-            (Take::Range(r), Some(_)) => {
-                assert!(there(r.start, r.len() as u32), "index range");
-                assert!(last < vertices, "index past vertices");
-            }
-            (Take::Range(r), None) => assert!(u64::from(r.end) <= vertices, "vertex range"),
-            (Take::Pieces(pieces), _) => {
-                assert!(index.is_some(), "pieces have indices");
-                for p in pieces {
-                    assert!(there(p.first_index, p.indices), "index range");
-                    let v = u64::from(p.first_vertex);
-                    assert!(v <= i32::MAX as u64 && v + last < vertices, "index past vertices");
-                }
-            }
-        }
     }
 
     /// A pool with one set for each draw that reads images, in order.
@@ -223,8 +189,7 @@ impl Gpu {
         }];
         let info =
             vk::DescriptorPoolCreateInfo::default().max_sets(draws.len() as u32).pool_sizes(&sizes);
-        let layouts: Vec<_> =
-            draws.iter().map(|d| self.draw_pipelines.get(d.pipeline).set).collect();
+        let layouts: Vec<_> = draws.iter().map(|d| self.draw_pipelines[d.pipeline].set).collect();
         // SAFETY: the device is live, the layouts are ours, the pool has room for one set a draw.
         // The sets are fresh, so nothing uses them while they are written; the views live until
         // the retire queue lets go of their images.
@@ -244,7 +209,7 @@ impl Gpu {
                 for (i, image) in draw.images.iter().enumerate() {
                     let shown = [vk::DescriptorImageInfo {
                         sampler: vk::Sampler::null(),
-                        image_view: self.images.get(*image).image.view,
+                        image_view: self.images[*image].image.view,
                         image_layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
                     }];
                     let write = vk::WriteDescriptorSet::default()

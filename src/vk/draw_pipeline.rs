@@ -7,7 +7,6 @@ use ash::vk;
 use super::pipeline::pipeline_layout;
 use super::resources::Format;
 use super::retire::ResourceId;
-use super::slab::Handle;
 use super::spirv::Module;
 use super::{Gpu, VkError};
 
@@ -54,11 +53,47 @@ impl Attribute {
     }
 }
 
+/// An entry point of a [`DrawShader`].
+#[derive(Debug)]
+pub struct DrawEntry {
+    /// Name in the WGSL source.
+    pub name: &'static str,
+    /// Whether it is for vertices; else it is for fragments.
+    pub is_vertex: bool,
+    /// Vertex attributes it reads, locations 0, 1, …
+    pub attributes: u32,
+}
+
+/// A compiled module for drawing. Only the build script makes it, from WGSL that naga has
+/// validated: a driver trusts SPIR-V as it trusts code.
+#[derive(Debug)]
+pub struct DrawShader {
+    /// SPIR-V words in native byte order.
+    pub(crate) spirv: &'static [u8],
+    pub(crate) entries: &'static [DrawEntry],
+    /// Bytes of the immediate block, both stages.
+    pub(crate) push_bytes: u32,
+    /// Images that the fragment stage reads, bindings 0, 1, … of group 0.
+    pub(crate) images: u32,
+}
+
+impl DrawShader {
+    /// Bytes of the immediate block.
+    pub fn push_bytes(&self) -> u32 {
+        self.push_bytes
+    }
+
+    fn entry(&self, name: &str, is_vertex: bool) -> &DrawEntry {
+        let found = self.entries.iter().find(|e| e.name == name && e.is_vertex == is_vertex);
+        found.unwrap_or_else(|| panic!("the shader has an entry point `{name}` of that stage"))
+    }
+}
+
 /// What a graphics pipeline is to be; it draws triangles.
 #[derive(Clone, Debug)]
 pub struct DrawSpec {
     /// Module with both entry points.
-    pub spirv: &'static [u8],
+    pub shader: &'static DrawShader,
     /// Entry points for vertices and fragments.
     pub entries: [&'static str; 2],
     /// Attributes of one interleaved vertex buffer, locations 0, 1, …; empty for none.
@@ -75,24 +110,26 @@ pub struct DrawSpec {
     pub blend: Blend,
     /// Leaves out triangles that turn their back.
     pub cull_backs: bool,
-    /// Bytes of the immediate block, both stages.
-    pub push_bytes: u32,
-    /// Images read by the fragment stage, bindings 0, 1, … of group 0.
-    pub images: u32,
 }
 
-/// A graphics pipeline with its layouts.
-pub struct DrawPipeline {
+/// A graphics pipeline with its layouts, and what a pass and a draw have to agree with.
+pub(super) struct DrawPipeline {
     pub(super) pipeline: vk::Pipeline,
     pub(super) layout: vk::PipelineLayout,
     pub(super) set: vk::DescriptorSetLayout,
     pub(super) stride: u32,
     pub(super) push_bytes: u32,
     pub(super) images: u32,
+    pub(super) colour: Format,
+    pub(super) depth: Option<Format>,
+    pub(super) samples: u32,
+    pub(super) blend: Blend,
 }
 
-/// Handle to a graphics pipeline.
-pub type DrawPipelineId = Handle<DrawPipeline>;
+slotmap::new_key_type! {
+    /// Handle to a graphics pipeline of a [`Gpu`]. A stale one is noticed.
+    pub struct DrawPipelineId;
+}
 
 /// Both stages see the immediate block.
 pub(super) const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
@@ -104,8 +141,16 @@ impl Gpu {
     ///
     /// # Errors
     /// The failing call.
+    ///
+    /// # Panics
+    /// If the shader has no such entry points or reads more attributes than the spec names: an
+    /// error of the caller.
     pub fn draw_pipeline(&mut self, spec: &DrawSpec) -> Result<DrawPipelineId, VkError> {
-        let bindings: Vec<_> = (0..spec.images)
+        let shader = spec.shader;
+        let reads = shader.entry(spec.entries[0], true).attributes as usize;
+        assert!(reads <= spec.attributes.len(), "`{}` reads {reads} attributes", spec.entries[0]);
+        shader.entry(spec.entries[1], false);
+        let bindings: Vec<_> = (0..shader.images)
             .map(|i| {
                 vk::DescriptorSetLayoutBinding::default()
                     .binding(i)
@@ -124,13 +169,17 @@ impl Gpu {
             layout: vk::PipelineLayout::null(),
             set,
             stride,
-            push_bytes: spec.push_bytes,
-            images: spec.images,
+            push_bytes: shader.push_bytes,
+            images: shader.images,
+            colour: spec.colour,
+            depth: spec.depth,
+            samples: spec.samples,
+            blend: spec.blend,
         };
         let sets = [set];
-        let sets = if spec.images > 0 { &sets[..] } else { &[] };
+        let sets = if shader.images > 0 { &sets[..] } else { &[] };
         let built =
-            pipeline_layout(&self.device, sets, spec.push_bytes, STAGES).and_then(|layout| {
+            pipeline_layout(&self.device, sets, shader.push_bytes, STAGES).and_then(|layout| {
                 made.layout = layout;
                 self.build(spec, layout, stride)
             });
@@ -165,7 +214,7 @@ impl Gpu {
         layout: vk::PipelineLayout,
         stride: u32,
     ) -> Result<vk::Pipeline, VkError> {
-        let module = Module::new(&self.device, spec.spirv, self.validated())?;
+        let module = Module::new(&self.device, spec.shader.spirv, self.validated())?;
         let names = spec.entries.map(|n| CString::new(n).expect("entry points have no NUL"));
         let stage = |stage, name| {
             vk::PipelineShaderStageCreateInfo::default().stage(stage).module(module.raw).name(name)

@@ -2,6 +2,8 @@
 
 use ash::vk;
 
+use crate::fault;
+
 /// An error of the Vulkan room.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -86,6 +88,14 @@ impl VkError {
             self,
             Self::NoLibrary(_) | Self::NoDriver | Self::NoDevice { .. } | Self::NoValidation(_)
         )
+    }
+
+    /// Fails where a fault is planted at the creation of things.
+    pub(super) fn planted(call: &'static str) -> Result<(), Self> {
+        match fault::hit(fault::Point::Create) {
+            true => Err(Self::of(call)(vk::Result::ERROR_OUT_OF_HOST_MEMORY)),
+            false => Ok(()),
+        }
     }
 
     /// Turns the answer of a call into an error that names the call.

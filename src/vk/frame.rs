@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use ash::vk;
 
 use super::resources::BufferId;
-use super::{Gpu, ImageId, Pass, Take};
+use super::{DrawRange, Gpu, ImageId, Pass};
 
 /// Bytes to be written to a vertex or index buffer before anything is drawn.
 #[derive(Clone, Debug)]
@@ -25,7 +25,8 @@ pub struct Frame<'a> {
     pub writes: Vec<Write<'a>>,
     /// In order.
     pub passes: Vec<Pass>,
-    /// Image (four bytes a pixel, rows from the top) and the read-back buffer it is copied to.
+    /// A colour image of one sample a pixel and the read-back buffer it is copied to, rows from
+    /// the top, as many bytes a pixel as its format has.
     pub picture: Option<(ImageId, BufferId)>,
 }
 
@@ -43,12 +44,12 @@ pub struct FrameOptions {
 pub(super) const COMMAND_BYTES: u64 = 20;
 
 impl Frame<'_> {
-    /// Bytes of the staging ring that this takes: each write and each piece's command, whole words.
+    /// Bytes of the staging ring that this takes: each write and each indirect command, whole words.
     pub fn staged_bytes(&self) -> u64 {
         let writes = self.writes.iter().map(|w| (w.bytes.len() as u64).next_multiple_of(4));
-        let pieces = self.passes.iter().flat_map(|p| &p.draws).map(|d| match &d.take {
-            Take::Pieces(p) => p.len() as u64 * COMMAND_BYTES,
-            Take::Range(_) => 0,
+        let pieces = self.passes.iter().flat_map(|p| &p.draws).map(|d| match &d.range {
+            DrawRange::Indirect(ranges) => ranges.len() as u64 * COMMAND_BYTES,
+            DrawRange::Direct(_) => 0,
         });
         writes.chain(pieces).sum()
     }
@@ -71,7 +72,7 @@ impl Gpu {
     pub(super) fn check_writes(&mut self, writes: &[Write<'_>]) {
         let mut spans = Vec::with_capacity(writes.len());
         for w in writes {
-            let b = self.buffers.get_mut(w.to);
+            let b = &mut self.buffers[w.to];
             let end = w.offset.checked_add(w.bytes.len() as u64).expect("write past the end");
             assert!(end <= b.buffer.bytes, "write past the end of its buffer");
             match b.index_bytes {
@@ -87,7 +88,7 @@ impl Gpu {
                     b.max_index = w.bytes.chunks_exact(4).map(index).fold(b.max_index, u32::max);
                 }
             }
-            spans.push((w.to.order(), w.offset, end));
+            spans.push((w.to, w.offset, end));
         }
         spans.sort_unstable();
         assert!(
@@ -95,8 +96,8 @@ impl Gpu {
             "two writes to one place in one frame"
         );
         for w in writes {
-            if let Some(written) = &mut self.buffers.get_mut(w.to).written {
-                written.add(w.offset..w.offset + w.bytes.len() as u64);
+            if let Some(initialized) = &mut self.buffers[w.to].initialized {
+                initialized.add(w.offset..w.offset + w.bytes.len() as u64);
             }
         }
     }
@@ -104,8 +105,8 @@ impl Gpu {
     /// After a submission that failed, or was never made: its writes may not have been done.
     pub(super) fn forget_writes(&mut self, writes: &[Write<'_>]) {
         for w in writes {
-            if let Some(written) = &mut self.buffers.get_mut(w.to).written {
-                written.forget(w.offset..w.offset + w.bytes.len() as u64);
+            if let Some(initialized) = &mut self.buffers[w.to].initialized {
+                initialized.forget(w.offset..w.offset + w.bytes.len() as u64);
             }
         }
     }
@@ -139,7 +140,7 @@ impl Gpu {
                 regions.push(region);
                 place += n.next_multiple_of(4);
             }
-            let to = self.buffers.get(same[0].to).buffer.raw;
+            let to = self.buffers[same[0].to].buffer.raw;
             if let (Some(from), false) = (&self.staging.buffer, regions.is_empty()) {
                 // SAFETY: `cmd` is recording; both buffers are ours and live until the timeline
                 // passes this submission (the ring's through the retire queue); regions lie within

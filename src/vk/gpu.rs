@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use ash::vk;
+use slotmap::SlotMap;
 
 use super::cache::Cache;
 use super::commands::Commands;
@@ -15,10 +16,9 @@ use super::memory::Memory;
 use super::pipeline::Pipelines;
 use super::resources::{GpuBuffer, GpuImage};
 use super::retire::{Releaser, ResourceId, RetireQueue, Retired};
-use super::slab::Slab;
 use super::staging::Staging;
 use super::timeline::Timeline;
-use super::{VkError, device};
+use super::{BufferId, DrawPipelineId, ImageId, VkError, device};
 use crate::formats::atomic_file;
 
 /// How to open a device, beyond which one.
@@ -58,17 +58,19 @@ pub struct Gpu {
     pub(super) commands: Commands,
     pub(super) timeline: Timeline,
     pub(super) queue: vk::Queue,
-    pub(super) draw_pipelines: Slab<DrawPipeline>,
-    pub(super) buffers: Slab<GpuBuffer>,
-    pub(super) images: Slab<GpuImage>,
+    pub(super) draw_pipelines: SlotMap<DrawPipelineId, DrawPipeline>,
+    pub(super) buffers: SlotMap<BufferId, GpuBuffer>,
+    pub(super) images: SlotMap<ImageId, GpuImage>,
     pub(super) staging: Staging,
     pub(super) retired: RetireQueue<Retired>,
     pub(super) releaser: Releaser,
     /// What was made since [`Gpu::all_or_none`] began.
     pub(super) made: Option<Vec<ResourceId>>,
+    /// Images whose layout was changed by what is being recorded, and the layout before.
+    pub(super) transitions: Vec<(ImageId, vk::ImageLayout)>,
     started: Instant,
     first_dispatch: Option<Duration>,
-    // These three go down in this order, after `Drop::drop`.
+    // After `Drop::drop` fields go down in order: these three last.
     pub(super) memory: Memory,
     pub(super) device: OwnedDevice,
     pub(super) instance: Instance,
@@ -97,19 +99,24 @@ impl Gpu {
         let device = OwnedDevice(device);
         let unified = info.unified_memory && !options.always_stage;
         let memory = Memory::new(&instance, &device, physical, unified)?;
+        // Each destroys itself when a later one fails.
+        let cache = Cache::open(&device, &info.limits, options.cache_dir)?;
+        let commands = Commands::new(&device, info.limits.queue_family)?;
+        let timeline = Timeline::new(&device)?;
         Ok(Self {
             pipelines: Pipelines::default(),
-            cache: Cache::open(&device, &info.limits, options.cache_dir)?,
-            commands: Commands::new(&device, info.limits.queue_family)?,
-            timeline: Timeline::new(&device)?,
+            cache,
+            commands,
+            timeline,
             queue,
-            draw_pipelines: Slab::default(),
-            buffers: Slab::default(),
-            images: Slab::default(),
+            draw_pipelines: SlotMap::with_key(),
+            buffers: SlotMap::with_key(),
+            images: SlotMap::with_key(),
             staging: Staging::default(),
             retired: RetireQueue::default(),
             releaser: Releaser::default(),
             made: None,
+            transitions: Vec::new(),
             started,
             first_dispatch: None,
             memory,
@@ -155,7 +162,7 @@ impl Gpu {
     pub(super) fn reached(&self) -> Result<u64, VkError> {
         match self.instance.validate {
             Validate::GpuAssisted => self.wait_idle().map(|()| self.timeline.submitted),
-            _ => self.timeline.reached(&self.device),
+            _ => self.timeline.reached(),
         }
     }
 
@@ -163,7 +170,7 @@ impl Gpu {
     pub(super) fn wait(&self, value: u64) -> Result<(), VkError> {
         match self.instance.validate {
             Validate::GpuAssisted => self.wait_idle(),
-            _ => self.timeline.wait(&self.device, value),
+            _ => self.timeline.wait(value),
         }
     }
 
@@ -174,6 +181,11 @@ impl Gpu {
         // SAFETY: `Gpu` owns the queue and is not shared between threads while this runs: every
         // caller holds it by `&mut`.
         unsafe { self.device.queue_wait_idle(self.queue) }.map_err(VkError::of("vkQueueWaitIdle"))
+    }
+
+    /// Buffers, images and graphics pipelines that were made and not freed.
+    pub fn live_resources(&self) -> usize {
+        self.buffers.len() + self.images.len() + self.draw_pipelines.len()
     }
 
     /// Bytes of device memory held at the moment, blocks kept for reuse included.
@@ -189,10 +201,6 @@ impl Drop for Gpu {
         let _ = unsafe { self.device.device_wait_idle() };
         self.destroy_all();
         self.pipelines.destroy(&self.device);
-        self.cache.close(&self.device);
-        self.commands.destroy(&self.device);
-        // SAFETY: the semaphore is ours, goes once, and the device is idle.
-        unsafe { self.device.destroy_semaphore(self.timeline.semaphore, None) };
     }
 }
 

@@ -3,9 +3,10 @@
 use std::ffi::{CStr, c_char, c_void};
 use std::sync::{Mutex, PoisonError};
 
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 
 use super::VkError;
+use super::process::note_instance;
 use crate::fault;
 
 const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -33,6 +34,15 @@ impl Validate {
     }
 }
 
+/// What the layer said in this process, of whatever device.
+static ALL_MESSAGES: Mutex<Vec<String>> = Mutex::new(Vec::new());
+
+/// What the validation layer has said in this process, severity warning and above, of every device
+/// opened so far: also what it says when a device is destroyed, of resources that are left.
+pub fn all_validation_messages() -> Vec<String> {
+    ALL_MESSAGES.lock().unwrap_or_else(PoisonError::into_inner).clone()
+}
+
 /// What the layer said, severity warning and above.
 #[derive(Default)]
 struct Messages(Mutex<Vec<String>>);
@@ -50,6 +60,7 @@ pub(super) struct Instance {
 
 impl Instance {
     pub fn new(validate: Validate) -> Result<Self, VkError> {
+        note_instance();
         if fault::hit(fault::Point::Instance) {
             return Err(VkError::NoDriver);
         }
@@ -77,7 +88,17 @@ impl Instance {
             .application_name(c"intima")
             .api_version(vk::API_VERSION_1_3);
         let layers = [LAYER.as_ptr()];
-        let extensions = [ext::debug_utils::NAME.as_ptr()];
+        let mut extensions = Vec::new();
+        let mut flags = vk::InstanceCreateFlags::empty();
+        // Without it the loader hides drivers that translate Vulkan to another interface, as all
+        // do on macOS.
+        if has_extension(&entry, khr::portability_enumeration::NAME)? {
+            extensions.push(khr::portability_enumeration::NAME.as_ptr());
+            flags |= vk::InstanceCreateFlags::ENUMERATE_PORTABILITY_KHR;
+        }
+        if on {
+            extensions.push(ext::debug_utils::NAME.as_ptr());
+        }
         let checks: &[_] = match validate {
             Validate::GpuAssisted => &[
                 vk::ValidationFeatureEnableEXT::GPU_ASSISTED,
@@ -86,11 +107,13 @@ impl Instance {
             _ => &[vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION],
         };
         let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(checks);
-        let mut info = vk::InstanceCreateInfo::default().application_info(&app);
+        let mut info = vk::InstanceCreateInfo::default()
+            .application_info(&app)
+            .enabled_extension_names(&extensions)
+            .flags(flags);
         if on {
             info = info
                 .enabled_layer_names(&layers)
-                .enabled_extension_names(&extensions)
                 .push_next(&mut messenger_info)
                 .push_next(&mut features);
         }
@@ -102,6 +125,7 @@ impl Instance {
         })?;
         let mut instance = Self { _entry: entry, raw, messenger: None, messages, validate };
         if on {
+            VkError::planted("vkCreateDebugUtilsMessengerEXT")?;
             let utils = ext::debug_utils::Instance::new(&instance._entry, &instance.raw);
             // SAFETY: the instance was just created with the extension; the user data is the boxed
             // list, which outlives the messenger (see `Drop`).
@@ -154,6 +178,13 @@ fn has_layer(entry: &ash::Entry) -> Result<bool, VkError> {
     Ok(layers.iter().any(|l| l.layer_name_as_c_str() == Ok(LAYER)))
 }
 
+fn has_extension(entry: &ash::Entry, name: &CStr) -> Result<bool, VkError> {
+    // SAFETY: a global query of a loaded library.
+    let there = unsafe { entry.enumerate_instance_extension_properties(None) }
+        .map_err(VkError::of("vkEnumerateInstanceExtensionProperties"))?;
+    Ok(there.iter().any(|e| e.extension_name_as_c_str() == Ok(name)))
+}
+
 fn messenger_info(messages: &Messages) -> vk::DebugUtilsMessengerCreateInfoEXT<'static> {
     // Of the types, only validation counts: the loader's own complaints about drivers for absent
     // hardware are "general", advice on performance is noise.
@@ -179,7 +210,9 @@ unsafe extern "system" fn on_message(
         let data = &*data;
         (string(data.p_message_id_name), string(data.p_message), &*user.cast::<Messages>())
     };
-    messages.0.lock().unwrap_or_else(PoisonError::into_inner).push(format!("{id}: {text}"));
+    let message = format!("{id}: {text}");
+    ALL_MESSAGES.lock().unwrap_or_else(PoisonError::into_inner).push(message.clone());
+    messages.0.lock().unwrap_or_else(PoisonError::into_inner).push(message);
     vk::FALSE
 }
 

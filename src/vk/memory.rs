@@ -13,9 +13,9 @@ use crate::fault;
 /// From this size on a resource gets memory of its own instead of a place in a block.
 const DEDICATED: u64 = 32 << 20; // blocks are 64-256 MiB; larger pieces would strand their rest
 
-/// Where a buffer lives.
+/// Who writes and who reads a buffer, which decides the memory it lives in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Place {
+pub(super) enum MemoryUse {
     /// On the device; mapped too where host and device share memory.
     Device,
     /// Written by the host, read by the device.
@@ -61,6 +61,7 @@ pub(super) struct ImageDesc {
     pub format: vk::Format,
     pub extent: [u32; 2],
     pub samples: u32,
+    pub pixel_bytes: u64,
     pub usage: vk::ImageUsageFlags,
     pub aspect: vk::ImageAspectFlags,
 }
@@ -79,6 +80,7 @@ impl Memory {
         physical: vk::PhysicalDevice,
         unified: bool,
     ) -> Result<Self, VkError> {
+        VkError::planted("the allocator")?;
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: instance.raw.clone(),
             device: device.clone(),
@@ -111,14 +113,14 @@ impl Memory {
         name: &str,
         bytes: u64,
         usage: vk::BufferUsageFlags,
-        place: Place,
+        memory_use: MemoryUse,
     ) -> Result<Buffer, VkError> {
-        let location = match place {
+        let location = match memory_use {
             // Cached where possible: results are read back by the host in place.
-            Place::Device if self.unified => MemoryLocation::GpuToCpu,
-            Place::Device => MemoryLocation::GpuOnly,
-            Place::Upload => MemoryLocation::CpuToGpu,
-            Place::Readback => MemoryLocation::GpuToCpu,
+            MemoryUse::Device if self.unified => MemoryLocation::GpuToCpu,
+            MemoryUse::Device => MemoryLocation::GpuOnly,
+            MemoryUse::Upload => MemoryLocation::CpuToGpu,
+            MemoryUse::Readback => MemoryLocation::GpuToCpu,
         };
         let bytes = bytes.next_multiple_of(4).max(16);
         self.room_for(name, bytes)?;
@@ -153,7 +155,8 @@ impl Memory {
     /// A two-dimensional image in undefined layout, with views of all of it.
     pub fn image(&mut self, name: &str, desc: ImageDesc) -> Result<Image, VkError> {
         let [width, height] = desc.extent;
-        self.room_for(name, u64::from(width) * u64::from(height) * u64::from(desc.samples) * 4)?;
+        let pixels = u64::from(width) * u64::from(height) * u64::from(desc.samples);
+        self.room_for(name, pixels * desc.pixel_bytes)?;
         let stored = match (desc.format, desc.samples) {
             (vk::Format::R8G8B8A8_SRGB, 1) => Some(vk::Format::R8G8B8A8_UNORM),
             _ => None,

@@ -1,12 +1,14 @@
 //! Vulkan: one [`Gpu`] owns everything and runs [`Plan`](crate::compute::Plan)s and draw passes.
 //!
-//! All `unsafe` of the program is in this room, and no Vulkan type leaves it. Handles are plain
-//! and owned once; what is freed while the device may still use it waits in a retire queue until
-//! the timeline has passed its last use. `Gpu` goes down in this order: device idle, retired
-//! things, pipelines, allocator, device, instance.
+//! All `unsafe` of the program is in this room, and no Vulkan type leaves it. Handles are keys of
+//! slot maps, owned once. Resources that are freed while the device may still use them are retired
+//! (`retire`): they wait in a queue until the timeline has reached their last use. A frame is
+//! checked before anything of it is recorded (`check`), plans run with `robustBufferAccess`. `Gpu`
+//! goes down in this order: device idle, resources, pipelines, allocator, device, instance.
 #![allow(unsafe_code)]
 
 mod cache;
+mod check;
 mod commands;
 mod device;
 mod draw;
@@ -14,33 +16,31 @@ mod draw_pipeline;
 mod error;
 mod frame;
 mod gpu;
-mod heap;
 mod info;
+mod initialized;
 mod instance;
 mod memory;
 mod passes;
 mod pipeline;
+mod process;
 mod resources;
 mod retire;
 mod runner;
-mod slab;
 mod spirv;
 mod staging;
-mod threads;
 mod timeline;
-mod written;
 
-pub use draw::{Area, Draw, Pass, Piece, Take};
-pub use draw_pipeline::{Attribute, Blend, DepthUse, DrawPipeline, DrawPipelineId, DrawSpec};
+pub use draw::{Area, Draw, DrawRange, IndexedRange, Pass};
+pub use draw_pipeline::{
+    Attribute, Blend, DepthUse, DrawEntry, DrawPipelineId, DrawShader, DrawSpec,
+};
 pub use error::VkError;
 pub use frame::{Frame, FrameOptions, Write};
 pub use gpu::{Gpu, OpenOptions};
-pub use heap::return_freed_memory;
 pub use info::{Choice, DeviceInfo, DeviceKind, MemoryHeap, list};
-pub use instance::Validate;
-pub use resources::{BufferId, Format, GpuBuffer, GpuImage, ImageId, ImageSpec};
+pub use instance::{Validate, all_validation_messages};
+pub use process::{ThreadsError, exit_now, return_freed_memory, set_lavapipe_threads};
+pub use resources::{BufferId, Format, ImageId, ImageSpec};
 pub use retire::Releaser;
 pub use runner::RunOptions;
-pub use slab::Handle;
 pub use staging::STAGING_BYTES;
-pub use threads::set_lavapipe_threads;

@@ -3,25 +3,30 @@
 use ash::vk;
 
 use super::Gpu;
-use super::draw::{Pass, Piece, Take};
+use super::draw::{DrawRange, IndexedRange, Pass};
 use super::draw_pipeline::STAGES;
 use super::frame::COMMAND_BYTES;
 use super::resources::{BufferId, ImageId};
 
+/// The layouts of `separateDepthStencilLayouts` are not for every device; this one is, and holds for
+/// depth without stencil too.
+const DEPTH_LAYOUT: vk::ImageLayout = vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL;
 const EVERYTHING: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::ALL_COMMANDS;
 
 impl Gpu {
-    /// One barrier that waits for everything before and brings images into their layouts.
-    fn turn(&mut self, cmd: vk::CommandBuffer, images: &[(ImageId, vk::ImageLayout)]) {
+    /// One barrier that waits for everything before and brings images into their layouts. What
+    /// they were is noted: a submission that fails changes no layout.
+    fn transition_images(&mut self, cmd: vk::CommandBuffer, images: &[(ImageId, vk::ImageLayout)]) {
         let memory = [vk::MemoryBarrier2::default()
             .src_stage_mask(EVERYTHING)
             .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
             .dst_stage_mask(EVERYTHING)
             .dst_access_mask(vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE)];
-        let mut turns = Vec::with_capacity(images.len());
+        let mut transitions = Vec::with_capacity(images.len());
         for (id, layout) in images {
-            let image = self.images.get_mut(*id);
-            turns.push(
+            let image = &mut self.images[*id];
+            self.transitions.push((*id, image.layout));
+            transitions.push(
                 vk::ImageMemoryBarrier2::default()
                     .src_stage_mask(EVERYTHING)
                     .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
@@ -39,8 +44,9 @@ impl Gpu {
             );
             image.layout = *layout;
         }
-        let info =
-            vk::DependencyInfo::default().memory_barriers(&memory).image_memory_barriers(&turns);
+        let info = vk::DependencyInfo::default()
+            .memory_barriers(&memory)
+            .image_memory_barriers(&transitions);
         // SAFETY: `cmd` is recording; the images are live and in the layouts we have tracked.
         unsafe { self.device.cmd_pipeline_barrier2(cmd, &info) };
     }
@@ -53,20 +59,18 @@ impl Gpu {
         place: &mut u64,
     ) {
         let colour_layout = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
-        let depth_layout = vk::ImageLayout::DEPTH_ATTACHMENT_OPTIMAL;
-        let mut turns = vec![(pass.colour, colour_layout)];
-        turns.extend(pass.resolve.map(|r| (r, colour_layout)));
-        turns.extend(pass.depth.map(|d| (d, depth_layout)));
+        let depth_layout = DEPTH_LAYOUT;
+        let mut transitions = vec![(pass.colour, colour_layout)];
+        transitions.extend(pass.resolve.map(|r| (r, colour_layout)));
+        transitions.extend(pass.depth.map(|d| (d, depth_layout)));
         for image in pass.draws.iter().flat_map(|d| &d.images) {
-            if turns.iter().all(|t| t.0 != *image) {
-                turns.push((*image, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL));
+            if transitions.iter().all(|t| t.0 != *image) {
+                transitions.push((*image, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL));
             }
         }
-        self.turn(cmd, &turns);
+        self.transition_images(cmd, &transitions);
 
         let a = pass.area;
-        let extent = self.images.get(pass.colour).image.extent;
-        assert!(a.x + a.width <= extent[0] && a.y + a.height <= extent[1], "area in the target");
         let rect = vk::Rect2D {
             offset: vk::Offset2D { x: a.x as i32, y: a.y as i32 },
             extent: vk::Extent2D { width: a.width, height: a.height },
@@ -79,9 +83,8 @@ impl Gpu {
             min_depth: 0.0,
             max_depth: 1.0,
         };
-        let target = &self.images.get(pass.colour).image;
+        let target = &self.images[pass.colour].image;
         let view = if pass.encoded { target.stored } else { target.view };
-        assert!(view != vk::ImageView::null(), "an encoded target is stored as sRGB");
         let mut colour = vk::RenderingAttachmentInfo::default()
             .image_view(view)
             .image_layout(colour_layout)
@@ -95,14 +98,14 @@ impl Gpu {
         if let Some(resolve) = pass.resolve {
             colour = colour
                 .resolve_mode(vk::ResolveModeFlags::AVERAGE)
-                .resolve_image_view(self.images.get(resolve).image.view)
+                .resolve_image_view(self.images[resolve].image.view)
                 .resolve_image_layout(colour_layout);
         }
         let colours = [colour];
         let far = vk::ClearDepthStencilValue { depth: 0.0, stencil: 0 };
         let depth = pass.depth.map(|d| {
             vk::RenderingAttachmentInfo::default()
-                .image_view(self.images.get(d).image.view)
+                .image_view(self.images[d].image.view)
                 .image_layout(depth_layout)
                 .load_op(vk::AttachmentLoadOp::CLEAR)
                 .store_op(vk::AttachmentStoreOp::DONT_CARE)
@@ -115,7 +118,7 @@ impl Gpu {
         if let Some(depth) = &depth {
             info = info.depth_attachment(depth);
         }
-        // SAFETY: `cmd` is recording; viewport and area lie in the target, as asserted above; the
+        // SAFETY: `cmd` is recording; viewport and area lie in the targets (`check_pass`); the
         // views are of live images, in the layouts named, that live until the timeline passes
         // this submission.
         unsafe {
@@ -127,7 +130,7 @@ impl Gpu {
             // SAFETY: `cmd` is recording within a rendering; every handle below was found live in
             // its slab and stays so until the timeline passes this submission.
             unsafe {
-                let p = self.draw_pipelines.get(draw.pipeline);
+                let p = &self.draw_pipelines[draw.pipeline];
                 let point = vk::PipelineBindPoint::GRAPHICS;
                 self.device.cmd_bind_pipeline(cmd, point, p.pipeline);
                 if !draw.images.is_empty() {
@@ -138,11 +141,11 @@ impl Gpu {
                     self.device.cmd_push_constants(cmd, p.layout, STAGES, 0, &draw.push);
                 }
                 if let Some(v) = draw.vertices {
-                    let raw = self.buffers.get(v).buffer.raw;
+                    let raw = self.buffers[v].buffer.raw;
                     self.device.cmd_bind_vertex_buffers(cmd, 0, &[raw], &[0]);
                 }
                 if let Some(i) = draw.indices {
-                    let i = self.buffers.get(i);
+                    let i = &self.buffers[i];
                     let kind = match i.index_bytes {
                         2 => vk::IndexType::UINT16,
                         _ => vk::IndexType::UINT32,
@@ -150,8 +153,8 @@ impl Gpu {
                     self.device.cmd_bind_index_buffer(cmd, i.buffer.raw, 0, kind);
                 }
             }
-            match &draw.take {
-                Take::Range(r) => {
+            match &draw.range {
+                DrawRange::Direct(r) => {
                     let (first, count) = (r.start, r.len() as u32);
                     // SAFETY: as above; `check_draw` compared the range and the largest index with
                     // the buffers.
@@ -162,23 +165,28 @@ impl Gpu {
                         }
                     }
                 }
-                Take::Pieces(pieces) => self.record_pieces(cmd, pieces, place),
+                DrawRange::Indirect(ranges) => self.record_indirect(cmd, ranges, place),
             }
         }
         // SAFETY: `cmd` is recording within the rendering begun above.
         unsafe { self.device.cmd_end_rendering(cmd) };
     }
 
-    /// Draws pieces from commands in the staging ring from `place` on. The host wrote them before
+    /// Draws ranges by commands in the staging ring from `place` on. The host wrote them before
     /// the submission, which makes them visible to it without a barrier.
-    fn record_pieces(&mut self, cmd: vk::CommandBuffer, pieces: &[Piece], place: &mut u64) {
+    fn record_indirect(
+        &mut self,
+        cmd: vk::CommandBuffer,
+        ranges: &[IndexedRange],
+        place: &mut u64,
+    ) {
         let (first, at_once) = (*place, u64::from(self.info.limits.draws_at_once));
-        *place += pieces.len() as u64 * COMMAND_BYTES;
+        *place += ranges.len() as u64 * COMMAND_BYTES;
         if at_once <= 1 {
-            for p in pieces {
+            for p in ranges {
                 let offset = p.first_vertex as i32;
                 // SAFETY: `cmd` is recording within a rendering with pipeline and buffers bound;
-                // `check_draw` compared each piece and the largest index with the buffers.
+                // `check_draw` compared each range and the largest index with the buffers.
                 unsafe {
                     let (n, i) = (p.indices, p.first_index);
                     self.device.cmd_draw_indexed(cmd, n, 1, i, offset, 0);
@@ -187,14 +195,14 @@ impl Gpu {
             return;
         }
         let bytes = self.staging.bytes_mut(first, *place - first);
-        for (to, p) in bytes.chunks_exact_mut(COMMAND_BYTES as usize).zip(pieces) {
+        for (to, p) in bytes.chunks_exact_mut(COMMAND_BYTES as usize).zip(ranges) {
             let words = [p.indices, 1, p.first_index, p.first_vertex, 0];
             to.copy_from_slice(bytemuck::cast_slice(&words));
         }
         let Some(ring) = &self.staging.buffer else { return };
         let mut done = 0;
-        while done < pieces.len() as u64 {
-            let n = at_once.min(pieces.len() as u64 - done);
+        while done < ranges.len() as u64 {
+            let n = at_once.min(ranges.len() as u64 - done);
             let at = first + done * COMMAND_BYTES;
             // SAFETY: as above; the commands lie in the ring, which nobody writes there until the
             // timeline passes this submission, at a multiple of four; the device has
@@ -208,11 +216,10 @@ impl Gpu {
     }
 
     pub(super) fn record_copy(&mut self, cmd: vk::CommandBuffer, from: ImageId, to: BufferId) {
-        self.turn(cmd, &[(from, vk::ImageLayout::TRANSFER_SRC_OPTIMAL)]);
-        let image = &self.images.get(from).image;
-        let buffer = &self.buffers.get(to).buffer;
+        self.transition_images(cmd, &[(from, vk::ImageLayout::TRANSFER_SRC_OPTIMAL)]);
+        let image = &self.images[from].image;
+        let buffer = &self.buffers[to].buffer;
         let [width, height] = image.extent;
-        assert!(u64::from(width) * u64::from(height) * 4 <= buffer.bytes, "room for the picture");
         let region = vk::BufferImageCopy::default()
             .image_subresource(vk::ImageSubresourceLayers {
                 aspect_mask: image.aspect,
@@ -227,7 +234,8 @@ impl Gpu {
             .dst_access_mask(vk::AccessFlags2::HOST_READ)];
         let info = vk::DependencyInfo::default().memory_barriers(&host);
         // SAFETY: `cmd` is recording; image and buffer are live, the image is in the layout named,
-        // the buffer is long enough.
+        // the
+        // buffer is long enough (`check_picture`).
         unsafe {
             self.device.cmd_copy_image_to_buffer(
                 cmd,
@@ -238,5 +246,21 @@ impl Gpu {
             );
             self.device.cmd_pipeline_barrier2(cmd, &info);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ash::vk;
+
+    #[test]
+    fn depth_targets_have_a_layout_that_needs_no_feature() {
+        let separate = [
+            vk::ImageLayout::DEPTH_ATTACHMENT_OPTIMAL,
+            vk::ImageLayout::DEPTH_READ_ONLY_OPTIMAL,
+            vk::ImageLayout::STENCIL_ATTACHMENT_OPTIMAL,
+            vk::ImageLayout::STENCIL_READ_ONLY_OPTIMAL,
+        ];
+        assert!(!separate.contains(&super::DEPTH_LAYOUT));
     }
 }

@@ -3,10 +3,9 @@
 
 use ash::vk;
 
-use super::memory::{self, Buffer, ImageDesc, Place};
+use super::initialized::InitializedRanges;
+use super::memory::{self, Buffer, ImageDesc, MemoryUse};
 use super::retire::ResourceId;
-use super::slab::Handle;
-use super::written::Written;
 use super::{Gpu, VkError};
 
 /// Pixel formats drawing uses; every Vulkan 1.3 device can draw to them.
@@ -31,6 +30,14 @@ impl Format {
             Self::Depth32 => vk::Format::D32_SFLOAT,
         }
     }
+
+    /// Bytes of one sample of a pixel.
+    pub fn pixel_bytes(self) -> u64 {
+        match self {
+            Self::Rgba8Srgb | Self::Rgba8Stored | Self::Depth32 => 4,
+            Self::Rgba16Float => 8,
+        }
+    }
 }
 
 /// What an image is to be.
@@ -45,28 +52,34 @@ pub struct ImageSpec {
 }
 
 /// A buffer of the device with its history.
-pub struct GpuBuffer {
+pub(super) struct GpuBuffer {
     pub(super) buffer: Buffer,
     /// Timeline value of its latest use.
     pub(super) last_use: u64,
     /// Bytes of an index; 0 where the buffer holds none.
     pub(super) index_bytes: u8,
+    pub(super) holds_vertices: bool,
+    /// Whether the host reads it.
+    pub(super) reads_back: bool,
     /// Largest vertex an index buffer names, or has ever named.
     pub(super) max_index: u32,
-    /// Of an index buffer that frames write: what they have written.
-    pub(super) written: Option<Written>,
+    /// Of an index buffer that frames write: what they have written so far.
+    pub(super) initialized: Option<InitializedRanges>,
 }
 
 /// An image of the device with its history.
-pub struct GpuImage {
+pub(super) struct GpuImage {
+    pub(super) spec: ImageSpec,
     pub(super) image: memory::Image,
     pub(super) layout: vk::ImageLayout,
 }
 
-/// Handle to a buffer.
-pub type BufferId = Handle<GpuBuffer>;
-/// Handle to an image.
-pub type ImageId = Handle<GpuImage>;
+slotmap::new_key_type! {
+    /// Handle to a buffer of a [`Gpu`]. It may outlive the buffer; a stale one is noticed.
+    pub struct BufferId;
+    /// Handle to an image of a [`Gpu`]. It may outlive the image; a stale one is noticed.
+    pub struct ImageId;
+}
 
 impl Gpu {
     /// A vertex buffer on the device.
@@ -98,7 +111,7 @@ impl Gpu {
     ) -> Result<BufferId, VkError> {
         let [bytes, part] = [count, part].map(|n| n.saturating_mul(2));
         let id = self.unwritten(name, bytes, vk::BufferUsageFlags::INDEX_BUFFER, 2)?;
-        self.buffers.get_mut(id).written = Some(Written::new(bytes, part));
+        self.buffers[id].initialized = Some(InitializedRanges::new(bytes, part));
         Ok(id)
     }
 
@@ -117,8 +130,8 @@ impl Gpu {
     /// As [`Gpu::vertex_buffer`].
     pub fn readback_buffer(&mut self, name: &str, bytes: u64) -> Result<BufferId, VkError> {
         let usage = vk::BufferUsageFlags::TRANSFER_DST;
-        let buffer = self.memory.buffer(name, bytes, usage, Place::Readback)?;
-        Ok(self.insert(buffer, 0, 0))
+        let buffer = self.new_buffer(name, bytes, usage, MemoryUse::Readback)?;
+        Ok(self.insert(buffer, usage, 0, 0))
     }
 
     /// An image to draw to, to sample (one sample a pixel), and to read back.
@@ -138,11 +151,12 @@ impl Gpu {
             format: spec.format.raw(),
             extent: spec.extent,
             samples: spec.samples,
+            pixel_bytes: spec.format.pixel_bytes(),
             usage,
             aspect,
         };
-        let image = self.memory.image(name, desc)?;
-        let id = self.images.insert(GpuImage { image, layout: vk::ImageLayout::UNDEFINED });
+        let image = self.with_memory(|m| m.image(name, desc))?;
+        let id = self.images.insert(GpuImage { spec, image, layout: vk::ImageLayout::UNDEFINED });
         self.note_made(ResourceId::Image(id));
         Ok(id)
     }
@@ -155,9 +169,20 @@ impl Gpu {
     /// # Panics
     /// If the buffer is not a read-back buffer.
     pub fn read(&mut self, id: BufferId) -> Result<&[u8], VkError> {
-        let last_use = self.buffers.get(id).last_use;
+        let last_use = self.buffers[id].last_use;
         self.wait(last_use)?;
-        Ok(self.buffers.get(id).buffer.mapped().expect("read-back memory is mapped"))
+        Ok(self.buffers[id].buffer.mapped().expect("read-back memory is mapped"))
+    }
+
+    /// A buffer; see [`Gpu::with_memory`].
+    pub(super) fn new_buffer(
+        &mut self,
+        name: &str,
+        bytes: u64,
+        usage: vk::BufferUsageFlags,
+        memory_use: MemoryUse,
+    ) -> Result<Buffer, VkError> {
+        self.with_memory(|m| m.buffer(name, bytes, usage, memory_use))
     }
 
     fn filled(
@@ -170,7 +195,7 @@ impl Gpu {
     ) -> Result<BufferId, VkError> {
         let bytes = data.len() as u64;
         let usage = usage | vk::BufferUsageFlags::TRANSFER_DST;
-        let mut buffer = self.memory.buffer(name, bytes, usage, Place::Device)?;
+        let mut buffer = self.new_buffer(name, bytes, usage, MemoryUse::Device)?;
         if self.memory.unified()
             && let Some(to) = buffer.mapped_mut()
         {
@@ -179,13 +204,25 @@ impl Gpu {
             self.memory.free_buffer(buffer);
             return Err(e);
         }
-        Ok(self.insert(buffer, index_bytes, max_index))
+        Ok(self.insert(buffer, usage, index_bytes, max_index))
     }
 
-    fn insert(&mut self, buffer: Buffer, index_bytes: u8, max_index: u32) -> BufferId {
-        let last_use = self.timeline.submitted;
-        let written = None;
-        let made = GpuBuffer { buffer, last_use, index_bytes, max_index, written };
+    fn insert(
+        &mut self,
+        buffer: Buffer,
+        usage: vk::BufferUsageFlags,
+        index_bytes: u8,
+        max_index: u32,
+    ) -> BufferId {
+        let made = GpuBuffer {
+            buffer,
+            last_use: self.timeline.submitted,
+            index_bytes,
+            holds_vertices: usage.contains(vk::BufferUsageFlags::VERTEX_BUFFER),
+            reads_back: usage == vk::BufferUsageFlags::TRANSFER_DST,
+            max_index,
+            initialized: None,
+        };
         let id = self.buffers.insert(made);
         self.note_made(ResourceId::Buffer(id));
         id
@@ -206,17 +243,17 @@ impl Gpu {
             return Err(VkError::TooLarge { buffer: name, bytes, limit, device });
         }
         let usage = usage | vk::BufferUsageFlags::TRANSFER_DST;
-        let buffer = self.memory.buffer(name, bytes, usage, Place::Device)?;
-        Ok(self.insert(buffer, index_bytes, 0))
+        let buffer = self.new_buffer(name, bytes, usage, MemoryUse::Device)?;
+        Ok(self.insert(buffer, usage, index_bytes, 0))
     }
 
     /// Records, submits and waits. After an error the device is idle.
     fn at_once(&mut self, record: impl FnOnce(&Self, vk::CommandBuffer)) -> Result<(), VkError> {
         let done = (|| {
             let reached = self.reached()?;
-            let cmd = self.commands.begin(&self.device, reached)?;
+            let cmd = self.commands.begin(reached)?;
             record(self, cmd);
-            let value = self.commands.submit(&self.device, self.queue, &mut self.timeline, cmd)?;
+            let value = self.commands.submit(self.queue, &mut self.timeline, cmd)?;
             self.wait(value)
         })();
         if done.is_err() {
@@ -232,7 +269,7 @@ impl Gpu {
             return Ok(());
         }
         let usage = vk::BufferUsageFlags::TRANSFER_SRC;
-        let mut from = self.memory.buffer(name, data.len() as u64, usage, Place::Upload)?;
+        let mut from = self.new_buffer(name, data.len() as u64, usage, MemoryUse::Upload)?;
         from.mapped_mut().expect("upload memory is mapped")[..data.len()].copy_from_slice(data);
         let done = self.at_once(|gpu, cmd| {
             let all = [vk::BufferCopy::default().size(data.len() as u64)];

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use ash::vk;
 
 use super::draw_pipeline::{DrawPipeline, DrawPipelineId};
-use super::memory::{self, Buffer};
+use super::memory::{self, Buffer, Memory};
 use super::resources::{BufferId, ImageId};
 use super::{Gpu, VkError};
 
@@ -161,6 +161,23 @@ impl Gpu {
         Ok(reached)
     }
 
+    /// Takes device memory. What is retired and passed is destroyed first; where memory has run
+    /// out, everything retired is waited for and destroyed, and it is tried once more.
+    pub(super) fn with_memory<T>(
+        &mut self,
+        take: impl Fn(&mut Memory) -> Result<T, VkError>,
+    ) -> Result<T, VkError> {
+        self.reap()?;
+        match take(&mut self.memory) {
+            Err(VkError::OutOfMemory { .. }) => {
+                self.wait(self.timeline.submitted)?;
+                self.reap()?;
+                take(&mut self.memory)
+            }
+            taken => taken,
+        }
+    }
+
     fn destroy(&mut self, retired: Retired) {
         match retired {
             Retired::Buffer(b) => self.memory.free_buffer(b),
@@ -175,9 +192,9 @@ impl Gpu {
     pub(super) fn destroy_all(&mut self) {
         let mut all: Vec<Retired> = self.retired.reap(u64::MAX).collect();
         all.extend(self.staging.buffer.take().map(Retired::Buffer));
-        all.extend(self.buffers.drain().map(|b| Retired::Buffer(b.buffer)));
-        all.extend(self.draw_pipelines.drain().map(Retired::Pipeline));
-        all.extend(self.images.drain().map(|i| Retired::Image(i.image)));
+        all.extend(self.buffers.drain().map(|(_, b)| b).map(|b| Retired::Buffer(b.buffer)));
+        all.extend(self.draw_pipelines.drain().map(|(_, p)| p).map(Retired::Pipeline));
+        all.extend(self.images.drain().map(|(_, i)| i).map(|i| Retired::Image(i.image)));
         all.into_iter().for_each(|r| self.destroy(r));
     }
 }

@@ -3,9 +3,10 @@
 
 use ash::vk;
 
-use super::memory::{Buffer, Place};
+use super::memory::{Buffer, MemoryUse};
 use super::{Gpu, VkError};
 use crate::compute::{Contents, Outputs, Plan, Step, StepTime};
+use crate::fault;
 
 /// Knobs of a run for tests of the tests.
 #[doc(hidden)]
@@ -15,9 +16,9 @@ pub struct RunOptions {
     pub skip_barriers: bool,
 }
 
-/// Everything a run holds on the device.
+/// Everything a run has on the device.
 #[derive(Default)]
-struct Held {
+struct RunResources {
     /// By plan buffer; `None` where no launch binds it or it has no bytes.
     buffers: Vec<Option<Buffer>>,
     /// Bound in place of buffers without bytes. A shader sees four words there and no size, so
@@ -47,9 +48,9 @@ impl Gpu {
     pub fn run_with(&mut self, plan: &Plan<'_>, options: RunOptions) -> Result<Outputs, VkError> {
         let bound = bound(plan);
         self.check(plan, &bound)?;
-        let mut held = Held::default();
+        let mut held = RunResources::default();
         let result = self.run_held(plan, &bound, options, &mut held);
-        self.let_go(held, result.is_err());
+        self.destroy_run(held, result.is_err());
         result
     }
 
@@ -63,9 +64,7 @@ impl Gpu {
             }
         }
         for step in plan.steps() {
-            let [x, y] = self.info.limits.groups.map(u64::from);
-            // Kernels count threads in 32 bits.
-            let limit = (x * y * u64::from(step.kernel.shader.workgroup)).min(u32::MAX.into());
+            let limit = most_threads(self.info.limits.groups, step.kernel.shader.workgroup);
             if step.threads as u64 > limit {
                 let (kernel, threads) = (step.kernel.name(), step.threads as u64);
                 return Err(VkError::TooManyThreads { kernel, threads, limit });
@@ -79,7 +78,7 @@ impl Gpu {
         plan: &Plan<'_>,
         bound: &[bool],
         options: RunOptions,
-        held: &mut Held,
+        held: &mut RunResources,
     ) -> Result<Outputs, VkError> {
         self.allocate(plan, bound, held)?;
         let sets = self.write_sets(plan, held)?;
@@ -88,7 +87,7 @@ impl Gpu {
             let info = vk::QueryPoolCreateInfo::default()
                 .query_type(vk::QueryType::TIMESTAMP)
                 .query_count(steps + 1);
-            // SAFETY: the device is live; the pool goes to `held`, which is let go after the wait.
+            // SAFETY: the device is live; the pool goes to `held`, which is destroyed after the wait.
             held.queries = unsafe { self.device.create_query_pool(&info, None) }
                 .map_err(VkError::of("vkCreateQueryPool"))?;
         }
@@ -101,13 +100,16 @@ impl Gpu {
         }
 
         let reached = self.reached()?;
-        let cmd = self.commands.begin(&self.device, reached)?;
+        let cmd = self.commands.begin(reached)?;
         self.record_uploads(cmd, plan, held);
         let mut hazards = Hazards::new(plan.buffers().len());
         self.stamp(cmd, held, 0);
         for (i, step) in plan.steps().iter().enumerate() {
             if step.threads > 0 {
-                if hazards.before(step) && !options.skip_barriers {
+                if hazards.before(step)
+                    && !options.skip_barriers
+                    && !fault::hit(fault::Point::Barrier)
+                {
                     self.barrier(cmd, COMPUTE_WRITE, COMPUTE_ACCESS);
                 }
                 let shader = step.kernel.shader;
@@ -131,7 +133,7 @@ impl Gpu {
             self.stamp(cmd, held, i as u32 + 1);
         }
         self.record_downloads(cmd, plan, held);
-        let value = self.commands.submit(&self.device, self.queue, &mut self.timeline, cmd)?;
+        let value = self.commands.submit(self.queue, &mut self.timeline, cmd)?;
         self.dispatched();
         self.wait(value)?;
 
@@ -158,7 +160,7 @@ impl Gpu {
         &mut self,
         plan: &Plan<'_>,
         bound: &[bool],
-        held: &mut Held,
+        held: &mut RunResources,
     ) -> Result<(), VkError> {
         use vk::BufferUsageFlags as Use;
         let storage = Use::STORAGE_BUFFER | Use::TRANSFER_SRC | Use::TRANSFER_DST;
@@ -168,7 +170,7 @@ impl Gpu {
                 continue;
             }
             let bytes = b.bytes as u64;
-            let mut buffer = self.memory.buffer(b.name, bytes, storage, Place::Device)?;
+            let mut buffer = self.new_buffer(b.name, bytes, storage, MemoryUse::Device)?;
             let data: Option<&[u8]> = match &b.contents {
                 Contents::Zeroed => None,
                 Contents::Borrowed(data) => Some(data),
@@ -181,7 +183,7 @@ impl Gpu {
                     to[..data.len()].copy_from_slice(data);
                 } else {
                     let mut s =
-                        self.memory.buffer(b.name, bytes, Use::TRANSFER_SRC, Place::Upload)?;
+                        self.new_buffer(b.name, bytes, Use::TRANSFER_SRC, MemoryUse::Upload)?;
                     let to = s.mapped_mut().expect("upload memory is mapped");
                     to[..data.len()].copy_from_slice(data);
                     held.staging.push((at, s));
@@ -190,7 +192,7 @@ impl Gpu {
             held.buffers[at] = Some(buffer);
         }
         if plan.steps().iter().any(|s| s.buffers.iter().any(|b| is_empty(plan, b.0))) {
-            held.dummy = Some(self.memory.buffer("nothing", 16, storage, Place::Device)?);
+            held.dummy = Some(self.new_buffer("nothing", 16, storage, MemoryUse::Device)?);
         }
         if !self.memory.unified() {
             for id in plan.downloads() {
@@ -198,7 +200,7 @@ impl Gpu {
                 if held.buffers[at].is_some() {
                     let b = &plan.buffers()[at];
                     let to = Use::TRANSFER_DST;
-                    let r = self.memory.buffer(b.name, b.bytes as u64, to, Place::Readback)?;
+                    let r = self.new_buffer(b.name, b.bytes as u64, to, MemoryUse::Readback)?;
                     held.readback.push((at, r));
                 }
             }
@@ -210,7 +212,7 @@ impl Gpu {
     fn write_sets(
         &mut self,
         plan: &Plan<'_>,
-        held: &mut Held,
+        held: &mut RunResources,
     ) -> Result<Vec<vk::DescriptorSet>, VkError> {
         let steps = plan.steps();
         if steps.is_empty() {
@@ -223,7 +225,7 @@ impl Gpu {
         }];
         let info =
             vk::DescriptorPoolCreateInfo::default().max_sets(steps.len() as u32).pool_sizes(&sizes);
-        // SAFETY: the device is live; the pool goes to `held`, which is let go after the wait.
+        // SAFETY: the device is live; the pool goes to `held`, which is destroyed after the wait.
         held.sets = unsafe { self.device.create_descriptor_pool(&info, None) }
             .map_err(VkError::of("vkCreateDescriptorPool"))?;
         let mut sets = Vec::with_capacity(steps.len());
@@ -273,7 +275,7 @@ impl Gpu {
         Ok(sets)
     }
 
-    fn record_uploads(&self, cmd: vk::CommandBuffer, plan: &Plan<'_>, held: &Held) {
+    fn record_uploads(&self, cmd: vk::CommandBuffer, plan: &Plan<'_>, held: &RunResources) {
         let mut any = false;
         for (at, b) in held.buffers.iter().enumerate() {
             let Some(b) = b else { continue };
@@ -303,7 +305,7 @@ impl Gpu {
         }
     }
 
-    fn record_downloads(&self, cmd: vk::CommandBuffer, plan: &Plan<'_>, held: &Held) {
+    fn record_downloads(&self, cmd: vk::CommandBuffer, plan: &Plan<'_>, held: &RunResources) {
         if plan.downloads().is_empty() {
             return;
         }
@@ -332,7 +334,7 @@ impl Gpu {
         unsafe { self.device.cmd_pipeline_barrier2(cmd, &info) };
     }
 
-    fn stamp(&self, cmd: vk::CommandBuffer, held: &Held, query: u32) {
+    fn stamp(&self, cmd: vk::CommandBuffer, held: &RunResources, query: u32) {
         if held.queries != vk::QueryPool::null() {
             let after_all = vk::PipelineStageFlags2::ALL_COMMANDS;
             // SAFETY: `cmd` is recording, the pool was reset in it, the queue has timestamps.
@@ -340,7 +342,7 @@ impl Gpu {
         }
     }
 
-    fn times(&self, plan: &Plan<'_>, held: &Held) -> Result<Vec<StepTime>, VkError> {
+    fn times(&self, plan: &Plan<'_>, held: &RunResources) -> Result<Vec<StepTime>, VkError> {
         let mut ticks = vec![0u64; plan.steps().len() + 1];
         if held.queries != vk::QueryPool::null() {
             let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
@@ -365,7 +367,7 @@ impl Gpu {
         Ok(steps.map(time).collect())
     }
 
-    fn let_go(&mut self, held: Held, failed: bool) {
+    fn destroy_run(&mut self, held: RunResources, failed: bool) {
         // SAFETY: `&mut self` makes us the only user of the queue. A run that succeeded has waited
         // already; one that failed may have left work behind. After that, nothing in `held` is in
         // use, all of it is ours and goes once; null pools are ignored.
@@ -439,6 +441,12 @@ fn is_empty(plan: &Plan<'_>, id: u32) -> bool {
     plan.buffers()[id as usize].bytes == 0
 }
 
+/// Most threads of one launch. Kernels count them in 32 bits.
+fn most_threads(groups: [u32; 2], workgroup: u32) -> u64 {
+    let [x, y] = groups.map(u64::from);
+    x.saturating_mul(y).saturating_mul(workgroup.into()).min(u32::MAX.into())
+}
+
 /// Workgroups for `threads`, folded into two dimensions where one would pass the device's limit;
 /// `shaders/lib/thread.wgsl` unfolds them.
 fn fold(threads: usize, workgroup: u32, limit: u32) -> [u32; 2] {
@@ -449,7 +457,17 @@ fn fold(threads: usize, workgroup: u32, limit: u32) -> [u32; 2] {
 
 #[cfg(test)]
 mod tests {
-    use super::fold;
+    use super::{fold, most_threads};
+    use crate::compute::{Buf, Kernel, Plan, Shader, run_cpu, worst};
+    use crate::kernels::fair::{Bindings, KERNEL, Params};
+    use crate::vk::{Choice, Gpu};
+
+    #[test]
+    fn thread_limits_of_devices_with_huge_group_counts_do_not_overflow() {
+        assert_eq!(most_threads([u32::MAX; 2], 1024), u64::from(u32::MAX));
+        assert_eq!(most_threads([65_535, 65_535], 64), u64::from(u32::MAX));
+        assert_eq!(most_threads([100, 3], 64), 19_200);
+    }
 
     #[test]
     fn folded_workgroups_cover_every_thread_within_the_limit() {
@@ -459,6 +477,76 @@ mod tests {
             let covered = u64::from(x) * u64::from(y) * 64;
             assert!(covered >= threads as u64, "{threads}: {x} x {y}");
             assert!(covered - (threads as u64) < 64 * (u64::from(y) + 1), "{threads}: {x} x {y}");
+        }
+    }
+
+    /// A ring of vertices, smoothed once.
+    fn ring(kernel: &'static Kernel, vertices: u32) -> (Plan<'static>, Buf<f32>) {
+        let around = |v: u32| [(v + vertices - 1) % vertices, (v + 1) % vertices];
+        let near: Vec<u32> = (0..vertices).flat_map(around).collect();
+        let start: Vec<u32> = (0..=vertices).map(|v| 2 * v).collect();
+        let normal = |v: u32| {
+            let a = v as f32 * 0.37;
+            glam::Vec3::new(a.cos(), a.sin(), (3.0 * a).sin()).normalize().to_array()
+        };
+        let normals: Vec<f32> = (0..vertices).flat_map(normal).collect();
+        let mut plan = Plan::new();
+        let start = plan.upload_owned("start", &start);
+        let weight = plan.upload_owned("weight", &vec![0.5f32; near.len()]);
+        let near = plan.upload_owned("near", &near);
+        let normal = plan.upload_owned("normal", &normals);
+        let faired = plan.zeroed::<f32>("faired", normals.len());
+        let bindings = Bindings { start, near, weight, normal, faired };
+        let threads = vertices as usize;
+        plan.launch(kernel, bindings, Params { vertices, lambda: 0.5 }, threads, threads);
+        plan.download(faired);
+        (plan, faired)
+    }
+
+    /// `fair` with the constant 1 of its shader made a little larger.
+    fn planted() -> &'static Kernel {
+        let mut spirv = KERNEL.shader.spirv.to_vec();
+        let one = 1.0f32.to_ne_bytes();
+        let mut patched = 0;
+        // OpConstant: opcode 43, four words, the value last.
+        let op = (4u32 << 16 | 43).to_ne_bytes();
+        for at in (20..spirv.len() - 12).step_by(4) {
+            if spirv[at..at + 4] == op && spirv[at + 12..at + 16] == one {
+                spirv[at + 12..at + 16].copy_from_slice(&1.001f32.to_ne_bytes());
+                patched += 1;
+            }
+        }
+        assert_eq!(patched, 1, "the shader has one constant 1");
+        let shader = KERNEL.shader;
+        Box::leak(Box::new(Kernel {
+            shader: Box::leak(Box::new(Shader {
+                name: shader.name,
+                spirv: spirv.leak(),
+                workgroup: shader.workgroup,
+                params_size: shader.params_size,
+                bindings: shader.bindings,
+            })),
+            twin: KERNEL.twin,
+            unit: KERNEL.unit,
+            tolerance: KERNEL.tolerance,
+            cases: KERNEL.cases,
+        }))
+    }
+
+    #[test]
+    fn a_shader_that_computes_something_else_than_its_twin_is_caught() {
+        let mut gpu = match Gpu::open(Choice::Any) {
+            Ok(gpu) => gpu,
+            Err(e) if e.is_no_device() && std::env::var_os("INTIMA_REQUIRE_GPU").is_none() => {
+                return;
+            }
+            Err(e) => panic!("{e}"),
+        };
+        for (kernel, fine) in [(&KERNEL, true), (planted(), false)] {
+            let (plan, out) = ring(kernel, 1000);
+            let (want, got) = (run_cpu(&plan), gpu.run(&plan).unwrap());
+            let verdict = worst(want.get(out), got.get(out), kernel.tolerance);
+            assert_eq!(verdict.is_ok(), fine, "{verdict:?}");
         }
     }
 }

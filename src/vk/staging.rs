@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 
 use ash::vk;
 
-use super::memory::{Buffer, Place};
+use super::memory::{Buffer, MemoryUse};
 use super::retire::Retired;
 use super::{Gpu, VkError};
 
@@ -102,7 +102,7 @@ impl Gpu {
         }
         use vk::BufferUsageFlags as Use;
         let usage = Use::TRANSFER_SRC | Use::INDIRECT_BUFFER;
-        let buffer = self.memory.buffer("staging", more, usage, Place::Upload)?;
+        let buffer = self.new_buffer("staging", more, usage, MemoryUse::Upload)?;
         if let Some(old) = self.staging.buffer.replace(buffer) {
             self.retired.push(self.timeline.submitted, Retired::Buffer(old));
         }
