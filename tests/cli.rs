@@ -3,6 +3,9 @@
 
 #[path = "common/volumes.rs"]
 mod common;
+#[cfg(unix)]
+#[path = "cli/crash.rs"]
+mod crash;
 #[cfg(feature = "faults")]
 #[path = "cli/faults.rs"]
 mod faults;

@@ -10,7 +10,9 @@ use std::sync::OnceLock;
 use common::{NiftiHeader, dicom_slice, phantom};
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
-use intima::formats::{FormatError, ReadOptions, inspect, read_volume, write_volume};
+use intima::formats::{
+    FormatError, ReadOptions, inspect, read_mesh, read_volume, write_mesh, write_volume,
+};
 use proptest::prelude::*;
 
 fn read(path: &Path) -> Result<(), FormatError> {
@@ -266,6 +268,80 @@ fn samples() -> &'static [(&'static str, Vec<u8>)] {
         files.push(("b.dcm", dicom_slice(&implicit)));
         files
     })
+}
+
+/// Small valid meshes, their headers text.
+fn meshes() -> Vec<(&'static str, Vec<u8>)> {
+    let mesh = intima::geometry::Mesh {
+        positions: vec![[0.0, 0.0, 0.0].into(), [1.0, 0.0, 0.0].into(), [0.0, 1.0, 0.0].into()],
+        faces: vec![[0, 1, 2]],
+        ..Default::default()
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let mut files = Vec::new();
+    for name in ["m.ply", "m.stl", "m.obj", "m.vtp", "m.glb"] {
+        let path = dir.path().join(name);
+        write_mesh(&path, &mesh).unwrap();
+        files.push((name, std::fs::read(&path).unwrap()));
+    }
+    let text = "solid a SPACE=LPS\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n\
+                vertex 0 1 0\nendloop\nendfacet\nendsolid a\n";
+    files.push(("t.stl", text.into()));
+    let text = "ply\nformat ascii 1.0\ncomment SPACE=LPS\nelement vertex 3\nproperty float x\n\
+                property float y\nproperty float z\nelement face 1\n\
+                property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    files.push(("t.ply", text.into()));
+    files
+}
+
+/// Every token of the header, and every eight bytes of it, are replaced by a name in turn: what is
+/// said of the file never holds the name.
+#[test]
+fn no_refusal_repeats_text_of_a_header() {
+    const NAME: &[u8] = b"JANE^DOE";
+    let dir = tempfile::tempdir().unwrap();
+    let (mut read_well, mut refused) = (0, 0);
+    let mut files: Vec<_> = samples().to_vec();
+    files.extend(meshes());
+    let mhd = "NDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nElementSpacing = 1 1 1\n\
+               DistanceUnits = mm\nElementDataFile = raw.raw\n";
+    files.push(("d.mhd", mhd.into()));
+    let nhdr = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nspacings: 1 1 1\n\
+                encoding: raw\ndata file: raw.raw\n\n";
+    files.push(("d.nhdr", nhdr.into()));
+    std::fs::write(dir.path().join("raw.raw"), [0; 8]).unwrap();
+    for (name, bytes) in &files {
+        let path = dir.path().join(name);
+        let head = bytes.len().min(1500);
+        let is_token = |b: u8| b.is_ascii_alphanumeric() || b"+-._".contains(&b);
+        let mut spans: Vec<(usize, usize)> = (0..head).map(|at| (at, at + NAME.len())).collect();
+        let mut at = 0;
+        while at < head {
+            let len = bytes[at..head].iter().take_while(|b| is_token(**b)).count();
+            if len > 0 {
+                spans.push((at, at + len));
+            }
+            at += len + 1;
+        }
+        for (from, to) in spans {
+            let tail = &bytes[to.min(bytes.len())..];
+            std::fs::write(&path, [&bytes[..from], NAME, tail].concat()).unwrap();
+            let mesh = ["ply", "stl", "obj", "vtp", "glb"].iter().any(|e| name.ends_with(e));
+            let said = match mesh {
+                true => read_mesh(&path, None).map(|(_, warnings)| warnings.join(" ")),
+                false => read_volume(&path, &ReadOptions::default()).map(|_| String::new()),
+            };
+            read_well += usize::from(said.is_ok());
+            refused += usize::from(said.is_err());
+            let said = said.unwrap_or_else(|e| format!("{e} {e:?}"));
+            assert!(!said.contains("JANE"), "{name}, bytes {from}..{to}: {said}");
+            let info = inspect(&path, &ReadOptions::default());
+            let info = info.map_or_else(|e| e.to_string(), |i| format!("{i:?}"));
+            assert!(!info.contains("JANE"), "{name}, bytes {from}..{to}: {info}");
+        }
+    }
+    println!("{refused} refused, {read_well} read");
+    assert!(refused > 2000 && read_well > 500, "{refused} {read_well}");
 }
 
 proptest! {

@@ -32,10 +32,10 @@ fn read(name: &str, content: impl AsRef<[u8]>) -> Result<(Mesh, Vec<String>), Fo
 }
 
 #[test]
-fn ply_and_obj_give_back_every_bit_and_stl_every_triangle() {
+fn every_format_gives_back_every_bit_and_stl_every_triangle() {
     let mesh = chiral();
     assert!(mesh.volume_mm3() > 0.0, "normals point inwards");
-    for name in ["a.ply", "a.obj", "a.STL"] {
+    for name in ["a.ply", "a.obj", "a.STL", "a.vtp", "a.glb"] {
         let (_dir, path) = scratch(name, "");
         write_mesh(&path, &mesh).unwrap();
         // The file's own tag beats the option.
@@ -126,6 +126,121 @@ fn vtp_surface_holds_the_mesh_its_normals_and_its_caps() {
     assert_eq!(find("connectivity"), bytemuck::cast_slice::<[u32; 3], u8>(&mesh.faces));
     assert_eq!(find("offsets"), bytemuck::cast_slice::<i32, u8>(&[3, 6, 9, 12]));
     assert_eq!(find("Cap"), [0, 1, 0, 0]);
+}
+
+#[test]
+fn caps_of_a_vtp_come_back_with_their_faces() {
+    let caps = vec![false, true, false, true];
+    let mut mesh = Mesh { caps: caps.clone(), ..chiral() };
+    let (_dir, path) = scratch("a.vtp", "");
+    write_mesh(&path, &mesh).unwrap();
+    assert_eq!(read_mesh(&path, None).unwrap().0.caps, caps);
+    // A face that is dropped takes its flag along.
+    mesh.faces[0] = [1, 1, 2];
+    write_mesh(&path, &mesh).unwrap();
+    assert_eq!(read_mesh(&path, None).unwrap().0.caps, caps[1..]);
+}
+
+#[test]
+fn vtp_of_other_writers_is_read_where_it_is_plain() {
+    let make = |tag: &str, polys: &str, offsets: &str| {
+        format!(
+            "<?xml version='1.0'?><VTKFile type=\"PolyData\" byte_order='LittleEndian'>\n\
+             <PolyData>{tag}<Piece NumberOfPoints='4' NumberOfPolys='2'>\n<Points>\
+             <DataArray type='Float64' NumberOfComponents='3' format='ascii'>\n\
+             0 0 0 1 0 0 1 1 0 0 1 0\n</DataArray></Points><Polys>\n\
+             <DataArray type='Int64' Name='connectivity' format='ascii'>{polys}</DataArray>\
+             <DataArray type='Int64' Name='offsets' format='ascii'>{offsets}</DataArray>\
+             </Polys></Piece></PolyData></VTKFile>"
+        )
+    };
+    let ras = "<FieldData><Array type='String' Name='SPACE' NumberOfTuples='1' format='ascii'>\
+               82 65 83 0</Array></FieldData>";
+    let (mesh, warnings) = read("a.vtp", make(ras, "0 1 2 3", "4")).unwrap();
+    assert_eq!(mesh.faces, [[0, 1, 2], [0, 2, 3]]);
+    assert_eq!((mesh.positions[1], warnings.len()), (Vec3::new(-1.0, 0.0, 0.0), 0));
+    let (_, warnings) = read("a.vtp", make("", "0 1 2 0 2 3", "3 6")).unwrap();
+    assert!(warnings[0].contains("LPS assumed"));
+    let error = |polys: &str, offsets: &str| {
+        read("a.vtp", make("", polys, offsets)).unwrap_err().to_string()
+    };
+    assert!(error("0 1 2", "4").contains("vertex of polygon 0"));
+    assert!(error("0 1 9", "3").contains("is `9`"));
+    assert!(error("0 1 -2", "3").contains("vertex of polygon 0"));
+    assert!(error("0 1 2 0 2 3", "3 2").contains("offset of polygon 1"));
+    assert!(error("0 1", "2").contains("three vertices"));
+    let whole = make("", "0 1 2", "3");
+    for (from, to) in [
+        ("NumberOfPoints='4'", "NumberOfPoints='5'"),
+        ("type=\"PolyData\"", "type='ImageData'"),
+        ("byte_order=", "compressor='z' byte_order="),
+        ("format='ascii'>\n0", "format='binary'>\n0"),
+        ("0 0 0 1", "0 0 JANE 1"),
+    ] {
+        let message = read("a.vtp", whole.replace(from, to)).unwrap_err().to_string();
+        assert!(!message.contains("JANE"), "{message}");
+    }
+}
+
+#[test]
+fn glb_of_other_writers_is_turned_from_metres_with_y_up() {
+    let mesh = chiral();
+    let (_dir, path) = scratch("a.glb", "");
+    write_mesh(&path, &mesh).unwrap();
+    let ours = std::fs::read(&path).unwrap();
+    let word = |at: usize| u32::from_le_bytes(ours[at..at + 4].try_into().unwrap()) as usize;
+    let json: serde_json::Value = serde_json::from_slice(&ours[20..20 + word(12)]).unwrap();
+    let rebuilt = |change: &dyn Fn(&mut serde_json::Value)| {
+        let mut json = json.clone();
+        change(&mut json);
+        let mut text = json.to_string().into_bytes();
+        text.resize(text.len().next_multiple_of(4), b' ');
+        let bin = &ours[20 + word(12)..];
+        let mut out = b"glTF\x02\0\0\0".to_vec();
+        out.extend(((20 + text.len() + bin.len()) as u32).to_le_bytes());
+        out.extend((text.len() as u32).to_le_bytes());
+        out.extend(b"JSON");
+        out.extend(text);
+        out.extend(bin);
+        read("a.glb", out)
+    };
+    // The same turn and scale as a rotation, below a node that moves by a metre up.
+    let (moved, warnings) = rebuilt(&|j| {
+        j["asset"] = serde_json::json!({"version": "2.0"});
+        let half = 0.5f64.sqrt();
+        j["nodes"] = serde_json::json!([
+            {"children": [1], "translation": [0, 1, 0]},
+            {"mesh": 0, "scale": [1e-3, 1e-3, 1e-3], "rotation": [-half, 0, 0, half]},
+        ]);
+    })
+    .unwrap();
+    assert!(warnings[0].contains("LPS assumed"), "{warnings:?}");
+    for (a, b) in moved.positions.iter().zip(&mesh.positions) {
+        assert!((*a - *b - Vec3::Z * 1000.0).length() < 1e-3, "{a} {b}");
+    }
+    for (a, b) in moved.normals.iter().zip(&mesh.normals) {
+        assert!((*a - *b).length() < 1e-5, "{a} {b}");
+    }
+    let (flat, _) = rebuilt(&|j| j["nodes"][0]["matrix"][0] = (-1e-3).into()).unwrap();
+    assert_eq!(flat.faces[0], [0, 2, 1], "a mirror turns the faces");
+    type Change = dyn Fn(&mut serde_json::Value);
+    let refused: [&Change; 9] = [
+        &|j| j["nodes"][0]["children"] = serde_json::json!([0]),
+        &|j| j["scene"] = 7.into(),
+        &|j| j["accessors"][0]["count"] = u64::MAX.into(),
+        &|j| j["accessors"][0]["count"] = 5.into(),
+        &|j| j["bufferViews"][0]["byteOffset"] = (u64::MAX - 3).into(),
+        &|j| j["bufferViews"][0]["byteStride"] = 0.into(),
+        &|j| j["meshes"][0]["primitives"][0]["mode"] = 1.into(),
+        &|j| j["nodes"] = serde_json::json!(vec![0; 5000]),
+        &|j| {
+            let one = j["meshes"][0]["primitives"][0].clone();
+            j["meshes"][0]["primitives"] = serde_json::json!(vec![one; 100]);
+        },
+    ];
+    for (i, change) in refused.iter().enumerate() {
+        assert!(rebuilt(change).is_err(), "case {i}");
+    }
 }
 
 #[test]
@@ -352,11 +467,11 @@ fn csv_centerline_reads_back_to_the_same_numbers() {
 }
 
 #[test]
-fn vtp_centerline_has_one_polyline_from_root_to_every_tip() {
+fn vtp_centerline_splits_every_line_from_root_to_tip_into_tracts() {
     let (_dir, path) = scratch("a.vtp", "");
     write_centerline(&path, &forked_line()).unwrap();
     let (xml, arrays) = arrays(&path);
-    assert!(xml.contains("NumberOfLines=\"2\"") && xml.contains("NumberOfPoints=\"6\""));
+    assert!(xml.contains("NumberOfLines=\"4\"") && xml.contains("NumberOfPoints=\"6\""));
     assert!(xml.contains("Name=\"SPACE\""));
     let find = |name: &str| &arrays.iter().find(|a| a.0 == name).unwrap().1[..];
     let doubles = |name| bytemuck::pod_collect_to_vec::<u8, f64>(find(name));
@@ -365,10 +480,34 @@ fn vtp_centerline_has_one_polyline_from_root_to_every_tip() {
     assert_eq!(doubles("MaximumInscribedSphereRadius"), doubles("Radius"));
     assert_eq!(doubles("Abscissa"), [0.0, 1.0 / 3.0, 1.0, 0.0, 1.0 / 3.0, 2.4]);
     assert_eq!(doubles("Points")[..4], [0.0, 0.0, 0.1, 1.0 / 3.0]);
-    assert_eq!(ints("offsets"), [3, 6]);
-    assert_eq!(ints("CenterlineIds"), [0, 1]);
-    assert_eq!(ints("GroupIds"), [1, 2]);
-    assert_eq!((ints("TractIds"), ints("Blanking")), (vec![0, 0], vec![0, 0]));
+    // Of each line the trunk, then its branch; both cells hold the point of the fork.
+    assert_eq!(ints("connectivity"), [0, 1, 1, 2, 3, 4, 4, 5]);
+    assert_eq!(ints("offsets"), [2, 4, 6, 8]);
+    assert_eq!(ints("CenterlineIds"), [0, 0, 1, 1]);
+    assert_eq!(ints("TractIds"), [0, 1, 0, 1]);
+    assert_eq!(ints("GroupIds"), [0, 1, 0, 2], "lines that share a trunk share its group");
+    assert_eq!(ints("Blanking"), [0; 4]);
+}
+
+#[test]
+fn a_trunk_that_goes_on_behind_its_branch_has_a_line_of_its_own() {
+    let mut line = forked_line();
+    line.branches.truncate(2);
+    let end = CenterlinePoint {
+        position_mm: DVec3::new(0.4, -3.0, 0.1),
+        radius_mm: 1.0,
+        abscissa_mm: 3.4,
+    };
+    line.branches[0].points.push(end);
+    let (_dir, path) = scratch("a.vtp", "");
+    write_centerline(&path, &line).unwrap();
+    let (_, arrays) = arrays(&path);
+    let find = |name: &str| &arrays.iter().find(|a| a.0 == name).unwrap().1[..];
+    let ints = |name| bytemuck::pod_collect_to_vec::<u8, i32>(find(name));
+    let points = bytemuck::pod_collect_to_vec::<u8, f64>(find("Points"));
+    assert_eq!(points[6..9], end.position_mm.to_array(), "the trunk's own tip");
+    assert_eq!(ints("CenterlineIds"), [0, 0, 1, 1]);
+    assert_eq!(ints("GroupIds"), [0, 1, 0, 2]);
 }
 
 #[test]
@@ -415,7 +554,7 @@ fn damaged_files_give_an_error_or_a_sound_mesh_and_never_a_panic() {
     let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
                 property float z\nelement face 1\nproperty list uchar int vertex_indices\n\
                 end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
-    for name in ["a.ply", "b.ply", "a.stl", "a.obj"] {
+    for name in ["a.ply", "b.ply", "a.stl", "a.obj", "a.vtp", "a.glb"] {
         let path = dir.path().join(name);
         write_mesh(&path, &chiral()).unwrap();
         let good = if name == "b.ply" { text.into() } else { std::fs::read(&path).unwrap() };

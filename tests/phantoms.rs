@@ -214,7 +214,7 @@ fn grey_values_agree_with_the_mask_and_noise_is_gaussian_and_repeatable() {
         let mask = p.mask();
         let clean = p.grey(None, 0);
         let Samples::I16(hu) = &clean.samples else { panic!("a CT is i16") };
-        for (&m, &v) in inside(&mask).iter().zip(hu) {
+        for (&m, &v) in inside(&mask).iter().zip(hu.iter()) {
             assert!(
                 if m == 1 { v <= -455 } else { v >= -455 },
                 "the middle of the ramp is the wall"
@@ -223,7 +223,7 @@ fn grey_values_agree_with_the_mask_and_noise_is_gaussian_and_repeatable() {
         assert_eq!(clean.range(), Some((-950.0, 40.0)));
         let noisy = p.grey(Some(20.0), 7);
         let Samples::I16(with) = &noisy.samples else { panic!("a CT is i16") };
-        let d: Vec<f64> = with.iter().zip(hu).map(|(a, b)| f64::from(a - b)).collect();
+        let d: Vec<f64> = with.iter().zip(hu.iter()).map(|(a, b)| f64::from(a - b)).collect();
         let n = d.len() as f64;
         let mean = d.iter().sum::<f64>() / n;
         let sd = (d.iter().map(|v| v * v).sum::<f64>() / n).sqrt();

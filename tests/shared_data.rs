@@ -78,7 +78,8 @@ fn assert_grown(volume: &Volume, what: &str, seed: [u32; 3], rows: &[Row]) {
     }
 }
 
-/// The surface of what a recipe grows, as it is and with its cavities filled.
+/// The surface of what a recipe grows, as it is and with its cavities filled; how many those are
+/// is compared where SciPy has counted them.
 fn assert_surface(
     volume: &Volume,
     what: &str,
@@ -92,7 +93,9 @@ fn assert_surface(
     let recipe =
         SegmentationOptions { seed: Some(seed), ..SegmentationOptions::new(window.clone()) };
     let (filled, found) = recipe.apply(volume).unwrap();
-    assert_eq!(found.filled.1, cavities.unwrap_or(found.filled.1), "{what}: cavities");
+    if let Some(cavities) = cavities {
+        assert_eq!(found.filled.1, cavities, "{what}: cavities");
+    }
     let mut solid = BitVolume::new(volume.grid.dims);
     for e in filled.elements(&filled.inside) {
         let v = filled.bricks.voxel(e).as_uvec3();

@@ -116,7 +116,7 @@ fn meshes_past_repair_are_refused_in_one_line_and_nothing_is_written() {
     for (name, text, word) in [
         ("nan", "v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n", "not finite"),
         ("empty", "v 0 0 0\nv 1 0 0\n", "no faces"),
-        ("index", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "9"),
+        ("index", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "line 4: names a vertex"),
         (
             "moebius",
             "v 0 0 0\nv 1 0 0\nv 2 1 0\nv 1 2 1\nv 0 1 1\n\

@@ -117,16 +117,16 @@ fn a_rescale_is_carried_by_nifti_and_applied_elsewhere() {
 fn counted(kind: SampleType, big: bool) -> Vec<u8> {
     let mut samples = Samples::zeroed(kind, 24);
     match &mut samples {
-        Samples::U8(s) => (0..).zip(s).for_each(|(n, v)| *v = n),
-        Samples::I8(s) => (0..).zip(s).for_each(|(n, v)| *v = n),
-        Samples::U16(s) => (0..).zip(s).for_each(|(n, v)| *v = n),
-        Samples::I16(s) => (0..).zip(s).for_each(|(n, v)| *v = n),
-        Samples::U32(s) => (0..).zip(s).for_each(|(n, v)| *v = n),
-        Samples::I32(s) => (0..).zip(s).for_each(|(n, v)| *v = n),
-        Samples::U64(s) => (0..).zip(s).for_each(|(n, v)| *v = n),
-        Samples::I64(s) => (0..).zip(s).for_each(|(n, v)| *v = n),
-        Samples::F32(s) => (0u8..).zip(s).for_each(|(n, v)| *v = n.into()),
-        Samples::F64(s) => (0u8..).zip(s).for_each(|(n, v)| *v = n.into()),
+        Samples::U8(s) => (0..).zip(s.iter_mut()).for_each(|(n, v)| *v = n),
+        Samples::I8(s) => (0..).zip(s.iter_mut()).for_each(|(n, v)| *v = n),
+        Samples::U16(s) => (0..).zip(s.iter_mut()).for_each(|(n, v)| *v = n),
+        Samples::I16(s) => (0..).zip(s.iter_mut()).for_each(|(n, v)| *v = n),
+        Samples::U32(s) => (0..).zip(s.iter_mut()).for_each(|(n, v)| *v = n),
+        Samples::I32(s) => (0..).zip(s.iter_mut()).for_each(|(n, v)| *v = n),
+        Samples::U64(s) => (0..).zip(s.iter_mut()).for_each(|(n, v)| *v = n),
+        Samples::I64(s) => (0..).zip(s.iter_mut()).for_each(|(n, v)| *v = n),
+        Samples::F32(s) => (0u8..).zip(s.iter_mut()).for_each(|(n, v)| *v = n.into()),
+        Samples::F64(s) => (0u8..).zip(s.iter_mut()).for_each(|(n, v)| *v = n.into()),
     }
     if big != cfg!(target_endian = "big") {
         samples.swap_bytes();

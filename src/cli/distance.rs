@@ -37,7 +37,7 @@ impl Args {
         let start = std::time::Instant::now();
         let dense = lumen.dense(&field, 0.0f32);
         let dense_s = start.elapsed().as_secs_f64();
-        write_volume(&self.output, &Volume::new(lumen.grid, Samples::F32(dense)))?;
+        write_volume(&self.output, &Volume::new(lumen.grid, Samples::from(dense)))?;
         let deepest = field.iter().copied().fold(0.0f32, f32::max);
         global.say(format_args!(
             "wrote {}: {} inside voxels, deepest {deepest:.3} mm",

@@ -17,7 +17,7 @@ use crate::surface::{Adjacency, Smoothing, VoxelFrame};
 /// `intima fair MESH -o MESH`
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Mesh: .ply, .stl or .obj
+    /// Mesh: .ply, .stl, .obj, .vtp or .glb
     mesh: PathBuf,
     /// Mesh to write: .ply, .stl, .obj, .vtp or .glb
     #[arg(short, long, value_name = "MESH")]

@@ -81,7 +81,7 @@ impl Args {
         } else {
             let dense = lumen.dense(&field, 0.0f32);
             copied += start.elapsed();
-            write_volume(&self.output, &Volume::new(lumen.grid, Samples::F32(dense)))?;
+            write_volume(&self.output, &Volume::new(lumen.grid, Samples::from(dense)))?;
         }
         global.say(format_args!("wrote {} (sigma {sigma} mm)", self.output.display()))?;
         global.answer(&timing.with("sigma_mm", sigma).with("dense_s", copied.as_secs_f64()))

@@ -42,7 +42,7 @@ impl Args {
         if self.binary {
             classes.iter_mut().for_each(|c| *c = (*c).min(1));
         }
-        write_volume(&self.output, &Volume::new(lumen.grid, Samples::U8(classes)))?;
+        write_volume(&self.output, &Volume::new(lumen.grid, Samples::from(classes)))?;
         global.say(format_args!(
             "wrote {}: {} internal and {} boundary voxels, {:.3} ml",
             self.output.display(),

@@ -19,7 +19,7 @@ use crate::session::{Clock, Mode};
 /// `intima simplify MESH --faces N -o MESH`
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Mesh: .ply, .stl or .obj
+    /// Mesh: .ply, .stl, .obj, .vtp or .glb
     mesh: PathBuf,
     /// Faces wanted
     #[arg(long, value_name = "N", required_unless_present = "from_maps")]

@@ -10,7 +10,7 @@ fn noise(dims: [u32; 3], p: u32, seed: u64) -> Volume {
         (s >> 56) as u32
     };
     let v: Vec<u8> = (0..grid.len()).map(|_| u8::from(next() < p)).collect();
-    Volume::new(grid, Samples::U8(v))
+    Volume::new(grid, Samples::from(v))
 }
 
 fn inside(v: &Volume, p: IVec3) -> bool {
@@ -76,7 +76,7 @@ fn the_largest_component_is_kept_and_the_others_are_reported_with_size_and_place
     }
     // Touching by an edge alone is not connected.
     s[grid.index(UVec3::new(7, 2, 1))] = 7;
-    let v = Volume::new(grid, Samples::U8(s));
+    let v = Volume::new(grid, Samples::from(s));
     let (lumen, found) =
         SegmentationOptions::new(IntensitySelection::Labels(vec![7])).apply(&v).unwrap();
     assert_eq!(lumen.inside_voxels(), 3);
@@ -94,12 +94,12 @@ fn closed_cavities_are_filled_and_open_ones_are_not() {
         d.abs().max_element() == 3
     };
     let mut s: Vec<u8> = (0..grid.len()).map(|i| u8::from(shell(grid.voxel(i)))).collect();
-    let closed = Volume::new(grid, Samples::U8(s.clone()));
+    let closed = Volume::new(grid, Samples::from(s.clone()));
     let (lumen, found) =
         SegmentationOptions::new(IntensitySelection::Labels(vec![])).apply(&closed).unwrap();
     assert_eq!((lumen.inside_voxels(), found.filled), (343, (125, 1)));
     s[grid.index(UVec3::new(4, 4, 1))] = 0;
-    let open = Volume::new(grid, Samples::U8(s));
+    let open = Volume::new(grid, Samples::from(s));
     let (lumen, found) =
         SegmentationOptions::new(IntensitySelection::Labels(vec![])).apply(&open).unwrap();
     assert_eq!((lumen.inside_voxels(), found.filled), (217, (0, 0)));
@@ -108,7 +108,7 @@ fn closed_cavities_are_filled_and_open_ones_are_not() {
 #[test]
 fn thresholds_are_inclusive_in_real_units_for_every_sign_of_slope() {
     let grid = Grid::axis_aligned([5, 1, 1], [1.0; 3]);
-    let mut v = Volume::new(grid, Samples::I16(vec![-3, -1, 0, 1, 3]));
+    let mut v = Volume::new(grid, Samples::from(vec![-3, -1, 0, 1, 3]));
     let count = |v: &Volume, lo, hi| IntensitySelection::Range { lo, hi }.select(v).count();
     let inf = f64::INFINITY;
     assert_eq!(count(&v, -1.0, 1.0), 3);
@@ -117,11 +117,11 @@ fn thresholds_are_inclusive_in_real_units_for_every_sign_of_slope() {
     v.rescale = crate::volume::Rescale { slope: -2.0, intercept: 10.0 }; // 16 12 10 8 4
     assert_eq!(count(&v, 8.0, 12.0), 3);
     assert_eq!(count(&v, 12.0, inf), 2);
-    v.samples = Samples::F32(vec![f32::NAN, -1.0, f32::INFINITY, 0.0, 1.0]);
+    v.samples = Samples::from(vec![f32::NAN, -1.0, f32::INFINITY, 0.0, 1.0]);
     v.rescale = crate::volume::Rescale::IDENTITY;
     assert_eq!(count(&v, -inf, inf), 4);
     assert_eq!(IntensitySelection::Labels(vec![]).select(&v).count(), 3);
-    v.samples = Samples::U8(vec![1, 2, 9, 4, 0]);
+    v.samples = Samples::from(vec![1, 2, 9, 4, 0]);
     assert_eq!(IntensitySelection::Labels(vec![1, 2, 9]).select(&v).count(), 3);
     assert_eq!(IntensitySelection::Labels(vec![-5, 300]).select(&v).count(), 0);
 }
@@ -150,7 +150,7 @@ fn a_leak_through_one_voxel_into_noise_is_stopped_below_it() {
             *s = -880;
         }
     }
-    let v = Volume::new(grid, Samples::I16(s));
+    let v = Volume::new(grid, Samples::from(s));
     let window = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -500.0 };
     let seed = UVec3::new(24, 24, 24);
     let plain = grow(&v, &window, seed).unwrap().count();
@@ -198,7 +198,7 @@ fn an_intensity_selection_tests_rescaled_values() {
         IntensitySelection::Range { lo: -1.0, hi: 2.0 },
         IntensitySelection::Range { lo: 1e9, hi: 2e9 },
     ];
-    for samples in [Samples::F32(floats), Samples::I16(shorts), Samples::U8(bytes)] {
+    for samples in [Samples::from(floats), Samples::from(shorts), Samples::from(bytes)] {
         // Of the last, no stored value is a real 0.
         for (slope, intercept) in [(1.0, 0.0), (-2.0, 4.0), (1.0, 0.25)] {
             let mut v = Volume::new(grid, samples.clone());

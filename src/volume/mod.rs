@@ -7,7 +7,7 @@ mod samples;
 
 pub use grid::{Grid, GridError};
 pub(crate) use samples::with_samples;
-pub use samples::{Sample, SampleType, Samples};
+pub use samples::{Sample, SampleBuffer, SampleType, Samples, SharedSamples};
 
 /// A volume as it came from a file: samples in stored units, geometry in patient space.
 #[derive(Clone, Debug, PartialEq)]

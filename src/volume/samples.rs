@@ -1,5 +1,65 @@
 //! Samples in the type they were stored in. Nothing here converts a whole volume to float.
 
+use std::fmt;
+use std::ops::{Deref, DerefMut};
+use std::sync::Arc;
+
+/// What keeps samples that this crate did not allocate: a mapped file, an array of another
+/// language. It is asked for its slice at every access, so that should cost nothing, and must be
+/// the same slice each time.
+pub type SharedSamples<T> = Arc<dyn AsRef<[T]> + Send + Sync>;
+
+/// Samples of one type: owned, or borrowed from an owner elsewhere. Cloning borrowed samples copies
+/// none; writing to them copies them first.
+#[derive(Clone)]
+pub enum SampleBuffer<T> {
+    /// Allocated here.
+    Owned(Vec<T>),
+    /// Kept by somebody else, read only.
+    Shared(SharedSamples<T>),
+}
+
+impl<T> Deref for SampleBuffer<T> {
+    type Target = [T];
+    #[inline]
+    fn deref(&self) -> &[T] {
+        match self {
+            Self::Owned(v) => v,
+            Self::Shared(s) => (**s).as_ref(),
+        }
+    }
+}
+
+impl<T: Clone> DerefMut for SampleBuffer<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        if let Self::Shared(s) = self {
+            *self = Self::Owned((**s).as_ref().to_vec());
+        }
+        match self {
+            Self::Owned(v) => v,
+            Self::Shared(_) => &mut [],
+        }
+    }
+}
+
+impl<T: PartialEq> PartialEq for SampleBuffer<T> {
+    fn eq(&self, other: &Self) -> bool {
+        self[..] == other[..]
+    }
+}
+
+impl<T: fmt::Debug> fmt::Debug for SampleBuffer<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self[..].fmt(f)
+    }
+}
+
+impl<T> From<Vec<T>> for SampleBuffer<T> {
+    fn from(v: Vec<T>) -> Self {
+        Self::Owned(v)
+    }
+}
+
 /// The stored types every reader may produce.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[allow(missing_docs)]
@@ -83,7 +143,7 @@ macro_rules! samples {
         /// All samples of a volume, x fastest.
         #[derive(Clone, Debug, PartialEq)]
         #[allow(missing_docs)]
-        pub enum Samples { $($variant(Vec<$t>),)* }
+        pub enum Samples { $($variant(SampleBuffer<$t>),)* }
 
         $(impl Sample for $t {
             const TYPE: SampleType = SampleType::$variant;
@@ -97,13 +157,17 @@ macro_rules! samples {
         }
 
         impl From<Vec<$t>> for Samples {
-            fn from(v: Vec<$t>) -> Self { Self::$variant(v) }
+            fn from(v: Vec<$t>) -> Self { Self::$variant(v.into()) }
+        }
+
+        impl From<SharedSamples<$t>> for Samples {
+            fn from(s: SharedSamples<$t>) -> Self { Self::$variant(SampleBuffer::Shared(s)) }
         })*
 
         impl Samples {
             /// Zeroed samples of a given type.
             pub fn zeroed(t: SampleType, len: usize) -> Self {
-                match t { $(SampleType::$variant => Self::$variant(vec![<$t>::default(); len]),)* }
+                match t { $(SampleType::$variant => vec![<$t>::default(); len].into(),)* }
             }
         }
     };
@@ -165,7 +229,7 @@ impl Samples {
         with_samples!(self, |s| bytemuck::cast_slice(s))
     }
 
-    /// The samples as native-endian bytes, to be filled by a reader.
+    /// The samples as native-endian bytes, to be filled by a reader; borrowed ones are copied.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         with_samples!(self, |s| bytemuck::cast_slice_mut(s))
     }
@@ -173,5 +237,27 @@ impl Samples {
     /// Reverses the bytes of every sample in place.
     pub fn swap_bytes(&mut self) {
         with_samples!(self, |s| s.iter_mut().for_each(|v| *v = v.swap_bytes()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::{Grid, Volume};
+
+    #[test]
+    fn borrowed_samples_are_read_in_place_and_copied_only_to_be_written() {
+        let owner: Arc<[i16]> = (0..24).collect();
+        let shared: SharedSamples<i16> = Arc::new(owner.clone());
+        let grid = Grid::axis_aligned([2, 3, 4], [1.0; 3]);
+        let mut borrowed = Volume::new(grid, shared.into());
+        let owned = Volume::new(grid, owner.to_vec().into());
+        assert_eq!(borrowed, owned);
+        assert_eq!(borrowed.samples.bytes().as_ptr(), owner.as_ptr().cast());
+        let clone = borrowed.clone();
+        assert_eq!(clone.samples.bytes().as_ptr(), owner.as_ptr().cast());
+        borrowed.samples.bytes_mut()[0] = 7;
+        assert_ne!(borrowed, owned);
+        assert_eq!((clone, owner[0]), (owned, 0));
     }
 }

@@ -9,7 +9,7 @@ use super::*;
 
 /// A stand-in for ffmpeg that writes some bytes of its output at once, the rest when its input
 /// ends.
-fn ffmpeg(dir: &Path) -> std::ffi::OsString {
+pub fn ffmpeg(dir: &Path) -> std::ffi::OsString {
     let folder = dir.join("bin");
     std::fs::create_dir_all(&folder).unwrap();
     let script = "#!/bin/sh\nfor last; do :; done\necho begun > \"$last\"\ncat > /dev/null\n\
@@ -21,7 +21,7 @@ fn ffmpeg(dir: &Path) -> std::ffi::OsString {
     std::env::join_paths(all).unwrap()
 }
 
-fn start(dir: &Path, args: &[&str]) -> Child {
+pub fn start(dir: &Path, args: &[&str]) -> Child {
     Command::new(env!("CARGO_BIN_EXE_intima"))
         .args(args)
         .current_dir(dir)
@@ -33,13 +33,13 @@ fn start(dir: &Path, args: &[&str]) -> Child {
         .unwrap()
 }
 
-fn signal(child: &Child, name: &str) {
+pub fn signal(child: &Child, name: &str) {
     let status = Command::new("kill").args([name, &child.id().to_string()]).status();
     assert!(status.unwrap().success(), "{name}");
 }
 
 /// Temporary files in a folder and those below it.
-fn temporary(dir: &Path) -> Vec<std::path::PathBuf> {
+pub fn temporary(dir: &Path) -> Vec<std::path::PathBuf> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(dir).unwrap().flatten() {
         let path = entry.path();

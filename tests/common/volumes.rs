@@ -6,7 +6,7 @@ use std::process::Command;
 
 use glam::{DMat3, DQuat, DVec3};
 use intima::formats::{FormatError, ReadOptions, read_volume};
-use intima::volume::{Grid, Samples, Volume};
+use intima::volume::{Grid, Volume};
 
 /// Reads a volume where nothing has to be chosen.
 pub fn read(path: &Path) -> Result<Volume, FormatError> {
@@ -33,7 +33,7 @@ pub fn phantom(left_handed: bool) -> Volume {
     for (label, v) in [(1, [0, 0, 0]), (200, [6, 0, 0]), (-300, [0, 4, 1]), (1400, [2, 1, 3])] {
         samples[grid.index(v.into())] = label;
     }
-    Volume::new(grid, Samples::I16(samples))
+    Volume::new(grid, samples.into())
 }
 
 /// A NIfTI-1 header of a 2 × 3 × 4 volume.
@@ -237,6 +237,6 @@ pub fn oblique_two_piece() -> Volume {
             DVec3::new(across, 0.0, p.z - pitch * t).length() < radius
         })
     };
-    let samples = (0..grid.len()).into_par_iter().map(|i| u8::from(inside(i))).collect();
-    Volume::new(grid, Samples::U8(samples))
+    let samples: Vec<u8> = (0..grid.len()).into_par_iter().map(|i| u8::from(inside(i))).collect();
+    Volume::new(grid, samples.into())
 }

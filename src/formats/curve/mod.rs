@@ -12,7 +12,8 @@ use crate::geometry::Centerline;
 
 /// Writes a centerline by extension; coordinates are LPS mm, radius and abscissa mm.
 ///
-/// - `.vtp`: one polyline from the root to every tip, arrays named as VMTK and Slicer look for.
+/// - `.vtp`: polylines from the root to every tip, split into tracts at forks; arrays named as VMTK
+///   and Slicer look for.
 /// - `.csv`: a header, then `x,y,z,radius,abscissa,branch,parent`, one point a row; the root's
 ///   parent is -1.
 /// - `.mrk.json`: a Slicer curve for every branch, the radius as a measurement.

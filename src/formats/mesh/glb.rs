@@ -8,14 +8,15 @@ use super::{FormatError, Mesh};
 use crate::formats::atomic_file;
 
 /// glTF's codes.
-const FLOAT: u32 = 5126;
-const UNSIGNED_INT: u32 = 5125;
+pub(super) const FLOAT: u32 = 5126;
+pub(super) const UNSIGNED_INT: u32 = 5125;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// World of glTF from LPS mm, column by column: left to +x, head to +y, front to +z. Its
 /// determinant is positive, so nothing is mirrored.
-const MATRIX: [f64; 16] = [1e-3, 0., 0., 0., 0., 0., -1e-3, 0., 0., 1e-3, 0., 0., 0., 0., 0., 1.];
+pub(super) const MATRIX: [f64; 16] =
+    [1e-3, 0., 0., 0., 0., 0., -1e-3, 0., 0., 1e-3, 0., 0., 0., 0., 0., 1.];
 
 pub(super) fn write(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
     let Some((low, high)) = mesh.bounds().filter(|_| !mesh.faces.is_empty()) else {

@@ -1,11 +1,15 @@
-//! Meshes: PLY, STL and OBJ in and out, VTP and glTF out.
+//! Meshes: PLY, STL, OBJ, VTP and glTF in and out.
 
 mod glb;
+mod glb_read;
 mod obj;
 mod ply;
 pub(super) mod polydata;
+mod raw_mesh;
 mod stl;
 mod vtp;
+mod vtp_read;
+mod xml;
 
 use std::path::Path;
 use std::str::FromStr;
@@ -13,8 +17,8 @@ use std::str::FromStr;
 use glam::Vec3;
 
 use super::FormatError;
-use super::error::FieldValue;
 use crate::geometry::Mesh;
+use raw_mesh::RawMesh;
 
 /// The patient coordinates a file is in, where it does not say so itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,20 +40,12 @@ impl FromStr for Space {
     }
 }
 
-/// What a reader found in a file, in the file's own coordinates.
-#[derive(Default)]
-struct Raw {
-    positions: Vec<Vec3>,
-    normals: Vec<Vec3>,
-    faces: Vec<[u32; 3]>,
-    space: Option<Space>,
-    warnings: Vec<String>,
-}
-
-/// Reads a surface (.ply, .stl, .obj) into LPS; lengths are taken as millimetres. Polygons become
-/// fans of triangles, faces with a repeated vertex are dropped, and an STL's equal points become
-/// one vertex. The `SPACE=` tag in the file's comments says where x and y point; without one,
-/// `space` does; without either, LPS is assumed and a warning says so.
+/// Reads a surface (.ply, .stl, .obj, .vtp, .glb) into LPS; lengths are taken as millimetres, those
+/// of glTF's world as metres with y up. Polygons become fans of triangles, faces with a repeated
+/// vertex are dropped, and an STL's equal points become one vertex. The file's `SPACE` tag (a
+/// comment, VTK field data, extras of the glTF asset) says where x and y point; without one,
+/// `space` does; without either, LPS is assumed and a warning says so. Of a .vtp the caps come
+/// back too.
 ///
 /// The warnings hold no text of the file.
 ///
@@ -61,10 +57,19 @@ pub fn read_mesh(path: &Path, space: Option<Space>) -> Result<(Mesh, Vec<String>
         "ply" => ply::read,
         "stl" => stl::read,
         "obj" => obj::read,
-        other => return Err(FormatError::unsupported(path, unknown(other, "ply, stl and obj"))),
+        "vtp" => vtp_read::read,
+        "glb" => glb_read::read,
+        other => {
+            let what = unknown(other, "ply, stl, obj, vtp and glb");
+            return Err(FormatError::unsupported(path, what));
+        }
     };
     let bytes = std::fs::read(path).map_err(|e| FormatError::io(path, e))?;
-    finish(path, read(path, &bytes)?, space)
+    let mut counted = RawMesh::default();
+    read(path, &bytes, &mut counted)?;
+    let mut raw = RawMesh::keeping(path, &counted)?;
+    read(path, &bytes, &mut raw)?;
+    Ok(finish(raw, space))
 }
 
 /// Writes a surface by extension: .ply, .stl, .obj, .vtp or .glb. Coordinates are LPS mm in each;
@@ -108,42 +113,28 @@ fn space_tag(text: &str) -> Option<Space> {
         .find_map(|(tag, space)| text.contains(tag).then_some(space))
 }
 
-/// A vertex from a file's numbers.
-fn vertex(path: &Path, index: usize, xyz: [f64; 3]) -> Result<Vec3, FormatError> {
-    let v = Vec3::from(xyz.map(|c| c as f32));
-    if v.is_finite() {
-        return Ok(v);
-    }
-    let value = FieldValue::numbers(&xyz);
-    Err(FormatError::field(path, format!("vertex {index}"), value, "not finite"))
-}
-
-/// Adds a polygon as a fan.
-fn push_fan(raw: &mut Raw, polygon: &[u32]) {
-    for k in 2..polygon.len() {
-        raw.faces.push([polygon[0], polygon[k - 1], polygon[k]]);
-    }
-}
-
 /// What all readers have in common: space, degenerate faces, normals.
-fn finish(path: &Path, raw: Raw, space: Option<Space>) -> Result<(Mesh, Vec<String>), FormatError> {
-    let Raw { mut positions, mut normals, mut faces, space: tag, mut warnings } = raw;
-    let count = positions.len() as u64;
-    let out = faces
-        .iter()
-        .enumerate()
-        .find_map(|(i, f)| f.iter().find(|&&v| u64::from(v) >= count).map(|v| (i, *v)));
-    if let Some((i, v)) = out {
-        let why = format!("there are {count} vertices");
-        return Err(FormatError::field(path, format!("vertex of triangle {i}"), v, why));
+fn finish(raw: RawMesh, space: Option<Space>) -> (Mesh, Vec<String>) {
+    let RawMesh {
+        mut positions, mut normals, mut faces, mut caps, space: tag, mut warnings, ..
+    } = raw;
+    if caps.len() != faces.len() {
+        caps.clear();
     }
     let before = faces.len();
-    faces.retain(|&[a, b, c]| a != b && b != c && c != a);
+    let spans = |&[a, b, c]: &[u32; 3]| a != b && b != c && c != a;
+    let mut kept = faces.iter().map(spans);
+    caps.retain(|_| kept.next() == Some(true));
+    faces.retain(spans);
     if faces.len() < before {
         warnings.push(format!("{} faces with a repeated vertex dropped", before - faces.len()));
     }
     if faces.is_empty() {
         warnings.push("the mesh has no faces".into());
+    }
+    if !normals.is_empty() && normals.len() != positions.len() {
+        warnings.push("vertices without a normal: all normals dropped".into());
+        normals.clear();
     }
     if normals.iter().any(|n| !(n.length() > 1e-6 && n.is_finite())) {
         warnings.push("normals that are zero or not finite: all normals dropped".into());
@@ -162,7 +153,7 @@ fn finish(path: &Path, raw: Raw, space: Option<Space>) -> Result<(Mesh, Vec<Stri
             *v = Vec3::new(0.0 - v.x, 0.0 - v.y, v.z);
         }
     }
-    Ok((Mesh { positions, normals, faces, caps: Vec::new() }, warnings))
+    (Mesh { positions, normals, faces, caps }, warnings)
 }
 
 /// Refuses a mesh whose parts do not fit together.

@@ -5,14 +5,15 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use super::{FormatError, Mesh, Raw, space_tag, vertex};
+use super::raw_mesh::finite;
+use super::{FormatError, Mesh, RawMesh, space_tag};
 use crate::formats::atomic_file;
 
 const HEADER: usize = 80;
 /// Normal, three corners, two bytes of attributes.
 const ROW: usize = 50;
 
-pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, FormatError> {
+pub(super) fn read(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), FormatError> {
     let truncated = |what, wanted| {
         let found = bytes.len() as u64;
         FormatError::Truncated { file: path.to_owned(), what, wanted, found }
@@ -22,17 +23,17 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, FormatError> {
     // Some programs begin binary files with `solid` too; the size tells them apart.
     let exact = count.is_some_and(|n| size(n) == bytes.len() as u64);
     if !exact && bytes.trim_ascii_start().starts_with(b"solid") {
-        return text(path, bytes);
+        return text(path, bytes, raw);
     }
     let count = count.ok_or_else(|| truncated("STL header", (HEADER + 4) as u64))?;
     if size(count) > bytes.len() as u64 {
         return Err(truncated("triangles", size(count)));
     }
-    let mut welder = Welder::default();
-    welder.raw.space = space_tag(&String::from_utf8_lossy(&bytes[..HEADER]));
+    raw.space = space_tag(&String::from_utf8_lossy(&bytes[..HEADER]));
     if !exact {
-        welder.raw.warnings.push("bytes after the last triangle ignored".into());
+        raw.warnings.push("bytes after the last triangle ignored".into());
     }
+    let mut welder = Welder::new(raw);
     for row in bytes[HEADER + 4..].chunks_exact(ROW).take(count as usize) {
         let c = |k: usize| {
             let b = &row[12 + 4 * k..][..4];
@@ -41,65 +42,79 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, FormatError> {
         let corner = |k: usize| [c(3 * k), c(3 * k + 1), c(3 * k + 2)];
         welder.face(path, [corner(0), corner(1), corner(2)])?;
     }
-    Ok(welder.raw)
+    Ok(())
 }
 
-fn text(path: &Path, bytes: &[u8]) -> Result<Raw, FormatError> {
-    let text = String::from_utf8_lossy(bytes);
-    let mut welder = Welder::default();
-    welder.raw.space = text.lines().next().and_then(space_tag);
-    let (mut corners, mut ended) = (Vec::new(), false);
+fn text(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), FormatError> {
+    // Names in the file may be in any encoding; a line that is read is ASCII.
+    let lines = || bytes.split(|b| *b == b'\n').map(|l| std::str::from_utf8(l).unwrap_or(""));
+    raw.space = lines().next().and_then(space_tag);
+    let mut welder = Welder::new(raw);
+    let (mut corner, mut ended) = (0usize, false);
+    let (mut first, mut last) = ([0.0; 3], [0.0; 3]);
     let bad =
         |number: usize, why: &str| FormatError::text(path, format!("line {}", number + 1), why);
-    for (number, line) in text.lines().enumerate() {
-        let words: Vec<&str> = line.split_ascii_whitespace().collect();
-        match words[..] {
-            ["vertex", ref xyz @ ..] => {
-                let xyz: Vec<Option<f64>> = xyz.iter().map(|w| w.parse().ok()).collect();
-                let [Some(x), Some(y), Some(z)] = xyz[..] else {
+    for (number, line) in lines().enumerate() {
+        let mut words = line.split_ascii_whitespace();
+        match words.next() {
+            Some("vertex") => {
+                let mut next = || words.next().and_then(|w| w.parse().ok());
+                let (Some(x), Some(y), Some(z)) = (next(), next(), next()) else {
                     return Err(bad(number, "no vertex"));
                 };
-                corners.push([x, y, z]);
+                let v = [x, y, z];
+                match corner {
+                    0 => first = v,
+                    1 => {}
+                    _ => welder.face(path, [first, last, v])?,
+                }
+                (last, corner) = (v, corner + 1);
             }
-            ["endloop"] => {
-                if corners.len() < 3 {
+            Some("endloop") => {
+                if corner < 3 {
                     return Err(bad(number, "a loop has three vertices or more"));
                 }
-                for k in 2..corners.len() {
-                    welder.face(path, [corners[0], corners[k - 1], corners[k]])?;
-                }
-                corners.clear();
+                corner = 0;
             }
-            ["endsolid", ..] => ended = true,
+            Some("endsolid") => ended = true,
             _ => {}
         }
     }
-    if !ended || !corners.is_empty() {
+    if !ended || corner > 0 {
         return Err(FormatError::text(path, "last line", "not endsolid: truncated"));
     }
-    Ok(welder.raw)
+    Ok(())
 }
 
 /// Makes one vertex of equal points.
-#[derive(Default)]
-struct Welder {
-    raw: Raw,
+struct Welder<'a> {
+    raw: &'a mut RawMesh,
     known: HashMap<[u32; 3], u32>,
 }
 
-impl Welder {
+impl<'a> Welder<'a> {
+    fn new(raw: &'a mut RawMesh) -> Self {
+        Self { raw, known: HashMap::new() }
+    }
+
     fn face(&mut self, path: &Path, corners: [[f64; 3]; 3]) -> Result<(), FormatError> {
         let mut face = [0; 3];
         for (slot, xyz) in face.iter_mut().zip(corners) {
-            let next = self.raw.positions.len();
+            let next = self.raw.vertex_count();
             // Adding zero makes of -0 the same point as +0.
-            let v = vertex(path, next, xyz)? + Vec3::ZERO;
+            let v = finite(path, next, xyz)? + Vec3::ZERO;
+            // Which points are equal matters only to a mesh that is kept.
+            if !self.raw.keeps() {
+                continue;
+            }
             *slot = *self.known.entry(v.to_array().map(f32::to_bits)).or_insert(next as u32);
             if *slot as usize == next {
-                self.raw.positions.push(v);
+                self.raw.push_vertex(path, v.to_array().map(f64::from))?;
             }
         }
-        self.raw.faces.push(face);
+        if self.raw.keeps() {
+            self.raw.push_face(face, None);
+        }
         Ok(())
     }
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::str::SplitAsciiWhitespace;
 
-use super::super::{FormatError, Raw, space_tag};
+use super::super::{FormatError, RawMesh, space_tag};
 
 /// A number type of PLY.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -102,7 +102,7 @@ impl Body<'_> {
 pub(super) fn header<'a>(
     path: &Path,
     bytes: &'a [u8],
-    raw: &mut Raw,
+    raw: &mut RawMesh,
 ) -> Result<(Vec<Element>, Body<'a>, u64), FormatError> {
     let bad = |field: &str, why: &str| Err(FormatError::text(path, field, why));
     let (mut rest, mut format, mut elements) = (bytes, String::new(), Vec::<Element>::new());

@@ -6,13 +6,12 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use super::{FormatError, Mesh, Raw, push_fan, vertex};
+use super::{FormatError, Mesh, RawMesh};
 use crate::formats::atomic_file;
 use header::{Body, Element, Property, header};
 
-pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, FormatError> {
-    let mut raw = Raw::default();
-    let (elements, mut body, size) = header(path, bytes, &mut raw)?;
+pub(super) fn read(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), FormatError> {
+    let (elements, mut body, size) = header(path, bytes, raw)?;
     for element in &elements {
         // The least a row can take: a character and a separator a word, or the fixed bytes.
         let least: u64 = element.properties.iter().map(|p| least(p, &body)).sum();
@@ -27,14 +26,14 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, FormatError> {
             });
         }
         if least > 0 {
-            rows(path, element, &mut body, &mut raw, size)?;
+            rows(path, element, &mut body, raw, size)?;
         }
     }
     if !elements.iter().any(|e| e.name == "face") && elements.iter().any(|e| e.name == "tristrips")
     {
         return Err(FormatError::unsupported(path, "PLY with triangle strips; faces are"));
     }
-    Ok(raw)
+    Ok(())
 }
 
 fn least(p: &Property, body: &Body) -> u64 {
@@ -49,7 +48,7 @@ fn rows(
     path: &Path,
     element: &Element,
     body: &mut Body,
-    raw: &mut Raw,
+    raw: &mut RawMesh,
     size: u64,
 ) -> Result<(), FormatError> {
     let name = element.name.as_str();
@@ -77,7 +76,6 @@ fn rows(
     let normals = has(3) && has(4) && has(5);
     // The names of other elements are the file's own.
     let shown = ["vertex", "face"].into_iter().find(|n| *n == name).unwrap_or("other row");
-    let mut polygon = Vec::new();
     for i in 0..element.count as usize {
         let cut = || {
             let why = format!("missing or no number ({size} bytes of data)");
@@ -101,7 +99,7 @@ fn rows(
                     "no length",
                 ));
             }
-            polygon.clear();
+            raw.begin_polygon(None);
             for _ in 0..count as u64 {
                 let v = body.next(p.kind).ok_or_else(cut)?;
                 if slot.is_some() {
@@ -113,17 +111,14 @@ fn rows(
                             "no vertex",
                         ));
                     }
-                    polygon.push(v as u32);
+                    raw.polygon_vertex(v as u32);
                 }
-            }
-            if slot.is_some() {
-                push_fan(raw, &polygon);
             }
         }
         if name == "vertex" {
-            raw.positions.push(vertex(path, i, [row[0], row[1], row[2]])?);
+            raw.push_vertex(path, [row[0], row[1], row[2]])?;
             if normals {
-                raw.normals.push(Vec3::new(row[3] as f32, row[4] as f32, row[5] as f32));
+                raw.push_normal(Vec3::new(row[3] as f32, row[4] as f32, row[5] as f32));
             }
         }
     }

@@ -1,0 +1,421 @@
+//! glTF 2.0 in: triangles of a binary file's own buffer, through the matrices of its nodes.
+
+use std::fmt;
+use std::marker::PhantomData;
+use std::path::Path;
+
+use glam::{DMat4, DQuat, DVec3};
+use serde::de::{Deserialize, Deserializer, SeqAccess, Visitor};
+
+use super::glb::{FLOAT, MATRIX, UNSIGNED_INT};
+use super::{FormatError, RawMesh, Space};
+
+const UNSIGNED_BYTE: u32 = 5121;
+const UNSIGNED_SHORT: u32 = 5123;
+const TRIANGLES: u32 = 4;
+
+/// No description of a surface is longer, and none of its lists; they bound what it takes.
+const MOST_JSON: usize = 1 << 20;
+const MOST_ENTRIES: usize = 4096;
+
+/// A list that is refused where it is longer than any surface needs.
+struct List<T>(Vec<T>);
+
+impl<T> Default for List<T> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Entries<T>(PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for Entries<T> {
+            type Value = List<T>;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a list")
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<List<T>, A::Error> {
+                let mut list = Vec::new();
+                while let Some(entry) = seq.next_element()? {
+                    if list.len() == MOST_ENTRIES {
+                        return Err(serde::de::Error::custom("a list is too long"));
+                    }
+                    list.push(entry);
+                }
+                Ok(List(list))
+            }
+        }
+        deserializer.deserialize_seq(Entries(PhantomData))
+    }
+}
+
+#[derive(serde::Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+#[derive(Default)]
+struct Document {
+    asset: Asset,
+    scene: usize,
+    scenes: List<Scene>,
+    nodes: List<Node>,
+    meshes: List<MeshOf>,
+    accessors: List<Accessor>,
+    buffer_views: List<View>,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(default)]
+struct Asset {
+    extras: Extras,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(default)]
+struct Extras {
+    #[serde(rename = "SPACE")]
+    space: Named,
+}
+
+/// The space that the asset names.
+#[derive(Clone, Copy, Default, serde::Deserialize)]
+enum Named {
+    #[serde(rename = "LPS")]
+    Lps,
+    #[serde(rename = "RAS")]
+    Ras,
+    #[default]
+    #[serde(other)]
+    Other,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(default)]
+struct Scene {
+    nodes: List<usize>,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(default)]
+struct Node {
+    mesh: Option<usize>,
+    children: List<usize>,
+    matrix: Option<[f64; 16]>,
+    translation: Option<[f64; 3]>,
+    rotation: Option<[f64; 4]>,
+    scale: Option<[f64; 3]>,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(default)]
+struct MeshOf {
+    primitives: List<Primitive>,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(default)]
+struct Primitive {
+    attributes: Attributes,
+    indices: Option<usize>,
+    mode: Option<u32>,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(rename_all = "UPPERCASE", default)]
+struct Attributes {
+    position: Option<usize>,
+    normal: Option<usize>,
+}
+
+#[derive(Clone, Copy, Default, PartialEq, serde::Deserialize)]
+enum Shape {
+    #[serde(rename = "SCALAR")]
+    Scalar,
+    #[serde(rename = "VEC3")]
+    Vec3,
+    #[default]
+    #[serde(other)]
+    Other,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+struct Accessor {
+    buffer_view: Option<usize>,
+    byte_offset: u64,
+    component_type: u32,
+    count: u64,
+    #[serde(rename = "type")]
+    shape: Shape,
+    sparse: Option<serde::de::IgnoredAny>,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+struct View {
+    buffer: usize,
+    byte_offset: u64,
+    byte_length: u64,
+    byte_stride: Option<u64>,
+}
+
+/// Entries of an accessor, each as stored.
+struct Entries<'a> {
+    bytes: &'a [u8],
+    stride: usize,
+    size: usize,
+    count: usize,
+}
+
+impl Entries<'_> {
+    fn at(&self, i: usize) -> &[u8] {
+        &self.bytes[i * self.stride..][..self.size]
+    }
+
+    fn vector(&self, i: usize) -> [f64; 3] {
+        let b = self.at(i);
+        [0, 4, 8].map(|k| f64::from(f32::from_le_bytes([b[k], b[k + 1], b[k + 2], b[k + 3]])))
+    }
+
+    fn index(&self, i: usize) -> u32 {
+        let mut four = [0; 4];
+        four[..self.size].copy_from_slice(self.at(i));
+        u32::from_le_bytes(four)
+    }
+}
+
+struct Reader<'a> {
+    path: &'a Path,
+    document: Document,
+    buffer: &'a [u8],
+}
+
+/// The two chunks of a file: its description and its buffer.
+fn chunks<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], &'a [u8]), FormatError> {
+    let word = |at: usize| {
+        let b = bytes.get(at..at + 4)?;
+        Some(u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+    };
+    if word(0) != Some(0x4654_6c67) || word(4) != Some(2) {
+        return Err(FormatError::text(path, "magic", "a .glb begins `glTF`, version 2"));
+    }
+    let chunk = |at: usize, kind: u32, what: &'static str| {
+        let cut = |wanted: u64| {
+            let (file, found) = (path.to_owned(), bytes.len() as u64);
+            FormatError::Truncated { file, what, wanted, found }
+        };
+        let (size, found) = word(at).zip(word(at + 4)).ok_or_else(|| cut(at as u64 + 8))?;
+        if found != kind {
+            return Err(FormatError::text(path, what, "another kind of chunk"));
+        }
+        let end = (at as u64 + 8).saturating_add(u64::from(size));
+        let chunk = usize::try_from(end).ok().and_then(|end| bytes.get(at + 8..end));
+        chunk.ok_or_else(|| cut(end))
+    };
+    let json = chunk(12, 0x4e4f_534a, "JSON chunk")?;
+    let buffer = chunk(20 + json.len(), 0x004e_4942, "BIN chunk")?;
+    Ok((json, buffer))
+}
+
+pub(super) fn read(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), FormatError> {
+    let (json, buffer) = chunks(path, bytes)?;
+    if json.len() > MOST_JSON {
+        return Err(FormatError::field(path, "JSON chunk, bytes", json.len(), "too long"));
+    }
+    let document: Document = serde_json::from_slice(json)
+        .map_err(|e| FormatError::text(path, format!("JSON column {}", e.column()), "damaged"))?;
+    raw.space = match document.asset.extras.space {
+        Named::Lps => Some(Space::Lps),
+        Named::Ras => Some(Space::Ras),
+        Named::Other => None,
+    };
+    let reader = Reader { path, document, buffer };
+    reader.scene(raw)
+}
+
+impl<'a> Reader<'a> {
+    fn bad(&self, what: &str, why: &str) -> FormatError {
+        FormatError::text(self.path, what, why)
+    }
+
+    /// All meshes of the scene. World is metres with y up; what is read is LPS mm.
+    fn scene(&self, raw: &mut RawMesh) -> Result<(), FormatError> {
+        let doc = &self.document;
+        let scene = doc.scenes.0.get(doc.scene).ok_or_else(|| self.bad("scene", "not there"))?;
+        let mut seen = vec![false; doc.nodes.0.len()];
+        let mut open: Vec<(usize, Option<DMat4>)> =
+            scene.nodes.0.iter().rev().map(|n| (*n, None)).collect();
+        // Primitives may share data, but a surface is no larger than its file.
+        let mut shared = self.buffer.len();
+        while let Some((index, above)) = open.pop() {
+            let node = doc.nodes.0.get(index).ok_or_else(|| self.bad("node", "not there"))?;
+            if std::mem::replace(&mut seen[index], true) {
+                return Err(self.bad("node", "stands in two places"));
+            }
+            let local = node.transform();
+            let world = match (above, local) {
+                (None, local) => local,
+                (Some(above), None) => Some(above),
+                (Some(above), Some(local)) => Some(above * local),
+            };
+            if let Some(mesh) = node.mesh {
+                let mesh = doc.meshes.0.get(mesh).ok_or_else(|| self.bad("mesh", "not there"))?;
+                let turn = lps_mm_from(world);
+                for primitive in &mesh.primitives.0 {
+                    self.primitive(primitive, turn, &mut shared, raw)?;
+                }
+            }
+            open.extend(node.children.0.iter().rev().map(|n| (*n, world)));
+        }
+        Ok(())
+    }
+
+    fn primitive(
+        &self,
+        primitive: &Primitive,
+        turn: Option<DMat4>,
+        shared: &mut usize,
+        raw: &mut RawMesh,
+    ) -> Result<(), FormatError> {
+        if primitive.mode.is_some_and(|m| m != TRIANGLES) {
+            let what = "glTF primitives that are not triangles";
+            return Err(FormatError::unsupported(self.path, what));
+        }
+        let position = primitive.attributes.position;
+        let position = position.ok_or_else(|| self.bad("POSITION", "absent"))?;
+        let positions = self.entries("POSITION", position, Shape::Vec3, &[FLOAT])?;
+        let normals = match primitive.attributes.normal {
+            Some(n) => Some(self.entries("NORMAL", n, Shape::Vec3, &[FLOAT])?),
+            None => None,
+        };
+        let known = [UNSIGNED_BYTE, UNSIGNED_SHORT, UNSIGNED_INT];
+        let indices = match primitive.indices {
+            Some(n) => Some(self.entries("indices", n, Shape::Scalar, &known)?),
+            None => None,
+        };
+        let taken =
+            positions.count * positions.size + indices.as_ref().map_or(0, |i| i.count * i.size);
+        *shared = shared
+            .checked_sub(taken)
+            .ok_or_else(|| self.bad("primitives", "share more data than the file holds"))?;
+        let first = raw.vertex_count();
+        let past = first + positions.count;
+        if past > u32::MAX as usize {
+            return Err(FormatError::unsupported(self.path, "more than 2^32 vertices"));
+        }
+        for i in 0..positions.count {
+            let p = positions.vector(i);
+            let p = turn.map_or(p, |m| m.transform_point3(DVec3::from(p)).to_array());
+            raw.push_vertex(self.path, p)?;
+        }
+        if let Some(normals) = normals {
+            if normals.count != positions.count {
+                let why = format!("there are {} vertices", positions.count);
+                return Err(FormatError::field(self.path, "number of normals", normals.count, why));
+            }
+            let turn = turn.map(|m| m.inverse().transpose());
+            for i in 0..normals.count {
+                let n = DVec3::from(normals.vector(i));
+                let turned = |m: DMat4| m.transform_vector3(n).normalize_or_zero();
+                raw.push_normal(turn.map_or(n, turned).as_vec3());
+            }
+        }
+        let corners = indices.as_ref().map_or(positions.count, |i| i.count);
+        if corners % 3 != 0 {
+            return Err(FormatError::field(self.path, "corners", corners, "not whole triangles"));
+        }
+        let mirrored = turn.is_some_and(|m| m.determinant() < 0.0);
+        for t in 0..corners / 3 {
+            let corner = |k: usize| match &indices {
+                Some(list) => list.index(3 * t + k),
+                None => (3 * t + k) as u32,
+            };
+            let [a, b, c] = [0, 1, 2].map(corner);
+            if [a, b, c].iter().any(|v| *v as usize >= positions.count) {
+                let field = format!("vertex of triangle {t}");
+                let why = format!("there are {} vertices", positions.count);
+                return Err(FormatError::field(self.path, field, a.max(b).max(c), why));
+            }
+            let [a, b, c] = [a, b, c].map(|v| v + first as u32);
+            raw.push_face(if mirrored { [a, c, b] } else { [a, b, c] }, None);
+        }
+        Ok(())
+    }
+
+    /// The bytes of an accessor, held against its view and the buffer.
+    fn entries(
+        &self,
+        what: &str,
+        accessor: usize,
+        shape: Shape,
+        components: &[u32],
+    ) -> Result<Entries<'a>, FormatError> {
+        let doc = &self.document;
+        let a = doc.accessors.0.get(accessor).ok_or_else(|| self.bad(what, "no such accessor"))?;
+        if a.shape != shape || !components.contains(&a.component_type) || a.sparse.is_some() {
+            return Err(self.bad(what, "another type than a surface has"));
+        }
+        let view = a.buffer_view.and_then(|v| doc.buffer_views.0.get(v));
+        let view = view.ok_or_else(|| self.bad(what, "no such buffer view"))?;
+        if view.buffer != 0 {
+            return Err(FormatError::unsupported(self.path, "glTF data in another file"));
+        }
+        let component = match a.component_type {
+            UNSIGNED_BYTE => 1,
+            UNSIGNED_SHORT => 2,
+            _ => 4,
+        };
+        let size = component * if shape == Shape::Vec3 { 3 } else { 1 };
+        let stride = view.byte_stride.unwrap_or(size);
+        if !(size..=252u64.max(size)).contains(&stride) {
+            return Err(FormatError::field(self.path, "byteStride", stride, "not a step"));
+        }
+        let span = match a.count {
+            0 => Some(0),
+            n => (n - 1).checked_mul(stride).and_then(|s| s.checked_add(size)),
+        };
+        let within = |start: u64, len: u64, whole: u64| {
+            start.checked_add(len).is_some_and(|end| end <= whole)
+        };
+        let span = span.filter(|s| within(a.byte_offset, *s, view.byte_length));
+        let whole = self.buffer.len() as u64;
+        let span = span.filter(|_| within(view.byte_offset, view.byte_length, whole));
+        let Some(span) = span else {
+            return Err(self.bad(what, "reaches beyond its buffer"));
+        };
+        let start = (view.byte_offset + a.byte_offset) as usize;
+        Ok(Entries {
+            bytes: &self.buffer[start..start + span as usize],
+            stride: stride as usize,
+            size: size as usize,
+            count: a.count as usize,
+        })
+    }
+}
+
+impl Node {
+    /// From the node's space to the one above it; `None` where the two are the same.
+    fn transform(&self) -> Option<DMat4> {
+        if let Some(m) = self.matrix {
+            return Some(DMat4::from_cols_array(&m));
+        }
+        if self.translation.is_none() && self.rotation.is_none() && self.scale.is_none() {
+            return None;
+        }
+        let q = self.rotation.map_or(DQuat::IDENTITY, DQuat::from_array);
+        Some(DMat4::from_scale_rotation_translation(
+            self.scale.map_or(DVec3::ONE, DVec3::from),
+            q.normalize(),
+            self.translation.map_or(DVec3::ZERO, DVec3::from),
+        ))
+    }
+}
+
+/// LPS mm from a node's coordinates, given their way to glTF's world; `None` where they are LPS mm
+/// already, as in our own files, whose numbers come back bit by bit.
+fn lps_mm_from(world: Option<DMat4>) -> Option<DMat4> {
+    let ours = DMat4::from_cols_array(&MATRIX);
+    match world {
+        Some(m) if m == ours => None,
+        m => Some(ours.inverse() * m.unwrap_or(DMat4::IDENTITY)),
+    }
+}

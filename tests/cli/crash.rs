@@ -1,0 +1,190 @@
+//! Runs ended at random moments and disks that fill at every write: nothing partial stays.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use super::files::{signal, start, temporary};
+use super::*;
+
+/// A command, and what it makes when nothing disturbs it.
+struct Case {
+    tmp: tempfile::TempDir,
+    args: Vec<&'static str>,
+    products: BTreeMap<PathBuf, Vec<u8>>,
+    took: Duration,
+}
+
+const CONVERT: &[&str] = &["convert", "ct.nrrd", "-o", "out/v.mhd"];
+const RECORD: &[&str] = &[
+    "record",
+    "--mask",
+    "mask.nrrd",
+    "--out",
+    "out/f",
+    "--frames",
+    "12",
+    "--size",
+    "64x48",
+    "--video",
+    "out/v.mp4",
+    "--lod-cache",
+    "off",
+];
+const RUN: &[&str] = &[
+    "run",
+    "--mask",
+    "mask.nrrd",
+    "--out",
+    "out",
+    "--frames",
+    "4",
+    "--size",
+    "64x48",
+    "--lod-cache",
+    "off",
+];
+
+/// Files below a folder, with their bytes. Reports hold times and differ from run to run.
+fn products(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut open = vec![dir.to_owned()];
+    while let Some(folder) = open.pop() {
+        for path in std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()) {
+            if path.is_dir() {
+                open.push(path);
+            } else if !path.ends_with("report.json") {
+                let bytes = std::fs::read(&path).unwrap();
+                found.insert(path.strip_prefix(dir).unwrap().to_owned(), bytes);
+            }
+        }
+    }
+    found
+}
+
+impl Case {
+    fn new(args: &[&'static str]) -> Self {
+        let tmp = tempfile::tempdir().unwrap();
+        phantom(tmp.path(), Kind::Bend, 32);
+        let mut case =
+            Self { tmp, args: args.to_vec(), products: BTreeMap::new(), took: Duration::ZERO };
+        // Once more, so that the time is that of warm caches.
+        for _ in 0..2 {
+            case.clear();
+            let since = Instant::now();
+            let status = start(case.dir(), &case.args).wait().unwrap();
+            assert!(status.success(), "{args:?}");
+            case.took = since.elapsed();
+        }
+        case.products = products(&case.out());
+        case
+    }
+
+    fn dir(&self) -> &Path {
+        self.tmp.path()
+    }
+
+    fn out(&self) -> PathBuf {
+        self.dir().join("out")
+    }
+
+    fn clear(&self) {
+        let _ = std::fs::remove_dir_all(self.out());
+        std::fs::create_dir(self.out()).unwrap();
+    }
+
+    /// Every file that is there is complete.
+    fn assert_complete(&self, what: &str) {
+        assert_eq!(temporary(self.dir()), Vec::<PathBuf>::new(), "{what}");
+        for (name, bytes) in products(&self.out()) {
+            let whole = self.products.get(&name) == Some(&bytes);
+            assert!(whole, "{what}: {} is partial", name.display());
+        }
+    }
+
+    /// Ends `rounds` runs by each signal, at moments spread over the time they take.
+    fn end_at_random(&self, rounds: u32) {
+        let mut state = 88_172_645_463_325_252u64;
+        for round in 0..3 * rounds {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            let name = ["-INT", "-TERM", "-KILL"][round as usize % 3];
+            let moment = self.took.mul_f64((state % 1000) as f64 / 900.0);
+            self.clear();
+            let mut child = start(self.dir(), &self.args);
+            std::thread::sleep(moment);
+            if child.try_wait().unwrap().is_none() {
+                signal(&child, name);
+            }
+            let status = child.wait().unwrap();
+            let what = format!("{:?} {name} after {moment:?}: {status}", self.args);
+            if name == "-KILL" {
+                let again = start(self.dir(), &self.args).wait().unwrap();
+                assert!(again.success(), "{what}: {again}");
+                self.assert_complete(&what);
+                assert_eq!(products(&self.out()).len(), self.products.len(), "{what}");
+            } else {
+                // A signal to a run that has not set up its handler ends it as any program.
+                use std::os::unix::process::ExitStatusExt;
+                let early = matches!(status.signal(), Some(2 | 15));
+                assert!(matches!(status.code(), Some(0 | 130)) || early, "{what}");
+                // An encoder that is ended needs a moment to go.
+                std::thread::sleep(Duration::from_millis(20));
+                self.assert_complete(&what);
+            }
+        }
+    }
+
+    /// Fills the disk at the n-th write, for each `n` until a run has fewer writes.
+    #[cfg(feature = "faults")]
+    fn fill_disk(&self, moments: impl Iterator<Item = u32>) {
+        for n in moments {
+            self.clear();
+            let output = Command::new(env!("CARGO_BIN_EXE_intima"))
+                .args(&self.args)
+                .current_dir(self.dir())
+                .env("PATH", super::files::ffmpeg(self.dir()))
+                .env("INTIMA_FAULT", format!("write:{n}"))
+                .output()
+                .unwrap();
+            let err = String::from_utf8_lossy(&output.stderr);
+            let what = format!("{:?}, write {n}: {err}", self.args);
+            self.assert_complete(&what);
+            if output.status.success() {
+                return;
+            }
+            assert_eq!(output.status.code(), Some(1), "{what}");
+            assert!(!self.out().join("report.json").exists(), "{what}");
+        }
+    }
+}
+
+fn cases() -> Vec<Case> {
+    let all: &[&[&str]] = if can_draw() { &[CONVERT, RECORD, RUN] } else { &[CONVERT] };
+    all.iter().map(|args| Case::new(args)).collect()
+}
+
+#[test]
+fn runs_ended_at_random_moments_leave_complete_files_alone() {
+    cases().iter().for_each(|case| case.end_at_random(3));
+}
+
+#[test]
+#[ignore = "takes minutes: 200 runs of each command for each signal"]
+fn runs_ended_at_200_random_moments_leave_complete_files_alone() {
+    cases().iter().for_each(|case| case.end_at_random(200));
+}
+
+#[cfg(feature = "faults")]
+#[test]
+fn a_disk_that_fills_at_some_write_leaves_complete_files_alone() {
+    cases().iter().for_each(|case| case.fill_disk([1, 2, 3, 5, 8, 13, 21].into_iter()));
+}
+
+#[cfg(feature = "faults")]
+#[test]
+#[ignore = "takes minutes: one run for every write"]
+fn a_disk_that_fills_at_any_write_leaves_complete_files_alone() {
+    cases().iter().for_each(|case| case.fill_disk(1..));
+}
