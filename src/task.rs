@@ -1,9 +1,9 @@
 //! Cancellation and progress of the work at hand, for loops that know nothing of who asked.
 //!
-//! A [`Session`](crate::session::Session) enters a [`CancelToken`] on every thread of its pool.
-//! Long loops call [`checkpoint`] at least every 50 ms. Where the token is cancelled, the call
-//! unwinds to the nearest [`catch_cancelled`], which turns it into an error; no panic message is
-//! printed. Threads without a token are never cancelled.
+//! A [`Session`](crate::session::Session) enters a [`CancelToken`] on every thread of its pool and
+//! looks at it before every stage and frame; long loops call [`checkpoint`]. Where the token is
+//! cancelled, that call unwinds to the nearest [`catch_cancelled`], which turns it into an error;
+//! no panic message is printed. Threads without a token are never cancelled.
 
 use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};

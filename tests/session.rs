@@ -1,7 +1,7 @@
 //! The session: products once, on request; progress; cancellation; sharing.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use intima::session::{
     LevelSettings, Lod, LumenSettings, Mode, Product, Session, SessionError, Settings, Source,
@@ -69,21 +69,19 @@ fn products_are_the_same_at_every_number_of_threads() {
 }
 
 #[test]
-fn a_cancelled_session_stops_within_a_second_and_goes_on_after_a_reset() {
+fn a_cancelled_session_starts_no_further_stage_and_goes_on_after_a_reset() {
     let session = session(&phantom(Kind::Colon, 128), Settings::default());
     let token = session.cancel_token();
-    let (outcome, waited) = std::thread::scope(|scope| {
+    let outcome = std::thread::scope(|scope| {
         let work = scope.spawn(|| session.levels());
         while session.progress().stage.is_empty() && !work.is_finished() {
             std::thread::sleep(Duration::from_millis(1));
         }
-        std::thread::sleep(Duration::from_millis(100));
         token.cancel();
-        let since = Instant::now();
-        (work.join().unwrap(), since.elapsed())
+        work.join().unwrap()
     });
     assert!(matches!(outcome, Err(SessionError::Cancelled)), "it was done before");
-    assert!(waited < Duration::from_secs(1), "{waited:?}");
+    assert!(session.clock().stages.iter().all(|s| s.name != "clusters"));
     token.reset();
     assert!(session.lumen().is_ok());
 }
