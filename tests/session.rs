@@ -50,6 +50,15 @@ fn what_depends_on_a_forgotten_product_is_computed_anew() {
 }
 
 #[test]
+fn a_released_volume_is_given_again_when_asked_for() {
+    let session = session(&phantom(Kind::Bend, 32), Settings::default());
+    session.prepare(&[Product::Lumen, Product::Wall, Product::Inputs]).unwrap();
+    let (done, answer) = std::sync::mpsc::channel();
+    std::thread::spawn(move || done.send(session.volume().is_ok()));
+    assert_eq!(answer.recv_timeout(Duration::from_secs(60)), Ok(true));
+}
+
+#[test]
 fn products_are_the_same_at_every_number_of_threads() {
     let volume = phantom(Kind::Y, 64);
     let at = |threads| {

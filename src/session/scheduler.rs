@@ -11,6 +11,9 @@ use crate::task::catch_cancelled;
 /// never more than there are workers.
 const SIDE_BY_SIDE: usize = 2;
 
+/// Products made from the voxels of the volume.
+const VOLUME_READERS: [Product; 3] = [Product::Lumen, Product::Wall, Product::Inputs];
+
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Status {
     #[default]
@@ -151,8 +154,8 @@ impl Session {
                 error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(e);
             }
             self.board.finish(stage, done);
-            if done {
-                self.release_what_nothing_needs();
+            if done && VOLUME_READERS.contains(&stage.product) {
+                self.release_volume();
             }
         }
     }
@@ -170,10 +173,10 @@ impl Session {
         outcome.unwrap_or(Err(SessionError::Cancelled))
     }
 
-    /// Drops the volume once every product that reads it is there, where it can be read again.
-    fn release_what_nothing_needs(&self) {
-        let readers = [Product::Lumen, Product::Wall, Product::Inputs];
-        if !self.keep_volume && readers.iter().all(|p| self.board.is_ready(*p)) {
+    /// Drops the volume once every product that reads it is there. One that is asked for later is
+    /// read again and kept until another reader ends.
+    fn release_volume(&self) {
+        if !self.keep_volume && VOLUME_READERS.iter().all(|p| self.board.is_ready(*p)) {
             self.forget_one(Product::Volume);
         }
     }
