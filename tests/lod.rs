@@ -11,8 +11,8 @@ mod screen;
 mod tube;
 
 use cast::Cast;
-use intima::geometry::{Lens, Mesh};
-use intima::lod::{Camera, PageCache, Tolerance};
+use intima::geometry::{Camera, Lens, Mesh};
+use intima::lod::{PageCache, Tolerance};
 use intima::session::{Clock, Levels};
 use intima::surface::shading;
 use pages::Pages;

@@ -6,10 +6,10 @@ mod volumes;
 
 use std::sync::Arc;
 
-use intima::geometry::{Lens, Mesh, Pose};
+use intima::geometry::{Camera, Lens, Mesh, Pose};
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD, NO_GROUP};
 use intima::lod::vds::{ParameterizedOriginal, Surface as Subdivision, Vds, VdsOptions};
-use intima::lod::{Camera, LodHierarchy, PageCache, Step, Tolerance};
+use intima::lod::{LodHierarchy, PageCache, Step, Tolerance};
 use intima::lumen::{IntensitySelection, SegmentationOptions};
 use intima::mesh::{Parameterization, SimplifyOptions, simplify};
 use intima::surface::{Midpoint, Surface, shading};

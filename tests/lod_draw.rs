@@ -10,10 +10,8 @@ mod tube;
 
 use std::collections::VecDeque;
 
-use intima::geometry::{Lens, Mesh};
-use intima::lod::{
-    Camera, LodHierarchy, PAGE_BYTES, Step, Tolerance, Upload, VisiblePatch, Worker,
-};
+use intima::geometry::{Camera, Lens, Mesh};
+use intima::lod::{LodHierarchy, PAGE_BYTES, Step, Tolerance, Upload, VisiblePatch, Worker};
 use intima::render::{FrameStats, IN_FLIGHT, Look, RenderError, Renderer, Scene, Shot, View, Wall};
 use intima::surface::shading;
 use intima::vk::{Gpu, STAGING_BYTES, Validate};
@@ -367,8 +365,7 @@ mod measure {
 
     use glam::Vec3;
     use intima::formats::{Space, read_mesh};
-    use intima::geometry::Pose;
-    use intima::lod::{Cone, Sphere};
+    use intima::geometry::{Cone, Pose, Sphere};
 
     fn wall() -> Option<(Mesh, Vec<Shot>)> {
         let folder = std::path::PathBuf::from(std::env::var_os("INTIMA_MESHES")?);

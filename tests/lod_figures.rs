@@ -14,9 +14,9 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use intima::formats::write_png;
-use intima::geometry::{Mesh, Pose};
+use intima::geometry::{Camera, Mesh, Pose};
 use intima::lod::vds::{ParameterizedOriginal, Surface, Vds, VdsOptions};
-use intima::lod::{Camera, PageCache, Tolerance, Worker};
+use intima::lod::{PageCache, Tolerance, Worker};
 use intima::mesh::{Parameterization, SimplifyOptions, simplify};
 use intima::render::{FrameStats, RenderError, Renderer, Scene, Shot, View};
 use intima::surface::shading;

@@ -15,11 +15,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use cast::Cast;
-use intima::geometry::Mesh;
+use intima::geometry::{Camera, Mesh};
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
-use intima::lod::{
-    Camera, ExteriorGrid, LodHierarchy, OcclusionTest, PageCache, Tolerance, Worker,
-};
+use intima::lod::{ExteriorGrid, LodHierarchy, OcclusionTest, PageCache, Tolerance, Worker};
 use intima::render::{FrameStats, MAX_PAGES, RenderError, Renderer, Scene, Shot, View};
 use intima::surface::shading;
 use intima::vk::{Gpu, Validate};

@@ -18,9 +18,9 @@ use std::sync::{Arc, LazyLock};
 
 use cast::Cast;
 use glam::{DVec3, Vec3};
-use intima::geometry::{Lens, Pose};
+use intima::geometry::{Camera, Lens, Pose, ViewFrustum};
 use intima::lod::clusters::{ClusterLod, Clusters};
-use intima::lod::{Camera, ExteriorGrid, OcclusionTest, PageCache, Tolerance, ViewFrustum};
+use intima::lod::{ExteriorGrid, OcclusionTest, PageCache, Tolerance};
 use intima::lumen::{IntensitySelection, SegmentationOptions};
 use intima::surface::{Midpoint, Surface, shading};
 use intima::volume::phantom::{Kind, Phantom};

@@ -6,8 +6,8 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::frames::tangents;
-use super::sample::Sampler;
 use super::section::{around, climb};
+use crate::field::Sampler;
 
 /// Least share of the largest distance to the wall near by in its section that a point keeps.
 const SHARE: f64 = 0.95;

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, IVec3};
 
-use super::sample::Sampler;
+use crate::field::Sampler;
 use crate::lumen::Lumen;
 
 /// How the segments of a curve were proven to stay inside.

@@ -10,7 +10,6 @@ mod paper;
 mod containment;
 mod queue;
 mod route;
-mod sample;
 mod search;
 mod section;
 mod spline;
@@ -23,7 +22,6 @@ pub use graph::Graph;
 pub use paper::paper_path;
 pub use recenter::{arc_lengths, resample};
 pub use route::{Ends, RouteOptions, Routed, centerline};
-pub use sample::Sampler;
 pub use search::{NOWHERE, Routes};
 pub use visibility::{Pending, Radius, Viewpoint, VisibilityInput, add_viewers};
 

@@ -7,7 +7,8 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::recenter::arc_lengths;
-use super::{CenterlineError, Ends, Graph, RouteOptions, Sampler, Viewpoint};
+use super::{CenterlineError, Ends, Graph, RouteOptions, Viewpoint};
+use crate::field::Sampler;
 use crate::geometry::{Branch, Centerline, CenterlinePoint};
 use crate::kernels::visibility::sees;
 use crate::lumen::Lumen;

@@ -4,9 +4,9 @@ use glam::DVec3;
 
 use super::clearance_refine::refine_clearance;
 use super::containment::safe;
-use super::sample::Sampler;
 use super::section::{around, centres};
 use super::spline::Spline;
+use crate::field::Sampler;
 
 /// Points a fixed arc length apart along a polyline, ends included.
 pub fn resample(points: &[DVec3], step_mm: f64) -> Vec<DVec3> {

@@ -8,7 +8,8 @@ use rayon::prelude::*;
 use super::containment::{Proof, mend};
 use super::recenter::{Fixed, cap_centre, recenter};
 use super::tree::{Tree, grow};
-use super::{CenterlineError, Graph, NOWHERE, Routes, Sampler};
+use super::{CenterlineError, Graph, NOWHERE, Routes};
+use crate::field::Sampler;
 use crate::geometry::Centerline;
 use crate::lumen::Lumen;
 

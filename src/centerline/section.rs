@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::frames::tangents;
-use super::sample::Sampler;
+use crate::field::Sampler;
 
 /// Farthest a point moves in a round, in distances to the wall: where pockets follow each other
 /// the best places of neighbouring sections lie far apart.

@@ -6,9 +6,8 @@
 use glam::{DVec3, IVec3, UVec3};
 use rayon::prelude::*;
 
-use super::sample::Sampler;
 use crate::compute::{Outputs, Plan};
-use crate::field::{Candidate, LumenBuffers};
+use crate::field::{Candidate, LumenBuffers, Sampler};
 use crate::kernels::visibility as kernel;
 use crate::lumen::Lumen;
 use crate::lumen::bricks::{BRICK, SIDE};

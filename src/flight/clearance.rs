@@ -5,7 +5,8 @@ use std::sync::OnceLock;
 use glam::{DAffine3, DMat3, DVec3, IVec3};
 
 use super::WallIndex;
-use crate::centerline::{Sampler, safe_by_voxels};
+use crate::centerline::safe_by_voxels;
+use crate::field::Sampler;
 use crate::geometry::{Lens, Mesh};
 use crate::lumen::Lumen;
 

@@ -1,4 +1,4 @@
-//! Camera pose and perspective lens.
+//! Camera pose, perspective lens, and both with the height of the image.
 
 use glam::{Quat, Vec3};
 
@@ -48,4 +48,15 @@ impl Lens {
         let t = (0.5 * self.fov_y_rad).tan();
         self.near_mm * (1.0 + t * t * (1.0 + self.aspect * self.aspect)).sqrt()
     }
+}
+
+/// A camera with the height of its image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// Where it stands.
+    pub pose: Pose,
+    /// What it sees.
+    pub lens: Lens,
+    /// Rows of the picture.
+    pub height_px: u32,
 }

@@ -1,6 +1,7 @@
-//! Types that rooms hand to each other (triangle mesh, vertex as drawn, centerline, camera pose),
-//! and the queries on them that more than one room needs (nearest point on a mesh).
+//! Types that rooms hand to each other (triangle mesh, vertex as drawn, centerline, camera, bounds),
+//! and the queries on them that more than one room needs (nearest point on a mesh, view frustum).
 
+mod bounds;
 mod bvh;
 mod camera;
 mod centerline;
@@ -10,9 +11,11 @@ mod point_triangle;
 #[cfg(test)]
 pub mod shapes;
 mod vertex;
+mod view_frustum;
 
+pub use bounds::{Cone, Sphere};
 pub use bvh::{ClosestPoint, TriangleBvh};
-pub use camera::{Lens, Pose};
+pub use camera::{Camera, Lens, Pose};
 pub use centerline::{
     Attachment, AttachmentError, Branch, Centerline, CenterlineEdge, CenterlineGraph,
     CenterlineNode, CenterlinePoint, NodeKind,
@@ -20,3 +23,4 @@ pub use centerline::{
 pub use mesh::{Mesh, MeshPoint};
 pub use point_triangle::nearest_on_triangle;
 pub use vertex::Vertex;
+pub use view_frustum::{ProjectedBounds, ViewFrustum};

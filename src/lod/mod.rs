@@ -4,26 +4,24 @@
 //! towards the one that a camera needs and returns the patches to write into pages of the
 //! [`PageCache`] and the list of pages to draw. A cut always covers the whole surface, coarsely
 //! outside the view frustum, so a late step shows less detail but never a hole. Frustum and
-//! back-face culling happen when the cut is drawn ([`ViewFrustum`]); the [`OcclusionTest`] rejects
-//! what the wall itself hides.
+//! back-face culling happen when the cut is drawn ([`ViewFrustum`](crate::geometry::ViewFrustum));
+//! the [`OcclusionTest`] rejects what the wall itself hides.
 //!
 //! * [`clusters`]: the default, a hierarchy of triangle clusters with two-sided error bounds.
 //! * [`vds`]: the view-dependent subdivision of the paper (Li et al. 2004).
 
 pub mod clusters;
-mod culling;
 pub mod octree;
 mod occlusion;
 mod page_cache;
 pub mod vds;
 mod worker;
 
-pub use culling::{Camera, Cone, ProjectedBounds, Sphere, ViewFrustum};
 pub use occlusion::{ExteriorGrid, OcclusionTest};
 pub use page_cache::{NoPage, PageCache};
 pub use worker::{Worker, WorkerError};
 
-use crate::geometry::Vertex;
+use crate::geometry::{Camera, Cone, Sphere, Vertex};
 
 /// Most vertices of one page. Not much more than clusters fill, since unused memory between pages
 /// is fetched with them.

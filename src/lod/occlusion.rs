@@ -9,9 +9,8 @@
 
 use glam::{DVec3, IVec3, UVec3, Vec3};
 
-use super::Sphere;
 use crate::fault;
-use crate::geometry::Mesh;
+use crate::geometry::{Mesh, Sphere};
 
 /// Number of grid cells, about.
 const CELL_COUNT: f64 = 262_144.0;

@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 
-use super::{Cone, Sphere};
+use crate::geometry::{Cone, Sphere};
 
 /// Most items of a leaf, unless it is at [`DEPTH_MAX`].
 pub const LEAF_ITEMS: usize = 128;

@@ -11,7 +11,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-use super::{Camera, LodHierarchy, PAGE_BYTES, PageCache, Step, Tolerance};
+use super::{LodHierarchy, PAGE_BYTES, PageCache, Step, Tolerance};
+use crate::geometry::Camera;
 
 /// Finished live steps that may be queued; the thread pauses until one is received.
 const MAX_PENDING: usize = 2;

@@ -18,10 +18,8 @@ use std::sync::Arc;
 
 use super::renderer::Renderer;
 use super::{FrameStats, RenderError};
-use crate::geometry::Vertex;
-use crate::lod::{
-    Camera, OcclusionTest, PAGE_TRIANGLES, PAGE_VERTICES, Step, Upload, ViewFrustum, VisiblePatch,
-};
+use crate::geometry::{Camera, Vertex, ViewFrustum};
+use crate::lod::{OcclusionTest, PAGE_TRIANGLES, PAGE_VERTICES, Step, Upload, VisiblePatch};
 use crate::vk::{BufferId, Frame, Gpu, ImageId, IndexedRange, Pass, Releaser, Write};
 
 /// A wall in pages on the device.
@@ -294,8 +292,7 @@ impl Renderer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Lens, Pose};
-    use crate::lod::{Cone, Sphere};
+    use crate::geometry::{Cone, Lens, Pose, Sphere};
     use glam::Vec3;
 
     #[test]

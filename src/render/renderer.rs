@@ -9,8 +9,7 @@ use super::picture::{Spares, without_alpha};
 use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
 use super::scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
 use super::{RenderError, host};
-use crate::geometry::{Lens, Mesh, Pose, Vertex};
-use crate::lod::Camera;
+use crate::geometry::{Camera, Lens, Mesh, Pose, Vertex};
 use crate::vk::{
     Area, BufferId, Draw, DrawPipelineId, DrawRange, Gpu, ImageId, ImageSpec, Pass, Releaser,
 };

@@ -7,12 +7,12 @@ use glam::{DVec3, IVec3};
 
 use super::{Clock, Fields, Session, SessionError, present, put};
 use crate::centerline::{
-    Ends, Proof, Radius, RouteOptions, Routed, Sampler, Viewpoint, VisibilityInput, add_viewers,
-    centerline, paper_path,
+    Ends, Proof, Radius, RouteOptions, Routed, Viewpoint, VisibilityInput, add_viewers, centerline,
+    paper_path,
 };
 use crate::compute::Plan;
 use crate::device::Device;
-use crate::field::{Candidate, LumenBuffers};
+use crate::field::{Candidate, LumenBuffers, Sampler};
 use crate::geometry::Centerline;
 use crate::lumen::Lumen;
 

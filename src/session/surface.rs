@@ -7,9 +7,9 @@ use glam::{DVec3, IVec3, Vec3};
 use rayon::prelude::*;
 
 use super::{Clock, Segmented, Session, SessionError, present, put};
-use crate::centerline::Sampler;
 use crate::compute::Plan;
 use crate::device::Device;
+use crate::field::Sampler;
 use crate::geometry::Mesh;
 use crate::lumen::{IntensitySelection, Lumen};
 use crate::surface::{

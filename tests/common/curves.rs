@@ -2,9 +2,9 @@
 #![allow(dead_code)]
 
 use glam::{DVec3, IVec3};
-use intima::centerline::{Ends, RouteOptions, Routed, Sampler, centerline, resample};
+use intima::centerline::{Ends, RouteOptions, Routed, centerline, resample};
 use intima::compute::{Plan, run_cpu};
-use intima::field::{LumenBuffers, distance, smooth};
+use intima::field::{LumenBuffers, Sampler, distance, smooth};
 use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
 use intima::volume::phantom::{Kind, Phantom, Truth};
 

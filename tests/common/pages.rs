@@ -4,9 +4,9 @@
 use std::collections::HashMap;
 
 use glam::DVec3;
-use intima::geometry::Vertex;
+use intima::geometry::{Camera, Vertex};
 use intima::lod::{
-    Camera, LodHierarchy, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Step, Tolerance, VisiblePatch,
+    LodHierarchy, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Step, Tolerance, VisiblePatch,
 };
 
 /// Page contents, and the last step.

@@ -2,7 +2,7 @@
 #![allow(dead_code)]
 
 use glam::DVec3;
-use intima::lod::Camera;
+use intima::geometry::Camera;
 use rayon::prelude::*;
 
 use super::cast::Cast;

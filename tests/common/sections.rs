@@ -4,10 +4,10 @@
 use std::collections::HashMap;
 
 use glam::Vec3;
-use intima::geometry::{Mesh, Vertex};
+use intima::geometry::{Camera, Cone, Mesh, Sphere, Vertex};
 use intima::lod::{
-    Camera, Cone, LodHierarchy, NoPage, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Sphere, Step,
-    Tolerance, Upload, VisiblePatch,
+    LodHierarchy, NoPage, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Step, Tolerance, Upload,
+    VisiblePatch,
 };
 use intima::surface::shading;
 

@@ -14,9 +14,8 @@ use super::group_error::OriginalSurface;
 use super::partition::{self, ClusterBorder};
 use super::{Cluster, ClusterError, Clusters, Group, NO_GROUP};
 use crate::fault;
-use crate::geometry::{Mesh, TriangleBvh, Vertex};
+use crate::geometry::{Cone, Mesh, Sphere, TriangleBvh, Vertex};
 use crate::lod::octree::{Item, bounding_cone};
-use crate::lod::{Cone, Sphere};
 
 /// No coarser level is built where at most this many clusters are left (up to 31,000 triangles).
 /// Coarser ones serve only the farthest places of an organ, and each level still takes six tenths

@@ -7,8 +7,8 @@
 use glam::Vec3;
 
 use super::{Cluster, ClusterError, Clusters, Group, NO_GROUP};
-use crate::geometry::{Mesh, Vertex};
-use crate::lod::{Cone, PAGE_TRIANGLES, PAGE_VERTICES, Sphere};
+use crate::geometry::{Cone, Mesh, Sphere, Vertex};
+use crate::lod::{PAGE_TRIANGLES, PAGE_VERTICES};
 
 const MAGIC: &[u8; 8] = b"intimaCL";
 /// Raised whenever the same mesh gives other clusters or other bytes.

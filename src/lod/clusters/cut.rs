@@ -7,9 +7,9 @@ use std::sync::Arc;
 
 use super::cut_criterion::CutCriterion;
 use super::{Clusters, NO_GROUP};
+use crate::geometry::{Camera, ViewFrustum};
 use crate::lod::{
-    Camera, LodHierarchy, NoPage, OcclusionTest, PageCache, Step, Tolerance, Upload, ViewFrustum,
-    VisiblePatch,
+    LodHierarchy, NoPage, OcclusionTest, PageCache, Step, Tolerance, Upload, VisiblePatch,
 };
 
 /// Shading tolerance, radians: root mean square angle between the normals drawn and those of the

@@ -2,7 +2,8 @@
 //! tolerances, where the group is visible.
 
 use super::{Clusters, Group};
-use crate::lod::{OcclusionTest, ProjectedBounds, Sphere, ViewFrustum};
+use crate::geometry::{ProjectedBounds, Sphere, ViewFrustum};
+use crate::lod::OcclusionTest;
 
 /// The shading tolerance applies in full where edges look at least this long, pixels.
 const FULL_SHADING_PX: f64 = 16.0;

@@ -39,8 +39,7 @@ pub use bytes::key;
 pub use cut::{ClusterLod, DEFAULT_SHADING_RAD};
 pub use error::ClusterError;
 
-use super::{Cone, Sphere};
-use crate::geometry::Vertex;
+use crate::geometry::{Cone, Sphere, Vertex};
 
 /// Stands for "no group".
 pub const NO_GROUP: u32 = u32::MAX;

@@ -5,11 +5,9 @@ use std::sync::{Arc, LazyLock};
 use glam::{DVec3, Vec3};
 
 use super::*;
-use crate::geometry::TriangleBvh;
-use crate::geometry::{Lens, Mesh, Pose};
+use crate::geometry::{Camera, Lens, Mesh, Pose, Sphere, TriangleBvh, ViewFrustum};
 use crate::lod::{
-    Camera, LodHierarchy, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Sphere, Step, Tolerance,
-    ViewFrustum, VisiblePatch,
+    LodHierarchy, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Step, Tolerance, VisiblePatch,
 };
 use crate::surface::shading;
 

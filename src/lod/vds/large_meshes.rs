@@ -10,9 +10,8 @@ use rayon::prelude::*;
 
 use super::schemes::{Scheme, butterfly, refine};
 use super::*;
-use crate::geometry::TriangleBvh;
-use crate::geometry::{Lens, Mesh, Pose};
-use crate::lod::{Camera, LodHierarchy, PageCache, Tolerance, ViewFrustum};
+use crate::geometry::{Camera, Lens, Mesh, Pose, TriangleBvh, ViewFrustum};
+use crate::lod::{LodHierarchy, PageCache, Tolerance};
 use crate::mesh::{Parameterization, Simplified, SimplifyOptions, simplify};
 
 fn folder() -> PathBuf {

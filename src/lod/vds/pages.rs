@@ -3,9 +3,9 @@
 use super::fineness::Fineness;
 use super::surface::Surface;
 use super::tessellate::{Block, FaceFineness};
-use crate::geometry::Vertex;
+use crate::geometry::{Cone, Sphere, Vertex};
 use crate::lod::octree::{Item, bounding_cone};
-use crate::lod::{Cone, PAGE_TRIANGLES, PAGE_VERTICES, Sphere};
+use crate::lod::{PAGE_TRIANGLES, PAGE_VERTICES};
 
 /// A page before it is gathered: its blocks and its key.
 #[derive(Clone, Debug, PartialEq)]

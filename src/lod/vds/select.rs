@@ -2,7 +2,7 @@
 
 use super::fineness::Fineness;
 use super::surface::{Leaf, Surface};
-use crate::lod::ViewFrustum;
+use crate::geometry::ViewFrustum;
 
 /// Distance bound of a leaf to the original at a fineness, mm. Between two levels vertices are
 /// between their places at both, so the bound is interpolated.

@@ -18,9 +18,8 @@ use super::fineness::{Fineness, balance};
 use super::pages::{Page, mix, pages};
 use super::select::{error_mm, select};
 use super::surface::Surface;
-use crate::lod::{
-    Camera, LodHierarchy, PageCache, Step, Tolerance, Upload, ViewFrustum, VisiblePatch,
-};
+use crate::geometry::{Camera, ViewFrustum};
+use crate::lod::{LodHierarchy, PageCache, Step, Tolerance, Upload, VisiblePatch};
 
 /// Factor of the tolerance, in octaves, by which a cut that does not fit is coarsened.
 const COARSER: f64 = 0.25;

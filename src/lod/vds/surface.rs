@@ -7,9 +7,8 @@ use super::base_mesh::BaseMesh;
 use super::level_bounds;
 use super::original::Original;
 use super::samples::{SurfaceSamples, count, triangles};
-use crate::geometry::Mesh;
+use crate::geometry::{Cone, Mesh, Sphere};
 use crate::lod::octree::{Item, Octree, bounding_cone};
-use crate::lod::{Cone, Sphere};
 
 /// Most levels: 4^6 triangles for one of the base.
 const DEPTH_MAX: u32 = 6;

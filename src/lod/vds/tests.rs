@@ -10,8 +10,8 @@ pub(super) use ring::{Flat, Ring};
 
 use super::fineness::level;
 use super::*;
-use crate::geometry::{Lens, Mesh, Pose};
-use crate::lod::{Camera, LodHierarchy, PageCache, Step, Tolerance, Upload};
+use crate::geometry::{Camera, Lens, Mesh, Pose};
+use crate::lod::{LodHierarchy, PageCache, Step, Tolerance, Upload};
 use ring::RING_MM;
 
 /// Page contents as on the device.
@@ -411,7 +411,7 @@ fn visible_points_are_within_the_screen_space_tolerance() {
     for s in 0..6u64 {
         let mut cam = camera(&mut (s * 1234 + 5));
         cam.height_px = 200;
-        let frustum = crate::lod::ViewFrustum::new(&cam);
+        let frustum = crate::geometry::ViewFrustum::new(&cam);
         settle(&mut vds, &cam, &mut cache, &mut device);
         for (leaf, drawn) in surface.leaves.iter().zip(&vds.drawn) {
             let finest = frustum.error_px(&leaf.sphere, *leaf.error_mm.last().unwrap());
@@ -425,7 +425,7 @@ fn visible_points_are_within_the_screen_space_tolerance() {
                         .cross(t[2] - t[0])
                         .dot(cam.pose.position_mm.as_dvec3() - t[0]);
                     for p in spread_over(t).skip(3).filter(|_| facing > 0.0) {
-                        let here = crate::lod::Sphere { centre: p.as_vec3(), radius: 1e-5 };
+                        let here = crate::geometry::Sphere { centre: p.as_vec3(), radius: 1e-5 };
                         if frustum.intersects(&here) {
                             met += 1;
                             worst =

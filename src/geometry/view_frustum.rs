@@ -2,42 +2,7 @@
 
 use glam::{DMat3, DQuat, DVec3, Vec3};
 
-use crate::geometry::{Lens, Pose};
-
-/// A camera with the height of its image.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Camera {
-    /// Where it stands.
-    pub pose: Pose,
-    /// What it sees.
-    pub lens: Lens,
-    /// Rows of the picture.
-    pub height_px: u32,
-}
-
-/// A ball, LPS mm.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Sphere {
-    /// Centre.
-    pub centre: Vec3,
-    /// Radius.
-    pub radius: f32,
-}
-
-/// A cone of directions.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Cone {
-    /// Unit axis.
-    pub axis: Vec3,
-    /// Sine of the half-angle; 1 and more: every direction.
-    pub sine: f32,
-}
-
-impl Default for Cone {
-    fn default() -> Self {
-        Self { axis: Vec3::Z, sine: 1.0 }
-    }
-}
+use super::{Camera, Cone, Sphere};
 
 /// Bounds of a projected convex region, tighter than a bounding sphere: image sides, depth and
 /// angle off the axis, each bounded by its values at the corners. Sides and depth are linear, and
@@ -205,6 +170,7 @@ impl ViewFrustum {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::{Lens, Pose};
 
     fn camera(fov_deg: f32) -> Camera {
         Camera {
