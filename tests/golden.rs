@@ -10,7 +10,7 @@ mod tube;
 
 use golden::{Budget, Frame as Picture};
 use intima::geometry::{Lens, Mesh};
-use intima::render::{Look, RenderError, Renderer, Scene, Shot, View};
+use intima::render::{FrameSequence, IN_FLIGHT, Look, RenderError, Renderer, Scene, Shot, View};
 use intima::vk::{Frame, Gpu, Validate};
 
 const SIZE: [u32; 2] = [160, 120];
@@ -208,41 +208,32 @@ fn frames_in_flight_are_the_frames_drawn_one_by_one() {
     let shots: Vec<Shot> =
         (0..8).map(|i| shot([View::Split, View::Inside][i / 4], 20.0 * i as f32 + 10.0)).collect();
     let single: Vec<_> = shots.iter().map(|s| r.render(&mut gpu, &scene, s).unwrap()).collect();
-    let mut seen = 0;
-    r.render_sequence(&mut gpu, &scene, shots.iter().copied(), |i, rgb, _| {
-        assert_eq!(i, seen);
-        assert!(rgb == single[i], "frame {i} differs");
-        seen += 1;
-        Ok::<(), RenderError>(())
-    })
-    .unwrap();
-    assert_eq!(seen, shots.len());
+    let mut sequence = FrameSequence::new(scene, shots, None);
+    assert_eq!(sequence.count(), single.len());
+    for (i, single) in single.iter().enumerate() {
+        let (rgb, _) = sequence.next_frame(&mut r, &mut gpu).unwrap().expect("another frame");
+        assert!(rgb == *single, "frame {i} differs");
+    }
+    assert!(sequence.next_frame(&mut r, &mut gpu).unwrap().is_none());
     drop(r);
     common::assert_silent(&gpu);
 }
 
 #[test]
-fn an_error_of_the_sink_ends_the_sequence_and_the_renderer_goes_on() {
-    #[derive(Debug)]
-    enum Stop {
-        Full,
-        Render,
-    }
-    impl From<RenderError> for Stop {
-        fn from(_: RenderError) -> Self {
-            Self::Render
-        }
-    }
+fn a_sequence_that_ends_early_leaves_no_frame_in_flight() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     let (mut r, scene) = stage(&mut gpu, SIZE, 1);
-    let shots = (0..10).map(|i| shot(View::Inside, 10.0 * i as f32));
-    let mut seen = 0;
-    let full = r.render_sequence(&mut gpu, &scene, shots, |i, _, _| {
-        seen += 1;
-        if i == 2 { Err(Stop::Full) } else { Ok(()) }
-    });
-    assert!(matches!(full, Err(Stop::Full)) && seen == 3, "{full:?} after {seen}");
-    r.render(&mut gpu, &scene, &shot(View::Inside, 10.0)).unwrap();
+    let shots: Vec<Shot> = (0..10).map(|i| shot(View::Inside, 10.0 * i as f32)).collect();
+    let at = shots[1];
+    let mut sequence = FrameSequence::new(scene, shots, None);
+    sequence.next_frame(&mut r, &mut gpu).unwrap().expect("the first of ten");
+    assert!(sequence.finish(&mut r, &mut gpu).unwrap().is_none());
+    // Every slot is free: one more would panic.
+    let tickets: Vec<_> =
+        (0..IN_FLIGHT).map(|_| r.begin_frame(&mut gpu, &scene, &at).unwrap()).collect();
+    for ticket in tickets {
+        r.fetch(&mut gpu, ticket).unwrap();
+    }
 }
 
 #[test]

@@ -12,7 +12,9 @@ use std::collections::VecDeque;
 
 use intima::geometry::{Camera, Lens, Mesh};
 use intima::lod::{LodHierarchy, PAGE_BYTES, Step, Tolerance, Upload, VisiblePatch, Worker};
-use intima::render::{FrameStats, IN_FLIGHT, Look, RenderError, Renderer, Scene, Shot, View, Wall};
+use intima::render::{
+    FrameSequence, FrameStats, IN_FLIGHT, Look, RenderError, Renderer, Scene, Shot, View, Wall,
+};
 use intima::surface::shading;
 use intima::vk::{Gpu, STAGING_BYTES, Validate};
 use sections::{BASE_PAGES, FINE_PAGES, Sections, whole};
@@ -224,17 +226,15 @@ fn a_live_flight_has_no_hole_with_few_pages_and_converges_to_the_captured_image(
 /// Captures a flight with few pages: frames and their statistics.
 fn capture(gpu: &mut Gpu, pages: u32, shots: &[Shot]) -> Vec<(Vec<u8>, FrameStats)> {
     let mut r = renderer(gpu, 1);
-    let mut w = worker(pages, 2);
     let handle = r.open_pages(gpu, pages, tube::RADIUS).unwrap();
     let scene = Scene { look: GREEN, ..Scene::paged(handle, None) };
+    let mut sequence = FrameSequence::new(scene, shots.to_vec(), Some(worker(pages, 2)));
     let mut frames = Vec::new();
-    r.render_settled(gpu, &scene, &mut w, shots.iter().copied(), |i, rgb, stats| {
-        assert_eq!(i, frames.len());
-        frames.push((rgb, stats));
-        Ok::<(), RenderError>(())
-    })
-    .unwrap();
-    assert_eq!(w.outstanding(), 0);
+    while let Some(frame) = sequence.next_frame(&mut r, gpu).unwrap() {
+        frames.push(frame);
+    }
+    assert_eq!(frames.len(), shots.len());
+    assert_eq!(sequence.finish(&mut r, gpu).unwrap().map(|w| w.outstanding()), Some(0));
     frames
 }
 
@@ -257,25 +257,19 @@ fn captured_frames_do_not_depend_on_earlier_frames() {
 
 #[test]
 fn a_stopped_capture_loses_no_page() {
-    #[derive(Debug)]
-    struct Stop;
-    impl From<RenderError> for Stop {
-        fn from(_: RenderError) -> Self {
-            Self
-        }
-    }
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     let pages = BASE_PAGES + 5 * FINE_PAGES;
     let shots = flight(12);
     let want = capture(&mut gpu, pages, &shots[9..10]);
     let mut r = renderer(&mut gpu, 1);
-    let mut w = worker(pages, 2);
     let handle = r.open_pages(&mut gpu, pages, tube::RADIUS).unwrap();
     let scene = Scene { look: GREEN, ..Scene::paged(handle, None) };
-    let stopped = r.render_settled(&mut gpu, &scene, &mut w, shots.iter().copied(), |i, _, _| {
-        if i == 2 { Err(Stop) } else { Ok(()) }
-    });
-    assert!(stopped.is_err());
+    let mut sequence = FrameSequence::new(scene, shots.clone(), Some(worker(pages, 2)));
+    for _ in 0..3 {
+        sequence.next_frame(&mut r, &mut gpu).unwrap().expect("twelve frames");
+    }
+    let mut w = sequence.finish(&mut r, &mut gpu).unwrap().expect("the worker");
+    assert_eq!(w.outstanding(), 0);
     r.apply(handle, w.converge(r.camera(&shots[9]).unwrap()).unwrap()).unwrap();
     assert!(r.render(&mut gpu, &scene, &shots[9]).unwrap() == want[0].0);
 }
@@ -296,13 +290,12 @@ fn a_failed_worker_ends_the_capture_with_its_error() {
     }
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     let mut r = renderer(&mut gpu, 1);
-    let mut w = Worker::spawn(Box::new(Failing), Tolerance { pixels: 1.0 }, 4, 0, 3).unwrap();
+    let w = Worker::spawn(Box::new(Failing), Tolerance { pixels: 1.0 }, 4, 0, 3).unwrap();
     let pages = r.open_pages(&mut gpu, 4, 1.0).unwrap();
-    let film =
-        r.render_settled(&mut gpu, &Scene::paged(pages, None), &mut w, flight(3), |_, _, _| {
-            Ok::<(), RenderError>(())
-        });
-    assert!(film.unwrap_err().to_string().contains("planted"));
+    let mut sequence = FrameSequence::new(Scene::paged(pages, None), flight(3), Some(w));
+    let failed = sequence.next_frame(&mut r, &mut gpu);
+    assert!(failed.unwrap_err().to_string().contains("planted"));
+    assert!(sequence.next_frame(&mut r, &mut gpu).unwrap().is_none(), "a frame after the error");
 }
 
 #[test]

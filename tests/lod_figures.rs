@@ -18,7 +18,7 @@ use intima::geometry::{Camera, Mesh, Pose};
 use intima::lod::vds::{ParameterizedOriginal, Surface, Vds, VdsOptions};
 use intima::lod::{PageCache, Tolerance, Worker};
 use intima::mesh::{Parameterization, SimplifyOptions, simplify};
-use intima::render::{FrameStats, RenderError, Renderer, Scene, Shot, View};
+use intima::render::{FrameSequence, Renderer, Scene, Shot, View};
 use intima::surface::shading;
 use intima::vk::Validate;
 use pages::Pages;
@@ -128,16 +128,11 @@ fn trachea_and_colon_as_in_the_papers_figures() {
             assert!(!cut.last.degraded);
             let pages = r.open_pages(&mut gpu, most, shaded.mean_radius_mm).unwrap();
             let refine = Box::new(Vds::new(Arc::clone(&surface)));
-            let mut w = Worker::spawn(refine, tolerance, most, 4 << 20, 3).unwrap();
-            let sink = |_: usize, rgb: Vec<u8>, _: FrameStats| -> Result<(), RenderError> {
-                save(
-                    tag,
-                    &rgb,
-                    &triangles.iter().map(|t| t.map(|v| v.position())).collect::<Vec<_>>(),
-                );
-                Ok(())
-            };
-            r.render_settled(&mut gpu, &Scene::paged(pages, None), &mut w, [shot], sink).unwrap();
+            let w = Worker::spawn(refine, tolerance, most, 4 << 20, 3).unwrap();
+            let mut sequence = FrameSequence::new(Scene::paged(pages, None), vec![shot], Some(w));
+            let (rgb, _) = sequence.next_frame(&mut r, &mut gpu).unwrap().expect("one frame");
+            let corners: Vec<_> = triangles.iter().map(|t| t.map(|v| v.position())).collect();
+            save(tag, &rgb, &corners);
         }
     }
 }

@@ -18,7 +18,7 @@ use cast::Cast;
 use intima::geometry::{Camera, Mesh};
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
 use intima::lod::{ExteriorGrid, LodHierarchy, OcclusionTest, PageCache, Tolerance, Worker};
-use intima::render::{FrameStats, MAX_PAGES, RenderError, Renderer, Scene, Shot, View};
+use intima::render::{FrameSequence, FrameStats, MAX_PAGES, Renderer, Scene, Shot, View};
 use intima::surface::shading;
 use intima::vk::{Gpu, Validate};
 use pages::Pages;
@@ -59,23 +59,8 @@ fn fly(
     lod: Option<&(Arc<Clusters>, f32)>,
 ) -> Flown {
     let mut r = Renderer::new(gpu, SIZE[0], SIZE[1], samples).unwrap();
-    let (mut ms, mut stats, mut pictures) = (Vec::new(), Vec::new(), Vec::new());
-    let mut since = Instant::now();
-    let sink = |i: usize, rgb: Vec<u8>, s: FrameStats| -> Result<(), RenderError> {
-        ms.push(since.elapsed().as_secs_f64() * 1e3);
-        stats.push(s);
-        if i.is_multiple_of(10) {
-            pictures.push(rgb);
-        }
-        since = Instant::now();
-        Ok(())
-    };
-    let shots = shots.iter().copied();
-    match lod {
-        None => {
-            let scene = Scene::of(r.upload_mesh(gpu, mesh, false).unwrap());
-            r.render_sequence(gpu, &scene, shots, sink).unwrap();
-        }
+    let (scene, worker) = match lod {
+        None => (Scene::of(r.upload_mesh(gpu, mesh, false).unwrap()), None),
         Some((clusters, radius)) => {
             let outside =
                 Arc::new(OcclusionTest::new(ExteriorGrid::new(mesh), clusters.largest_error_mm()));
@@ -85,9 +70,20 @@ fn fly(
             let pages = r.open_pages(gpu, count, *radius).unwrap();
             r.hide(pages, outside);
             let tolerance = Tolerance { pixels: TAU };
-            let mut w = Worker::spawn(refine, tolerance, count, 4 << 20, 3).unwrap();
-            r.render_settled(gpu, &Scene::paged(pages, None), &mut w, shots, sink).unwrap();
+            let worker = Worker::spawn(refine, tolerance, count, 4 << 20, 3).unwrap();
+            (Scene::paged(pages, None), Some(worker))
         }
+    };
+    let (mut ms, mut stats, mut pictures) = (Vec::new(), Vec::new(), Vec::new());
+    let mut sequence = FrameSequence::new(scene, shots.to_vec(), worker);
+    let mut since = Instant::now();
+    while let Some((rgb, of_frame)) = sequence.next_frame(&mut r, gpu).unwrap() {
+        ms.push(since.elapsed().as_secs_f64() * 1e3);
+        if stats.len().is_multiple_of(10) {
+            pictures.push(rgb);
+        }
+        stats.push(of_frame);
+        since = Instant::now();
     }
     Flown { ms, stats, pictures }
 }

@@ -21,6 +21,7 @@ pub use pages::{MAX_PAGES, PagesHandle};
 pub use picture::Spares;
 pub use renderer::{IN_FLIGHT, Renderer, Ticket};
 pub use scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
+pub use sequence::FrameSequence;
 
 /// SPIR-V, entry points and immediate blocks of `shaders/draw`, written by the build script.
 #[allow(missing_docs, dead_code, clippy::all)]

@@ -3,101 +3,126 @@
 use std::collections::VecDeque;
 
 use super::RenderError;
-use super::pages::PagesHandle;
-use super::renderer::{IN_FLIGHT, Renderer};
+use super::renderer::{IN_FLIGHT, Renderer, Ticket};
 use super::scene::{FrameStats, Scene, Shot, Wall};
 use crate::lod::Worker;
 use crate::vk::Gpu;
 
-impl Renderer {
-    /// Draws frames in order and hands each to `sink` with its number while the device draws the
-    /// next ones.
-    ///
-    /// # Errors
-    /// The first of the device's or the sink's errors; later frames are dropped.
-    pub fn render_sequence<E: From<RenderError>>(
-        &mut self,
-        gpu: &mut Gpu,
-        scene: &Scene,
-        shots: impl IntoIterator<Item = Shot>,
-        sink: impl FnMut(usize, Vec<u8>, FrameStats) -> Result<(), E>,
-    ) -> Result<(), E> {
-        self.sequence(gpu, scene, shots, |_, _, _| Ok(()), sink)
-    }
+/// Frames of a list of shots, drawn as they are asked for while the device draws the next ones.
+///
+/// With a worker each shows the settled cut of its own camera; the worker refines for the next
+/// frame while this one is drawn. Frames depend on cameras alone, not on timing or number of
+/// threads; their pages do depend on the frames before.
+pub struct FrameSequence {
+    scene: Scene,
+    shots: Vec<Shot>,
+    worker: Option<Worker>,
+    /// Shots submitted so far.
+    begun: usize,
+    in_flight: VecDeque<Ticket>,
+}
 
-    /// The same for a wall in pages: each frame shows the settled cut of its own camera. The worker
-    /// refines for the next frame while this one is drawn. Frames depend on cameras alone, not on
-    /// timing or number of threads; their pages do depend on the frames before.
-    ///
-    /// # Errors
-    /// As [`Renderer::render_sequence`]; [`RenderError::Detail`] if the worker fails. The worker
-    /// and the pages agree afterwards whatever happened, unless the worker itself failed.
+impl FrameSequence {
+    /// Nothing is drawn yet. `worker` is that of the scene's pages; without it, pages show what was
+    /// applied to them.
     ///
     /// # Panics
-    /// If the scene's wall is not in pages.
-    pub fn render_settled<E: From<RenderError>>(
-        &mut self,
-        gpu: &mut Gpu,
-        scene: &Scene,
-        worker: &mut Worker,
-        shots: impl IntoIterator<Item = Shot>,
-        sink: impl FnMut(usize, Vec<u8>, FrameStats) -> Result<(), E>,
-    ) -> Result<(), E> {
-        let Wall::Pages { pages, .. } = scene.wall else { panic!("a wall in pages") };
-        let prepare = |r: &mut Self, shot: &Shot, next: Option<&Shot>| {
-            // Asked already while the frame before was made; asked now for the first.
-            if let (0, Some(camera)) = (worker.outstanding(), r.camera(shot)) {
-                worker.request(camera);
-            }
-            // The answer is taken before the next question, so that at most one is on its way.
-            let result = r.take_answers(pages, worker);
-            if let (Ok(()), Some(camera)) = (&result, next.and_then(|n| r.camera(n))) {
-                worker.request(camera);
-            }
-            result
-        };
-        let result = self.sequence(gpu, scene, shots, prepare, sink);
-        // A frame that was never drawn may have been refined for: its pages are not lost.
-        result.and(self.take_answers(pages, worker).map_err(E::from))
+    /// If there is a worker and the scene's wall is not in pages.
+    pub fn new(scene: Scene, shots: Vec<Shot>, worker: Option<Worker>) -> Self {
+        assert!(
+            worker.is_none() || matches!(scene.wall, Wall::Pages { .. }),
+            "a worker refines a wall in pages"
+        );
+        Self { scene, shots, worker, begun: 0, in_flight: VecDeque::with_capacity(IN_FLIGHT) }
     }
 
-    fn take_answers(&mut self, pages: PagesHandle, worker: &mut Worker) -> Result<(), RenderError> {
-        while worker.outstanding() > 0 {
-            let step = worker.recv()?;
-            self.apply(pages, step)?;
+    /// Number of frames in all.
+    pub fn count(&self) -> usize {
+        self.shots.len()
+    }
+
+    /// The next frame, RGB as of [`Renderer::fetch`]; `None` after the last. The renderer must be
+    /// the same in each call and have no other frame in flight.
+    ///
+    /// # Errors
+    /// The device's; [`RenderError::Detail`] if the worker fails. There are no more frames then,
+    /// and none in flight.
+    pub fn next_frame(
+        &mut self,
+        renderer: &mut Renderer,
+        gpu: &mut Gpu,
+    ) -> Result<Option<(Vec<u8>, FrameStats)>, RenderError> {
+        let next = self.begin_and_fetch(renderer, gpu);
+        if next.is_err() {
+            self.give_up(renderer, gpu);
+        }
+        next
+    }
+
+    fn begin_and_fetch(
+        &mut self,
+        renderer: &mut Renderer,
+        gpu: &mut Gpu,
+    ) -> Result<Option<(Vec<u8>, FrameStats)>, RenderError> {
+        while self.in_flight.len() < IN_FLIGHT && self.begun < self.shots.len() {
+            self.settle(renderer)?;
+            let shot = &self.shots[self.begun];
+            self.in_flight.push_back(renderer.begin_frame(gpu, &self.scene, shot)?);
+            self.begun += 1;
+        }
+        let Some(ticket) = self.in_flight.pop_front() else { return Ok(None) };
+        let stats = ticket.stats;
+        Ok(Some((renderer.fetch(gpu, ticket)?, stats)))
+    }
+
+    /// Brings the pages to the settled cut of the frame to begin and asks for the next one's.
+    fn settle(&mut self, renderer: &mut Renderer) -> Result<(), RenderError> {
+        let mut cameras = self.shots[self.begun..].iter().map(|shot| renderer.camera(shot));
+        let (camera, next) = (cameras.next().flatten(), cameras.next().flatten());
+        let Some(worker) = &mut self.worker else { return Ok(()) };
+        // Asked already while the frame before was made; asked now for the first.
+        if let (0, Some(camera)) = (worker.outstanding(), camera) {
+            worker.request(camera);
+        }
+        // The answer is taken before the next question, so that at most one is on its way.
+        self.apply_answers(renderer)?;
+        if let (Some(worker), Some(camera)) = (&mut self.worker, next) {
+            worker.request(camera);
         }
         Ok(())
     }
 
-    fn sequence<E: From<RenderError>>(
-        &mut self,
-        gpu: &mut Gpu,
-        scene: &Scene,
-        shots: impl IntoIterator<Item = Shot>,
-        mut prepare: impl FnMut(&mut Self, &Shot, Option<&Shot>) -> Result<(), RenderError>,
-        mut sink: impl FnMut(usize, Vec<u8>, FrameStats) -> Result<(), E>,
-    ) -> Result<(), E> {
-        let mut waiting = VecDeque::with_capacity(IN_FLIGHT);
-        let mut done = 0;
-        let mut result = Ok(());
-        let mut shots = shots.into_iter().peekable();
-        loop {
-            while result.is_ok() && waiting.len() < IN_FLIGHT {
-                let Some(shot) = shots.next() else { break };
-                let begun = prepare(self, &shot, shots.peek());
-                match begun.and_then(|()| self.begin_frame(gpu, scene, &shot)) {
-                    Ok(ticket) => waiting.push_back(ticket),
-                    Err(e) => result = Err(e.into()),
-                }
-            }
-            let Some(ticket) = waiting.pop_front() else { return result };
-            let stats = ticket.stats;
-            match self.fetch(gpu, ticket) {
-                Ok(rgb) if result.is_ok() => result = sink(done, rgb, stats),
-                Ok(_) => {}
-                Err(e) => result = result.and(Err(e.into())),
-            }
-            done += 1;
+    fn apply_answers(&mut self, renderer: &mut Renderer) -> Result<(), RenderError> {
+        let (Some(worker), Wall::Pages { pages, .. }) = (&mut self.worker, self.scene.wall) else {
+            return Ok(());
+        };
+        while worker.outstanding() > 0 {
+            renderer.apply(pages, worker.recv()?)?;
         }
+        Ok(())
+    }
+
+    /// Drops the frames in flight: their slots are free once the device is done with them.
+    fn give_up(&mut self, renderer: &mut Renderer, gpu: &mut Gpu) {
+        self.begun = self.shots.len();
+        for ticket in self.in_flight.drain(..) {
+            let _ = renderer.fetch(gpu, ticket);
+        }
+    }
+
+    /// Ends the sequence, also before its last frame: the renderer has no frame in flight, and the
+    /// pages hold what the worker believes they hold. Gives the worker back.
+    ///
+    /// # Errors
+    /// [`RenderError::Detail`] if the worker fails; the renderer is free even so.
+    pub fn finish(
+        mut self,
+        renderer: &mut Renderer,
+        gpu: &mut Gpu,
+    ) -> Result<Option<Worker>, RenderError> {
+        self.give_up(renderer, gpu);
+        // A frame that was never drawn may have been refined for: its pages are not lost.
+        self.apply_answers(renderer)?;
+        Ok(self.worker)
     }
 }

@@ -1,6 +1,5 @@
 //! Frames of the flight, drawn one after the other on request while the device draws the next.
 
-use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
@@ -15,8 +14,8 @@ use crate::device::{Device, DeviceError};
 use crate::flight::Flight;
 use crate::lod::{Tolerance, Worker};
 use crate::render::{
-    FrameStats, IN_FLIGHT, MeshHandle, PagesHandle, Renderer, Scene, Shot, Spares, Ticket, View,
-    Wall,
+    FrameSequence, FrameStats, IN_FLIGHT, MeshHandle, PagesHandle, Renderer, Scene, Shot, Spares,
+    View, Wall,
 };
 use crate::task::CancelToken;
 use crate::vk::{Choice, Gpu, return_freed_memory};
@@ -140,21 +139,17 @@ impl Session {
         if path.len() > 1 && overview {
             scene.path = Some(display.with_gpu(|gpu| renderer.upload_path(gpu, &path))?);
         }
+        let shots = shots(&flight, s.view, &share_of_path(&path, &flight));
         Ok(FrameStream {
-            progress: share_of_path(&path, &flight),
-            view: s.view,
             size: s.size,
             spares: renderer.spares(),
             renderer: Some(renderer),
             display,
-            scene,
+            sequence: Some(FrameSequence::new(scene, shots, worker)),
             held,
-            worker,
             flight,
             lod,
             cancel: self.cancel.clone(),
-            waiting: VecDeque::with_capacity(IN_FLIGHT),
-            begun: 0,
             given: 0,
             started: Instant::now(),
             since: Instant::now(),
@@ -201,19 +196,13 @@ struct Figures {
 pub struct FrameStream {
     renderer: Option<Renderer>,
     display: Arc<Display>,
-    scene: Scene,
+    sequence: Option<FrameSequence>,
     held: Held,
-    worker: Option<Worker>,
     flight: Arc<Flight>,
-    /// Share of the path behind each eye.
-    progress: Vec<f32>,
-    view: View,
     size: [u32; 2],
     spares: Spares,
     lod: LodReport,
     cancel: CancelToken,
-    waiting: VecDeque<Ticket>,
-    begun: usize,
     given: usize,
     started: Instant,
     since: Instant,
@@ -245,17 +234,10 @@ impl FrameStream {
         if self.cancel.is_cancelled() {
             return Err(SessionError::Cancelled);
         }
-        while self.waiting.len() < IN_FLIGHT && self.begun < self.count() {
-            if let Err(e) = self.begin(self.begun) {
-                self.begun = self.count();
-                return Err(e);
-            }
-            self.begun += 1;
-        }
-        let Some(ticket) = self.waiting.pop_front() else { return Ok(None) };
-        let stats = ticket.stats;
         let display = Arc::clone(&self.display);
-        let rgb = display.with_gpu(|gpu| self.renderer().fetch(gpu, ticket))?;
+        let (sequence, renderer) = self.drawing();
+        let next = display.with_gpu(|gpu| sequence.next_frame(renderer, gpu))?;
+        let Some((rgb, stats)) = next else { return Ok(None) };
         self.figures.ms.push(self.since.elapsed().as_secs_f64() * 1000.0);
         self.figures.stats.push(stats);
         self.since = Instant::now();
@@ -309,53 +291,21 @@ impl FrameStream {
         warnings
     }
 
-    fn renderer(&mut self) -> &mut Renderer {
-        self.renderer.as_mut().expect("held until the stream is dropped")
-    }
-
-    fn shot(&self, i: usize) -> Shot {
-        Shot {
-            view: self.view,
-            pose: self.flight.poses[i],
-            lens: self.flight.lens(i),
-            progress: self.progress[i],
-        }
-    }
-
-    /// Brings the pages to the frame's settled cut, asks for the next frame's, and submits it.
-    fn begin(&mut self, i: usize) -> Result<(), SessionError> {
-        let shot = self.shot(i);
-        let next = (i + 1 < self.count()).then(|| self.shot(i + 1));
-        let renderer = self.renderer.as_mut().expect("held until the stream is dropped");
-        if let (Some(worker), Some(pages)) = (&mut self.worker, self.held.pages) {
-            // Asked already while the frame before was made; asked now for the first.
-            if let (0, Some(camera)) = (worker.outstanding(), renderer.camera(&shot)) {
-                worker.request(camera);
-            }
-            // The answer is taken before the next question, so that at most one is on its way.
-            while worker.outstanding() > 0 {
-                renderer.apply(pages, worker.recv()?)?;
-            }
-            if let Some(camera) = next.and_then(|n| renderer.camera(&n)) {
-                worker.request(camera);
-            }
-        }
-        let scene = &self.scene;
-        let ticket = self.display.with_gpu(|gpu| renderer.begin_frame(gpu, scene, &shot))?;
-        self.waiting.push_back(ticket);
-        Ok(())
+    fn drawing(&mut self) -> (&mut FrameSequence, &mut Renderer) {
+        self.sequence
+            .as_mut()
+            .zip(self.renderer.as_mut())
+            .expect("held until the stream is dropped")
     }
 }
 
 impl Drop for FrameStream {
     fn drop(&mut self) {
         let Some(mut renderer) = self.renderer.take() else { return };
-        self.display.with_gpu(|gpu| {
-            for ticket in self.waiting.drain(..) {
-                // A frame nobody wants any more: its slot is free once the device is done.
-                let _ = renderer.fetch(gpu, ticket);
-            }
-        });
+        if let Some(sequence) = self.sequence.take() {
+            // Frames nobody wants any more; their pages are closed whatever is in them.
+            let _ = self.display.with_gpu(|gpu| sequence.finish(&mut renderer, gpu));
+        }
         self.held.meshes.drain(..).for_each(|m| renderer.remove_mesh(m));
         if let Some(pages) = self.held.pages.take() {
             renderer.close_pages(pages);
@@ -375,6 +325,13 @@ impl Figures {
     fn both<T: Copy + PartialOrd + Default>(&self, of: impl Fn(usize) -> T + Copy) -> [T; 2] {
         [self.at(0.5, of), self.at(0.99, of)]
     }
+}
+
+/// One shot a pose. `progress`: share of the path behind each eye.
+fn shots(flight: &Flight, view: View, progress: &[f32]) -> Vec<Shot> {
+    let shot =
+        |i| Shot { view, pose: flight.poses[i], lens: flight.lens(i), progress: progress[i] };
+    (0..flight.poses.len()).map(shot).collect()
 }
 
 /// Share of the path's length behind each eye: that of the nearest point of the path, searched
