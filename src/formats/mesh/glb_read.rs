@@ -14,8 +14,9 @@ const UNSIGNED_BYTE: u32 = 5121;
 const UNSIGNED_SHORT: u32 = 5123;
 const TRIANGLES: u32 = 4;
 
-/// No description of a surface is longer, and none of its lists; they bound what it takes.
-const MOST_JSON: usize = 1 << 20;
+/// No description of a surface is longer, and none of its lists; they bound what it takes. Half a
+/// megabyte is that of several hundred meshes; of the shortest primitives it makes 6 MB.
+const MOST_JSON: usize = 1 << 19;
 const MOST_ENTRIES: usize = 4096;
 
 /// A list that is refused where it is longer than any surface needs.
@@ -115,15 +116,15 @@ struct MeshOf {
 #[serde(default)]
 struct Primitive {
     attributes: Attributes,
-    indices: Option<usize>,
+    indices: Option<u32>,
     mode: Option<u32>,
 }
 
 #[derive(Default, serde::Deserialize)]
 #[serde(rename_all = "UPPERCASE", default)]
 struct Attributes {
-    position: Option<usize>,
-    normal: Option<usize>,
+    position: Option<u32>,
+    normal: Option<u32>,
 }
 
 #[derive(Clone, Copy, Default, PartialEq, serde::Deserialize)]
@@ -345,12 +346,16 @@ impl<'a> Reader<'a> {
     fn entries(
         &self,
         what: &str,
-        accessor: usize,
+        accessor: u32,
         shape: Shape,
         components: &[u32],
     ) -> Result<Entries<'a>, FormatError> {
         let doc = &self.document;
-        let a = doc.accessors.0.get(accessor).ok_or_else(|| self.bad(what, "no such accessor"))?;
+        let a = doc
+            .accessors
+            .0
+            .get(accessor as usize)
+            .ok_or_else(|| self.bad(what, "no such accessor"))?;
         if a.shape != shape || !components.contains(&a.component_type) || a.sparse.is_some() {
             return Err(self.bad(what, "another type than a surface has"));
         }

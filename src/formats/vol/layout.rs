@@ -1,5 +1,6 @@
 //! Where the samples of a volume lie in a file, checked and then read in one pass.
 
+use std::collections::TryReserveError;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -8,7 +9,9 @@ use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
 use super::FormatError;
 use super::source::{Source, fill};
-use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
+use crate::volume::{
+    Grid, Rescale, Sample, SampleBuffer, SampleType, Samples, Volume, with_samples,
+};
 
 /// How the samples are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,8 +44,13 @@ pub(super) struct Layout {
     pub notes: Vec<String>,
 }
 
-/// Deflate cannot shrink by more than 1032; the rest is room for headers.
-const MOST_SHRINK: u64 = 1100;
+/// Deflate stands for at most 258 bytes by two bits (RFC 1951, 3.2.5): no stream shrinks by more.
+const MOST_SHRINK: u64 = 1032;
+/// Bytes of samples that memory is taken for before a compressed stream has given any. Beyond that
+/// and twice the stream's own length, memory grows as samples arrive: never past twice what came.
+const FIRST_BYTES: u64 = 4 << 20;
+/// Bytes that are cleared and then decoded into at a time; few enough to stay in the cache.
+const STEP_BYTES: usize = 1 << 20;
 
 impl Layout {
     /// Bytes of all samples once decoded.
@@ -61,7 +69,7 @@ impl Layout {
             // A digit and a blank each, the last blank missing.
             Encoding::Ascii => (found / 2 + 1 >= self.grid.len() as u64, "samples"),
             Encoding::Gzip | Encoding::Zlib => {
-                let most = found.saturating_add(16).saturating_mul(MOST_SHRINK);
+                let most = found.saturating_mul(MOST_SHRINK);
                 (most >= wanted.saturating_add(self.skip), "compressed samples")
             }
         };
@@ -74,13 +82,13 @@ impl Layout {
     /// Reads the samples straight into their final place.
     pub fn load(self) -> Result<Volume, FormatError> {
         let source = self.open()?;
-        let mut samples = zeroed(&self.path, self.sample_type, self.grid.len())?;
-        match self.encoding {
-            Encoding::Raw => self.read(source, &mut samples)?,
-            Encoding::Gzip => self.read(MultiGzDecoder::new(buffered(source)), &mut samples)?,
-            Encoding::Zlib => self.read(ZlibDecoder::new(buffered(source)), &mut samples)?,
-            Encoding::Ascii => self.read_ascii(source, &mut samples)?,
-        }
+        let packed = source.len;
+        let mut samples = match self.encoding {
+            Encoding::Raw => self.read_raw(source)?,
+            Encoding::Gzip => self.decode(MultiGzDecoder::new(buffered(source)), packed)?,
+            Encoding::Zlib => self.decode(ZlibDecoder::new(buffered(source)), packed)?,
+            Encoding::Ascii => self.read_ascii(source)?,
+        };
         if self.swap && self.encoding != Encoding::Ascii {
             samples.swap_bytes();
         }
@@ -89,38 +97,53 @@ impl Layout {
         Ok(volume)
     }
 
-    fn read(&self, mut input: impl Read, samples: &mut Samples) -> Result<(), FormatError> {
+    /// Samples as they lie in the file. It is long enough for them, so they are allocated at once.
+    fn read_raw(&self, mut source: Source) -> Result<Samples, FormatError> {
+        let mut samples = zeroed(&self.path, self.sample_type, self.grid.len())?;
+        let bytes = samples.bytes_mut();
+        let found = fill(&mut source, bytes).map_err(|e| self.decode_error(e))?;
+        if found < bytes.len() {
+            return Err(self.truncated("samples", found as u64));
+        }
+        Ok(samples)
+    }
+
+    /// Samples of a compressed stream in a file of `packed` bytes.
+    fn decode(&self, mut input: impl Read, packed: u64) -> Result<Samples, FormatError> {
         let fail = |e| self.decode_error(e);
         let passed = io::copy(&mut (&mut input).take(self.skip), &mut io::sink());
         let passed = match passed {
             Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => 0,
             other => other.map_err(fail)?,
         };
-        let bytes = samples.bytes_mut();
-        let wanted = bytes.len() as u64;
-        let found =
-            if passed < self.skip { 0 } else { fill(&mut input, bytes).map_err(fail)? as u64 };
-        if found < wanted {
-            let what = "samples";
-            return Err(FormatError::Truncated { file: self.path.clone(), what, wanted, found });
+        if passed < self.skip {
+            return Err(self.truncated("samples", 0));
         }
-        if self.encoding != Encoding::Raw {
-            // The checksum stands behind the last byte and is only looked at on reading on.
-            let mut beyond = [0u8];
-            match input.read(&mut beyond) {
-                Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => {
-                    let what = "samples with their checksum";
-                    let file = self.path.clone();
-                    return Err(FormatError::Truncated { file, what, wanted, found });
-                }
-                other => other.map_err(fail)?,
-            };
+        let first = FIRST_BYTES.saturating_add(packed.saturating_mul(2));
+        let mut samples = Samples::zeroed(self.sample_type, 0);
+        let len = self.grid.len();
+        let found = with_samples!(&mut samples, |s| fill_growing(&mut input, s, len, first)
+            .map_err(fail)?);
+        if found < self.promised() {
+            return Err(self.truncated("samples", found));
         }
-        Ok(())
+        // The checksum stands behind the last byte and is only looked at on reading on.
+        match input.read(&mut [0u8]) {
+            Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => {
+                Err(self.truncated("samples with their checksum", found))
+            }
+            other => other.map(|_| samples).map_err(fail),
+        }
     }
 
-    fn read_ascii(&self, source: Source, samples: &mut Samples) -> Result<(), FormatError> {
-        with_samples!(samples, |s| parse_all(&self.path, buffered(source), s))
+    fn truncated(&self, what: &'static str, found: u64) -> FormatError {
+        FormatError::Truncated { file: self.path.clone(), what, wanted: self.promised(), found }
+    }
+
+    fn read_ascii(&self, source: Source) -> Result<Samples, FormatError> {
+        let mut samples = zeroed(&self.path, self.sample_type, self.grid.len())?;
+        with_samples!(&mut samples, |s| parse_all(&self.path, buffered(source), s))?;
+        Ok(samples)
     }
 
     /// A decoder's complaint is about the file; anything else is the system's.
@@ -132,6 +155,35 @@ impl Layout {
             _ => FormatError::io(&self.path, e),
         }
     }
+}
+
+/// Fills `out` with `len` samples, its memory growing as they arrive from `first` bytes on; the
+/// number of bytes read.
+fn fill_growing<T: Sample>(
+    input: &mut dyn Read,
+    out: &mut SampleBuffer<T>,
+    len: usize,
+    first: u64,
+) -> io::Result<u64> {
+    let size = size_of::<T>();
+    let no_room = |e: TryReserveError| io::Error::new(io::ErrorKind::OutOfMemory, e);
+    let mut samples = Vec::<T>::new();
+    let mut room = usize::try_from(first).map_or(len, |bytes| len.min(bytes / size));
+    while samples.len() < len {
+        samples.try_reserve_exact(room - samples.len()).map_err(no_room)?;
+        while samples.len() < room {
+            let from = samples.len();
+            samples.resize(room.min(from + STEP_BYTES / size), T::zeroed());
+            let step = bytemuck::cast_slice_mut(&mut samples[from..]);
+            let found = fill(input, step)?;
+            if found < step.len() {
+                return Ok((from * size + found) as u64);
+            }
+        }
+        room = len.min(room.saturating_mul(2));
+    }
+    *out = samples.into();
+    Ok((len * size) as u64)
 }
 
 fn buffered(source: Source) -> BufReader<Source> {

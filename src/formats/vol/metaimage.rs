@@ -9,15 +9,39 @@ use super::FormatError;
 use super::affine::grid;
 use super::layout::{Encoding, Layout, must_swap};
 use super::source::{prefix, sibling};
-use super::text::{mm_per, number, numbers};
+use super::text::{MOST_HEADER, field_value, mm_per, number, numbers};
 use crate::volume::{Grid, Rescale, SampleType};
 
-/// No header of an image is longer; it bounds what is read to find its end.
-const MOST_HEADER: u64 = 1 << 20;
+/// The fields that are read. Others are passed over and take no memory, however many there are.
+const FIELDS: [&str; 22] = [
+    "BinaryData",
+    "BinaryDataByteOrderMSB",
+    "CompressedData",
+    "CompressedDataSize",
+    "DimSize",
+    "DistanceUnits",
+    "ElementByteOrderMSB",
+    "ElementDataFile",
+    "ElementNumberOfChannels",
+    "ElementSize",
+    "ElementSpacing",
+    "ElementToIntensityFunctionOffset",
+    "ElementToIntensityFunctionSlope",
+    "ElementType",
+    "HeaderSize",
+    "NDims",
+    "Offset",
+    "Orientation",
+    "Origin",
+    "Position",
+    "Rotation",
+    "TransformMatrix",
+];
 
+/// The fields of a header that are read.
 struct Header<'a> {
     path: &'a Path,
-    fields: HashMap<String, String>,
+    fields: HashMap<&'static str, String>,
     /// First byte behind the last line of the header.
     end: u64,
 }
@@ -37,11 +61,12 @@ impl<'a> Header<'a> {
                 let field = format!("line {}", n + 1);
                 return Err(FormatError::text(path, field, "expected `name = value`"));
             };
-            let name = name.trim().to_owned();
+            let name = name.trim();
+            if let Some(known) = FIELDS.into_iter().find(|f| *f == name) {
+                fields.insert(known, field_value(path, known, value)?);
+            }
             // This field closes the header; what follows may be samples.
-            let last = name == "ElementDataFile";
-            fields.insert(name, value.trim().to_owned());
-            if last {
+            if name == "ElementDataFile" {
                 return Ok(Self { path, fields, end });
             }
         }
@@ -50,10 +75,11 @@ impl<'a> Header<'a> {
 
     /// The first of several names for the same field, with the name used.
     fn any<'n>(&self, names: &[&'n str]) -> Option<(&'n str, &str)> {
-        names.iter().find_map(|n| Some((*n, self.fields.get(*n)?.as_str())))
+        names.iter().find_map(|n| Some((*n, self.get(n)?)))
     }
 
     fn get(&self, name: &str) -> Option<&str> {
+        debug_assert!(FIELDS.contains(&name), "{name} is not kept");
         self.fields.get(name).map(String::as_str)
     }
 

@@ -10,16 +10,34 @@ use super::FormatError;
 use super::affine::{RAS, grid_from_steps};
 use super::layout::{Encoding, Layout, must_swap};
 use super::source::{Source, prefix, sibling};
-use super::text::{mm_per, number, numbers};
+use super::text::{MOST_HEADER, field_value, mm_per, number, numbers};
 use crate::volume::{Grid, Rescale, SampleType};
 
-/// No header of an image is longer; it bounds what is read to find its end.
-const MOST_HEADER: u64 = 1 << 20;
+/// The fields that are read, lower case and without blanks. Others are passed over and take no
+/// memory, however many there are.
+const FIELDS: [&str; 16] = [
+    "axismins",
+    "byteskip",
+    "datafile",
+    "dimension",
+    "encoding",
+    "endian",
+    "lineskip",
+    "sizes",
+    "space",
+    "spacedimension",
+    "spacedirections",
+    "spaceorigin",
+    "spaceunits",
+    "spacings",
+    "type",
+    "units",
+];
 
-/// Fields of a header by name, lower case and without blanks.
+/// The fields of a header that are read.
 struct Header<'a> {
     path: &'a Path,
-    fields: HashMap<String, String>,
+    fields: HashMap<&'static str, String>,
     /// First byte behind the blank line; `None` where the header ends with the file.
     end: Option<u64>,
 }
@@ -49,7 +67,10 @@ impl<'a> Header<'a> {
                 Some((_, value)) if value.starts_with('=') => {}
                 Some((name, value)) => {
                     let name: String = name.split_whitespace().collect();
-                    fields.insert(name.to_ascii_lowercase(), value.trim().to_owned());
+                    let name = name.to_ascii_lowercase();
+                    if let Some(known) = FIELDS.into_iter().find(|f| *f == name) {
+                        fields.insert(known, field_value(path, known, value)?);
+                    }
                 }
                 None => {
                     let why = "neither a field nor a comment";
@@ -61,7 +82,9 @@ impl<'a> Header<'a> {
     }
 
     fn get(&self, name: &str) -> Option<&str> {
-        self.fields.get(&name.replace(' ', "")).map(String::as_str)
+        let name = name.replace(' ', "");
+        debug_assert!(FIELDS.contains(&&*name), "{name} is not kept");
+        self.fields.get(&*name).map(String::as_str)
     }
 
     fn need(&self, name: &str) -> Result<&str, FormatError> {

@@ -5,6 +5,9 @@ use std::str::SplitAsciiWhitespace;
 
 use super::super::{FormatError, RawMesh, space_tag};
 
+/// No surface declares more elements and properties; it bounds what a header takes.
+const MOST_DECLARATIONS: usize = 1000;
+
 /// A number type of PLY.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Type {
@@ -106,6 +109,7 @@ pub(super) fn header<'a>(
 ) -> Result<(Vec<Element>, Body<'a>, u64), FormatError> {
     let bad = |field: &str, why: &str| Err(FormatError::text(path, field, why));
     let (mut rest, mut format, mut elements) = (bytes, String::new(), Vec::<Element>::new());
+    let mut declarations = 0;
     for number in 0.. {
         let Some(end) = rest.iter().take(1 << 16).position(|&b| b == b'\n') else {
             return bad("header", "no end_header");
@@ -120,6 +124,10 @@ pub(super) fn header<'a>(
             continue;
         }
         let place = format!("header line {}", number + 1);
+        declarations += usize::from(matches!(words.first(), Some(&("element" | "property"))));
+        if declarations > MOST_DECLARATIONS {
+            return bad(&place, "more elements and properties than any surface has");
+        }
         match words[..] {
             ["end_header"] => break,
             ["format", name, _] => format = name.to_owned(),

@@ -19,7 +19,38 @@ pub(super) struct Head {
     pub rows: u32,
     pub columns: u32,
     pub pixels: Option<Pixels>,
-    elements: InMemDicomObject,
+    values: Values,
+}
+
+/// The values of a file's elements as one text. A parsed data set takes ten times the bytes of a
+/// small file, and the heads of a whole series are held at once.
+#[derive(Default)]
+struct Values {
+    text: String,
+    /// Element, and where its value ends in the text; the one before ends where it begins.
+    ends: Vec<(Tag, u32)>,
+}
+
+impl Values {
+    fn new(elements: &InMemDicomObject) -> Self {
+        let mut values = Self::default();
+        for element in elements {
+            let Ok(value) = element.to_str() else { continue };
+            values.text.push_str(&value);
+            values.ends.push((element.header().tag, values.text.len() as u32));
+        }
+        values.text.shrink_to_fit();
+        values.ends.shrink_to_fit();
+        values
+    }
+
+    /// The value of an element without padding.
+    fn get(&self, tag: Tag) -> Option<&str> {
+        let i = self.ends.iter().position(|e| e.0 == tag)?;
+        let start = if i == 0 { 0 } else { self.ends[i - 1].1 };
+        let value = &self.text[start as usize..self.ends[i].1 as usize];
+        Some(value.trim_matches(|c: char| c.is_whitespace() || c == '\0'))
+    }
 }
 
 const MODALITIES: [&str; 12] =
@@ -40,7 +71,7 @@ pub(super) fn read(file: &Path) -> Result<Option<Head>, FormatError> {
         rows: 0,
         columns: 0,
         pixels: walked.pixels,
-        elements: parsed.into_inner(),
+        values: Values::new(&parsed),
     };
     let uid = head.text(0x0020, 0x000e);
     // Free text in the place of an identifier must not reach a listing.
@@ -58,15 +89,12 @@ pub(super) fn read(file: &Path) -> Result<Option<Head>, FormatError> {
 impl Head {
     /// A short text without padding; empty if absent.
     pub fn text(&self, group: u16, element: u16) -> String {
-        let value = self.elements.get(Tag(group, element)).and_then(|e| e.to_str().ok());
-        value
-            .map(|v| v.trim_matches(|c: char| c.is_whitespace() || c == '\0').to_owned())
-            .unwrap_or_default()
+        self.values.get(Tag(group, element)).unwrap_or_default().to_owned()
     }
 
-    /// A whole number, if there is one.
+    /// A whole number, if there is one; of several the first.
     pub fn int(&self, group: u16, element: u16) -> Option<i64> {
-        self.elements.get(Tag(group, element))?.to_int().ok()
+        self.values.get(Tag(group, element))?.split('\\').next()?.trim().parse().ok()
     }
 
     /// Decimal numbers, exactly `N`; `None` if absent or empty.
