@@ -21,6 +21,6 @@ pub use centerline::{
     CenterlineNode, CenterlinePoint, NodeKind,
 };
 pub use mesh::{Mesh, MeshPoint};
-pub use point_triangle::nearest_on_triangle;
+pub use point_triangle::{nearest_on_segment, nearest_on_triangle, point_triangle_distance};
 pub use vertex::Vertex;
 pub use view_frustum::{ProjectedBounds, ViewFrustum};

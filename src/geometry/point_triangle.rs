@@ -1,4 +1,4 @@
-//! Nearest point on a triangle.
+//! Nearest point on a triangle and on a segment.
 
 use glam::DVec3;
 
@@ -54,15 +54,34 @@ fn nearest_on_sides(p: DVec3, corners: [DVec3; 3]) -> (f64, DVec3) {
     let mut best = (f64::INFINITY, DVec3::X);
     for i in 0..3 {
         let j = (i + 1) % 3;
-        let (a, along) = (corners[i], corners[j] - corners[i]);
-        let length2 = along.length_squared();
-        let t = if length2 > 0.0 { (along.dot(p - a) / length2).clamp(0.0, 1.0) } else { 0.0 };
-        let d2 = p.distance_squared(a + t * along);
+        let (a, b) = (corners[i], corners[j]);
+        let t = share_of_segment(p, a, b);
+        let d2 = p.distance_squared(a + t * (b - a));
         if d2 < best.0 {
             best = (d2, DVec3::AXES[i] * (1.0 - t) + DVec3::AXES[j] * t);
         }
     }
     best
+}
+
+/// Distance from `p` to the triangle, in the unit of the points.
+#[inline]
+pub fn point_triangle_distance(p: DVec3, triangle: [DVec3; 3]) -> f64 {
+    nearest_on_triangle(p, triangle).0.sqrt()
+}
+
+/// Nearest point of the segment from `a` to `b`.
+#[inline]
+pub fn nearest_on_segment(p: DVec3, a: DVec3, b: DVec3) -> DVec3 {
+    a + share_of_segment(p, a, b) * (b - a)
+}
+
+/// Share of the segment before its nearest point; 0 on a segment without length.
+#[inline]
+fn share_of_segment(p: DVec3, a: DVec3, b: DVec3) -> f64 {
+    let along = b - a;
+    let length2 = along.length_squared();
+    if length2 > 0.0 { (along.dot(p - a) / length2).clamp(0.0, 1.0) } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -103,5 +122,23 @@ mod tests {
             let (d2, w) = nearest_on_triangle(DVec3::new(0.25, 2.0, 0.0), t);
             assert!(w.is_finite() && (4.0..4.1).contains(&d2), "{t:?}: {d2} {w}");
         }
+    }
+    #[test]
+    fn corners_edges_and_faces_are_at_their_known_distances() {
+        let t = [DVec3::ZERO, DVec3::new(4.0, 0.0, 0.0), DVec3::new(0.0, 3.0, 0.0)];
+        let near = |x, y, z| {
+            let (d2, w) = nearest_on_triangle(DVec3::new(x, y, z), t);
+            (d2, t[0] * w.x + t[1] * w.y + t[2] * w.z)
+        };
+        assert_eq!(near(1.0, 0.75, 2.0), (4.0, DVec3::new(1.0, 0.75, 0.0)));
+        assert_eq!(near(-3.0, -4.0, 0.0), (25.0, t[0]));
+        assert_eq!(near(7.0, 0.0, 4.0), (25.0, t[1]));
+        assert_eq!(near(0.0, 6.0, 4.0), (25.0, t[2]));
+        assert_eq!(near(2.0, -1.0, 0.0), (1.0, DVec3::new(2.0, 0.0, 0.0)));
+        assert_eq!(near(-2.0, 1.5, 0.0), (4.0, DVec3::new(0.0, 1.5, 0.0)));
+        assert!((point_triangle_distance(DVec3::new(4.0, 3.0, 0.0), t) - 2.4).abs() < 1e-12);
+        assert_eq!(point_triangle_distance(DVec3::Z, [DVec3::ZERO, DVec3::X, DVec3::X]), 1.0);
+        assert_eq!(point_triangle_distance(DVec3::Z, [DVec3::ZERO; 3]), 1.0);
+        assert_eq!(nearest_on_segment(DVec3::Y, DVec3::X, DVec3::X), DVec3::X);
     }
 }

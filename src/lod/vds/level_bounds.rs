@@ -13,31 +13,12 @@
 //! is not measured: a tenth is added for that (up to 0.03 % was missing in tests). This is the one
 //! place where the bound is not rigorous.
 
-use glam::DVec3;
 use rayon::prelude::*;
 
 use super::base_mesh::BaseMesh;
 use super::original::Original;
 use super::samples::{Grid, SurfaceSamples, triangles};
-
-/// Nearest point of a segment.
-fn on_segment(p: DVec3, a: DVec3, b: DVec3) -> DVec3 {
-    let ab = b - a;
-    let t = (p - a).dot(ab) / ab.length_squared();
-    // 0 / 0 for a degenerate segment.
-    if t.is_nan() { a } else { a + t.clamp(0.0, 1.0) * ab }
-}
-
-/// Distance of a point and a triangle.
-pub fn to_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
-    let n = (b - a).cross(c - a);
-    let inside = |a: DVec3, b: DVec3| (b - a).cross(p - a).dot(n) >= 0.0;
-    if n != DVec3::ZERO && inside(a, b) && inside(b, c) && inside(c, a) {
-        return (p - a).dot(n).abs() / n.length();
-    }
-    let away = |a, b| p.distance_squared(on_segment(p, a, b));
-    away(a, b).min(away(b, c)).min(away(c, a)).sqrt()
-}
+use crate::geometry::{nearest_on_segment, point_triangle_distance};
 
 /// Of each face, bounds of levels 0 to L against M_L (0 for L itself).
 fn to_finest(base: &BaseMesh, samples: &SurfaceSamples) -> Vec<Vec<f64>> {
@@ -60,9 +41,9 @@ fn to_finest(base: &BaseMesh, samples: &SurfaceSamples) -> Vec<Vec<f64>> {
                             1 => {
                                 let zero = p.iter().position(|c| *c == 0).unwrap_or(0);
                                 let (a, b) = (corners[(zero + 1) % 3], corners[(zero + 2) % 3]);
-                                x.distance(on_segment(x, a, b))
+                                x.distance(nearest_on_segment(x, a, b))
                             }
-                            _ => to_triangle(x, corners),
+                            _ => point_triangle_distance(x, corners),
                         };
                         worst = worst.max(moved);
                     }
@@ -86,7 +67,7 @@ fn finest(base: &BaseMesh, samples: &SurfaceSamples, original: &dyn Original) ->
             for (p, q) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
                 let middle = [0, 1, 2].map(|k| f64::from(p[k] + q[k]) / f64::from(2 * n));
                 let x = original.at(f, middle).position().as_dvec3();
-                worst = worst.max(x.distance(on_segment(x, at(f, p), at(f, q))));
+                worst = worst.max(x.distance(nearest_on_segment(x, at(f, p), at(f, q))));
             }
         }
         worst
@@ -98,7 +79,7 @@ fn finest(base: &BaseMesh, samples: &SurfaceSamples, original: &dyn Original) ->
         .filter_map(|v| {
             let (f, weights, x) = original.vertex(v).filter(|(f, ..)| *f < faces)?;
             let small = cell(weights, n).map(|g| at(f, g));
-            Some((f, to_triangle(x.as_dvec3(), small)))
+            Some((f, point_triangle_distance(x.as_dvec3(), small)))
         })
         .collect();
     for (f, e) in corners {
@@ -150,20 +131,9 @@ pub fn bounds(base: &BaseMesh, samples: &SurfaceSamples, original: &dyn Original
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use glam::DVec3;
 
-    #[test]
-    fn point_triangle_distance_of_faces_edges_and_degenerate_triangles() {
-        let t = [DVec3::ZERO, DVec3::new(4.0, 0.0, 0.0), DVec3::new(0.0, 3.0, 0.0)];
-        let d = |x, y, z| to_triangle(DVec3::new(x, y, z), t);
-        assert_eq!(d(1.0, 1.0, 2.0), 2.0);
-        assert_eq!(d(-3.0, -4.0, 0.0), 5.0);
-        assert_eq!(d(2.0, -1.0, 0.0), 1.0);
-        assert!((d(4.0, 3.0, 0.0) - 2.4).abs() < 1e-12);
-        // Without area it is a segment, or a point.
-        assert_eq!(to_triangle(DVec3::Z, [DVec3::ZERO, DVec3::X, DVec3::X]), 1.0);
-        assert_eq!(to_triangle(DVec3::Z, [DVec3::ZERO; 3]), 1.0);
-    }
+    use super::*;
 
     #[test]
     fn the_grid_triangle_of_weights_contains_them() {
@@ -186,7 +156,7 @@ mod tests {
                 let flat = |g: Grid| DVec3::new(f64::from(g[0]), f64::from(g[1]), 0.0);
                 assert!(t.iter().all(|g| g.iter().sum::<u32>() == n));
                 let p = DVec3::new(a, b, 0.0) * f64::from(n);
-                assert!(to_triangle(p, t.map(flat)) < 1e-9, "{w:?} of {n}: {t:?}");
+                assert!(point_triangle_distance(p, t.map(flat)) < 1e-9, "{w:?} of {n}: {t:?}");
             }
         }
     }

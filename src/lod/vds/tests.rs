@@ -10,7 +10,7 @@ pub(super) use ring::{Flat, Ring};
 
 use super::fineness::level;
 use super::*;
-use crate::geometry::{Camera, Lens, Mesh, Pose};
+use crate::geometry::{Camera, Lens, Mesh, Pose, point_triangle_distance};
 use crate::lod::{LodHierarchy, PageCache, Step, Tolerance, Upload};
 use ring::RING_MM;
 
@@ -350,7 +350,7 @@ fn invalid_base_meshes_are_refused_and_non_manifold_ones_are_drawn() {
 
 /// Distance to the nearest of some triangles.
 fn nearest(p: DVec3, all: &[[DVec3; 3]]) -> f64 {
-    all.iter().map(|t| super::level_bounds::to_triangle(p, *t)).fold(f64::INFINITY, f64::min)
+    all.iter().map(|t| point_triangle_distance(p, *t)).fold(f64::INFINITY, f64::min)
 }
 
 /// Points spread over a triangle.

@@ -5,10 +5,9 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
-use crate::geometry::Vertex;
+use crate::geometry::{Vertex, point_triangle_distance};
 use crate::lod::vds::Original;
 use crate::lod::vds::base_mesh::BaseMesh;
-use crate::lod::vds::level_bounds::to_triangle;
 
 /// A point of the base: a face and barycentric weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -166,7 +165,8 @@ impl<'a> RefinedNet<'a> {
         let corners = t.map(|v| self.position(v));
         let [a, b, c] = t;
         let far = |of: &[u32]| {
-            self.between(of).map_or(0.0, |(_, x)| to_triangle(x.position().as_dvec3(), corners))
+            self.between(of)
+                .map_or(0.0, |(_, x)| point_triangle_distance(x.position().as_dvec3(), corners))
         };
         far(&t).max(far(&[a, b])).max(far(&[b, c])).max(far(&[c, a]))
     }
