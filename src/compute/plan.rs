@@ -161,10 +161,6 @@ impl<'a> Plan<'a> {
     pub fn downloads(&self) -> &[BufId] {
         &self.downloads
     }
-    /// Bytes of all buffers together.
-    pub fn total_bytes(&self) -> u64 {
-        self.buffers.iter().map(|b| b.bytes as u64).sum()
-    }
 }
 
 /// Time of one launch.

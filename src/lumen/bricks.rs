@@ -12,8 +12,6 @@ pub const SIDE: i32 = 8;
 pub const BRICK: usize = 512;
 /// No brick there.
 pub const NONE: u32 = u32::MAX;
-/// Index of a brick's own slot among its 27 neighbours.
-pub const SELF: usize = 13;
 
 /// Which bricks exist. Slots are numbered in z, y, x order of their place.
 #[derive(Clone, Debug)]

@@ -10,11 +10,6 @@ pub fn peak_memory_mb() -> f64 {
     kib.unwrap_or(0.0) * 1024.0 / 1e6
 }
 
-/// Starts a new peak, where the system can.
-pub fn reset_peak() {
-    let _ = std::fs::write("/proc/self/clear_refs", "5");
-}
-
 /// Bytes the chain takes for a stored volume and a lumen of so many bricks: samples, one bit a
 /// voxel, four fields, and a mesh of about 60 vertices a surface brick.
 pub fn estimate_bytes(stored: u64, voxels: u64, bricks: u64) -> u64 {

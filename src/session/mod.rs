@@ -37,7 +37,7 @@ pub use folder::{REPORT_FILE, Recording};
 pub use frames::{DrawnFrame, FrameStream};
 pub use levels::{Levels, LodReport};
 pub use load::{read_any_volume, read_orthogonal_volume};
-pub use memory::{estimate_bytes, peak_memory_mb, refuse_above, reset_peak};
+pub use memory::{estimate_bytes, peak_memory_mb, refuse_above};
 pub use progress::Progress;
 pub use report::{
     CenterlineReport, CoverageReport, FramesReport, InputReport, LumenReport, Modes, PatchReport,

@@ -122,15 +122,12 @@ pub struct Phantom {
 }
 
 impl Phantom {
-    /// Smallest size at which every kind is one 6-connected piece.
-    pub const MIN_SIZE: u32 = 32;
-
     /// The organ in a box that is a cube in millimetres: `size` voxels along the axis with the
     /// coarsest spacing and as many more along the others as it takes to be as long. The first
     /// voxel's centre is the origin, axes are LPS.
     ///
     /// The organ sits 0.3, 0.2 and 0.1 voxels off the centre so that no voxel centre is special.
-    /// Below [`Phantom::MIN_SIZE`] voxels thin branches may fall apart.
+    /// Every kind is one 6-connected piece from 32 voxels on; below, thin branches may fall apart.
     ///
     /// # Errors
     /// [`GridError`] for spacings that are not positive and for boxes too large.
