@@ -30,8 +30,8 @@ struct Organ {
 }
 
 impl Organ {
-    fn of(volume: &Volume, recipe: &SegmentationOptions) -> Self {
-        let (lumen, _) = recipe.apply(volume).unwrap();
+    fn of(volume: &Volume, options: &SegmentationOptions) -> Self {
+        let (lumen, _) = options.apply(volume).unwrap();
         let mut plan = Plan::new();
         let buffers = LumenBuffers::new(&mut plan, &lumen);
         let d = distance(&mut plan, &buffers);
@@ -201,13 +201,13 @@ fn coverage_of_real_organs_beside_rays() {
         seed: Some(UVec3::new(75, 133, 16)),
         ..SegmentationOptions::new(IntensitySelection::Range { lo: 1100.0, hi: f64::INFINITY })
     };
-    for (name, recipe, every) in [
+    for (name, options, every) in [
         ("colon_label_1.nii.gz", &labels, 7),
         ("airway_label_lidc4.nii.gz", &labels, 7),
         ("aorta_mra.mha", &bright, 1),
     ] {
         let volume = read_volume(&data.join(name), &ReadOptions::default()).unwrap();
-        let organ = Organ::of(&volume, recipe);
+        let organ = Organ::of(&volume, options);
         let (found, [one, both]) = beside_rays(name, &organ, 120, every);
         assert!((found.one_way_fraction - one).abs() < 0.01, "{name}");
         assert!((found.both_ways_fraction - both).abs() < 0.01, "{name}");

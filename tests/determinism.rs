@@ -47,11 +47,11 @@ fn normals(surface: &Surface, lumen: &Lumen) -> [Vec<f32>; 2] {
 
 /// The whole chain, each product as it is made.
 fn products(volume: &Volume) -> Products {
-    let recipe = SegmentationOptions {
+    let options = SegmentationOptions {
         all_components: true,
         ..SegmentationOptions::new(IntensitySelection::Labels(vec![1]))
     };
-    let (lumen, _) = recipe.apply(volume).unwrap();
+    let (lumen, _) = options.apply(volume).unwrap();
     assert!(lumen.grid.is_left_handed() && lumen.touches_edge);
     let mut all = Products::new();
     all.insert("bricks", [bytes(lumen.bricks.corners()), bytes(&lumen.inside)].concat());

@@ -29,11 +29,11 @@ fn steps(lod: &mut dyn LodHierarchy, mesh: &Mesh) -> Vec<Step> {
 }
 
 fn lumen_mesh() -> Mesh {
-    let recipe = SegmentationOptions {
+    let options = SegmentationOptions {
         all_components: true,
         ..SegmentationOptions::new(IntensitySelection::Labels(vec![1]))
     };
-    let (lumen, _) = recipe.apply(&volumes::oblique_two_piece()).unwrap();
+    let (lumen, _) = options.apply(&volumes::oblique_two_piece()).unwrap();
     let surface = Surface::new(&lumen, &Midpoint, None);
     assert!(surface.topology.faces >= 200_000 && surface.topology.components == 2);
     surface.mesh

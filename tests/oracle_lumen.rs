@@ -10,11 +10,11 @@ use intima::lumen::{
 use intima::volume::Volume;
 use serde_json::Value;
 
-fn window(recipe: &Value) -> IntensitySelection {
+fn selection(case: &Value) -> IntensitySelection {
     let end = |v: &Value, open: f64| v.as_f64().unwrap_or(open);
     IntensitySelection::Range {
-        lo: end(&recipe["low"], f64::NEG_INFINITY),
-        hi: end(&recipe["high"], f64::INFINITY),
+        lo: end(&case["low"], f64::NEG_INFINITY),
+        hi: end(&case["high"], f64::INFINITY),
     }
 }
 
@@ -31,11 +31,11 @@ fn every_recipe_grows_and_fills_as_many_voxels() {
     let (grey, all) = (volume("grow/grey.nrrd"), json("grow/recipes.json"));
     let seed = voxel(&all["seed"]).as_uvec3();
     for r in common::list(&all["recipes"]) {
-        let grown = grow(&grey, &window(r), seed).unwrap();
+        let grown = grow(&grey, &selection(r), seed).unwrap();
         assert_eq!(grown.count() as i64, int(&r["grown"]), "{r}");
-        let recipe =
-            SegmentationOptions { seed: Some(seed), ..SegmentationOptions::new(window(r)) };
-        let (lumen, found) = recipe.apply(&grey).unwrap();
+        let options =
+            SegmentationOptions { seed: Some(seed), ..SegmentationOptions::new(selection(r)) };
+        let (lumen, found) = options.apply(&grey).unwrap();
         assert_eq!(found.grown_voxels as i64, int(&r["grown"]), "{r}");
         assert_eq!(lumen.inside_voxels() as i64, int(&r["filled"]), "{r}");
     }
@@ -65,8 +65,8 @@ fn leak_control_keeps_a_sublevel_set_of_the_flood_level() {
     for (scale, leaks) in [(1.0, false), (2.0, true)] {
         let mut grey = volume("grow/grey.nrrd");
         grey.grid.spacing_mm *= scale;
-        let window = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -500.0 };
-        let (bits, report) = grow_controlled(&grey, &window, seed).unwrap();
+        let selection = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -500.0 };
+        let (bits, report) = grow_controlled(&grey, &selection, seed).unwrap();
         println!("{report:?}");
         assert!(is_set(&bits, &level, |c| c <= report.threshold), "{report:?}");
         let ml = bits.count() as f64 * grey.grid.voxel_mm3() / 1000.0;
@@ -92,21 +92,21 @@ fn assert_classes(lumen: &Lumen, want: &Value, what: &str) {
 fn classes_of_every_mask_as_it_is_filled_and_its_largest_component() {
     for (name, want) in masks() {
         let volume = mask(&name);
-        let recipe = SegmentationOptions {
+        let options = SegmentationOptions {
             all_components: true,
             ..SegmentationOptions::new(IntensitySelection::Labels(vec![1]))
         };
         assert_classes(&Lumen::new(volume.grid, &selected(&volume)), &want, &name);
-        let largest = SegmentationOptions { all_components: false, ..recipe.clone() };
+        let largest = SegmentationOptions { all_components: false, ..options.clone() };
         if int(&want["inside"]) == 0 {
-            for r in [recipe, largest] {
+            for r in [options, largest] {
                 assert!(matches!(r.apply(&volume), Err(LumenError::Empty { .. })), "{name}");
             }
             continue;
         }
-        let plain = SegmentationOptions { fill: false, ..recipe.clone() };
+        let plain = SegmentationOptions { fill: false, ..options.clone() };
         assert_classes(&plain.apply(&volume).unwrap().0, &want, &name);
-        let (lumen, found) = recipe.apply(&volume).unwrap();
+        let (lumen, found) = options.apply(&volume).unwrap();
         let mut filled = want["filled"].clone();
         assert_classes(&lumen, &filled, &format!("{name}, filled"));
         let added = int(&filled["inside"].take()) - int(&want["inside"]);

@@ -23,14 +23,14 @@ fn vertices_faces_and_euler_number_are_those_counted_on_the_mask() {
         if int(&want["inside"]) == 0 {
             continue;
         }
-        let recipe = SegmentationOptions {
+        let options = SegmentationOptions {
             all_components: true,
             ..SegmentationOptions::new(IntensitySelection::Labels(vec![1]))
         };
-        let filled = recipe.apply(&mask(&name)).unwrap().0;
+        let filled = options.apply(&mask(&name)).unwrap().0;
         assert_counts(&filled, &want["filled"]["surface"], &format!("{name}, filled"));
         let one =
-            SegmentationOptions { all_components: false, ..recipe }.apply(&mask(&name)).unwrap().0;
+            SegmentationOptions { all_components: false, ..options }.apply(&mask(&name)).unwrap().0;
         assert_counts(&one, &want["largest_filled"]["surface"], &format!("{name}, largest"));
     }
 }

@@ -62,37 +62,37 @@ fn counted(bits: &BitVolume) -> (usize, i64) {
     (vertices, 2 * solid)
 }
 
-/// A window, how many voxels it grows to, and their inclusive box.
+/// A selection, how many voxels it grows to, and their inclusive box.
 type Row = (IntensitySelection, u64, Option<[[u32; 2]; 3]>);
 
-/// Grows each window from the seed and checks counts and, where given, the inclusive box.
+/// Grows each selection from the seed and checks counts and, where given, the inclusive box.
 fn assert_grown(volume: &Volume, what: &str, seed: [u32; 3], rows: &[Row]) {
-    for (window, voxels, extent) in rows {
-        let bits = grow(volume, window, UVec3::from(seed)).unwrap_or_else(|e| panic!("{e}"));
-        assert_eq!(bits.count(), *voxels, "{what}, {window}");
+    for (selection, voxels, extent) in rows {
+        let bits = grow(volume, selection, UVec3::from(seed)).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(bits.count(), *voxels, "{what}, {selection}");
         if let Some(e) = extent {
             let (lo, hi) = bits.bounds().unwrap();
             let got = [[lo.x, hi.x], [lo.y, hi.y], [lo.z, hi.z]];
-            assert_eq!(got, *e, "{what}, {window}");
+            assert_eq!(got, *e, "{what}, {selection}");
         }
     }
 }
 
-/// The surface of what a recipe grows, as it is and with its cavities filled; how many those are
-/// is compared where SciPy has counted them.
+/// The surface of what the options select, as it is and with its cavities filled; how many those
+/// are is compared where SciPy has counted them.
 fn assert_surface(
     volume: &Volume,
     what: &str,
-    window: &IntensitySelection,
+    selection: &IntensitySelection,
     seed: [u32; 3],
     cavities: Option<usize>,
 ) {
     let seed = UVec3::from(seed);
-    let grown = grow(volume, window, seed).unwrap();
+    let grown = grow(volume, selection, seed).unwrap();
     let plain = Lumen::new(volume.grid, &grown);
-    let recipe =
-        SegmentationOptions { seed: Some(seed), ..SegmentationOptions::new(window.clone()) };
-    let (filled, found) = recipe.apply(volume).unwrap();
+    let options =
+        SegmentationOptions { seed: Some(seed), ..SegmentationOptions::new(selection.clone()) };
+    let (filled, found) = options.apply(volume).unwrap();
     if let Some(cavities) = cavities {
         assert_eq!(found.filled.1, cavities, "{what}: cavities");
     }
@@ -147,11 +147,11 @@ fn oblique_and_rescaled_angiograms_grow() {
     let extent = Some([[0, 203], [13, 239], [0, 145]]);
     assert_grown(&avm, "AVM", [68, 110, 25], &[(at_least(100.0), 171_294, extent)]);
     assert_grown(&avm, "AVM", [31, 86, 40], &[(at_least(150.0), 130_164, None)]);
-    for (volume, what, window, seed) in [
+    for (volume, what, selection, seed) in [
         (&mra, "carotid", at_least(60.0), [38, 115, 0]),
         (&avm, "AVM", at_least(100.0), [68, 110, 25]),
     ] {
-        assert_surface(volume, what, &window, seed, None);
+        assert_surface(volume, what, &selection, seed, None);
     }
 }
 
@@ -170,11 +170,11 @@ fn the_colon_grows_and_its_surface_is_the_masks() {
     assert_grown(&volume, "rectum", [112, 136, 26], &[(at_most(-800.0), 75_086, rectum)]);
     assert_surface(&volume, "colon", &at_most(-800.0), seed, None);
 
-    let recipe = SegmentationOptions {
+    let options = SegmentationOptions {
         seed: Some(seed.into()),
         ..SegmentationOptions::new(at_most(-800.0))
     };
-    let case = curves::route(recipe.apply(&volume).unwrap().0, false);
+    let case = curves::route(options.apply(&volume).unwrap().0, false);
     let line = case.local(0);
     case.assert_inside(&line, "colon");
     let turns = curves::turns(&line);
@@ -197,9 +197,9 @@ fn the_airway_grows_from_dicom_and_its_surface_is_the_masks() {
     ];
     assert_grown(&volume, "airway", seed, &rows);
     assert_surface(&volume, "airway", &at_most(-920.0), seed, Some(255));
-    let recipe = SegmentationOptions {
+    let options = SegmentationOptions {
         seed: Some(seed.into()),
         ..SegmentationOptions::new(at_most(-920.0))
     };
-    assert_eq!(recipe.apply(&volume).unwrap().0.inside_voxels(), 48_983);
+    assert_eq!(options.apply(&volume).unwrap().0.inside_voxels(), 48_983);
 }

@@ -35,7 +35,7 @@ const RAYS: usize = 32;
 
 impl Radius {
     /// Viewers for candidates, in the candidates' order.
-    pub fn viewers(self, candidates: &[Candidate], distance: Sampler<'_>) -> Vec<Viewpoint> {
+    pub fn viewpoints(self, candidates: &[Candidate], distance: Sampler<'_>) -> Vec<Viewpoint> {
         candidates
             .par_iter()
             .with_min_len(64)
@@ -101,27 +101,27 @@ pub struct Pending {
 }
 
 impl VisibilityInput {
-    /// Lists, for every brick with boundary voxels, the viewers whose ball meets it.
+    /// Lists, for every brick with boundary voxels, the viewpoints whose ball meets it.
     ///
-    /// * `viewers`: by rank, the first asked first.
+    /// * `viewpoints`: by rank, the first asked first.
     /// * `seen`: elements of the boundary voxels to be seen, ascending.
-    pub fn new(lumen: &Lumen, viewers: &[Viewpoint], seen: Vec<u32>) -> Self {
+    pub fn new(lumen: &Lumen, viewpoints: &[Viewpoint], seen: Vec<u32>) -> Self {
         let h = lumen.grid.spacing_mm;
         // Squared distances in integers: weights are h² over a unit fine enough for the largest
         // ball and coarse enough that nothing overflows 32 bits.
-        let widest = viewers.iter().map(|v| v.reach_mm).fold(0.0, f64::max);
+        let widest = viewpoints.iter().map(|v| v.reach_mm).fold(0.0, f64::max);
         let farthest = widest + f64::from(SIDE) * lumen.grid.diagonal_mm() * 2.0;
         let unit =
             (farthest * farthest / f64::from(1u32 << 31)).max(h.min_element().powi(2) / 1024.0);
         let weight = (h * h / unit).round().max(DVec3::ONE).as_uvec3();
-        let reach = viewers.iter().map(|v| (v.reach_mm.powi(2) / unit) as u32).collect();
+        let reach = viewpoints.iter().map(|v| (v.reach_mm.powi(2) / unit) as u32).collect();
 
         let mut needed = vec![false; lumen.bricks.len()];
         for e in &seen {
             needed[*e as usize / BRICK] = true;
         }
-        // Pairs (slot, rank), slot-major: viewers go through the bricks their ball meets.
-        let mut pairs: Vec<(u32, u32)> = viewers
+        // Pairs (slot, rank), slot-major: viewpoints go through the bricks their ball meets.
+        let mut pairs: Vec<(u32, u32)> = viewpoints
             .par_iter()
             .enumerate()
             .with_min_len(16)
@@ -152,7 +152,7 @@ impl VisibilityInput {
         }
         Self {
             seen,
-            viewer: viewers.iter().map(|v| v.element as u32).collect(),
+            viewer: viewpoints.iter().map(|v| v.element as u32).collect(),
             reach,
             start,
             near_viewers: pairs.iter().map(|p| p.1).collect(),
@@ -173,10 +173,10 @@ impl VisibilityInput {
             corner: lumen.corner,
             open: plan.upload("open", bytemuck::cast_slice(open)),
             seen: plan.upload("boundary voxels", &self.seen),
-            viewer: plan.upload("viewers", &self.viewer),
+            viewer: plan.upload("viewpoints", &self.viewer),
             reach: plan.upload("reach", &self.reach),
             start: plan.upload("viewer lists", &self.start),
-            near_viewers: plan.upload("viewers near", &self.near_viewers),
+            near_viewers: plan.upload("viewpoints near", &self.near_viewers),
             first,
         };
         let boundary = self.seen.len();
@@ -186,7 +186,7 @@ impl VisibilityInput {
         Pending { first }
     }
 
-    /// Reads which viewers are first for some boundary voxel (ranks, ascending) and the elements
+    /// Reads which viewpoints are first for some boundary voxel (ranks, ascending) and the elements
     /// of the voxels nobody sees.
     pub fn read(&self, pending: Pending, out: &Outputs) -> (Vec<u32>, Vec<u32>) {
         let first = out.get(pending.first);
@@ -203,13 +203,13 @@ impl VisibilityInput {
     }
 }
 
-/// Adds viewers for boundary voxels nobody saw: for each, the deepest inside voxel near it that
+/// Adds viewpoints for boundary voxels nobody saw: for each, the deepest inside voxel near it that
 /// sees it, as long as it is not seen by one added before. Voxels without such a viewer stay.
 ///
 /// * `distance`: exact distance, mm.
-/// * `limit`: most viewers to add.
+/// * `limit`: most viewpoints to add.
 ///
-/// Returns the added viewers and the elements still unseen.
+/// Returns the added viewpoints and the elements still unseen.
 pub fn add_viewers(
     lumen: &Lumen,
     unseen: &[u32],

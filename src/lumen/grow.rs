@@ -8,24 +8,24 @@ use super::intensity_selection::{StoredSelection, check_seed};
 use super::{BitVolume, IntensitySelection, LumenError};
 use crate::volume::{Sample, Volume, with_samples};
 
-/// The 6-connected component of `seed` in `window`.
+/// The 6-connected component of `seed` in `selection`.
 ///
 /// # Errors
 /// [`LumenError::SeedOutside`], [`LumenError::SeedValue`].
 pub fn grow(
     volume: &Volume,
-    window: &IntensitySelection,
+    selection: &IntensitySelection,
     seed: UVec3,
 ) -> Result<BitVolume, LumenError> {
-    check_seed(volume, window, seed)?;
+    check_seed(volume, selection, seed)?;
     let mut bits = BitVolume::new(volume.grid.dims);
-    with_samples!(&volume.samples, |s| spans(&window.stored(volume, s), s, seed, &mut bits));
+    with_samples!(&volume.samples, |s| spans(&selection.stored(volume, s), s, seed, &mut bits));
     Ok(bits)
 }
 
-/// Which voxels are in the window, found a word of 64 at a time when asked.
+/// Which voxels are in the selection, found a word of 64 at a time when asked.
 struct Allowed<'a, T> {
-    window: &'a StoredSelection<T>,
+    selection: &'a StoredSelection<T>,
     samples: &'a [T],
     bits: BitVolume,
     /// A bit for each word of `bits` that holds its answer.
@@ -43,7 +43,7 @@ impl<T: Sample> Allowed<'_, T> {
             self.known[block] |= bit;
             let from = row * nx + 64 * w;
             let n = 64.min(nx - 64 * w);
-            self.bits.words_mut()[at] = self.window.word(&self.samples[from..from + n]);
+            self.bits.words_mut()[at] = self.selection.word(&self.samples[from..from + n]);
         }
         self.bits.words_mut()[at]
     }
@@ -69,11 +69,16 @@ impl<T: Sample> Allowed<'_, T> {
     }
 }
 
-fn spans<T: Sample>(window: &StoredSelection<T>, samples: &[T], seed: UVec3, bits: &mut BitVolume) {
+fn spans<T: Sample>(
+    selection: &StoredSelection<T>,
+    samples: &[T],
+    seed: UVec3,
+    bits: &mut BitVolume,
+) {
     let dims = bits.dims();
     let words = bits.row_words();
     let known = vec![0; (words * dims.y as usize * dims.z as usize).div_ceil(64)];
-    let mut allowed = Allowed { window, samples, bits: BitVolume::new(dims), known };
+    let mut allowed = Allowed { selection, samples, bits: BitVolume::new(dims), known };
     let mut open = vec![(seed.x, seed.y, seed.z)];
     while let Some((x, y, z)) = open.pop() {
         if bits.at(x, y, z) {

@@ -37,7 +37,7 @@ impl IntensitySelection {
         bits
     }
 
-    /// The window as a test on stored values.
+    /// The selection as a test on stored values.
     pub(super) fn stored<T: Sample>(&self, volume: &Volume, _: &[T]) -> StoredSelection<T> {
         let r = volume.rescale;
         match self {
@@ -65,7 +65,7 @@ impl IntensitySelection {
     }
 }
 
-/// A window in stored units of type `T`.
+/// A selection in stored units of type `T`.
 pub(super) enum StoredSelection<T> {
     /// Inclusive; empty when nothing of the type can be inside.
     Range(Option<(T, T)>),
@@ -149,7 +149,7 @@ fn is_number<T: PartialEq + Copy>(v: T) -> bool {
     v == v
 }
 
-fn select<T: Sample>(window: StoredSelection<T>, samples: &[T], bits: &mut BitVolume) {
+fn select<T: Sample>(selection: StoredSelection<T>, samples: &[T], bits: &mut BitVolume) {
     let nx = bits.dims().x as usize;
     let row_words = bits.row_words();
     bits.words_mut()
@@ -158,7 +158,7 @@ fn select<T: Sample>(window: StoredSelection<T>, samples: &[T], bits: &mut BitVo
         .with_min_len(64)
         .for_each(|(words, row)| {
             for (word, voxels) in words.iter_mut().zip(row.chunks(64)) {
-                *word = window.word(voxels);
+                *word = selection.word(voxels);
             }
         });
 }
@@ -192,18 +192,18 @@ fn pack<T: Copy>(samples: &[T], inside: impl Fn(T) -> bool) -> u64 {
 ///
 /// # Errors
 /// [`LumenError::SeedOutside`] when it is not in the volume, [`LumenError::SeedValue`] when its
-/// value is not in the window.
+/// value is not in the selection.
 pub(super) fn check_seed(
     volume: &Volume,
-    window: &IntensitySelection,
+    selection: &IntensitySelection,
     seed: UVec3,
 ) -> Result<(), LumenError> {
     if seed.cmpge(volume.grid.dims).any() {
         return Err(LumenError::SeedOutside { seed, dims: volume.grid.dims });
     }
     let value = volume.real(volume.grid.index(seed));
-    if !window.holds(value) {
-        return Err(LumenError::SeedValue { seed, value, window: window.clone() });
+    if !selection.holds(value) {
+        return Err(LumenError::SeedValue { seed, value, selection: selection.clone() });
     }
     Ok(())
 }

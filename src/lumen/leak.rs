@@ -14,7 +14,7 @@ use crate::volume::{Volume, with_samples};
 /// What leak control chose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeakReport {
-    /// The end of the window it settled on, real units.
+    /// The end of the selection it settled on, real units.
     pub threshold: f64,
     /// The end it was given.
     pub asked: f64,
@@ -35,20 +35,22 @@ const CALM: usize = 3;
 /// Most levels of the flood; wider windows are quantised.
 const LEVELS: f64 = 65_536.0;
 
-/// Grows from `seed` inside `window`, with the open side of the window drawn in to the largest
-/// threshold that does not leak. The side that moves is the one farther from the seed's value in
-/// a two-sided window, or the only finite one.
+/// Grows from `seed` inside `selection`, its open side drawn in to the largest threshold that does
+/// not leak. The side that moves is the one farther from the seed's value in a two-sided selection,
+/// or the only finite one.
 ///
 /// # Errors
 /// [`LumenError::SeedOutside`], [`LumenError::SeedValue`]; [`LumenError::LeakWindow`] for labels
-/// and for a window open on both sides.
+/// and for a selection open on both sides.
 pub fn grow_controlled(
     volume: &Volume,
-    window: &IntensitySelection,
+    selection: &IntensitySelection,
     seed: UVec3,
 ) -> Result<(BitVolume, LeakReport), LumenError> {
-    check_seed(volume, window, seed)?;
-    let IntensitySelection::Range { lo, hi } = *window else { return Err(LumenError::LeakWindow) };
+    check_seed(volume, selection, seed)?;
+    let IntensitySelection::Range { lo, hi } = *selection else {
+        return Err(LumenError::LeakWindow);
+    };
     let at_seed = volume.real(volume.grid.index(seed));
     let upper = match (lo.is_finite(), hi.is_finite()) {
         (_, true) if !lo.is_finite() => true,
@@ -56,7 +58,7 @@ pub fn grow_controlled(
         (true, true) => hi - at_seed >= at_seed - lo,
         _ => return Err(LumenError::LeakWindow),
     };
-    // Level of a value: its distance from the seed's side of the window, rising towards the end
+    // Level of a value: its distance from the seed's side of the selection, rising towards the end
     // that moves. The flood starts at the seed's own value.
     let end = if upper { hi } else { lo };
     let sign = if upper { 1.0 } else { -1.0 };
@@ -72,7 +74,7 @@ pub fn grow_controlled(
     let levels = (span / unit).floor() as usize + 1;
     let level = |real: f64| -> Option<u32> {
         let l = ((sign * real - start) / unit + 1e-9).floor();
-        (window.holds(real) && l >= 0.0).then_some(l.min(levels as f64 - 1.0) as u32)
+        (selection.holds(real) && l >= 0.0).then_some(l.min(levels as f64 - 1.0) as u32)
     };
 
     let grid = &volume.grid;
@@ -136,8 +138,8 @@ pub fn grow_controlled(
     Ok((bits, report))
 }
 
-/// Median level of the 5³ voxels about the seed that are in the window. Below it a noisy lumen is
-/// still joining up (sites percolate in 3D at a share of 0.31), and a jump there is no leak.
+/// Median level of the 5³ voxels about the seed that are in the selection. Below it a noisy lumen
+/// is still joining up (sites percolate in 3D at a share of 0.31), and a jump there is no leak.
 fn median_level(volume: &Volume, seed: UVec3, level: &dyn Fn(f64) -> Option<u32>) -> u32 {
     let grid = &volume.grid;
     let mut around: Vec<u32> = (0..125)

@@ -37,21 +37,21 @@ pub enum LumenError {
     /// The seed's world point is not in the volume.
     #[error("seed ({}, {}, {}) mm is outside the volume", .0[0], .0[1], .0[2])]
     SeedPoint([f64; 3]),
-    /// The seed's value is not in the window.
-    #[error("seed {seed} has value {value}, which is not in {window}")]
+    /// The seed's value is not in the selection.
+    #[error("seed {seed} has value {value}, which is not in {selection}")]
     SeedValue {
         /// The seed.
         seed: UVec3,
         /// Its value, real units.
         value: f64,
         /// What was asked.
-        window: IntensitySelection,
+        selection: IntensitySelection,
     },
-    /// No voxel is in the window.
-    #[error("empty lumen: no voxel is in {window}{}", range_note(.range))]
+    /// No voxel is in the selection.
+    #[error("empty lumen: no voxel is in {selection}{}", range_note(.range))]
     Empty {
         /// What was asked.
-        window: IntensitySelection,
+        selection: IntensitySelection,
         /// Values of the volume, real units.
         range: Option<(f64, f64)>,
     },
@@ -76,14 +76,14 @@ fn range_note(range: &Option<(f64, f64)>) -> String {
 #[derive(Clone, Debug)]
 pub struct SegmentationOptions {
     /// Which values are inside.
-    pub window: IntensitySelection,
+    pub selection: IntensitySelection,
     /// Keep the 6-component of this voxel; without it the largest.
     pub seed: Option<UVec3>,
     /// Keep every component (only without a seed).
     pub all_components: bool,
     /// Fill closed cavities.
     pub fill: bool,
-    /// Draw the window in before the first leak (needs a seed).
+    /// Narrow the selection before the first leak (needs a seed).
     pub leak_control: bool,
 }
 
@@ -122,16 +122,16 @@ pub struct Lumen {
 }
 
 impl SegmentationOptions {
-    /// A recipe with the defaults of the command line.
-    pub fn new(window: IntensitySelection) -> Self {
-        Self { window, seed: None, all_components: false, fill: true, leak_control: false }
+    /// Options with the defaults of the command line.
+    pub fn new(selection: IntensitySelection) -> Self {
+        Self { selection, seed: None, all_components: false, fill: true, leak_control: false }
     }
 
     /// Chooses the lumen.
     ///
     /// # Errors
-    /// [`LumenError`] names the seed or window at fault, [`LumenError::Sheared`] a grid that is no
-    /// box. No lumen is ever empty.
+    /// [`LumenError`] names the seed or selection at fault, [`LumenError::Sheared`] a grid that is
+    /// no box. No lumen is ever empty.
     pub fn apply(&self, volume: &Volume) -> Result<(Lumen, SegmentationStats), LumenError> {
         if !volume.grid.is_orthogonal() {
             return Err(LumenError::Sheared { degrees: volume.grid.shear_rad().to_degrees() });
@@ -139,16 +139,18 @@ impl SegmentationOptions {
         let mut found = SegmentationStats::default();
         let mut mask = match self.seed {
             Some(seed) if self.leak_control => {
-                let (mask, leak) = grow_controlled(volume, &self.window, seed)?;
+                let (mask, leak) = grow_controlled(volume, &self.selection, seed)?;
                 found.leak = Some(leak);
                 mask
             }
-            Some(seed) => grow(volume, &self.window, seed)?,
+            Some(seed) => grow(volume, &self.selection, seed)?,
             None if self.leak_control => return Err(LumenError::LeakWindow),
             None => {
-                let all = self.window.select(volume);
-                let empty =
-                    || LumenError::Empty { window: self.window.clone(), range: volume.range() };
+                let all = self.selection.select(volume);
+                let empty = || LumenError::Empty {
+                    selection: self.selection.clone(),
+                    range: volume.range(),
+                };
                 if self.all_components {
                     if all.is_empty() {
                         return Err(empty());
@@ -164,7 +166,10 @@ impl SegmentationOptions {
         };
         found.grown_voxels = mask.count();
         if found.grown_voxels == 0 {
-            return Err(LumenError::Empty { window: self.window.clone(), range: volume.range() });
+            return Err(LumenError::Empty {
+                selection: self.selection.clone(),
+                range: volume.range(),
+            });
         }
         if self.fill {
             found.filled = components::fill_cavities(&mut mask);

@@ -39,12 +39,12 @@ fn growing_equals_a_plain_flood_and_bricks_hold_every_voxel_and_its_rim() {
             s[0] = 1;
         }
         let want = flood(IVec3::ZERO, |p| inside(&v, p));
-        let recipe = SegmentationOptions {
+        let options = SegmentationOptions {
             seed: Some(UVec3::ZERO),
             fill: false,
             ..SegmentationOptions::new(IntensitySelection::Labels(vec![]))
         };
-        let (lumen, found) = recipe.apply(&v).unwrap();
+        let (lumen, found) = options.apply(&v).unwrap();
         assert_eq!(found.grown_voxels as usize, want.len());
         let got: std::collections::BTreeSet<_> =
             lumen.elements(&lumen.inside).map(|e| lumen.bricks.voxel(e).to_array()).collect();
@@ -151,24 +151,24 @@ fn a_leak_through_one_voxel_into_noise_is_stopped_below_it() {
         }
     }
     let v = Volume::new(grid, Samples::from(s));
-    let window = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -500.0 };
+    let selection = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -500.0 };
     let seed = UVec3::new(24, 24, 24);
-    let plain = grow(&v, &window, seed).unwrap().count();
+    let plain = grow(&v, &selection, seed).unwrap().count();
     assert!(plain > 4 * lumen_voxels, "the phantom leaks without control: {plain}");
-    let (mask, report) = grow_controlled(&v, &window, seed).unwrap();
+    let (mask, report) = grow_controlled(&v, &selection, seed).unwrap();
     let extra = mask.count() as f64 / lumen_voxels as f64;
     assert!((0.99..1.01).contains(&extra), "{extra} {report:?}");
     assert!(report.threshold < -780.0 && report.leak_ml.is_some(), "{report:?}");
     // The flood at the chosen threshold is what growing there gives.
-    let window = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: report.threshold };
-    assert_eq!(grow(&v, &window, seed).unwrap().count(), mask.count());
+    let selection = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: report.threshold };
+    assert_eq!(grow(&v, &selection, seed).unwrap().count(), mask.count());
 }
 
 #[test]
 fn bad_seeds_and_empty_selections_are_named() {
     let v = noise([4, 4, 4], 256, 3);
-    let seeded = |seed, window| {
-        SegmentationOptions { seed: Some(seed), ..SegmentationOptions::new(window) }.apply(&v)
+    let seeded = |seed, selection| {
+        SegmentationOptions { seed: Some(seed), ..SegmentationOptions::new(selection) }.apply(&v)
     };
     let any = IntensitySelection::Labels(vec![]);
     let out = seeded(UVec3::new(4, 0, 0), any.clone()).unwrap_err();
@@ -190,7 +190,7 @@ fn an_intensity_selection_tests_rescaled_values() {
         .collect();
     let shorts: Vec<i16> = (0..grid.len()).map(|i| (i % 9) as i16 - 4).collect();
     let bytes: Vec<u8> = (0..grid.len()).map(|i| (i * 37 % 5) as u8).collect();
-    let windows = [
+    let selections = [
         IntensitySelection::Labels(vec![]),
         IntensitySelection::Labels(vec![2]),
         IntensitySelection::Labels(vec![-1, 3]),
@@ -203,14 +203,14 @@ fn an_intensity_selection_tests_rescaled_values() {
         for (slope, intercept) in [(1.0, 0.0), (-2.0, 4.0), (1.0, 0.25)] {
             let mut v = Volume::new(grid, samples.clone());
             v.rescale = Rescale { slope, intercept };
-            for window in &windows {
-                let bits = window.select(&v);
+            for selection in &selections {
+                let bits = selection.select(&v);
                 for i in 0..grid.len() {
                     let p = grid.voxel(i);
-                    let want = window.holds(v.real(i));
-                    assert_eq!(bits.at(p.x, p.y, p.z), want, "{window} {p} {slope} {intercept}");
+                    let want = selection.holds(v.real(i));
+                    assert_eq!(bits.at(p.x, p.y, p.z), want, "{selection} {p} {slope} {intercept}");
                 }
-                let some = (0..grid.len()).any(|i| window.holds(v.real(i)));
+                let some = (0..grid.len()).any(|i| selection.holds(v.real(i)));
                 assert_eq!(!bits.is_empty(), some);
             }
         }
@@ -221,12 +221,12 @@ fn an_intensity_selection_tests_rescaled_values() {
 fn a_field_laid_out_densely_is_its_own_at_every_voxel() {
     for dims in [[17, 9, 13], [8, 8, 8], [3, 21, 16]] {
         let v = noise(dims, 60, 5);
-        let recipe = SegmentationOptions {
+        let options = SegmentationOptions {
             all_components: true,
             fill: false,
             ..SegmentationOptions::new(IntensitySelection::Labels(vec![]))
         };
-        let (lumen, _) = recipe.apply(&v).unwrap();
+        let (lumen, _) = options.apply(&v).unwrap();
         let field: Vec<u32> = (0..lumen.bricks.field_len() as u32).collect();
         let dense = lumen.dense(&field, u32::MAX);
         for (i, d) in dense.iter().enumerate() {

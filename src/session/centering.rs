@@ -36,7 +36,7 @@ pub struct Centered {
     pub min_clearance_mm: f64,
 }
 
-/// Most viewers added for unseen voxels; what is still unseen then is listed.
+/// Most viewpoints added for unseen voxels; what is still unseen then is listed.
 const MOST_ADDED: usize = 10_000;
 
 /// What the visibility test found.
@@ -102,7 +102,7 @@ fn route(
     Ok(clock.time("route", "voxels", work, |_| lumen.inside_voxels())?)
 }
 
-/// Visibility test: viewers from candidates, those kept, those added.
+/// Visibility test: viewpoints from candidates, those kept, those added.
 ///
 /// # Errors
 /// The device's.
@@ -115,9 +115,13 @@ fn visibility(
 ) -> Result<Visibility, SessionError> {
     let distance = Sampler { lumen, field: &fields.distance };
     let ranked = ranked(lumen, &fields.candidates);
-    let viewers =
-        clock.time("reach", "candidates", || radius.viewers(&ranked, distance), |v| v.len() as u64);
-    let (kept, unseen) = visible(device, lumen, &viewers, &lumen.inside, clock)?;
+    let viewpoints = clock.time(
+        "reach",
+        "candidates",
+        || radius.viewpoints(&ranked, distance),
+        |v| v.len() as u64,
+    );
+    let (kept, unseen) = visible(device, lumen, &viewpoints, &lumen.inside, clock)?;
     let (added, unseen) = clock.time(
         "unseen",
         "boundary voxels",
@@ -196,11 +200,11 @@ fn paper_centered(
     clock: &mut Clock,
 ) -> Result<Centered, SessionError> {
     let distance = Sampler { lumen, field: &fields.distance };
-    let viewers = radius.viewers(&fields.candidates, distance);
+    let viewpoints = radius.viewpoints(&fields.candidates, distance);
     let internal: Vec<u64> =
         lumen.inside.iter().zip(&lumen.boundary).map(|(i, b)| i & !b).collect();
-    let (kept, unseen) = visible(device, lumen, &viewers, &internal, clock)?;
-    let kept: Vec<Viewpoint> = kept.iter().map(|r| viewers[*r as usize]).collect();
+    let (kept, unseen) = visible(device, lumen, &viewpoints, &internal, clock)?;
+    let kept: Vec<Viewpoint> = kept.iter().map(|r| viewpoints[*r as usize]).collect();
     let line = clock.time(
         "paper path",
         "kept points",
@@ -211,7 +215,7 @@ fn paper_centered(
         min_clearance_mm: clearance(&line, lumen, &fields.distance),
         line,
         proof: None,
-        candidates: viewers.len(),
+        candidates: viewpoints.len(),
         kept: kept.len(),
         added: 0,
         unseen,
@@ -223,16 +227,16 @@ fn paper_centered(
 fn visible(
     device: &mut Device,
     lumen: &Lumen,
-    viewers: &[Viewpoint],
+    viewpoints: &[Viewpoint],
     open: &[u64],
     clock: &mut Clock,
 ) -> Result<(Vec<u32>, Vec<u32>), SessionError> {
     let start = Instant::now();
     let boundary: Vec<u32> = lumen.elements(&lumen.boundary).map(|e| e as u32).collect();
-    let arrangement = VisibilityInput::new(lumen, viewers, boundary);
+    let input = VisibilityInput::new(lumen, viewpoints, boundary);
     let mut plan = Plan::new();
     let buffers = LumenBuffers::new(&mut plan, lumen);
-    let pending = arrangement.launch(&mut plan, &buffers, open);
+    let pending = input.launch(&mut plan, &buffers, open);
     let out = device.run(&plan)?;
     clock.record_plan(
         "visibility",
@@ -241,7 +245,7 @@ fn visible(
         (lumen.boundary_voxels, "boundary voxels"),
         &out,
     );
-    Ok(arrangement.read(pending, &out))
+    Ok(input.read(pending, &out))
 }
 
 fn clearance(line: &Centerline, lumen: &Lumen, distance: &[f32]) -> f64 {

@@ -348,14 +348,14 @@ fn share_of_path(path: &[Vec3], flight: &Flight) -> Vec<f32> {
     let nearest = |p: Vec3, among: std::ops::Range<usize>| {
         among.min_by(|&i, &j| path[i].distance_squared(p).total_cmp(&path[j].distance_squared(p)))
     };
-    let window = (path.len() / 10).max(50);
+    let reach = (path.len() / 10).max(50);
     flight
         .poses
         .iter()
         .map(|pose| {
             let among = match at {
                 None => 0..path.len(),
-                Some(i) => usize::saturating_sub(i, window)..(i + window).min(path.len()),
+                Some(i) => usize::saturating_sub(i, reach)..(i + reach).min(path.len()),
             };
             at = nearest(pose.position_mm, among).or(at);
             at.map_or(0.0, |i| arc[i] / length.max(f32::MIN_POSITIVE))

@@ -14,7 +14,7 @@ pub struct Segmented {
     /// Components left out, cavities filled, leaks.
     pub found: SegmentationStats,
     /// The options it was chosen with, the seed as a voxel.
-    pub recipe: SegmentationOptions,
+    pub options: SegmentationOptions,
     /// What a user should know about how it came out.
     pub notes: Vec<String>,
 }
@@ -22,7 +22,7 @@ pub struct Segmented {
 impl Segmented {
     /// A voxel from which the surface is tracked: the seed, where one was given.
     pub fn track_from(&self) -> Option<IVec3> {
-        self.recipe.seed.filter(|_| !self.recipe.all_components).map(|s| s.as_ivec3())
+        self.options.seed.filter(|_| !self.options.all_components).map(|s| s.as_ivec3())
     }
 }
 
@@ -39,8 +39,8 @@ impl Session {
                 Some(v.ok_or(LumenError::SeedPoint(p.to_array()))?)
             }
         };
-        let recipe = SegmentationOptions {
-            window: loaded.select.clone(),
+        let options = SegmentationOptions {
+            selection: loaded.select.clone(),
             seed,
             all_components: settings.all_components,
             fill: settings.fill,
@@ -49,15 +49,15 @@ impl Session {
         let voxels = |r: &Result<(Lumen, SegmentationStats), _>| {
             r.as_ref().map_or(0, |r| r.0.inside_voxels())
         };
-        let (lumen, found) = clock.time("segment", "voxels", || recipe.apply(volume), voxels)?;
+        let (lumen, found) = clock.time("segment", "voxels", || options.apply(volume), voxels)?;
         if lumen.bricks.is_empty() {
-            let (window, range) = (recipe.window.clone(), volume.range());
-            return Err(LumenError::Empty { window, range }.into());
+            let (selection, range) = (options.selection.clone(), volume.range());
+            return Err(LumenError::Empty { selection, range }.into());
         }
-        let notes = notes(&recipe, &lumen, &found);
+        let notes = notes(&options, &lumen, &found);
         notes.iter().for_each(|line| tracing::warn!("{line}"));
         self.check_memory(volume, &lumen)?;
-        put(&self.slots.lumen, Segmented { lumen, found, recipe, notes });
+        put(&self.slots.lumen, Segmented { lumen, found, options, notes });
         Ok(())
     }
 
@@ -72,7 +72,7 @@ impl Session {
     }
 }
 
-fn notes(recipe: &SegmentationOptions, lumen: &Lumen, found: &SegmentationStats) -> Vec<String> {
+fn notes(options: &SegmentationOptions, lumen: &Lumen, found: &SegmentationStats) -> Vec<String> {
     let mut out = Vec::new();
     if let Some(leak) = found.leak {
         let leaks = leak.leak_ml.map_or("no leak found".to_owned(), |ml| {
@@ -81,7 +81,7 @@ fn notes(recipe: &SegmentationOptions, lumen: &Lumen, found: &SegmentationStats)
         let (t, v) = (leak.threshold, leak.volume_ml);
         out.push(format!("leak control: threshold {t} holds {v:.1} ml; {leaks}"));
     }
-    if recipe.seed.is_none() && !recipe.all_components && !found.others.is_empty() {
+    if options.seed.is_none() && !options.all_components && !found.others.is_empty() {
         let listed: Vec<String> =
             found.others.iter().take(3).map(|c| format!("{} at {}", c.voxels, c.first)).collect();
         out.push(format!(

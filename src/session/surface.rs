@@ -21,7 +21,7 @@ use crate::volume::Volume;
 /// How to make the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct SurfaceOptions {
-    /// Sub-voxel crossings from grey values, where the window is a threshold.
+    /// Sub-voxel crossings from grey values, where the selection is a threshold.
     from_grey: bool,
     /// Smoothing of the normals.
     smoothing: Smoothing,
@@ -87,8 +87,8 @@ impl Session {
             smoothing: self.settings.smoothing(),
             track_from: segmented.track_from(),
         };
-        let Segmented { lumen, recipe, .. } = &*segmented;
-        let (volume, select) = (&*loaded.volume, &recipe.window);
+        let Segmented { lumen, options: segmentation, .. } = &*segmented;
+        let (volume, select) = (&*loaded.volume, &segmentation.selection);
         let wall = wall(&mut device.lock(), volume, select, lumen, options, clock)?;
         put(&self.slots.wall, wall);
         Ok(())
@@ -119,7 +119,7 @@ impl Session {
 fn wall(
     device: &mut Device,
     volume: &Volume,
-    window: &IntensitySelection,
+    selection: &IntensitySelection,
     lumen: &Lumen,
     options: SurfaceOptions,
     clock: &mut Clock,
@@ -127,7 +127,7 @@ fn wall(
     let mesh = clock.time(
         "surface",
         "faces",
-        || match Grey::new(volume, window).filter(|_| options.from_grey) {
+        || match Grey::new(volume, selection).filter(|_| options.from_grey) {
             Some(grey) => stage::extract(lumen, &grey),
             None => stage::extract(lumen, &Midpoint),
         },

@@ -10,8 +10,8 @@ use crate::volume::Volume;
 /// linear interpolation between voxel centres.
 ///
 /// Signs follow the final mask: where f disagrees with it (filled cavities, neighbours in the
-/// window but not in the component) f is clamped to 0, on the mask's side. Integer thresholds lie
-/// half a stored unit outside the inclusive bounds, so that f is never 0 on a sample.
+/// selection but not in the component) f is clamped to 0, on the mask's side. Integer thresholds
+/// lie half a stored unit outside the inclusive bounds, so that f is never 0 on a sample.
 pub struct Grey<'a> {
     volume: &'a Volume,
     lo: f64,
@@ -19,9 +19,10 @@ pub struct Grey<'a> {
 }
 
 impl<'a> Grey<'a> {
-    /// Crossings for a threshold window; `None` for labels, which have no intensities to interpolate.
-    pub fn new(volume: &'a Volume, window: &IntensitySelection) -> Option<Self> {
-        let IntensitySelection::Range { lo, hi } = *window else { return None };
+    /// Crossings for a range of intensities; `None` for labels, between which nothing is
+    /// interpolated.
+    pub fn new(volume: &'a Volume, selection: &IntensitySelection) -> Option<Self> {
+        let IntensitySelection::Range { lo, hi } = *selection else { return None };
         let integer = volume.samples.sample_type().is_integer();
         let half = if integer { 0.5 * volume.rescale.slope.abs() } else { 0.0 };
         Some(Self { volume, lo: lo - half, hi: hi + half })

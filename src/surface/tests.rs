@@ -118,10 +118,10 @@ fn the_grey_surface_of_a_sphere_converges() {
         let f = |v: UVec3| ((v.as_dvec3() - c).length() - r) as f32;
         let values: Vec<f32> = (0..grid.len()).map(|i| f(grid.voxel(i))).collect();
         let volume = crate::volume::Volume::new(grid, values.into());
-        let window = crate::lumen::IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: 0.0 };
+        let selection = crate::lumen::IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: 0.0 };
         let (lumen, _) =
-            crate::lumen::SegmentationOptions::new(window.clone()).apply(&volume).unwrap();
-        let grey = Grey::new(&volume, &window).unwrap();
+            crate::lumen::SegmentationOptions::new(selection.clone()).apply(&volume).unwrap();
+        let grey = Grey::new(&volume, &selection).unwrap();
         let s = Surface::new(&lumen, &grey, None);
         let pi = std::f64::consts::PI;
         let area = (s.mesh.area_mm2() / (4.0 * pi * r * r) - 1.0).abs();

@@ -18,8 +18,8 @@ pub struct Case {
 
 pub fn run(kind: Kind, size: u32, spacing_mm: f64, tree: bool) -> (Case, Truth) {
     let phantom = Phantom::new(kind, size, [spacing_mm; 3]).unwrap();
-    let recipe = SegmentationOptions::new(IntensitySelection::Labels(vec![1]));
-    (route(recipe.apply(&phantom.mask()).unwrap().0, tree), phantom.truth())
+    let options = SegmentationOptions::new(IntensitySelection::Labels(vec![1]));
+    (route(options.apply(&phantom.mask()).unwrap().0, tree), phantom.truth())
 }
 
 pub fn route(lumen: Lumen, tree: bool) -> Case {
