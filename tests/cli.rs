@@ -4,6 +4,9 @@
 #[path = "common/volumes.rs"]
 mod common;
 #[cfg(unix)]
+#[path = "cli/canaries.rs"]
+mod canaries;
+#[cfg(unix)]
 #[path = "cli/crash.rs"]
 mod crash;
 #[cfg(feature = "faults")]
@@ -359,39 +362,6 @@ fn bad_input_is_one_line_that_names_it_with_its_own_exit_code_and_leaves_nothing
     }
     let usage = intima(dir, &["distance", "--no-such-flag"]);
     assert_eq!(usage.status.code(), Some(2));
-}
-
-#[test]
-fn nothing_of_a_patient_and_no_input_name_reaches_an_output() {
-    if !can_draw() {
-        return;
-    }
-    let tmp = tempfile::tempdir().unwrap();
-    let dir = tmp.path();
-    phantom(dir, Kind::Tube, 48);
-    // Text fields of a NRRD header and the file's own name stand for a patient's.
-    let canary = "CANARY^JANE";
-    let file = format!("{canary}.nrrd");
-    let bytes = std::fs::read(dir.join("ct.nrrd")).unwrap();
-    let split = bytes.windows(2).position(|w| w == b"\n\n").unwrap() + 1;
-    let text = format!("# {canary}\ncontent: {canary}\nPatientName:={canary}\n");
-    let told = [&bytes[..split], text.as_bytes(), &bytes[split..]].concat();
-    std::fs::write(dir.join(&file), told).unwrap();
-    let args = ["run", &file, "--threshold", ":-455", "--out", "out", "--frames", "1"];
-    let out = intima(dir, &[&args[..], &["--size", "64x64", "-vvv", "--json"]].concat());
-    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
-    let holds = |b: &[u8]| b.windows(6).any(|w| w == b"CANARY");
-    assert!(!holds(&out.stdout) && !holds(&out.stderr));
-    let mut open = vec![dir.join("out")];
-    while let Some(d) = open.pop() {
-        for e in std::fs::read_dir(d).unwrap().map(|e| e.unwrap().path()) {
-            if e.is_dir() {
-                open.push(e);
-            } else {
-                assert!(!holds(&std::fs::read(&e).unwrap()), "{}", e.display());
-            }
-        }
-    }
 }
 
 #[test]

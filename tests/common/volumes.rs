@@ -83,7 +83,7 @@ impl NiftiHeader {
     }
 }
 
-/// One 4 × 3 DICOM slice of 12 bits in 16.
+/// One DICOM slice of 12 bits in 16, 4 × 3 unless told.
 #[derive(Clone)]
 pub struct Slice {
     pub implicit: bool,
@@ -96,6 +96,8 @@ pub struct Slice {
     pub slope: &'static str,
     pub position: [f64; 3],
     pub orientation: [f64; 6],
+    /// Columns and rows.
+    pub size: [u16; 2],
     pub pixels: Vec<u16>,
     /// Put into every text element that may name somebody.
     pub canary: &'static str,
@@ -114,6 +116,7 @@ impl Default for Slice {
             slope: "1",
             position: [0.0; 3],
             orientation: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+            size: [4, 3],
             pixels: (0..12).collect(),
             canary: "SOMEBODY",
         }
@@ -155,8 +158,22 @@ pub fn dicom_slice(s: &Slice) -> Vec<u8> {
     let mut text =
         |tag, vr: &str, value: &str| put(&mut out, s.implicit, tag, vr, value.as_bytes());
     text((0x0008, 0x0060), "CS", "CT");
-    text((0x0008, 0x103e), "LO", s.canary);
-    text((0x0010, 0x0010), "PN", s.canary);
+    for (tag, vr) in [
+        ((0x0008, 0x0080), "LO"), // institution
+        ((0x0008, 0x0090), "PN"), // referring physician
+        ((0x0008, 0x1010), "SH"), // station
+        ((0x0008, 0x1030), "LO"), // study
+        ((0x0008, 0x103e), "LO"), // series
+        ((0x0009, 0x0010), "LO"), // private creator
+        ((0x0009, 0x1001), "LO"), // private
+        ((0x0010, 0x0010), "PN"), // patient
+        ((0x0010, 0x0020), "LO"), // patient's number
+        ((0x0010, 0x21b0), "LT"), // history
+        ((0x0010, 0x4000), "LT"), // comments
+        ((0x0018, 0x1030), "LO"), // protocol
+    ] {
+        text(tag, vr, s.canary);
+    }
     text((0x0020, 0x000e), "UI", s.series);
     text((0x0020, 0x0032), "DS", &join(&s.position));
     text((0x0020, 0x0037), "DS", &join(&s.orientation));
@@ -167,8 +184,8 @@ pub fn dicom_slice(s: &Slice) -> Vec<u8> {
     text((0x0028, 0x0004), "CS", s.photometric);
     text((0x0028, 0x0008), "IS", s.frames);
     let mut word = |tag: (u16, u16), v: u16| put(&mut out, s.implicit, tag, "US", &v.to_le_bytes());
-    word((0x0028, 0x0010), 3);
-    word((0x0028, 0x0011), 4);
+    word((0x0028, 0x0010), s.size[1]);
+    word((0x0028, 0x0011), s.size[0]);
     let mut text =
         |tag, vr: &str, value: &str| put(&mut out, s.implicit, tag, vr, value.as_bytes());
     text((0x0028, 0x0030), "DS", s.pixel_spacing);
