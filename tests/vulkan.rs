@@ -497,5 +497,21 @@ mod faults {
         assert_eq!(said.contains("software Vulkan"), !gpu.info().is_real(), "{said}");
         let (code, said) = validated(tmp.path(), "barrier:1", &args);
         assert!(code == 1 && said.contains("SYNC-HAZARD"), "exit code {code}: {said}");
+        let last = said.lines().last().unwrap();
+        assert!(last.starts_with("intima: failed: ") && last.contains("validation"), "{said}");
+        // Nor does a message pass where nobody reads the answer, or with another error.
+        let (code, said) = validated(tmp.path(), "barrier:1,write:1", &args);
+        assert!(code == 1 && said.lines().last() == Some(last), "exit code {code}: {said}");
+        let program = env!("CARGO_BIN_EXE_intima");
+        let line = format!("({program} {} --json; echo $? > code) | true", args.join(" "));
+        let ran = std::process::Command::new("sh")
+            .current_dir(tmp.path())
+            .args(["-c", &line])
+            .envs([("INTIMA_FAULT", "barrier:1"), ("INTIMA_VALIDATE", "1")])
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&ran.stderr);
+        let code = std::fs::read_to_string(tmp.path().join("code")).unwrap();
+        assert_eq!(code.trim(), "1", "{said}");
     }
 }

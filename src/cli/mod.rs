@@ -106,17 +106,22 @@ pub fn main_with(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode
     // None without validation (INTIMA_VALIDATE).
     let said = crate::vk::all_validation_messages();
     said.iter().for_each(|message| eprintln!("intima: validation: {message}"));
-    match outcome {
-        Ok(()) if !said.is_empty() => ExitCode::FAILURE,
-        Ok(()) => ExitCode::SUCCESS,
+    let code = match outcome {
+        Ok(()) => 0,
         // A reader that has seen enough closes the pipe; that is not our failure.
-        Err(e) if e.is_broken_pipe() => ExitCode::SUCCESS,
+        Err(e) if e.is_broken_pipe() => 0,
         Err(e) => {
             eprintln!("intima: {e}");
             global.refuse(&e);
-            ExitCode::from(e.exit_code())
+            e.exit_code()
         }
+    };
+    if said.is_empty() {
+        return ExitCode::from(code);
     }
+    eprintln!("intima: failed: {} message(s) of Vulkan's validation, see above", said.len());
+    // An error keeps its own code.
+    ExitCode::from(code.max(1))
 }
 
 impl Command {
