@@ -1,4 +1,7 @@
-//! Facts about flights through the phantoms.
+//! Facts about flights through the phantoms, and through a real colon where there is one.
+
+#[path = "common/volumes.rs"]
+mod common;
 
 use glam::{DVec3, Vec3};
 use intima::centerline::{RouteOptions, centerline};
@@ -253,6 +256,42 @@ fn no_near_plane_corner_reaches_the_wall_on_any_frame() {
             }
         }
     }
+}
+
+/// Every triangle of the wall of a real colon against the view pyramid up to the near plane: rays
+/// to its corners, and the distance from the eye.
+#[test]
+fn no_near_plane_corner_reaches_the_wall_of_a_real_colon() {
+    let Some(data) = common::shared_data() else { return };
+    let o = organ_of(&common::read(&data.join("colon_label_1.nii.gz")).unwrap());
+    let (fov_y_rad, aspect) = (90f32.to_radians(), 16.0 / 9.0);
+    let frames = Frames::Count(1000);
+    let wall = Some(&o.wall);
+    let f = o.fly(FlightOptions { frames, fov_y_rad, aspect, wall, reverse: false }).unwrap();
+    // The frames with the least room, and some along the way.
+    let mut tightest: Vec<usize> = (0..f.poses.len()).collect();
+    tightest.sort_by(|a, b| f.clearance_mm[*a].total_cmp(&f.clearance_mm[*b]));
+    let chosen = tightest.into_iter().take(16).chain((0..1000).step_by(63));
+    let (mut least, mut looked) = (f64::MAX, 0);
+    for i in chosen {
+        let (pose, lens) = (f.poses[i], f.lens(i));
+        let room = nearest(&o.wall, pose.position_mm) - f64::from(lens.near_ball_mm());
+        (least, looked) = (least.min(room), looked + 1);
+        assert!(room > 0.0, "frame {i}: the wall is {room} mm inside the near ball");
+        let t = (0.5 * fov_y_rad).tan() * lens.near_mm;
+        for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
+            let corner = Vec3::new(x * aspect * t, y * t, -lens.near_mm);
+            let reach = |times: f32| pose.position_mm + pose.rotation * (times * corner);
+            let met = |to: Vec3| {
+                let corners = |f: &[u32; 3]| f.map(|v| o.wall.positions[v as usize]);
+                o.wall.faces.iter().any(|f| meets(pose.position_mm, to, corners(f)))
+            };
+            assert!(!met(reach(1.0)), "frame {i}");
+            // The lumen is closed: a ray that goes on meets its wall.
+            assert!(met(reach(2000.0 / corner.length())), "frame {i}: no wall at all");
+        }
+    }
+    println!("{looked} frames, {} triangles, {least:.3} mm at least", o.wall.faces.len());
 }
 
 /// Distance to the mesh by trying every triangle: corners, edges, plane.
