@@ -15,6 +15,8 @@ mod faults;
 #[cfg(unix)]
 #[path = "cli/files.rs"]
 mod files;
+#[path = "cli/outside_air.rs"]
+mod outside_air;
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -203,3 +203,30 @@ fn the_airway_grows_from_dicom_and_its_surface_is_the_masks() {
     };
     assert_eq!(options.apply(&volume).unwrap().0.inside_voxels(), 48_983);
 }
+
+/// The largest component that is not outside air: voxels of it, of the largest outside and of the
+/// largest left out in the body.
+fn largest_inside(volume: &Volume, what: &str, hi: f64) -> [u64; 3] {
+    let (lumen, found) = SegmentationOptions::new(at_most(hi)).apply(volume).unwrap();
+    println!(
+        "{what}: {:?}, air {:?}",
+        found.taken,
+        found.outside.iter().take(8).collect::<Vec<_>>()
+    );
+    let taken = found.taken.unwrap().voxels;
+    assert_eq!(taken, found.grown_voxels);
+    assert!(lumen.inside_voxels() >= taken);
+    [taken, found.outside[0].voxels, found.others[0].voxels]
+}
+
+#[test]
+fn air_around_a_patient_on_a_table_is_not_the_lumen() {
+    let Some(data) = shared_data() else { return };
+    let colon = read(&data.join("colon_ct_prone_half.nrrd"));
+    assert_eq!(largest_inside(&colon, "colon", -800.0), [672_870, 5_321_542, 147_024]);
+    let Some(folder) = unzip("chest_ct_fnndsc.zip") else { return };
+    // The airway is the second: emphysema is larger here. Air below the table and between its
+    // plates is outside too.
+    let chest = read(folder.path());
+    assert_eq!(largest_inside(&chest, "chest", -920.0), [50_594, 17_044_261, 48_194]);
+}

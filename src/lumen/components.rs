@@ -1,9 +1,13 @@
 //! 6-connected components of a bit volume, and its closed cavities, by union of x-runs. The cost
 //! follows the rows of the box and the number of runs, not the voxels.
 
+use std::collections::BTreeMap;
+
 use glam::UVec3;
 
+use super::body::BodyHull;
 use super::{BitVolume, bits::Run};
+use crate::volume::Grid;
 
 /// A component: how many voxels, where its first voxel (z, y, x order) is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -12,6 +16,13 @@ pub struct Component {
     pub voxels: u64,
     /// Its first voxel.
     pub first: UVec3,
+}
+
+impl Component {
+    /// Volume, ml.
+    pub fn volume_ml(&self, grid: &Grid) -> f64 {
+        self.voxels as f64 * grid.voxel_mm3() / 1000.0
+    }
 }
 
 /// Runs of a box of rows, with a union-find over them.
@@ -102,16 +113,35 @@ impl RunSet {
     }
 }
 
-/// The largest 6-component of a mask, or the one that holds `seed`; the others, largest first.
-/// Equal sizes go by first voxel.
-pub(super) fn keep_one(
-    bits: &BitVolume,
-    seed: Option<UVec3>,
-) -> Option<(BitVolume, Component, Vec<Component>)> {
+/// A mask by its 6-components.
+pub(super) struct Split {
+    /// What is kept.
+    pub kept: BitVolume,
+    /// The largest component kept; `None` where all lie outside the body.
+    pub largest: Option<Component>,
+    /// Components in the body that are not kept, largest first.
+    pub others: Vec<Component>,
+    /// Components outside the body, largest first.
+    pub outside: Vec<Component>,
+}
+
+/// The largest 6-component of a mask.
+pub(super) fn largest(bits: &BitVolume) -> Option<BitVolume> {
+    split(bits, None, false).map(|split| split.kept)
+}
+
+/// Takes a mask apart and keeps its largest 6-component, or all of them, but none that lies outside
+/// the body: that touches a side face of the volume and of which less than half lies in the body's
+/// hull. Equal sizes go by first voxel. `None` for an empty mask.
+///
+/// * `body`: without it nothing lies outside.
+pub(super) fn split(bits: &BitVolume, body: Option<&BodyHull>, all: bool) -> Option<Split> {
     let (lo, hi) = bits.bounds()?;
     let mut set = RunSet::of(bits, lo, hi, false);
     let mut sizes = vec![0u64; set.runs.len()];
     let mut firsts = vec![UVec3::ZERO; set.runs.len()];
+    // Of those that touch a side: voxels in the body.
+    let mut sides = BTreeMap::new();
     for (r, y, z) in set.rows() {
         for i in set.row(r) {
             let root = set.find(i as u32) as usize;
@@ -119,30 +149,45 @@ pub(super) fn keep_one(
                 firsts[i] = UVec3::new(set.runs[i].0, y, z);
             }
             sizes[root] += u64::from(set.runs[i].1 - set.runs[i].0 + 1);
+            if body.is_some_and(|body| body.touches_side(set.runs[i], y, z)) {
+                sides.insert(root, 0u64);
+            }
         }
     }
-    let component = |i: usize| Component { voxels: sizes[i], first: firsts[i] };
-    let kept = match seed {
-        Some(s) => {
-            let mut rows = set.rows();
-            let (r, ..) = rows.find(|&(_, y, z)| (y, z) == (s.y, s.z))?;
-            let i = set.row(r).find(|&i| set.runs[i].0 <= s.x && s.x <= set.runs[i].1)?;
-            set.find(i as u32) as usize
+    if let Some(body) = body.filter(|_| !sides.is_empty()) {
+        for (r, y, z) in set.rows() {
+            for i in set.row(r) {
+                let root = set.find(i as u32) as usize;
+                if let Some(held) = sides.get_mut(&root) {
+                    *held += body.count(set.runs[i], y, z);
+                }
+            }
         }
-        None => (0..sizes.len()).max_by_key(|&i| (sizes[i], usize::MAX - i))?,
-    };
+    }
+    let is_outside = |i: usize| sides.get(&i).is_some_and(|held| 2 * held < sizes[i]);
+    let roots = || (0..sizes.len()).filter(|&i| sizes[i] > 0);
+    let kept = roots().filter(|&i| !is_outside(i)).max_by_key(|&i| (sizes[i], usize::MAX - i));
+    let keeps = |i: usize| Some(i) == kept || all && !is_outside(i);
     let mut out = BitVolume::new(bits.dims());
     for (r, y, z) in set.rows() {
         for i in set.row(r) {
-            if set.find(i as u32) as usize == kept {
+            if keeps(set.find(i as u32) as usize) {
                 out.set_run(set.runs[i], y, z);
             }
         }
     }
-    let mut others: Vec<_> =
-        (0..sizes.len()).filter(|&i| i != kept && sizes[i] > 0).map(component).collect();
-    others.sort_by_key(|c| (std::cmp::Reverse(c.voxels), c.first.z, c.first.y, c.first.x));
-    Some((out, component(kept), others))
+    let component = |i: usize| Component { voxels: sizes[i], first: firsts[i] };
+    let sorted = |of: &dyn Fn(usize) -> bool| {
+        let mut list: Vec<_> = roots().filter(|&i| of(i)).map(component).collect();
+        list.sort_by_key(|c| (std::cmp::Reverse(c.voxels), c.first.z, c.first.y, c.first.x));
+        list
+    };
+    Some(Split {
+        kept: out,
+        largest: kept.map(component),
+        others: sorted(&|i| !is_outside(i) && !keeps(i)),
+        outside: sorted(&is_outside),
+    })
 }
 
 /// Fills closed cavities: 6-components of the background that do not reach the outside of the

@@ -3,6 +3,7 @@
 //! Connectivity is 6 for the inside throughout; the surface room's cell table agrees with that.
 
 mod bits;
+mod body;
 pub mod bricks;
 mod components;
 mod grow;
@@ -20,6 +21,7 @@ use glam::{IVec3, UVec3};
 use rayon::prelude::*;
 
 use crate::volume::{Grid, Volume};
+use body::BodyHull;
 use bricks::{BRICK, NONE, near_index};
 
 /// Why there is no lumen.
@@ -55,6 +57,17 @@ pub enum LumenError {
         /// Values of the volume, real units.
         range: Option<(f64, f64)>,
     },
+    /// All that is in the selection lies outside the patient.
+    #[error(
+        "no lumen: all {ml:.0} ml in {selection} lie outside the body; \
+         give a seed in the lumen, or a range that holds it"
+    )]
+    OnlyOutside {
+        /// What was asked.
+        selection: IntensitySelection,
+        /// Volume outside the body, ml.
+        ml: f64,
+    },
     /// The grid is sheared: distances along its axes are not distances in space.
     #[error(
         "the grid's axes are not at right angles (off by {degrees:.2} degrees); resample the volume first"
@@ -77,9 +90,10 @@ fn range_note(range: &Option<(f64, f64)>) -> String {
 pub struct SegmentationOptions {
     /// Which values are inside.
     pub selection: IntensitySelection,
-    /// Keep the 6-component of this voxel; without it the largest.
+    /// Keep the 6-component of this voxel; without it the largest, of a range of values the largest
+    /// that is not outside the body.
     pub seed: Option<UVec3>,
-    /// Keep every component (only without a seed).
+    /// Keep every component (only without a seed), of a range of values but those outside the body.
     pub all_components: bool,
     /// Fill closed cavities.
     pub fill: bool,
@@ -90,10 +104,14 @@ pub struct SegmentationOptions {
 /// What choosing the lumen found on the way.
 #[derive(Clone, Debug, Default)]
 pub struct SegmentationStats {
-    /// Components left out, largest first.
+    /// The component taken, where no seed chose it and not all were taken.
+    pub taken: Option<Component>,
+    /// Components left out though they lie in the body, largest first.
     pub others: Vec<Component>,
-    /// Voxels of the components left out.
+    /// Voxels of those.
     pub other_voxels: u64,
+    /// Components left out because they lie outside the body, largest first.
+    pub outside: Vec<Component>,
     /// Voxels grown before filling.
     pub grown_voxels: u64,
     /// Voxels and cavities filled.
@@ -145,24 +163,7 @@ impl SegmentationOptions {
             }
             Some(seed) => grow(volume, &self.selection, seed)?,
             None if self.leak_control => return Err(LumenError::LeakWindow),
-            None => {
-                let all = self.selection.select(volume);
-                let empty = || LumenError::Empty {
-                    selection: self.selection.clone(),
-                    range: volume.range(),
-                };
-                if self.all_components {
-                    if all.is_empty() {
-                        return Err(empty());
-                    }
-                    all
-                } else {
-                    let kept = components::keep_one(&all, None).ok_or_else(empty)?;
-                    found.other_voxels = kept.2.iter().map(|c| c.voxels).sum();
-                    found.others = kept.2;
-                    kept.0
-                }
-            }
+            None => self.unseeded(volume, &mut found)?,
         };
         found.grown_voxels = mask.count();
         if found.grown_voxels == 0 {
@@ -175,6 +176,34 @@ impl SegmentationOptions {
             found.filled = components::fill_cavities(&mut mask);
         }
         Ok((Lumen::new(volume.grid, &mask), found))
+    }
+
+    /// The largest component, or all of them.
+    fn unseeded(
+        &self,
+        volume: &Volume,
+        found: &mut SegmentationStats,
+    ) -> Result<BitVolume, LumenError> {
+        let selection = || self.selection.clone();
+        let selected = self.selection.select(volume);
+        // Labels were drawn by someone; what is bright and open upwards is no air.
+        let air = matches!(self.selection, IntensitySelection::Range { hi, .. } if hi.is_finite());
+        if self.all_components && !air && !selected.is_empty() {
+            return Ok(selected);
+        }
+        let body = air.then(|| BodyHull::of(&selected, &volume.grid));
+        let split = components::split(&selected, body.as_ref(), self.all_components)
+            .ok_or_else(|| LumenError::Empty { selection: selection(), range: volume.range() })?;
+        if split.largest.is_none() {
+            let voxels: u64 = split.outside.iter().map(|c| c.voxels).sum();
+            let ml = voxels as f64 * volume.grid.voxel_mm3() / 1000.0;
+            return Err(LumenError::OnlyOutside { selection: selection(), ml });
+        }
+        found.taken = split.largest.filter(|_| !self.all_components);
+        found.other_voxels = split.others.iter().map(|c| c.voxels).sum();
+        found.others = split.others;
+        found.outside = split.outside;
+        Ok(split.kept)
     }
 }
 

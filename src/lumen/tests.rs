@@ -1,3 +1,5 @@
+mod outside_air;
+
 use super::*;
 use crate::volume::Samples;
 

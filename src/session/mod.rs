@@ -40,8 +40,8 @@ pub use load::{read_any_volume, read_orthogonal_volume};
 pub use memory::{estimate_bytes, peak_memory_mb, refuse_above};
 pub use progress::Progress;
 pub use report::{
-    CenterlineReport, CoverageReport, FramesReport, InputReport, LumenReport, Modes, PatchReport,
-    Report, SurfaceReport,
+    CenterlineReport, ComponentReport, CoverageReport, FramesReport, InputReport, LumenReport,
+    Modes, PatchReport, Report, SurfaceReport,
 };
 pub use segmentation::Segmented;
 pub use settings::{

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::levels::LodReport;
 use super::{Centered, Clock, Segmented, Session, SessionError, StageTime};
 use crate::centerline::Proof;
-use crate::lumen::Lumen;
+use crate::lumen::{Component, Lumen};
 use crate::surface::Topology;
 use crate::volume::{Grid, Volume};
 
@@ -71,12 +71,36 @@ pub struct LumenReport {
     pub bricks: usize,
     pub filled_voxels: u64,
     pub filled_cavities: usize,
+    /// Components left out though they lie in the body.
     pub other_components: usize,
     pub other_voxels: u64,
+    /// Components left out because they lie outside the body.
+    pub outside_components: usize,
+    pub outside_ml: f64,
+    /// The component that was taken, where no seed chose it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub taken: Option<ComponentReport>,
+    /// The largest of those left out.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<ComponentReport>,
     pub touches_edge: bool,
     /// Threshold leak control settled on, where it ran.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub leak_threshold: Option<f64>,
+}
+
+/// A component of what was selected.
+#[derive(Clone, Debug, Serialize)]
+#[allow(missing_docs)]
+pub struct ComponentReport {
+    pub voxels: u64,
+    pub volume_ml: f64,
+    /// Its first voxel, x fastest: a seed that takes it.
+    pub first_voxel: [u32; 3],
+    /// Centre of that voxel, LPS.
+    pub first_mm: [f64; 3],
+    /// Whether it was left out because it lies outside the body.
+    pub outside_body: bool,
 }
 
 /// The surface.
@@ -247,9 +271,19 @@ impl InputReport {
     }
 }
 
+/// Most components left out that are listed, in the body and outside it.
+const LISTED: usize = 5;
+
 impl LumenReport {
     /// Counts of a lumen.
     pub fn of(Segmented { lumen, found, .. }: &Segmented) -> Self {
+        let component =
+            |c: &Component, outside_body| ComponentReport::of(c, &lumen.grid, outside_body);
+        let listed = |all: &[Component], outside_body| -> Vec<ComponentReport> {
+            all.iter().take(LISTED).map(|c| component(c, outside_body)).collect()
+        };
+        let mut left_out = listed(&found.others, false);
+        left_out.extend(listed(&found.outside, true));
         Self {
             internal_voxels: lumen.internal_voxels,
             boundary_voxels: lumen.boundary_voxels,
@@ -259,8 +293,24 @@ impl LumenReport {
             filled_cavities: found.filled.1,
             other_components: found.others.len(),
             other_voxels: found.other_voxels,
+            outside_components: found.outside.len(),
+            outside_ml: found.outside.iter().map(|c| c.volume_ml(&lumen.grid)).sum(),
+            taken: found.taken.map(|c| component(&c, false)),
+            left_out,
             touches_edge: lumen.touches_edge,
             leak_threshold: found.leak.map(|l| l.threshold),
+        }
+    }
+}
+
+impl ComponentReport {
+    fn of(c: &Component, grid: &Grid, outside_body: bool) -> Self {
+        Self {
+            voxels: c.voxels,
+            volume_ml: c.volume_ml(grid),
+            first_voxel: c.first.to_array(),
+            first_mm: grid.world_from_voxel().transform_point3(c.first.as_dvec3()).to_array(),
+            outside_body,
         }
     }
 }

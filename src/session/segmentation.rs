@@ -4,8 +4,8 @@ use glam::IVec3;
 
 use super::settings::Seed;
 use super::{Clock, Session, SessionError, estimate_bytes, present, put, refuse_above};
-use crate::lumen::{Lumen, LumenError, SegmentationOptions, SegmentationStats};
-use crate::volume::Volume;
+use crate::lumen::{Component, Lumen, LumenError, SegmentationOptions, SegmentationStats};
+use crate::volume::{Grid, Volume};
 
 /// The lumen with what choosing it found.
 pub struct Segmented {
@@ -54,7 +54,7 @@ impl Session {
             let (selection, range) = (options.selection.clone(), volume.range());
             return Err(LumenError::Empty { selection, range }.into());
         }
-        let notes = notes(&options, &lumen, &found);
+        let notes = notes(&lumen, &found);
         notes.iter().for_each(|line| tracing::warn!("{line}"));
         self.check_memory(volume, &lumen)?;
         put(&self.slots.lumen, Segmented { lumen, found, options, notes });
@@ -72,7 +72,7 @@ impl Session {
     }
 }
 
-fn notes(options: &SegmentationOptions, lumen: &Lumen, found: &SegmentationStats) -> Vec<String> {
+fn notes(lumen: &Lumen, found: &SegmentationStats) -> Vec<String> {
     let mut out = Vec::new();
     if let Some(leak) = found.leak {
         let leaks = leak.leak_ml.map_or("no leak found".to_owned(), |ml| {
@@ -81,19 +81,37 @@ fn notes(options: &SegmentationOptions, lumen: &Lumen, found: &SegmentationStats
         let (t, v) = (leak.threshold, leak.volume_ml);
         out.push(format!("leak control: threshold {t} holds {v:.1} ml; {leaks}"));
     }
-    if options.seed.is_none() && !options.all_components && !found.others.is_empty() {
-        let listed: Vec<String> =
-            found.others.iter().take(3).map(|c| format!("{} at {}", c.voxels, c.first)).collect();
-        out.push(format!(
-            "kept the largest of {} components; left out {} voxels ({}{})",
-            found.others.len() + 1,
-            found.other_voxels,
-            listed.join(", "),
-            if found.others.len() > 3 { ", …" } else { "" }
-        ));
+    if !found.others.is_empty() || !found.outside.is_empty() {
+        out.push(taken_note(&lumen.grid, found));
     }
     if lumen.touches_edge {
         out.push("the lumen touches the edge of the volume; it is closed there by caps".into());
     }
     out
+}
+
+/// What was taken, and what was left out.
+fn taken_note(grid: &Grid, found: &SegmentationStats) -> String {
+    let list = |all: &[Component]| {
+        let named = |c: &Component| format!("{:.3} ml from voxel {}", c.volume_ml(grid), c.first);
+        let listed: Vec<String> = all.iter().take(3).map(named).collect();
+        listed.join(", ") + if all.len() > 3 { ", …" } else { "" }
+    };
+    let mut note = found.taken.map_or_else(
+        || "took every component in the body".to_owned(),
+        |taken| format!("took the component of {}", list(&[taken])),
+    );
+    let (others, outside) = (&found.others, &found.outside);
+    if !others.is_empty() {
+        note += &format!(
+            ", the largest of {}; left out {} voxels ({})",
+            others.len() + 1,
+            found.other_voxels,
+            list(others)
+        );
+    }
+    if !outside.is_empty() {
+        note += &format!("; left out the air outside the body ({})", list(outside));
+    }
+    note
 }
