@@ -17,6 +17,8 @@ mod faults;
 mod files;
 #[path = "cli/outside_air.rs"]
 mod outside_air;
+#[path = "cli/paper.rs"]
+mod paper;
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -13,7 +13,7 @@ mod tube;
 use cast::Cast;
 use intima::geometry::{Camera, Lens, Mesh};
 use intima::lod::{PageCache, Tolerance};
-use intima::session::{Clock, Levels};
+use intima::session::{Clock, Levels, Mode};
 use intima::surface::shading;
 use pages::Pages;
 
@@ -31,7 +31,8 @@ fn clusters(mesh: &Mesh) -> Levels {
 fn subdivision(mesh: &Mesh) -> Levels {
     let vertices = shading(mesh).vertices;
     let clock = &mut Clock::default();
-    Levels::of_subdivision(mesh, &vertices, mesh.faces.len() / 10, 1.0, clock).unwrap()
+    let base = mesh.faces.len() / 10;
+    Levels::of_subdivision(mesh, &vertices, base, Mode::Default, 1.0, clock).unwrap()
 }
 
 /// Compares every pixel of a flight through the tube.

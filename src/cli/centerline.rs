@@ -75,6 +75,7 @@ impl Args {
     /// Extracts and writes.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, LINES)?;
+        self.mode.check(self.path.tree)?;
         let settings = Settings {
             mode: self.mode.main(),
             lumen: self.lumen.settings()?,

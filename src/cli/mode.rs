@@ -1,6 +1,8 @@
 //! `--mode`.
 
-use crate::session::Mode;
+use super::CliError;
+use crate::centerline::CenterlineError;
+use crate::session::{Mode, SessionError};
 
 /// `--mode`
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -21,6 +23,14 @@ impl ModeArg {
     /// The mode whose products are written.
     pub fn main(self) -> Mode {
         if self.mode == Modes::Paper { Mode::Paper } else { Mode::Default }
+    }
+
+    /// Refuses a tree before anything is computed where the paper's figures are asked for.
+    pub fn check(self, tree: bool) -> Result<(), CliError> {
+        if tree && self.mode != Modes::Default {
+            return Err(SessionError::from(CenterlineError::PaperTree).into());
+        }
+        Ok(())
     }
 
     /// Whether the paper's figures are reported beside the default's.

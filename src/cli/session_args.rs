@@ -34,6 +34,7 @@ pub struct SessionArgs {
 impl SessionArgs {
     /// Checks all flags and opens a session of them.
     pub fn session(&self, global: &Global) -> Result<Session, CliError> {
+        self.mode.check(self.path.tree)?;
         let source = self.lumen.source(self.input.as_deref())?;
         let settings = Settings {
             mode: self.mode.main(),

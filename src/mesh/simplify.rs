@@ -25,6 +25,17 @@ pub enum Metric {
     Paper,
 }
 
+impl Metric {
+    /// Name on the command line and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Qem => "qem",
+            Self::NormalQem => "normal-qem",
+            Self::Paper => "paper",
+        }
+    }
+}
+
 /// Target and constraints of a simplification.
 #[derive(Clone, Copy, Debug)]
 pub struct SimplifyOptions<'a> {

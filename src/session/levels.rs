@@ -51,6 +51,9 @@ enum Kind {
 #[allow(missing_docs)]
 pub struct LodReport {
     pub mode: &'static str,
+    /// Cost by which the base was simplified, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub metric: Option<&'static str>,
     pub pixel_error: f32,
     /// Faces of the coarsest surface.
     pub base_faces: u64,
@@ -88,7 +91,7 @@ pub fn base(
     clock: &mut Clock,
 ) -> Result<Mesh, SessionError> {
     let options = SimplifyOptions {
-        metric: if mode == Mode::Paper { Metric::Paper } else { Metric::NormalQem },
+        metric: metric(mode),
         relocate: mode == Mode::Default,
         ..SimplifyOptions::to_faces(faces)
     };
@@ -104,6 +107,11 @@ pub fn base(
         }
     };
     Ok(clock.time("base", "faces", work, |_| mesh.faces.len() as u64)?)
+}
+
+/// Cost of a collapse in a mode.
+fn metric(mode: Mode) -> Metric {
+    if mode == Mode::Paper { Metric::Paper } else { Metric::NormalQem }
 }
 
 /// Below this a base saves nothing worth having.
@@ -144,18 +152,25 @@ impl Levels {
     /// The paper's: the mesh simplified to `base` faces, subdivided where the camera looks, every
     /// new vertex on the original by the record of the collapses.
     ///
+    /// * `mode`: whose metric simplifies.
+    ///
     /// # Errors
     /// [`SessionError`]: a mesh that half-edges cannot hold, or that is too large.
     pub fn of_subdivision(
         mesh: &Mesh,
         vertices: &[Vertex],
         base: usize,
+        mode: Mode,
         pixel_error: f32,
         clock: &mut Clock,
     ) -> Result<Self, SessionError> {
         let mut maps = Parameterization::new(mesh)?;
         // The samples are the original's own: a base that moved would only mislead the bounds.
-        let options = SimplifyOptions { relocate: false, ..SimplifyOptions::to_faces(base) };
+        let options = SimplifyOptions {
+            metric: metric(mode),
+            relocate: false,
+            ..SimplifyOptions::to_faces(base)
+        };
         let simplified = clock.time(
             "simplify",
             "faces",
@@ -168,6 +183,7 @@ impl Levels {
         let surface = clock.time("subdivision", "base faces", build, |_| count)?;
         let report = LodReport {
             mode: "vds",
+            metric: Some(options.metric.name()),
             pixel_error,
             base_faces: surface.base_faces(),
             finest_faces: surface.base_faces() << (2 * surface.depth()),
@@ -248,7 +264,8 @@ impl Session {
         let (mesh, error) = (drawn.mesh(), self.settings.levels.pixel_error);
         return_freed_memory();
         let base = base_faces(mesh);
-        let levels = Levels::of_subdivision(mesh, &shading.vertices, base, error, clock)?;
+        let mode = self.settings.mode;
+        let levels = Levels::of_subdivision(mesh, &shading.vertices, base, mode, error, clock)?;
         put(&self.slots.levels, levels);
         Ok(())
     }
