@@ -9,6 +9,8 @@ mod canaries;
 #[cfg(unix)]
 #[path = "cli/crash.rs"]
 mod crash;
+#[path = "cli/documents.rs"]
+mod documents;
 #[cfg(feature = "faults")]
 #[path = "cli/faults.rs"]
 mod faults;
