@@ -62,7 +62,19 @@ pub enum Device {
 pub enum DeviceError {
     /// From Vulkan.
     #[error(transparent)]
-    Vulkan(#[from] VkError),
+    Vulkan(VkError),
+    /// Stopped between two parts of a plan, because someone asked for it.
+    #[error("cancelled")]
+    Cancelled,
+}
+
+impl From<VkError> for DeviceError {
+    fn from(e: VkError) -> Self {
+        match e {
+            VkError::Cancelled => Self::Cancelled,
+            other => Self::Vulkan(other),
+        }
+    }
 }
 
 impl DeviceError {
@@ -70,6 +82,7 @@ impl DeviceError {
     pub fn is_no_device(&self) -> bool {
         match self {
             Self::Vulkan(e) => e.is_no_device(),
+            Self::Cancelled => false,
         }
     }
 }

@@ -48,11 +48,16 @@ impl CancelToken {
 /// Unwinds to [`catch_cancelled`] if the token of this thread is cancelled. Costs a thread-local
 /// read and an atomic load: nothing beside a millisecond of work.
 pub fn checkpoint() {
-    let cancelled = CURRENT.with(|c| c.borrow().as_ref().is_some_and(CancelToken::is_cancelled));
-    if cancelled {
+    if is_cancelled() {
         // `resume_unwind` does not call the panic hook: nothing is printed.
         resume_unwind(Box::new(Cancelled));
     }
+}
+
+/// Whether the token of this thread is cancelled: for places that return an error instead of
+/// unwinding, because they hold what must be given back.
+pub fn is_cancelled() -> bool {
+    CURRENT.with(|c| c.borrow().as_ref().is_some_and(CancelToken::is_cancelled))
 }
 
 /// Runs `work` and turns an unwinding from [`checkpoint`] into an error. Other panics go on.

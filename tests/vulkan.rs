@@ -49,7 +49,7 @@ fn a_missing_barrier_is_reported_and_a_present_one_is_not() {
     let (plan, _) = ring(&KERNEL, 1000, 1000, 3);
     gpu.run(&plan).unwrap();
     common::assert_silent(&gpu);
-    gpu.run_with(&plan, RunOptions { skip_barriers: true }).unwrap();
+    gpu.run_with(&plan, RunOptions { skip_barriers: true, ..Default::default() }).unwrap();
     let said = gpu.validation_messages();
     assert!(said.iter().any(|m| m.contains("SYNC-HAZARD")), "validation saw nothing: {said:?}");
 }

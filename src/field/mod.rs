@@ -1,6 +1,6 @@
 //! Fields over the lumen's bricks: exact distance, Gaussian smoothing, Hessian responses, ridge
 //! candidates, and trilinear samples of a field ([`Sampler`]). Each stage appends launches to a
-//! [`Plan`]; a whole chain is one submission.
+//! [`Plan`]; a whole chain is one plan.
 
 mod distance;
 mod hessian;

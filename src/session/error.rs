@@ -26,7 +26,7 @@ pub enum SessionError {
     Centerline(#[from] CenterlineError),
     /// The device.
     #[error(transparent)]
-    Device(#[from] DeviceError),
+    Device(DeviceError),
     /// Clusters of a mesh.
     #[error(transparent)]
     Clusters(#[from] ClusterError),
@@ -82,4 +82,13 @@ pub enum SessionError {
     /// The system gave no thread, or took one away.
     #[error("{0}")]
     System(String),
+}
+
+impl From<DeviceError> for SessionError {
+    fn from(e: DeviceError) -> Self {
+        match e {
+            DeviceError::Cancelled => Self::Cancelled,
+            other => Self::Device(other),
+        }
+    }
 }

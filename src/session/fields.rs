@@ -45,7 +45,7 @@ pub(super) fn distance_field(
     Ok(out.take(d))
 }
 
-/// Distance, smoothing, ridge marking, compaction and eigen-analysis in one submission.
+/// Distance, smoothing, ridge marking, compaction and eigen-analysis in one plan.
 ///
 /// # Errors
 /// The device's.

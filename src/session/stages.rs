@@ -19,7 +19,7 @@ pub enum Product {
     Lumen,
     /// Exact distance to the wall.
     Distance,
-    /// Distance, smoothed distance and ridge candidates, in one submission.
+    /// Distance, smoothed distance and ridge candidates, in one plan.
     Fields,
     /// The centred route: path or tree.
     Route,

@@ -65,6 +65,9 @@ pub enum VkError {
         /// The allocator's words.
         detail: String,
     },
+    /// The token of this thread was cancelled between two submissions of a plan.
+    #[error("cancelled")]
+    Cancelled,
     /// The device stopped answering; the `Gpu` is of no further use.
     #[error("the device was lost during {during}")]
     DeviceLost {

@@ -13,6 +13,7 @@ use super::draw_pipeline::DrawPipeline;
 use super::info::{self, Choice, DeviceInfo};
 use super::instance::{Instance, Validate};
 use super::memory::Memory;
+use super::pieces::Rates;
 use super::pipeline::Pipelines;
 use super::resources::{GpuBuffer, GpuImage};
 use super::retire::{Releaser, ResourceId, RetireQueue, Retired};
@@ -68,6 +69,10 @@ pub struct Gpu {
     pub(super) made: Option<Vec<ResourceId>>,
     /// Images whose layout was changed by what is being recorded, and the layout before.
     pub(super) transitions: Vec<(ImageId, vk::ImageLayout)>,
+    /// How fast kernels are here.
+    pub(super) rates: Rates,
+    /// The longest submission of a plan so far.
+    pub(super) longest_piece: Duration,
     started: Instant,
     first_dispatch: Option<Duration>,
     // After `Drop::drop` fields go down in order: these three last.
@@ -117,6 +122,8 @@ impl Gpu {
             releaser: Releaser::default(),
             made: None,
             transitions: Vec::new(),
+            rates: Rates::default(),
+            longest_piece: Duration::ZERO,
             started,
             first_dispatch: None,
             memory,
@@ -145,6 +152,11 @@ impl Gpu {
     /// Submissions so far.
     pub fn submissions(&self) -> u64 {
         self.timeline.submitted
+    }
+
+    /// The longest any submission of a plan has taken, from handing it over to its end.
+    pub fn longest_piece(&self) -> Duration {
+        self.longest_piece
     }
 
     /// What the validation layer has said so far, severity warning and above. Always empty

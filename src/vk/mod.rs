@@ -21,6 +21,7 @@ mod initialized;
 mod instance;
 mod memory;
 mod passes;
+mod pieces;
 mod pipeline;
 mod process;
 mod resources;

@@ -86,7 +86,10 @@ fn create(
             .stage(COMPUTE)
             .module(module.raw)
             .name(c"main");
-        let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout);
+        let info = vk::ComputePipelineCreateInfo::default()
+            .flags(vk::PipelineCreateFlags::DISPATCH_BASE)
+            .stage(stage)
+            .layout(layout);
         match device.create_compute_pipelines(cache.raw, &[info], None) {
             Ok(made) => Ok(Compute { pipeline: made[0], layout, set }),
             Err((_, result)) => {

@@ -1,12 +1,16 @@
-//! Runs a plan: one command buffer, one submission, one barrier between dependent launches, and
-//! only what was asked for is read back.
+//! Runs a plan: in as many submissions as keep each short (`pieces`), one barrier between dependent
+//! launches, and only what was asked for is read back, at the end.
+
+use std::time::{Duration, Instant};
 
 use ash::vk;
 
 use super::memory::{Buffer, MemoryUse};
+use super::pieces::{AIM, Pieces, Segment, most_threads};
+use super::pipeline::Compute;
 use super::{Gpu, VkError};
 use crate::compute::{Contents, Outputs, Plan, Step, StepTime};
-use crate::fault;
+use crate::{fault, task};
 
 /// Knobs of a run for tests of the tests.
 #[doc(hidden)]
@@ -14,6 +18,8 @@ use crate::fault;
 pub struct RunOptions {
     /// Leaves out the barriers between launches, so that validation has a hazard to find.
     pub skip_barriers: bool,
+    /// What a submission should take at most; [`Duration::MAX`] makes one of the whole plan.
+    pub piece: Option<Duration>,
 }
 
 /// Everything a run has on the device.
@@ -35,7 +41,8 @@ impl Gpu {
     ///
     /// # Errors
     /// [`VkError::TooLarge`] before anything is done, [`VkError::OutOfMemory`],
-    /// [`VkError::DeviceLost`], or the failing call. Nothing stays allocated.
+    /// [`VkError::DeviceLost`], [`VkError::Cancelled`] between two submissions, or the failing call.
+    /// Nothing stays allocated.
     pub fn run(&mut self, plan: &Plan<'_>) -> Result<Outputs, VkError> {
         self.run_with(plan, RunOptions::default())
     }
@@ -99,46 +106,58 @@ impl Gpu {
             pipelines.push(self.pipelines.get(&self.device, &self.cache, shader, validating)?);
         }
 
-        let reached = self.reached()?;
-        let cmd = self.commands.begin(reached)?;
-        self.record_uploads(cmd, plan, held);
+        let mut pieces = Pieces::new(plan, self.info.limits.groups[0]);
         let mut hazards = Hazards::new(plan.buffers().len());
-        self.stamp(cmd, held, 0);
-        for (i, step) in plan.steps().iter().enumerate() {
-            if step.threads > 0 {
-                if hazards.before(step)
+        let mut seconds = vec![0.0; plan.steps().len()];
+        let mut is_first = true;
+        loop {
+            let piece = pieces.next(plan, &self.rates, options.piece.unwrap_or(AIM));
+            let is_last = pieces.is_done();
+            let reached = self.reached()?;
+            let cmd = self.commands.begin(reached)?;
+            self.reset_stamps(cmd, held, piece.len() as u32 + 1);
+            if is_first {
+                self.record_uploads(cmd, plan, held);
+            }
+            self.stamp(cmd, held, 0);
+            for (i, segment) in piece.iter().enumerate() {
+                let step = &plan.steps()[segment.step];
+                // Parts of one launch need nothing between them.
+                if segment.is_first()
+                    && hazards.before(step)
                     && !options.skip_barriers
                     && !fault::hit(fault::Point::Barrier)
                 {
                     self.barrier(cmd, COMPUTE_WRITE, COMPUTE_ACCESS);
                 }
-                let shader = step.kernel.shader;
-                let groups = fold(step.threads, shader.workgroup, self.info.limits.groups[0]);
-                let p = pipelines[i];
-                // SAFETY: `cmd` is recording; pipeline, layout and set are alive until the
-                // timeline passes this submission, which `run_held` waits for; the params have the
-                // layout's size (checked when the launch was appended); group counts are within
-                // the limits that `check` compared with.
-                unsafe {
-                    let point = vk::PipelineBindPoint::COMPUTE;
-                    self.device.cmd_bind_pipeline(cmd, point, p.pipeline);
-                    self.device.cmd_bind_descriptor_sets(cmd, point, p.layout, 0, &[sets[i]], &[]);
-                    if !step.params.is_empty() {
-                        let stage = vk::ShaderStageFlags::COMPUTE;
-                        self.device.cmd_push_constants(cmd, p.layout, stage, 0, &step.params);
-                    }
-                    self.device.cmd_dispatch(cmd, groups[0], groups[1], 1);
-                }
+                self.record_segment(
+                    cmd,
+                    &pipelines[segment.step],
+                    sets[segment.step],
+                    step,
+                    segment,
+                );
+                self.stamp(cmd, held, i as u32 + 1);
             }
-            self.stamp(cmd, held, i as u32 + 1);
+            if is_last {
+                self.record_downloads(cmd, plan, held);
+            }
+            let start = Instant::now();
+            let value = self.commands.submit(self.queue, &mut self.timeline, cmd)?;
+            self.dispatched();
+            self.wait(value)?;
+            self.measure(plan, held, &piece, start.elapsed(), &mut seconds)?;
+            if is_last {
+                break;
+            }
+            if task::is_cancelled() {
+                return Err(VkError::Cancelled);
+            }
+            is_first = false;
         }
-        self.record_downloads(cmd, plan, held);
-        let value = self.commands.submit(self.queue, &mut self.timeline, cmd)?;
-        self.dispatched();
-        self.wait(value)?;
 
         let mut out = Outputs::default();
-        out.times = self.times(plan, held)?;
+        out.times = times(plan, &seconds);
         for id in plan.downloads() {
             let at = id.0 as usize;
             let bytes = plan.buffers()[at].bytes;
@@ -154,6 +173,36 @@ impl Gpu {
             }
         }
         Ok(out)
+    }
+
+    /// A launch or a part of one.
+    fn record_segment(
+        &self,
+        cmd: vk::CommandBuffer,
+        p: &Compute,
+        set: vk::DescriptorSet,
+        step: &Step,
+        Segment { base, groups, .. }: &Segment,
+    ) {
+        // SAFETY: `cmd` is recording; pipeline, layout and set are alive until the timeline passes
+        // this submission, which `run_held` waits for; the params have the layout's size (checked
+        // when the launch was appended); group counts with their base are within the limits that
+        // `check` compared with, and pipelines are made for dispatches with a base.
+        unsafe {
+            let point = vk::PipelineBindPoint::COMPUTE;
+            self.device.cmd_bind_pipeline(cmd, point, p.pipeline);
+            self.device.cmd_bind_descriptor_sets(cmd, point, p.layout, 0, &[set], &[]);
+            if !step.params.is_empty() {
+                let stage = vk::ShaderStageFlags::COMPUTE;
+                self.device.cmd_push_constants(cmd, p.layout, stage, 0, &step.params);
+            }
+            // The same with a base of zero; synchronization validation looks at this one alone.
+            if *base == [0, 0] {
+                self.device.cmd_dispatch(cmd, groups[0], groups[1], 1);
+            } else {
+                self.device.cmd_dispatch_base(cmd, base[0], base[1], 0, groups[0], groups[1], 1);
+            }
+        }
     }
 
     fn allocate(
@@ -296,12 +345,14 @@ impl Gpu {
         if any {
             self.barrier(cmd, TRANSFER_WRITE, COMPUTE_ACCESS);
         }
+    }
+
+    /// Makes the first `count` queries ready for a submission.
+    fn reset_stamps(&self, cmd: vk::CommandBuffer, held: &RunResources, count: u32) {
         if held.queries != vk::QueryPool::null() {
-            // SAFETY: the pool is fresh and holds one query more than there are launches.
-            unsafe {
-                let n = plan.steps().len() as u32 + 1;
-                self.device.cmd_reset_query_pool(cmd, held.queries, 0, n);
-            }
+            // SAFETY: `cmd` is recording; the pool is ours, holds one query more than there are
+            // launches, and the submission before, which used it too, has been waited for.
+            unsafe { self.device.cmd_reset_query_pool(cmd, held.queries, 0, count) };
         }
     }
 
@@ -342,29 +393,39 @@ impl Gpu {
         }
     }
 
-    fn times(&self, plan: &Plan<'_>, held: &RunResources) -> Result<Vec<StepTime>, VkError> {
-        let mut ticks = vec![0u64; plan.steps().len() + 1];
-        if held.queries != vk::QueryPool::null() {
+    /// Adds what the parts of a piece took to their launches' times, from timestamps or, for rates
+    /// alone, from the time of the whole.
+    fn measure(
+        &mut self,
+        plan: &Plan<'_>,
+        held: &RunResources,
+        piece: &[Segment],
+        whole: Duration,
+        seconds: &mut [f64],
+    ) -> Result<(), VkError> {
+        self.longest_piece = self.longest_piece.max(whole);
+        let stamped = held.queries != vk::QueryPool::null();
+        let took = if stamped {
+            let mut ticks = vec![0u64; piece.len() + 1];
             let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
-            // SAFETY: the pool is ours, every query of it was written by the submission that we
+            // SAFETY: the pool is ours, these queries of it were written by the submission that we
             // have waited for, and the slice has a word for each.
             unsafe { self.device.get_query_pool_results(held.queries, 0, &mut ticks, flags) }
                 .map_err(VkError::of("vkGetQueryPoolResults"))?;
+            let mask = u64::MAX >> (64 - self.info.limits.timestamp_bits.clamp(1, 64));
+            let period_s = f64::from(self.info.timestamp_period_ns) * 1e-9;
+            let between = |t: &[u64]| (t[1].wrapping_sub(t[0]) & mask) as f64 * period_s;
+            ticks.windows(2).map(between).collect()
+        } else {
+            self.rates.shares(plan, piece, whole.as_secs_f64())
+        };
+        for (segment, took) in piece.iter().zip(took) {
+            self.rates.measured(plan.steps()[segment.step].kernel.name(), segment, took);
+            if stamped {
+                seconds[segment.step] += took;
+            }
         }
-        let mask = u64::MAX >> (64 - self.info.limits.timestamp_bits.clamp(1, 64));
-        let seconds = |from: u64, to: u64| {
-            let ticks = to.wrapping_sub(from) & mask;
-            ticks as f64 * f64::from(self.info.timestamp_period_ns) * 1e-9
-        };
-        let steps = plan.steps().iter().zip(ticks.windows(2));
-        let time = |(step, t): (&Step, &[u64])| StepTime {
-            kernel: step.kernel.name(),
-            unit: step.kernel.unit,
-            items: step.items,
-            bytes: step.buffers.iter().map(|b| plan.buffers()[b.0 as usize].bytes as u64).sum(),
-            seconds: seconds(t[0], t[1]),
-        };
-        Ok(steps.map(time).collect())
+        Ok(())
     }
 
     fn destroy_run(&mut self, held: RunResources, failed: bool) {
@@ -429,6 +490,17 @@ impl Hazards {
     }
 }
 
+fn times(plan: &Plan<'_>, seconds: &[f64]) -> Vec<StepTime> {
+    let time = |(step, seconds): (&Step, &f64)| StepTime {
+        kernel: step.kernel.name(),
+        unit: step.kernel.unit,
+        items: step.items,
+        bytes: step.buffers.iter().map(|b| plan.buffers()[b.0 as usize].bytes as u64).sum(),
+        seconds: *seconds,
+    };
+    plan.steps().iter().zip(seconds).map(time).collect()
+}
+
 fn bound(plan: &Plan<'_>) -> Vec<bool> {
     let mut bound = vec![false; plan.buffers().len()];
     for id in plan.steps().iter().flat_map(|s| &s.buffers) {
@@ -441,44 +513,11 @@ fn is_empty(plan: &Plan<'_>, id: u32) -> bool {
     plan.buffers()[id as usize].bytes == 0
 }
 
-/// Most threads of one launch. Kernels count them in 32 bits.
-fn most_threads(groups: [u32; 2], workgroup: u32) -> u64 {
-    let [x, y] = groups.map(u64::from);
-    x.saturating_mul(y).saturating_mul(workgroup.into()).min(u32::MAX.into())
-}
-
-/// Workgroups for `threads`, folded into two dimensions where one would pass the device's limit;
-/// `shaders/lib/thread.wgsl` unfolds them.
-fn fold(threads: usize, workgroup: u32, limit: u32) -> [u32; 2] {
-    let groups = threads.div_ceil(workgroup as usize) as u64;
-    let y = groups.div_ceil(u64::from(limit)).max(1);
-    [groups.div_ceil(y) as u32, y as u32]
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{fold, most_threads};
     use crate::compute::{Buf, Kernel, Plan, Shader, run_cpu, worst};
     use crate::kernels::fair::{Bindings, KERNEL, Params};
     use crate::vk::{Choice, Gpu};
-
-    #[test]
-    fn thread_limits_of_devices_with_huge_group_counts_do_not_overflow() {
-        assert_eq!(most_threads([u32::MAX; 2], 1024), u64::from(u32::MAX));
-        assert_eq!(most_threads([65_535, 65_535], 64), u64::from(u32::MAX));
-        assert_eq!(most_threads([100, 3], 64), 19_200);
-    }
-
-    #[test]
-    fn folded_workgroups_cover_every_thread_within_the_limit() {
-        for threads in [1, 63, 64, 65, 65535 * 64, 65535 * 64 + 1, 512 * 512 * 512, 1 << 32] {
-            let [x, y] = fold(threads, 64, 65535);
-            assert!(x <= 65535 && y <= 65535, "{threads}: {x} x {y}");
-            let covered = u64::from(x) * u64::from(y) * 64;
-            assert!(covered >= threads as u64, "{threads}: {x} x {y}");
-            assert!(covered - (threads as u64) < 64 * (u64::from(y) + 1), "{threads}: {x} x {y}");
-        }
-    }
 
     /// A ring of vertices, smoothed once.
     fn ring(kernel: &'static Kernel, vertices: u32) -> (Plan<'static>, Buf<f32>) {
