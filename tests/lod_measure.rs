@@ -17,7 +17,7 @@ use std::time::Instant;
 use cast::Cast;
 use intima::geometry::{Camera, Mesh};
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
-use intima::lod::{ExteriorGrid, LodHierarchy, OcclusionTest, PageCache, Tolerance, Worker};
+use intima::lod::{LodHierarchy, OcclusionTest, PageCache, Tolerance, Worker, occlusion_grid};
 use intima::render::{FrameSequence, FrameStats, MAX_PAGES, Renderer, Scene, Shot, View};
 use intima::surface::shading;
 use intima::vk::{Gpu, Validate};
@@ -63,7 +63,7 @@ fn fly(
         None => (Scene::of(r.upload_mesh(gpu, mesh, false).unwrap()), None),
         Some((clusters, radius)) => {
             let outside =
-                Arc::new(OcclusionTest::new(ExteriorGrid::new(mesh), clusters.largest_error_mm()));
+                Arc::new(OcclusionTest::new(occlusion_grid(mesh), clusters.largest_error_mm()));
             let refine = ClusterLod::new(Arc::clone(clusters), DEFAULT_SHADING_RAD);
             let refine = Box::new(refine.with_occlusion(Arc::clone(&outside)));
             let count = (clusters.clusters().len() as u32).min(MAX_PAGES);

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use intima::geometry::{Lens, Mesh, Pose};
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
-use intima::lod::{ExteriorGrid, LodHierarchy, OcclusionTest, PageCache, Tolerance};
+use intima::lod::{LodHierarchy, OcclusionTest, PageCache, Tolerance, occlusion_grid};
 use intima::render::{Renderer, Scene, Shot, View};
 use intima::surface::shading;
 use intima::vk::Validate;
@@ -40,7 +40,7 @@ fn occlusion_culling_in_a_torus_changes_no_pixel_and_draws_less() {
     let shaded = shading(&mesh);
     let clusters = Arc::new(Clusters::build(&mesh, &shaded.vertices).unwrap());
     let occlusion =
-        Arc::new(OcclusionTest::new(ExteriorGrid::new(&mesh), clusters.largest_error_mm()));
+        Arc::new(OcclusionTest::new(occlusion_grid(&mesh), clusters.largest_error_mm()));
     let count = clusters.clusters().len() as u32;
     let mut r = Renderer::new(&mut gpu, 160, 120, 1).unwrap();
     let mut fly = |hide: bool| {

@@ -20,7 +20,7 @@ use cast::Cast;
 use glam::{DVec3, Vec3};
 use intima::geometry::{Camera, Lens, Pose, ViewFrustum};
 use intima::lod::clusters::{ClusterLod, Clusters};
-use intima::lod::{ExteriorGrid, OcclusionTest, PageCache, Tolerance};
+use intima::lod::{OcclusionTest, PageCache, Tolerance, occlusion_grid};
 use intima::lumen::{IntensitySelection, SegmentationOptions};
 use intima::surface::{Midpoint, Surface, shading};
 use intima::volume::phantom::{Kind, Phantom};
@@ -54,7 +54,7 @@ static COLON: LazyLock<Colon> = LazyLock::new(|| {
     let clusters = Arc::new(Clusters::build(&mesh, &shading(&mesh).vertices).unwrap());
     assert!(clusters.groups().len() > 100, "{} groups", clusters.groups().len());
     let margin = clusters.largest_error_mm();
-    let occlusion = Arc::new(OcclusionTest::new(ExteriorGrid::new(&mesh), margin));
+    let occlusion = Arc::new(OcclusionTest::new(occlusion_grid(&mesh), margin));
     let axis = &phantom.truth().branches[0].points;
     let point = |i: usize| DVec3::new(axis[i][0], axis[i][1], axis[i][2]).as_vec3();
     let seed = &mut 17;

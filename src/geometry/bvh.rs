@@ -1,15 +1,23 @@
-//! Bounding volume hierarchy over the triangles of a mesh: the nearest point on it.
+//! Bounding volume hierarchy over the triangles of a mesh: the nearest point on it, and what meets
+//! a segment.
+
+mod segment;
+
+use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::median_split::{self, KeyedPoint};
 use super::{Mesh, MeshPoint, nearest_on_triangle};
+use crate::task::checkpoint;
 
 /// Triangles of a leaf.
 const LEAF: usize = 4;
 /// Triangles below which a subtree is built by one thread.
 const ALONE: usize = 1 << 14;
+/// Room for the subtrees that a search leaves open.
+const DEPTH: usize = 32;
 
 /// The nearest point on a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,6 +64,44 @@ pub struct TriangleBvh {
     faces: Vec<u32>,
 }
 
+/// A node of the tree with the triangles below it: `count` of them from `first` on, in the order of
+/// the leaves.
+#[derive(Clone, Copy, Debug)]
+pub struct Subtree {
+    /// Index of the node.
+    pub node: usize,
+    /// Its first triangle.
+    pub first: usize,
+    /// How many triangles it has.
+    pub count: usize,
+}
+
+impl Subtree {
+    /// Whether it has no children.
+    pub fn is_leaf(self) -> bool {
+        self.count <= LEAF
+    }
+
+    /// Nodes of the subtree.
+    pub fn nodes(self) -> usize {
+        nodes(self.count)
+    }
+
+    /// Its triangles.
+    pub fn triangles(self) -> Range<usize> {
+        self.first..self.first + self.count
+    }
+
+    /// Its two children, if it is not a leaf.
+    pub fn children(self) -> [Self; 2] {
+        let m = left(self.count);
+        [
+            Self { node: self.node + 1, first: self.first, count: m },
+            Self { node: self.node + 1 + nodes(m), first: self.first + m, count: self.count - m },
+        ]
+    }
+}
+
 /// Nodes of a subtree of `n` triangles.
 fn nodes(n: usize) -> usize {
     2 * n.div_ceil(LEAF).max(1) - 1
@@ -67,13 +113,17 @@ fn left(n: usize) -> usize {
 }
 
 impl TriangleBvh {
-    /// Builds the tree, O(F log F). The mesh's coordinates must be finite and its indices in range;
-    /// triangles without area are allowed.
+    /// Builds the tree, O(F log F). Indices must be in range. Triangles with a corner that is not
+    /// finite are left out; those without area are not.
     pub fn new(mesh: &Mesh) -> Self {
         let corners = |f: u32| mesh.faces[f as usize].map(|v| mesh.positions[v as usize]);
         let centre = |f: u32| KeyedPoint::new(corners(f).iter().sum(), f);
-        let mut items: Vec<KeyedPoint> =
-            (0..mesh.faces.len() as u32).into_par_iter().with_min_len(8192).map(centre).collect();
+        let mut items: Vec<KeyedPoint> = (0..mesh.faces.len() as u32)
+            .into_par_iter()
+            .with_min_len(8192)
+            .filter(|f| corners(*f).iter().all(|c| c.is_finite()))
+            .map(centre)
+            .collect();
         let mut tree = vec![Bounds::NOTHING; if items.is_empty() { 0 } else { nodes(items.len()) }];
         if !items.is_empty() {
             build(&mut items, &mut tree, &|f| {
@@ -84,6 +134,26 @@ impl TriangleBvh {
         let faces: Vec<u32> = items.iter().map(KeyedPoint::id).collect();
         let triangles = faces.par_iter().with_min_len(8192).map(|f| corners(*f)).collect();
         Self { nodes: tree, triangles, faces }
+    }
+
+    /// The whole tree; without triangles, an empty leaf that has no box.
+    pub fn root(&self) -> Subtree {
+        Subtree { node: 0, first: 0, count: self.faces.len() }
+    }
+
+    /// Smallest and largest corner of the box around the triangles of a subtree.
+    pub fn bounds(&self, s: Subtree) -> (Vec3, Vec3) {
+        (self.nodes[s.node].lo, self.nodes[s.node].hi)
+    }
+
+    /// Corners of a triangle, by its place in the leaves.
+    pub fn triangle(&self, place: usize) -> [Vec3; 3] {
+        self.triangles[place]
+    }
+
+    /// Face of the mesh, by its triangle's place in the leaves.
+    pub fn face(&self, place: usize) -> u32 {
+        self.faces[place]
     }
 
     /// The point nearest to `p`, `None` on a mesh without faces. Of points equally near, the one on
@@ -98,31 +168,29 @@ impl TriangleBvh {
             return None;
         }
         let mut best = (limit_mm * limit_mm, usize::MAX, DVec3::ZERO);
-        // Node, its first triangle, their number, and the squared distance of its box. Halving 2³⁰
-        // faces is 28 levels deep, each of which leaves one child on the stack.
-        let mut open = [(0usize, 0usize, 0usize, 0f64); 32];
-        open[0] = (0, 0, self.faces.len(), self.nodes[0].distance2(p));
+        // A subtree and the squared distance of its box. Halving 2³⁰ faces is 28 levels deep, each
+        // of which leaves one child on the stack.
+        let mut open = [(self.root(), 0f64); DEPTH];
+        open[0].1 = self.nodes[0].distance2(p);
         let mut depth = 1;
         while depth > 0 {
             depth -= 1;
-            let (node, first, n, far2) = open[depth];
+            let (s, far2) = open[depth];
             if far2 >= best.0 {
                 continue;
             }
-            if n <= LEAF {
-                for (i, t) in self.triangles[first..first + n].iter().enumerate() {
-                    let (d2, weights) = nearest_on_triangle(p, t.map(|c| c.as_dvec3()));
+            if s.is_leaf() {
+                for i in s.triangles() {
+                    let t = self.triangles[i].map(|c| c.as_dvec3());
+                    let (d2, weights) = nearest_on_triangle(p, t);
                     if d2 < best.0 {
-                        best = (d2, first + i, weights);
+                        best = (d2, i, weights);
                     }
                 }
                 continue;
             }
-            let m = left(n);
-            let near = (node + 1, first, m, self.nodes[node + 1].distance2(p));
-            let right = node + 1 + nodes(m);
-            let far = (right, first + m, n - m, self.nodes[right].distance2(p));
-            let (near, far) = if near.3 <= far.3 { (near, far) } else { (far, near) };
+            let [near, far] = s.children().map(|c| (c, self.nodes[c.node].distance2(p)));
+            let (near, far) = if near.1 <= far.1 { (near, far) } else { (far, near) };
             open[depth] = far;
             open[depth + 1] = near;
             depth += 2;
@@ -147,6 +215,7 @@ fn build(items: &mut [KeyedPoint], tree: &mut [Bounds], bounds: &(impl Fn(u32) -
     let (top, rest) = tree.split_at_mut(1);
     let (near_tree, far_tree) = rest.split_at_mut(nodes(m));
     if n > ALONE {
+        checkpoint();
         rayon::join(|| build(near, near_tree, bounds), || build(far, far_tree, bounds));
     } else {
         build(near, near_tree, bounds);

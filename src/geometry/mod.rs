@@ -5,6 +5,7 @@ mod bounds;
 mod bvh;
 mod camera;
 mod centerline;
+mod exterior;
 pub mod median_split;
 mod mesh;
 mod point_triangle;
@@ -14,12 +15,13 @@ mod vertex;
 mod view_frustum;
 
 pub use bounds::{Cone, Sphere};
-pub use bvh::{ClosestPoint, TriangleBvh};
+pub use bvh::{ClosestPoint, Subtree, TriangleBvh};
 pub use camera::{Camera, Lens, Pose};
 pub use centerline::{
     Attachment, AttachmentError, Branch, Centerline, CenterlineEdge, CenterlineGraph,
     CenterlineNode, CenterlinePoint, NodeKind,
 };
+pub use exterior::ExteriorGrid;
 pub use mesh::{Mesh, MeshPoint};
 pub use point_triangle::{nearest_on_segment, nearest_on_triangle, point_triangle_distance};
 pub use vertex::Vertex;

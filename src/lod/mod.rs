@@ -17,7 +17,7 @@ mod page_cache;
 pub mod vds;
 mod worker;
 
-pub use occlusion::{ExteriorGrid, OcclusionTest};
+pub use occlusion::{OcclusionTest, occlusion_grid};
 pub use page_cache::{NoPage, PageCache};
 pub use worker::{Worker, WorkerError};
 

@@ -1,33 +1,15 @@
 //! Occlusion test: which patches the closed wall itself hides from an eye inside it.
 //!
-//! A bent organ passes the eye several times: half of the triangles in the frustum of a colon view
-//! belong to other loops, behind centimetres of tissue, where neither frustum nor back-face culling
-//! rejects them. The [`ExteriorGrid`] divides space into cells and marks as exterior those that no
-//! triangle touches and that a flood fill from the border of the grid reaches. The
-//! [`OcclusionTest`] is conservative: no ray from an eye inside the wall reaches a sphere that it
-//! rejects.
+//! Neither frustum nor back-face culling rejects what lies behind another loop of a bent organ. The
+//! [`OcclusionTest`] does, by the cells outside the wall, and is conservative: no ray from an eye
+//! inside the wall reaches a sphere that it rejects.
 
-use glam::{DVec3, IVec3, UVec3, Vec3};
+use glam::DVec3;
 
-use crate::fault;
-use crate::geometry::{Mesh, Sphere};
+use crate::geometry::{ExteriorGrid, Mesh, Sphere};
 
 /// Number of grid cells, about.
-const CELL_COUNT: f64 = 262_144.0;
-/// Larger distances are clamped to this, in cells.
-const DISTANCE_MAX: u8 = 12;
-
-/// Grid over the bounding box of a closed wall: which cells are exterior, and the Chebyshev
-/// distance of each to the nearest cell that is not.
-#[derive(Debug)]
-pub struct ExteriorGrid {
-    lo: DVec3,
-    cell_mm: f64,
-    dims: UVec3,
-    /// Chebyshev distance from each cell to the nearest one that is not exterior, in cells; 0
-    /// there.
-    distance: Vec<u8>,
-}
+const CELLS: usize = 262_144;
 
 /// Conservative occlusion test against a closed wall.
 #[derive(Debug)]
@@ -36,122 +18,9 @@ pub struct OcclusionTest {
     margin_mm: f64,
 }
 
-impl ExteriorGrid {
-    /// Builds the grid of a wall (LPS mm), which must be closed. About 262,144 cells of one byte.
-    pub fn new(mesh: &Mesh) -> Self {
-        let around = |(lo, hi): (Vec3, Vec3), p: &Vec3| (lo.min(*p), hi.max(*p));
-        let (lo, hi) = mesh.positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), around);
-        let size = if mesh.positions.is_empty() { DVec3::ZERO } else { (hi - lo).as_dvec3() };
-        let lo = if mesh.positions.is_empty() { DVec3::ZERO } else { lo.as_dvec3() };
-        let cell_mm = (size.element_product() / CELL_COUNT).cbrt().max(size.max_element() / 255.0);
-        let cell_mm = cell_mm.max(1e-3);
-        // One cell of margin on every side.
-        let dims = ((size / cell_mm).floor() + 3.0).as_uvec3();
-        let mut this = Self { lo: lo - cell_mm, cell_mm, dims, distance: Vec::new() };
-        this.distance = vec![DISTANCE_MAX; dims.as_usizevec3().element_product()];
-        for f in &mesh.faces {
-            let [a, b, c] = f.map(|v| mesh.positions[v as usize]);
-            // Tolerance for rounding, so that no touched cell is missed.
-            let hair = 1e-6 * (1.0 + size.max_element());
-            let first = this.cell(a.min(b).min(c).as_dvec3() - hair);
-            let last = this.cell(a.max(b).max(c).as_dvec3() + hair);
-            for z in first.z..=last.z {
-                for y in first.y..=last.y {
-                    let row = this.index(IVec3::new(first.x, y, z));
-                    this.distance[row..=row + (last.x - first.x) as usize].fill(0);
-                }
-            }
-        }
-        this.flood_from_border();
-        this.chebyshev_transform();
-        if fault::hit(fault::Point::Occlusion) {
-            this.distance.iter_mut().filter(|d| **d > 0).for_each(|d| *d = DISTANCE_MAX);
-        }
-        this
-    }
-
-    fn cell(&self, p: DVec3) -> IVec3 {
-        // Truncation instead of floor: values below 0 become 0 either way.
-        let c = ((p - self.lo) / self.cell_mm).as_ivec3();
-        c.clamp(IVec3::ZERO, self.dims.as_ivec3() - 1)
-    }
-
-    fn index(&self, c: IVec3) -> usize {
-        let [x, y, z] = c.as_uvec3().to_array().map(|v| v as usize);
-        x + self.dims.x as usize * (y + self.dims.y as usize * z)
-    }
-
-    /// Keeps as exterior only the untouched cells that a flood fill from the border reaches
-    /// (6-connected).
-    fn flood_from_border(&mut self) {
-        let d = self.dims.as_usizevec3();
-        let (row, layer) = (d.x, d.x * d.y);
-        let rim = |k: usize, n: usize| k == 0 || k == n - 1;
-        let mut reached = vec![false; self.distance.len()];
-        for (k, own) in reached.chunks_exact_mut(row).enumerate() {
-            if rim(k % d.y, d.y) || rim(k / d.y, d.z) {
-                own.fill(true);
-            }
-            (own[0], own[row - 1]) = (true, true);
-        }
-        // Cells inside the border have all six neighbours in the grid.
-        let neighbors = |i: usize| [i - 1, i + 1, i - row, i + row, i - layer, i + layer];
-        let inner = |i: &usize| !reached[*i] && neighbors(*i).iter().any(|j| reached[*j]);
-        let mut open: Vec<usize> = (0..self.distance.len()).filter(inner).collect();
-        while let Some(i) = open.pop() {
-            if self.distance[i] > 0 && !std::mem::replace(&mut reached[i], true) {
-                open.extend(neighbors(i).into_iter().filter(|j| !reached[*j]));
-            }
-        }
-        self.distance.iter_mut().zip(reached).filter(|s| !s.1).for_each(|s| *s.0 = 0);
-    }
-
-    /// Chebyshev distance transform in two passes, exact for this metric (Borgefors 1986,
-    /// doi:10.1016/S0734-189X(86)80047-0): each cell takes the minimum of the neighbours that
-    /// precede it in the scan direction, plus one.
-    fn chebyshev_transform(&mut self) {
-        let [nx, ny, nz] = self.dims.to_array().map(|n| n as usize);
-        let rows = ny * nz;
-        let mut near = vec![0u8; nx];
-        for forwards in [true, false] {
-            for k in 0..rows {
-                let at = if forwards { k } else { rows - 1 - k };
-                let (y, z) = (at % ny, at / ny);
-                // The three rows of the previous layer, and the previous row of this layer.
-                let step =
-                    |n: usize, by: isize| n.checked_add_signed(if forwards { by } else { -by });
-                let others = [(-1, -1), (0, -1), (1, -1), (-1, 0)].map(|(dy, dz)| {
-                    let y = step(y, dy).filter(|y| *y < ny)?;
-                    let z = step(z, dz).filter(|z| *z < nz)?;
-                    Some((y + ny * z) * nx)
-                });
-                near.fill(DISTANCE_MAX);
-                for first in others.into_iter().flatten() {
-                    let row = &self.distance[first..first + nx];
-                    near.iter_mut().zip(row).for_each(|(n, s)| *n = (*n).min(*s));
-                }
-                let own = &mut self.distance[at * nx..][..nx];
-                let neighbors = |x: usize| near[x.saturating_sub(1)].min(near[(x + 1).min(nx - 1)]);
-                (0..nx).for_each(|x| own[x] = own[x].min(near[x].min(neighbors(x)) + 1));
-                let mut last = DISTANCE_MAX;
-                let mut along = |s: &mut u8| {
-                    *s = (*s).min(last + 1);
-                    last = *s;
-                };
-                if forwards {
-                    own.iter_mut().for_each(&mut along);
-                } else {
-                    own.iter_mut().rev().for_each(&mut along);
-                }
-            }
-        }
-    }
-
-    /// Lower bound of the distance of a point to every cell that is not exterior, mm.
-    fn clearance_mm(&self, p: DVec3) -> f64 {
-        let distance = self.distance[self.index(self.cell(p))];
-        f64::from(distance.saturating_sub(1)) * self.cell_mm
-    }
+/// The grid that the test takes, of a closed wall (LPS mm).
+pub fn occlusion_grid(mesh: &Mesh) -> ExteriorGrid {
+    ExteriorGrid::new(mesh, CELLS)
 }
 
 impl OcclusionTest {
@@ -162,32 +31,16 @@ impl OcclusionTest {
     }
 
     /// Whether the wall hides the whole sphere from an eye inside it.
-    ///
-    /// Every segment from the eye to a point of the sphere passes through each of the balls between
-    /// them: the sphere scaled down towards the eye. If one of these balls, widened by the margin,
-    /// is exterior, every such segment has crossed the wall before it.
     pub fn is_occluded(&self, eye: DVec3, s: &Sphere) -> bool {
-        let to_sphere = s.centre.as_dvec3() - eye;
-        let length = to_sphere.length();
-        let radius = f64::from(s.radius) * (1.0 + 1e-6) + 1e-6;
-        let mut travelled = 0.0;
-        while travelled < length - radius {
-            let t = travelled / length;
-            let needed = radius * t + self.margin_mm;
-            let clearance = self.grid.clearance_mm(eye + to_sphere * t);
-            if clearance > needed {
-                return true;
-            }
-            // Clearance changes by at most the distance travelled, but for whole cells.
-            travelled += (needed - clearance).max(0.5 * self.grid.cell_mm);
-        }
-        false
+        self.grid.hides(eye, s.centre.as_dvec3(), f64::from(s.radius), self.margin_mm)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
+
     use crate::geometry::shapes::closed_lattice;
 
     const MAJOR: f64 = 30.0;
@@ -202,24 +55,6 @@ mod tests {
         })
     }
 
-    #[test]
-    fn grid_distance_is_the_chebyshev_distance_to_the_nearest_interior_cell() {
-        let grid = ExteriorGrid::new(&ring(60, 30));
-        let d = grid.dims.as_ivec3();
-        let all = || {
-            (0..d.z).flat_map(|z| {
-                (0..d.y).flat_map(move |y| (0..d.x).map(move |x| IVec3::new(x, y, z)))
-            })
-        };
-        let none: Vec<IVec3> = all().filter(|c| grid.distance[grid.index(*c)] == 0).collect();
-        for c in all().step_by(97) {
-            let distance =
-                none.iter().map(|n| (c - *n).abs().max_element()).min().unwrap_or(i32::MAX);
-            let found = i32::from(grid.distance[grid.index(c)]);
-            assert_eq!(found, distance.min(i32::from(DISTANCE_MAX)), "{c}");
-        }
-    }
-
     /// Signed distance from the torus, positive outside.
     fn beyond(p: DVec3) -> f64 {
         DVec3::new(p.truncate().length() - MAJOR, p.z, 0.0).length() - MINOR
@@ -227,7 +62,7 @@ mod tests {
 
     #[test]
     fn occluded_spheres_in_a_torus_are_reached_by_no_ray_and_most_of_the_far_side_is_occluded() {
-        let test = OcclusionTest::new(ExteriorGrid::new(&ring(300, 90)), 0.1);
+        let test = OcclusionTest::new(occlusion_grid(&ring(300, 90)), 0.1);
         let mut seed = 3u64;
         let mut noise = || {
             seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -258,7 +93,7 @@ mod tests {
     #[test]
     fn coarse_grids_and_empty_meshes_occlude_nothing() {
         for mesh in [Mesh::default(), ring(12, 5)] {
-            let test = OcclusionTest::new(ExteriorGrid::new(&mesh), 100.0);
+            let test = OcclusionTest::new(occlusion_grid(&mesh), 100.0);
             let s = Sphere { centre: Vec3::new(-30.0, 0.0, 0.0), radius: 1.0 };
             assert!(!test.is_occluded(DVec3::new(30.0, 0.0, 0.0), &s));
         }
@@ -278,7 +113,7 @@ mod tests {
             let [a, b, c, d] = s.map(|k: u32| first + k);
             mesh.faces.extend([[a, b, c], [a, c, d]]);
         }
-        let test = OcclusionTest::new(ExteriorGrid::new(&mesh), 0.1);
+        let test = OcclusionTest::new(occlusion_grid(&mesh), 0.1);
         let s = Sphere { centre: Vec3::new(-30.0, 0.0, 0.0), radius: 1.0 };
         assert!(!test.is_occluded(DVec3::new(30.0, 0.0, 0.0), &s));
     }

@@ -6,10 +6,11 @@ use std::sync::{Arc, Mutex};
 use serde::Serialize;
 
 use super::{Clock, Mode, Session, SessionError, level_cache, locked, present, put};
+use crate::geometry::ExteriorGrid;
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
 use crate::lod::vds::{ParameterizedOriginal, Surface, Vds, VdsOptions};
-use crate::lod::{ExteriorGrid, LodHierarchy, OcclusionTest, PAGE_BYTES};
+use crate::lod::{LodHierarchy, OcclusionTest, PAGE_BYTES, occlusion_grid};
 use crate::mesh::{MeshError, Metric, Parameterization, SimplifyOptions, make_manifold, simplify};
 use crate::vk::return_freed_memory;
 
@@ -240,7 +241,7 @@ impl Session {
         let drawn = present(&self.slots.drawn_wall);
         let mesh = drawn.mesh();
         let faces = mesh.faces.len() as u64;
-        let work = || ExteriorGrid::new(mesh);
+        let work = || occlusion_grid(mesh);
         let cells = drawn.closed.then(|| clock.time("outside", "faces", work, |_| faces));
         put(&self.slots.exterior, ExteriorSlot(Mutex::new(cells)));
         Ok(())

@@ -1,7 +1,7 @@
 //! Coverage: which share of the wall's area the frames of a flight saw, and the patches they
 //! missed.
 
-mod exterior;
+mod closed;
 mod patches;
 mod sight;
 mod voxels;

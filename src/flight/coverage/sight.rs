@@ -1,26 +1,22 @@
-//! Which faces of a wall views see: frustum, facing and ray tests on a tree of boxes.
+//! Which faces of a wall views see: frustum, facing and ray tests on the triangle hierarchy.
 
-use glam::{DVec3, Vec3, Vec3A};
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::LARGE_FACE_MM2;
-use super::exterior::Exterior;
-use crate::geometry::{Lens, Mesh, Pose};
+use super::{LARGE_FACE_MM2, closed::is_closed};
+use crate::geometry::{ExteriorGrid, Lens, Mesh, Pose, Subtree, TriangleBvh};
+use crate::task::checkpoint;
 
-/// Triangles of a leaf.
-const LEAF: usize = 4;
 /// Triangles of the subtrees that threads take. Fixed, so that the work is cut the same way
 /// whatever the number of threads.
 const PORTION: usize = 2048;
 /// Subtrees of fewer triangles are not asked whether cells outside hide them.
 const WALKED_TO: usize = 64;
-/// A segment from the eye ends this share short of the sample: coincident faces do not hide each
-/// other.
-const SEGMENT_END: f64 = 1.0 - 1e-6;
-/// Barycentric slack of a triangle's edges, so that no segment passes between two faces.
-const EDGE_SLACK: f64 = 1e-9;
-/// Share by which a box's far end is put off: more than three roundings of single numbers.
-const SLAB_SLACK: f32 = 1e-6;
+/// Grid cells a face, about, and most cells.
+const CELLS_PER_FACE: f64 = 1.0;
+const MAX_CELLS: usize = 1 << 25;
+/// No triangle.
+const NONE: u32 = u32::MAX;
 
 /// Faces that the forward views see, and those that forward or backward views see.
 ///
@@ -31,19 +27,21 @@ pub(super) fn seen_faces(
     forward: &[(Pose, Lens)],
     backward: &[(Pose, Lens)],
 ) -> (Vec<bool>, Vec<bool>) {
-    let (tree, exterior) = rayon::join(|| Tree::new(wall), || Exterior::new(wall));
+    let (tree, exterior) = rayon::join(|| TriangleBvh::new(wall), || exterior(wall));
     let frusta = |views: &[(Pose, Lens)]| -> Vec<Frustum<'_>> {
         let exterior = exterior.as_ref();
         views.iter().map(|(pose, lens)| Frustum::new(*pose, *lens, exterior)).collect()
     };
     let (forward, backward) = (frusta(forward), frusta(backward));
-    let portions: Vec<(Subtree, [Vec<bool>; 2])> = tree
-        .portions()
+    let portions: Vec<(Subtree, [Vec<bool>; 2])> = portions(&tree)
         .into_par_iter()
         .map(|subtree| {
             let mut portion = Portion::new(&tree, subtree, areas);
             let both = [&forward, &backward].map(|frusta| {
-                frusta.iter().for_each(|frustum| portion.look_below(subtree, frustum));
+                portion.nearest_first(frusta).into_iter().map(|i| &frusta[i]).for_each(|frustum| {
+                    checkpoint();
+                    portion.look_below(subtree, frustum);
+                });
                 portion.seen()
             });
             (subtree, both)
@@ -52,19 +50,49 @@ pub(super) fn seen_faces(
     let mut one_way = vec![false; wall.faces.len()];
     let mut both_ways = one_way.clone();
     for (subtree, [one, both]) in &portions {
-        for (i, f) in tree.faces[subtree.first..][..subtree.count].iter().enumerate() {
-            one_way[*f as usize] = one[i];
-            both_ways[*f as usize] = both[i];
+        for (i, place) in subtree.triangles().enumerate() {
+            let face = tree.face(place) as usize;
+            (one_way[face], both_ways[face]) = (one[i], both[i]);
         }
     }
     (one_way, both_ways)
+}
+
+/// Cells outside the wall; `None` of a wall that is not closed, or that has a vertex that is not
+/// finite: what is outside is not known then.
+fn exterior(wall: &Mesh) -> Option<ExteriorGrid> {
+    let known = wall.positions.iter().all(|p| p.is_finite()) && is_closed(wall);
+    let cells = CELLS_PER_FACE * wall.faces.len() as f64;
+    known.then(|| ExteriorGrid::new(wall, (cells as usize).clamp(64, MAX_CELLS)))
+}
+
+/// Subtrees of at most [`PORTION`] triangles that hold all of them, in the triangles' order.
+fn portions(tree: &TriangleBvh) -> Vec<Subtree> {
+    let mut open = vec![tree.root()];
+    let mut out = Vec::new();
+    while let Some(s) = open.pop() {
+        if s.count > PORTION {
+            let [left, right] = s.children();
+            open.extend([right, left]);
+        } else if s.count > 0 {
+            out.push(s);
+        }
+    }
+    out
+}
+
+/// Centre and half extent of a subtree's box, relative to an eye.
+fn box_about(tree: &TriangleBvh, s: Subtree, eye: DVec3) -> (DVec3, DVec3) {
+    let (lo, hi) = tree.bounds(s);
+    let (lo, hi) = (lo.as_dvec3(), hi.as_dvec3());
+    (0.5 * (lo + hi) - eye, 0.5 * (hi - lo))
 }
 
 /// What one view can see: planes in front of which it lies, from the eye.
 struct Frustum<'a> {
     eye: DVec3,
     /// Cells outside the wall, where they are known and the eye is inside.
-    exterior: Option<&'a Exterior>,
+    exterior: Option<&'a ExteriorGrid>,
     /// Inward normals of the four sides; all planes pass through the eye.
     sides: [DVec3; 4],
     forward: DVec3,
@@ -72,7 +100,7 @@ struct Frustum<'a> {
 }
 
 impl<'a> Frustum<'a> {
-    fn new(pose: Pose, lens: Lens, exterior: Option<&'a Exterior>) -> Self {
+    fn new(pose: Pose, lens: Lens, exterior: Option<&'a ExteriorGrid>) -> Self {
         let eye = pose.position_mm.as_dvec3();
         let rotation = pose.rotation.as_dquat().normalize();
         let y = (0.5 * f64::from(lens.fov_y_rad)).tan();
@@ -86,7 +114,7 @@ impl<'a> Frustum<'a> {
         ];
         Self {
             eye,
-            exterior: exterior.filter(|e| e.holds(eye)),
+            exterior: exterior.filter(|e| e.is_interior(eye)),
             sides: sides.map(|n| rotation * n),
             forward: rotation * DVec3::NEG_Z,
             near_mm: f64::from(lens.near_mm),
@@ -105,202 +133,9 @@ impl<'a> Frustum<'a> {
     }
 }
 
-/// A box by its corners.
-#[derive(Clone, Copy)]
-struct Bounds {
-    lo: Vec3,
-    hi: Vec3,
-}
-
-impl Bounds {
-    const EMPTY: Self = Self { lo: Vec3::INFINITY, hi: Vec3::NEG_INFINITY };
-
-    /// Centre and half extent, relative to an eye.
-    fn about(&self, eye: DVec3) -> (DVec3, DVec3) {
-        let (lo, hi) = (self.lo.as_dvec3(), self.hi.as_dvec3());
-        (0.5 * (lo + hi) - eye, 0.5 * (hi - lo))
-    }
-
-    /// Where on a segment the box begins, in lengths of the segment; infinite where they do not
-    /// meet before its end. Single precision, with slack enough that it never parts what meets.
-    #[inline]
-    fn enter(&self, from: Vec3A, inverse: Vec3A) -> f32 {
-        let a = (Vec3A::from(self.lo) - from) * inverse;
-        let b = (Vec3A::from(self.hi) - from) * inverse;
-        let near = a.min(b).max_element().max(0.0);
-        let far = a.max(b).min_element() * (1.0 + SLAB_SLACK);
-        if near <= far.min(1.0) { near } else { f32::INFINITY }
-    }
-}
-
-/// A node of the tree with the triangles below it: `count` from `first` on.
-#[derive(Clone, Copy)]
-struct Subtree {
-    node: usize,
-    first: usize,
-    count: usize,
-}
-
-impl Subtree {
-    /// Nodes of a subtree of `count` triangles.
-    fn nodes(count: usize) -> usize {
-        2 * count.div_ceil(LEAF).max(1) - 1
-    }
-
-    /// The two halves: whole leaves, as many on either side.
-    fn halves(self) -> [Self; 2] {
-        let left = self.count.div_ceil(LEAF).div_ceil(2) * LEAF;
-        let right = self.node + 1 + Self::nodes(left);
-        [
-            Self { node: self.node + 1, first: self.first, count: left },
-            Self { node: right, first: self.first + left, count: self.count - left },
-        ]
-    }
-
-    fn is_leaf(self) -> bool {
-        self.count <= LEAF
-    }
-}
-
-/// Boxes over the triangles of a wall, halved at the median of the longest side; nodes in the order
-/// of a walk, left part first.
-struct Tree {
-    nodes: Vec<Bounds>,
-    /// Corners, in the order of the leaves.
-    triangles: Vec<[Vec3; 3]>,
-    /// Face of each triangle.
-    faces: Vec<u32>,
-}
-
-impl Tree {
-    /// Leaves out faces with a vertex that is not finite.
-    fn new(wall: &Mesh) -> Self {
-        let corners = |f: u32| wall.faces[f as usize].map(|v| wall.positions[v as usize]);
-        let mut items: Vec<(Vec3, u32)> = (0..wall.faces.len() as u32)
-            .map(|f| (corners(f).iter().sum::<Vec3>() / 3.0, f))
-            .filter(|(centre, _)| centre.is_finite())
-            .collect();
-        let mut nodes = vec![Bounds::EMPTY; Subtree::nodes(items.len())];
-        let all = Subtree { node: 0, first: 0, count: items.len() };
-        build(&mut items, &mut nodes, all, &|f| {
-            let [a, b, c] = corners(f);
-            Bounds { lo: a.min(b).min(c), hi: a.max(b).max(c) }
-        });
-        let faces: Vec<u32> = items.iter().map(|i| i.1).collect();
-        Self { nodes, triangles: faces.iter().map(|f| corners(*f)).collect(), faces }
-    }
-
-    /// Subtrees of at most [`PORTION`] triangles that hold all of them, in the triangles' order.
-    fn portions(&self) -> Vec<Subtree> {
-        let mut open = vec![Subtree { node: 0, first: 0, count: self.faces.len() }];
-        let mut out = Vec::new();
-        while let Some(s) = open.pop() {
-            if s.count <= PORTION {
-                out.push(s);
-            } else {
-                let [left, right] = s.halves();
-                open.extend([right, left]);
-            }
-        }
-        out
-    }
-
-    /// A triangle's corners relative to a place.
-    fn corners_about(&self, triangle: usize, from: DVec3) -> [DVec3; 3] {
-        self.triangles[triangle].map(|p| p.as_dvec3() - from)
-    }
-
-    /// A triangle that meets the segment from an eye to a sample, not `own`: the first one found
-    /// from the eye on.
-    fn hit(&self, eye: DVec3, along: DVec3, own: usize) -> Option<usize> {
-        // Eyes are single numbers. A component of 0 would give NaN in planes through the eye.
-        let from = eye.as_vec3a();
-        let inverse = along.map(|d| if d.abs() < 1e-30 { 1e30 } else { 1.0 / d }).as_vec3a();
-        let mut open = [Subtree { node: 0, first: 0, count: 0 }; 64];
-        open[0].count = self.faces.len();
-        let mut depth = 1;
-        while depth > 0 {
-            depth -= 1;
-            let s = open[depth];
-            if s.is_leaf() {
-                let mut all = s.first..s.first + s.count;
-                let found = all.find(|t| *t != own && self.meets(*t, eye, along));
-                if found.is_some() {
-                    return found;
-                }
-                continue;
-            }
-            let [left, right] = s.halves();
-            let enter = |s: Subtree| self.nodes[s.node].enter(from, inverse);
-            let (a, b) = (enter(left), enter(right));
-            let ((near, first), (far, second)) =
-                if a <= b { ((left, a), (right, b)) } else { ((right, b), (left, a)) };
-            for (s, enter) in [(far, second), (near, first)] {
-                if enter.is_finite() {
-                    open[depth] = s;
-                    depth += 1;
-                }
-            }
-        }
-        None
-    }
-
-    /// Whether a triangle meets the segment from an eye along `along` before its end (Möller and
-    /// Trumbore 1997, Fast, minimum storage ray-triangle intersection,
-    /// doi:10.1080/10867651.1997.10487468).
-    fn meets(&self, triangle: usize, eye: DVec3, along: DVec3) -> bool {
-        let [a, b, c] = self.corners_about(triangle, eye);
-        let (e, f) = (b - a, c - a);
-        let p = along.cross(f);
-        let det = e.dot(p);
-        if det == 0.0 {
-            return false;
-        }
-        let u = -a.dot(p) / det;
-        let q = -a.cross(e);
-        let v = along.dot(q) / det;
-        let t = f.dot(q) / det;
-        u >= -EDGE_SLACK
-            && v >= -EDGE_SLACK
-            && u + v <= 1.0 + EDGE_SLACK
-            && t > 0.0
-            && t < SEGMENT_END
-    }
-}
-
-/// Orders `items` into leaves and fills in the boxes.
-fn build(
-    items: &mut [(Vec3, u32)],
-    nodes: &mut [Bounds],
-    subtree: Subtree,
-    bounds: &(impl Fn(u32) -> Bounds + Sync),
-) {
-    let join = |a: Bounds, b: Bounds| Bounds { lo: a.lo.min(b.lo), hi: a.hi.max(b.hi) };
-    if subtree.is_leaf() {
-        nodes[0] = items.iter().fold(Bounds::EMPTY, |all, i| join(all, bounds(i.1)));
-        return;
-    }
-    let (lo, hi) = items
-        .iter()
-        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), i| (lo.min(i.0), hi.max(i.0)));
-    let axis = (hi - lo).max_position();
-    let [left, right] = subtree.halves();
-    items.select_nth_unstable_by(left.count, |a, b| {
-        a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1))
-    });
-    let (top, rest) = nodes.split_at_mut(1);
-    let (left_nodes, right_nodes) = rest.split_at_mut(Subtree::nodes(left.count));
-    let (left_items, right_items) = items.split_at_mut(left.count);
-    rayon::join(
-        || build(left_items, left_nodes, left, bounds),
-        || build(right_items, right_nodes, right, bounds),
-    );
-    top[0] = join(left_nodes[0], right_nodes[0]);
-}
-
 /// One subtree and what was seen of it so far.
 struct Portion<'a> {
-    tree: &'a Tree,
+    tree: &'a TriangleBvh,
     subtree: Subtree,
     /// Samples seen, a bit each, of every triangle of the subtree.
     samples: Vec<u8>,
@@ -308,26 +143,41 @@ struct Portion<'a> {
     sample_counts: Vec<u8>,
     /// Nodes of the subtree whose triangles are all seen.
     done: Vec<bool>,
+    /// The triangle that hid each triangle last: from eyes close by it still does, most often.
+    occluders: Vec<u32>,
     /// The triangle that hid a sample last: it hides neighbouring ones as well, most often.
-    occluder: Option<usize>,
+    occluder: u32,
 }
 
 impl<'a> Portion<'a> {
-    fn new(tree: &'a Tree, subtree: Subtree, areas: &[f64]) -> Self {
-        let sample_count = |face: &u32| match areas[*face as usize] {
+    fn new(tree: &'a TriangleBvh, subtree: Subtree, areas: &[f64]) -> Self {
+        let sample_count = |face: u32| match areas[face as usize] {
             a if a > LARGE_FACE_MM2 => 3,
             a if a > 0.0 => 1,
             _ => 0,
         };
-        let faces = &tree.faces[subtree.first..][..subtree.count];
+        let faces = subtree.triangles().map(|place| tree.face(place));
         Self {
             tree,
             subtree,
             samples: vec![0; subtree.count],
-            sample_counts: faces.iter().map(sample_count).collect(),
-            done: vec![false; Subtree::nodes(subtree.count)],
-            occluder: None,
+            sample_counts: faces.map(sample_count).collect(),
+            done: vec![false; subtree.nodes()],
+            occluders: vec![NONE; subtree.count],
+            occluder: NONE,
         }
+    }
+
+    /// Indices of views, nearest to the subtree first: they see most of it, and what is seen is not
+    /// looked at again.
+    fn nearest_first(&self, frusta: &[Frustum<'_>]) -> Vec<usize> {
+        let distance2 = |f: &Frustum<'_>| {
+            let (centre, half) = box_about(self.tree, self.subtree, f.eye);
+            (centre.abs() - half).max(DVec3::ZERO).length_squared()
+        };
+        let mut order: Vec<(f64, usize)> = frusta.iter().map(distance2).zip(0..).collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        order.into_iter().map(|o| o.1).collect()
     }
 
     fn is_seen(&self, i: usize) -> bool {
@@ -344,13 +194,15 @@ impl<'a> Portion<'a> {
         if self.done[node] {
             return;
         }
-        let (centre, half) = self.tree.nodes[s.node].about(frustum.eye);
+        let (centre, half) = box_about(self.tree, s, frustum.eye);
         if frustum.misses(centre, half) {
             return;
         }
         // Below that a walk takes longer than what it saves.
         if s.count >= WALKED_TO
-            && frustum.exterior.is_some_and(|e| e.hides(frustum.eye, centre, half))
+            && frustum.exterior.is_some_and(|e| {
+                e.hides(frustum.eye, frustum.eye + centre, half.max_element(), 0.0)
+            })
         {
             return;
         }
@@ -361,7 +213,7 @@ impl<'a> Portion<'a> {
             self.done[node] = all.clone().all(|i| self.sample_counts[i] == 0 || self.is_seen(i));
             return;
         }
-        let halves = s.halves();
+        let halves = s.children();
         halves.iter().for_each(|half| self.look_below(*half, frustum));
         self.done[node] = halves.iter().all(|half| self.done[half.node - self.subtree.node]);
     }
@@ -388,12 +240,23 @@ impl<'a> Portion<'a> {
             if !frustum.contains(sample) {
                 continue;
             }
-            let hides = |t: usize| t != triangle && self.tree.meets(t, frustum.eye, sample);
-            if self.occluder.is_some_and(hides) {
+            let hides = |t: u32| {
+                t != NONE
+                    && t as usize != triangle
+                    && self.tree.meets(t as usize, frustum.eye, sample)
+            };
+            if hides(self.occluders[i]) {
                 continue;
             }
-            match self.tree.hit(frustum.eye, sample, triangle) {
-                Some(t) => self.occluder = Some(t),
+            if hides(self.occluder) {
+                self.occluders[i] = self.occluder;
+                continue;
+            }
+            match self.tree.occluder(frustum.eye, sample, triangle) {
+                Some(t) => {
+                    self.occluder = t as u32;
+                    self.occluders[i] = t as u32;
+                }
                 None => self.samples[i] |= 1 << k,
             }
         }

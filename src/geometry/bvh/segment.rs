@@ -1,0 +1,89 @@
+//! Triangles that meet a segment.
+
+use glam::{DVec3, Vec3A};
+
+use super::{Bounds, DEPTH, TriangleBvh};
+
+/// A segment ends this share short of its end: coincident triangles there do not meet it.
+const SEGMENT_END: f64 = 1.0 - 1e-6;
+/// Barycentric slack of a triangle's edges, so that no segment passes between two faces.
+const EDGE_SLACK: f64 = 1e-9;
+/// Share by which a box's far end is put off: more than three roundings of single numbers.
+const SLAB_SLACK: f32 = 1e-6;
+
+impl Bounds {
+    /// Where on a segment the box begins, in lengths of the segment; infinite where they do not
+    /// meet before its end. Single precision, with slack enough that it never parts what meets.
+    #[inline]
+    fn enter(&self, from: Vec3A, inverse: Vec3A) -> f32 {
+        let a = (Vec3A::from(self.lo) - from) * inverse;
+        let b = (Vec3A::from(self.hi) - from) * inverse;
+        let near = a.min(b).max_element().max(0.0);
+        let far = a.max(b).min_element() * (1.0 + SLAB_SLACK);
+        if near <= far.min(1.0) { near } else { f32::INFINITY }
+    }
+}
+
+impl TriangleBvh {
+    /// A triangle's corners relative to a point.
+    #[inline]
+    pub fn corners_about(&self, place: usize, from: DVec3) -> [DVec3; 3] {
+        self.triangles[place].map(|p| p.as_dvec3() - from)
+    }
+
+    /// A triangle that meets the segment from an eye to `eye + along`, other than the one at place
+    /// `own`: of those that do, the first one found from the eye on. By its place in the leaves.
+    ///
+    /// * `eye`: coordinates that single precision holds.
+    pub fn occluder(&self, eye: DVec3, along: DVec3, own: usize) -> Option<usize> {
+        // A component of 0 would give NaN in planes through the eye.
+        let from = eye.as_vec3a();
+        let inverse = along.map(|d| if d.abs() < 1e-30 { 1e30 } else { 1.0 / d }).as_vec3a();
+        let mut open = [self.root(); DEPTH];
+        let mut depth = 1;
+        while depth > 0 {
+            depth -= 1;
+            let s = open[depth];
+            if s.is_leaf() {
+                let found = s.triangles().find(|t| *t != own && self.meets(*t, eye, along));
+                if found.is_some() {
+                    return found;
+                }
+                continue;
+            }
+            let [left, right] = s.children();
+            let [a, b] = [left, right].map(|s| self.nodes[s.node].enter(from, inverse));
+            let order = if a <= b { [(right, b), (left, a)] } else { [(left, a), (right, b)] };
+            for (s, enter) in order {
+                if enter.is_finite() {
+                    open[depth] = s;
+                    depth += 1;
+                }
+            }
+        }
+        None
+    }
+
+    /// Whether a triangle meets the segment from an eye along `along` before its end (Möller and
+    /// Trumbore 1997, Fast, minimum storage ray-triangle intersection,
+    /// doi:10.1080/10867651.1997.10487468).
+    #[inline]
+    pub fn meets(&self, place: usize, eye: DVec3, along: DVec3) -> bool {
+        let [a, b, c] = self.corners_about(place, eye);
+        let (e, f) = (b - a, c - a);
+        let p = along.cross(f);
+        let det = e.dot(p);
+        if det == 0.0 {
+            return false;
+        }
+        let u = -a.dot(p) / det;
+        let q = -a.cross(e);
+        let v = along.dot(q) / det;
+        let t = f.dot(q) / det;
+        u >= -EDGE_SLACK
+            && v >= -EDGE_SLACK
+            && u + v <= 1.0 + EDGE_SLACK
+            && t > 0.0
+            && t < SEGMENT_END
+    }
+}
