@@ -1,9 +1,10 @@
 //! Cancellation and progress of the work at hand, for loops that know nothing of who asked.
 //!
 //! A [`Session`](crate::session::Session) enters a [`CancelToken`] on every thread of its pool and
-//! looks at it before every stage and frame; long loops call [`checkpoint`]. Where the token is
-//! cancelled, that call unwinds to the nearest [`catch_cancelled`], which turns it into an error;
-//! no panic message is printed. Threads without a token are never cancelled.
+//! looks at it before every stage and frame. Loops that may take longer call [`checkpoint`], at
+//! most about 50 ms of work apart. Where the token is cancelled, that call unwinds to the nearest
+//! [`catch_cancelled`], which turns it into an error; no panic message is printed. Threads without a
+//! token are never cancelled.
 
 use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};

@@ -1,7 +1,7 @@
 //! The session: products once, on request; progress; cancellation; sharing.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use intima::session::{
     LevelSettings, Lod, LumenSettings, Mode, Product, Session, SessionError, Settings, Source,
@@ -93,6 +93,40 @@ fn a_cancelled_session_starts_no_further_stage_and_goes_on_after_a_reset() {
     assert!(session.clock().stages.iter().all(|s| s.name != "clusters"));
     token.reset();
     assert!(session.lumen().is_ok());
+}
+
+/// Every stage of a large lumen, cancelled at moments spread over it. The stages take seconds here;
+/// without the checks inside them the wait would be as long as a stage.
+#[test]
+fn a_cancelled_session_ends_within_a_quarter_of_a_second() {
+    const ALL: [Product; 3] = [Product::Levels, Product::Base, Product::Coverage];
+    let volume = phantom(Kind::Colon, 224);
+    let whole = {
+        let start = Instant::now();
+        session(&volume, Settings::default()).prepare(&ALL).unwrap();
+        start.elapsed()
+    };
+    let mut waits: Vec<(Duration, u32)> = (1..20u32)
+        .filter_map(|i| {
+            let session = session(&volume, Settings::default());
+            let token = session.cancel_token();
+            std::thread::scope(|scope| {
+                let work = scope.spawn(|| session.prepare(&ALL));
+                std::thread::sleep(whole * i / 20);
+                token.cancel();
+                let asked = Instant::now();
+                let outcome = work.join().unwrap();
+                matches!(outcome, Err(SessionError::Cancelled)).then(|| (asked.elapsed(), i))
+            })
+        })
+        .collect();
+    assert!(waits.len() > 10, "it was done before: {waits:?}");
+    // The median is what a user feels; a single wait may be the machine's.
+    waits.sort();
+    let (median, worst) = (waits[waits.len() / 2].0, waits[waits.len() - 1].0);
+    println!("cancelled after {median:?} (median), {worst:?} (longest) of {whole:?}");
+    assert!(median < Duration::from_millis(100), "{waits:?}");
+    assert!(worst < Duration::from_millis(250).max(whole / 10), "{waits:?}");
 }
 
 #[test]

@@ -89,6 +89,7 @@ impl Net<'_> {
         let mut waiting: Vec<usize> = (0..n).filter(|i| *i != from).collect();
         (cost[from], parent[from]) = (0, from);
         while let Some(Reverse((c, u))) = open.pop() {
+            crate::task::checkpoint();
             if c > cost[u] {
                 continue;
             }

@@ -239,6 +239,7 @@ pub fn cap_centre(start_mm: DVec3, distance: Sampler<'_>, smooth: Sampler<'_>) -
     let step = h.min_element();
     let mut at = start_mm;
     loop {
+        crate::task::checkpoint();
         let here = smooth.at(at);
         let next = (0..27usize)
             .filter(|n| *n != 13)

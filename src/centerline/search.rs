@@ -93,6 +93,7 @@ impl Graph<'_> {
         }
         let mut batch = Vec::new();
         while let Some(at) = queue.next(&mut batch) {
+            crate::task::checkpoint();
             for &u in &batch {
                 let (cost, mut steps) = state[u as usize];
                 if cost != at {
@@ -120,6 +121,7 @@ impl Graph<'_> {
                 }
             }
         }
+        crate::task::checkpoint();
         let cost = state.into_par_iter().with_min_len(1 << 16).map(|s| s.0).collect();
         Routes { cost, order, by }
     }
@@ -196,6 +198,7 @@ impl Graph<'_> {
         }
         let mut batch = Vec::new();
         'search: while queue.next(&mut batch).is_some() {
+            crate::task::checkpoint();
             for &u in &batch {
                 let came = by[u as usize];
                 if came & OPEN == 0 {
@@ -224,6 +227,7 @@ impl Graph<'_> {
                 }
             }
         }
+        crate::task::checkpoint();
         let cost = state.into_par_iter().with_min_len(1 << 16).map(|s| s.0).collect();
         Routes { cost, order, by }
     }

@@ -34,16 +34,12 @@ pub(super) fn centres<const RAYS: usize>(
 ) -> Vec<DVec3> {
     let tangents = tangents(curve);
     let points = || (0..curve.len()).into_par_iter().with_min_len(16);
-    let balanced: Vec<(DVec3, f64)> =
-        points()
-            .map(|i| {
-                if asked(i) {
-                    across::<RAYS>(curve[i], tangents[i], smooth)
-                } else {
-                    (curve[i], 0.0)
-                }
-            })
-            .collect();
+    let balanced: Vec<(DVec3, f64)> = points()
+        .map(|i| {
+            crate::task::checkpoint();
+            if asked(i) { across::<RAYS>(curve[i], tangents[i], smooth) } else { (curve[i], 0.0) }
+        })
+        .collect();
     let open = near_mouths(&balanced, u);
     points()
         .map(|i| {

@@ -44,6 +44,7 @@ impl Radius {
     }
 
     fn reach(self, c: &Candidate, distance: Sampler<'_>) -> f64 {
+        crate::task::checkpoint();
         let d = f64::from(c.distance_mm);
         match self {
             Self::Paper => {
@@ -126,6 +127,7 @@ impl VisibilityInput {
             .enumerate()
             .with_min_len(16)
             .flat_map_iter(|(rank, v)| {
+                crate::task::checkpoint();
                 let p = lumen.bricks.voxel(v.element);
                 let r = (v.reach_mm / h).ceil().as_ivec3();
                 let (lo, hi): (IVec3, IVec3) = ((p - r) >> 3i32, (p + r) >> 3i32);

@@ -86,6 +86,7 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
 
     let mut times = Vec::with_capacity(steps.len());
     for (i, step) in steps.iter().enumerate() {
+        crate::task::checkpoint();
         let start = Instant::now();
         let shader = step.kernel.shader;
         let mut writes = Vec::with_capacity(step.buffers.len());

@@ -38,6 +38,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     let chain = || Chain { near: s.near, axis, up: Vec::new(), down: Vec::new() };
     let slots = s.g.par_chunks_exact_mut(BRICK).enumerate().with_min_len(8);
     slots.for_each_init(chain, |chain, (slot, out)| {
+        crate::task::checkpoint();
         chain.start(slot);
         for line in (0..8).map(|i| i * across) {
             let mut rows = Rows { f: s.f, chain, line, along, step2: p.step2 };

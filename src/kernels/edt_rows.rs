@@ -35,6 +35,7 @@ fn twin(args: &mut CpuArgs<'_>) {
         run
     };
     s.square.par_chunks_exact_mut(BRICK).enumerate().with_min_len(16).for_each(|(slot, out)| {
+        crate::task::checkpoint();
         for (row, out) in out.chunks_exact_mut(8).enumerate() {
             let bits = row_bits(slot, row);
             if bits == 0 {

@@ -29,6 +29,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     };
     let chunk = 4096;
     s.faired.par_chunks_mut(3 * chunk).enumerate().for_each(|(c, out)| {
+        crate::task::checkpoint();
         for (i, out) in out.chunks_exact_mut(3).enumerate() {
             step(c * chunk + i, out);
         }

@@ -66,6 +66,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     s.g.par_chunks_exact_mut(BRICK).enumerate().with_min_len(8).for_each_init(
         scratch,
         |(around, lines), (slot, out)| {
+            crate::task::checkpoint();
             places(slot, around);
             if !gather(lines, around, s.f, axis) {
                 return; // all around is 0, and so is the result already

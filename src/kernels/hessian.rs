@@ -25,6 +25,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     let arch = Arch::new();
     s.response.par_chunks_exact_mut(BRICK * stride).enumerate().with_min_len(4).for_each(
         |(at, out)| {
+            crate::task::checkpoint();
             let slot = at + p.first as usize;
             let inside: &[u8] = bytemuck::cast_slice(&s.inside[slot * 16..][..16]);
             if inside.iter().all(|w| *w == 0) {

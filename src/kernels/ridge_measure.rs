@@ -27,6 +27,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     let n = (s.total[p.slots as usize]).min(p.capacity) as usize;
     let h = Vec3::from(p.spacing_mm);
     s.measure[..n * STRIDE].par_chunks_exact_mut(STRIDE).zip(&s.list[..n]).for_each(|(out, &e)| {
+        crate::task::checkpoint();
         let e = e as usize;
         let halo = Halo::gather(s.near, s.f, e / BRICK);
         let r = ridge(&halo, e % BRICK, h, 3e38);

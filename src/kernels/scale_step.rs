@@ -35,6 +35,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     }
     s.next.par_chunks_mut(chunk).zip(rows).enumerate().with_min_len(4).for_each(
         |(c, (next, levels))| {
+            crate::task::checkpoint();
             for (i, next) in next.iter_mut().enumerate() {
                 let v = c * chunk + i;
                 let edges = s.start[v] as usize..s.start[v + 1] as usize;

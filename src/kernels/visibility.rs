@@ -63,6 +63,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     };
     let weight = UVec3::from(p.weight);
     s.first.par_iter_mut().zip(s.seen).with_min_len(256).for_each(|(first, &e)| {
+        crate::task::checkpoint();
         let here = voxel(e);
         let slot = e as usize / BRICK;
         let ranks = &s.near_viewers[s.start[slot] as usize..s.start[slot + 1] as usize];

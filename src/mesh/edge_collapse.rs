@@ -226,6 +226,7 @@ impl Decimation {
             if top.cost > stop.most {
                 break;
             }
+            crate::task::checkpoint();
             self.gather(top.vertex);
             if let Some((k, cost)) = self.chosen().filter(|_| stop.max_error_mm.is_none())
                 && self.is_legal(k)

@@ -73,7 +73,9 @@ impl HalfEdges {
         }) {
             return Err(error);
         }
+        crate::task::checkpoint();
         let (start, leaving) = by_origin(&mesh.faces, vertices);
+        crate::task::checkpoint();
         let from = |v: u32| &leaving[start[v as usize] as usize..start[v as usize + 1] as usize];
         let blank = |&[a, b, c]: &[u32; 3]| Face { corner: [a, b, c, 0], pair: [NONE; 4] };
         let mut faces: Vec<Face> = mesh.faces.par_iter().with_min_len(8192).map(blank).collect();
@@ -91,6 +93,7 @@ impl HalfEdges {
         if let Some(error) = wrong {
             return Err(error);
         }
+        crate::task::checkpoint();
         // Walking begins at a boundary if there is one.
         let begin = |v: u32| {
             let open = |h: &&u32| faces[face(**h) as usize].pair[(**h & 3) as usize] == NONE;

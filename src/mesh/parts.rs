@@ -45,6 +45,7 @@ pub fn in_parts<L: Log>(input: &Input<'_>, stop: &Stop) -> Option<(Decimation, V
     let mut parts: Vec<Part<L>> = pieces
         .par_iter()
         .map_init(scratch, |local, &(begin, end)| {
+            crate::task::checkpoint();
             let ids = order[begin..end].iter().map(KeyedPoint::id).collect();
             let inside = |f: u32| {
                 let at = rank[f as usize] as usize;

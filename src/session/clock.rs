@@ -92,6 +92,7 @@ impl Clock {
         work: impl FnOnce() -> T,
         items: impl FnOnce(&T) -> u64,
     ) -> T {
+        crate::task::checkpoint();
         let start = Instant::now();
         let out = work();
         self.record(name, "cpu", start, (0, unit), Vec::new());

@@ -10,6 +10,7 @@ use crate::compute::{Array, Plan};
 use crate::device::Device;
 use crate::field::{self, Candidate, LumenBuffers, Response};
 use crate::lumen::{BitVolume, Lumen};
+use crate::task::catch_cancelled;
 use crate::volume::{Grid, Volume};
 
 /// What the centerline needs, in slot order of the lumen.
@@ -166,11 +167,13 @@ impl Session {
         let device = self.device()?;
         let mut clock = self.clock().fork();
         let field = self.pool.install(|| {
-            let mut device = device.lock();
-            hessian_field(&mut device, &segmented.lumen, None, s, None, &mut clock)
+            catch_cancelled(|| {
+                let mut device = device.lock();
+                hessian_field(&mut device, &segmented.lumen, None, s, None, &mut clock)
+            })
         });
         self.clock().merge(clock);
-        field
+        field.unwrap_or(Err(SessionError::Cancelled))
     }
 }
 

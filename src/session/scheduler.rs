@@ -5,7 +5,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 use super::stages::{PRODUCTS, Product, RunsOn, Stage, row};
 use super::{Session, SessionError};
-use crate::task::catch_cancelled;
+use crate::task::{catch_cancelled, checkpoint};
 
 /// Stages that run at once, at most. Each keeps one worker busy while it is serial, so there are
 /// never more than there are workers.
@@ -167,7 +167,12 @@ impl Session {
         }
         self.progress.begin(stage.label);
         let mut clock = self.clock().fork();
-        let outcome = self.pool.install(|| catch_cancelled(|| (stage.run)(self, &mut clock)));
+        let outcome = self.pool.install(|| {
+            catch_cancelled(|| {
+                checkpoint();
+                (stage.run)(self, &mut clock)
+            })
+        });
         self.clock().merge(clock);
         self.progress.end(stage.label, stage.weight);
         outcome.unwrap_or(Err(SessionError::Cancelled))

@@ -129,7 +129,10 @@ pub fn extract(lumen: &Lumen, crossing: &impl Crossing) -> Mesh {
     let all: Vec<Edges> = (0..bricks.len())
         .into_par_iter()
         .with_min_len(16)
-        .map(|s| edges(&layers(bricks, &lumen.inside, s)))
+        .map(|s| {
+            crate::task::checkpoint();
+            edges(&layers(bricks, &lumen.inside, s))
+        })
         .collect();
     let base: Vec<u32> = all
         .iter()
@@ -148,6 +151,7 @@ pub fn extract(lumen: &Lumen, crossing: &impl Crossing) -> Mesh {
         .enumerate()
         .with_min_len(16)
         .for_each(|(slot, (out, e))| {
+            crate::task::checkpoint();
             let corner = IVec3::from(bricks.corners()[slot]);
             let mut out = out.iter_mut();
             for (w, &word) in e.words.iter().enumerate() {
@@ -171,6 +175,7 @@ pub fn extract(lumen: &Lumen, crossing: &impl Crossing) -> Mesh {
     let groups: Vec<(Vec<[u32; 3]>, Vec<bool>)> = (0..bricks.len().div_ceil(GROUP))
         .into_par_iter()
         .map(|g| {
+            crate::task::checkpoint();
             let (mut faces, mut caps) = (Vec::with_capacity(GROUP * 128), Vec::new());
             for slot in g * GROUP..(g * GROUP + GROUP).min(bricks.len()) {
                 faces_of(lumen, slot, (&all, &base), &mut faces, &mut caps);

@@ -76,7 +76,9 @@ fn curvature(mesh: &Mesh, normals: &[Vec3], radius_mm: f32) -> Vec<f32> {
             s + Vec2::new((n - normals[v]).dot(along), along.length_squared())
         })
     };
+    crate::task::checkpoint();
     let sums = gather(mesh.positions.len(), at);
+    crate::task::checkpoint();
     let all: f64 = sums.iter().map(|s| f64::from(s.y)).sum();
     let edge2 = all / adjacency.near.len().max(1) as f64;
     // A round of averaging has a standard deviation of about one edge; variances add.
@@ -101,6 +103,7 @@ fn diffuse(adjacency: &Adjacency, values: Vec<Vec2>, rounds: f64) -> Vec<Vec2> {
     let mut out = gather(values.len(), |v| of(0) * values[v] + of(1) * now[v]);
     let mut last = values;
     for k in 2..series.len() {
+        crate::task::checkpoint();
         last.par_iter_mut().zip(&mut out).enumerate().with_min_len(MIN_LEN).for_each(
             |(v, (l, o))| {
                 *l = 2.0 * mean(&now, v) - *l;

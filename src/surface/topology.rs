@@ -63,6 +63,7 @@ impl Adjacency {
             }
         }
         let row = |v: u32| &out[out_start[v as usize] as usize..out_start[v as usize + 1] as usize];
+        crate::task::checkpoint();
         let closed = (0..n as u32).into_par_iter().with_min_len(4096).all(|v| {
             row(v).iter().all(|&w| {
                 let back = row(w).iter().filter(|&&x| x == v).count();
@@ -71,6 +72,7 @@ impl Adjacency {
         });
         if closed {
             // Neighbours are then exactly the ends of the outgoing edges.
+            crate::task::checkpoint();
             let mut rows = Vec::with_capacity(n);
             let mut rest = out.as_mut_slice();
             for v in 0..n {

@@ -67,6 +67,7 @@ impl Clusters {
             },
             || rayon::join(|| TriangleBvh::new(mesh), || super::bytes::key(mesh, vertices)),
         );
+        crate::task::checkpoint();
         let mut face_at = vec![0; vertices.len()];
         for (f, i) in mesh.faces.iter().zip(0..) {
             f.iter().for_each(|v| face_at[*v as usize] = i);
@@ -104,6 +105,7 @@ impl Clusters {
             live.push((this.push(&draft, bounds, NO_GROUP), draft));
         }
         while live.len() > min_clusters {
+            crate::task::checkpoint();
             let before = this.groups.len();
             let known = places.positions.len();
             let made = !this.groups.is_empty();
@@ -193,6 +195,7 @@ impl Clusters {
         let made: Vec<Option<SimplifiedGroup>> = groups
             .par_iter()
             .map(|g| {
+                crate::task::checkpoint();
                 let floor = g.iter().map(|c| self.producer(live[*c as usize].0));
                 let floor = floor.map(|g| g.map_or(0.0, |g| f64::from(g.error_mm)));
                 let drafts: Vec<&ClusterBuilder> = g.iter().map(|c| &live[*c as usize].1).collect();

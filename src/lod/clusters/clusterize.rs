@@ -27,6 +27,7 @@ pub fn finest_clusters(mesh: &Mesh, face_neighbors: &[[u32; 3]]) -> Vec<ClusterB
     let own = split_by_sizes(&mut ids, parts);
     own.into_par_iter()
         .map(|ids| {
+            crate::task::checkpoint();
             ids.sort_unstable();
             let faces: Vec<[u32; 3]> = ids.iter().map(|f| mesh.faces[*f as usize]).collect();
             let whole_faces =
@@ -98,6 +99,7 @@ pub fn clusterize(
     }
     let parts = split_by_sizes(&mut order, sizes.into_iter().filter(|n| *n > 0));
     let fit = parts.into_par_iter().map(|own| {
+        crate::task::checkpoint();
         // Unconnected triangles have more vertices than faces.
         if vertices_of(own.iter().map(|f| faces[*f as usize])).len() > PAGE_VERTICES {
             let mut placed: Vec<_> = own.iter().map(|f| KeyedPoint::new(centre(*f), *f)).collect();

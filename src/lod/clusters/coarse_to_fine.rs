@@ -67,7 +67,9 @@ impl IntermediateSurface {
         for (f, i) in faces.iter().zip(0..) {
             f.iter().for_each(|v| face_at[*v as usize] = i);
         }
+        crate::task::checkpoint();
         let face_neighbors = partition::face_neighbors(&faces, vertices);
+        crate::task::checkpoint();
         Self {
             face_neighbors,
             to_original_mm: live.flat_map(|d| d.to_original_mm.iter().copied()).collect(),

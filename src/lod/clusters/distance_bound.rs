@@ -274,6 +274,7 @@ impl Target<'_> {
             }
         });
         while let Some((piece, face, far)) = rest.pop() {
+            crate::task::checkpoint();
             // Exact queries from here on.
             let (face, far) = match self.bvh.closest_within(piece.centre(), far) {
                 Some(c) => match self.max_distance(c.at.face, &piece) {
@@ -312,6 +313,7 @@ impl Target<'_> {
         start: u32,
         emit: &mut impl FnMut(u32, &ConvexPolygon, f64),
     ) {
+        crate::task::checkpoint();
         let mut open = STACK.take();
         open.clear();
         open.push((*piece, self.walk_to_face(start, piece.centre()), MAX_CUTS, true));

@@ -62,6 +62,9 @@ pub fn split_at_medians(items: &mut [KeyedPoint], most: usize) -> Vec<usize> {
     if parts <= 1 {
         return vec![items.len()];
     }
+    if items.len() > 4096 {
+        crate::task::checkpoint();
+    }
     let cut = items.len() * (parts / 2) / parts;
     let (a, b) = median_split::split(items, cut);
     let (mut a, b) = if a.len() > 4096 {
