@@ -3,6 +3,7 @@
 
 mod recenter;
 mod clearance_refine;
+pub mod complex;
 mod search_corridor;
 mod frames;
 mod graph;
