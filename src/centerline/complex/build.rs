@@ -139,7 +139,7 @@ impl Cells<'_> {
     #[inline]
     fn key(&self, d: f32) -> u32 {
         let root = d * self.scale;
-        (root * root) as u32
+        (root * root).round() as u32
     }
 
     fn nodes(&self, cell: usize, out: &mut Vec<Node>) {

@@ -147,7 +147,7 @@ impl<'a> Collapse<'a> {
             while let Some(&e) = self.free[level].get(at) {
                 at += 1;
                 done = done.wrapping_add(1);
-                if done % BETWEEN_CHECKS == 0 {
+                if done.is_multiple_of(BETWEEN_CHECKS) {
                     checkpoint();
                 }
                 let s = self.state[e as usize];

@@ -14,6 +14,8 @@
 mod build;
 pub mod cell;
 mod collapse;
+pub mod net;
+pub mod sweep;
 
 pub use collapse::{Collapsed, collapse};
 
@@ -67,7 +69,7 @@ pub struct Corner {
 
 /// The complex, each kind in the order of cells: the same at any number of threads.
 ///
-/// The depth of a voxel, or key, is ⌊4 (d/h)²⌋ with its distance d to the wall and the smallest
+/// The depth of a voxel, or key, is 4 (d/h)², rounded, with its distance d to the wall and the smallest
 /// spacing h. That of a pair, square or cube is its shallowest voxel's; that of an element the
 /// greatest of its pairs, squares or cubes. So no element is deeper than what bounds it.
 #[derive(Clone, Debug, Default)]

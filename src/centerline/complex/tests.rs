@@ -1,6 +1,7 @@
 use glam::IVec3;
 
 use super::*;
+use crate::field::Sampler;
 use crate::lumen::{BitVolume, Lumen};
 use crate::volume::Grid;
 
@@ -52,7 +53,7 @@ fn euler_of_mask(lumen: &Lumen) -> i64 {
 }
 
 fn random(v: IVec3, seed: u32) -> u32 {
-    let mix = |n: u32| (n ^ n >> 16).wrapping_mul(0x45d9_f3b).rotate_left(13);
+    let mix = |n: u32| (n ^ n >> 16).wrapping_mul(0x045d_9f3b).rotate_left(13);
     mix(mix(mix(v.x as u32 ^ seed) ^ v.y as u32) ^ v.z as u32) >> 8
 }
 
@@ -102,7 +103,8 @@ fn loops_of_known_shapes_are_left_and_nothing_else() {
     let tube = |v: IVec3| (v.as_vec3().truncate() - glam::Vec2::splat(15.0)).length() <= 10.0;
     let pillar = |v: IVec3| tube(v) && !((v.z - 30).abs() <= 1 && (v.y - 15).abs() <= 1);
     let rod = |v: IVec3| tube(v) && !((v.x - 15).abs() <= 1 && (v.y - 15).abs() <= 1);
-    let shapes: [(&str, [u32; 3], &dyn Fn(IVec3) -> bool, usize); 6] = [
+    type Shape<'a> = (&'a str, [u32; 3], &'a dyn Fn(IVec3) -> bool, usize);
+    let shapes: [Shape<'_>; 6] = [
         ("ball", [31, 31, 31], &ball([15.0; 3], 12.0), 0),
         ("torus", [45, 45, 21], &torus([22.0, 22.0, 10.0], 14.0, 5.0), 1),
         ("figure of eight", [64, 41, 21], &eight, 2),
@@ -188,4 +190,85 @@ fn no_element_is_deeper_than_what_bounds_it_and_threads_do_not_show() {
         );
         assert_eq!((again.runs, again.corners), (complex.runs.clone(), complex.corners.clone()));
     }
+}
+
+/// Loops of the graph with its tips held, before and after the rules; rules that ended loops; ends.
+fn pruned(l: &Lumen) -> (usize, usize, Vec<net::Rule>, usize) {
+    let field = distance(l);
+    let complex = CellComplex::new(l, &field);
+    let adjacency = sweep::Adjacency::new(&complex, l);
+    let component = adjacency.components();
+    let depth = |n: u32| std::cmp::Reverse(complex.nodes[n as usize].key);
+    let deepest = sweep::first_of_each(&component, depth);
+    let far = adjacency.lengths(&deepest);
+    let roots = sweep::first_of_each(&component, |n| std::cmp::Reverse(far[n as usize]));
+    let length = adjacency.lengths(&roots);
+    let h = l.grid.spacing_mm.min_element();
+    let units = |mm: f64| (mm / adjacency.unit_mm) as u32;
+    let width = |n: u32| units(0.5 * h * f64::from(complex.nodes[n as usize].key).sqrt());
+    let mut tips = sweep::tips(&adjacency, &length, width, units(5.0));
+    tips.extend(&roots);
+    tips.sort_unstable();
+    tips.dedup();
+    let left = collapse(&complex, &tips);
+    let mut net =
+        net::Net::new(&complex, &adjacency, &left, &tips, Sampler { lumen: l, field: &field });
+    let raw = net.loops();
+    assert_eq!(
+        raw as i64,
+        component.iter().max().map_or(0, |c| i64::from(*c) + 1) - complex.euler()
+            + left.shells as i64
+    );
+    let kept = net.prune(net::Limits::default());
+    assert_eq!(net.loops(), kept.len());
+    let rules = net.ended.iter().filter_map(|l| l.ended).collect();
+    (raw, kept.len(), rules, net.ends().len())
+}
+
+/// Two square tubes 15 wide side by side, joined below and by a round hole or bridge of radius `hole`
+/// through the wall of `wall` voxels between them.
+fn two_tubes(wall: i32, hole: f32) -> Lumen {
+    let (a, b) = (10, 25 + wall);
+    let dims = [(b + 11) as u32, 25, 80];
+    lumen(dims, |v| {
+        let tube = |x: i32| (v.x - x).abs() <= 7 && (v.y - 12).abs() <= 7 && (2..78).contains(&v.z);
+        let between = (a..=b).contains(&v.x);
+        let joint = between && (v.y - 12).abs() <= 5 && (2..14).contains(&v.z);
+        let bridge = between && ((v.y - 12) as f32).hypot((v.z - 58) as f32) <= hole;
+        tube(a) || tube(b) || joint || bridge
+    })
+}
+
+#[test]
+fn rules_keep_loops_of_organs_and_end_those_of_folds() {
+    use net::Rule;
+    let torus = lumen([45, 45, 21], torus([22.0, 22.0, 10.0], 14.0, 5.0));
+    assert_eq!(pruned(&torus), (1, 1, vec![], 0));
+    let tube = |v: IVec3| (v.as_vec3().truncate() - glam::Vec2::splat(15.0)).length() <= 10.0;
+    let pillar = |v: IVec3| tube(v) && !((v.z - 30).abs() <= 1 && (v.y - 15).abs() <= 1);
+    assert_eq!(pruned(&lumen([31, 31, 90], pillar)), (1, 0, vec![Rule::Local], 2));
+    // A long bridge is a branch that comes back; a hole in a thin wall is where folds touch.
+    assert_eq!(pruned(&two_tubes(24, 2.5)), (1, 1, vec![], 2));
+    assert_eq!(pruned(&two_tubes(2, 0.0)), (1, 0, vec![Rule::Window], 2));
+    assert_eq!(pruned(&two_tubes(6, 0.0)), (1, 1, vec![], 2));
+    assert_eq!(pruned(&two_tubes(2, 1.0)), (1, 0, vec![Rule::Window], 2));
+}
+
+#[test]
+fn tips_are_the_ends_of_branches_and_a_sac_has_one() {
+    let y = |v: IVec3| {
+        let p = v.as_vec3() - glam::Vec3::new(30.0, 10.0, 30.0);
+        let along = |x: f32, z: f32| {
+            let way = glam::Vec3::new(x, 0.0, z).normalize();
+            let t = p.dot(way).clamp(0.0, 26.0);
+            (p - way * t).length() <= 5.0
+        };
+        along(0.0, -1.0) || along(1.0, 1.0) || along(-1.0, 1.0)
+    };
+    assert_eq!(pruned(&lumen([61, 21, 61], y)), (0, 0, vec![], 3));
+    let tube = |v: IVec3| (v.as_vec3().truncate() - glam::Vec2::splat(10.0)).length() <= 6.0;
+    assert_eq!(pruned(&lumen([21, 21, 70], tube)), (0, 0, vec![], 2));
+    let slab = |v: IVec3| v.cmpge(IVec3::splat(2)).all() && v.x < 50 && v.y < 20 && v.z < 6;
+    let (raw, kept, ..) = pruned(&lumen([52, 22, 8], slab));
+    assert_eq!((raw, kept), (0, 0));
 }

@@ -1,0 +1,200 @@
+//! Geodesic lengths over the contacts of a complex, and the tips they find.
+
+use std::cmp::Reverse;
+
+use glam::DVec3;
+
+use super::CellComplex;
+use crate::centerline::queue::Queue;
+use crate::lumen::Lumen;
+use crate::task::checkpoint;
+
+/// Length that no path has: the node was not reached.
+pub const UNREACHED: u32 = u32::MAX;
+/// Units of length a smallest spacing: ties between paths are rare, and sums are exact.
+const UNITS: f64 = 64.0;
+
+/// Which contacts meet at each node, and how long they are.
+pub struct Adjacency {
+    start: Vec<u32>,
+    /// Contact and the node beyond it, by node; contacts ascend.
+    meeting: Vec<(u32, u32)>,
+    /// Length of each contact: from the deepest voxel of one node through the middle of its deepest
+    /// pair to that of the other, in units of [`Adjacency::unit_mm`].
+    pub length: Vec<u32>,
+    /// The unit of lengths, mm.
+    pub unit_mm: f64,
+    /// Deepest voxel of each node, local mm.
+    pub place_mm: Vec<DVec3>,
+}
+
+impl Adjacency {
+    /// Of all contacts of a complex.
+    pub fn new(complex: &CellComplex, lumen: &Lumen) -> Self {
+        let h = lumen.grid.spacing_mm;
+        let unit_mm = h.min_element() / UNITS;
+        let at = |e: u32| lumen.bricks.voxel(e as usize).as_dvec3() * h;
+        let place_mm: Vec<DVec3> = complex.nodes.iter().map(|n| at(n.deepest)).collect();
+        let length = complex.contacts.iter().map(|c| {
+            let [a, b] = c.nodes.map(|n| place_mm[n as usize]);
+            let [p, q] = c.deepest.map(at);
+            let middle: DVec3 = 0.5 * (p + q);
+            ((a.distance(middle) + middle.distance(b)) / unit_mm).round() as u32
+        });
+        let length = length.collect();
+        let mut start = vec![0u32; complex.nodes.len() + 1];
+        let ends = || complex.contacts.iter().flat_map(|c| c.nodes);
+        ends().for_each(|n| start[n as usize + 1] += 1);
+        for i in 1..start.len() {
+            start[i] += start[i - 1];
+        }
+        let mut next = start.clone();
+        let mut meeting = vec![(0, 0); 2 * complex.contacts.len()];
+        for (c, contact) in complex.contacts.iter().enumerate() {
+            let [a, b] = contact.nodes;
+            for (from, to) in [(a, b), (b, a)] {
+                meeting[next[from as usize] as usize] = (c as u32, to);
+                next[from as usize] += 1;
+            }
+        }
+        Self { start, meeting, length, unit_mm, place_mm }
+    }
+
+    /// Contacts of a node, each with the node beyond.
+    #[inline]
+    pub fn of(&self, node: u32) -> &[(u32, u32)] {
+        &self.meeting[self.start[node as usize] as usize..self.start[node as usize + 1] as usize]
+    }
+
+    /// Nodes.
+    fn len(&self) -> usize {
+        self.start.len() - 1
+    }
+
+    /// Length of the shortest path from the nearest of `sources` to each node (Dijkstra's search
+    /// with Dial's buckets).
+    pub fn lengths(&self, sources: &[u32]) -> Vec<u32> {
+        let mut length = vec![UNREACHED; self.len()];
+        let most = self.length.iter().copied().max().unwrap_or(0);
+        let mut queue = Queue::new(most, 0);
+        for &s in sources {
+            length[s as usize] = 0;
+            queue.push(0, s);
+        }
+        let mut batch = Vec::new();
+        while let Some(at) = queue.next(&mut batch) {
+            checkpoint();
+            for &node in &batch {
+                if length[node as usize] != at {
+                    continue; // reached sooner since
+                }
+                for &(contact, to) in self.of(node) {
+                    let new = at.saturating_add(self.length[contact as usize]);
+                    if new < length[to as usize] {
+                        length[to as usize] = new;
+                        queue.push(new, to);
+                    }
+                }
+            }
+        }
+        length
+    }
+
+    /// Component of each node, numbered in the order of their lowest nodes.
+    pub fn components(&self) -> Vec<u32> {
+        let mut component = vec![u32::MAX; self.len()];
+        let (mut open, mut count) = (Vec::new(), 0);
+        for first in 0..self.len() as u32 {
+            if component[first as usize] != u32::MAX {
+                continue;
+            }
+            component[first as usize] = count;
+            open.push(first);
+            while let Some(node) = open.pop() {
+                for &(_, to) in self.of(node) {
+                    if component[to as usize] == u32::MAX {
+                        component[to as usize] = count;
+                        open.push(to);
+                    }
+                }
+            }
+            count += 1;
+        }
+        component
+    }
+}
+
+/// Per component the node that comes first by `order`.
+pub fn first_of_each<K: Ord>(component: &[u32], order: impl Fn(u32) -> K) -> Vec<u32> {
+    let count = component.iter().max().map_or(0, |c| *c as usize + 1);
+    let mut best: Vec<Option<(K, u32)>> = (0..count).map(|_| None).collect();
+    for (node, c) in (0u32..).zip(component) {
+        let key = (order(node), node);
+        let best = &mut best[*c as usize];
+        if best.as_ref().is_none_or(|b| key < *b) {
+            *best = Some(key);
+        }
+    }
+    best.into_iter().flatten().map(|b| b.1).collect()
+}
+
+/// Nodes where a branch may end: maxima of the length from the root that rise above the saddle which
+/// joins them to a longer one by at least the distance to the wall there, and by `least`.
+///
+/// * `length`: from the roots. `width`: distance to the wall at each node; `least`: both in units of
+///   length.
+///
+/// Of each component the farthest node is one. In ascending order.
+pub fn tips(
+    adjacency: &Adjacency,
+    length: &[u32],
+    width: impl Fn(u32) -> u32,
+    least: u32,
+) -> Vec<u32> {
+    const NONE: u32 = u32::MAX;
+    let mut order: Vec<u32> = (0..adjacency.len() as u32).collect();
+    order.sort_unstable_by_key(|n| (Reverse(length[*n as usize]), *n));
+    // Parent in a forest of sets; the set's maximum at its root.
+    let mut parent = vec![NONE; adjacency.len()];
+    let top: Vec<u32> = (0..adjacency.len() as u32).collect();
+    let find = |parent: &mut [u32], mut n: u32| {
+        while parent[n as usize] != n {
+            let up = parent[parent[n as usize] as usize];
+            parent[n as usize] = up;
+            n = up;
+        }
+        n
+    };
+    let mut found = Vec::new();
+    for &node in &order {
+        parent[node as usize] = node;
+        let mut own: Option<u32> = None;
+        for &(_, to) in adjacency.of(node) {
+            if parent[to as usize] == NONE {
+                continue;
+            }
+            let set = find(&mut parent, to);
+            let Some(first) = own else {
+                own = Some(set);
+                parent[node as usize] = set;
+                continue;
+            };
+            if first == set {
+                continue;
+            }
+            let rank = |s: u32| (Reverse(length[top[s as usize] as usize]), top[s as usize]);
+            let (keep, end) = if rank(first) <= rank(set) { (first, set) } else { (set, first) };
+            let tip = top[end as usize];
+            let rise = length[tip as usize] - length[node as usize];
+            if rise >= width(node).max(least) {
+                found.push(tip);
+            }
+            parent[end as usize] = keep;
+            own = Some(keep);
+        }
+    }
+    let sets = (0..adjacency.len() as u32).filter(|n| parent[*n as usize] == *n);
+    found.extend(sets.map(|s| top[s as usize]));
+    found.sort_unstable();
+    found
+}
