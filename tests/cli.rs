@@ -264,6 +264,15 @@ fn every_computing_command_repeats_in_memory_and_answers_one_json_line() {
 }
 
 #[test]
+fn the_hessian_of_grey_values_asks_for_no_lumen() {
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Tube, 48);
+    let args = ["hessian", "ct.nrrd", "--of", "grey", "--response", "tubeness", "-o", "o.nrrd"];
+    works(tmp.path(), &args);
+    assert!(tmp.path().join("o.nrrd").exists());
+}
+
+#[test]
 fn every_command_that_reads_or_writes_says_the_most_memory_it_held() {
     let tmp = tempfile::tempdir().unwrap();
     phantom(tmp.path(), Kind::Tube, 48);

@@ -13,8 +13,9 @@ use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
 /// The volume the lumen is chosen from.
 pub(super) struct Loaded {
     pub volume: Arc<Volume>,
-    /// Values or labels inside.
-    pub select: IntensitySelection,
+    /// Values or labels inside; `None` where neither settings nor volume say: a Hessian of grey
+    /// values needs no lumen.
+    pub select: Option<IntensitySelection>,
     /// The image a label map was drawn on, as its header says; its voxels were not read.
     pub image: Option<InputReport>,
     /// The label map as it was read, where it had to be resampled.
@@ -56,16 +57,14 @@ impl Session {
         match &self.source {
             Source::Image(source) => {
                 let volume = read_orthogonal_volume(source, limit)?;
-                let select = match select {
-                    Some(select) => select,
-                    None if is_label_map(&volume) => IntensitySelection::Labels(Vec::new()),
-                    None => return Err(SessionError::LumenNotChosen { name: source.name() }),
-                };
+                let labels =
+                    || is_label_map(&volume).then(|| IntensitySelection::Labels(Vec::new()));
+                let select = select.or_else(labels);
                 Ok(Loaded { volume, select, image: None, resampled: None, is_mask: false })
             }
             Source::Mask { mask, image } => {
                 let volume = read_orthogonal_volume(mask, limit)?;
-                let select = select.unwrap_or_else(|| IntensitySelection::Labels(Vec::new()));
+                let select = Some(select.unwrap_or_else(|| IntensitySelection::Labels(Vec::new())));
                 let image = image.as_ref().map(geometry).transpose()?;
                 let mut loaded =
                     Loaded { volume, select, image: None, resampled: None, is_mask: true };

@@ -2,7 +2,7 @@
 
 use glam::IVec3;
 
-use super::settings::Seed;
+use super::settings::{Seed, Source};
 use super::{Clock, Session, SessionError, estimate_bytes, present, put, refuse_above};
 use crate::lumen::{Component, Lumen, LumenError, SegmentationOptions, SegmentationStats};
 use crate::volume::{Grid, Volume};
@@ -31,6 +31,11 @@ impl Session {
         let loaded = present(&self.slots.volume);
         let volume = &*loaded.volume;
         let settings = &self.settings.lumen;
+        let name = || match &self.source {
+            Source::Image(source) | Source::Mask { mask: source, .. } => source.name(),
+        };
+        let selection = loaded.select.clone();
+        let selection = selection.ok_or_else(|| SessionError::LumenNotChosen { name: name() })?;
         let seed = match settings.seed {
             None => None,
             Some(Seed::Voxel(v)) => Some(v),
@@ -40,7 +45,7 @@ impl Session {
             }
         };
         let options = SegmentationOptions {
-            selection: loaded.select.clone(),
+            selection,
             seed,
             all_components: settings.all_components,
             fill: settings.fill,
