@@ -24,6 +24,7 @@ pub use error::MeshError;
 pub use halfedge::HalfEdges;
 pub use make_manifold::{Repairs, make_manifold};
 pub use parameterization::{MappedPoint, Parameterization, ParameterizationError};
+pub(crate) use quadric::Quadric;
 pub use simplify::{Metric, Simplified, SimplifyOptions, StopReason, simplify};
 
 #[cfg(test)]

@@ -1,6 +1,10 @@
 //! Quadric error: weighted sums of squared distances to planes.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
+
+/// Regularization of [`Quadric::step_to_minimum`]: share of the trace added to the diagonal, so that a
+/// vertex does not move in directions its planes do not determine (within a flat, along a ridge).
+const STIFFNESS: f64 = 1e-3;
 
 /// Σ wᵢ (nᵢ·x + dᵢ)², as the ten numbers of its symmetric 4 × 4 matrix (Garland and Heckbert
 /// 1997, doi:10.1145/258734.258849), mixed terms doubled, and Σ wᵢ.
@@ -60,22 +64,40 @@ impl Quadric {
     /// The weighted sum of squared distances; never below 0.
     #[inline]
     pub fn at(&self, p: DVec3) -> f64 {
+        self.sum(p).max(0.0)
+    }
+
+    /// The same as its terms add up: rounding may take it below 0.
+    #[inline]
+    pub fn sum(&self, p: DVec3) -> f64 {
         let x = p.x * (self.xx * p.x + self.xy * p.y + self.xz * p.z + self.x);
         let y = p.y * (self.yy * p.y + self.yz * p.z + self.y);
         let z = p.z * (self.zz * p.z + self.z);
-        ((x + y) + (z + self.one)).max(0.0)
+        (x + y) + (z + self.one)
     }
 
     /// Half the gradient at `p`, and the 3 × 3 matrix as columns: the sum falls along
     /// −matrix⁻¹ · gradient.
-    pub fn slope(&self, p: DVec3) -> (DVec3, glam::DMat3) {
+    pub fn slope(&self, p: DVec3) -> (DVec3, DMat3) {
         let (xy, xz, yz) = (0.5 * self.xy, 0.5 * self.xz, 0.5 * self.yz);
-        let m = glam::DMat3::from_cols(
+        let m = DMat3::from_cols(
             DVec3::new(self.xx, xy, xz),
             DVec3::new(xy, self.yy, yz),
             DVec3::new(xz, yz, self.zz),
         );
         (m * p + 0.5 * DVec3::new(self.x, self.y, self.z), m)
+    }
+
+    /// Step from `p` to the minimum, at most `longest`, in the unit of the points. `None` without
+    /// planes.
+    pub fn step_to_minimum(&self, p: DVec3, longest: f64) -> Option<DVec3> {
+        let (slope, m) = self.slope(p);
+        let trace = m.x_axis.x + m.y_axis.y + m.z_axis.z;
+        if trace.is_nan() || trace <= 0.0 {
+            return None;
+        }
+        let held = m + DMat3::from_diagonal(DVec3::splat(STIFFNESS * trace));
+        Some((held.inverse() * -slope).clamp_length_max(longest))
     }
 }
 

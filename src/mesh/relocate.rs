@@ -1,14 +1,11 @@
 //! Moves a vertex to the minimum of its quadric after others collapsed onto it.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 use super::HalfEdges;
 use super::halfedge::prev;
 use super::quadric::Quadric;
 
-/// Regularization: share of the quadric's trace added to its diagonal, so that a vertex does not move
-/// in directions its planes do not determine (within a flat, along a ridge).
-const HOLD: f64 = 1e-3;
 /// cos² of the largest angle that a face may turn by in one move, 30°.
 const COS2_TURN: f64 = 0.75;
 /// Largest step, as a share of the vertex's shortest edge.
@@ -24,15 +21,9 @@ pub fn better_place(
     at: impl Fn(u32) -> DVec3,
 ) -> Option<DVec3> {
     let old = at(v);
-    let (slope, m) = quadric.slope(old);
-    let trace = m.x_axis.x + m.y_axis.y + m.z_axis.z;
-    if trace <= 0.0 {
-        return None;
-    }
-    let held = m + DMat3::from_diagonal(DVec3::splat(HOLD * trace));
     let ring = || edges.around(v).map(|h| edges.target(h));
     let shortest2 = ring().map(|w| at(w).distance_squared(old)).fold(f64::INFINITY, f64::min);
-    let step = (held.inverse() * -slope).clamp_length_max(MOST_STEP * shortest2.sqrt());
+    let step = quadric.step_to_minimum(old, MOST_STEP * shortest2.sqrt())?;
     let good = |p: DVec3| {
         edges.around(v).all(|h| {
             let (a, b) = (at(edges.target(h)), at(edges.origin(prev(h))));

@@ -8,10 +8,11 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 use super::partition::NO_FACE;
 use super::vertex_faces::VertexFaces;
+use crate::mesh::Quadric;
 
 /// Most faces at a vertex after a collapse.
 const MAX_VALENCE: usize = 24;
@@ -23,9 +24,6 @@ const MIN_TURN_COSINE: f64 = 0.2588;
 const MIN_ANGLE_SINE: f64 = 0.001745;
 /// Weight of the planes that hold an open boundary in place, relative to that of faces.
 const BOUNDARY_WEIGHT: f64 = 10.0;
-/// Share of the trace of a quadric that is added to its diagonal: along flats and ridges, where
-/// planes do not determine a minimum, the vertex stays.
-const REST_STIFFNESS: f64 = 1e-3;
 /// Least cosine of the angle that a face may turn by in one vertex move (30°).
 const MIN_MOVE_COSINE: f64 = 0.866;
 /// Largest move of a vertex, relative to its shortest edge.
@@ -43,42 +41,6 @@ pub struct SimplifiedFaces {
     pub onto: Vec<u16>,
     /// Position of each remaining vertex, as given or moved; of no meaning for the others.
     pub at: Vec<DVec3>,
-}
-
-/// Squared distance to weighted planes: p·A p + 2 b·p + c.
-#[derive(Clone, Copy, Default)]
-struct Quadric {
-    a: [f64; 6],
-    b: DVec3,
-    c: f64,
-}
-
-impl Quadric {
-    fn plane(n: DVec3, through: DVec3, weight: f64) -> Self {
-        let d = -n.dot(through);
-        let a = [n.x * n.x, n.y * n.y, n.z * n.z, n.x * n.y, n.y * n.z, n.z * n.x];
-        Self { a: a.map(|v| weight * v), b: weight * d * n, c: weight * d * d }
-    }
-
-    fn add(&mut self, o: &Self) {
-        self.a.iter_mut().zip(o.a).for_each(|(a, b)| *a += b);
-        self.b += o.b;
-        self.c += o.c;
-    }
-
-    /// Half the gradient at `p`, and the matrix A.
-    fn slope(&self, p: DVec3) -> (DVec3, DMat3) {
-        let [xx, yy, zz, xy, yz, zx] = self.a;
-        let m = DMat3::from_cols_array(&[xx, xy, zx, xy, yy, yz, zx, yz, zz]);
-        (m * p + self.b, m)
-    }
-
-    fn at(&self, p: DVec3) -> f64 {
-        let [xx, yy, zz, xy, yz, zx] = self.a;
-        let square = xx * p.x * p.x + yy * p.y * p.y + zz * p.z * p.z;
-        let mixed = xy * p.x * p.y + yz * p.y * p.z + zx * p.z * p.x;
-        square + 2.0 * (mixed + self.b.dot(p)) + self.c
-    }
 }
 
 struct TriangleSoup<'a> {
@@ -200,7 +162,7 @@ impl<'a> TriangleSoup<'a> {
             let normal = cross(f).normalize_or_zero();
             let q = Quadric::plane(normal, at[f[0] as usize], area(f) + floor);
             for v in f.map(usize::from) {
-                quadric[v].add(&q);
+                quadric[v] += q;
             }
         }
         let mark = vec![(0, 0); at.len()];
@@ -224,8 +186,8 @@ impl<'a> TriangleSoup<'a> {
                 let across = (c - a) - along * along.dot(c - a);
                 let weight = BOUNDARY_WEIGHT * (b - a).length_squared();
                 let q = Quadric::plane(across.normalize_or_zero(), a, weight);
-                self.quadric[u as usize].add(&q);
-                self.quadric[v as usize].add(&q);
+                self.quadric[u as usize] += q;
+                self.quadric[v as usize] += q;
             }
         }
     }
@@ -260,16 +222,15 @@ impl<'a> TriangleSoup<'a> {
     fn targets(&mut self, u: u16, out: &mut Vec<(f64, u16)>) {
         out.clear();
         let fan = self.gather_ring(u);
-        let mut q = self.quadric[u as usize];
+        let own = self.quadric[u as usize];
         let mut add = |v: u16| {
-            let o = &self.quadric[v as usize];
-            q = self.quadric[u as usize];
-            q.add(o);
+            let mut q = own;
+            q += self.quadric[v as usize];
             let mut p = self.at[v as usize];
             if !self.locked[v as usize] {
                 p += KEPT_VERTEX_SHARE * (self.at[u as usize] - p);
             }
-            out.push((q.at(p).max(0.0), v));
+            out.push((q.at(p), v));
         };
         match fan {
             VertexFan::Closed => self.ring.iter().for_each(|v| add(*v)),
@@ -330,15 +291,9 @@ impl<'a> TriangleSoup<'a> {
     fn relocate(&mut self, v: u16) {
         let quadric = self.quadric[v as usize];
         let old = self.at[v as usize];
-        let (slope, m) = quadric.slope(old);
-        let trace = m.x_axis.x + m.y_axis.y + m.z_axis.z;
-        if trace.is_nan() || trace <= 0.0 {
-            return;
-        }
-        let held = m + DMat3::from_diagonal(DVec3::splat(REST_STIFFNESS * trace));
         let sides = self.ring.iter().map(|w| self.at[*w as usize].distance_squared(old));
         let shortest = sides.fold(f64::INFINITY, f64::min).sqrt();
-        let step = (held.inverse() * -slope).clamp_length_max(MAX_MOVE_SHARE * shortest);
+        let Some(step) = quadric.step_to_minimum(old, MAX_MOVE_SHARE * shortest) else { return };
         let fits = |p: DVec3| {
             self.of.get(v).iter().all(|f| {
                 let f = self.faces[*f as usize];
@@ -353,7 +308,7 @@ impl<'a> TriangleSoup<'a> {
             })
         };
         let places = [1.0, 0.5, 0.25].map(|s| old + s * step);
-        let better = |p: &DVec3| p.is_finite() && quadric.at(*p) < quadric.at(old);
+        let better = |p: &DVec3| p.is_finite() && quadric.sum(*p) < quadric.sum(old);
         if let Some(p) = places.into_iter().find(|p| fits(*p)).filter(better) {
             self.at[v as usize] = p;
         }
@@ -377,7 +332,7 @@ impl<'a> TriangleSoup<'a> {
             }
         }
         let q = self.quadric[u as usize];
-        self.quadric[v as usize].add(&q);
+        self.quadric[v as usize] += q;
         gone
     }
 }
