@@ -5,14 +5,16 @@
 
 #[path = "common/volumes.rs"]
 mod common;
+#[path = "common/readers.rs"]
+mod readers;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-use intima::flight::CameraPath;
-use intima::formats::{ReadOptions, inspect, read_mesh, read_volume, write_mesh, write_volume};
+use intima::formats::{write_mesh, write_volume};
 use intima::geometry::Mesh;
 use peak_alloc::PeakAlloc;
+use readers::read;
 
 #[global_allocator]
 static COUNTED: PeakAlloc = PeakAlloc;
@@ -111,29 +113,6 @@ fn mutated(seed: &[u8], random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// Reads a file by its extension; the error as text.
-fn read(path: &Path, bytes: &[u8]) -> Result<(), String> {
-    let extension = path.extension().map(|e| e.to_string_lossy().into_owned()).unwrap_or_default();
-    match extension.as_str() {
-        "json" => CameraPath::parse(bytes).map(drop).map_err(|e| e.to_string()),
-        "ply" | "stl" | "obj" | "vtp" | "glb" => {
-            let (mesh, _) = read_mesh(path, None).map_err(|e| e.to_string())?;
-            // What is read is fit to be worked on.
-            let count = mesh.positions.len();
-            assert!(mesh.faces.iter().flatten().all(|v| (*v as usize) < count));
-            assert!(mesh.positions.iter().all(|p| p.is_finite()));
-            Ok(())
-        }
-        _ => {
-            let _ = inspect(path, &ReadOptions::default());
-            let volume = read_volume(path, &ReadOptions::default()).map_err(|e| e.to_string())?;
-            assert_eq!(volume.samples.len(), volume.grid.len());
-            assert!(volume.grid.spacing_mm.min_element() > 0.0);
-            Ok(())
-        }
-    }
-}
-
 /// One small file of each format and encoding.
 fn seeds() -> Vec<(&'static str, Vec<u8>)> {
     let dir = tempfile::tempdir().unwrap();
@@ -178,6 +157,58 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
     seeds
 }
 
+/// Reads a file: the memory taken for one that is refused, or what is wrong with how it went.
+fn judged(path: &Path, bytes: &[u8]) -> Result<Option<usize>, String> {
+    let before = COUNTED.current_usage();
+    COUNTED.reset_peak_usage();
+    let outcome = catch_unwind(AssertUnwindSafe(|| read(path, bytes)));
+    let taken = COUNTED.peak_usage().saturating_sub(before);
+    match outcome {
+        Ok(Ok(())) => Ok(None),
+        Ok(Err(e)) if e.contains('\n') => Err(format!("more than a line: {e}")),
+        Ok(Err(_)) if taken > 4 * bytes.len() + 8_000_000 => {
+            Err(format!("{taken} bytes of memory"))
+        }
+        Ok(Err(_)) => Ok(Some(taken)),
+        Err(_) => Err("panicked".to_owned()),
+    }
+}
+
+/// What coverage-guided fuzzing found to be of interest (`fuzz/corpus`, a folder for each extension).
+#[test]
+fn every_file_of_the_fuzz_corpus_is_read_or_refused_in_one_line_with_little_memory() {
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
+    let dir = tempfile::tempdir().unwrap();
+    let (mut well, mut refused) = (0, 0);
+    for reader in std::fs::read_dir(&corpus).unwrap().map(|e| e.unwrap().path()) {
+        let extension = reader.file_name().unwrap().to_string_lossy().replace('_', ".");
+        let path = dir.path().join("a").with_extension(extension);
+        for file in std::fs::read_dir(&reader).unwrap().map(|e| e.unwrap().path()) {
+            let bytes = std::fs::read(&file).unwrap();
+            std::fs::write(&path, &bytes).unwrap();
+            match judged(&path, &bytes) {
+                Ok(None) => well += 1,
+                Ok(Some(_)) => refused += 1,
+                Err(fault) => panic!("{}: {fault}", file.display()),
+            }
+        }
+    }
+    println!("{well} read, {refused} refused");
+    assert!(well >= 10 && refused > 100, "{well} read, {refused} refused");
+}
+
+/// The small files that mutation starts from, written where fuzzing takes its corpus.
+#[test]
+#[ignore = "writes fuzz/corpus; see fuzz/README.md"]
+fn write_the_seeds_of_the_fuzz_corpus() {
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
+    for (name, bytes) in seeds() {
+        let reader = corpus.join(name.split_once('.').unwrap().1.replace('.', "_"));
+        std::fs::create_dir_all(&reader).unwrap();
+        std::fs::write(reader.join(blake3::hash(&bytes).to_hex().as_str()), &bytes).unwrap();
+    }
+}
+
 #[test]
 fn mutated_files_are_read_or_refused_in_one_line_with_little_memory() {
     let rounds = std::env::var("INTIMA_FUZZ_ROUNDS").ok().and_then(|n| n.parse().ok());
@@ -191,27 +222,14 @@ fn mutated_files_are_read_or_refused_in_one_line_with_little_memory() {
         for round in 0..rounds.unwrap_or(ROUNDS) {
             let bytes = mutated(&seed, &mut random);
             std::fs::write(&path, &bytes).unwrap();
-            let before = COUNTED.current_usage();
-            COUNTED.reset_peak_usage();
-            let outcome = catch_unwind(AssertUnwindSafe(|| read(&path, &bytes)));
-            let taken = COUNTED.peak_usage().saturating_sub(before);
-            let fault = match outcome {
-                Ok(Ok(())) => {
-                    well += 1;
-                    continue;
+            match judged(&path, &bytes) {
+                Ok(None) => well += 1,
+                Ok(Some(taken)) => (refused, most) = (refused + 1, most.max(taken)),
+                Err(fault) => {
+                    let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("fuzz-{name}"));
+                    std::fs::write(&kept, &bytes).unwrap();
+                    panic!("{name}, round {round}: {fault}; kept as {}", kept.display());
                 }
-                Ok(Err(e)) if e.contains('\n') => Some(format!("more than a line: {e}")),
-                Ok(Err(_)) if taken > 4 * bytes.len() + 8_000_000 => {
-                    Some(format!("{taken} bytes of memory"))
-                }
-                Ok(Err(_)) => None,
-                Err(_) => Some("panicked".to_owned()),
-            };
-            (refused, most) = (refused + 1, most.max(taken));
-            if let Some(fault) = fault {
-                let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("fuzz-{name}"));
-                std::fs::write(&kept, &bytes).unwrap();
-                panic!("{name}, round {round}: {fault}; kept as {}", kept.display());
             }
         }
         println!("{name}: {well} read, {refused} refused, {most} bytes at most");
