@@ -4,18 +4,23 @@
 mod common;
 
 use common::{int, json, list, lumen, real, voxel};
-use intima::centerline::{Graph, NOWHERE, Routes};
+use glam::DVec3;
+use intima::centerline::{Ends, Graph, NOWHERE, RouteOptions, Routes, centerline};
 use intima::compute::{Plan, run_cpu};
-use intima::field::{LumenBuffers, distance};
+use intima::field::{LumenBuffers, Sampler, distance, smooth};
 use intima::lumen::Lumen;
 use serde_json::Value;
 
-fn distance_of(lumen: &Lumen) -> Vec<f32> {
+/// The exact distance, mm, and the same after a Gaussian of a voxel.
+fn fields_of(lumen: &Lumen) -> (Vec<f32>, Vec<f32>) {
     let mut plan = Plan::new();
     let buffers = LumenBuffers::new(&mut plan, lumen);
     let d = distance(&mut plan, &buffers);
+    let f = smooth(&mut plan, &buffers, d, lumen.grid.spacing_mm.min_element(), None);
     plan.download(d);
-    run_cpu(&plan).get(d).to_vec()
+    plan.download(f);
+    let out = run_cpu(&plan);
+    (out.get(d).to_vec(), out.get(f).to_vec())
 }
 
 fn cases() -> Vec<(String, Value)> {
@@ -67,22 +72,45 @@ fn lengths_are_those_of_dijkstra_within_a_hundred_and_twenty_eighth() {
 }
 
 #[test]
-fn centred_costs_are_those_of_dijkstra_and_a_sixty_fourth_more_at_most() {
-    // A step's cost is rounded up to the next unit, and the cheapest is worth 64 units; past a
-    // depth of 32 voxels units grow coarser, which no fixture reaches.
+fn curves_between_given_ends_cost_little_more_than_the_cheapest_route_over_voxels() {
+    // SciPy's route is the cheapest of those over voxel centres; a curve may cut their corners, and
+    // is centred instead of cheap.
+    let (mut most, mut judged) = (0.0f64, 0);
     for (name, want) in cases() {
         let lumen = lumen(&name);
-        let d = distance_of(&lumen);
+        let (d, f) = fields_of(&lumen);
         let h = lumen.grid.spacing_mm.min_element();
-        let deepest = f64::from(d.iter().copied().fold(0.0, f32::max));
-        assert!(deepest < 32.0 * h, "{name}");
-        let unit = h / (64.0 * (deepest / h).powi(2));
-        let graph = Graph::new(&lumen);
-        let source = graph.node_at(voxel(&want["source"])).expect("the source is inside");
-        let routes = graph.by_centrality(&[source], &d);
-        let keys = ("centred", "sum_centred");
-        let range = (1.0 - 1e-5, 1.0 + 1.0 / 64.0 + 1e-5);
-        let worst = assert_costs(&graph, &routes, &want, keys, unit, range);
-        println!("{name}: {worst:.5}");
+        let world = lumen.grid.world_from_voxel();
+        let at = |v| world.transform_point3(voxel(v).as_dvec3());
+        let sampler = Sampler { lumen: &lumen, field: &d };
+        let (mut worst, mut ended) = (0.0f64, 0);
+        for target in list(&want["targets"]) {
+            let (from, to) = (at(&want["source"]), at(&target["at"]));
+            let least = real(&target["centred"]);
+            if real(&target["plain_mm"]) < 10.0 * h {
+                continue;
+            }
+            let ends = Ends { from: Some(from), to: Some(to) };
+            let options = RouteOptions { ends, ..RouteOptions::default() };
+            let routed = centerline(&lumen, &d, &f, options).unwrap();
+            ended = routed.loops.iter().filter(|l| l.found.ended.is_some()).count();
+            let local = lumen.grid.voxel_from_world();
+            let points = routed.line.branches[0].points.iter();
+            let points: Vec<DVec3> = points
+                .map(|p| local.transform_point3(p.position_mm) * lumen.grid.spacing_mm)
+                .collect();
+            let cost = |w: &[DVec3]| {
+                let of = |p| (h / sampler.at(p).max(h)).powi(2);
+                w[0].distance(w[1]) * 0.5 * (of(w[0]) + of(w[1]))
+            };
+            let cost: f64 = points.windows(2).map(cost).sum();
+            worst = worst.max(cost / least);
+        }
+        println!("{name}: {worst:.3}, {ended} loops cut");
+        // Where a rule cut a loop the way may go round the other side.
+        if ended == 0 {
+            (most, judged) = (most.max(worst), judged + usize::from(worst > 0.0));
+        }
     }
+    assert!(most < 1.1 && judged >= 3, "{most} of {judged}");
 }

@@ -1,20 +1,21 @@
-//! The centerline: visibility test over ridge candidates, cheapest routes through the voxel graph,
-//! smooth centred curves that are proven inside, trees of them, frames along them.
+//! The centerline: the lumen's graph, paths and trees along it, smooth centred curves that are proven
+//! inside, frames along them; the visibility test.
 
+mod branches;
+mod chain_route;
 mod recenter;
 mod clearance_refine;
 pub mod complex;
-mod search_corridor;
 mod frames;
 mod graph;
 mod paper;
+mod pieces;
 mod containment;
 mod queue;
 mod route;
 mod search;
 mod section;
 mod spline;
-mod tree;
 mod visibility;
 
 pub use containment::{Proof, safe_by_distance, safe_by_voxels};
@@ -22,7 +23,7 @@ pub use frames::{Frame, frames, tangents};
 pub use graph::Graph;
 pub use paper::paper_path;
 pub use recenter::{arc_lengths, resample};
-pub use route::{Ends, RouteOptions, Routed, centerline};
+pub use route::{Ends, GraphNode, Loops, LumenLoop, RouteOptions, Routed, centerline};
 pub use search::{NOWHERE, Routes};
 pub use visibility::{Pending, Radius, Viewpoint, VisibilityInput, add_viewers};
 

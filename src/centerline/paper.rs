@@ -226,7 +226,7 @@ mod tests {
 
     fn xs(ends: Ends) -> Result<Vec<f64>, CenterlineError> {
         let (lumen, kept, distance) = channel();
-        let options = RouteOptions { ends, tree: false };
+        let options = RouteOptions { ends, ..RouteOptions::default() };
         let line = paper_path(&lumen, &kept, &distance, options)?;
         Ok(line.branches[0].points.iter().map(|p| p.position_mm.x).collect())
     }

@@ -1,14 +1,23 @@
 //! From the distance map to a path or a tree in patient space.
+//!
+//! The lumen's cell complex is collapsed onto a graph that has all its loops; rules take away what is
+//! no branch and cut what is no way. Paths and trees are ways over the arcs that are left.
 
 use std::cmp::Reverse;
+use std::collections::BTreeMap;
 
-use glam::{DVec3, IVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::containment::{Proof, mend};
-use super::recenter::{Fixed, cap_centre, recenter};
-use super::tree::{Tree, grow};
-use super::{CenterlineError, Graph, NOWHERE, Routes};
+use super::CenterlineError;
+use super::branches::{BranchRoute, Branches, grow};
+use super::chain_route::{Chain, ChainRouter};
+use super::complex::net::{Limits, Loop, Net, Rule};
+use super::complex::sweep::{Adjacency, first_of_each, tips};
+use super::complex::{CellComplex, cell, collapse};
+use super::containment::Proof;
+use super::pieces;
+use super::recenter::cap_centre;
 use crate::field::Sampler;
 use crate::geometry::Centerline;
 use crate::lumen::Lumen;
@@ -22,6 +31,16 @@ pub struct Ends {
     pub to: Option<DVec3>,
 }
 
+/// What becomes of loops in a tree.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Loops {
+    /// A branch that closes a loop ends on another.
+    #[default]
+    Keep,
+    /// It is cut where both sides are equally far from the root.
+    Cut,
+}
+
 /// What to extract.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RouteOptions {
@@ -29,6 +48,28 @@ pub struct RouteOptions {
     pub ends: Ends,
     /// All branches instead of one path.
     pub tree: bool,
+    /// Loops of a tree.
+    pub loops: Loops,
+}
+
+/// A loop of the lumen and what became of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LumenLoop {
+    /// Its narrowest place, LPS mm.
+    pub throat_at: DVec3,
+    /// Lengths, and the rule that ended it.
+    pub found: Loop,
+}
+
+impl LumenLoop {
+    /// A loop that was cut at one of two places about as narrow: the other may be where folds touch,
+    /// and this one a stricture.
+    pub fn is_doubtful(&self) -> bool {
+        /// How many times as wide another place must be to be out of the question.
+        const CLEAR: f64 = 1.25;
+        self.found.ended == Some(Rule::Window)
+            && self.found.next_throat_mm < CLEAR * self.found.throat_mm
+    }
 }
 
 /// A centerline and what is known about it.
@@ -40,6 +81,19 @@ pub struct Routed {
     pub proof: Proof,
     /// Inside voxels that no legal route joins to the root.
     pub unreachable: usize,
+    /// Nodes on the graph's arcs, by ascending elements.
+    pub nodes: Vec<GraphNode>,
+    /// Loops that were cut, in the order in which they were, then those that were kept.
+    pub loops: Vec<LumenLoop>,
+}
+
+/// A place on an arc of the graph.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GraphNode {
+    /// Field element of its voxel.
+    pub element: u32,
+    /// Chord of the arc there, along the index axes, mm; zero where there is none.
+    pub chord: DVec3,
 }
 
 /// How many times the room of one end another must have to be the root in its place.
@@ -48,15 +102,18 @@ const MORE_ROOM: f64 = 1.05;
 /// a trachea beside two bronchi.
 const TRUNK_ROOM: f64 = 1.5;
 
+/// And the share of the longest path's length, as its inverse, that it must lie off that path:
+/// pockets of a wide lumen are no trunks.
+const TRUNK_LENGTH: u64 = 10;
+
 /// Extracts a path or tree.
 ///
 /// * `distance`: exact distance, mm; `smooth`: after a Gaussian of one voxel.
 ///
-/// Ends that are not given are the two points farthest apart by geodesic distance (a double
-/// sweep), moved to the centres of the caps they lie on. The root is the end with more room; where
-/// the tip farthest off that path has half as much again, the path starts there; of a tree the tip
-/// with the most. The tree is TEASAR's (Sato et al. 2000,
-/// doi:10.1109/PCCGA.2000.883951) with the penalty (h/d)² in place of its exponential.
+/// Ends that are not given are the two tips farthest apart along the graph, moved to the centres of
+/// the caps they lie on. The root is the end with more room; where the tip farthest off that path has
+/// half as much again, the path starts there; of a tree the tip with the most. Where several ways
+/// join two ends, the one of least ∫(h/d)² is taken.
 ///
 /// # Errors
 /// [`CenterlineError`].
@@ -66,205 +123,371 @@ pub fn centerline(
     smooth: &[f32],
     options: RouteOptions,
 ) -> Result<Routed, CenterlineError> {
-    let graph = Graph::new(lumen);
-    if graph.is_empty() {
+    let d = Sampler { lumen, field: distance };
+    let from = options.ends.from.map(|p| given(lumen, "start", p)).transpose()?;
+    let to = options.ends.to.map(|p| given(lumen, "end", p)).transpose()?;
+    let complex = CellComplex::new(lumen, distance);
+    if complex.nodes.is_empty() {
         return Err(CenterlineError::Empty);
     }
-    let d = Sampler { lumen, field: distance };
+    let adjacency = Adjacency::new(&complex, lumen);
+    let component = adjacency.components();
+    let held = |e: Option<End>| e.and_then(|e| complex.node_at(e.voxel as usize));
+    let (from, to) = (from.zip(held(from)), to.zip(held(to)));
+    let held: Vec<u32> = from.iter().chain(&to).map(|e| e.1).collect();
+    if held.windows(2).any(|w| component[w[0] as usize] != component[w[1] as usize]) {
+        return Err(CenterlineError::Unreachable);
+    }
+    let mut anchors = ends_of_branches(&complex, &adjacency, &component);
+    anchors.extend(&held);
+    anchors.sort_unstable();
+    anchors.dedup();
+    let left = collapse(&complex, &anchors);
+    let mut net = Net::new(&complex, &adjacency, &left, &held, d);
+    let kept = net.prune(Limits::default());
+
+    let loops = net.ended.iter().chain(&kept).map(|found| LumenLoop {
+        throat_at: contact_at(&complex, lumen, found.throat),
+        found: found.clone(),
+    });
+    let loops = loops.collect();
+    let router = ChainRouter { complex: &complex, distance: d };
     let f = Sampler { lumen, field: smooth };
-    let builder = Builder { graph: &graph, d, f };
-    let trunk = builder.trunk(options)?;
-    let unreachable = graph.len() - trunk.lengths.order.len();
-    let mut branch_routes = grow(&builder, &trunk);
-    if options.tree && options.ends == Ends::default() {
-        // The longest path may join two side branches; the trunk then is a tip with more room.
-        let room = |e: &End| f.at(e.point);
-        let tips = branch_routes.iter().map(|t| t.ends.1);
-        let widest = tips.max_by(|a, b| room(a).total_cmp(&room(b)));
-        if let Some(root) = widest.filter(|tip| room(tip) > MORE_ROOM * room(&trunk.from)) {
-            branch_routes = grow(&builder, &builder.trunk_from(root, None, true)?);
+    let view = View { net: &net, complex: &complex, adjacency: &adjacency, router, d, f };
+    let parts = Part::all(&complex, &component, &net);
+    // The deepest part is first, or the one that ends were asked for in.
+    let main = held.first().map_or_else(
+        || (0..parts.len()).max_by_key(|p| (parts[*p].depth(&complex), Reverse(*p))).unwrap_or(0),
+        |n| component[*n as usize] as usize,
+    );
+    let mut routes = view.routes(&parts[main], (from, to), options);
+    let mut unreachable: u64 = parts.iter().map(|p| p.voxels).sum::<u64>() - parts[main].voxels;
+    if held.is_empty() {
+        let mut pieces = vec![routes];
+        for part in parts.iter().enumerate().filter(|(i, _)| *i != main).map(|(_, part)| part) {
+            let route = view.routes(part, (None, None), options);
+            if route[0].is_piece(d) {
+                unreachable -= part.voxels;
+                pieces.push(route);
+            }
+        }
+        routes = in_order(pieces, &view, options.tree);
+    }
+    routes.par_iter_mut().for_each(|r| r.follow(&view.router));
+    let branches = Branches::new(view.d, view.f, &routes);
+    Ok(Routed {
+        line: branches.finish(),
+        proof: branches.proof,
+        unreachable: unreachable as usize,
+        nodes: view.graph_nodes(Some(parts[main].widest)),
+        loops,
+    })
+}
+
+/// Routes of several parts one after another: paths in the order in which they follow each other,
+/// trees as they come.
+fn in_order(pieces: Vec<Vec<BranchRoute>>, view: &View<'_>, tree: bool) -> Vec<BranchRoute> {
+    let mut order: Vec<(usize, bool)> = (0..pieces.len()).map(|i| (i, false)).collect();
+    if !tree && pieces.len() > 1 {
+        let place = |n: u32| view.adjacency.place_mm[n as usize];
+        order = pieces::order(&pieces.iter().map(|p| p[0].piece(place)).collect::<Vec<_>>());
+        // The end with more room comes first, as of one path.
+        let room = |(i, back): (usize, bool)| view.f.at(pieces[i][0].end(back).point);
+        let (first, last) = (order[0], order[order.len() - 1]);
+        if room((last.0, !last.1)) > MORE_ROOM * room(first) {
+            order.reverse();
+            order.iter_mut().for_each(|o| o.1 = !o.1);
         }
     }
-    let tree = Tree::new(builder, &branch_routes);
-    Ok(Routed { line: tree.finish(), proof: tree.proof, unreachable })
+    let mut pieces: Vec<Option<Vec<BranchRoute>>> = pieces.into_iter().map(Some).collect();
+    let mut all = Vec::new();
+    for (i, back) in order {
+        let before = all.len();
+        for mut route in pieces[i].take().into_iter().flatten() {
+            route.shift(before);
+            if back {
+                route.reverse();
+            }
+            all.push(route);
+        }
+    }
+    all
+}
+
+/// A component of the lumen.
+struct Part {
+    /// Where its arcs end, ascending.
+    nodes: Vec<u32>,
+    /// Its deepest node, of several the first.
+    widest: u32,
+    voxels: u64,
+}
+
+impl Part {
+    /// All components by their numbers.
+    fn all(complex: &CellComplex, component: &[u32], net: &Net<'_>) -> Vec<Self> {
+        let first = |n: u32| Reverse(complex.nodes[n as usize].key);
+        let widest = first_of_each(component, first);
+        let mut parts: Vec<Self> = widest
+            .into_iter()
+            .map(|widest| Self { nodes: Vec::new(), widest, voxels: 0 })
+            .collect();
+        for (n, c) in complex.nodes.iter().zip(component) {
+            parts[*c as usize].voxels += u64::from(n.voxels.count_ones());
+        }
+        net.nodes().for_each(|n| parts[component[n as usize] as usize].nodes.push(n));
+        parts
+    }
+
+    fn depth(&self, complex: &CellComplex) -> u32 {
+        complex.nodes[self.widest as usize].key
+    }
+}
+
+/// Places where branches may end: of each component the node farthest from its deepest one, and all
+/// [`tips`] as seen from there.
+fn ends_of_branches(complex: &CellComplex, adjacency: &Adjacency, component: &[u32]) -> Vec<u32> {
+    let nodes = &complex.nodes;
+    let first = |n: u32| (Reverse(nodes[n as usize].key), nodes[n as usize].deepest);
+    let deepest = first_of_each(component, first);
+    let far = adjacency.lengths(&deepest);
+    let roots = first_of_each(component, |n| Reverse(far[n as usize]));
+    let length = adjacency.lengths(&roots);
+    let h = adjacency.unit_mm * super::complex::sweep::UNITS;
+    let width_mm = |n: u32| 0.5 * h * f64::from(nodes[n as usize].key).sqrt();
+    let units = |mm: f64| (mm / adjacency.unit_mm) as u32;
+    let mut found =
+        tips(adjacency, &length, |n| units(width_mm(n)), units(Limits::default().twig_mm));
+    found.extend(&roots);
+    found
+}
+
+/// The middle of a contact's deepest pair, LPS mm.
+fn contact_at(complex: &CellComplex, lumen: &Lumen, contact: u32) -> DVec3 {
+    let pair = complex.contacts[contact as usize].deepest;
+    let [p, q] = pair.map(|e| lumen.bricks.voxel(e as usize).as_dvec3());
+    lumen.grid.world_from_voxel().transform_point3(0.5 * (p + q))
 }
 
 /// An end of the path.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct End {
-    /// The voxel it lies in.
-    pub node: u32,
+    /// Field element of the voxel the way there ends in.
+    pub voxel: u32,
     /// Local mm.
     pub point: DVec3,
     /// Given by the user: the curve meets it exactly.
     pub given: bool,
 }
 
-/// The path between two ends and what was found on the way to it.
-pub(super) struct Trunk {
-    pub from: End,
-    pub to: End,
-    /// From the first end.
-    pub lengths: Routes,
-    /// The route between the ends.
-    pub nodes: Vec<u32>,
-    /// Central routes from the first end, of a tree.
-    pub all: Option<Routes>,
-}
-
-impl Trunk {
-    fn new(
-        from: End,
-        to: End,
-        lengths: Routes,
-        (nodes, all): (Vec<u32>, Option<Routes>),
-    ) -> Result<Self, CenterlineError> {
-        if nodes.is_empty() {
-            return Err(CenterlineError::Unreachable);
+/// An end that was asked for.
+fn given(lumen: &Lumen, which: &'static str, at: DVec3) -> Result<End, CenterlineError> {
+    let grid = &lumen.grid;
+    let v = grid.voxel_from_world().transform_point3(at);
+    let is_near = v.is_finite() && v.abs().max_element() < 1e6;
+    let voxel = lumen.bricks.element(v.round().as_ivec3());
+    match voxel.filter(|e| is_near && lumen.is_inside(*e)) {
+        Some(e) => Ok(End { voxel: e as u32, point: v * grid.spacing_mm, given: true }),
+        None => {
+            let off = |e| ((lumen.bricks.voxel(e).as_dvec3() - v) * grid.spacing_mm).length();
+            let nearest_mm = lumen.elements(&lumen.inside).map(off).fold(f64::MAX, f64::min);
+            Err(CenterlineError::OutsideLumen { which, at, nearest_mm })
         }
-        Ok(Self { from, to, lengths, nodes, all })
     }
 }
 
-/// What curves are built from: the graph, the exact distance, the smoothed one.
+/// Ways over the arcs of one component.
 #[derive(Clone, Copy)]
-pub(super) struct Builder<'a> {
-    pub graph: &'a Graph<'a>,
+pub(super) struct View<'a> {
+    pub net: &'a Net<'a>,
+    pub complex: &'a CellComplex,
+    pub adjacency: &'a Adjacency,
+    pub router: ChainRouter<'a>,
     pub d: Sampler<'a>,
     pub f: Sampler<'a>,
 }
 
-impl Builder<'_> {
-    pub(super) fn local(&self, node: u32) -> DVec3 {
-        self.graph.voxel(node).as_dvec3() * self.d.lumen.grid.spacing_mm
-    }
+/// An end with its node.
+type At = (End, u32);
 
-    fn given(&self, which: &'static str, at: DVec3) -> Result<End, CenterlineError> {
-        let grid = &self.d.lumen.grid;
-        let v = grid.voxel_from_world().transform_point3(at);
-        let node = if v.is_finite() && v.abs().max_element() < 1e6 {
-            self.graph.node_at(v.round().as_ivec3())
-        } else {
-            None
-        };
-        let node = node.ok_or_else(|| {
-            let near = |n: u32| (self.graph.voxel(n).as_dvec3() - v) * grid.spacing_mm;
-            let nearest = self.graph.nodes().map(|n| near(n).length());
-            CenterlineError::OutsideLumen {
-                which,
-                at,
-                nearest_mm: nearest.fold(f64::MAX, f64::min),
+impl View<'_> {
+    /// Deepest voxels of all nodes on arcs, and of the widest node.
+    fn graph_nodes(&self, widest: Option<u32>) -> Vec<GraphNode> {
+        let place = |n: u32| self.adjacency.place_mm[n as usize];
+        let element = |n: u32| self.complex.nodes[n as usize].deepest;
+        let mut all: BTreeMap<u32, DVec3> = BTreeMap::new();
+        for arc in self.net.arcs() {
+            for (i, &n) in arc.nodes.iter().enumerate() {
+                let (a, b) = (i.saturating_sub(2), (i + 2).min(arc.nodes.len() - 1));
+                all.entry(element(n)).or_insert(place(arc.nodes[b]) - place(arc.nodes[a]));
             }
-        })?;
-        Ok(End { node, point: v * grid.spacing_mm, given: true })
-    }
-
-    /// Finds the ends and the route that joins them.
-    fn trunk(&self, options: RouteOptions) -> Result<Trunk, CenterlineError> {
-        let from = options.ends.from.map(|p| self.given("start", p)).transpose()?;
-        let to = options.ends.to.map(|p| self.given("end", p)).transpose()?;
-        match (from, to) {
-            (Some(a), to) => self.trunk_from(a, to, options.tree),
-            (None, Some(b)) => {
-                let a = self.farthest(&self.graph.by_length(&[b.node]), b.node);
-                self.trunk_from(a, Some(b), options.tree)
-            }
-            (None, None) => self.trunk_between_tips(options.tree),
         }
+        widest.map(|n| all.entry(element(n)).or_default());
+        all.into_iter().map(|(element, chord)| GraphNode { element, chord }).collect()
     }
 
-    /// From a known start to a known end, or to the one farthest away.
-    fn trunk_from(&self, from: End, to: Option<End>, tree: bool) -> Result<Trunk, CenterlineError> {
-        let lengths = self.graph.by_length(&[from.node]);
-        let to = to.unwrap_or_else(|| self.farthest(&lengths, from.node));
-        let found = self.central(from, to, (from, &lengths), tree);
-        Trunk::new(from, to, lengths, found)
-    }
-
-    /// Between the two tips farthest apart, or from a third with far more room.
-    fn trunk_between_tips(&self, tree: bool) -> Result<Trunk, CenterlineError> {
-        let deepest = self.deepest();
-        let a = self.farthest(&self.graph.by_length(&[deepest]), deepest);
-        let from_a = self.graph.by_length(&[a.node]);
-        let b = self.farthest(&from_a, a.node);
-        // The end with more room is the root: trachea, aorta, rectum.
-        let room = |e: &End| self.f.at(e.point);
-        let swap = room(&b) > MORE_ROOM * room(&a);
-        let (root, other) = if swap { (b, a) } else { (a, b) };
-        // Whether the second is of use shows when the first has ended; they run side by side.
-        let (from_b, found) = rayon::join(
-            || self.graph.by_length(&[b.node]),
-            || self.central(root, other, (a, &from_a), tree),
-        );
-        // Both may be side branches. The trunk then is the tip farthest off the way between them.
-        let detour = |n: u32| {
-            let n = n as usize;
-            u64::from(from_a.cost[n].min(NOWHERE / 2)) + u64::from(from_b.cost[n].min(NOWHERE / 2))
-        };
-        let nodes = from_a.order.par_iter().with_min_len(1 << 16);
-        let off = nodes.map(|n| (detour(*n), Reverse(*n))).max();
-        match off.map(|(_, Reverse(n))| self.capped(n)) {
-            Some(trunk) if room(&trunk) > TRUNK_ROOM * room(&root) => {
-                self.trunk_from(trunk, None, tree)
-            }
-            _ => Trunk::new(root, other, if swap { from_b } else { from_a }, found),
-        }
-    }
-
-    /// The central route between two ends, of a tree with all others from its root.
+    /// The trunk, of a tree with all other branches.
     ///
-    /// * `lengths`: one of the ends, and lengths from there.
-    fn central(
+    /// Their ways have no points yet.
+    fn routes(
         &self,
-        from: End,
-        to: End,
-        (end, lengths): (End, &Routes),
-        tree: bool,
-    ) -> (Vec<u32>, Option<Routes>) {
-        if tree {
-            let all = self.graph.by_centrality(&[from.node], self.d.field);
-            return (all.path_to(self.graph, to.node), Some(all));
+        part: &Part,
+        (from, to): (Option<At>, Option<At>),
+        options: RouteOptions,
+    ) -> Vec<BranchRoute> {
+        let nodes = &part.nodes[..];
+        if nodes.is_empty() {
+            return vec![self.within(part.widest, (from, to))];
         }
-        let back = end.node == from.node;
-        let other = if back { to.node } else { from.node };
-        let mut nodes = self.graph.central_route(other, end.node, lengths, self.d.field);
-        if back {
-            nodes.reverse();
+        let mut leaves = self.net.leaves();
+        leaves.retain(|n| nodes.binary_search(n).is_ok());
+        let (from, to) = match (from, to) {
+            (Some(a), Some(b)) => (a, b),
+            (Some(a), None) => (a, self.farthest(a.1, nodes)),
+            (None, Some(b)) => (self.farthest(b.1, nodes), b),
+            (None, None) if leaves.is_empty() => {
+                // Rings only: the widest is flown once round.
+                let trunk = self.ring(nodes);
+                return grow(self, trunk, nodes, options);
+            }
+            (None, None) => self.between_tips(&leaves, options.tree),
+        };
+        let trunk = BranchRoute::between(from, to, self.way(from.1, to.1));
+        grow(self, trunk, nodes, options)
+    }
+
+    /// The two tips farthest apart, the one with more room first; or a third with far more room and
+    /// the tip farthest from it.
+    fn between_tips(&self, leaves: &[u32], tree: bool) -> (At, At) {
+        let far = |ways: &Ways| {
+            let of = leaves.iter().map(|n| (ways.get(n).map_or(0, |w| w.0), Reverse(*n)));
+            of.max().map_or(leaves[0], |m| m.1.0)
+        };
+        let lengths = |from: u32| self.net.ways(from, |i| self.net.length(i));
+        let a = far(&lengths(leaves[0]));
+        let from_a = lengths(a);
+        let b = far(&from_a);
+        let from_b = lengths(b);
+        let end = |n: u32| (self.tip(n), n);
+        let room = |e: &At| self.f.at(e.0.point);
+        let (a, b) = (end(a), end(b));
+        // The end with more room is the root: trachea, aorta, rectum.
+        let (root, other) = if room(&b) > MORE_ROOM * room(&a) { (b, a) } else { (a, b) };
+        // Both may be side branches. The trunk then is a tip off the way between them.
+        let of = |ways: &Ways, n: u32| ways.get(&n).map_or(0, |w| w.0);
+        let between = of(&from_a, b.1);
+        let off = |n: u32| (of(&from_a, n) + of(&from_b, n)).saturating_sub(between) / 2;
+        let trunks = leaves.iter().copied().filter(|n| off(*n) * TRUNK_LENGTH >= between);
+        let third = if tree {
+            let widest = |x: &At, y: &At| room(x).total_cmp(&room(y)).then(y.1.cmp(&x.1));
+            trunks.map(end).max_by(widest).filter(|t| room(t) > MORE_ROOM * room(&root))
+        } else {
+            let farthest = trunks.max_by_key(|n| (off(*n), Reverse(*n))).map(end);
+            farthest.filter(|t| room(t) > TRUNK_ROOM * room(&root))
+        };
+        match third {
+            Some(root) => (root, end(far(&lengths(root.1)))),
+            None => (root, other),
         }
-        (nodes, None)
     }
 
-    /// The node farthest from walls, of several the first.
-    fn deepest(&self) -> u32 {
-        let field = self.d.field.par_iter().enumerate().with_min_len(1 << 16);
-        // Distances are not negative: their bits are in their order.
-        field.map(|(i, d)| (d.to_bits(), Reverse(i as u32))).max().map_or(0, |(_, n)| n.0)
+    /// Whether the centre of a cap lies outside the ball at the junction its branch begins at: a
+    /// pocket of a wide lumen has none there.
+    pub fn leads_out(&self, junction: u32, tip: End) -> bool {
+        let at = self.adjacency.place_mm[junction as usize];
+        tip.point.distance(at) >= self.d.at(at)
     }
 
-    /// The end a search got to last.
-    fn farthest(&self, routes: &Routes, source: u32) -> End {
-        self.capped(routes.farthest().unwrap_or(source))
+    /// The node farthest along arcs from another.
+    fn farthest(&self, from: u32, nodes: &[u32]) -> At {
+        let ways = self.net.ways(from, |i| self.net.length(i));
+        let of = nodes.iter().map(|n| (ways.get(n).map_or(0, |w| w.0), Reverse(*n)));
+        let node = of.max().map_or(from, |m| m.1.0);
+        (self.tip(node), node)
     }
 
-    pub(super) fn depth(&self, node: u32) -> f32 {
-        self.d.field[node as usize]
+    /// The most central way between two nodes.
+    fn way(&self, from: u32, to: u32) -> Chain {
+        let ways = self.net.ways(from, |i| self.net.centrality(i));
+        self.chain(&ways, to, |_| false)
     }
 
-    /// The centre of the cap a wall voxel lies on.
-    pub(super) fn capped(&self, node: u32) -> End {
-        let h = self.d.lumen.grid.spacing_mm;
-        let point = cap_centre(self.local(node), self.d, self.f);
-        let at: IVec3 = (point / h).round().as_ivec3();
-        End { node: self.graph.node_at(at).unwrap_or(node), point, given: false }
-    }
-
-    /// A smooth curve along a route, or the route itself where no smooth one can be proven.
-    pub(super) fn curve(&self, route: &[DVec3], fixed: Fixed) -> (Vec<DVec3>, Proof) {
-        let smooth = recenter(route, self.d, self.f, fixed);
-        if let Some(mended) = mend(&smooth, route, self.d) {
-            return mended;
+    /// The way to a node as a chain, from where it leaves the nodes that `owned` says.
+    pub fn chain(&self, ways: &Ways, to: u32, owned: impl Fn(u32) -> bool) -> Chain {
+        let mut chain = Chain { nodes: vec![to], contacts: Vec::new() };
+        let mut node = to;
+        while let Some(arc) = ways.get(&node).and_then(|w| self.net.arc(w.1?)) {
+            if owned(node) {
+                break;
+            }
+            let mut piece = Chain { nodes: arc.nodes.clone(), contacts: arc.contacts.clone() };
+            if arc.nodes[0] != node {
+                piece.reverse();
+            }
+            chain.extend(&piece.nodes, &piece.contacts);
+            node = arc.other_end(node);
         }
-        let proof = Proof { replaced: route.len(), ..Proof::default() };
-        (route.to_vec(), proof)
+        chain.reverse();
+        chain
+    }
+
+    /// The longest arc of a component without leaves; a ring if there is one.
+    fn ring(&self, nodes: &[u32]) -> BranchRoute {
+        let arcs = self.net.arcs_of(nodes);
+        let order = |i: &usize| {
+            let ends = self.net.arc(*i).map_or([0, 1], |a| a.ends());
+            (ends[0] == ends[1], self.net.length(*i), Reverse(*i))
+        };
+        let longest = arcs.max_by_key(order);
+        let arc = longest.and_then(|i| self.net.arc(i));
+        let chain = arc.map(|a| Chain { nodes: a.nodes.clone(), contacts: a.contacts.clone() });
+        let chain = chain.unwrap_or_default();
+        let end = |n: u32| {
+            let voxel = self.complex.nodes[n as usize].deepest;
+            (End { voxel, point: self.adjacency.place_mm[n as usize], given: true }, n)
+        };
+        let (first, last) = (chain.nodes[0], chain.nodes[chain.nodes.len() - 1]);
+        let mut route = BranchRoute::between(end(first), end(last), chain);
+        route.joined = (first == last).then_some(0);
+        route
+    }
+
+    /// The way between the voxels farthest apart in a component of one node, or between given ones.
+    fn within(&self, node: u32, (from, to): (Option<At>, Option<At>)) -> BranchRoute {
+        let n = &self.complex.nodes[node as usize];
+        let end = |bit: u32| {
+            let voxel = self.complex.element(node, bit);
+            let at = self.d.lumen.bricks.voxel(voxel as usize).as_dvec3();
+            End { voxel, point: at * self.d.lumen.grid.spacing_mm, given: false }
+        };
+        let far = |from: u32| {
+            let steps = |b: u32| (cell::path(n.voxels, from, b).len(), Reverse(b));
+            cell::voxels(n.voxels).max_by_key(|b| steps(*b)).unwrap_or(from)
+        };
+        let a = far(n.voxels.trailing_zeros());
+        let (from, to) = (from.map_or(end(a), |e| e.0), to.map_or(end(far(a)), |e| e.0));
+        let chain = Chain { nodes: vec![node], contacts: Vec::new() };
+        BranchRoute::between((from, node), (to, node), chain)
+    }
+
+    /// The end of an arc at a node that no other meets: the voxel of the node that lies farthest
+    /// along, and the centre of the cap there.
+    pub fn tip(&self, node: u32) -> End {
+        let lumen = self.d.lumen;
+        let n = &self.complex.nodes[node as usize];
+        let before = self.net.beside(node).unwrap_or(node);
+        let from = self.adjacency.place_mm[before as usize];
+        let at = |bit: u32| {
+            let voxel = lumen.bricks.voxel(self.complex.element(node, bit) as usize);
+            voxel.as_dvec3() * lumen.grid.spacing_mm
+        };
+        let off = |bit: u32| at(bit).distance(from);
+        let bits = cell::voxels(n.voxels);
+        let far = bits.max_by(|a, b| off(*a).total_cmp(&off(*b)).then(b.cmp(a))).unwrap_or(0);
+        let voxel = self.complex.element(node, far);
+        End { voxel, point: cap_centre(at(far), self.d, self.f), given: false }
     }
 }
+
+/// Length to each node and the arc that leads there.
+pub(super) type Ways = BTreeMap<u32, (u64, Option<usize>)>;

@@ -13,7 +13,8 @@ use crate::kernels;
 use crate::lumen::IntensitySelection;
 use crate::session::copy_rate::{CopyRate, copy_rate};
 use crate::session::{
-    HessianSettings, LumenSettings, Product, Session, Settings, Source, StageTime, VolumeSource,
+    HessianSettings, LumenSettings, Mode, Product, Session, Settings, Source, StageTime,
+    VolumeSource,
 };
 use crate::volume::Volume;
 use crate::volume::phantom::{Kind, Phantom};
@@ -253,8 +254,16 @@ impl Summary {
 /// Beyond the caches of most devices, and within a binding of those with small ones.
 const COPIED: u64 = 128 << 20;
 
-const STAGES: [&str; 7] =
-    ["distance", "distance, ridge", "hessian", "visibility", "fair", "route", "surface"];
+const STAGES: [&str; 8] = [
+    "distance",
+    "distance, smooth",
+    "distance, ridge",
+    "hessian",
+    "visibility",
+    "fair",
+    "route",
+    "surface",
+];
 const CPU_STAGES: [&str; 2] = ["route", "surface"];
 
 /// Every stage once, each alone.
@@ -267,6 +276,12 @@ fn stages(session: &mut Session) -> Result<Vec<StageTime>, CliError> {
     for product in [Product::Fields, Product::Route, Product::Visibility] {
         session.prepare(&[product])?;
     }
+    // The paper's chain goes on to ridge candidates; what both have was counted above.
+    let paper = session.in_mode(Mode::Paper);
+    paper.prepare(&[Product::Fields])?;
+    let mut ridge = paper.clock().stages.clone();
+    ridge.iter_mut().for_each(|s| s.kernels.retain(|k| k.kernel.starts_with("ridge")));
+    session.clock().stages.extend(ridge);
     let lumen = session.lumen()?;
     let before = session.clock().stages.len();
     session.distance_hessian(HessianSettings {

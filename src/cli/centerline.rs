@@ -8,7 +8,7 @@ use super::lumen_args::{LumenArgs, point};
 use super::mode::ModeArg;
 use super::record::modes;
 use super::repeat::timed_products;
-use crate::centerline::Radius;
+use crate::centerline::{Loops, Radius};
 use crate::formats::{atomic_file, write_centerline};
 use crate::session::{CenterlineReport, CenterlineSettings, Product, Session, Settings};
 
@@ -23,6 +23,9 @@ pub struct Args {
     /// Write boundary voxels that a flight along the path does not see (i,j,k,x,y,z,patch)
     #[arg(long, value_name = "CSV")]
     unseen: Option<PathBuf>,
+    /// Write all branches with their loops as a graph of nodes and edges (intima.graph/1)
+    #[arg(long, value_name = "JSON")]
+    graph: Option<PathBuf>,
     #[command(flatten)]
     mode: ModeArg,
     #[command(flatten)]
@@ -38,6 +41,9 @@ pub struct PathArgs {
     /// All branches instead of one path
     #[arg(long)]
     pub tree: bool,
+    /// Loops of a tree: keep closes them, cut opens them where both sides are equally far
+    #[arg(long, value_enum, default_value = "keep", requires = "tree")]
+    pub loops: LoopsArg,
     /// Start here, LPS mm
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub from: Option<String>,
@@ -47,6 +53,12 @@ pub struct PathArgs {
     /// How far a point sees: paper (Eq. 5) or measured (longest ray across); default by mode
     #[arg(long, value_enum)]
     pub radius: Option<RadiusArg>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum LoopsArg {
+    Keep,
+    Cut,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -63,6 +75,10 @@ impl PathArgs {
             from: end(&self.from, "--from")?,
             to: end(&self.to, "--to")?,
             tree: self.tree,
+            loops: match self.loops {
+                LoopsArg::Keep => Loops::Keep,
+                LoopsArg::Cut => Loops::Cut,
+            },
             radius: self.radius.map(|r| match r {
                 RadiusArg::Paper => Radius::Paper,
                 RadiusArg::Measured => Radius::Measured,
@@ -75,6 +91,7 @@ impl Args {
     /// Extracts and writes.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, LINES)?;
+        self.graph.as_deref().map_or(Ok(()), |p| global.check_output(p, &[".json"]))?;
         self.mode.check(self.path.tree)?;
         let settings = Settings {
             mode: self.mode.main(),
@@ -91,6 +108,10 @@ impl Args {
         if let Some(path) = &self.unseen {
             let csv = global.watched(&session, || session.unseen_csv())?;
             atomic_file::write_atomic(path, |o| o.write_all(csv.as_bytes()))?;
+        }
+        if let Some(path) = &self.graph {
+            let graph = global.watched(&session, || session.graph())?;
+            atomic_file::write_atomic(path, |o| Ok(serde_json::to_writer(o, &graph)?))?;
         }
         let report = CenterlineReport::of(&found, &session.lumen()?.lumen);
         global.say(format_args!(

@@ -8,7 +8,7 @@ use super::global::Global;
 use crate::flight::{CameraPath, Frames};
 use crate::formats::{FormatError, VideoWriter, atomic_file};
 use crate::render::View;
-use crate::session::{FlightSettings, LevelSettings, Lod};
+use crate::session::{FlightRoute, FlightSettings, LevelSettings, Lod};
 
 /// Flags of the frames.
 #[derive(Clone, Debug, clap::Args)]
@@ -38,6 +38,10 @@ pub struct FrameArgs {
     /// Fly from the end to the start
     #[arg(long)]
     pub reverse: bool,
+    /// Fly the way to the tip of a branch (leaf:N, numbered as in the CSV) or every branch (all);
+    /// makes a tree
+    #[arg(long, value_name = "leaf:N|all", value_parser = route, conflicts_with = "path")]
+    pub route: Option<FlightRoute>,
     /// Also write a video: .mp4 or .gif (needs ffmpeg)
     #[arg(long, value_name = "FILE")]
     pub video: Option<PathBuf>,
@@ -56,6 +60,16 @@ pub enum ViewArg {
     Inside,
     Overview,
     Split,
+}
+
+/// Which ways to fly.
+fn route(text: &str) -> Result<FlightRoute, String> {
+    let leaf = text.strip_prefix("leaf:").and_then(|n| n.parse().ok());
+    match (text, leaf) {
+        ("all", _) => Ok(FlightRoute::All),
+        (_, Some(branch)) => Ok(FlightRoute::Leaf(branch)),
+        _ => Err("leaf:N with the number of a branch, or all".into()),
+    }
 }
 
 impl FrameArgs {
@@ -94,6 +108,7 @@ impl FrameArgs {
             fov_y_rad: self.fov.to_radians(),
             samples: if self.msaa == "1" { 1 } else { 4 },
             reverse: self.reverse,
+            route: self.route.unwrap_or_default(),
             script: self.path.as_deref().map(read_script).transpose()?,
             script_frames: self.frames,
         })

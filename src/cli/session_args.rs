@@ -9,7 +9,7 @@ use super::global::Global;
 use super::lumen_args::LumenArgs;
 use super::mode::ModeArg;
 use super::surface_args::SurfaceArgs;
-use crate::session::{Recording, Session, Settings};
+use crate::session::{CenterlineSettings, Recording, Session, Settings};
 
 /// Flags of `record` and `run`.
 #[derive(Debug, clap::Args)]
@@ -34,12 +34,13 @@ pub struct SessionArgs {
 impl SessionArgs {
     /// Checks all flags and opens a session of them.
     pub fn session(&self, global: &Global) -> Result<Session, CliError> {
-        self.mode.check(self.path.tree)?;
+        let tree = self.path.tree || self.frames.route.is_some();
+        self.mode.check(tree)?;
         let source = self.lumen.source(self.input.as_deref())?;
         let settings = Settings {
             mode: self.mode.main(),
             lumen: self.lumen.settings()?,
-            centerline: self.path.settings()?,
+            centerline: CenterlineSettings { tree, ..self.path.settings()? },
             wall: self.surface.settings()?,
             levels: self.frames.levels.settings()?,
             flight: self.frames.settings()?,

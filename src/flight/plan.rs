@@ -81,6 +81,14 @@ pub enum FlightError {
         /// Its length, mm.
         length_mm: f64,
     },
+    /// There is no such branch to fly.
+    #[error("there is no branch {branch}; the centerline has {branches}, numbered from 0")]
+    NoBranch {
+        /// Which was asked for.
+        branch: usize,
+        /// How many there are.
+        branches: usize,
+    },
     /// No near plane keeps off the wall.
     #[error("frame {frame} at ({:.2}, {:.2}, {:.2}) mm: the wall is proven only {room_mm:.3} mm away, too near for any near plane", .at.x, .at.y, .at.z)]
     NoRoom {
@@ -110,6 +118,8 @@ pub struct Flight {
     pub aspect: f32,
     /// Frames whose eye was moved along the path to where a near plane fits.
     pub moved: usize,
+    /// Frames that begin another piece: the eye jumps there.
+    pub cuts: Vec<usize>,
 }
 
 impl Flight {
@@ -171,6 +181,67 @@ impl Flight {
         Ok(flight)
     }
 
+    /// Plans one flight along several paths, with a cut between them. A number of frames is shared
+    /// among them by length, two at least for each.
+    ///
+    /// # Errors
+    /// As [`Flight::new`].
+    pub fn along(
+        paths: &[&[CenterlinePoint]],
+        lumen: &Lumen,
+        distance: &[f32],
+        options: FlightOptions<'_>,
+    ) -> Result<Self, FlightError> {
+        if let [path] = paths {
+            return Self::new(path, lumen, distance, options);
+        }
+        check(&options)?;
+        let length = |path: &[CenterlinePoint]| {
+            let places: Vec<DVec3> = path.iter().map(|p| p.position_mm).collect();
+            arc_lengths(&places).last().copied().unwrap_or(0.0)
+        };
+        let total: f64 = paths.iter().map(|p| length(p)).sum();
+        let mut flight = Self::empty(options.fov_y_rad, options.aspect);
+        let (mut before, mut flown) = (0.0, 0);
+        let mut order: Vec<&[CenterlinePoint]> = paths.to_vec();
+        if options.reverse {
+            order.reverse();
+        }
+        for path in order {
+            before += length(path);
+            let frames = match options.frames {
+                Frames::Count(n) => {
+                    let until = (n as f64 * before / total.max(1e-9)).round() as usize;
+                    let count = until.saturating_sub(flown).max(2);
+                    flown += count;
+                    Frames::Count(count)
+                }
+                speed => speed,
+            };
+            let piece = Self::new(path, lumen, distance, FlightOptions { frames, ..options })?;
+            let step = match options.frames {
+                Frames::Speed { fps, .. } => 1.0 / fps,
+                Frames::Count(_) => piece.seconds.get(1).copied().unwrap_or(0.0),
+            };
+            let start = flight.seconds.last().map_or(0.0, |s| s + step);
+            if !flight.poses.is_empty() {
+                flight.cuts.push(flight.poses.len());
+            }
+            flight.seconds.extend(piece.seconds.iter().map(|s| start + s));
+            flight.poses.extend(piece.poses);
+            flight.near_mm.extend(piece.near_mm);
+            flight.clearance_mm.extend(piece.clearance_mm);
+            flight.moved += piece.moved;
+        }
+        if flight.poses.len() > MAX_FRAMES {
+            return Err(too_many(flight.poses.len()));
+        }
+        if flight.poses.is_empty() {
+            return Err(FlightError::TooShort { length_mm: 0.0 });
+        }
+        Ok(flight)
+    }
+
     pub(super) fn empty(fov_y_rad: f32, aspect: f32) -> Self {
         Self {
             poses: Vec::new(),
@@ -180,6 +251,7 @@ impl Flight {
             fov_y_rad,
             aspect,
             moved: 0,
+            cuts: Vec::new(),
         }
     }
 

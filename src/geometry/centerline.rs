@@ -72,6 +72,12 @@ impl Centerline {
         self.branches.iter().map(|b| length_mm(&b.points)).sum()
     }
 
+    /// Branches that leave no other: the path or trunk, one for each piece of the lumen, in the order
+    /// in which they follow each other.
+    pub fn pieces(&self) -> impl Iterator<Item = &Branch> {
+        self.branches.iter().filter(|b| b.start.is_none())
+    }
+
     /// Whether all attachments are points of the centerline, those of starts on earlier branches.
     ///
     /// # Errors

@@ -3,17 +3,17 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use glam::{DVec3, IVec3};
+use glam::{DVec3, IVec3, Vec3};
 
-use super::{Clock, Fields, Session, SessionError, present, put};
+use super::{Clock, Fields, Mode, Session, SessionError, present, put};
 use crate::centerline::{
-    Ends, Proof, Radius, RouteOptions, Routed, Viewpoint, VisibilityInput, add_viewers, centerline,
-    paper_path,
+    Ends, GraphNode, Loops, LumenLoop, Proof, Radius, RouteOptions, Routed, Viewpoint,
+    VisibilityInput, add_viewers, centerline, paper_path,
 };
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::field::{Candidate, LumenBuffers, Sampler};
-use crate::geometry::Centerline;
+use crate::geometry::{Centerline, CenterlineGraph};
 use crate::lumen::Lumen;
 
 /// A centerline with the outcome of the visibility test.
@@ -22,8 +22,10 @@ pub struct Centered {
     pub line: Centerline,
     /// How it was proven inside; `None` for the paper's path, which has no proof.
     pub proof: Option<Proof>,
-    /// Ridge candidates.
+    /// Places that viewers were chosen from: nodes of the graph, in paper mode ridge candidates.
     pub candidates: usize,
+    /// Whether they are ridge candidates.
+    pub on_ridge: bool,
     /// Viewers kept, added ones included.
     pub kept: usize,
     /// Viewers added for voxels no candidate saw.
@@ -32,6 +34,8 @@ pub struct Centered {
     pub unseen: Vec<u32>,
     /// Inside voxels no legal route joins to the root.
     pub unreachable: usize,
+    /// Loops of the lumen: those that rules ended, then those kept.
+    pub loops: Vec<LumenLoop>,
     /// Smallest distance from the line to an external voxel centre, mm.
     pub min_clearance_mm: f64,
 }
@@ -41,6 +45,8 @@ const MOST_ADDED: usize = 10_000;
 
 /// What the visibility test found.
 pub struct Visibility {
+    /// Places that viewers were chosen from.
+    candidates: usize,
     /// Viewers kept, added ones included.
     kept: usize,
     /// Viewers added.
@@ -58,14 +64,39 @@ impl Session {
 
     fn route_options(&self) -> RouteOptions {
         let c = self.settings.centerline;
-        RouteOptions { ends: Ends { from: c.from, to: c.to }, tree: c.tree }
+        RouteOptions { ends: Ends { from: c.from, to: c.to }, tree: c.tree, loops: c.loops }
+    }
+
+    /// All branches with the loops they close, whatever path or tree is asked for. Of the paper's
+    /// mode, which has neither, its path.
+    ///
+    /// # Errors
+    /// As [`Session::centerline`].
+    pub fn graph(&self) -> Result<CenterlineGraph, SessionError> {
+        let centered = self.centerline()?;
+        let options = self.route_options();
+        if self.settings.mode == Mode::Paper || (options.tree && options.loops == Loops::Keep) {
+            return Ok(centered.line.graph());
+        }
+        let options = RouteOptions { tree: true, loops: Loops::Keep, ..options };
+        let (lumen, fields) = (self.lumen()?, self.fields()?);
+        let all = self
+            .pool
+            .install(|| centerline(&lumen.lumen, &fields.distance, &fields.smooth, options))?;
+        Ok(all.line.graph())
     }
 
     pub(super) fn run_visibility(&self, clock: &mut Clock) -> Result<(), SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
-        let device = present(&self.slots.device);
+        let (route, device) = (present(&self.slots.route), present(&self.slots.device));
         let radius = self.settings.radius();
-        let seen = visibility(&mut device.lock(), &lumen.lumen, &fields, radius, clock)?;
+        // Eq. 5 needs the eigenvalues at ridge candidates.
+        let candidates = match radius {
+            Radius::Paper => fields.candidates.clone(),
+            Radius::Measured => on_graph(&fields.distance, &route.nodes),
+        };
+        let of = (&fields.distance[..], &candidates[..]);
+        let seen = visibility(&mut device.lock(), &lumen.lumen, of, radius, clock)?;
         put(&self.slots.visibility, seen);
         Ok(())
     }
@@ -73,7 +104,9 @@ impl Session {
     pub(super) fn run_centerline(&self, _: &mut Clock) -> Result<(), SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
         let (route, seen) = (present(&self.slots.route), present(&self.slots.visibility));
-        put(&self.slots.centerline, Centered::new(&lumen.lumen, &fields, &route, &seen));
+        let mut centered = Centered::new(&lumen.lumen, &fields, &route, &seen);
+        centered.on_ridge = self.settings.radius() == Radius::Paper;
+        put(&self.slots.centerline, centered);
         Ok(())
     }
 
@@ -102,6 +135,19 @@ fn route(
     Ok(clock.time("route", "voxels", work, |_| lumen.inside_voxels())?)
 }
 
+/// Nodes of the graph as candidates.
+fn on_graph(distance: &[f32], nodes: &[GraphNode]) -> Vec<Candidate> {
+    let candidate = |n: &GraphNode| Candidate {
+        element: n.element as usize,
+        offset_mm: Vec3::ZERO,
+        distance_mm: distance[n.element as usize],
+        axis: n.chord.normalize_or_zero().as_vec3(),
+        gradient: 0.0,
+        across: [0.0; 2],
+    };
+    nodes.iter().map(candidate).collect()
+}
+
 /// Visibility test: viewpoints from candidates, those kept, those added.
 ///
 /// # Errors
@@ -109,37 +155,46 @@ fn route(
 fn visibility(
     device: &mut Device,
     lumen: &Lumen,
-    fields: &Fields,
+    (distance, candidates): (&[f32], &[Candidate]),
     radius: Radius,
     clock: &mut Clock,
 ) -> Result<Visibility, SessionError> {
-    let distance = Sampler { lumen, field: &fields.distance };
-    let ranked = ranked(lumen, &fields.candidates);
-    let viewpoints = clock.time(
-        "reach",
-        "candidates",
-        || radius.viewpoints(&ranked, distance),
-        |v| v.len() as u64,
-    );
+    let sampler = Sampler { lumen, field: distance };
+    let ranked = ranked(lumen, candidates);
+    let count = |v: &Vec<Viewpoint>| v.len() as u64;
+    let viewpoints =
+        clock.time("reach", "candidates", || radius.viewpoints(&ranked, sampler), count);
     let (kept, unseen) = visible(device, lumen, &viewpoints, &lumen.inside, clock)?;
     let (added, unseen) = clock.time(
         "unseen",
         "boundary voxels",
-        || add_viewers(lumen, &unseen, &fields.distance, MOST_ADDED),
+        || add_viewers(lumen, &unseen, distance, MOST_ADDED),
         |_| unseen.len() as u64,
     );
-    Ok(Visibility { kept: kept.len() + added.len(), added: added.len(), unseen })
+    let candidates = candidates.len();
+    Ok(Visibility { candidates, kept: kept.len() + added.len(), added: added.len(), unseen })
 }
 
 impl Centered {
     /// What a reader of the centerline should know.
-    pub(super) fn notes(&self) -> Option<String> {
-        (self.unreachable > 0).then(|| {
-            format!(
-                "{} inside voxels are joined to the rest by edges or corners only; no path goes there",
-                self.unreachable
-            )
-        })
+    pub(super) fn notes(&self) -> Vec<String> {
+        let mut out = Vec::new();
+        if self.unreachable > 0 {
+            let n = self.unreachable;
+            out.push(format!(
+                "{n} inside voxels are joined to the rest by edges or corners only; no path goes there"
+            ));
+        }
+        for l in self.loops.iter().filter(|l| l.is_doubtful()) {
+            let (at, found) = (l.throat_at, &l.found);
+            out.push(format!(
+                "a loop of {:.0} mm was cut at ({:.1}, {:.1}, {:.1}) mm, where the lumen is {:.1} mm \
+                 from wall to middle; another place of it has {:.1} mm: if that is where folds touch, \
+                 and this a true narrowing, the way goes round the other side",
+                found.cycle_mm, at.x, at.y, at.z, found.throat_mm, found.next_throat_mm,
+            ));
+        }
+        out
     }
 
     /// A route with the outcome of the visibility test in the same lumen.
@@ -148,11 +203,13 @@ impl Centered {
             min_clearance_mm: clearance(&routed.line, lumen, &fields.distance),
             line: routed.line.clone(),
             proof: Some(routed.proof),
-            candidates: fields.candidates.len(),
+            candidates: seen.candidates,
+            on_ridge: false,
             kept: seen.kept,
             added: seen.added,
             unseen: seen.unseen.clone(),
             unreachable: routed.unreachable,
+            loops: routed.loops.clone(),
         }
     }
 }
@@ -161,9 +218,8 @@ impl Centered {
 const SPARING: f64 = 0.2;
 
 /// Candidates in the order they are asked: deepest first, since a few wide views come before many
-/// narrow ones. A candidate nearer than a fifth of its distance to one before it is left out: wide
-/// lumens have ridge sheets of ten thousand voxels that see the same walls. What only such a one
-/// would have seen gets a viewer of its own afterwards.
+/// narrow ones. A candidate nearer than a fifth of its distance to one before it is left out: they
+/// see the same walls.
 fn ranked(lumen: &Lumen, candidates: &[Candidate]) -> Vec<Candidate> {
     let mut ranked = candidates.to_vec();
     ranked.sort_by(|a, b| b.distance_mm.total_cmp(&a.distance_mm).then(a.element.cmp(&b.element)));
@@ -216,10 +272,12 @@ fn paper_centered(
         line,
         proof: None,
         candidates: viewpoints.len(),
+        on_ridge: true,
         kept: kept.len(),
         added: 0,
         unseen,
         unreachable: 0,
+        loops: Vec::new(),
     })
 }
 

@@ -5,7 +5,8 @@ use std::time::Instant;
 
 use glam::UVec3;
 
-use super::{Clock, Session, SessionError, locked, present, put};
+use super::{Clock, Mode, Session, SessionError, locked, present, put};
+use crate::centerline::Radius;
 use crate::compute::{Array, Plan};
 use crate::device::Device;
 use crate::field::{self, Candidate, LumenBuffers, Response};
@@ -19,13 +20,9 @@ pub struct Fields {
     pub distance: Arc<Array<f32>>,
     /// The same after a Gaussian of one (smallest) voxel.
     pub smooth: Array<f32>,
-    /// Ridge candidates, in element order.
+    /// Ridge candidates of the paper's method, in element order; none in default mode.
     pub candidates: Vec<Candidate>,
 }
-
-/// Largest smoothed slope of a medial point in default mode: on a medial axis distances to
-/// opposite walls balance, so the smoothed slope is well below 1.
-const GATE: f32 = 0.7;
 
 /// Exact distance alone.
 ///
@@ -46,17 +43,17 @@ pub(super) fn distance_field(
     Ok(out.take(d))
 }
 
-/// Distance, smoothing, ridge marking, compaction and eigen-analysis in one plan.
+/// Distance and smoothing in one plan; of the paper's method with ridge marking, compaction and
+/// eigen-analysis.
 ///
 /// # Errors
 /// The device's.
 pub(super) fn fields(
     device: &mut Device,
     lumen: &Lumen,
-    gated: bool,
+    with_ridge: bool,
     clock: &mut Clock,
 ) -> Result<Fields, SessionError> {
-    let gate = if gated { GATE } else { f32::INFINITY };
     // A ridge is a curve or a sheet: far fewer voxels than the lumen. Where the guess is too
     // small the counter says by how much, and the chain runs again.
     let mut capacity = (lumen.inside_voxels() as usize / 8).clamp(1024, 1 << 20);
@@ -66,14 +63,16 @@ pub(super) fn fields(
         let buffers = LumenBuffers::new(&mut plan, lumen);
         let d = field::distance(&mut plan, &buffers);
         let f = field::smooth(&mut plan, &buffers, d, buffers.spacing_mm.min_element(), None);
-        let ridge = field::ridge(&mut plan, &buffers, d, f, gate, capacity);
+        let ridge =
+            with_ridge.then(|| field::ridge(&mut plan, &buffers, d, f, f32::INFINITY, capacity));
         plan.download(d);
         plan.download(f);
         let mut out = device.run(&plan)?;
-        match ridge.read(&out) {
+        match ridge.map_or(Ok(Vec::new()), |r| r.read(&out)) {
             Ok(candidates) => {
+                let name = if with_ridge { "distance, ridge" } else { "distance, smooth" };
                 let items = (lumen.inside_voxels(), "voxels");
-                clock.record_plan("distance, ridge", device.name(), start, items, &out);
+                clock.record_plan(name, device.name(), start, items, &out);
                 let distance = Arc::new(out.take(d));
                 return Ok(Fields { distance, smooth: out.take(f), candidates });
             }
@@ -152,8 +151,9 @@ impl Session {
     pub(super) fn run_fields(&self, clock: &mut Clock) -> Result<(), SessionError> {
         let lumen = present(&self.slots.lumen);
         let device = present(&self.slots.device);
-        let gated = self.settings.mode == super::Mode::Default;
-        put(&self.slots.fields, fields(&mut device.lock(), &lumen.lumen, gated, clock)?);
+        let with_ridge =
+            self.settings.mode == Mode::Paper || self.settings.radius() == Radius::Paper;
+        put(&self.slots.fields, fields(&mut device.lock(), &lumen.lumen, with_ridge, clock)?);
         Ok(())
     }
 

@@ -1,7 +1,9 @@
-//! The flight along the first path, and what its frames saw.
+//! The flight along the centerline.
 
+use super::settings::FlightRoute;
 use super::{Centered, Clock, Session, SessionError, Wall, present, put};
-use crate::flight::{Clearance, Flight, FlightOptions};
+use crate::flight::{Clearance, Flight, FlightError, FlightOptions};
+use crate::geometry::CenterlinePoint;
 use crate::lumen::Lumen;
 use crate::render::View;
 
@@ -35,7 +37,16 @@ impl Session {
                 None => script.fly(&clearance, aspect)?,
             });
         }
-        let points = centered.line.branches.first().map_or(&[][..], |b| &b.points);
+        let line = &centered.line;
+        let paths = match s.route {
+            FlightRoute::Trunk => line.pieces().map(|b| b.points.clone()).collect(),
+            FlightRoute::Leaf(branch) if branch < line.branches.len() => vec![line.path_to(branch)],
+            FlightRoute::Leaf(branch) => {
+                return Err(FlightError::NoBranch { branch, branches: line.branches.len() }.into());
+            }
+            FlightRoute::All => line.branches.iter().map(|b| b.points.clone()).collect::<Vec<_>>(),
+        };
+        let paths: Vec<&[CenterlinePoint]> = paths.iter().map(Vec::as_slice).collect();
         let options = FlightOptions {
             frames: s.frames,
             fov_y_rad: s.fov_y_rad,
@@ -43,6 +54,6 @@ impl Session {
             reverse: s.reverse,
             wall: mesh,
         };
-        Ok(Flight::new(points, lumen, distance, options)?)
+        Ok(Flight::along(&paths, lumen, distance, options)?)
     }
 }

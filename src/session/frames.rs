@@ -269,6 +269,7 @@ impl FrameStream {
             total_ms: self.started.elapsed().as_secs_f64() * 1000.0,
             min_near_clearance_mm: self.flight.min_margin_mm(),
             flight_seconds: self.flight.seconds.last().copied().unwrap_or(0.0),
+            cuts: self.flight.cuts.clone(),
             device: self.display.name.clone(),
         }
     }

@@ -45,8 +45,8 @@ pub use report::{
 };
 pub use segmentation::Segmented;
 pub use settings::{
-    CenterlineSettings, FlightSettings, LevelSettings, Lod, LumenSettings, Seed, Settings, Source,
-    VolumeSource, WallSettings,
+    CenterlineSettings, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings, Seed,
+    Settings, Source, VolumeSource, WallSettings,
 };
 pub use stages::Product;
 pub use surface::{DrawnWall, Wall, gradient_normals, smoothed_normals, without_caps};
@@ -166,7 +166,7 @@ products! {
     lumen: lumen, Lumen, Segmented;
     /// Exact distance to the nearest external voxel centre, mm, in slot order of the lumen.
     distance: distance, Distance, Array<f32>;
-    /// Distance, smoothed distance and ridge candidates.
+    /// Distance and smoothed distance, in paper mode ridge candidates too.
     fields: fields, Fields, Fields;
     /// Path or tree, centred and proven inside, with the visibility test.
     centerline: centerline, Centerline, Centered;

@@ -7,7 +7,9 @@ use serde::Serialize;
 
 use super::levels::LodReport;
 use super::{Centered, Clock, Segmented, Session, SessionError, StageTime};
-use crate::centerline::Proof;
+use crate::centerline::complex::net::Rule;
+use crate::centerline::{LumenLoop, Proof};
+use crate::geometry::{Branch, Centerline};
 use crate::lumen::{Component, Lumen};
 use crate::surface::Topology;
 use crate::volume::{Grid, Volume};
@@ -124,9 +126,17 @@ pub struct CenterlineReport {
     pub points: usize,
     pub length_mm: f64,
     pub branches: usize,
+    /// Pieces of the lumen that are flown one after another.
+    pub pieces: usize,
+    /// From the end of each to the next; nothing proves a way there.
+    pub gaps_mm: Vec<f64>,
     /// To the nearest external voxel centre.
     pub min_clearance_mm: f64,
-    pub ridge_candidates: usize,
+    /// Places that viewers were chosen from: nodes of the graph, or ridge candidates.
+    pub viewer_candidates: usize,
+    /// Of the paper's method, and with its reach of viewers.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ridge_candidates: Option<usize>,
     pub kept: usize,
     pub added: usize,
     /// Share of the boundary voxels that the viewpoints of the visibility test see. What the
@@ -134,8 +144,29 @@ pub struct CenterlineReport {
     pub viewers_seen_fraction: f64,
     pub viewers_unseen: usize,
     pub unreachable_voxels: usize,
+    /// Loops of the lumen: those that rules ended, then those kept.
+    pub loops: Vec<LoopReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub proof: Option<Proof>,
+}
+
+/// A loop of the lumen.
+#[derive(Clone, Debug, Serialize)]
+#[allow(missing_docs)]
+pub struct LoopReport {
+    /// `kept`, or the rule that ended it: `local`, `window` (where folds touch), `small`.
+    pub outcome: &'static str,
+    /// Its narrowest place, LPS mm.
+    pub throat_at_mm: [f64; 3],
+    /// Distance to the wall there, mm.
+    pub throat_mm: f64,
+    /// The same at the next narrowest place; nothing if there is none.
+    pub next_throat_mm: Option<f64>,
+    /// Length of the narrow passage about the throat, mm.
+    pub passage_mm: f64,
+    pub length_mm: f64,
+    /// Cut at one of two places about as narrow: the other may be the one to cut.
+    pub doubtful: bool,
 }
 
 /// Both modes side by side.
@@ -169,6 +200,8 @@ pub struct FramesReport {
     /// Smallest distance between the near plane's ball and the wall over all frames.
     pub min_near_clearance_mm: f64,
     pub flight_seconds: f64,
+    /// Frames that begin another piece of the lumen, or another branch: the eye jumps there.
+    pub cuts: Vec<usize>,
     pub device: String,
 }
 
@@ -324,6 +357,36 @@ impl SurfaceReport {
     }
 }
 
+/// From the end of each piece to the start of the next, mm.
+fn gaps_mm(line: &Centerline) -> Vec<f64> {
+    let pieces: Vec<&Branch> = line.pieces().collect();
+    let gap = |w: &[&Branch]| {
+        let (a, b) = (w[0].points.last()?, w[1].points.first()?);
+        Some(a.position_mm.distance(b.position_mm))
+    };
+    pieces.windows(2).filter_map(gap).collect()
+}
+
+impl LoopReport {
+    fn of(l: &LumenLoop) -> Self {
+        let found = &l.found;
+        Self {
+            outcome: match found.ended {
+                None => "kept",
+                Some(Rule::Local) => "local",
+                Some(Rule::Window) => "window",
+                Some(Rule::Small) => "small",
+            },
+            throat_at_mm: l.throat_at.to_array(),
+            throat_mm: found.throat_mm,
+            next_throat_mm: found.next_throat_mm.is_finite().then_some(found.next_throat_mm),
+            passage_mm: found.passage_mm,
+            length_mm: found.cycle_mm,
+            doubtful: l.is_doubtful(),
+        }
+    }
+}
+
 impl CenterlineReport {
     /// Figures of a centerline.
     pub fn of(c: &Centered, lumen: &Lumen) -> Self {
@@ -332,13 +395,17 @@ impl CenterlineReport {
             points: c.line.point_count(),
             length_mm: c.line.length_mm(),
             branches: c.line.branches.len(),
+            pieces: c.line.pieces().count(),
+            gaps_mm: gaps_mm(&c.line),
             min_clearance_mm: c.min_clearance_mm,
-            ridge_candidates: c.candidates,
+            viewer_candidates: c.candidates,
+            ridge_candidates: c.on_ridge.then_some(c.candidates),
             kept: c.kept,
             added: c.added,
             viewers_seen_fraction: 1.0 - c.unseen.len() as f64 / boundary,
             viewers_unseen: c.unseen.len(),
             unreachable_voxels: c.unreachable,
+            loops: c.loops.iter().map(LoopReport::of).collect(),
             proof: c.proof,
         }
     }

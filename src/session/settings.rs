@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::{DVec3, UVec3};
 
 use super::Mode;
-use crate::centerline::Radius;
+use crate::centerline::{Loops, Radius};
 use crate::device::DeviceChoice;
 use crate::flight::{CameraPath, Frames};
 use crate::lumen::IntensitySelection;
@@ -98,6 +98,8 @@ pub struct CenterlineSettings {
     pub to: Option<DVec3>,
     /// All branches instead of one path.
     pub tree: bool,
+    /// Loops of a tree.
+    pub loops: Loops,
     /// How far a viewpoint sees; by mode where `None`.
     pub radius: Option<Radius>,
 }
@@ -144,6 +146,18 @@ impl Default for LevelSettings {
     }
 }
 
+/// Which ways of a centerline are flown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FlightRoute {
+    /// The path, or the trunk of a tree; all pieces of a lumen that has several.
+    #[default]
+    Trunk,
+    /// From the root to the tip of a branch, by its number.
+    Leaf(usize),
+    /// Every branch, from where it leaves the one before it.
+    All,
+}
+
 /// The flight and its frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlightSettings {
@@ -159,6 +173,8 @@ pub struct FlightSettings {
     pub samples: u32,
     /// From the end to the start.
     pub reverse: bool,
+    /// Which ways are flown.
+    pub route: FlightRoute,
     /// This camera path instead of one along the centerline.
     pub script: Option<CameraPath>,
     /// Poses the camera path is resampled to; as many as it has where `None`.
@@ -174,6 +190,7 @@ impl Default for FlightSettings {
             fov_y_rad: std::f32::consts::FRAC_PI_2,
             samples: 4,
             reverse: false,
+            route: FlightRoute::Trunk,
             script: None,
             script_frames: None,
         }

@@ -19,7 +19,7 @@ pub enum Product {
     Lumen,
     /// Exact distance to the wall.
     Distance,
-    /// Distance, smoothed distance and ridge candidates, in one plan.
+    /// Distance and smoothed distance, in paper mode ridge candidates too, in one plan.
     Fields,
     /// The centred route: path or tree.
     Route,
@@ -129,10 +129,10 @@ pub static STAGES: &[Stage] = stages! {
     Device      []                                      Cpu     "opening the device"    1.0 always        run_device;
     Lumen       [Volume]                                Cpu     "segmentation"          2.0 always        run_lumen;
     Distance    [Lumen Device]                          Device  "distance field"        3.0 always        run_distance;
-    Fields      [Lumen Device]                          Device  "distance and ridge"    6.0 always        run_fields;
+    Fields      [Lumen Device]                          Device  "distance fields"       6.0 always        run_fields;
     Display     [Device]                                Cpu     "opening the renderer"  1.0 always        run_display;
-    Route       [Lumen Fields]                          Cpu     "centerline"           30.0 default_mode  run_route;
-    Visibility  [Lumen Fields Device]                   Device  "visibility"           15.0 default_mode  run_visibility;
+    Route       [Lumen Fields]                          Cpu     "centerline"           15.0 default_mode  run_route;
+    Visibility  [Lumen Fields Route Device]             Device  "visibility"            5.0 default_mode  run_visibility;
     Wall        [Lumen Volume Device]                   Device  "surface and normals"   8.0 always        run_wall;
     Inputs      [Volume]                                Cpu     "hashing the input"     1.0 always        run_inputs;
     Centerline  [Lumen Fields Route Visibility]         Cpu     "centerline"            0.1 default_mode  run_centerline;

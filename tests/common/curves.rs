@@ -2,7 +2,7 @@
 #![allow(dead_code)]
 
 use glam::{DVec3, IVec3};
-use intima::centerline::{Ends, RouteOptions, Routed, centerline, resample};
+use intima::centerline::{RouteOptions, Routed, centerline, resample};
 use intima::compute::{Plan, run_cpu};
 use intima::field::{LumenBuffers, Sampler, distance, smooth};
 use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
@@ -23,6 +23,10 @@ pub fn run(kind: Kind, size: u32, spacing_mm: f64, tree: bool) -> (Case, Truth) 
 }
 
 pub fn route(lumen: Lumen, tree: bool) -> Case {
+    route_with(lumen, RouteOptions { tree, ..RouteOptions::default() })
+}
+
+pub fn route_with(lumen: Lumen, options: RouteOptions) -> Case {
     let mut plan = Plan::new();
     let b = LumenBuffers::new(&mut plan, &lumen);
     let d = distance(&mut plan, &b);
@@ -31,7 +35,6 @@ pub fn route(lumen: Lumen, tree: bool) -> Case {
     plan.download(f);
     let out = run_cpu(&plan);
     let (distance, smooth) = (out.get(d).to_vec(), out.get(f));
-    let options = RouteOptions { ends: Ends::default(), tree };
     let routed = centerline(&lumen, &distance, smooth, options).unwrap();
     Case { lumen, distance, routed }
 }

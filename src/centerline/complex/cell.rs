@@ -33,6 +33,30 @@ pub fn component(set: u64, seed: u64) -> u64 {
     }
 }
 
+/// Voxels of a shortest way of face steps from one voxel of a set to another, both included; of
+/// several the one through the lowest voxels, seen from the end. Empty if the set does not join them.
+pub fn path(set: u64, from: u32, to: u32) -> Vec<u32> {
+    let mut fronts = vec![1u64 << from & set];
+    let mut seen = fronts[0];
+    while seen >> to & 1 == 0 {
+        let last = fronts[fronts.len() - 1];
+        let next = (0..3).fold(0, |b, k| b | lower(last, k) | higher(last, k)) & set & !seen;
+        if next == 0 {
+            return Vec::new();
+        }
+        seen |= next;
+        fronts.push(next);
+    }
+    let mut out = vec![to];
+    for front in fronts.iter().rev().skip(1) {
+        let here = 1u64 << out[out.len() - 1];
+        let beside = (0..3).fold(0, |b, k| b | lower(here, k) | higher(here, k)) & front;
+        out.push(beside.trailing_zeros());
+    }
+    out.reverse();
+    out
+}
+
 /// The components of a set, that of the lowest voxel first.
 pub fn components(mut set: u64) -> impl Iterator<Item = u64> {
     std::iter::from_fn(move || {
@@ -84,6 +108,23 @@ mod tests {
                 assert_eq!(joined, apart <= 1, "{a} {b}");
             }
         }
+    }
+
+    #[test]
+    fn a_path_in_a_cell_takes_the_fewest_face_steps() {
+        // A wall with one gap between the halves of the cell.
+        let wall: u64 = (0..16).map(|i| bit(1, i % 4, i / 4)).sum();
+        let set = !wall | bit(1, 2, 3);
+        let way = path(set, 0, 3);
+        let at = |v: u32| [v & 3, v >> 2 & 3, v >> 4].map(i64::from);
+        for w in way.windows(2) {
+            let (a, b) = (at(w[0]), at(w[1]));
+            assert_eq!((0..3).map(|k| (a[k] - b[k]).abs()).sum::<i64>(), 1);
+        }
+        assert!(way.iter().all(|v| set >> v & 1 != 0));
+        assert_eq!((way[0], way[way.len() - 1], way.len()), (0, 3, 14));
+        assert!(path(set & !bit(1, 2, 3), 0, 3).is_empty());
+        assert_eq!(path(1, 0, 0), [0]);
     }
 
     #[test]

@@ -11,6 +11,8 @@
 //! every loop of the complex is left (discrete Morse theory: Forman 1998, Advances in Mathematics
 //! 134:90, doi:10.1006/aima.1997.1650).
 
+use crate::lumen::bricks::BRICK;
+
 mod build;
 pub mod cell;
 mod collapse;
@@ -85,6 +87,28 @@ pub struct CellComplex {
 }
 
 impl CellComplex {
+    /// Field element of a voxel of a node's cell, by its bit ([`cell`]).
+    pub fn element(&self, node: u32, bit: u32) -> u32 {
+        let (slot, place) =
+            (self.nodes[node as usize].cell / 8, self.nodes[node as usize].cell % 8);
+        let x = 4 * (place & 1) + (bit & 3);
+        let y = 4 * (place >> 1 & 1) + (bit >> 2 & 3);
+        let z = 4 * (place >> 2) + (bit >> 4);
+        slot * BRICK as u32 + x + 8 * y + 64 * z
+    }
+
+    /// The node of an inside voxel, by its field element.
+    pub fn node_at(&self, element: usize) -> Option<u32> {
+        let (slot, place) = (element / BRICK, element % BRICK);
+        let (x, y, z) = (place & 7, place >> 3 & 7, place >> 6);
+        let cell = (8 * slot + (x >> 2) + 2 * (y >> 2) + 4 * (z >> 2)) as u32;
+        let bit = (x & 3) + 4 * (y & 3) + 16 * (z & 3);
+        let first = self.nodes.partition_point(|n| n.cell < cell);
+        let of_cell = self.nodes[first..].iter().take_while(|n| n.cell == cell);
+        let at = of_cell.enumerate().find(|(_, n)| n.voxels >> bit & 1 != 0)?.0;
+        Some((first + at) as u32)
+    }
+
     /// Euler characteristic.
     pub fn euler(&self) -> i64 {
         let [n, c, r, k] =

@@ -12,7 +12,7 @@ use crate::task::checkpoint;
 /// Length that no path has: the node was not reached.
 pub const UNREACHED: u32 = u32::MAX;
 /// Units of length a smallest spacing: ties between paths are rare, and sums are exact.
-const UNITS: f64 = 64.0;
+pub const UNITS: f64 = 64.0;
 
 /// Which contacts meet at each node, and how long they are.
 pub struct Adjacency {
