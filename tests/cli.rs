@@ -264,6 +264,57 @@ fn every_computing_command_repeats_in_memory_and_answers_one_json_line() {
 }
 
 #[test]
+fn a_graph_of_all_branches_is_written_whatever_line_is_asked_for() {
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Y, 64);
+    let read = |name: &str| -> Value {
+        serde_json::from_slice(&std::fs::read(tmp.path().join(name)).unwrap()).unwrap()
+    };
+    let mask = ["centerline", "--mask", "mask.nrrd", "-o", "o.csv"];
+    works(tmp.path(), &[&mask[..], &["--graph", "path.json"]].concat());
+    works(tmp.path(), &[&mask[..], &["--tree", "--graph", "tree.json"]].concat());
+    let (path, tree) = (read("path.json"), read("tree.json"));
+    assert_eq!(tree["schema"], "intima.graph/1");
+    let kinds = |graph: &Value, kind: &str| {
+        graph["nodes"].as_array().unwrap().iter().filter(|n| n["kind"] == kind).count()
+    };
+    // The root and the phantom's four tips.
+    assert_eq!((kinds(&tree, "end"), kinds(&tree, "junction")), (5, 3));
+    assert_eq!((kinds(&path, "end"), kinds(&path, "junction")), (5, 3));
+    let wrong = [&mask[..], &["--graph", "o.txt"]].concat();
+    assert_eq!(intima(tmp.path(), &wrong).status.code(), Some(2));
+}
+
+#[test]
+fn branches_are_flown_with_cuts_and_a_missing_one_is_named() {
+    if !can_draw() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Y, 64);
+    let film = |route: &'static str| {
+        let mask = ["record", "--mask", "mask.nrrd", "--out", "film", "--json", "--route", route];
+        let size = ["--frames", "20", "--size", "64x48", "--lod", "off", "--msaa", "1"];
+        intima(tmp.path(), &[&mask[..], &size].concat())
+    };
+    let cuts = |route| {
+        let out = film(route);
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+        let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+        let branches = report["centerline"]["branches"].as_u64().unwrap() as usize;
+        (branches, report["frames"]["cuts"].as_array().unwrap().len())
+    };
+    let (branches, of_all) = cuts("all");
+    assert_eq!((branches, of_all), (4, 3));
+    assert_eq!(cuts("leaf:2"), (4, 0));
+    let missing = film("leaf:9");
+    assert_eq!(missing.status.code(), Some(3));
+    let said = String::from_utf8_lossy(&missing.stderr).into_owned();
+    assert!(said.contains("there is no branch 9; the centerline has 4"), "{said}");
+    assert_eq!(film("twig").status.code(), Some(2));
+}
+
+#[test]
 fn the_hessian_of_grey_values_asks_for_no_lumen() {
     let tmp = tempfile::tempdir().unwrap();
     phantom(tmp.path(), Kind::Tube, 48);

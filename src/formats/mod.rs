@@ -1,6 +1,6 @@
-//! Files in and out. Volumes: DICOM in; NIfTI, NRRD, MetaImage in and out. Meshes: PLY, STL, OBJ
-//! in and out, VTP and glTF out. Centerlines: VTP, CSV and Slicer curve out. Pictures: PNG and,
-//! through ffmpeg, video.
+//! Files in and out. Volumes: DICOM in; NIfTI, NRRD, MetaImage in and out. Meshes: PLY, STL, OBJ,
+//! VTP and glTF in and out. Centerlines: VTP, CSV and Slicer curve out. Pictures: PNG and, through
+//! ffmpeg, video.
 //!
 //! Coordinates are converted to LPS mm at the door. Every output appears whole or not at all
 //! ([`atomic_file`]). Only geometry and intensity fields of an input are kept; no other text of it

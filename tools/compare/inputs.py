@@ -23,6 +23,9 @@ MESHES = {
 # File, what it is (a mask, or a CT with its threshold), start and end voxels.
 REAL = {
     "real_colon_mask": ("colon_label_1.nii.gz", None, (156, 131, 200), (260, 243, 28)),
+    "real_colon_2_mask": ("colon_label_2.nii.gz", None, (252, 341, 9), (184, 224, 142)),
+    "real_airway_mask": ("airway_label_lidc4.nii.gz", None, (253, 225, 405), (356, 111, 94)),
+    "real_brain_mask": ("brain_vessels_label.nii.gz", None, (251, 113, 206), (365, 123, 170)),
     "real_colon_ct": ("colon_ct_prone_half.nrrd", -800, (52, 110, 118), None),
 }
 AIR_HU = -455  # half-way between the phantoms' air and wall

@@ -203,7 +203,8 @@ STAGES = {
          "edt + scikit-image MCP": ("scikit-image", "lines:skimage_path"),
          "VMTK centerlines": ("vmtk", "lines:vmtk_centerlines"),
          "VMTK network": ("vmtk", "lines:vmtk_network")},
-        "line", [*LINE, LUMEN, ("mesh_s", "mesh for it, s", "")], real=["real_colon_mask"],
+        "line", [*LINE, LUMEN, ("mesh_s", "mesh for it, s", "")],
+        real=["real_colon_mask", "real_colon_2_mask", "real_airway_mask", "real_brain_mask"],
         prepares={"VMTK centerlines": _small_wall(False), "VMTK network": _small_wall(True)}),
     "grow": Stage(
         "lumen of a CT, grown from a seed",

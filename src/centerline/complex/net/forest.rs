@@ -1,0 +1,77 @@
+//! Spanning forests of a net, to find the cycles that its other arcs close.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::Net;
+
+impl Net<'_> {
+    /// The spanning forest of widest throats (Kruskal), and the arcs beyond it.
+    pub(super) fn forest(&self) -> (Vec<usize>, Vec<usize>) {
+        let mut order: Vec<usize> =
+            (0..self.arcs.len()).filter(|i| self.arcs[*i].is_some()).collect();
+        order.sort_by_key(|i| {
+            let throat = self.arcs[*i].as_ref().map_or(0, |a| self.throat(&a.contacts).0);
+            (Reverse(throat), *i)
+        });
+        let mut set: BTreeMap<u32, u32> = self.at.keys().map(|n| (*n, *n)).collect();
+        fn find(set: &mut BTreeMap<u32, u32>, mut n: u32) -> u32 {
+            while set[&n] != n {
+                let up = set[&set[&n]];
+                set.insert(n, up);
+                n = up;
+            }
+            n
+        }
+        order.into_iter().partition(|i| {
+            let Some(arc) = &self.arcs[*i] else { return false };
+            let [a, b] = arc.ends().map(|n| find(&mut set, n));
+            set.insert(a.max(b), a.min(b));
+            a != b
+        })
+    }
+}
+
+/// A spanning forest with its roots, to walk up.
+pub(super) struct Forest {
+    /// Of each node that is not a root: the arc towards it, the node there, and steps to the root.
+    up: BTreeMap<u32, (usize, u32, u32)>,
+}
+
+impl Forest {
+    pub fn new(net: &Net<'_>, forest: &[usize]) -> Self {
+        let inside: BTreeSet<usize> = forest.iter().copied().collect();
+        let mut up = BTreeMap::new();
+        let mut seen = BTreeSet::new();
+        for &root in net.at.keys() {
+            let mut open = vec![(root, 0)];
+            if !seen.insert(root) {
+                continue;
+            }
+            while let Some((node, steps)) = open.pop() {
+                for &i in net.at[&node].iter().filter(|i| inside.contains(i)) {
+                    let Some(arc) = &net.arcs[i] else { continue };
+                    let next = arc.other_end(node);
+                    if seen.insert(next) {
+                        up.insert(next, (i, node, steps + 1));
+                        open.push((next, steps + 1));
+                    }
+                }
+            }
+        }
+        Self { up }
+    }
+
+    /// Arcs on the way between two nodes of one tree.
+    pub fn path(&self, mut a: u32, mut b: u32) -> Vec<usize> {
+        let steps = |n: u32| self.up.get(&n).map_or(0, |u| u.2);
+        let mut path = Vec::new();
+        while a != b {
+            let deeper = if steps(a) >= steps(b) { &mut a } else { &mut b };
+            let Some(&(arc, node, _)) = self.up.get(deeper) else { break };
+            path.push(arc);
+            *deeper = node;
+        }
+        path
+    }
+}
