@@ -1,4 +1,5 @@
-//! The rules that prune a net: twigs, loops about pillars, holes where walls touch, small loops.
+//! Branch pruning and loops: the rules that drop twigs and end loops about pillars, holes where walls
+//! touch, small loops.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
