@@ -1,7 +1,7 @@
 //! Branches over the arcs of the graph, and their curves.
 
 use std::cmp::Reverse;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -22,7 +22,7 @@ pub(super) struct BranchRoute {
     pub joined: Option<usize>,
     /// From where it leaves its parent, or the root, to its tip.
     chain: Chain,
-    /// Where it starts and ends. A branch with a parent starts on that one's curve instead.
+    /// Start and end. A branch with a parent starts on the parent's curve instead.
     ends: [End; 2],
     /// Points of the way, local mm, each piece proven inside.
     points: Vec<DVec3>,
@@ -142,11 +142,10 @@ fn close_loops(
 ) {
     let mut left: Vec<usize> = view.net.arcs_of(nodes).collect();
     // The trunk may run along arcs that the ways from its root do not.
-    let taken = |routes: &[BranchRoute], i: usize| {
-        let contact = view.net.arc(i).and_then(|a| a.contacts.first());
-        routes.iter().any(|r| r.chain.contacts.iter().any(|c| Some(c) == contact))
-    };
-    left.retain(|i| !taken(routes, *i));
+    let taken: BTreeSet<u32> =
+        routes.iter().flat_map(|r| r.chain.contacts.iter().copied()).collect();
+    let first = |i: usize| view.net.arc(i).and_then(|a| a.contacts.first());
+    left.retain(|i| first(*i).is_none_or(|c| !taken.contains(c)));
     // An arc whose ends no branch has waits for one that leads there.
     while let Some(at) = left.iter().position(|i| {
         view.net.arc(*i).is_some_and(|a| a.ends().iter().any(|n| owner.contains_key(n)))
@@ -204,12 +203,11 @@ fn halves(view: &View<'_>, mut chain: Chain, ways: &Ways) -> [Chain; 2] {
         2 * along <= a + b + total
     });
     let cut = before.count().min(each.len() - 1);
-    let second = Chain {
+    let mut second = Chain {
         nodes: chain.nodes.split_off(cut + 1),
         contacts: chain.contacts.split_off(cut + 1),
     };
     chain.contacts.truncate(cut);
-    let mut second = second;
     second.reverse();
     [chain, second]
 }
@@ -225,7 +223,7 @@ pub(super) struct Branches<'a> {
 }
 
 impl<'a> Branches<'a> {
-    /// Curves along all routes: those that start and end on none that is still to come side by side.
+    /// Curves along all routes, in parallel as soon as the curves they are attached to exist.
     pub fn new(d: Sampler<'a>, f: Sampler<'a>, routes: &[BranchRoute]) -> Self {
         let mut curves: Vec<Option<(Vec<DVec3>, Proof)>> = routes.iter().map(|_| None).collect();
         let mut this = Self { d, f, branches: Vec::new(), proof: Proof::default() };

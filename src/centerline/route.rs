@@ -83,7 +83,7 @@ pub struct Routed {
     pub unreachable: usize,
     /// Nodes on the graph's arcs, by ascending elements.
     pub nodes: Vec<GraphNode>,
-    /// Loops that were cut, in the order in which they were, then those that were kept.
+    /// Loops in the order in which rules ended them, then the kept ones.
     pub loops: Vec<LumenLoop>,
 }
 

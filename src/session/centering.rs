@@ -34,7 +34,7 @@ pub struct Centered {
     pub unseen: Vec<u32>,
     /// Inside voxels no legal route joins to the root.
     pub unreachable: usize,
-    /// Loops of the lumen: those that rules ended, then those kept.
+    /// Loops of the lumen: the ended ones, then the kept ones.
     pub loops: Vec<LumenLoop>,
     /// Smallest distance from the line to an external voxel centre, mm.
     pub min_clearance_mm: f64,

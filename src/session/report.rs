@@ -144,7 +144,7 @@ pub struct CenterlineReport {
     pub viewers_seen_fraction: f64,
     pub viewers_unseen: usize,
     pub unreachable_voxels: usize,
-    /// Loops of the lumen: those that rules ended, then those kept.
+    /// Loops of the lumen: the ended ones, then the kept ones.
     pub loops: Vec<LoopReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub proof: Option<Proof>,

@@ -1,5 +1,5 @@
-//! Collapse of the complex onto a graph: an element that bounds one other only goes together with
-//! that one, which leaves the homotopy type as it was; those nearest to the wall go first.
+//! Collapse of the complex onto a graph: a free element (one with a single coface) is removed
+//! together with its coface, which keeps the homotopy type. Pairs are removed in order of depth.
 
 use super::CellComplex;
 use crate::task::checkpoint;
@@ -7,7 +7,7 @@ use crate::task::checkpoint;
 /// Elements between two looks at the cancellation token.
 const BETWEEN_CHECKS: u32 = 1 << 16;
 
-/// What is left of a complex: a graph of nodes and contacts.
+/// The collapsed complex: a graph of nodes and contacts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Collapsed {
     /// Nodes left, ascending.
@@ -18,10 +18,10 @@ pub struct Collapsed {
     pub shells: usize,
 }
 
-/// What is known of an element while the complex collapses.
+/// State of an element during the collapse.
 #[derive(Clone, Copy, Default)]
 struct State {
-    /// Exclusive or of the elements it bounds that are left: with one left, that one.
+    /// Exclusive or of its remaining cofaces: with one left, its number.
     bounds: u32,
     /// How many are left. Contacts of a node share a face of 16 voxels each: below 100.
     count: u8,
@@ -104,7 +104,7 @@ impl<'a> Collapse<'a> {
         }
     }
 
-    /// Visits the elements that bound `e`.
+    /// Visits the faces of `e`.
     fn boundary(&mut self, e: u32, mut visit: impl FnMut(&mut Self, u32)) {
         let [_, contacts, runs, corners, _] = self.first;
         if e < contacts {
@@ -128,7 +128,7 @@ impl<'a> Collapse<'a> {
         }
     }
 
-    /// Takes an element away from those that bound it.
+    /// Removes an element from the cofaces of its faces.
     fn remove(&mut self, e: u32, level: u32) {
         self.state[e as usize].gone = true;
         self.boundary(e, |this, b| {

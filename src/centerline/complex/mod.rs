@@ -5,7 +5,7 @@
 //! where four cells meet whose voxels are all inside; a *corner* eight cells' common corner with all
 //! voxels inside. They are the elements of dimension 0 to 3 of a regular complex: a contact joins
 //! two nodes, a run is bounded by four contacts, a corner by six runs. It has the homotopy type of
-//! the 6-connected mask but for what is smaller than a cell.
+//! the 6-connected mask, except for loops and cavities within one cell.
 //!
 //! [`collapse`] takes elements away in pairs, those nearest to the wall first, until a graph with
 //! every loop of the complex is left (discrete Morse theory: Forman 1998, Advances in Mathematics

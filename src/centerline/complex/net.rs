@@ -40,7 +40,7 @@ pub struct Net<'a> {
 }
 
 impl<'a> Net<'a> {
-    /// The arcs of what is left of a complex.
+    /// The arcs of a collapsed complex.
     ///
     /// * `held`: nodes at which arcs end and that no rule prunes.
     /// * `distance`: to the wall, mm.
@@ -85,7 +85,7 @@ impl<'a> Net<'a> {
         for (&node, all) in meeting.iter().filter(|m| !through(*m.0)) {
             all.iter().for_each(|m| walk(node, *m, &mut arcs));
         }
-        // What is left are rings; each begins at its deepest node.
+        // The remaining contacts form rings; each begins at its deepest node.
         let mut rings: Vec<u32> = left.nodes.iter().copied().filter(|n| through(*n)).collect();
         rings.sort_by_key(|n| (Reverse(complex.nodes[*n as usize].key), *n));
         for node in rings {

@@ -75,7 +75,7 @@ struct Passage {
 impl Net<'_> {
     /// Prunes by all rules, in rounds until nothing changes; loops that stay are returned.
     pub fn prune(&mut self, limits: Limits) -> Vec<Loop> {
-        // What was measured of each arc; arcs are replaced under new numbers when they change.
+        // Caches by arc; a changed arc has a new number.
         let mut passages: BTreeMap<usize, f64> = BTreeMap::new();
         let mut measured: BTreeMap<usize, Option<Passage>> = BTreeMap::new();
         loop {
@@ -146,7 +146,7 @@ impl Net<'_> {
             + usize::from(is_long(b, &arc.nodes[place + 1..]))
     }
 
-    /// Arcs of the cycle that one beyond the forest closes.
+    /// Arcs of the cycle that an arc outside the forest closes.
     fn cycle(&self, i: usize, forest: &Forest) -> Vec<usize> {
         let Some(arc) = &self.arcs[i] else { return Vec::new() };
         let [a, b] = arc.ends();
@@ -235,7 +235,7 @@ impl Net<'_> {
                 if let Some(joined) = self.join_at(node) {
                     twigs.extend(entry(self, joined));
                 }
-                // What is left at a junction may be a dead end now.
+                // Another arc at the junction may be a dead end now.
                 let meeting = self.at.get(&node).cloned().unwrap_or_default();
                 twigs.extend(meeting.into_iter().filter_map(|i| entry(self, i)));
             }
@@ -260,7 +260,7 @@ impl Net<'_> {
         Some(self.push(a))
     }
 
-    /// What the rules say of the loop that an arc closes.
+    /// Judges the loop that an arc closes.
     fn judge(&self, i: usize, forest: &Forest, passage_mm: f64, limits: Limits) -> Option<Loop> {
         let arc = self.arcs[i].as_ref()?;
         let [a, b] = arc.ends();
