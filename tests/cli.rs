@@ -86,6 +86,7 @@ fn run_writes_every_product_and_a_report_of_this_run() {
     let out = tmp.path().join("out");
     let want = [
         "base.ply",
+        "branches.vtp",
         "centerline.csv",
         "centerline.mrk.json",
         "centerline.vtp",

@@ -28,7 +28,7 @@ fn mesh() -> Mesh {
 fn stage(gpu: &mut Gpu, size: [u32; 2], samples: u32) -> (Renderer, Scene) {
     let mut r = Renderer::new(gpu, size[0], size[1], samples).unwrap();
     let mesh = r.upload_mesh(gpu, &mesh(), false).unwrap();
-    let path = r.upload_path(gpu, &tube::path(8.0, tube::length() - 8.0, 2.0)).unwrap();
+    let path = r.upload_path(gpu, &[tube::path(8.0, tube::length() - 8.0, 2.0)]).unwrap();
     (r, Scene { path: Some(path), ..Scene::of(mesh) })
 }
 

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
-use intima::formats::{FormatError, Space, read_mesh, write_centerline, write_mesh};
+use intima::formats::{
+    FormatError, Space, read_mesh, write_branches, write_centerline, write_mesh,
+};
 use intima::geometry::{Attachment, Branch, Centerline, CenterlinePoint, Mesh};
 
 /// A tetrahedron without any symmetry, so that a mirror or a swapped axis shows; normals are unit.
@@ -467,11 +469,11 @@ fn csv_centerline_reads_back_to_the_same_numbers() {
 }
 
 #[test]
-fn vtp_centerline_splits_every_line_from_root_to_tip_into_tracts() {
+fn vtp_centerline_has_a_line_from_the_root_to_every_tip() {
     let (_dir, path) = scratch("a.vtp", "");
     write_centerline(&path, &forked_line()).unwrap();
     let (xml, arrays) = arrays(&path);
-    assert!(xml.contains("NumberOfLines=\"4\"") && xml.contains("NumberOfPoints=\"6\""));
+    assert!(xml.contains("NumberOfLines=\"2\"") && xml.contains("NumberOfPoints=\"6\""));
     assert!(xml.contains("Name=\"SPACE\""));
     let find = |name: &str| &arrays.iter().find(|a| a.0 == name).unwrap().1[..];
     let doubles = |name| bytemuck::pod_collect_to_vec::<u8, f64>(find(name));
@@ -480,13 +482,32 @@ fn vtp_centerline_splits_every_line_from_root_to_tip_into_tracts() {
     assert_eq!(doubles("MaximumInscribedSphereRadius"), doubles("Radius"));
     assert_eq!(doubles("Abscissa"), [0.0, 1.0 / 3.0, 1.0, 0.0, 1.0 / 3.0, 2.4]);
     assert_eq!(doubles("Points")[..4], [0.0, 0.0, 0.1, 1.0 / 3.0]);
-    // Of each line the trunk, then its branch; both cells hold the point of the fork.
+    assert_eq!(ints("connectivity"), [0, 1, 2, 3, 4, 5]);
+    assert_eq!(ints("offsets"), [3, 6]);
+    assert_eq!((ints("CenterlineIds"), ints("GroupIds")), (vec![0, 1], vec![0, 1]));
+    assert_eq!((ints("TractIds"), ints("Blanking")), (vec![0; 2], vec![0; 2]));
+}
+
+#[test]
+fn branches_vtp_shares_a_group_where_paths_share_a_stretch() {
+    // Spheres small enough that both arms leave the trunk's at once.
+    let mut line = forked_line();
+    for p in line.branches.iter_mut().flat_map(|b| &mut b.points) {
+        p.radius_mm = 0.1;
+    }
+    let (_dir, path) = scratch("a.vtp", "");
+    write_branches(&path, &line).unwrap();
+    let (xml, arrays) = arrays(&path);
+    assert!(xml.contains("NumberOfLines=\"4\"") && xml.contains("NumberOfPoints=\"6\""));
+    let find = |name: &str| &arrays.iter().find(|a| a.0 == name).unwrap().1[..];
+    let ints = |name| bytemuck::pod_collect_to_vec::<u8, i32>(find(name));
+    // The bifurcation reaches from the touching sphere, the fork's own, to the arm's next point.
     assert_eq!(ints("connectivity"), [0, 1, 1, 2, 3, 4, 4, 5]);
     assert_eq!(ints("offsets"), [2, 4, 6, 8]);
     assert_eq!(ints("CenterlineIds"), [0, 0, 1, 1]);
     assert_eq!(ints("TractIds"), [0, 1, 0, 1]);
-    assert_eq!(ints("GroupIds"), [0, 1, 0, 2], "lines that share a trunk share its group");
-    assert_eq!(ints("Blanking"), [0; 4]);
+    assert_eq!(ints("GroupIds"), [0, 1, 0, 1]);
+    assert_eq!(ints("Blanking"), [0, 1, 0, 1]);
 }
 
 #[test]
@@ -506,8 +527,7 @@ fn a_trunk_that_goes_on_behind_its_branch_has_a_line_of_its_own() {
     let ints = |name| bytemuck::pod_collect_to_vec::<u8, i32>(find(name));
     let points = bytemuck::pod_collect_to_vec::<u8, f64>(find("Points"));
     assert_eq!(points[6..9], end.position_mm.to_array(), "the trunk's own tip");
-    assert_eq!(ints("CenterlineIds"), [0, 0, 1, 1]);
-    assert_eq!(ints("GroupIds"), [0, 1, 0, 2]);
+    assert_eq!(ints("CenterlineIds"), [0, 1]);
 }
 
 #[test]

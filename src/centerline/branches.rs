@@ -212,6 +212,12 @@ fn halves(view: &View<'_>, mut chain: Chain, ways: &Ways) -> [Chain; 2] {
     [chain, second]
 }
 
+/// How far a ring is repeated at either end, in distances to the wall: farther than the ends of a
+/// curve reach into it.
+const RING_OVERLAP: f64 = 8.0;
+/// Fewest points of a route that is smoothed as a ring.
+const LEAST_LAP: usize = 8;
+
 /// Curves of branches.
 pub(super) struct Branches<'a> {
     d: Sampler<'a>,
@@ -272,12 +278,45 @@ impl<'a> Branches<'a> {
         points.reverse();
         points.dedup();
         let fixed = Fixed { start: start_fixed, end: end_fixed };
-        let smooth = recenter(&points, self.d, self.f, fixed);
+        let smooth = if is_ring && points.len() >= LEAST_LAP {
+            self.ring(&points)
+        } else {
+            recenter(&points, self.d, self.f, fixed)
+        };
         if let Some(mended) = mend(&smooth, &points, self.d) {
             return mended;
         }
         let proof = Proof { replaced: points.len(), ..Proof::default() };
         (points, proof)
+    }
+
+    /// The closed curve along a route that ends where it begins: centred with a stretch of it
+    /// repeated at either end, of which one lap away from both ends is kept.
+    fn ring(&self, route: &[DVec3]) -> Vec<DVec3> {
+        let lap = &route[..route.len() - 1];
+        let overlap_mm = RING_OVERLAP * self.d.at(route[0]);
+        let repeated = arc_lengths(lap).iter().take_while(|s| **s < overlap_mm).count();
+        let places = (0..lap.len() + 2 * repeated + 1).map(|i| i + lap.len() - repeated);
+        let unrolled: Vec<DVec3> = places.map(|i| lap[i % lap.len()]).collect();
+        let mut curve = recenter(&unrolled, self.d, self.f, Fixed { start: false, end: false });
+
+        let s = arc_lengths(&curve);
+        let total = s[s.len() - 1];
+        let share = repeated as f64 / unrolled.len() as f64;
+        let first = s.partition_point(|s| *s < share * total).min(curve.len() - 2);
+        let off = |i: &usize| curve[*i].distance_squared(curve[first]);
+        let late = s.partition_point(|s| *s < (1.0 - 1.5 * share) * total).max(first + 1);
+        let last = (late..curve.len()).min_by(|a, b| off(a).total_cmp(&off(b)));
+        let last = last.unwrap_or(curve.len() - 1);
+        // The two laps differ by little where they overlap; the first fades into the second.
+        let gap = curve[first] - curve[last];
+        for i in first..=last {
+            let before = (s[last] - s[i]) / overlap_mm.max(1e-9);
+            curve[i] += gap * (1.0 - before).max(0.0).powi(2);
+        }
+        curve[last] = curve[first];
+        curve.truncate(last + 1);
+        curve.split_off(first)
     }
 
     /// Makes a route begin where it should: at the nearest point of a curve it is attached to, at a

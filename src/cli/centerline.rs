@@ -9,7 +9,7 @@ use super::mode::ModeArg;
 use super::record::modes;
 use super::repeat::timed_products;
 use crate::centerline::{Loops, Radius};
-use crate::formats::{atomic_file, write_centerline};
+use crate::formats::{atomic_file, write_branches, write_centerline};
 use crate::session::{CenterlineReport, CenterlineSettings, Product, Session, Settings};
 
 /// `intima centerline INPUT LUMEN -o LINE`
@@ -23,6 +23,9 @@ pub struct Args {
     /// Write boundary voxels that a flight along the path does not see (i,j,k,x,y,z,patch)
     #[arg(long, value_name = "CSV")]
     unseen: Option<PathBuf>,
+    /// Write the paths to all tips split into branches and bifurcations, as VMTK does
+    #[arg(long, value_name = "VTP")]
+    branches: Option<PathBuf>,
     /// Write all branches with their loops as a graph of nodes and edges (intima.graph/1)
     #[arg(long, value_name = "JSON")]
     graph: Option<PathBuf>,
@@ -92,6 +95,7 @@ impl Args {
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, LINES)?;
         self.graph.as_deref().map_or(Ok(()), |p| global.check_output(p, &[".json"]))?;
+        self.branches.as_deref().map_or(Ok(()), |p| global.check_output(p, &[".vtp"]))?;
         self.mode.check(self.path.tree)?;
         let settings = Settings {
             mode: self.mode.main(),
@@ -105,6 +109,7 @@ impl Args {
         let (found, timing) =
             timed_products(global, &mut session, &needs, &anew, |s| Ok(s.centerline()?))?;
         write_centerline(&self.output, &found.line)?;
+        self.branches.as_deref().map_or(Ok(()), |p| write_branches(p, &found.line))?;
         if let Some(path) = &self.unseen {
             let csv = global.watched(&session, || session.unseen_csv())?;
             atomic_file::write_atomic(path, |o| o.write_all(csv.as_bytes()))?;

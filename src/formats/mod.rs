@@ -14,7 +14,7 @@ mod video;
 mod vol;
 pub mod atomic_file;
 
-pub use curve::write_centerline;
+pub use curve::{write_branches, write_centerline};
 pub use error::{FieldValue, FormatError};
 pub use image::{encode_png, read_png, write_png};
 pub use mesh::{Space, read_mesh, write_mesh};

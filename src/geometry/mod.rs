@@ -11,6 +11,7 @@ mod mesh;
 mod point_triangle;
 #[cfg(test)]
 pub mod shapes;
+mod tracts;
 mod vertex;
 mod view_frustum;
 
@@ -24,5 +25,6 @@ pub use centerline::{
 pub use exterior::ExteriorGrid;
 pub use mesh::{Mesh, MeshPoint};
 pub use point_triangle::{nearest_on_segment, nearest_on_triangle, point_triangle_distance};
+pub use tracts::{Tract, Tracts};
 pub use vertex::Vertex;
 pub use view_frustum::{ProjectedBounds, ViewFrustum};

@@ -12,12 +12,23 @@ pub(super) struct Tubes {
 }
 
 const SIDES: u32 = 8;
+/// The lines of a camera have no part ahead.
+const ALL: (f32, f32) = (0.0, f32::INFINITY);
+
+fn length(points: &[Vec3]) -> f32 {
+    points.windows(2).map(|w| w[0].distance(w[1])).sum()
+}
 
 impl Tubes {
-    /// A tube along a polyline; each vertex carries its share of the length.
-    pub fn along(points: &[Vec3]) -> Self {
+    /// Tubes along polylines; each vertex carries the share of all their length behind it.
+    pub fn along(lines: &[Vec<Vec3>]) -> Self {
         let mut tubes = Self::default();
-        tubes.add(points);
+        let total: f32 = lines.iter().map(|l| length(l)).sum();
+        let mut behind = 0.0;
+        for line in lines {
+            tubes.add(line, (behind, total));
+            behind += length(line);
+        }
         tubes
     }
 
@@ -28,12 +39,12 @@ impl Tubes {
         let corner = |i: usize| Vec3::new(base[i % 4].0, base[i % 4].1, -1.0);
         let mut tubes = Self::default();
         for i in 0..4 {
-            tubes.add(&[Vec3::ZERO, corner(i)]);
-            tubes.add(&[corner(i), corner(i + 1)]);
+            tubes.add(&[Vec3::ZERO, corner(i)], ALL);
+            tubes.add(&[corner(i), corner(i + 1)], ALL);
         }
         let tip = Vec3::new(0.0, 1.5, -1.0);
-        tubes.add(&[Vec3::new(-0.4, 1.0, -1.0), tip]);
-        tubes.add(&[tip, Vec3::new(0.4, 1.0, -1.0)]);
+        tubes.add(&[Vec3::new(-0.4, 1.0, -1.0), tip], ALL);
+        tubes.add(&[tip, Vec3::new(0.4, 1.0, -1.0)], ALL);
         tubes
     }
 
@@ -56,20 +67,20 @@ impl Tubes {
         tubes
     }
 
-    fn add(&mut self, points: &[Vec3]) {
+    /// * `behind`, `total`: length before the first point, and of all.
+    fn add(&mut self, points: &[Vec3], (behind, total): (f32, f32)) {
         let mut points = points.to_vec();
         points.dedup_by(|a, b| a.distance_squared(*b) < 1e-12);
         if points.len() < 2 {
             return;
         }
-        let total: f32 = points.windows(2).map(|w| w[0].distance(w[1])).sum();
         let direction = |i: usize| {
             let (a, b) = (i.saturating_sub(1), (i + 1).min(points.len() - 1));
             (points[b] - points[a]).try_normalize()
         };
         let mut tangent = direction(0).unwrap_or(Vec3::Z);
         let mut side = tangent.any_orthonormal_vector();
-        let mut length = 0.0;
+        let mut length = behind;
         let first = self.vertices.len() as u32;
         for i in 0..points.len() {
             if i > 0 {
@@ -108,13 +119,20 @@ mod tests {
 
     #[test]
     fn a_path_of_equal_points_draws_nothing_and_a_bent_one_counts_its_length() {
-        assert!(Tubes::along(&[Vec3::ONE; 5]).indices.is_empty());
+        assert!(Tubes::along(&[vec![Vec3::ONE; 5]]).indices.is_empty());
         assert!(Tubes::along(&[]).indices.is_empty());
-        let t = Tubes::along(&[Vec3::ZERO, Vec3::X, Vec3::X, Vec3::new(1.0, 3.0, 0.0)]);
+        let bent = vec![Vec3::ZERO, Vec3::X, Vec3::X, Vec3::new(1.0, 3.0, 0.0)];
+        let t = Tubes::along(std::slice::from_ref(&bent));
         assert_eq!(t.vertices.len(), 3 * SIDES as usize);
         let share = Vertex::w;
         assert!((share(&t.vertices[SIDES as usize]) - 0.25).abs() < 1e-4);
         assert!((share(t.vertices.last().unwrap()) - 1.0).abs() < 1e-4);
         assert!(t.indices.iter().all(|i| (*i as usize) < t.vertices.len()));
+        // A second piece, as long, begins at half of the length; nothing joins the two.
+        let two = Tubes::along(&[bent.clone(), bent.iter().map(|p| p + 9.0 * Vec3::Z).collect()]);
+        let second = 3 * SIDES;
+        assert!((share(&two.vertices[second as usize]) - 0.5).abs() < 1e-4);
+        let joined = |t: &[u32]| t.iter().any(|i| *i < second) && t.iter().any(|i| *i >= second);
+        assert!(!two.indices.chunks_exact(3).any(joined));
     }
 }

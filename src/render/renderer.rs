@@ -202,17 +202,17 @@ impl Renderer {
         }
     }
 
-    /// Puts a path on the device, LPS mm from start to end.
+    /// Puts a path on the device: its pieces in order, each LPS mm from start to end.
     ///
     /// # Errors
     /// [`RenderError::Vulkan`] when the device runs out of memory.
     pub fn upload_path(
         &mut self,
         gpu: &mut Gpu,
-        points: &[Vec3],
+        pieces: &[Vec<Vec3>],
     ) -> Result<PathHandle, RenderError> {
         self.check_device(gpu);
-        let model = upload_tubes(gpu, &Tubes::along(points))?;
+        let model = upload_tubes(gpu, &Tubes::along(pieces))?;
         self.paths.push(Some(model));
         Ok(PathHandle(self.paths.len() - 1))
     }

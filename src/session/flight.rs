@@ -3,7 +3,7 @@
 use super::settings::FlightRoute;
 use super::{Centered, Clock, Session, SessionError, Wall, present, put};
 use crate::flight::{Clearance, Flight, FlightError, FlightOptions};
-use crate::geometry::CenterlinePoint;
+use crate::geometry::{Centerline, CenterlinePoint};
 use crate::lumen::Lumen;
 use crate::render::View;
 
@@ -37,15 +37,7 @@ impl Session {
                 None => script.fly(&clearance, aspect)?,
             });
         }
-        let line = &centered.line;
-        let paths = match s.route {
-            FlightRoute::Trunk => line.pieces().map(|b| b.points.clone()).collect(),
-            FlightRoute::Leaf(branch) if branch < line.branches.len() => vec![line.path_to(branch)],
-            FlightRoute::Leaf(branch) => {
-                return Err(FlightError::NoBranch { branch, branches: line.branches.len() }.into());
-            }
-            FlightRoute::All => line.branches.iter().map(|b| b.points.clone()).collect::<Vec<_>>(),
-        };
+        let paths = s.route.paths(&centered.line)?;
         let paths: Vec<&[CenterlinePoint]> = paths.iter().map(Vec::as_slice).collect();
         let options = FlightOptions {
             frames: s.frames,
@@ -55,5 +47,21 @@ impl Session {
             wall: mesh,
         };
         Ok(Flight::along(&paths, lumen, distance, options)?)
+    }
+}
+
+impl FlightRoute {
+    /// The pieces of a centerline that are flown, in order.
+    ///
+    /// # Errors
+    /// [`FlightError::NoBranch`].
+    pub(super) fn paths(self, line: &Centerline) -> Result<Vec<Vec<CenterlinePoint>>, FlightError> {
+        let branches = line.branches.len();
+        Ok(match self {
+            Self::Trunk => line.pieces().map(|b| b.points.clone()).collect(),
+            Self::Leaf(branch) if branch < branches => vec![line.path_to(branch)],
+            Self::Leaf(branch) => return Err(FlightError::NoBranch { branch, branches }),
+            Self::All => line.branches.iter().map(|b| b.points.clone()).collect(),
+        })
     }
 }

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use super::writer::{FrameWriter, clear_folder};
 use super::{FrameStream, Product, Report, Session, SessionError, without_caps};
 use crate::flight::CameraPath;
-use crate::formats::{FormatError, atomic_file, write_centerline, write_layers, write_mesh};
+use crate::formats::{
+    FormatError, atomic_file, write_branches, write_centerline, write_layers, write_mesh,
+};
 use crate::geometry::Mesh;
 use crate::lumen::Lumen;
 
@@ -170,11 +172,11 @@ impl Session {
         Ok(atomic_file::write_atomic(&path, |o| o.write_all(text.as_bytes()))?)
     }
 
-    /// Computes and writes everything that is no picture: eight files.
+    /// Computes and writes everything that is no picture: nine files.
     fn write_products(&self, folder: &Path) -> Result<(), SessionError> {
         self.prepare(&[Product::Base, Product::Coverage])?;
         let mut clock = self.clock().fork();
-        let written = clock.time("write", "files", || self.write_files(folder), |_| 8);
+        let written = clock.time("write", "files", || self.write_files(folder), |_| 9);
         self.clock().merge(clock);
         written
     }
@@ -195,6 +197,7 @@ impl Session {
         for name in ["centerline.vtp", "centerline.csv", "centerline.mrk.json"] {
             write_centerline(&out.join(name), &centered.line)?;
         }
+        write_branches(&out.join("branches.vtp"), &centered.line)?;
         let csv = self.unseen_csv()?;
         Ok(atomic_file::write_atomic(&out.join("unseen.csv"), |o| o.write_all(csv.as_bytes()))?)
     }

@@ -12,6 +12,7 @@ use super::{
 };
 use crate::device::{Device, DeviceError};
 use crate::flight::Flight;
+use crate::geometry::{Centerline, CenterlinePoint, Pose};
 use crate::lod::{Tolerance, Worker};
 use crate::render::{
     FrameSequence, FrameStats, IN_FLIGHT, MeshHandle, PagesHandle, Renderer, Scene, Shot, Spares,
@@ -129,17 +130,12 @@ impl Session {
             scene.wall = Wall::Pages { pages, backs: !drawn.closed };
             (scene, Some(worker), levels.report.clone())
         };
-        let path: Vec<Vec3> = centered
-            .line
-            .branches
-            .first()
-            .map(|b| b.points.iter().map(|p| p.position_mm.as_vec3()).collect())
-            .unwrap_or_default();
+        let pieces = self.flown_pieces(&centered.line)?;
         let mut scene = scene;
-        if path.len() > 1 && overview {
-            scene.path = Some(display.with_gpu(|gpu| renderer.upload_path(gpu, &path))?);
+        if overview && pieces.iter().any(|p| p.len() > 1) {
+            scene.path = Some(display.with_gpu(|gpu| renderer.upload_path(gpu, &pieces))?);
         }
-        let shots = shots(&flight, s.view, &share_of_path(&path, &flight));
+        let shots = shots(&flight, s.view, &share_of_path(&pieces, &flight));
         Ok(FrameStream {
             size: s.size,
             spares: renderer.spares(),
@@ -155,6 +151,18 @@ impl Session {
             since: Instant::now(),
             figures: Figures::default(),
         })
+    }
+
+    /// The pieces of the path in the order and direction in which they are flown.
+    fn flown_pieces(&self, line: &Centerline) -> Result<Vec<Vec<Vec3>>, SessionError> {
+        let s = &self.settings.flight;
+        let places = |p: Vec<CenterlinePoint>| p.iter().map(|p| p.position_mm.as_vec3()).collect();
+        let mut pieces: Vec<Vec<Vec3>> = s.route.paths(line)?.into_iter().map(places).collect();
+        if s.reverse {
+            pieces.reverse();
+            pieces.iter_mut().for_each(|p| p.reverse());
+        }
+        Ok(pieces)
     }
 
     /// Adds the drawing of a stream to the clock.
@@ -335,31 +343,30 @@ fn shots(flight: &Flight, view: View, progress: &[f32]) -> Vec<Shot> {
     (0..flight.poses.len()).map(shot).collect()
 }
 
-/// Share of the path's length behind each eye: that of the nearest point of the path, searched
-/// about the one before, since a path may pass close to itself.
-fn share_of_path(path: &[Vec3], flight: &Flight) -> Vec<f32> {
+/// Share of the pieces' length behind each eye: that of the nearest point, searched about the one
+/// before, since a path may pass close to itself; behind a cut, everywhere.
+fn share_of_path(pieces: &[Vec<Vec3>], flight: &Flight) -> Vec<f32> {
     let mut length = 0.0;
-    let arc: Vec<f32> = (0..path.len())
-        .map(|i| {
-            length += if i > 0 { path[i].distance(path[i - 1]) } else { 0.0 };
-            length
-        })
-        .collect();
+    let mut arc: Vec<(Vec3, f32)> = Vec::new();
+    for piece in pieces {
+        for (i, p) in piece.iter().enumerate() {
+            length += if i > 0 { p.distance(piece[i - 1]) } else { 0.0 };
+            arc.push((*p, length));
+        }
+    }
     let mut at = None;
     let nearest = |p: Vec3, among: std::ops::Range<usize>| {
-        among.min_by(|&i, &j| path[i].distance_squared(p).total_cmp(&path[j].distance_squared(p)))
+        let off = |i: usize| arc[i].0.distance_squared(p);
+        among.min_by(|&i, &j| off(i).total_cmp(&off(j)))
     };
-    let reach = (path.len() / 10).max(50);
-    flight
-        .poses
-        .iter()
-        .map(|pose| {
-            let among = match at {
-                None => 0..path.len(),
-                Some(i) => usize::saturating_sub(i, reach)..(i + reach).min(path.len()),
-            };
-            at = nearest(pose.position_mm, among).or(at);
-            at.map_or(0.0, |i| arc[i] / length.max(f32::MIN_POSITIVE))
-        })
-        .collect()
+    let reach = (arc.len() / 10).max(50);
+    let share = |(k, pose): (usize, &Pose)| {
+        let among = match at.filter(|_| !flight.cuts.contains(&k)) {
+            None => 0..arc.len(),
+            Some(i) => usize::saturating_sub(i, reach)..(i + reach).min(arc.len()),
+        };
+        at = nearest(pose.position_mm, among).or(at);
+        at.map_or(0.0, |i| arc[i].1 / length.max(f32::MIN_POSITIVE))
+    };
+    flight.poses.iter().enumerate().map(share).collect()
 }

@@ -10,6 +10,7 @@ from pathlib import Path
 GRIDS = {  # dims and spacing (x, y, z); each with its half for `--sizes quick`, in the same box
     "128": ((128, 128, 128), (1.0, 1.0, 1.0)),
     "256": ((256, 256, 256), (0.5, 0.5, 0.5)),
+    "768": ((768, 768, 768), (1 / 6, 1 / 6, 1 / 6)),
     "ct_half": ((256, 256, 65), (1.4, 1.4, 3.0)),
     "ct": ((512, 512, 130), (0.7, 0.7, 1.5)),
 }

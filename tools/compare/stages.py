@@ -195,7 +195,7 @@ STAGES = {
         "starts at a hole, cut off the clock; it stops at edges of more than two faces, so where decimation makes "
         "such (on the real label map) it gets all faces. Clearance is the distance to the wall over the best "
         "in the section across.",
-        ["colon_128", "y_128"], ["colon_256", "helix_256", "tube_256", "y_256", "colon_ct"],
+        ["colon_128", "y_128"], ["colon_256", "helix_256", "helix_768", "tube_256", "y_256", "colon_ct"],
         _on_both({"intima centerline": (_to("csv", lambda c: [
             "centerline", *_mask(c), "--from", _mm(c, "start"), "--to", _mm(c, "end")]), _mask)}),
         {"edt + dijkstra3d": ("dijkstra3d", "lines:dijkstra3d_path", False),

@@ -12,8 +12,7 @@ use crate::geometry::Centerline;
 
 /// Writes a centerline by extension; coordinates are LPS mm, radius and abscissa mm.
 ///
-/// - `.vtp`: polylines from the root to every tip, split into tracts at forks; arrays named as VMTK
-///   and Slicer look for.
+/// - `.vtp`: a polyline from the root to every tip; arrays named as VMTK and Slicer look for.
 /// - `.csv`: a header, then `x,y,z,radius,abscissa,branch,parent`, one point a row; the root's
 ///   parent is -1.
 /// - `.mrk.json`: a Slicer curve for every branch, the radius as a measurement.
@@ -26,7 +25,7 @@ pub fn write_centerline(path: &Path, line: &Centerline) -> Result<(), FormatErro
     check(path, line)?;
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     if name.ends_with(".vtp") {
-        vtp::write(path, line)
+        vtp::write_paths(path, line)
     } else if name.ends_with(".csv") {
         atomic_file::write_atomic(path, |out| csv::write(out, line))
     } else if name.ends_with(".mrk.json") {
@@ -35,6 +34,16 @@ pub fn write_centerline(path: &Path, line: &Centerline) -> Result<(), FormatErro
         let what = "a centerline with this extension; there are .vtp, .csv and .mrk.json";
         Err(FormatError::unsupported(path, what))
     }
+}
+
+/// Writes the paths to all tips as `.vtp`, split into branches and, blanked, bifurcations: what
+/// VMTK's branch extractor makes of whole paths ([`Centerline::tracts`]).
+///
+/// # Errors
+/// As [`write_centerline`].
+pub fn write_branches(path: &Path, line: &Centerline) -> Result<(), FormatError> {
+    check(path, line)?;
+    vtp::write_tracts(path, line)
 }
 
 fn check(path: &Path, line: &Centerline) -> Result<(), FormatError> {

@@ -1,99 +1,57 @@
-//! A centerline as VTK polylines, split into tracts as VMTK's branch extractor splits them.
+//! A centerline as VTK polylines: whole paths, or split into branches and bifurcations.
 //!
-//! Every line from the root to a tip is a run of cells with one `CenterlineIds`; `TractIds` counts
-//! them from the root. Lines that share a stretch share its `GroupIds`, and each stretch between
-//! two forks is a group of its own. `Blanking` is 0 everywhere: VMTK blanks the stretch inside a
-//! bifurcation, whose extent it takes from the spheres of both branches; a tree of curves knows the
-//! point of a fork alone. (Antiga and Steinman 2004, Robust and objective decomposition and mapping
-//! of bifurcating vessels, IEEE Transactions on Medical Imaging 23(6), 704-713,
-//! doi:10.1109/TMI.2004.826946.)
+//! Cell arrays are named as VMTK names them and hold 32-bit integers: with 64 bits VMTK's branch
+//! clipper yields no groups.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use super::{FormatError, atomic_file};
 use crate::formats::mesh::polydata::{Array, PolyData};
-use crate::geometry::{Attachment, Centerline};
+use crate::geometry::{Centerline, Tract, Tracts};
 
-/// A point by the bits of its coordinates.
-type PointBits = [u64; 3];
-
-/// The cells: their arrays, one entry each, and the points that each goes through.
-#[derive(Default)]
-struct Tracts {
-    connectivity: Vec<i32>,
-    offsets: Vec<i32>,
-    centerlines: Vec<i32>,
-    groups: Vec<i32>,
-    tracts: Vec<i32>,
+/// A path from a root to each tip, a group of its own.
+pub(super) fn write_paths(path: &Path, centerline: &Centerline) -> Result<(), FormatError> {
+    let paths: Vec<_> = centerline.tips().map(|tip| centerline.path_to(tip)).collect();
+    let whole = |(i, points): (usize, &Vec<_>)| Tract {
+        path: i,
+        group: i,
+        tract: 0,
+        blanking: false,
+        points: 0..points.len().saturating_sub(1),
+    };
+    let tracts = paths.iter().enumerate().map(whole).collect();
+    write(path, &Tracts { paths, tracts })
 }
 
-impl Tracts {
-    /// Splits lines, given as the points of each by their bits. Two lines that share a point and
-    /// go on differently fork there.
-    fn new(lines: &[Vec<PointBits>]) -> Self {
-        // Next points of every point that has been passed; a fork has several, or a tip.
-        let mut next: BTreeMap<(usize, PointBits), BTreeSet<Option<PointBits>>> = BTreeMap::new();
-        for line in lines {
-            for (i, p) in line.iter().enumerate() {
-                next.entry((i, *p)).or_default().insert(line.get(i + 1).copied());
-            }
-        }
-        let mut tracts = Self::default();
-        let mut groups = BTreeMap::new();
-        let mut start = 0;
-        for (c, line) in lines.iter().enumerate() {
-            let last = line.len().saturating_sub(1);
-            let (mut from, mut tract) = (0, 0);
-            for (i, p) in line.iter().enumerate() {
-                let forks = i > 0 && next[&(i, *p)].len() > 1;
-                if !forks && i != last {
-                    continue;
-                }
-                // A stretch is told by its ends and its second point: lines part at forks alone.
-                let key = (from, line[from], line[(from + 1).min(last)], i);
-                let count = groups.len() as i32;
-                tracts.groups.push(*groups.entry(key).or_insert(count));
-                tracts.connectivity.extend((from..=i).map(|k| (start + k) as i32));
-                tracts.offsets.push(tracts.connectivity.len() as i32);
-                tracts.centerlines.push(c as i32);
-                tracts.tracts.push(tract);
-                tract += 1;
-                from = i;
-            }
-            start += line.len();
-        }
-        tracts
-    }
+/// The same paths as tracts of branches and, blanked, of bifurcations.
+pub(super) fn write_tracts(path: &Path, centerline: &Centerline) -> Result<(), FormatError> {
+    write(path, &centerline.tracts())
 }
 
-/// Whether a line ends where this branch does: no other branch leaves its last point.
-fn has_tip(centerline: &Centerline, branch: usize) -> bool {
-    let last = centerline.branches[branch].points.len().saturating_sub(1);
-    let end = Attachment { branch, point: last };
-    !centerline.branches.iter().any(|child| child.start == Some(end))
-}
-
-pub(super) fn write(path: &Path, centerline: &Centerline) -> Result<(), FormatError> {
-    let leaves = (0..centerline.branches.len()).filter(|b| has_tip(centerline, *b));
+fn write(path: &Path, Tracts { paths, tracts }: &Tracts) -> Result<(), FormatError> {
     let (mut points, mut radius, mut abscissa) = (Vec::new(), Vec::new(), Vec::new());
-    let mut lines = Vec::new();
-    for leaf in leaves {
-        let mut line = Vec::new();
-        for p in centerline.path_to(leaf) {
-            line.push(p.position_mm.to_array().map(f64::to_bits));
-            points.extend(p.position_mm.to_array());
-            radius.push(p.radius_mm);
-            abscissa.push(p.abscissa_mm);
-        }
-        lines.push(line);
+    let mut first = Vec::new();
+    for p in paths {
+        first.push(radius.len());
+        points.extend(p.iter().flat_map(|p| p.position_mm.to_array()));
+        radius.extend(p.iter().map(|p| p.radius_mm));
+        abscissa.extend(p.iter().map(|p| p.abscissa_mm));
     }
-    // Forks are in two cells: there are at most twice as many entries as points.
+    // Neighbouring tracts share a point: there are at most twice as many entries as points.
     if i32::try_from(2 * radius.len()).is_err() {
         return Err(FormatError::unsupported(path, "polylines of more than 2^30 points"));
     }
-    let tracts = Tracts::new(&lines);
-    let blanking = vec![0; tracts.groups.len()];
+    let (mut connectivity, mut offsets) = (Vec::new(), Vec::new());
+    for t in tracts {
+        connectivity
+            .extend(t.points.clone().chain([t.points.end]).map(|i| (first[t.path] + i) as i32));
+        offsets.push(connectivity.len() as i32);
+    }
+    let of = |value: fn(&Tract) -> usize| tracts.iter().map(|t| value(t) as i32).collect();
+    let ids: Vec<i32> = of(|t| t.path);
+    let groups: Vec<i32> = of(|t| t.group);
+    let numbers: Vec<i32> = of(|t| t.tract);
+    let blanking: Vec<i32> = of(|t| usize::from(t.blanking));
     let data = PolyData {
         points: Array::new("Points", 3, &points),
         point_count: radius.len(),
@@ -105,13 +63,13 @@ pub(super) fn write(path: &Path, centerline: &Centerline) -> Result<(), FormatEr
         ],
         active: "Scalars=\"Radius\"",
         cells: "Lines",
-        cell_count: tracts.groups.len(),
-        connectivity: Array::new("connectivity", 1, &tracts.connectivity),
-        offsets: Array::new("offsets", 1, &tracts.offsets),
+        cell_count: tracts.len(),
+        connectivity: Array::new("connectivity", 1, &connectivity),
+        offsets: Array::new("offsets", 1, &offsets),
         cell_data: vec![
-            Array::new("CenterlineIds", 1, &tracts.centerlines),
-            Array::new("GroupIds", 1, &tracts.groups),
-            Array::new("TractIds", 1, &tracts.tracts),
+            Array::new("CenterlineIds", 1, &ids),
+            Array::new("GroupIds", 1, &groups),
+            Array::new("TractIds", 1, &numbers),
             Array::new("Blanking", 1, &blanking),
         ],
     };
