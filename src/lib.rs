@@ -44,5 +44,7 @@ pub mod vk;
 pub mod render;
 pub mod device;
 pub mod session;
+#[cfg(feature = "window")]
+pub mod app;
 #[cfg(feature = "cli")]
 pub mod cli;

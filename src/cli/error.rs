@@ -30,6 +30,9 @@ pub enum CliError {
         /// What takes it.
         what: &'static str,
     },
+    /// There is no display for a window.
+    #[error("{0}")]
+    NoDisplay(String),
     /// Standard output.
     #[error("standard output: {0}")]
     Output(std::io::Error),
@@ -45,6 +48,7 @@ impl CliError {
         let error = match self {
             Self::Usage(_) => return 2,
             Self::Input(_) => return 3,
+            Self::NoDisplay(_) => return 4,
             Self::Session(error) => error,
             Self::Memory { .. } | Self::Output(_) | Self::System(_) => return 1,
         };
@@ -67,6 +71,7 @@ impl CliError {
         match self {
             Self::Usage(_) => "usage".into(),
             Self::Input(_) => "input".into(),
+            Self::NoDisplay(_) => "no-display".into(),
             Self::Memory { .. } => "memory".into(),
             Self::Output(_) => "output".into(),
             Self::System(_) => "system".into(),
@@ -154,6 +159,21 @@ impl From<DeviceError> for CliError {
 impl From<GridError> for CliError {
     fn from(e: GridError) -> Self {
         Self::Usage(e.to_string())
+    }
+}
+
+#[cfg(feature = "window")]
+impl From<crate::app::AppError> for CliError {
+    fn from(e: crate::app::AppError) -> Self {
+        use crate::app::AppError as A;
+        match e {
+            A::NoDisplay(_) => Self::NoDisplay(e.to_string()),
+            A::Session(e) => e.into(),
+            A::Vulkan(e) => SessionError::from(DeviceError::from(e)).into(),
+            A::Render(e) => SessionError::from(e).into(),
+            A::Format(e) => e.into(),
+            A::Script { .. } | A::SessionFile { .. } => Self::Input(e.to_string()),
+        }
     }
 }
 

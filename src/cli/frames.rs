@@ -62,6 +62,16 @@ pub enum ViewArg {
     Split,
 }
 
+/// `WxH`.
+pub fn frame_size(text: &str) -> Result<[u32; 2], CliError> {
+    let size = text.split_once(['x', 'X']).and_then(|(w, h)| {
+        let side = |s: &str| s.parse::<u32>().ok().filter(|n| (16..=8192).contains(n));
+        Some([side(w)?, side(h)?])
+    });
+    let wrong = || CliError::Usage(format!("--size `{text}`: WxH, each side 16 to 8192"));
+    size.ok_or_else(wrong)
+}
+
 /// Which ways to fly.
 fn route(text: &str) -> Result<FlightRoute, String> {
     let leaf = text.strip_prefix("leaf:").and_then(|n| n.parse().ok());
@@ -75,13 +85,7 @@ fn route(text: &str) -> Result<FlightRoute, String> {
 impl FrameArgs {
     /// Checks the flags before anything is computed.
     pub fn settings(&self) -> Result<FlightSettings, CliError> {
-        let size = self.size.split_once(['x', 'X']).and_then(|(w, h)| {
-            let side = |s: &str| s.parse::<u32>().ok().filter(|n| (16..=8192).contains(n));
-            Some([side(w)?, side(h)?])
-        });
-        let size = size.ok_or_else(|| {
-            CliError::Usage(format!("--size `{}`: WxH, each side 16 to 8192", self.size))
-        })?;
+        let size = frame_size(&self.size)?;
         if !(5.0..=170.0).contains(&self.fov) {
             return Err(CliError::Usage(format!("--fov {}: 5 to 170 degrees", self.fov)));
         }

@@ -8,6 +8,8 @@ mod devices;
 mod distance;
 mod error;
 mod fair;
+#[cfg(feature = "window")]
+mod fly;
 mod frames;
 mod generate;
 mod global;
@@ -74,6 +76,9 @@ enum Command {
     Record(record::Args),
     /// Everything above in one folder
     Run(run::Args),
+    /// Open a window and fly by hand
+    #[cfg(feature = "window")]
+    Fly(fly::Args),
     /// Time each kernel on each device
     Bench(bench::Args),
     /// Print shell completions
@@ -140,6 +145,8 @@ impl Command {
             Self::Centerline(a) => a.run(global),
             Self::Record(a) => a.run(global),
             Self::Run(a) => a.run(global),
+            #[cfg(feature = "window")]
+            Self::Fly(a) => a.run(global),
             Self::Bench(a) => a.run(global),
             Self::Completions(a) => a.run(),
             Self::Man => generate::man(),

@@ -1,6 +1,6 @@
 //! How far the wall is at least: the proof that a near plane does not cut it.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use glam::{DAffine3, DMat3, DVec3, IVec3};
 
@@ -28,7 +28,7 @@ pub struct Clearance<'a> {
     distance: Sampler<'a>,
     local_from_world: DAffine3,
     mesh: Option<&'a Mesh>,
-    index: OnceLock<WallIndex>,
+    index: Arc<OnceLock<WallIndex>>,
 }
 
 impl<'a> Clearance<'a> {
@@ -40,8 +40,14 @@ impl<'a> Clearance<'a> {
             distance: Sampler { lumen, field: distance },
             local_from_world: scale * lumen.grid.voxel_from_world(),
             mesh,
-            index: OnceLock::new(),
+            index: Arc::default(),
         }
+    }
+
+    /// With an index of the mesh's triangles that others of the same mesh share: it is built once,
+    /// by the first that needs it.
+    pub fn sharing(self, index: &Arc<OnceLock<WallIndex>>) -> Self {
+        Self { index: Arc::clone(index), ..self }
     }
 
     /// LPS mm to millimetres along the index axes.

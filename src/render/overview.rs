@@ -65,6 +65,7 @@ impl Renderer {
             indices: None,
             range: DrawRange::Direct(0..3),
             images: vec![self.targets.glass],
+            scissor: None,
         };
         passes.push(Pass {
             colour: self.targets.picture,

@@ -184,7 +184,7 @@ impl Pages {
         picture: Option<(ImageId, BufferId)>,
     ) -> Result<u64, RenderError> {
         let changes = self.first_changes(most);
-        let frame = Frame { writes: self.writes(&changes), passes, picture };
+        let frame = Frame { writes: self.writes(&changes), passes, picture, ..Frame::default() };
         let sent = gpu.make_room(frame.staged_bytes()).and_then(|()| gpu.submit_draws(&frame));
         drop(frame);
         let bytes = changes.iter().map(|c| c.1.bytes()).sum();
@@ -270,12 +270,11 @@ impl Renderer {
         gpu: &mut Gpu,
         pages: Option<PagesHandle>,
         passes: Vec<Pass>,
-        picture: (ImageId, BufferId),
+        picture: Option<(ImageId, BufferId)>,
         stats: &mut FrameStats,
     ) -> Result<(), RenderError> {
-        let picture = Some(picture);
         let Some(handle) = pages else {
-            return Ok(gpu.submit_draws(&Frame { passes, picture, writes: Vec::new() })?);
+            return Ok(gpu.submit_draws(&Frame { passes, picture, ..Frame::default() })?);
         };
         let own = self.pages[handle.0].as_mut().expect("a wall that was not closed");
         let mut left = own.pending_bytes();

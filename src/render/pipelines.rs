@@ -136,6 +136,7 @@ mod tests {
                 indices: None,
                 range: DrawRange::Direct(0..3),
                 images: Vec::new(),
+                scissor: None,
             }
         }
 

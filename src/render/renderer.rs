@@ -194,6 +194,14 @@ impl Renderer {
         Ok(MeshHandle(self.models.len() - 1))
     }
 
+    /// Mean radius of the organ a mesh encloses, mm: for its light.
+    ///
+    /// # Panics
+    /// If the mesh was removed.
+    pub fn mean_radius_mm(&self, mesh: MeshHandle) -> f32 {
+        self.model(mesh).mean_radius_mm
+    }
+
     /// Frees a mesh once no frame in flight uses it.
     pub fn remove_mesh(&mut self, mesh: MeshHandle) {
         if let Some(m) = self.models[mesh.0].take() {
@@ -265,6 +273,41 @@ impl Renderer {
             let new = Slot::new(gpu, self.size())?;
             self.releaser.buffer(std::mem::replace(&mut self.slots[slot], new).buffer);
         }
+        let picture = (self.targets.picture, self.slots[slot].buffer);
+        self.submit_shot(gpu, scene, shot, Some(picture))
+    }
+
+    /// Draws one frame to [`Renderer::picture`] and does not read it back. Returns at once; what
+    /// is submitted later sees the picture.
+    ///
+    /// # Errors
+    /// [`RenderError::Vulkan`].
+    pub fn draw_picture(
+        &mut self,
+        gpu: &mut Gpu,
+        scene: &Scene,
+        shot: &Shot,
+    ) -> Result<FrameStats, RenderError> {
+        self.check_device(gpu);
+        let drawn = self.submit_shot(gpu, scene, shot, None);
+        if drawn.is_err() {
+            self.glass_of = None;
+        }
+        drawn
+    }
+
+    /// The image frames are drawn to: sRGB, one sample a pixel. Another after a resize.
+    pub fn picture(&self) -> ImageId {
+        self.targets.picture
+    }
+
+    fn submit_shot(
+        &mut self,
+        gpu: &mut Gpu,
+        scene: &Scene,
+        shot: &Shot,
+        picture: Option<(ImageId, BufferId)>,
+    ) -> Result<FrameStats, RenderError> {
         let (inside, outside) = self.areas(shot.view);
         let mut passes = Vec::new();
         let mut stats = FrameStats::default();
@@ -274,7 +317,6 @@ impl Renderer {
         if let Some(area) = outside {
             self.overview_passes(scene, shot, area, &mut passes);
         }
-        let picture = (self.targets.picture, self.slots[slot].buffer);
         self.submit_with_changes(gpu, scene.pages(), passes, picture, &mut stats)?;
         Ok(stats)
     }
@@ -349,6 +391,7 @@ impl Renderer {
                     indices: Some(own.indices),
                     range: DrawRange::Indirect(ranges),
                     images: Vec::new(),
+                    scissor: None,
                 })
             }
         };
@@ -409,6 +452,7 @@ pub(super) fn draw(
         indices: Some(model.indices),
         range: DrawRange::Direct(0..model.count),
         images,
+        scissor: None,
     })
 }
 

@@ -97,7 +97,7 @@ impl Scene {
 }
 
 /// One frame.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shot {
     /// What it shows.
     pub view: View,

@@ -4,7 +4,7 @@
 use super::Gpu;
 use super::draw::{Draw, DrawRange, Pass};
 use super::draw_pipeline::Blend;
-use super::frame::Frame;
+use super::frame::{Frame, ImageWrite};
 use super::resources::{BufferId, Format, ImageId, ImageSpec};
 
 impl Gpu {
@@ -18,9 +18,23 @@ impl Gpu {
                 self.check_draw(draw);
             }
         }
+        frame.image_writes.iter().for_each(|w| self.check_image_write(w));
         if let Some((from, to)) = frame.picture {
             self.check_picture(from, to);
         }
+    }
+
+    fn check_image_write(&self, write: &ImageWrite<'_>) {
+        let image = self.spec(write.to);
+        let writable = image.format != Format::Depth32 && image.samples == 1;
+        assert!(writable, "a colour image of one sample a pixel");
+        let a = write.area;
+        let [width, height] = image.extent.map(u64::from);
+        let [right, low] =
+            [(a.x, a.width), (a.y, a.height)].map(|(x, n)| u64::from(x) + u64::from(n));
+        assert!(a.width > 0 && a.height > 0 && right <= width && low <= height, "a part of it");
+        let bytes = u64::from(a.width) * u64::from(a.height) * image.format.pixel_bytes();
+        assert_eq!(write.bytes.len() as u64, bytes, "bytes of the pixels");
     }
 
     fn spec(&self, image: ImageId) -> ImageSpec {
@@ -65,6 +79,14 @@ impl Gpu {
         assert_eq!(p.samples, target.samples, "samples of pipeline and pass");
         let replaces = matches!(p.blend, Blend::Opaque | Blend::DepthOnly);
         assert!(!pass.encoded || replaces, "encoded colours are not blended");
+        if let Some(s) = draw.scissor {
+            let within = |from: u32, n: u32, low: u32, side: u32| {
+                from >= low && u64::from(from) + u64::from(n) <= u64::from(low) + u64::from(side)
+            };
+            let a = pass.area;
+            let fits = within(s.x, s.width, a.x, a.width) && within(s.y, s.height, a.y, a.height);
+            assert!(fits, "the scissor lies in the area");
+        }
         for image in &draw.images {
             let read = self.spec(*image);
             assert!(read.format != Format::Depth32 && read.samples == 1, "an image to be read");

@@ -7,6 +7,13 @@ use super::retire::RetireQueue;
 use super::timeline::Timeline;
 use crate::fault;
 
+/// Semaphores between the window's images and a submission: waited for, and signalled.
+#[derive(Clone, Copy)]
+pub(super) struct Handover {
+    pub acquired: vk::Semaphore,
+    pub finished: vk::Semaphore,
+}
+
 /// Pool of command buffers of the one queue; dropped before the device, once that is idle.
 pub(super) struct Commands {
     device: ash::Device,
@@ -50,20 +57,28 @@ impl Commands {
         Ok(cmd)
     }
 
-    /// Ends and submits `cmd`; returns the timeline value that marks its completion.
+    /// Ends and submits `cmd`, for an image of a window between its two semaphores; returns the timeline value that marks its completion.
     pub fn submit(
         &mut self,
         queue: vk::Queue,
         timeline: &mut Timeline,
         cmd: vk::CommandBuffer,
+        shown: Option<Handover>,
     ) -> Result<u64, VkError> {
         let value = timeline.submitted + 1;
         let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(cmd)];
-        let signals = [vk::SemaphoreSubmitInfo::default()
-            .semaphore(timeline.semaphore)
-            .value(value)
-            .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)];
+        let semaphore =
+            |s, stage| vk::SemaphoreSubmitInfo::default().semaphore(s).stage_mask(stage);
+        let all = vk::PipelineStageFlags2::ALL_COMMANDS;
+        let mut signals = vec![semaphore(timeline.semaphore, all).value(value)];
+        let mut waits = Vec::new();
+        if let Some(Handover { acquired, finished }) = shown {
+            // What is drawn before the window's image may begin earlier.
+            waits.push(semaphore(acquired, vk::PipelineStageFlags2::COLOR_ATTACHMENT_OUTPUT));
+            signals.push(semaphore(finished, all));
+        }
         let submit = vk::SubmitInfo2::default()
+            .wait_semaphore_infos(&waits)
             .command_buffer_infos(&buffers)
             .signal_semaphore_infos(&signals);
         // SAFETY: `cmd` was begun by us and everything recorded in it is alive until the timeline

@@ -13,6 +13,7 @@ pub(super) fn open(
     instance: &Instance,
     physical: vk::PhysicalDevice,
     info: &DeviceInfo,
+    for_window: bool,
 ) -> Result<(ash::Device, vk::Queue), VkError> {
     // SAFETY: `physical` comes from this live instance.
     let has = unsafe { instance.raw.get_physical_device_features(physical) };
@@ -33,7 +34,10 @@ pub(super) fn open(
     let queues = [vk::DeviceQueueCreateInfo::default()
         .queue_family_index(info.limits.queue_family)
         .queue_priorities(&[1.0])];
-    let extensions = extensions(instance, physical)?;
+    let mut extensions = extensions(instance, physical)?;
+    if for_window {
+        extensions.push(khr::swapchain::NAME.as_ptr());
+    }
     let create = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
         .enabled_features(&features)

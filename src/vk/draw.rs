@@ -6,6 +6,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
 use ash::vk;
 
+use super::commands::Handover;
 use super::draw_pipeline::DrawPipelineId;
 use super::frame::{Frame, FrameOptions};
 use super::resources::{BufferId, ImageId};
@@ -58,8 +59,11 @@ pub struct Draw {
     pub indices: Option<BufferId>,
     /// Which of them.
     pub range: DrawRange,
-    /// Images the fragments read, as many as the pipeline has.
+    /// Images the fragments read, as many as the pipeline has. One kept as sRGB is read as linear
+    /// light, or, by a pipeline that draws stored numbers, as its bytes are.
     pub images: Vec<ImageId>,
+    /// The part of the pass's area that is drawn to; all of it where `None`.
+    pub scissor: Option<Area>,
 }
 
 /// Draws to one set of targets. Each pass sees everything earlier passes drew.
@@ -107,9 +111,19 @@ impl Gpu {
         frame: &Frame<'_>,
         options: FrameOptions,
     ) -> Result<(), VkError> {
+        self.submit_frame(frame, options, None)
+    }
+
+    /// * `shown`: the window's image that the frame draws, and its semaphores.
+    pub(super) fn submit_frame(
+        &mut self,
+        frame: &Frame<'_>,
+        options: FrameOptions,
+        shown: Option<(ImageId, Handover)>,
+    ) -> Result<(), VkError> {
         self.check_writes(&frame.writes);
         // A caller that goes on after a panic must not draw what was never written.
-        let sent = catch_unwind(AssertUnwindSafe(|| self.send_draws(frame, options)));
+        let sent = catch_unwind(AssertUnwindSafe(|| self.send_draws(frame, options, shown)));
         let transitions = std::mem::take(&mut self.transitions);
         if !matches!(sent, Ok(Ok(()))) {
             self.forget_writes(&frame.writes);
@@ -121,7 +135,12 @@ impl Gpu {
         sent.unwrap_or_else(|panic| resume_unwind(panic))
     }
 
-    fn send_draws(&mut self, frame: &Frame<'_>, options: FrameOptions) -> Result<(), VkError> {
+    fn send_draws(
+        &mut self,
+        frame: &Frame<'_>,
+        options: FrameOptions,
+        shown: Option<(ImageId, Handover)>,
+    ) -> Result<(), VkError> {
         self.check_frame(frame);
         let passes = &frame.passes[..];
         let reached = self.reap()?;
@@ -129,7 +148,7 @@ impl Gpu {
             0 => 0,
             bytes => self.stage(bytes, reached)?,
         };
-        let sent = self.record_frame(frame, options, place, reached);
+        let sent = self.record_frame(frame, options, shown, (place, reached));
         self.staging.close(sent.as_ref().ok().copied());
         let now = sent?;
         let used = passes.iter().flat_map(|p| &p.draws).flat_map(|d| [d.vertices, d.indices]);
@@ -145,8 +164,8 @@ impl Gpu {
         &mut self,
         frame: &Frame<'_>,
         options: FrameOptions,
-        mut place: u64,
-        reached: u64,
+        shown: Option<(ImageId, Handover)>,
+        (mut place, reached): (u64, u64),
     ) -> Result<u64, VkError> {
         let (pool, sets) = self.image_sets(&frame.passes)?;
         let cmd = match self.commands.begin(reached) {
@@ -160,6 +179,7 @@ impl Gpu {
             self.record_writes(cmd, &frame.writes, place, options);
         }
         place = self.record_writes(cmd, &frame.writes, place, options);
+        place = self.record_image_writes(cmd, &frame.image_writes, place);
         let mut sets = sets.into_iter();
         for pass in &frame.passes {
             self.record_pass(cmd, pass, &mut sets, &mut place);
@@ -167,7 +187,11 @@ impl Gpu {
         if let Some((from, to)) = frame.picture {
             self.record_copy(cmd, from, to);
         }
-        let sent = self.commands.submit(self.queue, &mut self.timeline, cmd);
+        if let Some((image, _)) = shown {
+            self.transition_images(cmd, &[(image, vk::ImageLayout::PRESENT_SRC_KHR)]);
+        }
+        let handover = shown.map(|s| s.1);
+        let sent = self.commands.submit(self.queue, &mut self.timeline, cmd, handover);
         self.retired.push(self.timeline.submitted, Retired::Sets(pool));
         sent
     }
@@ -207,9 +231,12 @@ impl Gpu {
             })?;
             for (draw, set) in draws.iter().zip(&sets) {
                 for (i, image) in draw.images.iter().enumerate() {
+                    let found = &self.images[*image].image;
+                    let stored = self.draw_pipelines[draw.pipeline].colour.is_stored()
+                        && found.stored != vk::ImageView::null();
                     let shown = [vk::DescriptorImageInfo {
                         sampler: vk::Sampler::null(),
-                        image_view: self.images[*image].image.view,
+                        image_view: if stored { found.stored } else { found.view },
                         image_layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
                     }];
                     let write = vk::WriteDescriptorSet::default()

@@ -33,22 +33,30 @@ pub enum Blend {
     Layer,
     /// A stack of such layers over a picture: `rgb + a dst`.
     Stack,
+    /// Premultiplied colour over what is there: `rgb + (1 - a) dst`; alpha alike.
+    Over,
 }
 
 /// Format of a vertex attribute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Attribute {
+    /// Two floats.
+    F32x2,
     /// Three floats.
     F32x3,
     /// Four signed 16-bit fractions.
     Snorm16x4,
+    /// Four unsigned 8-bit fractions.
+    Unorm8x4,
 }
 
 impl Attribute {
     fn raw(self) -> (vk::Format, u32) {
         match self {
+            Self::F32x2 => (vk::Format::R32G32_SFLOAT, 8),
             Self::F32x3 => (vk::Format::R32G32B32_SFLOAT, 12),
             Self::Snorm16x4 => (vk::Format::R16G16B16A16_SNORM, 8),
+            Self::Unorm8x4 => (vk::Format::R8G8B8A8_UNORM, 4),
         }
     }
 }
@@ -317,5 +325,8 @@ fn blend(blend: Blend) -> vk::PipelineColorBlendAttachmentState {
         Blend::DepthOnly => vk::PipelineColorBlendAttachmentState::default(),
         Blend::Layer => mixed(F::ONE_MINUS_SRC_ALPHA, F::ONE_MINUS_SRC_ALPHA),
         Blend::Stack => mixed(F::SRC_ALPHA, F::ONE),
+        Blend::Over => {
+            mixed(F::ONE_MINUS_SRC_ALPHA, F::ONE_MINUS_SRC_ALPHA).src_alpha_blend_factor(F::ONE)
+        }
     }
 }

@@ -25,6 +25,9 @@ pub enum VkError {
     /// Validation was asked for and its layer is not installed.
     #[error("validation was asked for, but {0} is not installed")]
     NoValidation(&'static str),
+    /// Nothing can be drawn to a window.
+    #[error("cannot draw to a window: {0}")]
+    NoSurface(&'static str),
     /// A buffer of a plan is larger than one binding of this device may be.
     #[error("buffer `{buffer}` takes {bytes} bytes, {device} binds at most {limit} at once")]
     TooLarge {
@@ -89,7 +92,11 @@ impl VkError {
     pub fn is_no_device(&self) -> bool {
         matches!(
             self,
-            Self::NoLibrary(_) | Self::NoDriver | Self::NoDevice { .. } | Self::NoValidation(_)
+            Self::NoLibrary(_)
+                | Self::NoDriver
+                | Self::NoDevice { .. }
+                | Self::NoSurface(_)
+                | Self::NoValidation(_)
         )
     }
 

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use ash::vk;
 
 use super::resources::BufferId;
-use super::{DrawRange, Gpu, ImageId, Pass};
+use super::{Area, DrawRange, Gpu, ImageId, Pass};
 
 /// Bytes to be written to a vertex or index buffer before anything is drawn.
 #[derive(Clone, Debug)]
@@ -18,11 +18,25 @@ pub struct Write<'a> {
     pub bytes: Cow<'a, [u8]>,
 }
 
+/// Pixels to be written to an image before anything is drawn. Parts of it that were never written
+/// nor drawn hold anything.
+#[derive(Clone, Debug)]
+pub struct ImageWrite<'a> {
+    /// The image: colours, one sample a pixel.
+    pub to: ImageId,
+    /// Where.
+    pub area: Area,
+    /// Rows from the top, without gaps.
+    pub bytes: Cow<'a, [u8]>,
+}
+
 /// One submission. Writes come first, then passes in order, then the copy of the picture.
 #[derive(Clone, Debug, Default)]
 pub struct Frame<'a> {
     /// No two of them overlap.
     pub writes: Vec<Write<'a>>,
+    /// In order.
+    pub image_writes: Vec<ImageWrite<'a>>,
     /// In order.
     pub passes: Vec<Pass>,
     /// A colour image of one sample a pixel and the read-back buffer it is copied to, rows from
@@ -51,7 +65,8 @@ impl Frame<'_> {
             DrawRange::Indirect(ranges) => ranges.len() as u64 * COMMAND_BYTES,
             DrawRange::Direct(_) => 0,
         });
-        writes.chain(pieces).sum()
+        let pixels = self.image_writes.iter().map(|w| (w.bytes.len() as u64).next_multiple_of(4));
+        writes.chain(pixels).chain(pieces).sum()
     }
 }
 
@@ -151,6 +166,49 @@ impl Gpu {
         }
         if !options.skip_barriers {
             self.memory_barrier(cmd, COPIED, DRAWN);
+        }
+        place
+    }
+
+    /// Puts pixels into the ring from `place` on and records their copies; returns the place after
+    /// them. Each is preceded by a barrier that waits for everything before it.
+    pub(super) fn record_image_writes(
+        &mut self,
+        cmd: vk::CommandBuffer,
+        writes: &[ImageWrite<'_>],
+        mut place: u64,
+    ) -> u64 {
+        for w in writes {
+            self.transition_images(cmd, &[(w.to, vk::ImageLayout::TRANSFER_DST_OPTIMAL)]);
+            let n = w.bytes.len() as u64;
+            self.staging.bytes_mut(place, n).copy_from_slice(&w.bytes);
+            let image = &self.images[w.to].image;
+            let a = w.area;
+            let region = vk::BufferImageCopy::default()
+                .buffer_offset(place)
+                .image_subresource(vk::ImageSubresourceLayers {
+                    aspect_mask: image.aspect,
+                    layer_count: 1,
+                    ..Default::default()
+                })
+                .image_offset(vk::Offset3D { x: a.x as i32, y: a.y as i32, z: 0 })
+                .image_extent(vk::Extent3D { width: a.width, height: a.height, depth: 1 });
+            place += n.next_multiple_of(4);
+            if let Some(from) = &self.staging.buffer {
+                let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
+                // SAFETY: `cmd` is recording; ring and image are ours and live until the timeline
+                // passes this submission; the area lies in the image and its bytes in the ring
+                // (`check_image_write`, `stage`); the barrier above brought it into this layout.
+                unsafe {
+                    self.device.cmd_copy_buffer_to_image(
+                        cmd,
+                        from.raw,
+                        image.raw,
+                        layout,
+                        &[region],
+                    );
+                }
+            }
         }
         place
     }

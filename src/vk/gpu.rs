@@ -2,6 +2,7 @@
 
 use std::ops::Deref;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ash::vk;
@@ -15,6 +16,7 @@ use super::instance::{Instance, Validate};
 use super::memory::Memory;
 use super::pieces::Rates;
 use super::pipeline::Pipelines;
+use super::presentation::{Presenter, Surface, WindowHandles, display_of};
 use super::resources::{GpuBuffer, GpuImage};
 use super::retire::{Releaser, ResourceId, RetireQueue, Retired};
 use super::staging::Staging;
@@ -75,7 +77,8 @@ pub struct Gpu {
     pub(super) longest_piece: Duration,
     started: Instant,
     first_dispatch: Option<Duration>,
-    // After `Drop::drop` fields go down in order: these three last.
+    // After `Drop::drop` fields go down in order: these four last.
+    pub(super) presenter: Option<Presenter>,
     pub(super) memory: Memory,
     pub(super) device: OwnedDevice,
     pub(super) instance: Instance,
@@ -96,12 +99,42 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::open`]; [`VkError::NoValidation`] when the layer is asked for and not there.
     pub fn open_with(choice: Choice, options: OpenOptions) -> Result<Self, VkError> {
+        Self::open_parts(choice, options, None)
+    }
+
+    /// Opens a device that can draw to a window ([`Gpu::acquire`], [`Gpu::present`]). The window
+    /// is held until the device is gone.
+    ///
+    /// # Errors
+    /// As [`Gpu::open_with`]; [`VkError::NoSurface`] where the display takes no Vulkan pictures,
+    /// [`VkError::NoDevice`] where no device can draw to the window.
+    pub fn open_for_window(
+        choice: Choice,
+        options: OpenOptions,
+        window: Arc<dyn WindowHandles>,
+    ) -> Result<Self, VkError> {
+        Self::open_parts(choice, options, Some(window))
+    }
+
+    fn open_parts(
+        choice: Choice,
+        options: OpenOptions,
+        window: Option<Arc<dyn WindowHandles>>,
+    ) -> Result<Self, VkError> {
         let started = Instant::now();
-        let instance = Instance::new(options.validate)?;
-        let (physical, mut info) = info::choose(&instance, choice)?;
+        let display = window.as_ref().map(display_of).transpose()?;
+        let instance = Instance::new(options.validate, display)?;
+        let surface = window.map(|window| Surface::new(&instance, window)).transpose()?;
+        let presents = |physical, family| {
+            surface.as_ref().is_none_or(|s: &Surface| s.is_supported(physical, family))
+        };
+        let (physical, mut info) = info::choose(&instance, choice, presents)?;
         info.limits.draws_at_once = info.limits.draws_at_once.min(options.draws_at_once);
-        let (device, queue) = device::open(&instance, physical, &info)?;
+        let (device, queue) = device::open(&instance, physical, &info, surface.is_some())?;
         let device = OwnedDevice(device);
+        let presenter = surface
+            .map(|surface| Presenter::new(&instance, &device, physical, surface))
+            .transpose()?;
         let unified = info.unified_memory && !options.always_stage;
         let memory = Memory::new(&instance, &device, physical, unified)?;
         // Each destroys itself when a later one fails.
@@ -130,6 +163,7 @@ impl Gpu {
             device,
             info,
             instance,
+            presenter,
         })
     }
 
@@ -211,6 +245,7 @@ impl Drop for Gpu {
         // SAFETY: `&mut self` makes us the only user of device and queue. A lost device answers
         // with an error and is idle all the same.
         let _ = unsafe { self.device.device_wait_idle() };
+        self.close_chains();
         self.destroy_all();
         self.pipelines.destroy(&self.device);
     }

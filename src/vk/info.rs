@@ -123,7 +123,7 @@ impl DeviceInfo {
 /// # Errors
 /// [`VkError::NoLibrary`], [`VkError::NoDriver`], or a failing driver.
 pub fn list() -> Result<Vec<DeviceInfo>, VkError> {
-    let instance = Instance::new(Validate::Off)?;
+    let instance = Instance::new(Validate::Off, None)?;
     Ok(devices(&instance)?.into_iter().map(|(_, info)| info).collect())
 }
 
@@ -137,11 +137,18 @@ pub(super) fn devices(
     Ok(all.into_iter().enumerate().map(|(i, p)| (p, describe(instance, p, i))).collect())
 }
 
+/// * `presents`: whether a queue family of a device can show pictures where they are wanted.
 pub(super) fn choose(
     instance: &Instance,
     choice: Choice,
+    presents: impl Fn(vk::PhysicalDevice, u32) -> bool,
 ) -> Result<(vk::PhysicalDevice, DeviceInfo), VkError> {
-    let all = devices(instance)?;
+    let mut all = devices(instance)?;
+    for (device, info) in all.iter_mut().filter(|(_, d)| d.usable()) {
+        if !presents(*device, info.limits.queue_family) {
+            info.missing.push("presentation to this window");
+        }
+    }
     let mut best: Option<usize> = None;
     for (i, (_, d)) in all.iter().enumerate().filter(|(_, (_, d))| d.usable()) {
         let fits = match choice {

@@ -4,6 +4,7 @@ use std::ffi::{CStr, c_char, c_void};
 use std::sync::{Mutex, PoisonError};
 
 use ash::{ext, khr, vk};
+use raw_window_handle::RawDisplayHandle;
 
 use super::VkError;
 use super::process::note_instance;
@@ -51,7 +52,7 @@ struct Messages(Mutex<Vec<String>>);
 pub(super) struct Instance {
     // The fields are dropped after `Drop::drop` has destroyed the instance, so both the library
     // and the list of messages outlive every callback.
-    _entry: ash::Entry,
+    pub entry: ash::Entry,
     pub raw: ash::Instance,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     messages: Box<Messages>,
@@ -59,7 +60,8 @@ pub(super) struct Instance {
 }
 
 impl Instance {
-    pub fn new(validate: Validate) -> Result<Self, VkError> {
+    /// * `display`: what the windows are on that will be drawn to, if any.
+    pub fn new(validate: Validate, display: Option<RawDisplayHandle>) -> Result<Self, VkError> {
         note_instance();
         if fault::hit(fault::Point::Instance) {
             return Err(VkError::NoDriver);
@@ -99,6 +101,11 @@ impl Instance {
         if on {
             extensions.push(ext::debug_utils::NAME.as_ptr());
         }
+        if let Some(display) = display {
+            let wanted = ash_window::enumerate_required_extensions(display)
+                .map_err(|_| VkError::NoSurface("this kind of display is not known"))?;
+            extensions.extend(wanted);
+        }
         let checks: &[_] = match validate {
             Validate::GpuAssisted => &[
                 vk::ValidationFeatureEnableEXT::GPU_ASSISTED,
@@ -120,13 +127,16 @@ impl Instance {
         // SAFETY: `info` and all it points to live until the call returns; the messages that the
         // chained messenger writes to are boxed and live longer than the instance.
         let raw = unsafe { entry.create_instance(&info, None) }.map_err(|result| match result {
+            vk::Result::ERROR_EXTENSION_NOT_PRESENT if display.is_some() => {
+                VkError::NoSurface("no driver draws to windows of this display")
+            }
             vk::Result::ERROR_INCOMPATIBLE_DRIVER => VkError::NoDriver,
             result => VkError::of("vkCreateInstance")(result),
         })?;
-        let mut instance = Self { _entry: entry, raw, messenger: None, messages, validate };
+        let mut instance = Self { entry, raw, messenger: None, messages, validate };
         if on {
             VkError::planted("vkCreateDebugUtilsMessengerEXT")?;
-            let utils = ext::debug_utils::Instance::new(&instance._entry, &instance.raw);
+            let utils = ext::debug_utils::Instance::new(&instance.entry, &instance.raw);
             // SAFETY: the instance was just created with the extension; the user data is the boxed
             // list, which outlives the messenger (see `Drop`).
             let messenger = unsafe {

@@ -52,7 +52,16 @@ pub(super) struct Image {
     pub stored: vk::ImageView,
     pub aspect: vk::ImageAspectFlags,
     pub extent: [u32; 2],
-    memory: Allocation,
+    /// `None` of an image that a swapchain owns.
+    memory: Option<Allocation>,
+}
+
+impl Image {
+    /// An image of a swapchain, with a view that is ours.
+    pub fn of_swapchain(raw: vk::Image, view: vk::ImageView, extent: [u32; 2]) -> Self {
+        let (stored, aspect) = (vk::ImageView::null(), vk::ImageAspectFlags::COLOR);
+        Self { raw, view, stored, aspect, extent, memory: None }
+    }
 }
 
 /// What an image is to be.
@@ -208,6 +217,7 @@ impl Memory {
         };
         let null = vk::ImageView::null();
         let (aspect, extent) = (desc.aspect, desc.extent);
+        let memory = Some(memory);
         let mut image = Image { raw, view: null, stored: null, aspect, extent, memory };
         let mut made = || -> Result<(), vk::Result> {
             bound?;
@@ -239,13 +249,16 @@ impl Memory {
     /// Destroys an image that the device is done with.
     pub fn free_image(&mut self, i: Image) {
         // SAFETY: image and views came from this device and are owned by `i`, which we consume; the
-        // timeline has passed their last use. A null view is ignored.
+        // timeline has passed their last use. A null view is ignored; an image without memory of
+        // ours goes with its swapchain.
         unsafe {
             self.device.destroy_image_view(i.stored, None);
             self.device.destroy_image_view(i.view, None);
-            self.device.destroy_image(i.raw, None);
+            if i.memory.is_some() {
+                self.device.destroy_image(i.raw, None);
+            }
         }
-        let _ = self.allocator.free(i.memory);
+        i.memory.map(|memory| self.allocator.free(memory));
     }
 
     fn room_for(&self, name: &str, bytes: u64) -> Result<(), VkError> {

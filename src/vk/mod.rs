@@ -23,6 +23,7 @@ mod memory;
 mod passes;
 mod pieces;
 mod pipeline;
+mod presentation;
 mod process;
 mod resources;
 mod retire;
@@ -36,10 +37,11 @@ pub use draw_pipeline::{
     Attribute, Blend, DepthUse, DrawEntry, DrawPipelineId, DrawShader, DrawSpec,
 };
 pub use error::VkError;
-pub use frame::{Frame, FrameOptions, Write};
+pub use frame::{Frame, FrameOptions, ImageWrite, Write};
 pub use gpu::{Gpu, OpenOptions};
 pub use info::{Choice, DeviceInfo, DeviceKind, MemoryHeap, list};
 pub use instance::{Validate, all_validation_messages};
+pub use presentation::WindowHandles;
 pub use process::{ThreadsError, exit_now, return_freed_memory, set_lavapipe_threads};
 pub use resources::{BufferId, Format, ImageId, ImageSpec};
 pub use retire::Releaser;

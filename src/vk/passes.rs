@@ -3,7 +3,7 @@
 use ash::vk;
 
 use super::Gpu;
-use super::draw::{DrawRange, IndexedRange, Pass};
+use super::draw::{Area, DrawRange, IndexedRange, Pass};
 use super::draw_pipeline::STAGES;
 use super::frame::COMMAND_BYTES;
 use super::resources::{BufferId, ImageId};
@@ -16,7 +16,11 @@ const EVERYTHING: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::ALL_COMMAND
 impl Gpu {
     /// One barrier that waits for everything before and brings images into their layouts. What
     /// they were is noted: a submission that fails changes no layout.
-    fn transition_images(&mut self, cmd: vk::CommandBuffer, images: &[(ImageId, vk::ImageLayout)]) {
+    pub(super) fn transition_images(
+        &mut self,
+        cmd: vk::CommandBuffer,
+        images: &[(ImageId, vk::ImageLayout)],
+    ) {
         let memory = [vk::MemoryBarrier2::default()
             .src_stage_mask(EVERYTHING)
             .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
@@ -71,10 +75,7 @@ impl Gpu {
         self.transition_images(cmd, &transitions);
 
         let a = pass.area;
-        let rect = vk::Rect2D {
-            offset: vk::Offset2D { x: a.x as i32, y: a.y as i32 },
-            extent: vk::Extent2D { width: a.width, height: a.height },
-        };
+        let rect = rect_of(a);
         let viewport = vk::Viewport {
             x: a.x as f32,
             y: a.y as f32,
@@ -124,7 +125,6 @@ impl Gpu {
         unsafe {
             self.device.cmd_begin_rendering(cmd, &info);
             self.device.cmd_set_viewport(cmd, 0, &[viewport]);
-            self.device.cmd_set_scissor(cmd, 0, &[rect]);
         }
         for draw in &pass.draws {
             // SAFETY: `cmd` is recording within a rendering; every handle below was found live in
@@ -140,6 +140,8 @@ impl Gpu {
                 if !draw.push.is_empty() {
                     self.device.cmd_push_constants(cmd, p.layout, STAGES, 0, &draw.push);
                 }
+                let scissor = draw.scissor.map_or(rect, rect_of);
+                self.device.cmd_set_scissor(cmd, 0, &[scissor]);
                 if let Some(v) = draw.vertices {
                     let raw = self.buffers[v].buffer.raw;
                     self.device.cmd_bind_vertex_buffers(cmd, 0, &[raw], &[0]);
@@ -246,6 +248,13 @@ impl Gpu {
             );
             self.device.cmd_pipeline_barrier2(cmd, &info);
         }
+    }
+}
+
+fn rect_of(a: Area) -> vk::Rect2D {
+    vk::Rect2D {
+        offset: vk::Offset2D { x: a.x as i32, y: a.y as i32 },
+        extent: vk::Extent2D { width: a.width, height: a.height },
     }
 }
 

@@ -15,6 +15,8 @@ pub enum Format {
     Rgba8Srgb,
     /// The same, but what the shader writes is stored as it is ([`super::Pass::encoded`]).
     Rgba8Stored,
+    /// As [`Format::Rgba8Stored`], in the order in which windows want their bytes.
+    Bgra8Stored,
     /// Four half floats, linear.
     Rgba16Float,
     /// 32-bit float depth.
@@ -26,15 +28,21 @@ impl Format {
         match self {
             Self::Rgba8Srgb => vk::Format::R8G8B8A8_SRGB,
             Self::Rgba8Stored => vk::Format::R8G8B8A8_UNORM,
+            Self::Bgra8Stored => vk::Format::B8G8R8A8_UNORM,
             Self::Rgba16Float => vk::Format::R16G16B16A16_SFLOAT,
             Self::Depth32 => vk::Format::D32_SFLOAT,
         }
     }
 
+    /// Whether numbers are kept as shaders write them: colours are encoded already.
+    pub(super) fn is_stored(self) -> bool {
+        matches!(self, Self::Rgba8Stored | Self::Bgra8Stored)
+    }
+
     /// Bytes of one sample of a pixel.
     pub fn pixel_bytes(self) -> u64 {
         match self {
-            Self::Rgba8Srgb | Self::Rgba8Stored | Self::Depth32 => 4,
+            Self::Rgba8Srgb | Self::Rgba8Stored | Self::Bgra8Stored | Self::Depth32 => 4,
             Self::Rgba16Float => 8,
         }
     }
@@ -134,7 +142,7 @@ impl Gpu {
         Ok(self.insert(buffer, usage, 0, 0))
     }
 
-    /// An image to draw to, to sample (one sample a pixel), and to read back.
+    /// An image to draw to, and of one sample a pixel to read in shaders, to write and to read back.
     ///
     /// # Errors
     /// As [`Gpu::vertex_buffer`].
@@ -143,7 +151,9 @@ impl Gpu {
         let depth = spec.format == Format::Depth32;
         let usage = match (depth, spec.samples) {
             (true, _) => Use::DEPTH_STENCIL_ATTACHMENT,
-            (false, 1) => Use::COLOR_ATTACHMENT | Use::TRANSFER_SRC | Use::SAMPLED,
+            (false, 1) => {
+                Use::COLOR_ATTACHMENT | Use::TRANSFER_SRC | Use::TRANSFER_DST | Use::SAMPLED
+            }
             (false, _) => Use::COLOR_ATTACHMENT,
         };
         let aspect = if depth { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
@@ -159,6 +169,14 @@ impl Gpu {
         let id = self.images.insert(GpuImage { spec, image, layout: vk::ImageLayout::UNDEFINED });
         self.note_made(ResourceId::Image(id));
         Ok(id)
+    }
+
+    /// Columns and rows of an image.
+    ///
+    /// # Panics
+    /// If the handle is stale.
+    pub fn image_extent(&self, id: ImageId) -> [u32; 2] {
+        self.images[id].spec.extent
     }
 
     /// The bytes of a read-back buffer, after waiting for the device's last write to it.
@@ -253,7 +271,7 @@ impl Gpu {
             let reached = self.reached()?;
             let cmd = self.commands.begin(reached)?;
             record(self, cmd);
-            let value = self.commands.submit(self.queue, &mut self.timeline, cmd)?;
+            let value = self.commands.submit(self.queue, &mut self.timeline, cmd, None)?;
             self.wait(value)
         })();
         if done.is_err() {

@@ -143,7 +143,7 @@ impl Gpu {
                 self.record_downloads(cmd, plan, held);
             }
             let start = Instant::now();
-            let value = self.commands.submit(self.queue, &mut self.timeline, cmd)?;
+            let value = self.commands.submit(self.queue, &mut self.timeline, cmd, None)?;
             self.dispatched();
             self.wait(value)?;
             self.measure(plan, held, &piece, start.elapsed(), &mut seconds)?;

@@ -1,0 +1,68 @@
+//! The window: a [`Session`](crate::session::Session) computes, hands fly. It owns no stage.
+//!
+//! `model` holds the state and carries out actions; `ui` lays panels out and turns input into
+//! actions; `panes` draws the two pictures of the wall; `stage` puts a frame together from these,
+//! onto a window (`window`) or onto an image with a clock of its own (`script`).
+
+mod model;
+mod panes;
+mod path;
+mod script;
+mod session_file;
+mod slices;
+mod stage;
+mod study;
+mod ui;
+mod window;
+
+pub use model::{Action, Bookmark, FOV_DEG, Model, Pane, Products, SPEED_MM_S};
+pub use path::FlightPath;
+pub use script::Playing;
+pub use script::{SCRIPT_SCHEMA, Script, ScriptStep, Wait, play};
+pub use session_file::{SESSION_SCHEMA, SessionFile};
+pub use study::{News, Study};
+pub use window::{WindowOptions, open};
+
+use std::path::PathBuf;
+
+use crate::formats::FormatError;
+use crate::render::RenderError;
+use crate::session::SessionError;
+use crate::vk::VkError;
+
+/// Why a window cannot be opened or goes down, or a script cannot be played.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum AppError {
+    /// There is no display to open a window on.
+    #[error("no display: {0}")]
+    NoDisplay(String),
+    /// A stage, or the level-of-detail thread.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// Vulkan.
+    #[error(transparent)]
+    Vulkan(#[from] VkError),
+    /// Drawing.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    /// A file.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+    /// A script asks for what is not there.
+    #[error("step {step} of the script: {what}")]
+    Script {
+        /// Which step, from 1.
+        step: usize,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// A session file that is none, or of another volume.
+    #[error("{}: {what}", .path.display())]
+    SessionFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
+}

@@ -1,0 +1,503 @@
+//! What the window is about: where the eye is, what is shown, what was noted. No drawing here and
+//! no input devices: panels and scripts alike send [`Action`]s, and [`Model::step`] carries them out.
+
+use std::sync::{Arc, OnceLock};
+
+use glam::{DVec3, Quat, Vec3};
+use serde::{Deserialize, Serialize};
+
+use super::path::FlightPath;
+use super::study::News;
+use crate::flight::{Clearance, Coverage, Flight, WallIndex, collide_and_slide};
+use crate::geometry::{Lens, Pose};
+use crate::session::{Centered, Fields, Levels, Segmented, Wall};
+use crate::volume::Volume;
+
+/// A part of the window that shows the organ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Pane {
+    /// The wall as the eye sees it.
+    Inside,
+    /// The whole organ from outside.
+    Overview,
+    /// A slice across the body, seen from the feet.
+    Axial,
+    /// A slice seen from the front.
+    Coronal,
+    /// A slice seen from the left.
+    Sagittal,
+    /// A slice across the path, through the eye.
+    Across,
+}
+
+impl Pane {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Inside, Self::Overview, Self::Axial, Self::Coronal, Self::Sagittal, Self::Across];
+
+    /// What it is called.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Inside => "Inside",
+            Self::Overview => "Overview",
+            Self::Axial => "Axial",
+            Self::Coronal => "Coronal",
+            Self::Sagittal => "Sagittal",
+            Self::Across => "Across the path",
+        }
+    }
+}
+
+/// What hands or a script ask for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Action {
+    /// Starts or stops the flight.
+    TogglePlay,
+    /// Turns the direction of the flight.
+    Reverse,
+    /// Cruising speed, mm/s.
+    Speed(f64),
+    /// Moves along the path, mm; negative towards its start.
+    Travel(f64),
+    /// To a place on the path, mm from its start.
+    Seek(f64),
+    /// Moves the eye off the path: to its right, up and forward, mm. The wall is never passed.
+    Fly([f64; 3]),
+    /// Turns the eye: right, up, and about its axis clockwise, radians.
+    Turn([f32; 3]),
+    /// Vertical field of view, degrees.
+    FieldOfView(f32),
+    /// Back to the path, level.
+    BackToPath,
+    /// To the place on the path that is nearest to a place, LPS mm.
+    GoNear([f64; 3]),
+    /// Moves the crosshair of the slices, LPS mm.
+    Crosshair([f64; 3]),
+    /// Grey values of the slices: centre and width.
+    Window([f64; 2]),
+    /// Fills the window with a pane, or shows all.
+    Maximise(Option<Pane>),
+    /// Notes the place, with a text.
+    Bookmark(String),
+    /// Forgets a note.
+    RemoveBookmark(usize),
+    /// To a noted place.
+    GoToBookmark(usize),
+    /// To the largest patch of the wall that was missed and not yet visited.
+    NextMissed,
+    /// Shows or hides the keys.
+    ToggleHelp,
+    /// Stops what is computed.
+    Cancel,
+    /// Closes the window.
+    Quit,
+}
+
+/// A noted place.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bookmark {
+    /// What was said of it.
+    pub text: String,
+    /// The eye, LPS mm.
+    pub position_mm: [f64; 3],
+    /// World from camera, unit quaternion x, y, z, w.
+    pub rotation: [f64; 4],
+    /// Vertical field of view, degrees.
+    pub fov_deg: f32,
+    /// Millimetres along the path, where the eye was on it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub arc_mm: Option<f64>,
+}
+
+/// Products that have come so far.
+#[derive(Default)]
+pub struct Products {
+    /// What the slices show.
+    pub volume: Option<Arc<Volume>>,
+    /// The lumen.
+    pub lumen: Option<Arc<Segmented>>,
+    /// The wall.
+    pub wall: Option<Arc<Wall>>,
+    /// Distances to the wall.
+    pub fields: Option<Arc<Fields>>,
+    /// The path.
+    pub centerline: Option<Arc<Centered>>,
+    /// Levels of detail.
+    pub levels: Option<Arc<Levels>>,
+    /// What the flight sees.
+    pub coverage: Option<Arc<Coverage>>,
+}
+
+/// Bounds of what can be set.
+pub const FOV_DEG: std::ops::RangeInclusive<f32> = 60.0..=140.0;
+/// Of the cruising speed, mm/s.
+pub const SPEED_MM_S: std::ops::RangeInclusive<f64> = 1.0..=300.0;
+
+/// Wished near plane, mm; nearer where the wall is.
+const NEAR_MM: f32 = 2.0;
+/// The near plane that the eye keeps room for while it is moved by hand, mm.
+const HAND_NEAR_MM: f32 = 0.4;
+
+/// State of the window.
+pub struct Model {
+    /// What there is.
+    pub products: Products,
+    /// The flight by length.
+    pub path: Option<FlightPath>,
+    /// The eye; `None` before there is a place for it.
+    pub pose: Option<Pose>,
+    /// Near plane at the eye, mm, proven not to cut the wall.
+    pub near_mm: f32,
+    /// Vertical field of view, degrees.
+    pub fov_deg: f32,
+    /// Millimetres from the start of the path: of the eye, or of where it left the path.
+    pub arc_mm: f64,
+    /// Whether the eye is on the path.
+    pub on_path: bool,
+    /// Whether it flies.
+    pub playing: bool,
+    /// Whether towards the start.
+    pub reverse: bool,
+    /// Cruising speed, mm/s.
+    pub speed_mm_s: f64,
+    /// Where the slices cross, LPS mm.
+    pub crosshair_mm: DVec3,
+    /// Centre and width of the slices' grey values.
+    pub window: [f64; 2],
+    /// The pane that fills the window.
+    pub maximised: Option<Pane>,
+    /// Noted places.
+    pub bookmarks: Vec<Bookmark>,
+    /// Bookmarks were made or forgotten since they were saved.
+    unsaved: bool,
+    /// Missed patches that were visited.
+    missed_visited: usize,
+    /// Whether the keys are shown.
+    pub help: bool,
+    /// BLAKE3 of the volume's samples.
+    pub identity: Option<String>,
+    /// What was last said to the user.
+    pub message: Option<String>,
+    /// Why nothing more is computed.
+    pub failure: Option<String>,
+    /// Everything is computed.
+    pub is_complete: bool,
+    /// Width over height of the inside view.
+    pub aspect: f32,
+    /// Speed the flight was planned with, mm/s.
+    planned_mm_s: f64,
+    index: Arc<OnceLock<WallIndex>>,
+}
+
+impl Model {
+    /// Nothing yet.
+    ///
+    /// * `planned_mm_s`: cruising speed of the session's flight.
+    pub fn new(planned_mm_s: f64) -> Self {
+        Self {
+            products: Products::default(),
+            path: None,
+            pose: None,
+            near_mm: NEAR_MM,
+            fov_deg: 90.0,
+            arc_mm: 0.0,
+            on_path: true,
+            playing: false,
+            reverse: false,
+            speed_mm_s: planned_mm_s,
+            crosshair_mm: DVec3::ZERO,
+            window: [0.0, 1.0],
+            maximised: None,
+            bookmarks: Vec::new(),
+            unsaved: false,
+            missed_visited: 0,
+            help: false,
+            identity: None,
+            message: None,
+            failure: None,
+            is_complete: false,
+            aspect: 4.0 / 3.0,
+            planned_mm_s,
+            index: Arc::default(),
+        }
+    }
+
+    /// Takes a product in.
+    pub fn learn(&mut self, news: News) {
+        let p = &mut self.products;
+        match news {
+            News::Volume(volume) => {
+                self.window = default_window(&volume);
+                let middle = 0.5 * (volume.grid.dims.as_dvec3() - 1.0);
+                self.crosshair_mm = volume.grid.world_from_voxel().transform_point3(middle);
+                p.volume = Some(volume);
+            }
+            News::Identity(identity) => self.identity = Some(identity),
+            News::Lumen(lumen) => p.lumen = Some(lumen),
+            News::Wall(wall) => p.wall = Some(wall),
+            News::Fields(fields) => {
+                p.fields = Some(fields);
+                self.stand_in_the_widest_place();
+            }
+            News::Centerline(centerline) => p.centerline = Some(centerline),
+            News::Flight(flight) => self.take_flight(&flight),
+            News::Levels(levels) => p.levels = Some(levels),
+            News::Coverage(coverage) => p.coverage = Some(coverage),
+            News::Failed(crate::session::SessionError::Cancelled) => {
+                self.message = Some("stopped; what is there stays".into());
+                self.is_complete = true;
+            }
+            News::Failed(e) => {
+                self.failure = Some(e.to_string());
+                self.is_complete = true;
+            }
+            News::Complete => self.is_complete = true,
+        }
+    }
+
+    fn take_flight(&mut self, flight: &Flight) {
+        let Some(centerline) = self.products.centerline.clone() else { return };
+        self.path = FlightPath::new(flight, &centerline.line);
+        if self.path.is_some() && self.on_path {
+            self.seek(0.0);
+        }
+    }
+
+    /// Before there is a path, the eye is where the wall is farthest.
+    fn stand_in_the_widest_place(&mut self) {
+        let (Some(lumen), Some(fields)) = (&self.products.lumen, &self.products.fields) else {
+            return;
+        };
+        let d = &fields.distance;
+        let deepest = (0..d.len()).max_by(|a, b| d[*a].total_cmp(&d[*b]).then(b.cmp(a)));
+        let Some(deepest) = deepest.filter(|_| self.pose.is_none()) else { return };
+        let voxel = lumen.lumen.bricks.voxel(deepest).as_dvec3();
+        let at = lumen.lumen.grid.world_from_voxel().transform_point3(voxel);
+        self.place(Pose::looking(at.as_vec3(), Vec3::Z, Vec3::NEG_Y));
+    }
+
+    /// Whether there are changes of the bookmarks that no file has.
+    pub fn has_unsaved_notes(&self) -> bool {
+        self.unsaved
+    }
+
+    /// A file has the bookmarks as they are now.
+    pub fn notes_saved(&mut self) {
+        self.unsaved = false;
+    }
+
+    /// Carries out actions, then lets `dt` seconds pass.
+    pub fn step(&mut self, dt: f64, actions: &[Action]) {
+        for action in actions {
+            self.act(action);
+        }
+        if self.playing && dt > 0.0 {
+            let Some(path) = &self.path else { return };
+            let way = if self.reverse { -dt } else { dt };
+            let to = path.after(self.arc_mm, way * self.speed_mm_s / self.planned_mm_s);
+            let end = if self.reverse { 0.0 } else { path.length_mm() };
+            if (to - end).abs() < 1e-9 {
+                self.playing = false;
+            }
+            self.seek(to);
+        }
+    }
+
+    fn act(&mut self, action: &Action) {
+        match action {
+            Action::TogglePlay => self.toggle_play(),
+            Action::Reverse => self.reverse = !self.reverse,
+            Action::Speed(v) if v.is_finite() => {
+                self.speed_mm_s = v.clamp(*SPEED_MM_S.start(), *SPEED_MM_S.end());
+            }
+            Action::Travel(mm) => self.seek(self.arc_mm + mm),
+            Action::Seek(mm) => self.seek(*mm),
+            Action::Fly(by) => self.fly(DVec3::from(*by)),
+            Action::Turn([right, up, roll]) => {
+                self.playing = false;
+                if let Some(pose) = self.pose {
+                    let turn = Quat::from_rotation_y(-right)
+                        * Quat::from_rotation_x(*up)
+                        * Quat::from_rotation_z(-roll);
+                    let rotation = (pose.rotation * turn).normalize();
+                    if rotation.is_finite() {
+                        self.on_path = false;
+                        self.place(Pose { rotation, ..pose });
+                    }
+                }
+            }
+            Action::FieldOfView(deg) if deg.is_finite() => {
+                self.fov_deg = deg.clamp(*FOV_DEG.start(), *FOV_DEG.end());
+                self.pose.into_iter().for_each(|p| self.place(p));
+            }
+            Action::BackToPath => {
+                self.on_path = true;
+                let near = self.pose.map(|p| p.position_mm.as_dvec3());
+                if let (Some(path), Some(p)) = (&self.path, near) {
+                    self.seek(path.nearest_to(p));
+                }
+            }
+            Action::GoNear(p) => {
+                if let Some(path) = &self.path {
+                    self.seek(path.nearest_to(DVec3::from(*p)));
+                }
+            }
+            Action::Crosshair(p) if DVec3::from(*p).is_finite() => {
+                self.crosshair_mm = DVec3::from(*p);
+            }
+            Action::Window([centre, width]) if centre.is_finite() && width.is_finite() => {
+                self.window = [*centre, width.max(1e-3)];
+            }
+            Action::Maximise(pane) => self.maximised = *pane,
+            Action::Bookmark(text) => self.bookmark(text),
+            Action::RemoveBookmark(i) if *i < self.bookmarks.len() => {
+                self.bookmarks.remove(*i);
+                self.unsaved = true;
+            }
+            Action::GoToBookmark(i) => self.go_to_bookmark(*i),
+            Action::NextMissed => self.next_missed(),
+            Action::ToggleHelp => self.help = !self.help,
+            // Of the window's own; or numbers that are none.
+            _ => {}
+        }
+    }
+
+    fn toggle_play(&mut self) {
+        let Some(path) = &self.path else { return };
+        self.playing = !self.playing;
+        if self.playing {
+            // From the end it begins anew.
+            let length = path.length_mm();
+            let start = match (self.reverse, self.arc_mm) {
+                (false, at) if at >= length - 1e-6 => 0.0,
+                (true, at) if at <= 1e-6 => length,
+                (_, at) => at,
+            };
+            self.seek_while(start, true);
+        }
+    }
+
+    /// To a place on the path.
+    pub fn seek(&mut self, arc_mm: f64) {
+        self.seek_while(arc_mm, self.playing);
+    }
+
+    fn seek_while(&mut self, arc_mm: f64, playing: bool) {
+        let Some(path) = self.path.as_ref().filter(|_| arc_mm.is_finite()) else { return };
+        self.arc_mm = arc_mm.clamp(0.0, path.length_mm());
+        let pose = path.pose_at(self.arc_mm);
+        (self.on_path, self.playing) = (true, playing);
+        self.place(pose);
+    }
+
+    /// Moves the eye by hand.
+    fn fly(&mut self, by: DVec3) {
+        let Some(pose) = self.pose.filter(|_| by.is_finite()) else { return };
+        (self.playing, self.on_path) = (false, false);
+        let delta = pose.rotation.as_dquat() * DVec3::new(by.x, by.y, -by.z);
+        // Where it is narrower than a hand's room already, that much is kept.
+        let near_mm = self.near_mm.min(HAND_NEAR_MM);
+        let lens = Lens { near_mm, ..self.lens() };
+        let from = pose.position_mm.as_dvec3();
+        let to = self.with_clearance(|wall| collide_and_slide(from, delta, wall, lens));
+        if let Some(to) = to {
+            self.place(Pose { position_mm: to.as_vec3(), ..pose });
+        }
+    }
+
+    /// The lens, its near plane as proven at the eye.
+    pub fn lens(&self) -> Lens {
+        let fov_y_rad = self.fov_deg.to_radians();
+        Lens { fov_y_rad, aspect: self.aspect, near_mm: self.near_mm }
+    }
+
+    /// Width over height of the inside view changed: what was proven may hold no more.
+    pub fn set_aspect(&mut self, aspect: f32) {
+        if aspect.is_finite() && aspect > 0.0 && aspect != self.aspect {
+            self.aspect = aspect;
+            self.pose.into_iter().for_each(|p| self.place(p));
+        }
+    }
+
+    /// Puts the eye somewhere, if a near plane can be proven there; else it stays where it is.
+    fn place(&mut self, pose: Pose) {
+        let wish = Lens { near_mm: NEAR_MM, ..self.lens() };
+        let at = pose.position_mm.as_dvec3();
+        let Some(Ok((near, _))) = self.with_clearance(|wall| wall.near_mm(at, wish)) else {
+            return;
+        };
+        (self.pose, self.near_mm) = (Some(pose), near);
+        self.crosshair_mm = at;
+    }
+
+    fn with_clearance<T>(&self, ask: impl FnOnce(&Clearance<'_>) -> T) -> Option<T> {
+        let p = &self.products;
+        let (lumen, fields) = (p.lumen.as_ref()?, p.fields.as_ref()?);
+        let mesh = p.wall.as_ref().map(|w| &w.mesh);
+        let wall = Clearance::new(&lumen.lumen, &fields.distance, mesh).sharing(&self.index);
+        Some(ask(&wall))
+    }
+
+    fn bookmark(&mut self, text: &str) {
+        let Some(pose) = self.pose else { return };
+        let text = match text.trim() {
+            "" => format!("Place {}", self.bookmarks.len() + 1),
+            text => text.to_owned(),
+        };
+        self.unsaved = true;
+        self.bookmarks.push(Bookmark {
+            text,
+            position_mm: pose.position_mm.as_dvec3().to_array(),
+            rotation: pose.rotation.as_dquat().to_array(),
+            fov_deg: self.fov_deg,
+            arc_mm: self.on_path.then_some(self.arc_mm),
+        });
+    }
+
+    fn go_to_bookmark(&mut self, i: usize) {
+        let Some(b) = self.bookmarks.get(i).cloned() else { return };
+        let rotation = Quat::from_array(b.rotation.map(|v| v as f32));
+        let position_mm = DVec3::from(b.position_mm).as_vec3();
+        self.fov_deg = b.fov_deg.clamp(*FOV_DEG.start(), *FOV_DEG.end());
+        self.playing = false;
+        match b.arc_mm {
+            Some(arc) => self.seek(arc),
+            None => {
+                self.on_path = false;
+                self.place(Pose { position_mm, rotation: rotation.normalize() });
+            }
+        }
+    }
+
+    fn next_missed(&mut self) {
+        let Some(coverage) = self.products.coverage.clone() else { return };
+        let Some(patch) = coverage.patches.get(self.missed_visited % coverage.patches.len().max(1))
+        else {
+            self.message = Some("no missed patch of 300 mm² or more".into());
+            return;
+        };
+        self.missed_visited += 1;
+        self.playing = false;
+        let centre = patch.center_mm;
+        if let Some(path) = &self.path {
+            self.seek(path.nearest_to(centre));
+        }
+        if let Some(pose) = self.pose {
+            let to = centre.as_vec3() - pose.position_mm;
+            if to.length() > 1e-3 {
+                self.on_path = false;
+                self.place(Pose::looking(pose.position_mm, to, pose.up()));
+            }
+        }
+        let area = patch.area_mm2;
+        self.message = Some(format!("missed patch of {area:.0} mm² ahead"));
+    }
+}
+
+/// Grey values of slices to begin with: gas, soft tissue and bone of a CT; what is there otherwise.
+fn default_window(volume: &Volume) -> [f64; 2] {
+    let (low, high) = volume.range().unwrap_or((0.0, 1.0));
+    if low < -500.0 { [-200.0, 1800.0] } else { [0.5 * (low + high), (high - low).max(1.0)] }
+}

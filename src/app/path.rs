@@ -1,0 +1,160 @@
+//! The flight by arc length: where the eye is, how wide the lumen is there.
+
+use glam::DVec3;
+
+use crate::flight::Flight;
+use crate::geometry::{Centerline, Pose};
+
+/// Poses of a flight by time and arc length.
+pub struct FlightPath {
+    poses: Vec<Pose>,
+    seconds: Vec<f64>,
+    /// Length flown up to each pose, mm; jumps between pieces do not count.
+    arc_mm: Vec<f64>,
+    /// Distance to the wall on the path at each pose, mm.
+    pub radius_mm: Vec<f64>,
+    /// Poses that begin another piece.
+    cuts: Vec<usize>,
+}
+
+impl FlightPath {
+    /// * `line`: what was flown along.
+    ///
+    /// `None` for a flight of fewer than two poses.
+    pub fn new(flight: &Flight, line: &Centerline) -> Option<Self> {
+        let poses = flight.poses.clone();
+        if poses.len() < 2 {
+            return None;
+        }
+        let mut arc_mm = vec![0.0];
+        for (i, w) in poses.windows(2).enumerate() {
+            let step = f64::from(w[0].position_mm.distance(w[1].position_mm));
+            let step = if flight.cuts.contains(&(i + 1)) { 0.0 } else { step };
+            arc_mm.push(arc_mm[i] + step);
+        }
+        let points: Vec<_> = line.branches.iter().flat_map(|b| &b.points).collect();
+        // The nearest point, searched about the one before.
+        let mut at = 0;
+        let radius = |pose: &Pose| {
+            let p = pose.position_mm.as_dvec3();
+            let off = |i: usize| points[i].position_mm.distance_squared(p);
+            let near =
+                (at..(at + 200).min(points.len())).min_by(|a, b| off(*a).total_cmp(&off(*b)));
+            let near = near.filter(|i| off(*i) < 25.0);
+            let all = || (0..points.len()).min_by(|a, b| off(*a).total_cmp(&off(*b)));
+            at = near.or_else(all).unwrap_or(0);
+            points.get(at).map_or(0.0, |p| p.radius_mm)
+        };
+        let radius_mm = poses.iter().map(radius).collect();
+        let (seconds, cuts) = (flight.seconds.clone(), flight.cuts.clone());
+        Some(Self { poses, seconds, arc_mm, radius_mm, cuts })
+    }
+
+    /// All of it, mm.
+    pub fn length_mm(&self) -> f64 {
+        self.arc_mm[self.arc_mm.len() - 1]
+    }
+
+    /// Length flown up to each pose, mm.
+    pub fn arcs_mm(&self) -> &[f64] {
+        &self.arc_mm
+    }
+
+    /// Lengths at which another piece begins, mm.
+    pub fn cuts_mm(&self) -> impl Iterator<Item = f64> {
+        self.cuts.iter().map(|i| self.arc_mm[*i])
+    }
+
+    /// The pose between samples.
+    pub fn pose_at(&self, arc_mm: f64) -> Pose {
+        let (i, t) = self.sample(&self.arc_mm, arc_mm);
+        let (a, b) = (self.poses[i], self.poses[i + 1]);
+        if self.cuts.contains(&(i + 1)) {
+            return if t < 1.0 { a } else { b };
+        }
+        let t = t as f32;
+        let position_mm = a.position_mm.lerp(b.position_mm, t);
+        Pose { position_mm, rotation: a.rotation.slerp(b.rotation, t).normalize() }
+    }
+
+    /// Radius on the path, mm.
+    pub fn radius_at(&self, arc_mm: f64) -> f64 {
+        let (i, t) = self.sample(&self.arc_mm, arc_mm);
+        self.radius_mm[i] + (self.radius_mm[i + 1] - self.radius_mm[i]) * t
+    }
+
+    /// Where the flight is after more seconds of its own time, which may be negative.
+    pub fn after(&self, arc_mm: f64, seconds: f64) -> f64 {
+        let (i, t) = self.sample(&self.arc_mm, arc_mm);
+        let now = self.seconds[i] + (self.seconds[i + 1] - self.seconds[i]) * t;
+        let (j, u) = self.sample(&self.seconds, now + seconds);
+        self.arc_mm[j] + (self.arc_mm[j + 1] - self.arc_mm[j]) * u
+    }
+
+    /// Arc length of the pose nearest to a place.
+    pub fn nearest_to(&self, p_mm: DVec3) -> f64 {
+        let off = |i: &usize| self.poses[*i].position_mm.as_dvec3().distance_squared(p_mm);
+        let near = (0..self.poses.len()).min_by(|a, b| off(a).total_cmp(&off(b)));
+        near.map_or(0.0, |i| self.arc_mm[i])
+    }
+
+    /// The stretch of ascending values that holds one, and the share of it before.
+    fn sample(&self, values: &[f64], at: f64) -> (usize, f64) {
+        let i = values.partition_point(|v| *v <= at).clamp(1, values.len() - 1) - 1;
+        let span = values[i + 1] - values[i];
+        let t = if span > 0.0 { ((at - values[i]) / span).clamp(0.0, 1.0) } else { 0.0 };
+        (i, t)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Branch, CenterlinePoint};
+    use glam::{Quat, Vec3};
+
+    fn flight() -> (Flight, Centerline) {
+        let at = |x: f32| Pose { position_mm: Vec3::X * x, rotation: Quat::IDENTITY };
+        // Twice as slow in the second half; a jump of 50 mm at the fourth pose.
+        let places = [0.0, 2.0, 4.0, 54.0, 55.0];
+        let flight = Flight {
+            poses: places.map(at).to_vec(),
+            near_mm: vec![1.0; 5],
+            seconds: vec![0.0, 1.0, 2.0, 3.0, 4.0],
+            clearance_mm: vec![5.0; 5],
+            fov_y_rad: 1.0,
+            aspect: 1.0,
+            moved: 0,
+            cuts: vec![3],
+        };
+        let point = |x: &f32| CenterlinePoint {
+            position_mm: DVec3::X * f64::from(*x),
+            radius_mm: f64::from(*x),
+            abscissa_mm: 0.0,
+        };
+        let points = places.iter().map(point).collect();
+        (flight, Centerline { branches: vec![Branch { points, ..Branch::default() }] })
+    }
+
+    #[test]
+    fn jumps_between_pieces_have_no_length_and_are_not_flown_through() {
+        let (flight, line) = flight();
+        let path = FlightPath::new(&flight, &line).unwrap();
+        assert_eq!(path.length_mm(), 5.0);
+        assert_eq!(path.cuts_mm().collect::<Vec<_>>(), [4.0]);
+        let x = |arc: f64| path.pose_at(arc).position_mm.x;
+        assert_eq!((x(-1.0), x(1.0), x(3.0), x(4.5), x(99.0)), (0.0, 1.0, 3.0, 54.5, 55.0));
+        assert!((3.99..4.0).contains(&x(3.999)));
+    }
+
+    #[test]
+    fn time_and_length_follow_the_flight_in_both_directions() {
+        let (flight, line) = flight();
+        let path = FlightPath::new(&flight, &line).unwrap();
+        assert_eq!(path.after(0.0, 1.5), 3.0);
+        assert_eq!(path.after(3.0, -1.5), 0.0);
+        assert_eq!(path.after(4.5, 99.0), 5.0);
+        assert_eq!(path.nearest_to(DVec3::new(53.9, 3.0, 0.0)), 4.0);
+        assert_eq!(path.radius_at(1.0), 1.0);
+    }
+}

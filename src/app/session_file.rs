@@ -1,0 +1,207 @@
+//! Notes on a volume as a file: bookmarks and how the window was set. Geometry only; nothing of a
+//! patient.
+
+use std::io::Read as _;
+use std::path::Path;
+
+use glam::{DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::AppError;
+use super::model::{Bookmark, Model};
+use crate::formats::{FormatError, atomic_file};
+
+/// Name and version of the format.
+pub const SESSION_SCHEMA: &str = "intima.session/1";
+/// Largest file that is read.
+const MAX_BYTES: u64 = 16 << 20;
+/// Most bookmarks of a file.
+const MAX_BOOKMARKS: usize = 100_000;
+
+/// A session file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SessionFile {
+    /// Name and version of the format.
+    pub schema: String,
+    /// Coordinate system of all positions.
+    pub space: String,
+    /// BLAKE3 of the volume's stored samples.
+    pub input: String,
+    /// Noted places.
+    pub bookmarks: Vec<Bookmark>,
+    /// Centre and width of the slices' grey values.
+    pub window: [f64; 2],
+    /// Cruising speed, mm/s.
+    pub speed_mm_s: f64,
+    /// Vertical field of view, degrees.
+    pub fov_deg: f32,
+    /// Millimetres along the path.
+    pub arc_mm: f64,
+}
+
+impl SessionFile {
+    /// The state of a window; `None` before the volume is known.
+    pub fn of(model: &Model) -> Option<Self> {
+        Some(Self {
+            schema: SESSION_SCHEMA.into(),
+            space: "LPS".into(),
+            input: model.identity.clone()?,
+            bookmarks: model.bookmarks.clone(),
+            window: model.window,
+            speed_mm_s: model.speed_mm_s,
+            fov_deg: model.fov_deg,
+            arc_mm: model.arc_mm,
+        })
+    }
+
+    /// Reads and checks a file.
+    ///
+    /// # Errors
+    /// [`AppError::SessionFile`] with what is wrong: no JSON, another or a newer format, numbers
+    /// that are none. [`AppError::Format`] if it cannot be read.
+    pub fn read(path: &Path) -> Result<Self, AppError> {
+        let bad = |what: String| AppError::SessionFile { path: path.to_owned(), what };
+        let io = |e| FormatError::io(path, e);
+        let mut bytes = Vec::new();
+        let file = std::fs::File::open(path).map_err(io)?;
+        file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
+        if bytes.len() as u64 > MAX_BYTES {
+            return Err(bad(format!("larger than {MAX_BYTES} bytes")));
+        }
+        let json: serde_json::Value = serde_json::from_slice(&bytes).map_err(|e| {
+            bad(format!("no session file (line {}, column {})", e.line(), e.column()))
+        })?;
+        match json.get("schema").and_then(|s| s.as_str()) {
+            Some(SESSION_SCHEMA) => {}
+            Some(s) if s.starts_with("intima.session/") => {
+                return Err(bad("made by a newer version of intima".into()));
+            }
+            _ => return Err(bad(format!("no session file: its schema is not {SESSION_SCHEMA}"))),
+        }
+        let file: Self =
+            serde_json::from_value(json).map_err(|_| bad("a field is missing or wrong".into()))?;
+        file.check().map_err(bad)?;
+        Ok(file)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        if self.space != "LPS" {
+            return Err("its coordinates are not LPS".into());
+        }
+        if self.bookmarks.len() > MAX_BOOKMARKS {
+            return Err(format!("more than {MAX_BOOKMARKS} bookmarks"));
+        }
+        for (i, b) in self.bookmarks.iter().enumerate() {
+            let rotation = DQuat::from_array(b.rotation);
+            let turned = rotation.is_finite() && (rotation.length() - 1.0).abs() < 1e-3;
+            let arc = b.arc_mm.is_none_or(f64::is_finite);
+            if !DVec3::from(b.position_mm).is_finite() || !turned || !arc || !b.fov_deg.is_finite()
+            {
+                return Err(format!("bookmark {} is no place", i + 1));
+            }
+        }
+        let numbers = [self.window[0], self.window[1], self.speed_mm_s, self.arc_mm];
+        match numbers.iter().all(|n| n.is_finite()) && self.fov_deg.is_finite() {
+            true => Ok(()),
+            false => Err("a number is not finite".into()),
+        }
+    }
+
+    /// Writes the file, whole or not at all.
+    ///
+    /// # Errors
+    /// [`AppError::Format`]; then the file before is still there.
+    pub fn write(&self, path: &Path) -> Result<(), AppError> {
+        let json = serde_json::to_vec_pretty(self).map_err(std::io::Error::other);
+        let json = json.map_err(|e| FormatError::io(path, e))?;
+        Ok(atomic_file::write_atomic(path, |o| o.write_all(&json))?)
+    }
+
+    /// Sets a window as the file says.
+    ///
+    /// # Errors
+    /// What is wrong: it is of another volume.
+    pub fn apply(&self, model: &mut Model) -> Result<(), String> {
+        if model.identity.as_deref() != Some(self.input.as_str()) {
+            return Err("the session file is of another volume".into());
+        }
+        use super::model::Action;
+        model.bookmarks.clone_from(&self.bookmarks);
+        model.step(
+            0.0,
+            &[
+                Action::Window(self.window),
+                Action::Speed(self.speed_mm_s),
+                Action::FieldOfView(self.fov_deg),
+            ],
+        );
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file() -> SessionFile {
+        SessionFile {
+            schema: SESSION_SCHEMA.into(),
+            space: "LPS".into(),
+            input: "ab".into(),
+            bookmarks: vec![Bookmark {
+                text: "fold".into(),
+                position_mm: [1.5, -2.25, 1e-3],
+                rotation: [0.0, 0.6, 0.0, 0.8],
+                fov_deg: 90.0,
+                arc_mm: Some(12.5),
+            }],
+            window: [40.0, 400.0],
+            speed_mm_s: 20.0,
+            fov_deg: 100.0,
+            arc_mm: 3.0,
+        }
+    }
+
+    fn refused(change: impl Fn(&mut serde_json::Value)) -> String {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.json");
+        let mut json = serde_json::to_value(file()).unwrap();
+        change(&mut json);
+        std::fs::write(&path, json.to_string()).unwrap();
+        SessionFile::read(&path).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_session_file_reads_back_to_the_same_numbers() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.json");
+        file().write(&path).unwrap();
+        assert_eq!(SessionFile::read(&path).unwrap(), file());
+    }
+
+    #[test]
+    fn a_session_file_of_a_newer_version_or_with_nonsense_is_refused_with_the_reason() {
+        assert!(
+            refused(|j| j["schema"] = "intima.session/2".into())
+                .ends_with("newer version of intima")
+        );
+        assert!(refused(|j| j["schema"] = "x".into()).contains("schema is not intima.session/1"));
+        assert!(refused(|j| j["space"] = "RAS".into()).ends_with("not LPS"));
+        assert!(
+            refused(|j| j["bookmarks"][0]["rotation"][3] = 9.0.into())
+                .ends_with("bookmark 1 is no place")
+        );
+        assert!(refused(|j| j["window"] = "wide".into()).ends_with("missing or wrong"));
+    }
+
+    #[test]
+    fn a_session_file_of_another_volume_changes_nothing() {
+        let mut model = Model::new(20.0);
+        model.identity = Some("cd".into());
+        assert!(file().apply(&mut model).unwrap_err().contains("another volume"));
+        assert!(model.bookmarks.is_empty());
+        model.identity = Some("ab".into());
+        file().apply(&mut model).unwrap();
+        assert_eq!((model.bookmarks.len(), model.window, model.fov_deg), (1, [40.0, 400.0], 100.0));
+    }
+}

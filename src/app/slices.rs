@@ -1,0 +1,221 @@
+//! Slices of the volume: a plane in patient space, sampled at each pixel, with the lumen's outline.
+//!
+//! Patient's right is on the left of axial and coronal slices, front is up in axial and on the left
+//! of sagittal ones, head is up in the other two: as radiology shows them.
+
+use glam::{DAffine3, DVec3};
+
+use super::model::Pane;
+use crate::geometry::Pose;
+use crate::lumen::Lumen;
+use crate::volume::Volume;
+
+/// A plane that is looked at: LPS mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    /// What is in the middle of the picture.
+    pub centre_mm: DVec3,
+    /// Unit, to the right of the picture.
+    pub right: DVec3,
+    /// Unit, to its lower edge.
+    pub down: DVec3,
+    /// Side of a pixel, mm.
+    pub mm_per_px: f64,
+}
+
+impl Plane {
+    /// The plane of a pane of slices; `None` of the others.
+    pub fn of(pane: Pane, centre_mm: DVec3, mm_per_px: f64, pose: Option<Pose>) -> Option<Self> {
+        let (right, down) = match pane {
+            Pane::Axial => (DVec3::X, DVec3::Y),
+            Pane::Coronal => (DVec3::X, DVec3::NEG_Z),
+            Pane::Sagittal => (DVec3::Y, DVec3::NEG_Z),
+            Pane::Across => {
+                let rotation = pose?.rotation.as_dquat();
+                (rotation * DVec3::X, rotation * DVec3::NEG_Y)
+            }
+            Pane::Inside | Pane::Overview => return None,
+        };
+        Some(Self { centre_mm, right, down, mm_per_px })
+    }
+
+    /// The place under a pixel of a picture so large.
+    pub fn at(&self, px: [f64; 2], size: [usize; 2]) -> DVec3 {
+        let [x, y] = [0, 1].map(|i| (px[i] - 0.5 * size[i] as f64) * self.mm_per_px);
+        self.centre_mm + self.right * x + self.down * y
+    }
+
+    /// The pixel over a place, and how far the place is from the plane, mm.
+    pub fn px(&self, p_mm: DVec3, size: [usize; 2]) -> ([f64; 2], f64) {
+        let off = p_mm - self.centre_mm;
+        let x = off.dot(self.right) / self.mm_per_px + 0.5 * size[0] as f64;
+        let y = off.dot(self.down) / self.mm_per_px + 0.5 * size[1] as f64;
+        ([x, y], off.dot(self.right.cross(self.down)))
+    }
+
+    /// Letters of the patient's sides at the left, right, upper and lower edge of the picture.
+    pub fn sides(&self) -> [String; 4] {
+        [-self.right, self.right, -self.down, self.down].map(side_letters)
+    }
+}
+
+/// Which sides of the patient a direction points to: the main one, and a second where it is oblique.
+pub fn side_letters(direction: DVec3) -> String {
+    let mut parts: Vec<(f64, char)> =
+        [(direction.x, 'L', 'R'), (direction.y, 'P', 'A'), (direction.z, 'H', 'F')]
+            .map(|(v, plus, minus)| (v.abs(), if v > 0.0 { plus } else { minus }))
+            .to_vec();
+    parts.sort_by(|a, b| b.0.total_cmp(&a.0));
+    parts.iter().take(2).filter(|p| p.0 > 0.4).map(|p| p.1).collect()
+}
+
+/// Colour of the lumen's outline.
+const OUTLINE: [u8; 3] = [90, 210, 140];
+/// Colour of what lies outside the volume.
+const OUTSIDE: [u8; 3] = [12, 12, 14];
+
+/// A slice: RGB, rows from the top.
+///
+/// * `window`: centre and width of the grey values, black to white.
+pub fn slice(
+    volume: &Volume,
+    lumen: Option<&Lumen>,
+    plane: &Plane,
+    size: [usize; 2],
+    window: [f64; 2],
+) -> Vec<[u8; 3]> {
+    let [width, height] = size;
+    let walk = Walk::new(plane, &volume.grid.voxel_from_world(), size);
+    let low = window[0] - 0.5 * window[1];
+    let scale = 255.0 / window[1];
+    let mut out = Vec::with_capacity(width * height);
+    for y in 0..height {
+        for x in 0..width {
+            let value = trilinear(volume, walk.at(x, y));
+            out.push(value.map_or(OUTSIDE, |v| [((v - low) * scale).clamp(0.0, 255.0) as u8; 3]));
+        }
+    }
+    if let Some(lumen) = lumen {
+        outline(lumen, plane, size, &mut out);
+    }
+    out
+}
+
+/// Draws the edge of the lumen's voxels: pixels inside whose right or lower neighbour is not, and
+/// the other way round.
+fn outline(lumen: &Lumen, plane: &Plane, [width, height]: [usize; 2], out: &mut [[u8; 3]]) {
+    let walk = Walk::new(plane, &lumen.grid.voxel_from_world(), [width, height]);
+    let inside = |x: usize, y: usize| lumen.holds(walk.at(x, y).round().as_ivec3());
+    let row = |y: usize| (0..width).map(|x| inside(x, y)).collect::<Vec<bool>>();
+    let mut above = row(0);
+    for y in 1..height {
+        let here = row(y);
+        for x in 1..width {
+            if here[x] != here[x - 1] || here[x] != above[x] {
+                out[y * width + x] = OUTLINE;
+            }
+        }
+        above = here;
+    }
+}
+
+/// Voxel coordinates of pixels.
+struct Walk {
+    first: DVec3,
+    along_x: DVec3,
+    along_y: DVec3,
+}
+
+impl Walk {
+    fn new(plane: &Plane, voxel_from_world: &DAffine3, size: [usize; 2]) -> Self {
+        let first = voxel_from_world.transform_point3(plane.at([0.5, 0.5], size));
+        let step = |d: DVec3| voxel_from_world.transform_vector3(d * plane.mm_per_px);
+        Self { first, along_x: step(plane.right), along_y: step(plane.down) }
+    }
+
+    fn at(&self, x: usize, y: usize) -> DVec3 {
+        self.first + self.along_x * x as f64 + self.along_y * y as f64
+    }
+}
+
+/// The value between eight voxels; `None` farther than half a voxel outside.
+fn trilinear(volume: &Volume, v: DVec3) -> Option<f64> {
+    let last = volume.grid.dims.as_dvec3() - 1.0;
+    if !(v.cmpge(DVec3::splat(-0.5)) & v.cmple(last + 0.5)).all() {
+        return None;
+    }
+    let v = v.clamp(DVec3::ZERO, last);
+    let low = v.floor().min((last - 1.0).max(DVec3::ZERO));
+    let t = v - low;
+    let d = volume.grid.dims.as_usizevec3();
+    let i = low.as_usizevec3();
+    let step = |n: usize, s: usize| if n > 1 { s } else { 0 };
+    let (sx, sy, sz) = (step(d.x, 1), step(d.y, d.x), step(d.z, d.x * d.y));
+    let first = i.x + d.x * (i.y + d.y * i.z);
+    let get = |o: usize| volume.samples.get(first + o);
+    let mix = |a: f64, b: f64, t: f64| a + (b - a) * t;
+    let row = |o: usize| mix(get(o), get(o + sx), t.x);
+    let face = |o: usize| mix(row(o), row(o + sy), t.y);
+    Some(volume.rescale.real(mix(face(0), face(sz), t.z)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::{Grid, Samples};
+    use glam::Quat;
+
+    fn volume() -> Volume {
+        let grid = Grid::axis_aligned([5, 6, 7], [1.0, 2.0, 3.0]);
+        let value = |i: usize| {
+            let v = grid.voxel(i).as_ivec3();
+            (v.x + 10 * v.y + 100 * v.z) as i16
+        };
+        let samples = Samples::I16((0..grid.len()).map(value).collect::<Vec<_>>().into());
+        Volume::new(grid, samples)
+    }
+
+    #[test]
+    fn values_between_voxels_are_those_of_a_linear_field_and_there_are_none_outside() {
+        let v = volume();
+        let at = |x, y, z| trilinear(&v, DVec3::new(x, y, z));
+        assert_eq!(at(1.5, 2.25, 3.75), Some(1.5 + 22.5 + 375.0));
+        assert_eq!(at(4.0, 5.0, 6.0), Some(654.0));
+        assert_eq!(at(-0.4, 0.0, 0.0), Some(0.0));
+        assert_eq!(at(4.6, 0.0, 0.0), None);
+        assert_eq!(at(f64::NAN, 0.0, 0.0), None);
+    }
+
+    #[test]
+    fn slices_are_turned_as_radiology_shows_them() {
+        let plane = |pane| Plane::of(pane, DVec3::ZERO, 1.0, None).unwrap();
+        let sides = |pane| plane(pane).sides().concat();
+        assert_eq!(sides(Pane::Axial), "RLAP");
+        assert_eq!(sides(Pane::Coronal), "RLHF");
+        assert_eq!(sides(Pane::Sagittal), "APHF");
+        assert!(Plane::of(Pane::Inside, DVec3::ZERO, 1.0, None).is_none());
+        let pose = Pose { position_mm: glam::Vec3::ZERO, rotation: Quat::IDENTITY };
+        let across = Plane::of(Pane::Across, DVec3::ZERO, 1.0, Some(pose)).unwrap();
+        assert_eq!(across.sides().concat(), "RLPA");
+        assert_eq!(side_letters(DVec3::new(0.7, -0.7, 0.0)).len(), 2);
+    }
+
+    #[test]
+    fn a_pixel_and_its_place_belong_together() {
+        let plane = Plane::of(Pane::Sagittal, DVec3::new(1.0, 2.0, 3.0), 0.5, None).unwrap();
+        let (px, off) = plane.px(plane.at([10.0, 30.0], [64, 48]), [64, 48]);
+        assert!((px[0] - 10.0).abs() < 1e-9 && (px[1] - 30.0).abs() < 1e-9 && off.abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_window_maps_its_ends_to_black_and_white() {
+        let v = volume();
+        let plane = Plane::of(Pane::Axial, DVec3::new(2.0, 4.0, 9.0), 1.0, None).unwrap();
+        let of = |window| slice(&v, None, &plane, [2, 2], window)[0][0];
+        let value =
+            trilinear(&v, v.grid.voxel_from_world().transform_point3(plane.at([0.5, 0.5], [2, 2])));
+        let value = value.unwrap();
+        assert_eq!(of([value, 2.0]), 127);
+        assert_eq!((of([value + 10.0, 2.0]), of([value - 10.0, 2.0])), (0, 255));
+    }
+}

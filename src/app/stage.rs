@@ -1,0 +1,243 @@
+//! One frame: panels are laid out, actions carried out, panes drawn, all of it put on an image.
+
+use std::borrow::Cow;
+use std::collections::HashMap;
+
+use egui::epaint::Primitive;
+use egui::{TextureId, ViewportId};
+
+use super::model::{Action, Model};
+use super::panes::{Detail, Panes};
+use super::study::Study;
+use super::ui::{self, INSIDE, OVERVIEW, UiState};
+use super::{AppError, News};
+use crate::lod::Tolerance;
+use crate::render::{FlatMesh, FlatVertex, Overlay};
+use crate::vk::{Area, Format, Frame, Gpu, ImageId, ImageSpec, ImageWrite, VkError};
+
+/// A part of a texture that has changed.
+struct TextureChange {
+    id: TextureId,
+    area: Area,
+    /// All of the texture: it may have another size than before.
+    is_whole: bool,
+    rgba: Vec<u8>,
+}
+
+/// Everything of a window but the window.
+pub struct Stage {
+    pub model: Model,
+    pub context: egui::Context,
+    state: UiState,
+    panes: Panes,
+    overlay: Option<(Overlay, Format)>,
+    textures: HashMap<TextureId, ImageId>,
+    /// Waiting for the next frame that is drawn.
+    changes: Vec<TextureChange>,
+    freed: Vec<TextureId>,
+    tolerance: Tolerance,
+}
+
+/// What a frame wants to have done after it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct After {
+    /// Closes the window.
+    pub quit: bool,
+    /// Stops the study.
+    pub cancel: bool,
+    /// Draw again after so many seconds at most.
+    pub again_in: Option<f64>,
+}
+
+/// What a frame is drawn to.
+pub struct Target {
+    pub image: ImageId,
+    pub format: Format,
+}
+
+impl Stage {
+    /// * `samples`: a pixel of the drawn panes.
+    pub fn new(
+        gpu: &mut Gpu,
+        samples: u32,
+        planned_mm_s: f64,
+        tolerance: Tolerance,
+    ) -> Result<Self, AppError> {
+        let context = egui::Context::default();
+        context.set_theme(egui::Theme::Dark);
+        context.global_style_mut(|style| {
+            // Pictures of scripts depend on input alone.
+            style.animation_time = 0.0;
+            style.visuals.text_cursor.blink = false;
+            style.visuals.panel_fill = egui::Color32::from_rgb(33, 36, 41);
+        });
+        Ok(Self {
+            model: Model::new(planned_mm_s),
+            context,
+            state: UiState::default(),
+            panes: Panes::new(gpu, samples)?,
+            overlay: None,
+            textures: HashMap::new(),
+            changes: Vec::new(),
+            freed: Vec::new(),
+            tolerance,
+        })
+    }
+
+    /// Takes a product in.
+    pub fn learn(&mut self, gpu: &mut Gpu, news: News) -> Result<(), AppError> {
+        self.model.learn(news);
+        Ok(self.panes.take(gpu, &self.model.products, self.tolerance)?)
+    }
+
+    /// Lays out a frame and draws the panes that changed. `dt` seconds pass.
+    ///
+    /// * `more`: actions of a script, before those of the panels.
+    pub fn prepare(
+        &mut self,
+        gpu: &mut Gpu,
+        input: egui::RawInput,
+        more: &[Action],
+        study: Option<&Study>,
+        (dt, detail): (f64, Detail),
+    ) -> Result<(egui::FullOutput, After), AppError> {
+        let stage = study.filter(|_| !self.model.is_complete).map(|s| s.progress());
+        let stage = match detail {
+            Detail::Live => stage.map(|p| (p.stage, p.share)),
+            // How far a stage has come depends on the machine.
+            Detail::Settled => stage.map(|_| ("computing", 0.0)),
+        };
+        let mut actions = more.to_vec();
+        let mut shown = ui::Shown::default();
+        let context = self.context.clone();
+        let mut output = context.run_ui(input, |root| {
+            shown = ui::window(root, &self.model, &mut self.state, stage, &mut actions);
+        });
+        if let Some([width, height]) = shown.inside {
+            self.model.set_aspect(width as f32 / height as f32);
+        }
+        self.model.step(dt, &actions);
+        self.panes.draw(gpu, &self.model, (shown.inside, shown.overview), detail)?;
+        self.collect(std::mem::take(&mut output.textures_delta));
+        let delay = output
+            .viewport_output
+            .get(&ViewportId::ROOT)
+            .map_or(f64::INFINITY, |v| v.repaint_delay.as_secs_f64());
+        let moving = self.model.playing || self.panes.is_settling() || ui::moves(&self.context);
+        let again_in = if moving || !actions.is_empty() { Some(0.0) } else { None };
+        let again_in = again_in.or((delay < 1e6).then_some(delay));
+        let after = After {
+            quit: actions.contains(&Action::Quit),
+            cancel: actions.contains(&Action::Cancel),
+            again_in,
+        };
+        Ok((output, after))
+    }
+
+    /// Draws what was laid out; `send` submits the frame.
+    pub fn draw(
+        &mut self,
+        gpu: &mut Gpu,
+        target: &Target,
+        output: egui::FullOutput,
+        send: impl FnOnce(&mut Gpu, &Frame<'_>) -> Result<(), VkError>,
+    ) -> Result<(), AppError> {
+        let scale = output.pixels_per_point;
+        let primitives = self.context.tessellate(output.shapes, scale);
+        let changes = std::mem::take(&mut self.changes);
+        self.make_textures(gpu, &changes)?;
+        if self.overlay.as_ref().is_none_or(|o| o.1 != target.format) {
+            self.overlay = Some((Overlay::new(gpu, target.format)?, target.format));
+        }
+        let meshes: Vec<FlatMesh> =
+            primitives.into_iter().filter_map(|p| self.mesh(p, scale)).collect();
+        let Some((overlay, _)) = &mut self.overlay else { return Ok(()) };
+        let (pass, write) = overlay.pass(gpu, target.image, [0.05, 0.05, 0.06, 1.0], &meshes)?;
+        let image_writes = changes.iter().filter_map(|c| {
+            let to = *self.textures.get(&c.id)?;
+            Some(ImageWrite { to, area: c.area, bytes: Cow::Borrowed(&c.rgba[..]) })
+        });
+        let frame = Frame {
+            writes: write.into_iter().collect(),
+            image_writes: image_writes.collect(),
+            passes: vec![pass],
+            picture: None,
+        };
+        send(gpu, &frame)?;
+        for id in std::mem::take(&mut self.freed) {
+            if let Some(image) = self.textures.remove(&id) {
+                gpu.free_image(image);
+            }
+        }
+        Ok(())
+    }
+
+    /// Notes what has become of textures. A frame that is not drawn loses none of it.
+    fn collect(&mut self, mut delta: egui::TexturesDelta) {
+        let mut set: Vec<_> = delta.set.drain().collect();
+        set.sort_by_key(|(id, _)| *id);
+        for (id, deltas) in set {
+            for delta in deltas {
+                let egui::ImageData::Color(image) = &delta.image;
+                let [width, height] = image.size.map(|s| s as u32);
+                let [x, y] = delta.pos.unwrap_or([0, 0]).map(|s| s as u32);
+                let rgba = image.pixels.iter().flat_map(|c| c.to_array()).collect();
+                let (area, is_whole) = (Area { x, y, width, height }, delta.pos.is_none());
+                if is_whole {
+                    self.changes.retain(|c| c.id != id);
+                }
+                self.changes.push(TextureChange { id, area, is_whole, rgba });
+            }
+        }
+        self.freed.extend(delta.free.drain());
+    }
+
+    /// Images for textures that are written whole and have none of that size.
+    fn make_textures(&mut self, gpu: &mut Gpu, changes: &[TextureChange]) -> Result<(), AppError> {
+        for c in changes.iter().filter(|c| c.is_whole) {
+            let extent = [c.area.width, c.area.height];
+            if self.textures.get(&c.id).is_some_and(|i| gpu.image_extent(*i) == extent) {
+                continue;
+            }
+            let spec = ImageSpec { format: Format::Rgba8Stored, extent, samples: 1 };
+            let image = gpu.image("texture", spec)?;
+            if let Some(old) = self.textures.insert(c.id, image) {
+                gpu.free_image(old);
+            }
+        }
+        Ok(())
+    }
+
+    fn mesh(&self, p: egui::ClippedPrimitive, scale: f32) -> Option<FlatMesh> {
+        let Primitive::Mesh(mesh) = p.primitive else { return None };
+        let (picture, filtered) = match mesh.texture_id {
+            INSIDE => (self.panes.inside(), false),
+            OVERVIEW => (self.panes.overview(), false),
+            id => (*self.textures.get(&id)?, true),
+        };
+        let size = |v: f32| (v * scale).round().max(0.0) as u32;
+        let (min, max) = (p.clip_rect.min, p.clip_rect.max);
+        let (x, y) = (size(min.x), size(min.y));
+        let clip = Area {
+            x,
+            y,
+            width: size(max.x).saturating_sub(x),
+            height: size(max.y).saturating_sub(y),
+        };
+        let corner = |i: &u32| {
+            let v = &mesh.vertices[*i as usize];
+            FlatVertex {
+                at_px: [v.pos.x * scale, v.pos.y * scale],
+                uv: [v.uv.x, v.uv.y],
+                colour: v.color.to_array(),
+            }
+        };
+        let vertices = mesh.indices.iter().map(corner).collect();
+        Some(FlatMesh { picture, filtered, clip, vertices })
+    }
+
+    /// Whether the wall is drawn.
+    pub fn has_pictures(&self) -> bool {
+        self.panes.has_pictures()
+    }
+}

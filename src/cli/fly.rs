@@ -1,0 +1,110 @@
+//! `intima fly`.
+
+use std::path::PathBuf;
+
+use super::CliError;
+use super::centerline::PathArgs;
+use super::frames::{LevelArgs, frame_size};
+use super::global::Global;
+use super::lumen_args::LumenArgs;
+use super::surface_args::SurfaceArgs;
+use crate::app::{self, AppError, Playing, Script, WindowOptions};
+use crate::device::DeviceChoice;
+use crate::flight::Frames;
+use crate::lod::Tolerance;
+use crate::session::{FlightSettings, Lod, Session, Settings};
+use crate::vk::{Choice, Gpu};
+
+/// Cruising speed to begin with, mm/s, and poses a second of the flight's path.
+const SPEED_MM_S: f64 = 20.0;
+const POSES_PER_S: f64 = 25.0;
+
+/// `intima fly INPUT LUMEN`
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Volume; may be left out with --mask
+    input: Option<PathBuf>,
+    /// Bookmarks and how the window is set: read if it is there, saved as bookmarks are made
+    #[arg(long, value_name = "FILE.json")]
+    session: Option<PathBuf>,
+    /// Play this script instead of opening a window (intima.script/1)
+    #[arg(long, value_name = "FILE.json", requires = "frames_out")]
+    script: Option<PathBuf>,
+    /// Folder for the pictures of the script
+    #[arg(long, value_name = "DIR", requires = "script")]
+    frames_out: Option<PathBuf>,
+    /// Size of the window; a script has its own
+    #[arg(long, value_name = "WxH", default_value = "1280x800")]
+    size: String,
+    #[command(flatten)]
+    levels: LevelArgs,
+    #[command(flatten)]
+    path: PathArgs,
+    #[command(flatten)]
+    surface: SurfaceArgs,
+    #[command(flatten)]
+    lumen: LumenArgs,
+}
+
+impl Args {
+    /// Opens the window, or plays a script.
+    pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        let size = frame_size(&self.size)?;
+        if let Some(path) = &self.session {
+            global.check_output(path, &[".json"])?;
+        }
+        let mut levels = self.levels.settings()?;
+        if levels.lod == Lod::Off {
+            levels.lod = Lod::Clusters;
+        }
+        let pixels = levels.pixel_error;
+        let flight = FlightSettings {
+            frames: Frames::Speed { mm_per_s: SPEED_MM_S, fps: POSES_PER_S },
+            size,
+            ..FlightSettings::default()
+        };
+        let settings = Settings {
+            lumen: self.lumen.settings()?,
+            centerline: self.path.settings()?,
+            wall: self.surface.settings()?,
+            levels,
+            flight,
+            ..global.settings()
+        };
+        let device = match settings.device {
+            DeviceChoice::GpuAt(n) => Choice::Index(n),
+            _ => Choice::Any,
+        };
+        let session = Session::new(self.lumen.source(self.input.as_deref())?, settings)?;
+        let tolerance = Tolerance { pixels };
+        match (&self.script, &self.frames_out) {
+            (Some(script), Some(folder)) => {
+                let script = Script::read(script)?;
+                let mut gpu = Gpu::open(device).map_err(AppError::from)?;
+                let with = Playing {
+                    folder,
+                    session_file: self.session.clone(),
+                    planned_mm_s: SPEED_MM_S,
+                    samples: 4.min(gpu.info().max_samples),
+                    tolerance,
+                };
+                let pictures = app::play(&mut gpu, session, &script, &with)?;
+                global.say(format_args!(
+                    "wrote {} pictures to {}",
+                    pictures.len(),
+                    folder.display()
+                ))
+            }
+            _ => {
+                let options = WindowOptions {
+                    size,
+                    session_file: self.session.clone(),
+                    device,
+                    tolerance,
+                    planned_mm_s: SPEED_MM_S,
+                };
+                Ok(app::open(session, options)?)
+            }
+        }
+    }
+}

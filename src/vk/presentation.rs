@@ -1,0 +1,445 @@
+//! Pictures in a window: surface, swapchain, and the two steps of a frame, acquire and present.
+//!
+//! Two frames are in flight. Each has a semaphore that the presentation engine signals when an
+//! image is free; each image has one that it waits for before it shows the image: an image comes
+//! round when its semaphore has been waited for, a frame's slot may come round earlier
+//! (Vulkan-ValidationLayers #9840). Replaced swapchains are kept until every image of the new one
+//! has come round, since an idle device says nothing of what the presentation engine still holds
+//! (Vulkan-Docs #1059).
+
+use std::fmt::Debug;
+use std::sync::Arc;
+
+use ash::{khr, vk};
+use raw_window_handle::{HasDisplayHandle, HasWindowHandle, RawDisplayHandle};
+
+use super::commands::Handover;
+use super::frame::{Frame, FrameOptions};
+use super::instance::Instance;
+use super::memory;
+use super::resources::{Format, GpuImage, ImageId, ImageSpec};
+use super::{Gpu, VkError};
+
+/// Frames that may be in flight to a window.
+const IN_FLIGHT: usize = 2;
+/// Longest wait for an image, ns: a window that is hidden may never give one.
+const PATIENCE_NS: u64 = 100_000_000;
+
+/// A window to draw to.
+pub trait WindowHandles: HasDisplayHandle + HasWindowHandle + Debug + Send + Sync {}
+
+impl<T: HasDisplayHandle + HasWindowHandle + Debug + Send + Sync> WindowHandles for T {}
+
+/// The display a window is on.
+pub(super) fn display_of(window: &Arc<dyn WindowHandles>) -> Result<RawDisplayHandle, VkError> {
+    let display = window.display_handle();
+    display.map(|d| d.as_raw()).map_err(|_| VkError::NoSurface("the display is gone"))
+}
+
+/// What a window shows pictures through. Dropped before the instance, after its swapchains.
+pub(super) struct Surface {
+    functions: khr::surface::Instance,
+    raw: vk::SurfaceKHR,
+    // Dropped after `raw` was destroyed.
+    window: Arc<dyn WindowHandles>,
+}
+
+impl Surface {
+    pub fn new(instance: &Instance, window: Arc<dyn WindowHandles>) -> Result<Self, VkError> {
+        let functions = khr::surface::Instance::new(&instance.entry, &instance.raw);
+        let raw = Self::create(instance, &window)?;
+        Ok(Self { functions, raw, window })
+    }
+
+    fn create(
+        instance: &Instance,
+        window: &Arc<dyn WindowHandles>,
+    ) -> Result<vk::SurfaceKHR, VkError> {
+        let display = display_of(window)?;
+        let handle = window.window_handle();
+        let handle = handle.map_err(|_| VkError::NoSurface("the window is gone"))?;
+        let (entry, raw) = (&instance.entry, &instance.raw);
+        VkError::planted("vkCreateSurface")?;
+        // SAFETY: the instance was made with the extensions of this display; both handles are
+        // valid while the window lives, which the caller holds longer than the surface.
+        unsafe { ash_window::create_surface(entry, raw, display, handle.as_raw(), None) }
+            .map_err(VkError::of("vkCreateSurface"))
+    }
+
+    /// Whether a queue family of a device can show pictures here.
+    pub fn is_supported(&self, physical: vk::PhysicalDevice, family: u32) -> bool {
+        // SAFETY: the device comes from the instance that the surface was made on; both are live.
+        unsafe { self.functions.get_physical_device_surface_support(physical, family, self.raw) }
+            .unwrap_or(false)
+    }
+}
+
+impl Drop for Surface {
+    fn drop(&mut self) {
+        // SAFETY: the surface is ours and goes once; its swapchains are gone (`Gpu::close_chains`)
+        // or never were.
+        unsafe { self.functions.destroy_surface(self.raw, None) };
+    }
+}
+
+/// Images of one size, in turn.
+struct Swapchain {
+    raw: vk::SwapchainKHR,
+    images: Vec<ImageId>,
+    /// One an image.
+    finished: Vec<vk::Semaphore>,
+    extent: [u32; 2],
+    acquired: usize,
+}
+
+/// Surface, swapchain and semaphores of a window.
+pub(super) struct Presenter {
+    chains: khr::swapchain::Device,
+    chain: Option<Swapchain>,
+    /// Replaced, and perhaps still on the screen.
+    old: Vec<Swapchain>,
+    /// One a frame in flight, and the submission that waited for it last.
+    acquired: Vec<(vk::Semaphore, u64)>,
+    slot: usize,
+    /// Index and handle of the image that was acquired and not presented yet.
+    current: Option<(u32, ImageId)>,
+    /// The swapchain does not fit the surface any more.
+    is_stale: bool,
+    surface_lost: bool,
+    physical: vk::PhysicalDevice,
+    surface: Surface,
+}
+
+impl Presenter {
+    pub fn new(
+        instance: &Instance,
+        device: &ash::Device,
+        physical: vk::PhysicalDevice,
+        surface: Surface,
+    ) -> Result<Self, VkError> {
+        Ok(Self {
+            chains: khr::swapchain::Device::new(&instance.raw, device),
+            chain: None,
+            old: Vec::new(),
+            acquired: Vec::new(),
+            slot: 0,
+            current: None,
+            is_stale: false,
+            surface_lost: false,
+            physical,
+            surface,
+        })
+    }
+}
+
+impl Gpu {
+    /// Takes an image of the window to draw the next frame to; `None` where there is nothing to
+    /// draw to at the moment: the window has no pixels, or the screen holds all images.
+    ///
+    /// * `size`: columns and rows of the window, where its display leaves them to us.
+    ///
+    /// The image has the window's own size ([`Gpu::image_extent`]) and takes encoded colours
+    /// ([`Format::Bgra8Stored`] or [`Format::Rgba8Stored`]). What it held is lost.
+    ///
+    /// # Errors
+    /// [`VkError::DeviceLost`], [`VkError::OutOfMemory`], or the failing call.
+    ///
+    /// # Panics
+    /// If the device was not opened for a window, or the last image was not presented.
+    pub fn acquire(&mut self, size: [u32; 2]) -> Result<Option<ImageId>, VkError> {
+        let mut p = self.presenter.take().expect("a device opened for a window");
+        assert!(p.current.is_none(), "the image before was presented");
+        let image = self.acquire_from(&mut p, size);
+        self.presenter = Some(p);
+        image
+    }
+
+    /// Submits a frame that draws to the image taken last, and shows it.
+    ///
+    /// # Errors
+    /// As [`Gpu::submit_draws`]; the image is given up then.
+    ///
+    /// # Panics
+    /// If no image was taken; as [`Gpu::submit_draws`].
+    pub fn present(&mut self, frame: &Frame<'_>) -> Result<(), VkError> {
+        let mut p = self.presenter.take().expect("a device opened for a window");
+        let shown = self.present_to(&mut p, frame);
+        self.presenter = Some(p);
+        shown
+    }
+
+    /// Format of the window's images; before the first was taken, of none.
+    pub fn window_format(&self) -> Option<Format> {
+        let chain = self.presenter.as_ref()?.chain.as_ref()?;
+        Some(self.images[chain.images[0]].spec.format)
+    }
+
+    fn acquire_from(
+        &mut self,
+        p: &mut Presenter,
+        size: [u32; 2],
+    ) -> Result<Option<ImageId>, VkError> {
+        self.reap()?;
+        // Each failure below is mended by what the next round does first.
+        for _ in 0..4 {
+            if p.surface_lost {
+                self.renew_surface(p)?;
+            }
+            let fits = p.chain.as_ref().is_some_and(|c| !p.is_stale && c.extent == size);
+            if !fits && !self.remake_chain(p, size)? {
+                return Ok(None);
+            }
+            let Some(chain) = &mut p.chain else { return Ok(None) };
+            let (semaphore, used) = p.acquired[p.slot];
+            self.wait(used)?;
+            // SAFETY: the swapchain is ours and live; the semaphore is unsignalled with nothing
+            // pending, since the submission that waited for it has ended.
+            let found = unsafe {
+                p.chains.acquire_next_image(chain.raw, PATIENCE_NS, semaphore, vk::Fence::null())
+            };
+            match found {
+                Ok((index, suboptimal)) => {
+                    // Acquired all the same: drawn and shown once before it is remade.
+                    p.is_stale |= suboptimal;
+                    let image = chain.images[index as usize];
+                    self.images[image].layout = vk::ImageLayout::UNDEFINED;
+                    p.current = Some((index, image));
+                    chain.acquired += 1;
+                    if chain.acquired > 2 * chain.images.len() {
+                        self.close_old(p)?;
+                    }
+                    return Ok(Some(image));
+                }
+                Err(vk::Result::NOT_READY | vk::Result::TIMEOUT) => return Ok(None),
+                Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => p.is_stale = true,
+                Err(vk::Result::ERROR_SURFACE_LOST_KHR) => p.surface_lost = true,
+                Err(e) => return Err(VkError::of("vkAcquireNextImageKHR")(e)),
+            }
+        }
+        Ok(None)
+    }
+
+    fn present_to(&mut self, p: &mut Presenter, frame: &Frame<'_>) -> Result<(), VkError> {
+        let (index, image) = p.current.take().expect("an image of the window");
+        let chain = p.chain.as_ref().expect("the chain of an image");
+        let finished = chain.finished[index as usize];
+        let acquired = p.acquired[p.slot].0;
+        let sent = self.make_room(frame.staged_bytes()).and_then(|()| {
+            let handover = Handover { acquired, finished };
+            self.submit_frame(frame, FrameOptions::default(), Some((image, handover)))
+        });
+        if let Err(e) = sent {
+            // Nobody waits for the semaphore of the image any more.
+            self.close_all(p);
+            return Err(e);
+        }
+        p.acquired[p.slot].1 = self.timeline.submitted;
+        p.slot = (p.slot + 1) % p.acquired.len();
+        let (waits, chains, indices) = ([finished], [chain.raw], [index]);
+        let info = vk::PresentInfoKHR::default()
+            .wait_semaphores(&waits)
+            .swapchains(&chains)
+            .image_indices(&indices);
+        // SAFETY: queue, swapchain and semaphore are ours and live, the index is of an image we
+        // acquired and brought into the layout to be shown; the submission above signals the
+        // semaphore. `&mut self` makes us the only user of the queue.
+        match unsafe { p.chains.queue_present(self.queue, &info) } {
+            Ok(suboptimal) => p.is_stale |= suboptimal,
+            Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => p.is_stale = true,
+            Err(vk::Result::ERROR_SURFACE_LOST_KHR) => p.surface_lost = true,
+            Err(e) => return Err(VkError::of("vkQueuePresentKHR")(e)),
+        }
+        Ok(())
+    }
+
+    /// Makes a swapchain as large as the surface is now; false where that has no pixels.
+    fn remake_chain(&mut self, p: &mut Presenter, size: [u32; 2]) -> Result<bool, VkError> {
+        let s = &p.surface;
+        // SAFETY: device and surface are of this instance and live.
+        let found =
+            unsafe { s.functions.get_physical_device_surface_capabilities(p.physical, s.raw) };
+        let can = match found {
+            Ok(can) => can,
+            Err(vk::Result::ERROR_SURFACE_LOST_KHR) => {
+                p.surface_lost = true;
+                return Ok(false);
+            }
+            Err(e) => return Err(VkError::of("vkGetPhysicalDeviceSurfaceCapabilitiesKHR")(e)),
+        };
+        let (least, most) = (can.min_image_extent, can.max_image_extent);
+        // A display that leaves the size to us says so by the largest number.
+        let extent = match can.current_extent {
+            vk::Extent2D { width: u32::MAX, .. } => vk::Extent2D {
+                width: size[0].clamp(least.width.min(most.width), most.width),
+                height: size[1].clamp(least.height.min(most.height), most.height),
+            },
+            own => own,
+        };
+        if size.contains(&0) || extent.width == 0 || extent.height == 0 {
+            return Ok(false);
+        }
+        let (format, space) = self.surface_format(p)?;
+        let most_images = if can.max_image_count == 0 { u32::MAX } else { can.max_image_count };
+        let opaque = vk::CompositeAlphaFlagsKHR::OPAQUE;
+        let alpha = match can.supported_composite_alpha.contains(opaque) {
+            true => opaque,
+            false => vk::CompositeAlphaFlagsKHR::INHERIT,
+        };
+        let old = p.chain.as_ref().map_or(vk::SwapchainKHR::null(), |c| c.raw);
+        let info = vk::SwapchainCreateInfoKHR::default()
+            .surface(p.surface.raw)
+            .min_image_count((can.min_image_count + 1).min(most_images))
+            .image_format(format.raw())
+            .image_color_space(space)
+            .image_extent(extent)
+            .image_array_layers(1)
+            .image_usage(vk::ImageUsageFlags::COLOR_ATTACHMENT)
+            .image_sharing_mode(vk::SharingMode::EXCLUSIVE)
+            .pre_transform(can.current_transform)
+            .composite_alpha(alpha)
+            .present_mode(vk::PresentModeKHR::FIFO)
+            .clipped(true)
+            .old_swapchain(old);
+        VkError::planted("vkCreateSwapchainKHR")?;
+        // SAFETY: the surface is live and was found to be supported by this device's queue; the
+        // old swapchain is ours and not used again.
+        let made = unsafe { p.chains.create_swapchain(&info, None) };
+        // Made or not, the old one is retired.
+        p.old.extend(p.chain.take());
+        let raw = match made {
+            Ok(raw) => raw,
+            Err(vk::Result::ERROR_SURFACE_LOST_KHR) => {
+                p.surface_lost = true;
+                return Ok(false);
+            }
+            Err(e) => return Err(VkError::of("vkCreateSwapchainKHR")(e)),
+        };
+        let extent = [extent.width, extent.height];
+        let (images, finished) = (Vec::new(), Vec::new());
+        let mut chain = Swapchain { raw, images, finished, extent, acquired: 0 };
+        let filled = self.fill_chain(p, &mut chain, format);
+        if let Err(e) = filled {
+            self.destroy_chain(p, chain);
+            return Err(e);
+        }
+        p.chain = Some(chain);
+        p.is_stale = false;
+        Ok(true)
+    }
+
+    /// Views and semaphores of a swapchain's images, and the frames' semaphores.
+    fn fill_chain(
+        &mut self,
+        p: &mut Presenter,
+        chain: &mut Swapchain,
+        format: Format,
+    ) -> Result<(), VkError> {
+        // SAFETY: the swapchain is ours and live.
+        let images = unsafe { p.chains.get_swapchain_images(chain.raw) }
+            .map_err(VkError::of("vkGetSwapchainImagesKHR"))?;
+        for raw in images {
+            let info = vk::ImageViewCreateInfo::default()
+                .image(raw)
+                .view_type(vk::ImageViewType::TYPE_2D)
+                .format(format.raw())
+                .subresource_range(vk::ImageSubresourceRange {
+                    aspect_mask: vk::ImageAspectFlags::COLOR,
+                    level_count: 1,
+                    layer_count: 1,
+                    ..Default::default()
+                });
+            // SAFETY: the image is of the swapchain, which outlives its view.
+            let view = unsafe { self.device.create_image_view(&info, None) }
+                .map_err(VkError::of("vkCreateImageView"))?;
+            let spec = ImageSpec { format, extent: chain.extent, samples: 1 };
+            let image = memory::Image::of_swapchain(raw, view, chain.extent);
+            let layout = vk::ImageLayout::UNDEFINED;
+            chain.images.push(self.images.insert(GpuImage { spec, image, layout }));
+            chain.finished.push(self.semaphore()?);
+        }
+        while p.acquired.len() < IN_FLIGHT {
+            p.acquired.push((self.semaphore()?, 0));
+        }
+        Ok(())
+    }
+
+    fn semaphore(&self) -> Result<vk::Semaphore, VkError> {
+        // SAFETY: the device is live.
+        unsafe { self.device.create_semaphore(&vk::SemaphoreCreateInfo::default(), None) }
+            .map_err(VkError::of("vkCreateSemaphore"))
+    }
+
+    /// Eight bits a colour, as shaders write them.
+    fn surface_format(&self, p: &Presenter) -> Result<(Format, vk::ColorSpaceKHR), VkError> {
+        let s = &p.surface;
+        // SAFETY: device and surface are of this instance and live.
+        let offered = unsafe { s.functions.get_physical_device_surface_formats(p.physical, s.raw) }
+            .map_err(VkError::of("vkGetPhysicalDeviceSurfaceFormatsKHR"))?;
+        let find = |format: Format| {
+            let space = vk::ColorSpaceKHR::SRGB_NONLINEAR;
+            let fits =
+                |o: &vk::SurfaceFormatKHR| o.format == format.raw() && o.color_space == space;
+            offered.iter().any(fits).then_some((format, space))
+        };
+        find(Format::Bgra8Stored)
+            .or_else(|| find(Format::Rgba8Stored))
+            .ok_or(VkError::NoSurface("the window takes no colours of eight bits"))
+    }
+
+    /// A new surface for the same window, after the old one was lost.
+    fn renew_surface(&mut self, p: &mut Presenter) -> Result<(), VkError> {
+        self.close_all(p);
+        let window = Arc::clone(&p.surface.window);
+        p.surface = Surface::new(&self.instance, window)?;
+        p.surface_lost = false;
+        Ok(())
+    }
+
+    /// Destroys replaced swapchains once the device is done with them.
+    fn close_old(&mut self, p: &mut Presenter) -> Result<(), VkError> {
+        if !p.old.is_empty() {
+            self.wait(self.timeline.submitted)?;
+            for chain in std::mem::take(&mut p.old) {
+                self.destroy_chain(p, chain);
+            }
+        }
+        Ok(())
+    }
+
+    /// Destroys swapchains and semaphores; the next image comes from new ones.
+    fn close_all(&mut self, p: &mut Presenter) {
+        // SAFETY: `&mut self` makes us the only user of device and queue. A lost device is idle.
+        let _ = unsafe { self.device.device_wait_idle() };
+        let all: Vec<Swapchain> = p.old.drain(..).chain(p.chain.take()).collect();
+        all.into_iter().for_each(|chain| self.destroy_chain(p, chain));
+        for (semaphore, _) in p.acquired.drain(..) {
+            // SAFETY: ours, and the device is idle.
+            unsafe { self.device.destroy_semaphore(semaphore, None) };
+        }
+        (p.slot, p.current) = (0, None);
+    }
+
+    /// Before the device goes down.
+    pub(super) fn close_chains(&mut self) {
+        if let Some(mut p) = self.presenter.take() {
+            self.close_all(&mut p);
+        }
+    }
+
+    fn destroy_chain(&mut self, p: &Presenter, chain: Swapchain) {
+        for image in chain.images {
+            if let Some(image) = self.images.remove(image) {
+                self.memory.free_image(image.image);
+            }
+        }
+        // SAFETY: all are ours and go once. No submission uses them: the caller has waited for the
+        // timeline or the device; that the presentation engine is done with the semaphores too is
+        // shown by the images of a later swapchain coming round, or the device is going down.
+        unsafe {
+            for semaphore in chain.finished {
+                self.device.destroy_semaphore(semaphore, None);
+            }
+            p.chains.destroy_swapchain(chain.raw, None);
+        }
+    }
+}

@@ -1,0 +1,252 @@
+//! The window without a display: scripts give the same bytes each time, and no move by hand takes
+//! the eye's near plane through the wall.
+#![cfg(feature = "window")]
+
+#[allow(dead_code)]
+#[path = "common/mod.rs"]
+mod common;
+
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::Arc;
+
+use glam::DVec3;
+use intima::app::{Action, Model, News};
+use intima::geometry::Mesh;
+use intima::session::{LumenSettings, Session, Settings, Source, VolumeSource};
+use intima::volume::phantom::{Kind, Phantom};
+
+fn session(kind: Kind, size: u32) -> Session {
+    let mask = Phantom::new(kind, size, [1.0; 3]).unwrap().mask();
+    let source = Source::Image(VolumeSource::Memory(Arc::new(mask)));
+    Session::new(source, Settings { lumen: LumenSettings::default(), ..Settings::default() })
+        .unwrap()
+}
+
+/// A model that has everything but pictures.
+fn model(session: &Session) -> Model {
+    let mut model = Model::new(20.0);
+    model.learn(News::Volume(session.volume().unwrap()));
+    model.learn(News::Lumen(session.lumen().unwrap()));
+    model.learn(News::Wall(session.wall().unwrap()));
+    model.learn(News::Fields(session.fields().unwrap()));
+    model.learn(News::Centerline(session.centerline().unwrap()));
+    model.learn(News::Flight(session.flight().unwrap()));
+    model
+}
+
+/// Whether a segment meets a triangle (Möller and Trumbore 1997): none of the product's code.
+fn meets(from: DVec3, to: DVec3, [a, b, c]: [DVec3; 3]) -> bool {
+    let (d, ab, ac) = (to - from, b - a, c - a);
+    let p = d.cross(ac);
+    let det = ab.dot(p);
+    if det.abs() < 1e-14 {
+        return false;
+    }
+    let s = from - a;
+    let u = s.dot(p) / det;
+    let q = s.cross(ab);
+    let v = d.dot(q) / det;
+    let t = ac.dot(q) / det;
+    u >= 0.0 && v >= 0.0 && u + v <= 1.0 && (0.0..=1.0).contains(&t)
+}
+
+/// Triangles by cubes of 4 mm, so that a short segment asks a few.
+struct Cubes {
+    triangles: Vec<[DVec3; 3]>,
+    of: std::collections::HashMap<[i32; 3], Vec<usize>>,
+}
+
+impl Cubes {
+    fn new(mesh: &Mesh) -> Self {
+        let place = |v: u32| mesh.positions[v as usize].as_dvec3();
+        let triangles: Vec<[DVec3; 3]> = mesh.faces.iter().map(|f| f.map(place)).collect();
+        let mut of: std::collections::HashMap<[i32; 3], Vec<usize>> = Default::default();
+        for (i, t) in triangles.iter().enumerate() {
+            Self::span(t[0].min(t[1]).min(t[2]), t[0].max(t[1]).max(t[2]), |cube| {
+                of.entry(cube).or_default().push(i);
+            });
+        }
+        Self { triangles, of }
+    }
+
+    fn span(low: DVec3, high: DVec3, mut visit: impl FnMut([i32; 3])) {
+        let [low, high] = [low, high].map(|p| (p / 4.0).floor().as_ivec3());
+        for x in low.x..=high.x {
+            for y in low.y..=high.y {
+                (low.z..=high.z).for_each(|z| visit([x, y, z]));
+            }
+        }
+    }
+
+    fn is_cut(&self, from: DVec3, to: DVec3) -> bool {
+        let mut cut = false;
+        Self::span(from.min(to), from.max(to), |cube| {
+            let near = self.of.get(&cube).into_iter().flatten();
+            cut |= near.copied().any(|i| meets(from, to, self.triangles[i]));
+        });
+        cut
+    }
+}
+
+/// Moves at random and casts segments from each eye to the corners of its near plane, and from the
+/// eye before to it.
+fn wander(kind: Kind, moves: u32) {
+    let session = session(kind, 64);
+    let wall = session.wall().unwrap();
+    let cubes = Cubes::new(&wall.mesh);
+    let mut model = model(&session);
+    let mut seed = 7u64;
+    let mut random = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 33) as f64 / f64::from(1u32 << 31) - 0.5
+    };
+    let (mut flown, mut blocked) = (0.0, 0);
+    for i in 0..moves {
+        let before = model.pose.unwrap().position_mm.as_dvec3();
+        let by = 8.0 * random();
+        let action = match i % 7 {
+            0 => Action::Turn([random() as f32, random() as f32, random() as f32]),
+            // Now and then somewhere else, so that all of the organ is tried.
+            1 if i % 350 == 1 => Action::Seek((random() + 0.5) * 100.0),
+            _ => Action::Fly([2.0 * random(), 2.0 * random(), by]),
+        };
+        model.step(0.0, std::slice::from_ref(&action));
+        let pose = model.pose.unwrap();
+        let eye = pose.position_mm.as_dvec3();
+        let lens = model.lens();
+        let half = f64::from((0.5 * lens.fov_y_rad).tan());
+        for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
+            let corner = DVec3::new(x * half * f64::from(lens.aspect), y * half, -1.0);
+            let corner = eye + pose.rotation.as_dquat() * (corner * f64::from(lens.near_mm));
+            assert!(!cubes.is_cut(eye, corner), "move {i}: the near plane at {eye} cuts the wall");
+        }
+        if matches!(action, Action::Fly(_)) {
+            assert!(
+                !cubes.is_cut(before, eye),
+                "move {i}: through the wall from {before} to {eye}"
+            );
+            flown += before.distance(eye);
+            blocked += u32::from(before.distance(eye) < 0.5 * by.abs());
+        }
+    }
+    // The walk was one, and the wall was in its way.
+    assert!(flown > f64::from(moves) && blocked > moves / 50, "{flown} mm, {blocked} blocked");
+}
+
+#[test]
+fn no_move_by_hand_takes_the_near_plane_through_the_wall() {
+    wander(Kind::Bend, 50_000);
+    wander(Kind::Y, 50_000);
+}
+
+#[test]
+fn playing_stops_at_the_end_and_begins_anew_from_it() {
+    let session = session(Kind::Tube, 48);
+    let mut model = model(&session);
+    let length = model.path.as_ref().unwrap().length_mm();
+    model.step(0.0, &[Action::Speed(300.0), Action::TogglePlay]);
+    (0..10_000).for_each(|_| model.step(0.1, &[]));
+    assert!(!model.playing && (model.arc_mm - length).abs() < 1e-6);
+    model.step(0.0, &[Action::TogglePlay]);
+    assert!(model.playing && model.arc_mm == 0.0);
+    model.step(0.1, &[Action::Reverse]);
+    model.step(9.0, &[]);
+    assert!(!model.playing && model.arc_mm == 0.0);
+    // Numbers that are none change nothing.
+    let (pose, fov) = (model.pose, model.fov_deg);
+    let nan = [f64::NAN; 3];
+    let bad = [Action::Fly(nan), Action::Seek(f64::NAN), Action::FieldOfView(f32::NAN)];
+    model.step(0.0, &bad);
+    model.step(0.0, &[Action::Crosshair(nan), Action::Turn([f32::NAN; 3])]);
+    assert_eq!((model.pose, model.fov_deg), (pose, fov));
+}
+
+#[test]
+fn bookmarks_lead_back_to_where_they_were_made() {
+    let session = session(Kind::Bend, 48);
+    let mut model = model(&session);
+    model.step(0.0, &[Action::Seek(20.0), Action::Bookmark("fold".into())]);
+    let on_path = model.pose;
+    model.step(0.0, &[Action::Turn([0.4, 0.1, 0.0]), Action::Fly([0.5, 0.0, 1.0])]);
+    model.step(0.0, &[Action::Bookmark(" ".into())]);
+    let off_path = model.pose.unwrap();
+    model.step(0.0, &[Action::GoToBookmark(0)]);
+    assert_eq!((model.pose, model.on_path), (on_path, true));
+    model.step(0.0, &[Action::GoToBookmark(1), Action::GoToBookmark(9)]);
+    let back = model.pose.unwrap();
+    assert!(back.position_mm.distance(off_path.position_mm) < 1e-4 && !model.on_path);
+    assert_eq!(model.bookmarks[1].text, "Place 2");
+    model.step(0.0, &[Action::RemoveBookmark(0), Action::RemoveBookmark(5)]);
+    assert_eq!(model.bookmarks.len(), 1);
+}
+
+fn fly(dir: &Path, args: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
+    command.args(["fly", "mask.nrrd"]).args(args).current_dir(dir);
+    command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");
+    command.env_remove("INTIMA_FAULT").output().expect("the program starts")
+}
+
+fn folder() -> tempfile::TempDir {
+    let tmp = tempfile::tempdir().unwrap();
+    let mask = Phantom::new(Kind::Bend, 48, [1.0; 3]).unwrap().mask();
+    intima::formats::write_volume(&tmp.path().join("mask.nrrd"), &mask).unwrap();
+    tmp
+}
+
+const SCRIPT: &str = r#"{"schema": "intima.script/1", "size": [640, 400], "steps": [
+    {"wait": "complete"}, {"picture": "begin"},
+    {"key": "Space"}, {"frames": 20}, {"key": "Space"}, {"picture": "played"},
+    {"hold": ["W", 40]}, {"key": "B"}, {"picture": "flown"},
+    {"pointer": [100, 200]}, {"drag": [160, 180]}, {"wheel": 2}, {"picture": "looked"},
+    {"do": {"maximise": "axial"}}, {"picture": "axial"}, {"key": "Escape"},
+    {"pointer": [200, 365]}, {"click": null}, {"picture": "sought"}]}"#;
+
+#[test]
+fn a_script_played_twice_gives_the_same_pictures_and_saves_its_bookmarks() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = folder();
+    let script = SCRIPT.replace(r#"{"click": null}"#, r#""click""#);
+    std::fs::write(tmp.path().join("s.json"), script).unwrap();
+    let mut all = Vec::new();
+    for (out, threads) in [("a", "1"), ("b", "2")] {
+        let session = format!("{out}.json");
+        let args = ["--script", "s.json", "--frames-out", out, "--session", &session];
+        let done =
+            fly(tmp.path(), &[&args[..], &["--threads", threads, "--lod-cache", "off"]].concat());
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        let names = ["begin", "played", "flown", "looked", "axial", "sought"];
+        let read = |n: &str| std::fs::read(tmp.path().join(out).join(format!("{n}.png"))).unwrap();
+        let pictures: Vec<Vec<u8>> = names.iter().map(|n| read(n)).collect();
+        for (i, w) in pictures.windows(2).enumerate() {
+            assert_ne!(w[0], w[1], "{} and {} differ", names[i], names[i + 1]);
+        }
+        let notes = std::fs::read_to_string(tmp.path().join(&session)).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&notes).unwrap();
+        assert_eq!(json["schema"], "intima.session/1");
+        assert_eq!(json["bookmarks"].as_array().unwrap().len(), 1);
+        all.push((pictures, notes));
+    }
+    assert!(all[0] == all[1], "the same bytes at any number of threads");
+}
+
+#[test]
+fn without_a_display_or_with_a_wrong_script_a_clear_line_and_a_code_of_its_own() {
+    let tmp = folder();
+    let line = |o: &Output| String::from_utf8_lossy(&o.stderr).trim().to_owned();
+    let none = fly(tmp.path(), &[]);
+    assert_eq!((none.status.code(), line(&none).lines().count()), (Some(4), 1), "{}", line(&none));
+    assert_eq!(line(&none), "intima: no display: neither X11 nor Wayland answers");
+    std::fs::write(
+        tmp.path().join("s.json"),
+        r#"{"schema": "intima.script/1", "steps": [{"leap": 1}]}"#,
+    )
+    .unwrap();
+    let wrong = fly(tmp.path(), &["--script", "s.json", "--frames-out", "o"]);
+    assert_eq!(wrong.status.code(), Some(3));
+    assert_eq!(line(&wrong), "intima: step 1 of the script: no step that there is");
+    assert!(!tmp.path().join("o").exists());
+}
