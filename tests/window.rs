@@ -2,7 +2,6 @@
 //! the eye's near plane through the wall.
 #![cfg(feature = "window")]
 
-#[allow(dead_code)]
 #[path = "common/mod.rs"]
 mod common;
 
