@@ -73,6 +73,8 @@ pub enum Action {
     BackToPath,
     /// To the place on the path that is nearest to a place, LPS mm.
     GoNear([f64; 3]),
+    /// Turns the overview: about its vertical axis, and towards the viewer, radians.
+    Orbit([f32; 2]),
     /// Moves the crosshair of the slices, LPS mm.
     Crosshair([f64; 3]),
     /// Grey values of the slices: centre and width.
@@ -164,6 +166,8 @@ pub struct Model {
     pub speed_mm_s: f64,
     /// Where the slices cross, LPS mm.
     pub crosshair_mm: DVec3,
+    /// How far the overview is turned, radians: zero is from in front of the patient.
+    pub orbit: [f32; 2],
     /// Centre and width of the slices' grey values.
     pub window: [f64; 2],
     /// The pane that fills the window.
@@ -208,6 +212,7 @@ impl Model {
             reverse: false,
             speed_mm_s: planned_mm_s,
             crosshair_mm: DVec3::ZERO,
+            orbit: [0.0; 2],
             window: [0.0, 1.0],
             maximised: None,
             bookmarks: Vec::new(),
@@ -343,6 +348,12 @@ impl Model {
                 if let Some(path) = &self.path {
                     self.seek(path.nearest_to(DVec3::from(*p)));
                 }
+            }
+            Action::Orbit([about, tilt]) if about.is_finite() && tilt.is_finite() => {
+                let full = std::f32::consts::TAU;
+                let upright = std::f32::consts::FRAC_PI_2;
+                self.orbit[0] = (self.orbit[0] + about).rem_euclid(full);
+                self.orbit[1] = (self.orbit[1] + tilt).clamp(-upright, upright);
             }
             Action::Crosshair(p) if DVec3::from(*p).is_finite() => {
                 self.crosshair_mm = DVec3::from(*p);

@@ -175,6 +175,9 @@ impl Panes {
             let shot = Shot { progress: 0.0, ..shot };
             any |= self.inside.draw(gpu, shot, size)?;
         }
+        if let Some(scene) = self.overview.scene.filter(|s| s.orbit != model.orbit) {
+            self.overview.change(Scene { orbit: model.orbit, ..scene });
+        }
         if let Some(size) = overview {
             any |= self.overview.draw(gpu, shot(View::Overview), size)?;
         }

@@ -327,6 +327,12 @@ fn show_pane(
         }
         Pane::Overview if model.pose.is_some() && model.products.wall.is_some() => {
             painter.image(OVERVIEW, rect, all, Color32::WHITE);
+            let drag = response.drag_delta();
+            if response.dragged_by(egui::PointerButton::Primary) && drag != Vec2::ZERO {
+                // Half a turn across the pane.
+                let per = std::f32::consts::PI / rect.width().max(1.0);
+                actions.push(Action::Orbit([per * drag.x, per * drag.y]));
+            }
         }
         Pane::Inside | Pane::Overview => {
             let text = if model.failure.is_some() { "" } else { "the wall is being made" };
@@ -655,7 +661,7 @@ fn help(ui: &Ui, actions: &mut Vec<Action>) {
         ("Home, End", "ends of the path"),
         ("[ ]", "slower, faster"),
         ("W S A D, Page Up, Page Down", "fly by hand; the wall is never passed"),
-        ("drag", "look around"),
+        ("drag", "look around; turn the overview"),
         ("Ctrl + drag", "roll"),
         ("right drag, Ctrl + wheel", "field of view; window of the slices"),
         ("5", "back to the path, level"),

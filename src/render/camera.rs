@@ -43,6 +43,27 @@ pub fn framing(low: Vec3, high: Vec3, aspect: f32) -> (Pose, Lens) {
     (pose, Lens { fov_y_rad: FOV_Y, aspect, near_mm: near })
 }
 
+/// As [`framing`], from elsewhere on the sphere about the box.
+///
+/// * `orbit`: how far the organ is turned about its vertical axis and then about the picture's
+///   horizontal one, radians; zero is from in front.
+pub fn framing_turned(low: Vec3, high: Vec3, aspect: f32, orbit: [f32; 2]) -> (Pose, Lens) {
+    if orbit == [0.0; 2] {
+        return framing(low, high, aspect);
+    }
+    let rotation =
+        Quat::from_rotation_z(-orbit[0]) * facing_posterior() * Quat::from_rotation_x(-orbit[1]);
+    let centre = 0.5 * (low + high);
+    let half = (0.5 * (high - low)).max(Vec3::splat(1e-3));
+    // Half the box's extent along an axis of the camera.
+    let extent = |axis: Vec3| (rotation * axis).abs().dot(half);
+    let (x, y, z) = (extent(Vec3::X), extent(Vec3::Y), extent(Vec3::Z));
+    let t = (0.5 * FOV_Y).tan() * (1.0 - 2.0 * MARGIN);
+    let distance = (y / t).max(x / (t * aspect)) + z;
+    let pose = Pose { position_mm: centre + rotation * Vec3::Z * distance, rotation };
+    (pose, Lens { fov_y_rad: FOV_Y, aspect, near_mm: (distance - z) * 0.1 })
+}
+
 /// Camera -z along +y (posterior), camera +y along +z (superior).
 fn facing_posterior() -> Quat {
     Quat::from_rotation_x(std::f32::consts::FRAC_PI_2)
@@ -51,6 +72,29 @@ fn facing_posterior() -> Quat {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn from_every_side_the_whole_box_is_in_the_picture_and_in_front_of_the_near_plane() {
+        let (low, high) = (Vec3::new(-40.0, 10.0, 300.0), Vec3::new(25.0, 60.0, 420.0));
+        for (i, aspect) in [0.6, 1.0, 1.8].into_iter().enumerate() {
+            let front = framing_turned(low, high, aspect, [1e-6, 0.0]).0;
+            let plain = framing(low, high, aspect).0;
+            assert!(front.position_mm.distance(plain.position_mm) < 0.01, "no jump from the front");
+            for step in 0..24 {
+                let orbit = [0.4 * step as f32 + i as f32, 0.13 * (step as f32 - 12.0)];
+                let (pose, lens) = framing_turned(low, high, aspect, orbit);
+                let clip = clip_from_world(&pose, &lens);
+                for k in 0..8u32 {
+                    let pick = |axis: u32| k >> axis & 1 == 1;
+                    let corner =
+                        Vec3::select(glam::BVec3::new(pick(0), pick(1), pick(2)), high, low);
+                    let c = clip * corner.extend(1.0);
+                    assert!(c.w > lens.near_mm, "{orbit:?}");
+                    assert!(c.x.abs() < c.w && c.y.abs() < c.w, "{orbit:?}: {c}");
+                }
+            }
+        }
+    }
 
     fn seen(m: Mat4, p: Vec3) -> Vec3 {
         let c = m * p.extend(1.0);

@@ -15,7 +15,7 @@ mod renderer;
 mod scene;
 mod sequence;
 
-pub use camera::{clip_from_world, framing};
+pub use camera::{clip_from_world, framing, framing_turned};
 pub use error::RenderError;
 pub use look::Look;
 pub use overlay::{FlatMesh, FlatVertex, Overlay};

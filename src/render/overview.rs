@@ -7,7 +7,7 @@
 
 use glam::Vec3;
 
-use super::camera::{clip_from_world, framing};
+use super::camera::{clip_from_world, framing_turned};
 use super::host;
 use super::renderer::{Renderer, draw, surface_push};
 use super::scene::{MeshHandle, Scene, Shot};
@@ -19,6 +19,7 @@ use crate::vk::{Area, Draw, DrawRange, Pass};
 pub(super) struct GlassKey {
     mesh: Option<MeshHandle>,
     area: Area,
+    orbit: [f32; 2],
 }
 
 /// Thickness of the path and size of the camera, as shares of the organ's diagonal.
@@ -41,8 +42,9 @@ impl Renderer {
         let path = scene.path.and_then(|p| self.paths[p.0].as_ref());
         let bounds = mesh.map_or(path.and_then(|p| p.bounds), |m| self.model(m).bounds);
         let (low, high) = bounds.unwrap_or((Vec3::ZERO, Vec3::ONE));
-        let (pose, lens) = framing(low, high, area.width as f32 / area.height as f32);
-        let key = GlassKey { mesh, area };
+        let aspect = area.width as f32 / area.height as f32;
+        let (pose, lens) = framing_turned(low, high, aspect, scene.orbit);
+        let key = GlassKey { mesh, area, orbit: scene.orbit };
         if self.glass_of != Some(key) {
             passes.push(self.glass_pass(mesh, &pose, &lens, area));
             self.glass_of = Some(key);

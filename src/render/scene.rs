@@ -64,6 +64,8 @@ pub struct Scene {
     pub overview: Option<MeshHandle>,
     /// The path, drawn in the overview.
     pub path: Option<PathHandle>,
+    /// How the overview is turned: [`super::framing_turned`].
+    pub orbit: [f32; 2],
     /// Material and light.
     pub look: Look,
 }
@@ -71,13 +73,14 @@ pub struct Scene {
 impl Scene {
     /// A scene of one mesh.
     pub fn of(mesh: MeshHandle) -> Self {
-        Self { wall: Wall::Mesh(mesh), overview: None, path: None, look: Look::default() }
+        let look = Look::default();
+        Self { wall: Wall::Mesh(mesh), overview: None, path: None, orbit: [0.0; 2], look }
     }
 
     /// A scene of one closed wall in pages, and a mesh of it for the overview.
     pub fn paged(pages: PagesHandle, overview: Option<MeshHandle>) -> Self {
         let wall = Wall::Pages { pages, backs: false };
-        Self { wall, overview, path: None, look: Look::default() }
+        Self { wall, overview, path: None, orbit: [0.0; 2], look: Look::default() }
     }
 
     /// The mesh the overview shows.
