@@ -2,6 +2,8 @@
 //! the eye's near plane through the wall.
 #![cfg(feature = "window")]
 
+#[path = "common/cast.rs"]
+mod cast;
 #[path = "common/mod.rs"]
 mod common;
 
@@ -9,17 +11,16 @@ use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::Arc;
 
+use cast::Cast;
 use glam::DVec3;
 use intima::app::{Action, Model, News};
-use intima::geometry::Mesh;
-use intima::session::{LumenSettings, Session, Settings, Source, VolumeSource};
+use intima::session::{Session, Settings, Source, VolumeSource};
 use intima::volume::phantom::{Kind, Phantom};
 
 fn session(kind: Kind, size: u32) -> Session {
     let mask = Phantom::new(kind, size, [1.0; 3]).unwrap().mask();
     let source = Source::Image(VolumeSource::Memory(Arc::new(mask)));
-    Session::new(source, Settings { lumen: LumenSettings::default(), ..Settings::default() })
-        .unwrap()
+    Session::new(source, Settings::default()).unwrap()
 }
 
 /// A model that has everything but pictures.
@@ -34,58 +35,9 @@ fn model(session: &Session) -> Model {
     model
 }
 
-/// Whether a segment meets a triangle (Möller and Trumbore 1997): none of the product's code.
-fn meets(from: DVec3, to: DVec3, [a, b, c]: [DVec3; 3]) -> bool {
-    let (d, ab, ac) = (to - from, b - a, c - a);
-    let p = d.cross(ac);
-    let det = ab.dot(p);
-    if det.abs() < 1e-14 {
-        return false;
-    }
-    let s = from - a;
-    let u = s.dot(p) / det;
-    let q = s.cross(ab);
-    let v = d.dot(q) / det;
-    let t = ac.dot(q) / det;
-    u >= 0.0 && v >= 0.0 && u + v <= 1.0 && (0.0..=1.0).contains(&t)
-}
-
-/// Triangles by cubes of 4 mm, so that a short segment asks a few.
-struct Cubes {
-    triangles: Vec<[DVec3; 3]>,
-    of: std::collections::HashMap<[i32; 3], Vec<usize>>,
-}
-
-impl Cubes {
-    fn new(mesh: &Mesh) -> Self {
-        let place = |v: u32| mesh.positions[v as usize].as_dvec3();
-        let triangles: Vec<[DVec3; 3]> = mesh.faces.iter().map(|f| f.map(place)).collect();
-        let mut of: std::collections::HashMap<[i32; 3], Vec<usize>> = Default::default();
-        for (i, t) in triangles.iter().enumerate() {
-            Self::span(t[0].min(t[1]).min(t[2]), t[0].max(t[1]).max(t[2]), |cube| {
-                of.entry(cube).or_default().push(i);
-            });
-        }
-        Self { triangles, of }
-    }
-
-    fn span(low: DVec3, high: DVec3, mut visit: impl FnMut([i32; 3])) {
-        let [low, high] = [low, high].map(|p| (p / 4.0).floor().as_ivec3());
-        for x in low.x..=high.x {
-            for y in low.y..=high.y {
-                (low.z..=high.z).for_each(|z| visit([x, y, z]));
-            }
-        }
-    }
-
-    fn is_cut(&self, from: DVec3, to: DVec3) -> bool {
-        let mut cut = false;
-        Self::span(from.min(to), from.max(to), |cube| {
-            let near = self.of.get(&cube).into_iter().flatten();
-            cut |= near.copied().any(|i| meets(from, to, self.triangles[i]));
-        });
-        cut
-    }
+/// Whether a segment meets a triangle.
+fn is_cut(wall: &Cast, from: DVec3, to: DVec3) -> bool {
+    from != to && wall.ray(from, to - from).is_some_and(|hit| hit.t <= 1.0)
 }
 
 /// Moves at random and casts segments from each eye to the corners of its near plane, and from the
@@ -93,7 +45,7 @@ impl Cubes {
 fn wander(kind: Kind, moves: u32) {
     let session = session(kind, 64);
     let wall = session.wall().unwrap();
-    let cubes = Cubes::new(&wall.mesh);
+    let cast = Cast::of(&wall.mesh);
     let mut model = model(&session);
     let mut seed = 7u64;
     let mut random = || {
@@ -118,11 +70,11 @@ fn wander(kind: Kind, moves: u32) {
         for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
             let corner = DVec3::new(x * half * f64::from(lens.aspect), y * half, -1.0);
             let corner = eye + pose.rotation.as_dquat() * (corner * f64::from(lens.near_mm));
-            assert!(!cubes.is_cut(eye, corner), "move {i}: the near plane at {eye} cuts the wall");
+            assert!(!is_cut(&cast, eye, corner), "move {i}: the near plane at {eye} cuts the wall");
         }
         if matches!(action, Action::Fly(_)) {
             assert!(
-                !cubes.is_cut(before, eye),
+                !is_cut(&cast, before, eye),
                 "move {i}: through the wall from {before} to {eye}"
             );
             flown += before.distance(eye);

@@ -4,18 +4,22 @@
 //! actions; `panes` draws the two pictures of the wall; `stage` puts a frame together from these,
 //! onto a window (`window`) or onto an image with a clock of its own (`script`).
 
+mod action;
+mod keys;
 mod model;
 mod panes;
 mod path;
 mod script;
 mod session_file;
+mod slice_pane;
 mod slices;
 mod stage;
 mod study;
 mod ui;
 mod window;
 
-pub use model::{Action, Bookmark, FOV_DEG, Model, Pane, Products, SPEED_MM_S};
+pub use action::{Action, FOV_DEG, Pane, SPEED_MM_S};
+pub use model::{Bookmark, Model, Products};
 pub use path::FlightPath;
 pub use script::Playing;
 pub use script::{SCRIPT_SCHEMA, Script, ScriptStep, Wait, play};
@@ -49,20 +53,20 @@ pub enum AppError {
     /// A file.
     #[error(transparent)]
     Format(#[from] FormatError),
-    /// A script asks for what is not there.
+    /// An invalid script.
     #[error("step {step} of the script: {what}")]
     Script {
         /// Which step, from 1.
         step: usize,
-        /// What is wrong with it.
+        /// The fault.
         what: String,
     },
-    /// A session file that is none, or of another volume.
+    /// An invalid session file, or one of another volume.
     #[error("{}: {what}", .path.display())]
     SessionFile {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault.
         what: String,
     },
 }

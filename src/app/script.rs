@@ -7,7 +7,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::AppError;
-use super::model::Action;
+use super::action::Action;
 use super::panes::Detail;
 use super::session_file::SessionFile;
 use super::stage::{Stage, Target};

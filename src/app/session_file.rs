@@ -125,7 +125,7 @@ impl SessionFile {
         if model.identity.as_deref() != Some(self.input.as_str()) {
             return Err("the session file is of another volume".into());
         }
-        use super::model::Action;
+        use super::action::Action;
         model.bookmarks.clone_from(&self.bookmarks);
         model.step(
             0.0,

@@ -5,7 +5,7 @@
 
 use glam::{DAffine3, DVec3};
 
-use super::model::Pane;
+use super::action::Pane;
 use crate::geometry::Pose;
 use crate::lumen::Lumen;
 use crate::volume::Volume;

@@ -6,7 +6,9 @@ use std::collections::HashMap;
 use egui::epaint::Primitive;
 use egui::{TextureId, ViewportId};
 
-use super::model::{Action, Model};
+use super::action::Action;
+use super::keys;
+use super::model::Model;
 use super::panes::{Detail, Panes};
 use super::study::Study;
 use super::ui::{self, INSIDE, OVERVIEW, UiState};
@@ -123,7 +125,7 @@ impl Stage {
             .viewport_output
             .get(&ViewportId::ROOT)
             .map_or(f64::INFINITY, |v| v.repaint_delay.as_secs_f64());
-        let moving = self.model.playing || self.panes.is_settling() || ui::moves(&self.context);
+        let moving = self.model.playing || self.panes.is_settling() || keys::moves(&self.context);
         let again_in = if moving || !actions.is_empty() { Some(0.0) } else { None };
         let again_in = again_in.or((delay < 1e6).then_some(delay));
         let after = After {

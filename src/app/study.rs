@@ -90,11 +90,6 @@ impl Study {
         self.news.recv_timeout(most).ok()
     }
 
-    /// The session, for what is asked of it beside the products.
-    pub fn session(&self) -> &Session {
-        &self.session
-    }
-
     /// How far it has come.
     pub fn progress(&self) -> Progress {
         self.session.progress()

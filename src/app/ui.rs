@@ -1,41 +1,34 @@
-//! Panels, panes and keys. One function a part; each takes the model as it is and returns actions.
+//! Panels and panes. One function a part; each takes the model as it is and returns actions.
 
 use egui::{
-    Align2, Color32, FontId, Key, Modifiers, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2,
-    vec2,
+    Align2, Color32, FontId, Key, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2,
 };
 use glam::DVec3;
 
-use super::model::{Action, FOV_DEG, Model, Pane, SPEED_MM_S};
-use super::slices::{Plane, slice};
-use crate::volume::Volume;
+use super::action::{Action, FOV_DEG, Pane, SPEED_MM_S};
+use super::keys::{help, keys};
+use super::model::Model;
+use super::slice_pane::{SliceTexture, show_slice};
 
 /// Textures of the two drawn panes.
 pub const INSIDE: egui::TextureId = egui::TextureId::User(0);
 pub const OVERVIEW: egui::TextureId = egui::TextureId::User(1);
 
-const TEXT: Color32 = Color32::from_rgb(225, 228, 232);
-const FAINT: Color32 = Color32::from_rgb(150, 156, 165);
-const ACCENT: Color32 = Color32::from_rgb(90, 210, 140);
-const CAMERA: Color32 = Color32::from_rgb(255, 200, 60);
-const CROSSHAIR: Color32 = Color32::from_rgba_premultiplied(120, 94, 28, 150);
+pub(super) const TEXT: Color32 = Color32::from_rgb(225, 228, 232);
+pub(super) const FAINT: Color32 = Color32::from_rgb(150, 156, 165);
+pub(super) const ACCENT: Color32 = Color32::from_rgb(90, 210, 140);
+pub(super) const CAMERA: Color32 = Color32::from_rgb(255, 200, 60);
 
 /// What a user has to accept.
 pub const NOTICE: &str = "Research and education only. Not for diagnosis.";
 
-/// A slice as a texture, and what it was made of.
-struct SliceTexture {
-    texture: egui::TextureHandle,
-    made_of: (Plane, [usize; 2], [f64; 2], bool),
-}
-
 /// What the panels keep from frame to frame beside the model.
 pub struct UiState {
-    slices: [Option<SliceTexture>; 4],
+    pub(super) slices: [Option<SliceTexture>; 4],
     /// Text of the next bookmark.
     note: String,
     /// Of the slices: 1 shows all of the volume.
-    zoom: f64,
+    pub(super) zoom: f64,
 }
 
 impl Default for UiState {
@@ -125,7 +118,7 @@ fn on_pixels(ui: &Ui, rect: Rect) -> Rect {
     Rect::from_min_max(round(rect.min), round(rect.max))
 }
 
-fn pixels(ui: &Ui, rect: Rect) -> [u32; 2] {
+pub(super) fn pixels(ui: &Ui, rect: Rect) -> [u32; 2] {
     let scale = ui.pixels_per_point();
     [rect.width(), rect.height()].map(|s| ((s * scale).round() as u32).max(2))
 }
@@ -403,7 +396,7 @@ const WHEEL_MM: f64 = 5.0;
 
 /// Notches turned in this frame, as the wheel gave them: the smoothed value would go on for thirty
 /// frames.
-fn wheel_notches(ui: &Ui) -> f64 {
+pub(super) fn wheel_notches(ui: &Ui) -> f64 {
     ui.input(|i| {
         i.raw
             .events
@@ -417,140 +410,6 @@ fn wheel_notches(ui: &Ui) -> f64 {
             })
             .sum()
     })
-}
-
-fn show_slice(
-    ui: &mut Ui,
-    pane: Pane,
-    rect: Rect,
-    response: &Response,
-    model: &Model,
-    state: &mut UiState,
-    actions: &mut Vec<Action>,
-) {
-    let painter = ui.painter_at(rect);
-    let Some(volume) = &model.products.volume else { return };
-    let size = pixels(ui, rect).map(|s| s as usize);
-    let mm_per_px = state.zoom * mm_to_fit(volume, pane, size);
-    let Some(plane) = Plane::of(pane, model.crosshair_mm, mm_per_px, model.pose) else {
-        return;
-    };
-    let lumen = model.products.lumen.as_ref().map(|l| &l.lumen);
-    let made_of = (plane, size, model.window, lumen.is_some());
-    let slot = match pane {
-        Pane::Axial => 0,
-        Pane::Coronal => 1,
-        Pane::Sagittal => 2,
-        _ => 3,
-    };
-    let slot = &mut state.slices[slot];
-    if slot.as_ref().is_none_or(|s| s.made_of != made_of) {
-        let rgb = slice(volume, lumen, &plane, size, model.window);
-        let pixels = rgb.into_iter().map(|[r, g, b]| Color32::from_rgb(r, g, b)).collect();
-        let image = egui::ColorImage::new(size, pixels);
-        let options = egui::TextureOptions::NEAREST;
-        match slot {
-            Some(s) => {
-                s.texture.set(image, options);
-                s.made_of = made_of;
-            }
-            None => {
-                let texture = ui.ctx().load_texture(pane.title(), image, options);
-                *slot = Some(SliceTexture { texture, made_of });
-            }
-        }
-    }
-    if let Some(s) = slot {
-        let all = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
-        painter.image(s.texture.id(), rect, all, Color32::WHITE);
-    }
-    let scale = ui.pixels_per_point();
-    slice_marks(&painter, rect, &plane, model, f64::from(scale));
-    let place = |p: Pos2| {
-        let px = [(p.x - rect.min.x) * scale, (p.y - rect.min.y) * scale].map(f64::from);
-        plane.at(px, size).to_array()
-    };
-    if response.dragged_by(egui::PointerButton::Primary)
-        && let Some(p) = response.interact_pointer_pos()
-    {
-        actions.push(Action::Crosshair(place(p)));
-    } else if response.clicked()
-        && let Some(p) = response.interact_pointer_pos()
-    {
-        actions.push(Action::GoNear(place(p)));
-    }
-    if response.dragged_by(egui::PointerButton::Secondary) {
-        let d = response.drag_delta();
-        let [centre, width] = model.window;
-        let step = (width / 300.0).max(0.01);
-        let width = width + f64::from(d.x) * step;
-        actions.push(Action::Window([centre + f64::from(d.y) * step, width]));
-    }
-    let notches = wheel_notches(ui);
-    if response.hovered() && notches != 0.0 {
-        if ui.input(|i| i.modifiers.ctrl) {
-            state.zoom = (state.zoom * 0.9f64.powf(notches)).clamp(0.01, 4.0);
-        } else {
-            let normal = plane.right.cross(plane.down);
-            let along = normal.abs().dot(volume.grid.spacing_mm).max(0.1);
-            let p = model.crosshair_mm + normal * along * notches;
-            actions.push(Action::Crosshair(p.to_array()));
-        }
-    }
-}
-
-/// Millimetres a pixel at which a slice through the middle shows all of the volume.
-fn mm_to_fit(volume: &Volume, pane: Pane, [width, height]: [usize; 2]) -> f64 {
-    let grid = &volume.grid;
-    let sides = grid.dims.as_dvec3() * grid.spacing_mm;
-    let column = |i: usize| grid.direction.col(i).abs() * sides[i];
-    let box_mm = column(0) + column(1) + column(2);
-    let (across, down) = match pane {
-        Pane::Axial => (box_mm.x, box_mm.y),
-        Pane::Coronal => (box_mm.x, box_mm.z),
-        Pane::Sagittal => (box_mm.y, box_mm.z),
-        // Of a slice that may lie any way about.
-        _ => (box_mm.max_element(), box_mm.max_element()),
-    };
-    (across / width.max(1) as f64).max(down / height.max(1) as f64).max(1e-3)
-}
-
-/// Crosshair, eye, sides of the patient, a bar of a centimetre.
-fn slice_marks(painter: &egui::Painter, rect: Rect, plane: &Plane, model: &Model, scale: f64) {
-    let size = [rect.width(), rect.height()].map(|s| f64::from(s) * scale);
-    let size = size.map(|s| s.round() as usize);
-    let point = |p: DVec3| {
-        let (px, off) = plane.px(p, size);
-        (rect.min + vec2((px[0] / scale) as f32, (px[1] / scale) as f32), off)
-    };
-    let (c, _) = point(model.crosshair_mm);
-    let thin = Stroke::new(1.0, CROSSHAIR);
-    painter.line_segment([pos2(rect.left(), c.y), pos2(rect.right(), c.y)], thin);
-    painter.line_segment([pos2(c.x, rect.top()), pos2(c.x, rect.bottom())], thin);
-    if let Some(pose) = model.pose {
-        let (at, off) = point(pose.position_mm.as_dvec3());
-        if off.abs() < 3.0 * plane.mm_per_px.max(1.0) && rect.contains(at) {
-            let ahead =
-                pose.position_mm.as_dvec3() + 15.0 * plane.mm_per_px * pose.forward().as_dvec3();
-            let (to, _) = point(ahead);
-            painter.circle_filled(at, 3.5, CAMERA);
-            painter.line_segment([at, to], Stroke::new(2.0, CAMERA));
-        }
-    }
-    let [left, right, up, down] = plane.sides();
-    let m = 8.0;
-    let letter = |at: Pos2, anchor, text: String| {
-        painter.text(at, anchor, text, FontId::proportional(13.0), TEXT);
-    };
-    letter(rect.left_center() + vec2(m, 0.0), Align2::LEFT_CENTER, left);
-    letter(rect.right_center() - vec2(m, 0.0), Align2::RIGHT_CENTER, right);
-    letter(rect.center_top() + vec2(0.0, 4.0), Align2::CENTER_TOP, up);
-    letter(rect.center_bottom() - vec2(0.0, 4.0), Align2::CENTER_BOTTOM, down);
-    let centimetre = (10.0 / plane.mm_per_px / scale) as f32;
-    let right = rect.right_bottom() - vec2(m, 10.0);
-    painter.line_segment([right - vec2(centimetre, 0.0), right], Stroke::new(2.0, TEXT));
-    let above = right - vec2(0.0, 3.0);
-    painter.text(above, Align2::RIGHT_BOTTOM, "1 cm", FontId::proportional(11.0), TEXT);
 }
 
 /// The patient's axes as the eye sees them.
@@ -576,119 +435,5 @@ fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat
         painter.line_segment([centre, to], Stroke::new(1.5, colour));
         let at = centre + vec2(v.x as f32, -v.y as f32) * 35.0;
         painter.text(at, Align2::CENTER_CENTER, letter, FontId::proportional(12.0), colour);
-    }
-}
-
-/// Keys, unless a text field has them.
-fn keys(ui: &Ui, model: &Model, actions: &mut Vec<Action>) {
-    if ui.ctx().egui_wants_keyboard_input() {
-        return;
-    }
-    let pressed = |key| ui.input(|i| i.key_pressed(key));
-    // A key may be down and up again within one frame: what was held with it is its own.
-    let with = |wanted: Key, fits: fn(&Modifiers) -> bool| {
-        ui.input(|i| {
-            i.events.iter().any(|e| match e {
-                egui::Event::Key { key, pressed: true, modifiers, .. } => {
-                    *key == wanted && fits(modifiers)
-                }
-                _ => false,
-            })
-        })
-    };
-    for (key, action) in [
-        (Key::Space, Action::TogglePlay),
-        (Key::R, Action::Reverse),
-        (Key::Home, Action::Seek(0.0)),
-        (Key::End, Action::Seek(f64::MAX)),
-        (Key::OpenBracket, Action::Speed(model.speed_mm_s / 1.25)),
-        (Key::CloseBracket, Action::Speed(model.speed_mm_s * 1.25)),
-        (Key::Num5, Action::BackToPath),
-        (Key::U, Action::NextMissed),
-        (Key::F1, Action::ToggleHelp),
-        (Key::Questionmark, Action::ToggleHelp),
-    ] {
-        if pressed(key) {
-            actions.push(action);
-        }
-    }
-    if with(Key::B, |m| !m.shift) {
-        actions.push(Action::Bookmark(String::new()));
-    }
-    if pressed(Key::Escape) {
-        actions.push(if model.help { Action::ToggleHelp } else { Action::Maximise(None) });
-    }
-    if with(Key::Q, |m| m.ctrl && !m.shift && !m.alt) {
-        actions.push(Action::Quit);
-    }
-    held_keys(ui, actions);
-}
-
-/// Millimetres a second of hand-flown motion.
-const HAND_MM_S: f64 = 25.0;
-
-/// Keys that move as long as they are held.
-fn held_keys(ui: &Ui, actions: &mut Vec<Action>) {
-    let (dt, fast) = ui.input(|i| (f64::from(i.stable_dt).min(0.1), i.modifiers.shift));
-    let by = HAND_MM_S * dt * if fast { 3.0 } else { 1.0 };
-    let down = |key| ui.input(|i| f64::from(u8::from(i.key_down(key))));
-    let along = down(Key::ArrowUp) - down(Key::ArrowDown);
-    if along != 0.0 {
-        actions.push(Action::Travel(along * by));
-    }
-    let fly = DVec3::new(
-        down(Key::D) - down(Key::A),
-        down(Key::PageUp) - down(Key::PageDown),
-        down(Key::W) - down(Key::S),
-    );
-    if fly != DVec3::ZERO {
-        actions.push(Action::Fly((fly * by).to_array()));
-    }
-}
-
-/// Whether a key is held that moves the eye.
-pub fn moves(ctx: &egui::Context) -> bool {
-    const MOVING: [Key; 8] =
-        [Key::ArrowUp, Key::ArrowDown, Key::W, Key::A, Key::S, Key::D, Key::PageUp, Key::PageDown];
-    !ctx.egui_wants_keyboard_input() && ctx.input(|i| MOVING.iter().any(|k| i.key_down(*k)))
-}
-
-fn help(ui: &Ui, actions: &mut Vec<Action>) {
-    const KEYS: &[(&str, &str)] = &[
-        ("Space", "play, pause"),
-        ("R", "direction"),
-        ("Up, Down, wheel", "along the path (Shift: three times as fast)"),
-        ("Home, End", "ends of the path"),
-        ("[ ]", "slower, faster"),
-        ("W S A D, Page Up, Page Down", "fly by hand; the wall is never passed"),
-        ("drag", "look around; turn the overview"),
-        ("Ctrl + drag", "roll"),
-        ("right drag, Ctrl + wheel", "field of view; window of the slices"),
-        ("5", "back to the path, level"),
-        ("click in a slice", "to the nearest place of the path"),
-        ("drag in a slice", "crosshair"),
-        ("B", "bookmark"),
-        ("U", "next missed patch"),
-        ("double click", "one pane, all panes"),
-        ("F1 or ?", "these keys"),
-        ("Ctrl + Q", "quit"),
-    ];
-    let mut open = true;
-    egui::Window::new("Keys")
-        .open(&mut open)
-        .collapsible(false)
-        .resizable(false)
-        .anchor(Align2::CENTER_CENTER, Vec2::ZERO)
-        .show(ui, |ui| {
-            egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
-                for (key, does) in KEYS {
-                    ui.strong(*key);
-                    ui.label(*does);
-                    ui.end_row();
-                }
-            });
-        });
-    if !open {
-        actions.push(Action::ToggleHelp);
     }
 }

@@ -91,7 +91,7 @@ impl Pages {
         })
     }
 
-    /// DrawRanges a step in, or nothing of it.
+    /// Takes a step in, or nothing of it.
     fn apply(&mut self, step: Step) -> Result<(), RenderError> {
         for u in &step.uploads {
             check(u, self.filled.len())?;
@@ -246,7 +246,7 @@ impl Renderer {
         }
     }
 
-    /// DrawRanges a step in: its uploads are written by the next frame that shows this wall, before it
+    /// Takes a step in: its uploads are written by the next frame that shows this wall, before it
     /// draws, and its list is what that frame draws. Several steps before one frame are as one
     /// step: each page is written once, with its latest content. Draws nothing and does not wait.
     ///

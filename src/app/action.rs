@@ -1,0 +1,92 @@
+//! Commands of the panels, keys and scripts, and the panes they name.
+
+use serde::{Deserialize, Serialize};
+
+/// Bounds of the vertical field of view, degrees.
+pub const FOV_DEG: std::ops::RangeInclusive<f32> = 60.0..=140.0;
+/// Bounds of the cruising speed, mm/s.
+pub const SPEED_MM_S: std::ops::RangeInclusive<f64> = 1.0..=300.0;
+
+/// A part of the window that shows the organ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Pane {
+    /// The wall as the eye sees it.
+    Inside,
+    /// The whole organ from outside.
+    Overview,
+    /// A slice across the body, seen from the feet.
+    Axial,
+    /// A slice seen from the front.
+    Coronal,
+    /// A slice seen from the left.
+    Sagittal,
+    /// A slice across the path, through the eye.
+    Across,
+}
+
+impl Pane {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Inside, Self::Overview, Self::Axial, Self::Coronal, Self::Sagittal, Self::Across];
+
+    /// What it is called.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Inside => "Inside",
+            Self::Overview => "Overview",
+            Self::Axial => "Axial",
+            Self::Coronal => "Coronal",
+            Self::Sagittal => "Sagittal",
+            Self::Across => "Across the path",
+        }
+    }
+}
+
+/// A command.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Action {
+    /// Starts or stops the flight.
+    TogglePlay,
+    /// Turns the direction of the flight.
+    Reverse,
+    /// Cruising speed, mm/s.
+    Speed(f64),
+    /// Moves along the path, mm; negative towards its start.
+    Travel(f64),
+    /// To a place on the path, mm from its start.
+    Seek(f64),
+    /// Moves the eye off the path: to its right, up and forward, mm. The wall is never passed.
+    Fly([f64; 3]),
+    /// Turns the eye: right, up, and about its axis clockwise, radians.
+    Turn([f32; 3]),
+    /// Vertical field of view, degrees.
+    FieldOfView(f32),
+    /// Back to the path, level.
+    BackToPath,
+    /// To the place on the path that is nearest to a place, LPS mm.
+    GoNear([f64; 3]),
+    /// Turns the overview: about its vertical axis, and towards the viewer, radians.
+    Orbit([f32; 2]),
+    /// Moves the crosshair of the slices, LPS mm.
+    Crosshair([f64; 3]),
+    /// Grey values of the slices: centre and width.
+    Window([f64; 2]),
+    /// Fills the window with a pane, or shows all.
+    Maximise(Option<Pane>),
+    /// Notes the place, with a text.
+    Bookmark(String),
+    /// Forgets a note.
+    RemoveBookmark(usize),
+    /// To a noted place.
+    GoToBookmark(usize),
+    /// To the largest patch of the wall that was missed and not yet visited.
+    NextMissed,
+    /// Shows or hides the keys.
+    ToggleHelp,
+    /// Stops what is computed.
+    Cancel,
+    /// Closes the window.
+    Quit,
+}

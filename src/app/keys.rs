@@ -1,0 +1,123 @@
+//! Keys: single presses, those that move the eye as long as they are held, and their list.
+
+use egui::{Align2, Key, Modifiers, Ui, Vec2};
+use glam::DVec3;
+
+use super::action::Action;
+use super::model::Model;
+
+/// Keys, unless a text field has them.
+pub(super) fn keys(ui: &Ui, model: &Model, actions: &mut Vec<Action>) {
+    if ui.ctx().egui_wants_keyboard_input() {
+        return;
+    }
+    let pressed = |key| ui.input(|i| i.key_pressed(key));
+    // A key may be down and up again within one frame: what was held with it is its own.
+    let with = |wanted: Key, fits: fn(&Modifiers) -> bool| {
+        ui.input(|i| {
+            i.events.iter().any(|e| match e {
+                egui::Event::Key { key, pressed: true, modifiers, .. } => {
+                    *key == wanted && fits(modifiers)
+                }
+                _ => false,
+            })
+        })
+    };
+    for (key, action) in [
+        (Key::Space, Action::TogglePlay),
+        (Key::R, Action::Reverse),
+        (Key::Home, Action::Seek(0.0)),
+        (Key::End, Action::Seek(f64::MAX)),
+        (Key::OpenBracket, Action::Speed(model.speed_mm_s / 1.25)),
+        (Key::CloseBracket, Action::Speed(model.speed_mm_s * 1.25)),
+        (Key::Num5, Action::BackToPath),
+        (Key::U, Action::NextMissed),
+        (Key::F1, Action::ToggleHelp),
+        (Key::Questionmark, Action::ToggleHelp),
+    ] {
+        if pressed(key) {
+            actions.push(action);
+        }
+    }
+    if with(Key::B, |m| !m.shift) {
+        actions.push(Action::Bookmark(String::new()));
+    }
+    if pressed(Key::Escape) {
+        actions.push(if model.help { Action::ToggleHelp } else { Action::Maximise(None) });
+    }
+    if with(Key::Q, |m| m.ctrl && !m.shift && !m.alt) {
+        actions.push(Action::Quit);
+    }
+    held_keys(ui, actions);
+}
+
+/// Millimetres a second of hand-flown motion.
+const HAND_MM_S: f64 = 25.0;
+
+/// Keys that move as long as they are held.
+fn held_keys(ui: &Ui, actions: &mut Vec<Action>) {
+    let (dt, fast) = ui.input(|i| (f64::from(i.stable_dt).min(0.1), i.modifiers.shift));
+    let by = HAND_MM_S * dt * if fast { 3.0 } else { 1.0 };
+    let down = |key| ui.input(|i| f64::from(u8::from(i.key_down(key))));
+    let along = down(Key::ArrowUp) - down(Key::ArrowDown);
+    if along != 0.0 {
+        actions.push(Action::Travel(along * by));
+    }
+    let fly = DVec3::new(
+        down(Key::D) - down(Key::A),
+        down(Key::PageUp) - down(Key::PageDown),
+        down(Key::W) - down(Key::S),
+    );
+    if fly != DVec3::ZERO {
+        actions.push(Action::Fly((fly * by).to_array()));
+    }
+}
+
+/// Whether a key is held that moves the eye.
+pub fn moves(ctx: &egui::Context) -> bool {
+    const MOVING: [Key; 8] =
+        [Key::ArrowUp, Key::ArrowDown, Key::W, Key::A, Key::S, Key::D, Key::PageUp, Key::PageDown];
+    !ctx.egui_wants_keyboard_input() && ctx.input(|i| MOVING.iter().any(|k| i.key_down(*k)))
+}
+
+/// The keys as a window over the panes.
+pub(super) fn help(ui: &Ui, actions: &mut Vec<Action>) {
+    const KEYS: &[(&str, &str)] = &[
+        ("Space", "play, pause"),
+        ("R", "direction"),
+        ("Up, Down, wheel", "along the path (Shift: three times as fast)"),
+        ("Home, End", "ends of the path"),
+        ("[ ]", "slower, faster"),
+        ("W S A D, Page Up, Page Down", "fly by hand; the wall is never passed"),
+        ("drag", "look around; turn the overview"),
+        ("Ctrl + drag", "roll"),
+        ("right drag, Ctrl + wheel", "field of view; window of the slices"),
+        ("5", "back to the path, level"),
+        ("click in a slice", "to the nearest place of the path"),
+        ("drag in a slice", "crosshair"),
+        ("B", "bookmark"),
+        ("U", "next missed patch"),
+        ("double click", "one pane, all panes"),
+        ("F1 or ?", "these keys"),
+        ("Ctrl + Q", "quit"),
+    ];
+    let mut open = true;
+    egui::Window::new("Keys")
+        .open(&mut open)
+        .collapsible(false)
+        .default_width(560.0)
+        .resizable(false)
+        .anchor(Align2::CENTER_CENTER, Vec2::ZERO)
+        .show(ui, |ui| {
+            egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
+                for (key, does) in KEYS {
+                    ui.strong(*key);
+                    ui.add(egui::Label::new(*does).extend());
+                    ui.end_row();
+                }
+            });
+        });
+    if !open {
+        actions.push(Action::ToggleHelp);
+    }
+}

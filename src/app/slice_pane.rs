@@ -1,0 +1,153 @@
+//! A pane with a slice of the volume: its texture, marks and input.
+
+use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Stroke, Ui, pos2, vec2};
+use glam::DVec3;
+
+use super::action::{Action, Pane};
+use super::model::Model;
+use super::slices::{Plane, slice};
+use super::ui::{CAMERA, TEXT, UiState, pixels, wheel_notches};
+use crate::volume::Volume;
+
+const CROSSHAIR: Color32 = Color32::from_rgba_premultiplied(120, 94, 28, 150);
+
+/// A slice as a texture, and what it was made of.
+pub(super) struct SliceTexture {
+    texture: egui::TextureHandle,
+    made_of: (Plane, [usize; 2], [f64; 2], bool),
+}
+
+/// Samples the slice where it has changed, and takes crosshair, window and zoom from the mouse.
+pub(super) fn show_slice(
+    ui: &mut Ui,
+    pane: Pane,
+    rect: Rect,
+    response: &Response,
+    model: &Model,
+    state: &mut UiState,
+    actions: &mut Vec<Action>,
+) {
+    let painter = ui.painter_at(rect);
+    let Some(volume) = &model.products.volume else { return };
+    let size = pixels(ui, rect).map(|s| s as usize);
+    let mm_per_px = state.zoom * mm_to_fit(volume, pane, size);
+    let Some(plane) = Plane::of(pane, model.crosshair_mm, mm_per_px, model.pose) else {
+        return;
+    };
+    let lumen = model.products.lumen.as_ref().map(|l| &l.lumen);
+    let made_of = (plane, size, model.window, lumen.is_some());
+    let slot = match pane {
+        Pane::Axial => 0,
+        Pane::Coronal => 1,
+        Pane::Sagittal => 2,
+        _ => 3,
+    };
+    let slot = &mut state.slices[slot];
+    if slot.as_ref().is_none_or(|s| s.made_of != made_of) {
+        let rgb = slice(volume, lumen, &plane, size, model.window);
+        let pixels = rgb.into_iter().map(|[r, g, b]| Color32::from_rgb(r, g, b)).collect();
+        let image = egui::ColorImage::new(size, pixels);
+        let options = egui::TextureOptions::NEAREST;
+        match slot {
+            Some(s) => {
+                s.texture.set(image, options);
+                s.made_of = made_of;
+            }
+            None => {
+                let texture = ui.ctx().load_texture(pane.title(), image, options);
+                *slot = Some(SliceTexture { texture, made_of });
+            }
+        }
+    }
+    if let Some(s) = slot {
+        let all = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
+        painter.image(s.texture.id(), rect, all, Color32::WHITE);
+    }
+    let scale = ui.pixels_per_point();
+    slice_marks(&painter, rect, &plane, model, f64::from(scale));
+    let place = |p: Pos2| {
+        let px = [(p.x - rect.min.x) * scale, (p.y - rect.min.y) * scale].map(f64::from);
+        plane.at(px, size).to_array()
+    };
+    if response.dragged_by(egui::PointerButton::Primary)
+        && let Some(p) = response.interact_pointer_pos()
+    {
+        actions.push(Action::Crosshair(place(p)));
+    } else if response.clicked()
+        && let Some(p) = response.interact_pointer_pos()
+    {
+        actions.push(Action::GoNear(place(p)));
+    }
+    if response.dragged_by(egui::PointerButton::Secondary) {
+        let d = response.drag_delta();
+        let [centre, width] = model.window;
+        let step = (width / 300.0).max(0.01);
+        let width = width + f64::from(d.x) * step;
+        actions.push(Action::Window([centre + f64::from(d.y) * step, width]));
+    }
+    let notches = wheel_notches(ui);
+    if response.hovered() && notches != 0.0 {
+        if ui.input(|i| i.modifiers.ctrl) {
+            state.zoom = (state.zoom * 0.9f64.powf(notches)).clamp(0.01, 4.0);
+        } else {
+            let normal = plane.right.cross(plane.down);
+            let along = normal.abs().dot(volume.grid.spacing_mm).max(0.1);
+            let p = model.crosshair_mm + normal * along * notches;
+            actions.push(Action::Crosshair(p.to_array()));
+        }
+    }
+}
+
+/// Millimetres a pixel at which a slice through the middle shows all of the volume.
+fn mm_to_fit(volume: &Volume, pane: Pane, [width, height]: [usize; 2]) -> f64 {
+    let grid = &volume.grid;
+    let sides = grid.dims.as_dvec3() * grid.spacing_mm;
+    let column = |i: usize| grid.direction.col(i).abs() * sides[i];
+    let box_mm = column(0) + column(1) + column(2);
+    let (across, down) = match pane {
+        Pane::Axial => (box_mm.x, box_mm.y),
+        Pane::Coronal => (box_mm.x, box_mm.z),
+        Pane::Sagittal => (box_mm.y, box_mm.z),
+        // Of a slice that may lie any way about.
+        _ => (box_mm.max_element(), box_mm.max_element()),
+    };
+    (across / width.max(1) as f64).max(down / height.max(1) as f64).max(1e-3)
+}
+
+/// Crosshair, eye, sides of the patient, a bar of a centimetre.
+fn slice_marks(painter: &egui::Painter, rect: Rect, plane: &Plane, model: &Model, scale: f64) {
+    let size = [rect.width(), rect.height()].map(|s| f64::from(s) * scale);
+    let size = size.map(|s| s.round() as usize);
+    let point = |p: DVec3| {
+        let (px, off) = plane.px(p, size);
+        (rect.min + vec2((px[0] / scale) as f32, (px[1] / scale) as f32), off)
+    };
+    let (c, _) = point(model.crosshair_mm);
+    let thin = Stroke::new(1.0, CROSSHAIR);
+    painter.line_segment([pos2(rect.left(), c.y), pos2(rect.right(), c.y)], thin);
+    painter.line_segment([pos2(c.x, rect.top()), pos2(c.x, rect.bottom())], thin);
+    if let Some(pose) = model.pose {
+        let (at, off) = point(pose.position_mm.as_dvec3());
+        if off.abs() < 3.0 * plane.mm_per_px.max(1.0) && rect.contains(at) {
+            let ahead =
+                pose.position_mm.as_dvec3() + 15.0 * plane.mm_per_px * pose.forward().as_dvec3();
+            let (to, _) = point(ahead);
+            painter.circle_filled(at, 3.5, CAMERA);
+            painter.line_segment([at, to], Stroke::new(2.0, CAMERA));
+        }
+    }
+    let [left, right, up, down] = plane.sides();
+    let m = 8.0;
+    let letter = |at: Pos2, anchor, text: String| {
+        painter.text(at, anchor, text, FontId::proportional(13.0), TEXT);
+    };
+    letter(rect.left_center() + vec2(m, 0.0), Align2::LEFT_CENTER, left);
+    letter(rect.right_center() - vec2(m, 0.0), Align2::RIGHT_CENTER, right);
+    letter(rect.center_top() + vec2(0.0, 4.0), Align2::CENTER_TOP, up);
+    letter(rect.center_bottom() - vec2(0.0, 4.0), Align2::CENTER_BOTTOM, down);
+    let centimetre = (10.0 / plane.mm_per_px / scale) as f32;
+    let right = rect.right_bottom() - vec2(m, 10.0);
+    painter.line_segment([right - vec2(centimetre, 0.0), right], Stroke::new(2.0, TEXT));
+    let above = right - vec2(0.0, 3.0);
+    painter.text(above, Align2::RIGHT_BOTTOM, "1 cm", FontId::proportional(11.0), TEXT);
+}
