@@ -13,7 +13,7 @@ mod wall;
 pub use camera_path::{CameraPath, CameraPathError, CameraPathPose, MAX_BYTES, SCHEMA};
 pub use clearance::{Clearance, LEAST_NEAR_MM, SAFETY};
 pub use collide_and_slide::collide_and_slide;
-pub use coverage::{Coverage, LISTED_FROM_MM2, MissedPatch, coverage, unseen_voxels};
+pub use coverage::{Coverage, CoverageMap, LISTED_FROM_MM2, MissedPatch, coverage, unseen_voxels};
 pub use gaze::Track;
 pub use plan::{Flight, FlightError, FlightOptions, Frames, MAX_FRAMES};
 pub use profile::{MAX_TURN_RAD_PER_S, Profile};

@@ -7,6 +7,7 @@ mod sight;
 mod voxels;
 
 pub use patches::MissedPatch;
+pub use sight::CoverageMap;
 pub use voxels::unseen_voxels;
 
 use glam::DVec3;
@@ -64,23 +65,23 @@ pub struct Coverage {
 /// Eyes are expected inside the lumen: a closed wall whose faces look outwards is not seen from
 /// outside.
 pub fn coverage(wall: &Mesh, forward: &[(Pose, Lens)], backward: &[(Pose, Lens)]) -> Coverage {
-    let areas: Vec<f64> = (0..wall.faces.len()).map(|f| wall_area_mm2(wall, f)).collect();
-    let area_mm2: f64 = areas.iter().sum();
-    let (seen_one_way, seen_both_ways) = sight::seen_faces(wall, &areas, forward, backward);
-    let share = |seen: &[bool]| {
-        let sum: f64 = areas.iter().zip(seen).filter(|(_, s)| **s).map(|(a, _)| a).sum();
-        if area_mm2 > 0.0 { sum / area_mm2 } else { 0.0 }
-    };
+    let mut map = CoverageMap::new(wall);
+    map.add(forward);
+    let seen_one_way = map.seen();
+    map.add(backward);
+    let seen_both_ways = map.seen();
+    let areas = map.areas_mm2();
+    let share = |seen: &[bool]| sight::share_of_area(areas, seen);
     let missed = |f: usize| areas[f] > 0.0 && !seen_both_ways[f];
     let path = if forward.is_empty() { backward } else { forward };
     let eyes: Vec<DVec3> = path.iter().map(|(pose, _)| pose.position_mm.as_dvec3()).collect();
-    let (mut patches, patch_of_face) = patches::missed_patches(wall, &areas, missed, &eyes);
+    let (mut patches, patch_of_face) = patches::missed_patches(wall, areas, missed, &eyes);
     let listed = patches.partition_point(|p| p.area_mm2 >= LISTED_FROM_MM2);
     let smaller = patches.split_off(listed);
     Coverage {
         one_way_fraction: share(&seen_one_way),
         both_ways_fraction: share(&seen_both_ways),
-        area_mm2,
+        area_mm2: areas.iter().sum(),
         patches,
         smaller_patches: smaller.len(),
         smaller_patches_mm2: smaller.iter().map(|p| p.area_mm2).sum(),
@@ -88,14 +89,6 @@ pub fn coverage(wall: &Mesh, forward: &[(Pose, Lens)], backward: &[(Pose, Lens)]
         seen_both_ways,
         patch_of_face,
     }
-}
-
-/// Area of a face that counts as wall, mm²; 0 for caps and where a vertex is not finite.
-fn wall_area_mm2(wall: &Mesh, face: usize) -> f64 {
-    let [a, b, c] = wall.faces[face].map(|v| wall.positions[v as usize].as_dvec3());
-    let area = 0.5 * (b - a).cross(c - a).length();
-    let cap = wall.caps.get(face).copied().unwrap_or(false);
-    if cap || !area.is_finite() { 0.0 } else { area }
 }
 
 #[cfg(test)]

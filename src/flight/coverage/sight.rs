@@ -18,44 +18,76 @@ const MAX_CELLS: usize = 1 << 25;
 /// No triangle.
 const NONE: u32 = u32::MAX;
 
-/// Faces that the forward views see, and those that forward or backward views see.
-///
-/// * `areas`: mm², one a face; a face of area 0 hides others and is never seen.
-pub(super) fn seen_faces(
-    wall: &Mesh,
-    areas: &[f64],
-    forward: &[(Pose, Lens)],
-    backward: &[(Pose, Lens)],
-) -> (Vec<bool>, Vec<bool>) {
-    let (tree, exterior) = rayon::join(|| TriangleBvh::new(wall), || exterior(wall));
-    let frusta = |views: &[(Pose, Lens)]| -> Vec<Frustum<'_>> {
-        let exterior = exterior.as_ref();
-        views.iter().map(|(pose, lens)| Frustum::new(*pose, *lens, exterior)).collect()
-    };
-    let (forward, backward) = (frusta(forward), frusta(backward));
-    let portions: Vec<(Subtree, [Vec<bool>; 2])> = portions(&tree)
-        .into_par_iter()
-        .map(|subtree| {
-            let mut portion = Portion::new(&tree, subtree, areas);
-            let both = [&forward, &backward].map(|frusta| {
-                portion.nearest_first(frusta).into_iter().map(|i| &frusta[i]).for_each(|frustum| {
-                    checkpoint();
-                    portion.look_below(subtree, frustum);
-                });
-                portion.seen()
-            });
-            (subtree, both)
-        })
-        .collect();
-    let mut one_way = vec![false; wall.faces.len()];
-    let mut both_ways = one_way.clone();
-    for (subtree, [one, both]) in &portions {
-        for (i, place) in subtree.triangles().enumerate() {
-            let face = tree.face(place) as usize;
-            (one_way[face], both_ways[face]) = (one[i], both[i]);
-        }
+/// What views have seen of a wall so far. Views may be added at any time; what is seen depends on
+/// the set of them alone, not on their order, on how they were added or on the number of threads.
+pub struct CoverageMap {
+    tree: TriangleBvh,
+    exterior: Option<ExteriorGrid>,
+    /// mm², one a face; a face of area 0 hides others and is never seen.
+    areas: Vec<f64>,
+    portions: Vec<Portion>,
+}
+
+impl CoverageMap {
+    /// A wall of which nothing was seen yet.
+    ///
+    /// * `wall`: LPS mm, as for [`coverage`](super::coverage).
+    pub fn new(wall: &Mesh) -> Self {
+        let areas: Vec<f64> = (0..wall.faces.len()).map(|f| wall_area_mm2(wall, f)).collect();
+        let (tree, exterior) = rayon::join(|| TriangleBvh::new(wall), || exterior(wall));
+        let portions =
+            portions(&tree).into_iter().map(|s| Portion::new(&tree, s, &areas)).collect();
+        Self { tree, exterior, areas, portions }
     }
-    (one_way, both_ways)
+
+    /// Adds what views see: pose and lens of each.
+    pub fn add(&mut self, views: &[(Pose, Lens)]) {
+        let (tree, exterior) = (&self.tree, self.exterior.as_ref());
+        let frusta: Vec<Frustum<'_>> =
+            views.iter().map(|(pose, lens)| Frustum::new(*pose, *lens, exterior)).collect();
+        self.portions.par_iter_mut().for_each(|portion| {
+            for i in portion.nearest_first(tree, &frusta) {
+                checkpoint();
+                portion.look_below(tree, portion.subtree, &frusta[i]);
+            }
+        });
+    }
+
+    /// One flag a face of the wall: whether it was seen.
+    pub fn seen(&self) -> Vec<bool> {
+        let mut seen = vec![false; self.areas.len()];
+        for portion in &self.portions {
+            for (i, place) in portion.subtree.triangles().enumerate() {
+                seen[self.tree.face(place) as usize] = portion.is_seen(i);
+            }
+        }
+        seen
+    }
+
+    /// Area of each face that counts as wall, mm².
+    pub fn areas_mm2(&self) -> &[f64] {
+        &self.areas
+    }
+
+    /// Share of the wall's area that was seen, 0 to 1; 0 of a wall without area.
+    pub fn fraction(&self) -> f64 {
+        share_of_area(&self.areas, &self.seen())
+    }
+}
+
+/// Share of a wall's area that flags choose; 0 of a wall without area.
+pub(super) fn share_of_area(areas: &[f64], chosen: &[bool]) -> f64 {
+    let all: f64 = areas.iter().sum();
+    let sum: f64 = areas.iter().zip(chosen).filter(|(_, c)| **c).map(|(a, _)| a).sum();
+    if all > 0.0 { sum / all } else { 0.0 }
+}
+
+/// Area of a face that counts as wall, mm²; 0 for caps and where a vertex is not finite.
+fn wall_area_mm2(wall: &Mesh, face: usize) -> f64 {
+    let [a, b, c] = wall.faces[face].map(|v| wall.positions[v as usize].as_dvec3());
+    let area = 0.5 * (b - a).cross(c - a).length();
+    let cap = wall.caps.get(face).copied().unwrap_or(false);
+    if cap || !area.is_finite() { 0.0 } else { area }
 }
 
 /// Cells outside the wall; `None` of a wall that is not closed, or that has a vertex that is not
@@ -134,8 +166,7 @@ impl<'a> Frustum<'a> {
 }
 
 /// One subtree and what was seen of it so far.
-struct Portion<'a> {
-    tree: &'a TriangleBvh,
+struct Portion {
     subtree: Subtree,
     /// Samples seen, a bit each, of every triangle of the subtree.
     samples: Vec<u8>,
@@ -149,8 +180,8 @@ struct Portion<'a> {
     occluder: u32,
 }
 
-impl<'a> Portion<'a> {
-    fn new(tree: &'a TriangleBvh, subtree: Subtree, areas: &[f64]) -> Self {
+impl Portion {
+    fn new(tree: &TriangleBvh, subtree: Subtree, areas: &[f64]) -> Self {
         let sample_count = |face: u32| match areas[face as usize] {
             a if a > LARGE_FACE_MM2 => 3,
             a if a > 0.0 => 1,
@@ -158,7 +189,6 @@ impl<'a> Portion<'a> {
         };
         let faces = subtree.triangles().map(|place| tree.face(place));
         Self {
-            tree,
             subtree,
             samples: vec![0; subtree.count],
             sample_counts: faces.map(sample_count).collect(),
@@ -170,9 +200,9 @@ impl<'a> Portion<'a> {
 
     /// Indices of views, nearest to the subtree first: they see most of it, and what is seen is not
     /// looked at again.
-    fn nearest_first(&self, frusta: &[Frustum<'_>]) -> Vec<usize> {
+    fn nearest_first(&self, tree: &TriangleBvh, frusta: &[Frustum<'_>]) -> Vec<usize> {
         let distance2 = |f: &Frustum<'_>| {
-            let (centre, half) = box_about(self.tree, self.subtree, f.eye);
+            let (centre, half) = box_about(tree, self.subtree, f.eye);
             (centre.abs() - half).max(DVec3::ZERO).length_squared()
         };
         let mut order: Vec<(f64, usize)> = frusta.iter().map(distance2).zip(0..).collect();
@@ -184,17 +214,13 @@ impl<'a> Portion<'a> {
         2 * self.samples[i].count_ones() > u32::from(self.sample_counts[i])
     }
 
-    fn seen(&self) -> Vec<bool> {
-        (0..self.samples.len()).map(|i| self.is_seen(i)).collect()
-    }
-
     /// Adds what one view sees of a subtree.
-    fn look_below(&mut self, s: Subtree, frustum: &Frustum<'_>) {
+    fn look_below(&mut self, tree: &TriangleBvh, s: Subtree, frustum: &Frustum<'_>) {
         let node = s.node - self.subtree.node;
         if self.done[node] {
             return;
         }
-        let (centre, half) = box_about(self.tree, s, frustum.eye);
+        let (centre, half) = box_about(tree, s, frustum.eye);
         if frustum.misses(centre, half) {
             return;
         }
@@ -209,22 +235,22 @@ impl<'a> Portion<'a> {
         if s.is_leaf() {
             let first = s.first - self.subtree.first;
             let all = first..first + s.count;
-            all.clone().for_each(|i| self.look_at(i, frustum));
+            all.clone().for_each(|i| self.look_at(tree, i, frustum));
             self.done[node] = all.clone().all(|i| self.sample_counts[i] == 0 || self.is_seen(i));
             return;
         }
         let halves = s.children();
-        halves.iter().for_each(|half| self.look_below(*half, frustum));
+        halves.iter().for_each(|half| self.look_below(tree, *half, frustum));
         self.done[node] = halves.iter().all(|half| self.done[half.node - self.subtree.node]);
     }
 
-    fn look_at(&mut self, i: usize, frustum: &Frustum<'_>) {
+    fn look_at(&mut self, tree: &TriangleBvh, i: usize, frustum: &Frustum<'_>) {
         let count = self.sample_counts[i];
         if count == 0 || self.is_seen(i) {
             return;
         }
         let triangle = self.subtree.first + i;
-        let [a, b, c] = self.tree.corners_about(triangle, frustum.eye);
+        let [a, b, c] = tree.corners_about(triangle, frustum.eye);
         // The right-hand normal points into the lumen; the eye is the origin here.
         if (b - a).cross(c - a).dot(a) >= 0.0 {
             return;
@@ -241,9 +267,7 @@ impl<'a> Portion<'a> {
                 continue;
             }
             let hides = |t: u32| {
-                t != NONE
-                    && t as usize != triangle
-                    && self.tree.meets(t as usize, frustum.eye, sample)
+                t != NONE && t as usize != triangle && tree.meets(t as usize, frustum.eye, sample)
             };
             if hides(self.occluders[i]) {
                 continue;
@@ -252,7 +276,7 @@ impl<'a> Portion<'a> {
                 self.occluders[i] = self.occluder;
                 continue;
             }
-            match self.tree.occluder(frustum.eye, sample, triangle) {
+            match tree.occluder(frustum.eye, sample, triangle) {
                 Some(t) => {
                     self.occluder = t as u32;
                     self.occluders[i] = t as u32;
