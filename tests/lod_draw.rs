@@ -22,7 +22,7 @@ use sections::{BASE_PAGES, FINE_PAGES, Sections, whole};
 const SIZE: [u32; 2] = [160, 120];
 const LENS: Lens = Lens { fov_y_rad: 1.4, aspect: 4.0 / 3.0, near_mm: 0.5 };
 /// Tissue is never greener than red.
-const GREEN: Look = Look { background: [0.0, 1.0, 0.0], falloff_mm: None };
+const GREEN: Look = Look { background: [0.0, 1.0, 0.0], falloff_mm: None, opacity: 1.0 };
 
 fn shot(s: f32) -> Shot {
     Shot { view: View::Inside, pose: tube::pose(s), lens: LENS, progress: s / tube::length() }
@@ -183,10 +183,10 @@ fn a_live_flight_has_no_hole_with_few_pages_and_converges_to_the_captured_image(
     let scene = Scene { look: GREEN, ..Scene::paged(pages, None) };
     let mut w = worker(few, 1);
     let shots = flight(120);
-    r.apply(pages, w.converge(r.camera(&shots[0]).unwrap()).unwrap()).unwrap();
+    r.apply(pages, w.converge(r.cameras(&shots[0])[0]).unwrap()).unwrap();
     let (mut waiting, mut steps, mut changed, mut most) = (VecDeque::new(), 0, 0, 0);
     for (i, shot) in shots.iter().enumerate() {
-        w.set_camera(&r.camera(shot).unwrap());
+        w.set_camera(&r.cameras(shot)[0]);
         while let Some(step) = w.try_recv().unwrap() {
             assert!(step.uploads.len() <= 1, "{} pages in one step", step.uploads.len());
             (steps, changed) = (steps + 1, changed + step.leaves_changed);
@@ -207,15 +207,15 @@ fn a_live_flight_has_no_hole_with_few_pages_and_converges_to_the_captured_image(
     assert!(steps > 20 && changed > 5 && most > 0, "{steps} steps, {changed} changes, {most} B");
     // The last camera's cut, however it was reached.
     let last = *shots.last().unwrap();
-    r.apply(pages, w.converge(r.camera(&last).unwrap()).unwrap()).unwrap();
+    r.apply(pages, w.converge(r.cameras(&last)[0]).unwrap()).unwrap();
     let live = r.render(&mut gpu, &scene, &last).unwrap();
     let pages = r.open_pages(&mut gpu, few, tube::RADIUS).unwrap();
     let film = Scene { look: GREEN, ..Scene::paged(pages, None) };
     let mut fresh = worker(few, 1000);
-    r.apply(pages, fresh.converge(r.camera(&last).unwrap()).unwrap()).unwrap();
+    r.apply(pages, fresh.converge(r.cameras(&last)[0]).unwrap()).unwrap();
     assert!(live == r.render(&mut gpu, &film, &last).unwrap(), "the cut depends on the way to it");
     // The test for holes sees the first missing page.
-    let mut step = fresh.converge(r.camera(&last).unwrap()).unwrap();
+    let mut step = fresh.converge(r.cameras(&last)[0]).unwrap();
     step.drawn.truncate(step.drawn.len() - 9);
     r.apply(pages, step).unwrap();
     assert!(holes(&r.render(&mut gpu, &film, &last).unwrap()) > 0);
@@ -270,7 +270,7 @@ fn a_stopped_capture_loses_no_page() {
     }
     let mut w = sequence.finish(&mut r, &mut gpu).unwrap().expect("the worker");
     assert_eq!(w.outstanding(), 0);
-    r.apply(handle, w.converge(r.camera(&shots[9]).unwrap()).unwrap()).unwrap();
+    r.apply(handle, w.converge(r.cameras(&shots[9])[0]).unwrap()).unwrap();
     assert!(r.render(&mut gpu, &scene, &shots[9]).unwrap() == want[0].0);
 }
 
@@ -322,7 +322,7 @@ fn an_invalid_step_is_refused_without_side_effects() {
     assert_eq!(holes(&r.render(&mut gpu, &scene, &shot(60.0)).unwrap()), 0);
     // An overview without a mesh is path and camera alone.
     let at = Shot { view: View::Overview, ..shot(60.0) };
-    assert!(r.camera(&at).is_none());
+    assert!(r.cameras(&at).is_empty());
     r.render(&mut gpu, &scene, &at).unwrap();
     r.close_pages(pages);
 }

@@ -62,7 +62,7 @@ fn occlusion_culling_in_a_torus_changes_no_pixel_and_draws_less() {
             let lens = Lens { fov_y_rad: 1.4, aspect: 4.0 / 3.0, near_mm: 0.5 };
             let pose = Pose::looking(eye, ahead, Vec3::Z);
             let shot = Shot { view: View::Inside, pose, lens, progress: 0.0 };
-            let camera = r.camera(&shot).unwrap();
+            let camera = r.cameras(&shot)[0];
             loop {
                 let step = lod.step(&camera, &Tolerance { pixels: 0.5 }, cache);
                 let settled = step.settled;

@@ -12,9 +12,10 @@ use std::process::{Command, Output};
 use std::sync::Arc;
 
 use cast::Cast;
-use glam::DVec3;
-use intima::app::{Action, Model, News};
-use intima::session::{Session, Settings, Source, VolumeSource};
+use glam::{DVec3, IVec3};
+use intima::app::{Action, Model, News, Painter, Ruler};
+use intima::geometry::TriangleBvh;
+use intima::session::{FlightRoute, Session, Settings, Source, VolumeSource};
 use intima::volume::phantom::{Kind, Phantom};
 
 fn session(kind: Kind, size: u32) -> Session {
@@ -31,7 +32,7 @@ fn model(session: &Session) -> Model {
     model.learn(News::Wall(session.wall().unwrap()));
     model.learn(News::Fields(session.fields().unwrap()));
     model.learn(News::Centerline(session.centerline().unwrap()));
-    model.learn(News::Flight(session.flight().unwrap()));
+    model.learn(News::Flight(session.flight().unwrap(), FlightRoute::Trunk));
     model
 }
 
@@ -132,6 +133,105 @@ fn bookmarks_lead_back_to_where_they_were_made() {
     assert_eq!(model.bookmarks.len(), 1);
 }
 
+#[test]
+fn what_is_painted_while_flying_equals_the_figure_of_the_whole_flight() {
+    let session = session(Kind::Y, 48);
+    let (wall, flight) = (session.wall().unwrap(), session.flight().unwrap());
+    let views: Vec<_> =
+        flight.poses.iter().enumerate().map(|(i, p)| (*p, flight.lens(i))).collect();
+    let offline = session.coverage().unwrap();
+    let mut painter = Painter::spawn(Arc::clone(&wall), || {}).unwrap();
+    // In any order, in batches of any size, and some views twice.
+    let mut order: Vec<usize> = (0..views.len()).map(|i| i * 37 % views.len()).collect();
+    order.extend(0..views.len());
+    let mut last = None;
+    for (i, batch) in order.chunks(7).enumerate() {
+        painter.add(&batch.iter().map(|k| views[*k]).collect::<Vec<_>>());
+        if i % 3 == 0 {
+            last = painter.poll().or(last);
+        }
+    }
+    let shown = painter.settle().or(last).unwrap();
+    assert_eq!(shown.faces, offline.seen_one_way);
+    assert_eq!(shown.fraction, offline.one_way_fraction);
+    assert!(shown.fraction > 0.3 && shown.fraction < 1.0, "{}", shown.fraction);
+    assert!(painter.settle().is_none(), "nothing more was added");
+}
+
+#[test]
+fn cross_sections_along_a_tube_are_its_circle() {
+    let session = session(Kind::Tube, 64);
+    let mut model = model(&session);
+    let tree = Arc::new(TriangleBvh::new(&session.wall().unwrap().mesh));
+    model.learn(News::Tree(Arc::clone(&tree)));
+    let length = model.path.as_ref().unwrap().length_mm();
+    let lumen = session.lumen().unwrap();
+    for share in [0.3, 0.5, 0.7] {
+        model.step(0.0, &[Action::Seek(share * length)]);
+        let s = model.section_figures().unwrap();
+        let round = (s.area_mm2 / std::f64::consts::PI).sqrt();
+        // As many square millimetres as there are voxels across the tube, which lies at an angle.
+        let z = model.pose.unwrap().position_mm.z.round() as i32;
+        let across = (0..64).flat_map(|x| (0..64).map(move |y| IVec3::new(x, y, z)));
+        let along = model.path.as_ref().unwrap().tangent_at(model.arc_mm);
+        let voxels = across.filter(|v| lumen.lumen.holds(*v)).count() as f64 * along.z.abs();
+        assert!((s.area_mm2 / voxels - 1.0).abs() < 0.04, "{} {voxels}", s.area_mm2);
+        assert!(s.largest_mm - s.smallest_mm < 1.0 && s.largest_mm >= s.smallest_mm);
+        assert!((0.5 * s.largest_mm - round).abs() < 0.5);
+    }
+    // What is clicked in the middle of the picture lies on the wall, straight ahead.
+    model.step(0.0, &[Action::Turn([1.2, 0.0, 0.0])]);
+    let (pose, hit) = (model.pose.unwrap(), model.wall_behind(DVec3::NEG_Z).unwrap());
+    let cast = Cast::of(&session.wall().unwrap().mesh);
+    let eye = pose.position_mm.as_dvec3();
+    let wanted = cast.ray(eye, pose.forward().as_dvec3()).unwrap().point;
+    assert!(hit.distance(wanted) < 1e-4, "{hit} {wanted}");
+    // Two clicks are a length.
+    model.step(0.0, &[Action::Measure(Some(Ruler::Length)), Action::Mark(eye.to_array())]);
+    model.step(0.0, &[Action::Mark([f64::NAN; 3]), Action::Mark(hit.to_array())]);
+    assert!((model.measurements[0].value() - eye.distance(hit)).abs() < 1e-9);
+    assert!(model.marks_mm.is_empty() && model.has_unsaved_notes());
+}
+
+#[test]
+fn a_click_flies_there_along_the_path_and_another_branch_can_be_taken() {
+    let mask = Phantom::new(Kind::Y, 64, [1.0; 3]).unwrap().mask();
+    let source = Source::Image(VolumeSource::Memory(Arc::new(mask)));
+    let mut settings = Settings::default();
+    settings.centerline.tree = true;
+    let session = Session::new(source, settings).unwrap();
+    let mut model = model(&session);
+    let length = model.path.as_ref().unwrap().length_mm();
+    let goal = model.path.as_ref().unwrap().pose_at(0.8 * length).position_mm.as_dvec3();
+    model.step(0.0, &[Action::GoNear(goal.to_array())]);
+    assert!(model.arc_mm == 0.0 && model.is_moving(), "it sets out");
+    let mut before = 0.0;
+    for _ in 0..600 {
+        model.step(1.0 / 30.0, &[]);
+        assert!(model.arc_mm >= before, "never back");
+        before = model.arc_mm;
+    }
+    assert!(!model.is_moving() && (model.arc_mm - 0.8 * length).abs() < 1.0);
+    // Any other movement ends it.
+    model.step(0.0, &[Action::FlyTo(0.0), Action::Turn([0.1, 0.0, 0.0])]);
+    assert!(!model.is_moving());
+    let choice = *model.choices.last().expect("a Y has another branch");
+    model.step(0.0, &[Action::Seek(choice.arc_mm - 5.0)]);
+    assert!(model.offered().contains(&choice));
+    let (pose, tip) = (model.pose.unwrap(), |m: &Model| {
+        let path = m.path.as_ref().unwrap();
+        path.pose_at(path.length_mm()).position_mm
+    });
+    let old = tip(&model);
+    let route = FlightRoute::Leaf(choice.branch);
+    model.learn(News::Flight(Arc::new(session.flight_along(route).unwrap()), route));
+    assert!(tip(&model).distance(old) > 10.0, "another end");
+    let moved = model.pose.unwrap().position_mm.distance(pose.position_mm);
+    assert!(moved < 1.0, "the eye stays where the ways part: {moved}");
+    // The way back is a choice now.
+    assert!(model.choices.iter().any(|c| c.branch == 0), "{:?}", model.choices);
+}
+
 fn fly(dir: &Path, args: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
     command.args(["fly", "mask.nrrd"]).args(args).current_dir(dir);
@@ -152,7 +252,12 @@ const SCRIPT: &str = r#"{"schema": "intima.script/1", "size": [640, 400], "steps
     {"hold": ["W", 40]}, {"key": "B"}, {"picture": "flown"},
     {"pointer": [100, 200]}, {"drag": [160, 180]}, {"wheel": 2}, {"picture": "looked"},
     {"do": {"maximise": "axial"}}, {"picture": "axial"}, {"key": "Escape"},
-    {"pointer": [200, 365]}, {"click": null}, {"picture": "sought"}]}"#;
+    {"pointer": [200, 365]}, {"click": null}, {"frames": 30}, {"picture": "sought"},
+    {"key": "V"}, {"picture": "cube"}, {"key": "V"}, {"picture": "panorama"}, {"key": "V"},
+    {"key": "C"}, {"picture": "missed"}, {"key": "C"}, {"picture": "radius"},
+    {"key": "M"}, {"pointer": [100, 150]}, {"click": null}, {"pointer": [150, 200]},
+    {"click": null}, {"picture": "measured"},
+    {"do": {"export": "view"}}, {"do": {"export": "report"}}]}"#;
 
 #[test]
 fn a_script_played_twice_gives_the_same_pictures_and_saves_its_bookmarks() {
@@ -169,7 +274,10 @@ fn a_script_played_twice_gives_the_same_pictures_and_saves_its_bookmarks() {
         let done =
             fly(tmp.path(), &[&args[..], &["--threads", threads, "--lod-cache", "off"]].concat());
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-        let names = ["begin", "played", "flown", "looked", "axial", "sought"];
+        let names = [
+            "begin", "played", "flown", "looked", "axial", "sought", "cube", "panorama", "missed",
+            "radius", "measured",
+        ];
         let read = |n: &str| std::fs::read(tmp.path().join(out).join(format!("{n}.png"))).unwrap();
         let pictures: Vec<Vec<u8>> = names.iter().map(|n| read(n)).collect();
         for (i, w) in pictures.windows(2).enumerate() {
@@ -179,7 +287,15 @@ fn a_script_played_twice_gives_the_same_pictures_and_saves_its_bookmarks() {
         let json: serde_json::Value = serde_json::from_str(&notes).unwrap();
         assert_eq!(json["schema"], "intima.session/1");
         assert_eq!(json["bookmarks"].as_array().unwrap().len(), 1);
-        all.push((pictures, notes));
+        assert_eq!(json["measurements"].as_array().unwrap().len(), 1);
+        let name = json["bookmarks"][0]["picture"].as_str().unwrap();
+        let bookmark = intima::formats::read_png(&tmp.path().join(name)).unwrap();
+        let view = intima::formats::read_png(&tmp.path().join(out).join("view-1.png")).unwrap();
+        assert_eq!((bookmark.0, bookmark.1), (view.0, view.1), "both are the inside pane");
+        let html = std::fs::read_to_string(tmp.path().join(out).join("report.html")).unwrap();
+        assert!(html.contains("Place 1") && html.matches("data:image/png").count() == 1);
+        assert!(!html.contains("mask.nrrd"), "no name of a file");
+        all.push((pictures, notes.replace(&format!("{out}-bookmark"), "bookmark"), html));
     }
     assert!(all[0] == all[1], "the same bytes at any number of threads");
 }

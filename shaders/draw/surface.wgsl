@@ -17,6 +17,7 @@ struct Params {
     focal: vec2<f32>,  // clip x and y of what lies one unit beside the axis; y down
     middle: vec2<f32>, // pixel of the axis
     depth: f32,        // pixels from the eye to the picture
+    opacity: f32,      // of glass: 1 as it is, 0 none, 2 solid
 }
 var<immediate> params: Params;
 
@@ -40,19 +41,45 @@ struct Wall {
     @location(1) @interpolate(flat) same: vec4<f32>,
 }
 
+// The same with a colour of its own.
+struct ColouredWall {
+    @builtin(position) @invariant at: vec4<f32>,
+    @location(0) normal: vec4<f32>,
+    @location(1) @interpolate(flat) same: vec4<f32>,
+    @location(2) colour: vec4<f32>, // linear; a = share of the tissue's colour that it replaces
+}
+
 fn turned(v: vec3<f32>) -> vec3<f32> {
     let q = params.turn;
     return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v);
 }
 
-@vertex
-fn project(@location(0) position: vec3<f32>, @location(1) normal: vec4<f32>) -> Wall {
+fn projected(position: vec3<f32>, normal: vec4<f32>) -> Wall {
     let p = turned(position - params.eye) * params.scale;
     return Wall(
         vec4(params.focal * p.xy, params.near, -p.z),
         vec4(turned(normal.xyz), normal.w),
         vec4(params.middle, params.depth, params.light.y),
     );
+}
+
+@vertex
+fn project(@location(0) position: vec3<f32>, @location(1) normal: vec4<f32>) -> Wall {
+    return projected(position, normal);
+}
+
+@vertex
+fn project_coloured(
+    @location(0) position: vec3<f32>,
+    @location(1) normal: vec4<f32>,
+    @location(2) colour: vec4<f32>,
+) -> ColouredWall {
+    let wall = projected(position, normal);
+    return ColouredWall(wall.at, wall.normal, wall.same, colour);
+}
+
+fn plain(wall: ColouredWall) -> Wall {
+    return Wall(wall.at, wall.normal, wall.same);
 }
 
 // Not `normalize`: compilers guard that against overflow, which costs more than all the rest.
@@ -84,10 +111,10 @@ fn rough_inverse_sqrt(x: f32) -> f32 {
     return y * (0.703952253 * (2.38924456 - x * y * y));
 }
 
-// Light from the wall under a head-light, times exposure. With the light at (0, l, 0) and the wall
+// Light from a wall of some colour under a head-light, times exposure. With the light at (0, l, 0) and the wall
 // at `ray` times `far`, products with what leads from one to the other are sums of products with
 // `ray`, which are needed anyway.
-fn lit_wall(wall: Wall, front: bool) -> vec3<f32> {
+fn lit_wall(wall: Wall, front: bool, colour: vec3<f32>) -> vec3<f32> {
     let ray = ray(wall);
     let far = 1.0 / wall.at.w;
     let l = wall.same.w;
@@ -120,7 +147,16 @@ fn lit_wall(wall: Wall, front: bool) -> vec3<f32> {
     let t = clamp(cos_view, 0.0, 0.5);
     let edge = 0.65 + t * t * (4.2 - 5.6 * t);
     let wall_light = (AMBIENT + lit) * near * edge;
-    return tinted(wall.normal.w) * wall_light + SPECULAR * (gloss * gloss);
+    return colour * wall_light + SPECULAR * (gloss * gloss);
+}
+
+fn lit_tissue(wall: Wall, front: bool) -> vec3<f32> {
+    return lit_wall(wall, front, tinted(wall.normal.w));
+}
+
+fn lit_coloured(wall: ColouredWall, front: bool) -> vec3<f32> {
+    let colour = mix(tinted(wall.normal.w), wall.colour.rgb, wall.colour.a);
+    return lit_wall(plain(wall), front, colour);
 }
 
 // exp(-x) for x >= 0, off by 0.0016 at most: the fourth power of 1 over the series of exp(x / 4).
@@ -131,10 +167,22 @@ fn decay(x: vec3<f32>) -> vec3<f32> {
 }
 
 // Highlights saturate gently; the S lends depth to the shadows.
+fn toned(light: vec3<f32>) -> vec4<f32> {
+    let c = 1.0 - decay(light);
+    return vec4(c * (0.5 + c * (1.5 - c)), 1.0);
+}
+
 @fragment
 fn inside(wall: Wall, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
-    let c = 1.0 - decay(lit_wall(wall, front));
-    return vec4(c * (0.5 + c * (1.5 - c)), 1.0);
+    return toned(lit_tissue(wall, front));
+}
+
+@fragment
+fn inside_coloured(
+    wall: ColouredWall,
+    @builtin(front_facing) front: bool,
+) -> @location(0) vec4<f32> {
+    return toned(lit_coloured(wall, front));
 }
 
 // The same and sRGB (IEC 61966-2-1) of light up to 2.3, more than there can be, as one fraction: off
@@ -149,26 +197,38 @@ fn encoded(light: vec3<f32>) -> vec4<f32> {
 
 @fragment
 fn inside_encoded(wall: Wall, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
-    return encoded(lit_wall(wall, front));
+    return encoded(lit_tissue(wall, front));
+}
+
+@fragment
+fn coloured_encoded(
+    wall: ColouredWall,
+    @builtin(front_facing) front: bool,
+) -> @location(0) vec4<f32> {
+    return encoded(lit_coloured(wall, front));
 }
 
 // Where backs are culled, what is seen is front.
 @fragment
 fn fronts_encoded(wall: Wall) -> @location(0) vec4<f32> {
-    return encoded(lit_wall(wall, true));
+    return encoded(lit_tissue(wall, true));
+}
+
+// Glass of an opacity, asked to be more or less so.
+fn thickened(a: f32) -> f32 {
+    return a * min(params.opacity, 1.0) + (1.0 - a) * max(params.opacity - 1.0, 0.0);
 }
 
 // Every layer of wall, all of one colour, so that their order does not matter.
 @fragment
 fn ghost(wall: Wall) -> @location(0) vec4<f32> {
     let rim = 1.0 - abs(dot(unit(wall.normal.xyz), unit(ray(wall))));
-    let a = 0.01 + 0.22 * rim * rim * rim;
+    let a = (0.01 + 0.22 * rim * rim * rim) * min(params.opacity, 1.0);
     return vec4(vec3(0.78, 0.62, 0.58) * a, a);
 }
 
 // The nearest wall alone: form and outline.
-@fragment
-fn shell(wall: Wall) -> @location(0) vec4<f32> {
+fn form(wall: Wall, tissue: vec3<f32>) -> vec4<f32> {
     let ray = ray(wall);
     let towards = dot(unit(wall.normal.xyz), unit(ray));
     let n = unit(wall.normal.xyz) * select(1.0, -1.0, towards > 0.0);
@@ -177,10 +237,20 @@ fn shell(wall: Wall) -> @location(0) vec4<f32> {
     let rim = 1.0 - facing;
     // Seen from outside, what stands into the lumen is a groove.
     let k = -RELIEF * wall.normal.w;
-    let colour = TISSUE * (0.10 + 0.75 * lit) * (1.0 + 0.7 * k);
+    let colour = tissue * (0.10 + 0.75 * lit) * (1.0 + 0.7 * k);
     let gloss = 0.10 * pow(facing, 40.0);
-    let a = mix(0.34, 0.94, rim * sqrt(rim));
+    let a = thickened(mix(0.34, 0.94, rim * sqrt(rim)));
     return vec4((colour + gloss) * a, a);
+}
+
+@fragment
+fn shell(wall: Wall) -> @location(0) vec4<f32> {
+    return form(wall, TISSUE);
+}
+
+@fragment
+fn shell_coloured(wall: ColouredWall) -> @location(0) vec4<f32> {
+    return form(plain(wall), mix(TISSUE, wall.colour.rgb, wall.colour.a));
 }
 
 @fragment

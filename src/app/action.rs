@@ -43,6 +43,54 @@ impl Pane {
     }
 }
 
+/// How the inside pane shows the wall.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WallView {
+    /// Through a lens.
+    #[default]
+    Eye,
+    /// Everything about the eye: the faces of a cube, unfolded.
+    Cube,
+    /// Everything about the eye: an equirectangular map.
+    Panorama,
+}
+
+/// What colours the wall.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Colouring {
+    /// Nothing: it looks like tissue.
+    #[default]
+    Tissue,
+    /// What the inside view has not shown yet.
+    Missed,
+    /// Distance from the centerline.
+    Radius,
+}
+
+/// What is measured by clicking.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ruler {
+    /// Two points.
+    Length,
+    /// Three points; the second is the vertex.
+    Angle,
+}
+
+/// What is written to the export folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Export {
+    /// The inside pane as a picture.
+    View,
+    /// The flight as pictures and, where there is ffmpeg, as a video.
+    Flight,
+    /// Bookmarks, measurements and figures as a page of HTML.
+    Report,
+}
+
 /// A command.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -57,6 +105,8 @@ pub enum Action {
     Travel(f64),
     /// To a place on the path, mm from its start.
     Seek(f64),
+    /// Flies along the path to a place on it, mm from its start.
+    FlyTo(f64),
     /// Moves the eye off the path: to its right, up and forward, mm. The wall is never passed.
     Fly([f64; 3]),
     /// Turns the eye: right, up, and about its axis clockwise, radians.
@@ -65,8 +115,24 @@ pub enum Action {
     FieldOfView(f32),
     /// Back to the path, level.
     BackToPath,
-    /// To the place on the path that is nearest to a place, LPS mm.
+    /// Flies along the path to the place on it that is nearest to a place, LPS mm.
     GoNear([f64; 3]),
+    /// From here on along a branch of the centerline, by its number.
+    Branch(usize),
+    /// How the inside pane shows the wall.
+    View(WallView),
+    /// What colours the wall.
+    Colour(Colouring),
+    /// Of the overview's wall: 0 none, 1 as glass, 2 solid.
+    Opacity(f32),
+    /// Begins to measure, or stops.
+    Measure(Option<Ruler>),
+    /// Adds a point to what is being measured, LPS mm.
+    Mark([f64; 3]),
+    /// Forgets a measurement.
+    RemoveMeasurement(usize),
+    /// Writes to the export folder.
+    Export(Export),
     /// Turns the overview: about its vertical axis, and towards the viewer, radians.
     Orbit([f32; 2]),
     /// Moves the crosshair of the slices, LPS mm.

@@ -3,7 +3,7 @@
 use egui::{Align2, Key, Modifiers, Ui, Vec2};
 use glam::DVec3;
 
-use super::action::Action;
+use super::action::{Action, Colouring, Export, Ruler, WallView};
 use super::model::Model;
 
 /// Keys, unless a text field has them.
@@ -39,16 +39,64 @@ pub(super) fn keys(ui: &Ui, model: &Model, actions: &mut Vec<Action>) {
             actions.push(action);
         }
     }
+    for (key, i) in [(Key::Num1, 0), (Key::Num2, 1), (Key::Num3, 2), (Key::Num4, 3)] {
+        if let Some(choice) = model.offered().get(i).filter(|_| pressed(key)) {
+            actions.push(Action::Branch(choice.branch));
+        }
+    }
+    if pressed(Key::Enter)
+        && let Some(branch) = branch_in_view(model)
+    {
+        actions.push(Action::Branch(branch));
+    }
+    let next_view = match model.view {
+        WallView::Eye => WallView::Cube,
+        WallView::Cube => WallView::Panorama,
+        WallView::Panorama => WallView::Eye,
+    };
+    let next_colour = match model.colouring {
+        Colouring::Tissue => Colouring::Missed,
+        Colouring::Missed if model.products.radii_mm.is_some() => Colouring::Radius,
+        _ => Colouring::Tissue,
+    };
+    let ruler = |wanted| Action::Measure((model.ruler != Some(wanted)).then_some(wanted));
+    for (key, action) in [
+        (Key::V, Action::View(next_view)),
+        (Key::C, Action::Colour(next_colour)),
+        (Key::M, ruler(Ruler::Length)),
+        (Key::N, ruler(Ruler::Angle)),
+        (Key::E, Action::Export(Export::View)),
+    ] {
+        if pressed(key) {
+            actions.push(action);
+        }
+    }
     if with(Key::B, |m| !m.shift) {
         actions.push(Action::Bookmark(String::new()));
     }
     if pressed(Key::Escape) {
-        actions.push(if model.help { Action::ToggleHelp } else { Action::Maximise(None) });
+        actions.push(match (model.help, model.ruler) {
+            (true, _) => Action::ToggleHelp,
+            (false, Some(_)) => Action::Measure(None),
+            (false, None) => Action::Maximise(None),
+        });
     }
     if with(Key::Q, |m| m.ctrl && !m.shift && !m.alt) {
         actions.push(Action::Quit);
     }
     held_keys(ui, actions);
+}
+
+/// Of the branches that can be taken, the one the eye looks at most nearly.
+fn branch_in_view(model: &Model) -> Option<usize> {
+    let pose = model.pose?;
+    let forward = pose.forward().as_dvec3();
+    let towards = |c: &super::junctions::Choice| {
+        (c.ahead_mm - pose.position_mm.as_dvec3()).normalize_or_zero().dot(forward)
+    };
+    let offered = model.offered();
+    let most = offered.iter().max_by(|a, b| towards(a).total_cmp(&towards(b)))?;
+    Some(most.branch)
 }
 
 /// Millimetres a second of hand-flown motion.
@@ -93,8 +141,14 @@ pub(super) fn help(ui: &Ui, actions: &mut Vec<Action>) {
         ("Ctrl + drag", "roll"),
         ("right drag, Ctrl + wheel", "field of view; window of the slices"),
         ("5", "back to the path, level"),
-        ("click in a slice", "to the nearest place of the path"),
-        ("drag in a slice", "crosshair"),
+        ("1 2 3 4, Enter", "take a branch: by its number, or the one looked at"),
+        ("click in a slice or the overview", "fly to the nearest place of the path"),
+        ("drag in a slice", "crosshair (Shift + move: without a button)"),
+        ("middle drag, Shift + drag", "pan a slice"),
+        ("V", "eye, cube, panorama"),
+        ("C", "colour: tissue, not seen yet, radius"),
+        ("M, N", "measure a length, an angle"),
+        ("E", "save the view"),
         ("B", "bookmark"),
         ("U", "next missed patch"),
         ("double click", "one pane, all panes"),

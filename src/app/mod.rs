@@ -5,8 +5,14 @@
 //! onto a window (`window`) or onto an image with a clock of its own (`script`).
 
 mod action;
+mod colouring;
+mod export;
+mod inside_marks;
+mod junctions;
 mod keys;
+mod measure;
 mod model;
+mod painter;
 mod panes;
 mod path;
 mod script;
@@ -18,9 +24,12 @@ mod study;
 mod ui;
 mod window;
 
-pub use action::{Action, FOV_DEG, Pane, SPEED_MM_S};
+pub use action::{Action, Colouring, Export, FOV_DEG, Pane, Ruler, SPEED_MM_S, WallView};
+pub use junctions::Choice;
+pub use measure::Measurement;
 pub use model::{Bookmark, Model, Products};
-pub use path::FlightPath;
+pub use painter::{Painter, Shown};
+pub use path::{FlightPath, SectionFigures};
 pub use script::Playing;
 pub use script::{SCRIPT_SCHEMA, Script, ScriptStep, Wait, play};
 pub use session_file::{SESSION_SCHEMA, SessionFile};

@@ -6,12 +6,15 @@ use std::sync::{Arc, OnceLock};
 use glam::{DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::action::{Action, FOV_DEG, Pane, SPEED_MM_S};
-use super::path::FlightPath;
+use super::action::{Action, Colouring, FOV_DEG, Pane, Ruler, SPEED_MM_S, WallView};
+use super::junctions::{Choice, choices};
+use super::measure::Measurement;
+use super::painter::Shown;
+use super::path::{FlightPath, SectionFigures};
 use super::study::News;
-use crate::flight::{Clearance, Coverage, Flight, WallIndex, collide_and_slide};
-use crate::geometry::{Lens, Pose};
-use crate::session::{Centered, Fields, Levels, Segmented, Wall};
+use crate::flight::{Clearance, Coverage, Flight, LISTED_FROM_MM2, WallIndex, collide_and_slide};
+use crate::geometry::{CrossSection, Lens, Pose, TriangleBvh, cross_section};
+use crate::session::{Centered, Fields, FlightRoute, Levels, Segmented, Wall};
 use crate::volume::Volume;
 
 /// A noted place.
@@ -28,6 +31,12 @@ pub struct Bookmark {
     /// Millimetres along the path, where the eye was on it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub arc_mm: Option<f64>,
+    /// Name of its picture, in the folder of the session file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub picture: Option<String>,
+    /// The picture itself, PNG.
+    #[serde(skip)]
+    pub png: Option<Arc<Vec<u8>>>,
 }
 
 /// Products that have come so far.
@@ -47,8 +56,16 @@ pub struct Products {
     pub levels: Option<Arc<Levels>>,
     /// What the flight sees.
     pub coverage: Option<Arc<Coverage>>,
+    /// The hierarchy of the wall's triangles.
+    pub tree: Option<Arc<TriangleBvh>>,
+    /// Distance of each vertex of the wall from the centerline, mm.
+    pub radii_mm: Option<Arc<Vec<f32>>>,
 }
 
+/// Least speed at which the eye flies to a place that was clicked, mm/s.
+const LEAST_APPROACH_MM_S: f64 = 60.0;
+/// A branch is offered from so far before the place where it leaves, mm, to so far behind.
+const OFFERED_MM: std::ops::Range<f64> = -5.0..25.0;
 /// Wished near plane, mm; nearer where the wall is.
 const NEAR_MM: f32 = 2.0;
 /// The near plane that the eye keeps room for while it is moved by hand, mm.
@@ -88,8 +105,32 @@ pub struct Model {
     pub bookmarks: Vec<Bookmark>,
     /// Bookmarks were made or forgotten since they were saved.
     unsaved: bool,
-    /// Missed patches that were visited.
-    missed_visited: usize,
+    /// Missed patches that were visited, by their rank.
+    visited: Vec<usize>,
+    /// Where the eye flies to along the path, mm from its start.
+    goal_mm: Option<f64>,
+    /// What the path was made of.
+    pub route: FlightRoute,
+    /// Branches that can be taken, along the path.
+    pub choices: Vec<Choice>,
+    /// How the inside pane shows the wall.
+    pub view: WallView,
+    /// What colours the wall.
+    pub colouring: Colouring,
+    /// Of the overview's wall: 0 none, 1 as glass, 2 solid.
+    pub opacity: f32,
+    /// What is being measured.
+    pub ruler: Option<Ruler>,
+    /// Its points so far, LPS mm.
+    pub marks_mm: Vec<DVec3>,
+    /// What was measured.
+    pub measurements: Vec<Measurement>,
+    /// What the inside view has shown of the wall.
+    pub shown: Shown,
+    /// Counts changes of it.
+    pub shown_version: u64,
+    /// The cross-section of the lumen at the eye: across the path, or across the view off it.
+    pub section: Option<CrossSection>,
     /// Whether the keys are shown.
     pub help: bool,
     /// BLAKE3 of the volume's samples.
@@ -129,7 +170,19 @@ impl Model {
             maximised: None,
             bookmarks: Vec::new(),
             unsaved: false,
-            missed_visited: 0,
+            visited: Vec::new(),
+            goal_mm: None,
+            route: FlightRoute::Trunk,
+            choices: Vec::new(),
+            view: WallView::Eye,
+            colouring: Colouring::Tissue,
+            opacity: 1.0,
+            ruler: None,
+            marks_mm: Vec::new(),
+            measurements: Vec::new(),
+            shown: Shown::default(),
+            shown_version: 0,
+            section: None,
             help: false,
             identity: None,
             message: None,
@@ -154,12 +207,18 @@ impl Model {
             News::Identity(identity) => self.identity = Some(identity),
             News::Lumen(lumen) => p.lumen = Some(lumen),
             News::Wall(wall) => p.wall = Some(wall),
+            News::Tree(tree) => p.tree = Some(tree),
+            News::Radii(radii) => p.radii_mm = Some(radii),
+            News::Sections(sections) => {
+                self.path.iter_mut().for_each(|p| p.set_sections(&sections));
+            }
             News::Fields(fields) => {
                 p.fields = Some(fields);
                 self.stand_in_the_widest_place();
             }
             News::Centerline(centerline) => p.centerline = Some(centerline),
-            News::Flight(flight) => self.take_flight(&flight),
+            News::Flight(flight, route) => self.take_flight(&flight, route),
+            News::Said(text) => self.message = Some(text),
             News::Levels(levels) => p.levels = Some(levels),
             News::Coverage(coverage) => p.coverage = Some(coverage),
             News::Failed(crate::session::SessionError::Cancelled) => {
@@ -174,11 +233,18 @@ impl Model {
         }
     }
 
-    fn take_flight(&mut self, flight: &Flight) {
+    /// Takes a flight in; of another one along the same centerline the eye keeps its place.
+    fn take_flight(&mut self, flight: &Flight, route: FlightRoute) {
         let Some(centerline) = self.products.centerline.clone() else { return };
-        self.path = FlightPath::new(flight, &centerline.line);
-        if self.path.is_some() && self.on_path {
-            self.seek(0.0);
+        let Some(path) = FlightPath::new(flight, &centerline.line) else { return };
+        let stays = self.pose.filter(|_| self.path.is_some());
+        let start = stays.map_or(0.0, |p| path.nearest_to(p.position_mm.as_dvec3()));
+        self.route = route;
+        self.choices = choices(&centerline.line, &path, route);
+        self.path = Some(path);
+        self.goal_mm = None;
+        if self.on_path {
+            self.seek_while(start, self.playing);
         }
     }
 
@@ -205,21 +271,37 @@ impl Model {
         self.unsaved = false;
     }
 
+    /// Notes were changed from outside.
+    pub fn notes_changed(&mut self) {
+        self.unsaved = true;
+    }
+
     /// Carries out actions, then lets `dt` seconds pass.
     pub fn step(&mut self, dt: f64, actions: &[Action]) {
         for action in actions {
             self.act(action);
         }
-        if self.playing && dt > 0.0 {
+        if dt > 0.0 && self.goal_mm.is_some() {
+            self.approach_goal(dt);
+        } else if self.playing && dt > 0.0 {
             let Some(path) = &self.path else { return };
             let way = if self.reverse { -dt } else { dt };
             let to = path.after(self.arc_mm, way * self.speed_mm_s / self.planned_mm_s);
             let end = if self.reverse { 0.0 } else { path.length_mm() };
-            if (to - end).abs() < 1e-9 {
-                self.playing = false;
-            }
-            self.seek(to);
+            let playing = (to - end).abs() >= 1e-9;
+            self.seek_while(to, playing);
         }
+    }
+
+    /// Flies towards the goal: a third of a second more takes it nearer by a factor of e, and it is
+    /// never slower than [`LEAST_APPROACH_MM_S`].
+    fn approach_goal(&mut self, dt: f64) {
+        let Some(goal) = self.goal_mm else { return };
+        let left = goal - self.arc_mm;
+        let step = (3.0 * left.abs()).max(LEAST_APPROACH_MM_S) * dt;
+        self.seek_while(self.arc_mm + left.clamp(-step, step), false);
+        // Seeking forgets it.
+        self.goal_mm = (left.abs() > step).then_some(goal);
     }
 
     fn act(&mut self, action: &Action) {
@@ -233,7 +315,7 @@ impl Model {
             Action::Seek(mm) => self.seek(*mm),
             Action::Fly(by) => self.fly(DVec3::from(*by)),
             Action::Turn([right, up, roll]) => {
-                self.playing = false;
+                (self.playing, self.goal_mm) = (false, None);
                 if let Some(pose) = self.pose {
                     let turn = Quat::from_rotation_y(-right)
                         * Quat::from_rotation_x(*up)
@@ -256,10 +338,22 @@ impl Model {
                     self.seek(path.nearest_to(p));
                 }
             }
-            Action::GoNear(p) => {
-                if let Some(path) = &self.path {
-                    self.seek(path.nearest_to(DVec3::from(*p)));
-                }
+            Action::GoNear(p) if DVec3::from(*p).is_finite() => {
+                let near = self.path.as_ref().map(|path| path.nearest_to(DVec3::from(*p)));
+                near.into_iter().for_each(|arc| self.fly_to(arc));
+            }
+            Action::FlyTo(arc) => self.fly_to(*arc),
+            Action::View(view) => self.view = *view,
+            Action::Colour(colouring) => self.colouring = *colouring,
+            Action::Opacity(o) if o.is_finite() => self.opacity = o.clamp(0.0, 2.0),
+            Action::Measure(ruler) => {
+                self.ruler = *ruler;
+                self.marks_mm.clear();
+            }
+            Action::Mark(p) if DVec3::from(*p).is_finite() => self.mark(DVec3::from(*p)),
+            Action::RemoveMeasurement(i) if *i < self.measurements.len() => {
+                self.measurements.remove(*i);
+                self.unsaved = true;
             }
             Action::Orbit([about, tilt]) if about.is_finite() && tilt.is_finite() => {
                 let full = std::f32::consts::TAU;
@@ -311,14 +405,62 @@ impl Model {
         let Some(path) = self.path.as_ref().filter(|_| arc_mm.is_finite()) else { return };
         self.arc_mm = arc_mm.clamp(0.0, path.length_mm());
         let pose = path.pose_at(self.arc_mm);
-        (self.on_path, self.playing) = (true, playing);
+        (self.on_path, self.playing, self.goal_mm) = (true, playing, None);
         self.place(pose);
+    }
+
+    /// Sets out to a place on the path, from where it was left.
+    fn fly_to(&mut self, arc_mm: f64) {
+        let Some(path) = self.path.as_ref().filter(|_| arc_mm.is_finite()) else { return };
+        let goal = arc_mm.clamp(0.0, path.length_mm());
+        self.seek_while(self.arc_mm, false);
+        self.goal_mm = Some(goal);
+    }
+
+    /// Whether the eye moves by itself.
+    pub fn is_moving(&self) -> bool {
+        self.playing || self.goal_mm.is_some()
+    }
+
+    fn mark(&mut self, p: DVec3) {
+        let Some(ruler) = self.ruler else { return };
+        self.marks_mm.push(p);
+        if let Some(done) = Measurement::of(ruler, &self.marks_mm) {
+            self.measurements.push(done);
+            self.marks_mm.clear();
+            self.unsaved = true;
+        }
+    }
+
+    /// Branches that can be taken here, those ahead of the eye first to come.
+    pub fn offered(&self) -> Vec<Choice> {
+        let way = if self.reverse { -1.0 } else { 1.0 };
+        let near = |c: &&Choice| OFFERED_MM.contains(&(way * (c.arc_mm - self.arc_mm)));
+        let mut offered: Vec<Choice> = self.choices.iter().filter(near).copied().collect();
+        if self.reverse {
+            offered.reverse();
+        }
+        offered
+    }
+
+    /// What was shown of the wall has changed.
+    pub fn take_shown(&mut self, shown: Shown) {
+        self.shown = shown;
+        self.shown_version += 1;
+    }
+
+    /// The place on the wall that the eye sees in a direction of its own, LPS mm.
+    pub fn wall_behind(&self, ray: DVec3) -> Option<DVec3> {
+        let (tree, pose) = (self.products.tree.as_ref()?, self.pose?);
+        const FAR_MM: f64 = 10_000.0;
+        let along = pose.rotation.as_dquat() * ray.try_normalize()? * FAR_MM;
+        tree.first_hit(pose.position_mm.as_dvec3(), along)
     }
 
     /// Moves the eye by hand.
     fn fly(&mut self, by: DVec3) {
         let Some(pose) = self.pose.filter(|_| by.is_finite()) else { return };
-        (self.playing, self.on_path) = (false, false);
+        (self.playing, self.on_path, self.goal_mm) = (false, false, None);
         let delta = pose.rotation.as_dquat() * DVec3::new(by.x, by.y, -by.z);
         // Where it is narrower than a hand's room already, that much is kept.
         let near_mm = self.near_mm.min(HAND_NEAR_MM);
@@ -353,6 +495,14 @@ impl Model {
         };
         (self.pose, self.near_mm) = (Some(pose), near);
         self.crosshair_mm = at;
+        self.section = self.section_at(at, pose);
+    }
+
+    fn section_at(&self, at: DVec3, pose: Pose) -> Option<CrossSection> {
+        let (wall, tree) = (self.products.wall.as_ref()?, self.products.tree.as_ref()?);
+        let along = self.path.as_ref().filter(|_| self.on_path).map(|p| p.tangent_at(self.arc_mm));
+        let normal = along.unwrap_or(pose.forward().as_dvec3());
+        cross_section(&wall.mesh, tree, at, normal)
     }
 
     fn with_clearance<T>(&self, ask: impl FnOnce(&Clearance<'_>) -> T) -> Option<T> {
@@ -376,6 +526,8 @@ impl Model {
             rotation: pose.rotation.as_dquat().to_array(),
             fov_deg: self.fov_deg,
             arc_mm: self.on_path.then_some(self.arc_mm),
+            picture: None,
+            png: None,
         });
     }
 
@@ -394,16 +546,32 @@ impl Model {
         }
     }
 
+    /// To the largest patch that the flight misses, is not visited yet and was not shown since.
     fn next_missed(&mut self) {
-        let Some(coverage) = self.products.coverage.clone() else { return };
-        let Some(patch) = coverage.patches.get(self.missed_visited % coverage.patches.len().max(1))
+        let (Some(coverage), Some(wall)) =
+            (self.products.coverage.clone(), self.products.wall.clone())
         else {
-            self.message = Some("no missed patch of 300 mm² or more".into());
             return;
         };
-        self.missed_visited += 1;
+        let mut unseen_mm2 = vec![0.0; coverage.patches.len()];
+        for (face, patch) in coverage.patch_of_face.iter().enumerate() {
+            let Some(area) = patch.and_then(|p| unseen_mm2.get_mut(p as usize)) else { continue };
+            if !self.shown.faces.get(face).copied().unwrap_or(false) {
+                *area += 0.5 * f64::from(wall.mesh.face_cross(wall.mesh.faces[face]).length());
+            }
+        }
+        let open = |i: &usize| unseen_mm2[*i] >= LISTED_FROM_MM2;
+        let left: Vec<usize> = (0..unseen_mm2.len()).filter(open).collect();
+        if left.iter().all(|i| self.visited.contains(i)) {
+            self.visited.clear();
+        }
+        let Some(next) = left.iter().find(|i| !self.visited.contains(i)) else {
+            self.message = Some("no missed patch of 300 mm² or more is left".into());
+            return;
+        };
+        self.visited.push(*next);
         self.playing = false;
-        let centre = patch.center_mm;
+        let centre = coverage.patches[*next].center_mm;
         if let Some(path) = &self.path {
             self.seek(path.nearest_to(centre));
         }
@@ -414,8 +582,13 @@ impl Model {
                 self.place(Pose::looking(pose.position_mm, to, pose.up()));
             }
         }
-        let area = patch.area_mm2;
+        let area = unseen_mm2[*next];
         self.message = Some(format!("missed patch of {area:.0} mm² ahead"));
+    }
+
+    /// Figures of the cross-section at the eye.
+    pub fn section_figures(&self) -> Option<SectionFigures> {
+        self.section.as_ref().map(SectionFigures::of)
     }
 }
 

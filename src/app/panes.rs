@@ -2,18 +2,22 @@
 //! what it shows has changed, into an image of its own.
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use glam::Vec3;
 
+use super::action::{Colouring, WallView};
+use super::colouring::{missed_colours, radius_colours, widest_mm};
 use super::model::{Model, Products};
 use crate::geometry::Camera;
 use crate::lod::{Tolerance, Worker};
 use crate::render::{
-    IN_FLIGHT, MeshHandle, PagesHandle, PathHandle, RenderError, Renderer, Scene, Shot, View, Wall,
+    IN_FLIGHT, Look, MeshHandle, PagesHandle, PathHandle, RenderError, Renderer, Scene, Shot, View,
+    Wall,
 };
 use crate::session::levels::UPLOAD_BYTES;
 use crate::session::{Levels, SessionError};
-use crate::vk::{Gpu, ImageId};
+use crate::vk::{Frame, Gpu, ImageId};
 
 /// Whether a picture waits for its level of detail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,23 +50,39 @@ impl DrawnPane {
         Ok(Self { renderer, scene: None, version: 0, drawn: None })
     }
 
+    /// Whether the picture shows something else.
+    fn is_stale(&self, shot: Shot, size: [u32; 2]) -> bool {
+        self.scene.is_some() && self.drawn != Some(Drawn { shot, size, scene: self.version })
+    }
+
     /// Draws a shot unless it is what the picture shows; whether it was drawn.
     fn draw(&mut self, gpu: &mut Gpu, shot: Shot, size: [u32; 2]) -> Result<bool, RenderError> {
-        let Some(scene) = self.scene else { return Ok(false) };
-        let wanted = Drawn { shot, size, scene: self.version };
-        if self.drawn == Some(wanted) {
+        let Some(scene) = self.scene.filter(|_| self.is_stale(shot, size)) else {
             return Ok(false);
-        }
+        };
         self.renderer.resize(gpu, size[0], size[1])?;
         self.renderer.draw_picture(gpu, &scene, &shot)?;
-        self.drawn = Some(wanted);
+        self.is_drawn(shot, size);
         Ok(true)
+    }
+
+    fn is_drawn(&mut self, shot: Shot, size: [u32; 2]) {
+        self.drawn = Some(Drawn { shot, size, scene: self.version });
     }
 
     fn change(&mut self, scene: Scene) {
         self.scene = Some(scene);
         self.version += 1;
     }
+}
+
+/// A wall whose vertices have colours, on the device.
+struct Coloured {
+    inside: MeshHandle,
+    overview: MeshHandle,
+    /// What the colours are of: which, and the version of what was shown.
+    of: (Colouring, u64),
+    at: Instant,
 }
 
 /// The drawn panes of a window.
@@ -73,12 +93,22 @@ pub struct Panes {
     mesh: Option<MeshHandle>,
     glass: Option<MeshHandle>,
     path: Option<PathHandle>,
+    /// Of the organ, for the light, mm.
+    radius_mm: f32,
     levels: Option<(Worker, PagesHandle, Arc<Levels>)>,
+    /// The pages hold a cut.
+    has_cut: bool,
     /// The camera whose levels were asked for last.
     asked: Option<Camera>,
     /// Steps are still to come for it.
     is_settling: bool,
+    coloured: Option<Coloured>,
+    /// Colours are older than what was shown.
+    is_paint_old: bool,
 }
+
+/// Colours of a wall that is being seen are brought up to date no more often.
+const PAINT_EVERY: Duration = Duration::from_millis(200);
 
 impl Panes {
     /// * `samples`: a pixel, 1 or 4.
@@ -92,9 +122,13 @@ impl Panes {
             mesh: None,
             glass: None,
             path: None,
+            radius_mm: 1.0,
             levels: None,
+            has_cut: false,
             asked: None,
             is_settling: false,
+            coloured: None,
+            is_paint_old: false,
         })
     }
 
@@ -112,8 +146,7 @@ impl Panes {
             let glass = self.overview.renderer.upload_mesh(gpu, &wall.mesh, false)?;
             let mesh = self.inside.renderer.upload_mesh(gpu, &wall.mesh, false)?;
             (self.glass, self.mesh) = (Some(glass), Some(mesh));
-            self.overview.change(Scene::of(glass));
-            self.inside.change(Scene::of(mesh));
+            self.radius_mm = self.inside.renderer.mean_radius_mm(mesh);
         }
         if let (Some(centered), None) = (&products.centerline, self.path) {
             let places = |b: &crate::geometry::Branch| -> Vec<Vec3> {
@@ -122,15 +155,10 @@ impl Panes {
             let pieces: Vec<Vec<Vec3>> = centered.line.branches.iter().map(places).collect();
             let path = self.overview.renderer.upload_path(gpu, &pieces)?;
             self.path = Some(path);
-            if let Some(scene) = self.overview.scene {
-                self.overview.change(Scene { path: Some(path), ..scene });
-            }
         }
         if let (Some(levels), None) = (&products.levels, &self.levels) {
             let renderer = &mut self.inside.renderer;
-            let radius =
-                renderer.mean_radius_mm(self.mesh.expect("a wall comes before its levels"));
-            let pages = renderer.open_pages(gpu, levels.pages, radius)?;
+            let pages = renderer.open_pages(gpu, levels.pages, self.radius_mm)?;
             if let Some(occlusion) = &levels.occlusion {
                 renderer.hide(pages, Arc::clone(occlusion));
             }
@@ -160,34 +188,156 @@ impl Panes {
         (inside, overview): (Option<[u32; 2]>, Option<[u32; 2]>),
         detail: Detail,
     ) -> Result<bool, SessionError> {
+        self.colour(gpu, model, detail)?;
         let Some(pose) = model.pose else { return Ok(false) };
         let share = match &model.path {
             Some(path) => model.arc_mm / path.length_mm().max(1e-9),
             None => 0.0,
         };
-        let shot = |view| Shot { view, pose, lens: model.lens(), progress: share as f32 };
+        let view = match model.view {
+            WallView::Eye => View::Inside,
+            WallView::Cube => View::Cube,
+            WallView::Panorama => View::Panorama,
+        };
+        // Where the eye is along the path does not show inside.
+        let shot = Shot { view, pose, lens: model.lens(), progress: 0.0 };
+        if let Some(size) = inside {
+            self.inside.renderer.resize(gpu, size[0], size[1])?;
+            if !view.is_all_round() && self.coloured.is_none() {
+                self.refine(&shot, detail)?;
+            }
+        }
+        self.arrange(model);
         let mut any = false;
         if let Some(size) = inside {
-            let shot = shot(View::Inside);
-            self.inside.renderer.resize(gpu, size[0], size[1])?;
-            self.refine(&shot, detail)?;
-            // Where the eye is along the path does not show.
-            let shot = Shot { progress: 0.0, ..shot };
-            any |= self.inside.draw(gpu, shot, size)?;
-        }
-        if let Some(scene) = self.overview.scene.filter(|s| s.orbit != model.orbit) {
-            self.overview.change(Scene { orbit: model.orbit, ..scene });
+            any |= match view.is_all_round() && self.draws_pages() {
+                true => self.draw_all_round(gpu, shot, size)?,
+                false => self.inside.draw(gpu, shot, size)?,
+            };
         }
         if let Some(size) = overview {
-            any |= self.overview.draw(gpu, shot(View::Overview), size)?;
+            let lens = model.lens();
+            let shot = Shot { view: View::Overview, pose, lens, progress: share as f32 };
+            any |= self.overview.draw(gpu, shot, size)?;
         }
         Ok(any)
+    }
+
+    /// Whether the inside view shows a cut of the levels.
+    fn draws_pages(&self) -> bool {
+        matches!(self.inside.scene, Some(Scene { wall: Wall::Pages { .. }, .. }))
+    }
+
+    /// What there is to see in each pane, as the model wants it.
+    fn arrange(&mut self, model: &Model) {
+        let pages = self.levels.as_ref().filter(|_| self.has_cut).map(|l| l.1);
+        let wall = match (&self.coloured, pages, self.mesh) {
+            (Some(c), ..) => Some(Wall::Mesh(c.inside)),
+            (None, Some(pages), _) => Some(Wall::Pages { pages, backs: false }),
+            (None, None, mesh) => mesh.map(Wall::Mesh),
+        };
+        if let Some(wall) = wall.filter(|w| self.inside.scene.is_none_or(|s| s.wall != *w)) {
+            let look = Look::default();
+            let scene = Scene { wall, overview: None, path: None, orbit: [0.0; 2], look };
+            self.inside.change(scene);
+        }
+        // Nothing shows the whole mesh any more.
+        if self.has_cut
+            && let Some(mesh) = self.mesh.take()
+        {
+            self.inside.renderer.remove_mesh(mesh);
+        }
+        let Some(glass) = self.coloured.as_ref().map(|c| c.overview).or(self.glass) else { return };
+        let look = Look { opacity: model.opacity, ..Look::default() };
+        let plain = Scene::of(glass);
+        let scene = Scene { path: self.path, orbit: model.orbit, look, ..plain };
+        let shows = |s: &Scene| (s.wall, s.path, s.orbit, s.look);
+        if self.overview.scene.as_ref().map(shows) != Some(shows(&scene)) {
+            self.overview.change(scene);
+        }
+    }
+
+    /// Brings the wall's colours up to date.
+    fn colour(&mut self, gpu: &mut Gpu, model: &Model, detail: Detail) -> Result<(), RenderError> {
+        let p = &model.products;
+        let wanted = match model.colouring {
+            Colouring::Tissue => None,
+            Colouring::Missed => Some(model.shown_version),
+            Colouring::Radius => p.radii_mm.as_ref().map(|_| 0),
+        };
+        self.is_paint_old = false;
+        let (Some(version), Some(wall)) = (wanted, &p.wall) else {
+            if let Some(c) = self.coloured.take() {
+                self.inside.renderer.remove_mesh(c.inside);
+                self.overview.renderer.remove_mesh(c.overview);
+                // Handles are not used twice, so the scenes are seen to be others.
+            }
+            return Ok(());
+        };
+        let of = (model.colouring, version);
+        if let Some(c) = &self.coloured {
+            let again = c.of.0 == of.0 && detail == Detail::Live && c.at.elapsed() < PAINT_EVERY;
+            self.is_paint_old = c.of != of && again;
+            if c.of == of || again {
+                return Ok(());
+            }
+        }
+        let colours = match (&p.radii_mm, model.colouring) {
+            (Some(radii), Colouring::Radius) => radius_colours(radii, widest_mm(radii)),
+            _ => {
+                let none = vec![false; wall.mesh.faces.len()];
+                let seen = &model.shown.faces;
+                let known = if seen.len() == none.len() { seen } else { &none };
+                missed_colours(&wall.mesh, known)
+            }
+        };
+        let at = Instant::now();
+        let (inside, overview) = match &self.coloured {
+            Some(c) => {
+                self.inside.renderer.recolour(gpu, c.inside, &colours)?;
+                self.overview.renderer.recolour(gpu, c.overview, &colours)?;
+                self.inside.version += 1;
+                self.overview.version += 1;
+                (c.inside, c.overview)
+            }
+            None => (
+                self.inside.renderer.upload_coloured_mesh(gpu, &wall.mesh, &colours)?,
+                self.overview.renderer.upload_coloured_mesh(gpu, &wall.mesh, &colours)?,
+            ),
+        };
+        self.coloured = Some(Coloured { inside, overview, of, at });
+        Ok(())
+    }
+
+    /// Draws everything about the eye, each face from its own settled cut.
+    fn draw_all_round(
+        &mut self,
+        gpu: &mut Gpu,
+        shot: Shot,
+        size: [u32; 2],
+    ) -> Result<bool, SessionError> {
+        let Some(scene) = self.inside.scene.filter(|_| self.inside.is_stale(shot, size)) else {
+            return Ok(false);
+        };
+        for (eye, camera) in self.inside.renderer.cameras(&shot).into_iter().enumerate() {
+            if let Some((worker, pages, _)) = &mut self.levels {
+                let step = worker.converge(camera)?;
+                self.inside.renderer.apply(*pages, step)?;
+            }
+            self.inside.renderer.draw_eye(gpu, &scene, &shot, eye)?;
+        }
+        // The pages are those of the last face.
+        self.asked = None;
+        self.inside.is_drawn(shot, size);
+        Ok(true)
     }
 
     /// Asks for the levels of a camera and takes in what has come.
     fn refine(&mut self, shot: &Shot, detail: Detail) -> Result<(), SessionError> {
         let Some((worker, pages, _)) = &mut self.levels else { return Ok(()) };
-        let Some(camera) = self.inside.renderer.camera(shot) else { return Ok(()) };
+        let Some(camera) = self.inside.renderer.cameras(shot).first().copied() else {
+            return Ok(());
+        };
         let is_new = self.asked != Some(camera);
         let mut steps = Vec::new();
         match detail {
@@ -207,19 +357,32 @@ impl Panes {
         self.asked = Some(camera);
         for step in steps {
             self.inside.renderer.apply(*pages, step)?;
-            let wall = Wall::Pages { pages: *pages, backs: false };
-            let scene = self.inside.scene.unwrap_or_else(|| Scene::paged(*pages, None));
-            self.inside.change(Scene { wall, ..scene });
-            if let Some(mesh) = self.mesh.take() {
-                self.inside.renderer.remove_mesh(mesh);
-            }
+            self.has_cut = true;
+            self.inside.version += 1;
         }
         Ok(())
     }
 
     /// Whether finer levels of what is shown are still to come.
     pub fn is_settling(&self) -> bool {
-        self.is_settling
+        self.is_settling || self.is_paint_old
+    }
+
+    /// The inside view as it was drawn last: columns, rows, RGB. Waits for the device.
+    ///
+    /// # Errors
+    /// [`RenderError::Vulkan`].
+    pub fn inside_picture(&self, gpu: &mut Gpu) -> Result<([u32; 2], Vec<u8>), RenderError> {
+        let [width, height] = self.inside.renderer.size();
+        let pixels = width as usize * height as usize;
+        let buffer = gpu.readback_buffer("picture", 4 * pixels as u64)?;
+        let picture = Some((self.inside.renderer.picture(), buffer));
+        let read = gpu.submit_draws(&Frame { picture, ..Frame::default() }).and_then(|()| {
+            let rgba = &gpu.read(buffer)?[..4 * pixels];
+            Ok(rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect())
+        });
+        gpu.free_buffer(buffer);
+        Ok(([width, height], read?))
     }
 
     /// The image of the inside view.

@@ -1,9 +1,46 @@
 //! The flight by arc length: where the eye is, how wide the lumen is there.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use crate::flight::Flight;
-use crate::geometry::{Centerline, Pose};
+use crate::geometry::{Centerline, CrossSection, Mesh, Pose, TriangleBvh, cross_section};
+
+/// Figures of a cross-section.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SectionFigures {
+    /// mm².
+    pub area_mm2: f64,
+    /// Largest Feret diameter, mm.
+    pub largest_mm: f64,
+    /// Least Feret diameter, mm.
+    pub smallest_mm: f64,
+}
+
+impl SectionFigures {
+    /// Those of a cross-section.
+    pub fn of(s: &CrossSection) -> Self {
+        Self {
+            area_mm2: s.area_mm2,
+            largest_mm: s.largest_diameter_mm,
+            smallest_mm: s.smallest_diameter_mm,
+        }
+    }
+}
+
+/// Cross-sections of the lumen along a flight, across it: one a pose; `None` where none closes.
+pub fn sections_along(
+    path: &FlightPath,
+    wall: &Mesh,
+    tree: &TriangleBvh,
+) -> Vec<Option<SectionFigures>> {
+    let at = |i: usize| {
+        let p = path.poses[i].position_mm.as_dvec3();
+        let section = cross_section(wall, tree, p, path.tangent_at(path.arc_mm[i]))?;
+        Some(SectionFigures::of(&section))
+    };
+    (0..path.poses.len()).into_par_iter().map(at).collect()
+}
 
 /// Poses of a flight by time and arc length.
 pub struct FlightPath {
@@ -15,6 +52,8 @@ pub struct FlightPath {
     pub radius_mm: Vec<f64>,
     /// Poses that begin another piece.
     cuts: Vec<usize>,
+    /// One a pose, once they are known.
+    pub sections: Vec<Option<SectionFigures>>,
 }
 
 impl FlightPath {
@@ -47,7 +86,7 @@ impl FlightPath {
         };
         let radius_mm = poses.iter().map(radius).collect();
         let (seconds, cuts) = (flight.seconds.clone(), flight.cuts.clone());
-        Some(Self { poses, seconds, arc_mm, radius_mm, cuts })
+        Some(Self { poses, seconds, arc_mm, radius_mm, cuts, sections: Vec::new() })
     }
 
     /// All of it, mm.
@@ -77,6 +116,23 @@ impl FlightPath {
         Pose { position_mm, rotation: a.rotation.slerp(b.rotation, t).normalize() }
     }
 
+    /// Direction of the path, unit: over two millimetres about a place where there are as many.
+    pub fn tangent_at(&self, arc_mm: f64) -> DVec3 {
+        let place = |arc: f64| self.pose_at(arc).position_mm.as_dvec3();
+        let across = place(arc_mm + 1.0) - place(arc_mm - 1.0);
+        let forward = || self.pose_at(arc_mm).forward().as_dvec3();
+        // Not across a jump between two pieces.
+        let near = across.length() < 4.0;
+        across.try_normalize().filter(|_| near).unwrap_or_else(forward)
+    }
+
+    /// Takes cross-sections in, one a pose; those of another path are left.
+    pub fn set_sections(&mut self, sections: &[Option<SectionFigures>]) {
+        if sections.len() == self.poses.len() {
+            self.sections = sections.to_vec();
+        }
+    }
+
     /// Radius on the path, mm.
     pub fn radius_at(&self, arc_mm: f64) -> f64 {
         let (i, t) = self.sample(&self.arc_mm, arc_mm);
@@ -96,6 +152,14 @@ impl FlightPath {
         let off = |i: &usize| self.poses[*i].position_mm.as_dvec3().distance_squared(p_mm);
         let near = (0..self.poses.len()).min_by(|a, b| off(a).total_cmp(&off(b)));
         near.map_or(0.0, |i| self.arc_mm[i])
+    }
+
+    /// The place of the pose that is nearest to a ray, LPS mm.
+    pub fn nearest_to_ray(&self, from_mm: DVec3, along: DVec3) -> Option<DVec3> {
+        let along = along.try_normalize()?;
+        let off = |p: &DVec3| (*p - from_mm).cross(along).length_squared();
+        let places = self.poses.iter().map(|p| p.position_mm.as_dvec3());
+        places.min_by(|a, b| off(a).total_cmp(&off(b)))
     }
 
     /// The stretch of ascending values that holds one, and the share of it before.

@@ -10,7 +10,7 @@ use super::AppError;
 use super::action::Action;
 use super::panes::Detail;
 use super::session_file::SessionFile;
-use super::stage::{Stage, Target};
+use super::stage::{Files, Stage, Target};
 use super::study::{News, Study};
 use crate::formats::{FormatError, write_png};
 use crate::lod::Tolerance;
@@ -21,6 +21,9 @@ use crate::vk::{BufferId, Format, Frame, Gpu, ImageId, ImageSpec};
 pub const SCRIPT_SCHEMA: &str = "intima.script/1";
 /// Most frames of a script, and of one step.
 const MAX_FRAMES: u32 = 1_000_000;
+
+/// Longest time that a script waits for anything.
+const LONGEST_WAIT: Duration = Duration::from_secs(3600);
 
 /// What a script waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -237,7 +240,14 @@ impl<'a> Player<'a> {
         Ok(Self {
             script,
             with,
-            stage: Stage::new(gpu, with.samples, with.planned_mm_s, with.tolerance)?,
+            stage: Stage::new(
+                gpu,
+                with.samples,
+                with.planned_mm_s,
+                with.tolerance,
+                Files { session: with.session_file.clone(), export: with.folder.to_owned() },
+                || {},
+            )?,
             study: Study::begin(session, || {})?,
             image,
             back,
@@ -342,7 +352,7 @@ impl<'a> Player<'a> {
             if there {
                 return self.apply(notes);
             }
-            let Some(news) = self.study.wait(Duration::from_secs(3600)) else {
+            let Some(news) = self.study.wait(LONGEST_WAIT) else {
                 let what = "what it waits for does not come".into();
                 return Err(AppError::Script { step: number, what });
             };
@@ -417,11 +427,37 @@ impl<'a> Player<'a> {
         if after.cancel {
             self.study.cancel();
         }
+        // What is asked for is there before the next frame.
+        if let Some(route) = after.route {
+            self.study.fly_along(route)?;
+            let planned = |n: &News| match n {
+                News::Flight(_, of) => *of == route,
+                News::Said(_) => true,
+                _ => false,
+            };
+            self.wait_for(gpu, planned)?;
+        }
+        if let Some(folder) = after.export_flight {
+            self.study.export_flight(folder)?;
+            self.wait_for(gpu, |n| matches!(n, News::Said(_)))?;
+        }
         self.has_quit |= after.quit;
         self.frame += 1;
         self.save()?;
         if self.script.every_frame {
             self.write(gpu, &format!("frame_{:05}.png", self.frame))?;
+        }
+        Ok(())
+    }
+
+    /// Takes news in until some have come.
+    fn wait_for(&mut self, gpu: &mut Gpu, wanted: impl Fn(&News) -> bool) -> Result<(), AppError> {
+        while let Some(news) = self.study.wait(LONGEST_WAIT) {
+            let is_last = wanted(&news);
+            self.stage.learn(gpu, news)?;
+            if is_last {
+                break;
+            }
         }
         Ok(())
     }

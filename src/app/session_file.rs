@@ -8,6 +8,7 @@ use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::AppError;
+use super::measure::Measurement;
 use super::model::{Bookmark, Model};
 use crate::formats::{FormatError, atomic_file};
 
@@ -37,6 +38,9 @@ pub struct SessionFile {
     pub fov_deg: f32,
     /// Millimetres along the path.
     pub arc_mm: f64,
+    /// Lengths and angles.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub measurements: Vec<Measurement>,
 }
 
 impl SessionFile {
@@ -51,6 +55,7 @@ impl SessionFile {
             speed_mm_s: model.speed_mm_s,
             fov_deg: model.fov_deg,
             arc_mm: model.arc_mm,
+            measurements: model.measurements.clone(),
         })
     }
 
@@ -88,8 +93,8 @@ impl SessionFile {
         if self.space != "LPS" {
             return Err("its coordinates are not LPS".into());
         }
-        if self.bookmarks.len() > MAX_BOOKMARKS {
-            return Err(format!("more than {MAX_BOOKMARKS} bookmarks"));
+        if self.bookmarks.len().max(self.measurements.len()) > MAX_BOOKMARKS {
+            return Err(format!("more than {MAX_BOOKMARKS} bookmarks or measurements"));
         }
         for (i, b) in self.bookmarks.iter().enumerate() {
             let rotation = DQuat::from_array(b.rotation);
@@ -99,6 +104,12 @@ impl SessionFile {
             {
                 return Err(format!("bookmark {} is no place", i + 1));
             }
+            if b.picture.as_deref().is_some_and(|name| !is_file_name(name)) {
+                return Err(format!("the picture of bookmark {} is no name of a file", i + 1));
+            }
+        }
+        if let Some(i) = self.measurements.iter().position(|m| !m.is_valid()) {
+            return Err(format!("measurement {} lacks a place", i + 1));
         }
         let numbers = [self.window[0], self.window[1], self.speed_mm_s, self.arc_mm];
         match numbers.iter().all(|n| n.is_finite()) && self.fov_deg.is_finite() {
@@ -127,6 +138,7 @@ impl SessionFile {
         }
         use super::action::Action;
         model.bookmarks.clone_from(&self.bookmarks);
+        model.measurements.clone_from(&self.measurements);
         model.step(
             0.0,
             &[
@@ -139,8 +151,15 @@ impl SessionFile {
     }
 }
 
+/// Whether a text names a file of the same folder, and nothing else.
+fn is_file_name(name: &str) -> bool {
+    let path = Path::new(name);
+    path.file_name().is_some_and(|n| n == name) && name.ends_with(".png")
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::action::Ruler;
     use super::*;
 
     fn file() -> SessionFile {
@@ -154,11 +173,17 @@ mod tests {
                 rotation: [0.0, 0.6, 0.0, 0.8],
                 fov_deg: 90.0,
                 arc_mm: Some(12.5),
+                picture: Some("a-1.png".into()),
+                png: None,
             }],
             window: [40.0, 400.0],
             speed_mm_s: 20.0,
             fov_deg: 100.0,
             arc_mm: 3.0,
+            measurements: vec![Measurement {
+                ruler: Ruler::Length,
+                points_mm: vec![[1.0, 2.0, 3.0], [1.0, 2.0, 7.5]],
+            }],
         }
     }
 
@@ -190,6 +215,14 @@ mod tests {
         assert!(
             refused(|j| j["bookmarks"][0]["rotation"][3] = 9.0.into())
                 .ends_with("bookmark 1 is no place")
+        );
+        for name in ["../a.png", "/a.png", "a.txt", ""] {
+            let said = refused(|j| j["bookmarks"][0]["picture"] = name.into());
+            assert!(said.ends_with("bookmark 1 is no name of a file"), "{said}");
+        }
+        assert!(
+            refused(|j| j["measurements"][0]["ruler"] = "angle".into())
+                .ends_with("measurement 1 lacks a place")
         );
         assert!(refused(|j| j["window"] = "wide".into()).ends_with("missing or wrong"));
     }

@@ -4,6 +4,7 @@ use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Stroke, Ui, pos2, vec2
 use glam::DVec3;
 
 use super::action::{Action, Pane};
+use super::inside_marks::measurements;
 use super::model::Model;
 use super::slices::{Plane, slice};
 use super::ui::{CAMERA, TEXT, UiState, pixels, wheel_notches};
@@ -31,18 +32,19 @@ pub(super) fn show_slice(
     let Some(volume) = &model.products.volume else { return };
     let size = pixels(ui, rect).map(|s| s as usize);
     let mm_per_px = state.zoom * mm_to_fit(volume, pane, size);
-    let Some(plane) = Plane::of(pane, model.crosshair_mm, mm_per_px, model.pose) else {
-        return;
-    };
-    let lumen = model.products.lumen.as_ref().map(|l| &l.lumen);
-    let made_of = (plane, size, model.window, lumen.is_some());
-    let slot = match pane {
+    let index = match pane {
         Pane::Axial => 0,
         Pane::Coronal => 1,
         Pane::Sagittal => 2,
         _ => 3,
     };
-    let slot = &mut state.slices[slot];
+    let middle = model.crosshair_mm + state.pan_mm[index];
+    let Some(plane) = Plane::of(pane, middle, mm_per_px, model.pose) else {
+        return;
+    };
+    let lumen = model.products.lumen.as_ref().map(|l| &l.lumen);
+    let made_of = (plane, size, model.window, lumen.is_some());
+    let slot = &mut state.slices[index];
     if slot.as_ref().is_none_or(|s| s.made_of != made_of) {
         let rgb = slice(volume, lumen, &plane, size, model.window);
         let pixels = rgb.into_iter().map(|[r, g, b]| Color32::from_rgb(r, g, b)).collect();
@@ -69,14 +71,26 @@ pub(super) fn show_slice(
         let px = [(p.x - rect.min.x) * scale, (p.y - rect.min.y) * scale].map(f64::from);
         plane.at(px, size).to_array()
     };
-    if response.dragged_by(egui::PointerButton::Primary)
-        && let Some(p) = response.interact_pointer_pos()
-    {
-        actions.push(Action::Crosshair(place(p)));
-    } else if response.clicked()
-        && let Some(p) = response.interact_pointer_pos()
-    {
-        actions.push(Action::GoNear(place(p)));
+    let shift = ui.input(|i| i.modifiers.shift);
+    let primary = response.dragged_by(egui::PointerButton::Primary);
+    if response.dragged_by(egui::PointerButton::Middle) || (primary && shift) {
+        let d = response.drag_delta() * scale;
+        let by = plane.right * f64::from(d.x) + plane.down * f64::from(d.y);
+        state.pan_mm[index] -= by * plane.mm_per_px;
+    } else if let Some(p) = response.interact_pointer_pos() {
+        if primary {
+            actions.push(Action::Crosshair(place(p)));
+        } else if response.clicked() {
+            actions.push(match model.ruler {
+                Some(_) => Action::Mark(place(p)),
+                None => Action::GoNear(place(p)),
+            });
+        }
+    } else if let Some(p) = response.hover_pos().filter(|_| shift) {
+        // The other slices follow the pointer.
+        if ui.input(|i| i.pointer.delta()) != egui::Vec2::ZERO {
+            actions.push(Action::Crosshair(place(p)));
+        }
     }
     if response.dragged_by(egui::PointerButton::Secondary) {
         let d = response.drag_delta();
@@ -136,6 +150,10 @@ fn slice_marks(painter: &egui::Painter, rect: Rect, plane: &Plane, model: &Model
             painter.line_segment([at, to], Stroke::new(2.0, CAMERA));
         }
     }
+    measurements(painter, model, |p| {
+        let (at, off) = point(p);
+        (off.abs() < 3.0 * plane.mm_per_px.max(1.0)).then_some(at)
+    });
     let [left, right, up, down] = plane.sides();
     let m = 8.0;
     let letter = |at: Pos2, anchor, text: String| {
@@ -150,4 +168,8 @@ fn slice_marks(painter: &egui::Painter, rect: Rect, plane: &Plane, model: &Model
     painter.line_segment([right - vec2(centimetre, 0.0), right], Stroke::new(2.0, TEXT));
     let above = right - vec2(0.0, 3.0);
     painter.text(above, Align2::RIGHT_BOTTOM, "1 cm", FontId::proportional(11.0), TEXT);
+    let [centre, width] = model.window;
+    let text = format!("C {centre:.0}  W {width:.0}");
+    let at = rect.left_bottom() + vec2(m, -4.0);
+    painter.text(at, Align2::LEFT_BOTTOM, text, FontId::proportional(11.0), TEXT);
 }

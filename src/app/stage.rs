@@ -2,19 +2,26 @@
 
 use std::borrow::Cow;
 use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use egui::epaint::Primitive;
 use egui::{TextureId, ViewportId};
 
-use super::action::Action;
+use super::action::{Action, Export, WallView};
+use super::export;
 use super::keys;
 use super::model::Model;
+use super::painter::Painter;
 use super::panes::{Detail, Panes};
 use super::study::Study;
 use super::ui::{self, INSIDE, OVERVIEW, UiState};
 use super::{AppError, News};
+use crate::formats::encode_png;
+use crate::geometry::cube_faces;
 use crate::lod::Tolerance;
 use crate::render::{FlatMesh, FlatVertex, Overlay};
+use crate::session::FlightRoute;
 use crate::vk::{Area, Format, Frame, Gpu, ImageId, ImageSpec, ImageWrite, VkError};
 
 /// A part of a texture that has changed.
@@ -38,6 +45,26 @@ pub struct Stage {
     changes: Vec<TextureChange>,
     freed: Vec<TextureId>,
     tolerance: Tolerance,
+    painter: Option<Painter>,
+    wake: Arc<dyn Fn() + Send + Sync>,
+    files: Files,
+}
+
+/// Where files go.
+#[derive(Clone, Debug, Default)]
+pub struct Files {
+    /// Bookmarks; their pictures are beside it.
+    pub session: Option<PathBuf>,
+    /// Folder of what is exported.
+    pub export: PathBuf,
+}
+
+impl Files {
+    /// Folder and stem of the pictures of bookmarks.
+    fn beside_session(&self) -> Option<(&Path, &str)> {
+        let session = self.session.as_deref()?;
+        Some((session.parent()?, session.file_stem()?.to_str()?))
+    }
 }
 
 /// What a frame wants to have done after it.
@@ -47,6 +74,10 @@ pub struct After {
     pub quit: bool,
     /// Stops the study.
     pub cancel: bool,
+    /// Plan a flight along this.
+    pub route: Option<FlightRoute>,
+    /// Draw the flight into this folder.
+    pub export_flight: Option<PathBuf>,
     /// Draw again after so many seconds at most.
     pub again_in: Option<f64>,
 }
@@ -59,11 +90,14 @@ pub struct Target {
 
 impl Stage {
     /// * `samples`: a pixel of the drawn panes.
+    /// * `wake`: called on another thread when there is something new to draw.
     pub fn new(
         gpu: &mut Gpu,
         samples: u32,
         planned_mm_s: f64,
         tolerance: Tolerance,
+        files: Files,
+        wake: impl Fn() + Send + Sync + 'static,
     ) -> Result<Self, AppError> {
         let context = egui::Context::default();
         context.set_theme(egui::Theme::Dark);
@@ -83,12 +117,19 @@ impl Stage {
             changes: Vec::new(),
             freed: Vec::new(),
             tolerance,
+            painter: None,
+            wake: Arc::new(wake),
+            files,
         })
     }
 
     /// Takes a product in.
     pub fn learn(&mut self, gpu: &mut Gpu, news: News) -> Result<(), AppError> {
         self.model.learn(news);
+        if let (Some(wall), None) = (&self.model.products.wall, &self.painter) {
+            let wake = Arc::clone(&self.wake);
+            self.painter = Some(Painter::spawn(Arc::clone(wall), move || wake())?);
+        }
         Ok(self.panes.take(gpu, &self.model.products, self.tolerance)?)
     }
 
@@ -118,22 +159,115 @@ impl Stage {
         if let Some([width, height]) = shown.inside {
             self.model.set_aspect(width as f32 / height as f32);
         }
+        let bookmarks = self.model.bookmarks.len();
         self.model.step(dt, &actions);
+        self.paint(detail, shown.inside.is_some());
         self.panes.draw(gpu, &self.model, (shown.inside, shown.overview), detail)?;
+        if self.model.bookmarks.len() > bookmarks {
+            self.picture_bookmark(gpu)?;
+        }
+        let mut export_flight = None;
+        for what in
+            actions.iter().filter_map(|a| if let Action::Export(e) = a { Some(*e) } else { None })
+        {
+            match what {
+                Export::View => self.export_view(gpu)?,
+                Export::Report => self.export_report(),
+                Export::Flight => export_flight = Some(self.files.export.clone()),
+            }
+        }
         self.collect(std::mem::take(&mut output.textures_delta));
         let delay = output
             .viewport_output
             .get(&ViewportId::ROOT)
             .map_or(f64::INFINITY, |v| v.repaint_delay.as_secs_f64());
-        let moving = self.model.playing || self.panes.is_settling() || keys::moves(&self.context);
+        let moving =
+            self.model.is_moving() || self.panes.is_settling() || keys::moves(&self.context);
         let again_in = if moving || !actions.is_empty() { Some(0.0) } else { None };
         let again_in = again_in.or((delay < 1e6).then_some(delay));
         let after = After {
             quit: actions.contains(&Action::Quit),
             cancel: actions.contains(&Action::Cancel),
+            route: actions.iter().rev().find_map(|a| match a {
+                Action::Branch(branch) => Some(FlightRoute::Leaf(*branch)),
+                _ => None,
+            }),
+            export_flight,
             again_in,
         };
         Ok((output, after))
+    }
+
+    /// Takes note of what the inside view shows from now on.
+    fn paint(&mut self, detail: Detail, is_shown: bool) {
+        let Some(painter) = &mut self.painter else { return };
+        if let Some(pose) = self.model.pose.filter(|_| is_shown) {
+            let lens = self.model.lens();
+            match self.model.view {
+                WallView::Eye => painter.add(&[(pose, lens)]),
+                WallView::Cube | WallView::Panorama => painter.add(&cube_faces(&pose, &lens, 0.0)),
+            }
+        }
+        let shown = match detail {
+            Detail::Live => painter.poll(),
+            Detail::Settled => painter.settle(),
+        };
+        if let Some(shown) = shown {
+            self.model.take_shown(shown);
+        }
+    }
+
+    /// Says what became of a file that was to be written.
+    fn say(&mut self, written: Result<String, AppError>) {
+        self.model.message = Some(match written {
+            Ok(said) => said,
+            Err(e) => {
+                tracing::error!("{e}");
+                e.to_string()
+            }
+        });
+    }
+
+    /// Keeps the inside view as the picture of the bookmark made last, beside the session file.
+    fn picture_bookmark(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        if !self.panes.has_pictures() {
+            return Ok(());
+        }
+        let ([width, height], rgb) = self.panes.inside_picture(gpu)?;
+        let png = encode_png(width, height, &rgb);
+        let written = self.files.beside_session().map(|(folder, stem)| {
+            let name = export::free_name(folder, &format!("{stem}-bookmark"));
+            export::write(folder, &name, &png).map(|_| name)
+        });
+        let picture = match written {
+            Some(Ok(name)) => Some(name),
+            Some(Err(e)) => {
+                self.say(Err(e));
+                None
+            }
+            None => None,
+        };
+        if let Some(b) = self.model.bookmarks.last_mut() {
+            (b.picture, b.png) = (picture, Some(Arc::new(png)));
+        }
+        Ok(())
+    }
+
+    fn export_view(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        if self.panes.has_pictures() {
+            let ([width, height], rgb) = self.panes.inside_picture(gpu)?;
+            let name = export::free_name(&self.files.export, "view");
+            let png = encode_png(width, height, &rgb);
+            let written = export::write(&self.files.export, &name, &png);
+            self.say(written.map(|path| format!("wrote {}", path.display())));
+        }
+        Ok(())
+    }
+
+    fn export_report(&mut self) {
+        let html = export::report_html(&self.model, self.files.beside_session().map(|f| f.0));
+        let written = export::write(&self.files.export, "report.html", html.as_bytes());
+        self.say(written.map(|path| format!("wrote {}", path.display())));
     }
 
     /// Draws what was laid out; `send` submits the frame.

@@ -1,13 +1,19 @@
 //! A session on a thread of its own: products arrive one after the other, most wanted first.
 
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use crate::flight::{Coverage, Flight};
+use super::colouring::wall_radii_mm;
+use super::path::{FlightPath, SectionFigures, sections_along};
+use crate::flight::{Coverage, Flight, Frames};
+use crate::formats::VideoWriter;
+use crate::geometry::TriangleBvh;
 use crate::session::{
-    CancelToken, Centered, Fields, Levels, Progress, Segmented, Session, SessionError, Wall,
+    CancelToken, Centered, Fields, FlightRoute, Levels, Progress, Recording, Segmented, Session,
+    SessionError, Wall,
 };
 use crate::volume::Volume;
 
@@ -25,8 +31,16 @@ pub enum News {
     Fields(Arc<Fields>),
     /// The path.
     Centerline(Arc<Centered>),
-    /// The flight along it.
-    Flight(Arc<Flight>),
+    /// The flight along it, and what it follows.
+    Flight(Arc<Flight>, FlightRoute),
+    /// The hierarchy of the wall's triangles: from here on the wall can be clicked.
+    Tree(Arc<TriangleBvh>),
+    /// Distance of the wall's vertices from the centerline, mm.
+    Radii(Arc<Vec<f32>>),
+    /// Cross-sections along the flight, one a pose.
+    Sections(Vec<Option<SectionFigures>>),
+    /// Something to tell the user.
+    Said(String),
     /// Levels of detail.
     Levels(Arc<Levels>),
     /// What the flight sees.
@@ -41,8 +55,10 @@ pub enum News {
 pub struct Study {
     session: Arc<Session>,
     news: Receiver<News>,
+    sender: Sender<News>,
+    wake: Arc<dyn Fn() + Send + Sync>,
     cancel: CancelToken,
-    thread: Option<JoinHandle<()>>,
+    threads: Vec<JoinHandle<()>>,
 }
 
 impl Study {
@@ -54,30 +70,90 @@ impl Study {
     /// [`SessionError::System`] if the system gives no thread.
     pub fn begin(
         mut session: Session,
-        wake: impl Fn() + Send + 'static,
+        wake: impl Fn() + Send + Sync + 'static,
     ) -> Result<Self, SessionError> {
         session.keep_volume();
-        let session = Arc::new(session);
         let (sender, news) = channel();
-        let theirs = Arc::clone(&session);
-        let work = move || {
-            let last = match each_product(&theirs, &|n| {
-                let sent = sender.send(n).is_ok();
-                wake();
-                sent
-            }) {
+        let cancel = session.cancel_token();
+        let session = Arc::new(session);
+        let wake: Arc<dyn Fn() + Send + Sync> = Arc::new(wake);
+        let mut study = Self { session, news, sender, wake, cancel, threads: Vec::new() };
+        study.spawn("study", |session, tell| {
+            let last = match each_product(session, tell) {
                 Ok(()) => News::Complete,
                 Err(e) => News::Failed(e),
             };
-            let _ = sender.send(last);
-            wake();
+            tell(last);
+        })?;
+        Ok(study)
+    }
+
+    /// Does something on a thread of its own; `tell` answers whether anybody still listens.
+    fn spawn(
+        &mut self,
+        name: &str,
+        work: impl FnOnce(&Session, &dyn Fn(News) -> bool) + Send + 'static,
+    ) -> Result<(), SessionError> {
+        let session = Arc::clone(&self.session);
+        let (sender, wake) = (self.sender.clone(), Arc::clone(&self.wake));
+        let work = move || {
+            work(&session, &|n| {
+                let sent = sender.send(n).is_ok();
+                wake();
+                sent
+            });
         };
+        self.threads.retain(|t| !t.is_finished());
         let thread = std::thread::Builder::new()
-            .name("study".into())
+            .name(name.into())
             .spawn(work)
             .map_err(|e| SessionError::System(e.to_string()))?;
-        let cancel = session.cancel_token();
-        Ok(Self { session, news, cancel, thread: Some(thread) })
+        self.threads.push(thread);
+        Ok(())
+    }
+
+    /// Plans another flight along the centerline; it comes as news.
+    ///
+    /// # Errors
+    /// [`SessionError::System`] if the system gives no thread.
+    pub fn fly_along(&mut self, route: FlightRoute) -> Result<(), SessionError> {
+        self.spawn("flight", move |session, tell| {
+            let flown = || {
+                let flight = Arc::new(session.flight_along(route)?);
+                let sections = sections(session, &flight)?;
+                tell(News::Flight(flight, route));
+                tell(News::Sections(sections));
+                Ok::<_, SessionError>(())
+            };
+            if let Err(e) = flown() {
+                tell(News::Said(format!("no flight along that branch: {e}")));
+            }
+        })
+    }
+
+    /// Draws the flight and writes it; where it is, or why not, comes as news.
+    ///
+    /// * `folder`: gets `flight/` with the frames and, where there is ffmpeg, `flight.mp4`.
+    ///
+    /// # Errors
+    /// [`SessionError::System`] if the system gives no thread.
+    pub fn export_flight(&mut self, folder: PathBuf) -> Result<(), SessionError> {
+        self.spawn("export", move |session, tell| {
+            let Frames::Speed { fps, .. } = session.settings().flight.frames else { return };
+            let video = VideoWriter::available().then(|| (folder.join("flight.mp4"), fps));
+            let has_video = video.is_some();
+            let frames = folder.join("flight");
+            let to = Recording { frames: frames.clone(), video, camera_path: None };
+            let said = match session.record(&to) {
+                Ok(stream) => {
+                    let n = stream.report().count;
+                    let what = if has_video { " and flight.mp4" } else { "; no ffmpeg, no video" };
+                    format!("wrote {n} frames to {}{what}", frames.display())
+                }
+                Err(e) => format!("the flight is not written: {e}"),
+            };
+            tell(News::Said(said));
+        })
     }
 
     /// The next piece of news, if there is one. Never waits.
@@ -104,7 +180,7 @@ impl Study {
 impl Drop for Study {
     fn drop(&mut self) {
         self.cancel();
-        if let Some(thread) = self.thread.take() {
+        for thread in self.threads.drain(..) {
             let _ = thread.join();
         }
     }
@@ -114,14 +190,31 @@ impl Drop for Study {
 fn each_product(session: &Session, tell: &dyn Fn(News) -> bool) -> Result<(), SessionError> {
     let volume = session.volume()?;
     let identity = || blake3::hash(volume.samples.bytes()).to_hex().to_string();
+    let route = session.settings().flight.route;
+    let radii = || -> Result<Vec<f32>, SessionError> {
+        Ok(wall_radii_mm(&session.wall()?.mesh, &session.centerline()?.line))
+    };
     let listens = tell(News::Volume(Arc::clone(&volume)))
         && tell(News::Lumen(session.lumen()?))
         && tell(News::Wall(session.wall()?))
         && tell(News::Identity(identity()))
         && tell(News::Fields(session.fields()?))
+        && tell(News::Tree(Arc::new(TriangleBvh::new(&session.wall()?.mesh))))
         && tell(News::Centerline(session.centerline()?))
-        && tell(News::Flight(session.flight()?))
+        && tell(News::Flight(session.flight()?, route))
         && tell(News::Levels(session.levels()?))
+        && tell(News::Sections(sections(session, &*session.flight()?)?))
+        && tell(News::Radii(Arc::new(radii()?)))
         && tell(News::Coverage(session.coverage()?));
     if listens { Ok(()) } else { Err(SessionError::Cancelled) }
+}
+
+/// Cross-sections along a flight.
+fn sections(
+    session: &Session,
+    flight: &Flight,
+) -> Result<Vec<Option<SectionFigures>>, SessionError> {
+    let (wall, centerline) = (session.wall()?, session.centerline()?);
+    let Some(path) = FlightPath::new(flight, &centerline.line) else { return Ok(Vec::new()) };
+    Ok(sections_along(&path, &wall.mesh, &TriangleBvh::new(&wall.mesh)))
 }

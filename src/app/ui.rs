@@ -5,10 +5,12 @@ use egui::{
 };
 use glam::DVec3;
 
-use super::action::{Action, FOV_DEG, Pane, SPEED_MM_S};
+use super::action::{Action, Colouring, Export, FOV_DEG, Pane, Ruler, SPEED_MM_S, WallView};
+use super::inside_marks::{inside_marks, ray_at};
 use super::keys::{help, keys};
 use super::model::Model;
 use super::slice_pane::{SliceTexture, show_slice};
+use crate::render::framing_turned;
 
 /// Textures of the two drawn panes.
 pub const INSIDE: egui::TextureId = egui::TextureId::User(0);
@@ -29,11 +31,18 @@ pub struct UiState {
     note: String,
     /// Of the slices: 1 shows all of the volume.
     pub(super) zoom: f64,
+    /// From the crosshair to the middle of each slice, LPS mm.
+    pub(super) pan_mm: [DVec3; 4],
 }
 
 impl Default for UiState {
     fn default() -> Self {
-        Self { slices: Default::default(), note: String::new(), zoom: 1.0 }
+        Self {
+            slices: Default::default(),
+            note: String::new(),
+            zoom: 1.0,
+            pan_mm: [DVec3::ZERO; 4],
+        }
     }
 }
 
@@ -61,7 +70,7 @@ pub fn window(
     egui::Panel::bottom("timeline").exact_size(92.0).show(ui, |ui| timeline(ui, model, actions));
     egui::Panel::right("notes")
         .resizable(false)
-        .exact_size(210.0)
+        .exact_size(236.0)
         .show(ui, |ui| notes(ui, model, state, actions));
     let mut shown = Shown::default();
     egui::CentralPanel::no_frame().show(ui, |ui| {
@@ -182,6 +191,12 @@ fn notes(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut Vec<Acti
     ui.add_space(4.0);
     figures(ui, model);
     ui.separator();
+    appearance(ui, model, actions);
+    ui.separator();
+    measuring(ui, model, actions);
+    ui.separator();
+    exports(ui, model, actions);
+    ui.separator();
     ui.strong("Bookmarks");
     ui.horizontal(|ui| {
         let text =
@@ -211,6 +226,81 @@ fn notes(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut Vec<Acti
     });
 }
 
+/// What the wall looks like.
+fn appearance(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
+    let views =
+        [(WallView::Eye, "eye"), (WallView::Cube, "cube"), (WallView::Panorama, "panorama")];
+    ui.horizontal(|ui| {
+        ui.label(egui::RichText::new("View").color(FAINT));
+        for (view, name) in views {
+            if ui.selectable_label(model.view == view, name).clicked() {
+                actions.push(Action::View(view));
+            }
+        }
+    });
+    let colours = [
+        (Colouring::Tissue, "tissue", true),
+        (Colouring::Missed, "not seen", model.products.wall.is_some()),
+        (Colouring::Radius, "radius", model.products.radii_mm.is_some()),
+    ];
+    ui.horizontal(|ui| {
+        ui.label(egui::RichText::new("Colour").color(FAINT));
+        for (colouring, name, can) in colours {
+            let label = egui::Button::selectable(model.colouring == colouring, name);
+            if ui.add_enabled(can, label).clicked() {
+                actions.push(Action::Colour(colouring));
+            }
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.label(egui::RichText::new("Overview").color(FAINT));
+        let mut opacity = model.opacity;
+        let slider = egui::Slider::new(&mut opacity, 0.0..=2.0).show_value(false);
+        if ui.add(slider).on_hover_text("Wall of the overview: clear to solid").changed() {
+            actions.push(Action::Opacity(opacity));
+        }
+    });
+}
+
+fn measuring(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
+    ui.horizontal(|ui| {
+        ui.strong("Measure");
+        for (ruler, name) in [(Ruler::Length, "length"), (Ruler::Angle, "angle")] {
+            let on = model.ruler == Some(ruler);
+            if ui.selectable_label(on, name).clicked() {
+                actions.push(Action::Measure((!on).then_some(ruler)));
+            }
+        }
+    });
+    for (i, m) in model.measurements.iter().enumerate() {
+        ui.horizontal(|ui| {
+            if ui.small_button("x").on_hover_text("Forget").clicked() {
+                actions.push(Action::RemoveMeasurement(i));
+            }
+            let middle = m.points().iter().sum::<DVec3>() / m.points_mm.len().max(1) as f64;
+            if ui.button(m.text()).on_hover_text("Show in the slices").clicked() {
+                actions.push(Action::Crosshair(middle.to_array()));
+            }
+        });
+    }
+}
+
+fn exports(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
+    ui.horizontal(|ui| {
+        ui.strong("Save");
+        let ready = model.path.is_some();
+        for (what, name, can) in [
+            (Export::View, "view", model.pose.is_some()),
+            (Export::Flight, "flight", ready && model.is_complete),
+            (Export::Report, "report", model.products.volume.is_some()),
+        ] {
+            if ui.add_enabled(can, egui::Button::new(name)).clicked() {
+                actions.push(Action::Export(what));
+            }
+        }
+    });
+}
+
 fn figures(ui: &mut Ui, model: &Model) {
     let line = |ui: &mut Ui, name: &str, value: String| {
         ui.horizontal(|ui| {
@@ -229,8 +319,15 @@ fn figures(ui: &mut Ui, model: &Model) {
         line(ui, "Position", format!("{:.0} mm", model.arc_mm));
         line(ui, "Radius here", format!("{:.1} mm", path.radius_at(model.arc_mm)));
     }
+    if let Some(s) = model.section_figures() {
+        line(ui, "Section here", format!("{:.0} mm²", s.area_mm2));
+        line(ui, "Diameters", format!("{:.1}, {:.1} mm", s.largest_mm, s.smallest_mm));
+    }
+    if !model.shown.faces.is_empty() {
+        line(ui, "Wall seen so far", format!("{:.1} %", 100.0 * model.shown.fraction));
+    }
     if let Some(c) = &model.products.coverage {
-        line(ui, "Wall seen, one way", format!("{:.1} %", 100.0 * c.one_way_fraction));
+        line(ui, "Flight sees, one way", format!("{:.1} %", 100.0 * c.one_way_fraction));
         line(ui, "Both ways", format!("{:.1} %", 100.0 * c.both_ways_fraction));
         line(ui, "Missed patches", format!("{}", c.patches.len()));
     }
@@ -249,7 +346,11 @@ fn timeline(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
         return;
     };
     let length = path.length_mm().max(1e-6);
-    let most = path.radius_mm.iter().copied().fold(1e-6, f64::max);
+    let sections = path.sections.iter().flatten();
+    // The radius of the circle that is as large as a cross-section.
+    let round = |area: f64| (area / std::f64::consts::PI).sqrt();
+    let widest = sections.map(|s| round(s.area_mm2)).fold(0.0, f64::max);
+    let most = path.radius_mm.iter().copied().fold(1e-6, f64::max).max(widest);
     let x = |arc: f64| bar.left() + (arc / length) as f32 * bar.width();
     let plot = Rect::from_min_max(bar.min, pos2(bar.max.x, bar.max.y - 14.0));
     // One bar a point of the screen: the least radius of its stretch.
@@ -272,6 +373,12 @@ fn timeline(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
             Stroke::new(1.0, colour),
         );
     }
+    let places = path.arcs_mm().iter().zip(&path.sections).filter_map(|(arc, s)| {
+        let h = (round((*s)?.area_mm2) / most).min(1.0) as f32 * plot.height();
+        Some(pos2(x(*arc), plot.bottom() - h))
+    });
+    let outline: Vec<Pos2> = places.collect();
+    painter.add(egui::Shape::line(outline, Stroke::new(1.0, FAINT)));
     for cut in path.cuts_mm() {
         let line = [pos2(x(cut), plot.top()), pos2(x(cut), plot.bottom())];
         painter.line_segment(line, Stroke::new(2.0, Color32::from_rgb(255, 120, 110)));
@@ -290,12 +397,15 @@ fn timeline(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
     label(
         bar.center_bottom(),
         Align2::CENTER_BOTTOM,
-        format!("radius to {most:.0} mm along the path"),
+        format!("least radius (bars) and that of the section (line), to {most:.0} mm"),
     );
-    if (response.clicked() || response.dragged())
-        && let Some(p) = response.interact_pointer_pos()
-    {
-        actions.push(Action::Seek(f64::from((p.x - bar.left()) / bar.width()) * length));
+    if let Some(p) = response.interact_pointer_pos() {
+        let arc = f64::from((p.x - bar.left()) / bar.width()) * length;
+        if response.dragged() {
+            actions.push(Action::Seek(arc));
+        } else if response.clicked() {
+            actions.push(Action::FlyTo(arc));
+        }
     }
 }
 
@@ -316,10 +426,17 @@ fn show_pane(
     match pane {
         Pane::Inside if model.pose.is_some() && model.products.wall.is_some() => {
             painter.image(INSIDE, rect, all, Color32::WHITE);
+            inside_marks(&painter, rect, model);
             inside_input(ui, &response, rect, model, actions);
         }
         Pane::Overview if model.pose.is_some() && model.products.wall.is_some() => {
             painter.image(OVERVIEW, rect, all, Color32::WHITE);
+            if response.clicked()
+                && let Some(place) =
+                    response.interact_pointer_pos().and_then(|p| path_under(rect, p, model))
+            {
+                actions.push(Action::GoNear(place.to_array()));
+            }
             let drag = response.drag_delta();
             if response.dragged_by(egui::PointerButton::Primary) && drag != Vec2::ZERO {
                 // Half a turn across the pane.
@@ -356,6 +473,18 @@ fn show_pane(
     }
 }
 
+/// The place of the path that is nearest to what lies under a point of the overview.
+fn path_under(rect: Rect, p: Pos2, model: &Model) -> Option<DVec3> {
+    let (low, high) = model.products.wall.as_ref()?.mesh.bounds()?;
+    let aspect = rect.width() / rect.height().max(1.0);
+    let (pose, lens) = framing_turned(low, high, aspect, model.orbit);
+    let half = f64::from((0.5 * lens.fov_y_rad).tan());
+    let at = (p - rect.center()) * 2.0 / rect.height().max(1.0);
+    let ray = DVec3::new(f64::from(at.x) * half, -f64::from(at.y) * half, -1.0);
+    let along = pose.rotation.as_dquat() * ray;
+    model.path.as_ref()?.nearest_to_ray(pose.position_mm.as_dvec3(), along)
+}
+
 /// Radians a point of dragging turns the eye, for a pane one field of view high.
 fn turn_per_point(rect: Rect, model: &Model) -> f32 {
     model.fov_deg.to_radians() / rect.height().max(1.0)
@@ -375,6 +504,14 @@ fn inside_input(
         // As if the wall were held and drawn along.
         let turn = if ctrl { [0.0, 0.0, per * drag.x] } else { [-per * drag.x, per * drag.y, 0.0] };
         actions.push(Action::Turn(turn));
+    }
+    if response.clicked()
+        && model.ruler.is_some()
+        && model.view == WallView::Eye
+        && let Some(p) = response.interact_pointer_pos()
+        && let Some(place) = model.wall_behind(ray_at(rect, p, model))
+    {
+        actions.push(Action::Mark(place.to_array()));
     }
     if response.dragged_by(egui::PointerButton::Secondary) && drag.y != 0.0 {
         actions.push(Action::FieldOfView(model.fov_deg + 0.2 * drag.y));

@@ -16,7 +16,7 @@ use winit::window::{Window, WindowId};
 use super::AppError;
 use super::panes::Detail;
 use super::session_file::SessionFile;
-use super::stage::{Stage, Target};
+use super::stage::{Files, Stage, Target};
 use super::study::{News, Study};
 use crate::lod::Tolerance;
 use crate::session::Session;
@@ -29,6 +29,8 @@ pub struct WindowOptions {
     pub size: [u32; 2],
     /// Notes to begin with, and where bookmarks are saved.
     pub session_file: Option<PathBuf>,
+    /// Folder of what is exported.
+    pub export: PathBuf,
     /// The device that draws.
     pub device: Choice,
     /// Of levels of detail.
@@ -95,6 +97,14 @@ struct Running {
 }
 
 impl App {
+    /// Has the window drawn again, from any thread. One that is gone needs no waking.
+    fn waking(&self) -> impl Fn() + Send + Sync + 'static {
+        let proxy = self.proxy.clone();
+        move || {
+            let _ = proxy.send_event(());
+        }
+    }
+
     fn start(&mut self, events: &ActiveEventLoop) -> Result<(), AppError> {
         let Some(session) = self.session.take() else { return Ok(()) };
         let [width, height] = self.options.size;
@@ -110,7 +120,9 @@ impl App {
         let mut gpu = Gpu::open_for_window(self.options.device, OpenOptions::default(), handles)?;
         let samples = if gpu.info().is_real() { gpu.info().max_samples.min(4) } else { 1 };
         let options = &self.options;
-        let stage = Stage::new(&mut gpu, samples, options.planned_mm_s, options.tolerance)?;
+        let files = Files { session: options.session_file.clone(), export: options.export.clone() };
+        let (speed, tolerance) = (options.planned_mm_s, options.tolerance);
+        let stage = Stage::new(&mut gpu, samples, speed, tolerance, files, self.waking())?;
         let egui = egui_winit::State::new(
             stage.context.clone(),
             egui::ViewportId::ROOT,
@@ -119,11 +131,7 @@ impl App {
             window.theme(),
             Some(gpu.info().max_image_side as usize),
         );
-        let proxy = self.proxy.clone();
-        // A window that is gone needs no waking.
-        let study = Study::begin(session, move || {
-            let _ = proxy.send_event(());
-        })?;
+        let study = Study::begin(session, self.waking())?;
         window.request_redraw();
         self.running = Some(Running {
             stage,
@@ -222,6 +230,12 @@ impl Running {
         self.stage.draw(&mut self.gpu, &target, output, |gpu, frame| gpu.present(frame))?;
         if after.cancel {
             self.study.cancel();
+        }
+        if let Some(route) = after.route {
+            self.study.fly_along(route)?;
+        }
+        if let Some(folder) = after.export_flight {
+            self.study.export_flight(folder)?;
         }
         self.save(options);
         self.tell(begun);

@@ -27,6 +27,9 @@ pub struct Args {
     /// Bookmarks and how the window is set: read if it is there, saved as bookmarks are made
     #[arg(long, value_name = "FILE.json")]
     session: Option<PathBuf>,
+    /// Folder of what is exported from the window: pictures, the flight, the report
+    #[arg(long, value_name = "DIR", default_value = "intima-export", conflicts_with = "script")]
+    export: PathBuf,
     /// Play this script instead of opening a window (intima.script/1)
     #[arg(long, value_name = "FILE.json", requires = "frames_out")]
     script: Option<PathBuf>,
@@ -99,6 +102,7 @@ impl Args {
                 let options = WindowOptions {
                     size,
                     session_file: self.session.clone(),
+                    export: self.export.clone(),
                     device,
                     tolerance,
                     planned_mm_s: SPEED_MM_S,

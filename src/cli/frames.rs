@@ -60,6 +60,10 @@ pub enum ViewArg {
     Inside,
     Overview,
     Split,
+    /// Everything about the eye: the faces of a cube, unfolded
+    Cube,
+    /// Everything about the eye: an equirectangular map
+    Panorama,
 }
 
 /// `WxH`.
@@ -108,6 +112,8 @@ impl FrameArgs {
                 ViewArg::Inside => View::Inside,
                 ViewArg::Overview => View::Overview,
                 ViewArg::Split => View::Split,
+                ViewArg::Cube => View::Cube,
+                ViewArg::Panorama => View::Panorama,
             },
             fov_y_rad: self.fov.to_radians(),
             samples: if self.msaa == "1" { 1 } else { 4 },

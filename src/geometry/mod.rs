@@ -5,6 +5,8 @@ mod bounds;
 mod bvh;
 mod camera;
 mod centerline;
+mod cross_section;
+mod cube;
 mod exterior;
 pub mod median_split;
 mod mesh;
@@ -22,6 +24,8 @@ pub use centerline::{
     Attachment, AttachmentError, Branch, Centerline, CenterlineEdge, CenterlineGraph,
     CenterlineNode, CenterlinePoint, NodeKind,
 };
+pub use cross_section::{CrossSection, cross_section};
+pub use cube::cube_faces;
 pub use exterior::ExteriorGrid;
 pub use mesh::{Mesh, MeshPoint};
 pub use point_triangle::{nearest_on_segment, nearest_on_triangle, point_triangle_distance};

@@ -7,11 +7,13 @@ pub struct Look {
     pub falloff_mm: Option<f32>,
     /// Behind everything; linear.
     pub background: [f32; 3],
+    /// Of the overview's wall: 0 none, 1 as glass, 2 solid.
+    pub opacity: f32,
 }
 
 impl Default for Look {
     fn default() -> Self {
-        Self { falloff_mm: None, background: [0.006, 0.007, 0.009] }
+        Self { falloff_mm: None, background: [0.006, 0.007, 0.009], opacity: 1.0 }
     }
 }
 

@@ -1,5 +1,5 @@
-//! Pictures without a window: the wall from inside, the whole organ from outside, or both halves
-//! side by side. Drawing is described as passes and handed to [`crate::vk`]; no Vulkan here.
+//! Pictures without a window: the wall from inside, the whole organ from outside, both halves
+//! side by side, or everything about the eye. Drawing is described as passes and handed to [`crate::vk`]; no Vulkan here.
 
 mod camera;
 mod error;
@@ -14,6 +14,7 @@ mod pipelines;
 mod renderer;
 mod scene;
 mod sequence;
+mod unfold;
 
 pub use camera::{clip_from_world, framing, framing_turned};
 pub use error::RenderError;
@@ -24,6 +25,7 @@ pub use picture::Spares;
 pub use renderer::{IN_FLIGHT, Renderer, Ticket};
 pub use scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
 pub use sequence::FrameSequence;
+pub use unfold::cube_areas;
 
 /// SPIR-V, entry points and immediate blocks of `shaders/draw`, written by the build script.
 #[allow(missing_docs, dead_code, clippy::all)]

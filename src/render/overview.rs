@@ -20,6 +20,7 @@ pub(super) struct GlassKey {
     mesh: Option<MeshHandle>,
     area: Area,
     orbit: [f32; 2],
+    opacity: f32,
 }
 
 /// Thickness of the path and size of the camera, as shares of the organ's diagonal.
@@ -44,13 +45,14 @@ impl Renderer {
         let (low, high) = bounds.unwrap_or((Vec3::ZERO, Vec3::ONE));
         let aspect = area.width as f32 / area.height as f32;
         let (pose, lens) = framing_turned(low, high, aspect, scene.orbit);
-        let key = GlassKey { mesh, area, orbit: scene.orbit };
+        let opacity = scene.look.opacity;
+        let key = GlassKey { mesh, area, orbit: scene.orbit, opacity };
         if self.glass_of != Some(key) {
-            passes.push(self.glass_pass(mesh, &pose, &lens, area));
+            passes.push(self.glass_pass(key, &pose, &lens));
             self.glass_of = Some(key);
         }
         let [r, g, b] = scene.look.background;
-        let (colour, resolve) = self.picture_targets();
+        let (colour, resolve) = self.targets.drawn_and_resolved();
         passes.push(Pass {
             colour,
             resolve,
@@ -80,8 +82,9 @@ impl Renderer {
         });
     }
 
-    fn glass_pass(&self, mesh: Option<MeshHandle>, pose: &Pose, lens: &Lens, area: Area) -> Pass {
-        let model = mesh.map(|m| self.model(m));
+    fn glass_pass(&self, key: GlassKey, pose: &Pose, lens: &Lens) -> Pass {
+        let area = key.area;
+        let model = key.mesh.map(|m| self.model(m));
         // From above and the side, far enough that it does not fall off.
         let corner = model.and_then(|m| m.bounds).map_or(Vec3::ZERO, |b| b.0);
         let lift = pose.position_mm.distance(corner);
@@ -89,9 +92,11 @@ impl Renderer {
         let light = pose.position_mm + lift * aside;
         // Glass does not ask how light falls off.
         let push = surface_push(pose, lens, area, light, 1.0);
+        let push = host::surface::Params { opacity: key.opacity, ..push };
         let push = bytemuck::bytes_of(&push);
         let p = &self.pipelines;
-        let layers = [p.ghost, p.nearest, p.shell];
+        let has_colours = model.is_some_and(|m| m.uncoloured.is_some());
+        let layers = if has_colours { p.glass_coloured } else { p.glass };
         let t = &self.targets;
         let (colour, resolve) = t.glass_many.map_or((t.glass, None), |many| (many, Some(t.glass)));
         Pass {

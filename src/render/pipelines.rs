@@ -14,11 +14,15 @@ pub(super) struct Pipelines {
     pub inside: DrawPipelineId,
     /// The same for walls whose backs are hidden.
     pub inside_fronts: DrawPipelineId,
+    /// Of a wall whose vertices have colours.
+    pub inside_coloured: DrawPipelineId,
     pub lines: DrawPipelineId,
-    pub ghost: DrawPipelineId,
-    pub nearest: DrawPipelineId,
-    pub shell: DrawPipelineId,
+    /// Faint layers, depth, and the nearest wall.
+    pub glass: [DrawPipelineId; 3],
+    /// The same of a wall whose vertices have colours.
+    pub glass_coloured: [DrawPipelineId; 3],
     pub stack: DrawPipelineId,
+    pub panorama: DrawPipelineId,
 }
 
 impl Pipelines {
@@ -26,9 +30,9 @@ impl Pipelines {
         // Where samples are averaged they have to be linear. Elsewhere the shader encodes for itself:
         // software devices encode every block of 16 pixels that a triangle touches, and decode it
         // before, which is a seventh of a frame.
-        let (inside, inside_fronts, stored) = match samples {
-            1 => ("inside_encoded", "fronts_encoded", Format::Rgba8Stored),
-            _ => ("inside", "inside", PICTURE),
+        let (inside, inside_fronts, inside_coloured, stored) = match samples {
+            1 => ("inside_encoded", "fronts_encoded", "coloured_encoded", Format::Rgba8Stored),
+            _ => ("inside", "inside", "inside_coloured", PICTURE),
         };
         let surface = DrawSpec {
             shader: &host::surface::SHADER,
@@ -43,13 +47,30 @@ impl Pipelines {
         };
         let fronts =
             DrawSpec { entries: ["project", inside_fronts], cull_backs: true, ..surface.clone() };
-        let glass = |fragment, depth_use, blend| DrawSpec {
-            entries: ["project", fragment],
-            colour: GLASS,
-            depth_use,
-            blend,
+        let coloured = DrawSpec {
+            entries: ["project_coloured", inside_coloured],
+            attributes: &[Attribute::F32x3, Attribute::Snorm16x4, Attribute::Unorm8x4],
             ..surface.clone()
         };
+        let mut glass = |wall: &DrawSpec, shell: &'static str| {
+            let mut layer = |fragment, depth_use, blend| {
+                let entries = [wall.entries[0], fragment];
+                gpu.draw_pipeline(&DrawSpec {
+                    entries,
+                    colour: GLASS,
+                    depth_use,
+                    blend,
+                    ..wall.clone()
+                })
+            };
+            Ok::<_, VkError>([
+                layer("ghost", DepthUse::Ignore, Blend::Layer)?,
+                layer("nothing", DepthUse::Nearest, Blend::DepthOnly)?,
+                layer(shell, DepthUse::Equal, Blend::Layer)?,
+            ])
+        };
+        let plain_glass = glass(&surface, "shell")?;
+        let glass_coloured = glass(&coloured, "shell_coloured")?;
         let lines = DrawSpec {
             shader: &host::lines::SHADER,
             entries: ["project", "shade"],
@@ -70,17 +91,24 @@ impl Pipelines {
         Ok(Self {
             inside: gpu.draw_pipeline(&surface)?,
             inside_fronts: gpu.draw_pipeline(&fronts)?,
+            inside_coloured: gpu.draw_pipeline(&coloured)?,
             lines: gpu.draw_pipeline(&lines)?,
-            ghost: gpu.draw_pipeline(&glass("ghost", DepthUse::Ignore, Blend::Layer))?,
-            nearest: gpu.draw_pipeline(&glass("nothing", DepthUse::Nearest, Blend::DepthOnly))?,
-            shell: gpu.draw_pipeline(&glass("shell", DepthUse::Equal, Blend::Layer))?,
+            glass: plain_glass,
+            glass_coloured,
             stack: gpu.draw_pipeline(&stack)?,
+            panorama: gpu.draw_pipeline(&DrawSpec {
+                shader: &host::panorama::SHADER,
+                entries: ["whole", "unroll"],
+                blend: Blend::Opaque,
+                ..stack
+            })?,
         })
     }
 
     pub fn release(&self, releaser: &Releaser) {
-        let Self { inside, inside_fronts, lines, ghost, nearest, shell, stack } = *self;
-        for p in [inside, inside_fronts, lines, ghost, nearest, shell, stack] {
+        let Self { inside, inside_fronts, inside_coloured, lines, stack, panorama, .. } = *self;
+        let single = [inside, inside_fronts, inside_coloured, lines, stack, panorama];
+        for p in single.into_iter().chain(self.glass).chain(self.glass_coloured) {
             releaser.draw_pipeline(p);
         }
     }
@@ -216,7 +244,7 @@ mod tests {
         let [colour_many, depth_many] = [PICTURE, DEPTH].map(|f| make(image(f, 16, 4)));
         let glass = make(image(GLASS, 16, 1));
         let draw = s.draw();
-        let (inside, lines, ghost) = (s.pipelines.inside, s.pipelines.lines, s.pipelines.ghost);
+        let (inside, lines, ghost) = (s.pipelines.inside, s.pipelines.lines, s.pipelines.glass[0]);
         let lay = Draw {
             pipeline: s.pipelines.stack,
             push: Vec::new(),

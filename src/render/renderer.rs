@@ -1,5 +1,8 @@
 //! The renderer: what it holds on the device, and frames in flight.
 
+use std::ops::Range;
+
+use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
 use super::lines::Tubes;
@@ -8,6 +11,7 @@ use super::pages::Pages;
 use super::picture::{Spares, without_alpha};
 use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
 use super::scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
+use super::unfold::Face;
 use super::{RenderError, host};
 use crate::geometry::{Camera, Lens, Mesh, Pose, Vertex};
 use crate::vk::{
@@ -29,6 +33,8 @@ pub(super) struct Model {
     pub count: u32,
     pub bounds: Option<(Vec3, Vec3)>,
     pub mean_radius_mm: f32,
+    /// Of a mesh whose vertices have colours: its vertices without them, to be coloured anew.
+    pub uncoloured: Option<Vec<Vertex>>,
 }
 
 impl Model {
@@ -40,7 +46,7 @@ impl Model {
 
 /// Images of one size.
 pub(super) struct Targets {
-    extent: [u32; 2],
+    pub extent: [u32; 2],
     pub picture: ImageId,
     /// Multisampled twin of the picture.
     pub picture_many: Option<ImageId>,
@@ -51,7 +57,7 @@ pub(super) struct Targets {
 
 impl Targets {
     /// All of them, or none.
-    fn new(gpu: &mut Gpu, extent: [u32; 2], samples: u32) -> Result<Self, RenderError> {
+    pub fn new(gpu: &mut Gpu, extent: [u32; 2], samples: u32) -> Result<Self, RenderError> {
         let [width, height] = extent;
         let possible = matches!(samples, 1 | 4) && samples <= gpu.info().max_samples;
         let most = gpu.info().max_image_side.min(MAX_SIDE);
@@ -75,7 +81,12 @@ impl Targets {
         })
     }
 
-    fn release(&self, releaser: &Releaser) {
+    /// Colour target and what it is resolved to.
+    pub fn drawn_and_resolved(&self) -> (ImageId, Option<ImageId>) {
+        self.picture_many.map_or((self.picture, None), |many| (many, Some(self.picture)))
+    }
+
+    pub fn release(&self, releaser: &Releaser) {
         let Self { extent: _, picture, picture_many, glass, glass_many, depth } = *self;
         let all = [Some(picture), picture_many, Some(glass), glass_many, Some(depth)];
         all.into_iter().flatten().for_each(|i| releaser.image(i));
@@ -107,9 +118,11 @@ const MAX_SIDE: u32 = 16384;
 /// device is given the one the renderer was made on, and panics if it is another. Dropped, it
 /// frees what it holds at the device's next submission.
 pub struct Renderer {
-    samples: u32,
+    pub(super) samples: u32,
     pub(super) pipelines: Pipelines,
     pub(super) targets: Targets,
+    /// Of the six faces that a panorama is made of.
+    pub(super) faces: Option<Targets>,
     pub(super) models: Vec<Option<Model>>,
     pub(super) paths: Vec<Option<Model>>,
     pub(super) pages: Vec<Option<Pages>>,
@@ -140,6 +153,7 @@ impl Renderer {
                 frustum: upload_tubes(gpu, &Tubes::frustum())?,
                 ball: upload_tubes(gpu, &Tubes::ball())?,
                 targets,
+                faces: None,
                 models: Vec::new(),
                 paths: Vec::new(),
                 pages: Vec::new(),
@@ -192,6 +206,53 @@ impl Renderer {
         let model = upload(gpu, &p.vertices, &p.indices, p.bounds, p.mean_radius_mm)?;
         self.models.push(Some(model));
         Ok(MeshHandle(self.models.len() - 1))
+    }
+
+    /// Puts a mesh on the device whose vertices have colours of their own.
+    ///
+    /// * `colours`: one a vertex, linear, eight bits each; the last is the share of the tissue's
+    ///   colour that it replaces.
+    ///
+    /// # Errors
+    /// As [`Renderer::upload_mesh`].
+    ///
+    /// # Panics
+    /// If there are more or fewer colours than vertices.
+    pub fn upload_coloured_mesh(
+        &mut self,
+        gpu: &mut Gpu,
+        mesh: &Mesh,
+        colours: &[[u8; 4]],
+    ) -> Result<MeshHandle, RenderError> {
+        self.check_device(gpu);
+        let p = mesh::prepare(mesh, false)?;
+        let coloured = coloured(&p.vertices, colours);
+        let model = upload(gpu, &coloured, &p.indices, p.bounds, p.mean_radius_mm)?;
+        self.models.push(Some(Model { uncoloured: Some(p.vertices), ..model }));
+        Ok(MeshHandle(self.models.len() - 1))
+    }
+
+    /// Gives the vertices of such a mesh other colours, from the next frame on.
+    ///
+    /// # Errors
+    /// [`RenderError::Vulkan`] when the device runs out of memory; the colours are as before then.
+    ///
+    /// # Panics
+    /// If the mesh was removed or has no colours, or if their number is wrong.
+    pub fn recolour(
+        &mut self,
+        gpu: &mut Gpu,
+        mesh: MeshHandle,
+        colours: &[[u8; 4]],
+    ) -> Result<(), RenderError> {
+        self.check_device(gpu);
+        let plain = self.model(mesh).uncoloured.as_ref().expect("a mesh with colours");
+        let coloured = coloured(plain, colours);
+        let vertices = gpu.vertex_buffer("vertices", bytemuck::cast_slice(&coloured))?;
+        let model = self.models[mesh.0].as_mut().expect("a mesh that was not removed");
+        self.releaser.buffer(std::mem::replace(&mut model.vertices, vertices));
+        self.glass_of = None;
+        Ok(())
     }
 
     /// Mean radius of the organ a mesh encloses, mm: for its light.
@@ -252,9 +313,20 @@ impl Renderer {
         scene: &Scene,
         shot: &Shot,
     ) -> Result<Ticket, RenderError> {
+        self.begin_frame_from(gpu, scene, shot, 0)
+    }
+
+    /// The same for a shot whose first eyes were drawn already ([`Renderer::draw_eye`]).
+    pub(super) fn begin_frame_from(
+        &mut self,
+        gpu: &mut Gpu,
+        scene: &Scene,
+        shot: &Shot,
+        eye: usize,
+    ) -> Result<Ticket, RenderError> {
         self.check_device(gpu);
         let slot = self.idle.pop().expect("at most three frames in flight");
-        let begun = self.submit_frame(gpu, scene, shot, slot);
+        let begun = self.submit_frame(gpu, scene, shot, eye, slot);
         if begun.is_err() {
             self.idle.push(slot);
             self.glass_of = None;
@@ -267,6 +339,7 @@ impl Renderer {
         gpu: &mut Gpu,
         scene: &Scene,
         shot: &Shot,
+        eye: usize,
         slot: usize,
     ) -> Result<FrameStats, RenderError> {
         if self.slots[slot].extent != self.size() {
@@ -274,7 +347,7 @@ impl Renderer {
             self.releaser.buffer(std::mem::replace(&mut self.slots[slot], new).buffer);
         }
         let picture = (self.targets.picture, self.slots[slot].buffer);
-        self.submit_shot(gpu, scene, shot, Some(picture))
+        self.submit_eyes(gpu, scene, shot, eye..usize::MAX, Some(picture))
     }
 
     /// Draws one frame to [`Renderer::picture`] and does not read it back. Returns at once; what
@@ -288,8 +361,33 @@ impl Renderer {
         scene: &Scene,
         shot: &Shot,
     ) -> Result<FrameStats, RenderError> {
+        self.draw_eyes(gpu, scene, shot, 0..usize::MAX)
+    }
+
+    /// Draws what one of a shot's cameras sees ([`Renderer::cameras`]), so that a wall in pages can
+    /// be refined for each. The picture is whole once all were drawn, in their order.
+    ///
+    /// # Errors
+    /// [`RenderError::Vulkan`].
+    pub fn draw_eye(
+        &mut self,
+        gpu: &mut Gpu,
+        scene: &Scene,
+        shot: &Shot,
+        eye: usize,
+    ) -> Result<FrameStats, RenderError> {
+        self.draw_eyes(gpu, scene, shot, eye..eye + 1)
+    }
+
+    fn draw_eyes(
+        &mut self,
+        gpu: &mut Gpu,
+        scene: &Scene,
+        shot: &Shot,
+        eyes: Range<usize>,
+    ) -> Result<FrameStats, RenderError> {
         self.check_device(gpu);
-        let drawn = self.submit_shot(gpu, scene, shot, None);
+        let drawn = self.submit_eyes(gpu, scene, shot, eyes, None);
         if drawn.is_err() {
             self.glass_of = None;
         }
@@ -301,21 +399,32 @@ impl Renderer {
         self.targets.picture
     }
 
-    fn submit_shot(
+    fn submit_eyes(
         &mut self,
         gpu: &mut Gpu,
         scene: &Scene,
         shot: &Shot,
+        eyes: Range<usize>,
         picture: Option<(ImageId, BufferId)>,
     ) -> Result<FrameStats, RenderError> {
-        let (inside, outside) = self.areas(shot.view);
+        self.room_for_faces(gpu, shot.view)?;
+        let all = self.eyes(shot);
         let mut passes = Vec::new();
         let mut stats = FrameStats::default();
-        if let Some(area) = inside {
-            passes.push(self.inside_pass(scene, shot, area, &mut stats));
+        if shot.view.is_all_round() && eyes.start == 0 {
+            passes.push(self.clear_pass(scene.look.background));
         }
-        if let Some(area) = outside {
-            self.overview_passes(scene, shot, area, &mut passes);
+        let end = eyes.end.min(all.len());
+        for eye in &all[eyes.start..end] {
+            passes.push(self.inside_pass(scene, shot, eye, &mut stats));
+        }
+        if end == all.len() {
+            if let Some(area) = self.areas(shot.view).1 {
+                self.overview_passes(scene, shot, area, &mut passes);
+            }
+            if shot.view == View::Panorama {
+                passes.extend(self.panorama_pass());
+            }
         }
         self.submit_with_changes(gpu, scene.pages(), passes, picture, &mut stats)?;
         Ok(stats)
@@ -331,13 +440,22 @@ impl Renderer {
             View::Inside => (Some(whole), None),
             View::Overview => (None, Some(whole)),
             View::Split => (Some(left), Some(right)),
+            View::Cube | View::Panorama => (None, None),
         }
     }
 
-    /// The camera of a shot's inside view, as the wall's level of detail has to know it; `None`
-    /// where the shot has no such view.
-    pub fn camera(&self, shot: &Shot) -> Option<Camera> {
-        self.areas(shot.view).0.map(|area| camera_of(shot, area))
+    /// What of a shot is seen from within, each with its part of an image.
+    fn eyes(&self, shot: &Shot) -> Vec<Face> {
+        match self.areas(shot.view).0 {
+            Some(area) => vec![Face { camera: camera_of(shot, area), area }],
+            None => self.faces(shot),
+        }
+    }
+
+    /// The cameras of a shot's inside views, as the wall's level of detail has to know them: one,
+    /// six of a shot that shows everything about the eye, none where there is no such view.
+    pub fn cameras(&self, shot: &Shot) -> Vec<Camera> {
+        self.eyes(shot).into_iter().map(|eye| eye.camera).collect()
     }
 
     /// Waits for a frame and takes it: RGB, eight bits each, rows from the top.
@@ -364,25 +482,34 @@ impl Renderer {
         self.models[mesh.0].as_ref().expect("a mesh that was not removed")
     }
 
-    fn inside_pass(&self, scene: &Scene, shot: &Shot, area: Area, stats: &mut FrameStats) -> Pass {
-        let camera = camera_of(shot, area);
+    fn inside_pass(&self, scene: &Scene, shot: &Shot, eye: &Face, stats: &mut FrameStats) -> Pass {
+        let Face { camera, area } = eye;
+        let (camera, area) = (*camera, *area);
         let radius = match scene.wall {
             Wall::Mesh(mesh) => self.model(mesh).mean_radius_mm,
             Wall::Pages { pages, .. } => self.wall_pages(pages).mean_radius_mm,
         };
         let falloff = scene.look.falloff_mm.unwrap_or(super::look::FALLOFF_RADII * radius);
-        // The light sits beside the lens, as on an endoscope: relief needs a shadow side.
+        // The light sits beside the lens, as on an endoscope: relief needs a shadow side. The faces
+        // of a cube share one light, in the eye, or they would not meet.
         let beside = super::look::LIGHT_RADII * radius.min(shot.lens.near_mm * 4.0);
+        let beside = if shot.view.is_all_round() { 0.0 } else { beside };
         let light = shot.pose.position_mm + beside * shot.pose.up();
-        let push = surface_push(&shot.pose, &camera.lens, area, light, falloff);
+        let push = surface_push(&camera.pose, &camera.lens, area, light, falloff);
         let push = bytemuck::bytes_of(&push);
         let draws = match scene.wall {
-            Wall::Mesh(mesh) => draw(self.pipelines.inside, self.model(mesh), push, Vec::new()),
+            Wall::Mesh(mesh) => {
+                let model = self.model(mesh);
+                let p = &self.pipelines;
+                let coloured = model.uncoloured.is_some();
+                let pipeline = if coloured { p.inside_coloured } else { p.inside };
+                draw(pipeline, model, push, Vec::new())
+            }
             Wall::Pages { pages, backs } => {
                 let own = self.wall_pages(pages);
                 let (ranges, triangles) = own.visible_ranges(&camera, backs);
-                stats.draws = ranges.len() as u32;
-                stats.triangles = triangles;
+                stats.draws += ranges.len() as u32;
+                stats.triangles += triangles;
                 let p = &self.pipelines;
                 (triangles > 0).then(|| Draw {
                     pipeline: if backs { p.inside } else { p.inside_fronts },
@@ -396,28 +523,26 @@ impl Renderer {
             }
         };
         if let (Wall::Mesh(mesh), true) = (scene.wall, draws.is_some()) {
-            stats.draws = 1;
-            stats.triangles = u64::from(self.model(mesh).count / 3);
+            stats.draws += 1;
+            stats.triangles += u64::from(self.model(mesh).count / 3);
         }
-        let (colour, resolve) = self.picture_targets();
+        let targets = match (&self.faces, shot.view) {
+            (Some(faces), View::Panorama) => faces,
+            _ => &self.targets,
+        };
+        let (colour, resolve) = targets.drawn_and_resolved();
         let encoded = resolve.is_none();
         let background = scene.look.background;
         let [r, g, b] = if encoded { super::look::srgb(background) } else { background };
         Pass {
             colour,
             resolve,
-            depth: Some(self.targets.depth),
+            depth: Some(targets.depth),
             encoded,
             clear: Some([r, g, b, 1.0]),
             area,
             draws: draws.into_iter().collect(),
         }
-    }
-
-    /// Colour target and what it is resolved to.
-    pub(super) fn picture_targets(&self) -> (ImageId, Option<ImageId>) {
-        let t = &self.targets;
-        t.picture_many.map_or((t.picture, None), |many| (many, Some(t.picture)))
     }
 }
 
@@ -430,6 +555,7 @@ impl Drop for Renderer {
         self.pipelines.release(releaser);
         self.slots.iter().for_each(|s| releaser.buffer(s.buffer));
         self.targets.release(releaser);
+        self.faces.iter().for_each(|f| f.release(releaser));
     }
 }
 
@@ -484,6 +610,7 @@ pub(super) fn surface_push(
         focal: focal.to_array(),
         middle: middle.to_array(),
         depth,
+        opacity: 1.0,
         ..bytemuck::Zeroable::zeroed()
     }
 }
@@ -496,9 +623,24 @@ fn upload_tubes(gpu: &mut Gpu, tubes: &Tubes) -> Result<Model, RenderError> {
     upload(gpu, &tubes.vertices, &tubes.indices, bounds, 0.0)
 }
 
-fn upload(
+/// A vertex with a colour.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct ColouredVertex {
+    vertex: Vertex,
+    colour: [u8; 4],
+}
+
+fn coloured(vertices: &[Vertex], colours: &[[u8; 4]]) -> Vec<ColouredVertex> {
+    assert_eq!(vertices.len(), colours.len(), "one colour a vertex");
+    let with =
+        |(vertex, colour): (&Vertex, &[u8; 4])| ColouredVertex { vertex: *vertex, colour: *colour };
+    vertices.iter().zip(colours).map(with).collect()
+}
+
+fn upload<V: Pod>(
     gpu: &mut Gpu,
-    vertices: &[Vertex],
+    vertices: &[V],
     indices: &[u32],
     bounds: Option<(Vec3, Vec3)>,
     mean_radius_mm: f32,
@@ -507,6 +649,6 @@ fn upload(
     gpu.all_or_none(|gpu| {
         let vertices = gpu.vertex_buffer("vertices", bytemuck::cast_slice(vertices))?;
         let indices = gpu.index_buffer("indices", indices)?;
-        Ok(Model { vertices, indices, count, bounds, mean_radius_mm })
+        Ok(Model { vertices, indices, count, bounds, mean_radius_mm, uncoloured: None })
     })
 }

@@ -27,6 +27,19 @@ pub struct FrameStats {
     pub degraded: bool,
 }
 
+impl FrameStats {
+    /// Those of two parts of a frame.
+    pub(super) fn plus(self, o: Self) -> Self {
+        Self {
+            triangles: self.triangles + o.triangles,
+            draws: self.draws + o.draws,
+            uploaded_bytes: self.uploaded_bytes + o.uploaded_bytes,
+            leaves_changed: self.leaves_changed + o.leaves_changed,
+            degraded: self.degraded || o.degraded,
+        }
+    }
+}
+
 /// What a frame shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum View {
@@ -37,6 +50,17 @@ pub enum View {
     Overview,
     /// Inside on the left, overview on the right.
     Split,
+    /// Everything about the eye: the six faces of a cube, unfolded to a cross.
+    Cube,
+    /// Everything about the eye: an equirectangular map.
+    Panorama,
+}
+
+impl View {
+    /// Whether it shows everything about the eye, whatever its field of view.
+    pub fn is_all_round(self) -> bool {
+        matches!(self, Self::Cube | Self::Panorama)
+    }
 }
 
 /// What the wall is drawn from.

@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use super::RenderError;
 use super::renderer::{IN_FLIGHT, Renderer, Ticket};
 use super::scene::{FrameStats, Scene, Shot, Wall};
+use crate::geometry::Camera;
 use crate::lod::Worker;
 use crate::vk::Gpu;
 
@@ -65,9 +66,20 @@ impl FrameSequence {
         gpu: &mut Gpu,
     ) -> Result<Option<(Vec<u8>, FrameStats)>, RenderError> {
         while self.in_flight.len() < IN_FLIGHT && self.begun < self.shots.len() {
-            self.settle(renderer)?;
-            let shot = &self.shots[self.begun];
-            self.in_flight.push_back(renderer.begin_frame(gpu, &self.scene, shot)?);
+            let shot = self.shots[self.begun];
+            let cameras = renderer.cameras(&shot);
+            let last = cameras.len().max(1) - 1;
+            let mut stats = FrameStats::default();
+            for (eye, camera) in cameras.iter().enumerate() {
+                let next = cameras.get(eye + 1).copied();
+                self.settle(renderer, *camera, next)?;
+                if eye < last {
+                    stats = stats.plus(renderer.draw_eye(gpu, &self.scene, &shot, eye)?);
+                }
+            }
+            let mut ticket = renderer.begin_frame_from(gpu, &self.scene, &shot, last)?;
+            ticket.stats = ticket.stats.plus(stats);
+            self.in_flight.push_back(ticket);
             self.begun += 1;
         }
         let Some(ticket) = self.in_flight.pop_front() else { return Ok(None) };
@@ -75,13 +87,19 @@ impl FrameSequence {
         Ok(Some((renderer.fetch(gpu, ticket)?, stats)))
     }
 
-    /// Brings the pages to the settled cut of the frame to begin and asks for the next one's.
-    fn settle(&mut self, renderer: &mut Renderer) -> Result<(), RenderError> {
-        let mut cameras = self.shots[self.begun..].iter().map(|shot| renderer.camera(shot));
-        let (camera, next) = (cameras.next().flatten(), cameras.next().flatten());
+    /// Brings the pages to the settled cut of a camera and asks for the next one's: that of the
+    /// same frame, or the first of the next frame.
+    fn settle(
+        &mut self,
+        renderer: &mut Renderer,
+        camera: Camera,
+        next: Option<Camera>,
+    ) -> Result<(), RenderError> {
+        let after = || renderer.cameras(self.shots.get(self.begun + 1)?).first().copied();
+        let next = next.or_else(after);
         let Some(worker) = &mut self.worker else { return Ok(()) };
-        // Asked already while the frame before was made; asked now for the first.
-        if let (0, Some(camera)) = (worker.outstanding(), camera) {
+        // Asked already while the eye before was drawn; asked now for the first.
+        if worker.outstanding() == 0 {
             worker.request(camera);
         }
         // The answer is taken before the next question, so that at most one is on its way.

@@ -7,13 +7,18 @@ use glam::Quat;
 use super::report::{CoverageReport, PatchReport};
 use super::{Clock, Session, SessionError, present, put};
 use crate::flight::{Coverage, Flight, LISTED_FROM_MM2, coverage, unseen_voxels};
-use crate::geometry::{Lens, Pose};
+use crate::geometry::{Lens, Pose, cube_faces};
 
 impl Session {
     pub(super) fn run_coverage(&self, clock: &mut Clock) -> Result<(), SessionError> {
         let (wall, flight) = (present(&self.slots.wall), present(&self.slots.flight));
         let faces = wall.mesh.faces.len() as u64;
-        let seen = || coverage(&wall.mesh, &views(&flight), &reversed_views(&flight));
+        let (there, back) = match self.settings.flight.view.is_all_round() {
+            false => (views(&flight), reversed_views(&flight)),
+            // What is behind the eye is seen on the way there already.
+            true => (all_round(&flight), Vec::new()),
+        };
+        let seen = || coverage(&wall.mesh, &there, &back);
         put(&self.slots.coverage, clock.time("coverage", "faces", seen, |_| faces));
         Ok(())
     }
@@ -41,6 +46,11 @@ impl Session {
 
 fn views(flight: &Flight) -> Vec<(Pose, Lens)> {
     flight.poses.iter().enumerate().map(|(i, pose)| (*pose, flight.lens(i))).collect()
+}
+
+/// Everything about each place.
+fn all_round(flight: &Flight) -> Vec<(Pose, Lens)> {
+    views(flight).iter().flat_map(|(pose, lens)| cube_faces(pose, lens, 0.0)).collect()
 }
 
 /// The same places looked at the other way: each camera turned half about its own up.

@@ -11,11 +11,22 @@ impl Session {
     pub(super) fn run_flight(&self, clock: &mut Clock) -> Result<(), SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
         let (centered, wall) = (present(&self.slots.centerline), present(&self.slots.wall));
-        let plan = || self.fly(&lumen.lumen, &fields.distance, &centered, &wall);
+        let route = self.settings.flight.route;
+        let plan = || self.fly(&lumen.lumen, &fields.distance, &centered, &wall, route);
         let count = |f: &Result<Flight, _>| f.as_ref().map_or(0, |f| f.poses.len() as u64);
         let flight = clock.time("flight", "frames", plan, count)?;
         put(&self.slots.flight, flight);
         Ok(())
+    }
+
+    /// A flight along other ways of the same centerline than the settings say; it is not kept.
+    ///
+    /// # Errors
+    /// What the stages fail with; [`FlightError::NoBranch`].
+    pub fn flight_along(&self, route: FlightRoute) -> Result<Flight, SessionError> {
+        let (lumen, fields) = (self.lumen()?, self.fields()?);
+        let (centered, wall) = (self.centerline()?, self.wall()?);
+        self.pool.install(|| self.fly(&lumen.lumen, &fields.distance, &centered, &wall, route))
     }
 
     fn fly(
@@ -24,6 +35,7 @@ impl Session {
         distance: &[f32],
         centered: &Centered,
         wall: &Wall,
+        route: FlightRoute,
     ) -> Result<Flight, SessionError> {
         let s = &self.settings.flight;
         // In a split view the eye fills half the frame.
@@ -37,7 +49,7 @@ impl Session {
                 None => script.fly(&clearance, aspect)?,
             });
         }
-        let paths = s.route.paths(&centered.line)?;
+        let paths = route.paths(&centered.line)?;
         let paths: Vec<&[CenterlinePoint]> = paths.iter().map(Vec::as_slice).collect();
         let options = FlightOptions {
             frames: s.frames,

@@ -94,7 +94,7 @@ impl Session {
             None => display.with_gpu(|gpu| Renderer::new(gpu, s.size[0], s.size[1], s.samples))?,
         };
         let mesh = drawn.mesh();
-        let overview = s.view != View::Inside;
+        let overview = matches!(s.view, View::Overview | View::Split);
         let mut held = Held::default();
         let (scene, worker, lod) = if self.settings.drawn_lod() == Lod::Off {
             let faces = mesh.faces.len() as u64;

@@ -64,6 +64,38 @@ impl TriangleBvh {
         None
     }
 
+    /// The place nearest to an eye at which the segment from it to `eye + along` meets a triangle.
+    ///
+    /// * `eye`: coordinates that single precision holds.
+    pub fn first_hit(&self, eye: DVec3, along: DVec3) -> Option<DVec3> {
+        let from = eye.as_vec3a();
+        let inverse = along.map(|d| if d.abs() < 1e-30 { 1e30 } else { 1.0 / d }).as_vec3a();
+        let mut open = [self.root(); DEPTH];
+        let mut depth = usize::from(along.is_finite() && eye.is_finite());
+        let mut best = f64::INFINITY;
+        while depth > 0 {
+            depth -= 1;
+            let s = open[depth];
+            if s.is_leaf() {
+                for t in s.triangles().filter(|t| self.meets(*t, eye, along)) {
+                    let [a, b, c] = self.corners_about(t, eye);
+                    let n = (b - a).cross(c - a);
+                    best = best.min(n.dot(a) / n.dot(along));
+                }
+                continue;
+            }
+            let [left, right] = s.children();
+            let [a, b] = [left, right].map(|s| self.nodes[s.node].enter(from, inverse));
+            let order = if a <= b { [(right, b), (left, a)] } else { [(left, a), (right, b)] };
+            // Boxes are entered in single precision: a little early does no harm.
+            for (s, _) in order.iter().filter(|o| f64::from(o.1) * (1.0 - 1e-5) <= best.min(1.0)) {
+                open[depth] = *s;
+                depth += 1;
+            }
+        }
+        best.is_finite().then(|| eye + along * best)
+    }
+
     /// Whether a triangle meets the segment from an eye along `along` before its end (Möller and
     /// Trumbore 1997, Fast, minimum storage ray-triangle intersection,
     /// doi:10.1080/10867651.1997.10487468).

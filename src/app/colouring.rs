@@ -1,0 +1,129 @@
+//! Colours of the wall's vertices: what was missed, or how wide the lumen is.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::geometry::{Centerline, Mesh, TriangleBvh};
+
+/// Of wall that no picture has shown; linear, eight bits each, and the share of the tissue's colour
+/// that it replaces.
+const MISSED: [u8; 4] = [8, 60, 205, 235];
+/// From narrow to wide: viridis of matplotlib (van der Walt and Smith 2015) at equal steps, as sRGB.
+const VIRIDIS: [[u8; 3]; 9] = [
+    [68, 1, 84],
+    [71, 44, 122],
+    [59, 81, 139],
+    [44, 113, 142],
+    [33, 144, 141],
+    [39, 173, 129],
+    [92, 200, 99],
+    [170, 220, 50],
+    [253, 231, 37],
+];
+
+/// Marks the vertices of faces that were not seen; caps are no wall.
+///
+/// * `seen`: one flag a face.
+pub fn missed_colours(wall: &Mesh, seen: &[bool]) -> Vec<[u8; 4]> {
+    let mut colours = vec![[0; 4]; wall.positions.len()];
+    for (i, (face, seen)) in wall.faces.iter().zip(seen).enumerate() {
+        if !seen && !wall.caps.get(i).copied().unwrap_or(false) {
+            face.iter().for_each(|v| colours[*v as usize] = MISSED);
+        }
+    }
+    colours
+}
+
+/// A colour of the scale, encoded as sRGB, 0 to 1 from narrow to wide.
+pub fn scale_colour(share: f64) -> [u8; 3] {
+    let share = if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) };
+    let at = share * (VIRIDIS.len() - 1) as f64;
+    let i = (at as usize).min(VIRIDIS.len() - 2);
+    let t = at - i as f64;
+    let mix = |k: usize| {
+        let (a, b) = (f64::from(VIRIDIS[i][k]), f64::from(VIRIDIS[i + 1][k]));
+        (a + (b - a) * t).round() as u8
+    };
+    [mix(0), mix(1), mix(2)]
+}
+
+/// Distance of each vertex of a wall from a centerline, mm.
+pub fn wall_radii_mm(wall: &Mesh, line: &Centerline) -> Vec<f32> {
+    // Segments as triangles without area: the hierarchy finds the nearest.
+    let mut segments = Mesh::default();
+    for branch in &line.branches {
+        for w in branch.points.windows(2) {
+            let first = segments.positions.len() as u32;
+            segments.positions.extend(w.iter().map(|p| p.position_mm.as_vec3()));
+            segments.faces.push([first, first + 1, first + 1]);
+        }
+    }
+    let tree = TriangleBvh::new(&segments);
+    let radius = |p: &Vec3| tree.closest(p.as_dvec3()).map_or(0.0, |near| near.distance_mm as f32);
+    wall.positions.par_iter().with_min_len(1024).map(radius).collect()
+}
+
+/// The radius at which the scale of colours ends, mm: but for the widest fiftieth, all are below.
+pub fn widest_mm(radii_mm: &[f32]) -> f64 {
+    let mut sorted = radii_mm.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    let at = sorted.len().saturating_sub(1) * 49 / 50;
+    sorted.get(at).map_or(1.0, |r| f64::from(*r).max(1e-6))
+}
+
+/// Colours vertices by their distance from the centerline.
+pub fn radius_colours(radii_mm: &[f32], widest_mm: f64) -> Vec<[u8; 4]> {
+    let linear = |c: u8| {
+        let c = f64::from(c) / 255.0;
+        let l = if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
+        (l * 255.0).round() as u8
+    };
+    let colour = |r: &f32| {
+        let [red, green, blue] = scale_colour(f64::from(*r) / widest_mm).map(linear);
+        [red, green, blue, 235]
+    };
+    radii_mm.iter().map(colour).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Branch, CenterlinePoint, shapes};
+    use glam::DVec3;
+
+    #[test]
+    fn vertices_of_a_face_that_was_not_seen_are_marked_and_caps_are_not() {
+        let mut wall = shapes::boxed(2);
+        let mut seen = vec![true; wall.faces.len()];
+        (seen[3], seen[9]) = (false, false);
+        wall.caps = vec![false; wall.faces.len()];
+        wall.caps[9] = true;
+        let colours = missed_colours(&wall, &seen);
+        let marked: Vec<u32> =
+            (0..colours.len() as u32).filter(|v| colours[*v as usize] != [0; 4]).collect();
+        let mut wanted = wall.faces[3].to_vec();
+        wanted.sort_unstable();
+        assert_eq!(marked, wanted);
+    }
+
+    #[test]
+    fn a_tube_has_the_colour_of_its_radius_all_over() {
+        let point =
+            |x: f64| CenterlinePoint { position_mm: DVec3::X * x, radius_mm: 0.0, abscissa_mm: x };
+        let branch = Branch { points: vec![point(0.0), point(50.0)], ..Branch::default() };
+        let line = Centerline { branches: vec![branch] };
+        let ring = |i: u32| {
+            let a = i as f32;
+            Vec3::new(i as f32 % 50.0, 4.0 * a.cos(), 4.0 * a.sin())
+        };
+        let wall = Mesh { positions: (0..300).map(ring).collect(), ..Mesh::default() };
+        let radii = wall_radii_mm(&wall, &line);
+        assert!(radii.iter().all(|r| (r - 4.0).abs() < 1e-5));
+        assert!((widest_mm(&radii) - 4.0).abs() < 1e-5 && widest_mm(&[]) == 1.0);
+        let colours = radius_colours(&radii, 8.0);
+        assert!(colours.iter().all(|c| *c == colours[0]), "4 of 8 mm everywhere");
+        assert_eq!(scale_colour(0.0), VIRIDIS[0]);
+        assert_eq!(scale_colour(9.0), VIRIDIS[8]);
+        assert_eq!(scale_colour(f64::NAN), VIRIDIS[0]);
+    }
+}

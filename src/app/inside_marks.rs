@@ -1,0 +1,151 @@
+//! What is drawn over the inside view: branches that can be taken, measurements, names of the faces
+//! of a cube, the scale of colours.
+
+use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
+use glam::{DVec2, DVec3};
+
+use super::action::{Colouring, WallView};
+use super::colouring::{scale_colour, widest_mm};
+use super::model::Model;
+use super::ui::{ACCENT, CAMERA, TEXT};
+use crate::render::cube_areas;
+
+const SHADOW: Color32 = Color32::from_black_alpha(150);
+pub(super) const MEASURE: Color32 = Color32::from_rgb(120, 200, 255);
+
+/// The direction that a point of the inside pane looks in, in the camera's own axes.
+pub(super) fn ray_at(rect: Rect, p: Pos2, model: &Model) -> DVec3 {
+    let half = f64::from((0.5 * model.fov_deg.to_radians()).tan());
+    let at = (p - rect.center()) * 2.0 / rect.height().max(1.0);
+    DVec3::new(f64::from(at.x) * half, -f64::from(at.y) * half, -1.0)
+}
+
+/// Where a place is in the inside pane, if it is in front of the eye.
+fn in_pane(rect: Rect, place: DVec3, model: &Model) -> Option<Pos2> {
+    let pose = model.pose?;
+    let inverse = pose.rotation.as_dquat().conjugate();
+    let c = inverse * (place - pose.position_mm.as_dvec3());
+    let depth = -c.z;
+    let half = f64::from((0.5 * model.fov_deg.to_radians()).tan());
+    let at = DVec2::new(c.x, -c.y) / (depth * half) * f64::from(0.5 * rect.height());
+    (depth > 0.05).then(|| rect.center() + vec2(at.x as f32, at.y as f32))
+}
+
+/// Text with a shadow, so that it can be read on any wall.
+pub(super) fn shadowed(
+    painter: &Painter,
+    at: Pos2,
+    anchor: Align2,
+    text: &str,
+    size: f32,
+    colour: Color32,
+) {
+    let font = FontId::proportional(size);
+    let galley = painter.layout_no_wrap(text.to_owned(), font, colour);
+    let rect = anchor.anchor_size(at, galley.size());
+    painter.rect_filled(rect.expand(2.0), 2.0, SHADOW);
+    painter.galley(rect.min, galley, colour);
+}
+
+/// Everything that lies over the inside view.
+pub(super) fn inside_marks(painter: &Painter, rect: Rect, model: &Model) {
+    match model.view {
+        WallView::Eye => {
+            offered_branches(painter, rect, model);
+            measurements(painter, model, |p| in_pane(rect, p, model));
+        }
+        WallView::Cube => face_names(painter, rect),
+        WallView::Panorama => {}
+    }
+    if model.colouring == Colouring::Radius {
+        radius_scale(painter, rect, model);
+    }
+    if let Some(ruler) = model.ruler {
+        let left = ruler.points() - model.marks_mm.len();
+        let text = format!("click {left} more, here or in a slice");
+        let at = rect.center_bottom() - vec2(0.0, 8.0);
+        shadowed(painter, at, Align2::CENTER_BOTTOM, &text, 13.0, MEASURE);
+    }
+}
+
+/// Branches by their numbers on the keys, each where it begins.
+fn offered_branches(painter: &Painter, rect: Rect, model: &Model) {
+    let offered = model.offered();
+    for (i, choice) in offered.iter().enumerate() {
+        let text = (i + 1).to_string();
+        if let Some(at) = in_pane(rect, choice.ahead_mm, model).filter(|at| rect.contains(*at)) {
+            painter.circle_filled(at, 11.0, SHADOW);
+            painter.circle_stroke(at, 11.0, Stroke::new(2.0, ACCENT));
+            painter.text(at, Align2::CENTER_CENTER, text, FontId::proportional(13.0), ACCENT);
+        }
+    }
+    if !offered.is_empty() {
+        let keys = match offered.len() {
+            1 => "another branch: key 1".to_owned(),
+            n => format!("other branches: keys 1 to {}", n.min(4)),
+        };
+        let at = rect.center_top() + vec2(0.0, 8.0);
+        shadowed(painter, at, Align2::CENTER_TOP, &keys, 13.0, ACCENT);
+    }
+}
+
+/// Measurements, and the points of the one that is being made, where `place` puts them.
+pub(super) fn measurements(
+    painter: &Painter,
+    model: &Model,
+    place: impl Fn(DVec3) -> Option<Pos2>,
+) {
+    let stroke = Stroke::new(1.5, MEASURE);
+    let line = |points: &[DVec3]| {
+        for w in points.windows(2) {
+            if let (Some(a), Some(b)) = (place(w[0]), place(w[1])) {
+                painter.line_segment([a, b], stroke);
+            }
+        }
+        for at in points.iter().filter_map(|p| place(*p)) {
+            painter.circle_filled(at, 3.0, MEASURE);
+        }
+    };
+    for m in &model.measurements {
+        let points = m.points();
+        line(&points);
+        if let Some(at) = place(points[1]) {
+            let at = at + vec2(6.0, -6.0);
+            shadowed(painter, at, Align2::LEFT_BOTTOM, &m.text(), 12.0, MEASURE);
+        }
+    }
+    line(&model.marks_mm);
+}
+
+fn face_names(painter: &Painter, rect: Rect) {
+    // In whole thousandths of the pane.
+    let size = [rect.width(), rect.height()].map(|s| s.round().max(1.0) as u32);
+    let names = ["front", "right", "back", "left", "up", "down"];
+    for (name, [x, y, ..]) in names.into_iter().zip(cube_areas(size)) {
+        let at = rect.min + vec2(x as f32 + 5.0, y as f32 + 4.0);
+        // The pane's own name is there.
+        let at = if y == 0 { at + vec2(0.0, 2.0) } else { at };
+        shadowed(painter, at, Align2::LEFT_TOP, name, 12.0, TEXT);
+    }
+}
+
+fn radius_scale(painter: &Painter, rect: Rect, model: &Model) {
+    let Some(radii) = &model.products.radii_mm else { return };
+    let bar =
+        Rect::from_min_size(pos2(rect.right() - 24.0, rect.center().y - 70.0), vec2(12.0, 140.0));
+    const STEPS: u8 = 64;
+    for i in 0..STEPS {
+        let share = f64::from(i) / f64::from(STEPS - 1);
+        let [r, g, b] = scale_colour(share);
+        let h = bar.height() / f32::from(STEPS);
+        let y = bar.bottom() - f32::from(i + 1) * h;
+        let part = Rect::from_min_size(pos2(bar.left(), y), vec2(bar.width(), h + 0.5));
+        painter.rect_filled(part, 0.0, Color32::from_rgb(r, g, b));
+    }
+    let label = |at: Pos2, anchor, text: String| {
+        shadowed(painter, at, anchor, &text, 11.0, CAMERA);
+    };
+    let widest = widest_mm(radii);
+    label(bar.right_top() - vec2(0.0, 4.0), Align2::RIGHT_BOTTOM, format!("{widest:.1} mm"));
+    label(bar.right_bottom() + vec2(0.0, 4.0), Align2::RIGHT_TOP, "0".into());
+}

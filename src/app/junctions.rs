@@ -1,0 +1,134 @@
+//! Places where the path that is flown leaves other branches of the centerline behind.
+
+use glam::DVec3;
+
+use super::path::FlightPath;
+use crate::geometry::Centerline;
+use crate::session::FlightRoute;
+
+/// A branch that can be taken instead.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Choice {
+    /// Number of the branch.
+    pub branch: usize,
+    /// Where on the path, mm.
+    pub arc_mm: f64,
+    /// A place a little way into the branch, LPS mm.
+    pub ahead_mm: DVec3,
+}
+
+/// How far into a branch its direction is taken, mm.
+const AHEAD_MM: f64 = 8.0;
+
+/// All choices along a path, in its order.
+///
+/// * `route`: what the path was made of.
+pub fn choices(line: &Centerline, path: &FlightPath, route: FlightRoute) -> Vec<Choice> {
+    // Branches from the root to the one that is flown to its tip, and the point at which each of
+    // them is left.
+    let mut way: Vec<(usize, usize)> = Vec::new();
+    let last = match route {
+        FlightRoute::Leaf(branch) => branch,
+        FlightRoute::Trunk => 0,
+        // Every branch is flown anyway.
+        FlightRoute::All => return Vec::new(),
+    };
+    let mut next = line.branches.get(last).map(|b| (last, b.points.len().max(1) - 1));
+    while let Some((branch, left_at)) = next {
+        way.push((branch, left_at));
+        next = line.branches[branch].start.map(|s| (s.branch, s.point));
+    }
+    let mut found = Vec::new();
+    let mut choose = |branch: usize, from: DVec3, points: &[DVec3]| {
+        let into = points.iter().find(|p| p.distance(from) >= AHEAD_MM).or(points.last());
+        let Some(ahead_mm) = into.copied() else { return };
+        found.push(Choice { branch, arc_mm: path.nearest_to(from), ahead_mm });
+    };
+    for (branch, left_at) in &way {
+        let points: Vec<DVec3> =
+            line.branches[*branch].points.iter().map(|p| p.position_mm).collect();
+        // The rest of a branch that is left before its tip.
+        if left_at + 1 < points.len() {
+            choose(*branch, points[*left_at], &points[left_at + 1..]);
+        }
+        for (other, b) in line.branches.iter().enumerate() {
+            let Some(start) = b.start.filter(|s| s.branch == *branch && s.point <= *left_at) else {
+                continue;
+            };
+            if way.iter().all(|w| w.0 != other) {
+                let theirs: Vec<DVec3> = b.points.iter().map(|p| p.position_mm).collect();
+                choose(other, points[start.point], &theirs);
+            }
+        }
+    }
+    found.sort_by(|a, b| a.arc_mm.total_cmp(&b.arc_mm).then(a.branch.cmp(&b.branch)));
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flight::Flight;
+    use crate::geometry::{Attachment, Branch, CenterlinePoint, Pose};
+    use glam::Quat;
+
+    fn branch(start: Option<(usize, usize)>, points: &[[f64; 2]]) -> Branch {
+        let point = |p: &[f64; 2]| CenterlinePoint {
+            position_mm: DVec3::new(p[0], p[1], 0.0),
+            radius_mm: 1.0,
+            abscissa_mm: 0.0,
+        };
+        let start = start.map(|(branch, point)| Attachment { branch, point });
+        Branch { start, end: None, points: points.iter().map(point).collect() }
+    }
+
+    /// A trunk along x, a branch up at 20 mm, one down at 40 mm, one off the branch.
+    fn tree() -> Centerline {
+        let trunk: Vec<[f64; 2]> = (0..=6).map(|i| [10.0 * f64::from(i), 0.0]).collect();
+        Centerline {
+            branches: vec![
+                branch(None, &trunk),
+                branch(Some((0, 2)), &[[20.0, 0.0], [20.0, 10.0], [20.0, 20.0]]),
+                branch(Some((0, 4)), &[[40.0, 0.0], [40.0, -10.0]]),
+                branch(Some((1, 1)), &[[20.0, 10.0], [10.0, 10.0]]),
+            ],
+        }
+    }
+
+    fn path(line: &Centerline, leaf: usize) -> FlightPath {
+        let points = line.path_to(leaf);
+        let pose = |p: &CenterlinePoint| Pose {
+            position_mm: p.position_mm.as_vec3(),
+            rotation: Quat::IDENTITY,
+        };
+        let n = points.len();
+        let flight = Flight {
+            poses: points.iter().map(pose).collect(),
+            near_mm: vec![1.0; n],
+            seconds: (0..n).map(|i| i as f64).collect(),
+            clearance_mm: vec![1.0; n],
+            fov_y_rad: 1.0,
+            aspect: 1.0,
+            moved: 0,
+            cuts: Vec::new(),
+        };
+        FlightPath::new(&flight, line).unwrap()
+    }
+
+    #[test]
+    fn every_branch_beside_the_way_can_be_chosen_where_it_leaves() {
+        let line = tree();
+        let of = |leaf, route| {
+            let all = choices(&line, &path(&line, leaf), route);
+            all.iter().map(|c| (c.branch, c.arc_mm)).collect::<Vec<_>>()
+        };
+        assert_eq!(of(0, FlightRoute::Trunk), [(1, 20.0), (2, 40.0)]);
+        // On the branch the rest of the trunk is a choice, and what leaves the trunk later is not.
+        assert_eq!(of(1, FlightRoute::Leaf(1)), [(0, 20.0), (3, 30.0)]);
+        assert_eq!(of(3, FlightRoute::Leaf(3)), [(0, 20.0), (1, 30.0)]);
+        assert_eq!(of(0, FlightRoute::All), []);
+        let into = choices(&line, &path(&line, 1), FlightRoute::Leaf(1));
+        assert_eq!(into[0].ahead_mm, DVec3::new(30.0, 0.0, 0.0));
+        assert_eq!(into[1].ahead_mm, DVec3::new(10.0, 10.0, 0.0));
+    }
+}

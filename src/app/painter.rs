@@ -1,0 +1,97 @@
+//! Which parts of the wall the pictures have shown so far, kept on a thread of its own while the eye
+//! moves.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+use crate::flight::CoverageMap;
+use crate::geometry::{Lens, Pose};
+use crate::session::{SessionError, Wall};
+
+/// What was shown of the wall.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Shown {
+    /// Share of the wall's area, 0 to 1.
+    pub fraction: f64,
+    /// One flag a face of the wall.
+    pub faces: Vec<bool>,
+}
+
+type Views = Vec<(Pose, Lens)>;
+
+/// Adds views to a [`CoverageMap`] as they are drawn.
+pub struct Painter {
+    views: Sender<Views>,
+    shown: Receiver<(usize, Shown)>,
+    /// Batches of views that were sent and are not in what came back yet.
+    outstanding: usize,
+    last: Option<(Pose, Lens)>,
+}
+
+impl Painter {
+    /// Starts the thread, which ends when the painter is dropped.
+    ///
+    /// * `wake`: called on that thread after each answer.
+    ///
+    /// # Errors
+    /// [`SessionError::System`] if the system gives no thread.
+    pub fn spawn(wall: Arc<Wall>, wake: impl Fn() + Send + 'static) -> Result<Self, SessionError> {
+        let (views, theirs) = channel::<Views>();
+        let (ours, shown) = channel();
+        let work = move || {
+            let mut map = CoverageMap::new(&wall.mesh);
+            while let Ok(mut batch) = theirs.recv() {
+                let mut batches = 1;
+                // All that has come since: one answer does for them.
+                while let Ok(more) = theirs.try_recv() {
+                    batch.extend(more);
+                    batches += 1;
+                }
+                map.add(&batch);
+                let shown = Shown { fraction: map.fraction(), faces: map.seen() };
+                if ours.send((batches, shown)).is_err() {
+                    return;
+                }
+                wake();
+            }
+        };
+        std::thread::Builder::new()
+            .name("coverage".into())
+            .spawn(work)
+            .map_err(|e| SessionError::System(e.to_string()))?;
+        Ok(Self { views, shown, outstanding: 0, last: None })
+    }
+
+    /// Adds views, unless the first of them is the one that was added last.
+    pub fn add(&mut self, views: &[(Pose, Lens)]) {
+        let first = views.first().copied();
+        if first.is_none() || self.last == first {
+            return;
+        }
+        self.last = first;
+        if self.views.send(views.to_vec()).is_ok() {
+            self.outstanding += 1;
+        }
+    }
+
+    /// What was shown, if there is more than at the last time. Never waits.
+    pub fn poll(&mut self) -> Option<Shown> {
+        let mut newest = None;
+        while let Ok((batches, shown)) = self.shown.try_recv() {
+            self.outstanding -= batches;
+            newest = Some(shown);
+        }
+        newest
+    }
+
+    /// The same, once everything that was added is in it.
+    pub fn settle(&mut self) -> Option<Shown> {
+        let mut newest = None;
+        while self.outstanding > 0 {
+            let Ok((batches, shown)) = self.shown.recv() else { break };
+            self.outstanding -= batches;
+            newest = Some(shown);
+        }
+        newest
+    }
+}
