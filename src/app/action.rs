@@ -1,5 +1,7 @@
 //! Commands of the panels, keys and scripts, and the panes they name.
 
+use std::path::PathBuf;
+
 use serde::{Deserialize, Serialize};
 
 /// Bounds of the vertical field of view, degrees.
@@ -91,6 +93,17 @@ pub enum Export {
     Report,
 }
 
+/// Grey values of a lumen, and where it begins.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LumenChoice {
+    /// Least and largest value inside.
+    pub range: [f64; 2],
+    /// A place inside, LPS mm; the largest component that is not the air around the patient
+    /// where there is none.
+    #[serde(default)]
+    pub seed_mm: Option<[f64; 3]>,
+}
+
 /// A command.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -151,6 +164,10 @@ pub enum Action {
     NextMissed,
     /// Shows or hides the keys.
     ToggleHelp,
+    /// Opens a file or a DICOM folder instead of what is shown.
+    Open(PathBuf),
+    /// Takes another lumen of the same volume.
+    Lumen(LumenChoice),
     /// Stops what is computed.
     Cancel,
     /// Closes the window.

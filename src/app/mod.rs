@@ -24,7 +24,9 @@ mod study;
 mod ui;
 mod window;
 
-pub use action::{Action, Colouring, Export, FOV_DEG, Pane, Ruler, SPEED_MM_S, WallView};
+pub use action::{
+    Action, Colouring, Export, FOV_DEG, LumenChoice, Pane, Ruler, SPEED_MM_S, WallView,
+};
 pub use junctions::Choice;
 pub use measure::Measurement;
 pub use model::{Bookmark, Model, Products};
@@ -33,7 +35,7 @@ pub use path::{FlightPath, SectionFigures};
 pub use script::Playing;
 pub use script::{SCRIPT_SCHEMA, Script, ScriptStep, Wait, play};
 pub use session_file::{SESSION_SCHEMA, SessionFile};
-pub use study::{News, Study};
+pub use study::{Case, News, Study};
 pub use window::{WindowOptions, open};
 
 use std::path::PathBuf;
@@ -78,4 +80,17 @@ pub enum AppError {
         /// The fault.
         what: String,
     },
+}
+
+impl AppError {
+    /// Whether the device went away: another one may do.
+    pub fn is_device_lost(&self) -> bool {
+        let lost = |e: &VkError| matches!(e, VkError::DeviceLost { .. });
+        match self {
+            Self::Vulkan(e) => lost(e),
+            Self::Render(RenderError::Vulkan(e)) => lost(e),
+            Self::Session(SessionError::Render(RenderError::Vulkan(e))) => lost(e),
+            _ => false,
+        }
+    }
 }

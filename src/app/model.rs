@@ -194,6 +194,12 @@ impl Model {
         }
     }
 
+    /// Nothing of another volume; how the window shows it stays.
+    pub fn anew(&self) -> Self {
+        let (aspect, fov_deg) = (self.aspect, self.fov_deg);
+        Self { aspect, fov_deg, view: self.view, ..Self::new(self.planned_mm_s) }
+    }
+
     /// Takes a product in.
     pub fn learn(&mut self, news: News) {
         let p = &mut self.products;

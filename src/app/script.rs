@@ -10,11 +10,10 @@ use super::AppError;
 use super::action::Action;
 use super::panes::Detail;
 use super::session_file::SessionFile;
-use super::stage::{Files, Stage, Target};
-use super::study::{News, Study};
+use super::stage::{After, Files, Stage, Target};
+use super::study::{Case, News, Study};
 use crate::formats::{FormatError, write_png};
 use crate::lod::Tolerance;
-use crate::session::Session;
 use crate::vk::{BufferId, Format, Frame, Gpu, ImageId, ImageSpec};
 
 /// Name and version of the format.
@@ -29,6 +28,8 @@ const LONGEST_WAIT: Duration = Duration::from_secs(3600);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Wait {
+    /// The slices.
+    Volume,
     /// The first picture of the wall.
     Wall,
     /// The eye can be moved by hand.
@@ -192,14 +193,14 @@ pub struct Playing<'a> {
 /// [`AppError`].
 pub fn play(
     gpu: &mut Gpu,
-    session: Session,
+    case: Case,
     script: &Script,
     with: &Playing<'_>,
 ) -> Result<Vec<PathBuf>, AppError> {
     std::fs::create_dir_all(with.folder).map_err(|e| FormatError::io(with.folder, e))?;
     let notes = with.session_file.as_deref().filter(|p| p.exists());
     let notes = notes.map(SessionFile::read).transpose()?;
-    let mut player = Player::new(gpu, session, script, with)?;
+    let mut player = Player::new(gpu, case, script, with)?;
     for (i, step) in script.steps.iter().enumerate() {
         player.step(gpu, i + 1, step, notes.as_ref())?;
         if player.has_quit {
@@ -214,7 +215,8 @@ struct Player<'a> {
     script: &'a Script,
     with: &'a Playing<'a>,
     stage: Stage,
-    study: Study,
+    case: Case,
+    study: Option<Study>,
     image: ImageId,
     back: BufferId,
     frame: u64,
@@ -229,7 +231,7 @@ struct Player<'a> {
 impl<'a> Player<'a> {
     fn new(
         gpu: &mut Gpu,
-        session: Session,
+        case: Case,
         script: &'a Script,
         with: &'a Playing<'a>,
     ) -> Result<Self, AppError> {
@@ -248,7 +250,8 @@ impl<'a> Player<'a> {
                 Files { session: with.session_file.clone(), export: with.folder.to_owned() },
                 || {},
             )?,
-            study: Study::begin(session, || {})?,
+            study: case.begin(|| {})?,
+            case,
             image,
             back,
             frame: 0,
@@ -343,6 +346,7 @@ impl<'a> Player<'a> {
             let model = &self.stage.model;
             let p = &model.products;
             let there = match wait {
+                Wait::Volume => p.volume.is_some(),
                 Wait::Wall => p.wall.is_some(),
                 Wait::Distance => p.fields.is_some(),
                 Wait::Flight => model.path.is_some(),
@@ -352,7 +356,7 @@ impl<'a> Player<'a> {
             if there {
                 return self.apply(notes);
             }
-            let Some(news) = self.study.wait(LONGEST_WAIT) else {
+            let Some(news) = self.study.as_ref().and_then(|s| s.wait(LONGEST_WAIT)) else {
                 let what = "what it waits for does not come".into();
                 return Err(AppError::Script { step: number, what });
             };
@@ -416,7 +420,8 @@ impl<'a> Player<'a> {
             viewport.native_pixels_per_point = Some(self.script.scale);
         }
         let clock = (dt, Detail::Settled);
-        let (output, after) = self.stage.prepare(gpu, input, actions, Some(&self.study), clock)?;
+        let (output, after) =
+            self.stage.prepare(gpu, input, actions, self.study.as_ref(), clock)?;
         let target = Target { image: self.image, format: Format::Rgba8Stored };
         let back = (self.image, self.back);
         self.stage.draw(gpu, &target, output, |gpu, frame| {
@@ -424,23 +429,7 @@ impl<'a> Player<'a> {
             gpu.make_room(frame.staged_bytes())?;
             gpu.submit_draws(&frame)
         })?;
-        if after.cancel {
-            self.study.cancel();
-        }
-        // What is asked for is there before the next frame.
-        if let Some(route) = after.route {
-            self.study.fly_along(route)?;
-            let planned = |n: &News| match n {
-                News::Flight(_, of) => *of == route,
-                News::Said(_) => true,
-                _ => false,
-            };
-            self.wait_for(gpu, planned)?;
-        }
-        if let Some(folder) = after.export_flight {
-            self.study.export_flight(folder)?;
-            self.wait_for(gpu, |n| matches!(n, News::Said(_)))?;
-        }
+        self.follow(gpu, &after)?;
         self.has_quit |= after.quit;
         self.frame += 1;
         self.save()?;
@@ -450,9 +439,42 @@ impl<'a> Player<'a> {
         Ok(())
     }
 
+    /// Does what a frame asked for; it is there before the next frame.
+    fn follow(&mut self, gpu: &mut Gpu, after: &After) -> Result<(), AppError> {
+        if after.open.is_some() || after.lumen.is_some() {
+            if let Some(path) = &after.open {
+                self.case.open(path.clone());
+            }
+            if let Some(lumen) = &after.lumen {
+                self.case.choose(lumen, self.stage.model.products.volume.clone());
+            }
+            self.study = None;
+            self.stage.begin_anew(gpu)?;
+            self.study = self.case.begin(|| {})?;
+        }
+        let Some(study) = &mut self.study else { return Ok(()) };
+        if after.cancel {
+            study.cancel();
+        }
+        if let Some(route) = after.route {
+            study.fly_along(route)?;
+            let planned = |n: &News| match n {
+                News::Flight(_, of) => *of == route,
+                News::Said(_) => true,
+                _ => false,
+            };
+            self.wait_for(gpu, planned)?;
+        }
+        if let (Some(study), Some(folder)) = (&mut self.study, after.export_flight.clone()) {
+            study.export_flight(folder)?;
+            self.wait_for(gpu, |n| matches!(n, News::Said(_)))?;
+        }
+        Ok(())
+    }
+
     /// Takes news in until some have come.
     fn wait_for(&mut self, gpu: &mut Gpu, wanted: impl Fn(&News) -> bool) -> Result<(), AppError> {
-        while let Some(news) = self.study.wait(LONGEST_WAIT) {
+        while let Some(news) = self.study.as_ref().and_then(|s| s.wait(LONGEST_WAIT)) {
             let is_last = wanted(&news);
             self.stage.learn(gpu, news)?;
             if is_last {

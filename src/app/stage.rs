@@ -8,7 +8,7 @@ use std::sync::Arc;
 use egui::epaint::Primitive;
 use egui::{TextureId, ViewportId};
 
-use super::action::{Action, Export, WallView};
+use super::action::{Action, Export, LumenChoice, WallView};
 use super::export;
 use super::keys;
 use super::model::Model;
@@ -33,6 +33,32 @@ struct TextureChange {
     rgba: Vec<u8>,
 }
 
+/// A texture of the panels, with its texels for a device that is opened anew.
+struct Texture {
+    image: Option<ImageId>,
+    size: [u32; 2],
+    rgba: Vec<u8>,
+}
+
+impl Texture {
+    /// Takes a change in.
+    fn write(&mut self, c: &TextureChange) {
+        let Area { x, y, width, height } = c.area;
+        if c.is_whole {
+            (self.size, self.rgba) = ([width, height], c.rgba.clone());
+            return;
+        }
+        let row = 4 * width as usize;
+        for k in 0..height as usize {
+            let to = 4 * ((y as usize + k) * self.size[0] as usize + x as usize);
+            let from = k * row;
+            if let Some(own) = self.rgba.get_mut(to..to + row) {
+                own.copy_from_slice(&c.rgba[from..from + row]);
+            }
+        }
+    }
+}
+
 /// Everything of a window but the window.
 pub struct Stage {
     pub model: Model,
@@ -40,11 +66,12 @@ pub struct Stage {
     state: UiState,
     panes: Panes,
     overlay: Option<(Overlay, Format)>,
-    textures: HashMap<TextureId, ImageId>,
+    textures: HashMap<TextureId, Texture>,
     /// Waiting for the next frame that is drawn.
     changes: Vec<TextureChange>,
     freed: Vec<TextureId>,
     tolerance: Tolerance,
+    samples: u32,
     painter: Option<Painter>,
     wake: Arc<dyn Fn() + Send + Sync>,
     files: Files,
@@ -78,6 +105,10 @@ pub struct After {
     pub route: Option<FlightRoute>,
     /// Draw the flight into this folder.
     pub export_flight: Option<PathBuf>,
+    /// Open this.
+    pub open: Option<PathBuf>,
+    /// Take this lumen.
+    pub lumen: Option<LumenChoice>,
     /// Draw again after so many seconds at most.
     pub again_in: Option<f64>,
 }
@@ -117,6 +148,7 @@ impl Stage {
             changes: Vec::new(),
             freed: Vec::new(),
             tolerance,
+            samples,
             painter: None,
             wake: Arc::new(wake),
             files,
@@ -156,6 +188,8 @@ impl Stage {
         let mut output = context.run_ui(input, |root| {
             shown = ui::window(root, &self.model, &mut self.state, stage, &mut actions);
         });
+        // Before anything can fail: a frame that is not drawn loses none of it.
+        self.collect(std::mem::take(&mut output.textures_delta));
         if let Some([width, height]) = shown.inside {
             self.model.set_aspect(width as f32 / height as f32);
         }
@@ -176,7 +210,6 @@ impl Stage {
                 Export::Flight => export_flight = Some(self.files.export.clone()),
             }
         }
-        self.collect(std::mem::take(&mut output.textures_delta));
         let delay = output
             .viewport_output
             .get(&ViewportId::ROOT)
@@ -193,6 +226,14 @@ impl Stage {
                 _ => None,
             }),
             export_flight,
+            open: actions.iter().rev().find_map(|a| match a {
+                Action::Open(path) => Some(path.clone()),
+                _ => None,
+            }),
+            lumen: actions.iter().rev().find_map(|a| match a {
+                Action::Lumen(lumen) => Some(*lumen),
+                _ => None,
+            }),
             again_in,
         };
         Ok((output, after))
@@ -290,7 +331,7 @@ impl Stage {
         let Some((overlay, _)) = &mut self.overlay else { return Ok(()) };
         let (pass, write) = overlay.pass(gpu, target.image, [0.05, 0.05, 0.06, 1.0], &meshes)?;
         let image_writes = changes.iter().filter_map(|c| {
-            let to = *self.textures.get(&c.id)?;
+            let to = self.textures.get(&c.id)?.image?;
             Some(ImageWrite { to, area: c.area, bytes: Cow::Borrowed(&c.rgba[..]) })
         });
         let frame = Frame {
@@ -301,14 +342,14 @@ impl Stage {
         };
         send(gpu, &frame)?;
         for id in std::mem::take(&mut self.freed) {
-            if let Some(image) = self.textures.remove(&id) {
+            if let Some(image) = self.textures.remove(&id).and_then(|t| t.image) {
                 gpu.free_image(image);
             }
         }
         Ok(())
     }
 
-    /// Notes what has become of textures. A frame that is not drawn loses none of it.
+    /// Notes what has become of textures.
     fn collect(&mut self, mut delta: egui::TexturesDelta) {
         let mut set: Vec<_> = delta.set.drain().collect();
         set.sort_by_key(|(id, _)| *id);
@@ -330,18 +371,58 @@ impl Stage {
 
     /// Images for textures that are written whole and have none of that size.
     fn make_textures(&mut self, gpu: &mut Gpu, changes: &[TextureChange]) -> Result<(), AppError> {
-        for c in changes.iter().filter(|c| c.is_whole) {
+        for c in changes {
+            let empty = || Texture { image: None, size: [0; 2], rgba: Vec::new() };
+            self.textures.entry(c.id).or_insert_with(empty).write(c);
+        }
+        for c in changes {
+            let Some(texture) = self.textures.get_mut(&c.id) else { continue };
             let extent = [c.area.width, c.area.height];
-            if self.textures.get(&c.id).is_some_and(|i| gpu.image_extent(*i) == extent) {
+            let fits = texture.image.is_some_and(|i| gpu.image_extent(i) == extent);
+            if !c.is_whole || fits {
                 continue;
             }
             let spec = ImageSpec { format: Format::Rgba8Stored, extent, samples: 1 };
-            let image = gpu.image("texture", spec)?;
-            if let Some(old) = self.textures.insert(c.id, image) {
+            if let Some(old) = texture.image.replace(gpu.image("texture", spec)?) {
                 gpu.free_image(old);
             }
         }
         Ok(())
+    }
+
+    /// Nothing of a volume is shown any more; another one may come.
+    ///
+    /// # Errors
+    /// The device's.
+    pub fn begin_anew(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        self.model = self.model.anew();
+        self.state.forget_slices();
+        self.painter = None;
+        self.panes = Panes::new(gpu, self.samples)?;
+        Ok(())
+    }
+
+    /// Puts everything on another device: the one before was lost.
+    ///
+    /// # Errors
+    /// The device's.
+    pub fn reopen(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        self.overlay = None;
+        self.freed.clear();
+        // What is there goes first, then what was not drawn yet.
+        let late = std::mem::take(&mut self.changes);
+        let mut ids: Vec<TextureId> = self.textures.keys().copied().collect();
+        ids.sort();
+        for id in ids {
+            let Some(t) = self.textures.get_mut(&id) else { continue };
+            t.image = None;
+            let area = Area { x: 0, y: 0, width: t.size[0], height: t.size[1] };
+            let rgba = t.rgba.clone();
+            self.changes.push(TextureChange { id, area, is_whole: true, rgba });
+        }
+        self.changes.extend(late);
+        self.panes = Panes::new(gpu, self.samples)?;
+        Ok(self.panes.take(gpu, &self.model.products, self.tolerance)?)
     }
 
     fn mesh(&self, p: egui::ClippedPrimitive, scale: f32) -> Option<FlatMesh> {
@@ -349,7 +430,7 @@ impl Stage {
         let (picture, filtered) = match mesh.texture_id {
             INSIDE => (self.panes.inside(), false),
             OVERVIEW => (self.panes.overview(), false),
-            id => (*self.textures.get(&id)?, true),
+            id => (self.textures.get(&id)?.image?, true),
         };
         let size = |v: f32| (v * scale).round().max(0.0) as u32;
         let (min, max) = (p.clip_rect.min, p.clip_rect.max);

@@ -6,14 +6,19 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use glam::DVec3;
+
+use super::action::LumenChoice;
 use super::colouring::wall_radii_mm;
 use super::path::{FlightPath, SectionFigures, sections_along};
 use crate::flight::{Coverage, Flight, Frames};
 use crate::formats::VideoWriter;
 use crate::geometry::TriangleBvh;
+use crate::lumen::IntensitySelection;
 use crate::session::{
-    CancelToken, Centered, Fields, FlightRoute, Levels, Progress, Recording, Segmented, Session,
-    SessionError, Wall,
+    CancelToken, Centered, CenterlineSettings, Fields, FlightRoute, Levels, LumenSettings,
+    Progress, Recording, Seed, Segmented, Session, SessionError, Settings, Source, VolumeSource,
+    Wall,
 };
 use crate::volume::Volume;
 
@@ -49,6 +54,51 @@ pub enum News {
     Failed(SessionError),
     /// Everything came.
     Complete,
+}
+
+/// What a study is of: a volume, how its lumen is chosen, how each stage works.
+#[derive(Clone, Debug)]
+pub struct Case {
+    /// The volume; `None` before one is opened.
+    pub source: Option<Source>,
+    /// Lumen and stages.
+    pub settings: Settings,
+}
+
+impl Case {
+    /// Another volume, whose lumen is not chosen yet.
+    pub fn open(&mut self, path: PathBuf) {
+        self.source = Some(Source::Image(VolumeSource::file(path)));
+        self.settings.lumen = LumenSettings::default();
+        let ends = CenterlineSettings { from: None, to: None, ..self.settings.centerline };
+        self.settings.centerline = ends;
+    }
+
+    /// Another lumen of the same volume, which need not be read again where it is there.
+    pub fn choose(&mut self, lumen: &LumenChoice, volume: Option<Arc<Volume>>) {
+        if let Some(volume) = volume {
+            self.source = Some(Source::Image(VolumeSource::Memory(volume)));
+        }
+        let [lo, hi] = lumen.range;
+        self.settings.lumen = LumenSettings {
+            select: Some(IntensitySelection::Range { lo, hi }),
+            seed: lumen.seed_mm.map(|p| Seed::Point(DVec3::from(p))),
+            ..LumenSettings::default()
+        };
+    }
+
+    /// Begins to compute it; `None` without a volume.
+    ///
+    /// # Errors
+    /// [`SessionError::System`] if the system gives no thread.
+    pub fn begin(
+        &self,
+        wake: impl Fn() + Send + Sync + 'static,
+    ) -> Result<Option<Study>, SessionError> {
+        let Some(source) = self.source.clone() else { return Ok(None) };
+        let session = Session::new(source, self.settings.clone())?;
+        Study::begin(session, wake).map(Some)
+    }
 }
 
 /// A session at work.

@@ -3,9 +3,12 @@
 use egui::{
     Align2, Color32, FontId, Key, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2,
 };
+use egui_file_dialog::FileDialog;
 use glam::DVec3;
 
-use super::action::{Action, Colouring, Export, FOV_DEG, Pane, Ruler, SPEED_MM_S, WallView};
+use super::action::{
+    Action, Colouring, Export, FOV_DEG, LumenChoice, Pane, Ruler, SPEED_MM_S, WallView,
+};
 use super::inside_marks::{inside_marks, ray_at};
 use super::keys::{help, keys};
 use super::model::Model;
@@ -33,6 +36,18 @@ pub struct UiState {
     pub(super) zoom: f64,
     /// From the crosshair to the middle of each slice, LPS mm.
     pub(super) pan_mm: [DVec3; 4],
+    /// Chooses a file or a folder.
+    dialog: FileDialog,
+    /// Range of a lumen to be chosen, and whether it begins at the crosshair.
+    lumen: Option<([f64; 2], bool)>,
+}
+
+impl UiState {
+    /// Of another volume there are other slices.
+    pub fn forget_slices(&mut self) {
+        self.slices = Default::default();
+        (self.zoom, self.pan_mm, self.lumen) = (1.0, [DVec3::ZERO; 4], None);
+    }
 }
 
 impl Default for UiState {
@@ -42,6 +57,8 @@ impl Default for UiState {
             note: String::new(),
             zoom: 1.0,
             pan_mm: [DVec3::ZERO; 4],
+            dialog: FileDialog::new().title("Open").default_size([640.0, 420.0]),
+            lumen: None,
         }
     }
 }
@@ -66,7 +83,8 @@ pub fn window(
     actions: &mut Vec<Action>,
 ) -> Shown {
     keys(ui, model, actions);
-    egui::Panel::top("top").show(ui, |ui| top_bar(ui, model, stage, actions));
+    opened(ui, state, actions);
+    egui::Panel::top("top").show(ui, |ui| top_bar(ui, model, state, stage, actions));
     egui::Panel::bottom("timeline").exact_size(92.0).show(ui, |ui| timeline(ui, model, actions));
     egui::Panel::right("notes")
         .resizable(false)
@@ -83,7 +101,7 @@ pub fn window(
                 Pane::Overview => shown.overview = Some(size),
                 _ => {}
             }
-            show_pane(ui, pane, rect, model, state, actions);
+            show_pane(ui, pane, rect, model, state, stage.is_some(), actions);
         }
     });
     if model.help {
@@ -132,9 +150,31 @@ pub(super) fn pixels(ui: &Ui, rect: Rect) -> [u32; 2] {
     [rect.width(), rect.height()].map(|s| ((s * scale).round() as u32).max(2))
 }
 
-fn top_bar(ui: &mut Ui, model: &Model, stage: Option<(&str, f32)>, actions: &mut Vec<Action>) {
+/// Files dropped on the window, or chosen in the dialog.
+fn opened(ui: &Ui, state: &mut UiState, actions: &mut Vec<Action>) {
+    let dropped = ui.input(|i| i.raw.dropped_files.iter().next().map(|f| f.path().to_owned()));
+    state.dialog.update(ui.ctx());
+    if let Some(path) = dropped.or_else(|| state.dialog.take_picked()) {
+        actions.push(Action::Open(path));
+    }
+}
+
+fn top_bar(
+    ui: &mut Ui,
+    model: &Model,
+    state: &mut UiState,
+    stage: Option<(&str, f32)>,
+    actions: &mut Vec<Action>,
+) {
     ui.horizontal(|ui| {
-        ui.strong("intima");
+        ui.menu_button("Open", |ui| {
+            if ui.button("File").on_hover_text("NIfTI, NRRD, MetaImage, DICOM").clicked() {
+                state.dialog.pick_file();
+            }
+            if ui.button("Folder").on_hover_text("A DICOM series").clicked() {
+                state.dialog.pick_directory();
+            }
+        });
         ui.separator();
         let ready = model.path.is_some();
         let play = if model.playing { "Pause" } else { "Play" };
@@ -191,6 +231,10 @@ fn notes(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut Vec<Acti
     ui.add_space(4.0);
     figures(ui, model);
     ui.separator();
+    if model.products.volume.is_some() {
+        lumen_choice(ui, model, state, actions);
+        ui.separator();
+    }
     appearance(ui, model, actions);
     ui.separator();
     measuring(ui, model, actions);
@@ -223,6 +267,32 @@ fn notes(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut Vec<Acti
     });
     ui.with_layout(egui::Layout::bottom_up(egui::Align::LEFT), |ui| {
         ui.add(egui::Label::new(egui::RichText::new(NOTICE).small().color(FAINT)).wrap());
+    });
+}
+
+/// Which grey values are the lumen: to begin with, gas in a CT, what is bright elsewhere.
+fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut Vec<Action>) {
+    let Some(volume) = &model.products.volume else { return };
+    let (low, high) = volume.range().unwrap_or((0.0, 1.0));
+    let begin = || match low < -500.0 {
+        true => ([low, -500.0], false),
+        false => ([0.5 * (low + high), high], false),
+    };
+    let (range, at_crosshair) = state.lumen.get_or_insert_with(begin);
+    egui::CollapsingHeader::new("Lumen").default_open(model.failure.is_some()).show(ui, |ui| {
+        ui.horizontal(|ui| {
+            let step = ((high - low) / 500.0).max(1e-3);
+            ui.add(egui::DragValue::new(&mut range[0]).speed(step));
+            ui.label("to");
+            ui.add(egui::DragValue::new(&mut range[1]).speed(step));
+        });
+        ui.horizontal(|ui| {
+            ui.checkbox(at_crosshair, "at the crosshair");
+            if ui.add_enabled(range[0] <= range[1], egui::Button::new("Find")).clicked() {
+                let seed_mm = at_crosshair.then(|| model.crosshair_mm.to_array());
+                actions.push(Action::Lumen(LumenChoice { range: *range, seed_mm }));
+            }
+        });
     });
 }
 
@@ -409,13 +479,14 @@ fn timeline(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
     }
 }
 
-/// One pane with what lies over it.
+/// One pane with what lies over it. `stage`: something is being computed.
 fn show_pane(
     ui: &mut Ui,
     pane: Pane,
     rect: Rect,
     model: &Model,
     state: &mut UiState,
+    stage: bool,
     actions: &mut Vec<Action>,
 ) {
     let response = ui.allocate_rect(rect, Sense::click_and_drag());
@@ -445,7 +516,12 @@ fn show_pane(
             }
         }
         Pane::Inside | Pane::Overview => {
-            let text = if model.failure.is_some() { "" } else { "the wall is being made" };
+            let text = match (&model.failure, stage) {
+                _ if pane == Pane::Overview => "",
+                (Some(_), _) => "no wall; choose the lumen on the right, or open another volume",
+                (None, true) => "the wall is being made",
+                (None, false) => "drop a volume or a DICOM folder here, or open one above",
+            };
             painter.text(
                 rect.center(),
                 Align2::CENTER_CENTER,

@@ -16,10 +16,9 @@ use winit::window::{Window, WindowId};
 use super::AppError;
 use super::panes::Detail;
 use super::session_file::SessionFile;
-use super::stage::{Files, Stage, Target};
-use super::study::{News, Study};
+use super::stage::{After, Files, Stage, Target};
+use super::study::{Case, News, Study};
 use crate::lod::Tolerance;
-use crate::session::Session;
 use crate::vk::{Choice, Gpu, OpenOptions, WindowHandles};
 
 /// How to open the window.
@@ -46,11 +45,11 @@ const PROGRESS: Duration = Duration::from_millis(250);
 /// Longest step of the flight's clock: a window that was held up does not jump.
 const LONGEST_STEP_S: f64 = 0.1;
 
-/// Opens a window on a session and stays until it is closed.
+/// Opens a window on a case and stays until it is closed.
 ///
 /// # Errors
 /// [`AppError::NoDisplay`]; what the device or a file fails with. Bookmarks are saved by then.
-pub fn open(session: Session, options: WindowOptions) -> Result<(), AppError> {
+pub fn open(case: Case, options: WindowOptions) -> Result<(), AppError> {
     let notes = options.session_file.as_deref().filter(|p| p.exists());
     let notes = notes.map(SessionFile::read).transpose()?;
     // The library's own text holds paths of the machine it was built on.
@@ -58,8 +57,7 @@ pub fn open(session: Session, options: WindowOptions) -> Result<(), AppError> {
     let events = EventLoop::<()>::with_user_event().build().map_err(no_display)?;
     let proxy = events.create_proxy();
     let begun = Instant::now();
-    let mut app =
-        App { session: Some(session), options, notes, proxy, running: None, failed: None, begun };
+    let mut app = App { case, options, notes, proxy, running: None, failed: None, begun };
     let ran = events.run_app(&mut app);
     // The window goes before the display connection does.
     app.running = None;
@@ -71,8 +69,7 @@ pub fn open(session: Session, options: WindowOptions) -> Result<(), AppError> {
 }
 
 struct App {
-    /// Until the window is there.
-    session: Option<Session>,
+    case: Case,
     options: WindowOptions,
     notes: Option<SessionFile>,
     proxy: EventLoopProxy<()>,
@@ -84,7 +81,8 @@ struct App {
 /// An open window. Fields are dropped in order: what is on the device before the device.
 struct Running {
     stage: Stage,
-    study: Study,
+    /// Of what is open, if anything is.
+    study: Option<Study>,
     egui: egui_winit::State,
     gpu: Gpu,
     window: Arc<Window>,
@@ -94,6 +92,21 @@ struct Running {
     has_notes: bool,
     /// What was reported of how far it has come: first frame, first picture, everything.
     told: [bool; 3],
+    /// How often a lost device was opened again.
+    reopened: u32,
+}
+
+/// A device that is lost more often is given up.
+const MOST_REOPENED: u32 = 5;
+
+fn open_gpu(device: Choice, window: &Arc<Window>) -> Result<Gpu, AppError> {
+    let handles: Arc<dyn WindowHandles> = Arc::clone(window) as _;
+    Ok(Gpu::open_for_window(device, OpenOptions::default(), handles)?)
+}
+
+/// Samples a pixel of the drawn panes.
+fn samples_of(gpu: &Gpu) -> u32 {
+    if gpu.info().is_real() { gpu.info().max_samples.min(4) } else { 1 }
 }
 
 impl App {
@@ -106,7 +119,9 @@ impl App {
     }
 
     fn start(&mut self, events: &ActiveEventLoop) -> Result<(), AppError> {
-        let Some(session) = self.session.take() else { return Ok(()) };
+        if self.running.is_some() {
+            return Ok(());
+        }
         let [width, height] = self.options.size;
         let attributes = Window::default_attributes()
             .with_title("intima")
@@ -116,9 +131,8 @@ impl App {
             .create_window(attributes)
             .map_err(|_| AppError::NoDisplay("the display gives no window".into()))?;
         let window = Arc::new(window);
-        let handles: Arc<dyn WindowHandles> = Arc::clone(&window) as _;
-        let mut gpu = Gpu::open_for_window(self.options.device, OpenOptions::default(), handles)?;
-        let samples = if gpu.info().is_real() { gpu.info().max_samples.min(4) } else { 1 };
+        let mut gpu = open_gpu(self.options.device, &window)?;
+        let samples = samples_of(&gpu);
         let options = &self.options;
         let files = Files { session: options.session_file.clone(), export: options.export.clone() };
         let (speed, tolerance) = (options.planned_mm_s, options.tolerance);
@@ -131,7 +145,7 @@ impl App {
             window.theme(),
             Some(gpu.info().max_image_side as usize),
         );
-        let study = Study::begin(session, self.waking())?;
+        let study = self.case.begin(self.waking())?;
         window.request_redraw();
         self.running = Some(Running {
             stage,
@@ -143,13 +157,45 @@ impl App {
             again_at: None,
             has_notes: false,
             told: [false; 3],
+            reopened: 0,
         });
         Ok(())
     }
 
+    /// Draws a frame and does what it asks for; false where the window is to be closed.
+    fn frame(&mut self) -> Result<bool, AppError> {
+        let waking = self.waking();
+        let Some(running) = &mut self.running else { return Ok(true) };
+        let after = match running.frame(&self.options, self.notes.as_ref(), self.begun) {
+            Ok(after) => after,
+            Err(e) if e.is_device_lost() && running.reopened < MOST_REOPENED => {
+                tracing::warn!("{e}; the device is opened again");
+                running.reopen(self.options.device)?;
+                return Ok(true);
+            }
+            Err(e) => return Err(e),
+        };
+        if after.open.is_some() || after.lumen.is_some() {
+            if let Some(path) = after.open {
+                self.case.open(path);
+                // Notes are of one volume.
+                self.notes = None;
+                self.options.session_file = None;
+            }
+            if let Some(lumen) = after.lumen {
+                self.case.choose(&lumen, running.stage.model.products.volume.clone());
+            }
+            // What is computed for nobody ends first.
+            running.study = None;
+            running.stage.begin_anew(&mut running.gpu)?;
+            running.study = self.case.begin(waking)?;
+            running.again_at = Some(Instant::now());
+        }
+        Ok(!after.quit)
+    }
+
     fn redraw(&mut self, events: &ActiveEventLoop) {
-        let Some(running) = &mut self.running else { return };
-        match running.frame(&self.options, self.notes.as_ref(), self.begun) {
+        match self.frame() {
             Ok(true) => {}
             Ok(false) => events.exit(),
             Err(e) => {
@@ -200,13 +246,13 @@ impl ApplicationHandler for App {
 }
 
 impl Running {
-    /// Draws a frame; false where the window is to be closed.
+    /// Draws a frame; what it asks for is left to the caller where it concerns more than the window.
     fn frame(
         &mut self,
         options: &WindowOptions,
         notes: Option<&SessionFile>,
         begun: Instant,
-    ) -> Result<bool, AppError> {
+    ) -> Result<After, AppError> {
         let now = Instant::now();
         self.take_news(options, notes)?;
         let PhysicalSize { width, height } = self.window.inner_size();
@@ -214,36 +260,51 @@ impl Running {
             // Nothing to draw to: a window without pixels waits to be resized.
             let hidden = width == 0 || height == 0;
             self.again_at = (!hidden).then(|| now + PROGRESS);
-            return Ok(true);
+            return Ok(After::default());
         };
         let format = self.gpu.window_format().expect("an image has a format");
         let input = self.egui.take_egui_input(&self.window);
         let dt = now.duration_since(self.last).as_secs_f64().min(LONGEST_STEP_S);
         self.last = now;
         let clock = (dt, Detail::Live);
-        let study = Some(&self.study);
+        let study = self.study.as_ref();
         let (mut output, after) = self.stage.prepare(&mut self.gpu, input, &[], study, clock)?;
         let platform = std::mem::take(&mut output.platform_output);
         self.egui.handle_platform_output(&self.window, platform);
         let target = Target { image, format };
         self.window.pre_present_notify();
         self.stage.draw(&mut self.gpu, &target, output, |gpu, frame| gpu.present(frame))?;
-        if after.cancel {
-            self.study.cancel();
-        }
-        if let Some(route) = after.route {
-            self.study.fly_along(route)?;
-        }
-        if let Some(folder) = after.export_flight {
-            self.study.export_flight(folder)?;
+        if let Some(study) = &mut self.study {
+            if after.cancel {
+                study.cancel();
+            }
+            if let Some(route) = after.route {
+                study.fly_along(route)?;
+            }
+            if let Some(folder) = after.export_flight.clone() {
+                study.export_flight(folder)?;
+            }
         }
         self.save(options);
         self.tell(begun);
-        let computing = (!self.stage.model.is_complete).then_some(PROGRESS);
+        let is_computing = self.study.is_some() && !self.stage.model.is_complete;
+        let computing = is_computing.then_some(PROGRESS);
         let wanted = after.again_in.map(|s| Duration::from_secs_f64(s.min(3600.0)).max(FRAME));
         let next = wanted.into_iter().chain(computing).min();
         self.again_at = next.map(|after| now + after);
-        Ok(!after.quit)
+        Ok(after)
+    }
+
+    /// Opens the device again after it was lost; what is shown and noted stays.
+    fn reopen(&mut self, device: Choice) -> Result<(), AppError> {
+        self.reopened += 1;
+        // A window has one surface: that of the lost device goes first.
+        self.gpu.close_window();
+        let mut gpu = open_gpu(device, &self.window)?;
+        self.stage.reopen(&mut gpu)?;
+        self.gpu = gpu;
+        self.again_at = Some(Instant::now());
+        Ok(())
     }
 
     fn take_news(
@@ -251,7 +312,7 @@ impl Running {
         options: &WindowOptions,
         notes: Option<&SessionFile>,
     ) -> Result<(), AppError> {
-        while let Some(news) = self.study.poll() {
+        while let Some(news) = self.study.as_ref().and_then(Study::poll) {
             if let News::Failed(e) = &news {
                 tracing::error!("{e}");
             }

@@ -8,11 +8,11 @@ use super::frames::{LevelArgs, frame_size};
 use super::global::Global;
 use super::lumen_args::LumenArgs;
 use super::surface_args::SurfaceArgs;
-use crate::app::{self, AppError, Playing, Script, WindowOptions};
+use crate::app::{self, AppError, Case, Playing, Script, WindowOptions};
 use crate::device::DeviceChoice;
 use crate::flight::Frames;
 use crate::lod::Tolerance;
-use crate::session::{FlightSettings, Lod, Session, Settings};
+use crate::session::{FlightSettings, Lod, Settings};
 use crate::vk::{Choice, Gpu};
 
 /// Cruising speed to begin with, mm/s, and poses a second of the flight's path.
@@ -22,7 +22,7 @@ const POSES_PER_S: f64 = 25.0;
 /// `intima fly INPUT LUMEN`
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Volume; may be left out with --mask
+    /// Volume; may be left out with --mask, and for a window in which one is opened
     input: Option<PathBuf>,
     /// Bookmarks and how the window is set: read if it is there, saved as bookmarks are made
     #[arg(long, value_name = "FILE.json")]
@@ -78,7 +78,9 @@ impl Args {
             DeviceChoice::GpuAt(n) => Choice::Index(n),
             _ => Choice::Any,
         };
-        let session = Session::new(self.lumen.source(self.input.as_deref())?, settings)?;
+        let named = self.input.is_some() || self.lumen.mask.is_some();
+        let source = named.then(|| self.lumen.source(self.input.as_deref())).transpose()?;
+        let case = Case { source, settings };
         let tolerance = Tolerance { pixels };
         match (&self.script, &self.frames_out) {
             (Some(script), Some(folder)) => {
@@ -91,7 +93,7 @@ impl Args {
                     samples: 4.min(gpu.info().max_samples),
                     tolerance,
                 };
-                let pictures = app::play(&mut gpu, session, &script, &with)?;
+                let pictures = app::play(&mut gpu, case, &script, &with)?;
                 global.say(format_args!(
                     "wrote {} pictures to {}",
                     pictures.len(),
@@ -107,7 +109,7 @@ impl Args {
                     tolerance,
                     planned_mm_s: SPEED_MM_S,
                 };
-                Ok(app::open(session, options)?)
+                Ok(app::open(case, options)?)
             }
         }
     }

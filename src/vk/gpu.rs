@@ -245,7 +245,7 @@ impl Drop for Gpu {
         // SAFETY: `&mut self` makes us the only user of device and queue. A lost device answers
         // with an error and is idle all the same.
         let _ = unsafe { self.device.device_wait_idle() };
-        self.close_chains();
+        self.close_window();
         self.destroy_all();
         self.pipelines.destroy(&self.device);
     }

@@ -419,8 +419,8 @@ impl Gpu {
         (p.slot, p.current) = (0, None);
     }
 
-    /// Before the device goes down.
-    pub(super) fn close_chains(&mut self) {
+    /// Gives the window up: another device may be opened for it, and this one presents no more.
+    pub fn close_window(&mut self) {
         if let Some(mut p) = self.presenter.take() {
             self.close_all(&mut p);
         }

@@ -8,7 +8,8 @@ use crate::{TaskError, vulkan};
 pub enum Purpose {
     /// Running intima: a loader and a driver.
     Running,
-    /// Testing it: also the validation layer and the SPIR-V tools it needs to see through our shaders.
+    /// Testing it: also the validation layer, the SPIR-V tools it needs to see through our shaders,
+    /// an X server without a screen, and a program that presses keys there.
     Testing,
 }
 
@@ -19,6 +20,8 @@ enum Package {
     Driver,
     Validation,
     SpirvTools,
+    XServer,
+    Xdotool,
 }
 
 /// A package manager: program, how it installs, how it refreshes its lists, its names for things.
@@ -39,6 +42,8 @@ const MANAGERS: &[Manager] = &[
             Package::Driver => "mesa-vulkan-drivers",
             Package::Validation => "vulkan-validationlayers",
             Package::SpirvTools => "spirv-tools",
+            Package::XServer => "xvfb",
+            Package::Xdotool => "xdotool",
         },
     },
     Manager {
@@ -50,6 +55,8 @@ const MANAGERS: &[Manager] = &[
             Package::Driver => "mesa-vulkan-drivers",
             Package::Validation => "vulkan-validation-layers",
             Package::SpirvTools => "spirv-tools",
+            Package::XServer => "xorg-x11-server-Xvfb",
+            Package::Xdotool => "xdotool",
         },
     },
     Manager {
@@ -61,13 +68,15 @@ const MANAGERS: &[Manager] = &[
             Package::Driver => "vulkan-swrast",
             Package::Validation => "vulkan-validation-layers",
             Package::SpirvTools => "spirv-tools",
+            Package::XServer => "xorg-server-xvfb",
+            Package::Xdotool => "xdotool",
         },
     },
 ];
 
 /// Installs what is missing, or says exactly what to install.
 pub fn setup(purpose: Purpose) -> Result<(), TaskError> {
-    let needs = missing(&vulkan::detect(), on_path("spirv-opt"), purpose);
+    let needs = missing(&vulkan::detect(), &on_path, purpose);
     if needs.is_empty() {
         return Ok(());
     }
@@ -77,17 +86,20 @@ pub fn setup(purpose: Purpose) -> Result<(), TaskError> {
         return Err(TaskError::NoDevice(advice(&needs)));
     };
     install(manager, prefix, &needs).map_err(|_| TaskError::NoDevice(advice(&needs)))?;
-    let still = missing(&vulkan::detect(), on_path("spirv-opt"), purpose);
+    let still = missing(&vulkan::detect(), &on_path, purpose);
     if still.is_empty() { Ok(()) } else { Err(TaskError::NoDevice(advice(&still))) }
 }
 
-fn missing(found: &vulkan::Detected, spirv_opt: bool, purpose: Purpose) -> Vec<Package> {
+/// * `has`: whether a program is in the search path.
+fn missing(found: &vulkan::Detected, has: &dyn Fn(&str) -> bool, purpose: Purpose) -> Vec<Package> {
     let testing = purpose == Purpose::Testing;
     let all = [
         (Package::Loader, found.loader),
         (Package::Driver, found.driver()),
         (Package::Validation, found.validation || !testing),
-        (Package::SpirvTools, spirv_opt || !testing),
+        (Package::SpirvTools, !testing || has("spirv-opt")),
+        (Package::XServer, !testing || has("Xvfb")),
+        (Package::Xdotool, !testing || has("xdotool")),
     ];
     all.into_iter().filter(|(_, there)| !there).map(|(need, _)| need).collect()
 }
@@ -140,18 +152,18 @@ mod tests {
     fn a_gpu_driver_is_enough_to_run() {
         let hardware = vec![PathBuf::from("nvidia_icd.json")];
         let found = Detected { loader: true, hardware, ..Detected::default() };
-        assert_eq!(missing(&found, false, Purpose::Running), []);
-        let more = [Package::Validation, Package::SpirvTools];
-        assert_eq!(missing(&found, false, Purpose::Testing), more);
+        assert_eq!(missing(&found, &|_| false, Purpose::Running), []);
+        let more = [Package::Validation, Package::SpirvTools, Package::XServer, Package::Xdotool];
+        assert_eq!(missing(&found, &|_| false, Purpose::Testing), more);
     }
 
     #[test]
     fn a_bare_machine_needs_loader_and_driver() {
-        let needs = missing(&Detected::default(), false, Purpose::Running);
+        let needs = missing(&Detected::default(), &|_| false, Purpose::Running);
         assert_eq!(needs, [Package::Loader, Package::Driver]);
         let software = Some(PathBuf::from("lvp_icd.json"));
         let no_loader = Detected { software, ..Detected::default() };
-        assert_eq!(missing(&no_loader, false, Purpose::Running), [Package::Loader]);
+        assert_eq!(missing(&no_loader, &|_| false, Purpose::Running), [Package::Loader]);
         let text = advice(&needs);
         assert!(text.contains("sudo apt-get install -y --no-install-recommends libvulkan1 mesa-"));
         assert!(text.contains("sudo pacman -S --noconfirm --needed vulkan-icd-loader vulkan-s"));
