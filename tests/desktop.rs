@@ -275,6 +275,23 @@ fn a_window_is_flown_by_keys_and_pointer_and_keeps_what_was_found() {
 /// Needs the fault hook.
 #[cfg(feature = "faults")]
 #[test]
+fn a_full_disk_is_said_and_bookmarks_are_saved_once_there_is_room() {
+    let tmp = folder(Kind::Bend);
+    let session = tmp.path().join("notes.json");
+    let args = ["mask.nrrd", "--device", "cpu", "--session", "notes.json", "--lod-cache", "off"];
+    // The picture, the bookmark, and the bookmark once more.
+    let env = [("INTIMA_FAULT", "write:1-3")];
+    let Some(mut d) = Desktop::open(tmp.path(), &args, &env) else { return };
+    d.wait_for("everything is computed");
+    d.bookmark(&session, 1);
+    d.wait_for("bookmarks are not saved");
+    let (code, log) = d.quit();
+    assert_eq!(code, Some(0), "{log:#?}");
+}
+
+/// Needs the fault hook.
+#[cfg(feature = "faults")]
+#[test]
 fn a_lost_device_is_opened_again_and_nothing_noted_is_lost() {
     let tmp = folder(Kind::Bend);
     let session = tmp.path().join("notes.json");

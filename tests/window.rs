@@ -6,15 +6,19 @@
 mod cast;
 #[path = "common/mod.rs"]
 mod common;
+#[path = "common/volumes.rs"]
+mod volumes;
 
 use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::Arc;
 
 use cast::Cast;
-use glam::{DVec3, IVec3};
+use glam::{DQuat, DVec3, IVec3};
 use intima::app::{Action, Model, News, Painter, Ruler};
+use intima::flight::Frames;
 use intima::geometry::TriangleBvh;
+use intima::lumen::IntensitySelection;
 use intima::session::{FlightRoute, Session, Settings, Source, VolumeSource};
 use intima::volume::phantom::{Kind, Phantom};
 
@@ -43,11 +47,11 @@ fn is_cut(wall: &Cast, from: DVec3, to: DVec3) -> bool {
 
 /// Moves at random and casts segments from each eye to the corners of its near plane, and from the
 /// eye before to it.
-fn wander(kind: Kind, moves: u32) {
-    let session = session(kind, 64);
+fn wander(session: &Session, moves: u32) {
     let wall = session.wall().unwrap();
     let cast = Cast::of(&wall.mesh);
-    let mut model = model(&session);
+    let mut model = model(session);
+    let length = model.path.as_ref().unwrap().length_mm();
     let mut seed = 7u64;
     let mut random = || {
         seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -60,7 +64,7 @@ fn wander(kind: Kind, moves: u32) {
         let action = match i % 7 {
             0 => Action::Turn([random() as f32, random() as f32, random() as f32]),
             // Now and then somewhere else, so that all of the organ is tried.
-            1 if i % 350 == 1 => Action::Seek((random() + 0.5) * 100.0),
+            1 if i % 350 == 1 => Action::Seek((random() + 0.5) * length),
             _ => Action::Fly([2.0 * random(), 2.0 * random(), by]),
         };
         model.step(0.0, std::slice::from_ref(&action));
@@ -83,13 +87,67 @@ fn wander(kind: Kind, moves: u32) {
         }
     }
     // The walk was one, and the wall was in its way.
-    assert!(flown > f64::from(moves) && blocked > moves / 50, "{flown} mm, {blocked} blocked");
+    println!("{moves} moves, {flown:.0} mm flown, {blocked} held up by the wall");
+    assert!(flown > f64::from(moves) && blocked > moves / 200, "{flown} mm, {blocked} blocked");
 }
 
 #[test]
 fn no_move_by_hand_takes_the_near_plane_through_the_wall() {
-    wander(Kind::Bend, 50_000);
-    wander(Kind::Y, 50_000);
+    wander(&session(Kind::Bend, 64), 50_000);
+    wander(&session(Kind::Y, 64), 50_000);
+}
+
+/// A session of a shared volume that has a mask or a threshold.
+fn shared(name: &str, select: IntensitySelection) -> Option<Session> {
+    let file = volumes::shared_data()?.join(name);
+    let mut settings = Settings::default();
+    settings.lumen.select = Some(select);
+    settings.flight.frames = Frames::Speed { mm_per_s: 20.0, fps: 25.0 };
+    Some(Session::new(Source::Image(VolumeSource::file(file)), settings).unwrap())
+}
+
+/// A million moves in each of two phantoms and two real lumens: minutes.
+#[test]
+#[ignore = "minutes; in release"]
+fn no_million_moves_by_hand_take_the_near_plane_through_the_wall() {
+    wander(&session(Kind::Bend, 96), 1_000_000);
+    wander(&session(Kind::Y, 96), 1_000_000);
+    let colon = shared("colon_label_1.nii.gz", IntensitySelection::Labels(vec![1]));
+    let range = IntensitySelection::Range { lo: 1100.0, hi: f64::INFINITY };
+    let aorta = shared("aorta_mra.mha", range);
+    for session in colon.iter().chain(&aorta) {
+        wander(session, 1_000_000);
+    }
+}
+
+#[test]
+fn on_real_lumens_gaze_and_horizon_turn_no_faster_than_30_degrees_a_second() {
+    let above = |lo| IntensitySelection::Range { lo, hi: f64::INFINITY };
+    let label = || IntensitySelection::Labels(vec![1]);
+    for (name, select) in [
+        ("colon_label_1.nii.gz", label()),
+        ("colon_label_2.nii.gz", label()),
+        ("airway_label_lidc1.nii.gz", label()),
+        ("airway_label_lidc4.nii.gz", label()),
+        ("aorta_mra.mha", above(1100.0)),
+        ("aneurism.nrrd", above(60.0)),
+    ] {
+        let Some(session) = shared(name, select) else { return };
+        let flight = session.flight().unwrap();
+        let (mut gaze, mut roll) = (0.0f64, 0.0f64);
+        for (i, w) in flight.poses.windows(2).enumerate() {
+            if flight.cuts.contains(&(i + 1)) {
+                continue;
+            }
+            let [a, b] = [&w[0], &w[1]].map(|p| p.forward().as_dvec3().normalize());
+            gaze = gaze.max(25.0 * a.angle_between(b).to_degrees());
+            // What is left once the first is turned onto the second gaze by the shortest way.
+            let up = DQuat::from_rotation_arc(a, b) * w[0].up().as_dvec3();
+            roll = roll.max(25.0 * up.angle_between(w[1].up().as_dvec3()).to_degrees());
+        }
+        println!("{name}: gaze {gaze:.1} deg/s, roll {roll:.2} deg/s at most");
+        assert!(gaze < 30.2 && roll < 30.0, "{name}: {gaze} {roll}");
+    }
 }
 
 #[test]
@@ -298,6 +356,67 @@ fn a_script_played_twice_gives_the_same_pictures_and_saves_its_bookmarks() {
         all.push((pictures, notes.replace(&format!("{out}-bookmark"), "bookmark"), html));
     }
     assert!(all[0] == all[1], "the same bytes at any number of threads");
+}
+
+#[test]
+fn a_session_opened_again_leads_to_the_same_pictures() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = folder();
+    let write = |name: &str, steps: &str| {
+        let text = format!(
+            r#"{{"schema": "intima.script/1", "size": [640, 400], "steps": [{steps}]}}"#
+        );
+        std::fs::write(tmp.path().join(name), text).unwrap();
+    };
+    write(
+        "make.json",
+        r#"{"wait": "complete"}, {"do": {"seek": 20}}, {"do": {"bookmark": "on the path"}},
+        {"do": {"field_of_view": 120}}, {"do": {"turn": [0.5, 0.2, 0.3]}},
+        {"do": {"fly": [1.0, 0.5, 3.0]}}, {"do": {"bookmark": "off it"}}"#,
+    );
+    write(
+        "back.json",
+        r#"{"wait": "complete"}, {"do": {"go_to_bookmark": 1}}, {"do": {"export": "view"}},
+        {"do": {"go_to_bookmark": 0}}, {"do": {"export": "view"}}"#,
+    );
+    for script in ["make", "back"] {
+        let file = format!("{script}.json");
+        let args = ["--script", &file, "--frames-out", script, "--session", "notes.json"];
+        let done = fly(tmp.path(), &[&args[..], &["--lod-cache", "off"]].concat());
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    }
+    let read = |name: &str| std::fs::read(tmp.path().join(name)).unwrap();
+    assert!(read("notes-bookmark-2.png") == read("back/view-1.png"), "off the path");
+    assert!(read("notes-bookmark-1.png") == read("back/view-2.png"), "on the path");
+    assert_ne!(read("back/view-1.png"), read("back/view-2.png"));
+}
+
+#[test]
+fn a_volume_is_opened_in_the_window_and_its_lumen_chosen_there() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    let phantom = Phantom::new(Kind::Bend, 48, [1.0; 3]).unwrap();
+    intima::formats::write_volume(&tmp.path().join("mask.nrrd"), &phantom.mask()).unwrap();
+    intima::formats::write_volume(&tmp.path().join("ct.nrrd"), &phantom.grey(None, 0)).unwrap();
+    let script = r#"{"schema": "intima.script/1", "size": [640, 400], "steps": [
+        {"frames": 2}, {"picture": "empty"},
+        {"do": {"open": "ct.nrrd"}}, {"wait": "volume"}, {"picture": "grey"},
+        {"do": {"lumen": {"range": [-2000, -500]}}}, {"wait": "complete"}, {"picture": "chosen"},
+        {"do": {"open": "mask.nrrd"}}, {"wait": "complete"}, {"picture": "label"}]}"#;
+    std::fs::write(tmp.path().join("s.json"), script).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
+    command.args(["fly", "--script", "s.json", "--frames-out", "out", "--lod-cache", "off"]);
+    let done = command.current_dir(tmp.path()).env_remove("INTIMA_FAULT").output().unwrap();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let read = |n: &str| std::fs::read(tmp.path().join("out").join(format!("{n}.png"))).unwrap();
+    let pictures = ["empty", "grey", "chosen", "label"].map(read);
+    for w in pictures.windows(2) {
+        assert_ne!(w[0], w[1]);
+    }
 }
 
 #[test]

@@ -152,7 +152,7 @@ pub(super) fn pixels(ui: &Ui, rect: Rect) -> [u32; 2] {
 
 /// Files dropped on the window, or chosen in the dialog.
 fn opened(ui: &Ui, state: &mut UiState, actions: &mut Vec<Action>) {
-    let dropped = ui.input(|i| i.raw.dropped_files.iter().next().map(|f| f.path().to_owned()));
+    let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
     state.dialog.update(ui.ctx());
     if let Some(path) = dropped.or_else(|| state.dialog.take_picked()) {
         actions.push(Action::Open(path));

@@ -42,6 +42,8 @@ pub struct WindowOptions {
 const FRAME: Duration = Duration::from_millis(16);
 /// How often the progress line is looked at.
 const PROGRESS: Duration = Duration::from_millis(250);
+/// When bookmarks that could not be saved are tried again.
+const SAVE_AGAIN: Duration = Duration::from_secs(1);
 /// Longest step of the flight's clock: a window that was held up does not jump.
 const LONGEST_STEP_S: f64 = 0.1;
 
@@ -94,6 +96,46 @@ struct Running {
     told: [bool; 3],
     /// How often a lost device was opened again.
     reopened: u32,
+    times: FrameTimes,
+}
+
+/// How long frames took, from the first look at the news to the present call's end.
+#[derive(Default)]
+struct FrameTimes {
+    /// Milliseconds, while something was computed and after.
+    ms: [Vec<f32>; 2],
+}
+
+impl FrameTimes {
+    /// Frames that are kept: a day at twenty a second.
+    const MOST: usize = 2_000_000;
+
+    fn note(&mut self, is_computing: bool, took: Duration) {
+        let own = &mut self.ms[usize::from(!is_computing)];
+        if own.len() < Self::MOST {
+            own.push(took.as_secs_f32() * 1e3);
+        }
+    }
+
+    /// Reports what there is.
+    fn tell(&mut self) {
+        for (ms, when) in self.ms.iter_mut().zip(["while computing", "after that"]) {
+            ms.sort_by(f32::total_cmp);
+            let at = |share: f32| ms[((ms.len() - 1) as f32 * share).round() as usize];
+            if !ms.is_empty() {
+                let (n, p50, p99, most) = (ms.len(), at(0.5), at(0.99), at(1.0));
+                tracing::info!(
+                    "{n} frames {when}: {p50:.1} ms (median), {p99:.1} ms (99 %), {most:.1} ms (longest)"
+                );
+            }
+        }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.times.tell();
+    }
 }
 
 /// A device that is lost more often is given up.
@@ -158,6 +200,7 @@ impl App {
             has_notes: false,
             told: [false; 3],
             reopened: 0,
+            times: FrameTimes::default(),
         });
         Ok(())
     }
@@ -288,9 +331,12 @@ impl Running {
         self.save(options);
         self.tell(begun);
         let is_computing = self.study.is_some() && !self.stage.model.is_complete;
+        self.times.note(is_computing, now.elapsed());
         let computing = is_computing.then_some(PROGRESS);
         let wanted = after.again_in.map(|s| Duration::from_secs_f64(s.min(3600.0)).max(FRAME));
-        let next = wanted.into_iter().chain(computing).min();
+        let unsaved = options.session_file.is_some() && self.stage.model.has_unsaved_notes();
+        let again = unsaved.then_some(SAVE_AGAIN);
+        let next = wanted.into_iter().chain(computing).chain(again).min();
         self.again_at = next.map(|after| now + after);
         Ok(after)
     }
