@@ -17,7 +17,9 @@ const MAX_CORRECTIONS: usize = 4;
 /// Each substep is at most half the proven distance to the wall. Where the near ball would come
 /// nearer than it may, the part of the step that goes towards the wall is taken out and the eye is
 /// pushed away from it. Every place returned is proven as for the frames of a flight: the wall is
-/// more than the near ball's radius away ([`Clearance`]).
+/// more than the near ball's radius away ([`Clearance`]). A move ends before the straight way from
+/// its start would cut the wall, as it may where the eye slides round a fold: what is drawn between
+/// two frames is that way.
 pub fn collide_and_slide(
     from_mm: DVec3,
     delta_mm: DVec3,
@@ -54,10 +56,32 @@ pub fn collide_and_slide(
             step -= away.dot(step).min(0.0) * away;
             push += (need - there) * away;
         }
-        match next {
+        match next.filter(|to| is_free(from_mm, *to, wall)) {
             Some(to) => at = to,
             None => break,
         }
     }
     at
+}
+
+/// Most steps of a march along a segment.
+const MAX_MARCH: usize = 256;
+/// Nearer to the wall than this, mm, a segment counts as cut.
+const TOUCH_MM: f64 = 1e-3;
+
+/// Whether a segment keeps away from the wall: marched in steps as long as the wall is far.
+fn is_free(from: DVec3, to: DVec3, wall: &Clearance<'_>) -> bool {
+    let mut at = from;
+    for _ in 0..MAX_MARCH {
+        let left = at.distance(to);
+        let room = wall.proven_mm(at, left);
+        if room >= left {
+            return true;
+        }
+        if room < TOUCH_MM {
+            return false;
+        }
+        at += (to - at) * (room / left);
+    }
+    false
 }
