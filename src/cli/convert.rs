@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::CliError;
+use super::dicom_args::DicomArgs;
 use super::global::{Global, VOLUMES};
 use crate::formats::write_volume;
 use crate::session::{InputReport, VolumeSource, read_any_volume};
@@ -15,9 +16,8 @@ pub struct Args {
     /// Volume to write: .nrrd, .nii, .nii.gz, .mha or .mhd
     #[arg(short, long, value_name = "VOLUME")]
     output: PathBuf,
-    /// DICOM series: UID, or index from 0
-    #[arg(long, value_name = "UID|INDEX")]
-    series: Option<String>,
+    #[command(flatten)]
+    dicom: DicomArgs,
 }
 
 impl Args {
@@ -25,7 +25,7 @@ impl Args {
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, VOLUMES)?;
         // A sheared grid is converted as it stands; only distances need a box.
-        let source = VolumeSource::File { path: self.input.clone(), series: self.series.clone() };
+        let source = VolumeSource::File { path: self.input.clone(), options: self.dicom.options() };
         let volume = read_any_volume(&source, global.max_memory)?;
         write_volume(&self.output, &volume)?;
         global.say(format_args!("wrote {}", self.output.display()))?;

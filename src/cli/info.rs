@@ -3,17 +3,17 @@
 use std::path::PathBuf;
 
 use super::CliError;
+use super::dicom_args::DicomArgs;
 use super::global::Global;
-use crate::formats::{ReadOptions, inspect, read_volume};
+use crate::formats::{inspect, read_volume};
 
 /// `intima info INPUT`
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Volume: DICOM folder or file, .nii[.gz], .nrrd/.nhdr, .mha/.mhd
     input: PathBuf,
-    /// DICOM series: UID, or index from 0
-    #[arg(long, value_name = "UID|INDEX")]
-    series: Option<String>,
+    #[command(flatten)]
+    dicom: DicomArgs,
 }
 
 #[derive(serde::Serialize)]
@@ -27,7 +27,7 @@ struct Answer {
 impl Args {
     /// Prints a table, or JSON.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
-        let options = ReadOptions { series: self.series.clone() };
+        let options = self.dicom.options();
         let info = inspect(&self.input, &options)?;
         let range = match &info.image {
             Some(_) => read_volume(&self.input, &options)?.range().map(|(a, b)| [a, b]),

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, UVec3};
 
 use super::CliError;
+use super::dicom_args::DicomArgs;
 use crate::lumen::IntensitySelection;
 use crate::session::{LumenSettings, Seed, Source, VolumeSource};
 
@@ -33,16 +34,17 @@ pub struct LumenArgs {
     /// Draw the threshold in to just below the first leak (needs a seed)
     #[arg(long)]
     pub leak_control: bool,
-    /// DICOM series: UID, or index from 0
-    #[arg(long, value_name = "UID|INDEX")]
-    pub series: Option<String>,
+    #[command(flatten)]
+    pub dicom: DicomArgs,
 }
 
 impl LumenArgs {
     /// The volumes that the flags name.
     pub fn source(&self, input: Option<&Path>) -> Result<Source, CliError> {
-        let volume =
-            |path: &Path| VolumeSource::File { path: path.to_owned(), series: self.series.clone() };
+        let volume = |path: &Path| VolumeSource::File {
+            path: path.to_owned(),
+            options: self.dicom.options(),
+        };
         if let Some(spec) = &self.mask {
             let (path, _) = split_labels(spec);
             return Ok(Source::Mask { mask: volume(&path), image: input.map(volume) });

@@ -5,6 +5,7 @@ mod bench;
 mod centerline;
 mod convert;
 mod devices;
+mod dicom_args;
 mod distance;
 mod error;
 mod fair;

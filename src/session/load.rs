@@ -94,9 +94,7 @@ pub fn read_any_volume(
 ) -> Result<Arc<Volume>, SessionError> {
     Ok(match source {
         VolumeSource::Memory(volume) => Arc::clone(volume),
-        VolumeSource::File { path, series } => {
-            Arc::new(read_file(path, series.clone(), max_memory_mb)?)
-        }
+        VolumeSource::File { path, options } => Arc::new(read_file(path, options, max_memory_mb)?),
     })
 }
 
@@ -115,18 +113,17 @@ pub fn read_orthogonal_volume(
 
 fn read_file(
     path: &std::path::Path,
-    series: Option<String>,
+    options: &ReadOptions,
     max_memory_mb: Option<u64>,
 ) -> Result<Volume, SessionError> {
-    let options = ReadOptions { series };
     if max_memory_mb.is_some() {
-        let info = inspect(path, &options)?;
+        let info = inspect(path, options)?;
         if let Some(image) = info.image {
             let voxels: u64 = image.dims.iter().map(|d| u64::from(*d)).product();
             refuse_above(max_memory_mb, voxels, "the volume alone")?;
         }
     }
-    let volume = read_volume(path, &options)?;
+    let volume = read_volume(path, options)?;
     let d = volume.grid.dims;
     tracing::info!("read {} x {} x {} voxels", d.x, d.y, d.z);
     Ok(volume)
@@ -143,13 +140,13 @@ fn check_axes(grid: &Grid, source: &VolumeSource) -> Result<(), SessionError> {
 fn geometry(source: &VolumeSource) -> Result<(Grid, InputReport), SessionError> {
     let (grid, report) = match source {
         VolumeSource::Memory(volume) => (volume.grid, InputReport::of(volume)),
-        VolumeSource::File { path, series } => {
-            let info = inspect(path, &ReadOptions { series: series.clone() })?;
+        VolumeSource::File { path, options } => {
+            let info = inspect(path, options)?;
             match info.image.and_then(|image| Some((image.grid().ok()?, image))) {
                 Some((grid, image)) => (grid, InputReport::of_header(&grid, image.sample_type)),
                 // A format whose header does not say enough is read.
                 None => {
-                    let volume = read_volume(path, &ReadOptions { series: series.clone() })?;
+                    let volume = read_volume(path, options)?;
                     (volume.grid, InputReport::of(&volume))
                 }
             }

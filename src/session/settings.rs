@@ -10,6 +10,7 @@ use super::Mode;
 use crate::centerline::{Loops, Radius};
 use crate::device::DeviceChoice;
 use crate::flight::{CameraPath, Frames};
+use crate::formats::ReadOptions;
 use crate::lumen::IntensitySelection;
 use crate::render::View;
 use crate::surface::{Fairing, Smoothing};
@@ -22,8 +23,8 @@ pub enum VolumeSource {
     File {
         /// File or folder.
         path: PathBuf,
-        /// DICOM series: UID, or index from 0.
-        series: Option<String>,
+        /// Which DICOM series, and how.
+        options: ReadOptions,
     },
     /// A volume in memory.
     Memory(Arc<Volume>),
@@ -32,7 +33,7 @@ pub enum VolumeSource {
 impl VolumeSource {
     /// A file or DICOM folder of one series.
     pub fn file(path: impl Into<PathBuf>) -> Self {
-        Self::File { path: path.into(), series: None }
+        Self::File { path: path.into(), options: ReadOptions::default() }
     }
 
     /// What to call it in messages: the file's name, or `volume in memory`.

@@ -33,6 +33,8 @@ use layout::Layout;
 pub struct ReadOptions {
     /// DICOM series: its UID, or its index in the listing (from 0).
     pub series: Option<String>,
+    /// DICOM: interpolate where slices are uneven or missing.
+    pub fill_gaps: bool,
 }
 
 /// The kinds of input, told apart by name first and by their first bytes otherwise.
@@ -150,6 +152,9 @@ fn kind(path: &Path) -> Result<Kind, FormatError> {
     }
     if head.starts_with(b"ObjectType") || head.starts_with(b"NDims") {
         return Ok(Kind::MetaImage);
+    }
+    if name == "dicomdir" || dicom::is_bare(&head) {
+        return Ok(Kind::Dicom);
     }
     Err(FormatError::unsupported(path, format!("this kind of file; give {ACCEPTED}")))
 }

@@ -1,15 +1,22 @@
 //! What is known of one slice before its pixels are read.
 
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use dicom_object::{InMemDicomObject, OpenFileOptions, Tag};
 
 use super::super::FormatError;
-use super::walk::{Pixels, walk};
+use super::super::source::Source;
+use super::fragments::{self, Fragment};
+use super::walk::{Leaves, Pixels, walk};
 
-/// One DICOM file: sorted and named, its geometry not yet judged.
+/// One slice, a DICOM file or a frame of one: sorted and named, its geometry not yet judged.
+#[derive(Clone)]
 pub(super) struct Head {
     pub file: PathBuf,
+    /// Which frame of its file, from 0.
+    pub frame: usize,
     /// Transfer syntax UID.
     pub syntax: String,
     pub series_uid: String,
@@ -18,13 +25,16 @@ pub(super) struct Head {
     pub modality: &'static str,
     pub rows: u32,
     pub columns: u32,
-    pub pixels: Option<Pixels>,
+    /// Of all frames.
+    pub pixels: Option<Arc<Pixels>>,
+    /// Fragments of this frame, where pixels are encapsulated.
+    pub fragments: Vec<Fragment>,
     values: Values,
 }
 
 /// The values of a file's elements as one text. A parsed data set takes ten times the bytes of a
 /// small file, and the heads of a whole series are held at once.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Values {
     text: String,
     /// Element, and where its value ends in the text; the one before ends where it begins.
@@ -35,12 +45,27 @@ impl Values {
     fn new(elements: &InMemDicomObject) -> Self {
         let mut values = Self::default();
         for element in elements {
-            let Ok(value) = element.to_str() else { continue };
-            values.text.push_str(&value);
-            values.ends.push((element.header().tag, values.text.len() as u32));
+            if let Ok(value) = element.to_str() {
+                values.push(element.header().tag, &value);
+            }
         }
         values.text.shrink_to_fit();
         values.ends.shrink_to_fit();
+        values
+    }
+
+    fn push(&mut self, tag: Tag, value: &str) {
+        self.text.push_str(value);
+        self.ends.push((tag, self.text.len() as u32));
+    }
+
+    /// The same with values of a frame, which come before those of the file.
+    fn with(&self, leaves: [&Leaves; 2]) -> Self {
+        let mut values = Self::default();
+        leaves.into_iter().flatten().for_each(|(tag, value)| values.push(*tag, value));
+        let shift = values.text.len() as u32;
+        values.text.push_str(&self.text);
+        values.ends.extend(self.ends.iter().map(|(tag, end)| (*tag, end + shift)));
         values
     }
 
@@ -56,21 +81,27 @@ impl Values {
 const MODALITIES: [&str; 12] =
     ["CT", "MR", "PT", "NM", "US", "XA", "CR", "DX", "SEG", "SR", "OT", "RTDOSE"];
 
-/// Reads the allowed elements of a file; `None` if it is not DICOM.
-pub(super) fn read(file: &Path) -> Result<Option<Head>, FormatError> {
+/// Enhanced CT, MR and PET image storage.
+const ENHANCED: [&str; 3] =
+    ["1.2.840.10008.5.1.4.1.1.2.1", "1.2.840.10008.5.1.4.1.1.4.1", "1.2.840.10008.5.1.4.1.1.130"];
+
+/// Reads the allowed elements of a file: one head a frame; `None` if it is not DICOM.
+pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
     let Some(walked) = walk(file)? else { return Ok(None) };
     let parsed = OpenFileOptions::new().from_reader(walked.stream.as_slice()).map_err(|_| {
         FormatError::field(file, "data set", "damaged", "its elements cannot be taken apart")
     })?;
     let mut head = Head {
         file: file.to_owned(),
+        frame: 0,
         syntax: walked.syntax,
         series_uid: String::new(),
         series_number: 0,
         modality: "other",
         rows: 0,
         columns: 0,
-        pixels: walked.pixels,
+        pixels: walked.pixels.map(Arc::new),
+        fragments: Vec::new(),
         values: Values::new(&parsed),
     };
     let uid = head.text(0x0020, 0x000e);
@@ -83,10 +114,52 @@ pub(super) fn read(file: &Path) -> Result<Option<Head>, FormatError> {
     let side = |v: Option<i64>| v.and_then(|v| u32::try_from(v).ok()).unwrap_or(0);
     head.rows = side(head.int(0x0028, 0x0010));
     head.columns = side(head.int(0x0028, 0x0011));
-    Ok(Some(head))
+    let frames = usize::try_from(head.int(0x0028, 0x0008).unwrap_or(1)).unwrap_or(0);
+    let is_enhanced = ENHANCED.contains(&head.text(0x0008, 0x0016).as_str());
+    let mut parts = match head.pixels.as_deref() {
+        None => return Ok(Some(vec![head])),
+        Some(Pixels::Plain { .. }) => Vec::new(),
+        Some(Pixels::Encapsulated { fragments, offsets }) => {
+            let begins = |f: &Fragment| begins_stream(file, f);
+            fragments::frames(fragments, offsets, frames, begins)
+                .map_err(|why| FormatError::field(file, "pixels", "damaged", why))?
+        }
+    };
+    if frames == 1 && !is_enhanced {
+        head.fragments = parts.pop().unwrap_or_default();
+        return Ok(Some(vec![head]));
+    }
+    let groups = walked.groups;
+    if groups.frames.len() != frames {
+        let what = format!(
+            "a multi-frame file whose {frames} frames are described by {} functional groups",
+            groups.frames.len()
+        );
+        return Err(FormatError::unsupported(file, what));
+    }
+    parts.resize(frames, Vec::new());
+    let of = |((i, own), fragments): ((usize, &Leaves), Vec<Fragment>)| Head {
+        frame: i,
+        fragments,
+        values: head.values.with([own, &groups.shared]),
+        ..head.clone()
+    };
+    Ok(Some(groups.frames.iter().enumerate().zip(parts).map(of).collect()))
+}
+
+/// Whether a fragment begins a JPEG or JPEG 2000 stream.
+fn begins_stream(file: &Path, fragment: &Fragment) -> bool {
+    let mut first = [0; 3];
+    let read = Source::open_at(file, fragment.0).map(|mut s| s.read_exact(&mut first));
+    matches!(read, Ok(Ok(()))) && (first == [0xff, 0xd8, 0xff] || first == [0xff, 0x4f, 0xff])
 }
 
 impl Head {
+    /// Whether it is a picture to plan a scan on, as its type says.
+    pub fn is_localizer(&self) -> bool {
+        self.text(0x0008, 0x0008).split('\\').nth(2).is_some_and(|t| t.trim() == "LOCALIZER")
+    }
+
     /// A short text without padding; empty if absent.
     pub fn text(&self, group: u16, element: u16) -> String {
         self.values.get(Tag(group, element)).unwrap_or_default().to_owned()

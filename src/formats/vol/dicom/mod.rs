@@ -1,13 +1,18 @@
-//! DICOM in: one plain series of single-frame slices, from a folder or a file.
+//! DICOM in: one series of slices, single files or frames, plain or compressed, from a folder or a
+//! file.
 //!
 //! Only the elements of an allowlist are ever decoded ([`walk`]); no text of the patient gets
 //! past that point. A series that is not a box of even slices is refused with the size of the
 //! miss, never read as if it were one.
 
+mod bare;
+mod codec;
+mod fragments;
 mod head;
 mod pixels;
 mod stack;
 mod syntax;
+mod upright;
 mod walk;
 
 use std::collections::BTreeMap;
@@ -37,47 +42,72 @@ struct Found {
     notes: Vec<String>,
 }
 
+/// Whether a file begins as a data set without preamble does.
+pub(super) fn is_bare(head: &[u8]) -> bool {
+    bare::syntax_of(head).is_some()
+}
+
 pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Volume, FormatError> {
     let found = find(path)?;
     for note in &found.notes {
         tracing::warn!("DICOM: {note}");
     }
     let chosen = choose(path, &found.series, options)?;
-    pixels::read(path, &Stack::new(path, &found.series[chosen].heads)?)
+    let stack = Stack::new(path, &found.series[chosen].heads, options.fill_gaps)?;
+    for note in &stack.notes {
+        tracing::warn!("DICOM: {note}");
+    }
+    pixels::read(path, &stack)
 }
 
 pub(super) fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatError> {
     let found = find(path)?;
-    let series = list(path, &found.series);
+    let series = list(path, &found.series, options);
+    let mut notes = found.notes;
     let open = found.series.len() > 1 && options.series.is_none();
     let image = if open {
         None
     } else {
         let chosen = choose(path, &found.series, options)?;
-        let stack = Stack::new(path, &found.series[chosen].heads)?;
+        let stack = Stack::new(path, &found.series[chosen].heads, options.fill_gaps)?;
+        notes.extend(stack.notes.iter().cloned());
         Some(ImageInfo::of(&stack.grid, stack.sample_type(), stack.shared_rescale()))
     };
-    Ok(InputInfo { format: "DICOM".to_owned(), image, series, notes: found.notes })
+    Ok(InputInfo { format: "DICOM".to_owned(), image, series, notes })
 }
 
 /// Reads the heads of all files and sorts them into series.
 fn find(path: &Path) -> Result<Found, FormatError> {
+    // A directory file stands for the folder that it lists.
+    let is_directory = path.file_name().is_some_and(|n| n.eq_ignore_ascii_case("DICOMDIR"));
+    let path = match path.parent() {
+        Some(parent) if is_directory && path.is_file() => match parent.as_os_str().is_empty() {
+            true => Path::new("."),
+            false => parent,
+        },
+        _ => path,
+    };
     let folder = path.is_dir();
     let files = if folder { files_in(path)? } else { vec![path.to_owned()] };
     let heads: Vec<_> = files.par_iter().map(|f| head::read(f)).collect();
-    let (mut other, mut without_pixels) = (0, 0);
+    let (mut other, mut without_pixels, mut localizers) = (0, 0, 0);
     let mut damaged = None;
     let mut series = BTreeMap::<String, Vec<Head>>::new();
     for result in heads {
         match result {
-            Ok(Some(h)) if h.pixels.is_some() => {
-                series.entry(h.series_uid.clone()).or_default().push(h);
-            }
-            Ok(Some(h)) => {
-                without_pixels += 1;
-                if !folder {
-                    let what = format!("a DICOM file without pixels (modality {})", h.modality);
-                    return Err(FormatError::unsupported(path, what));
+            Ok(Some(heads)) => {
+                let Some(first) = heads.first() else { continue };
+                if first.pixels.is_none() {
+                    without_pixels += 1;
+                    if !folder {
+                        let modality = first.modality;
+                        let what = format!("a DICOM file without pixels (modality {modality})");
+                        return Err(FormatError::unsupported(path, what));
+                    }
+                } else if folder && first.is_localizer() {
+                    localizers += 1;
+                } else {
+                    series.entry(first.series_uid.clone()).or_default().extend(heads);
                 }
             }
             Ok(None) if folder => other += 1,
@@ -105,6 +135,9 @@ fn find(path: &Path) -> Result<Found, FormatError> {
     if without_pixels > 0 {
         notes.push(format!("{without_pixels} DICOM files without pixels were passed over"));
     }
+    if localizers > 0 {
+        notes.push(format!("{localizers} localizers were passed over"));
+    }
     let mut series: Vec<Series> = series
         .into_iter()
         .map(|(uid, heads)| Series { number: heads[0].series_number, uid, heads })
@@ -113,7 +146,10 @@ fn find(path: &Path) -> Result<Found, FormatError> {
     Ok(Found { series, notes })
 }
 
-/// Plain files in a folder and its direct subfolders, in the order of their names.
+/// Folders below the one that is opened: media have patient, study and series.
+const MOST_DEPTH: usize = 8;
+
+/// Plain files in a folder and those below it, in the order of their names.
 fn files_in(folder: &Path) -> Result<Vec<PathBuf>, FormatError> {
     let mut files = Vec::new();
     let mut folders = vec![(folder.to_owned(), 0)];
@@ -121,7 +157,7 @@ fn files_in(folder: &Path) -> Result<Vec<PathBuf>, FormatError> {
         let io = |e| FormatError::io(&at, e);
         for entry in std::fs::read_dir(&at).map_err(io)? {
             let entry = entry.map_err(io)?.path();
-            if entry.is_dir() && depth == 0 {
+            if entry.is_dir() && depth < MOST_DEPTH {
                 folders.push((entry, depth + 1));
             } else if entry.is_file() {
                 files.push(entry);
@@ -142,7 +178,7 @@ fn choose(path: &Path, series: &[Series], options: &ReadOptions) -> Result<usize
             let [x, y, _] = s.dims;
             format!("\n  {}  {}  {}  {x}x{y}, {} slices", s.index, s.uid, s.modality, s.slices)
         };
-        let list = list(path, series).iter().map(line).collect();
+        let list = list(path, series, options).iter().map(line).collect();
         FormatError::Series { file: path.to_owned(), why, list }
     };
     match options.series.as_deref().map(str::trim) {
@@ -156,7 +192,7 @@ fn choose(path: &Path, series: &[Series], options: &ReadOptions) -> Result<usize
     }
 }
 
-fn list(path: &Path, series: &[Series]) -> Vec<SeriesInfo> {
+fn list(path: &Path, series: &[Series], options: &ReadOptions) -> Vec<SeriesInfo> {
     let info = |(index, s): (usize, &Series)| {
         let first = &s.heads[0];
         SeriesInfo {
@@ -164,7 +200,9 @@ fn list(path: &Path, series: &[Series]) -> Vec<SeriesInfo> {
             uid: s.uid.clone(),
             modality: first.modality.to_owned(),
             dims: [first.columns, first.rows, s.heads.len() as u32],
-            spacing_mm: Stack::new(path, &s.heads).ok().map(|k| k.grid.spacing_mm.to_array()),
+            spacing_mm: Stack::new(path, &s.heads, options.fill_gaps)
+                .ok()
+                .map(|k| k.grid.spacing_mm.to_array()),
             slices: s.heads.len(),
         }
     };

@@ -1,5 +1,6 @@
 //! Stored pixels of a series into samples.
 
+use std::io::Read as _;
 use std::path::Path;
 
 use rayon::prelude::*;
@@ -7,10 +8,23 @@ use rayon::prelude::*;
 use super::super::FormatError;
 use super::super::layout::{must_swap, zeroed};
 use super::super::source::{Source, fill};
+use super::codec::{self, FrameSize};
+use super::fragments::Fragment;
 use super::head::Head;
 use super::stack::{Slice, Stack};
-use super::syntax;
+use super::syntax::{self, Codec};
+use super::walk::{Pixels, data_set_offset, inflate};
 use crate::volume::{Sample, SampleType, Samples, Volume, with_samples};
+
+/// Where the pixels of a slice are.
+pub(super) enum SlicePixels {
+    /// In the file, from an offset on.
+    Plain(u64),
+    /// In the inflated data set, from an offset on.
+    Deflated(u64),
+    /// In fragments that are decoded together.
+    Compressed(Codec, Vec<Fragment>),
+}
 
 /// How pixels are stored, the same for all slices of a series.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,22 +69,47 @@ impl Stored {
             return Err(FormatError::field(&h.file, "HighBit", high, why));
         }
         let big_endian = h.syntax == syntax::EXPLICIT_BIG;
-        Ok(Self { kind, bits: bits as u32, shift: (high + 1 - bits) as u32, big_endian })
+        // Decoders give samples from the lowest bit on.
+        let is_compressed = Codec::of(&h.syntax).is_some();
+        let shift = if is_compressed { 0 } else { (high + 1 - bits) as u32 };
+        Ok(Self { kind, bits: bits as u32, shift, big_endian })
     }
 
-    /// Holds the promised pixels against the element and the file; the offset of the first.
-    pub fn check_pixels(&self, h: &Head) -> Result<u64, FormatError> {
-        let Some(pixels) = h.pixels else {
-            return Err(FormatError::unsupported(&h.file, "a slice without pixels"));
-        };
+    /// Holds the promised pixels against the element and the file; where they are.
+    pub fn check_pixels(&self, h: &Head) -> Result<SlicePixels, FormatError> {
         let wanted = u64::from(h.rows) * u64::from(h.columns) * self.kind.size() as u64;
-        let rest = Source::open(&h.file)?.len.saturating_sub(pixels.offset);
-        let found = pixels.len.unwrap_or(0).min(rest);
-        if found < wanted {
+        // Frames follow each other without a gap.
+        let before = wanted.saturating_mul(h.frame as u64);
+        let truncated = |found| {
             let (file, what) = (h.file.clone(), "pixels");
-            return Err(FormatError::Truncated { file, what, wanted, found });
+            Err(FormatError::Truncated { file, what, wanted, found })
+        };
+        match h.pixels.as_deref() {
+            None => Err(FormatError::unsupported(&h.file, "a slice without pixels")),
+            Some(Pixels::Plain { .. }) if Codec::of(&h.syntax).is_some() => {
+                let name = syntax::describe(&h.syntax);
+                let why = format!("transfer syntax {name} has them in fragments");
+                Err(FormatError::field(&h.file, "pixels", "plain", why))
+            }
+            Some(Pixels::Plain { offset, len }) if h.syntax == syntax::DEFLATED => {
+                let found = len.saturating_sub(before);
+                let at = offset.saturating_add(before);
+                if found < wanted { truncated(found) } else { Ok(SlicePixels::Deflated(at)) }
+            }
+            Some(Pixels::Plain { offset, len }) => {
+                let rest = Source::open(&h.file)?.len.saturating_sub(*offset);
+                let found = (*len).min(rest).saturating_sub(before);
+                let at = offset.saturating_add(before);
+                if found < wanted { truncated(found) } else { Ok(SlicePixels::Plain(at)) }
+            }
+            Some(Pixels::Encapsulated { .. }) => match Codec::of(&h.syntax) {
+                Some(codec) => Ok(SlicePixels::Compressed(codec, h.fragments.clone())),
+                None => {
+                    let why = "pixels in fragments, where the transfer syntax has none";
+                    Err(FormatError::field(&h.file, "pixels", "encapsulated", why))
+                }
+            },
         }
-        Ok(pixels.offset)
     }
 
     /// Brings the samples as stored to plain numbers: byte order, then the unused bits.
@@ -99,39 +138,91 @@ impl Stored {
 impl Stack {
     /// Type of the samples that [`read`] makes.
     pub fn sample_type(&self) -> SampleType {
-        if self.rescale_differs() { SampleType::F32 } else { self.stored.kind }
+        let is_computed = self.rescale_differs() || self.upright.is_some();
+        if is_computed { SampleType::F32 } else { self.stored.kind }
     }
 }
 
 /// Reads all slices straight into their place.
 pub(super) fn read(path: &Path, stack: &Stack) -> Result<Volume, FormatError> {
-    let mut samples = zeroed(path, stack.stored.kind, stack.grid.len())?;
-    let slice_bytes = samples.bytes().len() / stack.slices.len();
+    let side = match &stack.upright {
+        Some(upright) => upright.stored,
+        None => [stack.grid.dims.x, stack.grid.dims.y],
+    };
+    let pixels = side[0] as usize * side[1] as usize;
+    let mut samples = zeroed(path, stack.stored.kind, pixels.saturating_mul(stack.slices.len()))?;
     samples
         .bytes_mut()
-        .par_chunks_exact_mut(slice_bytes)
+        .par_chunks_exact_mut(pixels * stack.stored.kind.size())
         .zip(&stack.slices)
-        .try_for_each(|(bytes, slice)| read_slice(bytes, slice))?;
+        .try_for_each(|(bytes, slice)| read_slice(bytes, slice, stack.stored.kind, side))?;
     stack.stored.tidy(&mut samples);
-    let samples = if stack.rescale_differs() { rescaled(stack, &samples) } else { samples };
+    if let Some(upright) = &stack.upright {
+        // The room of the box was not asked for yet.
+        drop(zeroed(path, SampleType::F32, stack.grid.len())?);
+        let rescale = stack.slices[0].rescale;
+        let padding = stack.padding.map(|p| rescale.real(p as f64) as f32);
+        let values = real_values(stack, &samples);
+        drop(samples);
+        let least = || values.iter().copied().fold(f32::INFINITY, f32::min);
+        let outside = padding.unwrap_or_else(least);
+        let samples = upright.sampled(&values, outside, padding);
+        return Ok(Volume::new(stack.grid, samples.into()));
+    }
+    let samples = match stack.rescale_differs() {
+        true => real_values(stack, &samples).into(),
+        false => samples,
+    };
     let mut volume = Volume::new(stack.grid, samples);
     volume.rescale = stack.shared_rescale();
     Ok(volume)
 }
 
-fn read_slice(bytes: &mut [u8], slice: &Slice) -> Result<(), FormatError> {
-    let mut source = Source::open_at(&slice.file, slice.offset)?;
-    let found = fill(&mut source, bytes).map_err(|e| FormatError::io(&slice.file, e))? as u64;
-    let wanted = bytes.len() as u64;
-    if found < wanted {
-        let (file, what) = (slice.file.clone(), "pixels");
-        return Err(FormatError::Truncated { file, what, wanted, found });
+fn read_slice(
+    bytes: &mut [u8],
+    slice: &Slice,
+    kind: SampleType,
+    [columns, rows]: [u32; 2],
+) -> Result<(), FormatError> {
+    let damaged = |why: String| FormatError::field(&slice.file, "pixels", "damaged", why);
+    match &slice.pixels {
+        SlicePixels::Plain(offset) => {
+            let mut source = Source::open_at(&slice.file, *offset)?;
+            let io = |e| FormatError::io(&slice.file, e);
+            let found = fill(&mut source, bytes).map_err(io)? as u64;
+            let wanted = bytes.len() as u64;
+            if found < wanted {
+                let (file, what) = (slice.file.clone(), "pixels");
+                return Err(FormatError::Truncated { file, what, wanted, found });
+            }
+        }
+        SlicePixels::Deflated(offset) => {
+            let inflated = inflate(&slice.file, data_set_offset(&slice.file)?)?;
+            let first = *offset as usize;
+            let own = inflated.get(first..first.saturating_add(bytes.len()));
+            bytes.copy_from_slice(own.ok_or_else(|| damaged("they are cut off".into()))?);
+        }
+        SlicePixels::Compressed(codec, fragments) => {
+            let mut stream = Vec::new();
+            for (offset, len) in fragments {
+                let source = Source::open_at(&slice.file, *offset)?;
+                let io = |e| FormatError::io(&slice.file, e);
+                source.take(u64::from(*len)).read_to_end(&mut stream).map_err(io)?;
+            }
+            let bits_allocated = 8 * kind.size() as u32;
+            let size = FrameSize { rows, columns, bits_allocated };
+            let samples = codec::decode(*codec, &stream, size).map_err(damaged)?;
+            // As they would be stored: little endian, the lowest bits.
+            for (to, sample) in bytes.chunks_exact_mut(kind.size()).zip(samples) {
+                to.copy_from_slice(&sample.to_le_bytes()[..kind.size()]);
+            }
+        }
     }
     Ok(())
 }
 
-/// Slices with their own rescale, as PET has them, become real values.
-fn rescaled(stack: &Stack, samples: &Samples) -> Samples {
+/// Real values of all slices, each by its own rescale, as PET has them.
+fn real_values(stack: &Stack, samples: &Samples) -> Vec<f32> {
     fn over<T: Sample>(s: &[T], slices: &[Slice]) -> Vec<f32> {
         let per = s.len() / slices.len();
         s.chunks_exact(per)
@@ -139,5 +230,5 @@ fn rescaled(stack: &Stack, samples: &Samples) -> Samples {
             .flat_map(|(chunk, slice)| chunk.iter().map(|v| slice.rescale.real(v.to_f64()) as f32))
             .collect()
     }
-    with_samples!(samples, |s| over(s, &stack.slices)).into()
+    with_samples!(samples, |s| over(s, &stack.slices))
 }

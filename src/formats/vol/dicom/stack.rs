@@ -2,13 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 use super::super::FormatError;
 use super::super::affine::grid;
 use super::head::Head;
-use super::pixels::Stored;
-use super::syntax;
+use super::pixels::{SlicePixels, Stored};
+use super::syntax::{self, Codec};
+use super::upright::Upright;
 use crate::formats::error::FieldValue;
 use crate::volume::{Grid, Rescale};
 
@@ -22,7 +23,7 @@ const MOST_UNEVEN: f64 = 0.01;
 /// One slice of a stack.
 pub(super) struct Slice {
     pub file: PathBuf,
-    pub offset: u64,
+    pub pixels: SlicePixels,
     pub rescale: Rescale,
     position_mm: DVec3,
 }
@@ -32,6 +33,12 @@ pub(super) struct Stack {
     pub grid: Grid,
     pub stored: Stored,
     pub slices: Vec<Slice>,
+    /// How slices that lie askew or unevenly are made a box.
+    pub upright: Option<Upright>,
+    /// Stored value of pixels that were not measured.
+    pub padding: Option<i64>,
+    /// What was done that a reader should know.
+    pub notes: Vec<String>,
 }
 
 /// In-plane geometry, the same for all slices.
@@ -49,7 +56,7 @@ impl Stack {
     ///
     /// # Errors
     /// [`FormatError`] says what keeps it from being a box, and by how much.
-    pub fn new(path: &Path, heads: &[Head]) -> Result<Self, FormatError> {
+    pub fn new(path: &Path, heads: &[Head], fill_gaps: bool) -> Result<Self, FormatError> {
         let Some(first) = heads.first() else {
             return Err(FormatError::unsupported(path, "a series without slices"));
         };
@@ -89,16 +96,41 @@ impl Stack {
         let place = |s: &Slice| s.position_mm.dot(normal);
         slices.sort_by(|a, b| place(a).total_cmp(&place(b)));
         let places: Vec<f64> = slices.iter().map(place).collect();
-        refuse_tilt(path, &slices, normal, plane.pixel_mm)?;
-        let step_mm = match places.len() {
-            1 => thickness(first)?,
-            _ => even_step(path, &places)?,
+        let mut notes = Vec::new();
+        let step = match places.len() {
+            1 => Step { mm: thickness(first)?, is_even: true },
+            _ => step(path, &places, fill_gaps)?,
         };
-        let dims = [first.columns.into(), first.rows.into(), slices.len() as u64];
-        let spacing = DVec3::new(plane.pixel_mm[0], plane.pixel_mm[1], step_mm);
-        let axes = DMat3::from_cols(plane.along_row, plane.along_column, normal);
-        let grid = grid(path, dims, spacing, slices[0].position_mm, axes)?;
-        Ok(Self { grid, stored, slices })
+        let tilt = tilt(&slices, &plane);
+        if let Some(degrees) = tilt {
+            notes.push(format!("gantry tilt of {degrees:.1} degrees: slices sheared to a box"));
+        }
+        if !step.is_even {
+            notes.push(format!("uneven slices: interpolated every {:.3} mm", step.mm));
+        }
+        let (along_row, along_column) = (plane.along_row, plane.along_column);
+        let spacing = DVec3::new(plane.pixel_mm[0], plane.pixel_mm[1], step.mm);
+        let axes = DMat3::from_cols(along_row, along_column, normal);
+        let origin = slices[0].position_mm;
+        let is_box = tilt.is_none() && step.is_even;
+        let upright = (!is_box).then(|| {
+            let shift = |s: &Slice| {
+                let by = s.position_mm - origin;
+                DVec2::new(by.dot(along_row) / spacing.x, by.dot(along_column) / spacing.y)
+            };
+            let shifts = slices.iter().map(shift).collect();
+            Upright::new([first.columns, first.rows], shifts, places, step.mm)
+        });
+        let (dims, origin) = match &upright {
+            None => ([first.columns, first.rows, slices.len() as u32], origin),
+            Some(u) => {
+                let [x, y] = u.first.map(|n| n as f64);
+                (u.dims, origin + along_row * (x * spacing.x) + along_column * (y * spacing.y))
+            }
+        };
+        let grid = grid(path, dims.map(u64::from), spacing, origin, axes)?;
+        let padding = first.int(0x0028, 0x0120);
+        Ok(Self { grid, stored, slices, upright, padding, notes })
     }
 
     /// The rescale of all slices, or the identity where they differ and it is applied on reading.
@@ -121,11 +153,6 @@ impl Plane {
 /// What cannot be read whatever its geometry.
 fn refuse_unreadable(h: &Head) -> Result<(), FormatError> {
     let refuse = |what: String| Err(FormatError::unsupported(&h.file, what));
-    let frames = h.int(0x0028, 0x0008).unwrap_or(1);
-    let enhanced = ["1.2.840.10008.5.1.4.1.1.2.1", "1.2.840.10008.5.1.4.1.1.4.1"];
-    if frames > 1 || enhanced.contains(&h.text(0x0008, 0x0016).as_str()) {
-        return refuse(format!("a multi-frame (enhanced) file of {frames} frames"));
-    }
     match (h.int(0x0028, 0x0002).unwrap_or(1), h.text(0x0028, 0x0004).as_str()) {
         (1, "MONOCHROME2" | "") => {}
         (1, "MONOCHROME1") => {
@@ -137,7 +164,7 @@ fn refuse_unreadable(h: &Head) -> Result<(), FormatError> {
         }
         (n, _) => return refuse(format!("{n} samples a pixel in an unknown colour space")),
     }
-    if !syntax::is_plain(&h.syntax) {
+    if !syntax::is_plain(&h.syntax) && Codec::of(&h.syntax).is_none() {
         let name = syntax::describe(&h.syntax);
         return refuse(format!("compressed pixels, transfer syntax {name}"));
     }
@@ -178,42 +205,36 @@ fn slice(h: &Head, stored: Stored) -> Result<Slice, FormatError> {
         let why = "every value would be the same";
         return Err(FormatError::field(&h.file, "RescaleSlope", slope, why));
     }
-    let offset = stored.check_pixels(h)?;
+    let pixels = stored.check_pixels(h)?;
     let rescale = Rescale { slope, intercept };
-    Ok(Slice { file: h.file.clone(), offset, rescale, position_mm: DVec3::from(position) })
+    Ok(Slice { file: h.file.clone(), pixels, rescale, position_mm: DVec3::from(position) })
 }
 
-/// Slices whose first pixels do not lie above each other along the normal make a sheared stack.
-fn refuse_tilt(
-    path: &Path,
-    slices: &[Slice],
-    normal: DVec3,
-    pixel_mm: [f64; 2],
-) -> Result<(), FormatError> {
-    let first = slices[0].position_mm;
+/// The angle between the stack's run and the slices' normal, degrees, where the slices drift
+/// sideways by more than a box allows.
+fn tilt(slices: &[Slice], plane: &Plane) -> Option<f64> {
+    let (first, normal) = (slices[0].position_mm, plane.normal());
     let sideways = |s: &Slice| {
         let run = s.position_mm - first;
         (run - normal * run.dot(normal)).length()
     };
     let worst = slices.iter().map(sideways).fold(0.0, f64::max);
     let along = (slices[slices.len() - 1].position_mm - first).dot(normal);
-    // Slices all in one place are duplicates, told as such later.
-    if along < 1e-3 {
-        return Ok(());
-    }
     let degrees = worst.atan2(along).to_degrees();
-    if degrees > MOST_TILT_DEG || worst > MOST_DRIFT_PIXELS * pixel_mm[0].min(pixel_mm[1]) {
-        let what = format!(
-            "gantry tilt or shear: slices drift sideways by up to {worst:.2} mm over {along:.1} \
-             mm ({degrees:.1} degrees); resample the series first"
-        );
-        return Err(FormatError::unsupported(path, what));
-    }
-    Ok(())
+    let drifts = worst > MOST_DRIFT_PIXELS * plane.pixel_mm[0].min(plane.pixel_mm[1]);
+    (degrees > MOST_TILT_DEG || drifts).then_some(degrees)
 }
 
-/// The step between planes, mm, if it is one step.
-fn even_step(path: &Path, places: &[f64]) -> Result<f64, FormatError> {
+/// The step between the slices of a box.
+struct Step {
+    mm: f64,
+    /// Whether the slices lie at such steps already.
+    is_even: bool,
+}
+
+/// The step between planes: their own, if it is one; else, where gaps may be filled, the smallest
+/// that is more than half of the usual one.
+fn step(path: &Path, places: &[f64], fill_gaps: bool) -> Result<Step, FormatError> {
     let steps: Vec<f64> = places.windows(2).map(|w| w[1] - w[0]).collect();
     let mut sorted = steps.clone();
     sorted.sort_by(f64::total_cmp);
@@ -230,10 +251,17 @@ fn even_step(path: &Path, places: &[f64]) -> Result<f64, FormatError> {
     let usual = sorted[sorted.len() / 2];
     let miss = |s: f64| (s - usual).abs();
     let worst = (0..steps.len()).max_by(|&a, &b| miss(steps[a]).total_cmp(&miss(steps[b])));
-    if let Some(i) = worst.filter(|&i| miss(steps[i]) > MOST_UNEVEN * usual) {
+    // Positions are decimal text; the last binary digits of their difference are noise that would
+    // make an isotropic volume look anisotropic.
+    let rounded = |mm: f64| (mm * 1e9).round() / 1e9;
+    let Some(i) = worst.filter(|&i| miss(steps[i]) > MOST_UNEVEN * usual) else {
+        let mean = (places[places.len() - 1] - places[0]) / steps.len() as f64;
+        return Ok(Step { mm: rounded(mean), is_even: true });
+    };
+    if !fill_gaps {
         let what = format!(
             "uneven slices: slices {} and {} are {:.2} mm apart (at {:.2} mm along the normal), \
-             the usual step is {usual:.2} mm",
+             the usual step is {usual:.2} mm; --fill-gaps interpolates between them",
             i + 1,
             i + 2,
             steps[i],
@@ -241,10 +269,8 @@ fn even_step(path: &Path, places: &[f64]) -> Result<f64, FormatError> {
         );
         return Err(FormatError::unsupported(path, what));
     }
-    // Positions are decimal text; the last binary digits of their difference are noise that would
-    // make an isotropic volume look anisotropic.
-    let mean = (places[places.len() - 1] - places[0]) / steps.len() as f64;
-    Ok((mean * 1e9).round() / 1e9)
+    let least = sorted.iter().copied().find(|s| *s > 0.5 * usual).unwrap_or(usual);
+    Ok(Step { mm: rounded(least), is_even: false })
 }
 
 /// A single slice has no step; its thickness stands in, then 1 mm.

@@ -5,9 +5,38 @@ pub(super) const EXPLICIT_LITTLE: &str = "1.2.840.10008.1.2.1";
 pub(super) const EXPLICIT_BIG: &str = "1.2.840.10008.1.2.2";
 pub(super) const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
 
+/// A way of compressing frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Codec {
+    /// Run lengths of byte planes.
+    Rle,
+    /// Baseline, extended and lossless JPEG.
+    Jpeg,
+    /// JPEG-LS, near-lossless too.
+    JpegLs,
+    /// JPEG 2000, High-Throughput too.
+    Jpeg2000,
+    /// JPEG XL.
+    JpegXl,
+}
+
+impl Codec {
+    /// That of a syntax; `None` where its pixels are stored plainly or no decoder is known.
+    pub fn of(uid: &str) -> Option<Self> {
+        match uid.strip_prefix("1.2.840.10008.1.2.")? {
+            "5" => Some(Self::Rle),
+            "4.50" | "4.51" | "4.57" | "4.70" => Some(Self::Jpeg),
+            "4.80" | "4.81" => Some(Self::JpegLs),
+            "4.90" | "4.91" | "4.201" | "4.202" | "4.203" => Some(Self::Jpeg2000),
+            "4.110" | "4.111" | "4.112" => Some(Self::JpegXl),
+            _ => None,
+        }
+    }
+}
+
 /// Whether the pixels of this syntax are stored plainly.
 pub(super) fn is_plain(uid: &str) -> bool {
-    [IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG].contains(&uid)
+    [IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED].contains(&uid)
 }
 
 /// The name of a syntax we do not read, with its UID where DICOM has assigned it.

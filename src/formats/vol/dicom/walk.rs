@@ -6,15 +6,21 @@
 //! a small data set of allowlisted elements. What is not on the list (names, dates, descriptions)
 //! is never decoded.
 
-use std::io::{self, BufReader, Read};
+mod groups;
+
+pub(super) use groups::{Groups, Leaves};
+
+use std::io::{self, BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
 use super::super::FormatError;
 use super::super::source::{Source, fill};
-use super::syntax;
+use super::fragments::Fragment;
+use super::{bare, syntax};
 
 /// Elements that may be read: group and element number, ascending.
-const ALLOWED: [(u16, u16); 21] = [
+const ALLOWED: [(u16, u16); 23] = [
+    (0x0008, 0x0008), // image type
     (0x0008, 0x0016), // SOP class
     (0x0008, 0x0060), // modality
     (0x0018, 0x0050), // slice thickness
@@ -33,6 +39,7 @@ const ALLOWED: [(u16, u16); 21] = [
     (0x0028, 0x0101), // bits stored
     (0x0028, 0x0102), // high bit
     (0x0028, 0x0103), // pixel representation
+    (0x0028, 0x0120), // padding value
     (0x0028, 0x0301), // burned-in annotation
     (0x0028, 0x1052), // rescale intercept
     (0x0028, 0x1053), // rescale slope
@@ -51,14 +58,27 @@ const PLAIN: [&[u8; 2]; 6] = [b"CS", b"DS", b"IS", b"SS", b"UI", b"US"];
 /// No allowed element needs more.
 const MOST_VALUE: u64 = 1024;
 const DEEPEST: usize = 64;
+/// Most fragments of a file's pixels.
+const MOST_FRAGMENTS: u64 = 1 << 20;
 const UNDEFINED: u32 = u32::MAX;
 
 /// Where the pixels of a file lie.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Pixels {
-    pub offset: u64,
-    /// `None` for encapsulated (compressed) pixels.
-    pub len: Option<u64>,
+#[derive(Clone, Debug)]
+pub(super) enum Pixels {
+    /// As they are, from an offset on; in a deflated file, of what is inflated.
+    Plain {
+        /// Bytes before them.
+        offset: u64,
+        /// Bytes of them.
+        len: u64,
+    },
+    /// Compressed, in fragments.
+    Encapsulated {
+        /// In their order.
+        fragments: Vec<Fragment>,
+        /// The basic offset table, where there is one.
+        offsets: Vec<u64>,
+    },
 }
 
 /// The allowed part of a file.
@@ -67,6 +87,8 @@ pub(super) struct Walked {
     pub syntax: String,
     /// A complete small DICOM stream of the allowed elements, without preamble.
     pub stream: Vec<u8>,
+    /// What is said of the frames of a multi-frame file.
+    pub groups: Groups,
     pub pixels: Option<Pixels>,
 }
 
@@ -91,9 +113,9 @@ struct ElementHead {
     bytes: Vec<u8>,
 }
 
-struct Walker<'a> {
+struct Walker<'a, R> {
     file: &'a Path,
-    input: BufReader<Source>,
+    input: BufReader<R>,
     at: u64,
     end: u64,
 }
@@ -106,23 +128,62 @@ pub(super) fn walk(file: &Path) -> Result<Option<Walked>, FormatError> {
     let mut preamble = [0; 132];
     let n = fill(&mut w.input, &mut preamble).map_err(|e| FormatError::io(file, e))?;
     w.at = n as u64;
-    if n < preamble.len() || &preamble[128..] != b"DICM" {
-        return Ok(None);
-    }
-    let (syntax, first) = w.meta()?;
-    if syntax == syntax::DEFLATED {
-        // The elements themselves are compressed, so not even the series can be told.
-        let what = format!("transfer syntax {}", syntax::describe(&syntax));
-        return Err(FormatError::unsupported(file, what));
-    }
+    let (syntax, first) = if n == preamble.len() && &preamble[128..] == b"DICM" {
+        w.meta()?
+    } else {
+        let Some(syntax) = bare::syntax_of(&preamble[..n]) else { return Ok(None) };
+        w.input.seek_relative(-(n as i64)).map_err(|e| FormatError::io(file, e))?;
+        w.at = 0;
+        // The meta group may be there without a preamble.
+        if bare::begins_with_meta(&preamble[..n]) { w.meta()? } else { (syntax.to_owned(), 0) }
+    };
     let coding =
         Coding { explicit: syntax != syntax::IMPLICIT_LITTLE, big: syntax == syntax::EXPLICIT_BIG };
     let mut stream = synthetic_meta(coding);
-    let pixels = w.data_set(coding, first, &mut stream)?;
-    Ok(Some(Walked { syntax, stream, pixels }))
+    let mut groups = Groups::default();
+    let pixels = if syntax == syntax::DEFLATED {
+        let inflated = inflate(file, w.at)?;
+        let end = inflated.len() as u64;
+        let input = BufReader::with_capacity(1 << 14, Cursor::new(inflated));
+        Walker { file, input, at: 0, end }.data_set(coding, 0, &mut stream, &mut groups)?
+    } else {
+        w.data_set(coding, first, &mut stream, &mut groups)?
+    };
+    Ok(Some(Walked { syntax, stream, groups, pixels }))
 }
 
-impl Walker<'_> {
+/// Most bytes that a deflated data set may have: no single slice comes near it.
+const MOST_INFLATED: u64 = 1 << 30;
+
+/// The data set of a deflated file (PS3.5 A.5), from an offset on.
+pub(super) fn inflate(file: &Path, offset: u64) -> Result<Vec<u8>, FormatError> {
+    let source = Source::open_at(file, offset)?;
+    let mut inflated = Vec::new();
+    let input = flate2::read::DeflateDecoder::new(source).take(MOST_INFLATED + 1);
+    let mut input = BufReader::new(input);
+    match input.read_to_end(&mut inflated) {
+        Ok(_) if inflated.len() as u64 > MOST_INFLATED => {
+            let what = format!("a deflated data set of more than {MOST_INFLATED} bytes");
+            Err(FormatError::unsupported(file, what))
+        }
+        Ok(_) => Ok(inflated),
+        Err(_) => {
+            let why = "its deflated data set cannot be inflated";
+            Err(FormatError::field(file, "data set", "damaged", why))
+        }
+    }
+}
+
+/// Where the data set of a file begins: for a deflated one, which is inflated as a whole.
+pub(super) fn data_set_offset(file: &Path) -> Result<u64, FormatError> {
+    let source = Source::open(file)?;
+    let end = source.len;
+    let mut w = Walker { file, input: BufReader::new(source), at: 0, end };
+    w.skip(132.min(end))?;
+    Ok(w.meta()?.1)
+}
+
+impl<R: Read + Seek> Walker<'_, R> {
     fn cut(&self, wanted: u64) -> FormatError {
         let (file, found) = (self.file.to_owned(), self.end);
         let wanted = self.at.saturating_add(wanted);
@@ -219,6 +280,7 @@ impl Walker<'_> {
         c: Coding,
         first: u64,
         stream: &mut Vec<u8>,
+        groups: &mut Groups,
     ) -> Result<Option<Pixels>, FormatError> {
         debug_assert_eq!(self.at, first);
         let mut last = None;
@@ -226,10 +288,14 @@ impl Walker<'_> {
             let h = self.head(c)?;
             let len = u64::from(h.len);
             if h.tag == (0x7fe0, 0x0010) {
-                let len = (h.len != UNDEFINED).then_some(len);
-                return Ok(Some(Pixels { offset: self.at, len }));
+                return Ok(Some(match h.len {
+                    UNDEFINED => self.fragments(c)?,
+                    _ => Pixels::Plain { offset: self.at, len },
+                }));
             }
-            if h.len == UNDEFINED {
+            if [groups::SHARED, groups::PER_FRAME].contains(&h.tag) {
+                self.groups(c, &h, groups)?;
+            } else if h.len == UNDEFINED {
                 let explicit = c.explicit && &h.vr != b"UN";
                 self.skip_sequence(Coding { explicit, ..c })?;
             } else if c.may_copy(&h) && last < Some(h.tag) {
@@ -242,6 +308,37 @@ impl Walker<'_> {
             }
         }
         Ok(None)
+    }
+
+    /// The items of encapsulated pixels: the offset table, then fragments.
+    fn fragments(&mut self, c: Coding) -> Result<Pixels, FormatError> {
+        let mut fragments = Vec::new();
+        let mut offsets = None;
+        while self.end - self.at >= 8 {
+            let h = self.head(c)?;
+            let len = u64::from(h.len);
+            match h.tag {
+                (0xfffe, 0xe000) if h.len != UNDEFINED => {}
+                (0xfffe, 0xe0dd) => break,
+                _ => {
+                    let why = "something else than a fragment among them";
+                    return Err(FormatError::field(self.file, "pixels", "damaged", why));
+                }
+            }
+            if offsets.is_none() {
+                let table = if len <= 4 * MOST_FRAGMENTS { self.bytes(len)? } else { Vec::new() };
+                let word = |b: &[u8]| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+                offsets = Some(table.chunks_exact(4).map(word).collect());
+                continue;
+            }
+            if fragments.len() as u64 == MOST_FRAGMENTS {
+                let what = format!("more than {MOST_FRAGMENTS} fragments");
+                return Err(FormatError::unsupported(self.file, what));
+            }
+            fragments.push((self.at, h.len));
+            self.skip(len)?;
+        }
+        Ok(Pixels::Encapsulated { fragments, offsets: offsets.unwrap_or_default() })
     }
 
     /// Steps over a sequence of undefined length, nested ones included.

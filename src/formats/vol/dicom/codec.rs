@@ -1,0 +1,332 @@
+//! Compressed frames into stored samples, by well-kept decoders.
+//!
+//! A frame may be hostile. Its own header is read here first and held against what the file says
+//! of it, because two of the decoders take memory for whatever size the stream claims; then it is
+//! decoded where a panic is caught, and what came out is counted again.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use super::syntax::Codec;
+
+/// Most tiles of a JPEG 2000 codestream.
+const MOST_TILES: u64 = 65_535;
+/// Memory that a JPEG XL decoder may take beside 64 bytes a pixel.
+const JXL_MEMORY: usize = 64 << 20;
+
+/// What a file says of its frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct FrameSize {
+    pub rows: u32,
+    pub columns: u32,
+    /// 8, 16 or 32.
+    pub bits_allocated: u32,
+}
+
+impl FrameSize {
+    fn pixels(self) -> usize {
+        self.rows as usize * self.columns as usize
+    }
+}
+
+/// Decodes a frame: one number a pixel, of which the lowest bits count.
+///
+/// # Errors
+/// What is wrong with it.
+pub(super) fn decode(codec: Codec, bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
+    let decoded = catch_unwind(AssertUnwindSafe(|| match codec {
+        Codec::Rle => rle(bytes, size),
+        Codec::Jpeg => jpeg(bytes, size),
+        Codec::JpegLs => jpeg_ls(bytes, size),
+        Codec::Jpeg2000 => jpeg_2000(bytes, size),
+        Codec::JpegXl => jpeg_xl(bytes, size),
+    }));
+    let samples = decoded.unwrap_or_else(|_| Err("its decoder gave up".into()))?;
+    if samples.len() != size.pixels() {
+        return Err(format!("{} samples for {} pixels", samples.len(), size.pixels()));
+    }
+    Ok(samples)
+}
+
+/// Byte planes, the highest first, each run-length encoded (PS3.5 annex G).
+fn rle(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
+    let word = |i: usize| -> Option<usize> {
+        let four = bytes.get(4 * i..4 * i + 4)?;
+        usize::try_from(u32::from_le_bytes(four.try_into().ok()?)).ok()
+    };
+    let planes = (size.bits_allocated / 8) as usize;
+    if word(0) != Some(planes) {
+        return Err(format!("it has no {planes} segments"));
+    }
+    let mut samples = vec![0i32; size.pixels()];
+    for plane in 0..planes {
+        let start = word(1 + plane).filter(|s| *s >= 64).ok_or("a segment without a place")?;
+        let mut input = bytes.get(start..).ok_or("a segment begins past the end")?.iter();
+        let mut next = 0;
+        let mut put = |value: u8| {
+            if let Some(s) = samples.get_mut(next) {
+                *s = *s << 8 | i32::from(value);
+            }
+            next += 1;
+        };
+        let short = "a segment ends too soon";
+        while next_is_open(&mut put, &mut input, short)? {}
+        if next < size.pixels() {
+            return Err(short.into());
+        }
+    }
+    Ok(samples)
+}
+
+/// One run or literal of a segment; false at its end. What is more than a plane needs is padding.
+fn next_is_open(
+    put: &mut impl FnMut(u8),
+    input: &mut std::slice::Iter<'_, u8>,
+    short: &str,
+) -> Result<bool, String> {
+    let Some(&control) = input.next() else { return Ok(false) };
+    match control as i8 {
+        n @ 0..=127 => {
+            for _ in 0..=n {
+                put(*input.next().ok_or(short)?);
+            }
+        }
+        -128 => {}
+        n => {
+            let value = *input.next().ok_or(short)?;
+            (0..=-i32::from(n)).for_each(|_| put(value));
+        }
+    }
+    Ok(true)
+}
+
+/// The frame header of a JPEG or JPEG-LS stream.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct JpegFrame {
+    /// Lower byte of its marker.
+    marker: u8,
+    precision: u8,
+    rows: u32,
+    columns: u32,
+    components: u8,
+}
+
+/// Finds the frame header (ITU-T T.81 B.2.2; T.87 C.2.2).
+fn jpeg_frame(bytes: &[u8]) -> Option<JpegFrame> {
+    let mut at = 2;
+    if bytes.get(..2)? != [0xff, 0xd8] {
+        return None;
+    }
+    loop {
+        if *bytes.get(at)? != 0xff {
+            return None;
+        }
+        let marker = *bytes.get(at + 1)?;
+        if marker == 0xff {
+            at += 1;
+            continue;
+        }
+        let body = bytes.get(at + 2..)?;
+        let u16_at = |i: usize| -> Option<u32> {
+            Some(u32::from(*body.get(i)?) << 8 | u32::from(*body.get(i + 1)?))
+        };
+        let is_frame = matches!(marker, 0xc0..=0xcf if ![0xc4, 0xc8, 0xcc].contains(&marker));
+        if is_frame || marker == 0xf7 {
+            let (rows, columns) = (u16_at(3)?, u16_at(5)?);
+            let (precision, components) = (*body.get(2)?, *body.get(7)?);
+            return Some(JpegFrame { marker, precision, rows, columns, components });
+        }
+        // A scan before its frame.
+        if marker == 0xda || marker == 0xd9 {
+            return None;
+        }
+        at += 2 + u16_at(0)? as usize;
+    }
+}
+
+/// A frame header that agrees with the file.
+fn agreeing(bytes: &[u8], size: FrameSize) -> Result<JpegFrame, String> {
+    let frame = jpeg_frame(bytes).ok_or("no frame header")?;
+    agrees(
+        [frame.columns, frame.rows, u32::from(frame.components), u32::from(frame.precision)],
+        size,
+    )?;
+    Ok(frame)
+}
+
+fn agrees([columns, rows, components, bits]: [u32; 4], size: FrameSize) -> Result<(), String> {
+    if (columns, rows, components) != (size.columns, size.rows, 1) {
+        return Err(format!(
+            "its stream is of {columns}x{rows} pixels in {components} components, the file of \
+             {}x{} in 1",
+            size.columns, size.rows
+        ));
+    }
+    if !(1..=size.bits_allocated).contains(&bits) {
+        return Err(format!("{bits} bits a sample in {} allocated", size.bits_allocated));
+    }
+    Ok(())
+}
+
+fn jpeg(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
+    let frame = agreeing(bytes, size)?;
+    // Lossless (SOF3), or eight bits: baseline, extended, progressive.
+    if frame.marker == 0xc3 || (frame.precision == 8 && frame.marker <= 0xc2) {
+        let mut decoder = jpeg_decoder::Decoder::new(bytes);
+        decoder.set_max_decoding_buffer_size(8 * size.pixels() + (1 << 20));
+        let out = decoder.decode().map_err(|e| e.to_string())?;
+        return match decoder.info().map(|i| i.pixel_format) {
+            Some(jpeg_decoder::PixelFormat::L8) => Ok(out.into_iter().map(i32::from).collect()),
+            Some(jpeg_decoder::PixelFormat::L16) => {
+                let two = |b: &[u8]| i32::from(u16::from_ne_bytes([b[0], b[1]]));
+                Ok(out.chunks_exact(2).map(two).collect())
+            }
+            _ => Err("not one component".into()),
+        };
+    }
+    if frame.precision == 12 && frame.marker == 0xc1 {
+        use libjpeg_turbo_rs::DecodeLimits;
+        let limits = DecodeLimits {
+            max_width: size.columns as usize,
+            max_height: size.rows as usize,
+            max_pixels: size.pixels() as u64,
+            max_scans: 64,
+            max_memory: Some(64 * size.pixels() as u64 + (1 << 20)),
+        };
+        let image = libjpeg_turbo_rs::decompress_12bit_with_limits(bytes, &limits)
+            .map_err(|e| e.to_string())?;
+        return Ok(image.data.into_iter().map(i32::from).collect());
+    }
+    let kind = frame.marker & 0x0f;
+    Err(format!("JPEG process {kind} with {} bits is not supported", frame.precision))
+}
+
+fn jpeg_ls(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
+    let frame = agreeing(bytes, size)?;
+    if frame.marker != 0xf7 || size.bits_allocated > 16 {
+        return Err("no JPEG-LS frame of 16 bits at most".into());
+    }
+    let (samples, ..) =
+        jpegls::decode(bytes, size.columns, size.rows).map_err(|e| e.to_string())?;
+    Ok(samples.into_iter().map(i32::from).collect())
+}
+
+/// Holds the SIZ marker of a codestream against the file (ISO/IEC 15444-1 A.5.1).
+fn check_siz(bytes: &[u8], size: FrameSize) -> Result<(), String> {
+    let none = "no size marker";
+    let siz = bytes.get(..6).ok_or(none)?;
+    if siz[..4] != [0xff, 0x4f, 0xff, 0x51] {
+        return Err(none.into());
+    }
+    let body = bytes.get(4..).ok_or(none)?;
+    let u32_at = |i: usize| -> Option<u64> {
+        Some(u64::from(u32::from_be_bytes(body.get(i..i + 4)?.try_into().ok()?)))
+    };
+    // Extent, offset, and the same of a tile.
+    let numbers: Option<Vec<u64>> = (0..8).map(|k| u32_at(4 + 4 * k)).collect();
+    let n = numbers.ok_or(none)?;
+    let components = body.get(36..38).map(|b| u32::from(b[0]) << 8 | u32::from(b[1]));
+    let bits = body.get(38).map(|b| u32::from(b & 0x7f) + 1);
+    let side = |k: usize| u32::try_from(n[k].saturating_sub(n[k + 2])).unwrap_or(u32::MAX);
+    let (Some(components), Some(bits)) = (components, bits) else { return Err(none.into()) };
+    agrees([side(0), side(1), components, bits], size)?;
+    if n[4] == 0 || n[5] == 0 {
+        return Err("tiles without pixels".into());
+    }
+    let tiles = n[0].div_ceil(n[4]).saturating_mul(n[1].div_ceil(n[5]));
+    if tiles > MOST_TILES { Err(format!("{tiles} tiles")) } else { Ok(()) }
+}
+
+fn jpeg_2000(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
+    check_siz(bytes, size)?;
+    let parameters = jpeg2k::DecodeParameters::new().strict(true);
+    let image = jpeg2k::Image::from_bytes_with(bytes, parameters).map_err(|e| e.to_string())?;
+    match image.components() {
+        [one] if (one.width(), one.height()) == (size.columns, size.rows) => {
+            Ok(one.data().to_vec())
+        }
+        _ => Err("its stream came out in another size".into()),
+    }
+}
+
+fn jpeg_xl(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
+    use jxl_oxide::{AllocTracker, JxlImage, JxlThreadPool};
+    let memory = 64 * size.pixels() + JXL_MEMORY;
+    let image = JxlImage::builder()
+        // Slices are decoded side by side already.
+        .pool(JxlThreadPool::none())
+        .alloc_tracker(AllocTracker::with_limit(memory))
+        .read(bytes)
+        .map_err(|e| e.to_string())?;
+    let bits = image.image_header().metadata.bit_depth.bits_per_sample();
+    let channels = image.pixel_format().channels() as u32;
+    agrees([image.width(), image.height(), channels, bits], size)?;
+    let most = ((1u64 << bits.min(31)) - 1) as f32;
+    let frame = image.render_frame(0).map_err(|e| e.to_string())?.image_all_channels();
+    Ok(frame.buf().iter().map(|v| (v.clamp(0.0, 1.0) * most).round() as i32).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn size(columns: u32, rows: u32, bits_allocated: u32) -> FrameSize {
+        FrameSize { rows, columns, bits_allocated }
+    }
+
+    /// An RLE frame of segments.
+    fn frame(segments: &[&[u8]]) -> Vec<u8> {
+        let mut header = [0u32; 16];
+        header[0] = segments.len() as u32;
+        let mut at = 64;
+        for (i, s) in segments.iter().enumerate() {
+            header[1 + i] = at;
+            at += s.len() as u32;
+        }
+        let words = header.iter().flat_map(|w| w.to_le_bytes());
+        words.chain(segments.iter().flat_map(|s| s.iter().copied())).collect()
+    }
+
+    #[test]
+    fn run_length_planes_are_put_together_highest_byte_first() {
+        // Four times 1; then a literal of 2, 3 and twice 4, with a control of no meaning.
+        let bytes = frame(&[&[0xfd, 1], &[1, 2, 3, 0x80, 0xff, 4]]);
+        let got = decode(Codec::Rle, &bytes, size(2, 2, 16)).unwrap();
+        assert_eq!(got, [0x102, 0x103, 0x104, 0x104]);
+    }
+
+    #[test]
+    fn damaged_run_lengths_are_refused() {
+        let good = frame(&[&[3, 1, 2, 3, 4]]);
+        assert_eq!(decode(Codec::Rle, &good, size(2, 2, 8)).unwrap(), [1, 2, 3, 4]);
+        for bad in [frame(&[&[3, 1, 2]]), frame(&[&[0xff, 9]]), good[..63].to_vec(), Vec::new()] {
+            assert!(decode(Codec::Rle, &bad, size(2, 2, 8)).is_err());
+        }
+        let mut far = good.clone();
+        far[4..8].copy_from_slice(&u32::MAX.to_le_bytes());
+        assert!(decode(Codec::Rle, &far, size(2, 2, 8)).is_err());
+        assert!(decode(Codec::Rle, &good, size(2, 2, 16)).is_err(), "planes are missing");
+    }
+
+    #[test]
+    fn a_stream_of_another_size_than_its_file_says_is_not_decoded() {
+        let mut jpeg = vec![0xff, 0xd8, 0xff, 0xe0, 0, 4, 1, 2, 0xff, 0xc3, 0, 11];
+        jpeg.extend([16, 0x40, 0, 0x40, 0, 1, 1, 0x11, 0]);
+        let frame = jpeg_frame(&jpeg).unwrap();
+        assert_eq!((frame.rows, frame.columns, frame.precision), (0x4000, 0x4000, 16));
+        let e = decode(Codec::Jpeg, &jpeg, size(2, 2, 16)).unwrap_err();
+        assert!(e.contains("16384x16384"), "{e}");
+        assert!(decode(Codec::JpegLs, &jpeg, size(2, 2, 16)).is_err());
+        let mut j2k = vec![0xff, 0x4f, 0xff, 0x51, 0, 41, 0, 0];
+        let words = [1u32 << 30, 1 << 30, 0, 0, 1, 1, 0, 0];
+        j2k.extend(words.iter().flat_map(|w| w.to_be_bytes()));
+        j2k.extend([0, 1, 15, 1, 1]);
+        let e = decode(Codec::Jpeg2000, &j2k, size(2, 2, 16)).unwrap_err();
+        assert!(e.contains("1073741824"), "{e}");
+        let e = decode(Codec::Jpeg2000, &j2k, size(1 << 30, 1 << 30, 16)).unwrap_err();
+        assert!(e.contains("tiles"), "{e}");
+        for codec in [Codec::Jpeg, Codec::JpegLs, Codec::Jpeg2000, Codec::JpegXl] {
+            assert!(decode(codec, &[], size(2, 2, 16)).is_err());
+            assert!(decode(codec, &[0xff; 40], size(2, 2, 16)).is_err());
+        }
+    }
+}
