@@ -33,7 +33,9 @@ fn model(session: &Session) -> Model {
     let mut model = Model::new(20.0);
     model.learn(News::Volume(session.volume().unwrap()));
     model.learn(News::Lumen(session.lumen().unwrap()));
-    model.learn(News::Wall(session.wall().unwrap()));
+    let wall = session.wall().unwrap();
+    let shading = Arc::new(intima::surface::shading(&wall.mesh));
+    model.learn(News::Wall(wall, shading));
     model.learn(News::Fields(session.fields().unwrap()));
     model.learn(News::Centerline(session.centerline().unwrap()));
     model.learn(News::Flight(session.flight().unwrap(), FlightRoute::Trunk));

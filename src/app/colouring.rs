@@ -47,42 +47,51 @@ pub fn scale_colour(share: f64) -> [u8; 3] {
     [mix(0), mix(1), mix(2)]
 }
 
-/// Distance of each vertex of a wall from a centerline, mm.
-pub fn wall_radii_mm(wall: &Mesh, line: &Centerline) -> Vec<f32> {
-    // Segments as triangles without area: the hierarchy finds the nearest.
-    let mut segments = Mesh::default();
-    for branch in &line.branches {
-        for w in branch.points.windows(2) {
-            let first = segments.positions.len() as u32;
-            segments.positions.extend(w.iter().map(|p| p.position_mm.as_vec3()));
-            segments.faces.push([first, first + 1, first + 1]);
+/// Distances of a wall's vertices from a centerline.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct WallRadii {
+    /// One a vertex, mm.
+    pub mm: Vec<f32>,
+    /// Where the scale of colours ends, mm: but for the widest fiftieth, all are below.
+    pub widest_mm: f64,
+}
+
+impl WallRadii {
+    /// Distance of each vertex from the nearest place of the line.
+    pub fn new(wall: &Mesh, line: &Centerline) -> Self {
+        // Segments as triangles without area: the hierarchy finds the nearest.
+        let mut segments = Mesh::default();
+        for branch in &line.branches {
+            for w in branch.points.windows(2) {
+                let first = segments.positions.len() as u32;
+                segments.positions.extend(w.iter().map(|p| p.position_mm.as_vec3()));
+                segments.faces.push([first, first + 1, first + 1]);
+            }
         }
+        let tree = TriangleBvh::new(&segments);
+        let radius =
+            |p: &Vec3| tree.closest(p.as_dvec3()).map_or(0.0, |near| near.distance_mm as f32);
+        let mm: Vec<f32> = wall.positions.par_iter().with_min_len(1024).map(radius).collect();
+        let mut sorted = mm.clone();
+        sorted.sort_by(f32::total_cmp);
+        let at = sorted.len().saturating_sub(1) * 49 / 50;
+        let widest_mm = sorted.get(at).map_or(1.0, |r| f64::from(*r).max(1e-6));
+        Self { mm, widest_mm }
     }
-    let tree = TriangleBvh::new(&segments);
-    let radius = |p: &Vec3| tree.closest(p.as_dvec3()).map_or(0.0, |near| near.distance_mm as f32);
-    wall.positions.par_iter().with_min_len(1024).map(radius).collect()
-}
 
-/// The radius at which the scale of colours ends, mm: but for the widest fiftieth, all are below.
-pub fn widest_mm(radii_mm: &[f32]) -> f64 {
-    let mut sorted = radii_mm.to_vec();
-    sorted.sort_by(f32::total_cmp);
-    let at = sorted.len().saturating_sub(1) * 49 / 50;
-    sorted.get(at).map_or(1.0, |r| f64::from(*r).max(1e-6))
-}
-
-/// Colours vertices by their distance from the centerline.
-pub fn radius_colours(radii_mm: &[f32], widest_mm: f64) -> Vec<[u8; 4]> {
-    let linear = |c: u8| {
-        let c = f64::from(c) / 255.0;
-        let l = if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
-        (l * 255.0).round() as u8
-    };
-    let colour = |r: &f32| {
-        let [red, green, blue] = scale_colour(f64::from(*r) / widest_mm).map(linear);
-        [red, green, blue, 235]
-    };
-    radii_mm.iter().map(colour).collect()
+    /// Colours by distance.
+    pub fn colours(&self) -> Vec<[u8; 4]> {
+        let linear = |c: u8| {
+            let c = f64::from(c) / 255.0;
+            let l = if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
+            (l * 255.0).round() as u8
+        };
+        let colour = |r: &f32| {
+            let [red, green, blue] = scale_colour(f64::from(*r) / self.widest_mm).map(linear);
+            [red, green, blue, 235]
+        };
+        self.mm.iter().map(colour).collect()
+    }
 }
 
 #[cfg(test)]
@@ -117,10 +126,11 @@ mod tests {
             Vec3::new(i as f32 % 50.0, 4.0 * a.cos(), 4.0 * a.sin())
         };
         let wall = Mesh { positions: (0..300).map(ring).collect(), ..Mesh::default() };
-        let radii = wall_radii_mm(&wall, &line);
-        assert!(radii.iter().all(|r| (r - 4.0).abs() < 1e-5));
-        assert!((widest_mm(&radii) - 4.0).abs() < 1e-5 && widest_mm(&[]) == 1.0);
-        let colours = radius_colours(&radii, 8.0);
+        let radii = WallRadii::new(&wall, &line);
+        assert!(radii.mm.iter().all(|r| (r - 4.0).abs() < 1e-5));
+        assert!((radii.widest_mm - 4.0).abs() < 1e-5);
+        assert_eq!(WallRadii::new(&Mesh::default(), &line).widest_mm, 1.0);
+        let colours = WallRadii { widest_mm: 8.0, ..radii }.colours();
         assert!(colours.iter().all(|c| *c == colours[0]), "4 of 8 mm everywhere");
         assert_eq!(scale_colour(0.0), VIRIDIS[0]);
         assert_eq!(scale_colour(9.0), VIRIDIS[8]);

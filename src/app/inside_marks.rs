@@ -5,7 +5,7 @@ use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
 use glam::{DVec2, DVec3};
 
 use super::action::{Colouring, WallView};
-use super::colouring::{scale_colour, widest_mm};
+use super::colouring::scale_colour;
 use super::model::Model;
 use super::ui::{ACCENT, CAMERA, TEXT};
 use crate::render::cube_areas;
@@ -130,7 +130,7 @@ fn face_names(painter: &Painter, rect: Rect) {
 }
 
 fn radius_scale(painter: &Painter, rect: Rect, model: &Model) {
-    let Some(radii) = &model.products.radii_mm else { return };
+    let Some(radii) = &model.products.radii else { return };
     let bar =
         Rect::from_min_size(pos2(rect.right() - 24.0, rect.center().y - 70.0), vec2(12.0, 140.0));
     const STEPS: u8 = 64;
@@ -145,7 +145,7 @@ fn radius_scale(painter: &Painter, rect: Rect, model: &Model) {
     let label = |at: Pos2, anchor, text: String| {
         shadowed(painter, at, anchor, &text, 11.0, CAMERA);
     };
-    let widest = widest_mm(radii);
+    let widest = radii.widest_mm;
     label(bar.right_top() - vec2(0.0, 4.0), Align2::RIGHT_BOTTOM, format!("{widest:.1} mm"));
     label(bar.right_bottom() + vec2(0.0, 4.0), Align2::RIGHT_TOP, "0".into());
 }

@@ -56,7 +56,7 @@ pub(super) fn keys(ui: &Ui, model: &Model, actions: &mut Vec<Action>) {
     };
     let next_colour = match model.colouring {
         Colouring::Tissue => Colouring::Missed,
-        Colouring::Missed if model.products.radii_mm.is_some() => Colouring::Radius,
+        Colouring::Missed if model.products.radii.is_some() => Colouring::Radius,
         _ => Colouring::Tissue,
     };
     let ruler = |wanted| Action::Measure((model.ruler != Some(wanted)).then_some(wanted));

@@ -17,10 +17,12 @@ mod panes;
 mod path;
 mod script;
 mod session_file;
+mod side_panel;
 mod slice_pane;
 mod slices;
 mod stage;
 mod study;
+mod timeline;
 mod ui;
 mod window;
 

@@ -1,20 +1,25 @@
 //! What the window is about: where the eye is, what is shown, what was noted. No drawing here and
 //! no input devices: panels and scripts alike send [`Action`]s, and [`Model::step`] carries them out.
 
+mod moves;
+mod notes;
+
 use std::sync::{Arc, OnceLock};
 
 use glam::{DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::action::{Action, Colouring, FOV_DEG, Pane, Ruler, SPEED_MM_S, WallView};
+use super::colouring::WallRadii;
 use super::junctions::{Choice, choices};
 use super::measure::Measurement;
 use super::painter::Shown;
-use super::path::{FlightPath, SectionFigures};
+use super::path::FlightPath;
 use super::study::News;
-use crate::flight::{Clearance, Coverage, Flight, LISTED_FROM_MM2, WallIndex, collide_and_slide};
-use crate::geometry::{CrossSection, Lens, Pose, TriangleBvh, cross_section};
+use crate::flight::{Coverage, Flight, WallIndex};
+use crate::geometry::{CrossSection, Pose, TriangleBvh};
 use crate::session::{Centered, Fields, FlightRoute, Levels, Segmented, Wall};
+use crate::surface::Shading;
 use crate::volume::Volume;
 
 /// A noted place.
@@ -48,6 +53,8 @@ pub struct Products {
     pub lumen: Option<Arc<Segmented>>,
     /// The wall.
     pub wall: Option<Arc<Wall>>,
+    /// Its vertices as drawn.
+    pub shading: Option<Arc<Shading>>,
     /// Distances to the wall.
     pub fields: Option<Arc<Fields>>,
     /// The path.
@@ -58,18 +65,9 @@ pub struct Products {
     pub coverage: Option<Arc<Coverage>>,
     /// The hierarchy of the wall's triangles.
     pub tree: Option<Arc<TriangleBvh>>,
-    /// Distance of each vertex of the wall from the centerline, mm.
-    pub radii_mm: Option<Arc<Vec<f32>>>,
+    /// Distances of the wall's vertices from the centerline.
+    pub radii: Option<Arc<WallRadii>>,
 }
-
-/// Least speed at which the eye flies to a place that was clicked, mm/s.
-const LEAST_APPROACH_MM_S: f64 = 60.0;
-/// A branch is offered from so far before the place where it leaves, mm, to so far behind.
-const OFFERED_MM: std::ops::Range<f64> = -5.0..25.0;
-/// Wished near plane, mm; nearer where the wall is.
-const NEAR_MM: f32 = 2.0;
-/// The near plane that the eye keeps room for while it is moved by hand, mm.
-const HAND_NEAR_MM: f32 = 0.4;
 
 /// State of the window.
 pub struct Model {
@@ -157,7 +155,7 @@ impl Model {
             products: Products::default(),
             path: None,
             pose: None,
-            near_mm: NEAR_MM,
+            near_mm: moves::NEAR_MM,
             fov_deg: 90.0,
             arc_mm: 0.0,
             on_path: true,
@@ -200,6 +198,12 @@ impl Model {
         Self { aspect, fov_deg, view: self.view, ..Self::new(self.planned_mm_s) }
     }
 
+    /// What was shown of the wall has changed.
+    pub fn take_shown(&mut self, shown: Shown) {
+        self.shown = shown;
+        self.shown_version += 1;
+    }
+
     /// Takes a product in.
     pub fn learn(&mut self, news: News) {
         let p = &mut self.products;
@@ -212,9 +216,10 @@ impl Model {
             }
             News::Identity(identity) => self.identity = Some(identity),
             News::Lumen(lumen) => p.lumen = Some(lumen),
-            News::Wall(wall) => p.wall = Some(wall),
+            News::Wall(wall, shading) => (p.wall, p.shading) = (Some(wall), Some(shading)),
             News::Tree(tree) => p.tree = Some(tree),
-            News::Radii(radii) => p.radii_mm = Some(radii),
+            News::Radii(radii) => p.radii = Some(radii),
+            News::Index(index) => drop(self.index.set(index)),
             News::Sections(sections) => {
                 self.path.iter_mut().for_each(|p| p.set_sections(&sections));
             }
@@ -277,11 +282,6 @@ impl Model {
         self.unsaved = false;
     }
 
-    /// Notes were changed from outside.
-    pub fn notes_changed(&mut self) {
-        self.unsaved = true;
-    }
-
     /// Carries out actions, then lets `dt` seconds pass.
     pub fn step(&mut self, dt: f64, actions: &[Action]) {
         for action in actions {
@@ -297,17 +297,6 @@ impl Model {
             let playing = (to - end).abs() >= 1e-9;
             self.seek_while(to, playing);
         }
-    }
-
-    /// Flies towards the goal: a third of a second more takes it nearer by a factor of e, and it is
-    /// never slower than [`LEAST_APPROACH_MM_S`].
-    fn approach_goal(&mut self, dt: f64) {
-        let Some(goal) = self.goal_mm else { return };
-        let left = goal - self.arc_mm;
-        let step = (3.0 * left.abs()).max(LEAST_APPROACH_MM_S) * dt;
-        self.seek_while(self.arc_mm + left.clamp(-step, step), false);
-        // Seeking forgets it.
-        self.goal_mm = (left.abs() > step).then_some(goal);
     }
 
     fn act(&mut self, action: &Action) {
@@ -385,216 +374,6 @@ impl Model {
             // Of the window's own; or numbers that are none.
             _ => {}
         }
-    }
-
-    fn toggle_play(&mut self) {
-        let Some(path) = &self.path else { return };
-        self.playing = !self.playing;
-        if self.playing {
-            // From the end it begins anew.
-            let length = path.length_mm();
-            let start = match (self.reverse, self.arc_mm) {
-                (false, at) if at >= length - 1e-6 => 0.0,
-                (true, at) if at <= 1e-6 => length,
-                (_, at) => at,
-            };
-            self.seek_while(start, true);
-        }
-    }
-
-    /// To a place on the path.
-    pub fn seek(&mut self, arc_mm: f64) {
-        self.seek_while(arc_mm, self.playing);
-    }
-
-    fn seek_while(&mut self, arc_mm: f64, playing: bool) {
-        let Some(path) = self.path.as_ref().filter(|_| arc_mm.is_finite()) else { return };
-        self.arc_mm = arc_mm.clamp(0.0, path.length_mm());
-        let pose = path.pose_at(self.arc_mm);
-        (self.on_path, self.playing, self.goal_mm) = (true, playing, None);
-        self.place(pose);
-    }
-
-    /// Sets out to a place on the path, from where it was left.
-    fn fly_to(&mut self, arc_mm: f64) {
-        let Some(path) = self.path.as_ref().filter(|_| arc_mm.is_finite()) else { return };
-        let goal = arc_mm.clamp(0.0, path.length_mm());
-        self.seek_while(self.arc_mm, false);
-        self.goal_mm = Some(goal);
-    }
-
-    /// Whether the eye moves by itself.
-    pub fn is_moving(&self) -> bool {
-        self.playing || self.goal_mm.is_some()
-    }
-
-    fn mark(&mut self, p: DVec3) {
-        let Some(ruler) = self.ruler else { return };
-        self.marks_mm.push(p);
-        if let Some(done) = Measurement::of(ruler, &self.marks_mm) {
-            self.measurements.push(done);
-            self.marks_mm.clear();
-            self.unsaved = true;
-        }
-    }
-
-    /// Branches that can be taken here, those ahead of the eye first to come.
-    pub fn offered(&self) -> Vec<Choice> {
-        let way = if self.reverse { -1.0 } else { 1.0 };
-        let near = |c: &&Choice| OFFERED_MM.contains(&(way * (c.arc_mm - self.arc_mm)));
-        let mut offered: Vec<Choice> = self.choices.iter().filter(near).copied().collect();
-        if self.reverse {
-            offered.reverse();
-        }
-        offered
-    }
-
-    /// What was shown of the wall has changed.
-    pub fn take_shown(&mut self, shown: Shown) {
-        self.shown = shown;
-        self.shown_version += 1;
-    }
-
-    /// The place on the wall that the eye sees in a direction of its own, LPS mm.
-    pub fn wall_behind(&self, ray: DVec3) -> Option<DVec3> {
-        let (tree, pose) = (self.products.tree.as_ref()?, self.pose?);
-        const FAR_MM: f64 = 10_000.0;
-        let along = pose.rotation.as_dquat() * ray.try_normalize()? * FAR_MM;
-        tree.first_hit(pose.position_mm.as_dvec3(), along)
-    }
-
-    /// Moves the eye by hand.
-    fn fly(&mut self, by: DVec3) {
-        let Some(pose) = self.pose.filter(|_| by.is_finite()) else { return };
-        (self.playing, self.on_path, self.goal_mm) = (false, false, None);
-        let delta = pose.rotation.as_dquat() * DVec3::new(by.x, by.y, -by.z);
-        // Where it is narrower than a hand's room already, that much is kept.
-        let near_mm = self.near_mm.min(HAND_NEAR_MM);
-        let lens = Lens { near_mm, ..self.lens() };
-        let from = pose.position_mm.as_dvec3();
-        let to = self.with_clearance(|wall| collide_and_slide(from, delta, wall, lens));
-        if let Some(to) = to {
-            self.place(Pose { position_mm: to.as_vec3(), ..pose });
-        }
-    }
-
-    /// The lens, its near plane as proven at the eye.
-    pub fn lens(&self) -> Lens {
-        let fov_y_rad = self.fov_deg.to_radians();
-        Lens { fov_y_rad, aspect: self.aspect, near_mm: self.near_mm }
-    }
-
-    /// Width over height of the inside view changed: what was proven may hold no more.
-    pub fn set_aspect(&mut self, aspect: f32) {
-        if aspect.is_finite() && aspect > 0.0 && aspect != self.aspect {
-            self.aspect = aspect;
-            self.pose.into_iter().for_each(|p| self.place(p));
-        }
-    }
-
-    /// Puts the eye somewhere, if a near plane can be proven there; else it stays where it is.
-    fn place(&mut self, pose: Pose) {
-        let wish = Lens { near_mm: NEAR_MM, ..self.lens() };
-        let at = pose.position_mm.as_dvec3();
-        let Some(Ok((near, _))) = self.with_clearance(|wall| wall.near_mm(at, wish)) else {
-            return;
-        };
-        (self.pose, self.near_mm) = (Some(pose), near);
-        self.crosshair_mm = at;
-        self.section = self.section_at(at, pose);
-    }
-
-    fn section_at(&self, at: DVec3, pose: Pose) -> Option<CrossSection> {
-        let (wall, tree) = (self.products.wall.as_ref()?, self.products.tree.as_ref()?);
-        let along = self.path.as_ref().filter(|_| self.on_path).map(|p| p.tangent_at(self.arc_mm));
-        let normal = along.unwrap_or(pose.forward().as_dvec3());
-        cross_section(&wall.mesh, tree, at, normal)
-    }
-
-    fn with_clearance<T>(&self, ask: impl FnOnce(&Clearance<'_>) -> T) -> Option<T> {
-        let p = &self.products;
-        let (lumen, fields) = (p.lumen.as_ref()?, p.fields.as_ref()?);
-        let mesh = p.wall.as_ref().map(|w| &w.mesh);
-        let wall = Clearance::new(&lumen.lumen, &fields.distance, mesh).sharing(&self.index);
-        Some(ask(&wall))
-    }
-
-    fn bookmark(&mut self, text: &str) {
-        let Some(pose) = self.pose else { return };
-        let text = match text.trim() {
-            "" => format!("Place {}", self.bookmarks.len() + 1),
-            text => text.to_owned(),
-        };
-        self.unsaved = true;
-        self.bookmarks.push(Bookmark {
-            text,
-            position_mm: pose.position_mm.as_dvec3().to_array(),
-            rotation: pose.rotation.as_dquat().to_array(),
-            fov_deg: self.fov_deg,
-            arc_mm: self.on_path.then_some(self.arc_mm),
-            picture: None,
-            png: None,
-        });
-    }
-
-    fn go_to_bookmark(&mut self, i: usize) {
-        let Some(b) = self.bookmarks.get(i).cloned() else { return };
-        let rotation = Quat::from_array(b.rotation.map(|v| v as f32));
-        let position_mm = DVec3::from(b.position_mm).as_vec3();
-        self.fov_deg = b.fov_deg.clamp(*FOV_DEG.start(), *FOV_DEG.end());
-        self.playing = false;
-        match b.arc_mm {
-            Some(arc) => self.seek(arc),
-            None => {
-                self.on_path = false;
-                self.place(Pose { position_mm, rotation: rotation.normalize() });
-            }
-        }
-    }
-
-    /// To the largest patch that the flight misses, is not visited yet and was not shown since.
-    fn next_missed(&mut self) {
-        let (Some(coverage), Some(wall)) =
-            (self.products.coverage.clone(), self.products.wall.clone())
-        else {
-            return;
-        };
-        let mut unseen_mm2 = vec![0.0; coverage.patches.len()];
-        for (face, patch) in coverage.patch_of_face.iter().enumerate() {
-            let Some(area) = patch.and_then(|p| unseen_mm2.get_mut(p as usize)) else { continue };
-            if !self.shown.faces.get(face).copied().unwrap_or(false) {
-                *area += 0.5 * f64::from(wall.mesh.face_cross(wall.mesh.faces[face]).length());
-            }
-        }
-        let open = |i: &usize| unseen_mm2[*i] >= LISTED_FROM_MM2;
-        let left: Vec<usize> = (0..unseen_mm2.len()).filter(open).collect();
-        if left.iter().all(|i| self.visited.contains(i)) {
-            self.visited.clear();
-        }
-        let Some(next) = left.iter().find(|i| !self.visited.contains(i)) else {
-            self.message = Some("no missed patch of 300 mm² or more is left".into());
-            return;
-        };
-        self.visited.push(*next);
-        self.playing = false;
-        let centre = coverage.patches[*next].center_mm;
-        if let Some(path) = &self.path {
-            self.seek(path.nearest_to(centre));
-        }
-        if let Some(pose) = self.pose {
-            let to = centre.as_vec3() - pose.position_mm;
-            if to.length() > 1e-3 {
-                self.on_path = false;
-                self.place(Pose::looking(pose.position_mm, to, pose.up()));
-            }
-        }
-        let area = unseen_mm2[*next];
-        self.message = Some(format!("missed patch of {area:.0} mm² ahead"));
-    }
-
-    /// Figures of the cross-section at the eye.
-    pub fn section_figures(&self) -> Option<SectionFigures> {
-        self.section.as_ref().map(SectionFigures::of)
     }
 }
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 
 use super::action::{Colouring, WallView};
-use super::colouring::{missed_colours, radius_colours, widest_mm};
+use super::colouring::missed_colours;
 use super::model::{Model, Products};
 use crate::geometry::Camera;
 use crate::lod::{Tolerance, Worker};
@@ -142,9 +142,9 @@ impl Panes {
         products: &Products,
         tolerance: Tolerance,
     ) -> Result<(), SessionError> {
-        if let (Some(wall), None) = (&products.wall, self.glass) {
-            let glass = self.overview.renderer.upload_mesh(gpu, &wall.mesh, false)?;
-            let mesh = self.inside.renderer.upload_mesh(gpu, &wall.mesh, false)?;
+        if let (Some(wall), Some(shading), None) = (&products.wall, &products.shading, self.glass) {
+            let glass = self.overview.renderer.upload_shaded_mesh(gpu, &wall.mesh, shading)?;
+            let mesh = self.inside.renderer.upload_shaded_mesh(gpu, &wall.mesh, shading)?;
             (self.glass, self.mesh) = (Some(glass), Some(mesh));
             self.radius_mm = self.inside.renderer.mean_radius_mm(mesh);
         }
@@ -263,10 +263,10 @@ impl Panes {
         let wanted = match model.colouring {
             Colouring::Tissue => None,
             Colouring::Missed => Some(model.shown_version),
-            Colouring::Radius => p.radii_mm.as_ref().map(|_| 0),
+            Colouring::Radius => p.radii.as_ref().map(|_| 0),
         };
         self.is_paint_old = false;
-        let (Some(version), Some(wall)) = (wanted, &p.wall) else {
+        let (Some(version), Some(wall), Some(shading)) = (wanted, &p.wall, &p.shading) else {
             if let Some(c) = self.coloured.take() {
                 self.inside.renderer.remove_mesh(c.inside);
                 self.overview.renderer.remove_mesh(c.overview);
@@ -282,8 +282,8 @@ impl Panes {
                 return Ok(());
             }
         }
-        let colours = match (&p.radii_mm, model.colouring) {
-            (Some(radii), Colouring::Radius) => radius_colours(radii, widest_mm(radii)),
+        let colours = match (&p.radii, model.colouring) {
+            (Some(radii), Colouring::Radius) => radii.colours(),
             _ => {
                 let none = vec![false; wall.mesh.faces.len()];
                 let seen = &model.shown.faces;
@@ -301,8 +301,8 @@ impl Panes {
                 (c.inside, c.overview)
             }
             None => (
-                self.inside.renderer.upload_coloured_mesh(gpu, &wall.mesh, &colours)?,
-                self.overview.renderer.upload_coloured_mesh(gpu, &wall.mesh, &colours)?,
+                self.inside.renderer.upload_coloured_mesh(gpu, &wall.mesh, shading, &colours)?,
+                self.overview.renderer.upload_coloured_mesh(gpu, &wall.mesh, shading, &colours)?,
             ),
         };
         self.coloured = Some(Coloured { inside, overview, of, at });

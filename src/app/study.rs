@@ -9,9 +9,9 @@ use std::time::Duration;
 use glam::DVec3;
 
 use super::action::LumenChoice;
-use super::colouring::wall_radii_mm;
+use super::colouring::WallRadii;
 use super::path::{FlightPath, SectionFigures, sections_along};
-use crate::flight::{Coverage, Flight, Frames};
+use crate::flight::{Coverage, Flight, Frames, WallIndex};
 use crate::formats::VideoWriter;
 use crate::geometry::TriangleBvh;
 use crate::lumen::IntensitySelection;
@@ -20,6 +20,7 @@ use crate::session::{
     Progress, Recording, Seed, Segmented, Session, SessionError, Settings, Source, VolumeSource,
     Wall,
 };
+use crate::surface::{Shading, shading};
 use crate::volume::Volume;
 
 /// A product that is there now, or the end.
@@ -30,8 +31,8 @@ pub enum News {
     Identity(String),
     /// The lumen.
     Lumen(Arc<Segmented>),
-    /// The wall: from here on there is a picture.
-    Wall(Arc<Wall>),
+    /// The wall and its vertices as drawn: from here on there is a picture.
+    Wall(Arc<Wall>, Arc<Shading>),
     /// Distances: from here on the eye can be moved by hand.
     Fields(Arc<Fields>),
     /// The path.
@@ -41,7 +42,9 @@ pub enum News {
     /// The hierarchy of the wall's triangles: from here on the wall can be clicked.
     Tree(Arc<TriangleBvh>),
     /// Distance of the wall's vertices from the centerline, mm.
-    Radii(Arc<Vec<f32>>),
+    Radii(Arc<WallRadii>),
+    /// The wall's triangles by place, which proofs of a near plane ask.
+    Index(WallIndex),
     /// Cross-sections along the flight, one a pose.
     Sections(Vec<Option<SectionFigures>>),
     /// Something to tell the user.
@@ -241,13 +244,14 @@ fn each_product(session: &Session, tell: &dyn Fn(News) -> bool) -> Result<(), Se
     let volume = session.volume()?;
     let identity = || blake3::hash(volume.samples.bytes()).to_hex().to_string();
     let route = session.settings().flight.route;
-    let radii = || -> Result<Vec<f32>, SessionError> {
-        Ok(wall_radii_mm(&session.wall()?.mesh, &session.centerline()?.line))
+    let radii = || -> Result<WallRadii, SessionError> {
+        Ok(WallRadii::new(&session.wall()?.mesh, &session.centerline()?.line))
     };
     let listens = tell(News::Volume(Arc::clone(&volume)))
         && tell(News::Lumen(session.lumen()?))
-        && tell(News::Wall(session.wall()?))
+        && tell(wall_news(session.wall()?))
         && tell(News::Identity(identity()))
+        && tell(News::Index(WallIndex::new(&session.wall()?.mesh)))
         && tell(News::Fields(session.fields()?))
         && tell(News::Tree(Arc::new(TriangleBvh::new(&session.wall()?.mesh))))
         && tell(News::Centerline(session.centerline()?))
@@ -257,6 +261,12 @@ fn each_product(session: &Session, tell: &dyn Fn(News) -> bool) -> Result<(), Se
         && tell(News::Radii(Arc::new(radii()?)))
         && tell(News::Coverage(session.coverage()?));
     if listens { Ok(()) } else { Err(SessionError::Cancelled) }
+}
+
+/// A wall with its shading, which the window's thread has no time for.
+fn wall_news(wall: Arc<Wall>) -> News {
+    let shading = Arc::new(shading(&wall.mesh));
+    News::Wall(wall, shading)
 }
 
 /// Cross-sections along a flight.

@@ -1,18 +1,16 @@
 //! Panels and panes. One function a part; each takes the model as it is and returns actions.
 
-use egui::{
-    Align2, Color32, FontId, Key, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2,
-};
+use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2};
 use egui_file_dialog::FileDialog;
 use glam::DVec3;
 
-use super::action::{
-    Action, Colouring, Export, FOV_DEG, LumenChoice, Pane, Ruler, SPEED_MM_S, WallView,
-};
+use super::action::{Action, FOV_DEG, Pane, SPEED_MM_S, WallView};
 use super::inside_marks::{inside_marks, ray_at};
 use super::keys::{help, keys};
 use super::model::Model;
+use super::side_panel::side_panel;
 use super::slice_pane::{SliceTexture, show_slice};
+use super::timeline::timeline;
 use crate::render::framing_turned;
 
 /// Textures of the two drawn panes.
@@ -31,7 +29,7 @@ pub const NOTICE: &str = "Research and education only. Not for diagnosis.";
 pub struct UiState {
     pub(super) slices: [Option<SliceTexture>; 4],
     /// Text of the next bookmark.
-    note: String,
+    pub(super) note: String,
     /// Of the slices: 1 shows all of the volume.
     pub(super) zoom: f64,
     /// From the crosshair to the middle of each slice, LPS mm.
@@ -39,7 +37,7 @@ pub struct UiState {
     /// Chooses a file or a folder.
     dialog: FileDialog,
     /// Range of a lumen to be chosen, and whether it begins at the crosshair.
-    lumen: Option<([f64; 2], bool)>,
+    pub(super) lumen: Option<([f64; 2], bool)>,
 }
 
 impl UiState {
@@ -89,7 +87,7 @@ pub fn window(
     egui::Panel::right("notes")
         .resizable(false)
         .exact_size(236.0)
-        .show(ui, |ui| notes(ui, model, state, actions));
+        .show(ui, |ui| side_panel(ui, model, state, actions));
     let mut shown = Shown::default();
     egui::CentralPanel::no_frame().show(ui, |ui| {
         let whole = ui.max_rect();
@@ -225,258 +223,6 @@ fn top_bar(
             }
         }
     });
-}
-
-fn notes(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut Vec<Action>) {
-    ui.add_space(4.0);
-    figures(ui, model);
-    ui.separator();
-    if model.products.volume.is_some() {
-        lumen_choice(ui, model, state, actions);
-        ui.separator();
-    }
-    appearance(ui, model, actions);
-    ui.separator();
-    measuring(ui, model, actions);
-    ui.separator();
-    exports(ui, model, actions);
-    ui.separator();
-    ui.strong("Bookmarks");
-    ui.horizontal(|ui| {
-        let text =
-            egui::TextEdit::singleline(&mut state.note).hint_text("note").desired_width(120.0);
-        let field = ui.add(text);
-        let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
-        let can = model.pose.is_some();
-        if ui.add_enabled(can, egui::Button::new("Add")).clicked() || (entered && can) {
-            actions.push(Action::Bookmark(std::mem::take(&mut state.note)));
-        }
-    });
-    egui::ScrollArea::vertical().show(ui, |ui| {
-        for (i, b) in model.bookmarks.iter().enumerate() {
-            ui.horizontal(|ui| {
-                if ui.small_button("x").on_hover_text("Forget").clicked() {
-                    actions.push(Action::RemoveBookmark(i));
-                }
-                let place = b.arc_mm.map_or("off the path".into(), |mm| format!("{mm:.0} mm"));
-                if ui.button(format!("{} ({place})", b.text)).clicked() {
-                    actions.push(Action::GoToBookmark(i));
-                }
-            });
-        }
-    });
-    ui.with_layout(egui::Layout::bottom_up(egui::Align::LEFT), |ui| {
-        ui.add(egui::Label::new(egui::RichText::new(NOTICE).small().color(FAINT)).wrap());
-    });
-}
-
-/// Which grey values are the lumen: to begin with, gas in a CT, what is bright elsewhere.
-fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut Vec<Action>) {
-    let Some(volume) = &model.products.volume else { return };
-    let (low, high) = volume.range().unwrap_or((0.0, 1.0));
-    let begin = || match low < -500.0 {
-        true => ([low, -500.0], false),
-        false => ([0.5 * (low + high), high], false),
-    };
-    let (range, at_crosshair) = state.lumen.get_or_insert_with(begin);
-    egui::CollapsingHeader::new("Lumen").default_open(model.failure.is_some()).show(ui, |ui| {
-        ui.horizontal(|ui| {
-            let step = ((high - low) / 500.0).max(1e-3);
-            ui.add(egui::DragValue::new(&mut range[0]).speed(step));
-            ui.label("to");
-            ui.add(egui::DragValue::new(&mut range[1]).speed(step));
-        });
-        ui.horizontal(|ui| {
-            ui.checkbox(at_crosshair, "at the crosshair");
-            if ui.add_enabled(range[0] <= range[1], egui::Button::new("Find")).clicked() {
-                let seed_mm = at_crosshair.then(|| model.crosshair_mm.to_array());
-                actions.push(Action::Lumen(LumenChoice { range: *range, seed_mm }));
-            }
-        });
-    });
-}
-
-/// What the wall looks like.
-fn appearance(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
-    let views =
-        [(WallView::Eye, "eye"), (WallView::Cube, "cube"), (WallView::Panorama, "panorama")];
-    ui.horizontal(|ui| {
-        ui.label(egui::RichText::new("View").color(FAINT));
-        for (view, name) in views {
-            if ui.selectable_label(model.view == view, name).clicked() {
-                actions.push(Action::View(view));
-            }
-        }
-    });
-    let colours = [
-        (Colouring::Tissue, "tissue", true),
-        (Colouring::Missed, "not seen", model.products.wall.is_some()),
-        (Colouring::Radius, "radius", model.products.radii_mm.is_some()),
-    ];
-    ui.horizontal(|ui| {
-        ui.label(egui::RichText::new("Colour").color(FAINT));
-        for (colouring, name, can) in colours {
-            let label = egui::Button::selectable(model.colouring == colouring, name);
-            if ui.add_enabled(can, label).clicked() {
-                actions.push(Action::Colour(colouring));
-            }
-        }
-    });
-    ui.horizontal(|ui| {
-        ui.label(egui::RichText::new("Overview").color(FAINT));
-        let mut opacity = model.opacity;
-        let slider = egui::Slider::new(&mut opacity, 0.0..=2.0).show_value(false);
-        if ui.add(slider).on_hover_text("Wall of the overview: clear to solid").changed() {
-            actions.push(Action::Opacity(opacity));
-        }
-    });
-}
-
-fn measuring(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
-    ui.horizontal(|ui| {
-        ui.strong("Measure");
-        for (ruler, name) in [(Ruler::Length, "length"), (Ruler::Angle, "angle")] {
-            let on = model.ruler == Some(ruler);
-            if ui.selectable_label(on, name).clicked() {
-                actions.push(Action::Measure((!on).then_some(ruler)));
-            }
-        }
-    });
-    for (i, m) in model.measurements.iter().enumerate() {
-        ui.horizontal(|ui| {
-            if ui.small_button("x").on_hover_text("Forget").clicked() {
-                actions.push(Action::RemoveMeasurement(i));
-            }
-            let middle = m.points().iter().sum::<DVec3>() / m.points_mm.len().max(1) as f64;
-            if ui.button(m.text()).on_hover_text("Show in the slices").clicked() {
-                actions.push(Action::Crosshair(middle.to_array()));
-            }
-        });
-    }
-}
-
-fn exports(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
-    ui.horizontal(|ui| {
-        ui.strong("Save");
-        let ready = model.path.is_some();
-        for (what, name, can) in [
-            (Export::View, "view", model.pose.is_some()),
-            (Export::Flight, "flight", ready && model.is_complete),
-            (Export::Report, "report", model.products.volume.is_some()),
-        ] {
-            if ui.add_enabled(can, egui::Button::new(name)).clicked() {
-                actions.push(Action::Export(what));
-            }
-        }
-    });
-}
-
-fn figures(ui: &mut Ui, model: &Model) {
-    let line = |ui: &mut Ui, name: &str, value: String| {
-        ui.horizontal(|ui| {
-            ui.label(egui::RichText::new(name).color(FAINT));
-            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| ui.label(value));
-        });
-    };
-    ui.strong("Figures");
-    if let Some(lumen) = &model.products.lumen {
-        let l = &lumen.lumen;
-        let ml = l.inside_voxels() as f64 * l.grid.voxel_mm3() / 1000.0;
-        line(ui, "Volume", format!("{ml:.1} ml"));
-    }
-    if let Some(path) = &model.path {
-        line(ui, "Path", format!("{:.0} mm", path.length_mm()));
-        line(ui, "Position", format!("{:.0} mm", model.arc_mm));
-        line(ui, "Radius here", format!("{:.1} mm", path.radius_at(model.arc_mm)));
-    }
-    if let Some(s) = model.section_figures() {
-        line(ui, "Section here", format!("{:.0} mm²", s.area_mm2));
-        line(ui, "Diameters", format!("{:.1}, {:.1} mm", s.largest_mm, s.smallest_mm));
-    }
-    if !model.shown.faces.is_empty() {
-        line(ui, "Wall seen so far", format!("{:.1} %", 100.0 * model.shown.fraction));
-    }
-    if let Some(c) = &model.products.coverage {
-        line(ui, "Flight sees, one way", format!("{:.1} %", 100.0 * c.one_way_fraction));
-        line(ui, "Both ways", format!("{:.1} %", 100.0 * c.both_ways_fraction));
-        line(ui, "Missed patches", format!("{}", c.patches.len()));
-    }
-}
-
-/// The scrub bar with the radius along the path.
-fn timeline(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
-    let size = ui.available_size().max(Vec2::splat(4.0));
-    let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
-    let painter = ui.painter_at(rect);
-    let bar = rect.shrink2(vec2(8.0, 6.0));
-    painter.rect_filled(bar, 2.0, Color32::from_rgb(24, 26, 30));
-    let Some(path) = &model.path else {
-        let text = "the path is not known yet";
-        painter.text(bar.center(), Align2::CENTER_CENTER, text, FontId::proportional(13.0), FAINT);
-        return;
-    };
-    let length = path.length_mm().max(1e-6);
-    let sections = path.sections.iter().flatten();
-    // The radius of the circle that is as large as a cross-section.
-    let round = |area: f64| (area / std::f64::consts::PI).sqrt();
-    let widest = sections.map(|s| round(s.area_mm2)).fold(0.0, f64::max);
-    let most = path.radius_mm.iter().copied().fold(1e-6, f64::max).max(widest);
-    let x = |arc: f64| bar.left() + (arc / length) as f32 * bar.width();
-    let plot = Rect::from_min_max(bar.min, pos2(bar.max.x, bar.max.y - 14.0));
-    // One bar a point of the screen: the least radius of its stretch.
-    let columns = (plot.width() as usize).max(1);
-    let mut least = vec![f64::INFINITY; columns];
-    for (arc, radius) in path.arcs_mm().iter().zip(&path.radius_mm) {
-        let i = ((arc / length) * columns as f64) as usize;
-        let slot = &mut least[i.min(columns - 1)];
-        *slot = slot.min(*radius);
-    }
-    let mut last = 0.0;
-    for (i, radius) in least.iter().enumerate() {
-        last = if radius.is_finite() { *radius } else { last };
-        let px = plot.left() + i as f32 + 0.5;
-        let h = (last / most) as f32 * plot.height();
-        let flown = px <= x(model.arc_mm);
-        let colour = if flown { ACCENT } else { Color32::from_rgb(70, 90, 84) };
-        painter.line_segment(
-            [pos2(px, plot.bottom() - h), pos2(px, plot.bottom())],
-            Stroke::new(1.0, colour),
-        );
-    }
-    let places = path.arcs_mm().iter().zip(&path.sections).filter_map(|(arc, s)| {
-        let h = (round((*s)?.area_mm2) / most).min(1.0) as f32 * plot.height();
-        Some(pos2(x(*arc), plot.bottom() - h))
-    });
-    let outline: Vec<Pos2> = places.collect();
-    painter.add(egui::Shape::line(outline, Stroke::new(1.0, FAINT)));
-    for cut in path.cuts_mm() {
-        let line = [pos2(x(cut), plot.top()), pos2(x(cut), plot.bottom())];
-        painter.line_segment(line, Stroke::new(2.0, Color32::from_rgb(255, 120, 110)));
-    }
-    for b in model.bookmarks.iter().filter_map(|b| b.arc_mm) {
-        painter.circle_filled(pos2(x(b), plot.top() + 4.0), 3.0, CAMERA);
-    }
-    let here = x(model.arc_mm);
-    painter
-        .line_segment([pos2(here, bar.top()), pos2(here, plot.bottom())], Stroke::new(2.0, CAMERA));
-    let label = |at: Pos2, anchor, text: String| {
-        painter.text(at, anchor, text, FontId::proportional(11.0), FAINT);
-    };
-    label(bar.left_bottom(), Align2::LEFT_BOTTOM, "0 mm".into());
-    label(bar.right_bottom(), Align2::RIGHT_BOTTOM, format!("{length:.0} mm"));
-    label(
-        bar.center_bottom(),
-        Align2::CENTER_BOTTOM,
-        format!("least radius (bars) and that of the section (line), to {most:.0} mm"),
-    );
-    if let Some(p) = response.interact_pointer_pos() {
-        let arc = f64::from((p.x - bar.left()) / bar.width()) * length;
-        if response.dragged() {
-            actions.push(Action::Seek(arc));
-        } else if response.clicked() {
-            actions.push(Action::FlyTo(arc));
-        }
-    }
 }
 
 /// One pane with what lies over it. `stage`: something is being computed.

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::RenderError;
 use crate::geometry::{Mesh, Vertex};
-use crate::surface::shading;
+use crate::surface::{Shading, shading};
 
 /// Vertices, indices, and what the light needs to know.
 pub(super) struct Prepared {
@@ -16,13 +16,31 @@ pub(super) struct Prepared {
 
 /// Brings a mesh into the form that is drawn; caps are left out on request.
 pub(super) fn prepare(mesh: &Mesh, skip_caps: bool) -> Result<Prepared, RenderError> {
+    check_faces(mesh)?;
+    prepare_shaded(mesh, shading(mesh), skip_caps)
+}
+
+fn check_faces(mesh: &Mesh) -> Result<(), RenderError> {
     let vertices = mesh.positions.len();
     for (face, f) in mesh.faces.iter().enumerate() {
         if let Some(&vertex) = f.iter().find(|v| **v as usize >= vertices) {
             return Err(RenderError::BadFace { face, vertex, vertices });
         }
     }
-    let shading = shading(mesh);
+    Ok(())
+}
+
+/// The same with vertices that were shaded before.
+///
+/// # Panics
+/// If there are more or fewer of them than the mesh has.
+pub(super) fn prepare_shaded(
+    mesh: &Mesh,
+    shading: Shading,
+    skip_caps: bool,
+) -> Result<Prepared, RenderError> {
+    check_faces(mesh)?;
+    assert_eq!(shading.vertices.len(), mesh.positions.len(), "the shading of this mesh");
     let shown = |i: usize| !(skip_caps && mesh.caps.get(i).copied().unwrap_or(false));
     Ok(Prepared {
         vertices: shading.vertices,

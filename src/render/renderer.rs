@@ -14,6 +14,7 @@ use super::scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
 use super::unfold::Face;
 use super::{RenderError, host};
 use crate::geometry::{Camera, Lens, Mesh, Pose, Vertex};
+use crate::surface::Shading;
 use crate::vk::{
     Area, BufferId, Draw, DrawPipelineId, DrawRange, Gpu, ImageId, ImageSpec, Pass, Releaser,
 };
@@ -208,7 +209,28 @@ impl Renderer {
         Ok(MeshHandle(self.models.len() - 1))
     }
 
-    /// Puts a mesh on the device whose vertices have colours of their own.
+    /// Puts a mesh on the device whose vertices were shaded before ([`crate::surface::shading`]), which
+    /// takes longer than all the rest.
+    ///
+    /// # Errors
+    /// As [`Renderer::upload_mesh`].
+    ///
+    /// # Panics
+    /// If it is the shading of another mesh.
+    pub fn upload_shaded_mesh(
+        &mut self,
+        gpu: &mut Gpu,
+        mesh: &Mesh,
+        shading: &Shading,
+    ) -> Result<MeshHandle, RenderError> {
+        self.check_device(gpu);
+        let p = mesh::prepare_shaded(mesh, shading.clone(), false)?;
+        let model = upload(gpu, &p.vertices, &p.indices, p.bounds, p.mean_radius_mm)?;
+        self.models.push(Some(model));
+        Ok(MeshHandle(self.models.len() - 1))
+    }
+
+    /// The same with a colour of its own for each vertex.
     ///
     /// * `colours`: one a vertex, linear, eight bits each; the last is the share of the tissue's
     ///   colour that it replaces.
@@ -217,15 +239,16 @@ impl Renderer {
     /// As [`Renderer::upload_mesh`].
     ///
     /// # Panics
-    /// If there are more or fewer colours than vertices.
+    /// If there are more or fewer colours than vertices, or it is the shading of another mesh.
     pub fn upload_coloured_mesh(
         &mut self,
         gpu: &mut Gpu,
         mesh: &Mesh,
+        shading: &Shading,
         colours: &[[u8; 4]],
     ) -> Result<MeshHandle, RenderError> {
         self.check_device(gpu);
-        let p = mesh::prepare(mesh, false)?;
+        let p = mesh::prepare_shaded(mesh, shading.clone(), false)?;
         let coloured = coloured(&p.vertices, colours);
         let model = upload(gpu, &coloured, &p.indices, p.bounds, p.mean_radius_mm)?;
         self.models.push(Some(Model { uncoloured: Some(p.vertices), ..model }));

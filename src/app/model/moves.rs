@@ -1,0 +1,152 @@
+//! Where the eye goes: along the path, to a place on it, or by hand.
+
+use glam::DVec3;
+
+use super::super::junctions::Choice;
+use super::super::path::SectionFigures;
+use super::Model;
+use crate::flight::{Clearance, collide_and_slide};
+use crate::geometry::{CrossSection, Lens, Pose, cross_section};
+
+/// Least speed at which the eye flies to a place that was clicked, mm/s.
+const LEAST_APPROACH_MM_S: f64 = 60.0;
+/// A branch is offered from so far before the place where it leaves, mm, to so far behind.
+const OFFERED_MM: std::ops::Range<f64> = -5.0..25.0;
+/// Wished near plane, mm; nearer where the wall is.
+pub(super) const NEAR_MM: f32 = 2.0;
+/// The near plane that the eye keeps room for while it is moved by hand, mm.
+const HAND_NEAR_MM: f32 = 0.4;
+
+impl Model {
+    /// Flies towards the goal: a third of a second more takes it nearer by a factor of e, and it is
+    /// never slower than [`LEAST_APPROACH_MM_S`].
+    pub(super) fn approach_goal(&mut self, dt: f64) {
+        let Some(goal) = self.goal_mm else { return };
+        let left = goal - self.arc_mm;
+        let step = (3.0 * left.abs()).max(LEAST_APPROACH_MM_S) * dt;
+        self.seek_while(self.arc_mm + left.clamp(-step, step), false);
+        // Seeking forgets it.
+        self.goal_mm = (left.abs() > step).then_some(goal);
+    }
+
+    pub(super) fn toggle_play(&mut self) {
+        let Some(path) = &self.path else { return };
+        self.playing = !self.playing;
+        if self.playing {
+            // From the end it begins anew.
+            let length = path.length_mm();
+            let start = match (self.reverse, self.arc_mm) {
+                (false, at) if at >= length - 1e-6 => 0.0,
+                (true, at) if at <= 1e-6 => length,
+                (_, at) => at,
+            };
+            self.seek_while(start, true);
+        }
+    }
+
+    /// To a place on the path.
+    pub fn seek(&mut self, arc_mm: f64) {
+        self.seek_while(arc_mm, self.playing);
+    }
+
+    pub(super) fn seek_while(&mut self, arc_mm: f64, playing: bool) {
+        let Some(path) = self.path.as_ref().filter(|_| arc_mm.is_finite()) else { return };
+        self.arc_mm = arc_mm.clamp(0.0, path.length_mm());
+        let pose = path.pose_at(self.arc_mm);
+        (self.on_path, self.playing, self.goal_mm) = (true, playing, None);
+        self.place(pose);
+    }
+
+    /// Sets out to a place on the path, from where it was left.
+    pub(super) fn fly_to(&mut self, arc_mm: f64) {
+        let Some(path) = self.path.as_ref().filter(|_| arc_mm.is_finite()) else { return };
+        let goal = arc_mm.clamp(0.0, path.length_mm());
+        self.seek_while(self.arc_mm, false);
+        self.goal_mm = Some(goal);
+    }
+
+    /// Whether the eye moves by itself.
+    pub fn is_moving(&self) -> bool {
+        self.playing || self.goal_mm.is_some()
+    }
+
+    /// Branches that can be taken here, those ahead of the eye first to come.
+    pub fn offered(&self) -> Vec<Choice> {
+        let way = if self.reverse { -1.0 } else { 1.0 };
+        let near = |c: &&Choice| OFFERED_MM.contains(&(way * (c.arc_mm - self.arc_mm)));
+        let mut offered: Vec<Choice> = self.choices.iter().filter(near).copied().collect();
+        if self.reverse {
+            offered.reverse();
+        }
+        offered
+    }
+
+    /// The place on the wall that the eye sees in a direction of its own, LPS mm.
+    pub fn wall_behind(&self, ray: DVec3) -> Option<DVec3> {
+        let (tree, pose) = (self.products.tree.as_ref()?, self.pose?);
+        const FAR_MM: f64 = 10_000.0;
+        let along = pose.rotation.as_dquat() * ray.try_normalize()? * FAR_MM;
+        tree.first_hit(pose.position_mm.as_dvec3(), along)
+    }
+
+    /// Moves the eye by hand.
+    pub(super) fn fly(&mut self, by: DVec3) {
+        let Some(pose) = self.pose.filter(|_| by.is_finite()) else { return };
+        (self.playing, self.on_path, self.goal_mm) = (false, false, None);
+        let delta = pose.rotation.as_dquat() * DVec3::new(by.x, by.y, -by.z);
+        // Where it is narrower than a hand's room already, that much is kept.
+        let near_mm = self.near_mm.min(HAND_NEAR_MM);
+        let lens = Lens { near_mm, ..self.lens() };
+        let from = pose.position_mm.as_dvec3();
+        let to = self.with_clearance(|wall| collide_and_slide(from, delta, wall, lens));
+        if let Some(to) = to {
+            self.place(Pose { position_mm: to.as_vec3(), ..pose });
+        }
+    }
+
+    /// The lens, its near plane as proven at the eye.
+    pub fn lens(&self) -> Lens {
+        let fov_y_rad = self.fov_deg.to_radians();
+        Lens { fov_y_rad, aspect: self.aspect, near_mm: self.near_mm }
+    }
+
+    /// Width over height of the inside view changed: what was proven may hold no more.
+    pub fn set_aspect(&mut self, aspect: f32) {
+        if aspect.is_finite() && aspect > 0.0 && aspect != self.aspect {
+            self.aspect = aspect;
+            self.pose.into_iter().for_each(|p| self.place(p));
+        }
+    }
+
+    /// Puts the eye somewhere, if a near plane can be proven there; else it stays where it is.
+    pub(super) fn place(&mut self, pose: Pose) {
+        let wish = Lens { near_mm: NEAR_MM, ..self.lens() };
+        let at = pose.position_mm.as_dvec3();
+        let Some(Ok((near, _))) = self.with_clearance(|wall| wall.near_mm(at, wish)) else {
+            return;
+        };
+        (self.pose, self.near_mm) = (Some(pose), near);
+        self.crosshair_mm = at;
+        self.section = self.section_at(at, pose);
+    }
+
+    fn section_at(&self, at: DVec3, pose: Pose) -> Option<CrossSection> {
+        let (wall, tree) = (self.products.wall.as_ref()?, self.products.tree.as_ref()?);
+        let along = self.path.as_ref().filter(|_| self.on_path).map(|p| p.tangent_at(self.arc_mm));
+        let normal = along.unwrap_or(pose.forward().as_dvec3());
+        cross_section(&wall.mesh, tree, at, normal)
+    }
+
+    fn with_clearance<T>(&self, ask: impl FnOnce(&Clearance<'_>) -> T) -> Option<T> {
+        let p = &self.products;
+        let (lumen, fields) = (p.lumen.as_ref()?, p.fields.as_ref()?);
+        let mesh = p.wall.as_ref().map(|w| &w.mesh);
+        let wall = Clearance::new(&lumen.lumen, &fields.distance, mesh).sharing(&self.index);
+        Some(ask(&wall))
+    }
+
+    /// Figures of the cross-section at the eye.
+    pub fn section_figures(&self) -> Option<SectionFigures> {
+        self.section.as_ref().map(SectionFigures::of)
+    }
+}

@@ -1,0 +1,190 @@
+//! The panel on the right: figures, choices of lumen and view, measurements, files, bookmarks.
+
+use egui::{Key, Ui};
+use glam::DVec3;
+
+use super::action::{Action, Colouring, Export, LumenChoice, Ruler, WallView};
+use super::model::Model;
+use super::ui::{FAINT, NOTICE, UiState};
+
+/// Figures, how the wall looks, measuring, export, bookmarks.
+pub(super) fn side_panel(
+    ui: &mut Ui,
+    model: &Model,
+    state: &mut UiState,
+    actions: &mut Vec<Action>,
+) {
+    ui.add_space(4.0);
+    figures(ui, model);
+    ui.separator();
+    if model.products.volume.is_some() {
+        lumen_choice(ui, model, state, actions);
+        ui.separator();
+    }
+    appearance(ui, model, actions);
+    ui.separator();
+    measuring(ui, model, actions);
+    ui.separator();
+    exports(ui, model, actions);
+    ui.separator();
+    ui.strong("Bookmarks");
+    ui.horizontal(|ui| {
+        let text =
+            egui::TextEdit::singleline(&mut state.note).hint_text("note").desired_width(120.0);
+        let field = ui.add(text);
+        let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
+        let can = model.pose.is_some();
+        if ui.add_enabled(can, egui::Button::new("Add")).clicked() || (entered && can) {
+            actions.push(Action::Bookmark(std::mem::take(&mut state.note)));
+        }
+    });
+    egui::ScrollArea::vertical().show(ui, |ui| {
+        for (i, b) in model.bookmarks.iter().enumerate() {
+            ui.horizontal(|ui| {
+                if ui.small_button("x").on_hover_text("Forget").clicked() {
+                    actions.push(Action::RemoveBookmark(i));
+                }
+                let place = b.arc_mm.map_or("off the path".into(), |mm| format!("{mm:.0} mm"));
+                if ui.button(format!("{} ({place})", b.text)).clicked() {
+                    actions.push(Action::GoToBookmark(i));
+                }
+            });
+        }
+    });
+    ui.with_layout(egui::Layout::bottom_up(egui::Align::LEFT), |ui| {
+        ui.add(egui::Label::new(egui::RichText::new(NOTICE).small().color(FAINT)).wrap());
+    });
+}
+
+/// Which grey values are the lumen: to begin with, gas in a CT, what is bright elsewhere.
+fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut Vec<Action>) {
+    let Some(volume) = &model.products.volume else { return };
+    let (low, high) = volume.range().unwrap_or((0.0, 1.0));
+    let begin = || match low < -500.0 {
+        true => ([low, -500.0], false),
+        false => ([0.5 * (low + high), high], false),
+    };
+    let (range, at_crosshair) = state.lumen.get_or_insert_with(begin);
+    egui::CollapsingHeader::new("Lumen").default_open(model.failure.is_some()).show(ui, |ui| {
+        ui.horizontal(|ui| {
+            let step = ((high - low) / 500.0).max(1e-3);
+            ui.add(egui::DragValue::new(&mut range[0]).speed(step));
+            ui.label("to");
+            ui.add(egui::DragValue::new(&mut range[1]).speed(step));
+        });
+        ui.horizontal(|ui| {
+            ui.checkbox(at_crosshair, "at the crosshair");
+            if ui.add_enabled(range[0] <= range[1], egui::Button::new("Find")).clicked() {
+                let seed_mm = at_crosshair.then(|| model.crosshair_mm.to_array());
+                actions.push(Action::Lumen(LumenChoice { range: *range, seed_mm }));
+            }
+        });
+    });
+}
+
+/// What the wall looks like.
+fn appearance(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
+    let views =
+        [(WallView::Eye, "eye"), (WallView::Cube, "cube"), (WallView::Panorama, "panorama")];
+    ui.horizontal(|ui| {
+        ui.label(egui::RichText::new("View").color(FAINT));
+        for (view, name) in views {
+            if ui.selectable_label(model.view == view, name).clicked() {
+                actions.push(Action::View(view));
+            }
+        }
+    });
+    let colours = [
+        (Colouring::Tissue, "tissue", true),
+        (Colouring::Missed, "not seen", model.products.wall.is_some()),
+        (Colouring::Radius, "radius", model.products.radii.is_some()),
+    ];
+    ui.horizontal(|ui| {
+        ui.label(egui::RichText::new("Colour").color(FAINT));
+        for (colouring, name, can) in colours {
+            let label = egui::Button::selectable(model.colouring == colouring, name);
+            if ui.add_enabled(can, label).clicked() {
+                actions.push(Action::Colour(colouring));
+            }
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.label(egui::RichText::new("Overview").color(FAINT));
+        let mut opacity = model.opacity;
+        let slider = egui::Slider::new(&mut opacity, 0.0..=2.0).show_value(false);
+        if ui.add(slider).on_hover_text("Wall of the overview: clear to solid").changed() {
+            actions.push(Action::Opacity(opacity));
+        }
+    });
+}
+
+fn measuring(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
+    ui.horizontal(|ui| {
+        ui.strong("Measure");
+        for (ruler, name) in [(Ruler::Length, "length"), (Ruler::Angle, "angle")] {
+            let on = model.ruler == Some(ruler);
+            if ui.selectable_label(on, name).clicked() {
+                actions.push(Action::Measure((!on).then_some(ruler)));
+            }
+        }
+    });
+    for (i, m) in model.measurements.iter().enumerate() {
+        ui.horizontal(|ui| {
+            if ui.small_button("x").on_hover_text("Forget").clicked() {
+                actions.push(Action::RemoveMeasurement(i));
+            }
+            let middle = m.points().iter().sum::<DVec3>() / m.points_mm.len().max(1) as f64;
+            if ui.button(m.text()).on_hover_text("Show in the slices").clicked() {
+                actions.push(Action::Crosshair(middle.to_array()));
+            }
+        });
+    }
+}
+
+fn exports(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
+    ui.horizontal(|ui| {
+        ui.strong("Save");
+        let ready = model.path.is_some();
+        for (what, name, can) in [
+            (Export::View, "view", model.pose.is_some()),
+            (Export::Flight, "flight", ready && model.is_complete),
+            (Export::Report, "report", model.products.volume.is_some()),
+        ] {
+            if ui.add_enabled(can, egui::Button::new(name)).clicked() {
+                actions.push(Action::Export(what));
+            }
+        }
+    });
+}
+
+fn figures(ui: &mut Ui, model: &Model) {
+    let line = |ui: &mut Ui, name: &str, value: String| {
+        ui.horizontal(|ui| {
+            ui.label(egui::RichText::new(name).color(FAINT));
+            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| ui.label(value));
+        });
+    };
+    ui.strong("Figures");
+    if let Some(lumen) = &model.products.lumen {
+        let l = &lumen.lumen;
+        let ml = l.inside_voxels() as f64 * l.grid.voxel_mm3() / 1000.0;
+        line(ui, "Volume", format!("{ml:.1} ml"));
+    }
+    if let Some(path) = &model.path {
+        line(ui, "Path", format!("{:.0} mm", path.length_mm()));
+        line(ui, "Position", format!("{:.0} mm", model.arc_mm));
+        line(ui, "Radius here", format!("{:.1} mm", path.radius_at(model.arc_mm)));
+    }
+    if let Some(s) = model.section_figures() {
+        line(ui, "Section here", format!("{:.0} mm²", s.area_mm2));
+        line(ui, "Diameters", format!("{:.1}, {:.1} mm", s.largest_mm, s.smallest_mm));
+    }
+    if !model.shown.faces.is_empty() {
+        line(ui, "Wall seen so far", format!("{:.1} %", 100.0 * model.shown.fraction));
+    }
+    if let Some(c) = &model.products.coverage {
+        line(ui, "Flight sees, one way", format!("{:.1} %", 100.0 * c.one_way_fraction));
+        line(ui, "Both ways", format!("{:.1} %", 100.0 * c.both_ways_fraction));
+        line(ui, "Missed patches", format!("{}", c.patches.len()));
+    }
+}

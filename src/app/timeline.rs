@@ -1,0 +1,86 @@
+//! The scrub bar.
+
+use egui::{Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui, Vec2, pos2, vec2};
+
+use super::action::Action;
+use super::model::Model;
+use super::ui::{ACCENT, CAMERA, FAINT};
+
+/// The scrub bar with the radius along the path.
+pub(super) fn timeline(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
+    let size = ui.available_size().max(Vec2::splat(4.0));
+    let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
+    let painter = ui.painter_at(rect);
+    let bar = rect.shrink2(vec2(8.0, 6.0));
+    painter.rect_filled(bar, 2.0, Color32::from_rgb(24, 26, 30));
+    let Some(path) = &model.path else {
+        let text = "the path is not known yet";
+        painter.text(bar.center(), Align2::CENTER_CENTER, text, FontId::proportional(13.0), FAINT);
+        return;
+    };
+    let length = path.length_mm().max(1e-6);
+    let sections = path.sections.iter().flatten();
+    // The radius of the circle that is as large as a cross-section.
+    let round = |area: f64| (area / std::f64::consts::PI).sqrt();
+    let mut widths: Vec<f64> = sections.map(|s| round(s.area_mm2)).collect();
+    widths.sort_by(f64::total_cmp);
+    // Where a section runs along a neighbouring bend it leaves the plot at the top.
+    let widest = widths.get(widths.len() * 9 / 10).copied().unwrap_or(0.0);
+    let most = path.radius_mm.iter().copied().fold(1e-6, f64::max).max(widest);
+    let x = |arc: f64| bar.left() + (arc / length) as f32 * bar.width();
+    let plot = Rect::from_min_max(bar.min, pos2(bar.max.x, bar.max.y - 14.0));
+    // One bar a point of the screen: the least radius of its stretch.
+    let columns = (plot.width() as usize).max(1);
+    let mut least = vec![f64::INFINITY; columns];
+    for (arc, radius) in path.arcs_mm().iter().zip(&path.radius_mm) {
+        let i = ((arc / length) * columns as f64) as usize;
+        let slot = &mut least[i.min(columns - 1)];
+        *slot = slot.min(*radius);
+    }
+    let mut last = 0.0;
+    for (i, radius) in least.iter().enumerate() {
+        last = if radius.is_finite() { *radius } else { last };
+        let px = plot.left() + i as f32 + 0.5;
+        let h = (last / most) as f32 * plot.height();
+        let flown = px <= x(model.arc_mm);
+        let colour = if flown { ACCENT } else { Color32::from_rgb(70, 90, 84) };
+        painter.line_segment(
+            [pos2(px, plot.bottom() - h), pos2(px, plot.bottom())],
+            Stroke::new(1.0, colour),
+        );
+    }
+    let places = path.arcs_mm().iter().zip(&path.sections).filter_map(|(arc, s)| {
+        let h = (round((*s)?.area_mm2) / most).min(1.0) as f32 * plot.height();
+        Some(pos2(x(*arc), plot.bottom() - h))
+    });
+    let outline: Vec<Pos2> = places.collect();
+    painter.add(egui::Shape::line(outline, Stroke::new(1.0, FAINT)));
+    for cut in path.cuts_mm() {
+        let line = [pos2(x(cut), plot.top()), pos2(x(cut), plot.bottom())];
+        painter.line_segment(line, Stroke::new(2.0, Color32::from_rgb(255, 120, 110)));
+    }
+    for b in model.bookmarks.iter().filter_map(|b| b.arc_mm) {
+        painter.circle_filled(pos2(x(b), plot.top() + 4.0), 3.0, CAMERA);
+    }
+    let here = x(model.arc_mm);
+    painter
+        .line_segment([pos2(here, bar.top()), pos2(here, plot.bottom())], Stroke::new(2.0, CAMERA));
+    let label = |at: Pos2, anchor, text: String| {
+        painter.text(at, anchor, text, FontId::proportional(11.0), FAINT);
+    };
+    label(bar.left_bottom(), Align2::LEFT_BOTTOM, "0 mm".into());
+    label(bar.right_bottom(), Align2::RIGHT_BOTTOM, format!("{length:.0} mm"));
+    label(
+        bar.center_bottom(),
+        Align2::CENTER_BOTTOM,
+        format!("least radius (bars) and that of the section (line), to {most:.0} mm"),
+    );
+    if let Some(p) = response.interact_pointer_pos() {
+        let arc = f64::from((p.x - bar.left()) / bar.width()) * length;
+        if response.dragged() {
+            actions.push(Action::Seek(arc));
+        } else if response.clicked() {
+            actions.push(Action::FlyTo(arc));
+        }
+    }
+}
