@@ -54,13 +54,14 @@ fn dicom_series_that_are_no_box_are_refused_with_the_miss() {
     };
     let none = |_: usize, _: &mut common::Slice| {};
     assert!(refused(&[0.0, 2.0, 4.0, 8.0], &none).contains("4.00 mm apart"));
-    assert!(refused(&[0.0, 2.0, 2.0, 4.0], &none).contains("duplicate slices: 1 of 4"));
+    let other = |n: usize, s: &mut common::Slice| s.pixels[0] += n as u16;
+    assert!(refused(&[0.0, 2.0, 2.0, 4.0], &other).contains("duplicate slices: 1 of 4"));
     let turned = |n: usize, s: &mut common::Slice| {
         if n == 1 {
             s.orientation = [0.0, 1.0, 0.0, 0.0, 0.0, -1.0];
         }
     };
-    assert!(refused(&[0.0, 2.0], &turned).contains("mixed orientations"));
+    assert!(refused(&[0.0, 2.0], &turned).contains("holds 2 series"));
     let rle = |_: usize, s: &mut common::Slice| s.syntax = "1.2.840.10008.1.2.5";
     let plain = refused(&[0.0, 2.0], &rle);
     assert!(plain.contains("RLE Lossless (1.2.840.10008.1.2.5) has them in fragments"), "{plain}");
@@ -258,6 +259,33 @@ fn frames_of_an_enhanced_file_are_ordered_by_place_each_with_its_own_rescale() {
 }
 
 #[test]
+fn a_slice_that_is_there_twice_is_left_out_and_named() {
+    let dir = tempfile::tempdir().unwrap();
+    series(dir.path(), &[0.0, 2.0, 2.0, 4.0], |_, _| {});
+    assert_eq!(read(dir.path()).unwrap().grid.dims, UVec3::new(4, 3, 3));
+    let notes = inspect(dir.path(), &ReadOptions::default()).unwrap().notes;
+    assert!(notes.iter().any(|n| n.starts_with("1 slices that repeat another")), "{notes:?}");
+}
+
+#[test]
+fn two_acquisitions_at_the_same_places_are_two_stacks_of_one_series() {
+    let dir = tempfile::tempdir().unwrap();
+    series(dir.path(), &[0.0, 2.0, 0.0, 2.0], |n, s| {
+        s.acquisition = if n < 2 { "1" } else { "2" };
+        s.pixels = vec![10 + n as u16; 12];
+    });
+    assert!(refusal(dir.path()).contains("holds 2 series"));
+    let pick = |wish: &str| {
+        let series = Some(wish.to_owned());
+        read_volume(dir.path(), &ReadOptions { series, ..ReadOptions::default() })
+    };
+    let values = |v: Volume| [v.real(0) + 1024.0, v.real(12) + 1024.0];
+    assert_eq!(values(pick("0").unwrap()), [12.0, 13.0]);
+    assert_eq!(values(pick("1").unwrap()), [10.0, 11.0]);
+    assert!(pick("1.2.3.4").unwrap_err().to_string().contains("several stacks in that series"));
+}
+
+#[test]
 fn a_data_set_without_preamble_is_read_and_other_files_are_not_taken_for_one() {
     let dir = tempfile::tempdir().unwrap();
     let whole = enhanced(&[0.0, 1.0], true, false);
@@ -354,7 +382,7 @@ fn real_dicom_series_are_read_or_refused_with_their_reason() {
     for (name, reason) in [
         ("generic/rgb/001", "colour"),
         ("failing/sliceincrement/001", "uneven slices"),
-        ("failing/sliceorientation/001", "mixed orientations"),
+        ("failing/sliceorientation/001", "series; choose one"),
     ] {
         let text = refusal(&at(name));
         assert!(text.contains(reason), "{name}: {text}");

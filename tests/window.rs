@@ -152,7 +152,8 @@ fn on_real_lumens_gaze_and_horizon_turn_no_faster_than_30_degrees_a_second() {
             let up = DQuat::from_rotation_arc(a, b) * w[0].up().as_dvec3();
             roll = roll.max(25.0 * up.angle_between(w[1].up().as_dvec3()).to_degrees());
         }
-        println!("{name}: gaze {gaze:.1} deg/s, roll {roll:.2} deg/s at most");
+        let moved = flight.moved;
+        println!("{name}: gaze {gaze:.1} deg/s, roll {roll:.2} deg/s at most, {moved} moved");
         assert!(gaze < 30.2 && roll < 30.0, "{name}: {gaze} {roll}");
     }
 }

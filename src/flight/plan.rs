@@ -347,8 +347,8 @@ impl<'a> Planner<'a> {
                     return Err(FlightError::NoRoom { frame, at: eye, room_mm });
                 };
                 self.moved += 1;
-                let t = self.track;
-                Ok((pose(t.eye[i], t.gaze[i], t.up[i]), near, room))
+                // The gaze stays that of the planned place: only the eye may jump.
+                Ok((pose(self.track.eye[i], gaze, up), near, room))
             }
         }
     }

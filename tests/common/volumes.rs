@@ -92,6 +92,8 @@ pub struct Slice {
     pub series: &'static str,
     pub photometric: &'static str,
     pub frames: &'static str,
+    /// Acquisition number; left out where it is empty.
+    pub acquisition: &'static str,
     pub pixel_spacing: &'static str,
     pub slope: &'static str,
     pub position: [f64; 3],
@@ -112,6 +114,7 @@ impl Default for Slice {
             series: "1.2.3.4",
             photometric: "MONOCHROME2",
             frames: "1",
+            acquisition: "",
             pixel_spacing: "0.75\\0.5",
             slope: "1",
             position: [0.0; 3],
@@ -175,6 +178,9 @@ pub fn dicom_slice(s: &Slice) -> Vec<u8> {
         text(tag, vr, s.canary);
     }
     text((0x0020, 0x000e), "UI", s.series);
+    if !s.acquisition.is_empty() {
+        text((0x0020, 0x0012), "IS", s.acquisition);
+    }
     text((0x0020, 0x0032), "DS", &join(&s.position));
     text((0x0020, 0x0037), "DS", &join(&s.orientation));
     let mut word = |tag: (u16, u16), v: u16| put(&mut out, s.implicit, tag, "US", &v.to_le_bytes());

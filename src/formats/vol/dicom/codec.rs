@@ -329,4 +329,53 @@ mod tests {
             assert!(decode(codec, &[0xff; 40], size(2, 2, 16)).is_err());
         }
     }
+
+    /// Numbers that look random.
+    fn noise(seed: &mut u64) -> u32 {
+        *seed =
+            seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*seed >> 33) as u32
+    }
+
+    #[test]
+    fn damaged_streams_are_refused_or_decoded_and_nothing_else_happens() {
+        let mut seed = 3;
+        let pixels: Vec<u16> = (0..32 * 24)
+            .map(|i| (i % 32 * 100 + noise(&mut seed) as i32 % 40) as u16 & 0xfff)
+            .collect();
+        let mut ls = Vec::new();
+        jpegls::encode(&pixels, 32, 24, &mut ls).unwrap();
+        let wanted: Vec<i32> = pixels.iter().map(|p| i32::from(*p)).collect();
+        assert_eq!(decode(Codec::JpegLs, &ls, size(32, 24, 16)).unwrap(), wanted);
+        let planes: Vec<Vec<u8>> = [8, 0]
+            .iter()
+            .map(|s| {
+                let plane: Vec<u8> = pixels.iter().map(|p| (p >> s) as u8).collect();
+                plane.chunks(128).flat_map(|c| [&[c.len() as u8 - 1], c].concat()).collect()
+            })
+            .collect();
+        let rle = frame(&[&planes[0], &planes[1]]);
+        assert_eq!(decode(Codec::Rle, &rle, size(32, 24, 16)).unwrap(), wanted);
+        for (codec, stream) in [(Codec::JpegLs, &ls), (Codec::Rle, &rle)] {
+            let mut same = 0;
+            for _ in 0..400 {
+                let mut bad = stream.clone();
+                for _ in 0..1 + noise(&mut seed) % 4 {
+                    let at = noise(&mut seed) as usize % bad.len();
+                    bad[at] = noise(&mut seed) as u8;
+                }
+                if noise(&mut seed) % 2 == 0 {
+                    bad.truncate(1 + noise(&mut seed) as usize % bad.len());
+                }
+                match decode(codec, &bad, size(32, 24, 16)) {
+                    Ok(got) => {
+                        assert_eq!(got.len(), wanted.len());
+                        same += usize::from(got == wanted);
+                    }
+                    Err(why) => assert!(!why.is_empty()),
+                }
+            }
+            assert!(same < 40, "{codec:?}: {same} came out whole");
+        }
+    }
 }

@@ -10,6 +10,7 @@ mod codec;
 mod fragments;
 mod head;
 mod pixels;
+mod split;
 mod stack;
 mod syntax;
 mod upright;
@@ -140,7 +141,11 @@ fn find(path: &Path) -> Result<Found, FormatError> {
     }
     let mut series: Vec<Series> = series
         .into_iter()
-        .map(|(uid, heads)| Series { number: heads[0].series_number, uid, heads })
+        .flat_map(|(uid, heads)| {
+            let number = heads[0].series_number;
+            let parts = split::stacks(heads);
+            parts.into_iter().map(move |heads| Series { number, uid: uid.clone(), heads })
+        })
         .collect();
     series.sort_by(|a, b| (a.number, &a.uid).cmp(&(b.number, &b.uid)));
     Ok(Found { series, notes })
@@ -185,7 +190,11 @@ fn choose(path: &Path, series: &[Series], options: &ReadOptions) -> Result<usize
         None if series.len() == 1 => Ok(0),
         None => Err(fail(format!("holds {} series", series.len()))),
         Some(wish) => {
-            let by_uid = series.iter().position(|s| s.uid == wish);
+            let mut of_uid = (0..series.len()).filter(|i| series[*i].uid == wish);
+            let by_uid = of_uid.next();
+            if of_uid.next().is_some() {
+                return Err(fail("holds several stacks in that series".into()));
+            }
             let by_index = wish.parse().ok().filter(|&i: &usize| i < series.len());
             by_uid.or(by_index).ok_or_else(|| fail("holds no series of that UID or index".into()))
         }

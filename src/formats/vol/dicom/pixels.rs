@@ -178,7 +178,8 @@ pub(super) fn read(path: &Path, stack: &Stack) -> Result<Volume, FormatError> {
     Ok(volume)
 }
 
-fn read_slice(
+/// The pixels of a slice as they are stored.
+pub(super) fn read_slice(
     bytes: &mut [u8],
     slice: &Slice,
     kind: SampleType,

@@ -7,11 +7,11 @@ use glam::{DMat3, DVec2, DVec3};
 use super::super::FormatError;
 use super::super::affine::grid;
 use super::head::Head;
-use super::pixels::{SlicePixels, Stored};
+use super::pixels::{SlicePixels, Stored, read_slice};
 use super::syntax::{self, Codec};
 use super::upright::Upright;
 use crate::formats::error::FieldValue;
-use crate::volume::{Grid, Rescale};
+use crate::volume::{Grid, Rescale, SampleType};
 
 /// Largest angle between the stack's run and the slices' normal, degrees.
 const MOST_TILT_DEG: f64 = 0.1;
@@ -95,8 +95,14 @@ impl Stack {
         let normal = plane.normal();
         let place = |s: &Slice| s.position_mm.dot(normal);
         slices.sort_by(|a, b| place(a).total_cmp(&place(b)));
-        let places: Vec<f64> = slices.iter().map(place).collect();
         let mut notes = Vec::new();
+        let before = slices.len();
+        let slices = without_repeats(slices, place, stored.kind, [first.columns, first.rows])?;
+        if slices.len() < before {
+            let n = before - slices.len();
+            notes.push(format!("{n} slices that repeat another were left out"));
+        }
+        let places: Vec<f64> = slices.iter().map(place).collect();
         let step = match places.len() {
             1 => Step { mm: thickness(first)?, is_even: true },
             _ => step(path, &places, fill_gaps)?,
@@ -208,6 +214,33 @@ fn slice(h: &Head, stored: Stored) -> Result<Slice, FormatError> {
     let pixels = stored.check_pixels(h)?;
     let rescale = Rescale { slope, intercept };
     Ok(Slice { file: h.file.clone(), pixels, rescale, position_mm: DVec3::from(position) })
+}
+
+/// Leaves out slices that lie where the one before lies and have its pixels.
+fn without_repeats(
+    slices: Vec<Slice>,
+    place: impl Fn(&Slice) -> f64,
+    kind: SampleType,
+    side: [u32; 2],
+) -> Result<Vec<Slice>, FormatError> {
+    let bytes = side[0] as usize * side[1] as usize * kind.size();
+    let pixels = |s: &Slice| {
+        let mut own = vec![0; bytes];
+        read_slice(&mut own, s, kind, side).map(|()| own)
+    };
+    let mut kept: Vec<Slice> = Vec::with_capacity(slices.len());
+    for slice in slices {
+        if let Some(last) = kept.last()
+            && place(&slice) - place(last) < 1e-3
+            && slice.position_mm.distance(last.position_mm) < 1e-3
+            && slice.rescale == last.rescale
+            && pixels(last)? == pixels(&slice)?
+        {
+            continue;
+        }
+        kept.push(slice);
+    }
+    Ok(kept)
 }
 
 /// The angle between the stack's run and the slices' normal, degrees, where the slices drift

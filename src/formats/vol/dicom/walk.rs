@@ -19,16 +19,20 @@ use super::fragments::Fragment;
 use super::{bare, syntax};
 
 /// Elements that may be read: group and element number, ascending.
-const ALLOWED: [(u16, u16); 23] = [
+const ALLOWED: [(u16, u16); 27] = [
     (0x0008, 0x0008), // image type
     (0x0008, 0x0016), // SOP class
     (0x0008, 0x0060), // modality
     (0x0018, 0x0050), // slice thickness
+    (0x0018, 0x0086), // echo numbers
     (0x0018, 0x0088), // spacing between slices
+    (0x0018, 0x1060), // trigger time
     (0x0020, 0x000e), // series instance UID
     (0x0020, 0x0011), // series number
+    (0x0020, 0x0012), // acquisition number
     (0x0020, 0x0032), // image position
     (0x0020, 0x0037), // image orientation
+    (0x0020, 0x0100), // temporal position
     (0x0028, 0x0002), // samples per pixel
     (0x0028, 0x0004), // photometric interpretation
     (0x0028, 0x0008), // number of frames
