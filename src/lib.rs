@@ -35,6 +35,7 @@ pub mod lumen;
 pub mod compute;
 pub mod kernels;
 pub mod field;
+pub mod organ;
 pub mod centerline;
 pub mod surface;
 pub mod mesh;

@@ -55,7 +55,7 @@ impl CliError {
         match error {
             S::LumenNotChosen { .. } => 2,
             S::Format(e) if e.is_bad_input() => 3,
-            S::Lumen(_) | S::Centerline(_) | S::Mesh(_) | S::Maps(_) => 3,
+            S::Lumen(_) | S::Organ(_) | S::Centerline(_) | S::Mesh(_) | S::Maps(_) => 3,
             S::Flight(_) | S::CameraPath(_) | S::ShearedGrid { .. } => 3,
             S::Device(e) if e.is_no_device() => 4,
             S::Render(e) if e.is_no_device() => 4,
@@ -78,6 +78,7 @@ impl CliError {
             Self::Session(error) => match error {
                 S::Format(e) => format!("file/{}", variant(e)),
                 S::Lumen(e) => format!("lumen/{}", variant(e)),
+                S::Organ(e) => format!("organ/{}", variant(e)),
                 S::Centerline(e) => format!("centerline/{}", variant(e)),
                 S::Device(e) => format!("device/{}", variant(e)),
                 S::Mesh(e) => format!("mesh/{}", variant(e)),
@@ -113,11 +114,17 @@ impl From<SessionError> for CliError {
     /// Adds the flags that would help, which the library does not know.
     fn from(e: SessionError) -> Self {
         match e {
-            SessionError::LumenNotChosen { name } => Self::Usage(format!(
-                "{name}: not a label map, so the lumen must be chosen: --mask FILE[:LABEL], \
-                 --threshold LO:HI with --seed I,J,K, or --threshold LO:HI alone for the largest \
-                 component"
-            )),
+            SessionError::LumenNotChosen { name, organ } => {
+                let organ = organ.map_or("--organ airway, colon or vessel".into(), |organ| {
+                    let organ = organ.name();
+                    format!("--organ {organ} (there seems to be one)")
+                });
+                Self::Usage(format!(
+                    "{name}: not a label map, so the lumen must be chosen: {organ}, \
+                     --mask FILE[:LABEL], --threshold LO:HI with --seed I,J,K, or \
+                     --threshold LO:HI alone for the largest component"
+                ))
+            }
             SessionError::Memory { needed_mb, allowed_mb, what } => {
                 Self::Memory { needed_mb, allowed_mb, what }
             }

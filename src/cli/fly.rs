@@ -66,6 +66,9 @@ impl Args {
             size,
             ..FlightSettings::default()
         };
+        if self.lumen.explain.is_some() {
+            return Err(CliError::Usage("--explain is not for the window".into()));
+        }
         let settings = Settings {
             lumen: self.lumen.settings()?,
             centerline: self.path.settings()?,

@@ -6,8 +6,11 @@ use glam::{DVec3, UVec3};
 
 use super::CliError;
 use super::dicom_args::DicomArgs;
+use super::global::Global;
+use crate::formats::write_png;
 use crate::lumen::IntensitySelection;
-use crate::session::{LumenSettings, Seed, Source, VolumeSource};
+use crate::organ::{self, Organ, OrganOptions};
+use crate::session::{LumenSettings, Seed, Session, Source, VolumeSource};
 
 /// LUMEN flags.
 #[derive(Clone, Debug, clap::Args)]
@@ -25,6 +28,16 @@ pub struct LumenArgs {
     /// Keep the component of the voxel at this point, LPS mm
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub seed_mm: Option<String>,
+    /// Find this organ: threshold, seed and leak control are chosen
+    #[arg(long, value_enum, value_name = "ORGAN")]
+    #[arg(conflicts_with_all = ["mask", "threshold", "seed", "seed_mm", "all_components", "leak_control"])]
+    pub organ: Option<OrganArg>,
+    /// Of a colon, take the tagged fluid too
+    #[arg(long, requires = "organ")]
+    pub tagged: bool,
+    /// Draw what was found of the organ in the volume: a PNG
+    #[arg(long, value_name = "FILE.png", requires = "organ")]
+    pub explain: Option<PathBuf>,
     /// Keep every component
     #[arg(long)]
     pub all_components: bool,
@@ -36,6 +49,27 @@ pub struct LumenArgs {
     pub leak_control: bool,
     #[command(flatten)]
     pub dicom: DicomArgs,
+}
+
+/// An organ that can be found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum OrganArg {
+    /// Trachea and bronchi of a CT
+    Airway,
+    /// Gas-filled colon of a CT
+    Colon,
+    /// Aorta and branches, or the brightest tree of an angiogram
+    Vessel,
+}
+
+impl OrganArg {
+    fn organ(self) -> Organ {
+        match self {
+            Self::Airway => Organ::Airway,
+            Self::Colon => Organ::Colon,
+            Self::Vessel => Organ::Vessel,
+        }
+    }
 }
 
 impl LumenArgs {
@@ -51,6 +85,18 @@ impl LumenArgs {
         }
         let input = input.ok_or_else(|| CliError::Usage("an INPUT or --mask is needed".into()))?;
         Ok(Source::Image(volume(input)))
+    }
+
+    /// Draws the organ that was found, if that was asked for.
+    pub fn draw_organ(&self, session: &Session, global: &Global) -> Result<(), CliError> {
+        let Some(file) = &self.explain else { return Ok(()) };
+        global.check_output(file, &[".png"])?;
+        let (volume, segmented) = (session.volume()?, session.lumen()?);
+        let seeds: Vec<UVec3> =
+            segmented.organ.iter().flat_map(|o| &o.segments).map(|s| s.seed).collect();
+        let (width, height, rgb) = organ::explain(&volume, &segmented.lumen, &seeds);
+        write_png(file, width, height, &rgb)?;
+        global.say(format_args!("wrote {}", file.display()))
     }
 
     /// Which voxels are the lumen.
@@ -72,7 +118,13 @@ impl LumenArgs {
         if self.leak_control && seed.is_none() {
             return Err(CliError::Usage("--leak-control needs --seed or --seed-mm".into()));
         }
+        if self.tagged && self.organ != Some(OrganArg::Colon) {
+            return Err(CliError::Usage("--tagged needs --organ colon".into()));
+        }
+        let tagged = self.tagged;
+        let organ = self.organ.map(|o| OrganOptions { organ: o.organ(), tagged });
         Ok(LumenSettings {
+            organ,
             select,
             seed,
             all_components: self.all_components,

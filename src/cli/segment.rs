@@ -8,7 +8,7 @@ use super::lumen_args::LumenArgs;
 use super::repeat::timed_products;
 use crate::device::DeviceChoice;
 use crate::formats::write_volume;
-use crate::session::{LumenReport, Product, Session, Settings};
+use crate::session::{LumenReport, OrganReport, Product, Session, Settings};
 use crate::volume::{Samples, Volume};
 
 /// `intima segment INPUT LUMEN -o MASK`
@@ -43,6 +43,7 @@ impl Args {
             classes.iter_mut().for_each(|c| *c = (*c).min(1));
         }
         write_volume(&self.output, &Volume::new(lumen.grid, Samples::from(classes)))?;
+        self.lumen.draw_organ(&session, global)?;
         global.say(format_args!(
             "wrote {}: {} internal and {} boundary voxels, {:.3} ml",
             self.output.display(),
@@ -50,6 +51,10 @@ impl Args {
             lumen.boundary_voxels,
             lumen.volume_ml()
         ))?;
-        global.answer(&timing.with("lumen", LumenReport::of(&segmented)))
+        let timing = timing.with("lumen", LumenReport::of(&segmented));
+        match OrganReport::of(&segmented) {
+            Some(organ) => global.answer(&timing.with("organ", organ)),
+            None => global.answer(&timing),
+        }
     }
 }

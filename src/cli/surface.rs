@@ -66,6 +66,7 @@ impl Args {
             whole
         };
         write_mesh(&self.output, mesh)?;
+        self.lumen.draw_organ(&session, global)?;
         let report = SurfaceReport::of(wall.topology, wall.mesh.area_mm2());
         global.say(format_args!(
             "wrote {}: {} vertices, {} faces, {} component{}, Euler number {}, {}",

@@ -85,6 +85,48 @@ impl BitVolume {
         }
     }
 
+    /// Keeps what another mask of the same size has too.
+    pub fn keep(&mut self, other: &Self) {
+        self.combine(other, |a, b| a & b);
+    }
+
+    /// Adds what another mask of the same size has.
+    pub fn add(&mut self, other: &Self) {
+        self.combine(other, |a, b| a | b);
+    }
+
+    /// Takes away what another mask of the same size has.
+    pub fn remove(&mut self, other: &Self) {
+        self.combine(other, |a, b| a & !b);
+    }
+
+    fn combine(&mut self, other: &Self, op: impl Fn(u64, u64) -> u64 + Sync) {
+        debug_assert_eq!(self.dims, other.dims);
+        let pairs = self.words.par_iter_mut().zip(&other.words);
+        pairs.with_min_len(1 << 14).for_each(|(a, b)| *a = op(*a, *b));
+    }
+
+    /// All voxels of the grid that are not set.
+    pub fn inverted(&self) -> Self {
+        let mut out = self.clone();
+        let spare = self.row_words as u32 * 64 - self.dims.x;
+        out.words.par_chunks_mut(self.row_words).with_min_len(256).for_each(|row| {
+            row.iter_mut().for_each(|w| *w = !*w);
+            if let Some(last) = row.last_mut() {
+                *last &= !0 >> spare;
+            }
+        });
+        out
+    }
+
+    /// Every set voxel, in z, y, x order.
+    pub fn voxels(&self) -> impl Iterator<Item = UVec3> + '_ {
+        let rows = (0..self.dims.z).flat_map(|z| (0..self.dims.y).map(move |y| (y, z)));
+        rows.flat_map(move |(y, z)| {
+            self.runs(y, z).flat_map(move |(a, b)| (a..=b).map(move |x| UVec3::new(x, y, z)))
+        })
+    }
+
     /// Number of set voxels.
     pub fn count(&self) -> u64 {
         self.words.par_chunks(1 << 14).map(ones).sum()

@@ -190,9 +190,76 @@ pub(super) fn split(bits: &BitVolume, body: Option<&BodyHull>, all: bool) -> Opt
     })
 }
 
+/// A 6-component by its runs: x range, y, z, in z, y, x order.
+#[derive(Clone, Debug)]
+pub struct Piece {
+    /// Number and first voxel.
+    pub component: Component,
+    /// Its voxels.
+    pub runs: Vec<(Run, u32, u32)>,
+}
+
+impl Piece {
+    /// Its mask.
+    pub fn mask(&self, dims: UVec3) -> BitVolume {
+        let mut out = BitVolume::new(dims);
+        self.runs.iter().for_each(|&(run, y, z)| out.set_run(run, y, z));
+        out
+    }
+
+    /// Its voxels, in z, y, x order.
+    pub fn voxels(&self) -> impl Iterator<Item = UVec3> + '_ {
+        self.runs.iter().flat_map(|&((a, b), y, z)| (a..=b).map(move |x| UVec3::new(x, y, z)))
+    }
+
+    /// Smallest box that holds it, inclusive corners.
+    pub fn bounds(&self) -> (UVec3, UVec3) {
+        self.runs.iter().fold((UVec3::MAX, UVec3::ZERO), |(lo, hi), &((a, b), y, z)| {
+            (lo.min(UVec3::new(a, y, z)), hi.max(UVec3::new(b, y, z)))
+        })
+    }
+}
+
+/// The 6-components of a mask that have this many voxels or more, largest first; of equal sizes the
+/// one with the first voxel.
+pub fn pieces(bits: &BitVolume, least_voxels: u64) -> Vec<Piece> {
+    let Some((lo, hi)) = bits.bounds() else { return Vec::new() };
+    let mut set = RunSet::of(bits, lo, hi, false);
+    let mut sizes = vec![0u64; set.runs.len()];
+    for i in 0..set.runs.len() {
+        let root = set.find(i as u32) as usize;
+        sizes[root] += u64::from(set.runs[i].1 - set.runs[i].0 + 1);
+    }
+    let mut number = BTreeMap::new();
+    let mut out: Vec<Piece> = Vec::new();
+    for (r, y, z) in set.rows() {
+        for i in set.row(r) {
+            let root = set.find(i as u32) as usize;
+            if sizes[root] < least_voxels.max(1) {
+                continue;
+            }
+            let run = set.runs[i];
+            let at = *number.entry(root).or_insert_with(|| {
+                let component = Component { voxels: sizes[root], first: UVec3::new(run.0, y, z) };
+                out.push(Piece { component, runs: Vec::new() });
+                out.len() - 1
+            });
+            out[at].runs.push((run, y, z));
+        }
+    }
+    out.sort_by_key(|p| std::cmp::Reverse(p.component.voxels));
+    out
+}
+
+/// The components of air or gas that do not lie outside the patient's body.
+pub fn inside_body(air: &BitVolume, grid: &Grid) -> BitVolume {
+    let body = BodyHull::of(air, grid);
+    split(air, Some(&body), true).map_or_else(|| BitVolume::new(air.dims()), |split| split.kept)
+}
+
 /// Fills closed cavities: 6-components of the background that do not reach the outside of the
 /// grid. Returns how many voxels and cavities were filled.
-pub(super) fn fill_cavities(bits: &mut BitVolume) -> (u64, usize) {
+pub fn fill_cavities(bits: &mut BitVolume) -> (u64, usize) {
     let Some((lo, hi)) = bits.bounds() else { return (0, 0) };
     let mut set = RunSet::of(bits, lo, hi, true);
     // Background that reaches the box reaches the outside: nothing of the mask lies beyond it.

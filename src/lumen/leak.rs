@@ -9,7 +9,7 @@ use glam::UVec3;
 
 use super::intensity_selection::check_seed;
 use super::{BitVolume, IntensitySelection, LumenError};
-use crate::volume::{Volume, with_samples};
+use crate::volume::{Grid, Volume, with_samples};
 
 /// What leak control chose.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,119 +47,218 @@ pub fn grow_controlled(
     selection: &IntensitySelection,
     seed: UVec3,
 ) -> Result<(BitVolume, LeakReport), LumenError> {
-    check_seed(volume, selection, seed)?;
-    let IntensitySelection::Range { lo, hi } = *selection else {
-        return Err(LumenError::LeakWindow);
+    let flood = Flood::new(volume, selection, seed, f64::INFINITY)?;
+    let (level, leak_ml) = flood.before_leak(flood.median_around(volume, seed), CALM);
+    let report = LeakReport {
+        threshold: flood.threshold(level),
+        asked: flood.end,
+        volume_ml: flood.volume_ml(level),
+        leak_ml,
     };
-    let at_seed = volume.real(volume.grid.index(seed));
-    let upper = match (lo.is_finite(), hi.is_finite()) {
-        (_, true) if !lo.is_finite() => true,
-        (true, false) => false,
-        (true, true) => hi - at_seed >= at_seed - lo,
-        _ => return Err(LumenError::LeakWindow),
-    };
-    // Level of a value: its distance from the seed's side of the selection, rising towards the end
-    // that moves. The flood starts at the seed's own value.
-    let end = if upper { hi } else { lo };
-    let sign = if upper { 1.0 } else { -1.0 };
-    let (low, high) = volume.range().unwrap_or((0.0, 0.0));
-    let start = if upper { low.max(lo) } else { -high.min(hi) };
-    let span = (sign * end - start).max(0.0);
-    let unit = if volume.samples.sample_type().is_integer() {
-        volume.rescale.slope.abs()
-    } else {
-        span / (LEVELS - 1.0)
-    };
-    let unit = unit.max(span / (LEVELS - 1.0)).max(f64::MIN_POSITIVE);
-    let levels = (span / unit).floor() as usize + 1;
-    let level = |real: f64| -> Option<u32> {
-        let l = ((sign * real - start) / unit + 1e-9).floor();
-        (selection.holds(real) && l >= 0.0).then_some(l.min(levels as f64 - 1.0) as u32)
-    };
+    Ok((flood.mask(level), report))
+}
 
-    let grid = &volume.grid;
-    let dims = grid.dims;
-    let strides = [1usize, dims.x as usize, dims.x as usize * dims.y as usize];
-    let mut done = BitVolume::new(dims);
-    let mut buckets: Vec<Vec<u64>> = vec![Vec::new(); levels];
-    let mut filled = vec![0u64; levels];
-    let mut order: Vec<(u64, u32)> = Vec::new();
-    let seed_index = grid.index(seed);
-    let first = level(at_seed).unwrap_or(0);
-    buckets[first as usize].push(seed_index as u64);
-    done.set(seed.x, seed.y, seed.z);
-    with_samples!(&volume.samples, |samples| {
-        use crate::volume::Sample;
-        for c in first as usize..levels {
-            while let Some(i) = buckets[c].pop() {
-                filled[c] += 1;
-                order.push((i, c as u32));
-                let v = grid.voxel(i as usize).to_array();
-                for axis in 0..3 {
-                    for step in [-1i64, 1] {
-                        let to = i64::from(v[axis]) + step;
-                        if to < 0 || to >= i64::from(dims[axis]) {
-                            continue;
-                        }
-                        let mut w = v;
-                        w[axis] = to as u32;
-                        if done.at(w[0], w[1], w[2]) {
-                            continue;
-                        }
-                        let j = (i as i64 + step * strides[axis] as i64) as usize;
-                        let real = volume.rescale.real(samples[j].to_f64());
-                        if let Some(l) = level(real) {
-                            done.set(w[0], w[1], w[2]);
-                            // Levels only rise along a path: that is the minimax.
-                            buckets[c.max(l as usize)].push(j as u64);
+/// What growing from a seed would fill at each threshold: every voxel with the level at which it
+/// is reached. Level 0 is the lowest value of the selection's closed side.
+pub struct Flood {
+    grid: Grid,
+    sign: f64,
+    /// Value of level 0 times the sign, and of the end that moves.
+    start: f64,
+    end: f64,
+    /// Real units a level.
+    unit: f64,
+    /// Voxels first reached at each level.
+    filled: Vec<u64>,
+    /// Voxels in the order they were reached.
+    order: Vec<(u64, u32)>,
+    levels: usize,
+}
+
+impl Flood {
+    /// Floods from a seed.
+    ///
+    /// * `most_ml`: no more than this is filled; the levels end there.
+    ///
+    /// # Errors
+    /// As [`grow_controlled`].
+    pub fn new(
+        volume: &Volume,
+        selection: &IntensitySelection,
+        seed: UVec3,
+        most_ml: f64,
+    ) -> Result<Self, LumenError> {
+        check_seed(volume, selection, seed)?;
+        let IntensitySelection::Range { lo, hi } = *selection else {
+            return Err(LumenError::LeakWindow);
+        };
+        let at_seed = volume.real(volume.grid.index(seed));
+        let upper = match (lo.is_finite(), hi.is_finite()) {
+            (_, true) if !lo.is_finite() => true,
+            (true, false) => false,
+            (true, true) => hi - at_seed >= at_seed - lo,
+            _ => return Err(LumenError::LeakWindow),
+        };
+        // Level of a value: its distance from the seed's side of the selection, rising towards the
+        // end that moves. The flood starts at the seed's own value.
+        let end = if upper { hi } else { lo };
+        let sign = if upper { 1.0 } else { -1.0 };
+        let (low, high) = volume.range().unwrap_or((0.0, 0.0));
+        let start = if upper { low.max(lo) } else { -high.min(hi) };
+        let span = (sign * end - start).max(0.0);
+        let unit = if volume.samples.sample_type().is_integer() {
+            volume.rescale.slope.abs()
+        } else {
+            span / (LEVELS - 1.0)
+        };
+        let unit = unit.max(span / (LEVELS - 1.0)).max(f64::MIN_POSITIVE);
+        let levels = (span / unit).floor() as usize + 1;
+        let mut flood = Self {
+            grid: volume.grid,
+            sign,
+            start,
+            end,
+            unit,
+            filled: vec![0; levels],
+            order: Vec::new(),
+            levels,
+        };
+        let most = most_ml / flood.voxel_ml();
+        flood.fill(volume, selection, seed, most);
+        Ok(flood)
+    }
+
+    /// Level of a value in the selection.
+    fn level(&self, selection: &IntensitySelection, real: f64) -> Option<u32> {
+        let l = ((self.sign * real - self.start) / self.unit + 1e-9).floor();
+        let inside = selection.holds(real) && l >= 0.0;
+        inside.then_some(l.min(self.levels as f64 - 1.0) as u32)
+    }
+
+    fn fill(&mut self, volume: &Volume, selection: &IntensitySelection, seed: UVec3, most: f64) {
+        let dims = self.grid.dims;
+        let strides = [1usize, dims.x as usize, dims.x as usize * dims.y as usize];
+        let mut done = BitVolume::new(dims);
+        let mut buckets: Vec<Vec<u64>> = vec![Vec::new(); self.levels];
+        let seed_index = self.grid.index(seed);
+        let first = self.level(selection, volume.real(seed_index)).unwrap_or(0);
+        buckets[first as usize].push(seed_index as u64);
+        done.set(seed.x, seed.y, seed.z);
+        with_samples!(&volume.samples, |samples| {
+            use crate::volume::Sample;
+            for c in first as usize..self.levels {
+                while let Some(i) = buckets[c].pop() {
+                    self.filled[c] += 1;
+                    self.order.push((i, c as u32));
+                    let v = self.grid.voxel(i as usize).to_array();
+                    for axis in 0..3 {
+                        for step in [-1i64, 1] {
+                            let to = i64::from(v[axis]) + step;
+                            if to < 0 || to >= i64::from(dims[axis]) {
+                                continue;
+                            }
+                            let mut w = v;
+                            w[axis] = to as u32;
+                            if done.at(w[0], w[1], w[2]) {
+                                continue;
+                            }
+                            let j = (i as i64 + step * strides[axis] as i64) as usize;
+                            let real = volume.rescale.real(samples[j].to_f64());
+                            if let Some(l) = self.level(selection, real) {
+                                done.set(w[0], w[1], w[2]);
+                                // Levels only rise along a path: that is the minimax.
+                                buckets[c.max(l as usize)].push(j as u64);
+                            }
                         }
                     }
                 }
+                buckets[c] = Vec::new();
+                if self.order.len() as f64 > most {
+                    self.filled.truncate(c + 1);
+                    return;
+                }
             }
-            buckets[c] = Vec::new();
-        }
-    });
-
-    let step = ((STEP / unit).round() as usize).max(1);
-    let ml = grid.voxel_mm3() / 1000.0;
-    let trusted = median_level(volume, seed, &level).max(first) as usize;
-    let (chosen, leak) = settle(&filled, trusted, step, ml);
-    let mut bits = BitVolume::new(dims);
-    let mut voxels = 0u64;
-    for &(i, c) in &order {
-        if c as usize <= chosen {
-            let v = grid.voxel(i as usize);
-            bits.set(v.x, v.y, v.z);
-            voxels += 1;
-        }
+        });
     }
-    let threshold = if chosen + 1 >= levels { end } else { sign * (start + chosen as f64 * unit) };
-    let report = LeakReport { threshold, asked: end, volume_ml: voxels as f64 * ml, leak_ml: leak };
-    Ok((bits, report))
-}
 
-/// Median level of the 5³ voxels about the seed that are in the selection. Below it a noisy lumen
-/// is still joining up (sites percolate in 3D at a share of 0.31), and a jump there is no leak.
-fn median_level(volume: &Volume, seed: UVec3, level: &dyn Fn(f64) -> Option<u32>) -> u32 {
-    let grid = &volume.grid;
-    let mut around: Vec<u32> = (0..125)
-        .map(|n| seed.as_ivec3() + glam::IVec3::new(n % 5 - 2, n / 5 % 5 - 2, n / 25 - 2))
-        .filter(|&v| grid.contains(v))
-        .filter_map(|v| level(volume.real(grid.index(v.as_uvec3()))))
-        .collect();
-    around.sort_unstable();
-    around.get(around.len() / 2).copied().unwrap_or(0)
+    fn voxel_ml(&self) -> f64 {
+        self.grid.voxel_mm3() / 1000.0
+    }
+
+    /// Threshold of a level, real units.
+    pub fn threshold(&self, level: usize) -> f64 {
+        if level + 1 >= self.levels {
+            return self.end;
+        }
+        self.sign * (self.start + level as f64 * self.unit)
+    }
+
+    /// Volume grown at a level, ml.
+    pub fn volume_ml(&self, level: usize) -> f64 {
+        self.filled[..=level.min(self.filled.len() - 1)].iter().sum::<u64>() as f64
+            * self.voxel_ml()
+    }
+
+    /// What is grown at a level.
+    pub fn mask(&self, level: usize) -> BitVolume {
+        let mut bits = BitVolume::new(self.grid.dims);
+        for &(i, _) in self.order.iter().take_while(|o| o.1 as usize <= level) {
+            let v = self.grid.voxel(i as usize);
+            bits.set(v.x, v.y, v.z);
+        }
+        bits
+    }
+
+    /// The level at which a share of some voxels has been reached, if it ever is.
+    pub fn level_of_share(&self, voxels: &BitVolume, share: f64) -> Option<usize> {
+        let wanted = (share * voxels.count() as f64).ceil().max(1.0) as usize;
+        let among = |o: &&(u64, u32)| voxels.get(self.grid.voxel(o.0 as usize).as_ivec3());
+        self.order.iter().filter(among).nth(wanted - 1).map(|o| o.1 as usize)
+    }
+
+    /// Largest level before the first explosion, and the volume (ml) the exploding step reaches.
+    ///
+    /// * `first`: up to here the lumen is still joining up.
+    /// * `calm`: steps without one before an explosion counts.
+    pub fn before_leak(&self, first: usize, calm: usize) -> (usize, Option<f64>) {
+        let step = ((STEP / self.unit).round() as usize).max(1);
+        let first = first.min(self.filled.len() - 1);
+        settle(&self.filled, first, step, calm, self.voxel_ml())
+    }
+
+    /// Median level of the 5³ voxels about the seed that are in the selection. Below it a noisy
+    /// lumen is still joining up (sites percolate in 3D at a share of 0.31), and a jump there is no
+    /// leak.
+    fn median_around(&self, volume: &Volume, seed: UVec3) -> usize {
+        let (lo, hi) =
+            if self.sign > 0.0 { (f64::NEG_INFINITY, self.end) } else { (self.end, f64::INFINITY) };
+        let side = IntensitySelection::Range { lo, hi };
+        let mut around: Vec<u32> = (0..125)
+            .map(|n| seed.as_ivec3() + glam::IVec3::new(n % 5 - 2, n / 5 % 5 - 2, n / 25 - 2))
+            .filter(|&v| self.grid.contains(v))
+            .filter_map(|v| self.level(&side, volume.real(self.grid.index(v.as_uvec3()))))
+            .collect();
+        around.sort_unstable();
+        let first = self.order.first().map_or(0, |o| o.1);
+        around.get(around.len() / 2).copied().unwrap_or(0).max(first) as usize
+    }
 }
 
 /// Largest level before the first explosion, and the volume (ml) the exploding step reaches.
-fn settle(filled: &[u64], first: usize, step: usize, ml: f64) -> (usize, Option<f64>) {
+fn settle(
+    filled: &[u64],
+    first: usize,
+    step: usize,
+    least_calm: usize,
+    ml: f64,
+) -> (usize, Option<f64>) {
     let sum = |range: std::ops::Range<usize>| filled[range].iter().sum::<u64>() as f64 * ml;
     let (mut at, mut volume, mut calm) = (first, sum(0..first + 1), 0);
     while at + 1 < filled.len() {
         let next = (at + step).min(filled.len() - 1);
         let added = sum(at + 1..next + 1);
         let explodes = added > (SHARE * volume).max(LEAST_ML);
-        if explodes && calm >= CALM {
+        if explodes && calm >= least_calm {
             return (at, Some(volume + added));
         }
         calm = if explodes { 0 } else { calm + 1 };

@@ -9,13 +9,15 @@ mod components;
 mod grow;
 mod leak;
 mod intensity_selection;
+mod morphology;
 
-pub use bits::BitVolume;
+pub use bits::{BitVolume, Run};
 pub use bricks::Bricks;
-pub use components::Component;
+pub use components::{Component, Piece, fill_cavities, inside_body, pieces};
 pub use grow::grow;
 pub use intensity_selection::IntensitySelection;
-pub use leak::{LeakReport, grow_controlled};
+pub use leak::{Flood, LeakReport, grow_controlled};
+pub use morphology::{closed, dilated, eroded, holes_filled, open_background, opened};
 
 use glam::{IVec3, UVec3};
 use rayon::prelude::*;

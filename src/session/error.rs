@@ -9,6 +9,7 @@ use crate::lod::clusters::ClusterError;
 use crate::lod::vds::VdsError;
 use crate::lumen::LumenError;
 use crate::mesh::{MeshError, ParameterizationError};
+use crate::organ::{Organ, OrganError};
 use crate::render::RenderError;
 
 /// Why a product could not be made.
@@ -21,6 +22,9 @@ pub enum SessionError {
     /// The choice of the lumen.
     #[error(transparent)]
     Lumen(#[from] LumenError),
+    /// No such organ in the volume.
+    #[error(transparent)]
+    Organ(#[from] OrganError),
     /// The centerline.
     #[error(transparent)]
     Centerline(#[from] CenterlineError),
@@ -60,11 +64,14 @@ pub enum SessionError {
     /// A volume from which nothing says how to choose a lumen.
     #[error(
         "{name}: not a label map, so the lumen must be chosen: by a label map, \
-         by a threshold with a seed, or by a threshold alone for the largest component"
+         by a threshold with a seed, or by a threshold alone for the largest component{}",
+        .organ.map_or(String::new(), |o| format!("; it seems to show a lumen of this organ: {}", o.name()))
     )]
     LumenNotChosen {
         /// Which volume.
         name: String,
+        /// What was found in it.
+        organ: Option<Organ>,
     },
     /// More memory than allowed.
     #[error("this needs about {needed_mb} MB, more than the {allowed_mb} MB allowed ({what})")]

@@ -41,7 +41,7 @@ pub use memory::{estimate_bytes, peak_memory_mb, refuse_above};
 pub use progress::Progress;
 pub use report::{
     CenterlineReport, ComponentReport, CoverageReport, FramesReport, InputReport, LumenReport,
-    Modes, PatchReport, Report, SurfaceReport,
+    Modes, OrganReport, PatchReport, Report, SegmentReport, SurfaceReport,
 };
 pub use segmentation::Segmented;
 pub use settings::{

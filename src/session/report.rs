@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use glam::UVec3;
 use serde::Serialize;
 
 use super::levels::LodReport;
@@ -11,6 +12,7 @@ use crate::centerline::complex::net::Rule;
 use crate::centerline::{LumenLoop, Proof};
 use crate::geometry::{Branch, Centerline};
 use crate::lumen::{Component, Lumen};
+use crate::organ::Segment;
 use crate::surface::Topology;
 use crate::volume::{Grid, Volume};
 
@@ -33,6 +35,8 @@ pub struct Report {
     pub total_ms: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lumen: Option<LumenReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub organ: Option<OrganReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface: Option<SurfaceReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -89,6 +93,31 @@ pub struct LumenReport {
     /// Threshold leak control settled on, where it ran.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub leak_threshold: Option<f64>,
+}
+
+/// An organ that was looked for and found.
+#[derive(Clone, Debug, Serialize)]
+#[allow(missing_docs)]
+pub struct OrganReport {
+    pub name: &'static str,
+    /// End of the range of values that was chosen.
+    pub threshold: f64,
+    /// A point deep inside each segment, LPS.
+    pub seeds_mm: Vec<[f64; 3]>,
+    /// Connected parts, in the order in which they follow each other.
+    pub segments: Vec<SegmentReport>,
+    /// Least margin by which a gate was passed, 0 to 1.
+    pub confidence: f64,
+    /// What was measured and decided.
+    pub reasons: Vec<String>,
+}
+
+/// A connected part of an organ.
+#[derive(Clone, Debug, Serialize)]
+#[allow(missing_docs)]
+pub struct SegmentReport {
+    pub volume_ml: f64,
+    pub seed_voxel: [u32; 3],
 }
 
 /// A component of what was selected.
@@ -252,6 +281,7 @@ impl Session {
             input: inputs.input.clone(),
             mask: inputs.mask.clone(),
             lumen: Some(LumenReport::of(&lumen)),
+            organ: OrganReport::of(&lumen),
             surface: Some(SurfaceReport::of(wall.topology, area)),
             centerline: Some(CenterlineReport::of(&centered, &lumen.lumen)),
             coverage: coverage.map(|c| super::coverage::report(&c)),
@@ -333,6 +363,25 @@ impl LumenReport {
             touches_edge: lumen.touches_edge,
             leak_threshold: found.leak.map(|l| l.threshold),
         }
+    }
+}
+
+impl OrganReport {
+    /// What was found, if an organ was looked for.
+    pub fn of(Segmented { lumen, organ, .. }: &Segmented) -> Option<Self> {
+        let organ = organ.as_ref()?;
+        let to_world = lumen.grid.world_from_voxel();
+        let point = |v: UVec3| to_world.transform_point3(v.as_dvec3()).to_array();
+        let segment =
+            |s: &Segment| SegmentReport { volume_ml: s.volume_ml, seed_voxel: s.seed.to_array() };
+        Some(Self {
+            name: organ.organ.name(),
+            threshold: organ.threshold,
+            seeds_mm: organ.segments.iter().map(|s| point(s.seed)).collect(),
+            segments: organ.segments.iter().map(segment).collect(),
+            confidence: organ.confidence,
+            reasons: organ.reasons.clone(),
+        })
     }
 }
 

@@ -4,7 +4,10 @@ use glam::IVec3;
 
 use super::settings::{Seed, Source};
 use super::{Clock, Session, SessionError, estimate_bytes, present, put, refuse_above};
-use crate::lumen::{Component, Lumen, LumenError, SegmentationOptions, SegmentationStats};
+use crate::lumen::{
+    Component, Lumen, LumenError, SegmentationOptions, SegmentationStats, fill_cavities,
+};
+use crate::organ::{self, FoundOrgan, OrganOptions};
 use crate::volume::{Grid, Volume};
 
 /// The lumen with what choosing it found.
@@ -15,6 +18,8 @@ pub struct Segmented {
     pub found: SegmentationStats,
     /// The options it was chosen with, the seed as a voxel.
     pub options: SegmentationOptions,
+    /// The organ, where one was looked for.
+    pub organ: Option<FoundOrgan>,
     /// What a user should know about how it came out.
     pub notes: Vec<String>,
 }
@@ -34,8 +39,14 @@ impl Session {
         let name = || match &self.source {
             Source::Image(source) | Source::Mask { mask: source, .. } => source.name(),
         };
+        if let Some(options) = settings.organ {
+            return self.run_organ(volume, options, clock);
+        }
         let selection = loaded.select.clone();
-        let selection = selection.ok_or_else(|| SessionError::LumenNotChosen { name: name() })?;
+        let selection = selection.ok_or_else(|| SessionError::LumenNotChosen {
+            name: name(),
+            organ: organ::suggest(volume),
+        })?;
         let seed = match settings.seed {
             None => None,
             Some(Seed::Voxel(v)) => Some(v),
@@ -62,7 +73,41 @@ impl Session {
         let notes = notes(&lumen, &found);
         notes.iter().for_each(|line| tracing::warn!("{line}"));
         self.check_memory(volume, &lumen)?;
-        put(&self.slots.lumen, Segmented { lumen, found, options, notes });
+        put(&self.slots.lumen, Segmented { lumen, found, options, organ: None, notes });
+        Ok(())
+    }
+
+    fn run_organ(
+        &self,
+        volume: &Volume,
+        options: OrganOptions,
+        clock: &mut Clock,
+    ) -> Result<(), SessionError> {
+        let voxels = |r: &Result<FoundOrgan, _>| r.as_ref().map_or(0, |r| r.mask.count());
+        let mut organ = clock.time("organ", "voxels", || options.find(volume), voxels)?;
+        let mut found =
+            SegmentationStats { grown_voxels: organ.mask.count(), ..Default::default() };
+        if self.settings.lumen.fill {
+            found.filled = fill_cavities(&mut organ.mask);
+        }
+        let lumen = Lumen::new(volume.grid, &organ.mask);
+        let seed = organ.segments.first().map(|s| s.seed);
+        let options = SegmentationOptions {
+            seed,
+            all_components: organ.segments.len() > 1,
+            fill: self.settings.lumen.fill,
+            ..SegmentationOptions::new(organ.selection.clone())
+        };
+        let mut notes = vec![format!(
+            "{}: {} (confidence {:.2})",
+            organ.organ.name(),
+            organ.reasons.join("; "),
+            organ.confidence
+        )];
+        notes.extend(self::notes(&lumen, &found));
+        notes.iter().for_each(|line| tracing::warn!("{line}"));
+        self.check_memory(volume, &lumen)?;
+        put(&self.slots.lumen, Segmented { lumen, found, options, organ: Some(organ), notes });
         Ok(())
     }
 

@@ -12,6 +12,7 @@ use crate::device::DeviceChoice;
 use crate::flight::{CameraPath, Frames};
 use crate::formats::ReadOptions;
 use crate::lumen::IntensitySelection;
+use crate::organ::OrganOptions;
 use crate::render::View;
 use crate::surface::{Fairing, Smoothing};
 use crate::volume::Volume;
@@ -72,6 +73,8 @@ pub enum Seed {
 /// Which voxels are the lumen.
 #[derive(Clone, Debug)]
 pub struct LumenSettings {
+    /// Find this organ; nothing else of these settings but `fill` has a meaning then.
+    pub organ: Option<OrganOptions>,
     /// Values or labels inside; `None` takes the image for a label map if it is one.
     pub select: Option<IntensitySelection>,
     /// Keep the 6-connected component of this voxel; without it the largest.
@@ -86,7 +89,14 @@ pub struct LumenSettings {
 
 impl Default for LumenSettings {
     fn default() -> Self {
-        Self { select: None, seed: None, all_components: false, fill: true, leak_control: false }
+        Self {
+            organ: None,
+            select: None,
+            seed: None,
+            all_components: false,
+            fill: true,
+            leak_control: false,
+        }
     }
 }
 

@@ -364,7 +364,7 @@ mod tests {
                     let at = noise(&mut seed) as usize % bad.len();
                     bad[at] = noise(&mut seed) as u8;
                 }
-                if noise(&mut seed) % 2 == 0 {
+                if noise(&mut seed).is_multiple_of(2) {
                     bad.truncate(1 + noise(&mut seed) as usize % bad.len());
                 }
                 match decode(codec, &bad, size(32, 24, 16)) {

@@ -14,6 +14,7 @@ pub const ORDER: &[&str] = &[
     "compute",
     "kernels",
     "field",
+    "organ",
     "centerline",
     "surface",
     "mesh",

@@ -1,0 +1,133 @@
+//! Finding a hollow organ in a CT or MR volume without a threshold, a seed or a click.
+//!
+//! Each organ is found by what defines it in the image: the trachea by its round air-filled cross
+//! sections, the colon by large gas segments enclosed by soft tissue, vessels by their brightness
+//! against what surrounds them. Every decision is a gate: a measured value beside a limit. All are
+//! reported; one that fails is a refusal that names it.
+
+mod airway;
+mod colon;
+mod depth;
+mod explain;
+mod gates;
+mod smooth;
+mod trachea;
+mod values;
+mod vessel;
+
+pub use explain::{Picture, explain};
+
+use glam::UVec3;
+
+use crate::lumen::{BitVolume, IntensitySelection, LumenError};
+use crate::volume::{Grid, Volume};
+
+/// An organ that can be found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Organ {
+    /// Trachea and bronchi, CT.
+    Airway,
+    /// Colon filled with gas, CT.
+    Colon,
+    /// Aorta and its branches, or the brightest tree of an angiogram, CT or MR.
+    Vessel,
+}
+
+impl Organ {
+    /// All of them, in the order in which one is suggested.
+    pub const ALL: [Self; 3] = [Self::Airway, Self::Colon, Self::Vessel];
+
+    /// Its name on the command line and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Airway => "airway",
+            Self::Colon => "colon",
+            Self::Vessel => "vessel",
+        }
+    }
+}
+
+/// How to look for an organ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OrganOptions {
+    /// Which one.
+    pub organ: Organ,
+    /// Of a colon, take the tagged fluid too.
+    pub tagged: bool,
+}
+
+/// An organ that was found.
+#[derive(Clone, Debug)]
+pub struct FoundOrgan {
+    /// Which one.
+    pub organ: Organ,
+    /// Its lumen.
+    pub mask: BitVolume,
+    /// Values of the lumen as a range; the mask is not all of it.
+    pub selection: IntensitySelection,
+    /// The end of the range that was chosen, real units.
+    pub threshold: f64,
+    /// Its parts, each 6-connected, in the order in which they follow each other.
+    pub segments: Vec<Segment>,
+    /// Least margin by which a gate was passed: 0 at its limit, at most 1.
+    pub confidence: f64,
+    /// What was measured and decided, a line each.
+    pub reasons: Vec<String>,
+}
+
+/// A connected part of an organ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Segment {
+    /// A voxel of it, deep inside.
+    pub seed: UVec3,
+    /// Its volume, ml.
+    pub volume_ml: f64,
+}
+
+/// Why an organ was not found.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum OrganError {
+    /// Nothing passed the gates.
+    #[error("no {} found: {why}", .organ.name())]
+    NotFound {
+        /// What was looked for.
+        organ: Organ,
+        /// The gate that failed, with the value and the limit.
+        why: String,
+    },
+    /// Growing failed.
+    #[error(transparent)]
+    Lumen(#[from] LumenError),
+}
+
+impl OrganOptions {
+    /// Finds the organ.
+    ///
+    /// # Errors
+    /// [`OrganError::NotFound`] with what was seen instead; [`LumenError::Sheared`] for a grid that
+    /// is no box.
+    pub fn find(&self, volume: &Volume) -> Result<FoundOrgan, OrganError> {
+        if !volume.grid.is_orthogonal() {
+            let degrees = volume.grid.shear_rad().to_degrees();
+            return Err(LumenError::Sheared { degrees }.into());
+        }
+        match self.organ {
+            Organ::Airway => airway::find(volume),
+            Organ::Colon => colon::find(volume, self.tagged),
+            Organ::Vessel => vessel::find(volume),
+        }
+    }
+}
+
+/// The organ that a volume seems to show: the first that is found.
+pub fn suggest(volume: &Volume) -> Option<Organ> {
+    let found = |organ: &Organ| OrganOptions { organ: *organ, tagged: false }.find(volume).is_ok();
+    Organ::ALL.into_iter().find(found)
+}
+
+/// The index axis nearest to the patient's head–foot direction.
+fn head_foot_axis(grid: &Grid) -> usize {
+    let along = |axis: usize| grid.direction.col(axis).z.abs();
+    (0..3).rev().max_by(|a, b| along(*a).total_cmp(&along(*b))).unwrap_or(2)
+}

@@ -1,0 +1,321 @@
+//! Organs found without a threshold, a seed or a click: on a torso whose truth is known by formula,
+//! and on real volumes beside recipes that were counted by other programs.
+
+#[path = "common/volumes.rs"]
+mod common;
+#[path = "common/torso.rs"]
+mod torso;
+
+use std::path::Path;
+
+use common::{read, shared_data, unzip};
+use glam::{DMat3, DVec3, UVec3};
+use intima::lumen::{BitVolume, IntensitySelection, grow};
+use intima::organ::{FoundOrgan, Organ, OrganError, OrganOptions, suggest};
+use intima::volume::{Grid, Volume};
+use torso::Torso;
+
+fn find(organ: Organ, volume: &Volume) -> Result<FoundOrgan, OrganError> {
+    OrganOptions { organ, tagged: false }.find(volume)
+}
+
+fn found(organ: Organ, volume: &Volume) -> FoundOrgan {
+    let found = find(organ, volume).unwrap_or_else(|e| panic!("{e}"));
+    println!("{}: confidence {:.2}", organ.name(), found.confidence);
+    found.reasons.iter().for_each(|line| println!("  {line}"));
+    assert!((0.0..=1.0).contains(&found.confidence) && !found.reasons.is_empty());
+    found
+}
+
+fn refused(organ: Organ, volume: &Volume) -> String {
+    let why = find(organ, volume).err().unwrap_or_else(|| panic!("{} was found", organ.name()));
+    assert!(matches!(why, OrganError::NotFound { .. }), "{why}");
+    why.to_string()
+}
+
+/// Dice's coefficient.
+fn dice(a: &BitVolume, b: &BitVolume) -> f64 {
+    let mut both = a.clone();
+    both.keep(b);
+    let dice = 2.0 * both.count() as f64 / (a.count() + b.count()) as f64;
+    println!("  Dice {dice:.4}");
+    dice
+}
+
+fn range(lo: f64, hi: f64) -> IntensitySelection {
+    IntensitySelection::Range { lo, hi }
+}
+
+#[test]
+fn each_organ_of_a_torso_is_found_and_nothing_else_taken_for_it() {
+    let torso = Torso::default();
+    let scan = torso.scan();
+    let airway = found(Organ::Airway, &scan);
+    assert!(dice(&airway.mask, &Torso::truth(&torso.airway)) > 0.85);
+    let colon = found(Organ::Colon, &scan);
+    assert!(dice(&colon.mask, &Torso::truth(&torso.colon)) > 0.9);
+    let vessel = found(Organ::Vessel, &scan);
+    assert!(dice(&vessel.mask, &Torso::truth(&torso.aorta)) > 0.85);
+    // The segments in order, from the rectum; neither stomach nor small bowel among them.
+    let to_world = scan.grid.world_from_voxel();
+    let at: Vec<usize> = colon
+        .segments
+        .iter()
+        .map(|s| {
+            let p = to_world.transform_point3(s.seed.as_dvec3());
+            torso.colon.iter().position(|t| t.distance(p) < 0.0).expect("in a segment")
+        })
+        .collect();
+    assert_eq!(at, [0, 1, 2, 3]);
+    assert!(colon.reasons.iter().any(|r| r.contains("stomach")), "{:?}", colon.reasons);
+    assert_eq!(suggest(&scan), Some(Organ::Airway));
+}
+
+#[test]
+fn an_organ_that_is_not_there_is_refused_with_the_gate_that_failed() {
+    let none = Torso {
+        airway: Vec::new(),
+        colon: Vec::new(),
+        aorta: Vec::new(),
+        has_stomach: false,
+        ..Torso::default()
+    };
+    let scan = none.scan();
+    for (organ, words) in [
+        (Organ::Airway, "cross sections"),
+        (Organ::Colon, "below -900 HU"),
+        (Organ::Vessel, "bright region"),
+    ] {
+        let why = refused(organ, &scan);
+        println!("{why}");
+        assert!(why.contains(organ.name()) && why.contains(words), "{why}");
+    }
+    assert_eq!(suggest(&scan), None);
+    let flat = Volume::new(scan.grid, vec![0i16; scan.grid.len()].into());
+    Organ::ALL.iter().for_each(|organ| assert!(!refused(*organ, &flat).is_empty()));
+}
+
+/// The same scan, stored in another order or with another geometry.
+fn with_axes(volume: &Volume, order: [usize; 3], flipped: [bool; 3], keep_world: bool) -> Volume {
+    let g = &volume.grid;
+    let dims = order.map(|axis| u64::from(g.dims[axis]));
+    let from = |v: UVec3| {
+        let mut out = UVec3::ZERO;
+        for (k, axis) in order.into_iter().enumerate() {
+            out[axis] = if flipped[k] { g.dims[axis] - 1 - v[k] } else { v[k] };
+        }
+        out
+    };
+    let spacing = DVec3::from(order.map(|axis| g.spacing_mm[axis]));
+    let cols: [DVec3; 3] = std::array::from_fn(|k| {
+        let way = g.direction.col(order[k]);
+        if flipped[k] { -way } else { way }
+    });
+    let (direction, origin) = if keep_world {
+        let origin = g.world_from_voxel().transform_point3(from(UVec3::ZERO).as_dvec3());
+        (DMat3::from_cols(cols[0], cols[1], cols[2]), origin)
+    } else {
+        (DMat3::IDENTITY, DVec3::ZERO)
+    };
+    let grid = Grid::new(dims, spacing, origin, direction).unwrap();
+    let values: Vec<i16> =
+        (0..grid.len()).map(|i| volume.real(g.index(from(grid.voxel(i)))) as i16).collect();
+    Volume::new(grid, values.into())
+}
+
+#[test]
+fn the_order_in_which_voxels_are_stored_does_not_matter() {
+    let torso = Torso::default();
+    let scan = torso.scan();
+    let plain: Vec<u64> = Organ::ALL.iter().map(|o| found(*o, &scan).mask.count()).collect();
+    for (order, flipped, keep_world) in [
+        ([0, 1, 2], [true, false, true], true),
+        ([2, 0, 1], [false, true, false], true),
+        // Without its geometry, a file's axes are anything.
+        ([1, 2, 0], [false, false, true], false),
+    ] {
+        let turned = with_axes(&scan, order, flipped, keep_world);
+        for (organ, wanted) in Organ::ALL.iter().zip(&plain) {
+            let count = found(*organ, &turned).mask.count();
+            // The longest chain of cross sections may begin elsewhere.
+            let off = (count as f64 / *wanted as f64 - 1.0).abs();
+            // Nothing tells left from right then, nor a stomach.
+            let most = if keep_world || *organ != Organ::Colon { 0.01 } else { 0.4 };
+            assert!(off < most, "{}: {count} for {wanted}", organ.name());
+        }
+    }
+}
+
+/// Adds noise of a standard deviation.
+fn noisy(volume: &Volume, sigma: f64) -> Volume {
+    let mut seed = 11u64;
+    let mut random = || {
+        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (seed >> 40) as f64 / (1u64 << 24) as f64
+    };
+    let values: Vec<i16> = (0..volume.grid.len())
+        .map(|i| {
+            let normal = ((0..12).map(|_| random()).sum::<f64>() - 6.0) * sigma;
+            (volume.real(i) + normal).round().clamp(-1024.0, 3071.0) as i16
+        })
+        .collect();
+    Volume::new(volume.grid, values.into())
+}
+
+/// Means of so many slices: thicker slices.
+fn thicker(volume: &Volume, slices: u32) -> Volume {
+    let g = &volume.grid;
+    let dims = [g.dims.x, g.dims.y, g.dims.z / slices];
+    let mut spacing = g.spacing_mm;
+    spacing.z *= f64::from(slices);
+    let grid = Grid::new(dims.map(u64::from), spacing, g.origin_mm, g.direction).unwrap();
+    let values: Vec<i16> = (0..grid.len())
+        .map(|i| {
+            let v = grid.voxel(i);
+            let of = |k: u32| volume.real(g.index(UVec3::new(v.x, v.y, v.z * slices + k)));
+            ((0..slices).map(of).sum::<f64>() / f64::from(slices)).round() as i16
+        })
+        .collect();
+    Volume::new(grid, values.into())
+}
+
+/// The majority of so many slices.
+fn thicker_mask(mask: &BitVolume, slices: u32) -> BitVolume {
+    let d = mask.dims();
+    let mut out = BitVolume::new(UVec3::new(d.x, d.y, d.z / slices));
+    for v in out.inverted().voxels() {
+        let set = (0..slices).filter(|k| mask.at(v.x, v.y, v.z * slices + k)).count();
+        if 2 * set >= slices as usize {
+            out.set(v.x, v.y, v.z);
+        }
+    }
+    out
+}
+
+/// Without its first fifth along an axis.
+fn cropped(volume: &Volume, mask: &BitVolume, axis: usize) -> (Volume, BitVolume) {
+    let g = &volume.grid;
+    let mut from = UVec3::ZERO;
+    from[axis] = g.dims[axis] / 5;
+    let origin = g.world_from_voxel().transform_point3(from.as_dvec3());
+    let dims = (g.dims - from).to_array();
+    let grid = Grid::new(dims.map(u64::from), g.spacing_mm, origin, g.direction).unwrap();
+    let values: Vec<i16> =
+        (0..grid.len()).map(|i| volume.real(g.index(grid.voxel(i) + from)) as i16).collect();
+    let mut out = BitVolume::new(grid.dims);
+    mask.voxels().filter(|v| v.cmpge(from).all()).for_each(|v| {
+        let w = v - from;
+        out.set(w.x, w.y, w.z);
+    });
+    (Volume::new(grid, values.into()), out)
+}
+
+#[test]
+fn the_airway_of_a_real_chest_is_found_in_noise_thick_slices_and_parts_of_it() {
+    let Some(folder) = unzip("chest_ct_fnndsc.zip") else { return };
+    let folder = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
+    let folder = if folder.is_dir() { folder } else { folder.parent().unwrap().to_owned() };
+    let volume = read(&folder).unwrap();
+    let truth =
+        grow(&volume, &range(f64::NEG_INFINITY, -920.0), UVec3::new(240, 242, 155)).unwrap();
+    assert_eq!(truth.count(), 48_194);
+    let airway =
+        |volume: &Volume, truth: &BitVolume| dice(&found(Organ::Airway, volume).mask, truth);
+    assert!(airway(&volume, &truth) > 0.97);
+    assert!(airway(&noisy(&volume, 40.0), &truth) > 0.9);
+    assert!(airway(&thicker(&volume, 5), &thicker_mask(&truth, 5)) > 0.91);
+    for axis in 0..3 {
+        let (part, truth) = cropped(&volume, &truth, axis);
+        assert!(airway(&part, &truth) > 0.97);
+    }
+    println!("{}\n{}", refused(Organ::Colon, &volume), refused(Organ::Vessel, &volume));
+    assert_eq!(suggest(&volume), Some(Organ::Airway));
+}
+
+#[test]
+fn the_colon_of_a_real_scan_is_found_with_all_its_segments() {
+    let Some(folder) = shared_data() else { return };
+    let volume = read(&folder.join("colon_ct_prone_half.nrrd")).unwrap();
+    let label = read(&folder.join("colon_ct_prone_half_label.nrrd")).unwrap();
+    let label = IntensitySelection::Labels(vec![1]).select(&label);
+    let mut gas = range(f64::NEG_INFINITY, -450.0).select(&volume);
+    gas.keep(&label);
+    let colon = found(Organ::Colon, &volume);
+    // The label leaves out the descending colon.
+    assert!(dice(&colon.mask, &gas) > 0.95);
+    assert_eq!(colon.segments.len(), 3);
+    let low = colon.segments.iter().map(|s| s.seed.z).min();
+    assert_eq!(Some(colon.segments[0].seed.z), low);
+    let all = OrganOptions { organ: Organ::Colon, tagged: true }.find(&volume).unwrap();
+    assert!(dice(&all.mask, &label) > 0.9);
+    assert!(dice(&found(Organ::Colon, &noisy(&volume, 40.0)).mask, &gas) > 0.95);
+    assert!(dice(&found(Organ::Colon, &thicker(&volume, 2)).mask, &thicker_mask(&gas, 2)) > 0.95);
+    println!("{}\n{}", refused(Organ::Airway, &volume), refused(Organ::Vessel, &volume));
+    assert_eq!(suggest(&volume), Some(Organ::Colon));
+}
+
+#[test]
+fn vessels_of_real_angiograms_are_found_whatever_their_background() {
+    let Some(folder) = shared_data() else { return };
+    for (name, least, seed) in [
+        ("aorta_mra.mha", 1100.0, [75, 133, 16]),
+        ("aneurism.nrrd", 60.0, [110, 106, 160]),
+        ("CT_AVM.nii.gz", 100.0, [68, 110, 25]),
+        ("chris_MRA.nii.gz", 60.0, [38, 115, 0]),
+    ] {
+        println!("{name}");
+        let volume = read(&folder.join(name)).unwrap();
+        let truth = grow(&volume, &range(least, f64::INFINITY), UVec3::from(seed)).unwrap();
+        assert!(dice(&found(Organ::Vessel, &volume).mask, &truth) > 0.96);
+        refused(Organ::Airway, &volume);
+        refused(Organ::Colon, &volume);
+    }
+}
+
+#[test]
+fn heads_and_label_maps_hold_no_airway_colon_or_vessel() {
+    let Some(folder) = shared_data() else { return };
+    let all = |path: &Path| {
+        let volume = read(path).unwrap();
+        Organ::ALL.iter().for_each(|organ| println!("{}", refused(*organ, &volume)));
+        assert_eq!(suggest(&volume), None);
+    };
+    for name in ["head_ct_cranium.nrrd", "CT_pitch.nii.gz", "colon_label_1.nii.gz"] {
+        all(&folder.join(name));
+    }
+}
+
+#[test]
+fn the_command_line_says_what_it_chose_and_why_and_draws_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    intima::formats::write_volume(&at("ct.nrrd"), &Torso::default().scan()).unwrap();
+    let run = |flags: &[&str]| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_intima"));
+        command.args(["--json", "segment"]).arg(at("ct.nrrd")).arg("-o").arg(at("mask.nrrd"));
+        let out = command.args(flags).output().unwrap();
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+        (out.status.code(), text(out.stdout), text(out.stderr))
+    };
+    let picture = at("explain.png");
+    let (code, out, err) = run(&["--organ", "colon", "--explain", picture.to_str().unwrap()]);
+    assert_eq!(code, Some(0), "{err}");
+    let answer: serde_json::Value = serde_json::from_str(out.lines().last().unwrap()).unwrap();
+    let organ = &answer["organ"];
+    assert_eq!(organ["name"], "colon");
+    assert_eq!(organ["segments"].as_array().unwrap().len(), 4);
+    assert_eq!(organ["seeds_mm"].as_array().unwrap().len(), 4);
+    assert!(organ["confidence"].as_f64().unwrap() > 0.0 && organ["threshold"] == -450.0);
+    assert!(err.contains("share of its shell that is tissue"), "{err}");
+    let (width, height, rgb) = intima::formats::read_png(&picture).unwrap();
+    let coloured = rgb.chunks(3).filter(|p| p[0] > p[2].saturating_add(60)).count();
+    assert!(width > 900 && height > 300 && coloured > 5000, "{width} {height} {coloured}");
+
+    let (code, _, err) = run(&[]);
+    assert_eq!(code, Some(2));
+    assert!(err.contains("--organ airway (there seems to be one)"), "{err}");
+    let (code, _, err) = run(&["--organ", "vessel", "--tagged"]);
+    assert!(code == Some(2) && err.contains("--tagged needs --organ colon"), "{err}");
+    let (code, _, _) = run(&["--organ", "colon", "--threshold", ":-800"]);
+    assert_eq!(code, Some(2));
+}
