@@ -7,7 +7,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Quat, Vec3};
 use intima::geometry::{Lens, Mesh, Pose};
-use intima::render::{Renderer, Scene, Shot, View};
+use intima::render::{PreparedMesh, Renderer, Scene, Shot, View};
 use intima::vk::Validate;
 
 /// A sphere about a place, seen from within; each vertex has the colour of the axis that it lies
@@ -100,11 +100,11 @@ fn every_pixel_of_cube_and_panorama_shows_what_lies_in_its_direction() {
     let size = [400, 240];
     let centre = Vec3::new(5.0, -3.0, 40.0);
     let (mesh, colours) = coloured_sphere(centre);
-    let shading = intima::surface::shading(&mesh);
+    let mesh = PreparedMesh::new(&mesh).unwrap();
     let lens = Lens { fov_y_rad: 1.2, aspect: 1.5, near_mm: 0.5 };
     for samples in [1, 4] {
         let mut r = Renderer::new(&mut gpu, size[0], size[1], samples).unwrap();
-        let wall = r.upload_coloured_mesh(&mut gpu, &mesh, &shading, &colours).unwrap();
+        let wall = r.upload_coloured_mesh(&mut gpu, &mesh, &colours).unwrap();
         for (i, rotation) in [
             Quat::IDENTITY,
             Quat::from_rotation_x(1.5),

@@ -19,6 +19,7 @@ use intima::app::{Action, Model, News, Painter, Ruler};
 use intima::flight::Frames;
 use intima::geometry::TriangleBvh;
 use intima::lumen::IntensitySelection;
+use intima::render::PreparedMesh;
 use intima::session::{FlightRoute, Session, Settings, Source, VolumeSource};
 use intima::volume::phantom::{Kind, Phantom};
 
@@ -31,11 +32,11 @@ fn session(kind: Kind, size: u32) -> Session {
 /// A model that has everything but pictures.
 fn model(session: &Session) -> Model {
     let mut model = Model::new(20.0);
-    model.learn(News::Volume(session.volume().unwrap()));
+    model.learn(News::Volume(session.volume().unwrap(), [-200.0, 1800.0]));
     model.learn(News::Lumen(session.lumen().unwrap()));
     let wall = session.wall().unwrap();
-    let shading = Arc::new(intima::surface::shading(&wall.mesh));
-    model.learn(News::Wall(wall, shading));
+    let drawn = Arc::new(PreparedMesh::new(&wall.mesh).unwrap());
+    model.learn(News::Wall(wall, drawn));
     model.learn(News::Fields(session.fields().unwrap()));
     model.learn(News::Centerline(session.centerline().unwrap()));
     model.learn(News::Flight(session.flight().unwrap(), FlightRoute::Trunk));

@@ -18,8 +18,8 @@ use super::path::FlightPath;
 use super::study::News;
 use crate::flight::{Coverage, Flight, WallIndex};
 use crate::geometry::{CrossSection, Pose, TriangleBvh};
+use crate::render::PreparedMesh;
 use crate::session::{Centered, Fields, FlightRoute, Levels, Segmented, Wall};
-use crate::surface::Shading;
 use crate::volume::Volume;
 
 /// A noted place.
@@ -54,7 +54,7 @@ pub struct Products {
     /// The wall.
     pub wall: Option<Arc<Wall>>,
     /// Its vertices as drawn.
-    pub shading: Option<Arc<Shading>>,
+    pub drawn_wall: Option<Arc<PreparedMesh>>,
     /// Distances to the wall.
     pub fields: Option<Arc<Fields>>,
     /// The path.
@@ -208,15 +208,15 @@ impl Model {
     pub fn learn(&mut self, news: News) {
         let p = &mut self.products;
         match news {
-            News::Volume(volume) => {
-                self.window = default_window(&volume);
+            News::Volume(volume, window) => {
+                self.window = window;
                 let middle = 0.5 * (volume.grid.dims.as_dvec3() - 1.0);
                 self.crosshair_mm = volume.grid.world_from_voxel().transform_point3(middle);
                 p.volume = Some(volume);
             }
             News::Identity(identity) => self.identity = Some(identity),
             News::Lumen(lumen) => p.lumen = Some(lumen),
-            News::Wall(wall, shading) => (p.wall, p.shading) = (Some(wall), Some(shading)),
+            News::Wall(wall, drawn) => (p.wall, p.drawn_wall) = (Some(wall), Some(drawn)),
             News::Tree(tree) => p.tree = Some(tree),
             News::Radii(radii) => p.radii = Some(radii),
             News::Index(index) => drop(self.index.set(index)),
@@ -375,10 +375,4 @@ impl Model {
             _ => {}
         }
     }
-}
-
-/// Grey values of slices to begin with: gas, soft tissue and bone of a CT; what is there otherwise.
-fn default_window(volume: &Volume) -> [f64; 2] {
-    let (low, high) = volume.range().unwrap_or((0.0, 1.0));
-    if low < -500.0 { [-200.0, 1800.0] } else { [0.5 * (low + high), (high - low).max(1.0)] }
 }

@@ -92,6 +92,10 @@ pub struct Panes {
     /// The whole mesh in the inside view, until there are levels.
     mesh: Option<MeshHandle>,
     glass: Option<MeshHandle>,
+    /// The wall was put on the device for the inside view.
+    has_wall: bool,
+    /// The wall of the overview is put on the device in the next frame.
+    is_glass_next: bool,
     path: Option<PathHandle>,
     /// Of the organ, for the light, mm.
     radius_mm: f32,
@@ -121,6 +125,8 @@ impl Panes {
             overview: DrawnPane::new(gpu, samples)?,
             mesh: None,
             glass: None,
+            has_wall: false,
+            is_glass_next: false,
             path: None,
             radius_mm: 1.0,
             levels: None,
@@ -142,11 +148,11 @@ impl Panes {
         products: &Products,
         tolerance: Tolerance,
     ) -> Result<(), SessionError> {
-        if let (Some(wall), Some(shading), None) = (&products.wall, &products.shading, self.glass) {
-            let glass = self.overview.renderer.upload_shaded_mesh(gpu, &wall.mesh, shading)?;
-            let mesh = self.inside.renderer.upload_shaded_mesh(gpu, &wall.mesh, shading)?;
-            (self.glass, self.mesh) = (Some(glass), Some(mesh));
+        if let (Some(wall), false) = (&products.drawn_wall, self.has_wall) {
+            self.has_wall = true;
+            let mesh = self.inside.renderer.upload_prepared_mesh(gpu, wall)?;
             self.radius_mm = self.inside.renderer.mean_radius_mm(mesh);
+            self.mesh = Some(mesh);
         }
         if let (Some(centered), None) = (&products.centerline, self.path) {
             let places = |b: &crate::geometry::Branch| -> Vec<Vec3> {
@@ -175,6 +181,23 @@ impl Panes {
         Ok(())
     }
 
+    /// Puts the wall of the overview on the device, a frame after that of the inside view: both
+    /// together take longer than a frame.
+    fn upload_glass(
+        &mut self,
+        gpu: &mut Gpu,
+        products: &Products,
+        detail: Detail,
+    ) -> Result<(), SessionError> {
+        if let (Some(wall), true, None) = (&products.drawn_wall, self.has_wall, self.glass) {
+            if self.is_glass_next || matches!(detail, Detail::Settled) {
+                self.glass = Some(self.overview.renderer.upload_prepared_mesh(gpu, wall)?);
+            }
+            self.is_glass_next = self.glass.is_none();
+        }
+        Ok(())
+    }
+
     /// Draws what changed.
     ///
     /// * `inside`, `overview`: columns and rows of each, where it is shown.
@@ -188,6 +211,7 @@ impl Panes {
         (inside, overview): (Option<[u32; 2]>, Option<[u32; 2]>),
         detail: Detail,
     ) -> Result<bool, SessionError> {
+        self.upload_glass(gpu, &model.products, detail)?;
         self.colour(gpu, model, detail)?;
         let Some(pose) = model.pose else { return Ok(false) };
         let share = match &model.path {
@@ -266,7 +290,7 @@ impl Panes {
             Colouring::Radius => p.radii.as_ref().map(|_| 0),
         };
         self.is_paint_old = false;
-        let (Some(version), Some(wall), Some(shading)) = (wanted, &p.wall, &p.shading) else {
+        let (Some(version), Some(wall), Some(drawn)) = (wanted, &p.wall, &p.drawn_wall) else {
             if let Some(c) = self.coloured.take() {
                 self.inside.renderer.remove_mesh(c.inside);
                 self.overview.renderer.remove_mesh(c.overview);
@@ -301,8 +325,8 @@ impl Panes {
                 (c.inside, c.overview)
             }
             None => (
-                self.inside.renderer.upload_coloured_mesh(gpu, &wall.mesh, shading, &colours)?,
-                self.overview.renderer.upload_coloured_mesh(gpu, &wall.mesh, shading, &colours)?,
+                self.inside.renderer.upload_coloured_mesh(gpu, drawn, &colours)?,
+                self.overview.renderer.upload_coloured_mesh(gpu, drawn, &colours)?,
             ),
         };
         self.coloured = Some(Coloured { inside, overview, of, at });
@@ -365,7 +389,7 @@ impl Panes {
 
     /// Whether finer levels of what is shown are still to come.
     pub fn is_settling(&self) -> bool {
-        self.is_settling || self.is_paint_old
+        self.is_settling || self.is_paint_old || self.is_glass_next
     }
 
     /// The inside view as it was drawn last: columns, rows, RGB. Waits for the device.

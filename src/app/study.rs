@@ -15,24 +15,24 @@ use crate::flight::{Coverage, Flight, Frames, WallIndex};
 use crate::formats::VideoWriter;
 use crate::geometry::TriangleBvh;
 use crate::lumen::IntensitySelection;
+use crate::render::PreparedMesh;
 use crate::session::{
     CancelToken, Centered, CenterlineSettings, Fields, FlightRoute, Levels, LumenSettings,
     Progress, Recording, Seed, Segmented, Session, SessionError, Settings, Source, VolumeSource,
     Wall,
 };
-use crate::surface::{Shading, shading};
 use crate::volume::Volume;
 
 /// A product that is there now, or the end.
 pub enum News {
-    /// The volume the slices show.
-    Volume(Arc<Volume>),
+    /// The volume the slices show, and the window (level, width) they show it with at first.
+    Volume(Arc<Volume>, [f64; 2]),
     /// BLAKE3 of the volume's samples.
     Identity(String),
     /// The lumen.
     Lumen(Arc<Segmented>),
     /// The wall and its vertices as drawn: from here on there is a picture.
-    Wall(Arc<Wall>, Arc<Shading>),
+    Wall(Arc<Wall>, Arc<PreparedMesh>),
     /// Distances: from here on the eye can be moved by hand.
     Fields(Arc<Fields>),
     /// The path.
@@ -247,9 +247,9 @@ fn each_product(session: &Session, tell: &dyn Fn(News) -> bool) -> Result<(), Se
     let radii = || -> Result<WallRadii, SessionError> {
         Ok(WallRadii::new(&session.wall()?.mesh, &session.centerline()?.line))
     };
-    let listens = tell(News::Volume(Arc::clone(&volume)))
+    let listens = tell(News::Volume(Arc::clone(&volume), default_window(&volume)))
         && tell(News::Lumen(session.lumen()?))
-        && tell(wall_news(session.wall()?))
+        && tell(wall_news(session.wall()?)?)
         && tell(News::Identity(identity()))
         && tell(News::Index(WallIndex::new(&session.wall()?.mesh)))
         && tell(News::Fields(session.fields()?))
@@ -263,10 +263,16 @@ fn each_product(session: &Session, tell: &dyn Fn(News) -> bool) -> Result<(), Se
     if listens { Ok(()) } else { Err(SessionError::Cancelled) }
 }
 
-/// A wall with its shading, which the window's thread has no time for.
-fn wall_news(wall: Arc<Wall>) -> News {
-    let shading = Arc::new(shading(&wall.mesh));
-    News::Wall(wall, shading)
+/// A wall as it is drawn, which the window's thread has no time to make.
+fn wall_news(wall: Arc<Wall>) -> Result<News, SessionError> {
+    let drawn = Arc::new(PreparedMesh::new(&wall.mesh)?);
+    Ok(News::Wall(wall, drawn))
+}
+
+/// Grey values of slices to begin with: gas, soft tissue and bone of a CT; what is there otherwise.
+fn default_window(volume: &Volume) -> [f64; 2] {
+    let (low, high) = volume.range().unwrap_or((0.0, 1.0));
+    if low < -500.0 { [-200.0, 1800.0] } else { [0.5 * (low + high), (high - low).max(1.0)] }
 }
 
 /// Cross-sections along a flight.

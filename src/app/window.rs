@@ -138,6 +138,9 @@ impl Drop for Running {
     }
 }
 
+/// Slower frames are reported with what they waited for.
+const SLOW_FRAME: Duration = Duration::from_millis(100);
+
 /// A device that is lost more often is given up.
 const MOST_REOPENED: u32 = 5;
 
@@ -298,6 +301,7 @@ impl Running {
     ) -> Result<After, AppError> {
         let now = Instant::now();
         self.take_news(options, notes)?;
+        let news = now.elapsed();
         let PhysicalSize { width, height } = self.window.inner_size();
         let Some(image) = self.gpu.acquire([width, height])? else {
             // Nothing to draw to: a window without pixels waits to be resized.
@@ -311,7 +315,9 @@ impl Running {
         self.last = now;
         let clock = (dt, Detail::Live);
         let study = self.study.as_ref();
+        let acquired = now.elapsed();
         let (mut output, after) = self.stage.prepare(&mut self.gpu, input, &[], study, clock)?;
+        let prepared = now.elapsed();
         let platform = std::mem::take(&mut output.platform_output);
         self.egui.handle_platform_output(&self.window, platform);
         let target = Target { image, format };
@@ -330,6 +336,15 @@ impl Running {
         }
         self.save(options);
         self.tell(begun);
+        if now.elapsed() > SLOW_FRAME {
+            let drawn = now.elapsed();
+            tracing::debug!(
+                "slow frame: news {news:.1?}, image {:.1?}, panes {:.1?}, drawn {:.1?}",
+                acquired - news,
+                prepared - acquired,
+                drawn - prepared
+            );
+        }
         let is_computing = self.study.is_some() && !self.stage.model.is_complete;
         self.times.note(is_computing, now.elapsed());
         let computing = is_computing.then_some(PROGRESS);

@@ -6,18 +6,30 @@ use super::RenderError;
 use crate::geometry::{Mesh, Vertex};
 use crate::surface::{Shading, shading};
 
-/// Vertices, indices, and what the light needs to know.
-pub(super) struct Prepared {
-    pub vertices: Vec<Vertex>,
-    pub indices: Vec<u32>,
-    pub bounds: Option<(Vec3, Vec3)>,
-    pub mean_radius_mm: f32,
+/// A mesh in the form that is drawn: vertices, indices, and what the light needs to know. Making it
+/// takes most of the time of putting a mesh on the device, and no device.
+#[derive(Debug)]
+pub struct PreparedMesh {
+    pub(super) vertices: Vec<Vertex>,
+    pub(super) indices: Vec<u32>,
+    pub(super) bounds: Option<(Vec3, Vec3)>,
+    pub(super) mean_radius_mm: f32,
+}
+
+impl PreparedMesh {
+    /// Shades a mesh ([`crate::surface::shading`]).
+    ///
+    /// # Errors
+    /// [`RenderError::BadFace`].
+    pub fn new(mesh: &Mesh) -> Result<Self, RenderError> {
+        prepare(mesh, false)
+    }
 }
 
 /// Brings a mesh into the form that is drawn; caps are left out on request.
-pub(super) fn prepare(mesh: &Mesh, skip_caps: bool) -> Result<Prepared, RenderError> {
+pub(super) fn prepare(mesh: &Mesh, skip_caps: bool) -> Result<PreparedMesh, RenderError> {
     check_faces(mesh)?;
-    prepare_shaded(mesh, shading(mesh), skip_caps)
+    Ok(prepare_shaded(mesh, shading(mesh), skip_caps))
 }
 
 fn check_faces(mesh: &Mesh) -> Result<(), RenderError> {
@@ -31,23 +43,14 @@ fn check_faces(mesh: &Mesh) -> Result<(), RenderError> {
 }
 
 /// The same with vertices that were shaded before.
-///
-/// # Panics
-/// If there are more or fewer of them than the mesh has.
-pub(super) fn prepare_shaded(
-    mesh: &Mesh,
-    shading: Shading,
-    skip_caps: bool,
-) -> Result<Prepared, RenderError> {
-    check_faces(mesh)?;
-    assert_eq!(shading.vertices.len(), mesh.positions.len(), "the shading of this mesh");
+fn prepare_shaded(mesh: &Mesh, shading: Shading, skip_caps: bool) -> PreparedMesh {
     let shown = |i: usize| !(skip_caps && mesh.caps.get(i).copied().unwrap_or(false));
-    Ok(Prepared {
+    PreparedMesh {
         vertices: shading.vertices,
         indices: (0..mesh.faces.len()).filter(|i| shown(*i)).flat_map(|i| mesh.faces[i]).collect(),
         bounds: mesh.bounds(),
         mean_radius_mm: shading.mean_radius_mm,
-    })
+    }
 }
 
 #[cfg(test)]
@@ -61,7 +64,7 @@ mod tests {
             faces: vec![[0, 1, 2], [0, 1, 3]],
             ..Default::default()
         };
-        let e = prepare(&mesh, false).err().expect("an error");
+        let e = prepare(&mesh, false).expect_err("an error");
         assert!(matches!(e, RenderError::BadFace { face: 1, vertex: 3, vertices: 3 }));
     }
 

@@ -19,6 +19,7 @@ mod unfold;
 pub use camera::{clip_from_world, framing, framing_turned};
 pub use error::RenderError;
 pub use look::Look;
+pub use mesh::PreparedMesh;
 pub use overlay::{FlatMesh, FlatVertex, Overlay};
 pub use pages::{MAX_PAGES, PagesHandle};
 pub use picture::Spares;

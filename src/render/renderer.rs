@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
 use super::lines::Tubes;
-use super::mesh;
+use super::mesh::{self, PreparedMesh};
 use super::pages::Pages;
 use super::picture::{Spares, without_alpha};
 use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
@@ -14,7 +14,6 @@ use super::scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
 use super::unfold::Face;
 use super::{RenderError, host};
 use crate::geometry::{Camera, Lens, Mesh, Pose, Vertex};
-use crate::surface::Shading;
 use crate::vk::{
     Area, BufferId, Draw, DrawPipelineId, DrawRange, Gpu, ImageId, ImageSpec, Pass, Releaser,
 };
@@ -209,23 +208,17 @@ impl Renderer {
         Ok(MeshHandle(self.models.len() - 1))
     }
 
-    /// Puts a mesh on the device whose vertices were shaded before ([`crate::surface::shading`]), which
-    /// takes longer than all the rest.
+    /// Puts a mesh on the device that was prepared before, on any thread.
     ///
     /// # Errors
     /// As [`Renderer::upload_mesh`].
-    ///
-    /// # Panics
-    /// If it is the shading of another mesh.
-    pub fn upload_shaded_mesh(
+    pub fn upload_prepared_mesh(
         &mut self,
         gpu: &mut Gpu,
-        mesh: &Mesh,
-        shading: &Shading,
+        mesh: &PreparedMesh,
     ) -> Result<MeshHandle, RenderError> {
         self.check_device(gpu);
-        let p = mesh::prepare_shaded(mesh, shading.clone(), false)?;
-        let model = upload(gpu, &p.vertices, &p.indices, p.bounds, p.mean_radius_mm)?;
+        let model = upload(gpu, &mesh.vertices, &mesh.indices, mesh.bounds, mesh.mean_radius_mm)?;
         self.models.push(Some(model));
         Ok(MeshHandle(self.models.len() - 1))
     }
@@ -239,19 +232,17 @@ impl Renderer {
     /// As [`Renderer::upload_mesh`].
     ///
     /// # Panics
-    /// If there are more or fewer colours than vertices, or it is the shading of another mesh.
+    /// If there are more or fewer colours than vertices.
     pub fn upload_coloured_mesh(
         &mut self,
         gpu: &mut Gpu,
-        mesh: &Mesh,
-        shading: &Shading,
+        mesh: &PreparedMesh,
         colours: &[[u8; 4]],
     ) -> Result<MeshHandle, RenderError> {
         self.check_device(gpu);
-        let p = mesh::prepare_shaded(mesh, shading.clone(), false)?;
-        let coloured = coloured(&p.vertices, colours);
-        let model = upload(gpu, &coloured, &p.indices, p.bounds, p.mean_radius_mm)?;
-        self.models.push(Some(Model { uncoloured: Some(p.vertices), ..model }));
+        let coloured = coloured(&mesh.vertices, colours);
+        let model = upload(gpu, &coloured, &mesh.indices, mesh.bounds, mesh.mean_radius_mm)?;
+        self.models.push(Some(Model { uncoloured: Some(mesh.vertices.clone()), ..model }));
         Ok(MeshHandle(self.models.len() - 1))
     }
 
