@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use common::{dicom_slice, read, refusal, unzip};
 use glam::{DVec3, UVec3};
 use intima::formats::{FormatError, ReadOptions, inspect, read_volume};
+use intima::lumen::{IntensitySelection, LumenError, SegmentationOptions};
 use intima::volume::{SampleType, Volume};
 
 fn series(dir: &Path, places: &[f64], edit: impl Fn(usize, &mut common::Slice)) {
@@ -283,6 +284,41 @@ fn two_acquisitions_at_the_same_places_are_two_stacks_of_one_series() {
     assert_eq!(values(pick("0").unwrap()), [12.0, 13.0]);
     assert_eq!(values(pick("1").unwrap()), [10.0, 11.0]);
     assert!(pick("1.2.3.4").unwrap_err().to_string().contains("several stacks in that series"));
+}
+
+#[test]
+fn padding_is_no_part_of_a_threshold_nor_of_the_range() {
+    let dir = tempfile::tempdir().unwrap();
+    // Rescaled by -1024: 24 is -1000 HU.
+    series(dir.path(), &[0.0, 2.0], |_, s| {
+        s.signed = true;
+        s.padding = vec![-1500, -1400];
+        s.pixels =
+            [24i16, -1500, -1450, -1400, 24, 50, 60, 70, 24, 24, 24, 24].map(|p| p as u16).to_vec();
+    });
+    let volume = read(dir.path()).unwrap();
+    assert_eq!(volume.padding, Some([-1500.0, -1400.0]));
+    assert_eq!(volume.range(), Some((-1000.0, -954.0)));
+    assert_eq!(volume.real(1), -2524.0, "values stay as they are stored");
+    let below = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -1000.0 };
+    assert_eq!(below.select(&volume).count(), 12);
+    let seeded =
+        |seed| SegmentationOptions { seed: Some(seed), ..SegmentationOptions::new(below.clone()) };
+    assert!(seeded(UVec3::ZERO).apply(&volume).is_ok());
+    let refused = seeded(UVec3::new(1, 0, 0)).apply(&volume);
+    assert!(matches!(refused, Err(LumenError::SeedValue { .. })));
+}
+
+#[test]
+fn pixels_with_burned_in_text_are_read_only_where_that_is_allowed() {
+    let dir = tempfile::tempdir().unwrap();
+    series(dir.path(), &[0.0, 2.0], |n, s| s.burned_in = if n == 1 { "YES" } else { "NO" });
+    let said = refusal(dir.path());
+    assert!(said.contains("BurnedInAnnotation") && said.contains("may name the patient"), "{said}");
+    let allowed = ReadOptions { allow_burned_in: true, ..ReadOptions::default() };
+    assert!(read_volume(dir.path(), &allowed).is_ok());
+    let notes = inspect(dir.path(), &ReadOptions::default()).unwrap().notes;
+    assert!(notes.iter().any(|n| n.contains("burned into its pixels")), "{notes:?}");
 }
 
 #[test]

@@ -414,3 +414,34 @@ fn the_real_chest_ct_has_its_published_place_and_range() {
     assert!((v.grid.origin_mm - DVec3::new(-201.0, -59.0, -579.8)).length() < 1e-3);
     assert_eq!(v.range(), Some((-1000.0, 1979.0)));
 }
+
+#[test]
+fn a_closed_mesh_as_input_is_the_lumen_it_encloses() {
+    use intima::session::{Session, SessionError, Settings, Source, VolumeSource};
+    use intima::volume::phantom::{Kind, Phantom};
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("wall.stl");
+    let mask = Phantom::new(Kind::Bend, 48, [1.0; 3]).unwrap().mask();
+    let source = Source::Image(VolumeSource::Memory(std::sync::Arc::new(mask)));
+    let made = Session::new(source, Settings::default()).unwrap();
+    let wanted = made.lumen().unwrap().lumen.volume_ml();
+    let mut mesh = made.wall().unwrap().mesh.clone();
+    intima::formats::write_mesh(&file, &mesh).unwrap();
+    let session = |spacing: Option<f64>| {
+        let options = ReadOptions { mesh_spacing_mm: spacing, ..ReadOptions::default() };
+        let source = Source::Image(VolumeSource::File { path: file.clone(), options });
+        Session::new(source, Settings::default()).unwrap()
+    };
+    for spacing in [None, Some(0.5)] {
+        let found = session(spacing).lumen().unwrap();
+        let lumen = &found.lumen;
+        assert!(spacing.is_none_or(|s| lumen.grid.spacing_mm == glam::DVec3::splat(s)));
+        let off = lumen.volume_ml() / wanted - 1.0;
+        assert!(off.abs() < 0.03, "{spacing:?}: off by {off}");
+    }
+    mesh.faces.pop();
+    intima::formats::write_mesh(&file, &mesh).unwrap();
+    let open = session(None).lumen().err().unwrap();
+    assert!(matches!(open, SessionError::Enclosed { .. }));
+    assert!(open.to_string().contains("3 edges without a neighbouring face"), "{open}");
+}

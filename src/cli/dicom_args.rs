@@ -12,11 +12,22 @@ pub struct DicomArgs {
     /// Interpolate where DICOM slices are uneven or missing
     #[arg(long)]
     pub fill_gaps: bool,
+    /// Read DICOM pixels that text was burned into; it may name the patient
+    #[arg(long)]
+    pub allow_burned_in: bool,
+    /// Side of the voxels that a closed mesh (.ply .stl .obj .vtp .glb) given as INPUT or --mask is cut into, mm
+    #[arg(long, value_name = "MM", help_heading = "Choosing the lumen")]
+    pub mesh_spacing: Option<f64>,
 }
 
 impl DicomArgs {
     /// How to read.
     pub fn options(&self) -> ReadOptions {
-        ReadOptions { series: self.series.clone(), fill_gaps: self.fill_gaps }
+        ReadOptions {
+            series: self.series.clone(),
+            fill_gaps: self.fill_gaps,
+            allow_burned_in: self.allow_burned_in,
+            mesh_spacing_mm: self.mesh_spacing,
+        }
     }
 }

@@ -56,7 +56,7 @@ impl CliError {
             S::LumenNotChosen { .. } => 2,
             S::Format(e) if e.is_bad_input() => 3,
             S::Lumen(_) | S::Organ(_) | S::Centerline(_) | S::Mesh(_) | S::Maps(_) => 3,
-            S::Flight(_) | S::CameraPath(_) | S::ShearedGrid { .. } => 3,
+            S::Flight(_) | S::CameraPath(_) | S::ShearedGrid { .. } | S::Enclosed { .. } => 3,
             S::Device(e) if e.is_no_device() => 4,
             S::Render(e) if e.is_no_device() => 4,
             S::Cancelled => 130,

@@ -44,7 +44,7 @@ impl IntensitySelection {
             Self::Range { lo, hi } => {
                 let (a, b) = (r.stored(*lo), r.stored(*hi));
                 let (lo, hi) = if r.slope < 0.0 { (b, a) } else { (a, b) };
-                StoredSelection::range(lo, hi)
+                StoredSelection::range(lo, hi).without(volume.padding)
             }
             Self::Labels(l) if l.is_empty() => {
                 let zero = r.stored(0.0);
@@ -69,6 +69,8 @@ impl IntensitySelection {
 pub(super) enum StoredSelection<T> {
     /// Inclusive; empty when nothing of the type can be inside.
     Range(Option<(T, T)>),
+    /// The same, but for what lies in a second range.
+    Without((T, T), (T, T)),
     /// All but one value, and NaN.
     Not(T),
     /// All but NaN.
@@ -85,11 +87,23 @@ impl<T: Sample> StoredSelection<T> {
         Self::Range(narrow::<T>(lo, true).zip(narrow::<T>(hi, false)).filter(|(a, b)| a <= b))
     }
 
+    /// A range without another, where they overlap.
+    fn without(self, other: Option<[f64; 2]>) -> Self {
+        let (Self::Range(Some(range)), Some([first, last])) = (&self, other) else { return self };
+        match Self::range(first, last) {
+            Self::Range(Some(other)) if other.0 <= range.1 && range.0 <= other.1 => {
+                Self::Without(*range, other)
+            }
+            _ => self,
+        }
+    }
+
     #[inline]
     pub fn holds(&self, v: T) -> bool {
         match self {
             Self::Range(Some((lo, hi))) => *lo <= v && v <= *hi,
             Self::Range(None) => false,
+            Self::Without((lo, hi), (a, b)) => *lo <= v && v <= *hi && !(*a <= v && v <= *b),
             Self::Not(value) => is_number(v) & (v != *value),
             Self::Number => is_number(v),
             Self::Any(l) => l.contains(&v.to_f64()),
@@ -136,6 +150,9 @@ impl<T: Sample> StoredSelection<T> {
         match self {
             Self::Range(Some((lo, hi))) => pack(samples, |v| (*lo <= v) & (v <= *hi)),
             Self::Range(None) => 0,
+            Self::Without((lo, hi), (a, b)) => {
+                pack(samples, |v| (*lo <= v) & (v <= *hi) & !((*a <= v) & (v <= *b)))
+            }
             Self::Not(value) => pack(samples, |v| is_number(v) & (v != *value)),
             w => pack(samples, |v| w.holds(v)),
         }
@@ -202,7 +219,8 @@ pub(super) fn check_seed(
         return Err(LumenError::SeedOutside { seed, dims: volume.grid.dims });
     }
     let value = volume.real(volume.grid.index(seed));
-    if !selection.holds(value) {
+    let is_padding = volume.is_padding(volume.samples.get(volume.grid.index(seed)));
+    if is_padding || !selection.holds(value) {
         return Err(LumenError::SeedValue { seed, value, selection: selection.clone() });
     }
     Ok(())

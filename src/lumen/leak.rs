@@ -163,7 +163,11 @@ impl Flood {
                                 continue;
                             }
                             let j = (i as i64 + step * strides[axis] as i64) as usize;
-                            let real = volume.rescale.real(samples[j].to_f64());
+                            let stored = samples[j].to_f64();
+                            if volume.is_padding(stored) {
+                                continue;
+                            }
+                            let real = volume.rescale.real(stored);
                             if let Some(l) = self.level(selection, real) {
                                 done.set(w[0], w[1], w[2]);
                                 // Levels only rise along a path: that is the minimax.

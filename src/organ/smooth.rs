@@ -51,7 +51,7 @@ pub(super) fn smoothed(volume: &Volume, sigma_mm: f64, least: f64) -> Volume {
         }
     }
     let samples = Samples::F32(SampleBuffer::from(values));
-    Volume { grid, samples, rescale: Rescale::IDENTITY }
+    Volume { grid, samples, rescale: Rescale::IDENTITY, padding: None }
 }
 
 /// Weights of the middle and of each step away from it, summing to 1 with both sides.

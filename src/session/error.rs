@@ -7,7 +7,7 @@ use crate::formats::FormatError;
 use crate::lod::WorkerError;
 use crate::lod::clusters::ClusterError;
 use crate::lod::vds::VdsError;
-use crate::lumen::LumenError;
+use crate::lumen::{LumenError, VoxelizeError};
 use crate::mesh::{MeshError, ParameterizationError};
 use crate::organ::{Organ, OrganError};
 use crate::render::RenderError;
@@ -60,6 +60,14 @@ pub enum SessionError {
     ShearedGrid {
         /// Which volume.
         name: String,
+    },
+    /// A mesh that encloses no lumen.
+    #[error("{name}: {why}")]
+    Enclosed {
+        /// Which mesh.
+        name: String,
+        /// What is wrong with it.
+        why: VoxelizeError,
     },
     /// A volume from which nothing says how to choose a lumen.
     #[error(

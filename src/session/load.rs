@@ -6,8 +6,8 @@ use glam::DVec3;
 
 use super::settings::{Source, VolumeSource};
 use super::{Clock, InputReport, Session, SessionError, present, put, refuse_above};
-use crate::formats::{ReadOptions, inspect, read_volume};
-use crate::lumen::IntensitySelection;
+use crate::formats::{ReadOptions, inspect, read_mesh, read_volume};
+use crate::lumen::{IntensitySelection, voxelized};
 use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
 
 /// The volume the lumen is chosen from.
@@ -116,17 +116,38 @@ fn read_file(
     options: &ReadOptions,
     max_memory_mb: Option<u64>,
 ) -> Result<Volume, SessionError> {
-    if max_memory_mb.is_some() {
+    if max_memory_mb.is_some() && !is_mesh(path) {
         let info = inspect(path, options)?;
         if let Some(image) = info.image {
             let voxels: u64 = image.dims.iter().map(|d| u64::from(*d)).product();
             refuse_above(max_memory_mb, voxels, "the volume alone")?;
         }
     }
-    let volume = read_volume(path, options)?;
+    let volume = match is_mesh(path) {
+        true => read_enclosed(path, options.mesh_spacing_mm)?,
+        false => read_volume(path, options)?,
+    };
     let d = volume.grid.dims;
     tracing::info!("read {} x {} x {} voxels", d.x, d.y, d.z);
     Ok(volume)
+}
+
+/// Whether a file is a surface by its name.
+fn is_mesh(path: &std::path::Path) -> bool {
+    let name = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    name.is_some_and(|e| ["ply", "stl", "obj", "vtp", "glb"].contains(&e.as_str()))
+}
+
+/// What a closed surface encloses, as a label map.
+fn read_enclosed(path: &std::path::Path, spacing_mm: Option<f64>) -> Result<Volume, SessionError> {
+    let (mesh, warnings) = read_mesh(path, None)?;
+    warnings.iter().for_each(|line| tracing::warn!("{line}"));
+    let enclosed = voxelized(&mesh, spacing_mm);
+    let (grid, mask) =
+        enclosed.map_err(|why| SessionError::Enclosed { name: path.display().to_string(), why })?;
+    let mut labels = vec![0u8; grid.len()];
+    mask.voxels().for_each(|v| labels[grid.index(v)] = 1);
+    Ok(Volume::new(grid, labels.into()))
 }
 
 fn check_axes(grid: &Grid, source: &VolumeSource) -> Result<(), SessionError> {
@@ -175,7 +196,7 @@ fn resampled(mask: &Volume, grid: Grid) -> Volume {
         out
     }
     let samples: Samples = with_samples!(&mask.samples, |s| pick(s, &mask.grid, &grid).into());
-    Volume { grid, samples, rescale: mask.rescale }
+    Volume { grid, samples, rescale: mask.rescale, padding: mask.padding }
 }
 
 fn same_grid(g: &Grid, h: &Grid) -> bool {

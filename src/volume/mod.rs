@@ -18,6 +18,9 @@ pub struct Volume {
     pub samples: Samples,
     /// Stored value to real value: `real = slope * stored + intercept` (HU for CT).
     pub rescale: Rescale,
+    /// Stored values, first and last, that fill the grid where nothing was measured (DICOM's pixel
+    /// padding): never part of a range of values.
+    pub padding: Option<[f64; 2]>,
 }
 
 /// Linear map from stored to real values.
@@ -53,7 +56,7 @@ impl Volume {
     /// If the number of samples is not the grid's.
     pub fn new(grid: Grid, samples: Samples) -> Self {
         assert_eq!(samples.len(), grid.len(), "samples must fill the grid");
-        Self { grid, samples, rescale: Rescale::IDENTITY }
+        Self { grid, samples, rescale: Rescale::IDENTITY, padding: None }
     }
 
     /// Real value (after rescale) at linear index `i`.
@@ -61,9 +64,14 @@ impl Volume {
         self.rescale.real(self.samples.get(i))
     }
 
-    /// Smallest and largest finite real value, or `None` if there is no finite sample.
+    /// Whether a stored value is padding.
+    pub fn is_padding(&self, stored: f64) -> bool {
+        self.padding.is_some_and(|[first, last]| first <= stored && stored <= last)
+    }
+
+    /// Smallest and largest finite real value but padding, or `None` if there is no such sample.
     pub fn range(&self) -> Option<(f64, f64)> {
-        let (lo, hi) = self.samples.range()?;
+        let (lo, hi) = self.samples.range_without(self.padding)?;
         let (a, b) = (self.rescale.real(lo), self.rescale.real(hi));
         Some((a.min(b), a.max(b)))
     }

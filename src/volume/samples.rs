@@ -213,6 +213,18 @@ impl Samples {
 
     /// Smallest and largest finite stored value.
     pub fn range(&self) -> Option<(f64, f64)> {
+        self.range_without(None)
+    }
+
+    /// The same without the values from one to another.
+    pub fn range_without(&self, skipped: Option<[f64; 2]>) -> Option<(f64, f64)> {
+        if let Some([first, last]) = skipped {
+            let values = (0..self.len()).map(|i| self.get(i));
+            let counts = |v: &f64| v.is_finite() && !(first <= *v && *v <= last);
+            return values.filter(counts).fold(None, |range: Option<(f64, f64)>, v| {
+                Some(range.map_or((v, v), |(lo, hi)| (lo.min(v), hi.max(v))))
+            });
+        }
         fn of<T: Sample>(s: &[T]) -> Option<(f64, f64)> {
             let finite = |v: &&T| v.to_f64().is_finite();
             let first = *s.iter().find(finite)?;

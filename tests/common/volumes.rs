@@ -94,6 +94,9 @@ pub struct Slice {
     pub frames: &'static str,
     /// Acquisition number; left out where it is empty.
     pub acquisition: &'static str,
+    /// Padding value and its limit, where there are any.
+    pub padding: Vec<i16>,
+    pub burned_in: &'static str,
     pub pixel_spacing: &'static str,
     pub slope: &'static str,
     pub position: [f64; 3],
@@ -115,6 +118,8 @@ impl Default for Slice {
             photometric: "MONOCHROME2",
             frames: "1",
             acquisition: "",
+            padding: Vec::new(),
+            burned_in: "",
             pixel_spacing: "0.75\\0.5",
             slope: "1",
             position: [0.0; 3],
@@ -200,8 +205,14 @@ pub fn dicom_slice(s: &Slice) -> Vec<u8> {
     word((0x0028, 0x0101), 12);
     word((0x0028, 0x0102), 11);
     word((0x0028, 0x0103), s.signed.into());
+    for (element, value) in [0x0120, 0x0121].into_iter().zip(&s.padding) {
+        word((0x0028, element), *value as u16);
+    }
     let mut text =
         |tag, vr: &str, value: &str| put(&mut out, s.implicit, tag, vr, value.as_bytes());
+    if !s.burned_in.is_empty() {
+        text((0x0028, 0x0301), "CS", s.burned_in);
+    }
     text((0x0028, 0x1052), "DS", "-1024");
     text((0x0028, 0x1053), "DS", s.slope);
     let pixels: Vec<u8> = s.pixels.iter().flat_map(|p| p.to_le_bytes()).collect();

@@ -35,6 +35,10 @@ pub struct ReadOptions {
     pub series: Option<String>,
     /// DICOM: interpolate where slices are uneven or missing.
     pub fill_gaps: bool,
+    /// DICOM: read pixels that text was burned into; it may name the patient.
+    pub allow_burned_in: bool,
+    /// Meshes that stand for what they enclose: side of a voxel, mm.
+    pub mesh_spacing_mm: Option<f64>,
 }
 
 /// The kinds of input, told apart by name first and by their first bytes otherwise.

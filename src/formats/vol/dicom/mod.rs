@@ -37,6 +37,13 @@ struct Series {
     heads: Vec<Head>,
 }
 
+impl Series {
+    /// A slice into whose pixels text was burned, by its own word.
+    fn burned_in(&self) -> Option<&Head> {
+        self.heads.iter().find(|h| h.text(0x0028, 0x0301).trim().eq_ignore_ascii_case("YES"))
+    }
+}
+
 /// What a folder or file holds.
 struct Found {
     series: Vec<Series>,
@@ -54,6 +61,10 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Volume, FormatE
         tracing::warn!("DICOM: {note}");
     }
     let chosen = choose(path, &found.series, options)?;
+    if let Some(slice) = found.series[chosen].burned_in().filter(|_| !options.allow_burned_in) {
+        let why = "text in the pixels may name the patient; --allow-burned-in reads them";
+        return Err(FormatError::field(&slice.file, "BurnedInAnnotation", "YES", why));
+    }
     let stack = Stack::new(path, &found.series[chosen].heads, options.fill_gaps)?;
     for note in &stack.notes {
         tracing::warn!("DICOM: {note}");
@@ -72,6 +83,9 @@ pub(super) fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, F
         let chosen = choose(path, &found.series, options)?;
         let stack = Stack::new(path, &found.series[chosen].heads, options.fill_gaps)?;
         notes.extend(stack.notes.iter().cloned());
+        if found.series[chosen].burned_in().is_some() {
+            notes.push("text was burned into its pixels (BurnedInAnnotation)".into());
+        }
         Some(ImageInfo::of(&stack.grid, stack.sample_type(), stack.shared_rescale()))
     };
     Ok(InputInfo { format: "DICOM".to_owned(), image, series, notes })

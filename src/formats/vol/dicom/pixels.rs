@@ -112,6 +112,21 @@ impl Stored {
         }
     }
 
+    /// The first and last value of padding, as the tidied samples have it: the elements' own VR
+    /// does not tell the sign, and some writers leave it away.
+    pub fn padding(&self, h: &Head) -> Option<[f64; 2]> {
+        let sample = |element| {
+            let raw = h.int(0x0028, element)?;
+            let signed = matches!(self.kind, SampleType::I8 | SampleType::I16 | SampleType::I32);
+            let wide = 1i64 << self.bits;
+            let low = raw.rem_euclid(wide);
+            Some(if signed && 2 * low >= wide { low - wide } else { low } as f64)
+        };
+        let value = sample(0x0120)?;
+        let limit = sample(0x0121).unwrap_or(value);
+        Some([value.min(limit), value.max(limit)])
+    }
+
     /// Brings the samples as stored to plain numbers: byte order, then the unused bits.
     fn tidy(&self, samples: &mut Samples) {
         if must_swap(self.big_endian) {
@@ -161,13 +176,14 @@ pub(super) fn read(path: &Path, stack: &Stack) -> Result<Volume, FormatError> {
         // The room of the box was not asked for yet.
         drop(zeroed(path, SampleType::F32, stack.grid.len())?);
         let rescale = stack.slices[0].rescale;
-        let padding = stack.padding.map(|p| rescale.real(p as f64) as f32);
+        let padding = stack.padding.map(|p| rescale.real(p[0]) as f32);
         let values = real_values(stack, &samples);
         drop(samples);
         let least = || values.iter().copied().fold(f32::INFINITY, f32::min);
         let outside = padding.unwrap_or_else(least);
         let samples = upright.sampled(&values, outside, padding);
-        return Ok(Volume::new(stack.grid, samples.into()));
+        let padding = padding.map(|p| [f64::from(p); 2]);
+        return Ok(Volume { padding, ..Volume::new(stack.grid, samples.into()) });
     }
     let samples = match stack.rescale_differs() {
         true => real_values(stack, &samples).into(),
@@ -175,6 +191,8 @@ pub(super) fn read(path: &Path, stack: &Stack) -> Result<Volume, FormatError> {
     };
     let mut volume = Volume::new(stack.grid, samples);
     volume.rescale = stack.shared_rescale();
+    // Where slices have rescales of their own, padding has no one value.
+    volume.padding = stack.padding.filter(|_| !stack.rescale_differs());
     Ok(volume)
 }
 

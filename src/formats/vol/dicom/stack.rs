@@ -36,7 +36,7 @@ pub(super) struct Stack {
     /// How slices that lie askew or unevenly are made a box.
     pub upright: Option<Upright>,
     /// Stored value of pixels that were not measured.
-    pub padding: Option<i64>,
+    pub padding: Option<[f64; 2]>,
     /// What was done that a reader should know.
     pub notes: Vec<String>,
 }
@@ -135,7 +135,7 @@ impl Stack {
             }
         };
         let grid = grid(path, dims.map(u64::from), spacing, origin, axes)?;
-        let padding = first.int(0x0028, 0x0120);
+        let padding = stored.padding(first);
         Ok(Self { grid, stored, slices, upright, padding, notes })
     }
 
