@@ -286,6 +286,29 @@ fn heads_and_label_maps_hold_no_airway_colon_or_vessel() {
 }
 
 #[test]
+fn a_colon_is_flown_from_the_rectum_through_all_its_segments() {
+    use intima::session::{LumenSettings, Session, Settings, Source, VolumeSource};
+    let torso = Torso::default();
+    let source = Source::Image(VolumeSource::Memory(std::sync::Arc::new(torso.scan())));
+    let organ = Some(OrganOptions { organ: Organ::Colon, tagged: false });
+    let lumen = LumenSettings { organ, ..LumenSettings::default() };
+    let session = Session::new(source, Settings { lumen, ..Settings::default() }).unwrap();
+    let centered = session.centerline().unwrap();
+    let at: Vec<Option<usize>> = centered
+        .line
+        .pieces()
+        .map(|piece| {
+            let middle = piece.points[piece.points.len() / 2].position_mm;
+            torso.colon.iter().position(|t| t.distance(middle) < 0.0)
+        })
+        .collect();
+    assert_eq!(at, [Some(0), Some(1), Some(2), Some(3)]);
+    let ends = |p: &intima::geometry::Branch| [p.points[0], p.points[p.points.len() - 1]];
+    let first = centered.line.pieces().next().map(ends).unwrap();
+    assert!(first[0].position_mm.z < first[1].position_mm.z, "{first:?}");
+}
+
+#[test]
 fn the_command_line_says_what_it_chose_and_why_and_draws_it() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);

@@ -50,6 +50,8 @@ pub struct RouteOptions {
     pub tree: bool,
     /// Loops of a tree.
     pub loops: Loops,
+    /// Of a path whose ends are found: the end nearer to this point, LPS mm, is the start.
+    pub starts_near: Option<DVec3>,
 }
 
 /// A loop of the lumen and what became of it.
@@ -172,6 +174,16 @@ pub fn centerline(
             }
         }
         routes = in_order(pieces, &view, options.tree);
+    }
+    if let Some(near) = options.starts_near.filter(|_| !options.tree && held.is_empty()) {
+        let near = lumen.grid.voxel_from_world().transform_point3(near) * lumen.grid.spacing_mm;
+        let off = |route: Option<&BranchRoute>, last| {
+            route.map_or(f64::INFINITY, |r| r.end(last).point.distance(near))
+        };
+        if off(routes.last(), true) < off(routes.first(), false) {
+            routes.reverse();
+            routes.iter_mut().for_each(BranchRoute::reverse);
+        }
     }
     routes.par_iter_mut().for_each(|r| r.follow(&view.router));
     let branches = Branches::new(view.d, view.f, &routes);

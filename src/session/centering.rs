@@ -64,7 +64,13 @@ impl Session {
 
     fn route_options(&self) -> RouteOptions {
         let c = self.settings.centerline;
-        RouteOptions { ends: Ends { from: c.from, to: c.to }, tree: c.tree, loops: c.loops }
+        // A colon is flown from the rectum, an airway from the trachea.
+        let lumen = present(&self.slots.lumen);
+        let first = lumen.organ.as_ref().and_then(|organ| organ.segments.first());
+        let to_world = lumen.lumen.grid.world_from_voxel();
+        let starts_near = first.map(|s| to_world.transform_point3(s.seed.as_dvec3()));
+        let ends = Ends { from: c.from, to: c.to };
+        RouteOptions { ends, tree: c.tree, loops: c.loops, starts_near }
     }
 
     /// All branches with the loops they close, whatever path or tree is asked for. Of the paper's
@@ -73,7 +79,7 @@ impl Session {
     /// # Errors
     /// As [`Session::centerline`].
     pub fn graph(&self) -> Result<CenterlineGraph, SessionError> {
-        let centered = self.centerline()?;
+        let (centered, _) = (self.centerline()?, self.lumen()?);
         let options = self.route_options();
         if self.settings.mode == Mode::Paper || (options.tree && options.loops == Loops::Keep) {
             return Ok(centered.line.graph());
