@@ -5,6 +5,9 @@ use intima::volume::{Samples, Volume};
 
 use super::*;
 
+#[path = "../common/torso.rs"]
+mod torso;
+
 /// Lines of shell blocks that call the program.
 fn command_lines(document: &str) -> Vec<String> {
     let mut lines = Vec::new();
@@ -32,7 +35,7 @@ fn command_lines_in_the_documents_run() {
     let lines: Vec<String> = documents.iter().flat_map(|p| command_lines(&read(p))).collect();
     assert!(lines.len() >= 2, "{lines:?}");
     // The names that the documents use: a CT in which the point named lies in the lumen, and a
-    // label map of three labels.
+    // label map of three labels; where an organ is to be found, a torso.
     let tmp = tempfile::tempdir().unwrap();
     let tube = Phantom::new(Kind::Tube, 40, [1.0; 3]).unwrap();
     let mut ct = tube.grey(None, 1);
@@ -44,8 +47,10 @@ fn command_lines_in_the_documents_run() {
     write_volume(&tmp.path().join("ct.nii.gz"), &ct).unwrap();
     let labels = Volume::new(ct.grid, Samples::from(labels));
     write_volume(&tmp.path().join("labels.nii.gz"), &labels).unwrap();
+    write_volume(&tmp.path().join("torso.nrrd"), &torso::Torso::default().scan()).unwrap();
     for line in lines {
-        let line = line.replace("CT_FOLDER", "ct.nii.gz");
+        let ct = if line.contains("--organ") { "torso.nrrd" } else { "ct.nii.gz" };
+        let line = line.replace("CT_FOLDER", ct);
         let mut args: Vec<&str> = line.split_whitespace().skip(1).collect();
         if ["run", "record"].contains(&args[0]) {
             args.extend(["--frames", "2", "--size", "64x48"]);
