@@ -286,6 +286,23 @@ fn heads_and_label_maps_hold_no_airway_colon_or_vessel() {
 }
 
 #[test]
+fn padding_brighter_than_all_values_does_not_end_the_search_for_vessels() {
+    let grid = Grid::axis_aligned([40, 40, 40], [1.0; 3]);
+    let values: Vec<i16> = (0..grid.len())
+        .map(|i| {
+            let v = grid.voxel(i).as_dvec3();
+            let is_vessel = (v.truncate() - 20.0).length() < 2.5;
+            if v.x < 2.0 { 32_767 } else { i as i16 % 50 + if is_vessel { 900 } else { 100 } }
+        })
+        .collect();
+    let mut volume = Volume::new(grid, values.into());
+    volume.padding = Some([32_767.0; 2]);
+    // Too short to be taken for one; but looked at.
+    let why = refused(Organ::Vessel, &volume);
+    assert!(why.contains("extent in mm"), "{why}");
+}
+
+#[test]
 fn a_colon_is_flown_from_the_rectum_through_all_its_segments() {
     use intima::session::{LumenSettings, Session, Settings, Source, VolumeSource};
     let torso = Torso::default();

@@ -198,7 +198,7 @@ impl Model {
         Self { aspect, fov_deg, view: self.view, ..Self::new(self.planned_mm_s) }
     }
 
-    /// What was shown of the wall has changed.
+    /// Takes in newer coverage of the wall.
     pub fn take_shown(&mut self, shown: Shown) {
         self.shown = shown;
         self.shown_version += 1;

@@ -35,7 +35,7 @@ pub struct LumenArgs {
     /// Of a colon, take the tagged fluid too
     #[arg(long, requires = "organ")]
     pub tagged: bool,
-    /// Draw what was found of the organ in the volume: a PNG
+    /// Draw the segmented organ in projections of the volume: a PNG
     #[arg(long, value_name = "FILE.png", requires = "organ")]
     pub explain: Option<PathBuf>,
     /// Keep every component

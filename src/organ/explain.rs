@@ -1,4 +1,4 @@
-//! A picture of what was found where: the volume seen from the front, from the left and from the
+//! A picture of the segmented organ: the volume seen from the front, from the left and from the
 //! feet, as an X-ray would show it, with the organ and its seeds in colour.
 
 use glam::{DVec3, UVec3};

@@ -26,8 +26,7 @@ impl Gates {
         limit: f64,
         sure: f64,
     ) -> Result<(), OrganError> {
-        let line = format!("{what} {}, at least {}", short(value), short(limit));
-        self.pass(line, (value - limit) / (sure - limit))
+        self.pass(what, value, ("at least", limit, sure))
     }
 
     /// A value that must not lie above a limit.
@@ -38,11 +37,17 @@ impl Gates {
         limit: f64,
         sure: f64,
     ) -> Result<(), OrganError> {
-        let line = format!("{what} {}, at most {}", short(value), short(limit));
-        self.pass(line, (limit - value) / (limit - sure))
+        self.pass(what, value, ("at most", limit, sure))
     }
 
-    fn pass(&mut self, line: String, margin: f64) -> Result<(), OrganError> {
+    fn pass(
+        &mut self,
+        what: &str,
+        value: f64,
+        (side, limit, sure): (&str, f64, f64),
+    ) -> Result<(), OrganError> {
+        let line = format!("{what} {}, {side} {}", short(value), short(limit));
+        let margin = (value - limit) / (sure - limit);
         if margin.is_nan() || margin < 0.0 {
             return Err(self.refuse(line));
         }

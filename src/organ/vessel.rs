@@ -130,7 +130,8 @@ fn histogram(volume: &Volume, low: f64, high: f64) -> Vec<u64> {
     let scale = (BINS as f64 - 1.0) / (high - low);
     for i in 0..volume.grid.len() {
         let v = volume.real(i);
-        if v.is_finite() {
+        // Neither padding, which may lie beyond the ends, nor what is no number.
+        if (low..=high).contains(&v) {
             bins[((v - low) * scale).round() as usize] += 1;
         }
     }

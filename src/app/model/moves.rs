@@ -110,7 +110,7 @@ impl Model {
         Lens { fov_y_rad, aspect: self.aspect, near_mm: self.near_mm }
     }
 
-    /// Width over height of the inside view changed: what was proven may hold no more.
+    /// Sets the aspect ratio of the inside view and proves the near plane again.
     pub fn set_aspect(&mut self, aspect: f32) {
         if aspect.is_finite() && aspect > 0.0 && aspect != self.aspect {
             self.aspect = aspect;

@@ -1,4 +1,4 @@
-//! What is noted: bookmarks, measurements, missed patches that were visited.
+//! Bookmarks, measurements, and visits to missed patches.
 
 use glam::{DVec3, Quat};
 
