@@ -259,6 +259,36 @@ fn frames_of_an_enhanced_file_are_ordered_by_place_each_with_its_own_rescale() {
     assert!(refusal(&file).contains("truncated"));
 }
 
+/// An enhanced file as a part of a volume that is spread over several files.
+fn part(places: &[f64], number: u16, parts: u16) -> Vec<u8> {
+    let whole = enhanced(places, true, false);
+    let short = |n: u16| n.to_le_bytes();
+    let said = [
+        element((0x20, 0x9161), "UI", b"1.2.3.4"),
+        element((0x20, 0x9162), "US", &short(number)),
+        element((0x20, 0x9163), "US", &short(parts)),
+    ];
+    let at = whole.windows(4).position(|w| w == b"\x28\0\x02\0").unwrap();
+    [&whole[..at], &said.concat(), &whole[at..]].concat()
+}
+
+#[test]
+fn a_volume_that_is_spread_over_several_enhanced_files_is_whole_or_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("b"), part(&[2.0, 0.0], 1, 3)).unwrap();
+    std::fs::write(dir.path().join("a"), part(&[6.0, 4.0], 2, 3)).unwrap();
+    let why = refusal(dir.path());
+    assert!(why.contains("InConcatenationTotalNumber is `3`: 2 of its parts are there"), "{why}");
+    std::fs::write(dir.path().join("c"), part(&[8.0], 3, 3)).unwrap();
+    let v = read(dir.path()).unwrap();
+    assert_eq!(v.grid.dims, UVec3::new(4, 3, 5));
+    let pixels = [100.0, 0.0, 100.0, 0.0, 0.0].map(|frame| frame + 5.0);
+    for (slice, wanted) in pixels.into_iter().enumerate() {
+        let offset = if wanted > 100.0 { -1001.0 } else { -1000.0 };
+        assert_eq!(v.real(12 * slice + 5), wanted + offset, "slice {slice}");
+    }
+}
+
 #[test]
 fn a_slice_that_is_there_twice_is_left_out_and_named() {
     let dir = tempfile::tempdir().unwrap();

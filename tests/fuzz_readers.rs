@@ -131,6 +131,10 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
     seeds.push(("a.dcm", common::dicom_slice(&common::Slice::default())));
     let implicit = common::Slice { implicit: true, ..common::Slice::default() };
     seeds.push(("b.dcm", common::dicom_slice(&implicit)));
+    for name in ["binary.dcm", "fractional.dcm", "labels.dcm", "layers.seg.nrrd"] {
+        let seg = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/seg").join(name);
+        seeds.push((name, std::fs::read(seg).unwrap()));
+    }
     let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mesh = Mesh {
         positions: corners.map(Into::into).to_vec(),

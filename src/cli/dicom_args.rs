@@ -15,6 +15,9 @@ pub struct DicomArgs {
     /// Read DICOM pixels that text was burned into; it may name the patient
     #[arg(long)]
     pub allow_burned_in: bool,
+    /// Take this segment of a segmentation (.seg.nrrd, DICOM SEG) given as INPUT or --mask, by its name; may be repeated
+    #[arg(long, value_name = "NAME", help_heading = "Choosing the lumen")]
+    pub segment: Vec<String>,
     /// Side of the voxels that a closed mesh (.ply .stl .obj .vtp .glb) given as INPUT or --mask is cut into, mm
     #[arg(long, value_name = "MM", help_heading = "Choosing the lumen")]
     pub mesh_spacing: Option<f64>,
@@ -27,6 +30,7 @@ impl DicomArgs {
             series: self.series.clone(),
             fill_gaps: self.fill_gaps,
             allow_burned_in: self.allow_burned_in,
+            segments: self.segment.clone(),
             mesh_spacing_mm: self.mesh_spacing,
         }
     }

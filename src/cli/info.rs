@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::CliError;
 use super::dicom_args::DicomArgs;
 use super::global::Global;
-use crate::formats::{inspect, read_volume};
+use crate::formats::{FormatError, inspect, read_volume};
 
 /// `intima info INPUT`
 #[derive(Debug, clap::Args)]
@@ -30,7 +30,12 @@ impl Args {
         let options = self.dicom.options();
         let info = inspect(&self.input, &options)?;
         let range = match &info.image {
-            Some(_) => read_volume(&self.input, &options)?.range().map(|(a, b)| [a, b]),
+            Some(_) => match read_volume(&self.input, &options) {
+                Ok(volume) => volume.range().map(|(a, b)| [a, b]),
+                // They are listed here.
+                Err(FormatError::Segments { .. }) if options.segments.is_empty() => None,
+                Err(e) => return Err(e.into()),
+            },
             None => None,
         };
         global.say(format_args!("format       {}", info.format))?;
@@ -69,6 +74,9 @@ impl Args {
                 "series {:3}   {} {} {x} x {y} x {z}, {n} slices",
                 s.index, s.uid, s.modality
             ))?;
+        }
+        for s in &info.segments {
+            global.say(format_args!("segment {:3}  {}", s.label, s.name))?;
         }
         for n in &info.notes {
             global.say(format_args!("note         {n}"))?;

@@ -7,7 +7,7 @@ use glam::{DVec3, UVec3};
 use super::CliError;
 use super::dicom_args::DicomArgs;
 use super::global::Global;
-use crate::formats::write_png;
+use crate::formats::{ReadOptions, write_png};
 use crate::lumen::IntensitySelection;
 use crate::organ::{self, Organ, OrganOptions};
 use crate::session::{LumenSettings, Seed, Session, Source, VolumeSource};
@@ -81,7 +81,16 @@ impl LumenArgs {
         };
         if let Some(spec) = &self.mask {
             let (path, _) = split_labels(spec);
-            return Ok(Source::Mask { mask: volume(&path), image: input.map(volume) });
+            let mut options = self.dicom.options();
+            if input.is_some() {
+                options.series = None;
+            }
+            let mask = VolumeSource::File { path, options };
+            let image = |path: &Path| {
+                let options = ReadOptions { segments: Vec::new(), ..self.dicom.options() };
+                VolumeSource::File { path: path.to_owned(), options }
+            };
+            return Ok(Source::Mask { mask, image: input.map(image) });
         }
         let input = input.ok_or_else(|| CliError::Usage("an INPUT or --mask is needed".into()))?;
         Ok(Source::Image(volume(input)))

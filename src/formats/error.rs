@@ -110,6 +110,15 @@ pub enum FormatError {
         /// What is unusable.
         source: GridError,
     },
+    /// Segments overlap and none is chosen, or the file lacks the chosen one. The names in the file
+    /// are its text: `intima info` shows them.
+    #[error("{}: {why}", .file.display())]
+    Segments {
+        /// Which file.
+        file: PathBuf,
+        /// What is wrong with the choice.
+        why: String,
+    },
     /// Several series and none chosen, or the chosen one absent.
     #[error("{}: {why}; choose one with --series:{list}", .file.display())]
     Series {

@@ -20,7 +20,7 @@ pub use image::{encode_png, read_png, write_png};
 pub use mesh::{Space, read_mesh, write_mesh};
 pub use video::{NoFfmpeg, VideoWriter};
 pub use vol::{
-    ImageInfo, InputInfo, ReadOptions, SeriesInfo, inspect, read_volume, write_layers,
+    ImageInfo, InputInfo, ReadOptions, SegmentInfo, SeriesInfo, inspect, read_volume, write_layers,
     write_vector_field, write_volume,
 };
 

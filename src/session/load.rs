@@ -71,9 +71,13 @@ impl Session {
                 if let Some((grid, report)) = image {
                     loaded.image = Some(report);
                     if !same_grid(&grid, &loaded.volume.grid) {
-                        tracing::warn!(
-                            "the mask lies on another grid: resampled to the input's, nearest label"
-                        );
+                        match is_part(&loaded.volume.grid, &grid) {
+                            true => tracing::info!("the mask covers a part of the input's grid"),
+                            false => tracing::warn!(
+                                "the mask lies on another grid: resampled to the input's, nearest \
+                                 label"
+                            ),
+                        }
                         loaded.resampled = Some(InputReport::of(&loaded.volume));
                         loaded.volume = Arc::new(resampled(&loaded.volume, grid));
                     }
@@ -206,6 +210,19 @@ fn same_grid(g: &Grid, h: &Grid) -> bool {
             .length()
     };
     g.dims == h.dims && off(DVec3::ZERO).max(off(corner)) < 0.01 * g.spacing_mm.min_element()
+}
+
+/// Whether the voxels of a grid are voxels of another, as those of a cropped volume are.
+fn is_part(part: &Grid, whole: &Grid) -> bool {
+    let map = whole.voxel_from_world() * part.world_from_voxel();
+    let off = |v: DVec3| {
+        let at = map.transform_point3(v);
+        (at - at.round()).abs().max_element()
+    };
+    let turned = map.matrix3 - glam::DMat3::IDENTITY;
+    let corner = part.dims.as_dvec3();
+    turned.to_cols_array().iter().all(|x| x.abs() < 0.01)
+        && off(DVec3::ZERO).max(off(corner)) < 0.01
 }
 
 /// Most distinct values of a volume that is taken for a label map without being told.

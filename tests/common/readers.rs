@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use intima::flight::CameraPath;
-use intima::formats::{ReadOptions, inspect, read_mesh, read_volume};
+use intima::formats::{FormatError, ReadOptions, inspect, read_mesh, read_volume};
 
 /// Reads a file by its extension; the error as text.
 ///
@@ -22,7 +22,12 @@ pub fn read(path: &Path, bytes: &[u8]) -> Result<(), String> {
         }
         _ => {
             let _ = inspect(path, &ReadOptions::default());
-            let volume = read_volume(path, &ReadOptions::default()).map_err(|e| e.to_string())?;
+            let mut volume = read_volume(path, &ReadOptions::default());
+            if let Err(FormatError::Segments { .. }) = volume {
+                let segments = vec!["Lumen".to_owned()];
+                volume = read_volume(path, &ReadOptions { segments, ..Default::default() });
+            }
+            let volume = volume.map_err(|e| e.to_string())?;
             assert_eq!(volume.samples.len(), volume.grid.len());
             assert!(volume.grid.spacing_mm.min_element() > 0.0);
             Ok(())

@@ -17,12 +17,13 @@ import edt
 import fair
 import grow
 import masks
-import nrrd
+import nrrd_file
 import ridge
 import route
+import segmentation
 
 ROOT = Path(__file__).resolve().parents[2] / "tests" / "fixtures"
-LIMIT = 400_000
+LIMIT = 450_000
 
 
 def text(value):
@@ -53,10 +54,10 @@ def fixtures():
     every = masks.every()
     out = {}
     for name, (mask, spacing) in every.items():
-        out[f"mask/{name}.mask.nrrd"] = nrrd.dumps(mask.astype(np.uint8), spacing)
-        out[f"mask/{name}.edt.nrrd"] = nrrd.dumps(edt.distance(mask, spacing), spacing)
+        out[f"mask/{name}.mask.nrrd"] = nrrd_file.dumps(mask.astype(np.uint8), spacing)
+        out[f"mask/{name}.edt.nrrd"] = nrrd_file.dumps(edt.distance(mask, spacing), spacing)
         if len(set(spacing)) == 1:
-            out[f"mask/{name}.edt2.nrrd"] = nrrd.dumps(edt.squared(mask), spacing)
+            out[f"mask/{name}.edt2.nrrd"] = nrrd_file.dumps(edt.squared(mask), spacing)
     out["counts.json"] = text({n: counts.describe(*v) for n, v in every.items()})
     for name in ridge.MASKS:
         out[f"ridge/{name}.json"] = text(ridge.fixture(*every[name]))
@@ -67,9 +68,12 @@ def fixtures():
         out |= {f"fair/{name}.{suffix}": data for suffix, data in files.items()}
     out["fair/about.json"] = text(about)
     grey, level, recipes = grow.fixture()
-    out["grow/grey.nrrd"] = nrrd.dumps(grey, grow.SPACING)
-    out["grow/level.nrrd"] = nrrd.dumps(level, grow.SPACING)
+    out["grow/grey.nrrd"] = nrrd_file.dumps(grey, grow.SPACING)
+    out["grow/level.nrrd"] = nrrd_file.dumps(level, grow.SPACING)
     out["grow/recipes.json"] = text(recipes)
+    files, truth = segmentation.fixture()
+    out |= {f"seg/{name}": data for name, data in files.items()}
+    out["seg/truth.nrrd"] = nrrd_file.dumps(truth, segmentation.SPACING)
     return out
 
 
@@ -86,8 +90,11 @@ def close(a, b):
 def same(path, new, old):
     if path.endswith(".json"):
         return close(json.loads(new), json.loads(old))
+    if path.endswith((".dcm", ".seg.nrrd")):
+        (a, names), (b, others) = segmentation.pixels(new), segmentation.pixels(old)
+        return names == others and np.array_equal(a, b)
     if path.endswith(".nrrd"):
-        (a, s), (b, t) = nrrd.loads(new), nrrd.loads(old)
+        (a, s), (b, t) = nrrd_file.loads(new), nrrd_file.loads(old)
         return s == t and a.shape == b.shape and a.dtype == b.dtype and np.allclose(a, b, rtol=1e-12, atol=0)
     if path.endswith((".f32", ".f64")):
         code, tol = ("<f4", 1e-6) if path.endswith("32") else ("<f8", 1e-9)

@@ -16,6 +16,8 @@ pub struct InputInfo {
     pub image: Option<ImageInfo>,
     /// Series of a DICOM input, in the order of their index; empty for other formats.
     pub series: Vec<SeriesInfo>,
+    /// Named segments of a segmentation; empty for other inputs.
+    pub segments: Vec<SegmentInfo>,
     /// What had to be assumed or was passed over, one sentence each.
     pub notes: Vec<String>,
 }
@@ -45,6 +47,17 @@ pub struct ImageInfo {
     pub handedness: String,
     /// Whether the axes are square to each other.
     pub orthogonal: bool,
+}
+
+/// One segment of a segmentation (`.seg.nrrd`, DICOM SEG).
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct SegmentInfo {
+    /// Its name, for `--segment`: the only free text of an input that is shown.
+    pub name: String,
+    /// Its value in the label map.
+    pub label: i64,
+    /// Which layer it lies in, from 0: segments of different layers may overlap.
+    pub layer: usize,
 }
 
 /// One DICOM series of a folder.

@@ -8,6 +8,7 @@ use std::str::FromStr;
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
 use super::FormatError;
+use super::info::SegmentInfo;
 use super::source::{Source, fill};
 use crate::volume::{
     Grid, Rescale, Sample, SampleBuffer, SampleType, Samples, Volume, with_samples,
@@ -28,6 +29,10 @@ pub(super) struct Layout {
     pub format: &'static str,
     pub grid: Grid,
     pub sample_type: SampleType,
+    /// Samples of a voxel, one after the other: the layers of a segmentation; else 1.
+    pub layers: usize,
+    /// Named segments; empty where the file names none.
+    pub segments: Vec<SegmentInfo>,
     pub rescale: Rescale,
     /// What errors name: the file that was asked for. A header's name of its data file is text.
     pub path: PathBuf,
@@ -53,9 +58,14 @@ const FIRST_BYTES: u64 = 4 << 20;
 const STEP_BYTES: usize = 1 << 20;
 
 impl Layout {
+    /// Samples of all layers.
+    fn len(&self) -> usize {
+        self.grid.len().saturating_mul(self.layers)
+    }
+
     /// Bytes of all samples once decoded.
     fn promised(&self) -> u64 {
-        self.grid.len() as u64 * self.sample_type.size() as u64
+        (self.len() as u64).saturating_mul(self.sample_type.size() as u64)
     }
 
     /// Opens the samples' file at their first byte, after holding the promise against its size.
@@ -67,7 +77,7 @@ impl Layout {
         let (fits, what) = match self.encoding {
             Encoding::Raw => (found >= wanted, "samples"),
             // A digit and a blank each, the last blank missing.
-            Encoding::Ascii => (found / 2 + 1 >= self.grid.len() as u64, "samples"),
+            Encoding::Ascii => (found / 2 + 1 >= self.len() as u64, "samples"),
             Encoding::Gzip | Encoding::Zlib => {
                 let most = found.saturating_mul(MOST_SHRINK);
                 (most >= wanted.saturating_add(self.skip), "compressed samples")
@@ -79,8 +89,15 @@ impl Layout {
         Source::open_at(&self.file, offset)
     }
 
-    /// Reads the samples straight into their final place.
+    /// Reads the one layer of a volume straight into its final place.
     pub fn load(self) -> Result<Volume, FormatError> {
+        let mut volume = Volume::new(self.grid, self.samples()?);
+        volume.rescale = self.rescale;
+        Ok(volume)
+    }
+
+    /// Reads the samples of all layers.
+    pub fn samples(&self) -> Result<Samples, FormatError> {
         let source = self.open()?;
         let packed = source.len;
         let mut samples = match self.encoding {
@@ -92,14 +109,12 @@ impl Layout {
         if self.swap && self.encoding != Encoding::Ascii {
             samples.swap_bytes();
         }
-        let mut volume = Volume::new(self.grid, samples);
-        volume.rescale = self.rescale;
-        Ok(volume)
+        Ok(samples)
     }
 
     /// Samples as they lie in the file. It is long enough for them, so they are allocated at once.
     fn read_raw(&self, mut source: Source) -> Result<Samples, FormatError> {
-        let mut samples = zeroed(&self.path, self.sample_type, self.grid.len())?;
+        let mut samples = zeroed(&self.path, self.sample_type, self.len())?;
         let bytes = samples.bytes_mut();
         let found = fill(&mut source, bytes).map_err(|e| self.decode_error(e))?;
         if found < bytes.len() {
@@ -121,7 +136,7 @@ impl Layout {
         }
         let first = FIRST_BYTES.saturating_add(packed.saturating_mul(2));
         let mut samples = Samples::zeroed(self.sample_type, 0);
-        let len = self.grid.len();
+        let len = self.len();
         let found = with_samples!(&mut samples, |s| fill_growing(&mut input, s, len, first)
             .map_err(fail)?);
         if found < self.promised() {
@@ -141,7 +156,7 @@ impl Layout {
     }
 
     fn read_ascii(&self, source: Source) -> Result<Samples, FormatError> {
-        let mut samples = zeroed(&self.path, self.sample_type, self.grid.len())?;
+        let mut samples = zeroed(&self.path, self.sample_type, self.len())?;
         with_samples!(&mut samples, |s| parse_all(&self.path, buffered(source), s))?;
         Ok(samples)
     }

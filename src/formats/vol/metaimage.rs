@@ -153,6 +153,8 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
         format: "MetaImage",
         grid: geometry(&h, &mut notes)?,
         sample_type,
+        layers: 1,
+        segments: Vec::new(),
         rescale: rescale(&h)?,
         path: path.to_owned(),
         file,

@@ -16,12 +16,13 @@ mod nifti_write;
 mod nrrd;
 mod nrrd_write;
 mod rescale;
+mod segments;
 mod source;
 mod text;
 
 use std::path::Path;
 
-pub use info::{ImageInfo, InputInfo, SeriesInfo};
+pub use info::{ImageInfo, InputInfo, SegmentInfo, SeriesInfo};
 pub use nrrd_write::{write_layers, write_vector_field};
 
 use super::FormatError;
@@ -37,6 +38,9 @@ pub struct ReadOptions {
     pub fill_gaps: bool,
     /// DICOM: read pixels that text was burned into; it may name the patient.
     pub allow_burned_in: bool,
+    /// Segmentations: names of the segments that are read, together as 1 in a label map of zeros and
+    /// ones; all, with their own labels, where none is named.
+    pub segments: Vec<String>,
     /// Meshes that stand for what they enclose: side of a voxel, mm.
     pub mesh_spacing_mm: Option<f64>,
 }
@@ -68,6 +72,7 @@ pub fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatEr
                 format: layout.format.to_owned(),
                 image: Some(ImageInfo::of(&layout.grid, layout.sample_type, layout.rescale)),
                 series: Vec::new(),
+                segments: layout.segments,
                 notes: layout.notes,
             })
         }
@@ -88,7 +93,7 @@ pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume, FormatE
             for note in &layout.notes {
                 tracing::warn!("{}: {note}", layout.format);
             }
-            layout.load()
+            segments::read(layout, &options.segments)
         }
     }
 }

@@ -52,6 +52,8 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
         format: "NIfTI-1",
         grid: geometry(path, &h, &mut notes)?,
         sample_type: sample_type(path, h.datatype)?,
+        layers: 1,
+        segments: Vec::new(),
         rescale: rescale(path, &h)?,
         path: file.clone(),
         file,

@@ -1,6 +1,6 @@
 //! NRRD in: `.nrrd`, and `.nhdr` with its data file.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
@@ -8,7 +8,9 @@ use glam::{DMat3, DVec3};
 
 use super::FormatError;
 use super::affine::{RAS, grid_from_steps};
+use super::info::SegmentInfo;
 use super::layout::{Encoding, Layout, must_swap};
+use super::segments::printable;
 use super::source::{Source, prefix, sibling};
 use super::text::{MOST_HEADER, field_value, mm_per, number, numbers};
 use crate::volume::{Grid, Rescale, SampleType};
@@ -34,10 +36,23 @@ const FIELDS: [&str; 16] = [
     "units",
 ];
 
+/// Largest number of a segment.
+const MOST_SEGMENTS: usize = 1 << 16;
+
+/// What the keys `Segment<N>_…` of a segmentation say of one segment (3D Slicer's `.seg.nrrd`).
+#[derive(Default)]
+struct Segment {
+    name: String,
+    label: Option<i64>,
+    layer: Option<usize>,
+}
+
 /// The fields of a header that are read.
 struct Header<'a> {
     path: &'a Path,
     fields: HashMap<&'static str, String>,
+    /// Segments by the number in their keys.
+    segments: BTreeMap<usize, Segment>,
     /// First byte behind the blank line; `None` where the header ends with the file.
     end: Option<u64>,
 }
@@ -49,6 +64,7 @@ impl<'a> Header<'a> {
             return Err(FormatError::text(path, "magic", "a NRRD file begins NRRD000"));
         }
         let mut fields = HashMap::new();
+        let mut segments = BTreeMap::new();
         let mut end = None;
         let mut at = 0u64;
         for (n, line) in bytes.split_inclusive(|&b| b == b'\n').enumerate() {
@@ -62,9 +78,11 @@ impl<'a> Header<'a> {
             if n == 0 || line.starts_with('#') {
                 continue;
             }
-            // `key:=value` pairs are free text and none of our business.
             match line.split_once(':') {
-                Some((_, value)) if value.starts_with('=') => {}
+                // `key:=value` pairs are free text: only those of segments are looked at.
+                Some((key, value)) if value.starts_with('=') => {
+                    segment_key(&mut segments, key, &value[1..]);
+                }
                 Some((name, value)) => {
                     let name: String = name.split_whitespace().collect();
                     let name = name.to_ascii_lowercase();
@@ -78,7 +96,18 @@ impl<'a> Header<'a> {
                 }
             }
         }
-        Ok(Self { path, fields, end })
+        Ok(Self { path, fields, segments, end })
+    }
+
+    /// The named segments. Files of older versions of 3D Slicer have a layer of zeros and ones for
+    /// each segment and say neither label nor layer.
+    fn segments(&self, layers: usize) -> Vec<SegmentInfo> {
+        let info = |(n, s): (&usize, &Segment)| {
+            let layer = s.layer.unwrap_or(if layers > 1 { *n } else { 0 });
+            let label = s.label.unwrap_or(if layers > 1 { 1 } else { *n as i64 + 1 });
+            SegmentInfo { name: s.name.clone(), label, layer }
+        };
+        self.segments.iter().filter(|(_, s)| !s.name.is_empty()).map(info).collect()
     }
 
     fn get(&self, name: &str) -> Option<&str> {
@@ -96,12 +125,29 @@ impl<'a> Header<'a> {
     }
 }
 
+/// Takes a key `Segment<N>_Name`, `_LabelValue` or `_Layer`; others say nothing of the voxels.
+fn segment_key(segments: &mut BTreeMap<usize, Segment>, key: &str, value: &str) {
+    let parts = key.trim().strip_prefix("Segment").and_then(|k| k.split_once('_'));
+    let Some((number, what)) = parts else { return };
+    let Some(number) = number.parse().ok().filter(|n| *n < MOST_SEGMENTS) else { return };
+    if !["Name", "LabelValue", "Layer"].contains(&what) {
+        return;
+    }
+    let (segment, value) = (segments.entry(number).or_default(), value.trim());
+    match what {
+        "Name" => segment.name = printable(value),
+        "Layer" => segment.layer = value.parse().ok(),
+        _ => segment.label = value.parse().ok(),
+    }
+}
+
 pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
     let h = Header::read(path)?;
     let mut notes = Vec::new();
     let sample_type = sample_type(&h)?;
     let encoding = encoding(&h)?;
-    let grid = geometry(&h, &mut notes)?;
+    let (grid, layers) = geometry(&h, &mut notes)?;
+    let segments = h.segments(layers);
     let (file, start) = match h.get("data file") {
         Some(name) if name.starts_with("LIST") || name.contains('%') => {
             return Err(FormatError::unsupported(path, "`data file` with several files"));
@@ -123,6 +169,8 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
         format,
         grid,
         sample_type,
+        layers,
+        segments,
         rescale,
         path,
         file,
@@ -215,14 +263,15 @@ fn offset(
     }
 }
 
-fn geometry(h: &Header, notes: &mut Vec<String>) -> Result<Grid, FormatError> {
+/// The grid, and how many samples a voxel has.
+fn geometry(h: &Header, notes: &mut Vec<String>) -> Result<(Grid, usize), FormatError> {
     let axes: usize = number(h.path, "dimension", h.need("dimension")?)?;
     if !(1..=16).contains(&axes) {
         return Err(FormatError::field(h.path, "dimension", axes, "1 to 16 are possible"));
     }
     let sizes: Vec<u64> = numbers(h.path, "sizes", h.need("sizes")?, axes)?;
     let directions = h.get("space directions").map(|v| vectors(h, v, axes)).transpose()?;
-    let spatial = spatial_axes(h, &sizes, directions.as_deref())?;
+    let (spatial, layers) = spatial_axes(h, &sizes, directions.as_deref())?;
     let (to_lps, described) = frame(h, notes)?;
     let pick = |v: &[f64]| DVec3::new(v[spatial[0]], v[spatial[1]], v[spatial[2]]);
     let (steps, unit) = if let Some(d) = &directions {
@@ -249,15 +298,16 @@ fn geometry(h: &Header, notes: &mut Vec<String>) -> Result<Grid, FormatError> {
         _ => DVec3::ZERO,
     };
     let dims = [sizes[spatial[0]], sizes[spatial[1]], sizes[spatial[2]]];
-    grid_from_steps(h.path, dims, steps, origin, to_lps * unit)
+    Ok((grid_from_steps(h.path, dims, steps, origin, to_lps * unit)?, layers))
 }
 
-/// The three axes of space; every other axis must have size 1.
+/// The three axes of space, and the layers of a segmentation: its first axis, beside those of
+/// space. Every other axis must have size 1.
 fn spatial_axes(
     h: &Header,
     sizes: &[u64],
     directions: Option<&[Option<DVec3>]>,
-) -> Result<[usize; 3], FormatError> {
+) -> Result<([usize; 3], usize), FormatError> {
     let mut spatial: Vec<usize> = match directions {
         Some(d) => (0..sizes.len()).filter(|&i| d[i].is_some()).collect(),
         None => (0..sizes.len()).collect(),
@@ -268,7 +318,10 @@ fn spatial_axes(
     }
     let extra = (0..sizes.len()).find(|i| !spatial.contains(i) && sizes[*i] != 1);
     match (<[usize; 3]>::try_from(spatial), extra) {
-        (Ok(axes), None) => Ok(axes),
+        (Ok(axes), None) => Ok((axes, 1)),
+        (Ok(axes), Some(0)) if !h.segments.is_empty() && sizes[0] <= MOST_SEGMENTS as u64 => {
+            Ok((axes, sizes[0] as usize))
+        }
         (Ok(_), Some(axis)) => {
             let what = format!("axis {axis} holds {} values a voxel", sizes[axis]);
             Err(FormatError::unsupported(h.path, what))

@@ -7,6 +7,8 @@ use std::sync::Arc;
 use dicom_object::{InMemDicomObject, OpenFileOptions, Tag};
 
 use super::super::FormatError;
+use super::super::info::SegmentInfo;
+use super::super::segments::printable;
 use super::super::source::Source;
 use super::fragments::{self, Fragment};
 use super::walk::{Leaves, Pixels, walk};
@@ -29,6 +31,8 @@ pub(super) struct Head {
     pub pixels: Option<Arc<Pixels>>,
     /// Fragments of this frame, where pixels are encapsulated.
     pub fragments: Vec<Fragment>,
+    /// The segments of a segmentation; empty for images.
+    pub segments: Arc<[SegmentInfo]>,
     values: Values,
 }
 
@@ -85,12 +89,24 @@ const MODALITIES: [&str; 12] =
 const ENHANCED: [&str; 3] =
     ["1.2.840.10008.5.1.4.1.1.2.1", "1.2.840.10008.5.1.4.1.1.4.1", "1.2.840.10008.5.1.4.1.1.130"];
 
+/// Segmentation and label map segmentation storage.
+const SEGMENTATIONS: [&str; 2] = ["1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7"];
+
 /// Reads the allowed elements of a file: one head a frame; `None` if it is not DICOM.
 pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
     let Some(walked) = walk(file)? else { return Ok(None) };
     let parsed = OpenFileOptions::new().from_reader(walked.stream.as_slice()).map_err(|_| {
         FormatError::field(file, "data set", "damaged", "its elements cannot be taken apart")
     })?;
+    let groups = walked.groups;
+    let segment = |(number, label): &(i64, String)| SegmentInfo {
+        name: printable(label.trim_matches('\0')),
+        label: *number,
+        layer: 0,
+    };
+    // Number 0 of a label map is the background.
+    let listed = groups.segments.iter().filter(|(number, _)| *number > 0);
+    let segments: Vec<SegmentInfo> = listed.map(segment).collect();
     let mut head = Head {
         file: file.to_owned(),
         frame: 0,
@@ -102,6 +118,7 @@ pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
         columns: 0,
         pixels: walked.pixels.map(Arc::new),
         fragments: Vec::new(),
+        segments: Arc::from(segments),
         values: Values::new(&parsed),
     };
     let uid = head.text(0x0020, 0x000e);
@@ -115,7 +132,8 @@ pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
     head.rows = side(head.int(0x0028, 0x0010));
     head.columns = side(head.int(0x0028, 0x0011));
     let frames = usize::try_from(head.int(0x0028, 0x0008).unwrap_or(1)).unwrap_or(0);
-    let is_enhanced = ENHANCED.contains(&head.text(0x0008, 0x0016).as_str());
+    let is_enhanced =
+        head.is_segmentation() || ENHANCED.contains(&head.text(0x0008, 0x0016).as_str());
     let mut parts = match head.pixels.as_deref() {
         None => return Ok(Some(vec![head])),
         Some(Pixels::Plain { .. }) => Vec::new(),
@@ -129,7 +147,6 @@ pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
         head.fragments = parts.pop().unwrap_or_default();
         return Ok(Some(vec![head]));
     }
-    let groups = walked.groups;
     if groups.frames.len() != frames {
         let what = format!(
             "a multi-frame file whose {frames} frames are described by {} functional groups",
@@ -158,6 +175,11 @@ impl Head {
     /// Whether it is a picture to plan a scan on, as its type says.
     pub fn is_localizer(&self) -> bool {
         self.text(0x0008, 0x0008).split('\\').nth(2).is_some_and(|t| t.trim() == "LOCALIZER")
+    }
+
+    /// Whether its pixels say which segment they belong to.
+    pub fn is_segmentation(&self) -> bool {
+        SEGMENTATIONS.contains(&self.text(0x0008, 0x0016).as_str())
     }
 
     /// A short text without padding; empty if absent.

@@ -10,21 +10,23 @@ mod codec;
 mod fragments;
 mod head;
 mod pixels;
+mod segmentation;
 mod split;
 mod stack;
 mod syntax;
 mod upright;
 mod walk;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
 use super::info::{ImageInfo, InputInfo, SeriesInfo};
-use super::{FormatError, ReadOptions};
-use crate::volume::Volume;
+use super::{FormatError, ReadOptions, segments};
+use crate::volume::{Rescale, Volume};
 use head::Head;
+use segmentation::Segmentation;
 use stack::Stack;
 
 /// More files than any series; a folder beyond it is not one.
@@ -38,6 +40,32 @@ struct Series {
 }
 
 impl Series {
+    fn is_segmentation(&self) -> bool {
+        self.heads.iter().any(Head::is_segmentation)
+    }
+
+    /// Refuses a volume of which a file is missing: the frames of a concatenation are spread over
+    /// several (PS3.3 C.7.6.16.1), and a last part would not be missed by its places.
+    fn refuse_missing_parts(&self) -> Result<(), FormatError> {
+        let mut parts = BTreeMap::<String, BTreeSet<i64>>::new();
+        for h in &self.heads {
+            let uid = h.text(0x0020, 0x9161);
+            if let (false, Some(part)) = (uid.is_empty(), h.int(0x0020, 0x9162)) {
+                parts.entry(uid).or_default().insert(part);
+            }
+        }
+        for h in &self.heads {
+            let Some(found) = parts.get(&h.text(0x0020, 0x9161)) else { continue };
+            let Some(all) = h.int(0x0020, 0x9163) else { continue };
+            if (found.len() as i64) < all {
+                let why = format!("{} of its parts are there", found.len());
+                let name = "InConcatenationTotalNumber";
+                return Err(FormatError::field(&h.file, name, all, why));
+            }
+        }
+        Ok(())
+    }
+
     /// A slice into whose pixels text was burned, by its own word.
     fn burned_in(&self) -> Option<&Head> {
         self.heads.iter().find(|h| h.text(0x0028, 0x0301).trim().eq_ignore_ascii_case("YES"))
@@ -65,7 +93,13 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Volume, FormatE
         let why = "text in the pixels may name the patient; --allow-burned-in reads them";
         return Err(FormatError::field(&slice.file, "BurnedInAnnotation", "YES", why));
     }
-    let stack = Stack::new(path, &found.series[chosen].heads, options.fill_gaps)?;
+    let series = &found.series[chosen];
+    if series.is_segmentation() {
+        return Segmentation::new(path, &series.heads)?.read(&options.segments);
+    }
+    series.refuse_missing_parts()?;
+    segments::chosen(path, &[], &options.segments)?;
+    let stack = Stack::new(path, &series.heads, options.fill_gaps)?;
     for note in &stack.notes {
         tracing::warn!("DICOM: {note}");
     }
@@ -77,18 +111,25 @@ pub(super) fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, F
     let series = list(path, &found.series, options);
     let mut notes = found.notes;
     let open = found.series.len() > 1 && options.series.is_none();
+    let mut segments = Vec::new();
     let image = if open {
         None
     } else {
-        let chosen = choose(path, &found.series, options)?;
-        let stack = Stack::new(path, &found.series[chosen].heads, options.fill_gaps)?;
-        notes.extend(stack.notes.iter().cloned());
-        if found.series[chosen].burned_in().is_some() {
+        let chosen = &found.series[choose(path, &found.series, options)?];
+        if chosen.burned_in().is_some() {
             notes.push("text was burned into its pixels (BurnedInAnnotation)".into());
         }
-        Some(ImageInfo::of(&stack.grid, stack.sample_type(), stack.shared_rescale()))
+        if chosen.is_segmentation() {
+            segments = chosen.heads[0].segments.to_vec();
+            let seg = Segmentation::new(path, &chosen.heads)?;
+            Some(ImageInfo::of(&seg.grid, seg.sample_type(), Rescale::IDENTITY))
+        } else {
+            let stack = Stack::new(path, &chosen.heads, options.fill_gaps)?;
+            notes.extend(stack.notes.iter().cloned());
+            Some(ImageInfo::of(&stack.grid, stack.sample_type(), stack.shared_rescale()))
+        }
     };
-    Ok(InputInfo { format: "DICOM".to_owned(), image, series, notes })
+    Ok(InputInfo { format: "DICOM".to_owned(), image, series, segments, notes })
 }
 
 /// Reads the heads of all files and sorts them into series.
@@ -157,10 +198,24 @@ fn find(path: &Path) -> Result<Found, FormatError> {
         .into_iter()
         .flat_map(|(uid, heads)| {
             let number = heads[0].series_number;
-            let parts = split::stacks(heads);
+            let parts = match heads[0].is_segmentation() {
+                true => vec![heads],
+                false => split::stacks(heads),
+            };
             parts.into_iter().map(move |heads| Series { number, uid: uid.clone(), heads })
         })
         .collect();
+    // A segmentation beside the images it was drawn on is no choice for a volume.
+    if series.iter().any(|s| !s.is_segmentation()) {
+        let before = series.len();
+        series.retain(|s| !s.is_segmentation());
+        match before - series.len() {
+            0 => {}
+            n => {
+                notes.push(format!("{n} segmentations were passed over; --mask takes their files"))
+            }
+        }
+    }
     series.sort_by(|a, b| (a.number, &a.uid).cmp(&(b.number, &b.uid)));
     Ok(Found { series, notes })
 }

@@ -222,15 +222,9 @@ pub(super) fn read_slice(
             bytes.copy_from_slice(own.ok_or_else(|| damaged("they are cut off".into()))?);
         }
         SlicePixels::Compressed(codec, fragments) => {
-            let mut stream = Vec::new();
-            for (offset, len) in fragments {
-                let source = Source::open_at(&slice.file, *offset)?;
-                let io = |e| FormatError::io(&slice.file, e);
-                source.take(u64::from(*len)).read_to_end(&mut stream).map_err(io)?;
-            }
             let bits_allocated = 8 * kind.size() as u32;
             let size = FrameSize { rows, columns, bits_allocated };
-            let samples = codec::decode(*codec, &stream, size).map_err(damaged)?;
+            let samples = decode(&slice.file, *codec, fragments, size)?;
             // As they would be stored: little endian, the lowest bits.
             for (to, sample) in bytes.chunks_exact_mut(kind.size()).zip(samples) {
                 to.copy_from_slice(&sample.to_le_bytes()[..kind.size()]);
@@ -238,6 +232,23 @@ pub(super) fn read_slice(
         }
     }
     Ok(())
+}
+
+/// The samples of a frame whose fragments lie in a file.
+pub(super) fn decode(
+    file: &Path,
+    codec: Codec,
+    fragments: &[Fragment],
+    size: FrameSize,
+) -> Result<Vec<i32>, FormatError> {
+    let mut stream = Vec::new();
+    for (offset, len) in fragments {
+        let source = Source::open_at(file, *offset)?;
+        let io = |e| FormatError::io(file, e);
+        source.take(u64::from(*len)).read_to_end(&mut stream).map_err(io)?;
+    }
+    let damaged = |why| FormatError::field(file, "pixels", "damaged", why);
+    codec::decode(codec, &stream, size).map_err(damaged)
 }
 
 /// Real values of all slices, each by its own rescale, as PET has them.

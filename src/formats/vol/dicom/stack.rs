@@ -43,12 +43,12 @@ pub(super) struct Stack {
 
 /// In-plane geometry, the same for all slices.
 #[derive(Clone, Copy)]
-struct Plane {
+pub(super) struct Plane {
     /// Direction of growing column number, and of growing row number.
-    along_row: DVec3,
-    along_column: DVec3,
+    pub along_row: DVec3,
+    pub along_column: DVec3,
     /// Distance between columns and between rows, mm.
-    pixel_mm: [f64; 2],
+    pub pixel_mm: [f64; 2],
 }
 
 impl Stack {
@@ -151,7 +151,7 @@ impl Stack {
 }
 
 impl Plane {
-    fn normal(&self) -> DVec3 {
+    pub fn normal(&self) -> DVec3 {
         self.along_row.cross(self.along_column).normalize_or_zero()
     }
 }
@@ -177,7 +177,7 @@ fn refuse_unreadable(h: &Head) -> Result<(), FormatError> {
     Ok(())
 }
 
-fn plane(h: &Head) -> Result<Plane, FormatError> {
+pub(super) fn plane(h: &Head) -> Result<Plane, FormatError> {
     let need = |name: &str| FormatError::field(&h.file, name, "absent", "needed");
     let name = "PixelSpacing";
     let [between_rows, between_columns] =
@@ -284,12 +284,9 @@ fn step(path: &Path, places: &[f64], fill_gaps: bool) -> Result<Step, FormatErro
     let usual = sorted[sorted.len() / 2];
     let miss = |s: f64| (s - usual).abs();
     let worst = (0..steps.len()).max_by(|&a, &b| miss(steps[a]).total_cmp(&miss(steps[b])));
-    // Positions are decimal text; the last binary digits of their difference are noise that would
-    // make an isotropic volume look anisotropic.
-    let rounded = |mm: f64| (mm * 1e9).round() / 1e9;
     let Some(i) = worst.filter(|&i| miss(steps[i]) > MOST_UNEVEN * usual) else {
         let mean = (places[places.len() - 1] - places[0]) / steps.len() as f64;
-        return Ok(Step { mm: rounded(mean), is_even: true });
+        return Ok(Step { mm: rounded_mm(mean), is_even: true });
     };
     if !fill_gaps {
         let what = format!(
@@ -303,7 +300,13 @@ fn step(path: &Path, places: &[f64], fill_gaps: bool) -> Result<Step, FormatErro
         return Err(FormatError::unsupported(path, what));
     }
     let least = sorted.iter().copied().find(|s| *s > 0.5 * usual).unwrap_or(usual);
-    Ok(Step { mm: rounded(least), is_even: false })
+    Ok(Step { mm: rounded_mm(least), is_even: false })
+}
+
+/// A step without the last binary digits: positions are decimal text, and the noise of their
+/// difference would make an isotropic volume look anisotropic.
+pub(super) fn rounded_mm(mm: f64) -> f64 {
+    (mm * 1e9).round() / 1e9
 }
 
 /// A single slice has no step; its thickness stands in, then 1 mm.

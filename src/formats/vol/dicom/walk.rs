@@ -19,7 +19,7 @@ use super::fragments::Fragment;
 use super::{bare, syntax};
 
 /// Elements that may be read: group and element number, ascending.
-const ALLOWED: [(u16, u16); 28] = [
+const ALLOWED: [(u16, u16); 33] = [
     (0x0008, 0x0008), // image type
     (0x0008, 0x0016), // SOP class
     (0x0008, 0x0060), // modality
@@ -33,6 +33,9 @@ const ALLOWED: [(u16, u16); 28] = [
     (0x0020, 0x0032), // image position
     (0x0020, 0x0037), // image orientation
     (0x0020, 0x0100), // temporal position
+    (0x0020, 0x9161), // concatenation UID
+    (0x0020, 0x9162), // number of the part
+    (0x0020, 0x9163), // number of parts
     (0x0028, 0x0002), // samples per pixel
     (0x0028, 0x0004), // photometric interpretation
     (0x0028, 0x0008), // number of frames
@@ -48,6 +51,8 @@ const ALLOWED: [(u16, u16); 28] = [
     (0x0028, 0x0301), // burned-in annotation
     (0x0028, 0x1052), // rescale intercept
     (0x0028, 0x1053), // rescale slope
+    (0x0062, 0x0001), // segmentation type
+    (0x0062, 0x000e), // maximum fractional value
 ];
 
 /// Value representations whose length has 16 bits.
@@ -300,6 +305,8 @@ impl<R: Read + Seek> Walker<'_, R> {
             }
             if [groups::SHARED, groups::PER_FRAME].contains(&h.tag) {
                 self.groups(c, &h, groups)?;
+            } else if h.tag == groups::SEGMENTS {
+                self.segments(c, &h, groups)?;
             } else if h.len == UNDEFINED {
                 let explicit = c.explicit && &h.vr != b"UN";
                 self.skip_sequence(Coding { explicit, ..c })?;

@@ -1,7 +1,7 @@
 //! Functional groups of multi-frame files: what is said of all frames, and of each (PS3.3 C.7.6.16).
 //!
-//! Only the sequences of position, orientation, spacing and rescale are entered, two levels below the
-//! groups; everything else is stepped over.
+//! Only the sequences of position, orientation, spacing, rescale and segment are entered, two levels
+//! below the groups, and the list of segments; everything else is stepped over.
 
 use std::io::{Read, Seek};
 
@@ -19,27 +19,40 @@ pub(in super::super) struct Groups {
     pub shared: Leaves,
     /// Of each.
     pub frames: Vec<Leaves>,
+    /// The segments of a segmentation: number and label (PS3.3 C.8.20.4).
+    pub segments: Vec<(i64, String)>,
 }
 
 /// Shared and per-frame functional groups.
 pub(super) const SHARED: (u16, u16) = (0x5200, 0x9229);
 pub(super) const PER_FRAME: (u16, u16) = (0x5200, 0x9230);
 
+/// The list of segments, and what is taken from it.
+pub(super) const SEGMENTS: (u16, u16) = (0x0062, 0x0002);
+const SEGMENT_NUMBER: (u16, u16) = (0x0062, 0x0004);
+const SEGMENT_LABEL: (u16, u16) = (0x0062, 0x0005);
+/// The number of a frame's segment; like that of the list it is stored as two bytes.
+const REFERENCED_SEGMENT: (u16, u16) = (0x0062, 0x000b);
+
 /// Sequences that are entered: plane position, plane orientation, pixel measures, pixel value
-/// transformation.
-const ENTERED: [(u16, u16); 4] =
-    [(0x0020, 0x9113), (0x0020, 0x9116), (0x0028, 0x9110), (0x0028, 0x9145)];
+/// transformation, segment identification.
+const ENTERED: [(u16, u16); 5] =
+    [(0x0020, 0x9113), (0x0020, 0x9116), (0x0028, 0x9110), (0x0028, 0x9145), (0x0062, 0x000a)];
 /// Elements that are taken from them.
-const LEAVES: [(u16, u16); 6] = [
+const LEAVES: [(u16, u16); 8] = [
+    (0x0018, 0x0088), // spacing between slices
     (0x0020, 0x0032), // image position
     (0x0020, 0x0037), // image orientation
     (0x0028, 0x0030), // pixel spacing
     (0x0018, 0x0050), // slice thickness
     (0x0028, 0x1052), // rescale intercept
     (0x0028, 0x1053), // rescale slope
+    REFERENCED_SEGMENT,
 ];
 /// Most frames of a file.
 const MOST_FRAMES: usize = 1 << 18;
+/// Segments have numbers of 16 bits.
+const MOST_SEGMENTS: usize = 1 << 16;
 
 /// Where a sequence or an item ends; `None` where a delimiter says so.
 type End = Option<u64>;
@@ -61,10 +74,13 @@ impl<R: Read + Seek> Walker<'_, R> {
                 let inner = nested(c, h);
                 let end = w.end_of(h)?;
                 w.each_item(inner, end, &mut |w, end| {
-                    w.each_element(inner, end, &LEAVES, &mut |w, _, h| {
+                    w.each_element(inner, end, &LEAVES, &mut |w, c, h| {
                         let value = w.bytes(u64::from(h.len).min(MOST_VALUE))?;
                         // Numbers as text; anything else is refused where they are read.
-                        let text = String::from_utf8_lossy(&value).into_owned();
+                        let text = match (h.tag, value.as_slice()) {
+                            (REFERENCED_SEGMENT, &[a, b]) => word(c, [a, b]).to_string(),
+                            _ => String::from_utf8_lossy(&value).into_owned(),
+                        };
                         leaves.push((Tag(h.tag.0, h.tag.1), text));
                         Ok(())
                     })
@@ -77,6 +93,36 @@ impl<R: Read + Seek> Walker<'_, R> {
             } else {
                 let what = format!("more than {MOST_FRAMES} frames");
                 return Err(FormatError::unsupported(w.file, what));
+            }
+            Ok(())
+        })
+    }
+
+    /// Takes the list of segments in.
+    pub(super) fn segments(
+        &mut self,
+        c: Coding,
+        h: &ElementHead,
+        groups: &mut Groups,
+    ) -> Result<(), FormatError> {
+        let inner = nested(c, h);
+        let end = self.end_of(h)?;
+        self.each_item(inner, end, &mut |w, end| {
+            let (mut number, mut label) = (None, String::new());
+            let wanted = [SEGMENT_NUMBER, SEGMENT_LABEL];
+            w.each_element(inner, end, &wanted, &mut |w, c, h| {
+                let value = w.bytes(u64::from(h.len).min(MOST_VALUE))?;
+                match (h.tag, value.as_slice()) {
+                    (SEGMENT_LABEL, text) => label = String::from_utf8_lossy(text).into_owned(),
+                    (_, &[a, b]) => number = Some(i64::from(word(c, [a, b]))),
+                    _ => {}
+                }
+                Ok(())
+            })?;
+            if let Some(number) = number
+                && groups.segments.len() < MOST_SEGMENTS
+            {
+                groups.segments.push((number, label));
             }
             Ok(())
         })
@@ -147,6 +193,10 @@ impl<R: Read + Seek> Walker<'_, R> {
         }
         Ok(())
     }
+}
+
+fn word(c: Coding, bytes: [u8; 2]) -> u16 {
+    if c.big { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) }
 }
 
 /// How the elements within a sequence are coded.

@@ -1,0 +1,87 @@
+//! Named segments of a segmentation, and which of them are read.
+
+use std::path::Path;
+
+use super::FormatError;
+use super::info::SegmentInfo;
+use super::layout::{Layout, zeroed};
+use crate::volume::{Sample, SampleType, Samples, Volume, with_samples};
+
+/// Longest name that is kept, in characters.
+const MOST_NAME: usize = 128;
+
+/// A segment's name as it is shown and compared: one line, not too long.
+pub(super) fn printable(name: &str) -> String {
+    let plain = |c: char| if c.is_control() { ' ' } else { c };
+    let short: String = name.chars().take(MOST_NAME).map(plain).collect();
+    short.trim().to_owned()
+}
+
+/// The segments with the wanted names, as they are spelled or else in any case; of equal names all.
+///
+/// # Errors
+/// [`FormatError::Segments`] for a name that no segment has.
+pub(super) fn chosen<'a>(
+    file: &Path,
+    segments: &'a [SegmentInfo],
+    names: &[String],
+) -> Result<Vec<&'a SegmentInfo>, FormatError> {
+    let refuse = |why| FormatError::Segments { file: file.to_owned(), why };
+    let mut out = Vec::new();
+    for name in names {
+        let name = name.trim();
+        if segments.is_empty() {
+            return Err(refuse(format!("names no segments, so there is no segment `{name}`")));
+        }
+        let before = out.len();
+        out.extend(segments.iter().filter(|s| s.name == name));
+        if out.len() == before {
+            let lower = name.to_lowercase();
+            out.extend(segments.iter().filter(|s| s.name.to_lowercase() == lower));
+        }
+        if out.len() == before {
+            let n = segments.len();
+            let why = format!("no segment is called `{name}`; `intima info` lists its {n} names");
+            return Err(refuse(why));
+        }
+    }
+    Ok(out)
+}
+
+/// Segments that may overlap, and nobody said which is wanted.
+pub(super) fn overlapping(file: &Path, n: usize) -> FormatError {
+    let why = format!(
+        "its {n} segments may overlap: choose with --segment; `intima info` lists their names"
+    );
+    FormatError::Segments { file: file.to_owned(), why }
+}
+
+/// Reads what lies in a file: its one layer as it is, or, where segments are chosen, 1 in any of
+/// them and 0 elsewhere.
+pub(super) fn read(layout: Layout, names: &[String]) -> Result<Volume, FormatError> {
+    let chosen = chosen(&layout.path, &layout.segments, names)?;
+    if chosen.is_empty() {
+        return match layout.layers {
+            1 => layout.load(),
+            _ => Err(overlapping(&layout.path, layout.segments.len())),
+        };
+    }
+    let places: Vec<(usize, f64)> = chosen.iter().map(|s| (s.layer, s.label as f64)).collect();
+    if let Some((layer, _)) = places.iter().find(|(layer, _)| *layer >= layout.layers) {
+        let why = format!("the file has {} layers", layout.layers);
+        return Err(FormatError::field(&layout.path, "layer of a segment", *layer as u64, why));
+    }
+    let samples = layout.samples()?;
+    let mut inside = zeroed(&layout.path, SampleType::U8, layout.grid.len())?;
+    if let Samples::U8(inside) = &mut inside {
+        with_samples!(&samples, |s| mark(inside, s, layout.layers, &places));
+    }
+    Ok(Volume::new(layout.grid, inside))
+}
+
+/// Sets the voxels in which a layer has the label of a chosen segment.
+fn mark<T: Sample>(inside: &mut [u8], samples: &[T], layers: usize, places: &[(usize, f64)]) {
+    for (to, voxel) in inside.iter_mut().zip(samples.chunks_exact(layers)) {
+        *to = u8::from(places.iter().any(|(layer, label)| voxel[*layer].to_f64() == *label));
+    }
+}
