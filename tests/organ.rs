@@ -16,7 +16,7 @@ use intima::volume::{Grid, Volume};
 use torso::Torso;
 
 fn find(organ: Organ, volume: &Volume) -> Result<FoundOrgan, OrganError> {
-    OrganOptions { organ, tagged: false }.find(volume)
+    OrganOptions::from(organ).find(volume)
 }
 
 fn found(organ: Organ, volume: &Volume) -> FoundOrgan {
@@ -52,6 +52,11 @@ fn each_organ_of_a_torso_is_found_and_nothing_else_taken_for_it() {
     let scan = torso.scan();
     let airway = found(Organ::Airway, &scan);
     assert!(dice(&airway.mask, &Torso::truth(&torso.airway)) > 0.85);
+    // Raising the threshold further takes in what is thin, not the lungs.
+    let thin = OrganOptions { thin: true, ..Organ::Airway.into() }.find(&scan).unwrap();
+    println!("{:?}", thin.reasons.last());
+    assert!(thin.mask.count() >= airway.mask.count());
+    assert!(dice(&thin.mask, &Torso::truth(&torso.airway)) > 0.85);
     let colon = found(Organ::Colon, &scan);
     assert!(dice(&colon.mask, &Torso::truth(&torso.colon)) > 0.9);
     let vessel = found(Organ::Vessel, &scan);
@@ -246,7 +251,7 @@ fn the_colon_of_a_real_scan_is_found_with_all_its_segments() {
     assert_eq!(colon.segments.len(), 3);
     let low = colon.segments.iter().map(|s| s.seed.z).min();
     assert_eq!(Some(colon.segments[0].seed.z), low);
-    let all = OrganOptions { organ: Organ::Colon, tagged: true }.find(&volume).unwrap();
+    let all = OrganOptions { tagged: true, ..Organ::Colon.into() }.find(&volume).unwrap();
     assert!(dice(&all.mask, &label) > 0.9);
     assert!(dice(&found(Organ::Colon, &noisy(&volume, 40.0)).mask, &gas) > 0.95);
     assert!(dice(&found(Organ::Colon, &thicker(&volume, 2)).mask, &thicker_mask(&gas, 2)) > 0.95);
@@ -307,7 +312,7 @@ fn a_colon_is_flown_from_the_rectum_through_all_its_segments() {
     use intima::session::{LumenSettings, Session, Settings, Source, VolumeSource};
     let torso = Torso::default();
     let source = Source::Image(VolumeSource::Memory(std::sync::Arc::new(torso.scan())));
-    let organ = Some(OrganOptions { organ: Organ::Colon, tagged: false });
+    let organ = Some(OrganOptions::from(Organ::Colon));
     let lumen = LumenSettings { organ, ..LumenSettings::default() };
     let session = Session::new(source, Settings { lumen, ..Settings::default() }).unwrap();
     let centered = session.centerline().unwrap();
@@ -356,6 +361,8 @@ fn the_command_line_says_what_it_chose_and_why_and_draws_it() {
     assert!(err.contains("--organ airway (there seems to be one)"), "{err}");
     let (code, _, err) = run(&["--organ", "vessel", "--tagged"]);
     assert!(code == Some(2) && err.contains("--tagged needs --organ colon"), "{err}");
+    let (code, _, err) = run(&["--organ", "colon", "--thin-bronchi"]);
+    assert!(code == Some(2) && err.contains("--thin-bronchi needs --organ airway"), "{err}");
     let (code, _, _) = run(&["--organ", "colon", "--threshold", ":-800"]);
     assert_eq!(code, Some(2));
 }

@@ -35,6 +35,9 @@ pub struct LumenArgs {
     /// Of a colon, take the tagged fluid too
     #[arg(long, requires = "organ")]
     pub tagged: bool,
+    /// Of an airway, take thin bronchi too, beyond the threshold of the tree
+    #[arg(long, requires = "organ")]
+    pub thin_bronchi: bool,
     /// Draw the segmented organ in projections of the volume: a PNG
     #[arg(long, value_name = "FILE.png", requires = "organ")]
     pub explain: Option<PathBuf>,
@@ -130,8 +133,11 @@ impl LumenArgs {
         if self.tagged && self.organ != Some(OrganArg::Colon) {
             return Err(CliError::Usage("--tagged needs --organ colon".into()));
         }
-        let tagged = self.tagged;
-        let organ = self.organ.map(|o| OrganOptions { organ: o.organ(), tagged });
+        if self.thin_bronchi && self.organ != Some(OrganArg::Airway) {
+            return Err(CliError::Usage("--thin-bronchi needs --organ airway".into()));
+        }
+        let (tagged, thin) = (self.tagged, self.thin_bronchi);
+        let organ = self.organ.map(|o| OrganOptions { organ: o.organ(), tagged, thin });
         Ok(LumenSettings {
             organ,
             select,

@@ -3,6 +3,7 @@
 
 use glam::UVec3;
 
+use super::bronchi;
 use super::gates::Gates;
 use super::smooth::smoothed;
 use super::trachea::{self, Trachea};
@@ -32,7 +33,8 @@ const NOISY_HU: f64 = 20.0;
 /// Standard deviations of the smoothing that is tried, in sides of the smallest voxel side.
 const SMOOTHING: [f64; 3] = [0.6, 0.9, 1.3];
 
-pub(super) fn find(volume: &Volume) -> Result<FoundOrgan, OrganError> {
+/// * `thin`: look for bronchi beyond the threshold.
+pub(super) fn find(volume: &Volume, thin: bool) -> Result<FoundOrgan, OrganError> {
     let mut refused = Vec::new();
     let lung_like = between(volume, LUNG_RANGE_HU.0, LUNG_RANGE_HU.1);
     let mut tried = BitVolume::new(volume.grid.dims);
@@ -42,7 +44,7 @@ pub(super) fn find(volume: &Volume) -> Result<FoundOrgan, OrganError> {
         };
         let range = IntensitySelection::Range { lo: LEAST_HU, hi: LUNG_HU };
         let opens_into = grow(volume, &range, seed)?;
-        match from_trachea(volume, &trachea, &opens_into, &lung_like) {
+        match from_trachea(volume, &trachea, &opens_into, &lung_like, thin) {
             Err(OrganError::NotFound { why, .. }) => refused.push(format!(
                 "{:.0} mm of round cross sections of air about voxel {}: {why}",
                 trachea.length_mm, trachea.seed
@@ -67,6 +69,7 @@ fn from_trachea(
     trachea: &Trachea,
     opens_into: &BitVolume,
     lung_like: &BitVolume,
+    thin: bool,
 ) -> Result<FoundOrgan, OrganError> {
     let mut gates = Gates::new(Organ::Airway);
     gates.note(format!(
@@ -83,14 +86,15 @@ fn from_trachea(
     let sigma = noise(&air);
     gates.note(format!("air in it: median {:.0}, noise {sigma:.0}", quantile(&air, 0.5)));
 
-    let mut start = None;
+    let (mut start, mut calm) = (None, None);
     if sigma <= NOISY_HU {
         start = Start::new(volume, trachea)?;
     }
     for sides in SMOOTHING {
         if start.is_none() {
             let sigma_mm = sides * volume.grid.spacing_mm.min_element();
-            start = Start::new(&smoothed(volume, sigma_mm, LEAST_HU), trachea)?;
+            let smoothed = calm.insert(smoothed(volume, sigma_mm, LEAST_HU));
+            start = Start::new(smoothed, trachea)?;
             gates.note(format!("smoothed with a Gaussian of {sigma_mm:.2} mm against noise"));
         }
     }
@@ -110,10 +114,24 @@ fn from_trachea(
     ));
 
     gates.at_least("trachea in mm", trachea.length_mm, 15.0, 40.0)?;
+    let mut mask = start.flood.mask(level);
+    if thin {
+        match bronchi::grow(calm.as_ref().unwrap_or(volume), &mask, threshold) {
+            Some(added) => {
+                gates.note(format!(
+                    "thin bronchi: {} pieces with {:.2} ml, closed in {} voxels where they leak",
+                    added.pieces, added.ml, added.leaks
+                ));
+                mask = added.mask;
+            }
+            None => gates.note("thin bronchi: none, as half of the tree would be added".into()),
+        }
+    }
+    let volume_ml = mask.count() as f64 * volume.grid.voxel_mm3() / 1000.0;
 
     Ok(FoundOrgan {
         organ: Organ::Airway,
-        mask: start.flood.mask(level),
+        mask,
         selection: IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: threshold },
         threshold,
         segments: vec![Segment { seed: start.seed, volume_ml }],

@@ -59,7 +59,7 @@ pub(super) fn find(volume: &Volume, tagged: bool) -> Result<FoundOrgan, OrganErr
     let inside = inside_body(&gas, grid);
     let ml = grid.voxel_mm3() / 1000.0;
     let parts = pieces(&inside, (LEAST_ML / ml).ceil() as u64);
-    let airway = airway::find(volume).ok();
+    let airway = airway::find(volume, false).ok();
     let deep_gas = between(volume, LEAST_HU, DEEP_GAS_HU);
     let tissue = between(volume, TISSUE_HU, f64::INFINITY);
     let mut kept: Vec<Candidate> = Vec::new();

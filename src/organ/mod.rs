@@ -6,6 +6,7 @@
 //! reported; one that fails is a refusal that names it.
 
 mod airway;
+mod bronchi;
 mod colon;
 mod depth;
 mod explain;
@@ -54,6 +55,14 @@ pub struct OrganOptions {
     pub organ: Organ,
     /// Of a colon, take the tagged fluid too.
     pub tagged: bool,
+    /// Of an airway, take bronchi too that are thinner than a voxel or two.
+    pub thin: bool,
+}
+
+impl From<Organ> for OrganOptions {
+    fn from(organ: Organ) -> Self {
+        Self { organ, tagged: false, thin: false }
+    }
 }
 
 /// An organ that was found.
@@ -113,7 +122,7 @@ impl OrganOptions {
             return Err(LumenError::Sheared { degrees }.into());
         }
         match self.organ {
-            Organ::Airway => airway::find(volume),
+            Organ::Airway => airway::find(volume, self.thin),
             Organ::Colon => colon::find(volume, self.tagged),
             Organ::Vessel => vessel::find(volume),
         }
@@ -122,7 +131,7 @@ impl OrganOptions {
 
 /// The organ that a volume seems to show: the first that is found.
 pub fn suggest(volume: &Volume) -> Option<Organ> {
-    let found = |organ: &Organ| OrganOptions { organ: *organ, tagged: false }.find(volume).is_ok();
+    let found = |organ: &Organ| OrganOptions::from(*organ).find(volume).is_ok();
     Organ::ALL.into_iter().find(found)
 }
 

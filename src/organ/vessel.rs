@@ -6,7 +6,7 @@ use super::depth::Depth;
 use super::gates::Gates;
 use super::values::{between, quantile, sorted};
 use super::{FoundOrgan, Organ, OrganError, Segment};
-use crate::lumen::{BitVolume, IntensitySelection, Piece, dilated, opened, pieces};
+use crate::lumen::{BitVolume, IntensitySelection, Piece, dilated, eroded, opened, pieces};
 use crate::volume::Volume;
 
 /// A volume with values below this is a CT in HU with air in it.
@@ -17,6 +17,9 @@ const LEAST_SIDE: u32 = 12;
 const MOST_SHARE: f64 = 0.1;
 /// Least length in radii of the widest place.
 const LEAST_RADII: f64 = 8.0;
+/// Least share of its voxels that are not on its surface: below it the vessels are a voxel wide, and
+/// what joins them is chance.
+const LEAST_INNER: f64 = 0.1;
 /// Least length, mm: a pool of tagged fluid is shorter.
 const LEAST_MM: f64 = 60.0;
 /// Fewest values of an image; what has less is a label map.
@@ -84,6 +87,8 @@ fn shape(
     let radii = length_mm / radius_mm.max(1e-9);
     gates.at_least("extent in mm", length_mm, LEAST_MM, 150.0)?;
     gates.at_least("extent in radii of the widest place", radii, LEAST_RADII, 16.0)?;
+    let inner = eroded(mask, DVec3::ONE, 1.0).count() as f64 / mask.count().max(1) as f64;
+    gates.at_least("share of voxels off the surface", inner, LEAST_INNER, 0.4)?;
     Ok((seed, radius_mm))
 }
 
