@@ -455,6 +455,27 @@ fn real_dicom_series_are_read_or_refused_with_their_reason() {
     }
 }
 
+#[test]
+fn a_slice_reads_alike_in_every_compressed_syntax() {
+    let file = |name: &str| common::fixture(&format!("codec/{name}"));
+    for (name, most) in [
+        ("jpeg_8", 2.0),
+        ("jpeg_12", 3.0),
+        ("jpeg_lossless", 0.0),
+        ("jpeg_ls", 0.0),
+        ("jpeg_2000", 0.0),
+        ("htj2k", 0.0),
+        ("jpeg_xl", 0.0),
+    ] {
+        let truth = if name == "jpeg_8" { "truth_8.nrrd" } else { "truth.nrrd" };
+        let (truth, v) =
+            (read(&file(truth)).unwrap(), read(&file(&format!("{name}.dcm"))).unwrap());
+        assert_eq!(v.grid.dims, truth.grid.dims, "{name}");
+        let miss = (0..v.grid.len()).map(|i| (v.real(i) - truth.real(i)).abs()).fold(0.0, f64::max);
+        assert!(miss <= most, "{name}: {miss}");
+    }
+}
+
 /// Each voxel of `a` has the same value at the same place in `b`, whose axes may be flipped.
 fn assert_agree(a: &Volume, b: &Volume, what: &str) {
     for i in (0..a.grid.len()).step_by(7) {

@@ -21,6 +21,16 @@ static COUNTED: PeakAlloc = PeakAlloc;
 
 /// Mutants of each file.
 const ROUNDS: u64 = 500;
+/// A slice in each compressed syntax.
+const CODECS: [&str; 7] = [
+    "jpeg_8.dcm",
+    "jpeg_12.dcm",
+    "jpeg_lossless.dcm",
+    "jpeg_ls.dcm",
+    "jpeg_2000.dcm",
+    "htj2k.dcm",
+    "jpeg_xl.dcm",
+];
 /// Numbers that sit at the edge of something.
 const EDGES: [u64; 12] = [
     0,
@@ -131,9 +141,13 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
     seeds.push(("a.dcm", common::dicom_slice(&common::Slice::default())));
     let implicit = common::Slice { implicit: true, ..common::Slice::default() };
     seeds.push(("b.dcm", common::dicom_slice(&implicit)));
-    for name in ["binary.dcm", "fractional.dcm", "labels.dcm", "layers.seg.nrrd"] {
-        let seg = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/seg").join(name);
-        seeds.push((name, std::fs::read(seg).unwrap()));
+    let fixture = |name: &str| std::fs::read(common::fixture(name)).unwrap();
+    seeds.push(("layers.nrrd", fixture("seg/layers.seg.nrrd")));
+    for name in ["binary.dcm", "fractional.dcm", "labels.dcm"] {
+        seeds.push((name, fixture(&format!("seg/{name}"))));
+    }
+    for name in CODECS {
+        seeds.push((name, fixture(&format!("codec/{name}"))));
     }
     let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mesh = Mesh {

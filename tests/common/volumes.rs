@@ -8,6 +8,11 @@ use glam::{DMat3, DQuat, DVec3};
 use intima::formats::{FormatError, ReadOptions, read_volume};
 use intima::volume::{Grid, Volume};
 
+/// A file of tools/oracle.
+pub fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)
+}
+
 /// Reads a volume where nothing has to be chosen.
 pub fn read(path: &Path) -> Result<Volume, FormatError> {
     read_volume(path, &ReadOptions::default())

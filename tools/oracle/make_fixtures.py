@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+import codec_files
 import counts
 import edt
 import fair
@@ -23,7 +24,7 @@ import route
 import segmentation
 
 ROOT = Path(__file__).resolve().parents[2] / "tests" / "fixtures"
-LIMIT = 450_000
+LIMIT = 500_000
 
 
 def text(value):
@@ -74,6 +75,9 @@ def fixtures():
     files, truth = segmentation.fixture()
     out |= {f"seg/{name}": data for name, data in files.items()}
     out["seg/truth.nrrd"] = nrrd_file.dumps(truth, segmentation.SPACING)
+    files, truths = codec_files.fixture()
+    out |= {f"codec/{name}": data for name, data in files.items()}
+    out |= {f"codec/{name}": nrrd_file.dumps(data, (1, 1, 1)) for name, data in truths.items()}
     return out
 
 
@@ -90,7 +94,7 @@ def close(a, b):
 def same(path, new, old):
     if path.endswith(".json"):
         return close(json.loads(new), json.loads(old))
-    if path.endswith((".dcm", ".seg.nrrd")):
+    if path.startswith("seg/") and path != "seg/truth.nrrd":
         (a, names), (b, others) = segmentation.pixels(new), segmentation.pixels(old)
         return names == others and np.array_equal(a, b)
     if path.endswith(".nrrd"):

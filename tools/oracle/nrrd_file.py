@@ -4,7 +4,7 @@ import gzip
 
 import numpy as np
 
-TYPES = {"uint8": "u1", "int16": "<i2", "uint32": "<u4", "float": "<f4", "double": "<f8"}
+TYPES = {"uint8": "u1", "int16": "<i2", "uint16": "<u2", "uint32": "<u4", "float": "<f4", "double": "<f8"}
 
 
 def _nrrd_type(dtype):
