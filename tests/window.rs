@@ -6,6 +6,8 @@
 mod cast;
 #[path = "common/mod.rs"]
 mod common;
+#[path = "common/torso.rs"]
+mod torso;
 #[path = "common/volumes.rs"]
 mod volumes;
 
@@ -424,6 +426,56 @@ fn a_volume_is_opened_in_the_window_and_its_lumen_chosen_there() {
     let pictures = ["empty", "grey", "chosen", "label"].map(read);
     for w in pictures.windows(2) {
         assert_ne!(w[0], w[1]);
+    }
+}
+
+#[test]
+fn a_series_a_segment_and_an_organ_are_chosen_in_the_window() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    std::fs::create_dir(tmp.path().join("scan")).unwrap();
+    for (series, columns) in [("1.2.3", 4u16), ("1.2.4", 6)] {
+        for z in 0..3u8 {
+            let slice = volumes::Slice {
+                series,
+                size: [columns, 3],
+                position: [0.0, 0.0, f64::from(z)],
+                pixels: (0..columns * 3).map(|p| p * 90).collect(),
+                ..volumes::Slice::default()
+            };
+            let file = tmp.path().join(format!("scan/{series}-{z}.dcm"));
+            std::fs::write(file, volumes::dicom_slice(&slice)).unwrap();
+        }
+    }
+    let seg = volumes::fixture("seg/layers.seg.nrrd");
+    std::fs::copy(seg, tmp.path().join("a.seg.nrrd")).unwrap();
+    let torso = torso::Torso::default().scan();
+    intima::formats::write_volume(&tmp.path().join("torso.nrrd"), &torso).unwrap();
+    let script = r#"{"schema": "intima.script/1", "size": [640, 400], "steps": [
+        {"do": {"open": "scan"}}, {"wait": "failure"}, {"picture": "two_series"},
+        {"do": {"series": 1}}, {"wait": "volume"}, {"picture": "series"},
+        {"do": {"open": "a.seg.nrrd"}}, {"wait": "failure"}, {"picture": "segments"},
+        {"do": {"segment": "Lumen"}}, {"wait": "wall"}, {"picture": "segment"},
+        {"do": {"open": "torso.nrrd"}}, {"wait": "failure"}, {"picture": "no_lumen"},
+        {"do": {"organ": "vessel"}}, {"wait": "wall"}, {"picture": "aorta"}]}"#;
+    std::fs::write(tmp.path().join("s.json"), script).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
+    command.args(["fly", "--script", "s.json", "--frames-out", "out", "--lod-cache", "off"]);
+    let done = command.current_dir(tmp.path()).env_remove("INTIMA_FAULT").output().unwrap();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let names = ["two_series", "series", "segments", "segment", "no_lumen", "aorta"];
+    let read = |n: &str| std::fs::read(tmp.path().join("out").join(format!("{n}.png"))).unwrap();
+    let pictures = names.map(read);
+    for w in pictures.windows(2) {
+        assert_ne!(w[0], w[1]);
+    }
+    if let Some(out) = std::env::var_os("INTIMA_OUT") {
+        for (name, picture) in names.iter().zip(&pictures) {
+            std::fs::write(std::path::Path::new(&out).join(format!("{name}.png")), picture)
+                .unwrap();
+        }
     }
 }
 

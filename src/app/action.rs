@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use crate::organ::Organ;
+
 /// Bounds of the vertical field of view, degrees.
 pub const FOV_DEG: std::ops::RangeInclusive<f32> = 60.0..=140.0;
 /// Bounds of the cruising speed, mm/s.
@@ -168,6 +170,12 @@ pub enum Action {
     Open(PathBuf),
     /// Takes another lumen of the same volume.
     Lumen(LumenChoice),
+    /// Finds an organ in the same volume.
+    Organ(Organ),
+    /// Of several DICOM series that the opened folder holds, opens this, by its index.
+    Series(usize),
+    /// Of several segments that the opened file holds, opens this, by its name.
+    Segment(String),
     /// Stops what is computed.
     Cancel,
     /// Closes the window.

@@ -17,6 +17,7 @@ use super::painter::Shown;
 use super::path::FlightPath;
 use super::study::News;
 use crate::flight::{Coverage, Flight, WallIndex};
+use crate::formats::InputInfo;
 use crate::geometry::{CrossSection, Pose, TriangleBvh};
 use crate::render::PreparedMesh;
 use crate::session::{Centered, Fields, FlightRoute, Levels, Segmented, Wall};
@@ -137,6 +138,8 @@ pub struct Model {
     pub message: Option<String>,
     /// Why nothing more is computed.
     pub failure: Option<String>,
+    /// Series or segments of the input, where one has to be chosen.
+    pub contents: Option<InputInfo>,
     /// Everything is computed.
     pub is_complete: bool,
     /// Width over height of the inside view.
@@ -185,6 +188,7 @@ impl Model {
             identity: None,
             message: None,
             failure: None,
+            contents: None,
             is_complete: false,
             aspect: 4.0 / 3.0,
             planned_mm_s,
@@ -232,6 +236,7 @@ impl Model {
             News::Said(text) => self.message = Some(text),
             News::Levels(levels) => p.levels = Some(levels),
             News::Coverage(coverage) => p.coverage = Some(coverage),
+            News::Contents(info) => self.contents = Some(*info),
             News::Failed(crate::session::SessionError::Cancelled) => {
                 self.message = Some("stopped; what is there stays".into());
                 self.is_complete = true;

@@ -40,6 +40,8 @@ pub enum Wait {
     Levels,
     /// Everything is computed.
     Complete,
+    /// Nothing more comes: the reason is shown.
+    Failure,
 }
 
 /// A step of a script.
@@ -352,6 +354,7 @@ impl<'a> Player<'a> {
                 Wait::Flight => model.path.is_some(),
                 Wait::Levels => p.levels.is_some(),
                 Wait::Complete => model.is_complete,
+                Wait::Failure => model.failure.is_some(),
             };
             if there {
                 return self.apply(notes);
@@ -360,10 +363,10 @@ impl<'a> Player<'a> {
                 let what = "what it waits for does not come".into();
                 return Err(AppError::Script { step: number, what });
             };
-            if let News::Failed(e) = news {
-                return Err(e.into());
+            match news {
+                News::Failed(e) if wait != Wait::Failure => return Err(e.into()),
+                news => self.stage.learn(gpu, news)?,
             }
-            self.stage.learn(gpu, news)?;
         }
     }
 
@@ -441,13 +444,8 @@ impl<'a> Player<'a> {
 
     /// Does what a frame asked for; it is there before the next frame.
     fn follow(&mut self, gpu: &mut Gpu, after: &After) -> Result<(), AppError> {
-        if after.open.is_some() || after.lumen.is_some() {
-            if let Some(path) = &after.open {
-                self.case.open(path.clone());
-            }
-            if let Some(lumen) = &after.lumen {
-                self.case.choose(lumen, self.stage.model.products.volume.clone());
-            }
+        if let Some(change) = after.change.clone() {
+            self.case.change(change, self.stage.model.products.volume.clone());
             self.study = None;
             self.stage.begin_anew(gpu)?;
             self.study = self.case.begin(|| {})?;

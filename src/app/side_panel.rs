@@ -6,6 +6,8 @@ use glam::DVec3;
 use super::action::{Action, Colouring, Export, LumenChoice, Ruler, WallView};
 use super::model::Model;
 use super::ui::{FAINT, NOTICE, UiState};
+use crate::formats::InputInfo;
+use crate::organ::Organ;
 
 /// Figures, how the wall looks, measuring, export, bookmarks.
 pub(super) fn side_panel(
@@ -17,6 +19,10 @@ pub(super) fn side_panel(
     ui.add_space(4.0);
     figures(ui, model);
     ui.separator();
+    if let Some(info) = &model.contents {
+        contents(ui, info, actions);
+        ui.separator();
+    }
     if model.products.volume.is_some() {
         lumen_choice(ui, model, state, actions);
         ui.separator();
@@ -56,7 +62,26 @@ pub(super) fn side_panel(
     });
 }
 
-/// Which grey values are the lumen: to begin with, gas in a CT, what is bright elsewhere.
+/// The series or segments of an input, to choose one.
+fn contents(ui: &mut Ui, info: &InputInfo, actions: &mut Vec<Action>) {
+    ui.strong(if info.segments.is_empty() { "Series" } else { "Segments" });
+    egui::ScrollArea::vertical().id_salt("contents").max_height(200.0).show(ui, |ui| {
+        for s in &info.series {
+            let [x, y, _] = s.dims;
+            let name = format!("{}: {}, {x} x {y}, {} slices", s.index, s.modality, s.slices);
+            if info.segments.is_empty() && ui.button(name).clicked() {
+                actions.push(Action::Series(s.index));
+            }
+        }
+        for s in &info.segments {
+            if ui.button(&s.name).clicked() {
+                actions.push(Action::Segment(s.name.clone()));
+            }
+        }
+    });
+}
+
+/// Which organ or grey values are the lumen; of the values, to begin with, to begin with, gas in a CT, what is bright elsewhere.
 fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut Vec<Action>) {
     let Some(volume) = &model.products.volume else { return };
     let (low, high) = volume.range().unwrap_or((0.0, 1.0));
@@ -65,7 +90,16 @@ fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut V
         false => ([0.5 * (low + high), high], false),
     };
     let (range, at_crosshair) = state.lumen.get_or_insert_with(begin);
-    egui::CollapsingHeader::new("Lumen").default_open(model.failure.is_some()).show(ui, |ui| {
+    // Without a lumen there is nothing else to do.
+    let open = model.failure.is_some().then_some(true);
+    egui::CollapsingHeader::new("Lumen").open(open).show(ui, |ui| {
+        ui.horizontal(|ui| {
+            for organ in Organ::ALL {
+                if ui.button(organ.name()).on_hover_text("Find it").clicked() {
+                    actions.push(Action::Organ(organ));
+                }
+            }
+        });
         ui.horizontal(|ui| {
             let step = ((high - low) / 500.0).max(1e-3);
             ui.add(egui::DragValue::new(&mut range[0]).speed(step));
@@ -166,6 +200,13 @@ fn figures(ui: &mut Ui, model: &Model) {
     };
     ui.strong("Figures");
     if let Some(lumen) = &model.products.lumen {
+        if let Some(organ) = &lumen.organ {
+            line(
+                ui,
+                "Organ",
+                format!("{}, confidence {:.2}", organ.organ.name(), organ.confidence),
+            );
+        }
         let l = &lumen.lumen;
         let ml = l.inside_voxels() as f64 * l.grid.voxel_mm3() / 1000.0;
         line(ui, "Volume", format!("{ml:.1} ml"));

@@ -8,13 +8,13 @@ use std::sync::Arc;
 use egui::epaint::Primitive;
 use egui::{TextureId, ViewportId};
 
-use super::action::{Action, Export, LumenChoice, WallView};
+use super::action::{Action, Export, WallView};
 use super::export;
 use super::keys;
 use super::model::Model;
 use super::painter::Painter;
 use super::panes::{Detail, Panes};
-use super::study::Study;
+use super::study::{Change, Study};
 use super::ui::{self, INSIDE, OVERVIEW, UiState};
 use super::{AppError, News};
 use crate::formats::encode_png;
@@ -105,10 +105,8 @@ pub struct After {
     pub route: Option<FlightRoute>,
     /// Draw the flight into this folder.
     pub export_flight: Option<PathBuf>,
-    /// Open this.
-    pub open: Option<PathBuf>,
-    /// Take this lumen.
-    pub lumen: Option<LumenChoice>,
+    /// Compute this instead.
+    pub change: Option<Change>,
     /// Draw again after so many seconds at most.
     pub again_in: Option<f64>,
 }
@@ -226,14 +224,7 @@ impl Stage {
                 _ => None,
             }),
             export_flight,
-            open: actions.iter().rev().find_map(|a| match a {
-                Action::Open(path) => Some(path.clone()),
-                _ => None,
-            }),
-            lumen: actions.iter().rev().find_map(|a| match a {
-                Action::Lumen(lumen) => Some(*lumen),
-                _ => None,
-            }),
+            change: actions.iter().rev().find_map(Change::of),
             again_in,
         };
         Ok((output, after))

@@ -8,11 +8,11 @@ use std::time::Duration;
 
 use glam::DVec3;
 
-use super::action::LumenChoice;
+use super::action::{Action, LumenChoice};
 use super::colouring::WallRadii;
 use super::path::{FlightPath, SectionFigures, sections_along};
 use crate::flight::{Coverage, Flight, Frames, WallIndex};
-use crate::formats::VideoWriter;
+use crate::formats::{InputInfo, ReadOptions, VideoWriter};
 use crate::geometry::TriangleBvh;
 use crate::lumen::IntensitySelection;
 use crate::render::PreparedMesh;
@@ -53,6 +53,8 @@ pub enum News {
     Levels(Arc<Levels>),
     /// What the flight sees.
     Coverage(Arc<Coverage>),
+    /// The series or segments of an input from which one has to be chosen.
+    Contents(Box<InputInfo>),
     /// Nothing more comes, because of this.
     Failed(SessionError),
     /// Everything came.
@@ -68,26 +70,78 @@ pub struct Case {
     pub settings: Settings,
 }
 
+/// Another volume, or another lumen of it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Change {
+    /// Open this file or folder.
+    Open(PathBuf),
+    /// Of the opened folder, this DICOM series.
+    Series(usize),
+    /// Of the opened file, this segment.
+    Segment(String),
+    /// Of the volume, this lumen.
+    Lumen(LumenSettings),
+}
+
+impl Change {
+    /// What an action asks for; nothing where it does not.
+    pub fn of(action: &Action) -> Option<Self> {
+        let lumen = match action {
+            Action::Open(path) => return Some(Self::Open(path.clone())),
+            Action::Series(index) => return Some(Self::Series(*index)),
+            Action::Segment(name) => return Some(Self::Segment(name.clone())),
+            Action::Organ(organ) => {
+                LumenSettings { organ: Some((*organ).into()), ..LumenSettings::default() }
+            }
+            Action::Lumen(LumenChoice { range: [lo, hi], seed_mm }) => LumenSettings {
+                select: Some(IntensitySelection::Range { lo: *lo, hi: *hi }),
+                seed: seed_mm.map(|p| Seed::Point(DVec3::from(p))),
+                ..LumenSettings::default()
+            },
+            _ => return None,
+        };
+        Some(Self::Lumen(lumen))
+    }
+}
+
 impl Case {
+    /// Makes a change.
+    ///
+    /// * `volume`: the one that is there, which need not be read again for another lumen.
+    pub fn change(&mut self, change: Change, volume: Option<Arc<Volume>>) {
+        match change {
+            Change::Open(path) => self.open(path),
+            Change::Series(index) => self.with_options(|o| o.series = Some(index.to_string())),
+            Change::Segment(name) => self.with_options(|o| o.segments = vec![name.clone()]),
+            Change::Lumen(lumen) => {
+                if let Some(volume) = volume {
+                    self.source = Some(Source::Image(VolumeSource::Memory(volume)));
+                }
+                self.settings.lumen = lumen;
+            }
+        }
+    }
+
+    /// Another choice of what is read of the same file.
+    fn with_options(&mut self, set: impl Fn(&mut ReadOptions)) {
+        let volumes = match &mut self.source {
+            Some(Source::Image(image)) => [Some(image), None],
+            Some(Source::Mask { mask, image }) => [Some(mask), image.as_mut()],
+            None => [None, None],
+        };
+        for volume in volumes.into_iter().flatten() {
+            if let VolumeSource::File { options, .. } = volume {
+                set(options);
+            }
+        }
+    }
+
     /// Another volume, whose lumen is not chosen yet.
-    pub fn open(&mut self, path: PathBuf) {
+    fn open(&mut self, path: PathBuf) {
         self.source = Some(Source::Image(VolumeSource::file(path)));
         self.settings.lumen = LumenSettings::default();
         let ends = CenterlineSettings { from: None, to: None, ..self.settings.centerline };
         self.settings.centerline = ends;
-    }
-
-    /// Another lumen of the same volume, which need not be read again where it is there.
-    pub fn choose(&mut self, lumen: &LumenChoice, volume: Option<Arc<Volume>>) {
-        if let Some(volume) = volume {
-            self.source = Some(Source::Image(VolumeSource::Memory(volume)));
-        }
-        let [lo, hi] = lumen.range;
-        self.settings.lumen = LumenSettings {
-            select: Some(IntensitySelection::Range { lo, hi }),
-            seed: lumen.seed_mm.map(|p| Seed::Point(DVec3::from(p))),
-            ..LumenSettings::default()
-        };
     }
 
     /// Begins to compute it; `None` without a volume.
@@ -134,7 +188,12 @@ impl Study {
         study.spawn("study", |session, tell| {
             let last = match each_product(session, tell) {
                 Ok(()) => News::Complete,
-                Err(e) => News::Failed(e),
+                Err(e) => {
+                    if let Some(info) = session.contents(&e) {
+                        tell(News::Contents(Box::new(info)));
+                    }
+                    News::Failed(e)
+                }
             };
             tell(last);
         })?;

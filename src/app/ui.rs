@@ -20,10 +20,21 @@ pub const OVERVIEW: egui::TextureId = egui::TextureId::User(1);
 pub(super) const TEXT: Color32 = Color32::from_rgb(225, 228, 232);
 pub(super) const FAINT: Color32 = Color32::from_rgb(150, 156, 165);
 pub(super) const ACCENT: Color32 = Color32::from_rgb(90, 210, 140);
+pub(super) const WRONG: Color32 = Color32::from_rgb(255, 120, 110);
 pub(super) const CAMERA: Color32 = Color32::from_rgb(255, 200, 60);
 
 /// What a user has to accept.
 pub const NOTICE: &str = "Research and education only. Not for diagnosis.";
+
+/// What can be done about a failure.
+fn what_next(model: &Model) -> &'static str {
+    match (&model.contents, &model.products.volume) {
+        (Some(info), _) if info.segments.is_empty() => "Choose a series on the right.",
+        (Some(_), _) => "Choose a segment on the right.",
+        (None, Some(_)) => "Choose an organ or a range of values on the right.",
+        (None, None) => "Open another volume.",
+    }
+}
 
 /// What the panels keep from frame to frame beside the model.
 pub struct UiState {
@@ -206,7 +217,10 @@ fn top_bar(
         ui.separator();
         match (stage, &model.failure) {
             (_, Some(failure)) => {
-                ui.colored_label(Color32::from_rgb(255, 120, 110), failure);
+                // The inside pane has all of it.
+                let line = failure.lines().next().unwrap_or_default();
+                let text = egui::RichText::new(line).color(WRONG);
+                ui.add(egui::Label::new(text).truncate()).on_hover_text(failure);
             }
             (Some((stage, share)), None) => {
                 let bar = egui::ProgressBar::new(share).desired_width(90.0);
@@ -262,19 +276,17 @@ fn show_pane(
             }
         }
         Pane::Inside | Pane::Overview => {
-            let text = match (&model.failure, stage) {
-                _ if pane == Pane::Overview => "",
-                (Some(_), _) => "no wall; choose the lumen on the right, or open another volume",
-                (None, true) => "the wall is being made",
-                (None, false) => "drop a volume or a DICOM folder here, or open one above",
+            let (text, colour) = match (&model.failure, stage) {
+                _ if pane == Pane::Overview => (String::new(), FAINT),
+                (Some(failure), _) => (format!("{failure}\n\n{}", what_next(model)), WRONG),
+                (None, true) => ("the wall is being made".into(), FAINT),
+                (None, false) => {
+                    ("drop a volume or a DICOM folder here, or open one above".into(), FAINT)
+                }
             };
-            painter.text(
-                rect.center(),
-                Align2::CENTER_CENTER,
-                text,
-                FontId::proportional(14.0),
-                FAINT,
-            );
+            let font = FontId::proportional(14.0);
+            let text = painter.layout(text, font, colour, (rect.width() - 16.0).max(80.0));
+            painter.galley(rect.center() - 0.5 * text.size(), text, colour);
         }
         _ => show_slice(ui, pane, rect, &response, model, state, actions),
     }

@@ -17,7 +17,7 @@ use super::AppError;
 use super::panes::Detail;
 use super::session_file::SessionFile;
 use super::stage::{After, Files, Stage, Target};
-use super::study::{Case, News, Study};
+use super::study::{Case, Change, News, Study};
 use crate::lod::Tolerance;
 use crate::vk::{Choice, Gpu, OpenOptions, WindowHandles};
 
@@ -221,16 +221,13 @@ impl App {
             }
             Err(e) => return Err(e),
         };
-        if after.open.is_some() || after.lumen.is_some() {
-            if let Some(path) = after.open {
-                self.case.open(path);
+        if let Some(change) = after.change {
+            if let Change::Open(_) = change {
                 // Notes are of one volume.
                 self.notes = None;
                 self.options.session_file = None;
             }
-            if let Some(lumen) = after.lumen {
-                self.case.choose(&lumen, running.stage.model.products.volume.clone());
-            }
+            self.case.change(change, running.stage.model.products.volume.clone());
             // What is computed for nobody ends first.
             running.study = None;
             running.stage.begin_anew(&mut running.gpu)?;

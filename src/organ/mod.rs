@@ -24,7 +24,8 @@ use crate::lumen::{BitVolume, IntensitySelection, LumenError};
 use crate::volume::{Grid, Volume};
 
 /// An organ that can be found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Organ {
     /// Trachea and bronchi, CT.
     Airway,

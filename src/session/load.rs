@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::settings::{Source, VolumeSource};
 use super::{Clock, InputReport, Session, SessionError, present, put, refuse_above};
-use crate::formats::{ReadOptions, inspect, read_mesh, read_volume};
+use crate::formats::{FormatError, InputInfo, ReadOptions, inspect, read_mesh, read_volume};
 use crate::lumen::{IntensitySelection, voxelized};
 use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
 
@@ -49,6 +49,18 @@ impl Session {
         };
         put(&self.slots.inputs, inputs);
         Ok(())
+    }
+
+    /// The series or segments from which one has to be chosen, where an error says so.
+    pub fn contents(&self, error: &SessionError) -> Option<InputInfo> {
+        let SessionError::Format(FormatError::Series { .. } | FormatError::Segments { .. }) = error
+        else {
+            return None;
+        };
+        let (Source::Image(source) | Source::Mask { mask: source, .. }) = &self.source;
+        let VolumeSource::File { path, options } = source else { return None };
+        let all = ReadOptions { series: None, segments: Vec::new(), ..options.clone() };
+        inspect(path, &all).ok()
     }
 
     fn load(&self) -> Result<Loaded, SessionError> {

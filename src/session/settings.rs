@@ -71,7 +71,7 @@ pub enum Seed {
 }
 
 /// Which voxels are the lumen.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LumenSettings {
     /// Find this organ; nothing else of these settings but `fill` has a meaning then.
     pub organ: Option<OrganOptions>,
