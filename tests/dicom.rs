@@ -340,15 +340,24 @@ fn padding_is_no_part_of_a_threshold_nor_of_the_range() {
 }
 
 #[test]
-fn pixels_with_burned_in_text_are_read_only_where_that_is_allowed() {
-    let dir = tempfile::tempdir().unwrap();
-    series(dir.path(), &[0.0, 2.0], |n, s| s.burned_in = if n == 1 { "YES" } else { "NO" });
-    let said = refusal(dir.path());
-    assert!(said.contains("BurnedInAnnotation") && said.contains("may name the patient"), "{said}");
-    let allowed = ReadOptions { allow_burned_in: true, ..ReadOptions::default() };
-    assert!(read_volume(dir.path(), &allowed).is_ok());
-    let notes = inspect(dir.path(), &ReadOptions::default()).unwrap().notes;
-    assert!(notes.iter().any(|n| n.contains("burned into its pixels")), "{notes:?}");
+fn pixels_that_may_show_who_the_patient_is_are_read_only_where_that_is_allowed() {
+    type Edit<'a> = &'a dyn Fn(usize, &mut common::Slice);
+    let yes = |n: usize| if n == 1 { "YES" } else { "NO" };
+    let edits: [(&str, Edit<'_>); 3] = [
+        ("BurnedInAnnotation", &|n, s| s.burned_in = yes(n)),
+        ("RecognizableVisualFeatures", &|n, s| s.recognizable = yes(n)),
+        ("SecondaryCapture", &|_, s| s.class = "1.2.840.10008.5.1.4.1.1.7.3"),
+    ];
+    for (name, edit) in edits {
+        let dir = tempfile::tempdir().unwrap();
+        series(dir.path(), &[0.0, 2.0], edit);
+        let said = refusal(dir.path());
+        assert!(said.contains(name) && said.contains("may show who the patient is"), "{said}");
+        let allowed = ReadOptions { allow_burned_in: true, ..ReadOptions::default() };
+        assert!(read_volume(dir.path(), &allowed).is_ok());
+        let notes = inspect(dir.path(), &ReadOptions::default()).unwrap().notes;
+        assert!(notes.iter().any(|n| n.contains("may show who the patient is")), "{notes:?}");
+    }
 }
 
 #[test]

@@ -12,7 +12,7 @@ pub struct DicomArgs {
     /// Interpolate where DICOM slices are uneven or missing
     #[arg(long)]
     pub fill_gaps: bool,
-    /// Read DICOM pixels that text was burned into; it may name the patient
+    /// Read DICOM pixels that may show who the patient is: burned-in text, a face, a screen capture
     #[arg(long)]
     pub allow_burned_in: bool,
     /// Take this segment of a segmentation (.seg.nrrd, DICOM SEG) given as INPUT or --mask, by its name; may be repeated

@@ -102,6 +102,9 @@ pub struct Slice {
     /// Padding value and its limit, where there are any.
     pub padding: Vec<i16>,
     pub burned_in: &'static str,
+    pub recognizable: &'static str,
+    /// SOP class; left out where it is empty.
+    pub class: &'static str,
     pub pixel_spacing: &'static str,
     pub slope: &'static str,
     pub position: [f64; 3],
@@ -125,6 +128,8 @@ impl Default for Slice {
             acquisition: "",
             padding: Vec::new(),
             burned_in: "",
+            recognizable: "",
+            class: "",
             pixel_spacing: "0.75\\0.5",
             slope: "1",
             position: [0.0; 3],
@@ -170,6 +175,9 @@ pub fn dicom_slice(s: &Slice) -> Vec<u8> {
     out.extend(meta);
     let mut text =
         |tag, vr: &str, value: &str| put(&mut out, s.implicit, tag, vr, value.as_bytes());
+    if !s.class.is_empty() {
+        text((0x0008, 0x0016), "UI", s.class);
+    }
     text((0x0008, 0x0060), "CS", "CT");
     for (tag, vr) in [
         ((0x0008, 0x0080), "LO"), // institution
@@ -217,6 +225,9 @@ pub fn dicom_slice(s: &Slice) -> Vec<u8> {
         |tag, vr: &str, value: &str| put(&mut out, s.implicit, tag, vr, value.as_bytes());
     if !s.burned_in.is_empty() {
         text((0x0028, 0x0301), "CS", s.burned_in);
+    }
+    if !s.recognizable.is_empty() {
+        text((0x0028, 0x0302), "CS", s.recognizable);
     }
     text((0x0028, 0x1052), "DS", "-1024");
     text((0x0028, 0x1053), "DS", s.slope);

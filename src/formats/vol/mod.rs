@@ -36,7 +36,7 @@ pub struct ReadOptions {
     pub series: Option<String>,
     /// DICOM: interpolate where slices are uneven or missing.
     pub fill_gaps: bool,
-    /// DICOM: read pixels that text was burned into; it may name the patient.
+    /// DICOM: read pixels that may show who the patient is: burned-in text, a face, a screen.
     pub allow_burned_in: bool,
     /// Segmentations: names of the segments that are read, together as 1 in a label map of zeros and
     /// ones; all, with their own labels, where none is named.

@@ -32,6 +32,9 @@ use stack::Stack;
 /// More files than any series; a folder beyond it is not one.
 const MOST_FILES: usize = 100_000;
 
+/// Images captured from a screen, of any number of bits.
+const SECONDARY_CAPTURE: &str = "1.2.840.10008.5.1.4.1.1.7";
+
 /// Heads of one series.
 struct Series {
     number: i64,
@@ -66,9 +69,19 @@ impl Series {
         Ok(())
     }
 
-    /// A slice into whose pixels text was burned, by its own word.
-    fn burned_in(&self) -> Option<&Head> {
-        self.heads.iter().find(|h| h.text(0x0028, 0x0301).trim().eq_ignore_ascii_case("YES"))
+    /// A slice whose pixels may say who the patient is, by its own word: text was burned into
+    /// them, a face can be recognised, or they were captured from a screen.
+    fn identifying(&self) -> Option<(&Head, &'static str)> {
+        let yes = |h: &Head, element| h.text(0x0028, element).eq_ignore_ascii_case("YES");
+        self.heads.iter().find_map(|h| {
+            let why = match () {
+                () if yes(h, 0x0301) => "BurnedInAnnotation",
+                () if yes(h, 0x0302) => "RecognizableVisualFeatures",
+                () if h.text(0x0008, 0x0016).starts_with(SECONDARY_CAPTURE) => "SecondaryCapture",
+                () => return None,
+            };
+            Some((h, why))
+        })
     }
 }
 
@@ -89,10 +102,6 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Volume, FormatE
         tracing::warn!("DICOM: {note}");
     }
     let chosen = choose(path, &found.series, options)?;
-    if let Some(slice) = found.series[chosen].burned_in().filter(|_| !options.allow_burned_in) {
-        let why = "text in the pixels may name the patient; --allow-burned-in reads them";
-        return Err(FormatError::field(&slice.file, "BurnedInAnnotation", "YES", why));
-    }
     let series = &found.series[chosen];
     if series.is_segmentation() {
         return Segmentation::new(path, &series.heads)?.read(&options.segments);
@@ -100,6 +109,12 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Volume, FormatE
     series.refuse_missing_parts()?;
     segments::chosen(path, &[], &options.segments)?;
     let stack = Stack::new(path, &series.heads, options.fill_gaps)?;
+    if let Some((slice, name)) = series.identifying()
+        && !options.allow_burned_in
+    {
+        let why = "the pixels may show who the patient is; --allow-burned-in reads them";
+        return Err(FormatError::field(&slice.file, name, "YES", why));
+    }
     for note in &stack.notes {
         tracing::warn!("DICOM: {note}");
     }
@@ -116,8 +131,8 @@ pub(super) fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, F
         None
     } else {
         let chosen = &found.series[choose(path, &found.series, options)?];
-        if chosen.burned_in().is_some() {
-            notes.push("text was burned into its pixels (BurnedInAnnotation)".into());
+        if let Some((_, name)) = chosen.identifying() {
+            notes.push(format!("its pixels may show who the patient is ({name})"));
         }
         if chosen.is_segmentation() {
             segments = chosen.heads[0].segments.to_vec();

@@ -19,7 +19,7 @@ use super::fragments::Fragment;
 use super::{bare, syntax};
 
 /// Elements that may be read: group and element number, ascending.
-const ALLOWED: [(u16, u16); 33] = [
+const ALLOWED: [(u16, u16); 34] = [
     (0x0008, 0x0008), // image type
     (0x0008, 0x0016), // SOP class
     (0x0008, 0x0060), // modality
@@ -49,6 +49,7 @@ const ALLOWED: [(u16, u16); 33] = [
     (0x0028, 0x0120), // padding value
     (0x0028, 0x0121), // padding range limit
     (0x0028, 0x0301), // burned-in annotation
+    (0x0028, 0x0302), // recognizable visual features
     (0x0028, 0x1052), // rescale intercept
     (0x0028, 0x1053), // rescale slope
     (0x0062, 0x0001), // segmentation type
