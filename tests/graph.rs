@@ -11,7 +11,8 @@ use glam::{DVec3, IVec3, UVec3, Vec3Swizzles};
 use intima::centerline::complex::{CellComplex, collapse};
 use intima::centerline::{Loops, RouteOptions};
 use intima::field::Sampler;
-use intima::flight::{Flight, FlightOptions, Frames};
+use intima::flight::{Flight, FlightError, FlightOptions, Frames};
+use intima::geometry::CenterlinePoint;
 use intima::lumen::{BitVolume, IntensitySelection, Lumen};
 use intima::session::{LumenSettings, Session, Settings, Source, VolumeSource};
 use intima::volume::Grid;
@@ -236,4 +237,28 @@ fn specks_beside_the_lumen_are_no_pieces() {
     let speck = |v: IVec3| v.x > 18 && v.y < 2 && v.z < 2;
     let case = route(lumen([21, 19, 62], |v| tube(v) || speck(v)), false);
     assert_eq!((case.routed.line.branches.len(), case.routed.unreachable), (1, 8));
+}
+
+#[test]
+fn a_sheet_of_single_voxels_is_no_piece_and_a_way_without_room_is_left_out_of_the_flight() {
+    let tube = |v: IVec3| (v.x - 9).pow(2) + (v.y - 9).pow(2) < 36 && (2..60).contains(&v.z);
+    let sheet = |v: IVec3| v.x == 19 && (2..17).contains(&v.y) && (2..60).contains(&v.z);
+    let case = route(lumen([21, 19, 62], |v| tube(v) || sheet(v)), false);
+    assert_eq!((case.routed.line.branches.len(), case.routed.unreachable), (1, 15 * 58));
+
+    let path = |x: f64| {
+        let at = |k: u32| DVec3::new(x, 9.0, f64::from(k));
+        let point =
+            |k| CenterlinePoint { position_mm: at(k), radius_mm: 1.0, abscissa_mm: f64::from(k) };
+        (10..50).map(point).collect::<Vec<_>>()
+    };
+    let (inside, narrow) = (path(9.0), path(19.0));
+    let options = FlightOptions { frames: Frames::Count(12), ..FlightOptions::default() };
+    let fly =
+        |paths: &[&[CenterlinePoint]]| Flight::along(paths, &case.lumen, &case.distance, options);
+    let flight = fly(&[&inside, &narrow, &inside]).unwrap();
+    assert_eq!((flight.left_out, flight.poses.len(), flight.cuts.len()), (1, 12, 1));
+    assert!(flight.seconds.is_sorted_by(|a, b| a < b));
+    let none = fly(&[&narrow, &narrow]).unwrap_err();
+    assert!(matches!(none, FlightError::NoRoom { .. }), "{none}");
 }

@@ -111,6 +111,7 @@ mod tests {
             aspect: 1.0,
             moved: 0,
             cuts: Vec::new(),
+            left_out: 0,
         };
         FlightPath::new(&flight, line).unwrap()
     }

@@ -190,6 +190,7 @@ mod tests {
             aspect: 1.0,
             moved: 0,
             cuts: vec![3],
+            left_out: 0,
         };
         let point = |x: &f32| CenterlinePoint {
             position_mm: DVec3::X * f64::from(*x),

@@ -166,9 +166,11 @@ pub fn centerline(
     let mut unreachable: u64 = parts.iter().map(|p| p.voxels).sum::<u64>() - parts[main].voxels;
     if held.is_empty() {
         let mut pieces = vec![routes];
+        let least_mm = PIECE_RADIUS * lumen.grid.spacing_mm.min_element();
         for part in parts.iter().enumerate().filter(|(i, _)| *i != main).map(|(_, part)| part) {
             let route = view.routes(part, (None, None), options);
-            if route[0].is_piece(d) {
+            let radius_mm = d.at(view.adjacency.place_mm[part.widest as usize]);
+            if radius_mm >= least_mm && route[0].is_piece(d) {
                 unreachable -= part.voxels;
                 pieces.push(route);
             }
@@ -225,6 +227,10 @@ fn in_order(pieces: Vec<Vec<BranchRoute>>, view: &View<'_>, tree: bool) -> Vec<B
     }
     all
 }
+
+/// Least radius of the widest place of a further component, in sides of a voxel: a sheet of single
+/// voxels has no room for an eye.
+const PIECE_RADIUS: f64 = 1.5;
 
 /// A component of the lumen.
 struct Part {

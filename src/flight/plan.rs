@@ -120,6 +120,8 @@ pub struct Flight {
     pub moved: usize,
     /// Frames that begin another piece: the eye jumps there.
     pub cuts: Vec<usize>,
+    /// Pieces that are too narrow to be flown.
+    pub left_out: usize,
 }
 
 impl Flight {
@@ -182,10 +184,11 @@ impl Flight {
     }
 
     /// Plans one flight along several paths, with a cut between them. A number of frames is shared
-    /// among them by length, two at least for each.
+    /// among them by length, one at least for each. A path that has no room for any near plane is
+    /// left out and counted.
     ///
     /// # Errors
-    /// As [`Flight::new`].
+    /// As [`Flight::new`]; [`FlightError::NoRoom`] where no path has room.
     pub fn along(
         paths: &[&[CenterlinePoint]],
         lumen: &Lumen,
@@ -200,29 +203,39 @@ impl Flight {
             let places: Vec<DVec3> = path.iter().map(|p| p.position_mm).collect();
             arc_lengths(&places).last().copied().unwrap_or(0.0)
         };
-        let total: f64 = paths.iter().map(|p| length(p)).sum();
         let mut flight = Self::empty(options.fov_y_rad, options.aspect);
-        let (mut before, mut flown) = (0.0, 0);
+        // How long a piece of one frame is shown, s: as a frame of the piece before.
+        let mut still = 0.1;
         let mut order: Vec<&[CenterlinePoint]> = paths.to_vec();
         if options.reverse {
             order.reverse();
         }
-        for path in order {
-            before += length(path);
+        let lengths: Vec<f64> = order.iter().map(|path| length(path)).collect();
+        let counts = match options.frames {
+            Frames::Count(n) => shares(n, &lengths),
+            Frames::Speed { .. } => Vec::new(),
+        };
+        for (i, path) in order.into_iter().enumerate() {
             let frames = match options.frames {
-                Frames::Count(n) => {
-                    let until = (n as f64 * before / total.max(1e-9)).round() as usize;
-                    let count = until.saturating_sub(flown).max(2);
-                    flown += count;
-                    Frames::Count(count)
-                }
+                Frames::Count(_) => Frames::Count(counts[i]),
                 speed => speed,
             };
-            let piece = Self::new(path, lumen, distance, FlightOptions { frames, ..options })?;
+            let piece = Self::new(path, lumen, distance, FlightOptions { frames, ..options });
+            let piece = match piece {
+                Err(FlightError::NoRoom { .. }) => {
+                    // The others share its frames.
+                    let gone = if options.reverse { paths.len() - 1 - i } else { i };
+                    let others = [&paths[..gone], &paths[gone + 1..]].concat();
+                    let flight = Self::along(&others, lumen, distance, options)?;
+                    return Ok(Self { left_out: flight.left_out + 1, ..flight });
+                }
+                other => other?,
+            };
             let step = match options.frames {
                 Frames::Speed { fps, .. } => 1.0 / fps,
-                Frames::Count(_) => piece.seconds.get(1).copied().unwrap_or(0.0),
+                Frames::Count(_) => piece.seconds.get(1).copied().unwrap_or(still),
             };
+            still = step;
             let start = flight.seconds.last().map_or(0.0, |s| s + step);
             if !flight.poses.is_empty() {
                 flight.cuts.push(flight.poses.len());
@@ -252,6 +265,7 @@ impl Flight {
             aspect,
             moved: 0,
             cuts: Vec::new(),
+            left_out: 0,
         }
     }
 
@@ -306,6 +320,28 @@ fn check(o: &FlightOptions<'_>) -> Result<(), FlightError> {
         }
         Frames::Speed { .. } => Ok(()),
     }
+}
+
+/// A number of frames shared out by length, one at least for each: the largest remainders have those
+/// that are left, the longest paths give for the short ones.
+fn shares(frames: usize, lengths: &[f64]) -> Vec<usize> {
+    let total: f64 = lengths.iter().sum::<f64>().max(1e-9);
+    let exact: Vec<f64> = lengths.iter().map(|l| frames as f64 * l / total).collect();
+    let mut counts: Vec<usize> = exact.iter().map(|e| (e.floor() as usize).max(1)).collect();
+    let over = |counts: &[usize], i: usize| counts[i] as f64 - exact[i];
+    let sum = |counts: &[usize]| counts.iter().sum::<usize>();
+    let all = 0..lengths.len();
+    while sum(&counts) < frames {
+        let most = |a: &usize, b: &usize| over(&counts, *b).total_cmp(&over(&counts, *a));
+        let Some(i) = all.clone().rev().max_by(most) else { break };
+        counts[i] += 1;
+    }
+    while sum(&counts) > frames {
+        let most = |a: &usize, b: &usize| over(&counts, *a).total_cmp(&over(&counts, *b));
+        let Some(i) = all.clone().filter(|i| counts[*i] > 1).max_by(most) else { break };
+        counts[i] -= 1;
+    }
+    counts
 }
 
 fn too_many(count: usize) -> FlightError {
@@ -374,4 +410,18 @@ impl<'a> Planner<'a> {
 
 fn pose(eye: DVec3, gaze: DVec3, up: DVec3) -> Pose {
     Pose::looking(eye.as_vec3(), gaze.as_vec3(), up.as_vec3())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_shared_out_by_length_and_none_is_left_over() {
+        assert_eq!(shares(10, &[30.0, 10.0, 60.0]), [3, 1, 6]);
+        assert_eq!(shares(10, &[1.0, 1.0, 1.0]), [4, 3, 3]);
+        assert_eq!(shares(12, &[500.0, 1.0, 1.0, 1.0]), [9, 1, 1, 1]);
+        assert_eq!(shares(2, &[5.0, 5.0, 5.0]), [1, 1, 1], "each path is seen");
+        assert_eq!(shares(5, &[0.0, 0.0]).iter().sum::<usize>(), 5);
+    }
 }

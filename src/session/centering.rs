@@ -181,6 +181,9 @@ fn visibility(
     Ok(Visibility { candidates, kept: kept.len() + added.len(), added: added.len(), unseen })
 }
 
+/// Most loops of which a warning gives the place, the longest; the report lists all.
+const MOST_LOOPS: usize = 5;
+
 impl Centered {
     /// What a reader of the centerline should know.
     pub(super) fn notes(&self) -> Vec<String> {
@@ -191,7 +194,9 @@ impl Centered {
                 "{n} inside voxels are joined to the rest by edges or corners only; no path goes there"
             ));
         }
-        for l in self.loops.iter().filter(|l| l.is_doubtful()) {
+        let mut doubtful: Vec<_> = self.loops.iter().filter(|l| l.is_doubtful()).collect();
+        doubtful.sort_by(|a, b| b.found.cycle_mm.total_cmp(&a.found.cycle_mm));
+        for l in doubtful.iter().take(MOST_LOOPS) {
             let (at, found) = (l.throat_at, &l.found);
             out.push(format!(
                 "a loop of {:.0} mm was cut at ({:.1}, {:.1}, {:.1}) mm, where the lumen is {:.1} mm \
@@ -199,6 +204,10 @@ impl Centered {
                  and this a true narrowing, the way goes round the other side",
                 found.cycle_mm, at.x, at.y, at.z, found.throat_mm, found.next_throat_mm,
             ));
+        }
+        if doubtful.len() > MOST_LOOPS {
+            let n = doubtful.len() - MOST_LOOPS;
+            out.push(format!("{n} more loops were cut at one of two places about as narrow"));
         }
         out
     }

@@ -291,6 +291,10 @@ impl FrameStream {
                 self.flight.moved
             ));
         }
+        if self.flight.left_out > 0 {
+            let n = self.flight.left_out;
+            warnings.push(format!("{n} pieces or branches are too narrow to be flown"));
+        }
         let degraded = self.figures.stats.iter().filter(|s| s.degraded).count();
         if degraded > 0 {
             warnings.push(format!(
