@@ -260,13 +260,15 @@ fn frames_of_an_enhanced_file_are_ordered_by_place_each_with_its_own_rescale() {
 }
 
 /// An enhanced file as a part of a volume that is spread over several files.
-fn part(places: &[f64], number: u16, parts: u16) -> Vec<u8> {
+///
+/// * `parts`: how many there are, if the file says it.
+fn part(places: &[f64], number: u16, parts: Option<u16>) -> Vec<u8> {
     let whole = enhanced(places, true, false);
     let short = |n: u16| n.to_le_bytes();
     let said = [
         element((0x20, 0x9161), "UI", b"1.2.3.4"),
         element((0x20, 0x9162), "US", &short(number)),
-        element((0x20, 0x9163), "US", &short(parts)),
+        parts.map_or(Vec::new(), |n| element((0x20, 0x9163), "US", &short(n))),
     ];
     let at = whole.windows(4).position(|w| w == b"\x28\0\x02\0").unwrap();
     [&whole[..at], &said.concat(), &whole[at..]].concat()
@@ -275,11 +277,17 @@ fn part(places: &[f64], number: u16, parts: u16) -> Vec<u8> {
 #[test]
 fn a_volume_that_is_spread_over_several_enhanced_files_is_whole_or_refused() {
     let dir = tempfile::tempdir().unwrap();
-    std::fs::write(dir.path().join("b"), part(&[2.0, 0.0], 1, 3)).unwrap();
-    std::fs::write(dir.path().join("a"), part(&[6.0, 4.0], 2, 3)).unwrap();
+    std::fs::write(dir.path().join("b"), part(&[2.0, 0.0], 1, Some(3))).unwrap();
+    std::fs::write(dir.path().join("a"), part(&[6.0, 4.0], 2, Some(3))).unwrap();
     let why = refusal(dir.path());
     assert!(why.contains("InConcatenationTotalNumber is `3`: 2 of its parts are there"), "{why}");
-    std::fs::write(dir.path().join("c"), part(&[8.0], 3, 3)).unwrap();
+    // Without their number the greatest one tells that a part is missing.
+    std::fs::write(dir.path().join("a"), part(&[8.0, 10.0], 3, None)).unwrap();
+    std::fs::write(dir.path().join("b"), part(&[2.0, 0.0], 1, None)).unwrap();
+    assert!(refusal(dir.path()).contains("2 of its parts are there"));
+    std::fs::write(dir.path().join("b"), part(&[2.0, 0.0], 1, Some(3))).unwrap();
+    std::fs::write(dir.path().join("a"), part(&[6.0, 4.0], 2, Some(3))).unwrap();
+    std::fs::write(dir.path().join("c"), part(&[8.0], 3, Some(3))).unwrap();
     let v = read(dir.path()).unwrap();
     assert_eq!(v.grid.dims, UVec3::new(4, 3, 5));
     let pixels = [100.0, 0.0, 100.0, 0.0, 0.0].map(|frame| frame + 5.0);
@@ -346,7 +354,7 @@ fn pixels_that_may_show_who_the_patient_is_are_read_only_where_that_is_allowed()
     let edits: [(&str, Edit<'_>); 3] = [
         ("BurnedInAnnotation", &|n, s| s.burned_in = yes(n)),
         ("RecognizableVisualFeatures", &|n, s| s.recognizable = yes(n)),
-        ("SecondaryCapture", &|_, s| s.class = "1.2.840.10008.5.1.4.1.1.7.3"),
+        ("Secondary Capture", &|_, s| s.class = "1.2.840.10008.5.1.4.1.1.7.3"),
     ];
     for (name, edit) in edits {
         let dir = tempfile::tempdir().unwrap();

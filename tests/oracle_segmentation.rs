@@ -109,6 +109,9 @@ fn a_damaged_segmentation_is_refused_with_the_reason() {
     assert!(kind.contains("neither binary, fractional nor a label map"), "{kind}");
     let bits = edited(b"\x28\0\0\x01US\x02\0\x01\0", b"\x28\0\0\x01US\x02\0\x08\0");
     assert!(refused(&bits).contains("8 bits a pixel"));
+    // Rows, of which the pixels have not so many.
+    let rows = edited(b"\x28\0\x10\0US\x02\0\x12\0", b"\x28\0\x10\0US\x02\0\x00\x7d");
+    assert!(refused(&rows).contains("truncated"));
     // The place of the last frame: another digit before the point.
     let at = whole.windows(6).rposition(|w| w == b"\x20\0\x32\0DS").expect("a place") + 8;
     let mut moved = whole.clone();
@@ -116,6 +119,9 @@ fn a_damaged_segmentation_is_refused_with_the_reason() {
     moved[digit] = if moved[digit] == b'9' { b'1' } else { b'9' };
     let place = refused(&moved);
     assert!(place.contains("ImagePositionPatient"), "{place}");
+    // A frame far away from the others: all slices between would be empty.
+    let spacing = edited(b"\x18\0\x88\0DS\x04\x002.5 ", b"\x18\0\x88\0DS\x04\x00.002");
+    assert!(refused(&spacing).contains("slices"), "{}", refused(&spacing));
 }
 
 #[test]

@@ -319,7 +319,9 @@ fn spatial_axes(
     let extra = (0..sizes.len()).find(|i| !spatial.contains(i) && sizes[*i] != 1);
     match (<[usize; 3]>::try_from(spatial), extra) {
         (Ok(axes), None) => Ok((axes, 1)),
-        (Ok(axes), Some(0)) if !h.segments.is_empty() && sizes[0] <= MOST_SEGMENTS as u64 => {
+        (Ok(axes), Some(0))
+            if !h.segments.is_empty() && (1..=MOST_SEGMENTS as u64).contains(&sizes[0]) =>
+        {
             Ok((axes, sizes[0] as usize))
         }
         (Ok(_), Some(axis)) => {

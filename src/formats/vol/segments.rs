@@ -50,9 +50,12 @@ pub(super) fn chosen<'a>(
 
 /// Segments that may overlap, and nobody said which is wanted.
 pub(super) fn overlapping(file: &Path, n: usize) -> FormatError {
-    let why = format!(
-        "its {n} segments may overlap: choose with --segment; `intima info` lists their names"
-    );
+    let why = match n {
+        0 => "its layers may overlap and have no names to choose from".to_owned(),
+        _ => format!(
+            "its {n} segments may overlap: choose with --segment; `intima info` lists their names"
+        ),
+    };
     FormatError::Segments { file: file.to_owned(), why }
 }
 
@@ -66,22 +69,46 @@ pub(super) fn read(layout: Layout, names: &[String]) -> Result<Volume, FormatErr
             _ => Err(overlapping(&layout.path, layout.segments.len())),
         };
     }
-    let places: Vec<(usize, f64)> = chosen.iter().map(|s| (s.layer, s.label as f64)).collect();
-    if let Some((layer, _)) = places.iter().find(|(layer, _)| *layer >= layout.layers) {
-        let why = format!("the file has {} layers", layout.layers);
-        return Err(FormatError::field(&layout.path, "layer of a segment", *layer as u64, why));
+    // Of each layer the wanted labels, ascending.
+    let mut labels = vec![Vec::new(); layout.layers];
+    for s in chosen {
+        let Some(own) = labels.get_mut(s.layer) else {
+            let why = format!("the file has {} layers", layout.layers);
+            return Err(FormatError::field(
+                &layout.path,
+                "layer of a segment",
+                s.layer as u64,
+                why,
+            ));
+        };
+        own.push(s.label);
+    }
+    for own in &mut labels {
+        own.sort_unstable();
+        own.dedup();
     }
     let samples = layout.samples()?;
     let mut inside = zeroed(&layout.path, SampleType::U8, layout.grid.len())?;
     if let Samples::U8(inside) = &mut inside {
-        with_samples!(&samples, |s| mark(inside, s, layout.layers, &places));
+        with_samples!(&samples, |s| mark(inside, s, &labels));
     }
     Ok(Volume::new(layout.grid, inside))
 }
 
-/// Sets the voxels in which a layer has the label of a chosen segment.
-fn mark<T: Sample>(inside: &mut [u8], samples: &[T], layers: usize, places: &[(usize, f64)]) {
-    for (to, voxel) in inside.iter_mut().zip(samples.chunks_exact(layers)) {
-        *to = u8::from(places.iter().any(|(layer, label)| voxel[*layer].to_f64() == *label));
+/// Sets the voxels in which a layer has one of its labels.
+///
+/// * `labels`: of each layer, ascending.
+fn mark<T: Sample>(inside: &mut [u8], samples: &[T], labels: &[Vec<i64>]) {
+    let is_chosen = |(value, own): (&T, &Vec<i64>)| {
+        let value = value.to_f64();
+        // A fraction is no label.
+        value.fract() == 0.0 && own.binary_search(&(value as i64)).is_ok()
+    };
+    let layers = labels.len();
+    for (to, from) in inside.chunks_mut(1 << 20).zip(samples.chunks(layers << 20)) {
+        crate::task::checkpoint();
+        for (to, voxel) in to.iter_mut().zip(from.chunks_exact(layers)) {
+            *to = u8::from(voxel.iter().zip(labels).any(is_chosen));
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! What is known of one slice before its pixels are read.
 
 use std::io::Read as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use dicom_object::{InMemDicomObject, OpenFileOptions, Tag};
@@ -16,12 +16,12 @@ use super::walk::{Leaves, Pixels, walk};
 /// One slice, a DICOM file or a frame of one: sorted and named, its geometry not yet judged.
 #[derive(Clone)]
 pub(super) struct Head {
-    pub file: PathBuf,
+    pub file: Arc<Path>,
     /// Which frame of its file, from 0.
     pub frame: usize,
     /// Transfer syntax UID.
-    pub syntax: String,
-    pub series_uid: String,
+    pub syntax: Arc<str>,
+    pub series_uid: Arc<str>,
     pub series_number: i64,
     /// A known modality code, or `other`.
     pub modality: &'static str,
@@ -33,12 +33,14 @@ pub(super) struct Head {
     pub fragments: Vec<Fragment>,
     /// The segments of a segmentation; empty for images.
     pub segments: Arc<[SegmentInfo]>,
-    values: Values,
+    /// Elements of this frame alone, of all frames, and of the file. A file may have very many
+    /// frames; what they share is there once.
+    values: [Arc<Values>; 3],
 }
 
 /// The values of a file's elements as one text. A parsed data set takes ten times the bytes of a
 /// small file, and the heads of a whole series are held at once.
-#[derive(Clone, Default)]
+#[derive(Default)]
 struct Values {
     text: String,
     /// Element, and where its value ends in the text; the one before ends where it begins.
@@ -63,13 +65,10 @@ impl Values {
         self.ends.push((tag, self.text.len() as u32));
     }
 
-    /// The same with values of a frame, which come before those of the file.
-    fn with(&self, leaves: [&Leaves; 2]) -> Self {
+    /// Those of functional groups.
+    fn of(leaves: &Leaves) -> Self {
         let mut values = Self::default();
-        leaves.into_iter().flatten().for_each(|(tag, value)| values.push(*tag, value));
-        let shift = values.text.len() as u32;
-        values.text.push_str(&self.text);
-        values.ends.extend(self.ends.iter().map(|(tag, end)| (*tag, end + shift)));
+        leaves.iter().for_each(|(tag, value)| values.push(*tag, value));
         values
     }
 
@@ -108,10 +107,10 @@ pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
     let listed = groups.segments.iter().filter(|(number, _)| *number > 0);
     let segments: Vec<SegmentInfo> = listed.map(segment).collect();
     let mut head = Head {
-        file: file.to_owned(),
+        file: Arc::from(file),
         frame: 0,
-        syntax: walked.syntax,
-        series_uid: String::new(),
+        syntax: Arc::from(walked.syntax),
+        series_uid: Arc::from(""),
         series_number: 0,
         modality: "other",
         rows: 0,
@@ -119,12 +118,12 @@ pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
         pixels: walked.pixels.map(Arc::new),
         fragments: Vec::new(),
         segments: Arc::from(segments),
-        values: Values::new(&parsed),
+        values: [Arc::default(), Arc::default(), Arc::new(Values::new(&parsed))],
     };
     let uid = head.text(0x0020, 0x000e);
     // Free text in the place of an identifier must not reach a listing.
     let plain = uid.chars().all(|c| c.is_ascii_digit() || c == '.') && !uid.is_empty();
-    head.series_uid = if plain { uid } else { "unnamed".to_owned() };
+    head.series_uid = Arc::from(if plain { uid.as_str() } else { "unnamed" });
     head.series_number = head.int(0x0020, 0x0011).unwrap_or(0);
     let modality = head.text(0x0008, 0x0060);
     head.modality = MODALITIES.into_iter().find(|m| *m == modality).unwrap_or("other");
@@ -154,11 +153,16 @@ pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
         );
         return Err(FormatError::unsupported(file, what));
     }
+    if frames > 1 && groups.frames.iter().any(Vec::is_empty) {
+        let what = "a multi-frame file with frames of which nothing is said";
+        return Err(FormatError::unsupported(file, what));
+    }
     parts.resize(frames, Vec::new());
+    let shared = Arc::new(Values::of(&groups.shared));
     let of = |((i, own), fragments): ((usize, &Leaves), Vec<Fragment>)| Head {
         frame: i,
         fragments,
-        values: head.values.with([own, &groups.shared]),
+        values: [Arc::new(Values::of(own)), Arc::clone(&shared), Arc::clone(&head.values[2])],
         ..head.clone()
     };
     Ok(Some(groups.frames.iter().enumerate().zip(parts).map(of).collect()))
@@ -182,14 +186,19 @@ impl Head {
         SEGMENTATIONS.contains(&self.text(0x0008, 0x0016).as_str())
     }
 
+    /// The value of an element: the frame's own, else that of all frames, else the file's.
+    fn value(&self, group: u16, element: u16) -> Option<&str> {
+        self.values.iter().find_map(|values| values.get(Tag(group, element)))
+    }
+
     /// A short text without padding; empty if absent.
     pub fn text(&self, group: u16, element: u16) -> String {
-        self.values.get(Tag(group, element)).unwrap_or_default().to_owned()
+        self.value(group, element).unwrap_or_default().to_owned()
     }
 
     /// A whole number, if there is one; of several the first.
     pub fn int(&self, group: u16, element: u16) -> Option<i64> {
-        self.values.get(Tag(group, element))?.split('\\').next()?.trim().parse().ok()
+        self.value(group, element)?.split('\\').next()?.trim().parse().ok()
     }
 
     /// Decimal numbers, exactly `N`; `None` if absent or empty.

@@ -19,6 +19,7 @@ mod walk;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -32,8 +33,11 @@ use stack::Stack;
 /// More files than any series; a folder beyond it is not one.
 const MOST_FILES: usize = 100_000;
 
-/// Images captured from a screen, of any number of bits.
-const SECONDARY_CAPTURE: &str = "1.2.840.10008.5.1.4.1.1.7";
+/// Whether a SOP class is that of images captured from a screen, single or multi-frame.
+fn is_capture(class: &str) -> bool {
+    let rest = class.strip_prefix("1.2.840.10008.5.1.4.1.1.7");
+    rest.is_some_and(|r| r.is_empty() || r.starts_with('.'))
+}
 
 /// Heads of one series.
 struct Series {
@@ -44,7 +48,7 @@ struct Series {
 
 impl Series {
     fn is_segmentation(&self) -> bool {
-        self.heads.iter().any(Head::is_segmentation)
+        self.heads.first().is_some_and(Head::is_segmentation)
     }
 
     /// Refuses a volume of which a file is missing: the frames of a concatenation are spread over
@@ -59,7 +63,9 @@ impl Series {
         }
         for h in &self.heads {
             let Some(found) = parts.get(&h.text(0x0020, 0x9161)) else { continue };
-            let Some(all) = h.int(0x0020, 0x9163) else { continue };
+            // The number of parts may be left away; no part has a greater number.
+            let total = h.int(0x0020, 0x9163);
+            let all = total.max(found.last().copied()).unwrap_or(0);
             if (found.len() as i64) < all {
                 let why = format!("{} of its parts are there", found.len());
                 let name = "InConcatenationTotalNumber";
@@ -67,6 +73,18 @@ impl Series {
             }
         }
         Ok(())
+    }
+
+    fn refuse_identifying(&self, options: &ReadOptions) -> Result<(), FormatError> {
+        match self.identifying() {
+            Some((slice, what)) if !options.allow_burned_in => {
+                let why = format!(
+                    "the pixels may show who the patient is ({what}); --allow-burned-in reads them"
+                );
+                Err(FormatError::text(&slice.file, "pixels", why))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// A slice whose pixels may say who the patient is, by its own word: text was burned into
@@ -77,7 +95,7 @@ impl Series {
             let why = match () {
                 () if yes(h, 0x0301) => "BurnedInAnnotation",
                 () if yes(h, 0x0302) => "RecognizableVisualFeatures",
-                () if h.text(0x0008, 0x0016).starts_with(SECONDARY_CAPTURE) => "SecondaryCapture",
+                () if is_capture(&h.text(0x0008, 0x0016)) => "Secondary Capture",
                 () => return None,
             };
             Some((h, why))
@@ -103,18 +121,15 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Volume, FormatE
     }
     let chosen = choose(path, &found.series, options)?;
     let series = &found.series[chosen];
-    if series.is_segmentation() {
-        return Segmentation::new(path, &series.heads)?.read(&options.segments);
-    }
     series.refuse_missing_parts()?;
+    if series.is_segmentation() {
+        let segmentation = Segmentation::new(path, &series.heads)?;
+        series.refuse_identifying(options)?;
+        return segmentation.read(&options.segments);
+    }
     segments::chosen(path, &[], &options.segments)?;
     let stack = Stack::new(path, &series.heads, options.fill_gaps)?;
-    if let Some((slice, name)) = series.identifying()
-        && !options.allow_burned_in
-    {
-        let why = "the pixels may show who the patient is; --allow-burned-in reads them";
-        return Err(FormatError::field(&slice.file, name, "YES", why));
-    }
+    series.refuse_identifying(options)?;
     for note in &stack.notes {
         tracing::warn!("DICOM: {note}");
     }
@@ -163,7 +178,7 @@ fn find(path: &Path) -> Result<Found, FormatError> {
     let heads: Vec<_> = files.par_iter().map(|f| head::read(f)).collect();
     let (mut other, mut without_pixels, mut localizers) = (0, 0, 0);
     let mut damaged = None;
-    let mut series = BTreeMap::<String, Vec<Head>>::new();
+    let mut series = BTreeMap::<(Arc<str>, bool), Vec<Head>>::new();
     for result in heads {
         match result {
             Ok(Some(heads)) => {
@@ -178,7 +193,8 @@ fn find(path: &Path) -> Result<Found, FormatError> {
                 } else if folder && first.is_localizer() {
                     localizers += 1;
                 } else {
-                    series.entry(first.series_uid.clone()).or_default().extend(heads);
+                    let key = (Arc::clone(&first.series_uid), first.is_segmentation());
+                    series.entry(key).or_default().extend(heads);
                 }
             }
             Ok(None) if folder => other += 1,
@@ -211,13 +227,13 @@ fn find(path: &Path) -> Result<Found, FormatError> {
     }
     let mut series: Vec<Series> = series
         .into_iter()
-        .flat_map(|(uid, heads)| {
+        .flat_map(|((uid, _), heads)| {
             let number = heads[0].series_number;
             let parts = match heads[0].is_segmentation() {
                 true => vec![heads],
                 false => split::stacks(heads),
             };
-            parts.into_iter().map(move |heads| Series { number, uid: uid.clone(), heads })
+            parts.into_iter().map(move |heads| Series { number, uid: uid.to_string(), heads })
         })
         .collect();
     // A segmentation beside the images it was drawn on is no choice for a volume.
@@ -288,15 +304,21 @@ fn choose(path: &Path, series: &[Series], options: &ReadOptions) -> Result<usize
 fn list(path: &Path, series: &[Series], options: &ReadOptions) -> Vec<SeriesInfo> {
     let info = |(index, s): (usize, &Series)| {
         let first = &s.heads[0];
+        let grid = match s.is_segmentation() {
+            true => Segmentation::new(path, &s.heads).ok().map(|seg| seg.grid),
+            false => Stack::new(path, &s.heads, options.fill_gaps).ok().map(|stack| stack.grid),
+        };
+        let slices = match grid {
+            Some(grid) if s.is_segmentation() => grid.dims.z as usize,
+            _ => s.heads.len(),
+        };
         SeriesInfo {
             index,
             uid: s.uid.clone(),
             modality: first.modality.to_owned(),
-            dims: [first.columns, first.rows, s.heads.len() as u32],
-            spacing_mm: Stack::new(path, &s.heads, options.fill_gaps)
-                .ok()
-                .map(|k| k.grid.spacing_mm.to_array()),
-            slices: s.heads.len(),
+            dims: [first.columns, first.rows, slices as u32],
+            spacing_mm: grid.map(|grid| grid.spacing_mm.to_array()),
+            slices,
         }
     };
     series.iter().enumerate().map(info).collect()

@@ -68,7 +68,7 @@ impl Stored {
             let why = format!("{} to {} are possible", bits - 1, allocated - 1);
             return Err(FormatError::field(&h.file, "HighBit", high, why));
         }
-        let big_endian = h.syntax == syntax::EXPLICIT_BIG;
+        let big_endian = *h.syntax == *syntax::EXPLICIT_BIG;
         // Decoders give samples from the lowest bit on.
         let is_compressed = Codec::of(&h.syntax).is_some();
         let shift = if is_compressed { 0 } else { (high + 1 - bits) as u32 };
@@ -81,7 +81,7 @@ impl Stored {
         // Frames follow each other without a gap.
         let before = wanted.saturating_mul(h.frame as u64);
         let truncated = |found| {
-            let (file, what) = (h.file.clone(), "pixels");
+            let (file, what) = (h.file.to_path_buf(), "pixels");
             Err(FormatError::Truncated { file, what, wanted, found })
         };
         match h.pixels.as_deref() {
@@ -91,7 +91,7 @@ impl Stored {
                 let why = format!("transfer syntax {name} has them in fragments");
                 Err(FormatError::field(&h.file, "pixels", "plain", why))
             }
-            Some(Pixels::Plain { offset, len }) if h.syntax == syntax::DEFLATED => {
+            Some(Pixels::Plain { offset, len }) if *h.syntax == *syntax::DEFLATED => {
                 let found = len.saturating_sub(before);
                 let at = offset.saturating_add(before);
                 if found < wanted { truncated(found) } else { Ok(SlicePixels::Deflated(at)) }
@@ -211,7 +211,7 @@ pub(super) fn read_slice(
             let found = fill(&mut source, bytes).map_err(io)? as u64;
             let wanted = bytes.len() as u64;
             if found < wanted {
-                let (file, what) = (slice.file.clone(), "pixels");
+                let (file, what) = (slice.file.to_path_buf(), "pixels");
                 return Err(FormatError::Truncated { file, what, wanted, found });
             }
         }

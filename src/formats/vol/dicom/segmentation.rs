@@ -22,6 +22,9 @@ use crate::volume::{Grid, SampleType, Samples, Volume};
 
 /// Most slices from the first to the last frame: a few frames could claim any number.
 const MOST_SLICES: f64 = 8192.0;
+/// Most voxels for each byte of the file: a frame has eight a byte, and between pieces of a segment
+/// there are empty slices.
+const MOST_GROWTH: u64 = 1024;
 /// Largest miss of a frame's place against even steps, in steps.
 const MOST_UNEVEN: f64 = 0.05;
 /// Largest sideways drift of a frame, in pixels.
@@ -63,6 +66,11 @@ impl<'a> Segmentation<'a> {
         }
         let (coding, bits) = coding(first)?;
         let (grid, slices) = lattice(path, heads)?;
+        let most = MOST_GROWTH * std::fs::metadata(&first.file).map_or(0, |m| m.len());
+        if grid.len() as u64 > most {
+            let what = format!("{} voxels, most of them in slices that are left away", grid.len());
+            return Err(FormatError::unsupported(path, what));
+        }
         Ok(Self { grid, path, heads, slices, coding, bits })
     }
 
@@ -76,23 +84,29 @@ impl<'a> Segmentation<'a> {
     /// The label map: the number of each voxel's segment, or 1 in those with one of the names.
     pub fn read(&self, names: &[String]) -> Result<Volume, FormatError> {
         let chosen = chosen(self.path, &self.heads[0].segments, names)?;
-        let chosen: Vec<i64> = chosen.iter().map(|s| s.label).collect();
+        let mut chosen: Vec<i64> = chosen.iter().map(|s| s.label).collect();
+        chosen.sort_unstable();
         let kind = if chosen.is_empty() { self.sample_type() } else { SampleType::U8 };
+        let plain = self.plain_pixels()?;
         let mut samples = zeroed(self.path, kind, self.grid.len())?;
         match &mut samples {
-            Samples::U16(out) => self.fill(out, &chosen)?,
-            Samples::U8(out) => self.fill(out, &chosen)?,
+            Samples::U16(out) => self.fill(out, plain.as_deref(), &chosen)?,
+            Samples::U8(out) => self.fill(out, plain.as_deref(), &chosen)?,
             _ => {}
         }
         Ok(Volume::new(self.grid, samples))
     }
 
-    fn fill<T>(&self, out: &mut [T], chosen: &[i64]) -> Result<(), FormatError>
+    fn fill<T>(
+        &self,
+        out: &mut [T],
+        plain: Option<&[u8]>,
+        chosen: &[i64],
+    ) -> Result<(), FormatError>
     where
         T: Copy + Default + PartialEq + TryFrom<i64>,
     {
         let side = self.grid.dims.x as usize * self.grid.dims.y as usize;
-        let plain = self.plain_pixels(side)?;
         let mut pixels = vec![0u16; side];
         for (head, slice) in self.heads.iter().zip(&self.slices) {
             crate::task::checkpoint();
@@ -100,10 +114,10 @@ impl<'a> Segmentation<'a> {
                 Coding::LabelMap => None,
                 _ => Some(segment_of(head)?),
             };
-            if own.is_some_and(|own| !chosen.is_empty() && !chosen.contains(&own)) {
+            if own.is_some_and(|own| !chosen.is_empty() && chosen.binary_search(&own).is_err()) {
                 continue;
             }
-            self.frame(head, plain.as_deref(), &mut pixels)?;
+            self.frame(head, plain, &mut pixels)?;
             let out = &mut out[slice * side..][..side];
             for (to, pixel) in out.iter_mut().zip(&pixels) {
                 let number = match (self.coding, own) {
@@ -118,7 +132,7 @@ impl<'a> Segmentation<'a> {
                 };
                 let label = match chosen.is_empty() {
                     true => number,
-                    false => i64::from(chosen.contains(&number)),
+                    false => i64::from(chosen.binary_search(&number).is_ok()),
                 };
                 if label == 0 {
                     continue;
@@ -137,20 +151,21 @@ impl<'a> Segmentation<'a> {
     }
 
     /// The bytes of all frames where they are not compressed.
-    fn plain_pixels(&self, side: usize) -> Result<Option<Vec<u8>>, FormatError> {
+    fn plain_pixels(&self) -> Result<Option<Vec<u8>>, FormatError> {
         let head = &self.heads[0];
+        let side = self.grid.dims.x as usize * self.grid.dims.y as usize;
         let Some(Pixels::Plain { offset, len }) = head.pixels.as_deref() else { return Ok(None) };
         let bits = (side as u64).saturating_mul(self.bits as u64);
         let wanted = bits.saturating_mul(self.heads.len() as u64).div_ceil(8);
         let cut = |found| {
-            let (file, what) = (head.file.clone(), "pixels");
+            let (file, what) = (head.file.to_path_buf(), "pixels");
             FormatError::Truncated { file, what, wanted, found }
         };
         if *len < wanted {
             return Err(cut(*len));
         }
         let mut bytes = Vec::new();
-        if head.syntax == syntax::DEFLATED {
+        if *head.syntax == *syntax::DEFLATED {
             let all = inflate(&head.file, data_set_offset(&head.file)?)?;
             let own = all.get(*offset as usize..).unwrap_or_default();
             bytes.extend_from_slice(&own[..own.len().min(wanted as usize)]);
@@ -179,7 +194,7 @@ impl<'a> Segmentation<'a> {
                 out.iter_mut().zip(&bytes[first..]).for_each(|(to, b)| *to = u16::from(*b));
             }
             (Some(bytes), _) => {
-                let word = match head.syntax == syntax::EXPLICIT_BIG {
+                let word = match *head.syntax == *syntax::EXPLICIT_BIG {
                     true => u16::from_be_bytes,
                     false => u16::from_le_bytes,
                 };

@@ -1,6 +1,7 @@
 //! A series as a box of slices, or the reason why it is none.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::sync::Arc;
 
 use glam::{DMat3, DVec2, DVec3};
 
@@ -22,7 +23,7 @@ const MOST_UNEVEN: f64 = 0.01;
 
 /// One slice of a stack.
 pub(super) struct Slice {
-    pub file: PathBuf,
+    pub file: Arc<Path>,
     pub pixels: SlicePixels,
     pub rescale: Rescale,
     position_mm: DVec3,
@@ -213,7 +214,7 @@ fn slice(h: &Head, stored: Stored) -> Result<Slice, FormatError> {
     }
     let pixels = stored.check_pixels(h)?;
     let rescale = Rescale { slope, intercept };
-    Ok(Slice { file: h.file.clone(), pixels, rescale, position_mm: DVec3::from(position) })
+    Ok(Slice { file: Arc::clone(&h.file), pixels, rescale, position_mm: DVec3::from(position) })
 }
 
 /// Leaves out slices that lie where the one before lies and have its pixels.

@@ -81,13 +81,13 @@ impl<R: Read + Seek> Walker<'_, R> {
                             (REFERENCED_SEGMENT, &[a, b]) => word(c, [a, b]).to_string(),
                             _ => String::from_utf8_lossy(&value).into_owned(),
                         };
-                        leaves.push((Tag(h.tag.0, h.tag.1), text));
+                        push(&mut leaves, Tag(h.tag.0, h.tag.1), text);
                         Ok(())
                     })
                 })
             })?;
             if is_shared {
-                groups.shared.append(&mut leaves);
+                leaves.drain(..).for_each(|(tag, text)| push(&mut groups.shared, tag, text));
             } else if groups.frames.len() < MOST_FRAMES {
                 groups.frames.push(leaves);
             } else {
@@ -192,6 +192,13 @@ impl<R: Read + Seek> Walker<'_, R> {
             }
         }
         Ok(())
+    }
+}
+
+/// Keeps one value of an element, the first.
+fn push(leaves: &mut Leaves, tag: Tag, text: String) {
+    if leaves.iter().all(|(other, _)| *other != tag) {
+        leaves.push((tag, text));
     }
 }
 
