@@ -140,6 +140,8 @@ pub struct Model {
     pub failure: Option<String>,
     /// Series or segments of the input, where one has to be chosen.
     pub contents: Option<InputInfo>,
+    /// Whether that input is the mask.
+    pub contents_of_mask: bool,
     /// Everything is computed.
     pub is_complete: bool,
     /// Width over height of the inside view.
@@ -189,6 +191,7 @@ impl Model {
             message: None,
             failure: None,
             contents: None,
+            contents_of_mask: false,
             is_complete: false,
             aspect: 4.0 / 3.0,
             planned_mm_s,
@@ -236,7 +239,9 @@ impl Model {
             News::Said(text) => self.message = Some(text),
             News::Levels(levels) => p.levels = Some(levels),
             News::Coverage(coverage) => p.coverage = Some(coverage),
-            News::Contents(info) => self.contents = Some(*info),
+            News::Contents(info, of_mask) => {
+                (self.contents, self.contents_of_mask) = (Some(*info), of_mask);
+            }
             News::Failed(crate::session::SessionError::Cancelled) => {
                 self.message = Some("stopped; what is there stays".into());
                 self.is_complete = true;

@@ -81,7 +81,8 @@ fn contents(ui: &mut Ui, info: &InputInfo, actions: &mut Vec<Action>) {
     });
 }
 
-/// Which organ or grey values are the lumen; of the values, to begin with, to begin with, gas in a CT, what is bright elsewhere.
+/// The organ or the range of values that is the lumen. The range begins as gas in a CT, else as what
+/// is bright.
 fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut Vec<Action>) {
     let Some(volume) = &model.products.volume else { return };
     let (low, high) = volume.range().unwrap_or((0.0, 1.0));

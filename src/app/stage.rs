@@ -224,7 +224,7 @@ impl Stage {
                 _ => None,
             }),
             export_flight,
-            change: actions.iter().rev().find_map(Change::of),
+            change: actions.iter().rev().find_map(|a| Change::of(a, self.model.contents_of_mask)),
             again_in,
         };
         Ok((output, after))

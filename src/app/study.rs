@@ -53,8 +53,9 @@ pub enum News {
     Levels(Arc<Levels>),
     /// What the flight sees.
     Coverage(Arc<Coverage>),
-    /// The series or segments of an input from which one has to be chosen.
-    Contents(Box<InputInfo>),
+    /// The series or segments of an input from which one has to be chosen, and whether it is the
+    /// mask.
+    Contents(Box<InputInfo>, bool),
     /// Nothing more comes, because of this.
     Failed(SessionError),
     /// Everything came.
@@ -75,8 +76,8 @@ pub struct Case {
 pub enum Change {
     /// Open this file or folder.
     Open(PathBuf),
-    /// Of the opened folder, this DICOM series.
-    Series(usize),
+    /// Of the opened folder, this DICOM series; whether the folder is the mask.
+    Series(usize, bool),
     /// Of the opened file, this segment.
     Segment(String),
     /// Of the volume, this lumen.
@@ -85,10 +86,12 @@ pub enum Change {
 
 impl Change {
     /// What an action asks for; nothing where it does not.
-    pub fn of(action: &Action) -> Option<Self> {
+    ///
+    /// * `is_mask`: whether what has to be chosen from is the mask.
+    pub fn of(action: &Action, is_mask: bool) -> Option<Self> {
         let lumen = match action {
             Action::Open(path) => return Some(Self::Open(path.clone())),
-            Action::Series(index) => return Some(Self::Series(*index)),
+            Action::Series(index) => return Some(Self::Series(*index, is_mask)),
             Action::Segment(name) => return Some(Self::Segment(name.clone())),
             Action::Organ(organ) => {
                 LumenSettings { organ: Some((*organ).into()), ..LumenSettings::default() }
@@ -111,8 +114,10 @@ impl Case {
     pub fn change(&mut self, change: Change, volume: Option<Arc<Volume>>) {
         match change {
             Change::Open(path) => self.open(path),
-            Change::Series(index) => self.with_options(|o| o.series = Some(index.to_string())),
-            Change::Segment(name) => self.with_options(|o| o.segments = vec![name.clone()]),
+            Change::Series(index, is_mask) => {
+                self.with_options(is_mask, |o| o.series = Some(index.to_string()));
+            }
+            Change::Segment(name) => self.with_options(true, |o| o.segments = vec![name]),
             Change::Lumen(lumen) => {
                 if let Some(volume) = volume {
                     self.source = Some(Source::Image(VolumeSource::Memory(volume)));
@@ -122,17 +127,17 @@ impl Case {
         }
     }
 
-    /// Another choice of what is read of the same file.
-    fn with_options(&mut self, set: impl Fn(&mut ReadOptions)) {
-        let volumes = match &mut self.source {
-            Some(Source::Image(image)) => [Some(image), None],
-            Some(Source::Mask { mask, image }) => [Some(mask), image.as_mut()],
-            None => [None, None],
+    /// Another choice of what is read of the same file: of the mask, or of the image. Segments are a
+    /// mask's, and an image's where there is none.
+    fn with_options(&mut self, is_mask: bool, set: impl FnOnce(&mut ReadOptions)) {
+        let volume = match &mut self.source {
+            Some(Source::Image(image)) => Some(image),
+            Some(Source::Mask { mask, .. }) if is_mask => Some(mask),
+            Some(Source::Mask { image, .. }) => image.as_mut(),
+            None => None,
         };
-        for volume in volumes.into_iter().flatten() {
-            if let VolumeSource::File { options, .. } = volume {
-                set(options);
-            }
+        if let Some(VolumeSource::File { options, .. }) = volume {
+            set(options);
         }
     }
 
@@ -189,8 +194,8 @@ impl Study {
             let last = match each_product(session, tell) {
                 Ok(()) => News::Complete,
                 Err(e) => {
-                    if let Some(info) = session.contents(&e) {
-                        tell(News::Contents(Box::new(info)));
+                    if let Some((info, is_mask)) = session.contents(&e) {
+                        tell(News::Contents(Box::new(info), is_mask));
                     }
                     News::Failed(e)
                 }

@@ -83,7 +83,11 @@ impl LumenArgs {
             options: self.dicom.options(),
         };
         if let Some(spec) = &self.mask {
-            let (path, _) = split_labels(spec);
+            let (path, labels) = split_labels(spec);
+            if !labels.is_empty() && !self.dicom.segment.is_empty() {
+                let why = "--segment and a label of --mask are two choices of the same thing";
+                return Err(CliError::Usage(why.into()));
+            }
             let mut options = self.dicom.options();
             if input.is_some() {
                 options.series = None;

@@ -51,16 +51,29 @@ impl Session {
         Ok(())
     }
 
-    /// The series or segments from which one has to be chosen, where an error says so.
-    pub fn contents(&self, error: &SessionError) -> Option<InputInfo> {
-        let SessionError::Format(FormatError::Series { .. } | FormatError::Segments { .. }) = error
-        else {
-            return None;
+    /// The series or segments of an input from which one has to be chosen, where an error says so,
+    /// and whether that input is the mask.
+    pub fn contents(&self, error: &SessionError) -> Option<(InputInfo, bool)> {
+        let SessionError::Format(error) = error else { return None };
+        let (file, is_segments) = match error {
+            FormatError::Series { file, .. } => (file, false),
+            FormatError::Segments { file, .. } => (file, true),
+            _ => return None,
         };
-        let (Source::Image(source) | Source::Mask { mask: source, .. }) = &self.source;
-        let VolumeSource::File { path, options } = source else { return None };
-        let all = ReadOptions { series: None, segments: Vec::new(), ..options.clone() };
-        inspect(path, &all).ok()
+        let sources = match &self.source {
+            Source::Image(image) => [Some((image, false)), None],
+            Source::Mask { mask, image } => {
+                [Some((mask, true)), image.as_ref().map(|i| (i, false))]
+            }
+        };
+        sources.into_iter().flatten().find_map(|(source, is_mask)| {
+            let VolumeSource::File { path, options } = source else { return None };
+            let mut all = ReadOptions { segments: Vec::new(), ..options.clone() };
+            if !is_segments {
+                all.series = None;
+            }
+            (path == file).then(|| Some((inspect(path, &all).ok()?, is_mask)))?
+        })
     }
 
     fn load(&self) -> Result<Loaded, SessionError> {
@@ -227,14 +240,13 @@ fn same_grid(g: &Grid, h: &Grid) -> bool {
 /// Whether the voxels of a grid are voxels of another, as those of a cropped volume are.
 fn is_part(part: &Grid, whole: &Grid) -> bool {
     let map = whole.voxel_from_world() * part.world_from_voxel();
-    let off = |v: DVec3| {
+    let is_voxel = |v: DVec3| {
         let at = map.transform_point3(v);
-        (at - at.round()).abs().max_element()
+        (at - at.round()).abs().max_element() < 0.01 && whole.contains(at.round().as_ivec3())
     };
     let turned = map.matrix3 - glam::DMat3::IDENTITY;
-    let corner = part.dims.as_dvec3();
-    turned.to_cols_array().iter().all(|x| x.abs() < 0.01)
-        && off(DVec3::ZERO).max(off(corner)) < 0.01
+    let last = (part.dims - 1).as_dvec3();
+    turned.to_cols_array().iter().all(|x| x.abs() < 0.01) && is_voxel(DVec3::ZERO) && is_voxel(last)
 }
 
 /// Most distinct values of a volume that is taken for a label map without being told.
