@@ -142,10 +142,7 @@ impl Flight {
     ) -> Result<Self, FlightError> {
         check(&options)?;
         let mut path = points.to_vec();
-        let finite = |p: &CenterlinePoint| p.position_mm.is_finite() && p.radius_mm.is_finite();
-        if let Some(i) = path.iter().position(|p| !finite(p)) {
-            return Err(FlightError::NotFinite(i));
-        }
+        check_points(&path)?;
         path.dedup_by_key(|p| p.position_mm);
         if options.reverse {
             path.reverse();
@@ -199,10 +196,9 @@ impl Flight {
             return Self::new(path, lumen, distance, options);
         }
         check(&options)?;
-        let length = |path: &[CenterlinePoint]| {
-            let places: Vec<DVec3> = path.iter().map(|p| p.position_mm).collect();
-            arc_lengths(&places).last().copied().unwrap_or(0.0)
-        };
+        for path in paths {
+            check_points(path)?;
+        }
         let mut flight = Self::empty(options.fov_y_rad, options.aspect);
         // How long a piece of one frame is shown, s: as a frame of the piece before.
         let mut still = 0.1;
@@ -210,27 +206,19 @@ impl Flight {
         if options.reverse {
             order.reverse();
         }
-        let lengths: Vec<f64> = order.iter().map(|path| length(path)).collect();
-        let counts = match options.frames {
-            Frames::Count(n) => shares(n, &lengths),
-            Frames::Speed { .. } => Vec::new(),
+        let pieces = loop {
+            let (pieces, narrow) = Self::each(&order, lumen, distance, options)?;
+            let Some((first, _)) = narrow.first() else { break pieces };
+            if narrow.len() == order.len() {
+                return Err(first.clone());
+            }
+            // The others share their frames.
+            flight.left_out += narrow.len();
+            let mut gone = narrow.iter().map(|(_, i)| *i).peekable();
+            let mut at = 0..;
+            order.retain(|_| gone.next_if_eq(&at.next().unwrap_or(0)).is_none());
         };
-        for (i, path) in order.into_iter().enumerate() {
-            let frames = match options.frames {
-                Frames::Count(_) => Frames::Count(counts[i]),
-                speed => speed,
-            };
-            let piece = Self::new(path, lumen, distance, FlightOptions { frames, ..options });
-            let piece = match piece {
-                Err(FlightError::NoRoom { .. }) => {
-                    // The others share its frames.
-                    let gone = if options.reverse { paths.len() - 1 - i } else { i };
-                    let others = [&paths[..gone], &paths[gone + 1..]].concat();
-                    let flight = Self::along(&others, lumen, distance, options)?;
-                    return Ok(Self { left_out: flight.left_out + 1, ..flight });
-                }
-                other => other?,
-            };
+        for piece in pieces {
             let step = match options.frames {
                 Frames::Speed { fps, .. } => 1.0 / fps,
                 Frames::Count(_) => piece.seconds.get(1).copied().unwrap_or(still),
@@ -253,6 +241,33 @@ impl Flight {
             return Err(FlightError::TooShort { length_mm: 0.0 });
         }
         Ok(flight)
+    }
+
+    /// A flight along each path, and the errors of those without room with their index.
+    #[allow(clippy::type_complexity)]
+    fn each(
+        paths: &[&[CenterlinePoint]],
+        lumen: &Lumen,
+        distance: &[f32],
+        options: FlightOptions<'_>,
+    ) -> Result<(Vec<Self>, Vec<(FlightError, usize)>), FlightError> {
+        let length = |path: &&[CenterlinePoint]| {
+            let places: Vec<DVec3> = path.iter().map(|p| p.position_mm).collect();
+            arc_lengths(&places).last().copied().unwrap_or(0.0)
+        };
+        let lengths: Vec<f64> = paths.iter().map(length).collect();
+        let frames = match options.frames {
+            Frames::Count(n) => shares(n, &lengths).into_iter().map(Frames::Count).collect(),
+            speed => vec![speed; paths.len()],
+        };
+        let (mut pieces, mut narrow) = (Vec::new(), Vec::new());
+        for (i, (path, frames)) in paths.iter().zip(frames).enumerate() {
+            match Self::new(path, lumen, distance, FlightOptions { frames, ..options }) {
+                Err(e @ FlightError::NoRoom { .. }) => narrow.push((e, i)),
+                piece => pieces.push(piece?),
+            }
+        }
+        Ok((pieces, narrow))
     }
 
     pub(super) fn empty(fov_y_rad: f32, aspect: f32) -> Self {
@@ -342,6 +357,11 @@ fn shares(frames: usize, lengths: &[f64]) -> Vec<usize> {
         counts[i] -= 1;
     }
     counts
+}
+
+fn check_points(path: &[CenterlinePoint]) -> Result<(), FlightError> {
+    let finite = |p: &CenterlinePoint| p.position_mm.is_finite() && p.radius_mm.is_finite();
+    path.iter().position(|p| !finite(p)).map_or(Ok(()), |i| Err(FlightError::NotFinite(i)))
 }
 
 fn too_many(count: usize) -> FlightError {
