@@ -10,6 +10,7 @@ mod grow;
 mod leak;
 mod intensity_selection;
 mod morphology;
+mod thickening;
 mod voxelized;
 
 pub use bits::{BitVolume, Run};
@@ -19,6 +20,7 @@ pub use grow::grow;
 pub use intensity_selection::IntensitySelection;
 pub use leak::{Flood, LeakReport, grow_controlled};
 pub use morphology::{closed, dilated, eroded, holes_filled, open_background, opened};
+pub use thickening::thickened;
 pub use voxelized::{VoxelizeError, voxelized};
 
 use glam::{IVec3, UVec3};

@@ -6,10 +6,12 @@ use glam::{DVec3, IVec3, UVec3};
 use super::airway;
 use super::depth::Depth;
 use super::gates::Gates;
+use super::lungs::{Lungs, lung_of};
 use super::values::{LEAST_HU, between, quantile, share, sorted};
 use super::{FoundOrgan, Organ, OrganError, Segment, head_foot_axis};
 use crate::lumen::{
     BitVolume, IntensitySelection, Piece, dilated, fill_cavities, inside_body, opened, pieces,
+    thickened,
 };
 use crate::volume::{Grid, Volume};
 
@@ -32,6 +34,8 @@ const LEAST_EXTENT_MM: f64 = 80.0;
 /// Segments grow to here, HU, by so many voxels: half way between gas and tissue.
 const WALL_HU: f64 = -450.0;
 const WALL_VOXELS: usize = 2;
+/// Longest voxel side at which a fold can be told from the gas beside it, mm: folds are about as thick.
+const FOLD_MM: f64 = 3.0;
 /// A stomach is shorter than this many of its own radii …
 const STOMACH_RADII: f64 = 6.0;
 /// … and lies no lower below the lungs than this, mm.
@@ -58,15 +62,33 @@ pub(super) fn find(volume: &Volume, tagged: bool) -> Result<FoundOrgan, OrganErr
     }
     let inside = inside_body(&gas, grid);
     let ml = grid.voxel_mm3() / 1000.0;
-    let parts = pieces(&inside, (LEAST_ML / ml).ceil() as u64);
+    let least = (LEAST_ML / ml).ceil() as u64;
     let airway = airway::find(volume, false).ok();
     let deep_gas = between(volume, LEAST_HU, DEEP_GAS_HU);
     let tissue = between(volume, TISSUE_HU, f64::INFINITY);
     let mut kept: Vec<Candidate> = Vec::new();
     let mut refused = Vec::new();
     let mut others = inside.clone();
-    for piece in &parts {
-        let candidate = Candidate::new(volume, piece, &gas, &deep_gas, &tissue);
+    let mut parts = Vec::new();
+    // No colon.
+    let mut other_parts = Vec::new();
+    for piece in pieces(&inside, least) {
+        let mut mask = piece.mask(grid.dims);
+        match lung_of(volume, &mask) {
+            None => parts.push(piece),
+            Some(lung) => {
+                refused.push(format!(
+                    "{:.0} ml of gas: lung, joined to other gas",
+                    lung.count() as f64 * ml
+                ));
+                mask.remove(&lung);
+                parts.extend(pieces(&mask, least));
+                other_parts.extend(pieces(&lung, least));
+            }
+        }
+    }
+    for piece in parts {
+        let candidate = Candidate::new(volume, &piece, &gas, &deep_gas, &tissue);
         let is_airway = airway.as_ref().is_some_and(|a| share(&candidate.mask, &a.mask) > 0.1);
         let why = if is_airway { Some("airway".to_owned()) } else { candidate.refusal() };
         match why {
@@ -74,10 +96,13 @@ pub(super) fn find(volume: &Volume, tagged: bool) -> Result<FoundOrgan, OrganErr
                 others.remove(&candidate.mask);
                 kept.push(candidate);
             }
-            Some(why) => refused.push(format!("{:.0} ml of gas: {why}", candidate.volume_ml)),
+            Some(why) => {
+                refused.push(format!("{:.0} ml of gas: {why}", candidate.volume_ml));
+                other_parts.push(piece);
+            }
         }
     }
-    let lungs = refused_lungs(grid, &parts, &kept);
+    let lungs = Lungs::of(grid, &other_parts);
     kept.retain(|c| {
         let stomach = c.looks_like_stomach(grid, lungs);
         if stomach {
@@ -119,10 +144,18 @@ pub(super) fn find(volume: &Volume, tagged: bool) -> Result<FoundOrgan, OrganErr
     let away = dilated(&others, DVec3::ONE, WALL_VOXELS as f64);
     let mut wall = between(volume, LEAST_HU, WALL_HU);
     wall.remove(&away);
-    for _ in 0..WALL_VOXELS {
-        let mut more = dilated(&mask, DVec3::ONE, 1.0);
-        more.keep(&wall);
-        mask.add(&more);
+    // Noise leaves specks in the gas. Folds are thin: their voxels are mixed with gas from both sides,
+    // and darker than the wall elsewhere, but they are no openings.
+    fill_cavities(&mut mask);
+    if grid.spacing_mm.max_element() <= FOLD_MM {
+        let value = |v: UVec3| volume.real(grid.index(v));
+        mask = thickened(&mask, &wall, value, WALL_VOXELS);
+    } else {
+        for _ in 0..WALL_VOXELS {
+            let mut more = dilated(&mask, DVec3::ONE, 1.0);
+            more.keep(&wall);
+            mask.add(&more);
+        }
     }
     let mut threshold = WALL_HU;
     let mut selection = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: WALL_HU };
@@ -206,31 +239,6 @@ impl Candidate {
         let below = lungs.lowest_mm - (at.z + self.radius_mm);
         is_short && at.x > lungs.middle_mm && below < BELOW_LUNG_MM
     }
-}
-
-/// Where the lungs lie.
-#[derive(Clone, Copy, Debug)]
-struct Lungs {
-    /// Feet-most point, LPS z.
-    lowest_mm: f64,
-    /// Between left and right, LPS x.
-    middle_mm: f64,
-}
-
-/// Large gas that is no colon, if it reaches both sides: the lungs.
-fn refused_lungs(grid: &Grid, parts: &[Piece], kept: &[Candidate]) -> Option<Lungs> {
-    let to_world = grid.world_from_voxel();
-    let is_kept = |p: &Piece| kept.iter().any(|c| c.mask.get(p.component.first.as_ivec3()));
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for piece in parts.iter().filter(|p| !is_kept(p) && p.component.volume_ml(grid) > 200.0) {
-        for &((a, b), y, z) in &piece.runs {
-            for x in [a, b] {
-                let at = to_world.transform_point3(UVec3::new(x, y, z).as_dvec3());
-                (low, high) = (low.min(at), high.max(at));
-            }
-        }
-    }
-    low.is_finite().then_some(Lungs { lowest_mm: low.z, middle_mm: 0.5 * (low.x + high.x) })
 }
 
 /// Segments from the feet-most one on, each followed by the one with the narrowest gap to it.

@@ -11,6 +11,7 @@ mod colon;
 mod depth;
 mod explain;
 mod gates;
+mod lungs;
 mod smooth;
 mod trachea;
 mod values;
@@ -56,7 +57,7 @@ pub struct OrganOptions {
     pub organ: Organ,
     /// Of a colon, take the tagged fluid too.
     pub tagged: bool,
-    /// Of an airway, take bronchi too that are thinner than a voxel or two.
+    /// Of an airway, take bronchi of a voxel or two too.
     pub thin: bool,
 }
 

@@ -1,0 +1,143 @@
+//! Lungs below and above the organs of the belly: where they lie, and gas that runs into them.
+
+use glam::{DVec3, UVec3};
+
+use super::head_foot_axis;
+use crate::lumen::{BitVolume, Piece, dilated, eroded, pieces};
+use crate::volume::{Grid, Volume};
+
+/// Lungs lie in the volume with this volume or more, ml.
+const LEAST_LUNG_ML: f64 = 200.0;
+/// Cores from this volume on are looked at, ml.
+const LEAST_CORE_ML: f64 = 15.0;
+/// Lungs hold blood: their mean lies this far above that of gas, HU. Emphysema begins at −950.
+const ABOVE_GAS_HU: f64 = 20.0;
+
+/// Where the lungs lie.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lungs {
+    /// Feet-most point, LPS z.
+    pub lowest_mm: f64,
+    /// Between left and right, LPS x.
+    pub middle_mm: f64,
+}
+
+impl Lungs {
+    /// Large pieces of gas are taken for the lungs.
+    pub fn of(grid: &Grid, gas: &[Piece]) -> Option<Self> {
+        let to_world = grid.world_from_voxel();
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for piece in gas.iter().filter(|p| p.component.volume_ml(grid) > LEAST_LUNG_ML) {
+            for &((a, b), y, z) in &piece.runs {
+                for x in [a, b] {
+                    let at = to_world.transform_point3(UVec3::new(x, y, z).as_dvec3());
+                    (low, high) = (low.min(at), high.max(at));
+                }
+            }
+        }
+        low.is_finite().then_some(Self { lowest_mm: low.z, middle_mm: 0.5 * (low.x + high.x) })
+    }
+}
+
+/// The part of a component of gas that is lung, if it has one: across a diaphragm that is thinner
+/// than a slice, mixed values join a lung to the gas under it.
+///
+/// An erosion by the longest voxel side opens such bridges; each voxel belongs to the core to which
+/// the way inside the component is shortest. A part is lung if the scan's first or last slice cuts
+/// it, and its mean, rim apart, lies well above that of the part with the least.
+pub(super) fn lung_of(volume: &Volume, gas: &BitVolume) -> Option<BitVolume> {
+    let grid = &volume.grid;
+    let cores = eroded(gas, grid.spacing_mm, grid.spacing_mm.max_element());
+    let least = (LEAST_CORE_ML * 1000.0 / grid.voxel_mm3()).ceil() as u64;
+    let cores = pieces(&cores, least);
+    if cores.len() < 2 {
+        return None;
+    }
+    let parts = grown_back(cores.iter().map(|core| core.mask(grid.dims)).collect(), gas);
+    let without_rim = eroded(gas, DVec3::ONE, 1.0);
+    let mean = |part: &BitVolume| {
+        let mut inner = part.clone();
+        inner.keep(&without_rim);
+        let sum: f64 = inner.voxels().map(|v| volume.real(grid.index(v))).sum();
+        sum / inner.count() as f64
+    };
+    let means: Vec<f64> = parts.iter().map(mean).collect();
+    let least = means.iter().copied().fold(f64::INFINITY, f64::min);
+    let through = head_foot_axis(grid);
+    let is_cut = |part: &BitVolume| {
+        let ends = part.bounds().map(|(lo, hi)| (lo[through], hi[through]));
+        ends.is_some_and(|(lo, hi)| lo == 0 || hi + 1 == grid.dims[through])
+    };
+    let mut lung = BitVolume::new(grid.dims);
+    let of_lung =
+        parts.iter().zip(means).filter(|(part, mean)| *mean > least + ABOVE_GAS_HU && is_cut(part));
+    of_lung.for_each(|(part, _)| lung.add(part));
+    (!lung.is_empty()).then_some(lung)
+}
+
+/// Grows parts of a mask by one 6-connected layer after another until they fill it; where they meet
+/// they stop.
+fn grown_back(mut parts: Vec<BitVolume>, mask: &BitVolume) -> Vec<BitVolume> {
+    let mut free = mask.clone();
+    parts.iter().for_each(|part| free.remove(part));
+    let mut growing = true;
+    while growing {
+        crate::task::checkpoint();
+        growing = false;
+        for part in &mut parts {
+            let mut more = dilated(part, DVec3::ONE, 1.0);
+            more.keep(&free);
+            growing |= !more.is_empty();
+            part.add(&more);
+            free.remove(&more);
+        }
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two balls of gas with a bridge a voxel wide, the upper one cut by the last slice if wanted.
+    fn balls(upper_hu: i16, height: u32) -> (Volume, BitVolume) {
+        let grid = Grid::axis_aligned([40, 40, height], [2.0; 3]);
+        let mut gas = BitVolume::new(grid.dims);
+        let values: Vec<i16> = (0..grid.len())
+            .map(|i| {
+                let v = grid.voxel(i);
+                let near = |z: i32| (v.as_ivec3() - glam::IVec3::new(20, 20, z)).length_squared();
+                let (lower, upper) = (near(15) <= 144, near(40) <= 144);
+                let is_bridge = v.x == 20 && v.y == 20 && (15..40).contains(&v.z);
+                if lower || upper || is_bridge {
+                    gas.set(v.x, v.y, v.z);
+                }
+                match () {
+                    () if lower => -1000,
+                    () if upper => upper_hu,
+                    () if is_bridge => -850,
+                    () => 40,
+                }
+            })
+            .collect();
+        (Volume::new(grid, values.into()), gas)
+    }
+
+    #[test]
+    fn a_lung_is_parted_from_gas_that_a_thin_bridge_joins_it_to() {
+        let (volume, gas) = balls(-930, 48);
+        let lung = lung_of(&volume, &gas).expect("a lung");
+        assert!(lung.at(20, 20, 40) && !lung.at(20, 20, 15));
+        // To the voxel, but for the bridge.
+        let upper = gas.voxels().filter(|v| v.z > 27).count() as i64;
+        assert!((lung.count() as i64 - upper).abs() <= 2);
+    }
+
+    #[test]
+    fn segments_of_the_same_gas_and_pockets_inside_the_scan_are_no_lung() {
+        for (hu, height) in [(-990, 48), (-930, 60)] {
+            let (volume, gas) = balls(hu, height);
+            assert!(lung_of(&volume, &gas).is_none(), "{hu} HU, {height} slices");
+        }
+    }
+}
