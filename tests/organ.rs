@@ -293,6 +293,10 @@ fn vessels_of_real_angiograms_are_found_whatever_their_background() {
         let volume = read(&folder.join(name)).unwrap();
         let truth = grow(&volume, &range(least, f64::INFINITY), UVec3::from(seed)).unwrap();
         assert!(dice(&found(Organ::Vessel, &volume).mask, &truth) > 0.96);
+        // Noise reaches below a background that was set to zero.
+        let (low, high) = volume.range().unwrap();
+        let noisy = noisy(&volume, 0.02 * (high - low));
+        assert!(dice(&found(Organ::Vessel, &noisy).mask, &truth) > 0.95);
         refused(Organ::Airway, &volume);
         refused(Organ::Colon, &volume);
     }

@@ -28,6 +28,9 @@ const LEAST_VALUES: usize = 16;
 const AROUND_VOXELS: (f64, f64) = (2.5, 5.0);
 /// Of a background that was removed this share of the peak is left at most.
 const ZEROED: f64 = 0.1;
+/// Half of a volume's values lie this near to zero, in parts of the peak, where noise or the ringing
+/// of resampling came after its background was set to zero.
+const NEAR_ZERO: f64 = 0.02;
 /// Bins of a histogram.
 const BINS: usize = 1024;
 
@@ -120,7 +123,9 @@ fn of_angiogram(
     let background = quantile(&sorted(volume, around.voxels()), 0.5);
     let depth = Depth::of(*grid, &mask);
     let peak = quantile(&sorted(volume, depth.ridge()), 0.9);
-    let is_zeroed = background - low < ZEROED * (peak - low);
+    let median = low + (high - low) * bin_at(&bins, 0.5) as f64 / (BINS as f64 - 1.0);
+    let floor = if low < 0.0 && median.abs() < NEAR_ZERO * peak { 0.0 } else { low };
+    let is_zeroed = background - floor < ZEROED * (peak - floor);
     let part = if is_zeroed { 0.25 } else { 0.5 };
     gates.note(format!(
         "bright from {start:.0} (Otsu); along its ridge {peak:.0}, around it {background:.0}{}",
@@ -141,6 +146,16 @@ fn histogram(volume: &Volume, low: f64, high: f64) -> Vec<u64> {
         }
     }
     bins
+}
+
+/// The bin up to which a share of the values lies.
+fn bin_at(bins: &[u64], share: f64) -> usize {
+    let wanted = share * bins.iter().sum::<u64>() as f64;
+    let up_to = bins.iter().scan(0, |sum, n| {
+        *sum += n;
+        Some(*sum as f64)
+    });
+    up_to.take_while(|sum| *sum < wanted).count()
 }
 
 /// First bin of the upper class by Otsu's threshold (1979, doi:10.1109/TSMC.1979.4310076).
