@@ -8,6 +8,7 @@
 
 use glam::{IVec3, UVec3};
 
+use super::SIDES;
 use super::values::LEAST_HU;
 use crate::lumen::BitVolume;
 use crate::volume::Volume;
@@ -21,8 +22,6 @@ const MOST_PIECE_ML: f64 = 0.25;
 const LEAST_PIECE_ML: f64 = 0.01;
 /// Most that may be added, as a share of the tree: beyond it this is lung, found bit by bit.
 const MOST_ADDED: f64 = 0.5;
-
-const SIDES: [IVec3; 6] = [IVec3::X, IVec3::NEG_X, IVec3::Y, IVec3::NEG_Y, IVec3::Z, IVec3::NEG_Z];
 
 /// What was added to a tree.
 pub(super) struct Added {

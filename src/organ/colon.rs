@@ -8,7 +8,7 @@ use super::depth::Depth;
 use super::gates::Gates;
 use super::lungs::{Lungs, lung_of};
 use super::values::{LEAST_HU, between, quantile, share, sorted};
-use super::{FoundOrgan, Organ, OrganError, Segment, head_foot_axis};
+use super::{FoundOrgan, Organ, OrganError, SIDES, Segment, head_foot_axis};
 use crate::lumen::{
     BitVolume, IntensitySelection, Piece, dilated, fill_cavities, inside_body, opened, pieces,
     thickened,
@@ -246,10 +246,7 @@ fn in_order(grid: &Grid, mut left: Vec<Candidate>) -> Vec<Candidate> {
     let to_world = grid.world_from_voxel();
     // A few voxels of the rim stand for it.
     let rim = |c: &Candidate| -> Vec<DVec3> {
-        let on_rim = |v: &UVec3| {
-            let near = [IVec3::X, IVec3::NEG_X, IVec3::Y, IVec3::NEG_Y, IVec3::Z, IVec3::NEG_Z];
-            near.iter().any(|d| !c.mask.get(v.as_ivec3() + d))
-        };
+        let on_rim = |v: &UVec3| SIDES.iter().any(|d| !c.mask.get(v.as_ivec3() + d));
         let all: Vec<UVec3> = c.mask.voxels().filter(on_rim).collect();
         let each = all.len().div_ceil(1000).max(1);
         let some = all.iter().step_by(each);

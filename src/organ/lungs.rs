@@ -2,14 +2,16 @@
 
 use glam::{DVec3, UVec3};
 
-use super::head_foot_axis;
-use crate::lumen::{BitVolume, Piece, dilated, eroded, pieces};
+use super::{SIDES, head_foot_axis};
+use crate::lumen::{BitVolume, Piece, eroded, pieces};
 use crate::volume::{Grid, Volume};
 
 /// Lungs lie in the volume with this volume or more, ml.
 const LEAST_LUNG_ML: f64 = 200.0;
 /// Cores from this volume on are looked at, ml.
 const LEAST_CORE_ML: f64 = 15.0;
+/// Most cores that are told apart.
+const MOST_CORES: usize = 254;
 /// Lungs hold blood: their mean lies this far above that of gas, HU. Emphysema begins at −950.
 const ABOVE_GAS_HU: f64 = 20.0;
 
@@ -49,50 +51,93 @@ pub(super) fn lung_of(volume: &Volume, gas: &BitVolume) -> Option<BitVolume> {
     let grid = &volume.grid;
     let cores = eroded(gas, grid.spacing_mm, grid.spacing_mm.max_element());
     let least = (LEAST_CORE_ML * 1000.0 / grid.voxel_mm3()).ceil() as u64;
-    let cores = pieces(&cores, least);
+    let mut cores = pieces(&cores, least);
+    cores.truncate(MOST_CORES);
     if cores.len() < 2 {
         return None;
     }
-    let parts = grown_back(cores.iter().map(|core| core.mask(grid.dims)).collect(), gas);
+    let parts = Parts::around(&cores, gas)?;
     let without_rim = eroded(gas, DVec3::ONE, 1.0);
-    let mean = |part: &BitVolume| {
-        let mut inner = part.clone();
-        inner.keep(&without_rim);
-        let sum: f64 = inner.voxels().map(|v| volume.real(grid.index(v))).sum();
-        sum / inner.count() as f64
-    };
-    let means: Vec<f64> = parts.iter().map(mean).collect();
+    let mut sums = vec![(0.0, 0u64); cores.len()];
+    for v in without_rim.voxels() {
+        if let Some(part) = parts.of(v) {
+            let (sum, count) = &mut sums[part];
+            *sum += volume.real(grid.index(v));
+            *count += 1;
+        }
+    }
+    let means: Vec<f64> = sums.iter().map(|(sum, count)| sum / *count as f64).collect();
     let least = means.iter().copied().fold(f64::INFINITY, f64::min);
+
     let through = head_foot_axis(grid);
-    let is_cut = |part: &BitVolume| {
-        let ends = part.bounds().map(|(lo, hi)| (lo[through], hi[through]));
-        ends.is_some_and(|(lo, hi)| lo == 0 || hi + 1 == grid.dims[through])
-    };
+    let mut is_lung = vec![false; cores.len()];
+    for v in gas.voxels().filter(|v| v[through] == 0 || v[through] + 1 == grid.dims[through]) {
+        if let Some(part) = parts.of(v) {
+            is_lung[part] = means[part] > least + ABOVE_GAS_HU;
+        }
+    }
     let mut lung = BitVolume::new(grid.dims);
-    let of_lung =
-        parts.iter().zip(means).filter(|(part, mean)| *mean > least + ABOVE_GAS_HU && is_cut(part));
-    of_lung.for_each(|(part, _)| lung.add(part));
+    for v in gas.voxels().filter(|v| parts.of(*v).is_some_and(|part| is_lung[part])) {
+        lung.set(v.x, v.y, v.z);
+    }
     (!lung.is_empty()).then_some(lung)
 }
 
-/// Grows parts of a mask by one 6-connected layer after another until they fill it; where they meet
-/// they stop.
-fn grown_back(mut parts: Vec<BitVolume>, mask: &BitVolume) -> Vec<BitVolume> {
-    let mut free = mask.clone();
-    parts.iter().for_each(|part| free.remove(part));
-    let mut growing = true;
-    while growing {
-        crate::task::checkpoint();
-        growing = false;
-        for part in &mut parts {
-            let mut more = dilated(part, DVec3::ONE, 1.0);
-            more.keep(&free);
-            growing |= !more.is_empty();
-            part.add(&more);
-            free.remove(&more);
+/// Which core each voxel of a mask belongs to.
+struct Parts {
+    low: UVec3,
+    size: UVec3,
+    /// Of each voxel of the mask's box: 0, or one more than the number of its core.
+    labels: Vec<u8>,
+}
+
+impl Parts {
+    /// Grows all cores by one 6-connected layer after another until they fill the mask. Where two
+    /// meet in a layer, the larger one has the voxel.
+    fn around(cores: &[Piece], mask: &BitVolume) -> Option<Self> {
+        let (low, high) = mask.bounds()?;
+        let size = high - low + 1;
+        let voxels = size.x as usize * size.y as usize * size.z as usize;
+        let mut parts = Self { low, size, labels: vec![0; voxels] };
+        let mut layer = Vec::new();
+        for (core, label) in cores.iter().zip(1..) {
+            for v in core.voxels() {
+                let at = parts.index(v);
+                parts.labels[at] = label;
+                layer.push(v);
+            }
         }
+        while !layer.is_empty() {
+            crate::task::checkpoint();
+            let mut next = Vec::new();
+            for v in layer {
+                let label = parts.labels[parts.index(v)];
+                for way in SIDES {
+                    let near = v.as_ivec3() + way;
+                    if mask.get(near) {
+                        let at = parts.index(near.as_uvec3());
+                        if parts.labels[at] == 0 {
+                            parts.labels[at] = label;
+                            next.push(near.as_uvec3());
+                        }
+                    }
+                }
+            }
+            layer = next;
+        }
+        Some(parts)
     }
-    parts
+
+    /// Number of the core of a voxel of the mask.
+    fn of(&self, v: UVec3) -> Option<usize> {
+        usize::from(self.labels[self.index(v)]).checked_sub(1)
+    }
+
+    fn index(&self, v: UVec3) -> usize {
+        let at = v - self.low;
+        (at.z as usize * self.size.y as usize + at.y as usize) * self.size.x as usize
+            + at.x as usize
+    }
 }
 
 #[cfg(test)]

@@ -19,7 +19,7 @@ mod vessel;
 
 pub use explain::{Picture, explain};
 
-use glam::UVec3;
+use glam::{IVec3, UVec3};
 
 use crate::lumen::{BitVolume, IntensitySelection, LumenError};
 use crate::volume::{Grid, Volume};
@@ -136,6 +136,9 @@ pub fn suggest(volume: &Volume) -> Option<Organ> {
     let found = |organ: &Organ| OrganOptions::from(*organ).find(volume).is_ok();
     Organ::ALL.into_iter().find(found)
 }
+
+/// Ways to the voxels that share a side with one.
+const SIDES: [IVec3; 6] = [IVec3::X, IVec3::NEG_X, IVec3::Y, IVec3::NEG_Y, IVec3::Z, IVec3::NEG_Z];
 
 /// The index axis nearest to the patient's head–foot direction.
 fn head_foot_axis(grid: &Grid) -> usize {
