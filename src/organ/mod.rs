@@ -10,6 +10,8 @@ mod bronchi;
 mod colon;
 mod depth;
 mod explain;
+mod fluid;
+mod gas;
 mod gates;
 mod lungs;
 mod smooth;
