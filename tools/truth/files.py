@@ -101,6 +101,18 @@ def unzipped(archive, folder):
     return folder
 
 
+def normals_of(mesh):
+    """Of the file; where it has none, those of the faces, weighted by area."""
+    vertices, faces, given = mesh
+    if given is not None:
+        return given
+    sums, across = np.zeros_like(vertices), np.cross(*(vertices[faces[:, k]] - vertices[faces[:, 0]] for k in (1, 2)))
+    for k in range(3):
+        for axis in range(3):
+            sums[:, axis] += np.bincount(faces[:, k], across[:, axis], len(vertices))
+    return sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-30)
+
+
 def welded(mesh):
     """With vertices at the same place made one, and faces without area left out that this makes of some."""
     vertices, faces, _ = mesh

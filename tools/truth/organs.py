@@ -12,7 +12,7 @@ from program import Failed
 SEED = 20261124
 NAMES = ("bronchi", "carina", "colon")
 # Phantom, noise HU, correlated, slices averaged.
-QUICK = [("bronchi", 20, False, 1), ("bronchi", 40, True, 1), ("carina", 20, False, 1), ("colon", 20, False, 1),
+QUICK = [("bronchi", 0, False, 1), ("bronchi", 20, False, 1), ("bronchi", 40, True, 1), ("carina", 20, False, 1), ("colon", 20, False, 1),
          ("colon", 40, True, 1), ("bronchi", 20, False, 3)]
 FULL = [(name, sigma, grain, 1) for name in NAMES for sigma, grain in
         ((0, False), (20, False), (20, True), (40, False), (40, True), (80, False), (80, True))]
@@ -54,8 +54,11 @@ def rows(case, programs, folder, want_peers=True):
     place = (array.shape, spacing, origin)
     threshold, seed, core = volumes.core(phantom, array, spacing, origin)
     value = phantom.value(volumes.grid(array.shape[::-1], spacing) + np.array(origin))
+    points = volumes.grid(array.shape[::-1], spacing)[core] + np.array(origin)
     about = {"part": "phantoms", "case": title(case), "phantom": case[0], "threshold_hu": threshold,
              "core_share": float((core & (value < 0)).sum() / (value < 0).sum())}
+    if case[0] == "bronchi":
+        about["reached"] = phantom.reached(points)
     lumen = ["--threshold", f":{threshold:g}", "--seed-mm", ",".join(f"{s:.4f}" for s in seed)]
     ways = [("", lumen)] + ([(", --organ colon", ["--organ", "colon"])] if case[0] == "colon" else [])
     for program in programs:

@@ -1,22 +1,22 @@
 """Organs given by formulas, with CT values: where their walls are is known.
 
-A phantom has `dims` and `spacing` of its volume, `value(p)` (mm; its sign is exact, near the wall its size too),
-`distance(p)` (signed distance from the wall), `hu(p, value)` of a point, `seed_mm`, `air`, the value `half` at which
-other programs contour it, and `core(noise)`: the thresholds to try for the lumen, best first."""
+A phantom has `dims` and `spacing` of its volume, `value(p)` (mm; of exact sign, and exact enough
+near the wall to tell where to sample finely), `distance(p)` (signed distance from the wall, for scores), `hu(p, value)`
+of a point, `seed_mm` about which the lumen is clicked, `air`, the value `half` at which other programs contour it, and
+`most`: how far above air the lumen's threshold may lie. `parts(p)` says to which scored part a point belongs."""
 
 import numpy as np
 
 from shapes import RingedTube, along, capsule, cylinder, half_plate, turn, unit
 
 TISSUE, LUNG = 40.0, -850.0
-LEFT_OUT = 99.0  # a distance that no score counts
 
 
 class Bronchi:
     """Six tilted tubes from one along x, with walls of 1.0 to 1.5 mm against lung, and a seventh whose wall thins to
     nothing towards its tip."""
 
-    name, air, half, beyond = "bronchi", -950.0, -500.0, LUNG
+    name, air, half, most = "bronchi", -950.0, -500.0, 70
     dims, spacing = (128, 128, 96), (0.7, 0.7, 0.8)
     header = (np.array([10.0, 44.0, 13.0]), np.array([79.0, 44.0, 13.0]), 5.0, 1.5)
     seed_mm = (44.0, 44.0, 13.0)
@@ -61,6 +61,11 @@ class Bronchi:
             reach = np.where(near, w / 2, reach)
         return part, reach
 
+    def reached(self, points):
+        """How many of the six tubes hold some of `points` in the last tenth of their length."""
+        ends = [(s > 0.9 * t[3]) & (rho < t[4]) for t in self.tubes[:6] for s, rho in [along(points, t[0], t[2])]]
+        return int(sum(e.any() for e in ends))
+
     def radii(self):
         return [r for r, *_ in self.branches]
 
@@ -68,7 +73,7 @@ class Bronchi:
 class Carina:
     """A trachea with rings that parts into two bronchi at a sharp spur."""
 
-    name, air, half, beyond = "carina", -950.0, -500.0, LUNG
+    name, air, half, most = "carina", -950.0, -500.0, 70
     dims, spacing = (104, 96, 100), (0.7, 0.7, 0.8)
     swing, period, wall = 0.35, 4.5, 2.0
 
@@ -118,7 +123,7 @@ class Carina:
 class Colon:
     """A wide tube in tissue with half-moon folds from alternate sides and three sessile polyps."""
 
-    name, air, half, beyond = "colon", -1000.0, -450.0, TISSUE
+    name, air, half, most = "colon", -1000.0, -450.0, 200
     dims, spacing = (64, 64, 136), (0.8, 0.8, 0.8)
     radius, length, reach = 18.0, 100.0, 4.0
     thick = (0.6, 0.8, 1.0, 1.2, 1.6, 2.0, 2.4)

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 import grey
 import peers
 import score
-from files import from_poly, read_ply, unzipped
+from files import from_poly, normals_of, read_ply, unzipped
 from program import Failed
 
 SCANS = {  # file, organ, level of the contour
@@ -32,20 +32,8 @@ def _read(path):
     return sitk.ReadImage(str(path))
 
 
-def _normals(mesh):
-    """Of the file, or made of the faces."""
-    vertices, faces, given = mesh
-    if given is not None:
-        return given
-    sums, across = np.zeros_like(vertices), np.cross(*(vertices[faces[:, k]] - vertices[faces[:, 0]] for k in (1, 2)))
-    for k in range(3):
-        for axis in range(3):
-            sums[:, axis] += np.bincount(faces[:, k], across[:, axis], len(vertices))
-    return sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-30)
-
-
 def _row(mesh, volume):
-    return {"triangles": len(mesh[1]), **score.tunnels(mesh), **grey.profile(mesh[0], _normals(mesh), volume)}
+    return {"triangles": len(mesh[1]), **score.tunnels(mesh), **grey.profile(mesh[0], normals_of(mesh), volume)}
 
 
 def _masked(mask):
@@ -81,7 +69,7 @@ def rows(name, data, programs, folder, want_peers=True):
     grid = peers.image(volume.array, image.GetSpacing(), image.GetOrigin(), image.GetDirection())
     whole = from_poly(peers.flying_edges(grid, level))
     near = cKDTree(first[0]).query(whole[0], distance_upper_bound=NEAR_MM)[0] < NEAR_MM
-    normals = _normals(whole)
+    normals = normals_of(whole)
     yield {**about, "program": f"VTK Flying Edges at {level:g}, within 2 mm", "ours": False,
            **grey.profile(whole[0][near], normals[near], volume)}
     out = folder / f"{name}-mask.nrrd"

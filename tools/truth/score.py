@@ -5,7 +5,7 @@ import numpy as np
 import vtk
 from scipy import sparse
 
-from files import to_poly, welded
+from files import normals_of, to_poly
 from peers import filled
 from volumes import grid
 
@@ -13,8 +13,9 @@ LEAK_MM = 1.0  # farther outside the wall than this is a leak
 
 
 def tunnels(mesh):
-    """Sum of the genera: components less half the Euler number, of a closed mesh."""
-    vertices, faces, _ = welded(mesh)
+    """Sum of the genera: components less half the Euler number, of a closed mesh. Half a tunnel means that it has edges
+    with more than two faces."""
+    vertices, faces, _ = mesh
     if not len(faces):
         return {"components": 0, "tunnels": 0}
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
@@ -39,7 +40,8 @@ def spread(distance):
 def wall(phantom, mesh, shape, spacing, origin):
     """Everything that is asked of a mesh of `phantom`; the volume it was made of gives the voxels in which leaks are
     counted. Vertices farther out than the phantom's `parts` say (half the wall) count as leaks, not in the rms."""
-    vertices = mesh[0][np.unique(mesh[1])]
+    used = np.unique(mesh[1])
+    vertices = mesh[0][used]
     found = {"triangles": len(mesh[1]), **tunnels(mesh)}
     if not len(vertices):
         return found
@@ -48,6 +50,7 @@ def wall(phantom, mesh, shape, spacing, origin):
     near = (distance < reach) & (part >= 0)
     scored = near & (part == 0) if phantom.name == "colon" else near
     found.update(spread(distance[scored]), scored=int(scored.sum()), beyond_mm=int((distance > LEAK_MM).sum()))
+    found["normals_deg"] = _normals(phantom, vertices[scored], normals_of(mesh)[used][scored])
     inside, value = filled(mesh, shape, spacing, origin), phantom.value(grid(shape[::-1], spacing) + np.array(origin))
     cell = float(np.prod(spacing))
     found["leak_mm3"] = float((inside & (value > LEAK_MM)).sum() * cell)
@@ -60,6 +63,17 @@ def wall(phantom, mesh, shape, spacing, origin):
     if phantom.name == "colon":
         found.update(_folds(phantom, mesh), **_polyps(phantom, mesh))
     return found
+
+
+def _normals(phantom, vertices, normals, most=5000, h=0.02):
+    """Mean angle between normals and the gradient of the distance, of lines without direction."""
+    if not len(vertices):
+        return None
+    pick = np.random.default_rng(1).permutation(len(vertices))[:most]
+    p = vertices[pick]
+    slope = np.stack([phantom.distance(p + h * e) - phantom.distance(p - h * e) for e in np.eye(3)], 1)
+    slope /= np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-30)
+    return float(np.degrees(np.arccos(np.clip(np.abs((slope * normals[pick]).sum(1)), 0, 1))).mean())
 
 
 class _Rays:
@@ -80,8 +94,8 @@ class _Rays:
 
 
 def _folds(phantom, mesh, step=0.6, rim=1.0):
-    """Along lines across each fold, half a millimetre and more apart: the share without tissue, and the mean thickness
-    where there is some. A rim along the free edge and the root is left out."""
+    """Along lines across each fold: the share without tissue, the share with less than half of the true thickness, and
+    the mean thickness where there is some. A rim along the free edge and the root is left out."""
     rays, found = _Rays(mesh), {}
     for edge, normal, up, thick in phantom.folds:
         side, reach = np.cross(normal, up), thick / 2 + 2.0
@@ -91,6 +105,7 @@ def _folds(phantom, mesh, step=0.6, rim=1.0):
         found_here = [rays.crossings(q - reach * normal, q + reach * normal) for q in p]
         there = np.array([c[-1] - c[0] for c in found_here if len(c) >= 2])
         found[f"hole_{thick:g}"] = 1 - len(there) / len(p)
+        found[f"thin_{thick:g}"] = 1 - int((there >= thick / 2).sum()) / len(p)
         found[f"thick_{thick:g}_mm"] = float(there.mean()) if len(there) else 0.0
     return found
 

@@ -60,17 +60,16 @@ def component(mask, voxel):
 
 
 def core(phantom, array, spacing, origin, most_mm3=50.0):
-    """-> (threshold, seed mm, mask) of the lumen as an organ search would choose it: the largest threshold up to 55 HU
-    above air (of a colon 200: there is no lung to leak into) that takes at most `most_mm3` farther than 1 mm outside
-    the wall. The seed is the darkest voxel near the middle, as somebody would click it."""
+    """-> (threshold, seed mm, mask) of the lumen as an organ search would choose it: the largest threshold, up to
+    `most` above air, that takes at most `most_mm3` farther than 1 mm outside the wall. The seed is the darkest voxel
+    near the middle, as somebody would click it."""
     value = phantom.value(grid(array.shape[::-1], spacing) + np.array(origin))
     seed = np.round((np.array(phantom.seed_mm) - origin) / spacing).astype(int)[::-1]
     near = tuple(slice(max(s - 2, 0), s + 3) for s in seed)
     voxel = np.unravel_index(np.argmin(array[near]), array[near].shape)
     voxel = tuple(int(n.start + v) for n, v in zip(near, voxel))
     cell = float(np.prod(spacing))
-    first = 200 if phantom.name == "colon" else 55
-    for above in range(first, -100, -5):
+    for above in range(phantom.most, -100, -5):
         found = component(array <= phantom.air + above, voxel)
         if found.any() and (found & (value > 1)).sum() * cell <= most_mm3:
             break
