@@ -41,7 +41,8 @@ COLUMNS = {
     "lines": [("to_ours_mean_mm", "published to ours, mean"), ("to_ours_p95_mm", "p95"),
               ("from_ours_mean_mm", "ours to published, mean"), ("from_ours_p95_mm", "p95"), ("length_mm", "length"),
               ("published_mm", "published"), ("covered", "covered"), ("radius_mean_mm", "radius, mean off"),
-              ("radius_rms_mm", "radius, rms off")],
+              ("radius_rms_mm", "radius, rms off"), ("wall_mean_mm", "radius less distance to the mesh, mean"),
+              ("wall_most_mm", "most")],
 }
 
 

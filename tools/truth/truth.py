@@ -72,7 +72,7 @@ def measure(args):
         for name in chosen(list(scans.SCANS) if full else list(scans.SCANS)[:2], args):
             yield from scans.rows(name, args.data, mine, folder, not args.ours)
     if args.data and "lines" in args.parts:
-        yield from lines.rows(args.data, mine, folder, chosen(lines.CASES, args))
+        yield from lines.rows(args.data, mine, folder, chosen(lines.CASES, args), not args.ours)
 
 
 def main():

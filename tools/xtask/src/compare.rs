@@ -55,7 +55,7 @@ pub fn compare(args: &[&str]) -> Result<(), TaskError> {
 }
 
 /// A path as given, from where we were started: the script runs in the repository's root.
-fn absolute(path: &str) -> Result<String, TaskError> {
+pub fn absolute(path: &str) -> Result<String, TaskError> {
     let found =
         std::fs::canonicalize(path).map_err(|e| TaskError::Failed(format!("{path}: {e}")))?;
     Ok(found.to_string_lossy().into_owned())
@@ -73,7 +73,10 @@ pub fn split<'a>(args: &[&'a str]) -> Result<(Option<&'a str>, Vec<&'a str>), Ta
 }
 
 /// The path after `flag`, and the other arguments.
-fn value<'a>(flag: &str, args: &[&'a str]) -> Result<(Option<&'a str>, Vec<&'a str>), TaskError> {
+pub fn value<'a>(
+    flag: &str,
+    args: &[&'a str],
+) -> Result<(Option<&'a str>, Vec<&'a str>), TaskError> {
     let Some(at) = args.iter().position(|a| *a == flag) else {
         return Ok((None, args.to_vec()));
     };
@@ -90,7 +93,7 @@ fn target() -> PathBuf {
 
 /// The interpreter of an environment `name` made with `system`, with the packages of the file
 /// `wanted` installed unless that has been done for these very versions.
-fn environment(name: &str, wanted: &str, system: &str) -> Result<String, TaskError> {
+pub fn environment(name: &str, wanted: &str, system: &str) -> Result<String, TaskError> {
     let home = target().join(name);
     let bin = if cfg!(windows) { "Scripts" } else { "bin" };
     let python = home.join(bin).join(format!("python{}", std::env::consts::EXE_SUFFIX));
@@ -101,9 +104,9 @@ fn environment(name: &str, wanted: &str, system: &str) -> Result<String, TaskErr
         return Ok(python);
     }
     let folder = home.to_string_lossy().into_owned();
-    run(&mut command(system, &["-m", "venv", &folder])).map_err(|_| missing("venv"))?;
+    run(&mut command(system, &["-m", "venv", &folder])).map_err(|_| missing("venv", wanted))?;
     if !succeeds(&mut command(&python, &["-m", "pip", "--version"])) {
-        return Err(missing("pip"));
+        return Err(missing("pip", wanted));
     }
     run(&mut command(&python, &["-m", "pip", "install", "--quiet", "-r", wanted]))?;
     std::fs::copy(&list, &done)
@@ -156,11 +159,11 @@ fn fits(python: &str, versions: &str) -> bool {
 const NO_PYTHON: &str = "no Python 3.11 or newer on PATH; install one with its venv and pip (on Debian \
 and Ubuntu: `apt-get install python3 python3-venv python3-pip`), or name one with --python";
 
-fn missing(module: &str) -> TaskError {
+fn missing(module: &str, wanted: &str) -> TaskError {
     TaskError::Failed(format!(
         "Python is here without `{module}`; on Debian and Ubuntu: \
          `apt-get install python3-venv python3-pip`. Or name an interpreter that has \
-         {WANTED} installed, with --python"
+         {wanted} installed, with --python"
     ))
 }
 
@@ -217,7 +220,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_said_with_a_way_out() {
-        let TaskError::Failed(text) = missing("venv") else { panic!("another kind") };
+        let TaskError::Failed(text) = missing("venv", WANTED) else { panic!("another kind") };
         assert!(text.contains("`venv`") && text.contains("--python"), "{text}");
     }
 }

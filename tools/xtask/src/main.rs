@@ -10,6 +10,7 @@ mod process;
 mod scaling;
 mod setup;
 mod test_suite;
+mod truth;
 mod vulkan;
 
 use std::process::ExitCode;
@@ -27,6 +28,8 @@ usage: cargo xtask TASK
                  (`compare --help` has the flags, tools/compare/README.md the rest)
   scaling        threads, growth, memory and device beside their limits, in out/scaling/
                  (`scaling --help` has the flags, tools/scaling/README.md the rest)
+  truth          walls against phantoms of known walls and against grey values, in out/truth/
+                 (`truth --help` has the flags, tools/truth/README.md the rest)
   setup          install a Vulkan loader and driver where none answer
   setup --test   the same, and what the tests need beside it
 ";
@@ -62,6 +65,7 @@ fn dispatch(args: &[&str]) -> Result<(), TaskError> {
         ["check", "--rules"] => check::rules(),
         ["compare", rest @ ..] => compare::compare(rest),
         ["scaling", rest @ ..] => scaling::scaling(rest),
+        ["truth", rest @ ..] => truth::truth(rest),
         ["bless"] => bless::bless(),
         ["setup"] => setup::setup(setup::Purpose::Running),
         ["setup", "--test"] => setup::setup(setup::Purpose::Testing),
