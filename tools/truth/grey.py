@@ -1,10 +1,10 @@
 """How far a surface lies from the half-maximum of the grey profile across it, in a CT without known truth.
 
 The definition. The volume is smoothed with a Gaussian of half a voxel. Each of up to 20,000 vertices (chosen at random,
-seed 1) looks along the grey gradient at it, which points outwards, as gas is dark. L is the median of the profile
-between 3 and 2 mm inwards. The wall's value is the largest on the way out, from half a millimetre inside to 3 mm
-outside, until the profile has fallen 50 HU below it (so the first maximum), and at most 60 HU: what is brighter counts
-as tissue. A place counts if the gradient is over 50 HU/mm, the wall rises over 300 HU above L and its value is over
+seed 1) looks along the grey gradient at it, which points outwards, as gas is dark. L, one value for all, is the median
+of the profiles between 3 and 2 mm inwards. The wall's value is the largest on the way out, from half a millimetre
+inside to 3 mm outside, until the profile has fallen 50 HU below it (so the first maximum), and at most 60 HU: what is
+brighter counts as tissue. A place counts if the gradient is over 50 HU/mm, the wall rises over 300 HU above L and its value is over
 -50 HU: a wall that is darker is thinner than its blur, and half of its maximum is not its edge. There the offset is the
 distance to the nearest crossing of (L + wall) / 2, positive where the crossing lies farther out than the vertex.
 
@@ -58,7 +58,7 @@ def profile(vertices, normals, volume):
     out = slope / np.maximum(steep, 1e-9)[:, None]
     steps = np.linspace(-SPAN_MM, SPAN_MM, int(round(2 * SPAN_MM / STEP_MM)) + 1)
     seen = np.stack([volume.at(p + s * out) for s in steps], 1)
-    dark = np.median(seen[:, steps < -2 + STEP_MM / 2], axis=1)
+    dark = float(np.median(seen[:, steps < -2 + STEP_MM / 2]))
     ahead = seen[:, steps > -0.5 - STEP_MM / 2]
     most = np.maximum.accumulate(ahead, axis=1)
     fallen = most - ahead > 50

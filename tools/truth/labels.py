@@ -25,7 +25,7 @@ SHAPES = {
 def cases(full):
     """(shape, ratio, poses)"""
     if full:
-        return [(s, r, 4) for r in SPACINGS for s in SHAPES]
+        return [(s, r, 8) for r in SPACINGS for s in SHAPES]
     return [(s, r, 1) for r in ("1:1:1", "1:1:5") for s in SHAPES]
 
 

@@ -65,7 +65,7 @@ def wall(phantom, mesh, shape, spacing, origin):
     return found
 
 
-def _normals(phantom, vertices, normals, most=5000, h=0.02):
+def _normals(phantom, vertices, normals, most=5000, h=0.1):
     """Mean angle between normals and the gradient of the distance, of lines without direction."""
     if not len(vertices):
         return None
