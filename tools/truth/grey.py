@@ -4,9 +4,10 @@ The definition. The volume is smoothed with a Gaussian of half a voxel. Each of 
 seed 1) looks along the grey gradient at it, which points outwards, as gas is dark. L, one value for all, is the median
 of the profiles between 3 and 2 mm inwards. The wall's value is the largest on the way out, from half a millimetre
 inside to 3 mm outside, until the profile has fallen 50 HU below it (so the first maximum), and at most 60 HU: what is
-brighter counts as tissue. A place counts if the gradient is over 50 HU/mm, the wall rises over 300 HU above L and its value is over
--50 HU: a wall that is darker is thinner than its blur, and half of its maximum is not its edge. There the offset is the
-distance to the nearest crossing of (L + wall) / 2, positive where the crossing lies farther out than the vertex.
+brighter counts as tissue. A place counts if the gradient is over 50 HU/mm, the wall rises over 300 HU above L and its
+value is over -50 HU: a wall that is darker is thinner than its blur, and half of its maximum is not its edge. There the
+offset is the distance to the nearest crossing of (L + wall) / 2, positive where the crossing lies farther out than the
+vertex.
 
 It says nothing about thin walls; those are for phantoms. `normals` is the mean angle between the mesh's normals and the
 gradient."""

@@ -139,7 +139,8 @@ def rows(data, programs, folder, cases, want_peers=True):
                                          ("colon_label_3.nii.gz", "aorto_iliac_surface.vtp")):
         if case not in cases or not (data / file).exists():
             continue
-        for program in programs:
+        builds = list({p.path: p for p in reversed(programs)}.values())[::-1]  # how walls are drawn moves no line
+        for program in builds:
             row = {"part": "lines", "case": case, "program": program.name, "ours": True}
             try:
                 row.update(measure(data, program, folder))

@@ -12,8 +12,8 @@ from program import Failed
 SEED = 20261124
 NAMES = ("bronchi", "carina", "colon")
 # Phantom, noise HU, correlated, slices averaged.
-QUICK = [("bronchi", 0, False, 1), ("bronchi", 20, False, 1), ("bronchi", 40, True, 1), ("carina", 20, False, 1), ("colon", 20, False, 1),
-         ("colon", 40, True, 1), ("bronchi", 20, False, 3)]
+QUICK = [("bronchi", 0, False, 1), ("bronchi", 20, False, 1), ("bronchi", 40, True, 1), ("bronchi", 20, False, 3),
+         ("carina", 20, False, 1), ("colon", 20, False, 1), ("colon", 40, True, 1)]
 FULL = [(name, sigma, grain, 1) for name in NAMES for sigma, grain in
         ((0, False), (20, False), (20, True), (40, False), (40, True), (80, False), (80, True))]
 FULL += [(name, 20, False, count) for name in NAMES for count in (2, 3, 6)]
@@ -64,7 +64,7 @@ def rows(case, programs, folder, want_peers=True):
     for program in programs:
         for name, way in ways:
             row = {**about, "program": program.name + name, "ours": True}
-            out = folder / f"{path.stem}-{program.name.replace(' ', '-')}{name.replace(', --', '-').replace(' ', '-')}.ply"
+            out = folder / f"{path.stem}-{(program.name + name).replace(',', '').replace(' ', '-')}.ply"
             try:
                 row["seconds"] = program.surface(out, path, *way)
                 row.update(score.wall(phantom, read_ply(out), *place))
@@ -76,7 +76,8 @@ def rows(case, programs, folder, want_peers=True):
     grey = array.astype(np.float32)
     voxel = tuple(int(v) for v in np.round((np.array(seed) - origin) / spacing)[::-1])
     contour = peers.contour_of_lumen(grey, spacing, origin, phantom.half, voxel)
-    yield {**about, "program": f"VTK Flying Edges at {phantom.half:g}", "ours": False, **score.wall(phantom, contour, *place)}
+    yield {**about, "program": f"VTK Flying Edges at {phantom.half:g}", "ours": False,
+           **score.wall(phantom, contour, *place)}
     mask = peers.lumen(grey, phantom.half, voxel)
     for name, make in peers.OF_MASKS.items():
         if name != "VTK mask, halfway":
@@ -90,5 +91,6 @@ def truths():
         dims = [int(n * s / h) + 1 for n, s in zip(phantom.dims, phantom.spacing)]
         value = np.concatenate([phantom.value(z)[None] for z in volumes.grid(dims, (h,) * 3)])
         mesh = peers.contour(value.astype(np.float32), (h,) * 3, (0, 0, 0), 0.0, 50.0)
-        yield {"part": "phantoms", "case": f"{name}, the formula itself", "phantom": name, "program": "formula, 0.3 mm grid",
-               "ours": False, **score.wall(phantom, mesh, phantom.dims[::-1], phantom.spacing, (0, 0, 0))}
+        yield {"part": "phantoms", "case": f"{name}, the formula itself", "phantom": name,
+               "program": "formula, 0.3 mm grid", "ours": False,
+               **score.wall(phantom, mesh, phantom.dims[::-1], phantom.spacing, (0, 0, 0))}

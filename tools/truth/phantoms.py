@@ -36,7 +36,8 @@ class Bronchi:
 
     def value(self, p):
         start, end, radius, _ = self.header
-        return np.minimum.reduce([capsule(p, start, end, radius)] + [capsule(p, a, b, r) for a, b, _, _, r, _ in self.tubes])
+        tubes = [capsule(p, a, b, r) for a, b, _, _, r, _ in self.tubes]
+        return np.minimum.reduce([capsule(p, start, end, radius), *tubes])
 
     distance = value
 
@@ -50,7 +51,7 @@ class Bronchi:
         return np.where(value < 0, self.air, np.where(outer < 0, TISSUE, LUNG))
 
     def parts(self, p):
-        """Which of the six tubes a point belongs to (-1: none), and how far out the wall is scored: half its thickness."""
+        """Which of the six tubes a point belongs to (-1: none), and how far out the wall is scored: half of it."""
         best, part, reach = capsule(p, *self.header[:3]), np.full(len(p), -1), np.full(len(p), 0.75)
         for i, (a, b, way, length, r, w) in enumerate(self.tubes):
             d, (s, _) = capsule(p, a, b, r), along(p, a, way)

@@ -10,36 +10,39 @@ from pathlib import Path
 
 MARKS = ("<!-- truth: written by `cargo xtask truth --readme` -->", "<!-- /truth -->")
 TITLES = {
-    "phantoms": ("CT volumes with known walls", "Signed distance of vertices from the wall, mm; minus is too narrow. "
-                 "`leak` is volume farther than 1 mm outside; `missed` the share of the lumen deeper than 1 mm that is left "
-                 "out; `T` the lumen's threshold, `core` the share of the true lumen that it takes. `hole`: share of a "
-                 "fold's area without tissue; `thin`: with less than half the true thickness."),
-    "labels": ("Label maps with known walls", "Distance of vertices from the wall, in voxels of 1 mm; means over the "
-               "poses. `wrong side` counts voxel centres that the surface puts on the other side than the mask."),
-    "scans": ("CTs without known walls", "Distance of the wall from the half-maximum of the grey profile across it, where the "
-              "wall is thicker than its blur (grey.py)."),
-    "lines": ("Published midlines and radii", "Distances between the published line and intima's, mm."),
+    "phantoms": ("CT volumes with known walls",
+                 "Signed distance of vertices from the wall, mm; minus is too narrow. `leak` is volume farther than 1 "
+                 "mm outside; `missed` the share of the lumen deeper than 1 mm that is left out; `T` the lumen's "
+                 "threshold, `core` the share of the true lumen that it takes. `hole`: share of a fold's area without tissue; "
+                 "`thin`: with less than half the true thickness."),
+    "labels": ("Label maps with known walls",
+               "Distance of vertices from the wall, in voxels of 1 mm; means over the poses. `wrong side` counts voxel "
+               "centres that the surface puts on the other side than the mask."),
+    "scans": ("CTs without known walls",
+              "Distance of the wall from the half-maximum of the grey profile across it, where the wall is thicker "
+              "than its blur (grey.py)."),
+    "lines": ("Published midlines and radii", "Distances between the published line and the program's, mm."),
 }
 WALL = [("rms_mm", "rms"), ("mean_mm", "mean"), ("p95_mm", "p95"), ("p99_mm", "p99")]
+ANGLE = ("normals_deg", "normals °")
+MESH = [("tunnels", "tunnels"), ("components", "parts"), ("triangles", "triangles")]
+LUMEN = [("threshold_hu", "T"), ("core_share", "core")]
+THIN = ("0.6", "0.8", "1", "1.2")
 COLUMNS = {
-    "bronchi": [*WALL, *((f"bias_r{r}_mm", f"bias r {r}") for r in ("1.5", "2", "2.5", "3", "4", "5")),
-                ("normals_deg", "normals °"), ("leak_mm3", "leak mm³"), ("missed_share", "missed"), ("tunnels", "tunnels"),
-                ("components", "parts"), ("triangles", "triangles"), ("threshold_hu", "T"), ("core_share", "core"),
-                ("reached", "tubes reached")],
-    "carina": [*WALL, ("max_mm", "max"), ("normals_deg", "normals °"), ("ring", "rings kept"), ("leak_mm3", "leak mm³"), ("tunnels", "tunnels"),
-               ("components", "parts"), ("triangles", "triangles"), ("threshold_hu", "T"), ("core_share", "core")],
-    "colon": [("rms_mm", "flat rms"), ("mean_mm", "flat mean"), ("normals_deg", "normals °"),
-              *((f"hole_{t}", f"hole {t}") for t in ("0.6", "0.8", "1", "1.2")),
-              *((f"thin_{t}", f"thin {t}") for t in ("0.6", "0.8", "1", "1.2")),
-              *((f"thick_{t}_mm", f"thick {t}") for t in ("0.6", "0.8", "1", "1.2", "1.6", "2", "2.4")),
-              *((f"polyp_{n}", f"polyp {n}") for n in (3, 4, 6)), ("tunnels", "tunnels"), ("components", "parts"),
-              ("triangles", "triangles"), ("threshold_hu", "T"), ("core_share", "core")],
-    "labels": [("rms_mm", "rms"), ("rms_least_mm", "least"), ("rms_most_mm", "most"), ("mean_mm", "mean"), ("p99_mm", "p99"),
-               ("max_mm", "max"), ("wrong_side", "wrong side"), ("tunnels", "tunnels"), ("poses", "poses")],
-    "scans": [("rms_mm", "rms"), ("p95_mm", "p95"), ("mean_mm", "mean"), ("normals_deg", "normals °"), ("places", "places"),
-              ("judged", "judged"), ("tunnels", "tunnels"), ("components", "parts"), ("triangles", "triangles")],
-    "lines": [("to_ours_mean_mm", "published to ours, mean"), ("to_ours_p95_mm", "p95"),
-              ("from_ours_mean_mm", "ours to published, mean"), ("from_ours_p95_mm", "p95"), ("length_mm", "length"),
+    "bronchi": [*WALL, *((f"bias_r{r}_mm", f"bias r {r}") for r in ("1.5", "2", "2.5", "3", "4", "5")), ANGLE,
+                ("leak_mm3", "leak mm³"), ("missed_share", "missed"), *MESH, *LUMEN, ("reached", "tubes reached")],
+    "carina": [*WALL, ("max_mm", "max"), ANGLE, ("ring", "rings kept"), ("leak_mm3", "leak mm³"), *MESH, *LUMEN],
+    "colon": [("rms_mm", "flat rms"), ("mean_mm", "flat mean"), ANGLE, *((f"hole_{t}", f"hole {t}") for t in THIN),
+              *((f"thin_{t}", f"thin {t}") for t in THIN),
+              *((f"thick_{t}_mm", f"thick {t}") for t in (*THIN, "1.6", "2", "2.4")),
+              *((f"polyp_{n}", f"polyp {n}") for n in (3, 4, 6)), *MESH, *LUMEN],
+    "labels": [("rms_mm", "rms"), ("rms_least_mm", "least"), ("rms_most_mm", "most"), ("mean_mm", "mean"),
+               ("p99_mm", "p99"), ("max_mm", "max"), ("wrong_side", "wrong side"), ("tunnels", "tunnels"),
+               ("poses", "poses")],
+    "scans": [("rms_mm", "rms"), ("p95_mm", "p95"), ("mean_mm", "mean"), ANGLE, ("places", "places"),
+              ("judged", "judged"), *MESH],
+    "lines": [("to_ours_mean_mm", "published to found, mean"), ("to_ours_p95_mm", "p95"),
+              ("from_ours_mean_mm", "found to published, mean"), ("from_ours_p95_mm", "p95"), ("length_mm", "length"),
               ("published_mm", "published"), ("covered", "covered"), ("radius_mean_mm", "radius, mean off"),
               ("radius_rms_mm", "radius, rms off"), ("wall_mean_mm", "radius less distance to the mesh, mean"),
               ("wall_most_mm", "most")],
@@ -88,8 +91,9 @@ def line(row):
 def setting(results):
     """Date and machine in a sentence."""
     m = results["machine"]
-    return (f"{m['date']}, {m['intima']} ({m['commit']}), {m['cores']} cores, Vulkan: {', '.join(m['vulkan']) or 'none'}. "
-            f"Sizes: {results['sizes']}; first seed {results['seed']}; {results.get('seconds', 0) / 60:.0f} minutes.")
+    vulkan = ", ".join(m["vulkan"]) or "none"
+    return (f"{m['date']}, {m['intima']} ({m['commit']}), {m['cores']} cores, Vulkan: {vulkan}. Sizes: "
+            f"{results['sizes']}; first seed {results['seed']}; {results.get('seconds', 0) / 60:.0f} minutes.")
 
 
 def _tables(rows):
@@ -122,7 +126,7 @@ SHORT = [  # input, what its title holds, measure, key
     ("the same", "bronchi, 0.8 mm, 20 HU white", "leak beyond 1 mm, mm³", "leak_mm3"),
     ("carina CT, noise 20 HU", "carina, 0.8 mm, 20 HU white", "off the wall, rms mm", "rms_mm"),
     ("the same", "carina, 0.8 mm, 20 HU white", "relief of rings kept", "ring"),
-    ("colon CT, noise 20 HU", "colon, 0.8 mm, 20 HU white", "fold of 0.8 mm, share missing or under half as thick", "thin_0.8"),
+    ("colon CT, noise 20 HU", "colon, 0.8 mm, 20 HU white", "fold of 0.8 mm, share under half as thick", "thin_0.8"),
     ("the same", "colon, 0.8 mm, 20 HU white", "tunnels", "tunnels"),
     ("label map, tube of radius 2 voxels", "tube 2, 1:1:1", "off the wall, rms voxels", "rms_mm"),
     ("label map, ball, slices 5 times thicker", "ball, 1:1:5", "off the wall, rms mm", "rms_mm"),

@@ -80,4 +80,5 @@ def rows(name, data, programs, folder, want_peers=True):
     array, spacing, back = _masked(sitk.ReadImage(str(out)))
     for peer in ("VTK mask + windowed sinc", "VTK SurfaceNets", "VTK mask + constrained smoothing"):
         vertices, faces, _ = peers.OF_MASKS[peer](array, spacing, (0.0, 0.0, 0.0))
-        yield {**about, "program": f"{peer}, of intima's mask", "ours": False, **_row((back(vertices), faces, None), volume)}
+        yield {**about, "program": f"{peer}, of intima's mask", "ours": False,
+               **_row((back(vertices), faces, None), volume)}

@@ -34,7 +34,8 @@ def spread(distance):
         return {}
     off = np.abs(distance)
     return {"rms_mm": float(np.sqrt((off ** 2).mean())), "mean_mm": float(distance.mean()),
-            "p95_mm": float(np.percentile(off, 95)), "p99_mm": float(np.percentile(off, 99)), "max_mm": float(off.max())}
+            "p95_mm": float(np.percentile(off, 95)), "p99_mm": float(np.percentile(off, 99)),
+            "max_mm": float(off.max())}
 
 
 def wall(phantom, mesh, shape, spacing, origin):

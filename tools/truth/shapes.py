@@ -71,7 +71,8 @@ class RingedTube:
         s = np.arange(0, length, 0.005)
         arc = np.linspace(0, np.pi / 2, 4000)
         side = np.stack([s, self.radius(s)], 1)
-        ends = [np.stack([e + sign * radius * np.sin(arc), radius * np.cos(arc)], 1) for e, sign in ((0, -1), (length, 1))]
+        ends = [np.stack([end + way * radius * np.sin(arc), radius * np.cos(arc)], 1)
+                for end, way in ((0, -1), (length, 1))]
         self.curve = cKDTree(np.concatenate([side, *ends]))
 
     def radius(self, s):
