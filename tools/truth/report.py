@@ -13,8 +13,8 @@ TITLES = {
     "phantoms": ("CT volumes with known walls",
                  "Signed distance of vertices from the wall, mm; minus is too narrow. `leak` is volume farther than 1 "
                  "mm outside; `missed` the share of the lumen deeper than 1 mm that is left out; `T` the lumen's "
-                 "threshold, `core` the share of the true lumen that it takes. `hole`: share of a fold's area without tissue; "
-                 "`thin`: with less than half the true thickness."),
+                 "threshold, `core` the share of the true lumen that it takes. `hole`: share of a fold's area without "
+                 "tissue; `thin`: with less than half the true thickness."),
     "labels": ("Label maps with known walls",
                "Distance of vertices from the wall, in voxels of 1 mm; means over the poses. `wrong side` counts voxel "
                "centres that the surface puts on the other side than the mask."),
