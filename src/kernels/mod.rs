@@ -10,6 +10,10 @@ pub mod fair;
 pub mod gauss_axis;
 pub mod hessian;
 pub mod prefix_sum;
+pub mod relax_average;
+pub mod relax_coefficients;
+pub mod relax_guard;
+pub mod relax_step;
 pub mod ridge_mark;
 pub mod ridge_measure;
 pub mod scale_bands;
@@ -48,6 +52,10 @@ pub static ALL: &[&Kernel] = &[
     &scale_bands::KERNEL,
     &scale_pool::KERNEL,
     &scale_restore::KERNEL,
+    &relax_coefficients::KERNEL,
+    &relax_step::KERNEL,
+    &relax_average::KERNEL,
+    &relax_guard::KERNEL,
     &copy::KERNEL,
 ];
 

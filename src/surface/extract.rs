@@ -1,7 +1,7 @@
 //! Iso-surface of the lumen from its bricks by bit operations: a brick layer of 64 cells is
 //! classified at once, and a vertex id is a population count.
 
-use glam::{DVec3, IVec3, Vec3};
+use glam::{DAffine3, IVec3, Vec3};
 use rayon::prelude::*;
 
 use super::table::{EDGES, TRIANGLES};
@@ -119,40 +119,48 @@ fn parts<T>(mut rest: &mut [T], lens: impl Iterator<Item = usize>) -> Vec<&mut [
     .collect()
 }
 
-/// Extracts the whole surface of the lumen: positions in LPS mm, faces turned towards the inside,
-/// faces of cells that reach outside the volume tagged as caps. Vertices and faces are in brick
-/// order: the same at any number of threads.
-///
-/// V is the number of 6-adjacent inside/outside pairs; the mesh is a closed 2-manifold.
-pub fn extract(lumen: &Lumen, crossing: &impl Crossing) -> Mesh {
+/// The grid edge that a vertex lies on: two 6-adjacent voxels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GridEdge {
+    /// The voxel of the lumen.
+    pub inside: IVec3,
+    /// The other one; it may lie outside the grid.
+    pub outside: IVec3,
+}
+
+/// The grid edge of every vertex of [`extract`], in its order.
+pub fn vertex_edges(lumen: &Lumen) -> Vec<GridEdge> {
+    each_vertex(lumen, &crossed_edges(lumen), |edge| edge)
+}
+
+/// Crossed edges of every brick.
+fn crossed_edges(lumen: &Lumen) -> Vec<Edges> {
     let bricks = &lumen.bricks;
-    let all: Vec<Edges> = (0..bricks.len())
+    (0..bricks.len())
         .into_par_iter()
         .with_min_len(16)
         .map(|s| {
             crate::task::checkpoint();
             edges(&layers(bricks, &lumen.inside, s))
         })
-        .collect();
-    let base: Vec<u32> = all
-        .iter()
-        .scan(0u32, |at, e| {
-            let b = *at;
-            *at += e.count;
-            Some(b)
-        })
-        .collect();
-    let vertices = all.iter().map(|e| e.count as usize).sum::<usize>();
-    let mut positions = vec![Vec3::ZERO; vertices];
-    let world = lumen.grid.world_from_voxel();
-    parts(&mut positions, all.iter().map(|e| e.count as usize))
+        .collect()
+}
+
+/// A value for every vertex, in the order of the bricks.
+fn each_vertex<T: Clone + Default + Send>(
+    lumen: &Lumen,
+    all: &[Edges],
+    value: impl Fn(GridEdge) -> T + Sync,
+) -> Vec<T> {
+    let mut values = vec![T::default(); all.iter().map(|e| e.count as usize).sum()];
+    parts(&mut values, all.iter().map(|e| e.count as usize))
         .into_par_iter()
-        .zip(&all)
+        .zip(all)
         .enumerate()
         .with_min_len(16)
         .for_each(|(slot, (out, e))| {
             crate::task::checkpoint();
-            let corner = IVec3::from(bricks.corners()[slot]);
+            let corner = IVec3::from(lumen.bricks.corners()[slot]);
             let mut out = out.iter_mut();
             for (w, &word) in e.words.iter().enumerate() {
                 let (z, axis) = (w / 3, w % 3);
@@ -161,15 +169,42 @@ pub fn extract(lumen: &Lumen, crossing: &impl Crossing) -> Mesh {
                     let mut q = p;
                     q[axis] += 1;
                     let from_low = lumen.inside[slot * 8 + z] >> b & 1 != 0;
-                    let (i, o) = if from_low { (p, q) } else { (q, p) };
-                    let t = f64::from(crossing.fraction(i, o));
-                    let at: DVec3 = i.as_dvec3().lerp(o.as_dvec3(), t);
+                    let (inside, outside) = if from_low { (p, q) } else { (q, p) };
                     if let Some(v) = out.next() {
-                        *v = world.transform_point3(at).as_vec3();
+                        *v = value(GridEdge { inside, outside });
                     }
                 }
             }
         });
+    values
+}
+
+/// A place on a grid edge, LPS mm.
+pub(super) fn point_on(edge: GridEdge, world: &DAffine3, fraction: f32) -> Vec3 {
+    let at = edge.inside.as_dvec3().lerp(edge.outside.as_dvec3(), f64::from(fraction));
+    world.transform_point3(at).as_vec3()
+}
+
+/// Extracts the whole surface of the lumen: positions in LPS mm, faces turned towards the inside,
+/// faces of cells that reach outside the volume tagged as caps. Vertices and faces are in brick
+/// order: the same at any number of threads.
+///
+/// V is the number of 6-adjacent inside/outside pairs; the mesh is a closed 2-manifold.
+pub fn extract(lumen: &Lumen, crossing: &impl Crossing) -> Mesh {
+    let bricks = &lumen.bricks;
+    let all = crossed_edges(lumen);
+    let base: Vec<u32> = all
+        .iter()
+        .scan(0u32, |at, e| {
+            let b = *at;
+            *at += e.count;
+            Some(b)
+        })
+        .collect();
+    let world = lumen.grid.world_from_voxel();
+    let positions = each_vertex(lumen, &all, |edge| {
+        point_on(edge, &world, crossing.fraction(edge.inside, edge.outside))
+    });
 
     // Groups of bricks, each into a list of its own: the number of faces is not known before.
     let groups: Vec<(Vec<[u32; 3]>, Vec<bool>)> = (0..bricks.len().div_ceil(GROUP))

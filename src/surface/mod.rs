@@ -6,14 +6,16 @@ mod fair;
 mod grey;
 mod heat;
 mod multiscale;
+mod relax;
 mod shading;
 pub mod table;
 mod topology;
 
-pub use extract::{Crossing, Midpoint, clamp_fraction, extract};
+pub use extract::{Crossing, GridEdge, Midpoint, clamp_fraction, extract, vertex_edges};
 pub use fair::{DEFAULT_STEPS, Fairing, Smoothing, Weights, face_normals, fair, weights};
 pub use grey::Grey;
 pub use multiscale::{MultiscaleNormals, VoxelFrame, multiscale_normals};
+pub use relax::{MAX_SPACING_RATIO, RelaxError, RelaxInput, relax, relaxes_by_default};
 pub use shading::{Shading, shading};
 pub use topology::{Adjacency, Topology, keep_component};
 
