@@ -251,12 +251,6 @@ pub fn pieces(bits: &BitVolume, least_voxels: u64) -> Vec<Piece> {
     out
 }
 
-/// The components of air or gas that do not lie outside the patient's body.
-pub fn inside_body(air: &BitVolume, grid: &Grid) -> BitVolume {
-    let body = BodyHull::of(air, grid);
-    split(air, Some(&body), true).map_or_else(|| BitVolume::new(air.dims()), |split| split.kept)
-}
-
 /// Fills closed cavities: 6-components of the background that do not reach the outside of the
 /// grid. Returns how many voxels and cavities were filled.
 pub fn fill_cavities(bits: &mut BitVolume) -> (u64, usize) {

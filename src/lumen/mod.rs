@@ -15,7 +15,7 @@ mod voxelized;
 
 pub use bits::{BitVolume, Run};
 pub use bricks::Bricks;
-pub use components::{Component, Piece, fill_cavities, inside_body, pieces};
+pub use components::{Component, Piece, fill_cavities, pieces};
 pub use grow::grow;
 pub use intensity_selection::IntensitySelection;
 pub use leak::{Flood, LeakReport, grow_controlled};

@@ -2,11 +2,12 @@
 
 use glam::{DVec3, UVec3};
 
+use super::body::Body;
 use super::depth::Depth;
 use super::lungs::{Lungs, lung_of};
 use super::values::{LEAST_HU, between, share};
 use super::{SIDES, airway};
-use crate::lumen::{BitVolume, Piece, dilated, inside_body, pieces};
+use crate::lumen::{BitVolume, Piece, dilated, pieces};
 use crate::volume::{Grid, Volume};
 
 /// Highest value of gas, HU.
@@ -65,7 +66,10 @@ impl Gas {
         if gas.is_empty() {
             return None;
         }
-        let inside = inside_body(&gas, grid);
+        let body = Body::of(volume).map(|body| body.inside);
+        let body = body.unwrap_or_else(|| BitVolume::new(grid.dims));
+        let mut inside = gas.clone();
+        inside.keep(&body);
         let mut out = Self { colon: Vec::new(), others: inside.clone(), left_out: Vec::new() };
         let (parts, mut other_parts) = out.without_lungs(volume, &inside);
         let airway = airway::find(volume, false).ok();

@@ -6,6 +6,7 @@
 //! reported; one that fails is a refusal that names it.
 
 mod airway;
+mod body;
 mod bronchi;
 mod colon;
 mod depth;
