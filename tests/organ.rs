@@ -89,7 +89,7 @@ fn an_organ_that_is_not_there_is_refused_with_the_gate_that_failed() {
     for (organ, words) in [
         (Organ::Airway, "cross sections"),
         (Organ::Colon, "below -900 HU"),
-        (Organ::Vessel, "bright region"),
+        (Organ::Vessel, "bright cross sections"),
     ] {
         let why = refused(organ, &scan);
         println!("{why}");

@@ -3,6 +3,7 @@
 use super::{Organ, OrganError};
 
 /// The gates an organ passed, and by how much.
+#[derive(Clone)]
 pub(super) struct Gates {
     organ: Organ,
     /// Least margin so far.

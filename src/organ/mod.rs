@@ -6,7 +6,10 @@
 //! reported; one that fails is a refusal that names it.
 
 mod airway;
+mod aorta;
+mod arteries;
 mod body;
+mod branches;
 mod bronchi;
 mod colon;
 mod depth;
@@ -15,6 +18,7 @@ mod fluid;
 mod gas;
 mod gates;
 mod lungs;
+mod sections;
 mod smooth;
 mod trachea;
 mod values;

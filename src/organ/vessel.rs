@@ -1,12 +1,13 @@
-//! Vessels: the brightest tree of an angiogram, or what contrast medium fills in a CT.
+//! Vessels: the brightest tree of an angiogram, or the aorta and its branches in a CT.
 
 use glam::{DVec3, IVec3, UVec3};
 
+use super::arteries;
 use super::depth::Depth;
 use super::gates::Gates;
 use super::values::{between, quantile, sorted};
-use super::{FoundOrgan, Organ, OrganError, Segment};
-use crate::lumen::{BitVolume, IntensitySelection, Piece, dilated, eroded, opened, pieces};
+use super::{FoundOrgan, Organ, OrganError, SIDES, Segment};
+use crate::lumen::{BitVolume, IntensitySelection, Piece, dilated, eroded, pieces};
 use crate::volume::Volume;
 
 /// A volume with values below this is a CT in HU with air in it.
@@ -22,8 +23,15 @@ const LEAST_RADII: f64 = 8.0;
 const LEAST_INNER: f64 = 0.1;
 /// Least length, mm: a pool of tagged fluid is shorter.
 const LEAST_MM: f64 = 60.0;
+/// Most that vessels hold, ml, and what an aorta with its branches holds for sure at most: a heart, a
+/// liver or bones hold more.
+pub(super) const MOST_ML: f64 = 500.0;
+pub(super) const SURE_ML: f64 = 250.0;
 /// Fewest values of an image; what has less is a label map.
 const LEAST_VALUES: usize = 16;
+/// Most of a mask's inner voxels that equal all their neighbours: of a label map 0.85 do, of an
+/// angiogram whose brightest values were clipped 0.44.
+const MOST_FLAT: f64 = 0.65;
 /// What surrounds a vessel, voxels.
 const AROUND_VOXELS: (f64, f64) = (2.5, 5.0);
 /// Of a background that was removed this share of the peak is left at most.
@@ -47,7 +55,7 @@ pub(super) fn find(volume: &Volume) -> Result<FoundOrgan, OrganError> {
         return Err(gates.refuse("all voxels have the same value"));
     };
     if low < CT_HU {
-        return contrast_filled(volume, gates);
+        return arteries::find(volume, &gates);
     }
     let threshold = of_angiogram(volume, low, high, &mut gates)?;
     grown(volume, threshold, gates)
@@ -62,6 +70,9 @@ fn grown(volume: &Volume, threshold: f64, mut gates: Gates) -> Result<FoundOrgan
     let mask = tree.mask(grid.dims);
     let volume_ml = tree.component.volume_ml(grid);
     gates.note(format!("threshold {threshold:.0}: {volume_ml:.2} ml"));
+    let alike = flat_share(volume, &mask);
+    gates.at_most("share of inner voxels that equal all neighbours", alike, MOST_FLAT, 0.5)?;
+    gates.at_most("vessels in ml", volume_ml, MOST_ML, SURE_ML)?;
     let (seed, _) = shape(volume, &tree, &mask, &mut gates)?;
     Ok(FoundOrgan {
         organ: Organ::Vessel,
@@ -74,8 +85,20 @@ fn grown(volume: &Volume, threshold: f64, mut gates: Gates) -> Result<FoundOrgan
     })
 }
 
+/// Share of the voxels off a mask's surface that have the same value as all six neighbours.
+fn flat_share(volume: &Volume, mask: &BitVolume) -> f64 {
+    let inner = eroded(mask, DVec3::ONE, 1.0);
+    let value = |v: IVec3| volume.real(volume.grid.index(v.as_uvec3()));
+    let is_flat = |v: &IVec3| {
+        let near = SIDES.map(|side| *v + side);
+        near.into_iter().all(|w| !volume.grid.contains(w) || value(w) == value(*v))
+    };
+    let flat = inner.voxels().map(|v| v.as_ivec3()).filter(is_flat).count();
+    flat as f64 / inner.count().max(1) as f64
+}
+
 /// Deepest voxel and radius of a tree, which is long for its width and a small part of the volume.
-fn shape(
+pub(super) fn shape(
     volume: &Volume,
     tree: &Piece,
     mask: &BitVolume,
@@ -178,101 +201,4 @@ fn otsu(bins: &[u64]) -> usize {
         }
     }
     best.1
-}
-
-/// Values of contrast medium in blood, HU.
-const BLOOD_HU: (f64, f64) = (150.0, 700.0);
-/// Largest standard deviation of 3³ voxels within blood, HU: bone is coarser.
-const MOST_SPREAD_HU: f64 = 40.0;
-/// Least volume, ml.
-const LEAST_ML: f64 = 3.0;
-/// Highest value of gas, HU: less than most of a lung has.
-const GAS_HU: f64 = -900.0;
-/// Most of a region's face on any side that has gas before it: fluid in bowel lies below gas.
-const MOST_GAS: f64 = 0.25;
-/// Gas this near counts, voxels: in between lie mixed values.
-const GAS_VOXELS: i32 = 5;
-
-/// What contrast medium fills in a CT: smooth, bright, long, and away from gas.
-fn contrast_filled(volume: &Volume, mut gates: Gates) -> Result<FoundOrgan, OrganError> {
-    let grid = &volume.grid;
-    let (lo, hi) = BLOOD_HU;
-    let mut even = between(volume, lo, hi);
-    let uneven: Vec<UVec3> =
-        even.voxels().filter(|v| spread(volume, *v) > MOST_SPREAD_HU).collect();
-    let mut rough = BitVolume::new(grid.dims);
-    uneven.iter().for_each(|v| rough.set(v.x, v.y, v.z));
-    even.remove(&rough);
-    let even = opened(&even, DVec3::ONE, 1.0);
-    let gas = between(volume, f64::NEG_INFINITY, GAS_HU);
-    let ml = grid.voxel_mm3() / 1000.0;
-    let all = pieces(&even, 1);
-    let largest = all.first().map_or(0.0, |p| p.component.voxels as f64 * ml);
-    let large: Vec<&Piece> =
-        all.iter().take_while(|p| p.component.voxels as f64 * ml >= LEAST_ML).collect();
-    let (free, below_gas): (Vec<&Piece>, Vec<&Piece>) = large.into_iter().partition(|p| {
-        let mask = p.mask(grid.dims);
-        let sides = [IVec3::X, IVec3::Y, IVec3::Z].into_iter().flat_map(|way| [way, -way]);
-        sides.into_iter().all(|way| gas_before(p, &mask, &gas, way) <= MOST_GAS)
-    });
-    let pools_ml = below_gas.iter().map(|p| p.component.voxels as f64 * ml).sum::<f64>();
-    let free = free.first();
-    let Some(core) = free else {
-        return Err(gates.refuse(format!(
-            "no even, bright region ({lo} to {hi} HU) of {LEAST_ML} ml away from gas; \
-             the largest has {largest:.1} ml"
-        )));
-    };
-    let core_ml = core.component.voxels as f64 * ml;
-    gates.at_least("ml of contrast medium", core_ml, LEAST_ML, 20.0)?;
-    // Where bowel is full of contrast medium, what lies by itself is bowel too.
-    gates.at_most("bright fluid below gas, in parts of that", pools_ml / core_ml, 1.0, 0.2)?;
-    let mask = core.mask(grid.dims);
-    let (seed, _) = shape(volume, core, &mask, &mut gates)?;
-    let values = sorted(volume, core.voxels());
-    let peak = quantile(&values, 0.5);
-    let mut around = dilated(&mask, DVec3::ONE, AROUND_VOXELS.1);
-    around.remove(&dilated(&mask, DVec3::ONE, AROUND_VOXELS.0));
-    let background = quantile(&sorted(volume, around.voxels()), 0.5);
-    let threshold = 0.5 * (peak + background);
-    gates.note(format!("blood {peak:.0} HU, around it {background:.0}"));
-    // Blood and its rim; bone that touches is cut off by staying near the even core.
-    let mut grown = dilated(&mask, DVec3::ONE, 2.0);
-    grown.keep(&between(volume, threshold, hi.max(peak + 200.0)));
-    grown.add(&mask);
-    let tree = pieces(&grown, 1).into_iter().next();
-    let volume_ml = tree.as_ref().map_or(0.0, |t| t.component.volume_ml(grid));
-    gates.note(format!("threshold {threshold:.0}: {volume_ml:.1} ml"));
-    Ok(FoundOrgan {
-        organ: Organ::Vessel,
-        mask: tree.map_or(grown, |t| t.mask(grid.dims)),
-        selection: IntensitySelection::Range { lo: threshold, hi: f64::INFINITY },
-        threshold,
-        segments: vec![Segment { seed, volume_ml }],
-        confidence: gates.confidence,
-        reasons: gates.reasons,
-    })
-}
-
-/// Share of a region's face on a side that has gas before it.
-fn gas_before(region: &Piece, mask: &BitVolume, gas: &BitVolume, way: IVec3) -> f64 {
-    let (mut face, mut met) = (0u64, 0u64);
-    for v in region.voxels().map(|v| v.as_ivec3()).filter(|v| !mask.get(v + way)) {
-        face += 1;
-        met += u64::from((1..=GAS_VOXELS).any(|k| gas.get(v + k * way)));
-    }
-    met as f64 / face.max(1) as f64
-}
-
-/// Standard deviation of the 3³ voxels about one.
-fn spread(volume: &Volume, v: UVec3) -> f64 {
-    let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
-    for k in 0..27 {
-        let w = v.as_ivec3() + IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
-        if volume.grid.contains(w) {
-            let x = volume.real(volume.grid.index(w.as_uvec3()));
-            (n, sum, squares) = (n + 1.0, sum + x, squares + x * x);
-        }
-    }
-    (squares / n - (sum / n).powi(2)).max(0.0).sqrt()
 }

@@ -140,7 +140,9 @@ impl Torso {
         put(of(&walls), 20.0);
         put(of(&self.airway), -1000.0);
         let spine = DVec3::new(p.x, p.y - 75.0, 0.0).length() - 18.0;
+        // Cancellous bone in a cortex.
         put(spine, 250.0 + 250.0 * (p.z / 9.0).sin() * (p.x / 5.0).cos());
+        put((spine + 2.0).abs() - 2.0, 700.0);
         put(of(&self.aorta), 340.0);
         // Folds of the colon.
         put(of(&self.colon) + 2.5 * (p.x + p.y + p.z).mul_add(0.25, 0.0).sin().abs(), -1000.0);

@@ -1,0 +1,333 @@
+//! The aorta in a CT with contrast medium: a chain of round, even, bright cross sections beside bone.
+//!
+//! No one threshold parts an aorta from the spine, the heart and the veins beside it. So sections are
+//! looked for at several, on a coarse copy, as the trachea's are in air; heart chambers and kidneys
+//! are not round, vertebrae not even, and neither keeps its place and area from slice to slice.
+
+use glam::{DMat3, DVec2, DVec3, UVec3};
+use rayon::prelude::*;
+
+use super::OrganError;
+use super::gates::Gates;
+use super::sections::{Section, Shape, Slices, longest_chain, regions};
+use super::values::{LEAST_HU, between, quantile};
+use crate::lumen::{BitVolume, opened};
+use crate::volume::{Grid, Rescale, SampleBuffer, Samples, Volume};
+
+/// Voxel sides of the coarse copy, mm, about.
+const COARSE_MM: f64 = 1.5;
+/// Thresholds that are tried, HU.
+const LEVELS_HU: [f64; 10] = [90., 110., 130., 150., 180., 220., 270., 330., 400., 500.];
+/// Areas of an aorta, mm².
+const AREA_MM2: std::ops::Range<f64> = 60.0..1800.0;
+/// Least circularity 4πA/P², and longest axis over the shortest.
+const CIRCULARITY: f64 = 0.7;
+const ASPECT: f64 = 1.7;
+/// Most of a section that may be holes.
+const HOLES: f64 = 0.05;
+/// Most a section's values spread about their mean, HU, and its highest median.
+const MOST_SPREAD_HU: f64 = 40.0;
+const MOST_BLOOD_HU: f64 = 700.0;
+/// The ring about a section, mm or pixels, and how far the section's median lies above the ring's.
+const RING: std::ops::Range<f64> = 1.0..2.2;
+const LEAST_CONTRAST_HU: f64 = 50.0;
+/// Ratio of the areas of neighbouring sections, and the difference of their medians, HU.
+const AREA_RATIO: std::ops::RangeInclusive<f64> = 0.6..=1.67;
+const VALUE_STEP_HU: f64 = 30.0;
+/// How far the middle moves from slice to slice, mm or slice steps.
+const REACH_MM: f64 = 2.5;
+/// Shortest chain that is looked at, mm, and how many across each axis.
+const LEAST_CHAIN_MM: f64 = 30.0;
+const MOST_CHAINS: usize = 3;
+/// Shortest chain that is an aorta, mm, and the bounds of its mean radius, mm.
+const LEAST_MM: f64 = 60.0;
+const RADIUS_MM: std::ops::Range<f64> = 5.0..20.0;
+/// Most variation of its areas, standard deviation in parts of the mean.
+const MOST_VARIATION: f64 = 0.5;
+/// Bone lies this far from a section's rim, mm, covers this much, mm², and is at least as bright as
+/// this, HU, and brighter than the blood by so much.
+const BONE_WITHIN_MM: f64 = 20.0;
+const BONE_MM2: f64 = 40.0;
+const BONE_HU: f64 = 250.0;
+const BONE_ABOVE_BLOOD_HU: f64 = 60.0;
+/// So many of its radii about a section's middle are its own.
+const OWN_RADII: f64 = 1.3;
+/// Least share of the sections that lie beside bone.
+const LEAST_BESIDE_BONE: f64 = 0.5;
+/// Gas lies this near to the rim of tagged fluid in a colon, mm, covers this much, mm², and is darker
+/// than lung, HU.
+const GAS_WITHIN_MM: f64 = 6.0;
+const GAS_MM2: f64 = 20.0;
+const GAS_HU: f64 = -930.0;
+/// Most of the sections that lie beside gas.
+const MOST_BESIDE_GAS: f64 = 0.5;
+
+/// A chain of sections.
+pub(super) struct Aorta {
+    slices: Slices,
+    chain: Vec<Section>,
+    /// Voxels of the volume along each side of a coarse one.
+    factor: UVec3,
+    score: f64,
+    contrast_hu: f64,
+    beside_bone: f64,
+    beside_gas: f64,
+}
+
+/// Chains across any index axis, best first.
+pub(super) fn candidates(volume: &Volume) -> Vec<Aorta> {
+    let (coarse, factor) = coarse(volume);
+    let axes = (0..3).flat_map(|axis| across(&coarse, factor, axis));
+    let mut out: Vec<Aorta> = axes.collect();
+    out.sort_by(|a, b| b.score.total_cmp(&a.score));
+    out
+}
+
+fn across(coarse: &Volume, factor: UVec3, axis: usize) -> Vec<Aorta> {
+    let slices = Slices::of(coarse, axis);
+    let mut flat = DVec3::splat(1e9);
+    (flat[slices.u], flat[slices.v]) = (1.0, 1.0);
+    let mut sections: Vec<Vec<(Section, f64)>> = vec![Vec::new(); coarse.grid.dims[axis] as usize];
+    for level in LEVELS_HU {
+        crate::task::checkpoint();
+        let bright = opened(&between(coarse, level, f64::INFINITY), flat, 1.0);
+        let of = |slice: usize| sections_of(coarse, &bright, &slices, slice as u32);
+        let found: Vec<_> = (0..sections.len()).into_par_iter().map(of).collect();
+        sections.iter_mut().zip(found).for_each(|(all, found)| all.extend(found));
+    }
+    let contrast_of = |s: &Section, among: &[Vec<(Section, f64)>]| {
+        let same = among[s.slice as usize].iter().find(|o| o.0.centre_mm == s.centre_mm);
+        same.map_or(0.0, |o| o.1)
+    };
+    let with_contrast = sections;
+    let mut sections: Vec<Vec<Section>> =
+        with_contrast.iter().map(|s| s.iter().map(|s| s.0.clone()).collect()).collect();
+    let reach_mm = REACH_MM.max(slices.step_mm).max(1.2 * slices.pixel_mm.max_element());
+    let mut out = Vec::new();
+    while out.len() < MOST_CHAINS {
+        let chain = longest_chain(&sections, &slices, reach_mm, |a, b| {
+            AREA_RATIO.contains(&(a.area_mm2 / b.area_mm2))
+                && (a.value - b.value).abs() <= VALUE_STEP_HU
+        });
+        let (Some(first), Some(last)) = (chain.first(), chain.last()) else { break };
+        let length_mm = f64::from(last.slice - first.slice) * slices.step_mm;
+        if length_mm < LEAST_CHAIN_MM {
+            break;
+        }
+        for s in &chain {
+            let near = (s.area_mm2 / std::f64::consts::PI).sqrt();
+            sections[s.slice as usize].retain(|o| o.centre_mm.distance(s.centre_mm) > near);
+        }
+        let n = chain.len() as f64;
+        let round = chain.iter().map(|s| s.circularity).sum::<f64>() / n;
+        let contrast = chain.iter().map(|s| contrast_of(s, &with_contrast)).sum::<f64>() / n;
+        let beside: Vec<(bool, bool)> = chain.iter().map(|s| beside(coarse, &slices, s)).collect();
+        let share =
+            |of: fn(&(bool, bool)) -> bool| beside.iter().filter(|b| of(b)).count() as f64 / n;
+        out.push(Aorta {
+            slices,
+            factor,
+            score: length_mm * round,
+            contrast_hu: contrast,
+            beside_bone: share(|b| b.0),
+            beside_gas: share(|b| b.1),
+            chain,
+        });
+    }
+    out
+}
+
+/// The sections of a slice, each with its contrast.
+fn sections_of(
+    volume: &Volume,
+    bright: &BitVolume,
+    slices: &Slices,
+    slice: u32,
+) -> Vec<(Section, f64)> {
+    let section = |shape: &Shape| {
+        let mut section = shape.section(slices, slice, ASPECT)?;
+        let is_round = AREA_MM2.contains(&section.area_mm2) && section.circularity >= CIRCULARITY;
+        if !is_round || shape.holes > HOLES {
+            return None;
+        }
+        let values = shape.inner_values(volume, slices, slice);
+        section.value = quantile(&values, 0.5);
+        let n = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        let spread = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
+        if values.len() < 4 || spread > MOST_SPREAD_HU || section.value > MOST_BLOOD_HU {
+            return None;
+        }
+        let ring = shape.ring_values(volume, slices, slice, &RING);
+        let contrast = section.value - quantile(&ring, 0.5);
+        (contrast >= LEAST_CONTRAST_HU).then_some((section, contrast))
+    };
+    regions(bright, slices, slice, &AREA_MM2).iter().filter_map(section).collect()
+}
+
+/// Whether bone lies beside a section, and whether gas does.
+fn beside(volume: &Volume, slices: &Slices, section: &Section) -> (bool, bool) {
+    let least = BONE_HU.max(section.value + BONE_ABOVE_BLOOD_HU);
+    let radius = (section.area_mm2 / std::f64::consts::PI).sqrt();
+    let pixel = slices.pixel_mm.x * slices.pixel_mm.y;
+    let (mut bone, mut gas) = (0.0, 0.0);
+    for (p, q) in disc(slices, section.centre_mm, radius + BONE_WITHIN_MM) {
+        let at = DVec2::new(p as f64, q as f64) * slices.pixel_mm;
+        let off = at.distance(section.centre_mm);
+        let value = volume.real(volume.grid.index(slices.voxel(section.slice, p, q)));
+        if off > OWN_RADII * radius && value >= least {
+            bone += pixel;
+        }
+        if off < radius + GAS_WITHIN_MM && value <= GAS_HU {
+            gas += pixel;
+        }
+    }
+    (bone >= BONE_MM2, gas >= GAS_MM2)
+}
+
+/// Pixels whose middle lies in a disc.
+fn disc(
+    slices: &Slices,
+    centre_mm: DVec2,
+    radius_mm: f64,
+) -> impl Iterator<Item = (usize, usize)> + '_ {
+    let low = ((centre_mm - radius_mm) / slices.pixel_mm).ceil().max(DVec2::ZERO);
+    let high = ((centre_mm + radius_mm) / slices.pixel_mm).floor().max(DVec2::ZERO);
+    let rows = low.y as usize..=(high.y as usize).min(slices.height - 1);
+    let row = move |q: usize| {
+        (low.x as usize..=(high.x as usize).min(slices.width - 1)).map(move |p| (p, q))
+    };
+    rows.flat_map(row).filter(move |(p, q)| {
+        let at = DVec2::new(*p as f64, *q as f64) * slices.pixel_mm;
+        at.distance(centre_mm) <= radius_mm
+    })
+}
+
+impl Aorta {
+    /// Where it is, for a message.
+    pub fn name(&self) -> String {
+        let middle = &self.chain[self.chain.len() / 2];
+        let centre = (middle.centre_mm / self.slices.pixel_mm).round();
+        let at = self.slices.voxel(middle.slice, centre.x as usize, centre.y as usize);
+        format!(
+            "{:.0} mm of round, even, bright cross sections about voxel {}",
+            self.length_mm(),
+            at * self.factor + self.factor / 2
+        )
+    }
+
+    fn length_mm(&self) -> f64 {
+        f64::from(self.chain[self.chain.len() - 1].slice - self.chain[0].slice)
+            * self.slices.step_mm
+    }
+
+    fn mean(&self, of: impl Fn(&Section) -> f64) -> f64 {
+        self.chain.iter().map(of).sum::<f64>() / self.chain.len() as f64
+    }
+
+    /// Mean area of its sections, mm².
+    pub fn area_mm2(&self) -> f64 {
+        self.mean(|s| s.area_mm2)
+    }
+
+    /// Median value of its sections, HU.
+    pub fn blood_hu(&self) -> f64 {
+        let mut values: Vec<f64> = self.chain.iter().map(|s| s.value).collect();
+        values.sort_by(f64::total_cmp);
+        quantile(&values, 0.5)
+    }
+
+    /// Refuses a chain that is no aorta.
+    pub fn pass(&self, gates: &mut Gates) -> Result<(), OrganError> {
+        let area = self.area_mm2();
+        let radius = (area / std::f64::consts::PI).sqrt();
+        let variation = (self.mean(|s| (s.area_mm2 - area).powi(2))).sqrt() / area;
+        gates.note(format!(
+            "{}, mean radius {radius:.1} mm, {:.0} HU",
+            self.name(),
+            self.blood_hu()
+        ));
+        gates.at_least("its length in mm", self.length_mm(), LEAST_MM, 120.0)?;
+        gates.at_least("its radius in mm", radius, RADIUS_MM.start, 7.0)?;
+        gates.at_most("its radius in mm", radius, RADIUS_MM.end, 16.0)?;
+        gates.at_most("variation of its areas", variation, MOST_VARIATION, 0.25)?;
+        let contrast = self.contrast_hu;
+        gates.at_least("HU above its surroundings", contrast, LEAST_CONTRAST_HU, 100.0)?;
+        let beside = self.beside_bone;
+        gates.at_least("share of it that lies beside bone", beside, LEAST_BESIDE_BONE, 0.8)?;
+        let gas = self.beside_gas;
+        gates.at_most("share of it that lies beside gas", gas, MOST_BESIDE_GAS, 0.2)
+    }
+
+    /// Voxels of the volume within a part of its radius, and so many mm more.
+    pub fn tube(&self, volume: &Volume, part: f64, more_mm: f64) -> BitVolume {
+        let fine = Slices::of(volume, self.slices.axis);
+        let f = self.factor.as_dvec3();
+        let (u, v, through) = (fine.u, fine.v, f[fine.axis]);
+        let h = volume.grid.spacing_mm;
+        // The first coarse voxel's middle lies this far from the first voxel's.
+        let offset = 0.5 * DVec2::new((f[u] - 1.0) * h[u], (f[v] - 1.0) * h[v]);
+        let mut out = BitVolume::new(volume.grid.dims);
+        let ends = self.chain.iter().zip(self.chain.iter().skip(1).chain(self.chain.last()));
+        for (a, b) in ends {
+            let (from, to) = (f64::from(a.slice), f64::from(b.slice).max(f64::from(a.slice) + 1.0));
+            for slice in (from * through) as u32..(to * through) as u32 {
+                let t = (f64::from(slice) / through - from) / (to - from);
+                let centre = a.centre_mm.lerp(b.centre_mm, t) + offset;
+                let area = a.area_mm2 + t * (b.area_mm2 - a.area_mm2);
+                let radius = part * (area / std::f64::consts::PI).sqrt() + more_mm;
+                for (p, q) in disc(&fine, centre, radius) {
+                    let v = fine.voxel(slice, p, q);
+                    out.set(v.x, v.y, v.z);
+                }
+            }
+        }
+        out
+    }
+
+    /// The index axis along it, and the first and last of its slices in the volume.
+    pub fn range(&self) -> (usize, u32, u32) {
+        let axis = self.slices.axis;
+        let slice = |s: &Section| s.slice * self.factor[axis];
+        (axis, slice(&self.chain[0]), slice(&self.chain[self.chain.len() - 1]))
+    }
+}
+
+/// What was seen where no chain is an aorta.
+pub(super) fn none(gates: &Gates) -> OrganError {
+    gates.refuse(format!(
+        "no chain of round, even, bright cross sections (up to {MOST_BLOOD_HU} HU, \
+         {LEAST_CONTRAST_HU} above their surroundings), {LEAST_CHAIN_MM} mm or longer: no aorta \
+         with contrast medium"
+    ))
+}
+
+/// Means of blocks of voxels, and how many of these along each axis.
+fn coarse(volume: &Volume) -> (Volume, UVec3) {
+    let grid = &volume.grid;
+    let factor = (COARSE_MM / grid.spacing_mm).round().as_uvec3().clamp(UVec3::ONE, grid.dims);
+    let dims = grid.dims / factor;
+    let spacing_mm = grid.spacing_mm * factor.as_dvec3();
+    let slice = dims.x as usize * dims.y as usize;
+    let mut values = vec![0f32; slice * dims.z as usize];
+    let n = f64::from(factor.x * factor.y * factor.z);
+    values.par_chunks_mut(slice).enumerate().for_each(|(z, out)| {
+        for (i, out) in out.iter_mut().enumerate() {
+            let at = UVec3::new(i as u32 % dims.x, i as u32 / dims.x, z as u32) * factor;
+            let mut sum = 0.0;
+            for dz in 0..factor.z {
+                for dy in 0..factor.y {
+                    let first = grid.index(at + UVec3::new(0, dy, dz));
+                    let row = first..first + factor.x as usize;
+                    sum += row.map(|j| volume.real(j).max(LEAST_HU)).sum::<f64>();
+                }
+            }
+            *out = (sum / n) as f32;
+        }
+    });
+    let samples = Samples::F32(SampleBuffer::from(values));
+    let axes = DMat3::IDENTITY;
+    let grid =
+        Grid::new(dims.to_array().map(u64::from), spacing_mm, DVec3::ZERO, axes).unwrap_or(*grid);
+    (Volume { grid, samples, rescale: Rescale::IDENTITY, padding: None }, factor)
+}

@@ -1,0 +1,150 @@
+//! The aorta and its branches in a CT with contrast medium.
+
+use super::aorta::{self, Aorta};
+use super::body::Body;
+use super::branches::{Mouths, follow};
+use super::gates::Gates;
+use super::sections::{Slices, regions};
+use super::smooth::smoothed;
+use super::values::{LEAST_HU, between, noise, quantile, sorted};
+use super::vessel::{MOST_ML, SURE_ML, shape};
+use super::{FoundOrgan, Organ, OrganError, Segment};
+use crate::lumen::{BitVolume, IntensitySelection, closed, dilated, holes_filled, pieces};
+use crate::volume::Volume;
+
+/// Soft tissue, HU: thresholds of a CT lie between it and the blood, half way in the aorta and so far
+/// in its branches, which organs with contrast medium surround.
+const SOFT_TISSUE_HU: f64 = 45.0;
+const TUBE_PART: f64 = 0.5;
+const BRANCH_PART: f64 = 0.75;
+/// What is brighter than blood by this, HU, and by so many standard deviations of the noise, is bone;
+/// voxels nearer to it than this, mm, are mixed with it.
+const BONE_ABOVE_HU: f64 = 120.0;
+const BONE_DEVIATIONS: f64 = 4.0;
+const BONE_RIM_MM: f64 = 2.0;
+/// Least piece of bone, ml; gaps in its cortex that are closed, mm; largest marrow or canal that it
+/// encloses in a slice, mm²: the ring of the pelvis encloses more.
+const BONE_ML: f64 = 0.5;
+const BONE_GAP_MM: f64 = 3.0;
+const BONE_HOLE_MM2: f64 = 3000.0;
+/// The aorta lies within this many of its radii about the middle of its sections, and a voxel more.
+const TUBE_RADII: f64 = 1.15;
+/// Greatest area of a branch and of the arch, in areas of the aorta.
+const BRANCH_AREAS: f64 = 0.6;
+const ARCH_AREAS: f64 = 1.6;
+/// Noise above which branches are followed in a smoothed copy, HU, and its Gaussian in sides of the
+/// smallest voxel side; most noise.
+const NOISY_HU: f64 = 15.0;
+const SMOOTHING: f64 = 0.9;
+const MOST_NOISE_HU: f64 = 120.0;
+/// Least share of the mask that is aorta: the rest are its branches.
+const LEAST_TUBE: f64 = 0.2;
+/// Most chains that a refusal names.
+const LISTED: usize = 3;
+
+/// The aorta of a CT with contrast medium, and its branches.
+pub(super) fn find(volume: &Volume, gates: &Gates) -> Result<FoundOrgan, OrganError> {
+    let mut refused = Vec::new();
+    for aorta in aorta::candidates(volume) {
+        match from_aorta(volume, &aorta, gates.clone()) {
+            Err(OrganError::NotFound { why, .. }) => {
+                refused.push(format!("{}: {why}", aorta.name()));
+            }
+            other => return other,
+        }
+    }
+    if refused.is_empty() {
+        return Err(aorta::none(gates));
+    }
+    refused.truncate(LISTED);
+    Err(gates.refuse(refused.join("; ")))
+}
+
+/// Bone and what it encloses in the slices across an axis, with its rim.
+///
+/// * `least`: what is as bright as this is bone, but for specks: calcified walls of vessels.
+fn bone(volume: &Volume, least: f64, axis: usize) -> BitVolume {
+    let grid = &volume.grid;
+    let mut bone = BitVolume::new(grid.dims);
+    let specks = (BONE_ML * 1000.0 / grid.voxel_mm3()).ceil() as u64;
+    for piece in pieces(&between(volume, least, f64::INFINITY), specks) {
+        bone.add(&piece.mask(grid.dims));
+    }
+    let bone = closed(&bone, grid.spacing_mm, BONE_GAP_MM);
+    let mut holes = holes_filled(&bone, axis);
+    holes.remove(&bone);
+    let slices = Slices::of(volume, axis);
+    let mut out = bone;
+    for slice in 0..grid.dims[axis] {
+        for hole in regions(&holes, &slices, slice, &(0.0..BONE_HOLE_MM2)) {
+            hole.voxels(&slices, slice).for_each(|v| out.set(v.x, v.y, v.z));
+        }
+    }
+    dilated(&out, grid.spacing_mm, BONE_RIM_MM)
+}
+
+fn from_aorta(volume: &Volume, aorta: &Aorta, mut gates: Gates) -> Result<FoundOrgan, OrganError> {
+    let grid = &volume.grid;
+    aorta.pass(&mut gates)?;
+    let core = sorted(volume, aorta.tube(volume, 0.6, 0.0).voxels());
+    let (blood, sigma) = (quantile(&core, 0.5), noise(&core));
+    gates.at_most("noise of its blood in HU", sigma, MOST_NOISE_HU, 25.0)?;
+    let calm = (sigma > NOISY_HU).then(|| {
+        let sigma_mm = SMOOTHING * grid.spacing_mm.min_element();
+        gates.note(format!("smoothed with a Gaussian of {sigma_mm:.2} mm against noise"));
+        smoothed(volume, sigma_mm, LEAST_HU)
+    });
+    let values = calm.as_ref().unwrap_or(volume);
+    let Some(body) = Body::of(volume) else { return Err(gates.refuse("no tissue")) };
+    let level = |part: f64| SOFT_TISSUE_HU + part * (blood - SOFT_TISSUE_HU);
+    let top = blood + BONE_ABOVE_HU.max(BONE_DEVIATIONS * sigma);
+    let more_mm = grid.spacing_mm.max_element().min(1.0);
+    let around = aorta.tube(volume, TUBE_RADII, more_mm);
+    let mut tube = between(values, level(TUBE_PART), top);
+    tube.keep(&around);
+    let Some(tube) = pieces(&tube, 1).into_iter().next() else {
+        return Err(gates.refuse("no bright voxels in it"));
+    };
+    let tube = tube.mask(grid.dims);
+    let mut allowed = between(values, level(BRANCH_PART), top);
+    allowed.keep(&body.inside);
+    allowed.remove(&bone(values, top, aorta.range().0));
+    allowed.remove(&around);
+    allowed.add(&tube);
+    let mouths = Mouths {
+        tube: &tube,
+        along: aorta.range(),
+        side_mm2: BRANCH_AREAS * aorta.area_mm2(),
+        end_mm2: ARCH_AREAS * aorta.area_mm2(),
+    };
+    let followed = follow(grid, &allowed, &mouths);
+    let ml = grid.voxel_mm3() / 1000.0;
+    let (tube_ml, branches_ml) = (tube.count() as f64 * ml, followed.mask.count() as f64 * ml);
+    gates.note(format!(
+        "blood {blood:.0} HU; aorta from {:.0} HU: {tube_ml:.1} ml; branches from {:.0} HU: \
+         {branches_ml:.1} ml, {} taken back where they widen",
+        level(TUBE_PART),
+        level(BRANCH_PART),
+        followed.taken_back
+    ));
+    let mut mask = tube;
+    mask.add(&followed.mask);
+    let Some(tree) = pieces(&mask, 1).into_iter().next() else {
+        return Err(gates.refuse("nothing of it is left"));
+    };
+    let mask = tree.mask(grid.dims);
+    let volume_ml = tree.component.volume_ml(grid);
+    gates.at_most("vessels in ml", volume_ml, MOST_ML, SURE_ML)?;
+    let part = tube_ml / volume_ml;
+    gates.at_least("share of them that is aorta", part, LEAST_TUBE, 0.5)?;
+    let (seed, _) = shape(volume, &tree, &mask, &mut gates)?;
+    Ok(FoundOrgan {
+        organ: Organ::Vessel,
+        mask,
+        selection: IntensitySelection::Range { lo: level(TUBE_PART), hi: f64::INFINITY },
+        threshold: level(TUBE_PART),
+        segments: vec![Segment { seed, volume_ml }],
+        confidence: gates.confidence,
+        reasons: gates.reasons,
+    })
+}

@@ -1,0 +1,194 @@
+//! Branches of a tube, followed by a front that moves away from it layer by layer (after
+//! Schlathölter et al. 2002, doi:10.1117/12.467061): a vessel keeps its cross section or divides; a
+//! front that widens has entered a heart chamber, a kidney, a vein or bone, and is taken back.
+
+use glam::IVec3;
+
+use super::SIDES;
+use crate::lumen::BitVolume;
+use crate::volume::Grid;
+
+/// Layers from whose areas the greatest area of a branch follows.
+const FIRST_LAYERS: std::ops::Range<usize> = 2..8;
+/// The fronts of a branch may together grow to this many times their median, and to this, mm².
+const MOST_GROWTH: f64 = 3.0;
+const LEAST_LIMIT_MM2: f64 = 25.0;
+/// A front of voxels that share sides has this many times as many as its area needs.
+const LAYER_FACTOR: f64 = 1.3;
+/// Branches that end before this, mm, are roughness.
+const LEAST_MM: f64 = 5.0;
+
+/// Where a front may start.
+pub(super) struct Mouths<'a> {
+    pub tube: &'a BitVolume,
+    /// The index axis along the tube, and its first and last slice.
+    pub along: (usize, u32, u32),
+    /// Greatest area of a branch with all it divides into, and of what goes on from an end of the tube, mm².
+    pub side_mm2: f64,
+    pub end_mm2: f64,
+}
+
+/// What was followed.
+pub(super) struct Followed {
+    /// The branches, without the tube.
+    pub mask: BitVolume,
+    /// Fronts that were taken back.
+    pub taken_back: usize,
+}
+
+/// A part of a branch without forks.
+struct Stretch {
+    /// The mouth it began at.
+    root: usize,
+    parent: Option<usize>,
+    children: usize,
+    /// The round of its first layer.
+    first_round: usize,
+    layers: Vec<Vec<IVec3>>,
+}
+
+/// What began at a mouth.
+struct Root {
+    /// Greatest area of all its fronts together, mm².
+    limit_mm2: f64,
+    /// Their areas, round by round.
+    areas_mm2: Vec<f64>,
+    is_open: bool,
+}
+
+/// Follows all branches of a tube inside a mask.
+pub(super) fn follow(grid: &Grid, allowed: &BitVolume, mouths: &Mouths) -> Followed {
+    let mean_step_mm = grid.voxel_mm3().cbrt();
+    let area_mm2 = |layer: &[IVec3]| layer.len() as f64 * mean_step_mm.powi(2) / LAYER_FACTOR;
+    let mut seen = mouths.tube.clone();
+    let mut parts: Vec<Stretch> = Vec::new();
+    let mut roots: Vec<Root> = Vec::new();
+    let tube: Vec<IVec3> = mouths.tube.voxels().map(|v| v.as_ivec3()).collect();
+    let (axis, first, last) = mouths.along;
+    for layer in components(next_layer(&tube, allowed, &mut seen)) {
+        let beyond = |v: &&IVec3| v[axis] < first as i32 || v[axis] > last as i32;
+        let at_end = 2 * layer.iter().filter(beyond).count() > layer.len();
+        let limit_mm2 = if at_end { mouths.end_mm2 } else { mouths.side_mm2 };
+        let root = roots.len();
+        roots.push(Root { limit_mm2, areas_mm2: Vec::new(), is_open: true });
+        parts.push(Stretch {
+            root,
+            parent: None,
+            children: 0,
+            first_round: 0,
+            layers: vec![layer],
+        });
+    }
+    let mut active: Vec<usize> = (0..parts.len()).collect();
+    let mut taken_back = 0;
+    for round in 0.. {
+        crate::task::checkpoint();
+        for root in &mut roots {
+            root.areas_mm2.push(0.0);
+        }
+        for part in active.iter().map(|at| &parts[*at]) {
+            roots[part.root].areas_mm2[round] += part.layers.last().map_or(0.0, |l| area_mm2(l));
+        }
+        for (at, root) in roots.iter_mut().enumerate().filter(|(_, root)| root.is_open) {
+            if round + 1 == FIRST_LAYERS.end {
+                let mut areas = root.areas_mm2[FIRST_LAYERS].to_vec();
+                areas.sort_by(f64::total_cmp);
+                let own = (MOST_GROWTH * areas[areas.len() / 2]).max(LEAST_LIMIT_MM2);
+                root.limit_mm2 = root.limit_mm2.min(own);
+            }
+            if root.areas_mm2[round] > root.limit_mm2 {
+                root.is_open = false;
+                taken_back += 1;
+                // Back to where they had half of that area.
+                let half = 0.5 * root.limit_mm2;
+                let end = root.areas_mm2.iter().rposition(|a| *a <= half).unwrap_or(0);
+                for part in parts.iter_mut().filter(|part| part.root == at) {
+                    part.layers.truncate(end.saturating_sub(part.first_round));
+                }
+            }
+        }
+        active.retain(|at| roots[parts[*at].root].is_open);
+        let mut next = Vec::new();
+        for at in active {
+            let Some(front) = parts[at].layers.last() else { continue };
+            let mut layers = components(next_layer(front, allowed, &mut seen));
+            if layers.len() == 1 {
+                parts[at].layers.extend(layers.pop());
+                next.push(at);
+                continue;
+            }
+            for layer in layers {
+                let root = parts[at].root;
+                parts[at].children += 1;
+                next.push(parts.len());
+                parts.push(Stretch {
+                    root,
+                    parent: Some(at),
+                    children: 0,
+                    first_round: round + 1,
+                    layers: vec![layer],
+                });
+            }
+        }
+        active = next;
+        if active.is_empty() {
+            break;
+        }
+    }
+    let mut mask = BitVolume::new(grid.dims);
+    // What has no children of its own and is short goes, ends first.
+    for at in (0..parts.len()).rev() {
+        let length_mm = parts[at].layers.len() as f64 * mean_step_mm;
+        if parts[at].children == 0 && length_mm < LEAST_MM {
+            parts[at].layers.clear();
+            if let Some(parent) = parts[at].parent {
+                parts[parent].children -= 1;
+            }
+        }
+    }
+    for v in parts.iter().flat_map(|part| part.layers.iter().flatten()).map(|v| v.as_uvec3()) {
+        mask.set(v.x, v.y, v.z);
+    }
+    Followed { mask, taken_back }
+}
+
+/// Voxels of a mask beside a layer that were not seen before.
+fn next_layer(layer: &[IVec3], allowed: &BitVolume, seen: &mut BitVolume) -> Vec<IVec3> {
+    let mut out = Vec::new();
+    for v in layer.iter().flat_map(|v| SIDES.map(|side| *v + side)) {
+        if allowed.get(v) && !seen.get(v) {
+            let at = v.as_uvec3();
+            seen.set(at.x, at.y, at.z);
+            out.push(v);
+        }
+    }
+    out
+}
+
+/// The 26-connected components of a layer, in the order of their first voxels.
+fn components(layer: Vec<IVec3>) -> Vec<Vec<IVec3>> {
+    let index: std::collections::HashMap<IVec3, usize> =
+        layer.iter().enumerate().map(|(i, v)| (*v, i)).collect();
+    let mut seen = vec![false; layer.len()];
+    let mut out = Vec::new();
+    for start in 0..layer.len() {
+        if std::mem::replace(&mut seen[start], true) {
+            continue;
+        }
+        let mut part = vec![layer[start]];
+        let mut next = 0;
+        while let Some(at) = part.get(next).copied() {
+            next += 1;
+            for n in 0..27 {
+                let v = at + IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
+                if let Some(i) = index.get(&v)
+                    && !std::mem::replace(&mut seen[*i], true)
+                {
+                    part.push(v);
+                }
+            }
+        }
+        out.push(part);
+    }
+    out
+}

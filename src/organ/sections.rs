@@ -1,0 +1,292 @@
+//! Cross sections of tubes: regions of a slice with their shape and surroundings, and chains of them
+//! from slice to slice.
+
+use glam::{DVec2, UVec3};
+
+use crate::lumen::{BitVolume, open_background};
+use crate::volume::Volume;
+
+/// A cross section.
+#[derive(Clone, Debug)]
+pub(super) struct Section {
+    pub slice: u32,
+    pub centre_mm: DVec2,
+    pub area_mm2: f64,
+    pub circularity: f64,
+    /// Median of its values.
+    pub value: f64,
+}
+
+/// Pixels of the slices across an axis.
+#[derive(Clone, Copy)]
+pub(super) struct Slices {
+    pub axis: usize,
+    pub u: usize,
+    pub v: usize,
+    pub width: usize,
+    pub height: usize,
+    pub pixel_mm: DVec2,
+    pub step_mm: f64,
+}
+
+impl Slices {
+    pub fn of(volume: &Volume, axis: usize) -> Self {
+        let (u, v) = [(1, 2), (0, 2), (0, 1)][axis];
+        let (dims, h) = (volume.grid.dims, volume.grid.spacing_mm);
+        let (width, height) = (dims[u] as usize, dims[v] as usize);
+        Self { axis, u, v, width, height, pixel_mm: DVec2::new(h[u], h[v]), step_mm: h[axis] }
+    }
+
+    pub fn voxel(&self, slice: u32, p: usize, q: usize) -> UVec3 {
+        let mut at = UVec3::ZERO;
+        (at[self.axis], at[self.u], at[self.v]) = (slice, p as u32, q as u32);
+        at
+    }
+}
+
+/// The 4-connected regions of a mask in a slice that do not touch its edge and have an area of half
+/// the least or more and less than the most.
+pub(super) fn regions(
+    mask: &BitVolume,
+    slices: &Slices,
+    slice: u32,
+    area_mm2: &std::ops::Range<f64>,
+) -> Vec<Shape> {
+    let (width, height) = (slices.width, slices.height);
+    let set = |i: usize| {
+        let v = slices.voxel(slice, i % width, i / width);
+        mask.at(v.x, v.y, v.z)
+    };
+    let mut seen = vec![false; width * height];
+    let mut out = Vec::new();
+    let pixel = slices.pixel_mm.x * slices.pixel_mm.y;
+    for start in 0..width * height {
+        if seen[start] || !set(start) {
+            continue;
+        }
+        let (mut stack, mut pixels) = (vec![start], Vec::new());
+        seen[start] = true;
+        let mut at_edge = false;
+        while let Some(i) = stack.pop() {
+            pixels.push(i);
+            let (p, q) = (i % width, i / width);
+            at_edge |= p == 0 || q == 0 || p + 1 == width || q + 1 == height;
+            let near = [
+                (p > 0).then(|| i - 1),
+                (p + 1 < width).then(|| i + 1),
+                (q > 0).then(|| i - width),
+                (q + 1 < height).then(|| i + width),
+            ];
+            for j in near.into_iter().flatten().filter(|j| set(*j)) {
+                if !std::mem::replace(&mut seen[j], true) {
+                    stack.push(j);
+                }
+            }
+        }
+        let area = pixels.len() as f64 * pixel;
+        if !at_edge && (0.5 * area_mm2.start..area_mm2.end).contains(&area) {
+            out.push(Shape::filled(&pixels, slices));
+        }
+    }
+    out
+}
+
+/// A region of a slice without holes, in a frame of its own with a margin.
+pub(super) struct Shape {
+    low: [usize; 2],
+    width: usize,
+    height: usize,
+    inside: Vec<bool>,
+    /// Share of its pixels that were holes.
+    pub holes: f64,
+}
+
+impl Shape {
+    fn filled(pixels: &[usize], slices: &Slices) -> Self {
+        let place = |i: &usize| (i % slices.width, i / slices.width);
+        let of = |f: fn((usize, usize)) -> usize| pixels.iter().map(move |i| f(place(i)));
+        let low = [of(|p| p.0).min().unwrap_or(0), of(|p| p.1).min().unwrap_or(0)];
+        let high = [of(|p| p.0).max().unwrap_or(0), of(|p| p.1).max().unwrap_or(0)];
+        let (width, height) = (high[0] - low[0] + 3, high[1] - low[1] + 3);
+        let mut set = vec![false; width * height];
+        for (p, q) in pixels.iter().map(place) {
+            set[p - low[0] + 1 + width * (q - low[1] + 1)] = true;
+        }
+        let open = open_background(width, height, |i| set[i]);
+        let inside: Vec<bool> = open.iter().map(|o| !o).collect();
+        let all = inside.iter().filter(|i| **i).count();
+        let holes = 1.0 - pixels.len() as f64 / all.max(1) as f64;
+        Self { low, width, height, inside, holes }
+    }
+
+    fn at(&self, p: usize, q: usize) -> bool {
+        self.inside[p + self.width * q]
+    }
+
+    /// Its pixels in its own frame.
+    pub fn pixels(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let all = (0..self.height).flat_map(|q| (0..self.width).map(move |p| (p, q)));
+        all.filter(|(p, q)| self.at(*p, *q))
+    }
+
+    /// Its voxels.
+    pub fn voxels<'a>(
+        &'a self,
+        slices: &'a Slices,
+        slice: u32,
+    ) -> impl Iterator<Item = UVec3> + 'a {
+        let [low_p, low_q] = self.low;
+        self.pixels().map(move |(p, q)| slices.voxel(slice, p + low_p - 1, q + low_q - 1))
+    }
+
+    /// Its section in a frame of the slice; nothing where its ends are pointed.
+    ///
+    /// * `most_aspect`: longest axis over the shortest.
+    pub fn section(&self, slices: &Slices, slice: u32, most_aspect: f64) -> Option<Section> {
+        let h = slices.pixel_mm;
+        let count = self.pixels().count() as f64;
+        let area_mm2 = count * h.x * h.y;
+        let circularity =
+            4.0 * std::f64::consts::PI * area_mm2 / self.perimeter_mm(h).powi(2).max(1e-9);
+        let place = |(p, q): (usize, usize)| DVec2::new(p as f64, q as f64) * h;
+        let centre = self.pixels().map(place).sum::<DVec2>() / count;
+        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        for d in self.pixels().map(|p| place(p) - centre) {
+            (xx, xy, yy) = (xx + d.x * d.x, xy + d.x * d.y, yy + d.y * d.y);
+        }
+        let (mean, off) = (0.5 * (xx + yy), (0.25 * (xx - yy).powi(2) + xy * xy).sqrt());
+        let aspect = ((mean + off) / (mean - off).max(1e-9)).sqrt();
+        let low = DVec2::new(self.low[0] as f64 - 1.0, self.low[1] as f64 - 1.0) * h;
+        (aspect <= most_aspect).then(|| Section {
+            slice,
+            centre_mm: low + centre,
+            area_mm2,
+            circularity,
+            value: 0.0,
+        })
+    }
+
+    /// Values of its pixels none of whose neighbours lies outside, sorted.
+    pub fn inner_values(&self, volume: &Volume, slices: &Slices, slice: u32) -> Vec<f64> {
+        let inner = |&(p, q): &(usize, usize)| {
+            self.at(p - 1, q) && self.at(p + 1, q) && self.at(p, q - 1) && self.at(p, q + 1)
+        };
+        let value = |(p, q): (usize, usize)| {
+            let v = slices.voxel(slice, p + self.low[0] - 1, q + self.low[1] - 1);
+            volume.real(volume.grid.index(v))
+        };
+        let mut values: Vec<f64> = self.pixels().filter(inner).map(value).collect();
+        values.sort_by(f64::total_cmp);
+        values
+    }
+
+    /// Perimeter by the Cauchy–Crofton formula, from crossings in four directions; each stands for
+    /// the angles nearest to it.
+    fn perimeter_mm(&self, h: DVec2) -> f64 {
+        let crossings = |dp: usize, dq: usize, back: bool| {
+            let mut n = 0;
+            for q in 0..self.height - dq {
+                for p in 0..self.width - dp {
+                    let (a, b) = if back { (p + dp, p) } else { (p, p + dp) };
+                    n += u32::from(self.at(a, q) != self.at(b, q + dq));
+                }
+            }
+            f64::from(n)
+        };
+        let slant = h.y.atan2(h.x);
+        let half_pi = std::f64::consts::FRAC_PI_2;
+        let between = h.x * h.y / h.length();
+        0.5 * (slant * h.y * crossings(1, 0, false)
+            + (half_pi - slant) * h.x * crossings(0, 1, false)
+            + 0.5 * half_pi * between * (crossings(1, 1, false) + crossings(1, 1, true)))
+    }
+
+    /// Values of the slice's pixels in a ring about the shape, sorted.
+    ///
+    /// * `ring`: its distance, mm, or pixels where those are larger.
+    pub fn ring_values(
+        &self,
+        volume: &Volume,
+        slices: &Slices,
+        slice: u32,
+        ring: &std::ops::Range<f64>,
+    ) -> Vec<f64> {
+        let h = slices.pixel_mm;
+        let rim: Vec<DVec2> = self
+            .pixels()
+            .filter(|&(p, q)| {
+                !(self.at(p - 1, q) && self.at(p + 1, q) && self.at(p, q - 1) && self.at(p, q + 1))
+            })
+            .map(|(p, q)| DVec2::new(p as f64, q as f64) * h)
+            .collect();
+        let ring = ring.start * h.max_element().max(1.0)..ring.end * h.max_element().max(1.0);
+        let far = (ring.end / h).ceil();
+        let (px, py) = (far.x as i64, far.y as i64);
+        let mut values = Vec::new();
+        for q in -py..self.height as i64 + py {
+            for p in -px..self.width as i64 + px {
+                let (i, j) = (p + self.low[0] as i64 - 1, q + self.low[1] as i64 - 1);
+                let inside =
+                    (0..slices.width as i64).contains(&i) && (0..slices.height as i64).contains(&j);
+                let at = DVec2::new(p as f64, q as f64) * h;
+                let own = (0..self.width as i64).contains(&p)
+                    && (0..self.height as i64).contains(&q)
+                    && self.at(p as usize, q as usize);
+                if !inside || own {
+                    continue;
+                }
+                let off = rim.iter().map(|r| r.distance_squared(at)).fold(f64::INFINITY, f64::min);
+                if ring.contains(&off.sqrt()) {
+                    let v = slices.voxel(slice, i as usize, j as usize);
+                    values.push(volume.real(volume.grid.index(v)));
+                }
+            }
+        }
+        values.sort_by(f64::total_cmp);
+        values
+    }
+}
+
+/// The chain with the largest sum of circularity over its length: each section follows one of the
+/// slice before, or of the one before that, which lies near it and fits.
+///
+/// * `reach_mm`: how far the middles of neighbouring sections may lie apart.
+/// * `fits`: whether two may follow each other.
+pub(super) fn longest_chain(
+    sections: &[Vec<Section>],
+    slices: &Slices,
+    reach_mm: f64,
+    fits: impl Fn(&Section, &Section) -> bool,
+) -> Vec<Section> {
+    // Best score that ends with a section, and the section before it.
+    let mut best: Vec<Vec<(f64, Option<[usize; 2]>)>> = Vec::with_capacity(sections.len());
+    for (z, here) in sections.iter().enumerate() {
+        let mut scores = Vec::with_capacity(here.len());
+        for s in here {
+            let own = s.circularity * slices.step_mm;
+            let mut score = (own, None);
+            // One slice may be missing: noise, or a neighbour that reaches the tube's wall.
+            for back in (1..=2).filter(|back| *back <= z) {
+                for (i, b) in sections[z - back].iter().enumerate() {
+                    let near = s.centre_mm.distance(b.centre_mm) <= back as f64 * reach_mm;
+                    let joined = own + best[z - back][i].0;
+                    if near && joined > score.0 && fits(s, b) {
+                        score = (joined, Some([z - back, i]));
+                    }
+                }
+            }
+            scores.push(score);
+        }
+        best.push(scores);
+    }
+    let score = |at: &[usize; 2]| best[at[0]][at[1]].0;
+    let ends = (0..best.len()).flat_map(|z| (0..best[z].len()).map(move |i| [z, i]));
+    let mut at = ends.reduce(|a, b| if score(&b) > score(&a) { b } else { a });
+    let mut chain = Vec::new();
+    while let Some([z, i]) = at {
+        chain.push(sections[z][i].clone());
+        at = best[z][i].1;
+    }
+    chain.reverse();
+    chain
+}
