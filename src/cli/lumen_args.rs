@@ -32,12 +32,18 @@ pub struct LumenArgs {
     #[arg(long, value_enum, value_name = "ORGAN")]
     #[arg(conflicts_with_all = ["mask", "threshold", "seed", "seed_mm", "all_components", "leak_control"])]
     pub organ: Option<OrganArg>,
-    /// Of a colon, take the tagged fluid too
+    /// Of a colon, take the tagged fluid too where there is some (the default)
     #[arg(long, requires = "organ")]
     pub tagged: bool,
-    /// Of an airway, take thin bronchi too, beyond the threshold of the tree
+    /// Of a colon, leave the tagged fluid out
+    #[arg(long, requires = "organ", conflicts_with = "tagged")]
+    pub no_tagged: bool,
+    /// Of an airway, take thin bronchi too, beyond the threshold of the tree (the default)
     #[arg(long, requires = "organ")]
     pub thin_bronchi: bool,
+    /// Of an airway, leave thin bronchi out
+    #[arg(long, requires = "organ", conflicts_with = "thin_bronchi")]
+    pub no_thin_bronchi: bool,
     /// Draw the segmented organ in projections of the volume: a PNG
     #[arg(long, value_name = "FILE.png", requires = "organ")]
     pub explain: Option<PathBuf>,
@@ -134,13 +140,17 @@ impl LumenArgs {
         if self.leak_control && seed.is_none() {
             return Err(CliError::Usage("--leak-control needs --seed or --seed-mm".into()));
         }
-        if self.tagged && self.organ != Some(OrganArg::Colon) {
-            return Err(CliError::Usage("--tagged needs --organ colon".into()));
+        for (flag, is_given, name, organ) in [
+            ("--tagged", self.tagged, "colon", OrganArg::Colon),
+            ("--no-tagged", self.no_tagged, "colon", OrganArg::Colon),
+            ("--thin-bronchi", self.thin_bronchi, "airway", OrganArg::Airway),
+            ("--no-thin-bronchi", self.no_thin_bronchi, "airway", OrganArg::Airway),
+        ] {
+            if is_given && self.organ != Some(organ) {
+                return Err(CliError::Usage(format!("{flag} needs --organ {name}")));
+            }
         }
-        if self.thin_bronchi && self.organ != Some(OrganArg::Airway) {
-            return Err(CliError::Usage("--thin-bronchi needs --organ airway".into()));
-        }
-        let (tagged, thin) = (self.tagged, self.thin_bronchi);
+        let (tagged, thin) = (!self.no_tagged, !self.no_thin_bronchi);
         let organ = self.organ.map(|o| OrganOptions { organ: o.organ(), tagged, thin });
         Ok(LumenSettings {
             organ,

@@ -213,6 +213,20 @@ impl Flood {
         bits
     }
 
+    /// Voxels first reached above one level and up to another, in the order they were reached.
+    pub fn joined(&self, above: usize, up_to: usize) -> impl Iterator<Item = UVec3> + '_ {
+        let end = |level: usize| self.order.partition_point(|o| o.1 as usize <= level);
+        let joined = &self.order[end(above)..end(up_to).max(end(above))];
+        joined.iter().map(|o| self.grid.voxel(o.0 as usize))
+    }
+
+    /// The level a step of leak control above one, if the flood went on from there.
+    pub fn next_level(&self, level: usize) -> Option<usize> {
+        let step = ((STEP / self.unit).round() as usize).max(1);
+        let next = (level + step).min(self.filled.len() - 1);
+        (next > level).then_some(next)
+    }
+
     /// The level at which a share of some voxels has been reached, if it ever is.
     pub fn level_of_share(&self, voxels: &BitVolume, share: f64) -> Option<usize> {
         let wanted = (share * voxels.count() as f64).ceil().max(1.0) as usize;
@@ -224,7 +238,7 @@ impl Flood {
     ///
     /// * `first`: up to here the lumen is still joining up.
     /// * `calm`: steps without one before an explosion counts.
-    pub fn before_leak(&self, first: usize, calm: usize) -> (usize, Option<f64>) {
+    fn before_leak(&self, first: usize, calm: usize) -> (usize, Option<f64>) {
         let step = ((STEP / self.unit).round() as usize).max(1);
         let first = first.min(self.filled.len() - 1);
         settle(&self.filled, first, step, calm, self.voxel_ml())

@@ -3,13 +3,16 @@
 //! Partial volume makes a bronchus of a voxel or two brighter than the threshold at which the widest
 //! hole in some wall leaks. So the threshold is raised on, and what is new is judged piece by piece:
 //! a small piece is a bronchus and joins the tree; a large one is lung, and the mouth through which
-//! it was reached is closed for good. Explosion control branch by branch goes back to Tschirren et
+//! it was reached is closed for good. Where air that this or a lower threshold parts from lung lies
+//! right behind such a mouth, and has a wall about it, a branch lies behind a narrow place (mucus, a
+//! stenosis, partial volume): it joins with the way to it. Explosion control branch by branch goes back to Tschirren et
 //! al. 2005 (doi:10.1109/TMI.2005.857654); constants are ours.
 
 use glam::{IVec3, UVec3};
 
 use super::SIDES;
 use super::values::LEAST_HU;
+use super::walled::walled;
 use crate::lumen::BitVolume;
 use crate::volume::Volume;
 
@@ -18,6 +21,13 @@ const RISE_HU: f64 = 160.0;
 const STEP_HU: f64 = 8.0;
 /// Largest piece that joins at one threshold, ml.
 const MOST_PIECE_ML: f64 = 0.25;
+/// Largest branch behind a narrow place, ml, and the least share of its boundary that is wall.
+const MOST_BRANCH_ML: f64 = 60.0;
+const LEAST_WALLED: f64 = 0.6;
+/// It is looked for at the threshold of the tree and at so many in all, each lower by this, HU: lung
+/// behind it may leak where the tree does not.
+const FALLS: usize = 8;
+const FALL_HU: f64 = 16.0;
 /// Pieces that stay smaller than this are no branch but roughness, ml.
 const LEAST_PIECE_ML: f64 = 0.01;
 /// Most that may be added, as a share of the tree: beyond it this is lung, found bit by bit.
@@ -30,6 +40,9 @@ pub(super) struct Added {
     /// How many connected pieces, and their volume.
     pub pieces: usize,
     pub ml: f64,
+    /// The same of branches behind a narrow place.
+    pub branches: usize,
+    pub branches_ml: f64,
     /// Voxels where it would have leaked.
     pub leaks: usize,
 }
@@ -45,7 +58,11 @@ pub(super) fn grow(volume: &Volume, tree: &BitVolume, threshold: f64) -> Option<
         tree: tree.clone(),
         closed: BitVolume::new(volume.grid.dims),
         front: Vec::new(),
+        branches: BitVolume::new(volume.grid.dims),
+        threshold,
+        refused: vec![BitVolume::new(volume.grid.dims); FALLS],
         most: (MOST_PIECE_ML / voxel_ml).max(1.0) as usize,
+        most_branch: (MOST_BRANCH_ML / voxel_ml) as usize,
         leaks: 0,
     };
     growth.front.extend(growth.rim.voxels().map(|v| v.as_ivec3()));
@@ -57,15 +74,28 @@ pub(super) fn grow(volume: &Volume, tree: &BitVolume, threshold: f64) -> Option<
     }
     let mut added = growth.tree;
     added.remove(tree);
+    added.remove(&growth.branches);
     let least = LEAST_PIECE_ML / voxel_ml;
     let (mut mask, mut pieces, mut ml) = (tree.clone(), 0, 0.0);
+    mask.add(&growth.branches);
+    let branches = pieces_of(&growth.branches);
+    let branches_ml = growth.branches.count() as f64 * voxel_ml;
     for piece in pieces_of(&added).iter().filter(|p| p.len() as f64 >= least) {
         piece.iter().for_each(|v| mask.set(v.x as u32, v.y as u32, v.z as u32));
         pieces += 1;
         ml += piece.len() as f64 * voxel_ml;
     }
-    let fits = ml <= MOST_ADDED * tree.count() as f64 * voxel_ml;
-    fits.then_some(Added { mask, pieces, ml, leaks: growth.leaks })
+    let fits = ml <= MOST_ADDED * (tree.count() as f64 * voxel_ml + branches_ml);
+    // What was left out may have held the way to a branch.
+    let mask = crate::lumen::pieces(&mask, 1).first()?.mask(mask.dims());
+    fits.then_some(Added {
+        mask,
+        pieces,
+        ml,
+        branches: branches.len(),
+        branches_ml,
+        leaks: growth.leaks,
+    })
 }
 
 /// A tree while the threshold is raised.
@@ -78,8 +108,15 @@ struct Growth<'a> {
     closed: BitVolume,
     /// Voxels that new pieces may start beside: the rim, and what was added.
     front: Vec<IVec3>,
-    /// Voxels of the largest piece.
+    /// Branches behind narrow places, with the ways to them.
+    branches: BitVolume,
+    /// That of the tree, HU.
+    threshold: f64,
+    /// Air that is no branch, at the tree's threshold and at each lower one that is tried.
+    refused: Vec<BitVolume>,
+    /// Voxels of the largest piece, and of the largest branch.
     most: usize,
+    most_branch: usize,
     leaks: usize,
 }
 
@@ -100,7 +137,7 @@ impl Growth<'_> {
     fn raise(&mut self, level: f64) {
         let mut seen = BitVolume::new(self.volume.grid.dims);
         let mut large = BitVolume::new(self.volume.grid.dims);
-        let mut joined: Vec<Vec<IVec3>> = Vec::new();
+        let (mut joined, mut branches) = (Vec::new(), Vec::new());
         for at in 0..self.front.len() {
             let from = self.front[at];
             // The rim is passed only where it is dark; what was added is.
@@ -112,9 +149,12 @@ impl Growth<'_> {
                     continue;
                 }
                 if !seen.get(v) {
-                    match self.piece(v, level, &mut seen, &large) {
-                        Ok(piece) => joined.push(piece),
-                        Err(part) => part.iter().for_each(|v| set(&mut large, *v)),
+                    let piece = self.piece(v, level, &mut seen, &large);
+                    if piece.is_large {
+                        piece.voxels.iter().for_each(|v| set(&mut large, *v));
+                        branches.extend(self.branch(&piece).map(|branch| (from, branch)));
+                    } else {
+                        joined.extend(piece.voxels);
                     }
                 }
                 if large.get(v) {
@@ -123,7 +163,7 @@ impl Growth<'_> {
                 }
             }
         }
-        for v in joined.into_iter().flatten() {
+        for v in joined {
             set(&mut self.tree, v);
             self.front.push(v);
             // The way through the rim, which is beside the tree.
@@ -133,34 +173,98 @@ impl Growth<'_> {
                 }
             }
         }
+        for (from, branch) in branches {
+            self.join(from, &branch);
+        }
+    }
+
+    /// Takes in a branch and gives it a rim of its own.
+    fn join(&mut self, from: IVec3, branch: &[IVec3]) {
+        let mut mask = BitVolume::new(self.volume.grid.dims);
+        branch.iter().chain([&from]).for_each(|v| set(&mut mask, *v));
+        self.tree.add(&mask);
+        self.branches.add(&mask);
+        let mut rim = rim(&mask);
+        rim.remove(&self.tree);
+        self.front.extend(rim.voxels().map(|v| v.as_ivec3()));
+        self.rim.add(&rim);
     }
 
     /// The piece of a voxel, or as much of one as shows that it is large.
-    fn piece(
-        &self,
-        start: IVec3,
-        level: f64,
-        seen: &mut BitVolume,
-        large: &BitVolume,
-    ) -> Result<Vec<IVec3>, Vec<IVec3>> {
-        let mut piece = vec![start];
+    fn piece(&self, start: IVec3, level: f64, seen: &mut BitVolume, large: &BitVolume) -> NewPiece {
+        let mut piece = NewPiece { voxels: vec![start], before: vec![0], is_large: false };
         let mut next = 0;
         set(seen, start);
-        let mut is_large = false;
-        while let Some(at) = piece.get(next).copied().filter(|_| !is_large) {
-            next += 1;
+        while let Some(at) = piece.voxels.get(next).copied().filter(|_| !piece.is_large) {
             for v in SIDES.map(|side| at + side) {
                 if large.get(v) {
-                    is_large = true;
+                    piece.is_large = true;
                 } else if self.is_new(v, level) && !seen.get(v) {
                     set(seen, v);
-                    piece.push(v);
+                    piece.voxels.push(v);
+                    piece.before.push(next);
                 }
             }
-            is_large |= piece.len() > self.most;
+            next += 1;
+            piece.is_large |= piece.voxels.len() > self.most;
         }
-        if is_large { Err(piece) } else { Ok(piece) }
+        piece
     }
+
+    /// The branch behind a mouth with the way to it: at the highest threshold, from that of the tree
+    /// down, that parts it from lung.
+    fn branch(&mut self, mouth: &NewPiece) -> Option<Vec<IVec3>> {
+        (0..self.refused.len()).find_map(|fall| self.branch_at(mouth, fall))
+    }
+
+    /// The same at one threshold.
+    fn branch_at(&mut self, mouth: &NewPiece, fall: usize) -> Option<Vec<IVec3>> {
+        let level = self.threshold - FALL_HU * fall as f64;
+        for (entry, start) in mouth.voxels.iter().enumerate() {
+            let is_air = |v: IVec3| self.is_dark(v, level) && !self.tree.get(v);
+            if self.refused[fall].get(*start) || !is_air(*start) {
+                continue;
+            }
+            let mut seen = std::collections::HashSet::from([*start]);
+            let mut air = vec![*start];
+            let mut next = 0;
+            let mut is_lung = false;
+            while let Some(at) = air.get(next).copied().filter(|_| !is_lung) {
+                next += 1;
+                for v in SIDES.map(|side| at + side).into_iter().filter(|v| is_air(*v)) {
+                    is_lung |= self.refused[fall].get(v);
+                    if seen.insert(v) {
+                        air.push(v);
+                    }
+                }
+                is_lung |= air.len() > self.most_branch;
+            }
+            let part = air.iter().map(|v| v.as_uvec3());
+            let is_branch = !is_lung
+                && air.len() > self.most
+                && walled(self.volume, part, |v| seen.contains(&v)) >= LEAST_WALLED;
+            if !is_branch {
+                air.iter().for_each(|v| set(&mut self.refused[fall], *v));
+                continue;
+            }
+            let mut at = entry;
+            while at > 0 {
+                at = mouth.before[at];
+                air.push(mouth.voxels[at]);
+            }
+            return Some(air);
+        }
+        None
+    }
+}
+
+/// A 6-connected piece that is not of the tree, from where it was met on.
+struct NewPiece {
+    voxels: Vec<IVec3>,
+    /// Of each voxel the place of the one before it on the way from the first.
+    before: Vec<usize>,
+    /// Whether it is larger than a thin bronchus; then these are not all its voxels.
+    is_large: bool,
 }
 
 fn set(mask: &mut BitVolume, v: IVec3) {

@@ -23,6 +23,7 @@ mod smooth;
 mod trachea;
 mod values;
 mod vessel;
+mod walled;
 
 pub use explain::{Picture, explain};
 
@@ -62,15 +63,15 @@ impl Organ {
 pub struct OrganOptions {
     /// Which one.
     pub organ: Organ,
-    /// Of a colon, take the tagged fluid too.
+    /// Of a colon, take the tagged fluid too, where there is some.
     pub tagged: bool,
-    /// Of an airway, take bronchi of a voxel or two too.
+    /// Of an airway, take bronchi beyond the threshold of its tree too.
     pub thin: bool,
 }
 
 impl From<Organ> for OrganOptions {
     fn from(organ: Organ) -> Self {
-        Self { organ, tagged: false, thin: false }
+        Self { organ, tagged: true, thin: true }
     }
 }
 

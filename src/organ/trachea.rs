@@ -43,6 +43,10 @@ pub(super) struct Trachea {
     pub seed: UVec3,
     /// Radius of a disc of the mean area, mm.
     pub radius_mm: f64,
+    /// Standard deviation of the areas in parts of their mean.
+    pub variation: f64,
+    /// Distance from its ends to the first or last slice of the volume, whichever is nearer, mm.
+    pub from_end_mm: f64,
 }
 
 /// Chains across any index axis, best first: a gut that is full of gas has some too.
@@ -111,6 +115,8 @@ impl Trachea {
         let centre = (middle.centre_mm / slices.pixel_mm).round();
         let seed = slices.voxel(middle.slice, centre.x as usize, centre.y as usize);
         let radius_mm = (area / std::f64::consts::PI).sqrt();
+        let off = mean(|s| s.area_mm2 * s.area_mm2) - area * area;
+        let beyond = volume.grid.dims[slices.axis] - 1 - last.slice;
         Some(Self {
             axis: slices.axis,
             score: length_mm * circularity,
@@ -118,6 +124,8 @@ impl Trachea {
             core,
             seed,
             radius_mm,
+            variation: off.max(0.0).sqrt() / area,
+            from_end_mm: f64::from(first.slice.min(beyond)) * slices.step_mm,
         })
     }
 }

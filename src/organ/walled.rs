@@ -1,0 +1,40 @@
+//! Whether air has a wall about it: what tells a bronchus from lung.
+
+use glam::{IVec3, UVec3};
+
+use super::SIDES;
+use crate::volume::Volume;
+
+/// Least value of a wall, HU: a wall thinner than a voxel is mixed with the air on both sides, and
+/// lung lies below −700.
+pub(super) const WALL_HU: f64 = -700.0;
+/// How far from the air a wall is looked for, mm, and voxels at least and at most.
+const REACH_MM: f64 = 2.5;
+const REACH_VOXELS: std::ops::RangeInclusive<i32> = 2..=4;
+
+/// Share of the rays that leave a part of some air along the six sides of its voxels and meet a
+/// value of a wall; rays that leave the volume do not count. 1 where no ray leaves.
+///
+/// * `is_air`: the part and all it is joined to.
+pub(super) fn walled(
+    volume: &Volume,
+    part: impl Iterator<Item = UVec3>,
+    is_air: impl Fn(IVec3) -> bool,
+) -> f64 {
+    let grid = &volume.grid;
+    let reach = |side: IVec3| {
+        let step_mm = (side.as_dvec3() * grid.spacing_mm).length();
+        ((REACH_MM / step_mm).round() as i32).clamp(*REACH_VOXELS.start(), *REACH_VOXELS.end())
+    };
+    let rays = SIDES.map(|side| (side, reach(side)));
+    let (mut all, mut met) = (0u64, 0u64);
+    for v in part.map(|v| v.as_ivec3()) {
+        for (side, reach) in rays.iter().filter(|(side, _)| !is_air(v + side)) {
+            let on_ray = || (1..=*reach).map(|k| v + k * side).take_while(|w| grid.contains(*w));
+            all += u64::from(on_ray().count() > 0);
+            let value = |w: IVec3| volume.real(grid.index(w.as_uvec3()));
+            met += u64::from(on_ray().any(|w| value(w) >= WALL_HU));
+        }
+    }
+    if all == 0 { 1.0 } else { met as f64 / all as f64 }
+}
