@@ -20,6 +20,8 @@ const WALL_HU: f64 = -450.0;
 const WALL_VOXELS: usize = 2;
 /// Longest voxel side at which a fold can be told from the gas beside it, mm: folds are about as thick.
 const FOLD_MM: f64 = 3.0;
+/// Confidence at most where a segment may be stomach.
+const DOUBTFUL: f64 = 0.3;
 /// Most pieces of gas that a message names.
 const MOST_NAMED: usize = 4;
 
@@ -82,6 +84,7 @@ fn pass(gas: &Gas, gates: &mut Gates) -> Result<(), OrganError> {
     if !left_out.is_empty() {
         gates.note(format!("left out: {left_out}"));
     }
+    gas.doubtful.iter().for_each(|line| gates.doubt(line.clone(), DOUBTFUL));
     let total: f64 = gas.colon.iter().map(|c| c.volume_ml).sum();
     gates.at_least("ml of gas in all", total, LEAST_TOTAL_ML, 400.0)?;
     let extent = gas.colon.iter().map(|c| c.extent_mm).fold(0.0, f64::max);

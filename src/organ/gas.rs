@@ -26,6 +26,8 @@ pub(super) const LEAST_RADIUS_MM: f64 = 6.0;
 const STOMACH_RADII: f64 = 6.0;
 /// … and lies no lower below the lungs than this, mm.
 const BELOW_LUNG_MM: f64 = 40.0;
+/// Up to here, mm, a short pocket on the left may still be one.
+const DOUBTFUL_BELOW_LUNG_MM: f64 = 80.0;
 
 /// The gas in a body.
 pub(super) struct Gas {
@@ -35,6 +37,8 @@ pub(super) struct Gas {
     pub others: BitVolume,
     /// How much was left out, and why: a line for each piece.
     pub left_out: Vec<String>,
+    /// Segments that may be stomach: a line for each.
+    pub doubtful: Vec<String>,
 }
 
 /// What the values of voxels say.
@@ -70,7 +74,12 @@ impl Gas {
         let body = body.unwrap_or_else(|| BitVolume::new(grid.dims));
         let mut inside = gas.clone();
         inside.keep(&body);
-        let mut out = Self { colon: Vec::new(), others: inside.clone(), left_out: Vec::new() };
+        let mut out = Self {
+            colon: Vec::new(),
+            others: inside.clone(),
+            left_out: Vec::new(),
+            doubtful: Vec::new(),
+        };
         let (parts, mut other_parts) = out.without_lungs(volume, &inside);
         let airway = airway::find(volume, false).ok();
         let kinds = Kinds {
@@ -91,9 +100,25 @@ impl Gas {
             }
         }
         let lungs = Lungs::of(grid, &other_parts);
-        let looks = |c: &mut Candidate| c.looks_like_stomach(grid, lungs);
+        let middle_mm = lungs.map_or_else(|| middle_mm(grid, &body), |l| l.middle_mm);
+        let looks = |c: &mut Candidate| {
+            c.is_short_and_left(grid, middle_mm)
+                && c.below_lung_mm(grid, lungs).is_some_and(|mm| mm < BELOW_LUNG_MM)
+        };
         for stomach in out.colon.extract_if(.., looks).collect::<Vec<_>>() {
             out.leave_out(stomach.volume_ml, "short, left, under the lung: stomach");
+        }
+        for c in out.colon.iter().filter(|c| c.is_short_and_left(grid, middle_mm)) {
+            let below = c.below_lung_mm(grid, lungs);
+            if below.is_none_or(|mm| mm < DOUBTFUL_BELOW_LUNG_MM) {
+                let place = below.map_or("no lung in the scan to tell".to_owned(), |mm| {
+                    format!("{mm:.0} mm below the lung, stomach up to {BELOW_LUNG_MM:.0}")
+                });
+                let (ml, at) = (c.volume_ml, c.seed);
+                let line =
+                    format!("{ml:.0} ml of gas at {at} may be stomach: short, left, {place}");
+                out.doubtful.push(line);
+            }
         }
         out.colon.iter().for_each(|c| out.others.remove(&c.mask));
         out.colon = in_order(grid, out.colon);
@@ -159,14 +184,24 @@ impl Candidate {
         narrow.then(|| format!("its widest place has a radius of {radius_mm:.1} mm"))
     }
 
-    /// A wide, short pocket on the patient's left, right below the lungs.
-    fn looks_like_stomach(&self, grid: &Grid, lungs: Option<Lungs>) -> bool {
-        let Some(lungs) = lungs else { return false };
+    /// A wide, short pocket on the patient's left, as a stomach is.
+    fn is_short_and_left(&self, grid: &Grid, middle_mm: f64) -> bool {
         let at = grid.world_from_voxel().transform_point3(self.seed.as_dvec3());
-        let is_short = self.extent_mm < STOMACH_RADII * self.radius_mm;
-        let below = lungs.lowest_mm - (at.z + self.radius_mm);
-        is_short && at.x > lungs.middle_mm && below < BELOW_LUNG_MM
+        self.extent_mm < STOMACH_RADII * self.radius_mm && at.x > middle_mm
     }
+
+    /// How far its widest place lies below the lungs, mm.
+    fn below_lung_mm(&self, grid: &Grid, lungs: Option<Lungs>) -> Option<f64> {
+        let at = grid.world_from_voxel().transform_point3(self.seed.as_dvec3());
+        lungs.map(|lungs| lungs.lowest_mm - (at.z + self.radius_mm))
+    }
+}
+
+/// Middle of a body between left and right, LPS x.
+fn middle_mm(grid: &Grid, body: &BitVolume) -> f64 {
+    let (low, high) = body.bounds().unwrap_or_default();
+    let middle = 0.5 * (low.as_dvec3() + high.as_dvec3());
+    grid.world_from_voxel().transform_point3(middle).x
 }
 
 /// Segments from the feet-most one on, each followed by the one with the narrowest gap to it.

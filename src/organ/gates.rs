@@ -62,6 +62,12 @@ impl Gates {
         self.reasons.push(line);
     }
 
+    /// What no measure decides: confidence is at most this.
+    pub fn doubt(&mut self, line: String, most: f64) {
+        self.confidence = self.confidence.min(most);
+        self.reasons.push(line);
+    }
+
     /// The organ was not found.
     pub fn refuse(&self, why: impl Into<String>) -> OrganError {
         OrganError::NotFound { organ: self.organ, why: why.into() }
