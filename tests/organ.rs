@@ -292,15 +292,17 @@ fn a_scan_that_ends_near_the_carina_shows_the_trachea() {
 }
 
 #[test]
-fn bronchi_behind_a_plug_join_whatever_lung_leaks_first() {
+fn bronchi_behind_a_plug_join_or_are_missed_with_a_word() {
     let Some(volume) = unzipped("chest_ct_fnndsc.zip") else { return };
-    let left = UVec3::new(232, 289, 105);
-    for plug_hu in [-905, -880] {
+    // Just below the carina: half of the airway lies behind it.
+    let below_carina = UVec3::new(232, 289, 105);
+    let tree = found(TREE, &volume).mask;
+    for plug_hu in [-905, -880, -650] {
         let mut blocked = volume.clone();
         let grid = volume.grid;
         let values: Vec<i16> = (0..grid.len())
             .map(|i| {
-                let v = grid.voxel(i).as_ivec3() - left.as_ivec3();
+                let v = grid.voxel(i).as_ivec3() - below_carina.as_ivec3();
                 let is_plug = v.z.abs() <= 1 && v.x.abs() < 25 && v.y.abs() < 25;
                 let value = volume.real(i) as i16;
                 if is_plug { value.max(plug_hu) } else { value }
@@ -308,8 +310,12 @@ fn bronchi_behind_a_plug_join_whatever_lung_leaks_first() {
             .collect();
         blocked.samples = values.into();
         blocked.rescale = intima::volume::Rescale::IDENTITY;
-        let tree = found(TREE, &volume).mask;
         let airway = found(Organ::Airway, &blocked);
+        if plug_hu == -650 {
+            assert!(airway.reasons.iter().any(|r| r.contains("main bronchus may be blocked")));
+            assert!(airway.confidence <= 0.3);
+            continue;
+        }
         assert!(share(&tree, &airway.mask) > 0.9, "{plug_hu} HU");
         assert!((airway.mask.count() as f64) < 1.2 * tree.count() as f64);
     }

@@ -49,6 +49,12 @@ const SHORT_FROM_END_MM: f64 = 15.0;
 const LEAST_TRACHEA: f64 = 0.3;
 /// Least share of it that lies inside the body.
 const SHORT_INSIDE: f64 = 0.8;
+/// Bronchi lie this far beside the trachea, mm. Where the side with less lung has this share of it,
+/// and the side with fewer bronchi less than this of them, the confidence is at most that.
+const BESIDE_MM: f64 = 25.0;
+const LEAST_LUNG_SIDE: f64 = 0.2;
+const LEAST_TREE_SIDE: f64 = 0.05;
+const ONE_SIDED: f64 = 0.3;
 /// Most chains that a refusal names.
 const LISTED: usize = 4;
 /// Share of the trachea's core that must have joined before a jump in volume counts as a leak.
@@ -170,6 +176,16 @@ fn from_trachea(
         }
     }
     let volume_ml = mask.count() as f64 * ml;
+    if !is_short && trachea.axis == head_foot_axis(&volume.grid) {
+        let (lungs, trees) = (sides(volume, opens_into, trachea), sides(volume, &mask, trachea));
+        if lungs > LEAST_LUNG_SIDE && trees < LEAST_TREE_SIDE {
+            let line = format!(
+                "share of the bronchi on the side that has fewer {trees:.2}, of the lung \
+                 {lungs:.2}: a main bronchus may be blocked"
+            );
+            gates.doubt(line, ONE_SIDED);
+        }
+    }
 
     Ok(FoundOrgan {
         organ: Organ::Airway,
@@ -180,6 +196,16 @@ fn from_trachea(
         confidence: gates.confidence,
         reasons: gates.reasons,
     })
+}
+
+/// Of a mask on both sides of the trachea, some way off, the share on the side that has less.
+fn sides(volume: &Volume, mask: &BitVolume, trachea: &Trachea) -> f64 {
+    let to_world = volume.grid.world_from_voxel();
+    let x = |v: UVec3| to_world.transform_point3(v.as_dvec3()).x;
+    let middle = trachea.core.voxels().map(x).sum::<f64>() / trachea.core.count().max(1) as f64;
+    let off = mask.voxels().map(|v| x(v) - middle).filter(|off| off.abs() > BESIDE_MM);
+    let (left, all) = off.fold((0u64, 0u64), |(l, n), off| (l + u64::from(off > 0.0), n + 1));
+    left.min(all - left) as f64 / all.max(1) as f64
 }
 
 /// A trachea in a scan that ends near the carina or above it opens into little lung or none: it is an
