@@ -1,6 +1,8 @@
 //! One file a kernel: its bindings (generated from the shader of the same name), its CPU twin and
 //! its test cases. [`ALL`] lists them.
 
+mod blocks;
+pub mod blur_axis;
 pub mod compact_count;
 pub mod compact_scatter;
 pub mod copy;
@@ -14,6 +16,7 @@ pub mod relax_average;
 pub mod relax_coefficients;
 pub mod relax_guard;
 pub mod relax_step;
+pub mod ridge_grow;
 pub mod ridge_mark;
 pub mod ridge_measure;
 pub mod scale_bands;
@@ -21,6 +24,10 @@ pub mod scale_pool;
 pub mod scale_restore;
 pub mod scale_step;
 pub mod visibility;
+pub mod wall_correct;
+pub mod wall_level;
+pub mod wall_peak;
+pub mod wall_sides;
 
 use glam::UVec3;
 
@@ -40,6 +47,12 @@ pub static ALL: &[&Kernel] = &[
     &edt_rows::KERNEL,
     &edt_axis::KERNEL,
     &gauss_axis::KERNEL,
+    &blur_axis::KERNEL,
+    &ridge_grow::KERNEL,
+    &wall_peak::KERNEL,
+    &wall_level::KERNEL,
+    &wall_sides::KERNEL,
+    &wall_correct::KERNEL,
     &ridge_mark::KERNEL,
     &compact_count::KERNEL,
     &prefix_sum::KERNEL,
@@ -127,6 +140,13 @@ fn smooth_distance(lumen: &Lumen) -> Vec<f32> {
     }
     f.iter_mut().for_each(|f| *f *= 6.0);
     f
+}
+
+/// Values of a blurred wall about a test lumen, 0 to 4096, with noise: for the wall's kernels.
+fn edge_values(lumen: &Lumen) -> Vec<i32> {
+    let smooth = smooth_distance(lumen);
+    let noise = |i: usize| (i * 7919 % 301) as i32 - 150;
+    smooth.iter().enumerate().map(|(i, f)| 4096 - (f / 6.0 * 4096.0) as i32 + noise(i)).collect()
 }
 
 /// One case a test lumen; `build` appends the launches.

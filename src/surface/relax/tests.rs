@@ -24,7 +24,8 @@ impl Random {
     /// Uniform over rotations.
     fn rotation(&mut self) -> DMat3 {
         let [u, a, b] = self.point().to_array();
-        let ((s, c), (t, d)) = ((6.283_185 * a).sin_cos(), (6.283_185 * b).sin_cos());
+        let ((s, c), (t, d)) =
+            ((std::f64::consts::TAU * a).sin_cos(), (std::f64::consts::TAU * b).sin_cos());
         let q = [(1.0 - u).sqrt() * s, (1.0 - u).sqrt() * c, u.sqrt() * t, u.sqrt() * d];
         DMat3::from_quat(DQuat::from_array(q).normalize())
     }
@@ -332,10 +333,9 @@ fn errors(shape: impl Fn(DVec3) -> f64, turn: DMat3, shift: DVec3, spacing: [f64
     for (m, x) in relaxed.surface.mesh.positions.iter().zip(&relaxed.positions) {
         let v = m.as_dvec3() / h;
         // Not where the volume cuts the shape off.
-        if v.min_element() < 6.0 || (dims - v).min_element() < 7.0 {
-            if lumen.touches_edge {
-                continue;
-            }
+        let is_near_edge = v.min_element() < 6.0 || (dims - v).min_element() < 7.0;
+        if is_near_edge && lumen.touches_edge {
+            continue;
         }
         let off = at(x.as_dvec3());
         sum.halfway += at(m.as_dvec3()).powi(2);
@@ -405,7 +405,7 @@ fn polyp_heights(r: f64, spacing: [f64; 3]) -> [f64; 2] {
     let pitch = 2.0 * r + 7.0;
     let centers: Vec<DVec3> = (0..COUNT)
         .map(|i| {
-            let (s, c) = (6.283_185 * random.next()).sin_cos();
+            let (s, c) = (std::f64::consts::TAU * random.next()).sin_cos();
             let z = 8.0 + pitch * (i as f64 + 0.5) + random.next();
             (axis + 12.0 * DVec2::new(c, s)).extend(z)
         })

@@ -1,0 +1,106 @@
+//! CPU twin and cases of `wall_level`: the offset of each voxel from the wall.
+
+use rayon::prelude::*;
+
+use super::blocks::{bit, element, place};
+use super::cases_on_bricks;
+pub use super::host::wall_level::{Bindings, Params};
+use super::host::wall_level::{SHADER, open};
+use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use crate::lumen::bricks::BRICK;
+
+/// See `shaders/wall_level.wgsl`.
+pub static KERNEL: Kernel = Kernel {
+    shader: &SHADER,
+    twin,
+    unit: "voxels",
+    tolerance: Tolerance { abs: 0.0, rel: 0.0 },
+    cases,
+};
+
+/// The offset that a level holds, 1/1024 of the mean spacing.
+pub fn offset(level: i32) -> i32 {
+    level << 16 >> 16
+}
+
+/// The threshold that a level holds: 0 lumen, 4096 wall.
+pub fn threshold(level: i32) -> i32 {
+    level >> 16
+}
+
+fn twin(args: &mut CpuArgs<'_>) {
+    let (s, p, _) = open(args);
+    // Offsets to voxels within three, nearest first.
+    let mut ball: Vec<(i32, [i32; 3])> = Vec::new();
+    for z in -3..=3i32 {
+        for y in -3..=3i32 {
+            for x in -3..=3i32 {
+                let d = x * x + y * y + z * z;
+                if d < 10 {
+                    ball.push((d, [x, y, z]));
+                }
+            }
+        }
+    }
+    ball.sort_unstable();
+    let core_distance = |slot: usize, q: [i32; 3]| {
+        let is_core = |d: &[i32; 3]| {
+            let at = std::array::from_fn(|a| q[a] + d[a]);
+            element(s.near, slot, at).is_some_and(|e| bit(s.core, e))
+        };
+        ball.iter().find(|(_, d)| is_core(d)).map(|(d, _)| *d)
+    };
+    s.level.par_chunks_exact_mut(BRICK).enumerate().with_min_len(8).for_each(|(slot, out)| {
+        crate::task::checkpoint();
+        for (local, out) in out.iter_mut().enumerate() {
+            let e = slot * BRICK + local;
+            let mean = |peak: &[i32], weight: &[i32]| {
+                if weight[e] >= 4 { (peak[e] << 12) / weight[e] } else { 4096 }
+            };
+            let wide = mean(s.peak, s.weight);
+            let top = wide.min(mean(s.peak1, s.weight1)).clamp(0, 4096);
+            let i = ((top >> 3) as usize).min(511);
+            let between = top - 8 * i as i32;
+            let threshold = s.law[i] + (((s.law[i + 1] - s.law[i]) * between) >> 3);
+            let mut offset = ((s.value[e] - threshold) * 2253).div_euclid(top.max(414));
+            let flags = s.mark[e];
+            if flags & 8 != 0
+                && offset < 0
+                && !bit(s.core, e)
+                && let Some(d) = core_distance(slot, place(local))
+            {
+                offset = offset.max(s.cap[d as usize]);
+            }
+            if flags & 4 != 0 {
+                offset = offset.max(p.forced);
+            }
+            *out = threshold << 16 | offset.clamp(-3072, 3072) & 0xffff;
+        }
+    });
+}
+
+fn cases() -> Vec<Case> {
+    cases_on_bricks(|plan, lumen, near, core| {
+        let slots = lumen.bricks.len();
+        let n = lumen.bricks.field_len();
+        let value = plan.upload_owned("value", &super::edge_values(lumen));
+        let number = |i: usize, most: usize| (i * 7919 % most) as i32;
+        let marks: Vec<u32> = (0..n).map(|i| number(i, 16) as u32).collect();
+        let mark = plan.upload_owned("mark", &marks);
+        let weights: Vec<i32> = (0..n).map(|i| number(i, 1 << 18)).collect();
+        let peaks: Vec<i32> =
+            weights.iter().enumerate().map(|(i, w)| w / 4096 * number(i, 4097)).collect();
+        let [peak, peak1] = ["peak", "peak1"].map(|name| plan.upload_owned(name, &peaks));
+        let [weight, weight1] = ["weight", "weight1"].map(|name| plan.upload_owned(name, &weights));
+        let law: Vec<i32> = (0..513).map(|i| 3 * i + i * i / 700).collect();
+        let law = plan.upload_owned("law", &law);
+        let cap: Vec<i32> = (0..10).map(|i| 400 * i - 2560).collect();
+        let cap = plan.upload_owned("cap", &cap);
+        let level = plan.zeroed::<i32>("level", n);
+        let bindings =
+            Bindings { near, core, value, mark, peak, weight, peak1, weight1, law, cap, level };
+        let params = Params { slots: slots as u32, forced: 123 };
+        plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
+        plan.download(level);
+    })
+}
