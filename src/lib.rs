@@ -38,6 +38,7 @@ pub mod field;
 pub mod organ;
 pub mod centerline;
 pub mod surface;
+pub mod wall;
 pub mod mesh;
 pub mod lod;
 pub mod flight;

@@ -554,7 +554,11 @@ fn the_command_line_says_what_it_chose_and_why_and_draws_it() {
     assert_eq!(organ["segments"].as_array().unwrap().len(), 4);
     assert_eq!(organ["seeds_mm"].as_array().unwrap().len(), 4);
     assert!(organ["confidence"].as_f64().unwrap() > 0.0 && organ["threshold"] == -450.0);
-    assert!(err.contains("share of its shell that is tissue"), "{err}");
+    let reasons = organ["reasons"].to_string();
+    assert!(reasons.contains("share of its shell that is tissue"), "{reasons}");
+    assert!(!err.contains("share of its shell"), "a choice is no warning: {err}");
+    assert_eq!(answer["wall"]["method"], "field");
+    assert!(answer["wall"]["closed_by_limit_share"].as_f64().unwrap() < 0.05);
     let (width, height, rgb) = intima::formats::read_png(&picture).unwrap();
     let coloured = rgb.chunks(3).filter(|p| p[0] > p[2].saturating_add(60)).count();
     assert!(width > 900 && height > 300 && coloured > 5000, "{width} {height} {coloured}");

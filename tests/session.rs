@@ -139,11 +139,11 @@ fn progress_reaches_its_end() {
 }
 
 #[test]
-fn the_paper_s_mode_shares_the_lumen_and_finds_another_line() {
+fn the_paper_s_mode_shares_the_core_and_finds_another_line() {
     let session = session(&phantom(Kind::Bend, 48), Settings::default());
     let line = session.centerline().unwrap();
     let paper = session.in_mode(Mode::Paper);
-    assert!(Arc::ptr_eq(&session.lumen().unwrap(), &paper.lumen().unwrap()));
+    assert!(Arc::ptr_eq(&session.core().unwrap(), &paper.core().unwrap()));
     assert_ne!(line.line, paper.centerline().unwrap().line);
 }
 

@@ -110,7 +110,7 @@ impl Args {
             timed_products(global, &mut session, &needs, &anew, |s| Ok(s.centerline()?))?;
         write_centerline(&self.output, &found.line)?;
         self.branches.as_deref().map_or(Ok(()), |p| write_branches(p, &found.line))?;
-        self.lumen.draw_organ(&session, global)?;
+        self.lumen.write_choice(&session, global)?;
         if let Some(path) = &self.unseen {
             let csv = global.watched(&session, || session.unseen_csv())?;
             atomic_file::write_atomic(path, |o| o.write_all(csv.as_bytes()))?;

@@ -38,7 +38,7 @@ impl Args {
         let dense = lumen.dense(&field, 0.0f32);
         let dense_s = start.elapsed().as_secs_f64();
         write_volume(&self.output, &Volume::new(lumen.grid, Samples::from(dense)))?;
-        self.lumen.draw_organ(&session, global)?;
+        self.lumen.write_choice(&session, global)?;
         let deepest = field.iter().copied().fold(0.0f32, f32::max);
         global.say(format_args!(
             "wrote {}: {} inside voxels, deepest {deepest:.3} mm",

@@ -6,11 +6,12 @@ use glam::{DVec3, UVec3};
 
 use super::CliError;
 use super::dicom_args::DicomArgs;
-use super::global::Global;
-use crate::formats::{ReadOptions, write_png};
+use super::global::{Global, VOLUMES};
+use crate::formats::{ReadOptions, write_png, write_volume};
 use crate::lumen::IntensitySelection;
 use crate::organ::{self, Organ, OrganOptions};
-use crate::session::{LumenSettings, Seed, Session, Source, VolumeSource};
+use crate::session::{LumenSettings, Seed, Session, Source, VolumeSource, WallMethod};
+use crate::volume::{Samples, Volume};
 
 /// LUMEN flags.
 #[derive(Clone, Debug, clap::Args)]
@@ -32,10 +33,10 @@ pub struct LumenArgs {
     #[arg(long, value_enum, value_name = "ORGAN")]
     #[arg(conflicts_with_all = ["mask", "threshold", "seed", "seed_mm", "all_components", "leak_control"])]
     pub organ: Option<OrganArg>,
-    /// Of a colon, take the tagged fluid too where there is some (the default)
+    /// Of a colon, take the tagged fluid too where there is some
     #[arg(long, requires = "organ")]
     pub tagged: bool,
-    /// Of a colon, leave the tagged fluid out
+    /// Of a colon, leave the tagged fluid out (the default)
     #[arg(long, requires = "organ", conflicts_with = "tagged")]
     pub no_tagged: bool,
     /// Of an airway, take thin bronchi too, beyond the threshold of the tree (the default)
@@ -56,8 +57,36 @@ pub struct LumenArgs {
     /// Draw the threshold in to just below the first leak (needs a seed)
     #[arg(long)]
     pub leak_control: bool,
+    /// Where the wall lies: field where the profile of the grey values puts it (auto with --organ and
+    /// --threshold), relaxed smooth within half a voxel of a label map (auto where the largest spacing
+    /// is at most twice the smallest), exact at the threshold or half way between voxels
+    #[arg(long, value_enum, default_value = "auto", value_name = "METHOD")]
+    pub wall: WallArg,
+    /// Write the mask that the wall was drawn about: .nrrd, .nii.gz or .mha
+    #[arg(long, value_name = "FILE")]
+    pub core: Option<PathBuf>,
     #[command(flatten)]
     pub dicom: DicomArgs,
+}
+
+/// How a wall is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum WallArg {
+    Auto,
+    Field,
+    Relaxed,
+    Exact,
+}
+
+impl WallArg {
+    fn method(self) -> WallMethod {
+        match self {
+            Self::Auto => WallMethod::Auto,
+            Self::Field => WallMethod::Field,
+            Self::Relaxed => WallMethod::Relaxed,
+            Self::Exact => WallMethod::Exact,
+        }
+    }
 }
 
 /// An organ that can be found.
@@ -109,8 +138,34 @@ impl LumenArgs {
         Ok(Source::Image(volume(input)))
     }
 
-    /// Draws the organ that was found, if that was asked for.
-    pub fn draw_organ(&self, session: &Session, global: &Global) -> Result<(), CliError> {
+    /// Says which organ was found, and writes the core and the organ's projections where asked for.
+    pub fn write_choice(&self, session: &Session, global: &Global) -> Result<(), CliError> {
+        let lumen = session.lumen()?;
+        if let Some(organ) = &lumen.organ {
+            let pieces = organ.segments.len();
+            global.say(format_args!(
+                "{}: {:.0} ml in {pieces} piece{}, confidence {:.2}",
+                organ.organ.name(),
+                lumen.lumen.volume_ml(),
+                if pieces == 1 { "" } else { "s" },
+                organ.confidence
+            ))?;
+        }
+        self.write_core(session, global)?;
+        self.draw_organ(session, global)
+    }
+
+    fn write_core(&self, session: &Session, global: &Global) -> Result<(), CliError> {
+        let Some(file) = &self.core else { return Ok(()) };
+        global.check_output(file, VOLUMES)?;
+        let (core, grid) = (session.core()?, session.lumen()?.lumen.grid);
+        let mut voxels = vec![0u8; grid.len()];
+        core.voxels().voxels().for_each(|v| voxels[grid.index(v)] = 1);
+        write_volume(file, &Volume::new(grid, Samples::from(voxels)))?;
+        global.say(format_args!("wrote {}", file.display()))
+    }
+
+    fn draw_organ(&self, session: &Session, global: &Global) -> Result<(), CliError> {
         let Some(file) = &self.explain else { return Ok(()) };
         global.check_output(file, &[".png"])?;
         let (volume, segmented) = (session.volume()?, session.lumen()?);
@@ -150,7 +205,7 @@ impl LumenArgs {
                 return Err(CliError::Usage(format!("{flag} needs --organ {name}")));
             }
         }
-        let (tagged, thin) = (!self.no_tagged, !self.no_thin_bronchi);
+        let (tagged, thin) = (self.tagged, !self.no_thin_bronchi);
         let organ = self.organ.map(|o| OrganOptions { organ: o.organ(), tagged, thin });
         Ok(LumenSettings {
             organ,
@@ -159,6 +214,7 @@ impl LumenArgs {
             all_components: self.all_components,
             fill: !self.no_fill,
             leak_control: self.leak_control,
+            wall: self.wall.method(),
         })
     }
 }

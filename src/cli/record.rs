@@ -28,7 +28,7 @@ impl Args {
             timed_products(global, &mut session, &needs, &[], |s| Ok(s.record(&recording)?))?
         };
         session.prepare(&[Product::Coverage])?;
-        self.flags.lumen.draw_organ(&session, global)?;
+        self.flags.lumen.write_choice(&session, global)?;
         let mut report = session.report(Some(&stream))?;
         report.stages = timing.stages.clone();
         report.modes = modes(&session, self.flags.mode.is_both())?;

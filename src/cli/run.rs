@@ -32,7 +32,7 @@ impl Args {
         }
         let (mut report, _stream) =
             global.watched(&session, || session.run_to_folder(out, &recording))?;
-        self.flags.lumen.draw_organ(&session, global)?;
+        self.flags.lumen.write_choice(&session, global)?;
         report.modes = modes(&session, self.flags.mode.is_both())?;
         match &timing {
             Some(repeats) => {

@@ -8,7 +8,7 @@ use super::lumen_args::LumenArgs;
 use super::repeat::timed_products;
 use crate::device::DeviceChoice;
 use crate::formats::write_volume;
-use crate::session::{LumenReport, OrganReport, Product, Session, Settings};
+use crate::session::{LumenReport, OrganReport, Product, Session, Settings, WallReport};
 use crate::volume::{Samples, Volume};
 
 /// `intima segment INPUT LUMEN -o MASK`
@@ -34,7 +34,7 @@ impl Args {
         let settings = Settings { device: DeviceChoice::Cpu, ..settings };
         let mut session = Session::new(self.lumen.source(self.input.as_deref())?, settings)?;
         let (segmented, timing) =
-            timed_products(global, &mut session, &[Product::Volume], &[Product::Lumen], |s| {
+            timed_products(global, &mut session, &[Product::Volume], &[Product::Core], |s| {
                 Ok(s.lumen()?)
             })?;
         let lumen = &segmented.lumen;
@@ -43,7 +43,7 @@ impl Args {
             classes.iter_mut().for_each(|c| *c = (*c).min(1));
         }
         write_volume(&self.output, &Volume::new(lumen.grid, Samples::from(classes)))?;
-        self.lumen.draw_organ(&session, global)?;
+        self.lumen.write_choice(&session, global)?;
         global.say(format_args!(
             "wrote {}: {} internal and {} boundary voxels, {:.3} ml",
             self.output.display(),
@@ -52,6 +52,7 @@ impl Args {
             lumen.volume_ml()
         ))?;
         let timing = timing.with("lumen", LumenReport::of(&segmented));
+        let timing = timing.with("wall", WallReport::of(&segmented));
         match OrganReport::of(&segmented) {
             Some(organ) => global.answer(&timing.with("organ", organ)),
             None => global.answer(&timing),

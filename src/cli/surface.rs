@@ -10,7 +10,7 @@ use super::repeat::timed_products;
 use super::surface_args::{SurfaceArgs, SurfaceFrom};
 use crate::formats::write_mesh;
 use crate::session::{
-    LevelSettings, Lod, Mode, Product, Session, Settings, SurfaceReport, without_caps,
+    LevelSettings, Lod, Mode, Product, Session, Settings, SurfaceReport, WallReport, without_caps,
 };
 
 /// `intima surface INPUT LUMEN -o MESH`
@@ -66,7 +66,7 @@ impl Args {
             whole
         };
         write_mesh(&self.output, mesh)?;
-        self.lumen.draw_organ(&session, global)?;
+        self.lumen.write_choice(&session, global)?;
         let report = SurfaceReport::of(wall.topology, wall.mesh.area_mm2());
         global.say(format_args!(
             "wrote {}: {} vertices, {} faces, {} component{}, Euler number {}, {}",
@@ -82,6 +82,7 @@ impl Args {
             global.say(format_args!("  simplified to {} faces", base.faces.len()))?;
         }
         let timing = timing.with("decimated_faces", base.as_ref().map(|b| b.faces.len()));
+        let timing = timing.with("wall", WallReport::of(&*session.lumen()?));
         let mut timing = timing.with("surface", &report);
         if self.mode.is_both() {
             let paper = session.in_mode(Mode::Paper).wall()?;

@@ -26,7 +26,7 @@ pub struct FairArgs {
 pub struct SurfaceArgs {
     #[command(flatten)]
     pub fair: FairArgs,
-    /// Where the surface lies: grey interpolates the threshold between voxels, mask is half way
+    /// Of an exact wall: grey interpolates the threshold between voxels, mask is half way
     #[arg(long, value_enum, default_value = "grey")]
     pub surface_from: SurfaceFrom,
     /// Leave caps at the edge of the volume out

@@ -85,6 +85,18 @@ impl BitVolume {
         }
     }
 
+    /// Sets the voxels of a byte's bits: x to x + 7 of a row, x a multiple of 8. Bits beyond the grid
+    /// are left out.
+    pub fn set_byte(&mut self, x: i32, y: i32, z: i32, byte: u8) {
+        let at = IVec3::new(x, y, z);
+        if at.cmplt(IVec3::ZERO).any() || at.cmpge(self.dims.as_ivec3()).any() {
+            return;
+        }
+        let valid = 0xff >> (8 - (self.dims.x - x as u32).min(8));
+        let s = self.row_start(y as u32, z as u32);
+        self.words[s + (x as usize >> 6)] |= u64::from(byte & valid) << (x & 63);
+    }
+
     /// Keeps what another mask of the same size has too.
     pub fn keep(&mut self, other: &Self) {
         self.combine(other, |a, b| a & b);

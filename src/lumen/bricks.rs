@@ -191,6 +191,52 @@ pub(super) fn of_mask(mask: &BitVolume, bounds: Option<(UVec3, UVec3)>) -> (Bric
     (bricks, inside)
 }
 
+/// The bricks within a brick of every voxel that lies at most `reach_vox` voxels from a mask, as far
+/// as they lie in the volume: room for what looks around the mask.
+pub fn surrounding_bricks(mask: &BitVolume, reach_vox: f64) -> Bricks {
+    let near = super::dilated(mask, glam::DVec3::ONE, reach_vox);
+    let bounds = near.bounds();
+    let (bricks, inside) = of_mask(&near, bounds);
+    // A voxel in the middle of a brick stands for it, and calls for no other.
+    let last: IVec3 = (mask.dims().as_ivec3() - 1) >> 3i32;
+    let mut coarse = BitVolume::new((last + 1).as_uvec3());
+    for (slot, c) in bricks.corners().iter().enumerate() {
+        if inside[8 * slot..][..8].iter().any(|w| *w != 0) {
+            let b: UVec3 = (IVec3::from(*c) >> 3i32).as_uvec3();
+            coarse.set(b.x, b.y, b.z);
+        }
+    }
+    let coarse = super::dilated(&coarse, glam::DVec3::ONE, 1.8);
+    let mut marks = BitVolume::new(mask.dims());
+    for b in coarse.voxels() {
+        let v = (b * 8 + 3).min(mask.dims() - 1);
+        marks.set(v.x, v.y, v.z);
+    }
+    let bounds = marks.bounds();
+    of_mask(&marks, bounds).0
+}
+
+/// The bits of a mask in bricks: eight words a slot, as [`super::Lumen::inside`].
+pub fn bits_in(bricks: &Bricks, mask: &BitVolume) -> Vec<u64> {
+    let dims = mask.dims().as_ivec3();
+    let mut out = vec![0u64; 8 * bricks.len()];
+    out.par_chunks_exact_mut(8).zip(bricks.corners()).with_min_len(64).for_each(|(words, c)| {
+        if !(0..dims.x).contains(&c[0]) {
+            return;
+        }
+        for (z, word) in words.iter_mut().enumerate() {
+            for y in 0..8 {
+                let (row, slice) = (c[1] + y, c[2] + z as i32);
+                if (0..dims.y).contains(&row) && (0..dims.z).contains(&slice) {
+                    let row = mask.row(row as u32, slice as u32);
+                    *word |= (row[c[0] as usize >> 6] >> (c[0] & 63) & 255) << (8 * y);
+                }
+            }
+        }
+    });
+    out
+}
+
 /// Appends the bricks with bits of one row of bricks along x, ascending.
 fn filled_of(
     mask: &BitVolume,

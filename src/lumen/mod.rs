@@ -14,7 +14,7 @@ mod thickening;
 mod voxelized;
 
 pub use bits::{BitVolume, Run};
-pub use bricks::Bricks;
+pub use bricks::{Bricks, bits_in, surrounding_bricks};
 pub use components::{Component, Piece, fill_cavities, pieces};
 pub use grow::grow;
 pub use intensity_selection::IntensitySelection;
@@ -151,12 +151,21 @@ impl SegmentationOptions {
         Self { selection, seed: None, all_components: false, fill: true, leak_control: false }
     }
 
+    /// Chooses the lumen, in bricks.
+    ///
+    /// # Errors
+    /// As [`SegmentationOptions::select`].
+    pub fn apply(&self, volume: &Volume) -> Result<(Lumen, SegmentationStats), LumenError> {
+        let (mask, found) = self.select(volume)?;
+        Ok((Lumen::new(volume.grid, &mask), found))
+    }
+
     /// Chooses the lumen.
     ///
     /// # Errors
     /// [`LumenError`] names the seed or selection at fault, [`LumenError::Sheared`] a grid that is
     /// no box. No lumen is ever empty.
-    pub fn apply(&self, volume: &Volume) -> Result<(Lumen, SegmentationStats), LumenError> {
+    pub fn select(&self, volume: &Volume) -> Result<(BitVolume, SegmentationStats), LumenError> {
         if !volume.grid.is_orthogonal() {
             return Err(LumenError::Sheared { degrees: volume.grid.shear_rad().to_degrees() });
         }
@@ -181,7 +190,7 @@ impl SegmentationOptions {
         if self.fill {
             found.filled = components::fill_cavities(&mut mask);
         }
-        Ok((Lumen::new(volume.grid, &mask), found))
+        Ok((mask, found))
     }
 
     /// The largest component, or all of them.
@@ -226,6 +235,19 @@ impl Lumen {
         let touches_edge =
             bounds.is_some_and(|(lo, hi)| lo.cmpeq(UVec3::ZERO).any() || hi.cmpeq(top).any());
         Self { grid, bricks, inside, boundary, internal_voxels, boundary_voxels, touches_edge }
+    }
+
+    /// The inside voxels as a mask of the whole grid.
+    pub fn mask(&self) -> BitVolume {
+        let mut out = BitVolume::new(self.grid.dims);
+        for (words, c) in self.inside.as_chunks::<8>().0.iter().zip(self.bricks.corners()) {
+            for (z, word) in words.iter().enumerate().filter(|(_, word)| **word != 0) {
+                for (y, byte) in word.to_le_bytes().into_iter().enumerate() {
+                    out.set_byte(c[0], c[1] + y as i32, c[2] + z as i32, byte);
+                }
+            }
+        }
+        out
     }
 
     /// Inside voxels.

@@ -190,6 +190,8 @@ fn from_trachea(
     Ok(FoundOrgan {
         organ: Organ::Airway,
         mask,
+        core: None,
+        fluid: None,
         selection: IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: threshold },
         threshold,
         segments: vec![Segment { seed: start.seed, volume_ml }],

@@ -141,6 +141,8 @@ fn from_aorta(volume: &Volume, aorta: &Aorta, mut gates: Gates) -> Result<FoundO
     Ok(FoundOrgan {
         organ: Organ::Vessel,
         mask,
+        core: None,
+        fluid: None,
         selection: IntensitySelection::Range { lo: level(TUBE_PART), hi: f64::INFINITY },
         threshold: level(TUBE_PART),
         segments: vec![Segment { seed, volume_ml }],

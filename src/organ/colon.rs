@@ -31,32 +31,44 @@ pub(super) fn find(volume: &Volume, tagged: bool) -> Result<FoundOrgan, OrganErr
         return Err(gates.refuse(format!("no voxel of gas ({LEAST_HU} to {GAS_HU} HU)")));
     };
     pass(&gas, &mut gates)?;
+    let mut core = BitVolume::new(volume.grid.dims);
+    gas.colon.iter().for_each(|c| core.add(&c.mask));
+    fill_cavities(&mut core);
     let mut mask = grown_to_wall(volume, &gas);
+    let mut bright = None;
     let mut threshold = WALL_HU;
     let mut selection = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: WALL_HU };
-    if tagged {
-        match fluid(volume, &mask) {
-            Some(fluid) => {
-                gates.note(format!(
-                    "tagged fluid from {:.0} HU, {} of it: {:.0} ml in {} pools",
-                    fluid.threshold,
-                    fluid.below,
-                    fluid.mask.count() as f64 * volume.grid.voxel_mm3() / 1000.0,
-                    fluid.pools
-                ));
-                mask.add(&fluid.mask);
-                fill_cavities(&mut mask);
-                // Gas and fluid lie on both sides of tissue: no one range of values holds them.
-                selection = IntensitySelection::Labels(Vec::new());
-                threshold = fluid.threshold;
-            }
-            None => gates.note("no tagged fluid below the gas".into()),
+    match fluid(volume, &mask) {
+        Some(fluid) if !tagged => gates.note(format!(
+            "tagged fluid from {:.0} HU: {:.0} ml, not taken",
+            fluid.threshold,
+            fluid.mask.count() as f64 * volume.grid.voxel_mm3() / 1000.0
+        )),
+        Some(fluid) => {
+            gates.note(format!(
+                "tagged fluid from {:.0} HU, {} of it: {:.0} ml in {} pools",
+                fluid.threshold,
+                fluid.below,
+                fluid.mask.count() as f64 * volume.grid.voxel_mm3() / 1000.0,
+                fluid.pools
+            ));
+            mask.add(&fluid.mask);
+            let mut inner = fluid.mask;
+            inner.keep(&between(volume, fluid.threshold, f64::INFINITY));
+            bright = Some(inner);
+            fill_cavities(&mut mask);
+            // Gas and fluid lie on both sides of tissue: no one range of values holds them.
+            selection = IntensitySelection::Labels(Vec::new());
+            threshold = fluid.threshold;
         }
+        None => gates.note("no tagged fluid below the gas".into()),
     }
     let segment = |c: &Candidate| Segment { seed: c.seed, volume_ml: c.volume_ml };
     Ok(FoundOrgan {
         organ: Organ::Colon,
         mask,
+        core: Some(core),
+        fluid: bright,
         selection,
         threshold,
         segments: gas.colon.iter().map(segment).collect(),

@@ -71,7 +71,7 @@ pub struct OrganOptions {
 
 impl From<Organ> for OrganOptions {
     fn from(organ: Organ) -> Self {
-        Self { organ, tagged: true, thin: true }
+        Self { organ, tagged: false, thin: true }
     }
 }
 
@@ -82,6 +82,11 @@ pub struct FoundOrgan {
     pub organ: Organ,
     /// Its lumen.
     pub mask: BitVolume,
+    /// The part of the mask that is certain, without mixed voxels at its wall, where that is less: the
+    /// core of a wall field.
+    pub core: Option<BitVolume>,
+    /// Voxels of the mask that are tagged fluid, where it holds gas and fluid.
+    pub fluid: Option<BitVolume>,
     /// Values of the lumen as a range; the mask is not all of it.
     pub selection: IntensitySelection,
     /// The end of the range that was chosen, real units.

@@ -77,6 +77,8 @@ fn grown(volume: &Volume, threshold: f64, mut gates: Gates) -> Result<FoundOrgan
     Ok(FoundOrgan {
         organ: Organ::Vessel,
         mask,
+        core: None,
+        fluid: None,
         selection: IntensitySelection::Range { lo: threshold, hi: f64::INFINITY },
         threshold,
         segments: vec![Segment { seed, volume_ml }],

@@ -11,6 +11,8 @@ use crate::lumen::{LumenError, VoxelizeError};
 use crate::mesh::{MeshError, ParameterizationError};
 use crate::organ::{Organ, OrganError};
 use crate::render::RenderError;
+use crate::surface::RelaxError;
+use crate::wall::WallError;
 
 /// Why a product could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -25,6 +27,12 @@ pub enum SessionError {
     /// No such organ in the volume.
     #[error(transparent)]
     Organ(#[from] OrganError),
+    /// The wall field.
+    #[error(transparent)]
+    Wall(#[from] WallError),
+    /// A wall that cannot be relaxed.
+    #[error(transparent)]
+    Relax(#[from] RelaxError),
     /// The centerline.
     #[error(transparent)]
     Centerline(#[from] CenterlineError),

@@ -41,12 +41,13 @@ pub use memory::{estimate_bytes, peak_memory_mb, refuse_above};
 pub use progress::Progress;
 pub use report::{
     CenterlineReport, ComponentReport, CoverageReport, FramesReport, InputReport, LumenReport,
-    Modes, OrganReport, PatchReport, Report, SegmentReport, SurfaceReport,
+    Modes, OrganReport, PatchReport, Report, SegmentReport, SurfaceReport, WallFieldReport,
+    WallReport,
 };
-pub use segmentation::Segmented;
+pub use segmentation::{Core, Segmented};
 pub use settings::{
     CenterlineSettings, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings, Seed,
-    Settings, Source, VolumeSource, WallSettings,
+    Settings, Source, VolumeSource, WallMethod, WallSettings,
 };
 pub use stages::Product;
 pub use surface::{DrawnWall, Wall, gradient_normals, smoothed_normals, without_caps};
@@ -102,6 +103,7 @@ struct Slots {
     volume: Slot<Loaded>,
     device: Slot<OpenDevice>,
     inputs: Slot<Inputs>,
+    core: Slot<Core>,
     lumen: Slot<Segmented>,
     distance: Slot<Array<f32>>,
     fields: Slot<Fields>,
@@ -162,6 +164,8 @@ macro_rules! products {
 }
 
 products! {
+    /// The mask that decides which lumen is meant.
+    core: core, Core, Core;
     /// The lumen in bricks, with what choosing it found.
     lumen: lumen, Lumen, Segmented;
     /// Exact distance to the nearest external voxel centre, mm, in slot order of the lumen.
@@ -210,7 +214,7 @@ impl Session {
     }
 
     /// A session of the same inputs that follows another mode: shares threads, device, volume and
-    /// lumen with this one.
+    /// core with this one.
     pub fn in_mode(&self, mode: Mode) -> Self {
         let other = Self {
             source: self.source.clone(),
@@ -232,7 +236,7 @@ impl Session {
         share(self, &other, |s| &s.volume, Product::Volume);
         share(self, &other, |s| &s.device, Product::Device);
         share(self, &other, |s| &s.inputs, Product::Inputs);
-        share(self, &other, |s| &s.lumen, Product::Lumen);
+        share(self, &other, |s| &s.core, Product::Core);
         other
     }
 
@@ -340,6 +344,7 @@ impl Session {
             Product::Volume => drop(locked(&slots.volume).take()),
             Product::Device => drop(locked(&slots.device).take()),
             Product::Inputs => drop(locked(&slots.inputs).take()),
+            Product::Core => drop(locked(&slots.core).take()),
             Product::Lumen => drop(locked(&slots.lumen).take()),
             Product::Distance => drop(locked(&slots.distance).take()),
             Product::Fields => drop(locked(&slots.fields).take()),

@@ -7,7 +7,7 @@ use glam::UVec3;
 use serde::Serialize;
 
 use super::levels::LodReport;
-use super::{Centered, Clock, Segmented, Session, SessionError, StageTime};
+use super::{Centered, Clock, Segmented, Session, SessionError, StageTime, WallMethod};
 use crate::centerline::complex::net::Rule;
 use crate::centerline::{LumenLoop, Proof};
 use crate::geometry::{Branch, Centerline};
@@ -37,6 +37,8 @@ pub struct Report {
     pub lumen: Option<LumenReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub organ: Option<OrganReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wall: Option<WallReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface: Option<SurfaceReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -110,6 +112,33 @@ pub struct OrganReport {
     pub confidence: f64,
     /// What was measured and decided.
     pub reasons: Vec<String>,
+}
+
+/// How the wall was drawn. Values are in real units (HU of a CT); only a wall field has them.
+#[derive(Clone, Debug, Serialize)]
+#[allow(missing_docs)]
+pub struct WallReport {
+    pub method: WallMethod,
+    #[serde(flatten)]
+    pub field: Option<WallFieldReport>,
+}
+
+/// A wall field.
+#[derive(Clone, Debug, Serialize)]
+#[allow(missing_docs)]
+pub struct WallFieldReport {
+    /// Thresholds at 5, 25, 50, 75 and 95 % of the wall.
+    pub threshold_percentiles: [f64; 5],
+    /// Share of the wall that was drawn because a sheet is there.
+    pub sheet_share: f64,
+    /// Share of the wall that a limit of growth has closed: no wall was seen there.
+    pub closed_by_limit_share: f64,
+    pub lumen_value: f64,
+    pub wall_value: f64,
+    /// Standard deviation of noise in the lumen.
+    pub noise: f64,
+    /// Standard deviation of the scan's blur.
+    pub sigma_mm: f64,
 }
 
 /// A connected part of an organ.
@@ -282,6 +311,7 @@ impl Session {
             mask: inputs.mask.clone(),
             lumen: Some(LumenReport::of(&lumen)),
             organ: OrganReport::of(&lumen),
+            wall: Some(WallReport::of(&lumen)),
             surface: Some(SurfaceReport::of(wall.topology, area)),
             centerline: Some(CenterlineReport::of(&centered, &lumen.lumen)),
             coverage: coverage.map(|c| super::coverage::report(&c)),
@@ -363,6 +393,25 @@ impl LumenReport {
             touches_edge: lumen.touches_edge,
             leak_threshold: found.leak.map(|l| l.threshold),
         }
+    }
+}
+
+impl WallReport {
+    /// How the wall of a lumen was drawn.
+    pub fn of(Segmented { wall, method, .. }: &Segmented) -> Self {
+        let field = wall.as_ref().map(|wall| {
+            let stats = &wall.stats;
+            WallFieldReport {
+                threshold_percentiles: stats.threshold_percentiles,
+                sheet_share: stats.sheet_share,
+                closed_by_limit_share: stats.closed_by_limit_share,
+                lumen_value: stats.contrast.lumen,
+                wall_value: stats.contrast.wall,
+                noise: stats.contrast.noise,
+                sigma_mm: stats.sigma_mm,
+            }
+        });
+        Self { method: *method, field }
     }
 }
 

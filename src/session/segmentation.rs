@@ -1,19 +1,58 @@
-//! Choosing the lumen.
+//! Choosing the core of the lumen, and the lumen from it.
+//!
+//! The core (threshold, label, organ) decides which lumen is meant. In grey values the wall field
+//! decides where its wall is; of label maps and in paper mode the core is the lumen.
+
+use std::sync::Arc;
+use std::time::Instant;
 
 use glam::IVec3;
 
-use super::settings::{Seed, Source};
-use super::{Clock, Session, SessionError, estimate_bytes, present, put, refuse_above};
-use crate::lumen::{
-    Component, Lumen, LumenError, SegmentationOptions, SegmentationStats, fill_cavities,
+use super::load::Loaded;
+use super::settings::{Seed, Source, WallMethod};
+use super::{
+    Clock, Mode, Session, SessionError, estimate_bytes, present, put, read_any_volume, refuse_above,
 };
-use crate::organ::{self, FoundOrgan, OrganOptions};
+use crate::compute::Plan;
+use crate::device::Device;
+use crate::lumen::{
+    BitVolume, Component, IntensitySelection, Lumen, LumenError, SegmentationOptions,
+    SegmentationStats, fill_cavities,
+};
+use crate::organ::{self, FoundOrgan, Organ, OrganOptions};
+use crate::surface::relaxes_by_default;
 use crate::volume::{Grid, Volume};
+use crate::wall::{self, Tissue, WallField, WallInput};
+
+/// The mask that decides which lumen is meant, and which way a route can take.
+pub struct Core {
+    /// Its voxels, cavities filled.
+    pub mask: BitVolume,
+    /// Components left out, cavities filled, leaks.
+    pub found: SegmentationStats,
+    /// The options it was chosen with, the seed as a voxel.
+    pub options: SegmentationOptions,
+    /// The organ, where one was looked for.
+    pub organ: Option<FoundOrgan>,
+    /// What a user should know about how it came out.
+    pub notes: Vec<String>,
+}
+
+impl Core {
+    /// The voxels that the wall is drawn about: of an organ without mixed ones at its wall.
+    pub fn voxels(&self) -> &BitVolume {
+        self.organ.as_ref().and_then(|o| o.core.as_ref()).unwrap_or(&self.mask)
+    }
+}
 
 /// The lumen with what choosing it found.
 pub struct Segmented {
     /// Bricks and classes.
     pub lumen: Lumen,
+    /// Where the wall lies between voxels, where grey values say so.
+    pub wall: Option<WallField>,
+    /// How the wall is drawn; never [`WallMethod::Auto`].
+    pub method: WallMethod,
     /// Components left out, cavities filled, leaks.
     pub found: SegmentationStats,
     /// The options it was chosen with, the seed as a voxel.
@@ -32,7 +71,73 @@ impl Segmented {
 }
 
 impl Session {
+    /// How the wall is drawn of this lumen.
+    fn wall_method(&self, loaded: &Loaded, core: &Core) -> WallMethod {
+        let is_grey = matches!(core.options.selection, IntensitySelection::Range { .. })
+            || core.organ.is_some();
+        match self.settings.lumen.wall {
+            _ if self.settings.wall.from_mask => WallMethod::Exact,
+            WallMethod::Auto if self.settings.mode == Mode::Paper => WallMethod::Exact,
+            WallMethod::Auto if is_grey => WallMethod::Field,
+            WallMethod::Auto if relaxes_by_default(loaded.volume.grid.spacing_mm) => {
+                WallMethod::Relaxed
+            }
+            WallMethod::Auto => WallMethod::Exact,
+            // Labels hold no grey values, but the image they were drawn on may.
+            WallMethod::Field if !is_grey && loaded.image.is_none() => WallMethod::Exact,
+            method => method,
+        }
+    }
+
+    /// The grey values that the wall is drawn from.
+    fn grey_volume(&self, loaded: &Loaded) -> Result<Arc<Volume>, SessionError> {
+        match &self.source {
+            Source::Mask { image: Some(image), .. } => {
+                read_any_volume(image, self.settings.max_memory_mb)
+            }
+            _ => Ok(Arc::clone(&loaded.volume)),
+        }
+    }
+
     pub(super) fn run_lumen(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let loaded = present(&self.slots.volume);
+        let core = present(&self.slots.core);
+        let method = self.wall_method(&loaded, &core);
+        let grid = loaded.volume.grid;
+        let (lumen, wall) = if method == WallMethod::Field {
+            let volume = self.grey_volume(&loaded)?;
+            let tissue = match core.organ.as_ref().map(|o| o.organ) {
+                Some(Organ::Airway) => Tissue::Airway,
+                Some(Organ::Colon) => Tissue::Colon,
+                Some(Organ::Vessel) => Tissue::Vessel,
+                None => Tissue::Unknown,
+            };
+            let device = present(&self.slots.device);
+            let limit = self.settings.max_memory_mb;
+            let mut field = |core: &BitVolume, tissue| {
+                wall_field(&mut device.lock(), &volume, core, tissue, limit, clock)
+            };
+            let mut made = field(core.voxels(), tissue)?;
+            if let Some(fluid) = core.organ.as_ref().and_then(|o| o.fluid.as_ref()) {
+                made = wall::joined(made, field(fluid, Tissue::Fluid)?, &core.mask);
+            }
+            (made.0, Some(made.1))
+        } else {
+            (Lumen::new(grid, &core.mask), None)
+        };
+        self.check_memory(&loaded.volume, &lumen)?;
+        let mut notes = core.notes.clone();
+        if lumen.touches_edge {
+            notes.push(TOUCHES_EDGE.into());
+            tracing::warn!("{TOUCHES_EDGE}");
+        }
+        let (found, options, organ) =
+            (core.found.clone(), core.options.clone(), core.organ.clone());
+        put(&self.slots.lumen, Segmented { lumen, wall, method, found, options, organ, notes });
+        Ok(())
+    }
+
+    pub(super) fn run_core(&self, clock: &mut Clock) -> Result<(), SessionError> {
         let loaded = present(&self.slots.volume);
         let volume = &*loaded.volume;
         let settings = &self.settings.lumen;
@@ -62,18 +167,16 @@ impl Session {
             fill: settings.fill,
             leak_control: settings.leak_control,
         };
-        let voxels = |r: &Result<(Lumen, SegmentationStats), _>| {
-            r.as_ref().map_or(0, |r| r.0.inside_voxels())
-        };
-        let (lumen, found) = clock.time("segment", "voxels", || options.apply(volume), voxels)?;
-        if lumen.bricks.is_empty() {
+        let voxels =
+            |r: &Result<(BitVolume, SegmentationStats), _>| r.as_ref().map_or(0, |r| r.0.count());
+        let (mask, found) = clock.time("segment", "voxels", || options.select(volume), voxels)?;
+        if mask.is_empty() {
             let (selection, range) = (options.selection.clone(), volume.range());
             return Err(LumenError::Empty { selection, range }.into());
         }
-        let notes = notes(&lumen, &found);
+        let notes = notes(&volume.grid, &found);
         notes.iter().for_each(|line| tracing::warn!("{line}"));
-        self.check_memory(volume, &lumen)?;
-        put(&self.slots.lumen, Segmented { lumen, found, options, organ: None, notes });
+        put(&self.slots.core, Core { mask, found, options, organ: None, notes });
         Ok(())
     }
 
@@ -90,7 +193,6 @@ impl Session {
         if self.settings.lumen.fill {
             found.filled = fill_cavities(&mut organ.mask);
         }
-        let lumen = Lumen::new(volume.grid, &organ.mask);
         let seed = organ.segments.first().map(|s| s.seed);
         let options = SegmentationOptions {
             seed,
@@ -98,16 +200,11 @@ impl Session {
             fill: self.settings.lumen.fill,
             ..SegmentationOptions::new(organ.selection.clone())
         };
-        let mut notes = vec![format!(
-            "{}: {} (confidence {:.2})",
-            organ.organ.name(),
-            organ.reasons.join("; "),
-            organ.confidence
-        )];
-        notes.extend(self::notes(&lumen, &found));
+        organ.reasons.iter().for_each(|reason| tracing::info!("{reason}"));
+        let notes = notes(&volume.grid, &found);
         notes.iter().for_each(|line| tracing::warn!("{line}"));
-        self.check_memory(volume, &lumen)?;
-        put(&self.slots.lumen, Segmented { lumen, found, options, organ: Some(organ), notes });
+        let mask = organ.mask.clone();
+        put(&self.slots.core, Core { mask, found, options, organ: Some(organ), notes });
         Ok(())
     }
 
@@ -122,7 +219,58 @@ impl Session {
     }
 }
 
-fn notes(lumen: &Lumen, found: &SegmentationStats) -> Vec<String> {
+/// What a user should know of a lumen that reaches the volume's edge.
+const TOUCHES_EDGE: &str = "the lumen touches the edge of the volume; it is closed there by caps";
+/// Bytes a voxel of a brick that the wall field takes while it is computed.
+const WALL_BYTES: u64 = 40;
+
+/// The lumen about a core as the grey values have it.
+///
+/// # Errors
+/// [`SessionError::Wall`], [`SessionError::Memory`], the device's.
+fn wall_field(
+    device: &mut Device,
+    volume: &Volume,
+    core: &BitVolume,
+    tissue: Tissue,
+    allowed_mb: Option<u64>,
+    clock: &mut Clock,
+) -> Result<(Lumen, WallField), SessionError> {
+    let start = Instant::now();
+    let input = WallInput::new(volume, core, tissue)?;
+    let voxels = input.voxels() as u64;
+    let bytes = volume.samples.bytes().len() as u64 + WALL_BYTES * voxels;
+    refuse_above(allowed_mb, bytes, "volume and wall field")?;
+    let (buffers, mut out) = {
+        let mut plan = Plan::new();
+        let buffers = input.profile(&mut plan);
+        (buffers, device.run(&plan)?)
+    };
+    clock.record_plan("wall profile", device.name(), start, (voxels, "voxels"), &out);
+    let start = Instant::now();
+    let profile = input.select(&buffers, &mut out)?;
+    let (moved, mut out) = {
+        let mut plan = Plan::new();
+        let moved = profile.correct(&mut plan);
+        (moved, device.run(&plan)?)
+    };
+    let moved = out.take(moved);
+    let made = profile.finish(&moved)?;
+    clock.record_plan("wall field", device.name(), start, (voxels, "voxels"), &out);
+    let stats = &made.1.stats;
+    tracing::info!(
+        "wall: from {:.0} to {:.0} (noise {:.0}), blur {:.2} mm, {:.1} % on sheets, {:.1} % not seen",
+        stats.contrast.lumen,
+        stats.contrast.wall,
+        stats.contrast.noise,
+        stats.sigma_mm,
+        100.0 * stats.sheet_share,
+        100.0 * stats.closed_by_limit_share
+    );
+    Ok(made)
+}
+
+fn notes(grid: &Grid, found: &SegmentationStats) -> Vec<String> {
     let mut out = Vec::new();
     if let Some(leak) = found.leak {
         let leaks = leak.leak_ml.map_or("no leak found".to_owned(), |ml| {
@@ -132,10 +280,7 @@ fn notes(lumen: &Lumen, found: &SegmentationStats) -> Vec<String> {
         out.push(format!("leak control: threshold {t} holds {v:.1} ml; {leaks}"));
     }
     if !found.others.is_empty() || !found.outside.is_empty() {
-        out.push(taken_note(&lumen.grid, found));
-    }
-    if lumen.touches_edge {
-        out.push("the lumen touches the edge of the volume; it is closed there by caps".into());
+        out.push(taken_note(grid, found));
     }
     out
 }

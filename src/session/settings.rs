@@ -70,6 +70,22 @@ pub enum Seed {
     Point(DVec3),
 }
 
+/// Where the wall of the lumen lies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WallMethod {
+    /// Of grey values the field, of a label map relaxed where slices are thin enough; else, and in
+    /// paper mode, exact.
+    #[default]
+    Auto,
+    /// Where the profile of the grey values puts it.
+    Field,
+    /// Of a label map, smooth within half a voxel: every voxel centre stays on its side.
+    Relaxed,
+    /// At the threshold, held in the mask, or half way between voxels of a label map.
+    Exact,
+}
+
 /// Which voxels are the lumen.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LumenSettings {
@@ -85,6 +101,8 @@ pub struct LumenSettings {
     pub fill: bool,
     /// Draw the threshold in to just before the first leak (needs a seed).
     pub leak_control: bool,
+    /// Where its wall lies.
+    pub wall: WallMethod,
 }
 
 impl Default for LumenSettings {
@@ -96,6 +114,7 @@ impl Default for LumenSettings {
             all_components: false,
             fill: true,
             leak_control: false,
+            wall: WallMethod::Auto,
         }
     }
 }

@@ -15,7 +15,9 @@ pub enum Product {
     Device,
     /// Hash and geometry of the inputs, for the report.
     Inputs,
-    /// Bricks and classes of the lumen.
+    /// The mask that decides which lumen is meant.
+    Core,
+    /// Bricks and classes of the lumen, and its wall field.
     Lumen,
     /// Exact distance to the wall.
     Distance,
@@ -127,7 +129,8 @@ pub static STAGES: &[Stage] = stages! {
     // product  needs                                  runs on  shown                   % when            run
     Volume      []                                      Cpu     "reading"               4.0 always        run_volume;
     Device      []                                      Cpu     "opening the device"    1.0 always        run_device;
-    Lumen       [Volume]                                Cpu     "segmentation"          2.0 always        run_lumen;
+    Core        [Volume]                                Cpu     "segmentation"          2.0 always        run_core;
+    Lumen       [Core Volume Device]                    Device  "wall field"            3.0 always        run_lumen;
     Distance    [Lumen Device]                          Device  "distance field"        3.0 always        run_distance;
     Fields      [Lumen Device]                          Device  "distance fields"       6.0 always        run_fields;
     Display     [Device]                                Cpu     "opening the renderer"  1.0 always        run_display;

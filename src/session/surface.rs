@@ -6,17 +6,18 @@ use std::time::Instant;
 use glam::{DVec3, IVec3, Vec3};
 use rayon::prelude::*;
 
-use super::{Clock, Segmented, Session, SessionError, present, put};
+use super::{Clock, Segmented, Session, SessionError, WallMethod, present, put};
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::field::Sampler;
 use crate::geometry::Mesh;
-use crate::lumen::{IntensitySelection, Lumen};
+use crate::lumen::Lumen;
 use crate::surface::{
     self as stage, Adjacency, Grey, Midpoint, MultiscaleNormals, Shading, Smoothing, Surface,
     Topology, VoxelFrame, shading,
 };
 use crate::volume::Volume;
+use crate::wall::{FieldCrossing, WallField, field_normals, smoothed_field};
 
 /// How to make the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,9 +88,7 @@ impl Session {
             smoothing: self.settings.smoothing(),
             track_from: segmented.track_from(),
         };
-        let Segmented { lumen, options: segmentation, .. } = &*segmented;
-        let (volume, select) = (&*loaded.volume, &segmentation.selection);
-        let wall = wall(&mut device.lock(), volume, select, lumen, options, clock)?;
+        let wall = wall(&mut device.lock(), &loaded.volume, &segmented, options, clock)?;
         put(&self.slots.wall, wall);
         Ok(())
     }
@@ -119,17 +118,20 @@ impl Session {
 fn wall(
     device: &mut Device,
     volume: &Volume,
-    selection: &IntensitySelection,
-    lumen: &Lumen,
+    segmented: &Segmented,
     options: SurfaceOptions,
     clock: &mut Clock,
 ) -> Result<Wall, SessionError> {
+    let Segmented { lumen, wall, options: segmentation, method, .. } = segmented;
+    let relaxed = *method == WallMethod::Relaxed;
+    let grey = Grey::new(volume, &segmentation.selection).filter(|_| options.from_grey);
     let mesh = clock.time(
         "surface",
         "faces",
-        || match Grey::new(volume, selection).filter(|_| options.from_grey) {
-            Some(grey) => stage::extract(lumen, &grey),
-            None => stage::extract(lumen, &Midpoint),
+        || match (wall, grey) {
+            (Some(field), _) => stage::extract(lumen, &FieldCrossing { lumen, field }),
+            (None, Some(grey)) if !relaxed => stage::extract(lumen, &grey),
+            (None, _) => stage::extract(lumen, &Midpoint),
         },
         |mesh| mesh.faces.len() as u64,
     );
@@ -140,11 +142,70 @@ fn wall(
         |s| s.mesh.faces.len() as u64,
     );
     let Surface { mut mesh, adjacency, topology } = surface;
-    let grid = &lumen.grid;
-    let lattice = VoxelFrame { direction: grid.direction, spacing_mm: grid.spacing_mm };
-    mesh.normals =
-        smoothed_normals(device, (&mesh, &adjacency), lattice, options.smoothing, clock)?;
+    mesh.normals = match (wall, options.smoothing) {
+        (Some(field), Smoothing::Multiscale) => gradient_of(device, lumen, field, &mesh, clock)?,
+        (_, smoothing) => {
+            let grid = &lumen.grid;
+            let lattice = VoxelFrame { direction: grid.direction, spacing_mm: grid.spacing_mm };
+            smoothed_normals(device, (&mesh, &adjacency), lattice, smoothing, clock)?
+        }
+    };
+    if relaxed {
+        mesh.positions = relaxed_positions(device, lumen, (&mesh, &adjacency), clock)?;
+    }
     Ok(Wall { mesh, topology })
+}
+
+/// Positions of a halfway mesh's vertices after they have slid along their grid edges to where the
+/// wall agrees with the mesh's smoothed normals.
+///
+/// # Errors
+/// The device's; [`crate::surface::RelaxError`] for thick slices.
+fn relaxed_positions(
+    device: &mut Device,
+    lumen: &Lumen,
+    (mesh, adjacency): (&Mesh, &Adjacency),
+    clock: &mut Clock,
+) -> Result<Vec<Vec3>, SessionError> {
+    let start = Instant::now();
+    let input = stage::RelaxInput::new(mesh, lumen)?;
+    let flat: Vec<f32> = mesh.normals.iter().flat_map(|n| n.to_array()).collect();
+    let mut plan = Plan::new();
+    let normals = plan.upload("normals", &flat);
+    let s = stage::relax(&mut plan, adjacency, &input, normals);
+    plan.download(s);
+    let out = device.run(&plan)?;
+    let positions = input.positions(&mesh.positions, out.get(s));
+    let items = (mesh.positions.len() as u64, "vertices");
+    clock.record_plan("relax", device.name(), start, items, &out);
+    Ok(positions)
+}
+
+/// Normals of a mesh from the gradient of its wall field.
+///
+/// # Errors
+/// The device's.
+fn gradient_of(
+    device: &mut Device,
+    lumen: &Lumen,
+    field: &WallField,
+    mesh: &Mesh,
+    clock: &mut Clock,
+) -> Result<Vec<Vec3>, SessionError> {
+    let start = Instant::now();
+    // What has no brick counts as 0 to a Gaussian: let that be far outside.
+    let far = field.offset_mm.iter().copied().fold(0.0, f32::max);
+    let offsets: Vec<f32> = field.offset_mm.par_iter().map(|o| o - far).collect();
+    let mut plan = Plan::new();
+    let f = smoothed_field(&mut plan, lumen, &offsets);
+    plan.download(f);
+    let out = device.run(&plan)?;
+    let faces: Vec<Vec3> =
+        stage::face_normals(mesh).chunks_exact(3).map(Vec3::from_slice).collect();
+    let normals = field_normals(lumen, out.get(f), mesh, &faces);
+    let items = (mesh.positions.len() as u64, "vertices");
+    clock.record_plan("field normals", device.name(), start, items, &out);
+    Ok(normals)
 }
 
 /// Smoothed normals of a mesh and its adjacency, from its face normals.

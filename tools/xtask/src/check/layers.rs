@@ -17,6 +17,7 @@ pub const ORDER: &[&str] = &[
     "organ",
     "centerline",
     "surface",
+    "wall",
     "mesh",
     "lod",
     "flight",

@@ -1,0 +1,160 @@
+//! Values of lumen, wall and noise about a core, by which grey values become integers.
+
+use glam::{DVec3, UVec3};
+
+use super::Tissue;
+use crate::lumen::{BitVolume, dilated, eroded};
+use crate::volume::Volume;
+
+/// Integers from the lumen's value to the wall's.
+pub(super) const UNIT: f64 = 4096.0;
+/// Contrast of a CT between gas and tissue, HU: sizes in HU below are shares of it.
+const GAS_CONTRAST_HU: f64 = 990.0;
+/// Soft tissue, HU.
+const TISSUE_HU: f64 = 40.0;
+/// Lung parenchyma, HU.
+const LUNG_HU: f64 = -850.0;
+/// Values of gas in a CT, HU.
+const GAS_HU: std::ops::Range<f64> = -1150.0..-750.0;
+/// Three of four voxels about gas in a body have values up to here, HU.
+const MOST_BESIDE_GAS_HU: f64 = 150.0;
+/// Voxels of which a median is taken, at most.
+const SAMPLES: usize = 8192;
+/// The shell in which the wall's value is looked for, mm from the core.
+const SHELL_MM: (f64, f64) = (3.0, 4.0);
+
+/// A size in HU of a CT with gas, in integers of the present contrast.
+pub(super) fn of_hu(hu: f64) -> i32 {
+    (hu / GAS_CONTRAST_HU * UNIT).round() as i32
+}
+
+/// What values mean.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contrast {
+    /// The lumen's value, real units.
+    pub lumen: f64,
+    /// The wall's value, real units.
+    pub wall: f64,
+    /// Value of what lies beyond the wall, of the contrast from lumen to wall.
+    pub(super) beyond: f64,
+    /// Standard deviation of noise in the lumen, real units.
+    pub noise: f64,
+    /// Standard deviation of noise after the smoothing, real units.
+    pub(super) calm_noise: f64,
+    /// Standard deviation of the smoothing along each axis, voxels.
+    pub(super) sigma_vox: DVec3,
+}
+
+impl Contrast {
+    /// Measures lumen, wall and noise. `None` where lumen and wall have the same value.
+    pub(super) fn measured(volume: &Volume, core: &BitVolume, tissue: Tissue) -> Option<Self> {
+        let h = volume.grid.spacing_mm;
+        let inner = eroded(core, DVec3::ONE, 1.0);
+        let inner = spread(if inner.is_empty() { core } else { &inner });
+        let values = |at: &[UVec3]| -> Vec<f64> {
+            let real = at.iter().map(|v| volume.real(volume.grid.index(*v)));
+            real.filter(|v| v.is_finite()).collect()
+        };
+        let (lumen, noise) = median_and_noise(values(&inner))?;
+        let around = |tissue: Tissue| -> Option<(f64, f64)> {
+            match tissue {
+                Tissue::Airway => Some((TISSUE_HU, (LUNG_HU - lumen) / (TISSUE_HU - lumen))),
+                Tissue::Colon => Some((TISSUE_HU, 0.0)),
+                Tissue::Fluid => Some((TISSUE_HU, 1.0)),
+                _ => {
+                    let mut shell = dilated(core, h, SHELL_MM.1.max(1.5 * h.max_element()));
+                    shell.remove(&dilated(core, h, SHELL_MM.0.min(0.5 * SHELL_MM.1)));
+                    let mut shell = values(&spread(&shell));
+                    shell.sort_by(f64::total_cmp);
+                    let at = |share: f64| {
+                        shell.get((share * shell.len().saturating_sub(1) as f64) as usize)
+                    };
+                    let is_gas = tissue == Tissue::Unknown
+                        && GAS_HU.contains(&lumen)
+                        && *at(0.75)? < MOST_BESIDE_GAS_HU
+                        && *at(0.95)? > -500.0;
+                    let air = (TISSUE_HU, (LUNG_HU - lumen) / (TISSUE_HU - lumen));
+                    Some(if is_gas { air } else { (*at(0.5)?, 1.0) })
+                }
+            }
+        };
+        let (wall, beyond) = around(tissue)?;
+        let contrast = wall - lumen;
+        if !(contrast.is_finite() && contrast.abs() > 1e-9 * lumen.abs().max(wall.abs())) {
+            return None;
+        }
+        // More noise is smoothed more: 20 and 40 HU of a CT with gas.
+        let share = noise / contrast.abs();
+        let sigma = match share * GAS_CONTRAST_HU {
+            n if n <= 20.0 => 0.5,
+            n if n <= 40.0 => 0.6,
+            _ => 0.7,
+        };
+        let sigma_vox = sigma * h.min_element() / h;
+        let calm: Vec<f64> = inner.iter().map(|v| smoothed_at(volume, *v, sigma_vox)).collect();
+        let calm_noise = median_and_noise(calm)?.1;
+        Some(Self { lumen, wall, beyond: beyond.clamp(0.0, 1.0), noise, calm_noise, sigma_vox })
+    }
+
+    /// A real value in integers, 0 for the lumen and 4096 for the wall, held within half a contrast
+    /// below and five above; the wall's where there is none.
+    #[inline]
+    pub(super) fn quantised(&self, real: f64) -> i32 {
+        let u = (real - self.lumen) * (UNIT / (self.wall - self.lumen));
+        if u.is_nan() { UNIT as i32 } else { u.round().clamp(-0.5 * UNIT, 6.0 * UNIT) as i32 }
+    }
+
+    /// A threshold in integers as a real value.
+    pub(super) fn real(&self, u: f64) -> f64 {
+        self.lumen + u * (self.wall - self.lumen) / UNIT
+    }
+
+    /// Noise after smoothing, in integers.
+    pub(super) fn noise_units(&self) -> f64 {
+        self.calm_noise / (self.wall - self.lumen).abs() * UNIT
+    }
+}
+
+/// Some voxels of a mask, spread over it.
+fn spread(mask: &BitVolume) -> Vec<UVec3> {
+    let each = (mask.count() as usize).div_ceil(SAMPLES).max(1);
+    mask.voxels().step_by(each).collect()
+}
+
+/// Median, and the standard deviation of normal noise with the same median absolute deviation.
+fn median_and_noise(mut values: Vec<f64>) -> Option<(f64, f64)> {
+    if values.is_empty() {
+        return None;
+    }
+    let median = |values: &mut Vec<f64>| {
+        let at = values.len() / 2;
+        *values.select_nth_unstable_by(at, f64::total_cmp).1
+    };
+    let middle = median(&mut values);
+    values.iter_mut().for_each(|v| *v = (*v - middle).abs());
+    Some((middle, 1.4826 * median(&mut values)))
+}
+
+/// The value at a voxel after a Gaussian; beyond the volume its edge repeats.
+fn smoothed_at(volume: &Volume, v: UVec3, sigma_vox: DVec3) -> f64 {
+    let top = volume.grid.dims.as_ivec3() - 1;
+    let weight = |k: i32, axis: usize| {
+        let x = f64::from(k) / sigma_vox[axis].max(0.05);
+        (-0.5 * x * x).exp()
+    };
+    let (mut sum, mut all) = (0.0, 0.0);
+    for z in -2..=2 {
+        for y in -2..=2 {
+            for x in -2..=2 {
+                let w = weight(x, 0) * weight(y, 1) * weight(z, 2);
+                let at = (v.as_ivec3() + glam::IVec3::new(x, y, z)).clamp(glam::IVec3::ZERO, top);
+                let real = volume.real(volume.grid.index(at.as_uvec3()));
+                if real.is_finite() {
+                    sum += w * real;
+                    all += w;
+                }
+            }
+        }
+    }
+    sum / all
+}

@@ -1,0 +1,582 @@
+//! The wall field: where the wall of a lumen lies in grey values, given a *core* of the lumen.
+//!
+//! The mask that decides the route does not decide where the wall is. Region growing needs a
+//! threshold that does not leak; in an edge blurred from gas to tissue that value lies deep in the
+//! lumen, where noise decides. So the core only says which lumen is meant. About it one field is
+//! computed, negative in the lumen: value minus a threshold that follows from the wall's own profile
+//! (see `law`). The final mask, the surface, its normals and all distances follow from the field.
+//!
+//! Two plans run on a device, each followed by a choice of components on the CPU:
+//! 1. [`WallInput::profile`]: smoothing, growth up to the ridge of the wall, peaks, offsets.
+//! 2. [`WallProfile::correct`]: shift of curved edges by blur, round ends.
+//!
+//! All of it is in integers, so that every device and any number of threads give the same mask.
+
+mod contrast;
+mod law;
+mod normals;
+mod select;
+
+pub use contrast::Contrast;
+pub use normals::{field_normals, smoothed_field};
+
+use glam::{DVec3, IVec3};
+use rayon::prelude::*;
+
+use crate::compute::{Array, Buf, Outputs, Plan};
+use crate::kernels::blur_axis::integer_weights;
+use crate::kernels::{blur_axis, ridge_grow, wall_correct, wall_level, wall_peak, wall_sides};
+use crate::lumen::bricks::BRICK;
+use crate::lumen::{BitVolume, Bricks, Lumen, bits_in, dilated, fill_cavities, surrounding_bricks};
+use crate::surface::{Crossing, clamp_fraction};
+use crate::volume::{Grid, Volume, with_samples};
+use contrast::{UNIT, of_hu};
+
+/// What a lumen is bounded by: which constants of the method apply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tissue {
+    /// Gas in lung: a thin wall with air beyond it.
+    Airway,
+    /// Gas in the belly; folds are sheets with gas on both sides.
+    Colon,
+    /// Tagged fluid below gas, in soft tissue of a CT.
+    Fluid,
+    /// Blood brighter or darker than all around it.
+    Vessel,
+    /// Found from the values: gas of a CT as an airway, else as a vessel.
+    Unknown,
+}
+
+/// How far growth goes beyond the core, mm and voxels: an edge blurred from gas to tissue has its wall
+/// up to 1.2 mm outside a core that was grown without a leak, and its rim beyond that. Further growth
+/// finds ways through the walls of bronchi; a colon's are thick.
+const GROWTH_MM: f64 = 1.8;
+const ROUNDS: (f64, f64) = (2.0, 3.0);
+/// Longest ray to the peak of a wall, mm, and in steps of half a voxel.
+const RAY_MM: f64 = 4.0;
+const MOST_STEPS: f64 = 14.0;
+/// Gaussians, standard deviations in least spacings: of gradients, of curvature, of ends (closed and
+/// filled share), of peaks (narrow).
+const CALM: f64 = 1.0;
+const CURVATURE: f64 = 1.5;
+const CLOSED: f64 = 1.0;
+const FILLED: f64 = 0.8;
+const NARROW: f64 = 0.6;
+/// Offsets are at least this many voxels less than the distance to the core.
+const REACH_VOX: f64 = 2.5;
+/// Offset of a strong crest, mean spacings.
+const CREST_OFFSET: f64 = 0.12;
+/// Walls whose peak is lower than this share of the contrast say little about the blur.
+const LEAST_PEAK: f64 = 0.5;
+/// A twelfth, of 4096.
+const TWELFTH: i32 = 341;
+/// Least blur of a scan, mean spacings.
+const LEAST_SIGMA: f64 = 0.4;
+/// Scale of offsets: 1024 a mean spacing.
+const OFFSET: f64 = 1024.0;
+
+/// Why a wall field could not be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum WallError {
+    /// There is no edge to draw.
+    #[error("no wall field: the core and what lies about it have the same values")]
+    NoContrast,
+    /// No voxel is left.
+    #[error("no wall field: no voxel of the core is darker than the wall about it")]
+    Empty,
+}
+
+/// A core with the grey values about it.
+pub struct WallInput<'a> {
+    core: &'a BitVolume,
+    grid: Grid,
+    tissue: Tissue,
+    contrast: Contrast,
+    bricks: Bricks,
+    core_bits: Vec<u64>,
+    values: Vec<i32>,
+    weights: Weights,
+    law: Vec<i32>,
+    cap: Vec<i32>,
+}
+
+/// Integer weights of the Gaussians, by axis.
+struct Weights {
+    sharp: [Vec<i32>; 3],
+    value: [Vec<i32>; 3],
+    calm: [Vec<i32>; 3],
+    wide: [Vec<i32>; 3],
+    narrow: [Vec<i32>; 3],
+    curvature: [Vec<i32>; 3],
+    closed: [Vec<i32>; 3],
+    filled: [Vec<i32>; 3],
+}
+
+/// Buffers of the first plan.
+pub struct ProfileBuffers {
+    value: Buf<i32>,
+    mark: Buf<u32>,
+    level: Buf<i32>,
+}
+
+/// The offsets of a first mask.
+pub struct WallProfile<'a> {
+    input: WallInput<'a>,
+    mark: Array<u32>,
+    level: Array<i32>,
+    mask: BitVolume,
+    inside: Vec<u64>,
+    /// Standard deviation of the scan's blur, mm.
+    sigma_mm: f64,
+}
+
+/// How the wall came out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WallStats {
+    /// Values of lumen and wall, and noise.
+    pub contrast: Contrast,
+    /// Standard deviation of the scan's blur, mm.
+    pub sigma_mm: f64,
+    /// Thresholds at 5, 25, 50, 75 and 95 % of the voxels beside the wall, real units.
+    pub threshold_percentiles: [f64; 5],
+    /// Share of the wall that was drawn because a sheet is there.
+    pub sheet_share: f64,
+    /// Share of the wall that a limit of growth has closed: no wall was seen there.
+    pub closed_by_limit_share: f64,
+}
+
+/// A lumen and where its wall lies between voxels.
+pub struct WallField {
+    /// Signed offset from the wall, mm, in slot order of the lumen's bricks: negative inside.
+    pub offset_mm: Vec<f32>,
+    /// How it came out.
+    pub stats: WallStats,
+}
+
+impl<'a> WallInput<'a> {
+    /// Measures contrast and copies the values about a core.
+    ///
+    /// # Errors
+    /// [`WallError::NoContrast`].
+    pub fn new(volume: &Volume, core: &'a BitVolume, tissue: Tissue) -> Result<Self, WallError> {
+        let contrast = Contrast::measured(volume, core, tissue).ok_or(WallError::NoContrast)?;
+        let grid = volume.grid;
+        let bricks = surrounding_bricks(core, ROUNDS.1);
+        let core_bits = bits_in(&bricks, core);
+        let values = values_in(&bricks, volume, &contrast);
+        let h = grid.spacing_mm;
+        let by_axis = |sigma: f64| {
+            (h.min_element() / h).to_array().map(|ratio| integer_weights(sigma * ratio))
+        };
+        let wide = if tissue == Tissue::Colon { 1.0 } else { 1.5 };
+        let weights = Weights {
+            sharp: std::array::from_fn(|_| vec![4096 + 2 * TWELFTH, -TWELFTH]),
+            value: contrast.sigma_vox.to_array().map(integer_weights),
+            calm: by_axis(CALM),
+            wide: by_axis(wide),
+            narrow: by_axis(NARROW),
+            curvature: by_axis(CURVATURE),
+            closed: by_axis(CLOSED),
+            filled: by_axis(FILLED),
+        };
+        let least = (3.0 * contrast.noise_units()).max(f64::from(of_hu(40.0))) / UNIT;
+        let law = law::table(contrast.beyond, least.min(0.5));
+        let cap = (0..10).map(|d| (OFFSET * (f64::from(d).sqrt() - REACH_VOX)) as i32).collect();
+        Ok(Self { core, grid, tissue, contrast, bricks, core_bits, values, weights, law, cap })
+    }
+
+    /// Voxels of the bricks that the field is computed on.
+    pub fn voxels(&self) -> usize {
+        self.bricks.field_len()
+    }
+
+    /// Rounds of growth.
+    fn rounds(&self) -> usize {
+        if self.tissue == Tissue::Colon {
+            return ROUNDS.1 as usize;
+        }
+        let voxels = GROWTH_MM / self.grid.spacing_mm.min_element();
+        voxels.round().clamp(ROUNDS.0, ROUNDS.1) as usize
+    }
+
+    fn mean_spacing(&self) -> f64 {
+        let h = self.grid.spacing_mm;
+        h.element_product().cbrt()
+    }
+
+    /// Least spacing over each axis's, times a scale.
+    fn ratio(&self, scale: f64) -> [i32; 3] {
+        let h = self.grid.spacing_mm;
+        (h.min_element() / h * scale).round().as_ivec3().to_array()
+    }
+
+    /// Appends smoothing, growth, peaks and offsets.
+    pub fn profile<'p>(&'p self, plan: &mut Plan<'p>) -> ProfileBuffers {
+        let slots = self.bricks.len() as u32;
+        let n = self.bricks.field_len();
+        let shape = Shape::new(plan, &self.bricks, &self.grid);
+        let core = plan.upload("core", bytemuck::cast_slice::<u64, u32>(&self.core_bits));
+        let raw = plan.upload("grey values", &self.values);
+        let spare = [0, 1].map(|_| plan.zeroed::<i32>("spare", n));
+        let wall = UNIT as i32;
+        let value = plan.zeroed::<i32>("smoothed values", n);
+        shape.blur(plan, &self.weights.value, raw, spare, value, wall);
+        let sharp = plan.zeroed::<i32>("sharpened values", n);
+        shape.blur(plan, &self.weights.sharp, value, spare, sharp, wall);
+        let calm = plan.zeroed::<i32>("calm values", n);
+        shape.blur(plan, &self.weights.calm, value, spare, calm, wall);
+
+        let noise = self.contrast.noise_units();
+        let at_least = |noises: f64, hu: f64| ((noises * noise) as i32).max(of_hu(hu));
+        let [width, height, depth] = self.grid.dims.as_ivec3().to_array();
+        let paths = [0, 1].map(|_| plan.zeroed::<i32>("paths", n));
+        let rounds = self.rounds();
+        for round in 0..rounds {
+            let (before, after) = (paths[round % 2], paths[(round + 1) % 2]);
+            let bindings = ridge_grow::Bindings {
+                near: shape.near,
+                corner: shape.corner,
+                core,
+                value,
+                before,
+                after,
+            };
+            let params = ridge_grow::Params {
+                slots,
+                fall: at_least(3.0, 30.0),
+                most: wall / 2 + of_hu(150.0),
+                width,
+                height,
+                depth,
+            };
+            plan.launch(&ridge_grow::KERNEL, bindings, params, n, n);
+        }
+        let path = paths[rounds % 2];
+
+        let mark = plan.zeroed::<u32>("marks", n);
+        let peak = plan.zeroed::<i32>("peaks", n);
+        let weight = plan.zeroed::<i32>("weights", n);
+        let least = self.grid.spacing_mm.min_element();
+        let params = wall_peak::Params {
+            slope: self.ratio(1024.0),
+            slots,
+            step: self.ratio(32768.0),
+            steps: (2.0 * RAY_MM / least).floor().clamp(4.0, MOST_STEPS) as i32,
+            size: [width, height, depth],
+            fall: at_least(2.0, 20.0),
+            gain: ((266.7 * self.mean_spacing() / least).round() as i32).min(1 << 14),
+            crest: at_least(3.0, 40.0),
+            strong: at_least(4.0, 60.0),
+            ..bytemuck::Zeroable::zeroed()
+        };
+        let (near, corner) = (shape.near, shape.corner);
+        let bindings = wall_peak::Bindings {
+            near,
+            corner,
+            core,
+            value,
+            sharp,
+            calm,
+            path,
+            mark,
+            peak,
+            weight,
+        };
+        plan.launch(&wall_peak::KERNEL, bindings, params, n, n);
+
+        let [peak1, weight1] = [peak, weight].map(|from| {
+            let to = plan.zeroed::<i32>("narrow mean", n);
+            shape.blur(plan, &self.weights.narrow, from, spare, to, 0);
+            to
+        });
+        let [peak, weight] = [(peak, calm), (weight, paths[0])].map(|(from, to)| {
+            shape.blur(plan, &self.weights.wide, from, spare, to, 0);
+            to
+        });
+        let law = plan.upload("law", &self.law);
+        let cap = plan.upload("cap", &self.cap);
+        let level = plan.zeroed::<i32>("levels", n);
+        let bindings = wall_level::Bindings {
+            near,
+            core,
+            value,
+            mark,
+            peak,
+            weight,
+            peak1,
+            weight1,
+            law,
+            cap,
+            level,
+        };
+        let is_sheet = self.tissue == Tissue::Colon;
+        let forced = if is_sheet { (CREST_OFFSET * OFFSET) as i32 } else { -4096 };
+        plan.launch(&wall_level::KERNEL, bindings, wall_level::Params { slots, forced }, n, n);
+        plan.download(value);
+        plan.download(mark);
+        plan.download(level);
+        ProfileBuffers { value, mark, level }
+    }
+
+    /// Takes the first mask from the offsets.
+    ///
+    /// # Errors
+    /// [`WallError::Empty`].
+    pub fn select(
+        self,
+        buffers: &ProfileBuffers,
+        out: &mut Outputs,
+    ) -> Result<WallProfile<'a>, WallError> {
+        let value = out.take(buffers.value);
+        let (mark, level) = (out.take(buffers.mark), out.take(buffers.level));
+        let lumen_at =
+            |e: usize| mark[e] & wall_peak::JOINED != 0 && wall_level::offset(level[e]) < 0;
+        let mask = select::lumen(&self.bricks, self.core, lumen_at).ok_or(WallError::Empty)?;
+        let inside = bits_in(&self.bricks, &mask);
+        let sigma_mm = self.blur_mm(&value, &mark);
+        Ok(WallProfile { input: self, mark, level, mask, inside, sigma_mm })
+    }
+
+    /// Blur of the scan, mm, from the steepest slopes at the wall: a plate's slope is a function of its
+    /// peak over σ. A central difference adds a third of a squared voxel.
+    fn blur_mm(&self, value: &[i32], mark: &[u32]) -> f64 {
+        let h = self.grid.spacing_mm;
+        let least = (LEAST_PEAK * UNIT) as u32;
+        let is_clear =
+            |m: &u32| m & (wall_peak::RIM | wall_peak::CREST) == wall_peak::RIM && m >> 8 > least;
+        let all: Vec<usize> =
+            (0..mark.len()).into_par_iter().filter(|e| is_clear(&mark[*e])).collect();
+        let each = all.len().div_ceil(4000).max(1);
+        let slopes: Vec<f64> = (0..=64)
+            .map(|i| law::greatest_slope(f64::from(i) / 64.0, self.contrast.beyond))
+            .collect();
+        let slope = |e: usize| -> Option<f64> {
+            let mut g = DVec3::ZERO;
+            for axis in 0..3 {
+                let mut d = IVec3::ZERO;
+                d[axis] = 1;
+                let (a, b) = (self.bricks.step(e, d)?, self.bricks.step(e, -d)?);
+                g[axis] = f64::from(value[a] - value[b]) / (2.0 * h[axis]);
+            }
+            Some(g.length() / UNIT)
+        };
+        let sigma = |e: usize| -> Option<f64> {
+            let mut most = 0f64;
+            for n in 0..27 {
+                let d = IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
+                most = most.max(slope(self.bricks.step(e, d)?)?);
+            }
+            (most > 0.0).then(|| slopes[(mark[e] >> 14) as usize] / most)
+        };
+        let mut sigmas: Vec<f64> = all.into_par_iter().step_by(each).filter_map(sigma).collect();
+        let mean = self.mean_spacing();
+        let middle = sigmas.len() / 2;
+        if sigmas.is_empty() {
+            return LEAST_SIGMA * mean;
+        }
+        let sigma = *sigmas.select_nth_unstable_by(middle, f64::total_cmp).1;
+        (sigma * sigma - mean * mean / 3.0).max(0.0).sqrt().max(LEAST_SIGMA * mean)
+    }
+}
+
+/// What all launches over some bricks bind.
+struct Shape {
+    near: Buf<u32>,
+    corner: Buf<i32>,
+    slots: u32,
+    edge: [i32; 3],
+}
+
+impl Shape {
+    fn new<'p>(plan: &mut Plan<'p>, bricks: &'p Bricks, grid: &Grid) -> Self {
+        Self {
+            near: plan.upload("near", bytemuck::cast_slice(bricks.near())),
+            corner: plan.upload("corner", bytemuck::cast_slice(bricks.corners())),
+            slots: bricks.len() as u32,
+            edge: (grid.dims.as_ivec3() - 1).to_array(),
+        }
+    }
+
+    /// Appends a Gaussian along the three axes. `spare` and `to` are overwritten.
+    fn blur<'p>(
+        &self,
+        plan: &mut Plan<'p>,
+        weights: &'p [Vec<i32>; 3],
+        from: Buf<i32>,
+        spare: [Buf<i32>; 2],
+        to: Buf<i32>,
+        missing: i32,
+    ) {
+        let n = from.len();
+        let way = [(from, spare[0]), (spare[0], spare[1]), (spare[1], to)];
+        for (axis, (f, g)) in way.into_iter().enumerate() {
+            let weight = plan.upload("weights of a Gaussian", &weights[axis]);
+            let params = blur_axis::Params {
+                slots: self.slots,
+                axis: axis as u32,
+                radius: weights[axis].len() as i32 - 1,
+                low: 0,
+                high: self.edge[axis],
+                missing,
+            };
+            let bindings =
+                blur_axis::Bindings { near: self.near, corner: self.corner, weight, f, g };
+            plan.launch(&blur_axis::KERNEL, bindings, params, n, n);
+        }
+    }
+}
+
+impl WallProfile<'_> {
+    /// Appends the correction of curved edges and of closed ends.
+    pub fn correct<'p>(&'p self, plan: &mut Plan<'p>) -> Buf<i32> {
+        let input = &self.input;
+        let slots = input.bricks.len() as u32;
+        let n = input.bricks.field_len();
+        let shape = Shape::new(plan, &input.bricks, &input.grid);
+        let inside = plan.upload("inside", bytemuck::cast_slice::<u64, u32>(&self.inside));
+        let level = plan.upload("levels", &self.level);
+        let [offset, edge, filled, closed] =
+            ["offsets", "edge", "filled", "closed"].map(|name| plan.zeroed::<i32>(name, n));
+        let near = shape.near;
+        let bindings = wall_sides::Bindings { near, inside, level, offset, edge, filled, closed };
+        plan.launch(&wall_sides::KERNEL, bindings, wall_sides::Params { slots }, n, n);
+        let spare = [0, 1].map(|_| plan.zeroed::<i32>("spare", n));
+        let weights = &input.weights;
+        shape.blur(plan, &weights.curvature, edge, spare, edge, 512 * 64);
+        shape.blur(plan, &weights.filled, filled, spare, filled, 0);
+        shape.blur(plan, &weights.closed, closed, spare, closed, 0);
+        let (mean, least) = (input.mean_spacing(), input.grid.spacing_mm.min_element());
+        let sigma = self.sigma_mm;
+        let is_curved = input.tissue != Tissue::Colon;
+        let shift = if is_curved { 0.5 * sigma * sigma / (least * mean) * 1024.0 } else { 0.0 };
+        let params = wall_correct::Params {
+            slope: input.ratio(1024.0),
+            slots,
+            shift: shift.round().min(32768.0) as i32,
+            most: (4096.0 * least / sigma).round() as i32,
+            rise: (1024.0 * mean / least).round() as i32,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        let moved = plan.zeroed::<i32>("moved offsets", n);
+        let bindings = wall_correct::Bindings { near, offset, edge, filled, closed, moved };
+        plan.launch(&wall_correct::KERNEL, bindings, params, n, n);
+        plan.download(moved);
+        moved
+    }
+
+    /// The final lumen with its field.
+    ///
+    /// * `fill`: fill closed cavities.
+    ///
+    /// # Errors
+    /// [`WallError::Empty`].
+    pub fn finish(self, moved: &[i32]) -> Result<(Lumen, WallField), WallError> {
+        let Self { input, mark, level, mask, sigma_mm, .. } = self;
+        let bricks = &input.bricks;
+        let lumen_at = |e: usize| mark[e] & wall_peak::JOINED != 0 && moved[e] < 0;
+        let mask = select::lumen(bricks, &mask, lumen_at).ok_or(WallError::Empty)?;
+        let lumen = Lumen::new(input.grid, &mask);
+        let stats = select::stats(&input, sigma_mm, &lumen, &mark, &level);
+        let scale = (input.mean_spacing() / OFFSET) as f32;
+        let mut offset_mm = vec![0f32; lumen.bricks.field_len()];
+        offset_mm.par_chunks_exact_mut(BRICK).enumerate().for_each(|(slot, out)| {
+            let from = bricks.slot_of(IVec3::from(lumen.bricks.corners()[slot]));
+            for (local, out) in out.iter_mut().enumerate() {
+                let inside = lumen.is_inside(slot * BRICK + local);
+                let raw = from.map_or(3072, |s| moved[s * BRICK + local]);
+                let held = match inside {
+                    true => raw.min(-20),
+                    false if raw <= 0 => 512,
+                    false => raw.max(20),
+                };
+                *out = held as f32 * scale;
+            }
+        });
+        Ok((lumen, WallField { offset_mm, stats }))
+    }
+}
+
+/// Quantised values of a volume in bricks; beyond the volume its edge repeats.
+fn values_in(bricks: &Bricks, volume: &Volume, contrast: &Contrast) -> Vec<i32> {
+    use crate::volume::Sample as _;
+    let grid = volume.grid;
+    let top = grid.dims.as_ivec3() - 1;
+    let mut out = vec![0i32; bricks.field_len()];
+    with_samples!(&volume.samples, |samples| {
+        out.par_chunks_exact_mut(BRICK).zip(bricks.corners()).for_each(|(out, c)| {
+            crate::task::checkpoint();
+            for (r, row) in out.chunks_exact_mut(8).enumerate() {
+                let y = (c[1] + (r as i32 & 7)).clamp(0, top.y);
+                let z = (c[2] + (r as i32 >> 3)).clamp(0, top.z);
+                let start = grid.index(glam::UVec3::new(0, y as u32, z as u32));
+                for (x, v) in row.iter_mut().enumerate() {
+                    let x = (c[0] + x as i32).clamp(0, top.x) as usize;
+                    *v = contrast.quantised(volume.rescale.real(samples[start + x].to_f64()));
+                }
+            }
+        });
+    });
+    out
+}
+
+/// Voxels between gas and fluid that are neither lie within this many voxels of both.
+const LAYER_VOX: f64 = 3.0;
+
+/// One lumen of two that touch: gas, and the fluid under it. Between them values pass through those
+/// of tissue; voxels of `whole` that lie near both are lumen too.
+pub fn joined(
+    (gas, gas_field): (Lumen, WallField),
+    (fluid, fluid_field): (Lumen, WallField),
+    whole: &BitVolume,
+) -> (Lumen, WallField) {
+    let grid = gas.grid;
+    let [gas_mask, fluid_mask] = [&gas, &fluid].map(Lumen::mask);
+    let mut layer = dilated(&gas_mask, DVec3::ONE, LAYER_VOX);
+    layer.keep(&dilated(&fluid_mask, DVec3::ONE, LAYER_VOX));
+    layer.keep(whole);
+    let mut mask = gas_mask;
+    mask.add(&fluid_mask);
+    mask.add(&layer);
+    fill_cavities(&mut mask);
+    let lumen = Lumen::new(grid, &mask);
+    let unit = (grid.spacing_mm.element_product().cbrt() / OFFSET) as f32;
+    let mut offset_mm = vec![0f32; lumen.bricks.field_len()];
+    offset_mm.par_iter_mut().enumerate().with_min_len(BRICK).for_each(|(e, out)| {
+        let v = lumen.bricks.voxel(e);
+        let at = |l: &Lumen, field: &WallField| {
+            l.bricks.element(v).map_or(3072.0 * unit, |e| field.offset_mm[e])
+        };
+        let least = at(&gas, &gas_field).min(at(&fluid, &fluid_field));
+        *out = match lumen.is_inside(e) {
+            true if least < 0.0 => least,
+            true => -512.0 * unit,
+            false => least.max(20.0 * unit),
+        };
+    });
+    (lumen, WallField { offset_mm, stats: gas_field.stats })
+}
+
+/// Crossings of a wall field.
+pub struct FieldCrossing<'a> {
+    /// The lumen whose bricks the field is on.
+    pub lumen: &'a Lumen,
+    /// The field.
+    pub field: &'a WallField,
+}
+
+impl Crossing for FieldCrossing<'_> {
+    fn fraction(&self, inside: IVec3, outside: IVec3) -> f32 {
+        if !self.lumen.grid.contains(outside) {
+            return 0.5; // the volume's edge
+        }
+        let at = |v: IVec3| self.lumen.bricks.element(v).map(|e| self.field.offset_mm[e]);
+        match (at(inside), at(outside)) {
+            (Some(a), Some(b)) => clamp_fraction(a / (a - b)),
+            _ => 0.5,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
