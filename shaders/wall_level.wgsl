@@ -7,6 +7,7 @@
 // in   weight  [512 S] i32  weights, smoothed as `peak`
 // in   peak1   [512 S] i32  the same, smoothed narrowly
 // in   weight1 [512 S] i32
+// in   lumen   [512 S] i32  value of the lumen about each voxel; 0 where it is the same everywhere
 // in   law     [513]   i32  threshold of a peak of 8 times the index
 // in   cap     [10]    i32  least offset at a squared distance, voxels, from the core
 // out  level   [512 S] i32  low 16 bits: offset in 1/1024 of the mean spacing, negative in the lumen,
@@ -24,9 +25,10 @@
 @group(0) @binding(5) var<storage, read> weight: array<i32>;
 @group(0) @binding(6) var<storage, read> peak1: array<i32>;
 @group(0) @binding(7) var<storage, read> weight1: array<i32>;
-@group(0) @binding(8) var<storage, read> law: array<i32>;
-@group(0) @binding(9) var<storage, read> cap: array<i32>;
-@group(0) @binding(10) var<storage, read_write> level: array<i32>;
+@group(0) @binding(8) var<storage, read> lumen: array<i32>;
+@group(0) @binding(9) var<storage, read> law: array<i32>;
+@group(0) @binding(10) var<storage, read> cap: array<i32>;
+@group(0) @binding(11) var<storage, read_write> level: array<i32>;
 
 struct Params { slots: u32, forced: i32 }
 var<immediate> params: Params;
@@ -68,8 +70,12 @@ fn main(
     if weight1[voxel] >= 4 { top = min(top, (peak1[voxel] << 12u) / weight1[voxel]); }
     top = clamp(top, 0, 4096);
     let i = min(top >> 3u, 511);
-    let threshold = law[i] + (((law[i + 1] - law[i]) * (top - 8 * i)) >> 3u);
-    var offset = divided_down((value[voxel] - threshold) * 2253, max(top, 414));
+    // The law counts from the lumen's value to the wall's: where a vessel is so thin that its blood is
+    // mixed with tissue, the lumen's is higher.
+    let base = clamp(lumen[voxel], 0, 3500);
+    let plain = law[i] + (((law[i + 1] - law[i]) * (top - 8 * i)) >> 3u);
+    let threshold = plain + (((4096 - plain) * base) >> 12u);
+    var offset = divided_down((value[voxel] - threshold) * 2253, max(top - base, 414));
     let flags = mark[voxel];
     if (flags & 8u) != 0u && offset < 0 && (core[voxel >> 5u] & (1u << (voxel & 31u))) == 0u {
         let d = core_distance(slot, position(voxel & 511u));

@@ -117,7 +117,9 @@ fn run_writes_every_product_and_a_report_of_this_run() {
     assert!(report["frames"]["min_near_clearance_mm"].as_f64() > Some(0.0));
     let names: Vec<&str> =
         report["stages"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap()).collect();
-    for stage in ["read", "segment", "distance, smooth", "visibility", "route", "surface", "fair"] {
+    let wanted =
+        ["read", "segment", "wall field", "distance, smooth", "visibility", "route", "surface"];
+    for stage in wanted.into_iter().chain(["field normals"]) {
         assert!(names.contains(&stage), "{stage} in {names:?}");
     }
     let total = report["total_ms"].as_f64().unwrap();

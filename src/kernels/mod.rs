@@ -11,6 +11,7 @@ pub mod edt_rows;
 pub mod fair;
 pub mod gauss_axis;
 pub mod hessian;
+pub mod least_axis;
 pub mod prefix_sum;
 pub mod relax_average;
 pub mod relax_coefficients;
@@ -48,6 +49,7 @@ pub static ALL: &[&Kernel] = &[
     &edt_axis::KERNEL,
     &gauss_axis::KERNEL,
     &blur_axis::KERNEL,
+    &least_axis::KERNEL,
     &ridge_grow::KERNEL,
     &wall_peak::KERNEL,
     &wall_level::KERNEL,

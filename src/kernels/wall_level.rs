@@ -61,8 +61,10 @@ fn twin(args: &mut CpuArgs<'_>) {
             let top = wide.min(mean(s.peak1, s.weight1)).clamp(0, 4096);
             let i = ((top >> 3) as usize).min(511);
             let between = top - 8 * i as i32;
-            let threshold = s.law[i] + (((s.law[i + 1] - s.law[i]) * between) >> 3);
-            let mut offset = ((s.value[e] - threshold) * 2253).div_euclid(top.max(414));
+            let plain = s.law[i] + (((s.law[i + 1] - s.law[i]) * between) >> 3);
+            let base = s.lumen[e].clamp(0, 3500);
+            let threshold = plain + (((4096 - plain) * base) >> 12);
+            let mut offset = ((s.value[e] - threshold) * 2253).div_euclid((top - base).max(414));
             let flags = s.mark[e];
             if flags & 8 != 0
                 && offset < 0
@@ -92,13 +94,27 @@ fn cases() -> Vec<Case> {
             weights.iter().enumerate().map(|(i, w)| w / 4096 * number(i, 4097)).collect();
         let [peak, peak1] = ["peak", "peak1"].map(|name| plan.upload_owned(name, &peaks));
         let [weight, weight1] = ["weight", "weight1"].map(|name| plan.upload_owned(name, &weights));
+        let lumens: Vec<i32> = (0..n).map(|i| number(i, 5000) - 500).collect();
+        let lumen_value = plan.upload_owned("lumen", &lumens);
         let law: Vec<i32> = (0..513).map(|i| 3 * i + i * i / 700).collect();
         let law = plan.upload_owned("law", &law);
         let cap: Vec<i32> = (0..10).map(|i| 400 * i - 2560).collect();
         let cap = plan.upload_owned("cap", &cap);
         let level = plan.zeroed::<i32>("level", n);
-        let bindings =
-            Bindings { near, core, value, mark, peak, weight, peak1, weight1, law, cap, level };
+        let bindings = Bindings {
+            near,
+            core,
+            value,
+            mark,
+            peak,
+            weight,
+            peak1,
+            weight1,
+            lumen: lumen_value,
+            law,
+            cap,
+            level,
+        };
         let params = Params { slots: slots as u32, forced: 123 };
         plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
         plan.download(level);

@@ -25,7 +25,9 @@ use rayon::prelude::*;
 
 use crate::compute::{Array, Buf, Outputs, Plan};
 use crate::kernels::blur_axis::integer_weights;
-use crate::kernels::{blur_axis, ridge_grow, wall_correct, wall_level, wall_peak, wall_sides};
+use crate::kernels::{
+    blur_axis, least_axis, ridge_grow, wall_correct, wall_level, wall_peak, wall_sides,
+};
 use crate::lumen::bricks::BRICK;
 use crate::lumen::{BitVolume, Bricks, Lumen, bits_in, dilated, fill_cavities, surrounding_bricks};
 use crate::surface::{Crossing, clamp_fraction};
@@ -62,6 +64,11 @@ const CURVATURE: f64 = 1.5;
 const CLOSED: f64 = 1.0;
 const FILLED: f64 = 0.8;
 const NARROW: f64 = 0.6;
+/// Reach of the least value that is a vessel's lumen, least spacings; as far as its wall is from its
+/// middle where it is so thin that no voxel is all blood.
+const LUMEN_VOX: f64 = 3.0;
+/// Highest value that growth from a vessel takes, of 4096 from blood to tissue.
+const MOST_OF_VESSEL: i32 = 3400;
 /// Offsets are at least this many voxels less than the distance to the core.
 const REACH_VOX: f64 = 2.5;
 /// Offset of a strong crest, mean spacings.
@@ -245,7 +252,7 @@ impl<'a> WallInput<'a> {
             let params = ridge_grow::Params {
                 slots,
                 fall: at_least(3.0, 30.0),
-                most: wall / 2 + of_hu(150.0),
+                most: if self.is_vessel() { MOST_OF_VESSEL } else { wall / 2 + of_hu(150.0) },
                 width,
                 height,
                 depth,
@@ -294,6 +301,10 @@ impl<'a> WallInput<'a> {
             shape.blur(plan, &self.weights.wide, from, spare, to, 0);
             to
         });
+        let lumen = plan.zeroed::<i32>("lumen's values", n);
+        if self.is_vessel() {
+            self.local_lumen(plan, &shape, value, spare, lumen);
+        }
         let law = plan.upload("law", &self.law);
         let cap = plan.upload("cap", &self.cap);
         let level = plan.zeroed::<i32>("levels", n);
@@ -306,6 +317,7 @@ impl<'a> WallInput<'a> {
             weight,
             peak1,
             weight1,
+            lumen,
             law,
             cap,
             level,
@@ -317,6 +329,32 @@ impl<'a> WallInput<'a> {
         plan.download(mark);
         plan.download(level);
         ProfileBuffers { value, mark, level }
+    }
+
+    /// Whether the lumen is blood, whose value falls in thin branches, and not gas.
+    fn is_vessel(&self) -> bool {
+        self.contrast.beyond == 1.0 && self.tissue != Tissue::Fluid
+    }
+
+    /// Appends the value of the lumen about each voxel: the least within some voxels, smoothed.
+    fn local_lumen<'p>(
+        &'p self,
+        plan: &mut Plan<'p>,
+        shape: &Shape,
+        value: Buf<i32>,
+        spare: [Buf<i32>; 2],
+        to: Buf<i32>,
+    ) {
+        let n = value.len();
+        let reach = self.ratio(LUMEN_VOX);
+        let way = [(value, spare[0]), (spare[0], spare[1]), (spare[1], to)];
+        for (axis, (f, g)) in way.into_iter().enumerate() {
+            let (slots, radius) = (shape.slots, reach[axis].max(1));
+            let params = least_axis::Params { slots, axis: axis as u32, radius };
+            let bindings = least_axis::Bindings { near: shape.near, f, g };
+            plan.launch(&least_axis::KERNEL, bindings, params, n, n);
+        }
+        shape.blur(plan, &self.weights.wide, to, spare, to, 0);
     }
 
     /// Takes the first mask from the offsets.

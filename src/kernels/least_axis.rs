@@ -1,0 +1,56 @@
+//! CPU twin and cases of `least_axis`: the least value within some voxels along an axis.
+
+use rayon::prelude::*;
+
+use super::blocks::{element, place};
+use super::cases_on_bricks;
+pub use super::host::least_axis::{Bindings, Params};
+use super::host::least_axis::{SHADER, open};
+use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use crate::lumen::bricks::BRICK;
+
+/// See `shaders/least_axis.wgsl`.
+pub static KERNEL: Kernel = Kernel {
+    shader: &SHADER,
+    twin,
+    unit: "voxels",
+    tolerance: Tolerance { abs: 0.0, rel: 0.0 },
+    cases,
+};
+
+fn twin(args: &mut CpuArgs<'_>) {
+    let (s, p, _) = open(args);
+    let (axis, radius) = (p.axis as usize, p.radius);
+    let stride = [1, 8, 64][axis];
+    s.g.par_chunks_exact_mut(BRICK).enumerate().with_min_len(8).for_each(|(slot, out)| {
+        crate::task::checkpoint();
+        // The line through each row of voxels along the axis, with the radius at both ends.
+        let mut line = [i32::MAX; 24];
+        for start in (0..BRICK).filter(|l| l / stride % 8 == 0) {
+            for (i, v) in line.iter_mut().take((8 + 2 * radius) as usize).enumerate() {
+                let mut q = place(start);
+                q[axis] = i as i32 - radius;
+                *v = element(s.near, slot, q).map_or(i32::MAX, |e| s.f[e]);
+            }
+            for at in 0..8 {
+                let around = &line[at..=at + 2 * radius as usize];
+                out[start + at * stride] = around.iter().copied().min().unwrap_or(i32::MAX);
+            }
+        }
+    });
+}
+
+fn cases() -> Vec<Case> {
+    cases_on_bricks(|plan, lumen, near, _| {
+        let slots = lumen.bricks.len();
+        let n = lumen.bricks.field_len();
+        let values: Vec<i32> = (0..n).map(|i| (i * 7919 % 30011) as i32 - 9000).collect();
+        let f = plan.upload_owned("f", &values);
+        for (axis, radius) in [(0, 3), (1, 1), (2, 8)] {
+            let g = plan.zeroed::<i32>("g", n);
+            let params = Params { slots: slots as u32, axis, radius };
+            plan.launch(&KERNEL, Bindings { near, f, g }, params, slots * BRICK, slots * BRICK);
+            plan.download(g);
+        }
+    })
+}
