@@ -118,7 +118,7 @@ fn every_pixel_of_cube_and_panorama_shows_what_lies_in_its_direction() {
                 [(View::Cube, in_cube), (View::Panorama, in_panorama)];
             for (view, direction) in views {
                 let pose = Pose { position_mm: centre, rotation };
-                let shot = Shot { view, pose, lens, progress: 0.0 };
+                let shot = Shot { view, pose, lens, progress: 0.0, room_mm: None };
                 assert_eq!(r.cameras(&shot).len(), 6);
                 let rgb = r.render(&mut gpu, &Scene::of(wall), &shot).unwrap();
                 let (mut compared, mut empty) = (0, 0);
@@ -149,7 +149,7 @@ fn every_pixel_of_cube_and_panorama_shows_what_lies_in_its_direction() {
         let white = vec![[0, 255, 0, 255]; colours.len()];
         r.recolour(&mut gpu, wall, &white).unwrap();
         let pose = Pose { position_mm: centre, rotation: Quat::IDENTITY };
-        let shot = Shot { view: View::Inside, pose, lens, progress: 0.0 };
+        let shot = Shot { view: View::Inside, pose, lens, progress: 0.0, room_mm: None };
         let rgb = r.render(&mut gpu, &Scene::of(wall), &shot).unwrap();
         assert!(rgb.chunks(3).all(|p| named(p) == 1), "all of it is green");
         // In the overview too, whose glass is kept between frames.
@@ -170,7 +170,7 @@ fn the_opacity_of_the_overview_goes_from_nothing_over_glass_to_solid() {
     let wall = r.upload_mesh(&mut gpu, &mesh, false).unwrap();
     let pose = Pose { position_mm: Vec3::ZERO, rotation: Quat::IDENTITY };
     let lens = Lens { fov_y_rad: 1.2, aspect: 1.5, near_mm: 0.5 };
-    let shot = Shot { view: View::Overview, pose, lens, progress: 0.0 };
+    let shot = Shot { view: View::Overview, pose, lens, progress: 0.0, room_mm: None };
     let mut draw = |opacity: f32| {
         let mut scene = Scene::of(wall);
         scene.look.opacity = opacity;

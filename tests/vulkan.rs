@@ -455,6 +455,7 @@ mod faults {
             pose: Pose::looking(Vec3::ZERO, Vec3::X, Vec3::Z),
             lens: Lens { fov_y_rad: 1.0, aspect: 1.0, near_mm: 0.5 },
             progress: 0.0,
+            room_mm: None,
         };
         for _ in 0..3 {
             let drawn = r.render(&mut gpu, &Scene::of(mesh), &shot);

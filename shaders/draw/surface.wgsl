@@ -21,17 +21,21 @@ struct Params {
 }
 var<immediate> params: Params;
 
-// Pink tissue. Ambient, diffuse part and power are those of the endoscopy presets of clinical viewers;
-// their highlight of 0.73 would lie as a white veil over every wall that faces a light this near.
+// Pink tissue. The diffuse part is the square of the cosine, hardly any light fills in, and a lamp as
+// bright as the tone curve bears: slopes of a wall that faces a light this near show only so. Plain
+// viewers write the cosine unencoded, which is its power of 2.2 in light.
 // Constants, not parameters, which software devices are slow to fetch.
 const TISSUE = vec3<f32>(0.76, 0.24, 0.175);
-const EXPOSURE: f32 = 2.3; // before the tone curve
-const AMBIENT: f32 = EXPOSURE * 0.12;
-const DIFFUSE: f32 = EXPOSURE * 0.64;
-const SPECULAR: f32 = EXPOSURE * 0.25;
-const POWER: f32 = 50.0;
-const RELIEF: f32 = 0.45; // weight of curvature
-const WRAP: f32 = 0.15; // cosine beyond a right angle that is still lit
+const PALE = vec3<f32>(0.95, 0.55, 0.42); // ridges go towards it
+const DEEP = vec3<f32>(0.45, 0.10, 0.08); // crevices
+const TINT: f32 = 0.35; // how far
+const CAVITY: f32 = 0.5; // share of light that a full ridge gains and a crevice loses
+const EXPOSURE: f32 = 1.8; // before the tone curve
+const AMBIENT: f32 = EXPOSURE * 0.03;
+const DIFFUSE: f32 = EXPOSURE * 0.9;
+const SPECULAR: f32 = EXPOSURE * 0.08;
+const POWER: f32 = 40.0;
+const RELIEF: f32 = 0.45; // weight of curvature seen from outside
 
 struct Wall {
     @builtin(position) @invariant at: vec4<f32>, // to fragments: pixel, depth, 1 / w
@@ -97,11 +101,10 @@ fn place(wall: Wall, ray: vec3<f32>) -> vec3<f32> {
     return ray * (1.0 / wall.at.w);
 }
 
-// Ridges pale, crevices deep: RELIEF is how far a fold at full scale goes.
+// Ridges pale and bright, crevices deep and dark.
 fn tinted(curvature: f32) -> vec3<f32> {
-    let pale = (0.6 * RELIEF) * (vec3(1.0, 0.58, 0.46) - TISSUE);
-    let deep = RELIEF * vec3(0.50, 0.74, 0.72) * TISSUE;
-    return TISSUE + curvature * select(deep, pale, curvature > 0.0);
+    let way = select(TISSUE - DEEP, PALE - TISSUE, curvature > 0.0);
+    return (TISSUE + (TINT * curvature) * way) * (1.0 + CAVITY * curvature);
 }
 
 // 1 / sqrt(x) but for 0.065 per cent: exponent halved as an integer, one step of Newton's with
@@ -129,8 +132,7 @@ fn lit_wall(wall: Wall, front: bool, colour: vec3<f32>) -> vec3<f32> {
     let by_view = rough_inverse_sqrt(nn * ray2);
     let cos_light = (l * n.y - far * n_ray) * by_light;
     let cos_view = -n_ray * by_view;
-    // A little light wraps round, as it does in flesh: silhouettes go dark, not black.
-    let lit = max((cos_light + WRAP) * (DIFFUSE / (1.0 + WRAP)), 0.0);
+    let lit = max(cos_light, 0.0);
     // Falloff and twice the squared cosine to the half vector, by one division.
     let both = max(cos_light + cos_view, 0.0);
     let spread = 1.0 - light_ray * by_light * by_view * nn;
@@ -142,12 +144,8 @@ fn lit_wall(wall: Wall, front: bool, colour: vec3<f32>) -> vec3<f32> {
     let line = max(square * (POWER / 128.0) + (1.0 - POWER / 64.0), 0.0);
     let l4 = (line * line) * (line * line);
     let l16 = (l4 * l4) * (l4 * l4);
-    let gloss = l16 * near;
-    // Grazing walls go darker than the cosine alone makes them: the rim of a fold stands out.
-    let t = clamp(cos_view, 0.0, 0.5);
-    let edge = 0.65 + t * t * (4.2 - 5.6 * t);
-    let wall_light = (AMBIENT + lit) * near * edge;
-    return colour * wall_light + SPECULAR * (gloss * gloss);
+    let gloss = l16 * l16 * lit;
+    return (colour * (AMBIENT + DIFFUSE * lit * lit) + SPECULAR * gloss) * near;
 }
 
 fn lit_tissue(wall: Wall, front: bool) -> vec3<f32> {
@@ -159,17 +157,9 @@ fn lit_coloured(wall: ColouredWall, front: bool) -> vec3<f32> {
     return lit_wall(plain(wall), front, colour);
 }
 
-// exp(-x) for x >= 0, off by 0.0016 at most: the fourth power of 1 over the series of exp(x / 4).
-fn decay(x: vec3<f32>) -> vec3<f32> {
-    let y = 0.25 * x;
-    let d = 1.0 / (1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0))));
-    return d * d * d * d;
-}
-
-// Highlights saturate gently; the S lends depth to the shadows.
+// Light of 2.2 is white; highlights saturate gently (Reinhard et al. 2002, doi:10.1145/566654.566575).
 fn toned(light: vec3<f32>) -> vec4<f32> {
-    let c = 1.0 - decay(light);
-    return vec4(c * (0.5 + c * (1.5 - c)), 1.0);
+    return vec4(light * (1.0 + light * (1.0 / 4.84)) / (1.0 + light), 1.0);
 }
 
 @fragment
@@ -185,11 +175,11 @@ fn inside_coloured(
     return toned(lit_coloured(wall, front));
 }
 
-// The same and sRGB (IEC 61966-2-1) of light up to 2.3, more than there can be, as one fraction: off
-// by 0.24 of 255 at most, by 0.66 below 20.
+// The same and sRGB (IEC 61966-2-1) of light up to 2.2, beyond which it stays white, as one fraction:
+// off by 0.66 of 255 at most, by 0.73 below 20.
 fn encoded(light: vec3<f32>) -> vec4<f32> {
-    let over = light * (8.08786483 + light * 81.30991004);
-    let under = 1.0 + light * (43.89031511 + light * (58.03680881 + light * 4.39672131));
+    let over = light * (14.462713614 + light * 135.883293771);
+    let under = 1.0 + light * (60.159749410 + light * (137.173521087 - light * 10.288693153));
     // One division for the three.
     let others = under.yzx * under.zxy;
     return vec4(over * others * (1.0 / (under.x * others.x)), 1.0);

@@ -107,6 +107,7 @@ mod tests {
             near_mm: vec![1.0; n],
             seconds: (0..n).map(|i| i as f64).collect(),
             clearance_mm: vec![1.0; n],
+            room_mm: vec![1.0; n],
             fov_y_rad: 1.0,
             aspect: 1.0,
             moved: 0,

@@ -224,7 +224,8 @@ impl Panes {
             WallView::Panorama => View::Panorama,
         };
         // Where the eye is along the path does not show inside.
-        let shot = Shot { view, pose, lens: model.lens(), progress: 0.0 };
+        let room_mm = model.path.as_ref().map(|path| path.room_at(pose, model.arc_mm) as f32);
+        let shot = Shot { view, pose, lens: model.lens(), progress: 0.0, room_mm };
         if let Some(size) = inside {
             self.inside.renderer.resize(gpu, size[0], size[1])?;
             if !view.is_all_round() && self.coloured.is_none() {
@@ -241,7 +242,8 @@ impl Panes {
         }
         if let Some(size) = overview {
             let lens = model.lens();
-            let shot = Shot { view: View::Overview, pose, lens, progress: share as f32 };
+            let shot =
+                Shot { view: View::Overview, pose, lens, progress: share as f32, room_mm: None };
             any |= self.overview.draw(gpu, shot, size)?;
         }
         Ok(any)

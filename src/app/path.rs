@@ -139,6 +139,14 @@ impl FlightPath {
         self.radius_mm[i] + (self.radius_mm[i + 1] - self.radius_mm[i]) * t
     }
 
+    /// Radius on the path at an eye, mm: where the path is at an arc length if the eye is there, else at
+    /// the nearest pose. By the eye alone, so that a picture does not show how the eye came there.
+    pub fn room_at(&self, eye: Pose, arc_mm: f64) -> f64 {
+        let is_on_path = self.pose_at(arc_mm).position_mm.distance(eye.position_mm) < 1e-3;
+        let nearest = || self.nearest_to(eye.position_mm.as_dvec3());
+        self.radius_at(if is_on_path { arc_mm } else { nearest() })
+    }
+
     /// Where the flight is after more seconds of its own time, which may be negative.
     pub fn after(&self, arc_mm: f64, seconds: f64) -> f64 {
         let (i, t) = self.sample(&self.arc_mm, arc_mm);
@@ -186,6 +194,7 @@ mod tests {
             near_mm: vec![1.0; 5],
             seconds: vec![0.0, 1.0, 2.0, 3.0, 4.0],
             clearance_mm: vec![5.0; 5],
+            room_mm: vec![5.0; 5],
             fov_y_rad: 1.0,
             aspect: 1.0,
             moved: 0,

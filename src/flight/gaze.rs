@@ -99,6 +99,15 @@ impl Track {
         self.gaze.windows(2).map(|w| w[0].angle_between(w[1])).collect()
     }
 
+    /// Mean radius within a radius along the path, mm: room that does not jump.
+    pub fn room_mm(&self, arc_mm: f64) -> f64 {
+        let (.., radius) = self.at(arc_mm);
+        let at = |arc: f64| (arc / self.step_mm).max(0.0) as usize;
+        let last = self.radius_mm.len() - 1;
+        let near = &self.radius_mm[at(arc_mm - radius).min(last)..=at(arc_mm + radius).min(last)];
+        near.iter().sum::<f64>() / near.len() as f64
+    }
+
     /// Eye, gaze, up and radius at an arc length.
     pub fn at(&self, arc_mm: f64) -> (DVec3, DVec3, DVec3, f64) {
         let (i, t) = place(arc_mm / self.step_mm, self.eye.len());

@@ -11,7 +11,7 @@ use crate::lumen::Lumen;
 /// Most frames of a flight: ten hours at 25 a second.
 pub const MAX_FRAMES: usize = 900_000;
 /// The near plane as a share of the radius.
-const NEAR_SHARE: f64 = 0.35;
+pub(super) const NEAR_SHARE: f64 = 0.35;
 /// Farthest near plane, mm.
 const MOST_NEAR_MM: f64 = 5.0;
 /// Cruising speed in median radii a second, where only the number of frames is given.
@@ -112,6 +112,8 @@ pub struct Flight {
     pub seconds: Vec<f64>,
     /// Distance to the wall that was proven for each frame, mm: at least, not exactly.
     pub clearance_mm: Vec<f64>,
+    /// Room about the eye as the path has it, smoothed along it, mm: light is scaled by it.
+    pub room_mm: Vec<f32>,
     /// Vertical field of view, radians.
     pub fov_y_rad: f32,
     /// Width over height.
@@ -175,6 +177,7 @@ impl Flight {
             let seconds = each * k as f64;
             let shot = planner.shot(k, profile.arc_at(seconds * stretch))?;
             flight.push(shot, seconds);
+            flight.room_mm.push(track.room_mm(profile.arc_at(seconds * stretch)) as f32);
         }
         flight.moved = planner.moved;
         Ok(flight)
@@ -232,6 +235,7 @@ impl Flight {
             flight.poses.extend(piece.poses);
             flight.near_mm.extend(piece.near_mm);
             flight.clearance_mm.extend(piece.clearance_mm);
+            flight.room_mm.extend(piece.room_mm);
             flight.moved += piece.moved;
         }
         if flight.poses.len() > MAX_FRAMES {
@@ -276,6 +280,7 @@ impl Flight {
             near_mm: Vec::new(),
             seconds: Vec::new(),
             clearance_mm: Vec::new(),
+            room_mm: Vec::new(),
             fov_y_rad,
             aspect,
             moved: 0,

@@ -3,7 +3,7 @@
 /// Light and background.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
-    /// Distance at which light is halved, mm; by default a multiple of the organ's mean radius.
+    /// Distance at which light is halved, mm; by default a multiple of the room about the eye.
     pub falloff_mm: Option<f32>,
     /// Behind everything; linear.
     pub background: [f32; 3],
@@ -17,10 +17,11 @@ impl Default for Look {
     }
 }
 
-/// Light is halved after this many mean radii, unless [`Look::falloff_mm`] says otherwise.
-pub(super) const FALLOFF_RADII: f32 = 2.4;
-/// How far beside the eye the light sits, in mean radii.
-pub(super) const LIGHT_RADII: f32 = 0.2;
+/// Light is halved at this many times the room about the eye, unless [`Look::falloff_mm`] says
+/// otherwise.
+pub(super) const FALLOFF_ROOMS: f32 = 5.0;
+/// How far above the eye the light sits, as a share of the room.
+pub(super) const LIGHT_ROOMS: f32 = 0.35;
 
 /// A linear colour as sRGB stores it (IEC 61966-2-1).
 pub(super) fn srgb(linear: [f32; 3]) -> [f32; 3] {
@@ -49,11 +50,11 @@ mod tests {
     fn the_shaders_fraction_is_tone_curve_and_srgb_within_what_it_says() {
         let [a, b, c, d, e] = fraction();
         let (mut dark, mut bright): (f64, f64) = (0.0, 0.0);
-        for i in 0..=230_000 {
+        for i in 0..=220_000 {
             let light = f64::from(i) * 1e-5;
-            let tone = 1.0 - (-light).exp();
-            let [curve, ..] = srgb([(tone * (0.5 + tone * (1.5 - tone))) as f32; 3]);
-            let fraction = light * (a + light * b) / (1.0 + light * (c + light * (d + light * e)));
+            let tone = light * (1.0 + light / 4.84) / (1.0 + light);
+            let [curve, ..] = srgb([tone as f32; 3]);
+            let fraction = light * (a + light * b) / (1.0 + light * (c + light * (d - light * e)));
             let off = 255.0 * (fraction - f64::from(curve)).abs();
             if f64::from(curve) < 20.0 / 255.0 {
                 dark = dark.max(off)
@@ -61,6 +62,6 @@ mod tests {
                 bright = bright.max(off)
             }
         }
-        assert!(dark < 0.665 && bright < 0.245, "{dark} below 20, {bright} above");
+        assert!(dark < 0.73 && bright < 0.665, "{dark} below 20, {bright} above");
     }
 }

@@ -503,10 +503,11 @@ impl Renderer {
             Wall::Mesh(mesh) => self.model(mesh).mean_radius_mm,
             Wall::Pages { pages, .. } => self.wall_pages(pages).mean_radius_mm,
         };
-        let falloff = scene.look.falloff_mm.unwrap_or(super::look::FALLOFF_RADII * radius);
+        let room = shot.room_mm.filter(|r| *r > 0.0).unwrap_or(radius);
+        let falloff = scene.look.falloff_mm.unwrap_or(super::look::FALLOFF_ROOMS * room);
         // The light sits beside the lens, as on an endoscope: relief needs a shadow side. The faces
         // of a cube share one light, in the eye, or they would not meet.
-        let beside = super::look::LIGHT_RADII * radius.min(shot.lens.near_mm * 4.0);
+        let beside = super::look::LIGHT_ROOMS * room;
         let beside = if shot.view.is_all_round() { 0.0 } else { beside };
         let light = shot.pose.position_mm + beside * shot.pose.up();
         let push = surface_push(&camera.pose, &camera.lens, area, light, falloff);

@@ -134,4 +134,6 @@ pub struct Shot {
     pub lens: Lens,
     /// Share of the path behind the eye, 0 to 1; the rest is drawn dim.
     pub progress: f32,
+    /// Room about the eye, mm, by which light is scaled; the organ's mean radius where `None`.
+    pub room_mm: Option<f32>,
 }

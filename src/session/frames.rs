@@ -342,8 +342,13 @@ impl Figures {
 
 /// One shot a pose. `progress`: share of the path behind each eye.
 fn shots(flight: &Flight, view: View, progress: &[f32]) -> Vec<Shot> {
-    let shot =
-        |i| Shot { view, pose: flight.poses[i], lens: flight.lens(i), progress: progress[i] };
+    let shot = |i: usize| Shot {
+        view,
+        pose: flight.poses[i],
+        lens: flight.lens(i),
+        progress: progress[i],
+        room_mm: Some(flight.room_mm[i]),
+    };
     (0..flight.poses.len()).map(shot).collect()
 }
 
