@@ -101,11 +101,13 @@ fn a_cancelled_session_starts_no_further_stage_and_goes_on_after_a_reset() {
 fn a_cancelled_session_ends_within_a_quarter_of_a_second() {
     const ALL: [Product; 3] = [Product::Levels, Product::Base, Product::Coverage];
     let volume = phantom(Kind::Colon, 224);
-    let whole = {
+    let run = || {
         let start = Instant::now();
         session(&volume, Settings::default()).prepare(&ALL).unwrap();
         start.elapsed()
     };
+    // The shorter of two: a run that other work slowed down would put the later moments after the end.
+    let whole = run().min(run());
     let mut waits: Vec<(Duration, u32)> = (1..20u32)
         .filter_map(|i| {
             let session = session(&volume, Settings::default());
