@@ -20,13 +20,13 @@ pub(super) fn element(near: &[u32], slot: usize, p: [i32; 3]) -> Option<usize> {
 
 /// The values of a brick and of `halo` voxels on each side, x fastest.
 #[derive(Clone)]
-pub(super) struct Block {
+pub(super) struct BrickBlock {
     halo: i32,
     side: usize,
     values: Vec<i32>,
 }
 
-impl Block {
+impl BrickBlock {
     pub(super) fn new(halo: i32) -> Self {
         let side = (8 + 2 * halo) as usize;
         Self { halo, side, values: vec![0; side * side * side] }

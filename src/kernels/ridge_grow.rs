@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::blocks::{Block, element, place};
+use super::blocks::{BrickBlock, element, place};
 use super::cases_on_bricks;
 pub use super::host::ridge_grow::{Bindings, Params};
 use super::host::ridge_grow::{SHADER, open};
@@ -32,7 +32,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     };
     let bricks = s.after.par_chunks_exact_mut(BRICK).enumerate().with_min_len(8);
     bricks.for_each_init(
-        || Block::new(1),
+        || BrickBlock::new(1),
         |block, (slot, out)| {
             crate::task::checkpoint();
             if !is_near(slot) {
@@ -64,7 +64,7 @@ fn twin(args: &mut CpuArgs<'_>) {
 }
 
 /// Core voxels are paths of themselves.
-fn overlay_core(block: &mut Block, near: &[u32], slot: usize, core: &[u32], value: &[i32]) {
+fn overlay_core(block: &mut BrickBlock, near: &[u32], slot: usize, core: &[u32], value: &[i32]) {
     for z in -1..9 {
         for y in -1..9 {
             for (first, range) in [(-8, -1..0), (0, 0..8), (8, 8..9)] {

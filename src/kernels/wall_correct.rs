@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::blocks::{Block, excess_bits, length_of, place};
+use super::blocks::{BrickBlock, excess_bits, length_of, place};
 use super::cases_on_bricks;
 pub use super::host::wall_correct::{Bindings, Params};
 use super::host::wall_correct::{SHADER, open};
@@ -23,7 +23,7 @@ const NEAR: i32 = 1024;
 
 fn twin(args: &mut CpuArgs<'_>) {
     let (s, p, _) = open(args);
-    let scratch = || (Block::new(2), Block::new(1));
+    let scratch = || (BrickBlock::new(2), BrickBlock::new(1));
     let bricks = s.moved.par_chunks_exact_mut(BRICK).enumerate().with_min_len(4);
     bricks.for_each_init(scratch, |(edges, offsets), (slot, out)| {
         crate::task::checkpoint();
@@ -49,7 +49,7 @@ fn twin(args: &mut CpuArgs<'_>) {
 }
 
 /// How far the blur has moved the edge at a voxel.
-fn shift(edges: &Block, offsets: &Block, q: [i32; 3], p: &Params) -> i32 {
+fn shift(edges: &BrickBlock, offsets: &BrickBlock, q: [i32; 3], p: &Params) -> i32 {
     let (values, strides) = (edges.values(), edges.strides());
     let direction = |at: usize, axis: usize| {
         let g: [i32; 3] = std::array::from_fn(|a| {

@@ -32,7 +32,7 @@ const LEAST_CREST: i32 = 614;
 
 /// Values about a brick, positions counted from its first voxel.
 #[derive(Clone, Copy)]
-struct View<'a> {
+struct BrickView<'a> {
     near: &'a [u32],
     slot: usize,
     corner: [i32; 3],
@@ -41,7 +41,7 @@ struct View<'a> {
     sharp: &'a [i32],
 }
 
-impl View<'_> {
+impl BrickView<'_> {
     /// Element of a voxel, held in the volume.
     #[inline]
     fn held(&self, p: [i32; 3]) -> Option<usize> {
@@ -118,7 +118,7 @@ fn twin(args: &mut CpuArgs<'_>) {
             weight.fill(0);
             let corner = [0, 1, 2].map(|a| s.corner[slot * 3 + a]);
             let (value, sharp) = (s.value, s.sharp);
-            let view = View { near: s.near, slot, corner, size: p.size, value, sharp };
+            let view = BrickView { near: s.near, slot, corner, size: p.size, value, sharp };
             for local in 0..BRICK {
                 let e = slot * BRICK + local;
                 if s.path[e] == 0 {
@@ -150,7 +150,13 @@ fn twin(args: &mut CpuArgs<'_>) {
 }
 
 /// First maximum along the gradient, and the weight of this voxel.
-fn along_gradient(view: View<'_>, calm: &[i32], q: [i32; 3], here: i32, p: &Params) -> (i32, i32) {
+fn along_gradient(
+    view: BrickView<'_>,
+    calm: &[i32],
+    q: [i32; 3],
+    here: i32,
+    p: &Params,
+) -> (i32, i32) {
     let g: [i32; 3] = std::array::from_fn(|axis| {
         let mut d = [0; 3];
         d[axis] = 1;

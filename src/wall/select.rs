@@ -1,5 +1,6 @@
 //! The lumen's voxels from signs of the field, and figures of its wall.
 
+use glam::IVec3;
 use rayon::prelude::*;
 
 use super::{Contrast, WallInput, WallStats};
@@ -85,5 +86,5 @@ pub(super) fn stats(
     }
 }
 
-use glam::IVec3;
+/// Ways to the voxels that share a side with one.
 const SIDES: [IVec3; 6] = [IVec3::X, IVec3::NEG_X, IVec3::Y, IVec3::NEG_Y, IVec3::Z, IVec3::NEG_Z];

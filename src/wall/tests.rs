@@ -4,8 +4,11 @@ use glam::{DVec3, UVec3};
 use rayon::prelude::*;
 
 use super::*;
+use crate::compute::Plan;
 use crate::compute::run_cpu;
+use crate::lumen::{BitVolume, fill_cavities};
 use crate::surface::extract;
+use crate::volume::{Grid, Volume};
 
 /// Spacing of the phantoms, mm.
 const H: f64 = 0.7;

@@ -1,0 +1,93 @@
+//! Shift of curved edges by blur, round ends, and the final lumen.
+
+use glam::IVec3;
+use rayon::prelude::*;
+
+use super::launches::BrickLaunches;
+use super::profile::WallInput;
+use super::{OFFSET, Tissue, WallError, WallField, select};
+use crate::compute::{Array, Buf, Plan};
+use crate::kernels::{wall_correct, wall_peak, wall_sides};
+use crate::lumen::bricks::BRICK;
+use crate::lumen::{BitVolume, Lumen};
+
+/// The offsets of a first mask.
+pub struct WallProfile<'a> {
+    pub(super) input: WallInput<'a>,
+    pub(super) mark: Array<u32>,
+    pub(super) level: Array<i32>,
+    pub(super) mask: BitVolume,
+    pub(super) inside: Vec<u64>,
+    /// Standard deviation of the scan's blur, mm.
+    pub(super) sigma_mm: f64,
+}
+
+impl WallProfile<'_> {
+    /// Appends the correction of curved edges and of closed ends.
+    pub fn correct<'p>(&'p self, plan: &mut Plan<'p>) -> Buf<i32> {
+        let input = &self.input;
+        let slots = input.bricks.len() as u32;
+        let n = input.bricks.field_len();
+        let shape = BrickLaunches::new(plan, &input.bricks, &input.grid);
+        let inside = plan.upload("inside", bytemuck::cast_slice::<u64, u32>(&self.inside));
+        let level = plan.upload("levels", &self.level);
+        let [offset, edge, filled, closed] =
+            ["offsets", "edge", "filled", "closed"].map(|name| plan.zeroed::<i32>(name, n));
+        let near = shape.near;
+        let bindings = wall_sides::Bindings { near, inside, level, offset, edge, filled, closed };
+        plan.launch(&wall_sides::KERNEL, bindings, wall_sides::Params { slots }, n, n);
+        let spare = [0, 1].map(|_| plan.zeroed::<i32>("spare", n));
+        let weights = &input.weights;
+        shape.blur(plan, &weights.curvature, edge, spare, edge, 512 * 64);
+        shape.blur(plan, &weights.filled, filled, spare, filled, 0);
+        shape.blur(plan, &weights.closed, closed, spare, closed, 0);
+        let (mean, least) = (input.mean_spacing(), input.grid.spacing_mm.min_element());
+        let sigma = self.sigma_mm;
+        let is_curved = input.tissue != Tissue::Colon;
+        let shift = if is_curved { 0.5 * sigma * sigma / (least * mean) * 1024.0 } else { 0.0 };
+        let params = wall_correct::Params {
+            slope: input.ratio(1024.0),
+            slots,
+            shift: shift.round().min(32768.0) as i32,
+            most: (4096.0 * least / sigma).round() as i32,
+            rise: (1024.0 * mean / least).round() as i32,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        let moved = plan.zeroed::<i32>("moved offsets", n);
+        let bindings = wall_correct::Bindings { near, offset, edge, filled, closed, moved };
+        plan.launch(&wall_correct::KERNEL, bindings, params, n, n);
+        plan.download(moved);
+        moved
+    }
+
+    /// The final lumen with its field.
+    ///
+    /// * `fill`: fill closed cavities.
+    ///
+    /// # Errors
+    /// [`WallError::Empty`].
+    pub fn finish(self, moved: &[i32]) -> Result<(Lumen, WallField), WallError> {
+        let Self { input, mark, level, mask, sigma_mm, .. } = self;
+        let bricks = &input.bricks;
+        let lumen_at = |e: usize| mark[e] & wall_peak::JOINED != 0 && moved[e] < 0;
+        let mask = select::lumen(bricks, &mask, lumen_at).ok_or(WallError::Empty)?;
+        let lumen = Lumen::new(input.grid, &mask);
+        let stats = select::stats(&input, sigma_mm, &lumen, &mark, &level);
+        let scale = (input.mean_spacing() / OFFSET) as f32;
+        let mut offset_mm = vec![0f32; lumen.bricks.field_len()];
+        offset_mm.par_chunks_exact_mut(BRICK).enumerate().for_each(|(slot, out)| {
+            let from = bricks.slot_of(IVec3::from(lumen.bricks.corners()[slot]));
+            for (local, out) in out.iter_mut().enumerate() {
+                let inside = lumen.is_inside(slot * BRICK + local);
+                let raw = from.map_or(3072, |s| moved[s * BRICK + local]);
+                let held = match inside {
+                    true => raw.min(-20),
+                    false if raw <= 0 => 512,
+                    false => raw.max(20),
+                };
+                *out = held as f32 * scale;
+            }
+        });
+        Ok((lumen, WallField { offset_mm, stats }))
+    }
+}
