@@ -72,9 +72,12 @@ def _simplify(*more):
     return _to("ply", lambda c: ["simplify", str(c.path("ply")), "--faces", str(c.about()["keep"]), *more])
 
 
+EXACT = ["--wall", "exact"]  # the same task as the peers': the contour of a threshold or of a mask
+
+
 def _wall_of(of):
     """Every voxel inside, as peers contour them all."""
-    return (lambda c: [*_mask(c), *ALL]) if of == "mask" else _thresholded
+    return (lambda c: [*_mask(c), *ALL, *EXACT]) if of == "mask" else lambda c: [*_thresholded(c), *EXACT]
 
 
 def _surface(of, *more):
@@ -211,7 +214,7 @@ STAGES = {
         "Ours also fills closed cavities and marks the boundary, and leaves the lumen in bricks. "
         "The voxels that noise moves across the threshold are the same for all.",
         ["colon_128"], ["colon_256", "colon_ct"],
-        {"intima segment": (_to("nrrd", lambda c: ["segment", *_air(c), "--binary"]), None)},
+        {"intima segment": (_to("nrrd", lambda c: ["segment", *_air(c), "--binary", *EXACT]), None)},
         {"SimpleITK connected threshold": ("SimpleITK", "volumes:itk_grow"),
          "scikit-image flood": ("scikit-image", "volumes:skimage_grow"),
          "cc3d": ("connected-components-3d", "volumes:cc3d_grow"),
