@@ -113,7 +113,8 @@ impl Track {
         let (i, t) = place(arc_mm / self.step_mm, self.eye.len());
         let j = (i + 1).min(self.eye.len() - 1);
         let between = |v: &[DVec3]| v[i].lerp(v[j], t);
-        let gaze = between(&self.gaze).normalize_or(self.gaze[i]);
+        // Along the arc: on the chord the gaze would turn faster in the middle of a sharp turn.
+        let gaze = self.gaze[i].slerp(self.gaze[j], t).normalize_or(self.gaze[i]);
         let up = between(&self.up).reject_from_normalized(gaze).normalize_or(self.up[i]);
         let r = &self.radius_mm;
         (between(&self.eye), gaze, up, r[i] + t * (r[j] - r[i]))
