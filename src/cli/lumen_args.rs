@@ -33,16 +33,16 @@ pub struct LumenArgs {
     #[arg(long, value_enum, value_name = "ORGAN")]
     #[arg(conflicts_with_all = ["mask", "threshold", "seed", "seed_mm", "all_components", "leak_control"])]
     pub organ: Option<OrganArg>,
-    /// Of a colon, take the tagged fluid too where there is some
+    /// Take a colon's tagged fluid too, where there is some
     #[arg(long, requires = "organ")]
     pub tagged: bool,
-    /// Of a colon, leave the tagged fluid out (the default)
+    /// Leave a colon's tagged fluid out (the default)
     #[arg(long, requires = "organ", conflicts_with = "tagged")]
     pub no_tagged: bool,
-    /// Of an airway, take thin bronchi too, beyond the threshold of the tree (the default)
+    /// Take an airway's thin bronchi too, beyond the threshold of the tree (the default)
     #[arg(long, requires = "organ")]
     pub thin_bronchi: bool,
-    /// Of an airway, leave thin bronchi out
+    /// Leave an airway's thin bronchi out
     #[arg(long, requires = "organ", conflicts_with = "thin_bronchi")]
     pub no_thin_bronchi: bool,
     /// Draw the segmented organ in projections of the volume: a PNG

@@ -231,7 +231,7 @@ impl CameraPath {
             })?;
             let pose = Pose { position_mm, rotation: s.rotation.as_quat().normalize() };
             flight.push((pose, near, room), s.seconds - start);
-            // What was proven is less than the room there is, by up to the diagonal of a voxel.
+            // The proven distance is less than the room, by up to the diagonal of a voxel.
             flight
                 .room_mm
                 .push((room as f32).max(s.near_mm as f32 / super::plan::NEAR_SHARE as f32));

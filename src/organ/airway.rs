@@ -4,7 +4,7 @@
 
 use glam::UVec3;
 
-use super::body::Body;
+use super::body::PatientBody;
 use super::bronchi;
 use super::gates::Gates;
 use super::smooth::smoothed;
@@ -29,7 +29,7 @@ const MOST_FLOOD_ML: f64 = 400.0;
 const MOST_AIRWAY_ML: f64 = 120.0;
 /// What joins in a step is judged from this volume on, ml …
 const JUDGED_ML: f64 = 1.0;
-/// … and reported where it is more than this, and than a share of what was there before.
+/// … and reported where it exceeds this volume and this share of the tree before it, ml.
 const JUMP_ML: f64 = 5.0;
 const JUMP_SHARE: f64 = 0.2;
 /// Least share of the boundary of bronchi that is wall. Measured: bronchi 0.66 to 0.93, lung 0.17.
@@ -38,7 +38,7 @@ const LEAST_WALLED: f64 = 0.45;
 const MOST_FILLED: f64 = 0.15;
 /// Most noise of the air in the trachea, standard deviation in HU.
 const MOST_NOISE_HU: f64 = 140.0;
-/// Of a trachea without lung: most of the air that is joined to it, ml; its least length, mm; its greatest
+/// Limits for a trachea without lung: most air joined to it, ml; its least length, mm; its greatest
 /// radius, mm; the greatest variation of its cross sections; how near to the first or last slice of
 /// the scan it comes, mm; its least share of all the air that is joined to it.
 const SHORT_MOST_ML: f64 = 150.0;
@@ -200,7 +200,7 @@ fn from_trachea(
     })
 }
 
-/// Of a mask on both sides of the trachea, some way off, the share on the side that has less.
+/// Share of a mask beside the trachea, some way off, that lies on the side with less of it.
 fn sides(volume: &Volume, mask: &BitVolume, trachea: &Trachea) -> f64 {
     let to_world = volume.grid.world_from_voxel();
     let x = |v: UVec3| to_world.transform_point3(v.as_dvec3()).x;
@@ -234,11 +234,11 @@ fn pass_without_lung(
     let varies = trachea.variation;
     gates.at_most("variation of its cross sections", varies, SHORT_VARIATION, 0.2)?;
     // A hollow rail of the table is such a tube too.
-    let inside = Body::of(volume).map_or(0.0, |body| share(&trachea.core, &body.inside));
+    let inside = PatientBody::of(volume).map_or(0.0, |body| share(&trachea.core, &body.inside));
     gates.at_least("share of it inside the body", inside, SHORT_INSIDE, 1.0)
 }
 
-/// What was grown from the trachea to just before lung joins.
+/// An airway grown from the trachea to just before lung joins.
 struct Tree {
     mask: BitVolume,
     threshold: f64,

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::OrganError;
 use super::gates::Gates;
-use super::sections::{Section, Shape, Slices, longest_chain, regions};
+use super::sections::{Section, SectionRegion, Slices, longest_chain, regions};
 use super::values::{LEAST_HU, between, quantile};
 use crate::lumen::{BitVolume, opened};
 use crate::volume::{Grid, Rescale, SampleBuffer, Samples, Volume};
@@ -144,7 +144,7 @@ fn sections_of(
     slices: &Slices,
     slice: u32,
 ) -> Vec<(Section, f64)> {
-    let section = |shape: &Shape| {
+    let section = |shape: &SectionRegion| {
         let mut section = shape.section(slices, slice, ASPECT)?;
         let is_round = AREA_MM2.contains(&section.area_mm2) && section.circularity >= CIRCULARITY;
         if !is_round || shape.holes > HOLES {
@@ -293,7 +293,7 @@ impl Aorta {
     }
 }
 
-/// What was seen where no chain is an aorta.
+/// The refusal where no chain of sections is an aorta.
 pub(super) fn none(gates: &Gates) -> OrganError {
     gates.refuse(format!(
         "no chain of round, even, bright cross sections (up to {MOST_BLOOD_HU} HU, \

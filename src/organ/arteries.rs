@@ -1,7 +1,7 @@
 //! The aorta and its branches in a CT with contrast medium.
 
 use super::aorta::{self, Aorta};
-use super::body::Body;
+use super::body::PatientBody;
 use super::branches::{Mouths, follow};
 use super::gates::Gates;
 use super::sections::{Slices, regions};
@@ -17,7 +17,7 @@ use crate::volume::Volume;
 const SOFT_TISSUE_HU: f64 = 45.0;
 const TUBE_PART: f64 = 0.5;
 const BRANCH_PART: f64 = 0.75;
-/// What is brighter than blood by this, HU, and by so many standard deviations of the noise, is bone;
+/// Bone is brighter than blood by this, HU, and by so many standard deviations of the noise;
 /// voxels nearer to it than this, mm, are mixed with it.
 const BONE_ABOVE_HU: f64 = 120.0;
 const BONE_DEVIATIONS: f64 = 4.0;
@@ -60,9 +60,9 @@ pub(super) fn find(volume: &Volume, gates: &Gates) -> Result<FoundOrgan, OrganEr
     Err(gates.refuse(refused.join("; ")))
 }
 
-/// Bone and what it encloses in the slices across an axis, with its rim.
+/// Bone and the marrow that it encloses in the slices across an axis, with its rim.
 ///
-/// * `least`: what is as bright as this is bone, but for specks: calcified walls of vessels.
+/// * `least`: least value of bone, real units; specks of it are calcified walls of vessels.
 fn bone(volume: &Volume, least: f64, axis: usize) -> BitVolume {
     let grid = &volume.grid;
     let mut bone = BitVolume::new(grid.dims);
@@ -95,7 +95,7 @@ fn from_aorta(volume: &Volume, aorta: &Aorta, mut gates: Gates) -> Result<FoundO
         smoothed(volume, sigma_mm, LEAST_HU)
     });
     let values = calm.as_ref().unwrap_or(volume);
-    let Some(body) = Body::of(volume) else { return Err(gates.refuse("no tissue")) };
+    let Some(body) = PatientBody::of(volume) else { return Err(gates.refuse("no tissue")) };
     let level = |part: f64| SOFT_TISSUE_HU + part * (blood - SOFT_TISSUE_HU);
     let top = blood + BONE_ABOVE_HU.max(BONE_DEVIATIONS * sigma);
     let more_mm = grid.spacing_mm.max_element().min(1.0);

@@ -2,7 +2,7 @@
 //! table, his cushions and his clothes.
 //!
 //! Tissue is opened with a ball that the plates of a table do not hold; the largest 6-component of
-//! what is left is the core of the body, and tissue near it is its wall. In each slice across the
+//! the opening is the core of the body, and tissue near it is its wall. In each slice across the
 //! patient, what this wall encloses is the inside.
 
 use glam::UVec3;
@@ -26,12 +26,12 @@ const REACH_RADII: u32 = 5;
 const GAP_RADII: f64 = 0.6;
 
 /// The body of a patient.
-pub(super) struct Body {
+pub(super) struct PatientBody {
     /// Everything up to the skin, with the air in it.
     pub inside: BitVolume,
 }
 
-impl Body {
+impl PatientBody {
     /// The largest body of a volume; nothing where there is no tissue.
     pub fn of(volume: &Volume) -> Option<Self> {
         let grid = &volume.grid;
@@ -57,8 +57,8 @@ impl Body {
     }
 }
 
-/// In each slice across an axis a wall and what it encloses. Where an edge of the slice cuts the
-/// wall more than once, what lies between the cuts is closed along that edge.
+/// A wall with the voxels that it encloses in each slice across an axis. Where an edge of the slice
+/// cuts the wall more than once, the edge between the cuts counts as wall.
 fn enclosed(wall: &BitVolume, across: usize) -> BitVolume {
     let dims = wall.dims();
     let (u, v) = [(1, 2), (0, 2), (0, 1)][across];
@@ -137,7 +137,7 @@ mod tests {
     #[test]
     fn the_air_between_a_tables_plates_lies_outside_the_body_that_touches_it() {
         let (volume, at) = on_table(0);
-        let body = Body::of(&volume).unwrap();
+        let body = PatientBody::of(&volume).unwrap();
         let inside = |x, y| body.inside.get(at(x, y).as_ivec3());
         assert!(inside(50, 35) && inside(90, 35) && inside(50, 24), "gas and tissue");
         assert!(!inside(60, 84) && !inside(20, 90) && !inside(100, 75), "the table");
@@ -147,7 +147,7 @@ mod tests {
     #[test]
     fn gas_that_the_edge_of_the_scan_cuts_stays_inside_and_the_room_does_not() {
         let (volume, at) = on_table(50);
-        let body = Body::of(&volume).unwrap();
+        let body = PatientBody::of(&volume).unwrap();
         let inside = |x, y| body.inside.get(at(x, y).as_ivec3());
         assert!(inside(50, 35) && inside(50, 12) && !inside(50, 2) && !inside(50, 90));
     }
@@ -155,6 +155,6 @@ mod tests {
     #[test]
     fn a_volume_without_tissue_has_no_body() {
         let grid = Grid::axis_aligned([20, 20, 20], [1.0; 3]);
-        assert!(Body::of(&Volume::new(grid, vec![-1000i16; grid.len()].into())).is_none());
+        assert!(PatientBody::of(&Volume::new(grid, vec![-1000i16; grid.len()].into())).is_none());
     }
 }

@@ -28,8 +28,8 @@ pub(super) struct Mouths<'a> {
     pub end_mm2: f64,
 }
 
-/// What was followed.
-pub(super) struct Followed {
+/// Branches followed from a tube.
+pub(super) struct ArteryBranches {
     /// The branches, without the tube.
     pub mask: BitVolume,
     /// Fronts that were taken back.
@@ -57,7 +57,7 @@ struct Root {
 }
 
 /// Follows all branches of a tube inside a mask.
-pub(super) fn follow(grid: &Grid, allowed: &BitVolume, mouths: &Mouths) -> Followed {
+pub(super) fn follow(grid: &Grid, allowed: &BitVolume, mouths: &Mouths) -> ArteryBranches {
     let mean_step_mm = grid.voxel_mm3().cbrt();
     let area_mm2 = |layer: &[IVec3]| layer.len() as f64 * mean_step_mm.powi(2) / LAYER_FACTOR;
     let mut seen = mouths.tube.clone();
@@ -149,7 +149,7 @@ pub(super) fn follow(grid: &Grid, allowed: &BitVolume, mouths: &Mouths) -> Follo
     for v in parts.iter().flat_map(|part| part.layers.iter().flatten()).map(|v| v.as_uvec3()) {
         mask.set(v.x, v.y, v.z);
     }
-    Followed { mask, taken_back }
+    ArteryBranches { mask, taken_back }
 }
 
 /// Voxels of a mask beside a layer that were not seen before.

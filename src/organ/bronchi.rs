@@ -86,7 +86,7 @@ pub(super) fn grow(volume: &Volume, tree: &BitVolume, threshold: f64) -> Option<
         ml += piece.len() as f64 * voxel_ml;
     }
     let fits = ml <= MOST_ADDED * (tree.count() as f64 * voxel_ml + branches_ml);
-    // What was left out may have held the way to a branch.
+    // A piece that was left out may have held the way to a branch.
     let mask = crate::lumen::pieces(&mask, 1).first()?.mask(mask.dims());
     fits.then_some(Added {
         mask,
@@ -261,7 +261,7 @@ impl Growth<'_> {
 /// A 6-connected piece that is not of the tree, from where it was met on.
 struct NewPiece {
     voxels: Vec<IVec3>,
-    /// Of each voxel the place of the one before it on the way from the first.
+    /// Index in `voxels` of each voxel's predecessor on the way from the first.
     before: Vec<usize>,
     /// Whether it is larger than a thin bronchus; then these are not all its voxels.
     is_large: bool,

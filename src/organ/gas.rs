@@ -2,7 +2,7 @@
 
 use glam::{DVec3, UVec3};
 
-use super::body::Body;
+use super::body::PatientBody;
 use super::depth::Depth;
 use super::lungs::{Lungs, lung_of};
 use super::values::{LEAST_HU, between, share};
@@ -70,7 +70,7 @@ impl Gas {
         if gas.is_empty() {
             return None;
         }
-        let body = Body::of(volume).map(|body| body.inside);
+        let body = PatientBody::of(volume).map(|body| body.inside);
         let body = body.unwrap_or_else(|| BitVolume::new(grid.dims));
         let mut inside = gas.clone();
         inside.keep(&body);

@@ -63,9 +63,9 @@ impl Organ {
 pub struct OrganOptions {
     /// Which one.
     pub organ: Organ,
-    /// Of a colon, take the tagged fluid too, where there is some.
+    /// Take a colon's tagged fluid too, where there is some.
     pub tagged: bool,
-    /// Of an airway, take bronchi beyond the threshold of its tree too.
+    /// Take an airway's bronchi beyond the threshold of its tree too.
     pub thin: bool,
 }
 

@@ -51,7 +51,7 @@ pub(super) fn regions(
     slices: &Slices,
     slice: u32,
     area_mm2: &std::ops::Range<f64>,
-) -> Vec<Shape> {
+) -> Vec<SectionRegion> {
     let (width, height) = (slices.width, slices.height);
     let set = |i: usize| {
         let v = slices.voxel(slice, i % width, i / width);
@@ -85,14 +85,14 @@ pub(super) fn regions(
         }
         let area = pixels.len() as f64 * pixel;
         if !at_edge && (0.5 * area_mm2.start..area_mm2.end).contains(&area) {
-            out.push(Shape::filled(&pixels, slices));
+            out.push(SectionRegion::filled(&pixels, slices));
         }
     }
     out
 }
 
 /// A region of a slice without holes, in a frame of its own with a margin.
-pub(super) struct Shape {
+pub(super) struct SectionRegion {
     low: [usize; 2],
     width: usize,
     height: usize,
@@ -101,7 +101,7 @@ pub(super) struct Shape {
     pub holes: f64,
 }
 
-impl Shape {
+impl SectionRegion {
     fn filled(pixels: &[usize], slices: &Slices) -> Self {
         let place = |i: &usize| (i % slices.width, i / slices.width);
         let of = |f: fn((usize, usize)) -> usize| pixels.iter().map(move |i| f(place(i)));
@@ -123,13 +123,13 @@ impl Shape {
         self.inside[p + self.width * q]
     }
 
-    /// Its pixels in its own frame.
+    /// Pixels of the region in its own frame.
     pub fn pixels(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         let all = (0..self.height).flat_map(|q| (0..self.width).map(move |p| (p, q)));
         all.filter(|(p, q)| self.at(*p, *q))
     }
 
-    /// Its voxels.
+    /// Voxels of the region.
     pub fn voxels<'a>(
         &'a self,
         slices: &'a Slices,
@@ -139,7 +139,7 @@ impl Shape {
         self.pixels().map(move |(p, q)| slices.voxel(slice, p + low_p - 1, q + low_q - 1))
     }
 
-    /// Its section in a frame of the slice; nothing where its ends are pointed.
+    /// The cross section in the slice's frame; nothing where its ends are pointed.
     ///
     /// * `most_aspect`: longest axis over the shortest.
     pub fn section(&self, slices: &Slices, slice: u32, most_aspect: f64) -> Option<Section> {

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3, UVec3};
 use rayon::prelude::*;
 
-use super::sections::{Section, Shape, Slices, longest_chain, regions};
+use super::sections::{Section, SectionRegion, Slices, longest_chain, regions};
 use super::values::{LEAST_HU, between, quantile};
 use crate::lumen::{BitVolume, closed};
 use crate::volume::Volume;
@@ -132,7 +132,7 @@ impl Trachea {
 
 /// The cross sections of a slice that may be a trachea's.
 fn sections(volume: &Volume, air: &BitVolume, slices: &Slices, slice: u32) -> Vec<Section> {
-    let is_trachea = |shape: &Shape| {
+    let is_trachea = |shape: &SectionRegion| {
         let section = shape.section(slices, slice, ASPECT)?;
         let is_round = AREA_MM2.contains(&section.area_mm2) && section.circularity >= CIRCULARITY;
         let ring = || shape.ring_values(volume, slices, slice, &RING);

@@ -26,7 +26,7 @@ use crate::wall::{self, Tissue, WallField, WallInput};
 
 /// The mask that decides which lumen is meant, and which way a route can take.
 pub struct Core {
-    /// Its voxels, cavities filled.
+    /// Voxels of the core, cavities filled.
     pub mask: BitVolume,
     /// Components left out, cavities filled, leaks.
     pub found: SegmentationStats,

@@ -74,13 +74,13 @@ pub enum Seed {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WallMethod {
-    /// Of grey values the field, of a label map relaxed where slices are thin enough; else, and in
+    /// The field for grey values, relaxed for a label map whose slices are thin enough; else, and in
     /// paper mode, exact.
     #[default]
     Auto,
     /// Where the profile of the grey values puts it.
     Field,
-    /// Of a label map, smooth within half a voxel: every voxel centre stays on its side.
+    /// Smooth within half a voxel of a label map's wall: every voxel centre stays on its side.
     Relaxed,
     /// At the threshold, held in the mask, or half way between voxels of a label map.
     Exact,
