@@ -11,7 +11,8 @@
 // in   law     [513]   i32  threshold of a peak of 8 times the index
 // in   cap     [10]    i32  least offset at a squared distance, voxels, from the core
 // out  level   [512 S] i32  low 16 bits: offset in 1/1024 of the mean spacing, negative in the lumen,
-//                           held within 3; high 16: the threshold
+//                           held within 3; then 14 bits: the threshold; bit 30: the offset is that of
+//                           `cap`, the values alone would be deeper in the lumen
 // grid one thread a voxel
 // tol  none
 // src  ours; lib and law in src/wall/law.rs
@@ -77,10 +78,14 @@ fn main(
     let threshold = plain + (((4096 - plain) * base) >> 12u);
     var offset = divided_down((value[voxel] - threshold) * 2253, max(top - base, 414));
     let flags = mark[voxel];
+    var capped = 0;
     if (flags & 8u) != 0u && offset < 0 && (core[voxel >> 5u] & (1u << (voxel & 31u))) == 0u {
         let d = core_distance(slot, position(voxel & 511u));
-        if d < 10 { offset = max(offset, cap[d]); }
+        if d < 10 && cap[d] > offset {
+            offset = cap[d];
+            capped = 1 << 30u;
+        }
     }
     if (flags & 4u) != 0u { offset = max(offset, params.forced); }
-    level[voxel] = (threshold << 16u) | (clamp(offset, -3072, 3072) & 0xffff);
+    level[voxel] = capped | (threshold << 16u) | (clamp(offset, -3072, 3072) & 0xffff);
 }

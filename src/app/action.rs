@@ -71,6 +71,8 @@ pub enum Colouring {
     Missed,
     /// Distance from the centerline.
     Radius,
+    /// Where the scan shows no wall, and where a thin sheet is all it shows.
+    Evidence,
 }
 
 /// What is measured by clicking.

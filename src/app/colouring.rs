@@ -4,6 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::geometry::{Centerline, Mesh, TriangleBvh};
+use crate::wall::Evidence;
 
 /// Of wall that no picture has shown; linear, eight bits each, and the share of the tissue's colour
 /// that it replaces.
@@ -20,6 +21,30 @@ const VIRIDIS: [[u8; 3]; 9] = [
     [170, 220, 50],
     [253, 231, 37],
 ];
+
+/// Of wall where the scan shows none, as sRGB.
+pub const NO_WALL: [u8; 3] = [205, 50, 190];
+/// Of wall drawn on a thin sheet, as sRGB.
+pub const SHEET: [u8; 3] = [235, 190, 60];
+
+/// Marks the vertices where the scan shows no wall, and those where it shows a thin sheet.
+pub fn evidence_colours(evidence: &[Evidence]) -> Vec<[u8; 4]> {
+    let over =
+        |[red, green, blue]: [u8; 3], share| [linear(red), linear(green), linear(blue), share];
+    let (no_wall, sheet) = (over(NO_WALL, 225), over(SHEET, 150));
+    let colour = |evidence: &Evidence| match evidence {
+        Evidence::Profile => [0; 4],
+        Evidence::Sheet => sheet,
+        Evidence::Limit => no_wall,
+    };
+    evidence.iter().map(colour).collect()
+}
+
+fn linear(srgb: u8) -> u8 {
+    let c = f64::from(srgb) / 255.0;
+    let l = if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
+    (l * 255.0).round() as u8
+}
 
 /// Marks the vertices of faces that were not seen; caps are no wall.
 ///
@@ -81,11 +106,6 @@ impl WallRadii {
 
     /// Colours by distance.
     pub fn colours(&self) -> Vec<[u8; 4]> {
-        let linear = |c: u8| {
-            let c = f64::from(c) / 255.0;
-            let l = if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
-            (l * 255.0).round() as u8
-        };
         let colour = |r: &f32| {
             let [red, green, blue] = scale_colour(f64::from(*r) / self.widest_mm).map(linear);
             [red, green, blue, 235]
@@ -113,6 +133,15 @@ mod tests {
         let mut wanted = wall.faces[3].to_vec();
         wanted.sort_unstable();
         assert_eq!(marked, wanted);
+    }
+
+    #[test]
+    fn wall_on_nothing_and_wall_on_a_sheet_are_told_apart_and_plain_wall_stays_plain() {
+        let colours = evidence_colours(&[Evidence::Profile, Evidence::Sheet, Evidence::Limit]);
+        assert_eq!(colours[0][3], 0, "plain");
+        assert!(colours[1][3] > 0 && colours[1][3] < colours[2][3], "a sheet shines through");
+        let [red, green, _] = colours[2].map(i32::from)[..3] else { panic!() };
+        assert!(red > 4 * green, "magenta");
     }
 
     #[test]

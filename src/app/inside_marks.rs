@@ -5,7 +5,7 @@ use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
 use glam::{DVec2, DVec3};
 
 use super::action::{Colouring, WallView};
-use super::colouring::scale_colour;
+use super::colouring::{NO_WALL, SHEET, scale_colour};
 use super::model::Model;
 use super::ui::{ACCENT, CAMERA, TEXT};
 use crate::render::cube_areas;
@@ -59,6 +59,9 @@ pub(super) fn inside_marks(painter: &Painter, rect: Rect, model: &Model) {
     }
     if model.colouring == Colouring::Radius {
         radius_scale(painter, rect, model);
+    }
+    if model.colouring == Colouring::Evidence {
+        evidence_legend(painter, rect, model);
     }
     if let Some(ruler) = model.ruler {
         let left = ruler.points() - model.marks_mm.len();
@@ -126,6 +129,23 @@ fn face_names(painter: &Painter, rect: Rect) {
         // The pane's own name is there.
         let at = if y == 0 { at + vec2(0.0, 2.0) } else { at };
         shadowed(painter, at, Align2::LEFT_TOP, name, 12.0, TEXT);
+    }
+}
+
+/// What the colours of the wall's evidence say, and how much of the wall each has.
+fn evidence_legend(painter: &Painter, rect: Rect, model: &Model) {
+    let Some(field) = model.products.lumen.as_ref().and_then(|l| l.wall.as_ref()) else { return };
+    let rows = [
+        (NO_WALL, "no wall in the scan", field.stats.closed_by_limit_share),
+        (SHEET, "thin sheet", field.stats.sheet_share),
+    ];
+    let mut at = rect.right_bottom() - vec2(8.0, 8.0);
+    for ([r, g, b], name, share) in rows {
+        let text = format!("{name} {:.1} %", 100.0 * share);
+        shadowed(painter, at - vec2(16.0, 0.0), Align2::RIGHT_BOTTOM, &text, 12.0, TEXT);
+        let square = Rect::from_min_size(at - vec2(11.0, 13.0), vec2(11.0, 11.0));
+        painter.rect_filled(square, 2.0, Color32::from_rgb(r, g, b));
+        at.y -= 19.0;
     }
 }
 

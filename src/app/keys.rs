@@ -57,6 +57,9 @@ pub(super) fn keys(ui: &Ui, model: &Model, actions: &mut Vec<Action>) {
     let next_colour = match model.colouring {
         Colouring::Tissue => Colouring::Missed,
         Colouring::Missed if model.products.radii.is_some() => Colouring::Radius,
+        Colouring::Missed | Colouring::Radius if model.products.evidence.is_some() => {
+            Colouring::Evidence
+        }
         _ => Colouring::Tissue,
     };
     let ruler = |wanted| Action::Measure((model.ruler != Some(wanted)).then_some(wanted));
@@ -146,7 +149,7 @@ pub(super) fn help(ui: &Ui, actions: &mut Vec<Action>) {
         ("drag in a slice", "crosshair (Shift + move: without a button)"),
         ("middle drag, Shift + drag", "pan a slice"),
         ("V", "eye, cube, panorama"),
-        ("C", "colour: tissue, not seen yet, radius"),
+        ("C", "colour: tissue, not seen yet, radius, evidence"),
         ("M, N", "measure a length, an angle"),
         ("E", "save the view"),
         ("B", "bookmark"),

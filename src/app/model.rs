@@ -22,6 +22,7 @@ use crate::geometry::{CrossSection, Pose, TriangleBvh};
 use crate::render::PreparedMesh;
 use crate::session::{Centered, Fields, FlightRoute, Levels, Segmented, Wall};
 use crate::volume::Volume;
+use crate::wall::Evidence;
 
 /// A noted place.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -68,6 +69,8 @@ pub struct Products {
     pub tree: Option<Arc<TriangleBvh>>,
     /// Distances of the wall's vertices from the centerline.
     pub radii: Option<Arc<WallRadii>>,
+    /// What the wall was drawn on at each vertex, where it follows grey values.
+    pub evidence: Option<Arc<Vec<Evidence>>>,
 }
 
 /// State of the window.
@@ -226,6 +229,7 @@ impl Model {
             News::Wall(wall, drawn) => (p.wall, p.drawn_wall) = (Some(wall), Some(drawn)),
             News::Tree(tree) => p.tree = Some(tree),
             News::Radii(radii) => p.radii = Some(radii),
+            News::Evidence(evidence) => p.evidence = Some(evidence),
             News::Index(index) => drop(self.index.set(index)),
             News::Sections(sections) => {
                 self.path.iter_mut().for_each(|p| p.set_sections(&sections));

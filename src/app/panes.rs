@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 
 use super::action::{Colouring, WallView};
-use super::colouring::missed_colours;
+use super::colouring::{evidence_colours, missed_colours};
 use super::model::{Model, Products};
 use crate::geometry::Camera;
 use crate::lod::{Tolerance, Worker};
@@ -290,6 +290,7 @@ impl Panes {
             Colouring::Tissue => None,
             Colouring::Missed => Some(model.shown_version),
             Colouring::Radius => p.radii.as_ref().map(|_| 0),
+            Colouring::Evidence => p.evidence.as_ref().map(|_| 0),
         };
         self.is_paint_old = false;
         let (Some(version), Some(wall), Some(drawn)) = (wanted, &p.wall, &p.drawn_wall) else {
@@ -308,8 +309,9 @@ impl Panes {
                 return Ok(());
             }
         }
-        let colours = match (&p.radii, model.colouring) {
-            (Some(radii), Colouring::Radius) => radii.colours(),
+        let colours = match (model.colouring, &p.radii, &p.evidence) {
+            (Colouring::Radius, Some(radii), _) => radii.colours(),
+            (Colouring::Evidence, _, Some(evidence)) => evidence_colours(evidence),
             _ => {
                 let none = vec![false; wall.mesh.faces.len()];
                 let seen = &model.shown.faces;

@@ -129,16 +129,24 @@ fn appearance(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
             }
         }
     });
+    let p = &model.products;
     let colours = [
-        (Colouring::Tissue, "tissue", true),
-        (Colouring::Missed, "not seen", model.products.wall.is_some()),
-        (Colouring::Radius, "radius", model.products.radii.is_some()),
+        (Colouring::Tissue, "tissue", true, "No colours"),
+        (Colouring::Missed, "not seen", p.wall.is_some(), "Wall that no picture has shown yet"),
+        (Colouring::Radius, "radius", p.radii.is_some(), "Distance from the centerline"),
+        (
+            Colouring::Evidence,
+            "evidence",
+            p.evidence.is_some(),
+            "Where the scan shows no wall, or only a thin sheet; of grey values, not of label maps",
+        ),
     ];
     ui.horizontal(|ui| {
         ui.label(egui::RichText::new("Colour").color(FAINT));
-        for (colouring, name, can) in colours {
+        for (colouring, name, can, tip) in colours {
             let label = egui::Button::selectable(model.colouring == colouring, name);
-            if ui.add_enabled(can, label).clicked() {
+            let button = ui.add_enabled(can, label).on_hover_text(tip).on_disabled_hover_text(tip);
+            if button.clicked() {
                 actions.push(Action::Colour(colouring));
             }
         }

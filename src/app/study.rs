@@ -22,6 +22,7 @@ use crate::session::{
     Wall,
 };
 use crate::volume::Volume;
+use crate::wall::{Evidence, vertex_evidence};
 
 /// A product that is there now, or the end.
 pub enum News {
@@ -43,6 +44,8 @@ pub enum News {
     Tree(Arc<TriangleBvh>),
     /// Distance of the wall's vertices from the centerline, mm.
     Radii(Arc<WallRadii>),
+    /// What the wall was drawn on, one a vertex.
+    Evidence(Arc<Vec<Evidence>>),
     /// The wall's triangles by place, which proofs of a near plane ask.
     Index(WallIndex),
     /// Cross-sections along the flight, one a pose.
@@ -314,6 +317,7 @@ fn each_product(session: &Session, tell: &dyn Fn(News) -> bool) -> Result<(), Se
     let listens = tell(News::Volume(Arc::clone(&volume), default_window(&volume)))
         && tell(News::Lumen(session.lumen()?))
         && tell(wall_news(session.wall()?)?)
+        && evidence(session)?.is_none_or(|e| tell(News::Evidence(Arc::new(e))))
         && tell(News::Identity(identity()))
         && tell(News::Index(WallIndex::new(&session.wall()?.mesh)))
         && tell(News::Fields(session.fields()?))
@@ -331,6 +335,13 @@ fn each_product(session: &Session, tell: &dyn Fn(News) -> bool) -> Result<(), Se
 fn wall_news(wall: Arc<Wall>) -> Result<News, SessionError> {
     let drawn = Arc::new(PreparedMesh::new(&wall.mesh)?);
     Ok(News::Wall(wall, drawn))
+}
+
+/// What the wall was drawn on; `None` where it does not follow grey values.
+fn evidence(session: &Session) -> Result<Option<Vec<Evidence>>, SessionError> {
+    let (found, wall) = (session.lumen()?, session.wall()?);
+    let field = found.wall.as_ref();
+    Ok(field.map(|field| vertex_evidence(&found.lumen, field, &wall.mesh)))
 }
 
 /// Grey values of slices to begin with: gas, soft tissue and bone of a CT; what is there otherwise.

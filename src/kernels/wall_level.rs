@@ -25,8 +25,15 @@ pub fn offset(level: i32) -> i32 {
 
 /// The threshold that a level holds: 0 lumen, 4096 wall.
 pub fn threshold(level: i32) -> i32 {
-    level >> 16
+    level >> 16 & 0x3fff
 }
+
+/// Whether the offset follows from the distance to the core: by the values alone the lumen goes on.
+pub fn is_capped(level: i32) -> bool {
+    level & CAPPED != 0
+}
+
+const CAPPED: i32 = 1 << 30;
 
 fn twin(args: &mut CpuArgs<'_>) {
     let (s, p, _) = open(args);
@@ -66,17 +73,21 @@ fn twin(args: &mut CpuArgs<'_>) {
             let threshold = plain + (((4096 - plain) * base) >> 12);
             let mut offset = ((s.value[e] - threshold) * 2253).div_euclid((top - base).max(414));
             let flags = s.mark[e];
+            let mut capped = 0;
             if flags & 8 != 0
                 && offset < 0
                 && !bit(s.core, e)
                 && let Some(d) = core_distance(slot, place(local))
             {
-                offset = offset.max(s.cap[d as usize]);
+                let cap = s.cap[d as usize];
+                if cap > offset {
+                    (offset, capped) = (cap, CAPPED);
+                }
             }
             if flags & 4 != 0 {
                 offset = offset.max(p.forced);
             }
-            *out = threshold << 16 | offset.clamp(-3072, 3072) & 0xffff;
+            *out = capped | threshold << 16 | offset.clamp(-3072, 3072) & 0xffff;
         }
     });
 }

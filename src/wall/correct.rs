@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::launches::BrickLaunches;
 use super::profile::WallInput;
-use super::{OFFSET, Tissue, WallError, WallField, select};
+use super::{Evidence, OFFSET, Tissue, WallError, WallField, select};
 use crate::compute::{Array, Buf, Plan};
 use crate::kernels::{wall_correct, wall_peak, wall_sides};
 use crate::lumen::bricks::BRICK;
@@ -75,6 +75,14 @@ impl WallProfile<'_> {
         let stats = select::stats(&input, sigma_mm, &lumen, &mark, &level);
         let scale = (input.mean_spacing() / OFFSET) as f32;
         let mut offset_mm = vec![0f32; lumen.bricks.field_len()];
+        let mut evidence = vec![Evidence::Limit; offset_mm.len()];
+        evidence.par_chunks_exact_mut(BRICK).enumerate().for_each(|(slot, out)| {
+            let from = bricks.slot_of(IVec3::from(lumen.bricks.corners()[slot]));
+            let Some(first) = from.map(|s| s * BRICK) else { return };
+            for (local, out) in out.iter_mut().enumerate() {
+                *out = Evidence::new(mark[first + local], level[first + local]);
+            }
+        });
         offset_mm.par_chunks_exact_mut(BRICK).enumerate().for_each(|(slot, out)| {
             let from = bricks.slot_of(IVec3::from(lumen.bricks.corners()[slot]));
             for (local, out) in out.iter_mut().enumerate() {
@@ -88,6 +96,6 @@ impl WallProfile<'_> {
                 *out = held as f32 * scale;
             }
         });
-        Ok((lumen, WallField { offset_mm, stats }))
+        Ok((lumen, WallField { offset_mm, evidence, stats }))
     }
 }

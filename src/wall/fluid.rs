@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{OFFSET, WallField};
+use super::{Evidence, OFFSET, WallField};
 use crate::lumen::bricks::BRICK;
 use crate::lumen::{BitVolume, Lumen, dilated, fill_cavities};
 
@@ -41,5 +41,20 @@ pub fn joined(
             false => least.max(20.0 * unit),
         };
     });
-    (lumen, WallField { offset_mm, stats: gas_field.stats })
+    let evidence = (0..offset_mm.len())
+        .into_par_iter()
+        .with_min_len(BRICK)
+        .map(|e| {
+            let v = lumen.bricks.voxel(e);
+            let at = |l: &Lumen, field: &WallField| {
+                l.bricks.element(v).map(|e| (field.offset_mm[e], field.evidence[e]))
+            };
+            match (at(&gas, &gas_field), at(&fluid, &fluid_field)) {
+                (Some(a), Some(b)) if b.0 < a.0 => b.1,
+                (Some(a), _) => a.1,
+                (None, b) => b.map_or(Evidence::Limit, |b| b.1),
+            }
+        })
+        .collect();
+    (lumen, WallField { offset_mm, evidence, stats: gas_field.stats })
 }

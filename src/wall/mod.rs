@@ -14,6 +14,7 @@
 
 mod contrast;
 mod correct;
+mod evidence;
 mod fluid;
 mod launches;
 mod law;
@@ -23,6 +24,7 @@ mod select;
 
 pub use contrast::Contrast;
 pub use correct::WallProfile;
+pub use evidence::{Evidence, vertex_evidence};
 pub use fluid::joined;
 pub use normals::{field_normals, smoothed_field};
 pub use profile::{ProfileBuffers, WallInput};
@@ -81,6 +83,8 @@ pub struct WallStats {
 pub struct WallField {
     /// Signed offset from the wall, mm, in slot order of the lumen's bricks: negative inside.
     pub offset_mm: Vec<f32>,
+    /// What the wall was drawn on, in the same order; only voxels beside the lumen matter.
+    pub evidence: Vec<Evidence>,
     /// How it came out.
     pub stats: WallStats,
 }

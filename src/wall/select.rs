@@ -3,9 +3,8 @@
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::{Contrast, WallInput, WallStats};
+use super::{Contrast, Evidence, WallInput, WallStats};
 use crate::kernels::wall_level;
-use crate::kernels::wall_peak::CREST;
 use crate::lumen::bricks::BRICK;
 use crate::lumen::{BitVolume, Bricks, Lumen, fill_cavities, pieces};
 
@@ -67,8 +66,11 @@ pub(super) fn stats(
             }
             let Some(at) = input.bricks.element(beside) else { continue };
             thresholds.push(wall_level::threshold(level[at]));
-            sheets += u64::from(mark[at] & CREST != 0);
-            closed += u64::from(wall_level::offset(level[at]) <= 0);
+            match Evidence::new(mark[at], level[at]) {
+                Evidence::Profile => {}
+                Evidence::Sheet => sheets += 1,
+                Evidence::Limit => closed += 1,
+            }
         }
     }
     thresholds.sort_unstable();

@@ -111,6 +111,38 @@ fn error(lumen: &Lumen, field: &WallField, off: impl Fn(DVec3) -> f64) -> (f64, 
 }
 
 #[test]
+fn a_hole_in_a_bronchus_is_wall_not_seen_and_the_rest_is_seen() {
+    let off = tube(3.0);
+    // On one side, over nine millimetres, air goes on as if there were no wall.
+    let in_hole = |p: DVec3| p.x > 13.1 + 0.2 && (6.0..15.0).contains(&p.z);
+    let volume = scan([44, 42, 30], 0.0, |p| match off(p) {
+        d if d < 0.0 || (d < 5.0 && in_hole(p)) => -950.0,
+        d if d < 1.2 => 40.0,
+        _ => -850.0,
+    });
+    let mut core = BitVolume::new(volume.grid.dims);
+    for i in 0..volume.grid.len() {
+        let v = volume.grid.voxel(i);
+        if off(v.as_dvec3() * H) < -0.6 {
+            core.set(v.x, v.y, v.z);
+        }
+    }
+    let (lumen, field) = wall_of(&volume, &core, Tissue::Airway);
+    let mesh = extract(&lumen, &FieldCrossing { lumen: &lumen, field: &field });
+    let evidence = vertex_evidence(&lumen, &field, &mesh);
+    let share_of_limit = |is_in: &dyn Fn(DVec3) -> bool| {
+        let at = mesh.positions.iter().zip(&evidence);
+        let all: Vec<bool> =
+            at.filter(|(p, _)| is_in(p.as_dvec3())).map(|(_, e)| *e == Evidence::Limit).collect();
+        assert!(all.len() > 60, "{} vertices", all.len());
+        all.iter().filter(|l| **l).count() as f64 / all.len() as f64
+    };
+    let deep = share_of_limit(&|p| p.x > 13.1 + 1.8 && (8.0..13.0).contains(&p.z));
+    let elsewhere = share_of_limit(&|p| (17.4..19.4).contains(&p.z));
+    assert!(deep > 0.8 && elsewhere < 0.02, "{deep} in the hole, {elsewhere} elsewhere");
+}
+
+#[test]
 fn walls_of_bronchi_lie_where_tissue_begins() {
     for (radius, noise, most_mean, most_rms) in [
         (1.5, 0.0, 0.08, 0.09),
