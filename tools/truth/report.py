@@ -22,6 +22,9 @@ TITLES = {
               "Distance of the wall from the half-maximum of the grey profile across it, where the wall is thicker "
               "than its blur (grey.py)."),
     "lines": ("Published midlines and radii", "Distances between the published line and the program's, mm."),
+    "coverage": ("What a flight shows of the wall",
+                 "Share of the wall's area that intima reports as seen, share of boundary voxels that rays through the "
+                 "mask reach, and the first less the second; one way and both ways."),
 }
 WALL = [("rms_mm", "rms"), ("mean_mm", "mean"), ("p95_mm", "p95"), ("p99_mm", "p99")]
 ANGLE = ("normals_deg", "normals °")
@@ -46,6 +49,8 @@ COLUMNS = {
               ("published_mm", "published"), ("covered", "covered"), ("radius_mean_mm", "radius, mean off"),
               ("radius_rms_mm", "radius, rms off"), ("wall_mean_mm", "radius less distance to the mesh, mean"),
               ("wall_most_mm", "most")],
+    "coverage": [*((f"{way}{key}", f"{way.replace('_', ' ')}{head}") for way in ("one_way", "both_ways")
+                   for key, head in (("", ""), ("_rays", ", rays"), ("_off", ", off"))), ("boundary_voxels", "voxels")],
 }
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
+import coverage  # noqa: E402
 import labels  # noqa: E402
 import lines  # noqa: E402
 import organs  # noqa: E402
@@ -20,7 +21,7 @@ from program import programs  # noqa: E402
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 DATA = ROOT.parent / "shared" / "data"
-PARTS = ("phantoms", "labels", "scans", "lines")
+PARTS = ("phantoms", "labels", "scans", "lines", "coverage")
 
 
 def arguments():
@@ -73,6 +74,9 @@ def measure(args):
             yield from scans.rows(name, args.data, mine, folder, not args.ours)
     if args.data and "lines" in args.parts:
         yield from lines.rows(args.data, mine, folder, chosen(lines.CASES, args), not args.ours)
+    if args.data and "coverage" in args.parts:
+        for name in chosen(list(coverage.CASES) if full else list(coverage.CASES)[:1], args):
+            yield from coverage.rows(name, args.data, mine, folder)
 
 
 def main():

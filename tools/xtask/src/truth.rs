@@ -9,7 +9,7 @@ const WANTED: &str = "tools/truth/requirements.txt";
 const HELP: &str = "\
 usage: cargo xtask truth [FLAGS]
 
-  --parts A,B          only these of phantoms, labels, scans, lines (default: all)
+  --parts A,B          of phantoms, labels, scans, lines, coverage (default: all)
   --cases A,B          only inputs whose title holds A or B
   --sizes quick|full   a few of each input, or all (default: full)
   --wall A,B           a row for each of these `--wall` of `intima surface` (default: none passed)
