@@ -27,7 +27,7 @@ use std::process::{Command, Output};
 
 use intima::formats::{ReadOptions, read_png, read_volume, write_volume};
 use intima::volume::phantom::{Kind, Phantom};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 fn intima(dir: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_intima"))
@@ -284,6 +284,19 @@ fn a_graph_of_all_branches_is_written_whatever_line_is_asked_for() {
     // The root and the phantom's four tips.
     assert_eq!((kinds(&tree, "end"), kinds(&tree, "junction")), (5, 3));
     assert_eq!((kinds(&path, "end"), kinds(&path, "junction")), (5, 3));
+    assert_eq!((&tree["roots"], &path["roots"]), (&json!([0]), &json!([0])));
+    let said = |more: &[&str]| -> Value {
+        let out = intima(tmp.path(), &[&mask[..], more, &["--json"]].concat());
+        serde_json::from_slice(&out.stdout).unwrap()
+    };
+    assert_eq!(
+        said(&["--tree"])["centerline"]["tree"],
+        json!({
+            "branches": 7, "terminal_branches": 4, "greatest_generation": 2,
+            "generations": [1, 2, 4], "loops": 0,
+        })
+    );
+    assert_eq!(said(&[])["centerline"]["tree"], Value::Null);
     let wrong = [&mask[..], &["--graph", "o.txt"]].concat();
     assert_eq!(intima(tmp.path(), &wrong).status.code(), Some(2));
 }

@@ -134,6 +134,62 @@ fn a_kept_loop_is_a_branch_that_ends_on_another_and_cut_it_has_a_free_end() {
     assert!(cut.line.branches.len() > 1 && lengths[1] > 0.9 * lengths[0], "{lengths:?}");
 }
 
+/// Whether a voxel lies in a tube along a segment.
+fn in_tube(v: IVec3, a: [f64; 3], b: [f64; 3], radius: f64) -> bool {
+    let (p, a, b) = (v.as_dvec3(), DVec3::from(a), DVec3::from(b));
+    let t = ((p - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0);
+    p.distance(a.lerp(b, t)) <= radius
+}
+
+/// A trunk with a short spur that parts into two tubes, whose tips go on below a bridge.
+fn bridged_fork(v: IVec3) -> bool {
+    let [fork, left, right] = [[60.0, 12.0, 110.0], [30.0, 12.0, 150.0], [90.0, 12.0, 150.0]];
+    in_tube(v, [60.0, 12.0, 10.0], fork, 8.0)
+        || in_tube(v, [60.0, 12.0, 60.0], [70.0, 12.0, 60.0], 2.5)
+        || in_tube(v, fork, left, 5.0)
+        || in_tube(v, fork, right, 5.0)
+        || in_tube(v, left, [20.0, 12.0, 190.0], 5.0)
+        || in_tube(v, right, [100.0, 12.0, 186.0], 5.0)
+        || in_tube(v, left, right, 3.0)
+}
+
+#[test]
+fn a_spur_is_no_branch_and_a_loop_has_the_generation_of_its_nearer_end() {
+    let case = route(lumen([121, 25, 201], bridged_fork), true);
+    let graph = case.routed.line.graph();
+    let tree = graph.tree();
+    // Trunk; two tubes; the bridge and two tips.
+    assert_eq!(tree.generations, [1, 2, 3], "{tree:?}");
+    assert_eq!((tree.branches, tree.terminal_branches, tree.loops), (6, 2, 1), "{tree:?}");
+    let root = graph.nodes[graph.roots[0]].position_mm;
+    assert!(graph.roots.len() == 1 && root[2] < 20.0, "{root:?}");
+    let side = |v: IVec3| in_tube(v, [60.0, 12.0, 10.0], [60.0, 12.0, 110.0], 8.0);
+    let spur = |v: IVec3| side(v) || in_tube(v, [60.0, 12.0, 60.0], [70.0, 12.0, 60.0], 2.5);
+    let tree = route(lumen([121, 25, 201], spur), true).routed.line.graph().tree();
+    assert_eq!((tree.branches, tree.terminal_branches, tree.generations), (1, 1, vec![1]));
+}
+
+#[test]
+fn a_bronchial_tree_doubles_its_branches_to_the_fourth_generation() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let path = data.join("airway_label_lidc4.nii.gz");
+    if !path.is_file() {
+        println!("airway_label_lidc4: not here");
+        return;
+    }
+    let mut settings = Settings::default();
+    settings.lumen.select = Some(IntensitySelection::Labels(vec![1]));
+    settings.centerline.tree = true;
+    let session = Session::new(Source::Image(VolumeSource::file(path)), settings).unwrap();
+    let tree = session.tree().unwrap().unwrap();
+    println!("{tree}, {:?}, {} loops", tree.generations, tree.loops);
+    assert_eq!(tree.generations[..5], [1, 2, 4, 8, 16]);
+    assert_eq!(tree.branches, tree.generations.iter().sum::<usize>());
+    // Of a tree with two branches at every bifurcation; a loop has a tip less.
+    assert!(tree.terminal_branches + tree.loops > tree.branches / 2 - 2, "{tree:?}");
+    assert!((8..16).contains(&tree.greatest_generation), "{tree:?}");
+}
+
 /// Mean and greatest distance of points to the nearest of a curve, mm.
 fn apart(points: &[DVec3], curve: &[DVec3]) -> (f64, f64) {
     let off = |p: &DVec3| curve.iter().map(|q| q.distance(*p)).fold(f64::INFINITY, f64::min);

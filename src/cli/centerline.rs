@@ -119,9 +119,12 @@ impl Args {
             let graph = global.watched(&session, || session.graph())?;
             atomic_file::write_atomic(path, |o| Ok(serde_json::to_writer(o, &graph)?))?;
         }
-        let report = CenterlineReport::of(&found, &session.lumen()?.lumen);
+        let tree = global.watched(&session, || session.tree())?;
+        let report =
+            CenterlineReport { tree, ..CenterlineReport::of(&found, &session.lumen()?.lumen) };
+        let of_tree = report.tree.as_ref().map(|t| format!("\n  tree: {t}")).unwrap_or_default();
         global.say(format_args!(
-            "wrote {}: {} points, {:.1} mm, {} branch{}, clearance at least {:.2} mm",
+            "wrote {}: {} points, {:.1} mm, {} branch{}, clearance at least {:.2} mm{of_tree}",
             self.output.display(),
             report.points,
             report.length_mm,

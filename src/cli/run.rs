@@ -67,6 +67,9 @@ fn summary(r: &Report, out: &Path) -> String {
             "  centerline  {} branch(es), {:.1} mm, clearance at least {:.2} mm\n",
             c.branches, c.length_mm, c.min_clearance_mm,
         );
+        if let Some(tree) = &c.tree {
+            s += &format!("  tree        {tree}\n");
+        }
         s += &format!(
             "  frames      {} of {} x {}, {:.0} ms each (median), {:.1} s of flight\n",
             f.count, f.width, f.height, f.p50_ms, f.flight_seconds

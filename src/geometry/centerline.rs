@@ -3,6 +3,8 @@
 use glam::DVec3;
 use serde::Serialize;
 
+use super::tree::label_generations;
+
 /// A point of a centerline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CenterlinePoint {
@@ -170,7 +172,7 @@ pub struct CenterlineEdge {
     pub min_radius_mm: f64,
     /// Mean radius of its points, mm.
     pub mean_radius_mm: f64,
-    /// Branches between its own and the root: 0 on the root.
+    /// Bifurcations on the shortest way to it from a root: 0 at a root.
     pub generation: usize,
 }
 
@@ -181,6 +183,8 @@ pub struct CenterlineGraph {
     pub schema: &'static str,
     /// Coordinate system of all positions.
     pub space: &'static str,
+    /// Nodes where branches that leave no other start.
+    pub roots: Vec<usize>,
     /// The nodes, in the order of the branches they lie on.
     pub nodes: Vec<CenterlineNode>,
     /// The edges, in the order of their branches.
@@ -218,16 +222,17 @@ impl GraphBuilder {
             cuts[to.branch].push(to.point);
         }
         let mut edges: Vec<CenterlineEdge> = Vec::new();
-        let mut generations: Vec<usize> = Vec::new();
+        let mut roots: Vec<usize> = Vec::new();
         for (branch, b) in branches.iter().enumerate() {
-            let generation = b.start.map_or(0, |s| generations[s.branch] + 1);
-            generations.push(generation);
             let cuts = &mut cuts[branch];
             cuts.sort_unstable();
             cuts.dedup();
             for w in cuts.windows(2) {
                 let [from, to] =
                     [w[0], w[1]].map(|point| self.node(line, Attachment { branch, point }));
+                if b.start.is_none() && w[0] == 0 {
+                    roots.push(from);
+                }
                 let points = &b.points[w[0]..=w[1]];
                 let radii = points.iter().map(|p| p.radius_mm);
                 edges.push(CenterlineEdge {
@@ -241,12 +246,13 @@ impl GraphBuilder {
                     length_mm: length_mm(points),
                     min_radius_mm: radii.clone().fold(f64::INFINITY, f64::min),
                     mean_radius_mm: radii.sum::<f64>() / points.len() as f64,
-                    generation,
+                    generation: 0,
                 });
             }
         }
         let mut degree = vec![0; self.places.len()];
         edges.iter().for_each(|e| [e.from, e.to].iter().for_each(|n| degree[*n] += 1));
+        label_generations(&mut edges, &degree, &roots);
         let is_ring = |id: usize| edges.iter().any(|e| e.from == id && e.to == id);
         let node = |(id, at): (usize, &Attachment)| CenterlineNode {
             id,
@@ -259,7 +265,7 @@ impl GraphBuilder {
             degree: degree[id],
         };
         let nodes = self.places.iter().enumerate().map(node).collect();
-        CenterlineGraph { schema: "intima.graph/1", space: "LPS", nodes, edges }
+        CenterlineGraph { schema: "intima.graph/1", space: "LPS", roots, nodes, edges }
     }
 
     /// The node of a place; an attached end is the place it is attached to.
@@ -316,7 +322,7 @@ mod tests {
     fn a_tree_is_cut_at_its_junctions() {
         let graph = tree().graph();
         let ends: Vec<_> = graph.edges.iter().map(|e| (e.from, e.to, e.generation)).collect();
-        assert_eq!(ends, [(0, 1, 0), (1, 2, 0), (1, 3, 1), (3, 4, 1), (3, 5, 2)]);
+        assert_eq!(ends, [(0, 1, 0), (1, 2, 1), (1, 3, 1), (3, 4, 2), (3, 5, 2)]);
         let kinds: Vec<_> = graph.nodes.iter().map(|n| (n.kind, n.degree)).collect();
         use NodeKind::{End, Junction};
         let (end, fork) = ((End, 1), (Junction, 3));

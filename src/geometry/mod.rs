@@ -14,6 +14,7 @@ mod point_triangle;
 #[cfg(test)]
 pub mod shapes;
 mod tracts;
+mod tree;
 mod vertex;
 mod view_frustum;
 
@@ -30,5 +31,6 @@ pub use exterior::ExteriorGrid;
 pub use mesh::{Mesh, MeshPoint};
 pub use point_triangle::{nearest_on_segment, nearest_on_triangle, point_triangle_distance};
 pub use tracts::{Tract, Tracts};
+pub use tree::TreeSummary;
 pub use vertex::Vertex;
 pub use view_frustum::{ProjectedBounds, ViewFrustum};

@@ -13,8 +13,9 @@ use crate::centerline::{
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::field::{Candidate, LumenBuffers, Sampler};
-use crate::geometry::{Centerline, CenterlineGraph};
+use crate::geometry::{Centerline, CenterlineGraph, TreeSummary};
 use crate::lumen::Lumen;
+use crate::organ::Organ;
 
 /// A centerline with the outcome of the visibility test.
 pub struct Centered {
@@ -86,10 +87,30 @@ impl Session {
         }
         let options = RouteOptions { tree: true, loops: Loops::Keep, ..options };
         let (lumen, fields) = (self.lumen()?, self.fields()?);
+        let start = Instant::now();
         let all = self
             .pool
             .install(|| centerline(&lumen.lumen, &fields.distance, &fields.smooth, options))?;
+        let branches = all.line.branches.len() as u64;
+        self.clock().record("all branches", "cpu", start, (branches, "branches"), Vec::new());
         Ok(all.line.graph())
+    }
+
+    /// Branches by generation, where a tree was asked for or the organ is one: an airway or a
+    /// vessel. `None` of another lumen and in the paper's mode, which has no tree.
+    ///
+    /// # Errors
+    /// As [`Session::centerline`].
+    pub fn tree(&self) -> Result<Option<TreeSummary>, SessionError> {
+        let organ = self.lumen()?.organ.as_ref().map(|found| found.organ);
+        if self.settings.mode == Mode::Paper {
+            return Ok(None);
+        }
+        Ok(match organ {
+            _ if self.settings.centerline.tree => Some(self.centerline()?.line.graph().tree()),
+            Some(Organ::Airway | Organ::Vessel) => Some(self.graph()?.tree()),
+            _ => None,
+        })
     }
 
     pub(super) fn run_visibility(&self, clock: &mut Clock) -> Result<(), SessionError> {

@@ -10,7 +10,7 @@ use super::levels::LodReport;
 use super::{Centered, Clock, Segmented, Session, SessionError, StageTime, WallMethod};
 use crate::centerline::complex::net::Rule;
 use crate::centerline::{LumenLoop, Proof};
-use crate::geometry::{Branch, Centerline};
+use crate::geometry::{Branch, Centerline, TreeSummary};
 use crate::lumen::{Component, Lumen};
 use crate::organ::Segment;
 use crate::surface::Topology;
@@ -183,7 +183,11 @@ pub struct SurfaceReport {
 pub struct CenterlineReport {
     pub points: usize,
     pub length_mm: f64,
+    /// Lines: the path or trunk, and one to each further tip and for each loop.
     pub branches: usize,
+    /// Branches between bifurcations by generation, of a tree, an airway or a vessel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tree: Option<TreeSummary>,
     /// Pieces of the lumen that are flown one after another.
     pub pieces: usize,
     /// From the end of each to the next; nothing proves a way there.
@@ -302,6 +306,10 @@ impl Session {
         let inputs = self.product(super::Product::Inputs, &self.slots.inputs)?;
         let (lumen, wall) = (self.lumen()?, self.wall()?);
         let centered = self.centerline()?;
+        let centerline = CenterlineReport {
+            tree: self.tree()?,
+            ..CenterlineReport::of(&centered, &lumen.lumen)
+        };
         let coverage = super::locked(&self.slots.coverage).clone();
         let mut warnings = self.warnings();
         warnings.extend(frames.map(super::FrameStream::warnings).unwrap_or_default());
@@ -313,7 +321,7 @@ impl Session {
             organ: OrganReport::of(&lumen),
             wall: Some(WallReport::of(&lumen)),
             surface: Some(SurfaceReport::of(wall.topology, area)),
-            centerline: Some(CenterlineReport::of(&centered, &lumen.lumen)),
+            centerline: Some(centerline),
             coverage: coverage.map(|c| super::coverage::report(&c)),
             lod: frames.map(|f| f.lod().clone()),
             frames: frames.map(super::FrameStream::report),
@@ -493,6 +501,7 @@ impl CenterlineReport {
             points: c.line.point_count(),
             length_mm: c.line.length_mm(),
             branches: c.line.branches.len(),
+            tree: None,
             pieces: c.line.pieces().count(),
             gaps_mm: gaps_mm(&c.line),
             min_clearance_mm: c.min_clearance_mm,
