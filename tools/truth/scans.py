@@ -18,13 +18,13 @@ SCANS = {  # file, organ, level of the contour
 NEAR_MM = 2.0  # of the contour, what lies nearer than this to intima's wall
 
 
-def _series(folder):
+def series(folder):
     """The DICOM folder below `folder` with the most files."""
     folders = [folder, *(d for d in folder.rglob("*") if d.is_dir())]
     return max(folders, key=lambda d: sum(f.is_file() for f in d.iterdir()))
 
 
-def _read(path):
+def read(path):
     if path.is_dir():
         reader = sitk.ImageSeriesReader()
         reader.SetFileNames(reader.GetGDCMSeriesFileNames(str(path)))
@@ -36,7 +36,7 @@ def _row(mesh, volume):
     return {"triangles": len(mesh[1]), **score.tunnels(mesh), **grey.profile(mesh[0], normals_of(mesh), volume)}
 
 
-def _masked(mask):
+def masked(mask):
     """Array, spacing and origin in a frame without turns, and the way back: vertices -> LPS mm."""
     array, spacing = sitk.GetArrayFromImage(mask) > 0, mask.GetSpacing()
     turn, origin = np.array(mask.GetDirection()).reshape(3, 3), np.array(mask.GetOrigin())
@@ -50,8 +50,8 @@ def rows(name, data, programs, folder, want_peers=True):
     if not source.exists():
         return
     if source.suffix == ".zip":
-        source = _series(unzipped(source, folder / name))
-    image = _read(source)
+        source = series(unzipped(source, folder / name))
+    image = read(source)
     volume, about, first = grey.Volume(image), {"part": "scans", "case": f"{name} CT, {organ}"}, None
     for program in programs:
         row = {**about, "program": program.name, "ours": True}
@@ -77,7 +77,7 @@ def rows(name, data, programs, folder, want_peers=True):
         programs[0].run("segment", source, "--organ", organ, "-o", out)
     except Failed:
         return
-    array, spacing, back = _masked(sitk.ReadImage(str(out)))
+    array, spacing, back = masked(sitk.ReadImage(str(out)))
     for peer in ("VTK mask + windowed sinc", "VTK SurfaceNets", "VTK mask + constrained smoothing"):
         vertices, faces, _ = peers.OF_MASKS[peer](array, spacing, (0.0, 0.0, 0.0))
         yield {**about, "program": f"{peer}, of intima's mask", "ours": False,
