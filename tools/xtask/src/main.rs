@@ -6,6 +6,7 @@ mod bless;
 mod check;
 mod compare;
 mod demo;
+mod pictures;
 mod process;
 mod scaling;
 mod setup;
@@ -26,6 +27,8 @@ usage: cargo xtask TASK
   bless          write the golden frames anew; then look at them
   compare        intima beside other programs: times, memory, accuracy, in out/compare/
                  (`compare --help` has the flags, tools/compare/README.md the rest)
+  pictures       intima beside VTK from the same places, sheets in out/pictures/
+                 (`pictures --help` has the flags, tools/pictures/README.md the rest)
   scaling        threads, growth, memory and device beside their limits, in out/scaling/
                  (`scaling --help` has the flags, tools/scaling/README.md the rest)
   truth          walls against phantoms of known walls and against grey values, in out/truth/
@@ -64,6 +67,7 @@ fn dispatch(args: &[&str]) -> Result<(), TaskError> {
         ["check"] => check::check(),
         ["check", "--rules"] => check::rules(),
         ["compare", rest @ ..] => compare::compare(rest),
+        ["pictures", rest @ ..] => pictures::pictures(rest),
         ["scaling", rest @ ..] => scaling::scaling(rest),
         ["truth", rest @ ..] => truth::truth(rest),
         ["bless"] => bless::bless(),

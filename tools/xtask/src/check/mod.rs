@@ -10,6 +10,7 @@ mod kernels;
 mod layers;
 mod links;
 mod manifest;
+mod pictures;
 mod size;
 mod source;
 mod tree;
@@ -34,6 +35,7 @@ const RULES: &[Rule] = &[
     ("documents and comments name files that exist", links::cited),
     ("every dependency has a reason", manifest::reasons),
     ("committed pictures and tables stay small", size::budgets),
+    ("pictures of patients name source and licence", pictures::licensed),
 ];
 
 /// `cargo xtask check`: all steps run, so that one call shows all failures.
