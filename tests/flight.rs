@@ -424,6 +424,22 @@ fn a_lumen_one_voxel_wide_is_flown_by_exact_distances_alone() {
 }
 
 #[test]
+fn a_thin_lumen_is_not_flown_in_the_dark() {
+    // Light falls off by the room about the eye; on the path through one voxel the clearance is a
+    // fraction of that voxel, and the picture was black.
+    let thin = channel(|_| 0);
+    let voxel = thin.lumen.grid.voxel_mm3().cbrt();
+    let options = FlightOptions { frames: Frames::Count(40), ..Default::default() };
+    let f = thin.fly(FlightOptions { wall: Some(&thin.wall), ..options }).unwrap();
+    let wall = Clearance::new(&thin.lumen, &thin.distance, Some(&thin.wall));
+    let again = CameraPath::from(&f).fly(&wall, options.aspect).unwrap();
+    for room in f.room_mm.iter().chain(&again.room_mm) {
+        assert!(f64::from(*room) >= 0.999 * voxel, "{room} of {voxel} mm");
+    }
+    assert!(f.clearance_mm.iter().any(|c| *c < 0.5 * voxel), "thinner than a voxel");
+}
+
+#[test]
 fn a_path_outside_the_lumen_is_refused_or_left_for_its_inside() {
     let mut o = channel(|_| 4);
     let options = FlightOptions { frames: Frames::Count(50), ..Default::default() };

@@ -50,6 +50,8 @@ pub struct FlightPath {
     arc_mm: Vec<f64>,
     /// Distance to the wall on the path at each pose, mm.
     pub radius_mm: Vec<f64>,
+    /// Room about each pose, mm, by which the light is set.
+    room_mm: Vec<f32>,
     /// Poses that begin another piece.
     cuts: Vec<usize>,
     /// One a pose, once they are known.
@@ -86,7 +88,8 @@ impl FlightPath {
         };
         let radius_mm = poses.iter().map(radius).collect();
         let (seconds, cuts) = (flight.seconds.clone(), flight.cuts.clone());
-        Some(Self { poses, seconds, arc_mm, radius_mm, cuts, sections: Vec::new() })
+        let room_mm = flight.room_mm.clone();
+        Some(Self { poses, seconds, arc_mm, radius_mm, room_mm, cuts, sections: Vec::new() })
     }
 
     /// All of it, mm.
@@ -139,12 +142,14 @@ impl FlightPath {
         self.radius_mm[i] + (self.radius_mm[i + 1] - self.radius_mm[i]) * t
     }
 
-    /// Radius on the path at an eye, mm: where the path is at an arc length if the eye is there, else at
+    /// Room about an eye, mm: where the path is at an arc length if the eye is there, else at
     /// the nearest pose. By the eye alone, so that a picture does not show how the eye came there.
     pub fn room_at(&self, eye: Pose, arc_mm: f64) -> f64 {
         let is_on_path = self.pose_at(arc_mm).position_mm.distance(eye.position_mm) < 1e-3;
         let nearest = || self.nearest_to(eye.position_mm.as_dvec3());
-        self.radius_at(if is_on_path { arc_mm } else { nearest() })
+        let (i, t) = self.sample(&self.arc_mm, if is_on_path { arc_mm } else { nearest() });
+        let [a, b] = [i, i + 1].map(|i| f64::from(self.room_mm[i]));
+        a + (b - a) * t
     }
 
     /// Where the flight is after more seconds of its own time, which may be negative.

@@ -232,9 +232,9 @@ impl CameraPath {
             let pose = Pose { position_mm, rotation: s.rotation.as_quat().normalize() };
             flight.push((pose, near, room), s.seconds - start);
             // The proven distance is less than the room, by up to the diagonal of a voxel.
-            flight
-                .room_mm
-                .push((room as f32).max(s.near_mm as f32 / super::plan::NEAR_SHARE as f32));
+            let by_near_mm = s.near_mm / super::plan::NEAR_SHARE;
+            let room_mm = room.max(by_near_mm).max(super::plan::least_room_mm(wall.lumen()));
+            flight.room_mm.push(room_mm as f32);
         }
         Ok(flight)
     }

@@ -44,6 +44,11 @@ impl<'a> Clearance<'a> {
         }
     }
 
+    /// The lumen that distances are within.
+    pub(super) fn lumen(&self) -> &'a Lumen {
+        self.distance.lumen
+    }
+
     /// With an index of the mesh's triangles that others of the same mesh share: it is built once,
     /// by the first that needs it.
     pub fn sharing(self, index: &Arc<OnceLock<WallIndex>>) -> Self {

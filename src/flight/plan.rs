@@ -126,6 +126,12 @@ pub struct Flight {
     pub left_out: usize,
 }
 
+/// Least room about an eye: in a tube a voxel wide the path is nearer to the wall by its clearance
+/// than by what is drawn, and a light by that clearance leaves the picture black.
+pub(super) fn least_room_mm(lumen: &Lumen) -> f64 {
+    lumen.grid.voxel_mm3().cbrt()
+}
+
 impl Flight {
     /// Plans a flight along a path.
     ///
@@ -177,7 +183,8 @@ impl Flight {
             let seconds = each * k as f64;
             let shot = planner.shot(k, profile.arc_at(seconds * stretch))?;
             flight.push(shot, seconds);
-            flight.room_mm.push(track.room_mm(profile.arc_at(seconds * stretch)) as f32);
+            let room_mm = track.room_mm(profile.arc_at(seconds * stretch));
+            flight.room_mm.push(room_mm.max(least_room_mm(lumen)) as f32);
         }
         flight.moved = planner.moved;
         Ok(flight)

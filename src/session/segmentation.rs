@@ -64,8 +64,12 @@ pub struct Segmented {
 }
 
 impl Segmented {
-    /// A voxel from which the surface is tracked: the seed, where one was given.
+    /// A voxel from which the surface is tracked: the seed, where one was given. A wall field may
+    /// part what the seed's component was; all of its parts have a surface then.
     pub fn track_from(&self) -> Option<IVec3> {
+        if self.wall.is_some() {
+            return None;
+        }
         self.options.seed.filter(|_| !self.options.all_components).map(|s| s.as_ivec3())
     }
 }

@@ -1,17 +1,24 @@
 //! The lumen's voxels from signs of the field, and figures of its wall.
 
+use std::collections::{BTreeSet, HashMap};
+
 use glam::IVec3;
 use rayon::prelude::*;
 
 use super::{Contrast, Evidence, WallInput, WallStats};
 use crate::kernels::wall_level;
 use crate::lumen::bricks::BRICK;
-use crate::lumen::{BitVolume, Bricks, Lumen, fill_cavities, pieces};
+use crate::lumen::{BitVolume, Bricks, Lumen, Piece, Run, fill_cavities, pieces};
 
 /// A component has at least this share of the largest one's voxels.
 const LEAST_SHARE: f64 = 0.0005;
 
-/// The 6-components of `is_lumen` that meet the core, cavities filled; `None` where there is none.
+/// What is left of a component of the core beside its largest part has at least this share of that
+/// part's voxels. Less is a splinter, such as the root of a side branch that the field closes.
+const LEAST_SHARE_OF_CORE: f64 = 0.005;
+
+/// The 6-components of `is_lumen` that meet the core, without splinters, cavities filled; `None`
+/// where there is none.
 pub(super) fn lumen(
     bricks: &Bricks,
     core: &BitVolume,
@@ -35,17 +42,54 @@ pub(super) fn lumen(
             all.set_byte(corner[0], y, z, *byte);
         }
     }
-    let pieces = pieces(&all, 1);
-    let least = LEAST_SHARE * pieces.first()?.component.voxels as f64;
-    let meets = |piece: &&crate::lumen::Piece| {
-        piece.component.voxels as f64 >= least && piece.voxels().any(|v| core.at(v.x, v.y, v.z))
-    };
+    let found = pieces(&all, 1);
+    let least = LEAST_SHARE * found.first()?.component.voxels as f64;
+    let cores = CorePieces::new(core);
+    let mut largest = vec![0u64; cores.count];
     let mut out = BitVolume::new(core.dims());
-    for piece in pieces.iter().filter(meets) {
-        piece.runs.iter().for_each(|&(run, y, z)| out.set_run(run, y, z));
+    // Largest first.
+    for piece in found.iter().take_while(|p| p.component.voxels as f64 >= least) {
+        let voxels = piece.component.voxels;
+        let mut is_wanted = false;
+        for core in cores.met_by(piece) {
+            is_wanted |= voxels as f64 >= LEAST_SHARE_OF_CORE * largest[core] as f64;
+            largest[core] = largest[core].max(voxels);
+        }
+        if is_wanted {
+            piece.runs.iter().for_each(|&(run, y, z)| out.set_run(run, y, z));
+        }
     }
     fill_cavities(&mut out);
     (!out.is_empty()).then_some(out)
+}
+
+/// The components of a core by rows.
+struct CorePieces {
+    rows: HashMap<(u32, u32), Vec<(Run, usize)>>,
+    count: usize,
+}
+
+impl CorePieces {
+    fn new(core: &BitVolume) -> Self {
+        let all = pieces(core, 1);
+        let mut rows: HashMap<_, Vec<_>> = HashMap::new();
+        for (i, piece) in all.iter().enumerate() {
+            for &(run, y, z) in &piece.runs {
+                rows.entry((y, z)).or_default().push((run, i));
+            }
+        }
+        Self { rows, count: all.len() }
+    }
+
+    /// Those that share a voxel with a piece, each once.
+    fn met_by(&self, piece: &Piece) -> BTreeSet<usize> {
+        let mut met = BTreeSet::new();
+        for &((a, b), y, z) in &piece.runs {
+            let row = self.rows.get(&(y, z)).into_iter().flatten();
+            met.extend(row.filter(|((c, d), _)| *c <= b && a <= *d).map(|(_, i)| *i));
+        }
+        met
+    }
 }
 
 /// Figures of the wall: voxels outside the lumen that share a side with it.

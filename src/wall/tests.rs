@@ -1,6 +1,6 @@
 //! Walls of phantoms with known truth.
 
-use glam::{DVec3, UVec3};
+use glam::{DVec3, IVec3, UVec3};
 use rayon::prelude::*;
 
 use super::*;
@@ -108,6 +108,37 @@ fn error(lumen: &Lumen, field: &WallField, off: impl Fn(DVec3) -> f64) -> (f64, 
     assert!(all.len() > 200, "{} vertices", all.len());
     let n = all.len() as f64;
     (all.iter().sum::<f64>() / n, (all.iter().map(|d| d * d).sum::<f64>() / n).sqrt())
+}
+
+#[test]
+fn a_splinter_that_the_field_parts_from_its_vessel_is_no_piece_to_fly_through() {
+    // A vessel and a side branch on one core; the field closes the way between them.
+    let parted = |branch: u32, in_one_core: bool| {
+        let mut core = BitVolume::new(UVec3::new(64, 48, 48));
+        let boxed = |mask: &mut BitVolume, lo: [u32; 3], hi: [u32; 3]| {
+            for z in lo[2]..hi[2] {
+                for y in lo[1]..hi[1] {
+                    mask.set_run((lo[0], hi[0] - 1), y, z);
+                }
+            }
+        };
+        boxed(&mut core, [4, 4, 4], [34, 34, 34]);
+        boxed(&mut core, [40, 8, 8], [40 + branch, 8 + branch, 8 + branch]);
+        let parts = core.clone();
+        if in_one_core {
+            boxed(&mut core, [34, 9, 9], [40, 10, 10]);
+        }
+        let bricks = crate::lumen::surrounding_bricks(&core, 2.0);
+        let is_lumen = |e: usize| {
+            let v = bricks.voxel(e);
+            let is_in = v.cmpge(IVec3::ZERO).all() && v.cmplt(IVec3::new(64, 48, 48)).all();
+            is_in && parts.at(v.x as u32, v.y as u32, v.z as u32)
+        };
+        select::lumen(&bricks, &core, is_lumen).expect("a lumen").count() - 27_000
+    };
+    assert_eq!(parted(5, true), 0, "125 of 27,000 voxels are a splinter");
+    assert_eq!(parted(5, false), 125, "with a core of its own it was asked for");
+    assert_eq!(parted(6, true), 216, "a larger part is kept");
 }
 
 #[test]
