@@ -20,7 +20,7 @@ pub use grow::grow;
 pub use intensity_selection::IntensitySelection;
 pub use leak::{Flood, LeakReport, grow_controlled};
 pub use morphology::{closed, dilated, eroded, holes_filled, open_background, opened};
-pub use thickening::thickened;
+pub use thickening::{Neighborhood, thickened};
 pub use voxelized::{VoxelizeError, voxelized};
 
 use glam::{IVec3, UVec3};

@@ -19,7 +19,7 @@ pub fn thickened(
     value: impl Fn(UVec3) -> f64,
     layers: usize,
 ) -> BitVolume {
-    let tables = Tables::new();
+    let tables = Neighborhood::tables();
     let mut out = mask.clone();
     for _ in 0..layers {
         crate::task::checkpoint();
@@ -57,8 +57,8 @@ fn neighbourhood(mask: &BitVolume, at: IVec3) -> u32 {
     (0..27).filter(|bit| mask.get(at + offset(*bit))).fold(0, |all, bit| all | 1 << bit)
 }
 
-/// Neighbours of each of the 27 voxels among them.
-struct Tables {
+/// Adjacency among the 27 voxels about one, as bits of x + 3 y + 9 z.
+pub struct Neighborhood {
     /// By a side, within the 18 that share a side or an edge with the middle.
     sides: [u32; 27],
     /// By a side, edge or corner.
@@ -70,8 +70,9 @@ struct Tables {
     opposite: [u32; 3],
 }
 
-impl Tables {
-    fn new() -> Self {
+impl Neighborhood {
+    /// The tables.
+    pub fn tables() -> Self {
         let among = |bit: u32, least: i32, most: i32| {
             let near = |other: &u32| {
                 let d = offset(*other) - offset(bit);
@@ -87,6 +88,24 @@ impl Tables {
             eighteen,
             opposite: [1, 3, 9].map(|step| 1 << (MIDDLE - step) | 1 << (MIDDLE + step)),
         }
+    }
+
+    /// Offset of a bit of a neighbourhood.
+    pub fn offset(bit: u32) -> IVec3 {
+        offset(bit)
+    }
+
+    /// The 6-components of mask beside the middle, each by the bit of a side, and their number. A voxel
+    /// is added without a new tunnel if they belong to different components of the whole mask.
+    pub fn parts_beside(&self, mask: u32) -> ([u32; 6], usize) {
+        let (mut parts, mut count) = ([0; 6], 0);
+        let mut wanted = mask & self.six;
+        while wanted != 0 {
+            parts[count] = wanted.trailing_zeros();
+            count += 1;
+            wanted &= !component(mask & self.eighteen, &self.sides, wanted);
+        }
+        (parts, count)
     }
 
     /// Whether the mask lies on two opposite sides of the middle.
@@ -108,13 +127,18 @@ fn is_one(set: u32, neighbours: &[u32; 27], wanted: u32) -> bool {
     if first == 0 {
         return false;
     }
+    first & !component(set, neighbours, first) == 0
+}
+
+/// The component of the lowest of some bits.
+fn component(set: u32, neighbours: &[u32; 27], first: u32) -> u32 {
     let (mut found, mut open) = (0u32, first & first.wrapping_neg());
     while open != 0 {
         let bit = open.trailing_zeros();
         found |= 1 << bit;
         open = (open | neighbours[bit as usize] & set) & !found;
     }
-    first & !found == 0
+    found
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use super::fluid::fluid;
 use super::gas::{Candidate, GAS_HU, Gas, LEAST_DEEP, LEAST_ML, LEAST_RADIUS_MM, LEAST_TISSUE};
 use super::gates::Gates;
 use super::values::{LEAST_HU, between};
-use super::{FoundOrgan, Organ, OrganError, Segment};
+use super::{FoundOrgan, Organ, OrganError, Segment, TaggedFluid};
 use crate::lumen::{BitVolume, IntensitySelection, dilated, fill_cavities, thickened};
 use crate::volume::Volume;
 
@@ -55,7 +55,7 @@ pub(super) fn find(volume: &Volume, tagged: bool) -> Result<FoundOrgan, OrganErr
             mask.add(&fluid.mask);
             let mut inner = fluid.mask;
             inner.keep(&between(volume, fluid.threshold, f64::INFINITY));
-            bright = Some(inner);
+            bright = Some(TaggedFluid { mask: inner, down: fluid.down });
             fill_cavities(&mut mask);
             // Gas and fluid lie on both sides of tissue: no one range of values holds them.
             selection = IntensitySelection::Labels(Vec::new());

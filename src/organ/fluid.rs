@@ -26,6 +26,8 @@ pub(super) struct Fluid {
     pub pools: usize,
     /// On which side of the gas it lies.
     pub below: &'static str,
+    /// The way from gas to fluid, voxels.
+    pub down: IVec3,
 }
 
 /// Fluid lies on the side of the gas that most bright voxels are on: that is down.
@@ -102,7 +104,7 @@ pub(super) fn fluid(volume: &Volume, gas: &BitVolume) -> Option<Fluid> {
         (_, true) => "above",
         (_, false) => "below",
     };
-    Some(Fluid { mask: pools, threshold, pools: count, below })
+    Some(Fluid { mask: pools, threshold, pools: count, below, down })
 }
 
 fn axis_of(way: IVec3) -> usize {

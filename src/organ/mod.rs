@@ -86,7 +86,7 @@ pub struct FoundOrgan {
     /// core of a wall field.
     pub core: Option<BitVolume>,
     /// Voxels of the mask that are tagged fluid, where it holds gas and fluid.
-    pub fluid: Option<BitVolume>,
+    pub fluid: Option<TaggedFluid>,
     /// Values of the lumen as a range; the mask is not all of it.
     pub selection: IntensitySelection,
     /// The end of the range that was chosen, real units.
@@ -97,6 +97,15 @@ pub struct FoundOrgan {
     pub confidence: f64,
     /// What was measured and decided, a line each.
     pub reasons: Vec<String>,
+}
+
+/// Fluid with contrast medium in a lumen of gas.
+#[derive(Clone, Debug)]
+pub struct TaggedFluid {
+    /// Its voxels.
+    pub mask: BitVolume,
+    /// The way from gas to fluid, voxels: along gravity.
+    pub down: IVec3,
 }
 
 /// A connected part of an organ.

@@ -22,7 +22,7 @@ use crate::lumen::{
 use crate::organ::{self, FoundOrgan, Organ, OrganOptions};
 use crate::surface::relaxes_by_default;
 use crate::volume::{Grid, Volume};
-use crate::wall::{self, Tissue, WallField, WallInput};
+use crate::wall::{CleansedFluid, Tissue, WallField, WallInput};
 
 /// The mask that decides which lumen is meant, and which way a route can take.
 pub struct Core {
@@ -118,13 +118,19 @@ impl Session {
             };
             let device = present(&self.slots.device);
             let limit = self.settings.max_memory_mb;
-            let mut field = |core: &BitVolume, tissue| {
-                wall_field(&mut device.lock(), &volume, core, tissue, limit, clock)
+            let device = &mut device.lock();
+            let made = match core.organ.as_ref().and_then(|o| o.fluid.as_ref()) {
+                Some(fluid) => {
+                    let (mask, down) = (&fluid.mask, fluid.down);
+                    let fluid = CleansedFluid::new(&volume, core.voxels(), &core.mask, mask, down)?;
+                    let input = WallInput::cleansed(&fluid);
+                    wall_field(device, &volume, input, limit, clock)?
+                }
+                None => {
+                    let input = WallInput::new(&volume, core.voxels(), tissue)?;
+                    wall_field(device, &volume, input, limit, clock)?
+                }
             };
-            let mut made = field(core.voxels(), tissue)?;
-            if let Some(fluid) = core.organ.as_ref().and_then(|o| o.fluid.as_ref()) {
-                made = wall::joined(made, field(fluid, Tissue::Fluid)?, &core.mask);
-            }
             (made.0, Some(made.1))
         } else {
             (Lumen::new(grid, &core.mask), None)
@@ -235,13 +241,11 @@ const WALL_BYTES: u64 = 40;
 fn wall_field(
     device: &mut Device,
     volume: &Volume,
-    core: &BitVolume,
-    tissue: Tissue,
+    input: WallInput<'_>,
     allowed_mb: Option<u64>,
     clock: &mut Clock,
 ) -> Result<(Lumen, WallField), SessionError> {
     let start = Instant::now();
-    let input = WallInput::new(volume, core, tissue)?;
     let voxels = input.voxels() as u64;
     let bytes = volume.samples.bytes().len() as u64 + WALL_BYTES * voxels;
     refuse_above(allowed_mb, bytes, "volume and wall field")?;

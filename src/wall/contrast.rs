@@ -60,7 +60,6 @@ impl Contrast {
             match tissue {
                 Tissue::Airway => Some((TISSUE_HU, (LUNG_HU - lumen) / (TISSUE_HU - lumen))),
                 Tissue::Colon => Some((TISSUE_HU, 0.0)),
-                Tissue::Fluid => Some((TISSUE_HU, 1.0)),
                 _ => {
                     let mut shell = dilated(core, h, SHELL_MM.1.max(1.5 * h.max_element()));
                     shell.remove(&dilated(core, h, SHELL_MM.0.min(0.5 * SHELL_MM.1)));

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::launches::BrickLaunches;
 use super::profile::WallInput;
-use super::{Evidence, OFFSET, Tissue, WallError, WallField, select};
+use super::{Evidence, OFFSET, Tissue, WallError, WallField, bridges, select};
 use crate::compute::{Array, Buf, Plan};
 use crate::kernels::{wall_correct, wall_peak, wall_sides};
 use crate::lumen::bricks::BRICK;
@@ -70,7 +70,10 @@ impl WallProfile<'_> {
         let Self { input, mark, level, mask, sigma_mm, .. } = self;
         let bricks = &input.bricks;
         let lumen_at = |e: usize| mark[e] & wall_peak::JOINED != 0 && moved[e] < 0;
-        let mask = select::lumen(bricks, &mask, lumen_at).ok_or(WallError::Empty)?;
+        let mut mask = select::lumen(bricks, &mask, lumen_at).ok_or(WallError::Empty)?;
+        if let Some(zone) = input.zone {
+            bridges::cut_bridges(&mut mask, zone, bricks, |e| moved[e]);
+        }
         let lumen = Lumen::new(input.grid, &mask);
         let stats = select::stats(&input, sigma_mm, &lumen, &mark, &level);
         let scale = (input.mean_spacing() / OFFSET) as f32;

@@ -12,6 +12,7 @@
 //!
 //! All of it is in integers, so that every device and any number of threads give the same mask.
 
+mod bridges;
 mod contrast;
 mod correct;
 mod evidence;
@@ -25,7 +26,7 @@ mod select;
 pub use contrast::Contrast;
 pub use correct::WallProfile;
 pub use evidence::{Evidence, vertex_evidence};
-pub use fluid::joined;
+pub use fluid::CleansedFluid;
 pub use normals::{field_normals, smoothed_field};
 pub use profile::{ProfileBuffers, WallInput};
 
@@ -44,8 +45,6 @@ pub enum Tissue {
     Airway,
     /// Gas in the belly; folds are sheets with gas on both sides.
     Colon,
-    /// Tagged fluid below gas, in soft tissue of a CT.
-    Fluid,
     /// Blood brighter or darker than all around it.
     Vessel,
     /// Found from the values: gas of a CT as an airway, else as a vessel.

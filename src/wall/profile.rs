@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::contrast::{Contrast, UNIT, of_hu};
 use super::correct::WallProfile;
 use super::launches::BrickLaunches;
-use super::{OFFSET, Tissue, WallError, law, select};
+use super::{CleansedFluid, OFFSET, Tissue, WallError, law, select};
 use crate::compute::{Buf, Outputs, Plan};
 use crate::kernels::blur_axis::integer_weights;
 use crate::kernels::{least_axis, ridge_grow, wall_level, wall_peak};
@@ -18,7 +18,7 @@ use crate::volume::{Grid, Volume, with_samples};
 /// up to 1.2 mm outside a core that was grown without a leak, and its rim beyond that. Further growth
 /// finds ways through the walls of bronchi; a colon's are thick.
 const GROWTH_MM: f64 = 1.8;
-const ROUNDS: (f64, f64) = (2.0, 3.0);
+pub(super) const ROUNDS: (f64, f64) = (2.0, 3.0);
 /// Longest ray to the peak of a wall, mm, and in steps of half a voxel.
 const RAY_MM: f64 = 4.0;
 const MOST_STEPS: f64 = 14.0;
@@ -55,6 +55,8 @@ pub struct WallInput<'a> {
     core_bits: Vec<u64>,
     values: Vec<i32>,
     pub(super) weights: GaussianWeights,
+    /// Where thin bridges are cut.
+    pub(super) zone: Option<&'a BitVolume>,
     law: Vec<i32>,
     cap: Vec<i32>,
 }
@@ -85,10 +87,29 @@ impl<'a> WallInput<'a> {
     /// [`WallError::NoContrast`].
     pub fn new(volume: &Volume, core: &'a BitVolume, tissue: Tissue) -> Result<Self, WallError> {
         let contrast = Contrast::measured(volume, core, tissue).ok_or(WallError::NoContrast)?;
-        let grid = volume.grid;
         let bricks = surrounding_bricks(core, ROUNDS.1);
-        let core_bits = bits_in(&bricks, core);
         let values = values_in(&bricks, volume, &contrast);
+        Ok(Self::of_values(volume.grid, core, tissue, contrast, bricks, values))
+    }
+
+    /// A colon whose tagged fluid was made gas.
+    pub fn cleansed(fluid: &'a CleansedFluid) -> Self {
+        let (bricks, values) = (fluid.bricks.clone(), fluid.values.clone());
+        let contrast = fluid.contrast;
+        let made =
+            Self::of_values(fluid.grid, &fluid.core, Tissue::Colon, contrast, bricks, values);
+        Self { zone: Some(&fluid.zone), ..made }
+    }
+
+    fn of_values(
+        grid: Grid,
+        core: &'a BitVolume,
+        tissue: Tissue,
+        contrast: Contrast,
+        bricks: Bricks,
+        values: Vec<i32>,
+    ) -> Self {
+        let core_bits = bits_in(&bricks, core);
         let h = grid.spacing_mm;
         let by_axis = |sigma: f64| {
             (h.min_element() / h).to_array().map(|ratio| integer_weights(sigma * ratio))
@@ -107,7 +128,8 @@ impl<'a> WallInput<'a> {
         let least = (3.0 * contrast.noise_units()).max(f64::from(of_hu(40.0))) / UNIT;
         let law = law::table(contrast.beyond, least.min(0.5));
         let cap = (0..10).map(|d| (OFFSET * (f64::from(d).sqrt() - REACH_VOX)) as i32).collect();
-        Ok(Self { core, grid, tissue, contrast, bricks, core_bits, values, weights, law, cap })
+        let zone = None;
+        Self { core, grid, tissue, contrast, bricks, core_bits, values, weights, zone, law, cap }
     }
 
     /// Voxels of the bricks that the field is computed on.
@@ -250,7 +272,7 @@ impl<'a> WallInput<'a> {
 
     /// Whether the lumen is blood, whose value falls in thin branches, and not gas.
     fn is_vessel(&self) -> bool {
-        self.contrast.beyond == 1.0 && self.tissue != Tissue::Fluid
+        self.contrast.beyond == 1.0
     }
 
     /// Appends the value of the lumen about each voxel: the least within some voxels, smoothed.
@@ -336,7 +358,7 @@ impl<'a> WallInput<'a> {
 }
 
 /// Quantised values of a volume in bricks; beyond the volume its edge repeats.
-fn values_in(bricks: &Bricks, volume: &Volume, contrast: &Contrast) -> Vec<i32> {
+pub(super) fn values_in(bricks: &Bricks, volume: &Volume, contrast: &Contrast) -> Vec<i32> {
     use crate::volume::Sample as _;
     let grid = volume.grid;
     let top = grid.dims.as_ivec3() - 1;

@@ -7,7 +7,7 @@ use super::*;
 use crate::compute::Plan;
 use crate::compute::run_cpu;
 use crate::lumen::{BitVolume, fill_cavities};
-use crate::surface::extract;
+use crate::surface::{Adjacency, extract};
 use crate::volume::{Grid, Volume};
 
 /// Spacing of the phantoms, mm.
@@ -63,7 +63,10 @@ fn core(volume: &Volume, below: f64, seed: UVec3) -> BitVolume {
 }
 
 fn wall_of(volume: &Volume, core: &BitVolume, tissue: Tissue) -> (Lumen, WallField) {
-    let input = WallInput::new(volume, core, tissue).expect("contrast");
+    wall_of_input(WallInput::new(volume, core, tissue).expect("contrast"))
+}
+
+fn wall_of_input(input: WallInput<'_>) -> (Lumen, WallField) {
     let (buffers, mut out) = {
         let mut plan = Plan::new();
         let buffers = input.profile(&mut plan);
@@ -239,6 +242,63 @@ fn a_fold_one_voxel_thick_is_whole_and_a_faint_streak_is_not_drawn() {
     let (lumen, _) = wall_of(&volume, &core, Tissue::Colon);
     let inside = |x: i32| (12..30).all(|z| (13..30).all(|y| lumen.holds(IVec3::new(x, y, z))));
     assert!((16..32).all(inside), "the streak is wall");
+}
+
+#[test]
+fn tagged_fluid_has_no_tunnels_at_its_level_or_in_its_noise() {
+    let off = |p: DVec3| DVec3::new(p.x - 16.8, p.y - 16.8, 0.0).length() - 12.0;
+    let volume = scan([48, 48, 40], 50.0, |p| match off(p) {
+        d if d > 0.0 => 40.0,
+        _ if p.y > 18.0 => 700.0,
+        _ => -1000.0,
+    });
+    let grid = volume.grid;
+    let core = core(&volume, -800.0, UVec3::new(24, 18, 20));
+    let [mut mask, mut fluid] = [0, 1].map(|_| BitVolume::new(grid.dims));
+    for v in (0..grid.len()).map(|i| grid.voxel(i)) {
+        let value = volume.real(grid.index(v));
+        if off(v.as_dvec3() * H) < 0.0 {
+            mask.set(v.x, v.y, v.z);
+            if value > 370.0 {
+                fluid.set(v.x, v.y, v.z);
+            }
+        }
+    }
+    let made = CleansedFluid::new(&volume, &core, &mask, &fluid, IVec3::Y).expect("contrast");
+    let (lumen, field) = wall_of_input(WallInput::cleansed(&made));
+    let mesh = extract(&lumen, &FieldCrossing { lumen: &lumen, field: &field });
+    let (adjacency, watertight) = Adjacency::of(&mesh);
+    let topology = adjacency.topology(&mesh, watertight);
+    assert_eq!((topology.components, topology.tunnels()), (1, 0));
+    let (mean, rms) = error(&lumen, &field, off);
+    assert!(mean.abs() < 0.08 && rms < 0.15, "{mean} {rms}");
+}
+
+#[test]
+fn small_bridges_through_a_sheet_are_cut_and_wide_ones_stay() {
+    // Two rooms that meet at one end; the sheet between them has a hole.
+    let opened = |hole: i32, in_zone: bool| {
+        let dims = UVec3::new(24, 24, 40);
+        let (mut mask, mut zone) = (BitVolume::new(dims), BitVolume::new(dims));
+        for v in (0..24 * 24 * 40).map(|i| UVec3::new(i % 24, i / 24 % 24, i / 576)) {
+            let p = v.as_ivec3();
+            let is_room = p.cmpge(IVec3::splat(2)).all() && p.cmplt(IVec3::new(22, 22, 38)).all();
+            let is_hole = (10..10 + hole).contains(&p.y) && (10..10 + hole).contains(&p.z);
+            if is_room && (p.x != 12 || p.z > 30 || is_hole) {
+                mask.set(v.x, v.y, v.z);
+            }
+            if in_zone && p.z < 30 {
+                zone.set(v.x, v.y, v.z);
+            }
+        }
+        let bricks = crate::lumen::surrounding_bricks(&mask, 1.0);
+        let before = mask.count();
+        bridges::cut_bridges(&mut mask, &zone, &bricks, |e| (bricks.voxel(e).x == 12).into());
+        before - mask.count()
+    };
+    assert_eq!(opened(1, true), 1);
+    assert_eq!(opened(3, true), 9);
+    assert_eq!((opened(5, true), opened(3, false)), (0, 0));
 }
 
 #[test]
