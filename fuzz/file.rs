@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 
-#[path = "../tests/common/readers.rs"]
+#[path = "../tests/common/src/readers.rs"]
 mod readers;
 
 thread_local! {

@@ -8,7 +8,8 @@ use crate::test_suite::with_device;
 /// `cargo xtask bless`
 pub fn bless() -> Result<(), TaskError> {
     setup(Purpose::Testing)?;
-    let mut tests = cargo(&["test", "--locked", "--features", "faults", "--test", "golden"]);
+    let mut tests =
+        cargo(&["test", "--locked", "--features", "faults", "--test", "gpu", "golden::"]);
     run(with_device(&mut tests, false).env("INTIMA_BLESS", "1"))?;
     eprintln!(
         "The frames under tests/golden/ are new. Look at every one that `git status` lists before \

@@ -1,0 +1,72 @@
+//! What the test programs share. A crate and not a module, so that it is compiled once for all of
+//! them: with no `#[path]`, and with no list of what each program leaves unused.
+
+pub mod cast;
+pub mod child;
+pub mod curves;
+pub mod fixtures;
+pub mod fly;
+pub mod pages;
+pub mod readers;
+pub mod screen;
+pub mod sections;
+pub mod torso;
+pub mod tube;
+pub mod volumes;
+
+use std::path::{Path, PathBuf};
+
+use intima::vk::{Choice, Gpu, OpenOptions, Validate};
+
+/// The root of the repository.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).expect("two folders deep").to_owned()
+}
+
+/// A validated device with no pipeline cache on disk, or `None` with the reason printed. With
+/// `INTIMA_REQUIRE_GPU=1` a missing device or layer fails instead.
+///
+/// `INTIMA_TEST_DEVICE=N` takes device N instead of the first real GPU or software.
+pub fn gpu(validate: Validate) -> Option<Gpu> {
+    open(OpenOptions { validate, cache_dir: None, ..OpenOptions::default() })
+}
+
+/// The same, copying through staging memory as on a graphics card.
+pub fn staging_gpu(validate: Validate) -> Option<Gpu> {
+    open(OpenOptions { validate, cache_dir: None, always_stage: true, ..OpenOptions::default() })
+}
+
+/// The same, with no more than `n` draws in one indirect command.
+pub fn few_draws_gpu(n: u32, validate: Validate) -> Option<Gpu> {
+    let options = OpenOptions { validate, cache_dir: None, ..OpenOptions::default() };
+    open(OpenOptions { draws_at_once: n, ..options })
+}
+
+fn open(options: OpenOptions) -> Option<Gpu> {
+    let choice = match std::env::var("INTIMA_TEST_DEVICE").map(|n| n.parse()) {
+        Ok(Ok(n)) => Choice::Index(n),
+        _ => Choice::Any,
+    };
+    match Gpu::open_with(choice, options) {
+        Ok(gpu) => {
+            eprintln!("device: {}", gpu.info().name);
+            Some(gpu)
+        }
+        Err(e) if e.is_no_device() && !required() => {
+            eprintln!("skipped: no Vulkan device ({e})");
+            None
+        }
+        Err(e) => panic!("{e}"),
+    }
+}
+
+/// Whether a skip counts as a failure.
+pub fn required() -> bool {
+    std::env::var("INTIMA_REQUIRE_GPU").is_ok_and(|v| v == "1")
+}
+
+/// Fails with every message the validation layer had.
+pub fn assert_silent(gpu: &Gpu) {
+    let said = gpu.validation_messages();
+    assert!(said.is_empty(), "{} validation messages:\n{}", said.len(), said.join("\n\n"));
+}

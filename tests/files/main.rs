@@ -1,0 +1,16 @@
+//! Readers and writers: what was written, damaged and lying headers, memory.
+
+mod dicom;
+mod fuzz_readers;
+mod hostile;
+mod layers;
+mod memory;
+mod meshes;
+mod pictures;
+mod volumes;
+
+use peak_alloc::PeakAlloc;
+
+/// Counts what the process has allocated; a test that reads it runs alone (`common::child`).
+#[global_allocator]
+static COUNTED: PeakAlloc = PeakAlloc;

@@ -1,0 +1,14 @@
+//! Vulkan: kernels beside their CPU twins, pictures, validation, planted faults.
+
+mod all_round;
+mod golden;
+mod lod_draw;
+mod lod_figures;
+mod lod_measure;
+mod lod_occlusion;
+mod oracle_distance;
+mod oracle_fair;
+mod oracle_ridge;
+mod parity;
+mod pieces;
+mod vulkan;

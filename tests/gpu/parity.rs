@@ -1,0 +1,109 @@
+//! Every kernel on every case: the shader agrees with its CPU twin, and validation is silent.
+
+use intima::compute::{Outputs, Plan, Tolerance, run_cpu, worst};
+use intima::kernels;
+use intima::vk::{Gpu, Validate};
+
+/// The first disagreement of two runs of `plan`, if any: floats within `tol`, all else exactly.
+fn disagreement(plan: &Plan<'_>, want: &Outputs, got: &Outputs, tol: Tolerance) -> Option<String> {
+    plan.downloads().iter().find_map(|id| {
+        let b = &plan.buffers()[id.0 as usize];
+        let (want, got) = (want.words(*id), got.words(*id));
+        let floats = |w: &[u32]| w.iter().map(|w| f32::from_bits(*w)).collect::<Vec<_>>();
+        let said = if b.float {
+            worst(&floats(want), &floats(got), tol).err().map(|e| e.to_string())
+        } else if want.len() != got.len() {
+            Some(format!("{} words instead of {}", got.len(), want.len()))
+        } else {
+            let at = (0..want.len()).find(|&i| want[i] != got[i]);
+            at.map(|i| format!("word {i}: wanted {}, got {}", want[i], got[i]))
+        };
+        said.map(|s| format!("`{}`: {s}", b.name))
+    })
+}
+
+#[test]
+fn every_kernel_agrees_with_its_twin() {
+    let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
+    every_kernel_agrees(&mut gpu);
+}
+
+#[test]
+fn every_kernel_agrees_with_its_twin_through_staging_memory() {
+    let Some(mut gpu) = common::staging_gpu(Validate::Sync) else { return };
+    every_kernel_agrees(&mut gpu);
+}
+
+fn every_kernel_agrees(gpu: &mut Gpu) {
+    let mut failed = Vec::new();
+    for kernel in kernels::ALL {
+        for case in (kernel.cases)() {
+            let place = format!("{}/{}", kernel.name(), case.name);
+            let want = run_cpu(&case.plan);
+            match gpu.run(&case.plan) {
+                Ok(got) => failed.extend(
+                    disagreement(&case.plan, &want, &got, kernel.tolerance)
+                        .map(|d| format!("{place}: {d}")),
+                ),
+                Err(e) => failed.push(format!("{place}: {e}")),
+            }
+        }
+    }
+    assert!(failed.is_empty(), "{} cases disagree:\n{}", failed.len(), failed.join("\n"));
+    common::assert_silent(gpu);
+}
+
+#[test]
+fn no_kernel_reaches_past_its_buffers() {
+    let Some(mut gpu) = common::gpu(Validate::GpuAssisted) else { return };
+    for kernel in kernels::ALL {
+        for case in (kernel.cases)() {
+            gpu.run(&case.plan).unwrap();
+            let said = gpu.validation_messages();
+            assert!(said.is_empty(), "{}/{}: {}", kernel.name(), case.name, said.join("\n"));
+        }
+    }
+}
+
+#[test]
+fn a_second_run_gives_the_same_bytes() {
+    let Some(mut gpu) = common::gpu(Validate::Off) else { return };
+    for kernel in kernels::ALL {
+        for case in (kernel.cases)() {
+            let (a, b) = (gpu.run(&case.plan).unwrap(), gpu.run(&case.plan).unwrap());
+            for id in case.plan.downloads() {
+                assert_eq!(a.words(*id), b.words(*id), "{}/{}", kernel.name(), case.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_comparer_sees_one_wrong_element_of_every_kernel() {
+    for kernel in kernels::ALL {
+        let mut seen = 0;
+        for case in (kernel.cases)() {
+            let want = run_cpu(&case.plan);
+            for id in case.plan.downloads() {
+                let b = &case.plan.buffers()[id.0 as usize];
+                let mut words = want.words(*id).to_vec();
+                let Some(at) = words.iter().position(|w| f32::from_bits(*w).is_finite()) else {
+                    continue;
+                };
+                words[at] = if b.float {
+                    let v = f32::from_bits(words[at]);
+                    let tol = kernel.tolerance;
+                    (v + 2.0 * (tol.abs + tol.rel * v.abs()) + 1e-6 * v.abs() + 1e-30).to_bits()
+                } else {
+                    words[at] ^ 1
+                };
+                let mut bad = run_cpu(&case.plan);
+                bad.insert_bytes(*id, bytemuck::cast_slice(&words));
+                let said = disagreement(&case.plan, &want, &bad, kernel.tolerance);
+                assert!(said.is_some(), "{}/{}: `{}`", kernel.name(), case.name, b.name);
+                seen += 1;
+            }
+        }
+        assert!(seen > 0, "{} has no case with a result", kernel.name());
+    }
+}

@@ -1,0 +1,309 @@
+//! A real window on an X server without a screen, driven by the keys and pointer events of another
+//! program.
+#![cfg(target_os = "linux")]
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+
+use common::cast::Cast;
+use glam::DVec3;
+use intima::formats::{read_png, write_volume};
+use intima::session::{Session, Settings, Source, VolumeSource};
+use intima::volume::phantom::{Kind, Phantom};
+
+/// Ends its process when dropped.
+struct Ended(Child);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// An X server of our own; `None` where the programs are not installed and need not be.
+fn x_server() -> Option<(Ended, String)> {
+    let has = |name| Command::new(name).arg("-version").output().is_ok();
+    if !has("Xvfb") || !has("xdotool") {
+        let required = std::env::var_os("INTIMA_REQUIRE_GPU").is_some();
+        assert!(!required, "Xvfb and xdotool are needed: cargo xtask test installs them");
+        eprintln!("skipped: no Xvfb or no xdotool");
+        return None;
+    }
+    let mut server = Command::new("Xvfb")
+        .args(["-displayfd", "1", "-screen", "0", "1400x900x24", "-nolisten", "tcp"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("Xvfb starts");
+    let mut number = String::new();
+    let out = server.stdout.take().expect("its output");
+    BufReader::new(out).read_line(&mut number).expect("the number of its display");
+    Some((Ended(server), format!(":{}", number.trim())))
+}
+
+/// The window of a running program.
+struct Desktop {
+    display: String,
+    window: String,
+    program: Ended,
+    said: Receiver<String>,
+    log: Vec<String>,
+    _server: Ended,
+}
+
+const PATIENCE: Duration = Duration::from_secs(120);
+
+impl Desktop {
+    fn open(dir: &Path, args: &[&str], env: &[(&str, &str)]) -> Option<Self> {
+        let (server, display) = x_server()?;
+        let mut program = Command::new(env!("CARGO_BIN_EXE_intima"))
+            .args(["-v", "fly"])
+            .args(args)
+            .current_dir(dir)
+            .env("DISPLAY", &display)
+            .env("INTIMA_VALIDATE", "sync")
+            .env_remove("WAYLAND_DISPLAY")
+            .env_remove("INTIMA_FAULT")
+            .envs(env.iter().copied())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        let errors = program.stderr.take().expect("its messages");
+        let (sender, said) = channel();
+        std::thread::spawn(move || {
+            for line in BufReader::new(errors).lines().map_while(Result::ok) {
+                let _ = sender.send(line);
+            }
+        });
+        let program = Ended(program);
+        let mut desktop = Self {
+            display,
+            window: String::new(),
+            program,
+            said,
+            log: Vec::new(),
+            _server: server,
+        };
+        // The title is the program's name alone: nothing of a patient.
+        let id = desktop.xdotool(&["search", "--sync", "--onlyvisible", "--name", "^intima$"]);
+        desktop.window = id.lines().next().expect("a window").to_owned();
+        let window = desktop.window.clone();
+        desktop.xdotool(&["windowfocus", "--sync", &window]);
+        Some(desktop)
+    }
+
+    fn xdotool(&self, args: &[&str]) -> String {
+        let done = Command::new("xdotool")
+            .args(args)
+            .env("DISPLAY", &self.display)
+            .output()
+            .expect("xdotool starts");
+        assert!(done.status.success(), "xdotool {args:?}: {done:?}\n{:#?}", self.log);
+        String::from_utf8(done.stdout).expect("text")
+    }
+
+    fn key(&self, key: &str) {
+        self.xdotool(&["key", key]);
+    }
+
+    fn click(&self, [x, y]: [u32; 2]) {
+        let (x, y) = (x.to_string(), y.to_string());
+        self.xdotool(&["mousemove", "--window", &self.window, &x, &y, "click", "1"]);
+    }
+
+    /// Waits until the program says something.
+    fn wait_for(&mut self, text: &str) {
+        let begun = Instant::now();
+        while !self.log.iter().any(|l| l.contains(text)) {
+            let left = PATIENCE.saturating_sub(begun.elapsed());
+            match self.said.recv_timeout(left) {
+                Ok(line) => self.log.push(line),
+                Err(_) => panic!("it does not say {text:?}: {:#?}", self.log),
+            }
+        }
+    }
+
+    /// Waits until something is so.
+    fn until<T>(&self, what: &str, ready: impl Fn() -> Option<T>) -> T {
+        let begun = Instant::now();
+        loop {
+            if let Some(found) = ready() {
+                return found;
+            }
+            assert!(begun.elapsed() < PATIENCE, "not so: {what}; {:#?}", self.log);
+            std::thread::sleep(Duration::from_millis(30));
+        }
+    }
+
+    /// Makes a bookmark and waits for it; where it is, and how the eye is turned.
+    fn bookmark(&self, session: &Path, number: usize) -> (DVec3, [f64; 4]) {
+        self.key("b");
+        let json = self.until("the bookmark is saved", || {
+            let text = std::fs::read_to_string(session).ok()?;
+            let json: serde_json::Value = serde_json::from_str(&text).ok()?;
+            (json["bookmarks"].as_array()?.len() == number).then_some(json)
+        });
+        let b = &json["bookmarks"][number - 1];
+        let numbers = |v: &serde_json::Value| -> Vec<f64> {
+            v.as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect()
+        };
+        let at = DVec3::from_slice(&numbers(&b["position_mm"]));
+        (at, numbers(&b["rotation"]).try_into().unwrap())
+    }
+
+    /// Quits by key; the exit code, and everything that was said.
+    fn quit(mut self) -> (Option<i32>, Vec<String>) {
+        // Pressed and let go by themselves: the window is gone before the key is up.
+        self.xdotool(&["keydown", "ctrl", "key", "q"]);
+        let _ =
+            Command::new("xdotool").args(["keyup", "ctrl"]).env("DISPLAY", &self.display).output();
+        let begun = Instant::now();
+        let code = loop {
+            if let Some(status) = self.program.0.try_wait().expect("its state") {
+                break status.code();
+            }
+            assert!(begun.elapsed() < PATIENCE, "it does not end: {:#?}", self.log);
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        self.log.extend(self.said.iter());
+        (code, self.log)
+    }
+}
+
+fn folder(kind: Kind) -> tempfile::TempDir {
+    let tmp = tempfile::tempdir().unwrap();
+    let mask = Phantom::new(kind, 48, [1.0; 3]).unwrap().mask();
+    write_volume(&tmp.path().join("mask.nrrd"), &mask).unwrap();
+    tmp
+}
+
+fn assert_silent(log: &[String]) {
+    let bad = |l: &&String| l.contains("VUID") || l.contains("ERROR") || l.contains("WARN");
+    let said: Vec<_> = log.iter().filter(bad).collect();
+    assert!(said.is_empty(), "{said:#?}");
+}
+
+#[test]
+fn a_window_is_flown_by_keys_and_pointer_and_keeps_what_was_found() {
+    let tmp = folder(Kind::Y);
+    let session = tmp.path().join("notes.json");
+    let args = ["mask.nrrd", "--tree", "--session", "notes.json", "--export", "out"];
+    let args = [&args[..], &["--lod-cache", "off", "--size", "1000x700"]].concat();
+    let Some(mut d) = Desktop::open(tmp.path(), &args, &[]) else { return };
+    d.wait_for("everything is computed");
+
+    // Played for a while, the eye has moved along the path.
+    let (start, _) = d.bookmark(&session, 1);
+    d.key("space");
+    std::thread::sleep(Duration::from_millis(700));
+    d.key("space");
+    let (played, turned) = d.bookmark(&session, 2);
+    assert!(played.distance(start) > 2.0, "{start} {played}");
+
+    // Flown by hand against the wall: it stays inside, with room about it.
+    d.xdotool(&["keydown", "d"]);
+    std::thread::sleep(Duration::from_millis(2500));
+    d.xdotool(&["keyup", "d"]);
+    let (pressed, _) = d.bookmark(&session, 3);
+    let mask = Phantom::new(Kind::Y, 48, [1.0; 3]).unwrap().mask();
+    let source = Source::Image(VolumeSource::Memory(std::sync::Arc::new(mask)));
+    let wall = Session::new(source, Settings::default()).unwrap().wall().unwrap();
+    let cast = Cast::of(&wall.mesh);
+    assert!(pressed.distance(played) > 1.0, "it moved");
+    let (_, room) = cast.nearest(pressed).unwrap();
+    assert!(room > 0.3 && room < 2.0, "beside the wall: {room} mm");
+    assert!(cast.ray(played, pressed - played).is_none_or(|h| h.t > 1.0), "not through it");
+
+    // Dragged, the eye looks elsewhere from the same place.
+    let at = ["mousemove", "--window", &d.window, "200", "300", "mousedown", "1"];
+    d.xdotool(&at);
+    for _ in 0..5 {
+        d.xdotool(&["mousemove_relative", "--", "18", "7"]);
+        std::thread::sleep(Duration::from_millis(40));
+    }
+    d.xdotool(&["mouseup", "1"]);
+    let (looked, looks) = d.bookmark(&session, 4);
+    assert!(looked.distance(pressed) < 1e-3, "the place is the same");
+    let cosine: f64 = looks.iter().zip(turned).map(|(a, b)| a * b).sum();
+    assert!(cosine.abs() < 0.999, "it looks elsewhere: {cosine}");
+
+    // Near the end of the trunk the other branch is a choice: its tip is another end.
+    d.key("5");
+    d.key("End");
+    let (first_tip, _) = d.bookmark(&session, 5);
+    // Ever farther along the path, until a branch is offered and taken.
+    let other_tip = (1..30).find_map(|tries| {
+        d.key("Home");
+        d.xdotool(&["keydown", "Up"]);
+        std::thread::sleep(Duration::from_millis(150 * tries));
+        d.xdotool(&["keyup", "Up"]);
+        d.key("1");
+        std::thread::sleep(Duration::from_millis(300));
+        d.key("End");
+        let (tip, _) = d.bookmark(&session, 5 + tries as usize);
+        (tip.distance(first_tip) > 8.0).then_some(tip)
+    });
+    assert!(other_tip.is_some(), "no other branch was taken");
+
+    // The view and the report leave the window; a resize does it no harm.
+    d.key("e");
+    let view = tmp.path().join("out/view-1.png");
+    let (width, height, _) = d.until("the view is written", || read_png(&view).ok());
+    assert!(width > 300 && height > 300);
+    let window = d.window.clone();
+    d.xdotool(&["windowsize", "--sync", &window, "700", "500"]);
+    d.key("v");
+    d.key("c");
+    d.click([300, 480]);
+    std::thread::sleep(Duration::from_millis(500));
+    d.key("e");
+    let second = tmp.path().join("out/view-2.png");
+    let (small, ..) = d.until("the second view is written", || read_png(&second).ok());
+    assert!(small < width, "{small} of {width}");
+    let (code, log) = d.quit();
+    assert_eq!(code, Some(0), "{log:#?}");
+    assert_silent(&log);
+}
+
+/// Needs the fault hook.
+#[cfg(feature = "faults")]
+#[test]
+fn a_full_disk_is_said_and_bookmarks_are_saved_once_there_is_room() {
+    let tmp = folder(Kind::Bend);
+    let session = tmp.path().join("notes.json");
+    let args = ["mask.nrrd", "--device", "cpu", "--session", "notes.json", "--lod-cache", "off"];
+    // The picture, the bookmark, and the bookmark once more.
+    let env = [("INTIMA_FAULT", "write:1-3")];
+    let Some(mut d) = Desktop::open(tmp.path(), &args, &env) else { return };
+    d.wait_for("everything is computed");
+    d.bookmark(&session, 1);
+    d.wait_for("bookmarks are not saved");
+    let (code, log) = d.quit();
+    assert_eq!(code, Some(0), "{log:#?}");
+}
+
+/// Needs the fault hook.
+#[cfg(feature = "faults")]
+#[test]
+fn a_lost_device_is_opened_again_and_nothing_noted_is_lost() {
+    let tmp = folder(Kind::Bend);
+    let session = tmp.path().join("notes.json");
+    let args = ["mask.nrrd", "--device", "cpu", "--session", "notes.json", "--lod-cache", "off"];
+    // The window's own submissions are the only ones of a session that computes on the CPU.
+    let env = [("INTIMA_FAULT", "submit:60-60")];
+    let Some(mut d) = Desktop::open(tmp.path(), &args, &env) else { return };
+    d.wait_for("everything is computed");
+    let (before, _) = d.bookmark(&session, 1);
+    d.key("space");
+    d.wait_for("the device is opened again");
+    d.key("space");
+    let (after, _) = d.bookmark(&session, 2);
+    assert!(before.is_finite() && after.distance(before) < 500.0);
+    let (code, log) = d.quit();
+    assert_eq!(code, Some(0), "{log:#?}");
+    assert_eq!(log.iter().filter(|l| l.contains("opened again")).count(), 1);
+}

@@ -1,0 +1,490 @@
+//! The window without a display: scripts give the same bytes each time, and no move by hand takes
+//! the eye's near plane through the wall.
+#![cfg(feature = "window")]
+
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::Arc;
+
+use common::cast::Cast;
+use common::{torso, volumes};
+use glam::{DQuat, DVec3, IVec3};
+use intima::app::{Action, Model, News, Painter, Ruler};
+use intima::flight::Frames;
+use intima::geometry::TriangleBvh;
+use intima::lumen::IntensitySelection;
+use intima::render::PreparedMesh;
+use intima::session::{FlightRoute, Session, Settings, Source, VolumeSource};
+use intima::volume::phantom::{Kind, Phantom};
+
+fn session(kind: Kind, size: u32) -> Session {
+    let mask = Phantom::new(kind, size, [1.0; 3]).unwrap().mask();
+    let source = Source::Image(VolumeSource::Memory(Arc::new(mask)));
+    Session::new(source, Settings::default()).unwrap()
+}
+
+/// A model that has everything but pictures.
+fn model(session: &Session) -> Model {
+    let mut model = Model::new(20.0);
+    model.learn(News::Volume(session.volume().unwrap(), [-200.0, 1800.0]));
+    model.learn(News::Lumen(session.lumen().unwrap()));
+    let wall = session.wall().unwrap();
+    let drawn = Arc::new(PreparedMesh::new(&wall.mesh).unwrap());
+    model.learn(News::Wall(wall, drawn));
+    model.learn(News::Fields(session.fields().unwrap()));
+    model.learn(News::Centerline(session.centerline().unwrap()));
+    model.learn(News::Flight(session.flight().unwrap(), FlightRoute::Trunk));
+    model
+}
+
+/// Whether a segment meets a triangle.
+fn is_cut(wall: &Cast, from: DVec3, to: DVec3) -> bool {
+    from != to && wall.ray(from, to - from).is_some_and(|hit| hit.t <= 1.0)
+}
+
+/// Moves at random and casts segments from each eye to the corners of its near plane, and from the
+/// eye before to it.
+fn wander(session: &Session, moves: u32) {
+    let wall = session.wall().unwrap();
+    let cast = Cast::of(&wall.mesh);
+    let mut model = model(session);
+    let length = model.path.as_ref().unwrap().length_mm();
+    let mut seed = 7u64;
+    let mut random = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 33) as f64 / f64::from(1u32 << 31) - 0.5
+    };
+    let (mut flown, mut blocked) = (0.0, 0);
+    for i in 0..moves {
+        let before = model.pose.unwrap().position_mm.as_dvec3();
+        let by = 8.0 * random();
+        let action = match i % 7 {
+            0 => Action::Turn([random() as f32, random() as f32, random() as f32]),
+            // Now and then somewhere else, so that all of the organ is tried.
+            1 if i % 350 == 1 => Action::Seek((random() + 0.5) * length),
+            _ => Action::Fly([2.0 * random(), 2.0 * random(), by]),
+        };
+        model.step(0.0, std::slice::from_ref(&action));
+        let pose = model.pose.unwrap();
+        let eye = pose.position_mm.as_dvec3();
+        let lens = model.lens();
+        let half = f64::from((0.5 * lens.fov_y_rad).tan());
+        for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
+            let corner = DVec3::new(x * half * f64::from(lens.aspect), y * half, -1.0);
+            let corner = eye + pose.rotation.as_dquat() * (corner * f64::from(lens.near_mm));
+            assert!(!is_cut(&cast, eye, corner), "move {i}: the near plane at {eye} cuts the wall");
+        }
+        if matches!(action, Action::Fly(_)) {
+            assert!(
+                !is_cut(&cast, before, eye),
+                "move {i}: through the wall from {before} to {eye}"
+            );
+            flown += before.distance(eye);
+            blocked += u32::from(before.distance(eye) < 0.5 * by.abs());
+        }
+    }
+    // The walk was one, and the wall was in its way.
+    println!("{moves} moves, {flown:.0} mm flown, {blocked} held up by the wall");
+    assert!(flown > f64::from(moves) && blocked > moves / 200, "{flown} mm, {blocked} blocked");
+}
+
+#[test]
+fn no_move_by_hand_takes_the_near_plane_through_the_wall() {
+    wander(&session(Kind::Bend, 64), 50_000);
+    wander(&session(Kind::Y, 64), 50_000);
+}
+
+/// A session of a shared volume that has a mask or a threshold.
+fn shared(name: &str, select: IntensitySelection) -> Option<Session> {
+    let file = volumes::shared_data()?.join(name);
+    let mut settings = Settings::default();
+    settings.lumen.select = Some(select);
+    settings.flight.frames = Frames::Speed { mm_per_s: 20.0, fps: 25.0 };
+    Some(Session::new(Source::Image(VolumeSource::file(file)), settings).unwrap())
+}
+
+#[test]
+#[ignore = "minutes; in release"]
+fn no_million_moves_by_hand_take_the_near_plane_through_a_phantoms_wall() {
+    wander(&session(Kind::Bend, 96), 1_000_000);
+    wander(&session(Kind::Y, 96), 1_000_000);
+}
+
+/// On the aorta a slide round a fold once ended where the straight way back cut the fold.
+#[test]
+#[ignore = "minutes; in release"]
+fn no_million_moves_by_hand_take_the_near_plane_through_a_real_wall() {
+    let colon = shared("colon_label_1.nii.gz", IntensitySelection::Labels(vec![1]));
+    let range = IntensitySelection::Range { lo: 1100.0, hi: f64::INFINITY };
+    let aorta = shared("aorta_mra.mha", range);
+    for session in colon.iter().chain(&aorta) {
+        wander(session, 1_000_000);
+    }
+}
+
+#[test]
+fn on_real_lumens_gaze_and_horizon_turn_no_faster_than_30_degrees_a_second() {
+    let above = |lo| IntensitySelection::Range { lo, hi: f64::INFINITY };
+    let label = || IntensitySelection::Labels(vec![1]);
+    for (name, select) in [
+        ("colon_label_1.nii.gz", label()),
+        ("colon_label_2.nii.gz", label()),
+        ("airway_label_lidc1.nii.gz", label()),
+        ("airway_label_lidc4.nii.gz", label()),
+        ("aorta_mra.mha", above(1100.0)),
+        ("aneurism.nrrd", above(60.0)),
+    ] {
+        let Some(session) = shared(name, select) else { return };
+        let flight = session.flight().unwrap();
+        let (mut gaze, mut roll) = (0.0f64, 0.0f64);
+        for (i, w) in flight.poses.windows(2).enumerate() {
+            if flight.cuts.contains(&(i + 1)) {
+                continue;
+            }
+            let [a, b] = [&w[0], &w[1]].map(|p| p.forward().as_dvec3().normalize());
+            gaze = gaze.max(25.0 * a.angle_between(b).to_degrees());
+            // What is left once the first is turned onto the second gaze by the shortest way.
+            let up = DQuat::from_rotation_arc(a, b) * w[0].up().as_dvec3();
+            roll = roll.max(25.0 * up.angle_between(w[1].up().as_dvec3()).to_degrees());
+        }
+        let moved = flight.moved;
+        println!("{name}: gaze {gaze:.1} deg/s, roll {roll:.2} deg/s at most, {moved} moved");
+        assert!(gaze < 30.2 && roll < 30.0, "{name}: {gaze} {roll}");
+    }
+}
+
+#[test]
+fn playing_stops_at_the_end_and_begins_anew_from_it() {
+    let session = session(Kind::Tube, 48);
+    let mut model = model(&session);
+    let length = model.path.as_ref().unwrap().length_mm();
+    model.step(0.0, &[Action::Speed(300.0), Action::TogglePlay]);
+    (0..10_000).for_each(|_| model.step(0.1, &[]));
+    assert!(!model.playing && (model.arc_mm - length).abs() < 1e-6);
+    model.step(0.0, &[Action::TogglePlay]);
+    assert!(model.playing && model.arc_mm == 0.0);
+    model.step(0.1, &[Action::Reverse]);
+    model.step(9.0, &[]);
+    assert!(!model.playing && model.arc_mm == 0.0);
+    // Numbers that are none change nothing.
+    let (pose, fov) = (model.pose, model.fov_deg);
+    let nan = [f64::NAN; 3];
+    let bad = [Action::Fly(nan), Action::Seek(f64::NAN), Action::FieldOfView(f32::NAN)];
+    model.step(0.0, &bad);
+    model.step(0.0, &[Action::Crosshair(nan), Action::Turn([f32::NAN; 3])]);
+    assert_eq!((model.pose, model.fov_deg), (pose, fov));
+}
+
+#[test]
+fn bookmarks_lead_back_to_where_they_were_made() {
+    let session = session(Kind::Bend, 48);
+    let mut model = model(&session);
+    model.step(0.0, &[Action::Seek(20.0), Action::Bookmark("fold".into())]);
+    let on_path = model.pose;
+    model.step(0.0, &[Action::Turn([0.4, 0.1, 0.0]), Action::Fly([0.5, 0.0, 1.0])]);
+    model.step(0.0, &[Action::Bookmark(" ".into())]);
+    let off_path = model.pose.unwrap();
+    model.step(0.0, &[Action::GoToBookmark(0)]);
+    assert_eq!((model.pose, model.on_path), (on_path, true));
+    model.step(0.0, &[Action::GoToBookmark(1), Action::GoToBookmark(9)]);
+    let back = model.pose.unwrap();
+    assert!(back.position_mm.distance(off_path.position_mm) < 1e-4 && !model.on_path);
+    assert_eq!(model.bookmarks[1].text, "Place 2");
+    model.step(0.0, &[Action::RemoveBookmark(0), Action::RemoveBookmark(5)]);
+    assert_eq!(model.bookmarks.len(), 1);
+}
+
+#[test]
+fn what_is_painted_while_flying_equals_the_figure_of_the_whole_flight() {
+    let session = session(Kind::Y, 48);
+    let (wall, flight) = (session.wall().unwrap(), session.flight().unwrap());
+    let views: Vec<_> =
+        flight.poses.iter().enumerate().map(|(i, p)| (*p, flight.lens(i))).collect();
+    let offline = session.coverage().unwrap();
+    let mut painter = Painter::spawn(Arc::clone(&wall), || {}).unwrap();
+    // In any order, in batches of any size, and some views twice.
+    let mut order: Vec<usize> = (0..views.len()).map(|i| i * 37 % views.len()).collect();
+    order.extend(0..views.len());
+    let mut last = None;
+    for (i, batch) in order.chunks(7).enumerate() {
+        painter.add(&batch.iter().map(|k| views[*k]).collect::<Vec<_>>());
+        if i % 3 == 0 {
+            last = painter.poll().or(last);
+        }
+    }
+    let shown = painter.settle().or(last).unwrap();
+    assert_eq!(shown.faces, offline.seen_one_way);
+    assert_eq!(shown.fraction, offline.one_way_fraction);
+    assert!(shown.fraction > 0.3 && shown.fraction < 1.0, "{}", shown.fraction);
+    assert!(painter.settle().is_none(), "nothing more was added");
+}
+
+#[test]
+fn cross_sections_along_a_tube_are_its_circle() {
+    let session = session(Kind::Tube, 64);
+    let mut model = model(&session);
+    let tree = Arc::new(TriangleBvh::new(&session.wall().unwrap().mesh));
+    model.learn(News::Tree(Arc::clone(&tree)));
+    let length = model.path.as_ref().unwrap().length_mm();
+    let lumen = session.lumen().unwrap();
+    for share in [0.3, 0.5, 0.7] {
+        model.step(0.0, &[Action::Seek(share * length)]);
+        let s = model.section_figures().unwrap();
+        let round = (s.area_mm2 / std::f64::consts::PI).sqrt();
+        // As many square millimetres as there are voxels across the tube, which lies at an angle.
+        let z = model.pose.unwrap().position_mm.z.round() as i32;
+        let across = (0..64).flat_map(|x| (0..64).map(move |y| IVec3::new(x, y, z)));
+        let along = model.path.as_ref().unwrap().tangent_at(model.arc_mm);
+        let voxels = across.filter(|v| lumen.lumen.holds(*v)).count() as f64 * along.z.abs();
+        assert!((s.area_mm2 / voxels - 1.0).abs() < 0.04, "{} {voxels}", s.area_mm2);
+        assert!(s.largest_mm - s.smallest_mm < 1.0 && s.largest_mm >= s.smallest_mm);
+        assert!((0.5 * s.largest_mm - round).abs() < 0.5);
+    }
+    // What is clicked in the middle of the picture lies on the wall, straight ahead.
+    model.step(0.0, &[Action::Turn([1.2, 0.0, 0.0])]);
+    let (pose, hit) = (model.pose.unwrap(), model.wall_behind(DVec3::NEG_Z).unwrap());
+    let cast = Cast::of(&session.wall().unwrap().mesh);
+    let eye = pose.position_mm.as_dvec3();
+    let wanted = cast.ray(eye, pose.forward().as_dvec3()).unwrap().point;
+    assert!(hit.distance(wanted) < 1e-4, "{hit} {wanted}");
+    // Two clicks are a length.
+    model.step(0.0, &[Action::Measure(Some(Ruler::Length)), Action::Mark(eye.to_array())]);
+    model.step(0.0, &[Action::Mark([f64::NAN; 3]), Action::Mark(hit.to_array())]);
+    assert!((model.measurements[0].value() - eye.distance(hit)).abs() < 1e-9);
+    assert!(model.marks_mm.is_empty() && model.has_unsaved_notes());
+}
+
+#[test]
+fn a_click_flies_there_along_the_path_and_another_branch_can_be_taken() {
+    let mask = Phantom::new(Kind::Y, 64, [1.0; 3]).unwrap().mask();
+    let source = Source::Image(VolumeSource::Memory(Arc::new(mask)));
+    let mut settings = Settings::default();
+    settings.centerline.tree = true;
+    let session = Session::new(source, settings).unwrap();
+    let mut model = model(&session);
+    let length = model.path.as_ref().unwrap().length_mm();
+    let goal = model.path.as_ref().unwrap().pose_at(0.8 * length).position_mm.as_dvec3();
+    model.step(0.0, &[Action::GoNear(goal.to_array())]);
+    assert!(model.arc_mm == 0.0 && model.is_moving(), "it sets out");
+    let mut before = 0.0;
+    for _ in 0..600 {
+        model.step(1.0 / 30.0, &[]);
+        assert!(model.arc_mm >= before, "never back");
+        before = model.arc_mm;
+    }
+    assert!(!model.is_moving() && (model.arc_mm - 0.8 * length).abs() < 1.0);
+    // Any other movement ends it.
+    model.step(0.0, &[Action::FlyTo(0.0), Action::Turn([0.1, 0.0, 0.0])]);
+    assert!(!model.is_moving());
+    let choice = *model.choices.last().expect("a Y has another branch");
+    model.step(0.0, &[Action::Seek(choice.arc_mm - 5.0)]);
+    assert!(model.offered().contains(&choice));
+    let (pose, tip) = (model.pose.unwrap(), |m: &Model| {
+        let path = m.path.as_ref().unwrap();
+        path.pose_at(path.length_mm()).position_mm
+    });
+    let old = tip(&model);
+    let route = FlightRoute::Leaf(choice.branch);
+    model.learn(News::Flight(Arc::new(session.flight_along(route).unwrap()), route));
+    assert!(tip(&model).distance(old) > 10.0, "another end");
+    let moved = model.pose.unwrap().position_mm.distance(pose.position_mm);
+    assert!(moved < 1.0, "the eye stays where the ways part: {moved}");
+    // The way back is a choice now.
+    assert!(model.choices.iter().any(|c| c.branch == 0), "{:?}", model.choices);
+}
+
+fn fly(dir: &Path, args: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
+    command.args(["fly", "mask.nrrd"]).args(args).current_dir(dir);
+    command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");
+    command.env_remove("INTIMA_FAULT").output().expect("the program starts")
+}
+
+fn folder() -> tempfile::TempDir {
+    let tmp = tempfile::tempdir().unwrap();
+    let mask = Phantom::new(Kind::Bend, 48, [1.0; 3]).unwrap().mask();
+    intima::formats::write_volume(&tmp.path().join("mask.nrrd"), &mask).unwrap();
+    tmp
+}
+
+const SCRIPT: &str = r#"{"schema": "intima.script/1", "size": [640, 400], "steps": [
+    {"wait": "complete"}, {"picture": "begin"},
+    {"key": "Space"}, {"frames": 20}, {"key": "Space"}, {"picture": "played"},
+    {"hold": ["W", 40]}, {"key": "B"}, {"picture": "flown"},
+    {"pointer": [100, 200]}, {"drag": [160, 180]}, {"wheel": 2}, {"picture": "looked"},
+    {"do": {"maximise": "axial"}}, {"picture": "axial"}, {"key": "Escape"},
+    {"pointer": [200, 365]}, {"click": null}, {"frames": 30}, {"picture": "sought"},
+    {"key": "V"}, {"picture": "cube"}, {"key": "V"}, {"picture": "panorama"}, {"key": "V"},
+    {"key": "C"}, {"picture": "missed"}, {"key": "C"}, {"picture": "radius"},
+    {"key": "M"}, {"pointer": [100, 150]}, {"click": null}, {"pointer": [150, 200]},
+    {"click": null}, {"picture": "measured"},
+    {"do": {"export": "view"}}, {"do": {"export": "report"}}]}"#;
+
+#[test]
+fn a_script_played_twice_gives_the_same_pictures_and_saves_its_bookmarks() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = folder();
+    let script = SCRIPT.replace(r#"{"click": null}"#, r#""click""#);
+    std::fs::write(tmp.path().join("s.json"), script).unwrap();
+    let mut all = Vec::new();
+    for (out, threads) in [("a", "1"), ("b", "2")] {
+        let session = format!("{out}.json");
+        let args = ["--script", "s.json", "--frames-out", out, "--session", &session];
+        let done =
+            fly(tmp.path(), &[&args[..], &["--threads", threads, "--lod-cache", "off"]].concat());
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        let names = [
+            "begin", "played", "flown", "looked", "axial", "sought", "cube", "panorama", "missed",
+            "radius", "measured",
+        ];
+        let read = |n: &str| std::fs::read(tmp.path().join(out).join(format!("{n}.png"))).unwrap();
+        let pictures: Vec<Vec<u8>> = names.iter().map(|n| read(n)).collect();
+        for (i, w) in pictures.windows(2).enumerate() {
+            assert_ne!(w[0], w[1], "{} and {} differ", names[i], names[i + 1]);
+        }
+        let notes = std::fs::read_to_string(tmp.path().join(&session)).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&notes).unwrap();
+        assert_eq!(json["schema"], "intima.session/1");
+        assert_eq!(json["bookmarks"].as_array().unwrap().len(), 1);
+        assert_eq!(json["measurements"].as_array().unwrap().len(), 1);
+        let name = json["bookmarks"][0]["picture"].as_str().unwrap();
+        let bookmark = intima::formats::read_png(&tmp.path().join(name)).unwrap();
+        let view = intima::formats::read_png(&tmp.path().join(out).join("view-1.png")).unwrap();
+        assert_eq!((bookmark.0, bookmark.1), (view.0, view.1), "both are the inside pane");
+        let html = std::fs::read_to_string(tmp.path().join(out).join("report.html")).unwrap();
+        assert!(html.contains("Place 1") && html.matches("data:image/png").count() == 1);
+        assert!(!html.contains("mask.nrrd"), "no name of a file");
+        all.push((pictures, notes.replace(&format!("{out}-bookmark"), "bookmark"), html));
+    }
+    assert!(all[0] == all[1], "the same bytes at any number of threads");
+}
+
+#[test]
+fn a_session_opened_again_leads_to_the_same_pictures() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = folder();
+    let write = |name: &str, steps: &str| {
+        let text =
+            format!(r#"{{"schema": "intima.script/1", "size": [640, 400], "steps": [{steps}]}}"#);
+        std::fs::write(tmp.path().join(name), text).unwrap();
+    };
+    write(
+        "make.json",
+        r#"{"wait": "complete"}, {"do": {"seek": 20}}, {"do": {"bookmark": "on the path"}},
+        {"do": {"field_of_view": 120}}, {"do": {"turn": [0.5, 0.2, 0.3]}},
+        {"do": {"fly": [1.0, 0.5, 3.0]}}, {"do": {"bookmark": "off it"}}"#,
+    );
+    write(
+        "back.json",
+        r#"{"wait": "complete"}, {"do": {"go_to_bookmark": 1}}, {"do": {"export": "view"}},
+        {"do": {"go_to_bookmark": 0}}, {"do": {"export": "view"}}"#,
+    );
+    for script in ["make", "back"] {
+        let file = format!("{script}.json");
+        let args = ["--script", &file, "--frames-out", script, "--session", "notes.json"];
+        let done = fly(tmp.path(), &[&args[..], &["--lod-cache", "off"]].concat());
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    }
+    let read = |name: &str| std::fs::read(tmp.path().join(name)).unwrap();
+    assert!(read("notes-bookmark-2.png") == read("back/view-1.png"), "off the path");
+    assert!(read("notes-bookmark-1.png") == read("back/view-2.png"), "on the path");
+    assert_ne!(read("back/view-1.png"), read("back/view-2.png"));
+}
+
+#[test]
+fn a_volume_is_opened_in_the_window_and_its_lumen_chosen_there() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    let phantom = Phantom::new(Kind::Bend, 48, [1.0; 3]).unwrap();
+    intima::formats::write_volume(&tmp.path().join("mask.nrrd"), &phantom.mask()).unwrap();
+    intima::formats::write_volume(&tmp.path().join("ct.nrrd"), &phantom.grey(None, 0)).unwrap();
+    let script = r#"{"schema": "intima.script/1", "size": [640, 400], "steps": [
+        {"frames": 2}, {"picture": "empty"},
+        {"do": {"open": "ct.nrrd"}}, {"wait": "volume"}, {"picture": "grey"},
+        {"do": {"lumen": {"range": [-2000, -500]}}}, {"wait": "complete"}, {"picture": "chosen"},
+        {"do": {"open": "mask.nrrd"}}, {"wait": "complete"}, {"picture": "label"}]}"#;
+    std::fs::write(tmp.path().join("s.json"), script).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
+    command.args(["fly", "--script", "s.json", "--frames-out", "out", "--lod-cache", "off"]);
+    let done = command.current_dir(tmp.path()).env_remove("INTIMA_FAULT").output().unwrap();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let read = |n: &str| std::fs::read(tmp.path().join("out").join(format!("{n}.png"))).unwrap();
+    let pictures = ["empty", "grey", "chosen", "label"].map(read);
+    for w in pictures.windows(2) {
+        assert_ne!(w[0], w[1]);
+    }
+}
+
+#[test]
+fn a_series_a_segment_and_an_organ_are_chosen_in_the_window() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    std::fs::create_dir(tmp.path().join("scan")).unwrap();
+    for (series, columns) in [("1.2.3", 4u16), ("1.2.4", 6)] {
+        for z in 0..3u8 {
+            let slice = volumes::Slice {
+                series,
+                size: [columns, 3],
+                position: [0.0, 0.0, f64::from(z)],
+                pixels: (0..columns * 3).map(|p| p * 90).collect(),
+                ..volumes::Slice::default()
+            };
+            let file = tmp.path().join(format!("scan/{series}-{z}.dcm"));
+            std::fs::write(file, volumes::dicom_slice(&slice)).unwrap();
+        }
+    }
+    let seg = volumes::fixture("seg/layers.seg.nrrd");
+    std::fs::copy(seg, tmp.path().join("a.seg.nrrd")).unwrap();
+    let torso = torso::Torso::default().scan();
+    intima::formats::write_volume(&tmp.path().join("torso.nrrd"), &torso).unwrap();
+    let script = r#"{"schema": "intima.script/1", "size": [640, 400], "steps": [
+        {"do": {"open": "scan"}}, {"wait": "failure"}, {"picture": "two_series"},
+        {"do": {"series": 1}}, {"wait": "volume"}, {"picture": "series"},
+        {"do": {"open": "a.seg.nrrd"}}, {"wait": "failure"}, {"picture": "segments"},
+        {"do": {"segment": "Lumen"}}, {"wait": "wall"}, {"picture": "segment"},
+        {"do": {"open": "torso.nrrd"}}, {"wait": "failure"}, {"picture": "no_lumen"},
+        {"do": {"organ": "vessel"}}, {"wait": "wall"}, {"picture": "aorta"}]}"#;
+    std::fs::write(tmp.path().join("s.json"), script).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
+    command.args(["fly", "--script", "s.json", "--frames-out", "out", "--lod-cache", "off"]);
+    let done = command.current_dir(tmp.path()).env_remove("INTIMA_FAULT").output().unwrap();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let names = ["two_series", "series", "segments", "segment", "no_lumen", "aorta"];
+    let read = |n: &str| std::fs::read(tmp.path().join("out").join(format!("{n}.png"))).unwrap();
+    let pictures = names.map(read);
+    for w in pictures.windows(2) {
+        assert_ne!(w[0], w[1]);
+    }
+    if let Some(out) = std::env::var_os("INTIMA_OUT") {
+        for (name, picture) in names.iter().zip(&pictures) {
+            std::fs::write(std::path::Path::new(&out).join(format!("{name}.png")), picture)
+                .unwrap();
+        }
+    }
+}
+
+#[test]
+fn without_a_display_or_with_a_wrong_script_a_clear_line_and_a_code_of_its_own() {
+    let tmp = folder();
+    let line = |o: &Output| String::from_utf8_lossy(&o.stderr).trim().to_owned();
+    let none = fly(tmp.path(), &[]);
+    assert_eq!((none.status.code(), line(&none).lines().count()), (Some(4), 1), "{}", line(&none));
+    assert_eq!(line(&none), "intima: no display: neither X11 nor Wayland answers");
+    std::fs::write(
+        tmp.path().join("s.json"),
+        r#"{"schema": "intima.script/1", "steps": [{"leap": 1}]}"#,
+    )
+    .unwrap();
+    let wrong = fly(tmp.path(), &["--script", "s.json", "--frames-out", "o"]);
+    assert_eq!(wrong.status.code(), Some(3));
+    assert_eq!(line(&wrong), "intima: step 1 of the script: no step that there is");
+    assert!(!tmp.path().join("o").exists());
+}
