@@ -53,22 +53,20 @@ pub(super) fn regions(
     area_mm2: &std::ops::Range<f64>,
 ) -> Vec<SectionRegion> {
     let (width, height) = (slices.width, slices.height);
-    let set = |i: usize| {
-        let v = slices.voxel(slice, i % width, i / width);
-        mask.at(v.x, v.y, v.z)
-    };
-    let mut seen = vec![false; width * height];
+    // Pixels of the mask that are in no region yet. The mask is read once a pixel, not once a
+    // neighbour: its bits lie apart, and most organs are looked for in every slice of three axes.
+    let places = (0..height).flat_map(|q| (0..width).map(move |p| (p, q)));
+    let mut left: Vec<bool> =
+        places.map(|(p, q)| slices.voxel(slice, p, q)).map(|v| mask.at(v.x, v.y, v.z)).collect();
     let mut out = Vec::new();
     let pixel = slices.pixel_mm.x * slices.pixel_mm.y;
     for start in 0..width * height {
-        if seen[start] || !set(start) {
+        if !std::mem::take(&mut left[start]) {
             continue;
         }
-        let (mut stack, mut pixels) = (vec![start], Vec::new());
-        seen[start] = true;
-        let mut at_edge = false;
-        while let Some(i) = stack.pop() {
-            pixels.push(i);
+        let (mut pixels, mut at_edge, mut next) = (vec![start], false, 0);
+        while let Some(&i) = pixels.get(next) {
+            next += 1;
             let (p, q) = (i % width, i / width);
             at_edge |= p == 0 || q == 0 || p + 1 == width || q + 1 == height;
             let near = [
@@ -77,11 +75,7 @@ pub(super) fn regions(
                 (q > 0).then(|| i - width),
                 (q + 1 < height).then(|| i + width),
             ];
-            for j in near.into_iter().flatten().filter(|j| set(*j)) {
-                if !std::mem::replace(&mut seen[j], true) {
-                    stack.push(j);
-                }
-            }
+            pixels.extend(near.into_iter().flatten().filter(|j| std::mem::take(&mut left[*j])));
         }
         let area = pixels.len() as f64 * pixel;
         if !at_edge && (0.5 * area_mm2.start..area_mm2.end).contains(&area) {
