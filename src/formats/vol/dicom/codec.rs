@@ -11,6 +11,7 @@ use super::syntax::Codec;
 /// Most tiles of a JPEG 2000 codestream.
 const MOST_TILES: u64 = 65_535;
 /// Memory that a JPEG XL decoder may take beside 64 bytes a pixel.
+#[cfg(feature = "jpeg-xl")]
 const JXL_MEMORY: usize = 64 << 20;
 
 /// What a file says of its frames.
@@ -28,6 +29,17 @@ impl FrameSize {
     }
 }
 
+/// The feature of this crate that a frame's decoder needs and this build lacks.
+pub(super) fn missing_feature(codec: Codec, bytes: &[u8]) -> Option<&'static str> {
+    match codec {
+        Codec::JpegXl if !cfg!(feature = "jpeg-xl") => Some("jpeg-xl"),
+        Codec::Jpeg if !cfg!(feature = "jpeg-12") => {
+            jpeg_frame(bytes).filter(JpegFrame::is_12_bit).map(|_| "jpeg-12")
+        }
+        _ => None,
+    }
+}
+
 /// Decodes a frame: one number a pixel, of which the lowest bits count.
 ///
 /// # Errors
@@ -38,7 +50,10 @@ pub(super) fn decode(codec: Codec, bytes: &[u8], size: FrameSize) -> Result<Vec<
         Codec::Jpeg => jpeg(bytes, size),
         Codec::JpegLs => jpeg_ls(bytes, size),
         Codec::Jpeg2000 => jpeg_2000(bytes, size),
+        #[cfg(feature = "jpeg-xl")]
         Codec::JpegXl => jpeg_xl(bytes, size),
+        #[cfg(not(feature = "jpeg-xl"))]
+        Codec::JpegXl => Err("no JPEG XL in this build".into()),
     }));
     let samples = decoded.unwrap_or_else(|_| Err("its decoder gave up".into()))?;
     if samples.len() != size.pixels() {
@@ -108,6 +123,13 @@ struct JpegFrame {
     rows: u32,
     columns: u32,
     components: u8,
+}
+
+impl JpegFrame {
+    /// Of the extended process with twelve bits.
+    fn is_12_bit(&self) -> bool {
+        self.precision == 12 && self.marker == 0xc1
+    }
 }
 
 /// Finds the frame header (ITU-T T.81 B.2.2; T.87 C.2.2).
@@ -183,7 +205,8 @@ fn jpeg(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
             _ => Err("not one component".into()),
         };
     }
-    if frame.precision == 12 && frame.marker == 0xc1 {
+    #[cfg(feature = "jpeg-12")]
+    if frame.is_12_bit() {
         use libjpeg_turbo_rs::DecodeLimits;
         let limits = DecodeLimits {
             max_width: size.columns as usize,
@@ -248,6 +271,7 @@ fn jpeg_2000(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
     }
 }
 
+#[cfg(feature = "jpeg-xl")]
 fn jpeg_xl(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
     use jxl_oxide::{AllocTracker, JxlImage, JxlThreadPool};
     let memory = 64 * size.pixels() + JXL_MEMORY;

@@ -247,6 +247,10 @@ pub(super) fn decode(
         let io = |e| FormatError::io(file, e);
         source.take(u64::from(*len)).read_to_end(&mut stream).map_err(io)?;
     }
+    if let Some(feature) = codec::missing_feature(codec, &stream) {
+        let what = format!("compressed pixels whose decoder is the feature `{feature}`");
+        return Err(FormatError::unsupported(file, format!("{what}, which this build lacks")));
+    }
     let damaged = |why| FormatError::field(file, "pixels", "damaged", why);
     codec::decode(codec, &stream, size).map_err(damaged)
 }
