@@ -1,11 +1,8 @@
-use std::path::Path;
-use std::time::Instant;
-
 use glam::Vec3;
 
 use super::*;
+use crate::geometry::Mesh;
 use crate::geometry::shapes::{boxed, sphere, torus};
-use crate::geometry::{Mesh, TriangleBvh};
 use garland_heckbert::contract;
 
 mod garland_heckbert;
@@ -403,46 +400,4 @@ fn contraction_keeps_cubes_and_the_borders_of_sheets() {
     );
     // Nothing is left to contract: it ends.
     assert!(contract(&boxed(2), 0).unwrap().faces.len() >= 4);
-}
-
-/// Times, and leaves results for scoring by others in the folder `INTIMA_OUT`, if it is set.
-#[test]
-#[ignore = "measures; needs INTIMA_MESHES, the folder of the three big meshes"]
-fn measure() {
-    let folder = std::env::var("INTIMA_MESHES").expect("INTIMA_MESHES names a folder");
-    let cases = [("vessel_143k", 7000), ("trachea_96k", 15000), ("colon_1m", 50000)];
-    for (name, faces) in cases {
-        let path = Path::new(&folder).join(format!("{name}.ply"));
-        let (mesh, _) = crate::formats::read_mesh(&path, None).unwrap();
-        let t = Instant::now();
-        HalfEdges::new(&mesh).unwrap();
-        println!("{name}: half-edges {:.3} s", t.elapsed().as_secs_f64());
-        let t = Instant::now();
-        TriangleBvh::new(&mesh);
-        println!("{name}: tree {:.3} s", t.elapsed().as_secs_f64());
-        let t = Instant::now();
-        make_manifold(&mesh).unwrap();
-        println!("{name}: repairs {:.3} s", t.elapsed().as_secs_f64());
-        for (metric, relocate) in METRICS.into_iter().flat_map(|m| [(m, false), (m, true)]) {
-            let options = SimplifyOptions { metric, relocate, ..SimplifyOptions::to_faces(faces) };
-            let run = |_| {
-                let t = Instant::now();
-                let s = simplify(&mesh, &options, &mut ()).unwrap();
-                (t.elapsed().as_secs_f64(), s)
-            };
-            let runs: Vec<_> = (0..5).map(run).collect();
-            let best = runs.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
-            let mesh_out = &runs[0].1.mesh;
-            let t = Instant::now();
-            let d = deviation(mesh_out, &mesh).unwrap();
-            let seconds = t.elapsed().as_secs_f64();
-            println!(
-                "{name} {metric:?} relocate {relocate}: best of 5 {best:.3} s; {d:?} in {seconds:.2} s"
-            );
-            if let Ok(out) = std::env::var("INTIMA_OUT") {
-                let file = format!("{out}/{name}.{metric:?}.{relocate}.ply");
-                crate::formats::write_mesh(Path::new(&file), mesh_out).unwrap();
-            }
-        }
-    }
 }

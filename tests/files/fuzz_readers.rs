@@ -140,7 +140,11 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
     for name in ["binary.dcm", "fractional.dcm", "labels.dcm"] {
         seeds.push((name, fixture(&format!("seg/{name}"))));
     }
-    for name in CODECS {
+    let built = |name: &&str| {
+        (*name != "jpeg_12.dcm" || cfg!(feature = "jpeg-12"))
+            && (*name != "jpeg_xl.dcm" || cfg!(feature = "jpeg-xl"))
+    };
+    for name in CODECS.into_iter().filter(built) {
         seeds.push((name, fixture(&format!("codec/{name}"))));
     }
     let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -187,6 +191,7 @@ fn judged(path: &Path, bytes: &[u8]) -> Result<Option<usize>, String> {
 }
 
 /// What coverage-guided fuzzing found to be of interest (`fuzz/corpus`, a folder for each extension).
+/// `INTIMA_BLESS=1` adds the small files that mutation starts from.
 #[test]
 fn every_file_of_the_fuzz_corpus_is_read_or_refused_in_one_line_with_little_memory() {
     if !child::alone(
@@ -194,8 +199,15 @@ fn every_file_of_the_fuzz_corpus_is_read_or_refused_in_one_line_with_little_memo
     ) {
         return;
     }
-    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
-    let dir = tempfile::tempdir().unwrap();
+    let corpus = common::root().join("fuzz/corpus");
+    if std::env::var("INTIMA_BLESS").is_ok_and(|v| v == "1") {
+        for (name, bytes) in seeds() {
+            let reader = corpus.join(name.split_once('.').unwrap().1.replace('.', "_"));
+            std::fs::create_dir_all(&reader).unwrap();
+            std::fs::write(reader.join(blake3::hash(&bytes).to_hex().as_str()), &bytes).unwrap();
+        }
+    }
+    let dir = common::scratch();
     let (mut well, mut refused) = (0, 0);
     for reader in std::fs::read_dir(&corpus).unwrap().map(|e| e.unwrap().path()) {
         let extension = reader.file_name().unwrap().to_string_lossy().replace('_', ".");
@@ -214,18 +226,6 @@ fn every_file_of_the_fuzz_corpus_is_read_or_refused_in_one_line_with_little_memo
     assert!(well >= 10 && refused > 100, "{well} read, {refused} refused");
 }
 
-/// The small files that mutation starts from, written where fuzzing takes its corpus.
-#[test]
-#[ignore = "writes fuzz/corpus; see fuzz/README.md"]
-fn write_the_seeds_of_the_fuzz_corpus() {
-    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
-    for (name, bytes) in seeds() {
-        let reader = corpus.join(name.split_once('.').unwrap().1.replace('.', "_"));
-        std::fs::create_dir_all(&reader).unwrap();
-        std::fs::write(reader.join(blake3::hash(&bytes).to_hex().as_str()), &bytes).unwrap();
-    }
-}
-
 #[test]
 fn mutated_files_are_read_or_refused_in_one_line_with_little_memory() {
     if !child::alone(
@@ -234,7 +234,7 @@ fn mutated_files_are_read_or_refused_in_one_line_with_little_memory() {
         return;
     }
     let rounds = std::env::var("INTIMA_FUZZ_ROUNDS").ok().and_then(|n| n.parse().ok());
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::scratch();
     for (name, seed) in seeds() {
         let path = dir.path().join(name);
         let mut random = Random(0x9e37_79b9_7f4a_7c15);

@@ -296,7 +296,7 @@ fn meshes() -> Vec<(&'static str, Vec<u8>)> {
 #[test]
 fn no_refusal_repeats_text_of_a_header() {
     const NAME: &[u8] = b"JANE^DOE";
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::scratch();
     let (mut read_well, mut refused) = (0, 0);
     let mut files: Vec<_> = samples().to_vec();
     files.extend(meshes());
@@ -364,7 +364,7 @@ proptest! {
         if let Some(cut) = cut {
             bytes.truncate(cut.index(bytes.len()));
         }
-        let dir = tempfile::tempdir().unwrap();
+        let dir = common::scratch();
         let path = dir.path().join(name);
         std::fs::write(&path, &bytes).unwrap();
         let before = peak_kib();

@@ -22,7 +22,7 @@ fn chiral() -> Mesh {
 }
 
 fn scratch(name: &str, content: impl AsRef<[u8]>) -> (tempfile::TempDir, PathBuf) {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = common::scratch();
     let path = dir.path().join(name);
     std::fs::write(&path, content).unwrap();
     (dir, path)

@@ -4,17 +4,6 @@ use std::path::Path;
 
 use intima::formats::{NOTICE, VideoWriter, encode_png, read_png, write_png};
 
-#[test]
-#[ignore = "a measurement, not a check"]
-fn time_of_a_frame() {
-    let (w, h) = (1280, 720);
-    let rgb = picture(w, h);
-    encode_png(w, h, &rgb);
-    let t = std::time::Instant::now();
-    let bytes = (0..10).map(|_| encode_png(w, h, &rgb).len()).sum::<usize>() / 10;
-    println!("{:?} a frame, {bytes} bytes of {}", t.elapsed() / 10, rgb.len());
-}
-
 /// Shaded bumps with a little grain, as a rendered wall is.
 fn picture(w: u32, h: u32) -> Vec<u8> {
     let mut rgb = Vec::new();

@@ -232,7 +232,7 @@ fn coverage_of_a_mask_is_not_low_because_stair_faces_hide_each_other() {
 }
 
 #[test]
-#[ignore = "minutes; prints figures of real organs beside rays"]
+#[ignore = "minutes: cargo test --release --test geometry coverage_of_real -- --ignored"]
 fn coverage_of_real_organs_beside_rays() {
     let Some(data) = volumes::shared_data() else { return };
     let labels = SegmentationOptions::new(IntensitySelection::Labels(Vec::new()));

@@ -572,17 +572,3 @@ fn the_bound_never_exceeds_the_true_distance_on_grids_of_any_pose() {
         assert!(most <= 0.0 && used > 100 && sharp > 0.4);
     }
 }
-
-#[test]
-#[ignore = "a measurement, not a check"]
-fn time_of_a_flight() {
-    let o = organ(Kind::Colon, 192, [1.0; 3]);
-    let options = FlightOptions { frames: Frames::Count(600), ..Default::default() };
-    for wall in [None, Some(&o.wall)] {
-        let t = std::time::Instant::now();
-        let f = o.fly(FlightOptions { wall, ..options }).unwrap();
-        let (points, faces) = (o.path.len(), wall.map_or(0, |w| w.faces.len()));
-        println!("{:?}: {points} points, 600 frames, {faces} triangles", t.elapsed());
-        println!("margin {:.4} mm, {} moved", f.min_margin_mm(), f.moved);
-    }
-}

@@ -10,6 +10,7 @@
 use std::sync::{Arc, LazyLock};
 
 use common::cast::Cast;
+#[cfg(feature = "faults")]
 use common::child;
 use common::pages::{Pages, corners};
 use glam::{DVec3, Vec3};
@@ -178,8 +179,8 @@ fn rays_into_a_folded_colon_hit_the_visible_cut_within_the_pixel_error() {
     assert!(shares[2] < 0.8 * shares[0], "{shares:?} of the faces are drawn");
 }
 
-#[test]
-#[ignore = "runs in a process of its own, started by the test below"]
+/// Runs in a process of its own.
+#[cfg(feature = "faults")]
 fn child_counts_violations() {
     for pixels in PIXEL_ERRORS {
         println!("child: {}", all_views(&COLON, pixels).violations());
@@ -191,9 +192,12 @@ fn child_counts_violations() {
 #[cfg(feature = "faults")]
 #[test]
 fn rays_detect_planted_faults_in_error_bound_and_occlusion() {
+    if child::is_child() {
+        return child_counts_violations();
+    }
     for (fault, expected) in [("none:1", false), ("errorbound:1", true), ("occlusion:1", true)] {
         let said = child::said(&child::run(
-            "lod_rays::child_counts_violations",
+            "lod_rays::rays_detect_planted_faults_in_error_bound_and_occlusion",
             &[("INTIMA_FAULT", fault)],
         ));
         let violations: usize = said.iter().map(|n| n.parse::<usize>().unwrap()).sum();

@@ -1,7 +1,9 @@
 //! Organs found without a threshold, a seed or a click: on a torso whose truth is known by formula,
 //! and on real volumes beside recipes that were counted by other programs.
 
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use common::torso::Torso;
 use common::volumes::{read, shared_data, unzip};
@@ -253,12 +255,19 @@ fn the_airway_of_a_real_chest_is_found_in_noise_thick_slices_and_parts_of_it() {
     assert_eq!(suggest(&volume), Some(Organ::Airway));
 }
 
-/// The volume of the series in an archive.
-fn unzipped(name: &str) -> Option<Volume> {
+/// The volume of the series in an archive, unpacked and read once for all tests.
+fn unzipped(name: &'static str) -> Option<Volume> {
+    static READ: Mutex<BTreeMap<&str, Volume>> = Mutex::new(BTreeMap::new());
+    let mut all = READ.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(volume) = all.get(name) {
+        return Some(volume.clone());
+    }
     let folder = unzip(name)?;
     let inner = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
     let inner = if inner.is_dir() { inner } else { inner.parent().unwrap().to_owned() };
-    Some(read(&inner).unwrap())
+    let volume = read(&inner).unwrap();
+    all.insert(name, volume.clone());
+    Some(volume)
 }
 
 /// Share of the voxels of a mask that are in another.

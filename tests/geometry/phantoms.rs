@@ -1,7 +1,5 @@
 //! Facts about the analytic phantoms: what they promise is what their voxels show.
 
-use std::time::Instant;
-
 use glam::{DVec3, IVec3};
 use intima::volume::phantom::{Kind, Phantom};
 use intima::volume::{Grid, Samples, Volume};
@@ -248,17 +246,4 @@ fn names_are_read_back_and_bad_numbers_are_errors() {
     assert!(Phantom::new(Kind::Tube, 0, [1.0; 3]).is_err());
     assert!(Phantom::new(Kind::Tube, u32::MAX, [1.0; 3]).is_err());
     assert!(Phantom::new(Kind::Tube, 1, [1.0; 3]).is_ok());
-}
-
-#[test]
-#[ignore = "a measurement, not a check"]
-fn time_of_512() {
-    for kind in Kind::ALL {
-        let p = make(kind, 512, [0.5; 3]);
-        let t = Instant::now();
-        let lumen = inside(&p.mask()).iter().filter(|&&m| m == 1).count();
-        let mask = t.elapsed();
-        p.grey(Some(15.0), 1);
-        println!("{:9} {lumen:9} voxels, mask {mask:?}, both {:?}", kind.name(), t.elapsed());
-    }
 }

@@ -3,8 +3,6 @@
 mod all_round;
 mod golden;
 mod lod_draw;
-mod lod_figures;
-mod lod_measure;
 mod lod_occlusion;
 mod oracle_distance;
 mod oracle_fair;

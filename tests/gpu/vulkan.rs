@@ -237,6 +237,9 @@ fn manifest_with(member: &str) -> Option<String> {
 /// On macOS every driver is of that kind; the loader hides them from programs that do not ask.
 #[test]
 fn a_driver_that_translates_vulkan_to_another_interface_is_found() {
+    if child::is_child() {
+        return child_opens_devices();
+    }
     let Some(_) = common::gpu(Validate::Off) else { return };
     let Some(text) = manifest_with("\"is_portability_driver\": true") else {
         println!("skipped: VK_DRIVER_FILES names no driver");
@@ -247,7 +250,13 @@ fn a_driver_that_translates_vulkan_to_another_interface_is_found() {
     std::fs::write(&file, text).unwrap();
     let file = file.to_str().unwrap();
     let env = [("VK_DRIVER_FILES", file), ("VK_ICD_FILENAMES", file)];
-    assert_eq!(child::said(&child::run("vulkan::child_opens_devices", &env))[0], "gpu opened");
+    assert_eq!(
+        child::said(&child::run(
+            "vulkan::a_driver_that_translates_vulkan_to_another_interface_is_found",
+            &env
+        ))[0],
+        "gpu opened"
+    );
 }
 
 #[test]
@@ -295,8 +304,7 @@ fn pipelines_are_kept_on_disk_and_a_damaged_file_does_no_harm() {
     assert!(mended.len() == 1 && mended[0].0 == path && mended[0].1 != bytes);
 }
 
-#[test]
-#[ignore = "runs in a process of its own, started by the tests below"]
+/// Runs in a process of its own.
 fn child_opens_devices() {
     let kind = |e: &VkError| match e {
         VkError::NoLibrary(_) => "no library",
@@ -316,20 +324,29 @@ fn child_opens_devices() {
 
 #[test]
 fn a_machine_without_a_driver_computes_on_the_cpu() {
+    if child::is_child() {
+        return child_opens_devices();
+    }
     let Some(_) = common::gpu(Validate::Off) else { return };
     let none = [("VK_DRIVER_FILES", "/nowhere.json"), ("VK_ICD_FILENAMES", "/nowhere.json")];
-    let out = child::run("vulkan::child_opens_devices", &none);
+    let out = child::run("vulkan::a_machine_without_a_driver_computes_on_the_cpu", &none);
     assert_eq!(child::said(&out), ["gpu true no driver", "auto cpu"]);
 }
 
 #[test]
 #[cfg(target_os = "linux")]
 fn a_machine_without_the_library_computes_on_the_cpu() {
+    if child::is_child() {
+        return child_opens_devices();
+    }
     // A library that is no library, found before the real one.
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("libvulkan.so.1"), "not a library").unwrap();
     let path = dir.path().to_str().unwrap();
-    let out = child::run("vulkan::child_opens_devices", &[("LD_LIBRARY_PATH", path)]);
+    let out = child::run(
+        "vulkan::a_machine_without_the_library_computes_on_the_cpu",
+        &[("LD_LIBRARY_PATH", path)],
+    );
     assert_eq!(child::said(&out), ["gpu true no library", "auto cpu"]);
 }
 
@@ -341,8 +358,7 @@ mod faults {
 
     use super::*;
 
-    #[test]
-    #[ignore = "runs in a process of its own, started by the test below"]
+    /// Runs in a process of its own.
     fn child_runs_a_plan() {
         let options =
             OpenOptions { validate: Validate::Sync, cache_dir: None, ..OpenOptions::default() };
@@ -362,6 +378,9 @@ mod faults {
 
     #[test]
     fn planted_faults_come_back_typed_and_leave_nothing_behind() {
+        if child::is_child() {
+            return child_runs_a_plan();
+        }
         let Some(_) = common::gpu(Validate::Sync) else { return };
         for (fault, want) in [
             ("none:1", "done; 0 messages"),
@@ -374,13 +393,15 @@ mod faults {
             ("allocate:3-4", "out of memory for near; 0 messages"),
             ("submit:1", "lost during vkQueueSubmit2; 0 messages"),
         ] {
-            let out = child::run("vulkan::faults::child_runs_a_plan", &[("INTIMA_FAULT", fault)]);
+            let out = child::run(
+                "vulkan::faults::planted_faults_come_back_typed_and_leave_nothing_behind",
+                &[("INTIMA_FAULT", fault)],
+            );
             assert_eq!(child::said(&out), [want], "{fault}");
         }
     }
 
-    #[test]
-    #[ignore = "runs in a process of its own, started by the test below"]
+    /// Runs in a process of its own.
     fn child_opens_a_validated_device() {
         let options =
             OpenOptions { validate: Validate::Sync, cache_dir: None, ..OpenOptions::default() };
@@ -394,12 +415,18 @@ mod faults {
 
     #[test]
     fn a_device_that_fails_to_open_leaks_nothing() {
+        if child::is_child() {
+            return child_opens_a_validated_device();
+        }
         let Some(_) = common::gpu(Validate::Sync) else { return };
         let open = |n: u32| {
             let fault = format!("create:{n}-{n}");
             let env = [("INTIMA_FAULT", fault.as_str())];
-            child::said(&child::run("vulkan::faults::child_opens_a_validated_device", &env))
-                .remove(0)
+            child::said(&child::run(
+                "vulkan::faults::a_device_that_fails_to_open_leaks_nothing",
+                &env,
+            ))
+            .remove(0)
         };
         // The layer says at the end of a device what of it was not destroyed.
         let said: Vec<String> = (1..=7).map(open).collect();
@@ -416,8 +443,7 @@ mod faults {
         assert_eq!(said, wanted);
     }
 
-    #[test]
-    #[ignore = "runs in a process of its own, started by the test below"]
+    /// Runs in a process of its own.
     fn child_makes_a_renderer() {
         let mut gpu = common::gpu(Validate::Off).expect("the parent found a device");
         let made = Renderer::new(&mut gpu, 64, 64, 4).map(drop);
@@ -427,11 +453,18 @@ mod faults {
 
     #[test]
     fn a_renderer_that_fails_to_open_leaves_nothing_on_the_device() {
+        if child::is_child() {
+            return child_makes_a_renderer();
+        }
         let Some(_) = common::gpu(Validate::Off) else { return };
         let make = |n: u32| {
             let fault = format!("allocate:{n}");
             let env = [("INTIMA_FAULT", fault.as_str())];
-            child::said(&child::run("vulkan::faults::child_makes_a_renderer", &env)).remove(0)
+            child::said(&child::run(
+                "vulkan::faults::a_renderer_that_fails_to_open_leaves_nothing_on_the_device",
+                &env,
+            ))
+            .remove(0)
         };
         // Five images, three read-back buffers, two models of two buffers each; copies through
         // staging memory come on top where memory is not shared.
@@ -442,8 +475,7 @@ mod faults {
         assert!(made.starts_with("made, ") && made != "made, 0 live", "{made}");
     }
 
-    #[test]
-    #[ignore = "runs in a process of its own, started by the test below"]
+    /// Runs in a process of its own.
     fn child_draws_after_a_failed_submission() {
         let mut gpu = common::gpu(Validate::Sync).expect("the parent found a device");
         let mut r = Renderer::new(&mut gpu, 64, 64, 4).unwrap();
@@ -464,8 +496,11 @@ mod faults {
 
     #[test]
     fn image_layouts_are_those_before_a_submission_that_failed() {
+        if child::is_child() {
+            return child_draws_after_a_failed_submission();
+        }
         let Some(_) = common::gpu(Validate::Sync) else { return };
-        let name = "vulkan::faults::child_draws_after_a_failed_submission";
+        let name = "vulkan::faults::image_layouts_are_those_before_a_submission_that_failed";
         let said = child::said(&child::run(name, &[("INTIMA_FAULT", "submit:1-1")]));
         assert_eq!(said, ["failed, []", "drawn, []", "drawn, []"]);
     }

@@ -47,7 +47,7 @@ fn an_interrupted_flight_exits_with_130() {
 }
 
 #[test]
-#[ignore = "minutes: 200 interruptions"]
+#[ignore = "minutes: cargo test --release --test program two_hundred -- --ignored"]
 fn two_hundred_interrupted_flights_exit_with_130() {
     interrupt(200);
 }

@@ -95,7 +95,7 @@ fn a_cancelled_session_starts_no_further_stage_and_goes_on_after_a_reset() {
     assert!(session.lumen().is_ok());
 }
 
-/// Every stage of a large lumen, cancelled at moments spread over it. The stages take seconds here;
+/// The whole chain on a large lumen, cancelled at four moments spread over it. The stages take seconds here;
 /// without the checks inside them the wait would be as long as a stage.
 #[test]
 fn a_cancelled_session_ends_within_a_quarter_of_a_second() {
@@ -108,13 +108,13 @@ fn a_cancelled_session_ends_within_a_quarter_of_a_second() {
     };
     // The shorter of two: a run that other work slowed down would put the later moments after the end.
     let whole = run().min(run());
-    let mut waits: Vec<(Duration, u32)> = (1..20u32)
+    let mut waits: Vec<(Duration, u32)> = (1..5u32)
         .filter_map(|i| {
             let session = session(&volume, Settings::default());
             let token = session.cancel_token();
             std::thread::scope(|scope| {
                 let work = scope.spawn(|| session.prepare(&ALL));
-                std::thread::sleep(whole * i / 20);
+                std::thread::sleep(whole * i / 5);
                 token.cancel();
                 let asked = Instant::now();
                 let outcome = work.join().unwrap();
@@ -122,7 +122,7 @@ fn a_cancelled_session_ends_within_a_quarter_of_a_second() {
             })
         })
         .collect();
-    assert!(waits.len() > 10, "it was done before: {waits:?}");
+    assert!(waits.len() > 2, "it was done before: {waits:?}");
     // The median is what a user feels; a single wait may be the machine's.
     waits.sort();
     let (median, worst) = (waits[waits.len() / 2].0, waits[waits.len() - 1].0);

@@ -104,7 +104,7 @@ fn shared(name: &str, select: IntensitySelection) -> Option<Session> {
 }
 
 #[test]
-#[ignore = "minutes; in release"]
+#[ignore = "minutes: cargo test --release --test program no_million_moves -- --ignored"]
 fn no_million_moves_by_hand_take_the_near_plane_through_a_phantoms_wall() {
     wander(&session(Kind::Bend, 96), 1_000_000);
     wander(&session(Kind::Y, 96), 1_000_000);
@@ -112,7 +112,7 @@ fn no_million_moves_by_hand_take_the_near_plane_through_a_phantoms_wall() {
 
 /// On the aorta a slide round a fold once ended where the straight way back cut the fold.
 #[test]
-#[ignore = "minutes; in release"]
+#[ignore = "minutes: cargo test --release --test program no_million_moves -- --ignored"]
 fn no_million_moves_by_hand_take_the_near_plane_through_a_real_wall() {
     let colon = shared("colon_label_1.nii.gz", IntensitySelection::Labels(vec![1]));
     let range = IntensitySelection::Range { lo: 1100.0, hi: f64::INFINITY };

@@ -1,5 +1,5 @@
-//! Measurements on large meshes: `INTIMA_MESHES=folder cargo test --release --lib
-//! lod::vds::large_meshes -- --ignored --nocapture`.
+//! Long runs on large meshes, which also print their figures: `INTIMA_MESHES=folder cargo test
+//! --release --lib lod::vds::large_meshes -- --ignored --nocapture`.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -59,8 +59,8 @@ fn distance(a: &Mesh, b: &Mesh) -> (f64, f64) {
 }
 
 #[test]
-#[ignore = "measures; needs INTIMA_MESHES"]
-fn three_schemes_at_equal_error() {
+#[ignore = "minutes: INTIMA_MESHES=FOLDER cargo test --release --lib large_meshes -- --ignored"]
+fn each_scheme_errs_less_at_a_tighter_tolerance() {
     for (name, faces) in [("vessel_143k", 7000), ("trachea_96k", 1500)] {
         let (mesh, base, maps) = prepared(name, faces);
         let shading = crate::surface::shading(&mesh);
@@ -89,8 +89,11 @@ fn three_schemes_at_equal_error() {
                 );
             }
         }
+        let mut before = [f64::INFINITY; 3];
         for tolerance in [0.1, 0.05, 0.025, 0.0125] {
-            for scheme in [Scheme::OneToFour, Scheme::Sqrt3, Scheme::FourEight] {
+            for (k, scheme) in
+                [Scheme::OneToFour, Scheme::Sqrt3, Scheme::FourEight].into_iter().enumerate()
+            {
                 let t = Instant::now();
                 let fine = refine(&base.mesh, &original, scheme, tolerance, 24);
                 let spent = t.elapsed();
@@ -99,6 +102,8 @@ fn three_schemes_at_equal_error() {
                     "  {scheme:<7?} {tolerance:>7} {:>8} {rms:>9.5} {most:>9.4} {spent:>9.2?}",
                     fine.faces.len()
                 );
+                assert!(rms < before[k], "{scheme:?} at {tolerance} mm");
+                before[k] = rms;
             }
         }
     }
@@ -128,8 +133,8 @@ fn flight(name: &str, step_mm: f32) -> Vec<Pose> {
 }
 
 #[test]
-#[ignore = "measures; needs INTIMA_MESHES"]
-fn flights_through_large_meshes() {
+#[ignore = "minutes: INTIMA_MESHES=FOLDER cargo test --release --lib large_meshes -- --ignored"]
+fn no_level_of_a_large_mesh_errs_more_than_its_bound() {
     for (name, faces) in [("vessel_143k", 7000), ("trachea_96k", 15000), ("colon_1m", 50000)] {
         let (mesh, base, maps) = prepared(name, faces);
         let shading = crate::surface::shading(&mesh);
@@ -165,6 +170,7 @@ fn flights_through_large_meshes() {
                     level.faces.len(),
                     surface.error_mm(l)
                 );
+                assert!(most <= f64::from(surface.error_mm(l)), "{name}, level {l}");
             } else {
                 println!(
                     "  level {l}: {} faces, bound {:.4} (mean of leaves {mean:.4})",

@@ -6,10 +6,15 @@ use std::process::{Command, Output};
 /// Set in a process that runs one test.
 const MARK: &str = "INTIMA_TEST_CHILD";
 
-/// Runs the test `name`, ignored or not, with `env` on top of ours.
+/// Whether this process was started by [`run`].
+pub fn is_child() -> bool {
+    std::env::var_os(MARK).is_some()
+}
+
+/// Runs the test `name` with `env` on top of ours.
 pub fn run(name: &str, env: &[(&str, &str)]) -> Output {
     let mut command = Command::new(std::env::current_exe().expect("our own path"));
-    command.args(["--exact", name, "--include-ignored", "--nocapture", "--test-threads=1"]);
+    command.args(["--exact", name, "--nocapture", "--test-threads=1"]);
     command.env_remove("LP_NUM_THREADS").env(MARK, "1").envs(env.iter().copied());
     command.output().expect("our own program starts")
 }
@@ -17,7 +22,7 @@ pub fn run(name: &str, env: &[(&str, &str)]) -> Output {
 /// Whether the test `name` has this process to itself. If not, it is run in one that it has, and
 /// fails here as it fails there.
 pub fn alone(name: &str) -> bool {
-    if std::env::var_os(MARK).is_some() {
+    if is_child() {
         return true;
     }
     let out = run(name, &[]);

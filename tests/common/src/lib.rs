@@ -23,6 +23,13 @@ pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).expect("two folders deep").to_owned()
 }
 
+/// A folder for thousands of small files that are each read once: in memory where the system has a
+/// place for that, because a disk takes milliseconds for each of them.
+pub fn scratch() -> tempfile::TempDir {
+    let memory = tempfile::tempdir_in("/dev/shm");
+    memory.or_else(|_| tempfile::tempdir()).expect("a folder for temporary files")
+}
+
 /// A validated device with no pipeline cache on disk, or `None` with the reason printed. With
 /// `INTIMA_REQUIRE_GPU=1` a missing device or layer fails instead.
 ///

@@ -114,7 +114,8 @@ pub const BASE_PAGES: u32 = SECTIONS + 2;
 pub const FINE_PAGES: u32 = RINGS;
 
 impl Sections {
-    pub fn new() -> Self {
+    /// All of them coarse.
+    pub fn of_tube() -> Self {
         let mesh = tube::tube(SECTIONS * RINGS + 1, SIDES);
         let vertices = shading(&mesh).vertices;
         let band = |a: u32, b: u32| -> Vec<[u32; 3]> {

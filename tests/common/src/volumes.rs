@@ -235,30 +235,39 @@ pub fn dicom_slice(s: &Slice) -> Vec<u8> {
     out
 }
 
-/// The folder of real volumes, where this machine has it.
+/// The folder of real volumes, where this machine has it. With `INTIMA_REQUIRE_DATA=1` it must.
 pub fn shared_data() -> Option<PathBuf> {
     let data = crate::root().join("../shared/data");
-    if !data.is_dir() {
-        println!("skipped: no shared data");
-        return None;
-    }
-    Some(data)
+    if data.is_dir() { Some(data) } else { skipped("no shared data") }
+}
+
+/// A file of that folder, as required as the folder is.
+pub fn shared_file(name: &str) -> Option<PathBuf> {
+    let file = shared_data()?.join(name);
+    if file.is_file() { Some(file) } else { skipped(&format!("no {name} in the shared data")) }
+}
+
+/// Says why a test of real volumes ends here.
+///
+/// # Panics
+/// Where they are required.
+fn skipped<T>(why: &str) -> Option<T> {
+    let required = std::env::var("INTIMA_REQUIRE_DATA").is_ok_and(|v| v == "1");
+    assert!(!required, "INTIMA_REQUIRE_DATA=1, and there is {why}");
+    println!("skipped: {why}");
+    None
 }
 
 /// A shared archive unpacked into a folder that goes away with the value.
 pub fn unzip(name: &str) -> Option<tempfile::TempDir> {
-    let archive = shared_data()?.join(name);
+    let archive = shared_file(name)?;
     let dir = tempfile::tempdir().unwrap();
     let quiet = |c: &mut Command| c.output().is_ok_and(|o| o.status.success());
     let done = quiet(Command::new("unzip").arg("-q").arg(&archive).arg("-d").arg(dir.path()))
         || quiet(
             Command::new("python3").args(["-m", "zipfile", "-e"]).arg(&archive).arg(dir.path()),
         );
-    if !done {
-        println!("skipped: neither unzip nor python3 to unpack {name}");
-        return None;
-    }
-    Some(dir)
+    if done { Some(dir) } else { skipped(&format!("neither unzip nor python3 for {name}")) }
 }
 
 /// A mask (1 inside) that is hard on every assumption about grids: oblique axes, left-handed,

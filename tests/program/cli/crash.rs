@@ -207,7 +207,7 @@ fn runs_ended_at_random_moments_leave_complete_files_alone() {
 
 /// Over all commands 204 runs at work are killed and 204 interrupted or terminated.
 #[test]
-#[ignore = "takes minutes: 408 runs ended and half of them run again"]
+#[ignore = "minutes: cargo test --release --test program runs_ended_at_400 -- --ignored"]
 fn runs_ended_at_400_random_moments_leave_complete_files_alone() {
     let mut all = BTreeMap::new();
     for (what, n) in cases().iter().flat_map(|case| case.end_at_random(136)) {
@@ -226,7 +226,7 @@ fn a_disk_that_fills_at_some_write_leaves_complete_files_alone() {
 
 #[cfg(feature = "faults")]
 #[test]
-#[ignore = "takes minutes: one run for every write"]
+#[ignore = "minutes: cargo test --features faults --test program fills_at_any -- --ignored"]
 fn a_disk_that_fills_at_any_write_leaves_complete_files_alone() {
     cases().iter().for_each(|case| case.fill_disk(1..));
 }

@@ -68,8 +68,8 @@ fn best_ms<T>(mut run: impl FnMut() -> T) -> f64 {
 
 /// Takes `INTIMA_MESHES=folder`.
 #[test]
-#[ignore = "measures; needs INTIMA_MESHES"]
-fn measure() {
+#[ignore = "minutes: INTIMA_MESHES=FOLDER cargo test --release --lib maps_of_large -- --ignored"]
+fn maps_of_large_meshes_are_read_as_they_were_written() {
     let folder = std::env::var("INTIMA_MESHES").expect("INTIMA_MESHES names a folder");
     for (name, faces) in [("vessel_143k", 7000), ("trachea_96k", 15000), ("colon_1m", 50000)] {
         let path = Path::new(&folder).join(format!("{name}.ply"));

@@ -1,7 +1,5 @@
 //! The paper's Figs. 12 and 13 with organs of ours: a trachea of 26,979 faces on 1,500, a colon of
-//! 30,720 on 8,000. Pictures to look at, made by hand: `INTIMA_MESHES=FOLDER INTIMA_OUT=FOLDER
-//! cargo test --release --test gpu lod_figures:: -- --ignored --nocapture`, where INTIMA_MESHES holds
-//! `airway.ply` and `colon.ply` with their axes (see `tests/common/src/fly.rs`).
+//! 30,720 on 8,000. Pictures to look at, of `airway.ply` and `colon.ply`, in `INTIMA_OUT`.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -77,9 +75,8 @@ fn corners(mesh: &Mesh) -> Vec<[Vec3; 3]> {
     mesh.faces.iter().map(|f| f.map(|v| mesh.positions[v as usize])).collect()
 }
 
-#[test]
-#[ignore = "pictures to look at: give INTIMA_MESHES and INTIMA_OUT"]
-fn trachea_and_colon_as_in_the_papers_figures() {
+/// Draws them.
+pub fn trachea_and_colon_as_in_the_papers_figures() {
     let out = PathBuf::from(std::env::var_os("INTIMA_OUT").expect("INTIMA_OUT names a folder"));
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     let mut r = Renderer::new(&mut gpu, SIZE[0], SIZE[1], 4).unwrap();

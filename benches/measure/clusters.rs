@@ -1,24 +1,28 @@
-//! Statistics of large meshes, by hand: `INTIMA_MESHES=... cargo test --release --lib large_mesh --
-//! --ignored --nocapture`, `MESH=colon_1m` for one of them.
+//! Statistics of the cluster hierarchy of a large mesh, and of a flight through it.
 
+use std::sync::Arc;
 use std::time::Instant;
 
-use super::*;
+use glam::Vec3;
+use intima::geometry::{Camera, Lens, Pose, ViewFrustum};
+use intima::lod::clusters::{ClusterLod, Clusters, NO_GROUP};
+use intima::lod::{LodHierarchy, PageCache, Tolerance};
+use intima::surface::shading;
 
-#[test]
-#[ignore = "needs INTIMA_MESHES"]
-fn statistics_of_a_large_mesh() {
+/// `MESH=colon_1m` for another than the vessel.
+pub fn statistics_of_a_large_mesh() {
     let dir = std::env::var("INTIMA_MESHES").unwrap();
     let name = std::env::var("MESH").unwrap_or("vessel_143k".into());
     let path = std::path::Path::new(&dir).join(format!("{name}.ply"));
-    let mesh = crate::formats::read_mesh(&path, None).unwrap().0;
+    let mesh = intima::formats::read_mesh(&path, None).unwrap().0;
     let vertices = shading(&mesh).vertices;
     let clock = Instant::now();
     let c = Clusters::build(&mesh, &vertices).unwrap();
     let seconds = clock.elapsed().as_secs_f64();
     let all = c.clusters().len();
     let stuck = c.roots().filter(|r| c.clusters()[*r as usize].output_of == NO_GROUP).count();
-    let mean = c.triangles.len() as f64 / all as f64;
+    let triangles: f64 = c.clusters().iter().map(|k| f64::from(k.triangles)).sum();
+    let mean = triangles / all as f64;
     println!(
         "{name}: {seconds:.2} s, {all} clusters of {mean:.1} triangles, {} groups, {} roots, {stuck} of them finest, {:.1} MB",
         c.groups().len(),
@@ -92,7 +96,7 @@ fn statistics_of_a_large_mesh() {
             let frustum = ViewFrustum::new(&cam);
             cache.begin_step();
             let clock = Instant::now();
-            let step = lod.step(&cam, &PX(px), &mut cache);
+            let step = lod.step(&cam, &Tolerance { pixels: px }, &mut cache);
             took.push(clock.elapsed().as_secs_f64() * 1e3);
             shown.push(step.drawn.len() as f64);
             drawn.push(step.drawn.iter().map(|d| f64::from(d.triangles)).sum::<f64>());

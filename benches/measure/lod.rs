@@ -1,5 +1,4 @@
-//! Level of detail on large meshes: frame times and errors on screen. Measurements, run by hand:
-//! `INTIMA_MESHES=FOLDER cargo test --release --test gpu lod_measure:: -- --ignored --nocapture`.
+//! Level of detail on large meshes: frame times and errors on screen.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -79,9 +78,8 @@ fn fly(
     Flown { ms, stats, pictures }
 }
 
-#[test]
-#[ignore = "a measurement: give INTIMA_MESHES"]
-fn frame_times_with_and_without_level_of_detail() {
+/// Frame times and triangles with level of detail and without.
+pub fn frame_times_with_and_without_level_of_detail() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     for name in ["colon_62k", "colon_250k", "colon_1m", "vessel_143k", "trachea_96k"] {
         let Some((mesh, axis)) = fly::named(name) else { continue };
@@ -126,9 +124,7 @@ fn frame_times_with_and_without_level_of_detail() {
 
 /// The same organ at 1, 4, 16 and, as far as they are there, 64 and 256 times the triangles, flown
 /// through in turns.
-#[test]
-#[ignore = "a measurement: give INTIMA_MESHES"]
-fn growth_of_the_frame_time() {
+pub fn growth_of_the_frame_time() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     let names = ["colon_62k", "colon_250k", "colon_1m", "colon_4m", "colon_16m"];
     let named = names.into_iter().map_while(fly::named);
@@ -163,9 +159,8 @@ fn growth_of_the_frame_time() {
     }
 }
 
-#[test]
-#[ignore = "a measurement: give INTIMA_MESHES"]
-fn pixels_inside_the_bound() {
+/// Share of pixels whose point lies within the bound on screen.
+pub fn pixels_inside_the_bound() {
     for name in ["vessel_143k", "trachea_96k", "colon_250k"] {
         let Some((mesh, axis)) = fly::named(name) else { continue };
         let original = Cast::of(&mesh);

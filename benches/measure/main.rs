@@ -1,0 +1,28 @@
+//! Measurements on large meshes, by name: `INTIMA_MESHES=FOLDER cargo bench --bench measure -- NAME`.
+//! The folder holds meshes as PLY with their axes as JSON (`tests/common/src/fly.rs`); what is not
+//! there is left out. Figures go to `benches/results`.
+
+mod clusters;
+mod figures;
+mod lod;
+mod pages;
+mod simplify;
+
+const ALL: [(&str, fn()); 7] = [
+    ("cluster-statistics", clusters::statistics_of_a_large_mesh),
+    ("figures", figures::trachea_and_colon_as_in_the_papers_figures),
+    ("frame-times", lod::frame_times_with_and_without_level_of_detail),
+    ("growth", lod::growth_of_the_frame_time),
+    ("pages", pages::pages_against_one_mesh),
+    ("pixels", lod::pixels_inside_the_bound),
+    ("simplify", simplify::times_and_deviations),
+];
+
+fn main() {
+    let names: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
+    let chosen = ALL.iter().filter(|(name, _)| names.iter().any(|n| n == name));
+    if chosen.clone().map(|(_, measure)| measure()).count() == 0 {
+        println!("INTIMA_MESHES=FOLDER cargo bench --bench measure -- NAME, of");
+        ALL.iter().for_each(|(name, _)| println!("  {name}"));
+    }
+}
