@@ -1,12 +1,20 @@
 //! `cargo xtask test`: every test, with Vulkan required and its validation fatal.
 
-use crate::process::{cargo, run};
+use crate::process::{cargo, root, run};
 use crate::setup::{Purpose, setup};
-use crate::{TaskError, check, vulkan};
+use crate::{TaskError, check, timings, vulkan};
 use std::path::PathBuf;
 use std::process::Command;
 
-/// `cargo xtask test [--gpu] [-- ARGUMENTS OF CARGO TEST]`
+/// Features of what the tests build: all but the rare codecs, 17 crates of 245. What is released has
+/// them, and is linted with them (`check::builds`).
+pub const FEATURES: [&str; 3] = ["--no-default-features", "--features", "cli,window,faults"];
+
+/// The tests of every package.
+pub const ALL: [&str; 6] =
+    ["test", "--workspace", "--locked", FEATURES[0], FEATURES[1], FEATURES[2]];
+
+/// `cargo xtask test [--gpu] [--timings | -- ARGUMENTS OF CARGO TEST]`
 pub fn test(args: &[&str]) -> Result<(), TaskError> {
     let (gpu, rest) = match args {
         ["--gpu", rest @ ..] => (true, rest),
@@ -15,18 +23,24 @@ pub fn test(args: &[&str]) -> Result<(), TaskError> {
     let more = match rest {
         [] => &[],
         ["--", more @ ..] => more,
+        ["--timings"] => {
+            setup(Purpose::Testing)?;
+            return timings::timings(gpu);
+        }
         other => return Err(TaskError::Usage(format!("not for test: {}", other.join(" ")))),
     };
     setup(Purpose::Testing)?;
     check::check()?;
-    let all = ["test", "--workspace", "--locked", "--features", "faults"];
-    run(with_device(&mut cargo(&[&all, more].concat()), gpu))
+    run(with_device(&mut cargo(&[&ALL, more].concat()), gpu))
 }
 
-/// Requires a device and validation. The software driver is pinned unless a real GPU is wanted or
+/// Requires a device and validation, and real volumes where they lie beside the checkout. The software driver is pinned unless a real GPU is wanted or
 /// the caller has chosen one: its bytes are the same everywhere.
 pub fn with_device(command: &mut Command, gpu: bool) -> &mut Command {
     command.env("INTIMA_REQUIRE_GPU", "1").env("INTIMA_VALIDATE", "1");
+    if root().join("../shared/data").is_dir() {
+        command.env("INTIMA_REQUIRE_DATA", "1");
+    }
     let chosen = DRIVERS.iter().any(|v| std::env::var_os(v).is_some());
     if let Some(manifest) = pin(gpu, chosen, vulkan::detect().software) {
         command.envs(DRIVERS.map(|v| (v, &manifest)));

@@ -36,6 +36,22 @@ pub fn placeholders(tree: &Tree) -> Vec<String> {
     found
 }
 
+/// Tests that are left out and do not say how long they take and by which command they run.
+pub fn ignored(tree: &Tree) -> Vec<String> {
+    const LEFT_OUT: &str = "#[ignore";
+    let mut found = Vec::new();
+    for (path, code) in tree.rust("") {
+        let text = tree.text(path).unwrap_or_default();
+        let places = code.match_indices(LEFT_OUT).map(|(at, _)| at);
+        let bare = places.filter(|at| {
+            let reason = text[at + LEFT_OUT.len()..].lines().next().unwrap_or_default();
+            !(reason.starts_with(" = \"minutes: ") && reason.contains("cargo test "))
+        });
+        found.extend(bare.map(|at| format!("{path}:{}: {LEFT_OUT}", line(&code, at))));
+    }
+    found
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -55,6 +71,14 @@ mod tests {
         let text = "#![deny(unsafe_code)]\n// unsafe\nunsafe { f() }";
         let tree = Tree::of(&[("tests/cli.rs", text), ("src/vk/mod.rs", text)]);
         assert_eq!(unsafe_in_vk(&tree), ["tests/cli.rs:3: unsafe"]);
+    }
+
+    #[test]
+    fn a_test_left_out_without_its_command_is_caught() {
+        let text = "#[ignore = \"minutes: cargo test x -- --ignored\"]\n#[ignore]\n\
+                    #[ignore = \"a measurement\"]";
+        let tree = Tree::of(&[("tests/gpu/a.rs", text)]);
+        assert_eq!(ignored(&tree), ["tests/gpu/a.rs:2: #[ignore", "tests/gpu/a.rs:3: #[ignore"]);
     }
 
     #[test]
