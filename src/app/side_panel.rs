@@ -16,6 +16,17 @@ pub(super) fn side_panel(
     state: &mut UiState,
     actions: &mut Vec<Action>,
 ) {
+    egui::Panel::bottom("notice").show_separator_line(false).show(ui, |ui| {
+        ui.add(egui::Label::new(egui::RichText::new(NOTICE).small().color(FAINT)).wrap());
+    });
+    // No wider than the panel, whatever a name or a note is; what does not fit below is scrolled to.
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        ui.set_max_width(ui.available_width());
+        groups(ui, model, state, actions);
+    });
+}
+
+fn groups(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut Vec<Action>) {
     ui.add_space(4.0);
     figures(ui, model);
     ui.separator();
@@ -44,22 +55,23 @@ pub(super) fn side_panel(
             actions.push(Action::Bookmark(std::mem::take(&mut state.note)));
         }
     });
-    egui::ScrollArea::vertical().show(ui, |ui| {
-        for (i, b) in model.bookmarks.iter().enumerate() {
-            ui.horizontal(|ui| {
-                if ui.small_button("x").on_hover_text("Forget").clicked() {
-                    actions.push(Action::RemoveBookmark(i));
-                }
-                let place = b.arc_mm.map_or("off the path".into(), |mm| format!("{mm:.0} mm"));
-                if ui.button(format!("{} ({place})", b.text)).clicked() {
-                    actions.push(Action::GoToBookmark(i));
-                }
-            });
-        }
-    });
-    ui.with_layout(egui::Layout::bottom_up(egui::Align::LEFT), |ui| {
-        ui.add(egui::Label::new(egui::RichText::new(NOTICE).small().color(FAINT)).wrap());
-    });
+    for (i, b) in model.bookmarks.iter().enumerate() {
+        ui.horizontal(|ui| {
+            if ui.small_button("x").on_hover_text("Forget").clicked() {
+                actions.push(Action::RemoveBookmark(i));
+            }
+            let place = b.arc_mm.map_or("off the path".into(), |mm| format!("{mm:.0} mm"));
+            let text = format!("{place}: {}", b.text);
+            if short_button(ui, &text).clicked() {
+                actions.push(Action::GoToBookmark(i));
+            }
+        });
+    }
+}
+
+/// A button no wider than the panel; the whole text where the pointer rests.
+fn short_button(ui: &mut Ui, text: &str) -> egui::Response {
+    ui.add(egui::Button::new(text).truncate()).on_hover_text(text)
 }
 
 /// The series or segments of an input, to choose one.
@@ -69,12 +81,12 @@ fn contents(ui: &mut Ui, info: &InputInfo, actions: &mut Vec<Action>) {
         for s in &info.series {
             let [x, y, _] = s.dims;
             let name = format!("{}: {}, {x} x {y}, {} slices", s.index, s.modality, s.slices);
-            if info.segments.is_empty() && ui.button(name).clicked() {
+            if info.segments.is_empty() && short_button(ui, &name).clicked() {
                 actions.push(Action::Series(s.index));
             }
         }
         for s in &info.segments {
-            if ui.button(&s.name).clicked() {
+            if short_button(ui, &s.name).clicked() {
                 actions.push(Action::Segment(s.name.clone()));
             }
         }
@@ -141,7 +153,7 @@ fn appearance(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
             "Where the scan shows no wall, or only a thin sheet; of grey values, not of label maps",
         ),
     ];
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         ui.label(egui::RichText::new("Colour").color(FAINT));
         for (colouring, name, can, tip) in colours {
             let label = egui::Button::selectable(model.colouring == colouring, name);
@@ -236,5 +248,40 @@ fn figures(ui: &mut Ui, model: &Model) {
         line(ui, "Flight sees, one way", format!("{:.1} %", 100.0 * c.one_way_fraction));
         line(ui, "Both ways", format!("{:.1} %", 100.0 * c.both_ways_fraction));
         line(ui, "Missed patches", format!("{}", c.patches.len()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::app::model::Bookmark;
+
+    #[test]
+    fn a_long_note_does_not_push_the_panel_over_the_panes() {
+        let mut model = Model::new(20.0);
+        let text = "a finding with a long description ".repeat(12);
+        let json =
+            r#"{"text": "", "position_mm": [0, 0, 0], "rotation": [0, 0, 0, 1], "fov_deg": 90}"#;
+        let bookmark: Bookmark = serde_json::from_str(json).unwrap();
+        model.bookmarks = vec![Bookmark { text, ..bookmark }; 40];
+        let context = egui::Context::default();
+        let mut widths = Vec::new();
+        for _ in 0..3 {
+            let screen = egui::Rect::from_min_size(egui::Pos2::ZERO, egui::vec2(800.0, 600.0));
+            let input = egui::RawInput { screen_rect: Some(screen), ..Default::default() };
+            let mut output = context.run_ui(input, |ui| {
+                let mut state = UiState::default();
+                let panel = egui::Panel::right("notes").resizable(false).exact_size(236.0);
+                let shown = panel.show(ui, |ui| {
+                    side_panel(ui, &model, &mut state, &mut Vec::new());
+                    ui.min_rect().width()
+                });
+                widths.push((shown.inner, shown.response.rect.width()));
+            });
+            output.textures_delta.clear();
+        }
+        for (inner, panel) in widths {
+            assert!(inner <= 236.0 && panel <= 237.0, "{inner} and {panel} points");
+        }
     }
 }
