@@ -89,6 +89,14 @@ pub enum SessionError {
         /// What was found in it.
         organ: Option<Organ>,
     },
+    /// A product that no stage makes with the session's settings.
+    #[error("{product} cannot be made with {settings}")]
+    Unavailable {
+        /// Which product.
+        product: &'static str,
+        /// Settings that decide which products there are, with their values.
+        settings: String,
+    },
     /// More memory than allowed.
     #[error("this needs about {needed_mb} MB, more than the {allowed_mb} MB allowed ({what})")]
     Memory {

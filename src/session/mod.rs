@@ -155,7 +155,8 @@ macro_rules! products {
             $($(#[$doc])*
             ///
             /// # Errors
-            /// What its stages fail with; [`SessionError::Cancelled`].
+            /// What its stages fail with; [`SessionError::Cancelled`];
+            /// [`SessionError::Unavailable`] where the settings leave it out.
             pub fn $get(&self) -> Result<Arc<$kind>, SessionError> {
                 self.product(Product::$product, &self.slots.$slot)
             })*

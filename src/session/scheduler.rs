@@ -102,9 +102,11 @@ impl Session {
     /// that is there costs nothing; one that another thread computes is waited for.
     ///
     /// # Errors
-    /// The first of the stages' errors; [`SessionError::Cancelled`].
+    /// The first of the stages' errors; [`SessionError::Cancelled`];
+    /// [`SessionError::Unavailable`] before anything is computed, where the settings leave a
+    /// product out.
     pub fn prepare(&self, products: &[Product]) -> Result<(), SessionError> {
-        let plan = self.plan(products);
+        let plan = self.plan(products)?;
         if plan.is_empty() {
             return Ok(());
         }
@@ -122,7 +124,7 @@ impl Session {
     }
 
     /// Rows to be run, in the order of the table.
-    fn plan(&self, products: &[Product]) -> Vec<&'static Stage> {
+    fn plan(&self, products: &[Product]) -> Result<Vec<&'static Stage>, SessionError> {
         let mut wanted = [false; PRODUCTS];
         let mut open: Vec<Product> = products.to_vec();
         let mut plan: Vec<&'static Stage> = Vec::new();
@@ -131,15 +133,14 @@ impl Session {
                 continue;
             }
             wanted[product as usize] = true;
-            if let Some(stage) = row(product, &self.settings) {
-                open.extend(stage.needs);
-                plan.push(stage);
-            }
+            let stage = row(product, &self.settings)?;
+            open.extend(stage.needs);
+            plan.push(stage);
         }
         let place =
             |s: &&'static Stage| super::stages::STAGES.iter().position(|t| std::ptr::eq(t, *s));
         plan.sort_by_key(place);
-        plan
+        Ok(plan)
     }
 
     /// Runs stages of a plan until there are none left or one has failed.

@@ -267,6 +267,12 @@ impl Settings {
         })
     }
 
+    /// Values of the settings that decide which products there are.
+    pub(super) fn deciding(&self) -> String {
+        let (mode, lod, view) = (self.mode, self.levels.lod, self.flight.view);
+        format!("mode {mode:?}, levels.lod {lod:?} and flight.view {view:?}")
+    }
+
     /// The levels that are drawn: an overview alone shows the whole mesh.
     pub(super) fn drawn_lod(&self) -> Lod {
         if self.flight.view == View::Overview { Lod::Off } else { self.levels.lod }

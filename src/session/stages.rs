@@ -153,8 +153,14 @@ pub static STAGES: &[Stage] = stages! {
 };
 
 /// The row that makes a product with these settings.
-pub(super) fn row(product: Product, settings: &Settings) -> Option<&'static Stage> {
-    STAGES.iter().find(|s| s.product == product && (s.when)(settings))
+///
+/// # Errors
+/// [`SessionError::Unavailable`] where none does.
+pub(super) fn row(product: Product, settings: &Settings) -> Result<&'static Stage, SessionError> {
+    let mut rows = STAGES.iter().filter(|s| s.product == product);
+    let label = rows.clone().next().map_or("", |s| s.label);
+    rows.find(|s| (s.when)(settings))
+        .ok_or_else(|| SessionError::Unavailable { product: label, settings: settings.deciding() })
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use intima::render::View;
 use intima::session::{
     LevelSettings, Lod, LumenSettings, Mode, Product, Session, SessionError, Settings, Source,
     VolumeSource,
@@ -56,6 +57,27 @@ fn a_released_volume_is_given_again_when_asked_for() {
     let (done, answer) = std::sync::mpsc::channel();
     std::thread::spawn(move || done.send(session.volume().is_ok()));
     assert_eq!(answer.recv_timeout(Duration::from_secs(60)), Ok(true));
+}
+
+#[test]
+fn levels_that_the_settings_leave_out_are_an_error_and_no_endless_wait() {
+    let volume = phantom(Kind::Bend, 32);
+    let asked = |change: fn(&mut Settings)| {
+        let mut settings = Settings::default();
+        change(&mut settings);
+        let session = session(&volume, settings);
+        let (done, answer) = std::sync::mpsc::channel();
+        std::thread::spawn(move || done.send(session.levels().err()));
+        let outcome = answer.recv_timeout(Duration::from_secs(60)).expect("it never answers");
+        let error = outcome.expect("levels without a method");
+        assert!(matches!(error, SessionError::Unavailable { .. }), "{error}");
+        error.to_string()
+    };
+    let off = asked(|s| s.levels.lod = Lod::Off);
+    assert!(off.contains("levels of detail") && off.contains("levels.lod Off"), "{off}");
+    assert!(!off.contains("--"), "a library names no flags: {off}");
+    let overview = asked(|s| s.flight.view = View::Overview);
+    assert!(overview.contains("flight.view Overview"), "{overview}");
 }
 
 #[test]
