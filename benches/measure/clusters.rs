@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::Vec3;
-use intima::geometry::{Camera, Lens, Pose, ViewFrustum};
+use intima::geometry::{Camera, Lens, Pose, TriangleBvh, ViewFrustum};
 use intima::lod::clusters::{ClusterLod, Clusters, NO_GROUP};
 use intima::lod::{LodHierarchy, PageCache, Tolerance};
 use intima::surface::shading;
@@ -17,7 +17,7 @@ pub fn statistics_of_a_large_mesh() {
     let mesh = intima::formats::read_mesh(&path, None).unwrap().0;
     let vertices = shading(&mesh).vertices;
     let clock = Instant::now();
-    let c = Clusters::build(&mesh, &vertices).unwrap();
+    let c = Clusters::build(&mesh, &vertices, &TriangleBvh::new(&mesh)).unwrap();
     let seconds = clock.elapsed().as_secs_f64();
     let all = c.clusters().len();
     let stuck = c.roots().filter(|r| c.clusters()[*r as usize].output_of == NO_GROUP).count();

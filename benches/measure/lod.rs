@@ -6,7 +6,7 @@ use std::time::Instant;
 use common::cast::Cast;
 use common::pages::Pages;
 use common::{fly, screen};
-use intima::geometry::{Camera, Mesh};
+use intima::geometry::{Camera, Mesh, TriangleBvh};
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
 use intima::lod::{LodHierarchy, OcclusionTest, PageCache, Tolerance, Worker, occlusion_grid};
 use intima::render::{FrameSequence, FrameStats, MAX_PAGES, Renderer, Scene, Shot, View};
@@ -24,7 +24,7 @@ fn median(mut v: Vec<f64>) -> f64 {
 fn clusters(mesh: &Mesh) -> (Arc<Clusters>, f32) {
     let shading = shading(mesh);
     let start = Instant::now();
-    let clusters = Clusters::build(mesh, &shading.vertices).unwrap();
+    let clusters = Clusters::build(mesh, &shading.vertices, &TriangleBvh::new(mesh)).unwrap();
     println!(
         "  clusters: {:.2} s, {} of them, {:.1} MB, {:.1} bytes a face",
         start.elapsed().as_secs_f64(),

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::path::FlightPath;
+use crate::flight::FlightPath;
 use crate::geometry::Centerline;
 use crate::session::FlightRoute;
 

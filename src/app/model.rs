@@ -4,7 +4,7 @@
 mod moves;
 mod notes;
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use glam::{DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
@@ -14,13 +14,12 @@ use super::colouring::WallRadii;
 use super::junctions::{Choice, choices};
 use super::measure::Measurement;
 use super::painter::Shown;
-use super::path::FlightPath;
 use super::study::News;
-use crate::flight::{Coverage, Flight, WallIndex};
+use crate::flight::{Coverage, Flight, FlightPath, WallIndex};
 use crate::formats::InputInfo;
 use crate::geometry::{CrossSection, Pose, TriangleBvh};
 use crate::render::PreparedMesh;
-use crate::session::{Centered, Fields, FlightRoute, Levels, Segmented, Wall};
+use crate::session::{Centered, Exterior, Fields, FlightRoute, Levels, Segmented, Wall};
 use crate::volume::Volume;
 use crate::wall::Evidence;
 
@@ -67,6 +66,10 @@ pub struct Products {
     pub coverage: Option<Arc<Coverage>>,
     /// The hierarchy of the wall's triangles.
     pub tree: Option<Arc<TriangleBvh>>,
+    /// The wall's triangles in buckets.
+    pub wall_index: Option<Arc<WallIndex>>,
+    /// Space outside the wall.
+    pub exterior: Option<Arc<Exterior>>,
     /// Distances of the wall's vertices from the centerline.
     pub radii: Option<Arc<WallRadii>>,
     /// What the wall was drawn on at each vertex, where it follows grey values.
@@ -151,7 +154,6 @@ pub struct Model {
     pub aspect: f32,
     /// Speed the flight was planned with, mm/s.
     planned_mm_s: f64,
-    index: Arc<OnceLock<WallIndex>>,
 }
 
 impl Model {
@@ -198,7 +200,6 @@ impl Model {
             is_complete: false,
             aspect: 4.0 / 3.0,
             planned_mm_s,
-            index: Arc::default(),
         }
     }
 
@@ -230,7 +231,8 @@ impl Model {
             News::Tree(tree) => p.tree = Some(tree),
             News::Radii(radii) => p.radii = Some(radii),
             News::Evidence(evidence) => p.evidence = Some(evidence),
-            News::Index(index) => drop(self.index.set(index)),
+            News::Index(index) => p.wall_index = Some(index),
+            News::Exterior(exterior) => p.exterior = Some(exterior),
             News::Sections(sections) => {
                 self.path.iter_mut().for_each(|p| p.set_sections(&sections));
             }

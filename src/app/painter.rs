@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 use crate::flight::CoverageMap;
-use crate::geometry::{Lens, Pose};
-use crate::session::{SessionError, Wall};
+use crate::geometry::{Lens, Pose, TriangleBvh};
+use crate::session::{Exterior, SessionError, Wall};
 
 /// What was shown of the wall.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,15 +31,19 @@ pub struct Painter {
 impl Painter {
     /// Starts the thread, which ends when the painter is dropped.
     ///
+    /// * `(wall, tree, exterior)`: the wall, its triangles by place and the space outside it.
     /// * `wake`: called on that thread after each answer.
     ///
     /// # Errors
     /// [`SessionError::System`] if the system gives no thread.
-    pub fn spawn(wall: Arc<Wall>, wake: impl Fn() + Send + 'static) -> Result<Self, SessionError> {
+    pub fn spawn(
+        (wall, tree, exterior): (Arc<Wall>, Arc<TriangleBvh>, Arc<Exterior>),
+        wake: impl Fn() + Send + 'static,
+    ) -> Result<Self, SessionError> {
         let (views, theirs) = channel::<Views>();
         let (ours, shown) = channel();
         let work = move || {
-            let mut map = CoverageMap::new(&wall.mesh);
+            let mut map = CoverageMap::new(&wall.mesh, &tree, exterior.grid.as_deref());
             while let Ok(mut batch) = theirs.recv() {
                 let mut batches = 1;
                 // All that has come since: one answer does for them.

@@ -156,9 +156,13 @@ impl Stage {
     /// Takes a product in.
     pub fn learn(&mut self, gpu: &mut Gpu, news: News) -> Result<(), AppError> {
         self.model.learn(news);
-        if let (Some(wall), None) = (&self.model.products.wall, &self.painter) {
+        let p = &self.model.products;
+        if let (Some(wall), Some(tree), Some(exterior), None) =
+            (&p.wall, &p.tree, &p.exterior, &self.painter)
+        {
+            let of = (Arc::clone(wall), Arc::clone(tree), Arc::clone(exterior));
             let wake = Arc::clone(&self.wake);
-            self.painter = Some(Painter::spawn(Arc::clone(wall), move || wake())?);
+            self.painter = Some(Painter::spawn(of, move || wake())?);
         }
         Ok(self.panes.take(gpu, &self.model.products, self.tolerance)?)
     }

@@ -10,16 +10,15 @@ use glam::DVec3;
 
 use super::action::{Action, LumenChoice};
 use super::colouring::WallRadii;
-use super::path::{FlightPath, SectionFigures, sections_along};
-use crate::flight::{Coverage, Flight, Frames, WallIndex};
+use crate::flight::{Coverage, Flight, Frames, SectionFigures, WallIndex};
 use crate::formats::{InputInfo, ReadOptions, VideoWriter};
 use crate::geometry::TriangleBvh;
 use crate::lumen::IntensitySelection;
 use crate::render::PreparedMesh;
 use crate::session::{
-    CancelToken, Centered, CenterlineSettings, Fields, FlightRoute, Levels, LumenSettings,
-    Progress, Recording, Seed, Segmented, Session, SessionError, Settings, Source, VolumeSource,
-    Wall,
+    CancelToken, Centered, CenterlineSettings, Exterior, Fields, FlightRoute, Levels,
+    LumenSettings, Progress, Recording, Seed, Segmented, Session, SessionError, Settings, Source,
+    VolumeSource, Wall,
 };
 use crate::volume::Volume;
 use crate::wall::{Evidence, vertex_evidence};
@@ -47,9 +46,11 @@ pub enum News {
     /// What the wall was drawn on, one a vertex.
     Evidence(Arc<Vec<Evidence>>),
     /// The wall's triangles by place, which proofs of a near plane ask.
-    Index(WallIndex),
+    Index(Arc<WallIndex>),
+    /// Space outside the wall, by which what the views show of it is found.
+    Exterior(Arc<Exterior>),
     /// Cross-sections along the flight, one a pose.
-    Sections(Vec<Option<SectionFigures>>),
+    Sections(Arc<Vec<Option<SectionFigures>>>),
     /// Something to tell the user.
     Said(String),
     /// Levels of detail.
@@ -240,7 +241,7 @@ impl Study {
         self.spawn("flight", move |session, tell| {
             let flown = || {
                 let flight = Arc::new(session.flight_along(route)?);
-                let sections = sections(session, &flight)?;
+                let sections = Arc::new(session.sections_along(&flight)?);
                 tell(News::Flight(flight, route));
                 tell(News::Sections(sections));
                 Ok::<_, SessionError>(())
@@ -309,7 +310,6 @@ impl Drop for Study {
 /// Asks for product after product; `tell` answers whether anybody still listens.
 fn each_product(session: &Session, tell: &dyn Fn(News) -> bool) -> Result<(), SessionError> {
     let volume = session.volume()?;
-    let identity = || blake3::hash(volume.samples.bytes()).to_hex().to_string();
     let route = session.settings().flight.route;
     let radii = || -> Result<WallRadii, SessionError> {
         Ok(WallRadii::new(&session.wall()?.mesh, &session.centerline()?.line))
@@ -318,14 +318,15 @@ fn each_product(session: &Session, tell: &dyn Fn(News) -> bool) -> Result<(), Se
         && tell(News::Lumen(session.lumen()?))
         && tell(wall_news(session.wall()?)?)
         && evidence(session)?.is_none_or(|e| tell(News::Evidence(Arc::new(e))))
-        && tell(News::Identity(identity()))
-        && tell(News::Index(WallIndex::new(&session.wall()?.mesh)))
+        && tell(News::Identity(session.identity()?.to_string()))
+        && tell(News::Index(session.wall_index()?))
+        && tell(News::Tree(session.triangle_tree()?))
+        && tell(News::Exterior(session.exterior()?))
         && tell(News::Fields(session.fields()?))
-        && tell(News::Tree(Arc::new(TriangleBvh::new(&session.wall()?.mesh))))
         && tell(News::Centerline(session.centerline()?))
         && tell(News::Flight(session.flight()?, route))
         && tell(News::Levels(session.levels()?))
-        && tell(News::Sections(sections(session, &*session.flight()?)?))
+        && tell(News::Sections(session.sections()?))
         && tell(News::Radii(Arc::new(radii()?)))
         && tell(News::Coverage(session.coverage()?));
     if listens { Ok(()) } else { Err(SessionError::Cancelled) }
@@ -348,14 +349,4 @@ fn evidence(session: &Session) -> Result<Option<Vec<Evidence>>, SessionError> {
 fn default_window(volume: &Volume) -> [f64; 2] {
     let (low, high) = volume.range().unwrap_or((0.0, 1.0));
     if low < -500.0 { [-200.0, 1800.0] } else { [0.5 * (low + high), (high - low).max(1.0)] }
-}
-
-/// Cross-sections along a flight.
-fn sections(
-    session: &Session,
-    flight: &Flight,
-) -> Result<Vec<Option<SectionFigures>>, SessionError> {
-    let (wall, centerline) = (session.wall()?, session.centerline()?);
-    let Some(path) = FlightPath::new(flight, &centerline.line) else { return Ok(Vec::new()) };
-    Ok(sections_along(&path, &wall.mesh, &TriangleBvh::new(&wall.mesh)))
 }

@@ -1,13 +1,11 @@
 //! How far the wall is at least: the proof that a near plane does not cut it.
 
-use std::sync::{Arc, OnceLock};
-
 use glam::{DAffine3, DMat3, DVec3, IVec3};
 
 use super::WallIndex;
 use crate::centerline::safe_by_voxels;
 use crate::field::Sampler;
-use crate::geometry::{Lens, Mesh};
+use crate::geometry::Lens;
 use crate::lumen::Lumen;
 
 /// The wall keeps at least this many near-ball radii away.
@@ -19,7 +17,7 @@ pub const LEAST_NEAR_MM: f64 = 0.05;
 ///
 /// The quick answer comes from the distance field: every point of the extracted surface lies in a
 /// cell with an external corner, so the wall is at least max(dᵢ − |c − xᵢ|) − ‖h‖ away, over the
-/// eight voxels xᵢ about c. That gives away up to three voxels; where it is too little and a mesh
+/// eight voxels xᵢ about c. That gives away up to three voxels; where it is too little and the wall
 /// is known, the exact distance to its triangles decides.
 ///
 /// The bound holds for the surface as extracted; of a mesh that was simplified afterwards, only
@@ -27,32 +25,24 @@ pub const LEAST_NEAR_MM: f64 = 0.05;
 pub struct Clearance<'a> {
     distance: Sampler<'a>,
     local_from_world: DAffine3,
-    mesh: Option<&'a Mesh>,
-    index: Arc<OnceLock<WallIndex>>,
+    wall: Option<&'a WallIndex>,
 }
 
 impl<'a> Clearance<'a> {
     /// * `distance`: exact distance to external voxel centres, mm, in slot order.
-    /// * `mesh`: the surface that is drawn, LPS mm; indexed when first needed.
-    pub fn new(lumen: &'a Lumen, distance: &'a [f32], mesh: Option<&'a Mesh>) -> Self {
+    /// * `wall`: triangles of the surface that is drawn, LPS mm.
+    pub fn new(lumen: &'a Lumen, distance: &'a [f32], wall: Option<&'a WallIndex>) -> Self {
         let scale = DAffine3::from_mat3(DMat3::from_diagonal(lumen.grid.spacing_mm));
         Self {
             distance: Sampler { lumen, field: distance },
             local_from_world: scale * lumen.grid.voxel_from_world(),
-            mesh,
-            index: Arc::default(),
+            wall,
         }
     }
 
     /// The lumen that distances are within.
     pub(super) fn lumen(&self) -> &'a Lumen {
         self.distance.lumen
-    }
-
-    /// With an index of the mesh's triangles that others of the same mesh share: it is built once,
-    /// by the first that needs it.
-    pub fn sharing(self, index: &Arc<OnceLock<WallIndex>>) -> Self {
-        Self { index: Arc::clone(index), ..self }
     }
 
     /// LPS mm to millimetres along the index axes.
@@ -93,10 +83,9 @@ impl<'a> Clearance<'a> {
         (bound - h.length()).max(0.0)
     }
 
-    /// Exact distance to the mesh, mm, at most `limit_mm`; 0 outside, `None` without a mesh.
+    /// Exact distance to the mesh, mm, at most `limit_mm`; 0 outside, `None` without the wall.
     pub fn exact_mm(&self, p_mm: DVec3, limit_mm: f64) -> Option<f64> {
-        let mesh = self.mesh?;
-        let index = self.index.get_or_init(|| WallIndex::new(mesh));
+        let index = self.wall?;
         if !self.holds(p_mm) || !self.joins_its_voxel(p_mm, index) {
             return Some(0.0);
         }
@@ -124,13 +113,13 @@ impl<'a> Clearance<'a> {
     }
 
     /// Distance to the wall that can be proven, mm: the bound if it is as much as needed, else the
-    /// exact distance if there is a mesh. 0 outside.
+    /// exact distance if the wall is known. 0 outside.
     pub fn proven_mm(&self, p_mm: DVec3, needed_mm: f64) -> f64 {
         let bound = self.bound_mm(p_mm);
         if bound >= needed_mm {
             return bound;
         }
-        let exact = self.mesh.and_then(|_| self.exact_mm(p_mm, needed_mm.max(bound) + 1e-6));
+        let exact = self.wall.and_then(|_| self.exact_mm(p_mm, needed_mm.max(bound) + 1e-6));
         exact.map_or(bound, |e| e.max(bound))
     }
 

@@ -3,9 +3,9 @@
 use glam::DVec3;
 
 use super::profile::median;
-use super::{Clearance, Profile, Track};
+use super::{Clearance, Profile, Track, WallIndex};
 use crate::centerline::arc_lengths;
-use crate::geometry::{CenterlinePoint, Lens, Mesh, Pose};
+use crate::geometry::{CenterlinePoint, Lens, Pose};
 use crate::lumen::Lumen;
 
 /// Most frames of a flight: ten hours at 25 a second.
@@ -42,8 +42,8 @@ pub struct FlightOptions<'a> {
     pub aspect: f32,
     /// From the last point to the first.
     pub reverse: bool,
-    /// The surface that is drawn, LPS mm: lets thin places be proven by exact distances.
-    pub wall: Option<&'a Mesh>,
+    /// Triangles of the surface that is drawn, LPS mm: lets thin places be proven by exact distances.
+    pub wall: Option<&'a WallIndex>,
 }
 
 impl Default for FlightOptions<'_> {

@@ -4,6 +4,8 @@
 //! [`OcclusionTest`] does, by the cells outside the wall, and is conservative: no ray from an eye
 //! inside the wall reaches a sphere that it rejects.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use crate::geometry::{ExteriorGrid, Mesh, Sphere};
@@ -14,7 +16,7 @@ const CELLS: usize = 262_144;
 /// Conservative occlusion test against a closed wall.
 #[derive(Debug)]
 pub struct OcclusionTest {
-    grid: ExteriorGrid,
+    grid: Arc<ExteriorGrid>,
     margin_mm: f64,
 }
 
@@ -26,8 +28,8 @@ pub fn occlusion_grid(mesh: &Mesh) -> ExteriorGrid {
 impl OcclusionTest {
     /// * `grid`: of the wall.
     /// * `margin_mm`: largest distance of any drawn surface from the wall, mm.
-    pub fn new(grid: ExteriorGrid, margin_mm: f64) -> Self {
-        Self { grid, margin_mm }
+    pub fn new(grid: impl Into<Arc<ExteriorGrid>>, margin_mm: f64) -> Self {
+        Self { grid: grid.into(), margin_mm }
     }
 
     /// Whether the wall hides the whole sphere from an eye inside it.

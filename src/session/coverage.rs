@@ -6,7 +6,7 @@ use glam::Quat;
 
 use super::report::{CoverageReport, PatchReport};
 use super::{Clock, Session, SessionError, present, put};
-use crate::flight::{Coverage, Flight, LISTED_FROM_MM2, coverage, unseen_voxels};
+use crate::flight::{Coverage, CoverageMap, Flight, LISTED_FROM_MM2, coverage, unseen_voxels};
 use crate::geometry::{Lens, Pose, cube_faces};
 
 impl Session {
@@ -18,7 +18,9 @@ impl Session {
             // What is behind the eye is seen on the way there already.
             true => (all_round(&flight), Vec::new()),
         };
-        let seen = || coverage(&wall.mesh, &there, &back);
+        let (tree, exterior) = (present(&self.slots.triangle_tree), present(&self.slots.exterior));
+        let map = || CoverageMap::new(&wall.mesh, &tree, exterior.grid.as_deref());
+        let seen = || coverage(map(), &there, &back);
         put(&self.slots.coverage, clock.time("coverage", "faces", seen, |_| faces));
         Ok(())
     }
@@ -29,12 +31,12 @@ impl Session {
     /// # Errors
     /// What the stages fail with.
     pub fn unseen_csv(&self) -> Result<String, SessionError> {
-        let (segmented, wall) = (self.lumen()?, self.wall()?);
+        let (segmented, tree) = (self.lumen()?, self.triangle_tree()?);
         let coverage = self.coverage()?;
         let lumen = &segmented.lumen;
         let world = lumen.grid.world_from_voxel();
         let mut out = String::from("i,j,k,x,y,z,patch\n");
-        for (element, patch) in unseen_voxels(lumen, &wall.mesh, &coverage) {
+        for (element, patch) in unseen_voxels(lumen, &tree, &coverage) {
             let v = lumen.bricks.voxel(element as usize);
             let p = world.transform_point3(v.as_dvec3());
             let (x, y, z) = (p.x, p.y, p.z);

@@ -1,8 +1,8 @@
 //! The flight along the centerline.
 
 use super::settings::FlightRoute;
-use super::{Centered, Clock, Session, SessionError, Wall, present, put};
-use crate::flight::{Clearance, Flight, FlightError, FlightOptions};
+use super::{Centered, Clock, Session, SessionError, present, put};
+use crate::flight::{Clearance, Flight, FlightError, FlightOptions, WallIndex};
 use crate::geometry::{Centerline, CenterlinePoint};
 use crate::lumen::Lumen;
 use crate::render::View;
@@ -10,7 +10,7 @@ use crate::render::View;
 impl Session {
     pub(super) fn run_flight(&self, clock: &mut Clock) -> Result<(), SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
-        let (centered, wall) = (present(&self.slots.centerline), present(&self.slots.wall));
+        let (centered, wall) = (present(&self.slots.centerline), present(&self.slots.wall_index));
         let route = self.settings.flight.route;
         let plan = || self.fly(&lumen.lumen, &fields.distance, &centered, &wall, route);
         let count = |f: &Result<Flight, _>| f.as_ref().map_or(0, |f| f.poses.len() as u64);
@@ -25,7 +25,7 @@ impl Session {
     /// What the stages fail with; [`FlightError::NoBranch`].
     pub fn flight_along(&self, route: FlightRoute) -> Result<Flight, SessionError> {
         let (lumen, fields) = (self.lumen()?, self.fields()?);
-        let (centered, wall) = (self.centerline()?, self.wall()?);
+        let (centered, wall) = (self.centerline()?, self.wall_index()?);
         self.pool.install(|| self.fly(&lumen.lumen, &fields.distance, &centered, &wall, route))
     }
 
@@ -34,16 +34,16 @@ impl Session {
         lumen: &Lumen,
         distance: &[f32],
         centered: &Centered,
-        wall: &Wall,
+        wall: &WallIndex,
         route: FlightRoute,
     ) -> Result<Flight, SessionError> {
         let s = &self.settings.flight;
         // In a split view the eye fills half the frame.
         let width = if s.view == View::Split { s.size[0] / 2 } else { s.size[0] };
         let aspect = width as f32 / s.size[1] as f32;
-        let mesh = Some(&wall.mesh);
+        let wall = Some(wall);
         if let Some(script) = &s.script {
-            let clearance = Clearance::new(lumen, distance, mesh);
+            let clearance = Clearance::new(lumen, distance, wall);
             return Ok(match s.script_frames {
                 Some(n) => script.resampled(n).fly(&clearance, aspect)?,
                 None => script.fly(&clearance, aspect)?,
@@ -56,7 +56,7 @@ impl Session {
             fov_y_rad: s.fov_y_rad,
             aspect,
             reverse: s.reverse,
-            wall: mesh,
+            wall,
         };
         Ok(Flight::along(&paths, lumen, distance, options)?)
     }

@@ -1,16 +1,15 @@
 //! Levels of detail of the wall and its simplified base, and what the report says of them.
 
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use serde::Serialize;
 
 use super::{Clock, Mode, Session, SessionError, level_cache, locked, present, put};
-use crate::geometry::ExteriorGrid;
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
 use crate::lod::vds::{ParameterizedOriginal, Surface, Vds, VdsOptions};
-use crate::lod::{LodHierarchy, OcclusionTest, PAGE_BYTES, occlusion_grid};
+use crate::lod::{LodHierarchy, OcclusionTest, PAGE_BYTES};
 use crate::mesh::{MeshError, Metric, Parameterization, SimplifyOptions, make_manifold, simplify};
 use crate::vk::return_freed_memory;
 
@@ -27,9 +26,6 @@ pub(super) struct BuiltClusters {
     /// Where they should be kept.
     keep: Option<PathBuf>,
 }
-
-/// The grid outside a closed wall, until [`Levels`] takes it.
-pub(super) struct ExteriorSlot(Mutex<Option<ExteriorGrid>>);
 
 /// A wall at many levels of detail; each flight refines its own [`Levels::hierarchy`] of it.
 pub struct Levels {
@@ -231,27 +227,20 @@ impl Session {
             return Ok(());
         }
         return_freed_memory();
-        let build = || Clusters::build(mesh, vertices);
+        let tree = present(&self.slots.drawn_tree);
+        let build = || Clusters::build(mesh, vertices, &tree);
         let built = Arc::new(clock.time("clusters", "faces", build, |_| faces)?);
         put(&self.slots.clusters, BuiltClusters { clusters: built, cached: false, keep: file });
         Ok(())
     }
 
-    pub(super) fn run_exterior(&self, clock: &mut Clock) -> Result<(), SessionError> {
-        let drawn = present(&self.slots.drawn_wall);
-        let mesh = drawn.mesh();
-        let faces = mesh.faces.len() as u64;
-        let work = || occlusion_grid(mesh);
-        let cells = drawn.closed.then(|| clock.time("outside", "faces", work, |_| faces));
-        put(&self.slots.exterior, ExteriorSlot(Mutex::new(cells)));
-        Ok(())
-    }
-
     pub(super) fn run_cluster_levels(&self, _: &mut Clock) -> Result<(), SessionError> {
         let built = present(&self.slots.clusters);
-        let cells = locked(&present(&self.slots.exterior).0).take();
+        let exterior = present(&self.slots.exterior);
+        // Where caps are left out, an eye sees what the whole wall hides.
+        let grid = exterior.grid.clone().filter(|_| present(&self.slots.drawn_wall).closed);
         let margin = built.clusters.largest_error_mm();
-        let occlusion = cells.map(|cells| Arc::new(OcclusionTest::new(cells, margin)));
+        let occlusion = grid.map(|grid| Arc::new(OcclusionTest::new(grid, margin)));
         let clusters = Arc::clone(&built.clusters);
         let error = self.settings.levels.pixel_error;
         let levels = Levels::of_clusters(clusters, error, built.cached, occlusion);

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::report::hash_of;
 use super::settings::{Source, VolumeSource};
 use super::{Clock, InputReport, Session, SessionError, present, put, refuse_above};
 use crate::formats::{FormatError, InputInfo, ReadOptions, inspect, read_mesh, read_volume};
@@ -39,9 +40,16 @@ impl Session {
         Ok(())
     }
 
-    pub(super) fn run_inputs(&self, _: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_identity(&self, _: &mut Clock) -> Result<(), SessionError> {
         let loaded = present(&self.slots.volume);
-        let own = loaded.resampled.clone().unwrap_or_else(|| InputReport::of(&loaded.volume));
+        put(&self.slots.identity, hash_of(&loaded.volume));
+        Ok(())
+    }
+
+    pub(super) fn run_inputs(&self, _: &mut Clock) -> Result<(), SessionError> {
+        let (loaded, identity) = (present(&self.slots.volume), present(&self.slots.identity));
+        let own = || InputReport::with_hash(&loaded.volume, String::clone(&identity));
+        let own = loaded.resampled.clone().unwrap_or_else(own);
         let inputs = if loaded.is_mask {
             Inputs { input: loaded.image.clone(), mask: Some(own) }
         } else {

@@ -22,6 +22,7 @@ mod memory;
 mod progress;
 mod report;
 mod scheduler;
+mod search;
 mod segmentation;
 mod settings;
 pub mod stages;
@@ -44,6 +45,7 @@ pub use report::{
     Modes, OrganReport, PatchReport, Report, SegmentReport, SurfaceReport, WallFieldReport,
     WallReport,
 };
+pub use search::Exterior;
 pub use segmentation::{Core, Segmented};
 pub use settings::{
     CenterlineSettings, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings, Seed,
@@ -57,12 +59,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::compute::Array;
 use crate::device::Device;
-use crate::flight::{Coverage, Flight};
-use crate::geometry::Mesh;
+use crate::flight::{Coverage, Flight, SectionFigures, WallIndex};
+use crate::geometry::{Mesh, TriangleBvh};
 use crate::surface::Shading;
 
 use frames::Display;
-use levels::{BuiltClusters, ExteriorSlot};
+use levels::BuiltClusters;
 use load::{Inputs, Loaded};
 use progress::ProgressState;
 use scheduler::Board;
@@ -102,6 +104,7 @@ type Slot<T> = Mutex<Option<Arc<T>>>;
 struct Slots {
     volume: Slot<Loaded>,
     device: Slot<OpenDevice>,
+    identity: Slot<String>,
     inputs: Slot<Inputs>,
     core: Slot<Core>,
     lumen: Slot<Segmented>,
@@ -113,12 +116,16 @@ struct Slots {
     wall: Slot<Wall>,
     drawn_wall: Slot<DrawnWall>,
     shading: Slot<Shading>,
-    exterior: Slot<ExteriorSlot>,
+    triangle_tree: Slot<TriangleBvh>,
+    drawn_tree: Slot<TriangleBvh>,
+    wall_index: Slot<WallIndex>,
+    exterior: Slot<Exterior>,
     clusters: Slot<BuiltClusters>,
     levels: Slot<Levels>,
     flight: Slot<Flight>,
     display: Slot<Display>,
     coverage: Slot<Coverage>,
+    sections: Slot<Vec<Option<SectionFigures>>>,
     base: Slot<Mesh>,
 }
 
@@ -175,14 +182,24 @@ products! {
     fields: fields, Fields, Fields;
     /// Path or tree, centred and proven inside, with the visibility test.
     centerline: centerline, Centerline, Centered;
+    /// BLAKE3 of the samples of the volume the lumen is chosen from, in hexadecimal.
+    identity: identity, Identity, String;
     /// The wall with smoothed normals, LPS mm.
     wall: wall, Wall, Wall;
+    /// The wall's triangles by place: for rays, nearest points and planes.
+    triangle_tree: triangle_tree, TriangleTree, TriangleBvh;
+    /// The wall's triangles in buckets: for distances up to a limit.
+    wall_index: wall_index, WallIndex, WallIndex;
+    /// Space outside the wall, where it is watertight.
+    exterior: exterior, Exterior, Exterior;
     /// The wall at many levels of detail.
     levels: levels, Levels, Levels;
     /// Poses of the flight along the first path.
     flight: flight, Flight, Flight;
     /// What the frames of the flight saw of the wall, weighted by area.
     coverage: coverage, Coverage, Coverage;
+    /// Cross-sections of the lumen along the flight, one a pose.
+    sections: sections, Sections, Vec<Option<SectionFigures>>;
     /// The wall with few faces.
     base: base, Base, Mesh;
 }
@@ -236,6 +253,7 @@ impl Session {
         }
         share(self, &other, |s| &s.volume, Product::Volume);
         share(self, &other, |s| &s.device, Product::Device);
+        share(self, &other, |s| &s.identity, Product::Identity);
         share(self, &other, |s| &s.inputs, Product::Inputs);
         share(self, &other, |s| &s.core, Product::Core);
         other
@@ -344,6 +362,7 @@ impl Session {
         match product {
             Product::Volume => drop(locked(&slots.volume).take()),
             Product::Device => drop(locked(&slots.device).take()),
+            Product::Identity => drop(locked(&slots.identity).take()),
             Product::Inputs => drop(locked(&slots.inputs).take()),
             Product::Core => drop(locked(&slots.core).take()),
             Product::Lumen => drop(locked(&slots.lumen).take()),
@@ -355,12 +374,16 @@ impl Session {
             Product::Wall => drop(locked(&slots.wall).take()),
             Product::DrawnWall => drop(locked(&slots.drawn_wall).take()),
             Product::Shading => drop(locked(&slots.shading).take()),
+            Product::TriangleTree => drop(locked(&slots.triangle_tree).take()),
+            Product::DrawnTree => drop(locked(&slots.drawn_tree).take()),
+            Product::WallIndex => drop(locked(&slots.wall_index).take()),
             Product::Exterior => drop(locked(&slots.exterior).take()),
             Product::Clusters => drop(locked(&slots.clusters).take()),
             Product::Levels => drop(locked(&slots.levels).take()),
             Product::Flight => drop(locked(&slots.flight).take()),
             Product::Display => drop(locked(&slots.display).take()),
             Product::Coverage => drop(locked(&slots.coverage).take()),
+            Product::Sections => drop(locked(&slots.sections).take()),
             Product::Base => drop(locked(&slots.base).take()),
         }
         self.board.forget(product);

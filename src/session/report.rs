@@ -354,11 +354,21 @@ impl Report {
     }
 }
 
+/// BLAKE3 of a volume's samples.
+pub(super) fn hash_of(volume: &Volume) -> String {
+    blake3::hash(volume.samples.bytes()).to_hex().to_string()
+}
+
 impl InputReport {
     /// Hash and geometry of a volume.
     pub fn of(volume: &Volume) -> Self {
+        Self::with_hash(volume, hash_of(volume))
+    }
+
+    /// The same where the hash of the volume is known.
+    pub(super) fn with_hash(volume: &Volume, hash: String) -> Self {
         Self {
-            hash: Some(blake3::hash(volume.samples.bytes()).to_hex().to_string()),
+            hash: Some(hash),
             dims: volume.grid.dims.to_array(),
             spacing_mm: volume.grid.spacing_mm.to_array(),
             sample_type: volume.samples.sample_type().name().to_owned(),

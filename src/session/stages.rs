@@ -13,6 +13,8 @@ pub enum Product {
     Volume,
     /// The device that plans run on.
     Device,
+    /// Hash of the volume's samples.
+    Identity,
     /// Hash and geometry of the inputs, for the report.
     Inputs,
     /// The mask that decides which lumen is meant.
@@ -35,7 +37,13 @@ pub enum Product {
     DrawnWall,
     /// Vertices with curvature tint.
     Shading,
-    /// Space outside a closed wall, for the occlusion test.
+    /// Triangles of the wall by place.
+    TriangleTree,
+    /// Triangles by place of what is drawn of the wall.
+    DrawnTree,
+    /// Triangles of the wall in buckets.
+    WallIndex,
+    /// Space outside a watertight wall.
     Exterior,
     /// Clusters of the wall at every level.
     Clusters,
@@ -47,6 +55,8 @@ pub enum Product {
     Display,
     /// What the frames saw of the wall.
     Coverage,
+    /// Cross-sections along the flight.
+    Sections,
     /// The simplified wall.
     Base,
 }
@@ -137,19 +147,24 @@ pub static STAGES: &[Stage] = stages! {
     Route       [Lumen Fields]                          Cpu     "centerline"           15.0 default_mode  run_route;
     Visibility  [Lumen Fields Route Device]             Device  "visibility"            5.0 default_mode  run_visibility;
     Wall        [Lumen Volume Device]                   Device  "surface and normals"   8.0 always        run_wall;
-    Inputs      [Volume]                                Cpu     "hashing the input"     1.0 always        run_inputs;
+    Identity    [Volume]                                Cpu     "hashing the input"     1.0 always        run_identity;
+    Inputs      [Volume Identity]                       Cpu     "hashing the input"     0.1 always        run_inputs;
     Centerline  [Lumen Fields Route Visibility]         Cpu     "centerline"            0.1 default_mode  run_centerline;
     Centerline  [Lumen Fields Device]                   Device  "centerline (paper)"   30.0 paper_mode    run_paper_centerline;
     DrawnWall   [Wall]                                  Cpu     "surface"               0.1 always        run_drawn_wall;
     Shading     [DrawnWall]                             Cpu     "curvature tint"        1.0 always        run_shading;
-    Clusters    [DrawnWall Shading]                     Cpu     "levels of detail"     25.0 clusters      run_clusters;
-    Flight      [Lumen Fields Centerline Wall]          Cpu     "flight"                1.0 always        run_flight;
-    Exterior    [DrawnWall]                             Cpu     "occlusion grid"        1.0 clusters      run_exterior;
+    TriangleTree [Wall]                                 Cpu     "triangle tree"         0.5 always        run_triangle_tree;
+    DrawnTree   [DrawnWall TriangleTree]                Cpu     "triangle tree"         0.1 clusters      run_drawn_tree;
+    Clusters    [DrawnWall Shading DrawnTree]           Cpu     "levels of detail"     25.0 clusters      run_clusters;
+    WallIndex   [Wall]                                  Cpu     "wall index"            0.5 always        run_wall_index;
+    Flight      [Lumen Fields Centerline Wall WallIndex] Cpu    "flight"                1.0 always        run_flight;
+    Exterior    [Wall]                                  Cpu     "occlusion grid"        1.0 always        run_exterior;
     Levels      [DrawnWall Shading Clusters Exterior]   Cpu     "levels of detail"      0.1 clusters      run_cluster_levels;
     Levels      [DrawnWall Shading]                     Cpu     "subdivision"          25.0 subdivision   run_subdivision_levels;
     Base        [Wall Clusters]                         Cpu     "simplified surface"    3.0 base_from_clusters run_base_from_clusters;
     Base        [Wall]                                  Cpu     "simplified surface"   10.0 base_from_wall run_base_from_wall;
-    Coverage    [Lumen Fields Centerline Wall Flight]   Cpu     "coverage"              5.0 always        run_coverage;
+    Coverage    [Wall Flight TriangleTree Exterior]     Cpu     "coverage"              5.0 always        run_coverage;
+    Sections    [Wall TriangleTree Centerline Flight]   Cpu     "sections"              0.5 always        run_sections;
 };
 
 /// The row that makes a product with these settings.

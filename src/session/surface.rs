@@ -55,7 +55,7 @@ impl Wall {
 pub struct DrawnWall {
     wall: Arc<Wall>,
     /// The wall without caps, where they are left out and there are any.
-    open: Option<Mesh>,
+    pub(super) open: Option<Mesh>,
     /// Whether it has no hole.
     pub closed: bool,
 }

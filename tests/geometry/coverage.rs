@@ -10,9 +10,12 @@ use glam::{DVec3, UVec3};
 use intima::centerline::{RouteOptions, centerline};
 use intima::compute::{Plan, run_cpu};
 use intima::field::{LumenBuffers, distance, smooth};
-use intima::flight::{Coverage, Flight, FlightOptions, Frames, coverage, unseen_voxels};
+use intima::flight::{
+    self, Coverage, CoverageMap, Flight, FlightOptions, Frames, WallIndex, unseen_voxels,
+};
 use intima::formats::{ReadOptions, read_volume};
-use intima::geometry::{CenterlinePoint, Lens, Mesh, Pose};
+use intima::geometry::{CenterlinePoint, Lens, Mesh, Pose, TriangleBvh};
+use intima::lod::occlusion_grid;
 use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
 use intima::session::{Session, Settings, Source, VolumeSource};
 use intima::surface::{Midpoint, Surface};
@@ -50,9 +53,10 @@ impl Organ {
 
     /// Pose and lens of every frame, there or back.
     fn views(&self, frames: usize, reverse: bool) -> Vec<(Pose, Lens)> {
+        let index = WallIndex::new(&self.wall);
         let options = FlightOptions {
             frames: Frames::Count(frames),
-            wall: Some(&self.wall),
+            wall: Some(&index),
             reverse,
             ..FlightOptions::default()
         };
@@ -104,6 +108,12 @@ fn by_rays(wall: &Mesh, views: &[(Pose, Lens)], every: usize) -> (f64, Vec<Optio
     (sum / all, seen)
 }
 
+/// Coverage of a closed wall.
+fn coverage(wall: &Mesh, there: &[(Pose, Lens)], back: &[(Pose, Lens)]) -> Coverage {
+    let (tree, exterior) = (TriangleBvh::new(wall), occlusion_grid(wall));
+    flight::coverage(CoverageMap::new(wall, &tree, Some(&exterior)), there, back)
+}
+
 /// Prints both figures and how far they are from rays.
 fn beside_rays(name: &str, organ: &Organ, frames: usize, every: usize) -> (Coverage, [f64; 2]) {
     let (there, back) = (organ.views(frames, false), organ.views(frames, true));
@@ -111,7 +121,7 @@ fn beside_rays(name: &str, organ: &Organ, frames: usize, every: usize) -> (Cover
     let found = coverage(&organ.wall, &there, &back);
     let time = start.elapsed();
     let start = Instant::now();
-    let missed = unseen_voxels(&organ.lumen, &organ.wall, &found);
+    let missed = unseen_voxels(&organ.lumen, &TriangleBvh::new(&organ.wall), &found);
     println!(
         "{name}: {} faces, {frames} frames each way: {time:.0?}; {} voxels of {} unseen, {:.0?}",
         organ.wall.faces.len(),
@@ -161,7 +171,7 @@ fn unseen_voxels_are_those_whose_nearest_face_was_missed() {
     let organ = Organ::phantom(Kind::Colon, 48, [1.0; 3]);
     let there = organ.views(20, false);
     let found = coverage(&organ.wall, &there, &[]);
-    let listed = unseen_voxels(&organ.lumen, &organ.wall, &found);
+    let listed = unseen_voxels(&organ.lumen, &TriangleBvh::new(&organ.wall), &found);
     assert!(listed.len() > 100 && listed.windows(2).all(|w| w[0].0 < w[1].0));
     let world = organ.lumen.grid.world_from_voxel();
     let corners =
@@ -187,7 +197,7 @@ fn unseen_voxels_are_those_whose_nearest_face_was_missed() {
     let patches = found.patches.len() + found.smaller_patches;
     assert!(listed.iter().all(|l| (l.1 as usize) < patches));
     let all = Coverage { patch_of_face: vec![None; organ.wall.faces.len()], ..found };
-    assert!(unseen_voxels(&organ.lumen, &organ.wall, &all).is_empty());
+    assert!(unseen_voxels(&organ.lumen, &TriangleBvh::new(&organ.wall), &all).is_empty());
 }
 
 /// Share of the boundary voxels that views see: the line from the eye to one voxel before it stays

@@ -4,8 +4,11 @@ use std::collections::BTreeMap;
 
 use common::{curves, volumes};
 use intima::compute::{Plan, run_cpu};
-use intima::flight::{Flight, FlightOptions, Frames, coverage, unseen_voxels};
-use intima::geometry::Mesh;
+use intima::flight::{
+    CoverageMap, Flight, FlightOptions, Frames, WallIndex, coverage, unseen_voxels,
+};
+use intima::geometry::{Mesh, TriangleBvh};
+use intima::lod::occlusion_grid;
 use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
 use intima::mesh::{Parameterization, SimplifyOptions, simplify};
 use intima::surface::{
@@ -84,10 +87,11 @@ fn products(volume: &Volume) -> Products {
     all.insert("centerline", bytes(&points));
 
     let path = case.routed.line.path_to(0);
+    let index = WallIndex::new(&surface.mesh);
     let views = |reverse: bool| {
         let options = FlightOptions {
             frames: Frames::Count(24),
-            wall: Some(&surface.mesh),
+            wall: Some(&index),
             reverse,
             ..FlightOptions::default()
         };
@@ -104,11 +108,12 @@ fn products(volume: &Volume) -> Products {
         })
         .collect();
     all.insert("flight", bytes(&poses));
-    let seen = coverage(&surface.mesh, &there, &back);
+    let (tree, grid) = (TriangleBvh::new(&surface.mesh), occlusion_grid(&surface.mesh));
+    let seen = coverage(CoverageMap::new(&surface.mesh, &tree, Some(&grid)), &there, &back);
     let fractions = [seen.one_way_fraction, seen.both_ways_fraction, seen.area_mm2];
     let flags: Vec<u8> = seen.seen_both_ways.iter().map(|s| u8::from(*s)).collect();
     all.insert("coverage", [bytes(&fractions), flags].concat());
-    let missed = unseen_voxels(&case.lumen, &surface.mesh, &seen);
+    let missed = unseen_voxels(&case.lumen, &tree, &seen);
     all.insert("unseen voxels", missed.iter().flat_map(|(e, p)| bytes(&[*e, *p])).collect());
     all
 }

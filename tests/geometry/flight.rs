@@ -164,7 +164,13 @@ fn narrow_places_are_flown_slowly_and_the_gaze_turns_no_faster_than_it_may() {
     for kind in [Kind::Colon, Kind::Bend, Kind::Helix] {
         let o = organ(kind, 64, [1.0; 3]);
         let frames = Frames::Speed { mm_per_s: 20.0, fps: 25.0 };
-        let f = o.fly(FlightOptions { frames, wall: Some(&o.wall), ..Default::default() }).unwrap();
+        let f = o
+            .fly(FlightOptions {
+                frames,
+                wall: Some(&WallIndex::new(&o.wall)),
+                ..Default::default()
+            })
+            .unwrap();
         let speed: Vec<f64> = f
             .poses
             .windows(2)
@@ -222,7 +228,7 @@ fn no_near_plane_corner_reaches_the_wall_on_any_frame() {
                     frames,
                     fov_y_rad,
                     aspect,
-                    wall: Some(&o.wall),
+                    wall: Some(&WallIndex::new(&o.wall)),
                     reverse: false,
                 })
                 .unwrap();
@@ -264,7 +270,8 @@ fn no_near_plane_corner_reaches_the_wall_of_a_real_colon() {
     let o = organ_of(&volumes::read(&data.join("colon_label_1.nii.gz")).unwrap());
     let (fov_y_rad, aspect) = (90f32.to_radians(), 16.0 / 9.0);
     let frames = Frames::Count(1000);
-    let wall = Some(&o.wall);
+    let index = WallIndex::new(&o.wall);
+    let wall = Some(&index);
     let f = o.fly(FlightOptions { frames, fov_y_rad, aspect, wall, reverse: false }).unwrap();
     // The frames with the least room, and some along the way.
     let mut tightest: Vec<usize> = (0..f.poses.len()).collect();
@@ -326,8 +333,12 @@ fn every_way_from_root_to_leaf_of_a_tree_is_flown_through_its_corners() {
         let path = tree.path_to(branch);
         for reverse in [false, true] {
             let frames = Frames::Speed { mm_per_s: 25.0, fps: 25.0 };
-            let options =
-                FlightOptions { frames, reverse, wall: Some(&o.wall), ..Default::default() };
+            let options = FlightOptions {
+                frames,
+                reverse,
+                wall: Some(&WallIndex::new(&o.wall)),
+                ..Default::default()
+            };
             let f = Flight::new(&path, &o.lumen, &o.distance, options).unwrap();
             let turns = turns(&f);
             let gaze = greatest(turns.iter().map(|t| t.0));
@@ -409,7 +420,7 @@ fn channel(half: impl Fn(u32) -> u32) -> Organ {
 fn a_lumen_one_voxel_wide_is_flown_by_exact_distances_alone() {
     let o = channel(|x| if (25..35).contains(&x) { 0 } else { 4 });
     let options = FlightOptions { frames: Frames::Count(80), ..Default::default() };
-    let f = o.fly(FlightOptions { wall: Some(&o.wall), ..options }).unwrap();
+    let f = o.fly(FlightOptions { wall: Some(&WallIndex::new(&o.wall)), ..options }).unwrap();
     let waist = (0..80).find(|&i| (f.poses[i].position_mm.x - 15.0).abs() < 1.0).unwrap();
     assert_eq!(f.moved, 0);
     assert!(f.near_mm[waist] >= 0.05 && f.near_mm[waist] < 0.25 && f.min_margin_mm() > 0.0);
@@ -418,7 +429,7 @@ fn a_lumen_one_voxel_wide_is_flown_by_exact_distances_alone() {
     assert!(g.moved > 0 && g.min_margin_mm() > 0.0);
     let thin = channel(|_| 0);
     assert!(matches!(thin.fly(options), Err(FlightError::NoRoom { frame: 0, .. })));
-    assert!(thin.fly(FlightOptions { wall: Some(&thin.wall), ..options }).is_ok());
+    assert!(thin.fly(FlightOptions { wall: Some(&WallIndex::new(&thin.wall)), ..options }).is_ok());
 }
 
 #[test]
@@ -428,8 +439,9 @@ fn a_thin_lumen_is_not_flown_in_the_dark() {
     let thin = channel(|_| 0);
     let voxel = thin.lumen.grid.voxel_mm3().cbrt();
     let options = FlightOptions { frames: Frames::Count(40), ..Default::default() };
-    let f = thin.fly(FlightOptions { wall: Some(&thin.wall), ..options }).unwrap();
-    let wall = Clearance::new(&thin.lumen, &thin.distance, Some(&thin.wall));
+    let f = thin.fly(FlightOptions { wall: Some(&WallIndex::new(&thin.wall)), ..options }).unwrap();
+    let index = WallIndex::new(&thin.wall);
+    let wall = Clearance::new(&thin.lumen, &thin.distance, Some(&index));
     let again = CameraPath::from(&f).fly(&wall, options.aspect).unwrap();
     for room in f.room_mm.iter().chain(&again.room_mm) {
         assert!(f64::from(*room) >= 0.999 * voxel, "{room} of {voxel} mm");
@@ -444,12 +456,12 @@ fn a_path_outside_the_lumen_is_refused_or_left_for_its_inside() {
     for p in &mut o.path[40..50] {
         p.position_mm.y += 4.0;
     }
-    let f = o.fly(FlightOptions { wall: Some(&o.wall), ..options }).unwrap();
+    let f = o.fly(FlightOptions { wall: Some(&WallIndex::new(&o.wall)), ..options }).unwrap();
     assert!(f.moved > 0 && f.min_margin_mm() > 0.0);
     for p in &mut o.path {
         p.position_mm.y += 40.0;
     }
-    let e = o.fly(FlightOptions { wall: Some(&o.wall), ..options }).unwrap_err();
+    let e = o.fly(FlightOptions { wall: Some(&WallIndex::new(&o.wall)), ..options }).unwrap_err();
     assert!(e.to_string().starts_with("frame 0 at (") && e.to_string().contains("0.000 mm"), "{e}");
 }
 
@@ -476,7 +488,7 @@ fn options_and_paths_that_cannot_be_flown_are_named() {
 #[test]
 fn one_or_two_frames_and_two_points_are_a_flight() {
     let mut o = channel(|_| 4);
-    let wall = o.wall.clone();
+    let wall = WallIndex::new(&o.wall);
     let two =
         |n| FlightOptions { frames: Frames::Count(n), wall: Some(&wall), ..Default::default() };
     assert_eq!(o.fly(two(1)).unwrap().seconds, [0.0]);
@@ -489,12 +501,13 @@ fn one_or_two_frames_and_two_points_are_a_flight() {
 #[test]
 fn a_written_flight_is_flown_again_and_a_pose_in_the_wall_is_named() {
     let o = organ(Kind::Bend, 48, [1.0; 3]);
-    let options = FlightOptions { wall: Some(&o.wall), ..Default::default() };
+    let index = WallIndex::new(&o.wall);
+    let options = FlightOptions { wall: Some(&index), ..Default::default() };
     let f = o.fly(options).unwrap();
     assert_eq!(o.fly(options).unwrap(), f, "a second flight is the same");
     let json = CameraPath::from(&f).to_json();
     let script = CameraPath::parse(json.as_bytes()).unwrap();
-    let wall = Clearance::new(&o.lumen, &o.distance, Some(&o.wall));
+    let wall = Clearance::new(&o.lumen, &o.distance, Some(&index));
     let again = script.fly(&wall, options.aspect).unwrap();
     for i in 0..f.poses.len() {
         assert_eq!(again.poses[i].position_mm, f.poses[i].position_mm);
@@ -517,8 +530,8 @@ fn random_moves_never_bring_the_near_ball_to_the_wall() {
     let moves: u64 = if cfg!(debug_assertions) { 20_000 } else { 1_000_000 };
     for kind in [Kind::Bend, Kind::Colon] {
         let o = organ(kind, 64, [1.0; 3]);
-        let wall = Clearance::new(&o.lumen, &o.distance, Some(&o.wall));
         let exact = WallIndex::new(&o.wall);
+        let wall = Clearance::new(&o.lumen, &o.distance, Some(&exact));
         let lens = intima::geometry::Lens { fov_y_rad: 1.6, aspect: 1.5, near_mm: 0.4 };
         let rho = f64::from(lens.near_ball_mm());
         let mut at = o.path[o.path.len() / 2].position_mm;
@@ -552,7 +565,8 @@ fn the_bound_never_exceeds_the_true_distance_on_grids_of_any_pose() {
         let (dims, h) = (volume.grid.dims.to_array().map(u64::from), volume.grid.spacing_mm);
         volume.grid = Grid::new(dims, h, DVec3::new(-70.0, 30.0, 900.0), direction).unwrap();
         let o = organ_of(&volume);
-        let wall = Clearance::new(&o.lumen, &o.distance, Some(&o.wall));
+        let index = WallIndex::new(&o.wall);
+        let wall = Clearance::new(&o.lumen, &o.distance, Some(&index));
         let (mut most, mut used, mut sharp) = (f64::MIN, 0, 0.0f64);
         for (i, p) in o.path.iter().cycle().take(3000).enumerate() {
             let at = p.position_mm + noise(i as u64, 0.6 * p.radius_mm);

@@ -4,7 +4,7 @@
 use common::cast::Cast;
 use common::pages::Pages;
 use common::{screen, tube};
-use intima::geometry::{Camera, Lens, Mesh};
+use intima::geometry::{Camera, Lens, Mesh, TriangleBvh};
 use intima::lod::{PageCache, Tolerance};
 use intima::session::{Clock, Levels, Mode};
 use intima::surface::shading;
@@ -16,7 +16,8 @@ fn camera(s: f32, fov_deg: f32) -> Camera {
 
 fn clusters(mesh: &Mesh) -> Levels {
     let vertices = shading(mesh).vertices;
-    let built = intima::lod::clusters::Clusters::build(mesh, &vertices).unwrap();
+    let built =
+        intima::lod::clusters::Clusters::build(mesh, &vertices, &TriangleBvh::new(mesh)).unwrap();
     Levels::of_clusters(built, 1.0, false, None)
 }
 

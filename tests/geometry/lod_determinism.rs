@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use common::volumes;
-use intima::geometry::{Camera, Lens, Mesh, Pose};
+use intima::geometry::{Camera, Lens, Mesh, Pose, TriangleBvh};
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD, NO_GROUP};
 use intima::lod::vds::{ParameterizedOriginal, Surface as Subdivision, Vds, VdsOptions};
 use intima::lod::{LodHierarchy, PageCache, Step, Tolerance};
@@ -53,7 +53,8 @@ fn clusters_of_an_oblique_two_piece_lumen_are_byte_equal_at_1_3_and_8_threads() 
     let mesh = lumen_mesh();
     let vertices = shading(&mesh).vertices;
     at_any_thread_count(|| {
-        let clusters = Arc::new(Clusters::build(&mesh, &vertices).unwrap());
+        let clusters =
+            Arc::new(Clusters::build(&mesh, &vertices, &TriangleBvh::new(&mesh)).unwrap());
         // Several levels: groups made of the clusters of other groups.
         let made_by = |c: &u32| clusters.clusters()[*c as usize].output_of;
         let below =

@@ -14,7 +14,7 @@ use common::cast::Cast;
 use common::child;
 use common::pages::{Pages, corners};
 use glam::{DVec3, Vec3};
-use intima::geometry::{Camera, Lens, Pose, ViewFrustum};
+use intima::geometry::{Camera, Lens, Pose, TriangleBvh, ViewFrustum};
 use intima::lod::clusters::{ClusterLod, Clusters};
 use intima::lod::{OcclusionTest, PageCache, Tolerance, occlusion_grid};
 use intima::lumen::{IntensitySelection, SegmentationOptions};
@@ -46,7 +46,9 @@ static COLON: LazyLock<Colon> = LazyLock::new(|| {
         .apply(&phantom.mask())
         .unwrap();
     let mesh = Surface::new(&lumen, &Midpoint, None).mesh;
-    let clusters = Arc::new(Clusters::build(&mesh, &shading(&mesh).vertices).unwrap());
+    let clusters = Arc::new(
+        Clusters::build(&mesh, &shading(&mesh).vertices, &TriangleBvh::new(&mesh)).unwrap(),
+    );
     assert!(clusters.groups().len() > 100, "{} groups", clusters.groups().len());
     let margin = clusters.largest_error_mm();
     let occlusion = Arc::new(OcclusionTest::new(occlusion_grid(&mesh), margin));

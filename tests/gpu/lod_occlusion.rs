@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use intima::geometry::{Lens, Mesh, Pose};
+use intima::geometry::{Lens, Mesh, Pose, TriangleBvh};
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
 use intima::lod::{LodHierarchy, OcclusionTest, PageCache, Tolerance, occlusion_grid};
 use intima::render::{Renderer, Scene, Shot, View};
@@ -36,7 +36,8 @@ fn occlusion_culling_in_a_torus_changes_no_pixel_and_draws_less() {
     let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
     let mesh = ring(400, 100);
     let shaded = shading(&mesh);
-    let clusters = Arc::new(Clusters::build(&mesh, &shaded.vertices).unwrap());
+    let clusters =
+        Arc::new(Clusters::build(&mesh, &shaded.vertices, &TriangleBvh::new(&mesh)).unwrap());
     let occlusion =
         Arc::new(OcclusionTest::new(occlusion_grid(&mesh), clusters.largest_error_mm()));
     let count = clusters.clusters().len() as u32;

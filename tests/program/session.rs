@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use intima::render::View;
 use intima::session::{
-    LevelSettings, Lod, LumenSettings, Mode, Product, Session, SessionError, Settings, Source,
-    VolumeSource,
+    FlightRoute, LevelSettings, Lod, LumenSettings, Mode, Product, Session, SessionError, Settings,
+    Source, VolumeSource,
 };
 use intima::volume::Volume;
 use intima::volume::phantom::{Kind, Phantom};
@@ -48,6 +48,25 @@ fn what_depends_on_a_forgotten_product_is_computed_anew() {
     session.forget(&[Product::Fields]);
     assert!(!Arc::ptr_eq(&line, &session.centerline().unwrap()));
     assert!(Arc::ptr_eq(&wall, &session.wall().unwrap()), "the wall needs no fields");
+}
+
+#[test]
+fn tree_index_and_grid_of_the_wall_are_built_once_for_all_who_ask() {
+    let mut session = session(&phantom(Kind::Bend, 48), Settings::default());
+    let all = [Product::Levels, Product::Coverage, Product::Sections, Product::Inputs];
+    let built = |session: &Session| {
+        session.prepare(&all).unwrap();
+        let flight = session.flight_along(FlightRoute::Trunk).unwrap();
+        assert_eq!(session.sections_along(&flight).unwrap(), *session.sections().unwrap());
+        session.unseen_csv().unwrap();
+        let count = |name| session.clock().stages.iter().filter(|s| s.name == name).count();
+        ["triangle tree", "wall index", "outside"].map(count)
+    };
+    assert_eq!(built(&session), [1; 3]);
+    let report = session.report(None).unwrap();
+    assert_eq!(report.input.unwrap().hash, Some(session.identity().unwrap().to_string()));
+    session.forget(&[Product::Wall]);
+    assert_eq!(built(&session), [2; 3], "they are of the wall that was forgotten");
 }
 
 #[test]

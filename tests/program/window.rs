@@ -11,7 +11,6 @@ use common::{torso, volumes};
 use glam::{DQuat, DVec3, IVec3};
 use intima::app::{Action, Model, News, Painter, Ruler};
 use intima::flight::Frames;
-use intima::geometry::TriangleBvh;
 use intima::lumen::IntensitySelection;
 use intima::render::PreparedMesh;
 use intima::session::{FlightRoute, Session, Settings, Source, VolumeSource};
@@ -31,6 +30,7 @@ fn model(session: &Session) -> Model {
     let wall = session.wall().unwrap();
     let drawn = Arc::new(PreparedMesh::new(&wall.mesh).unwrap());
     model.learn(News::Wall(wall, drawn));
+    model.learn(News::Index(session.wall_index().unwrap()));
     model.learn(News::Fields(session.fields().unwrap()));
     model.learn(News::Centerline(session.centerline().unwrap()));
     model.learn(News::Flight(session.flight().unwrap(), FlightRoute::Trunk));
@@ -201,7 +201,8 @@ fn what_is_painted_while_flying_equals_the_figure_of_the_whole_flight() {
     let views: Vec<_> =
         flight.poses.iter().enumerate().map(|(i, p)| (*p, flight.lens(i))).collect();
     let offline = session.coverage().unwrap();
-    let mut painter = Painter::spawn(Arc::clone(&wall), || {}).unwrap();
+    let of = (wall, session.triangle_tree().unwrap(), session.exterior().unwrap());
+    let mut painter = Painter::spawn(of, || {}).unwrap();
     // In any order, in batches of any size, and some views twice.
     let mut order: Vec<usize> = (0..views.len()).map(|i| i * 37 % views.len()).collect();
     order.extend(0..views.len());
@@ -223,8 +224,7 @@ fn what_is_painted_while_flying_equals_the_figure_of_the_whole_flight() {
 fn cross_sections_along_a_tube_are_its_circle() {
     let session = session(Kind::Tube, 64);
     let mut model = model(&session);
-    let tree = Arc::new(TriangleBvh::new(&session.wall().unwrap().mesh));
-    model.learn(News::Tree(Arc::clone(&tree)));
+    model.learn(News::Tree(session.triangle_tree().unwrap()));
     let length = model.path.as_ref().unwrap().length_mm();
     let lumen = session.lumen().unwrap();
     for share in [0.3, 0.5, 0.7] {

@@ -3,9 +3,8 @@
 use glam::DVec3;
 
 use super::super::junctions::Choice;
-use super::super::path::SectionFigures;
 use super::Model;
-use crate::flight::{Clearance, collide_and_slide};
+use crate::flight::{Clearance, SectionFigures, collide_and_slide};
 use crate::geometry::{CrossSection, Lens, Pose, cross_section};
 
 /// Least speed at which the eye flies to a place that was clicked, mm/s.
@@ -140,9 +139,8 @@ impl Model {
     fn with_clearance<T>(&self, ask: impl FnOnce(&Clearance<'_>) -> T) -> Option<T> {
         let p = &self.products;
         let (lumen, fields) = (p.lumen.as_ref()?, p.fields.as_ref()?);
-        let mesh = p.wall.as_ref().map(|w| &w.mesh);
-        let wall = Clearance::new(&lumen.lumen, &fields.distance, mesh).sharing(&self.index);
-        Some(ask(&wall))
+        let wall = p.wall_index.as_deref();
+        Some(ask(&Clearance::new(&lumen.lumen, &fields.distance, wall)))
     }
 
     /// Figures of the cross-section at the eye.

@@ -1,7 +1,6 @@
 //! Coverage: which share of the wall's area the frames of a flight saw, and the patches they
 //! missed.
 
-mod closed;
 mod patches;
 mod sight;
 mod voxels;
@@ -12,7 +11,7 @@ pub use voxels::unseen_voxels;
 
 use glam::DVec3;
 
-use crate::geometry::{Lens, Mesh, Pose};
+use crate::geometry::{Lens, Pose};
 
 /// Missed patches from this area on are listed one by one, mm². A reader who looks at patches of
 /// 300 mm² and more after a flight both ways has seen 97.9 % of a colon (Pickhardt, Taylor and
@@ -48,8 +47,8 @@ pub struct Coverage {
 
 /// Which share of a wall's area two sets of views saw.
 ///
-/// * `wall`: LPS mm. Caps hide what is behind them but do not count as wall; neither do faces
-///   without area.
+/// * `map`: of the wall, of which nothing was seen yet. Caps hide what is behind them but do not
+///   count as wall; neither do faces without area.
 /// * `forward`, `backward`: pose and lens of every frame of the flight and of the one back. A
 ///   lens sees what is in front of its near plane and within its field of view.
 ///
@@ -64,8 +63,11 @@ pub struct Coverage {
 ///
 /// Eyes are expected inside the lumen: a closed wall whose faces look outwards is not seen from
 /// outside.
-pub fn coverage(wall: &Mesh, forward: &[(Pose, Lens)], backward: &[(Pose, Lens)]) -> Coverage {
-    let mut map = CoverageMap::new(wall);
+pub fn coverage(
+    mut map: CoverageMap<'_>,
+    forward: &[(Pose, Lens)],
+    backward: &[(Pose, Lens)],
+) -> Coverage {
     map.add(forward);
     let seen_one_way = map.seen();
     map.add(backward);
@@ -75,7 +77,7 @@ pub fn coverage(wall: &Mesh, forward: &[(Pose, Lens)], backward: &[(Pose, Lens)]
     let missed = |f: usize| areas[f] > 0.0 && !seen_both_ways[f];
     let path = if forward.is_empty() { backward } else { forward };
     let eyes: Vec<DVec3> = path.iter().map(|(pose, _)| pose.position_mm.as_dvec3()).collect();
-    let (mut patches, patch_of_face) = patches::missed_patches(wall, areas, missed, &eyes);
+    let (mut patches, patch_of_face) = patches::missed_patches(map.wall(), areas, missed, &eyes);
     let listed = patches.partition_point(|p| p.area_mm2 >= LISTED_FROM_MM2);
     let smaller = patches.split_off(listed);
     Coverage {

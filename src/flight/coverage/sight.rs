@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{LARGE_FACE_MM2, closed::is_closed};
+use super::LARGE_FACE_MM2;
 use crate::geometry::{ExteriorGrid, Lens, Mesh, Pose, Subtree, TriangleBvh};
 use crate::task::checkpoint;
 
@@ -12,37 +12,41 @@ use crate::task::checkpoint;
 const PORTION: usize = 2048;
 /// Subtrees of fewer triangles are not asked whether cells outside hide them.
 const WALKED_TO: usize = 64;
-/// Grid cells a face, about, and most cells.
-const CELLS_PER_FACE: f64 = 1.0;
-const MAX_CELLS: usize = 1 << 25;
 /// No triangle.
 const NONE: u32 = u32::MAX;
 
 /// What views have seen of a wall so far. Views may be added at any time; what is seen depends on
 /// the set of them alone, not on their order, on how they were added or on the number of threads.
-pub struct CoverageMap {
-    tree: TriangleBvh,
-    exterior: Option<ExteriorGrid>,
+pub struct CoverageMap<'a> {
+    wall: &'a Mesh,
+    tree: &'a TriangleBvh,
+    exterior: Option<&'a ExteriorGrid>,
     /// mm², one a face; a face of area 0 hides others and is never seen.
     areas: Vec<f64>,
     portions: Vec<Portion>,
 }
 
-impl CoverageMap {
+impl<'a> CoverageMap<'a> {
     /// A wall of which nothing was seen yet.
     ///
     /// * `wall`: LPS mm, as for [`coverage`](super::coverage).
-    pub fn new(wall: &Mesh) -> Self {
+    /// * `tree`: of the wall's triangles.
+    /// * `exterior`: of the wall, where it is closed. Saves time; what is seen does not depend on
+    ///   it.
+    pub fn new(wall: &'a Mesh, tree: &'a TriangleBvh, exterior: Option<&'a ExteriorGrid>) -> Self {
         let areas: Vec<f64> = (0..wall.faces.len()).map(|f| wall_area_mm2(wall, f)).collect();
-        let (tree, exterior) = rayon::join(|| TriangleBvh::new(wall), || exterior(wall));
-        let portions =
-            portions(&tree).into_iter().map(|s| Portion::new(&tree, s, &areas)).collect();
-        Self { tree, exterior, areas, portions }
+        let portions = portions(tree).into_iter().map(|s| Portion::new(tree, s, &areas)).collect();
+        Self { wall, tree, exterior, areas, portions }
+    }
+
+    /// The wall.
+    pub fn wall(&self) -> &'a Mesh {
+        self.wall
     }
 
     /// Adds what views see: pose and lens of each.
     pub fn add(&mut self, views: &[(Pose, Lens)]) {
-        let (tree, exterior) = (&self.tree, self.exterior.as_ref());
+        let (tree, exterior) = (self.tree, self.exterior);
         let frusta: Vec<Frustum<'_>> =
             views.iter().map(|(pose, lens)| Frustum::new(*pose, *lens, exterior)).collect();
         self.portions.par_iter_mut().for_each(|portion| {
@@ -88,14 +92,6 @@ fn wall_area_mm2(wall: &Mesh, face: usize) -> f64 {
     let area = 0.5 * (b - a).cross(c - a).length();
     let cap = wall.caps.get(face).copied().unwrap_or(false);
     if cap || !area.is_finite() { 0.0 } else { area }
-}
-
-/// Cells outside the wall; `None` of a wall that is not closed, or that has a vertex that is not
-/// finite: what is outside is not known then.
-fn exterior(wall: &Mesh) -> Option<ExteriorGrid> {
-    let known = wall.positions.iter().all(|p| p.is_finite()) && is_closed(wall);
-    let cells = CELLS_PER_FACE * wall.faces.len() as f64;
-    known.then(|| ExteriorGrid::new(wall, (cells as usize).clamp(64, MAX_CELLS)))
 }
 
 /// Subtrees of at most [`PORTION`] triangles that hold all of them, in the triangles' order.

@@ -2,8 +2,18 @@ use std::f32::consts::{FRAC_PI_2, TAU};
 
 use glam::Vec3;
 
-use super::*;
+use super::{Coverage, CoverageMap};
 use crate::geometry::shapes::{boxed, sphere};
+use crate::geometry::{ExteriorGrid, Lens, Mesh, Pose, TriangleBvh};
+use crate::surface::Adjacency;
+
+/// Coverage of a wall, with the space outside it where it is closed.
+fn coverage(wall: &Mesh, there: &[(Pose, Lens)], back: &[(Pose, Lens)]) -> Coverage {
+    let is_closed = wall.positions.iter().all(|p| p.is_finite()) && Adjacency::of(wall).1;
+    let exterior = is_closed.then(|| ExteriorGrid::new(wall, 10_000));
+    let tree = TriangleBvh::new(wall);
+    super::coverage(CoverageMap::new(wall, &tree, exterior.as_ref()), there, back)
+}
 
 /// Views along the six axes, 90 degrees wide: everything about a place.
 fn cube_views(eye: Vec3) -> Vec<(Pose, Lens)> {

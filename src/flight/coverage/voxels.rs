@@ -3,22 +3,20 @@
 use rayon::prelude::*;
 
 use super::Coverage;
-use crate::geometry::Mesh;
 use crate::geometry::TriangleBvh;
 use crate::lumen::Lumen;
 
 /// Boundary voxels whose wall neither way saw: field element and rank of the missed patch, in
 /// element order.
 ///
-/// * `wall`: the mesh that the coverage was computed for, LPS mm.
+/// * `tree`: triangles of the wall that the coverage was computed for.
 ///
 /// A boundary voxel belongs to the face nearest to its centre and is unseen when that face is.
 /// Voxels nearest to a cap are not listed: the lumen ends there, not its wall.
-pub fn unseen_voxels(lumen: &Lumen, wall: &Mesh, coverage: &Coverage) -> Vec<(u32, u32)> {
+pub fn unseen_voxels(lumen: &Lumen, tree: &TriangleBvh, coverage: &Coverage) -> Vec<(u32, u32)> {
     if coverage.patch_of_face.iter().all(Option::is_none) {
         return Vec::new();
     }
-    let nearest = TriangleBvh::new(wall);
     let world = lumen.grid.world_from_voxel();
     let elements: Vec<usize> = lumen.elements(&lumen.boundary).collect();
     elements
@@ -26,7 +24,7 @@ pub fn unseen_voxels(lumen: &Lumen, wall: &Mesh, coverage: &Coverage) -> Vec<(u3
         .with_min_len(256)
         .filter_map(|e| {
             let centre = world.transform_point3(lumen.bricks.voxel(e).as_dvec3());
-            let face = nearest.closest(centre)?.at.face;
+            let face = tree.closest(centre)?.at.face;
             Some((e as u32, coverage.patch_of_face[face as usize]?))
         })
         .collect()

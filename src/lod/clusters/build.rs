@@ -27,12 +27,16 @@ const FACES_MAX: usize = (1 << 30) - 1;
 impl Clusters {
     /// Builds all levels. `vertices`: one for each vertex of the mesh, as drawn
     /// ([`crate::surface::shading`]). Any triangle soup is accepted; the fewer of its edges have
-    /// two faces, the less can be simplified. The result does not depend on the number of threads.
+    /// two faces, the less can be simplified. `tree`: of the mesh's triangles. The result does not depend on the number of threads.
     ///
     /// # Errors
     /// [`ClusterError`]: a face or position that makes no sense, or too many.
-    pub fn build(mesh: &Mesh, vertices: &[Vertex]) -> Result<Self, ClusterError> {
-        Self::build_with(mesh, vertices, MIN_CLUSTERS, true)
+    pub fn build(
+        mesh: &Mesh,
+        vertices: &[Vertex],
+        tree: &TriangleBvh,
+    ) -> Result<Self, ClusterError> {
+        Self::build_with(mesh, vertices, tree, MIN_CLUSTERS, true)
     }
 
     /// * `min_clusters`: no coarser level is built once so few clusters are left.
@@ -41,10 +45,11 @@ impl Clusters {
     pub(super) fn build_with(
         mesh: &Mesh,
         vertices: &[Vertex],
+        tree: &TriangleBvh,
         min_clusters: usize,
         lock: bool,
     ) -> Result<Self, ClusterError> {
-        Self::build_observed(mesh, vertices, min_clusters, lock, |_, _| ())
+        Self::build_observed(mesh, vertices, tree, min_clusters, lock, |_, _| ())
     }
 
     /// As [`Self::build_with`]. `observe` is called after each level with its live clusters and the
@@ -52,20 +57,21 @@ impl Clusters {
     pub(super) fn build_observed(
         mesh: &Mesh,
         vertices: &[Vertex],
+        tree: &TriangleBvh,
         min_clusters: usize,
         lock: bool,
         mut observe: impl FnMut(&[(u32, ClusterBuilder)], &VertexTable),
     ) -> Result<Self, ClusterError> {
         check(mesh, vertices)?;
         let normals: Vec<Vec3> = vertices.iter().map(Vertex::normal).collect();
-        // Clustering is partly serial, so the search tree and the hash are built at the same time.
-        let ((face_neighbors, finest), (bvh, key)) = rayon::join(
+        // Clustering is partly serial, so the hash is taken at the same time.
+        let ((face_neighbors, finest), key) = rayon::join(
             || {
                 let face_neighbors = partition::face_neighbors(&mesh.faces, vertices.len());
                 let finest = clusterize::finest_clusters(mesh, &face_neighbors);
                 (face_neighbors, finest)
             },
-            || rayon::join(|| TriangleBvh::new(mesh), || super::bytes::key(mesh, vertices)),
+            || super::bytes::key(mesh, vertices),
         );
         crate::task::checkpoint();
         let mut face_at = vec![0; vertices.len()];
@@ -77,7 +83,7 @@ impl Clusters {
             normals: &normals,
             faces: &mesh.faces,
             face_neighbors: &face_neighbors,
-            bvh: &bvh,
+            bvh: tree,
             cache: &TargetCache::default(),
         };
         let original = OriginalSurface { target };

@@ -38,7 +38,7 @@ fn ring(n: u32, m: u32) -> Mesh {
 }
 
 fn build(mesh: &Mesh) -> Clusters {
-    Clusters::build_with(mesh, &shading(mesh).vertices, 1, true).unwrap()
+    Clusters::build_with(mesh, &shading(mesh).vertices, &TriangleBvh::new(mesh), 1, true).unwrap()
 }
 
 static RING: LazyLock<(Mesh, Arc<Clusters>)> = LazyLock::new(|| {
@@ -124,7 +124,7 @@ fn finest_clusters_are_the_original_triangles() {
     assert!(clusters.groups().len() > 8 && clusters.roots().count() <= 8);
     // The default build ends at a coarser limit.
     let mesh = &ring(300, 64);
-    let drawn = Clusters::build(mesh, &shading(mesh).vertices).unwrap();
+    let drawn = Clusters::build(mesh, &shading(mesh).vertices, &TriangleBvh::new(mesh)).unwrap();
     assert!((129..=512).contains(&drawn.roots().count()) && !drawn.groups().is_empty());
 }
 
@@ -213,7 +213,9 @@ fn unlocked_group_boundaries_crack_between_levels() {
     let mesh = ring(120, 44);
     let vertices = shading(&mesh).vertices;
     for lock in [true, false] {
-        let clusters = Arc::new(Clusters::build_with(&mesh, &vertices, 1, lock).unwrap());
+        let clusters = Arc::new(
+            Clusters::build_with(&mesh, &vertices, &TriangleBvh::new(&mesh), 1, lock).unwrap(),
+        );
         let mut lod = ClusterLod::new(clusters, DEFAULT_SHADING_RAD);
         let mut torn = 0;
         for k in 0..6 {
@@ -329,7 +331,7 @@ fn a_crease_does_not_raise_the_shading_error_of_all_groups_above_it() {
         let off = v.normal().any_orthonormal_vector() * 3f32.sqrt();
         *v = Vertex::new(v.position(), (v.normal() + off).normalize(), v.w());
     }
-    let c = Clusters::build_with(&mesh, &vertices, 1, true).unwrap();
+    let c = Clusters::build_with(&mesh, &vertices, &TriangleBvh::new(&mesh), 1, true).unwrap();
     let above: Vec<&Group> = c.groups().iter().filter(|g| g.subtree_angle_rad > 0.15).collect();
     let share = |g: &&Group| g.angle_rad / g.subtree_angle_rad;
     let least = above.iter().map(share).fold(1.0, f32::min);
@@ -478,7 +480,9 @@ fn degenerate_and_non_manifold_meshes_are_clustered() {
 fn invalid_meshes_are_refused_with_a_typed_error() {
     let mesh = ring(30, 16);
     let vertices = shading(&mesh).vertices;
-    let refused = |m: &Mesh, v: &[Vertex]| Clusters::build(m, v).unwrap_err();
+    let refused = |m: &Mesh, v: &[Vertex]| {
+        Clusters::build(m, v, &TriangleBvh::new(&Mesh::default())).unwrap_err()
+    };
     let few = ClusterError::Vertices { found: 10, wanted: 480 };
     assert_eq!(refused(&mesh, &vertices[..10]), few);
     let mut bad = mesh.clone();

@@ -5,7 +5,7 @@ use std::time::Instant;
 use glam::Vec3;
 
 use super::super::Clusters;
-use crate::geometry::Mesh;
+use crate::geometry::{Mesh, TriangleBvh};
 use crate::surface::shading;
 
 /// A closed box of unit squares, `n` to a side, its corner at `low`.
@@ -52,7 +52,8 @@ fn flat_walls_are_clustered_in_time_proportional_to_shading() {
     let unit = times.iter().map(|t| t.1).fold(0.0, f64::max);
     let start = Instant::now();
     // Down to the last level: rounding adds up on the way.
-    let built = Clusters::build_with(&mesh, &times[0].0, 1, true).expect("a sound mesh");
+    let built = Clusters::build_with(&mesh, &times[0].0, &TriangleBvh::new(&mesh), 1, true)
+        .expect("a sound mesh");
     let took = start.elapsed().as_secs_f64();
     assert!(built.groups().len() > 20);
     assert!(took < 1200.0 * unit, "{took:.3} s, shading {unit:.5} s");

@@ -40,7 +40,7 @@ fn source_patches_cover_the_original_and_are_within_their_distance_bound() {
             assert!(*held > (1.0 - 1e-5) * area, "{held} mm\u{b2} of {area} have a correspondence");
         }
     };
-    Clusters::build_observed(&mesh, &vertices, 1, true, see).unwrap();
+    Clusters::build_observed(&mesh, &vertices, &TriangleBvh::new(&mesh), 1, true, see).unwrap();
     // The bounds are nearly attained.
     assert!(levels > 4 && close > 100, "{levels} levels, {close} points near the bound");
 }

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::flight::Flight;
+use super::Flight;
 use crate::geometry::{Centerline, CrossSection, Mesh, Pose, TriangleBvh, cross_section};
 
 /// Figures of a cross-section.

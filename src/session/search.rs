@@ -1,0 +1,88 @@
+//! Structures that find parts of the wall by place: built once, used by flight, levels of detail,
+//! coverage and whoever points at the wall.
+
+use std::sync::Arc;
+
+use super::{Clock, Session, SessionError, present, put};
+use crate::flight::{Flight, FlightPath, SectionFigures, WallIndex, sections_along};
+use crate::geometry::{Centerline, ExteriorGrid, Mesh, TriangleBvh};
+use crate::lod::occlusion_grid;
+
+/// Space outside the wall.
+pub struct Exterior {
+    /// `None` for a wall that is not watertight: what is outside is not known then.
+    pub grid: Option<Arc<ExteriorGrid>>,
+}
+
+impl Session {
+    pub(super) fn run_triangle_tree(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let wall = present(&self.slots.wall);
+        put(&self.slots.triangle_tree, triangle_tree(&wall.mesh, clock));
+        Ok(())
+    }
+
+    pub(super) fn run_drawn_tree(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let drawn = present(&self.slots.drawn_wall);
+        match &drawn.open {
+            None => put(&self.slots.drawn_tree, present(&self.slots.triangle_tree)),
+            Some(open) => put(&self.slots.drawn_tree, triangle_tree(open, clock)),
+        }
+        Ok(())
+    }
+
+    pub(super) fn run_wall_index(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let wall = present(&self.slots.wall);
+        let faces = wall.mesh.faces.len() as u64;
+        let index = clock.time("wall index", "faces", || WallIndex::new(&wall.mesh), |_| faces);
+        put(&self.slots.wall_index, index);
+        Ok(())
+    }
+
+    pub(super) fn run_exterior(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let wall = present(&self.slots.wall);
+        let faces = wall.mesh.faces.len() as u64;
+        let work = || Arc::new(occlusion_grid(&wall.mesh));
+        let closed = wall.topology.watertight;
+        let grid = closed.then(|| clock.time("outside", "faces", work, |_| faces));
+        put(&self.slots.exterior, Exterior { grid });
+        Ok(())
+    }
+
+    pub(super) fn run_sections(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let (wall, tree) = (present(&self.slots.wall), present(&self.slots.triangle_tree));
+        let (centered, flight) = (present(&self.slots.centerline), present(&self.slots.flight));
+        let find = || sections(&flight, &centered.line, &wall.mesh, &tree);
+        let count = |s: &Vec<_>| s.len() as u64;
+        let found = clock.time("sections", "poses", find, count);
+        put(&self.slots.sections, found);
+        Ok(())
+    }
+
+    /// Cross-sections along another flight than the session's, one a pose; they are not kept.
+    ///
+    /// # Errors
+    /// What the stages fail with.
+    pub fn sections_along(
+        &self,
+        flight: &Flight,
+    ) -> Result<Vec<Option<SectionFigures>>, SessionError> {
+        let (wall, tree, centered) = (self.wall()?, self.triangle_tree()?, self.centerline()?);
+        Ok(self.pool.install(|| sections(flight, &centered.line, &wall.mesh, &tree)))
+    }
+}
+
+fn triangle_tree(mesh: &Mesh, clock: &mut Clock) -> TriangleBvh {
+    let faces = mesh.faces.len() as u64;
+    clock.time("triangle tree", "faces", || TriangleBvh::new(mesh), |_| faces)
+}
+
+/// Cross-sections along a flight, one a pose; none along a flight of fewer than two poses.
+fn sections(
+    flight: &Flight,
+    line: &Centerline,
+    wall: &Mesh,
+    tree: &TriangleBvh,
+) -> Vec<Option<SectionFigures>> {
+    let path = FlightPath::new(flight, line);
+    path.map_or_else(Vec::new, |path| sections_along(&path, wall, tree))
+}
