@@ -306,3 +306,17 @@ fn choices(global: &Global) -> Vec<DeviceChoice> {
     let gpus = crate::vk::list().unwrap_or_default().len();
     std::iter::once(DeviceChoice::Cpu).chain((0..gpus).map(DeviceChoice::GpuAt)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::session::stages;
+
+    #[test]
+    fn stages_have_the_names_of_the_table_of_stages() {
+        // Steps of the stages of the surface and of no stage.
+        for name in STAGES.iter().filter(|name| !["fair", "hessian"].contains(name)) {
+            assert!(stages::STAGES.iter().any(|s| s.name == *name), "{name}");
+        }
+    }
+}

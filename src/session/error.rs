@@ -1,5 +1,6 @@
 //! Everything a session can fail with.
 
+use super::Product;
 use crate::centerline::CenterlineError;
 use crate::device::DeviceError;
 use crate::flight::{CameraPathError, FlightError};
@@ -90,10 +91,10 @@ pub enum SessionError {
         organ: Option<Organ>,
     },
     /// A product that no stage makes with the session's settings.
-    #[error("{product} cannot be made with {settings}")]
+    #[error("{product:?} cannot be made with {settings}")]
     Unavailable {
         /// Which product.
-        product: &'static str,
+        product: Product,
         /// Settings that decide which products there are, with their values.
         settings: String,
     },

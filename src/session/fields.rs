@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use glam::UVec3;
 
-use super::{Clock, Mode, Session, SessionError, locked, present, put};
-use crate::centerline::Radius;
+use super::stages::ridge;
+use super::{Clock, Session, SessionError, locked, present, put};
 use crate::compute::{Array, Plan};
 use crate::device::Device;
 use crate::field::{self, Candidate, LumenBuffers, Response};
@@ -151,8 +151,7 @@ impl Session {
     pub(super) fn run_fields(&self, clock: &mut Clock) -> Result<(), SessionError> {
         let lumen = present(&self.slots.lumen);
         let device = present(&self.slots.device);
-        let with_ridge =
-            self.settings.mode == Mode::Paper || self.settings.radius() == Radius::Paper;
+        let with_ridge = ridge(&self.settings);
         put(&self.slots.fields, fields(&mut device.lock(), &lumen.lumen, with_ridge, clock)?);
         Ok(())
     }

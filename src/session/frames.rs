@@ -87,7 +87,7 @@ impl Session {
         let drawn = present(&self.slots.drawn_wall);
         let flight = self.flight()?;
         let centered = self.centerline()?;
-        let display = self.product(Product::Display, &self.slots.display)?;
+        let display = self.display()?;
         let s = &self.settings.flight;
         let mut renderer = match locked(&display.renderer).take() {
             Some(renderer) => renderer,

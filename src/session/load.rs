@@ -36,18 +36,18 @@ impl Session {
         let read = || self.load();
         let voxels = |l: &Result<Loaded, _>| l.as_ref().map_or(0, |l| l.volume.grid.len() as u64);
         let loaded = clock.time("read", "voxels", read, voxels)?;
-        put(&self.slots.volume, loaded);
+        put(&self.slots.loaded, loaded);
         Ok(())
     }
 
     pub(super) fn run_identity(&self, _: &mut Clock) -> Result<(), SessionError> {
-        let loaded = present(&self.slots.volume);
+        let loaded = present(&self.slots.loaded);
         put(&self.slots.identity, hash_of(&loaded.volume));
         Ok(())
     }
 
     pub(super) fn run_inputs(&self, _: &mut Clock) -> Result<(), SessionError> {
-        let (loaded, identity) = (present(&self.slots.volume), present(&self.slots.identity));
+        let (loaded, identity) = (present(&self.slots.loaded), present(&self.slots.identity));
         let own = || InputReport::with_hash(&loaded.volume, String::clone(&identity));
         let own = loaded.resampled.clone().unwrap_or_else(own);
         let inputs = if loaded.is_mask {

@@ -2,8 +2,8 @@
 //! wall, flight, frames, coverage, report.
 //!
 //! Each result is a *product*. Asking for one is a function call that returns it or a typed error;
-//! what it needs is computed first, side by side where possible, and kept. [`stages::STAGES`] is
-//! the table of what needs what. Everything runs on one pool of threads. [`Session::progress`]
+//! what it needs is computed first, side by side where possible, and kept. The table in
+//! [`stages`] has them all, with what needs what. Everything runs on one pool of threads. [`Session::progress`]
 //! can be read, and a [`CancelToken`] cancelled, from any thread at any time.
 
 mod centering;
@@ -57,17 +57,11 @@ pub use writer::FrameWriter;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::compute::Array;
 use crate::device::Device;
-use crate::flight::{Coverage, Flight, SectionFigures, WallIndex};
-use crate::geometry::{Mesh, TriangleBvh};
-use crate::surface::Shading;
 
-use frames::Display;
-use levels::BuiltClusters;
-use load::{Inputs, Loaded};
 use progress::ProgressState;
 use scheduler::Board;
+use stages::Slots;
 
 /// What the chain follows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -99,36 +93,6 @@ impl OpenDevice {
 /// A place for one product.
 type Slot<T> = Mutex<Option<Arc<T>>>;
 
-/// The products that are there.
-#[derive(Default)]
-struct Slots {
-    volume: Slot<Loaded>,
-    device: Slot<OpenDevice>,
-    identity: Slot<String>,
-    inputs: Slot<Inputs>,
-    core: Slot<Core>,
-    lumen: Slot<Segmented>,
-    distance: Slot<Array<f32>>,
-    fields: Slot<Fields>,
-    route: Slot<crate::centerline::Routed>,
-    visibility: Slot<Visibility>,
-    centerline: Slot<Centered>,
-    wall: Slot<Wall>,
-    drawn_wall: Slot<DrawnWall>,
-    shading: Slot<Shading>,
-    triangle_tree: Slot<TriangleBvh>,
-    drawn_tree: Slot<TriangleBvh>,
-    wall_index: Slot<WallIndex>,
-    exterior: Slot<Exterior>,
-    clusters: Slot<BuiltClusters>,
-    levels: Slot<Levels>,
-    flight: Slot<Flight>,
-    display: Slot<Display>,
-    coverage: Slot<Coverage>,
-    sections: Slot<Vec<Option<SectionFigures>>>,
-    base: Slot<Mesh>,
-}
-
 /// Drives every stage from a volume to frames; see the [module](self).
 pub struct Session {
     source: Source,
@@ -142,6 +106,10 @@ pub struct Session {
     keep_volume: bool,
 }
 
+/// Products that do not depend on the mode.
+const SHARED: [Product; 5] =
+    [Product::Volume, Product::Device, Product::Identity, Product::Inputs, Product::Core];
+
 /// The mutexes here guard whole values: one that panicked while it held a lock left it whole.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -154,54 +122,6 @@ fn put<T>(slot: &Slot<T>, value: impl Into<Arc<T>>) {
 /// A product that the table says is there.
 fn present<T>(slot: &Slot<T>) -> Arc<T> {
     locked(slot).clone().expect("the table of stages names every need")
-}
-
-macro_rules! products {
-    ($($(#[$doc:meta])* $get:ident: $slot:ident, $product:ident, $kind:ty;)*) => {
-        impl Session {
-            $($(#[$doc])*
-            ///
-            /// # Errors
-            /// What its stages fail with; [`SessionError::Cancelled`];
-            /// [`SessionError::Unavailable`] where the settings leave it out.
-            pub fn $get(&self) -> Result<Arc<$kind>, SessionError> {
-                self.product(Product::$product, &self.slots.$slot)
-            })*
-        }
-    };
-}
-
-products! {
-    /// The mask that decides which lumen is meant.
-    core: core, Core, Core;
-    /// The lumen in bricks, with what choosing it found.
-    lumen: lumen, Lumen, Segmented;
-    /// Exact distance to the nearest external voxel centre, mm, in slot order of the lumen.
-    distance: distance, Distance, Array<f32>;
-    /// Distance and smoothed distance, in paper mode ridge candidates too.
-    fields: fields, Fields, Fields;
-    /// Path or tree, centred and proven inside, with the visibility test.
-    centerline: centerline, Centerline, Centered;
-    /// BLAKE3 of the samples of the volume the lumen is chosen from, in hexadecimal.
-    identity: identity, Identity, String;
-    /// The wall with smoothed normals, LPS mm.
-    wall: wall, Wall, Wall;
-    /// The wall's triangles by place: for rays, nearest points and planes.
-    triangle_tree: triangle_tree, TriangleTree, TriangleBvh;
-    /// The wall's triangles in buckets: for distances up to a limit.
-    wall_index: wall_index, WallIndex, WallIndex;
-    /// Space outside the wall, where it is watertight.
-    exterior: exterior, Exterior, Exterior;
-    /// The wall at many levels of detail.
-    levels: levels, Levels, Levels;
-    /// Poses of the flight along the first path.
-    flight: flight, Flight, Flight;
-    /// What the frames of the flight saw of the wall, weighted by area.
-    coverage: coverage, Coverage, Coverage;
-    /// Cross-sections of the lumen along the flight, one a pose.
-    sections: sections, Sections, Vec<Option<SectionFigures>>;
-    /// The wall with few faces.
-    base: base, Base, Mesh;
 }
 
 impl Session {
@@ -245,17 +165,11 @@ impl Session {
             slots: Slots::default(),
             keep_volume: self.keep_volume,
         };
-        fn share<T>(from: &Session, to: &Session, slot: fn(&Slots) -> &Slot<T>, product: Product) {
-            if let Some(value) = locked(slot(&from.slots)).clone() {
-                put(slot(&to.slots), value);
-                to.board.mark_ready(product);
+        for product in SHARED {
+            if other.slots.share(&self.slots, product) {
+                other.board.mark_ready(product);
             }
         }
-        share(self, &other, |s| &s.volume, Product::Volume);
-        share(self, &other, |s| &s.device, Product::Device);
-        share(self, &other, |s| &s.identity, Product::Identity);
-        share(self, &other, |s| &s.inputs, Product::Inputs);
-        share(self, &other, |s| &s.core, Product::Core);
         other
     }
 
@@ -288,21 +202,12 @@ impl Session {
         Ok(self.device()?.name.clone())
     }
 
-    /// The device that plans run on.
-    ///
-    /// # Errors
-    /// As [`Device::open`].
-    pub fn device(&self) -> Result<Arc<OpenDevice>, SessionError> {
-        self.product(Product::Device, &self.slots.device)
-    }
-
     /// The volume the lumen is chosen from: the image, or the label map on the image's grid.
     ///
     /// # Errors
     /// As [`crate::formats::read_volume`]; [`SessionError::ShearedGrid`].
     pub fn volume(&self) -> Result<Arc<crate::volume::Volume>, SessionError> {
-        let loaded = self.product(Product::Volume, &self.slots.volume)?;
-        Ok(Arc::clone(&loaded.volume))
+        Ok(Arc::clone(&self.loaded()?.volume))
     }
 
     /// Keeps the volume even when every product that reads it is there, so that products can be
@@ -358,34 +263,7 @@ impl Session {
     }
 
     fn forget_one(&self, product: Product) {
-        let slots = &self.slots;
-        match product {
-            Product::Volume => drop(locked(&slots.volume).take()),
-            Product::Device => drop(locked(&slots.device).take()),
-            Product::Identity => drop(locked(&slots.identity).take()),
-            Product::Inputs => drop(locked(&slots.inputs).take()),
-            Product::Core => drop(locked(&slots.core).take()),
-            Product::Lumen => drop(locked(&slots.lumen).take()),
-            Product::Distance => drop(locked(&slots.distance).take()),
-            Product::Fields => drop(locked(&slots.fields).take()),
-            Product::Route => drop(locked(&slots.route).take()),
-            Product::Visibility => drop(locked(&slots.visibility).take()),
-            Product::Centerline => drop(locked(&slots.centerline).take()),
-            Product::Wall => drop(locked(&slots.wall).take()),
-            Product::DrawnWall => drop(locked(&slots.drawn_wall).take()),
-            Product::Shading => drop(locked(&slots.shading).take()),
-            Product::TriangleTree => drop(locked(&slots.triangle_tree).take()),
-            Product::DrawnTree => drop(locked(&slots.drawn_tree).take()),
-            Product::WallIndex => drop(locked(&slots.wall_index).take()),
-            Product::Exterior => drop(locked(&slots.exterior).take()),
-            Product::Clusters => drop(locked(&slots.clusters).take()),
-            Product::Levels => drop(locked(&slots.levels).take()),
-            Product::Flight => drop(locked(&slots.flight).take()),
-            Product::Display => drop(locked(&slots.display).take()),
-            Product::Coverage => drop(locked(&slots.coverage).take()),
-            Product::Sections => drop(locked(&slots.sections).take()),
-            Product::Base => drop(locked(&slots.base).take()),
-        }
+        self.slots.forget(product);
         self.board.forget(product);
     }
 

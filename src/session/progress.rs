@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 /// State of a session's present work.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Progress {
-    /// What is shown of the stage that began last; empty while nothing runs.
+    /// Name of the stage that began last; empty while nothing runs.
     pub stage: &'static str,
     /// Share of the present work that is done, 0 to 1: stages by their usual share of the time,
     /// frames by their number.
@@ -66,14 +66,14 @@ impl ProgressState {
     }
 
     /// A stage begins.
-    pub fn begin(&self, label: &'static str) {
-        self.lock().running.push(label);
+    pub fn begin(&self, name: &'static str) {
+        self.lock().running.push(name);
     }
 
     /// A stage ends, done or not.
-    pub fn end(&self, label: &'static str, weight: f32) {
+    pub fn end(&self, name: &'static str, weight: f32) {
         let mut inner = self.lock();
-        if let Some(at) = inner.running.iter().position(|l| *l == label) {
+        if let Some(at) = inner.running.iter().position(|l| *l == name) {
             inner.running.remove(at);
         }
         inner.ended += weight;
@@ -104,7 +104,7 @@ impl ProgressState {
         let (done, count, weight) = inner.frames;
         let drawing = done < count;
         let stage = if drawing && inner.running.is_empty() {
-            "drawing frames"
+            "frames"
         } else {
             inner.running.last().copied().unwrap_or_default()
         };
@@ -130,7 +130,7 @@ mod tests {
         state.begin_frames(10);
         state.frames(5);
         let read = state.read();
-        assert_eq!((read.stage, read.share), ("drawing frames", 0.8));
+        assert_eq!((read.stage, read.share), ("frames", 0.8));
         state.end_frames();
         assert_eq!(state.read().share, 1.0);
         state.add(1.0);

@@ -303,7 +303,7 @@ impl Session {
     /// # Errors
     /// What computing the inputs' hash fails with.
     pub fn report(&self, frames: Option<&super::FrameStream>) -> Result<Report, SessionError> {
-        let inputs = self.product(super::Product::Inputs, &self.slots.inputs)?;
+        let inputs = self.inputs()?;
         let (lumen, wall) = (self.lumen()?, self.wall()?);
         let centered = self.centerline()?;
         let centerline = CenterlineReport {

@@ -3,16 +3,13 @@
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-use super::stages::{PRODUCTS, Product, RunsOn, Stage, row};
+use super::stages::{PRODUCTS, Product, RunsOn, STAGES, Stage, row};
 use super::{Session, SessionError};
 use crate::task::{catch_cancelled, checkpoint};
 
 /// Stages that run at once, at most. Each keeps one worker busy while it is serial, so there are
 /// never more than there are workers.
 const SIDE_BY_SIDE: usize = 2;
-
-/// Products made from the voxels of the volume.
-const VOLUME_READERS: [Product; 3] = [Product::Lumen, Product::Wall, Product::Inputs];
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Status {
@@ -97,6 +94,10 @@ impl Board {
     }
 }
 
+fn reads_volume(stage: &Stage) -> bool {
+    stage.needs.contains(&Product::Volume)
+}
+
 impl Session {
     /// Computes these products and what they need, side by side where possible. Asking for one
     /// that is there costs nothing; one that another thread computes is waited for.
@@ -137,8 +138,7 @@ impl Session {
             open.extend(stage.needs);
             plan.push(stage);
         }
-        let place =
-            |s: &&'static Stage| super::stages::STAGES.iter().position(|t| std::ptr::eq(t, *s));
+        let place = |s: &&'static Stage| STAGES.iter().position(|t| std::ptr::eq(t, *s));
         plan.sort_by_key(place);
         Ok(plan)
     }
@@ -148,14 +148,14 @@ impl Session {
         while let Next::Run(stage) = self.board.take(plan, error) {
             let outcome = self.run_stage(stage);
             if let Err(e) = &outcome {
-                tracing::debug!("{}: {e}", stage.label);
+                tracing::debug!("{}: {e}", stage.name);
             }
             let done = outcome.is_ok();
             if let Err(e) = outcome {
                 error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(e);
             }
             self.board.finish(stage, done);
-            if done && VOLUME_READERS.contains(&stage.product) {
+            if done && reads_volume(stage) {
                 self.release_volume();
             }
         }
@@ -166,7 +166,7 @@ impl Session {
         if self.cancel.is_cancelled() {
             return Err(SessionError::Cancelled);
         }
-        self.progress.begin(stage.label);
+        self.progress.begin(stage.name);
         let mut clock = self.clock().fork();
         let outcome = self.pool.install(|| {
             catch_cancelled(|| {
@@ -175,14 +175,16 @@ impl Session {
             })
         });
         self.clock().merge(clock);
-        self.progress.end(stage.label, stage.weight);
+        self.progress.end(stage.name, stage.weight);
         outcome.unwrap_or(Err(SessionError::Cancelled))
     }
 
     /// Drops the volume once every product that reads it is there. One that is asked for later is
     /// read again and kept until another reader ends.
     fn release_volume(&self) {
-        if !self.keep_volume && VOLUME_READERS.iter().all(|p| self.board.is_ready(*p)) {
+        let used = STAGES.iter().filter(|s| (s.when)(&self.settings));
+        let mut readers = used.filter(|s| reads_volume(s));
+        if !self.keep_volume && readers.all(|s| self.board.is_ready(s.product)) {
             self.forget_one(Product::Volume);
         }
     }

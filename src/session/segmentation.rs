@@ -104,7 +104,7 @@ impl Session {
     }
 
     pub(super) fn run_lumen(&self, clock: &mut Clock) -> Result<(), SessionError> {
-        let loaded = present(&self.slots.volume);
+        let loaded = present(&self.slots.loaded);
         let core = present(&self.slots.core);
         let method = self.wall_method(&loaded, &core);
         let grid = loaded.volume.grid;
@@ -148,7 +148,7 @@ impl Session {
     }
 
     pub(super) fn run_core(&self, clock: &mut Clock) -> Result<(), SessionError> {
-        let loaded = present(&self.slots.volume);
+        let loaded = present(&self.slots.loaded);
         let volume = &*loaded.volume;
         let settings = &self.settings.lumen;
         let name = || match &self.source {

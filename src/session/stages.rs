@@ -1,68 +1,24 @@
-//! The table of stages: what each product needs, where it runs, what is shown while it does.
+//! The table of products and stages: what each product is, what it needs, where it is made.
 //!
-//! To follow the data, read the table from the top. A row is used when its `when` holds for the
-//! session's settings; exactly one row of each product does, or none.
+//! To follow the data, read the table from the top. A product stands below what it needs. It has a
+//! row for each way to make it; a row is used when its condition holds for the session's settings,
+//! and exactly one row of a product is, or none.
 
+use std::sync::Arc;
+
+use super::frames::Display;
+use super::levels::BuiltClusters;
+use super::load::{Inputs, Loaded};
 use super::settings::{Lod, Settings};
-use super::{Clock, Mode, Session, SessionError};
-
-/// A result that a session can be asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Product {
-    /// The volume the lumen is chosen from.
-    Volume,
-    /// The device that plans run on.
-    Device,
-    /// Hash of the volume's samples.
-    Identity,
-    /// Hash and geometry of the inputs, for the report.
-    Inputs,
-    /// The mask that decides which lumen is meant.
-    Core,
-    /// Bricks and classes of the lumen, and its wall field.
-    Lumen,
-    /// Exact distance to the wall.
-    Distance,
-    /// Distance and smoothed distance, in paper mode ridge candidates too, in one plan.
-    Fields,
-    /// The centred route: path or tree.
-    Route,
-    /// Which boundary voxels the viewpoints see.
-    Visibility,
-    /// Route and visibility test together.
-    Centerline,
-    /// The surface with its normals.
-    Wall,
-    /// What is drawn of the wall: with or without caps.
-    DrawnWall,
-    /// Vertices with curvature tint.
-    Shading,
-    /// Triangles of the wall by place.
-    TriangleTree,
-    /// Triangles by place of what is drawn of the wall.
-    DrawnTree,
-    /// Triangles of the wall in buckets.
-    WallIndex,
-    /// Space outside a watertight wall.
-    Exterior,
-    /// Clusters of the wall at every level.
-    Clusters,
-    /// The wall at many levels, ready to be refined.
-    Levels,
-    /// Poses of the flight.
-    Flight,
-    /// The renderer on its device.
-    Display,
-    /// What the frames saw of the wall.
-    Coverage,
-    /// Cross-sections along the flight.
-    Sections,
-    /// The simplified wall.
-    Base,
-}
-
-/// How many products there are.
-pub(super) const PRODUCTS: usize = Product::Base as usize + 1;
+use super::{
+    Centered, Clock, Core, DrawnWall, Exterior, Fields, Levels, Mode, OpenDevice, Segmented,
+    Session, SessionError, Slot, Visibility, Wall, locked,
+};
+use crate::centerline::{Radius, Routed};
+use crate::compute::Array;
+use crate::flight::{Coverage, Flight, SectionFigures, WallIndex};
+use crate::geometry::{Mesh, TriangleBvh};
+use crate::surface::Shading;
 
 /// Where a stage runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,8 +37,9 @@ pub struct Stage {
     pub needs: &'static [Product],
     /// Where it runs.
     pub runs_on: RunsOn,
-    /// What is shown while it runs.
-    pub label: &'static str,
+    /// Its name: shown while it runs, in reports and in `bench`. A stage that is timed in several
+    /// steps has its own name on one of them.
+    pub name: &'static str,
     /// Its usual share of a run without frames, per cent: for progress only.
     pub weight: f32,
     /// Whether these settings use this row.
@@ -102,6 +59,23 @@ fn paper_mode(s: &Settings) -> bool {
     s.mode == Mode::Paper
 }
 
+fn organ(s: &Settings) -> bool {
+    s.lumen.organ.is_some()
+}
+
+fn selection(s: &Settings) -> bool {
+    !organ(s)
+}
+
+/// Whether ridge candidates are found.
+pub(super) fn ridge(s: &Settings) -> bool {
+    paper_mode(s) || s.radius() == Radius::Paper
+}
+
+fn no_ridge(s: &Settings) -> bool {
+    !ridge(s)
+}
+
 fn clusters(s: &Settings) -> bool {
     s.drawn_lod() == Lod::Clusters
 }
@@ -118,70 +92,229 @@ fn base_from_wall(s: &Settings) -> bool {
     !base_from_clusters(s)
 }
 
-macro_rules! stages {
-    ($($product:ident $needs:tt $on:ident $label:literal $weight:literal $when:ident $run:ident;)*) => {
-        &[$(Stage {
+/// Makes the products, their slots and getters, and the stages.
+///
+/// `PRODUCT slot: TYPE = STAGE | STAGE …;` where a stage is its name, share of the time, needs,
+/// place, condition and function.
+macro_rules! products {
+    ($($(#[$doc:meta])* $vis:vis $product:ident $slot:ident: $kind:ty =
+        $($name:literal $weight:literal $needs:tt $on:ident $when:ident $run:ident)|+;)*) => {
+        /// A result that a session can be asked for.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Product {
+            $($(#[$doc])* $product,)*
+        }
+
+        impl Product {
+            /// All of them, in the order of the table.
+            pub const ALL: &[Self] = &[$(Self::$product),*];
+        }
+
+        /// The products that are there.
+        #[derive(Default)]
+        pub(super) struct Slots {
+            $(pub $slot: Slot<$kind>,)*
+        }
+
+        impl Slots {
+            /// Empties the slot of a product.
+            pub fn forget(&self, product: Product) {
+                match product {
+                    $(Product::$product => drop(locked(&self.$slot).take()),)*
+                }
+            }
+
+            /// Puts what another has of a product into this slot too; whether it has it.
+            pub fn share(&self, other: &Self, product: Product) -> bool {
+                match product {
+                    $(Product::$product => {
+                        let value = locked(&other.$slot).clone();
+                        let has = value.is_some();
+                        *locked(&self.$slot) = value;
+                        has
+                    })*
+                }
+            }
+        }
+
+        impl Session {
+            $($(#[$doc])*
+            ///
+            /// # Errors
+            /// What its stages fail with; [`SessionError::Cancelled`];
+            /// [`SessionError::Unavailable`] where the settings leave it out.
+            // Some products are for stages alone.
+            #[allow(dead_code)]
+            $vis fn $slot(&self) -> Result<Arc<$kind>, SessionError> {
+                self.product(Product::$product, &self.slots.$slot)
+            })*
+        }
+
+        /// All stages. Where several could start, the upper one does: what others wait for longest
+        /// stands above what few need.
+        pub static STAGES: &[Stage] = &[$($(Stage {
             product: Product::$product,
-            needs: stages!(@needs $needs),
+            needs: products!(@needs $needs),
             runs_on: RunsOn::$on,
-            label: $label,
+            name: $name,
             weight: $weight,
             when: $when,
             run: Session::$run,
-        }),*]
+        }),+),*];
     };
     (@needs [$($need:ident)*]) => { &[$(Product::$need),*] };
 }
 
-/// All stages. Where several could start, the upper one does: what others wait for longest stands
-/// above what few need.
-pub static STAGES: &[Stage] = stages! {
-    // product  needs                                  runs on  shown                   % when            run
-    Volume      []                                      Cpu     "reading"               4.0 always        run_volume;
-    Device      []                                      Cpu     "opening the device"    1.0 always        run_device;
-    Core        [Volume]                                Cpu     "segmentation"          2.0 always        run_core;
-    Lumen       [Core Volume Device]                    Device  "wall field"            3.0 always        run_lumen;
-    Distance    [Lumen Device]                          Device  "distance field"        3.0 always        run_distance;
-    Fields      [Lumen Device]                          Device  "distance fields"       6.0 always        run_fields;
-    Display     [Device]                                Cpu     "opening the renderer"  1.0 always        run_display;
-    Route       [Lumen Fields]                          Cpu     "centerline"           15.0 default_mode  run_route;
-    Visibility  [Lumen Fields Route Device]             Device  "visibility"            5.0 default_mode  run_visibility;
-    Wall        [Lumen Volume Device]                   Device  "surface and normals"   8.0 always        run_wall;
-    Identity    [Volume]                                Cpu     "hashing the input"     1.0 always        run_identity;
-    Inputs      [Volume Identity]                       Cpu     "hashing the input"     0.1 always        run_inputs;
-    Centerline  [Lumen Fields Route Visibility]         Cpu     "centerline"            0.1 default_mode  run_centerline;
-    Centerline  [Lumen Fields Device]                   Device  "centerline (paper)"   30.0 paper_mode    run_paper_centerline;
-    DrawnWall   [Wall]                                  Cpu     "surface"               0.1 always        run_drawn_wall;
-    Shading     [DrawnWall]                             Cpu     "curvature tint"        1.0 always        run_shading;
-    TriangleTree [Wall]                                 Cpu     "triangle tree"         0.5 always        run_triangle_tree;
-    DrawnTree   [DrawnWall TriangleTree]                Cpu     "triangle tree"         0.1 clusters      run_drawn_tree;
-    Clusters    [DrawnWall Shading DrawnTree]           Cpu     "levels of detail"     25.0 clusters      run_clusters;
-    WallIndex   [Wall]                                  Cpu     "wall index"            0.5 always        run_wall_index;
-    Flight      [Lumen Fields Centerline Wall WallIndex] Cpu    "flight"                1.0 always        run_flight;
-    Exterior    [Wall]                                  Cpu     "occlusion grid"        1.0 always        run_exterior;
-    Levels      [DrawnWall Shading Clusters Exterior]   Cpu     "levels of detail"      0.1 clusters      run_cluster_levels;
-    Levels      [DrawnWall Shading]                     Cpu     "subdivision"          25.0 subdivision   run_subdivision_levels;
-    Base        [Wall Clusters]                         Cpu     "simplified surface"    3.0 base_from_clusters run_base_from_clusters;
-    Base        [Wall]                                  Cpu     "simplified surface"   10.0 base_from_wall run_base_from_wall;
-    Coverage    [Wall Flight TriangleTree Exterior]     Cpu     "coverage"              5.0 always        run_coverage;
-    Sections    [Wall TriangleTree Centerline Flight]   Cpu     "sections"              0.5 always        run_sections;
-};
+products! {
+    /// The volume the lumen is chosen from, with what reading it found.
+    pub(super) Volume loaded: Loaded =
+        "read" 4.0 [] Cpu always run_volume;
+    /// The device that plans run on.
+    pub Device device: OpenDevice =
+        "device" 1.0 [] Cpu always run_device;
+    /// The mask that decides which lumen is meant.
+    pub Core core: Core =
+        "segment" 2.0 [Volume] Cpu selection run_core
+        | "organ" 2.0 [Volume] Cpu organ run_core;
+    /// The lumen in bricks, with what choosing it found, and its wall field.
+    pub Lumen lumen: Segmented =
+        "wall field" 3.0 [Core Volume Device] Device always run_lumen;
+    /// Exact distance to the nearest external voxel centre, mm, in slot order of the lumen.
+    pub Distance distance: Array<f32> =
+        "distance" 3.0 [Lumen Device] Device always run_distance;
+    /// Distance and smoothed distance, in paper mode ridge candidates too, in one plan.
+    pub Fields fields: Fields =
+        "distance, smooth" 6.0 [Lumen Device] Device no_ridge run_fields
+        | "distance, ridge" 6.0 [Lumen Device] Device ridge run_fields;
+    /// The renderer on its device.
+    pub(super) Display display: Display =
+        "renderer" 1.0 [Device] Cpu always run_display;
+    /// The centred route: path or tree.
+    pub(super) Route route: Routed =
+        "route" 15.0 [Lumen Fields] Cpu default_mode run_route;
+    /// Which boundary voxels the viewpoints see.
+    pub(super) Visibility visibility: Visibility =
+        "visibility" 5.0 [Lumen Fields Route Device] Device default_mode run_visibility;
+    /// The wall with smoothed normals, LPS mm.
+    pub Wall wall: Wall =
+        "surface" 8.0 [Lumen Volume Device] Device always run_wall;
+    /// BLAKE3 of the samples of the volume the lumen is chosen from, in hexadecimal.
+    pub Identity identity: String =
+        "hash" 1.0 [Volume] Cpu always run_identity;
+    /// Hash and geometry of the inputs, for the report.
+    pub(super) Inputs inputs: Inputs =
+        "inputs" 0.1 [Volume Identity] Cpu always run_inputs;
+    /// Path or tree, centred and proven inside, with the visibility test.
+    pub Centerline centerline: Centered =
+        "centerline" 0.1 [Lumen Fields Route Visibility] Cpu default_mode run_centerline
+        | "paper path" 30.0 [Lumen Fields Device] Device paper_mode run_paper_centerline;
+    /// What is drawn of the wall: with or without caps.
+    pub(super) DrawnWall drawn_wall: DrawnWall =
+        "drawn wall" 0.1 [Wall] Cpu always run_drawn_wall;
+    /// Vertices with curvature tint.
+    pub(super) Shading shading: Shading =
+        "shading" 1.0 [DrawnWall] Cpu always run_shading;
+    /// The wall's triangles by place: for rays, nearest points and planes.
+    pub TriangleTree triangle_tree: TriangleBvh =
+        "triangle tree" 0.5 [Wall] Cpu always run_triangle_tree;
+    /// The same of what is drawn.
+    pub(super) DrawnTree drawn_tree: TriangleBvh =
+        "drawn tree" 0.1 [DrawnWall TriangleTree] Cpu clusters run_drawn_tree;
+    /// Clusters of the wall at every level.
+    pub(super) Clusters clusters: BuiltClusters =
+        "clusters" 25.0 [DrawnWall Shading DrawnTree] Cpu clusters run_clusters;
+    /// The wall's triangles in buckets: for distances up to a limit.
+    pub WallIndex wall_index: WallIndex =
+        "wall index" 0.5 [Wall] Cpu always run_wall_index;
+    /// Poses of the flight along the first path.
+    pub Flight flight: Flight =
+        "flight" 1.0 [Lumen Fields Centerline Wall WallIndex] Cpu always run_flight;
+    /// Space outside the wall, where it is watertight.
+    pub Exterior exterior: Exterior =
+        "outside" 1.0 [Wall] Cpu always run_exterior;
+    /// The wall at many levels of detail, ready to be refined.
+    pub Levels levels: Levels =
+        "levels" 0.1 [DrawnWall Shading Clusters Exterior] Cpu clusters run_cluster_levels
+        | "subdivision" 25.0 [DrawnWall Shading] Cpu subdivision run_subdivision_levels;
+    /// The wall with few faces.
+    pub Base base: Mesh =
+        "base" 3.0 [Wall Clusters] Cpu base_from_clusters run_base_from_clusters
+        | "base" 10.0 [Wall] Cpu base_from_wall run_base_from_wall;
+    /// What the frames of the flight saw of the wall, weighted by area.
+    pub Coverage coverage: Coverage =
+        "coverage" 5.0 [Wall Flight TriangleTree Exterior] Cpu always run_coverage;
+    /// Cross-sections of the lumen along the flight, one a pose.
+    pub Sections sections: Vec<Option<SectionFigures>> =
+        "sections" 0.5 [Wall TriangleTree Centerline Flight] Cpu always run_sections;
+}
+
+/// How many products there are.
+pub(super) const PRODUCTS: usize = Product::ALL.len();
 
 /// The row that makes a product with these settings.
 ///
 /// # Errors
 /// [`SessionError::Unavailable`] where none does.
 pub(super) fn row(product: Product, settings: &Settings) -> Result<&'static Stage, SessionError> {
-    let mut rows = STAGES.iter().filter(|s| s.product == product);
-    let label = rows.clone().next().map_or("", |s| s.label);
-    rows.find(|s| (s.when)(settings))
-        .ok_or_else(|| SessionError::Unavailable { product: label, settings: settings.deciding() })
+    let is_used = |s: &&Stage| s.product == product && (s.when)(settings);
+    let settings = || settings.deciding();
+    STAGES
+        .iter()
+        .find(is_used)
+        .ok_or_else(|| SessionError::Unavailable { product, settings: settings() })
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
+    use crate::device::DeviceChoice;
+    use crate::lumen::IntensitySelection;
     use crate::render::View;
+    use crate::session::{Source, VolumeSource};
+    use crate::volume::Volume;
+    use crate::volume::phantom::{Kind, Phantom};
+
+    /// Names of the stages in the report of a session that makes everything but frames.
+    fn reported(volume: Volume, mut settings: Settings) -> Vec<&'static str> {
+        settings.device = DeviceChoice::Cpu;
+        let source = Source::Image(VolumeSource::Memory(Arc::new(volume)));
+        let session = Session::new(source, settings).unwrap();
+        let made = STAGES.iter().filter(|s| (s.when)(session.settings()));
+        // One by one, so that the distance is made without the other fields.
+        for stage in made.filter(|s| s.product != Product::Display) {
+            session.prepare(&[stage.product]).unwrap();
+        }
+        let names = session.clock().stages.iter().map(|s| s.name).collect();
+        names
+    }
+
+    #[test]
+    fn a_stage_has_the_same_name_in_table_and_report() {
+        // They take no time worth a row of the report, or need another input.
+        const NOT_REPORTED: [&str; 9] = [
+            "device",
+            "organ",
+            "renderer",
+            "hash",
+            "inputs",
+            "centerline",
+            "drawn wall",
+            "drawn tree",
+            "levels",
+        ];
+        let bend = Phantom::new(Kind::Bend, 32, [1.0; 3]).unwrap();
+        let mut grey = Settings::default();
+        grey.lumen.select = Some(IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -500.0 });
+        let mut paper = Settings { mode: Mode::Paper, ..Settings::default() };
+        paper.levels.lod = Lod::Vds;
+        let mut names = reported(bend.grey(None, 1), grey);
+        names.extend(reported(bend.mask(), paper));
+        for stage in STAGES.iter().filter(|s| !NOT_REPORTED.contains(&s.name)) {
+            assert!(names.contains(&stage.name), "{} is not in {names:?}", stage.name);
+        }
+    }
 
     fn all_settings() -> impl Iterator<Item = Settings> {
         let modes = [Mode::Default, Mode::Paper];

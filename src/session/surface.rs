@@ -81,7 +81,7 @@ pub fn without_caps(mesh: &Mesh) -> Mesh {
 
 impl Session {
     pub(super) fn run_wall(&self, clock: &mut Clock) -> Result<(), SessionError> {
-        let (loaded, segmented) = (present(&self.slots.volume), present(&self.slots.lumen));
+        let (loaded, segmented) = (present(&self.slots.loaded), present(&self.slots.lumen));
         let device = present(&self.slots.device);
         let options = SurfaceOptions {
             from_grey: !self.settings.wall.from_mask,

@@ -93,7 +93,7 @@ fn levels_that_the_settings_leave_out_are_an_error_and_no_endless_wait() {
         error.to_string()
     };
     let off = asked(|s| s.levels.lod = Lod::Off);
-    assert!(off.contains("levels of detail") && off.contains("levels.lod Off"), "{off}");
+    assert!(off.contains("Levels cannot be made") && off.contains("levels.lod Off"), "{off}");
     assert!(!off.contains("--"), "a library names no flags: {off}");
     let overview = asked(|s| s.flight.view = View::Overview);
     assert!(overview.contains("flight.view Overview"), "{overview}");
