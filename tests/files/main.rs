@@ -1,5 +1,6 @@
 //! Readers and writers: what was written, damaged and lying headers, memory.
 
+mod cut_streams;
 mod dicom;
 mod fuzz_readers;
 mod hostile;

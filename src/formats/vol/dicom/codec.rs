@@ -6,6 +6,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use super::jpeg_scan::{Process, check_complete};
 use super::syntax::Codec;
 
 /// Most tiles of a JPEG 2000 codestream.
@@ -191,8 +192,16 @@ fn agrees([columns, rows, components, bits]: [u32; 4], size: FrameSize) -> Resul
 
 fn jpeg(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
     let frame = agreeing(bytes, size)?;
-    // Lossless (SOF3), or eight bits: baseline, extended, progressive.
-    if frame.marker == 0xc3 || (frame.precision == 8 && frame.marker <= 0xc2) {
+    // Those of the syntaxes that are read: baseline, extended, lossless.
+    let process = match frame.marker {
+        0xc0 | 0xc1 => Some(Process::Sequential),
+        0xc3 => Some(Process::Lossless),
+        _ => None,
+    };
+    if let Some(process) = process {
+        check_complete(bytes, process, [size.columns, size.rows])?;
+    }
+    if frame.marker == 0xc3 || (frame.precision == 8 && process.is_some()) {
         let mut decoder = jpeg_decoder::Decoder::new(bytes);
         decoder.set_max_decoding_buffer_size(8 * size.pixels() + (1 << 20));
         let out = decoder.decode().map_err(|e| e.to_string())?;

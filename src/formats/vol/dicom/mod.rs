@@ -9,6 +9,7 @@ mod bare;
 mod codec;
 mod fragments;
 mod head;
+mod jpeg_scan;
 mod pixels;
 mod segmentation;
 mod split;
