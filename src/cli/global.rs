@@ -8,7 +8,7 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 
 use super::CliError;
 use crate::device::{Device, DeviceChoice};
-use crate::formats::atomic_file;
+use crate::formats::{atomic_file, check_data_file};
 use crate::session::{Settings, peak_memory_mb};
 
 /// Global flags.
@@ -70,6 +70,7 @@ impl Global {
         if let Some(e) = unset {
             tracing::info!("{e}");
         }
+        crate::vk::survive_file_size_limit();
         ctrlc::set_handler(|| {
             atomic_file::discard_unfinished();
             crate::vk::exit_now(130);
@@ -87,6 +88,7 @@ impl Global {
                 extensions.join(", ")
             )));
         }
+        check_data_file(path)?;
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
         match folder {
             Some(f) if !f.is_dir() => Err(CliError::Usage(format!(

@@ -16,6 +16,7 @@ pub struct Args {
 impl Args {
     /// Computes what a flight needs, flies, writes frames.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
+        self.flags.check_files(&self.flags.out)?;
         let mut session = self.flags.session(global)?;
         let recording = self.flags.recording(self.flags.out.clone(), global);
         let needs = [Product::Lumen, Product::Device];

@@ -19,8 +19,9 @@ pub struct Args {
 impl Args {
     /// Computes everything and writes everything, the report last.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
-        let mut session = self.flags.session(global)?;
         let out = &self.flags.out;
+        self.flags.check_files(&out.join("frames"))?;
+        let mut session = self.flags.session(global)?;
         let recording = self.flags.recording(out.join("frames"), global);
         let mut timing = None;
         if global.repeat.is_some() {

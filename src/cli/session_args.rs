@@ -1,6 +1,6 @@
 //! Flags of a whole session, for `record` and `run`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::CliError;
 use super::centerline::PathArgs;
@@ -9,7 +9,7 @@ use super::global::Global;
 use super::lumen_args::LumenArgs;
 use super::mode::ModeArg;
 use super::surface_args::SurfaceArgs;
-use crate::session::{CenterlineSettings, Recording, Session, Settings};
+use crate::session::{CenterlineSettings, RUN_FILES, Recording, Session, Settings, is_frame_file};
 
 /// Flags of `record` and `run`.
 #[derive(Debug, clap::Args)]
@@ -49,6 +49,43 @@ impl SessionArgs {
         Ok(Session::new(source, settings)?)
     }
 
+    /// Checks, before anything is computed, where the files beside the frames go: into a folder
+    /// that is there or will be, and not in the place of an input or of another output.
+    ///
+    /// * `frames`: the folder of the frames, the one of the outputs or within it.
+    pub fn check_files(&self, frames: &Path) -> Result<(), CliError> {
+        let within = |folder: &Path, name| place(&folder.join(name));
+        // Through a file in it, so that a link to a folder is followed.
+        let folder_of = |folder: &Path| within(folder, "file").parent().map(Path::to_owned);
+        let (out, frames_at) = (folder_of(&self.out), folder_of(frames));
+        let mut taken: Vec<PathBuf> = self.input.iter().map(|p| place(p)).collect();
+        if frames != self.out {
+            taken.extend(RUN_FILES.map(|name| within(&self.out, name)));
+        }
+        let files = [
+            ("--write-path", &self.frames.write_path),
+            ("--video", &self.frames.video),
+            ("--core", &self.lumen.core),
+            ("--explain", &self.lumen.explain),
+        ];
+        for (flag, file) in files.into_iter().filter_map(|(flag, f)| Some((flag, f.as_ref()?))) {
+            let at = place(file);
+            let folder = at.parent().unwrap_or(&at);
+            let name = at.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+            let fail =
+                |why: &str| Err(CliError::Usage(format!("{flag} {}: {why}", file.display())));
+            if !folder.is_dir() && !out.as_ref().is_some_and(|out| folder.starts_with(out)) {
+                return fail("there is no such folder");
+            }
+            if taken.contains(&at) || (frames_at.as_deref() == Some(folder) && is_frame_file(name))
+            {
+                return fail("an input or another output of this run has that place");
+            }
+            taken.push(at);
+        }
+        Ok(())
+    }
+
     /// Where frames go: into `folder`.
     pub fn recording(&self, folder: PathBuf, global: &Global) -> Recording {
         Recording {
@@ -57,4 +94,16 @@ impl SessionArgs {
             camera_path: self.frames.write_path.clone(),
         }
     }
+}
+
+/// A file's place, by which two names of it compare: links of the folders that are there are
+/// followed.
+fn place(path: &Path) -> PathBuf {
+    let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    for folder in whole.ancestors().skip(1) {
+        if let (Ok(real), Ok(rest)) = (folder.canonicalize(), whole.strip_prefix(folder)) {
+            return real.join(rest);
+        }
+    }
+    whole
 }

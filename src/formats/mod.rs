@@ -20,8 +20,8 @@ pub use image::{encode_png, read_png, write_png};
 pub use mesh::{Space, read_mesh, write_mesh};
 pub use video::{NoFfmpeg, VideoWriter};
 pub use vol::{
-    ImageInfo, InputInfo, ReadOptions, SegmentInfo, SeriesInfo, inspect, read_volume, write_layers,
-    write_vector_field, write_volume,
+    ImageInfo, InputInfo, ReadOptions, SegmentInfo, SeriesInfo, check_data_file, inspect,
+    read_volume, write_layers, write_vector_field, write_volume,
 };
 
 /// Carried by every image and video that leaves, and by the report.

@@ -14,6 +14,20 @@ use crate::lumen::Lumen;
 /// Name of the report in a folder.
 pub const REPORT_FILE: &str = "report.json";
 
+/// Names of all files of a run in its folder; frames have a folder of their own.
+pub const RUN_FILES: [&str; 10] = [
+    REPORT_FILE,
+    "mask.nrrd",
+    "distance.nrrd",
+    "surface.ply",
+    "base.ply",
+    "centerline.vtp",
+    "centerline.csv",
+    "centerline.mrk.json",
+    "branches.vtp",
+    "unseen.csv",
+];
+
 /// Where frames go.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
@@ -77,14 +91,21 @@ impl Session {
     /// What the stages, the drawing and the writing fail with.
     pub fn record(&self, to: &Recording) -> Result<FrameStream, SessionError> {
         self.prepare(&self.needs_of_frames())?;
-        self.write_camera_path(to)?;
+        self.write_camera_path(to, &to.frames)?;
         clear_folder(&to.frames)?;
         self.draw_and_keep_levels(to)
     }
 
-    /// The first thing written: where it fails, no folder was made.
-    fn write_camera_path(&self, to: &Recording) -> Result<(), SessionError> {
+    /// The first thing written: where it fails, no folder was made, save that of the run where the
+    /// path belongs in it.
+    fn write_camera_path(&self, to: &Recording, folder: &Path) -> Result<(), SessionError> {
         let Some(path) = &to.camera_path else { return Ok(()) };
+        let whole = |p: &Path| std::path::absolute(p).map_err(|e| FormatError::io(p, e));
+        if let Some(parent) = whole(path)?.parent().filter(|p| !p.exists())
+            && parent.starts_with(whole(folder)?)
+        {
+            std::fs::create_dir_all(parent).map_err(|e| FormatError::io(parent, e))?;
+        }
         let json = CameraPath::from(&*self.flight()?).to_json();
         Ok(atomic_file::write_atomic(path, |o| o.write_all(json.as_bytes()))?)
     }
@@ -140,7 +161,7 @@ impl Session {
         recording: &Recording,
     ) -> Result<(Report, FrameStream), SessionError> {
         self.prepare(&self.needs_of_frames())?;
-        self.write_camera_path(recording)?;
+        self.write_camera_path(recording, folder)?;
         std::fs::create_dir_all(folder).map_err(|e| FormatError::io(folder, e))?;
         remove_file(&folder.join(REPORT_FILE))?;
         clear_folder(&recording.frames)?;

@@ -34,7 +34,7 @@ pub use centering::{Centered, Visibility};
 pub use clock::{Clock, KernelTime, StageTime};
 pub use error::SessionError;
 pub use fields::{Fields, GreyHessian, HessianSettings, grey_hessian};
-pub use folder::{REPORT_FILE, Recording};
+pub use folder::{REPORT_FILE, RUN_FILES, Recording};
 pub use frames::{DrawnFrame, FrameStream};
 pub use levels::{Levels, LodReport};
 pub use load::{read_any_volume, read_orthogonal_volume};
@@ -53,7 +53,7 @@ pub use settings::{
 };
 pub use stages::Product;
 pub use surface::{DrawnWall, Wall, gradient_normals, smoothed_normals, without_caps};
-pub use writer::FrameWriter;
+pub use writer::{FrameWriter, is_frame_file};
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

@@ -19,7 +19,8 @@ pub fn frame_file(number: usize) -> String {
     format!("frame_{number:05}.png")
 }
 
-fn is_frame_file(name: &str) -> bool {
+/// Whether a name is one that a frame's file has.
+pub fn is_frame_file(name: &str) -> bool {
     let number = name.strip_prefix("frame_").and_then(|n| n.strip_suffix(".png"));
     number.is_some_and(|n| n.len() == 5 && n.bytes().all(|b| b.is_ascii_digit()))
 }

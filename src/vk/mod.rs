@@ -42,7 +42,9 @@ pub use gpu::{Gpu, OpenOptions};
 pub use info::{Choice, DeviceInfo, DeviceKind, MemoryHeap, list};
 pub use instance::{Validate, all_validation_messages};
 pub use presentation::WindowHandles;
-pub use process::{ThreadsError, exit_now, return_freed_memory, set_lavapipe_threads};
+pub use process::{
+    ThreadsError, exit_now, return_freed_memory, set_lavapipe_threads, survive_file_size_limit,
+};
 pub use resources::{BufferId, Format, ImageId, ImageSpec};
 pub use retire::Releaser;
 pub use runner::RunOptions;

@@ -72,6 +72,22 @@ pub fn exit_now(code: i32) -> ! {
     std::process::exit(code)
 }
 
+/// Makes a write beyond the user's largest file size (`ulimit -f`) fail as a full disk does. By
+/// default the system ends the process there, with no word and its temporary files left behind.
+pub fn survive_file_size_limit() {
+    #[cfg(any(target_os = "linux", target_os = "macos"))]
+    {
+        unsafe extern "C" {
+            fn signal(number: std::ffi::c_int, handler: usize) -> usize;
+        }
+        const SIGXFSZ: std::ffi::c_int = 25;
+        const SIG_IGN: usize = 1;
+        // SAFETY: number and handler are the C library's own constants on these systems, and a
+        // signal that is ignored runs no code of ours.
+        unsafe { signal(SIGXFSZ, SIG_IGN) };
+    }
+}
+
 /// Gives freed memory back to the system. The C library keeps what was freed in small pieces for
 /// later requests, for each thread its own: after levels of detail were built for 0.8 million faces
 /// that was some 250 MB which nothing else would use. Where there is no such call, nothing

@@ -1,13 +1,15 @@
 //! MetaImage out: `.mha` compressed, `.mhd` with plain `.raw`.
 
-use std::io::Write;
-use std::path::Path;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use glam::DVec3;
 
 use super::rescale::real_samples;
+use super::source::prefix;
+use super::text::MOST_HEADER;
 use super::{FormatError, lower_name};
 use crate::formats::atomic_file::{AtomicFile, write_atomic};
 use crate::volume::{Grid, SampleType, Volume};
@@ -30,13 +32,13 @@ pub(super) fn write(path: &Path, volume: &Volume) -> Result<(), FormatError> {
             out.write_all(&packed)
         });
     }
-    let raw = path.with_extension("raw");
-    let name = raw.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+    let (raw, name) = data_file(path);
     if name.is_empty() || name.trim() != name || name.contains(|c: char| c.is_control() || c == '%')
     {
         let what = "a name that a MetaImage header cannot hold; use .mha";
         return Err(FormatError::unsupported(path, what));
     }
+    check_data_file(path)?;
     let io = |e| FormatError::io(path, e);
     let mut data = AtomicFile::create(&raw)?;
     data.write_all(samples.bytes()).map_err(io)?;
@@ -44,6 +46,39 @@ pub(super) fn write(path: &Path, volume: &Volume) -> Result<(), FormatError> {
     out.write_all(head.as_bytes()).map_err(io)?;
     writeln!(out, "CompressedData = False\nElementDataFile = {name}").map_err(io)?;
     out.commit_with_data(data)
+}
+
+/// The file of samples that a `.mhd` is written with, and its name.
+fn data_file(header: &Path) -> (PathBuf, String) {
+    let raw = header.with_extension("raw");
+    let name = raw.file_name().and_then(|n| n.to_str()).unwrap_or_default().to_owned();
+    (raw, name)
+}
+
+/// Refuses to write a `.mhd` whose file of samples is there and not its own: another header's
+/// samples, or a file of any other kind, that nobody has asked to replace.
+///
+/// # Errors
+/// [`FormatError::Io`] that names the file.
+pub fn check_data_file(header: &Path) -> Result<(), FormatError> {
+    let (raw, name) = data_file(header);
+    let is_written_apart = lower_name(header).ends_with(".mhd");
+    if !is_written_apart || raw.symlink_metadata().is_err() || names_data(header, &name) {
+        return Ok(());
+    }
+    let why = format!(
+        "it is there and {} does not name it; remove it or choose another name",
+        header.display()
+    );
+    Err(FormatError::io(&raw, io::Error::new(io::ErrorKind::AlreadyExists, why)))
+}
+
+/// Whether a header is there and its data file has this name.
+fn names_data(header: &Path, name: &str) -> bool {
+    let Ok(bytes) = prefix(header, MOST_HEADER) else { return false };
+    let text = String::from_utf8_lossy(&bytes);
+    let mut fields = text.lines().filter_map(|line| line.split_once('='));
+    fields.any(|(key, value)| key.trim() == "ElementDataFile" && value.trim() == name)
 }
 
 fn header(grid: &Grid, sample_type: SampleType) -> String {

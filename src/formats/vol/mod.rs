@@ -23,6 +23,7 @@ mod text;
 use std::path::Path;
 
 pub use info::{ImageInfo, InputInfo, SegmentInfo, SeriesInfo};
+pub use metaimage_write::check_data_file;
 pub use nrrd_write::{write_layers, write_vector_field};
 
 use super::FormatError;

@@ -66,6 +66,10 @@ fn no_failed_write_leaves_an_old_mhd_header_beside_new_samples() {
             failures += usize::from(code == 1);
             let left = names(dir).into_iter().filter(|n| n.starts_with('.')).count();
             assert_eq!(left, 0, "{point}:{n}");
+            // Samples without a header are nobody's to replace.
+            if !dir.join("v.mhd").exists() {
+                let _ = std::fs::remove_file(dir.join("v.raw"));
+            }
         }
     }
     // Two files are filled and renamed, and the folder is synced three times.

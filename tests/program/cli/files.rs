@@ -117,3 +117,77 @@ fn ctrl_c_leaves_no_temporary_file_of_a_video() {
         assert!(!tmp.path().join("v.mp4").exists());
     }
 }
+
+#[test]
+fn samples_of_another_header_are_not_overwritten() {
+    let tmp = tempfile::tempdir().unwrap();
+    let dir = tmp.path();
+    phantom(dir, Kind::Tube, 24);
+    let header = "NDims = 3\nDimSize = 1 1 1\nElementType = MET_UCHAR\nElementSpacing = 1 1 1\n\
+                  ElementDataFile = x.raw\n";
+    std::fs::write(dir.join("y.mhd"), header).unwrap();
+    std::fs::write(dir.join("x.raw"), "A").unwrap();
+    let before = names(dir);
+    let convert = ["convert", "ct.nrrd", "-o", "x.mhd"];
+    let segment = ["segment", "ct.nrrd", "--threshold", ":-455", "-o", "x.mhd"];
+    for args in [&convert[..], &segment] {
+        let out = intima(dir, args);
+        let err = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(1), "{err}");
+        assert!(err.contains("x.raw") && err.contains("does not name it"), "{err}");
+        assert_eq!(std::fs::read(dir.join("x.raw")).unwrap(), b"A");
+        assert_eq!(names(dir), before);
+    }
+    // Its own it replaces, and any place that is free it takes.
+    for _ in 0..2 {
+        works(dir, &["convert", "ct.nrrd", "-o", "z.mhd"]);
+    }
+}
+
+#[test]
+fn a_camera_path_goes_into_the_folder_of_a_run_and_never_onto_its_report() {
+    let tmp = tempfile::tempdir().unwrap();
+    let dir = tmp.path();
+    phantom(dir, Kind::Bend, 32);
+    let args = ["--mask", "mask.nrrd", "--frames", "2", "--size", "64x48", "--lod", "off"];
+    for (command, files) in [
+        ("run", &["--write-path=o/report.json", "--write-path=./o/mask.nrrd"][..]),
+        ("run", &["--write-path=o/frames/frame_00002.png", "--core=o/mask.nrrd"]),
+        ("run", &["--write-path=x.nrrd --core=x.nrrd", "--explain=nowhere/e.png"]),
+        ("record", &["--write-path=o/frame_00001.png", "--video=nowhere/v.mp4"]),
+    ] {
+        for flags in files {
+            let flags: Vec<&str> = flags.split(' ').collect();
+            let out = intima(dir, &[&[command], &args[..], &flags, &["--out", "o"]].concat());
+            assert_eq!(out.status.code(), Some(2), "{flags:?}");
+            assert_eq!(names(dir), ["ct.nrrd", "mask.nrrd"], "{flags:?}");
+        }
+    }
+    if !can_draw() {
+        return;
+    }
+    for (command, path) in [("run", "o/path.json"), ("record", "./f/path.json")] {
+        let folder = &path.trim_start_matches("./")[..1];
+        let flags = ["--out", folder, "--write-path", path];
+        works(dir, &[&[command], &args[..], &flags].concat());
+        assert!(dir.join(path).is_file(), "{path}");
+    }
+}
+
+#[test]
+fn a_limit_of_file_size_is_said_and_leaves_no_file() {
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Tube, 48);
+    let before = names(tmp.path());
+    for output in ["o.nrrd", "o.mhd", "o.ply"] {
+        let program = env!("CARGO_BIN_EXE_intima");
+        let command =
+            if output == "o.ply" { "surface --mask mask.nrrd" } else { "convert ct.nrrd" };
+        let line = format!("ulimit -f 8; exec {program} {command} -o {output}");
+        let ran = Command::new("sh").args(["-c", &line]).current_dir(tmp.path()).output().unwrap();
+        let err = String::from_utf8_lossy(&ran.stderr);
+        assert_eq!(ran.status.code(), Some(1), "{output}: {:?} {err}", ran.status);
+        assert!(err.contains("too large"), "{err}");
+        assert_eq!(names(tmp.path()), before);
+    }
+}
