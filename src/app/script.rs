@@ -12,7 +12,7 @@ use super::panes::Detail;
 use super::session_file::SessionFile;
 use super::stage::{After, Files, Stage, Target};
 use super::study::{Case, News, Study};
-use crate::formats::{FormatError, write_png};
+use crate::formats::{FormatError, read_plain, write_png};
 use crate::lod::Tolerance;
 use crate::vk::{BufferId, Format, Frame, Gpu, ImageId, ImageSpec};
 
@@ -112,13 +112,8 @@ impl Script {
     /// # Errors
     /// [`AppError::Script`] with the step that is wrong; [`AppError::Format`].
     pub fn read(path: &Path) -> Result<Self, AppError> {
-        use std::io::Read as _;
         const MAX_BYTES: u64 = 16 << 20;
-        let io = |e| FormatError::io(path, e);
-        let mut bytes = Vec::new();
-        let file = std::fs::File::open(path).map_err(io)?;
-        file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
-        Self::parse(&bytes)
+        Self::parse(&read_plain(path, MAX_BYTES + 1)?)
     }
 
     /// Checks the text of a script.

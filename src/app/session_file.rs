@@ -1,7 +1,6 @@
 //! Notes on a volume as a file: bookmarks and how the window was set. Geometry only; nothing of a
 //! patient.
 
-use std::io::Read as _;
 use std::path::Path;
 
 use glam::{DQuat, DVec3};
@@ -10,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::AppError;
 use super::measure::Measurement;
 use super::model::{Bookmark, Model};
-use crate::formats::{FormatError, atomic_file};
+use crate::formats::{FormatError, atomic_file, read_plain};
 
 /// Name and version of the format.
 pub const SESSION_SCHEMA: &str = "intima.session/1";
@@ -66,10 +65,7 @@ impl SessionFile {
     /// that are none. [`AppError::Format`] if it cannot be read.
     pub fn read(path: &Path) -> Result<Self, AppError> {
         let bad = |what: String| AppError::SessionFile { path: path.to_owned(), what };
-        let io = |e| FormatError::io(path, e);
-        let mut bytes = Vec::new();
-        let file = std::fs::File::open(path).map_err(io)?;
-        file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
+        let bytes = read_plain(path, MAX_BYTES + 1)?;
         if bytes.len() as u64 > MAX_BYTES {
             return Err(bad(format!("larger than {MAX_BYTES} bytes")));
         }

@@ -1,12 +1,11 @@
 //! Flags of the frames of a flight.
 
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use super::CliError;
 use super::global::Global;
 use crate::flight::{CameraPath, Frames};
-use crate::formats::{FormatError, VideoWriter, atomic_file};
+use crate::formats::{VideoWriter, atomic_file, read_plain};
 use crate::render::View;
 use crate::session::{FlightRoute, FlightSettings, LevelSettings, Lod};
 
@@ -179,9 +178,5 @@ impl LevelArgs {
 }
 
 fn read_script(path: &Path) -> Result<CameraPath, CliError> {
-    let io = |e| FormatError::io(path, e);
-    let mut bytes = Vec::new();
-    let file = std::fs::File::open(path).map_err(io)?;
-    file.take(crate::flight::MAX_BYTES as u64 + 1).read_to_end(&mut bytes).map_err(io)?;
-    Ok(CameraPath::parse(&bytes)?)
+    Ok(CameraPath::parse(&read_plain(path, crate::flight::MAX_BYTES as u64 + 1)?)?)
 }

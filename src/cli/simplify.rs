@@ -8,7 +8,7 @@ use super::CliError;
 use super::global::{Global, MESHES};
 use super::mode::ModeArg;
 use super::repeat::timed;
-use crate::formats::{FormatError, Space, atomic_file, read_mesh, write_mesh};
+use crate::formats::{FormatError, Space, atomic_file, read_mesh, read_plain, write_mesh};
 use crate::geometry::Mesh;
 use crate::mesh::{
     Deviation, MeshError, Metric, Parameterization, Repairs, Simplified, SimplifyOptions,
@@ -213,7 +213,7 @@ impl Args {
             let what = "larger than any parameterisation of this mesh";
             return Err(CliError::Input(format!("{}: {what}", path.display())));
         }
-        let bytes = std::fs::read(path).map_err(io)?;
+        let bytes = read_plain(path, most)?;
         let maps = Parameterization::from_bytes(&bytes, mesh)
             .map_err(|e| CliError::Input(format!("{}: {e}", path.display())))?;
         let base = base_mesh(mesh, &maps);

@@ -1,11 +1,10 @@
 //! PNG: 8-bit RGB, with the notice in its text chunks.
 
-use std::fs::File;
 use std::io::{BufReader, Write};
 use std::path::Path;
 
 use super::error::FieldValue;
-use super::{FormatError, NOTICE, atomic_file};
+use super::{FormatError, NOTICE, atomic_file, open_plain};
 
 /// Most pixels of a picture that is read back; a hostile header asks for no more memory than this.
 const MAX_PIXELS: u64 = 1 << 28;
@@ -42,7 +41,7 @@ pub fn write_png(path: &Path, width: u32, height: u32, rgb: &[u8]) -> Result<(),
 /// # Errors
 /// [`FormatError`] if the file cannot be read, is damaged or holds another kind of picture.
 pub fn read_png(path: &Path) -> Result<(u32, u32, Vec<u8>), FormatError> {
-    let file = File::open(path).map_err(|e| FormatError::io(path, e))?;
+    let file = open_plain(path)?;
     let bad = |e: png::DecodingError| match e {
         png::DecodingError::IoError(e) => FormatError::io(path, e),
         e => FormatError::text(path, "PNG data", damage(&e)),

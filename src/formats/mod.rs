@@ -21,7 +21,7 @@ pub use mesh::{Space, read_mesh, write_mesh};
 pub use video::{NoFfmpeg, VideoWriter};
 pub use vol::{
     ImageInfo, InputInfo, ReadOptions, SegmentInfo, SeriesInfo, check_data_file, inspect,
-    read_volume, write_layers, write_vector_field, write_volume,
+    open_plain, read_plain, read_volume, write_layers, write_vector_field, write_volume,
 };
 
 /// Carried by every image and video that leaves, and by the report.

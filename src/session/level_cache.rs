@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::formats::{FormatError, atomic_file};
+use crate::formats::{FormatError, atomic_file, read_plain};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{self, Clusters};
 
@@ -29,7 +29,7 @@ pub(super) fn read(path: &Path, mesh: &Mesh, vertices: &[Vertex]) -> Option<Clus
     if std::fs::metadata(path).ok()?.len() > most {
         return None;
     }
-    Clusters::from_bytes(&std::fs::read(path).ok()?, mesh, vertices).ok()
+    Clusters::from_bytes(&read_plain(path, most).ok()?, mesh, vertices).ok()
 }
 
 /// Writes a file and removes the oldest ones beyond the capacity.

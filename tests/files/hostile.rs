@@ -375,3 +375,55 @@ proptest! {
         prop_assert!(peak_kib() < before + 400_000, "{} {}", before, peak_kib());
     }
 }
+
+/// Six links to itself at each of eight depths would be 1.7 million folders.
+#[cfg(unix)]
+#[test]
+fn a_folder_of_links_to_itself_is_searched_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    for (n, position) in [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]].into_iter().enumerate() {
+        let slice = volumes::Slice { position, ..volumes::Slice::default() };
+        std::fs::write(at(&n.to_string()), dicom_slice(&slice)).unwrap();
+    }
+    for n in 0..6 {
+        std::os::unix::fs::symlink(".", at(&format!("link{n}"))).unwrap();
+    }
+    std::os::unix::fs::symlink(dir.path(), at("whole")).unwrap();
+    let began = std::time::Instant::now();
+    let info = inspect(dir.path(), &ReadOptions::default()).unwrap();
+    println!("{:.3} s, {:?}", began.elapsed().as_secs_f64(), info.notes);
+    assert_eq!(info.image.unwrap().dims[2], 2);
+    assert!(info.notes.is_empty(), "{:?}", info.notes);
+    assert!(began.elapsed().as_secs() < 10);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_header_does_not_follow_a_link_out_of_its_folder() {
+    let dir = tempfile::tempdir().unwrap();
+    let inner = dir.path().join("inner");
+    std::fs::create_dir(&inner).unwrap();
+    let outside = dir.path().join("secret.raw");
+    std::fs::write(&outside, [7; 8]).unwrap();
+    let nhdr = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nspacings: 1 1 1\n\
+                encoding: raw\ndata file: d.raw\n\n";
+    let mhd = "NDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nElementSpacing = 1 1 1\n\
+               ElementDataFile = d.raw\n";
+    for (name, header) in [("a.nhdr", nhdr), ("a.mhd", mhd)] {
+        let header_path = inner.join(name);
+        std::fs::write(&header_path, header).unwrap();
+        let data = inner.join("d.raw");
+        for to in [outside.as_path(), Path::new("../secret.raw")] {
+            std::os::unix::fs::symlink(to, &data).unwrap();
+            let said = read(&header_path).unwrap_err().to_string();
+            assert!(said.contains("link out of the header's folder"), "{said}");
+            std::fs::remove_file(&data).unwrap();
+        }
+        // Within the folder links are followed.
+        std::fs::write(inner.join("real.raw"), [7; 8]).unwrap();
+        std::os::unix::fs::symlink("real.raw", &data).unwrap();
+        read(&header_path).unwrap();
+        std::fs::remove_file(&data).unwrap();
+    }
+}

@@ -16,7 +16,7 @@ use std::str::FromStr;
 
 use glam::Vec3;
 
-use super::FormatError;
+use super::{FormatError, read_plain};
 use crate::geometry::Mesh;
 use raw_mesh::RawMesh;
 
@@ -64,7 +64,7 @@ pub fn read_mesh(path: &Path, space: Option<Space>) -> Result<(Mesh, Vec<String>
             return Err(FormatError::unsupported(path, what));
         }
     };
-    let bytes = std::fs::read(path).map_err(|e| FormatError::io(path, e))?;
+    let bytes = read_plain(path, u64::MAX)?;
     let mut counted = RawMesh::default();
     read(path, &bytes, &mut counted)?;
     let mut raw = RawMesh::keeping(path, &counted)?;

@@ -25,6 +25,7 @@ use std::path::Path;
 pub use info::{ImageInfo, InputInfo, SegmentInfo, SeriesInfo};
 pub use metaimage_write::check_data_file;
 pub use nrrd_write::{write_layers, write_vector_field};
+pub use source::{open_plain, read_plain};
 
 use super::FormatError;
 use crate::volume::Volume;

@@ -13,7 +13,7 @@ use glam::{DMat3, DQuat, DVec3};
 use super::FormatError;
 use super::affine::{RAS, grid, grid_from_steps};
 use super::layout::{Encoding, Layout, must_swap};
-use super::source::{Source, fill, prefix};
+use super::source::{Source, fill, is_within_folder, prefix};
 use crate::volume::{Grid, Rescale, SampleType};
 
 const HEADER: usize = 348;
@@ -45,6 +45,10 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
         }
     };
     let file = if single { header_path.clone() } else { image_path };
+    if !single && !is_within_folder(&header_path, &file) && file.exists() {
+        let why = "the image beside the header is a link out of its folder";
+        return Err(FormatError::text(path, "image", why));
+    }
     let start = offset(path, &h, single)?;
     let gz = prefix(&file, 2)? == [0x1f, 0x8b];
     let mut notes = Vec::new();

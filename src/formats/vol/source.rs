@@ -15,14 +15,10 @@ pub(super) struct Source {
 }
 
 impl Source {
-    /// Opens a regular file; a pipe would block and a device has no size to check against.
+    /// Opens a regular file.
     pub fn open(path: &Path) -> Result<Self, FormatError> {
-        let io = |e| FormatError::io(path, e);
-        if !std::fs::metadata(path).map_err(io)?.is_file() {
-            return Err(FormatError::unsupported(path, "an input that is not a plain file"));
-        }
-        let file = File::open(path).map_err(io)?;
-        let len = file.metadata().map_err(io)?.len();
+        let file = open_plain(path)?;
+        let len = file.metadata().map_err(|e| FormatError::io(path, e))?.len();
         Ok(Self { file, len })
     }
 
@@ -49,7 +45,30 @@ impl Seek for Source {
     }
 }
 
-/// The first bytes of a file, at most `most` of them.
+/// Opens a regular file to read: a pipe would block, and a device has no end.
+///
+/// # Errors
+/// [`FormatError`]: it is not there, cannot be read, or is something else.
+pub fn open_plain(path: &Path) -> Result<File, FormatError> {
+    let io = |e| FormatError::io(path, e);
+    if !std::fs::metadata(path).map_err(io)?.is_file() {
+        return Err(FormatError::unsupported(path, "an input that is not a plain file"));
+    }
+    File::open(path).map_err(io)
+}
+
+/// The first bytes of a regular file, at most `most` of them.
+///
+/// # Errors
+/// As [`open_plain`].
+pub fn read_plain(path: &Path, most: u64) -> Result<Vec<u8>, FormatError> {
+    let mut bytes = Vec::new();
+    let file = open_plain(path)?;
+    file.take(most).read_to_end(&mut bytes).map_err(|e| FormatError::io(path, e))?;
+    Ok(bytes)
+}
+
+/// The same through [`Source`], whose reading can be made to end early.
 pub(super) fn prefix(path: &Path, most: u64) -> Result<Vec<u8>, FormatError> {
     let mut bytes = Vec::new();
     Source::open(path)?.take(most).read_to_end(&mut bytes).map_err(|e| FormatError::io(path, e))?;
@@ -87,8 +106,21 @@ pub(super) fn sibling(header: &Path, field: &str, name: &str) -> Result<PathBuf,
     }
     let path = header.parent().unwrap_or(Path::new("")).join(relative);
     // Its name is text of the header, so it is the field that is named where it cannot be read.
-    match std::fs::metadata(&path).map(|m| m.is_file()) {
-        Ok(true) => Ok(path),
-        _ => Err(FormatError::text(header, field, "the file it names is not there")),
+    if !std::fs::metadata(&path).is_ok_and(|m| m.is_file()) {
+        return Err(FormatError::text(header, field, "the file it names is not there"));
+    }
+    if !is_within_folder(header, &path) {
+        let why = "the file it names is a link out of the header's folder";
+        return Err(FormatError::text(header, field, why));
+    }
+    Ok(path)
+}
+
+/// Whether a file, all links followed, lies in the folder of a header or below it.
+pub(super) fn is_within_folder(header: &Path, file: &Path) -> bool {
+    let folder = header.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    match (folder.canonicalize(), file.canonicalize()) {
+        (Ok(folder), Ok(file)) => file.starts_with(folder),
+        _ => false,
     }
 }

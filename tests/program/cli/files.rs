@@ -191,3 +191,47 @@ fn a_limit_of_file_size_is_said_and_leaves_no_file() {
         assert_eq!(names(tmp.path()), before);
     }
 }
+
+#[test]
+fn a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for() {
+    let tmp = tempfile::tempdir().unwrap();
+    let dir = tmp.path();
+    phantom(dir, Kind::Tube, 24);
+    for name in ["p.stl", "p.nrrd", "p.json", "p.dcm", "p.maps"] {
+        let made = Command::new("mkfifo").arg(dir.join(name)).status().unwrap();
+        assert!(made.success());
+    }
+    works(dir, &["surface", "--mask", "mask.nrrd", "-o", "s.ply"]);
+    let mut commands = vec![
+        vec!["fair", "p.stl", "-o", "o.ply"],
+        vec!["simplify", "p.stl", "--faces", "50", "-o", "o.ply"],
+        vec!["simplify", "s.ply", "--from-maps", "p.maps", "-o", "o.ply"],
+        vec!["segment", "p.stl", "-o", "o.nrrd"],
+        vec!["info", "p.nrrd"],
+        vec!["info", "p.dcm"],
+        vec!["segment", "--mask", "p.nrrd", "-o", "o.nrrd"],
+        vec!["record", "--mask", "mask.nrrd", "--path", "p.json", "--out", "f"],
+    ];
+    if cfg!(feature = "window") {
+        let args = ["fly", "--mask", "mask.nrrd", "--frames-out", "s", "--script"];
+        std::fs::write(dir.join("none.json"), r#"{"schema":"intima.script/1","steps":[]}"#)
+            .unwrap();
+        commands.push([&args[..], &["p.json"]].concat());
+        commands.push([&args[..], &["none.json", "--session", "p.json"]].concat());
+    }
+    for args in commands {
+        let mut child = start(dir, &args);
+        let since = Instant::now();
+        let status = loop {
+            if let Some(status) = child.try_wait().unwrap() {
+                break status.code();
+            }
+            if since.elapsed() > Duration::from_secs(30) {
+                child.kill().unwrap();
+                panic!("{args:?} waits");
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        assert_eq!(status, Some(3), "{args:?}");
+    }
+}

@@ -18,7 +18,7 @@ mod syntax;
 mod upright;
 mod walk;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -255,24 +255,34 @@ fn find(path: &Path) -> Result<Found, FormatError> {
 /// Folders below the one that is opened: media have patient, study and series.
 const MOST_DEPTH: usize = 8;
 
-/// Plain files in a folder and those below it, in the order of their names.
+/// Plain files in a folder and those below it, in the order of their names. A folder that links
+/// lead to again is read once, at the place that is found first.
 fn files_in(folder: &Path) -> Result<Vec<PathBuf>, FormatError> {
     let mut files = Vec::new();
-    let mut folders = vec![(folder.to_owned(), 0)];
-    while let Some((at, depth)) = folders.pop() {
+    let mut folders = VecDeque::from([(folder.to_owned(), 0)]);
+    let mut seen = BTreeSet::new();
+    let mut entries = 0;
+    while let Some((at, depth)) = folders.pop_front() {
         let io = |e| FormatError::io(&at, e);
+        if !seen.insert(at.canonicalize().map_err(io)?) {
+            continue;
+        }
+        let mut below = Vec::new();
         for entry in std::fs::read_dir(&at).map_err(io)? {
             let entry = entry.map_err(io)?.path();
             if entry.is_dir() && depth < MOST_DEPTH {
-                folders.push((entry, depth + 1));
+                below.push(entry);
             } else if entry.is_file() {
                 files.push(entry);
             }
-            if files.len() > MOST_FILES {
+            entries += 1;
+            if entries > MOST_FILES {
                 let what = format!("a folder of more than {MOST_FILES} files");
                 return Err(FormatError::unsupported(folder, what));
             }
         }
+        below.sort();
+        folders.extend(below.into_iter().map(|f| (f, depth + 1)));
     }
     files.sort();
     Ok(files)
