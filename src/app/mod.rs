@@ -40,7 +40,7 @@ pub use window::{WindowOptions, open};
 
 use std::path::PathBuf;
 
-use crate::formats::FormatError;
+use crate::formats::{FormatError, shown};
 use crate::render::RenderError;
 use crate::session::SessionError;
 use crate::vk::VkError;
@@ -73,7 +73,7 @@ pub enum AppError {
         what: String,
     },
     /// An invalid session file, or one of another volume.
-    #[error("{}: {what}", .path.display())]
+    #[error("{}: {what}", shown(.path))]
     SessionFile {
         /// The file.
         path: PathBuf,

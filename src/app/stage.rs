@@ -17,7 +17,7 @@ use super::panes::{Detail, Panes};
 use super::study::{Change, Study};
 use super::ui::{self, INSIDE, OVERVIEW, UiState};
 use super::{AppError, News};
-use crate::formats::encode_png;
+use crate::formats::{encode_png, shown};
 use crate::geometry::cube_faces;
 use crate::lod::Tolerance;
 use crate::render::{FlatMesh, FlatVertex, Overlay};
@@ -295,7 +295,7 @@ impl Stage {
             let name = export::free_name(&self.files.export, "view");
             let png = encode_png(width, height, &rgb);
             let written = export::write(&self.files.export, &name, &png);
-            self.say(written.map(|path| format!("wrote {}", path.display())));
+            self.say(written.map(|path| format!("wrote {}", shown(&path))));
         }
         Ok(())
     }
@@ -303,7 +303,7 @@ impl Stage {
     fn export_report(&mut self) {
         let html = export::report_html(&self.model, self.files.beside_session().map(|f| f.0));
         let written = export::write(&self.files.export, "report.html", html.as_bytes());
-        self.say(written.map(|path| format!("wrote {}", path.display())));
+        self.say(written.map(|path| format!("wrote {}", shown(&path))));
     }
 
     /// Draws what was laid out; `send` submits the frame.

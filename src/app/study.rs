@@ -11,7 +11,7 @@ use glam::DVec3;
 use super::action::{Action, LumenChoice};
 use super::colouring::WallRadii;
 use crate::flight::{Coverage, Flight, Frames, SectionFigures, WallIndex};
-use crate::formats::{InputInfo, ReadOptions, VideoWriter};
+use crate::formats::{InputInfo, ReadOptions, VideoWriter, shown};
 use crate::geometry::TriangleBvh;
 use crate::lumen::IntensitySelection;
 use crate::render::PreparedMesh;
@@ -269,7 +269,7 @@ impl Study {
                 Ok(stream) => {
                     let n = stream.report().count;
                     let what = if has_video { " and flight.mp4" } else { "; no ffmpeg, no video" };
-                    format!("wrote {n} frames to {}{what}", frames.display())
+                    format!("wrote {n} frames to {}{what}", shown(&frames))
                 }
                 Err(e) => format!("the flight is not written: {e}"),
             };

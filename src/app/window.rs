@@ -18,6 +18,7 @@ use super::panes::Detail;
 use super::session_file::SessionFile;
 use super::stage::{After, Files, Stage, Target};
 use super::study::{Case, Change, News, Study};
+use crate::formats::shown;
 use crate::lod::Tolerance;
 use crate::vk::{Choice, Gpu, OpenOptions, WindowHandles};
 
@@ -382,7 +383,7 @@ impl Running {
             self.has_notes = true;
             if let Err(what) = notes.apply(&mut self.stage.model) {
                 let file = options.session_file.clone().unwrap_or_default();
-                tracing::error!("{}: {what}", file.display());
+                tracing::error!("{}: {what}", shown(&file));
                 self.stage.model.failure = Some(what);
             }
         }

@@ -9,7 +9,7 @@ use super::mode::ModeArg;
 use super::record::modes;
 use super::repeat::timed_products;
 use crate::centerline::{Loops, Radius};
-use crate::formats::{atomic_file, write_branches, write_centerline};
+use crate::formats::{atomic_file, shown, write_branches, write_centerline};
 use crate::session::{CenterlineReport, CenterlineSettings, Product, Session, Settings};
 
 /// `intima centerline INPUT LUMEN -o LINE`
@@ -125,7 +125,7 @@ impl Args {
         let of_tree = report.tree.as_ref().map(|t| format!("\n  tree: {t}")).unwrap_or_default();
         global.say(format_args!(
             "wrote {}: {} points, {:.1} mm, {} branch{}, clearance at least {:.2} mm{of_tree}",
-            self.output.display(),
+            shown(&self.output),
             report.points,
             report.length_mm,
             report.branches,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::CliError;
 use super::dicom_args::DicomArgs;
 use super::global::{Global, VOLUMES};
-use crate::formats::write_volume;
+use crate::formats::{shown, write_volume};
 use crate::session::{InputReport, VolumeSource, read_any_volume};
 
 /// `intima convert INPUT -o VOLUME`
@@ -28,7 +28,7 @@ impl Args {
         let source = VolumeSource::File { path: self.input.clone(), options: self.dicom.options() };
         let volume = read_any_volume(&source, global.max_memory)?;
         write_volume(&self.output, &volume)?;
-        global.say(format_args!("wrote {}", self.output.display()))?;
+        global.say(format_args!("wrote {}", shown(&self.output)))?;
         global.answer(&InputReport::of(&volume))
     }
 }

@@ -6,7 +6,7 @@ use super::CliError;
 use super::global::{Global, VOLUMES};
 use super::lumen_args::LumenArgs;
 use super::repeat::timed_products;
-use crate::formats::write_volume;
+use crate::formats::{shown, write_volume};
 use crate::session::{Product, Session, Settings};
 use crate::volume::{Samples, Volume};
 
@@ -42,7 +42,7 @@ impl Args {
         let deepest = field.iter().copied().fold(0.0f32, f32::max);
         global.say(format_args!(
             "wrote {}: {} inside voxels, deepest {deepest:.3} mm",
-            self.output.display(),
+            shown(&self.output),
             lumen.inside_voxels()
         ))?;
         let timing = timing

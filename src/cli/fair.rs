@@ -8,7 +8,7 @@ use super::CliError;
 use super::global::{Global, MESHES};
 use super::repeat::timed;
 use super::surface_args::FairArgs;
-use crate::formats::{Space, read_mesh, write_mesh};
+use crate::formats::{Space, read_mesh, shown, write_mesh};
 use crate::session::{
     Clock, VolumeSource, gradient_normals, read_orthogonal_volume, smoothed_normals,
 };
@@ -45,7 +45,7 @@ impl Args {
         let (mut mesh, warnings) = read_mesh(&self.mesh, self.space)?;
         warnings.iter().for_each(|w| global.warn(w));
         if mesh.faces.is_empty() {
-            return Err(CliError::Input(format!("{}: the mesh has no faces", self.mesh.display())));
+            return Err(CliError::Input(format!("{}: the mesh has no faces", shown(&self.mesh))));
         }
         mesh.caps.clear();
         let smoothing = self.fair.smoothing()?.unwrap_or(Smoothing::Multiscale);
@@ -81,7 +81,7 @@ impl Args {
         write_mesh(&self.output, &mesh)?;
         global.say(format_args!(
             "wrote {}: {} vertices, vertices unmoved",
-            self.output.display(),
+            shown(&self.output),
             mesh.positions.len()
         ))?;
         global

@@ -11,6 +11,7 @@ use super::surface_args::SurfaceArgs;
 use crate::app::{self, AppError, Case, Playing, Script, WindowOptions};
 use crate::device::DeviceChoice;
 use crate::flight::Frames;
+use crate::formats::shown;
 use crate::lod::Tolerance;
 use crate::session::{FlightSettings, Lod, Settings};
 use crate::vk::{Choice, Gpu};
@@ -97,11 +98,7 @@ impl Args {
                     tolerance,
                 };
                 let pictures = app::play(&mut gpu, case, &script, &with)?;
-                global.say(format_args!(
-                    "wrote {} pictures to {}",
-                    pictures.len(),
-                    folder.display()
-                ))
+                global.say(format_args!("wrote {} pictures to {}", pictures.len(), shown(folder)))
             }
             _ => {
                 let options = WindowOptions {

@@ -8,7 +8,7 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 
 use super::CliError;
 use crate::device::{Device, DeviceChoice};
-use crate::formats::{atomic_file, check_data_file};
+use crate::formats::{atomic_file, check_data_file, shown};
 use crate::session::{Settings, peak_memory_mb};
 
 /// Global flags.
@@ -84,18 +84,16 @@ impl Global {
         if !extensions.iter().any(|e| name.len() > e.len() && name.ends_with(e)) {
             return Err(CliError::Usage(format!(
                 "{}: the output is one of {}",
-                path.display(),
+                shown(path),
                 extensions.join(", ")
             )));
         }
         check_data_file(path)?;
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
         match folder {
-            Some(f) if !f.is_dir() => Err(CliError::Usage(format!(
-                "{}: there is no folder {}",
-                path.display(),
-                f.display()
-            ))),
+            Some(f) if !f.is_dir() => {
+                Err(CliError::Usage(format!("{}: there is no folder {}", shown(path), shown(f))))
+            }
             _ => Ok(()),
         }
     }

@@ -10,7 +10,7 @@ use super::lumen_args::LumenArgs;
 use super::repeat::{Timing, timed, timed_products};
 use crate::compute::Array;
 use crate::field::Response;
-use crate::formats::{write_vector_field, write_volume};
+use crate::formats::{shown, write_vector_field, write_volume};
 use crate::lumen::Lumen;
 use crate::session::{Clock, HessianSettings, Product, Session, Settings, grey_hessian};
 use crate::volume::{Grid, Samples, Volume};
@@ -83,7 +83,7 @@ impl Args {
             copied += start.elapsed();
             write_volume(&self.output, &Volume::new(lumen.grid, Samples::from(dense)))?;
         }
-        global.say(format_args!("wrote {} (sigma {sigma} mm)", self.output.display()))?;
+        global.say(format_args!("wrote {} (sigma {sigma} mm)", shown(&self.output)))?;
         global.answer(&timing.with("sigma_mm", sigma).with("dense_s", copied.as_secs_f64()))
     }
 

@@ -7,7 +7,7 @@ use glam::{DVec3, UVec3};
 use super::CliError;
 use super::dicom_args::DicomArgs;
 use super::global::{Global, VOLUMES};
-use crate::formats::{ReadOptions, write_png, write_volume};
+use crate::formats::{ReadOptions, shown, write_png, write_volume};
 use crate::lumen::IntensitySelection;
 use crate::organ::{self, Organ, OrganOptions};
 use crate::session::{LumenSettings, Seed, Session, Source, VolumeSource, WallMethod};
@@ -162,7 +162,7 @@ impl LumenArgs {
         let mut voxels = vec![0u8; grid.len()];
         core.voxels().voxels().for_each(|v| voxels[grid.index(v)] = 1);
         write_volume(file, &Volume::new(grid, Samples::from(voxels)))?;
-        global.say(format_args!("wrote {}", file.display()))
+        global.say(format_args!("wrote {}", shown(file)))
     }
 
     fn draw_organ(&self, session: &Session, global: &Global) -> Result<(), CliError> {
@@ -173,7 +173,7 @@ impl LumenArgs {
             segmented.organ.iter().flat_map(|o| &o.segments).map(|s| s.seed).collect();
         let (width, height, rgb) = organ::explain(&volume, &segmented.lumen, &seeds);
         write_png(file, width, height, &rgb)?;
-        global.say(format_args!("wrote {}", file.display()))
+        global.say(format_args!("wrote {}", shown(file)))
     }
 
     /// Which voxels are the lumen.

@@ -35,6 +35,8 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
+use crate::formats::{shown, shown_lines};
+
 use global::Global;
 
 /// Fly through a hollow organ inside a CT or MR volume.
@@ -100,10 +102,11 @@ pub fn main() -> ExitCode {
 
 /// Parses arguments (the program's name first) and runs them.
 pub fn main_with(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
-    let cli = match Cli::try_parse_from(args) {
+    let args: Vec<_> = args.into_iter().collect();
+    let cli = match Cli::try_parse_from(&args) {
         Ok(cli) => cli,
         Err(e) => {
-            let _ = e.print();
+            print_usage_error(&e, &args);
             return ExitCode::from(if e.use_stderr() { 2 } else { 0 });
         }
     };
@@ -117,7 +120,7 @@ pub fn main_with(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode
         // A reader that has seen enough closes the pipe; that is not our failure.
         Err(e) if e.is_broken_pipe() => 0,
         Err(e) => {
-            eprintln!("intima: {e}");
+            eprintln!("intima: {}", for_terminal(&e.to_string(), &args));
             global.refuse(&e);
             e.exit_code()
         }
@@ -128,6 +131,29 @@ pub fn main_with(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode
     eprintln!("intima: failed: {} message(s) of Vulkan's validation, see above", said.len());
     // An error keeps its own code.
     ExitCode::from(code.max(1))
+}
+
+/// Prints what is wrong with the arguments: in colours, unless they hold control characters.
+fn print_usage_error(error: &clap::Error, args: &[std::ffi::OsString]) {
+    let text = error.render().to_string();
+    let safe = for_terminal(&text, args);
+    match text == safe {
+        true => drop(error.print()),
+        false => eprint!("{safe}"),
+    }
+}
+
+/// A text with its lines, and with the control characters and line ends of arguments, which names
+/// of files may hold, as escapes.
+fn for_terminal(text: &str, args: &[std::ffi::OsString]) -> String {
+    let mut text = text.to_owned();
+    for arg in args {
+        let (arg, escaped) = (arg.to_string_lossy(), shown(arg.as_ref()));
+        if *arg != escaped {
+            text = text.replace(&*arg, &escaped);
+        }
+    }
+    shown_lines(&text)
 }
 
 impl Command {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::CliError;
 use super::global::{Global, VOLUMES};
-use crate::formats::{write_centerline, write_volume};
+use crate::formats::{shown, write_centerline, write_volume};
 use crate::geometry::{Attachment, Branch, Centerline, CenterlinePoint};
 use crate::volume::phantom::{Kind, Phantom, Truth};
 
@@ -54,7 +54,7 @@ impl Args {
         if let Some(path) = &self.truth {
             write_centerline(path, &axis(&truth))?;
         }
-        global.say(format_args!("wrote {}", self.output.display()))?;
+        global.say(format_args!("wrote {}", shown(&self.output)))?;
         global.answer(&serde_json::json!({
             "kind": self.kind.name(),
             "dims": volume.grid.dims.to_array(),

@@ -4,6 +4,7 @@ use super::CliError;
 use super::global::Global;
 use super::repeat::timed_products;
 use super::session_args::SessionArgs;
+use crate::formats::shown;
 use crate::session::{CenterlineReport, Mode, Modes, Product, Session};
 
 /// `intima record INPUT LUMEN --out DIR`
@@ -38,7 +39,7 @@ impl Args {
         global.say(format_args!(
             "wrote {} frames to {} ({:.1} s of flight)",
             frames.count,
-            self.flags.out.display(),
+            shown(&self.flags.out),
             frames.flight_seconds
         ))?;
         global.answer_only(&report)

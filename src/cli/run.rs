@@ -7,6 +7,7 @@ use super::global::Global;
 use super::record::modes;
 use super::repeat::timed_products;
 use super::session_args::SessionArgs;
+use crate::formats::shown;
 use crate::session::{Product, Report};
 
 /// `intima run INPUT LUMEN --out DIR`
@@ -49,7 +50,7 @@ impl Args {
 }
 
 fn summary(r: &Report, out: &Path) -> String {
-    let mut s = format!("wrote {}\n", out.display());
+    let mut s = format!("wrote {}\n", shown(out));
     if let (Some(l), Some(w), Some(c), Some(f)) = (&r.lumen, &r.surface, &r.centerline, &r.frames) {
         s += &format!(
             "  lumen       {} voxels, {:.2} ml, {} bricks\n",

@@ -7,7 +7,7 @@ use super::global::{Global, VOLUMES};
 use super::lumen_args::LumenArgs;
 use super::repeat::timed_products;
 use crate::device::DeviceChoice;
-use crate::formats::write_volume;
+use crate::formats::{shown, write_volume};
 use crate::session::{LumenReport, OrganReport, Product, Session, Settings, WallReport};
 use crate::volume::{Samples, Volume};
 
@@ -46,7 +46,7 @@ impl Args {
         self.lumen.write_choice(&session, global)?;
         global.say(format_args!(
             "wrote {}: {} internal and {} boundary voxels, {:.3} ml",
-            self.output.display(),
+            shown(&self.output),
             lumen.internal_voxels,
             lumen.boundary_voxels,
             lumen.volume_ml()

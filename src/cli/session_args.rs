@@ -9,6 +9,7 @@ use super::global::Global;
 use super::lumen_args::LumenArgs;
 use super::mode::ModeArg;
 use super::surface_args::SurfaceArgs;
+use crate::formats::shown;
 use crate::session::{CenterlineSettings, RUN_FILES, Recording, Session, Settings, is_frame_file};
 
 /// Flags of `record` and `run`.
@@ -72,8 +73,7 @@ impl SessionArgs {
             let at = place(file);
             let folder = at.parent().unwrap_or(&at);
             let name = at.file_name().and_then(|n| n.to_str()).unwrap_or_default();
-            let fail =
-                |why: &str| Err(CliError::Usage(format!("{flag} {}: {why}", file.display())));
+            let fail = |why: &str| Err(CliError::Usage(format!("{flag} {}: {why}", shown(file))));
             if !folder.is_dir() && !out.as_ref().is_some_and(|out| folder.starts_with(out)) {
                 return fail("there is no such folder");
             }

@@ -8,7 +8,7 @@ use super::CliError;
 use super::global::{Global, MESHES};
 use super::mode::ModeArg;
 use super::repeat::timed;
-use crate::formats::{FormatError, Space, atomic_file, read_mesh, read_plain, write_mesh};
+use crate::formats::{FormatError, Space, atomic_file, read_mesh, read_plain, shown, write_mesh};
 use crate::geometry::Mesh;
 use crate::mesh::{
     Deviation, MeshError, Metric, Parameterization, Repairs, Simplified, SimplifyOptions,
@@ -176,7 +176,7 @@ impl Args {
         };
         global.say(format_args!(
             "wrote {}: {} faces of {}{note}",
-            self.output.display(),
+            shown(&self.output),
             reached.faces,
             reached.faces_in
         ))?;
@@ -211,14 +211,14 @@ impl Args {
         let most = 400 * mesh.positions.len() as u64 + 4096;
         if std::fs::metadata(path).map_err(io)?.len() > most {
             let what = "larger than any parameterisation of this mesh";
-            return Err(CliError::Input(format!("{}: {what}", path.display())));
+            return Err(CliError::Input(format!("{}: {what}", shown(path))));
         }
         let bytes = read_plain(path, most)?;
         let maps = Parameterization::from_bytes(&bytes, mesh)
-            .map_err(|e| CliError::Input(format!("{}: {e}", path.display())))?;
+            .map_err(|e| CliError::Input(format!("{}: {e}", shown(path))))?;
         let base = base_mesh(mesh, &maps);
         write_mesh(&self.output, &base)?;
-        let (written, faces) = (self.output.display(), base.faces.len());
+        let (written, faces) = (shown(&self.output), base.faces.len());
         global.say(format_args!("wrote {written}: {faces} faces of {}", mesh.faces.len()))?;
         global.answer(&serde_json::json!({
             "mesh": { "faces_in": mesh.faces.len(), "faces": faces, "collapses": maps.collapses() },
@@ -226,7 +226,7 @@ impl Args {
     }
 
     fn named(&self, e: MeshError) -> CliError {
-        CliError::Input(format!("{}: {e}", self.mesh.display()))
+        CliError::Input(format!("{}: {e}", shown(&self.mesh)))
     }
 }
 

@@ -8,7 +8,7 @@ use super::lumen_args::LumenArgs;
 use super::mode::ModeArg;
 use super::repeat::timed_products;
 use super::surface_args::{SurfaceArgs, SurfaceFrom};
-use crate::formats::write_mesh;
+use crate::formats::{shown, write_mesh};
 use crate::session::{
     LevelSettings, Lod, Mode, Product, Session, Settings, SurfaceReport, WallReport, without_caps,
 };
@@ -70,7 +70,7 @@ impl Args {
         let report = SurfaceReport::of(wall.topology, wall.mesh.area_mm2());
         global.say(format_args!(
             "wrote {}: {} vertices, {} faces, {} component{}, Euler number {}, {}",
-            self.output.display(),
+            shown(&self.output),
             report.vertices,
             report.faces,
             report.components,

@@ -47,13 +47,38 @@ macro_rules! from_numbers {
 }
 from_numbers!(u8 i16 u32 i64 u64 usize f32 f64 glam::Vec3 glam::DVec3);
 
+/// A path for a terminal or a log: what would move the cursor, end the line, change colours or turn
+/// the direction of the text is written as its escape.
+pub fn shown(path: &Path) -> String {
+    escaped(&path.to_string_lossy(), is_control)
+}
+
+/// Any text for a terminal, its lines kept.
+pub fn shown_lines(text: &str) -> String {
+    escaped(text, |c| c != '\n' && c != '\t' && is_control(c))
+}
+
+fn escaped(text: &str, is_bad: impl Fn(char) -> bool) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        if is_bad(c) { out.extend(c.escape_default()) } else { out.push(c) }
+    }
+    out
+}
+
+/// Control characters, line and paragraph separators, and marks of the direction of text.
+fn is_control(c: char) -> bool {
+    c.is_control()
+        || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
 /// What is wrong with a file. Every message names the file and, where there is one, the field and
 /// its value if that is a number. No message holds text of the file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FormatError {
     /// The system refused.
-    #[error("{}: {source}", .file.display())]
+    #[error("{}: {source}", shown(.file))]
     Io {
         /// Which file.
         file: PathBuf,
@@ -61,7 +86,7 @@ pub enum FormatError {
         source: std::io::Error,
     },
     /// A header field that cannot be right.
-    #[error("{}: {field} is `{value}`: {why}", .file.display())]
+    #[error("{}: {field} is `{value}`: {why}", shown(.file))]
     Field {
         /// Which file.
         file: PathBuf,
@@ -73,7 +98,7 @@ pub enum FormatError {
         why: String,
     },
     /// A header field or a place in the file whose text, which is not shown, cannot be right.
-    #[error("{}: {field}: {why}", .file.display())]
+    #[error("{}: {field}: {why}", shown(.file))]
     Text {
         /// Which file.
         file: PathBuf,
@@ -83,7 +108,7 @@ pub enum FormatError {
         why: String,
     },
     /// The data ends before the header says it should.
-    #[error("{}: truncated: the header promises {wanted} bytes of {what}, the file holds {found}", .file.display())]
+    #[error("{}: truncated: the header promises {wanted} bytes of {what}, the file holds {found}", shown(.file))]
     Truncated {
         /// Which file.
         file: PathBuf,
@@ -95,7 +120,7 @@ pub enum FormatError {
         found: u64,
     },
     /// Readable, but not by this version.
-    #[error("{}: not supported: {what}", .file.display())]
+    #[error("{}: not supported: {what}", shown(.file))]
     Unsupported {
         /// Which file.
         file: PathBuf,
@@ -103,7 +128,7 @@ pub enum FormatError {
         what: String,
     },
     /// The geometry is unusable.
-    #[error("{}: {source}", .file.display())]
+    #[error("{}: {source}", shown(.file))]
     Grid {
         /// Which file.
         file: PathBuf,
@@ -112,7 +137,7 @@ pub enum FormatError {
     },
     /// Segments overlap and none is chosen, or the file lacks the chosen one. The names in the file
     /// are its text: `intima info` shows them.
-    #[error("{}: {why}", .file.display())]
+    #[error("{}: {why}", shown(.file))]
     Segments {
         /// Which file.
         file: PathBuf,
@@ -120,7 +145,7 @@ pub enum FormatError {
         why: String,
     },
     /// Several series and none chosen, or the chosen one absent.
-    #[error("{}: {why}; choose one with --series:{list}", .file.display())]
+    #[error("{}: {why}; choose one with --series:{list}", shown(.file))]
     Series {
         /// Which folder.
         file: PathBuf,

@@ -15,7 +15,7 @@ mod vol;
 pub mod atomic_file;
 
 pub use curve::{write_branches, write_centerline};
-pub use error::{FieldValue, FormatError};
+pub use error::{FieldValue, FormatError, shown, shown_lines};
 pub use image::{encode_png, read_png, write_png};
 pub use mesh::{Space, read_mesh, write_mesh};
 pub use video::{NoFfmpeg, VideoWriter};

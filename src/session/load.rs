@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::report::hash_of;
 use super::settings::{Source, VolumeSource};
 use super::{Clock, InputReport, Session, SessionError, present, put, refuse_above};
-use crate::formats::{FormatError, InputInfo, ReadOptions, inspect, read_mesh, read_volume};
+use crate::formats::{FormatError, InputInfo, ReadOptions, inspect, read_mesh, read_volume, shown};
 use crate::lumen::{IntensitySelection, voxelized};
 use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
 
@@ -180,8 +180,7 @@ fn read_enclosed(path: &std::path::Path, spacing_mm: Option<f64>) -> Result<Volu
     let (mesh, warnings) = read_mesh(path, None)?;
     warnings.iter().for_each(|line| tracing::warn!("{line}"));
     let enclosed = voxelized(&mesh, spacing_mm);
-    let (grid, mask) =
-        enclosed.map_err(|why| SessionError::Enclosed { name: path.display().to_string(), why })?;
+    let (grid, mask) = enclosed.map_err(|why| SessionError::Enclosed { name: shown(path), why })?;
     let mut labels = vec![0u8; grid.len()];
     mask.voxels().for_each(|v| labels[grid.index(v)] = 1);
     Ok(Volume::new(grid, labels.into()))

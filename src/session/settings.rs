@@ -10,7 +10,7 @@ use super::Mode;
 use crate::centerline::{Loops, Radius};
 use crate::device::DeviceChoice;
 use crate::flight::{CameraPath, Frames};
-use crate::formats::ReadOptions;
+use crate::formats::{ReadOptions, shown};
 use crate::lumen::IntensitySelection;
 use crate::organ::OrganOptions;
 use crate::render::View;
@@ -40,7 +40,7 @@ impl VolumeSource {
     /// What to call it in messages: the file's name, or `volume in memory`.
     pub fn name(&self) -> String {
         match self {
-            Self::File { path, .. } => path.display().to_string(),
+            Self::File { path, .. } => shown(path),
             Self::Memory(_) => "volume in memory".to_owned(),
         }
     }

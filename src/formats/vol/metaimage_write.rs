@@ -12,6 +12,7 @@ use super::source::prefix;
 use super::text::MOST_HEADER;
 use super::{FormatError, lower_name};
 use crate::formats::atomic_file::{AtomicFile, write_atomic};
+use crate::formats::shown;
 use crate::volume::{Grid, SampleType, Volume};
 
 /// Writes by extension; real values.
@@ -68,7 +69,7 @@ pub fn check_data_file(header: &Path) -> Result<(), FormatError> {
     }
     let why = format!(
         "it is there and {} does not name it; remove it or choose another name",
-        header.display()
+        shown(header)
     );
     Err(FormatError::io(&raw, io::Error::new(io::ErrorKind::AlreadyExists, why)))
 }

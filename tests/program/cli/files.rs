@@ -235,3 +235,43 @@ fn a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for() {
         assert_eq!(status, Some(3), "{args:?}");
     }
 }
+
+/// Names that colour a terminal, clear it, turn the text around or forge a line of their own.
+#[test]
+fn no_control_character_of_a_file_name_reaches_the_terminal() {
+    let tmp = tempfile::tempdir().unwrap();
+    let dir = tmp.path();
+    phantom(dir, Kind::Tube, 24);
+    let name = "a\u{1b}[31m\nintima: forged\r\u{9b}2J\u{202e}\u{7f}.nrrd";
+    std::fs::copy(dir.join("ct.nrrd"), dir.join(name)).unwrap();
+    std::fs::write(dir.join(format!("bad{name}")), "no volume").unwrap();
+    std::fs::write(dir.join(format!("bad{name}.stl")), "no mesh").unwrap();
+    let folder = format!("{name}.d");
+    let (bad, mesh) = (format!("bad{name}"), format!("bad{name}.stl"));
+    let unknown = format!("--{name}");
+    let within = format!("{folder}/o.nrrd");
+    for args in [
+        vec!["info", name],
+        vec!["info", &bad],
+        vec!["info", &folder],
+        vec!["convert", "ct.nrrd", "-o", name],
+        vec!["convert", name, "-o", &within],
+        vec!["segment", name, "-o", "o.nrrd"],
+        vec!["segment", "--mask", &bad, "-o", "o.nrrd"],
+        vec!["surface", "ct.nrrd", "--threshold", ":-455", "-o", name],
+        vec!["fair", &mesh, "-o", "o.ply"],
+        vec!["info", "ct.nrrd", name],
+        vec!["info", &unknown],
+        vec!["info", "ct.nrrd", "--device", name],
+        vec!["record", "ct.nrrd", "--threshold", name, "--out", "f"],
+        vec!["record", "ct.nrrd", "--size", name, "--out", "f"],
+    ] {
+        let out = intima(dir, &args);
+        for bytes in [&out.stdout, &out.stderr] {
+            let text = String::from_utf8_lossy(bytes);
+            let is_bad = |c: &char| (c.is_control() && *c != '\n') || *c == '\u{202e}';
+            assert_eq!(text.chars().find(is_bad), None, "{args:?}: {text:?}");
+            assert!(!text.lines().any(|l| l.starts_with("intima: forged")), "{args:?}: {text:?}");
+        }
+    }
+}
