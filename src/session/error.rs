@@ -1,10 +1,12 @@
 //! Everything a session can fail with.
 
+use std::path::PathBuf;
+
 use super::Product;
 use crate::centerline::CenterlineError;
 use crate::device::DeviceError;
 use crate::flight::{CameraPathError, FlightError};
-use crate::formats::FormatError;
+use crate::formats::{FormatError, shown};
 use crate::lod::WorkerError;
 use crate::lod::clusters::ClusterError;
 use crate::lod::vds::VdsError;
@@ -97,6 +99,12 @@ pub enum SessionError {
         product: Product,
         /// Settings that decide which products there are, with their values.
         settings: String,
+    },
+    /// Another run is writing into the same folder.
+    #[error("{}: another run is writing into this folder", shown(.folder))]
+    FolderInUse {
+        /// Which folder.
+        folder: PathBuf,
     },
     /// More memory than allowed.
     #[error("this needs about {needed_mb} MB, more than the {allowed_mb} MB allowed ({what})")]

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use super::folder_lock::FolderLocks;
 use super::writer::{FrameWriter, clear_folder};
-use super::{FrameStream, Product, Report, Session, SessionError, without_caps};
+use super::{FrameStream, Product, Report, Session, SessionError, locked, without_caps};
 use crate::flight::CameraPath;
 use crate::formats::{
     FormatError, atomic_file, write_branches, write_centerline, write_layers, write_mesh,
@@ -88,10 +89,15 @@ impl Session {
     /// Draws all frames and writes them.
     ///
     /// # Errors
-    /// What the stages, the drawing and the writing fail with.
+    /// What the stages, the drawing and the writing fail with; [`SessionError::FolderInUse`].
     pub fn record(&self, to: &Recording) -> Result<FrameStream, SessionError> {
+        // Before anything is computed, and again once it was made.
+        let mut locks = FolderLocks::default();
+        locks.claim(&to.frames)?;
         self.prepare(&self.needs_of_frames())?;
         self.write_camera_path(to, &to.frames)?;
+        make_folder(&to.frames)?;
+        locks.claim(&to.frames)?;
         clear_folder(&to.frames)?;
         self.draw_and_keep_levels(to)
     }
@@ -153,16 +159,41 @@ impl Session {
     /// Everything into one folder: products, frames, and the report last, so that where there is a
     /// report all is there and of one run. Products are computed and written beside the drawing.
     ///
+    /// Nobody else writes a run into the folder until [`Session::write_report`] or the end of this
+    /// session.
+    ///
     /// # Errors
-    /// What the stages, the drawing and the writing fail with.
+    /// What the stages, the drawing and the writing fail with; [`SessionError::FolderInUse`].
     pub fn run_to_folder(
         &self,
         folder: &Path,
         recording: &Recording,
     ) -> Result<(Report, FrameStream), SessionError> {
+        let outcome = self.fill_folder(folder, recording);
+        if outcome.is_err() {
+            self.release_folders();
+        }
+        outcome
+    }
+
+    fn release_folders(&self) {
+        *locked(&self.folders) = FolderLocks::default();
+    }
+
+    fn fill_folder(
+        &self,
+        folder: &Path,
+        recording: &Recording,
+    ) -> Result<(Report, FrameStream), SessionError> {
+        let folders: [&Path; 2] = [folder, &recording.frames];
+        // Before anything is computed, and again once they were made.
+        folders.iter().try_for_each(|f| locked(&self.folders).claim(f))?;
         self.prepare(&self.needs_of_frames())?;
         self.write_camera_path(recording, folder)?;
-        std::fs::create_dir_all(folder).map_err(|e| FormatError::io(folder, e))?;
+        for folder in folders {
+            make_folder(folder)?;
+            locked(&self.folders).claim(folder)?;
+        }
         remove_file(&folder.join(REPORT_FILE))?;
         clear_folder(&recording.frames)?;
         let stream = if self.pool.current_num_threads() == 1 {
@@ -182,7 +213,7 @@ impl Session {
         Ok((report, stream))
     }
 
-    /// Writes the report of a run.
+    /// Writes the report of a run, which ends it.
     ///
     /// # Errors
     /// A file that cannot be written.
@@ -190,7 +221,9 @@ impl Session {
         let text = serde_json::to_string_pretty(report)
             .map_err(|e| SessionError::System(e.to_string()))?;
         let path = folder.join(REPORT_FILE);
-        Ok(atomic_file::write_atomic(&path, |o| o.write_all(text.as_bytes()))?)
+        atomic_file::write_atomic(&path, |o| o.write_all(text.as_bytes()))?;
+        self.release_folders();
+        Ok(())
     }
 
     /// Computes and writes everything that is no picture: nine files.
@@ -231,6 +264,10 @@ pub(super) fn write_drawn_mesh(path: &Path, mesh: &Mesh, open: bool) -> Result<(
     } else {
         write_mesh(path, mesh)
     }
+}
+
+fn make_folder(folder: &Path) -> Result<(), FormatError> {
+    std::fs::create_dir_all(folder).map_err(|e| FormatError::io(folder, e))
 }
 
 fn remove_file(path: &Path) -> Result<(), FormatError> {

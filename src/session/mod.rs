@@ -14,6 +14,7 @@ mod error;
 mod fields;
 mod flight;
 mod folder;
+mod folder_lock;
 mod frames;
 mod level_cache;
 pub mod levels;
@@ -59,6 +60,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::device::Device;
 
+use folder_lock::FolderLocks;
 use progress::ProgressState;
 use scheduler::Board;
 use stages::Slots;
@@ -104,6 +106,8 @@ pub struct Session {
     board: Board,
     slots: Slots,
     keep_volume: bool,
+    /// Folders that this session is writing a run into.
+    folders: Mutex<FolderLocks>,
 }
 
 /// Products that do not depend on the mode.
@@ -148,6 +152,7 @@ impl Session {
             board: Board::default(),
             slots: Slots::default(),
             keep_volume: false,
+            folders: Mutex::default(),
         })
     }
 
@@ -164,6 +169,7 @@ impl Session {
             board: Board::default(),
             slots: Slots::default(),
             keep_volume: self.keep_volume,
+            folders: Mutex::default(),
         };
         for product in SHARED {
             if other.slots.share(&self.slots, product) {

@@ -275,3 +275,40 @@ fn no_control_character_of_a_file_name_reaches_the_terminal() {
         }
     }
 }
+
+#[test]
+fn a_second_run_into_a_folder_is_refused_until_the_first_is_gone() {
+    if !can_draw() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    let dir = tmp.path();
+    phantom(dir, Kind::Bend, 32);
+    let args = ["--mask", "mask.nrrd", "--size", "64x48", "--lod", "off", "--out", "o", "--frames"];
+    let call = |command, frames| [&[command], &args[..], &[frames]].concat();
+    // (first, its frames, second); frames of a run are in a folder below.
+    for (first, frames, second) in [("run", "o/frames", "run"), ("record", "o", "record")] {
+        let mut child = start(dir, &call(first, "90000"));
+        let since = Instant::now();
+        while !dir.join(frames).join("frame_00003.png").exists() {
+            assert!(child.try_wait().unwrap().is_none(), "ended before its frames");
+            assert!(since.elapsed() < Duration::from_secs(120));
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let out = intima(dir, &[&call(second, "2")[..], &["--json"]].concat());
+        let err = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(1), "{err}");
+        assert!(err.contains("o: another run is writing into this folder"), "{err}");
+        let answer: Value = serde_json::from_slice(&out.stdout).unwrap();
+        assert_eq!(answer["error"]["reason"], "folder-in-use");
+        assert!(dir.join(frames).join("frame_00003.png").exists(), "its frames were removed");
+        assert!(child.try_wait().unwrap().is_none());
+        // However the first ends, its lock ends with it.
+        signal(&child, "-KILL");
+        child.wait().unwrap();
+        works(dir, &call(second, "2"));
+        let left = names(&dir.join(frames)).iter().filter(|n| n.starts_with("frame_")).count();
+        assert_eq!(left, 2);
+        std::fs::remove_dir_all(dir.join("o")).unwrap();
+    }
+}
