@@ -156,8 +156,7 @@ fn read_file(
     if max_memory_mb.is_some() && !is_mesh(path) {
         let info = inspect(path, options)?;
         if let Some(image) = info.image {
-            let voxels: u64 = image.dims.iter().map(|d| u64::from(*d)).product();
-            refuse_above(max_memory_mb, voxels, "the volume alone")?;
+            refuse_above(max_memory_mb, image.bytes(), "the volume alone")?;
         }
     }
     let volume = match is_mesh(path) {

@@ -76,3 +76,36 @@ fn a_stream_cut_short_and_closed_with_an_end_marker_is_refused() {
     }
     assert!(wrong.is_empty(), "wrong voxels were read: {wrong:?}");
 }
+
+/// Sides of 30,000 in a file of a kilobyte, which took gigabytes and seconds.
+#[test]
+fn compressed_frames_that_claim_more_than_their_bytes_are_refused_at_once() {
+    let dir = common::scratch();
+    let path = dir.path().join("big.dcm");
+    for name in ["jpeg_8", "jpeg_lossless", "jpeg_ls", "jpeg_2000", "htj2k"] {
+        let whole = std::fs::read(fixture(&format!("codec/{name}.dcm"))).unwrap();
+        for side in [30_000u16, 8_000, 60_000] {
+            let mut bytes = whole.clone();
+            for element in [0x10, 0x11] {
+                let head = [0x28, 0, element, 0, b'U', b'S', 2, 0];
+                let at = bytes.windows(8).position(|w| w == head).expect("rows and columns") + 8;
+                bytes[at..at + 2].copy_from_slice(&side.to_le_bytes());
+            }
+            // The stream's own header says the same.
+            let (first, len) = fragment(&bytes);
+            if let Some(i) = (first..first + len - 9)
+                .find(|i| bytes[*i] == 0xff && [0xc0, 0xc1, 0xc3, 0xf7].contains(&bytes[i + 1]))
+            {
+                for k in [5, 7] {
+                    bytes[i + k..i + k + 2].copy_from_slice(&side.to_be_bytes());
+                }
+            }
+            let began = std::time::Instant::now();
+            std::fs::write(&path, &bytes).unwrap();
+            let error = read(&path).expect_err(name);
+            let seconds = began.elapsed().as_secs_f64();
+            println!("{name} {side}: {seconds:.3} s, {error}");
+            assert!(error.is_bad_input() && seconds < 5.0, "{name}: {seconds:.3} s, {error}");
+        }
+    }
+}

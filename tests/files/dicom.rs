@@ -135,7 +135,7 @@ fn uneven_slices_are_named_and_interpolated_only_where_that_is_asked_for() {
 }
 
 /// An element, explicit little endian.
-fn element(tag: (u16, u16), vr: &str, value: &[u8]) -> Vec<u8> {
+pub fn element(tag: (u16, u16), vr: &str, value: &[u8]) -> Vec<u8> {
     let mut value = value.to_vec();
     if value.len() % 2 == 1 {
         value.push(if vr == "UI" { 0 } else { b' ' });
@@ -175,7 +175,7 @@ fn sequence(tag: (u16, u16), items: &[Vec<u8>], defined: bool) -> Vec<u8> {
 }
 
 /// An enhanced CT of frames at these places, each of 4 x 3 pixels that say which frame it is.
-fn enhanced(places: &[f64], defined: bool, compressed: bool) -> Vec<u8> {
+pub fn enhanced(places: &[f64], defined: bool, compressed: bool) -> Vec<u8> {
     let syntax: &[u8] = if compressed { b"1.2.840.10008.1.2.5" } else { b"1.2.840.10008.1.2.1" };
     let mut out = vec![0; 128];
     out.extend(b"DICM");

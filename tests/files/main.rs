@@ -1,6 +1,7 @@
 //! Readers and writers: what was written, damaged and lying headers, memory.
 
 mod cut_streams;
+mod deflated;
 mod dicom;
 mod fuzz_readers;
 mod hostile;

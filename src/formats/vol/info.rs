@@ -91,6 +91,13 @@ impl ImageInfo {
         )
     }
 
+    /// Bytes of the samples once read. The name of a type ends with its bits.
+    pub fn bytes(&self) -> u64 {
+        let bits = self.sample_type.trim_start_matches(|c: char| c.is_ascii_alphabetic());
+        let sample = bits.parse::<u64>().map_or(8, |bits| bits.div_ceil(8));
+        self.dims.iter().fold(sample, |n, d| n.saturating_mul(u64::from(*d)))
+    }
+
     pub(super) fn of(grid: &Grid, sample_type: SampleType, rescale: Rescale) -> Self {
         let d = grid.direction;
         let axes = [("i", toward(d.x_axis)), ("j", toward(d.y_axis)), ("k", toward(d.z_axis))];

@@ -50,7 +50,7 @@ pub(super) struct Layout {
 }
 
 /// Deflate stands for at most 258 bytes by two bits (RFC 1951, 3.2.5): no stream shrinks by more.
-const MOST_SHRINK: u64 = 1032;
+pub(super) const MOST_SHRINK: u64 = 1032;
 /// Bytes of samples that memory is taken for before a compressed stream has given any. Beyond that
 /// and twice the stream's own length, memory grows as samples arrive: never past twice what came.
 const FIRST_BYTES: u64 = 4 << 20;

@@ -9,6 +9,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use super::jpeg_scan::{Process, check_complete};
 use super::syntax::Codec;
 
+/// Most pixels of a compressed frame, 8192 a side: beyond those of any scanner, and what a few bytes
+/// of JPEG 2000 or JPEG XL may claim in full earnest, each taking four bytes and more to decode.
+const MOST_PIXELS: u64 = 1 << 26;
 /// Most tiles of a JPEG 2000 codestream.
 const MOST_TILES: u64 = 65_535;
 /// Memory that a JPEG XL decoder may take beside 64 bytes a pixel.
@@ -41,11 +44,38 @@ pub(super) fn missing_feature(codec: Codec, bytes: &[u8]) -> Option<&'static str
     }
 }
 
+/// Holds the pixels that a file says a frame has against what a stream of `len` bytes can stand
+/// for, before memory is taken for them.
+///
+/// # Errors
+/// What is wrong.
+pub(super) fn check_claim(codec: Codec, [columns, rows]: [u32; 2], len: u64) -> Result<(), String> {
+    let pixels = u64::from(columns) * u64::from(rows);
+    if pixels > MOST_PIXELS {
+        return Err(format!("{columns}x{rows} compressed pixels; {MOST_PIXELS} at most are read"));
+    }
+    let least = match codec {
+        // Two bytes repeat one at most 128 times.
+        Codec::Rle => pixels / 64,
+        // A block of 64 pixels has two codes, a pixel of a lossless stream one.
+        Codec::Jpeg => pixels / 256,
+        // A line has a code at least.
+        Codec::JpegLs => u64::from(rows) / 8,
+        // Equal pixels take none.
+        Codec::Jpeg2000 | Codec::JpegXl => 0,
+    };
+    if len < least {
+        return Err(format!("{len} bytes for {columns}x{rows} pixels"));
+    }
+    Ok(())
+}
+
 /// Decodes a frame: one number a pixel, of which the lowest bits count.
 ///
 /// # Errors
 /// What is wrong with it.
 pub(super) fn decode(codec: Codec, bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
+    check_claim(codec, [size.columns, size.rows], bytes.len() as u64)?;
     let decoded = catch_unwind(AssertUnwindSafe(|| match codec {
         Codec::Rle => rle(bytes, size),
         Codec::Jpeg => jpeg(bytes, size),
@@ -350,12 +380,12 @@ mod tests {
         assert!(e.contains("16384x16384"), "{e}");
         assert!(decode(Codec::JpegLs, &jpeg, size(2, 2, 16)).is_err());
         let mut j2k = vec![0xff, 0x4f, 0xff, 0x51, 0, 41, 0, 0];
-        let words = [1u32 << 30, 1 << 30, 0, 0, 1, 1, 0, 0];
+        let words = [1u32 << 13, 1 << 13, 0, 0, 1, 1, 0, 0];
         j2k.extend(words.iter().flat_map(|w| w.to_be_bytes()));
         j2k.extend([0, 1, 15, 1, 1]);
         let e = decode(Codec::Jpeg2000, &j2k, size(2, 2, 16)).unwrap_err();
-        assert!(e.contains("1073741824"), "{e}");
-        let e = decode(Codec::Jpeg2000, &j2k, size(1 << 30, 1 << 30, 16)).unwrap_err();
+        assert!(e.contains("8192x8192"), "{e}");
+        let e = decode(Codec::Jpeg2000, &j2k, size(1 << 13, 1 << 13, 16)).unwrap_err();
         assert!(e.contains("tiles"), "{e}");
         for codec in [Codec::Jpeg, Codec::JpegLs, Codec::Jpeg2000, Codec::JpegXl] {
             assert!(decode(codec, &[], size(2, 2, 16)).is_err());

@@ -1,19 +1,20 @@
 //! Stored pixels of a series into samples.
 
+use std::collections::BTreeMap;
 use std::io::Read as _;
 use std::path::Path;
 
 use rayon::prelude::*;
 
 use super::super::FormatError;
-use super::super::layout::{must_swap, zeroed};
+use super::super::layout::{MOST_SHRINK, must_swap, zeroed};
 use super::super::source::{Source, fill};
 use super::codec::{self, FrameSize};
 use super::fragments::Fragment;
 use super::head::Head;
 use super::stack::{Slice, Stack};
 use super::syntax::{self, Codec};
-use super::walk::{Pixels, data_set_offset, inflate};
+use super::walk::{Pixels, inflate};
 use crate::volume::{Sample, SampleType, Samples, Volume, with_samples};
 
 /// Where the pixels of a slice are.
@@ -92,7 +93,8 @@ impl Stored {
                 Err(FormatError::field(&h.file, "pixels", "plain", why))
             }
             Some(Pixels::Plain { offset, len }) if *h.syntax == *syntax::DEFLATED => {
-                let found = len.saturating_sub(before);
+                let most = Source::open(&h.file)?.len.saturating_mul(MOST_SHRINK);
+                let found = (*len).min(most.saturating_sub(*offset)).saturating_sub(before);
                 let at = offset.saturating_add(before);
                 if found < wanted { truncated(found) } else { Ok(SlicePixels::Deflated(at)) }
             }
@@ -103,7 +105,11 @@ impl Stored {
                 if found < wanted { truncated(found) } else { Ok(SlicePixels::Plain(at)) }
             }
             Some(Pixels::Encapsulated { .. }) => match Codec::of(&h.syntax) {
-                Some(codec) => Ok(SlicePixels::Compressed(codec, h.fragments.clone())),
+                Some(codec) => {
+                    codec::check_claim(codec, [h.columns, h.rows], fragments_len(&h.fragments))
+                        .map_err(|why| FormatError::field(&h.file, "pixels", "damaged", why))?;
+                    Ok(SlicePixels::Compressed(codec, h.fragments.clone()))
+                }
                 None => {
                     let why = "pixels in fragments, where the transfer syntax has none";
                     Err(FormatError::field(&h.file, "pixels", "encapsulated", why))
@@ -166,10 +172,20 @@ pub(super) fn read(path: &Path, stack: &Stack) -> Result<Volume, FormatError> {
     };
     let pixels = side[0] as usize * side[1] as usize;
     let mut samples = zeroed(path, stack.stored.kind, pixels.saturating_mul(stack.slices.len()))?;
-    samples
-        .bytes_mut()
-        .par_chunks_exact_mut(pixels * stack.stored.kind.size())
-        .zip(&stack.slices)
+    // Frames of a deflated file are behind each other in one stream: it is inflated once.
+    let mut deflated = BTreeMap::<&Path, Vec<(u64, &mut [u8])>>::new();
+    let mut others = Vec::new();
+    let places = samples.bytes_mut().chunks_exact_mut(pixels * stack.stored.kind.size());
+    for (bytes, slice) in places.zip(&stack.slices) {
+        match slice.pixels {
+            SlicePixels::Deflated(at) => deflated.entry(&slice.file).or_default().push((at, bytes)),
+            _ => others.push((bytes, slice)),
+        }
+    }
+    let mut deflated: Vec<_> = deflated.into_iter().collect();
+    deflated.par_iter_mut().try_for_each(|(file, frames)| read_deflated(file, frames))?;
+    others
+        .into_par_iter()
         .try_for_each(|(bytes, slice)| read_slice(bytes, slice, stack.stored.kind, side))?;
     stack.stored.tidy(&mut samples);
     if let Some(upright) = &stack.upright {
@@ -203,7 +219,6 @@ pub(super) fn read_slice(
     kind: SampleType,
     [columns, rows]: [u32; 2],
 ) -> Result<(), FormatError> {
-    let damaged = |why: String| FormatError::field(&slice.file, "pixels", "damaged", why);
     match &slice.pixels {
         SlicePixels::Plain(offset) => {
             let mut source = Source::open_at(&slice.file, *offset)?;
@@ -216,10 +231,7 @@ pub(super) fn read_slice(
             }
         }
         SlicePixels::Deflated(offset) => {
-            let inflated = inflate(&slice.file, data_set_offset(&slice.file)?)?;
-            let first = *offset as usize;
-            let own = inflated.get(first..first.saturating_add(bytes.len()));
-            bytes.copy_from_slice(own.ok_or_else(|| damaged("they are cut off".into()))?);
+            read_deflated(&slice.file, &mut [(*offset, bytes)])?;
         }
         SlicePixels::Compressed(codec, fragments) => {
             let bits_allocated = 8 * kind.size() as u32;
@@ -232,6 +244,23 @@ pub(super) fn read_slice(
         }
     }
     Ok(())
+}
+
+/// Fills each piece from its place in the inflated data set of a file.
+fn read_deflated(file: &Path, pieces: &mut [(u64, &mut [u8])]) -> Result<(), FormatError> {
+    pieces.sort_by_key(|piece| piece.0);
+    let mut input = inflate(file)?;
+    for (at, bytes) in pieces {
+        crate::task::checkpoint();
+        let read = input.skip_to(*at).and_then(|()| input.read_exact(bytes));
+        let why = "they are cut off, or cannot be inflated";
+        read.map_err(|_| FormatError::field(file, "pixels", "damaged", why))?;
+    }
+    Ok(())
+}
+
+fn fragments_len(fragments: &[Fragment]) -> u64 {
+    fragments.iter().map(|f| u64::from(f.1)).sum()
 }
 
 /// The samples of a frame whose fragments lie in a file.

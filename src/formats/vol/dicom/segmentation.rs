@@ -16,7 +16,7 @@ use super::head::Head;
 use super::pixels;
 use super::stack::{plane, rounded_mm};
 use super::syntax::{self, Codec};
-use super::walk::{Pixels, data_set_offset, inflate};
+use super::walk::{Pixels, inflate};
 use crate::formats::error::FieldValue;
 use crate::volume::{Grid, SampleType, Samples, Volume};
 
@@ -166,9 +166,9 @@ impl<'a> Segmentation<'a> {
         }
         let mut bytes = Vec::new();
         if *head.syntax == *syntax::DEFLATED {
-            let all = inflate(&head.file, data_set_offset(&head.file)?)?;
-            let own = all.get(*offset as usize..).unwrap_or_default();
-            bytes.extend_from_slice(&own[..own.len().min(wanted as usize)]);
+            let mut all = inflate(&head.file)?;
+            let own = all.skip_to(*offset).and_then(|()| all.take(wanted).read_to_end(&mut bytes));
+            own.map_err(|_| cut(bytes.len() as u64))?;
         } else {
             let source = Source::open_at(&head.file, *offset)?;
             let io = |e| FormatError::io(&head.file, e);

@@ -7,10 +7,12 @@
 //! is never decoded.
 
 mod groups;
+mod inflated;
 
 pub(super) use groups::{Groups, Leaves};
+pub(super) use inflated::Inflated;
 
-use std::io::{self, BufReader, Cursor, Read, Seek};
+use std::io::{self, BufRead as _, BufReader, Read, Seek};
 use std::path::Path;
 
 use super::super::FormatError;
@@ -153,9 +155,9 @@ pub(super) fn walk(file: &Path) -> Result<Option<Walked>, FormatError> {
     let mut stream = synthetic_meta(coding);
     let mut groups = Groups::default();
     let pixels = if syntax == syntax::DEFLATED {
-        let inflated = inflate(file, w.at)?;
-        let end = inflated.len() as u64;
-        let input = BufReader::with_capacity(1 << 14, Cursor::new(inflated));
+        let inflated = Inflated::open(file, w.at)?;
+        let end = inflated.most();
+        let input = BufReader::with_capacity(1 << 14, inflated);
         Walker { file, input, at: 0, end }.data_set(coding, 0, &mut stream, &mut groups)?
     } else {
         w.data_set(coding, first, &mut stream, &mut groups)?
@@ -163,30 +165,13 @@ pub(super) fn walk(file: &Path) -> Result<Option<Walked>, FormatError> {
     Ok(Some(Walked { syntax, stream, groups, pixels }))
 }
 
-/// Most bytes that a deflated data set may have: no single slice comes near it.
-const MOST_INFLATED: u64 = 1 << 30;
-
-/// The data set of a deflated file (PS3.5 A.5), from an offset on.
-pub(super) fn inflate(file: &Path, offset: u64) -> Result<Vec<u8>, FormatError> {
-    let source = Source::open_at(file, offset)?;
-    let mut inflated = Vec::new();
-    let input = flate2::read::DeflateDecoder::new(source).take(MOST_INFLATED + 1);
-    let mut input = BufReader::new(input);
-    match input.read_to_end(&mut inflated) {
-        Ok(_) if inflated.len() as u64 > MOST_INFLATED => {
-            let what = format!("a deflated data set of more than {MOST_INFLATED} bytes");
-            Err(FormatError::unsupported(file, what))
-        }
-        Ok(_) => Ok(inflated),
-        Err(_) => {
-            let why = "its deflated data set cannot be inflated";
-            Err(FormatError::field(file, "data set", "damaged", why))
-        }
-    }
+/// The data set of a deflated file, from its first byte on.
+pub(super) fn inflate(file: &Path) -> Result<Inflated, FormatError> {
+    Inflated::open(file, data_set_offset(file)?)
 }
 
-/// Where the data set of a file begins: for a deflated one, which is inflated as a whole.
-pub(super) fn data_set_offset(file: &Path) -> Result<u64, FormatError> {
+/// Where the data set of a file begins.
+fn data_set_offset(file: &Path) -> Result<u64, FormatError> {
     let source = Source::open(file)?;
     let end = source.len;
     let mut w = Walker { file, input: BufReader::new(source), at: 0, end };
@@ -208,8 +193,7 @@ impl<R: Read + Seek> Walker<'_, R> {
         let mut out = vec![0; n as usize];
         match self.input.read_exact(&mut out) {
             Ok(()) => {}
-            Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => return Err(self.cut(n)),
-            Err(e) => return Err(FormatError::io(self.file, e)),
+            Err(e) => return Err(self.failed(e, n)),
         }
         self.at += n;
         Ok(out)
@@ -219,9 +203,27 @@ impl<R: Read + Seek> Walker<'_, R> {
         if n > self.end.saturating_sub(self.at) {
             return Err(self.cut(n));
         }
-        self.input.seek_relative(n as i64).map_err(|e| FormatError::io(self.file, e))?;
+        self.input.seek_relative(n as i64).map_err(|e| self.failed(e, n))?;
         self.at += n;
         Ok(())
+    }
+
+    /// What became of reading `n` bytes.
+    fn failed(&self, e: io::Error, n: u64) -> FormatError {
+        match e.kind() {
+            io::ErrorKind::UnexpectedEof => self.cut(n),
+            io::ErrorKind::InvalidData => inflated::damaged(self.file),
+            _ => FormatError::io(self.file, e),
+        }
+    }
+
+    /// Whether another element may follow; where a deflated data set ends is not known before.
+    fn has_more(&mut self) -> Result<bool, FormatError> {
+        if self.end.saturating_sub(self.at) < 8 {
+            return Ok(false);
+        }
+        let has_more = self.input.fill_buf().map(|b| !b.is_empty());
+        has_more.map_err(|e| self.failed(e, 1))
     }
 
     fn head(&mut self, c: Coding) -> Result<ElementHead, FormatError> {
@@ -295,7 +297,7 @@ impl<R: Read + Seek> Walker<'_, R> {
     ) -> Result<Option<Pixels>, FormatError> {
         debug_assert_eq!(self.at, first);
         let mut last = None;
-        while self.end - self.at >= 8 {
+        while self.has_more()? {
             let h = self.head(c)?;
             let len = u64::from(h.len);
             if h.tag == (0x7fe0, 0x0010) {
