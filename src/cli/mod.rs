@@ -133,13 +133,16 @@ pub fn main_with(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode
     ExitCode::from(code.max(1))
 }
 
-/// Prints what is wrong with the arguments: in colours, unless they hold control characters.
+/// Prints what is wrong with the arguments. Those with control characters are parsed again with
+/// their escapes, as the parser takes some of them away before it repeats an argument.
 fn print_usage_error(error: &clap::Error, args: &[std::ffi::OsString]) {
-    let text = error.render().to_string();
-    let safe = for_terminal(&text, args);
-    match text == safe {
-        true => drop(error.print()),
-        false => eprint!("{safe}"),
+    let escaped: Vec<_> = args.iter().map(|arg| shown(arg.as_ref())).collect();
+    if args.iter().zip(&escaped).all(|(arg, escaped)| arg == escaped.as_str()) {
+        return drop(error.print());
+    }
+    match Cli::try_parse_from(&escaped) {
+        Err(error) => drop(error.print()),
+        Ok(_) => eprint!("{}", for_terminal(&error.render().to_string(), args)),
     }
 }
 
