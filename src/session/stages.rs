@@ -286,8 +286,7 @@ mod tests {
         for stage in made.filter(|s| s.product != Product::Display) {
             session.prepare(&[stage.product]).unwrap();
         }
-        let names = session.clock().stages.iter().map(|s| s.name).collect();
-        names
+        session.clock().stages.iter().map(|s| s.name).collect()
     }
 
     #[test]
