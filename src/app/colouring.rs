@@ -22,9 +22,9 @@ const VIRIDIS: [[u8; 3]; 9] = [
     [253, 231, 37],
 ];
 
-/// Of wall where the scan shows none, as sRGB.
+/// Colour of wall where the scan shows none, sRGB.
 pub const NO_WALL: [u8; 3] = [205, 50, 190];
-/// Of wall drawn on a thin sheet, as sRGB.
+/// Colour of wall drawn on a thin sheet, sRGB.
 pub const SHEET: [u8; 3] = [235, 190, 60];
 
 /// Marks the vertices where the scan shows no wall, and those where it shows a thin sheet.

@@ -102,7 +102,7 @@ pub struct FoundOrgan {
 /// Fluid with contrast medium in a lumen of gas.
 #[derive(Clone, Debug)]
 pub struct TaggedFluid {
-    /// Its voxels.
+    /// Voxels of the fluid.
     pub mask: BitVolume,
     /// The way from gas to fluid, voxels: along gravity.
     pub down: IVec3,

@@ -37,7 +37,7 @@ pub struct Stage {
     pub needs: &'static [Product],
     /// Where it runs.
     pub runs_on: RunsOn,
-    /// Its name: shown while it runs, in reports and in `bench`. A stage that is timed in several
+    /// Name of the stage: shown while it runs, in reports and in `bench`. A stage that is timed in several
     /// steps has its own name on one of them.
     pub name: &'static str,
     /// Its usual share of a run without frames, per cent: for progress only.
@@ -208,7 +208,7 @@ products! {
     pub Centerline centerline: Centered =
         "centerline" 0.1 [Lumen Fields Route Visibility] Cpu default_mode run_centerline
         | "paper path" 30.0 [Lumen Fields Device] Device paper_mode run_paper_centerline;
-    /// What is drawn of the wall: with or without caps.
+    /// The drawn wall, with or without caps.
     pub(super) DrawnWall drawn_wall: DrawnWall =
         "drawn wall" 0.1 [Wall] Cpu always run_drawn_wall;
     /// Vertices with curvature tint.

@@ -22,7 +22,7 @@ pub enum Evidence {
 }
 
 impl Evidence {
-    /// Of a voxel outside the lumen, from the field's marks and levels.
+    /// Evidence at a voxel outside the lumen, from the field's marks and levels.
     pub(super) fn new(mark: u32, level: i32) -> Self {
         if wall_level::offset(level) <= 0 || wall_level::is_capped(level) {
             Self::Limit

@@ -45,7 +45,7 @@ pub struct CleansedFluid {
     pub(super) contrast: Contrast,
     pub(super) bricks: Bricks,
     pub(super) values: Vec<i32>,
-    /// What is certainly lumen.
+    /// Voxels that are certainly lumen.
     pub(super) core: BitVolume,
     /// Voxels whose values were changed.
     pub(super) zone: BitVolume,

@@ -13,8 +13,8 @@ use crate::lumen::{BitVolume, Bricks, Lumen, Piece, Run, fill_cavities, pieces};
 /// A component has at least this share of the largest one's voxels.
 const LEAST_SHARE: f64 = 0.0005;
 
-/// What is left of a component of the core beside its largest part has at least this share of that
-/// part's voxels. Less is a splinter, such as the root of a side branch that the field closes.
+/// A further part of a component of the core has at least this share of the largest part's voxels.
+/// A smaller one is a splinter, such as the root of a side branch that the field closes.
 const LEAST_SHARE_OF_CORE: f64 = 0.005;
 
 /// The 6-components of `is_lumen` that meet the core, without splinters, cavities filled; `None`

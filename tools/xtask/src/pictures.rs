@@ -1,9 +1,8 @@
 //! `cargo xtask pictures`: builds intima, installs what is wanted and runs `tools/pictures`.
 
 use crate::TaskError;
-use crate::compare::{absolute, environment, program, split, system_python, value};
-use crate::process::{cargo, command, run};
 use crate::setup::{Purpose, setup};
+use crate::truth::judge;
 
 const SCRIPT: &str = "tools/pictures/pictures.py";
 const WANTED: &str = "tools/pictures/requirements.txt";
@@ -26,24 +25,8 @@ pub fn pictures(args: &[&str]) -> Result<(), TaskError> {
         print!("{HELP}");
         return Ok(());
     }
-    let (python, rest) = split(args)?;
-    let (given, rest) = value("--intima", &rest)?;
-    let (before, rest) = value("--before", &rest)?;
-    let before = before.map(absolute).transpose()?;
     setup(Purpose::Running)?;
-    let intima = match given {
-        Some(path) => absolute(path)?,
-        None => {
-            run(&mut cargo(&["build", "--release", "--locked"]))?;
-            program()
-        }
-    };
-    let python = match python {
-        Some(given) => given.to_owned(),
-        None => environment("pictures-venv", WANTED, system_python()?)?,
-    };
-    let before: Vec<&str> = before.iter().flat_map(|path| ["--before", path]).collect();
-    run(&mut command(&python, &[&[SCRIPT, "--intima", &intima], &before[..], &rest[..]].concat()))
+    judge(SCRIPT, WANTED, "pictures-venv", args)
 }
 
 #[cfg(test)]

@@ -30,6 +30,12 @@ pub fn truth(args: &[&str]) -> Result<(), TaskError> {
         print!("{HELP}");
         return Ok(());
     }
+    judge(SCRIPT, WANTED, "truth-venv", args)
+}
+
+/// Runs a script with the release program, built where `--intima` names none, and where `--before`
+/// names one another build, in an environment `venv` with the packages of the file `wanted`.
+pub fn judge(script: &str, wanted: &str, venv: &str, args: &[&str]) -> Result<(), TaskError> {
     let (python, rest) = split(args)?;
     let (given, rest) = value("--intima", &rest)?;
     let (before, rest) = value("--before", &rest)?;
@@ -44,10 +50,10 @@ pub fn truth(args: &[&str]) -> Result<(), TaskError> {
     };
     let python = match python {
         Some(given) => given.to_owned(),
-        None => environment("truth-venv", WANTED, system_python()?)?,
+        None => environment(venv, wanted, system_python()?)?,
     };
     let before: Vec<&str> = before.iter().flat_map(|path| ["--before", path]).collect();
-    run(&mut command(&python, &[&[SCRIPT, "--intima", &intima], &before[..], &rest[..]].concat()))
+    run(&mut command(&python, &[&[script, "--intima", &intima], &before[..], &rest[..]].concat()))
 }
 
 #[cfg(test)]

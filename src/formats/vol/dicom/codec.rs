@@ -48,7 +48,7 @@ pub(super) fn missing_feature(codec: Codec, bytes: &[u8]) -> Option<&'static str
 /// for, before memory is taken for them.
 ///
 /// # Errors
-/// What is wrong.
+/// The fault of a stream.
 pub(super) fn check_claim(codec: Codec, [columns, rows]: [u32; 2], len: u64) -> Result<(), String> {
     let pixels = u64::from(columns) * u64::from(rows);
     if pixels > MOST_PIXELS {
@@ -157,7 +157,7 @@ struct JpegFrame {
 }
 
 impl JpegFrame {
-    /// Of the extended process with twelve bits.
+    /// JPEG of the extended process with twelve bits.
     fn is_12_bit(&self) -> bool {
         self.precision == 12 && self.marker == 0xc1
     }

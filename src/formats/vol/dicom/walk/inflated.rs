@@ -71,7 +71,7 @@ impl Seek for Inflated {
     }
 }
 
-/// What is said of a file that cannot be inflated.
+/// Error message for a file that cannot be inflated.
 pub fn damaged(file: &Path) -> FormatError {
     let why = "its deflated data set cannot be inflated";
     FormatError::field(file, "data set", "damaged", why)
