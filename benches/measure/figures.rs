@@ -9,7 +9,7 @@ use common::pages::Pages;
 use glam::Vec3;
 use intima::formats::write_png;
 use intima::geometry::{Camera, Mesh, Pose};
-use intima::lod::vds::{ParameterizedOriginal, Surface, Vds, VdsOptions};
+use intima::lod::vds::{ParameterizedOriginal, SubdivisionSurface, Vds, VdsOptions};
 use intima::lod::{PageCache, Tolerance, Worker};
 use intima::mesh::{Parameterization, SimplifyOptions, simplify};
 use intima::render::{FrameSequence, Renderer, Scene, Shot, View};
@@ -93,7 +93,7 @@ pub fn trachea_and_colon_as_in_the_papers_figures() {
         let original = ParameterizedOriginal::new(&mesh, &shaded.vertices, &base, &maps);
         // Small leaves, as close to the view as the paper's.
         let options = VdsOptions { leaf_faces: 4, ..VdsOptions::default() };
-        let surface = Arc::new(Surface::new(&base.mesh, &original, options).unwrap());
+        let surface = Arc::new(SubdivisionSurface::new(&base.mesh, &original, options).unwrap());
         println!(
             "{name}: {} levels, off by {:.3} mm at the base, {:.3} mm at the finest",
             surface.depth() + 1,

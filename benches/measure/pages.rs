@@ -6,7 +6,7 @@ use common::sections::whole;
 use glam::Vec3;
 use intima::formats::{Space, read_mesh};
 use intima::geometry::{Cone, Lens, Mesh, Pose, Sphere};
-use intima::lod::{Step, VisiblePatch};
+use intima::lod::{LodStep, VisiblePatch};
 use intima::render::{Renderer, Scene, Shot, View, Wall};
 use intima::surface::shading;
 use intima::vk::{Gpu, Validate};
@@ -80,7 +80,7 @@ pub fn pages_against_one_mesh() {
     let Some((mesh, shots)) = wall() else { return };
     let step = whole(&mesh, 128);
     println!("{} faces, {} pages", mesh.faces.len(), step.drawn.len());
-    let everything = Step {
+    let everything = LodStep {
         drawn: step
             .drawn
             .iter()
@@ -100,7 +100,7 @@ pub fn pages_against_one_mesh() {
         let plain = Scene::of(r.upload_mesh(&mut gpu, &mesh, false).unwrap());
         let want = time(&mut gpu, &mut r, "one draw", &plain, &shots);
         let pages = r.open_pages(&mut gpu, step.drawn.len() as u32, radius).unwrap();
-        let mut all = |name: &str, step: &Step, backs: bool| {
+        let mut all = |name: &str, step: &LodStep, backs: bool| {
             r.apply(pages, step.clone()).unwrap();
             let scene = Scene { wall: Wall::Pages { pages, backs }, ..plain };
             let got = time(&mut gpu, &mut r, name, &scene, &shots);

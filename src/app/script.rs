@@ -22,7 +22,7 @@ pub const SCRIPT_SCHEMA: &str = "intima.script/1";
 const MAX_FRAMES: u32 = 1_000_000;
 
 /// Longest time that a script waits for anything.
-const LONGEST_WAIT: Duration = Duration::from_secs(3600);
+const MAX_WAIT: Duration = Duration::from_secs(3600);
 
 /// What a script waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -354,7 +354,7 @@ impl<'a> Player<'a> {
             if there {
                 return self.apply(notes);
             }
-            let Some(news) = self.study.as_ref().and_then(|s| s.wait(LONGEST_WAIT)) else {
+            let Some(news) = self.study.as_ref().and_then(|s| s.wait(MAX_WAIT)) else {
                 let what = "what it waits for does not come".into();
                 return Err(AppError::Script { step: number, what });
             };
@@ -467,7 +467,7 @@ impl<'a> Player<'a> {
 
     /// Takes news in until some have come.
     fn wait_for(&mut self, gpu: &mut Gpu, wanted: impl Fn(&News) -> bool) -> Result<(), AppError> {
-        while let Some(news) = self.study.as_ref().and_then(|s| s.wait(LONGEST_WAIT)) {
+        while let Some(news) = self.study.as_ref().and_then(|s| s.wait(MAX_WAIT)) {
             let is_last = wanted(&news);
             self.stage.learn(gpu, news)?;
             if is_last {

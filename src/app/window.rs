@@ -46,7 +46,7 @@ const PROGRESS: Duration = Duration::from_millis(250);
 /// When bookmarks that could not be saved are tried again.
 const SAVE_AGAIN: Duration = Duration::from_secs(1);
 /// Longest step of the flight's clock: a window that was held up does not jump.
-const LONGEST_STEP_S: f64 = 0.1;
+const MAX_STEP_S: f64 = 0.1;
 
 /// Opens a window on a case and stays until it is closed.
 ///
@@ -109,11 +109,11 @@ struct FrameTimes {
 
 impl FrameTimes {
     /// Frames that are kept: a day at twenty a second.
-    const MOST: usize = 2_000_000;
+    const MAX_KEPT: usize = 2_000_000;
 
     fn note(&mut self, is_computing: bool, took: Duration) {
         let own = &mut self.ms[usize::from(!is_computing)];
-        if own.len() < Self::MOST {
+        if own.len() < Self::MAX_KEPT {
             own.push(took.as_secs_f32() * 1e3);
         }
     }
@@ -143,7 +143,7 @@ impl Drop for Running {
 const SLOW_FRAME: Duration = Duration::from_millis(100);
 
 /// A device that is lost more often is given up.
-const MOST_REOPENED: u32 = 5;
+const MAX_REOPENED: u32 = 5;
 
 fn open_gpu(device: Choice, window: &Arc<Window>) -> Result<Gpu, AppError> {
     let handles: Arc<dyn WindowHandles> = Arc::clone(window) as _;
@@ -215,7 +215,7 @@ impl App {
         let Some(running) = &mut self.running else { return Ok(true) };
         let after = match running.frame(&self.options, self.notes.as_ref(), self.begun) {
             Ok(after) => after,
-            Err(e) if e.is_device_lost() && running.reopened < MOST_REOPENED => {
+            Err(e) if e.is_device_lost() && running.reopened < MAX_REOPENED => {
                 tracing::warn!("{e}; the device is opened again");
                 running.reopen(self.options.device)?;
                 return Ok(true);
@@ -309,7 +309,7 @@ impl Running {
         };
         let format = self.gpu.window_format().expect("an image has a format");
         let input = self.egui.take_egui_input(&self.window);
-        let dt = now.duration_since(self.last).as_secs_f64().min(LONGEST_STEP_S);
+        let dt = now.duration_since(self.last).as_secs_f64().min(MAX_STEP_S);
         self.last = now;
         let clock = (dt, Detail::Live);
         let study = self.study.as_ref();

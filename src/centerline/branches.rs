@@ -7,11 +7,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::chain_route::{Chain, ChainRouter};
-use super::complex::net::Limits;
+use super::complex::net::PruneLimits;
 use super::containment::{Proof, mend, safe};
-use super::pieces::Piece;
+use super::pieces::PathPiece;
 use super::recenter::{Fixed, arc_lengths, recenter};
-use super::route::{End, Loops, RouteOptions, View, Ways};
+use super::route::{ArcGraph, Loops, PathEnd, RouteOptions, Ways};
 use crate::field::Sampler;
 use crate::geometry::{Attachment, Branch, Centerline, CenterlinePoint};
 
@@ -23,14 +23,14 @@ pub(super) struct BranchRoute {
     /// From where it leaves its parent, or the root, to its tip.
     chain: Chain,
     /// Start and end. A branch with a parent starts on the parent's curve instead.
-    ends: [End; 2],
+    ends: [PathEnd; 2],
     /// Points of the way, local mm, each piece proven inside.
     points: Vec<DVec3>,
 }
 
 impl BranchRoute {
     /// A root between two nodes.
-    pub fn between(from: (End, u32), to: (End, u32), chain: Chain) -> Self {
+    pub fn between(from: (PathEnd, u32), to: (PathEnd, u32), chain: Chain) -> Self {
         let points = Vec::new();
         Self { parent: None, joined: None, chain, ends: [from.0, to.0], points }
     }
@@ -47,7 +47,7 @@ impl BranchRoute {
     }
 
     /// Where it starts, or ends.
-    pub fn end(&self, last: bool) -> End {
+    pub fn end(&self, last: bool) -> PathEnd {
         self.ends[usize::from(last)]
     }
 
@@ -60,18 +60,18 @@ impl BranchRoute {
     /// Whether a part of the lumen with this way through it is long enough to be flown.
     pub fn is_piece(&self, d: Sampler<'_>) -> bool {
         let [a, b] = self.ends.map(|e| e.point);
-        a.distance(b) >= (2.0 * d.at(a).max(d.at(b))).max(Limits::default().twig_mm)
+        a.distance(b) >= (2.0 * d.at(a).max(d.at(b))).max(PruneLimits::default().twig_mm)
     }
 
     /// Its ends and where they lead to.
     ///
     /// * `place`: of a node, local mm.
-    pub fn piece(&self, place: impl Fn(u32) -> DVec3) -> Piece {
+    pub fn piece(&self, place: impl Fn(u32) -> DVec3) -> PathPiece {
         let n = &self.chain.nodes;
         let inner = [n[2.min(n.len() - 1)], n[n.len().saturating_sub(3)]];
         let ends = self.ends.map(|e| e.point);
         let outward = [0, 1].map(|i| (ends[i] - place(inner[i])).normalize_or_zero());
-        Piece { ends, outward }
+        PathPiece { ends, outward }
     }
 }
 
@@ -80,7 +80,7 @@ impl BranchRoute {
 ///
 /// * `nodes`: where arcs of the component end, ascending.
 pub(super) fn grow(
-    view: &View<'_>,
+    view: &ArcGraph<'_>,
     trunk: BranchRoute,
     nodes: &[u32],
     options: RouteOptions,
@@ -127,14 +127,14 @@ fn own(owner: &mut BTreeMap<u32, usize>, chain: &Chain, id: usize) {
     }
 }
 
-fn junction(view: &View<'_>, node: u32) -> End {
+fn junction(view: &ArcGraph<'_>, node: u32) -> PathEnd {
     let voxel = view.complex.nodes[node as usize].deepest;
-    End { voxel, point: view.adjacency.place_mm[node as usize], given: false }
+    PathEnd { voxel, point: view.adjacency.place_mm[node as usize], given: false }
 }
 
 /// Branches along the arcs that no branch has yet: each closes a loop, or is cut into two.
 fn close_loops(
-    view: &View<'_>,
+    view: &ArcGraph<'_>,
     routes: &mut Vec<BranchRoute>,
     owner: &mut BTreeMap<u32, usize>,
     ways: &Ways,
@@ -175,7 +175,7 @@ fn close_loops(
             let start = half.nodes[0];
             let place = |n: u32| view.adjacency.place_mm[n as usize];
             let far = half.nodes.iter().map(|n| place(*n).distance(place(start)));
-            let least = (2.0 * view.d.at(place(start))).max(Limits::default().twig_mm);
+            let least = (2.0 * view.d.at(place(start))).max(PruneLimits::default().twig_mm);
             if far.fold(0.0, f64::max) < least {
                 continue;
             }
@@ -192,7 +192,7 @@ fn close_loops(
 }
 
 /// A chain cut where both ends are equally far from the root; both halves lead there.
-fn halves(view: &View<'_>, mut chain: Chain, ways: &Ways) -> [Chain; 2] {
+fn halves(view: &ArcGraph<'_>, mut chain: Chain, ways: &Ways) -> [Chain; 2] {
     let cost = |n: u32| ways.get(&n).map_or(0, |w| w.0);
     let (a, b) = (cost(chain.nodes[0]), cost(chain.nodes[chain.nodes.len() - 1]));
     let each: Vec<u64> = chain.contacts.iter().map(|c| view.net.contact_centrality(*c)).collect();
@@ -216,7 +216,7 @@ fn halves(view: &View<'_>, mut chain: Chain, ways: &Ways) -> [Chain; 2] {
 /// curve reach into it.
 const RING_OVERLAP: f64 = 8.0;
 /// Fewest points of a route that is smoothed as a ring.
-const LEAST_LAP: usize = 8;
+const MIN_LAP: usize = 8;
 
 /// Curves of branches.
 pub(super) struct Branches<'a> {
@@ -278,7 +278,7 @@ impl<'a> Branches<'a> {
         points.reverse();
         points.dedup();
         let fixed = Fixed { start: start_fixed, end: end_fixed };
-        let smooth = if is_ring && points.len() >= LEAST_LAP {
+        let smooth = if is_ring && points.len() >= MIN_LAP {
             self.ring(&points)
         } else {
             recenter(&points, self.d, self.f, fixed)
@@ -324,7 +324,7 @@ impl<'a> Branches<'a> {
     fn meet(
         &self,
         points: &mut Vec<DVec3>,
-        end: End,
+        end: PathEnd,
         (on, is_ring): (Option<&[DVec3]>, bool),
     ) -> bool {
         let near = |p: &DVec3| p.distance_squared(points[0]);

@@ -10,9 +10,9 @@ use crate::lumen::bricks::BRICK;
 use crate::task::checkpoint;
 
 /// Nodes that a straight piece passes at most.
-const MOST_NODES: usize = 23;
+const MAX_NODES: usize = 23;
 /// Straight pieces are no longer than this many distances to the wall, or this many voxels.
-const MOST_LENGTH: (f64, f64) = (2.0, 8.0);
+const MAX_LENGTH: (f64, f64) = (2.0, 8.0);
 /// Places a distance to the wall at which the cost of a straight piece is sampled.
 const SAMPLES: f64 = 4.0;
 
@@ -72,9 +72,9 @@ impl ChainRouter<'_> {
         // the one before, which there always is.
         let pieces = (0..at.len()).into_par_iter().with_min_len(16).map(|i| {
             checkpoint();
-            let first = i.saturating_sub(MOST_NODES);
+            let first = i.saturating_sub(MAX_NODES);
             let straight = |j: usize| {
-                let most = (MOST_LENGTH.0 * depth[i].max(depth[j])).max(MOST_LENGTH.1 * h);
+                let most = (MAX_LENGTH.0 * depth[i].max(depth[j])).max(MAX_LENGTH.1 * h);
                 let fits = at[i].distance(at[j]) <= most && safe(at[j], at[i], self.distance);
                 fits.then(|| (j, true, self.cost(at[j], at[i], depth[i].max(depth[j]))))
             };

@@ -15,7 +15,7 @@ const SHARE: f64 = 0.95;
 const ALONG: f64 = 1.8;
 /// Farthest a point moves in a round, in its distances to the wall: where more is wanting, sections
 /// disagree and the curve is a compromise.
-const MOST: f64 = 0.04;
+const MAX_MOVE: f64 = 0.04;
 const ROUNDS: usize = 3;
 
 /// Moves a curve towards the deepest places of sections in which it keeps less than its share of
@@ -84,7 +84,7 @@ fn wanting(p: DVec3, t: DVec3, distance: Sampler<'_>) -> DVec3 {
         *if at(best * half) < wanted { &mut short } else { &mut enough } = half;
     }
     let way = best * enough;
-    if way.length() > MOST * here {
+    if way.length() > MAX_MOVE * here {
         return DVec3::ZERO;
     }
     u * way.x + v * way.y

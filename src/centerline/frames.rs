@@ -4,7 +4,7 @@ use glam::DVec3;
 
 /// Tangent and a normal that does not turn about it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Frame {
+pub struct CurveFrame {
     /// Unit tangent.
     pub tangent: DVec3,
     /// Unit normal.
@@ -17,10 +17,11 @@ pub struct Frame {
 ///   cannot be.
 ///
 /// Duplicate points keep the frame before them (the reflection is undefined there).
-pub fn frames(points: &[DVec3], tangents: &[DVec3], first_normal: DVec3) -> Vec<Frame> {
+pub fn frames(points: &[DVec3], tangents: &[DVec3], first_normal: DVec3) -> Vec<CurveFrame> {
     let Some(&t0) = tangents.first() else { return Vec::new() };
     let n0 = (first_normal - t0 * first_normal.dot(t0)).try_normalize();
-    let mut at = Frame { tangent: t0, normal: n0.unwrap_or_else(|| t0.any_orthonormal_vector()) };
+    let mut at =
+        CurveFrame { tangent: t0, normal: n0.unwrap_or_else(|| t0.any_orthonormal_vector()) };
     let mut out = vec![at];
     for i in 1..points.len() {
         let v1 = points[i] - points[i - 1];
@@ -37,7 +38,7 @@ pub fn frames(points: &[DVec3], tangents: &[DVec3], first_normal: DVec3) -> Vec<
         }
         let t = tangents[i];
         let n = (n - t * n.dot(t)).try_normalize().unwrap_or_else(|| t.any_orthonormal_vector());
-        at = Frame { tangent: t, normal: n };
+        at = CurveFrame { tangent: t, normal: n };
         out.push(at);
     }
     out

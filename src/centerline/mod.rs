@@ -19,7 +19,7 @@ mod spline;
 mod visibility;
 
 pub use containment::{Proof, safe_by_distance, safe_by_voxels};
-pub use frames::{Frame, frames, tangents};
+pub use frames::{CurveFrame, frames, tangents};
 pub use graph::Graph;
 pub use paper::paper_path;
 pub use recenter::{arc_lengths, resample};

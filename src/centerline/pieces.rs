@@ -3,18 +3,18 @@
 use glam::DVec3;
 
 /// Most pieces whose best order is found; more are joined one after another, nearest first.
-const MOST_EXACT: usize = 12;
+const MAX_EXACT: usize = 12;
 
 /// A piece between two ends.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Piece {
+pub(super) struct PathPiece {
     /// Its ends, mm.
     pub ends: [DVec3; 2],
     /// Unit vectors out of the piece at its ends; zero where there is none.
     pub outward: [DVec3; 2],
 }
 
-impl Piece {
+impl PathPiece {
     /// Cost of going on from this piece (flown backwards if `from`) to another: the gap, up to twice
     /// as much where it is left or met at an angle. In µm, so that sums are exact.
     fn cost(&self, from: usize, other: &Self, to: usize) -> u64 {
@@ -30,8 +30,8 @@ impl Piece {
 
 /// Order of pieces and whether each is flown backwards, so that the gaps cost least together (Held &
 /// Karp 1962, doi:10.1137/0110015); of equal orders the first by number.
-pub(super) fn order(pieces: &[Piece]) -> Vec<(usize, bool)> {
-    if pieces.len() > MOST_EXACT {
+pub(super) fn order(pieces: &[PathPiece]) -> Vec<(usize, bool)> {
+    if pieces.len() > MAX_EXACT {
         return one_after_another(pieces);
     }
     let n = pieces.len();
@@ -73,7 +73,7 @@ pub(super) fn order(pieces: &[Piece]) -> Vec<(usize, bool)> {
 }
 
 /// The first piece, then always the one that costs least to go on to, at either end.
-fn one_after_another(pieces: &[Piece]) -> Vec<(usize, bool)> {
+fn one_after_another(pieces: &[PathPiece]) -> Vec<(usize, bool)> {
     let mut left: Vec<usize> = (1..pieces.len()).collect();
     let mut out = std::collections::VecDeque::from([(0, 0usize)]);
     while !left.is_empty() {
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     /// A winding curve cut into pieces with gaps, each third one turned round.
-    fn cut(count: usize, gap: f64) -> (Vec<Piece>, Vec<bool>) {
+    fn cut(count: usize, gap: f64) -> (Vec<PathPiece>, Vec<bool>) {
         let at = |s: f64| DVec3::new(80.0 * (0.02 * s).sin(), 0.9 * s, 60.0 * (0.013 * s).cos());
         let (mut pieces, mut turned) = (Vec::new(), Vec::new());
         let mut s = 0.0;
@@ -110,7 +110,7 @@ mod tests {
             let outward = [at(a) - at(a + 5.0), at(b) - at(b - 5.0)].map(DVec3::normalize);
             let turn = i % 3 == 1;
             let swap = |p: [DVec3; 2]| if turn { [p[1], p[0]] } else { p };
-            pieces.push(Piece { ends: swap(ends), outward: swap(outward) });
+            pieces.push(PathPiece { ends: swap(ends), outward: swap(outward) });
             turned.push(turn);
             s = b + gap;
         }
@@ -125,7 +125,7 @@ mod tests {
                 // Seven has no factor in common with any count but itself.
                 let step = if count == 7 { 3 } else { 5 };
                 let places: Vec<usize> = (0..count).map(|i| i * step % count).collect();
-                let shuffled: Vec<Piece> = places.iter().map(|i| pieces[*i]).collect();
+                let shuffled: Vec<PathPiece> = places.iter().map(|i| pieces[*i]).collect();
                 let found = order(&shuffled);
                 let mut names: Vec<usize> = found.iter().map(|(i, _)| places[*i]).collect();
                 let mut ways: Vec<bool> =

@@ -12,8 +12,8 @@ use rayon::prelude::*;
 use super::CenterlineError;
 use super::branches::{BranchRoute, Branches, grow};
 use super::chain_route::{Chain, ChainRouter};
-use super::complex::net::{Limits, Loop, Net, Rule};
-use super::complex::sweep::{Adjacency, first_of_each, tips};
+use super::complex::net::{Loop, Net, PruneLimits, Rule};
+use super::complex::sweep::{NodeContacts, first_of_each, tips};
 use super::complex::{CellComplex, cell, collapse};
 use super::containment::Proof;
 use super::pieces;
@@ -132,9 +132,9 @@ pub fn centerline(
     if complex.nodes.is_empty() {
         return Err(CenterlineError::Empty);
     }
-    let adjacency = Adjacency::new(&complex, lumen);
+    let adjacency = NodeContacts::new(&complex, lumen);
     let component = adjacency.components();
-    let held = |e: Option<End>| e.and_then(|e| complex.node_at(e.voxel as usize));
+    let held = |e: Option<PathEnd>| e.and_then(|e| complex.node_at(e.voxel as usize));
     let (from, to) = (from.zip(held(from)), to.zip(held(to)));
     let held: Vec<u32> = from.iter().chain(&to).map(|e| e.1).collect();
     if held.windows(2).any(|w| component[w[0] as usize] != component[w[1] as usize]) {
@@ -146,7 +146,7 @@ pub fn centerline(
     anchors.dedup();
     let left = collapse(&complex, &anchors);
     let mut net = Net::new(&complex, &adjacency, &left, &held, d);
-    let kept = net.prune(Limits::default());
+    let kept = net.prune(PruneLimits::default());
 
     let loops = net.ended.iter().chain(&kept).map(|found| LumenLoop {
         throat_at: contact_at(&complex, lumen, found.throat),
@@ -155,8 +155,8 @@ pub fn centerline(
     let loops = loops.collect();
     let router = ChainRouter { complex: &complex, distance: d };
     let f = Sampler { lumen, field: smooth };
-    let view = View { net: &net, complex: &complex, adjacency: &adjacency, router, d, f };
-    let parts = Part::all(&complex, &component, &net);
+    let view = ArcGraph { net: &net, complex: &complex, adjacency: &adjacency, router, d, f };
+    let parts = RouteComponent::all(&complex, &component, &net);
     // The deepest part is first, or the one that ends were asked for in.
     let main = held.first().map_or_else(
         || (0..parts.len()).max_by_key(|p| (parts[*p].depth(&complex), Reverse(*p))).unwrap_or(0),
@@ -200,7 +200,7 @@ pub fn centerline(
 
 /// Routes of several parts one after another: paths in the order in which they follow each other,
 /// trees as they come.
-fn in_order(pieces: Vec<Vec<BranchRoute>>, view: &View<'_>, tree: bool) -> Vec<BranchRoute> {
+fn in_order(pieces: Vec<Vec<BranchRoute>>, view: &ArcGraph<'_>, tree: bool) -> Vec<BranchRoute> {
     let mut order: Vec<(usize, bool)> = (0..pieces.len()).map(|i| (i, false)).collect();
     if !tree && pieces.len() > 1 {
         let place = |n: u32| view.adjacency.place_mm[n as usize];
@@ -233,7 +233,7 @@ fn in_order(pieces: Vec<Vec<BranchRoute>>, view: &View<'_>, tree: bool) -> Vec<B
 const PIECE_RADIUS: f64 = 1.5;
 
 /// A component of the lumen.
-struct Part {
+struct RouteComponent {
     /// Where its arcs end, ascending.
     nodes: Vec<u32>,
     /// Its deepest node, of several the first.
@@ -241,7 +241,7 @@ struct Part {
     voxels: u64,
 }
 
-impl Part {
+impl RouteComponent {
     /// All components by their numbers.
     fn all(complex: &CellComplex, component: &[u32], net: &Net<'_>) -> Vec<Self> {
         let first = |n: u32| Reverse(complex.nodes[n as usize].key);
@@ -264,7 +264,11 @@ impl Part {
 
 /// Places where branches may end: of each component the node farthest from its deepest one, and all
 /// [`tips`] as seen from there.
-fn ends_of_branches(complex: &CellComplex, adjacency: &Adjacency, component: &[u32]) -> Vec<u32> {
+fn ends_of_branches(
+    complex: &CellComplex,
+    adjacency: &NodeContacts,
+    component: &[u32],
+) -> Vec<u32> {
     let nodes = &complex.nodes;
     let first = |n: u32| (Reverse(nodes[n as usize].key), nodes[n as usize].deepest);
     let deepest = first_of_each(component, first);
@@ -275,7 +279,7 @@ fn ends_of_branches(complex: &CellComplex, adjacency: &Adjacency, component: &[u
     let width_mm = |n: u32| 0.5 * h * f64::from(nodes[n as usize].key).sqrt();
     let units = |mm: f64| (mm / adjacency.unit_mm) as u32;
     let mut found =
-        tips(adjacency, &length, |n| units(width_mm(n)), units(Limits::default().twig_mm));
+        tips(adjacency, &length, |n| units(width_mm(n)), units(PruneLimits::default().twig_mm));
     found.extend(&roots);
     found
 }
@@ -289,7 +293,7 @@ fn contact_at(complex: &CellComplex, lumen: &Lumen, contact: u32) -> DVec3 {
 
 /// An end of the path.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct End {
+pub(super) struct PathEnd {
     /// Field element of the voxel the way there ends in.
     pub voxel: u32,
     /// Local mm.
@@ -299,13 +303,13 @@ pub(super) struct End {
 }
 
 /// An end that was asked for.
-fn given(lumen: &Lumen, which: &'static str, at: DVec3) -> Result<End, CenterlineError> {
+fn given(lumen: &Lumen, which: &'static str, at: DVec3) -> Result<PathEnd, CenterlineError> {
     let grid = &lumen.grid;
     let v = grid.voxel_from_world().transform_point3(at);
     let is_near = v.is_finite() && v.abs().max_element() < 1e6;
     let voxel = lumen.bricks.element(v.round().as_ivec3());
     match voxel.filter(|e| is_near && lumen.is_inside(*e)) {
-        Some(e) => Ok(End { voxel: e as u32, point: v * grid.spacing_mm, given: true }),
+        Some(e) => Ok(PathEnd { voxel: e as u32, point: v * grid.spacing_mm, given: true }),
         None => {
             let off = |e| ((lumen.bricks.voxel(e).as_dvec3() - v) * grid.spacing_mm).length();
             let nearest_mm = lumen.elements(&lumen.inside).map(off).fold(f64::MAX, f64::min);
@@ -316,19 +320,19 @@ fn given(lumen: &Lumen, which: &'static str, at: DVec3) -> Result<End, Centerlin
 
 /// Ways over the arcs of one component.
 #[derive(Clone, Copy)]
-pub(super) struct View<'a> {
+pub(super) struct ArcGraph<'a> {
     pub net: &'a Net<'a>,
     pub complex: &'a CellComplex,
-    pub adjacency: &'a Adjacency,
+    pub adjacency: &'a NodeContacts,
     pub router: ChainRouter<'a>,
     pub d: Sampler<'a>,
     pub f: Sampler<'a>,
 }
 
 /// An end with its node.
-type At = (End, u32);
+type At = (PathEnd, u32);
 
-impl View<'_> {
+impl ArcGraph<'_> {
     /// Deepest voxels of all nodes on arcs, and of the widest node.
     fn graph_nodes(&self, widest: Option<u32>) -> Vec<GraphNode> {
         let place = |n: u32| self.adjacency.place_mm[n as usize];
@@ -349,7 +353,7 @@ impl View<'_> {
     /// Their ways have no points yet.
     fn routes(
         &self,
-        part: &Part,
+        part: &RouteComponent,
         (from, to): (Option<At>, Option<At>),
         options: RouteOptions,
     ) -> Vec<BranchRoute> {
@@ -411,7 +415,7 @@ impl View<'_> {
 
     /// Whether the centre of a cap lies outside the ball at the junction its branch begins at: a
     /// pocket of a wide lumen has none there.
-    pub fn leads_out(&self, junction: u32, tip: End) -> bool {
+    pub fn leads_out(&self, junction: u32, tip: PathEnd) -> bool {
         let at = self.adjacency.place_mm[junction as usize];
         tip.point.distance(at) >= self.d.at(at)
     }
@@ -462,7 +466,7 @@ impl View<'_> {
         let chain = chain.unwrap_or_default();
         let end = |n: u32| {
             let voxel = self.complex.nodes[n as usize].deepest;
-            (End { voxel, point: self.adjacency.place_mm[n as usize], given: true }, n)
+            (PathEnd { voxel, point: self.adjacency.place_mm[n as usize], given: true }, n)
         };
         let (first, last) = (chain.nodes[0], chain.nodes[chain.nodes.len() - 1]);
         let mut route = BranchRoute::between(end(first), end(last), chain);
@@ -476,7 +480,7 @@ impl View<'_> {
         let end = |bit: u32| {
             let voxel = self.complex.element(node, bit);
             let at = self.d.lumen.bricks.voxel(voxel as usize).as_dvec3();
-            End { voxel, point: at * self.d.lumen.grid.spacing_mm, given: false }
+            PathEnd { voxel, point: at * self.d.lumen.grid.spacing_mm, given: false }
         };
         let far = |from: u32| {
             let steps = |b: u32| (cell::path(n.voxels, from, b).len(), Reverse(b));
@@ -490,7 +494,7 @@ impl View<'_> {
 
     /// The end of an arc at a node that no other meets: the voxel of the node that lies farthest
     /// along, and the centre of the cap there.
-    pub fn tip(&self, node: u32) -> End {
+    pub fn tip(&self, node: u32) -> PathEnd {
         let lumen = self.d.lumen;
         let n = &self.complex.nodes[node as usize];
         let before = self.net.beside(node).unwrap_or(node);
@@ -503,7 +507,7 @@ impl View<'_> {
         let bits = cell::voxels(n.voxels);
         let far = bits.max_by(|a, b| off(*a).total_cmp(&off(*b)).then(b.cmp(a))).unwrap_or(0);
         let voxel = self.complex.element(node, far);
-        End { voxel, point: cap_centre(at(far), self.d, self.f), given: false }
+        PathEnd { voxel, point: cap_centre(at(far), self.d, self.f), given: false }
     }
 }
 

@@ -73,7 +73,7 @@ pub(super) fn around(u: &[f64], i: usize, reach: f64) -> (usize, usize) {
 }
 
 /// A wall point seen along a ray: across the curve, and how far it is.
-struct Wall {
+struct WallHit {
     across: DVec2,
     range: f64,
 }
@@ -87,10 +87,10 @@ fn across<const RAYS: usize>(p: DVec3, t: DVec3, smooth: Sampler<'_>) -> (DVec3,
         return (p, 0.0);
     }
     let (u, v) = t.any_orthonormal_pair();
-    let wall: [Wall; RAYS] = std::array::from_fn(|i| {
+    let wall: [WallHit; RAYS] = std::array::from_fn(|i| {
         let way = DVec2::from_angle(std::f64::consts::TAU * i as f64 / RAYS as f64);
         let range = reach(p, u * way.x + v * way.y, room, smooth, level);
-        Wall { across: way * range, range }
+        WallHit { across: way * range, range }
     });
     let mut ranges = wall.each_ref().map(|w| w.range);
     ranges.sort_by(f64::total_cmp);
@@ -104,7 +104,7 @@ fn across<const RAYS: usize>(p: DVec3, t: DVec3, smooth: Sampler<'_>) -> (DVec3,
 /// The least of the sum of 1/ρ^8 over wall points, ρ their distance. The nearest walls count most,
 /// so that the mouth of a branch hardly matters; all of them count, which averages the voxels'
 /// steps.
-fn balance(wall: &[Wall], room: f64) -> DVec2 {
+fn balance(wall: &[WallHit], room: f64) -> DVec2 {
     let mut c = DVec2::ZERO;
     for _ in 0..8 {
         let (mut g, mut xx, mut xy, mut yy) = (DVec2::ZERO, 0.0, 0.0, 0.0);

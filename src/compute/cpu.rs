@@ -9,7 +9,7 @@ use bytemuck::Pod;
 use super::array::Storage;
 use super::{Contents, Outputs, Plan, Step, StepTime};
 
-enum Held<'a> {
+enum BufferData<'a> {
     Input(&'a [u8]),
     Own(Storage),
 }
@@ -74,13 +74,13 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
         last_use[b.0 as usize] = usize::MAX;
     }
     // Owned storage appears at first use and goes after the last one.
-    let mut held: Vec<Option<Held<'_>>> = plan
+    let mut held: Vec<Option<BufferData<'_>>> = plan
         .buffers()
         .iter()
         .map(|b| match &b.contents {
             Contents::Zeroed => None,
-            Contents::Borrowed(data) => Some(Held::Input(data)),
-            Contents::Owned(data) => Some(Held::Own(Storage::from_bytes(data))),
+            Contents::Borrowed(data) => Some(BufferData::Input(data)),
+            Contents::Owned(data) => Some(BufferData::Own(Storage::from_bytes(data))),
         })
         .collect();
 
@@ -99,12 +99,12 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
                 if binding.read {
                     zeros.touch();
                 }
-                *slot = Some(Held::Own(zeros));
+                *slot = Some(BufferData::Own(zeros));
             }
             writes.push(if binding.writable {
                 let own = match slot.take() {
-                    Some(Held::Own(s)) => s,
-                    Some(Held::Input(data)) => Storage::from_bytes(data),
+                    Some(BufferData::Own(s)) => s,
+                    Some(BufferData::Input(data)) => Storage::from_bytes(data),
                     None => Storage::zeroed(bytes),
                 };
                 Some((own, bytes))
@@ -119,8 +119,8 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
             .map(|(id, binding)| {
                 let bytes = plan.buffers()[id.0 as usize].bytes;
                 (!binding.writable).then(|| match &held[id.0 as usize] {
-                    Some(Held::Input(data)) => *data,
-                    Some(Held::Own(s)) => s.typed::<u8>(bytes),
+                    Some(BufferData::Input(data)) => *data,
+                    Some(BufferData::Own(s)) => s.typed::<u8>(bytes),
                     None => unreachable!("filled above"),
                 })
             })
@@ -130,7 +130,7 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
         let writes = args.writes;
         for (id, w) in step.buffers.iter().zip(writes) {
             if let Some((s, _)) = w {
-                held[id.0 as usize] = Some(Held::Own(s));
+                held[id.0 as usize] = Some(BufferData::Own(s));
             }
         }
         for id in &step.buffers {
@@ -151,8 +151,8 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
     for id in plan.downloads() {
         let bytes = plan.buffers()[id.0 as usize].bytes;
         let s = match held[id.0 as usize].take() {
-            Some(Held::Own(s)) => s,
-            Some(Held::Input(data)) => Storage::from_bytes(data),
+            Some(BufferData::Own(s)) => s,
+            Some(BufferData::Input(data)) => Storage::from_bytes(data),
             None => Storage::zeroed(bytes),
         };
         out.arrays.insert(*id, (s, bytes));

@@ -11,7 +11,7 @@ use crate::lumen::Lumen;
 /// The wall keeps at least this many near-ball radii away.
 pub const SAFETY: f64 = 1.05;
 /// Nearest near plane before a pose is refused, mm.
-pub const LEAST_NEAR_MM: f64 = 0.05;
+pub const MIN_NEAR_MM: f64 = 0.05;
 
 /// Answers how much room there is about a point.
 ///
@@ -144,7 +144,7 @@ impl<'a> Clearance<'a> {
     /// * `lens`: its `near_mm` is the wish.
     ///
     /// # Errors
-    /// The proven distance, where even [`LEAST_NEAR_MM`] is too far.
+    /// The proven distance, where even [`MIN_NEAR_MM`] is too far.
     pub fn near_mm(&self, p_mm: DVec3, lens: Lens) -> Result<(f32, f64), f64> {
         let ball = f64::from(Lens { near_mm: 1.0, ..lens }.near_ball_mm());
         let wish = f64::from(lens.near_mm);
@@ -153,6 +153,6 @@ impl<'a> Clearance<'a> {
         // Rounded down: the proof must hold for the number handed out.
         let rounded = near as f32;
         let rounded = if f64::from(rounded) > near { rounded.next_down() } else { rounded };
-        if near < LEAST_NEAR_MM.min(wish) { Err(room) } else { Ok((rounded, room)) }
+        if near < MIN_NEAR_MM.min(wish) { Err(room) } else { Ok((rounded, room)) }
     }
 }

@@ -8,11 +8,11 @@ use crate::centerline::{arc_lengths, frames, resample};
 use crate::geometry::CenterlinePoint;
 
 /// Shortest distance to look ahead, mm, unless the wall is nearer.
-const LEAST_AHEAD_MM: f64 = 5.0;
+const MIN_AHEAD_MM: f64 = 5.0;
 /// Distance to look ahead in radii.
 const AHEAD_RADII: f64 = 2.0;
 /// Farthest distance to look ahead, mm.
-const MOST_AHEAD_MM: f64 = 40.0;
+const MAX_AHEAD_MM: f64 = 40.0;
 /// Smoothing of the curve that is looked along, mm; no more than the radius.
 const GAZE_SIGMA_MM: f64 = 2.0;
 /// Smoothing of the eye's own way in radii: bends move by a hundredth of a radius, jitter goes.
@@ -61,14 +61,14 @@ impl Track {
         };
         let ahead: Vec<f64> = (0..n)
             .map(|i| {
-                let mut ahead = (AHEAD_RADII * radius_mm[i]).clamp(LEAST_AHEAD_MM, MOST_AHEAD_MM);
+                let mut ahead = (AHEAD_RADII * radius_mm[i]).clamp(MIN_AHEAD_MM, MAX_AHEAD_MM);
                 while ahead > 2.0 * step_mm && !wall.sees(eye[i], eye[i] + chord(i, ahead)) {
                     ahead *= 0.85;
                 }
                 ahead
             })
             .collect();
-        let ahead = smoothed_below(&ahead, (LEAST_AHEAD_MM / step_mm).round() as usize);
+        let ahead = smoothed_below(&ahead, (MIN_AHEAD_MM / step_mm).round() as usize);
         let mut last = DVec3::Z;
         let looked: Vec<DVec3> = (0..n)
             .map(|i| {

@@ -12,7 +12,7 @@ mod collide_and_slide;
 mod wall;
 
 pub use camera_path::{CameraPath, CameraPathError, CameraPathPose, MAX_BYTES, SCHEMA};
-pub use clearance::{Clearance, LEAST_NEAR_MM, SAFETY};
+pub use clearance::{Clearance, MIN_NEAR_MM, SAFETY};
 pub use collide_and_slide::collide_and_slide;
 pub use coverage::{Coverage, CoverageMap, LISTED_FROM_MM2, MissedPatch, coverage, unseen_voxels};
 pub use gaze::Track;

@@ -13,7 +13,7 @@ pub const MAX_FRAMES: usize = 900_000;
 /// The near plane as a share of the radius.
 pub(super) const NEAR_SHARE: f64 = 0.35;
 /// Farthest near plane, mm.
-const MOST_NEAR_MM: f64 = 5.0;
+const MAX_NEAR_MM: f64 = 5.0;
 /// Cruising speed in median radii a second, where only the number of frames is given.
 const CRUISE_RADII: f64 = 1.5;
 
@@ -398,7 +398,7 @@ impl<'a> Planner<'a> {
     }
 
     fn prove(&self, eye: DVec3, radius_mm: f64) -> Result<(f32, f64), f64> {
-        let wish = (NEAR_SHARE * radius_mm).clamp(super::LEAST_NEAR_MM, MOST_NEAR_MM);
+        let wish = (NEAR_SHARE * radius_mm).clamp(super::MIN_NEAR_MM, MAX_NEAR_MM);
         // What is drawn from is the rounded eye.
         let eye = eye.as_vec3().as_dvec3();
         self.wall.near_mm(eye, Lens { near_mm: wish as f32, ..self.lens })

@@ -5,9 +5,9 @@ use super::smoothed_below;
 /// Fastest turn of the gaze, radians a second (30 degrees).
 pub const MAX_TURN_RAD_PER_S: f64 = std::f64::consts::PI / 6.0;
 /// Slowest share of the cruising speed in a narrow place.
-const LEAST_SHARE: f64 = 0.25;
+const MIN_SHARE: f64 = 0.25;
 /// Slowest share of the cruising speed in a sharp turn; only a gaze that jumps needs it.
-const LEAST_TURNING: f64 = 0.002;
+const MIN_TURNING: f64 = 0.002;
 /// Speed changes over about this length, mm.
 const EASE_MM: f64 = 3.0;
 
@@ -35,9 +35,9 @@ impl Profile {
         };
         let allowed: Vec<f64> = (0..radius_mm.len())
             .map(|i| {
-                let wide = cruise_mm_per_s * (radius_mm[i] / middle).clamp(LEAST_SHARE, 1.0);
+                let wide = cruise_mm_per_s * (radius_mm[i] / middle).clamp(MIN_SHARE, 1.0);
                 let turning = MAX_TURN_RAD_PER_S * step_mm / turn(i).max(1e-12);
-                wide.min(turning.max(LEAST_TURNING * cruise_mm_per_s))
+                wide.min(turning.max(MIN_TURNING * cruise_mm_per_s))
             })
             .collect();
         let speed = smoothed_below(&allowed, (EASE_MM / step_mm).round() as usize);

@@ -22,12 +22,12 @@ pub struct CrossSection {
 }
 
 /// An edge of the mesh by its vertices, the lower one first.
-type Edge = (u32, u32);
+type FaceEdge = (u32, u32);
 
 /// A piece of outline across one face, from the edge where it comes in to that where it leaves.
-struct Piece {
-    from: Edge,
-    to: Edge,
+struct OutlineSegment {
+    from: FaceEdge,
+    to: FaceEdge,
     start: DVec2,
 }
 
@@ -105,7 +105,12 @@ pub fn cross_section(
 }
 
 /// Where the plane cuts the faces, each piece with the inside on the same hand.
-fn pieces(wall: &Mesh, tree: &TriangleBvh, at: DVec3, [n, u, v]: [DVec3; 3]) -> Vec<Piece> {
+fn pieces(
+    wall: &Mesh,
+    tree: &TriangleBvh,
+    at: DVec3,
+    [n, u, v]: [DVec3; 3],
+) -> Vec<OutlineSegment> {
     let mut out = Vec::new();
     let mut open = vec![tree.root()];
     while let Some(s) = open.pop() {
@@ -137,21 +142,22 @@ fn pieces(wall: &Mesh, tree: &TriangleBvh, at: DVec3, [n, u, v]: [DVec3; 3]) -> 
                 }
             }
             let (Some(falls), Some(rises)) = (falls, rises) else { continue };
-            let edge =
-                |(i, j): (usize, usize)| -> Edge { (face[i].min(face[j]), face[i].max(face[j])) };
+            let edge = |(i, j): (usize, usize)| -> FaceEdge {
+                (face[i].min(face[j]), face[i].max(face[j]))
+            };
             let (i, j) = falls;
             // From the lower vertex on, so that both faces of an edge find the same point.
             let (a, b) = if face[i] < face[j] { (i, j) } else { (j, i) };
             let p = corner[a].lerp(corner[b], height[a] / (height[a] - height[b]));
             let start = DVec2::new(u.dot(p), v.dot(p));
-            out.push(Piece { from: edge(falls), to: edge(rises), start });
+            out.push(OutlineSegment { from: edge(falls), to: edge(rises), start });
         }
     }
     out
 }
 
 /// Links pieces where they share an edge; what does not close is left out.
-fn outlines(mut pieces: Vec<Piece>) -> Vec<Outline> {
+fn outlines(mut pieces: Vec<OutlineSegment>) -> Vec<Outline> {
     pieces.sort_by_key(|p| (p.from, p.to));
     let mut used = vec![false; pieces.len()];
     let mut out = Vec::new();

@@ -12,7 +12,7 @@ use crate::fault;
 use crate::task::checkpoint;
 
 /// Larger distances are clamped to this, in cells.
-const DISTANCE_MAX: u8 = 100;
+const MAX_DISTANCE: u8 = 100;
 
 /// Grid over the bounding box of a closed wall: how far each cell is from the border between the
 /// exterior and the rest.
@@ -43,7 +43,7 @@ impl ExteriorGrid {
         outside.iter_mut().for_each(|o| *o = !*o);
         let mut outwards = this.chebyshev(&outside);
         if fault::hit(fault::Point::Occlusion) {
-            outwards.iter_mut().filter(|d| **d > 0).for_each(|d| *d = DISTANCE_MAX);
+            outwards.iter_mut().filter(|d| **d > 0).for_each(|d| *d = MAX_DISTANCE);
         }
         let signed = |(out, inside): (u8, u8)| out.cast_signed() - inside.cast_signed();
         this.distance = outwards.into_iter().zip(inwards).map(signed).collect();
@@ -108,7 +108,7 @@ impl ExteriorGrid {
     /// passes, exact for this metric (Borgefors 1986, doi:10.1016/S0734-189X(86)80047-0). Each cell
     /// takes the minimum of the neighbours that precede it in the scan direction, plus one.
     fn chebyshev(&self, set: &[bool]) -> Vec<u8> {
-        let mut distance: Vec<u8> = set.iter().map(|s| if *s { 0 } else { DISTANCE_MAX }).collect();
+        let mut distance: Vec<u8> = set.iter().map(|s| if *s { 0 } else { MAX_DISTANCE }).collect();
         let [nx, ny, nz] = self.dims.to_array().map(|n| n as usize);
         let rows = ny * nz;
         let mut near = vec![0u8; nx];
@@ -127,7 +127,7 @@ impl ExteriorGrid {
                     let z = step(z, dz).filter(|z| *z < nz)?;
                     Some((y + ny * z) * nx)
                 });
-                near.fill(DISTANCE_MAX);
+                near.fill(MAX_DISTANCE);
                 for first in others.into_iter().flatten() {
                     let row = &distance[first..first + nx];
                     near.iter_mut().zip(row).for_each(|(n, s)| *n = (*n).min(*s));
@@ -135,7 +135,7 @@ impl ExteriorGrid {
                 let own = &mut distance[at * nx..][..nx];
                 let neighbors = |x: usize| near[x.saturating_sub(1)].min(near[(x + 1).min(nx - 1)]);
                 (0..nx).for_each(|x| own[x] = own[x].min(near[x].min(neighbors(x)) + 1));
-                let mut last = DISTANCE_MAX;
+                let mut last = MAX_DISTANCE;
                 let mut along = |s: &mut u8| {
                     *s = (*s).min(last + 1);
                     last = *s;

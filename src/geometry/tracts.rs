@@ -71,7 +71,7 @@ impl Centerline {
         while passed.iter().any(|p| merge_overlaps(p, &mut merged)) {}
 
         let mut out = Tracts::default();
-        let mut groups = Groups::default();
+        let mut groups = GroupNumbers::default();
         for (path, (tip, passed)) in tips.iter().zip(&passed).enumerate() {
             let points = self.path_to(*tip);
             let last = points.len().saturating_sub(1);
@@ -211,13 +211,13 @@ fn blanks(passed: &[(usize, Range<usize>)], merged: &[usize]) -> Vec<(usize, Ran
 
 /// Numbers of groups, in the order in which they are met.
 #[derive(Default)]
-struct Groups {
+struct GroupNumbers {
     bifurcations: BTreeMap<usize, usize>,
     /// By the bits of the first and last position.
     branches: BTreeMap<[[u64; 3]; 2], usize>,
 }
 
-impl Groups {
+impl GroupNumbers {
     fn next(&self) -> usize {
         self.bifurcations.len() + self.branches.len()
     }

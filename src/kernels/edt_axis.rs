@@ -24,10 +24,10 @@ pub static KERNEL: Kernel = Kernel {
 const NEAR: i32 = 16;
 
 /// Eight x-neighbours, worked on together.
-type Lanes = [f32; 8];
+type RowLanes = [f32; 8];
 
 /// A row's least values and where each was found, counted along the axis from the brick's start.
-type Least = (Lanes, [i32; 8]);
+type Least = (RowLanes, [i32; 8]);
 
 fn twin(args: &mut CpuArgs<'_>) {
     let (s, p, _) = open(args);
@@ -35,7 +35,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     // `across` from line to line of a brick, `along` from row to row of a line.
     let (along, across) = if axis == 1 { (8, 64) } else { (64, 8) };
     let far = |k: i32| p.step2 * (k as f32) * (k as f32);
-    let chain = || Chain { near: s.near, axis, up: Vec::new(), down: Vec::new() };
+    let chain = || BrickChain { near: s.near, axis, up: Vec::new(), down: Vec::new() };
     let slots = s.g.par_chunks_exact_mut(BRICK).enumerate().with_min_len(8);
     slots.for_each_init(chain, |chain, (slot, out)| {
         crate::task::checkpoint();
@@ -55,14 +55,14 @@ fn twin(args: &mut CpuArgs<'_>) {
 
 /// The neighbours of a brick along the axis, as far as searches have gone; each list ends where there
 /// is none.
-struct Chain<'a> {
+struct BrickChain<'a> {
     near: &'a [u32],
     axis: usize,
     up: Vec<usize>,
     down: Vec<usize>,
 }
 
-impl Chain<'_> {
+impl BrickChain<'_> {
     fn start(&mut self, slot: usize) {
         for list in [&mut self.up, &mut self.down] {
             list.clear();
@@ -84,14 +84,14 @@ impl Chain<'_> {
 /// The rows of one line through a chain of bricks.
 struct Rows<'a, 'b> {
     f: &'a [f32],
-    chain: &'b mut Chain<'a>,
+    chain: &'b mut BrickChain<'a>,
     line: usize,
     along: usize,
     step2: f32,
 }
 
 impl Rows<'_, '_> {
-    fn row(&self, slot: usize, q: i32) -> &Lanes {
+    fn row(&self, slot: usize, q: i32) -> &RowLanes {
         let at = slot * BRICK + self.line + (q & 7) as usize * self.along;
         self.f[at..][..8].try_into().expect("eight lanes")
     }
@@ -103,7 +103,7 @@ impl Rows<'_, '_> {
 
     /// The least of a row of the brick: the search goes outwards until no lane can find less.
     #[inline(always)]
-    fn near(&self, at: usize) -> Lanes {
+    fn near(&self, at: usize) -> RowLanes {
         let slot = self.chain.up[0];
         let step = |s_: usize, up| neighbour(self.chain.near, s_, self.chain.axis, up);
         let mut best = *self.row(slot, at as i32);
@@ -140,7 +140,7 @@ impl Rows<'_, '_> {
     /// searched outwards, and what lies between looks only between where its neighbours found
     /// theirs: the lumen is crossed twice a brick instead of eight times. Keeping where it was
     /// found costs a quarter, so in narrow lumens [`Rows::near`] is faster.
-    fn wide(&mut self) -> [Lanes; 8] {
+    fn wide(&mut self) -> [RowLanes; 8] {
         let mut found: [Least; 8] = [([0.0; 8], [0; 8]); 8];
         for at in [0, 7] {
             found[at] = self.outwards(at as i32);
@@ -202,7 +202,7 @@ impl Rows<'_, '_> {
 
 /// Takes what is less by way of row `q`.
 #[inline]
-fn take((best, from): (&mut Lanes, &mut [i32; 8]), row: &Lanes, far: f32, q: i32) {
+fn take((best, from): (&mut RowLanes, &mut [i32; 8]), row: &RowLanes, far: f32, q: i32) {
     for ((best, from), f) in best.iter_mut().zip(from).zip(row) {
         let by = f + far;
         *from = if by < *best { q } else { *from };

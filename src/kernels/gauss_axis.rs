@@ -29,7 +29,7 @@ pub fn gaussian_weights(sigma_vox: f64) -> Vec<f32> {
 }
 
 /// Where a position along the axis lies: slot and place in its brick; `None` where no brick is.
-type Place = Option<(usize, usize)>;
+type SlotAddress = Option<(usize, usize)>;
 
 fn twin(args: &mut CpuArgs<'_>) {
     let (s, p, _) = open(args);
@@ -38,7 +38,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     let span = 8 + 2 * radius;
     let weight = &s.weight[..=radius];
     // The slots that a span crosses, then each position held in [low, high]: the edge repeats.
-    let places = |slot: usize, places: &mut Vec<Place>| {
+    let places = |slot: usize, places: &mut Vec<SlotAddress>| {
         let reach = radius.div_ceil(8);
         let mut slots = vec![None; 2 * reach + 1];
         slots[reach] = Some(slot);
@@ -159,7 +159,7 @@ fn across_x(
 /// Copies what lies around a brick along an axis, and says whether any of it is not 0.
 ///
 /// Across x (axes y and z) `lines` is [position][group of eight x]; along x it is [row][position].
-fn gather(lines: &mut [[f32; 8]], places: &[Place], f: &[f32], axis: usize) -> bool {
+fn gather(lines: &mut [[f32; 8]], places: &[SlotAddress], f: &[f32], axis: usize) -> bool {
     let mut any = 0u32;
     let span = places.len();
     if axis == 0 {

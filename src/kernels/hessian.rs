@@ -38,7 +38,7 @@ fn twin(args: &mut CpuArgs<'_>) {
                     continue; // zeroed already
                 }
                 let keep = |i: usize, v: f32| if inside >> i & 1 != 0 { v } else { 0.0 };
-                let work = Row { halo: &halo, row, spacing_mm: p.spacing_mm, sign: p.sign };
+                let work = LaneRow { halo: &halo, row, spacing_mm: p.spacing_mm, sign: p.sign };
                 let [low, mid, high] = arch.dispatch(work);
                 match p.kind {
                     0 => {
@@ -65,14 +65,14 @@ fn twin(args: &mut CpuArgs<'_>) {
 
 /// A row of a brick, to be worked out in lanes as wide as the processor has: for that all of it must
 /// be inlined.
-struct Row<'a> {
+struct LaneRow<'a> {
     halo: &'a Halo,
     row: usize,
     spacing_mm: [f32; 3],
     sign: f32,
 }
 
-impl WithSimd for Row<'_> {
+impl WithSimd for LaneRow<'_> {
     type Output = [[f32; 8]; 3];
 
     #[inline(always)]

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 pub use super::host::relax_average::{Bindings, Params};
 use super::host::relax_average::{SHADER, open};
-use super::scale_pool::{Ring, ring};
+use super::scale_pool::{WeightedRing, ring};
 use crate::compute::{Case, CpuArgs, Kernel, Plan, Tolerance};
 
 /// See `shaders/relax_average.wgsl`.
@@ -30,7 +30,7 @@ fn twin(args: &mut CpuArgs<'_>) {
 }
 
 fn cases() -> Vec<Case> {
-    let case = |name, g: Ring, poison: bool| {
+    let case = |name, g: WeightedRing, poison: bool| {
         let vertices = g.start.len() - 1;
         let mut plan = Plan::new();
         let start = plan.upload_owned("start", &g.start);

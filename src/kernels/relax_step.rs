@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 pub use super::host::relax_step::{Bindings, Params};
 use super::host::relax_step::{SHADER, open};
-use super::scale_pool::{Ring, ring};
+use super::scale_pool::{WeightedRing, ring};
 use crate::compute::{Case, CpuArgs, Kernel, Plan, Tolerance};
 
 /// See `shaders/relax_step.wgsl`.
@@ -33,7 +33,7 @@ fn twin(args: &mut CpuArgs<'_>) {
 }
 
 fn cases() -> Vec<Case> {
-    let case = |name, g: Ring, poison: Option<f32>| {
+    let case = |name, g: WeightedRing, poison: Option<f32>| {
         let vertices = g.start.len() - 1;
         let mut plan = Plan::new();
         let start = plan.upload_owned("start", &g.start);

@@ -33,16 +33,16 @@ fn twin(args: &mut CpuArgs<'_>) {
 }
 
 /// A closed chain of vertices with weights that sum to less than one.
-pub(super) struct Ring {
+pub(super) struct WeightedRing {
     pub start: Vec<u32>,
     pub near: Vec<u32>,
     pub weight: Vec<f32>,
 }
 
 /// A chain of `n` vertices; a single one has no neighbours.
-pub(super) fn ring(n: u32) -> Ring {
+pub(super) fn ring(n: u32) -> WeightedRing {
     let each = if n > 1 { 2 } else { 0 };
-    Ring {
+    WeightedRing {
         start: (0..=n).map(|v| each * v).collect(),
         near: (0..n)
             .flat_map(|v| [(v + n - 1) % n, (v + 1) % n])
@@ -53,7 +53,7 @@ pub(super) fn ring(n: u32) -> Ring {
 }
 
 fn cases() -> Vec<Case> {
-    let case = |name, g: Ring| {
+    let case = |name, g: WeightedRing| {
         let vertices = g.start.len() - 1;
         let mut plan = Plan::new();
         let start = plan.upload_owned("start", &g.start);

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 pub use super::host::scale_step::{Bindings, Params};
 use super::host::scale_step::{SHADER, open};
-use super::scale_pool::{Ring, ring};
+use super::scale_pool::{WeightedRing, ring};
 use crate::compute::{Case, CpuArgs, Kernel, Plan, Tolerance};
 
 /// See `shaders/scale_step.wgsl`.
@@ -57,7 +57,7 @@ fn twin(args: &mut CpuArgs<'_>) {
 }
 
 fn cases() -> Vec<Case> {
-    let case = |name, g: Ring| {
+    let case = |name, g: WeightedRing| {
         let vertices = g.start.len() - 1;
         let mut plan = Plan::new();
         let start = plan.upload_owned("start", &g.start);

@@ -28,7 +28,7 @@ pub const JOINED: u32 = 8;
 /// Value of the wall; the lumen's is 0.
 const WALL: i32 = 4096;
 /// A crest stands this far above the lumen.
-const LEAST_CREST: i32 = 614;
+const MIN_CREST: i32 = 614;
 
 /// Values about a brick, positions counted from its first voxel.
 #[derive(Clone, Copy)]
@@ -132,7 +132,7 @@ fn twin(args: &mut CpuArgs<'_>) {
                 let here = s.value[e];
                 let fall = view.crest_fall(q, here);
                 let (top, w, flags);
-                if fall > p.crest && 2 * fall > here && here > LEAST_CREST {
+                if fall > p.crest && 2 * fall > here && here > MIN_CREST {
                     let strong = if fall > p.strong { 4 } else { 0 };
                     let top_between = ((here + s.sharp[e]) / 2).clamp(0, WALL);
                     (top, w, flags) = (top_between, 64, RIM | CREST | JOINED | strong);

@@ -65,7 +65,7 @@ pub struct VisiblePatch {
 
 /// Result of one step: what changed, and what to draw from now on.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Step {
+pub struct LodStep {
     /// Pages to write before anything is drawn.
     pub uploads: Vec<Upload>,
     /// The whole cut, in an order that depends on the cut alone.
@@ -84,7 +84,7 @@ pub trait LodHierarchy: Send {
     /// One step from the current cut towards the one for `camera`, within the pages and uploads
     /// that `cache` has left. [`PageCache::begin_step`] must have been called for this step. Once
     /// settled, the cut depends on camera, tolerance and number of pages alone.
-    fn step(&mut self, camera: &Camera, tolerance: &Tolerance, cache: &mut PageCache) -> Step;
+    fn step(&mut self, camera: &Camera, tolerance: &Tolerance, cache: &mut PageCache) -> LodStep;
 
     /// Hash of the current cut: of its content, not of its pages. Equal cuts have equal hashes,
     /// whatever came before.

@@ -5,10 +5,10 @@ use glam::Vec3;
 
 use crate::geometry::{Cone, Sphere};
 
-/// Most items of a leaf, unless it is at [`DEPTH_MAX`].
+/// Most items of a leaf, unless it is at [`MAX_DEPTH`].
 pub const LEAF_ITEMS: usize = 128;
 /// Most levels below the root: coincident items cannot be separated.
-pub const DEPTH_MAX: u32 = 10;
+pub const MAX_DEPTH: u32 = 10;
 
 /// An item of the tree.
 #[derive(Clone, Copy, Debug)]
@@ -40,7 +40,7 @@ impl Item {
 
 /// A non-empty cell.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Node {
+pub struct OctreeNode {
     /// Smallest corner of the box around the items, not of the cell, mm.
     pub lo: Vec3,
     /// Largest corner of the box around the items, mm.
@@ -61,7 +61,7 @@ pub struct Node {
     pub depth: u32,
 }
 
-impl Node {
+impl OctreeNode {
     /// Whether it has no smaller cells.
     pub fn is_leaf(&self) -> bool {
         self.child_count == 0
@@ -72,7 +72,7 @@ impl Node {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Octree {
     /// Cells, a parent before its children, siblings next to each other.
-    pub nodes: Vec<Node>,
+    pub nodes: Vec<OctreeNode>,
     /// Item numbers, each once; those of one node are next to each other.
     pub items: Vec<u32>,
 }
@@ -102,8 +102,8 @@ impl Octree {
         let mut at = 0;
         while at < tree.nodes.len() {
             let (lo, side) = cells[at];
-            let Node { first, count, depth, .. } = tree.nodes[at];
-            if count as usize > leaf_items && depth < DEPTH_MAX {
+            let OctreeNode { first, count, depth, .. } = tree.nodes[at];
+            if count as usize > leaf_items && depth < MAX_DEPTH {
                 let middle = lo + 0.5 * side;
                 let octant = |i: &u32| {
                     let above = items[*i as usize].centre.cmpge(middle);
@@ -169,8 +169,8 @@ impl Octree {
     /// leaf.
     pub fn traverse(
         &self,
-        mut enter: impl FnMut(&Node) -> bool,
-        mut leaf: impl FnMut(usize, &Node),
+        mut enter: impl FnMut(&OctreeNode) -> bool,
+        mut leaf: impl FnMut(usize, &OctreeNode),
     ) {
         let mut open: Vec<usize> = (0..self.nodes.len().min(1)).collect();
         while let Some(at) = open.pop() {
@@ -189,8 +189,8 @@ impl Octree {
 
 const EMPTY: (Vec3, Vec3) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
 
-fn node(first: u32, count: u32, depth: u32) -> Node {
-    Node {
+fn node(first: u32, count: u32, depth: u32) -> OctreeNode {
+    OctreeNode {
         lo: Vec3::ZERO,
         hi: Vec3::ZERO,
         sphere: Sphere::default(),
@@ -286,9 +286,9 @@ mod tests {
         assert!(Octree::new(&[]).nodes.is_empty());
         let at = |p: Vec3| Item::triangle([p, p + Vec3::X, p + Vec3::Y]);
         let same = Octree::new(&vec![at(Vec3::ONE); 1000]);
-        assert!(same.nodes.len() <= 1 + DEPTH_MAX as usize);
+        assert!(same.nodes.len() <= 1 + MAX_DEPTH as usize);
         let mut lost = vec![at(Vec3::NAN); 300];
-        assert!(Octree::new(&lost).nodes.len() <= 1 + DEPTH_MAX as usize);
+        assert!(Octree::new(&lost).nodes.len() <= 1 + MAX_DEPTH as usize);
         lost.extend((0..300).map(|i| at(Vec3::splat(i as f32))));
         assert_eq!(Octree::new(&lost).items.len(), 600);
     }

@@ -11,7 +11,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-use super::{LodHierarchy, PAGE_BYTES, PageCache, Step, Tolerance};
+use super::{LodHierarchy, LodStep, PAGE_BYTES, PageCache, Tolerance};
 use crate::geometry::Camera;
 
 /// Finished live steps that may be queued; the thread pauses until one is received.
@@ -45,23 +45,23 @@ pub struct Worker {
 
 #[derive(Default)]
 struct Shared {
-    state: Mutex<State>,
+    state: Mutex<WorkerState>,
     changed: Condvar,
 }
 
 #[derive(Default)]
-struct State {
+struct WorkerState {
     camera: Option<Camera>,
-    pending: VecDeque<Step>,
+    pending: VecDeque<LodStep>,
     requests: VecDeque<Camera>,
-    replies: VecDeque<Step>,
+    replies: VecDeque<LodStep>,
     stop: bool,
     failed: Option<WorkerError>,
 }
 
 impl Shared {
     // Panics are caught before they unwind through a lock; a poisoned state is still consistent.
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, WorkerState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -118,7 +118,7 @@ impl Worker {
     ///
     /// # Errors
     /// [`WorkerError::Panicked`], once all steps made before it have been received.
-    pub fn try_recv(&mut self) -> Result<Option<Step>, WorkerError> {
+    pub fn try_recv(&mut self) -> Result<Option<LodStep>, WorkerError> {
         if self.outstanding > 0 {
             return Ok(None);
         }
@@ -154,7 +154,7 @@ impl Worker {
     ///
     /// # Panics
     /// If no request is outstanding.
-    pub fn recv(&mut self) -> Result<Step, WorkerError> {
+    pub fn recv(&mut self) -> Result<LodStep, WorkerError> {
         assert!(self.outstanding > 0, "recv needs an outstanding request");
         self.outstanding -= 1;
         let mut state = self.shared.lock();
@@ -175,7 +175,7 @@ impl Worker {
     ///
     /// # Errors
     /// As [`Worker::recv`].
-    pub fn converge(&mut self, camera: Camera) -> Result<Step, WorkerError> {
+    pub fn converge(&mut self, camera: Camera) -> Result<LodStep, WorkerError> {
         self.request(camera);
         let mut merged = MergedSteps::default();
         while self.outstanding > 0 {
@@ -207,15 +207,15 @@ struct WorkerThread {
 }
 
 enum Job {
-    Step(Camera),
-    Settle(Camera, Vec<Step>),
+    LodStep(Camera),
+    Settle(Camera, Vec<LodStep>),
 }
 
 impl WorkerThread {
     fn run(&mut self) {
         while let Some(job) = self.next_job() {
             let done = match job {
-                Job::Step(camera) => self.step(&camera).map(|step| {
+                Job::LodStep(camera) => self.step(&camera).map(|step| {
                     self.shared.lock().pending.push_back(step);
                 }),
                 Job::Settle(camera, before) => self.settle(&camera, before).map(|step| {
@@ -250,14 +250,14 @@ impl WorkerThread {
                     self.settled = false;
                 }
                 if let (false, Some(camera)) = (self.settled, self.camera) {
-                    return Some(Job::Step(camera));
+                    return Some(Job::LodStep(camera));
                 }
             }
             state = shared.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
     }
 
-    fn step(&mut self, camera: &Camera) -> Result<Step, WorkerError> {
+    fn step(&mut self, camera: &Camera) -> Result<LodStep, WorkerError> {
         let step = catch_unwind(AssertUnwindSafe(|| {
             self.cache.begin_step();
             self.hierarchy.step(camera, &self.tolerance, &mut self.cache)
@@ -268,7 +268,11 @@ impl WorkerThread {
     }
 
     /// Steps until the cut is settled; `None` when the worker is dropped.
-    fn settle(&mut self, camera: &Camera, before: Vec<Step>) -> Result<Option<Step>, WorkerError> {
+    fn settle(
+        &mut self,
+        camera: &Camera,
+        before: Vec<LodStep>,
+    ) -> Result<Option<LodStep>, WorkerError> {
         self.camera = Some(*camera);
         let mut merged = MergedSteps::default();
         before.into_iter().for_each(|s| merged.add(s));
@@ -294,13 +298,13 @@ impl WorkerThread {
 /// Several steps merged into one.
 #[derive(Default)]
 struct MergedSteps {
-    step: Step,
+    step: LodStep,
     /// Index of each page in the uploads.
     upload_at: HashMap<u32, usize>,
 }
 
 impl MergedSteps {
-    fn add(&mut self, next: Step) {
+    fn add(&mut self, next: LodStep) {
         let changed = self.step.leaves_changed.saturating_add(next.leaves_changed);
         for upload in next.uploads {
             match self.upload_at.get(&upload.page) {
@@ -312,7 +316,7 @@ impl MergedSteps {
             }
         }
         let uploads = std::mem::take(&mut self.step.uploads);
-        self.step = Step { uploads, leaves_changed: changed, ..next };
+        self.step = LodStep { uploads, leaves_changed: changed, ..next };
     }
 }
 

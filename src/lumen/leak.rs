@@ -29,7 +29,7 @@ const STEP: f64 = 8.0;
 /// A step explodes when it adds more than this share of the volume before it …
 const SHARE: f64 = 0.2;
 /// … and more than this, ml.
-const LEAST_ML: f64 = 5.0;
+const MIN_ML: f64 = 5.0;
 /// Steps under the limit before an explosion counts: the first steps of any lumen explode.
 const CALM: usize = 3;
 /// Most levels of the flood; wider windows are quantised.
@@ -275,7 +275,7 @@ fn settle(
     while at + 1 < filled.len() {
         let next = (at + step).min(filled.len() - 1);
         let added = sum(at + 1..next + 1);
-        let explodes = added > (SHARE * volume).max(LEAST_ML);
+        let explodes = added > (SHARE * volume).max(MIN_ML);
         if explodes && calm >= least_calm {
             return (at, Some(volume + added));
         }

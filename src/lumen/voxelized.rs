@@ -11,7 +11,7 @@ use crate::volume::{Grid, GridError};
 /// Voxels of the box of a surface where no spacing is asked for.
 const USUAL_VOXELS: f64 = (1u64 << 24) as f64;
 /// Most voxels of it.
-const MOST_VOXELS: f64 = (1u64 << 31) as f64;
+const MAX_VOXELS: f64 = (1u64 << 31) as f64;
 /// Where rays go in their voxel, sides of it from the centre: tried one after the other where a ray
 /// hits an edge or a corner of the surface.
 const OFFSETS: [[f64; 2]; 4] =
@@ -29,7 +29,7 @@ pub enum VoxelizeError {
     Open(usize),
     /// Voxels of a side that is none, or far too many of them.
     #[error(
-        "voxels of {spacing_mm} mm: the mesh would need {voxels:.0} of them, at most {MOST_VOXELS:.0}"
+        "voxels of {spacing_mm} mm: the mesh would need {voxels:.0} of them, at most {MAX_VOXELS:.0}"
     )]
     Spacing {
         /// Their side, mm.
@@ -76,7 +76,7 @@ pub fn voxelized(mesh: &Mesh, spacing_mm: Option<f64>) -> Result<(Grid, BitVolum
     let dims = (extent / spacing_mm).ceil() + 3.0;
     let voxels = dims.element_product();
     let is_side = spacing_mm.is_finite() && spacing_mm > 0.0;
-    if !is_side || voxels > MOST_VOXELS {
+    if !is_side || voxels > MAX_VOXELS {
         return Err(VoxelizeError::Spacing { spacing_mm, voxels });
     }
     let origin = low - spacing_mm;

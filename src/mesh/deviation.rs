@@ -24,7 +24,7 @@ pub struct Deviation {
 }
 
 /// A point to measure from.
-struct Sample {
+struct SurfaceSample {
     at: DVec3,
     normal: DVec3,
 }
@@ -80,7 +80,7 @@ fn mix<T: std::ops::Add<Output = T>>(
 
 /// The vertices that faces use, and samples at equal steps of area, placed within a face by the R2
 /// low-discrepancy sequence (Roberts 2018, based on the plastic number).
-fn samples(mesh: &Mesh, normals: &[Vec3]) -> Option<Vec<Sample>> {
+fn samples(mesh: &Mesh, normals: &[Vec3]) -> Option<Vec<SurfaceSample>> {
     let area = mesh.area_mm2();
     if !(area > 0.0 && area.is_finite()) {
         return None;
@@ -88,8 +88,8 @@ fn samples(mesh: &Mesh, normals: &[Vec3]) -> Option<Vec<Sample>> {
     let mut used = vec![false; mesh.positions.len()];
     mesh.faces.iter().flatten().for_each(|v| used[*v as usize] = true);
     let vertices = (0..mesh.positions.len()).filter(|v| used[*v]);
-    let mut out: Vec<Sample> = vertices
-        .map(|v| Sample { at: mesh.positions[v].as_dvec3(), normal: normals[v].as_dvec3() })
+    let mut out: Vec<SurfaceSample> = vertices
+        .map(|v| SurfaceSample { at: mesh.positions[v].as_dvec3(), normal: normals[v].as_dvec3() })
         .collect();
     let (mut before, mut next) = (0.0, 0usize);
     for f in &mesh.faces {
@@ -104,7 +104,7 @@ fn samples(mesh: &Mesh, normals: &[Vec3]) -> Option<Vec<Sample>> {
             let at = mix(f.map(|v| mesh.positions[v as usize]), weights, |p, w| p * w);
             let normal =
                 mix(f.map(|v| normals[v as usize]), weights, |n, w| n.normalize_or_zero() * w);
-            out.push(Sample { at, normal });
+            out.push(SurfaceSample { at, normal });
             next += 1;
         }
     }
@@ -112,9 +112,9 @@ fn samples(mesh: &Mesh, normals: &[Vec3]) -> Option<Vec<Sample>> {
 }
 
 /// Means and largest values over all samples.
-fn one_way(samples: &[Sample], mesh: &Mesh, normals: &[Vec3]) -> Option<OneWay> {
+fn one_way(samples: &[SurfaceSample], mesh: &Mesh, normals: &[Vec3]) -> Option<OneWay> {
     let tree = TriangleBvh::new(mesh);
-    let one = |s: &Sample| -> Option<(f64, f64)> {
+    let one = |s: &SurfaceSample| -> Option<(f64, f64)> {
         let ClosestPoint { at, distance_mm, .. } = tree.closest(s.at)?;
         let corners = mesh.faces[at.face as usize].map(|v| normals[v as usize]);
         let there = mix(corners, at.weights, |n, w| n.normalize_or_zero() * w);

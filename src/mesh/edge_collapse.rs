@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::halfedge::{NONE, face, next, prev};
-use super::heap::{Entry, Heap};
+use super::heap::{Heap, HeapEntry};
 use super::input::Input;
 use super::quadric::Quadric;
 use super::relocate::better_place;
@@ -24,14 +24,14 @@ pub struct Stop {
 
 /// Position of a vertex, and the value of its quadric there.
 #[derive(Clone, Copy)]
-pub struct Place {
+pub struct Placement {
     at: DVec3,
     /// Value of its quadric.
     cost: f64,
 }
 
 /// The part of the input mesh that a run works on.
-pub struct Piece {
+pub struct SubMesh {
     /// Input ids of its vertices, ascending.
     pub vertex_ids: Vec<u32>,
     /// Input ids of its faces, ascending.
@@ -46,11 +46,11 @@ pub struct Decimation {
     pub collapses: usize,
     /// Largest error of a collapse made, mm.
     pub error_mm: f64,
-    piece: Piece,
+    piece: SubMesh,
     faces: usize,
     mm: f64,
     moves: bool,
-    places: Vec<Place>,
+    places: Vec<Placement>,
     /// Vertex normals that new faces are compared with; empty where only quadrics count.
     normals: Vec<Vec3>,
     quadrics: Vec<Quadric>,
@@ -64,12 +64,12 @@ pub struct Decimation {
     turn: u32,
     star: Star,
     /// Neighbours that the centre of the star may collapse onto, cheapest first.
-    targets: Vec<Target>,
-    rings: Rings,
+    targets: Vec<CollapseTarget>,
+    rings: StarBuffers,
 }
 
 /// A neighbour that a vertex may collapse onto.
-struct Target {
+struct CollapseTarget {
     /// Cost by the quadrics alone.
     cost: f64,
     id: u32,
@@ -88,7 +88,7 @@ struct Best {
 
 /// Buffers of a star as a recorder receives it.
 #[derive(Default)]
-struct Rings {
+struct StarBuffers {
     ring: Vec<u32>,
     faces: Vec<u32>,
     at: Vec<DVec3>,
@@ -96,9 +96,9 @@ struct Rings {
 
 impl Decimation {
     /// Starts with a part of the input. O(V + F).
-    pub fn new(input: &Input<'_>, piece: Piece, edges: HalfEdges, freedom: Vec<Freedom>) -> Self {
+    pub fn new(input: &Input<'_>, piece: SubMesh, edges: HalfEdges, freedom: Vec<Freedom>) -> Self {
         let ids = &piece.vertex_ids;
-        let places = input.of_each(ids, |v| Place { at: input.at(v), cost: 0.0 });
+        let places = input.of_each(ids, |v| Placement { at: input.at(v), cost: 0.0 });
         let quadrics = input.quadrics(ids);
         Self::with(input, piece, edges, freedom, (places, quadrics), true)
     }
@@ -107,17 +107,17 @@ impl Decimation {
     /// that they were not allowed to change.
     pub fn resume(
         input: &Input<'_>,
-        piece: Piece,
+        piece: SubMesh,
         edges: HalfEdges,
-        known: Vec<Option<(Place, Quadric)>>,
+        known: Vec<Option<(Placement, Quadric)>>,
     ) -> Self {
         let ids = &piece.vertex_ids;
         let new: Vec<u32> =
             ids.iter().zip(&known).filter(|(_, k)| k.is_none()).map(|(v, _)| *v).collect();
         let new = input.quadrics(&new);
         let mut new = new.into_iter();
-        let begin = |v: u32| Place { at: input.at(v), cost: 0.0 };
-        let know = |(v, known): (&u32, Option<(Place, Quadric)>)| {
+        let begin = |v: u32| Placement { at: input.at(v), cost: 0.0 };
+        let know = |(v, known): (&u32, Option<(Placement, Quadric)>)| {
             known.unwrap_or_else(|| (begin(*v), new.next().unwrap_or_default()))
         };
         let state = ids.iter().zip(known).map(know).unzip();
@@ -127,10 +127,10 @@ impl Decimation {
 
     fn with(
         input: &Input<'_>,
-        piece: Piece,
+        piece: SubMesh,
         edges: HalfEdges,
         freedom: Vec<Freedom>,
-        (places, quadrics): (Vec<Place>, Vec<Quadric>),
+        (places, quadrics): (Vec<Placement>, Vec<Quadric>),
         fresh: bool,
     ) -> Self {
         let vertices = piece.vertex_ids.len();
@@ -158,7 +158,7 @@ impl Decimation {
             turn: 0,
             star: Star::default(),
             targets: Vec::new(),
-            rings: Rings::default(),
+            rings: StarBuffers::default(),
         };
         if fresh {
             this.settle();
@@ -207,7 +207,7 @@ impl Decimation {
     }
 
     /// Vertices left: input id, and position and quadric unless other parts share the vertex.
-    pub fn vertices_left(&self) -> impl Iterator<Item = (u32, Option<(Place, Quadric)>)> + '_ {
+    pub fn vertices_left(&self) -> impl Iterator<Item = (u32, Option<(Placement, Quadric)>)> + '_ {
         self.stay().map(|v| {
             let id = self.vertex_id(v);
             let v = v as usize;
@@ -243,7 +243,7 @@ impl Decimation {
                     self.heap.pop();
                     break;
                 };
-                if (Entry { cost: total.to_bits(), vertex: top.vertex }) > top {
+                if (HeapEntry { cost: total.to_bits(), vertex: top.vertex }) > top {
                     // Its cost is above its lower bound: others may come first now.
                     self.heap.set(top.vertex, total);
                     self.choice[top.vertex as usize] = self.star.ring[k];
@@ -277,7 +277,7 @@ impl Decimation {
         }
         let (places, q) = (&self.places, &self.quadrics[v as usize]);
         if let Some(at) = better_place(&self.edges, v, q, |w| places[w as usize].at) {
-            self.places[v as usize] = Place { at, cost: q.at(at) };
+            self.places[v as usize] = Placement { at, cost: q.at(at) };
         }
     }
 
@@ -349,7 +349,7 @@ impl Decimation {
             let open = !rim || self.star.leaving.get(k).is_none_or(|h| on_rim(&self.edges, *h));
             if open && self.freedom[*w as usize] != Freedom::Foreign {
                 let cost = q.at(*at) + self.places[*w as usize].cost;
-                self.targets.push(Target { cost, id: *w, k });
+                self.targets.push(CollapseTarget { cost, id: *w, k });
             }
         }
         self.targets.sort_unstable_by(|a, b| a.cost.total_cmp(&b.cost).then(a.id.cmp(&b.id)));
@@ -377,7 +377,7 @@ impl Decimation {
     /// Whether it is legal is checked later, as that is expensive.
     fn best_target(&self, max_error_mm: Option<f64>, too_far: &mut bool) -> Option<Best> {
         let mut best: Option<Best> = None;
-        for &Target { cost, k, .. } in &self.targets {
+        for &CollapseTarget { cost, k, .. } in &self.targets {
             let limit = best.as_ref().map_or(f64::INFINITY, |b| b.total - cost);
             if limit <= 0.0 {
                 break;

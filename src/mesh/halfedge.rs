@@ -9,7 +9,7 @@ use crate::geometry::Mesh;
 pub const NONE: u32 = u32::MAX;
 
 /// Faces that ids can count: four half-edge ids a face, and one id to say none.
-pub const MOST_FACES: usize = (1 << 30) - 1;
+pub const MAX_FACES: usize = (1 << 30) - 1;
 
 /// The three half-edges of a face. Padded to four, so that a face lies within one cache line and
 /// ids need no division.
@@ -357,8 +357,8 @@ impl HalfEdges {
 /// Whether lists fit together and coordinates are numbers.
 pub(super) fn check_sizes(mesh: &Mesh) -> Result<(), MeshError> {
     let (vertices, faces) = (mesh.positions.len(), mesh.faces.len());
-    if faces > MOST_FACES || vertices > MOST_FACES {
-        return Err(MeshError::TooLarge { faces, vertices, limit: MOST_FACES });
+    if faces > MAX_FACES || vertices > MAX_FACES {
+        return Err(MeshError::TooLarge { faces, vertices, limit: MAX_FACES });
     }
     let lists = [("normals", mesh.normals.len(), vertices), ("cap flags", mesh.caps.len(), faces)];
     for (what, found, wanted) in lists {

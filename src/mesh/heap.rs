@@ -4,7 +4,7 @@ use super::halfedge::NONE;
 
 /// A vertex's cheapest collapse. Ordered by cost, then by vertex.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Entry {
+pub struct HeapEntry {
     /// Bits of a cost that is not negative: they order as the costs do.
     pub cost: u64,
     /// The vertex.
@@ -13,7 +13,7 @@ pub struct Entry {
 
 /// An indexed 4-ary heap with at most one entry a vertex, whose cost may change.
 pub struct Heap {
-    entries: Vec<Entry>,
+    entries: Vec<HeapEntry>,
     /// Index of each vertex's entry, `NONE` where it has none.
     place: Vec<u32>,
 }
@@ -22,9 +22,9 @@ impl Heap {
     /// Heap of the vertices that have a cost. O(V).
     pub fn new(costs: &[Option<f64>]) -> Self {
         let some = |(v, c): (usize, &Option<f64>)| {
-            c.map(|c| Entry { cost: c.to_bits(), vertex: v as u32 })
+            c.map(|c| HeapEntry { cost: c.to_bits(), vertex: v as u32 })
         };
-        let entries: Vec<Entry> = costs.iter().enumerate().filter_map(some).collect();
+        let entries: Vec<HeapEntry> = costs.iter().enumerate().filter_map(some).collect();
         let mut place = vec![NONE; costs.len()];
         for (i, e) in entries.iter().enumerate() {
             place[e.vertex as usize] = i as u32;
@@ -37,12 +37,12 @@ impl Heap {
     }
 
     /// All entries, in no order.
-    pub fn entries(&self) -> &[Entry] {
+    pub fn entries(&self) -> &[HeapEntry] {
         &self.entries
     }
 
     /// The cheapest entry.
-    pub fn first(&self) -> Option<Entry> {
+    pub fn first(&self) -> Option<HeapEntry> {
         self.entries.first().copied()
     }
 
@@ -66,7 +66,7 @@ impl Heap {
 
     /// Sets the cost of a vertex, whether it has an entry or not.
     pub fn set(&mut self, vertex: u32, cost: f64) {
-        let entry = Entry { cost: cost.to_bits(), vertex };
+        let entry = HeapEntry { cost: cost.to_bits(), vertex };
         let at = self.place[vertex as usize];
         if at == NONE {
             self.entries.push(entry);
@@ -148,7 +148,7 @@ mod tests {
             let mut want: Vec<(f64, u32)> = want.iter().enumerate().filter_map(some).collect();
             want.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             for (cost, vertex) in want {
-                assert_eq!(heap.first(), Some(Entry { cost: cost.to_bits(), vertex }));
+                assert_eq!(heap.first(), Some(HeapEntry { cost: cost.to_bits(), vertex }));
                 heap.pop();
             }
             assert_eq!(heap.first(), None);

@@ -9,7 +9,7 @@
 use rayon::prelude::*;
 
 use super::Log;
-use super::edge_collapse::{Decimation, Piece, Place, Stop};
+use super::edge_collapse::{Decimation, Placement, Stop, SubMesh};
 use super::halfedge::{HalfEdges, NONE, face};
 use super::input::Input;
 use super::quadric::Quadric;
@@ -19,7 +19,7 @@ use crate::geometry::median_split::{self, KeyedPoint};
 /// Faces of a part, at most; their working set is 1.4 MB.
 const PART_FACES: usize = 12_288;
 /// Meshes below this many faces are not divided.
-const LEAST_FACES: usize = 2 * PART_FACES;
+const MIN_FACES: usize = 2 * PART_FACES;
 /// Rounds end within this fraction of the target, as its reciprocal.
 const NEAR: usize = 32;
 
@@ -33,7 +33,7 @@ struct Part<L> {
 /// is left, with the logs of the parts in order. `None` for a mesh too small to divide.
 pub fn in_parts<L: Log>(input: &Input<'_>, stop: &Stop) -> Option<(Decimation, Vec<L>)> {
     let faces = input.mesh.faces.len();
-    if faces < LEAST_FACES || stop.faces > faces / 2 {
+    if faces < MIN_FACES || stop.faces > faces / 2 {
         return None;
     }
     let mut order = centroids(input);
@@ -141,7 +141,7 @@ fn part(
     });
     let edges = HalfEdges::from_pairs(faces, vertex_ids.len());
     vertex_ids.iter().for_each(|v| local[*v as usize] = NONE);
-    Decimation::new(input, Piece { vertex_ids, face_ids }, edges, freedom)
+    Decimation::new(input, SubMesh { vertex_ids, face_ids }, edges, freedom)
 }
 
 /// Simplifies all parts in rounds: in each, every part makes its collapses up to a common cost, so
@@ -187,7 +187,7 @@ struct Left {
 /// The run over what the parts left, and their logs. Each part is freed as soon as it is read.
 fn join<L>(input: &Input<'_>, parts: Vec<Part<L>>) -> (Decimation, Vec<L>) {
     let mut alive: Vec<Left> = Vec::with_capacity(parts.iter().map(|p| p.run.faces()).sum());
-    let mut stay: Vec<(u32, Option<(Place, Quadric)>)> =
+    let mut stay: Vec<(u32, Option<(Placement, Quadric)>)> =
         Vec::with_capacity(parts.iter().map(|p| p.run.stay().count()).sum());
     let mut logs = Vec::with_capacity(parts.len());
     let (mut collapses, mut error_mm) = (0, 0f64);
@@ -223,7 +223,7 @@ fn join<L>(input: &Input<'_>, parts: Vec<Part<L>>) -> (Decimation, Vec<L>) {
     });
     let edges = HalfEdges::from_pairs(faces, stay.len());
     let vertex_ids: Vec<u32> = stay.iter().map(|v| v.0).collect();
-    let piece = Piece { vertex_ids, face_ids: alive.iter().map(|f| f.id).collect() };
+    let piece = SubMesh { vertex_ids, face_ids: alive.iter().map(|f| f.id).collect() };
     drop((alive, new_face, new_vertex));
     let known: Vec<_> = stay.into_iter().map(|v| v.1).collect();
     let mut run = Decimation::resume(input, piece, edges, known);

@@ -9,7 +9,7 @@ use super::quadric::Quadric;
 /// cos² of the largest angle that a face may turn by in one move, 30°.
 const COS2_TURN: f64 = 0.75;
 /// Largest step, as a share of the vertex's shortest edge.
-const MOST_STEP: f64 = 0.5;
+const MAX_STEP: f64 = 0.5;
 
 /// The minimum of the quadric of `v`, now at `at(v)`, or the point half or a quarter of the way
 /// there: the first where no face around turns too much. `None` if there is none, or the quadric is
@@ -23,7 +23,7 @@ pub fn better_place(
     let old = at(v);
     let ring = || edges.around(v).map(|h| edges.target(h));
     let shortest2 = ring().map(|w| at(w).distance_squared(old)).fold(f64::INFINITY, f64::min);
-    let step = quadric.step_to_minimum(old, MOST_STEP * shortest2.sqrt())?;
+    let step = quadric.step_to_minimum(old, MAX_STEP * shortest2.sqrt())?;
     let good = |p: DVec3| {
         edges.around(v).all(|h| {
             let (a, b) = (at(edges.target(h)), at(edges.origin(prev(h))));

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::edge_collapse::{Decimation, Piece, Stop};
+use super::edge_collapse::{Decimation, Stop, SubMesh};
 use super::halfedge::NONE;
 use super::input::Input;
 use super::parts::in_parts;
@@ -156,7 +156,7 @@ pub fn simplify<R: Recorder>(
 pub fn whole(input: &Input<'_>) -> Decimation {
     let ids = |count: usize| (0..count as u32).collect();
     let vertex_ids = ids(input.mesh.positions.len());
-    let piece = Piece { vertex_ids, face_ids: ids(input.mesh.faces.len()) };
+    let piece = SubMesh { vertex_ids, face_ids: ids(input.mesh.faces.len()) };
     Decimation::new(input, piece, input.edges.clone(), input.freedom.clone())
 }
 

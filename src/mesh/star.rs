@@ -7,7 +7,7 @@ use super::halfedge::{NONE, next, prev};
 use super::triangle_x8::{LANES, TriangleX8};
 
 /// Largest valence a collapse may make.
-const MOST_NEIGHBOURS: usize = 24;
+const MAX_NEIGHBOURS: usize = 24;
 
 /// The faces around one vertex.
 #[derive(Default)]
@@ -144,7 +144,7 @@ impl Star {
             }
         }
         let goes = if self.open { 1 } else { 2 };
-        if common != goes || n + neighbours > MOST_NEIGHBOURS + 2 + goes {
+        if common != goes || n + neighbours > MAX_NEIGHBOURS + 2 + goes {
             return false;
         }
         // A ring of three leaves one face (at a boundary, none): it must not coincide with another

@@ -9,7 +9,7 @@ use super::bronchi;
 use super::gates::Gates;
 use super::smooth::smoothed;
 use super::trachea::{self, Trachea};
-use super::values::{LEAST_HU, between, noise, quantile, share, sorted};
+use super::values::{MIN_HU, between, noise, quantile, share, sorted};
 use super::walled::walled;
 use super::{FoundOrgan, Organ, OrganError, Segment, head_foot_axis};
 use crate::lumen::{BitVolume, Flood, IntensitySelection, grow};
@@ -20,40 +20,40 @@ const LUNG_HU: f64 = -400.0;
 /// Values of most of a lung, HU.
 const LUNG_RANGE_HU: (f64, f64) = (-950.0, -600.0);
 /// Least volume of the air and lung that the trachea opens into, ml …
-const LEAST_LUNG_ML: f64 = 300.0;
+const MIN_LUNG_ML: f64 = 300.0;
 /// … and least share of it with the values of lung.
-const LEAST_LUNG_SHARE: f64 = 0.5;
+const MIN_LUNG_SHARE: f64 = 0.5;
 /// The flood ends here, ml: no airway is larger.
-const MOST_FLOOD_ML: f64 = 400.0;
+const MAX_FLOOD_ML: f64 = 400.0;
 /// Largest airway, ml.
-const MOST_AIRWAY_ML: f64 = 120.0;
+const MAX_AIRWAY_ML: f64 = 120.0;
 /// What joins in a step is judged from this volume on, ml …
 const JUDGED_ML: f64 = 1.0;
 /// … and reported where it exceeds this volume and this share of the tree before it, ml.
 const JUMP_ML: f64 = 5.0;
 const JUMP_SHARE: f64 = 0.2;
 /// Least share of the boundary of bronchi that is wall. Measured: bronchi 0.66 to 0.93, lung 0.17.
-const LEAST_WALLED: f64 = 0.45;
+const MIN_WALLED: f64 = 0.45;
 /// Most of the lung that an airway fills: 0.015 of a whole chest.
-const MOST_FILLED: f64 = 0.15;
+const MAX_FILLED: f64 = 0.15;
 /// Most noise of the air in the trachea, standard deviation in HU.
-const MOST_NOISE_HU: f64 = 140.0;
+const MAX_NOISE_HU: f64 = 140.0;
 /// Limits for a trachea without lung: most air joined to it, ml; its least length, mm; its greatest
 /// radius, mm; the greatest variation of its cross sections; how near to the first or last slice of
 /// the scan it comes, mm; its least share of all the air that is joined to it.
-const SHORT_MOST_ML: f64 = 150.0;
-const SHORT_LEAST_MM: f64 = 30.0;
+const MAX_SHORT_ML: f64 = 150.0;
+const MIN_SHORT_MM: f64 = 30.0;
 const SHORT_RADIUS_MM: f64 = 14.0;
 const SHORT_VARIATION: f64 = 0.4;
 const SHORT_FROM_END_MM: f64 = 15.0;
-const LEAST_TRACHEA: f64 = 0.3;
+const MIN_TRACHEA: f64 = 0.3;
 /// Least share of it that lies inside the body.
 const SHORT_INSIDE: f64 = 0.8;
 /// Bronchi lie this far beside the trachea, mm. Where the side with less lung has this share of it,
 /// and the side with fewer bronchi less than this of them, the confidence is at most that.
 const BESIDE_MM: f64 = 25.0;
-const LEAST_LUNG_SIDE: f64 = 0.2;
-const LEAST_TREE_SIDE: f64 = 0.05;
+const MIN_LUNG_SIDE: f64 = 0.2;
+const MIN_TREE_SIDE: f64 = 0.05;
 const ONE_SIDED: f64 = 0.3;
 /// Most chains that a refusal names.
 const LISTED: usize = 4;
@@ -73,7 +73,7 @@ pub(super) fn find(volume: &Volume, thin: bool) -> Result<FoundOrgan, OrganError
         let Some(seed) = seed(volume, &trachea).filter(|s| !tried.get(s.as_ivec3())) else {
             continue;
         };
-        let range = IntensitySelection::Range { lo: LEAST_HU, hi: LUNG_HU };
+        let range = IntensitySelection::Range { lo: MIN_HU, hi: LUNG_HU };
         let opens_into = grow(volume, &range, seed)?;
         match from_trachea(volume, &trachea, &opens_into, &lung_like, thin) {
             Err(OrganError::NotFound { why, .. }) => refused.push(format!(
@@ -113,22 +113,17 @@ fn from_trachea(
     let ml = volume.grid.voxel_mm3() / 1000.0;
     let lung_ml = opens_into.count() as f64 * ml;
     let like_lung = share(opens_into, lung_like);
-    let is_short = lung_ml < LEAST_LUNG_ML;
+    let is_short = lung_ml < MIN_LUNG_ML;
     if is_short {
         pass_without_lung(volume, trachea, lung_ml, like_lung, &mut gates)?;
     } else {
-        gates.at_least("ml of air and lung it opens into", lung_ml, LEAST_LUNG_ML, 1000.0)?;
-        gates.at_least(
-            "share of that with the values of lung",
-            like_lung,
-            LEAST_LUNG_SHARE,
-            0.8,
-        )?;
+        gates.at_least("ml of air and lung it opens into", lung_ml, MIN_LUNG_ML, 1000.0)?;
+        gates.at_least("share of that with the values of lung", like_lung, MIN_LUNG_SHARE, 0.8)?;
     }
     let air = sorted(volume, trachea.core.voxels());
     let sigma = noise(&air);
     gates.note(format!("air in it: median {:.0} HU", quantile(&air, 0.5)));
-    gates.at_most("its noise in HU", sigma, MOST_NOISE_HU, NOISY_HU)?;
+    gates.at_most("its noise in HU", sigma, MAX_NOISE_HU, NOISY_HU)?;
 
     let (mut start, mut calm) = (None, None);
     if sigma <= NOISY_HU {
@@ -137,14 +132,14 @@ fn from_trachea(
     for sides in SMOOTHING {
         if start.is_none() {
             let sigma_mm = sides * volume.grid.spacing_mm.min_element();
-            let smoothed = calm.insert(smoothed(volume, sigma_mm, LEAST_HU));
+            let smoothed = calm.insert(smoothed(volume, sigma_mm, MIN_HU));
             start = Start::new(smoothed, trachea)?;
             gates.note(format!("smoothed with a Gaussian of {sigma_mm:.2} mm against noise"));
         }
     }
     let Some(start) = start else {
         return Err(gates.refuse(format!(
-            "{:.0} % of them join up only together with more than {MOST_AIRWAY_ML} ml",
+            "{:.0} % of them join up only together with more than {MAX_AIRWAY_ML} ml",
             100.0 * JOINED
         )));
     };
@@ -152,15 +147,15 @@ fn from_trachea(
     let tree = Tree::grown(values, &start, &mut gates)?;
     let (threshold, mut mask) = (tree.threshold, tree.mask);
     let tree_ml = mask.count() as f64 * ml;
-    gates.at_most("airway in ml", tree_ml, MOST_AIRWAY_ML, 80.0)?;
+    gates.at_most("airway in ml", tree_ml, MAX_AIRWAY_ML, 80.0)?;
     let has_wall = walled(values, mask.voxels(), |v| mask.get(v));
-    gates.at_least("share of its boundary that is wall", has_wall, LEAST_WALLED, 0.6)?;
+    gates.at_least("share of its boundary that is wall", has_wall, MIN_WALLED, 0.6)?;
     if is_short {
         let area_mm2 = std::f64::consts::PI * trachea.radius_mm * trachea.radius_mm;
         let part = trachea.length_mm * area_mm2 / 1000.0 / tree_ml;
-        gates.at_least("share of it that is trachea", part, LEAST_TRACHEA, 0.6)?;
+        gates.at_least("share of it that is trachea", part, MIN_TRACHEA, 0.6)?;
     } else {
-        gates.at_most("share of the lung it fills", tree_ml / lung_ml, MOST_FILLED, 0.05)?;
+        gates.at_most("share of the lung it fills", tree_ml / lung_ml, MAX_FILLED, 0.05)?;
     }
     if thin {
         match bronchi::grow(values, &mask, threshold) {
@@ -178,7 +173,7 @@ fn from_trachea(
     let volume_ml = mask.count() as f64 * ml;
     if !is_short && trachea.axis == head_foot_axis(&volume.grid) {
         let (lungs, trees) = (sides(volume, opens_into, trachea), sides(volume, &mask, trachea));
-        if lungs > LEAST_LUNG_SIDE && trees < LEAST_TREE_SIDE {
+        if lungs > MIN_LUNG_SIDE && trees < MIN_TREE_SIDE {
             let line = format!(
                 "share of the bronchi on the side that has fewer {trees:.2}, of the lung \
                  {lungs:.2}: a main bronchus may be blocked"
@@ -224,12 +219,12 @@ fn pass_without_lung(
 ) -> Result<(), OrganError> {
     let what = "ml of air and lung it opens into";
     if trachea.axis != head_foot_axis(&volume.grid) || trachea.from_end_mm > SHORT_FROM_END_MM {
-        gates.at_least(what, joined_ml, LEAST_LUNG_ML, 1000.0)?;
+        gates.at_least(what, joined_ml, MIN_LUNG_ML, 1000.0)?;
     }
     gates.note(format!("{what} {joined_ml:.1}: a scan that ends near the carina, or no trachea"));
     let air_ml = joined_ml * (1.0 - like_lung);
-    gates.at_most("ml of that without the values of lung", air_ml, SHORT_MOST_ML, 100.0)?;
-    gates.at_least("mm of trachea without lung", trachea.length_mm, SHORT_LEAST_MM, 60.0)?;
+    gates.at_most("ml of that without the values of lung", air_ml, MAX_SHORT_ML, 100.0)?;
+    gates.at_least("mm of trachea without lung", trachea.length_mm, MIN_SHORT_MM, 60.0)?;
     gates.at_most("its radius in mm", trachea.radius_mm, SHORT_RADIUS_MM, 11.0)?;
     let varies = trachea.variation;
     gates.at_most("variation of its cross sections", varies, SHORT_VARIATION, 0.2)?;
@@ -260,7 +255,7 @@ impl Tree {
             if added_ml > JUDGED_ML {
                 let has_wall = walled(volume, flood.joined(level, next), |v| more.get(v));
                 let airway_ml = flood.volume_ml(next);
-                if has_wall < LEAST_WALLED || airway_ml > MOST_AIRWAY_ML {
+                if has_wall < MIN_WALLED || airway_ml > MAX_AIRWAY_ML {
                     leak = Some((added_ml, has_wall));
                     break;
                 }
@@ -270,7 +265,7 @@ impl Tree {
                          wall",
                         flood.threshold(next)
                     );
-                    gates.at_least(&what, has_wall, LEAST_WALLED, 0.6)?;
+                    gates.at_least(&what, has_wall, MIN_WALLED, 0.6)?;
                 }
             }
             (level, mask) = (next, more);
@@ -285,9 +280,9 @@ impl Tree {
                 gates.note(format!(
                     "threshold {threshold:.0}: {volume_ml:.1} ml; 8 higher {added_ml:.0} ml join"
                 ));
-                if added_ml > JUMP_ML && volume_ml + added_ml <= MOST_AIRWAY_ML {
+                if added_ml > JUMP_ML && volume_ml + added_ml <= MAX_AIRWAY_ML {
                     let what = "share of the boundary of what leaks that is wall";
-                    gates.at_most(what, has_wall, LEAST_WALLED, 0.3)?;
+                    gates.at_most(what, has_wall, MIN_WALLED, 0.3)?;
                 }
             }
         }
@@ -307,10 +302,10 @@ impl Start {
     /// Nothing where the trachea joins up only together with more than an airway holds.
     fn new(volume: &Volume, trachea: &Trachea) -> Result<Option<Self>, OrganError> {
         let Some(seed) = seed(volume, trachea) else { return Ok(None) };
-        let range = IntensitySelection::Range { lo: LEAST_HU, hi: LUNG_HU };
-        let flood = Flood::new(volume, &range, seed, MOST_FLOOD_ML)?;
+        let range = IntensitySelection::Range { lo: MIN_HU, hi: LUNG_HU };
+        let flood = Flood::new(volume, &range, seed, MAX_FLOOD_ML)?;
         let Some(level) = flood.level_of_share(&trachea.core, JOINED) else { return Ok(None) };
-        let joined = flood.volume_ml(level) <= MOST_AIRWAY_ML;
+        let joined = flood.volume_ml(level) <= MAX_AIRWAY_ML;
         Ok(joined.then_some(Self { flood, seed, level }))
     }
 }
@@ -319,7 +314,7 @@ impl Start {
 fn seed(volume: &Volume, trachea: &Trachea) -> Option<UVec3> {
     let real = |v: &UVec3| volume.real(volume.grid.index(*v));
     let off = |v: &UVec3| v.as_ivec3().distance_squared(trachea.seed.as_ivec3());
-    let inside = |v: &UVec3| (LEAST_HU..=LUNG_HU).contains(&real(v));
+    let inside = |v: &UVec3| (MIN_HU..=LUNG_HU).contains(&real(v));
     let core = || trachea.core.voxels().filter(inside);
     let least = core().map(|v| off(&v)).min()?;
     core()

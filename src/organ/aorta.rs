@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::OrganError;
 use super::gates::Gates;
 use super::sections::{Section, SectionRegion, Slices, longest_chain, regions};
-use super::values::{LEAST_HU, between, quantile};
+use super::values::{MIN_HU, between, quantile};
 use crate::lumen::{BitVolume, opened};
 use crate::volume::{Grid, Rescale, SampleBuffer, Samples, Volume};
 
@@ -26,24 +26,24 @@ const ASPECT: f64 = 1.7;
 /// Most of a section that may be holes.
 const HOLES: f64 = 0.05;
 /// Most a section's values spread about their mean, HU, and its highest median.
-const MOST_SPREAD_HU: f64 = 40.0;
-const MOST_BLOOD_HU: f64 = 700.0;
+const MAX_SPREAD_HU: f64 = 40.0;
+const MAX_BLOOD_HU: f64 = 700.0;
 /// The ring about a section, mm or pixels, and how far the section's median lies above the ring's.
 const RING: std::ops::Range<f64> = 1.0..2.2;
-const LEAST_CONTRAST_HU: f64 = 50.0;
+const MIN_CONTRAST_HU: f64 = 50.0;
 /// Ratio of the areas of neighbouring sections, and the difference of their medians, HU.
 const AREA_RATIO: std::ops::RangeInclusive<f64> = 0.6..=1.67;
 const VALUE_STEP_HU: f64 = 30.0;
 /// How far the middle moves from slice to slice, mm or slice steps.
 const REACH_MM: f64 = 2.5;
 /// Shortest chain that is looked at, mm, and how many across each axis.
-const LEAST_CHAIN_MM: f64 = 30.0;
-const MOST_CHAINS: usize = 3;
+const MIN_CHAIN_MM: f64 = 30.0;
+const MAX_CHAINS: usize = 3;
 /// Shortest chain that is an aorta, mm, and the bounds of its mean radius, mm.
-const LEAST_MM: f64 = 60.0;
+const MIN_MM: f64 = 60.0;
 const RADIUS_MM: std::ops::Range<f64> = 5.0..20.0;
 /// Most variation of its areas, standard deviation in parts of the mean.
-const MOST_VARIATION: f64 = 0.5;
+const MAX_VARIATION: f64 = 0.5;
 /// Bone lies this far from a section's rim, mm, covers this much, mm², and is at least as bright as
 /// this, HU, and brighter than the blood by so much.
 const BONE_WITHIN_MM: f64 = 20.0;
@@ -53,14 +53,14 @@ const BONE_ABOVE_BLOOD_HU: f64 = 60.0;
 /// So many of its radii about a section's middle are its own.
 const OWN_RADII: f64 = 1.3;
 /// Least share of the sections that lie beside bone.
-const LEAST_BESIDE_BONE: f64 = 0.5;
+const MIN_BESIDE_BONE: f64 = 0.5;
 /// Gas lies this near to the rim of tagged fluid in a colon, mm, covers this much, mm², and is darker
 /// than lung, HU.
 const GAS_WITHIN_MM: f64 = 6.0;
 const GAS_MM2: f64 = 20.0;
 const GAS_HU: f64 = -930.0;
 /// Most of the sections that lie beside gas.
-const MOST_BESIDE_GAS: f64 = 0.5;
+const MAX_BESIDE_GAS: f64 = 0.5;
 
 /// A chain of sections.
 pub(super) struct Aorta {
@@ -104,14 +104,14 @@ fn across(coarse: &Volume, factor: UVec3, axis: usize) -> Vec<Aorta> {
         with_contrast.iter().map(|s| s.iter().map(|s| s.0.clone()).collect()).collect();
     let reach_mm = REACH_MM.max(slices.step_mm).max(1.2 * slices.pixel_mm.max_element());
     let mut out = Vec::new();
-    while out.len() < MOST_CHAINS {
+    while out.len() < MAX_CHAINS {
         let chain = longest_chain(&sections, &slices, reach_mm, |a, b| {
             AREA_RATIO.contains(&(a.area_mm2 / b.area_mm2))
                 && (a.value - b.value).abs() <= VALUE_STEP_HU
         });
         let (Some(first), Some(last)) = (chain.first(), chain.last()) else { break };
         let length_mm = f64::from(last.slice - first.slice) * slices.step_mm;
-        if length_mm < LEAST_CHAIN_MM {
+        if length_mm < MIN_CHAIN_MM {
             break;
         }
         for s in &chain {
@@ -155,12 +155,12 @@ fn sections_of(
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
         let spread = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
-        if values.len() < 4 || spread > MOST_SPREAD_HU || section.value > MOST_BLOOD_HU {
+        if values.len() < 4 || spread > MAX_SPREAD_HU || section.value > MAX_BLOOD_HU {
             return None;
         }
         let ring = shape.ring_values(volume, slices, slice, &RING);
         let contrast = section.value - quantile(&ring, 0.5);
-        (contrast >= LEAST_CONTRAST_HU).then_some((section, contrast))
+        (contrast >= MIN_CONTRAST_HU).then_some((section, contrast))
     };
     regions(bright, slices, slice, &AREA_MM2).iter().filter_map(section).collect()
 }
@@ -247,16 +247,16 @@ impl Aorta {
             self.name(),
             self.blood_hu()
         ));
-        gates.at_least("its length in mm", self.length_mm(), LEAST_MM, 120.0)?;
+        gates.at_least("its length in mm", self.length_mm(), MIN_MM, 120.0)?;
         gates.at_least("its radius in mm", radius, RADIUS_MM.start, 7.0)?;
         gates.at_most("its radius in mm", radius, RADIUS_MM.end, 16.0)?;
-        gates.at_most("variation of its areas", variation, MOST_VARIATION, 0.25)?;
+        gates.at_most("variation of its areas", variation, MAX_VARIATION, 0.25)?;
         let contrast = self.contrast_hu;
-        gates.at_least("HU above its surroundings", contrast, LEAST_CONTRAST_HU, 100.0)?;
+        gates.at_least("HU above its surroundings", contrast, MIN_CONTRAST_HU, 100.0)?;
         let beside = self.beside_bone;
-        gates.at_least("share of it that lies beside bone", beside, LEAST_BESIDE_BONE, 0.8)?;
+        gates.at_least("share of it that lies beside bone", beside, MIN_BESIDE_BONE, 0.8)?;
         let gas = self.beside_gas;
-        gates.at_most("share of it that lies beside gas", gas, MOST_BESIDE_GAS, 0.2)
+        gates.at_most("share of it that lies beside gas", gas, MAX_BESIDE_GAS, 0.2)
     }
 
     /// Voxels of the volume within a part of its radius, and so many mm more.
@@ -296,8 +296,8 @@ impl Aorta {
 /// The refusal where no chain of sections is an aorta.
 pub(super) fn none(gates: &Gates) -> OrganError {
     gates.refuse(format!(
-        "no chain of round, even, bright cross sections (up to {MOST_BLOOD_HU} HU, \
-         {LEAST_CONTRAST_HU} above their surroundings), {LEAST_CHAIN_MM} mm or longer: no aorta \
+        "no chain of round, even, bright cross sections (up to {MAX_BLOOD_HU} HU, \
+         {MIN_CONTRAST_HU} above their surroundings), {MIN_CHAIN_MM} mm or longer: no aorta \
          with contrast medium"
     ))
 }
@@ -319,7 +319,7 @@ fn coarse(volume: &Volume) -> (Volume, UVec3) {
                 for dy in 0..factor.y {
                     let first = grid.index(at + UVec3::new(0, dy, dz));
                     let row = first..first + factor.x as usize;
-                    sum += row.map(|j| volume.real(j).max(LEAST_HU)).sum::<f64>();
+                    sum += row.map(|j| volume.real(j).max(MIN_HU)).sum::<f64>();
                 }
             }
             *out = (sum / n) as f32;

@@ -6,8 +6,8 @@ use super::branches::{Mouths, follow};
 use super::gates::Gates;
 use super::sections::{Slices, regions};
 use super::smooth::smoothed;
-use super::values::{LEAST_HU, between, noise, quantile, sorted};
-use super::vessel::{MOST_ML, SURE_ML, shape};
+use super::values::{MIN_HU, between, noise, quantile, sorted};
+use super::vessel::{MAX_ML, SURE_ML, shape};
 use super::{FoundOrgan, Organ, OrganError, Segment};
 use crate::lumen::{BitVolume, IntensitySelection, closed, dilated, holes_filled, pieces};
 use crate::volume::Volume;
@@ -36,9 +36,9 @@ const ARCH_AREAS: f64 = 1.6;
 /// smallest voxel side; most noise.
 const NOISY_HU: f64 = 15.0;
 const SMOOTHING: f64 = 0.9;
-const MOST_NOISE_HU: f64 = 120.0;
+const MAX_NOISE_HU: f64 = 120.0;
 /// Least share of the mask that is aorta: the rest are its branches.
-const LEAST_TUBE: f64 = 0.2;
+const MIN_TUBE: f64 = 0.2;
 /// Most chains that a refusal names.
 const LISTED: usize = 3;
 
@@ -88,11 +88,11 @@ fn from_aorta(volume: &Volume, aorta: &Aorta, mut gates: Gates) -> Result<FoundO
     aorta.pass(&mut gates)?;
     let core = sorted(volume, aorta.tube(volume, 0.6, 0.0).voxels());
     let (blood, sigma) = (quantile(&core, 0.5), noise(&core));
-    gates.at_most("noise of its blood in HU", sigma, MOST_NOISE_HU, 25.0)?;
+    gates.at_most("noise of its blood in HU", sigma, MAX_NOISE_HU, 25.0)?;
     let calm = (sigma > NOISY_HU).then(|| {
         let sigma_mm = SMOOTHING * grid.spacing_mm.min_element();
         gates.note(format!("smoothed with a Gaussian of {sigma_mm:.2} mm against noise"));
-        smoothed(volume, sigma_mm, LEAST_HU)
+        smoothed(volume, sigma_mm, MIN_HU)
     });
     let values = calm.as_ref().unwrap_or(volume);
     let Some(body) = PatientBody::of(volume) else { return Err(gates.refuse("no tissue")) };
@@ -134,9 +134,9 @@ fn from_aorta(volume: &Volume, aorta: &Aorta, mut gates: Gates) -> Result<FoundO
     };
     let mask = tree.mask(grid.dims);
     let volume_ml = tree.component.volume_ml(grid);
-    gates.at_most("vessels in ml", volume_ml, MOST_ML, SURE_ML)?;
+    gates.at_most("vessels in ml", volume_ml, MAX_ML, SURE_ML)?;
     let part = tube_ml / volume_ml;
-    gates.at_least("share of them that is aorta", part, LEAST_TUBE, 0.5)?;
+    gates.at_least("share of them that is aorta", part, MIN_TUBE, 0.5)?;
     let (seed, _) = shape(volume, &tree, &mask, &mut gates)?;
     Ok(FoundOrgan {
         organ: Organ::Vessel,

@@ -11,12 +11,12 @@ use crate::volume::Grid;
 /// Layers from whose areas the greatest area of a branch follows.
 const FIRST_LAYERS: std::ops::Range<usize> = 2..8;
 /// The fronts of a branch may together grow to this many times their median, and to this, mm².
-const MOST_GROWTH: f64 = 3.0;
-const LEAST_LIMIT_MM2: f64 = 25.0;
+const MAX_GROWTH: f64 = 3.0;
+const MIN_LIMIT_MM2: f64 = 25.0;
 /// A front of voxels that share sides has this many times as many as its area needs.
 const LAYER_FACTOR: f64 = 1.3;
 /// Branches that end before this, mm, are roughness.
-const LEAST_MM: f64 = 5.0;
+const MIN_MM: f64 = 5.0;
 
 /// Where a front may start.
 pub(super) struct Mouths<'a> {
@@ -93,7 +93,7 @@ pub(super) fn follow(grid: &Grid, allowed: &BitVolume, mouths: &Mouths) -> Arter
             if round + 1 == FIRST_LAYERS.end {
                 let mut areas = root.areas_mm2[FIRST_LAYERS].to_vec();
                 areas.sort_by(f64::total_cmp);
-                let own = (MOST_GROWTH * areas[areas.len() / 2]).max(LEAST_LIMIT_MM2);
+                let own = (MAX_GROWTH * areas[areas.len() / 2]).max(MIN_LIMIT_MM2);
                 root.limit_mm2 = root.limit_mm2.min(own);
             }
             if root.areas_mm2[round] > root.limit_mm2 {
@@ -139,7 +139,7 @@ pub(super) fn follow(grid: &Grid, allowed: &BitVolume, mouths: &Mouths) -> Arter
     // What has no children of its own and is short goes, ends first.
     for at in (0..parts.len()).rev() {
         let length_mm = parts[at].layers.len() as f64 * mean_step_mm;
-        if parts[at].children == 0 && length_mm < LEAST_MM {
+        if parts[at].children == 0 && length_mm < MIN_MM {
             parts[at].layers.clear();
             if let Some(parent) = parts[at].parent {
                 parts[parent].children -= 1;

@@ -11,7 +11,7 @@
 use glam::{IVec3, UVec3};
 
 use super::SIDES;
-use super::values::LEAST_HU;
+use super::values::MIN_HU;
 use super::walled::walled;
 use crate::lumen::BitVolume;
 use crate::volume::Volume;
@@ -20,18 +20,18 @@ use crate::volume::Volume;
 const RISE_HU: f64 = 160.0;
 const STEP_HU: f64 = 8.0;
 /// Largest piece that joins at one threshold, ml.
-const MOST_PIECE_ML: f64 = 0.25;
+const MAX_PIECE_ML: f64 = 0.25;
 /// Largest branch behind a narrow place, ml, and the least share of its boundary that is wall.
-const MOST_BRANCH_ML: f64 = 60.0;
-const LEAST_WALLED: f64 = 0.6;
+const MAX_BRANCH_ML: f64 = 60.0;
+const MIN_WALLED: f64 = 0.6;
 /// It is looked for at the threshold of the tree and at so many in all, each lower by this, HU: lung
 /// behind it may leak where the tree does not.
 const FALLS: usize = 8;
 const FALL_HU: f64 = 16.0;
 /// Pieces that stay smaller than this are no branch but roughness, ml.
-const LEAST_PIECE_ML: f64 = 0.01;
+const MIN_PIECE_ML: f64 = 0.01;
 /// Most that may be added, as a share of the tree: beyond it this is lung, found bit by bit.
-const MOST_ADDED: f64 = 0.5;
+const MAX_ADDED: f64 = 0.5;
 
 /// What was added to a tree.
 pub(super) struct Added {
@@ -61,8 +61,8 @@ pub(super) fn grow(volume: &Volume, tree: &BitVolume, threshold: f64) -> Option<
         branches: BitVolume::new(volume.grid.dims),
         threshold,
         refused: vec![BitVolume::new(volume.grid.dims); FALLS],
-        most: (MOST_PIECE_ML / voxel_ml).max(1.0) as usize,
-        most_branch: (MOST_BRANCH_ML / voxel_ml) as usize,
+        most: (MAX_PIECE_ML / voxel_ml).max(1.0) as usize,
+        most_branch: (MAX_BRANCH_ML / voxel_ml) as usize,
         leaks: 0,
     };
     growth.front.extend(growth.rim.voxels().map(|v| v.as_ivec3()));
@@ -75,7 +75,7 @@ pub(super) fn grow(volume: &Volume, tree: &BitVolume, threshold: f64) -> Option<
     let mut added = growth.tree;
     added.remove(tree);
     added.remove(&growth.branches);
-    let least = LEAST_PIECE_ML / voxel_ml;
+    let least = MIN_PIECE_ML / voxel_ml;
     let (mut mask, mut pieces, mut ml) = (tree.clone(), 0, 0.0);
     mask.add(&growth.branches);
     let branches = pieces_of(&growth.branches);
@@ -85,7 +85,7 @@ pub(super) fn grow(volume: &Volume, tree: &BitVolume, threshold: f64) -> Option<
         pieces += 1;
         ml += piece.len() as f64 * voxel_ml;
     }
-    let fits = ml <= MOST_ADDED * (tree.count() as f64 * voxel_ml + branches_ml);
+    let fits = ml <= MAX_ADDED * (tree.count() as f64 * voxel_ml + branches_ml);
     // A piece that was left out may have held the way to a branch.
     let mask = crate::lumen::pieces(&mask, 1).first()?.mask(mask.dims());
     fits.then_some(Added {
@@ -124,8 +124,7 @@ impl Growth<'_> {
     /// Whether a voxel has a value of air or of a thin bronchus.
     fn is_dark(&self, v: IVec3, level: f64) -> bool {
         let within = self.volume.grid.contains(v);
-        within
-            && (LEAST_HU..=level).contains(&self.volume.real(self.volume.grid.index(v.as_uvec3())))
+        within && (MIN_HU..=level).contains(&self.volume.real(self.volume.grid.index(v.as_uvec3())))
     }
 
     /// Whether a voxel may belong to a new piece.
@@ -242,7 +241,7 @@ impl Growth<'_> {
             let part = air.iter().map(|v| v.as_uvec3());
             let is_branch = !is_lung
                 && air.len() > self.most
-                && walled(self.volume, part, |v| seen.contains(&v)) >= LEAST_WALLED;
+                && walled(self.volume, part, |v| seen.contains(&v)) >= MIN_WALLED;
             if !is_branch {
                 air.iter().for_each(|v| set(&mut self.refused[fall], *v));
                 continue;

@@ -4,17 +4,17 @@
 use glam::{DVec3, UVec3};
 
 use super::fluid::fluid;
-use super::gas::{Candidate, GAS_HU, Gas, LEAST_DEEP, LEAST_ML, LEAST_RADIUS_MM, LEAST_TISSUE};
+use super::gas::{ColonCandidate, GAS_HU, Gas, MIN_DEEP, MIN_ML, MIN_RADIUS_MM, MIN_TISSUE};
 use super::gates::Gates;
-use super::values::{LEAST_HU, between};
+use super::values::{MIN_HU, between};
 use super::{FoundOrgan, Organ, OrganError, Segment, TaggedFluid};
 use crate::lumen::{BitVolume, IntensitySelection, dilated, fill_cavities, thickened};
 use crate::volume::Volume;
 
 /// Least volume of all segments, ml: sinuses and a trachea hold less.
-const LEAST_TOTAL_ML: f64 = 60.0;
+const MIN_TOTAL_ML: f64 = 60.0;
 /// Least extent of the longest segment, mm.
-const LEAST_EXTENT_MM: f64 = 80.0;
+const MIN_EXTENT_MM: f64 = 80.0;
 /// Segments grow to here, HU, by so many voxels: half way between gas and tissue.
 const WALL_HU: f64 = -450.0;
 const WALL_VOXELS: usize = 2;
@@ -23,12 +23,12 @@ const FOLD_MM: f64 = 3.0;
 /// Confidence at most where a segment may be stomach.
 const DOUBTFUL: f64 = 0.3;
 /// Most pieces of gas that a message names.
-const MOST_NAMED: usize = 4;
+const MAX_NAMED: usize = 4;
 
 pub(super) fn find(volume: &Volume, tagged: bool) -> Result<FoundOrgan, OrganError> {
     let mut gates = Gates::new(Organ::Colon);
     let Some(gas) = Gas::of(volume) else {
-        return Err(gates.refuse(format!("no voxel of gas ({LEAST_HU} to {GAS_HU} HU)")));
+        return Err(gates.refuse(format!("no voxel of gas ({MIN_HU} to {GAS_HU} HU)")));
     };
     pass(&gas, &mut gates)?;
     let mut core = BitVolume::new(volume.grid.dims);
@@ -63,7 +63,7 @@ pub(super) fn find(volume: &Volume, tagged: bool) -> Result<FoundOrgan, OrganErr
         }
         None => gates.note("no tagged fluid below the gas".into()),
     }
-    let segment = |c: &Candidate| Segment { seed: c.seed, volume_ml: c.volume_ml };
+    let segment = |c: &ColonCandidate| Segment { seed: c.seed, volume_ml: c.volume_ml };
     Ok(FoundOrgan {
         organ: Organ::Colon,
         mask,
@@ -79,28 +79,28 @@ pub(super) fn find(volume: &Volume, tagged: bool) -> Result<FoundOrgan, OrganErr
 
 /// Refuses gas that is no colon, and notes by how much it is one.
 fn pass(gas: &Gas, gates: &mut Gates) -> Result<(), OrganError> {
-    let left_out = &gas.left_out[..gas.left_out.len().min(MOST_NAMED)].join("; ");
+    let left_out = &gas.left_out[..gas.left_out.len().min(MAX_NAMED)].join("; ");
     if gas.colon.is_empty() {
         return Err(gates.refuse(match left_out.is_empty() {
-            true => format!("no gas of {LEAST_ML} ml or more in the body"),
+            true => format!("no gas of {MIN_ML} ml or more in the body"),
             false => left_out.clone(),
         }));
     }
     for c in &gas.colon {
         let (v, r, d, t) = (c.volume_ml, c.radius_mm, c.deep, c.tissue);
         gates.note(format!("{v:.0} ml of gas, radius {r:.1} mm, at {}", c.seed));
-        gates.at_least("its share below -900 HU", d, LEAST_DEEP, 0.95)?;
-        gates.at_least("share of its shell that is tissue", t, LEAST_TISSUE, 0.97)?;
-        gates.at_least("its radius in mm", r, LEAST_RADIUS_MM, 12.0)?;
+        gates.at_least("its share below -900 HU", d, MIN_DEEP, 0.95)?;
+        gates.at_least("share of its shell that is tissue", t, MIN_TISSUE, 0.97)?;
+        gates.at_least("its radius in mm", r, MIN_RADIUS_MM, 12.0)?;
     }
     if !left_out.is_empty() {
         gates.note(format!("left out: {left_out}"));
     }
     gas.doubtful.iter().for_each(|line| gates.doubt(line.clone(), DOUBTFUL));
     let total: f64 = gas.colon.iter().map(|c| c.volume_ml).sum();
-    gates.at_least("ml of gas in all", total, LEAST_TOTAL_ML, 400.0)?;
+    gates.at_least("ml of gas in all", total, MIN_TOTAL_ML, 400.0)?;
     let extent = gas.colon.iter().map(|c| c.extent_mm).fold(0.0, f64::max);
-    gates.at_least("extent of the longest segment in mm", extent, LEAST_EXTENT_MM, 200.0)
+    gates.at_least("extent of the longest segment in mm", extent, MIN_EXTENT_MM, 200.0)
 }
 
 /// The segments with the voxels at their wall, but none of what touches other gas.
@@ -110,7 +110,7 @@ fn grown_to_wall(volume: &Volume, gas: &Gas) -> BitVolume {
     gas.colon.iter().for_each(|c| mask.add(&c.mask));
     // Noise leaves specks in the gas.
     fill_cavities(&mut mask);
-    let mut wall = between(volume, LEAST_HU, WALL_HU);
+    let mut wall = between(volume, MIN_HU, WALL_HU);
     wall.remove(&dilated(&gas.others, DVec3::ONE, WALL_VOXELS as f64));
     // Folds are thin: their voxels are mixed with gas from both sides, and darker than the wall
     // elsewhere, but they are no openings.

@@ -25,9 +25,9 @@ pub fn explain(volume: &Volume, lumen: &Lumen, seeds: &[UVec3]) -> Picture {
     // Right and down in patient space: to the left and the feet, to the back and the feet, to the
     // left and the back.
     let views = [
-        View::new(volume, DVec3::X, DVec3::NEG_Z),
-        View::new(volume, DVec3::Y, DVec3::NEG_Z),
-        View::new(volume, DVec3::X, DVec3::Y),
+        AxisView::new(volume, DVec3::X, DVec3::NEG_Z),
+        AxisView::new(volume, DVec3::Y, DVec3::NEG_Z),
+        AxisView::new(volume, DVec3::X, DVec3::Y),
     ];
     let width = GAP_PX + views.iter().map(|v| v.width + GAP_PX).sum::<usize>();
     let height = 2 * GAP_PX + views.iter().map(|v| v.height).max().unwrap_or(0);
@@ -45,7 +45,7 @@ pub fn explain(volume: &Volume, lumen: &Lumen, seeds: &[UVec3]) -> Picture {
 }
 
 /// A view along the index axis nearest to a direction of patient space.
-struct View {
+struct AxisView {
     /// Index axes of right, down and the rays.
     axes: [usize; 3],
     /// Whether right and down run against their axes.
@@ -54,7 +54,7 @@ struct View {
     height: usize,
 }
 
-impl View {
+impl AxisView {
     fn new(volume: &Volume, right: DVec3, down: DVec3) -> Self {
         let grid = &volume.grid;
         let nearest = |way: DVec3, but: Option<usize>| {

@@ -14,9 +14,9 @@ const SOFT_TISSUE_HU: f64 = 40.0;
 /// Fluid begins within so many voxels below gas: in between lie mixed values.
 const LAYER_VOXELS: i32 = 3;
 /// Least area in which a pool meets the gas, mm² …
-const LEAST_CONTACT_MM2: f64 = 100.0;
+const MIN_CONTACT_MM2: f64 = 100.0;
 /// … and least share of its top: bones and small bowel only touch.
-const LEAST_CONTACT_SHARE: f64 = 0.25;
+const MIN_CONTACT_SHARE: f64 = 0.25;
 
 /// Fluid with contrast medium.
 pub(super) struct Fluid {
@@ -67,8 +67,8 @@ pub(super) fn fluid(volume: &Volume, gas: &BitVolume) -> Option<Fluid> {
             top += 1;
             contact += u64::from(meets);
         }
-        let is_pool = contact as f64 * face_mm2 >= LEAST_CONTACT_MM2
-            && contact as f64 >= LEAST_CONTACT_SHARE * top as f64;
+        let is_pool = contact as f64 * face_mm2 >= MIN_CONTACT_MM2
+            && contact as f64 >= MIN_CONTACT_SHARE * top as f64;
         if is_pool {
             pools.add(&mask);
             count += 1;

@@ -5,7 +5,7 @@ use glam::{DVec3, UVec3};
 use super::body::PatientBody;
 use super::depth::Depth;
 use super::lungs::{Lungs, lung_of};
-use super::values::{LEAST_HU, between, share};
+use super::values::{MIN_HU, between, share};
 use super::{SIDES, airway};
 use crate::lumen::{BitVolume, Piece, dilated, pieces};
 use crate::volume::{Grid, Volume};
@@ -14,14 +14,14 @@ use crate::volume::{Grid, Volume};
 pub(super) const GAS_HU: f64 = -800.0;
 /// Highest value of gas away from walls, HU, and the share of a segment that has it.
 const DEEP_GAS_HU: f64 = -900.0;
-pub(super) const LEAST_DEEP: f64 = 0.8;
+pub(super) const MIN_DEEP: f64 = 0.8;
 /// Least volume of a segment, ml.
-pub(super) const LEAST_ML: f64 = 15.0;
+pub(super) const MIN_ML: f64 = 15.0;
 /// Least value of what encloses the colon, HU, and the share of a segment's shell that has it.
 const TISSUE_HU: f64 = -300.0;
-pub(super) const LEAST_TISSUE: f64 = 0.9;
+pub(super) const MIN_TISSUE: f64 = 0.9;
 /// Least radius of the largest sphere in a segment, mm.
-pub(super) const LEAST_RADIUS_MM: f64 = 6.0;
+pub(super) const MIN_RADIUS_MM: f64 = 6.0;
 /// A stomach is shorter than this many of its own radii …
 const STOMACH_RADII: f64 = 6.0;
 /// … and lies no lower below the lungs than this, mm.
@@ -32,7 +32,7 @@ const DOUBTFUL_BELOW_LUNG_MM: f64 = 80.0;
 /// The gas in a body.
 pub(super) struct Gas {
     /// Segments of the colon, from the one nearest the feet on.
-    pub colon: Vec<Candidate>,
+    pub colon: Vec<ColonCandidate>,
     /// All that is no colon.
     pub others: BitVolume,
     /// How much was left out, and why: a line for each piece.
@@ -49,7 +49,7 @@ struct Kinds {
 }
 
 /// A piece of gas that may be colon.
-pub(super) struct Candidate {
+pub(super) struct ColonCandidate {
     pub mask: BitVolume,
     pub volume_ml: f64,
     pub seed: UVec3,
@@ -66,7 +66,7 @@ impl Gas {
     /// Sorts the gas of a volume; nothing if there is none at all.
     pub fn of(volume: &Volume) -> Option<Self> {
         let grid = &volume.grid;
-        let gas = between(volume, LEAST_HU, GAS_HU);
+        let gas = between(volume, MIN_HU, GAS_HU);
         if gas.is_empty() {
             return None;
         }
@@ -83,12 +83,12 @@ impl Gas {
         let (parts, mut other_parts) = out.without_lungs(volume, &inside);
         let airway = airway::find(volume, false).ok();
         let kinds = Kinds {
-            deep_gas: between(volume, LEAST_HU, DEEP_GAS_HU),
+            deep_gas: between(volume, MIN_HU, DEEP_GAS_HU),
             tissue: between(volume, TISSUE_HU, f64::INFINITY),
             gas,
         };
         for piece in parts {
-            let candidate = Candidate::new(grid, &piece, &kinds);
+            let candidate = ColonCandidate::new(grid, &piece, &kinds);
             let is_airway = airway.as_ref().is_some_and(|a| share(&candidate.mask, &a.mask) > 0.1);
             let why = if is_airway { Some("airway".to_owned()) } else { candidate.refusal() };
             match why {
@@ -101,7 +101,7 @@ impl Gas {
         }
         let lungs = Lungs::of(grid, &other_parts);
         let middle_mm = lungs.map_or_else(|| middle_mm(grid, &body), |l| l.middle_mm);
-        let looks = |c: &mut Candidate| {
+        let looks = |c: &mut ColonCandidate| {
             c.is_short_and_left(grid, middle_mm)
                 && c.below_lung_mm(grid, lungs).is_some_and(|mm| mm < BELOW_LUNG_MM)
         };
@@ -128,7 +128,7 @@ impl Gas {
     /// Pieces of gas that may be colon, and lung that was joined to such.
     fn without_lungs(&mut self, volume: &Volume, inside: &BitVolume) -> (Vec<Piece>, Vec<Piece>) {
         let ml = volume.grid.voxel_mm3() / 1000.0;
-        let least = (LEAST_ML / ml).ceil() as u64;
+        let least = (MIN_ML / ml).ceil() as u64;
         let (mut parts, mut lungs) = (Vec::new(), Vec::new());
         for piece in pieces(inside, least) {
             let mut mask = piece.mask(volume.grid.dims);
@@ -150,7 +150,7 @@ impl Gas {
     }
 }
 
-impl Candidate {
+impl ColonCandidate {
     fn new(grid: &Grid, piece: &Piece, kinds: &Kinds) -> Self {
         let mask = piece.mask(grid.dims);
         let mut shell = dilated(&mask, DVec3::ONE, 3.0);
@@ -174,13 +174,13 @@ impl Candidate {
     /// Why it is no colon.
     fn refusal(&self) -> Option<String> {
         let Self { deep, tissue, radius_mm, .. } = self;
-        if *deep < LEAST_DEEP {
+        if *deep < MIN_DEEP {
             return Some(format!("only {:.0} % below {DEEP_GAS_HU} HU", 100.0 * deep));
         }
-        if *tissue < LEAST_TISSUE {
+        if *tissue < MIN_TISSUE {
             return Some(format!("only {:.0} % of its shell is tissue", 100.0 * tissue));
         }
-        let narrow = *radius_mm < LEAST_RADIUS_MM;
+        let narrow = *radius_mm < MIN_RADIUS_MM;
         narrow.then(|| format!("its widest place has a radius of {radius_mm:.1} mm"))
     }
 
@@ -205,10 +205,10 @@ fn middle_mm(grid: &Grid, body: &BitVolume) -> f64 {
 }
 
 /// Segments from the feet-most one on, each followed by the one with the narrowest gap to it.
-fn in_order(grid: &Grid, mut left: Vec<Candidate>) -> Vec<Candidate> {
+fn in_order(grid: &Grid, mut left: Vec<ColonCandidate>) -> Vec<ColonCandidate> {
     let to_world = grid.world_from_voxel();
     // A few voxels of the rim stand for it.
-    let rim = |c: &Candidate| -> Vec<DVec3> {
+    let rim = |c: &ColonCandidate| -> Vec<DVec3> {
         let on_rim = |v: &UVec3| SIDES.iter().any(|d| !c.mask.get(v.as_ivec3() + d));
         let all: Vec<UVec3> = c.mask.voxels().filter(on_rim).collect();
         let each = all.len().div_ceil(1000).max(1);

@@ -7,11 +7,11 @@ use crate::lumen::{BitVolume, Piece, eroded, pieces};
 use crate::volume::{Grid, Volume};
 
 /// Lungs lie in the volume with this volume or more, ml.
-const LEAST_LUNG_ML: f64 = 200.0;
+const MIN_LUNG_ML: f64 = 200.0;
 /// Cores from this volume on are looked at, ml.
-const LEAST_CORE_ML: f64 = 15.0;
+const MIN_CORE_ML: f64 = 15.0;
 /// Most cores that are told apart.
-const MOST_CORES: usize = 254;
+const MAX_CORES: usize = 254;
 /// Lungs hold blood: their mean lies this far above that of gas, HU. Emphysema begins at −950.
 const ABOVE_GAS_HU: f64 = 20.0;
 
@@ -29,7 +29,7 @@ impl Lungs {
     pub fn of(grid: &Grid, gas: &[Piece]) -> Option<Self> {
         let to_world = grid.world_from_voxel();
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for piece in gas.iter().filter(|p| p.component.volume_ml(grid) > LEAST_LUNG_ML) {
+        for piece in gas.iter().filter(|p| p.component.volume_ml(grid) > MIN_LUNG_ML) {
             for &((a, b), y, z) in &piece.runs {
                 for x in [a, b] {
                     let at = to_world.transform_point3(UVec3::new(x, y, z).as_dvec3());
@@ -50,9 +50,9 @@ impl Lungs {
 pub(super) fn lung_of(volume: &Volume, gas: &BitVolume) -> Option<BitVolume> {
     let grid = &volume.grid;
     let cores = eroded(gas, grid.spacing_mm, grid.spacing_mm.max_element());
-    let least = (LEAST_CORE_ML * 1000.0 / grid.voxel_mm3()).ceil() as u64;
+    let least = (MIN_CORE_ML * 1000.0 / grid.voxel_mm3()).ceil() as u64;
     let mut cores = pieces(&cores, least);
-    cores.truncate(MOST_CORES);
+    cores.truncate(MAX_CORES);
     if cores.len() < 2 {
         return None;
     }

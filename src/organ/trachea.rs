@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3, UVec3};
 use rayon::prelude::*;
 
 use super::sections::{Section, SectionRegion, Slices, longest_chain, regions};
-use super::values::{LEAST_HU, between, quantile};
+use super::values::{MIN_HU, between, quantile};
 use crate::lumen::{BitVolume, closed};
 use crate::volume::Volume;
 
@@ -23,9 +23,9 @@ const RING_HU: f64 = -300.0;
 /// Ratio of the areas of neighbouring cross sections.
 const AREA_RATIO: std::ops::RangeInclusive<f64> = 0.5..=2.0;
 /// Shortest chain that is looked at, mm.
-const LEAST_CHAIN_MM: f64 = 15.0;
+const MIN_CHAIN_MM: f64 = 15.0;
 /// Most chains that are looked at across an axis.
-const MOST_CHAINS: usize = 4;
+const MAX_CHAINS: usize = 4;
 /// Share of the radius in which a cross section is all air.
 const CORE: f64 = 0.6;
 
@@ -51,7 +51,7 @@ pub(super) struct Trachea {
 
 /// Chains across any index axis, best first: a gut that is full of gas has some too.
 pub(super) fn candidates(volume: &Volume) -> Vec<Trachea> {
-    let air = between(volume, LEAST_HU, AIR_HU);
+    let air = between(volume, MIN_HU, AIR_HU);
     if air.is_empty() {
         return Vec::new();
     }
@@ -73,7 +73,7 @@ fn across(volume: &Volume, air: &BitVolume, axis: usize) -> Vec<Trachea> {
         .collect();
     let reach_mm = (3.0 * slices.step_mm).max(1.5 * slices.pixel_mm.max_element()) + 1.0;
     let mut out = Vec::new();
-    while out.len() < MOST_CHAINS {
+    while out.len() < MAX_CHAINS {
         let chain = longest_chain(&sections, &slices, reach_mm, |s, b| {
             AREA_RATIO.contains(&(s.area_mm2 / b.area_mm2))
         });
@@ -91,7 +91,7 @@ impl Trachea {
     fn of(volume: &Volume, slices: &Slices, chain: &[Section]) -> Option<Self> {
         let (first, last) = (chain.first()?, chain.last()?);
         let length_mm = f64::from(last.slice - first.slice) * slices.step_mm;
-        if length_mm < LEAST_CHAIN_MM {
+        if length_mm < MIN_CHAIN_MM {
             return None;
         }
         let mean = |of: fn(&Section) -> f64| chain.iter().map(of).sum::<f64>() / chain.len() as f64;

@@ -7,7 +7,7 @@ use crate::volume::Volume;
 
 /// Below this, HU, is nothing a scanner measured: padding of Philips (-2000), GE (-1500, -3024).
 /// Noise of air reaches it at a standard deviation of 130 HU only.
-pub(super) const LEAST_HU: f64 = -1400.0;
+pub(super) const MIN_HU: f64 = -1400.0;
 
 /// Voxels between two values, inclusive.
 pub(super) fn between(volume: &Volume, lo: f64, hi: f64) -> BitVolume {

@@ -13,25 +13,25 @@ use crate::volume::Volume;
 /// A volume with values below this is a CT in HU with air in it.
 const CT_HU: f64 = -500.0;
 /// Least number of slices along each axis: less shows no tree.
-const LEAST_SIDE: u32 = 12;
+const MIN_SIDE: u32 = 12;
 /// Most of a volume that vessels fill.
-const MOST_SHARE: f64 = 0.1;
+const MAX_SHARE: f64 = 0.1;
 /// Least length in radii of the widest place.
-const LEAST_RADII: f64 = 8.0;
+const MIN_RADII: f64 = 8.0;
 /// Least share of its voxels that are not on its surface: below it the vessels are a voxel wide, and
 /// what joins them is chance.
-const LEAST_INNER: f64 = 0.1;
+const MIN_INNER: f64 = 0.1;
 /// Least length, mm: a pool of tagged fluid is shorter.
-const LEAST_MM: f64 = 60.0;
+const MIN_MM: f64 = 60.0;
 /// Most that vessels hold, ml, and what an aorta with its branches holds for sure at most: a heart, a
 /// liver or bones hold more.
-pub(super) const MOST_ML: f64 = 500.0;
+pub(super) const MAX_ML: f64 = 500.0;
 pub(super) const SURE_ML: f64 = 250.0;
 /// Fewest values of an image; what has less is a label map.
-const LEAST_VALUES: usize = 16;
+const MIN_VALUES: usize = 16;
 /// Most of a mask's inner voxels that equal all their neighbours: of a label map 0.85 do, of an
 /// angiogram whose brightest values were clipped 0.44.
-const MOST_FLAT: f64 = 0.65;
+const MAX_FLAT: f64 = 0.65;
 /// What surrounds a vessel, voxels.
 const AROUND_VOXELS: (f64, f64) = (2.5, 5.0);
 /// Of a background that was removed this share of the peak is left at most.
@@ -48,7 +48,7 @@ pub(super) fn find(volume: &Volume) -> Result<FoundOrgan, OrganError> {
     gates.at_least(
         "slices along the shortest axis",
         f64::from(dims.min_element()),
-        f64::from(LEAST_SIDE),
+        f64::from(MIN_SIDE),
         24.0,
     )?;
     let Some((low, high)) = volume.range().filter(|(low, high)| low < high) else {
@@ -71,8 +71,8 @@ fn grown(volume: &Volume, threshold: f64, mut gates: Gates) -> Result<FoundOrgan
     let volume_ml = tree.component.volume_ml(grid);
     gates.note(format!("threshold {threshold:.0}: {volume_ml:.2} ml"));
     let alike = flat_share(volume, &mask);
-    gates.at_most("share of inner voxels that equal all neighbours", alike, MOST_FLAT, 0.5)?;
-    gates.at_most("vessels in ml", volume_ml, MOST_ML, SURE_ML)?;
+    gates.at_most("share of inner voxels that equal all neighbours", alike, MAX_FLAT, 0.5)?;
+    gates.at_most("vessels in ml", volume_ml, MAX_ML, SURE_ML)?;
     let (seed, _) = shape(volume, &tree, &mask, &mut gates)?;
     Ok(FoundOrgan {
         organ: Organ::Vessel,
@@ -108,15 +108,15 @@ pub(super) fn shape(
 ) -> Result<(UVec3, f64), OrganError> {
     let grid = &volume.grid;
     let part = tree.component.voxels as f64 / grid.len() as f64;
-    gates.at_most("share of the volume that is bright", part, MOST_SHARE, 0.04)?;
+    gates.at_most("share of the volume that is bright", part, MAX_SHARE, 0.04)?;
     let (seed, radius_mm) = Depth::of(*grid, mask).deepest();
     let (lo, hi) = tree.bounds();
     let length_mm = ((hi - lo).as_dvec3() * grid.spacing_mm).length();
     let radii = length_mm / radius_mm.max(1e-9);
-    gates.at_least("extent in mm", length_mm, LEAST_MM, 150.0)?;
-    gates.at_least("extent in radii of the widest place", radii, LEAST_RADII, 16.0)?;
+    gates.at_least("extent in mm", length_mm, MIN_MM, 150.0)?;
+    gates.at_least("extent in radii of the widest place", radii, MIN_RADII, 16.0)?;
     let inner = eroded(mask, DVec3::ONE, 1.0).count() as f64 / mask.count().max(1) as f64;
-    gates.at_least("share of voxels off the surface", inner, LEAST_INNER, 0.4)?;
+    gates.at_least("share of voxels off the surface", inner, MIN_INNER, 0.4)?;
     Ok((seed, radius_mm))
 }
 
@@ -135,7 +135,7 @@ fn of_angiogram(
     let grid = &volume.grid;
     let bins = histogram(volume, low, high);
     let values = bins.iter().filter(|n| **n > 0).count();
-    if values < LEAST_VALUES {
+    if values < MIN_VALUES {
         return Err(gates.refuse(format!("only {values} values: a label map, not an image")));
     }
     let start = low + (high - low) * otsu(&bins) as f64 / (BINS as f64 - 1.0);

@@ -49,7 +49,7 @@ pub struct Overlay {
 }
 
 /// Least room for vertices, bytes.
-const LEAST_ROOM: u64 = 1 << 18;
+const MIN_ROOM: u64 = 1 << 18;
 
 impl Overlay {
     /// * `format`: of the targets, encoded: [`Format::Rgba8Stored`] or [`Format::Bgra8Stored`].
@@ -134,7 +134,7 @@ impl Overlay {
             return Ok(None);
         }
         if bytes > self.room {
-            let room = bytes.next_power_of_two().max(LEAST_ROOM);
+            let room = bytes.next_power_of_two().max(MIN_ROOM);
             let new = gpu.empty_vertices("flat vertices", room)?;
             self.vertices.replace(new).into_iter().for_each(|old| self.releaser.buffer(old));
             self.room = room;

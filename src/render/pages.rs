@@ -19,7 +19,7 @@ use std::sync::Arc;
 use super::renderer::Renderer;
 use super::{FrameStats, RenderError};
 use crate::geometry::{Camera, Vertex, ViewFrustum};
-use crate::lod::{OcclusionTest, PAGE_TRIANGLES, PAGE_VERTICES, Step, Upload, VisiblePatch};
+use crate::lod::{LodStep, OcclusionTest, PAGE_TRIANGLES, PAGE_VERTICES, Upload, VisiblePatch};
 use crate::vk::{BufferId, Frame, Gpu, ImageId, IndexedRange, Pass, Releaser, Write};
 
 /// A wall in pages on the device.
@@ -39,12 +39,12 @@ const INDICES: u32 = 3 * PAGE_TRIANGLES as u32;
 const INDEX_BYTES: u64 = 2 * INDICES as u64;
 
 /// What is to be written to a page.
-struct Change {
+struct PageWrite {
     vertices: Vec<Vertex>,
     indices: Vec<u16>,
 }
 
-impl Change {
+impl PageWrite {
     fn bytes(&self) -> u64 {
         (size_of_val(&self.vertices[..]) + size_of_val(&self.indices[..])) as u64
     }
@@ -59,7 +59,7 @@ pub(super) struct Pages {
     /// Triangles in each page, once what is pending has been written.
     filled: Vec<u32>,
     /// By page, so that copies ascend.
-    pending: BTreeMap<u32, Change>,
+    pending: BTreeMap<u32, PageWrite>,
     drawn: Vec<VisiblePatch>,
     leaves_changed: u64,
     degraded: bool,
@@ -92,7 +92,7 @@ impl Pages {
     }
 
     /// Takes a step in, or nothing of it.
-    fn apply(&mut self, step: Step) -> Result<(), RenderError> {
+    fn apply(&mut self, step: LodStep) -> Result<(), RenderError> {
         for u in &step.uploads {
             check(u, self.filled.len())?;
         }
@@ -110,7 +110,7 @@ impl Pages {
         for u in step.uploads {
             self.filled[u.page as usize] = u.triangles.len() as u32;
             let indices = u.triangles.iter().flatten().map(|i| u16::from(*i)).collect();
-            self.pending.insert(u.page, Change { vertices: u.vertices, indices });
+            self.pending.insert(u.page, PageWrite { vertices: u.vertices, indices });
         }
         self.drawn = step.drawn;
         self.leaves_changed += u64::from(step.leaves_changed);
@@ -119,7 +119,7 @@ impl Pages {
     }
 
     /// Changes of the first pages, at least one and about `most` bytes at most.
-    fn first_changes(&mut self, most: u64) -> Vec<(u32, Change)> {
+    fn first_changes(&mut self, most: u64) -> Vec<(u32, PageWrite)> {
         let mut out = Vec::new();
         let mut bytes = 0;
         while let Some(entry) = self.pending.first_entry() {
@@ -133,11 +133,11 @@ impl Pages {
     }
 
     fn pending_bytes(&self) -> u64 {
-        self.pending.values().map(Change::bytes).sum()
+        self.pending.values().map(PageWrite::bytes).sum()
     }
 
     /// Writes of changes: vertices first, then indices, so that each kind is one copy command.
-    fn writes<'a>(&self, changes: &'a [(u32, Change)]) -> Vec<Write<'a>> {
+    fn writes<'a>(&self, changes: &'a [(u32, PageWrite)]) -> Vec<Write<'a>> {
         let write = |to, offset, bytes| Write { to, offset, bytes: Cow::Borrowed(bytes) };
         let vertices = changes.iter().map(|(page, c)| {
             let at = u64::from(*page) * VERTEX_BYTES;
@@ -255,7 +255,7 @@ impl Renderer {
     ///
     /// # Panics
     /// If the wall was closed.
-    pub fn apply(&mut self, pages: PagesHandle, step: Step) -> Result<(), RenderError> {
+    pub fn apply(&mut self, pages: PagesHandle, step: LodStep) -> Result<(), RenderError> {
         self.pages[pages.0].as_mut().expect("a wall that was not closed").apply(step)
     }
 

@@ -11,7 +11,7 @@ use super::pages::Pages;
 use super::picture::{Spares, without_alpha};
 use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
 use super::scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
-use super::unfold::Face;
+use super::unfold::UnfoldedFace;
 use super::{RenderError, host};
 use crate::geometry::{Camera, Lens, Mesh, Pose, Vertex};
 use crate::vk::{
@@ -27,7 +27,7 @@ pub struct Ticket {
     pub stats: FrameStats,
 }
 
-pub(super) struct Model {
+pub(super) struct PlacedMesh {
     pub vertices: BufferId,
     pub indices: BufferId,
     pub count: u32,
@@ -37,7 +37,7 @@ pub(super) struct Model {
     pub uncoloured: Option<Vec<Vertex>>,
 }
 
-impl Model {
+impl PlacedMesh {
     fn release(&self, releaser: &Releaser) {
         releaser.buffer(self.vertices);
         releaser.buffer(self.indices);
@@ -95,12 +95,12 @@ impl Targets {
 
 /// Where a frame is read back; a frame in flight keeps its own size.
 #[derive(Clone, Copy)]
-struct Slot {
+struct ReadbackSlot {
     buffer: BufferId,
     extent: [u32; 2],
 }
 
-impl Slot {
+impl ReadbackSlot {
     fn new(gpu: &mut Gpu, extent: [u32; 2]) -> Result<Self, RenderError> {
         let bytes = u64::from(extent[0]) * u64::from(extent[1]) * 4;
         Ok(Self { buffer: gpu.readback_buffer("frame", bytes)?, extent })
@@ -123,14 +123,14 @@ pub struct Renderer {
     pub(super) targets: Targets,
     /// Of the six faces that a panorama is made of.
     pub(super) faces: Option<Targets>,
-    pub(super) models: Vec<Option<Model>>,
-    pub(super) paths: Vec<Option<Model>>,
+    pub(super) models: Vec<Option<PlacedMesh>>,
+    pub(super) paths: Vec<Option<PlacedMesh>>,
     pub(super) pages: Vec<Option<Pages>>,
-    pub(super) frustum: Model,
-    pub(super) ball: Model,
+    pub(super) frustum: PlacedMesh,
+    pub(super) ball: PlacedMesh,
     /// What the glass image shows at the moment.
     pub(super) glass_of: Option<super::overview::GlassKey>,
-    slots: Vec<Slot>,
+    slots: Vec<ReadbackSlot>,
     idle: Vec<usize>,
     spares: Spares,
     pub(super) releaser: Releaser,
@@ -146,7 +146,8 @@ impl Renderer {
         let extent = [width, height];
         gpu.all_or_none(|gpu| {
             let targets = Targets::new(gpu, extent, samples)?;
-            let slots = (0..IN_FLIGHT).map(|_| Slot::new(gpu, extent)).collect::<Result<_, _>>()?;
+            let slots =
+                (0..IN_FLIGHT).map(|_| ReadbackSlot::new(gpu, extent)).collect::<Result<_, _>>()?;
             Ok(Self {
                 samples,
                 pipelines: Pipelines::new(gpu, samples)?,
@@ -242,7 +243,7 @@ impl Renderer {
         self.check_device(gpu);
         let coloured = coloured(&mesh.vertices, colours);
         let model = upload(gpu, &coloured, &mesh.indices, mesh.bounds, mesh.mean_radius_mm)?;
-        self.models.push(Some(Model { uncoloured: Some(mesh.vertices.clone()), ..model }));
+        self.models.push(Some(PlacedMesh { uncoloured: Some(mesh.vertices.clone()), ..model }));
         Ok(MeshHandle(self.models.len() - 1))
     }
 
@@ -357,7 +358,7 @@ impl Renderer {
         slot: usize,
     ) -> Result<FrameStats, RenderError> {
         if self.slots[slot].extent != self.size() {
-            let new = Slot::new(gpu, self.size())?;
+            let new = ReadbackSlot::new(gpu, self.size())?;
             self.releaser.buffer(std::mem::replace(&mut self.slots[slot], new).buffer);
         }
         let picture = (self.targets.picture, self.slots[slot].buffer);
@@ -459,9 +460,9 @@ impl Renderer {
     }
 
     /// What of a shot is seen from within, each with its part of an image.
-    fn eyes(&self, shot: &Shot) -> Vec<Face> {
+    fn eyes(&self, shot: &Shot) -> Vec<UnfoldedFace> {
         match self.areas(shot.view).0 {
-            Some(area) => vec![Face { camera: camera_of(shot, area), area }],
+            Some(area) => vec![UnfoldedFace { camera: camera_of(shot, area), area }],
             None => self.faces(shot),
         }
     }
@@ -479,7 +480,7 @@ impl Renderer {
     pub fn fetch(&mut self, gpu: &mut Gpu, ticket: Ticket) -> Result<Vec<u8>, RenderError> {
         self.check_device(gpu);
         self.idle.push(ticket.slot);
-        let Slot { buffer, extent: [width, height] } = self.slots[ticket.slot];
+        let ReadbackSlot { buffer, extent: [width, height] } = self.slots[ticket.slot];
         let pixels = width as usize * height as usize;
         let rgba = &gpu.read(buffer)?[..4 * pixels];
         let mut rgb = self.spares.take(3 * pixels);
@@ -492,12 +493,18 @@ impl Renderer {
         self.spares.clone()
     }
 
-    pub(super) fn model(&self, mesh: MeshHandle) -> &Model {
+    pub(super) fn model(&self, mesh: MeshHandle) -> &PlacedMesh {
         self.models[mesh.0].as_ref().expect("a mesh that was not removed")
     }
 
-    fn inside_pass(&self, scene: &Scene, shot: &Shot, eye: &Face, stats: &mut FrameStats) -> Pass {
-        let Face { camera, area } = eye;
+    fn inside_pass(
+        &self,
+        scene: &Scene,
+        shot: &Shot,
+        eye: &UnfoldedFace,
+        stats: &mut FrameStats,
+    ) -> Pass {
+        let UnfoldedFace { camera, area } = eye;
         let (camera, area) = (*camera, *area);
         let radius = match scene.wall {
             Wall::Mesh(mesh) => self.model(mesh).mean_radius_mm,
@@ -582,7 +589,7 @@ fn camera_of(shot: &Shot, area: Area) -> Camera {
 /// A draw of all of a model, or nothing if it is empty.
 pub(super) fn draw(
     pipeline: DrawPipelineId,
-    model: &Model,
+    model: &PlacedMesh,
     push: &[u8],
     images: Vec<ImageId>,
 ) -> Option<Draw> {
@@ -630,7 +637,7 @@ pub(super) fn surface_push(
     }
 }
 
-fn upload_tubes(gpu: &mut Gpu, tubes: &Tubes) -> Result<Model, RenderError> {
+fn upload_tubes(gpu: &mut Gpu, tubes: &Tubes) -> Result<PlacedMesh, RenderError> {
     let bounds = tubes.vertices.iter().fold(None, |b: Option<(Vec3, Vec3)>, v| {
         let p = v.position();
         Some(b.map_or((p, p), |(lo, hi)| (lo.min(p), hi.max(p))))
@@ -659,11 +666,11 @@ fn upload<V: Pod>(
     indices: &[u32],
     bounds: Option<(Vec3, Vec3)>,
     mean_radius_mm: f32,
-) -> Result<Model, RenderError> {
+) -> Result<PlacedMesh, RenderError> {
     let count = indices.len() as u32;
     gpu.all_or_none(|gpu| {
         let vertices = gpu.vertex_buffer("vertices", bytemuck::cast_slice(vertices))?;
         let indices = gpu.index_buffer("indices", indices)?;
-        Ok(Model { vertices, indices, count, bounds, mean_radius_mm, uncoloured: None })
+        Ok(PlacedMesh { vertices, indices, count, bounds, mean_radius_mm, uncoloured: None })
     })
 }

@@ -46,14 +46,14 @@ fn side_for(width: u32) -> u32 {
 }
 
 /// What a face is drawn to.
-pub(super) struct Face {
+pub(super) struct UnfoldedFace {
     pub camera: Camera,
     pub area: Area,
 }
 
 impl Renderer {
     /// The six views of a shot that is a cube or a panorama.
-    pub(super) fn faces(&self, shot: &Shot) -> Vec<Face> {
+    pub(super) fn faces(&self, shot: &Shot) -> Vec<UnfoldedFace> {
         let (areas, margin) = match shot.view {
             View::Cube => (faces_in_cross(self.size()), 0.0),
             View::Panorama => {
@@ -68,7 +68,7 @@ impl Renderer {
             View::Inside | View::Overview | View::Split => return Vec::new(),
         };
         let views = cube_faces(&shot.pose, &shot.lens, margin);
-        let face = |((pose, lens), area): (_, Area)| Face {
+        let face = |((pose, lens), area): (_, Area)| UnfoldedFace {
             camera: Camera { pose, lens, height_px: area.height },
             area,
         };

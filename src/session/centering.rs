@@ -42,7 +42,7 @@ pub struct Centered {
 }
 
 /// Most viewpoints added for unseen voxels; what is still unseen then is listed.
-const MOST_ADDED: usize = 10_000;
+const MAX_ADDED: usize = 10_000;
 
 /// What the visibility test found.
 pub struct Visibility {
@@ -195,7 +195,7 @@ fn visibility(
     let (added, unseen) = clock.time(
         "unseen",
         "boundary voxels",
-        || add_viewers(lumen, &unseen, distance, MOST_ADDED),
+        || add_viewers(lumen, &unseen, distance, MAX_ADDED),
         |_| unseen.len() as u64,
     );
     let candidates = candidates.len();
@@ -203,7 +203,7 @@ fn visibility(
 }
 
 /// Most loops of which a warning gives the place, the longest; the report lists all.
-const MOST_LOOPS: usize = 5;
+const MAX_LOOPS: usize = 5;
 
 impl Centered {
     /// What a reader of the centerline should know.
@@ -217,7 +217,7 @@ impl Centered {
         }
         let mut doubtful: Vec<_> = self.loops.iter().filter(|l| l.is_doubtful()).collect();
         doubtful.sort_by(|a, b| b.found.cycle_mm.total_cmp(&a.found.cycle_mm));
-        for l in doubtful.iter().take(MOST_LOOPS) {
+        for l in doubtful.iter().take(MAX_LOOPS) {
             let (at, found) = (l.throat_at, &l.found);
             out.push(format!(
                 "a loop of {:.0} mm was cut at ({:.1}, {:.1}, {:.1}) mm, where the lumen is {:.1} mm \
@@ -226,8 +226,8 @@ impl Centered {
                 found.cycle_mm, at.x, at.y, at.z, found.throat_mm, found.next_throat_mm,
             ));
         }
-        if doubtful.len() > MOST_LOOPS {
-            let n = doubtful.len() - MOST_LOOPS;
+        if doubtful.len() > MAX_LOOPS {
+            let n = doubtful.len() - MAX_LOOPS;
             out.push(format!("{n} more loops were cut at one of two places about as narrow"));
         }
         out

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::{Clock, Mode, Session, SessionError, level_cache, locked, present, put};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
-use crate::lod::vds::{ParameterizedOriginal, Surface, Vds, VdsOptions};
+use crate::lod::vds::{ParameterizedOriginal, SubdivisionSurface, Vds, VdsOptions};
 use crate::lod::{LodHierarchy, OcclusionTest, PAGE_BYTES};
 use crate::mesh::{MeshError, Metric, Parameterization, SimplifyOptions, make_manifold, simplify};
 use crate::vk::return_freed_memory;
@@ -40,7 +40,7 @@ pub struct Levels {
 
 enum Kind {
     Clusters(Arc<Clusters>),
-    Subdivision(Arc<Surface>),
+    Subdivision(Arc<SubdivisionSurface>),
 }
 
 /// Level of detail.
@@ -175,7 +175,7 @@ impl Levels {
             |_| mesh.faces.len() as u64,
         )?;
         let original = ParameterizedOriginal::new(mesh, vertices, &simplified, &maps);
-        let build = || Surface::new(&simplified.mesh, &original, VdsOptions::default());
+        let build = || SubdivisionSurface::new(&simplified.mesh, &original, VdsOptions::default());
         let count = simplified.mesh.faces.len() as u64;
         let surface = clock.time("subdivision", "base faces", build, |_| count)?;
         let report = LodReport {

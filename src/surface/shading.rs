@@ -9,7 +9,7 @@ use crate::geometry::{Mesh, Vertex};
 /// Vertices of a parallel task.
 const MIN_LEN: usize = 4096;
 /// Averaging rounds, at most: enough for edges of a 64th of the smoothing radius.
-const ROUNDS_MAX: f64 = 4096.0;
+const MAX_ROUNDS: f64 = 4096.0;
 /// Error of the truncated series in any mode, at most.
 const CUT: f64 = 1.0 / 15.0;
 
@@ -83,7 +83,7 @@ fn curvature(mesh: &Mesh, normals: &[Vec3], radius_mm: f32) -> Vec<f32> {
     let edge2 = all / adjacency.near.len().max(1) as f64;
     // A round of averaging has a standard deviation of about one edge; variances add.
     let reach = 0.2 * f64::from(radius_mm);
-    let rounds = (reach * reach / edge2.max(1e-12)).clamp(2.0, ROUNDS_MAX);
+    let rounds = (reach * reach / edge2.max(1e-12)).clamp(2.0, MAX_ROUNDS);
     let sums = diffuse(&adjacency, sums, rounds);
     sums.into_iter().map(|s| if s.y > 0.0 { s.x / s.y } else { 0.0 }).collect()
 }

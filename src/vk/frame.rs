@@ -70,16 +70,16 @@ impl Frame<'_> {
     }
 }
 
-type Access = (vk::PipelineStageFlags2, vk::AccessFlags2);
+type StageAccess = (vk::PipelineStageFlags2, vk::AccessFlags2);
 
 /// Everything draws read from buffers that are written.
-const DRAWN: Access = (
+const DRAWN: StageAccess = (
     vk::PipelineStageFlags2::VERTEX_INPUT,
     vk::AccessFlags2::from_raw(
         vk::AccessFlags2::VERTEX_ATTRIBUTE_READ.as_raw() | vk::AccessFlags2::INDEX_READ.as_raw(),
     ),
 );
-const COPIED: Access = (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::TRANSFER_WRITE);
+const COPIED: StageAccess = (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::TRANSFER_WRITE);
 
 impl Gpu {
     /// Checks that each write lies in its buffer and no two overlap, and notes what index buffers
@@ -213,7 +213,7 @@ impl Gpu {
         place
     }
 
-    fn memory_barrier(&self, cmd: vk::CommandBuffer, from: Access, to: Access) {
+    fn memory_barrier(&self, cmd: vk::CommandBuffer, from: StageAccess, to: StageAccess) {
         let barriers = [vk::MemoryBarrier2::default()
             .src_stage_mask(from.0)
             .src_access_mask(from.1)

@@ -15,8 +15,8 @@ use super::info::{self, Choice, DeviceInfo};
 use super::instance::{Instance, Validate};
 use super::memory::Memory;
 use super::pieces::Rates;
-use super::pipeline::Pipelines;
-use super::presentation::{Presenter, Surface, WindowHandles, display_of};
+use super::pipeline::ComputePipelines;
+use super::presentation::{PresentationSurface, Presenter, WindowHandles, display_of};
 use super::resources::{GpuBuffer, GpuImage};
 use super::retire::{Releaser, ResourceId, RetireQueue, Retired};
 use super::staging::Staging;
@@ -56,7 +56,7 @@ impl Default for OpenOptions {
 /// A device and everything made on it.
 pub struct Gpu {
     pub(super) info: DeviceInfo,
-    pub(super) pipelines: Pipelines,
+    pub(super) pipelines: ComputePipelines,
     pub(super) cache: Cache,
     pub(super) commands: Commands,
     pub(super) timeline: Timeline,
@@ -124,9 +124,10 @@ impl Gpu {
         let started = Instant::now();
         let display = window.as_ref().map(display_of).transpose()?;
         let instance = Instance::new(options.validate, display)?;
-        let surface = window.map(|window| Surface::new(&instance, window)).transpose()?;
+        let surface =
+            window.map(|window| PresentationSurface::new(&instance, window)).transpose()?;
         let presents = |physical, family| {
-            surface.as_ref().is_none_or(|s: &Surface| s.is_supported(physical, family))
+            surface.as_ref().is_none_or(|s: &PresentationSurface| s.is_supported(physical, family))
         };
         let (physical, mut info) = info::choose(&instance, choice, presents)?;
         info.limits.draws_at_once = info.limits.draws_at_once.min(options.draws_at_once);
@@ -142,7 +143,7 @@ impl Gpu {
         let commands = Commands::new(&device, info.limits.queue_family)?;
         let timeline = Timeline::new(&device)?;
         Ok(Self {
-            pipelines: Pipelines::default(),
+            pipelines: ComputePipelines::default(),
             cache,
             commands,
             timeline,

@@ -19,7 +19,7 @@ const ROW: u64 = 1024;
 
 /// A part of a launch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Segment {
+pub(super) struct LaunchSegment {
     /// Which launch.
     pub step: usize,
     /// First workgroup along x and y.
@@ -28,7 +28,7 @@ pub(super) struct Segment {
     pub groups: [u32; 2],
 }
 
-impl Segment {
+impl LaunchSegment {
     fn count(&self) -> f64 {
         f64::from(self.groups[0]) * f64::from(self.groups[1])
     }
@@ -50,15 +50,15 @@ impl Rates {
 
     /// Takes over what a part of a launch took. Launches of one kernel differ by their parameters:
     /// a short one lowers its rate by half at most.
-    pub fn measured(&mut self, kernel: &'static str, segment: &Segment, seconds: f64) {
+    pub fn measured(&mut self, kernel: &'static str, segment: &LaunchSegment, seconds: f64) {
         let rate = (seconds / segment.count()).max(1e-12);
         let known = self.0.entry(kernel).or_insert(rate);
         *known = rate.max(0.5 * *known);
     }
 
     /// The seconds of a piece shared among its parts by what they were thought to take.
-    pub fn shares(&self, plan: &Plan<'_>, piece: &[Segment], seconds: f64) -> Vec<f64> {
-        let cost = |s: &Segment| s.count() * self.of(plan.steps()[s.step].kernel.name());
+    pub fn shares(&self, plan: &Plan<'_>, piece: &[LaunchSegment], seconds: f64) -> Vec<f64> {
+        let cost = |s: &LaunchSegment| s.count() * self.of(plan.steps()[s.step].kernel.name());
         let all: f64 = piece.iter().map(cost).sum();
         piece.iter().map(|s| seconds * cost(s) / all).collect()
     }
@@ -90,7 +90,7 @@ impl Pieces {
 
     /// The next piece that should take at most `aim`, if that is enough for a workgroup, or for a
     /// row of them where a launch has two dimensions.
-    pub fn next(&mut self, plan: &Plan<'_>, rates: &Rates, aim: Duration) -> Vec<Segment> {
+    pub fn next(&mut self, plan: &Plan<'_>, rates: &Rates, aim: Duration) -> Vec<LaunchSegment> {
         let mut left = aim.as_secs_f64();
         let mut piece = Vec::new();
         while let Some(&[x, y]) = self.grids.get(self.step) {
@@ -107,7 +107,7 @@ impl Pieces {
             if take > 0 {
                 let (base, groups) =
                     if y > 1 { ([0, self.done], [x, take]) } else { ([self.done, 0], [take, 1]) };
-                piece.push(Segment { step: self.step, base, groups });
+                piece.push(LaunchSegment { step: self.step, base, groups });
                 self.done += take;
             }
             if self.done < units {
@@ -180,7 +180,7 @@ mod tests {
         let plan = plan(&launches);
         for (rate, aim_ms) in [(UNKNOWN_S, 50), (1e-6, 50), (1e-3, 5), (1.0, 50), (1e-9, 50)] {
             let mut rates = Rates::default();
-            let one = Segment { step: 0, base: [0, 0], groups: [1, 1] };
+            let one = LaunchSegment { step: 0, base: [0, 0], groups: [1, 1] };
             rates.measured(copy::KERNEL.name(), &one, rate);
             let aim = Duration::from_millis(aim_ms);
             let mut pieces = Pieces::new(&plan, 65_535);
@@ -216,7 +216,7 @@ mod tests {
     #[test]
     fn a_rate_follows_slower_launches_at_once_and_faster_ones_by_halves() {
         let mut rates = Rates::default();
-        let ten = Segment { step: 0, base: [0, 0], groups: [10, 1] };
+        let ten = LaunchSegment { step: 0, base: [0, 0], groups: [10, 1] };
         for (seconds, want) in [(1.0, 0.1), (4.0, 0.4), (0.1, 0.2), (0.1, 0.1), (0.1, 0.05)] {
             rates.measured("kernel", &ten, seconds);
             assert!((rates.of("kernel") - want).abs() < 1e-12, "{}", rates.of("kernel"));

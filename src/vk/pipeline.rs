@@ -19,13 +19,13 @@ pub(super) struct Compute {
 
 /// Compute pipelines by shader.
 #[derive(Default)]
-pub(super) struct Pipelines {
+pub(super) struct ComputePipelines {
     // Shaders are statics, so the address is the identity; a name alone would let a test's twin
     // of a kernel run the original.
     made: HashMap<usize, Compute>,
 }
 
-impl Pipelines {
+impl ComputePipelines {
     /// The pipeline of a shader.
     pub fn get(
         &mut self,

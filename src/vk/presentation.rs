@@ -37,14 +37,14 @@ pub(super) fn display_of(window: &Arc<dyn WindowHandles>) -> Result<RawDisplayHa
 }
 
 /// What a window shows pictures through. Dropped before the instance, after its swapchains.
-pub(super) struct Surface {
+pub(super) struct PresentationSurface {
     functions: khr::surface::Instance,
     raw: vk::SurfaceKHR,
     // Dropped after `raw` was destroyed.
     window: Arc<dyn WindowHandles>,
 }
 
-impl Surface {
+impl PresentationSurface {
     pub fn new(instance: &Instance, window: Arc<dyn WindowHandles>) -> Result<Self, VkError> {
         let functions = khr::surface::Instance::new(&instance.entry, &instance.raw);
         let raw = Self::create(instance, &window)?;
@@ -74,7 +74,7 @@ impl Surface {
     }
 }
 
-impl Drop for Surface {
+impl Drop for PresentationSurface {
     fn drop(&mut self) {
         // SAFETY: the surface is ours and goes once; its swapchains are gone (`Gpu::close_chains`)
         // or never were.
@@ -107,7 +107,7 @@ pub(super) struct Presenter {
     is_stale: bool,
     surface_lost: bool,
     physical: vk::PhysicalDevice,
-    surface: Surface,
+    surface: PresentationSurface,
 }
 
 impl Presenter {
@@ -115,7 +115,7 @@ impl Presenter {
         instance: &Instance,
         device: &ash::Device,
         physical: vk::PhysicalDevice,
-        surface: Surface,
+        surface: PresentationSurface,
     ) -> Result<Self, VkError> {
         Ok(Self {
             chains: khr::swapchain::Device::new(&instance.raw, device),
@@ -390,7 +390,7 @@ impl Gpu {
     fn renew_surface(&mut self, p: &mut Presenter) -> Result<(), VkError> {
         self.close_all(p);
         let window = Arc::clone(&p.surface.window);
-        p.surface = Surface::new(&self.instance, window)?;
+        p.surface = PresentationSurface::new(&self.instance, window)?;
         p.surface_lost = false;
         Ok(())
     }

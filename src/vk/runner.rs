@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use ash::vk;
 
 use super::memory::{Buffer, MemoryUse};
-use super::pieces::{AIM, Pieces, Segment, most_threads};
+use super::pieces::{AIM, LaunchSegment, Pieces, most_threads};
 use super::pipeline::Compute;
 use super::{Gpu, VkError};
 use crate::compute::{Contents, Outputs, Plan, Step, StepTime};
@@ -182,7 +182,7 @@ impl Gpu {
         p: &Compute,
         set: vk::DescriptorSet,
         step: &Step,
-        Segment { base, groups, .. }: &Segment,
+        LaunchSegment { base, groups, .. }: &LaunchSegment,
     ) {
         // SAFETY: `cmd` is recording; pipeline, layout and set are alive until the timeline passes
         // this submission, which `run_held` waits for; the params have the layout's size (checked
@@ -374,7 +374,7 @@ impl Gpu {
         self.barrier(cmd, source, (vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ));
     }
 
-    fn barrier(&self, cmd: vk::CommandBuffer, from: Access, to: Access) {
+    fn barrier(&self, cmd: vk::CommandBuffer, from: StageAccess, to: StageAccess) {
         let barriers = [vk::MemoryBarrier2::default()
             .src_stage_mask(from.0)
             .src_access_mask(from.1)
@@ -399,7 +399,7 @@ impl Gpu {
         &mut self,
         plan: &Plan<'_>,
         held: &RunResources,
-        piece: &[Segment],
+        piece: &[LaunchSegment],
         whole: Duration,
         seconds: &mut [f64],
     ) -> Result<(), VkError> {
@@ -446,18 +446,18 @@ impl Gpu {
     }
 }
 
-type Access = (vk::PipelineStageFlags2, vk::AccessFlags2);
+type StageAccess = (vk::PipelineStageFlags2, vk::AccessFlags2);
 
-const COMPUTE_WRITE: Access =
+const COMPUTE_WRITE: StageAccess =
     (vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_STORAGE_WRITE);
-const COMPUTE_ACCESS: Access = (
+const COMPUTE_ACCESS: StageAccess = (
     vk::PipelineStageFlags2::COMPUTE_SHADER,
     vk::AccessFlags2::from_raw(
         vk::AccessFlags2::SHADER_STORAGE_READ.as_raw()
             | vk::AccessFlags2::SHADER_STORAGE_WRITE.as_raw(),
     ),
 );
-const TRANSFER_WRITE: Access =
+const TRANSFER_WRITE: StageAccess =
     (vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_WRITE);
 
 /// Which buffers have been touched since the last barrier.

@@ -14,7 +14,7 @@ use super::{Gpu, VkError};
 /// The ring is never larger: three frames in flight and the one being made, 8 MiB each.
 pub const STAGING_BYTES: u64 = 32 << 20;
 /// What it starts with.
-const SMALLEST: u64 = 1 << 20;
+const MIN_BYTES: u64 = 1 << 20;
 
 /// Which bytes of a ring are taken. Places are counted from the beginning of time, so that full
 /// and empty differ.
@@ -96,7 +96,7 @@ impl Gpu {
             return Ok(place);
         }
         let has = self.staging.ring.bytes;
-        let more = (2 * has).max(SMALLEST).max(bytes.next_power_of_two()).min(STAGING_BYTES);
+        let more = (2 * has).max(MIN_BYTES).max(bytes.next_power_of_two()).min(STAGING_BYTES);
         if bytes > more || more == has {
             return Err(VkError::StagingFull { bytes, budget: STAGING_BYTES });
         }

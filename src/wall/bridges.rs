@@ -8,7 +8,7 @@ use glam::IVec3;
 use crate::lumen::{BitVolume, Bricks, Neighborhood, pieces};
 
 /// A bridge has at most so many voxels where it is narrowest.
-const MOST_VOXELS: usize = 12;
+const MAX_VOXELS: usize = 12;
 /// Not reached; reached last, as a bridge.
 const OUT: u32 = 0;
 const LEFT: u32 = u32::MAX;
@@ -107,7 +107,7 @@ pub(super) fn cut_bridges(
             }
             next += 1;
         }
-        if sheet.len() <= MOST_VOXELS {
+        if sheet.len() <= MAX_VOXELS {
             let mut cut = BitVolume::new(mask.dims());
             sheet.iter().map(|e| bricks.voxel(*e).as_uvec3()).for_each(|v| cut.set(v.x, v.y, v.z));
             mask.remove(&cut);

@@ -17,7 +17,7 @@ const LUNG_HU: f64 = -850.0;
 /// Values of gas in a CT, HU.
 const GAS_HU: std::ops::Range<f64> = -1150.0..-750.0;
 /// Three of four voxels about gas in a body have values up to here, HU.
-const MOST_BESIDE_GAS_HU: f64 = 150.0;
+const MAX_BESIDE_GAS_HU: f64 = 150.0;
 /// Voxels of which a median is taken, at most.
 const SAMPLES: usize = 8192;
 /// The shell in which the wall's value is looked for, mm from the core.
@@ -70,7 +70,7 @@ impl Contrast {
                     };
                     let is_gas = tissue == Tissue::Unknown
                         && GAS_HU.contains(&lumen)
-                        && *at(0.75)? < MOST_BESIDE_GAS_HU
+                        && *at(0.75)? < MAX_BESIDE_GAS_HU
                         && *at(0.95)? > -500.0;
                     let air = (TISSUE_HU, (LUNG_HU - lumen) / (TISSUE_HU - lumen));
                     Some(if is_gas { air } else { (*at(0.5)?, 1.0) })

@@ -31,13 +31,13 @@ const ASIDE_VOX: f64 = 2.0;
 const ABOVE_VOX: f64 = 2.0;
 /// From the end in gas to the end in fluid a layer has at most so many voxels: else those of two levels
 /// have met.
-const MOST_LAYER: i32 = LEVEL_VOXELS + 3 + 2 * ABOVE_VOX as i32;
+const MAX_LAYER: i32 = LEVEL_VOXELS + 3 + 2 * ABOVE_VOX as i32;
 /// Least value of fluid, of 4096 from gas to tissue: brighter than tissue by a quarter of that.
-const LEAST_FLUID: i64 = 5 * 1024;
+const MIN_FLUID: i64 = 5 * 1024;
 /// Values of a cleansed lumen, of 4096: a little beyond lumen and wall.
 const CLEANSED: (i32, i32) = (-1024, 4915);
 /// Highest value of the core about fluid.
-const MOST_OF_CORE: i32 = 1024;
+const MAX_OF_CORE: i32 = 1024;
 
 /// Grey values about gas and tagged fluid as if all were gas.
 pub struct CleansedFluid {
@@ -89,12 +89,12 @@ impl CleansedFluid {
             if bit(&layer_bits, e) {
                 let v = bricks.voxel(e);
                 let end = |way: IVec3| {
-                    let n = (1..=MOST_LAYER).find(|n| !layer.get(v + n * way))?;
+                    let n = (1..=MAX_LAYER).find(|n| !layer.get(v + n * way))?;
                     Some((n, bricks.element(v + n * way)?))
                 };
                 let ends = end(-down).zip(end(down)).filter(|((above, gas), (below, fluid))| {
                     let is_level = !bit(&zone_bits, *gas) && bit(&zone_bits, *fluid);
-                    is_level && above + below <= MOST_LAYER
+                    is_level && above + below <= MAX_LAYER
                 });
                 if let Some(((above, gas), (below, fluid))) = ends {
                     let a = raw[gas].clamp(low, high);
@@ -118,7 +118,7 @@ impl CleansedFluid {
         inner.keep(mask);
         for v in inner.voxels() {
             let value = bricks.element(v.as_ivec3()).map(|e| values[e]);
-            if value.is_some_and(|value| value <= MOST_OF_CORE) {
+            if value.is_some_and(|value| value <= MAX_OF_CORE) {
                 core.set(v.x, v.y, v.z);
             }
         }
@@ -175,7 +175,7 @@ impl FluidValues {
         };
         let sums: Vec<(i64, i64)> = (0..bricks.len()).into_par_iter().map(sum).collect();
         let (sum, n) = sums.iter().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-        Self { sums, mean: if n > 0 { sum / n } else { 2 * LEAST_FLUID } }
+        Self { sums, mean: if n > 0 { sum / n } else { 2 * MIN_FLUID } }
     }
 
     /// A value counted from the fluid's, 0, to the wall's, 4096. The fluid's is the mean in the bricks
@@ -199,7 +199,7 @@ impl FluidValues {
                 n += weight * k;
             }
         }
-        let fluid = if n > 0 { sum / n } else { self.mean }.max(LEAST_FLUID);
+        let fluid = if n > 0 { sum / n } else { self.mean }.max(MIN_FLUID);
         let counted = (i64::from(raw[e]) - fluid) * UNIT as i64 / (UNIT as i64 - fluid);
         counted.clamp(-1 << 14, 1 << 14) as i32
     }

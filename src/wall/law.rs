@@ -11,7 +11,7 @@
 pub(super) const ENTRIES: usize = 513;
 /// Share of the peak that no threshold exceeds: of a sheet a voxel thick the voxels at its crest stay
 /// wall.
-const MOST_OF_PEAK: f64 = 0.75;
+const MAX_OF_PEAK: f64 = 0.75;
 
 /// Thresholds of peaks, both of 4096.
 ///
@@ -20,7 +20,7 @@ const MOST_OF_PEAK: f64 = 0.75;
 pub(super) fn table(beyond: f64, least: f64) -> Vec<i32> {
     let entry = |i: usize| {
         let peak = i as f64 / (ENTRIES - 1) as f64;
-        let t = face_value(peak, beyond).min(MOST_OF_PEAK * peak).max(least);
+        let t = face_value(peak, beyond).min(MAX_OF_PEAK * peak).max(least);
         (4096.0 * t).round() as i32
     };
     (0..ENTRIES).map(entry).collect()

@@ -21,7 +21,7 @@ const GROWTH_MM: f64 = 1.8;
 pub(super) const ROUNDS: (f64, f64) = (2.0, 3.0);
 /// Longest ray to the peak of a wall, mm, and in steps of half a voxel.
 const RAY_MM: f64 = 4.0;
-const MOST_STEPS: f64 = 14.0;
+const MAX_STEPS: f64 = 14.0;
 /// Gaussians, standard deviations in least spacings: of gradients, of curvature, of ends (closed and
 /// filled share), of peaks (narrow).
 const CALM: f64 = 1.0;
@@ -33,17 +33,17 @@ const NARROW: f64 = 0.6;
 /// middle where it is so thin that no voxel is all blood.
 const LUMEN_VOX: f64 = 3.0;
 /// Highest value that growth from a vessel takes, of 4096 from blood to tissue.
-const MOST_OF_VESSEL: i32 = 3400;
+const MAX_OF_VESSEL: i32 = 3400;
 /// Offsets are at least this many voxels less than the distance to the core.
 const REACH_VOX: f64 = 2.5;
 /// Offset of a strong crest, mean spacings.
 const CREST_OFFSET: f64 = 0.12;
 /// Walls whose peak is lower than this share of the contrast say little about the blur.
-const LEAST_PEAK: f64 = 0.5;
+const MIN_PEAK: f64 = 0.5;
 /// A twelfth, of 4096.
 const TWELFTH: i32 = 341;
 /// Least blur of a scan, mean spacings.
-const LEAST_SIGMA: f64 = 0.4;
+const MIN_SIGMA: f64 = 0.4;
 
 /// A core with the grey values about it.
 pub struct WallInput<'a> {
@@ -191,7 +191,7 @@ impl<'a> WallInput<'a> {
             let params = ridge_grow::Params {
                 slots,
                 fall: at_least(3.0, 30.0),
-                most: if self.is_vessel() { MOST_OF_VESSEL } else { wall / 2 + of_hu(150.0) },
+                most: if self.is_vessel() { MAX_OF_VESSEL } else { wall / 2 + of_hu(150.0) },
                 width,
                 height,
                 depth,
@@ -208,7 +208,7 @@ impl<'a> WallInput<'a> {
             slope: self.ratio(1024.0),
             slots,
             step: self.ratio(32768.0),
-            steps: (2.0 * RAY_MM / least).floor().clamp(4.0, MOST_STEPS) as i32,
+            steps: (2.0 * RAY_MM / least).floor().clamp(4.0, MAX_STEPS) as i32,
             size: [width, height, depth],
             fall: at_least(2.0, 20.0),
             gain: ((266.7 * self.mean_spacing() / least).round() as i32).min(1 << 14),
@@ -319,7 +319,7 @@ impl<'a> WallInput<'a> {
     /// peak over σ. A central difference adds a third of a squared voxel.
     fn blur_mm(&self, value: &[i32], mark: &[u32]) -> f64 {
         let h = self.grid.spacing_mm;
-        let least = (LEAST_PEAK * UNIT) as u32;
+        let least = (MIN_PEAK * UNIT) as u32;
         let is_clear =
             |m: &u32| m & (wall_peak::RIM | wall_peak::CREST) == wall_peak::RIM && m >> 8 > least;
         let all: Vec<usize> =
@@ -350,10 +350,10 @@ impl<'a> WallInput<'a> {
         let mean = self.mean_spacing();
         let middle = sigmas.len() / 2;
         if sigmas.is_empty() {
-            return LEAST_SIGMA * mean;
+            return MIN_SIGMA * mean;
         }
         let sigma = *sigmas.select_nth_unstable_by(middle, f64::total_cmp).1;
-        (sigma * sigma - mean * mean / 3.0).max(0.0).sqrt().max(LEAST_SIGMA * mean)
+        (sigma * sigma - mean * mean / 3.0).max(0.0).sqrt().max(MIN_SIGMA * mean)
     }
 }
 

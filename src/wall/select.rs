@@ -11,11 +11,11 @@ use crate::lumen::bricks::BRICK;
 use crate::lumen::{BitVolume, Bricks, Lumen, Piece, Run, fill_cavities, pieces};
 
 /// A component has at least this share of the largest one's voxels.
-const LEAST_SHARE: f64 = 0.0005;
+const MIN_SHARE: f64 = 0.0005;
 
 /// A further part of a component of the core has at least this share of the largest part's voxels.
 /// A smaller one is a splinter, such as the root of a side branch that the field closes.
-const LEAST_SHARE_OF_CORE: f64 = 0.005;
+const MIN_SHARE_OF_CORE: f64 = 0.005;
 
 /// The 6-components of `is_lumen` that meet the core, without splinters, cavities filled; `None`
 /// where there is none.
@@ -43,7 +43,7 @@ pub(super) fn lumen(
         }
     }
     let found = pieces(&all, 1);
-    let least = LEAST_SHARE * found.first()?.component.voxels as f64;
+    let least = MIN_SHARE * found.first()?.component.voxels as f64;
     let cores = CorePieces::new(core);
     let mut largest = vec![0u64; cores.count];
     let mut out = BitVolume::new(core.dims());
@@ -52,7 +52,7 @@ pub(super) fn lumen(
         let voxels = piece.component.voxels;
         let mut is_wanted = false;
         for core in cores.met_by(piece) {
-            is_wanted |= voxels as f64 >= LEAST_SHARE_OF_CORE * largest[core] as f64;
+            is_wanted |= voxels as f64 >= MIN_SHARE_OF_CORE * largest[core] as f64;
             largest[core] = largest[core].max(voxels);
         }
         if is_wanted {

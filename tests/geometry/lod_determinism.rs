@@ -6,14 +6,14 @@ use std::sync::Arc;
 use common::volumes;
 use intima::geometry::{Camera, Lens, Mesh, Pose, TriangleBvh};
 use intima::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD, NO_GROUP};
-use intima::lod::vds::{ParameterizedOriginal, Surface as Subdivision, Vds, VdsOptions};
-use intima::lod::{LodHierarchy, PageCache, Step, Tolerance};
+use intima::lod::vds::{ParameterizedOriginal, SubdivisionSurface, Vds, VdsOptions};
+use intima::lod::{LodHierarchy, LodStep, PageCache, Tolerance};
 use intima::lumen::{IntensitySelection, SegmentationOptions};
 use intima::mesh::{Parameterization, SimplifyOptions, simplify};
 use intima::surface::{Midpoint, Surface, shading};
 
 /// Steps of a few cameras, as many pages as are needed.
-fn steps(lod: &mut dyn LodHierarchy, mesh: &Mesh) -> Vec<Step> {
+fn steps(lod: &mut dyn LodHierarchy, mesh: &Mesh) -> Vec<LodStep> {
     let cache = &mut PageCache::new(40_000, 400, 2);
     let centre = mesh.positions.iter().sum::<glam::Vec3>() / mesh.positions.len() as f32;
     let lens = Lens { fov_y_rad: 1.5, aspect: 4.0 / 3.0, near_mm: 0.2 };
@@ -75,7 +75,8 @@ fn subdivision_of_an_oblique_two_piece_lumen_is_byte_equal_at_1_3_and_8_threads(
     let base = simplify(&mesh, &SimplifyOptions::to_faces(12_000), &mut maps).unwrap();
     at_any_thread_count(|| {
         let original = ParameterizedOriginal::new(&mesh, &vertices, &base, &maps);
-        let surface = Subdivision::new(&base.mesh, &original, VdsOptions::default()).unwrap();
+        let surface =
+            SubdivisionSurface::new(&base.mesh, &original, VdsOptions::default()).unwrap();
         assert!(surface.depth() > 1);
         steps(&mut Vds::new(Arc::new(surface)), &mesh)
     });

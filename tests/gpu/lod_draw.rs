@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use common::sections::{BASE_PAGES, FINE_PAGES, Sections, whole};
 use common::{child, tube};
 use intima::geometry::{Camera, Lens, Mesh};
-use intima::lod::{LodHierarchy, PAGE_BYTES, Step, Tolerance, Upload, VisiblePatch, Worker};
+use intima::lod::{LodHierarchy, LodStep, PAGE_BYTES, Tolerance, Upload, VisiblePatch, Worker};
 use intima::render::{
     FrameSequence, FrameStats, IN_FLIGHT, Look, RenderError, Renderer, Scene, Shot, View, Wall,
 };
@@ -277,7 +277,7 @@ fn a_stopped_capture_loses_no_page() {
 fn a_failed_worker_ends_the_capture_with_its_error() {
     struct Failing;
     impl LodHierarchy for Failing {
-        fn step(&mut self, _: &Camera, _: &Tolerance, _: &mut intima::lod::PageCache) -> Step {
+        fn step(&mut self, _: &Camera, _: &Tolerance, _: &mut intima::lod::PageCache) -> LodStep {
             panic!("planted")
         }
         fn state_hash(&self) -> u64 {
@@ -309,10 +309,10 @@ fn an_invalid_step_is_refused_without_side_effects() {
     let scene = Scene { look: GREEN, ..Scene::paged(pages, None) };
     let empty = r.render(&mut gpu, &scene, &shot(60.0)).unwrap();
     assert_eq!(holes(&empty), empty.len() / 3);
-    let (mut far, mut more): (Step, Step) = (all.clone(), all.clone());
+    let (mut far, mut more): (LodStep, LodStep) = (all.clone(), all.clone());
     far.uploads.push(Upload { page: n, vertices: Vec::new(), triangles: Vec::new() });
     more.drawn.push(VisiblePatch { triangles: 129, ..all.drawn[0] });
-    let unwritten = Step { uploads: Vec::new(), ..all.clone() };
+    let unwritten = LodStep { uploads: Vec::new(), ..all.clone() };
     assert!(matches!(r.apply(pages, far), Err(RenderError::BadUpload { .. })));
     assert!(matches!(r.apply(pages, more), Err(RenderError::EmptyPage { .. })));
     assert!(matches!(r.apply(pages, unwritten), Err(RenderError::EmptyPage { there: 0, .. })));

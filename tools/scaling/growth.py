@@ -6,7 +6,7 @@ from statistics import median
 
 from runs import AIR, chain
 
-MOST, MOST_BOX = 1.1, 1.2
+MAX_GROWTH, MAX_BOX = 1.1, 1.2
 
 
 def measure(intima, args, check):
@@ -21,7 +21,7 @@ def measure(intima, args, check):
     for stage in found[args.sizes[0]][0]:
         ms = [median(r[stage] for r in found[size]) for size in args.sizes]
         shown = ", ".join(f"{m:.2f}" for m in ms)
-        check(f"{stage}: exponent over lumen voxels", slope([voxels[s] for s in args.sizes], ms), "<=", MOST,
+        check(f"{stage}: exponent over lumen voxels", slope([voxels[s] for s in args.sizes], ms), "<=", MAX_GROWTH,
               f"{shown} ms at {', '.join(f'{voxels[s]:,}' for s in args.sizes)} voxels")
 
 
@@ -38,7 +38,7 @@ def measure_box(intima, args, check):
     large = intima.file(f"padded_{args.size}.nrrd")
     if not large.exists():
         pad(small, large)
-    for way, chosen, limit in (("seed", ["--seed-mm", seed], MOST_BOX), ("largest component", [], None)):
+    for way, chosen, limit in (("seed", ["--seed-mm", seed], MAX_BOX), ("largest component", [], None)):
         rounds = []
         for _ in range(intima.rounds):
             pair = [chain(intima, v, ["--threshold", AIR, *chosen], args.device) for v in (small, large)]

@@ -8,7 +8,7 @@ use crate::flight::{Clearance, SectionFigures, collide_and_slide};
 use crate::geometry::{CrossSection, Lens, Pose, cross_section};
 
 /// Least speed at which the eye flies to a place that was clicked, mm/s.
-const LEAST_APPROACH_MM_S: f64 = 60.0;
+const MIN_APPROACH_MM_S: f64 = 60.0;
 /// A branch is offered from so far before the place where it leaves, mm, to so far behind.
 const OFFERED_MM: std::ops::Range<f64> = -5.0..25.0;
 /// Wished near plane, mm; nearer where the wall is.
@@ -18,11 +18,11 @@ const HAND_NEAR_MM: f32 = 0.4;
 
 impl Model {
     /// Flies towards the goal: a third of a second more takes it nearer by a factor of e, and it is
-    /// never slower than [`LEAST_APPROACH_MM_S`].
+    /// never slower than [`MIN_APPROACH_MM_S`].
     pub(super) fn approach_goal(&mut self, dt: f64) {
         let Some(goal) = self.goal_mm else { return };
         let left = goal - self.arc_mm;
-        let step = (3.0 * left.abs()).max(LEAST_APPROACH_MM_S) * dt;
+        let step = (3.0 * left.abs()).max(MIN_APPROACH_MM_S) * dt;
         self.seek_while(self.arc_mm + left.clamp(-step, step), false);
         // Seeking forgets it.
         self.goal_mm = (left.abs() > step).then_some(goal);

@@ -4,7 +4,7 @@ use glam::IVec3;
 use rayon::prelude::*;
 
 use super::cell::{self, LOW, SIDE, STEP, components, voxels};
-use super::{CellComplex, Contact, Corner, Node, Run};
+use super::{CellComplex, Contact, Corner, EdgeRun, Node};
 use crate::lumen::Lumen;
 use crate::lumen::bricks::{BRICK, NONE, near_index};
 use crate::task::checkpoint;
@@ -175,7 +175,7 @@ impl Cells<'_> {
 
     /// Runs of the edge along `axis` at the low corner of a cell: where it meets the cells before it
     /// along the two other axes.
-    fn runs(&self, contacts: &Lists<Contact>, cell: usize, axis: usize, out: &mut Vec<Run>) {
+    fn runs(&self, contacts: &Lists<Contact>, cell: usize, axis: usize, out: &mut Vec<EdgeRun>) {
         let own = self.inside(cell);
         if own == 0 {
             return;
@@ -211,7 +211,7 @@ impl Cells<'_> {
             let find = |low: usize, axis: usize, bit: u32| {
                 contacts.find(3 * low + axis, |c| c.mask >> bit & 1 != 0)
             };
-            out.push(Run {
+            out.push(EdgeRun {
                 contacts: [
                     find(ci, i, at),
                     find(cij, i, at + up_j),
@@ -225,7 +225,7 @@ impl Cells<'_> {
     }
 
     /// The corner at the low side of a cell along all axes.
-    fn corner(&self, runs: &Lists<Run>, cell: usize, out: &mut Vec<Corner>) {
+    fn corner(&self, runs: &Lists<EdgeRun>, cell: usize, out: &mut Vec<Corner>) {
         if self.inside(cell) & 1 == 0 {
             return;
         }

@@ -20,7 +20,7 @@ pub struct Collapsed {
 
 /// State of an element during the collapse.
 #[derive(Clone, Copy, Default)]
-struct State {
+struct ElementState {
     /// Exclusive or of its remaining cofaces: with one left, its number.
     bounds: u32,
     /// How many are left. Contacts of a node share a face of 16 voxels each: below 100.
@@ -30,18 +30,18 @@ struct State {
     anchor: bool,
 }
 
-struct Collapse<'a> {
+struct Collapsing<'a> {
     complex: &'a CellComplex,
     /// First element of each dimension, and their number.
     first: [u32; 5],
-    state: Vec<State>,
+    state: Vec<ElementState>,
     /// Elements that bound one other only, by key: each list first in, first out.
     free: Vec<Vec<u32>>,
 }
 
 /// Collapses a complex; nodes in `anchors` stay.
 pub fn collapse(complex: &CellComplex, anchors: &[u32]) -> Collapsed {
-    let mut this = Collapse::new(complex, anchors);
+    let mut this = Collapsing::new(complex, anchors);
     let mut shells = 0;
     loop {
         this.run();
@@ -61,7 +61,7 @@ pub fn collapse(complex: &CellComplex, anchors: &[u32]) -> Collapsed {
     Collapsed { nodes: left(0), contacts: left(1), shells }
 }
 
-impl<'a> Collapse<'a> {
+impl<'a> Collapsing<'a> {
     fn new(complex: &'a CellComplex, anchors: &[u32]) -> Self {
         let counts = [
             complex.nodes.len(),
@@ -77,7 +77,7 @@ impl<'a> Collapse<'a> {
         let mut this = Self {
             complex,
             first,
-            state: vec![State::default(); first[4] as usize],
+            state: vec![ElementState::default(); first[4] as usize],
             free: vec![Vec::new(); deepest as usize + 1],
         };
         anchors.iter().for_each(|n| this.state[*n as usize].anchor = true);

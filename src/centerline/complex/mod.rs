@@ -51,7 +51,7 @@ pub struct Contact {
 
 /// A stretch of a cell edge with all four voxels around it inside.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Run {
+pub struct EdgeRun {
     /// The contacts around it.
     pub contacts: [u32; 4],
     /// Places along the edge, bits 0 to 3.
@@ -81,7 +81,7 @@ pub struct CellComplex {
     /// Dimension 1.
     pub contacts: Vec<Contact>,
     /// Dimension 2.
-    pub runs: Vec<Run>,
+    pub runs: Vec<EdgeRun>,
     /// Dimension 3.
     pub corners: Vec<Corner>,
 }

@@ -4,12 +4,12 @@ mod forest;
 mod passage;
 mod prune;
 
-pub use prune::{Limits, Loop, Rule};
+pub use prune::{Loop, PruneLimits, Rule};
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
-use super::sweep::Adjacency;
+use super::sweep::NodeContacts;
 use super::{CellComplex, Collapsed};
 use crate::field::Sampler;
 
@@ -25,7 +25,7 @@ pub struct Arc {
 /// Arcs and what is known of the nodes they join.
 pub struct Net<'a> {
     complex: &'a CellComplex,
-    adjacency: &'a Adjacency,
+    adjacency: &'a NodeContacts,
     distance: Sampler<'a>,
     /// Smallest spacing, mm.
     h: f64,
@@ -46,7 +46,7 @@ impl<'a> Net<'a> {
     /// * `distance`: to the wall, mm.
     pub fn new(
         complex: &'a CellComplex,
-        adjacency: &'a Adjacency,
+        adjacency: &'a NodeContacts,
         left: &Collapsed,
         held: &[u32],
         distance: Sampler<'a>,
@@ -221,14 +221,14 @@ impl<'a> Net<'a> {
         found
     }
 
-    /// Length of an arc in the unit of [`Adjacency::unit_mm`].
+    /// Length of an arc in the unit of [`NodeContacts::unit_mm`].
     pub fn length(&self, i: usize) -> u64 {
         let contacts = self.arcs[i].iter().flat_map(|a| &a.contacts);
         contacts.map(|c| u64::from(self.adjacency.length[*c as usize])).sum()
     }
 
     /// ∫(h/d)² along an arc, h the smallest spacing, d the distance to the wall at its contacts, in
-    /// the unit of [`Adjacency::unit_mm`] over 256.
+    /// the unit of [`NodeContacts::unit_mm`] over 256.
     pub fn centrality(&self, i: usize) -> u64 {
         let contacts = self.arcs[i].iter().flat_map(|a| &a.contacts);
         contacts.map(|c| self.contact_centrality(*c)).sum()

@@ -15,12 +15,12 @@ pub const UNREACHED: u32 = u32::MAX;
 pub const UNITS: f64 = 64.0;
 
 /// Which contacts meet at each node, and how long they are.
-pub struct Adjacency {
+pub struct NodeContacts {
     start: Vec<u32>,
     /// Contact and the node beyond it, by node; contacts ascend.
     meeting: Vec<(u32, u32)>,
     /// Length of each contact: from the deepest voxel of one node through the middle of its deepest
-    /// pair to that of the other, in units of [`Adjacency::unit_mm`].
+    /// pair to that of the other, in units of [`NodeContacts::unit_mm`].
     pub length: Vec<u32>,
     /// The unit of lengths, mm.
     pub unit_mm: f64,
@@ -28,7 +28,7 @@ pub struct Adjacency {
     pub place_mm: Vec<DVec3>,
 }
 
-impl Adjacency {
+impl NodeContacts {
     /// Of all contacts of a complex.
     pub fn new(complex: &CellComplex, lumen: &Lumen) -> Self {
         let h = lumen.grid.spacing_mm;
@@ -146,7 +146,7 @@ pub fn first_of_each<K: Ord>(component: &[u32], order: impl Fn(u32) -> K) -> Vec
 ///
 /// Of each component the farthest node is one. In ascending order.
 pub fn tips(
-    adjacency: &Adjacency,
+    adjacency: &NodeContacts,
     length: &[u32],
     width: impl Fn(u32) -> u32,
     least: u32,

@@ -196,7 +196,7 @@ fn no_element_is_deeper_than_what_bounds_it_and_threads_do_not_show() {
 fn pruned(l: &Lumen) -> (usize, usize, Vec<net::Rule>, usize) {
     let field = distance(l);
     let complex = CellComplex::new(l, &field);
-    let adjacency = sweep::Adjacency::new(&complex, l);
+    let adjacency = sweep::NodeContacts::new(&complex, l);
     let component = adjacency.components();
     let depth = |n: u32| std::cmp::Reverse(complex.nodes[n as usize].key);
     let deepest = sweep::first_of_each(&component, depth);
@@ -219,7 +219,7 @@ fn pruned(l: &Lumen) -> (usize, usize, Vec<net::Rule>, usize) {
         component.iter().max().map_or(0, |c| i64::from(*c) + 1) - complex.euler()
             + left.shells as i64
     );
-    let kept = net.prune(net::Limits::default());
+    let kept = net.prune(net::PruneLimits::default());
     assert_eq!(net.loops(), kept.len());
     let rules = net.ended.iter().filter_map(|l| l.ended).collect();
     (raw, kept.len(), rules, net.leaves().len())

@@ -16,8 +16,8 @@ const TRIANGLES: u32 = 4;
 
 /// No description of a surface is longer, and none of its lists; they bound what it takes. Half a
 /// megabyte is that of several hundred meshes; of the shortest primitives it makes 6 MB.
-const MOST_JSON: usize = 1 << 19;
-const MOST_ENTRIES: usize = 4096;
+const MAX_JSON: usize = 1 << 19;
+const MAX_ENTRIES: usize = 4096;
 
 /// A list that is refused where it is longer than any surface needs.
 struct List<T>(Vec<T>);
@@ -39,7 +39,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
             fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<List<T>, A::Error> {
                 let mut list = Vec::new();
                 while let Some(entry) = seq.next_element()? {
-                    if list.len() == MOST_ENTRIES {
+                    if list.len() == MAX_ENTRIES {
                         return Err(serde::de::Error::custom("a list is too long"));
                     }
                     list.push(entry);
@@ -219,7 +219,7 @@ fn chunks<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], &'a [u8]), Form
 
 pub(super) fn read(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), FormatError> {
     let (json, buffer) = chunks(path, bytes)?;
-    if json.len() > MOST_JSON {
+    if json.len() > MAX_JSON {
         return Err(FormatError::field(path, "JSON chunk, bytes", json.len(), "too long"));
     }
     let document: Document = serde_json::from_slice(json)

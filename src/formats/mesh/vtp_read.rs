@@ -9,7 +9,7 @@ use super::xml::{Event, attribute, events};
 use super::{FormatError, RawMesh, Space};
 
 /// No document of a surface holds more arrays; it bounds what a header takes.
-const MOST_ARRAYS: usize = 1000;
+const MAX_ARRAYS: usize = 1000;
 
 /// A number type of VTK.
 #[derive(Clone, Copy, PartialEq)]
@@ -178,7 +178,7 @@ impl<'a> Document<'a> {
                     }
                 }
                 Event::Open { name: name @ ("DataArray" | "Array"), attributes, empty } => {
-                    if doc.arrays.len() == MOST_ARRAYS {
+                    if doc.arrays.len() == MAX_ARRAYS {
                         return bad("DataArray", "more arrays than any surface has");
                     }
                     tag = name == "Array" && attribute(attributes, "Name") == Some("SPACE");

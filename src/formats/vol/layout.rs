@@ -50,7 +50,7 @@ pub(super) struct Layout {
 }
 
 /// Deflate stands for at most 258 bytes by two bits (RFC 1951, 3.2.5): no stream shrinks by more.
-pub(super) const MOST_SHRINK: u64 = 1032;
+pub(super) const MAX_SHRINK: u64 = 1032;
 /// Bytes of samples that memory is taken for before a compressed stream has given any. Beyond that
 /// and twice the stream's own length, memory grows as samples arrive: never past twice what came.
 const FIRST_BYTES: u64 = 4 << 20;
@@ -79,7 +79,7 @@ impl Layout {
             // A digit and a blank each, the last blank missing.
             Encoding::Ascii => (found / 2 + 1 >= self.len() as u64, "samples"),
             Encoding::Gzip | Encoding::Zlib => {
-                let most = found.saturating_mul(MOST_SHRINK);
+                let most = found.saturating_mul(MAX_SHRINK);
                 (most >= wanted.saturating_add(self.skip), "compressed samples")
             }
         };
@@ -213,15 +213,15 @@ fn parse_all<T: FromStr>(
     out: &mut [T],
 ) -> Result<(), FormatError> {
     /// No number is longer.
-    const MOST_DIGITS: usize = 64;
-    let (mut token, mut found) = (Vec::with_capacity(MOST_DIGITS), 0);
+    const MAX_DIGITS: usize = 64;
+    let (mut token, mut found) = (Vec::with_capacity(MAX_DIGITS), 0);
     let wanted = out.len();
     let bad = |i: usize| FormatError::text(path, format!("sample {i}"), "no number of this type");
     let ends = |b: u8| b" \t\n\r,".contains(&b);
     for byte in input.bytes().chain([Ok(b'\n')]) {
         let byte = byte.map_err(|e| FormatError::io(path, e))?;
         if !ends(byte) {
-            if token.len() == MOST_DIGITS {
+            if token.len() == MAX_DIGITS {
                 return Err(bad(found));
             }
             token.push(byte);

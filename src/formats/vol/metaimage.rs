@@ -9,7 +9,7 @@ use super::FormatError;
 use super::affine::grid;
 use super::layout::{Encoding, Layout, must_swap};
 use super::source::{prefix, sibling};
-use super::text::{MOST_HEADER, field_value, mm_per, number, numbers};
+use super::text::{MAX_HEADER, field_value, mm_per, number, numbers};
 use crate::volume::{Grid, Rescale, SampleType};
 
 /// The fields that are read. Others are passed over and take no memory, however many there are.
@@ -48,7 +48,7 @@ struct Header<'a> {
 
 impl<'a> Header<'a> {
     fn read(path: &'a Path) -> Result<Self, FormatError> {
-        let bytes = prefix(path, MOST_HEADER)?;
+        let bytes = prefix(path, MAX_HEADER)?;
         let mut fields = HashMap::new();
         let mut end = 0u64;
         for (n, line) in bytes.split_inclusive(|&b| b == b'\n').enumerate() {

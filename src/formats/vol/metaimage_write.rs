@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::rescale::real_samples;
 use super::source::prefix;
-use super::text::MOST_HEADER;
+use super::text::MAX_HEADER;
 use super::{FormatError, lower_name};
 use crate::formats::atomic_file::{AtomicFile, write_atomic};
 use crate::formats::shown;
@@ -76,7 +76,7 @@ pub fn check_data_file(header: &Path) -> Result<(), FormatError> {
 
 /// Whether a header is there and its data file has this name.
 fn names_data(header: &Path, name: &str) -> bool {
-    let Ok(bytes) = prefix(header, MOST_HEADER) else { return false };
+    let Ok(bytes) = prefix(header, MAX_HEADER) else { return false };
     let text = String::from_utf8_lossy(&bytes);
     let mut fields = text.lines().filter_map(|line| line.split_once('='));
     fields.any(|(key, value)| key.trim() == "ElementDataFile" && value.trim() == name)

@@ -12,7 +12,7 @@ use super::info::SegmentInfo;
 use super::layout::{Encoding, Layout, must_swap};
 use super::segments::printable;
 use super::source::{Source, prefix, sibling};
-use super::text::{MOST_HEADER, field_value, mm_per, number, numbers};
+use super::text::{MAX_HEADER, field_value, mm_per, number, numbers};
 use crate::volume::{Grid, Rescale, SampleType};
 
 /// The fields that are read, lower case and without blanks. Others are passed over and take no
@@ -37,7 +37,7 @@ const FIELDS: [&str; 16] = [
 ];
 
 /// Largest number of a segment.
-const MOST_SEGMENTS: usize = 1 << 16;
+const MAX_SEGMENTS: usize = 1 << 16;
 
 /// What the keys `Segment<N>_…` of a segmentation say of one segment (3D Slicer's `.seg.nrrd`).
 #[derive(Default)]
@@ -59,7 +59,7 @@ struct Header<'a> {
 
 impl<'a> Header<'a> {
     fn read(path: &'a Path) -> Result<Self, FormatError> {
-        let bytes = prefix(path, MOST_HEADER)?;
+        let bytes = prefix(path, MAX_HEADER)?;
         if !bytes.starts_with(b"NRRD000") {
             return Err(FormatError::text(path, "magic", "a NRRD file begins NRRD000"));
         }
@@ -129,7 +129,7 @@ impl<'a> Header<'a> {
 fn segment_key(segments: &mut BTreeMap<usize, Segment>, key: &str, value: &str) {
     let parts = key.trim().strip_prefix("Segment").and_then(|k| k.split_once('_'));
     let Some((number, what)) = parts else { return };
-    let Some(number) = number.parse().ok().filter(|n| *n < MOST_SEGMENTS) else { return };
+    let Some(number) = number.parse().ok().filter(|n| *n < MAX_SEGMENTS) else { return };
     if !["Name", "LabelValue", "Layer"].contains(&what) {
         return;
     }
@@ -320,7 +320,7 @@ fn spatial_axes(
     match (<[usize; 3]>::try_from(spatial), extra) {
         (Ok(axes), None) => Ok((axes, 1)),
         (Ok(axes), Some(0))
-            if !h.segments.is_empty() && (1..=MOST_SEGMENTS as u64).contains(&sizes[0]) =>
+            if !h.segments.is_empty() && (1..=MAX_SEGMENTS as u64).contains(&sizes[0]) =>
         {
             Ok((axes, sizes[0] as usize))
         }

@@ -8,12 +8,12 @@ use super::layout::{Layout, zeroed};
 use crate::volume::{Sample, SampleType, Samples, Volume, with_samples};
 
 /// Longest name that is kept, in characters.
-const MOST_NAME: usize = 128;
+const MAX_NAME: usize = 128;
 
 /// A segment's name as it is shown and compared: one line, not too long.
 pub(super) fn printable(name: &str) -> String {
     let plain = |c: char| if c.is_control() { ' ' } else { c };
-    let short: String = name.chars().take(MOST_NAME).map(plain).collect();
+    let short: String = name.chars().take(MAX_NAME).map(plain).collect();
     short.trim().to_owned()
 }
 

@@ -6,16 +6,16 @@ use std::str::FromStr;
 use super::FormatError;
 
 /// No header of an image is longer, in bytes; it bounds what is read to find its end.
-pub(super) const MOST_HEADER: u64 = 1 << 20;
+pub(super) const MAX_HEADER: u64 = 1 << 20;
 
 /// No field that is read is longer, in bytes; the longest hold 16 vectors.
-const MOST_VALUE: usize = 1 << 16;
+const MAX_VALUE: usize = 1 << 16;
 
 /// The value of a field without the blanks around it.
 pub(super) fn field_value(file: &Path, field: &str, value: &str) -> Result<String, FormatError> {
     let value = value.trim();
-    if value.len() > MOST_VALUE {
-        let why = format!("{} bytes long; at most {MOST_VALUE} are read", value.len());
+    if value.len() > MAX_VALUE {
+        let why = format!("{} bytes long; at most {MAX_VALUE} are read", value.len());
         return Err(FormatError::text(file, field, why));
     }
     Ok(value.to_owned())

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::cluster_builder::ClusterBuilder;
 use super::clusterize;
 use super::coarse_to_fine::IntermediateSurface;
-use super::distance_bound::{Target, TargetCache};
+use super::distance_bound::{TargetCache, TargetSurface};
 use super::group::{SimplifiedGroup, VertexTable, simplify};
 use super::group_error::OriginalSurface;
 use super::partition::{self, ClusterBorder};
@@ -22,7 +22,7 @@ use crate::lod::octree::{Item, bounding_cone};
 /// of the time of the one before.
 const MIN_CLUSTERS: usize = 512;
 /// Most faces: ids are 32 bits, and four half-edge ids a face must fit.
-const FACES_MAX: usize = (1 << 30) - 1;
+const MAX_FACES: usize = (1 << 30) - 1;
 
 impl Clusters {
     /// Builds all levels. `vertices`: one for each vertex of the mesh, as drawn
@@ -78,7 +78,7 @@ impl Clusters {
         for (f, i) in mesh.faces.iter().zip(0..) {
             f.iter().for_each(|v| face_at[*v as usize] = i);
         }
-        let target = Target {
+        let target = TargetSurface {
             positions: &mesh.positions,
             normals: &normals,
             faces: &mesh.faces,
@@ -312,8 +312,8 @@ fn check(mesh: &Mesh, vertices: &[Vertex]) -> Result<(), ClusterError> {
         return Err(ClusterError::Vertices { found: vertices.len(), wanted });
     }
     for (what, count) in [("faces", mesh.faces.len()), ("vertices", wanted)] {
-        if count > FACES_MAX {
-            return Err(ClusterError::TooMany { what, count, limit: FACES_MAX });
+        if count > MAX_FACES {
+            return Err(ClusterError::TooMany { what, count, limit: MAX_FACES });
         }
     }
     for (face, f) in mesh.faces.iter().enumerate() {

@@ -12,7 +12,7 @@ use glam::DVec3;
 use super::build::round_up;
 use super::cluster_builder::ClusterBuilder;
 use super::convex_polygon::ConvexPolygon;
-use super::distance_bound::Target;
+use super::distance_bound::TargetSurface;
 use super::group::VertexTable;
 use super::group_error::GroupErrorMeasure;
 use super::partition::{self, NO_FACE};
@@ -21,7 +21,7 @@ use super::surface_map::SurfaceMap;
 /// The fine faces of a group, as the path from the coarse faces back to the original.
 pub struct FineSurface<'a> {
     /// The faces, with the vertex ids of the coarse ones; the search tree is not used.
-    pub target: Target<'a>,
+    pub target: TargetSurface<'a>,
     /// Of each face, one-sided distance bound to the original, mm.
     pub to_original_mm: Vec<f32>,
     /// One of the faces at each vertex.
@@ -143,7 +143,7 @@ impl GroupErrorMeasure<'_> {
                 before => then = before,
             }
         }
-        let target = Target {
+        let target = TargetSurface {
             positions: &places.positions,
             normals: &places.normals,
             faces: &intermediate.faces,

@@ -9,7 +9,7 @@ use super::cut_criterion::CutCriterion;
 use super::{Clusters, NO_GROUP};
 use crate::geometry::{Camera, ViewFrustum};
 use crate::lod::{
-    LodHierarchy, NoPage, OcclusionTest, PageCache, Step, Tolerance, Upload, VisiblePatch,
+    LodHierarchy, LodStep, NoPage, OcclusionTest, PageCache, Tolerance, Upload, VisiblePatch,
 };
 
 /// Shading tolerance, radians: root mean square angle between the normals drawn and those of the
@@ -227,7 +227,7 @@ impl ClusterLod {
         criterion: &CutCriterion<'_>,
         room: i64,
         cache: &mut PageCache,
-        step: &mut Step,
+        step: &mut LodStep,
     ) -> bool {
         let is_wanted = |g: &u32| wanted.binary_search(g).is_ok();
         let closed = wanted.iter().filter(|g| !self.open[**g as usize]);
@@ -260,7 +260,12 @@ impl ClusterLod {
     }
 
     /// Closes open groups that are not required, finest first; returns whether none is left.
-    fn close_unwanted(&mut self, wanted: &[u32], cache: &mut PageCache, step: &mut Step) -> bool {
+    fn close_unwanted(
+        &mut self,
+        wanted: &[u32],
+        cache: &mut PageCache,
+        step: &mut LodStep,
+    ) -> bool {
         let extra: Vec<u32> =
             self.opened.iter().copied().filter(|g| wanted.binary_search(g).is_err()).collect();
         let mut all = true;
@@ -288,8 +293,8 @@ impl ClusterLod {
 }
 
 impl LodHierarchy for ClusterLod {
-    fn step(&mut self, camera: &Camera, tolerance: &Tolerance, cache: &mut PageCache) -> Step {
-        let mut step = Step::default();
+    fn step(&mut self, camera: &Camera, tolerance: &Tolerance, cache: &mut PageCache) -> LodStep {
+        let mut step = LodStep::default();
         // The current cut and the roots must not be evicted.
         for c in self.cut.iter().chain(&self.roots) {
             cache.touch(u64::from(*c));

@@ -14,7 +14,7 @@ use crate::geometry::TriangleBvh;
 const MAX_CUTS: u32 = 16;
 
 thread_local! {
-    /// Stack of [`Target::clip_to_faces`], kept between calls.
+    /// Stack of [`TargetSurface::clip_to_faces`], kept between calls.
     static STACK: Cell<Vec<StackEntry>> = const { Cell::new(Vec::new()) };
 }
 
@@ -114,7 +114,7 @@ pub struct TargetCache {
 
 impl TargetCache {
     /// Computes it for all faces.
-    pub fn new(target: &Target<'_>) -> Self {
+    pub fn new(target: &TargetSurface<'_>) -> Self {
         let all = 0..target.faces.len() as u32;
         Self {
             faces: all.clone().map(|f| TriangleCache::new(target.corners(f))).collect(),
@@ -125,7 +125,7 @@ impl TargetCache {
 
 /// A triangle surface to measure distances to.
 #[derive(Clone, Copy)]
-pub struct Target<'a> {
+pub struct TargetSurface<'a> {
     /// Vertex positions, mm.
     pub positions: &'a [Vec3],
     /// Unit normals, one a vertex; edge planes contain them.
@@ -140,7 +140,7 @@ pub struct Target<'a> {
     pub cache: &'a TargetCache,
 }
 
-impl Target<'_> {
+impl TargetSurface<'_> {
     #[inline]
     pub fn corners(&self, face: u32) -> [DVec3; 3] {
         if let Some(c) = self.cache.faces.get(face as usize) {

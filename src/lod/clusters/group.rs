@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 use super::cluster_builder::ClusterBuilder;
 use super::clusterize;
 use super::coarse_to_fine::{FineSurface, IntermediateSurface};
-use super::distance_bound::{Target, TargetCache};
+use super::distance_bound::{TargetCache, TargetSurface};
 use super::group_error::{ErrorAccumulator, GroupErrorMeasure, OriginalSurface};
 use super::group_simplify::{SimplifiedFaces, simplify_faces};
 use super::partition::{self, NO_FACE};
@@ -204,7 +204,7 @@ pub fn simplify(
     let (mut outputs, owner) = after.drafts();
     let bvh = TriangleBvh::new(&after.mesh);
     let none = TargetCache::default();
-    let target = Target {
+    let target = TargetSurface {
         positions: &after.mesh.positions,
         normals: &after.normals,
         faces: &after.mesh.faces,
@@ -213,8 +213,11 @@ pub fn simplify(
         cache: &none,
     };
     let cache = TargetCache::new(&target);
-    let measure =
-        GroupErrorMeasure { target: Target { cache: &cache, ..target }, original, owner: &owner };
+    let measure = GroupErrorMeasure {
+        target: TargetSurface { cache: &cache, ..target },
+        original,
+        owner: &owner,
+    };
     // A coarse face near each vertex, to start searches from.
     let coarse_at = face_at(&after.mesh.faces, before.ids.len());
     let coarse_at: Vec<u32> = simplified.onto.iter().map(|v| coarse_at[usize::from(*v)]).collect();
@@ -228,7 +231,7 @@ pub fn simplify(
     // Distances below the resolution of the coordinates are not distinguished.
     let far = f64::from(after.mesh.positions[0].abs().max_element());
     let bound = measure.lower_bound(inputs, &start, count, floor.max(RESOLUTION * far));
-    let target = Target {
+    let target = TargetSurface {
         positions: &before.positions,
         normals: &before.normals,
         faces: &before.faces,
@@ -237,7 +240,7 @@ pub fn simplify(
         cache: &none,
     };
     let fine = FineSurface {
-        target: Target { cache: &TargetCache::new(&target), ..target },
+        target: TargetSurface { cache: &TargetCache::new(&target), ..target },
         to_original_mm: inputs.iter().flat_map(|d| d.to_original_mm.iter().copied()).collect(),
         face_at: face_at(&before.faces, before.ids.len()),
         ids: &before.ids,

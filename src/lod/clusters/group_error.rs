@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 use super::build::round_up;
 use super::cluster_builder::{ClusterBuilder, Correspondence};
 use super::convex_polygon::ConvexPolygon;
-use super::distance_bound::Target;
+use super::distance_bound::TargetSurface;
 use super::partition::NO_FACE;
 use super::projection::{BoundaryTrace, ProjectedPoint};
 use super::propagate::{DeferredPatch, Propagated, propagate};
@@ -19,7 +19,7 @@ const SHADING_SAMPLE: u32 = 8;
 /// The original surface, to measure to.
 pub struct OriginalSurface<'a> {
     /// Its faces and the search structures over them.
-    pub target: Target<'a>,
+    pub target: TargetSurface<'a>,
 }
 
 impl OriginalSurface<'_> {
@@ -102,7 +102,7 @@ impl<'d> ErrorAccumulator<'d> {
 /// Measures the coarse faces of a group against the original.
 pub struct GroupErrorMeasure<'a> {
     /// The coarse faces.
-    pub target: Target<'a>,
+    pub target: TargetSurface<'a>,
     /// The original, whose part they replace.
     pub original: &'a OriginalSurface<'a>,
     /// Output cluster of each coarse face, and its index there.
@@ -432,7 +432,7 @@ impl GroupErrorMeasure<'_> {
     /// Angle between the interpolated normals of an original face and of the coarse face `t`, at a
     /// point of the first.
     fn angle(&self, face: u32, t: u32, p: DVec3) -> f64 {
-        let mix = |of: &Target<'_>, face: u32| {
+        let mix = |of: &TargetSurface<'_>, face: u32| {
             let w = of.nearest(face, p).weights;
             let f = of.faces[face as usize];
             (0..3).map(|k| of.normals[f[k] as usize].as_dvec3() * w[k]).sum::<DVec3>()

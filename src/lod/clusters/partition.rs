@@ -10,8 +10,8 @@ pub const NO_FACE: u32 = u32::MAX;
 
 /// Target number of clusters in a group.
 pub const GROUP_SIZE: usize = 8;
-const GROUP_MIN: usize = 4;
-const GROUP_MAX: usize = 12;
+const MIN_GROUP: usize = 4;
+const MAX_GROUP: usize = 12;
 
 /// Half-edge connectivity: for each face, the face across each of its edges (from corner k to
 /// corner k + 1), [`NO_FACE`] on a boundary or where more than two faces meet. Accepts any triangle
@@ -201,9 +201,9 @@ fn merge_small_groups(
     adjacency: &[Vec<(u32, u32)>],
     order: &[u32],
 ) {
-    let fits = |a: &[u32], b: &[u32]| a.len() + b.len() <= GROUP_MAX;
+    let fits = |a: &[u32], b: &[u32]| a.len() + b.len() <= MAX_GROUP;
     for g in 0..groups.len() {
-        if groups[g].len() >= GROUP_MIN {
+        if groups[g].len() >= MIN_GROUP {
             continue;
         }
         let mut shared: Vec<(u32, u32)> = groups[g]
@@ -223,7 +223,7 @@ fn merge_small_groups(
     let mut last: Option<usize> = None;
     for &c in order {
         let g = group_of[c as usize] as usize;
-        if groups[g].len() >= GROUP_MIN || last == Some(g) {
+        if groups[g].len() >= MIN_GROUP || last == Some(g) {
             continue;
         }
         match last {

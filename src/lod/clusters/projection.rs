@@ -14,7 +14,7 @@
 use glam::DVec3;
 
 use super::convex_polygon::{ConvexPolygon, MAX_CORNERS};
-use super::distance_bound::Target;
+use super::distance_bound::TargetSurface;
 use super::partition::NO_FACE;
 
 /// Most faces visited to trace one side.
@@ -80,7 +80,7 @@ impl BoundaryTrace {
     /// Adds the faces that the polygon overlaps and the distance bound to each there, mm.
     ///
     /// * `projected`: its corners.
-    /// * `middle`: the result of [`Target::close_trace`].
+    /// * `middle`: the result of [`TargetSurface::close_trace`].
     pub fn covered_faces(
         &self,
         projected: &[ProjectedPoint],
@@ -179,7 +179,7 @@ fn segment_distance2(p: DVec3, q: DVec3, a: DVec3, b: DVec3) -> (f64, DVec3) {
     (at.distance_squared(a + v * t), at)
 }
 
-impl Target<'_> {
+impl TargetSurface<'_> {
     /// Projects a point, starting from a face near it.
     pub fn project(&self, from: u32, p: DVec3) -> ProjectedPoint {
         let (face, near) = self.walk_to_point(from, p);

@@ -10,7 +10,7 @@
 use glam::DVec3;
 
 use super::coarse_to_fine::FineSurface;
-use super::distance_bound::Target;
+use super::distance_bound::TargetSurface;
 use super::partition::NO_FACE;
 use super::projection::{BoundaryTrace, EdgeCrossing, ProjectedPoint};
 
@@ -31,7 +31,7 @@ type BoundaryEdge = ([u32; 2], u32);
 
 /// State of the mapping.
 struct SurfaceMapper<'a> {
-    coarse: &'a Target<'a>,
+    coarse: &'a TargetSurface<'a>,
     fine: &'a FineSurface<'a>,
     limit2: f64,
     projected: Vec<ProjectedPoint>,
@@ -47,7 +47,7 @@ struct SurfaceMapper<'a> {
 }
 
 /// Parameterization the fine faces onto the coarse ones across edges within `limit`, mm.
-pub fn map_surface(coarse: &Target<'_>, fine: &FineSurface<'_>, limit: f64) -> SurfaceMap {
+pub fn map_surface(coarse: &TargetSurface<'_>, fine: &FineSurface<'_>, limit: f64) -> SurfaceMap {
     let mut mapper = SurfaceMapper::new(coarse, fine, limit * limit);
     let mut trace = BoundaryTrace::default();
     let faces = fine.target.faces;
@@ -67,7 +67,7 @@ pub fn map_surface(coarse: &Target<'_>, fine: &FineSurface<'_>, limit: f64) -> S
 }
 
 impl<'a> SurfaceMapper<'a> {
-    fn new(coarse: &'a Target<'a>, fine: &'a FineSurface<'a>, limit2: f64) -> Self {
+    fn new(coarse: &'a TargetSurface<'a>, fine: &'a FineSurface<'a>, limit2: f64) -> Self {
         let same = |v: usize| fine.target.positions[v] == coarse.positions[v];
         let projected = |v: usize| {
             let near = fine.coarse_at[v];
@@ -187,7 +187,7 @@ impl<'a> SurfaceMapper<'a> {
 }
 
 /// Boundary edges, sorted.
-fn boundary(of: &Target<'_>) -> Vec<BoundaryEdge> {
+fn boundary(of: &TargetSurface<'_>) -> Vec<BoundaryEdge> {
     let mut all: Vec<BoundaryEdge> = Vec::new();
     for ((f, face_neighbors), i) in of.faces.iter().zip(of.face_neighbors).zip(0..) {
         for k in (0..3).filter(|k| face_neighbors[*k] == NO_FACE) {
@@ -200,7 +200,7 @@ fn boundary(of: &Target<'_>) -> Vec<BoundaryEdge> {
     once.collect()
 }
 
-impl Target<'_> {
+impl TargetSurface<'_> {
     /// Rotates about vertex `v` from one incident face to another; all crossings are at the vertex.
     fn rotate_about_vertex(
         &self,

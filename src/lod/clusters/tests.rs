@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use super::*;
 use crate::geometry::{Camera, Lens, Mesh, Pose, Sphere, TriangleBvh, ViewFrustum};
 use crate::lod::{
-    LodHierarchy, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Step, Tolerance, VisiblePatch,
+    LodHierarchy, LodStep, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Tolerance, VisiblePatch,
 };
 use crate::surface::shading;
 
@@ -77,7 +77,7 @@ fn tears<V: Copy + Eq + std::hash::Hash>(faces: impl Iterator<Item = [V; 3]>) ->
 struct Pages(HashMap<u32, (Vec<Vertex>, Vec<[u8; 3]>)>);
 
 impl Pages {
-    fn write(&mut self, step: &Step) {
+    fn write(&mut self, step: &LodStep) {
         for u in &step.uploads {
             assert!(u.vertices.len() <= PAGE_VERTICES && u.triangles.len() <= PAGE_TRIANGLES);
             self.0.insert(u.page, (u.vertices.clone(), u.triangles.clone()));
@@ -85,7 +85,7 @@ impl Pages {
     }
 
     /// Drawn triangles, by the bits of their positions.
-    fn drawn(&self, step: &Step) -> Vec<[[u32; 3]; 3]> {
+    fn drawn(&self, step: &LodStep) -> Vec<[[u32; 3]; 3]> {
         let mut out = Vec::new();
         for d in &step.drawn {
             let (vertices, triangles) = &self.0[&d.page];
@@ -99,7 +99,7 @@ impl Pages {
 
 const PX: fn(f32) -> Tolerance = |pixels| Tolerance { pixels };
 
-fn settle(lod: &mut ClusterLod, cam: &Camera, px: f32, cache: &mut PageCache) -> Step {
+fn settle(lod: &mut ClusterLod, cam: &Camera, px: f32, cache: &mut PageCache) -> LodStep {
     for _ in 0..2000 {
         cache.begin_step();
         let step = lod.step(cam, &PX(px), cache);

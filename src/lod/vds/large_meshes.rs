@@ -140,7 +140,8 @@ fn no_level_of_a_large_mesh_errs_more_than_its_bound() {
         let shading = crate::surface::shading(&mesh);
         let t = Instant::now();
         let original = ParameterizedOriginal::new(&mesh, &shading.vertices, &base, &maps);
-        let surface = Surface::new(&base.mesh, &original, VdsOptions::default()).unwrap();
+        let surface =
+            SubdivisionSurface::new(&base.mesh, &original, VdsOptions::default()).unwrap();
         println!(
             "{name}: surface in {:.2?}, {:.1} MB, {} leaves",
             t.elapsed(),
@@ -180,7 +181,7 @@ fn no_level_of_a_large_mesh_errs_more_than_its_bound() {
             }
         }
         for morph in [false, true] {
-            let surface = Arc::new(Surface {
+            let surface = Arc::new(SubdivisionSurface {
                 options: VdsOptions { morph, ..surface.options },
                 ..(*surface).clone()
             });

@@ -17,20 +17,21 @@ use rayon::prelude::*;
 
 use super::base_mesh::BaseMesh;
 use super::original::Original;
-use super::samples::{Grid, SurfaceSamples, triangles};
+use super::samples::{SampleGrid, SurfaceSamples, triangles};
 use crate::geometry::{nearest_on_segment, point_triangle_distance};
 
 /// Of each face, bounds of levels 0 to L against M_L (0 for L itself).
 fn to_finest(base: &BaseMesh, samples: &SurfaceSamples) -> Vec<Vec<f64>> {
     let depth = samples.depth();
     let one = |f: u32| -> Vec<f64> {
-        let at = |g: Grid| samples.position(base, f, g).as_dvec3();
+        let at = |g: SampleGrid| samples.position(base, f, g).as_dvec3();
         let of_level = |l: u32| {
             let m = 1u32 << (depth - l);
             let mut worst: f64 = 0.0;
             for t in triangles(1 << l) {
-                let place =
-                    |p: Grid| -> Grid { [0, 1, 2].map(|k| (0..3).map(|c| p[c] * t[c][k]).sum()) };
+                let place = |p: SampleGrid| -> SampleGrid {
+                    [0, 1, 2].map(|k| (0..3).map(|c| p[c] * t[c][k]).sum())
+                };
                 let corners = [[m, 0, 0], [0, m, 0], [0, 0, m]].map(|p| at(place(p)));
                 for i in 0..=m {
                     for j in 0..=m - i {
@@ -59,7 +60,7 @@ fn to_finest(base: &BaseMesh, samples: &SurfaceSamples) -> Vec<Vec<f64>> {
 /// Of each face, distance between M_L and the original.
 fn finest(base: &BaseMesh, samples: &SurfaceSamples, original: &dyn Original) -> Vec<f64> {
     let n = 1u32 << samples.depth();
-    let at = |f: u32, g: Grid| samples.position(base, f, g).as_dvec3();
+    let at = |f: u32, g: SampleGrid| samples.position(base, f, g).as_dvec3();
     let midpoints = |f: u32| -> f64 {
         let mut worst: f64 = 0.0;
         // Upright triangles have each inner edge once, and each outer one.
@@ -90,10 +91,10 @@ fn finest(base: &BaseMesh, samples: &SurfaceSamples, original: &dyn Original) ->
 }
 
 /// The triangle of a grid with n steps a side that contains the given barycentric weights.
-fn cell(weights: [f64; 3], n: u32) -> [Grid; 3] {
+fn cell(weights: [f64; 3], n: u32) -> [SampleGrid; 3] {
     let scaled = weights.map(|w| w.clamp(0.0, 1.0) * f64::from(n));
     let low = scaled.map(|s| (s.floor() as u32).min(n));
-    let add = |by: [Grid; 3]| by.map(|u| [0, 1, 2].map(|k| low[k] + u[k]));
+    let add = |by: [SampleGrid; 3]| by.map(|u| [0, 1, 2].map(|k| low[k] + u[k]));
     match n.saturating_sub(low.iter().sum()) {
         0 => {
             // A grid point, up to rounding: any incident triangle will do.
@@ -153,7 +154,7 @@ mod tests {
                 }
                 let w = [a, b, 1.0 - a - b];
                 let t = cell(w, n);
-                let flat = |g: Grid| DVec3::new(f64::from(g[0]), f64::from(g[1]), 0.0);
+                let flat = |g: SampleGrid| DVec3::new(f64::from(g[0]), f64::from(g[1]), 0.0);
                 assert!(t.iter().all(|g| g.iter().sum::<u32>() == n));
                 let p = DVec3::new(a, b, 0.0) * f64::from(n);
                 assert!(point_triangle_distance(p, t.map(flat)) < 1e-9, "{w:?} of {n}: {t:?}");

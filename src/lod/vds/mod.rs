@@ -7,7 +7,7 @@
 //! the level belongs to the edges as well, neighbouring triangles differ by at most one level, and
 //! the gap is filled by the seven templates of red-green refinement (Bank et al. 1983). The paper
 //! calls its finest level "the original mesh"; a resampled surface never is, and its deviation is
-//! measured and part of every bound ([`Surface::finest_error_mm`]).
+//! measured and part of every bound ([`SubdivisionSurface::finest_error_mm`]).
 
 mod base_mesh;
 mod level_bounds;
@@ -23,7 +23,7 @@ mod tessellate;
 
 pub use original::{Original, ParameterizedOriginal};
 pub use state::Vds;
-pub use surface::{Surface, VdsError, VdsOptions};
+pub use surface::{SubdivisionSurface, VdsError, VdsOptions};
 
 #[cfg(test)]
 mod large_meshes;

@@ -1,7 +1,7 @@
 //! Splits octree leaves into pages.
 
 use super::fineness::Fineness;
-use super::surface::Surface;
+use super::surface::SubdivisionSurface;
 use super::tessellate::{Block, FaceFineness};
 use crate::geometry::{Cone, Sphere, Vertex};
 use crate::lod::octree::{Item, bounding_cone};
@@ -38,14 +38,14 @@ pub fn mix(hash: u64, more: u64) -> u64 {
 }
 
 /// A face at its fineness; each edge takes the larger fineness of its faces.
-pub fn cell(surface: &Surface, fine: &[Fineness], face: u32) -> FaceFineness {
+pub fn cell(surface: &SubdivisionSurface, fine: &[Fineness], face: u32) -> FaceFineness {
     let own = fine[face as usize];
     let edge = |e| surface.base.across(face, e).map_or(own, |g| own.max(fine[g as usize]));
     FaceFineness { face, own, edges: [edge(0), edge(1), edge(2)] }
 }
 
 /// Pages of a leaf: the blocks of its faces in order, as many to a page as fit.
-pub fn pages(surface: &Surface, fine: &[Fineness], leaf: u32) -> Vec<Page> {
+pub fn pages(surface: &SubdivisionSurface, fine: &[Fineness], leaf: u32) -> Vec<Page> {
     let mut all: Vec<Page> = Vec::new();
     let mut vertices = PAGE_VERTICES;
     for &f in &surface.leaves[leaf as usize].faces {
@@ -70,7 +70,7 @@ pub fn pages(surface: &Surface, fine: &[Fineness], leaf: u32) -> Vec<Page> {
 
 impl Page {
     /// Gathers vertices and triangles.
-    pub fn content(&self, surface: &Surface) -> PageContent {
+    pub fn content(&self, surface: &SubdivisionSurface) -> PageContent {
         let mut vertices = Vec::with_capacity(PAGE_VERTICES);
         let mut triangles = Vec::with_capacity(PAGE_TRIANGLES);
         for block in &self.blocks {

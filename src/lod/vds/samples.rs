@@ -12,7 +12,7 @@ use super::original::Original;
 use crate::geometry::Vertex;
 
 /// Grid point of a face.
-pub type Grid = [u32; 3];
+pub type SampleGrid = [u32; 3];
 
 /// All samples.
 #[derive(Clone, Debug, Default)]
@@ -36,7 +36,7 @@ pub fn count(base: &BaseMesh, depth: u32) -> usize {
 }
 
 /// Inner grid points of a face, in storage order.
-fn inner_points(n: u32) -> impl Iterator<Item = Grid> {
+fn inner_points(n: u32) -> impl Iterator<Item = SampleGrid> {
     (1..n.saturating_sub(1)).flat_map(move |i| (1..n - i).map(move |j| [i, j, n - i - j]))
 }
 
@@ -44,7 +44,7 @@ impl SurfaceSamples {
     /// Takes all samples.
     pub fn take(base: &BaseMesh, depth: u32, original: &dyn Original) -> Self {
         let n = 1u32 << depth;
-        let weights = |g: Grid| g.map(|c| f64::from(c) / f64::from(n));
+        let weights = |g: SampleGrid| g.map(|c| f64::from(c) / f64::from(n));
         let begin = [base.vertices, base.vertices + base.edges.len() * inner(depth)[0]];
         let mut corner = vec![None; base.vertices];
         for (f, face) in base.faces.iter().enumerate() {
@@ -85,7 +85,7 @@ impl SurfaceSamples {
     }
 
     /// Index of a grid point of a face among the samples.
-    pub fn index(&self, base: &BaseMesh, f: u32, g: Grid) -> usize {
+    pub fn index(&self, base: &BaseMesh, f: u32, g: SampleGrid) -> usize {
         let n = 1u32 << self.depth;
         if let Some(c) = g.iter().position(|&c| c == n) {
             return base.faces[f as usize][c] as usize;
@@ -103,12 +103,12 @@ impl SurfaceSamples {
     }
 
     /// The original at a grid point.
-    pub fn vertex(&self, base: &BaseMesh, f: u32, g: Grid) -> Vertex {
+    pub fn vertex(&self, base: &BaseMesh, f: u32, g: SampleGrid) -> Vertex {
         self.vertices[self.index(base, f, g)]
     }
 
     /// Its position.
-    pub fn position(&self, base: &BaseMesh, f: u32, g: Grid) -> Vec3 {
+    pub fn position(&self, base: &BaseMesh, f: u32, g: SampleGrid) -> Vec3 {
         self.vertex(base, f, g).position()
     }
 
@@ -120,7 +120,7 @@ impl SurfaceSamples {
 
 /// Triangles of a triangular grid with `m` steps a side, all oriented like the face: first the
 /// upright ones, then the inverted ones.
-pub fn triangles(m: u32) -> impl Iterator<Item = [Grid; 3]> {
+pub fn triangles(m: u32) -> impl Iterator<Item = [SampleGrid; 3]> {
     let points = |s: u32| (0..=s).flat_map(move |a| (0..=s - a).map(move |b| [a, b, s - a - b]));
     let up = points(m - 1).map(|[a, b, c]| [[a + 1, b, c], [a, b + 1, c], [a, b, c + 1]]);
     let down = (m >= 2).then(|| points(m - 2)).into_iter().flatten();
@@ -162,8 +162,10 @@ mod tests {
     #[test]
     fn grid_triangles_tile_the_face() {
         for m in [1, 2, 4, 8] {
-            let twice_area = |[a, b, c]: [Grid; 3]| {
-                let d = |p: Grid, q: Grid| [0, 1].map(|k| i64::from(q[k]) - i64::from(p[k]));
+            let twice_area = |[a, b, c]: [SampleGrid; 3]| {
+                let d = |p: SampleGrid, q: SampleGrid| {
+                    [0, 1].map(|k| i64::from(q[k]) - i64::from(p[k]))
+                };
                 let (u, v) = (d(a, b), d(a, c));
                 u[0] * v[1] - u[1] * v[0]
             };

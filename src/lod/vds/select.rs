@@ -1,7 +1,7 @@
 //! Fineness that a camera requires of each leaf: a function of the camera alone.
 
 use super::fineness::Fineness;
-use super::surface::{Leaf, Surface};
+use super::surface::{Leaf, SubdivisionSurface};
 use crate::geometry::ViewFrustum;
 
 /// Distance bound of a leaf to the original at a fineness, mm. Between two levels vertices are
@@ -31,7 +31,7 @@ pub fn required_fineness(leaf: &Leaf, frustum: &ViewFrustum, pixels: f64, morph:
 
 /// Required fineness of every leaf. Subtrees of the octree stay at the base where they are outside
 /// the frustum or the base is good enough.
-pub fn select(surface: &Surface, frustum: &ViewFrustum, pixels: f64) -> Vec<Fineness> {
+pub fn select(surface: &SubdivisionSurface, frustum: &ViewFrustum, pixels: f64) -> Vec<Fineness> {
     let mut all = vec![0; surface.leaves.len()];
     let tree = &surface.tree;
     let mut open = vec![0];

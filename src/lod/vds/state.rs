@@ -17,16 +17,16 @@ use rayon::prelude::*;
 use super::fineness::{Fineness, balance};
 use super::pages::{Page, mix, pages};
 use super::select::{error_mm, select};
-use super::surface::Surface;
+use super::surface::SubdivisionSurface;
 use crate::geometry::{Camera, ViewFrustum};
-use crate::lod::{LodHierarchy, PageCache, Step, Tolerance, Upload, VisiblePatch};
+use crate::lod::{LodHierarchy, LodStep, PageCache, Tolerance, Upload, VisiblePatch};
 
 /// Factor of the tolerance, in octaves, by which a cut that does not fit is coarsened.
 const COARSER: f64 = 0.25;
 
 /// View-dependent subdivision of a surface and its current cut.
 pub struct Vds {
-    surface: Arc<Surface>,
+    surface: Arc<SubdivisionSurface>,
     /// Pages of every leaf at the base level.
     base_pages: Vec<Vec<Page>>,
     base_page_count: usize,
@@ -57,7 +57,7 @@ pub(super) struct CutGoal {
 
 impl Vds {
     /// Starts with nothing drawn.
-    pub fn new(surface: Arc<Surface>) -> Self {
+    pub fn new(surface: Arc<SubdivisionSurface>) -> Self {
         let leaves = surface.leaves.len();
         let face = vec![0; surface.base.faces.len()];
         let at_base = |l: usize| pages(&surface, &face, l as u32);
@@ -83,7 +83,7 @@ impl Vds {
     }
 
     /// The surface.
-    pub fn surface(&self) -> &Arc<Surface> {
+    pub fn surface(&self) -> &Arc<SubdivisionSurface> {
         &self.surface
     }
 
@@ -293,11 +293,11 @@ fn missing(goal: &CutGoal, cache: &PageCache) -> usize {
 }
 
 impl LodHierarchy for Vds {
-    fn step(&mut self, camera: &Camera, tolerance: &Tolerance, cache: &mut PageCache) -> Step {
-        let mut step = Step::default();
+    fn step(&mut self, camera: &Camera, tolerance: &Tolerance, cache: &mut PageCache) -> LodStep {
+        let mut step = LodStep::default();
         if self.base_page_count > cache.pages() as usize {
             // Not even the base fits: draws nothing rather than a part.
-            return Step { settled: true, degraded: true, ..step };
+            return LodStep { settled: true, degraded: true, ..step };
         }
         if !self.touch_drawn(cache) && !self.restart(cache, &mut step.uploads) {
             return step;

@@ -11,9 +11,9 @@ use crate::geometry::{Cone, Mesh, Sphere};
 use crate::lod::octree::{Item, Octree, bounding_cone};
 
 /// Most levels: 4^6 triangles for one of the base.
-const DEPTH_MAX: u32 = 6;
+const MAX_DEPTH: u32 = 6;
 /// Most samples: 5 GiB.
-const SAMPLES_MAX: usize = 1 << 28;
+const MAX_SAMPLES: usize = 1 << 28;
 
 /// Options of the subdivision.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,7 +64,7 @@ pub enum VdsError {
         highest: u32,
     },
     /// More samples than memory is planned for.
-    #[error("{samples} samples at level {depth}, at most {SAMPLES_MAX} can be kept")]
+    #[error("{samples} samples at level {depth}, at most {MAX_SAMPLES} can be kept")]
     TooLarge {
         /// Samples wanted.
         samples: usize,
@@ -97,7 +97,7 @@ pub(super) struct Leaf {
 /// A base mesh, samples of the original at every vertex of its finest level, and the distance bound
 /// of every level.
 #[derive(Clone, Debug)]
-pub struct Surface {
+pub struct SubdivisionSurface {
     pub(super) base: BaseMesh,
     pub(super) samples: SurfaceSamples,
     pub(super) tree: Octree,
@@ -112,7 +112,7 @@ pub struct Surface {
     pub(super) options: VdsOptions,
 }
 
-impl Surface {
+impl SubdivisionSurface {
     /// Samples `original` at every vertex of the finest level of `base` and measures every level.
     /// Positions of `base` are not used: its vertices are samples too.
     ///
@@ -139,12 +139,12 @@ impl Surface {
         range("leaf_faces", options.leaf_faces, 1, 128)?;
         let enough = |l: &u32| (base.faces.len() as u64) << (2 * l) >= original.faces();
         let depth = match options.depth {
-            Some(depth) => range("depth", depth, 1, DEPTH_MAX)?,
-            None => (1..DEPTH_MAX).find(enough).unwrap_or(DEPTH_MAX),
+            Some(depth) => range("depth", depth, 1, MAX_DEPTH)?,
+            None => (1..MAX_DEPTH).find(enough).unwrap_or(MAX_DEPTH),
         };
         let base = BaseMesh::new(base.faces.clone(), vertices);
         let wanted = count(&base, depth);
-        if wanted > SAMPLES_MAX {
+        if wanted > MAX_SAMPLES {
             return Err(VdsError::TooLarge { samples: wanted, depth });
         }
         let samples = SurfaceSamples::take(&base, depth, original);
@@ -233,7 +233,7 @@ impl Surface {
             + size_of_val(&base.faces[..])
             + size_of_val(&base.face_edges[..])
             + size_of_val(&self.leaf_of[..])
-            + self.tree.nodes.len() * size_of::<crate::lod::octree::Node>()
+            + self.tree.nodes.len() * size_of::<crate::lod::octree::OctreeNode>()
             + self.leaves.len() * (size_of::<Leaf>() + 4 * self.depth() as usize + 4)
     }
 }

@@ -2,7 +2,7 @@
 
 use super::base_mesh::BaseMesh;
 use super::fineness::{Fineness, level, morph};
-use super::samples::{Grid, SurfaceSamples, triangles};
+use super::samples::{SampleGrid, SurfaceSamples, triangles};
 use crate::geometry::Vertex;
 
 /// Levels inside a block: a face at a finer level is split into several blocks of 64 triangles.
@@ -25,7 +25,7 @@ pub struct Block {
     /// Fineness of the face.
     pub cell: FaceFineness,
     /// Corners on the grid of the face at level `level - depth`, and the steps of that grid.
-    corners: [Grid; 3],
+    corners: [SampleGrid; 3],
     steps: u32,
     /// Levels inside the block.
     depth: u32,
@@ -89,15 +89,15 @@ impl Block {
         let m = 1u32 << self.depth;
         // In half steps, so that midpoints of split sides have integer coordinates.
         let scale = (1 << samples.depth()) / self.steps;
-        let grid = |p: Grid| -> Grid {
+        let grid = |p: SampleGrid| -> SampleGrid {
             [0, 1, 2].map(|k| {
                 let sum: u32 = (0..3).map(|c| p[c] * self.corners[c][k]).sum();
                 sum * scale / (2 * m)
             })
         };
-        let at = |p: Grid| self.cell.vertex(base, samples, grid(p));
+        let at = |p: SampleGrid| self.cell.vertex(base, samples, grid(p));
         // Rows by the first coordinate.
-        let place = |[a, b, _]: Grid| {
+        let place = |[a, b, _]: SampleGrid| {
             first + (a * (m + 1) + b) as usize - (a * a.saturating_sub(1) / 2) as usize
         };
         for a in 0..=m {
@@ -145,7 +145,7 @@ pub fn template<T: Copy>(v: [T; 3], middle: [Option<T>; 3], faces: &mut Vec<[T; 
 impl FaceFineness {
     /// A vertex of the face: the sample, or a point on the way there from the midpoint of the edge
     /// that it splits. Vertices on an edge depend on the edge alone.
-    fn vertex(&self, base: &BaseMesh, samples: &SurfaceSamples, g: Grid) -> Vertex {
+    fn vertex(&self, base: &BaseMesh, samples: &SurfaceSamples, g: SampleGrid) -> Vertex {
         let depth = samples.depth();
         let at = |g| samples.vertex(base, self.face, g);
         // The level at which the vertex is inserted.

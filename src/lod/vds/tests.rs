@@ -11,7 +11,7 @@ pub(super) use ring::{Flat, Ring};
 use super::fineness::level;
 use super::*;
 use crate::geometry::{Camera, Lens, Mesh, Pose, point_triangle_distance};
-use crate::lod::{LodHierarchy, PageCache, Step, Tolerance, Upload};
+use crate::lod::{LodHierarchy, LodStep, PageCache, Tolerance, Upload};
 use ring::RING_MM;
 
 /// Page contents as on the device.
@@ -19,7 +19,7 @@ use ring::RING_MM;
 struct Device(HashMap<u32, Upload>);
 
 impl Device {
-    fn apply(&mut self, step: &Step) {
+    fn apply(&mut self, step: &LodStep) {
         for u in &step.uploads {
             assert!(u.vertices.len() <= 128 && u.triangles.len() <= 128 && !u.triangles.is_empty());
             self.0.insert(u.page, u.clone());
@@ -27,7 +27,7 @@ impl Device {
     }
 
     /// Corners of all triangles that are drawn.
-    fn triangles(&self, step: &Step) -> Vec<[Vec3; 3]> {
+    fn triangles(&self, step: &LodStep) -> Vec<[Vec3; 3]> {
         let mut all = Vec::new();
         for d in &step.drawn {
             let u = &self.0[&d.page];
@@ -82,16 +82,16 @@ fn camera(seed: &mut u64) -> Camera {
 
 const PIXELS: Tolerance = Tolerance { pixels: 4.0 };
 
-fn surface(options: VdsOptions) -> Arc<Surface> {
+fn surface(options: VdsOptions) -> Arc<SubdivisionSurface> {
     let ring = Ring::new([20, 10], 5);
-    Arc::new(Surface::new(&ring.base(), &ring, options).unwrap())
+    Arc::new(SubdivisionSurface::new(&ring.base(), &ring, options).unwrap())
 }
 
 fn leaves_of(n: u32) -> VdsOptions {
     VdsOptions { leaf_faces: n, ..VdsOptions::default() }
 }
 
-fn settle(vds: &mut Vds, camera: &Camera, cache: &mut PageCache, device: &mut Device) -> Step {
+fn settle(vds: &mut Vds, camera: &Camera, cache: &mut PageCache, device: &mut Device) -> LodStep {
     for _ in 0..2000 {
         cache.begin_step();
         let step = vds.step(camera, &PIXELS, cache);
@@ -145,14 +145,14 @@ fn edges_sampled_from_both_faces_crack() {
             base.faces =
                 (0..base.faces.len() as u32).map(|f| [0, 1, 2].map(|c| 3 * f + c)).collect();
         }
-        let surface = Arc::new(Surface::new(&base, &ring, leaves_of(6)).unwrap());
+        let surface = Arc::new(SubdivisionSurface::new(&base, &ring, leaves_of(6)).unwrap());
         let mut vds = Vds::new(surface);
         let (mut cache, mut device) = (PageCache::new(4000, 4000, 2), Device::default());
         let step = settle(&mut vds, &camera(&mut 3), &mut cache, &mut device);
         assert!(closed(&device.triangles(&step)) || apart);
         // The same level everywhere: faces without shared edges cannot be balanced.
         cache.begin_step();
-        let mut step = Step::default();
+        let mut step = LodStep::default();
         let finest = vec![8 * vds.surface().depth() as u8; vds.surface().leaves()];
         assert!(vds.commit(vds.cut_for(finest), &mut cache, &mut step.uploads));
         device.apply(&step);
@@ -295,7 +295,7 @@ fn an_open_base_has_no_boundary_but_its_own() {
     let mut base = ring.base();
     // A fifth of the ring is taken out; face ids of the rest stay what they were.
     base.faces.truncate(320);
-    let surface = Arc::new(Surface::new(&base, &ring, leaves_of(6)).unwrap());
+    let surface = Arc::new(SubdivisionSurface::new(&base, &ring, leaves_of(6)).unwrap());
     let mut vds = Vds::new(surface);
     let (mut cache, mut device) = (PageCache::new(4000, 4000, 2), Device::default());
     for s in 0..8 {
@@ -322,7 +322,7 @@ fn an_open_base_has_no_boundary_but_its_own() {
 #[test]
 fn invalid_base_meshes_are_refused_and_non_manifold_ones_are_drawn() {
     let ring = Ring::new([20, 10], 5);
-    let new = |base: &Mesh, o| Surface::new(base, &ring, o).map(|_| ());
+    let new = |base: &Mesh, o| SubdivisionSurface::new(base, &ring, o).map(|_| ());
     let mut base = ring.base();
     assert_eq!(new(&Mesh::default(), leaves_of(6)), Err(VdsError::Empty));
     let zero = new(&base, leaves_of(0)).unwrap_err();
@@ -331,12 +331,15 @@ fn invalid_base_meshes_are_refused_and_non_manifold_ones_are_drawn() {
     assert!(matches!(new(&base, deep), Err(VdsError::Option { name: "depth", value: 9, .. })));
     let mut nan = Ring::new([20, 10], 5);
     nan.jitter = f64::NAN;
-    assert!(matches!(Surface::new(&base, &nan, leaves_of(6)), Err(VdsError::NotFinite { .. })));
+    assert!(matches!(
+        SubdivisionSurface::new(&base, &nan, leaves_of(6)),
+        Err(VdsError::NotFinite { .. })
+    ));
     // Three faces on one edge, a face twice, one without area.
     base.faces[1] = base.faces[0];
     base.faces[2] = [base.faces[0][0], base.faces[0][1], 77];
     base.faces[3] = [5, 5, 5];
-    let mut vds = Vds::new(Arc::new(Surface::new(&base, &ring, leaves_of(6)).unwrap()));
+    let mut vds = Vds::new(Arc::new(SubdivisionSurface::new(&base, &ring, leaves_of(6)).unwrap()));
     let (mut cache, mut device) = (PageCache::new(4000, 4000, 2), Device::default());
     for s in 0..4 {
         settle(&mut vds, &camera(&mut (s * 31)), &mut cache, &mut device);
@@ -362,7 +365,7 @@ fn spread_over([a, b, c]: [DVec3; 3]) -> impl Iterator<Item = DVec3> {
 #[test]
 fn level_bounds_are_never_below_sampled_distance_either_way() {
     let ring = Ring::new([12, 6], 5);
-    let surface = Surface::new(&ring.base(), &ring, leaves_of(6)).unwrap();
+    let surface = SubdivisionSurface::new(&ring.base(), &ring, leaves_of(6)).unwrap();
     let original: Vec<_> = (0..ring.faces() as u32).map(|f| ring.triangle(f)).collect();
     let all: Vec<f32> = (0..=surface.depth()).map(|l| surface.error_mm(l)).collect();
     assert!(surface.depth() == 3 && all[1] < 0.45 * all[0] && all[2] < 0.5 * all[1], "{all:?}");
@@ -403,7 +406,7 @@ fn level_bounds_are_never_below_sampled_distance_either_way() {
 #[test]
 fn visible_points_are_within_the_screen_space_tolerance() {
     let ring = Ring::new([36, 16], 3);
-    let surface = Arc::new(Surface::new(&ring.base(), &ring, leaves_of(2)).unwrap());
+    let surface = Arc::new(SubdivisionSurface::new(&ring.base(), &ring, leaves_of(2)).unwrap());
     let original: Vec<_> = (0..ring.faces() as u32).map(|f| ring.triangle(f)).collect();
     let mut vds = Vds::new(surface.clone());
     let (mut cache, mut device) = (PageCache::new(4000, 4000, 2), Device::default());
@@ -458,7 +461,7 @@ fn a_simplified_mesh_is_refined_back_to_its_original() {
             assert_eq!(at, base.mesh.positions[face[c] as usize], "corners keep their order");
         }
     }
-    let surface = Arc::new(Surface::new(&base.mesh, &original, leaves_of(6)).unwrap());
+    let surface = Arc::new(SubdivisionSurface::new(&base.mesh, &original, leaves_of(6)).unwrap());
     let all: Vec<f32> = (0..=surface.depth()).map(|l| surface.error_mm(l)).collect();
     assert!(surface.depth() == 2 && all[2] < 0.5 * all[0], "{all:?}");
     // The finest level against the original, sampled.

@@ -21,8 +21,8 @@ struct Scripted<F> {
     script: F,
 }
 
-impl<F: FnMut(u32, u32) -> Step + Send> LodHierarchy for Scripted<F> {
-    fn step(&mut self, camera: &Camera, _: &Tolerance, _: &mut PageCache) -> Step {
+impl<F: FnMut(u32, u32) -> LodStep + Send> LodHierarchy for Scripted<F> {
+    fn step(&mut self, camera: &Camera, _: &Tolerance, _: &mut PageCache) -> LodStep {
         self.steps += 1;
         (self.script)(camera.height_px, self.steps)
     }
@@ -34,13 +34,13 @@ impl<F: FnMut(u32, u32) -> Step + Send> LodHierarchy for Scripted<F> {
     }
 }
 
-fn worker(script: impl FnMut(u32, u32) -> Step + Send + 'static) -> Worker {
+fn worker(script: impl FnMut(u32, u32) -> LodStep + Send + 'static) -> Worker {
     let refine = Box::new(Scripted { steps: 0, script });
     Worker::spawn(refine, Tolerance { pixels: 1.0 }, 8, 1 << 20, 3).unwrap()
 }
 
 /// A step that writes `page` with `number` triangles.
-fn step_writing(page: u32, number: u32, settled: bool) -> Step {
+fn step_writing(page: u32, number: u32, settled: bool) -> LodStep {
     let triangles = vec![[0, 0, 0]; number as usize];
     let upload = Upload { page, vertices: Vec::new(), triangles };
     let drawn = VisiblePatch {
@@ -49,10 +49,16 @@ fn step_writing(page: u32, number: u32, settled: bool) -> Step {
         sphere: Default::default(),
         cone: Default::default(),
     };
-    Step { uploads: vec![upload], drawn: vec![drawn], leaves_changed: 1, settled, degraded: false }
+    LodStep {
+        uploads: vec![upload],
+        drawn: vec![drawn],
+        leaves_changed: 1,
+        settled,
+        degraded: false,
+    }
 }
 
-fn next(worker: &mut Worker) -> Step {
+fn next(worker: &mut Worker) -> LodStep {
     for _ in 0..2000 {
         if let Some(step) = worker.try_recv().unwrap() {
             return step;
@@ -167,6 +173,6 @@ fn a_panic_is_reported_after_all_earlier_steps() {
 
 #[test]
 fn a_cut_that_never_settles_is_an_error() {
-    let mut w = worker(|_, _| Step::default());
+    let mut w = worker(|_, _| LodStep::default());
     assert_eq!(w.converge(camera(1)), Err(WorkerError::Unsettled(1000)));
 }

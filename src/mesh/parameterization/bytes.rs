@@ -6,8 +6,8 @@
 //! entry: vertex, triangle (u32 each), place in the plane (2 × f32); hash of all that (32 bytes).
 //! Triangles follow from the original's faces and the collapses, and are not written.
 
-use super::flatten::{Kind, Polygon};
-use super::{Entry, NONE, Parameterization, ParameterizationError};
+use super::flatten::{FanPlace, FlatRing};
+use super::{NONE, Parameterization, ParameterizationError, RingEntry};
 use crate::geometry::Mesh;
 
 /// First bytes.
@@ -103,9 +103,9 @@ impl Parameterization {
             let bad = |why| ParameterizationError::Record { collapse: r as u32, why };
             let (from, k) = (word(record, 0), (word(record, 1) & LENGTH) as usize);
             let kind = match word(record, 1) >> 30 {
-                0 => Kind::Inner,
-                1 => Kind::First,
-                2 => Kind::Last,
+                0 => FanPlace::Inner,
+                1 => FanPlace::First,
+                2 => FanPlace::Last,
                 _ => return Err(bad("its fan is of no known kind")),
             };
             if k < 3 {
@@ -115,7 +115,7 @@ impl Parameterization {
             for _ in 0..k {
                 let e = at.next().ok_or(bad("its ring ends after the last entry"))?;
                 let flat = [2, 3].map(|i| f32::from_bits(word(e, i)));
-                maps.entries.push(Entry { vertex: word(e, 0), pre: word(e, 1), flat });
+                maps.entries.push(RingEntry { vertex: word(e, 0), pre: word(e, 1), flat });
             }
             live.check(&maps, from, &maps.entries[start..], kind).map_err(bad)?;
             for e in &maps.entries[start..start + kind.pre(k)] {
@@ -169,8 +169,8 @@ impl Live {
         &mut self,
         maps: &Parameterization,
         from: u32,
-        ring: &[Entry],
-        kind: Kind,
+        ring: &[RingEntry],
+        kind: FanPlace,
     ) -> Result<(), &'static str> {
         let pre = kind.pre(ring.len());
         if self.faces.get(from as usize) != Some(&(pre as u32)) {
@@ -201,7 +201,7 @@ impl Live {
             return Err("its open ring is closed by a face");
         }
         // The comparisons inside are false for what is not a number.
-        let polygon = Polygon { ring, kind };
+        let polygon = FlatRing { ring, kind };
         if !(polygon.unfolded() && polygon.winds_once()) {
             return Err("its flattened polygon folds");
         }

@@ -18,7 +18,7 @@ const MIN_WEDGE_RAD: f64 = 1e-3;
 
 /// How the fans of a collapse lie in its ring.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum FanPlace {
     /// u is an inner vertex; ring vertex 0 takes its place.
     Inner = 0,
     /// u lies on a boundary; ring vertex 0 takes its place.
@@ -27,7 +27,7 @@ pub(super) enum Kind {
     Last = 2,
 }
 
-impl Kind {
+impl FanPlace {
     /// Faces of the pre fan for a ring of `k` vertices; face i holds ring vertices i, i + 1.
     pub fn pre(self, k: usize) -> usize {
         if self == Self::Inner { k } else { k - 1 }
@@ -68,7 +68,7 @@ pub(super) struct Spoke {
 pub(super) fn flatten(
     u: DVec3,
     ring: impl Iterator<Item = DVec3>,
-    kind: Kind,
+    kind: FanPlace,
     spokes: &mut Vec<Spoke>,
     mut push: impl FnMut([f32; 2]),
 ) -> bool {
@@ -87,7 +87,7 @@ pub(super) fn flatten(
         spokes[i].wedge_rad = d.cross(next).length().atan2(d.dot(next));
         around += spokes[i].wedge_rad;
     }
-    let total = if kind == Kind::Inner { 2.0 * PI } else { PI };
+    let total = if kind == FanPlace::Inner { 2.0 * PI } else { PI };
     let (equal, flatly) = (total / wedges as f64, around < MIN_WEDGE_RAD);
     let power = if flatly { 1.0 } else { total / around };
     let least = MIN_WEDGE_RAD.min(0.5 * equal);
@@ -107,7 +107,7 @@ pub(super) fn flatten(
         let (sin, cos) = match kind {
             _ if i == 0 => (0.0, 1.0),
             // Exactly opposite, so that u lies on the edge that closes the polygon.
-            Kind::First | Kind::Last if i + 1 == k => (0.0, -1.0),
+            FanPlace::First | FanPlace::Last if i + 1 == k => (0.0, -1.0),
             _ => angle.sin_cos(),
         };
         push([(radius * cos) as f32, (radius * sin) as f32]);
@@ -123,11 +123,11 @@ fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
 
 /// A flattened ring: where its points lie and how the fans lie in it.
 #[derive(Clone, Copy)]
-pub(super) struct Polygon<'a, E> {
+pub(super) struct FlatRing<'a, E> {
     /// Ring entries.
     pub ring: &'a [E],
     /// How the fans lie.
-    pub kind: Kind,
+    pub kind: FanPlace,
 }
 
 /// What holds a point of the plane.
@@ -136,7 +136,7 @@ pub(super) trait Flat {
     fn flat(&self) -> [f64; 2];
 }
 
-impl<E: Flat> Polygon<'_, E> {
+impl<E: Flat> FlatRing<'_, E> {
     /// Corners of pre face `i`: the origin and two ring points.
     pub fn pre(&self, i: usize) -> [[f64; 2]; 3] {
         let next = if i + 1 == self.ring.len() { 0 } else { i + 1 };
@@ -167,7 +167,7 @@ impl<E: Flat> Polygon<'_, E> {
         let sum: f64 = (0..self.kind.pre(k)).map(turn).sum();
         let far = self.ring.iter().all(|e| e.flat()[0].hypot(e.flat()[1]) < 1.001);
         match self.kind {
-            Kind::Inner => far && (sum - 2.0 * PI).abs() < 0.01,
+            FanPlace::Inner => far && (sum - 2.0 * PI).abs() < 0.01,
             _ => {
                 let (a, b) = (self.ring[0].flat(), self.ring[k - 1].flat());
                 let straight = a[1] == 0.0 && b[1] == 0.0 && a[0] > 0.0 && b[0] < 0.0;

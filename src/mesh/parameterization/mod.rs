@@ -21,7 +21,7 @@ mod tests;
 
 use super::{Collapse, Log, Recorder};
 use crate::geometry::{Mesh, MeshPoint};
-use flatten::{Flat, Kind, Polygon, Spoke, flatten};
+use flatten::{FanPlace, Flat, FlatRing, Spoke, flatten};
 
 /// No record.
 const NONE: u32 = u32::MAX;
@@ -126,12 +126,12 @@ struct Record {
     /// Id of the first triangle it makes.
     first_post: u32,
     /// How the fans lie.
-    kind: Kind,
+    kind: FanPlace,
 }
 
 /// One ring vertex of a collapse.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Entry {
+struct RingEntry {
     /// The vertex.
     vertex: u32,
     /// Triangle between it and the next ring vertex, before; `NONE` after the last on a boundary.
@@ -140,7 +140,7 @@ struct Entry {
     flat: [f32; 2],
 }
 
-impl Flat for Entry {
+impl Flat for RingEntry {
     fn flat(&self) -> [f64; 2] {
         self.flat.map(f64::from)
     }
@@ -174,7 +174,7 @@ pub struct Parameterization {
     original: [u8; 32],
     triangles: Vec<Triangle>,
     records: Vec<Record>,
-    entries: Vec<Entry>,
+    entries: Vec<RingEntry>,
     /// Triangle in each half-edge face now, or `NONE`.
     current: Vec<u32>,
     /// Collapses refused.
@@ -233,16 +233,16 @@ impl Parameterization {
     }
 
     /// Polygon of a record.
-    fn polygon(&self, record: u32) -> (&Record, Polygon<'_, Entry>) {
+    fn polygon(&self, record: u32) -> (&Record, FlatRing<'_, RingEntry>) {
         let r = &self.records[record as usize];
         let next = self.records.get(record as usize + 1);
         let end = next.map_or(self.entries.len(), |n| n.start as usize);
-        (r, Polygon { ring: &self.entries[r.start as usize..end], kind: r.kind })
+        (r, FlatRing { ring: &self.entries[r.start as usize..end], kind: r.kind })
     }
 
     /// Takes the newest ring entries, from `start`, down as the collapse of `from`: the triangles
     /// it ends and makes.
-    fn append(&mut self, from: u32, start: usize, kind: Kind) {
+    fn append(&mut self, from: u32, start: usize, kind: FanPlace) {
         let record = self.records.len() as u32;
         let k = self.entries.len() - start;
         let to = self.entries[start + kind.apex(k)].vertex;
@@ -267,9 +267,9 @@ impl Parameterization {
 #[derive(Debug, Default)]
 pub struct FlattenLog {
     /// The vertex that goes, how the fans lie, and the end of its ring entries.
-    collapses: Vec<(u32, Kind, usize)>,
+    collapses: Vec<(u32, FanPlace, usize)>,
     /// Ring entries; in place of the triangle, the half-edge face it is stored in.
-    entries: Vec<Entry>,
+    entries: Vec<RingEntry>,
     /// Collapses refused.
     refused: u32,
     /// Scratch space of [`flatten`].
@@ -283,19 +283,23 @@ impl Log for FlattenLog {
         let Collapse { from, to, ring, faces, from_at, ring_at, boundary } = *collapse;
         let start = self.entries.len();
         let kind = match (boundary, ring.first() == Some(&to)) {
-            (false, _) => Kind::Inner,
-            (true, true) => Kind::First,
-            (true, false) => Kind::Last,
+            (false, _) => FanPlace::Inner,
+            (true, true) => FanPlace::First,
+            (true, false) => FanPlace::Last,
         };
         debug_assert_eq!(faces.len(), kind.pre(ring.len()), "faces of vertex {from}");
         let Self { spokes, entries, .. } = self;
         let mut i = 0;
         let push = |flat| {
-            entries.push(Entry { vertex: ring[i], pre: faces.get(i).map_or(NONE, |f| *f), flat });
+            entries.push(RingEntry {
+                vertex: ring[i],
+                pre: faces.get(i).map_or(NONE, |f| *f),
+                flat,
+            });
             i += 1;
         };
         let laid = flatten(from_at, ring_at.iter().copied(), kind, spokes, push)
-            && Polygon { ring: &self.entries[start..], kind }.unfolded();
+            && FlatRing { ring: &self.entries[start..], kind }.unfolded();
         if laid {
             self.collapses.push((from, kind, self.entries.len()));
         } else {
@@ -317,7 +321,7 @@ impl Recorder for Parameterization {
             let current = &self.current;
             let triangle = |slot: u32| if slot == NONE { NONE } else { current[slot as usize] };
             let ring = log.entries[begin..end].iter();
-            self.entries.extend(ring.map(|e| Entry { pre: triangle(e.pre), ..*e }));
+            self.entries.extend(ring.map(|e| RingEntry { pre: triangle(e.pre), ..*e }));
             self.append(from, start, kind);
             begin = end;
         }

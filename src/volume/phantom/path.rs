@@ -23,7 +23,7 @@ enum Form {
 
 /// A piece of a path, `u` and `v` its frame at its start.
 #[derive(Clone, Copy, Debug)]
-struct Piece {
+struct PathArc {
     form: Form,
     length: f64,
     /// Arc length at which it starts.
@@ -38,7 +38,7 @@ struct Piece {
 /// construction, so a section thinner than that radius cannot fold over itself.
 #[derive(Clone, Debug)]
 pub(super) struct Path {
-    pieces: Vec<Piece>,
+    pieces: Vec<PathArc>,
     pub length: f64,
 }
 
@@ -77,7 +77,7 @@ impl Path {
     }
 
     fn push(&mut self, form: Form, length: f64, u: DVec3, tangent: DVec3) {
-        let mut piece = Piece {
+        let mut piece = PathArc {
             form,
             length,
             s: self.length,
@@ -102,7 +102,7 @@ impl Path {
         piece.frame((s - piece.s).clamp(0.0, piece.length))
     }
 
-    fn piece(&self, s: f64) -> &Piece {
+    fn piece(&self, s: f64) -> &PathArc {
         let k = self.pieces.partition_point(|p| p.s <= s).max(1) - 1;
         &self.pieces[k]
     }
@@ -137,7 +137,7 @@ impl Path {
     }
 }
 
-impl Piece {
+impl PathArc {
     fn at(&self, t: f64) -> DVec3 {
         match self.form {
             Form::Line { a, along } => a + t * along,

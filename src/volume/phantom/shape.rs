@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::helix::Helix;
 use super::path::Path;
-use super::tree::{Segment, tree};
+use super::tree::{Capsule, tree};
 use super::{Kind, TruthBranch, colon, ellipse};
 
 /// Distance between axis points, in sides of the box.
@@ -39,7 +39,7 @@ pub(super) enum Shape {
         ring: f64,
         radius: f64,
     },
-    Tree(Vec<Segment>),
+    Tree(Vec<Capsule>),
     Colon {
         path: Path,
     },
@@ -200,7 +200,7 @@ impl Shape {
                 vec![ring]
             }
             Self::Tree(segments) => {
-                let one = |s: &Segment| {
+                let one = |s: &Capsule| {
                     // Near a junction the wider neighbour gives the larger ball.
                     let at = |t: f64| (s.a.lerp(s.b, t), -self.field(s.a.lerp(s.b, t)));
                     TruthBranch { parent: s.parent, ..branch(s.name, s.a.distance(s.b), &at) }

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 /// A capsule of the tree.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Segment {
+pub(super) struct Capsule {
     pub name: &'static str,
     pub parent: Option<usize>,
     pub a: DVec3,
@@ -12,7 +12,7 @@ pub(super) struct Segment {
     pub radius: f64,
 }
 
-impl Segment {
+impl Capsule {
     /// Signed distance to its wall.
     pub fn distance(&self, p: DVec3) -> f64 {
         let d = self.b - self.a;
@@ -22,10 +22,10 @@ impl Segment {
 }
 
 /// Trunk, two branches, four twigs.
-pub(super) fn tree() -> Vec<Segment> {
+pub(super) fn tree() -> Vec<Capsule> {
     let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
     let (fork, left, right) = (at(0.02, 0.01, -0.08), at(-0.2, 0.03, 0.13), at(0.22, -0.04, 0.11));
-    let s = |name, parent, a, b, radius| Segment { name, parent, a, b, radius };
+    let s = |name, parent, a, b, radius| Capsule { name, parent, a, b, radius };
     vec![
         s("trunk", None, at(-0.01, 0.0, -0.37), fork, 0.075),
         s("left", Some(0), fork, left, 0.056),

@@ -5,19 +5,19 @@ use std::collections::HashMap;
 use glam::DVec3;
 use intima::geometry::{Camera, Vertex};
 use intima::lod::{
-    LodHierarchy, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Step, Tolerance, VisiblePatch,
+    LodHierarchy, LodStep, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Tolerance, VisiblePatch,
 };
 
 /// Page contents, and the last step.
 #[derive(Default)]
 pub struct Pages {
     content: HashMap<u32, (Vec<Vertex>, Vec<[u8; 3]>)>,
-    pub last: Step,
+    pub last: LodStep,
 }
 
 impl Pages {
     /// Applies a step.
-    pub fn apply(&mut self, step: Step) {
+    pub fn apply(&mut self, step: LodStep) {
         for u in &step.uploads {
             assert!(u.vertices.len() <= PAGE_VERTICES && u.triangles.len() <= PAGE_TRIANGLES);
             let corners = u.triangles.iter().flatten();

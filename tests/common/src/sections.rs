@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use glam::Vec3;
 use intima::geometry::{Camera, Cone, Mesh, Sphere, Vertex};
 use intima::lod::{
-    LodHierarchy, NoPage, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Step, Tolerance, Upload,
+    LodHierarchy, LodStep, NoPage, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Tolerance, Upload,
     VisiblePatch,
 };
 use intima::surface::shading;
@@ -83,10 +83,10 @@ fn cone(vertices: &[Vertex], triangles: &[[u8; 3]]) -> Cone {
 }
 
 /// All of a mesh, patch `i` in page `i`.
-pub fn whole(mesh: &Mesh, most: usize) -> Step {
+pub fn whole(mesh: &Mesh, most: usize) -> LodStep {
     let patches = cut(&shading(mesh).vertices, &mesh.faces, most);
     let (uploads, drawn) = patches.iter().enumerate().map(|(i, p)| p.at(i as u32)).unzip();
-    Step { uploads, drawn, leaves_changed: 0, settled: true, degraded: false }
+    LodStep { uploads, drawn, leaves_changed: 0, settled: true, degraded: false }
 }
 
 const SIDES: u32 = PAGE_TRIANGLES as u32 / 2;
@@ -172,7 +172,7 @@ impl Sections {
     }
 
     /// Makes all of `keys` resident, or as many as there is room for.
-    fn bring(&self, keys: &[u64], cache: &mut PageCache, step: &mut Step) -> Result<(), NoPage> {
+    fn bring(&self, keys: &[u64], cache: &mut PageCache, step: &mut LodStep) -> Result<(), NoPage> {
         for &key in keys {
             if cache.touch(key).is_none() {
                 let page = cache.allocate(key)?;
@@ -184,8 +184,8 @@ impl Sections {
 }
 
 impl LodHierarchy for Sections {
-    fn step(&mut self, camera: &Camera, _: &Tolerance, cache: &mut PageCache) -> Step {
-        let mut step = Step { settled: true, ..Step::default() };
+    fn step(&mut self, camera: &Camera, _: &Tolerance, cache: &mut PageCache) -> LodStep {
+        let mut step = LodStep { settled: true, ..LodStep::default() };
         let eye = camera.pose.position_mm;
         let mut near: Vec<usize> = (0..self.middles.len()).collect();
         near.sort_by(|a, b| {

@@ -40,14 +40,14 @@ pub struct Loop {
 
 /// What the rules go by.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
+pub struct PruneLimits {
     /// Dead ends that get no farther than this are twigs, mm.
     pub twig_mm: f64,
     /// Loops shorter than this are small, mm.
     pub loop_mm: f64,
 }
 
-impl Default for Limits {
+impl Default for PruneLimits {
     fn default() -> Self {
         Self { twig_mm: 5.0, loop_mm: 15.0 }
     }
@@ -74,7 +74,7 @@ struct Passage {
 
 impl Net<'_> {
     /// Prunes by all rules, in rounds until nothing changes; loops that stay are returned.
-    pub fn prune(&mut self, limits: Limits) -> Vec<Loop> {
+    pub fn prune(&mut self, limits: PruneLimits) -> Vec<Loop> {
         // Caches by arc; a changed arc has a new number.
         let mut passages: BTreeMap<usize, f64> = BTreeMap::new();
         let mut measured: BTreeMap<usize, Option<Passage>> = BTreeMap::new();
@@ -135,7 +135,7 @@ impl Net<'_> {
     /// How many of the halves of an arc, cut at a place, get far enough from the junctions they
     /// begin at to be no twigs. Where the walls of two lumens touch, none does: the hole is within
     /// reach of both axes. Where the end of one touches another, one does. A stricture has two.
-    fn long_halves(&self, arc: &Arc, place: usize, limits: Limits) -> usize {
+    fn long_halves(&self, arc: &Arc, place: usize, limits: PruneLimits) -> usize {
         let at = |n: u32| self.adjacency.place_mm[n as usize];
         let [a, b] = arc.ends();
         let is_long = |junction: u32, half: &[u32]| {
@@ -154,7 +154,7 @@ impl Net<'_> {
     }
 
     /// Whether an arc may be a window: its long halves (one at most), and its passage for its width.
-    fn measure(&self, i: usize, limits: Limits) -> Option<Passage> {
+    fn measure(&self, i: usize, limits: PruneLimits) -> Option<Passage> {
         let arc = self.arcs[i].as_ref()?;
         let (_, throat, place) = self.throat(&arc.contacts);
         let halves = self.long_halves(arc, place, limits);
@@ -178,7 +178,7 @@ impl Net<'_> {
         cycle: &[usize],
         found: &Loop,
         measured: &mut BTreeMap<usize, Option<Passage>>,
-        limits: Limits,
+        limits: PruneLimits,
     ) -> Option<(usize, Loop)> {
         let new: Vec<usize> = cycle.iter().copied().filter(|i| !measured.contains_key(i)).collect();
         let all: Vec<_> = new.par_iter().map(|i| self.measure(*i, limits)).collect();
@@ -203,7 +203,7 @@ impl Net<'_> {
 
     /// How far a dead end gets from where it begins, if it is too short for a branch. Not its
     /// length: chains of cells zigzag.
-    fn twig(&self, i: usize, limits: Limits) -> Option<f64> {
+    fn twig(&self, i: usize, limits: PruneLimits) -> Option<f64> {
         let arc = self.arcs[i].as_ref()?;
         let [a, b] = arc.ends();
         let junction = match (self.degree(a), self.degree(b)) {
@@ -218,7 +218,7 @@ impl Net<'_> {
     }
 
     /// Dead ends that are too short, the shortest first.
-    fn drop_twigs(&mut self, limits: Limits) {
+    fn drop_twigs(&mut self, limits: PruneLimits) {
         for node in self.at.keys().copied().collect::<Vec<_>>() {
             self.join_at(node);
         }
@@ -261,7 +261,13 @@ impl Net<'_> {
     }
 
     /// Judges the loop that an arc closes.
-    fn judge(&self, i: usize, forest: &Forest, passage_mm: f64, limits: Limits) -> Option<Loop> {
+    fn judge(
+        &self,
+        i: usize,
+        forest: &Forest,
+        passage_mm: f64,
+        limits: PruneLimits,
+    ) -> Option<Loop> {
         let arc = self.arcs[i].as_ref()?;
         let [a, b] = arc.ends();
         let rest = forest.path(a, b);

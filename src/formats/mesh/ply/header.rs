@@ -6,7 +6,7 @@ use std::str::SplitAsciiWhitespace;
 use super::super::{FormatError, RawMesh, space_tag};
 
 /// No surface declares more elements and properties; it bounds what a header takes.
-const MOST_DECLARATIONS: usize = 1000;
+const MAX_DECLARATIONS: usize = 1000;
 
 /// A number type of PLY.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,7 +125,7 @@ pub(super) fn header<'a>(
         }
         let place = format!("header line {}", number + 1);
         declarations += usize::from(matches!(words.first(), Some(&("element" | "property"))));
-        if declarations > MOST_DECLARATIONS {
+        if declarations > MAX_DECLARATIONS {
             return bad(&place, "more elements and properties than any surface has");
         }
         match words[..] {

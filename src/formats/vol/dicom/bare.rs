@@ -5,7 +5,7 @@ use super::syntax;
 /// Elements that have to look right.
 const ELEMENTS: usize = 4;
 /// Longest value of one of them: a data set begins with short ones.
-const MOST_VALUE: usize = 1 << 20;
+const MAX_VALUE: usize = 1 << 20;
 
 /// The syntax of a data set that begins with these bytes; `None` if they begin none.
 ///
@@ -54,7 +54,7 @@ fn looks_right(bytes: &[u8], explicit: bool, big: bool) -> bool {
         // Values may reach past the bytes that are known: what was seen has to do.
         let Some((tag, len)) = element(at) else { return i >= 2 };
         let first_fits = tag.0 == 8 || (tag.0 == 2 && !big && explicit);
-        if (i == 0 && !first_fits) || last >= Some(tag) || len > MOST_VALUE {
+        if (i == 0 && !first_fits) || last >= Some(tag) || len > MAX_VALUE {
             return false;
         }
         // Lengths of values are even.

@@ -11,9 +11,9 @@ use super::syntax::Codec;
 
 /// Most pixels of a compressed frame, 8192 a side: beyond those of any scanner, and what a few bytes
 /// of JPEG 2000 or JPEG XL may claim in full earnest, each taking four bytes and more to decode.
-const MOST_PIXELS: u64 = 1 << 26;
+const MAX_PIXELS: u64 = 1 << 26;
 /// Most tiles of a JPEG 2000 codestream.
-const MOST_TILES: u64 = 65_535;
+const MAX_TILES: u64 = 65_535;
 /// Memory that a JPEG XL decoder may take beside 64 bytes a pixel.
 #[cfg(feature = "jpeg-xl")]
 const JXL_MEMORY: usize = 64 << 20;
@@ -51,8 +51,8 @@ pub(super) fn missing_feature(codec: Codec, bytes: &[u8]) -> Option<&'static str
 /// The fault of a stream.
 pub(super) fn check_claim(codec: Codec, [columns, rows]: [u32; 2], len: u64) -> Result<(), String> {
     let pixels = u64::from(columns) * u64::from(rows);
-    if pixels > MOST_PIXELS {
-        return Err(format!("{columns}x{rows} compressed pixels; {MOST_PIXELS} at most are read"));
+    if pixels > MAX_PIXELS {
+        return Err(format!("{columns}x{rows} compressed pixels; {MAX_PIXELS} at most are read"));
     }
     let least = match codec {
         // Two bytes repeat one at most 128 times.
@@ -295,7 +295,7 @@ fn check_siz(bytes: &[u8], size: FrameSize) -> Result<(), String> {
         return Err("tiles without pixels".into());
     }
     let tiles = n[0].div_ceil(n[4]).saturating_mul(n[1].div_ceil(n[5]));
-    if tiles > MOST_TILES { Err(format!("{tiles} tiles")) } else { Ok(()) }
+    if tiles > MAX_TILES { Err(format!("{tiles} tiles")) } else { Ok(()) }
 }
 
 fn jpeg_2000(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {

@@ -32,7 +32,7 @@ use segmentation::Segmentation;
 use stack::Stack;
 
 /// More files than any series; a folder beyond it is not one.
-const MOST_FILES: usize = 100_000;
+const MAX_FILES: usize = 100_000;
 
 /// Whether a SOP class is that of images captured from a screen, single or multi-frame.
 fn is_capture(class: &str) -> bool {
@@ -253,7 +253,7 @@ fn find(path: &Path) -> Result<Found, FormatError> {
 }
 
 /// Folders below the one that is opened: media have patient, study and series.
-const MOST_DEPTH: usize = 8;
+const MAX_DEPTH: usize = 8;
 
 /// Plain files in a folder and those below it, in the order of their names. A folder that links
 /// lead to again is read once, at the place that is found first.
@@ -270,14 +270,14 @@ fn files_in(folder: &Path) -> Result<Vec<PathBuf>, FormatError> {
         let mut below = Vec::new();
         for entry in std::fs::read_dir(&at).map_err(io)? {
             let entry = entry.map_err(io)?.path();
-            if entry.is_dir() && depth < MOST_DEPTH {
+            if entry.is_dir() && depth < MAX_DEPTH {
                 below.push(entry);
             } else if entry.is_file() {
                 files.push(entry);
             }
             entries += 1;
-            if entries > MOST_FILES {
-                let what = format!("a folder of more than {MOST_FILES} files");
+            if entries > MAX_FILES {
+                let what = format!("a folder of more than {MAX_FILES} files");
                 return Err(FormatError::unsupported(folder, what));
             }
         }

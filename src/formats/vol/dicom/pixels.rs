@@ -7,7 +7,7 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::super::FormatError;
-use super::super::layout::{MOST_SHRINK, must_swap, zeroed};
+use super::super::layout::{MAX_SHRINK, must_swap, zeroed};
 use super::super::source::{Source, fill};
 use super::codec::{self, FrameSize};
 use super::fragments::Fragment;
@@ -93,7 +93,7 @@ impl Stored {
                 Err(FormatError::field(&h.file, "pixels", "plain", why))
             }
             Some(Pixels::Plain { offset, len }) if *h.syntax == *syntax::DEFLATED => {
-                let most = Source::open(&h.file)?.len.saturating_mul(MOST_SHRINK);
+                let most = Source::open(&h.file)?.len.saturating_mul(MAX_SHRINK);
                 let found = (*len).min(most.saturating_sub(*offset)).saturating_sub(before);
                 let at = offset.saturating_add(before);
                 if found < wanted { truncated(found) } else { Ok(SlicePixels::Deflated(at)) }

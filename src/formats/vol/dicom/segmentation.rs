@@ -21,14 +21,14 @@ use crate::formats::error::FieldValue;
 use crate::volume::{Grid, SampleType, Samples, Volume};
 
 /// Most slices from the first to the last frame: a few frames could claim any number.
-const MOST_SLICES: f64 = 8192.0;
+const MAX_SLICES: f64 = 8192.0;
 /// Most voxels for each byte of the file: a frame has eight a byte, and between pieces of a segment
 /// there are empty slices.
-const MOST_GROWTH: u64 = 1024;
+const MAX_GROWTH: u64 = 1024;
 /// Largest miss of a frame's place against even steps, in steps.
-const MOST_UNEVEN: f64 = 0.05;
+const MAX_UNEVEN: f64 = 0.05;
 /// Largest sideways drift of a frame, in pixels.
-const MOST_DRIFT_PIXELS: f64 = 0.1;
+const MAX_DRIFT_PIXELS: f64 = 0.1;
 
 /// What a pixel says.
 #[derive(Clone, Copy)]
@@ -66,7 +66,7 @@ impl<'a> Segmentation<'a> {
         }
         let (coding, bits) = coding(first)?;
         let (grid, slices) = lattice(path, heads)?;
-        let most = MOST_GROWTH * std::fs::metadata(&first.file).map_or(0, |m| m.len());
+        let most = MAX_GROWTH * std::fs::metadata(&first.file).map_or(0, |m| m.len());
         if grid.len() as u64 > most {
             let what = format!("{} voxels, most of them in slices that are left away", grid.len());
             return Err(FormatError::unsupported(path, what));
@@ -276,13 +276,13 @@ fn lattice(path: &Path, heads: &[Head]) -> Result<(Grid, Vec<usize>), FormatErro
         let at = (place - places[lowest]) / mm;
         let run = *p - origin;
         let drift = (run - normal * run.dot(normal)).length();
-        if (at - at.round()).abs() > MOST_UNEVEN || drift > MOST_DRIFT_PIXELS * own.pixel_mm[0] {
+        if (at - at.round()).abs() > MAX_UNEVEN || drift > MAX_DRIFT_PIXELS * own.pixel_mm[0] {
             let value = FieldValue::numbers(&p.to_array());
             let why = format!("the frames of a segmentation lie {mm:.3} mm apart, in line");
             return Err(FormatError::field(&h.file, "ImagePositionPatient", value, why));
         }
-        if at > MOST_SLICES {
-            let why = format!("more than {MOST_SLICES} slices from the first frame");
+        if at > MAX_SLICES {
+            let why = format!("more than {MAX_SLICES} slices from the first frame");
             return Err(FormatError::field(&h.file, "ImagePositionPatient", at, why));
         }
         slices.push(at.round() as usize);
@@ -308,7 +308,7 @@ fn step(first: &Head, places: &[f64]) -> Result<f64, FormatError> {
     let said = mm(0x0088, "SpacingBetweenSlices")?;
     let even = |mm: &f64| {
         let off = |p: &f64| ((p - sorted[0]) / mm - ((p - sorted[0]) / mm).round()).abs();
-        sorted.iter().all(|p| off(p) <= MOST_UNEVEN)
+        sorted.iter().all(|p| off(p) <= MAX_UNEVEN)
     };
     let thickness = mm(0x0050, "SliceThickness")?;
     let about = said.filter(even).or(least).or(said).or(thickness).unwrap_or(1.0);

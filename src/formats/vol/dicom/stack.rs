@@ -15,11 +15,11 @@ use crate::formats::error::FieldValue;
 use crate::volume::{Grid, Rescale, SampleType};
 
 /// Largest angle between the stack's run and the slices' normal, degrees.
-const MOST_TILT_DEG: f64 = 0.1;
+const MAX_TILT_DEG: f64 = 0.1;
 /// Largest sideways drift of a slice, in pixels.
-const MOST_DRIFT_PIXELS: f64 = 0.1;
+const MAX_DRIFT_PIXELS: f64 = 0.1;
 /// Largest deviation of a step from the usual one, as a fraction.
-const MOST_UNEVEN: f64 = 0.01;
+const MAX_UNEVEN: f64 = 0.01;
 
 /// One slice of a stack.
 pub(super) struct Slice {
@@ -255,8 +255,8 @@ fn tilt(slices: &[Slice], plane: &Plane) -> Option<f64> {
     let worst = slices.iter().map(sideways).fold(0.0, f64::max);
     let along = (slices[slices.len() - 1].position_mm - first).dot(normal);
     let degrees = worst.atan2(along).to_degrees();
-    let drifts = worst > MOST_DRIFT_PIXELS * plane.pixel_mm[0].min(plane.pixel_mm[1]);
-    (degrees > MOST_TILT_DEG || drifts).then_some(degrees)
+    let drifts = worst > MAX_DRIFT_PIXELS * plane.pixel_mm[0].min(plane.pixel_mm[1]);
+    (degrees > MAX_TILT_DEG || drifts).then_some(degrees)
 }
 
 /// The step between the slices of a box.
@@ -285,7 +285,7 @@ fn step(path: &Path, places: &[f64], fill_gaps: bool) -> Result<Step, FormatErro
     let usual = sorted[sorted.len() / 2];
     let miss = |s: f64| (s - usual).abs();
     let worst = (0..steps.len()).max_by(|&a, &b| miss(steps[a]).total_cmp(&miss(steps[b])));
-    let Some(i) = worst.filter(|&i| miss(steps[i]) > MOST_UNEVEN * usual) else {
+    let Some(i) = worst.filter(|&i| miss(steps[i]) > MAX_UNEVEN * usual) else {
         let mean = (places[places.len() - 1] - places[0]) / steps.len() as f64;
         return Ok(Step { mm: rounded_mm(mean), is_even: true });
     };

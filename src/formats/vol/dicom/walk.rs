@@ -69,10 +69,10 @@ const SHORT: [&[u8; 2]; 21] = [
 const PLAIN: [&[u8; 2]; 6] = [b"CS", b"DS", b"IS", b"SS", b"UI", b"US"];
 
 /// No allowed element needs more.
-const MOST_VALUE: u64 = 1024;
+const MAX_VALUE: u64 = 1024;
 const DEEPEST: usize = 64;
 /// Most fragments of a file's pixels.
-const MOST_FRAGMENTS: u64 = 1 << 20;
+const MAX_FRAGMENTS: u64 = 1 << 20;
 const UNDEFINED: u32 = u32::MAX;
 
 /// Where the pixels of a file lie.
@@ -114,7 +114,7 @@ struct Coding {
 impl Coding {
     fn may_copy(self, h: &ElementHead) -> bool {
         let plain = !self.explicit || PLAIN.contains(&&h.vr);
-        ALLOWED.contains(&h.tag) && plain && u64::from(h.len) <= MOST_VALUE
+        ALLOWED.contains(&h.tag) && plain && u64::from(h.len) <= MAX_VALUE
     }
 }
 
@@ -271,7 +271,7 @@ impl<R: Read + Seek> Walker<'_, R> {
                 return Ok((syntax.ok_or_else(missing)?, start));
             }
             let h = self.head(c)?;
-            if h.tag == (2, 0x10) && u64::from(h.len) <= MOST_VALUE {
+            if h.tag == (2, 0x10) && u64::from(h.len) <= MAX_VALUE {
                 let value = self.bytes(u64::from(h.len))?;
                 let known = |b: &&u8| b.is_ascii_digit() || **b == b'.';
                 syntax = Some(value.iter().filter(known).map(|&b| char::from(b)).collect());
@@ -341,13 +341,13 @@ impl<R: Read + Seek> Walker<'_, R> {
                 }
             }
             if offsets.is_none() {
-                let table = if len <= 4 * MOST_FRAGMENTS { self.bytes(len)? } else { Vec::new() };
+                let table = if len <= 4 * MAX_FRAGMENTS { self.bytes(len)? } else { Vec::new() };
                 let word = |b: &[u8]| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
                 offsets = Some(table.chunks_exact(4).map(word).collect());
                 continue;
             }
-            if fragments.len() as u64 == MOST_FRAGMENTS {
-                let what = format!("more than {MOST_FRAGMENTS} fragments");
+            if fragments.len() as u64 == MAX_FRAGMENTS {
+                let what = format!("more than {MAX_FRAGMENTS} fragments");
                 return Err(FormatError::unsupported(self.file, what));
             }
             fragments.push((self.at, h.len));

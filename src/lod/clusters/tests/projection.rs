@@ -2,7 +2,7 @@
 
 use super::super::coarse_to_fine::{FineSurface, bounds_through_map};
 use super::super::convex_polygon::ConvexPolygon;
-use super::super::distance_bound::{Target, TargetCache};
+use super::super::distance_bound::{TargetCache, TargetSurface};
 use super::super::group::VertexTable;
 use super::super::partition;
 use super::super::projection::{BoundaryTrace, ProjectedPoint};
@@ -27,8 +27,8 @@ fn sheet(n: u32) -> Mesh {
 }
 
 /// Runs `test` with a mesh as target.
-fn with_target<T>(mesh: &Mesh, test: impl FnOnce(&Target<'_>) -> T) -> T {
-    let target = Target {
+fn with_target<T>(mesh: &Mesh, test: impl FnOnce(&TargetSurface<'_>) -> T) -> T {
+    let target = TargetSurface {
         positions: &mesh.positions,
         normals: &shading(mesh).vertices.iter().map(Vertex::normal).collect::<Vec<_>>(),
         faces: &mesh.faces,

@@ -24,7 +24,7 @@ use crate::lod::vds::base_mesh::BaseMesh;
 /// If a face has a vertex index out of range.
 pub fn subdivide(mesh: &Mesh) -> Mesh {
     let base = BaseMesh::new(mesh.faces.clone(), mesh.positions.len());
-    let rings = Rings::new(&base);
+    let rings = VertexHalfEdges::new(&base);
     let at = |v: u32| mesh.positions[v as usize].as_dvec3();
     let mut positions = mesh.positions.clone();
     positions.extend((0..base.edges.len()).map(|e| predict(&base, &rings, e, &at).as_vec3()));
@@ -38,9 +38,9 @@ pub fn subdivide(mesh: &Mesh) -> Mesh {
 }
 
 /// One outgoing half-edge (face, corner) of each vertex; on a boundary the first one.
-struct Rings(Vec<Option<(u32, usize)>>);
+struct VertexHalfEdges(Vec<Option<(u32, usize)>>);
 
-impl Rings {
+impl VertexHalfEdges {
     fn new(base: &BaseMesh) -> Self {
         let mut first = vec![None; base.vertices];
         for (f, face) in base.faces.iter().enumerate() {
@@ -94,7 +94,12 @@ impl Rings {
 }
 
 /// Predicted vertex of an edge.
-fn predict(base: &BaseMesh, rings: &Rings, edge: usize, at: &dyn Fn(u32) -> DVec3) -> DVec3 {
+fn predict(
+    base: &BaseMesh,
+    rings: &VertexHalfEdges,
+    edge: usize,
+    at: &dyn Fn(u32) -> DVec3,
+) -> DVec3 {
     let e = base.edges[edge];
     let (f, c) = (e.faces[0], e.corner as usize);
     let [a, b] = [base.faces[f as usize][c], base.faces[f as usize][(c + 1) % 3]];

@@ -12,7 +12,7 @@ use super::net::RefinedNet;
 const NO_FACE: u32 = u32::MAX;
 
 #[derive(Clone, Copy)]
-struct Face {
+struct Sqrt3Face {
     /// In a waiting face the first corner is the new one.
     corners: [u32; 3],
     /// Face across the side from corner i to i + 1.
@@ -22,14 +22,14 @@ struct Face {
 
 /// Faces with connectivity.
 pub struct Sqrt3 {
-    faces: Vec<Face>,
+    faces: Vec<Sqrt3Face>,
 }
 
 impl Sqrt3 {
     pub fn new(net: &RefinedNet) -> Self {
         let face = |(f, corners): (usize, &[u32; 3])| {
             let across = [0, 1, 2].map(|e| net.base.across(f as u32, e).unwrap_or(NO_FACE));
-            Face { corners: *corners, across, age: 0 }
+            Sqrt3Face { corners: *corners, across, age: 0 }
         };
         Self { faces: net.base.faces.iter().enumerate().map(face).collect() }
     }
@@ -46,7 +46,7 @@ impl Sqrt3 {
     /// Splits face `f` at least once; does nothing at a boundary and where the centre is not
     /// defined.
     fn split(&mut self, net: &mut RefinedNet, f: u32) {
-        let Face { corners, across, age } = self.faces[f as usize];
+        let Sqrt3Face { corners, across, age } = self.faces[f as usize];
         if age % 2 == 1 {
             let partner = across[1];
             if partner == NO_FACE {
@@ -70,7 +70,8 @@ impl Sqrt3 {
         self.faces.extend([self.faces[f as usize]; 2]);
         for (i, (x, y, other)) in sides.into_iter().enumerate() {
             let around = [ids[(i + 2) % 3], other, ids[(i + 1) % 3]];
-            self.faces[ids[i] as usize] = Face { corners: [p, x, y], across: around, age: age + 1 };
+            self.faces[ids[i] as usize] =
+                Sqrt3Face { corners: [p, x, y], across: around, age: age + 1 };
             self.relink(other, f, ids[i]);
         }
         for (id, (_, _, other)) in ids.into_iter().zip(sides) {
@@ -90,9 +91,9 @@ impl Sqrt3 {
         // In cyclic order: p, a, q, b. Face g is (q, b, a).
         let age = one.age + 1;
         self.faces[f as usize] =
-            Face { corners: [p, a, q], across: [one.across[0], two.across[2], g], age };
+            Sqrt3Face { corners: [p, a, q], across: [one.across[0], two.across[2], g], age };
         self.faces[g as usize] =
-            Face { corners: [q, b, p], across: [two.across[0], one.across[2], f], age };
+            Sqrt3Face { corners: [q, b, p], across: [two.across[0], one.across[2], f], age };
         self.relink(two.across[2], g, f);
         self.relink(one.across[2], f, g);
     }

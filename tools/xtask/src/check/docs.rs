@@ -5,12 +5,12 @@ use super::tree::Tree;
 
 const PAGE: &str = "ARCHITECTURE.md";
 /// Lines of the page that a newcomer reads in ten minutes.
-const MOST_LINES: usize = 150;
+const MAX_LINES: usize = 150;
 
 /// The page is no longer than it may be.
 pub fn length(tree: &Tree) -> Vec<String> {
     let lines = tree.text(PAGE).unwrap_or_default().lines().count();
-    let over = (lines > MOST_LINES).then(|| format!("{PAGE}: {lines} lines, {MOST_LINES} at most"));
+    let over = (lines > MAX_LINES).then(|| format!("{PAGE}: {lines} lines, {MAX_LINES} at most"));
     over.into_iter().collect()
 }
 

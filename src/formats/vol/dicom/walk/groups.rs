@@ -7,7 +7,7 @@ use std::io::{Read, Seek};
 
 use dicom_object::Tag;
 
-use super::{Coding, ElementHead, FormatError, MOST_VALUE, UNDEFINED, Walker};
+use super::{Coding, ElementHead, FormatError, MAX_VALUE, UNDEFINED, Walker};
 
 /// Values of elements by tag, as text.
 pub(in super::super) type Leaves = Vec<(Tag, String)>;
@@ -50,9 +50,9 @@ const LEAVES: [(u16, u16); 8] = [
     REFERENCED_SEGMENT,
 ];
 /// Most frames of a file.
-const MOST_FRAMES: usize = 1 << 18;
+const MAX_FRAMES: usize = 1 << 18;
 /// Segments have numbers of 16 bits.
-const MOST_SEGMENTS: usize = 1 << 16;
+const MAX_SEGMENTS: usize = 1 << 16;
 
 /// Where a sequence or an item ends; `None` where a delimiter says so.
 type End = Option<u64>;
@@ -75,7 +75,7 @@ impl<R: Read + Seek> Walker<'_, R> {
                 let end = w.end_of(h)?;
                 w.each_item(inner, end, &mut |w, end| {
                     w.each_element(inner, end, &LEAVES, &mut |w, c, h| {
-                        let value = w.bytes(u64::from(h.len).min(MOST_VALUE))?;
+                        let value = w.bytes(u64::from(h.len).min(MAX_VALUE))?;
                         // Numbers as text; anything else is refused where they are read.
                         let text = match (h.tag, value.as_slice()) {
                             (REFERENCED_SEGMENT, &[a, b]) => word(c, [a, b]).to_string(),
@@ -88,10 +88,10 @@ impl<R: Read + Seek> Walker<'_, R> {
             })?;
             if is_shared {
                 leaves.drain(..).for_each(|(tag, text)| push(&mut groups.shared, tag, text));
-            } else if groups.frames.len() < MOST_FRAMES {
+            } else if groups.frames.len() < MAX_FRAMES {
                 groups.frames.push(leaves);
             } else {
-                let what = format!("more than {MOST_FRAMES} frames");
+                let what = format!("more than {MAX_FRAMES} frames");
                 return Err(FormatError::unsupported(w.file, what));
             }
             Ok(())
@@ -111,7 +111,7 @@ impl<R: Read + Seek> Walker<'_, R> {
             let (mut number, mut label) = (None, String::new());
             let wanted = [SEGMENT_NUMBER, SEGMENT_LABEL];
             w.each_element(inner, end, &wanted, &mut |w, c, h| {
-                let value = w.bytes(u64::from(h.len).min(MOST_VALUE))?;
+                let value = w.bytes(u64::from(h.len).min(MAX_VALUE))?;
                 match (h.tag, value.as_slice()) {
                     (SEGMENT_LABEL, text) => label = String::from_utf8_lossy(text).into_owned(),
                     (_, &[a, b]) => number = Some(i64::from(word(c, [a, b]))),
@@ -120,7 +120,7 @@ impl<R: Read + Seek> Walker<'_, R> {
                 Ok(())
             })?;
             if let Some(number) = number
-                && groups.segments.len() < MOST_SEGMENTS
+                && groups.segments.len() < MAX_SEGMENTS
             {
                 groups.segments.push((number, label));
             }
@@ -182,7 +182,7 @@ impl<R: Read + Seek> Walker<'_, R> {
             }
             // A sequence may be of any length, a value is short.
             let is_sequence = ENTERED.contains(&h.tag);
-            let is_short = h.len != UNDEFINED && u64::from(h.len) <= MOST_VALUE;
+            let is_short = h.len != UNDEFINED && u64::from(h.len) <= MAX_VALUE;
             if wanted.contains(&h.tag) && (is_sequence || is_short) {
                 visit(self, c, &h)?;
             } else if h.len == UNDEFINED {

@@ -7,7 +7,7 @@ use std::path::Path;
 use flate2::bufread::DeflateDecoder;
 
 use super::super::super::FormatError;
-use super::super::super::layout::MOST_SHRINK;
+use super::super::super::layout::MAX_SHRINK;
 use super::super::super::source::Source;
 
 /// Reads forward only.
@@ -21,7 +21,7 @@ pub struct Inflated {
 impl Inflated {
     pub fn open(file: &Path, offset: u64) -> Result<Self, FormatError> {
         let source = Source::open_at(file, offset)?;
-        let most = source.len.saturating_sub(offset).saturating_mul(MOST_SHRINK);
+        let most = source.len.saturating_sub(offset).saturating_mul(MAX_SHRINK);
         Ok(Self { input: DeflateDecoder::new(BufReader::new(source)), at: 0, most })
     }
 
