@@ -34,50 +34,69 @@ pub struct Args {
 
 /// One kernel or stage on one device.
 #[derive(Debug, Serialize)]
-struct Row {
+struct BenchRow {
+    /// Name of the kernel or stage.
     name: &'static str,
+    /// Either `kernel` or `stage`.
     kind: &'static str,
+    /// Name of the device.
     device: String,
     /// Median over the runs, all launches of a run together.
     median_ms: f64,
+    /// Shortest run.
     min_ms: f64,
+    /// Launches of a run.
     launches: usize,
+    /// Elements processed in a run.
     items: u64,
+    /// Noun of an element, such as `voxels`.
     unit: &'static str,
     /// Items a second, millions.
     rate_m_per_s: f64,
     /// Bytes of all bound buffers.
     bytes: u64,
+    /// Bytes of bound buffers a second, 10⁹.
     gb_per_s: f64,
-    /// Of the rate at which the device copies memory.
+    /// Share of the rate at which the device copies memory.
     of_copy: f64,
 }
 
-/// What concerns a device as a whole.
+/// Figures of a device as a whole.
 #[derive(Debug, Serialize)]
-struct Summary {
+struct DeviceSummary {
+    /// Name of the device.
     device: String,
+    /// Worker threads of the CPU stages.
     threads: usize,
+    /// Rate at which the device copies memory.
     copy: CopyRate,
-    /// From the making of the Vulkan instance to the first launches handed over.
+    /// Time from the making of the Vulkan instance to the first launches handed over.
     first_dispatch_ms: Option<f64>,
     /// Plans of one chain, and how often it handed work to the device.
     plans: usize,
+    /// Submissions of the chain.
     submissions: u64,
 }
 
+/// Everything that was measured.
 #[derive(Serialize)]
-struct Answer {
+struct BenchReport {
+    /// Phantom that was measured.
     phantom: &'static str,
+    /// Voxels along a side.
     size: u32,
+    /// Voxels of the lumen.
     lumen_voxels: u64,
+    /// Bricks of 8³ voxels.
     bricks: usize,
-    devices: Vec<Summary>,
-    rows: Vec<Row>,
+    /// Devices that were measured.
+    devices: Vec<DeviceSummary>,
+    /// Kernels and stages on each device.
+    rows: Vec<BenchRow>,
 }
 
 /// Name and device, then (ms, launches, items, unit, bytes) of each run.
-type Runs =
+type RunTimes =
     BTreeMap<(usize, &'static str, &'static str), Vec<(f64, usize, u64, &'static str, u64)>>;
 
 impl Args {
@@ -139,7 +158,7 @@ impl Args {
         for d in &devices {
             global.say(d.line())?;
         }
-        global.answer(&Answer {
+        global.answer(&BenchReport {
             phantom: "colon",
             size: self.size,
             lumen_voxels: lumen_counts.0,
@@ -149,7 +168,7 @@ impl Args {
         })
     }
 
-    /// Summary and rows of one device, and the lumen's voxels and bricks.
+    /// DeviceSummary and rows of one device, and the lumen's voxels and bricks.
     fn on(
         &self,
         choice: DeviceChoice,
@@ -170,7 +189,7 @@ impl Args {
         let planned = |s: &&StageTime| STAGES.contains(&s.name) && !CPU_STAGES.contains(&s.name);
         let plans = stages(&mut session)?.iter().filter(planned).count();
         let submissions = device().submissions() - before;
-        let mut runs: Runs = BTreeMap::new();
+        let mut runs: RunTimes = BTreeMap::new();
         for _ in 0..self.runs {
             for stage in stages(&mut session)? {
                 let at = STAGES.iter().position(|s| *s == stage.name);
@@ -202,7 +221,7 @@ impl Args {
             .map(|((_, kernel, kind), mut all)| {
                 all.sort_by(|a, b| a.0.total_cmp(&b.0));
                 let (ms, launches, items, unit, bytes) = all[all.len() / 2];
-                Row {
+                BenchRow {
                     name: kernel,
                     kind,
                     device: if kind == "stage" && CPU_STAGES.contains(&kernel) {
@@ -222,7 +241,7 @@ impl Args {
                 }
             })
             .collect();
-        let summary = Summary {
+        let summary = DeviceSummary {
             device: name,
             threads: rayon::current_num_threads(),
             copy,
@@ -234,10 +253,10 @@ impl Args {
     }
 }
 
-/// Summary and rows of one device, and the lumen's voxels and bricks.
-type OnDevice = (Summary, Vec<Row>, (u64, usize));
+/// DeviceSummary and rows of one device, and the lumen's voxels and bricks.
+type OnDevice = (DeviceSummary, Vec<BenchRow>, (u64, usize));
 
-impl Summary {
+impl DeviceSummary {
     /// For people.
     fn line(&self) -> String {
         let Self { device, copy, plans, submissions, .. } = self;

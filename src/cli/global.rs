@@ -132,6 +132,7 @@ impl Global {
     pub fn answer(&self, value: &impl serde::Serialize) -> Result<(), CliError> {
         #[derive(serde::Serialize)]
         struct Answer<'a, T> {
+            /// Fields of the result.
             #[serde(flatten)]
             value: &'a T,
             /// Largest resident size so far, MB.

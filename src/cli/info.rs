@@ -16,8 +16,10 @@ pub struct Args {
     dicom: DicomArgs,
 }
 
+/// Header and range of a volume, as `--json` prints them.
 #[derive(serde::Serialize)]
-struct Answer {
+struct FileInfo {
+    /// Header of the input.
     #[serde(flatten)]
     info: crate::formats::InputInfo,
     /// Smallest and largest real value.
@@ -81,6 +83,6 @@ impl Args {
         for n in &info.notes {
             global.say(format_args!("note         {n}"))?;
         }
-        global.answer(&Answer { info, range })
+        global.answer(&FileInfo { info, range })
     }
 }

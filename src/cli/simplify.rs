@@ -63,15 +63,24 @@ enum MetricArg {
 /// What came of it, as `--json` says it.
 #[derive(Default, Serialize)]
 struct Reached {
+    /// Faces of the input.
     faces_in: usize,
+    /// Faces that are left.
     faces: usize,
+    /// Vertices that are left.
     vertices: usize,
+    /// Faces asked for.
     wanted: usize,
+    /// Edge collapses made.
     collapses: usize,
+    /// Reason for stopping.
     stopped: &'static str,
+    /// Largest quadric error of a collapse.
     quadric_error_mm: f64,
+    /// Parameterization on the base mesh, where asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     maps: Option<MapsReport>,
+    /// Distance between the two meshes, where asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     deviation: Option<Deviation>,
 }
@@ -79,7 +88,9 @@ struct Reached {
 /// The parameterisation, as `--json` says it.
 #[derive(Serialize)]
 struct MapsReport {
+    /// Size of the file.
     bytes: usize,
+    /// Collapses refused because no map was found.
     refused: u32,
 }
 

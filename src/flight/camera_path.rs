@@ -88,19 +88,27 @@ pub enum CameraPathError {
 /// The file. Fields it does not know are ignored: later versions of /1 may add some.
 #[derive(Serialize, Deserialize)]
 struct File {
+    /// Name and version of the layout.
     schema: String,
+    /// Coordinate system, `LPS`.
     space: String,
+    /// Unit of length, `mm`.
     unit: String,
+    /// Vertical field of view.
     fov_y_deg: f64,
+    /// Poses in order of time.
     poses: Vec<Entry>,
 }
 
 #[derive(Serialize, Deserialize)]
 struct Entry {
+    /// Time of the pose.
     seconds: f64,
+    /// Position of the eye.
     position: [f64; 3],
     /// x, y, z, w.
     quaternion: [f64; 4],
+    /// Distance of the near plane.
     near: f64,
 }
 

@@ -45,12 +45,13 @@ enum Kind {
 
 /// Level of detail.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
 pub struct LodReport {
+    /// Kind of levels, `clusters` or `vds`.
     pub mode: &'static str,
     /// Cost by which the base was simplified, where there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub metric: Option<&'static str>,
+    /// Largest error of a frame, pixels.
     pub pixel_error: f32,
     /// Faces of the coarsest surface.
     pub base_faces: u64,
@@ -60,7 +61,9 @@ pub struct LodReport {
     pub patches: u64,
     /// Found on disk instead of built.
     pub cached: bool,
+    /// Size of all levels.
     pub bytes: u64,
+    /// Pages of the persistent buffers.
     pub pages: u32,
 }
 

@@ -18,72 +18,98 @@ use crate::volume::{Grid, Volume};
 
 /// The report of a run.
 #[derive(Clone, Debug, Default, Serialize)]
-#[allow(missing_docs)]
 pub struct Report {
+    /// Name and version of this layout, `intima.report/1`.
     pub schema: &'static str,
+    /// Version of intima.
     pub version: &'static str,
+    /// Statement that this is no medical device.
     pub notice: &'static str,
+    /// Name of the device that plans ran on; `cpu` without a GPU.
     pub device: String,
+    /// Volume that was read.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub input: Option<InputReport>,
     /// The label map the lumen was chosen from.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mask: Option<InputReport>,
+    /// Stages that ran, each with its time.
     pub stages: Vec<StageTime>,
     /// Wall time since the clock of the stages began; less than their sum where some ran side by
     /// side.
     pub total_ms: f64,
+    /// Lumen that was segmented.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lumen: Option<LumenReport>,
+    /// Organ that was found, with `--organ`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub organ: Option<OrganReport>,
+    /// Method by which the wall was drawn, and figures of its field.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wall: Option<WallReport>,
+    /// Surface of the lumen.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface: Option<SurfaceReport>,
+    /// Path or tree, and the visibility test.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub centerline: Option<CenterlineReport>,
+    /// Wall seen by the flight.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coverage: Option<CoverageReport>,
+    /// Default and paper mode side by side, with `--mode both`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub modes: Option<Modes>,
+    /// Levels of detail.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lod: Option<LodReport>,
+    /// Frames that were drawn.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<FramesReport>,
+    /// Sentences for the user, each about one doubtful thing.
     pub warnings: Vec<String>,
+    /// Peak of resident memory, MiB.
     pub peak_memory_mb: f64,
+    /// Further times of the run, by name.
     #[serde(flatten)]
     pub timing: BTreeMap<&'static str, f64>,
 }
 
 /// The volume that was read.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct InputReport {
     /// BLAKE3 of the stored samples; absent where only the header was read.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hash: Option<String>,
+    /// Voxels along x, y, z.
     pub dims: [u32; 3],
+    /// Distances between voxel centres along x, y, z.
     pub spacing_mm: [f64; 3],
+    /// Stored type of a sample, such as `int16`.
     pub sample_type: String,
 }
 
 /// The lumen.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct LumenReport {
+    /// Voxels with all six neighbours in the lumen.
     pub internal_voxels: u64,
+    /// Voxels with an external neighbour.
     pub boundary_voxels: u64,
+    /// Volume of the lumen.
     pub volume_ml: f64,
+    /// Bricks of 8³ voxels that hold the lumen and its rim.
     pub bricks: usize,
+    /// Voxels of closed cavities that were filled.
     pub filled_voxels: u64,
+    /// Closed cavities that were filled.
     pub filled_cavities: usize,
     /// Components left out though they lie in the body.
     pub other_components: usize,
+    /// Voxels of those components.
     pub other_voxels: u64,
     /// Components left out because they lie outside the body.
     pub outside_components: usize,
+    /// Volume of those components.
     pub outside_ml: f64,
     /// The component that was taken, where no seed chose it.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -91,6 +117,7 @@ pub struct LumenReport {
     /// The largest of those left out.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<ComponentReport>,
+    /// Whether the lumen reaches the edge of the volume.
     pub touches_edge: bool,
     /// Threshold leak control settled on, where it ran.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -99,8 +126,8 @@ pub struct LumenReport {
 
 /// An organ that was looked for and found.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct OrganReport {
+    /// Organ as `--organ` names it.
     pub name: &'static str,
     /// End of the range of values that was chosen.
     pub threshold: f64,
@@ -110,22 +137,22 @@ pub struct OrganReport {
     pub segments: Vec<SegmentReport>,
     /// Least margin by which a gate was passed, 0 to 1.
     pub confidence: f64,
-    /// What was measured and decided.
+    /// Measurements and decisions, a sentence each.
     pub reasons: Vec<String>,
 }
 
 /// How the wall was drawn. Values are in real units (HU of a CT); only a wall field has them.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct WallReport {
+    /// Method by which the wall was placed.
     pub method: WallMethod,
+    /// Figures of the wall field.
     #[serde(flatten)]
     pub field: Option<WallFieldReport>,
 }
 
 /// A wall field.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct WallFieldReport {
     /// Thresholds at 5, 25, 50, 75 and 95 % of the wall.
     pub threshold_percentiles: [f64; 5],
@@ -133,7 +160,9 @@ pub struct WallFieldReport {
     pub sheet_share: f64,
     /// Share of the wall that a limit of growth has closed: no wall was seen there.
     pub closed_by_limit_share: f64,
+    /// Median value of the lumen.
     pub lumen_value: f64,
+    /// Median value of the wall.
     pub wall_value: f64,
     /// Standard deviation of noise in the lumen.
     pub noise: f64,
@@ -143,19 +172,21 @@ pub struct WallFieldReport {
 
 /// A connected part of an organ.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct SegmentReport {
+    /// Volume of the part.
     pub volume_ml: f64,
+    /// Voxel deep inside, x fastest.
     pub seed_voxel: [u32; 3],
 }
 
 /// A component of what was selected.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct ComponentReport {
+    /// Voxels of the component.
     pub voxels: u64,
+    /// Volume of the component.
     pub volume_ml: f64,
-    /// Its first voxel, x fastest: a seed that takes it.
+    /// First voxel of the component, x fastest: a seed that takes it.
     pub first_voxel: [u32; 3],
     /// Centre of that voxel, LPS.
     pub first_mm: [f64; 3],
@@ -165,23 +196,29 @@ pub struct ComponentReport {
 
 /// The surface.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct SurfaceReport {
+    /// Vertices of the mesh.
     pub vertices: usize,
+    /// Triangles of the mesh.
     pub faces: usize,
+    /// Connected parts of the mesh.
     pub components: usize,
+    /// Euler characteristic: vertices − edges + faces.
     pub euler: i64,
     /// Tunnels through the lumen (handles of its surface): loops that a tree does not follow.
     pub tunnels: i64,
+    /// Whether every edge has two faces.
     pub watertight: bool,
+    /// Area of all faces.
     pub area_mm2: f64,
 }
 
 /// A centerline.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct CenterlineReport {
+    /// Points of all lines.
     pub points: usize,
+    /// Summed length of all lines.
     pub length_mm: f64,
     /// Lines: the path or trunk, and one to each further tip and for each loop.
     pub branches: usize,
@@ -190,93 +227,110 @@ pub struct CenterlineReport {
     pub tree: Option<TreeSummary>,
     /// Pieces of the lumen that are flown one after another.
     pub pieces: usize,
-    /// From the end of each to the next; nothing proves a way there.
+    /// Distance from the end of each piece to the next; nothing proves a way there.
     pub gaps_mm: Vec<f64>,
-    /// To the nearest external voxel centre.
+    /// Least distance of the lines to the centre of an external voxel.
     pub min_clearance_mm: f64,
     /// Places that viewers were chosen from: nodes of the graph, or ridge candidates.
     pub viewer_candidates: usize,
-    /// Of the paper's method, and with its reach of viewers.
+    /// Ridge points, of the paper's method and with its reach of viewers.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ridge_candidates: Option<usize>,
+    /// Viewpoints that the visibility test kept, added ones included.
     pub kept: usize,
+    /// Viewpoints added for boundary voxels that no candidate sees.
     pub added: usize,
-    /// Share of the boundary voxels that the viewpoints of the visibility test see. What the
-    /// frames saw is in `coverage`.
+    /// Share of the boundary voxels that the viewpoints of the visibility test see; `coverage` has the
+    /// share that frames saw.
     pub viewers_seen_fraction: f64,
+    /// Boundary voxels that no viewpoint sees.
     pub viewers_unseen: usize,
+    /// Inside voxels that no allowed route joins to the root.
     pub unreachable_voxels: usize,
     /// Loops of the lumen: the ended ones, then the kept ones.
     pub loops: Vec<LoopReport>,
+    /// Proof that the curve stays in the lumen.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub proof: Option<Proof>,
 }
 
 /// A loop of the lumen.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct LoopReport {
     /// `kept`, or the rule that ended it: `local`, `window` (where folds touch), `small`.
     pub outcome: &'static str,
-    /// Its narrowest place, LPS mm.
+    /// Narrowest place of the loop (its throat), LPS mm.
     pub throat_at_mm: [f64; 3],
     /// Distance to the wall there, mm.
     pub throat_mm: f64,
-    /// The same at the next narrowest place; nothing if there is none.
+    /// Distance to the wall at the next narrowest place, mm; absent if there is none.
     pub next_throat_mm: Option<f64>,
     /// Length of the narrow passage about the throat, mm.
     pub passage_mm: f64,
+    /// Length of the loop.
     pub length_mm: f64,
-    /// Cut at one of two places about as narrow: the other may be the one to cut.
+    /// Whether it was cut at one of two places about as narrow: the other may be the one to cut.
     pub doubtful: bool,
 }
 
 /// Both modes side by side.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct Modes {
+    /// Centerline of the default mode.
     pub default: CenterlineReport,
+    /// Centerline of the paper mode.
     pub paper: CenterlineReport,
 }
 
 /// Frames that were drawn.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct FramesReport {
+    /// Frames.
     pub count: usize,
+    /// Pixels of a row.
     pub width: u32,
+    /// Rows of pixels.
     pub height: u32,
+    /// Median time of a frame.
     pub p50_ms: f64,
+    /// Time that 99 % of the frames stay below.
     pub p99_ms: f64,
+    /// Triangles drawn a frame, median.
     pub triangles_p50: u64,
+    /// Triangles drawn a frame, 99th percentile.
     pub triangles_p99: u64,
-    /// Written to patches on the device.
+    /// Bytes written to patches a frame, median.
     pub uploaded_bytes_p50: u64,
+    /// Bytes written to patches a frame, 99th percentile.
     pub uploaded_bytes_p99: u64,
-    /// Octree leaves that changed their state.
+    /// Octree leaves that changed their state a frame, median.
     pub leaves_changed_p50: u64,
+    /// Octree leaves that changed their state a frame, 99th percentile.
     pub leaves_changed_p99: u64,
     /// Frames coarser than asked for, for want of room.
     pub degraded: usize,
+    /// Time from the first frame to the last.
     pub total_ms: f64,
     /// Smallest distance between the near plane's ball and the wall over all frames.
     pub min_near_clearance_mm: f64,
+    /// Duration of the flight.
     pub flight_seconds: f64,
     /// Frames that begin another piece of the lumen, or another branch: the eye jumps there.
     pub cuts: Vec<usize>,
+    /// Name of the device that drew.
     pub device: String,
 }
 
-/// What the frames of the flight saw of the wall.
+/// Wall seen by the frames of the flight.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct CoverageReport {
     /// Share seen by the flight as it was flown.
     pub one_way_fraction: f64,
     /// Share seen by it or by the same flight in the other direction.
     pub both_ways_fraction: f64,
-    /// What the shares are of.
+    /// Quantity of which the shares are.
     pub by: &'static str,
+    /// Area of the wall.
     pub area_mm2: f64,
     /// Connected patches that neither direction saw, largest first.
     pub patches: Vec<PatchReport>,
@@ -284,14 +338,16 @@ pub struct CoverageReport {
     pub listed_from_mm2: f64,
     /// Patches smaller than that, and their area together.
     pub smaller_patches: usize,
+    /// Area of those patches.
     pub smaller_patches_mm2: f64,
 }
 
 /// A patch that was missed.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct PatchReport {
+    /// Area of the patch.
     pub area_mm2: f64,
+    /// Centre of the patch, LPS.
     pub center_mm: [f64; 3],
     /// Arc length of the path nearest to its centre, mm.
     pub arc_mm: f64,

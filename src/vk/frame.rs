@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use ash::vk;
 
 use super::resources::BufferId;
-use super::{Area, DrawRange, Gpu, ImageId, Pass};
+use super::{Area, DrawRange, Gpu, ImageId, Pass, StageAccess};
 
 /// Bytes to be written to a vertex or index buffer before anything is drawn.
 #[derive(Clone, Debug)]
@@ -69,8 +69,6 @@ impl Frame<'_> {
         writes.chain(pixels).chain(pieces).sum()
     }
 }
-
-type StageAccess = (vk::PipelineStageFlags2, vk::AccessFlags2);
 
 /// Everything draws read from buffers that are written.
 const DRAWN: StageAccess = (

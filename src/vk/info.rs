@@ -88,6 +88,7 @@ pub struct DeviceInfo {
     pub max_samples: u32,
     /// What intima needs and this device lacks; empty when it can be used.
     pub missing: Vec<&'static str>,
+    /// Figures that the runner needs.
     #[serde(skip)]
     pub(super) limits: Limits,
 }

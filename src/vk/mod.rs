@@ -32,6 +32,9 @@ mod spirv;
 mod staging;
 mod timeline;
 
+/// Pipeline stages and kinds of access of one side of a barrier.
+type StageAccess = (ash::vk::PipelineStageFlags2, ash::vk::AccessFlags2);
+
 pub use draw::{Area, Draw, DrawRange, IndexedRange, Pass};
 pub use draw_pipeline::{
     Attribute, Blend, DepthUse, DrawEntry, DrawPipelineId, DrawShader, DrawSpec,

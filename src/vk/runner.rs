@@ -8,7 +8,7 @@ use ash::vk;
 use super::memory::{Buffer, MemoryUse};
 use super::pieces::{AIM, LaunchSegment, Pieces, most_threads};
 use super::pipeline::Compute;
-use super::{Gpu, VkError};
+use super::{Gpu, StageAccess, VkError};
 use crate::compute::{Contents, Outputs, Plan, Step, StepTime};
 use crate::{fault, task};
 
@@ -445,8 +445,6 @@ impl Gpu {
         }
     }
 }
-
-type StageAccess = (vk::PipelineStageFlags2, vk::AccessFlags2);
 
 const COMPUTE_WRITE: StageAccess =
     (vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_STORAGE_WRITE);

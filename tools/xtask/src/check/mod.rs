@@ -14,6 +14,7 @@ mod pictures;
 mod size;
 mod source;
 mod tree;
+mod words;
 
 use crate::TaskError;
 use crate::process::{cargo, on_path, root, run, succeeds};
@@ -37,6 +38,9 @@ const RULES: &[Rule] = &[
     ("documents and comments name files that exist", links::cited),
     ("every dependency has a reason", manifest::reasons),
     ("committed pictures and tables stay small", size::budgets),
+    ("limits begin with MAX_ or MIN_", words::limits),
+    ("counts end in _count", words::counts),
+    ("fields of JSON are documented", words::json_fields),
     ("pictures of patients name source and licence", pictures::licensed),
 ];
 
