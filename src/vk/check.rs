@@ -41,7 +41,8 @@ impl Gpu {
         self.images[image].spec
     }
 
-    /// The targets of a pass agree with each other, and its area lies in all of them.
+    /// Checks that the targets of a pass agree with each other, and that its area lies in all of
+    /// them.
     fn check_pass(&self, pass: &Pass) {
         let colour = self.spec(pass.colour);
         assert!(colour.format != Format::Depth32, "a colour target holds colours");
@@ -67,8 +68,8 @@ impl Gpu {
         assert!(!pass.encoded || stored, "an encoded target is stored as sRGB, one sample a pixel");
     }
 
-    /// The pipeline of a draw was made for the targets of its pass, and the images it reads are
-    /// none of them.
+    /// Checks that the pipeline of a draw was made for the targets of its pass, and that none of
+    /// the images it reads is one of them.
     fn check_targets(&self, pass: &Pass, draw: &Draw) {
         let p = &self.draw_pipelines[draw.pipeline];
         let target = self.spec(pass.colour);
@@ -95,7 +96,7 @@ impl Gpu {
         }
     }
 
-    /// A draw fits its pipeline, and all it reads is in its buffers.
+    /// Checks that a draw fits its pipeline, and that all it reads is in its buffers.
     fn check_draw(&self, draw: &Draw) {
         let p = &self.draw_pipelines[draw.pipeline];
         assert_eq!(draw.push.len(), p.push_bytes as usize, "immediate block");
@@ -137,7 +138,7 @@ impl Gpu {
         }
     }
 
-    /// The picture can be copied and has room where it goes.
+    /// Checks that the picture can be copied and fits the buffer it is copied to.
     fn check_picture(&self, from: ImageId, to: BufferId) {
         let picture = self.spec(from);
         let readable = picture.format != Format::Depth32 && picture.samples == 1;

@@ -54,8 +54,8 @@ pub(super) fn open(
     Ok((device, queue))
 }
 
-/// What a device wants to have named before it is used: drivers that translate Vulkan to another
-/// interface (MoltenVK) demand it of `VK_KHR_portability_subset`.
+/// Returns the device extensions that must be enabled where they are present: drivers that
+/// translate Vulkan to another interface (MoltenVK) demand it of `VK_KHR_portability_subset`.
 fn extensions(
     instance: &Instance,
     physical: vk::PhysicalDevice,

@@ -33,14 +33,14 @@ pub struct IndexedRange {
     pub first_index: u32,
     /// Number of indices.
     pub indices: u32,
-    /// Added to every index.
+    /// Number added to every index.
     pub first_vertex: u32,
 }
 
-/// What of its buffers a draw reads.
+/// Indices or vertices that a draw reads.
 #[derive(Clone, Debug)]
 pub enum DrawRange {
-    /// A range of indices, or of vertices where there are no indices.
+    /// Range of indices, or of vertices where there are no indices.
     Direct(Range<u32>),
     /// Ranges in this order, by one indirect command where the device can.
     Indirect(Vec<IndexedRange>),
@@ -49,15 +49,15 @@ pub enum DrawRange {
 /// Triangles from one pair of buffers.
 #[derive(Clone, Debug)]
 pub struct Draw {
-    /// How.
+    /// Pipeline the triangles are drawn with.
     pub pipeline: DrawPipelineId,
-    /// The immediate block; as long as the pipeline's.
+    /// Bytes of the immediate block; as many as the pipeline's has.
     pub push: Vec<u8>,
-    /// Vertices, unless the pipeline takes none.
+    /// Vertex buffer, unless the pipeline takes none.
     pub vertices: Option<BufferId>,
-    /// Indices; without them vertices are taken in order.
+    /// Index buffer; without it vertices are taken in order.
     pub indices: Option<BufferId>,
-    /// Which of them.
+    /// Range of indices, or of vertices, that is drawn.
     pub range: DrawRange,
     /// Images the fragments read, as many as the pipeline has. One kept as sRGB is read as linear
     /// light, or, by a pipeline that draws stored numbers, as its bytes are.
@@ -71,18 +71,18 @@ pub struct Draw {
 pub struct Pass {
     /// Colour target.
     pub colour: ImageId,
-    /// Where a multisampled colour target is averaged to at the end.
+    /// Image that a multisampled colour target is averaged into at the end.
     pub resolve: Option<ImageId>,
     /// Depth target; always cleared to infinity.
     pub depth: Option<ImageId>,
-    /// Shaders write sRGB themselves ([`super::Format::Rgba8Stored`]): the colour target, one sample
-    /// a pixel and not resolved, takes their numbers as they are.
+    /// Whether shaders write sRGB themselves ([`super::Format::Rgba8Stored`]): the colour target,
+    /// one sample a pixel and not resolved, takes their numbers as they are.
     pub encoded: bool,
     /// Colour the area is cleared to, linear or as `encoded` says; `None` keeps it.
     pub clear: Option<[f32; 4]>,
     /// The part of the targets that is drawn to.
     pub area: Area,
-    /// In order.
+    /// Draws, in order.
     pub draws: Vec<Draw>,
 }
 
@@ -101,7 +101,7 @@ impl Gpu {
         self.submit_draws_with(frame, FrameOptions::default())
     }
 
-    /// [`Gpu::submit_draws`] with knobs.
+    /// Submits a frame as [`Gpu::submit_draws`] does, with options for tests.
     ///
     /// # Errors
     /// As [`Gpu::submit_draws`].

@@ -10,30 +10,30 @@ use super::retire::ResourceId;
 use super::spirv::Module;
 use super::{Gpu, VkError};
 
-/// How a draw uses depth. Depth is reversed: 1 at the near plane, 0 at infinity.
+/// Use of the depth target by a draw. Depth is reversed: 1 at the near plane, 0 at infinity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DepthUse {
-    /// Neither tested nor written.
+    /// Depth is neither tested nor written.
     Ignore,
-    /// Nearer wins and is written.
+    /// A nearer fragment passes and writes its depth.
     Nearest,
-    /// Only what lies exactly on the written depth passes.
+    /// A fragment passes only at exactly the depth written before.
     Equal,
 }
 
-/// How a fragment meets what is there already; colours are linear.
+/// Blending of a fragment with the colour in the target; colours are linear.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Blend {
-    /// Replaces it.
+    /// The fragment's colour replaces the target's.
     Opaque,
-    /// Writes no colour.
+    /// No colour is written.
     DepthOnly,
-    /// A layer of glass: colour `rgb + (1 - a) dst`, and the target's alpha, which is what still
-    /// shines through, is multiplied by `1 - a`.
+    /// One layer of glass: colour `rgb + (1 - a) dst`; the target's alpha, its remaining
+    /// transmittance, is multiplied by `1 - a`.
     Layer,
-    /// A stack of such layers over a picture: `rgb + a dst`.
+    /// Stack of glass layers over a picture: `rgb + a dst`.
     Stack,
-    /// Premultiplied colour over what is there: `rgb + (1 - a) dst`; alpha alike.
+    /// Premultiplied colour over the target's: `rgb + (1 - a) dst`; alpha alike.
     Over,
 }
 
@@ -97,7 +97,7 @@ impl DrawShader {
     }
 }
 
-/// What a graphics pipeline is to be; it draws triangles.
+/// Description of a graphics pipeline, which draws triangles.
 #[derive(Clone, Debug)]
 pub struct DrawSpec {
     /// Module with both entry points.
@@ -110,17 +110,17 @@ pub struct DrawSpec {
     pub colour: Format,
     /// Format of the depth target, if the pass has one.
     pub depth: Option<Format>,
-    /// How depth is used.
+    /// Use of the depth target.
     pub depth_use: DepthUse,
     /// Samples a pixel.
     pub samples: u32,
-    /// How colours meet.
+    /// Blending with the colour target.
     pub blend: Blend,
-    /// Leaves out triangles that turn their back.
+    /// Whether back faces are left out.
     pub cull_backs: bool,
 }
 
-/// A graphics pipeline with its layouts, and what a pass and a draw have to agree with.
+/// A graphics pipeline with its layouts, and the properties that passes and draws have to match.
 pub(super) struct DrawPipeline {
     pub(super) pipeline: vk::Pipeline,
     pub(super) layout: vk::PipelineLayout,
@@ -139,7 +139,7 @@ slotmap::new_key_type! {
     pub struct DrawPipelineId;
 }
 
-/// Both stages see the immediate block.
+/// Shader stages that see the immediate block: both.
 pub(super) const STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
     vk::ShaderStageFlags::VERTEX.as_raw() | vk::ShaderStageFlags::FRAGMENT.as_raw(),
 );

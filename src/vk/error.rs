@@ -1,4 +1,4 @@
-//! What can go wrong between us and a Vulkan driver.
+//! Errors of Vulkan calls and of the devices behind them.
 
 use ash::vk;
 
@@ -11,7 +11,7 @@ pub enum VkError {
     /// The machine has no Vulkan loader.
     #[error("no Vulkan library on this machine ({0})")]
     NoLibrary(String),
-    /// There is a loader, but no driver answers it.
+    /// The loader finds no driver.
     #[error("the Vulkan library found no driver")]
     NoDriver,
     /// Drivers answered, but none of their devices is the one asked for.
@@ -61,11 +61,11 @@ pub enum VkError {
     /// Device memory ran out.
     #[error("out of device memory: {bytes} bytes for `{what}` ({detail})")]
     OutOfMemory {
-        /// What the memory was for.
+        /// Name of the resource the memory was for.
         what: String,
         /// Bytes asked for.
         bytes: u64,
-        /// The allocator's words.
+        /// Message of the allocator.
         detail: String,
     },
     /// The token of this thread was cancelled between two submissions of a plan.
@@ -74,7 +74,7 @@ pub enum VkError {
     /// The device stopped answering; the `Gpu` is of no further use.
     #[error("the device was lost during {during}")]
     DeviceLost {
-        /// The call that said so.
+        /// Name of the call that reported it.
         during: &'static str,
     },
     /// Any other failure of a Vulkan call.
@@ -82,7 +82,7 @@ pub enum VkError {
     Call {
         /// Name of the call.
         call: &'static str,
-        /// Its answer.
+        /// Result code of the call.
         result: vk::Result,
     },
 }

@@ -1,4 +1,4 @@
-//! What one submission does: bytes that change, passes, the picture to be read back.
+//! One submission to the device: writes, passes, and the picture to be read back.
 
 use std::borrow::Cow;
 
@@ -14,7 +14,7 @@ pub struct Write<'a> {
     pub to: BufferId,
     /// First byte that changes.
     pub offset: u64,
-    /// What it becomes.
+    /// New content, from that byte on.
     pub bytes: Cow<'a, [u8]>,
 }
 
@@ -22,22 +22,22 @@ pub struct Write<'a> {
 /// nor drawn hold anything.
 #[derive(Clone, Debug)]
 pub struct ImageWrite<'a> {
-    /// The image: colours, one sample a pixel.
+    /// Image that is written: colours, one sample a pixel.
     pub to: ImageId,
-    /// Where.
+    /// Part of the image that is written.
     pub area: Area,
-    /// Rows from the top, without gaps.
+    /// Pixels of the area, rows from the top, without gaps.
     pub bytes: Cow<'a, [u8]>,
 }
 
 /// One submission. Writes come first, then passes in order, then the copy of the picture.
 #[derive(Clone, Debug, Default)]
 pub struct Frame<'a> {
-    /// No two of them overlap.
+    /// Writes to buffers; no two of them overlap.
     pub writes: Vec<Write<'a>>,
-    /// In order.
+    /// Writes to images, in order.
     pub image_writes: Vec<ImageWrite<'a>>,
-    /// In order.
+    /// Passes, in order.
     pub passes: Vec<Pass>,
     /// A colour image of one sample a pixel and the read-back buffer it is copied to, rows from
     /// the top, as many bytes a pixel as its format has.
@@ -70,7 +70,7 @@ impl Frame<'_> {
     }
 }
 
-/// Everything draws read from buffers that are written.
+/// Stage and accesses by which draws read buffers that frames write.
 const DRAWN: StageAccess = (
     vk::PipelineStageFlags2::VERTEX_INPUT,
     vk::AccessFlags2::from_raw(
@@ -80,8 +80,8 @@ const DRAWN: StageAccess = (
 const COPIED: StageAccess = (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::TRANSFER_WRITE);
 
 impl Gpu {
-    /// Checks that each write lies in its buffer and no two overlap, and notes what index buffers
-    /// hold from now on, and the largest index they may hold.
+    /// Checks that each write lies in its buffer and no two overlap, and notes the initialized
+    /// ranges of index buffers and the largest index they may hold.
     pub(super) fn check_writes(&mut self, writes: &[Write<'_>]) {
         let mut spans = Vec::with_capacity(writes.len());
         for w in writes {
@@ -115,7 +115,8 @@ impl Gpu {
         }
     }
 
-    /// After a submission that failed, or was never made: its writes may not have been done.
+    /// Takes back the effect of [`Gpu::check_writes`] on initialized ranges, where a submission
+    /// failed or was never made: its writes may not have been done.
     pub(super) fn forget_writes(&mut self, writes: &[Write<'_>]) {
         for w in writes {
             if let Some(initialized) = &mut self.buffers[w.to].initialized {

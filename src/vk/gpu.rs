@@ -1,4 +1,4 @@
-//! The owner of everything Vulkan.
+//! The device and every Vulkan resource, under one owner.
 
 use std::ops::Deref;
 use std::path::PathBuf;
@@ -24,25 +24,26 @@ use super::timeline::Timeline;
 use super::{BufferId, DrawPipelineId, ImageId, VkError, device};
 use crate::formats::atomic_file;
 
-/// How to open a device, beyond which one.
+/// Options for opening a device.
 #[derive(Clone, Debug)]
 pub struct OpenOptions {
-    /// What the validation layer watches.
+    /// Checks of the validation layer.
     pub validate: Validate,
-    /// Where compiled pipelines are kept between runs; `None` keeps none.
+    /// Folder that compiled pipelines are kept in between runs; `None` keeps none.
     pub cache_dir: Option<PathBuf>,
-    /// Copies through staging memory even where host and device share theirs, so that software
-    /// drivers can test the path of graphics cards.
+    /// Whether to copy through staging memory even where host and device share theirs, so that
+    /// software drivers can test the path of graphics cards.
     #[doc(hidden)]
     pub always_stage: bool,
-    /// Takes at most so many draws from one indirect command, as devices with lower limits do; 1 is
-    /// a device without multiDrawIndirect.
+    /// Largest number of draws from one indirect command, to test devices with lower limits; 1 is a
+    /// device without multiDrawIndirect.
     #[doc(hidden)]
     pub draws_at_once: u32,
 }
 
 impl Default for OpenOptions {
-    /// Validation as `INTIMA_VALIDATE` says, pipelines in the user's cache directory.
+    /// Returns options with validation as `INTIMA_VALIDATE` says and pipelines in the user's cache
+    /// folder.
     fn default() -> Self {
         Self {
             validate: Validate::from_env(),
@@ -67,11 +68,11 @@ pub struct Gpu {
     pub(super) staging: Staging,
     pub(super) retired: RetireQueue<Retired>,
     pub(super) releaser: Releaser,
-    /// What was made since [`Gpu::all_or_none`] began.
+    /// Resources made since [`Gpu::all_or_none`] began.
     pub(super) made: Option<Vec<ResourceId>>,
-    /// Images whose layout was changed by what is being recorded, and the layout before.
+    /// Images whose layout the recording in progress has changed, each with its layout before.
     pub(super) transitions: Vec<(ImageId, vk::ImageLayout)>,
-    /// How fast kernels are here.
+    /// Measured speed of each kernel on this device.
     pub(super) rates: Rates,
     /// The longest submission of a plan so far.
     pub(super) longest_piece: Duration,
@@ -168,7 +169,7 @@ impl Gpu {
         })
     }
 
-    /// What the device says about itself.
+    /// Returns the properties the device reports.
     pub fn info(&self) -> &DeviceInfo {
         &self.info
     }
@@ -179,7 +180,8 @@ impl Gpu {
         self.first_dispatch.get_or_insert_with(|| started.elapsed());
     }
 
-    /// From the call that makes the instance to the first launches handed to the device.
+    /// Returns the time from before the instance was made to the first launches handed to the
+    /// device.
     pub fn first_dispatch(&self) -> Option<Duration> {
         self.first_dispatch
     }
@@ -194,8 +196,8 @@ impl Gpu {
         self.longest_piece
     }
 
-    /// What the validation layer has said so far, severity warning and above. Always empty
-    /// without validation.
+    /// Returns the messages of the validation layer so far, severity warning and above. Always
+    /// empty without validation.
     pub fn validation_messages(&self) -> Vec<String> {
         self.instance.messages()
     }
@@ -221,9 +223,9 @@ impl Gpu {
         }
     }
 
-    /// In place of the timeline when shaders are instrumented: there the layer's own book-keeping
-    /// of timelines hangs (it says so itself, after ten seconds). An idle queue has reached every
-    /// value.
+    /// Waits until the queue is idle. Takes the place of the timeline when shaders are
+    /// instrumented: there the layer's own book-keeping of timelines hangs (it says so itself,
+    /// after ten seconds). An idle queue has reached every value.
     fn wait_idle(&self) -> Result<(), VkError> {
         // SAFETY: `Gpu` owns the queue and is not shared between threads while this runs: every
         // caller holds it by `&mut`.

@@ -1,4 +1,4 @@
-//! What devices there are, what each can do, and which one to take.
+//! Vulkan devices of this machine, their properties, and the choice of one.
 
 use std::ffi::CStr;
 
@@ -8,14 +8,14 @@ use serde::Serialize;
 use super::VkError;
 use super::instance::{Instance, Validate, dotted};
 
-/// Which device to open.
+/// Choice of the device to open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Choice {
-    /// The first real GPU: discrete before integrated before virtual.
+    /// First real GPU: discrete before integrated before virtual.
     Real,
-    /// The first real GPU, else software.
+    /// First real GPU, else software.
     Any,
-    /// By its index in [`list`].
+    /// Device with that index in [`list`].
     Index(usize),
 }
 
@@ -29,39 +29,39 @@ impl std::fmt::Display for Choice {
     }
 }
 
-/// What a device is made of.
+/// Kind of hardware behind a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DeviceKind {
-    /// A card of its own.
+    /// Discrete graphics card.
     Discrete,
-    /// Shares the processor's memory.
+    /// GPU that shares the processor's memory.
     Integrated,
-    /// A slice of a GPU in a virtual machine.
+    /// Slice of a GPU in a virtual machine.
     Virtual,
-    /// None of the others.
+    /// Any other kind.
     Other,
-    /// A software driver such as lavapipe.
+    /// Software driver such as lavapipe.
     Software,
 }
 
 /// One heap of device memory.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct MemoryHeap {
-    /// Size.
+    /// Size, bytes.
     pub bytes: u64,
     /// Whether the device reaches it at full speed.
     pub device_local: bool,
 }
 
-/// What a device says about itself.
+/// Properties of a device, as the driver reports them.
 #[derive(Clone, Debug, Serialize)]
 pub struct DeviceInfo {
     /// Position in the list; `gpu:N` on the command line.
     pub index: usize,
-    /// The driver's name for it.
+    /// Name the driver gives it.
     pub name: String,
-    /// Real or software.
+    /// Kind of hardware, or software.
     pub kind: DeviceKind,
     /// Highest Vulkan version.
     pub api_version: String,
@@ -71,13 +71,13 @@ pub struct DeviceInfo {
     pub memory: Vec<MemoryHeap>,
     /// Whether host and device share all memory, so that no copy has to be staged.
     pub unified_memory: bool,
-    /// Largest storage buffer one binding may show.
+    /// Largest storage buffer of one binding, bytes.
     pub max_storage_buffer_range: u64,
-    /// Largest buffer.
+    /// Largest buffer, bytes.
     pub max_buffer_bytes: u64,
     /// Bytes of memory shared by a workgroup.
     pub max_shared_bytes: u32,
-    /// Invocations that run in step.
+    /// Number of invocations that run in step.
     pub subgroup_size: u32,
     /// Nanoseconds a timestamp tick; 0 without timestamps.
     pub timestamp_period_ns: f32,
@@ -86,14 +86,14 @@ pub struct DeviceInfo {
     pub max_image_side: u32,
     /// Most samples a pixel for colour and depth together.
     pub max_samples: u32,
-    /// What intima needs and this device lacks; empty when it can be used.
+    /// Requirements of intima that this device lacks; empty when it can be used.
     pub missing: Vec<&'static str>,
     /// Figures that the runner needs.
     #[serde(skip)]
     pub(super) limits: Limits,
 }
 
-/// Figures the runner needs and nobody else.
+/// Properties that only this room needs.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Limits {
     pub queue_family: u32,
@@ -138,7 +138,9 @@ pub(super) fn devices(
     Ok(all.into_iter().enumerate().map(|(i, p)| (p, describe(instance, p, i))).collect())
 }
 
-/// * `presents`: whether a queue family of a device can show pictures where they are wanted.
+/// Chooses a device.
+///
+/// * `presents`: whether a queue family of a device can present to the window, if one is wanted.
 pub(super) fn choose(
     instance: &Instance,
     choice: Choice,

@@ -1,4 +1,4 @@
-//! Which bytes of a buffer are initialized: memory that was never written may hold any index.
+//! Initialized bytes of a buffer: memory that was never written may hold any index.
 
 use std::ops::Range;
 
@@ -27,7 +27,7 @@ impl InitializedRanges {
         }
     }
 
-    /// Parts that a range touches count as uninitialized again.
+    /// Counts the parts that a range touches as uninitialized again.
     pub fn forget(&mut self, range: Range<u64>) {
         for (part, _) in self.parts(range) {
             self.bytes.get_mut(part).into_iter().for_each(|bytes| *bytes = 0);
@@ -40,7 +40,8 @@ impl InitializedRanges {
             .all(|(part, within)| self.bytes.get(part).is_some_and(|b| within.end <= *b))
     }
 
-    /// The parts of a range, each with what of it lies within.
+    /// Returns the parts that a range touches, each with the bytes of it within the part, counted
+    /// from the part's start.
     fn parts(&self, range: Range<u64>) -> impl Iterator<Item = (usize, Range<u64>)> + use<> {
         let size = self.part;
         let parts = match range.is_empty() {

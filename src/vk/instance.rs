@@ -1,4 +1,4 @@
-//! The loader, the instance and what the validation layer says about us.
+//! The loader, the instance and the messages of the validation layer.
 
 use std::ffi::{CStr, c_char, c_void};
 use std::sync::{Mutex, PoisonError};
@@ -12,7 +12,7 @@ use crate::fault;
 
 const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// How closely the validation layer watches.
+/// Checks of the validation layer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Validate {
     /// No layer.
@@ -25,7 +25,7 @@ pub enum Validate {
 }
 
 impl Validate {
-    /// From `INTIMA_VALIDATE`: `1` is [`Validate::Sync`], `gpu` is [`Validate::GpuAssisted`].
+    /// Reads `INTIMA_VALIDATE`: `1` is [`Validate::Sync`], `gpu` is [`Validate::GpuAssisted`].
     pub fn from_env() -> Self {
         match std::env::var("INTIMA_VALIDATE").as_deref() {
             Ok("gpu") => Self::GpuAssisted,
@@ -35,16 +35,17 @@ impl Validate {
     }
 }
 
-/// What the layer said in this process, of whatever device.
+/// Messages of the layer in this process, from every device.
 static ALL_MESSAGES: Mutex<Vec<String>> = Mutex::new(Vec::new());
 
-/// What the validation layer has said in this process, severity warning and above, of every device
-/// opened so far: also what it says when a device is destroyed, of resources that are left.
+/// Returns the messages of the validation layer in this process, severity warning and above, from
+/// every device opened so far. They include those about resources that are left when a device is
+/// destroyed.
 pub fn all_validation_messages() -> Vec<String> {
     ALL_MESSAGES.lock().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
-/// What the layer said, severity warning and above.
+/// Messages of the layer about one instance, severity warning and above.
 #[derive(Default)]
 struct Messages(Mutex<Vec<String>>);
 
@@ -60,7 +61,9 @@ pub(super) struct Instance {
 }
 
 impl Instance {
-    /// * `display`: what the windows are on that will be drawn to, if any.
+    /// Creates an instance.
+    ///
+    /// * `display`: display of the windows that will be drawn to, if any.
     pub fn new(validate: Validate, display: Option<RawDisplayHandle>) -> Result<Self, VkError> {
         note_instance();
         if fault::hit(fault::Point::Instance) {
@@ -175,7 +178,7 @@ impl Drop for Instance {
     }
 }
 
-/// `1.3.230` from a packed version.
+/// Formats a packed version as `1.3.230`.
 pub(super) fn dotted(v: u32) -> String {
     let (major, minor) = (vk::api_version_major(v), vk::api_version_minor(v));
     format!("{major}.{minor}.{}", vk::api_version_patch(v))

@@ -10,13 +10,13 @@ use super::VkError;
 use super::instance::Instance;
 use crate::fault;
 
-/// From this size on a resource gets memory of its own instead of a place in a block.
+/// Least size, bytes, of a resource with an allocation of its own instead of a place in a block.
 const DEDICATED: u64 = 32 << 20; // blocks are 64-256 MiB; larger pieces would strand their rest
 
-/// Who writes and who reads a buffer, which decides the memory it lives in.
+/// Writer and reader of a buffer, which decide the memory it lives in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum MemoryUse {
-    /// On the device; mapped too where host and device share memory.
+    /// Memory on the device; mapped too where host and device share memory.
     Device,
     /// Written by the host, read by the device.
     Upload,
@@ -32,13 +32,13 @@ pub(super) struct Buffer {
 }
 
 impl Buffer {
-    /// Its bytes as the host sees them, if it is mapped.
+    /// Returns the bytes of a mapped buffer as the host sees them.
     ///
     /// The caller has waited for the device's writes; coherent memory needs nothing else.
     pub fn mapped(&self) -> Option<&[u8]> {
         self.memory.mapped_slice()
     }
-    /// Its bytes for writing, if it is mapped. No submission in flight uses the buffer.
+    /// Returns the bytes of a mapped buffer for writing. No submission in flight uses the buffer.
     pub fn mapped_mut(&mut self) -> Option<&mut [u8]> {
         self.memory.mapped_slice_mut()
     }
@@ -48,23 +48,24 @@ impl Buffer {
 pub(super) struct Image {
     pub raw: vk::Image,
     pub view: vk::ImageView,
-    /// Of an image stored as sRGB, one sample a pixel: its bytes as they are. Null for others.
+    /// Second view, of an image stored as sRGB with one sample a pixel, that reads its bytes
+    /// without decoding. Null for others.
     pub stored: vk::ImageView,
     pub aspect: vk::ImageAspectFlags,
     pub extent: [u32; 2],
-    /// `None` of an image that a swapchain owns.
+    /// Allocation of the image; `None` where a swapchain owns it.
     memory: Option<Allocation>,
 }
 
 impl Image {
-    /// An image of a swapchain, with a view that is ours.
+    /// Wraps an image of a swapchain, with a view that is ours.
     pub fn of_swapchain(raw: vk::Image, view: vk::ImageView, extent: [u32; 2]) -> Self {
         let (stored, aspect) = (vk::ImageView::null(), vk::ImageAspectFlags::COLOR);
         Self { raw, view, stored, aspect, extent, memory: None }
     }
 }
 
-/// What an image is to be.
+/// Description of an image to be created.
 #[derive(Clone, Copy)]
 pub(super) struct ImageDesc {
     pub format: vk::Format,
@@ -75,7 +76,7 @@ pub(super) struct ImageDesc {
     pub aspect: vk::ImageAspectFlags,
 }
 
-/// The allocator. Must be dropped before the device.
+/// Allocator of device memory. Must be dropped before the device.
 pub(super) struct Memory {
     device: ash::Device,
     allocator: Allocator,

@@ -8,14 +8,14 @@ use super::draw_pipeline::STAGES;
 use super::frame::COMMAND_BYTES;
 use super::resources::{BufferId, ImageId};
 
-/// The layouts of `separateDepthStencilLayouts` are not for every device; this one is, and holds for
-/// depth without stencil too.
+/// Layout of depth targets. `separateDepthStencilLayouts` is optional; this layout is not, and
+/// holds for depth without stencil too.
 const DEPTH_LAYOUT: vk::ImageLayout = vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL;
 const EVERYTHING: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::ALL_COMMANDS;
 
 impl Gpu {
-    /// One barrier that waits for everything before and brings images into their layouts. What
-    /// they were is noted: a submission that fails changes no layout.
+    /// Records one barrier that waits for everything before and brings images into their layouts.
+    /// Their layouts before are noted: a submission that fails changes no layout.
     pub(super) fn transition_images(
         &mut self,
         cmd: vk::CommandBuffer,

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use crate::compute::Plan;
 
-/// What a piece should take: workgroups differ, and none should take more than 100 ms.
+/// Target duration of a piece: workgroups differ, and none should take more than 100 ms.
 pub(super) const AIM: Duration = Duration::from_millis(50);
 /// Seconds of a workgroup that was never measured: more than any takes on a driver in software.
 const UNKNOWN_S: f64 = 1e-4;
@@ -20,7 +20,7 @@ const ROW: u64 = 1024;
 /// A part of a launch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct LaunchSegment {
-    /// Which launch.
+    /// Index of the launch in the plan.
     pub step: usize,
     /// First workgroup along x and y.
     pub base: [u32; 2],
@@ -33,7 +33,7 @@ impl LaunchSegment {
         f64::from(self.groups[0]) * f64::from(self.groups[1])
     }
 
-    /// Whether it holds its launch's first workgroup.
+    /// Whether the segment holds its launch's first workgroup.
     pub fn is_first(&self) -> bool {
         self.base == [0, 0]
     }
@@ -48,15 +48,15 @@ impl Rates {
         self.0.get(kernel).copied().unwrap_or(UNKNOWN_S)
     }
 
-    /// Takes over what a part of a launch took. Launches of one kernel differ by their parameters:
-    /// a short one lowers its rate by half at most.
+    /// Updates a kernel's rate from the seconds a segment took. Launches of one kernel differ by
+    /// their parameters: a short one lowers its rate by half at most.
     pub fn measured(&mut self, kernel: &'static str, segment: &LaunchSegment, seconds: f64) {
         let rate = (seconds / segment.count()).max(1e-12);
         let known = self.0.entry(kernel).or_insert(rate);
         *known = rate.max(0.5 * *known);
     }
 
-    /// The seconds of a piece shared among its parts by what they were thought to take.
+    /// Shares the seconds of a piece among its segments, in proportion to their expected durations.
     pub fn shares(&self, plan: &Plan<'_>, piece: &[LaunchSegment], seconds: f64) -> Vec<f64> {
         let cost = |s: &LaunchSegment| s.count() * self.of(plan.steps()[s.step].kernel.name());
         let all: f64 = piece.iter().map(cost).sum();
@@ -64,16 +64,19 @@ impl Rates {
     }
 }
 
-/// What of a plan has not been submitted.
+/// Launches of a plan that have not been submitted.
 pub(super) struct Pieces {
     /// Workgroups of each launch.
     grids: Vec<[u32; 2]>,
     step: usize,
-    /// Workgroups of a launch in one dimension, rows of one in two, that are done.
+    /// Number of workgroups of the current launch that are done; of a launch in two dimensions, of
+    /// rows of them.
     done: u32,
 }
 
 impl Pieces {
+    /// Starts at the beginning of a plan.
+    ///
     /// * `limit`: most workgroups in a dimension.
     pub fn new(plan: &Plan<'_>, limit: u32) -> Self {
         let grid = |s: &crate::compute::Step| match s.threads {
@@ -83,12 +86,12 @@ impl Pieces {
         Self { grids: plan.steps().iter().map(grid).collect(), step: 0, done: 0 }
     }
 
-    /// Whether all has been handed out.
+    /// Whether all launches have been handed out.
     pub fn is_done(&self) -> bool {
         self.grids[self.step..].iter().all(|g| g[0] == 0)
     }
 
-    /// The next piece that should take at most `aim`, if that is enough for a workgroup, or for a
+    /// Returns the next piece: as much as should take at most `aim`, and at least a workgroup, or a
     /// row of them where a launch has two dimensions.
     pub fn next(&mut self, plan: &Plan<'_>, rates: &Rates, aim: Duration) -> Vec<LaunchSegment> {
         let mut left = aim.as_secs_f64();

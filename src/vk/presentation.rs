@@ -36,7 +36,7 @@ pub(super) fn display_of(window: &Arc<dyn WindowHandles>) -> Result<RawDisplayHa
     display.map(|d| d.as_raw()).map_err(|_| VkError::NoSurface("the display is gone"))
 }
 
-/// What a window shows pictures through. Dropped before the instance, after its swapchains.
+/// Presentation surface of a window. Dropped before the instance, after its swapchains.
 pub(super) struct PresentationSurface {
     functions: khr::surface::Instance,
     raw: vk::SurfaceKHR,
@@ -86,7 +86,7 @@ impl Drop for PresentationSurface {
 struct Swapchain {
     raw: vk::SwapchainKHR,
     images: Vec<ImageId>,
-    /// One an image.
+    /// Semaphores that mark the end of drawing, one an image.
     finished: Vec<vk::Semaphore>,
     extent: [u32; 2],
     acquired: usize,
@@ -96,14 +96,15 @@ struct Swapchain {
 pub(super) struct Presenter {
     chains: khr::swapchain::Device,
     chain: Option<Swapchain>,
-    /// Replaced, and perhaps still on the screen.
+    /// Replaced swapchains, perhaps still on the screen.
     old: Vec<Swapchain>,
-    /// One a frame in flight, and the submission that waited for it last.
+    /// Semaphores of the frames in flight, each with the timeline value of the submission that
+    /// waited for it last.
     acquired: Vec<(vk::Semaphore, u64)>,
     slot: usize,
     /// Index and handle of the image that was acquired and not presented yet.
     current: Option<(u32, ImageId)>,
-    /// The swapchain does not fit the surface any more.
+    /// Whether the swapchain does not fit the surface any more.
     is_stale: bool,
     surface_lost: bool,
     physical: vk::PhysicalDevice,
@@ -168,7 +169,7 @@ impl Gpu {
         shown
     }
 
-    /// Format of the window's images; before the first was taken, of none.
+    /// Returns the format of the window's images; before the first was acquired, `None`.
     pub fn window_format(&self) -> Option<Format> {
         let chain = self.presenter.as_ref()?.chain.as_ref()?;
         Some(self.images[chain.images[0]].spec.format)
@@ -252,7 +253,7 @@ impl Gpu {
         Ok(())
     }
 
-    /// Makes a swapchain as large as the surface is now; false where that has no pixels.
+    /// Makes a swapchain as large as the surface is now; returns false where that has no pixels.
     fn remake_chain(&mut self, p: &mut Presenter, size: [u32; 2]) -> Result<bool, VkError> {
         let s = &p.surface;
         // SAFETY: device and surface are of this instance and live.
@@ -327,7 +328,7 @@ impl Gpu {
         Ok(true)
     }
 
-    /// Views and semaphores of a swapchain's images, and the frames' semaphores.
+    /// Creates views and semaphores of a swapchain's images, and the frames' semaphores.
     fn fill_chain(
         &mut self,
         p: &mut Presenter,
@@ -369,7 +370,7 @@ impl Gpu {
             .map_err(VkError::of("vkCreateSemaphore"))
     }
 
-    /// Eight bits a colour, as shaders write them.
+    /// Returns a format of eight bits a colour, stored as shaders write them, and its colour space.
     fn surface_format(&self, p: &Presenter) -> Result<(Format, vk::ColorSpaceKHR), VkError> {
         let s = &p.surface;
         // SAFETY: device and surface are of this instance and live.
@@ -386,7 +387,7 @@ impl Gpu {
             .ok_or(VkError::NoSurface("the window takes no colours of eight bits"))
     }
 
-    /// A new surface for the same window, after the old one was lost.
+    /// Creates a new surface for the same window, after the old one was lost.
     fn renew_surface(&mut self, p: &mut Presenter) -> Result<(), VkError> {
         self.close_all(p);
         let window = Arc::clone(&p.surface.window);

@@ -1,5 +1,5 @@
-//! Buffers and images that outlive one submission, by handle: what the renderer draws from, draws
-//! to and reads back.
+//! Buffers and images that outlive one submission, by handle: sources, targets and read-back of the
+//! renderer.
 
 use ash::vk;
 
@@ -13,9 +13,10 @@ use super::{Gpu, VkError};
 pub enum Format {
     /// Four bytes, encoded as sRGB on writing; shaders and blending see linear light.
     Rgba8Srgb,
-    /// The same, but what the shader writes is stored as it is ([`super::Pass::encoded`]).
+    /// Four bytes, red first, stored as the shader writes them, which are encoded already
+    /// ([`super::Pass::encoded`]).
     Rgba8Stored,
-    /// As [`Format::Rgba8Stored`], in the order in which windows want their bytes.
+    /// Four bytes stored as by [`Format::Rgba8Stored`], blue first, as windows often want them.
     Bgra8Stored,
     /// Four half floats, linear.
     Rgba16Float,
@@ -48,7 +49,7 @@ impl Format {
     }
 }
 
-/// What an image is to be.
+/// Description of an image to be created.
 #[derive(Clone, Copy, Debug)]
 pub struct ImageSpec {
     /// Pixel format.
@@ -69,9 +70,10 @@ pub(super) struct GpuBuffer {
     pub(super) holds_vertices: bool,
     /// Whether the host reads it.
     pub(super) reads_back: bool,
-    /// Largest vertex an index buffer names, or has ever named.
+    /// Largest vertex that the indices of an index buffer name, or have ever named.
     pub(super) max_index: u32,
-    /// Of an index buffer that frames write: what they have written so far.
+    /// Ranges of an index buffer that frames have written so far; `None` of buffers that frames do
+    /// not write as indices.
     pub(super) initialized: Option<InitializedRanges>,
 }
 
@@ -246,8 +248,9 @@ impl Gpu {
         id
     }
 
-    /// A buffer that frames write. It is left alone until then: there is room for every cluster of
-    /// a wall, of which a flight writes a part, and memory is not even there before it is touched.
+    /// Creates a buffer that frames write. It is not cleared: it has room for every cluster of a
+    /// wall, of which a flight writes a part, and the system provides memory only where it is
+    /// touched.
     fn unwritten(
         &mut self,
         name: &'static str,

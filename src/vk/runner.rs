@@ -18,17 +18,17 @@ use crate::{fault, task};
 pub struct RunOptions {
     /// Leaves out the barriers between launches, so that validation has a hazard to find.
     pub skip_barriers: bool,
-    /// What a submission should take at most; [`Duration::MAX`] makes one of the whole plan.
+    /// Target duration of a submission; [`Duration::MAX`] makes one of the whole plan.
     pub piece: Option<Duration>,
 }
 
-/// Everything a run has on the device.
+/// Device resources of one run.
 #[derive(Default)]
 struct RunResources {
-    /// By plan buffer; `None` where no launch binds it or it has no bytes.
+    /// Buffers in the order of the plan's; `None` where no launch binds it or it has no bytes.
     buffers: Vec<Option<Buffer>>,
-    /// Bound in place of buffers without bytes. A shader sees four words there and no size, so
-    /// kernels take their sizes from the immediate block.
+    /// Buffer that is bound in place of those without bytes. A shader sees four words there and no
+    /// size, so kernels take their sizes from the immediate block.
     dummy: Option<Buffer>,
     staging: Vec<(usize, Buffer)>,
     readback: Vec<(usize, Buffer)>,
@@ -47,7 +47,7 @@ impl Gpu {
         self.run_with(plan, RunOptions::default())
     }
 
-    /// [`Gpu::run`] with knobs.
+    /// Runs a plan as [`Gpu::run`] does, with options for tests.
     ///
     /// # Errors
     /// As [`Gpu::run`].
@@ -175,7 +175,7 @@ impl Gpu {
         Ok(out)
     }
 
-    /// A launch or a part of one.
+    /// Records a launch or a part of one.
     fn record_segment(
         &self,
         cmd: vk::CommandBuffer,
@@ -257,7 +257,7 @@ impl Gpu {
         Ok(())
     }
 
-    /// One descriptor set a launch, from a pool of this run.
+    /// Allocates and writes one descriptor set a launch, from a pool of this run.
     fn write_sets(
         &mut self,
         plan: &Plan<'_>,
@@ -347,7 +347,7 @@ impl Gpu {
         }
     }
 
-    /// Makes the first `count` queries ready for a submission.
+    /// Resets the first `count` queries for a submission.
     fn reset_stamps(&self, cmd: vk::CommandBuffer, held: &RunResources, count: u32) {
         if held.queries != vk::QueryPool::null() {
             // SAFETY: `cmd` is recording; the pool is ours, holds one query more than there are
@@ -393,8 +393,8 @@ impl Gpu {
         }
     }
 
-    /// Adds what the parts of a piece took to their launches' times, from timestamps or, for rates
-    /// alone, from the time of the whole.
+    /// Adds the durations of a piece's segments to those of their launches: from timestamps, or,
+    /// for rates alone, from the duration of the piece.
     fn measure(
         &mut self,
         plan: &Plan<'_>,
@@ -458,7 +458,7 @@ const COMPUTE_ACCESS: StageAccess = (
 const TRANSFER_WRITE: StageAccess =
     (vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_WRITE);
 
-/// Which buffers have been touched since the last barrier.
+/// Buffers that were read or written since the last barrier.
 struct Hazards {
     read: Vec<bool>,
     written: Vec<bool>,
@@ -469,7 +469,7 @@ impl Hazards {
         Self { read: vec![false; buffers], written: vec![false; buffers] }
     }
 
-    /// Whether `step` needs a barrier before it; then notes what it touches.
+    /// Whether `step` needs a barrier before it; then notes its accesses.
     fn before(&mut self, step: &Step) -> bool {
         let touched = || step.buffers.iter().zip(step.kernel.shader.bindings);
         let clash = touched().any(|(id, b)| {

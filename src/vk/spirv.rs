@@ -12,9 +12,9 @@ pub(super) fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.chunks_exact(4).map(|c| u32::from_ne_bytes([c[0], c[1], c[2], c[3]])).collect()
 }
 
-/// The same module in a form the validation layer can follow: it loses track of buffers behind
-/// nested access chains, and with them of missing barriers and accesses outside a buffer. Gives
-/// the module back unchanged where `spirv-opt` is not installed.
+/// Rewrites a module for the validation layer, which loses track of buffers behind nested access
+/// chains, and with them of missing barriers and accesses outside a buffer. Returns the module
+/// unchanged where `spirv-opt` is not installed.
 pub(super) fn flattened(words: Vec<u32>) -> Vec<u32> {
     optimised(&words).unwrap_or(words)
 }

@@ -11,24 +11,24 @@ use super::memory::{Buffer, MemoryUse};
 use super::retire::Retired;
 use super::{Gpu, VkError};
 
-/// The ring is never larger: three frames in flight and the one being made, 8 MiB each.
+/// Largest size of the ring, bytes: three frames in flight and the one being made, 8 MiB each.
 pub const STAGING_BYTES: u64 = 32 << 20;
-/// What it starts with.
+/// Initial size of the ring, bytes.
 const MIN_BYTES: u64 = 1 << 20;
 
-/// Which bytes of a ring are taken. Places are counted from the beginning of time, so that full
-/// and empty differ.
+/// Allocation state of a ring. `head` and `tail` are counted over all rounds, so that full and
+/// empty differ.
 #[derive(Debug, Default)]
 struct Ring {
     bytes: u64,
     head: u64,
     tail: u64,
-    /// Submissions and where the ring's head stood after each; values never decrease.
+    /// Timeline values of submissions, each with the ring's head after it; values never decrease.
     marks: VecDeque<(u64, u64)>,
 }
 
 impl Ring {
-    /// `n` bytes in one piece, from the place that is returned.
+    /// Reserves `n` contiguous bytes and returns their place.
     fn take(&mut self, n: u64) -> Option<u64> {
         if self.head == self.tail {
             (self.head, self.tail) = (0, 0);
@@ -43,14 +43,14 @@ impl Ring {
         Some((place + skip) % self.bytes)
     }
 
-    /// What was taken since the last mark is in use until `value` is reached.
+    /// Marks the bytes taken since the last mark as in use until `value` is reached.
     fn mark(&mut self, value: u64) {
         if self.marks.back().map_or(self.tail, |m| m.1) < self.head {
             self.marks.push_back((value, self.head));
         }
     }
 
-    /// Gives back what was taken since the last mark.
+    /// Gives back the bytes taken since the last mark.
     fn cancel(&mut self) {
         self.head = self.marks.back().map_or(self.tail, |m| m.1);
     }
@@ -73,7 +73,7 @@ pub(super) struct Staging {
 }
 
 impl Staging {
-    /// Ends a submission: what it took stays taken until `value`, or not at all if it failed.
+    /// Ends a submission: the bytes it took stay taken until `value`, or not at all if it failed.
     pub fn close(&mut self, sent: Option<u64>) {
         match sent {
             Some(value) => self.ring.mark(value),
