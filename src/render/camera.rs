@@ -4,8 +4,8 @@ use glam::{Mat4, Quat, Vec2, Vec3, Vec4};
 
 use crate::geometry::{Lens, Pose};
 
-/// Clip space from LPS mm: infinite far plane, depth 1 at the near plane falling to 0, y down as
-/// Vulkan has it.
+/// Returns the transform from LPS mm to clip space: infinite far plane, depth 1 at the near plane
+/// falling to 0, y down as Vulkan has it.
 pub fn clip_from_world(pose: &Pose, lens: &Lens) -> Mat4 {
     let f = focal(lens);
     let clip_from_camera = Mat4::from_cols(
@@ -18,19 +18,21 @@ pub fn clip_from_world(pose: &Pose, lens: &Lens) -> Mat4 {
     clip_from_camera * Mat4::from_rotation_translation(turn, turn * -pose.position_mm)
 }
 
-/// Clip x and y of what lies one unit right of the axis and one above it, one unit before the eye.
+/// Returns the focal scales: clip x and y of a point one unit right of the axis and one above it,
+/// one unit before the eye.
 pub(super) fn focal(lens: &Lens) -> Vec2 {
     let f = 1.0 / (0.5 * lens.fov_y_rad).tan();
     Vec2::new(f / lens.aspect, -f)
 }
 
-/// Room left around the organ, as a share of the frame.
+/// Margin around the organ, as a share of the frame.
 const MARGIN: f32 = 0.08;
-/// Narrow, so that near and far parts keep their proportions.
+/// Vertical field of view of the overview, radians: narrow, so that near and far parts keep their
+/// proportions.
 const FOV_Y: f32 = 0.35;
 
-/// A pose and lens that show the box `low` to `high` from in front of the patient: head up, the
-/// patient's left on the right.
+/// Returns a pose and lens that show the box `low` to `high` from in front of the patient: head up,
+/// the patient's left on the right.
 pub fn framing(low: Vec3, high: Vec3, aspect: f32) -> (Pose, Lens) {
     let centre = 0.5 * (low + high);
     let half = (0.5 * (high - low)).max(Vec3::splat(1e-3));
@@ -43,10 +45,10 @@ pub fn framing(low: Vec3, high: Vec3, aspect: f32) -> (Pose, Lens) {
     (pose, Lens { fov_y_rad: FOV_Y, aspect, near_mm: near })
 }
 
-/// As [`framing`], from elsewhere on the sphere about the box.
+/// Returns a pose and lens that show the box as [`framing`] does, from another direction.
 ///
-/// * `orbit`: how far the organ is turned about its vertical axis and then about the picture's
-///   horizontal one, radians; zero is from in front.
+/// * `orbit`: rotation of the organ about its vertical axis and then about the picture's horizontal
+///   one, radians; zero is from in front.
 pub fn framing_turned(low: Vec3, high: Vec3, aspect: f32, orbit: [f32; 2]) -> (Pose, Lens) {
     if orbit == [0.0; 2] {
         return framing(low, high, aspect);
@@ -64,7 +66,7 @@ pub fn framing_turned(low: Vec3, high: Vec3, aspect: f32, orbit: [f32; 2]) -> (P
     (pose, Lens { fov_y_rad: FOV_Y, aspect, near_mm: (distance - z) * 0.1 })
 }
 
-/// Camera -z along +y (posterior), camera +y along +z (superior).
+/// Returns the rotation of a camera that looks along +y (posterior) with +z (superior) up.
 fn facing_posterior() -> Quat {
     Quat::from_rotation_x(std::f32::consts::FRAC_PI_2)
 }

@@ -1,4 +1,4 @@
-//! What can go wrong while drawing.
+//! Errors of drawing.
 
 use crate::vk::VkError;
 
@@ -6,7 +6,7 @@ use crate::vk::VkError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {
-    /// From Vulkan.
+    /// A Vulkan call failed.
     #[error(transparent)]
     Vulkan(#[from] VkError),
     /// A face names a vertex that is not there.
@@ -14,37 +14,37 @@ pub enum RenderError {
     BadFace {
         /// Index of the face.
         face: usize,
-        /// The vertex it names.
+        /// Vertex index that the face names.
         vertex: u32,
-        /// Vertices of the mesh.
+        /// Number of vertices of the mesh.
         vertices: usize,
     },
     /// A wall of that many pages cannot be made.
     #[error("a wall of {pages} pages (1 to {max} can be made)", max = super::MAX_PAGES)]
     BadPages {
-        /// Pages asked for.
+        /// Number of pages asked for.
         pages: u32,
     },
-    /// What is to be written does not fit a page, or names a vertex that is not there.
+    /// An upload does not fit a page, or names a vertex that it lacks.
     #[error("page {page} of {pages} cannot hold {triangles} triangles of {vertices} vertices")]
     BadUpload {
-        /// The page named.
+        /// Index of the page.
         page: u32,
-        /// Pages there are.
+        /// Number of pages of the wall.
         pages: usize,
-        /// Vertices sent.
+        /// Number of vertices sent.
         vertices: usize,
-        /// Triangles sent.
+        /// Number of triangles sent.
         triangles: usize,
     },
-    /// A page is to be drawn that does not hold so much.
+    /// More triangles of a page are to be drawn than it holds.
     #[error("page {page} is to draw {triangles} triangles and holds {there}")]
     EmptyPage {
-        /// The page named.
+        /// Index of the page.
         page: u32,
-        /// Triangles to be drawn.
+        /// Number of triangles to be drawn.
         triangles: u32,
-        /// Triangles in it.
+        /// Number of triangles in the page.
         there: u32,
     },
     /// Level of detail failed.

@@ -12,7 +12,7 @@ pub(super) struct Tubes {
 }
 
 const SIDES: u32 = 8;
-/// The lines of a camera have no part ahead.
+/// Length behind and in total for the lines of a camera, none of which lies ahead.
 const ALL: (f32, f32) = (0.0, f32::INFINITY);
 
 fn length(points: &[Vec3]) -> f32 {
@@ -67,7 +67,9 @@ impl Tubes {
         tubes
     }
 
-    /// * `behind`, `total`: length before the first point, and of all.
+    /// Adds a tube along points.
+    ///
+    /// * `behind`, `total`: length before the first point, and of all lines.
     fn add(&mut self, points: &[Vec3], (behind, total): (f32, f32)) {
         let mut points = points.to_vec();
         points.dedup_by(|a, b| a.distance_squared(*b) < 1e-12);

@@ -1,13 +1,13 @@
-//! How the wall is lit. What it is made of stands in the shader.
+//! Light on the wall. Its material is in the shader.
 
 /// Light and background.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
     /// Distance at which light is halved, mm; by default a multiple of the room about the eye.
     pub falloff_mm: Option<f32>,
-    /// Behind everything; linear.
+    /// Colour of the background, linear.
     pub background: [f32; 3],
-    /// Of the overview's wall: 0 none, 1 as glass, 2 solid.
+    /// Opacity of the overview's wall: 0 none, 1 as glass, 2 solid.
     pub opacity: f32,
 }
 
@@ -17,13 +17,13 @@ impl Default for Look {
     }
 }
 
-/// Light is halved at this many times the room about the eye, unless [`Look::falloff_mm`] says
-/// otherwise.
+/// Distance at which light is halved, in rooms about the eye, unless [`Look::falloff_mm`] gives
+/// one.
 pub(super) const FALLOFF_ROOMS: f32 = 5.0;
-/// How far above the eye the light sits, as a share of the room.
+/// Height of the light above the eye, as a share of the room.
 pub(super) const LIGHT_ROOMS: f32 = 0.35;
 
-/// A linear colour as sRGB stores it (IEC 61966-2-1).
+/// Encodes a linear colour as sRGB (IEC 61966-2-1).
 pub(super) fn srgb(linear: [f32; 3]) -> [f32; 3] {
     let one = |c: f32| {
         if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }

@@ -6,8 +6,8 @@ use super::RenderError;
 use crate::geometry::{Mesh, Vertex};
 use crate::surface::{Shading, shading};
 
-/// A mesh in the form that is drawn: vertices, indices, and what the light needs to know. Making it
-/// takes most of the time of putting a mesh on the device, and no device.
+/// A mesh in the form that is drawn: vertices, indices, and the sizes the light depends on. Making
+/// it takes most of the time of putting a mesh on the device, and needs no device.
 #[derive(Debug)]
 pub struct PreparedMesh {
     pub(super) vertices: Vec<Vertex>,
@@ -42,7 +42,7 @@ fn check_faces(mesh: &Mesh) -> Result<(), RenderError> {
     Ok(())
 }
 
-/// The same with vertices that were shaded before.
+/// Brings a mesh whose vertices were shaded before into the form that is drawn.
 fn prepare_shaded(mesh: &Mesh, shading: Shading, skip_caps: bool) -> PreparedMesh {
     let shown = |i: usize| !(skip_caps && mesh.caps.get(i).copied().unwrap_or(false));
     PreparedMesh {

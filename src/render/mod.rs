@@ -28,7 +28,8 @@ pub use scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
 pub use sequence::FrameSequence;
 pub use unfold::cube_areas;
 
-/// SPIR-V, entry points and immediate blocks of `shaders/draw`, written by the build script.
+/// Description of the shaders in `shaders/draw`: SPIR-V, entry points and immediate blocks, written
+/// by the build script.
 #[allow(missing_docs, dead_code, clippy::all)]
 mod host {
     include!(concat!(env!("OUT_DIR"), "/draw.rs"));

@@ -17,24 +17,24 @@ use crate::vk::{
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct FlatVertex {
-    /// Pixels from the top left of the target.
+    /// Position, pixels from the top left of the target.
     pub at_px: [f32; 2],
-    /// Place in the picture, 0 to 1.
+    /// Texture coordinates in the picture, 0 to 1.
     pub uv: [f32; 2],
-    /// Premultiplied, encoded as sRGB.
+    /// Colour, premultiplied, encoded as sRGB.
     pub colour: [u8; 4],
 }
 
 /// Triangles with one picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlatMesh {
-    /// One sample a pixel.
+    /// Picture on the triangles, one sample a pixel.
     pub picture: ImageId,
-    /// Whether colours are taken between texels; else from the nearest.
+    /// Whether colours are interpolated between texels; else the nearest texel is taken.
     pub filtered: bool,
     /// The part of the target that is drawn to.
     pub clip: Area,
-    /// Three a triangle.
+    /// Corners of the triangles, three each.
     pub vertices: Vec<FlatVertex>,
 }
 
@@ -43,16 +43,19 @@ pub struct Overlay {
     filtered: DrawPipelineId,
     nearest: DrawPipelineId,
     vertices: Option<BufferId>,
-    /// Bytes of it.
+    /// Size of the vertex buffer, bytes.
     room: u64,
     releaser: Releaser,
 }
 
-/// Least room for vertices, bytes.
+/// Least size of the vertex buffer, bytes.
 const MIN_ROOM: u64 = 1 << 18;
 
 impl Overlay {
-    /// * `format`: of the targets, encoded: [`Format::Rgba8Stored`] or [`Format::Bgra8Stored`].
+    /// Creates the pipelines.
+    ///
+    /// * `format`: format of the targets, which hold encoded colours: [`Format::Rgba8Stored`] or
+    ///   [`Format::Bgra8Stored`].
     ///
     /// # Errors
     /// [`VkError::OutOfMemory`], or the failing call.
@@ -79,8 +82,8 @@ impl Overlay {
         })
     }
 
-    /// The pass that clears a target and draws meshes over it in order, and the write of their
-    /// vertices, which belongs to the same frame.
+    /// Returns the pass that clears a target and draws meshes over it in order, and the write of
+    /// their vertices, which belongs to the same frame.
     ///
     /// # Errors
     /// [`VkError::OutOfMemory`], or the failing call.
@@ -128,7 +131,7 @@ impl Overlay {
         Ok((pass, write))
     }
 
-    /// A buffer for so many bytes; `None` for none.
+    /// Returns a buffer for so many bytes, made larger if need be; `None` for none.
     fn room_for(&mut self, gpu: &mut Gpu, bytes: u64) -> Result<Option<BufferId>, VkError> {
         if bytes == 0 {
             return Ok(None);

@@ -1,9 +1,9 @@
 //! The overview: the organ as glass over path and camera.
 //!
-//! The glass depends on mesh and size alone, so it is drawn once into an image of its own (colour
-//! of all layers, and in alpha what still shines through) and laid over each frame's path and
-//! camera. Two kinds of layer make it up: every wall, faint, all of one colour, so that their
-//! order cannot show; and the nearest wall, found by a depth pass.
+//! The glass depends on mesh, size, rotation and opacity alone, so it is drawn once into an image
+//! of its own (colour of all layers, and in alpha their remaining transmittance) and laid over each
+//! frame's path and camera. It consists of two kinds of layer: every wall, faint, all of one
+//! colour, so that their order cannot show; and the nearest wall, found by a depth pass.
 
 use glam::Vec3;
 
@@ -14,7 +14,7 @@ use super::scene::{MeshHandle, Scene, Shot};
 use crate::geometry::{Lens, Pose};
 use crate::vk::{Area, Draw, DrawRange, Pass};
 
-/// What the glass image depends on.
+/// Inputs of the glass image, which is drawn anew when they change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct GlassKey {
     mesh: Option<MeshHandle>,

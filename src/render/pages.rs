@@ -1,5 +1,5 @@
-//! A wall in pages: persistent buffers, changes waiting for the next frame, and what of the cut a
-//! camera can see.
+//! A wall in pages: persistent buffers, changes waiting for the next frame, and the part of the cut
+//! that a camera can see.
 //!
 //! A page may be written while frames that drew its old content are still running on the device.
 //! What keeps that safe:
@@ -26,19 +26,19 @@ use crate::vk::{BufferId, Frame, Gpu, ImageId, IndexedRange, Pass, Releaser, Wri
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PagesHandle(pub(super) usize);
 
-/// Most pages of one wall: 624 MiB on the device, 5 MiB of commands a frame.
+/// Largest number of pages of one wall: 624 MiB on the device, 5 MiB of commands a frame.
 pub const MAX_PAGES: u32 = 1 << 18;
 
-/// Changes of a frame beyond this go in submissions of their own, each of at most this. With the
-/// commands of 100,000 pages it is a quarter of the staging ring, so that a frame with three
-/// before it in flight does not wait.
+/// Most bytes of changes in one submission; the further changes of a frame go in submissions of
+/// their own. With the commands of 100,000 pages it is a quarter of the staging ring, so that a
+/// frame with three before it in flight does not wait.
 const CHUNK_BYTES: u64 = 6 << 20;
 
 const VERTEX_BYTES: u64 = (PAGE_VERTICES * size_of::<Vertex>()) as u64;
 const INDICES: u32 = 3 * PAGE_TRIANGLES as u32;
 const INDEX_BYTES: u64 = 2 * INDICES as u64;
 
-/// What is to be written to a page.
+/// New content of a page.
 struct PageWrite {
     vertices: Vec<Vertex>,
     indices: Vec<u16>,
@@ -54,11 +54,11 @@ pub(super) struct Pages {
     pub vertices: BufferId,
     pub indices: BufferId,
     pub mean_radius_mm: f32,
-    /// What the wall hides is not drawn, unless backs are.
+    /// Occlusion of the wall by itself: hidden patches are not drawn, unless backs are.
     outside: Option<Arc<OcclusionTest>>,
-    /// Triangles in each page, once what is pending has been written.
+    /// Number of triangles in each page, once what is pending has been written.
     filled: Vec<u32>,
-    /// By page, so that copies ascend.
+    /// Pending changes by page, in ascending order so that copies ascend.
     pending: BTreeMap<u32, PageWrite>,
     drawn: Vec<VisiblePatch>,
     leaves_changed: u64,
@@ -91,7 +91,7 @@ impl Pages {
         })
     }
 
-    /// Takes a step in, or nothing of it.
+    /// Applies a step, or nothing of it.
     fn apply(&mut self, step: LodStep) -> Result<(), RenderError> {
         for u in &step.uploads {
             check(u, self.filled.len())?;
@@ -118,7 +118,7 @@ impl Pages {
         Ok(())
     }
 
-    /// Changes of the first pages, at least one and about `most` bytes at most.
+    /// Takes out the changes of the first pages, at least one and about `most` bytes at most.
     fn first_changes(&mut self, most: u64) -> Vec<(u32, PageWrite)> {
         let mut out = Vec::new();
         let mut bytes = 0;
@@ -136,7 +136,8 @@ impl Pages {
         self.pending.values().map(PageWrite::bytes).sum()
     }
 
-    /// Writes of changes: vertices first, then indices, so that each kind is one copy command.
+    /// Returns the writes of changes: vertices first, then indices, so that each kind is one copy
+    /// command.
     fn writes<'a>(&self, changes: &'a [(u32, PageWrite)]) -> Vec<Write<'a>> {
         let write = |to, offset, bytes| Write { to, offset, bytes: Cow::Borrowed(bytes) };
         let vertices = changes.iter().map(|(page, c)| {
@@ -150,8 +151,8 @@ impl Pages {
         vertices.chain(indices).collect()
     }
 
-    /// Index ranges of the patches that `camera` can see, in the cut's order, and their triangles.
-    /// With `backs` those that turn their back or are hidden are drawn too.
+    /// Returns the index ranges of the patches that `camera` can see, in the cut's order, and their
+    /// number of triangles. With `backs`, patches that face away or are hidden are drawn too.
     pub fn visible_ranges(&self, camera: &Camera, backs: bool) -> (Vec<IndexedRange>, u64) {
         let frustum = ViewFrustum::new(camera);
         let mut triangles = 0;
@@ -216,7 +217,8 @@ fn check(u: &Upload, pages: usize) -> Result<(), RenderError> {
 impl Renderer {
     /// Makes room for a wall of `pages` pages, empty until steps are applied to it.
     ///
-    /// * `mean_radius_mm`: of the organ, for the light (see [`crate::surface::shading`]).
+    /// * `mean_radius_mm`: mean radius of the organ, for the light (see
+    ///   [`crate::surface::shading`]).
     ///
     /// # Errors
     /// [`RenderError::BadPages`]; [`RenderError::Vulkan`] when the device runs out of memory.
@@ -231,7 +233,7 @@ impl Renderer {
         Ok(PagesHandle(self.pages.len() - 1))
     }
 
-    /// From now on, nothing of a wall is drawn that it hides itself. Cameras stand within it.
+    /// Leaves patches that the wall itself hides out of later frames. Cameras are within the wall.
     ///
     /// # Panics
     /// If the wall was closed.
@@ -246,8 +248,8 @@ impl Renderer {
         }
     }
 
-    /// Takes a step in: its uploads are written by the next frame that shows this wall, before it
-    /// draws, and its list is what that frame draws. Several steps before one frame are as one
+    /// Applies a step: its uploads are written by the next frame that shows this wall, before it
+    /// draws, and that frame draws its list of patches. Several steps before one frame are as one
     /// step: each page is written once, with its latest content. Draws nothing and does not wait.
     ///
     /// # Errors

@@ -1,9 +1,9 @@
-//! Pictures on their way from the device to whoever takes them.
+//! Pictures on their way from the device to the caller.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Pictures that nobody needs any more, to be filled anew: the system hands fresh memory out a page
-/// at a time, 675 of them for a picture of 1280 x 720.
+/// Memory of pictures that are not needed any more, to be filled anew: the system provides fresh
+/// memory a page at a time, 675 of them for a picture of 1280 x 720.
 #[derive(Clone, Debug, Default)]
 pub struct Spares(Arc<Mutex<Vec<Vec<u8>>>>);
 
@@ -13,7 +13,7 @@ impl Spares {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push(picture);
     }
 
-    /// One of so many bytes, with anything in it.
+    /// Returns a picture of so many bytes, with undefined content.
     pub(super) fn take(&self, bytes: usize) -> Vec<u8> {
         let spare = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
         // Fresh zeros come from the system as they are; growing would write them.

@@ -12,14 +12,14 @@ pub(super) const DEPTH: Format = Format::Depth32;
 
 pub(super) struct Pipelines {
     pub inside: DrawPipelineId,
-    /// The same for walls whose backs are hidden.
+    /// Inside view of walls whose back faces are left out.
     pub inside_fronts: DrawPipelineId,
-    /// Of a wall whose vertices have colours.
+    /// Inside view of a wall whose vertices have colours.
     pub inside_coloured: DrawPipelineId,
     pub lines: DrawPipelineId,
-    /// Faint layers, depth, and the nearest wall.
+    /// Overview's glass: faint layers, depth, and the nearest wall.
     pub glass: [DrawPipelineId; 3],
-    /// The same of a wall whose vertices have colours.
+    /// Overview's glass of a wall whose vertices have colours.
     pub glass_coloured: [DrawPipelineId; 3],
     pub stack: DrawPipelineId,
     pub panorama: DrawPipelineId,

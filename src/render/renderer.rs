@@ -1,4 +1,4 @@
-//! The renderer: what it holds on the device, and frames in flight.
+//! The renderer: its resources on the device, and frames in flight.
 
 use std::ops::Range;
 
@@ -23,7 +23,7 @@ use crate::vk::{
 #[must_use = "a frame occupies a slot until it is fetched"]
 pub struct Ticket {
     slot: usize,
-    /// What it took to draw it.
+    /// Statistics of drawing the frame.
     pub stats: FrameStats,
 }
 
@@ -33,7 +33,7 @@ pub(super) struct PlacedMesh {
     pub count: u32,
     pub bounds: Option<(Vec3, Vec3)>,
     pub mean_radius_mm: f32,
-    /// Of a mesh whose vertices have colours: its vertices without them, to be coloured anew.
+    /// Vertices without their colours, of a mesh that has colours, to be coloured anew.
     pub uncoloured: Option<Vec<Vertex>>,
 }
 
@@ -56,7 +56,7 @@ pub(super) struct Targets {
 }
 
 impl Targets {
-    /// All of them, or none.
+    /// Creates all images, or none.
     pub fn new(gpu: &mut Gpu, extent: [u32; 2], samples: u32) -> Result<Self, RenderError> {
         let [width, height] = extent;
         let possible = matches!(samples, 1 | 4) && samples <= gpu.info().max_samples;
@@ -81,7 +81,7 @@ impl Targets {
         })
     }
 
-    /// Colour target and what it is resolved to.
+    /// Returns the colour target and the image it is resolved to.
     pub fn drawn_and_resolved(&self) -> (ImageId, Option<ImageId>) {
         self.picture_many.map_or((self.picture, None), |many| (many, Some(self.picture)))
     }
@@ -93,7 +93,7 @@ impl Targets {
     }
 }
 
-/// Where a frame is read back; a frame in flight keeps its own size.
+/// Read-back buffer of a frame; a frame in flight keeps its own size.
 #[derive(Clone, Copy)]
 struct ReadbackSlot {
     buffer: BufferId,
@@ -107,28 +107,28 @@ impl ReadbackSlot {
     }
 }
 
-/// Frames that may be submitted and not fetched.
+/// Number of frames that may be submitted and not fetched.
 pub const IN_FLIGHT: usize = 3;
-/// Columns and rows are never more, whatever the device can.
+/// Largest number of columns and rows, whatever the device can.
 const MAX_SIDE: u32 = 16384;
 
 /// Draws frames of one size.
 ///
-/// It holds handles to what it keeps on a [`Gpu`] and borrows no `Gpu`: each call that needs the
-/// device is given the one the renderer was made on, and panics if it is another. Dropped, it
-/// frees what it holds at the device's next submission.
+/// It holds handles to its resources on a [`Gpu`] and borrows no `Gpu`: each call that needs the
+/// device is given the one the renderer was made on, and panics if it is another. When dropped, it
+/// frees its resources at the device's next submission.
 pub struct Renderer {
     pub(super) samples: u32,
     pub(super) pipelines: Pipelines,
     pub(super) targets: Targets,
-    /// Of the six faces that a panorama is made of.
+    /// Images that the six faces of a panorama are drawn to.
     pub(super) faces: Option<Targets>,
     pub(super) models: Vec<Option<PlacedMesh>>,
     pub(super) paths: Vec<Option<PlacedMesh>>,
     pub(super) pages: Vec<Option<Pages>>,
     pub(super) frustum: PlacedMesh,
     pub(super) ball: PlacedMesh,
-    /// What the glass image shows at the moment.
+    /// Inputs of the glass image as it is now.
     pub(super) glass_of: Option<super::overview::GlassKey>,
     slots: Vec<ReadbackSlot>,
     idle: Vec<usize>,
@@ -167,8 +167,8 @@ impl Renderer {
         })
     }
 
-    /// From now on frames have `width` by `height` pixels. Frames in flight keep their size and
-    /// may still be fetched.
+    /// Sets the size of later frames to `width` by `height` pixels. Frames in flight keep their
+    /// size and may still be fetched.
     ///
     /// # Errors
     /// As [`Renderer::new`]; then the size is what it was.
@@ -224,7 +224,7 @@ impl Renderer {
         Ok(MeshHandle(self.models.len() - 1))
     }
 
-    /// The same with a colour of its own for each vertex.
+    /// Puts a mesh on the device with a colour for each vertex.
     ///
     /// * `colours`: one a vertex, linear, eight bits each; the last is the share of the tissue's
     ///   colour that it replaces.
@@ -247,7 +247,7 @@ impl Renderer {
         Ok(MeshHandle(self.models.len() - 1))
     }
 
-    /// Gives the vertices of such a mesh other colours, from the next frame on.
+    /// Gives the vertices of a mesh with colours other ones, from the next frame on.
     ///
     /// # Errors
     /// [`RenderError::Vulkan`] when the device runs out of memory; the colours are as before then.
@@ -270,7 +270,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Mean radius of the organ a mesh encloses, mm: for its light.
+    /// Returns the mean radius of the organ a mesh encloses, mm: for its light.
     ///
     /// # Panics
     /// If the mesh was removed.
@@ -331,7 +331,8 @@ impl Renderer {
         self.begin_frame_from(gpu, scene, shot, 0)
     }
 
-    /// The same for a shot whose first eyes were drawn already ([`Renderer::draw_eye`]).
+    /// Submits a frame of a shot some of whose cameras were drawn already ([`Renderer::draw_eye`]),
+    /// those before index `eye`.
     pub(super) fn begin_frame_from(
         &mut self,
         gpu: &mut Gpu,
@@ -365,8 +366,8 @@ impl Renderer {
         self.submit_eyes(gpu, scene, shot, eye..usize::MAX, Some(picture))
     }
 
-    /// Draws one frame to [`Renderer::picture`] and does not read it back. Returns at once; what
-    /// is submitted later sees the picture.
+    /// Draws one frame to [`Renderer::picture`] and does not read it back. Returns at once; later
+    /// submissions see the picture.
     ///
     /// # Errors
     /// [`RenderError::Vulkan`].
@@ -379,8 +380,8 @@ impl Renderer {
         self.draw_eyes(gpu, scene, shot, 0..usize::MAX)
     }
 
-    /// Draws what one of a shot's cameras sees ([`Renderer::cameras`]), so that a wall in pages can
-    /// be refined for each. The picture is whole once all were drawn, in their order.
+    /// Draws the view of one of a shot's cameras ([`Renderer::cameras`]), so that a wall in pages
+    /// can be refined for each. The picture is complete once all were drawn, in their order.
     ///
     /// # Errors
     /// [`RenderError::Vulkan`].
@@ -409,7 +410,7 @@ impl Renderer {
         drawn
     }
 
-    /// The image frames are drawn to: sRGB, one sample a pixel. Another after a resize.
+    /// Returns the image frames are drawn to: sRGB, one sample a pixel. Another after a resize.
     pub fn picture(&self) -> ImageId {
         self.targets.picture
     }
@@ -459,7 +460,7 @@ impl Renderer {
         }
     }
 
-    /// What of a shot is seen from within, each with its part of an image.
+    /// Returns the inside views of a shot, each with its part of an image.
     fn eyes(&self, shot: &Shot) -> Vec<UnfoldedFace> {
         match self.areas(shot.view).0 {
             Some(area) => vec![UnfoldedFace { camera: camera_of(shot, area), area }],
@@ -467,7 +468,7 @@ impl Renderer {
         }
     }
 
-    /// The cameras of a shot's inside views, as the wall's level of detail has to know them: one,
+    /// Returns the cameras of a shot's inside views, as the wall's level of detail needs them: one,
     /// six of a shot that shows everything about the eye, none where there is no such view.
     pub fn cameras(&self, shot: &Shot) -> Vec<Camera> {
         self.eyes(shot).into_iter().map(|eye| eye.camera).collect()
@@ -488,7 +489,8 @@ impl Renderer {
         Ok(rgb)
     }
 
-    /// Where pictures may be given back once they are not needed any more, from any thread.
+    /// Returns the store that takes pictures back once they are not needed any more, from any
+    /// thread.
     pub fn spares(&self) -> Spares {
         self.spares.clone()
     }
@@ -586,7 +588,7 @@ fn camera_of(shot: &Shot, area: Area) -> Camera {
     Camera { pose: shot.pose, lens, height_px: area.height }
 }
 
-/// A draw of all of a model, or nothing if it is empty.
+/// Returns a draw of all of a model, or nothing if it is empty.
 pub(super) fn draw(
     pipeline: DrawPipelineId,
     model: &PlacedMesh,
@@ -604,11 +606,11 @@ pub(super) fn draw(
     })
 }
 
-/// Within these, mm, squares of distances in falloffs are numbers.
+/// Range of the falloff, mm, within which squares of distances stay finite.
 const FALLOFFS_MM: (f32, f32) = (1e-3, 1e6);
 
-/// What the surface shader has to know; `light` in LPS mm, halved at `falloff` mm. Pixels are
-/// square: the lens has the area's aspect.
+/// Returns the parameters of the surface shader; `light` in LPS mm, halved at `falloff` mm. Pixels
+/// are square: the lens has the area's aspect.
 pub(super) fn surface_push(
     pose: &Pose,
     lens: &Lens,

@@ -1,4 +1,4 @@
-//! What there is to see, and how a frame looks at it.
+//! The scene, and the shots that frames show of it.
 
 use super::Look;
 use super::pages::PagesHandle;
@@ -12,23 +12,23 @@ pub struct MeshHandle(pub(super) usize);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PathHandle(pub(super) usize);
 
-/// What it took to draw a frame's inside view.
+/// Statistics of drawing a frame's inside view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameStats {
-    /// Triangles of the wall that were submitted.
+    /// Number of wall triangles that were submitted.
     pub triangles: u64,
-    /// Draws they were submitted in: pages, or one for a mesh.
+    /// Number of draws they were submitted in: pages, or one for a mesh.
     pub draws: u32,
-    /// Bytes written to pages.
+    /// Number of bytes written to pages.
     pub uploaded_bytes: u64,
-    /// Octree leaves whose state changed since the frame before.
+    /// Number of octree leaves whose state changed since the frame before.
     pub leaves_changed: u64,
-    /// The cut did not fit its pages and is coarser than asked for.
+    /// Whether the cut did not fit its pages and is coarser than asked for.
     pub degraded: bool,
 }
 
 impl FrameStats {
-    /// Those of two parts of a frame.
+    /// Adds the statistics of another part of the same frame.
     pub(super) fn plus(self, o: Self) -> Self {
         Self {
             triangles: self.triangles + o.triangles,
@@ -40,7 +40,7 @@ impl FrameStats {
     }
 }
 
-/// What a frame shows.
+/// Views of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum View {
     /// The wall as the camera sees it.
@@ -48,7 +48,7 @@ pub enum View {
     Inside,
     /// The whole organ from in front of the patient, as glass, with path and camera.
     Overview,
-    /// Inside on the left, overview on the right.
+    /// Inside view on the left, overview on the right.
     Split,
     /// Everything about the eye: the six faces of a cube, unfolded to a cross.
     Cube,
@@ -57,40 +57,40 @@ pub enum View {
 }
 
 impl View {
-    /// Whether it shows everything about the eye, whatever its field of view.
+    /// Whether the view shows everything about the eye, whatever the lens's field of view.
     pub fn is_all_round(self) -> bool {
         matches!(self, Self::Cube | Self::Panorama)
     }
 }
 
-/// What the wall is drawn from.
+/// Geometry that the wall is drawn from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wall {
-    /// All of a mesh.
+    /// Mesh, drawn as a whole.
     Mesh(MeshHandle),
-    /// The pages of a cut that the camera can see.
+    /// Pages of a cut, drawn as far as the camera can see them.
     Pages {
-        /// Which.
+        /// Handle of the pages.
         pages: PagesHandle,
-        /// Draws what turns its back too. From inside a closed wall that is always hidden;
+        /// Whether back faces are drawn too. From inside a closed wall they are always hidden;
         /// through open ends, or from outside, they are not.
         backs: bool,
     },
 }
 
-/// What there is to see.
+/// Wall, path and light that frames show.
 #[derive(Clone, Copy, Debug)]
 pub struct Scene {
     /// The wall.
     pub wall: Wall,
-    /// The wall of the overview; by default that of the inside view, if it is a mesh. Without any,
-    /// the overview shows path and camera alone.
+    /// Wall of the overview; by default that of the inside view, if it is a mesh. Without any, the
+    /// overview shows path and camera alone.
     pub overview: Option<MeshHandle>,
     /// The path, drawn in the overview.
     pub path: Option<PathHandle>,
-    /// How the overview is turned: [`super::framing_turned`].
+    /// Rotation of the organ in the overview, radians: [`super::framing_turned`].
     pub orbit: [f32; 2],
-    /// Material and light.
+    /// Light and background.
     pub look: Look,
 }
 
@@ -123,12 +123,12 @@ impl Scene {
     }
 }
 
-/// One frame.
+/// Description of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shot {
-    /// What it shows.
+    /// View that is drawn.
     pub view: View,
-    /// Where the eye is.
+    /// Position and orientation of the eye.
     pub pose: Pose,
     /// The lens; its aspect is replaced by that of the part of the frame it fills.
     pub lens: Lens,

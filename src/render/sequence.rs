@@ -24,8 +24,8 @@ pub struct FrameSequence {
 }
 
 impl FrameSequence {
-    /// Nothing is drawn yet. `worker` is that of the scene's pages; without it, pages show what was
-    /// applied to them.
+    /// Creates a sequence; nothing is drawn yet. `worker` is that of the scene's pages; without it,
+    /// pages show the steps applied to them before.
     ///
     /// # Panics
     /// If there is a worker and the scene's wall is not in pages.
@@ -42,8 +42,8 @@ impl FrameSequence {
         self.shots.len()
     }
 
-    /// The next frame, RGB as of [`Renderer::fetch`]; `None` after the last. The renderer must be
-    /// the same in each call and have no other frame in flight.
+    /// Returns the next frame, RGB as of [`Renderer::fetch`]; `None` after the last. The renderer
+    /// must be the same in each call and have no other frame in flight.
     ///
     /// # Errors
     /// The device's; [`RenderError::Detail`] if the worker fails. There are no more frames then,
@@ -128,8 +128,8 @@ impl FrameSequence {
         }
     }
 
-    /// Ends the sequence, also before its last frame: the renderer has no frame in flight, and the
-    /// pages hold what the worker believes they hold. Gives the worker back.
+    /// Ends the sequence, also before its last frame: the renderer then has no frame in flight, and
+    /// the pages hold the content the worker assumes. Returns the worker.
     ///
     /// # Errors
     /// [`RenderError::Detail`] if the worker fails; the renderer is free even so.

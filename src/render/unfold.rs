@@ -40,12 +40,13 @@ fn faces_in_cross(size: [u32; 2]) -> [Area; 6] {
     })
 }
 
-/// Texels of a face's side, so that a panorama so wide is not coarser than them.
+/// Returns the side of a cube face, texels, at which a panorama so wide is not coarser than the
+/// face.
 fn side_for(width: u32) -> u32 {
     (width as f32 / std::f32::consts::PI).ceil() as u32 + 2
 }
 
-/// What a face is drawn to.
+/// Camera and area of one inside view.
 pub(super) struct UnfoldedFace {
     pub camera: Camera,
     pub area: Area,
