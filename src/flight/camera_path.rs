@@ -10,21 +10,21 @@ use crate::geometry::{Lens, Pose};
 pub const SCHEMA: &str = "intima.path/1";
 /// Largest file that is read, bytes.
 pub const MAX_BYTES: usize = 256 << 20;
-/// Quaternions may differ from unit length by this much.
+/// Largest deviation of a quaternion from unit length.
 const UNIT_SLACK: f64 = 1e-3;
-/// Farthest place from the origin, mm: a kilometre.
+/// Largest distance from the origin, mm: a kilometre.
 const FARTHEST_MM: f64 = 1e6;
 
-/// An eye at a moment.
+/// Eye and near plane at a moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraPathPose {
     /// Seconds since the start.
     pub seconds: f64,
-    /// Eye, LPS mm.
+    /// Position of the eye, LPS mm.
     pub position_mm: DVec3,
-    /// World from camera, unit; the camera looks along -z with +y up.
+    /// Rotation from camera to world, unit; the camera looks along -z with +y up.
     pub rotation: DQuat,
-    /// Wished near plane, mm.
+    /// Desired near plane, mm.
     pub near_mm: f64,
 }
 
@@ -37,55 +37,55 @@ pub struct CameraPath {
     pub shots: Vec<CameraPathPose>,
 }
 
-/// What is wrong with a camera path.
+/// Errors of a camera path.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CameraPathError {
-    /// Too many bytes.
+    /// The file is too large.
     #[error("the camera path has {bytes} bytes; at most {MAX_BYTES} are read")]
     TooLarge {
-        /// How many.
+        /// Size of the file, bytes.
         bytes: usize,
     },
-    /// Not JSON, or not of the right shape.
+    /// The file is not JSON, or its structure is not that of a camera path.
     #[error("line {line}, column {column} of the camera path: {why}")]
     Json {
-        /// From 1.
+        /// Line number, from 1.
         line: usize,
-        /// From 1.
+        /// Column number, from 1.
         column: usize,
-        /// What the reader expected.
+        /// Message of the JSON reader.
         why: String,
     },
-    /// Another format or version, or other units.
+    /// The file has another format or version, or other units.
     #[error("the camera path's {field} must be `{wanted}`")]
     Schema {
-        /// `schema`, `space` or `unit`.
+        /// Name of the field: `schema`, `space` or `unit`.
         field: &'static str,
-        /// What it must be.
+        /// Required value of the field.
         wanted: &'static str,
     },
-    /// No shots, or too many.
+    /// The path has no poses, or too many.
     #[error("the camera path has {0} poses; it must have 1 to {MAX_FRAMES}")]
     Count(usize),
-    /// A field of view that no lens has.
+    /// The field of view is out of range.
     #[error("the camera path's `fov_y_deg` is {0}; it must be 1 to 170")]
     FieldOfView(f64),
-    /// A pose that cannot be.
+    /// A pose is invalid.
     #[error("pose {entry} of the camera path: `{field}` is {value}: {why}")]
     Pose {
-        /// Which, from 0.
+        /// Index of the pose, from 0.
         entry: usize,
-        /// Its field.
+        /// Name of the field.
         field: &'static str,
-        /// What it holds.
+        /// Value of the field.
         value: String,
-        /// What is wrong with it.
+        /// Reason why the value is invalid.
         why: &'static str,
     },
 }
 
-/// The file. Fields it does not know are ignored: later versions of /1 may add some.
+/// Content of the file. Unknown fields are ignored: later versions of /1 may add some.
 #[derive(Serialize, Deserialize)]
 struct File {
     /// Name and version of the layout.
@@ -106,7 +106,7 @@ struct Entry {
     seconds: f64,
     /// Position of the eye.
     position: [f64; 3],
-    /// x, y, z, w.
+    /// Components x, y, z, w.
     quaternion: [f64; 4],
     /// Distance of the near plane.
     near: f64,
@@ -149,7 +149,7 @@ impl CameraPath {
         Ok(Self { fov_y_deg: file.fov_y_deg, shots })
     }
 
-    /// The file's text, one pose a line; [`CameraPath::parse`] gives back every bit.
+    /// Formats the file's text, one pose a line; [`CameraPath::parse`] reads back every bit.
     pub fn to_json(&self) -> String {
         let n =
             |v: f64| serde_json::Number::from_f64(v).map_or("null".to_owned(), |n| n.to_string());
@@ -176,7 +176,7 @@ impl CameraPath {
         )
     }
 
-    /// Time of the last shot since the first, s.
+    /// Returns the time from the first shot to the last, s.
     pub fn total_seconds(&self) -> f64 {
         match (self.shots.first(), self.shots.last()) {
             (Some(a), Some(b)) => b.seconds - a.seconds,
@@ -184,8 +184,8 @@ impl CameraPath {
         }
     }
 
-    /// The shot at a time: places and near planes in a straight line, rotations along the shorter
-    /// arc. Before the first and after the last, those.
+    /// Returns the shot at a time: positions and near planes are interpolated linearly, rotations
+    /// along the shorter arc. Before the first shot it is the first, after the last the last.
     ///
     /// # Panics
     /// Without shots.
@@ -205,8 +205,8 @@ impl CameraPath {
         }
     }
 
-    /// The same path in `count` shots, equal steps in time; shots that fall on one of the file's
-    /// are that one.
+    /// Resamples the path to `count` shots at equal steps in time; a shot at the time of one of the
+    /// file's equals it.
     pub fn resampled(&self, count: usize) -> Self {
         let count = count.clamp(1, MAX_FRAMES);
         if count == self.shots.len() {
@@ -218,8 +218,8 @@ impl CameraPath {
         Self { fov_y_deg: self.fov_y_deg, shots }
     }
 
-    /// The flight of this path, shot by shot: each is proven clear of the wall, with a nearer near
-    /// plane where its own would cut it. No eye is moved.
+    /// Returns the flight of this path, shot by shot: each is proven clear of the wall, with a
+    /// nearer near plane where its own would cut it. No eye is moved.
     ///
     /// * `aspect`: width over height of a frame.
     ///

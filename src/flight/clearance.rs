@@ -1,4 +1,4 @@
-//! How far the wall is at least: the proof that a near plane does not cut it.
+//! Lower bound of the distance to the wall: the proof that a near plane does not cut it.
 
 use glam::{DAffine3, DMat3, DVec3, IVec3};
 
@@ -8,17 +8,17 @@ use crate::field::Sampler;
 use crate::geometry::Lens;
 use crate::lumen::Lumen;
 
-/// The wall keeps at least this many near-ball radii away.
+/// Least distance to the wall, in near-ball radii.
 pub const SAFETY: f64 = 1.05;
 /// Nearest near plane before a pose is refused, mm.
 pub const MIN_NEAR_MM: f64 = 0.05;
 
-/// Answers how much room there is about a point.
+/// Lower bounds of the distance from a point to the wall.
 ///
-/// The quick answer comes from the distance field: every point of the extracted surface lies in a
+/// The first bound comes from the distance field: every point of the extracted surface lies in a
 /// cell with an external corner, so the wall is at least max(dᵢ − |c − xᵢ|) − ‖h‖ away, over the
-/// eight voxels xᵢ about c. That gives away up to three voxels; where it is too little and the wall
-/// is known, the exact distance to its triangles decides.
+/// eight voxels xᵢ about c. It is too small by up to three voxels; where it does not suffice and
+/// the wall is known, the exact distance to its triangles decides.
 ///
 /// The bound holds for the surface as extracted; of a mesh that was simplified afterwards, only
 /// the exact distance is true.
@@ -29,6 +29,8 @@ pub struct Clearance<'a> {
 }
 
 impl<'a> Clearance<'a> {
+    /// Wraps a distance field and, where it is known, the wall.
+    ///
     /// * `distance`: exact distance to external voxel centres, mm, in slot order.
     /// * `wall`: triangles of the surface that is drawn, LPS mm.
     pub fn new(lumen: &'a Lumen, distance: &'a [f32], wall: Option<&'a WallIndex>) -> Self {
@@ -40,17 +42,17 @@ impl<'a> Clearance<'a> {
         }
     }
 
-    /// The lumen that distances are within.
+    /// Returns the lumen that distances are within.
     pub(super) fn lumen(&self) -> &'a Lumen {
         self.distance.lumen
     }
 
-    /// LPS mm to millimetres along the index axes.
+    /// Transforms LPS mm to millimetres along the index axes.
     fn local(&self, p_mm: DVec3) -> DVec3 {
         self.local_from_world.transform_point3(p_mm)
     }
 
-    /// The voxel a point lies in.
+    /// Returns the voxel a point lies in.
     fn voxel(&self, p_mm: DVec3) -> Option<IVec3> {
         let v = self.local(p_mm) / self.distance.lumen.grid.spacing_mm;
         (v.is_finite() && v.abs().max_element() < 1e9).then(|| v.round().as_ivec3())
@@ -68,7 +70,8 @@ impl<'a> Clearance<'a> {
             && safe_by_voxels(self.local(from_mm), self.local(to_mm), self.distance.lumen)
     }
 
-    /// Distance to the wall that the distance field alone proves, mm; 0 where it proves none.
+    /// Returns the distance to the wall that the distance field alone proves, mm; 0 where it proves
+    /// none.
     pub fn bound_mm(&self, p_mm: DVec3) -> f64 {
         if !self.holds(p_mm) {
             return 0.0;
@@ -83,7 +86,8 @@ impl<'a> Clearance<'a> {
         (bound - h.length()).max(0.0)
     }
 
-    /// Exact distance to the mesh, mm, at most `limit_mm`; 0 outside, `None` without the wall.
+    /// Returns the exact distance to the mesh, mm, at most `limit_mm`; 0 outside, `None` without
+    /// the wall.
     pub fn exact_mm(&self, p_mm: DVec3, limit_mm: f64) -> Option<f64> {
         let index = self.wall?;
         if !self.holds(p_mm) || !self.joins_its_voxel(p_mm, index) {
@@ -92,8 +96,8 @@ impl<'a> Clearance<'a> {
         Some(index.distance(p_mm, limit_mm))
     }
 
-    /// Whether no triangle lies between a point and the centre of its voxel, which is inside:
-    /// steps as long as the wall is far.
+    /// Whether no triangle lies between a point and the centre of its voxel, which is inside: the
+    /// segment is marched in steps as long as the distance to the wall.
     fn joins_its_voxel(&self, p_mm: DVec3, index: &WallIndex) -> bool {
         let Some(v) = self.voxel(p_mm) else { return false };
         let goal = self.distance.lumen.grid.world_from_voxel().transform_point3(v.as_dvec3());
@@ -112,8 +116,8 @@ impl<'a> Clearance<'a> {
         false
     }
 
-    /// Distance to the wall that can be proven, mm: the bound if it is as much as needed, else the
-    /// exact distance if the wall is known. 0 outside.
+    /// Returns the distance to the wall that can be proven, mm: the bound if it is as much as
+    /// needed, else the exact distance if the wall is known. 0 outside.
     pub fn proven_mm(&self, p_mm: DVec3, needed_mm: f64) -> f64 {
         let bound = self.bound_mm(p_mm);
         if bound >= needed_mm {
@@ -123,8 +127,8 @@ impl<'a> Clearance<'a> {
         exact.map_or(bound, |e| e.max(bound))
     }
 
-    /// Unit direction in which the wall recedes fastest, by the distance field; `None` where it
-    /// has no slope.
+    /// Returns the unit direction in which the distance to the wall grows fastest, by the distance
+    /// field; `None` where it has no slope.
     pub fn away(&self, p_mm: DVec3) -> Option<DVec3> {
         self.voxel(p_mm)?;
         let grid = &self.distance.lumen.grid;
@@ -138,10 +142,10 @@ impl<'a> Clearance<'a> {
         (grid.direction * DVec3::new(x, y, z)).try_normalize()
     }
 
-    /// The near plane for an eye: as wished or as much nearer as it takes, with the distance to
-    /// the wall that was proven, both mm.
+    /// Returns the near plane for an eye, as desired or as much nearer as needed, and the distance
+    /// to the wall that was proven, both mm.
     ///
-    /// * `lens`: its `near_mm` is the wish.
+    /// * `lens`: its `near_mm` is the desired near plane.
     ///
     /// # Errors
     /// The proven distance, where even [`MIN_NEAR_MM`] is too far.

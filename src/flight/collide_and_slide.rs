@@ -5,14 +5,14 @@ use glam::DVec3;
 use super::{Clearance, SAFETY};
 use crate::geometry::Lens;
 
-/// Most substeps of one move; what is left of the move then is not made.
+/// Most substeps of one move; the rest of the move is dropped.
 const MAX_SUBSTEPS: usize = 64;
 /// Most corrections of one substep.
 const MAX_CORRECTIONS: usize = 4;
 
 /// Moves an eye by `delta_mm`, gliding along the wall where it is in the way.
 ///
-/// * `from_mm`: where the eye is, LPS mm; a place that the lens has no room at is not left.
+/// * `from_mm`: position of the eye, LPS mm; where the lens has no room the eye does not move.
 ///
 /// Each substep is at most half the proven distance to the wall. Where the near ball would come
 /// nearer than it may, the part of the step that goes towards the wall is taken out and the eye is
@@ -66,10 +66,11 @@ pub fn collide_and_slide(
 
 /// Most steps of a march along a segment.
 const MAX_MARCH: usize = 256;
-/// Nearer to the wall than this, mm, a segment counts as cut.
+/// Distance to the wall, mm, below which a segment counts as cut.
 const TOUCH_MM: f64 = 1e-3;
 
-/// Whether a segment keeps away from the wall: marched in steps as long as the wall is far.
+/// Whether a segment keeps away from the wall: it is marched in steps as long as the distance to
+/// the wall.
 fn is_free(from: DVec3, to: DVec3, wall: &Clearance<'_>) -> bool {
     let mut at = from;
     for _ in 0..MAX_MARCH {

@@ -1,4 +1,4 @@
-//! Where the eye looks along a path, and which way is up.
+//! Viewing direction and up direction along a path.
 
 use glam::DVec3;
 
@@ -15,7 +15,7 @@ const AHEAD_RADII: f64 = 2.0;
 const MAX_AHEAD_MM: f64 = 40.0;
 /// Smoothing of the curve that is looked along, mm; no more than the radius.
 const GAZE_SIGMA_MM: f64 = 2.0;
-/// Smoothing of the eye's own way in radii: bends move by a hundredth of a radius, jitter goes.
+/// Smoothing of the eye's own path, in radii: bends move by a hundredth of a radius, jitter goes.
 const EYE_SIGMA_RADII: f64 = 0.15;
 /// Most samples of a track.
 const MAX_SAMPLES: f64 = 20_000.0;
@@ -25,15 +25,15 @@ const MAX_SAMPLES: f64 = 20_000.0;
 pub struct Track {
     /// Arc length between samples, mm.
     pub step_mm: f64,
-    /// The eye, LPS mm.
+    /// Position of the eye, LPS mm.
     pub eye: Vec<DVec3>,
-    /// Room about the eye as the path has it, mm.
+    /// Radius of the path at the eye, mm.
     pub radius_mm: Vec<f64>,
     /// Unit viewing direction.
     pub gaze: Vec<DVec3>,
     /// Unit up direction, across the gaze.
     pub up: Vec<DVec3>,
-    /// Free way along the gaze, mm: the point there is seen from the eye.
+    /// Free distance along the gaze, mm: the point there is seen from the eye.
     pub ahead_mm: Vec<f64>,
 }
 
@@ -94,12 +94,12 @@ impl Track {
         Self { step_mm, eye, radius_mm, gaze, up, ahead_mm }
     }
 
-    /// Turn of the gaze between consecutive samples, radians.
+    /// Returns the rotation of the gaze between consecutive samples, radians.
     pub fn turns_rad(&self) -> Vec<f64> {
         self.gaze.windows(2).map(|w| w[0].angle_between(w[1])).collect()
     }
 
-    /// Mean radius within a radius along the path, mm: room that does not jump.
+    /// Returns the mean radius within a radius along the path, mm, which does not jump.
     pub fn room_mm(&self, arc_mm: f64) -> f64 {
         let (.., radius) = self.at(arc_mm);
         let at = |arc: f64| (arc / self.step_mm).max(0.0) as usize;
@@ -108,7 +108,7 @@ impl Track {
         near.iter().sum::<f64>() / near.len() as f64
     }
 
-    /// Eye, gaze, up and radius at an arc length.
+    /// Returns eye, gaze, up and radius at an arc length.
     pub fn at(&self, arc_mm: f64) -> (DVec3, DVec3, DVec3, f64) {
         let (i, t) = place(arc_mm / self.step_mm, self.eye.len());
         let j = (i + 1).min(self.eye.len() - 1);
@@ -121,7 +121,7 @@ impl Track {
     }
 }
 
-/// Up along a gaze: rotation-minimising frames of the curve that the gaze itself would draw.
+/// Computes up along a gaze: rotation-minimising frames of the curve whose tangent is the gaze.
 ///
 /// The first up points to the head (+z), or to the front (-y) where the gaze runs along z.
 fn ups(gaze: &[DVec3], step_mm: f64) -> Vec<DVec3> {
@@ -139,8 +139,8 @@ fn ups(gaze: &[DVec3], step_mm: f64) -> Vec<DVec3> {
     frames(&drawn, gaze, first).iter().map(|f| f.normal).collect()
 }
 
-/// A path at equal steps: positions, radii, step. Its ends are left out where they are narrower
-/// than half the median, up to a twentieth of the length each.
+/// Resamples a path at equal steps: positions, radii, step. Its ends are left out where they are
+/// narrower than half the median, up to a twentieth of the length each.
 fn even(path: &[CenterlinePoint], spacing_mm: f64) -> (Vec<DVec3>, Vec<f64>, f64) {
     let points: Vec<DVec3> = path.iter().map(|p| p.position_mm).collect();
     let radii: Vec<f64> = path.iter().map(|p| p.radius_mm).collect();

@@ -1,4 +1,4 @@
-//! The flight: how fast along a path, looking where, and the proof that no near plane cuts the
+//! The flight: speed and viewing direction along a path, and the proof that no near plane cuts the
 //! wall. Millimetres and patient space (LPS) throughout, seconds for time.
 
 mod clearance;
@@ -43,7 +43,7 @@ fn smoothed(values: &[glam::DVec3], sigma: impl Fn(usize) -> f64) -> Vec<glam::D
         .collect()
 }
 
-/// A value by index; past an end, its mirror image in the end value.
+/// Returns a value by index; past an end, its mirror image in the end value.
 fn beyond(values: &[glam::DVec3], i: isize) -> glam::DVec3 {
     let last = values.len() as isize - 1;
     let at = |i: isize| values[i.clamp(0, last) as usize];

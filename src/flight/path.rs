@@ -1,4 +1,4 @@
-//! The flight by arc length: where the eye is, how wide the lumen is there.
+//! The flight by arc length: poses, lumen radius, cross-sections.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -6,10 +6,10 @@ use rayon::prelude::*;
 use super::Flight;
 use crate::geometry::{Centerline, CrossSection, Mesh, Pose, TriangleBvh, cross_section};
 
-/// Figures of a cross-section.
+/// Size of a cross-section.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SectionFigures {
-    /// mm².
+    /// Area, mm².
     pub area_mm2: f64,
     /// Largest Feret diameter, mm.
     pub largest_mm: f64,
@@ -18,7 +18,7 @@ pub struct SectionFigures {
 }
 
 impl SectionFigures {
-    /// Those of a cross-section.
+    /// Takes the figures of a cross-section.
     pub fn of(s: &CrossSection) -> Self {
         Self {
             area_mm2: s.area_mm2,
@@ -28,7 +28,8 @@ impl SectionFigures {
     }
 }
 
-/// Cross-sections of the lumen along a flight, across it: one a pose; `None` where none closes.
+/// Computes the cross-section of the lumen at each pose of a flight, across the path; `None` where
+/// no outline closes.
 pub fn sections_along(
     path: &FlightPath,
     wall: &Mesh,
@@ -52,16 +53,16 @@ pub struct FlightPath {
     pub radius_mm: Vec<f64>,
     /// Room about each pose, mm, by which the light is set.
     room_mm: Vec<f32>,
-    /// Poses that begin another piece.
+    /// Indices of poses that begin another piece.
     cuts: Vec<usize>,
-    /// One a pose, once they are known.
+    /// Cross-section at each pose; empty until they are known.
     pub sections: Vec<Option<SectionFigures>>,
 }
 
 impl FlightPath {
-    /// * `line`: what was flown along.
+    /// Measures a flight. `None` for a flight of fewer than two poses.
     ///
-    /// `None` for a flight of fewer than two poses.
+    /// * `line`: centerline that was flown along.
     pub fn new(flight: &Flight, line: &Centerline) -> Option<Self> {
         let poses = flight.poses.clone();
         if poses.len() < 2 {
@@ -92,22 +93,22 @@ impl FlightPath {
         Some(Self { poses, seconds, arc_mm, radius_mm, room_mm, cuts, sections: Vec::new() })
     }
 
-    /// All of it, mm.
+    /// Returns the length of the whole flight, mm.
     pub fn length_mm(&self) -> f64 {
         self.arc_mm[self.arc_mm.len() - 1]
     }
 
-    /// Length flown up to each pose, mm.
+    /// Returns the length flown up to each pose, mm.
     pub fn arcs_mm(&self) -> &[f64] {
         &self.arc_mm
     }
 
-    /// Lengths at which another piece begins, mm.
+    /// Returns the lengths at which another piece begins, mm.
     pub fn cuts_mm(&self) -> impl Iterator<Item = f64> {
         self.cuts.iter().map(|i| self.arc_mm[*i])
     }
 
-    /// The pose between samples.
+    /// Interpolates the pose at an arc length.
     pub fn pose_at(&self, arc_mm: f64) -> Pose {
         let (i, t) = self.sample(&self.arc_mm, arc_mm);
         let (a, b) = (self.poses[i], self.poses[i + 1]);
@@ -119,7 +120,8 @@ impl FlightPath {
         Pose { position_mm, rotation: a.rotation.slerp(b.rotation, t).normalize() }
     }
 
-    /// Direction of the path, unit: over two millimetres about a place where there are as many.
+    /// Returns the unit direction of the path: over two millimetres about a place where there are
+    /// as many.
     pub fn tangent_at(&self, arc_mm: f64) -> DVec3 {
         let place = |arc: f64| self.pose_at(arc).position_mm.as_dvec3();
         let across = place(arc_mm + 1.0) - place(arc_mm - 1.0);
@@ -129,21 +131,22 @@ impl FlightPath {
         across.try_normalize().filter(|_| near).unwrap_or_else(forward)
     }
 
-    /// Takes cross-sections in, one a pose; those of another path are left.
+    /// Stores cross-sections, one a pose; those of another number of poses are ignored.
     pub fn set_sections(&mut self, sections: &[Option<SectionFigures>]) {
         if sections.len() == self.poses.len() {
             self.sections = sections.to_vec();
         }
     }
 
-    /// Radius on the path, mm.
+    /// Returns the radius on the path, mm.
     pub fn radius_at(&self, arc_mm: f64) -> f64 {
         let (i, t) = self.sample(&self.arc_mm, arc_mm);
         self.radius_mm[i] + (self.radius_mm[i + 1] - self.radius_mm[i]) * t
     }
 
-    /// Room about an eye, mm: where the path is at an arc length if the eye is there, else at
-    /// the nearest pose. By the eye alone, so that a picture does not show how the eye came there.
+    /// Returns the room about an eye, mm: that of the path at an arc length if the eye is there,
+    /// else at the nearest pose. It depends on the eye alone, so that a picture does not show how
+    /// the eye came there.
     pub fn room_at(&self, eye: Pose, arc_mm: f64) -> f64 {
         let is_on_path = self.pose_at(arc_mm).position_mm.distance(eye.position_mm) < 1e-3;
         let nearest = || self.nearest_to(eye.position_mm.as_dvec3());
@@ -152,7 +155,8 @@ impl FlightPath {
         a + (b - a) * t
     }
 
-    /// Where the flight is after more seconds of its own time, which may be negative.
+    /// Returns the arc length that the flight reaches, mm, after more seconds of flight time, which
+    /// may be negative.
     pub fn after(&self, arc_mm: f64, seconds: f64) -> f64 {
         let (i, t) = self.sample(&self.arc_mm, arc_mm);
         let now = self.seconds[i] + (self.seconds[i + 1] - self.seconds[i]) * t;
@@ -160,14 +164,14 @@ impl FlightPath {
         self.arc_mm[j] + (self.arc_mm[j + 1] - self.arc_mm[j]) * u
     }
 
-    /// Arc length of the pose nearest to a place.
+    /// Returns the arc length of the pose nearest to a point, mm.
     pub fn nearest_to(&self, p_mm: DVec3) -> f64 {
         let off = |i: &usize| self.poses[*i].position_mm.as_dvec3().distance_squared(p_mm);
         let near = (0..self.poses.len()).min_by(|a, b| off(a).total_cmp(&off(b)));
         near.map_or(0.0, |i| self.arc_mm[i])
     }
 
-    /// The place of the pose that is nearest to a ray, LPS mm.
+    /// Returns the position of the pose that is nearest to a ray, LPS mm.
     pub fn nearest_to_ray(&self, from_mm: DVec3, along: DVec3) -> Option<DVec3> {
         let along = along.try_normalize()?;
         let off = |p: &DVec3| (*p - from_mm).cross(along).length_squared();
@@ -175,7 +179,8 @@ impl FlightPath {
         places.min_by(|a, b| off(a).total_cmp(&off(b)))
     }
 
-    /// The stretch of ascending values that holds one, and the share of it before.
+    /// Returns the index of the interval of ascending values that contains `at`, and the fraction
+    /// of the interval before it.
     fn sample(&self, values: &[f64], at: f64) -> (usize, f64) {
         let i = values.partition_point(|v| *v <= at).clamp(1, values.len() - 1) - 1;
         let span = values[i + 1] - values[i];

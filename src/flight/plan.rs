@@ -1,4 +1,4 @@
-//! From a path to the frames of a flight.
+//! Frames of a flight along a path.
 
 use glam::DVec3;
 
@@ -8,21 +8,21 @@ use crate::centerline::arc_lengths;
 use crate::geometry::{CenterlinePoint, Lens, Pose};
 use crate::lumen::Lumen;
 
-/// Most frames of a flight: ten hours at 25 a second.
+/// Largest number of frames of a flight: ten hours at 25 a second.
 pub const MAX_FRAMES: usize = 900_000;
-/// The near plane as a share of the radius.
+/// Near plane as a share of the radius.
 pub(super) const NEAR_SHARE: f64 = 0.35;
 /// Farthest near plane, mm.
 const MAX_NEAR_MM: f64 = 5.0;
 /// Cruising speed in median radii a second, where only the number of frames is given.
 const CRUISE_RADII: f64 = 1.5;
 
-/// How many frames.
+/// Number of frames, directly or by speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Frames {
-    /// This many, equal steps in flight time.
+    /// Number of frames, at equal steps in flight time.
     Count(usize),
-    /// As many as the flight takes.
+    /// Number of frames that results from the duration of the flight.
     Speed {
         /// Cruising speed, mm/s; slower in narrow places and turns, never faster.
         mm_per_s: f64,
@@ -31,16 +31,16 @@ pub enum Frames {
     },
 }
 
-/// What flight to plan.
+/// Options of a flight.
 #[derive(Clone, Copy, Debug)]
 pub struct FlightOptions<'a> {
-    /// How many frames.
+    /// Number of frames.
     pub frames: Frames,
     /// Vertical field of view, radians.
     pub fov_y_rad: f32,
     /// Width over height of a frame.
     pub aspect: f32,
-    /// From the last point to the first.
+    /// Whether to fly from the last point to the first.
     pub reverse: bool,
     /// Triangles of the surface that is drawn, LPS mm: lets thin places be proven by exact distances.
     pub wall: Option<&'a WallIndex>,
@@ -58,43 +58,43 @@ impl Default for FlightOptions<'_> {
     }
 }
 
-/// Why there is no flight.
+/// Errors that prevent a flight.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FlightError {
-    /// An option that cannot be flown.
+    /// An option is out of range.
     #[error("{what} is {value}; it must be {range}")]
     Option {
-        /// Which option.
+        /// Name of the option.
         what: &'static str,
-        /// What it is.
+        /// Value of the option.
         value: f64,
-        /// What it may be.
+        /// Permitted values.
         range: &'static str,
     },
-    /// A point of the path is not a place.
+    /// A point of the path is not finite.
     #[error("point {0} of the path is not finite")]
     NotFinite(usize),
-    /// There is nothing to fly along.
+    /// The path is too short to fly along.
     #[error("no flight: the path is {length_mm} mm long")]
     TooShort {
-        /// Its length, mm.
+        /// Length of the path, mm.
         length_mm: f64,
     },
-    /// There is no such branch to fly.
+    /// The centerline has no such branch.
     #[error("there is no branch {branch}; the centerline has {branches}, numbered from 0")]
     NoBranch {
-        /// Which was asked for.
+        /// Index of the requested branch.
         branch: usize,
-        /// How many there are.
+        /// Number of branches.
         branches: usize,
     },
-    /// No near plane keeps off the wall.
+    /// No near plane clears the wall.
     #[error("frame {frame} at ({:.2}, {:.2}, {:.2}) mm: the wall is proven only {room_mm:.3} mm away, too near for any near plane", .at.x, .at.y, .at.z)]
     NoRoom {
-        /// Which frame, from 0.
+        /// Index of the frame, from 0.
         frame: usize,
-        /// The eye, LPS mm.
+        /// Position of the eye, LPS mm.
         at: DVec3,
         /// Distance to the wall that could be proven, mm; 0 outside the lumen.
         room_mm: f64,
@@ -104,30 +104,31 @@ pub enum FlightError {
 /// Frames of a flight, each proven clear of the wall.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Flight {
-    /// The eye of each frame.
+    /// Pose of each frame's eye.
     pub poses: Vec<Pose>,
     /// Near plane of each frame, mm.
     pub near_mm: Vec<f32>,
     /// Time of each frame since the first, s.
     pub seconds: Vec<f64>,
-    /// Distance to the wall that was proven for each frame, mm: at least, not exactly.
+    /// Proven lower bound of each frame's distance to the wall, mm.
     pub clearance_mm: Vec<f64>,
-    /// Room about the eye as the path has it, smoothed along it, mm: light is scaled by it.
+    /// Room about the eye, mm: radius of the path, smoothed along it, by which light is scaled.
     pub room_mm: Vec<f32>,
     /// Vertical field of view, radians.
     pub fov_y_rad: f32,
     /// Width over height.
     pub aspect: f32,
-    /// Frames whose eye was moved along the path to where a near plane fits.
+    /// Number of frames whose eye was moved along the path to where a near plane fits.
     pub moved: usize,
-    /// Frames that begin another piece: the eye jumps there.
+    /// Indices of frames that begin another piece: the eye jumps there.
     pub cuts: Vec<usize>,
-    /// Pieces that are too narrow to be flown.
+    /// Number of pieces that are too narrow to be flown.
     pub left_out: usize,
 }
 
-/// Least room about an eye: in a tube a voxel wide the path is nearer to the wall by its clearance
-/// than by what is drawn, and a light by that clearance leaves the picture black.
+/// Returns the least room about an eye, mm: in a tube a voxel wide the clearance of the path is
+/// less than its distance to the surface that is drawn, and light scaled by the clearance would
+/// leave the picture black.
 pub(super) fn least_room_mm(lumen: &Lumen) -> f64 {
     lumen.grid.voxel_mm3().cbrt()
 }
@@ -254,7 +255,7 @@ impl Flight {
         Ok(flight)
     }
 
-    /// A flight along each path, and the errors of those without room with their index.
+    /// Plans a flight along each path; paths without room give errors, with their index.
     #[allow(clippy::type_complexity)]
     fn each(
         paths: &[&[CenterlinePoint]],
@@ -303,7 +304,7 @@ impl Flight {
         self.seconds.push(seconds);
     }
 
-    /// The lens of a frame.
+    /// Returns the lens of a frame.
     ///
     /// # Panics
     /// If there is no such frame.
@@ -312,13 +313,13 @@ impl Flight {
         Lens { fov_y_rad, aspect, near_mm: self.near_mm[frame] }
     }
 
-    /// Pose and lens of every frame: what [`super::coverage`] asks for.
+    /// Returns pose and lens of every frame, as [`super::coverage`] needs them.
     pub fn views(&self) -> Vec<(Pose, Lens)> {
         (0..self.poses.len()).map(|i| (self.poses[i], self.lens(i))).collect()
     }
 
-    /// Least room left over between a near ball and the wall, mm: proven distance less the ball's
-    /// radius, over all frames. Infinite without frames.
+    /// Returns the least room left between a near ball and the wall, mm: proven distance less the
+    /// ball's radius, over all frames. Infinite without frames.
     pub fn min_margin_mm(&self) -> f64 {
         (0..self.poses.len())
             .map(|i| self.clearance_mm[i] - f64::from(self.lens(i).near_ball_mm()))
@@ -349,8 +350,8 @@ fn check(o: &FlightOptions<'_>) -> Result<(), FlightError> {
     }
 }
 
-/// A number of frames shared out by length, one at least for each: the largest remainders have those
-/// that are left, the longest paths give for the short ones.
+/// Shares a number of frames out by length, one at least for each: the remaining ones go to the
+/// largest remainders, and the longest paths give to the short ones.
 fn shares(frames: usize, lengths: &[f64]) -> Vec<usize> {
     let total: f64 = lengths.iter().sum::<f64>().max(1e-9);
     let exact: Vec<f64> = lengths.iter().map(|l| frames as f64 * l / total).collect();
@@ -386,7 +387,7 @@ struct Planner<'a> {
     track: &'a Track,
     wall: &'a Clearance<'a>,
     lens: Lens,
-    /// Near plane and proven distance at samples that were asked for.
+    /// Near plane and proven distance of the samples that were tested.
     known: Vec<Option<Result<(f32, f64), f64>>>,
     moved: usize,
 }
@@ -421,7 +422,7 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// The sample nearest to sample `at` along the path that has room.
+    /// Returns the sample nearest to sample `at` along the path that has room.
     fn nearest_safe(&mut self, at: usize) -> Option<(usize, f32, f64)> {
         let n = self.track.eye.len();
         for k in 0..n {

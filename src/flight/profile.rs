@@ -2,13 +2,13 @@
 
 use super::smoothed_below;
 
-/// Fastest turn of the gaze, radians a second (30 degrees).
+/// Fastest rotation of the gaze, radians a second (30 degrees).
 pub const MAX_TURN_RAD_PER_S: f64 = std::f64::consts::PI / 6.0;
 /// Slowest share of the cruising speed in a narrow place.
 const MIN_SHARE: f64 = 0.25;
 /// Slowest share of the cruising speed in a sharp turn; only a gaze that jumps needs it.
 const MIN_TURNING: f64 = 0.002;
-/// Speed changes over about this length, mm.
+/// Length over which speed changes, mm.
 const EASE_MM: f64 = 3.0;
 
 /// Speed at equally spaced places of a path, and the time each is reached.
@@ -24,9 +24,9 @@ impl Profile {
     ///
     /// * `step_mm`: arc length between samples.
     /// * `radius_mm`: room about each sample.
-    /// * `turn_rad`: turn of the gaze between consecutive samples, one fewer than radii.
-    /// * `cruise_mm_per_s`: speed where the path is straight and no narrower than its median;
-    ///   nowhere is it exceeded. Below the median radius speed falls in proportion, to a quarter.
+    /// * `turn_rad`: rotation of the gaze between consecutive samples, one fewer than radii.
+    /// * `cruise_mm_per_s`: speed where the path is straight and no narrower than its median; it is
+    ///   never exceeded. Below the median radius speed falls in proportion, to a quarter.
     pub fn new(step_mm: f64, radius_mm: &[f64], turn_rad: &[f64], cruise_mm_per_s: f64) -> Self {
         let middle = median(radius_mm).max(1e-9);
         let turn = |i: usize| {
@@ -53,27 +53,27 @@ impl Profile {
         Self { step_mm, speed, seconds }
     }
 
-    /// Length of the path, mm.
+    /// Returns the length of the path, mm.
     pub fn length_mm(&self) -> f64 {
         self.step_mm * self.speed.len().saturating_sub(1) as f64
     }
 
-    /// Time the whole path takes, s.
+    /// Returns the time the whole path takes, s.
     pub fn total_seconds(&self) -> f64 {
         self.seconds.last().copied().unwrap_or(0.0)
     }
 
-    /// Speed at an arc length, mm/s; beyond the ends that of the end.
+    /// Returns the speed at an arc length, mm/s; beyond the ends that of the end.
     pub fn speed_at(&self, arc_mm: f64) -> f64 {
         self.sample(&self.speed, arc_mm)
     }
 
-    /// Time at which an arc length is reached, s.
+    /// Returns the time at which an arc length is reached, s.
     pub fn seconds_at(&self, arc_mm: f64) -> f64 {
         self.sample(&self.seconds, arc_mm)
     }
 
-    /// Arc length reached after a time, mm: the inverse of [`Profile::seconds_at`].
+    /// Returns the arc length reached after a time, mm: the inverse of [`Profile::seconds_at`].
     pub fn arc_at(&self, seconds: f64) -> f64 {
         let i = self.seconds.partition_point(|t| *t <= seconds);
         if i == 0 {
@@ -96,14 +96,14 @@ impl Profile {
     }
 }
 
-/// Segment of a sequence of `len` samples and the fraction in it, clamped to the ends.
+/// Returns the segment of a sequence of `len` samples and the fraction in it, clamped to the ends.
 pub(super) fn place(at: f64, len: usize) -> (usize, f64) {
     let at = at.clamp(0.0, len.saturating_sub(1) as f64);
     let i = (at as usize).min(len.saturating_sub(2));
     (i, at - i as f64)
 }
 
-/// Middle value; 0 of nothing.
+/// Returns the median; 0 of nothing.
 pub(super) fn median(values: &[f64]) -> f64 {
     let mut v = values.to_vec();
     v.sort_by(f64::total_cmp);

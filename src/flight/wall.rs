@@ -4,11 +4,11 @@ use glam::{DVec3, IVec3};
 
 use crate::geometry::{Mesh, nearest_on_triangle};
 
-/// Most buckets: 2^22 starts are 16 MiB. And no more than triangles: most of a wall's box is empty,
-/// and a flight asks some hundred times.
+/// Largest number of buckets: 2^22 starts are 16 MiB. There are also no more than triangles: most
+/// of a wall's box is empty, and a flight asks some hundred times.
 const MAX_BUCKETS: usize = 1 << 22;
 
-/// Triangles of a wall, found by place.
+/// Triangles of a wall in a grid, for queries by position.
 #[derive(Clone, Debug)]
 pub struct WallIndex {
     lo: DVec3,
@@ -61,7 +61,7 @@ impl WallIndex {
         index
     }
 
-    /// Counts, sums, places: each bucket's triangles lie together, ascending.
+    /// Fills the buckets by counting sort: each bucket's triangles are contiguous, ascending.
     fn fill(&mut self) {
         let boxes: Vec<(IVec3, IVec3)> = self
             .corners
@@ -102,8 +102,8 @@ impl WallIndex {
         b.clamp(DVec3::ZERO, (self.dims - 1).as_dvec3()).as_ivec3()
     }
 
-    /// Distance from a point (LPS mm) to the nearest triangle, mm, or `limit_mm` if none is
-    /// nearer than that.
+    /// Returns the distance from a point (LPS mm) to the nearest triangle, mm, or `limit_mm` if
+    /// none is nearer than that.
     pub fn distance(&self, p_mm: DVec3, limit_mm: f64) -> f64 {
         let mut best = limit_mm.max(0.0).powi(2);
         let (a, b) = (self.bucket(p_mm - limit_mm), self.bucket(p_mm + limit_mm));

@@ -1,4 +1,4 @@
-//! Coverage: which share of the wall's area the frames of a flight saw, and the patches they
+//! Coverage: the share of the wall's area that the frames of a flight saw, and the patches they
 //! missed.
 
 mod patches;
@@ -13,15 +13,15 @@ use glam::DVec3;
 
 use crate::geometry::{Lens, Pose};
 
-/// Missed patches from this area on are listed one by one, mm². A reader who looks at patches of
-/// 300 mm² and more after a flight both ways has seen 97.9 % of a colon (Pickhardt, Taylor and
-/// Gopal 2006, Surface visualization at 3D endoluminal CT colonography, Gastroenterology 130:1582).
+/// Least area of a missed patch that is listed by itself, mm². A reader who looks at patches of 300
+/// mm² and more after a flight both ways has seen 97.9 % of a colon (Pickhardt, Taylor and Gopal
+/// 2006, Surface visualization at 3D endoluminal CT colonography, Gastroenterology 130:1582).
 pub const LISTED_FROM_MM2: f64 = 300.0;
 
-/// A face larger than this, mm², is looked at in three samples instead of one.
+/// Area, mm², above which a face has three samples instead of one.
 const LARGE_FACE_MM2: f64 = 2.0;
 
-/// What the frames of a flight saw of the wall.
+/// Share of the wall that the frames of a flight saw, and the patches they missed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coverage {
     /// Share of the wall's area that the flight as flown saw, 0 to 1; 0 of a wall without area.
@@ -32,9 +32,9 @@ pub struct Coverage {
     pub area_mm2: f64,
     /// Patches that neither way saw, of [`LISTED_FROM_MM2`] and more, largest first.
     pub patches: Vec<MissedPatch>,
-    /// How many patches are smaller than that.
+    /// Number of patches smaller than that.
     pub smaller_patches: usize,
-    /// Their summed area, mm².
+    /// Summed area of the smaller patches, mm².
     pub smaller_patches_mm2: f64,
     /// Whether the flight as flown saw a face, one flag a face of the wall.
     pub seen_one_way: Vec<bool>,
@@ -45,10 +45,10 @@ pub struct Coverage {
     pub patch_of_face: Vec<Option<u32>>,
 }
 
-/// Which share of a wall's area two sets of views saw.
+/// Computes the share of a wall's area that two sets of views saw.
 ///
-/// * `map`: of the wall, of which nothing was seen yet. Caps hide what is behind them but do not
-///   count as wall; neither do faces without area.
+/// * `map`: map of the wall, in which nothing was seen yet. Caps hide what is behind them but do
+///   not count as wall; neither do faces without area.
 /// * `forward`, `backward`: pose and lens of every frame of the flight and of the one back. A
 ///   lens sees what is in front of its near plane and within its field of view.
 ///

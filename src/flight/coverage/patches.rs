@@ -9,17 +9,17 @@ use crate::geometry::Mesh;
 pub struct MissedPatch {
     /// Area, mm².
     pub area_mm2: f64,
-    /// Area-weighted mean of its faces, LPS mm; may lie off a curved patch.
+    /// Area-weighted mean of the faces, LPS mm; may lie off a curved patch.
     pub center_mm: DVec3,
-    /// Way that the eye has flown where it is nearest to the centre, mm since the first frame.
+    /// Length flown up to the eye nearest to the centre, mm since the first frame.
     pub arc_mm: f64,
     /// Number of faces.
     pub faces: usize,
 }
 
-/// All missed patches, largest first, and the rank of the patch that each face belongs to.
+/// Returns all missed patches, largest first, and the rank of the patch that each face belongs to.
 ///
-/// * `eyes`: LPS mm, in the order flown.
+/// * `eyes`: positions of the eye, LPS mm, in the order flown.
 ///
 /// Equally large patches stand in the order of their first faces.
 pub(super) fn missed_patches(
@@ -61,15 +61,15 @@ fn patch(wall: &Mesh, areas: &[f64], faces: &[u32], eyes: &[DVec3]) -> MissedPat
     MissedPatch { area_mm2, center_mm, arc_mm: arc_at(eyes, center_mm), faces: faces.len() }
 }
 
-/// Way flown at the eye nearest to a place, mm; the first of equally near ones.
+/// Returns the length flown up to the eye nearest to a place, mm; the first of equally near ones.
 fn arc_at(eyes: &[DVec3], place: DVec3) -> f64 {
     let near = |i: &usize| eyes[*i].distance_squared(place);
     let nearest = (0..eyes.len()).min_by(|a, b| near(a).total_cmp(&near(b))).unwrap_or(0);
     eyes.windows(2).take(nearest).map(|w| w[0].distance(w[1])).sum()
 }
 
-/// For each of `faces`, ascending, the place in the list of the first one that it is joined to
-/// over shared edges.
+/// Returns, for each of `faces`, ascending, the position in the list of the first face of its
+/// component, connected over shared edges.
 fn components(wall: &Mesh, faces: &[u32]) -> Vec<u32> {
     let mut edges: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * faces.len());
     for (i, f) in faces.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Which faces of a wall views see: frustum, facing and ray tests on the triangle hierarchy.
+//! Faces of a wall that views see, by frustum, facing and ray tests on the triangle hierarchy.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,44 +7,45 @@ use super::LARGE_FACE_MM2;
 use crate::geometry::{ExteriorGrid, Lens, Mesh, Pose, Subtree, TriangleBvh};
 use crate::task::checkpoint;
 
-/// Triangles of the subtrees that threads take. Fixed, so that the work is cut the same way
-/// whatever the number of threads.
+/// Most triangles of the subtrees that threads take. Fixed, so that the work is divided the same
+/// way whatever the number of threads.
 const PORTION: usize = 2048;
-/// Subtrees of fewer triangles are not asked whether cells outside hide them.
+/// Least number of triangles of a subtree that is tested for occlusion by the exterior.
 const WALKED_TO: usize = 64;
-/// No triangle.
+/// Index that stands for no triangle.
 const NONE: u32 = u32::MAX;
 
-/// What views have seen of a wall so far. Views may be added at any time; what is seen depends on
-/// the set of them alone, not on their order, on how they were added or on the number of threads.
+/// Faces of a wall that views have seen so far. Views may be added at any time; the result depends
+/// on the set of them alone, not on their order, on how they were added or on the number of
+/// threads.
 pub struct CoverageMap<'a> {
     wall: &'a Mesh,
     tree: &'a TriangleBvh,
     exterior: Option<&'a ExteriorGrid>,
-    /// mm², one a face; a face of area 0 hides others and is never seen.
+    /// Area of each face, mm²; a face of area 0 hides others and is never seen.
     areas: Vec<f64>,
     portions: Vec<Portion>,
 }
 
 impl<'a> CoverageMap<'a> {
-    /// A wall of which nothing was seen yet.
+    /// Creates the map of a wall of which nothing was seen yet.
     ///
-    /// * `wall`: LPS mm, as for [`coverage`](super::coverage).
-    /// * `tree`: of the wall's triangles.
-    /// * `exterior`: of the wall, where it is closed. Saves time; what is seen does not depend on
-    ///   it.
+    /// * `wall`: mesh in LPS mm, as for [`coverage`](super::coverage).
+    /// * `tree`: hierarchy of the wall's triangles.
+    /// * `exterior`: exterior of the wall, where it is closed. Saves time; the result does not
+    ///   depend on it.
     pub fn new(wall: &'a Mesh, tree: &'a TriangleBvh, exterior: Option<&'a ExteriorGrid>) -> Self {
         let areas: Vec<f64> = (0..wall.faces.len()).map(|f| wall_area_mm2(wall, f)).collect();
         let portions = portions(tree).into_iter().map(|s| Portion::new(tree, s, &areas)).collect();
         Self { wall, tree, exterior, areas, portions }
     }
 
-    /// The wall.
+    /// Returns the wall.
     pub fn wall(&self) -> &'a Mesh {
         self.wall
     }
 
-    /// Adds what views see: pose and lens of each.
+    /// Adds the faces that views see: pose and lens of each.
     pub fn add(&mut self, views: &[(Pose, Lens)]) {
         let (tree, exterior) = (self.tree, self.exterior);
         let frusta: Vec<Frustum<'_>> =
@@ -57,7 +58,7 @@ impl<'a> CoverageMap<'a> {
         });
     }
 
-    /// One flag a face of the wall: whether it was seen.
+    /// Returns one flag a face of the wall: whether it was seen.
     pub fn seen(&self) -> Vec<bool> {
         let mut seen = vec![false; self.areas.len()];
         for portion in &self.portions {
@@ -68,25 +69,26 @@ impl<'a> CoverageMap<'a> {
         seen
     }
 
-    /// Area of each face that counts as wall, mm².
+    /// Returns the area of each face that counts as wall, mm².
     pub fn areas_mm2(&self) -> &[f64] {
         &self.areas
     }
 
-    /// Share of the wall's area that was seen, 0 to 1; 0 of a wall without area.
+    /// Returns the share of the wall's area that was seen, 0 to 1; 0 of a wall without area.
     pub fn fraction(&self) -> f64 {
         share_of_area(&self.areas, &self.seen())
     }
 }
 
-/// Share of a wall's area that flags choose; 0 of a wall without area.
+/// Computes the share of a wall's area that flags choose; 0 of a wall without area.
 pub(super) fn share_of_area(areas: &[f64], chosen: &[bool]) -> f64 {
     let all: f64 = areas.iter().sum();
     let sum: f64 = areas.iter().zip(chosen).filter(|(_, c)| **c).map(|(a, _)| a).sum();
     if all > 0.0 { sum / all } else { 0.0 }
 }
 
-/// Area of a face that counts as wall, mm²; 0 for caps and where a vertex is not finite.
+/// Computes the area of a face that counts as wall, mm²; 0 for caps and where a vertex is not
+/// finite.
 fn wall_area_mm2(wall: &Mesh, face: usize) -> f64 {
     let [a, b, c] = wall.faces[face].map(|v| wall.positions[v as usize].as_dvec3());
     let area = 0.5 * (b - a).cross(c - a).length();
@@ -94,7 +96,8 @@ fn wall_area_mm2(wall: &Mesh, face: usize) -> f64 {
     if cap || !area.is_finite() { 0.0 } else { area }
 }
 
-/// Subtrees of at most [`PORTION`] triangles that hold all of them, in the triangles' order.
+/// Returns subtrees of at most [`PORTION`] triangles that hold all of them, in the triangles'
+/// order.
 fn portions(tree: &TriangleBvh) -> Vec<Subtree> {
     let mut open = vec![tree.root()];
     let mut out = Vec::new();
@@ -109,14 +112,14 @@ fn portions(tree: &TriangleBvh) -> Vec<Subtree> {
     out
 }
 
-/// Centre and half extent of a subtree's box, relative to an eye.
+/// Returns the centre and half extent of a subtree's box, relative to an eye.
 fn box_about(tree: &TriangleBvh, s: Subtree, eye: DVec3) -> (DVec3, DVec3) {
     let (lo, hi) = tree.bounds(s);
     let (lo, hi) = (lo.as_dvec3(), hi.as_dvec3());
     (0.5 * (lo + hi) - eye, 0.5 * (hi - lo))
 }
 
-/// What one view can see: planes in front of which it lies, from the eye.
+/// View frustum of one view, as planes with inward normals, relative to the eye.
 struct Frustum<'a> {
     eye: DVec3,
     /// Cells outside the wall, where they are known and the eye is inside.
@@ -149,7 +152,7 @@ impl<'a> Frustum<'a> {
         }
     }
 
-    /// Whether a place, relative to the eye, is inside.
+    /// Whether a point, relative to the eye, is inside.
     fn contains(&self, p: DVec3) -> bool {
         self.forward.dot(p) >= self.near_mm && self.sides.iter().all(|n| n.dot(p) >= 0.0)
     }
@@ -161,7 +164,7 @@ impl<'a> Frustum<'a> {
     }
 }
 
-/// One subtree and what was seen of it so far.
+/// One subtree and the samples of it that were seen so far.
 struct Portion {
     subtree: Subtree,
     /// Samples seen, a bit each, of every triangle of the subtree.
@@ -170,9 +173,9 @@ struct Portion {
     sample_counts: Vec<u8>,
     /// Nodes of the subtree whose triangles are all seen.
     done: Vec<bool>,
-    /// The triangle that hid each triangle last: from eyes close by it still does, most often.
+    /// Triangle that hid each triangle last, which it most often does from nearby eyes too.
     occluders: Vec<u32>,
-    /// The triangle that hid a sample last: it hides neighbouring ones as well, most often.
+    /// Triangle that hid a sample last, which most often hides neighbouring ones too.
     occluder: u32,
 }
 
@@ -194,8 +197,8 @@ impl Portion {
         }
     }
 
-    /// Indices of views, nearest to the subtree first: they see most of it, and what is seen is not
-    /// looked at again.
+    /// Returns indices of views, nearest to the subtree first: they see most of it, and faces
+    /// already seen are not tested again.
     fn nearest_first(&self, tree: &TriangleBvh, frusta: &[Frustum<'_>]) -> Vec<usize> {
         let distance2 = |f: &Frustum<'_>| {
             let (centre, half) = box_about(tree, self.subtree, f.eye);
@@ -210,7 +213,7 @@ impl Portion {
         2 * self.samples[i].count_ones() > u32::from(self.sample_counts[i])
     }
 
-    /// Adds what one view sees of a subtree.
+    /// Adds the samples that one view sees of a subtree.
     fn look_below(&mut self, tree: &TriangleBvh, s: Subtree, frustum: &Frustum<'_>) {
         let node = s.node - self.subtree.node;
         if self.done[node] {

@@ -6,8 +6,8 @@ use super::Coverage;
 use crate::geometry::TriangleBvh;
 use crate::lumen::Lumen;
 
-/// Boundary voxels whose wall neither way saw: field element and rank of the missed patch, in
-/// element order.
+/// Returns the boundary voxels whose wall neither way saw: field element and rank of the missed
+/// patch, in element order.
 ///
 /// * `tree`: triangles of the wall that the coverage was computed for.
 ///
