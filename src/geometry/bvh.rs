@@ -1,5 +1,5 @@
-//! Bounding volume hierarchy over the triangles of a mesh: the nearest point on it, and what meets
-//! a segment.
+//! Bounding volume hierarchy over the triangles of a mesh, for the nearest point on it and for
+//! intersections with a segment.
 
 mod segment;
 
@@ -12,21 +12,21 @@ use super::median_split::{self, KeyedPoint};
 use super::{Mesh, MeshPoint, nearest_on_triangle};
 use crate::task::checkpoint;
 
-/// Triangles of a leaf.
+/// Largest number of triangles of a leaf.
 const LEAF: usize = 4;
-/// Triangles below which a subtree is built by one thread.
+/// Number of triangles below which a subtree is built by one thread.
 const ALONE: usize = 1 << 14;
-/// Room for the subtrees that a search leaves open.
+/// Capacity of a search's stack of open subtrees.
 const DEPTH: usize = 32;
 
-/// The nearest point on a mesh.
+/// Nearest point on a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClosestPoint {
-    /// Face and weights.
+    /// Face and barycentric weights of the point.
     pub at: MeshPoint,
-    /// Its position, mm.
+    /// Position of the point, mm.
     pub point: DVec3,
-    /// Its distance, mm.
+    /// Distance to the point, mm.
     pub distance_mm: f64,
 }
 
@@ -64,35 +64,35 @@ pub struct TriangleBvh {
     faces: Vec<u32>,
 }
 
-/// A node of the tree with the triangles below it: `count` of them from `first` on, in the order of
-/// the leaves.
+/// A node of the tree with the `count` triangles below it, from `first` on, in the order of the
+/// leaves.
 #[derive(Clone, Copy, Debug)]
 pub struct Subtree {
     /// Index of the node.
     pub node: usize,
-    /// Its first triangle.
+    /// Place of the node's first triangle in the leaves.
     pub first: usize,
-    /// How many triangles it has.
+    /// Number of triangles below the node.
     pub count: usize,
 }
 
 impl Subtree {
-    /// Whether it has no children.
+    /// Whether the node has no children.
     pub fn is_leaf(self) -> bool {
         self.count <= LEAF
     }
 
-    /// Nodes of the subtree.
+    /// Returns the number of nodes of the subtree.
     pub fn nodes(self) -> usize {
         nodes(self.count)
     }
 
-    /// Its triangles.
+    /// Returns the places of the node's triangles in the leaves.
     pub fn triangles(self) -> Range<usize> {
         self.first..self.first + self.count
     }
 
-    /// Its two children, if it is not a leaf.
+    /// Returns both children of a node that is not a leaf.
     pub fn children(self) -> [Self; 2] {
         let m = left(self.count);
         [
@@ -102,12 +102,13 @@ impl Subtree {
     }
 }
 
-/// Nodes of a subtree of `n` triangles.
+/// Returns the number of nodes of a subtree of `n` triangles.
 fn nodes(n: usize) -> usize {
     2 * n.div_ceil(LEAF).max(1) - 1
 }
 
-/// Triangles in the left child of a subtree of `n`: half of its leaves, each full.
+/// Returns the number of triangles in the left child of a subtree of `n`: half of its leaves, each
+/// full.
 fn left(n: usize) -> usize {
     n.div_ceil(LEAF).div_ceil(2) * LEAF
 }
@@ -136,33 +137,33 @@ impl TriangleBvh {
         Self { nodes: tree, triangles, faces }
     }
 
-    /// The whole tree; without triangles, an empty leaf that has no box.
+    /// Returns the whole tree; without triangles, an empty leaf that has no box.
     pub fn root(&self) -> Subtree {
         Subtree { node: 0, first: 0, count: self.faces.len() }
     }
 
-    /// Smallest and largest corner of the box around the triangles of a subtree.
+    /// Returns the smallest and largest corner of the box around the triangles of a subtree.
     pub fn bounds(&self, s: Subtree) -> (Vec3, Vec3) {
         (self.nodes[s.node].lo, self.nodes[s.node].hi)
     }
 
-    /// Corners of a triangle, by its place in the leaves.
+    /// Returns the corners of a triangle, by its place in the leaves.
     pub fn triangle(&self, place: usize) -> [Vec3; 3] {
         self.triangles[place]
     }
 
-    /// Face of the mesh, by its triangle's place in the leaves.
+    /// Returns the face of the mesh, by its triangle's place in the leaves.
     pub fn face(&self, place: usize) -> u32 {
         self.faces[place]
     }
 
-    /// The point nearest to `p`, `None` on a mesh without faces. Of points equally near, the one on
-    /// the face visited first, which depends on nothing but the mesh and `p`.
+    /// Returns the point nearest to `p`, `None` on a mesh without faces. Of points equally near,
+    /// the one on the face visited first, which depends on nothing but the mesh and `p`.
     pub fn closest(&self, p: DVec3) -> Option<ClosestPoint> {
         self.closest_within(p, f64::INFINITY)
     }
 
-    /// The point nearest to `p` if it is nearer than `limit_mm`.
+    /// Returns the point nearest to `p` if it is nearer than `limit_mm`.
     pub fn closest_within(&self, p: DVec3, limit_mm: f64) -> Option<ClosestPoint> {
         if self.faces.is_empty() {
             return None;

@@ -5,9 +5,9 @@ use glam::{Quat, Vec3};
 /// A camera pose in patient space. The camera looks along its own -z with +y up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// LPS mm.
+    /// Position of the eye, LPS mm.
     pub position_mm: Vec3,
-    /// World from camera, unit.
+    /// Rotation from camera to world, unit.
     pub rotation: Quat,
 }
 
@@ -53,10 +53,10 @@ impl Lens {
 /// A camera with the height of its image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// Where it stands.
+    /// Position and orientation.
     pub pose: Pose,
-    /// What it sees.
+    /// Field of view and near plane.
     pub lens: Lens,
-    /// Rows of the picture.
+    /// Height of the image, pixels.
     pub height_px: u32,
 }

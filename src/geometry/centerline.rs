@@ -1,4 +1,4 @@
-//! A centerline: branches of points with radius, and how they hang together.
+//! A centerline: branches of points with radius, and their attachments.
 
 use glam::DVec3;
 use serde::Serialize;
@@ -8,7 +8,7 @@ use super::tree::label_generations;
 /// A point of a centerline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CenterlinePoint {
-    /// LPS mm.
+    /// Position, LPS mm.
     pub position_mm: DVec3,
     /// Distance to the wall (maximum inscribed sphere), mm.
     pub radius_mm: f64,
@@ -16,28 +16,28 @@ pub struct CenterlinePoint {
     pub abscissa_mm: f64,
 }
 
-/// A place on a branch: one of its points.
+/// A point of a branch that another branch is attached to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Attachment {
     /// Index of the branch.
     pub branch: usize,
-    /// Index of its point.
+    /// Index of the point on that branch.
     pub point: usize,
 }
 
 /// One branch. Its end points repeat the points that they are attached to.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Branch {
-    /// Where the first point leaves an earlier branch; `None` of a root.
+    /// Point of an earlier branch that the first point repeats; `None` of a root.
     pub start: Option<Attachment>,
-    /// Where the last point meets a branch again and closes a loop; `None` of a free tip.
+    /// Point that the last point repeats, where the branch closes a loop; `None` of a free tip.
     pub end: Option<Attachment>,
     /// Points from the start to the end.
     pub points: Vec<CenterlinePoint>,
 }
 
 impl Branch {
-    /// The branch that this one leaves.
+    /// Returns the index of the branch that this one leaves.
     pub fn parent(&self) -> Option<usize> {
         self.start.map(|s| s.branch)
     }
@@ -51,39 +51,40 @@ pub struct Centerline {
     pub branches: Vec<Branch>,
 }
 
-/// An end of a branch that is attached to no point it may be attached to.
+/// An invalid attachment of a branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("branch {branch} is attached to point {} of branch {}, which {}", .to.point, .to.branch, if *.later { "does not come before it" } else { "is not there" })]
 pub struct AttachmentError {
-    /// Which branch.
+    /// Index of the branch.
     pub branch: usize,
-    /// What it is said to be attached to.
+    /// Attachment that is invalid.
     pub to: Attachment,
-    /// The point is there, but a start must be on an earlier branch.
+    /// Whether the point exists, but on a branch that does not come before, as it must for a start.
     pub later: bool,
 }
 
 impl Centerline {
-    /// Points of all branches.
+    /// Returns the number of points of all branches.
     pub fn point_count(&self) -> usize {
         self.branches.iter().map(|b| b.points.len()).sum()
     }
 
-    /// Summed length of all branches, mm.
+    /// Returns the summed length of all branches, mm.
     pub fn length_mm(&self) -> f64 {
         self.branches.iter().map(|b| length_mm(&b.points)).sum()
     }
 
-    /// Branches that leave no other: the path or trunk, one for each piece of the lumen, in the order
-    /// in which they follow each other.
+    /// Returns the branches that leave no other: the path or trunk, one for each piece of the
+    /// lumen, in the order in which they follow each other.
     pub fn pieces(&self) -> impl Iterator<Item = &Branch> {
         self.branches.iter().filter(|b| b.start.is_none())
     }
 
-    /// Whether all attachments are points of the centerline, those of starts on earlier branches.
+    /// Checks that all attachments are points of the centerline, those of starts on earlier
+    /// branches.
     ///
     /// # Errors
-    /// [`AttachmentError`] names the first that is not.
+    /// [`AttachmentError`] names the first invalid one.
     pub fn check_attachments(&self) -> Result<(), AttachmentError> {
         for (branch, b) in self.branches.iter().enumerate() {
             for to in b.start.iter().chain(&b.end).copied() {
@@ -98,7 +99,7 @@ impl Centerline {
         Ok(())
     }
 
-    /// The polyline from the root to the end of `branch`, attachment points once.
+    /// Returns the polyline from the root to the end of `branch`, attachment points once.
     ///
     /// # Panics
     /// Where [`Centerline::check_attachments`] has an error.
@@ -116,8 +117,8 @@ impl Centerline {
         path
     }
 
-    /// The same centerline as nodes and the edges between them: branches are cut where others are
-    /// attached.
+    /// Converts the centerline to nodes and the edges between them: branches are cut where others
+    /// are attached.
     ///
     /// # Panics
     /// Where [`Centerline::check_attachments`] has an error.
@@ -130,49 +131,49 @@ fn length_mm(points: &[CenterlinePoint]) -> f64 {
     points.windows(2).map(|w| w[0].position_mm.distance(w[1].position_mm)).sum()
 }
 
-/// What a node of a centerline graph is.
+/// Kind of a node of a centerline graph.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum NodeKind {
-    /// One edge ends here.
+    /// End of one edge.
     End,
-    /// Edges meet here.
+    /// Meeting of several edges.
     Junction,
-    /// The one node of a ring.
+    /// Only node of a ring.
     Loop,
 }
 
 /// A node of a centerline graph.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CenterlineNode {
-    /// Its index.
+    /// Index of the node.
     pub id: usize,
-    /// LPS mm.
+    /// Position, LPS mm.
     pub position_mm: [f64; 3],
-    /// What it is.
+    /// Kind of the node.
     pub kind: NodeKind,
-    /// Edge ends that meet here; a ring counts twice.
+    /// Number of edge ends that meet at the node; a ring counts twice.
     pub degree: usize,
 }
 
 /// An edge of a centerline graph.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CenterlineEdge {
-    /// Its index.
+    /// Index of the edge.
     pub id: usize,
-    /// The node of its first point.
+    /// Index of the node at the first point.
     pub from: usize,
-    /// The node of its last point.
+    /// Index of the node at the last point.
     pub to: usize,
-    /// x, y, z (LPS mm) and radius (mm) of its points.
+    /// Points of the edge: x, y, z (LPS mm) and radius (mm).
     pub points: Vec<[f64; 4]>,
-    /// Its length, mm.
+    /// Length of the edge, mm.
     pub length_mm: f64,
-    /// Smallest radius of its points, mm.
+    /// Smallest radius of the edge's points, mm.
     pub min_radius_mm: f64,
-    /// Mean radius of its points, mm.
+    /// Mean radius of the edge's points, mm.
     pub mean_radius_mm: f64,
-    /// Bifurcations on the shortest way to it from a root: 0 at a root.
+    /// Number of bifurcations on the shortest path to the edge from a root: 0 at a root.
     pub generation: usize,
 }
 
@@ -183,16 +184,16 @@ pub struct CenterlineGraph {
     pub schema: &'static str,
     /// Coordinate system of all positions.
     pub space: &'static str,
-    /// Nodes where branches that leave no other start.
+    /// Indices of the nodes at which branches that leave no other start.
     pub roots: Vec<usize>,
-    /// The nodes, in the order of the branches they lie on.
+    /// Nodes, in the order of the branches they lie on.
     pub nodes: Vec<CenterlineNode>,
-    /// The edges, in the order of their branches.
+    /// Edges, in the order of their branches.
     pub edges: Vec<CenterlineEdge>,
 }
 
 impl CenterlineGraph {
-    /// Independent loops: edges less nodes, and one for each connected part.
+    /// Returns the number of independent loops: edges less nodes, and one for each connected part.
     pub fn loops(&self) -> usize {
         let mut part: Vec<usize> = (0..self.nodes.len()).collect();
         let mut parts = part.len();
@@ -207,7 +208,7 @@ impl CenterlineGraph {
     }
 }
 
-/// Nodes by the places on branches they stand for.
+/// Nodes in order of index, each by its place on a branch.
 #[derive(Default)]
 struct GraphBuilder {
     places: Vec<Attachment>,
@@ -268,7 +269,8 @@ impl GraphBuilder {
         CenterlineGraph { schema: "intima.graph/1", space: "LPS", roots, nodes, edges }
     }
 
-    /// The node of a place; an attached end is the place it is attached to.
+    /// Returns the node of a place; an attached end is the same place as the point it is attached
+    /// to.
     fn node(&mut self, line: &Centerline, mut at: Attachment) -> usize {
         // No chain of attachments is longer than there are branch ends, unless it goes in circles.
         for _ in 0..2 * line.branches.len() {

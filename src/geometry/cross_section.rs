@@ -1,21 +1,21 @@
-//! The cross-section of a closed wall: the outline of the part of a plane that is inside, about a
-//! point of it.
+//! The cross-section of a closed wall: the outline, about a point, of the part of a plane that is
+//! inside.
 
 use glam::{DVec2, DVec3};
 
 use super::{Mesh, TriangleBvh};
 
-/// What a plane cuts out of the lumen, about a point.
+/// Cross-section of the lumen by a plane, about a point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CrossSection {
-    /// Area inside, mm²; holes are not part of it.
+    /// Area of the lumen, mm²; holes are not part of it.
     pub area_mm2: f64,
     /// Length of the outer outline, mm.
     pub perimeter_mm: f64,
-    /// Largest distance of two points of the outline (largest Feret diameter), mm.
+    /// Largest Feret diameter, mm: the largest distance of two points of the outline.
     pub largest_diameter_mm: f64,
-    /// Least distance of two parallel lines that hold the outline between them (least Feret
-    /// diameter), mm.
+    /// Least Feret diameter, mm: the least distance of two parallel lines with the outline between
+    /// them.
     pub smallest_diameter_mm: f64,
     /// The outer outline, LPS mm, closed; once around.
     pub outline: Vec<DVec3>,
@@ -24,7 +24,7 @@ pub struct CrossSection {
 /// An edge of the mesh by its vertices, the lower one first.
 type FaceEdge = (u32, u32);
 
-/// A piece of outline across one face, from the edge where it comes in to that where it leaves.
+/// A piece of outline across one face, from the edge where it enters to the edge where it leaves.
 struct OutlineSegment {
     from: FaceEdge,
     to: FaceEdge,
@@ -34,12 +34,12 @@ struct OutlineSegment {
 /// A closed outline in the plane.
 struct Outline {
     points: Vec<DVec2>,
-    /// Positive counter-clockwise.
+    /// Signed area, positive counter-clockwise.
     area: f64,
 }
 
 impl Outline {
-    /// Whether the line winds about a point.
+    /// Whether the outline winds about a point.
     fn holds(&self, p: DVec2) -> bool {
         let mut inside = false;
         for (a, b) in closed(&self.points) {
@@ -52,7 +52,7 @@ impl Outline {
     }
 }
 
-/// Each point with the next one, the last with the first.
+/// Pairs each point with the next one, the last with the first.
 fn closed(points: &[DVec2]) -> impl Iterator<Item = (DVec2, DVec2)> {
     points.iter().zip(points.iter().cycle().skip(1)).map(|(a, b)| (*a, *b))
 }
@@ -104,7 +104,7 @@ pub fn cross_section(
     })
 }
 
-/// Where the plane cuts the faces, each piece with the inside on the same hand.
+/// Returns the segments in which the plane cuts the faces, each with the inside on the same side.
 fn pieces(
     wall: &Mesh,
     tree: &TriangleBvh,
@@ -156,7 +156,7 @@ fn pieces(
     out
 }
 
-/// Links pieces where they share an edge; what does not close is left out.
+/// Links pieces that share an edge into closed outlines; open ones are left out.
 fn outlines(mut pieces: Vec<OutlineSegment>) -> Vec<Outline> {
     pieces.sort_by_key(|p| (p.from, p.to));
     let mut used = vec![false; pieces.len()];
@@ -184,7 +184,7 @@ fn outlines(mut pieces: Vec<OutlineSegment>) -> Vec<Outline> {
     out
 }
 
-/// Largest and smallest Feret diameter of points.
+/// Returns the largest and smallest Feret diameter of points.
 fn feret_diameters(points: &[DVec2]) -> (f64, f64) {
     let hull = convex_hull(points);
     let mut largest: f64 = 0.0;
@@ -199,7 +199,8 @@ fn feret_diameters(points: &[DVec2]) -> (f64, f64) {
     (largest, if smallest.is_finite() { smallest } else { 0.0 })
 }
 
-/// Andrew's monotone chain (1979, doi:10.1016/0020-0190(79)90072-3), counter-clockwise.
+/// Returns the convex hull, counter-clockwise, by Andrew's monotone chain (1979,
+/// doi:10.1016/0020-0190(79)90072-3).
 fn convex_hull(points: &[DVec2]) -> Vec<DVec2> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));

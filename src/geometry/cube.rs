@@ -6,12 +6,12 @@ use glam::Quat;
 
 use super::{Lens, Pose};
 
-/// Front, right, back, left, up and down of an eye: pose and lens of each, squares that meet at
-/// their edges.
+/// Returns pose and lens of the front, right, back, left, up and down view of an eye: squares that
+/// meet at their edges.
 ///
-/// * `lens`: its near ball holds no wall; those of the faces are the same ball.
-/// * `margin`: how much farther each face reaches than to its edge, 0 for squares that just meet; a
-///   share of half a face.
+/// * `lens`: lens whose near ball holds no wall; those of the faces have the same ball.
+/// * `margin`: width by which each face extends beyond its edge, as a share of half a face; 0 for
+///   squares that just meet.
 pub fn cube_faces(pose: &Pose, lens: &Lens, margin: f32) -> [(Pose, Lens); 6] {
     let turns = [
         Quat::IDENTITY,

@@ -1,4 +1,5 @@
-//! Exterior of a closed wall on a grid of cells: which boxes it hides from an eye inside it.
+//! Exterior of a closed wall on a grid of cells, to tell boxes that the wall hides from an eye
+//! inside.
 //!
 //! A bent organ passes the eye several times: half of the triangles in the frustum of a colon view
 //! belong to other loops, behind centimetres of tissue. The grid divides space into cells and marks
@@ -11,11 +12,11 @@ use super::Mesh;
 use crate::fault;
 use crate::task::checkpoint;
 
-/// Larger distances are clamped to this, in cells.
+/// Largest distance that is stored, in cells; larger ones are clamped to it.
 const MAX_DISTANCE: u8 = 100;
 
-/// Grid over the bounding box of a closed wall: how far each cell is from the border between the
-/// exterior and the rest.
+/// Grid over the bounding box of a closed wall, with the distance of each cell to the border
+/// between the exterior and the rest.
 #[derive(Debug)]
 pub struct ExteriorGrid {
     lo: DVec3,
@@ -61,7 +62,7 @@ impl ExteriorGrid {
         x + self.dims.x as usize * (y + self.dims.y as usize * z)
     }
 
-    /// Cells that the box of some triangle meets.
+    /// Returns the cells that the bounding box of some triangle meets.
     fn touched(&self, mesh: &Mesh) -> Vec<bool> {
         let mut touched = vec![false; self.dims.as_usizevec3().element_product()];
         // Tolerance for rounding, so that no touched cell is missed.
@@ -80,7 +81,8 @@ impl ExteriorGrid {
         touched
     }
 
-    /// Untouched cells that a flood fill from the border reaches (6-connected), and the border.
+    /// Returns the untouched cells that a flood fill from the border reaches (6-connected), and the
+    /// border.
     fn reached_from_border(&self, touched: &[bool]) -> Vec<bool> {
         let d = self.dims.as_usizevec3();
         let (row, layer) = (d.x, d.x * d.y);
@@ -104,9 +106,10 @@ impl ExteriorGrid {
         reached
     }
 
-    /// Chebyshev distance of each cell to the nearest one of `set`, in cells: a transform in two
-    /// passes, exact for this metric (Borgefors 1986, doi:10.1016/S0734-189X(86)80047-0). Each cell
-    /// takes the minimum of the neighbours that precede it in the scan direction, plus one.
+    /// Computes the Chebyshev distance of each cell to the nearest one of `set`, in cells: a
+    /// transform in two passes, exact for this metric (Borgefors 1986,
+    /// doi:10.1016/S0734-189X(86)80047-0). Each cell takes the minimum of the neighbours that
+    /// precede it in the scan direction, plus one.
     fn chebyshev(&self, set: &[bool]) -> Vec<u8> {
         let mut distance: Vec<u8> = set.iter().map(|s| if *s { 0 } else { MAX_DISTANCE }).collect();
         let [nx, ny, nz] = self.dims.to_array().map(|n| n as usize);
@@ -155,8 +158,8 @@ impl ExteriorGrid {
         self.distance[self.index(self.cell(p))] < 0
     }
 
-    /// In an exterior cell, a lower bound of the Chebyshev distance of a point to all others, mm;
-    /// elsewhere, negative, of that to all exterior cells.
+    /// Returns, in an exterior cell, a lower bound of the Chebyshev distance of a point to all
+    /// others, mm; elsewhere, negative, of that to all exterior cells.
     fn clearance_mm(&self, p: DVec3) -> f64 {
         let distance = self.distance[self.index(self.cell(p))];
         f64::from(distance - distance.signum()) * self.cell_mm

@@ -2,8 +2,9 @@
 
 use glam::Vec3;
 
-/// A position and the id of what is there. Coordinates are stored as integers of the same order, so
-/// that a coordinate and the id compare as one u64. 16 bytes, which are moved faster than looked up.
+/// A position and the id of the item there. Coordinates are stored as integers of the same order,
+/// so that a coordinate and the id compare as one u64. 16 bytes, which are moved faster than looked
+/// up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KeyedPoint {
     at: [u32; 3],

@@ -9,10 +9,10 @@ pub struct Mesh {
     pub positions: Vec<Vec3>,
     /// Unit vertex normals pointing into the lumen; empty or one a vertex.
     pub normals: Vec<Vec3>,
-    /// Vertex ids of each triangle. Counter-clockwise seen from inside the lumen, so that the
-    /// face normal by the right-hand rule points into the lumen too.
+    /// Vertex ids of each triangle, counter-clockwise seen from inside the lumen, so that the face
+    /// normal by the right-hand rule points into the lumen too.
     pub faces: Vec<[u32; 3]>,
-    /// One flag a face, or empty: the face closes the lumen at the volume's edge.
+    /// Whether a face closes the lumen at the volume's edge: one flag a face, or empty.
     pub caps: Vec<bool>,
 }
 

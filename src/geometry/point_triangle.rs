@@ -49,7 +49,8 @@ pub fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, DVec3) {
     (p.distance_squared(on), weights)
 }
 
-/// The same for a triangle without area: the nearest point on its sides.
+/// Returns the squared distance and weights for a triangle without area: the nearest point on its
+/// sides.
 fn nearest_on_sides(p: DVec3, corners: [DVec3; 3]) -> (f64, DVec3) {
     let mut best = (f64::INFINITY, DVec3::X);
     for i in 0..3 {

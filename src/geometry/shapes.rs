@@ -1,4 +1,4 @@
-//! Meshes that tests of several rooms look at.
+//! Meshes for the tests of several rooms.
 
 use glam::Vec3;
 

@@ -2,11 +2,11 @@
 //! (Antiga and Steinman 2004, Robust and objective decomposition and mapping of bifurcating
 //! vessels, IEEE Transactions on Medical Imaging 23(6), 704-713, doi:10.1109/TMI.2004.826946).
 //!
-//! A path leads from a root to a tip. Where two ways part, each has left the other's tube (the union
-//! of its inscribed spheres) at some point; the bifurcation reaches from there back to the
+//! A path leads from a root to a tip. Where two paths part, each has left the other's tube (the
+//! union of its inscribed spheres) at some point; the bifurcation extends from there back to the
 //! inscribed sphere that touches that point. Departures: paths are split at their own points, half
 //! a voxel apart, not between them; the upstream limit is common to all paths, the farthest back of
-//! the ways; bifurcations that overlap on one path are one.
+//! them; bifurcations that overlap on one path are one.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -18,13 +18,13 @@ use super::centerline::{Attachment, Centerline, CenterlinePoint};
 pub struct Tract {
     /// Index of the path.
     pub path: usize,
-    /// Shared by the stretches of several paths in one branch, or in one bifurcation.
+    /// Number of the branch or bifurcation, shared by the stretches of several paths in it.
     pub group: usize,
-    /// Position along the path, from 0.
+    /// Position of the stretch along the path, from 0.
     pub tract: usize,
-    /// Whether it lies within a bifurcation.
+    /// Whether the stretch lies within a bifurcation.
     pub blanking: bool,
-    /// Points of the path; neighbours share one.
+    /// Points of the path in the stretch; neighbouring stretches share one.
     pub points: Range<usize>,
 }
 
@@ -37,17 +37,18 @@ pub struct Tracts {
     pub tracts: Vec<Tract>,
 }
 
-/// Where ways part. Points are counted along the paths through it.
+/// A fork and the stretches of the branches about it. Points are counted along the paths through
+/// it.
 struct Bifurcation {
     fork: Attachment,
     /// Last point before the fork that is not part of the bifurcation.
     start: usize,
-    /// The branches that ways go along, and the first point of each outside the others' tubes.
+    /// Branches that continue from the fork, each with its first point outside the others' tubes.
     ways: Vec<(usize, usize)>,
 }
 
 impl Centerline {
-    /// Branches with a tip of their own: no other branch leaves their last point.
+    /// Returns the branches with a tip of their own: no other branch leaves their last point.
     pub fn tips(&self) -> impl Iterator<Item = usize> {
         (0..self.branches.len()).filter(|b| {
             let point = self.branches[*b].points.len().saturating_sub(1);
@@ -98,7 +99,7 @@ impl Centerline {
         out
     }
 
-    /// Where each branch's first point would be in a path along it.
+    /// Returns the position of each branch's first point in a path along it.
     fn offsets(&self) -> Vec<usize> {
         let mut offsets: Vec<usize> = Vec::with_capacity(self.branches.len());
         for b in &self.branches {
@@ -156,7 +157,8 @@ impl Centerline {
         found
     }
 
-    /// The bifurcations that the path to a tip goes through, with the points it takes there.
+    /// Returns the bifurcations that the path to a tip passes through, each with its range of
+    /// points.
     fn passed(&self, tip: usize, all: &[Bifurcation]) -> Vec<(usize, Range<usize>)> {
         // Branches of the path, with the point that it leaves each at.
         let mut chain: BTreeMap<usize, usize> = BTreeMap::from([(tip, usize::MAX)]);
@@ -175,12 +177,12 @@ impl Centerline {
     }
 }
 
-/// Whether a point lies within one of the inscribed spheres of a way.
+/// Whether a point lies within one of the inscribed spheres along `way`.
 fn is_in_tube(p: &CenterlinePoint, way: &[CenterlinePoint]) -> bool {
     way.iter().any(|q| q.position_mm.distance_squared(p.position_mm) <= q.radius_mm * q.radius_mm)
 }
 
-/// Gives the bifurcations of a path that overlap one number; whether there were new ones.
+/// Gives the overlapping bifurcations of a path one number; returns whether any were merged.
 fn merge_overlaps(passed: &[(usize, Range<usize>)], merged: &mut [usize]) -> bool {
     let all = blanks(passed, merged);
     let mut any = false;
@@ -197,7 +199,7 @@ fn merge_overlaps(passed: &[(usize, Range<usize>)], merged: &mut [usize]) -> boo
     any
 }
 
-/// Merged bifurcations along a path with the points they span, by their first point.
+/// Returns the merged bifurcations along a path with the points they span, by their first point.
 fn blanks(passed: &[(usize, Range<usize>)], merged: &[usize]) -> Vec<(usize, Range<usize>)> {
     let mut spans: BTreeMap<usize, Range<usize>> = BTreeMap::new();
     for (i, r) in passed {
@@ -213,7 +215,7 @@ fn blanks(passed: &[(usize, Range<usize>)], merged: &[usize]) -> Vec<(usize, Ran
 #[derive(Default)]
 struct GroupNumbers {
     bifurcations: BTreeMap<usize, usize>,
-    /// By the bits of the first and last position.
+    /// Numbers of branches by the bits of their first and last position.
     branches: BTreeMap<[[u64; 3]; 2], usize>,
 }
 

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::centerline::{CenterlineEdge, CenterlineGraph, CenterlineNode};
 
-/// Counts of a tree's branches: what lies between root, bifurcations and tips.
+/// Counts of a tree's branches: the stretches between root, bifurcations and tips.
 ///
 /// The generation of a branch is the number of bifurcations on the shortest way to it from the root,
 /// as Weibel counts airways (Weibel 1963, Morphometry of the human lung,
@@ -15,15 +15,15 @@ use super::centerline::{CenterlineEdge, CenterlineGraph, CenterlineNode};
 /// meet is one bifurcation.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct TreeSummary {
-    /// How many branches.
+    /// Number of branches.
     pub branches: usize,
-    /// Branches with a free tip; of the branch at the root the root itself is none.
+    /// Number of branches with a free tip; the root is not a tip of its branch.
     pub terminal_branches: usize,
-    /// The greatest generation.
+    /// Largest generation.
     pub greatest_generation: usize,
-    /// Branches of each generation, from 0.
+    /// Number of branches of each generation, from 0.
     pub generations: Vec<usize>,
-    /// Loops among them. A branch on a loop has the least generation that leads to it.
+    /// Number of loops. A branch on a loop has the least generation that leads to it.
     pub loops: usize,
 }
 
@@ -39,8 +39,8 @@ impl fmt::Display for TreeSummary {
 }
 
 impl CenterlineGraph {
-    /// Branches by generation. Edges that meet at a node of degree 2 are one branch, unless a root
-    /// is there.
+    /// Counts branches by generation. Edges that meet at a node of degree 2 are one branch, unless
+    /// a root is there.
     pub fn tree(&self) -> TreeSummary {
         let mut generations: Vec<usize> = Vec::new();
         for e in &self.edges {

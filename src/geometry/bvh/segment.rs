@@ -1,19 +1,20 @@
-//! Triangles that meet a segment.
+//! Intersections of triangles with a segment.
 
 use glam::{DVec3, Vec3A};
 
 use super::{Bounds, DEPTH, TriangleBvh};
 
-/// A segment ends this share short of its end: coincident triangles there do not meet it.
+/// Share of a segment that is tested: triangles through its end do not count.
 const SEGMENT_END: f64 = 1.0 - 1e-6;
 /// Barycentric slack of a triangle's edges, so that no segment passes between two faces.
 const EDGE_SLACK: f64 = 1e-9;
-/// Share by which a box's far end is put off: more than three roundings of single numbers.
+/// Share by which the far end of a box is extended: more than three roundings in single precision.
 const SLAB_SLACK: f32 = 1e-6;
 
 impl Bounds {
-    /// Where on a segment the box begins, in lengths of the segment; infinite where they do not
-    /// meet before its end. Single precision, with slack enough that it never parts what meets.
+    /// Returns the entry of a segment into the box, as a share of the segment's length; infinite
+    /// where they do not meet before its end. Single precision, with slack enough that no
+    /// intersection is missed.
     #[inline]
     fn enter(&self, from: Vec3A, inverse: Vec3A) -> f32 {
         let a = (Vec3A::from(self.lo) - from) * inverse;
@@ -25,14 +26,14 @@ impl Bounds {
 }
 
 impl TriangleBvh {
-    /// A triangle's corners relative to a point.
+    /// Returns a triangle's corners relative to a point.
     #[inline]
     pub fn corners_about(&self, place: usize, from: DVec3) -> [DVec3; 3] {
         self.triangles[place].map(|p| p.as_dvec3() - from)
     }
 
-    /// A triangle that meets the segment from an eye to `eye + along`, other than the one at place
-    /// `own`: of those that do, the first one found from the eye on. By its place in the leaves.
+    /// Returns the first triangle found, from the eye on, that meets the segment from an eye to
+    /// `eye + along`, other than the one at place `own`, by its place in the leaves.
     ///
     /// * `eye`: coordinates that single precision holds.
     pub fn occluder(&self, eye: DVec3, along: DVec3, own: usize) -> Option<usize> {
@@ -64,7 +65,8 @@ impl TriangleBvh {
         None
     }
 
-    /// The place nearest to an eye at which the segment from it to `eye + along` meets a triangle.
+    /// Returns the intersection nearest to an eye of the segment from it to `eye + along` with a
+    /// triangle.
     ///
     /// * `eye`: coordinates that single precision holds.
     pub fn first_hit(&self, eye: DVec3, along: DVec3) -> Option<DVec3> {
