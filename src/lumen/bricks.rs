@@ -10,10 +10,10 @@ use super::BitVolume;
 pub const SIDE: i32 = 8;
 /// Voxels of a brick.
 pub const BRICK: usize = 512;
-/// No brick there.
+/// Slot number where there is no brick.
 pub const NONE: u32 = u32::MAX;
 
-/// Which bricks exist. Slots are numbered in z, y, x order of their place.
+/// Table of the bricks in use. Slots are numbered in z, y, x order of the bricks' positions.
 #[derive(Clone, Debug)]
 pub struct Bricks {
     /// Brick coordinates of the table's first entry; the rim may lie outside the volume.
@@ -191,8 +191,8 @@ pub(super) fn of_mask(mask: &BitVolume, bounds: Option<(UVec3, UVec3)>) -> (Bric
     (bricks, inside)
 }
 
-/// The bricks within a brick of every voxel that lies at most `reach_vox` voxels from a mask, as far
-/// as they lie in the volume: room for what looks around the mask.
+/// Returns the bricks within one brick of every voxel at most `reach_vox` voxels from a mask,
+/// clipped to the volume, for computations that read the mask's surroundings.
 pub fn surrounding_bricks(mask: &BitVolume, reach_vox: f64) -> Bricks {
     let near = super::dilated(mask, glam::DVec3::ONE, reach_vox);
     let bounds = near.bounds();

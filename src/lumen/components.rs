@@ -9,12 +9,12 @@ use super::body::BodyHull;
 use super::{BitVolume, bits::Run};
 use crate::volume::Grid;
 
-/// A component: how many voxels, where its first voxel (z, y, x order) is.
+/// Size and position of a connected component.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Component {
-    /// Voxels.
+    /// Number of voxels.
     pub voxels: u64,
-    /// Its first voxel.
+    /// First voxel of the component in z, y, x order.
     pub first: UVec3,
 }
 
@@ -113,9 +113,9 @@ impl RunSet {
     }
 }
 
-/// A mask by its 6-components.
+/// Mask split into its 6-connected components.
 pub(super) struct Split {
-    /// What is kept.
+    /// Voxels of the components kept.
     pub kept: BitVolume,
     /// The largest component kept; `None` where all lie outside the body.
     pub largest: Option<Component>,
@@ -190,29 +190,29 @@ pub(super) fn split(bits: &BitVolume, body: Option<&BodyHull>, all: bool) -> Opt
     })
 }
 
-/// A 6-component by its runs: x range, y, z, in z, y, x order.
+/// A 6-connected component as runs of voxels.
 #[derive(Clone, Debug)]
 pub struct Piece {
-    /// Number and first voxel.
+    /// Number of voxels and first voxel.
     pub component: Component,
-    /// Its voxels.
+    /// Runs of the component's voxels (x range, y, z), in z, y, x order.
     pub runs: Vec<(Run, u32, u32)>,
 }
 
 impl Piece {
-    /// Its mask.
+    /// Returns the component as a mask of a grid of `dims` voxels.
     pub fn mask(&self, dims: UVec3) -> BitVolume {
         let mut out = BitVolume::new(dims);
         self.runs.iter().for_each(|&(run, y, z)| out.set_run(run, y, z));
         out
     }
 
-    /// Its voxels, in z, y, x order.
+    /// Voxels of the component, in z, y, x order.
     pub fn voxels(&self) -> impl Iterator<Item = UVec3> + '_ {
         self.runs.iter().flat_map(|&((a, b), y, z)| (a..=b).map(move |x| UVec3::new(x, y, z)))
     }
 
-    /// Smallest box that holds it, inclusive corners.
+    /// Bounding box of the component, inclusive corners.
     pub fn bounds(&self) -> (UVec3, UVec3) {
         self.runs.iter().fold((UVec3::MAX, UVec3::ZERO), |(lo, hi), &((a, b), y, z)| {
             (lo.min(UVec3::new(a, y, z)), hi.max(UVec3::new(b, y, z)))

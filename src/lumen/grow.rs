@@ -23,17 +23,17 @@ pub fn grow(
     Ok(bits)
 }
 
-/// Which voxels are in the selection, found a word of 64 at a time when asked.
+/// Voxels in the selection, evaluated a word of 64 at a time on first access.
 struct Allowed<'a, T> {
     selection: &'a StoredSelection<T>,
     samples: &'a [T],
     bits: BitVolume,
-    /// A bit for each word of `bits` that holds its answer.
+    /// Bit for each word of `bits`: whether the word has been evaluated.
     known: Vec<u64>,
 }
 
 impl<T: Sample> Allowed<'_, T> {
-    /// A row's word.
+    /// Returns a word of a row, evaluating it on first access.
     #[inline]
     fn word(&mut self, row: usize, w: usize) -> u64 {
         let (words, nx) = (self.bits.row_words(), self.bits.dims().x as usize);

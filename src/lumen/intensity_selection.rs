@@ -1,4 +1,4 @@
-//! Which stored values are inside: thresholds and labels, in the stored type.
+//! Selection of voxels by stored value: thresholds and labels, in the stored type.
 
 use glam::UVec3;
 use rayon::prelude::*;
@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::{BitVolume, LumenError};
 use crate::volume::{Sample, Volume, with_samples};
 
-/// Which real values (after rescale) are inside.
+/// Set of real values (after rescale) that count as inside.
 #[derive(Clone, Debug, PartialEq)]
 pub enum IntensitySelection {
     /// Inclusive range; infinite ends are open.
@@ -67,13 +67,13 @@ impl IntensitySelection {
 
 /// A selection in stored units of type `T`.
 pub(super) enum StoredSelection<T> {
-    /// Inclusive; empty when nothing of the type can be inside.
+    /// Inclusive range; `None` when no value of the type can be inside.
     Range(Option<(T, T)>),
-    /// The same, but for what lies in a second range.
+    /// Inclusive range less a second one.
     Without((T, T), (T, T)),
-    /// All but one value, and NaN.
+    /// All values except one, and except NaN.
     Not(T),
-    /// All but NaN.
+    /// All values except NaN.
     Number,
     Any(Vec<f64>),
 }

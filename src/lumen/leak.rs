@@ -11,12 +11,12 @@ use super::intensity_selection::check_seed;
 use super::{BitVolume, IntensitySelection, LumenError};
 use crate::volume::{Grid, Volume, with_samples};
 
-/// What leak control chose.
+/// Threshold chosen by leak control, and the volumes around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeakReport {
-    /// The end of the selection it settled on, real units.
+    /// Chosen end of the selection, real units.
     pub threshold: f64,
-    /// The end it was given.
+    /// Requested end of the selection, real units.
     pub asked: f64,
     /// Volume at `threshold`, ml.
     pub volume_ml: f64,
@@ -58,8 +58,8 @@ pub fn grow_controlled(
     Ok((flood.mask(level), report))
 }
 
-/// What growing from a seed would fill at each threshold: every voxel with the level at which it
-/// is reached. Level 0 is the lowest value of the selection's closed side.
+/// Minimax flood from a seed: every voxel with the threshold level at which region growing reaches
+/// it. Level 0 is the lowest value of the selection's closed side.
 pub struct Flood {
     grid: Grid,
     sign: f64,
@@ -203,7 +203,7 @@ impl Flood {
             * self.voxel_ml()
     }
 
-    /// What is grown at a level.
+    /// Returns the region grown at a level.
     pub fn mask(&self, level: usize) -> BitVolume {
         let mut bits = BitVolume::new(self.grid.dims);
         for &(i, _) in self.order.iter().take_while(|o| o.1 as usize <= level) {

@@ -1,4 +1,4 @@
-//! The lumen: which voxels are inside, in sparse bricks, with the paper's three classes.
+//! The lumen: its voxels in sparse bricks, with the paper's three classes.
 //!
 //! Connectivity is 6 for the inside throughout; the surface room's cell table agrees with that.
 
@@ -30,16 +30,16 @@ use crate::volume::{Grid, Volume};
 use body::BodyHull;
 use bricks::{BRICK, NONE, near_index};
 
-/// Why there is no lumen.
+/// Reasons why there is no lumen.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LumenError {
     /// The seed is not a voxel of the volume.
     #[error("seed {seed} is outside the volume of {dims} voxels")]
     SeedOutside {
-        /// The seed.
+        /// Index of the seed.
         seed: UVec3,
-        /// The volume.
+        /// Size of the volume, voxels.
         dims: UVec3,
     },
     /// The seed's world point is not in the volume.
@@ -48,19 +48,19 @@ pub enum LumenError {
     /// The seed's value is not in the selection.
     #[error("seed {seed} has value {value}, which is not in {selection}")]
     SeedValue {
-        /// The seed.
+        /// Index of the seed.
         seed: UVec3,
-        /// Its value, real units.
+        /// Value at the seed, real units.
         value: f64,
-        /// What was asked.
+        /// Requested selection.
         selection: IntensitySelection,
     },
     /// No voxel is in the selection.
     #[error("empty lumen: no voxel is in {selection}{}", range_note(.range))]
     Empty {
-        /// What was asked.
+        /// Requested selection.
         selection: IntensitySelection,
-        /// Values of the volume, real units.
+        /// Smallest and largest value of the volume, real units.
         range: Option<(f64, f64)>,
     },
     /// All that is in the selection lies outside the patient.
@@ -69,7 +69,7 @@ pub enum LumenError {
          give a seed in the lumen, or a range that holds it"
     )]
     OnlyOutside {
-        /// What was asked.
+        /// Requested selection.
         selection: IntensitySelection,
         /// Volume outside the body, ml.
         ml: f64,
@@ -91,10 +91,10 @@ fn range_note(range: &Option<(f64, f64)>) -> String {
     range.map_or(String::new(), |(lo, hi)| format!(" (values run from {lo} to {hi})"))
 }
 
-/// How to choose the lumen.
+/// Options of the segmentation of the lumen.
 #[derive(Clone, Debug)]
 pub struct SegmentationOptions {
-    /// Which values are inside.
+    /// Values that count as inside.
     pub selection: IntensitySelection,
     /// Keep the 6-component of this voxel; without it the largest, of a range of values the largest
     /// that is not outside the body.
@@ -107,39 +107,39 @@ pub struct SegmentationOptions {
     pub leak_control: bool,
 }
 
-/// What choosing the lumen found on the way.
+/// Statistics of a segmentation.
 #[derive(Clone, Debug, Default)]
 pub struct SegmentationStats {
     /// The component taken, where no seed chose it and not all were taken.
     pub taken: Option<Component>,
     /// Components left out though they lie in the body, largest first.
     pub others: Vec<Component>,
-    /// Voxels of those.
+    /// Number of voxels in `others`.
     pub other_voxels: u64,
     /// Components left out because they lie outside the body, largest first.
     pub outside: Vec<Component>,
-    /// Voxels grown before filling.
+    /// Number of voxels grown before filling.
     pub grown_voxels: u64,
-    /// Voxels and cavities filled.
+    /// Numbers of voxels and of cavities filled.
     pub filled: (u64, usize),
-    /// What leak control did.
+    /// Report of leak control, if it was on.
     pub leak: Option<LeakReport>,
 }
 
 /// The lumen in bricks.
 #[derive(Clone, Debug)]
 pub struct Lumen {
-    /// Where it lies.
+    /// Grid of the volume.
     pub grid: Grid,
-    /// Which bricks exist.
+    /// Bricks that cover the lumen.
     pub bricks: Bricks,
     /// Inside bits, eight words a slot, one a z-layer, bit x + 8 y.
     pub inside: Vec<u64>,
     /// Boundary bits (inside with an external 6-neighbour), laid out as `inside`.
     pub boundary: Vec<u64>,
-    /// Inside voxels with no external 6-neighbour (class 1).
+    /// Number of inside voxels with no external 6-neighbour (class 1).
     pub internal_voxels: u64,
-    /// Inside voxels with one (class 2).
+    /// Number of inside voxels with an external 6-neighbour (class 2).
     pub boundary_voxels: u64,
     /// Whether the lumen reaches the edge of the volume.
     pub touches_edge: bool,
@@ -223,7 +223,7 @@ impl SegmentationOptions {
 }
 
 impl Lumen {
-    /// Bricks and classes of a mask.
+    /// Builds the bricks and classes of a mask.
     pub fn new(grid: Grid, mask: &BitVolume) -> Self {
         let bounds = mask.bounds();
         let (bricks, inside) = bricks::of_mask(mask, bounds);
@@ -250,7 +250,7 @@ impl Lumen {
         out
     }
 
-    /// Inside voxels.
+    /// Number of inside voxels.
     pub fn inside_voxels(&self) -> u64 {
         self.internal_voxels + self.boundary_voxels
     }
@@ -292,10 +292,11 @@ impl Lumen {
         out
     }
 
-    /// The same, eight slices at a time: for what is written as it is made.
+    /// Passes a field as a dense volume to `put`, eight slices at a time, so that a file can be
+    /// written without holding the whole volume.
     ///
     /// # Errors
-    /// What `put` says; it is not called again then.
+    /// The first error of `put`, which is not called again.
     pub fn each_layer<T: Copy, E>(
         &self,
         field: &[T],
@@ -308,7 +309,7 @@ impl Lumen {
             let out = &mut out[..layer.min(all - i * layer)];
             self.fill_layer(i, field, out);
             put(out)?;
-            // Only what was written is other than outside.
+            // Only the rows just filled differ from `outside`.
             self.layer_rows(i, out.len(), |_, to| out[to].fill(outside));
         }
         Ok(())
@@ -324,8 +325,8 @@ impl Lumen {
         self.layer_rows(layer, out.len(), |from, to| out[to].copy_from_slice(&field[from]));
     }
 
-    /// Rows of bricks within the first `len` voxels of a layer: where they are in a field, and
-    /// where in the layer. Bricks are in z order.
+    /// Calls `each` for every row of a brick within the first `len` voxels of a layer, with its
+    /// range in the field and its range in the layer. Bricks are in z order.
     fn layer_rows(
         &self,
         layer: usize,
@@ -357,13 +358,13 @@ impl Lumen {
         self.dense(&self.class_field(), 0)
     }
 
-    /// The same as a field.
+    /// The classes of the paper as a field, numbered as in [`Self::classes`].
     pub fn class_field(&self) -> Vec<u8> {
         let class = |e: usize| u8::from(self.is_inside(e)) + u8::from(bit(&self.boundary, e));
         (0..self.bricks.field_len()).into_par_iter().map(class).collect()
     }
 
-    /// Bytes held.
+    /// Memory held, bytes.
     pub fn bytes(&self) -> u64 {
         (self.bricks.len() * (12 + 108 + 128)) as u64
     }

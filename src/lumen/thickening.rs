@@ -44,7 +44,7 @@ pub fn thickened(
     out
 }
 
-/// The voxel itself among its 27.
+/// Bit of the voxel itself in its 3³ neighbourhood.
 const MIDDLE: u32 = 13;
 
 /// Offset of a bit of a neighbourhood.
@@ -52,26 +52,26 @@ fn offset(bit: u32) -> IVec3 {
     IVec3::new(bit as i32 % 3, bit as i32 / 3 % 3, bit as i32 / 9) - IVec3::ONE
 }
 
-/// Which of the 27 voxels about one are set.
+/// Returns a bit for each of the 27 voxels about one: whether it is set.
 fn neighbourhood(mask: &BitVolume, at: IVec3) -> u32 {
     (0..27).filter(|bit| mask.get(at + offset(*bit))).fold(0, |all, bit| all | 1 << bit)
 }
 
 /// Adjacency among the 27 voxels about one, as bits of x + 3 y + 9 z.
 pub struct Neighborhood {
-    /// By a side, within the 18 that share a side or an edge with the middle.
+    /// 6-neighbours of each voxel, among the 18 that share a side or an edge with the middle.
     sides: [u32; 27],
-    /// By a side, edge or corner.
+    /// 26-neighbours of each voxel.
     all: [u32; 27],
-    /// Those that share a side, or a side or an edge, with the middle.
+    /// Voxels that share a side with the middle; `eighteen`: a side or an edge.
     six: u32,
     eighteen: u32,
-    /// Two opposite sides of the middle, for each axis.
+    /// Pair of opposite 6-neighbours of the middle, for each axis.
     opposite: [u32; 3],
 }
 
 impl Neighborhood {
-    /// The tables.
+    /// Computes the tables.
     pub fn tables() -> Self {
         let among = |bit: u32, least: i32, most: i32| {
             let near = |other: &u32| {
@@ -95,8 +95,9 @@ impl Neighborhood {
         offset(bit)
     }
 
-    /// The 6-components of mask beside the middle, each by the bit of a side, and their number. A voxel
-    /// is added without a new tunnel if they belong to different components of the whole mask.
+    /// Returns the 6-components of the mask that share a side with the middle, each by the bit of
+    /// one such voxel, and their number. Adding the middle makes no new tunnel if they belong to
+    /// different components of the whole mask.
     pub fn parts_beside(&self, mask: u32) -> ([u32; 6], usize) {
         let (mut parts, mut count) = ([0; 6], 0);
         let mut wanted = mask & self.six;
@@ -121,7 +122,7 @@ impl Neighborhood {
     }
 }
 
-/// Whether one component, and no more, holds some of the wanted voxels.
+/// Whether exactly one component contains wanted voxels.
 fn is_one(set: u32, neighbours: &[u32; 27], wanted: u32) -> bool {
     let first = set & wanted;
     if first == 0 {
@@ -130,7 +131,7 @@ fn is_one(set: u32, neighbours: &[u32; 27], wanted: u32) -> bool {
     first & !component(set, neighbours, first) == 0
 }
 
-/// The component of the lowest of some bits.
+/// Returns the component that contains the lowest of some bits.
 fn component(set: u32, neighbours: &[u32; 27], first: u32) -> u32 {
     let (mut found, mut open) = (0u32, first & first.wrapping_neg());
     while open != 0 {

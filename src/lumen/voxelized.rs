@@ -1,4 +1,4 @@
-//! A closed surface as a mask: every voxel whose centre lies inside.
+//! Voxelization of a closed surface: every voxel whose centre lies inside.
 
 use std::collections::BTreeSet;
 
@@ -8,46 +8,46 @@ use super::BitVolume;
 use crate::geometry::Mesh;
 use crate::volume::{Grid, GridError};
 
-/// Voxels of the box of a surface where no spacing is asked for.
+/// Number of voxels in a surface's bounding box where no spacing is requested.
 const USUAL_VOXELS: f64 = (1u64 << 24) as f64;
-/// Most voxels of it.
+/// Largest number of voxels in the grid.
 const MAX_VOXELS: f64 = (1u64 << 31) as f64;
-/// Where rays go in their voxel, sides of it from the centre: tried one after the other where a ray
-/// hits an edge or a corner of the surface.
+/// Offsets of rays from the voxel's centre, in voxel sides. They are tried in turn where a ray hits
+/// an edge or a corner of the surface.
 const OFFSETS: [[f64; 2]; 4] =
     [[0.0137, 0.0071], [-0.0113, 0.0173], [0.0059, -0.0191], [-0.0211, -0.0127]];
 
-/// Why a surface encloses no lumen.
+/// Reasons why a surface encloses no lumen.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum VoxelizeError {
-    /// There is nothing.
+    /// The mesh has no faces.
     #[error("the mesh has no faces")]
     Empty,
-    /// A boundary, or an edge that faces do not share as neighbours do.
+    /// The mesh has a boundary, or an edge whose faces are not consistently oriented.
     #[error("the mesh is not closed: {0} edges without a neighbouring face")]
     Open(usize),
-    /// Voxels of a side that is none, or far too many of them.
+    /// The spacing is not a positive length, or gives more than the largest number of voxels.
     #[error(
         "voxels of {spacing_mm} mm: the mesh would need {voxels:.0} of them, at most {MAX_VOXELS:.0}"
     )]
     Spacing {
-        /// Their side, mm.
+        /// Side of a voxel, mm.
         spacing_mm: f64,
-        /// How many.
+        /// Number of voxels needed.
         voxels: f64,
     },
     /// No ray of a row passes the surface without meeting an edge.
     #[error("the mesh is not closed near ({x:.2}, {y:.2}, {z:.2}) mm")]
     Crossing {
-        /// LPS mm.
+        /// First coordinate, LPS mm.
         x: f64,
-        /// LPS mm.
+        /// Second coordinate, LPS mm.
         y: f64,
-        /// LPS mm.
+        /// Third coordinate, LPS mm.
         z: f64,
     },
-    /// The grid.
+    /// The grid of voxels cannot be made.
     #[error(transparent)]
     Grid(#[from] GridError),
 }
@@ -97,7 +97,7 @@ pub fn voxelized(mesh: &Mesh, spacing_mm: Option<f64>) -> Result<(Grid, BitVolum
     Err(VoxelizeError::Crossing { x: at.x, y: at.y, z: at.z })
 }
 
-/// Edges that are not passed as often in one direction as in the other.
+/// Counts the uses of edges by faces that no use in the opposite direction balances.
 fn open_edges(mesh: &Mesh) -> usize {
     let mut edges: Vec<([u32; 2], bool)> = mesh
         .faces
@@ -113,7 +113,8 @@ fn open_edges(mesh: &Mesh) -> usize {
     edges.chunk_by(|a, b| a.0 == b.0).map(balance).sum()
 }
 
-/// Fills rows along x, all or those named (z, y); those whose rays did not end outside come back.
+/// Fills rows along x, all or the given ones (z, y). Returns the rows whose rays did not end
+/// outside the surface.
 fn fill(
     mask: &mut BitVolume,
     mesh: &Mesh,
@@ -178,7 +179,7 @@ fn fill(
             }
         }
     }
-    // A ray that meets an edge crosses neither of its faces, and its sum shows that.
+    // A ray that hits an edge crosses neither of its faces, so its winding sum is not 0.
     (!broken.is_empty()).then_some(broken)
 }
 

@@ -7,17 +7,17 @@ use crate::volume::phantom::{Kind, Phantom};
 
 const AIR: i16 = -1000;
 const TISSUE: i16 = 40;
-/// What scanners write where they measured nothing.
+/// Padding value that scanners write outside the field of view.
 const PADDING: i16 = -3024;
 
-/// What there is at a point, mm from the middle of the colon.
+/// Scene of tissue and air around a colon; points are in mm from the middle of the colon.
 struct Scene {
     colon: Phantom,
     has_colon: bool,
     /// Semi-axes of the body, an elliptic cylinder from feet to head.
     body_mm: [f64; 2],
     has_table: bool,
-    /// Radius of what was measured.
+    /// Radius of the measured region, mm.
     field_of_view_mm: f64,
 }
 
@@ -51,7 +51,7 @@ impl Scene {
         }
     }
 
-    /// On a grid about the middle.
+    /// Samples the scene on a grid centred at `middle`.
     fn volume(&self, dims: [u64; 3], spacing_mm: DVec3, direction: DMat3, middle: DVec3) -> Volume {
         let half =
             direction * (0.5 * (UVec3::from(dims.map(|d| d as u32 - 1))).as_dvec3() * spacing_mm);
@@ -135,7 +135,7 @@ fn a_colon_that_a_side_face_cuts_stays() {
     assert!(lumen.touches_edge);
 }
 
-/// What is taken is the largest component whatever it touches.
+/// Asserts that the lumen is the largest component, whichever faces of the volume it touches.
 fn assert_largest_of_all(volume: &Volume) -> SegmentationStats {
     let (lumen, found) = take(volume, f64::NEG_INFINITY).unwrap();
     let low: Vec<u8> = (0..volume.grid.len()).map(|i| u8::from(volume.real(i) < -500.0)).collect();
