@@ -15,7 +15,7 @@ use super::{FoundOrgan, Organ, OrganError, Segment, head_foot_axis};
 use crate::lumen::{BitVolume, Flood, IntensitySelection, grow};
 use crate::volume::Volume;
 
-/// Highest value that is looked at, HU: air and lung.
+/// Highest value of air and lung, HU.
 const LUNG_HU: f64 = -400.0;
 /// Values of most of a lung, HU.
 const LUNG_RANGE_HU: (f64, f64) = (-950.0, -600.0);
@@ -27,9 +27,9 @@ const MIN_LUNG_SHARE: f64 = 0.5;
 const MAX_FLOOD_ML: f64 = 400.0;
 /// Largest airway, ml.
 const MAX_AIRWAY_ML: f64 = 120.0;
-/// What joins in a step is judged from this volume on, ml …
+/// Least volume that joins in a step for the step to be judged a leak or not, ml …
 const JUDGED_ML: f64 = 1.0;
-/// … and reported where it exceeds this volume and this share of the tree before it, ml.
+/// … and, for it to be reported, least volume, ml, and least share of the tree before it.
 const JUMP_ML: f64 = 5.0;
 const JUMP_SHARE: f64 = 0.2;
 /// Least share of the boundary of bronchi that is wall. Measured: bronchi 0.66 to 0.93, lung 0.17.
@@ -290,7 +290,7 @@ impl Tree {
     }
 }
 
-/// Where growing starts.
+/// Seed and level from which the airway is grown.
 struct Start {
     flood: Flood,
     seed: UVec3,
@@ -299,7 +299,7 @@ struct Start {
 }
 
 impl Start {
-    /// Nothing where the trachea joins up only together with more than an airway holds.
+    /// Returns `None` where the trachea joins up only together with more than an airway holds.
     fn new(volume: &Volume, trachea: &Trachea) -> Result<Option<Self>, OrganError> {
         let Some(seed) = seed(volume, trachea) else { return Ok(None) };
         let range = IntensitySelection::Range { lo: MIN_HU, hi: LUNG_HU };

@@ -1,8 +1,9 @@
 //! The aorta in a CT with contrast medium: a chain of round, even, bright cross sections beside bone.
 //!
-//! No one threshold parts an aorta from the spine, the heart and the veins beside it. So sections are
-//! looked for at several, on a coarse copy, as the trachea's are in air; heart chambers and kidneys
-//! are not round, vertebrae not even, and neither keeps its place and area from slice to slice.
+//! No single threshold separates an aorta from the spine, the heart and the veins beside it. So
+//! sections are looked for at several thresholds on a coarse copy of the volume, as those of the
+//! trachea are in air. Heart chambers and kidneys are not round, vertebrae are not even, and none
+//! of them keeps its position and area from slice to slice.
 
 use glam::{DMat3, DVec2, DVec3, UVec3};
 use rayon::prelude::*;
@@ -25,18 +26,20 @@ const CIRCULARITY: f64 = 0.7;
 const ASPECT: f64 = 1.7;
 /// Most of a section that may be holes.
 const HOLES: f64 = 0.05;
-/// Most a section's values spread about their mean, HU, and its highest median.
+/// Largest standard deviation of a section's values, and largest median, HU.
 const MAX_SPREAD_HU: f64 = 40.0;
 const MAX_BLOOD_HU: f64 = 700.0;
-/// The ring about a section, mm or pixels, and how far the section's median lies above the ring's.
+/// Inner and outer distance of the ring about a section, mm or pixels, and least difference of the
+/// section's median from the ring's, HU.
 const RING: std::ops::Range<f64> = 1.0..2.2;
 const MIN_CONTRAST_HU: f64 = 50.0;
 /// Ratio of the areas of neighbouring sections, and the difference of their medians, HU.
 const AREA_RATIO: std::ops::RangeInclusive<f64> = 0.6..=1.67;
 const VALUE_STEP_HU: f64 = 30.0;
-/// How far the middle moves from slice to slice, mm or slice steps.
+/// Largest displacement of a section's centre from slice to slice, mm; more where slice steps or
+/// pixels are larger.
 const REACH_MM: f64 = 2.5;
-/// Shortest chain that is looked at, mm, and how many across each axis.
+/// Length of the shortest chain considered, mm, and number of chains across each axis.
 const MIN_CHAIN_MM: f64 = 30.0;
 const MAX_CHAINS: usize = 3;
 /// Shortest chain that is an aorta, mm, and the bounds of its mean radius, mm.
@@ -50,7 +53,7 @@ const BONE_WITHIN_MM: f64 = 20.0;
 const BONE_MM2: f64 = 40.0;
 const BONE_HU: f64 = 250.0;
 const BONE_ABOVE_BLOOD_HU: f64 = 60.0;
-/// So many of its radii about a section's middle are its own.
+/// Radius about a section's centre that counts as the section itself, in radii of the section.
 const OWN_RADII: f64 = 1.3;
 /// Least share of the sections that lie beside bone.
 const MIN_BESIDE_BONE: f64 = 0.5;
@@ -66,7 +69,7 @@ const MAX_BESIDE_GAS: f64 = 0.5;
 pub(super) struct Aorta {
     slices: Slices,
     chain: Vec<Section>,
-    /// Voxels of the volume along each side of a coarse one.
+    /// Number of the volume's voxels along each side of a coarse voxel.
     factor: UVec3,
     score: f64,
     contrast_hu: f64,
@@ -204,7 +207,7 @@ fn disc(
 }
 
 impl Aorta {
-    /// Where it is, for a message.
+    /// Describes the aorta by its length and a voxel of it, for a message.
     pub fn name(&self) -> String {
         let middle = &self.chain[self.chain.len() / 2];
         let centre = (middle.centre_mm / self.slices.pixel_mm).round();
@@ -302,7 +305,7 @@ pub(super) fn none(gates: &Gates) -> OrganError {
     ))
 }
 
-/// Means of blocks of voxels, and how many of these along each axis.
+/// Returns the means of blocks of voxels, and the number of a block's voxels along each axis.
 fn coarse(volume: &Volume) -> (Volume, UVec3) {
     let grid = &volume.grid;
     let factor = (COARSE_MM / grid.spacing_mm).round().as_uvec3().clamp(UVec3::ONE, grid.dims);

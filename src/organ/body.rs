@@ -1,5 +1,5 @@
-//! The patient's body in a CT: what tells the gas of a patient from the air around him, inside his
-//! table, his cushions and his clothes.
+//! The patient's body in a CT, which separates the patient's gas from the air around him and inside
+//! his table, cushions and clothes.
 //!
 //! Tissue is opened with a ball that the plates of a table do not hold; the largest 6-component of
 //! the opening is the core of the body, and tissue near it is its wall. In each slice across the
@@ -32,7 +32,7 @@ pub(super) struct PatientBody {
 }
 
 impl PatientBody {
-    /// The largest body of a volume; nothing where there is no tissue.
+    /// The largest body of a volume; `None` where there is no tissue.
     pub fn of(volume: &Volume) -> Option<Self> {
         let grid = &volume.grid;
         let spacing_mm = grid.spacing_mm;

@@ -10,7 +10,7 @@ use crate::volume::Grid;
 
 /// Layers from whose areas the greatest area of a branch follows.
 const FIRST_LAYERS: std::ops::Range<usize> = 2..8;
-/// The fronts of a branch may together grow to this many times their median, and to this, mm².
+/// Limit of the total area of a branch's fronts, in medians of it, and least such limit, mm².
 const MAX_GROWTH: f64 = 3.0;
 const MIN_LIMIT_MM2: f64 = 25.0;
 /// A front of voxels that share sides has this many times as many as its area needs.
@@ -18,12 +18,13 @@ const LAYER_FACTOR: f64 = 1.3;
 /// Branches that end before this, mm, are roughness.
 const MIN_MM: f64 = 5.0;
 
-/// Where a front may start.
+/// Tube whose surface fronts start from, with the limits of their areas.
 pub(super) struct Mouths<'a> {
     pub tube: &'a BitVolume,
     /// The index axis along the tube, and its first and last slice.
     pub along: (usize, u32, u32),
-    /// Greatest area of a branch with all it divides into, and of what goes on from an end of the tube, mm².
+    /// Greatest total area of the fronts of a side branch, and of the continuation beyond an end of
+    /// the tube, mm².
     pub side_mm2: f64,
     pub end_mm2: f64,
 }
@@ -32,13 +33,13 @@ pub(super) struct Mouths<'a> {
 pub(super) struct ArteryBranches {
     /// The branches, without the tube.
     pub mask: BitVolume,
-    /// Fronts that were taken back.
+    /// Number of branches taken back because their fronts grew too large.
     pub taken_back: usize,
 }
 
 /// A part of a branch without forks.
 struct Stretch {
-    /// The mouth it began at.
+    /// Index of the mouth where its branch began.
     root: usize,
     parent: Option<usize>,
     children: usize,
@@ -47,11 +48,11 @@ struct Stretch {
     layers: Vec<Vec<IVec3>>,
 }
 
-/// What began at a mouth.
+/// Branch that began at a mouth, with all it divides into.
 struct Root {
-    /// Greatest area of all its fronts together, mm².
+    /// Greatest total area of its fronts, mm².
     limit_mm2: f64,
-    /// Their areas, round by round.
+    /// Total area of its fronts in each round, mm².
     areas_mm2: Vec<f64>,
     is_open: bool,
 }
@@ -99,7 +100,7 @@ pub(super) fn follow(grid: &Grid, allowed: &BitVolume, mouths: &Mouths) -> Arter
             if root.areas_mm2[round] > root.limit_mm2 {
                 root.is_open = false;
                 taken_back += 1;
-                // Back to where they had half of that area.
+                // Back to the round where the fronts had half of that area.
                 let half = 0.5 * root.limit_mm2;
                 let end = root.areas_mm2.iter().rposition(|a| *a <= half).unwrap_or(0);
                 for part in parts.iter_mut().filter(|part| part.root == at) {
@@ -136,7 +137,7 @@ pub(super) fn follow(grid: &Grid, allowed: &BitVolume, mouths: &Mouths) -> Arter
         }
     }
     let mut mask = BitVolume::new(grid.dims);
-    // What has no children of its own and is short goes, ends first.
+    // Short stretches without children are removed, ends first.
     for at in (0..parts.len()).rev() {
         let length_mm = parts[at].layers.len() as f64 * mean_step_mm;
         if parts[at].children == 0 && length_mm < MIN_MM {
@@ -152,7 +153,7 @@ pub(super) fn follow(grid: &Grid, allowed: &BitVolume, mouths: &Mouths) -> Arter
     ArteryBranches { mask, taken_back }
 }
 
-/// Voxels of a mask beside a layer that were not seen before.
+/// Returns the voxels of a mask that share a side with a layer and were not seen before.
 fn next_layer(layer: &[IVec3], allowed: &BitVolume, seen: &mut BitVolume) -> Vec<IVec3> {
     let mut out = Vec::new();
     for v in layer.iter().flat_map(|v| SIDES.map(|side| *v + side)) {

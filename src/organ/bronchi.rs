@@ -1,12 +1,13 @@
 //! Thin bronchi beyond the threshold of the tree: leak control at every branch.
 //!
-//! Partial volume makes a bronchus of a voxel or two brighter than the threshold at which the widest
-//! hole in some wall leaks. So the threshold is raised on, and what is new is judged piece by piece:
-//! a small piece is a bronchus and joins the tree; a large one is lung, and the mouth through which
-//! it was reached is closed for good. Where air that this or a lower threshold parts from lung lies
-//! right behind such a mouth, and has a wall about it, a branch lies behind a narrow place (mucus, a
-//! stenosis, partial volume): it joins with the way to it. Explosion control branch by branch goes back to Tschirren et
-//! al. 2005 (doi:10.1109/TMI.2005.857654); constants are ours.
+//! Partial volume makes a bronchus of a voxel or two brighter than the threshold at which the
+//! widest hole in some wall leaks. So the threshold is raised further, and each new piece is judged
+//! by itself: a small piece is a bronchus and joins the tree; a large one is lung, and the mouth
+//! through which it was reached is closed for good. A branch can lie right behind such a mouth,
+//! beyond a narrow place (mucus, a stenosis, partial volume): air that this or a lower threshold
+//! separates from lung, and that has a wall about it. It joins the tree with the way to it.
+//! Explosion control branch by branch goes back to Tschirren et al. 2005
+//! (doi:10.1109/TMI.2005.857654); constants are ours.
 
 use glam::{IVec3, UVec3};
 
@@ -16,7 +17,7 @@ use super::walled::walled;
 use crate::lumen::BitVolume;
 use crate::volume::Volume;
 
-/// How far the threshold is raised, HU, and by how much at a time.
+/// Largest rise of the threshold, and size of a step, HU.
 const RISE_HU: f64 = 160.0;
 const STEP_HU: f64 = 8.0;
 /// Largest piece that joins at one threshold, ml.
@@ -24,32 +25,32 @@ const MAX_PIECE_ML: f64 = 0.25;
 /// Largest branch behind a narrow place, ml, and the least share of its boundary that is wall.
 const MAX_BRANCH_ML: f64 = 60.0;
 const MIN_WALLED: f64 = 0.6;
-/// It is looked for at the threshold of the tree and at so many in all, each lower by this, HU: lung
-/// behind it may leak where the tree does not.
+/// Number of thresholds at which a branch behind a narrow place is looked for, from that of the
+/// tree down, and their spacing, HU: lung behind such a place may leak where the tree does not.
 const FALLS: usize = 8;
 const FALL_HU: f64 = 16.0;
-/// Pieces that stay smaller than this are no branch but roughness, ml.
+/// Volume of the smallest piece added, ml: smaller ones are roughness.
 const MIN_PIECE_ML: f64 = 0.01;
-/// Most that may be added, as a share of the tree: beyond it this is lung, found bit by bit.
+/// Largest volume added, as a share of the tree: more than this is lung, found bit by bit.
 const MAX_ADDED: f64 = 0.5;
 
-/// What was added to a tree.
+/// Tree with the bronchi added to it.
 pub(super) struct Added {
     /// The tree with its thin bronchi.
     pub mask: BitVolume,
-    /// How many connected pieces, and their volume.
+    /// Number of thin bronchi added, as connected pieces, and their volume, ml.
     pub pieces: usize,
     pub ml: f64,
-    /// The same of branches behind a narrow place.
+    /// Number of branches added behind a narrow place, and their volume, ml.
     pub branches: usize,
     pub branches_ml: f64,
-    /// Voxels where it would have leaked.
+    /// Number of voxels where it would have leaked.
     pub leaks: usize,
 }
 
 /// Adds thin bronchi to a tree that was grown up to a threshold. The rim of the tree, a voxel wide,
 /// stays outside except where a bronchus passes it: its partial volume would join everything.
-/// Nothing where more than half of the tree's volume would be added.
+/// `None` where more than half of the tree's volume would be added.
 pub(super) fn grow(volume: &Volume, tree: &BitVolume, threshold: f64) -> Option<Added> {
     let voxel_ml = volume.grid.voxel_mm3() / 1000.0;
     let mut growth = Growth {
@@ -102,19 +103,19 @@ pub(super) fn grow(volume: &Volume, tree: &BitVolume, threshold: f64) -> Option<
 struct Growth<'a> {
     volume: &'a Volume,
     tree: BitVolume,
-    /// Voxels beside the tree as it was.
+    /// Voxels that share a side with the tree as it was, or with a branch added since.
     rim: BitVolume,
-    /// Mouths of leaks.
+    /// Voxels at the mouths of leaks.
     closed: BitVolume,
-    /// Voxels that new pieces may start beside: the rim, and what was added.
+    /// Voxels beside which new pieces may start: the rim, and the voxels added.
     front: Vec<IVec3>,
     /// Branches behind narrow places, with the ways to them.
     branches: BitVolume,
-    /// That of the tree, HU.
+    /// Threshold of the tree, HU.
     threshold: f64,
     /// Air that is no branch, at the tree's threshold and at each lower one that is tried.
     refused: Vec<BitVolume>,
-    /// Voxels of the largest piece, and of the largest branch.
+    /// Largest number of voxels of a piece, and of a branch.
     most: usize,
     most_branch: usize,
     leaks: usize,
@@ -216,7 +217,7 @@ impl Growth<'_> {
         (0..self.refused.len()).find_map(|fall| self.branch_at(mouth, fall))
     }
 
-    /// The same at one threshold.
+    /// Finds the branch behind a mouth at the `fall`-th threshold below that of the tree.
     fn branch_at(&mut self, mouth: &NewPiece, fall: usize) -> Option<Vec<IVec3>> {
         let level = self.threshold - FALL_HU * fall as f64;
         for (entry, start) in mouth.voxels.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! How deep inside a mask its voxels lie.
+//! Depth of a mask's voxels: their distance to the background.
 
 use glam::{IVec3, UVec3};
 

@@ -9,7 +9,7 @@ use crate::volume::{Grid, Volume};
 
 /// Longest side of a view, pixels.
 const SIDE_PX: f64 = 480.0;
-/// Between views and around them, pixels.
+/// Margin between views and around them, pixels.
 const GAP_PX: usize = 8;
 /// Samples that are looked at for a view, about.
 const SAMPLES: usize = 1 << 24;

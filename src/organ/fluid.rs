@@ -11,7 +11,7 @@ use crate::volume::Volume;
 const FLUID_HU: f64 = 200.0;
 /// Soft tissue, HU: the threshold lies half way between it and the fluid.
 const SOFT_TISSUE_HU: f64 = 40.0;
-/// Fluid begins within so many voxels below gas: in between lie mixed values.
+/// Largest distance below gas at which fluid begins, voxels: in between lie mixed values.
 const LAYER_VOXELS: i32 = 3;
 /// Least area in which a pool meets the gas, mm² …
 const MIN_CONTACT_MM2: f64 = 100.0;
@@ -24,13 +24,13 @@ pub(super) struct Fluid {
     /// Least value, HU.
     pub threshold: f64,
     pub pools: usize,
-    /// On which side of the gas it lies.
+    /// Side of the gas on which the fluid lies, in words.
     pub below: &'static str,
-    /// The way from gas to fluid, voxels.
+    /// Step from gas to fluid, voxels.
     pub down: IVec3,
 }
 
-/// Fluid lies on the side of the gas that most bright voxels are on: that is down.
+/// Finds the fluid. The side of the gas with the most bright voxels next to it is down.
 pub(super) fn fluid(volume: &Volume, gas: &BitVolume) -> Option<Fluid> {
     let grid = &volume.grid;
     let bright = between(volume, FLUID_HU, f64::INFINITY);

@@ -1,4 +1,4 @@
-//! Gas in the body of a CT, sorted into what is colon and what is not.
+//! Gas in the body of a CT, sorted into colon and other gas.
 
 use glam::{DVec3, UVec3};
 
@@ -12,36 +12,37 @@ use crate::volume::{Grid, Volume};
 
 /// Highest value of gas, HU.
 pub(super) const GAS_HU: f64 = -800.0;
-/// Highest value of gas away from walls, HU, and the share of a segment that has it.
+/// Highest value of gas away from walls, HU, and least share of a segment that has it.
 const DEEP_GAS_HU: f64 = -900.0;
 pub(super) const MIN_DEEP: f64 = 0.8;
 /// Least volume of a segment, ml.
 pub(super) const MIN_ML: f64 = 15.0;
-/// Least value of what encloses the colon, HU, and the share of a segment's shell that has it.
+/// Least value of the tissue that encloses the colon, HU, and least share of a segment's shell that
+/// has it.
 const TISSUE_HU: f64 = -300.0;
 pub(super) const MIN_TISSUE: f64 = 0.9;
 /// Least radius of the largest sphere in a segment, mm.
 pub(super) const MIN_RADIUS_MM: f64 = 6.0;
-/// A stomach is shorter than this many of its own radii …
+/// Greatest length of a stomach, in radii of its widest place …
 const STOMACH_RADII: f64 = 6.0;
-/// … and lies no lower below the lungs than this, mm.
+/// … and its greatest distance below the lungs, mm.
 const BELOW_LUNG_MM: f64 = 40.0;
-/// Up to here, mm, a short pocket on the left may still be one.
+/// Greatest distance below the lungs, mm, at which a short pocket on the left may still be stomach.
 const DOUBTFUL_BELOW_LUNG_MM: f64 = 80.0;
 
 /// The gas in a body.
 pub(super) struct Gas {
     /// Segments of the colon, from the one nearest the feet on.
     pub colon: Vec<ColonCandidate>,
-    /// All that is no colon.
+    /// Gas that is not colon.
     pub others: BitVolume,
-    /// How much was left out, and why: a line for each piece.
+    /// Volume left out, and the reason: a line for each piece.
     pub left_out: Vec<String>,
     /// Segments that may be stomach: a line for each.
     pub doubtful: Vec<String>,
 }
 
-/// What the values of voxels say.
+/// Masks of the volume by kind of value.
 struct Kinds {
     gas: BitVolume,
     deep_gas: BitVolume,
@@ -63,7 +64,7 @@ pub(super) struct ColonCandidate {
 }
 
 impl Gas {
-    /// Sorts the gas of a volume; nothing if there is none at all.
+    /// Sorts the gas of a volume; `None` if there is none.
     pub fn of(volume: &Volume) -> Option<Self> {
         let grid = &volume.grid;
         let gas = between(volume, MIN_HU, GAS_HU);
@@ -125,7 +126,7 @@ impl Gas {
         Some(out)
     }
 
-    /// Pieces of gas that may be colon, and lung that was joined to such.
+    /// Returns the pieces of gas that may be colon, and the lung that was joined to them.
     fn without_lungs(&mut self, volume: &Volume, inside: &BitVolume) -> (Vec<Piece>, Vec<Piece>) {
         let ml = volume.grid.voxel_mm3() / 1000.0;
         let least = (MIN_ML / ml).ceil() as u64;
@@ -171,7 +172,7 @@ impl ColonCandidate {
         }
     }
 
-    /// Why it is no colon.
+    /// Returns the reason why the candidate is no colon, if there is one.
     fn refusal(&self) -> Option<String> {
         let Self { deep, tissue, radius_mm, .. } = self;
         if *deep < MIN_DEEP {
@@ -184,13 +185,13 @@ impl ColonCandidate {
         narrow.then(|| format!("its widest place has a radius of {radius_mm:.1} mm"))
     }
 
-    /// A wide, short pocket on the patient's left, as a stomach is.
+    /// Whether it is a wide, short pocket on the patient's left, as a stomach is.
     fn is_short_and_left(&self, grid: &Grid, middle_mm: f64) -> bool {
         let at = grid.world_from_voxel().transform_point3(self.seed.as_dvec3());
         self.extent_mm < STOMACH_RADII * self.radius_mm && at.x > middle_mm
     }
 
-    /// How far its widest place lies below the lungs, mm.
+    /// Returns the distance of the candidate's widest place below the lungs, mm.
     fn below_lung_mm(&self, grid: &Grid, lungs: Option<Lungs>) -> Option<f64> {
         let at = grid.world_from_voxel().transform_point3(self.seed.as_dvec3());
         lungs.map(|lungs| lungs.lowest_mm - (at.z + self.radius_mm))
@@ -207,7 +208,7 @@ fn middle_mm(grid: &Grid, body: &BitVolume) -> f64 {
 /// Segments from the feet-most one on, each followed by the one with the narrowest gap to it.
 fn in_order(grid: &Grid, mut left: Vec<ColonCandidate>) -> Vec<ColonCandidate> {
     let to_world = grid.world_from_voxel();
-    // A few voxels of the rim stand for it.
+    // A sample of up to about a thousand of the rim's voxels.
     let rim = |c: &ColonCandidate| -> Vec<DVec3> {
         let on_rim = |v: &UVec3| SIDES.iter().any(|d| !c.mask.get(v.as_ivec3() + d));
         let all: Vec<UVec3> = c.mask.voxels().filter(on_rim).collect();

@@ -2,13 +2,13 @@
 
 use super::{Organ, OrganError};
 
-/// The gates an organ passed, and by how much.
+/// Gates that an organ passed, with the least margin.
 #[derive(Clone)]
 pub(super) struct Gates {
     organ: Organ,
     /// Least margin so far.
     pub confidence: f64,
-    /// A line for each.
+    /// Lines of the report, one for each gate and note.
     pub reasons: Vec<String>,
 }
 
@@ -17,9 +17,9 @@ impl Gates {
         Self { organ, confidence: 1.0, reasons: Vec::new() }
     }
 
-    /// A value that must not lie below a limit.
+    /// Checks that a value is not below a limit.
     ///
-    /// * `sure`: the value at which nothing is in doubt any more.
+    /// * `sure`: value at which confidence is 1.
     pub fn at_least(
         &mut self,
         what: &str,
@@ -30,7 +30,7 @@ impl Gates {
         self.pass(what, value, ("at least", limit, sure))
     }
 
-    /// A value that must not lie above a limit.
+    /// Checks that a value is not above a limit.
     pub fn at_most(
         &mut self,
         what: &str,
@@ -57,24 +57,24 @@ impl Gates {
         Ok(())
     }
 
-    /// What was measured or chosen, without a limit.
+    /// Adds a line on a measurement or a choice that has no limit.
     pub fn note(&mut self, line: String) {
         self.reasons.push(line);
     }
 
-    /// What no measure decides: confidence is at most this.
+    /// Adds a line on a doubt that no measure settles, and limits confidence to `most`.
     pub fn doubt(&mut self, line: String, most: f64) {
         self.confidence = self.confidence.min(most);
         self.reasons.push(line);
     }
 
-    /// The organ was not found.
+    /// Returns the error for an organ that was not found.
     pub fn refuse(&self, why: impl Into<String>) -> OrganError {
         OrganError::NotFound { organ: self.organ, why: why.into() }
     }
 }
 
-/// Three digits, more for large numbers.
+/// Formats a number with no decimals from 100 on or if it is whole, else with two.
 fn short(v: f64) -> String {
     if v.abs() >= 100.0 || v == v.round() { format!("{v:.0}") } else { format!("{v:.2}") }
 }

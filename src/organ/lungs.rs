@@ -1,4 +1,4 @@
-//! Lungs below and above the organs of the belly: where they lie, and gas that runs into them.
+//! Lungs above the organs of the belly: their position, and gas that is joined to them.
 
 use glam::{DVec3, UVec3};
 
@@ -6,26 +6,26 @@ use super::{SIDES, head_foot_axis};
 use crate::lumen::{BitVolume, Piece, eroded, pieces};
 use crate::volume::{Grid, Volume};
 
-/// Lungs lie in the volume with this volume or more, ml.
+/// Volume above which a piece of gas is taken for lung, ml.
 const MIN_LUNG_ML: f64 = 200.0;
-/// Cores from this volume on are looked at, ml.
+/// Least volume of a core, ml.
 const MIN_CORE_ML: f64 = 15.0;
-/// Most cores that are told apart.
+/// Largest number of cores: labels are a byte.
 const MAX_CORES: usize = 254;
 /// Lungs hold blood: their mean lies this far above that of gas, HU. Emphysema begins at −950.
 const ABOVE_GAS_HU: f64 = 20.0;
 
-/// Where the lungs lie.
+/// Position of the lungs.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lungs {
-    /// Feet-most point, LPS z.
+    /// Lowest point (nearest the feet), LPS z, mm.
     pub lowest_mm: f64,
-    /// Between left and right, LPS x.
+    /// Middle between left and right, LPS x, mm.
     pub middle_mm: f64,
 }
 
 impl Lungs {
-    /// Large pieces of gas are taken for the lungs.
+    /// Takes large pieces of gas for the lungs.
     pub fn of(grid: &Grid, gas: &[Piece]) -> Option<Self> {
         let to_world = grid.world_from_voxel();
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -83,11 +83,11 @@ pub(super) fn lung_of(volume: &Volume, gas: &BitVolume) -> Option<BitVolume> {
     (!lung.is_empty()).then_some(lung)
 }
 
-/// Which core each voxel of a mask belongs to.
+/// Partition of a mask by the nearest core.
 struct Parts {
     low: UVec3,
     size: UVec3,
-    /// Of each voxel of the mask's box: 0, or one more than the number of its core.
+    /// Label of each voxel of the mask's box: 0, or one more than the number of its core.
     labels: Vec<u8>,
 }
 
@@ -128,7 +128,7 @@ impl Parts {
         Some(parts)
     }
 
-    /// Number of the core of a voxel of the mask.
+    /// Returns the number of the core to which a voxel of the mask belongs.
     fn of(&self, v: UVec3) -> Option<usize> {
         usize::from(self.labels[self.index(v)]).checked_sub(1)
     }

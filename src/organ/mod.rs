@@ -1,9 +1,9 @@
 //! Finding a hollow organ in a CT or MR volume without a threshold, a seed or a click.
 //!
 //! Each organ is found by what defines it in the image: the trachea by its round air-filled cross
-//! sections, the colon by large gas segments enclosed by soft tissue, vessels by their brightness
-//! against what surrounds them. Every decision is a gate: a measured value beside a limit. All are
-//! reported; one that fails is a refusal that names it.
+//! sections, the colon by large gas segments enclosed by soft tissue, vessels by their contrast to
+//! their surroundings. Every decision is a gate: a measured value beside a limit. All gates are
+//! reported, and one that fails is an error that names it.
 
 mod airway;
 mod aorta;
@@ -45,10 +45,10 @@ pub enum Organ {
 }
 
 impl Organ {
-    /// All of them, in the order in which one is suggested.
+    /// All organs, in the order in which one is suggested.
     pub const ALL: [Self; 3] = [Self::Airway, Self::Colon, Self::Vessel];
 
-    /// Its name on the command line and in reports.
+    /// Returns the organ's name on the command line and in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Airway => "airway",
@@ -58,14 +58,14 @@ impl Organ {
     }
 }
 
-/// How to look for an organ.
+/// Options of the search for an organ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OrganOptions {
-    /// Which one.
+    /// Organ to find.
     pub organ: Organ,
-    /// Take a colon's tagged fluid too, where there is some.
+    /// Whether a colon's tagged fluid is taken too, where there is some.
     pub tagged: bool,
-    /// Take an airway's bronchi beyond the threshold of its tree too.
+    /// Whether an airway's bronchi beyond the threshold of its tree are taken too.
     pub thin: bool,
 }
 
@@ -78,24 +78,24 @@ impl From<Organ> for OrganOptions {
 /// An organ that was found.
 #[derive(Clone, Debug)]
 pub struct FoundOrgan {
-    /// Which one.
+    /// Organ that was looked for.
     pub organ: Organ,
-    /// Its lumen.
+    /// Voxels of the organ's lumen.
     pub mask: BitVolume,
-    /// The part of the mask that is certain, without mixed voxels at its wall, where that is less: the
-    /// core of a wall field.
+    /// Certain part of the mask, without mixed voxels at its wall, where that is less than the
+    /// mask: the core of a wall field.
     pub core: Option<BitVolume>,
-    /// Voxels of the mask that are tagged fluid, where it holds gas and fluid.
+    /// Tagged fluid in the mask, where the mask holds both gas and fluid.
     pub fluid: Option<TaggedFluid>,
-    /// Values of the lumen as a range; the mask is not all of it.
+    /// Range of the lumen's values; the mask is not all voxels of this range.
     pub selection: IntensitySelection,
-    /// The end of the range that was chosen, real units.
+    /// Chosen end of the range, real units.
     pub threshold: f64,
-    /// Its parts, each 6-connected, in the order in which they follow each other.
+    /// Parts of the organ, each 6-connected, in the order in which they follow each other.
     pub segments: Vec<Segment>,
     /// Least margin by which a gate was passed: 0 at its limit, at most 1.
     pub confidence: f64,
-    /// What was measured and decided, a line each.
+    /// Measurements and decisions, one line each.
     pub reasons: Vec<String>,
 }
 
@@ -104,32 +104,32 @@ pub struct FoundOrgan {
 pub struct TaggedFluid {
     /// Voxels of the fluid.
     pub mask: BitVolume,
-    /// The way from gas to fluid, voxels: along gravity.
+    /// Step from gas to fluid, voxels: the direction of gravity.
     pub down: IVec3,
 }
 
 /// A connected part of an organ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment {
-    /// A voxel of it, deep inside.
+    /// Voxel deep inside the part.
     pub seed: UVec3,
-    /// Its volume, ml.
+    /// Volume of the part, ml.
     pub volume_ml: f64,
 }
 
-/// Why an organ was not found.
+/// Reasons why an organ was not found.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum OrganError {
     /// Nothing passed the gates.
     #[error("no {} found: {why}", .organ.name())]
     NotFound {
-        /// What was looked for.
+        /// Organ that was looked for.
         organ: Organ,
         /// The gate that failed, with the value and the limit.
         why: String,
     },
-    /// Growing failed.
+    /// Segmentation of the lumen failed.
     #[error(transparent)]
     Lumen(#[from] LumenError),
 }
@@ -138,8 +138,8 @@ impl OrganOptions {
     /// Finds the organ.
     ///
     /// # Errors
-    /// [`OrganError::NotFound`] with what was seen instead; [`LumenError::Sheared`] for a grid that
-    /// is no box.
+    /// [`OrganError::NotFound`] with the gate that failed; [`LumenError::Sheared`] for a grid whose
+    /// axes are not at right angles.
     pub fn find(&self, volume: &Volume) -> Result<FoundOrgan, OrganError> {
         if !volume.grid.is_orthogonal() {
             let degrees = volume.grid.shear_rad().to_degrees();
@@ -153,13 +153,13 @@ impl OrganOptions {
     }
 }
 
-/// The organ that a volume seems to show: the first that is found.
+/// Returns the organ that a volume seems to show: the first one found.
 pub fn suggest(volume: &Volume) -> Option<Organ> {
     let found = |organ: &Organ| OrganOptions::from(*organ).find(volume).is_ok();
     Organ::ALL.into_iter().find(found)
 }
 
-/// Ways to the voxels that share a side with one.
+/// Offsets of the six voxels that share a side with one.
 const SIDES: [IVec3; 6] = [IVec3::X, IVec3::NEG_X, IVec3::Y, IVec3::NEG_Y, IVec3::Z, IVec3::NEG_Z];
 
 /// The index axis nearest to the patient's head–foot direction.

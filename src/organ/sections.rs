@@ -244,7 +244,7 @@ impl SectionRegion {
 /// The chain with the largest sum of circularity over its length: each section follows one of the
 /// slice before, or of the one before that, which lies near it and fits.
 ///
-/// * `reach_mm`: how far the middles of neighbouring sections may lie apart.
+/// * `reach_mm`: largest distance between centres in neighbouring slices.
 /// * `fits`: whether two may follow each other.
 pub(super) fn longest_chain(
     sections: &[Vec<Section>],

@@ -31,21 +31,22 @@ const CORE: f64 = 0.6;
 
 /// A chain of cross sections.
 pub(super) struct Trachea {
-    /// The index axis they lie across.
+    /// Index axis that the cross sections are perpendicular to.
     pub axis: usize,
     /// Length times mean circularity, mm.
     pub score: f64,
-    /// Its length, mm.
+    /// Length of the chain, mm.
     pub length_mm: f64,
     /// Voxels about the middle of each cross section.
     pub core: BitVolume,
-    /// The middle of the middle one.
+    /// Centre of the middle cross section.
     pub seed: UVec3,
     /// Radius of a disc of the mean area, mm.
     pub radius_mm: f64,
     /// Standard deviation of the areas in parts of their mean.
     pub variation: f64,
-    /// Distance from its ends to the first or last slice of the volume, whichever is nearer, mm.
+    /// Distance from the chain's ends to the first or last slice of the volume, whichever is
+    /// nearer, mm.
     pub from_end_mm: f64,
 }
 
@@ -60,7 +61,7 @@ pub(super) fn candidates(volume: &Volume) -> Vec<Trachea> {
     out
 }
 
-/// Chains across an axis, the best of what is left each time.
+/// Returns chains across an axis, each the best of the sections that earlier ones left.
 fn across(volume: &Volume, air: &BitVolume, axis: usize) -> Vec<Trachea> {
     let slices = Slices::of(volume, axis);
     // A ball that is flat: noise leaves pinholes in a cross section.
@@ -87,7 +88,7 @@ fn across(volume: &Volume, air: &BitVolume, axis: usize) -> Vec<Trachea> {
 }
 
 impl Trachea {
-    /// Nothing for a chain that is too short.
+    /// Measures a chain; `None` for one that is too short.
     fn of(volume: &Volume, slices: &Slices, chain: &[Section]) -> Option<Self> {
         let (first, last) = (chain.first()?, chain.last()?);
         let length_mm = f64::from(last.slice - first.slice) * slices.step_mm;

@@ -5,8 +5,8 @@ use glam::UVec3;
 use crate::lumen::{BitVolume, IntensitySelection};
 use crate::volume::Volume;
 
-/// Below this, HU, is nothing a scanner measured: padding of Philips (-2000), GE (-1500, -3024).
-/// Noise of air reaches it at a standard deviation of 130 HU only.
+/// Least value that a scanner measures, HU: below lies padding of Philips (-2000), GE (-1500,
+/// -3024). Noise of air reaches it at a standard deviation of 130 HU only.
 pub(super) const MIN_HU: f64 = -1400.0;
 
 /// Voxels between two values, inclusive.

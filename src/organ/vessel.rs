@@ -18,28 +18,28 @@ const MIN_SIDE: u32 = 12;
 const MAX_SHARE: f64 = 0.1;
 /// Least length in radii of the widest place.
 const MIN_RADII: f64 = 8.0;
-/// Least share of its voxels that are not on its surface: below it the vessels are a voxel wide, and
-/// what joins them is chance.
+/// Least share of the tree's voxels that are not on its surface: below it the vessels are a voxel
+/// wide, and joined by chance.
 const MIN_INNER: f64 = 0.1;
 /// Least length, mm: a pool of tagged fluid is shorter.
 const MIN_MM: f64 = 60.0;
-/// Most that vessels hold, ml, and what an aorta with its branches holds for sure at most: a heart, a
-/// liver or bones hold more.
+/// Largest volume of vessels, and volume up to which confidence is 1, ml: a heart, a liver or bones
+/// hold more.
 pub(super) const MAX_ML: f64 = 500.0;
 pub(super) const SURE_ML: f64 = 250.0;
-/// Fewest values of an image; what has less is a label map.
+/// Least number of different values of an image: a label map has fewer.
 const MIN_VALUES: usize = 16;
-/// Most of a mask's inner voxels that equal all their neighbours: of a label map 0.85 do, of an
-/// angiogram whose brightest values were clipped 0.44.
+/// Largest share of a mask's inner voxels that equal all their neighbours: it is 0.85 in a label
+/// map, and 0.44 in an angiogram whose brightest values were clipped.
 const MAX_FLAT: f64 = 0.65;
-/// What surrounds a vessel, voxels.
+/// Inner and outer radius of the shell that surrounds a vessel, voxels.
 const AROUND_VOXELS: (f64, f64) = (2.5, 5.0);
-/// Of a background that was removed this share of the peak is left at most.
+/// Largest value of a background that was removed, as a share of the peak.
 const ZEROED: f64 = 0.1;
-/// Half of a volume's values lie this near to zero, in parts of the peak, where noise or the ringing
-/// of resampling came after its background was set to zero.
+/// Largest distance of the median from zero, as a share of the peak, where noise or the ringing of
+/// resampling came after the background was set to zero.
 const NEAR_ZERO: f64 = 0.02;
-/// Bins of a histogram.
+/// Number of bins of a histogram.
 const BINS: usize = 1024;
 
 pub(super) fn find(volume: &Volume) -> Result<FoundOrgan, OrganError> {
@@ -124,8 +124,9 @@ fn largest_above(volume: &Volume, threshold: f64) -> Option<Piece> {
     pieces(&between(volume, threshold, f64::INFINITY), 1).into_iter().next()
 }
 
-/// Half way between the vessels and what surrounds them; a quarter where the background was zeroed
-/// by whoever made the volume, as what is left of it is vessel.
+/// Returns the threshold: half way between the vessels and their surroundings, or a quarter of the
+/// way where the background was set to zero by whoever made the volume, as all that remains is
+/// vessel.
 fn of_angiogram(
     volume: &Volume,
     low: f64,
@@ -159,13 +160,13 @@ fn of_angiogram(
     Ok(background + part * (peak - background))
 }
 
-/// How often values occur between two ends.
+/// Counts the values between two ends in [`BINS`] bins.
 fn histogram(volume: &Volume, low: f64, high: f64) -> Vec<u64> {
     let mut bins = vec![0u64; BINS];
     let scale = (BINS as f64 - 1.0) / (high - low);
     for i in 0..volume.grid.len() {
         let v = volume.real(i);
-        // Neither padding, which may lie beyond the ends, nor what is no number.
+        // Neither padding, which may lie beyond the ends, nor NaN.
         if (low..=high).contains(&v) {
             bins[((v - low) * scale).round() as usize] += 1;
         }
@@ -173,7 +174,7 @@ fn histogram(volume: &Volume, low: f64, high: f64) -> Vec<u64> {
     bins
 }
 
-/// The bin up to which a share of the values lies.
+/// Returns the bin below or in which a share of the values lies.
 fn bin_at(bins: &[u64], share: f64) -> usize {
     let wanted = share * bins.iter().sum::<u64>() as f64;
     let up_to = bins.iter().scan(0, |sum, n| {

@@ -1,4 +1,4 @@
-//! Whether air has a wall about it: what tells a bronchus from lung.
+//! Share of wall about a part of some air, which distinguishes a bronchus from lung.
 
 use glam::{IVec3, UVec3};
 
@@ -8,14 +8,14 @@ use crate::volume::Volume;
 /// Least value of a wall, HU: a wall thinner than a voxel is mixed with the air on both sides, and
 /// lung lies below −700.
 pub(super) const WALL_HU: f64 = -700.0;
-/// How far from the air a wall is looked for, mm, and voxels at least and at most.
+/// Length of the rays on which a wall is looked for, mm, and its bounds in voxels.
 const REACH_MM: f64 = 2.5;
 const REACH_VOXELS: std::ops::RangeInclusive<i32> = 2..=4;
 
-/// Share of the rays that leave a part of some air along the six sides of its voxels and meet a
-/// value of a wall; rays that leave the volume do not count. 1 where no ray leaves.
+/// Returns the share of the rays leaving a part of some air through its voxels' six sides that meet
+/// a value of a wall. Rays that leave the volume at once do not count. 1 where no ray leaves.
 ///
-/// * `is_air`: the part and all it is joined to.
+/// * `is_air`: whether a voxel belongs to the part or to the air it is joined to.
 pub(super) fn walled(
     volume: &Volume,
     part: impl Iterator<Item = UVec3>,
