@@ -1,4 +1,5 @@
-//! Level of detail (LOD): which patches of which resolution a camera needs, and what to upload.
+//! Level of detail (LOD): selection of the patches, and of their resolution, that a camera needs,
+//! and of the pages to upload.
 //!
 //! An [`LodHierarchy`] holds one surface at many resolutions. Each step moves the current cut
 //! towards the one that a camera needs and returns the patches to write into pages of the
@@ -44,18 +45,18 @@ pub struct Tolerance {
 pub struct Upload {
     /// The page to write.
     pub page: u32,
-    /// At most [`PAGE_VERTICES`].
+    /// Vertices of the page, at most [`PAGE_VERTICES`].
     pub vertices: Vec<Vertex>,
-    /// At most [`PAGE_TRIANGLES`]; each holds three indices into `vertices`.
+    /// Triangles of the page, at most [`PAGE_TRIANGLES`], as indices into `vertices`.
     pub triangles: Vec<[u8; 3]>,
 }
 
 /// A patch of the current cut, resident in a page.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VisiblePatch {
-    /// Its page.
+    /// Page that holds the patch.
     pub page: u32,
-    /// Triangles in it.
+    /// Number of triangles in the patch.
     pub triangles: u32,
     /// Bounding sphere of the patch.
     pub sphere: Sphere,

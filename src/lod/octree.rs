@@ -83,7 +83,7 @@ impl Octree {
         Self::with_leaves(items, LEAF_ITEMS)
     }
 
-    /// As [`Octree::new`], with another number of items for a leaf.
+    /// Builds the tree as [`Octree::new`], with at most `leaf_items` items in a leaf.
     pub fn with_leaves(items: &[Item], leaf_items: usize) -> Self {
         let mut tree = Self { nodes: Vec::new(), items: (0..items.len() as u32).collect() };
         if items.is_empty() {

@@ -44,7 +44,7 @@ impl Hasher for KeyHasher {
     }
 }
 
-/// Parameterization the key of a patch to the page that holds it.
+/// Map from the key of a patch to the page that holds it.
 ///
 /// A patch that leaves the cut keeps its page until space is needed, so that turning back costs
 /// nothing. Space is needed when all pages are taken, and also from twice the size of the cut:

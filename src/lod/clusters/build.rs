@@ -52,8 +52,8 @@ impl Clusters {
         Self::build_observed(mesh, vertices, tree, min_clusters, lock, |_, _| ())
     }
 
-    /// As [`Self::build_with`]. `observe` is called after each level with its live clusters and the
-    /// vertices so far.
+    /// Builds as [`Self::build_with`] and calls `observe` after each level with its live clusters
+    /// and the vertices so far.
     pub(super) fn build_observed(
         mesh: &Mesh,
         vertices: &[Vertex],

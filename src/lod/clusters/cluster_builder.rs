@@ -41,9 +41,9 @@ impl Correspondence {
 /// A convex part of an original face.
 #[derive(Clone, Copy)]
 pub struct FacePart {
-    /// Its correspondence.
+    /// Correspondence of the part.
     pub corr: Correspondence,
-    /// Index of its first corner.
+    /// Index of the part's first corner.
     first: u32,
     /// Number of corners.
     count: u8,
@@ -82,7 +82,7 @@ pub struct ClusterBuilder {
     pub whole_faces: Vec<Correspondence>,
     /// Faces of the source patch that are split between clusters.
     pub parts: FaceParts,
-    /// Of each triangle, one-sided distance bound to the original, mm.
+    /// One-sided distance bound of each triangle to the original, mm.
     pub to_original_mm: Vec<f32>,
     /// Two-sided distance bound to the source patch, mm.
     pub error: f64,

@@ -22,7 +22,7 @@ use super::surface_map::SurfaceMap;
 pub struct FineSurface<'a> {
     /// The faces, with the vertex ids of the coarse ones; the search tree is not used.
     pub target: TargetSurface<'a>,
-    /// Of each face, one-sided distance bound to the original, mm.
+    /// One-sided distance bound of each face to the original, mm.
     pub to_original_mm: Vec<f32>,
     /// One of the faces at each vertex.
     pub face_at: Vec<u32>,
@@ -43,7 +43,7 @@ pub struct IntermediateSurface {
     pub faces: Vec<[u32; 3]>,
     /// Face across each edge.
     pub face_neighbors: Vec<[u32; 3]>,
-    /// Of each face, one-sided distance bound to the original, mm.
+    /// One-sided distance bound of each face to the original, mm.
     pub to_original_mm: Vec<f32>,
     /// An incident face of each of its vertices.
     pub face_at: Vec<u32>,

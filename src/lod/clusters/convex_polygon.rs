@@ -13,7 +13,7 @@ pub struct ConvexPolygon {
 }
 
 impl ConvexPolygon {
-    /// From its corners; those beyond [`MAX_CORNERS`] are dropped.
+    /// Creates a polygon from its corners; those beyond [`MAX_CORNERS`] are dropped.
     pub fn new(corners: &[DVec3]) -> Self {
         let mut piece =
             Self { count: corners.len().min(MAX_CORNERS), at: [DVec3::ZERO; MAX_CORNERS] };

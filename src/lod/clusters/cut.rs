@@ -36,7 +36,7 @@ pub struct ClusterLod {
     /// pages in addition.
     pages_beyond_roots: u32,
     widest: u32,
-    /// By group: the last step that visited it, and the last that required it open.
+    /// Last step that visited each group, and last step that required it open.
     visited: Vec<[u64; 2]>,
     steps: u64,
 }

@@ -47,7 +47,7 @@ impl CutCriterion<'_> {
         place.max(f64::from(g.angle_rad) * size / self.shading)
     }
 
-    /// The same at the worst place in `s`; 0 if it is not visible.
+    /// Largest [`Self::error_ratio`] at any point of `s`; 0 if `s` is not visible.
     fn error_ratio_in(&self, g: &Group, error_mm: f32, s: &Sphere) -> f64 {
         if !self.is_visible(s) {
             return 0.0;

@@ -1,5 +1,5 @@
-//! Distance bound: how far a piece of one surface is from another, an upper bound that is nearly
-//! exact.
+//! Distance bound: a nearly exact upper bound of the distance from a piece of one surface to
+//! another.
 
 use std::cell::Cell;
 
@@ -18,13 +18,13 @@ thread_local! {
     static STACK: Cell<Vec<StackEntry>> = const { Cell::new(Vec::new()) };
 }
 
-/// A piece to clip, a face near it, the clips that are left, and whether halving brings it nearer.
+/// Piece to clip, a face near it, the number of clips left, and whether halving brings it nearer.
 type StackEntry = (ConvexPolygon, u32, u32, bool);
 
 /// Factor by which a bound may exceed the least possible one.
 const BOUND_SLACK: f64 = 1.05;
 
-/// Where a point of a piece is nearest to a surface: distance, and weights of the face's corners.
+/// Nearest point of a triangle to a given point: distance, and barycentric weights.
 pub struct Near {
     /// Squared distance, mm².
     pub d2: f64,
@@ -105,7 +105,7 @@ impl TriangleCache {
 /// Plane through an edge of a face, perpendicular to the surface: outward unit normal, and a point.
 pub type EdgePlane = Option<(DVec3, DVec3)>;
 
-/// Cache of what is computed per face of a target.
+/// Precomputed data of each face of a target.
 #[derive(Default)]
 pub struct TargetCache {
     faces: Vec<TriangleCache>,
@@ -113,7 +113,7 @@ pub struct TargetCache {
 }
 
 impl TargetCache {
-    /// Computes it for all faces.
+    /// Precomputes the data of all faces.
     pub fn new(target: &TargetSurface<'_>) -> Self {
         let all = 0..target.faces.len() as u32;
         Self {

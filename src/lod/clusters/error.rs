@@ -7,35 +7,35 @@ pub enum ClusterError {
     /// More faces or vertices than ids can count.
     #[error("{count} {what} are too many: {limit} at most")]
     TooMany {
-        /// Faces or vertices.
+        /// Kind of element: faces or vertices.
         what: &'static str,
-        /// How many there are.
+        /// Number of elements.
         count: usize,
-        /// How many there may be.
+        /// Largest number allowed.
         limit: usize,
     },
     /// The number of vertices as drawn is not that of the mesh.
     #[error("{found} vertices to draw for a mesh of {wanted}")]
     Vertices {
-        /// Given.
+        /// Number of vertices as drawn.
         found: usize,
-        /// In the mesh.
+        /// Number of vertices of the mesh.
         wanted: usize,
     },
     /// A face with a vertex index out of range.
     #[error("face {face} names vertex {vertex} of {vertices}")]
     Face {
-        /// Which face.
+        /// Index of the face.
         face: usize,
-        /// The vertex it names.
+        /// Vertex index that is out of range.
         vertex: u32,
-        /// Vertices there are.
+        /// Number of vertices.
         vertices: usize,
     },
     /// A position that is not finite or larger than 1e9 mm.
     #[error("vertex {vertex} has no place")]
     Place {
-        /// Which vertex.
+        /// Index of the vertex.
         vertex: usize,
     },
     /// Not a cluster file, or one of another version.
@@ -47,9 +47,9 @@ pub enum ClusterError {
     /// A file that is shorter or longer than its counts say.
     #[error("{found} bytes of clusters where {wanted} should be")]
     Length {
-        /// Bytes there are.
+        /// Length of the file, bytes.
         found: usize,
-        /// Bytes that the counts ask for.
+        /// Length that follows from the counts, bytes.
         wanted: u64,
     },
     /// The checksum does not match the content.
@@ -58,9 +58,9 @@ pub enum ClusterError {
     /// Inconsistent content.
     #[error("{what} {at} of the clusters contradicts the others")]
     Broken {
-        /// Cluster or group.
+        /// Kind of element: cluster or group.
         what: &'static str,
-        /// Its id.
+        /// Id of the element.
         at: usize,
     },
 }

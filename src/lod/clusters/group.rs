@@ -60,7 +60,7 @@ struct FineGroup<'a> {
     faces: Vec<[u32; 3]>,
     /// Face across each edge.
     face_neighbors: Vec<[u32; 3]>,
-    /// Of each vertex.
+    /// Position of each vertex, LPS mm; `normals`: its unit normal.
     positions: Vec<Vec3>,
     normals: Vec<Vec3>,
 }
@@ -97,7 +97,7 @@ struct CoarseGroup {
     mesh: Mesh,
     normals: Vec<Vec3>,
     face_neighbors: Vec<[u32; 3]>,
-    /// Faces of each cluster.
+    /// Number of faces of each cluster.
     sizes: Vec<usize>,
     /// Vertex ids; from the number of existing vertices upwards those that moved.
     ids: Vec<u32>,
@@ -146,8 +146,8 @@ impl CoarseGroup {
         Some(Self { mesh, normals, face_neighbors, sizes, ids, moved })
     }
 
-    /// The clusters, without correspondences yet; and for each face its cluster and its index
-    /// there.
+    /// Returns the clusters, without correspondences yet, and for each face its cluster and its
+    /// index in that cluster.
     fn drafts(&self) -> (Vec<ClusterBuilder>, Vec<(u16, u8)>) {
         let mut owner = Vec::with_capacity(self.mesh.faces.len());
         let mut rest = self.mesh.faces.as_slice();

@@ -18,7 +18,7 @@ const SHADING_SAMPLE: u32 = 8;
 
 /// The original surface, to measure to.
 pub struct OriginalSurface<'a> {
-    /// Its faces and the search structures over them.
+    /// Faces of the original and the search structures over them.
     pub target: TargetSurface<'a>,
 }
 
@@ -103,9 +103,9 @@ impl<'d> ErrorAccumulator<'d> {
 pub struct GroupErrorMeasure<'a> {
     /// The coarse faces.
     pub target: TargetSurface<'a>,
-    /// The original, whose part they replace.
+    /// The original, of which they replace a part.
     pub original: &'a OriginalSurface<'a>,
-    /// Output cluster of each coarse face, and its index there.
+    /// Output cluster of each coarse face, and its index in that cluster.
     pub owner: &'a [(u16, u8)],
 }
 
@@ -414,7 +414,8 @@ impl GroupErrorMeasure<'_> {
         }
     }
 
-    /// The same, with the coarse face nearest to the centre, which is not far from `from`.
+    /// Accumulates the angle between normals at the centre of a piece, on the coarse face nearest
+    /// to the centre; the search starts at the face `from`.
     fn accumulate_angle_at_centre(
         &self,
         face: u32,

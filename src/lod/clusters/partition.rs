@@ -112,11 +112,11 @@ pub fn smooth_borders(
     }
 }
 
-/// What grouping needs to know of a cluster.
+/// Border and position of a cluster, by which clusters are grouped.
 pub struct ClusterBorder {
-    /// Its boundary edges: lower vertex in the upper half, higher vertex in the lower.
+    /// Boundary edges of the cluster: lower vertex in the upper half, higher vertex in the lower.
     pub border: Vec<u64>,
-    /// Centre of its bounding sphere, mm.
+    /// Centre of the bounding sphere, mm.
     pub centre: Vec3,
 }
 

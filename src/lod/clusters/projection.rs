@@ -1,4 +1,4 @@
-//! Projection of a convex polygon onto a triangle surface without clipping: which faces it
+//! Projection of a convex polygon onto a triangle surface without clipping: the faces that it
 //! overlaps, and a distance bound to them.
 //!
 //! Each corner has a face near it. Where two consecutive corners have different ones, the side
@@ -33,18 +33,18 @@ pub struct ProjectedPoint {
     pub d2: f64,
 }
 
-/// A side of a polygon crosses an edge.
+/// Crossing of an edge by a side of a polygon.
 #[derive(Clone, Copy)]
 pub struct EdgeCrossing {
-    /// The face that it leaves.
+    /// The face that the side leaves.
     pub from: u32,
-    /// The face that it enters.
+    /// The face that the side enters.
     pub to: u32,
     /// Vertices of the edge, the lower first.
     pub edge: [u32; 2],
     /// Point of the side nearest to the edge.
     pub at: DVec3,
-    /// Its squared distance from the edge, mm².
+    /// Squared distance of that point from the edge, mm².
     pub d2: f64,
 }
 
@@ -79,7 +79,7 @@ pub struct BoundaryTrace {
 impl BoundaryTrace {
     /// Adds the faces that the polygon overlaps and the distance bound to each there, mm.
     ///
-    /// * `projected`: its corners.
+    /// * `projected`: projections of the polygon's corners.
     /// * `middle`: the result of [`TargetSurface::close_trace`].
     pub fn covered_faces(
         &self,

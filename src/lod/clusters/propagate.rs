@@ -2,9 +2,9 @@
 //!
 //! Each level replaces all of the original, so measuring against it anew would take as long at
 //! every level. But an original face near fine faces is near the coarse faces that these overlap
-//! ([`super::surface_map`]), by at most the sum of both distances. The bound of a group is that of
-//! its worst place, so nearly everywhere this sum is within it. Only pieces that may be farther are
-//! measured, and those over faces of several clusters.
+//! ([`super::surface_map`]): its distance is at most the sum of both distances. The bound of a
+//! group is the largest distance anywhere, so nearly everywhere this sum is within it. Only pieces
+//! that may be farther, and those over faces of several clusters, are measured.
 
 use std::cmp::Ordering;
 
@@ -18,9 +18,9 @@ use super::surface_map::SurfaceMap;
 pub struct CoarseOverlap {
     /// One of the faces.
     face: u32,
-    /// Their cluster.
+    /// Cluster of the faces.
     cluster: u16,
-    /// One bit for each of its triangles.
+    /// One bit for each triangle of the cluster: whether it is one of the faces.
     triangle_mask: u64,
     /// Distance bound of the fine face to them, mm.
     distance_mm: f64,
@@ -33,7 +33,7 @@ pub struct Propagated {
     pub near: u32,
     /// The cluster of that face.
     pub cluster: u16,
-    /// The correspondence there.
+    /// The correspondence with triangles of that cluster.
     pub corr: Correspondence,
 }
 
@@ -48,9 +48,9 @@ impl Propagated {
 pub struct DeferredPatch {
     /// The propagated correspondence.
     pub to: Propagated,
-    /// Index of its fine cluster among the inputs.
+    /// Index of the fine cluster among the inputs.
     pub draft: u32,
-    /// Its index there: whole faces first, then parts.
+    /// Index of the piece in the fine cluster: whole faces first, then parts.
     pub piece: u32,
 }
 

@@ -20,7 +20,7 @@ pub struct SurfaceMap {
     pub covered: Vec<bool>,
     /// Coarse faces that fine faces overlap, and the distance bound there, mm.
     pub overlaps: Vec<(u32, f64)>,
-    /// Of each fine face, its range of `overlaps`; empty if it could not be mapped.
+    /// Range of each fine face in `overlaps`; empty if the face could not be mapped.
     pub ranges: Vec<std::ops::Range<usize>>,
 }
 
@@ -40,13 +40,13 @@ struct SurfaceMapper<'a> {
     crossings: Vec<EdgeCrossing>,
     /// Sides of the faces so far.
     traced: Vec<[TracedSide; 3]>,
-    /// Coarse faces at the common boundary, and then all that are reached from there.
+    /// Coarse faces at the common boundary, and then all faces reached from there.
     reachable: Vec<u32>,
     /// Coarse faces that are, or may be, on the boundary of the image.
     barrier: Vec<bool>,
 }
 
-/// Parameterization the fine faces onto the coarse ones across edges within `limit`, mm.
+/// Maps the fine faces onto the coarse ones across edges within `limit`, mm.
 pub fn map_surface(coarse: &TargetSurface<'_>, fine: &FineSurface<'_>, limit: f64) -> SurfaceMap {
     let mut mapper = SurfaceMapper::new(coarse, fine, limit * limit);
     let mut trace = BoundaryTrace::default();
@@ -91,7 +91,7 @@ impl<'a> SurfaceMapper<'a> {
         }
     }
 
-    /// Parameterization the next face: returns the squared distance of the vertex that its boundary encloses, 0
+    /// Maps the next face: returns the squared distance of the vertex that its boundary encloses, 0
     /// if none; `None` if it cannot be mapped.
     fn face(&mut self, i: u32, trace: &mut BoundaryTrace) -> Option<f64> {
         trace.crossings.clear();

@@ -352,7 +352,7 @@ fn sprinkle(corners: [Vec3; 3], n: u32, seed: &mut u64) -> Vec<DVec3> {
     out
 }
 
-/// By nearest-point queries at random points of both surfaces, at every level.
+/// Nearest-point queries at random points of both surfaces, at every level.
 #[test]
 fn cluster_bound_is_never_below_sampled_error_and_is_nearly_attained() {
     let (mesh, c) = &*RING;

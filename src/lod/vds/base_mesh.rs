@@ -8,7 +8,8 @@ pub const NO_FACE: u32 = u32::MAX;
 /// An edge, in the direction in which its first face runs along it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// The face with the lower id, which the samples of the edge are taken from, and the other one.
+    /// The two faces; the one with the lower id comes first, and samples of the edge are taken from
+    /// it.
     pub faces: [u32; 2],
     /// The corner of the first face at which the edge begins.
     pub corner: u32,
@@ -21,7 +22,7 @@ pub struct BaseMesh {
     pub faces: Vec<[u32; 3]>,
     /// Edges by id.
     pub edges: Vec<Edge>,
-    /// Of each face: edge id · 2, + 1 where the face runs against the edge.
+    /// Edges of each face: edge id · 2, + 1 where the face runs against the edge.
     pub face_edges: Vec<[u32; 3]>,
     /// Number of vertices.
     pub vertices: usize,

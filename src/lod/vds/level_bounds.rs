@@ -6,7 +6,7 @@
 //! convex, so the small triangles over S map into S; sides map to sides and corners to corners, so
 //! the map has degree one and covers every point of S. No point moves further than the sample that
 //! moves furthest. That distance therefore bounds the Hausdorff distance of M_ℓ and M_L, face by
-//! face; it overestimates where the parameterisation lets an edge drift sideways.
+//! face; it is too large where the parameterization displaces an edge sideways within the surface.
 //!
 //! The original is mapped onto M_L in the same way, and measured at its vertices and at the
 //! midpoint of every edge of M_L. Where else it bends, at crossings of its edges with those of M_L,
@@ -20,7 +20,7 @@ use super::original::Original;
 use super::samples::{SampleGrid, SurfaceSamples, triangles};
 use crate::geometry::{nearest_on_segment, point_triangle_distance};
 
-/// Of each face, bounds of levels 0 to L against M_L (0 for L itself).
+/// Computes, for each face, bounds of levels 0 to L against M_L (0 for L itself), mm.
 fn to_finest(base: &BaseMesh, samples: &SurfaceSamples) -> Vec<Vec<f64>> {
     let depth = samples.depth();
     let one = |f: u32| -> Vec<f64> {
@@ -57,7 +57,7 @@ fn to_finest(base: &BaseMesh, samples: &SurfaceSamples) -> Vec<Vec<f64>> {
     (0..base.faces.len() as u32).into_par_iter().map(one).collect()
 }
 
-/// Of each face, distance between M_L and the original.
+/// Computes, for each face, the measured distance between M_L and the original, mm.
 fn finest(base: &BaseMesh, samples: &SurfaceSamples, original: &dyn Original) -> Vec<f64> {
     let n = 1u32 << samples.depth();
     let at = |f: u32, g: SampleGrid| samples.position(base, f, g).as_dvec3();
@@ -108,11 +108,11 @@ fn cell(weights: [f64; 3], n: u32) -> [SampleGrid; 3] {
     }
 }
 
-/// Factor for what is between the measured points of the finest level.
+/// Safety factor for deviations between the measured points of the finest level.
 const BETWEEN: f64 = 1.1;
 
-/// Of each face, two-sided distance bound of levels 0 to L to the original, mm, never growing with
-/// the level.
+/// Computes, for each face, the two-sided distance bound of levels 0 to L to the original, mm. It
+/// never grows with the level.
 pub fn bounds(base: &BaseMesh, samples: &SurfaceSamples, original: &dyn Original) -> Vec<Vec<f32>> {
     let own = finest(base, samples, original);
     let mut all = to_finest(base, samples);

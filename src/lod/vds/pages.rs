@@ -7,21 +7,21 @@ use crate::geometry::{Cone, Sphere, Vertex};
 use crate::lod::octree::{Item, bounding_cone};
 use crate::lod::{PAGE_TRIANGLES, PAGE_VERTICES};
 
-/// A page before it is gathered: its blocks and its key.
+/// Description of a page before its content is gathered: blocks and key.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Page {
     /// Hash of leaf, index and content.
     pub key: u64,
-    /// Triangles.
+    /// Number of triangles.
     pub triangles: u32,
     blocks: Vec<Block>,
 }
 
 /// Content of a page.
 pub struct PageContent {
-    /// At most [`PAGE_VERTICES`].
+    /// Vertices of the page, at most [`PAGE_VERTICES`].
     pub vertices: Vec<Vertex>,
-    /// At most [`PAGE_TRIANGLES`].
+    /// Triangles of the page, at most [`PAGE_TRIANGLES`], as indices into `vertices`.
     pub triangles: Vec<[u8; 3]>,
     /// Bounding sphere.
     pub sphere: Sphere,
@@ -91,7 +91,7 @@ impl Page {
         PageContent { vertices, triangles, sphere, cone }
     }
 
-    /// Its blocks.
+    /// Returns the blocks of the page.
     #[cfg(test)]
     pub fn blocks(&self) -> &[Block] {
         &self.blocks

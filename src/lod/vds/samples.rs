@@ -107,7 +107,7 @@ impl SurfaceSamples {
         self.vertices[self.index(base, f, g)]
     }
 
-    /// Its position.
+    /// Position of a grid point, LPS mm.
     pub fn position(&self, base: &BaseMesh, f: u32, g: SampleGrid) -> Vec3 {
         self.vertex(base, f, g).position()
     }

@@ -34,7 +34,7 @@ impl Default for VdsOptions {
     }
 }
 
-/// Why a surface cannot be subdivided.
+/// Reasons why a surface cannot be subdivided.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum VdsError {
@@ -44,29 +44,29 @@ pub enum VdsError {
     /// A face with a vertex index out of range.
     #[error("base face {face} names vertex {vertex}, but there are {vertices}")]
     NoVertex {
-        /// The face.
+        /// Index of the face.
         face: usize,
-        /// What it names.
+        /// Vertex index that is out of range.
         vertex: u32,
-        /// Vertices there are.
+        /// Number of vertices.
         vertices: usize,
     },
     /// An option outside its range.
     #[error("{name} is {value}, must be {lowest} to {highest}")]
     Option {
-        /// Which.
+        /// Name of the option.
         name: &'static str,
-        /// As given.
+        /// Value given.
         value: u32,
-        /// Least value.
+        /// Least value allowed.
         lowest: u32,
-        /// Largest value.
+        /// Largest value allowed.
         highest: u32,
     },
     /// More samples than memory is planned for.
     #[error("{samples} samples at level {depth}, at most {MAX_SAMPLES} can be kept")]
     TooLarge {
-        /// Samples wanted.
+        /// Number of samples needed.
         samples: usize,
         /// Finest level.
         depth: u32,
@@ -74,9 +74,9 @@ pub enum VdsError {
     /// A sample of the original that is not finite.
     #[error("the original has no finite position at sample {sample} of {samples}")]
     NotFinite {
-        /// Number of the sample.
+        /// Index of the sample.
         sample: usize,
-        /// Samples taken.
+        /// Number of samples.
         samples: usize,
     },
 }
@@ -101,7 +101,7 @@ pub struct SubdivisionSurface {
     pub(super) base: BaseMesh,
     pub(super) samples: SurfaceSamples,
     pub(super) tree: Octree,
-    /// In the order of [`Octree::traverse`].
+    /// Leaves, in the order of [`Octree::traverse`].
     pub(super) leaves: Vec<Leaf>,
     /// Leaf of each base face.
     pub(super) leaf_of: Vec<u32>,

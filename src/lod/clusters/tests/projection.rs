@@ -96,8 +96,8 @@ fn projected_polygons_and_their_parts_are_within_the_limit() {
     assert!(closed.iter().all(|n| *n > 50) && refused > 500, "{closed:?} {refused}");
 }
 
-/// Parameterization a sheet with a third of its inner vertices moved and without some faces onto the sheet:
-/// which faces are covered, and how many samples are near their bound.
+/// Maps a sheet with a third of its inner vertices moved and without some faces onto the sheet.
+/// Returns whether each face is covered, and how many samples are near their bound.
 fn covered(without: &[u32]) -> (Vec<bool>, usize) {
     let coarse = sheet(12);
     let mut fine = coarse.clone();

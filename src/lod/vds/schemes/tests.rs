@@ -96,7 +96,7 @@ impl Original for Itself {
     }
 }
 
-/// On a tetrahedron any two corners are neighbours and lie across an edge from each other as well.
+/// Tetrahedra, in which any two corners are neighbours and also lie opposite an edge.
 #[test]
 fn tetrahedra_whose_neighbours_are_also_opposite_are_refined() {
     use glam::Vec3;

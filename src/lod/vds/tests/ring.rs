@@ -40,7 +40,7 @@ pub const RING_MM: f64 = 30.0;
 const TUBE_MM: f64 = 8.0;
 
 impl Ring {
-    /// Its own original, `steps` times as fine as the base.
+    /// Creates a ring whose original has `steps` steps to a quad of the base.
     pub fn new(cells: [u32; 2], steps: u32) -> Self {
         let mut ring = Self { cells, steps, jitter: 0.0, mesh: Mesh::default() };
         ring.mesh = ring.grid(steps);
