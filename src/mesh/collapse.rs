@@ -1,12 +1,12 @@
-//! What a simplifier tells a recorder about each collapse.
+//! Interface between a simplifier and a recorder of its collapses.
 
 use glam::DVec3;
 
-/// A half-edge collapse u → v: `u` and the faces at both sides of the edge go, the other faces of
-/// `u` take `v` in its place.
+/// A half-edge collapse u → v: `u` and the faces at both sides of the edge are removed, and the
+/// other faces of `u` get `v` in its place.
 #[derive(Clone, Copy, Debug)]
 pub struct Collapse<'a> {
-    /// The vertex that goes.
+    /// The vertex that is removed.
     pub from: u32,
     /// The vertex that stays where it is.
     pub to: u32,
@@ -15,12 +15,12 @@ pub struct Collapse<'a> {
     /// boundary, and `to` is one of those two.
     pub ring: &'a [u32],
     /// Faces of `from`: face i holds `from`, `ring[i]`, `ring[i + 1]`. K of them for an inner
-    /// vertex (the last one closes the ring), K − 1 on a boundary. The faces that hold `to` go;
-    /// every other one survives under its id with `from` replaced by `to`.
+    /// vertex (the last one closes the ring), K − 1 on a boundary. The faces that hold `to` are
+    /// removed; every other one keeps its id, with `from` replaced by `to`.
     pub faces: &'a [u32],
-    /// Where `from` is, mm.
+    /// Position of `from`, mm.
     pub from_at: DVec3,
-    /// Where each vertex of the ring is, mm.
+    /// Position of each vertex of the ring, mm.
     pub ring_at: &'a [DVec3],
     /// Whether `from` lies on a boundary.
     pub boundary: bool,

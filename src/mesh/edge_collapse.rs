@@ -11,22 +11,22 @@ use super::star::Star;
 use super::vertex_quadrics::{Freedom, on_rim};
 use super::{Collapse, HalfEdges, Log, Metric, StopReason};
 
-/// When to stop.
+/// Conditions that end a decimation.
 #[derive(Clone, Copy)]
 pub struct Stop {
-    /// At this many faces.
+    /// Number of faces to reach.
     pub faces: usize,
-    /// Before a collapse of higher cost; bits of the cost.
+    /// Highest cost of a collapse, as the bits of the number.
     pub most: u64,
-    /// Before a collapse of larger error, mm.
+    /// Largest error of a collapse, mm.
     pub max_error_mm: Option<f64>,
 }
 
-/// Position of a vertex, and the value of its quadric there.
+/// Position of a vertex, and the value of its quadric at that point.
 #[derive(Clone, Copy)]
 pub struct Placement {
     at: DVec3,
-    /// Value of its quadric.
+    /// Value of the quadric.
     cost: f64,
 }
 
@@ -40,9 +40,9 @@ pub struct SubMesh {
 
 /// State of the decimation of a mesh, or of a part of one.
 pub struct Decimation {
-    /// Connectivity of what is left.
+    /// Connectivity of the remaining mesh.
     pub edges: HalfEdges,
-    /// Collapses made.
+    /// Number of collapses made.
     pub collapses: usize,
     /// Largest error of a collapse made, mm.
     pub error_mm: f64,
@@ -73,7 +73,7 @@ struct CollapseTarget {
     /// Cost by the quadrics alone.
     cost: f64,
     id: u32,
-    /// Its index in the ring.
+    /// Index of the neighbour in the ring.
     k: usize,
 }
 

@@ -1,100 +1,100 @@
-//! What can be wrong with a mesh.
+//! Errors of meshes.
 
 use glam::Vec3;
 
-/// Why a mesh is refused.
+/// Reasons why a mesh is refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeshError {
-    /// Nothing to work on.
+    /// The mesh has no faces.
     #[error("the mesh has no faces")]
     Empty,
-    /// A list that does not fit the others.
+    /// A list of the wrong length.
     #[error("the mesh has {found} {what}; {wanted} wanted")]
     Length {
-        /// What is listed.
+        /// Kind of the list's entries.
         what: &'static str,
-        /// Entries found.
+        /// Number of entries found.
         found: usize,
-        /// Entries wanted.
+        /// Number of entries expected.
         wanted: usize,
     },
-    /// More than ids can count.
+    /// More faces or vertices than ids can count.
     #[error("the mesh has {faces} faces and {vertices} vertices; {limit} of each are possible")]
     TooLarge {
-        /// Faces found.
+        /// Number of faces.
         faces: usize,
-        /// Vertices found.
+        /// Number of vertices.
         vertices: usize,
-        /// The limit of both.
+        /// Largest number of either.
         limit: usize,
     },
-    /// A coordinate or normal that is no number.
+    /// A coordinate or normal that is not finite.
     #[error("the {what} of vertex {vertex} is not finite: {value}")]
     NotFinite {
-        /// Position or normal.
+        /// Kind of the value: position or normal.
         what: &'static str,
-        /// Which vertex.
+        /// Index of the vertex.
         vertex: usize,
-        /// Its value.
+        /// Value that is not finite.
         value: Vec3,
     },
-    /// A face that names a vertex that is not there.
+    /// A face with a vertex index out of range.
     #[error("face {face} names vertex {vertex}; there are {vertices}")]
     Index {
-        /// Which face.
+        /// Index of the face.
         face: usize,
-        /// The vertex it names.
+        /// Vertex index that is out of range.
         vertex: u32,
-        /// How many there are.
+        /// Number of vertices.
         vertices: usize,
     },
     /// A face that names a vertex twice.
     #[error("face {face} names a vertex twice")]
     Degenerate {
-        /// Which face.
+        /// Index of the face.
         face: usize,
     },
     /// More than two faces at an edge.
     #[error("more than two faces meet at the edge from {} to {}", .edge[0], .edge[1])]
     NonManifoldEdge {
-        /// Its ends, mm.
+        /// Ends of the edge, mm.
         edge: [Vec3; 2],
     },
-    /// Two faces that look to different sides.
+    /// Two neighbouring faces of opposite orientation.
     #[error("the two faces at the edge from {} to {} look to different sides", .edge[0], .edge[1])]
     Misoriented {
-        /// Its ends, mm.
+        /// Ends of the edge, mm.
         edge: [Vec3; 2],
     },
     /// More than one fan of faces at a vertex.
     #[error("separate fans of faces touch in vertex {vertex} at {position}")]
     NonManifoldVertex {
-        /// Which vertex.
+        /// Index of the vertex.
         vertex: u32,
-        /// Where it is, mm.
+        /// Position of the vertex, mm.
         position: Vec3,
     },
-    /// A surface with one side.
+    /// A surface that cannot be oriented.
     #[error("the surface is one-sided: no orientation agrees at the edge from {} to {}", .edge[0], .edge[1])]
     OneSided {
-        /// Its ends, mm.
+        /// Ends of the edge, mm.
         edge: [Vec3; 2],
     },
     /// A half-edge structure that contradicts itself.
     #[error("half-edge {half_edge}: {what}")]
     Broken {
-        /// Which half-edge.
+        /// Index of the half-edge.
         half_edge: u32,
-        /// What does not hold.
+        /// Invariant that is violated.
         what: &'static str,
     },
     /// A vertex of a half-edge structure that contradicts its half-edges.
     #[error("vertex {vertex}: {what}")]
     BrokenVertex {
-        /// Which vertex.
+        /// Index of the vertex.
         vertex: u32,
-        /// What does not hold.
+        /// Invariant that is violated.
         what: &'static str,
     },
 }

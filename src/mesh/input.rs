@@ -12,9 +12,9 @@ use crate::geometry::Mesh;
 pub struct Input<'a> {
     /// The mesh.
     pub mesh: &'a Mesh,
-    /// Its half-edges; the mark of a face is 1 for a cap.
+    /// Half-edges of the mesh; the mark of a face is 1 for a cap.
     pub edges: HalfEdges,
-    /// Which collapses and moves each vertex is allowed.
+    /// Collapses and moves that each vertex is allowed.
     pub freedom: Vec<Freedom>,
     /// Cost of a collapse.
     pub metric: Metric,
@@ -31,7 +31,7 @@ impl<'a> Input<'a> {
     /// Checks a mesh. O(V + F).
     ///
     /// # Errors
-    /// What [`HalfEdges::new`] refuses.
+    /// As [`HalfEdges::new`].
     pub fn new(mesh: &'a Mesh, options: &SimplifyOptions<'_>) -> Result<Self, MeshError> {
         let mut edges = HalfEdges::new(mesh)?;
         for (f, cap) in mesh.caps.iter().enumerate() {
@@ -60,7 +60,7 @@ impl<'a> Input<'a> {
         (self.mesh.positions[v as usize].as_dvec3() - self.centre) / self.mm
     }
 
-    /// A position of a run in mm.
+    /// Converts a position of a run to mm.
     #[inline]
     pub fn in_mm(&self, at: DVec3) -> DVec3 {
         at * self.mm + self.centre
@@ -71,7 +71,7 @@ impl<'a> Input<'a> {
         quadrics(self.mesh, &self.edges, &|v| self.at(v), (self.metric, self.floor), ids)
     }
 
-    /// `what` of each of these vertices, in their order.
+    /// Calls `what` for each of these vertices in parallel and returns the results in their order.
     pub fn of_each<T: Send>(&self, ids: &[u32], what: impl Fn(u32) -> T + Sync + Send) -> Vec<T> {
         ids.par_iter().with_min_len(PARCEL).map(|v| what(*v)).collect()
     }

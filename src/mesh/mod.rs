@@ -1,5 +1,5 @@
-//! Half-edge meshes: repair, simplification by half-edge collapse, parameterization, and how far
-//! two meshes are apart.
+//! Half-edge meshes: repair, simplification by half-edge collapse, parameterization, and the
+//! deviation of two meshes.
 
 mod collapse;
 mod deviation;

@@ -44,7 +44,7 @@ impl Quadric {
         }
     }
 
-    /// The same planes, all weights times `factor`.
+    /// Multiplies the weights of all planes by `factor`.
     pub fn times(self, factor: f64) -> Self {
         Self {
             xx: factor * self.xx,
@@ -61,13 +61,14 @@ impl Quadric {
         }
     }
 
-    /// The weighted sum of squared distances; never below 0.
+    /// Weighted sum of squared distances of `p`, never below 0.
     #[inline]
     pub fn at(&self, p: DVec3) -> f64 {
         self.sum(p).max(0.0)
     }
 
-    /// The same as its terms add up: rounding may take it below 0.
+    /// Weighted sum of squared distances of `p` without the clamp of [`Self::at`]: rounding may
+    /// take it below 0.
     #[inline]
     pub fn sum(&self, p: DVec3) -> f64 {
         let x = p.x * (self.xx * p.x + self.xy * p.y + self.xz * p.z + self.x);

@@ -14,14 +14,16 @@ use crate::geometry::{ClosestPoint, Mesh, TriangleBvh};
 pub enum Metric {
     /// Squared distances to the planes of the faces, by area (Garland and Heckbert 1997).
     Qem,
-    /// Those with the mean area added to each face's weight; a tangent plane by each vertex's normal,
-    /// with half the weight of its faces together; higher weights where normals differ from their
-    /// neighbours'; and the deviation of each new face from its corners' normals, as squared size
-    /// times squared angle, more where the angle is large or the face a sliver. The normals should
-    /// be smoothed; without any, tangent planes come from the faces.
+    /// Extends [`Self::Qem`] by normals. The mean area is added to each face's weight. Each vertex
+    /// has a tangent plane by its normal, with half the weight of its faces together. Weights are
+    /// higher where normals differ from their neighbours'. The deviation of each new face from its
+    /// corners' normals is added as squared size times squared angle, and counts more where the
+    /// angle is large or the face a sliver. The normals should be smoothed; without any, tangent
+    /// planes come from the faces.
     #[default]
     NormalQem,
-    /// Of Li et al. 2004: each face has weight 1, the tangent plane as much as all faces together.
+    /// Metric of Li et al. 2004: each face has weight 1, the tangent plane as much as all faces
+    /// together.
     Paper,
 }
 
@@ -56,13 +58,13 @@ pub struct SimplifyOptions<'a> {
 }
 
 impl SimplifyOptions<'_> {
-    /// Down to this many faces by the default metric.
+    /// Creates options for simplification to this many faces by the default metric.
     pub fn to_faces(faces: usize) -> Self {
         Self { faces, metric: Metric::default(), relocate: false, locked: None, max_error_mm: None }
     }
 }
 
-/// Why a simplification ended.
+/// Reason why a simplification ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopReason {
     /// The target number of faces is reached.

@@ -1,4 +1,4 @@
-//! Initial quadrics of the vertices, and which vertices may be collapsed or moved.
+//! Initial quadrics of the vertices, and their freedom to be collapsed or moved.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -18,7 +18,7 @@ const TANGENT_WEIGHT: f64 = 0.5;
 /// Vertices of a parallel task; smaller meshes stay on their thread.
 pub const PARCEL: usize = 4096;
 
-/// Which collapses and moves a vertex is allowed.
+/// Collapses and moves that a vertex is allowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Freedom {
     /// May collapse onto any neighbour, and move.

@@ -61,7 +61,7 @@ impl Contract {
         h.min(self.edges.pair(h))
     }
 
-    /// What the edge of `h` costs, and where it contracts to.
+    /// Returns the cost of contracting the edge of `h`, and the position of the merged vertex.
     fn best(&self, h: u32) -> (f64, DVec3) {
         let ends = [self.edges.origin(h), self.edges.target(h)].map(|v| v as usize);
         let [a, b] = ends.map(|v| self.at[v]);
@@ -78,8 +78,8 @@ impl Contract {
         costs.into_iter().min_by(|x, y| x.0.total_cmp(&y.0)).unwrap_or((q.at(a), a))
     }
 
-    /// Contracts an edge, if it may, and says how many faces went; if not, it costs infinitely
-    /// much until something around it changes.
+    /// Contracts an edge, if that is legal, and returns the number of faces removed. Otherwise the
+    /// edge's cost is infinite until something around it changes.
     fn contract(&mut self, h: u32) -> usize {
         let (_, p) = self.best(h);
         self.heap.set(h, f64::INFINITY);
@@ -97,7 +97,7 @@ impl Contract {
         {
             return 0;
         }
-        // Of each face that goes, two edges become one, under the lower name.
+        // Two edges of each removed face become one, under the lower name.
         let mut gone = 0;
         for i in 0..self.star.leaving.len() {
             let h = self.star.leaving[i];
@@ -155,7 +155,7 @@ impl Contract {
         }
     }
 
-    /// What is left.
+    /// Returns the remaining mesh.
     fn compact(&self, centre: DVec3) -> Mesh {
         let mut new = vec![NONE; self.at.len()];
         let mut mesh = Mesh::default();
