@@ -21,10 +21,10 @@ pub use error::RenderError;
 pub use look::Look;
 pub use mesh::PreparedMesh;
 pub use overlay::{FlatMesh, FlatVertex, Overlay};
-pub use pages::{MAX_PAGES, PagesHandle};
+pub use pages::MAX_PAGES;
 pub use picture::Spares;
 pub use renderer::{IN_FLIGHT, Renderer, Ticket};
-pub use scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
+pub use scene::{FrameStats, MeshHandle, PagesHandle, PathHandle, Scene, Shot, View, Wall};
 pub use sequence::FrameSequence;
 pub use unfold::cube_areas;
 

@@ -10,18 +10,9 @@ use glam::Vec3;
 use super::camera::{clip_from_world, framing_turned};
 use super::host;
 use super::renderer::{Renderer, draw, surface_push};
-use super::scene::{MeshHandle, Scene, Shot};
+use super::scene::{GlassKey, Scene, Shot};
 use crate::geometry::{Lens, Pose};
 use crate::vk::{Area, Draw, DrawRange, Pass};
-
-/// Inputs of the glass image, which is drawn anew when they change.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct GlassKey {
-    mesh: Option<MeshHandle>,
-    area: Area,
-    orbit: [f32; 2],
-    opacity: f32,
-}
 
 /// Thickness of the path and size of the camera, as shares of the organ's diagonal.
 const PATH_RADIUS: f32 = 0.0045;

@@ -17,14 +17,11 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::renderer::Renderer;
+use super::scene::PagesHandle;
 use super::{FrameStats, RenderError};
 use crate::geometry::{Camera, Vertex, ViewFrustum};
 use crate::lod::{LodStep, OcclusionTest, PAGE_TRIANGLES, PAGE_VERTICES, Upload, VisiblePatch};
 use crate::vk::{BufferId, Frame, Gpu, ImageId, IndexedRange, Pass, Releaser, Write};
-
-/// A wall in pages on the device.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PagesHandle(pub(super) usize);
 
 /// Largest number of pages of one wall: 624 MiB on the device, 5 MiB of commands a frame.
 pub const MAX_PAGES: u32 = 1 << 18;

@@ -10,8 +10,9 @@ use super::mesh::{self, PreparedMesh};
 use super::pages::Pages;
 use super::picture::{Spares, without_alpha};
 use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
-use super::scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View, Wall};
-use super::unfold::UnfoldedFace;
+use super::scene::{
+    FrameStats, GlassKey, MeshHandle, PathHandle, Scene, Shot, UnfoldedFace, View, Wall,
+};
 use super::{RenderError, host};
 use crate::geometry::{Camera, Lens, Mesh, Pose, Vertex};
 use crate::vk::{
@@ -129,7 +130,7 @@ pub struct Renderer {
     pub(super) frustum: PlacedMesh,
     pub(super) ball: PlacedMesh,
     /// Inputs of the glass image as it is now.
-    pub(super) glass_of: Option<super::overview::GlassKey>,
+    pub(super) glass_of: Option<GlassKey>,
     slots: Vec<ReadbackSlot>,
     idle: Vec<usize>,
     spares: Spares,

@@ -1,8 +1,12 @@
 //! The scene, and the shots that frames show of it.
 
 use super::Look;
-use super::pages::PagesHandle;
-use crate::geometry::{Lens, Pose};
+use crate::geometry::{Camera, Lens, Pose};
+use crate::vk::Area;
+
+/// A wall in pages on the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PagesHandle(pub(super) usize);
 
 /// A mesh on the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,4 +140,19 @@ pub struct Shot {
     pub progress: f32,
     /// Room about the eye, mm, by which light is scaled; the organ's mean radius where `None`.
     pub room_mm: Option<f32>,
+}
+
+/// Inputs of the glass image, which is drawn anew when they change.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct GlassKey {
+    pub mesh: Option<MeshHandle>,
+    pub area: Area,
+    pub orbit: [f32; 2],
+    pub opacity: f32,
+}
+
+/// Camera and area of one inside view.
+pub(super) struct UnfoldedFace {
+    pub camera: Camera,
+    pub area: Area,
 }

@@ -8,7 +8,7 @@
 use super::RenderError;
 use super::host;
 use super::renderer::{Renderer, Targets};
-use super::scene::{Shot, View};
+use super::scene::{Shot, UnfoldedFace, View};
 use crate::geometry::{Camera, cube_faces};
 use crate::vk::{Area, Draw, DrawRange, Gpu, Pass};
 
@@ -44,12 +44,6 @@ fn faces_in_cross(size: [u32; 2]) -> [Area; 6] {
 /// face.
 fn side_for(width: u32) -> u32 {
     (width as f32 / std::f32::consts::PI).ceil() as u32 + 2
-}
-
-/// Camera and area of one inside view.
-pub(super) struct UnfoldedFace {
-    pub camera: Camera,
-    pub area: Area,
 }
 
 impl Renderer {

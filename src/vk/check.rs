@@ -5,7 +5,8 @@ use super::Gpu;
 use super::draw::{Draw, DrawRange, Pass};
 use super::draw_pipeline::Blend;
 use super::frame::{Frame, ImageWrite};
-use super::resources::{BufferId, Format, ImageId, ImageSpec};
+use super::ids::{BufferId, ImageId};
+use super::resources::{Format, ImageSpec};
 
 impl Gpu {
     /// # Panics

@@ -7,9 +7,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use ash::vk;
 
 use super::commands::Handover;
-use super::draw_pipeline::DrawPipelineId;
 use super::frame::{Frame, FrameOptions};
-use super::resources::{BufferId, ImageId};
+use super::ids::{BufferId, DrawPipelineId, ImageId};
 use super::retire::Retired;
 use super::{Gpu, VkError};
 

@@ -4,9 +4,9 @@ use std::ffi::CString;
 
 use ash::vk;
 
+use super::ids::{DrawPipelineId, ResourceId};
 use super::pipeline::pipeline_layout;
 use super::resources::Format;
-use super::retire::ResourceId;
 use super::spirv::Module;
 use super::{Gpu, VkError};
 
@@ -132,11 +132,6 @@ pub(super) struct DrawPipeline {
     pub(super) depth: Option<Format>,
     pub(super) samples: u32,
     pub(super) blend: Blend,
-}
-
-slotmap::new_key_type! {
-    /// Handle to a graphics pipeline of a [`Gpu`]. A stale one is noticed.
-    pub struct DrawPipelineId;
 }
 
 /// Shader stages that see the immediate block: both.

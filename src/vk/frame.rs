@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use ash::vk;
 
-use super::resources::BufferId;
+use super::ids::BufferId;
 use super::{Area, DrawRange, Gpu, ImageId, Pass, StageAccess};
 
 /// Bytes to be written to a vertex or index buffer before anything is drawn.

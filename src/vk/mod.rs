@@ -16,6 +16,7 @@ mod draw_pipeline;
 mod error;
 mod frame;
 mod gpu;
+mod ids;
 mod info;
 mod initialized;
 mod instance;
@@ -36,19 +37,18 @@ mod timeline;
 type StageAccess = (ash::vk::PipelineStageFlags2, ash::vk::AccessFlags2);
 
 pub use draw::{Area, Draw, DrawRange, IndexedRange, Pass};
-pub use draw_pipeline::{
-    Attribute, Blend, DepthUse, DrawEntry, DrawPipelineId, DrawShader, DrawSpec,
-};
+pub use draw_pipeline::{Attribute, Blend, DepthUse, DrawEntry, DrawShader, DrawSpec};
 pub use error::VkError;
 pub use frame::{Frame, FrameOptions, ImageWrite, Write};
 pub use gpu::{Gpu, OpenOptions};
+pub use ids::{BufferId, DrawPipelineId, ImageId};
 pub use info::{Choice, DeviceInfo, DeviceKind, MemoryHeap, list};
 pub use instance::{Validate, all_validation_messages};
 pub use presentation::WindowHandles;
 pub use process::{
     ThreadsError, exit_now, return_freed_memory, set_lavapipe_threads, survive_file_size_limit,
 };
-pub use resources::{BufferId, Format, ImageId, ImageSpec};
+pub use resources::{Format, ImageSpec};
 pub use retire::Releaser;
 pub use runner::RunOptions;
 pub use staging::STAGING_BYTES;

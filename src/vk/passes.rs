@@ -6,7 +6,7 @@ use super::Gpu;
 use super::draw::{Area, DrawRange, IndexedRange, Pass};
 use super::draw_pipeline::STAGES;
 use super::frame::COMMAND_BYTES;
-use super::resources::{BufferId, ImageId};
+use super::ids::{BufferId, ImageId};
 
 /// Layout of depth targets. `separateDepthStencilLayouts` is optional; this layout is not, and
 /// holds for depth without stencil too.

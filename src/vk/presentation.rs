@@ -15,9 +15,10 @@ use raw_window_handle::{HasDisplayHandle, HasWindowHandle, RawDisplayHandle};
 
 use super::commands::Handover;
 use super::frame::{Frame, FrameOptions};
+use super::ids::ImageId;
 use super::instance::Instance;
 use super::memory;
-use super::resources::{Format, GpuImage, ImageId, ImageSpec};
+use super::resources::{Format, GpuImage, ImageSpec};
 use super::{Gpu, VkError};
 
 /// Frames that may be in flight to a window.

@@ -3,9 +3,9 @@
 
 use ash::vk;
 
+use super::ids::{BufferId, ImageId, ResourceId};
 use super::initialized::InitializedRanges;
 use super::memory::{self, Buffer, ImageDesc, MemoryUse};
-use super::retire::ResourceId;
 use super::{Gpu, VkError};
 
 /// Pixel formats drawing uses; every Vulkan 1.3 device can draw to them.
@@ -82,13 +82,6 @@ pub(super) struct GpuImage {
     pub(super) spec: ImageSpec,
     pub(super) image: memory::Image,
     pub(super) layout: vk::ImageLayout,
-}
-
-slotmap::new_key_type! {
-    /// Handle to a buffer of a [`Gpu`]. It may outlive the buffer; a stale one is noticed.
-    pub struct BufferId;
-    /// Handle to an image of a [`Gpu`]. It may outlive the image; a stale one is noticed.
-    pub struct ImageId;
 }
 
 impl Gpu {

@@ -9,9 +9,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use ash::vk;
 
-use super::draw_pipeline::{DrawPipeline, DrawPipelineId};
+use super::draw_pipeline::DrawPipeline;
+use super::ids::{BufferId, DrawPipelineId, ImageId, ResourceId};
 use super::memory::{self, Buffer, Memory};
-use super::resources::{BufferId, ImageId};
 use super::{Gpu, VkError};
 
 /// A resource that was freed and that the device may still use.
@@ -45,14 +45,6 @@ impl<T> RetireQueue<T> {
         let n = self.queue.iter().take_while(|(v, _)| *v <= reached).count();
         self.queue.drain(..n).map(|(_, t)| t)
     }
-}
-
-/// Names a resource of a [`Gpu`].
-#[derive(Clone, Copy)]
-pub(super) enum ResourceId {
-    Buffer(BufferId),
-    Image(ImageId),
-    Pipeline(DrawPipelineId),
 }
 
 /// Frees resources of a [`Gpu`] without holding it, from any thread: they are retired at its next
