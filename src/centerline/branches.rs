@@ -15,16 +15,16 @@ use super::route::{ArcGraph, Loops, PathEnd, RouteOptions, Ways};
 use crate::field::Sampler;
 use crate::geometry::{Attachment, Branch, Centerline, CenterlinePoint};
 
-/// A branch as a way along the graph: parents come before children.
+/// A branch as a path on the graph: parents come before children.
 pub(super) struct BranchRoute {
     parent: Option<usize>,
     /// The branch that it ends on: it closes a loop.
     pub joined: Option<usize>,
-    /// From where it leaves its parent, or the root, to its tip.
+    /// Chain from the branching point on the parent, or from the root, to the tip.
     chain: Chain,
     /// Start and end. A branch with a parent starts on the parent's curve instead.
     ends: [PathEnd; 2],
-    /// Points of the way, local mm, each piece proven inside.
+    /// Points of the path, local mm, each piece proven inside.
     points: Vec<DVec3>,
 }
 
@@ -35,18 +35,18 @@ impl BranchRoute {
         Self { parent: None, joined: None, chain, ends: [from.0, to.0], points }
     }
 
-    /// Finds the points of the way.
+    /// Computes the points of the path.
     pub fn follow(&mut self, router: &ChainRouter<'_>) {
         self.points = router.polyline(&self.chain, self.ends.map(|e| e.voxel));
     }
 
-    /// The same way from its end; of a root only.
+    /// Reverses the route, which must be a root.
     pub fn reverse(&mut self) {
         self.chain.reverse();
         self.ends.reverse();
     }
 
-    /// Where it starts, or ends.
+    /// Returns the start of the route, or its end if `last`.
     pub fn end(&self, last: bool) -> PathEnd {
         self.ends[usize::from(last)]
     }
@@ -63,9 +63,9 @@ impl BranchRoute {
         a.distance(b) >= (2.0 * d.at(a).max(d.at(b))).max(PruneLimits::default().twig_mm)
     }
 
-    /// Its ends and where they lead to.
+    /// Returns the ends of the route with the directions out of it.
     ///
-    /// * `place`: of a node, local mm.
+    /// * `place`: position of a node, local mm.
     pub fn piece(&self, place: impl Fn(u32) -> DVec3) -> PathPiece {
         let n = &self.chain.nodes;
         let inner = [n[2.min(n.len() - 1)], n[n.len().saturating_sub(3)]];
@@ -75,10 +75,11 @@ impl BranchRoute {
     }
 }
 
-/// The trunk, and of a tree the rest: the way to the tip farthest from the root is a branch from
-/// where it leaves those before it. Arcs that close loops come last.
+/// Returns the trunk, followed by the other branches if a tree is asked for: tips are taken from
+/// the farthest from the root on, and each branch starts where its path leaves the branches before
+/// it. Arcs that close loops come last.
 ///
-/// * `nodes`: where arcs of the component end, ascending.
+/// * `nodes`: nodes at which arcs of the component end, ascending.
 pub(super) fn grow(
     view: &ArcGraph<'_>,
     trunk: BranchRoute,
@@ -120,7 +121,7 @@ pub(super) fn grow(
     routes
 }
 
-/// Makes a branch the owner of the nodes of its chain that no other has.
+/// Makes a branch the owner of those nodes of its chain that have no owner.
 fn own(owner: &mut BTreeMap<u32, usize>, chain: &Chain, id: usize) {
     for n in &chain.nodes {
         owner.entry(*n).or_insert(id);
@@ -132,7 +133,7 @@ fn junction(view: &ArcGraph<'_>, node: u32) -> PathEnd {
     PathEnd { voxel, point: view.adjacency.place_mm[node as usize], given: false }
 }
 
-/// Branches along the arcs that no branch has yet: each closes a loop, or is cut into two.
+/// Adds branches along the arcs that belong to no branch yet: each closes a loop, or is cut in two.
 fn close_loops(
     view: &ArcGraph<'_>,
     routes: &mut Vec<BranchRoute>,
@@ -212,8 +213,8 @@ fn halves(view: &ArcGraph<'_>, mut chain: Chain, ways: &Ways) -> [Chain; 2] {
     [chain, second]
 }
 
-/// How far a ring is repeated at either end, in distances to the wall: farther than the ends of a
-/// curve reach into it.
+/// Length by which a ring is repeated at either end, in distances to the wall: more than the length
+/// over which the ends of a curve influence it.
 const RING_OVERLAP: f64 = 8.0;
 /// Fewest points of a route that is smoothed as a ring.
 const MIN_LAP: usize = 8;
@@ -224,7 +225,7 @@ pub(super) struct Branches<'a> {
     f: Sampler<'a>,
     /// Parent, branch joined at the end, and points (local mm) of each branch.
     branches: Vec<(Option<usize>, Option<usize>, Vec<DVec3>)>,
-    /// How all curves together were proven.
+    /// Sum of the proofs of all curves.
     pub proof: Proof,
 }
 

@@ -1,4 +1,4 @@
-//! From a chain of cells to a polyline that is proven inside and keeps from walls.
+//! Conversion of a chain of cells to a polyline that is proven inside and keeps away from walls.
 
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
@@ -9,19 +9,20 @@ use crate::field::Sampler;
 use crate::lumen::bricks::BRICK;
 use crate::task::checkpoint;
 
-/// Nodes that a straight piece passes at most.
+/// Largest number of nodes that a straight piece passes.
 const MAX_NODES: usize = 23;
-/// Straight pieces are no longer than this many distances to the wall, or this many voxels.
+/// Greatest length of a straight piece, in distances to the wall and in voxels; the longer one
+/// counts.
 const MAX_LENGTH: (f64, f64) = (2.0, 8.0);
-/// Places a distance to the wall at which the cost of a straight piece is sampled.
+/// Number of samples of a straight piece's cost per distance to the wall.
 const SAMPLES: f64 = 4.0;
 
 /// A walk over nodes of the complex, each joined to the next by a contact.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Chain {
-    /// One more than contacts.
+    /// Nodes of the walk, one more than contacts.
     pub nodes: Vec<u32>,
-    /// Between them.
+    /// Contacts between consecutive nodes.
     pub contacts: Vec<u32>,
 }
 
@@ -33,7 +34,7 @@ impl Chain {
         self.contacts.extend(contacts);
     }
 
-    /// The same walk from its end.
+    /// Reverses the walk.
     pub fn reverse(&mut self) {
         self.nodes.reverse();
         self.contacts.reverse();

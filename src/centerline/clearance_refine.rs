@@ -1,4 +1,5 @@
-//! No part of a curve far less deep than its section allows.
+//! Refinement of a curve's clearance: no point stays much nearer to the wall than its section
+//! allows.
 
 use std::f64::consts::PI;
 
@@ -9,12 +10,12 @@ use super::frames::tangents;
 use super::section::{around, climb};
 use crate::field::Sampler;
 
-/// Least share of the largest distance to the wall near by in its section that a point keeps.
+/// Least distance of a point to the wall, as a share of the largest one near by in its section.
 const SHARE: f64 = 0.95;
-/// A point that must move takes others along, in distances to the wall.
+/// Reach within which a point that must move displaces its neighbours, in distances to the wall.
 const ALONG: f64 = 1.8;
-/// Farthest a point moves in a round, in its distances to the wall: where more is wanting, sections
-/// disagree and the curve is a compromise.
+/// Greatest displacement of a point in a round, in its distances to the wall: where more would be
+/// needed, sections disagree and the curve is a compromise.
 const MAX_MOVE: f64 = 0.04;
 const ROUNDS: usize = 3;
 
@@ -41,7 +42,8 @@ pub(super) fn refine_clearance(
     curve
 }
 
-/// The mean of the ways about each point, nearer ones weighing more; fading with the nearest.
+/// Returns the weighted mean of the displacements about each point; nearer ones weigh more, and the
+/// mean fades with the distance of the nearest.
 fn spread(ways: &[DVec3], u: &[f64]) -> Vec<DVec3> {
     let n = ways.len();
     // Weighted sum, sum and largest of the weights.
@@ -67,7 +69,8 @@ fn spread(ways: &[DVec3], u: &[f64]) -> Vec<DVec3> {
     out
 }
 
-/// The least way from `p` in the plane across `t` to where it has its share.
+/// Returns the least displacement of `p` in the plane across `t` that gives it its share of the
+/// clearance; zero if none is needed, or if it would be too far.
 fn wanting(p: DVec3, t: DVec3, distance: Sampler<'_>) -> DVec3 {
     let h = distance.lumen.grid.spacing_mm.min_element();
     let (u, v) = t.any_orthonormal_pair();

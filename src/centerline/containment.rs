@@ -5,15 +5,15 @@ use glam::{DVec3, IVec3};
 use crate::field::Sampler;
 use crate::lumen::Lumen;
 
-/// How the segments of a curve were proven to stay inside.
+/// Numbers of a curve's segments by the way they were proven to stay inside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Proof {
-    /// Segments proven by the distance field: every point keeps a voxel's diagonal from external
-    /// voxel centres.
+    /// Number of segments proven by the distance field: every point keeps a voxel's diagonal from
+    /// external voxel centres.
     pub by_distance: usize,
-    /// Segments proven by walking the voxels they cross, all of them inside.
+    /// Number of segments proven by walking the voxels they cross, all of them inside.
     pub by_voxels: usize,
-    /// Points of the smooth curve that were replaced by the voxel route.
+    /// Number of points of the smooth curve that were replaced by the voxel route.
     pub replaced: usize,
 }
 

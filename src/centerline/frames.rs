@@ -62,7 +62,7 @@ mod tests {
     use super::*;
     use std::f64::consts::TAU;
 
-    /// On a helix the frame turns against Frenet's by minus the integral of torsion.
+    /// The frame on a helix rotates relative to the Frenet frame by minus the integral of torsion.
     #[test]
     fn frames_on_a_helix_follow_the_closed_form() {
         let (r, pitch) = (10.0, 12.0);

@@ -17,9 +17,9 @@ pub struct Graph<'a> {
     legal: Vec<u32>,
 }
 
-/// Number of the offset that goes nowhere.
+/// Number of the zero offset.
 pub(super) const STAY: usize = 13;
-/// Every step is legal: the voxel's whole surroundings are inside.
+/// Bits of all steps: all are legal where the voxel's whole neighbourhood is inside.
 pub(super) const FREE: u32 = ((1 << 27) - 1) & !(1 << STAY);
 
 /// Offset of one of the 27 neighbours.
@@ -54,8 +54,8 @@ const BLOCK: [u32; 27] = {
     out
 };
 
-/// Where a step leads along one axis, by place (0 to 7) and direction (-1, 0, 1): which brick
-/// (-1, 0, 1) and which place in it.
+/// Target of a step along one axis, by position in the brick (0 to 7) and direction (-1, 0, 1):
+/// offset of the brick (-1, 0, 1) and position in it.
 const ALONG: [[(i8, u8); 3]; 8] = {
     let mut out = [[(0, 0); 3]; 8];
     let mut p = 0;
@@ -71,7 +71,7 @@ const ALONG: [[(i8, u8); 3]; 8] = {
     out
 };
 
-/// By how much an element changes with each offset, as long as that does not leave its brick.
+/// Change of an element's index with each offset, within a brick.
 const DELTA: [i32; 27] = {
     let mut out = [0; 27];
     let mut n = 0;
@@ -143,7 +143,8 @@ impl<'a> Graph<'a> {
         let over = near_index(i32::from(ox), i32::from(oy), i32::from(oz));
         self.lumen.bricks.near()[slot][over] * BRICK as u32 + place
     }
-    /// As [`Graph::step`] for several steps of a node: most nodes have all of them in one brick.
+    /// Returns [`Graph::step`] for one node, faster for several steps: most nodes have all of them
+    /// in one brick.
     #[inline]
     pub(super) fn leads(&self, node: u32) -> impl Fn(usize) -> u32 + '_ {
         let deep = deep_in_brick(node);

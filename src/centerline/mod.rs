@@ -29,7 +29,7 @@ pub use visibility::{Pending, Radius, Viewpoint, VisibilityInput, add_viewers};
 
 use glam::DVec3;
 
-/// Why there is no centerline.
+/// Reasons why there is no centerline.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CenterlineError {
@@ -39,9 +39,9 @@ pub enum CenterlineError {
     /// A given end is not in the lumen.
     #[error("the {which} ({:.2}, {:.2}, {:.2}) mm is outside the lumen; the nearest inside voxel is {nearest_mm:.1} mm away", .at.x, .at.y, .at.z)]
     OutsideLumen {
-        /// `start` or `end`.
+        /// Name of the end: `start` or `end`.
         which: &'static str,
-        /// LPS mm.
+        /// Position of the end, LPS mm.
         at: DVec3,
         /// Distance to the nearest inside voxel centre, mm.
         nearest_mm: f64,

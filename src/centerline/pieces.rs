@@ -2,13 +2,14 @@
 
 use glam::DVec3;
 
-/// Most pieces whose best order is found; more are joined one after another, nearest first.
+/// Largest number of pieces whose best order is found; more are joined one after another, nearest
+/// first.
 const MAX_EXACT: usize = 12;
 
 /// A piece between two ends.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PathPiece {
-    /// Its ends, mm.
+    /// Ends of the piece, mm.
     pub ends: [DVec3; 2],
     /// Unit vectors out of the piece at its ends; zero where there is none.
     pub outward: [DVec3; 2],

@@ -1,4 +1,4 @@
-//! From a voxel route to a smooth, centred curve.
+//! Conversion of a voxel route to a smooth, centred curve.
 
 use glam::DVec3;
 
@@ -43,17 +43,17 @@ pub fn arc_lengths(points: &[DVec3]) -> Vec<f64> {
         .collect()
 }
 
-/// What stays where it is.
+/// Ends of a route that are not moved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fixed {
-    /// The first point (a branch that starts on its parent).
+    /// Whether the first point is fixed (a branch that starts on its parent).
     pub start: bool,
-    /// The last point.
+    /// Whether the last point is fixed.
     pub end: bool,
 }
 
 /// Centres a route: every point moves to where the walls around it balance in the plane across the
-/// curve, then a least-squares spline smooths what voxels left uneven.
+/// curve, then a least-squares spline smooths the steps of voxels.
 ///
 /// * `route`: local mm, inside the lumen.
 /// * `distance`: exact distance, mm; `smooth`: the same after a Gaussian of a voxel.
@@ -93,18 +93,20 @@ pub fn recenter(
     resample(&refine_clearance(curve, &u, distance), 0.5 * h)
 }
 
-/// Rounds with half the rays.
+/// Number of first rounds with half the rays.
 const COARSE: usize = 3;
-/// A curve this far, in voxels, to one side of its sections' middles for a while cuts a corner.
+/// Mean displacement of a curve to one side of its sections' centres, in voxels, above which it
+/// cuts a corner.
 const ASTRAY: f64 = 0.1;
-/// That while, and the stretch to fit more closely about it, in distances to the wall.
+/// Half the length over which that displacement is averaged, and half the length that is fitted
+/// more closely about such a point, in distances to the wall.
 const WHILE: f64 = 0.25;
 const ABOUT: f64 = 0.5;
-/// Closer knots are right where the sections across the curve they make agree with it this many
-/// times as well. Where pockets follow each other they never do.
+/// Greatest ratio of the displacements from the sections' centres, with closer knots to without,
+/// for closer knots to be kept. Where pockets follow each other it is always exceeded.
 const AGREE: f64 = 0.7;
 
-/// Fits with closer knots where that shows that the curve cuts corners: at forks.
+/// Fits with closer knots where the curve cuts corners and that reduces it: at forks.
 fn corners(
     mut curve: Vec<DVec3>,
     moved: &mut [DVec3],
@@ -144,7 +146,7 @@ fn corners(
     curve
 }
 
-/// Points near those where a curve keeps to one side of the places its points should lie at.
+/// Marks the points near those where a curve keeps to one side of its sections' centres.
 fn astray(curve: &[DVec3], moved: &[DVec3], u: &[f64], least: f64) -> Vec<bool> {
     let n = curve.len();
     let mut out = vec![false; n];

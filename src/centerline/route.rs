@@ -1,7 +1,8 @@
-//! From the distance map to a path or a tree in patient space.
+//! Extraction of a path or a tree in patient space from the distance map.
 //!
-//! The lumen's cell complex is collapsed onto a graph that has all its loops; rules take away what is
-//! no branch and cut what is no way. Paths and trees are ways over the arcs that are left.
+//! The lumen's cell complex is collapsed onto a graph that has all its loops. Rules remove arcs
+//! that are no branches and cut arcs that pass holes in thin walls. Paths and trees run over the
+//! remaining arcs.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -25,49 +26,49 @@ use crate::lumen::Lumen;
 /// Given ends, LPS mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Ends {
-    /// Where the path starts; the root of a tree.
+    /// Start of the path, or root of the tree.
     pub from: Option<DVec3>,
-    /// Where the path ends.
+    /// End of the path.
     pub to: Option<DVec3>,
 }
 
-/// What becomes of loops in a tree.
+/// Treatment of loops in a tree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Loops {
     /// A branch that closes a loop ends on another.
     #[default]
     Keep,
-    /// It is cut where both sides are equally far from the root.
+    /// A branch that closes a loop is cut where both sides are equally far from the root.
     Cut,
 }
 
-/// What to extract.
+/// Options of the extraction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RouteOptions {
     /// Given ends; the others are found.
     pub ends: Ends,
-    /// All branches instead of one path.
+    /// Whether all branches are extracted instead of one path.
     pub tree: bool,
-    /// Loops of a tree.
+    /// Treatment of loops in a tree.
     pub loops: Loops,
-    /// Of a path whose ends are found: the end nearer to this point, LPS mm, is the start.
+    /// Point, LPS mm, that orients a path whose ends are found: the end nearer to it is the start.
     pub starts_near: Option<DVec3>,
 }
 
-/// A loop of the lumen and what became of it.
+/// A loop of the lumen, kept or ended by a rule.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LumenLoop {
-    /// Its narrowest place, LPS mm.
+    /// Narrowest place of the loop, LPS mm.
     pub throat_at: DVec3,
-    /// Lengths, and the rule that ended it.
+    /// Lengths, and the rule that ended the loop.
     pub found: Loop,
 }
 
 impl LumenLoop {
-    /// A loop that was cut at one of two places about as narrow: the other may be where folds touch,
-    /// and this one a stricture.
+    /// Whether the loop was cut at one of two places about as narrow: folds may touch at the other
+    /// place, and this one be a stricture.
     pub fn is_doubtful(&self) -> bool {
-        /// How many times as wide another place must be to be out of the question.
+        /// Least width of the other place, in widths of the throat, for the cut to be certain.
         const CLEAR: f64 = 1.25;
         self.found.ended == Some(Rule::Window)
             && self.found.next_throat_mm < CLEAR * self.found.throat_mm
@@ -79,9 +80,9 @@ impl LumenLoop {
 pub struct Routed {
     /// The curve or tree, LPS mm, radius the distance to the wall.
     pub line: Centerline,
-    /// How it was proven inside.
+    /// Proof that the curves stay inside.
     pub proof: Proof,
-    /// Inside voxels that no legal route joins to the root.
+    /// Number of inside voxels that no legal route joins to the root.
     pub unreachable: usize,
     /// Nodes on the graph's arcs, by ascending elements.
     pub nodes: Vec<GraphNode>,
@@ -98,14 +99,15 @@ pub struct GraphNode {
     pub chord: DVec3,
 }
 
-/// How many times the room of one end another must have to be the root in its place.
+/// Least ratio of the distance to the wall at another end to that at the root for the other end to
+/// be the root instead.
 const MORE_ROOM: f64 = 1.05;
-/// How many times the room of both ends of the longest path a third tip must have to be the root:
-/// a trachea beside two bronchi.
+/// Least ratio of the distance to the wall at a third tip to that at both ends of the longest path
+/// for the third tip to be the start: a trachea beside two bronchi.
 const TRUNK_ROOM: f64 = 1.5;
 
-/// And the share of the longest path's length, as its inverse, that it must lie off that path:
-/// pockets of a wide lumen are no trunks.
+/// Inverse of the least length by which such a tip lies off the longest path, as a share of that
+/// path's length: pockets of a wide lumen are no trunks.
 const TRUNK_LENGTH: u64 = 10;
 
 /// Extracts a path or tree.
@@ -234,9 +236,9 @@ const PIECE_RADIUS: f64 = 1.5;
 
 /// A component of the lumen.
 struct RouteComponent {
-    /// Where its arcs end, ascending.
+    /// Nodes at which arcs of the component end, ascending.
     nodes: Vec<u32>,
-    /// Its deepest node, of several the first.
+    /// Deepest node of the component, of several the first.
     widest: u32,
     voxels: u64,
 }
@@ -262,8 +264,8 @@ impl RouteComponent {
     }
 }
 
-/// Places where branches may end: of each component the node farthest from its deepest one, and all
-/// [`tips`] as seen from there.
+/// Finds the nodes at which branches may end: in each component the node farthest from the deepest
+/// one, and all [`tips`] as seen from that node.
 fn ends_of_branches(
     complex: &CellComplex,
     adjacency: &NodeContacts,
@@ -294,15 +296,15 @@ fn contact_at(complex: &CellComplex, lumen: &Lumen, contact: u32) -> DVec3 {
 /// An end of the path.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PathEnd {
-    /// Field element of the voxel the way there ends in.
+    /// Field element of the voxel in which the path to this end terminates.
     pub voxel: u32,
-    /// Local mm.
+    /// Position of the end, local mm.
     pub point: DVec3,
-    /// Given by the user: the curve meets it exactly.
+    /// Whether the user gave the end: the curve then meets it exactly.
     pub given: bool,
 }
 
-/// An end that was asked for.
+/// Returns an end that the user gave, or an error if it is outside the lumen.
 fn given(lumen: &Lumen, which: &'static str, at: DVec3) -> Result<PathEnd, CenterlineError> {
     let grid = &lumen.grid;
     let v = grid.voxel_from_world().transform_point3(at);
@@ -318,7 +320,7 @@ fn given(lumen: &Lumen, which: &'static str, at: DVec3) -> Result<PathEnd, Cente
     }
 }
 
-/// Ways over the arcs of one component.
+/// Graph of arcs with the data that routes over it need.
 #[derive(Clone, Copy)]
 pub(super) struct ArcGraph<'a> {
     pub net: &'a Net<'a>,

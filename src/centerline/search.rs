@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::graph::{FREE, Graph, STAY, number, offset};
 use super::queue::Queue;
 
-/// No distance.
+/// Cost of an element that no route reaches.
 pub const NOWHERE: u32 = u32::MAX;
 
 /// Result of a search from one or more sources.

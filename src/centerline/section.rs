@@ -1,4 +1,4 @@
-//! Where the middle of a section across a curve is.
+//! Centre of a section across a curve.
 
 use std::f64::consts::PI;
 
@@ -8,24 +8,26 @@ use rayon::prelude::*;
 use super::frames::tangents;
 use crate::field::Sampler;
 
-/// Farthest a point moves in a round, in distances to the wall: where pockets follow each other
-/// the best places of neighbouring sections lie far apart.
+/// Greatest displacement of a point in a round, in distances to the wall: where pockets follow each
+/// other, the centres of neighbouring sections lie far apart.
 const STRIDE: f64 = 0.15;
-/// A wall this many lower quartiles of the section away is seen through the mouth of a branch; the
-/// ends of an oval one and a half times as long as wide are nearer.
+/// Distance of a wall, in lower quartiles of the section's distances, above which it is seen
+/// through the mouth of a branch; the ends of an oval one and a half times as long as wide are
+/// nearer.
 const FAR: f64 = 1.6;
-/// A section with this share of far walls, or more, is wholly a mouth.
+/// Least share of far walls in a section that is wholly a mouth.
 const OPEN: f64 = 0.08;
-/// The lips of a mouth bend sections beside it too: as far from an open one, in distances to the
-/// wall.
+/// Distance from an open section within which others count as partly open, in distances to the
+/// wall: the rim of a mouth displaces their centres too.
 const LIP: f64 = 0.3;
 
-/// Where each point of a curve should lie in the plane across it: where the walls balance, or, at
-/// the mouths of branches, where the wall in space is farthest.
+/// Computes the centre of the section at each point of a curve, in the plane across it: where the
+/// walls balance, or, at the mouths of branches, where the distance to the wall in space is
+/// largest.
 ///
 /// * `u`: ascending parameters of the points, in distances to the wall.
 /// * `asked`: whether a point may move; the others stay.
-/// * `RAYS`: how many look for the wall around each point.
+/// * `RAYS`: number of rays that find the wall around each point.
 pub(super) fn centres<const RAYS: usize>(
     curve: &[DVec3],
     u: &[f64],
@@ -52,7 +54,8 @@ pub(super) fn centres<const RAYS: usize>(
         .collect()
 }
 
-/// How much of a mouth each section is, those beside mouths included.
+/// Computes the openness of each section, from 0 (closed wall) to 1 (wholly a mouth); sections
+/// beside mouths count in part.
 fn near_mouths(sections: &[(DVec3, f64)], u: &[f64]) -> Vec<f64> {
     let mut open = vec![0.0f64; u.len()];
     for (i, (_, here)) in sections.iter().enumerate().filter(|(_, s)| s.1 > 0.0) {
@@ -65,20 +68,22 @@ fn near_mouths(sections: &[(DVec3, f64)], u: &[f64]) -> Vec<f64> {
     open
 }
 
-/// Points less than so much of the parameter from one.
+/// Returns the range of the points whose parameter differs by less than `reach` from that of point
+/// `i`.
 pub(super) fn around(u: &[f64], i: usize, reach: f64) -> (usize, usize) {
     let a = u.partition_point(|v| u[i] - v >= reach);
     let b = u.partition_point(|v| v - u[i] < reach);
     (a.min(i), b.max(i + 1))
 }
 
-/// A wall point seen along a ray: across the curve, and how far it is.
+/// A wall point hit by a ray: offset in the plane across the curve, and distance.
 struct WallHit {
     across: DVec2,
     range: f64,
 }
 
-/// Where the walls around `p` balance in the plane across `t`, and how much of a mouth they are.
+/// Returns the point at which the walls around `p` balance in the plane across `t`, and the
+/// openness of the section.
 fn across<const RAYS: usize>(p: DVec3, t: DVec3, smooth: Sampler<'_>) -> (DVec3, f64) {
     let h = smooth.lumen.grid.spacing_mm.min_element();
     let level = 0.7 * h; // what the smoothed distance is at a flat wall
@@ -101,9 +106,9 @@ fn across<const RAYS: usize>(p: DVec3, t: DVec3, smooth: Sampler<'_>) -> (DVec3,
     (if smooth.at(moved) >= 0.5 * room { moved } else { p }, open)
 }
 
-/// The least of the sum of 1/ρ^8 over wall points, ρ their distance. The nearest walls count most,
-/// so that the mouth of a branch hardly matters; all of them count, which averages the voxels'
-/// steps.
+/// Finds the point with the least sum of 1/ρ^8 over wall points, ρ their distance. The nearest
+/// walls count most, so that the mouth of a branch hardly matters; all of them count, which
+/// averages the voxels' steps.
 fn balance(wall: &[WallHit], room: f64) -> DVec2 {
     let mut c = DVec2::ZERO;
     for _ in 0..8 {
@@ -134,7 +139,7 @@ fn balance(wall: &[WallHit], room: f64) -> DVec2 {
     c
 }
 
-/// Distance to the wall along a ray, no more than a few times the room.
+/// Returns the distance to the wall along a ray, at most four times `room`.
 fn reach(p: DVec3, way: DVec3, room: f64, smooth: Sampler<'_>, level: f64) -> f64 {
     let (most, least) = (4.0 * room, 0.3 * level);
     let (mut s, mut over) = (0.0, room - level);
@@ -150,11 +155,12 @@ fn reach(p: DVec3, way: DVec3, room: f64, smooth: Sampler<'_>, level: f64) -> f6
     most
 }
 
-/// The deepest place near `p` in the plane across `t`. Sections through a mouth have no wall where
-/// it is, and would balance askew; the walls before and behind it, which the distance knows of,
-/// hold the place.
+/// Returns the deepest point near `p` in the plane across `t`. Sections through a mouth have no
+/// wall on its side and would balance askew; the distance field also takes the walls before and
+/// behind the mouth into account.
 fn deepest(p: DVec3, t: DVec3, smooth: Sampler<'_>) -> DVec3 {
-    /// Places so much less deep, in voxels, are as good: the mean of them all is steadier.
+    /// Difference in depth, in voxels, up to which points count: their mean is steadier than the
+    /// deepest point.
     const AS_GOOD: f64 = 0.2;
     let h = smooth.lumen.grid.spacing_mm.min_element();
     let (u, v) = t.any_orthonormal_pair();

@@ -1,4 +1,5 @@
-//! The visibility test: which candidates see which boundary voxels, and which are needed.
+//! The visibility test: finds the boundary voxels that each candidate sees, and the candidates
+//! needed.
 //!
 //! After the reliable path of He, Hong, Chen and Liang 2001, with an adaptive
 //! radius for each point (paper, section 3.2).
@@ -12,16 +13,16 @@ use crate::kernels::visibility as kernel;
 use crate::lumen::Lumen;
 use crate::lumen::bricks::{BRICK, SIDE};
 
-/// A point that may see.
+/// A viewpoint of the visibility test.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Viewpoint {
-    /// Field element of its voxel.
+    /// Field element of the viewpoint's voxel.
     pub element: usize,
-    /// How far it sees, mm.
+    /// Range of sight, mm.
     pub reach_mm: f64,
 }
 
-/// How far candidates see.
+/// Range of sight of the candidates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Radius {
     /// The paper's Eq. 5: k·d, k = λ1/λ2 clamped to [1, 3].
@@ -30,11 +31,11 @@ pub enum Radius {
     Measured,
 }
 
-/// Directions of the rays that measure a half-major axis.
+/// Number of rays that measure a half-major axis.
 const RAYS: usize = 32;
 
 impl Radius {
-    /// Viewers for candidates, in the candidates' order.
+    /// Returns the viewpoints of candidates, in the candidates' order.
     pub fn viewpoints(self, candidates: &[Candidate], distance: Sampler<'_>) -> Vec<Viewpoint> {
         candidates
             .par_iter()
@@ -85,7 +86,7 @@ fn trace(p: DVec3, dir: DVec3, cap: f64, distance: Sampler<'_>) -> f64 {
     cap
 }
 
-/// What a run of the test takes, kept while its plan borrows it.
+/// Input arrays of a run of the test, kept while its plan borrows them.
 pub struct VisibilityInput {
     seen: Vec<u32>,
     viewer: Vec<u32>,

@@ -4,7 +4,7 @@
 pub const SIDE: usize = 4;
 /// Voxels with x = 0; y = 0; z = 0.
 pub const LOW: [u64; 3] = [0x1111_1111_1111_1111, 0x000f_000f_000f_000f, 0xffff];
-/// By how much a bit's place changes with a step along each axis.
+/// Change of a bit's index with a step along each axis.
 pub const STEP: [u32; 3] = [1, 4, 16];
 
 /// The set moved one step towards the low side of an axis; what leaves the cell is lost.

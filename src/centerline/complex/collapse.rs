@@ -4,7 +4,7 @@
 use super::CellComplex;
 use crate::task::checkpoint;
 
-/// Elements between two looks at the cancellation token.
+/// Number of elements between two checks of the cancellation token.
 const BETWEEN_CHECKS: u32 = 1 << 16;
 
 /// The collapsed complex: a graph of nodes and contacts.
@@ -14,19 +14,20 @@ pub struct Collapsed {
     pub nodes: Vec<u32>,
     /// Contacts left, ascending.
     pub contacts: Vec<u32>,
-    /// Closed shells that had to be opened: each was a cavity, and opening it made no loop.
+    /// Number of closed shells that had to be opened: each was a cavity, and opening it made no
+    /// loop.
     pub shells: usize,
 }
 
 /// State of an element during the collapse.
 #[derive(Clone, Copy, Default)]
 struct ElementState {
-    /// Exclusive or of its remaining cofaces: with one left, its number.
+    /// Exclusive or of the indices of the remaining cofaces: the index itself when one is left.
     bounds: u32,
-    /// How many are left. Contacts of a node share a face of 16 voxels each: below 100.
+    /// Number of remaining cofaces. Contacts of a node share a face of 16 voxels each: below 100.
     count: u8,
     gone: bool,
-    /// Never goes as the bounding element of a pair.
+    /// Whether the element is never removed as the bounding element of a pair.
     anchor: bool,
 }
 
@@ -35,7 +36,7 @@ struct Collapsing<'a> {
     /// First element of each dimension, and their number.
     first: [u32; 5],
     state: Vec<ElementState>,
-    /// Elements that bound one other only, by key: each list first in, first out.
+    /// Elements with a single remaining coface, by key: each list first in, first out.
     free: Vec<Vec<u32>>,
 }
 

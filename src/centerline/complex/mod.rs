@@ -24,11 +24,11 @@ pub use collapse::{Collapsed, collapse};
 /// A component of the lumen in a cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Node {
-    /// Its voxels ([`cell`]).
+    /// Voxels of the component ([`cell`]).
     pub voxels: u64,
-    /// Cell: eight times the slot of its brick, plus x + 2 y + 4 z of its place there.
+    /// Cell: eight times the slot of its brick, plus x + 2 y + 4 z of its position in the brick.
     pub cell: u32,
-    /// Field element of its deepest voxel, of several the lowest.
+    /// Field element of the deepest voxel, of several the lowest.
     pub deepest: u32,
     /// Depth of that voxel ([`CellComplex`]).
     pub key: u32,
@@ -39,11 +39,11 @@ pub struct Node {
 pub struct Contact {
     /// The nodes on its low and high side.
     pub nodes: [u32; 2],
-    /// Voxels on the high side, as bits of the low side's own plane moved to place 0 of the axis.
+    /// Voxels on the high side, as bits of a cell, in the plane at position 0 of the axis.
     pub mask: u64,
-    /// Axis across it.
+    /// Axis perpendicular to the contact.
     pub axis: u8,
-    /// Field elements of its deepest pair of voxels.
+    /// Field elements of the deepest pair of voxels.
     pub deepest: [u32; 2],
     /// Depth of the shallower voxel of that pair.
     pub key: u32,
@@ -52,20 +52,20 @@ pub struct Contact {
 /// A stretch of a cell edge with all four voxels around it inside.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgeRun {
-    /// The contacts around it.
+    /// The contacts around the run.
     pub contacts: [u32; 4],
-    /// Places along the edge, bits 0 to 3.
+    /// Positions along the edge, bits 0 to 3.
     places: u8,
-    /// Greatest depth along it.
+    /// Greatest depth along the run.
     pub key: u32,
 }
 
 /// A cell corner with all eight voxels around it inside.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corner {
-    /// The runs that end there.
+    /// The runs that end at the corner.
     pub runs: [u32; 6],
-    /// Depth of its shallowest voxel.
+    /// Depth of the shallowest of the eight voxels.
     pub key: u32,
 }
 
@@ -76,13 +76,13 @@ pub struct Corner {
 /// greatest of its pairs, squares or cubes. So no element is deeper than what bounds it.
 #[derive(Clone, Debug, Default)]
 pub struct CellComplex {
-    /// Dimension 0.
+    /// Elements of dimension 0.
     pub nodes: Vec<Node>,
-    /// Dimension 1.
+    /// Elements of dimension 1.
     pub contacts: Vec<Contact>,
-    /// Dimension 2.
+    /// Elements of dimension 2.
     pub runs: Vec<EdgeRun>,
-    /// Dimension 3.
+    /// Elements of dimension 3.
     pub corners: Vec<Corner>,
 }
 
@@ -117,8 +117,8 @@ impl CellComplex {
         n - c + r - k
     }
 
-    /// By how much the complex's Euler characteristic is above the mask's: holes that nodes and
-    /// contacts have within a cell.
+    /// Euler characteristic of the complex less that of the mask: due to loops and cavities of
+    /// nodes and contacts within a cell.
     pub fn euler_within_cells(&self) -> i64 {
         let nodes: i64 = self.nodes.iter().map(|n| 1 - cell::euler(n.voxels)).sum();
         let contacts: i64 = self.contacts.iter().map(|c| 1 - cell::euler(c.mask)).sum();

@@ -16,31 +16,31 @@ use crate::field::Sampler;
 /// A chain of nodes between two that are tips or junctions; a ring begins and ends at one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Arc {
-    /// Its nodes, ends included.
+    /// Nodes of the arc, ends included.
     pub nodes: Vec<u32>,
-    /// The contacts between them, one less.
+    /// Contacts between consecutive nodes, one fewer.
     pub contacts: Vec<u32>,
 }
 
-/// Arcs and what is known of the nodes they join.
+/// Graph of arcs between tips and junctions.
 pub struct Net<'a> {
     complex: &'a CellComplex,
     adjacency: &'a NodeContacts,
     distance: Sampler<'a>,
     /// Smallest spacing, mm.
     h: f64,
-    /// Arcs; `None` where one was taken away.
+    /// Arcs by number; `None` where one was removed.
     arcs: Vec<Option<Arc>>,
-    /// Arcs that end at each node; a ring is there twice.
+    /// Numbers of the arcs that end at each node; a ring is listed twice.
     at: BTreeMap<u32, Vec<usize>>,
     /// Nodes at which arcs end and that no rule prunes: given ends.
     held: BTreeSet<u32>,
-    /// Loops that were ended, in the order in which they were.
+    /// Loops ended by a rule, in that order.
     pub ended: Vec<Loop>,
 }
 
 impl<'a> Net<'a> {
-    /// The arcs of a collapsed complex.
+    /// Builds the arcs of a collapsed complex.
     ///
     /// * `held`: nodes at which arcs end and that no rule prunes.
     /// * `distance`: to the wall, mm.
@@ -101,12 +101,12 @@ impl<'a> Net<'a> {
         this
     }
 
-    /// The arcs there are.
+    /// Returns the remaining arcs.
     pub fn arcs(&self) -> impl Iterator<Item = &Arc> {
         self.arcs.iter().flatten()
     }
 
-    /// Loops: arcs beyond a spanning forest.
+    /// Number of loops: arcs outside a spanning forest.
     pub fn loops(&self) -> usize {
         self.forest().1.len()
     }
@@ -151,7 +151,7 @@ impl<'a> Net<'a> {
         units.sum::<u64>() as f64 * self.adjacency.unit_mm
     }
 
-    /// The narrowest contact, of several the lowest, with its place.
+    /// Returns key, number and index of the narrowest contact, of several the lowest.
     fn throat(&self, contacts: &[u32]) -> (u32, u32, usize) {
         let each = contacts.iter().enumerate();
         let key = |c: u32| self.complex.contacts[c as usize].key;
@@ -193,11 +193,11 @@ impl<'a> Net<'a> {
         self.arcs.get(i)?.as_ref()
     }
 
-    /// Shortest ways from a node over arcs: length and, but for the node itself, the arc by which
-    /// each was reached.
+    /// Computes shortest paths from a node over arcs: the length to each node and, except for the
+    /// start, the arc by which it was reached.
     ///
-    /// * `length`: of each arc by its number; a total order of sums makes the ways unique but for
-    ///   ties, in which the lower arc counts.
+    /// * `length`: length of an arc by its number, an integer so that sums have a total order; of
+    /// equal   paths the one with the lower arc counts.
     pub fn ways(
         &self,
         from: u32,
@@ -234,7 +234,8 @@ impl<'a> Net<'a> {
         contacts.map(|c| self.contact_centrality(*c)).sum()
     }
 
-    /// The same of one contact. Its key is 4 (d/h)².
+    /// Computes ∫(h/d)² along one contact, in the unit of [`Self::centrality`]. The contact's key
+    /// is 4 (d/h)².
     pub fn contact_centrality(&self, contact: u32) -> u64 {
         let key = self.complex.contacts[contact as usize].key.max(1);
         u64::from(self.adjacency.length[contact as usize]) * 1024 / u64::from(key)
@@ -242,7 +243,7 @@ impl<'a> Net<'a> {
 }
 
 impl Arc {
-    /// Its first and last node.
+    /// First and last node of the arc.
     pub fn ends(&self) -> [u32; 2] {
         [self.nodes[0], self.nodes[self.nodes.len() - 1]]
     }

@@ -11,13 +11,13 @@ use crate::task::checkpoint;
 
 /// Length that no path has: the node was not reached.
 pub const UNREACHED: u32 = u32::MAX;
-/// Units of length a smallest spacing: ties between paths are rare, and sums are exact.
+/// Number of length units in the smallest spacing: ties between paths are rare, and sums are exact.
 pub const UNITS: f64 = 64.0;
 
-/// Which contacts meet at each node, and how long they are.
+/// Contacts at each node, with their lengths.
 pub struct NodeContacts {
     start: Vec<u32>,
-    /// Contact and the node beyond it, by node; contacts ascend.
+    /// Contacts and the nodes at their other ends, by node; contacts ascend.
     meeting: Vec<(u32, u32)>,
     /// Length of each contact: from the deepest voxel of one node through the middle of its deepest
     /// pair to that of the other, in units of [`NodeContacts::unit_mm`].
@@ -29,7 +29,7 @@ pub struct NodeContacts {
 }
 
 impl NodeContacts {
-    /// Of all contacts of a complex.
+    /// Collects all contacts of a complex.
     pub fn new(complex: &CellComplex, lumen: &Lumen) -> Self {
         let h = lumen.grid.spacing_mm;
         let unit_mm = h.min_element() / UNITS;
@@ -66,7 +66,7 @@ impl NodeContacts {
         &self.meeting[self.start[node as usize] as usize..self.start[node as usize + 1] as usize]
     }
 
-    /// Nodes.
+    /// Number of nodes.
     fn len(&self) -> usize {
         self.start.len() - 1
     }

@@ -1,4 +1,4 @@
-//! Spanning forests of a net, to find the cycles that its other arcs close.
+//! Spanning forests of a net, by which the cycles of its other arcs are found.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::Net;
 
 impl Net<'_> {
-    /// The spanning forest of widest throats (Kruskal), and the arcs beyond it.
+    /// Computes the spanning forest of widest throats (Kruskal), and the arcs outside it.
     pub(super) fn forest(&self) -> (Vec<usize>, Vec<usize>) {
         let mut order: Vec<usize> =
             (0..self.arcs.len()).filter(|i| self.arcs[*i].is_some()).collect();
@@ -32,9 +32,10 @@ impl Net<'_> {
     }
 }
 
-/// A spanning forest with its roots, to walk up.
+/// A rooted spanning forest.
 pub(super) struct Forest {
-    /// Of each node that is not a root: the arc towards it, the node there, and steps to the root.
+    /// Arc towards the root, node at its other end, and number of arcs to the root, for each node
+    /// that is not a root.
     up: BTreeMap<u32, (usize, u32, u32)>,
 }
 
@@ -62,7 +63,7 @@ impl Forest {
         Self { up }
     }
 
-    /// Arcs on the way between two nodes of one tree.
+    /// Returns the arcs on the path between two nodes of one tree.
     pub fn path(&self, mut a: u32, mut b: u32) -> Vec<usize> {
         let steps = |n: u32| self.up.get(&n).map_or(0, |u| u.2);
         let mut path = Vec::new();

@@ -1,4 +1,4 @@
-//! How long a narrow passage is, measured on voxels.
+//! Length of a narrow passage, measured on voxels.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -9,8 +9,8 @@ use super::prune::WINDOW;
 use super::{Arc, Net};
 use crate::centerline::complex::Contact;
 
-/// The lumen on both sides of a hole in a thin plate is narrower than twice the hole for about this
-/// many distances to the hole's rim.
+/// Length about a hole in a thin plate along which the lumen is narrower than twice the hole, in
+/// distances to the hole's rim.
 const PLATE: f64 = 3.5;
 
 impl Net<'_> {
@@ -32,7 +32,7 @@ impl Net<'_> {
         let side = |forwards: bool| {
             let along = self.narrow_mm(self.way(arc, place, forwards), 2.0 * throat_mm);
             let high = forwards == low_first;
-            // Nothing farther is a window.
+            // A longer passage is no window.
             let longest = (along - half).min((PLATE + WINDOW) * throat_mm.max(self.h));
             let out = self.way_out_mm(contact, high, 2.0 * throat_mm, longest);
             out.map_or(along, |out| half + out)

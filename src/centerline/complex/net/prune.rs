@@ -9,14 +9,15 @@ use rayon::prelude::*;
 use super::forest::Forest;
 use super::{Arc, Net};
 
-/// Why an arc was taken away or cut.
+/// Rule by which an arc was removed or cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Rule {
-    /// Its cycle lies about the widest place of itself: a pillar, a fold that touches.
+    /// The arc's cycle stays close to the cycle's own widest place: a pillar, or a fold that
+    /// touches.
     Local,
-    /// It passes a hole in a thin wall: cut there.
+    /// The arc passes a hole in a thin wall and is cut there.
     Window,
-    /// Its cycle is short.
+    /// The arc's cycle is short.
     Small,
 }
 
@@ -25,12 +26,11 @@ pub enum Rule {
 pub struct Loop {
     /// The rule that ended it; `None` for one that is kept.
     pub ended: Option<Rule>,
-    /// The contact at its narrowest place.
+    /// The contact at the narrowest place of the arc.
     pub throat: u32,
-    /// Distance to the wall there, mm.
+    /// Distance to the wall at the throat, mm.
     pub throat_mm: f64,
-    /// Length about the throat along which the lumen is as narrow as a wall with a hole in it is
-    /// not, mm.
+    /// Length of the narrow passage about the throat, less that of a hole in a thin plate, mm.
     pub passage_mm: f64,
     /// Length of the cycle, mm.
     pub cycle_mm: f64,
@@ -38,12 +38,12 @@ pub struct Loop {
     pub next_throat_mm: f64,
 }
 
-/// What the rules go by.
+/// Limits of the pruning rules.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PruneLimits {
-    /// Dead ends that get no farther than this are twigs, mm.
+    /// Distance from the junction, mm, below which a dead end is a twig.
     pub twig_mm: f64,
-    /// Loops shorter than this are small, mm.
+    /// Length of a cycle, mm, below which a loop is small.
     pub loop_mm: f64,
 }
 
@@ -52,19 +52,21 @@ impl Default for PruneLimits {
         Self { twig_mm: 5.0, loop_mm: 15.0 }
     }
 }
-/// A cycle within this many distances to the wall of its widest node is local.
+/// Radius about the widest node of a cycle within which the cycle is local, in the node's distances
+/// to the wall.
 const LOCAL: f64 = 3.0;
-/// Passages longer than this many distances to the wall, and as many voxels, are no windows.
+/// Greatest length of a window, in the throat's distances to the wall, or in voxels if those are
+/// larger.
 pub(super) const WINDOW: f64 = 4.0;
-/// A hole is at most this share as wide as the lumen beside it.
+/// Greatest width of a hole, as a share of the lumen's width beside it.
 const WIDEST_HOLE: f64 = 0.5;
-/// Shorter than this many, a passage at the narrowest place of a loop is a window without a look at
-/// its other places.
+/// Greatest length, in the unit of [`WINDOW`], of a passage at the narrowest place of a loop that
+/// is a window whatever the loop's other places.
 const CLEAR_WINDOW: f64 = 2.0;
-/// Loops shorter than this many voxels are small.
+/// Length of a cycle, in voxels, below which a loop is small.
 const SMALL_VOXELS: f64 = 12.0;
 
-/// An arc that may be a window.
+/// Measures of an arc that may be a window.
 struct Passage {
     halves: usize,
     ratio: f64,
@@ -73,7 +75,7 @@ struct Passage {
 }
 
 impl Net<'_> {
-    /// Prunes by all rules, in rounds until nothing changes; loops that stay are returned.
+    /// Prunes by all rules, in rounds until nothing changes, and returns the loops kept.
     pub fn prune(&mut self, limits: PruneLimits) -> Vec<Loop> {
         // Caches by arc; a changed arc has a new number.
         let mut passages: BTreeMap<usize, f64> = BTreeMap::new();
@@ -82,8 +84,8 @@ impl Net<'_> {
             self.drop_twigs(limits);
             let (forest, mut extra) = self.forest();
             extra.sort_by_key(|i| self.arcs[*i].as_ref().map(|a| self.throat(&a.contacts)));
-            // Arcs beyond the forest do not lie on each other's cycles: one that ends leaves the
-            // others' as they were.
+            // Arcs outside the forest do not lie on each other's cycles: ending one does not change
+            // the cycles of the others.
             let forest = Forest::new(self, &forest);
             let new: Vec<usize> =
                 extra.iter().copied().filter(|i| !passages.contains_key(i)).collect();
@@ -132,9 +134,9 @@ impl Net<'_> {
         }
     }
 
-    /// How many of the halves of an arc, cut at a place, get far enough from the junctions they
-    /// begin at to be no twigs. Where the walls of two lumens touch, none does: the hole is within
-    /// reach of both axes. Where the end of one touches another, one does. A stricture has two.
+    /// Counts the halves of an arc, cut at a place, that extend far enough from their junctions to
+    /// be no twigs. Where the walls of two lumens touch, none does: the hole is within reach of
+    /// both axes. Where the end of one touches another, one does. At a stricture, both do.
     fn long_halves(&self, arc: &Arc, place: usize, limits: PruneLimits) -> usize {
         let at = |n: u32| self.adjacency.place_mm[n as usize];
         let [a, b] = arc.ends();
@@ -146,14 +148,15 @@ impl Net<'_> {
             + usize::from(is_long(b, &arc.nodes[place + 1..]))
     }
 
-    /// Arcs of the cycle that an arc outside the forest closes.
+    /// Returns the arcs of the cycle that an arc outside the forest closes.
     fn cycle(&self, i: usize, forest: &Forest) -> Vec<usize> {
         let Some(arc) = &self.arcs[i] else { return Vec::new() };
         let [a, b] = arc.ends();
         forest.path(a, b).into_iter().chain([i]).collect()
     }
 
-    /// Whether an arc may be a window: its long halves (one at most), and its passage for its width.
+    /// Measures an arc; `None` if it cannot be a window, with two long halves, a wide throat or a
+    /// long passage for its width.
     fn measure(&self, i: usize, limits: PruneLimits) -> Option<Passage> {
         let arc = self.arcs[i].as_ref()?;
         let (_, throat, place) = self.throat(&arc.contacts);
@@ -171,8 +174,9 @@ impl Net<'_> {
         (ratio < WINDOW).then_some(Passage { halves, ratio, throat, passage_mm })
     }
 
-    /// Of the arcs of a cycle, the one that is most of a window: with the fewest long halves, and
-    /// with the shortest passage for its width. With what is found of the loop there.
+    /// Returns the arc of a cycle that is most likely a window, with the loop as ended there: the
+    /// arc with the fewest long halves, and of those the one with the shortest passage for its
+    /// width.
     fn window_on(
         &self,
         cycle: &[usize],
@@ -201,8 +205,8 @@ impl Net<'_> {
         Some((arc, found))
     }
 
-    /// How far a dead end gets from where it begins, if it is too short for a branch. Not its
-    /// length: chains of cells zigzag.
+    /// Returns the greatest distance of a dead end from its junction, mm, if it is too short for a
+    /// branch. Its length would not do: chains of cells zigzag.
     fn twig(&self, i: usize, limits: PruneLimits) -> Option<f64> {
         let arc = self.arcs[i].as_ref()?;
         let [a, b] = arc.ends();
@@ -217,7 +221,7 @@ impl Net<'_> {
         (far < (2.0 * self.node_mm(junction)).max(limits.twig_mm)).then_some(far)
     }
 
-    /// Dead ends that are too short, the shortest first.
+    /// Removes dead ends that are too short, the shortest first.
     fn drop_twigs(&mut self, limits: PruneLimits) {
         for node in self.at.keys().copied().collect::<Vec<_>>() {
             self.join_at(node);
@@ -242,7 +246,7 @@ impl Net<'_> {
         }
     }
 
-    /// Makes one arc, under a new number, of two that meet where no other does.
+    /// Joins two arcs that meet at a node without others, under a new number.
     fn join_at(&mut self, node: u32) -> Option<usize> {
         let &[i, j] = self.at.get(&node)?.as_slice() else { return None };
         if i == j || self.held.contains(&node) {
@@ -297,7 +301,7 @@ impl Net<'_> {
         Some(Loop { ended, throat, throat_mm, passage_mm, cycle_mm, next_throat_mm })
     }
 
-    /// Takes an arc away, or cuts it at its throat.
+    /// Removes an arc, or cuts it at its throat.
     fn end(&mut self, i: usize, found: &Loop) {
         let Some(arc) = self.detach(i) else { return };
         let throat = arc.contacts.iter().position(|c| *c == found.throat);
