@@ -144,16 +144,16 @@ impl Parameterization {
     }
 }
 
-/// What is left of the mesh while collapses are read.
+/// State of the remaining mesh while collapses are read.
 struct Live {
-    /// Faces of each vertex.
+    /// Number of faces of each vertex.
     faces: Vec<u32>,
     /// Last collapse (from 1) whose ring passed the vertex.
     passed: Vec<u32>,
 }
 
 impl Live {
-    /// The original.
+    /// Starts with the original mesh.
     fn new(maps: &Parameterization) -> Self {
         let mut faces = vec![0; maps.vertices as usize];
         for &v in maps.triangles.iter().flat_map(|t| &t.vertices) {

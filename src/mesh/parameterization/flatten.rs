@@ -1,8 +1,8 @@
 //! The polygon of one collapse: flattening, its two fans, finding a point in them.
 //!
-//! The neighbourhood of the vertex u that goes is laid out in the plane with u at the origin. The
-//! *pre* fan are its faces; the *post* fan are the faces that stay, about the vertex that takes
-//! u's place. Both cover the same polygon, so going from one to the other is a piecewise linear
+//! The neighbourhood of the removed vertex u is laid out in the plane with u at the origin. The
+//! *pre* fan are the faces of u; the *post* fan are the remaining faces, about the vertex that
+//! replaces u. Both cover the same polygon, so going from one to the other is a piecewise linear
 //! bijection.
 
 use std::f64::consts::PI;
@@ -11,29 +11,31 @@ use glam::DVec3;
 
 /// Least signed area of a triangle of either fan; the farthest ring vertex is at distance 1.
 const MIN_AREA: f64 = 1e-6;
-/// No ring vertex is nearer to the origin: one that coincides with u would flatten its faces.
+/// Least distance of a ring vertex from the origin: one that coincides with u would flatten its
+/// faces.
 const MIN_RADIUS: f64 = 0.01;
-/// No wedge is narrower, or wider than π minus this, even where a face has no area.
+/// Least angle of a wedge, and least difference from π, even where a face has no area.
 const MIN_WEDGE_RAD: f64 = 1e-3;
 
-/// How the fans of a collapse lie in its ring.
+/// Arrangement of the fans of a collapse in its ring.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FanPlace {
-    /// u is an inner vertex; ring vertex 0 takes its place.
+    /// u is an inner vertex; ring vertex 0 replaces it.
     Inner = 0,
-    /// u lies on a boundary; ring vertex 0 takes its place.
+    /// u lies on a boundary; ring vertex 0 replaces it.
     First = 1,
-    /// u lies on a boundary; the last ring vertex takes its place.
+    /// u lies on a boundary; the last ring vertex replaces it.
     Last = 2,
 }
 
 impl FanPlace {
-    /// Faces of the pre fan for a ring of `k` vertices; face i holds ring vertices i, i + 1.
+    /// Number of faces of the pre fan for a ring of `k` vertices; face i holds ring vertices i, i +
+    /// 1.
     pub fn pre(self, k: usize) -> usize {
         if self == Self::Inner { k } else { k - 1 }
     }
 
-    /// Ring index of the vertex that takes u's place.
+    /// Ring index of the vertex that replaces u.
     pub fn apex(self, k: usize) -> usize {
         if self == Self::Last { k - 1 } else { 0 }
     }
@@ -47,11 +49,11 @@ impl FanPlace {
 /// A ring vertex as seen from u.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Spoke {
-    /// From u to it.
+    /// Vector from u to the ring vertex.
     to: DVec3,
-    /// Its distance.
+    /// Length of that vector.
     length: f64,
-    /// Angle between it and the next.
+    /// Angle to the next spoke.
     wedge_rad: f64,
 }
 
@@ -121,18 +123,18 @@ fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
 }
 
-/// A flattened ring: where its points lie and how the fans lie in it.
+/// A flattened ring with the arrangement of its fans.
 #[derive(Clone, Copy)]
 pub(super) struct FlatRing<'a, E> {
     /// Ring entries.
     pub ring: &'a [E],
-    /// How the fans lie.
+    /// Arrangement of the fans.
     pub kind: FanPlace,
 }
 
-/// What holds a point of the plane.
+/// A ring entry with its point in the plane.
 pub(super) trait Flat {
-    /// The point.
+    /// Returns the point.
     fn flat(&self) -> [f64; 2];
 }
 
@@ -143,7 +145,7 @@ impl<E: Flat> FlatRing<'_, E> {
         [[0.0; 2], self.ring[i].flat(), self.ring[next].flat()]
     }
 
-    /// Corners of post face `j`: the ring point that takes the origin's place and two more.
+    /// Corners of post face `j`: the ring point that replaces the origin, and two more.
     pub fn post(&self, j: usize) -> [[f64; 2]; 3] {
         let [_, a, b] = self.pre(self.kind.post_start() + j);
         [self.ring[self.kind.apex(self.ring.len())].flat(), a, b]
@@ -156,8 +158,8 @@ impl<E: Flat> FlatRing<'_, E> {
         (0..self.kind.pre(k)).all(|i| wide(self.pre(i))) && (0..k - 2).all(|j| wide(self.post(j)))
     }
 
-    /// Whether the points run around the origin exactly once, or on a boundary exactly half; what
-    /// [`flatten`] makes does, what a file holds may not.
+    /// Whether the points run around the origin exactly once, or on a boundary exactly half.
+    /// Results of [`flatten`] do, those read from a file may not.
     pub fn winds_once(&self) -> bool {
         let turn = |i: usize| {
             let [_, a, b] = self.pre(i);
@@ -187,7 +189,8 @@ impl<E: Flat> FlatRing<'_, E> {
     }
 }
 
-/// The first triangle that holds `p`, or the one it is least outside of; weights are clamped.
+/// Returns the first triangle that contains `p`, or the one it is least outside of; weights are
+/// clamped.
 fn nearest(fan: impl Iterator<Item = [[f64; 2]; 3]>, p: [f64; 2]) -> (usize, [f64; 3]) {
     let mut best = (0, [1.0, 0.0, 0.0]);
     let mut inside = f64::NEG_INFINITY;

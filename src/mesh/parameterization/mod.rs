@@ -1,11 +1,10 @@
-//! MAPS: where every point of a mesh lies on what a simplifier leaves of it, and back.
+//! MAPS: the bijection between a mesh and its simplification.
 //!
-//! Each half-edge collapse u → v exchanges the faces around u for fewer faces over the same
-//! polygon. Flattened, that is a piecewise linear bijection; a point is carried over by its
-//! barycentric weights. [`Parameterization`] hears of every collapse and keeps the flattened polygon; a
-//! triangle gets a new id whenever it changes, so each is made at most once and taken apart at most
-//! once, and carrying a point from the original to the base or back is a walk along these two
-//! links.
+//! Each half-edge collapse u → v replaces the faces around u by fewer faces over the same polygon.
+//! Flattened, that is a piecewise linear bijection; a point is mapped by its barycentric weights.
+//! [`Parameterization`] records every collapse with its flattened polygon. A triangle gets a new id
+//! whenever it changes, so each is made by at most one collapse and replaced by at most one, and
+//! mapping a point from the original to the base or back is a walk along these two links.
 //!
 //! After Lee, Sweldens, Schröder, Cowsar, Dobkin: MAPS, 1998, doi:10.1145/280814.280828, and
 //! Khodakovsky, Litke, Schröder 2003, doi:10.1145/882262.882275. Ours: the sequence of collapses
@@ -23,94 +22,94 @@ use super::{Collapse, Log, Recorder};
 use crate::geometry::{Mesh, MeshPoint};
 use flatten::{FanPlace, Flat, FlatRing, Spoke, flatten};
 
-/// No record.
+/// Index where there is no record, triangle or face.
 const NONE: u32 = u32::MAX;
 
-/// Why a parameterisation cannot be used.
+/// Reasons why a parameterisation cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ParameterizationError {
-    /// The bytes are something else.
+    /// The bytes are not a parameterisation.
     #[error("not a parameterisation: the first bytes are not `{}`", bytes::MAGIC.escape_ascii())]
     Magic,
-    /// Written by another version.
+    /// The bytes were written by another version.
     #[error("parameterisation of version {found}; this program reads version {}", bytes::VERSION)]
     Version {
         /// Version in the bytes.
         found: u32,
     },
-    /// Too short or too long.
+    /// The bytes are too few or too many.
     #[error("parameterisation of {found} bytes where its header asks for {wanted}")]
     Length {
-        /// Bytes the header asks for.
+        /// Length that the header asks for, bytes.
         wanted: u64,
-        /// Bytes there.
+        /// Length found, bytes.
         found: u64,
     },
     /// The bytes changed since they were written.
     #[error("parameterisation is damaged: its bytes do not have the hash at their end")]
     Damaged,
-    /// It was made with another mesh.
+    /// The parameterisation was made with another mesh.
     #[error(
         "parameterisation belongs to another mesh, of {vertices} vertices and {faces} faces \
          (hash {hash}); this one has {here_vertices} and {here_faces} (hash {here})"
     )]
     OtherMesh {
-        /// Vertices of the mesh it was made with.
+        /// Number of vertices of the mesh it was made with.
         vertices: u32,
-        /// Faces of the mesh it was made with.
+        /// Number of faces of the mesh it was made with.
         faces: u32,
         /// First digits of that mesh's hash.
         hash: String,
-        /// Vertices of the mesh given.
+        /// Number of vertices of the mesh given.
         here_vertices: u32,
-        /// Faces of the mesh given.
+        /// Number of faces of the mesh given.
         here_faces: u32,
         /// First digits of the given mesh's hash.
         here: String,
     },
-    /// Its collapses end in another base mesh than it says.
+    /// The collapses end in another base mesh than recorded.
     #[error("parameterisation contradicts itself: its collapses do not end in its base mesh")]
     OtherBase,
     /// A collapse that cannot have happened.
     #[error("collapse {collapse} of the parameterisation: {why}")]
     Record {
-        /// Which collapse, from 0.
+        /// Number of the collapse, from 0.
         collapse: u32,
-        /// What is wrong.
+        /// Reason why it is impossible.
         why: &'static str,
     },
-    /// A face that is not there.
+    /// A face that does not exist.
     #[error("face {face} is not a face of the {mesh} mesh")]
     NoFace {
-        /// Which face.
+        /// Number of the face.
         face: u32,
-        /// `original` or `base`.
+        /// Name of the mesh: `original` or `base`.
         mesh: &'static str,
     },
-    /// More than ids can count.
+    /// More vertices or faces than ids can count.
     #[error("mesh of {vertices} vertices and {faces} faces is too large for a parameterisation")]
     TooLarge {
-        /// Its vertices.
+        /// Number of vertices.
         vertices: usize,
-        /// Its faces.
+        /// Number of faces.
         faces: usize,
     },
 }
 
-/// A place carried to the other mesh.
+/// A point mapped to the other mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MappedPoint {
-    /// The place there.
+    /// Point on the other mesh.
     pub at: MeshPoint,
-    /// Collapses it was carried over.
+    /// Number of collapses it was mapped over.
     pub hops: u32,
 }
 
-/// Where a removed vertex lies on the base mesh: the paper's 4-tuple.
+/// Position of a removed vertex on the base mesh: the paper's 4-tuple.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RemovedVertex {
-    /// The vertex, by its original id.
+    /// Original id of the vertex.
     pub vertex: u32,
     /// Base face and the weights of its vertices.
     pub at: MeshPoint,
@@ -119,13 +118,13 @@ pub struct RemovedVertex {
 /// One collapse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Record {
-    /// The vertex that goes.
+    /// The vertex that is removed.
     from: u32,
-    /// First of its ring entries; they end where those of the next record start.
+    /// Index of the first ring entry; the entries end where those of the next record start.
     start: u32,
-    /// Id of the first triangle it makes.
+    /// Id of the first triangle that the collapse makes.
     first_post: u32,
-    /// How the fans lie.
+    /// Arrangement of the fans.
     kind: FanPlace,
 }
 
@@ -134,9 +133,10 @@ struct Record {
 struct RingEntry {
     /// The vertex.
     vertex: u32,
-    /// Triangle between it and the next ring vertex, before; `NONE` after the last on a boundary.
+    /// Triangle between this and the next ring vertex before the collapse; `NONE` after the last on
+    /// a boundary.
     pre: u32,
-    /// Where it lies in the plane.
+    /// Position in the plane.
     flat: [f32; 2],
 }
 
@@ -149,26 +149,26 @@ impl Flat for RingEntry {
 /// One triangle that exists at some time between original and base.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Triangle {
-    /// Its vertices in the order of its weights.
+    /// Vertices of the triangle in the order of its weights.
     vertices: [u32; 3],
-    /// Record that takes it apart, or `NONE` for a triangle of the base.
+    /// Record that replaces the triangle, or `NONE` for a triangle of the base.
     pre: u32,
-    /// Record that makes it, or `NONE` for a triangle of the original.
+    /// Record that makes the triangle, or `NONE` for a triangle of the original.
     post: u32,
-    /// Half-edge face it is stored in.
+    /// Half-edge face that the triangle is stored in.
     slot: u32,
 }
 
 /// The bijection between an original mesh and its base mesh.
 ///
 /// Faces of the original go by their index, faces of the base by the index of the original face
-/// whose place they took (the simplifier's half-edge face). A base face keeps the order of its
-/// vertices: where a collapse moves a corner, the new vertex stands where the old one stood.
+/// that they replace (the simplifier's half-edge face). A base face keeps the order of its
+/// vertices: where a collapse replaces a corner, the new vertex has the index of the old one.
 #[derive(Clone, Debug, Default)]
 pub struct Parameterization {
-    /// Vertices of the original.
+    /// Number of vertices of the original.
     vertices: u32,
-    /// Faces of the original.
+    /// Number of faces of the original.
     faces: u32,
     /// Hash of the original.
     original: [u8; 32],
@@ -177,12 +177,12 @@ pub struct Parameterization {
     entries: Vec<RingEntry>,
     /// Triangle in each half-edge face now, or `NONE`.
     current: Vec<u32>,
-    /// Collapses refused.
+    /// Number of collapses refused.
     refused: u32,
 }
 
 impl Parameterization {
-    /// The identity on a mesh, ready to hear of collapses.
+    /// Creates the identity on a mesh, to which collapses can be added.
     ///
     /// # Errors
     /// [`ParameterizationError::TooLarge`] for a mesh whose ids could overflow: each collapse takes a vertex and
@@ -208,17 +208,17 @@ impl Parameterization {
         })
     }
 
-    /// Collapses recorded.
+    /// Number of collapses recorded.
     pub fn collapses(&self) -> usize {
         self.records.len()
     }
 
-    /// Collapses refused because the flattened polygon would fold.
+    /// Number of collapses refused because the flattened polygon would fold.
     pub fn refused(&self) -> u32 {
         self.refused
     }
 
-    /// Bytes held in memory, spare capacity not counted.
+    /// Memory held, bytes, without spare capacity.
     pub fn memory_bytes(&self) -> usize {
         size_of_val(&self.triangles[..])
             + size_of_val(&self.records[..])
@@ -240,8 +240,8 @@ impl Parameterization {
         (r, FlatRing { ring: &self.entries[r.start as usize..end], kind: r.kind })
     }
 
-    /// Takes the newest ring entries, from `start`, down as the collapse of `from`: the triangles
-    /// it ends and makes.
+    /// Records the newest ring entries, from `start`, as the collapse of `from`, with the triangles
+    /// that it replaces and makes.
     fn append(&mut self, from: u32, start: usize, kind: FanPlace) {
         let record = self.records.len() as u32;
         let k = self.entries.len() - start;
@@ -266,11 +266,12 @@ impl Parameterization {
 /// Collapses of one part of a mesh, flattened.
 #[derive(Debug, Default)]
 pub struct FlattenLog {
-    /// The vertex that goes, how the fans lie, and the end of its ring entries.
+    /// Vertex that is removed, arrangement of the fans, and end of the ring entries of each
+    /// collapse.
     collapses: Vec<(u32, FanPlace, usize)>,
-    /// Ring entries; in place of the triangle, the half-edge face it is stored in.
+    /// Ring entries, with half-edge faces in place of the triangles stored in them.
     entries: Vec<RingEntry>,
-    /// Collapses refused.
+    /// Number of collapses refused.
     refused: u32,
     /// Scratch space of [`flatten`].
     spokes: Vec<Spoke>,

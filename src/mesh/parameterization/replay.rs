@@ -1,4 +1,4 @@
-//! Carrying points over the recorded collapses.
+//! Mapping of points over the recorded collapses.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -8,7 +8,7 @@ use super::{NONE, Parameterization, ParameterizationError, RemovedVertex, Triang
 use crate::geometry::{Mesh, MeshPoint};
 use crate::mesh::MappedPoint;
 
-/// Points a thread takes at least: a hop takes some tens of nanoseconds.
+/// Least number of points for a thread: a hop takes some tens of nanoseconds.
 const MIN_BATCH: usize = 512;
 
 /// Corner of `triangle` that is `vertex`.
@@ -17,7 +17,7 @@ fn corner(triangle: &Triangle, vertex: u32) -> usize {
 }
 
 impl Parameterization {
-    /// Carries a place on the original mesh to the base mesh.
+    /// Maps a point on the original mesh to the base mesh.
     ///
     /// Weights that are negative or undefined count as 0; the result's are not negative and sum
     /// to 1.
@@ -28,7 +28,7 @@ impl Parameterization {
         self.to_base_with(at, |w| w)
     }
 
-    /// Carries a place on the base mesh, its face named by half-edge face, to the original mesh.
+    /// Maps a point on the base mesh, its face named by half-edge face, to the original mesh.
     ///
     /// # Errors
     /// [`ParameterizationError::NoFace`] for a face the base mesh does not have.
@@ -36,23 +36,23 @@ impl Parameterization {
         self.to_fine_with(at, |w| w)
     }
 
-    /// [`Parameterization::to_base`] of many places, on all threads.
+    /// Maps many points by [`Parameterization::to_base`], on all threads.
     ///
     /// # Errors
-    /// As there, for the first such place.
+    /// As for one point, for the first such point.
     pub fn to_base_all(&self, at: &[MeshPoint]) -> Result<Vec<MappedPoint>, ParameterizationError> {
         all(at, |p| self.to_base(p))
     }
 
-    /// [`Parameterization::to_fine`] of many places, on all threads.
+    /// Maps many points by [`Parameterization::to_fine`], on all threads.
     ///
     /// # Errors
-    /// As there, for the first such place.
+    /// As for one point, for the first such point.
     pub fn to_fine_all(&self, at: &[MeshPoint]) -> Result<Vec<MappedPoint>, ParameterizationError> {
         all(at, |p| self.to_fine(p))
     }
 
-    /// Where every removed vertex lies on the base, in the order of removal.
+    /// Positions of all removed vertices on the base, in the order of removal.
     pub fn removed_vertices(&self) -> Vec<RemovedVertex> {
         let tuple = |record: u32| {
             let (r, polygon) = self.polygon(record);
@@ -66,7 +66,7 @@ impl Parameterization {
     /// A point of the original mesh.
     ///
     /// # Errors
-    /// [`ParameterizationError::NoFace`] for a face or vertex that is not there.
+    /// [`ParameterizationError::NoFace`] for a face or vertex that does not exist.
     pub fn point(mesh: &Mesh, at: MeshPoint) -> Result<DVec3, ParameterizationError> {
         let missing = ParameterizationError::NoFace { face: at.face, mesh: "original" };
         let Some(face) = mesh.faces.get(at.face as usize) else { return Err(missing) };
@@ -104,7 +104,7 @@ impl Parameterization {
         Ok(self.up(t, clean(at.weights), between))
     }
 
-    /// Towards the base. Ids of triangles grow with every hop, so it ends.
+    /// Maps a point of a triangle to the base. Ids of triangles grow with every hop, so it ends.
     fn down(
         &self,
         mut t: u32,
@@ -141,7 +141,8 @@ impl Parameterization {
         (t, w)
     }
 
-    /// Towards the original. Ids of triangles fall with every hop, so it ends.
+    /// Maps a point of a triangle to the original. Ids of triangles fall with every hop, so it
+    /// ends.
     fn up(
         &self,
         mut t: u32,
@@ -169,7 +170,7 @@ impl Parameterization {
     }
 }
 
-/// Every place carried by `one`.
+/// Maps every point by `one`.
 fn all(
     at: &[MeshPoint],
     one: impl Fn(MeshPoint) -> Result<MappedPoint, ParameterizationError> + Sync,

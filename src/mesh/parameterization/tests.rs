@@ -38,14 +38,14 @@ fn cases() -> Vec<Case> {
     meshes.into_iter().map(case).collect()
 }
 
-/// Random places on faces named by `ids`.
+/// Random points on faces named by `ids`.
 fn places(ids: &[u32], n: usize, seed: u64) -> Vec<MeshPoint> {
     let mut dice = Dice::new(seed);
     let place = |_| MeshPoint { face: ids[dice.below(ids.len())], weights: dice.weights() };
     (0..n).map(place).collect()
 }
 
-/// Largest distance between the places and where they come back to.
+/// Largest distance between points and their images after mapping to the base and back.
 fn fine_round_trip(mesh: &Mesh, maps: &Parameterization, at: &[MeshPoint]) -> f64 {
     let base: Vec<MeshPoint> = maps.to_base_all(at).unwrap().iter().map(|m| m.at).collect();
     let back = maps.to_fine_all(&base).unwrap();
@@ -53,13 +53,13 @@ fn fine_round_trip(mesh: &Mesh, maps: &Parameterization, at: &[MeshPoint]) -> f6
     at.iter().zip(&back).map(gap).fold(0.0, f64::max)
 }
 
-/// Where base places lie on the flat base mesh.
+/// Position of a base point on the flat base mesh.
 fn base_point(mesh: &Mesh, faces: &BTreeMap<u32, [u32; 3]>, at: MeshPoint) -> DVec3 {
     let corners = faces[&at.face].map(|v| DVec3::from(mesh.positions[v as usize]));
     corners.into_iter().zip(at.weights).map(|(p, w)| p * w).sum()
 }
 
-/// Largest distance between what the two faces of a base edge make of its points.
+/// Largest distance between the images of a base edge's points by its two faces.
 fn widest_gap(mesh: &Mesh, maps: &Parameterization, fine: impl Fn(MeshPoint) -> MeshPoint) -> f64 {
     let mut sides: BTreeMap<(u32, u32), Vec<(u32, usize)>> = BTreeMap::new();
     for (slot, t) in maps.base_faces() {
@@ -156,7 +156,7 @@ fn every_removed_vertex_is_found_by_its_tuple_and_every_other_where_it_was() {
 }
 
 /// Share of faces turned away from the original surface after each base face is divided in
-/// 4^level and its points are carried over.
+/// 4^level and its points are mapped.
 fn turned(mesh: &Mesh, maps: &Parameterization, level: u32) -> f64 {
     let n = 1u32 << level;
     let (mut turned, mut all) = (0, 0);

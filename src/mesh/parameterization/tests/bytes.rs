@@ -1,4 +1,4 @@
-//! What is written is read, and nothing else is.
+//! Round trips through bytes, and refusal of all other bytes.
 
 use super::*;
 

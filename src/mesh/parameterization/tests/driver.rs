@@ -132,7 +132,7 @@ pub fn sphere(level: u32) -> Mesh {
     mesh(at.iter().map(|p| *p * 10.0).collect(), faces)
 }
 
-/// Where a place lies.
+/// Position of a point of the mesh.
 pub fn point(mesh: &Mesh, at: MeshPoint) -> DVec3 {
     Parameterization::point(mesh, at).expect("a face of the original")
 }

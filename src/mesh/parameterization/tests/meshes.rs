@@ -32,7 +32,7 @@ fn the_simplifiers_base_faces_are_the_recorders_in_the_same_order_of_corners() {
     }
 }
 
-/// Every base face in 4^level, its points carried over; a soup.
+/// Every base face divided in 4^level, with its points mapped; a soup.
 fn divided(mesh: &Mesh, maps: &Parameterization, level: u32) -> Mesh {
     let n = 1u32 << level;
     let mut at = Vec::new();

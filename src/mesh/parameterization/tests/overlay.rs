@@ -5,9 +5,9 @@ use super::super::*;
 
 /// A part of an original face that lies in one base face, affinely.
 pub struct SubMesh {
-    /// Its centre on the base.
+    /// Centre of the part on the base.
     pub base: MeshPoint,
-    /// Its centre on the original.
+    /// Centre of the part on the original.
     pub fine: MeshPoint,
     /// Signed area, the whole base face being 1.
     pub area: f64,
