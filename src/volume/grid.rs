@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DMat3, DVec3, IVec3, UVec3};
 
-/// What makes a grid unusable. Readers wrap this with the file and the field.
+/// Errors of a grid's geometry. Readers wrap this with the file and the field.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GridError {
@@ -23,11 +23,11 @@ pub enum GridError {
 /// A regular grid of voxel centres in patient space.
 ///
 /// LPS millimetres: +x to the patient's left, +y to the back, +z to the head. Axes may be oblique
-/// or left-handed; they are unit vectors but not necessarily orthogonal (files may say so; what
-/// needs a box asks [`Grid::is_orthogonal`]).
+/// or left-handed; they are unit vectors but not necessarily orthogonal, as in some files: code
+/// that needs orthogonal axes calls [`Grid::is_orthogonal`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
-    /// Voxels along i, j, k; i is fastest in memory.
+    /// Number of voxels along i, j, k; i is fastest in memory.
     pub dims: UVec3,
     /// Distance between voxel centres along each axis, mm, positive.
     pub spacing_mm: DVec3,
@@ -38,7 +38,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Checked constructor; columns of `direction` are normalised.
+    /// Creates a grid with checks; columns of `direction` are normalised.
     ///
     /// # Errors
     /// [`GridError`] names the part that is unusable.
@@ -71,37 +71,38 @@ impl Grid {
         Ok(Self { dims, spacing_mm, origin_mm, direction: unit })
     }
 
-    /// Longest side: run ends and brick coordinates are kept in 16 bits with room for a rim.
+    /// Largest number of voxels along an axis: run ends and brick coordinates are kept in 16 bits
+    /// with room for a rim.
     pub const MAX_SIDE: u64 = 32_000;
-    /// Most voxels: linear indices are `usize`, but 2^36 u8 voxels is already 64 GiB.
+    /// Largest number of voxels: linear indices are `usize`, but 2^36 u8 voxels is already 64 GiB.
     pub const MAX_VOXELS: u64 = 1 << 36;
 
-    /// Axis-aligned grid at the origin.
+    /// Creates an axis-aligned grid at the origin.
     ///
     /// # Panics
-    /// On unusable numbers; for phantoms and tests, whose numbers are ours.
+    /// On invalid numbers; for phantoms and tests, whose numbers are ours.
     pub fn axis_aligned(dims: [u32; 3], spacing_mm: [f64; 3]) -> Self {
         Self::new(dims.map(u64::from), DVec3::from(spacing_mm), DVec3::ZERO, DMat3::IDENTITY)
             .expect("own numbers")
     }
 
-    /// Number of voxels.
+    /// Returns the number of voxels.
     pub fn len(&self) -> usize {
         self.dims.x as usize * self.dims.y as usize * self.dims.z as usize
     }
 
-    /// Never true for a grid made by [`Grid::new`].
+    /// Whether the grid has no voxel: never true for one made by [`Grid::new`].
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Linear index of a voxel inside the grid.
+    /// Returns the linear index of a voxel inside the grid.
     #[inline]
     pub fn index(&self, v: UVec3) -> usize {
         v.x as usize + self.dims.x as usize * (v.y as usize + self.dims.y as usize * v.z as usize)
     }
 
-    /// Voxel of a linear index.
+    /// Returns the voxel of a linear index.
     #[inline]
     pub fn voxel(&self, i: usize) -> UVec3 {
         let (nx, ny) = (self.dims.x as usize, self.dims.y as usize);
@@ -114,7 +115,7 @@ impl Grid {
         v.cmpge(IVec3::ZERO).all() && v.cmplt(self.dims.as_ivec3()).all()
     }
 
-    /// Continuous voxel coordinates to LPS mm.
+    /// Returns the transform from continuous voxel coordinates to LPS mm.
     pub fn world_from_voxel(&self) -> DAffine3 {
         let s = self.spacing_mm;
         let d = self.direction;
@@ -122,12 +123,12 @@ impl Grid {
         DAffine3::from_mat3_translation(m, self.origin_mm)
     }
 
-    /// LPS mm to continuous voxel coordinates.
+    /// Returns the transform from LPS mm to continuous voxel coordinates.
     pub fn voxel_from_world(&self) -> DAffine3 {
         self.world_from_voxel().inverse()
     }
 
-    /// Voxel whose centre is nearest to a world point, if the point lies in the grid.
+    /// Returns the voxel whose centre is nearest to a world point, if the point lies in the grid.
     pub fn nearest_voxel(&self, p_mm: DVec3) -> Option<UVec3> {
         let v = self.voxel_from_world().transform_point3(p_mm);
         if !v.is_finite() || v.abs().max_element() > 1e9 {
@@ -142,12 +143,12 @@ impl Grid {
         self.largest_cosine() < 1.75e-3
     }
 
-    /// Largest difference of an angle between two axes from a right one, radians.
+    /// Returns the largest deviation of an angle between two axes from a right angle, radians.
     pub fn shear_rad(&self) -> f64 {
         self.largest_cosine().min(1.0).asin()
     }
 
-    /// Largest absolute cosine of an angle between two axes.
+    /// Returns the largest absolute cosine of an angle between two axes.
     fn largest_cosine(&self) -> f64 {
         let d = self.direction;
         [d.x_axis.dot(d.y_axis), d.y_axis.dot(d.z_axis), d.z_axis.dot(d.x_axis)]
@@ -160,12 +161,12 @@ impl Grid {
         self.direction.determinant() < 0.0
     }
 
-    /// Volume of one voxel, mm³.
+    /// Returns the volume of one voxel, mm³.
     pub fn voxel_mm3(&self) -> f64 {
         self.spacing_mm.element_product() * self.direction.determinant().abs()
     }
 
-    /// Length of a voxel's diagonal, mm.
+    /// Returns the length of a voxel's diagonal, mm.
     pub fn diagonal_mm(&self) -> f64 {
         self.spacing_mm.length()
     }

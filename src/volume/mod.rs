@@ -1,5 +1,5 @@
 //! A sampled volume: its grid in patient space (LPS, mm), its samples as they were stored, and
-//! analytic phantoms with their truth.
+//! analytic phantoms with exact reference data.
 
 mod grid;
 pub mod phantom;
@@ -9,16 +9,16 @@ pub use grid::{Grid, GridError};
 pub(crate) use samples::with_samples;
 pub use samples::{Sample, SampleBuffer, SampleType, Samples, SharedSamples};
 
-/// A volume as it came from a file: samples in stored units, geometry in patient space.
+/// A volume as read from a file: samples in stored units, geometry in patient space.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Volume {
-    /// Where the samples lie.
+    /// Grid of the samples in patient space.
     pub grid: Grid,
-    /// The samples, x fastest; `grid.len()` of them.
+    /// Samples, x fastest; `grid.len()` of them.
     pub samples: Samples,
-    /// Stored value to real value: `real = slope * stored + intercept` (HU for CT).
+    /// Map from stored to real values: `real = slope * stored + intercept` (HU for CT).
     pub rescale: Rescale,
-    /// Stored values, first and last, that fill the grid where nothing was measured (DICOM's pixel
+    /// First and last of the stored values that mark places without a measurement (DICOM's pixel
     /// padding): never part of a range of values.
     pub padding: Option<[f64; 2]>,
 }
@@ -33,16 +33,16 @@ pub struct Rescale {
 }
 
 impl Rescale {
-    /// Stored values are real values.
+    /// Identity: stored values are real values.
     pub const IDENTITY: Self = Self { slope: 1.0, intercept: 0.0 };
 
-    /// Real value of a stored one.
+    /// Returns the real value of a stored one.
     #[inline]
     pub fn real(self, stored: f64) -> f64 {
         self.slope * stored + self.intercept
     }
 
-    /// Stored value (not rounded) of a real one.
+    /// Returns the stored value (not rounded) of a real one.
     #[inline]
     pub fn stored(self, real: f64) -> f64 {
         (real - self.intercept) / self.slope
@@ -50,7 +50,7 @@ impl Rescale {
 }
 
 impl Volume {
-    /// A volume whose stored values are its real values.
+    /// Creates a volume whose stored values are its real values.
     ///
     /// # Panics
     /// If the number of samples is not the grid's.
@@ -59,7 +59,7 @@ impl Volume {
         Self { grid, samples, rescale: Rescale::IDENTITY, padding: None }
     }
 
-    /// Real value (after rescale) at linear index `i`.
+    /// Returns the real value (after rescale) at linear index `i`.
     pub fn real(&self, i: usize) -> f64 {
         self.rescale.real(self.samples.get(i))
     }
@@ -69,7 +69,8 @@ impl Volume {
         self.padding.is_some_and(|[first, last]| first <= stored && stored <= last)
     }
 
-    /// Smallest and largest finite real value but padding, or `None` if there is no such sample.
+    /// Returns the smallest and largest finite real value without padding, or `None` if there is no
+    /// such sample.
     pub fn range(&self) -> Option<(f64, f64)> {
         let (lo, hi) = self.samples.range_without(self.padding)?;
         let (a, b) = (self.rescale.real(lo), self.rescale.real(hi));

@@ -4,18 +4,18 @@ use std::fmt;
 use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
 
-/// What keeps samples that this crate did not allocate: a mapped file, an array of another
-/// language. It is asked for its slice at every access, so that should cost nothing, and must be
-/// the same slice each time.
+/// Owner of samples that this crate did not allocate: a mapped file, an array of another language.
+/// Its slice is requested at every access, so that should cost nothing, and must be the same slice
+/// each time.
 pub type SharedSamples<T> = Arc<dyn AsRef<[T]> + Send + Sync>;
 
 /// Samples of one type: owned, or borrowed from an owner elsewhere. Cloning borrowed samples copies
 /// none; writing to them copies them first.
 #[derive(Clone)]
 pub enum SampleBuffer<T> {
-    /// Allocated here.
+    /// Samples allocated by this crate.
     Owned(Vec<T>),
-    /// Kept by somebody else, read only.
+    /// Samples of another owner, read only.
     Shared(SharedSamples<T>),
 }
 
@@ -60,7 +60,7 @@ impl<T> From<Vec<T>> for SampleBuffer<T> {
     }
 }
 
-/// The stored types every reader may produce.
+/// Stored types that readers may produce.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[allow(missing_docs)]
 pub enum SampleType {
@@ -77,7 +77,7 @@ pub enum SampleType {
 }
 
 impl SampleType {
-    /// Bytes a sample.
+    /// Returns the size of a sample, bytes.
     pub fn size(self) -> usize {
         match self {
             Self::U8 | Self::I8 => 1,
@@ -92,7 +92,7 @@ impl SampleType {
         !matches!(self, Self::F32 | Self::F64)
     }
 
-    /// The name used in messages and JSON (`int16`, `float32`, …).
+    /// Returns the name used in messages and JSON (`int16`, `float32`, …).
     pub fn name(self) -> &'static str {
         match self {
             Self::U8 => "uint8",
@@ -130,11 +130,11 @@ pub(crate) use with_samples;
 
 /// A sample type as a Rust type.
 pub trait Sample: Copy + Send + Sync + PartialOrd + bytemuck::Pod + 'static {
-    /// Its tag.
+    /// Stored type that corresponds to the Rust type.
     const TYPE: SampleType;
-    /// Widened; 64-bit integers beyond 2^53 round.
+    /// Converts to f64; 64-bit integers beyond 2^53 round.
     fn to_f64(self) -> f64;
-    /// Bytes reversed.
+    /// Reverses the bytes.
     fn swap_bytes(self) -> Self;
 }
 
@@ -165,7 +165,7 @@ macro_rules! samples {
         })*
 
         impl Samples {
-            /// Zeroed samples of a given type.
+            /// Creates zeroed samples of a given type.
             pub fn zeroed(t: SampleType, len: usize) -> Self {
                 match t { $(SampleType::$variant => vec![<$t>::default(); len].into(),)* }
             }
@@ -187,17 +187,17 @@ samples! {
 }
 
 impl Samples {
-    /// Number of samples.
+    /// Returns the number of samples.
     pub fn len(&self) -> usize {
         with_samples!(self, |s| s.len())
     }
 
-    /// Whether there are none.
+    /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Stored type.
+    /// Returns the stored type.
     pub fn sample_type(&self) -> SampleType {
         fn of<T: Sample>(_: &[T]) -> SampleType {
             T::TYPE
@@ -205,18 +205,19 @@ impl Samples {
         with_samples!(self, |s| of(s))
     }
 
-    /// Stored value at linear index `i`, widened.
+    /// Returns the stored value at linear index `i` as f64.
     #[inline]
     pub fn get(&self, i: usize) -> f64 {
         with_samples!(self, |s| s[i].to_f64())
     }
 
-    /// Smallest and largest finite stored value.
+    /// Returns the smallest and largest finite stored value.
     pub fn range(&self) -> Option<(f64, f64)> {
         self.range_without(None)
     }
 
-    /// The same without the values from one to another.
+    /// Returns the smallest and largest finite stored value outside `skipped`, a range with both
+    /// ends.
     pub fn range_without(&self, skipped: Option<[f64; 2]>) -> Option<(f64, f64)> {
         if let Some([first, last]) = skipped {
             let values = (0..self.len()).map(|i| self.get(i));
@@ -236,12 +237,13 @@ impl Samples {
         with_samples!(self, |s| of(s))
     }
 
-    /// The samples as native-endian bytes.
+    /// Returns the samples as native-endian bytes.
     pub fn bytes(&self) -> &[u8] {
         with_samples!(self, |s| bytemuck::cast_slice(s))
     }
 
-    /// The samples as native-endian bytes, to be filled by a reader; borrowed ones are copied.
+    /// Returns the samples as native-endian bytes, to be filled by a reader; borrowed ones are
+    /// copied.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         with_samples!(self, |s| bytemuck::cast_slice_mut(s))
     }

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use super::path::Path;
 
-/// Rectum, sigmoid, descending, transverse and ascending colon, cecum.
+/// Corners of the axis: rectum, sigmoid, descending, transverse and ascending colon, cecum.
 pub(super) const AXIS: [[f64; 3]; 9] = [
     [0.0, 0.36, -0.36],
     [-0.06, 0.08, -0.18],
@@ -16,13 +16,13 @@ pub(super) const AXIS: [[f64; 3]; 9] = [
     [-0.33, 0.06, -0.12],
     [-0.26, -0.06, -0.36],
 ];
-/// Radius of its bends: greater than that of any section.
+/// Radius of the axis's bends: greater than that of any section.
 pub(super) const BEND: f64 = 0.11;
 /// Mean radius between folds.
 const R0: f64 = 0.055;
-/// Relative swing of the calibre.
+/// Relative amplitude of the radius along the axis.
 const SWING: f64 = 0.2;
-/// How far a fold reaches in, in radii.
+/// Depth of a fold, as a share of the radius.
 const FOLD_DEPTH: f64 = 0.38;
 /// Distance between folds and their half width.
 const FOLD_STEP: f64 = 2.1 * R0;
@@ -31,8 +31,8 @@ const FOLD_WIDTH: f64 = 0.16 * FOLD_STEP;
 pub(super) const MAX: f64 = R0 * (1.0 + SWING);
 pub(super) const MIN: f64 = R0 * (1.0 - SWING) * (1.0 - FOLD_DEPTH);
 
-/// Radius of the colon's wall at arc length `s` in the direction (a, b) across, `rho` from the
-/// axis: folds are deepest at the three taeniae.
+/// Returns the radius of the colon's wall at arc length `s` in the direction (a, b) across, `rho`
+/// from the axis: folds are deepest at the three taeniae.
 pub(super) fn radius(path: &Path, s: f64, a: f64, b: f64, rho: f64) -> f64 {
     // Cosine of three times the angle as a polynomial, so that it fades smoothly at the axis.
     let taenia = (a * a * a - 3.0 * a * b * b) / rho.max(MIN).powi(3);
@@ -41,7 +41,7 @@ pub(super) fn radius(path: &Path, s: f64, a: f64, b: f64, rho: f64) -> f64 {
     R0 * calibre * (1.0 - FOLD_DEPTH * (-x * x).exp() * (0.72 + 0.28 * taenia))
 }
 
-/// Distance from the axis at arc length `s` to the wall, by search over the wall.
+/// Returns the distance from the axis at arc length `s` to the wall, by search over the wall.
 pub(super) fn inscribed(path: &Path, s: f64) -> f64 {
     let here = path.at(s);
     let mut best = f64::INFINITY;

@@ -1,6 +1,7 @@
 //! Exact distance to an ellipse.
 
-/// Signed distance to an ellipse with semi-axes `wide >= thin` for a point of the first quadrant.
+/// Returns the signed distance to an ellipse with semi-axes `wide >= thin` for a point of the first
+/// quadrant.
 pub(super) fn distance(wide: f64, thin: f64, x: f64, y: f64) -> f64 {
     let (zx, zy) = (x / wide, y / thin);
     let level = zx * zx + zy * zy - 1.0;

@@ -17,12 +17,12 @@ impl Helix {
         self.height / (TAU * self.turns)
     }
 
-    /// Length of the curve.
+    /// Returns the length of the curve.
     pub fn length(&self) -> f64 {
         TAU * self.turns * self.radius.hypot(self.rise())
     }
 
-    /// The point at a fraction of the length.
+    /// Returns the point at a fraction of the length.
     pub fn at(&self, fraction: f64) -> DVec3 {
         self.at_angle(fraction * TAU * self.turns)
     }
@@ -33,8 +33,8 @@ impl Helix {
         DVec3::new(self.radius * cos, self.radius * sin, z)
     }
 
-    /// Distance to the curve. Near the z axis, where windings are equally far, right to one part
-    /// in a hundred.
+    /// Returns the distance to the curve. Near the z axis, where windings are almost equally
+    /// distant, it is accurate to one part in a hundred.
     pub fn distance(&self, p: DVec3) -> f64 {
         let (end, k) = (TAU * self.turns, self.rise());
         let phase = p.y.atan2(p.x);

@@ -1,4 +1,4 @@
-//! Analytic phantoms with their truth.
+//! Analytic phantoms with exact reference data.
 //!
 //! A phantom is an implicit function of a point, negative in the lumen. It is defined in a box of
 //! side one and scaled to the grid, so that the same organ appears at any size. Nothing of it
@@ -19,7 +19,7 @@ use glam::{DMat3, DVec3};
 use super::{Grid, GridError};
 use shape::Shape;
 
-/// The organs on offer.
+/// Organs that phantoms imitate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
     /// Straight oblique tube with round ends. Exact distance.
@@ -44,7 +44,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Every kind, in the order of the command line's help.
+    /// All kinds, in the order of the command line's help.
     pub const ALL: [Self; 8] = [
         Self::Tube,
         Self::Ellipse,
@@ -56,7 +56,7 @@ impl Kind {
         Self::Aneurysm,
     ];
 
-    /// Name on the command line.
+    /// Returns the name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Tube => "tube",
@@ -88,24 +88,25 @@ impl FromStr for Kind {
 /// One branch of the true axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TruthBranch {
-    /// What it is called (`trunk`, `left`, …).
+    /// Name of the branch (`trunk`, `left`, …).
     pub name: &'static str,
     /// Index of the branch on which the first point lies, `None` for the root.
     pub parent: Option<usize>,
-    /// Whether the last point is the first one again.
+    /// Whether the last point repeats the first.
     pub closed: bool,
-    /// x, y, z (LPS) and radius of the largest ball about that point within the lumen; all mm.
+    /// Points of the axis: x, y, z (LPS) and radius of the largest ball about that point within the
+    /// lumen; all mm.
     pub points: Vec<[f64; 4]>,
 }
 
-/// What a perfect centerline would be.
+/// Exact centerline of a phantom.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
     /// Branches, parents before children.
     pub branches: Vec<TruthBranch>,
-    /// Where the axis begins, LPS mm. The lumen goes on for one radius.
+    /// First point of the axis, LPS mm. The lumen extends one radius beyond it.
     pub start: DVec3,
-    /// Where it ends, LPS mm; for the ring, the point opposite to the start.
+    /// Last points of the axis, LPS mm; for the ring, the point opposite to the start.
     pub ends: Vec<DVec3>,
 }
 
@@ -115,15 +116,15 @@ pub struct Phantom {
     kind: Kind,
     grid: Grid,
     shape: Shape,
-    /// Place of the unit box's centre, LPS mm.
+    /// Position of the unit box's centre, LPS mm.
     centre_mm: DVec3,
     /// Side of the unit box, mm.
     side_mm: f64,
 }
 
 impl Phantom {
-    /// The organ in a box that is a cube in millimetres: `size` voxels along the axis with the
-    /// coarsest spacing and as many more along the others as it takes to be as long. The first
+    /// Creates the organ in a box that is a cube in millimetres: `size` voxels along the axis with
+    /// the coarsest spacing and, along the others, as many as make them equally long. The first
     /// voxel's centre is the origin, axes are LPS.
     ///
     /// The organ sits 0.3, 0.2 and 0.1 voxels off the centre so that no voxel centre is special.
@@ -146,12 +147,12 @@ impl Phantom {
         Ok(Self { kind, grid, shape: Shape::new(kind), centre_mm, side_mm })
     }
 
-    /// Which organ.
+    /// Returns the kind of organ.
     pub fn kind(&self) -> Kind {
         self.kind
     }
 
-    /// The grid it is sampled on.
+    /// Returns the grid the organ is sampled on.
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
@@ -161,20 +162,21 @@ impl Phantom {
         !matches!(self.kind, Kind::Y | Kind::Colon | Kind::Aneurysm)
     }
 
-    /// The implicit function at a point (LPS mm), in mm: negative in the lumen. [`Kind`] says for
-    /// which organs it is the signed distance.
+    /// Returns the implicit function at a point (LPS mm), in mm: negative in the lumen. [`Kind`]
+    /// says for which organs it is the signed distance.
     pub fn field(&self, p_mm: DVec3) -> f64 {
         self.side_mm * self.shape.field(self.to_unit(p_mm))
     }
 
-    /// Unit normal of the level set through a point (LPS mm), pointing into the lumen: against
-    /// the gradient of the field. On the axis, where there is none, some unit vector.
+    /// Returns the unit normal of the level set through a point (LPS mm), pointing into the lumen:
+    /// against the gradient of the field. On the axis, where the gradient vanishes, it is some unit
+    /// vector.
     pub fn normal(&self, p_mm: DVec3) -> DVec3 {
         (-self.shape.gradient(self.to_unit(p_mm))).normalize_or(DVec3::Z)
     }
 
-    /// Signed distance to the wall, mm, to first order: exact where the field is, and elsewhere
-    /// the field over its slope, which is right near the wall.
+    /// Returns the signed distance to the wall, mm, to first order: exact where the field is, and
+    /// elsewhere the field over its slope, which is right near the wall.
     pub fn distance(&self, p_mm: DVec3) -> f64 {
         let f = self.field(p_mm);
         if self.kind != Kind::Colon {
@@ -183,12 +185,13 @@ impl Phantom {
         f / self.shape.gradient(self.to_unit(p_mm)).length().max(0.1)
     }
 
-    /// Volume of the lumen, mm³, where a formula gives it (all but `y`, `colon`, `aneurysm`).
+    /// Returns the volume of the lumen, mm³, where a formula gives it (all but `y`, `colon`,
+    /// `aneurysm`).
     pub fn volume_mm3(&self) -> Option<f64> {
         self.shape.volume().map(|v| v * self.side_mm.powi(3))
     }
 
-    /// The true axis.
+    /// Returns the exact centerline.
     pub fn truth(&self) -> Truth {
         let place = |q: DVec3| self.centre_mm + self.side_mm * q;
         let mut branches = self.shape.axis();

@@ -2,19 +2,19 @@
 
 use glam::DVec3;
 
-/// The foot of a point on a curve.
+/// The nearest point of a curve to a point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Foot {
     /// Distance to the curve.
     pub distance: f64,
     /// Arc length from the curve's start.
     pub s: f64,
-    /// Components of the offset along the curve's rotation-minimising frame.
+    /// Components of the offset across the curve, in its rotation-minimising frame.
     pub a: f64,
     pub b: f64,
 }
 
-/// Straight from `a`, or around `centre` from `centre + radius * x` towards `y`.
+/// Straight line from `a`, or arc around `centre` from `centre + radius * x` towards `y`.
 #[derive(Clone, Copy, Debug)]
 enum Form {
     Line { a: DVec3, along: DVec3 },
@@ -26,11 +26,11 @@ enum Form {
 struct PathArc {
     form: Form,
     length: f64,
-    /// Arc length at which it starts.
+    /// Arc length at the piece's start.
     s: f64,
     u: DVec3,
     v: DVec3,
-    /// A ball around it, so that a far piece costs one comparison.
+    /// Centre and radius of a ball around the piece, so that a far piece costs one comparison.
     ball: (DVec3, f64),
 }
 
@@ -90,13 +90,13 @@ impl Path {
         self.length += length;
     }
 
-    /// The point at an arc length.
+    /// Returns the point at an arc length.
     pub fn at(&self, s: f64) -> DVec3 {
         let piece = self.piece(s);
         piece.at((s - piece.s).clamp(0.0, piece.length))
     }
 
-    /// The rotation-minimising frame at an arc length: two unit vectors across the curve.
+    /// Returns the rotation-minimising frame at an arc length: two unit vectors across the curve.
     pub fn frame(&self, s: f64) -> (DVec3, DVec3) {
         let piece = self.piece(s);
         piece.frame((s - piece.s).clamp(0.0, piece.length))
@@ -107,12 +107,12 @@ impl Path {
         &self.pieces[k]
     }
 
-    /// Distance to the path.
+    /// Returns the distance to the path.
     pub fn distance(&self, p: DVec3) -> f64 {
         self.nearest(p).0
     }
 
-    /// Where the path is nearest; of equals the first piece.
+    /// Returns the nearest point of the path; of equally near ones that of the first piece.
     pub fn foot(&self, p: DVec3) -> Foot {
         let (distance, k, t) = self.nearest(p);
         let piece = &self.pieces[k];
@@ -158,7 +158,7 @@ impl PathArc {
         }
     }
 
-    /// Arc length within the piece of the point nearest to `p`.
+    /// Returns the arc length within the piece of the point nearest to `p`.
     fn nearest(&self, p: DVec3) -> f64 {
         match self.form {
             Form::Line { a, along } => (p - a).dot(along).clamp(0.0, self.length),
@@ -175,7 +175,7 @@ impl PathArc {
     }
 }
 
-/// `v` turned about a unit axis.
+/// Rotates `v` about a unit axis.
 fn turned(v: DVec3, axis: DVec3, angle: f64) -> DVec3 {
     glam::DQuat::from_axis_angle(axis, angle) * v
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::Phantom;
 use crate::volume::Volume;
 
-/// Side of the blocks that are kept or skipped as one.
+/// Side, voxels, of the blocks that are filled with one value or voxel by voxel.
 const BLOCK: u32 = 8;
 
 /// Grey values of a CT: gas in the lumen, soft tissue around it.
@@ -14,16 +14,17 @@ const LUMEN_HU: f64 = -950.0;
 const WALL_HU: f64 = 40.0;
 
 impl Phantom {
-    /// The lumen as 0 and 1 (u8), sampled at voxel centres.
+    /// Returns the lumen as 0 and 1 (u8), sampled at voxel centres.
     pub fn mask(&self) -> Volume {
         let samples =
             self.fill(0.0, u8::from, |p| u8::from(self.shape.field(self.to_unit(p)) < 0.0));
         Volume::new(self.grid, samples.into())
     }
 
-    /// A CT-like volume (i16, HU): lumen -950, wall +40, in between a linear ramp over the signed
-    /// distance that is as wide as a voxel is along the wall's normal. `noise` is the standard
-    /// deviation (HU, finite) of a gaussian noise; values saturate at the ends of i16. Equal seeds give equal volumes.
+    /// Returns a CT-like volume (i16, HU): lumen -950, wall +40, in between a linear ramp over the
+    /// signed distance that is as wide as a voxel is along the wall's normal. `noise` is the
+    /// standard deviation (HU, finite) of Gaussian noise; values saturate at the ends of i16. Equal
+    /// seeds give equal volumes.
     pub fn grey(&self, noise: Option<f64>, seed: u64) -> Volume {
         let spacing = self.grid.spacing_mm;
         let cubic = spacing.max_element() - spacing.min_element() < 1e-9 * spacing.x;
@@ -88,7 +89,7 @@ impl Phantom {
     }
 }
 
-/// Adds gaussian noise. Every pair of samples draws from its own place in the sequence, so the
+/// Adds Gaussian noise. Every pair of samples draws from its own place in the sequence, so the
 /// result does not depend on the number of threads.
 fn add_noise(samples: &mut [i16], sd: f64, seed: u64) {
     let start = mixed(seed);

@@ -95,7 +95,7 @@ impl Shape {
         }
     }
 
-    /// The implicit function: negative inside.
+    /// Returns the implicit function at a point: negative inside.
     pub fn field(&self, p: DVec3) -> f64 {
         match self {
             Self::Swept { path, radius, sac } => {
@@ -127,8 +127,9 @@ impl Shape {
         }
     }
 
-    /// Two functions of slope one at most that enclose the field near the lumen: above zero the
-    /// lower one says outside, below zero the upper one says inside.
+    /// Returns a lower and an upper bound of the field near the lumen, each with a slope of at most
+    /// one: where the lower one is positive the point is outside, where the upper one is negative
+    /// it is inside.
     pub fn bounds(&self, p: DVec3) -> (f64, f64) {
         match self {
             Self::Colon { path } => {
@@ -142,7 +143,7 @@ impl Shape {
         }
     }
 
-    /// Gradient of the field by central differences.
+    /// Returns the gradient of the field by central differences.
     pub fn gradient(&self, p: DVec3) -> DVec3 {
         let h = 1e-5;
         let slope = |e: DVec3| (self.field(p + h * e) - self.field(p - h * e)) / (2.0 * h);
@@ -162,7 +163,7 @@ impl Shape {
         }
     }
 
-    /// The axis in unit coordinates.
+    /// Returns the axis in unit coordinates.
     pub fn axis(&self) -> Vec<TruthBranch> {
         let branch = |name, length: f64, at: &dyn Fn(f64) -> (DVec3, f64)| {
             let n = (length / STEP).ceil();

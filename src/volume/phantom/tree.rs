@@ -13,7 +13,7 @@ pub(super) struct Capsule {
 }
 
 impl Capsule {
-    /// Signed distance to its wall.
+    /// Returns the signed distance to the capsule's wall.
     pub fn distance(&self, p: DVec3) -> f64 {
         let d = self.b - self.a;
         let t = ((p - self.a).dot(d) / d.length_squared()).clamp(0.0, 1.0);
@@ -21,7 +21,7 @@ impl Capsule {
     }
 }
 
-/// Trunk, two branches, four twigs.
+/// Returns the capsules: trunk, two branches, four twigs.
 pub(super) fn tree() -> Vec<Capsule> {
     let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
     let (fork, left, right) = (at(0.02, 0.01, -0.08), at(-0.2, 0.03, 0.13), at(0.22, -0.04, 0.11));
