@@ -56,7 +56,7 @@ impl<T: Pod> Array<T> {
         Self { storage, len, of: PhantomData }
     }
 
-    /// Several as one, in order. One alone is not copied.
+    /// Joins several arrays into one, in order. One alone is not copied.
     pub fn joined(mut parts: Vec<Self>) -> Self {
         if parts.len() == 1 {
             return parts.remove(0);

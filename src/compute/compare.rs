@@ -14,7 +14,7 @@ impl Tolerance {
     pub const EXACT: Self = Self { abs: 0.0, rel: 0.0 };
 }
 
-/// The worst element of a comparison that failed.
+/// Worst element of a comparison that failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("element {at}: wanted {want}, got {got} ({used:.3} of the tolerance, {bad} of {of} fail)")]
 pub struct Mismatch {
@@ -24,11 +24,11 @@ pub struct Mismatch {
     pub want: f32,
     /// Value under test.
     pub got: f32,
-    /// Error over tolerance.
+    /// Error as a multiple of the tolerance.
     pub used: f32,
-    /// Elements that fail.
+    /// Number of elements that fail.
     pub bad: usize,
-    /// Elements compared.
+    /// Number of elements compared.
     pub of: usize,
 }
 

@@ -14,29 +14,29 @@ enum BufferData<'a> {
     Own(Storage),
 }
 
-/// One launch as the twin sees it.
+/// Arguments of one launch for its twin.
 pub struct CpuArgs<'a> {
     step: &'a Step,
     reads: Vec<Option<&'a [u8]>>,
     writes: Vec<Option<(Storage, usize)>>,
 }
 
-/// The buffers of a launch, each taken once.
+/// Buffers of a launch, each of which can be opened once.
 pub struct CpuSlices<'a> {
     reads: &'a [Option<&'a [u8]>],
     writes: Vec<Cell<Option<(&'a mut Storage, usize)>>>,
 }
 
 impl CpuArgs<'_> {
-    /// The immediate block.
+    /// Returns the immediate block.
     pub fn params<P: Pod>(&self) -> P {
         bytemuck::pod_read_unaligned(&self.step.params)
     }
-    /// Threads asked for.
+    /// Returns the number of threads of the launch.
     pub fn threads(&self) -> usize {
         self.step.threads
     }
-    /// Access to the buffers.
+    /// Returns access to the buffers.
     pub fn slices(&mut self) -> CpuSlices<'_> {
         CpuSlices {
             reads: &self.reads,
@@ -50,11 +50,11 @@ impl CpuArgs<'_> {
 }
 
 impl<'a> CpuSlices<'a> {
-    /// A read-only binding.
+    /// Returns a read-only binding.
     pub fn read<T: Pod>(&self, binding: usize) -> &'a [T] {
         bytemuck::cast_slice(self.reads[binding].expect("read-only binding"))
     }
-    /// A writable binding; each can be opened once.
+    /// Returns a writable binding; each can be opened once.
     pub fn write<T: Pod>(&mut self, binding: usize) -> &'a mut [T] {
         let (s, bytes) = self.writes[binding].take().expect("writable binding, opened once");
         s.typed_mut(bytes / size_of::<T>())

@@ -12,7 +12,7 @@ use super::{Array, Kernel, Launch};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct BufId(pub u32);
 
-/// A typed buffer of a plan.
+/// Handle to a buffer of a plan, with its element type.
 pub struct Buf<T> {
     id: BufId,
     len: usize,
@@ -27,21 +27,21 @@ impl<T> Clone for Buf<T> {
 impl<T> Copy for Buf<T> {}
 
 impl<T> Buf<T> {
-    /// Index in the plan.
+    /// Returns the index of the buffer in the plan.
     pub fn id(self) -> BufId {
         self.id
     }
-    /// Elements.
+    /// Returns the number of elements.
     pub fn len(self) -> usize {
         self.len
     }
-    /// Whether it holds no element.
+    /// Whether the buffer holds no element.
     pub fn is_empty(self) -> bool {
         self.len == 0
     }
 }
 
-/// What a buffer holds before the first launch.
+/// Contents of a buffer before the first launch.
 pub enum Contents<'a> {
     /// Zero bytes.
     Zeroed,
@@ -53,11 +53,11 @@ pub enum Contents<'a> {
 
 /// A buffer of a plan.
 pub struct PlanBuffer<'a> {
-    /// For messages.
+    /// Name for messages.
     pub name: &'static str,
     /// Size in bytes; zero-sized buffers are legal.
     pub bytes: usize,
-    /// Bytes an element.
+    /// Size of an element, bytes.
     pub stride: usize,
     /// Whether the elements are f32 (or vectors of them): parity then allows a tolerance.
     pub float: bool,
@@ -67,19 +67,20 @@ pub struct PlanBuffer<'a> {
 
 /// One kernel launch.
 pub struct Step {
-    /// Which kernel.
+    /// Kernel that is launched.
     pub kernel: &'static Kernel,
-    /// Its buffers in binding order.
+    /// Buffers of the launch in binding order.
     pub buffers: Vec<BufId>,
-    /// Its immediate block.
+    /// Bytes of the immediate block.
     pub params: Vec<u8>,
-    /// Threads asked for; devices round up to workgroups, so kernels check.
+    /// Number of threads; devices round up to workgroups, so kernels check their index.
     pub threads: usize,
-    /// Items of [`Kernel::unit`] this launch works on, for rates.
+    /// Number of items of [`Kernel::unit`] this launch works on, for rates.
     pub items: usize,
 }
 
-/// Buffers, launches in order, and what is wanted back. Launches see the writes of earlier ones.
+/// Buffers, launches in order, and the buffers to be read back. Launches see the writes of earlier
+/// ones.
 #[derive(Default)]
 pub struct Plan<'a> {
     buffers: Vec<PlanBuffer<'a>>,
@@ -88,7 +89,7 @@ pub struct Plan<'a> {
 }
 
 impl<'a> Plan<'a> {
-    /// An empty plan.
+    /// Creates an empty plan.
     pub fn new() -> Self {
         Self::default()
     }
@@ -101,18 +102,18 @@ impl<'a> Plan<'a> {
         Buf { id, len, of: PhantomData }
     }
 
-    /// A buffer with borrowed contents.
+    /// Adds a buffer with borrowed contents.
     pub fn upload<T: Pod>(&mut self, name: &'static str, data: &'a [T]) -> Buf<T> {
         self.push(name, data.len(), Contents::Borrowed(bytemuck::cast_slice(data)))
     }
 
-    /// A buffer with contents of its own.
+    /// Adds a buffer with contents of its own.
     pub fn upload_owned<T: Pod>(&mut self, name: &'static str, data: &[T]) -> Buf<T> {
         let bytes = bytemuck::cast_slice::<T, u8>(data).to_vec();
         self.push(name, data.len(), Contents::Owned(bytes))
     }
 
-    /// A zeroed buffer of `len` elements.
+    /// Adds a zeroed buffer of `len` elements.
     pub fn zeroed<T: Pod>(&mut self, name: &'static str, len: usize) -> Buf<T> {
         self.push(name, len, Contents::Zeroed)
     }
@@ -142,47 +143,47 @@ impl<'a> Plan<'a> {
         self.steps.push(Step { kernel, buffers, params, threads, items });
     }
 
-    /// Asks for a buffer's contents after the last launch.
+    /// Requests a buffer's contents after the last launch.
     pub fn download<T>(&mut self, buf: Buf<T>) {
         if !self.downloads.contains(&buf.id) {
             self.downloads.push(buf.id);
         }
     }
 
-    /// All buffers, by id.
+    /// Returns all buffers, by id.
     pub fn buffers(&self) -> &[PlanBuffer<'a>] {
         &self.buffers
     }
-    /// Launches in order.
+    /// Returns the launches in order.
     pub fn steps(&self) -> &[Step] {
         &self.steps
     }
-    /// Buffers wanted back.
+    /// Returns the buffers to be read back.
     pub fn downloads(&self) -> &[BufId] {
         &self.downloads
     }
 }
 
-/// Time of one launch.
+/// Duration of one launch.
 #[derive(Clone, Debug)]
 pub struct StepTime {
     /// Kernel name.
     pub kernel: &'static str,
-    /// Rate unit.
+    /// Unit of the kernel's items.
     pub unit: &'static str,
-    /// Items worked on.
+    /// Number of items worked on.
     pub items: usize,
-    /// Bytes of all bound buffers: what the launch has to touch at least once.
+    /// Size of all bound buffers, bytes: the least memory that the launch reads or writes.
     pub bytes: u64,
-    /// On a GPU from timestamp queries, on the CPU from the monotonic clock.
+    /// Duration, s: on a GPU from timestamp queries, on the CPU from the monotonic clock.
     pub seconds: f64,
 }
 
-/// What came back from running a plan.
+/// Results of running a plan: downloaded buffers and times.
 #[derive(Default)]
 pub struct Outputs {
     pub(super) arrays: BTreeMap<BufId, (Storage, usize)>,
-    /// Time of each launch, in order.
+    /// Duration of each launch, in order.
     pub times: Vec<StepTime>,
 }
 
@@ -192,27 +193,27 @@ impl Outputs {
         self.arrays.insert(id, (Storage::from_bytes(bytes), bytes.len()));
     }
 
-    /// A downloaded buffer.
+    /// Returns a downloaded buffer.
     ///
     /// # Panics
-    /// If the plan did not ask for it.
+    /// If the plan did not request it.
     pub fn get<T: Pod>(&self, buf: Buf<T>) -> &[T] {
         let (s, bytes) = self.arrays.get(&buf.id).expect("the plan downloads this buffer");
         assert_eq!(*bytes, buf.len * size_of::<T>());
         s.typed(buf.len)
     }
 
-    /// A downloaded buffer, moved out.
+    /// Moves a downloaded buffer out.
     ///
     /// # Panics
-    /// If the plan did not ask for it, or it was taken before.
+    /// If the plan did not request it, or it was taken before.
     pub fn take<T: Pod>(&mut self, buf: Buf<T>) -> Array<T> {
         let (s, bytes) = self.arrays.remove(&buf.id).expect("the plan downloads this buffer");
         assert_eq!(bytes, buf.len * size_of::<T>());
         Array::new(s, buf.len)
     }
 
-    /// A downloaded buffer as 32-bit words, for comparing devices.
+    /// Returns a downloaded buffer as 32-bit words, for comparing devices.
     pub fn words(&self, id: BufId) -> &[u32] {
         let (s, bytes) = &self.arrays[&id];
         s.typed(bytes / 4)
