@@ -1,9 +1,10 @@
-//! A brick with voxels around it, copied into one dense block: what twins of kernels that look at
-//! neighbours work on.
+//! A brick with voxels around it, copied into one dense block, for the twins of kernels that read
+//! neighbours.
 
 use crate::lumen::bricks::{BRICK, NONE, near_index};
 
-/// Element of the voxel at `p` (components −8 to 15) of a brick, by the flat table of neighbours.
+/// Returns the element of the voxel at `p` (components −8 to 15) of a brick, by the flat table of
+/// neighbours.
 #[inline]
 pub(super) fn element(near: &[u32], slot: usize, p: [i32; 3]) -> Option<usize> {
     let over = p.map(|c| c >> 3);
@@ -32,7 +33,7 @@ impl BrickBlock {
         Self { halo, side, values: vec![0; side * side * side] }
     }
 
-    /// Reads around a brick; what has no brick is `missing`.
+    /// Reads around a brick; voxels of absent bricks are `missing`.
     pub(super) fn fill(&mut self, near: &[u32], slot: usize, f: &[i32], missing: i32) {
         let halo = self.halo;
         let mut rows = self.values.chunks_exact_mut(self.side);
@@ -56,14 +57,14 @@ impl BrickBlock {
         }
     }
 
-    /// Index of the voxel at `p` (components −halo to 7 + halo).
+    /// Returns the index of the voxel at `p` (components −halo to 7 + halo).
     #[inline]
     pub(super) fn index(&self, p: [i32; 3]) -> usize {
         let [x, y, z] = p.map(|c| (c + self.halo) as usize);
         x + self.side * (y + self.side * z)
     }
 
-    /// Step of the index along each axis.
+    /// Returns the step of the index along each axis.
     pub(super) fn strides(&self) -> [usize; 3] {
         [1, self.side, self.side * self.side]
     }
@@ -77,26 +78,27 @@ impl BrickBlock {
     }
 }
 
-/// Place of an element within its brick.
+/// Returns the position of an element within its brick.
 #[inline]
 pub(super) fn place(local: usize) -> [i32; 3] {
     [(local & 7) as i32, (local >> 3 & 7) as i32, (local >> 6) as i32]
 }
 
-/// Bit of an element, of words of 32.
+/// Returns the bit of an element, of words of 32.
 #[inline]
 pub(super) fn bit(words: &[u32], element: usize) -> bool {
     words[element >> 5] >> (element & 31) & 1 != 0
 }
 
-/// Square root rounded down, and shift, as in `shaders/lib/wall.wgsl`.
+/// Returns the number of bits by which a vector is shifted right so that its components are below
+/// 2¹⁴ in size, as in `shaders/lib/wall.wgsl`.
 #[inline]
 pub(super) fn excess_bits(v: [i32; 3]) -> u32 {
     let most = v.iter().fold(1, |most, c| most | c.unsigned_abs());
     (31 - most.leading_zeros()).saturating_sub(13)
 }
 
-/// Length of a vector whose components are below 2¹⁴ in size, rounded down.
+/// Returns the length of a vector whose components are below 2¹⁴ in size, rounded down.
 #[inline]
 pub(super) fn length_of(v: [i32; 3]) -> i32 {
     let square: u32 = v.iter().map(|c| (c * c) as u32).sum();

@@ -18,8 +18,8 @@ pub static KERNEL: Kernel = Kernel {
     cases,
 };
 
-/// Weights of a Gaussian for the centre and offsets 1, 2, …, of which both sides sum to 4096; the
-/// ones that round to nothing are left out.
+/// Returns the weights of a Gaussian for the centre and offsets 1, 2, …, whose sum over both sides
+/// is 4096; those that round to zero are left out.
 pub fn integer_weights(sigma_vox: f64) -> Vec<i32> {
     let raw = super::gauss_axis::gaussian_weights(sigma_vox.max(0.05));
     let mut out: Vec<i32> = raw.iter().map(|w| (f64::from(*w) * 4096.0).round() as i32).collect();
@@ -32,7 +32,7 @@ pub fn integer_weights(sigma_vox: f64) -> Vec<i32> {
 
 /// Lines of a brick along the axis: eight lanes a position, eight groups of lanes.
 struct Lines<'a> {
-    /// [group][position][lane].
+    /// Lanes by group and position along the axis: [group][position][lane].
     groups: &'a [Vec<[i32; 8]>; 8],
     weight: &'a [i32],
     sums: &'a mut [[[i32; 8]; 8]; 8],

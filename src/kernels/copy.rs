@@ -1,4 +1,4 @@
-//! CPU twin and cases of `copy`: what the other kernels' rates are set beside.
+//! CPU twin and cases of `copy`: the memory bandwidth that other kernels' rates are compared with.
 
 use rayon::prelude::*;
 
@@ -15,7 +15,7 @@ pub static KERNEL: Kernel = Kernel {
     cases,
 };
 
-/// Quads a thread takes at a time: 1 MiB.
+/// Number of quads of a parallel task: 1 MiB.
 const CHUNK: usize = 1 << 16;
 
 fn twin(args: &mut CpuArgs<'_>) {

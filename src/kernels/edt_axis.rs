@@ -1,7 +1,7 @@
 //! CPU twin and cases of `edt_axis`: squared distance, y and z passes.
 //!
-//! The twin narrows its searches by the order of minimisers (Aggarwal et al. 1987,
-//! doi:10.1007/BF01840359), which the shader, a thread a voxel, has no use for.
+//! The twin narrows its searches by the monotone order of minimisers (Aggarwal et al. 1987,
+//! doi:10.1007/BF01840359), which the shader, with one thread a voxel, cannot use.
 
 use rayon::prelude::*;
 
@@ -20,13 +20,13 @@ pub static KERNEL: Kernel = Kernel {
     cases,
 };
 
-/// Rows a search may go before it pays to know where the others ended.
+/// Search distance, rows, above which it pays to record the positions of minima.
 const NEAR: i32 = 16;
 
-/// Eight x-neighbours, worked on together.
+/// Values of eight x-neighbours, processed together.
 type RowLanes = [f32; 8];
 
-/// A row's least values and where each was found, counted along the axis from the brick's start.
+/// Minima of a row and the position of each, counted along the axis from the brick's start.
 type Least = (RowLanes, [i32; 8]);
 
 fn twin(args: &mut CpuArgs<'_>) {
@@ -53,8 +53,8 @@ fn twin(args: &mut CpuArgs<'_>) {
     });
 }
 
-/// The neighbours of a brick along the axis, as far as searches have gone; each list ends where there
-/// is none.
+/// The neighbours of a brick along the axis, as far as searches have reached; each list ends where
+/// no brick follows.
 struct BrickChain<'a> {
     near: &'a [u32],
     axis: usize,
@@ -70,7 +70,8 @@ impl BrickChain<'_> {
         }
     }
 
-    /// The brick so many away, reached one by one.
+    /// Returns the slot of the brick `brick` bricks away along the axis; those on the way are
+    /// looked up once.
     fn slot(&mut self, brick: i32) -> Option<usize> {
         let (list, up) = if brick < 0 { (&mut self.down, false) } else { (&mut self.up, true) };
         let away = brick.unsigned_abs() as usize;
@@ -96,12 +97,14 @@ impl Rows<'_, '_> {
         self.f[at..][..8].try_into().expect("eight lanes")
     }
 
-    /// What a row costs from `k` rows away: every search adds up the same way.
+    /// Returns the squared distance to a row `k` rows away: all searches compute it alike, so that
+    /// they round alike.
     fn far(&self, k: i32) -> f32 {
         self.step2 * (k as f32) * (k as f32)
     }
 
-    /// The least of a row of the brick: the search goes outwards until no lane can find less.
+    /// Returns the minima of a row of the brick: the search goes outwards until no lane can find a
+    /// lower value.
     #[inline(always)]
     fn near(&self, at: usize) -> RowLanes {
         let slot = self.chain.up[0];
@@ -134,12 +137,12 @@ impl Rows<'_, '_> {
         best
     }
 
-    /// The eight rows of the brick in a wide lumen.
+    /// Returns the minima of the eight rows of the brick, in a wide lumen.
     ///
-    /// Where the least is found never goes back from row to row. So the first and last row are
-    /// searched outwards, and what lies between looks only between where its neighbours found
-    /// theirs: the lumen is crossed twice a brick instead of eight times. Keeping where it was
-    /// found costs a quarter, so in narrow lumens [`Rows::near`] is faster.
+    /// The position of the minimum never decreases from row to row. So the first and last row are
+    /// searched outwards, and each row between them is searched only between the positions found
+    /// for its neighbours: the lumen is crossed twice a brick instead of eight times. Recording
+    /// positions costs a quarter, so in narrow lumens [`Rows::near`] is faster.
     fn wide(&mut self) -> [RowLanes; 8] {
         let mut found: [Least; 8] = [([0.0; 8], [0; 8]); 8];
         for at in [0, 7] {
@@ -154,7 +157,7 @@ impl Rows<'_, '_> {
         found.map(|(best, _)| best)
     }
 
-    /// As [`Rows::near`], and where it was found.
+    /// Returns the minima of a row as [`Rows::near`] does, and their positions.
     fn outwards(&mut self, at: i32) -> Least {
         let mut best = *self.row(self.chain.up[0], at);
         let mut from = [at; 8];
@@ -184,7 +187,7 @@ impl Rows<'_, '_> {
         (best, from)
     }
 
-    /// Searches the rows from `lo` to `hi`, which searches before have reached.
+    /// Searches the rows from `lo` to `hi`, which earlier searches have reached.
     fn between(&mut self, at: i32, (lo, hi): (i32, i32)) -> Least {
         let (mut best, mut from) = ([f32::INFINITY; 8], [at; 8]);
         let mut q = lo;
@@ -200,7 +203,7 @@ impl Rows<'_, '_> {
     }
 }
 
-/// Takes what is less by way of row `q`.
+/// Updates minima and their positions with row `q`, at squared distance `far`.
 #[inline]
 fn take((best, from): (&mut RowLanes, &mut [i32; 8]), row: &RowLanes, far: f32, q: i32) {
     for ((best, from), f) in best.iter_mut().zip(from).zip(row) {

@@ -18,8 +18,8 @@ pub static KERNEL: Kernel = Kernel {
     cases,
 };
 
-/// Weights of a Gaussian for the centre and offsets 1 to ⌈4σ⌉, σ in voxels; they sum to one over
-/// both sides. As `scipy.ndimage.gaussian_filter`.
+/// Returns the weights of a Gaussian for the centre and offsets 1 to ⌈4σ⌉, σ in voxels; they sum to
+/// one over both sides. As `scipy.ndimage.gaussian_filter`.
 pub fn gaussian_weights(sigma_vox: f64) -> Vec<f32> {
     let radius = (4.0 * sigma_vox + 0.5).floor() as i32;
     let w: Vec<f64> =
@@ -28,7 +28,7 @@ pub fn gaussian_weights(sigma_vox: f64) -> Vec<f32> {
     w.iter().map(|w| (w / sum) as f32).collect()
 }
 
-/// Where a position along the axis lies: slot and place in its brick; `None` where no brick is.
+/// Slot and place in its brick of a position along the axis; `None` where there is no brick.
 type SlotAddress = Option<(usize, usize)>;
 
 fn twin(args: &mut CpuArgs<'_>) {
@@ -77,8 +77,8 @@ fn twin(args: &mut CpuArgs<'_>) {
     );
 }
 
-/// Sums of a brick, to be worked out in lanes as wide as the processor has: for that all of it must
-/// be inlined.
+/// Weighted sums of a brick, in SIMD lanes as wide as the processor has: for that all of the code
+/// must be inlined.
 struct Sums<'a> {
     out: &'a mut [f32],
     lines: &'a [[f32; 8]],

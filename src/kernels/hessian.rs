@@ -63,8 +63,8 @@ fn twin(args: &mut CpuArgs<'_>) {
     );
 }
 
-/// A row of a brick, to be worked out in lanes as wide as the processor has: for that all of it must
-/// be inlined.
+/// A row of a brick, processed in SIMD lanes as wide as the processor has: for that all of the code
+/// must be inlined.
 struct LaneRow<'a> {
     halo: &'a Halo,
     row: usize,
@@ -81,7 +81,8 @@ impl WithSimd for LaneRow<'_> {
     }
 }
 
-/// Eigenvalues of the eight Hessians of a row of a brick: smallest, middle and largest of each.
+/// Returns the eigenvalues of the eight Hessians of a row of a brick: smallest, middle and largest
+/// of each.
 #[inline(always)]
 fn row_values(halo: &Halo, row: usize, [hx, hy, hz]: [f32; 3], sign: f32) -> [[f32; 8]; 3] {
     // The rows around it by (y, z), each with its two neighbours along x.
@@ -106,11 +107,11 @@ fn row_values(halo: &Halo, row: usize, [hx, hy, hz]: [f32; 3], sign: f32) -> [[f
     out
 }
 
-/// Eigenvalues, ascending, of the symmetric matrix of diagonal `m` and rest `o` (xy, xz, yz), by
-/// the cubic's closed form. As `shaders/lib/eigenvalues.wgsl`, but without a branch, so that a row
-/// of voxels runs in lanes: with the determinant r of the scaled matrix, cos(acos(r) / 3) is
-/// a smooth function of √((1 + r) / 2), and the smallest root is the largest of the matrix turned.
-/// Rounded as there on the way to r: near double roots its last bit shows.
+/// Returns the eigenvalues, ascending, of the symmetric matrix of diagonal `m` and off-diagonal `o`
+/// (xy, xz, yz), by the cubic's closed form. As `shaders/lib/eigenvalues.wgsl`, but without a
+/// branch, so that a row of voxels runs in lanes: with the determinant r of the scaled matrix,
+/// cos(acos(r) / 3) is a smooth function of √((1 + r) / 2), and the smallest root is the largest of
+/// the negated matrix. Rounding up to r is as in the shader: near double roots its last bit shows.
 #[inline(always)]
 fn eigenvalues(m: [f32; 3], o: [f32; 3]) -> [f32; 3] {
     let q = (m[0] + m[1] + m[2]) / 3.0;
@@ -128,7 +129,7 @@ fn eigenvalues(m: [f32; 3], o: [f32; 3]) -> [f32; 3] {
     [low, mid, high].map(|v| if multiple { q } else { v })
 }
 
-/// cos(2/3 acos s) for s in [0, 1], within 1e-7: Chebyshev interpolation of degree 8.
+/// Returns cos(2/3 acos s) for s in [0, 1], within 1e-7: Chebyshev interpolation of degree 8.
 #[inline(always)]
 fn third(s: f32) -> f32 {
     const C: [f32; 9] = [

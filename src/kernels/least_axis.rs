@@ -1,4 +1,4 @@
-//! CPU twin and cases of `least_axis`: the least value within some voxels along an axis.
+//! CPU twin and cases of `least_axis`: the minimum within a radius, in voxels, along an axis.
 
 use rayon::prelude::*;
 

@@ -43,7 +43,7 @@ pub mod host {
     include!(concat!(env!("OUT_DIR"), "/kernels.rs"));
 }
 
-/// Every kernel there is.
+/// All kernels.
 pub static ALL: &[&Kernel] = &[
     &edt_rows::KERNEL,
     &edt_axis::KERNEL,
@@ -74,7 +74,8 @@ pub static ALL: &[&Kernel] = &[
     &copy::KERNEL,
 ];
 
-/// Neighbouring slot of `slot` along an axis, from the flat neighbour table kernels bind.
+/// Returns the neighbouring slot of `slot` along an axis, from the flat neighbour table kernels
+/// bind.
 #[inline]
 fn neighbour(near: &[u32], slot: usize, axis: usize, up: bool) -> Option<usize> {
     const AT: [[usize; 2]; 3] = [
@@ -88,7 +89,7 @@ fn neighbour(near: &[u32], slot: usize, axis: usize, up: bool) -> Option<usize> 
     }
 }
 
-/// Small lumens every brick kernel must survive.
+/// Returns small lumens that every brick kernel is tested on.
 fn test_lumens() -> Vec<(&'static str, Lumen)> {
     let of = |dims: [u32; 3], spacing: [f64; 3], inside: &dyn Fn(UVec3) -> bool| {
         let grid = Grid::axis_aligned(dims, spacing);
@@ -114,7 +115,8 @@ fn test_lumens() -> Vec<(&'static str, Lumen)> {
     ]
 }
 
-/// A smooth bump over a test lumen, distance-like: what the ridge kernels are fed in their cases.
+/// Returns a smooth bump over a test lumen, similar to a distance map, as input of the ridge
+/// kernels' cases.
 fn smooth_distance(lumen: &Lumen) -> Vec<f32> {
     let near: Vec<u32> = lumen.bricks.near().iter().flatten().copied().collect();
     let mut f = crate::lumen::bricks::bit_field(&lumen.inside);
@@ -144,14 +146,15 @@ fn smooth_distance(lumen: &Lumen) -> Vec<f32> {
     f
 }
 
-/// Values of a blurred wall about a test lumen, 0 to 4096, with noise: for the wall's kernels.
+/// Returns values of a blurred wall about a test lumen, 0 to 4096, with noise, as input of the wall
+/// kernels' cases.
 fn edge_values(lumen: &Lumen) -> Vec<i32> {
     let smooth = smooth_distance(lumen);
     let noise = |i: usize| (i * 7919 % 301) as i32 - 150;
     smooth.iter().enumerate().map(|(i, f)| 4096 - (f / 6.0 * 4096.0) as i32 + noise(i)).collect()
 }
 
-/// One case a test lumen; `build` appends the launches.
+/// Returns one case a test lumen; `build` appends the launches.
 fn cases_on_bricks(build: impl Fn(&mut Plan<'static>, &Lumen, Buf<u32>, Buf<u32>)) -> Vec<Case> {
     test_lumens()
         .into_iter()

@@ -8,7 +8,7 @@ use crate::compute::{Case, CpuArgs, Kernel, Plan, Tolerance};
 pub static KERNEL: Kernel =
     Kernel { shader: &SHADER, twin, unit: "counts", tolerance: Tolerance::EXACT, cases };
 
-/// Threads of a launch.
+/// Number of threads of a launch.
 pub const THREADS: usize = 256;
 
 fn twin(args: &mut CpuArgs<'_>) {

@@ -17,14 +17,14 @@ pub static KERNEL: Kernel = Kernel {
     cases,
 };
 
-/// Vertices of a parallel task.
+/// Number of vertices of a parallel task.
 const CHUNK: usize = 2048;
-/// The outside voxel is the lower one: see `shaders/lib/grid_edge.wgsl`.
+/// Flag of a grid edge whose outside voxel is the lower one: see `shaders/lib/grid_edge.wgsl`.
 pub const OUTSIDE_IS_LOWER: u32 = 1 << 24;
-/// The vertex may not move.
+/// Flag of a vertex that may not move.
 pub const FIXED: u32 = 1 << 25;
 
-/// Axis of a grid edge: the one along which twice the middle is odd.
+/// Returns the axis of a grid edge: the one along which twice the middle is odd.
 #[inline]
 pub fn edge_axis(code: u32) -> usize {
     if code & 1 != 0 {

@@ -18,7 +18,7 @@ pub static KERNEL: Kernel = Kernel {
     cases,
 };
 
-/// Added to the values of paths, so that 0 is no path.
+/// Offset that is added to the values of paths, so that 0 means no path.
 const BIAS: i32 = 32768;
 
 fn twin(args: &mut CpuArgs<'_>) {
@@ -63,7 +63,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     );
 }
 
-/// Core voxels are paths of themselves.
+/// Writes core voxels into the block as paths of their own.
 fn overlay_core(block: &mut BrickBlock, near: &[u32], slot: usize, core: &[u32], value: &[i32]) {
     for z in -1..9 {
         for y in -1..9 {

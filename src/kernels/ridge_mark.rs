@@ -43,7 +43,7 @@ impl Halo {
         Self(out)
     }
 
-    /// Place of a brick-local voxel.
+    /// Returns the index in the block of a voxel of the brick.
     #[inline]
     pub fn centre(local: usize) -> usize {
         (local & 7) + 1 + 10 * ((local >> 3 & 7) + 1) + 100 * ((local >> 6) + 1)
@@ -61,7 +61,7 @@ impl Halo {
         })
     }
 
-    /// The rows of ten around a row of eight (y + 8 z), by y then z from below to above.
+    /// Returns the rows of ten around a row of eight (y + 8 z), by y then z, both ascending.
     #[inline]
     pub fn rows(&self, row: usize) -> [&[f32; 10]; 9] {
         let first = 10 * (row & 7) + 100 * (row >> 3);
@@ -71,14 +71,15 @@ impl Halo {
         })
     }
 
-    /// Gradient at a place.
+    /// Returns the gradient at an index of the block.
     #[inline]
     pub fn gradient(&self, c: usize, h: Vec3) -> Vec3 {
         let f = &self.0;
         Vec3::new(f[c + 1] - f[c - 1], f[c + 10] - f[c - 10], f[c + 100] - f[c - 100]) / (2.0 * h)
     }
 
-    /// Diagonal (xx, yy, zz) and rest (xy, xz, yz) of the Hessian at a place.
+    /// Returns the diagonal (xx, yy, zz) and off-diagonal (xy, xz, yz) of the Hessian at an index
+    /// of the block.
     #[inline]
     pub fn hessian(&self, c: usize, h: Vec3) -> (Vec3, Vec3) {
         let f = &self.0;
@@ -95,8 +96,8 @@ impl Halo {
     }
 }
 
-/// Eigenvalues (ascending) of a symmetric matrix, and the vector of the largest unless the matrix
-/// is a multiple of the identity. As `shaders/lib/eigen.wgsl`.
+/// Returns the eigenvalues (ascending) of a symmetric matrix, and the eigenvector of the largest
+/// unless the matrix is a multiple of the identity. As `shaders/lib/eigen.wgsl`.
 pub fn eigen(m: Vec3, o: Vec3) -> (Vec3, Option<Vec3>) {
     let q = (m.x + m.y + m.z) / 3.0;
     let d = m - q;
@@ -122,7 +123,7 @@ pub fn eigen(m: Vec3, o: Vec3) -> (Vec3, Option<Vec3>) {
     (values, longest.map(|v| v / v.length()))
 }
 
-/// What the ridge test finds at a voxel.
+/// Result of the ridge test at a voxel.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Ridge {
     pub accepted: bool,
@@ -231,7 +232,7 @@ fn cases() -> Vec<Case> {
     })
 }
 
-/// Inside bits without the voxels whose decision hangs on rounding.
+/// Returns inside bits without the voxels whose decision depends on rounding.
 fn clear_of_limits(lumen: &crate::lumen::Lumen, f: &[f32], h: Vec3) -> Vec<u32> {
     let near: Vec<u32> = lumen.bricks.near().iter().flatten().copied().collect();
     let mut bits: Vec<u32> = bytemuck::cast_slice::<u64, u32>(&lumen.inside).to_vec();

@@ -10,7 +10,7 @@ use super::{cases_on_bricks, smooth_distance};
 use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::BRICK;
 
-/// Floats a candidate.
+/// Number of floats of a candidate.
 pub const STRIDE: usize = 12;
 
 /// See `shaders/ridge_measure.wgsl`.

@@ -1,5 +1,5 @@
-//! CPU twin and cases of `scale_bands`: what each band of scales holds that coarser ones do not
-//! foretell.
+//! CPU twin and cases of `scale_bands`: energy of each band's residual after prediction from the
+//! coarser band.
 
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
@@ -17,7 +17,7 @@ pub static KERNEL: Kernel = Kernel {
     cases,
 };
 
-/// Unit normals of a vertex at six scales, finest first.
+/// Returns the unit normals of a vertex at six scales, finest first.
 pub(super) fn ladder(normal: &[f32], level: &[[f32; 4]], v: usize) -> [Vec3; 6] {
     let raw = Vec3::from_slice(&normal[3 * v..]);
     let mut out = [raw; 6];
@@ -29,7 +29,7 @@ pub(super) fn ladder(normal: &[f32], level: &[[f32; 4]], v: usize) -> [Vec3; 6] 
     out
 }
 
-/// Share of a coarser band foretold in the next finer one.
+/// Returns the share of a coarser band by which the next finer one is predicted.
 pub(super) fn share(band: usize) -> f32 {
     if band == 0 { 1.0 } else { 0.5 }
 }
@@ -46,7 +46,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     });
 }
 
-/// Normals that swing, and smoothed ones that swing less.
+/// Returns normals that oscillate, and smoothed ones that oscillate less.
 pub(super) fn swinging(vertices: usize) -> (Vec<f32>, Vec<[f32; 4]>) {
     let at = |v: usize, swing: f32| {
         let a = v as f32 * 0.01;

@@ -39,7 +39,7 @@ pub(super) struct WeightedRing {
     pub weight: Vec<f32>,
 }
 
-/// A chain of `n` vertices; a single one has no neighbours.
+/// Returns a chain of `n` vertices; a single one has no neighbours.
 pub(super) fn ring(n: u32) -> WeightedRing {
     let each = if n > 1 { 2 } else { 0 };
     WeightedRing {

@@ -1,4 +1,4 @@
-//! CPU twin and cases of `scale_restore`: smooth normals with the detail that stands out of noise.
+//! CPU twin and cases of `scale_restore`: smooth normals with the detail that exceeds noise.
 
 use std::f32::consts::SQRT_2;
 

@@ -17,7 +17,7 @@ pub static KERNEL: Kernel = Kernel {
     cases,
 };
 
-/// A part and the stretch of a level that gains it.
+/// Coefficient of a term of the series, and the slice of a level that it is added to.
 type Gain<'a> = (f32, &'a mut [[f32; 4]]);
 
 fn twin(args: &mut CpuArgs<'_>) {

@@ -13,7 +13,7 @@ use crate::lumen::bricks::BRICK;
 pub static KERNEL: Kernel =
     Kernel { shader: &SHADER, twin, unit: "boundary voxels", tolerance: Tolerance::EXACT, cases };
 
-/// No candidate sees the voxel.
+/// Index that marks a voxel no candidate sees.
 pub const UNSEEN: u32 = u32::MAX;
 
 /// Whether every voxel strictly between the centres of a voxel and the one `d` away is open.

@@ -18,7 +18,7 @@ pub static KERNEL: Kernel = Kernel {
     cases,
 };
 
-/// Offsets up to this size are moved, 1/1024 of the mean spacing.
+/// Size below which an offset is corrected, 1/1024 of the mean spacing.
 const NEAR: i32 = 1024;
 
 fn twin(args: &mut CpuArgs<'_>) {
@@ -48,7 +48,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     });
 }
 
-/// How far the blur has moved the edge at a voxel.
+/// Returns the shift of the edge by blur at a voxel, 1/1024 of the mean spacing.
 fn shift(edges: &BrickBlock, offsets: &BrickBlock, q: [i32; 3], p: &Params) -> i32 {
     let (values, strides) = (edges.values(), edges.strides());
     let direction = |at: usize, axis: usize| {

@@ -18,17 +18,17 @@ pub static KERNEL: Kernel = Kernel {
     cases,
 };
 
-/// The offset that a level holds, 1/1024 of the mean spacing.
+/// Returns the offset that a level holds, 1/1024 of the mean spacing.
 pub fn offset(level: i32) -> i32 {
     level << 16 >> 16
 }
 
-/// The threshold that a level holds: 0 lumen, 4096 wall.
+/// Returns the threshold that a level holds: 0 lumen, 4096 wall.
 pub fn threshold(level: i32) -> i32 {
     level >> 16 & 0x3fff
 }
 
-/// Whether the offset follows from the distance to the core: by the values alone the lumen goes on.
+/// Whether the offset is limited by the distance to the core: the values show lumen beyond.
 pub fn is_capped(level: i32) -> bool {
     level & CAPPED != 0
 }

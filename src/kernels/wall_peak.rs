@@ -18,16 +18,16 @@ pub static KERNEL: Kernel = Kernel {
     cases,
 };
 
-/// Bits of a mark.
+/// Bit of a mark: voxel outside the core, or beside one that growth has not reached.
 pub const RIM: u32 = 1;
-/// Crest of a sheet.
+/// Bit of a mark: crest of a sheet.
 pub const CREST: u32 = 2;
-/// Joined in growth, or core.
+/// Bit of a mark: voxel of the core, or joined in growth.
 pub const JOINED: u32 = 8;
 
 /// Value of the wall; the lumen's is 0.
 const WALL: i32 = 4096;
-/// A crest stands this far above the lumen.
+/// Least value of a crest above the lumen.
 const MIN_CREST: i32 = 614;
 
 /// Values about a brick, positions counted from its first voxel.
@@ -42,7 +42,7 @@ struct BrickView<'a> {
 }
 
 impl BrickView<'_> {
-    /// Element of a voxel, held in the volume.
+    /// Returns the element of a voxel, clamped to the volume.
     #[inline]
     fn held(&self, p: [i32; 3]) -> Option<usize> {
         let q: [i32; 3] = std::array::from_fn(|a| {
@@ -54,7 +54,7 @@ impl BrickView<'_> {
         element(self.near, self.slot, q)
     }
 
-    /// Trilinear sharpened value at a place in 1/65536 of a voxel.
+    /// Returns the trilinear sharpened value at a position in 1/65536 of a voxel.
     #[inline]
     fn sample(&self, at: [i32; 3]) -> Option<i32> {
         let p = at.map(|c| c >> 16);
@@ -77,7 +77,8 @@ impl BrickView<'_> {
         Some(blend(low, high, f[2]))
     }
 
-    /// Fall on the weaker side of a crest, over the 13 directions; 0 where it is none.
+    /// Returns the fall on the weaker side of a crest, the largest over the 13 directions; 0 where
+    /// it is none.
     fn crest_fall(&self, p: [i32; 3], here: i32) -> i32 {
         let mut most = 0;
         for n in 14..27 {
@@ -149,7 +150,7 @@ fn twin(args: &mut CpuArgs<'_>) {
         });
 }
 
-/// First maximum along the gradient, and the weight of this voxel.
+/// Returns the first maximum along the gradient, and the weight of this voxel.
 fn along_gradient(
     view: BrickView<'_>,
     calm: &[i32],

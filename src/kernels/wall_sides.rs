@@ -1,4 +1,4 @@
-//! CPU twin and cases of `wall_sides`: offsets that agree with the mask.
+//! CPU twin and cases of `wall_sides`: offsets whose sign agrees with the mask.
 
 use rayon::prelude::*;
 
