@@ -11,12 +11,12 @@ use crate::lumen::bricks::{BRICK, Bricks, NONE, near_index};
 
 /// Position of a vertex between the inside and the outside voxel of its edge.
 pub trait Crossing: Sync {
-    /// Fraction of the way from the inside voxel to the outside one, in [1/256, 255/256].
-    /// `outside` may lie outside the grid.
+    /// Returns the position of the vertex as a share of the edge from the inside voxel to the
+    /// outside one, in [1/256, 255/256]. `outside` may lie outside the grid.
     fn fraction(&self, inside: IVec3, outside: IVec3) -> f32;
 }
 
-/// Half way, for the surface of a binary mask.
+/// Crossing half way, for the surface of a binary mask.
 pub struct Midpoint;
 
 impl Crossing for Midpoint {
@@ -25,7 +25,7 @@ impl Crossing for Midpoint {
     }
 }
 
-/// Keeps a crossing away from voxel centres, so that no two vertices coincide.
+/// Clamps a crossing away from voxel centres, so that no two vertices coincide.
 pub fn clamp_fraction(t: f32) -> f32 {
     if t.is_nan() { 0.5 } else { t.clamp(1.0 / 256.0, 255.0 / 256.0) }
 }
@@ -38,7 +38,7 @@ struct Edges {
     count: u32,
 }
 
-/// Bits of a layer one voxel further along +x, given the layer of the +x neighbour.
+/// Shifts the bits of a layer by one voxel along +x, given the layer of the +x neighbour.
 #[inline]
 fn shift_x(m: u64, beyond: u64) -> u64 {
     const LOW: u64 = 0x0101_0101_0101_0101;
@@ -50,8 +50,8 @@ fn shift_y(m: u64, beyond: u64) -> u64 {
     m >> 8 | beyond << 56
 }
 
-/// For each layer: the four masks at (0,0), (1,0), (0,1), (1,1) in x, y; nine layers, the last
-/// from above.
+/// Returns for each layer the four masks at (0,0), (1,0), (0,1), (1,1) in x, y; nine layers, the
+/// last from the brick above.
 fn layers(bricks: &Bricks, inside: &[u64], slot: usize) -> [[u64; 4]; 9] {
     let near = &bricks.near()[slot];
     let word = |dx: i32, dy: i32, dz: i32, z: usize| match near[near_index(dx, dy, dz)] {
@@ -82,7 +82,7 @@ fn edges(layers: &[[u64; 4]; 9]) -> Edges {
     e
 }
 
-/// Cells of a layer with corners both inside and outside.
+/// Returns the cells of a layer with corners both inside and outside.
 #[inline]
 fn mixed(low: &[u64; 4], high: &[u64; 4]) -> u64 {
     let any = low.iter().chain(high).fold(0, |a, b| a | b);
@@ -119,21 +119,21 @@ fn parts<T>(mut rest: &mut [T], lens: impl Iterator<Item = usize>) -> Vec<&mut [
     .collect()
 }
 
-/// The grid edge that a vertex lies on: two 6-adjacent voxels.
+/// Grid edge that a vertex lies on: two 6-adjacent voxels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct GridEdge {
-    /// The voxel of the lumen.
+    /// Voxel of the lumen.
     pub inside: IVec3,
-    /// The other one; it may lie outside the grid.
+    /// Voxel outside the lumen; it may lie outside the grid.
     pub outside: IVec3,
 }
 
-/// The grid edge of every vertex of [`extract`], in its order.
+/// Returns the grid edge of every vertex of [`extract`], in its order.
 pub fn vertex_edges(lumen: &Lumen) -> Vec<GridEdge> {
     each_vertex(lumen, &crossed_edges(lumen), |edge| edge)
 }
 
-/// Crossed edges of every brick.
+/// Returns the crossed edges of every brick.
 fn crossed_edges(lumen: &Lumen) -> Vec<Edges> {
     let bricks = &lumen.bricks;
     (0..bricks.len())
@@ -146,7 +146,7 @@ fn crossed_edges(lumen: &Lumen) -> Vec<Edges> {
         .collect()
 }
 
-/// A value for every vertex, in the order of the bricks.
+/// Computes a value for every vertex, in the order of the bricks.
 fn each_vertex<T: Clone + Default + Send>(
     lumen: &Lumen,
     all: &[Edges],
@@ -179,7 +179,7 @@ fn each_vertex<T: Clone + Default + Send>(
     values
 }
 
-/// A place on a grid edge, LPS mm.
+/// Returns a point on a grid edge, LPS mm.
 pub(super) fn point_on(edge: GridEdge, world: &DAffine3, fraction: f32) -> Vec3 {
     let at = edge.inside.as_dvec3().lerp(edge.outside.as_dvec3(), f64::from(fraction));
     world.transform_point3(at).as_vec3()
@@ -227,7 +227,7 @@ pub fn extract(lumen: &Lumen, crossing: &impl Crossing) -> Mesh {
     Mesh { positions, normals: Vec::new(), faces, caps }
 }
 
-/// Bricks of a parallel task.
+/// Number of bricks of a parallel task.
 const GROUP: usize = 32;
 
 /// Appends the faces of a brick's cells, and whether each is a cap if the lumen reaches the edge.
@@ -274,7 +274,7 @@ fn faces_of(
     }
 }
 
-/// Id of the vertex where a ray from an inside voxel along +x leaves the lumen.
+/// Returns the id of the vertex where a ray from an inside voxel along +x leaves the lumen.
 pub(super) fn vertex_beyond(lumen: &Lumen, from: IVec3) -> Option<u32> {
     let bricks = &lumen.bricks;
     let mut p = from;

@@ -11,42 +11,43 @@ use crate::kernels::fair as kernel;
 /// Weights of the discrete Laplacian (Li et al. 2004, section 2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weights {
-    /// 1/m, m the valence.
+    /// Equal weights 1/m, m the valence.
     Uniform,
-    /// Inverse edge length, divided by the sum.
+    /// Inverse edge lengths, divided by their sum.
     InverseDistance,
 }
 
-/// How to smooth normals.
+/// Options of normal smoothing by steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fairing {
-    /// Steps; the iteration has no useful limit, so the number of steps is the rule.
+    /// Number of steps, which has to be given: the iteration has no useful limit.
     pub steps: u32,
     /// Share of the neighbours' mean in a step, in (0, 1).
     pub lambda: f32,
-    /// Weights.
+    /// Weights of the neighbours.
     pub weights: Weights,
 }
 
 /// Method of smoothing normals.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Smoothing {
-    /// Each vertex as far as its surroundings allow ([`super::multiscale_normals`]).
+    /// Multiscale smoothing: each vertex as far as its surroundings allow
+    /// ([`super::multiscale_normals`]).
     Multiscale,
-    /// The paper's: the same number of steps for every vertex.
+    /// Smoothing of Li et al. 2004: the same number of steps for every vertex.
     Steps(Fairing),
 }
 
-/// With this many steps the error on spheres, tori and tubes is within a fifth of that with the best
-/// number of steps.
+/// Number of steps with which the error on spheres, tori and tubes is within a fifth of that with
+/// the best number of steps.
 pub const DEFAULT_STEPS: u32 = 30;
 
 impl Fairing {
-    /// The paper's: uniform weights, λ = 0.5.
+    /// Options of Li et al. 2004: uniform weights, λ = 0.5.
     pub const PAPER: Self = Self { steps: DEFAULT_STEPS, lambda: 0.5, weights: Weights::Uniform };
 }
 
-/// Area-weighted vertex normals, three floats a vertex; a vertex without area gets +z.
+/// Returns area-weighted vertex normals, three floats a vertex; a vertex without area gets +z.
 pub fn face_normals(mesh: &Mesh) -> Vec<f32> {
     let mut sum = vec![Vec3::ZERO; mesh.positions.len()];
     for &f in &mesh.faces {
@@ -61,7 +62,7 @@ pub fn face_normals(mesh: &Mesh) -> Vec<f32> {
         .collect()
 }
 
-/// Normalised weights of every adjacency entry.
+/// Returns the normalised weights of every adjacency entry.
 pub fn weights(mesh: &Mesh, adjacency: &Adjacency, weights: Weights) -> Vec<f32> {
     let shortest =
         mesh.bounds().map_or(0.0, |(lo, hi)| 1e-6 * (hi - lo).length()).max(f32::MIN_POSITIVE);

@@ -19,7 +19,7 @@ pub struct Grey<'a> {
 }
 
 impl<'a> Grey<'a> {
-    /// Crossings for a range of intensities; `None` for labels, between which nothing is
+    /// Prepares crossings for a range of intensities; `None` for labels, between which nothing is
     /// interpolated.
     pub fn new(volume: &'a Volume, selection: &IntensitySelection) -> Option<Self> {
         let IntensitySelection::Range { lo, hi } = *selection else { return None };

@@ -1,7 +1,7 @@
 //! Diffusion on a graph by a truncated Chebyshev series of the heat kernel.
 
-/// Coefficients of exp(−a (1 − S)) in Chebyshev polynomials of S: (2 − δ) e^−a I_k(a), by downward
-/// (Miller) recurrence from where they vanish.
+/// Returns the coefficients of exp(−a (1 − S)) in Chebyshev polynomials of S: (2 − δ) e^−a I_k(a),
+/// by downward (Miller) recurrence from where they vanish.
 pub fn series(a: f64, count: usize) -> Vec<f64> {
     let from = 3 * terms(a, 1.0 / 15.0) + 20;
     let (mut above, mut here) = (0.0, 1e-280);
@@ -16,7 +16,7 @@ pub fn series(a: f64, count: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Number of terms for which the truncation error is less than `cut` in every mode.
+/// Returns the number of terms for which the truncation error is less than `cut` in every mode.
 pub fn terms(a: f64, cut: f64) -> usize {
     (2.0 * a * -cut.ln()).sqrt().ceil() as usize + 2
 }

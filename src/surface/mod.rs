@@ -24,11 +24,11 @@ use crate::lumen::Lumen;
 
 /// The surface of a lumen with its adjacency and counts.
 pub struct Surface {
-    /// The mesh; normals still empty.
+    /// Mesh of the surface; normals still empty.
     pub mesh: Mesh,
     /// Adjacent vertices.
     pub adjacency: Adjacency,
-    /// Counts.
+    /// Topological counts.
     pub topology: Topology,
 }
 
@@ -39,7 +39,7 @@ impl Surface {
         Self::of(extract(lumen, crossing), lumen, seed)
     }
 
-    /// Adjacency and counts of a lumen's extracted mesh; `seed` as in [`Surface::new`].
+    /// Computes adjacency and counts of a lumen's extracted mesh; `seed` as in [`Surface::new`].
     pub fn of(mesh: Mesh, lumen: &Lumen, seed: Option<glam::IVec3>) -> Self {
         let (adjacency, watertight) = Adjacency::of(&mesh);
         let topology = adjacency.topology(&mesh, watertight);

@@ -16,11 +16,11 @@ use crate::compute::{Buf, Plan};
 use crate::geometry::Mesh;
 use crate::kernels::{scale_bands, scale_pool, scale_restore, scale_step};
 
-/// Standard deviations of the five smoothed scales over the largest voxel spacing. Each has twice
-/// the time of the one before.
+/// Standard deviations of the five smoothed scales over the largest voxel spacing. Each takes twice
+/// the diffusion time of the one before.
 const SCALES: [f64; 5] = [1.0, std::f64::consts::SQRT_2, 2.0, 2.0 * std::f64::consts::SQRT_2, 4.0];
 
-/// Error of the truncated series in any mode, at most. A tighter one changes no measured error by
+/// Largest error of the truncated series in any mode. A smaller one changes no measured error by
 /// more than 0.1 degree and needs a third more steps.
 const CUT: f64 = 1.0 / 15.0;
 
@@ -29,7 +29,7 @@ const CUT: f64 = 1.0 / 15.0;
 /// doubles, above 8 nothing is gained.
 const RATE: f64 = 8.0;
 
-/// Averaging steps of the bands' energies: a standard deviation of 1.1 voxels.
+/// Number of averaging steps of the bands' energies: a standard deviation of 1.1 voxels.
 const POOL_STEPS: u32 = 5;
 
 /// Median angle between a normal and the mean around it at which a surface has the full noise of a
@@ -42,7 +42,7 @@ const MASK_ROUGHNESS: f32 = 0.152 / 1.4;
 /// mostly noise, on grey surfaces too: only creases exceed it.
 const RAW: f64 = 0.6;
 
-/// Vertex ranges for each thread.
+/// Number of vertex ranges for each thread.
 const RANGES_PER_THREAD: usize = 2;
 
 /// Axes and spacing of the voxel grid that a surface was extracted from: the steps to smooth away.
@@ -55,9 +55,9 @@ pub struct VoxelFrame {
 }
 
 impl VoxelFrame {
-    /// Estimate for a mesh that comes without a grid: axes of patient space, and along each the
-    /// 99.5th percentile of the edges' extents, as marching cubes makes edges up to one voxel long.
-    /// A mesh without extent gets 1 mm.
+    /// Estimates the frame of a mesh that comes without a grid: axes of patient space, and along
+    /// each the 99.5th percentile of the edges' extents, as marching cubes makes edges up to one
+    /// voxel long. A mesh without extent gets 1 mm.
     pub fn of(mesh: &Mesh) -> Self {
         let span = |f: &[u32; 3], k: usize, axis: usize| {
             let p = |v: u32| mesh.positions[v as usize][axis];
@@ -98,7 +98,7 @@ pub struct MultiscaleNormals {
 }
 
 impl MultiscaleNormals {
-    /// Weights and area vectors of a mesh; `adjacency` is the mesh's own.
+    /// Computes weights and area vectors of a mesh; `adjacency` is the mesh's own.
     pub fn new(mesh: &Mesh, adjacency: &Adjacency, frame: VoxelFrame) -> Self {
         let h = frame.spacing_mm;
         let (most, least) = (h.max_element(), h.min_element());
@@ -131,20 +131,20 @@ impl MultiscaleNormals {
 /// A range of vertices with their initial values. Each range is summed in a pass over all faces, so
 /// that every sum is in the order of the faces whatever the number of ranges is.
 struct VertexRange<'a> {
-    /// Its first vertex.
+    /// Index of the range's first vertex.
     first: usize,
-    /// First entry of its first vertex in the adjacency.
+    /// Adjacency index of the first entry of that vertex.
     entry: usize,
     weight: &'a mut [f32],
     density: &'a mut [Vec4],
     normals: &'a mut [f32],
 }
 
-/// The slices of weights, densities and normals that ranges are cut from.
+/// Remaining slices of weights, densities and normals, from which ranges are cut.
 type Rest<'a> = (&'a mut [f32], &'a mut [Vec4], &'a mut [f32]);
 
 impl<'a> VertexRange<'a> {
-    /// Cuts the vertices before `end` from the rest.
+    /// Cuts the vertices before `end` off the remaining slices.
     fn split(rest: &mut Rest<'a>, adjacency: &Adjacency, end: usize) -> Self {
         let (weight, density, normals) = std::mem::take(rest);
         let first = adjacency.start.len() - 1 - density.len();
@@ -199,8 +199,8 @@ impl<'a> VertexRange<'a> {
         }
     }
 
-    /// Normals from the area vectors; weights over area, or over an area enlarged such that they
-    /// sum to `rate`.
+    /// Computes normals from the area vectors, and weights over area, or over an area enlarged such
+    /// that they sum to `rate`.
     fn scale(&mut self, adjacency: &Adjacency, rate: f32) {
         let normals = self.normals.as_chunks_mut::<3>().0;
         let mut rest = &mut *self.weight;
@@ -220,8 +220,8 @@ impl<'a> VertexRange<'a> {
     }
 }
 
-/// Median angle (as a chord) between normals and the mean of those adjacent to them, over some
-/// thirty thousand vertices spread over the mesh.
+/// Returns the median angle (as a chord) between normals and the mean of those adjacent to them,
+/// over some thirty thousand vertices spread over the mesh.
 fn roughness(normals: &[f32], adjacency: &Adjacency) -> f32 {
     let at = |v: usize| Vec3::from_slice(&normals[3 * v..]);
     let vertices = normals.len() / 3;

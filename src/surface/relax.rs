@@ -23,11 +23,11 @@ use crate::lumen::Lumen;
 /// sliding to them is no gain.
 pub const MAX_SPACING_RATIO: f64 = 3.0;
 
-/// Largest ratio of spacings that is relaxed without being asked: beyond it small polyps lose half
-/// of their height.
+/// Largest ratio of spacings that is relaxed by default: beyond it small polyps lose half of their
+/// height.
 const DEFAULT_SPACING_RATIO: f64 = 2.0;
 
-/// Steps of the minimisation: with this many it has converged as far as noise allows.
+/// Number of steps of the minimisation: with this many it has converged as far as noise allows.
 const STEPS: u32 = 24;
 
 /// Momentum of a step.
@@ -40,29 +40,29 @@ const STIFFNESS: f32 = 0.05;
 /// faces above 4.5 degrees.
 const CLEARANCE: f64 = 1.0 / 8.0;
 
-/// Averaging steps of the curvature in the guard.
+/// Number of averaging steps of the curvature in the guard.
 const BEND_STEPS: u32 = 2;
 
-/// Averaging steps of the low-pass in the guard, and how often it is applied.
+/// Number of averaging steps of the low-pass in the guard, and of its applications.
 const SHIFT_STEPS: u32 = 4;
 const GUARD_ROUNDS: u32 = 2;
 
-/// Why a wall is not relaxed.
+/// Errors of relaxing a wall.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RelaxError {
-    /// Slices are too thick.
+    /// The spacings differ too much: slices are too thick.
     #[error(
         "the largest voxel spacing is {ratio:.2} times the smallest; walls are relaxed up to \
          {MAX_SPACING_RATIO}"
     )]
     SpacingRatio {
-        /// Largest over smallest spacing.
+        /// Ratio of the largest to the smallest spacing.
         ratio: f64,
     },
 }
 
-/// Whether the wall of a label map with this voxel spacing is relaxed without being asked.
+/// Whether the wall of a label map with this voxel spacing is relaxed by default.
 pub fn relaxes_by_default(spacing_mm: DVec3) -> bool {
     spacing_ratio(spacing_mm) <= DEFAULT_SPACING_RATIO * (1.0 + 1e-6)
 }
@@ -71,18 +71,18 @@ fn spacing_ratio(spacing_mm: DVec3) -> f64 {
     spacing_mm.max_element() / spacing_mm.min_element()
 }
 
-/// The grid edges of a halfway wall.
+/// Grid edges of a halfway wall, as input of its relaxation.
 pub struct RelaxInput {
-    /// One word a vertex: see `shaders/lib/grid_edge.wgsl`.
+    /// Grid edge of each vertex, one word: see `shaders/lib/grid_edge.wgsl`.
     edges: Vec<u32>,
-    /// From a voxel to the next along each grid axis, mm.
+    /// Vectors from a voxel to the next along each grid axis, mm.
     axes_mm: [DVec3; 3],
 }
 
 impl RelaxInput {
-    /// Grid edges of a lumen's halfway wall.
+    /// Finds the grid edges of a lumen's halfway wall.
     ///
-    /// * `mesh`: [`super::extract`]ed with [`Midpoint`], all of it or a component.
+    /// * `mesh`: mesh [`super::extract`]ed with [`Midpoint`], all of it or a component.
     ///
     /// # Errors
     /// [`RelaxError`].
@@ -115,7 +115,7 @@ impl RelaxInput {
         Ok(Self { edges, axes_mm })
     }
 
-    /// Positions of the relaxed wall, LPS mm.
+    /// Computes the positions of the relaxed wall, LPS mm.
     ///
     /// * `halfway`: positions of the mesh that `self` was made of.
     /// * `fractions`: from [`relax`].
@@ -147,7 +147,7 @@ impl RelaxInput {
     }
 }
 
-/// The word of a grid edge.
+/// Returns the word that encodes a grid edge.
 fn code(edge: GridEdge, lumen: &Lumen) -> u32 {
     let middle = edge.inside + edge.outside;
     let [x, y, z] = middle.to_array().map(|m| m as u32 & 255);
@@ -157,12 +157,12 @@ fn code(edge: GridEdge, lumen: &Lumen) -> u32 {
     x | y << 8 | z << 16 | side | fixed
 }
 
-/// Appends the relaxation; returns for each vertex how far it moves from the middle of its grid edge
+/// Appends the relaxation; returns for each vertex its shift from the middle of its grid edge
 /// towards the outside voxel, as a fraction of the edge in (−½, ½); 0 where the edge leaves the
 /// volume.
 ///
-/// * `adjacency`: of the mesh that `input` was made of.
-/// * `normals`: its smoothed unit normals, three floats a vertex.
+/// * `adjacency`: adjacency of the mesh that `input` was made of.
+/// * `normals`: smoothed unit normals of that mesh, three floats a vertex.
 pub fn relax<'a>(
     plan: &mut Plan<'a>,
     adjacency: &'a Adjacency,

@@ -6,25 +6,26 @@ use rayon::prelude::*;
 use super::{Adjacency, heat};
 use crate::geometry::{Mesh, Vertex};
 
-/// Vertices of a parallel task.
+/// Least number of vertices of a parallel task.
 const MIN_LEN: usize = 4096;
-/// Averaging rounds, at most: enough for edges of a 64th of the smoothing radius.
+/// Largest number of averaging rounds: enough for edges of a 64th of the smoothing radius.
 const MAX_ROUNDS: f64 = 4096.0;
-/// Error of the truncated series in any mode, at most.
+/// Largest error of the truncated series in any mode.
 const CUT: f64 = 1.0 / 15.0;
 
-/// A mesh's vertices as drawn, and the radius that the light is scaled by.
+/// Vertices of a mesh as drawn, and the radius that the light is scaled by.
 #[derive(Clone, Debug, Default)]
 pub struct Shading {
-    /// One for each vertex of the mesh; `w` is the curvature tint: k / (1 + |k|), where k is the mean
-    /// curvature times the mean radius, plus a half; 0 on a plain tube, positive on ridges.
+    /// Vertices, one for each of the mesh's; `w` is the curvature tint: k / (1 + |k|), where k is
+    /// the mean curvature times the mean radius, plus a half; 0 on a plain tube, positive on
+    /// ridges.
     pub vertices: Vec<Vertex>,
     /// Radius of the long tube with the mesh's ratio of volume to area, mm.
     pub mean_radius_mm: f32,
 }
 
-/// Vertices as drawn, with the mesh's own normals or, where it has none, area-weighted means of its
-/// faces'.
+/// Returns the vertices as drawn, with the mesh's own normals or, where it has none, area-weighted
+/// means of its faces'.
 ///
 /// # Panics
 /// If a face names a vertex that is not there.
@@ -45,8 +46,8 @@ pub fn shading(mesh: &Mesh) -> Shading {
     Shading { vertices: (0..vertices).map(at).collect(), mean_radius_mm }
 }
 
-/// Radius of the long tube with this volume and area, 2 V / A; for open or tiny meshes a share of
-/// their size, mm.
+/// Returns the radius, mm, of the long tube with this volume and area, 2 V / A; for open or tiny
+/// meshes a share of their size.
 fn mean_radius(mesh: &Mesh) -> f32 {
     let r = (2.0 * mesh.volume_mm3().abs() / mesh.area_mm2()) as f32;
     let size = mesh.bounds().map_or(1.0, |(lo, hi)| (hi - lo).length());
@@ -62,11 +63,12 @@ fn normals(mesh: &Mesh) -> Vec<Vec3> {
     sum.iter().map(|n| n.try_normalize().unwrap_or(Vec3::Z)).collect()
 }
 
-/// Mean normal curvature at each vertex, 1/mm, positive where the wall protrudes into the lumen;
-/// smoothed over about a fifth of `radius_mm`, so that folds show and voxels do not.
+/// Computes the mean normal curvature at each vertex, 1/mm, positive where the wall protrudes into
+/// the lumen; smoothed over about a fifth of `radius_mm`, so that folds show and voxels do not.
 ///
-/// Numerator and denominator are weighted by squared edge length and smoothed apart: the turn of
-/// the normal along a very short edge is noise, and its quotient would outweigh a whole fold.
+/// Numerator and denominator are weighted by squared edge length and smoothed separately: the
+/// rotation of the normal along a very short edge is noise, and its quotient would outweigh a whole
+/// fold.
 fn curvature(mesh: &Mesh, normals: &[Vec3], radius_mm: f32) -> Vec<f32> {
     let (adjacency, _) = Adjacency::of(mesh);
     // Sums over edges of normal difference dot edge vector, and of squared lengths.
@@ -88,8 +90,9 @@ fn curvature(mesh: &Mesh, normals: &[Vec3], radius_mm: f32) -> Vec<f32> {
     sums.into_iter().map(|s| if s.y > 0.0 { s.x / s.y } else { 0.0 }).collect()
 }
 
-/// Values at vertices after `rounds` of averaging with the neighbours, up to a common factor near 1.
-/// Computed by a Chebyshev series whose length grows with the square root of `rounds`.
+/// Returns values at vertices after `rounds` of averaging with the neighbours, up to a common
+/// factor near 1. They are computed by a Chebyshev series whose length grows with the square root
+/// of `rounds`.
 fn diffuse(adjacency: &Adjacency, values: Vec<Vec2>, rounds: f64) -> Vec<Vec2> {
     let mean = |of: &[Vec2], v: usize| {
         let near = adjacency.row(v);

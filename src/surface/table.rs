@@ -13,13 +13,13 @@ use std::sync::LazyLock;
 /// An edge of the cell: its lower corner and its axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CellEdge {
-    /// Corner with the smaller coordinate.
+    /// Index of the corner with the smaller coordinate.
     pub corner: u8,
-    /// 0 x, 1 y, 2 z.
+    /// Axis of the edge: 0 x, 1 y, 2 z.
     pub axis: u8,
 }
 
-/// The twelve edges: index `corner_rank + 4 axis`.
+/// Edges of the cell: index `corner_rank + 4 axis`.
 pub const EDGES: [CellEdge; 12] = {
     let low = [[0, 2, 4, 6], [0, 1, 4, 5], [0, 1, 2, 3]];
     let mut e = [CellEdge { corner: 0, axis: 0 }; 12];
@@ -45,14 +45,14 @@ fn edge_between(a: u8, b: u8) -> u8 {
     EDGES.iter().position(|e| e.corner == corner && e.axis == axis).expect("adjacent corners") as u8
 }
 
-/// Faces an edge lies on, as bits.
+/// Returns the faces an edge lies on, as bits.
 fn faces_of(edge: u8) -> u8 {
     let e = EDGES[edge as usize];
     let (a, b) = (e.corner, e.corner | 1 << e.axis);
     (0..6).filter(|&f| FACES[f].contains(&a) && FACES[f].contains(&b)).fold(0, |m, f| m | 1 << f)
 }
 
-/// Closed polygons of a case.
+/// Returns the closed polygons of a case.
 fn polygons(case: u8) -> Vec<Vec<u8>> {
     let inside = |c: u8| case >> c & 1 != 0;
     let mut next = [None; 12];
@@ -85,7 +85,7 @@ fn polygons(case: u8) -> Vec<Vec<u8>> {
     loops
 }
 
-/// A triangulation without chords inside a face, the first in lexical order.
+/// Returns the first triangulation, in lexical order, without chords inside a face.
 fn triangulate(polygon: &[u8]) -> Option<Vec<[u8; 3]>> {
     let n = polygon.len();
     if n < 3 {

@@ -8,39 +8,40 @@ use crate::geometry::Mesh;
 /// Adjacent vertices of every vertex, ascending, in compressed rows.
 #[derive(Clone, Debug, Default)]
 pub struct Adjacency {
-    /// First entry of each vertex, and the end: V + 1 numbers.
+    /// Index of the first entry of each vertex, and the end: V + 1 numbers.
     pub start: Vec<u32>,
-    /// Adjacent vertices.
+    /// Adjacent vertices, by vertex.
     pub near: Vec<u32>,
 }
 
 /// Topological counts of a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Topology {
-    /// Vertices used by faces.
+    /// Number of vertices used by faces.
     pub vertices: usize,
-    /// Faces.
+    /// Number of faces.
     pub faces: usize,
-    /// Undirected edges.
+    /// Number of undirected edges.
     pub edges: usize,
-    /// Connected components.
+    /// Number of connected components.
     pub components: usize,
-    /// V − E + F.
+    /// Euler number, V − E + F.
     pub euler: i64,
-    /// Every directed edge occurs once and its reverse once.
+    /// Whether every directed edge occurs once and its reverse once.
     pub watertight: bool,
 }
 
 impl Topology {
-    /// Handles of a closed surface: loops of the lumen that a tree does not follow; 0 for a mesh
-    /// that is not closed. A closed surface of genus g has Euler number 2 − 2 g.
+    /// Returns the number of handles of a closed surface: loops of the lumen that a tree does not
+    /// follow; 0 for a mesh that is not closed. A closed surface of genus g has Euler number 2 − 2
+    /// g.
     pub fn tunnels(&self) -> i64 {
         if self.watertight { self.components as i64 - self.euler / 2 } else { 0 }
     }
 }
 
 impl Adjacency {
-    /// Adjacency of a mesh of any kind, and whether it is watertight.
+    /// Computes the adjacency of a mesh of any kind, and whether it is watertight.
     pub fn of(mesh: &Mesh) -> (Self, bool) {
         let n = mesh.positions.len();
         // Directed edges by their first vertex; a closed oriented mesh has each reverse once.
@@ -106,12 +107,12 @@ impl Adjacency {
         (Self { start, near: pairs.iter().map(|p| *p as u32).collect() }, false)
     }
 
-    /// Adjacent vertices of `v`.
+    /// Returns the adjacent vertices of `v`.
     pub fn row(&self, v: usize) -> &[u32] {
         &self.near[self.start[v] as usize..self.start[v + 1] as usize]
     }
 
-    /// Component of each vertex (its smallest vertex id).
+    /// Returns the component of each vertex (its smallest vertex id).
     pub fn components(&self) -> Vec<u32> {
         let n = self.start.len().saturating_sub(1);
         let mut label = vec![u32::MAX; n];
@@ -134,7 +135,7 @@ impl Adjacency {
         label
     }
 
-    /// Counts of the mesh.
+    /// Counts vertices, faces, edges and components of the mesh.
     pub fn topology(&self, mesh: &Mesh, watertight: bool) -> Topology {
         let n = mesh.positions.len();
         let used = (0..n).filter(|&v| !self.row(v).is_empty()).count();
@@ -147,7 +148,7 @@ impl Adjacency {
     }
 }
 
-/// The component of one vertex, in the order of the mesh.
+/// Extracts the component of one vertex, in the order of the mesh.
 pub fn keep_component(mesh: &Mesh, labels: &[u32], of: u32) -> Mesh {
     let kept = labels[of as usize];
     let mut id = vec![u32::MAX; mesh.positions.len()];
