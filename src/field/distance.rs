@@ -11,7 +11,7 @@ use crate::kernels::{edt_axis, edt_rows};
 /// distance in voxels is an integer and exact up to 2^24.
 ///
 /// Separable passes after Meijster 2000, doi:10.1007/0-306-47025-X_36, restricted to the runs of
-/// the lumen: time follows the lumen, not its box.
+/// the lumen: time is proportional to the lumen, not its box.
 pub fn distance(plan: &mut Plan<'_>, lumen: &LumenBuffers) -> Buf<f32> {
     let h = lumen.spacing_mm.as_vec3();
     // Isotropic grids are measured in voxels and scaled at the end, which keeps squares integral.

@@ -5,21 +5,21 @@ use crate::compute::{Buf, Plan};
 use crate::kernels::{gauss_axis, hessian as kernel};
 use crate::lumen::bricks::BRICK;
 
-/// What to make of the Hessian's eigenvalues l1 ≤ l2 ≤ l3.
+/// Function of the Hessian's eigenvalues l1 ≤ l2 ≤ l3 that is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Response {
-    /// All three, ascending: three values a voxel.
+    /// All three eigenvalues, ascending: three values a voxel.
     Eigenvalues,
-    /// max(0, -l2): how fast the field falls across its weaker direction.
+    /// Ridge strength max(0, -l2): curvature across the ridge in the direction where it is weaker.
     Ridge,
-    /// √(l1·l2) where l2 < 0, else 0.
+    /// Tube strength √(l1·l2) where l2 < 0, else 0.
     Tubeness,
 }
 
 /// Appends a Gaussian of `sigma_mm` in all three directions, truncated at 4 σ.
 ///
-/// With `repeat` the field fills a volume of that many voxels, whose edge repeats; without, what
-/// lies beyond the bricks counts as 0.
+/// With `repeat` the field fills a volume of that many voxels, whose edge repeats; without, values
+/// beyond the bricks count as 0.
 pub fn smooth(
     plan: &mut Plan<'_>,
     lumen: &LumenBuffers,
@@ -49,11 +49,11 @@ pub fn smooth(
     f
 }
 
-/// Appends the Hessian response of a (smoothed) field at inside voxels; 0 elsewhere. It comes in
-/// as many buffers, in order, as it takes where none may hold more than `most_bytes`.
+/// Appends the Hessian response of a (smoothed) field at inside voxels; 0 elsewhere. Returns as
+/// many buffers, in order, as are needed so that none holds more than `most_bytes`.
 ///
-/// Derivatives are central differences, field unit / mm². `dark` looks for dark ridges instead of
-/// bright ones.
+/// Derivatives are central differences, field unit / mm². With `dark` the ridges are dark instead
+/// of bright.
 pub fn hessian(
     plan: &mut Plan<'_>,
     lumen: &LumenBuffers,

@@ -16,10 +16,10 @@ use crate::compute::{Buf, Plan};
 use crate::lumen::Lumen;
 use crate::lumen::bricks::BRICK;
 
-/// The lumen as buffers of a plan. Borrowed: nothing is copied on the CPU.
+/// Buffers of the lumen in a plan. Borrowed: nothing is copied on the CPU.
 #[derive(Clone, Copy)]
 pub struct LumenBuffers {
-    /// 27 neighbouring slots a brick.
+    /// Neighbouring slots of each brick, 27 a brick.
     pub near: Buf<u32>,
     /// First voxel of each brick, three a brick.
     pub corner: Buf<i32>,
@@ -29,7 +29,7 @@ pub struct LumenBuffers {
     pub slots: u32,
     /// Voxel spacing, mm.
     pub spacing_mm: glam::DVec3,
-    /// Inside voxels: what rates are counted in.
+    /// Number of inside voxels, which rates are counted in.
     pub items: usize,
 }
 
@@ -47,7 +47,7 @@ impl LumenBuffers {
         }
     }
 
-    /// Elements of a field.
+    /// Returns the number of elements of a field.
     pub fn field_len(&self) -> usize {
         self.slots as usize * BRICK
     }

@@ -11,9 +11,9 @@ use crate::lumen::Lumen;
 /// A point of the distance map's ridge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
-    /// Field element of its voxel.
+    /// Field element of the candidate's voxel.
     pub element: usize,
-    /// From the voxel's centre to the ridge, along the index axes, mm.
+    /// Offset of the ridge point from the voxel's centre, along the index axes, mm.
     pub offset_mm: Vec3,
     /// Exact distance at the voxel, mm.
     pub distance_mm: f32,
@@ -39,7 +39,7 @@ pub struct Candidates {
 /// * `smoothed`: the distance map after a Gaussian of one voxel.
 /// * `gate`: largest |∇| of a medial point, and largest rise of the exact distance per mm towards
 ///   any neighbour (0.7 in default mode; infinite in paper mode, which has neither test).
-/// * `capacity`: room for candidates; [`Candidates::read`] says when it was too small.
+/// * `capacity`: room for candidates; [`Candidates::read`] reports if it was too small.
 ///
 /// The test is the paper's (section 3.1) as `shaders/lib/ridge.wgsl` reads it.
 pub fn ridge(
@@ -110,10 +110,10 @@ pub fn ridge(
 }
 
 impl Candidates {
-    /// The candidates in element order.
+    /// Returns the candidates in element order.
     ///
     /// # Errors
-    /// The number there were, when `capacity` was smaller.
+    /// The number of candidates found, when `capacity` was smaller.
     pub fn read(&self, out: &Outputs) -> Result<Vec<Candidate>, usize> {
         let total = out.get(self.sums)[self.slots] as usize;
         if total > self.list.len() {
@@ -136,7 +136,7 @@ impl Candidates {
 }
 
 impl Candidate {
-    /// The ridge point in continuous voxel coordinates.
+    /// Returns the ridge point in continuous voxel coordinates.
     pub fn voxel(&self, lumen: &Lumen) -> DVec3 {
         let v = lumen.bricks.voxel(self.element).as_dvec3();
         v + self.offset_mm.as_dvec3() / lumen.grid.spacing_mm

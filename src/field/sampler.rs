@@ -10,20 +10,20 @@ use crate::lumen::Lumen;
 /// A field with its lumen.
 #[derive(Clone, Copy)]
 pub struct Sampler<'a> {
-    /// Where the voxels are.
+    /// Lumen whose bricks hold the field.
     pub lumen: &'a Lumen,
-    /// Values in slot order, 0 beyond the bricks.
+    /// Values of the field in slot order; it is 0 beyond the bricks.
     pub field: &'a [f32],
 }
 
 impl Sampler<'_> {
-    /// Value at a voxel.
+    /// Returns the value at a voxel.
     #[inline]
     pub fn voxel(&self, v: IVec3) -> f64 {
         self.lumen.bricks.element(v).map_or(0.0, |e| f64::from(self.field[e]))
     }
 
-    /// Trilinear value at a local point, mm.
+    /// Returns the trilinear value at a local point, mm.
     pub fn at(&self, p_mm: DVec3) -> f64 {
         let q = p_mm / self.lumen.grid.spacing_mm;
         let (b, t) = parted(q);
@@ -71,8 +71,8 @@ impl Sampler<'_> {
     }
 }
 
-/// The voxel below and the rest. Not by `floor`, which not every x86-64 has an instruction for: as a
-/// function it took a fifth of a sample.
+/// Splits coordinates into the voxel below and the fraction. Not by `floor`, which not every x86-64
+/// has an instruction for: as a function it took a fifth of a sample.
 #[inline]
 fn parted(q: DVec3) -> (IVec3, DVec3) {
     let cut = q.as_ivec3();
