@@ -7,19 +7,20 @@ use glam::IVec3;
 
 use crate::lumen::{BitVolume, Bricks, Neighborhood, pieces};
 
-/// A bridge has at most so many voxels where it is narrowest.
+/// Largest number of voxels of a bridge's narrowest section.
 const MAX_VOXELS: usize = 12;
-/// Not reached; reached last, as a bridge.
+/// Labels of voxels that the front has not reached, and of those left over as a bridge.
 const OUT: u32 = 0;
 const LEFT: u32 = u32::MAX;
 
-/// Cuts bridges out of a mask: the narrowest places of tunnels in `zone`, where they are small.
+/// Cuts bridges out of a mask: the narrowest sections of tunnels in `zone`, where they are small.
 ///
 /// From the mask outside the zone a front grows over the mask, deepest voxel first, by voxels that
-/// close no loop: about a voxel there is one component of background, and the components of mask
-/// beside it belong to different pieces. What cannot be reached so are sheets across the tunnels.
+/// close no loop: about such a voxel there is one component of background, and the components of
+/// mask beside it belong to different pieces. Voxels that cannot be reached form sheets across the
+/// tunnels.
 ///
-/// * `depth`: lower is deeper.
+/// * `depth`: function of a voxel's element that is lower for deeper voxels.
 pub(super) fn cut_bridges(
     mask: &mut BitVolume,
     zone: &BitVolume,
@@ -115,7 +116,7 @@ pub(super) fn cut_bridges(
     }
 }
 
-/// The first of a piece's labels.
+/// Returns the root of a label: the label that stands for its piece.
 fn root_of(parent: &mut [u32], mut at: u32) -> u32 {
     while parent[at as usize] != at {
         parent[at as usize] = parent[parent[at as usize] as usize];

@@ -1,4 +1,4 @@
-//! Values of lumen, wall and noise about a core, by which grey values become integers.
+//! Values of lumen, wall and noise about a core, by which grey values are quantised.
 
 use glam::{DVec3, UVec3};
 
@@ -6,36 +6,37 @@ use super::Tissue;
 use crate::lumen::{BitVolume, dilated, eroded};
 use crate::volume::Volume;
 
-/// Integers from the lumen's value to the wall's.
+/// Difference between the wall's quantised value and the lumen's.
 pub(super) const UNIT: f64 = 4096.0;
-/// Contrast of a CT between gas and tissue, HU: sizes in HU below are shares of it.
+/// Contrast of a CT between gas and tissue, HU: sizes in HU below are converted as shares of it.
 const GAS_CONTRAST_HU: f64 = 990.0;
-/// Soft tissue, HU.
+/// Value of soft tissue, HU.
 const TISSUE_HU: f64 = 40.0;
-/// Lung parenchyma, HU.
+/// Value of lung parenchyma, HU.
 const LUNG_HU: f64 = -850.0;
-/// Values of gas in a CT, HU.
+/// Range of gas in a CT, HU.
 const GAS_HU: std::ops::Range<f64> = -1150.0..-750.0;
-/// Three of four voxels about gas in a body have values up to here, HU.
+/// Upper bound of the 75th percentile of values about gas in a body, HU.
 const MAX_BESIDE_GAS_HU: f64 = 150.0;
-/// Voxels of which a median is taken, at most.
+/// Largest number of voxels of which a median is taken.
 const SAMPLES: usize = 8192;
-/// The shell in which the wall's value is looked for, mm from the core.
+/// Inner and outer distance from the core, mm, of the shell in which the wall's value is measured.
 const SHELL_MM: (f64, f64) = (3.0, 4.0);
 
-/// A size in HU of a CT with gas, in integers of the present contrast.
+/// Converts a size in HU of a CT with gas to quantised units of the present contrast.
 pub(super) fn of_hu(hu: f64) -> i32 {
     (hu / GAS_CONTRAST_HU * UNIT).round() as i32
 }
 
-/// What values mean.
+/// Values of lumen and wall, and the noise between them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contrast {
-    /// The lumen's value, real units.
+    /// Value of the lumen, real units.
     pub lumen: f64,
-    /// The wall's value, real units.
+    /// Value of the wall, real units.
     pub wall: f64,
-    /// Value of what lies beyond the wall, of the contrast from lumen to wall.
+    /// Value of the tissue beyond the wall, as a share of the contrast: 0 the lumen's, 1 the
+    /// wall's.
     pub(super) beyond: f64,
     /// Standard deviation of noise in the lumen, real units.
     pub noise: f64,
@@ -95,32 +96,33 @@ impl Contrast {
         Some(Self { lumen, wall, beyond: beyond.clamp(0.0, 1.0), noise, calm_noise, sigma_vox })
     }
 
-    /// A real value in integers, 0 for the lumen and 4096 for the wall, held within half a contrast
-    /// below and five above; the wall's where there is none.
+    /// Quantises a real value: 0 for the lumen, 4096 for the wall, clamped to half a contrast below
+    /// the lumen and five above the wall; not-a-number becomes the wall's value.
     #[inline]
     pub(super) fn quantised(&self, real: f64) -> i32 {
         let u = (real - self.lumen) * (UNIT / (self.wall - self.lumen));
         if u.is_nan() { UNIT as i32 } else { u.round().clamp(-0.5 * UNIT, 6.0 * UNIT) as i32 }
     }
 
-    /// A threshold in integers as a real value.
+    /// Converts a quantised threshold to a real value.
     pub(super) fn real(&self, u: f64) -> f64 {
         self.lumen + u * (self.wall - self.lumen) / UNIT
     }
 
-    /// Noise after smoothing, in integers.
+    /// Returns the standard deviation of noise after smoothing, in quantised units.
     pub(super) fn noise_units(&self) -> f64 {
         self.calm_noise / (self.wall - self.lumen).abs() * UNIT
     }
 }
 
-/// Some voxels of a mask, spread over it.
+/// Returns at most [`SAMPLES`] voxels of a mask, evenly spread over it.
 fn spread(mask: &BitVolume) -> Vec<UVec3> {
     let each = (mask.count() as usize).div_ceil(SAMPLES).max(1);
     mask.voxels().step_by(each).collect()
 }
 
-/// Median, and the standard deviation of normal noise with the same median absolute deviation.
+/// Returns the median, and the standard deviation of normal noise with the same median absolute
+/// deviation.
 fn median_and_noise(mut values: Vec<f64>) -> Option<(f64, f64)> {
     if values.is_empty() {
         return None;
@@ -134,7 +136,7 @@ fn median_and_noise(mut values: Vec<f64>) -> Option<(f64, f64)> {
     Some((middle, 1.4826 * median(&mut values)))
 }
 
-/// The value at a voxel after a Gaussian; beyond the volume its edge repeats.
+/// Returns the value at a voxel after a Gaussian; beyond the volume its edge repeats.
 fn smoothed_at(volume: &Volume, v: UVec3, sigma_vox: DVec3) -> f64 {
     let top = volume.grid.dims.as_ivec3() - 1;
     let weight = |k: i32, axis: usize| {

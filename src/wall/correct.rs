@@ -11,7 +11,7 @@ use crate::kernels::{wall_correct, wall_peak, wall_sides};
 use crate::lumen::bricks::BRICK;
 use crate::lumen::{BitVolume, Lumen};
 
-/// The offsets of a first mask.
+/// Offsets and marks of a first mask, to be corrected.
 pub struct WallProfile<'a> {
     pub(super) input: WallInput<'a>,
     pub(super) mark: Array<u32>,
@@ -60,9 +60,9 @@ impl WallProfile<'_> {
         moved
     }
 
-    /// The final lumen with its field.
+    /// Selects the final lumen and cuts its field out.
     ///
-    /// * `fill`: fill closed cavities.
+    /// * `fill`: whether to fill closed cavities.
     ///
     /// # Errors
     /// [`WallError::Empty`].

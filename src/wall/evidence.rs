@@ -1,4 +1,4 @@
-//! What each place of a wall was drawn on.
+//! Evidence in the grey values for each place of a wall.
 
 use glam::IVec3;
 use rayon::prelude::*;
@@ -8,21 +8,21 @@ use crate::geometry::Mesh;
 use crate::kernels::{wall_level, wall_peak};
 use crate::lumen::Lumen;
 
-/// What a place of the wall was drawn on.
+/// Evidence for a place of the wall.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Evidence {
-    /// A profile of grey values that passes the threshold.
+    /// Profile of grey values that passes the threshold.
     #[default]
     Profile,
-    /// The crest of a sheet thinner than the scan's blur.
+    /// Crest of a sheet thinner than the scan's blur.
     Sheet,
-    /// A limit of growth: the values show no wall there.
+    /// Limit of growth: the values show no wall there.
     Limit,
 }
 
 impl Evidence {
-    /// Evidence at a voxel outside the lumen, from the field's marks and levels.
+    /// Returns the evidence at a voxel outside the lumen, from the field's marks and levels.
     pub(super) fn new(mark: u32, level: i32) -> Self {
         if wall_level::offset(level) <= 0 || wall_level::is_capped(level) {
             Self::Limit
@@ -34,8 +34,8 @@ impl Evidence {
     }
 }
 
-/// Evidence at each vertex of a mesh whose vertices lie on grid edges between a voxel of the lumen
-/// and one outside. Where that edge leaves the volume, the wall is a cap and counts as
+/// Returns the evidence at each vertex of a mesh whose vertices lie on grid edges between a voxel
+/// of the lumen and one outside. Where that edge leaves the volume, the wall is a cap and counts as
 /// [`Evidence::Profile`].
 pub fn vertex_evidence(lumen: &Lumen, field: &WallField, mesh: &Mesh) -> Vec<Evidence> {
     let to_voxel = lumen.grid.voxel_from_world();

@@ -1,10 +1,10 @@
 //! One lumen of gas and of the tagged fluid under it.
 //!
 //! In grey values the wall of gas is a rise and that of fluid a fall, and between gas and fluid all
-//! values in between occur. So values are first made those of a lumen full of gas (electronic
-//! cleansing, Zalis & Hahn 2001, doi:10.2214/ajr.176.3.1760646): about fluid they count from the
-//! fluid's own value to the wall's, and across the level they are interpolated along gravity. The
-//! wall field of the result is that of any colon.
+//! values in between occur. So the values are first converted to those of a lumen full of gas
+//! (electronic cleansing, Zalis & Hahn 2001, doi:10.2214/ajr.176.3.1760646): about fluid they are
+//! rescaled from the range between the fluid's own value and the wall's, and across the level they
+//! are interpolated along gravity. The wall field of the result is computed as for any colon.
 
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
@@ -19,27 +19,27 @@ use crate::lumen::{
 };
 use crate::volume::{Grid, Volume};
 
-/// Gas in the mask, HU: up to half way between gas and tissue.
+/// Upper bound of gas in the mask, HU: half way between gas and tissue.
 const GAS_HU: f64 = -450.0;
-/// Steps to the 18 voxels beside, by which values belong to gas or to fluid, whichever is nearer.
+/// Number of dilations by which voxels are assigned to gas or to fluid, whichever is nearer.
 const REACH_STEPS: usize = 5;
-/// A level lies where fluid begins at most so many voxels below gas: a wall between is thicker.
+/// Largest distance, voxels, from gas down to fluid at a level: a wall between them is thicker.
 const LEVEL_VOXELS: i32 = 3;
-/// The layer about a level reaches so many voxels aside, where level and wall meet …
+/// Horizontal margin, voxels, of the layer about a level, for places where level and wall meet.
 const ASIDE_VOX: f64 = 2.0;
-/// … and above and below.
+/// Vertical margin, voxels, of the layer about a level.
 const ABOVE_VOX: f64 = 2.0;
-/// From the end in gas to the end in fluid a layer has at most so many voxels: else those of two levels
-/// have met.
+/// Largest extent of a layer along gravity, voxels, from its end in gas to its end in fluid: beyond
+/// it the layers of two levels have merged.
 const MAX_LAYER: i32 = LEVEL_VOXELS + 3 + 2 * ABOVE_VOX as i32;
 /// Least value of fluid, of 4096 from gas to tissue: brighter than tissue by a quarter of that.
 const MIN_FLUID: i64 = 5 * 1024;
-/// Values of a cleansed lumen, of 4096: a little beyond lumen and wall.
+/// Range of cleansed values, of 4096 from gas to tissue: a little beyond lumen and wall.
 const CLEANSED: (i32, i32) = (-1024, 4915);
-/// Highest value of the core about fluid.
+/// Highest cleansed value of voxels about fluid that are added to the core.
 const MAX_OF_CORE: i32 = 1024;
 
-/// Grey values about gas and tagged fluid as if all were gas.
+/// Grey values about gas and tagged fluid, converted as if all were gas.
 pub struct CleansedFluid {
     pub(super) grid: Grid,
     pub(super) contrast: Contrast,
@@ -56,7 +56,7 @@ impl CleansedFluid {
     ///
     /// * `core`: gas away from walls.
     /// * `mask`: gas and fluid.
-    /// * `fluid`: voxels of the mask that are fluid; `down`: the way from gas to fluid.
+    /// * `fluid`: voxels of the mask that are fluid; `down`: step from gas to fluid.
     ///
     /// # Errors
     /// [`WallError::NoContrast`].
@@ -126,7 +126,7 @@ impl CleansedFluid {
     }
 }
 
-/// Voxels that are nearer to fluid than to gas.
+/// Returns the voxels that are nearer to fluid than to gas, and fluid itself.
 fn nearer_to_fluid(gas: &BitVolume, fluid: &BitVolume) -> BitVolume {
     let (mut gas, mut fluid) = (gas.clone(), fluid.clone());
     for _ in 0..REACH_STEPS {
@@ -140,7 +140,7 @@ fn nearer_to_fluid(gas: &BitVolume, fluid: &BitVolume) -> BitVolume {
     fluid
 }
 
-/// Levels, and the layer about them in which values of gas, fluid and wall are mixed.
+/// Returns the levels, and the layer about them in which values of gas, fluid and wall are mixed.
 fn level_layer(gas: &BitVolume, fluid: &BitVolume, down: IVec3) -> (BitVolume, BitVolume) {
     let mut level = BitVolume::new(gas.dims());
     for v in gas.voxels().map(|v| v.as_ivec3()) {
@@ -158,7 +158,7 @@ fn level_layer(gas: &BitVolume, fluid: &BitVolume, down: IVec3) -> (BitVolume, B
     (level, layer)
 }
 
-/// The fluid's value from place to place: tagging is uneven.
+/// Value of the fluid by place: tagging is uneven.
 struct FluidValues {
     /// Sum and number of values in each brick.
     sums: Vec<(i64, i64)>,
@@ -166,6 +166,8 @@ struct FluidValues {
 }
 
 impl FluidValues {
+    /// Averages the fluid's values in each brick.
+    ///
     /// * `inner`: fluid away from its rim.
     fn new(bricks: &Bricks, raw: &[i32], inner: &BitVolume) -> Self {
         let bits = bits_in(bricks, inner);
@@ -178,8 +180,8 @@ impl FluidValues {
         Self { sums, mean: if n > 0 { sum / n } else { 2 * MIN_FLUID } }
     }
 
-    /// A value counted from the fluid's, 0, to the wall's, 4096. The fluid's is the mean in the bricks
-    /// around, weighted by a tent.
+    /// Rescales a value such that the fluid's is 0 and the wall's 4096. The fluid's value is the
+    /// mean in the bricks around, weighted by a tent function.
     fn counted(&self, bricks: &Bricks, raw: &[i32], e: usize) -> i32 {
         let l = (e % BRICK) as i64;
         // Halves of voxels from the brick's middle; the middles of bricks are 16 apart.

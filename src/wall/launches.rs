@@ -5,7 +5,7 @@ use crate::kernels::blur_axis;
 use crate::lumen::Bricks;
 use crate::volume::Grid;
 
-/// What all launches over some bricks bind.
+/// Buffers and sizes that all launches over some bricks have in common.
 pub(super) struct BrickLaunches {
     pub near: Buf<u32>,
     pub corner: Buf<i32>,

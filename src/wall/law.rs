@@ -1,22 +1,23 @@
 //! The threshold at which a wall is drawn, from the greatest value that its profile reaches.
 //!
-//! A plate of thickness w between two media, blurred by a Gaussian, reaches a peak that falls with
-//! w over σ, and so does the value at the plate's near face. Both follow from w/σ alone: of the peak
-//! the face's value is a function without σ. Half of the maximum, the usual choice (full width at
-//! half maximum), is right for thick plates only; of thin ones it lies in the lumen.
+//! A plate of thickness w between two media, blurred by a Gaussian, reaches a peak that decreases
+//! with w over σ, and so does the value at the plate's near face. Both follow from w/σ alone, so
+//! that the face's value is a function of the peak, without σ. Half of the maximum, the usual
+//! choice (full width at half maximum), is right for thick plates only; of thin ones it lies in the
+//! lumen.
 //!
-//! Values count from the lumen's, 0, to the wall's, 1; beyond the plate lies `beyond`.
+//! Values are normalised: 0 the lumen's, 1 the wall's; `beyond` is the value beyond the plate.
 
-/// Entries of the table: peaks of 0, 8, …, 4096.
+/// Number of entries of the table: peaks of 0, 8, …, 4096.
 pub(super) const ENTRIES: usize = 513;
-/// Share of the peak that no threshold exceeds: of a sheet a voxel thick the voxels at its crest stay
-/// wall.
+/// Largest threshold as a share of the peak, so that the voxels at the crest of a sheet one voxel
+/// thick stay wall.
 const MAX_OF_PEAK: f64 = 0.75;
 
-/// Thresholds of peaks, both of 4096.
+/// Returns the thresholds by peak, both of 4096.
 ///
-/// * `beyond`: value of what lies beyond the wall.
-/// * `least`: no threshold is below this, so that noise of the lumen is not drawn.
+/// * `beyond`: value beyond the wall.
+/// * `least`: least threshold, so that noise of the lumen is not drawn.
 pub(super) fn table(beyond: f64, least: f64) -> Vec<i32> {
     let entry = |i: usize| {
         let peak = i as f64 / (ENTRIES - 1) as f64;
@@ -26,18 +27,19 @@ pub(super) fn table(beyond: f64, least: f64) -> Vec<i32> {
     (0..ENTRIES).map(entry).collect()
 }
 
-/// Value at the face of a plate whose profile has this peak.
+/// Returns the value at the face of a plate whose profile has this peak.
 fn face_value(peak: f64, beyond: f64) -> f64 {
     0.5 - upper_tail(width_of(peak, beyond)) * (1.0 - beyond)
 }
 
-/// Thickness over σ of the plate whose profile has this peak: 1 − (2 − beyond) Q(w / 2σ).
+/// Returns the thickness over σ of the plate whose profile has this peak: 1 − (2 − beyond) Q(w /
+/// 2σ).
 fn width_of(peak: f64, beyond: f64) -> f64 {
     let q = ((1.0 - peak) / (2.0 - beyond)).clamp(0.0, 0.5);
     if q > 0.0 { 2.0 * upper_quantile(q) } else { f64::INFINITY }
 }
 
-/// Greatest slope of such a profile before its peak, times σ.
+/// Returns the largest slope, times σ, of the profile with this peak, before the peak.
 pub(super) fn greatest_slope(peak: f64, beyond: f64) -> f64 {
     let width = width_of(peak, beyond);
     let density = |x: f64| (-0.5 * x * x).exp() / (2.0 * std::f64::consts::PI).sqrt();
@@ -48,7 +50,8 @@ pub(super) fn greatest_slope(peak: f64, beyond: f64) -> f64 {
     (-40..=10).map(slope).fold(0.0, f64::max)
 }
 
-/// Upper tail of the normal distribution (Abramowitz & Stegun 1964, 7.1.26; within 1e-7).
+/// Returns the upper tail of the normal distribution (Abramowitz & Stegun 1964, 7.1.26; within
+/// 1e-7).
 fn upper_tail(x: f64) -> f64 {
     if x.is_infinite() {
         return 0.0;
@@ -63,7 +66,7 @@ fn upper_tail(x: f64) -> f64 {
     if x >= 0.0 { tail } else { 1.0 - tail }
 }
 
-/// Where the upper tail has a value of at most a half.
+/// Returns the point at which the upper tail has the value `q`, at most a half.
 fn upper_quantile(q: f64) -> f64 {
     let (mut low, mut high) = (0.0, 10.0);
     for _ in 0..60 {

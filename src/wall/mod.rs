@@ -1,10 +1,11 @@
 //! The wall field: where the wall of a lumen lies in grey values, given a *core* of the lumen.
 //!
-//! The mask that decides the route does not decide where the wall is. Region growing needs a
+//! The mask that decides the route does not decide the position of the wall. Region growing needs a
 //! threshold that does not leak; in an edge blurred from gas to tissue that value lies deep in the
-//! lumen, where noise decides. So the core only says which lumen is meant. About it one field is
-//! computed, negative in the lumen: value minus a threshold that follows from the wall's own profile
-//! (see `law`). The final mask, the surface, its normals and all distances follow from the field.
+//! lumen, where noise decides. So the core only identifies the lumen. About it one field is
+//! computed, negative in the lumen: value minus a threshold that follows from the wall's own
+//! profile (see `law`). The final mask, the surface, its normals and all distances follow from the
+//! field.
 //!
 //! Two plans run on a device, each followed by a choice of components on the CPU:
 //! 1. [`WallInput::profile`]: smoothing, growth up to the ridge of the wall, peaks, offsets.
@@ -35,64 +36,64 @@ use glam::IVec3;
 use crate::lumen::Lumen;
 use crate::surface::{Crossing, clamp_fraction};
 
-/// Scale of offsets: 1024 a mean spacing.
+/// Number of offset units in a mean spacing.
 const OFFSET: f64 = 1024.0;
 
-/// What a lumen is bounded by: which constants of the method apply.
+/// Lumen and surrounding tissue, which decide the constants of the method.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tissue {
     /// Gas in lung: a thin wall with air beyond it.
     Airway,
-    /// Gas in the belly; folds are sheets with gas on both sides.
+    /// Gas in the colon; folds are sheets with gas on both sides.
     Colon,
-    /// Blood brighter or darker than all around it.
+    /// Blood brighter or darker than everything around it.
     Vessel,
-    /// Found from the values: gas of a CT as an airway, else as a vessel.
+    /// Unknown tissue, decided from the values: gas of a CT as an airway, else as a vessel.
     Unknown,
 }
 
-/// Why a wall field could not be made.
+/// Errors of making a wall field.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum WallError {
-    /// There is no edge to draw.
+    /// Lumen and surroundings have the same value, so that there is no edge.
     #[error("no wall field: the core and what lies about it have the same values")]
     NoContrast,
-    /// No voxel is left.
+    /// No voxel is left in the lumen.
     #[error("no wall field: no voxel of the core is darker than the wall about it")]
     Empty,
 }
 
-/// How the wall came out.
+/// Statistics of the wall.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WallStats {
-    /// Values of lumen and wall, and noise.
+    /// Values of lumen and wall, and their noise.
     pub contrast: Contrast,
     /// Standard deviation of the scan's blur, mm.
     pub sigma_mm: f64,
     /// Thresholds at 5, 25, 50, 75 and 95 % of the voxels beside the wall, real units.
     pub threshold_percentiles: [f64; 5],
-    /// Share of the wall that was drawn because a sheet is there.
+    /// Share of the wall that was drawn as the crest of a sheet.
     pub sheet_share: f64,
-    /// Share of the wall that a limit of growth has closed: no wall was seen there.
+    /// Share of the wall that a limit of growth has closed: the values show no wall there.
     pub closed_by_limit_share: f64,
 }
 
-/// A lumen and where its wall lies between voxels.
+/// Offset of each voxel of a lumen's bricks from its wall.
 pub struct WallField {
     /// Signed offset from the wall, mm, in slot order of the lumen's bricks: negative inside.
     pub offset_mm: Vec<f32>,
-    /// What the wall was drawn on, in the same order; only voxels beside the lumen matter.
+    /// Evidence for the wall at each voxel, in the same order; only voxels beside the lumen matter.
     pub evidence: Vec<Evidence>,
-    /// How it came out.
+    /// Statistics of the wall.
     pub stats: WallStats,
 }
 
-/// Crossings of a wall field.
+/// Crossings of a wall field with grid edges.
 pub struct FieldCrossing<'a> {
-    /// The lumen whose bricks the field is on.
+    /// Lumen whose bricks the field is on.
     pub lumen: &'a Lumen,
-    /// The field.
+    /// Offsets from the wall.
     pub field: &'a WallField,
 }
 

@@ -8,20 +8,20 @@ use crate::field::{LumenBuffers, Sampler, smooth};
 use crate::geometry::Mesh;
 use crate::lumen::Lumen;
 
-/// Gaussian of the field before its gradient, in least spacings.
+/// Standard deviation of the Gaussian that is applied before the gradient, in least spacings.
 const SIGMA: f64 = 0.7;
 
 /// Appends the smoothing of a field of offsets, 0 beyond the lumen's bricks.
 ///
-/// * `field`: offsets less the greatest, so that what has no brick lies far outside.
+/// * `field`: offsets minus the largest, so that voxels without a brick are far outside.
 pub fn smoothed_field<'p>(plan: &mut Plan<'p>, lumen: &'p Lumen, field: &'p [f32]) -> Buf<f32> {
     let buffers = LumenBuffers::new(plan, lumen);
     let f = plan.upload("wall field", field);
     smooth(plan, &buffers, f, SIGMA * lumen.grid.spacing_mm.min_element(), None)
 }
 
-/// Unit normals at a mesh's vertices, into the lumen, from a smoothed field; the mesh's own face
-/// normals where the field is flat.
+/// Returns unit normals at a mesh's vertices, into the lumen, from a smoothed field; the mesh's own
+/// face normals where the field is flat.
 pub fn field_normals(lumen: &Lumen, smoothed: &[f32], mesh: &Mesh, faces: &[Vec3]) -> Vec<Vec3> {
     let f = Sampler { lumen, field: smoothed };
     let grid = &lumen.grid;

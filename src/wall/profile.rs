@@ -14,33 +14,34 @@ use crate::lumen::bricks::BRICK;
 use crate::lumen::{BitVolume, Bricks, bits_in, surrounding_bricks};
 use crate::volume::{Grid, Volume, with_samples};
 
-/// How far growth goes beyond the core, mm and voxels: an edge blurred from gas to tissue has its wall
-/// up to 1.2 mm outside a core that was grown without a leak, and its rim beyond that. Further growth
-/// finds ways through the walls of bronchi; a colon's are thick.
+/// Distance of growth beyond the core, mm, and its bounds in voxels: an edge blurred from gas to
+/// tissue has its wall up to 1.2 mm outside a core that was grown without a leak, and its rim
+/// beyond that. Farther growth finds paths through the walls of bronchi; a colon's are thick.
 const GROWTH_MM: f64 = 1.8;
 pub(super) const ROUNDS: (f64, f64) = (2.0, 3.0);
 /// Longest ray to the peak of a wall, mm, and in steps of half a voxel.
 const RAY_MM: f64 = 4.0;
 const MAX_STEPS: f64 = 14.0;
-/// Gaussians, standard deviations in least spacings: of gradients, of curvature, of ends (closed and
-/// filled share), of peaks (narrow).
+/// Standard deviations of Gaussians, in least spacings: of gradients, of curvature, of ends (closed
+/// and filled share), of peaks (narrow).
 const CALM: f64 = 1.0;
 const CURVATURE: f64 = 1.5;
 const CLOSED: f64 = 1.0;
 const FILLED: f64 = 0.8;
 const NARROW: f64 = 0.6;
-/// Reach of the least value that is a vessel's lumen, least spacings; as far as its wall is from its
-/// middle where it is so thin that no voxel is all blood.
+/// Radius of the minimum that counts as a vessel's value, least spacings: the distance from wall to
+/// middle in a vessel so thin that no voxel is all blood.
 const LUMEN_VOX: f64 = 3.0;
-/// Highest value that growth from a vessel takes, of 4096 from blood to tissue.
+/// Highest value that growth from a vessel accepts, of 4096 from blood to tissue.
 const MAX_OF_VESSEL: i32 = 3400;
-/// Offsets are at least this many voxels less than the distance to the core.
+/// Largest amount, voxels, by which an offset may be less than the distance to the core.
 const REACH_VOX: f64 = 2.5;
 /// Offset of a strong crest, mean spacings.
 const CREST_OFFSET: f64 = 0.12;
-/// Walls whose peak is lower than this share of the contrast say little about the blur.
+/// Least peak of a wall, as a share of the contrast, from which blur is estimated: lower ones say
+/// little about it.
 const MIN_PEAK: f64 = 0.5;
-/// A twelfth, of 4096.
+/// Off-centre weight of the sharpening filter: a twelfth, of 4096.
 const TWELFTH: i32 = 341;
 /// Least blur of a scan, mean spacings.
 const MIN_SIGMA: f64 = 0.4;
@@ -55,7 +56,7 @@ pub struct WallInput<'a> {
     core_bits: Vec<u64>,
     values: Vec<i32>,
     pub(super) weights: GaussianWeights,
-    /// Where thin bridges are cut.
+    /// Mask of the places where thin bridges are cut.
     pub(super) zone: Option<&'a BitVolume>,
     law: Vec<i32>,
     cap: Vec<i32>,
@@ -92,7 +93,7 @@ impl<'a> WallInput<'a> {
         Ok(Self::of_values(volume.grid, core, tissue, contrast, bricks, values))
     }
 
-    /// A colon whose tagged fluid was made gas.
+    /// Takes over a colon whose tagged fluid was converted to gas.
     pub fn cleansed(fluid: &'a CleansedFluid) -> Self {
         let (bricks, values) = (fluid.bricks.clone(), fluid.values.clone());
         let contrast = fluid.contrast;
@@ -132,12 +133,12 @@ impl<'a> WallInput<'a> {
         Self { core, grid, tissue, contrast, bricks, core_bits, values, weights, zone, law, cap }
     }
 
-    /// Voxels of the bricks that the field is computed on.
+    /// Returns the number of voxels of the bricks that the field is computed on.
     pub fn voxels(&self) -> usize {
         self.bricks.field_len()
     }
 
-    /// Rounds of growth.
+    /// Returns the number of rounds of growth, a voxel each.
     fn rounds(&self) -> usize {
         if self.tissue == Tissue::Colon {
             return ROUNDS.1 as usize;
@@ -151,7 +152,7 @@ impl<'a> WallInput<'a> {
         h.element_product().cbrt()
     }
 
-    /// Least spacing over each axis's, times a scale.
+    /// Returns the least spacing over each axis's, times a scale.
     pub(super) fn ratio(&self, scale: f64) -> [i32; 3] {
         let h = self.grid.spacing_mm;
         (h.min_element() / h * scale).round().as_ivec3().to_array()
@@ -275,7 +276,7 @@ impl<'a> WallInput<'a> {
         self.contrast.beyond == 1.0
     }
 
-    /// Appends the value of the lumen about each voxel: the least within some voxels, smoothed.
+    /// Appends the value of the lumen about each voxel: the minimum within [`LUMEN_VOX`], smoothed.
     fn local_lumen<'p>(
         &'p self,
         plan: &mut Plan<'p>,
@@ -296,7 +297,7 @@ impl<'a> WallInput<'a> {
         shape.blur(plan, &self.weights.wide, to, spare, to, 0);
     }
 
-    /// Takes the first mask from the offsets.
+    /// Selects the first mask from the offsets.
     ///
     /// # Errors
     /// [`WallError::Empty`].
@@ -315,8 +316,8 @@ impl<'a> WallInput<'a> {
         Ok(WallProfile { input: self, mark, level, mask, inside, sigma_mm })
     }
 
-    /// Blur of the scan, mm, from the steepest slopes at the wall: a plate's slope is a function of its
-    /// peak over σ. A central difference adds a third of a squared voxel.
+    /// Estimates the blur of the scan, mm, from the steepest slopes at the wall: a plate's slope is
+    /// a function of its peak over σ. A central difference adds a third of a squared voxel.
     fn blur_mm(&self, value: &[i32], mark: &[u32]) -> f64 {
         let h = self.grid.spacing_mm;
         let least = (MIN_PEAK * UNIT) as u32;
@@ -357,7 +358,7 @@ impl<'a> WallInput<'a> {
     }
 }
 
-/// Quantised values of a volume in bricks; beyond the volume its edge repeats.
+/// Returns the quantised values of a volume in bricks; beyond the volume its edge repeats.
 pub(super) fn values_in(bricks: &Bricks, volume: &Volume, contrast: &Contrast) -> Vec<i32> {
     use crate::volume::Sample as _;
     let grid = volume.grid;

@@ -1,4 +1,4 @@
-//! The lumen's voxels from signs of the field, and figures of its wall.
+//! Selection of the lumen's voxels by the sign of the field, and statistics of its wall.
 
 use std::collections::{BTreeSet, HashMap};
 
@@ -10,15 +10,15 @@ use crate::kernels::wall_level;
 use crate::lumen::bricks::BRICK;
 use crate::lumen::{BitVolume, Bricks, Lumen, Piece, Run, fill_cavities, pieces};
 
-/// A component has at least this share of the largest one's voxels.
+/// Least size of a component, as a share of the largest one's voxels.
 const MIN_SHARE: f64 = 0.0005;
 
-/// A further part of a component of the core has at least this share of the largest part's voxels.
-/// A smaller one is a splinter, such as the root of a side branch that the field closes.
+/// Least size of a further part of a component of the core, as a share of the largest part's
+/// voxels. A smaller one is a splinter, such as the root of a side branch that the field closes.
 const MIN_SHARE_OF_CORE: f64 = 0.005;
 
-/// The 6-components of `is_lumen` that meet the core, without splinters, cavities filled; `None`
-/// where there is none.
+/// Returns the 6-components of `is_lumen` that meet the core, without splinters, cavities filled;
+/// `None` where there is none.
 pub(super) fn lumen(
     bricks: &Bricks,
     core: &BitVolume,
@@ -63,7 +63,7 @@ pub(super) fn lumen(
     (!out.is_empty()).then_some(out)
 }
 
-/// The components of a core by rows.
+/// Components of a core, by the rows of their voxels.
 struct CorePieces {
     rows: HashMap<(u32, u32), Vec<(Run, usize)>>,
     count: usize,
@@ -81,7 +81,7 @@ impl CorePieces {
         Self { rows, count: all.len() }
     }
 
-    /// Those that share a voxel with a piece, each once.
+    /// Returns the components of the core that share a voxel with a piece, each once.
     fn met_by(&self, piece: &Piece) -> BTreeSet<usize> {
         let mut met = BTreeSet::new();
         for &((a, b), y, z) in &piece.runs {
@@ -92,7 +92,7 @@ impl CorePieces {
     }
 }
 
-/// Figures of the wall: voxels outside the lumen that share a side with it.
+/// Computes statistics of the wall: voxels outside the lumen that share a side with it.
 pub(super) fn stats(
     input: &WallInput<'_>,
     sigma_mm: f64,
@@ -132,5 +132,5 @@ pub(super) fn stats(
     }
 }
 
-/// Ways to the voxels that share a side with one.
+/// Steps to the voxels that share a side with one.
 const SIDES: [IVec3; 6] = [IVec3::X, IVec3::NEG_X, IVec3::Y, IVec3::NEG_Y, IVec3::Z, IVec3::NEG_Z];
