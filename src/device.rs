@@ -1,4 +1,4 @@
-//! The one place that chooses between CPU and GPU.
+//! Choice between CPU and GPU, in one place.
 
 use std::str::FromStr;
 use std::time::Duration;
@@ -6,17 +6,17 @@ use std::time::Duration;
 use crate::compute::{Outputs, Plan, run_cpu};
 use crate::vk::{Choice, DeviceInfo, Gpu, VkError};
 
-/// Which device computes, as the command line says it.
+/// Choice of the device that computes, as written on the command line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceChoice {
-    /// The first real GPU, else the CPU.
+    /// First real GPU, else the CPU.
     #[default]
     Auto,
-    /// The CPU.
+    /// CPU, always.
     Cpu,
-    /// The first real GPU, else software Vulkan.
+    /// First real GPU, else software Vulkan.
     Gpu,
-    /// The GPU of that index in `intima devices`.
+    /// GPU of that index in `intima devices`.
     GpuAt(usize),
 }
 
@@ -50,20 +50,20 @@ impl std::fmt::Display for DeviceChoice {
 
 /// A device that runs plans.
 pub enum Device {
-    /// The CPU twins, on the current rayon pool.
+    /// CPU twins, on the current rayon pool.
     Cpu,
-    /// The shaders, on a Vulkan device.
+    /// Shaders, on a Vulkan device.
     Gpu(Box<Gpu>),
 }
 
-/// Why a device could not be opened or could not finish a plan.
+/// Errors of opening a device or running a plan on it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DeviceError {
-    /// From Vulkan.
+    /// A Vulkan call failed.
     #[error(transparent)]
     Vulkan(VkError),
-    /// Stopped between two parts of a plan, because someone asked for it.
+    /// The plan was cancelled between two of its submissions.
     #[error("cancelled")]
     Cancelled,
 }
@@ -131,17 +131,18 @@ impl Device {
         }
     }
 
-    /// Whether this is a software Vulkan driver, which runs on the CPU and no faster than its twins.
+    /// Whether the device is a software Vulkan driver, which runs on the CPU and no faster than its
+    /// twins.
     pub fn is_software(&self) -> bool {
         self.info().is_some_and(|i| !i.is_real())
     }
 
-    /// Name for the report: `cpu`, or what the driver calls the device.
+    /// Returns the name for the report: `cpu`, or the driver's name of the device.
     pub fn name(&self) -> &str {
         self.info().map_or("cpu", |i| i.name.as_str())
     }
 
-    /// What the Vulkan device says about itself; `None` for the CPU.
+    /// Returns the properties of the Vulkan device; `None` for the CPU.
     pub fn info(&self) -> Option<&DeviceInfo> {
         match self {
             Self::Cpu => None,
@@ -149,7 +150,7 @@ impl Device {
         }
     }
 
-    /// Submissions to the device so far; the CPU has none.
+    /// Returns the number of submissions to the device so far; the CPU has none.
     pub fn submissions(&self) -> u64 {
         match self {
             Self::Cpu => 0,
@@ -157,7 +158,8 @@ impl Device {
         }
     }
 
-    /// From the call that makes the Vulkan instance to the first launches handed to the device.
+    /// Returns the time from before the Vulkan instance was made to the first launches handed to
+    /// the device.
     pub fn first_dispatch(&self) -> Option<Duration> {
         match self {
             Self::Cpu => None,
@@ -165,7 +167,7 @@ impl Device {
         }
     }
 
-    /// Largest buffer a plan may hold on this device, bytes.
+    /// Returns the size of the largest buffer a plan may hold on this device, bytes.
     pub fn max_buffer_bytes(&self) -> u64 {
         self.info().map_or(u64::MAX, |i| i.max_storage_buffer_range.min(i.max_buffer_bytes))
     }

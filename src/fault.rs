@@ -1,10 +1,10 @@
-//! Planted faults: how device loss, full disks and short reads are tested.
+//! Planted faults, to test device loss, full disks and short reads.
 //!
 //! Compiled in only with the feature `faults`, which no release has. There the environment
 //! variable `INTIMA_FAULT` holds `point:n` (comma separated): the n-th passage (from 1) of that
 //! point and every later one fails. With `point:n-m` those up to the m-th fail.
 
-/// A place that can be made to fail.
+/// A place in the code that can be made to fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Point {
     /// Writing to a file: answers as a full disk.
@@ -21,11 +21,11 @@ pub enum Point {
     Submit,
     /// Creating an instance: answers as a machine without a driver.
     Instance,
-    /// Error bounds of clusters: answers with an eighth of what was measured.
+    /// Error bounds of clusters: answers with an eighth of the measured error.
     ErrorBound,
-    /// Clearance of exterior cells in the occlusion test: answers the largest there is.
+    /// Clearance of exterior cells in the occlusion test: answers with the largest there is.
     Occlusion,
-    /// Creating the device and what it comes with: answers as exhausted host memory.
+    /// Creating the device and its parts: answers as exhausted host memory.
     Create,
     /// A barrier between launches: is left out, so that validation has a hazard to report.
     Barrier,
@@ -37,7 +37,7 @@ mod planted {
     use std::sync::OnceLock;
     use std::sync::atomic::{AtomicU32, Ordering};
 
-    /// Name, first and last failing passage, passages so far.
+    /// Name, first and last failing passage, number of passages so far.
     type Plant = (String, [u32; 2], AtomicU32);
     static PLANTS: OnceLock<Vec<Plant>> = OnceLock::new();
 

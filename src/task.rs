@@ -1,4 +1,4 @@
-//! Cancellation and progress of the work at hand, for loops that know nothing of who asked.
+//! Cancellation of the work at hand, for loops that do not know their caller.
 //!
 //! A [`Session`](crate::session::Session) enters a [`CancelToken`] on every thread of its pool and
 //! looks at it before every stage and frame. Loops that may take longer call [`checkpoint`], at
@@ -25,17 +25,17 @@ thread_local! {
 }
 
 impl CancelToken {
-    /// Asks for an end. Work that has finished already is not affected.
+    /// Requests cancellation. Work that has finished already is not affected.
     pub fn cancel(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether an end was asked for.
+    /// Whether cancellation was requested.
     pub fn is_cancelled(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// Takes the request back, so that the same token serves the next piece of work.
+    /// Withdraws the request, so that the same token serves the next piece of work.
     pub fn reset(&self) {
         self.0.store(false, Ordering::Relaxed);
     }
@@ -56,7 +56,7 @@ pub fn checkpoint() {
 }
 
 /// Whether the token of this thread is cancelled: for places that return an error instead of
-/// unwinding, because they hold what must be given back.
+/// unwinding, because they hold resources that must be released.
 pub fn is_cancelled() -> bool {
     CURRENT.with(|c| c.borrow().as_ref().is_some_and(CancelToken::is_cancelled))
 }
