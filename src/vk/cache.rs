@@ -45,7 +45,7 @@ impl Cache {
 }
 
 impl Drop for Cache {
-    /// Writes what the driver has learnt, if it is anything new.
+    /// Writes the cache to disk, if it has changed.
     fn drop(&mut self) {
         // SAFETY: the cache is ours, of this device, and `&mut self` makes us its only user.
         let data = unsafe { self.device.get_pipeline_cache_data(self.raw) }.unwrap_or_default();

@@ -9,6 +9,8 @@ use super::ids::{BufferId, ImageId};
 use super::resources::{Format, ImageSpec};
 
 impl Gpu {
+    /// Checks all of a frame.
+    ///
     /// # Panics
     /// If a handle is stale or something does not fit: an error of the caller.
     pub(super) fn check_frame(&self, frame: &Frame<'_>) {

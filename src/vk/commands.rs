@@ -34,7 +34,7 @@ impl Commands {
         Ok(Self { device: device.clone(), pool, idle: Vec::new(), busy: RetireQueue::default() })
     }
 
-    /// A command buffer in recording state.
+    /// Returns a command buffer in recording state.
     pub fn begin(&mut self, reached: u64) -> Result<vk::CommandBuffer, VkError> {
         self.idle.extend(self.busy.reap(reached));
         let cmd = match self.idle.pop() {

@@ -113,6 +113,8 @@ impl Gpu {
         self.submit_frame(frame, options, None)
     }
 
+    /// Submits a frame, in one go with its presentation where it is drawn to a window.
+    ///
     /// * `shown`: the window's image that the frame draws, and its semaphores.
     pub(super) fn submit_frame(
         &mut self,
@@ -195,7 +197,7 @@ impl Gpu {
         sent
     }
 
-    /// A pool with one set for each draw that reads images, in order.
+    /// Allocates a pool with one set for each draw that reads images, in order.
     fn image_sets(
         &mut self,
         passes: &[Pass],

@@ -86,7 +86,7 @@ pub struct DrawShader {
 }
 
 impl DrawShader {
-    /// Bytes of the immediate block.
+    /// Returns the size of the immediate block, bytes.
     pub fn push_bytes(&self) -> u32 {
         self.push_bytes
     }

@@ -14,7 +14,7 @@ pub enum VkError {
     /// The loader finds no driver.
     #[error("the Vulkan library found no driver")]
     NoDriver,
-    /// Drivers answered, but none of their devices is the one asked for.
+    /// None of the drivers' devices fits the choice.
     #[error("no Vulkan device fits `{wanted}` (found: {found})")]
     NoDevice {
         /// The choice, as the user would write it.
@@ -22,7 +22,7 @@ pub enum VkError {
         /// Names of the devices there are and what they lack.
         found: String,
     },
-    /// Validation was asked for and its layer is not installed.
+    /// Validation was requested and its layer is not installed.
     #[error("validation was asked for, but {0} is not installed")]
     NoValidation(&'static str),
     /// Nothing can be drawn to a window.
@@ -33,7 +33,7 @@ pub enum VkError {
     TooLarge {
         /// Name in the plan.
         buffer: &'static str,
-        /// Bytes asked for.
+        /// Size of the buffer, bytes.
         bytes: u64,
         /// `maxStorageBufferRange` or `maxBufferSize`.
         limit: u64,
@@ -45,7 +45,7 @@ pub enum VkError {
     TooManyThreads {
         /// Kernel name.
         kernel: &'static str,
-        /// Threads asked for.
+        /// Number of threads of the launch.
         threads: u64,
         /// Most threads of one launch.
         limit: u64,
@@ -53,7 +53,7 @@ pub enum VkError {
     /// A frame has more to write and draw than the staging ring can take at the moment.
     #[error("no room to stage {bytes} bytes in a ring of at most {budget}")]
     StagingFull {
-        /// Bytes asked for.
+        /// Number of bytes requested.
         bytes: u64,
         /// Largest size of the ring.
         budget: u64,
@@ -63,7 +63,7 @@ pub enum VkError {
     OutOfMemory {
         /// Name of the resource the memory was for.
         what: String,
-        /// Bytes asked for.
+        /// Number of bytes requested.
         bytes: u64,
         /// Message of the allocator.
         detail: String,

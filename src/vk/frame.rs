@@ -58,7 +58,8 @@ pub struct FrameOptions {
 pub(super) const COMMAND_BYTES: u64 = 20;
 
 impl Frame<'_> {
-    /// Bytes of the staging ring that this takes: each write and each indirect command, whole words.
+    /// Returns the bytes of the staging ring that the frame takes: each write and each indirect
+    /// command, whole words.
     pub fn staged_bytes(&self) -> u64 {
         let writes = self.writes.iter().map(|w| (w.bytes.len() as u64).next_multiple_of(4));
         let pieces = self.passes.iter().flat_map(|p| &p.draws).map(|d| match &d.range {

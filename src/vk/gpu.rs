@@ -192,7 +192,7 @@ impl Gpu {
         self.timeline.submitted
     }
 
-    /// The longest any submission of a plan has taken, from handing it over to its end.
+    /// Returns the longest duration of a submission of a plan, from handing it over to its end.
     pub fn longest_piece(&self) -> Duration {
         self.longest_piece
     }
@@ -208,7 +208,7 @@ impl Gpu {
         self.instance.validate != Validate::Off
     }
 
-    /// Timeline value the device has reached.
+    /// Returns the timeline value the device has reached.
     pub(super) fn reached(&self) -> Result<u64, VkError> {
         match self.instance.validate {
             Validate::GpuAssisted => self.wait_idle().map(|()| self.timeline.submitted),
@@ -233,12 +233,12 @@ impl Gpu {
         unsafe { self.device.queue_wait_idle(self.queue) }.map_err(VkError::of("vkQueueWaitIdle"))
     }
 
-    /// Buffers, images and graphics pipelines that were made and not freed.
+    /// Returns the number of buffers, images and graphics pipelines that were made and not freed.
     pub fn live_resources(&self) -> usize {
         self.buffers.len() + self.images.len() + self.draw_pipelines.len()
     }
 
-    /// Bytes of device memory held at the moment, blocks kept for reuse included.
+    /// Returns the device memory held at the moment, bytes, blocks kept for reuse included.
     pub fn memory_held(&self) -> u64 {
         self.memory.capacity()
     }

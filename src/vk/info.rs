@@ -119,7 +119,7 @@ impl DeviceInfo {
     }
 }
 
-/// Every Vulkan device of this machine, usable or not.
+/// Lists all Vulkan devices of this machine, usable or not.
 ///
 /// # Errors
 /// [`VkError::NoLibrary`], [`VkError::NoDriver`], or a failing driver.

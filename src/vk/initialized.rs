@@ -10,7 +10,7 @@ pub(super) struct InitializedRanges {
 }
 
 impl InitializedRanges {
-    /// A buffer of `bytes` of which none are initialized, in parts of `part` bytes.
+    /// Describes a buffer of `bytes` of which none are initialized, in parts of `part` bytes.
     pub fn new(bytes: u64, part: u64) -> Self {
         let part = part.max(1);
         Self { part, bytes: vec![0; bytes.div_ceil(part) as usize] }

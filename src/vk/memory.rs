@@ -112,12 +112,12 @@ impl Memory {
         self.unified
     }
 
-    /// Bytes the allocator holds from the device.
+    /// Returns the memory the allocator holds from the device, bytes.
     pub fn capacity(&self) -> u64 {
         self.allocator.capacity()
     }
 
-    /// A buffer of `bytes`, rounded up to whole words; its contents are undefined.
+    /// Creates a buffer of `bytes`, rounded up to whole words; its contents are undefined.
     pub fn buffer(
         &mut self,
         name: &str,
@@ -162,7 +162,7 @@ impl Memory {
         }
     }
 
-    /// A two-dimensional image in undefined layout, with views of all of it.
+    /// Creates a two-dimensional image in undefined layout, with views of all of it.
     pub fn image(&mut self, name: &str, desc: ImageDesc) -> Result<Image, VkError> {
         let [width, height] = desc.extent;
         let pixels = u64::from(width) * u64::from(height) * u64::from(desc.samples);

@@ -122,7 +122,7 @@ impl Pieces {
     }
 }
 
-/// Most threads of one launch. Kernels count them in 32 bits.
+/// Returns the largest number of threads of one launch. Kernels count them in 32 bits.
 pub(super) fn most_threads(groups: [u32; 2], workgroup: u32) -> u64 {
     let [x, y] = groups.map(u64::from);
     x.saturating_mul(y).saturating_mul(workgroup.into()).min(u32::MAX.into())

@@ -26,7 +26,7 @@ pub(super) struct ComputePipelines {
 }
 
 impl ComputePipelines {
-    /// The pipeline of a shader.
+    /// Returns the pipeline of a shader.
     pub fn get(
         &mut self,
         device: &ash::Device,
@@ -103,7 +103,7 @@ fn create(
 
 const COMPUTE: vk::ShaderStageFlags = vk::ShaderStageFlags::COMPUTE;
 
-/// A pipeline layout with one block of push constants for `stages`.
+/// Creates a pipeline layout with one block of push constants for `stages`.
 pub(super) fn pipeline_layout(
     device: &ash::Device,
     sets: &[vk::DescriptorSetLayout],

@@ -31,7 +31,7 @@ pub trait WindowHandles: HasDisplayHandle + HasWindowHandle + Debug + Send + Syn
 
 impl<T: HasDisplayHandle + HasWindowHandle + Debug + Send + Sync> WindowHandles for T {}
 
-/// The display a window is on.
+/// Returns the display a window is on.
 pub(super) fn display_of(window: &Arc<dyn WindowHandles>) -> Result<RawDisplayHandle, VkError> {
     let display = window.display_handle();
     display.map(|d| d.as_raw()).map_err(|_| VkError::NoSurface("the display is gone"))

@@ -10,7 +10,7 @@ pub(super) fn note_instance() {
     INSTANCE_MADE.store(true, Ordering::SeqCst);
 }
 
-/// Why the number of software Vulkan's threads cannot be set.
+/// Reason why the number of software Vulkan's threads cannot be set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ThreadsError {

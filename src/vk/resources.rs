@@ -40,7 +40,7 @@ impl Format {
         matches!(self, Self::Rgba8Stored | Self::Bgra8Stored)
     }
 
-    /// Bytes of one sample of a pixel.
+    /// Returns the size of one sample of a pixel, bytes.
     pub fn pixel_bytes(self) -> u64 {
         match self {
             Self::Rgba8Srgb | Self::Rgba8Stored | Self::Bgra8Stored | Self::Depth32 => 4,
@@ -85,7 +85,7 @@ pub(super) struct GpuImage {
 }
 
 impl Gpu {
-    /// A vertex buffer on the device.
+    /// Creates a vertex buffer on the device.
     ///
     /// # Errors
     /// [`VkError::OutOfMemory`], [`VkError::DeviceLost`], or the failing call.
@@ -93,7 +93,8 @@ impl Gpu {
         self.filled(name, data, vk::BufferUsageFlags::VERTEX_BUFFER, 0, 0)
     }
 
-    /// A vertex buffer of `bytes`, to be written by frames; until then it holds anything.
+    /// Creates a vertex buffer of `bytes`, to be written by frames; until then its content is
+    /// undefined.
     ///
     /// # Errors
     /// As [`Gpu::vertex_buffer`]; [`VkError::TooLarge`].
@@ -101,8 +102,8 @@ impl Gpu {
         self.unwritten(name, bytes, vk::BufferUsageFlags::VERTEX_BUFFER, 0)
     }
 
-    /// A buffer of `count` 16-bit indices, to be written by frames. Each part of `part` of them is
-    /// written from its start on, and drawn as far as it was written.
+    /// Creates a buffer of `count` 16-bit indices, to be written by frames. Each part of `part` of
+    /// them is written from its start on, and drawn as far as it was written.
     ///
     /// # Errors
     /// As [`Gpu::empty_vertices`].
@@ -118,7 +119,7 @@ impl Gpu {
         Ok(id)
     }
 
-    /// An index buffer on the device.
+    /// Creates an index buffer on the device.
     ///
     /// # Errors
     /// As [`Gpu::vertex_buffer`].
@@ -127,7 +128,7 @@ impl Gpu {
         self.filled(name, bytemuck::cast_slice(data), vk::BufferUsageFlags::INDEX_BUFFER, 4, max)
     }
 
-    /// A persistently mapped buffer that images are copied to.
+    /// Creates a persistently mapped buffer that images are copied to.
     ///
     /// # Errors
     /// As [`Gpu::vertex_buffer`].
@@ -137,7 +138,8 @@ impl Gpu {
         Ok(self.insert(buffer, usage, 0, 0))
     }
 
-    /// An image to draw to, and of one sample a pixel to read in shaders, to write and to read back.
+    /// Creates an image to draw to; with one sample a pixel it can also be read in shaders, written
+    /// and read back.
     ///
     /// # Errors
     /// As [`Gpu::vertex_buffer`].
@@ -174,7 +176,7 @@ impl Gpu {
         self.images[id].spec.extent
     }
 
-    /// The bytes of a read-back buffer, after waiting for the device's last write to it.
+    /// Returns the bytes of a read-back buffer, after waiting for the device's last write to it.
     ///
     /// # Errors
     /// [`VkError::DeviceLost`] when there is nothing left to wait for.
@@ -187,7 +189,7 @@ impl Gpu {
         Ok(self.buffers[id].buffer.mapped().expect("read-back memory is mapped"))
     }
 
-    /// A buffer; see [`Gpu::with_memory`].
+    /// Creates a buffer as [`Gpu::with_memory`] does.
     pub(super) fn new_buffer(
         &mut self,
         name: &str,

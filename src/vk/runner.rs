@@ -1,5 +1,5 @@
-//! Runs a plan: in as many submissions as keep each short (`pieces`), one barrier between dependent
-//! launches, and only what was asked for is read back, at the end.
+//! Execution of a plan: in as many submissions as keep each short (`pieces`), with one barrier
+//! between dependent launches; only requested buffers are read back, at the end.
 
 use std::time::{Duration, Instant};
 

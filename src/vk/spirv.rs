@@ -7,7 +7,7 @@ use ash::vk;
 
 use super::VkError;
 
-/// SPIR-V as words.
+/// Converts SPIR-V bytes to words.
 pub(super) fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.chunks_exact(4).map(|c| u32::from_ne_bytes([c[0], c[1], c[2], c[3]])).collect()
 }

@@ -81,7 +81,7 @@ impl Staging {
         }
     }
 
-    /// The bytes at `place`, as the host sees them.
+    /// Returns the bytes at `place`, as the host sees them.
     pub fn bytes_mut(&mut self, place: u64, bytes: u64) -> &mut [u8] {
         let mapped = self.buffer.as_mut().and_then(Buffer::mapped_mut);
         &mut mapped.expect("staging memory is mapped")[place as usize..(place + bytes) as usize]
@@ -137,7 +137,7 @@ impl Gpu {
         }
     }
 
-    /// Bytes of the staging ring at the moment.
+    /// Returns the present size of the staging ring, bytes.
     pub fn staging_held(&self) -> u64 {
         self.staging.ring.bytes
     }

@@ -25,7 +25,7 @@ impl Timeline {
         Ok(Self { device: device.clone(), semaphore, submitted: 0 })
     }
 
-    /// Value the device has reached.
+    /// Returns the value the device has reached.
     pub fn reached(&self) -> Result<u64, VkError> {
         // SAFETY: the semaphore is ours, of this device, and a timeline.
         unsafe { self.device.get_semaphore_counter_value(self.semaphore) }
