@@ -1,22 +1,17 @@
-//! CPU twin and cases of `blur_axis`: a separable symmetric filter in integers.
+//! CPU twin of `blur_axis`: a separable symmetric filter in integers.
 
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 pub use super::host::blur_axis::{Bindings, Params};
 use super::host::blur_axis::{SHADER, open};
-use super::{cases_on_bricks, neighbour};
-use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use super::neighbour;
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::BRICK;
 
 /// See `shaders/blur_axis.wgsl`.
-pub static KERNEL: Kernel = Kernel {
-    shader: &SHADER,
-    twin,
-    unit: "voxels",
-    tolerance: Tolerance { abs: 0.0, rel: 0.0 },
-    cases,
-};
+pub static KERNEL: Kernel =
+    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance { abs: 0.0, rel: 0.0 } };
 
 /// Returns the weights of a Gaussian for the centre and offsets 1, 2, …, whose sum over both sides
 /// is 4096; those that round to zero are left out.
@@ -124,28 +119,6 @@ fn twin(args: &mut CpuArgs<'_>) {
             }
         }
     });
-}
-
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, _| {
-        let slots = lumen.bricks.len();
-        let f: Vec<i32> =
-            (0..lumen.bricks.field_len()).map(|i| (i * 7919 % 30011) as i32 - 9000).collect();
-        let f = plan.upload_owned("f", &f);
-        let flat: Vec<i32> = lumen.bricks.corners().iter().flatten().copied().collect();
-        let corner = plan.upload_owned("corner", &flat);
-        let edge = lumen.grid.dims.as_ivec3() - 1;
-        for (axis, sigma) in [(0u32, 0.6), (1, 1.5), (2, 3.3)] {
-            let weights = integer_weights(sigma);
-            let weight = plan.upload_owned("weight", &weights);
-            let g = plan.zeroed::<i32>("g", lumen.bricks.field_len());
-            let (radius, high) = (weights.len() as i32 - 1, edge[axis as usize]);
-            let params = Params { slots: slots as u32, axis, radius, low: 0, high, missing: 4096 };
-            let bindings = Bindings { near, corner, weight, f, g };
-            plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
-            plan.download(g);
-        }
-    })
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! CPU twin and cases of `edt_axis`: squared distance, y and z passes.
+//! CPU twin of `edt_axis`: squared distance, y and z passes.
 //!
 //! The twin narrows its searches by the monotone order of minimisers (Aggarwal et al. 1987,
 //! doi:10.1007/BF01840359), which the shader, with one thread a voxel, cannot use.
@@ -7,18 +7,13 @@ use rayon::prelude::*;
 
 pub use super::host::edt_axis::{Bindings, Params};
 use super::host::edt_axis::{SHADER, open};
-use super::{cases_on_bricks, neighbour};
-use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
-use crate::lumen::bricks::{BRICK, bit_field};
+use super::neighbour;
+use crate::compute::{CpuArgs, Kernel, Tolerance};
+use crate::lumen::bricks::BRICK;
 
 /// See `shaders/edt_axis.wgsl`.
-pub static KERNEL: Kernel = Kernel {
-    shader: &SHADER,
-    twin,
-    unit: "voxels",
-    tolerance: Tolerance { abs: 0.0, rel: 5e-7 },
-    cases,
-};
+pub static KERNEL: Kernel =
+    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance { abs: 0.0, rel: 5e-7 } };
 
 /// Search distance, rows, above which it pays to record the positions of minima.
 const NEAR: i32 = 16;
@@ -213,30 +208,11 @@ fn take((best, from): (&mut RowLanes, &mut [i32; 8]), row: &RowLanes, far: f32, 
     }
 }
 
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, _| {
-        let slots = lumen.bricks.len();
-        let spacing = lumen.grid.spacing_mm.as_vec3();
-        // A first pass whose values vary: the bits times a small pattern.
-        let bits = bit_field(&lumen.inside);
-        let f: Vec<f32> =
-            bits.iter().enumerate().map(|(i, &b)| b * (1 + i * 7 % 13) as f32).collect();
-        let f = plan.upload_owned("f", &f);
-        for (axis, finish) in [(1u32, 0u32), (2, 1)] {
-            let g = plan.zeroed::<f32>("g", lumen.bricks.field_len());
-            let step2 = spacing[axis as usize].powi(2);
-            let params = Params { slots: slots as u32, axis, step2, finish, scale: 0.5 };
-            let bindings = Bindings { near, f, g };
-            plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
-            plan.download(g);
-        }
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::compute::{Plan, run_cpu};
+    use crate::lumen::bricks::bit_field;
     use crate::lumen::{BitVolume, Lumen};
     use crate::volume::Grid;
     use glam::IVec3;

@@ -1,11 +1,11 @@
-//! CPU twin and cases of `edt_rows`: squared distance along x, from bits.
+//! CPU twin of `edt_rows`: squared distance along x, from bits.
 
 use rayon::prelude::*;
 
 pub use super::host::edt_rows::{Bindings, Params};
 use super::host::edt_rows::{SHADER, open};
-use super::{cases_on_bricks, neighbour};
-use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use super::neighbour;
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::BRICK;
 
 /// See `shaders/edt_rows.wgsl`.
@@ -14,7 +14,6 @@ pub static KERNEL: Kernel = Kernel {
     twin,
     unit: "voxels",
     tolerance: Tolerance { abs: 0.0, rel: 2.5e-7 },
-    cases,
 };
 
 fn twin(args: &mut CpuArgs<'_>) {
@@ -55,16 +54,4 @@ fn twin(args: &mut CpuArgs<'_>) {
             }
         }
     });
-}
-
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, inside| {
-        let slots = lumen.bricks.len();
-        let square = plan.zeroed::<f32>("square", lumen.bricks.field_len());
-        let step2 = (lumen.grid.spacing_mm.x as f32).powi(2);
-        let bindings = Bindings { near, inside, square };
-        let params = Params { slots: slots as u32, step2 };
-        plan.launch(&KERNEL, bindings, params, slots * 64, slots * BRICK);
-        plan.download(square);
-    })
 }

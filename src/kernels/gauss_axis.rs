@@ -1,22 +1,17 @@
-//! CPU twin and cases of `gauss_axis`: a separable symmetric filter.
+//! CPU twin of `gauss_axis`: a separable symmetric filter.
 
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 pub use super::host::gauss_axis::{Bindings, Params};
 use super::host::gauss_axis::{SHADER, open};
-use super::{cases_on_bricks, neighbour};
-use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
-use crate::lumen::bricks::{BRICK, bit_field};
+use super::neighbour;
+use crate::compute::{CpuArgs, Kernel, Tolerance};
+use crate::lumen::bricks::BRICK;
 
 /// See `shaders/gauss_axis.wgsl`.
-pub static KERNEL: Kernel = Kernel {
-    shader: &SHADER,
-    twin,
-    unit: "voxels",
-    tolerance: Tolerance { abs: 1e-5, rel: 1e-5 },
-    cases,
-};
+pub static KERNEL: Kernel =
+    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance { abs: 1e-5, rel: 1e-5 } };
 
 /// Returns the weights of a Gaussian for the centre and offsets 1 to ⌈4σ⌉, σ in voxels; they sum to
 /// one over both sides. As `scipy.ndimage.gaussian_filter`.
@@ -206,31 +201,6 @@ fn gather(lines: &mut [[f32; 8]], places: &[SlotAddress], f: &[f32], axis: usize
         }
     }
     any << 1 != 0
-}
-
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, _| {
-        let slots = lumen.bricks.len();
-        let bits = bit_field(&lumen.inside);
-        let f: Vec<f32> =
-            bits.iter().enumerate().map(|(i, &b)| b * (1 + i * 5 % 11) as f32 - 2.0).collect();
-        let f = plan.upload_owned("f", &f);
-        let flat: Vec<i32> = lumen.bricks.corners().iter().flatten().copied().collect();
-        let corner = plan.upload_owned("corner", &flat);
-        let weights = gaussian_weights(1.3);
-        let weight = plan.upload_owned("weight", &weights);
-        let edge = lumen.grid.dims.as_ivec3() - 1;
-        for axis in 0..3u32 {
-            for (low, high) in [(i32::MIN / 2, i32::MAX / 2), (0, edge[axis as usize])] {
-                let g = plan.zeroed::<f32>("g", lumen.bricks.field_len());
-                let radius = weights.len() as u32 - 1;
-                let params = Params { slots: slots as u32, axis, radius, low, high };
-                let bindings = Bindings { near, corner, weight, f, g };
-                plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
-                plan.download(g);
-            }
-        }
-    })
 }
 
 #[cfg(test)]

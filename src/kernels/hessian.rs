@@ -1,4 +1,4 @@
-//! CPU twin and cases of `hessian`: eigenvalues or a response over a whole field.
+//! CPU twin of `hessian`: eigenvalues or a response over a whole field.
 
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
@@ -6,18 +6,12 @@ use rayon::prelude::*;
 pub use super::host::hessian::{Bindings, Params};
 use super::host::hessian::{SHADER, open};
 use super::ridge_mark::Halo;
-use super::{cases_on_bricks, smooth_distance};
-use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::BRICK;
 
 /// See `shaders/hessian.wgsl`.
-pub static KERNEL: Kernel = Kernel {
-    shader: &SHADER,
-    twin,
-    unit: "voxels",
-    tolerance: Tolerance { abs: 2e-4, rel: 2e-4 },
-    cases,
-};
+pub static KERNEL: Kernel =
+    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance { abs: 2e-4, rel: 2e-4 } };
 
 fn twin(args: &mut CpuArgs<'_>) {
     let (s, p, _) = open(args);
@@ -144,45 +138,6 @@ fn third(s: f32) -> f32 {
         -0.000_626_045_34,
     ];
     C.iter().rev().fold(0.0, |sum, c| sum * s + c)
-}
-
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, inside| {
-        let f = smooth_distance(lumen);
-        let slots = lumen.bricks.len();
-        let f = plan.upload_owned("f", &f);
-        let sheets = plan.upload_owned("sheets", &sheets(lumen));
-        // All slots; then from one in the middle on, as where a response takes several buffers.
-        for (kind, sign, first, f) in [
-            (0u32, 1.0, 0, f),
-            (1, 1.0, 0, f),
-            (1, -1.0, 0, f),
-            (0, 1.0, slots / 2, f),
-            (2, 1.0, 0, sheets),
-            (2, -1.0, 0, sheets),
-        ] {
-            let slots = slots - first;
-            let n = slots * BRICK * if kind == 0 { 3 } else { 1 };
-            let response = plan.zeroed::<f32>("response", n);
-            let spacing_mm = lumen.grid.spacing_mm.as_vec3().to_array();
-            let (first, count) = (first as u32, slots as u32);
-            let params =
-                Params { spacing_mm, sign, first, slots: count, kind, ..Default::default() };
-            let bindings = Bindings { near, inside, f, response };
-            plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
-            plan.download(response);
-        }
-    })
-}
-
-/// A field that is curved along one axis alone, by another amount at each voxel: two eigenvalues
-/// are 0 but for rounding, and tubeness is the root of their product.
-fn sheets(lumen: &crate::lumen::Lumen) -> Vec<f32> {
-    let at = |e: usize| {
-        let x = lumen.bricks.voxel(e).x as f32;
-        0.013 * x * x + 0.0007 * x * x * x
-    };
-    (0..lumen.bricks.field_len()).map(at).collect()
 }
 
 #[cfg(test)]

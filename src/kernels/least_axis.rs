@@ -1,22 +1,16 @@
-//! CPU twin and cases of `least_axis`: the minimum within a radius, in voxels, along an axis.
+//! CPU twin of `least_axis`: the minimum within a radius, in voxels, along an axis.
 
 use rayon::prelude::*;
 
 use super::blocks::{element, place};
-use super::cases_on_bricks;
 pub use super::host::least_axis::{Bindings, Params};
 use super::host::least_axis::{SHADER, open};
-use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::BRICK;
 
 /// See `shaders/least_axis.wgsl`.
-pub static KERNEL: Kernel = Kernel {
-    shader: &SHADER,
-    twin,
-    unit: "voxels",
-    tolerance: Tolerance { abs: 0.0, rel: 0.0 },
-    cases,
-};
+pub static KERNEL: Kernel =
+    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance { abs: 0.0, rel: 0.0 } };
 
 fn twin(args: &mut CpuArgs<'_>) {
     let (s, p, _) = open(args);
@@ -38,19 +32,4 @@ fn twin(args: &mut CpuArgs<'_>) {
             }
         }
     });
-}
-
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, _| {
-        let slots = lumen.bricks.len();
-        let n = lumen.bricks.field_len();
-        let values: Vec<i32> = (0..n).map(|i| (i * 7919 % 30011) as i32 - 9000).collect();
-        let f = plan.upload_owned("f", &values);
-        for (axis, radius) in [(0, 3), (1, 1), (2, 8)] {
-            let g = plan.zeroed::<i32>("g", n);
-            let params = Params { slots: slots as u32, axis, radius };
-            plan.launch(&KERNEL, Bindings { near, f, g }, params, slots * BRICK, slots * BRICK);
-            plan.download(g);
-        }
-    })
 }

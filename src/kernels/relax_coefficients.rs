@@ -1,12 +1,11 @@
-//! CPU twin and cases of `relax_coefficients`: the quadratic form of the relaxed wall.
+//! CPU twin of `relax_coefficients`: the quadratic form of the relaxed wall.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 pub use super::host::relax_coefficients::{Bindings, Params};
 use super::host::relax_coefficients::{SHADER, open};
-use super::scale_pool::ring;
-use crate::compute::{Case, CpuArgs, Kernel, Plan, Tolerance};
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 
 /// See `shaders/relax_coefficients.wgsl`.
 pub static KERNEL: Kernel = Kernel {
@@ -14,7 +13,6 @@ pub static KERNEL: Kernel = Kernel {
     twin,
     unit: "vertices",
     tolerance: Tolerance { abs: 2e-5, rel: 0.0 },
-    cases,
 };
 
 /// Number of vertices of a parallel task.
@@ -104,59 +102,4 @@ fn twin(args: &mut CpuArgs<'_>) {
             *bend = if reach > 0.0 { (turn / reach).sqrt() } else { 0.0 };
         }
     });
-}
-
-fn cases() -> Vec<Case> {
-    // A staircase: the middles go up and down by half a voxel, through the end of the byte.
-    let code = |v: u32| {
-        let middle = [2 * v + 1, 2 * (v / 3), 254 + 2 * (v % 2)];
-        let middle = [middle, [2 * v, 2 * (v / 3) + 1, 254]][(v % 2) as usize];
-        let [x, y, z] = middle.map(|m| m & 255);
-        let side = if v.is_multiple_of(3) { OUTSIDE_IS_LOWER } else { 0 };
-        x | y << 8 | z << 16 | side | if (v + 1).is_multiple_of(7) { FIXED } else { 0 }
-    };
-    let swinging = |n: u32| -> Vec<f32> {
-        let at = |v: u32| 0.37 * v as f32;
-        let one = |a: f32| Vec3::new(0.3 * a.cos(), 1.0, (3.0 * a).sin()).normalize();
-        (0..n).flat_map(|v| one(at(v)).to_array()).collect()
-    };
-    let case = |name, spacing: [f32; 3], normals: Vec<f32>| {
-        let vertices = normals.len() / 3;
-        let g = ring(vertices as u32);
-        let mut plan = Plan::new();
-        let start = plan.upload_owned("start", &g.start);
-        let near = plan.upload_owned("near", &g.near);
-        let codes: Vec<u32> = (0..vertices as u32).map(code).collect();
-        let edge = plan.upload_owned("edge", &codes);
-        let normal = plan.upload_owned("normal", &normals);
-        let bound = plan.zeroed::<[f32; 2]>("bound", vertices);
-        let coupling = plan.zeroed::<f32>("coupling", g.near.len());
-        let bend = plan.zeroed::<f32>("bend", vertices);
-        let [x, y, z] = spacing;
-        let params = Params {
-            axis_x: [0.8 * x, 0.6 * x, 0.0, x],
-            axis_y: [-0.6 * y, 0.8 * y, 0.0, y],
-            axis_z: [0.0, 0.0, z, z],
-            limit_x: 0.375,
-            limit_y: 0.4,
-            limit_z: 0.45,
-            stiffness: 0.05,
-            vertices: vertices as u32,
-            ..Params::default()
-        };
-        let bindings = Bindings { start, near, edge, normal, bound, coupling, bend };
-        plan.launch(&KERNEL, bindings, params, vertices, vertices);
-        plan.download(bound);
-        plan.download(coupling);
-        plan.download(bend);
-        Case { name, plan }
-    };
-    vec![
-        case("empty", [1.0; 3], vec![]),
-        case("one vertex", [1.0; 3], swinging(1)),
-        case("ring of 65", [1.0; 3], swinging(65)),
-        case("ring of 5000, unequal spacing", [1.0, 1.3, 2.5], swinging(5000)),
-        case("opposed normals", [1.0; 3], vec![1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.6, 0.8]),
-        case("not a number", [1.0; 3], vec![1.0, 0.0, 0.0, f32::NAN, 0.0, 0.0, 0.0, 0.6, 0.8]),
-    ]
 }

@@ -1,22 +1,16 @@
-//! CPU twin and cases of `ridge_grow`: growth from the core up to the ridge of the wall.
+//! CPU twin of `ridge_grow`: growth from the core up to the ridge of the wall.
 
 use rayon::prelude::*;
 
 use super::blocks::{BrickBlock, element, place};
-use super::cases_on_bricks;
 pub use super::host::ridge_grow::{Bindings, Params};
 use super::host::ridge_grow::{SHADER, open};
-use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::{BRICK, NONE};
 
 /// See `shaders/ridge_grow.wgsl`.
-pub static KERNEL: Kernel = Kernel {
-    shader: &SHADER,
-    twin,
-    unit: "voxels",
-    tolerance: Tolerance { abs: 0.0, rel: 0.0 },
-    cases,
-};
+pub static KERNEL: Kernel =
+    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance { abs: 0.0, rel: 0.0 } };
 
 /// Offset that is added to the values of paths, so that 0 means no path.
 const BIAS: i32 = 32768;
@@ -79,25 +73,4 @@ fn overlay_core(block: &mut BrickBlock, near: &[u32], slot: usize, core: &[u32],
             }
         }
     }
-}
-
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, core| {
-        let slots = lumen.bricks.len();
-        let corners: Vec<i32> = lumen.bricks.corners().iter().flatten().copied().collect();
-        let corner = plan.upload_owned("corner", &corners);
-        let value: Vec<i32> = super::edge_values(lumen);
-        let value = plan.upload_owned("value", &value);
-        let n = lumen.bricks.field_len();
-        let [mut before, mut after] = ["before", "after"].map(|name| plan.zeroed::<i32>(name, n));
-        let [width, height, depth] = lumen.grid.dims.as_ivec3().to_array();
-        for _ in 0..3 {
-            let bindings = Bindings { near, corner, core, value, before, after };
-            let params =
-                Params { slots: slots as u32, fall: 150, most: 2700, width, height, depth };
-            plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
-            std::mem::swap(&mut before, &mut after);
-        }
-        plan.download(before);
-    })
 }

@@ -1,23 +1,23 @@
-//! CPU twin and cases of `ridge_mark`, and the ridge test at one voxel that `ridge_measure` and
-//! `hessian` share. Formulas as in `shaders/lib/ridge.wgsl`; f64 where it costs nothing.
+//! CPU twin of `ridge_mark`, and the ridge test at one voxel that it shares with `ridge_measure`.
+//! Formulas as in `shaders/lib/ridge.wgsl`; f64 where it costs nothing.
 
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
 pub use super::host::ridge_mark::{Bindings, Params};
 use super::host::ridge_mark::{SHADER, open};
-use super::{cases_on_bricks, smooth_distance};
-use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::{BRICK, NONE, near_index};
 
 /// See `shaders/ridge_mark.wgsl`.
 pub static KERNEL: Kernel =
-    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance::EXACT, cases };
+    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance::EXACT };
 
 /// A brick of a field with a rim of one voxel: 10³ values, absent bricks 0.
-pub(super) struct Halo([f32; 1000]);
+pub struct Halo([f32; 1000]);
 
 impl Halo {
+    /// Reads around brick `slot` of field `f`, by the flat table of neighbours.
     pub fn gather(near: &[u32], f: &[f32], slot: usize) -> Self {
         let mut out = [0.0; 1000];
         let near = &near[slot * 27..][..27];
@@ -125,16 +125,22 @@ pub fn eigen(m: Vec3, o: Vec3) -> (Vec3, Option<Vec3>) {
 
 /// Result of the ridge test at a voxel.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Ridge {
+pub struct Ridge {
+    /// It is a candidate.
     pub accepted: bool,
+    /// From the voxel's centre to the ridge.
     pub offset_mm: Vec3,
+    /// Length of the gradient.
     pub gradient: f32,
+    /// Eigenvalues: the two across the axis, and the largest.
     pub values: Vec3,
+    /// Unit direction of the ridge.
     pub axis: Vec3,
 }
 
+/// The ridge test at a voxel of a brick; `gate` is the largest gradient of a medial point.
 #[inline]
-pub(super) fn ridge(halo: &Halo, local: usize, h: Vec3, gate: f32) -> Ridge {
+pub fn ridge(halo: &Halo, local: usize, h: Vec3, gate: f32) -> Ridge {
     let c = Halo::centre(local);
     let g = halo.gradient(c, h);
     let mut out = Ridge { gradient: g.length(), ..Default::default() };
@@ -206,54 +212,11 @@ fn twin(args: &mut CpuArgs<'_>) {
     });
 }
 
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, _| {
-        let f = smooth_distance(lumen);
-        let slots = lumen.bricks.len();
-        let spacing = lumen.grid.spacing_mm.as_vec3();
-        // Accept sets agree across devices only clear of their limits: keep voxels that are.
-        let clear = clear_of_limits(lumen, &f, spacing);
-        let inside = plan.upload_owned("clear", &clear);
-        let d: Vec<f32> = f.iter().map(|f| (64.0 * f).round() / 64.0).collect();
-        let d = plan.upload_owned("d", &d);
-        let f = plan.upload_owned("f", &f);
-        for gate in [0.7, 3e38] {
-            let marked = plan.zeroed::<u32>("marked", slots * 16);
-            let params = Params {
-                spacing_mm: spacing.to_array(),
-                gate,
-                slots: slots as u32,
-                ..Default::default()
-            };
-            let bindings = Bindings { near, inside, f, d, marked };
-            plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
-            plan.download(marked);
-        }
-    })
-}
-
-/// Returns inside bits without the voxels whose decision depends on rounding.
-fn clear_of_limits(lumen: &crate::lumen::Lumen, f: &[f32], h: Vec3) -> Vec<u32> {
-    let near: Vec<u32> = lumen.bricks.near().iter().flatten().copied().collect();
-    let mut bits: Vec<u32> = bytemuck::cast_slice::<u64, u32>(&lumen.inside).to_vec();
-    for e in lumen.elements(&lumen.inside) {
-        let r = ridge(&Halo::gather(&near, f, e / BRICK), e % BRICK, h, 3e38);
-        let close = |a: f32, b: f32, by: f32| (a - b).abs() <= by;
-        let t = (r.offset_mm / h).abs();
-        let unsure = close(r.gradient, 0.7, 2e-3)
-            || t.to_array().iter().any(|t| close(*t, 0.6, 2e-3) || t.is_nan())
-            || close(r.values.y * h.min_element(), -1e-4, 1e-3)
-            || r.values.y - r.values.x < 1e-4 && r.values.z - r.values.y < 1e-3;
-        if unsure {
-            bits[e / 32] &= !(1 << (e % 32));
-        }
-    }
-    bits
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lumen::{BitVolume, Lumen};
+    use crate::volume::Grid;
 
     #[test]
     fn eigenvalues_of_known_matrices() {
@@ -270,8 +233,12 @@ mod tests {
 
     #[test]
     fn a_halo_holds_the_brick_and_its_rim() {
-        let lumens = super::super::test_lumens();
-        let lumen = &lumens[2].1;
+        let grid = Grid::axis_aligned([31, 29, 41], [1.0; 3]);
+        let mut mask = BitVolume::new(grid.dims);
+        for v in (0..grid.len()).filter(|i| i % 5 < 3).map(|i| grid.voxel(i)) {
+            mask.set(v.x, v.y, v.z);
+        }
+        let lumen = Lumen::new(grid, &mask);
         let near: Vec<u32> = lumen.bricks.near().iter().flatten().copied().collect();
         let f: Vec<f32> = (0..lumen.bricks.field_len())
             .map(|e| {

@@ -1,4 +1,4 @@
-//! CPU twin and cases of `scale_restore`: smooth normals with the detail that exceeds noise.
+//! CPU twin of `scale_restore`: smooth normals with the detail that exceeds noise.
 
 use std::f32::consts::SQRT_2;
 
@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 pub use super::host::scale_restore::{Bindings, Params};
 use super::host::scale_restore::{SHADER, open};
-use super::scale_bands::{ladder, share, swinging};
-use crate::compute::{Case, CpuArgs, Kernel, Plan, Tolerance};
+use super::scale_bands::{ladder, share};
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 
 /// See `shaders/scale_restore.wgsl`.
 pub static KERNEL: Kernel = Kernel {
@@ -16,7 +16,6 @@ pub static KERNEL: Kernel = Kernel {
     twin,
     unit: "vertices",
     tolerance: Tolerance { abs: 2e-5, rel: 0.0 },
-    cases,
 };
 
 // As in the shader.
@@ -56,36 +55,4 @@ fn twin(args: &mut CpuArgs<'_>) {
         let len = sum.length();
         *out = if len >= 1e-6 { sum / len } else { n[5] }.to_array();
     });
-}
-
-fn cases() -> Vec<Case> {
-    let case = |name, vertices: usize, spacing: [f32; 3]| {
-        let (normal, level) = swinging(vertices);
-        let pooled: Vec<f32> =
-            (0..5 * vertices).map(|i| 0.01 * (i as f32 * 0.13).sin().powi(2)).collect();
-        let mut plan = Plan::new();
-        let normal = plan.upload_owned("normal", &normal);
-        let level = plan.upload_owned("level", &level);
-        let pooled = plan.upload_owned("pooled", &pooled);
-        let faired = plan.zeroed::<f32>("faired", 3 * vertices);
-        let params = Params {
-            axis_x: [0.8, 0.6, 0.0, spacing[0]],
-            axis_y: [-0.6, 0.8, 0.0, spacing[1]],
-            axis_z: [0.0, 0.0, 1.0, spacing[2]],
-            terrace: [spacing[0], spacing[1], 1.3 * spacing[2], 0.7],
-            raw: 0.2,
-            vertices: vertices as u32,
-            ..Params::default()
-        };
-        let bindings = Bindings { normal, level, pooled, faired };
-        plan.launch(&KERNEL, bindings, params, vertices, vertices);
-        plan.download(faired);
-        Case { name, plan }
-    };
-    vec![
-        case("empty", 0, [1.0; 3]),
-        case("one vertex", 1, [1.0; 3]),
-        case("5000 vertices", 5000, [1.0; 3]),
-        case("anisotropic", 5000, [0.3, 0.4, 1.0]),
-    ]
 }

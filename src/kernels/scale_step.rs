@@ -1,12 +1,11 @@
-//! CPU twin and cases of `scale_step`: one step of a Chebyshev series of heat flow.
+//! CPU twin of `scale_step`: one step of a Chebyshev series of heat flow.
 
 use glam::Vec4;
 use rayon::prelude::*;
 
 pub use super::host::scale_step::{Bindings, Params};
 use super::host::scale_step::{SHADER, open};
-use super::scale_pool::{WeightedRing, ring};
-use crate::compute::{Case, CpuArgs, Kernel, Plan, Tolerance};
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 
 /// See `shaders/scale_step.wgsl`.
 pub static KERNEL: Kernel = Kernel {
@@ -14,7 +13,6 @@ pub static KERNEL: Kernel = Kernel {
     twin,
     unit: "vertices",
     tolerance: Tolerance { abs: 1e-5, rel: 0.0 },
-    cases,
 };
 
 /// Coefficient of a term of the series, and the slice of a level that it is added to.
@@ -54,40 +52,4 @@ fn twin(args: &mut CpuArgs<'_>) {
             }
         },
     );
-}
-
-fn cases() -> Vec<Case> {
-    let case = |name, g: WeightedRing| {
-        let vertices = g.start.len() - 1;
-        let mut plan = Plan::new();
-        let start = plan.upload_owned("start", &g.start);
-        let near = plan.upload_owned("near", &g.near);
-        let weight = plan.upload_owned("weight", &g.weight);
-        let at = |v: usize| Vec4::new(0.37, 0.61, 0.83, 0.0) * v as f32;
-        let values: Vec<[f32; 4]> = (0..vertices).map(|v| at(v).to_array().map(f32::sin)).collect();
-        let mut now = plan.zeroed::<[f32; 4]>("now", vertices);
-        let mut next = plan.upload_owned("next", &values);
-        let level = plan.zeroed::<[f32; 4]>("level", 5 * vertices);
-        for (turn, keep) in [(0.0, -1.0), (1.0, 0.0), (2.0, 1.0), (2.0, 1.0)] {
-            let params = Params {
-                part: [0.4, 0.0, 0.2, -0.1],
-                last_part: 0.05,
-                turn,
-                keep,
-                vertices: vertices as u32,
-            };
-            let bindings = Bindings { start, near, weight, now, next, level };
-            plan.launch(&KERNEL, bindings, params, vertices, vertices);
-            std::mem::swap(&mut now, &mut next);
-        }
-        plan.download(now);
-        plan.download(level);
-        Case { name, plan }
-    };
-    vec![
-        case("empty", ring(0)),
-        case("one vertex", ring(1)),
-        case("ring of 65", ring(65)),
-        case("ring of 5000", ring(5000)),
-    ]
 }

@@ -1,17 +1,17 @@
-//! CPU twin and cases of `visibility`: the first viewer of each boundary voxel.
+//! CPU twin of `visibility`: the first viewer of each boundary voxel.
 
 use glam::{IVec3, UVec3};
 use rayon::prelude::*;
 
 pub use super::host::visibility::{Bindings, Params};
 use super::host::visibility::{SHADER, open};
-use super::{cases_on_bricks, neighbour};
-use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use super::neighbour;
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::BRICK;
 
 /// See `shaders/visibility.wgsl`.
 pub static KERNEL: Kernel =
-    Kernel { shader: &SHADER, twin, unit: "boundary voxels", tolerance: Tolerance::EXACT, cases };
+    Kernel { shader: &SHADER, twin, unit: "boundary voxels", tolerance: Tolerance::EXACT };
 
 /// Index that marks a voxel no candidate sees.
 pub const UNSEEN: u32 = u32::MAX;
@@ -75,72 +75,4 @@ fn twin(args: &mut CpuArgs<'_>) {
         });
         *first = found.copied().unwrap_or(UNSEEN);
     });
-}
-
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, inside| {
-        let slots = lumen.bricks.len();
-        let corners: Vec<i32> = lumen.bricks.corners().iter().flatten().copied().collect();
-        let seen: Vec<u32> = lumen.elements(&lumen.boundary).map(|e| e as u32).collect();
-        // Every seventh inside voxel looks, with a reach that grows; every brick lists them all.
-        let viewer: Vec<u32> =
-            lumen.elements(&lumen.inside).step_by(7).take(200).map(|e| e as u32).collect();
-        let reach: Vec<u32> = (0..viewer.len() as u32).map(|i| 30 + i * i % 900).collect();
-        let start: Vec<u32> = (0..=slots as u32).map(|s| s * viewer.len() as u32).collect();
-        let lists: Vec<u32> = (0..slots).flat_map(|_| 0..viewer.len() as u32).collect();
-        let first = plan.zeroed::<u32>("first", seen.len());
-        let bindings = Bindings {
-            near,
-            corner: plan.upload_owned("corner", &corners),
-            open: inside,
-            seen: plan.upload_owned("seen", &seen),
-            viewer: plan.upload_owned("viewer", &viewer),
-            reach: plan.upload_owned("reach", &reach),
-            start: plan.upload_owned("start", &start),
-            near_viewers: plan.upload_owned("near_viewers", &lists),
-            first,
-        };
-        let params = Params { weight: [1, 1, 2], boundary: seen.len() as u32 };
-        plan.launch(&KERNEL, bindings, params, seen.len(), seen.len());
-        plan.download(first);
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Plain ray walk in rational arithmetic over a closure: the reference of `sees`.
-    fn walk(d: IVec3, open: impl Fn(IVec3) -> bool) -> bool {
-        let n = d.abs();
-        let mut crossings: Vec<(i64, i64, usize)> = (0..3)
-            .flat_map(|a| (0..n[a]).map(move |i| (i64::from(2 * i + 1), i64::from(n[a]), a)))
-            .collect();
-        crossings.sort_by(|x, y| (x.0 * y.1).cmp(&(y.0 * x.1)).then(x.2.cmp(&y.2)));
-        let mut p = IVec3::ZERO;
-        for (k, (_, _, axis)) in crossings.iter().enumerate() {
-            p[*axis] += d[*axis].signum();
-            if k + 1 < crossings.len() && !open(p) {
-                return false;
-            }
-        }
-        true
-    }
-
-    #[test]
-    fn the_ray_walk_equals_sorting_all_crossings() {
-        for (name, lumen) in super::super::test_lumens() {
-            let near: Vec<u32> = lumen.bricks.near().iter().flatten().copied().collect();
-            let open: &[u32] = bytemuck::cast_slice(&lumen.inside);
-            let all: Vec<usize> = lumen.elements(&lumen.inside).collect();
-            for (i, &a) in all.iter().enumerate().step_by(1 + all.len() / 60) {
-                for &b in all.iter().skip(i % 5).step_by(1 + all.len() / 60) {
-                    let v = lumen.bricks.voxel(a);
-                    let d = lumen.bricks.voxel(b) - v;
-                    let want = walk(d, |q| lumen.holds(v + q));
-                    assert_eq!(sees(&near, open, a, d), want, "{name} from {v} by {d}");
-                }
-            }
-        }
-    }
 }

@@ -1,22 +1,16 @@
-//! CPU twin and cases of `wall_correct`: curvature correction and round ends.
+//! CPU twin of `wall_correct`: curvature correction and round ends.
 
 use rayon::prelude::*;
 
 use super::blocks::{BrickBlock, excess_bits, length_of, place};
-use super::cases_on_bricks;
 pub use super::host::wall_correct::{Bindings, Params};
 use super::host::wall_correct::{SHADER, open};
-use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::BRICK;
 
 /// See `shaders/wall_correct.wgsl`.
-pub static KERNEL: Kernel = Kernel {
-    shader: &SHADER,
-    twin,
-    unit: "voxels",
-    tolerance: Tolerance { abs: 0.0, rel: 0.0 },
-    cases,
-};
+pub static KERNEL: Kernel =
+    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance { abs: 0.0, rel: 0.0 } };
 
 /// Size below which an offset is corrected, 1/1024 of the mean spacing.
 const NEAR: i32 = 1024;
@@ -75,37 +69,4 @@ fn shift(edges: &BrickBlock, offsets: &BrickBlock, q: [i32; 3], p: &Params) -> i
     let length = length_of(g.map(|c| c >> excess)) << excess;
     let steep = ((length >> 11) * p.rise) >> 10;
     (((curvature * p.shift) >> 12) * steep.clamp(307, 2560)) >> 10
-}
-
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, _| {
-        let slots = lumen.bricks.len();
-        let n = lumen.bricks.field_len();
-        let values = super::edge_values(lumen);
-        let offsets: Vec<i32> = values.iter().map(|v| (v - 2048).clamp(-3000, 3000)).collect();
-        let edges: Vec<i32> = offsets.iter().map(|o| (o * 8).clamp(-32768, 32768)).collect();
-        let filled: Vec<i32> = edges.iter().map(|e| (32768 - e) / 2).collect();
-        let closed: Vec<i32> =
-            (0..n).map(|i| (i * 7919 % 32769) as i32 / (1 + i as i32 % 7)).collect();
-        let offset = plan.upload_owned("offset", &offsets);
-        let edge = plan.upload_owned("edge", &edges);
-        let filled = plan.upload_owned("filled", &filled);
-        let closed = plan.upload_owned("closed", &closed);
-        let h = lumen.grid.spacing_mm;
-        let slope = (h.min_element() / h * 1024.0).round().as_ivec3().to_array();
-        for amount in [0, 700] {
-            let moved = plan.zeroed::<i32>("moved", n);
-            let params = Params {
-                slope,
-                slots: slots as u32,
-                shift: amount,
-                most: 4000,
-                rise: 1100,
-                ..bytemuck::Zeroable::zeroed()
-            };
-            let bindings = Bindings { near, offset, edge, filled, closed, moved };
-            plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
-            plan.download(moved);
-        }
-    })
 }

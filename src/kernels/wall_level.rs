@@ -1,22 +1,16 @@
-//! CPU twin and cases of `wall_level`: the offset of each voxel from the wall.
+//! CPU twin of `wall_level`: the offset of each voxel from the wall.
 
 use rayon::prelude::*;
 
 use super::blocks::{bit, element, place};
-use super::cases_on_bricks;
 pub use super::host::wall_level::{Bindings, Params};
 use super::host::wall_level::{SHADER, open};
-use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::BRICK;
 
 /// See `shaders/wall_level.wgsl`.
-pub static KERNEL: Kernel = Kernel {
-    shader: &SHADER,
-    twin,
-    unit: "voxels",
-    tolerance: Tolerance { abs: 0.0, rel: 0.0 },
-    cases,
-};
+pub static KERNEL: Kernel =
+    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance { abs: 0.0, rel: 0.0 } };
 
 /// Returns the offset that a level holds, 1/1024 of the mean spacing.
 pub fn offset(level: i32) -> i32 {
@@ -90,44 +84,4 @@ fn twin(args: &mut CpuArgs<'_>) {
             *out = capped | threshold << 16 | offset.clamp(-3072, 3072) & 0xffff;
         }
     });
-}
-
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, core| {
-        let slots = lumen.bricks.len();
-        let n = lumen.bricks.field_len();
-        let value = plan.upload_owned("value", &super::edge_values(lumen));
-        let number = |i: usize, most: usize| (i * 7919 % most) as i32;
-        let marks: Vec<u32> = (0..n).map(|i| number(i, 16) as u32).collect();
-        let mark = plan.upload_owned("mark", &marks);
-        let weights: Vec<i32> = (0..n).map(|i| number(i, 1 << 18)).collect();
-        let peaks: Vec<i32> =
-            weights.iter().enumerate().map(|(i, w)| w / 4096 * number(i, 4097)).collect();
-        let [peak, peak1] = ["peak", "peak1"].map(|name| plan.upload_owned(name, &peaks));
-        let [weight, weight1] = ["weight", "weight1"].map(|name| plan.upload_owned(name, &weights));
-        let lumens: Vec<i32> = (0..n).map(|i| number(i, 5000) - 500).collect();
-        let lumen_value = plan.upload_owned("lumen", &lumens);
-        let law: Vec<i32> = (0..513).map(|i| 3 * i + i * i / 700).collect();
-        let law = plan.upload_owned("law", &law);
-        let cap: Vec<i32> = (0..10).map(|i| 400 * i - 2560).collect();
-        let cap = plan.upload_owned("cap", &cap);
-        let level = plan.zeroed::<i32>("level", n);
-        let bindings = Bindings {
-            near,
-            core,
-            value,
-            mark,
-            peak,
-            weight,
-            peak1,
-            weight1,
-            lumen: lumen_value,
-            law,
-            cap,
-            level,
-        };
-        let params = Params { slots: slots as u32, forced: 123 };
-        plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
-        plan.download(level);
-    })
 }

@@ -1,22 +1,16 @@
-//! CPU twin and cases of `wall_peak`: peaks of the wall and crests of sheets.
+//! CPU twin of `wall_peak`: peaks of the wall and crests of sheets.
 
 use rayon::prelude::*;
 
 use super::blocks::{bit, element, excess_bits, length_of, place};
-use super::cases_on_bricks;
 pub use super::host::wall_peak::{Bindings, Params};
 use super::host::wall_peak::{SHADER, open};
-use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::BRICK;
 
 /// See `shaders/wall_peak.wgsl`.
-pub static KERNEL: Kernel = Kernel {
-    shader: &SHADER,
-    twin,
-    unit: "voxels",
-    tolerance: Tolerance { abs: 0.0, rel: 0.0 },
-    cases,
-};
+pub static KERNEL: Kernel =
+    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance { abs: 0.0, rel: 0.0 } };
 
 /// Bit of a mark: voxel outside the core, or beside one that growth has not reached.
 pub const RIM: u32 = 1;
@@ -185,41 +179,4 @@ fn along_gradient(
     }
     let root = ((length * p.gain) >> (20 - excess)).clamp(5, 256);
     (run.clamp(0, WALL), ((root * root) >> 10).max(1))
-}
-
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, core| {
-        let slots = lumen.bricks.len();
-        let corners: Vec<i32> = lumen.bricks.corners().iter().flatten().copied().collect();
-        let corner = plan.upload_owned("corner", &corners);
-        let values = super::edge_values(lumen);
-        // Voxels about the core joined, as far as the values say.
-        let path: Vec<i32> = values.iter().map(|v| if *v < 2700 { v + 32768 } else { 0 }).collect();
-        let [value, sharp, calm] =
-            ["value", "sharp", "calm"].map(|name| plan.upload_owned(name, &values));
-        let path = plan.upload_owned("path", &path);
-        let n = lumen.bricks.field_len();
-        let mark = plan.zeroed::<u32>("mark", n);
-        let [peak, weight] = ["peak", "weight"].map(|name| plan.zeroed::<i32>(name, n));
-        let h = lumen.grid.spacing_mm;
-        let ratio = |scale: f64| (h.min_element() / h * scale).round().as_ivec3().to_array();
-        let params = Params {
-            slope: ratio(1024.0),
-            slots: slots as u32,
-            step: ratio(32768.0),
-            steps: 8,
-            size: lumen.grid.dims.as_ivec3().to_array(),
-            fall: 90,
-            gain: 300,
-            crest: 150,
-            strong: 300,
-            ..bytemuck::Zeroable::zeroed()
-        };
-        let bindings =
-            Bindings { near, corner, core, value, sharp, calm, path, mark, peak, weight };
-        plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
-        plan.download(mark);
-        plan.download(peak);
-        plan.download(weight);
-    })
 }

@@ -1,22 +1,16 @@
-//! CPU twin and cases of `wall_sides`: offsets whose sign agrees with the mask.
+//! CPU twin of `wall_sides`: offsets whose sign agrees with the mask.
 
 use rayon::prelude::*;
 
 use super::blocks::{bit, element, place};
-use super::cases_on_bricks;
 pub use super::host::wall_sides::{Bindings, Params};
 use super::host::wall_sides::{SHADER, open};
-use crate::compute::{Case, CpuArgs, Kernel, Tolerance};
+use crate::compute::{CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::BRICK;
 
 /// See `shaders/wall_sides.wgsl`.
-pub static KERNEL: Kernel = Kernel {
-    shader: &SHADER,
-    twin,
-    unit: "voxels",
-    tolerance: Tolerance { abs: 0.0, rel: 0.0 },
-    cases,
-};
+pub static KERNEL: Kernel =
+    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance { abs: 0.0, rel: 0.0 } };
 
 fn twin(args: &mut CpuArgs<'_>) {
     let (s, _, _) = open(args);
@@ -54,27 +48,4 @@ fn twin(args: &mut CpuArgs<'_>) {
                 closed[local] = if at_limit { 32768 } else { 0 };
             }
         });
-}
-
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, inside| {
-        let slots = lumen.bricks.len();
-        let n = lumen.bricks.field_len();
-        let levels: Vec<i32> = super::edge_values(lumen)
-            .iter()
-            .map(|v| (v - 2048).clamp(-3000, 3000) & 0xffff)
-            .collect();
-        let level = plan.upload_owned("level", &levels);
-        let [offset, edge, filled, closed] =
-            ["offset", "edge", "filled", "closed"].map(|name| plan.zeroed::<i32>(name, n));
-        let bindings = Bindings { near, inside, level, offset, edge, filled, closed };
-        plan.launch(
-            &KERNEL,
-            bindings,
-            Params { slots: slots as u32 },
-            slots * BRICK,
-            slots * BRICK,
-        );
-        [offset, edge, filled, closed].into_iter().for_each(|b| plan.download(b));
-    })
 }

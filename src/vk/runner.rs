@@ -566,7 +566,6 @@ mod tests {
             twin: KERNEL.twin,
             unit: KERNEL.unit,
             tolerance: KERNEL.tolerance,
-            cases: KERNEL.cases,
         }))
     }
 

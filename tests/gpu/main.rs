@@ -1,6 +1,7 @@
 //! Vulkan: kernels beside their CPU twins, pictures, validation, planted faults.
 
 mod all_round;
+mod cases;
 mod golden;
 mod lod_draw;
 mod lod_occlusion;
@@ -9,4 +10,5 @@ mod oracle_fair;
 mod oracle_ridge;
 mod parity;
 mod pieces;
+mod twins;
 mod vulkan;

@@ -1,8 +1,9 @@
 //! Every kernel on every case: the shader agrees with its CPU twin, and validation is silent.
 
 use intima::compute::{Outputs, Plan, Tolerance, run_cpu, worst};
-use intima::kernels;
 use intima::vk::{Gpu, Validate};
+
+use crate::cases;
 
 /// The first disagreement of two runs of `plan`, if any: floats within `tol`, all else exactly.
 fn disagreement(plan: &Plan<'_>, want: &Outputs, got: &Outputs, tol: Tolerance) -> Option<String> {
@@ -36,8 +37,8 @@ fn every_kernel_agrees_with_its_twin_through_staging_memory() {
 
 fn every_kernel_agrees(gpu: &mut Gpu) {
     let mut failed = Vec::new();
-    for kernel in kernels::ALL {
-        for case in (kernel.cases)() {
+    for (kernel, cases) in cases::all() {
+        for case in cases {
             let place = format!("{}/{}", kernel.name(), case.name);
             let want = run_cpu(&case.plan);
             match gpu.run(&case.plan) {
@@ -56,8 +57,8 @@ fn every_kernel_agrees(gpu: &mut Gpu) {
 #[test]
 fn no_kernel_reaches_past_its_buffers() {
     let Some(mut gpu) = common::gpu(Validate::GpuAssisted) else { return };
-    for kernel in kernels::ALL {
-        for case in (kernel.cases)() {
+    for (kernel, cases) in cases::all() {
+        for case in cases {
             gpu.run(&case.plan).unwrap();
             let said = gpu.validation_messages();
             assert!(said.is_empty(), "{}/{}: {}", kernel.name(), case.name, said.join("\n"));
@@ -68,8 +69,8 @@ fn no_kernel_reaches_past_its_buffers() {
 #[test]
 fn a_second_run_gives_the_same_bytes() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
-    for kernel in kernels::ALL {
-        for case in (kernel.cases)() {
+    for (kernel, cases) in cases::all() {
+        for case in cases {
             let (a, b) = (gpu.run(&case.plan).unwrap(), gpu.run(&case.plan).unwrap());
             for id in case.plan.downloads() {
                 assert_eq!(a.words(*id), b.words(*id), "{}/{}", kernel.name(), case.name);
@@ -80,9 +81,9 @@ fn a_second_run_gives_the_same_bytes() {
 
 #[test]
 fn the_comparer_sees_one_wrong_element_of_every_kernel() {
-    for kernel in kernels::ALL {
+    for (kernel, cases) in cases::all() {
         let mut seen = 0;
-        for case in (kernel.cases)() {
+        for case in cases {
             let want = run_cpu(&case.plan);
             for id in case.plan.downloads() {
                 let b = &case.plan.buffers()[id.0 as usize];

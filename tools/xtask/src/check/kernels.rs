@@ -4,6 +4,7 @@ use super::source::words;
 use super::tree::Tree;
 
 const LIST: &str = "src/kernels/mod.rs";
+const CASES: &str = "tests/gpu/cases/mod.rs";
 /// What a shader's head has to say; `ours` (departures) only where there are any.
 const FIELDS: &[&str] = &["in", "out", "grid", "tol", "src"];
 
@@ -13,19 +14,21 @@ fn stems(tree: &Tree) -> impl Iterator<Item = &str> {
     files.filter(|name| !name.contains('/')).filter_map(|name| name.strip_suffix(".wgsl"))
 }
 
-/// Each shader has a Rust file of its name with twin and cases, listed in `ALL`; and the reverse.
+/// Each shader has a Rust file of its name with a twin, listed in `ALL`, and cases; and the reverse.
 pub fn complete(tree: &Tree) -> Vec<String> {
     let mut broken = Vec::new();
     let code: Vec<_> = tree.rust("src/kernels/").collect();
+    let cases = tree.text(CASES).unwrap_or_default();
     let all = code.iter().find(|(p, _)| *p == LIST).and_then(|(_, code)| list(code));
     for stem in stems(tree) {
         let path = format!("src/kernels/{stem}.rs");
         match code.iter().find(|(p, _)| *p == path) {
             None => broken.push(format!("shaders/{stem}.wgsl: no {path}")),
-            Some((_, code)) => {
-                let lacks = ["twin", "cases"].into_iter().filter(|name| !defines(code, name));
-                broken.extend(lacks.map(|name| format!("{path}: no fn {name}")));
-            }
+            Some((_, code)) if !defines(code, "twin") => broken.push(format!("{path}: no fn twin")),
+            Some(_) => {}
+        }
+        if words(cases, stem).next().is_none() {
+            broken.push(format!("{CASES}: no cases of {stem}"));
         }
         if all.is_none_or(|all| words(all, stem).next().is_none()) {
             broken.push(format!("{LIST}: {stem} is not in ALL"));
@@ -78,11 +81,13 @@ mod tests {
 
     const SHADER: &str = "// fair: smooths.\n// in   n [V]\n// out  m [V]\n// grid a vertex\n\
                           // tol  1e-5\n// src  someone 1995\n@compute fn main() {}";
-    const RUST: &str = "pub fn twin(args: &mut CpuArgs<'_>) {}\nfn cases() -> Vec<Case> {}";
+    const RUST: &str = "pub fn twin(args: &mut CpuArgs<'_>) {}";
+    const OF: &str = "\"fair\" => fair(),";
     const ALL: &str = "pub static ALL: &[&Kernel] = &[&fair::KERNEL];";
 
     fn tree(shader: &str, rust: &str, all: &str) -> Tree {
-        Tree::of(&[("shaders/fair.wgsl", shader), ("src/kernels/fair.rs", rust), (LIST, all)])
+        let rust = [("src/kernels/fair.rs", rust), (LIST, all), (CASES, OF)];
+        Tree::of(&[&[("shaders/fair.wgsl", shader)], &rust[..]].concat())
     }
 
     #[test]
@@ -93,14 +98,9 @@ mod tests {
 
     #[test]
     fn a_missing_part_is_caught() {
-        assert_eq!(
-            complete(&tree(SHADER, "fn cases() {}", ALL)),
-            ["src/kernels/fair.rs: no fn twin"]
-        );
-        assert_eq!(
-            complete(&tree(SHADER, "fn twin() {}", ALL)),
-            ["src/kernels/fair.rs: no fn cases"]
-        );
+        assert_eq!(complete(&tree(SHADER, "", ALL)), ["src/kernels/fair.rs: no fn twin"]);
+        let uncased = [("shaders/fair.wgsl", SHADER), ("src/kernels/fair.rs", RUST), (LIST, ALL)];
+        assert_eq!(complete(&Tree::of(&uncased)), [format!("{CASES}: no cases of fair")]);
         let none = "mod fair;\npub static ALL: &[&Kernel] = &[&affair::KERNEL];\nuse fair::X;";
         assert_eq!(complete(&tree(SHADER, RUST, none)), [format!("{LIST}: fair is not in ALL")]);
     }
