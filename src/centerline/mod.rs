@@ -7,25 +7,23 @@ mod recenter;
 mod clearance_refine;
 pub mod complex;
 mod frames;
-mod graph;
 mod paper;
 mod pieces;
 mod containment;
 mod queue;
 mod route;
-mod search;
 mod section;
 mod spline;
 mod visibility;
+mod voxel_routes;
 
 pub use containment::{Proof, safe_by_distance, safe_by_voxels};
 pub use frames::{CurveFrame, frames, tangents};
-pub use graph::Graph;
 pub use paper::paper_path;
 pub use recenter::{arc_lengths, resample};
 pub use route::{Ends, GraphNode, Loops, LumenLoop, RouteOptions, Routed, centerline};
-pub use search::{NOWHERE, Routes};
 pub use visibility::{Pending, Radius, Viewpoint, VisibilityInput, add_viewers};
+pub use voxel_routes::{NOWHERE, VoxelRoutes};
 
 use glam::DVec3;
 

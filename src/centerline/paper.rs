@@ -7,7 +7,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::recenter::arc_lengths;
-use super::{CenterlineError, Ends, Graph, RouteOptions, Viewpoint};
+use super::{CenterlineError, Ends, RouteOptions, Viewpoint, VoxelRoutes};
 use crate::field::Sampler;
 use crate::geometry::{Branch, Centerline, CenterlinePoint};
 use crate::kernels::visibility::sees;
@@ -153,22 +153,20 @@ impl Net<'_> {
 
     /// Joins every part to the first point's by voxel routes. Returns the cost from that point.
     fn join_parts(&mut self) -> Result<Vec<u64>, CenterlineError> {
-        let mut graph = None;
         loop {
             let (cost, _) = self.search(0);
             let Some(lost) = cost.iter().position(|c| *c == u64::MAX) else { return Ok(cost) };
-            let graph = graph.get_or_insert_with(|| Graph::new(self.lumen));
-            let node = |i: usize| self.kept[i].element;
-            let routes = graph.by_length(&[node(lost) as u32]);
+            let element = |i: usize| self.kept[i].element;
+            let routes = VoxelRoutes::from(self.lumen, element(lost));
             let reached = (0..cost.len())
                 .filter(|&i| cost[i] != u64::MAX)
-                .min_by_key(|&i| (routes.cost[node(i)], i))
+                .min_by_key(|&i| (routes.length[element(i)], i))
                 .ok_or(CenterlineError::Unreachable)?;
-            let route = routes.path_to(graph, node(reached) as u32);
+            let route = routes.to(element(reached));
             if route.is_empty() {
                 return Err(CenterlineError::Unreachable);
             }
-            let route = route.iter().map(|n| graph.voxel(*n)).collect();
+            let route = route.into_iter().map(|e| self.lumen.bricks.voxel(e)).collect();
             self.bridges.push((lost, reached, route));
         }
     }

@@ -7,6 +7,7 @@ use super::containment::safe;
 use super::section::{around, centres};
 use super::spline::Spline;
 use crate::field::Sampler;
+use crate::lumen::bricks::near_offset;
 
 /// Points a fixed arc length apart along a polyline, ends included.
 pub fn resample(points: &[DVec3], step_mm: f64) -> Vec<DVec3> {
@@ -245,7 +246,7 @@ pub fn cap_centre(start_mm: DVec3, distance: Sampler<'_>, smooth: Sampler<'_>) -
         let here = smooth.at(at);
         let next = (0..27usize)
             .filter(|n| *n != 13)
-            .map(|n| at + super::graph::offset(n).as_dvec3() * h)
+            .map(|n| at + near_offset(n).as_dvec3() * h)
             .filter(|p| p.distance(start_mm) <= CAP_REACH * distance.at(*p) + 0.5 * step)
             .map(|p| ((smooth.at(p) - here) / p.distance(at), p))
             .fold(None, |best: Option<(f64, DVec3)>, c| match best {

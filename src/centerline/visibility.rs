@@ -11,7 +11,7 @@ use crate::compute::{Outputs, Plan};
 use crate::field::{Candidate, LumenBuffers, Sampler};
 use crate::kernels::visibility as kernel;
 use crate::lumen::Lumen;
-use crate::lumen::bricks::{BRICK, SIDE};
+use crate::lumen::bricks::{BRICK, SIDE, near_offset};
 
 /// A viewpoint of the visibility test.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -239,7 +239,7 @@ pub fn add_viewers(
         loop {
             let up = (0..27)
                 .filter(|n| *n != 13)
-                .filter_map(|n| lumen.bricks.step(at, super::graph::offset(n)))
+                .filter_map(|n| lumen.bricks.step(at, near_offset(n)))
                 .filter(|&e| lumen.is_inside(e) && distance[e] > distance[at] && in_sight(e))
                 .max_by(|&a, &b| distance[a].total_cmp(&distance[b]).then(b.cmp(&a)));
             match up {

@@ -30,6 +30,13 @@ pub const fn near_index(dx: i32, dy: i32, dz: i32) -> usize {
     ((dx + 1) + 3 * (dy + 1) + 9 * (dz + 1)) as usize
 }
 
+/// Offset of one of the 27 neighbours, by its place in `near`.
+#[inline]
+pub const fn near_offset(n: usize) -> IVec3 {
+    let n = n as i32;
+    IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1)
+}
+
 impl Bricks {
     /// Number of bricks.
     pub fn len(&self) -> usize {

@@ -2,7 +2,7 @@
 
 use common::fixtures::{int, json, list, lumen, real, voxel};
 use glam::DVec3;
-use intima::centerline::{Ends, Graph, NOWHERE, RouteOptions, Routes, centerline};
+use intima::centerline::{Ends, NOWHERE, RouteOptions, VoxelRoutes, centerline};
 use intima::compute::{Plan, run_cpu};
 use intima::field::{LumenBuffers, Sampler, distance, smooth};
 use intima::lumen::Lumen;
@@ -28,15 +28,17 @@ fn cases() -> Vec<(String, Value)> {
 
 /// Checks every target and the sum over all nodes: our cost over theirs, as `least..=most`.
 fn assert_costs(
-    graph: &Graph<'_>,
-    routes: &Routes,
+    lumen: &Lumen,
+    routes: &VoxelRoutes,
     want: &Value,
     keys: (&str, &str),
-    unit: f64,
     (least, most): (f64, f64),
 ) -> f64 {
-    assert_eq!(routes.order.len() as i64, int(&want["reached"]));
-    assert_eq!((graph.len() - routes.order.len()) as i64, int(&want["unreached"]));
+    let unit = routes.unit_mm;
+    let reached: Vec<f64> =
+        routes.length.iter().filter(|l| **l != NOWHERE).map(|l| f64::from(*l)).collect();
+    assert_eq!(reached.len() as i64, int(&want["reached"]));
+    assert_eq!(lumen.inside_voxels() as i64 - reached.len() as i64, int(&want["unreached"]));
     let mut worst = 1.0f64;
     let mut check = |got: f64, want: f64| {
         let ratio = if want == 0.0 { 1.0 + got } else { got / want };
@@ -44,11 +46,10 @@ fn assert_costs(
         worst = if (ratio - 1.0).abs() > (worst - 1.0).abs() { ratio } else { worst };
     };
     for target in list(&want["targets"]) {
-        let node = graph.node_at(voxel(&target["at"])).expect("a target is inside");
-        check(f64::from(routes.cost[node as usize]) * unit, real(&target[keys.0]));
+        let at = lumen.bricks.element(voxel(&target["at"])).expect("a target is inside");
+        check(f64::from(routes.length[at]) * unit, real(&target[keys.0]));
     }
-    let reached = routes.cost.iter().filter(|c| **c != NOWHERE);
-    check(reached.map(|c| f64::from(*c)).sum::<f64>() * unit, real(&want[keys.1]));
+    check(reached.iter().sum::<f64>() * unit, real(&want[keys.1]));
     worst
 }
 
@@ -58,12 +59,11 @@ fn lengths_are_those_of_dijkstra_within_a_hundred_and_twenty_eighth() {
     // is off by a 128th of its length at most, and so is the shortest route.
     for (name, want) in cases() {
         let lumen = lumen(&name);
-        let graph = Graph::new(&lumen);
-        let source = graph.node_at(voxel(&want["source"])).expect("the source is inside");
-        let routes = graph.by_length(&[source]);
+        let source = lumen.bricks.element(voxel(&want["source"])).expect("the source is inside");
+        let routes = VoxelRoutes::from(&lumen, source);
         let range = (1.0 - 1.0 / 128.0, 1.0 + 1.0 / 128.0);
         let keys = ("plain_mm", "sum_plain_mm");
-        let worst = assert_costs(&graph, &routes, &want, keys, graph.length_unit_mm(), range);
+        let worst = assert_costs(&lumen, &routes, &want, keys, range);
         println!("{name}: {worst:.5}");
     }
 }
