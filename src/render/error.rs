@@ -53,11 +53,11 @@ pub enum RenderError {
     /// The frame's size cannot be drawn.
     #[error("a frame of {width} x {height} at {samples} samples cannot be drawn")]
     BadSize {
-        /// Columns asked for.
+        /// Number of columns.
         width: u32,
-        /// Rows asked for.
+        /// Number of rows.
         height: u32,
-        /// Samples asked for: 1 or 4.
+        /// Number of samples a pixel: 1 or 4 are possible.
         samples: u32,
     },
 }

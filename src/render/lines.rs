@@ -32,8 +32,8 @@ impl Tubes {
         tubes
     }
 
-    /// The frustum of a camera at the origin that looks along -z, one unit deep and from -1 to 1
-    /// at its base, with a tick that shows which way is up.
+    /// Builds the frustum of a camera at the origin that looks along -z, one unit deep and from -1
+    /// to 1 at its base, with a tick that shows which way is up.
     pub fn frustum() -> Self {
         let base = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
         let corner = |i: usize| Vec3::new(base[i % 4].0, base[i % 4].1, -1.0);
@@ -48,7 +48,7 @@ impl Tubes {
         tubes
     }
 
-    /// A ball whose skeleton is one point.
+    /// Builds a ball whose skeleton is one point.
     pub fn ball() -> Self {
         const RINGS: u32 = 8;
         const SLICES: u32 = 12;
@@ -106,7 +106,7 @@ impl Tubes {
         }
     }
 
-    /// Two triangles between each pair of neighbours on two rings of `n`.
+    /// Adds two triangles between each pair of neighbours on two rings of `n`.
     fn band(&mut self, a: u32, b: u32, n: u32) {
         for k in 0..n {
             let l = (k + 1) % n;

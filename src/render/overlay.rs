@@ -154,7 +154,7 @@ impl Drop for Overlay {
     }
 }
 
-/// The part of an area within another, if there is any.
+/// Returns the part of an area within another, if there is any.
 fn clipped(a: Area, within: Area) -> Option<Area> {
     let span = |from: u32, n: u32, low: u32, side: u32| {
         let (from, end) = (from.max(low), (from.saturating_add(n)).min(low + side));

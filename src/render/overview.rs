@@ -103,7 +103,7 @@ impl Renderer {
         }
     }
 
-    /// Path and camera.
+    /// Returns the draws of path and camera.
     fn marks(
         &self,
         scene: &Scene,

@@ -2,7 +2,7 @@
 //! that a camera can see.
 //!
 //! A page may be written while frames that drew its old content are still running on the device.
-//! What keeps that safe:
+//! This is safe for three reasons:
 //! - **Contents**, by order on the queue: copies wait until the vertex work of every earlier
 //!   submission is done, and draws of this one wait for the copies (barriers in `vk::frame`). This
 //!   holds whatever pages are written, also where several steps are merged into one frame.
@@ -262,8 +262,8 @@ impl Renderer {
         self.pages[pages.0].as_ref().expect("a wall that was not closed")
     }
 
-    /// Submits passes together with what is pending for a wall. Changes too many for one go before
-    /// them, by themselves; nothing is drawn between.
+    /// Submits passes together with the pending changes of a wall. Changes too large for one
+    /// submission go before them, in submissions of their own that draw nothing.
     pub(super) fn submit_with_changes(
         &mut self,
         gpu: &mut Gpu,

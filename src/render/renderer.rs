@@ -138,7 +138,7 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// A renderer of frames of `width` by `height` pixels with 1 or 4 samples a pixel.
+    /// Creates a renderer of frames of `width` by `height` pixels with 1 or 4 samples a pixel.
     ///
     /// # Errors
     /// [`RenderError::BadSize`]; [`RenderError::Vulkan`] when the device runs out of memory. After
@@ -447,7 +447,7 @@ impl Renderer {
         Ok(stats)
     }
 
-    /// The parts of a frame that the inside view and the overview fill.
+    /// Returns the parts of a frame that the inside view and the overview fill.
     fn areas(&self, view: View) -> (Option<Area>, Option<Area>) {
         let [width, height] = self.size();
         let whole = Area { x: 0, y: 0, width, height };

@@ -99,19 +99,19 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A scene of one mesh.
+    /// Creates a scene of one mesh.
     pub fn of(mesh: MeshHandle) -> Self {
         let look = Look::default();
         Self { wall: Wall::Mesh(mesh), overview: None, path: None, orbit: [0.0; 2], look }
     }
 
-    /// A scene of one closed wall in pages, and a mesh of it for the overview.
+    /// Creates a scene of one closed wall in pages, and a mesh of it for the overview.
     pub fn paged(pages: PagesHandle, overview: Option<MeshHandle>) -> Self {
         let wall = Wall::Pages { pages, backs: false };
         Self { wall, overview, path: None, orbit: [0.0; 2], look: Look::default() }
     }
 
-    /// The mesh the overview shows.
+    /// Returns the mesh the overview shows.
     pub(super) fn overview_mesh(&self) -> Option<MeshHandle> {
         self.overview.or(match self.wall {
             Wall::Mesh(mesh) => Some(mesh),

@@ -37,7 +37,7 @@ impl FrameSequence {
         Self { scene, shots, worker, begun: 0, in_flight: VecDeque::with_capacity(IN_FLIGHT) }
     }
 
-    /// Number of frames in all.
+    /// Returns the number of frames in all.
     pub fn count(&self) -> usize {
         self.shots.len()
     }

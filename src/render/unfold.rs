@@ -19,14 +19,14 @@ const IN_CROSS: [[u32; 2]; 6] = [[1, 1], [2, 1], [3, 1], [0, 1], [1, 0], [1, 2]]
 /// Columns of the image that a panorama takes its colours from, and their rows.
 const IN_ROWS: [u32; 2] = [3, 2];
 
-/// The largest area of these proportions in the middle of a picture.
+/// Returns the largest area of these proportions in the middle of a picture.
 pub(super) fn fitted([width, height]: [u32; 2], [across, down]: [u32; 2]) -> Area {
     let unit = (width / across).min(height / down).max(1);
     let (w, h) = ((unit * across).min(width), (unit * down).min(height));
     Area { x: (width - w) / 2, y: (height - h) / 2, width: w, height: h }
 }
 
-/// The areas of the six faces of a cube in a picture: front, right, back, left, up, down.
+/// Returns the areas of the six faces of a cube in a picture: front, right, back, left, up, down.
 pub fn cube_areas(size: [u32; 2]) -> [[u32; 4]; 6] {
     faces_in_cross(size).map(|a| [a.x, a.y, a.width, a.height])
 }
@@ -47,7 +47,7 @@ fn side_for(width: u32) -> u32 {
 }
 
 impl Renderer {
-    /// The six views of a shot that is a cube or a panorama.
+    /// Returns the six views of a shot that is a cube or a panorama.
     pub(super) fn faces(&self, shot: &Shot) -> Vec<UnfoldedFace> {
         let (areas, margin) = match shot.view {
             View::Cube => (faces_in_cross(self.size()), 0.0),
@@ -87,7 +87,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// The pass that clears a picture before the faces of a cross are drawn to parts of it.
+    /// Returns the pass that clears a picture before the faces of a cross are drawn to parts of it.
     pub(super) fn clear_pass(&self, background: [f32; 3]) -> Pass {
         let [width, height] = self.size();
         let [r, g, b] = background;
@@ -102,7 +102,7 @@ impl Renderer {
         }
     }
 
-    /// The pass that makes a panorama of its six faces.
+    /// Returns the pass that makes a panorama of its six faces.
     pub(super) fn panorama_pass(&self) -> Option<Pass> {
         let faces = self.faces.as_ref()?;
         let area = fitted(self.size(), [2, 1]);
