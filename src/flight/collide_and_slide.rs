@@ -15,11 +15,11 @@ const MAX_CORRECTIONS: usize = 4;
 /// * `from_mm`: position of the eye, LPS mm; where the lens has no room the eye does not move.
 ///
 /// Each substep is at most half the proven distance to the wall. Where the near ball would come
-/// nearer than it may, the part of the step that goes towards the wall is taken out and the eye is
-/// pushed away from it. Every place returned is proven as for the frames of a flight: the wall is
-/// more than the near ball's radius away ([`Clearance`]). A move ends before the straight way from
-/// its start would cut the wall, as it may where the eye slides round a fold: what is drawn between
-/// two frames is that way.
+/// nearer than it may, the component of the step towards the wall is removed and the eye is pushed
+/// away from it. Every position returned is proven as for the frames of a flight: the wall is more
+/// than the near ball's radius away ([`Clearance`]). A move ends before the straight line from its
+/// start would cut the wall, as it may where the eye slides round a fold: between two frames the
+/// eye is shown along that line.
 pub fn collide_and_slide(
     from_mm: DVec3,
     delta_mm: DVec3,
