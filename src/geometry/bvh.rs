@@ -44,7 +44,7 @@ impl Bounds {
         Self { lo: self.lo.min(other.lo), hi: self.hi.max(other.hi) }
     }
 
-    /// Squared distance to a point, mm²; 0 inside.
+    /// Returns the squared distance to a point, mm²; 0 inside.
     #[inline]
     fn distance2(&self, p: DVec3) -> f64 {
         let d = (self.lo.as_dvec3() - p).max(p - self.hi.as_dvec3()).max(DVec3::ZERO);

@@ -12,7 +12,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// Pose that looks along `forward`, with the camera's +y as near to `up` as possible.
+    /// Creates a pose that looks along `forward`, with the camera's +y as near to `up` as possible.
     pub fn looking(position_mm: Vec3, forward: Vec3, up: Vec3) -> Self {
         let f = forward.normalize();
         let r = f.cross(up).try_normalize().unwrap_or_else(|| f.any_orthonormal_vector());
@@ -20,12 +20,12 @@ impl Pose {
         Self { position_mm, rotation: Quat::from_mat3(&glam::Mat3::from_cols(r, u, -f)) }
     }
 
-    /// Unit viewing direction.
+    /// Returns the unit viewing direction.
     pub fn forward(&self) -> Vec3 {
         self.rotation * Vec3::NEG_Z
     }
 
-    /// Unit up direction.
+    /// Returns the unit up direction.
     pub fn up(&self) -> Vec3 {
         self.rotation * Vec3::Y
     }
@@ -43,7 +43,7 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// Distance from the eye to the corners of the near rectangle, mm.
+    /// Returns the distance from the eye to the corners of the near rectangle, mm.
     pub fn near_ball_mm(&self) -> f32 {
         let t = (0.5 * self.fov_y_rad).tan();
         self.near_mm * (1.0 + t * t * (1.0 + self.aspect * self.aspect)).sqrt()

@@ -12,7 +12,7 @@ pub struct KeyedPoint {
 }
 
 impl KeyedPoint {
-    /// Item `id` at `p`, of which no coordinate may be NaN.
+    /// Stores item `id` at `p`, of which no coordinate may be NaN.
     pub fn new(p: Vec3, id: u32) -> Self {
         let ordered = |x: f32| {
             let bits = x.to_bits();
@@ -22,17 +22,17 @@ impl KeyedPoint {
         Self { at: p.to_array().map(ordered), id }
     }
 
-    /// Id of the item.
+    /// Returns the id of the item.
     pub fn id(&self) -> u32 {
         self.id
     }
 
-    /// Position of the item.
+    /// Returns the position of the item.
     pub fn position(&self) -> Vec3 {
         float(self.at)
     }
 
-    /// Sort key: coordinate along an axis, then id.
+    /// Returns the sort key: coordinate along an axis, then id.
     fn key(&self, axis: usize) -> u64 {
         u64::from(self.at[axis]) << 32 | u64::from(self.id)
     }
@@ -44,7 +44,7 @@ fn float(at: [u32; 3]) -> Vec3 {
     )
 }
 
-/// Smallest and largest corner of the box around all positions.
+/// Returns the smallest and largest corner of the box around all positions.
 pub fn bounds(items: &[KeyedPoint]) -> (Vec3, Vec3) {
     let (lo, hi) = items.iter().fold(([u32::MAX; 3], [0; 3]), |(lo, hi), i| {
         let each = |f: fn(u32, u32) -> u32, a: [u32; 3]| [0, 1, 2].map(|k| f(a[k], i.at[k]));

@@ -17,24 +17,26 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Twice the area times the unit normal of a face.
+    /// Returns twice the area of a face times its unit normal.
     pub fn face_cross(&self, f: [u32; 3]) -> Vec3 {
         let [a, b, c] = f.map(|v| self.positions[v as usize]);
         (b - a).cross(c - a)
     }
 
-    /// Smallest and largest corner of the box around all vertices, or `None` for an empty mesh.
+    /// Returns the smallest and largest corner of the box around all vertices, or `None` for an
+    /// empty mesh.
     pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
         let first = *self.positions.first()?;
         Some(self.positions.iter().fold((first, first), |(lo, hi), &p| (lo.min(p), hi.max(p))))
     }
 
-    /// Total area, mm².
+    /// Returns the total area, mm².
     pub fn area_mm2(&self) -> f64 {
         self.faces.iter().map(|&f| 0.5 * f64::from(self.face_cross(f).length())).sum()
     }
 
-    /// Enclosed volume, mm³; positive when normals point inwards. Meaningful for closed meshes.
+    /// Returns the enclosed volume, mm³; positive when normals point inwards. Meaningful for closed
+    /// meshes.
     pub fn volume_mm3(&self) -> f64 {
         let p = |v: u32| DVec3::from(self.positions[v as usize]);
         -self.faces.iter().map(|&[a, b, c]| p(a).dot(p(b).cross(p(c)))).sum::<f64>() / 6.0

@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
-/// Squared distance from `p` to the triangle and the barycentric weights of the nearest point, by
-/// the Voronoi regions of its corners and edges (Ericson 2005, Real-Time Collision Detection,
-/// 5.1.5). A triangle without area counts as its sides.
+/// Computes the squared distance from `p` to the triangle and the barycentric weights of the
+/// nearest point, by the Voronoi regions of its corners and edges (Ericson 2005, Real-Time
+/// Collision Detection, 5.1.5). A triangle without area counts as its sides.
 #[inline]
 pub fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, DVec3) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
@@ -65,19 +65,19 @@ fn nearest_on_sides(p: DVec3, corners: [DVec3; 3]) -> (f64, DVec3) {
     best
 }
 
-/// Distance from `p` to the triangle, in the unit of the points.
+/// Computes the distance from `p` to the triangle, in the unit of the points.
 #[inline]
 pub fn point_triangle_distance(p: DVec3, triangle: [DVec3; 3]) -> f64 {
     nearest_on_triangle(p, triangle).0.sqrt()
 }
 
-/// Nearest point of the segment from `a` to `b`.
+/// Computes the nearest point of the segment from `a` to `b`.
 #[inline]
 pub fn nearest_on_segment(p: DVec3, a: DVec3, b: DVec3) -> DVec3 {
     a + share_of_segment(p, a, b) * (b - a)
 }
 
-/// Share of the segment before its nearest point; 0 on a segment without length.
+/// Computes the share of the segment before its nearest point; 0 on a segment without length.
 #[inline]
 fn share_of_segment(p: DVec3, a: DVec3, b: DVec3) -> f64 {
     let along = b - a;

@@ -4,8 +4,8 @@ use glam::Vec3;
 
 use super::Mesh;
 
-/// m × n vertices that close in both directions, each where `at` says for its two angles, with its
-/// normal.
+/// Builds a mesh of m × n vertices that closes in both directions; `at` gives position and normal
+/// of a vertex by its two angles.
 pub fn closed_lattice(m: u32, n: u32, at: impl Fn(f32, f32) -> (Vec3, Vec3)) -> Mesh {
     let mut mesh = Mesh::default();
     for i in 0..m {
@@ -22,7 +22,7 @@ pub fn closed_lattice(m: u32, n: u32, at: impl Fn(f32, f32) -> (Vec3, Vec3)) -> 
     mesh
 }
 
-/// A torus of radii 10 and 3 mm, 2 m n faces; normals point inwards.
+/// Builds a torus of radii 10 and 3 mm, 2 m n faces; normals point inwards.
 pub fn torus(m: u32, n: u32) -> Mesh {
     closed_lattice(m, n, |a, b| {
         let out = Vec3::new(a.cos() * b.cos(), a.sin() * b.cos(), b.sin());
@@ -30,7 +30,7 @@ pub fn torus(m: u32, n: u32) -> Mesh {
     })
 }
 
-/// A cube's faces cut into n² squares and blown up to a sphere; normals point inwards.
+/// Builds a sphere from a cube whose faces are cut into n² squares; normals point inwards.
 pub fn sphere(radius: f32, n: u32) -> Mesh {
     let mut mesh = boxed(n);
     mesh.normals = mesh.positions.iter().map(|p| -p.normalize()).collect();
@@ -38,7 +38,7 @@ pub fn sphere(radius: f32, n: u32) -> Mesh {
     mesh
 }
 
-/// The cube from −1 to 1, each face cut into n² squares; normals by face point inwards.
+/// Builds the cube from −1 to 1, each face cut into n² squares; normals by face point inwards.
 pub fn boxed(n: u32) -> Mesh {
     let mut mesh = Mesh::default();
     let mut ids = std::collections::BTreeMap::new();

@@ -34,7 +34,7 @@ impl ProjectedBounds {
 pub struct ViewFrustum {
     position: DVec3,
     camera_from_world: DMat3,
-    /// Tangents of half the field of view.
+    /// Tangents of half the horizontal and vertical field of view.
     tangent: [f64; 2],
     /// 1 / cosine of those half-angles.
     secant: [f64; 2],
@@ -62,7 +62,7 @@ impl ViewFrustum {
         }
     }
 
-    /// Position of the eye, LPS mm.
+    /// Returns the position of the eye, LPS mm.
     pub fn position(&self) -> DVec3 {
         self.position
     }
@@ -86,7 +86,7 @@ impl ViewFrustum {
         self.error_px_fn(s)(error_mm)
     }
 
-    /// [`Self::error_px`] as a function of the error, for one sphere.
+    /// Returns [`Self::error_px`] as a function of the error, for one sphere.
     pub fn error_px_fn(&self, s: &Sphere) -> impl Fn(f32) -> f64 + use<> {
         let c = self.camera_from_world * (s.centre.as_dvec3() - self.position);
         let r = f64::from(s.radius) * (1.0 + 1e-6) + 1e-6;
@@ -112,8 +112,8 @@ impl ViewFrustum {
         }
     }
 
-    /// Lower bound of [`Self::bounds_error_px`] for every region within the sphere: the error on
-    /// the axis at its far side. 0 where the sphere is not entirely in the image.
+    /// Returns a lower bound of [`Self::bounds_error_px`] for every region within the sphere: the
+    /// error on the axis at its far side. 0 where the sphere is not entirely in the image.
     pub fn min_error_px(&self, s: &Sphere, error_mm: f32) -> f64 {
         let e = f64::from(error_mm);
         let c = self.camera_from_world * (s.centre.as_dvec3() - self.position);
@@ -143,8 +143,8 @@ impl ViewFrustum {
         ProjectedBounds { outside_planes, min_depth_mm, secant }
     }
 
-    /// [`Self::error_px`] for projected bounds instead of a sphere; 0 where they are outside the
-    /// image.
+    /// Returns [`Self::error_px`] for projected bounds instead of a sphere; 0 where they are
+    /// outside the image.
     pub fn bounds_error_px(&self, s: &ProjectedBounds, error_mm: f32) -> f64 {
         let e = f64::from(error_mm);
         if e <= 0.0 || s.outside_planes != 0 {
