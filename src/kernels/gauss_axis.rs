@@ -96,7 +96,7 @@ impl WithSimd for Sums<'_> {
     }
 }
 
-/// Sums along the rows of a brick, `flat` holding what lies around each.
+/// Sums along the rows of a brick; `flat` holds each row with the values on both sides of it.
 #[inline(always)]
 fn along_x(out: &mut [f32], flat: &[f32], weight: &[f32], outside: [bool; 8]) {
     let radius = weight.len() - 1;
@@ -151,7 +151,7 @@ fn across_x(
     }
 }
 
-/// Copies what lies around a brick along an axis, and says whether any of it is not 0.
+/// Copies the values around a brick along an axis; returns whether any of them is not 0.
 ///
 /// Across x (axes y and z) `lines` is [position][group of eight x]; along x it is [row][position].
 fn gather(lines: &mut [[f32; 8]], places: &[SlotAddress], f: &[f32], axis: usize) -> bool {
