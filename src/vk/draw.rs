@@ -113,7 +113,7 @@ impl Gpu {
         self.submit_frame(frame, options, None)
     }
 
-    /// Submits a frame, in one go with its presentation where it is drawn to a window.
+    /// Submits a frame; one that draws a window's image runs between that image's two semaphores.
     ///
     /// * `shown`: the window's image that the frame draws, and its semaphores.
     pub(super) fn submit_frame(

@@ -189,7 +189,7 @@ impl Gpu {
         Ok(self.buffers[id].buffer.mapped().expect("read-back memory is mapped"))
     }
 
-    /// Creates a buffer as [`Gpu::with_memory`] does.
+    /// Creates a buffer, out of retired memory where it is short ([`Gpu::with_memory`]).
     pub(super) fn new_buffer(
         &mut self,
         name: &str,

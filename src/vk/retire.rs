@@ -153,8 +153,9 @@ impl Gpu {
         Ok(reached)
     }
 
-    /// Takes device memory. What is retired and passed is destroyed first; where memory has run
-    /// out, everything retired is waited for and destroyed, and it is tried once more.
+    /// Takes device memory. Retired resources that the device has passed are destroyed first; where
+    /// memory has run out, all retired ones are waited for and destroyed, and `take` is tried once
+    /// more.
     pub(super) fn with_memory<T>(
         &mut self,
         take: impl Fn(&mut Memory) -> Result<T, VkError>,
