@@ -140,45 +140,6 @@ fn third(s: f32) -> f32 {
     C.iter().rev().fold(0.0, |sum, c| sum * s + c)
 }
 
-fn cases() -> Vec<Case> {
-    cases_on_bricks(|plan, lumen, near, inside| {
-        let f = smooth_distance(lumen);
-        let slots = lumen.bricks.len();
-        let f = plan.upload_owned("f", &f);
-        let sheets = plan.upload_owned("sheets", &sheets(lumen));
-        // All slots; then from one in the middle on, as where a response takes several buffers.
-        for (kind, sign, first, f) in [
-            (0u32, 1.0, 0, f),
-            (1, 1.0, 0, f),
-            (1, -1.0, 0, f),
-            (0, 1.0, slots / 2, f),
-            (2, 1.0, 0, sheets),
-            (2, -1.0, 0, sheets),
-        ] {
-            let slots = slots - first;
-            let n = slots * BRICK * if kind == 0 { 3 } else { 1 };
-            let response = plan.zeroed::<f32>("response", n);
-            let spacing_mm = lumen.grid.spacing_mm.as_vec3().to_array();
-            let (first, count) = (first as u32, slots as u32);
-            let params =
-                Params { spacing_mm, sign, first, slots: count, kind, ..Default::default() };
-            let bindings = Bindings { near, inside, f, response };
-            plan.launch(&KERNEL, bindings, params, slots * BRICK, slots * BRICK);
-            plan.download(response);
-        }
-    })
-}
-
-/// Returns a field that is curved along one axis alone, by another amount at each voxel: two
-/// eigenvalues are 0 but for rounding, and tubeness is the root of their product.
-fn sheets(lumen: &crate::lumen::Lumen) -> Vec<f32> {
-    let at = |e: usize| {
-        let x = lumen.bricks.voxel(e).x as f32;
-        0.013 * x * x + 0.0007 * x * x * x
-    };
-    (0..lumen.bricks.field_len()).map(at).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

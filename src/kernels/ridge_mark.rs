@@ -126,9 +126,9 @@ pub fn eigen(m: Vec3, o: Vec3) -> (Vec3, Option<Vec3>) {
 /// Result of the ridge test at a voxel.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Ridge {
-    /// It is a candidate.
+    /// Whether the voxel is a ridge candidate.
     pub accepted: bool,
-    /// From the voxel's centre to the ridge.
+    /// Offset from the voxel's centre to the ridge.
     pub offset_mm: Vec3,
     /// Length of the gradient.
     pub gradient: f32,
