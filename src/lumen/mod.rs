@@ -21,7 +21,7 @@ pub use intensity_selection::IntensitySelection;
 pub use leak::{Flood, LeakReport, grow_controlled};
 pub use morphology::{closed, dilated, eroded, holes_filled, open_background, opened};
 pub use thickening::{Neighborhood, thickened};
-pub use voxelized::{VoxelizeError, voxelized};
+pub use voxelized::{VoxelizeError, enclosing_grid, voxelized};
 
 use glam::{IVec3, UVec3};
 use rayon::prelude::*;

@@ -8,7 +8,7 @@ use super::report::hash_of;
 use super::settings::{Source, VolumeSource};
 use super::{Clock, InputReport, Session, SessionError, present, put, refuse_above};
 use crate::formats::{FormatError, InputInfo, ReadOptions, inspect, read_mesh, read_volume, shown};
-use crate::lumen::{IntensitySelection, voxelized};
+use crate::lumen::{IntensitySelection, enclosing_grid, voxelized};
 use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
 
 /// The volume the lumen is chosen from.
@@ -160,7 +160,7 @@ fn read_file(
         }
     }
     let volume = match is_mesh(path) {
-        true => read_enclosed(path, options.mesh_spacing_mm)?,
+        true => read_enclosed(path, options.mesh_spacing_mm, max_memory_mb)?,
         false => read_volume(path, options)?,
     };
     let d = volume.grid.dims;
@@ -174,12 +174,23 @@ fn is_mesh(path: &std::path::Path) -> bool {
     name.is_some_and(|e| ["ply", "stl", "obj", "vtp", "glb"].contains(&e.as_str()))
 }
 
-/// What a closed surface encloses, as a label map.
-fn read_enclosed(path: &std::path::Path, spacing_mm: Option<f64>) -> Result<Volume, SessionError> {
+/// Label map of the voxels that a closed surface encloses.
+fn read_enclosed(
+    path: &std::path::Path,
+    spacing_mm: Option<f64>,
+    max_memory_mb: Option<u64>,
+) -> Result<Volume, SessionError> {
     let (mesh, warnings) = read_mesh(path, None)?;
     warnings.iter().for_each(|line| tracing::warn!("{line}"));
-    let enclosed = voxelized(&mesh, spacing_mm);
-    let (grid, mask) = enclosed.map_err(|why| SessionError::Enclosed { name: shown(path), why })?;
+    let refused = |why| SessionError::Enclosed { name: shown(path), why };
+    let grid = enclosing_grid(&mesh, spacing_mm).map_err(refused)?;
+    // A bit and a label a voxel; places and edges of the mesh.
+    let voxels = grid.len() as u64;
+    let faces = mesh.faces.len() as u64;
+    let bytes = voxels + voxels / 8 + 24 * mesh.positions.len() as u64 + 60 * faces;
+    refuse_above(max_memory_mb, bytes, "the voxels that the mesh encloses")?;
+    let mask = voxelized(&mesh, &grid).map_err(refused)?;
+    drop(mesh);
     let mut labels = vec![0u8; grid.len()];
     mask.voxels().for_each(|v| labels[grid.index(v)] = 1);
     Ok(Volume::new(grid, labels.into()))
