@@ -14,6 +14,7 @@ import json
 import os
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -41,7 +42,7 @@ def without_times(value):
 def digest(path):
     """Hash of a file; of JSON, of its text without times."""
     data = path.read_bytes()
-    if path.suffix == ".json" or path.name == "stdout":
+    if path.suffix == ".json" or path.name.endswith("stdout"):
         try:
             data = json.dumps(without_times(json.loads(data)), sort_keys=True).encode()
         except ValueError:
@@ -51,7 +52,8 @@ def digest(path):
 
 def run(program, case, data, folder):
     """Runs a case; the outputs are in `folder`. Returns seconds and exit codes."""
-    folder.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
     start = time.monotonic()
     codes = []
     for i, command in enumerate(case.commands):
@@ -59,7 +61,7 @@ def run(program, case, data, folder):
         if any("{dicom:" in a for a in args):
             args = [re.sub(r"\{dicom:(\w+)\}", lambda m: unzipped(data, m[1], folder), a) for a in args]
         out = subprocess.run(
-            [program, *args], cwd=folder, capture_output=True, env={**os.environ, "NO_COLOR": "1"}
+            [program, *args], cwd=folder, capture_output=True, env={**os.environ, "NO_COLOR": "1", "XDG_CACHE_HOME": str(folder / "cache")}
         )
         codes.append(out.returncode)
         (folder / ("stdout" if len(case.commands) == 1 else f"{i}.stdout")).write_bytes(out.stdout)
@@ -80,7 +82,8 @@ def unzipped(data, name, folder):
 
 def files(folder):
     """Outputs of a case by their path."""
-    return {str(p.relative_to(folder)): p for p in sorted(folder.rglob("*")) if p.is_file()}
+    found = (p for p in sorted(folder.rglob("*")) if p.is_file())
+    return {str(p.relative_to(folder)): p for p in found if "cache" not in p.parts}
 
 
 def main():
