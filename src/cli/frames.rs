@@ -3,9 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::CliError;
-use super::global::Global;
 use crate::flight::{CameraPath, Frames};
-use crate::formats::{VideoWriter, atomic_file, read_plain};
+use crate::formats::{atomic_file, read_plain};
 use crate::render::View;
 use crate::session::{FlightRoute, FlightSettings, LevelSettings, Lod};
 
@@ -121,16 +120,6 @@ impl FrameArgs {
             script: self.path.as_deref().map(read_script).transpose()?,
             script_frames: self.frames,
         })
-    }
-
-    /// The video, where one is asked for and can be written.
-    pub fn video(&self, global: &Global) -> Option<PathBuf> {
-        let video = self.video.clone()?;
-        if VideoWriter::available() {
-            return Some(video);
-        }
-        global.warn("no ffmpeg in PATH: frames are written, the video is not");
-        None
     }
 }
 

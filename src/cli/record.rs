@@ -19,7 +19,7 @@ impl Args {
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         self.flags.check_files(&self.flags.out)?;
         let mut session = self.flags.session(global)?;
-        let recording = self.flags.recording(self.flags.out.clone(), global);
+        let recording = self.flags.recording(self.flags.out.clone());
         let needs = [Product::Lumen, Product::Device];
         let anew = [Product::Distance, Product::Fields, Product::Wall];
         let (stream, timing) = if global.repeat.is_some() {

@@ -23,7 +23,7 @@ impl Args {
         let out = &self.flags.out;
         self.flags.check_files(&out.join("frames"))?;
         let mut session = self.flags.session(global)?;
-        let recording = self.flags.recording(out.join("frames"), global);
+        let recording = self.flags.recording(out.join("frames"));
         let mut timing = None;
         if global.repeat.is_some() {
             let needs = [Product::Volume, Product::Device];

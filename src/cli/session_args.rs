@@ -9,7 +9,7 @@ use super::global::Global;
 use super::lumen_args::LumenArgs;
 use super::mode::ModeArg;
 use super::surface_args::SurfaceArgs;
-use crate::formats::shown;
+use crate::formats::{VideoWriter, shown};
 use crate::session::{CenterlineSettings, RUN_FILES, Recording, Session, Settings, is_frame_file};
 
 /// Flags of `record` and `run`.
@@ -55,6 +55,9 @@ impl SessionArgs {
     ///
     /// * `frames`: the folder of the frames, the one of the outputs or within it.
     pub fn check_files(&self, frames: &Path) -> Result<(), CliError> {
+        if let Some(video) = &self.frames.video {
+            VideoWriter::check(video)?;
+        }
         let within = |folder: &Path, name| place(&folder.join(name));
         // Through a file in it, so that a link to a folder is followed.
         let folder_of = |folder: &Path| within(folder, "file").parent().map(Path::to_owned);
@@ -87,10 +90,10 @@ impl SessionArgs {
     }
 
     /// Where frames go: into `folder`.
-    pub fn recording(&self, folder: PathBuf, global: &Global) -> Recording {
+    pub fn recording(&self, folder: PathBuf) -> Recording {
         Recording {
             frames: folder,
-            video: self.frames.video(global).map(|v| (v, self.frames.fps)),
+            video: self.frames.video.clone().map(|v| (v, self.frames.fps)),
             camera_path: self.frames.write_path.clone(),
         }
     }

@@ -43,6 +43,21 @@ enum Container {
     Gif,
 }
 
+impl Container {
+    /// Container that a file's extension names.
+    fn of(path: &Path) -> Result<Self, FormatError> {
+        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        match extension.to_str() {
+            Some("mp4") => Ok(Self::Mp4),
+            Some("gif") => Ok(Self::Gif),
+            _ => {
+                let what = "a video with this extension; there are .mp4 and .gif";
+                Err(FormatError::unsupported(path, what))
+            }
+        }
+    }
+}
+
 /// A video being written. It takes its name at [`VideoWriter::finish`]; dropped before that, it
 /// leaves nothing behind.
 ///
@@ -68,6 +83,16 @@ impl VideoWriter {
         program().is_some()
     }
 
+    /// Checks what can be known of a video before its first frame: its extension, and that there is an
+    /// ffmpeg.
+    ///
+    /// # Errors
+    /// [`FormatError::Unsupported`], [`FormatError::Io`] around [`NoFfmpeg`].
+    pub fn check(path: &Path) -> Result<(), FormatError> {
+        Container::of(path)?;
+        program_for(path).map(drop)
+    }
+
     /// Starts a video of 8-bit RGB frames: `.mp4` (H.264, 4:2:0; odd sizes get a black row or
     /// column) or `.gif` (one palette for all frames, which ffmpeg therefore keeps in memory).
     /// `fps` is frames a second, in (0, 1000].
@@ -76,15 +101,7 @@ impl VideoWriter {
     /// [`FormatError::Io`] around [`NoFfmpeg`] without ffmpeg, [`FormatError::Unsupported`] for
     /// another extension, [`FormatError::Field`] for an unusable size or rate.
     pub fn create(path: &Path, width: u32, height: u32, fps: f64) -> Result<Self, FormatError> {
-        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-        let container = match extension.to_str() {
-            Some("mp4") => Container::Mp4,
-            Some("gif") => Container::Gif,
-            _ => {
-                let what = "a video with this extension; there are .mp4 and .gif";
-                return Err(FormatError::unsupported(path, what));
-            }
-        };
+        let container = Container::of(path)?;
         if ![width, height].iter().all(|s| (1..=16_384).contains(s)) {
             let size = FieldValue::size(width, height);
             return Err(FormatError::field(path, "frame size", size, "not 1 to 16384 a side"));
@@ -93,8 +110,7 @@ impl VideoWriter {
             return Err(FormatError::field(path, "frames a second", fps, "not in (0, 1000]"));
         }
         let fail = |e| FormatError::io(path, e);
-        let program =
-            program().ok_or_else(|| fail(io::Error::new(io::ErrorKind::Unsupported, NoFfmpeg)))?;
+        let program = program_for(path)?;
         let temporary = TemporaryFile::create(path).map_err(fail)?;
         let log = tempfile::tempfile().map_err(fail)?;
         let mut command = Command::new(program);
@@ -161,6 +177,10 @@ impl VideoWriter {
         }
         let mut made =
             File::open(self.temporary.path()).map_err(|e| FormatError::io(&self.path, e))?;
+        if made.metadata().map_err(|e| FormatError::io(&self.path, e))?.len() == 0 {
+            let why = "ffmpeg ended without an error and wrote nothing";
+            return Err(FormatError::io(&self.path, io::Error::other(why)));
+        }
         let mut out = AtomicFile::create(&self.path)?;
         let copied = match self.container {
             Container::Mp4 => io::copy(&mut made, &mut out).map(drop),
@@ -200,6 +220,12 @@ impl Drop for VideoWriter {
 fn program() -> Option<PathBuf> {
     let name = format!("ffmpeg{}", std::env::consts::EXE_SUFFIX);
     std::env::split_paths(&std::env::var_os("PATH")?).map(|d| d.join(&name)).find(|p| p.is_file())
+}
+
+/// The ffmpeg that writes the video at `path`.
+fn program_for(path: &Path) -> Result<PathBuf, FormatError> {
+    let missing = || io::Error::new(io::ErrorKind::Unsupported, NoFfmpeg);
+    program().ok_or_else(|| FormatError::io(path, missing()))
 }
 
 fn arguments(container: Container, width: u32, height: u32, fps: f64) -> Vec<OsString> {

@@ -10,10 +10,14 @@ use super::*;
 /// A stand-in for ffmpeg that writes some bytes of its output at once, the rest when its input
 /// ends.
 pub fn ffmpeg(dir: &Path) -> std::ffi::OsString {
+    ffmpeg_that(dir, "echo begun > \"$last\"\ncat > /dev/null\necho ended >> \"$last\"")
+}
+
+/// A search path whose ffmpeg is a shell script; `$last` is its output.
+fn ffmpeg_that(dir: &Path, does: &str) -> std::ffi::OsString {
     let folder = dir.join("bin");
     std::fs::create_dir_all(&folder).unwrap();
-    let script = "#!/bin/sh\nfor last; do :; done\necho begun > \"$last\"\ncat > /dev/null\n\
-                  echo ended >> \"$last\"\n";
+    let script = format!("#!/bin/sh\nfor last; do :; done\n{does}\n");
     std::fs::write(folder.join("ffmpeg"), script).unwrap();
     std::fs::set_permissions(folder.join("ffmpeg"), Permissions::from_mode(0o755)).unwrap();
     let path = std::env::var_os("PATH").unwrap_or_default();
@@ -115,6 +119,90 @@ fn ctrl_c_leaves_no_temporary_file_of_a_video() {
         std::thread::sleep(Duration::from_millis(300));
         assert_eq!(temporary(tmp.path()), Vec::<std::path::PathBuf>::new(), "{name}");
         assert!(!tmp.path().join("v.mp4").exists());
+    }
+}
+
+/// Arguments of a recording with a video.
+const VIDEO: [&str; 12] = [
+    "record",
+    "--mask",
+    "mask.nrrd",
+    "--out",
+    "f",
+    "--size",
+    "64x48",
+    "--video",
+    "v.mp4",
+    "--lod",
+    "off",
+    "-q",
+];
+
+#[test]
+fn a_run_whose_ffmpeg_hangs_ends_on_ctrl_c() {
+    if !can_draw() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Bend, 32);
+    // It reads nothing, so that a write of frames waits; or all, and does not end.
+    let pictures = ["5000", "3"];
+    for (does, frames) in
+        ["exec sleep 1000", "cat > /dev/null\nexec sleep 1000"].iter().zip(pictures)
+    {
+        let hangs = format!("echo begun > \"$last\"\n{does}");
+        let mut child = Command::new(env!("CARGO_BIN_EXE_intima"))
+            .args(VIDEO)
+            .args(["--frames", frames])
+            .current_dir(tmp.path())
+            .env("PATH", ffmpeg_that(tmp.path(), &hangs))
+            .spawn()
+            .unwrap();
+        let since = Instant::now();
+        while temporary(tmp.path()).iter().all(|p| std::fs::read(p).is_ok_and(|b| b != b"begun\n"))
+        {
+            assert!(child.try_wait().unwrap().is_none(), "ended before its video began");
+            assert!(since.elapsed() < Duration::from_secs(120));
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        // Long enough to fill the pipe, or to draw the last frame.
+        std::thread::sleep(Duration::from_secs(2));
+        let since = Instant::now();
+        signal(&child, "-INT");
+        let status = child.wait().unwrap();
+        assert_eq!(status.code(), Some(130), "{does}: {status}");
+        assert!(since.elapsed() < Duration::from_secs(10), "{does}: {:?}", since.elapsed());
+        assert_eq!(temporary(tmp.path()), Vec::<std::path::PathBuf>::new(), "{does}");
+        assert!(!tmp.path().join("v.mp4").exists());
+    }
+}
+
+#[test]
+fn a_video_that_ffmpeg_did_not_write_is_an_error_and_no_empty_file() {
+    if !can_draw() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Bend, 32);
+    let nothing = ffmpeg_that(tmp.path(), "cat > /dev/null");
+    let failing = ffmpeg_that(&tmp.path().join("failing"), "echo no codec >&2\nexit 3");
+    let none = std::ffi::OsString::from("/nowhere");
+    for (path, why) in [(nothing, "wrote nothing"), (failing, "no codec"), (none, "no ffmpeg")] {
+        let out = Command::new(env!("CARGO_BIN_EXE_intima"))
+            .args(VIDEO)
+            .args(["--frames", "3"])
+            .current_dir(tmp.path())
+            .env("PATH", path)
+            .output()
+            .unwrap();
+        let err = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(1), "{why}: {err}");
+        assert!(err.contains("v.mp4") && err.contains(why), "{err}");
+        assert!(!tmp.path().join("v.mp4").exists(), "{why}");
+        assert_eq!(temporary(tmp.path()), Vec::<std::path::PathBuf>::new(), "{why}");
+        // Without an ffmpeg it is said before anything is drawn.
+        assert!(why != "no ffmpeg" || !tmp.path().join("f").exists(), "{why}");
+        let _ = std::fs::remove_dir_all(tmp.path().join("f"));
     }
 }
 
