@@ -1,5 +1,6 @@
 //! Data sets without preamble: told by their first elements, so that no other file is taken for one.
 
+use super::element::{ElementCoding, ElementHead, Tag};
 use super::syntax;
 
 /// Elements that have to look right.
@@ -28,30 +29,19 @@ pub(super) fn begins_with_meta(bytes: &[u8]) -> bool {
 }
 
 fn looks_right(bytes: &[u8], explicit: bool, big: bool) -> bool {
-    let u16_at = |i: usize| {
-        let two = [*bytes.get(i)?, *bytes.get(i + 1)?];
-        Some(if big { u16::from_be_bytes(two) } else { u16::from_le_bytes(two) })
-    };
-    let u32_at = |i: usize| {
-        let four: [u8; 4] = bytes.get(i..i + 4)?.try_into().ok()?;
-        Some(if big { u32::from_be_bytes(four) } else { u32::from_le_bytes(four) })
-    };
-    let element = |at: usize| -> Option<((u16, u16), usize)> {
-        let tag = (u16_at(at)?, u16_at(at + 2)?);
-        if !explicit {
-            return Some((tag, 8 + u32_at(at + 4)? as usize));
-        }
-        let vr: &[u8; 2] = bytes.get(at + 4..at + 6)?.try_into().ok()?;
-        if LONG.contains(&vr) {
-            return Some((tag, 12 + u32_at(at + 8)? as usize));
-        }
-        SHORT.contains(&vr).then_some(())?;
-        Some((tag, 8 + usize::from(u16_at(at + 6)?)))
+    let c = ElementCoding { explicit, big };
+    let element = |at: usize| -> Option<(Tag, usize)> {
+        let (h, is_long) = ElementHead::new(c, *bytes.get(at..)?.first_chunk()?);
+        let h = match is_long {
+            true => h.with_length(c, *bytes.get(at + 8..)?.first_chunk()?),
+            false => h,
+        };
+        h.is_standard().then_some((h.tag, if is_long { 12 } else { 8 } + h.len as usize))
     };
     let mut at = 0;
     let mut last = None;
     for i in 0..ELEMENTS {
-        // Values may reach past the bytes that are known: what was seen has to do.
+        // ElementValues may reach past the bytes that are known: what was seen has to do.
         let Some((tag, len)) = element(at) else { return i >= 2 };
         let first_fits = tag.0 == 8 || (tag.0 == 2 && !big && explicit);
         if (i == 0 && !first_fits) || last >= Some(tag) || len > MAX_VALUE {
@@ -66,13 +56,6 @@ fn looks_right(bytes: &[u8], explicit: bool, big: bool) -> bool {
     }
     true
 }
-
-const LONG: [&[u8; 2]; 13] =
-    [b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"];
-const SHORT: [&[u8; 2]; 21] = [
-    b"AE", b"AS", b"AT", b"CS", b"DA", b"DS", b"DT", b"FD", b"FL", b"IS", b"LO", b"LT", b"PN",
-    b"SH", b"SL", b"SS", b"ST", b"TM", b"UI", b"UL", b"US",
-];
 
 #[cfg(test)]
 mod tests {

@@ -4,14 +4,13 @@ use std::io::Read as _;
 use std::path::Path;
 use std::sync::Arc;
 
-use dicom_object::{InMemDicomObject, OpenFileOptions, Tag};
-
 use super::super::FormatError;
 use super::super::info::SegmentInfo;
 use super::super::segments::printable;
 use super::super::source::Source;
+use super::element::ElementValues;
 use super::fragments::{self, Fragment};
-use super::walk::{Leaves, Pixels, walk};
+use super::walk::{Pixels, walk};
 
 /// One slice, a DICOM file or a frame of one: sorted and named, its geometry not yet judged.
 #[derive(Clone)]
@@ -35,50 +34,7 @@ pub(super) struct Head {
     pub segments: Arc<[SegmentInfo]>,
     /// Elements of this frame alone, of all frames, and of the file. A file may have very many
     /// frames; what they share is there once.
-    values: [Arc<Values>; 3],
-}
-
-/// The values of a file's elements as one text. A parsed data set takes ten times the bytes of a
-/// small file, and the heads of a whole series are held at once.
-#[derive(Default)]
-struct Values {
-    text: String,
-    /// Element, and where its value ends in the text; the one before ends where it begins.
-    ends: Vec<(Tag, u32)>,
-}
-
-impl Values {
-    fn new(elements: &InMemDicomObject) -> Self {
-        let mut values = Self::default();
-        for element in elements {
-            if let Ok(value) = element.to_str() {
-                values.push(element.header().tag, &value);
-            }
-        }
-        values.text.shrink_to_fit();
-        values.ends.shrink_to_fit();
-        values
-    }
-
-    fn push(&mut self, tag: Tag, value: &str) {
-        self.text.push_str(value);
-        self.ends.push((tag, self.text.len() as u32));
-    }
-
-    /// Those of functional groups.
-    fn of(leaves: &Leaves) -> Self {
-        let mut values = Self::default();
-        leaves.iter().for_each(|(tag, value)| values.push(*tag, value));
-        values
-    }
-
-    /// The value of an element without padding.
-    fn get(&self, tag: Tag) -> Option<&str> {
-        let i = self.ends.iter().position(|e| e.0 == tag)?;
-        let start = if i == 0 { 0 } else { self.ends[i - 1].1 };
-        let value = &self.text[start as usize..self.ends[i].1 as usize];
-        Some(value.trim_matches(|c: char| c.is_whitespace() || c == '\0'))
-    }
+    values: [Arc<ElementValues>; 3],
 }
 
 const MODALITIES: [&str; 12] =
@@ -94,9 +50,6 @@ const SEGMENTATIONS: [&str; 2] = ["1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008
 /// Reads the allowed elements of a file: one head a frame; `None` if it is not DICOM.
 pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
     let Some(walked) = walk(file)? else { return Ok(None) };
-    let parsed = OpenFileOptions::new().from_reader(walked.stream.as_slice()).map_err(|_| {
-        FormatError::field(file, "data set", "damaged", "its elements cannot be taken apart")
-    })?;
     let groups = walked.groups;
     let segment = |(number, label): &(i64, String)| SegmentInfo {
         name: printable(label.trim_matches('\0')),
@@ -118,7 +71,7 @@ pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
         pixels: walked.pixels.map(Arc::new),
         fragments: Vec::new(),
         segments: Arc::from(segments),
-        values: [Arc::default(), Arc::default(), Arc::new(Values::new(&parsed))],
+        values: [Arc::default(), Arc::default(), Arc::new(walked.values)],
     };
     let uid = head.text(0x0020, 0x000e);
     // Free text in the place of an identifier must not reach a listing.
@@ -153,19 +106,19 @@ pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
         );
         return Err(FormatError::unsupported(file, what));
     }
-    if frames > 1 && groups.frames.iter().any(Vec::is_empty) {
+    if frames > 1 && groups.frames.iter().any(ElementValues::is_empty) {
         let what = "a multi-frame file with frames of which nothing is said";
         return Err(FormatError::unsupported(file, what));
     }
     parts.resize(frames, Vec::new());
-    let shared = Arc::new(Values::of(&groups.shared));
-    let of = |((i, own), fragments): ((usize, &Leaves), Vec<Fragment>)| Head {
+    let shared = Arc::new(groups.shared);
+    let of = |((i, own), fragments): ((usize, ElementValues), Vec<Fragment>)| Head {
         frame: i,
         fragments,
-        values: [Arc::new(Values::of(own)), Arc::clone(&shared), Arc::clone(&head.values[2])],
+        values: [Arc::new(own), Arc::clone(&shared), Arc::clone(&head.values[2])],
         ..head.clone()
     };
-    Ok(Some(groups.frames.iter().enumerate().zip(parts).map(of).collect()))
+    Ok(Some(groups.frames.into_iter().enumerate().zip(parts).map(of).collect()))
 }
 
 /// Whether a fragment begins a JPEG or JPEG 2000 stream.
@@ -188,7 +141,7 @@ impl Head {
 
     /// The value of an element: the frame's own, else that of all frames, else the file's.
     fn value(&self, group: u16, element: u16) -> Option<&str> {
-        self.values.iter().find_map(|values| values.get(Tag(group, element)))
+        self.values.iter().find_map(|values| values.get((group, element)))
     }
 
     /// A short text without padding; empty if absent.

@@ -1,12 +1,13 @@
 //! DICOM in: one series of slices, single files or frames, plain or compressed, from a folder or a
 //! file.
 //!
-//! Only the elements of an allowlist are ever decoded ([`walk`]); no text of the patient gets
+//! Only the elements of an allowlist are ever decoded ([`element`]); no text of the patient gets
 //! past that point. A series that is not a box of even slices is refused with the size of the
 //! miss, never read as if it were one.
 
 mod bare;
 mod codec;
+mod element;
 mod fragments;
 mod head;
 mod jpeg_scan;

@@ -32,7 +32,7 @@ const MAX_DRIFT_PIXELS: f64 = 0.1;
 
 /// What a pixel says.
 #[derive(Clone, Copy)]
-enum Coding {
+enum SegmentCoding {
     /// One bit: whether it belongs to the frame's segment.
     Binary,
     /// How much of it belongs to the frame's segment, and what stands for all.
@@ -48,7 +48,7 @@ pub(super) struct Segmentation<'a> {
     heads: &'a [Head],
     /// The slice of each frame.
     slices: Vec<usize>,
-    coding: Coding,
+    coding: SegmentCoding,
     /// Bits of a pixel: 1, 8 or 16.
     bits: usize,
 }
@@ -111,7 +111,7 @@ impl<'a> Segmentation<'a> {
         for (head, slice) in self.heads.iter().zip(&self.slices) {
             crate::task::checkpoint();
             let own = match self.coding {
-                Coding::LabelMap => None,
+                SegmentCoding::LabelMap => None,
                 _ => Some(segment_of(head)?),
             };
             if own.is_some_and(|own| !chosen.is_empty() && chosen.binary_search(&own).is_err()) {
@@ -121,13 +121,13 @@ impl<'a> Segmentation<'a> {
             let out = &mut out[slice * side..][..side];
             for (to, pixel) in out.iter_mut().zip(&pixels) {
                 let number = match (self.coding, own) {
-                    (Coding::Fractional(most), Some(own))
+                    (SegmentCoding::Fractional(most), Some(own))
                         if 2 * u32::from(*pixel) >= most.into() =>
                     {
                         own
                     }
-                    (Coding::Binary, Some(own)) if *pixel > 0 => own,
-                    (Coding::LabelMap, _) => i64::from(*pixel),
+                    (SegmentCoding::Binary, Some(own)) if *pixel > 0 => own,
+                    (SegmentCoding::LabelMap, _) => i64::from(*pixel),
                     _ => 0,
                 };
                 let label = match chosen.is_empty() {
@@ -218,7 +218,7 @@ impl<'a> Segmentation<'a> {
 }
 
 /// How the pixels are coded, and in how many bits.
-fn coding(h: &Head) -> Result<(Coding, usize), FormatError> {
+fn coding(h: &Head) -> Result<(SegmentCoding, usize), FormatError> {
     let refuse = |what: String| Err(FormatError::unsupported(&h.file, what));
     let kind = h.text(0x0062, 0x0001);
     let bits = h.int(0x0028, 0x0100).unwrap_or(0);
@@ -226,12 +226,12 @@ fn coding(h: &Head) -> Result<(Coding, usize), FormatError> {
         return refuse("a segmentation with several samples a pixel".into());
     }
     match (kind.as_str(), bits) {
-        ("BINARY", 1) => Ok((Coding::Binary, 1)),
+        ("BINARY", 1) => Ok((SegmentCoding::Binary, 1)),
         ("FRACTIONAL", 8) => {
             let most = h.int(0x0062, 0x000e).and_then(|n| u16::try_from(n).ok());
-            Ok((Coding::Fractional(most.unwrap_or(255).max(1)), 8))
+            Ok((SegmentCoding::Fractional(most.unwrap_or(255).max(1)), 8))
         }
-        ("LABELMAP", 8 | 16) => Ok((Coding::LabelMap, bits as usize)),
+        ("LABELMAP", 8 | 16) => Ok((SegmentCoding::LabelMap, bits as usize)),
         ("BINARY" | "FRACTIONAL" | "LABELMAP", bits) => {
             refuse(format!("a segmentation of {bits} bits a pixel"))
         }
