@@ -34,6 +34,7 @@ pub struct Ends {
 
 /// Treatment of loops in a tree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Loops {
     /// A branch that closes a loop ends on another.
     #[default]

@@ -24,6 +24,7 @@ pub struct Viewpoint {
 
 /// Range of sight of the candidates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Radius {
     /// The paper's Eq. 5: k·d, k = λ1/λ2 clamped to [1, 3].
     Paper,

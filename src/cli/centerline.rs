@@ -46,7 +46,7 @@ pub struct PathArgs {
     pub tree: bool,
     /// Loops of a tree: keep closes them, cut opens them where both sides are equally far
     #[arg(long, value_enum, default_value = "keep", requires = "tree")]
-    pub loops: LoopsArg,
+    pub loops: Loops,
     /// Start here, LPS mm
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub from: Option<String>,
@@ -55,19 +55,7 @@ pub struct PathArgs {
     pub to: Option<String>,
     /// How far a point sees: paper (Eq. 5) or measured (longest ray across); default by mode
     #[arg(long, value_enum)]
-    pub radius: Option<RadiusArg>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum LoopsArg {
-    Keep,
-    Cut,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum RadiusArg {
-    Paper,
-    Measured,
+    pub radius: Option<Radius>,
 }
 
 impl PathArgs {
@@ -78,14 +66,8 @@ impl PathArgs {
             from: end(&self.from, "--from")?,
             to: end(&self.to, "--to")?,
             tree: self.tree,
-            loops: match self.loops {
-                LoopsArg::Keep => Loops::Keep,
-                LoopsArg::Cut => Loops::Cut,
-            },
-            radius: self.radius.map(|r| match r {
-                RadiusArg::Paper => Radius::Paper,
-                RadiusArg::Measured => Radius::Measured,
-            }),
+            loops: self.loops,
+            radius: self.radius,
         })
     }
 }

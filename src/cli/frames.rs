@@ -26,7 +26,7 @@ pub struct FrameArgs {
     pub size: String,
     /// What a frame shows
     #[arg(long, value_enum, default_value = "inside")]
-    pub view: ViewArg,
+    pub view: View,
     /// Vertical field of view, degrees
     #[arg(long, value_name = "DEG", default_value_t = 90.0)]
     pub fov: f32,
@@ -51,17 +51,6 @@ pub struct FrameArgs {
     pub write_path: Option<PathBuf>,
     #[command(flatten)]
     pub levels: LevelArgs,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum ViewArg {
-    Inside,
-    Overview,
-    Split,
-    /// Everything about the eye: the faces of a cube, unfolded
-    Cube,
-    /// Everything about the eye: an equirectangular map
-    Panorama,
 }
 
 /// `WxH`.
@@ -106,13 +95,7 @@ impl FrameArgs {
                 Some(mm_per_s) => Frames::Speed { mm_per_s, fps: self.fps },
                 None => Frames::Count(self.frames.unwrap_or(120)),
             },
-            view: match self.view {
-                ViewArg::Inside => View::Inside,
-                ViewArg::Overview => View::Overview,
-                ViewArg::Split => View::Split,
-                ViewArg::Cube => View::Cube,
-                ViewArg::Panorama => View::Panorama,
-            },
+            view: self.view,
             fov_y_rad: self.fov.to_radians(),
             samples: if self.msaa == "1" { 1 } else { 4 },
             reverse: self.reverse,
@@ -129,20 +112,13 @@ impl FrameArgs {
 pub struct LevelArgs {
     /// clusters: original triangles near, coarser ones far; vds: the paper's subdivision; off
     #[arg(long, value_enum, default_value = "clusters")]
-    pub lod: LodArg,
+    pub lod: Lod,
     /// Pixels that what is drawn may be away from the full mesh
     #[arg(long, value_name = "T", default_value_t = 1.0)]
     pub pixel_error: f32,
     /// Folder where clusters are kept between runs, or off (default: the user's cache folder)
     #[arg(long, value_name = "DIR|off")]
     pub lod_cache: Option<PathBuf>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum LodArg {
-    Clusters,
-    Vds,
-    Off,
 }
 
 impl LevelArgs {
@@ -152,17 +128,12 @@ impl LevelArgs {
             let error = self.pixel_error;
             return Err(CliError::Usage(format!("--pixel-error {error}: 0.01 to 100 pixels")));
         }
-        let lod = match self.lod {
-            LodArg::Clusters => Lod::Clusters,
-            LodArg::Vds => Lod::Vds,
-            LodArg::Off => Lod::Off,
-        };
         let cache = match &self.lod_cache {
             Some(off) if off.as_os_str() == "off" => None,
             Some(folder) => Some(folder.clone()),
             None => atomic_file::user_cache(),
         };
-        Ok(LevelSettings { lod, pixel_error: self.pixel_error, cache })
+        Ok(LevelSettings { lod: self.lod, pixel_error: self.pixel_error, cache })
     }
 }
 

@@ -31,7 +31,7 @@ pub struct Args {
     sigma: Option<f64>,
     /// ridge: max(0, -l2); tubeness: sqrt(l1 l2) where l2 < 0; eigenvalues: all three, ascending
     #[arg(long, value_enum, default_value = "ridge")]
-    response: Kind,
+    response: Response,
     /// Look for dark ridges (air in grey values) instead of bright ones
     #[arg(long)]
     dark: bool,
@@ -45,17 +45,10 @@ enum Of {
     Grey,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Kind {
-    Ridge,
-    Tubeness,
-    Eigenvalues,
-}
-
 impl Args {
     /// Computes the response and writes it.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
-        let three = self.response == Kind::Eigenvalues;
+        let three = self.response == Response::Eigenvalues;
         global.check_output(&self.output, if three { &[".nrrd"] } else { VOLUMES })?;
         let l = &self.lumen;
         let grey = self.of == Of::Grey;
@@ -96,12 +89,7 @@ impl Args {
                 50.0 * least
             )));
         }
-        let response = match self.response {
-            Kind::Ridge => Response::Ridge,
-            Kind::Tubeness => Response::Tubeness,
-            Kind::Eigenvalues => Response::Eigenvalues,
-        };
-        Ok(HessianSettings { sigma_mm, response, dark: self.dark })
+        Ok(HessianSettings { sigma_mm, response: self.response, dark: self.dark })
     }
 
     /// Of the grey values of the whole volume; copying them into bricks is outside the clock.

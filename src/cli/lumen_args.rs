@@ -32,7 +32,7 @@ pub struct LumenArgs {
     /// Find this organ: threshold, seed and leak control are chosen
     #[arg(long, value_enum, value_name = "ORGAN")]
     #[arg(conflicts_with_all = ["mask", "threshold", "seed", "seed_mm", "all_components", "leak_control"])]
-    pub organ: Option<OrganArg>,
+    pub organ: Option<Organ>,
     /// Take a colon's tagged fluid too, where there is some
     #[arg(long, requires = "organ")]
     pub tagged: bool,
@@ -61,53 +61,12 @@ pub struct LumenArgs {
     /// --threshold), relaxed smooth within half a voxel of a label map (auto where the largest spacing
     /// is at most twice the smallest), exact at the threshold or half way between voxels
     #[arg(long, value_enum, default_value = "auto", value_name = "METHOD")]
-    pub wall: WallArg,
+    pub wall: WallMethod,
     /// Write the mask that the wall was drawn about: .nrrd, .nii.gz or .mha
     #[arg(long, value_name = "FILE")]
     pub core: Option<PathBuf>,
     #[command(flatten)]
     pub dicom: DicomArgs,
-}
-
-/// How a wall is drawn.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum WallArg {
-    Auto,
-    Field,
-    Relaxed,
-    Exact,
-}
-
-impl WallArg {
-    fn method(self) -> WallMethod {
-        match self {
-            Self::Auto => WallMethod::Auto,
-            Self::Field => WallMethod::Field,
-            Self::Relaxed => WallMethod::Relaxed,
-            Self::Exact => WallMethod::Exact,
-        }
-    }
-}
-
-/// An organ that can be found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum OrganArg {
-    /// Trachea and bronchi of a CT
-    Airway,
-    /// Gas-filled colon of a CT
-    Colon,
-    /// Aorta and branches, or the brightest tree of an angiogram
-    Vessel,
-}
-
-impl OrganArg {
-    fn organ(self) -> Organ {
-        match self {
-            Self::Airway => Organ::Airway,
-            Self::Colon => Organ::Colon,
-            Self::Vessel => Organ::Vessel,
-        }
-    }
 }
 
 impl LumenArgs {
@@ -196,17 +155,17 @@ impl LumenArgs {
             return Err(CliError::Usage("--leak-control needs --seed or --seed-mm".into()));
         }
         for (flag, is_given, name, organ) in [
-            ("--tagged", self.tagged, "colon", OrganArg::Colon),
-            ("--no-tagged", self.no_tagged, "colon", OrganArg::Colon),
-            ("--thin-bronchi", self.thin_bronchi, "airway", OrganArg::Airway),
-            ("--no-thin-bronchi", self.no_thin_bronchi, "airway", OrganArg::Airway),
+            ("--tagged", self.tagged, "colon", Organ::Colon),
+            ("--no-tagged", self.no_tagged, "colon", Organ::Colon),
+            ("--thin-bronchi", self.thin_bronchi, "airway", Organ::Airway),
+            ("--no-thin-bronchi", self.no_thin_bronchi, "airway", Organ::Airway),
         ] {
             if is_given && self.organ != Some(organ) {
                 return Err(CliError::Usage(format!("{flag} needs --organ {name}")));
             }
         }
         let (tagged, thin) = (self.tagged, !self.no_thin_bronchi);
-        let organ = self.organ.map(|o| OrganOptions { organ: o.organ(), tagged, thin });
+        let organ = self.organ.map(|organ| OrganOptions { organ, tagged, thin });
         Ok(LumenSettings {
             organ,
             select,
@@ -214,7 +173,7 @@ impl LumenArgs {
             all_components: self.all_components,
             fill: !self.no_fill,
             leak_control: self.leak_control,
-            wall: self.wall.method(),
+            wall: self.wall,
         })
     }
 }

@@ -31,7 +31,7 @@ pub struct Args {
     mode: ModeArg,
     /// What a collapse costs (default: normal-qem, in paper mode paper)
     #[arg(long, value_enum)]
-    metric: Option<MetricArg>,
+    metric: Option<Metric>,
     /// Stop before a vertex is farther than this from the planes it stands for
     #[arg(long, value_name = "MM")]
     max_error: Option<f64>,
@@ -51,13 +51,6 @@ pub struct Args {
     /// Coordinates of a mesh that does not say: lps or ras
     #[arg(long)]
     space: Option<Space>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum MetricArg {
-    Qem,
-    NormalQem,
-    Paper,
 }
 
 /// What came of it, as `--json` says it.
@@ -125,11 +118,10 @@ impl Done {
 
 impl Args {
     fn metric(&self, mode: Mode) -> Metric {
-        match (self.metric, mode) {
-            (Some(MetricArg::Qem), _) => Metric::Qem,
-            (Some(MetricArg::NormalQem), _) | (None, Mode::Default) => Metric::NormalQem,
-            (Some(MetricArg::Paper), _) | (None, Mode::Paper) => Metric::Paper,
-        }
+        self.metric.unwrap_or(match mode {
+            Mode::Default => Metric::NormalQem,
+            Mode::Paper => Metric::Paper,
+        })
     }
 
     fn simplified(&self, mesh: &Mesh, mode: Mode, clock: &mut Clock) -> Result<Done, CliError> {

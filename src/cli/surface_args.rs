@@ -17,7 +17,7 @@ pub struct FairArgs {
     pub lambda: Option<f32>,
     /// Weights of the neighbours in a step (default: uniform)
     #[arg(long, value_enum)]
-    pub weights: Option<WeightArg>,
+    pub weights: Option<Weights>,
 }
 
 /// Surface flags.
@@ -43,12 +43,6 @@ pub enum SurfaceFrom {
     Mask,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum WeightArg {
-    Uniform,
-    InverseDistance,
-}
-
 impl FairArgs {
     /// The smoothing asked for; `None` where it is left open.
     pub fn smoothing(&self) -> Result<Option<Smoothing>, CliError> {
@@ -69,11 +63,7 @@ impl FairArgs {
                 "--lambda {lambda}: between 0 and 1; at 1 the steps oscillate"
             )));
         }
-        let weights = match self.weights {
-            None => paper.weights,
-            Some(WeightArg::Uniform) => Weights::Uniform,
-            Some(WeightArg::InverseDistance) => Weights::InverseDistance,
-        };
+        let weights = self.weights.unwrap_or(paper.weights);
         let steps = steps.unwrap_or(paper.steps);
         Ok(Some(Smoothing::Steps(Fairing { steps, lambda, weights })))
     }

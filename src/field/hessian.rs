@@ -7,6 +7,7 @@ use crate::lumen::bricks::BRICK;
 
 /// Function of the Hessian's eigenvalues l1 ≤ l2 ≤ l3 that is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Response {
     /// All three eigenvalues, ascending: three values a voxel.
     Eigenvalues,

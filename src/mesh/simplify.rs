@@ -11,6 +11,7 @@ use crate::geometry::{ClosestPoint, Mesh, TriangleBvh};
 
 /// Cost of a collapse.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Metric {
     /// Squared distances to the planes of the faces, by area (Garland and Heckbert 1997).
     Qem,

@@ -35,6 +35,7 @@ use crate::volume::{Grid, Volume};
 /// An organ that can be found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Organ {
     /// Trachea and bronchi, CT.
     Airway,

@@ -46,6 +46,7 @@ impl FrameStats {
 
 /// Views of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum View {
     /// The wall as the camera sees it.
     #[default]

@@ -73,6 +73,7 @@ pub enum Seed {
 /// Where the wall of the lumen lies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum WallMethod {
     /// The field for grey values, relaxed for a label map whose slices are thin enough; else, and in
     /// paper mode, exact.
@@ -149,6 +150,7 @@ pub struct WallSettings {
 
 /// How a wall is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Lod {
     /// Clusters of original triangles and ever coarser ones above them.
     #[default]

@@ -10,6 +10,7 @@ use crate::kernels::fair as kernel;
 
 /// Weights of the discrete Laplacian (Li et al. 2004, section 2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Weights {
     /// Equal weights 1/m, m the valence.
     Uniform,
