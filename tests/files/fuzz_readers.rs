@@ -158,6 +158,9 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
         write_mesh(&dir.path().join(name), &mesh).unwrap();
         seeds.push((name, std::fs::read(dir.path().join(name)).unwrap()));
     }
+    for name in ["as_vtk_writes.vtp", "inline_blocks.vtp", "text.vtp", "strips.vtp"] {
+        seeds.push((name, fixture(&format!("vtp/{name}"))));
+    }
     let text = "ply\nformat ascii 1.0\ncomment SPACE=LPS\nelement vertex 3\nproperty float x\n\
                 property float y\nproperty float z\nelement face 1\n\
                 property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";

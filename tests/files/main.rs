@@ -10,6 +10,7 @@ mod memory;
 mod meshes;
 mod pictures;
 mod volumes;
+mod vtk_surfaces;
 
 use peak_alloc::PeakAlloc;
 

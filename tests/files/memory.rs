@@ -266,6 +266,17 @@ fn a_mesh_that_claims_more_than_its_file_holds_takes_no_memory_for_it() {
     refuses("a.vtp", "an offset of 2 GB", &vtp("3", "2000000000", &tail));
     let no_data = [&0u64.to_le_bytes()[..], &tail].concat();
     refuses("a.vtp", "2 billion points", &vtp("2000000000", "0", &no_data));
+    // Compressed blocks: how many, their size, the last one's, and compressed sizes.
+    let blocks = |words: &[u64]| {
+        let words: Vec<u8> = words.iter().flat_map(|w| w.to_le_bytes()).collect();
+        let file = vtp("3", "0", &[&words[..], &tail].concat());
+        let text = String::from_utf8_lossy(&file[..80]).into_owned();
+        let tag = "<VTKFile compressor=\"vtkZLibDataCompressor\"";
+        [text.replacen("<VTKFile", tag, 1).as_bytes(), &file[80..]].concat()
+    };
+    refuses("a.vtp", "2 billion blocks", &blocks(&[2_000_000_000, 8, 8]));
+    refuses("a.vtp", "a compressed block of 2 GB", &blocks(&[1, 2_000_000_000, 0, 900]));
+    refuses("a.vtp", "blocks that share bytes", &blocks(&[100, 900_000, 0, 900, 900, 900]));
     let glb = |json: &str, claimed: u32| {
         let mut file = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
         file.extend((json.len() as u32).to_le_bytes());

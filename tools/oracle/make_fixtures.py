@@ -22,6 +22,7 @@ import nrrd_file
 import ridge
 import route
 import segmentation
+import surface_files
 
 ROOT = Path(__file__).resolve().parents[2] / "tests" / "fixtures"
 LIMIT = 500_000
@@ -78,6 +79,9 @@ def fixtures():
     files, truths = codec_files.fixture()
     out |= {f"codec/{name}": data for name, data in files.items()}
     out |= {f"codec/{name}": nrrd_file.dumps(data, (1, 1, 1)) for name, data in truths.items()}
+    files, truth = surface_files.fixture()
+    out |= {f"vtp/{name}": data for name, data in files.items()}
+    out["vtp/cone.json"] = text(truth)
     return out
 
 
@@ -97,6 +101,8 @@ def same(path, new, old):
     if path.startswith("seg/") and path != "seg/truth.nrrd":
         (a, names), (b, others) = segmentation.pixels(new), segmentation.pixels(old)
         return names == others and np.array_equal(a, b)
+    if path.endswith(".vtp"):
+        return surface_files.content(new) == surface_files.content(old)
     if path.endswith(".nrrd"):
         (a, s), (b, t) = nrrd_file.loads(new), nrrd_file.loads(old)
         return s == t and a.shape == b.shape and a.dtype == b.dtype and np.allclose(a, b, rtol=1e-12, atol=0)

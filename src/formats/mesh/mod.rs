@@ -7,6 +7,7 @@ mod ply;
 pub(super) mod polydata;
 mod raw_mesh;
 mod stl;
+mod vtk_data;
 mod vtp;
 mod vtp_read;
 mod xml;

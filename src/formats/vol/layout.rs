@@ -50,7 +50,7 @@ pub(super) struct Layout {
 }
 
 /// Deflate stands for at most 258 bytes by two bits (RFC 1951, 3.2.5): no stream shrinks by more.
-pub(super) const MAX_SHRINK: u64 = 1032;
+pub(in crate::formats) const MAX_SHRINK: u64 = 1032;
 /// Bytes of samples that memory is taken for before a compressed stream has given any. Beyond that
 /// and twice the stream's own length, memory grows as samples arrive: never past twice what came.
 const FIRST_BYTES: u64 = 4 << 20;

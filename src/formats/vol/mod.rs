@@ -30,6 +30,7 @@ pub use source::{open_plain, read_plain};
 use super::FormatError;
 use crate::volume::Volume;
 use layout::Layout;
+pub(super) use layout::MAX_SHRINK;
 
 /// How to read an input.
 #[derive(Clone, Debug, Default)]
