@@ -184,28 +184,30 @@ fn vtp_of_other_writers_is_read_where_it_is_plain() {
     }
 }
 
+/// A .glb with its description changed.
+fn glb_with(file: &[u8], change: &dyn Fn(&mut serde_json::Value)) -> Vec<u8> {
+    let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap()) as usize;
+    let mut json: serde_json::Value = serde_json::from_slice(&file[20..20 + word(12)]).unwrap();
+    change(&mut json);
+    let mut text = json.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let bin = &file[20 + word(12)..];
+    let mut out = b"glTF\x02\0\0\0".to_vec();
+    out.extend(((20 + text.len() + bin.len()) as u32).to_le_bytes());
+    out.extend((text.len() as u32).to_le_bytes());
+    out.extend(b"JSON");
+    out.extend(text);
+    out.extend(bin);
+    out
+}
+
 #[test]
 fn glb_of_other_writers_is_turned_from_metres_with_y_up() {
     let mesh = chiral();
     let (_dir, path) = scratch("a.glb", "");
     write_mesh(&path, &mesh).unwrap();
     let ours = std::fs::read(&path).unwrap();
-    let word = |at: usize| u32::from_le_bytes(ours[at..at + 4].try_into().unwrap()) as usize;
-    let json: serde_json::Value = serde_json::from_slice(&ours[20..20 + word(12)]).unwrap();
-    let rebuilt = |change: &dyn Fn(&mut serde_json::Value)| {
-        let mut json = json.clone();
-        change(&mut json);
-        let mut text = json.to_string().into_bytes();
-        text.resize(text.len().next_multiple_of(4), b' ');
-        let bin = &ours[20 + word(12)..];
-        let mut out = b"glTF\x02\0\0\0".to_vec();
-        out.extend(((20 + text.len() + bin.len()) as u32).to_le_bytes());
-        out.extend((text.len() as u32).to_le_bytes());
-        out.extend(b"JSON");
-        out.extend(text);
-        out.extend(bin);
-        read("a.glb", out)
-    };
+    let rebuilt = |change: &dyn Fn(&mut serde_json::Value)| read("a.glb", glb_with(&ours, change));
     // The same turn and scale as a rotation, below a node that moves by a metre up.
     let (moved, warnings) = rebuilt(&|j| {
         j["asset"] = serde_json::json!({"version": "2.0"});
@@ -237,12 +239,69 @@ fn glb_of_other_writers_is_turned_from_metres_with_y_up() {
         &|j| j["nodes"] = serde_json::json!(vec![0; 5000]),
         &|j| {
             let one = j["meshes"][0]["primitives"][0].clone();
-            j["meshes"][0]["primitives"] = serde_json::json!(vec![one; 100]);
+            j["meshes"][0]["primitives"] = serde_json::json!(vec![one; 4000]);
         },
     ];
     for (i, change) in refused.iter().enumerate() {
         assert!(rebuilt(change).is_err(), "case {i}");
     }
+}
+
+#[test]
+fn glb_with_shared_meshes_and_accessors_is_read() {
+    let mesh = chiral();
+    let (_dir, path) = scratch("a.glb", "");
+    write_mesh(&path, &mesh).unwrap();
+    let ours = std::fs::read(&path).unwrap();
+    let one = |j: &serde_json::Value| j["meshes"][0]["primitives"][0].clone();
+    // Two parts of one mesh with the same vertices.
+    let (parts, _) = read(
+        "a.glb",
+        glb_with(&ours, &|j| {
+            j["meshes"][0]["primitives"] = serde_json::json!([one(j), one(j)]);
+        }),
+    )
+    .unwrap();
+    assert_eq!(parts.positions, mesh.positions, "shared vertices are there once");
+    assert_eq!(parts.faces, [&mesh.faces[..], &mesh.faces[..]].concat());
+    // A mesh in three places.
+    let (placed, _) = read(
+        "a.glb",
+        glb_with(&ours, &|j| {
+            let node = j["nodes"][0].clone();
+            let moved = |x: f64| {
+                let mut node = node.clone();
+                node["matrix"][12] = x.into();
+                node
+            };
+            j["nodes"] = serde_json::json!([node, moved(1.0), moved(2.0)]);
+            j["scenes"][0]["nodes"] = serde_json::json!([0, 1, 2]);
+        }),
+    )
+    .unwrap();
+    assert_eq!((placed.positions.len(), placed.faces.len()), (12, 12));
+    for (i, p) in placed.positions.iter().enumerate() {
+        let there = mesh.positions[i % 4] + Vec3::X * 1000.0 * (i / 4) as f32;
+        assert!(p.distance(there) < 1e-3, "{p} {there}");
+    }
+}
+
+#[test]
+fn glb_of_draco_or_quantized_is_refused_by_the_extensions_name() {
+    let (_dir, path) = scratch("a.glb", "");
+    write_mesh(&path, &chiral()).unwrap();
+    let ours = std::fs::read(&path).unwrap();
+    let requires = |name: &str| {
+        let changed = glb_with(&ours, &|j| j["extensionsRequired"] = serde_json::json!([name]));
+        read("a.glb", changed).map_err(|e| e.to_string())
+    };
+    for name in ["KHR_draco_mesh_compression", "KHR_mesh_quantization", "EXT_meshopt_compression"] {
+        assert!(requires(name).unwrap_err().contains(name));
+    }
+    assert!(!requires("JANE_DOE").unwrap_err().contains("JANE"));
+    assert!(requires("KHR_materials_unlit").is_ok(), "colours move no vertex");
+    let short = glb_with(&ours, &|j| j["accessors"][0]["componentType"] = 5122.into());
+    assert!(read("a.glb", short).unwrap_err().to_string().contains("KHR_mesh_quantization"));
 }
 
 #[test]

@@ -13,11 +13,26 @@ use super::{FormatError, RawMesh, Space};
 const UNSIGNED_BYTE: u32 = 5121;
 const UNSIGNED_SHORT: u32 = 5123;
 const TRIANGLES: u32 = 4;
+/// Signed and unsigned bytes and shorts.
+const INTEGERS: [u32; 4] = [5120, UNSIGNED_BYTE, 5122, UNSIGNED_SHORT];
 
 /// No description of a surface is longer, and none of its lists; they bound what it takes. Half a
 /// megabyte is that of several hundred meshes; of the shortest primitives it makes 6 MB.
 const MAX_JSON: usize = 1 << 19;
 const MAX_ENTRIES: usize = 4096;
+/// Meshes and accessors may be used many times; a surface is at most so many times its buffer.
+const MAX_REUSE: usize = 64;
+
+/// Extensions that change where vertices are or how they are stored, by which a file is refused.
+const ENCODINGS: [&str; 4] = [
+    "KHR_draco_mesh_compression",
+    QUANTIZATION,
+    "EXT_meshopt_compression",
+    "KHR_meshopt_compression",
+];
+const QUANTIZATION: &str = "KHR_mesh_quantization";
+/// Beginnings of the names of extensions that change colours and lights alone.
+const SHADING: [&str; 4] = ["KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_"];
 
 /// A list that is refused where it is longer than any surface needs.
 struct List<T>(Vec<T>);
@@ -62,6 +77,7 @@ struct Document {
     meshes: List<MeshOf>,
     accessors: List<Accessor>,
     buffer_views: List<View>,
+    extensions_required: List<String>,
 }
 
 #[derive(Default, serde::Deserialize)]
@@ -229,8 +245,29 @@ pub(super) fn read(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), F
         Named::Ras => Some(Space::Ras),
         Named::Other => None,
     };
+    refuse_extensions(path, &document.extensions_required.0)?;
     let reader = Reader { path, document, buffer };
     reader.scene(raw)
+}
+
+/// Refuses what cannot be read without an extension, by its name where that is one of ours.
+fn refuse_extensions(path: &Path, required: &[String]) -> Result<(), FormatError> {
+    let is_shading = |name: &str| SHADING.iter().any(|start| name.starts_with(start));
+    match required.iter().find(|name| !is_shading(name)) {
+        None => Ok(()),
+        Some(name) => {
+            let known = ENCODINGS.into_iter().find(|k| k == name).unwrap_or("that is not known");
+            Err(FormatError::unsupported(path, format!("the glTF extension {known}")))
+        }
+    }
+}
+
+/// Where the vertices of a primitive are, for others with the same of them.
+#[derive(Clone, Copy, PartialEq)]
+struct PlacedVertices {
+    position: u32,
+    normal: Option<u32>,
+    first: usize,
 }
 
 impl<'a> Reader<'a> {
@@ -245,8 +282,7 @@ impl<'a> Reader<'a> {
         let mut seen = vec![false; doc.nodes.0.len()];
         let mut open: Vec<(usize, Option<DMat4>)> =
             scene.nodes.0.iter().rev().map(|n| (*n, None)).collect();
-        // Primitives may share data, but a surface is no larger than its file.
-        let mut shared = self.buffer.len();
+        let mut left = self.buffer.len().saturating_mul(MAX_REUSE);
         while let Some((index, above)) = open.pop() {
             let node = doc.nodes.0.get(index).ok_or_else(|| self.bad("node", "not there"))?;
             if std::mem::replace(&mut seen[index], true) {
@@ -261,8 +297,9 @@ impl<'a> Reader<'a> {
             if let Some(mesh) = node.mesh {
                 let mesh = doc.meshes.0.get(mesh).ok_or_else(|| self.bad("mesh", "not there"))?;
                 let turn = lps_mm_from(world);
+                let mut placed = Vec::new();
                 for primitive in &mesh.primitives.0 {
-                    self.primitive(primitive, turn, &mut shared, raw)?;
+                    self.primitive(primitive, turn, &mut left, &mut placed, raw)?;
                 }
             }
             open.extend(node.children.0.iter().rev().map(|n| (*n, world)));
@@ -274,7 +311,8 @@ impl<'a> Reader<'a> {
         &self,
         primitive: &Primitive,
         turn: Option<DMat4>,
-        shared: &mut usize,
+        left: &mut usize,
+        placed: &mut Vec<PlacedVertices>,
         raw: &mut RawMesh,
     ) -> Result<(), FormatError> {
         if primitive.mode.is_some_and(|m| m != TRIANGLES) {
@@ -293,32 +331,21 @@ impl<'a> Reader<'a> {
             Some(n) => Some(self.entries("indices", n, Shape::Scalar, &known)?),
             None => None,
         };
-        let taken =
-            positions.count * positions.size + indices.as_ref().map_or(0, |i| i.count * i.size);
-        *shared = shared
-            .checked_sub(taken)
-            .ok_or_else(|| self.bad("primitives", "share more data than the file holds"))?;
-        let first = raw.vertex_count();
-        let past = first + positions.count;
-        if past > u32::MAX as usize {
-            return Err(FormatError::unsupported(self.path, "more than 2^32 vertices"));
-        }
-        for i in 0..positions.count {
-            let p = positions.vector(i);
-            let p = turn.map_or(p, |m| m.transform_point3(DVec3::from(p)).to_array());
-            raw.push_vertex(self.path, p)?;
-        }
-        if let Some(normals) = normals {
-            if normals.count != positions.count {
-                let why = format!("there are {} vertices", positions.count);
-                return Err(FormatError::field(self.path, "number of normals", normals.count, why));
-            }
-            let turn = turn.map(|m| m.inverse().transpose());
-            for i in 0..normals.count {
-                let n = DVec3::from(normals.vector(i));
-                let turned = |m: DMat4| m.transform_vector3(n).normalize_or_zero();
-                raw.push_normal(turn.map_or(n, turned).as_vec3());
-            }
+        // The parts of a mesh often share their vertices.
+        let normal = primitive.attributes.normal;
+        let known = placed.iter().find(|p| (p.position, p.normal) == (position, normal)).copied();
+        let first = known.map_or(raw.vertex_count(), |p| p.first);
+        let taken = match known {
+            Some(_) => 0,
+            None => positions.count * positions.size,
+        } + indices.as_ref().map_or(0, |i| i.count * i.size);
+        *left = left.checked_sub(taken).ok_or_else(|| {
+            let what = format!("glTF data used more than {MAX_REUSE} times");
+            FormatError::unsupported(self.path, what)
+        })?;
+        if known.is_none() {
+            self.vertices(&positions, normals.as_ref(), turn, raw)?;
+            placed.push(PlacedVertices { position, normal, first });
         }
         let corners = indices.as_ref().map_or(positions.count, |i| i.count);
         if corners % 3 != 0 {
@@ -342,6 +369,35 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
+    fn vertices(
+        &self,
+        positions: &Entries,
+        normals: Option<&Entries>,
+        turn: Option<DMat4>,
+        raw: &mut RawMesh,
+    ) -> Result<(), FormatError> {
+        if raw.vertex_count() + positions.count > u32::MAX as usize {
+            return Err(FormatError::unsupported(self.path, "more than 2^32 vertices"));
+        }
+        for i in 0..positions.count {
+            let p = positions.vector(i);
+            let p = turn.map_or(p, |m| m.transform_point3(DVec3::from(p)).to_array());
+            raw.push_vertex(self.path, p)?;
+        }
+        let Some(normals) = normals else { return Ok(()) };
+        if normals.count != positions.count {
+            let why = format!("there are {} vertices", positions.count);
+            return Err(FormatError::field(self.path, "number of normals", normals.count, why));
+        }
+        let turn = turn.map(|m| m.inverse().transpose());
+        for i in 0..normals.count {
+            let n = DVec3::from(normals.vector(i));
+            let turned = |m: DMat4| m.transform_vector3(n).normalize_or_zero();
+            raw.push_normal(turn.map_or(n, turned).as_vec3());
+        }
+        Ok(())
+    }
+
     /// The bytes of an accessor, held against its view and the buffer.
     fn entries(
         &self,
@@ -356,6 +412,10 @@ impl<'a> Reader<'a> {
             .0
             .get(accessor as usize)
             .ok_or_else(|| self.bad(what, "no such accessor"))?;
+        if shape == Shape::Vec3 && a.shape == shape && INTEGERS.contains(&a.component_type) {
+            let what = format!("{what} in whole numbers, the glTF extension {QUANTIZATION}");
+            return Err(FormatError::unsupported(self.path, what));
+        }
         if a.shape != shape || !components.contains(&a.component_type) || a.sparse.is_some() {
             return Err(self.bad(what, "another type than a surface has"));
         }
