@@ -322,6 +322,45 @@ fn two_acquisitions_at_the_same_places_are_two_stacks_of_one_series() {
 }
 
 #[test]
+fn acquisitions_that_interleave_at_other_places_are_stacks_of_their_own() {
+    let pick = |dir: &Path, wish: &str| {
+        let series = Some(wish.to_owned());
+        read_volume(dir, &ReadOptions { series, ..ReadOptions::default() })
+    };
+    // Steps of 2 mm and of 3 mm from 0.5 mm on, a scout of three slices among them.
+    let places: Vec<f64> = (0..9)
+        .map(|i| 2.0 * f64::from(i))
+        .chain((0..6).map(|i| 0.5 + 3.0 * f64::from(i)))
+        .chain([3.1, 8.1, 13.1])
+        .collect();
+    let number = |n: usize| match n {
+        0..9 => "1",
+        9..15 => "2",
+        _ => "3",
+    };
+    let dir = tempfile::tempdir().unwrap();
+    series(dir.path(), &places, |n, s| s.acquisition = number(n));
+    assert!(refusal(dir.path()).contains("holds 3 series"));
+    let mut found: Vec<(u32, f64)> = ["0", "1", "2"]
+        .map(|wish| pick(dir.path(), wish).unwrap().grid)
+        .map(|grid| (grid.dims.z, grid.spacing_mm.z))
+        .to_vec();
+    found.sort_by_key(|f| f.0);
+    assert_eq!(found, [(3, 5.0), (6, 3.0), (9, 2.0)]);
+    // One stack taken in two passes, and one in two parts, stay whole.
+    for (places, passes) in
+        [([0.0, 2.0, 4.0, 6.0], [1, 2, 1, 2]), ([0.0, 2.0, 4.0, 6.0], [1, 1, 2, 2])]
+    {
+        let dir = tempfile::tempdir().unwrap();
+        series(dir.path(), &places, |n, s| s.acquisition = if passes[n] == 1 { "1" } else { "2" });
+        assert_eq!(read(dir.path()).unwrap().grid.dims.z, 4, "{passes:?}");
+    }
+    let dir = tempfile::tempdir().unwrap();
+    series(dir.path(), &[0.0, 2.0, 7.0, 9.0], |n, s| s.acquisition = if n < 2 { "1" } else { "2" });
+    assert!(refusal(dir.path()).contains("uneven slices"), "a gap is no reason to split");
+}
+
+#[test]
 fn padding_is_no_part_of_a_threshold_nor_of_the_range() {
     let dir = tempfile::tempdir().unwrap();
     // Rescaled by -1024: 24 is -1000 HU.

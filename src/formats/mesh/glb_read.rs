@@ -256,7 +256,8 @@ fn refuse_extensions(path: &Path, required: &[String]) -> Result<(), FormatError
     match required.iter().find(|name| !is_shading(name)) {
         None => Ok(()),
         Some(name) => {
-            let known = ENCODINGS.into_iter().find(|k| k == name).unwrap_or("that is not known");
+            let known =
+                ENCODINGS.into_iter().find(|k| *k == name.as_str()).unwrap_or("that is not known");
             Err(FormatError::unsupported(path, format!("the glTF extension {known}")))
         }
     }

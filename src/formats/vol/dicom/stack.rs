@@ -19,7 +19,7 @@ const MAX_TILT_DEG: f64 = 0.1;
 /// Largest sideways drift of a slice, in pixels.
 const MAX_DRIFT_PIXELS: f64 = 0.1;
 /// Largest deviation of a step from the usual one, as a fraction.
-const MAX_UNEVEN: f64 = 0.01;
+pub(super) const MAX_UNEVEN: f64 = 0.01;
 
 /// One slice of a stack.
 pub(super) struct Slice {
