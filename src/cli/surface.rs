@@ -7,7 +7,7 @@ use super::global::{Global, MESHES};
 use super::lumen_args::LumenArgs;
 use super::mode::ModeArg;
 use super::repeat::timed_products;
-use super::surface_args::{SurfaceArgs, SurfaceFrom};
+use super::surface_args::SurfaceArgs;
 use crate::formats::{shown, write_mesh};
 use crate::session::{
     LevelSettings, Lod, Mode, Product, Session, Settings, SurfaceReport, WallReport, without_caps,
@@ -23,9 +23,6 @@ pub struct Args {
     output: PathBuf,
     #[command(flatten)]
     mode: ModeArg,
-    /// Old spelling of --surface-from
-    #[arg(long, value_enum, conflicts_with = "surface_from", hide = true)]
-    from: Option<SurfaceFrom>,
     #[command(flatten)]
     surface: SurfaceArgs,
     #[command(flatten)]
@@ -36,12 +33,10 @@ impl Args {
     /// Extracts, smooths normals and writes.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, MESHES)?;
-        let mut wall = self.surface.settings()?;
-        wall.from_mask |= self.from == Some(SurfaceFrom::Mask);
         let settings = Settings {
             mode: self.mode.main(),
             lumen: self.lumen.settings()?,
-            wall,
+            wall: self.surface.settings()?,
             // The simplified surface begins with the wall itself.
             levels: LevelSettings { lod: Lod::Off, ..LevelSettings::default() },
             ..global.settings()
