@@ -301,6 +301,25 @@ fn nrrd_spaces_become_lps() {
 }
 
 #[test]
+fn a_nrrd_without_a_space_says_that_lps_is_assumed() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("t.nrrd");
+    for (more, is_said) in [("", true), ("space dimension: 3\n", true), ("space: LPS\n", false)] {
+        let vectors = if more.is_empty() {
+            "spacings: 1 2 3"
+        } else {
+            "space directions: (1,0,0) (0,2,0) (0,0,3)"
+        };
+        let head = format!(
+            "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 3 4\nencoding: raw\n{more}{vectors}\n\n"
+        );
+        std::fs::write(&path, [head.as_bytes(), &[0; 24]].concat()).unwrap();
+        let notes = inspect(&path, &ReadOptions::default()).unwrap().notes;
+        assert_eq!(notes.iter().any(|n| n.contains("no space; LPS")), is_said, "{notes:?}");
+    }
+}
+
+#[test]
 fn detached_data_is_found_skipped_into_and_kept_inside_its_folder() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("t.nhdr");

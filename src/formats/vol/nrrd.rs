@@ -341,6 +341,7 @@ fn frame(h: &Header, notes: &mut Vec<String>) -> Result<(DVec3, bool), FormatErr
         if h.get("space dimension").is_some_and(|n| n != "3") {
             return Err(h.bad("space dimension", "a volume lies in 3"));
         }
+        notes.push("the file gives no space; LPS is assumed".to_owned());
         return Ok((DVec3::ONE, h.get("space dimension").is_some()));
     };
     let signs = match name.to_ascii_lowercase().as_str() {
