@@ -376,6 +376,11 @@ fn unknown_files_and_zips_are_told_what_to_do() {
     assert!(refusal(&path).contains(".nrrd"));
     std::fs::write(&path, b"PK\x03\x04rest").unwrap();
     assert!(refusal(&path).contains("unzip it"));
+    for name in ["a.mgz", "B.MGH"] {
+        let path = dir.path().join(name);
+        std::fs::write(&path, b"\x1f\x8brest").unwrap();
+        assert!(refusal(&path).contains(".mgz, .mgh"), "a volume of FreeSurfer is named");
+    }
     let gone = read(&dir.path().join("gone.nrrd")).unwrap_err();
     assert!(gone.is_bad_input());
     assert!(write_volume(&dir.path().join("a.jpg"), &phantom(false)).is_err());

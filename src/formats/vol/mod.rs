@@ -146,6 +146,10 @@ fn kind(path: &Path) -> Result<Kind, FormatError> {
     if head.starts_with(b"PK\x03\x04") || ends(&[".zip"]) {
         return Err(FormatError::unsupported(path, "a zip archive; unzip it and give the folder"));
     }
+    if ends(&[".mgz", ".mgh", ".mgh.gz"]) {
+        let what = "volumes of FreeSurfer (.mgz, .mgh); mri_convert turns them into .nii.gz";
+        return Err(FormatError::unsupported(path, what));
+    }
     if ends(&[".nii", ".nii.gz", ".hdr", ".img"]) {
         return Ok(Kind::Nifti);
     }
