@@ -1,4 +1,4 @@
-//! PNG: 8-bit RGB, with the notice in its text chunks.
+//! PNG: 8-bit sRGB, with the notice in its text chunks.
 
 use std::io::{BufReader, Write};
 use std::path::Path;
@@ -79,6 +79,7 @@ fn encode(out: impl Write, width: u32, height: u32, rgb: &[u8]) -> Result<(), pn
     let mut encoder = png::Encoder::new(out, width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
     // Measured on shaded walls at 1280x720, 3.0 ms a picture: filtered by what is left of a pixel as
     // well (Paeth) it takes 0.4 ms more and 5 % fewer bytes, filtered by the left alone as long as
     // that and 21 % more bytes; a choice row by row takes 0.5 ms more again.
