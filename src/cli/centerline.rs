@@ -9,7 +9,7 @@ use super::mode::ModeArg;
 use super::record::modes;
 use super::repeat::timed_products;
 use crate::centerline::{Loops, Radius};
-use crate::formats::{atomic_file, shown, write_branches, write_centerline};
+use crate::formats::{atomic_file, shown, to_json, write_branches, write_centerline};
 use crate::session::{CenterlineReport, CenterlineSettings, Product, Session, Settings};
 
 /// `intima centerline INPUT LUMEN -o LINE`
@@ -99,7 +99,8 @@ impl Args {
         }
         if let Some(path) = &self.graph {
             let graph = global.watched(&session, || session.graph())?;
-            atomic_file::write_atomic(path, |o| Ok(serde_json::to_writer(o, &graph)?))?;
+            let text = to_json(&graph).map_err(|e| CliError::System(e.to_string()))?;
+            atomic_file::write_atomic(path, |o| o.write_all(text.as_bytes()))?;
         }
         let tree = global.watched(&session, || session.tree())?;
         let report =

@@ -8,7 +8,7 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 
 use super::CliError;
 use crate::device::{Device, DeviceChoice};
-use crate::formats::{atomic_file, check_data_file, shown};
+use crate::formats::{atomic_file, check_data_file, shown, to_json};
 use crate::session::{Settings, peak_memory_mb};
 
 /// Global flags.
@@ -147,7 +147,7 @@ impl Global {
         if !self.json {
             return Ok(());
         }
-        let line = serde_json::to_string(value).map_err(|e| CliError::System(e.to_string()))?;
+        let line = to_json(value).map_err(|e| CliError::System(e.to_string()))?;
         writeln!(std::io::stdout(), "{line}").map_err(CliError::Output)
     }
 

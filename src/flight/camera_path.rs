@@ -149,10 +149,11 @@ impl CameraPath {
         Ok(Self { fov_y_deg: file.fov_y_deg, shots })
     }
 
-    /// Formats the file's text, one pose a line; [`CameraPath::parse`] reads back every bit.
+    /// The file's text, one pose a line; [`CameraPath::parse`] gives back every bit but the sign of zeros.
     pub fn to_json(&self) -> String {
-        let n =
-            |v: f64| serde_json::Number::from_f64(v).map_or("null".to_owned(), |n| n.to_string());
+        let n = |v: f64| {
+            serde_json::Number::from_f64(v + 0.0).map_or("null".to_owned(), |n| n.to_string())
+        };
         let list = |v: &[f64]| v.iter().map(|v| n(*v)).collect::<Vec<_>>().join(",");
         let poses: Vec<String> = self
             .shots

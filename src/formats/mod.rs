@@ -9,6 +9,7 @@
 mod curve;
 mod error;
 mod image;
+mod json;
 mod mesh;
 mod video;
 mod vol;
@@ -17,6 +18,7 @@ pub mod atomic_file;
 pub use curve::{write_branches, write_centerline};
 pub use error::{FieldValue, FormatError, shown, shown_lines};
 pub use image::{encode_png, read_png, write_png};
+pub use json::{to_json, to_pretty_json};
 pub use mesh::{Space, read_mesh, write_mesh};
 pub use video::{NoFfmpeg, VideoWriter};
 pub use vol::{

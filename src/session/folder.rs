@@ -7,7 +7,8 @@ use super::writer::{FrameWriter, clear_folder};
 use super::{FrameStream, Product, Report, Session, SessionError, locked, without_caps};
 use crate::flight::CameraPath;
 use crate::formats::{
-    FormatError, atomic_file, write_branches, write_centerline, write_layers, write_mesh,
+    FormatError, atomic_file, to_pretty_json, write_branches, write_centerline, write_layers,
+    write_mesh,
 };
 use crate::geometry::Mesh;
 use crate::lumen::Lumen;
@@ -218,8 +219,7 @@ impl Session {
     /// # Errors
     /// A file that cannot be written.
     pub fn write_report(&self, folder: &Path, report: &Report) -> Result<(), SessionError> {
-        let text = serde_json::to_string_pretty(report)
-            .map_err(|e| SessionError::System(e.to_string()))?;
+        let text = to_pretty_json(report).map_err(|e| SessionError::System(e.to_string()))?;
         let path = folder.join(REPORT_FILE);
         atomic_file::write_atomic(&path, |o| o.write_all(text.as_bytes()))?;
         self.release_folders();

@@ -4,14 +4,15 @@ use std::io::{self, Write};
 
 use serde_json::{Value, json};
 
+use crate::formats::json::to_pretty_json;
 use crate::geometry::{Branch, Centerline};
 
 const SCHEMA: &str = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json#";
 
 pub(super) fn write(out: &mut dyn Write, line: &Centerline) -> io::Result<()> {
     let markups: Vec<Value> = line.branches.iter().enumerate().map(|(b, x)| curve(b, x)).collect();
-    serde_json::to_writer_pretty(&mut *out, &json!({"@schema": SCHEMA, "markups": markups}))?;
-    writeln!(out)
+    let text = to_pretty_json(&json!({"@schema": SCHEMA, "markups": markups}))?;
+    writeln!(out, "{text}")
 }
 
 fn curve(index: usize, branch: &Branch) -> Value {
