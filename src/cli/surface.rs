@@ -10,7 +10,7 @@ use super::repeat::timed_products;
 use super::surface_args::SurfaceArgs;
 use crate::formats::{shown, write_mesh};
 use crate::session::{
-    LevelSettings, Lod, Mode, Product, Session, Settings, SurfaceReport, WallReport, without_caps,
+    LevelSettings, Lod, Mode, Product, Session, Settings, SurfaceReport, WallReport, written_mesh,
 };
 
 /// `intima surface INPUT LUMEN -o MESH`
@@ -55,14 +55,13 @@ impl Args {
         let wall = session.wall()?;
         let base = simplify.then(|| session.base()).transpose()?;
         let whole = base.as_deref().unwrap_or(&wall.mesh);
-        let mesh = if self.surface.open_ends && !whole.caps.is_empty() {
-            &without_caps(whole)
-        } else {
-            whole
-        };
-        write_mesh(&self.output, mesh)?;
+        let written = written_mesh(whole, self.surface.open_ends);
+        write_mesh(&self.output, &written)?;
         self.lumen.write_choice(&session, global)?;
-        let report = SurfaceReport::of(wall.topology, wall.mesh.area_mm2());
+        let report = match &base {
+            Some(_) => SurfaceReport::of_mesh(&written),
+            None => SurfaceReport::of_written(&wall, self.surface.open_ends),
+        };
         global.say(format_args!(
             "wrote {}: {} vertices, {} faces, {} component{}, Euler number {}, {}",
             shown(&self.output),
@@ -73,8 +72,8 @@ impl Args {
             report.euler,
             if report.watertight { "watertight" } else { "NOT watertight" }
         ))?;
-        if let Some(base) = &base {
-            global.say(format_args!("  simplified to {} faces", base.faces.len()))?;
+        if base.is_some() {
+            global.say(format_args!("  simplified from {} faces", wall.mesh.faces.len()))?;
         }
         let timing = timing.with("decimated_faces", base.as_ref().map(|b| b.faces.len()));
         let timing = timing.with("wall", WallReport::of(&*session.lumen()?));
@@ -87,7 +86,7 @@ impl Args {
             timing = timing.with(
                 "modes",
                 serde_json::json!({
-                    "default": report,
+                    "default": SurfaceReport::of(wall.topology, wall.mesh.area_mm2()),
                     "paper": SurfaceReport::of(paper.topology, paper.mesh.area_mm2()),
                     "normals_apart_mean_deg": mean.to_degrees(),
                 }),

@@ -4,13 +4,12 @@ use std::path::{Path, PathBuf};
 
 use super::folder_lock::FolderLocks;
 use super::writer::{FrameWriter, clear_folder};
-use super::{FrameStream, Product, Report, Session, SessionError, locked, without_caps};
+use super::{FrameStream, Product, Report, Session, SessionError, locked, written_mesh};
 use crate::flight::CameraPath;
 use crate::formats::{
     FormatError, atomic_file, to_pretty_json, write_branches, write_centerline, write_layers,
     write_mesh,
 };
-use crate::geometry::Mesh;
 use crate::lumen::Lumen;
 
 /// Name of the report in a folder.
@@ -246,7 +245,7 @@ impl Session {
         write_layers(&out.join("distance.nrrd"), grid, |put| lumen.each_layer(distance, 0.0, put))?;
         let open = self.settings.wall.open_ends;
         for (name, mesh) in [("surface.ply", &wall.mesh), ("base.ply", &*base)] {
-            write_drawn_mesh(&out.join(name), mesh, open)?;
+            write_mesh(&out.join(name), &written_mesh(mesh, open))?;
         }
         for name in ["centerline.vtp", "centerline.csv", "centerline.mrk.json"] {
             write_centerline(&out.join(name), &centered.line)?;
@@ -254,15 +253,6 @@ impl Session {
         write_branches(&out.join("branches.vtp"), &centered.line)?;
         let csv = self.unseen_csv()?;
         Ok(atomic_file::write_atomic(&out.join("unseen.csv"), |o| o.write_all(csv.as_bytes()))?)
-    }
-}
-
-/// Writes a mesh, without its caps where ends are open.
-pub(super) fn write_drawn_mesh(path: &Path, mesh: &Mesh, open: bool) -> Result<(), FormatError> {
-    if open && !mesh.caps.is_empty() {
-        write_mesh(path, &without_caps(mesh))
-    } else {
-        write_mesh(path, mesh)
     }
 }
 

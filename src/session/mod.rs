@@ -53,7 +53,7 @@ pub use settings::{
     Settings, Source, VolumeSource, WallMethod, WallSettings,
 };
 pub use stages::Product;
-pub use surface::{DrawnWall, Wall, gradient_normals, smoothed_normals, without_caps};
+pub use surface::{DrawnWall, Wall, gradient_normals, smoothed_normals, written_mesh};
 pub use writer::{FrameWriter, is_frame_file};
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

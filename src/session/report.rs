@@ -1,19 +1,21 @@
 //! `report.json`, schema `intima.report/1`: only numbers that were measured in this run, no path
 //! and no patient text.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use glam::UVec3;
 use serde::Serialize;
 
 use super::levels::LodReport;
+use super::surface::{Wall, written_mesh};
 use super::{Centered, Clock, Segmented, Session, SessionError, StageTime, WallMethod};
 use crate::centerline::complex::net::Rule;
 use crate::centerline::{LumenLoop, Proof};
-use crate::geometry::{Branch, Centerline, TreeSummary};
+use crate::geometry::{Branch, Centerline, Mesh, TreeSummary};
 use crate::lumen::{Component, Lumen};
 use crate::organ::Segment;
-use crate::surface::Topology;
+use crate::surface::{Adjacency, Topology};
 use crate::volume::{Grid, Volume};
 
 /// The report of a run.
@@ -369,14 +371,13 @@ impl Session {
         let coverage = super::locked(&self.slots.coverage).clone();
         let mut warnings = self.warnings();
         warnings.extend(frames.map(super::FrameStream::warnings).unwrap_or_default());
-        let area = wall.mesh.area_mm2();
         Ok(Report {
             input: inputs.input.clone(),
             mask: inputs.mask.clone(),
             lumen: Some(LumenReport::of(&lumen)),
             organ: OrganReport::of(&lumen),
             wall: Some(WallReport::of(&lumen)),
-            surface: Some(SurfaceReport::of(wall.topology, area)),
+            surface: Some(SurfaceReport::of_written(&wall, self.settings.wall.open_ends)),
             centerline: Some(centerline),
             coverage: coverage.map(|c| super::coverage::report(&c)),
             lod: frames.map(|f| f.lod().clone()),
@@ -521,6 +522,20 @@ impl ComponentReport {
 }
 
 impl SurfaceReport {
+    /// Counts of a wall as it is written.
+    pub fn of_written(wall: &Wall, open_ends: bool) -> Self {
+        match written_mesh(&wall.mesh, open_ends) {
+            Cow::Borrowed(mesh) => Self::of(wall.topology, mesh.area_mm2()),
+            Cow::Owned(mesh) => Self::of_mesh(&mesh),
+        }
+    }
+
+    /// Counts of any mesh.
+    pub fn of_mesh(mesh: &Mesh) -> Self {
+        let (adjacency, watertight) = Adjacency::of(mesh);
+        Self::of(adjacency.topology(mesh, watertight), mesh.area_mm2())
+    }
+
     /// Counts of a surface.
     pub fn of(topology: Topology, area_mm2: f64) -> Self {
         let Topology { vertices, faces, components, euler, watertight, .. } = topology;

@@ -1,5 +1,6 @@
 //! The surface with its normals.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -77,6 +78,32 @@ pub fn without_caps(mesh: &Mesh) -> Mesh {
         faces: faces.filter(keep).map(|f| f.0).collect(),
         caps: Vec::new(),
     }
+}
+
+/// What is written of a mesh of the wall: where ends are open, its faces that are no caps and their
+/// vertices.
+pub fn written_mesh(mesh: &Mesh, open_ends: bool) -> Cow<'_, Mesh> {
+    if !open_ends || !mesh.caps.contains(&true) {
+        return Cow::Borrowed(mesh);
+    }
+    let open = without_caps(mesh);
+    let mut used = vec![false; open.positions.len()];
+    open.faces.iter().flatten().for_each(|v| used[*v as usize] = true);
+    let number = |next: &mut u32, used: &bool| {
+        let own = *next;
+        *next += u32::from(*used);
+        Some(own)
+    };
+    let new: Vec<u32> = used.iter().scan(0, number).collect();
+    let of_used = |values: Vec<Vec3>| {
+        values.into_iter().zip(&used).filter(|v| *v.1).map(|v| v.0).collect::<Vec<_>>()
+    };
+    Cow::Owned(Mesh {
+        positions: of_used(open.positions),
+        normals: of_used(open.normals),
+        faces: open.faces.iter().map(|f| f.map(|v| new[v as usize])).collect(),
+        caps: Vec::new(),
+    })
 }
 
 impl Session {

@@ -262,6 +262,43 @@ fn every_computing_command_repeats_in_memory_and_answers_one_json_line() {
     }
 }
 
+/// A tube that runs out of the volume at both ends.
+fn open_tube(dir: &Path) {
+    let mut voxels = vec![0u8; 20 * 20 * 12];
+    for (i, v) in voxels.iter_mut().enumerate() {
+        let (x, y) = ((i % 20) as f64 - 9.5, (i / 20 % 20) as f64 - 9.5);
+        *v = u8::from(x.hypot(y) < 6.0);
+    }
+    let grid = intima::volume::Grid::axis_aligned([20, 20, 12], [1.0; 3]);
+    let volume = intima::volume::Volume::new(grid, voxels.into());
+    intima::formats::write_volume(&dir.join("open.nrrd"), &volume).unwrap();
+}
+
+#[test]
+fn open_ends_reports_the_mesh_that_it_writes_and_leaves_no_vertex_without_a_face() {
+    let tmp = tempfile::tempdir().unwrap();
+    let dir = tmp.path();
+    open_tube(dir);
+    let run = |more: &[&str]| {
+        let all = [&["surface", "--mask", "open.nrrd", "-o", "o.ply", "--json"], more].concat();
+        let out = intima(dir, &all);
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+        let json: Value = serde_json::from_slice(&out.stdout).unwrap();
+        let mesh = intima::formats::read_mesh(&dir.join("o.ply"), None).unwrap().0;
+        let used: std::collections::BTreeSet<u32> = mesh.faces.iter().flatten().copied().collect();
+        assert_eq!(used.len(), mesh.positions.len(), "{more:?}: a vertex without a face");
+        assert_eq!(json["surface"]["vertices"], mesh.positions.len(), "{more:?}");
+        assert_eq!(json["surface"]["faces"], mesh.faces.len(), "{more:?}");
+        json["surface"].clone()
+    };
+    let closed = run(&[]);
+    assert_eq!((&closed["watertight"], &closed["euler"]), (&true.into(), &2.into()));
+    let open = run(&["--open-ends"]);
+    assert_eq!((&open["watertight"], &open["euler"]), (&false.into(), &0.into()), "a cylinder");
+    assert!(open["area_mm2"].as_f64() < closed["area_mm2"].as_f64());
+    run(&["--open-ends", "--decimate", "300"]);
+}
+
 #[test]
 fn a_graph_of_all_branches_is_written_whatever_line_is_asked_for() {
     let tmp = tempfile::tempdir().unwrap();
