@@ -8,7 +8,7 @@ use super::lumen_args::LumenArgs;
 use super::mode::ModeArg;
 use super::repeat::timed_products;
 use super::surface_args::SurfaceArgs;
-use crate::formats::{shown, write_mesh};
+use crate::formats::{shown, write_wall};
 use crate::session::{
     LevelSettings, Lod, Mode, Product, Session, Settings, SurfaceReport, WallReport, written_mesh,
 };
@@ -56,7 +56,7 @@ impl Args {
         let base = simplify.then(|| session.base()).transpose()?;
         let whole = base.as_deref().unwrap_or(&wall.mesh);
         let written = written_mesh(whole, self.surface.open_ends);
-        write_mesh(&self.output, &written)?;
+        write_wall(&self.output, &written, self.surface.facing)?;
         self.lumen.write_choice(&session, global)?;
         let report = match &base {
             Some(_) => SurfaceReport::of_mesh(&written),

@@ -1,6 +1,7 @@
 //! Flags of the surface and its normals.
 
 use super::CliError;
+use crate::formats::Facing;
 use crate::session::WallSettings;
 use crate::surface::{Fairing, Smoothing, Weights};
 
@@ -32,6 +33,9 @@ pub struct SurfaceArgs {
     /// Leave caps at the edge of the volume out
     #[arg(long)]
     pub open_ends: bool,
+    /// Side that faces and normals of mesh files look to
+    #[arg(long, value_enum, default_value = "out")]
+    pub facing: Facing,
     /// Faces of the simplified surface: what `surface` writes, and the base of `run`
     #[arg(long, value_name = "FACES", value_parser = clap::value_parser!(u32).range(4..))]
     pub decimate: Option<u32>,
@@ -76,6 +80,7 @@ impl SurfaceArgs {
             from_mask: self.surface_from == SurfaceFrom::Mask,
             smoothing: self.fair.smoothing()?,
             open_ends: self.open_ends,
+            facing: self.facing,
             base_faces: self.decimate.map(|n| n as usize),
         })
     }

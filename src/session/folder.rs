@@ -8,7 +8,7 @@ use super::{FrameStream, Product, Report, Session, SessionError, locked, written
 use crate::flight::CameraPath;
 use crate::formats::{
     FormatError, atomic_file, to_pretty_json, write_branches, write_centerline, write_layers,
-    write_mesh,
+    write_wall,
 };
 use crate::lumen::Lumen;
 
@@ -245,7 +245,7 @@ impl Session {
         write_layers(&out.join("distance.nrrd"), grid, |put| lumen.each_layer(distance, 0.0, put))?;
         let open = self.settings.wall.open_ends;
         for (name, mesh) in [("surface.ply", &wall.mesh), ("base.ply", &*base)] {
-            write_mesh(&out.join(name), &written_mesh(mesh, open))?;
+            write_wall(&out.join(name), &written_mesh(mesh, open), self.settings.wall.facing)?;
         }
         for name in ["centerline.vtp", "centerline.csv", "centerline.mrk.json"] {
             write_centerline(&out.join(name), &centered.line)?;

@@ -10,7 +10,7 @@ use super::Mode;
 use crate::centerline::{Loops, Radius};
 use crate::device::DeviceChoice;
 use crate::flight::{CameraPath, Frames};
-use crate::formats::{ReadOptions, shown};
+use crate::formats::{Facing, ReadOptions, shown};
 use crate::lumen::IntensitySelection;
 use crate::organ::OrganOptions;
 use crate::render::View;
@@ -146,6 +146,8 @@ pub struct WallSettings {
     pub open_ends: bool,
     /// Faces of the simplified surface; a twentieth of the wall's where `None`.
     pub base_faces: Option<usize>,
+    /// Which side the meshes that are written look to.
+    pub facing: Facing,
 }
 
 /// How a wall is drawn.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 use intima::formats::{
-    FormatError, Space, read_mesh, write_branches, write_centerline, write_mesh,
+    Facing, FormatError, Space, read_mesh, write_branches, write_centerline, write_mesh, write_wall,
 };
 use intima::geometry::{Attachment, Branch, Centerline, CenterlinePoint, Mesh};
 
@@ -128,6 +128,34 @@ fn vtp_surface_holds_the_mesh_its_normals_and_its_caps() {
     assert_eq!(find("connectivity"), bytemuck::cast_slice::<[u32; 3], u8>(&mesh.faces));
     assert_eq!(find("offsets"), bytemuck::cast_slice::<i32, u8>(&[3, 6, 9, 12]));
     assert_eq!(find("Cap"), [0, 1, 0, 0]);
+}
+
+#[test]
+fn a_wall_is_written_outwards_unless_asked_and_every_format_says_which() {
+    let wall = Mesh { caps: vec![false, true, false, false], ..chiral() };
+    let turned = Mesh {
+        normals: wall.normals.iter().map(|n| -*n).collect(),
+        faces: wall.faces.iter().map(|[a, b, c]| [*a, *c, *b]).collect(),
+        ..wall.clone()
+    };
+    assert_eq!(Facing::default(), Facing::Out);
+    for name in ["a.ply", "a.obj", "a.stl", "a.vtp", "a.glb"] {
+        for (facing, tag, want) in [(Facing::In, "IN", &wall), (Facing::Out, "OUT", &turned)] {
+            let (_dir, path) = scratch(name, "");
+            write_wall(&path, &wall, facing).unwrap();
+            let text = String::from_utf8_lossy(&std::fs::read(&path).unwrap()).into_owned();
+            let codes = if tag == "IN" { ">73 78 0<" } else { ">79 85 84 0<" };
+            let says = [format!("FACING={tag}"), format!("\"FACING\":\"{tag}\""), codes.into()];
+            assert!(says.iter().any(|s| text.contains(s)), "{name} {tag}");
+            let (back, warnings) = read_mesh(&path, None).unwrap();
+            assert!(warnings.is_empty(), "{name}: {warnings:?}");
+            // Faces are the side that shows: positive where they look inwards.
+            assert_eq!(back.volume_mm3() > 0.0, facing == Facing::In, "{name} {tag}");
+            if name != "a.stl" {
+                assert_eq!((&back.faces, &back.normals), (&want.faces, &want.normals), "{name}");
+            }
+        }
+    }
 }
 
 #[test]

@@ -300,6 +300,32 @@ fn open_ends_reports_the_mesh_that_it_writes_and_leaves_no_vertex_without_a_face
 }
 
 #[test]
+fn meshes_look_outwards_as_other_programs_expect_and_either_side_is_an_input() {
+    let tmp = tempfile::tempdir().unwrap();
+    let dir = tmp.path();
+    phantom(dir, Kind::Y, 32);
+    let mesh = |name: &str| intima::formats::read_mesh(&dir.join(name), None).unwrap().0;
+    for (name, more, is_inward) in
+        [("out.ply", &[][..], false), ("in.ply", &["--facing", "in"][..], true)]
+    {
+        works(dir, &[&["surface", "--mask", "mask.nrrd", "-o", name], more].concat());
+        let mesh = mesh(name);
+        // Enclosed volume by the faces' own sign, and the normals with them.
+        assert_eq!(mesh.volume_mm3() > 0.0, is_inward, "{name}");
+        let along = |f: &[u32; 3]| mesh.face_cross(*f).dot(mesh.normals[f[0] as usize]) > 0.0;
+        let agree = mesh.faces.iter().filter(|f| along(f)).count();
+        assert!(agree * 100 > mesh.faces.len() * 99, "{name}: normals look as the faces do");
+        works(dir, &["segment", name, "--mesh-spacing", "1", "-o", &format!("{name}.nrrd")]);
+    }
+    let bytes = |name: &str| std::fs::read(dir.join(name)).unwrap();
+    assert_eq!(bytes("out.ply.nrrd"), bytes("in.ply.nrrd"), "the same lumen from either side");
+    works(dir, &["run", "--mask", "mask.nrrd", "--frames", "1", "--size", "32x32", "--out", "r"]);
+    for name in ["r/surface.ply", "r/base.ply"] {
+        assert!(mesh(name).volume_mm3() < 0.0, "{name}");
+    }
+}
+
+#[test]
 fn a_graph_of_all_branches_is_written_whatever_line_is_asked_for() {
     let tmp = tempfile::tempdir().unwrap();
     phantom(tmp.path(), Kind::Y, 64);

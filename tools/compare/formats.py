@@ -68,9 +68,12 @@ def read_ply(path):
             index = [("n", PLY_TYPES[words[2]]), ("i", PLY_TYPES[words[3]], 3)]
     rows = np.frombuffer(body, np.dtype(vertex), counts["vertex"])
     faces = np.frombuffer(body, np.dtype(index), counts["face"], rows.nbytes)["i"].astype(np.int64)
+    # Ours look into the lumen here, whichever way they were written.
+    sign = -1 if b"FACING=OUT" in head else 1
+    faces = faces[:, ::sign]
     triple = [np.stack([rows[k] for k in keys], 1).astype(float) if keys[0] in rows.dtype.names else None
               for keys in (("x", "y", "z"), ("nx", "ny", "nz"))]
-    return triple[0], faces, triple[1]
+    return triple[0], faces, None if triple[1] is None else sign * triple[1]
 
 
 def read_line(path):

@@ -53,11 +53,15 @@ def to_poly(mesh):
 
 
 def read_ply(path):
-    """-> mesh."""
+    """-> mesh; one that says that it looks out of the lumen is turned."""
     reader = vtk.vtkPLYReader()
     reader.SetFileName(str(path))
     reader.Update()
-    return from_poly(reader.GetOutput())
+    vertices, faces, normals = from_poly(reader.GetOutput())
+    with open(path, "rb") as file:
+        if b"FACING=OUT" in file.read(200):
+            faces, normals = faces[:, ::-1], None if normals is None else -normals
+    return vertices, faces, normals
 
 
 def write_ply(path, mesh):

@@ -53,6 +53,7 @@ fn write(path: &Path, Tracts { paths, tracts }: &Tracts) -> Result<(), FormatErr
     let numbers: Vec<i32> = of(|t| t.tract);
     let blanking: Vec<i32> = of(|t| usize::from(t.blanking));
     let data = PolyData {
+        facing: "",
         points: Array::new("Points", 3, &points),
         point_count: radius.len(),
         // VMTK asks for the first name, Slicer for the second.

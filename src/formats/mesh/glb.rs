@@ -18,7 +18,7 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 pub(super) const MATRIX: [f64; 16] =
     [1e-3, 0., 0., 0., 0., 0., -1e-3, 0., 0., 1e-3, 0., 0., 0., 0., 0., 1.];
 
-pub(super) fn write(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
+pub(super) fn write(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), FormatError> {
     let Some((low, high)) = mesh.bounds().filter(|_| !mesh.faces.is_empty()) else {
         return Err(FormatError::unsupported(path, "a mesh without faces as glTF"));
     };
@@ -50,8 +50,12 @@ pub(super) fn write(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
         "bufferView": indices, "componentType": UNSIGNED_INT,
         "count": 3 * mesh.faces.len(), "type": "SCALAR",
     }));
+    let mut extras = json!({"SPACE": "LPS", "units": "mm"});
+    if !facing.is_empty() {
+        extras["FACING"] = facing.into();
+    }
     let document = json!({
-        "asset": {"version": "2.0", "generator": "intima", "extras": {"SPACE": "LPS", "units": "mm"}},
+        "asset": {"version": "2.0", "generator": "intima", "extras": extras},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"name": "metres, y up, from LPS mm", "matrix": MATRIX, "mesh": 0}],

@@ -30,6 +30,17 @@ pub enum Space {
     Ras,
 }
 
+/// Which side of the wall of a hollow organ the faces and normals of a mesh look to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+pub enum Facing {
+    /// Into the lumen, as our own meshes do
+    In,
+    /// Away from the lumen, as programs expect of a solid
+    #[default]
+    Out,
+}
+
 impl FromStr for Space {
     type Err = String;
     fn from_str(s: &str) -> Result<Self, String> {
@@ -82,6 +93,29 @@ pub fn read_mesh(path: &Path, space: Option<Space>) -> Result<(Mesh, Vec<String>
 /// for an unknown extension or a mesh too large for the format, [`FormatError::Io`]; nothing is
 /// left behind then.
 pub fn write_mesh(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
+    write_tagged(path, mesh, "")
+}
+
+/// Writes a wall whose faces and normals look into the lumen, turned over where they are to look
+/// out, with `FACING` = `IN` or `OUT` beside `SPACE`.
+///
+/// # Errors
+/// As [`write_mesh`].
+pub fn write_wall(path: &Path, wall: &Mesh, facing: Facing) -> Result<(), FormatError> {
+    if facing == Facing::In {
+        return write_tagged(path, wall, "IN");
+    }
+    let turned = Mesh {
+        positions: wall.positions.clone(),
+        normals: wall.normals.iter().map(|n| Vec3::ZERO - *n).collect(),
+        faces: wall.faces.iter().map(|[a, b, c]| [*a, *c, *b]).collect(),
+        caps: wall.caps.clone(),
+    };
+    write_tagged(path, &turned, "OUT")
+}
+
+/// * `facing`: what the file says of the side its faces look to; nothing where empty.
+fn write_tagged(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), FormatError> {
     let write = match extension(path).as_str() {
         "ply" => ply::write,
         "stl" => stl::write,
@@ -94,7 +128,7 @@ pub fn write_mesh(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
         }
     };
     check(path, mesh)?;
-    write(path, mesh)
+    write(path, mesh, facing)
 }
 
 fn extension(path: &Path) -> String {

@@ -108,9 +108,12 @@ fn index(word: &str, count: usize) -> Option<usize> {
     usize::try_from(i).ok().filter(|&i| i < count)
 }
 
-pub(super) fn write(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
+pub(super) fn write(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), FormatError> {
     atomic_file::write_atomic(path, |out| {
         writeln!(out, "# SPACE=LPS\n# units mm")?;
+        if !facing.is_empty() {
+            writeln!(out, "# FACING={facing}")?;
+        }
         for p in &mesh.positions {
             writeln!(out, "v {} {} {}", p.x, p.y, p.z)?;
         }

@@ -35,6 +35,8 @@ impl<'a> Array<'a> {
 
 /// Points and either lines or polygons.
 pub(in crate::formats) struct PolyData<'a> {
+    /// `FACING` of the field data; left out where empty.
+    pub facing: &'a str,
     pub points: Array<'a>,
     pub point_count: usize,
     pub point_data: Vec<Array<'a>>,
@@ -64,7 +66,13 @@ impl PolyData<'_> {
         writeln!(out, "<PolyData>\n<FieldData>")?;
         // A string array is its character codes, each string closed by a zero.
         let text = "type=\"String\" NumberOfTuples=\"1\" format=\"ascii\"";
-        writeln!(out, "<Array Name=\"SPACE\" {text}>76 80 83 0</Array>\n</FieldData>")?;
+        for (name, value) in [("SPACE", "LPS"), ("FACING", self.facing)] {
+            if !value.is_empty() {
+                let codes: String = value.bytes().map(|c| format!("{c} ")).collect();
+                writeln!(out, "<Array Name=\"{name}\" {text}>{codes}0</Array>")?;
+            }
+        }
+        writeln!(out, "</FieldData>")?;
         writeln!(
             out,
             "<Piece NumberOfPoints=\"{points}\" NumberOfVerts=\"0\" NumberOfLines=\"{lines}\" \

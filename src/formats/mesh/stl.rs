@@ -119,12 +119,13 @@ impl<'a> Welder<'a> {
     }
 }
 
-pub(super) fn write(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
+pub(super) fn write(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), FormatError> {
     atomic_file::write_atomic(path, |out| {
         // A header that begins with `solid` would pass for the text form.
         let mut header = [b' '; HEADER];
-        let title = b"intima surface, units mm, SPACE=LPS";
-        header[..title.len()].copy_from_slice(title);
+        let facing = if facing.is_empty() { String::new() } else { format!(", FACING={facing}") };
+        let title = format!("intima surface, units mm, SPACE=LPS{facing}");
+        header[..title.len()].copy_from_slice(title.as_bytes());
         out.write_all(&header)?;
         out.write_all(&(mesh.faces.len() as u32).to_le_bytes())?;
         for &f in &mesh.faces {

@@ -125,10 +125,13 @@ fn rows(
     Ok(())
 }
 
-pub(super) fn write(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
+pub(super) fn write(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), FormatError> {
     let with_normals = !mesh.normals.is_empty();
     atomic_file::write_atomic(path, |out| {
         writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment SPACE=LPS\ncomment units mm")?;
+        if !facing.is_empty() {
+            writeln!(out, "comment FACING={facing}")?;
+        }
         writeln!(out, "element vertex {}", mesh.positions.len())?;
         let normal = if with_normals { &["nx", "ny", "nz"][..] } else { &[] };
         for name in ["x", "y", "z"].iter().chain(normal) {
