@@ -23,6 +23,10 @@ use crate::volume::{Grid, Volume};
 pub struct Report {
     /// Name and version of this layout, `intima.report/1`.
     pub schema: &'static str,
+    /// Patient coordinates of every point in it: `LPS`, +x left, +y back, +z head.
+    pub space: &'static str,
+    /// Unit of lengths: `mm`.
+    pub unit: &'static str,
     /// Version of intima.
     pub version: &'static str,
     /// Statement that this is no medical device.
@@ -400,6 +404,8 @@ impl Report {
     pub fn new(device: &str, clock: &Clock) -> Self {
         Self {
             schema: "intima.report/1",
+            space: "LPS",
+            unit: "mm",
             version: env!("CARGO_PKG_VERSION"),
             notice: crate::formats::NOTICE,
             device: device.to_owned(),

@@ -98,6 +98,7 @@ fn run_writes_every_product_and_a_report_of_this_run() {
         serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
     assert_eq!(report, json);
     assert_eq!(report["schema"], "intima.report/1");
+    assert_eq!([&report["space"], &report["unit"]], ["LPS", "mm"]);
     assert_eq!(report["surface"]["watertight"], true);
     assert_eq!(report["surface"]["euler"], 2);
     assert_eq!(report["frames"]["count"], 3);

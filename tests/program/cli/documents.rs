@@ -58,3 +58,37 @@ fn command_lines_in_the_documents_run() {
     }
     assert!(tmp.path().join("case/report.json").exists());
 }
+
+/// Fields of the structures of a source file.
+fn public_fields(source: &str) -> impl Iterator<Item = &str> {
+    let fields = source.lines().filter_map(|l| l.strip_prefix("    pub ")?.split_once(": "));
+    fields.map(|(name, _)| name).filter(|n| n.chars().all(|c| c.is_alphanumeric() || c == '_'))
+}
+
+#[test]
+fn every_field_of_the_report_is_in_its_page() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let text = |name: &str| std::fs::read_to_string(root.join(name)).unwrap();
+    let page = text("docs/report.md");
+    let part = |name: &str, from: &str, to: &str| {
+        let all = text(name);
+        let begin = all.find(from).unwrap_or_else(|| panic!("{from} in {name}"));
+        all[begin..][..all[begin..].find(to).unwrap()].to_owned()
+    };
+    let parts = [
+        part("src/session/report.rs", "pub struct Report", "impl Session"),
+        part("src/session/levels.rs", "pub struct LodReport", "\n}"),
+        part("src/session/clock.rs", "pub struct StageTime", "/// Collects stages."),
+        part("src/geometry/tree.rs", "pub struct TreeSummary", "\n}"),
+        part("src/centerline/containment.rs", "pub struct Proof", "\n}"),
+    ];
+    let fields: Vec<&str> = parts.iter().flat_map(|p| public_fields(p)).collect();
+    assert!(fields.len() > 100, "{fields:?}");
+    // Their own fields stand where these do.
+    let flat = ["timing", "field"];
+    let missing: Vec<_> = fields
+        .into_iter()
+        .filter(|f| !flat.contains(f) && !page.contains(&format!("`{f}`")))
+        .collect();
+    assert!(missing.is_empty(), "docs/report.md lacks {missing:?}");
+}
