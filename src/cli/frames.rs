@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::CliError;
-use crate::flight::{CameraPath, Frames};
+use crate::flight::{CameraPath, FOV_DEG, Frames, MAX_FRAMES};
 use crate::formats::{atomic_file, read_plain};
 use crate::render::View;
 use crate::session::{FlightRoute, FlightSettings, LevelSettings, Lod};
@@ -77,11 +77,13 @@ impl FrameArgs {
     /// Checks the flags before anything is computed.
     pub fn settings(&self) -> Result<FlightSettings, CliError> {
         let size = frame_size(&self.size)?;
-        if !(5.0..=170.0).contains(&self.fov) {
-            return Err(CliError::Usage(format!("--fov {}: 5 to 170 degrees", self.fov)));
+        if !FOV_DEG.contains(&f64::from(self.fov)) {
+            let (low, high) = (FOV_DEG.start(), FOV_DEG.end());
+            let why = format!("--fov {}: {low} to {high} degrees", self.fov);
+            return Err(CliError::Usage(why));
         }
-        if self.frames == Some(0) || self.frames.is_some_and(|n| n > 99_999) {
-            return Err(CliError::Usage("--frames: 1 to 99999".into()));
+        if self.frames.is_some_and(|n| !(1..=MAX_FRAMES).contains(&n)) {
+            return Err(CliError::Usage(format!("--frames: 1 to {MAX_FRAMES}")));
         }
         if !(self.fps > 0.0 && self.fps <= 1000.0) {
             return Err(CliError::Usage(format!("--fps {}: above 0, at most 1000", self.fps)));

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::{Clearance, Flight, FlightError, MAX_FRAMES};
+use super::{Clearance, FOV_DEG, Flight, FlightError, MAX_FRAMES};
 use crate::geometry::{Lens, Pose};
 
 /// Name and version of the format.
@@ -69,7 +69,10 @@ pub enum CameraPathError {
     #[error("the camera path has {0} poses; it must have 1 to {MAX_FRAMES}")]
     Count(usize),
     /// The field of view is out of range.
-    #[error("the camera path's `fov_y_deg` is {0}; it must be 1 to 170")]
+    #[error(
+        "the camera path's `fov_y_deg` is {0}; it must be {low} to {high}",
+        low = FOV_DEG.start(), high = FOV_DEG.end()
+    )]
     FieldOfView(f64),
     /// A pose is invalid.
     #[error("pose {entry} of the camera path: `{field}` is {value}: {why}")]
@@ -138,7 +141,7 @@ impl CameraPath {
         if file.poses.is_empty() || file.poses.len() > MAX_FRAMES {
             return Err(CameraPathError::Count(file.poses.len()));
         }
-        if !(1.0..=170.0).contains(&file.fov_y_deg) {
+        if !FOV_DEG.contains(&file.fov_y_deg) {
             return Err(CameraPathError::FieldOfView(file.fov_y_deg));
         }
         let mut shots: Vec<CameraPathPose> = Vec::with_capacity(file.poses.len());

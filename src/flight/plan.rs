@@ -1,5 +1,7 @@
 //! Frames of a flight along a path.
 
+use std::ops::RangeInclusive;
+
 use glam::DVec3;
 
 use super::profile::median;
@@ -10,6 +12,8 @@ use crate::lumen::Lumen;
 
 /// Largest number of frames of a flight: ten hours at 25 a second.
 pub const MAX_FRAMES: usize = 900_000;
+/// Vertical fields of view that a frame may have, degrees.
+pub const FOV_DEG: RangeInclusive<f64> = 1.0..=170.0;
 /// Near plane as a share of the radius.
 pub(super) const NEAR_SHARE: f64 = 0.35;
 /// Farthest near plane, mm.
@@ -70,7 +74,7 @@ pub enum FlightError {
         /// Value of the option.
         value: f64,
         /// Permitted values.
-        range: &'static str,
+        range: String,
     },
     /// A point of the path is not finite.
     #[error("point {0} of the path is not finite")]
@@ -328,10 +332,13 @@ impl Flight {
 }
 
 fn check(o: &FlightOptions<'_>) -> Result<(), FlightError> {
-    let err = |what, value, range| Err(FlightError::Option { what, value, range });
+    let err = |what, value, range: &str| {
+        Err(FlightError::Option { what, value, range: range.to_owned() })
+    };
     let fov = f64::from(o.fov_y_rad).to_degrees();
-    if !(1.0..=170.0).contains(&fov) {
-        return err("the vertical field of view in degrees", fov, "1 to 170");
+    if !FOV_DEG.contains(&fov) {
+        let range = format!("{} to {}", FOV_DEG.start(), FOV_DEG.end());
+        return err("the vertical field of view in degrees", fov, &range);
     }
     if !(0.01..=100.0).contains(&o.aspect) {
         return err("width over height", f64::from(o.aspect), "0.01 to 100");
@@ -378,7 +385,7 @@ fn check_points(path: &[CenterlinePoint]) -> Result<(), FlightError> {
 }
 
 fn too_many(count: usize) -> FlightError {
-    let range = "at most 900000";
+    let range = format!("at most {MAX_FRAMES}");
     FlightError::Option { what: "the number of frames", value: count as f64, range }
 }
 
