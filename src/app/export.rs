@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use base64::Engine as _;
 
-use super::AppError;
+use super::error::AppError;
 use super::model::{Bookmark, Model};
 use crate::formats::{FormatError, NOTICE, atomic_file};
 

@@ -7,7 +7,7 @@ use glam::{DVec2, DVec3};
 use super::action::{Colouring, WallView};
 use super::colouring::{NO_WALL, SHEET, scale_colour};
 use super::model::Model;
-use super::ui::{ACCENT, CAMERA, TEXT};
+use super::style::{ACCENT, CAMERA, TEXT};
 use crate::render::cube_areas;
 
 const SHADOW: Color32 = Color32::from_black_alpha(150);

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::AppError;
 use super::action::Action;
+use super::error::AppError;
 use super::panes::Detail;
 use super::session_file::SessionFile;
 use super::stage::{After, Files, Stage, Target};

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::AppError;
+use super::error::AppError;
 use super::measure::Measurement;
 use super::model::{Bookmark, Model};
 use crate::formats::{FormatError, atomic_file, read_plain};

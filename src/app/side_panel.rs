@@ -5,15 +5,24 @@ use glam::DVec3;
 
 use super::action::{Action, Colouring, Export, LumenChoice, Ruler, WallView};
 use super::model::Model;
-use super::ui::{FAINT, NOTICE, UiState};
-use crate::formats::InputInfo;
+use super::style::FAINT;
+use crate::formats::{InputInfo, NOTICE};
 use crate::organ::Organ;
+
+/// What is being entered.
+#[derive(Default)]
+pub(super) struct PanelState {
+    /// Text of the next bookmark.
+    note: String,
+    /// Range of a lumen to be chosen, and whether it begins at the crosshair.
+    pub lumen: Option<([f64; 2], bool)>,
+}
 
 /// Figures, how the wall looks, measuring, export, bookmarks.
 pub(super) fn side_panel(
     ui: &mut Ui,
     model: &Model,
-    state: &mut UiState,
+    state: &mut PanelState,
     actions: &mut Vec<Action>,
 ) {
     egui::Panel::bottom("notice").show_separator_line(false).show(ui, |ui| {
@@ -26,7 +35,7 @@ pub(super) fn side_panel(
     });
 }
 
-fn groups(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut Vec<Action>) {
+fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, actions: &mut Vec<Action>) {
     ui.add_space(4.0);
     figures(ui, model);
     ui.separator();
@@ -95,7 +104,7 @@ fn contents(ui: &mut Ui, info: &InputInfo, actions: &mut Vec<Action>) {
 
 /// The organ or the range of values that is the lumen. The range begins as gas in a CT, else as what
 /// is bright.
-fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut UiState, actions: &mut Vec<Action>) {
+fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut PanelState, actions: &mut Vec<Action>) {
     let Some(volume) = &model.products.volume else { return };
     let (low, high) = volume.range().unwrap_or((0.0, 1.0));
     let begin = || match low < -500.0 {
@@ -270,7 +279,7 @@ mod tests {
             let screen = egui::Rect::from_min_size(egui::Pos2::ZERO, egui::vec2(800.0, 600.0));
             let input = egui::RawInput { screen_rect: Some(screen), ..Default::default() };
             let mut output = context.run_ui(input, |ui| {
-                let mut state = UiState::default();
+                let mut state = PanelState::default();
                 let panel = egui::Panel::right("notes").resizable(false).exact_size(236.0);
                 let shown = panel.show(ui, |ui| {
                     side_panel(ui, &model, &mut state, &mut Vec::new());

@@ -7,15 +7,30 @@ use super::action::{Action, Pane};
 use super::inside_marks::measurements;
 use super::model::Model;
 use super::slices::{Plane, slice};
-use super::ui::{CAMERA, TEXT, UiState, pixels, wheel_notches};
+use super::style::{CAMERA, TEXT, pixels, wheel_notches};
 use crate::volume::Volume;
 
 const CROSSHAIR: Color32 = Color32::from_rgba_premultiplied(120, 94, 28, 150);
 
 /// A slice as a texture, and what it was made of.
-pub(super) struct SliceTexture {
+struct SliceTexture {
     texture: egui::TextureHandle,
     made_of: (Plane, [usize; 2], [f64; 2], bool),
+}
+
+/// How the slices are shown.
+pub(super) struct SliceViews {
+    textures: [Option<SliceTexture>; 4],
+    /// 1 shows all of the volume.
+    zoom: f64,
+    /// From the crosshair to the middle of each slice, LPS mm.
+    pan_mm: [DVec3; 4],
+}
+
+impl Default for SliceViews {
+    fn default() -> Self {
+        Self { textures: Default::default(), zoom: 1.0, pan_mm: [DVec3::ZERO; 4] }
+    }
 }
 
 /// Samples the slice where it has changed, and takes crosshair, window and zoom from the mouse.
@@ -25,26 +40,26 @@ pub(super) fn show_slice(
     rect: Rect,
     response: &Response,
     model: &Model,
-    state: &mut UiState,
+    views: &mut SliceViews,
     actions: &mut Vec<Action>,
 ) {
     let painter = ui.painter_at(rect);
     let Some(volume) = &model.products.volume else { return };
     let size = pixels(ui, rect).map(|s| s as usize);
-    let mm_per_px = state.zoom * mm_to_fit(volume, pane, size);
+    let mm_per_px = views.zoom * mm_to_fit(volume, pane, size);
     let index = match pane {
         Pane::Axial => 0,
         Pane::Coronal => 1,
         Pane::Sagittal => 2,
         _ => 3,
     };
-    let middle = model.crosshair_mm + state.pan_mm[index];
+    let middle = model.crosshair_mm + views.pan_mm[index];
     let Some(plane) = Plane::of(pane, middle, mm_per_px, model.pose) else {
         return;
     };
     let lumen = model.products.lumen.as_ref().map(|l| &l.lumen);
     let made_of = (plane, size, model.window, lumen.is_some());
-    let slot = &mut state.slices[index];
+    let slot = &mut views.textures[index];
     if slot.as_ref().is_none_or(|s| s.made_of != made_of) {
         let rgb = slice(volume, lumen, &plane, size, model.window);
         let pixels = rgb.into_iter().map(|[r, g, b]| Color32::from_rgb(r, g, b)).collect();
@@ -76,7 +91,7 @@ pub(super) fn show_slice(
     if response.dragged_by(egui::PointerButton::Middle) || (primary && shift) {
         let d = response.drag_delta() * scale;
         let by = plane.right * f64::from(d.x) + plane.down * f64::from(d.y);
-        state.pan_mm[index] -= by * plane.mm_per_px;
+        views.pan_mm[index] -= by * plane.mm_per_px;
     } else if let Some(p) = response.interact_pointer_pos() {
         if primary {
             actions.push(Action::Crosshair(place(p)));
@@ -102,7 +117,7 @@ pub(super) fn show_slice(
     let notches = wheel_notches(ui);
     if response.hovered() && notches != 0.0 {
         if ui.input(|i| i.modifiers.ctrl) {
-            state.zoom = (state.zoom * 0.9f64.powf(notches)).clamp(0.01, 4.0);
+            views.zoom = (views.zoom * 0.9f64.powf(notches)).clamp(0.01, 4.0);
         } else {
             let normal = plane.right.cross(plane.down);
             let along = normal.abs().dot(volume.grid.spacing_mm).max(0.1);

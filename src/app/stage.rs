@@ -9,14 +9,15 @@ use egui::epaint::Primitive;
 use egui::{TextureId, ViewportId};
 
 use super::action::{Action, Export, WallView};
+use super::error::AppError;
 use super::export;
 use super::keys;
 use super::model::Model;
 use super::painter::Painter;
 use super::panes::{Detail, Panes};
+use super::study::News;
 use super::study::{Change, Study};
 use super::ui::{self, INSIDE, OVERVIEW, UiState};
-use super::{AppError, News};
 use crate::formats::{encode_png, shown};
 use crate::geometry::cube_faces;
 use crate::lod::Tolerance;
@@ -391,7 +392,7 @@ impl Stage {
     /// The device's.
     pub fn begin_anew(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
         self.model = self.model.anew();
-        self.state.forget_slices();
+        self.state.reset();
         self.painter = None;
         self.panes = Panes::new(gpu, self.samples)?;
         Ok(())

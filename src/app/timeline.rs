@@ -4,7 +4,7 @@ use egui::{Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui, Vec2, pos2, v
 
 use super::action::Action;
 use super::model::Model;
-use super::ui::{ACCENT, CAMERA, FAINT};
+use super::style::{ACCENT, CAMERA, FAINT};
 
 /// The scrub bar with the radius along the path.
 pub(super) fn timeline(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {

@@ -8,23 +8,15 @@ use super::action::{Action, FOV_DEG, Pane, SPEED_MM_S, WallView};
 use super::inside_marks::{inside_marks, ray_at};
 use super::keys::{help, keys};
 use super::model::Model;
-use super::side_panel::side_panel;
-use super::slice_pane::{SliceTexture, show_slice};
+use super::side_panel::{PanelState, side_panel};
+use super::slice_pane::{SliceViews, show_slice};
+use super::style::{FAINT, TEXT, WRONG, pixels, wheel_notches};
 use super::timeline::timeline;
 use crate::render::framing_turned;
 
 /// Textures of the two drawn panes.
 pub const INSIDE: egui::TextureId = egui::TextureId::User(0);
 pub const OVERVIEW: egui::TextureId = egui::TextureId::User(1);
-
-pub(super) const TEXT: Color32 = Color32::from_rgb(225, 228, 232);
-pub(super) const FAINT: Color32 = Color32::from_rgb(150, 156, 165);
-pub(super) const ACCENT: Color32 = Color32::from_rgb(90, 210, 140);
-pub(super) const WRONG: Color32 = Color32::from_rgb(255, 120, 110);
-pub(super) const CAMERA: Color32 = Color32::from_rgb(255, 200, 60);
-
-/// What a user has to accept.
-pub const NOTICE: &str = "Research and education only. Not for diagnosis.";
 
 /// What can be done about a failure.
 fn what_next(model: &Model) -> &'static str {
@@ -38,36 +30,26 @@ fn what_next(model: &Model) -> &'static str {
 
 /// What the panels keep from frame to frame beside the model.
 pub struct UiState {
-    pub(super) slices: [Option<SliceTexture>; 4],
-    /// Text of the next bookmark.
-    pub(super) note: String,
-    /// Of the slices: 1 shows all of the volume.
-    pub(super) zoom: f64,
-    /// From the crosshair to the middle of each slice, LPS mm.
-    pub(super) pan_mm: [DVec3; 4],
+    slices: SliceViews,
+    panel: PanelState,
     /// Chooses a file or a folder.
     dialog: FileDialog,
-    /// Range of a lumen to be chosen, and whether it begins at the crosshair.
-    pub(super) lumen: Option<([f64; 2], bool)>,
 }
 
 impl UiState {
     /// Of another volume there are other slices.
-    pub fn forget_slices(&mut self) {
-        self.slices = Default::default();
-        (self.zoom, self.pan_mm, self.lumen) = (1.0, [DVec3::ZERO; 4], None);
+    pub fn reset(&mut self) {
+        self.slices = SliceViews::default();
+        self.panel.lumen = None;
     }
 }
 
 impl Default for UiState {
     fn default() -> Self {
         Self {
-            slices: Default::default(),
-            note: String::new(),
-            zoom: 1.0,
-            pan_mm: [DVec3::ZERO; 4],
+            slices: SliceViews::default(),
+            panel: PanelState::default(),
             dialog: FileDialog::new().title("Open").default_size([640.0, 420.0]),
-            lumen: None,
         }
     }
 }
@@ -98,7 +80,7 @@ pub fn window(
     egui::Panel::right("notes")
         .resizable(false)
         .exact_size(236.0)
-        .show(ui, |ui| side_panel(ui, model, state, actions));
+        .show(ui, |ui| side_panel(ui, model, &mut state.panel, actions));
     let mut shown = Shown::default();
     egui::CentralPanel::no_frame().show(ui, |ui| {
         let whole = ui.max_rect();
@@ -110,7 +92,7 @@ pub fn window(
                 Pane::Overview => shown.overview = Some(size),
                 _ => {}
             }
-            show_pane(ui, pane, rect, model, state, stage.is_some(), actions);
+            show_pane(ui, pane, rect, model, &mut state.slices, stage.is_some(), actions);
         }
     });
     if model.help {
@@ -152,11 +134,6 @@ fn on_pixels(ui: &Ui, rect: Rect) -> Rect {
     let scale = ui.pixels_per_point();
     let round = |p: Pos2| pos2((p.x * scale).round() / scale, (p.y * scale).round() / scale);
     Rect::from_min_max(round(rect.min), round(rect.max))
-}
-
-pub(super) fn pixels(ui: &Ui, rect: Rect) -> [u32; 2] {
-    let scale = ui.pixels_per_point();
-    [rect.width(), rect.height()].map(|s| ((s * scale).round() as u32).max(2))
 }
 
 /// Files dropped on the window, or chosen in the dialog.
@@ -245,7 +222,7 @@ fn show_pane(
     pane: Pane,
     rect: Rect,
     model: &Model,
-    state: &mut UiState,
+    slices: &mut SliceViews,
     stage: bool,
     actions: &mut Vec<Action>,
 ) {
@@ -288,7 +265,7 @@ fn show_pane(
             let text = painter.layout(text, font, colour, (rect.width() - 16.0).max(80.0));
             painter.galley(rect.center() - 0.5 * text.size(), text, colour);
         }
-        _ => show_slice(ui, pane, rect, &response, model, state, actions),
+        _ => show_slice(ui, pane, rect, &response, model, slices, actions),
     }
     painter.text(
         rect.left_top() + vec2(6.0, 4.0),
@@ -364,24 +341,6 @@ fn inside_input(
 
 /// A notch of the wheel along the path, mm.
 const WHEEL_MM: f64 = 5.0;
-
-/// Notches turned in this frame, as the wheel gave them: the smoothed value would go on for thirty
-/// frames.
-pub(super) fn wheel_notches(ui: &Ui) -> f64 {
-    ui.input(|i| {
-        i.raw
-            .events
-            .iter()
-            .map(|e| match e {
-                egui::Event::MouseWheel { unit: egui::MouseWheelUnit::Line, delta, .. } => {
-                    f64::from(delta.y)
-                }
-                egui::Event::MouseWheel { delta, .. } => f64::from(delta.y) / 50.0,
-                _ => 0.0,
-            })
-            .sum()
-    })
-}
 
 /// The patient's axes as the eye sees them.
 fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat) {

@@ -13,7 +13,7 @@ use winit::event::{StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Window, WindowId};
 
-use super::AppError;
+use super::error::AppError;
 use super::panes::Detail;
 use super::session_file::SessionFile;
 use super::stage::{After, Files, Stage, Target};

@@ -1,0 +1,33 @@
+//! Colours of the panels and panes, and how their points and wheel are counted.
+
+use egui::{Color32, Rect, Ui};
+
+pub(super) const TEXT: Color32 = Color32::from_rgb(225, 228, 232);
+pub(super) const FAINT: Color32 = Color32::from_rgb(150, 156, 165);
+pub(super) const ACCENT: Color32 = Color32::from_rgb(90, 210, 140);
+pub(super) const WRONG: Color32 = Color32::from_rgb(255, 120, 110);
+pub(super) const CAMERA: Color32 = Color32::from_rgb(255, 200, 60);
+
+/// Columns and rows of a rectangle of the screen, at least 2.
+pub(super) fn pixels(ui: &Ui, rect: Rect) -> [u32; 2] {
+    let scale = ui.pixels_per_point();
+    [rect.width(), rect.height()].map(|s| ((s * scale).round() as u32).max(2))
+}
+
+/// Notches turned in this frame, as the wheel gave them: the smoothed value would go on for thirty
+/// frames.
+pub(super) fn wheel_notches(ui: &Ui) -> f64 {
+    ui.input(|i| {
+        i.raw
+            .events
+            .iter()
+            .map(|e| match e {
+                egui::Event::MouseWheel { unit: egui::MouseWheelUnit::Line, delta, .. } => {
+                    f64::from(delta.y)
+                }
+                egui::Event::MouseWheel { delta, .. } => f64::from(delta.y) / 50.0,
+                _ => 0.0,
+            })
+            .sum()
+    })
+}
