@@ -1,4 +1,5 @@
-//! Commands of the panels, keys and scripts, and the panes they name.
+//! Commands of the panels, keys and scripts, and the panes they name: actions change the view,
+//! requests ask for work.
 
 use std::path::PathBuf;
 
@@ -108,7 +109,7 @@ pub struct LumenChoice {
     pub seed_mm: Option<[f64; 3]>,
 }
 
-/// A command.
+/// A change of what is shown or noted.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Action {
@@ -134,8 +135,6 @@ pub enum Action {
     BackToPath,
     /// Flies along the path to the place on it that is nearest to a place, LPS mm.
     GoNear([f64; 3]),
-    /// From here on along a branch of the centerline, by its number.
-    Branch(usize),
     /// How the inside pane shows the wall.
     View(WallView),
     /// What colours the wall.
@@ -148,8 +147,6 @@ pub enum Action {
     Mark([f64; 3]),
     /// Forgets a measurement.
     RemoveMeasurement(usize),
-    /// Writes to the export folder.
-    Export(Export),
     /// Turns the overview: about its vertical axis, and towards the viewer, radians.
     Orbit([f32; 2]),
     /// Moves the crosshair of the slices, LPS mm.
@@ -168,6 +165,16 @@ pub enum Action {
     NextMissed,
     /// Shows or hides the keys.
     ToggleHelp,
+}
+
+/// Work that is asked for: of the session, of a file, of the window itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Request {
+    /// From here on along a branch of the centerline, by its number.
+    Branch(usize),
+    /// Writes to the export folder.
+    Export(Export),
     /// Opens a file or a DICOM folder instead of what is shown.
     Open(PathBuf),
     /// Takes another lumen of the same volume.
@@ -182,4 +189,50 @@ pub enum Action {
     Cancel,
     /// Closes the window.
     Quit,
+}
+
+/// An action or a request, as scripts write them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Command {
+    /// Changes what is shown or noted.
+    Act(Action),
+    /// Asks for work.
+    Ask(Request),
+}
+
+impl From<Action> for Command {
+    fn from(action: Action) -> Self {
+        Self::Act(action)
+    }
+}
+
+impl From<Request> for Command {
+    fn from(request: Request) -> Self {
+        Self::Ask(request)
+    }
+}
+
+/// Commands of one frame, in their order.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Commands {
+    /// Changes of what is shown or noted.
+    pub actions: Vec<Action>,
+    /// Work that is asked for.
+    pub requests: Vec<Request>,
+}
+
+impl Commands {
+    /// Adds a command.
+    pub fn push(&mut self, command: impl Into<Command>) {
+        match command.into() {
+            Command::Act(action) => self.actions.push(action),
+            Command::Ask(request) => self.requests.push(request),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.actions.is_empty() && self.requests.is_empty()
+    }
 }

@@ -3,11 +3,11 @@
 use egui::{Align2, Key, Modifiers, Ui, Vec2};
 use glam::DVec3;
 
-use super::action::{Action, Colouring, Export, Ruler, WallView};
+use super::action::{Action, Colouring, Commands, Export, Request, Ruler, WallView};
 use super::model::Model;
 
 /// Keys, unless a text field has them.
-pub(super) fn keys(ui: &Ui, model: &Model, actions: &mut Vec<Action>) {
+pub(super) fn keys(ui: &Ui, model: &Model, commands: &mut Commands) {
     if ui.ctx().egui_wants_keyboard_input() {
         return;
     }
@@ -36,18 +36,18 @@ pub(super) fn keys(ui: &Ui, model: &Model, actions: &mut Vec<Action>) {
         (Key::Questionmark, Action::ToggleHelp),
     ] {
         if pressed(key) {
-            actions.push(action);
+            commands.push(action);
         }
     }
     for (key, i) in [(Key::Num1, 0), (Key::Num2, 1), (Key::Num3, 2), (Key::Num4, 3)] {
         if let Some(choice) = model.offered().get(i).filter(|_| pressed(key)) {
-            actions.push(Action::Branch(choice.branch));
+            commands.push(Request::Branch(choice.branch));
         }
     }
     if pressed(Key::Enter)
         && let Some(branch) = branch_in_view(model)
     {
-        actions.push(Action::Branch(branch));
+        commands.push(Request::Branch(branch));
     }
     let next_view = match model.view {
         WallView::Eye => WallView::Cube,
@@ -68,26 +68,28 @@ pub(super) fn keys(ui: &Ui, model: &Model, actions: &mut Vec<Action>) {
         (Key::C, Action::Colour(next_colour)),
         (Key::M, ruler(Ruler::Length)),
         (Key::N, ruler(Ruler::Angle)),
-        (Key::E, Action::Export(Export::View)),
     ] {
         if pressed(key) {
-            actions.push(action);
+            commands.push(action);
         }
     }
+    if pressed(Key::E) {
+        commands.push(Request::Export(Export::View));
+    }
     if with(Key::B, |m| !m.shift) {
-        actions.push(Action::Bookmark(String::new()));
+        commands.push(Action::Bookmark(String::new()));
     }
     if pressed(Key::Escape) {
-        actions.push(match (model.help, model.ruler) {
+        commands.push(match (model.help, model.ruler) {
             (true, _) => Action::ToggleHelp,
             (false, Some(_)) => Action::Measure(None),
             (false, None) => Action::Maximise(None),
         });
     }
     if with(Key::Q, |m| m.ctrl && !m.shift && !m.alt) {
-        actions.push(Action::Quit);
+        commands.push(Request::Quit);
     }
-    held_keys(ui, actions);
+    held_keys(ui, commands);
 }
 
 /// Of the branches that can be taken, the one the eye looks at most nearly.
@@ -106,13 +108,13 @@ fn branch_in_view(model: &Model) -> Option<usize> {
 const HAND_MM_S: f64 = 25.0;
 
 /// Keys that move as long as they are held.
-fn held_keys(ui: &Ui, actions: &mut Vec<Action>) {
+fn held_keys(ui: &Ui, commands: &mut Commands) {
     let (dt, fast) = ui.input(|i| (f64::from(i.stable_dt).min(0.1), i.modifiers.shift));
     let by = HAND_MM_S * dt * if fast { 3.0 } else { 1.0 };
     let down = |key| ui.input(|i| f64::from(u8::from(i.key_down(key))));
     let along = down(Key::ArrowUp) - down(Key::ArrowDown);
     if along != 0.0 {
-        actions.push(Action::Travel(along * by));
+        commands.push(Action::Travel(along * by));
     }
     let fly = DVec3::new(
         down(Key::D) - down(Key::A),
@@ -120,7 +122,7 @@ fn held_keys(ui: &Ui, actions: &mut Vec<Action>) {
         down(Key::W) - down(Key::S),
     );
     if fly != DVec3::ZERO {
-        actions.push(Action::Fly((fly * by).to_array()));
+        commands.push(Action::Fly((fly * by).to_array()));
     }
 }
 
@@ -132,7 +134,7 @@ pub fn moves(ctx: &egui::Context) -> bool {
 }
 
 /// The keys as a window over the panes.
-pub(super) fn help(ui: &Ui, actions: &mut Vec<Action>) {
+pub(super) fn help(ui: &Ui, commands: &mut Commands) {
     const KEYS: &[(&str, &str)] = &[
         ("Space", "play, pause"),
         ("R", "direction"),
@@ -175,6 +177,6 @@ pub(super) fn help(ui: &Ui, actions: &mut Vec<Action>) {
             });
         });
     if !open {
-        actions.push(Action::ToggleHelp);
+        commands.push(Action::ToggleHelp);
     }
 }

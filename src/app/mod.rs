@@ -28,7 +28,8 @@ mod ui;
 mod window;
 
 pub use action::{
-    Action, Colouring, Export, FOV_DEG, LumenChoice, Pane, Ruler, SPEED_MM_S, WallView,
+    Action, Colouring, Command, Commands, Export, FOV_DEG, LumenChoice, Pane, Request, Ruler,
+    SPEED_MM_S, WallView,
 };
 pub use error::AppError;
 pub use junctions::Choice;

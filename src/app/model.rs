@@ -387,7 +387,7 @@ impl Model {
             Action::GoToBookmark(i) => self.go_to_bookmark(*i),
             Action::NextMissed => self.next_missed(),
             Action::ToggleHelp => self.help = !self.help,
-            // Of the window's own; or numbers that are none.
+            // Numbers that are none.
             _ => {}
         }
     }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::action::Action;
+use super::action::{Command, Commands};
 use super::error::AppError;
 use super::panes::Detail;
 use super::session_file::SessionFile;
@@ -50,8 +50,8 @@ pub enum Wait {
 pub enum ScriptStep {
     /// Waits; no time passes on the script's clock.
     Wait(Wait),
-    /// Carries out an action in the next frame, which it draws.
-    Do(Action),
+    /// Carries out a command in the next frame, which it draws.
+    Do(Command),
     /// Draws so many frames.
     Frames(u32),
     /// Presses and releases a key, as egui names it (`Space`, `B`, `ArrowUp`).
@@ -272,46 +272,48 @@ impl<'a> Player<'a> {
         let primary = egui::PointerButton::Primary;
         match step {
             ScriptStep::Wait(wait) => self.wait(gpu, number, *wait, notes)?,
-            ScriptStep::Do(action) => self.draw(gpu, std::slice::from_ref(action))?,
-            ScriptStep::Frames(n) => (0..*n).try_for_each(|_| self.draw(gpu, &[]))?,
+            ScriptStep::Do(command) => self.command(gpu, command.clone())?,
+            ScriptStep::Frames(n) => {
+                (0..*n).try_for_each(|_| self.draw(gpu, Commands::default()))?
+            }
             ScriptStep::Key(name) => {
                 self.key(key(name), true);
-                self.draw(gpu, &[])?;
+                self.draw(gpu, Commands::default())?;
                 self.key(key(name), false);
-                self.draw(gpu, &[])?;
+                self.draw(gpu, Commands::default())?;
             }
             ScriptStep::Hold(name, n) => {
                 self.key(key(name), true);
-                (0..*n).try_for_each(|_| self.draw(gpu, &[]))?;
+                (0..*n).try_for_each(|_| self.draw(gpu, Commands::default()))?;
                 self.key(key(name), false);
-                self.draw(gpu, &[])?;
+                self.draw(gpu, Commands::default())?;
             }
             ScriptStep::Type(text) => {
                 self.events.push(egui::Event::Text(text.clone()));
-                self.draw(gpu, &[])?;
+                self.draw(gpu, Commands::default())?;
             }
             ScriptStep::Pointer(to) => {
                 self.move_to(*to);
-                self.draw(gpu, &[])?;
+                self.draw(gpu, Commands::default())?;
             }
             ScriptStep::Click => {
                 self.button(primary, true);
-                self.draw(gpu, &[])?;
+                self.draw(gpu, Commands::default())?;
                 self.button(primary, false);
-                self.draw(gpu, &[])?;
+                self.draw(gpu, Commands::default())?;
             }
             ScriptStep::Drag(to) => {
                 const PARTS: u16 = 8;
                 let from = self.pointer;
                 self.button(primary, true);
-                self.draw(gpu, &[])?;
+                self.draw(gpu, Commands::default())?;
                 for i in 1..=PARTS {
                     let at = from.lerp(egui::Pos2::from(*to), f32::from(i) / f32::from(PARTS));
                     self.move_to([at.x, at.y]);
-                    self.draw(gpu, &[])?;
+                    self.draw(gpu, Commands::default())?;
                 }
                 self.button(primary, false);
-                self.draw(gpu, &[])?;
+                self.draw(gpu, Commands::default())?;
             }
             ScriptStep::Wheel(notches) => {
                 self.events.push(egui::Event::MouseWheel {
@@ -320,11 +322,11 @@ impl<'a> Player<'a> {
                     phase: egui::TouchPhase::Move,
                     modifiers: self.modifiers,
                 });
-                self.draw(gpu, &[])?;
+                self.draw(gpu, Commands::default())?;
             }
             ScriptStep::Picture(name) => {
                 // What the last frame changed shows in the next.
-                self.draw(gpu, &[])?;
+                self.draw(gpu, Commands::default())?;
                 self.write(gpu, &format!("{name}.png"))?;
             }
         }
@@ -399,8 +401,14 @@ impl<'a> Player<'a> {
         self.events.push(egui::Event::PointerMoved(self.pointer));
     }
 
+    fn command(&mut self, gpu: &mut Gpu, command: Command) -> Result<(), AppError> {
+        let mut commands = Commands::default();
+        commands.push(command);
+        self.draw(gpu, commands)
+    }
+
     /// One frame of the script's clock.
-    fn draw(&mut self, gpu: &mut Gpu, actions: &[Action]) -> Result<(), AppError> {
+    fn draw(&mut self, gpu: &mut Gpu, commands: Commands) -> Result<(), AppError> {
         let dt = 1.0 / self.script.fps;
         let [width, height] = self.script.size.map(|s| s as f32 / self.script.scale);
         let mut input = egui::RawInput {
@@ -419,7 +427,7 @@ impl<'a> Player<'a> {
         }
         let clock = (dt, Detail::Settled);
         let (output, after) =
-            self.stage.prepare(gpu, input, actions, self.study.as_ref(), clock)?;
+            self.stage.prepare(gpu, input, commands, self.study.as_ref(), clock)?;
         let target = Target { image: self.image, format: Format::Rgba8Stored };
         let back = (self.image, self.back);
         self.stage.draw(gpu, &target, output, |gpu, frame| {
@@ -505,6 +513,7 @@ impl<'a> Player<'a> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::action::{Action, Request};
     use super::*;
 
     fn script(steps: &str) -> Result<Script, AppError> {
@@ -515,10 +524,13 @@ mod tests {
     #[test]
     fn a_script_is_read_and_a_wrong_step_is_named() {
         let steps = r#"{"wait": "flight"}, {"do": "toggle_play"}, {"do": {"seek": 12.5}},
-            {"frames": 30}, {"key": "Space"}, {"hold": ["W", 10]}, {"picture": "a-1"}"#;
+            {"do": {"branch": 2}}, {"do": "quit"}, {"frames": 30}, {"key": "Space"}, {"hold": ["W", 10]},
+            {"picture": "a-1"}"#;
         let read = script(steps).unwrap();
-        assert_eq!((read.steps.len(), read.size, read.fps), (7, [1280, 720], 30.0));
-        assert_eq!(read.steps[2], ScriptStep::Do(Action::Seek(12.5)));
+        assert_eq!((read.steps.len(), read.size, read.fps), (9, [1280, 720], 30.0));
+        assert_eq!(read.steps[2], ScriptStep::Do(Action::Seek(12.5).into()));
+        assert_eq!(read.steps[3], ScriptStep::Do(Request::Branch(2).into()));
+        assert_eq!(read.steps[4], ScriptStep::Do(Request::Quit.into()));
         let said = |steps| script(steps).unwrap_err().to_string();
         assert_eq!(
             said(r#"{"frames": 1}, {"jump": 3}"#),

@@ -3,7 +3,7 @@
 use egui::{Key, Ui};
 use glam::DVec3;
 
-use super::action::{Action, Colouring, Export, LumenChoice, Ruler, WallView};
+use super::action::{Action, Colouring, Commands, Export, LumenChoice, Request, Ruler, WallView};
 use super::model::Model;
 use super::style::FAINT;
 use crate::formats::{InputInfo, NOTICE};
@@ -23,7 +23,7 @@ pub(super) fn side_panel(
     ui: &mut Ui,
     model: &Model,
     state: &mut PanelState,
-    actions: &mut Vec<Action>,
+    commands: &mut Commands,
 ) {
     egui::Panel::bottom("notice").show_separator_line(false).show(ui, |ui| {
         ui.add(egui::Label::new(egui::RichText::new(NOTICE).small().color(FAINT)).wrap());
@@ -31,27 +31,27 @@ pub(super) fn side_panel(
     // No wider than the panel, whatever a name or a note is; what does not fit below is scrolled to.
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         ui.set_max_width(ui.available_width());
-        groups(ui, model, state, actions);
+        groups(ui, model, state, commands);
     });
 }
 
-fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, actions: &mut Vec<Action>) {
+fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut Commands) {
     ui.add_space(4.0);
     figures(ui, model);
     ui.separator();
     if let Some(info) = &model.contents {
-        contents(ui, info, actions);
+        contents(ui, info, commands);
         ui.separator();
     }
     if model.products.volume.is_some() {
-        lumen_choice(ui, model, state, actions);
+        lumen_choice(ui, model, state, commands);
         ui.separator();
     }
-    appearance(ui, model, actions);
+    appearance(ui, model, commands);
     ui.separator();
-    measuring(ui, model, actions);
+    measuring(ui, model, commands);
     ui.separator();
-    exports(ui, model, actions);
+    exports(ui, model, commands);
     ui.separator();
     ui.strong("Bookmarks");
     ui.horizontal(|ui| {
@@ -61,18 +61,18 @@ fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, actions: &mut Vec<
         let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
         let can = model.pose.is_some();
         if ui.add_enabled(can, egui::Button::new("Add")).clicked() || (entered && can) {
-            actions.push(Action::Bookmark(std::mem::take(&mut state.note)));
+            commands.push(Action::Bookmark(std::mem::take(&mut state.note)));
         }
     });
     for (i, b) in model.bookmarks.iter().enumerate() {
         ui.horizontal(|ui| {
             if ui.small_button("x").on_hover_text("Forget").clicked() {
-                actions.push(Action::RemoveBookmark(i));
+                commands.push(Action::RemoveBookmark(i));
             }
             let place = b.arc_mm.map_or("off the path".into(), |mm| format!("{mm:.0} mm"));
             let text = format!("{place}: {}", b.text);
             if short_button(ui, &text).clicked() {
-                actions.push(Action::GoToBookmark(i));
+                commands.push(Action::GoToBookmark(i));
             }
         });
     }
@@ -84,19 +84,19 @@ fn short_button(ui: &mut Ui, text: &str) -> egui::Response {
 }
 
 /// The series or segments of an input, to choose one.
-fn contents(ui: &mut Ui, info: &InputInfo, actions: &mut Vec<Action>) {
+fn contents(ui: &mut Ui, info: &InputInfo, commands: &mut Commands) {
     ui.strong(if info.segments.is_empty() { "Series" } else { "Segments" });
     egui::ScrollArea::vertical().id_salt("contents").max_height(200.0).show(ui, |ui| {
         for s in &info.series {
             let [x, y, _] = s.dims;
             let name = format!("{}: {}, {x} x {y}, {} slices", s.index, s.modality, s.slices);
             if info.segments.is_empty() && short_button(ui, &name).clicked() {
-                actions.push(Action::Series(s.index));
+                commands.push(Request::Series(s.index));
             }
         }
         for s in &info.segments {
             if short_button(ui, &s.name).clicked() {
-                actions.push(Action::Segment(s.name.clone()));
+                commands.push(Request::Segment(s.name.clone()));
             }
         }
     });
@@ -104,7 +104,7 @@ fn contents(ui: &mut Ui, info: &InputInfo, actions: &mut Vec<Action>) {
 
 /// The organ or the range of values that is the lumen. The range begins as gas in a CT, else as what
 /// is bright.
-fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut PanelState, actions: &mut Vec<Action>) {
+fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut Commands) {
     let Some(volume) = &model.products.volume else { return };
     let (low, high) = volume.range().unwrap_or((0.0, 1.0));
     let begin = || match low < -500.0 {
@@ -118,7 +118,7 @@ fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut PanelState, actions: &mu
         ui.horizontal(|ui| {
             for organ in Organ::ALL {
                 if ui.button(organ.name()).on_hover_text("Find it").clicked() {
-                    actions.push(Action::Organ(organ));
+                    commands.push(Request::Organ(organ));
                 }
             }
         });
@@ -132,21 +132,21 @@ fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut PanelState, actions: &mu
             ui.checkbox(at_crosshair, "at the crosshair");
             if ui.add_enabled(range[0] <= range[1], egui::Button::new("Find")).clicked() {
                 let seed_mm = at_crosshair.then(|| model.crosshair_mm.to_array());
-                actions.push(Action::Lumen(LumenChoice { range: *range, seed_mm }));
+                commands.push(Request::Lumen(LumenChoice { range: *range, seed_mm }));
             }
         });
     });
 }
 
 /// What the wall looks like.
-fn appearance(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
+fn appearance(ui: &mut Ui, model: &Model, commands: &mut Commands) {
     let views =
         [(WallView::Eye, "eye"), (WallView::Cube, "cube"), (WallView::Panorama, "panorama")];
     ui.horizontal(|ui| {
         ui.label(egui::RichText::new("View").color(FAINT));
         for (view, name) in views {
             if ui.selectable_label(model.view == view, name).clicked() {
-                actions.push(Action::View(view));
+                commands.push(Action::View(view));
             }
         }
     });
@@ -168,7 +168,7 @@ fn appearance(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
             let label = egui::Button::selectable(model.colouring == colouring, name);
             let button = ui.add_enabled(can, label).on_hover_text(tip).on_disabled_hover_text(tip);
             if button.clicked() {
-                actions.push(Action::Colour(colouring));
+                commands.push(Action::Colour(colouring));
             }
         }
     });
@@ -177,35 +177,35 @@ fn appearance(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
         let mut opacity = model.opacity;
         let slider = egui::Slider::new(&mut opacity, 0.0..=2.0).show_value(false);
         if ui.add(slider).on_hover_text("Wall of the overview: clear to solid").changed() {
-            actions.push(Action::Opacity(opacity));
+            commands.push(Action::Opacity(opacity));
         }
     });
 }
 
-fn measuring(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
+fn measuring(ui: &mut Ui, model: &Model, commands: &mut Commands) {
     ui.horizontal(|ui| {
         ui.strong("Measure");
         for (ruler, name) in [(Ruler::Length, "length"), (Ruler::Angle, "angle")] {
             let on = model.ruler == Some(ruler);
             if ui.selectable_label(on, name).clicked() {
-                actions.push(Action::Measure((!on).then_some(ruler)));
+                commands.push(Action::Measure((!on).then_some(ruler)));
             }
         }
     });
     for (i, m) in model.measurements.iter().enumerate() {
         ui.horizontal(|ui| {
             if ui.small_button("x").on_hover_text("Forget").clicked() {
-                actions.push(Action::RemoveMeasurement(i));
+                commands.push(Action::RemoveMeasurement(i));
             }
             let middle = m.points().iter().sum::<DVec3>() / m.points_mm.len().max(1) as f64;
             if ui.button(m.text()).on_hover_text("Show in the slices").clicked() {
-                actions.push(Action::Crosshair(middle.to_array()));
+                commands.push(Action::Crosshair(middle.to_array()));
             }
         });
     }
 }
 
-fn exports(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
+fn exports(ui: &mut Ui, model: &Model, commands: &mut Commands) {
     ui.horizontal(|ui| {
         ui.strong("Save");
         let ready = model.path.is_some();
@@ -215,7 +215,7 @@ fn exports(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
             (Export::Report, "report", model.products.volume.is_some()),
         ] {
             if ui.add_enabled(can, egui::Button::new(name)).clicked() {
-                actions.push(Action::Export(what));
+                commands.push(Request::Export(what));
             }
         }
     });
@@ -282,7 +282,7 @@ mod tests {
                 let mut state = PanelState::default();
                 let panel = egui::Panel::right("notes").resizable(false).exact_size(236.0);
                 let shown = panel.show(ui, |ui| {
-                    side_panel(ui, &model, &mut state, &mut Vec::new());
+                    side_panel(ui, &model, &mut state, &mut Commands::default());
                     ui.min_rect().width()
                 });
                 widths.push((shown.inner, shown.response.rect.width()));

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use egui::epaint::Primitive;
 use egui::{TextureId, ViewportId};
 
-use super::action::{Action, Export, WallView};
+use super::action::{Commands, Export, Request, WallView};
 use super::error::AppError;
 use super::export;
 use super::keys;
@@ -170,12 +170,12 @@ impl Stage {
 
     /// Lays out a frame and draws the panes that changed. `dt` seconds pass.
     ///
-    /// * `more`: actions of a script, before those of the panels.
+    /// * `commands`: of a script, before those of the panels.
     pub fn prepare(
         &mut self,
         gpu: &mut Gpu,
         input: egui::RawInput,
-        more: &[Action],
+        mut commands: Commands,
         study: Option<&Study>,
         (dt, detail): (f64, Detail),
     ) -> Result<(egui::FullOutput, After), AppError> {
@@ -185,11 +185,10 @@ impl Stage {
             // How far a stage has come depends on the machine.
             Detail::Settled => stage.map(|_| ("computing", 0.0)),
         };
-        let mut actions = more.to_vec();
         let mut shown = ui::Shown::default();
         let context = self.context.clone();
         let mut output = context.run_ui(input, |root| {
-            shown = ui::window(root, &self.model, &mut self.state, stage, &mut actions);
+            shown = ui::window(root, &self.model, &mut self.state, stage, &mut commands);
         });
         // Before anything can fail: a frame that is not drawn loses none of it.
         self.collect(std::mem::take(&mut output.textures_delta));
@@ -197,20 +196,19 @@ impl Stage {
             self.model.set_aspect(width as f32 / height as f32);
         }
         let bookmarks = self.model.bookmarks.len();
-        self.model.step(dt, &actions);
+        self.model.step(dt, &commands.actions);
         self.paint(detail, shown.inside.is_some());
         self.panes.draw(gpu, &self.model, (shown.inside, shown.overview), detail)?;
         if self.model.bookmarks.len() > bookmarks {
             self.picture_bookmark(gpu)?;
         }
         let mut export_flight = None;
-        for what in
-            actions.iter().filter_map(|a| if let Action::Export(e) = a { Some(*e) } else { None })
-        {
-            match what {
-                Export::View => self.export_view(gpu)?,
-                Export::Report => self.export_report(),
-                Export::Flight => export_flight = Some(self.files.export.clone()),
+        for request in &commands.requests {
+            match request {
+                Request::Export(Export::View) => self.export_view(gpu)?,
+                Request::Export(Export::Report) => self.export_report(),
+                Request::Export(Export::Flight) => export_flight = Some(self.files.export.clone()),
+                _ => {}
             }
         }
         let delay = output
@@ -219,17 +217,21 @@ impl Stage {
             .map_or(f64::INFINITY, |v| v.repaint_delay.as_secs_f64());
         let moving =
             self.model.is_moving() || self.panes.is_settling() || keys::moves(&self.context);
-        let again_in = if moving || !actions.is_empty() { Some(0.0) } else { None };
+        let again_in = if moving || !commands.is_empty() { Some(0.0) } else { None };
         let again_in = again_in.or((delay < 1e6).then_some(delay));
         let after = After {
-            quit: actions.contains(&Action::Quit),
-            cancel: actions.contains(&Action::Cancel),
-            route: actions.iter().rev().find_map(|a| match a {
-                Action::Branch(branch) => Some(FlightRoute::Leaf(*branch)),
+            quit: commands.requests.contains(&Request::Quit),
+            cancel: commands.requests.contains(&Request::Cancel),
+            route: commands.requests.iter().rev().find_map(|a| match a {
+                Request::Branch(branch) => Some(FlightRoute::Leaf(*branch)),
                 _ => None,
             }),
             export_flight,
-            change: actions.iter().rev().find_map(|a| Change::of(a, self.model.contents_of_mask)),
+            change: commands
+                .requests
+                .iter()
+                .rev()
+                .find_map(|a| Change::of(a, self.model.contents_of_mask)),
             again_in,
         };
         Ok((output, after))

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use glam::DVec3;
 
-use super::action::{Action, LumenChoice};
+use super::action::{LumenChoice, Request};
 use super::colouring::WallRadii;
 use crate::flight::{Coverage, Flight, Frames, SectionFigures, WallIndex};
 use crate::formats::{InputInfo, ReadOptions, VideoWriter, shown};
@@ -89,18 +89,18 @@ pub enum Change {
 }
 
 impl Change {
-    /// What an action asks for; nothing where it does not.
+    /// What a request changes; nothing where it does not.
     ///
     /// * `is_mask`: whether what has to be chosen from is the mask.
-    pub fn of(action: &Action, is_mask: bool) -> Option<Self> {
-        let lumen = match action {
-            Action::Open(path) => return Some(Self::Open(path.clone())),
-            Action::Series(index) => return Some(Self::Series(*index, is_mask)),
-            Action::Segment(name) => return Some(Self::Segment(name.clone())),
-            Action::Organ(organ) => {
+    pub fn of(request: &Request, is_mask: bool) -> Option<Self> {
+        let lumen = match request {
+            Request::Open(path) => return Some(Self::Open(path.clone())),
+            Request::Series(index) => return Some(Self::Series(*index, is_mask)),
+            Request::Segment(name) => return Some(Self::Segment(name.clone())),
+            Request::Organ(organ) => {
                 LumenSettings { organ: Some((*organ).into()), ..LumenSettings::default() }
             }
-            Action::Lumen(LumenChoice { range: [lo, hi], seed_mm }) => LumenSettings {
+            Request::Lumen(LumenChoice { range: [lo, hi], seed_mm }) => LumenSettings {
                 select: Some(IntensitySelection::Range { lo: *lo, hi: *hi }),
                 seed: seed_mm.map(|p| Seed::Point(DVec3::from(p))),
                 ..LumenSettings::default()

@@ -2,12 +2,12 @@
 
 use egui::{Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui, Vec2, pos2, vec2};
 
-use super::action::Action;
+use super::action::{Action, Commands};
 use super::model::Model;
 use super::style::{ACCENT, CAMERA, FAINT};
 
 /// The scrub bar with the radius along the path.
-pub(super) fn timeline(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
+pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut Commands) {
     let size = ui.available_size().max(Vec2::splat(4.0));
     let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
     let painter = ui.painter_at(rect);
@@ -78,9 +78,9 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, actions: &mut Vec<Action>) {
     if let Some(p) = response.interact_pointer_pos() {
         let arc = f64::from((p.x - bar.left()) / bar.width()) * length;
         if response.dragged() {
-            actions.push(Action::Seek(arc));
+            commands.push(Action::Seek(arc));
         } else if response.clicked() {
-            actions.push(Action::FlyTo(arc));
+            commands.push(Action::FlyTo(arc));
         }
     }
 }

@@ -4,7 +4,7 @@ use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Sense, Stroke, Ui, Vec
 use egui_file_dialog::FileDialog;
 use glam::DVec3;
 
-use super::action::{Action, FOV_DEG, Pane, SPEED_MM_S, WallView};
+use super::action::{Action, Commands, FOV_DEG, Pane, Request, SPEED_MM_S, WallView};
 use super::inside_marks::{inside_marks, ray_at};
 use super::keys::{help, keys};
 use super::model::Model;
@@ -71,16 +71,16 @@ pub fn window(
     model: &Model,
     state: &mut UiState,
     stage: Option<(&str, f32)>,
-    actions: &mut Vec<Action>,
+    commands: &mut Commands,
 ) -> Shown {
-    keys(ui, model, actions);
-    opened(ui, state, actions);
-    egui::Panel::top("top").show(ui, |ui| top_bar(ui, model, state, stage, actions));
-    egui::Panel::bottom("timeline").exact_size(92.0).show(ui, |ui| timeline(ui, model, actions));
+    keys(ui, model, commands);
+    opened(ui, state, commands);
+    egui::Panel::top("top").show(ui, |ui| top_bar(ui, model, state, stage, commands));
+    egui::Panel::bottom("timeline").exact_size(92.0).show(ui, |ui| timeline(ui, model, commands));
     egui::Panel::right("notes")
         .resizable(false)
         .exact_size(236.0)
-        .show(ui, |ui| side_panel(ui, model, &mut state.panel, actions));
+        .show(ui, |ui| side_panel(ui, model, &mut state.panel, commands));
     let mut shown = Shown::default();
     egui::CentralPanel::no_frame().show(ui, |ui| {
         let whole = ui.max_rect();
@@ -92,11 +92,11 @@ pub fn window(
                 Pane::Overview => shown.overview = Some(size),
                 _ => {}
             }
-            show_pane(ui, pane, rect, model, &mut state.slices, stage.is_some(), actions);
+            show_pane(ui, pane, rect, model, &mut state.slices, stage.is_some(), commands);
         }
     });
     if model.help {
-        help(ui, actions);
+        help(ui, commands);
     }
     shown
 }
@@ -137,11 +137,11 @@ fn on_pixels(ui: &Ui, rect: Rect) -> Rect {
 }
 
 /// Files dropped on the window, or chosen in the dialog.
-fn opened(ui: &Ui, state: &mut UiState, actions: &mut Vec<Action>) {
+fn opened(ui: &Ui, state: &mut UiState, commands: &mut Commands) {
     let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
     state.dialog.update(ui.ctx());
     if let Some(path) = dropped.or_else(|| state.dialog.take_picked()) {
-        actions.push(Action::Open(path));
+        commands.push(Request::Open(path));
     }
 }
 
@@ -150,7 +150,7 @@ fn top_bar(
     model: &Model,
     state: &mut UiState,
     stage: Option<(&str, f32)>,
-    actions: &mut Vec<Action>,
+    commands: &mut Commands,
 ) {
     ui.horizontal(|ui| {
         ui.menu_button("Open", |ui| {
@@ -165,31 +165,31 @@ fn top_bar(
         let ready = model.path.is_some();
         let play = if model.playing { "Pause" } else { "Play" };
         if ui.add_enabled(ready, egui::Button::new(play)).clicked() {
-            actions.push(Action::TogglePlay);
+            commands.push(Action::TogglePlay);
         }
         let way = if model.reverse { "Direction: back" } else { "Direction: forward" };
         if ui.add_enabled(ready, egui::Button::new(way)).clicked() {
-            actions.push(Action::Reverse);
+            commands.push(Action::Reverse);
         }
         let mut speed = model.speed_mm_s;
         let slider = egui::DragValue::new(&mut speed).range(SPEED_MM_S).suffix(" mm/s").speed(0.5);
         if ui.add(slider).on_hover_text("Cruising speed").changed() {
-            actions.push(Action::Speed(speed));
+            commands.push(Action::Speed(speed));
         }
         let mut fov = model.fov_deg;
         let slider = egui::DragValue::new(&mut fov).range(FOV_DEG).suffix("°").speed(0.5);
         if ui.add(slider).on_hover_text("Vertical field of view").changed() {
-            actions.push(Action::FieldOfView(fov));
+            commands.push(Action::FieldOfView(fov));
         }
         if ui.add_enabled(ready && !model.on_path, egui::Button::new("Back to path")).clicked() {
-            actions.push(Action::BackToPath);
+            commands.push(Action::BackToPath);
         }
         let missed = model.products.coverage.as_ref().is_some_and(|c| !c.patches.is_empty());
         if ui.add_enabled(missed, egui::Button::new("Next missed patch")).clicked() {
-            actions.push(Action::NextMissed);
+            commands.push(Action::NextMissed);
         }
         if ui.button("Keys").clicked() {
-            actions.push(Action::ToggleHelp);
+            commands.push(Action::ToggleHelp);
         }
         ui.separator();
         match (stage, &model.failure) {
@@ -204,7 +204,7 @@ fn top_bar(
                 ui.add(bar);
                 ui.label(stage);
                 if ui.small_button("Cancel").clicked() {
-                    actions.push(Action::Cancel);
+                    commands.push(Request::Cancel);
                 }
             }
             (None, None) => {
@@ -224,7 +224,7 @@ fn show_pane(
     model: &Model,
     slices: &mut SliceViews,
     stage: bool,
-    actions: &mut Vec<Action>,
+    commands: &mut Commands,
 ) {
     let response = ui.allocate_rect(rect, Sense::click_and_drag());
     response.widget_info(|| egui::WidgetInfo::labeled(egui::WidgetType::Image, true, pane.title()));
@@ -235,7 +235,7 @@ fn show_pane(
         Pane::Inside if model.pose.is_some() && model.products.wall.is_some() => {
             painter.image(INSIDE, rect, all, Color32::WHITE);
             inside_marks(&painter, rect, model);
-            inside_input(ui, &response, rect, model, actions);
+            inside_input(ui, &response, rect, model, commands);
         }
         Pane::Overview if model.pose.is_some() && model.products.wall.is_some() => {
             painter.image(OVERVIEW, rect, all, Color32::WHITE);
@@ -243,13 +243,13 @@ fn show_pane(
                 && let Some(place) =
                     response.interact_pointer_pos().and_then(|p| path_under(rect, p, model))
             {
-                actions.push(Action::GoNear(place.to_array()));
+                commands.push(Action::GoNear(place.to_array()));
             }
             let drag = response.drag_delta();
             if response.dragged_by(egui::PointerButton::Primary) && drag != Vec2::ZERO {
                 // Half a turn across the pane.
                 let per = std::f32::consts::PI / rect.width().max(1.0);
-                actions.push(Action::Orbit([per * drag.x, per * drag.y]));
+                commands.push(Action::Orbit([per * drag.x, per * drag.y]));
             }
         }
         Pane::Inside | Pane::Overview => {
@@ -265,7 +265,7 @@ fn show_pane(
             let text = painter.layout(text, font, colour, (rect.width() - 16.0).max(80.0));
             painter.galley(rect.center() - 0.5 * text.size(), text, colour);
         }
-        _ => show_slice(ui, pane, rect, &response, model, slices, actions),
+        _ => show_slice(ui, pane, rect, &response, model, slices, commands),
     }
     painter.text(
         rect.left_top() + vec2(6.0, 4.0),
@@ -280,7 +280,7 @@ fn show_pane(
         orientation_marker(&painter, rect, pose.rotation.as_dquat());
     }
     if response.double_clicked() {
-        actions.push(Action::Maximise((model.maximised != Some(pane)).then_some(pane)));
+        commands.push(Action::Maximise((model.maximised != Some(pane)).then_some(pane)));
     }
 }
 
@@ -301,20 +301,14 @@ fn turn_per_point(rect: Rect, model: &Model) -> f32 {
     model.fov_deg.to_radians() / rect.height().max(1.0)
 }
 
-fn inside_input(
-    ui: &Ui,
-    response: &Response,
-    rect: Rect,
-    model: &Model,
-    actions: &mut Vec<Action>,
-) {
+fn inside_input(ui: &Ui, response: &Response, rect: Rect, model: &Model, commands: &mut Commands) {
     let drag = response.drag_delta();
     let per = turn_per_point(rect, model);
     if response.dragged_by(egui::PointerButton::Primary) && drag != Vec2::ZERO {
         let ctrl = ui.input(|i| i.modifiers.ctrl);
         // As if the wall were held and drawn along.
         let turn = if ctrl { [0.0, 0.0, per * drag.x] } else { [-per * drag.x, per * drag.y, 0.0] };
-        actions.push(Action::Turn(turn));
+        commands.push(Action::Turn(turn));
     }
     if response.clicked()
         && model.ruler.is_some()
@@ -322,16 +316,16 @@ fn inside_input(
         && let Some(p) = response.interact_pointer_pos()
         && let Some(place) = model.wall_behind(ray_at(rect, p, model))
     {
-        actions.push(Action::Mark(place.to_array()));
+        commands.push(Action::Mark(place.to_array()));
     }
     if response.dragged_by(egui::PointerButton::Secondary) && drag.y != 0.0 {
-        actions.push(Action::FieldOfView(model.fov_deg + 0.2 * drag.y));
+        commands.push(Action::FieldOfView(model.fov_deg + 0.2 * drag.y));
     }
     if response.hovered() {
         let notches = wheel_notches(ui);
         if notches != 0.0 {
             let ctrl = ui.input(|i| i.modifiers.ctrl);
-            actions.push(match ctrl {
+            commands.push(match ctrl {
                 true => Action::FieldOfView(model.fov_deg - 4.0 * notches as f32),
                 false => Action::Travel(WHEEL_MM * notches),
             });

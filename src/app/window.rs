@@ -13,6 +13,7 @@ use winit::event::{StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Window, WindowId};
 
+use super::action::Commands;
 use super::error::AppError;
 use super::panes::Detail;
 use super::session_file::SessionFile;
@@ -314,7 +315,8 @@ impl Running {
         let clock = (dt, Detail::Live);
         let study = self.study.as_ref();
         let acquired = now.elapsed();
-        let (mut output, after) = self.stage.prepare(&mut self.gpu, input, &[], study, clock)?;
+        let (mut output, after) =
+            self.stage.prepare(&mut self.gpu, input, Commands::default(), study, clock)?;
         let prepared = now.elapsed();
         let platform = std::mem::take(&mut output.platform_output);
         self.egui.handle_platform_output(&self.window, platform);
