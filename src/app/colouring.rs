@@ -1,9 +1,6 @@
 //! Colours of the wall's vertices: what was missed, or how wide the lumen is.
 
-use glam::Vec3;
-use rayon::prelude::*;
-
-use crate::geometry::{Centerline, Mesh, TriangleBvh};
+use crate::geometry::{CenterlineDistances, Mesh};
 use crate::wall::Evidence;
 
 /// Of wall that no picture has shown; linear, eight bits each, and the share of the tissue's colour
@@ -72,53 +69,20 @@ pub fn scale_colour(share: f64) -> [u8; 3] {
     [mix(0), mix(1), mix(2)]
 }
 
-/// Distances of a wall's vertices from a centerline.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct WallRadii {
-    /// One a vertex, mm.
-    pub mm: Vec<f32>,
-    /// Where the scale of colours ends, mm: but for the widest fiftieth, all are below.
-    pub widest_mm: f64,
-}
-
-impl WallRadii {
-    /// Distance of each vertex from the nearest place of the line.
-    pub fn new(wall: &Mesh, line: &Centerline) -> Self {
-        // Segments as triangles without area: the hierarchy finds the nearest.
-        let mut segments = Mesh::default();
-        for branch in &line.branches {
-            for w in branch.points.windows(2) {
-                let first = segments.positions.len() as u32;
-                segments.positions.extend(w.iter().map(|p| p.position_mm.as_vec3()));
-                segments.faces.push([first, first + 1, first + 1]);
-            }
-        }
-        let tree = TriangleBvh::new(&segments);
-        let radius =
-            |p: &Vec3| tree.closest(p.as_dvec3()).map_or(0.0, |near| near.distance_mm as f32);
-        let mm: Vec<f32> = wall.positions.par_iter().with_min_len(1024).map(radius).collect();
-        let mut sorted = mm.clone();
-        sorted.sort_by(f32::total_cmp);
-        let at = sorted.len().saturating_sub(1) * 49 / 50;
-        let widest_mm = sorted.get(at).map_or(1.0, |r| f64::from(*r).max(1e-6));
-        Self { mm, widest_mm }
-    }
-
-    /// Colours by distance.
-    pub fn colours(&self) -> Vec<[u8; 4]> {
-        let colour = |r: &f32| {
-            let [red, green, blue] = scale_colour(f64::from(*r) / self.widest_mm).map(linear);
-            [red, green, blue, 235]
-        };
-        self.mm.iter().map(colour).collect()
-    }
+/// Colours by distance from the centerline.
+pub fn distance_colours(distances: &CenterlineDistances) -> Vec<[u8; 4]> {
+    let colour = |mm: &f32| {
+        let share = f64::from(*mm) / distances.widest_mm;
+        let [red, green, blue] = scale_colour(share).map(linear);
+        [red, green, blue, 235]
+    };
+    distances.mm.iter().map(colour).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Branch, CenterlinePoint, shapes};
-    use glam::DVec3;
+    use crate::geometry::shapes;
 
     #[test]
     fn vertices_of_a_face_that_was_not_seen_are_marked_and_caps_are_not() {
@@ -145,22 +109,14 @@ mod tests {
     }
 
     #[test]
-    fn a_tube_has_the_colour_of_its_radius_all_over() {
-        let point =
-            |x: f64| CenterlinePoint { position_mm: DVec3::X * x, radius_mm: 0.0, abscissa_mm: x };
-        let branch = Branch { points: vec![point(0.0), point(50.0)], ..Branch::default() };
-        let line = Centerline { branches: vec![branch] };
-        let ring = |i: u32| {
-            let a = i as f32;
-            Vec3::new(i as f32 % 50.0, 4.0 * a.cos(), 4.0 * a.sin())
+    fn distances_take_the_colours_of_the_scale_up_to_where_it_ends() {
+        let of = |mm: [f32; 3]| {
+            distance_colours(&CenterlineDistances { mm: mm.to_vec(), widest_mm: 8.0 })
         };
-        let wall = Mesh { positions: (0..300).map(ring).collect(), ..Mesh::default() };
-        let radii = WallRadii::new(&wall, &line);
-        assert!(radii.mm.iter().all(|r| (r - 4.0).abs() < 1e-5));
-        assert!((radii.widest_mm - 4.0).abs() < 1e-5);
-        assert_eq!(WallRadii::new(&Mesh::default(), &line).widest_mm, 1.0);
-        let colours = WallRadii { widest_mm: 8.0, ..radii }.colours();
-        assert!(colours.iter().all(|c| *c == colours[0]), "4 of 8 mm everywhere");
+        let colours = of([4.0, 4.0, 9.0]);
+        assert_eq!(colours[0], colours[1]);
+        assert_eq!(colours[2], of([8.0; 3])[0], "wider than the scale: its end");
+        assert_ne!(colours[0], colours[2]);
         assert_eq!(scale_colour(0.0), VIRIDIS[0]);
         assert_eq!(scale_colour(9.0), VIRIDIS[8]);
         assert_eq!(scale_colour(f64::NAN), VIRIDIS[0]);

@@ -10,14 +10,13 @@ use glam::{DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::action::{Action, Colouring, FOV_DEG, Pane, Ruler, SPEED_MM_S, WallView};
-use super::colouring::WallRadii;
 use super::junctions::{Choice, choices};
 use super::measure::Measurement;
 use super::painter::Shown;
 use super::study::News;
 use crate::flight::{Coverage, Flight, FlightPath, WallIndex};
 use crate::formats::InputInfo;
-use crate::geometry::{CrossSection, Pose, TriangleBvh};
+use crate::geometry::{CenterlineDistances, CrossSection, Pose, TriangleBvh};
 use crate::render::PreparedMesh;
 use crate::session::{Centered, Exterior, Fields, FlightRoute, Levels, Segmented, Wall};
 use crate::volume::Volume;
@@ -71,7 +70,7 @@ pub struct Products {
     /// Space outside the wall.
     pub exterior: Option<Arc<Exterior>>,
     /// Distances of the wall's vertices from the centerline.
-    pub radii: Option<Arc<WallRadii>>,
+    pub radii: Option<Arc<CenterlineDistances>>,
     /// What the wall was drawn on at each vertex, where it follows grey values.
     pub evidence: Option<Arc<Vec<Evidence>>>,
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 
 use super::action::{Colouring, WallView};
-use super::colouring::{evidence_colours, missed_colours};
+use super::colouring::{distance_colours, evidence_colours, missed_colours};
 use super::model::{Model, Products};
 use crate::geometry::Camera;
 use crate::lod::{Tolerance, Worker};
@@ -310,7 +310,7 @@ impl Panes {
             }
         }
         let colours = match (model.colouring, &p.radii, &p.evidence) {
-            (Colouring::Radius, Some(radii), _) => radii.colours(),
+            (Colouring::Radius, Some(radii), _) => distance_colours(radii),
             (Colouring::Evidence, _, Some(evidence)) => evidence_colours(evidence),
             _ => {
                 let none = vec![false; wall.mesh.faces.len()];

@@ -9,10 +9,9 @@ use std::time::Duration;
 use glam::DVec3;
 
 use super::action::{LumenChoice, Request};
-use super::colouring::WallRadii;
 use crate::flight::{Coverage, Flight, Frames, SectionFigures, WallIndex};
 use crate::formats::{InputInfo, ReadOptions, VideoWriter, shown};
-use crate::geometry::TriangleBvh;
+use crate::geometry::{CenterlineDistances, TriangleBvh};
 use crate::lumen::IntensitySelection;
 use crate::render::PreparedMesh;
 use crate::session::{
@@ -21,7 +20,7 @@ use crate::session::{
     VolumeSource, Wall,
 };
 use crate::volume::Volume;
-use crate::wall::{Evidence, vertex_evidence};
+use crate::wall::Evidence;
 
 /// A product that is there now, or the end.
 pub enum News {
@@ -42,7 +41,7 @@ pub enum News {
     /// The hierarchy of the wall's triangles: from here on the wall can be clicked.
     Tree(Arc<TriangleBvh>),
     /// Distance of the wall's vertices from the centerline, mm.
-    Radii(Arc<WallRadii>),
+    Radii(Arc<CenterlineDistances>),
     /// What the wall was drawn on, one a vertex.
     Evidence(Arc<Vec<Evidence>>),
     /// The wall's triangles by place, which proofs of a near plane ask.
@@ -311,12 +310,9 @@ impl Drop for Study {
 fn each_product(session: &Session, tell: &dyn Fn(News) -> bool) -> Result<(), SessionError> {
     let volume = session.volume()?;
     let route = session.settings().flight.route;
-    let radii = || -> Result<WallRadii, SessionError> {
-        Ok(WallRadii::new(&session.wall()?.mesh, &session.centerline()?.line))
-    };
     let listens = tell(News::Volume(Arc::clone(&volume), default_window(&volume)))
         && tell(News::Lumen(session.lumen()?))
-        && tell(wall_news(session.wall()?)?)
+        && tell(News::Wall(session.wall()?, session.prepared_wall()?))
         && evidence(session)?.is_none_or(|e| tell(News::Evidence(Arc::new(e))))
         && tell(News::Identity(session.identity()?.to_string()))
         && tell(News::Index(session.wall_index()?))
@@ -327,22 +323,14 @@ fn each_product(session: &Session, tell: &dyn Fn(News) -> bool) -> Result<(), Se
         && tell(News::Flight(session.flight()?, route))
         && tell(News::Levels(session.levels()?))
         && tell(News::Sections(session.sections()?))
-        && tell(News::Radii(Arc::new(radii()?)))
+        && tell(News::Radii(session.centerline_distances()?))
         && tell(News::Coverage(session.coverage()?));
     if listens { Ok(()) } else { Err(SessionError::Cancelled) }
 }
 
-/// A wall as it is drawn, which the window's thread has no time to make.
-fn wall_news(wall: Arc<Wall>) -> Result<News, SessionError> {
-    let drawn = Arc::new(PreparedMesh::new(&wall.mesh)?);
-    Ok(News::Wall(wall, drawn))
-}
-
 /// What the wall was drawn on; `None` where it does not follow grey values.
 fn evidence(session: &Session) -> Result<Option<Vec<Evidence>>, SessionError> {
-    let (found, wall) = (session.lumen()?, session.wall()?);
-    let field = found.wall.as_ref();
-    Ok(field.map(|field| vertex_evidence(&found.lumen, field, &wall.mesh)))
+    Ok(session.evidence()?.as_ref().clone())
 }
 
 /// Grey values of slices to begin with: gas, soft tissue and bone of a CT; what is there otherwise.

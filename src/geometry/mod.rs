@@ -5,6 +5,7 @@ mod bounds;
 mod bvh;
 mod camera;
 mod centerline;
+mod centerline_distances;
 mod cross_section;
 mod cube;
 mod exterior;
@@ -25,6 +26,7 @@ pub use centerline::{
     Attachment, AttachmentError, Branch, Centerline, CenterlineEdge, CenterlineGraph,
     CenterlineNode, CenterlinePoint, NodeKind,
 };
+pub use centerline_distances::CenterlineDistances;
 pub use cross_section::{CrossSection, cross_section};
 pub use cube::cube_faces;
 pub use exterior::ExteriorGrid;

@@ -14,9 +14,6 @@ use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
 /// The volume the lumen is chosen from.
 pub(super) struct Loaded {
     pub volume: Arc<Volume>,
-    /// Values or labels inside; `None` where neither settings nor volume say: a Hessian of grey
-    /// values needs no lumen.
-    pub select: Option<IntensitySelection>,
     /// The image a label map was drawn on, as its header says; its voxels were not read.
     pub image: Option<InputReport>,
     /// The label map as it was read, where it had to be resampled.
@@ -31,12 +28,28 @@ pub(super) struct Inputs {
     pub mask: Option<InputReport>,
 }
 
+impl Loaded {
+    /// Values or labels inside; `None` where neither settings nor volume say.
+    pub fn selection(&self, chosen: Option<&IntensitySelection>) -> Option<IntensitySelection> {
+        let is_labels = || self.is_mask || is_label_map(&self.volume);
+        chosen.cloned().or_else(|| is_labels().then(|| IntensitySelection::Labels(Vec::new())))
+    }
+}
+
 impl Session {
     pub(super) fn run_volume(&self, clock: &mut Clock) -> Result<(), SessionError> {
         let read = || self.load();
         let voxels = |l: &Result<Loaded, _>| l.as_ref().map_or(0, |l| l.volume.grid.len() as u64);
         let loaded = clock.time("read", "voxels", read, voxels)?;
         put(&self.slots.loaded, loaded);
+        Ok(())
+    }
+
+    pub(super) fn run_value_range(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let volume = Arc::clone(&present(&self.slots.loaded).volume);
+        let voxels = volume.grid.len() as u64;
+        let range = clock.time("value range", "voxels", || volume.range(), |_| voxels);
+        put(&self.slots.value_range, range);
         Ok(())
     }
 
@@ -85,22 +98,16 @@ impl Session {
     }
 
     fn load(&self) -> Result<Loaded, SessionError> {
-        let select = self.settings.lumen.select.clone();
         let limit = self.settings.max_memory_mb;
         match &self.source {
             Source::Image(source) => {
                 let volume = read_orthogonal_volume(source, limit)?;
-                let labels =
-                    || is_label_map(&volume).then(|| IntensitySelection::Labels(Vec::new()));
-                let select = select.or_else(labels);
-                Ok(Loaded { volume, select, image: None, resampled: None, is_mask: false })
+                Ok(Loaded { volume, image: None, resampled: None, is_mask: false })
             }
             Source::Mask { mask, image } => {
                 let volume = read_orthogonal_volume(mask, limit)?;
-                let select = Some(select.unwrap_or_else(|| IntensitySelection::Labels(Vec::new())));
                 let image = image.as_ref().map(geometry).transpose()?;
-                let mut loaded =
-                    Loaded { volume, select, image: None, resampled: None, is_mask: true };
+                let mut loaded = Loaded { volume, image: None, resampled: None, is_mask: true };
                 if let Some((grid, report)) = image {
                     loaded.image = Some(report);
                     if !same_grid(&grid, &loaded.volume.grid) {

@@ -4,7 +4,9 @@
 //! Each result is a *product*. Asking for one is a function call that returns it or a typed error;
 //! what it needs is computed first, side by side where possible, and kept. The table in
 //! [`stages`] has them all, with what needs what. Everything runs on one pool of threads. [`Session::progress`]
-//! can be read, and a [`CancelToken`] cancelled, from any thread at any time.
+//! can be read, and a [`CancelToken`] cancelled, from any thread at any time. [`Session::apply`]
+//! takes other settings and forgets what depends on them; a program that must not wait reads
+//! [`Session::products`] when [`Session::wake_by`] has it woken.
 
 mod centering;
 mod clock;
@@ -52,7 +54,7 @@ pub use settings::{
     CenterlineSettings, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings, Seed,
     Settings, Source, VolumeSource, WallMethod, WallSettings,
 };
-pub use stages::Product;
+pub use stages::{Product, Products};
 pub use surface::{DrawnWall, Wall, gradient_normals, smoothed_normals, written_mesh};
 pub use writer::{FrameWriter, is_frame_file};
 
@@ -95,6 +97,9 @@ impl OpenDevice {
 /// A place for one product.
 type Slot<T> = Mutex<Option<Arc<T>>>;
 
+/// Says on any thread that there is something new.
+type Waker = Box<dyn Fn() + Send + Sync>;
+
 /// Drives every stage from a volume to frames; see the [module](self).
 pub struct Session {
     source: Source,
@@ -106,13 +111,11 @@ pub struct Session {
     board: Board,
     slots: Slots,
     keep_volume: bool,
+    /// Called when a product is there.
+    wake: Option<Waker>,
     /// Folders that this session is writing a run into.
     folders: Mutex<FolderLocks>,
 }
-
-/// Products that do not depend on the mode.
-const SHARED: [Product; 5] =
-    [Product::Volume, Product::Device, Product::Identity, Product::Inputs, Product::Core];
 
 /// The mutexes here guard whole values: one that panicked while it held a lock left it whole.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -121,6 +124,31 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 fn put<T>(slot: &Slot<T>, value: impl Into<Arc<T>>) {
     *locked(slot) = Some(value.into());
+}
+
+/// The threads of a session.
+///
+/// # Errors
+/// [`SessionError::System`] if the system gives none.
+fn pool(
+    threads: Option<usize>,
+    cancel: &CancelToken,
+) -> Result<Arc<rayon::ThreadPool>, SessionError> {
+    let entered = cancel.clone();
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.unwrap_or(0))
+        .thread_name(|i| format!("worker {i}"))
+        .start_handler(move |_| entered.enter())
+        .build()
+        .map(Arc::new)
+        .map_err(|e| SessionError::System(e.to_string()))
+}
+
+impl Products {
+    /// The volume the lumen is chosen from.
+    pub fn volume(&self) -> Option<&Arc<crate::volume::Volume>> {
+        self.loaded.as_ref().map(|loaded| &loaded.volume)
+    }
 }
 
 /// A product that the table says is there.
@@ -135,48 +163,79 @@ impl Session {
     /// [`SessionError::System`] if the system gives no threads.
     pub fn new(source: Source, settings: Settings) -> Result<Self, SessionError> {
         let cancel = CancelToken::default();
-        let entered = cancel.clone();
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(settings.threads.unwrap_or(0))
-            .thread_name(|i| format!("worker {i}"))
-            .start_handler(move |_| entered.enter())
-            .build()
-            .map_err(|e| SessionError::System(e.to_string()))?;
-        Ok(Self {
+        let pool = pool(settings.threads, &cancel)?;
+        Ok(Self::on_pool(source, settings, pool, cancel))
+    }
+
+    fn on_pool(
+        source: Source,
+        settings: Settings,
+        pool: Arc<rayon::ThreadPool>,
+        cancel: CancelToken,
+    ) -> Self {
+        Self {
             source,
             settings,
-            pool: Arc::new(pool),
+            pool,
             cancel,
             progress: ProgressState::default(),
             clock: Mutex::default(),
             board: Board::default(),
             slots: Slots::default(),
             keep_volume: false,
+            wake: None,
             folders: Mutex::default(),
-        })
+        }
     }
 
-    /// A session of the same inputs that follows another mode: shares threads, device, volume and
-    /// core with this one.
+    /// A session of the same inputs that follows another mode: shares threads, device and all
+    /// products that do not depend on the mode with this one. It draws with a renderer of its own.
     pub fn in_mode(&self, mode: Mode) -> Self {
-        let other = Self {
-            source: self.source.clone(),
-            settings: Settings { mode, ..self.settings.clone() },
-            pool: Arc::clone(&self.pool),
-            cancel: self.cancel.clone(),
-            progress: ProgressState::default(),
-            clock: Mutex::default(),
-            board: Board::default(),
-            slots: Slots::default(),
-            keep_volume: self.keep_volume,
-            folders: Mutex::default(),
-        };
-        for product in SHARED {
-            if other.slots.share(&self.slots, product) {
-                other.board.mark_ready(product);
+        let settings = Settings { mode, ..self.settings.clone() };
+        let stale = stages::stale(&self.settings, &settings);
+        let (pool, cancel) = (Arc::clone(&self.pool), self.cancel.clone());
+        let mut other = Self::on_pool(self.source.clone(), settings, pool, cancel);
+        other.keep_volume = self.keep_volume;
+        let is_shared = |p: &&Product| **p != Product::Display && !stale.contains(p);
+        for product in Product::ALL.iter().filter(is_shared) {
+            if other.slots.share(&self.slots, *product) {
+                other.board.mark_ready(*product);
             }
         }
         other
+    }
+
+    /// Changes the settings, and forgets exactly the products that other settings make otherwise
+    /// or not at all. The volume is not read again.
+    ///
+    /// # Errors
+    /// [`SessionError::System`] if the system gives no other number of threads; then nothing is
+    /// changed.
+    pub fn apply(&mut self, settings: Settings) -> Result<(), SessionError> {
+        if settings.threads != self.settings.threads {
+            self.pool = pool(settings.threads, &self.cancel)?;
+        }
+        let stale = stages::stale(&self.settings, &settings);
+        self.settings = settings;
+        stale.iter().for_each(|p| self.forget_one(*p));
+        Ok(())
+    }
+
+    /// Changes the volumes, and forgets everything that was made from those before.
+    pub fn set_source(&mut self, source: Source) {
+        self.source = source;
+        self.forget(&[Product::Volume]);
+    }
+
+    /// The volumes.
+    pub fn source(&self) -> &Source {
+        &self.source
+    }
+
+    /// Has a function called whenever a product is there, on the thread that made it. It says no
+    /// more than that: [`Session::products`] reads what there is.
+    pub fn wake_by(&mut self, wake: impl Fn() + Send + Sync + 'static) {
+        self.wake = Some(Box::new(wake));
     }
 
     /// The settings.
@@ -224,14 +283,7 @@ impl Session {
 
     /// Drops these products and everything made from them; the next call computes them anew.
     pub fn forget(&mut self, products: &[Product]) {
-        let mut gone = products.to_vec();
-        // Rows stand below what they need, so one pass finds all that follows.
-        for stage in stages::STAGES.iter().filter(|s| (s.when)(&self.settings)) {
-            let lost = stage.needs.iter().any(|n| gone.contains(n));
-            if lost && !gone.contains(&stage.product) {
-                gone.push(stage.product);
-            }
-        }
+        let mut gone = stages::with_dependents(products.to_vec(), &self.settings);
         if gone.contains(&Product::Fields) {
             gone.push(Product::Distance);
         }

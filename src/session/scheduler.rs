@@ -94,8 +94,10 @@ impl Board {
     }
 }
 
+/// Whether the volume is kept for a stage. Only a window asks for the range of values, and it
+/// keeps the volume.
 fn reads_volume(stage: &Stage) -> bool {
-    stage.needs.contains(&Product::Volume)
+    stage.needs.contains(&Product::Volume) && stage.product != Product::ValueRange
 }
 
 impl Session {
@@ -157,6 +159,9 @@ impl Session {
             self.board.finish(stage, done);
             if done && reads_volume(stage) {
                 self.release_volume();
+            }
+            if let Some(wake) = self.wake.as_ref().filter(|_| done) {
+                wake();
             }
         }
     }

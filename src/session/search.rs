@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::{Clock, Session, SessionError, present, put};
 use crate::flight::{Flight, FlightPath, SectionFigures, WallIndex, sections_along};
-use crate::geometry::{Centerline, ExteriorGrid, Mesh, TriangleBvh};
+use crate::geometry::{Centerline, CenterlineDistances, ExteriorGrid, Mesh, TriangleBvh};
 use crate::lod::occlusion_grid;
 
 /// Space outside the wall.
@@ -45,6 +45,15 @@ impl Session {
         let closed = wall.topology.watertight;
         let grid = closed.then(|| clock.time("outside", "faces", work, |_| faces));
         put(&self.slots.exterior, Exterior { grid });
+        Ok(())
+    }
+
+    pub(super) fn run_centerline_distances(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let (wall, centered) = (present(&self.slots.wall), present(&self.slots.centerline));
+        let vertices = wall.mesh.positions.len() as u64;
+        let find = || CenterlineDistances::new(&wall.mesh, &centered.line);
+        let found = clock.time("centerline distances", "vertices", find, |_| vertices);
+        put(&self.slots.centerline_distances, found);
         Ok(())
     }
 

@@ -157,7 +157,7 @@ impl Session {
         if let Some(options) = settings.organ {
             return self.run_organ(volume, options, clock);
         }
-        let selection = loaded.select.clone();
+        let selection = loaded.selection(settings.select.as_ref());
         let selection = selection.ok_or_else(|| SessionError::LumenNotChosen {
             name: name(),
             organ: organ::suggest(volume),

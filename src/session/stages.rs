@@ -17,8 +17,10 @@ use super::{
 use crate::centerline::{Radius, Routed};
 use crate::compute::Array;
 use crate::flight::{Coverage, Flight, SectionFigures, WallIndex};
-use crate::geometry::{Mesh, TriangleBvh};
+use crate::geometry::{CenterlineDistances, Mesh, TriangleBvh};
+use crate::render::PreparedMesh;
 use crate::surface::Shading;
+use crate::wall::Evidence;
 
 /// Where a stage runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,6 +46,8 @@ pub struct Stage {
     pub weight: f32,
     /// Whether these settings use this row.
     pub when: fn(&Settings) -> bool,
+    /// Whether the settings that the stage reads are the same in both.
+    pub(super) same: fn(&Settings, &Settings) -> bool,
     pub(super) run: fn(&Session, &mut Clock) -> Result<(), SessionError>,
 }
 
@@ -95,10 +99,10 @@ fn base_from_wall(s: &Settings) -> bool {
 /// Makes the products, their slots and getters, and the stages.
 ///
 /// `PRODUCT slot: TYPE = STAGE | STAGE …;` where a stage is its name, share of the time, needs,
-/// place, condition and function.
+/// settings it reads, place, condition and function.
 macro_rules! products {
     ($($(#[$doc:meta])* $vis:vis $product:ident $slot:ident: $kind:ty =
-        $($name:literal $weight:literal $needs:tt $on:ident $when:ident $run:ident)|+;)*) => {
+        $($name:literal $weight:literal $needs:tt $reads:tt $on:ident $when:ident $run:ident)|+;)*) => {
         /// A result that a session can be asked for.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Product {
@@ -108,6 +112,21 @@ macro_rules! products {
         impl Product {
             /// All of them, in the order of the table.
             pub const ALL: &[Self] = &[$(Self::$product),*];
+        }
+
+        /// The products that a session had when it was asked, to be read without waiting.
+        #[derive(Clone, Default)]
+        pub struct Products {
+            $($(#[$doc])* $vis $slot: Option<Arc<$kind>>,)*
+        }
+
+        impl Products {
+            /// Whether a product was there.
+            pub fn has(&self, product: Product) -> bool {
+                match product {
+                    $(Product::$product => self.$slot.is_some(),)*
+                }
+            }
         }
 
         /// The products that are there.
@@ -138,6 +157,21 @@ macro_rules! products {
         }
 
         impl Session {
+            /// Those of these products that are there, each with all of them that it was made of.
+            /// Never waits for one.
+            pub fn products(&self, of: &[Product]) -> Products {
+                let mut there = Products::default();
+                // From the bottom of the table: what a product needs was there before it.
+                for product in Product::ALL.iter().rev().filter(|p| of.contains(p)) {
+                    match product {
+                        $(Product::$product => {
+                            there.$slot = locked(&self.slots.$slot).clone();
+                        })*
+                    }
+                }
+                there
+            }
+
             $($(#[$doc])*
             ///
             /// # Errors
@@ -159,93 +193,112 @@ macro_rules! products {
             name: $name,
             weight: $weight,
             when: $when,
+            same: products!(@same $reads),
             run: Session::$run,
         }),+),*];
     };
     (@needs [$($need:ident)*]) => { &[$(Product::$need),*] };
+    (@same ()) => { |_, _| true };
+    (@same ($($group:ident $(. $field:ident)?),+)) => {
+        |a, b| $(a.$group $(.$field)? == b.$group $(.$field)?)&&+
+    };
 }
 
 products! {
     /// The volume the lumen is chosen from, with what reading it found.
     pub(super) Volume loaded: Loaded =
-        "read" 4.0 [] Cpu always run_volume;
+        "read" 4.0 [] () Cpu always run_volume;
     /// The device that plans run on.
     pub Device device: OpenDevice =
-        "device" 1.0 [] Cpu always run_device;
+        "device" 1.0 [] (device) Cpu always run_device;
     /// The mask that decides which lumen is meant.
     pub Core core: Core =
-        "segment" 2.0 [Volume] Cpu selection run_core
-        | "organ" 2.0 [Volume] Cpu organ run_core;
+        "segment" 2.0 [Volume] (lumen.select, lumen.seed, lumen.all_components, lumen.fill,
+            lumen.leak_control) Cpu selection run_core
+        | "organ" 2.0 [Volume] (lumen.organ, lumen.fill) Cpu organ run_core;
     /// The lumen in bricks, with what choosing it found, and its wall field.
     pub Lumen lumen: Segmented =
-        "wall field" 3.0 [Core Volume Device] Device always run_lumen;
+        "wall field" 3.0 [Core Volume Device] (mode, lumen.wall, wall.from_mask) Device always run_lumen;
     /// Exact distance to the nearest external voxel centre, mm, in slot order of the lumen.
     pub Distance distance: Array<f32> =
-        "distance" 3.0 [Lumen Device] Device always run_distance;
+        "distance" 3.0 [Lumen Device] () Device always run_distance;
     /// Distance and smoothed distance, in paper mode ridge candidates too, in one plan.
     pub Fields fields: Fields =
-        "distance, smooth" 6.0 [Lumen Device] Device no_ridge run_fields
-        | "distance, ridge" 6.0 [Lumen Device] Device ridge run_fields;
+        "distance, smooth" 6.0 [Lumen Device] () Device no_ridge run_fields
+        | "distance, ridge" 6.0 [Lumen Device] () Device ridge run_fields;
     /// The renderer on its device.
     pub(super) Display display: Display =
-        "renderer" 1.0 [Device] Cpu always run_display;
+        "renderer" 1.0 [Device] (flight.size, flight.samples) Cpu always run_display;
     /// The centred route: path or tree.
     pub(super) Route route: Routed =
-        "route" 15.0 [Lumen Fields] Cpu default_mode run_route;
+        "route" 15.0 [Lumen Fields] (centerline.from, centerline.to, centerline.tree, centerline.loops) Cpu default_mode run_route;
     /// Which boundary voxels the viewpoints see.
     pub(super) Visibility visibility: Visibility =
-        "visibility" 5.0 [Lumen Fields Route Device] Device default_mode run_visibility;
+        "visibility" 5.0 [Lumen Fields Route Device] (mode, centerline.radius) Device default_mode run_visibility;
     /// The wall with smoothed normals, LPS mm.
     pub Wall wall: Wall =
-        "surface" 8.0 [Lumen Volume Device] Device always run_wall;
+        "surface" 8.0 [Lumen Volume Device] (mode, wall.from_mask, wall.smoothing) Device always run_wall;
     /// BLAKE3 of the samples of the volume the lumen is chosen from, in hexadecimal.
     pub Identity identity: String =
-        "hash" 1.0 [Volume] Cpu always run_identity;
+        "hash" 1.0 [Volume] () Cpu always run_identity;
+    /// Smallest and largest value of the volume; `None` where it has none.
+    pub ValueRange value_range: Option<(f64, f64)> =
+        "value range" 0.2 [Volume] () Cpu always run_value_range;
     /// Hash and geometry of the inputs, for the report.
     pub(super) Inputs inputs: Inputs =
-        "inputs" 0.1 [Volume Identity] Cpu always run_inputs;
+        "inputs" 0.1 [Volume Identity] () Cpu always run_inputs;
     /// Path or tree, centred and proven inside, with the visibility test.
     pub Centerline centerline: Centered =
-        "centerline" 0.1 [Lumen Fields Route Visibility] Cpu default_mode run_centerline
-        | "paper path" 30.0 [Lumen Fields Device] Device paper_mode run_paper_centerline;
+        "centerline" 0.1 [Lumen Fields Route Visibility] (mode, centerline.radius) Cpu default_mode run_centerline
+        | "paper path" 30.0 [Lumen Fields Device] (centerline) Device paper_mode run_paper_centerline;
     /// The drawn wall, with or without caps.
     pub(super) DrawnWall drawn_wall: DrawnWall =
-        "drawn wall" 0.1 [Wall] Cpu always run_drawn_wall;
+        "drawn wall" 0.1 [Wall] (wall.open_ends) Cpu always run_drawn_wall;
+    /// The wall with its caps, ready for a device.
+    pub PreparedWall prepared_wall: PreparedMesh =
+        "prepared wall" 1.0 [Wall] () Cpu always run_prepared_wall;
+    /// What the wall was drawn on at each vertex; `None` where it does not follow grey values.
+    pub Evidence evidence: Option<Vec<Evidence>> =
+        "evidence" 0.2 [Lumen Wall] () Cpu always run_evidence;
     /// Vertices with curvature tint.
     pub(super) Shading shading: Shading =
-        "shading" 1.0 [DrawnWall] Cpu always run_shading;
+        "shading" 1.0 [DrawnWall] () Cpu always run_shading;
     /// The wall's triangles by place: for rays, nearest points and planes.
     pub TriangleTree triangle_tree: TriangleBvh =
-        "triangle tree" 0.5 [Wall] Cpu always run_triangle_tree;
+        "triangle tree" 0.5 [Wall] () Cpu always run_triangle_tree;
     /// The same of what is drawn.
     pub(super) DrawnTree drawn_tree: TriangleBvh =
-        "drawn tree" 0.1 [DrawnWall TriangleTree] Cpu clusters run_drawn_tree;
+        "drawn tree" 0.1 [DrawnWall TriangleTree] () Cpu clusters run_drawn_tree;
     /// Clusters of the wall at every level.
     pub(super) Clusters clusters: BuiltClusters =
-        "clusters" 25.0 [DrawnWall Shading DrawnTree] Cpu clusters run_clusters;
+        "clusters" 25.0 [DrawnWall Shading DrawnTree] (levels.cache) Cpu clusters run_clusters;
     /// The wall's triangles in buckets: for distances up to a limit.
     pub WallIndex wall_index: WallIndex =
-        "wall index" 0.5 [Wall] Cpu always run_wall_index;
+        "wall index" 0.5 [Wall] () Cpu always run_wall_index;
     /// Poses of the flight along the first path.
     pub Flight flight: Flight =
-        "flight" 1.0 [Lumen Fields Centerline Wall WallIndex] Cpu always run_flight;
+        "flight" 1.0 [Lumen Fields Centerline Wall WallIndex] (flight.frames, flight.size, flight.view, flight.fov_y_rad, flight.reverse, flight.route,
+            flight.script, flight.script_frames) Cpu always run_flight;
     /// Space outside the wall, where it is watertight.
     pub Exterior exterior: Exterior =
-        "outside" 1.0 [Wall] Cpu always run_exterior;
+        "outside" 1.0 [Wall] () Cpu always run_exterior;
     /// The wall at many levels of detail, ready to be refined.
     pub Levels levels: Levels =
-        "levels" 0.1 [DrawnWall Shading Clusters Exterior] Cpu clusters run_cluster_levels
-        | "subdivision" 25.0 [DrawnWall Shading] Cpu subdivision run_subdivision_levels;
+        "levels" 0.1 [DrawnWall Shading Clusters Exterior] (levels.pixel_error) Cpu clusters run_cluster_levels
+        | "subdivision" 25.0 [DrawnWall Shading] (mode, levels.pixel_error) Cpu subdivision run_subdivision_levels;
     /// The wall with few faces.
     pub Base base: Mesh =
-        "base" 3.0 [Wall Clusters] Cpu base_from_clusters run_base_from_clusters
-        | "base" 10.0 [Wall] Cpu base_from_wall run_base_from_wall;
+        "base" 3.0 [Wall Clusters] (mode, wall.base_faces) Cpu base_from_clusters run_base_from_clusters
+        | "base" 10.0 [Wall] (mode, wall.base_faces) Cpu base_from_wall run_base_from_wall;
     /// What the frames of the flight saw of the wall, weighted by area.
     pub Coverage coverage: Coverage =
-        "coverage" 5.0 [Wall Flight TriangleTree Exterior] Cpu always run_coverage;
+        "coverage" 5.0 [Wall Flight TriangleTree Exterior] (flight.view) Cpu always run_coverage;
     /// Cross-sections of the lumen along the flight, one a pose.
     pub Sections sections: Vec<Option<SectionFigures>> =
-        "sections" 0.5 [Wall TriangleTree Centerline Flight] Cpu always run_sections;
+        "sections" 0.5 [Wall TriangleTree Centerline Flight] () Cpu always run_sections;
+    /// Distances of the wall's vertices from the centerline.
+    pub CenterlineDistances centerline_distances: CenterlineDistances =
+        "centerline distances" 0.5 [Wall Centerline] () Cpu always run_centerline_distances;
 }
 
 /// How many products there are.
@@ -262,6 +315,29 @@ pub(super) fn row(product: Product, settings: &Settings) -> Result<&'static Stag
         .iter()
         .find(is_used)
         .ok_or_else(|| SessionError::Unavailable { product, settings: settings() })
+}
+
+/// These products and all that these settings make from them.
+pub(super) fn with_dependents(mut products: Vec<Product>, settings: &Settings) -> Vec<Product> {
+    // Rows stand below what they need, so one pass finds all that follows.
+    for stage in STAGES.iter().filter(|s| (s.when)(settings)) {
+        let follows = stage.needs.iter().any(|need| products.contains(need));
+        if follows && !products.contains(&stage.product) {
+            products.push(stage.product);
+        }
+    }
+    products
+}
+
+/// Products of a session that had some settings which are others under those it has now.
+pub(super) fn stale(had: &Settings, has: &Settings) -> Vec<Product> {
+    let row_of = |product, settings| row(product, settings).ok();
+    let is_made_alike = |product: &Product| match (row_of(*product, had), row_of(*product, has)) {
+        (Some(a), Some(b)) => std::ptr::eq(a, b) && (a.same)(had, has),
+        (before, after) => before.is_none() && after.is_none(),
+    };
+    let changed = Product::ALL.iter().copied().filter(|p| !is_made_alike(p)).collect();
+    with_dependents(changed, has)
 }
 
 #[cfg(test)]

@@ -13,12 +13,13 @@ use crate::device::Device;
 use crate::field::Sampler;
 use crate::geometry::Mesh;
 use crate::lumen::Lumen;
+use crate::render::PreparedMesh;
 use crate::surface::{
     self as stage, Adjacency, Grey, Midpoint, MultiscaleNormals, Shading, Smoothing, Surface,
     Topology, VoxelFrame, shading,
 };
 use crate::volume::Volume;
-use crate::wall::{FieldCrossing, WallField, field_normals, smoothed_field};
+use crate::wall::{FieldCrossing, WallField, field_normals, smoothed_field, vertex_evidence};
 
 /// How to make the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -126,6 +127,24 @@ impl Session {
         let closed = wall.topology.watertight && !open;
         let open = open.then(|| without_caps(&wall.mesh));
         put(&self.slots.drawn_wall, DrawnWall { wall, open, closed });
+        Ok(())
+    }
+
+    pub(super) fn run_prepared_wall(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let wall = present(&self.slots.wall);
+        let faces = wall.mesh.faces.len() as u64;
+        let prepare = || PreparedMesh::new(&wall.mesh);
+        put(&self.slots.prepared_wall, clock.time("prepared wall", "faces", prepare, |_| faces)?);
+        Ok(())
+    }
+
+    pub(super) fn run_evidence(&self, clock: &mut Clock) -> Result<(), SessionError> {
+        let (found, wall) = (present(&self.slots.lumen), present(&self.slots.wall));
+        let vertices = wall.mesh.positions.len() as u64;
+        let of = |field| vertex_evidence(&found.lumen, field, &wall.mesh);
+        let find = || found.wall.as_ref().map(of);
+        let evidence = clock.time("evidence", "vertices", find, |_| vertices);
+        put(&self.slots.evidence, evidence);
         Ok(())
     }
 

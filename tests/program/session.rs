@@ -1,13 +1,19 @@
 //! The session: products once, on request; progress; cancellation; sharing.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use intima::centerline::Radius;
+use intima::device::DeviceChoice;
+use intima::lumen::IntensitySelection;
+use intima::organ::Organ;
 use intima::render::View;
 use intima::session::{
     FlightRoute, LevelSettings, Lod, LumenSettings, Mode, Product, Session, SessionError, Settings,
-    Source, VolumeSource,
+    Source, VolumeSource, WallMethod,
 };
+use intima::surface::{Fairing, Smoothing};
 use intima::volume::Volume;
 use intima::volume::phantom::{Kind, Phantom};
 
@@ -48,6 +54,138 @@ fn what_depends_on_a_forgotten_product_is_computed_anew() {
     session.forget(&[Product::Fields]);
     assert!(!Arc::ptr_eq(&line, &session.centerline().unwrap()));
     assert!(Arc::ptr_eq(&wall, &session.wall().unwrap()), "the wall needs no fields");
+}
+
+#[test]
+fn another_threshold_forgets_the_lumen_and_reads_no_volume() {
+    let tmp = tempfile::tempdir().unwrap();
+    let file = tmp.path().join("ct.nrrd");
+    let scan = Phantom::new(Kind::Bend, 32, [1.0; 3]).unwrap().grey(None, 0);
+    intima::formats::write_volume(&file, &scan).unwrap();
+    let range = |hi| Some(IntensitySelection::Range { lo: -2000.0, hi });
+    let mut settings = Settings::default();
+    settings.lumen.select = range(-500.0);
+    let source = Source::Image(VolumeSource::file(&file));
+    let mut session = Session::new(source, settings.clone()).unwrap();
+    session.keep_volume();
+    let woken = Arc::new(AtomicUsize::new(0));
+    let count = Arc::clone(&woken);
+    session.wake_by(move || {
+        count.fetch_add(1, Ordering::Relaxed);
+    });
+    let wanted = [Product::Volume, Product::Lumen, Product::Wall, Product::Flight];
+    assert!(session.products(&wanted).wall.is_none(), "nothing is there before it is asked for");
+    session.prepare(&wanted).unwrap();
+    let before = session.products(&wanted);
+    let first = woken.load(Ordering::Relaxed);
+    let made = Product::ALL.iter().filter(|p| session.products(&[**p]).has(**p)).count();
+    assert_eq!(first, made, "woken once for each product");
+    // It is not there to be read again.
+    std::fs::remove_file(&file).unwrap();
+    settings.lumen.select = range(-900.0);
+    session.apply(settings).unwrap();
+    let after = session.products(&wanted);
+    assert!(Arc::ptr_eq(before.volume().unwrap(), after.volume().unwrap()));
+    assert!(after.lumen.is_none() && after.wall.is_none() && after.flight.is_none());
+    session.prepare(&wanted).unwrap();
+    assert_eq!(Some(&session.lumen().unwrap().options.selection), range(-900.0).as_ref());
+}
+
+#[test]
+fn changed_settings_forget_exactly_the_products_that_depend_on_them() {
+    use Product as P;
+    let volume = phantom(Kind::Bend, 32);
+    let settings = Settings { device: DeviceChoice::Cpu, ..Settings::default() };
+    // A renderer needs Vulkan.
+    let all: Vec<Product> = P::ALL.iter().copied().filter(|p| *p != P::Display).collect();
+    let mut session = session(&volume, settings.clone());
+    session.keep_volume();
+    let mut forgotten = |change: fn(&mut Settings)| {
+        session.apply(settings.clone()).unwrap();
+        session.prepare(&all).unwrap();
+        let mut changed = settings.clone();
+        change(&mut changed);
+        session.apply(changed).unwrap();
+        let there = session.products(&all);
+        all.iter().copied().filter(|p| !there.has(*p)).collect::<Vec<_>>()
+    };
+    let of_the_volume = [P::Volume, P::Device, P::Identity, P::ValueRange, P::Inputs];
+    let below = |kept: &[Product]| -> Vec<Product> {
+        P::ALL.iter().copied().filter(|p| !kept.contains(p) && *p != P::Display).collect()
+    };
+    assert_eq!(forgotten(|_| ()), []);
+    assert_eq!(forgotten(|s| s.max_memory_mb = Some(1)), [], "a limit makes nothing otherwise");
+    let labels = |s: &mut Settings| s.lumen.select = Some(IntensitySelection::Labels(vec![1]));
+    assert_eq!(forgotten(labels), below(&of_the_volume));
+    assert_eq!(forgotten(|s| s.lumen.organ = Some(Organ::Colon.into())), below(&of_the_volume));
+    let of_the_flight = [P::Flight, P::Coverage, P::Sections];
+    assert_eq!(forgotten(|s| s.flight.reverse = true), of_the_flight);
+    assert_eq!(forgotten(|s| s.flight.fov_y_rad = 1.0), of_the_flight, "gaze");
+    assert_eq!(forgotten(|s| s.wall.base_faces = Some(9)), [P::Base]);
+    assert_eq!(forgotten(|s| s.levels.pixel_error = 9.0), [P::Levels]);
+    let without_levels = forgotten(|s| s.levels.lod = Lod::Off);
+    assert_eq!(without_levels, [P::DrawnTree, P::Clusters, P::Levels, P::Base]);
+    let of_the_path = [P::Route, P::Visibility, P::Centerline, P::Flight, P::Coverage, P::Sections];
+    let tree = forgotten(|s| s.centerline.tree = true);
+    assert_eq!(tree, [&of_the_path[..], &[P::CenterlineDistances]].concat());
+}
+
+/// What a session makes of everything that settings change, as text.
+fn figures(session: &Session) -> String {
+    session.prepare(&[Product::Base, Product::Coverage, Product::Sections]).unwrap();
+    let (lumen, wall, flight) =
+        (session.lumen().unwrap(), session.wall().unwrap(), session.flight().unwrap());
+    let (centered, fields) = (session.centerline().unwrap(), session.fields().unwrap());
+    let levels = session.levels().map(|l| l.report.clone()).ok();
+    let seen = &session.coverage().unwrap().seen_both_ways;
+    let products: [&dyn std::fmt::Debug; 12] = [
+        &lumen.lumen.inside_voxels(),
+        &lumen.method,
+        &wall.mesh,
+        &&fields.distance[..],
+        &fields.candidates.len(),
+        &centered.line,
+        &(centered.on_ridge, centered.candidates, centered.kept),
+        &flight,
+        &levels,
+        &session.base().unwrap(),
+        seen,
+        &session.centerline_distances().unwrap(),
+    ];
+    products.iter().map(|product| format!("{product:?}\n")).collect()
+}
+
+#[test]
+fn changed_settings_give_what_a_new_session_gives() {
+    let volume = phantom(Kind::Y, 32);
+    type Change = fn(&mut Settings);
+    // Each is added to those before.
+    let changes: [Change; 12] = [
+        |s| s.flight.fov_y_rad = 1.2,
+        |s| s.flight.view = View::Cube,
+        |s| s.levels.pixel_error = 4.0,
+        |s| s.wall.base_faces = Some(300),
+        |s| s.centerline.tree = true,
+        |s| s.flight.route = FlightRoute::All,
+        |s| s.centerline.radius = Some(Radius::Paper),
+        |s| s.wall.smoothing = Some(Smoothing::Steps(Fairing::PAPER)),
+        |s| s.lumen.wall = WallMethod::Exact,
+        |s| s.levels.lod = Lod::Off,
+        |s| s.lumen.fill = false,
+        |s| *s = Settings { mode: Mode::Paper, ..Settings::default() },
+    ];
+    let mut settings = Settings { device: DeviceChoice::Cpu, ..Settings::default() };
+    let mut kept = session(&volume, settings.clone());
+    let mut before = figures(&kept);
+    for (i, change) in changes.into_iter().enumerate() {
+        change(&mut settings);
+        settings.device = DeviceChoice::Cpu;
+        kept.apply(settings.clone()).unwrap();
+        let now = figures(&kept);
+        assert!(now == figures(&session(&volume, settings.clone())), "change {i}");
+        assert!(now != before || i == 10, "change {i} changes nothing");
+        before = now;
+    }
 }
 
 #[test]
