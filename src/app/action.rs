@@ -196,21 +196,9 @@ pub enum Request {
 #[serde(untagged)]
 pub enum Command {
     /// Changes what is shown or noted.
-    Act(Action),
+    Action(Action),
     /// Asks for work.
-    Ask(Request),
-}
-
-impl From<Action> for Command {
-    fn from(action: Action) -> Self {
-        Self::Act(action)
-    }
-}
-
-impl From<Request> for Command {
-    fn from(request: Request) -> Self {
-        Self::Ask(request)
-    }
+    Request(Request),
 }
 
 /// Commands of one frame, in their order.
@@ -222,13 +210,24 @@ pub struct Commands {
     pub requests: Vec<Request>,
 }
 
-impl Commands {
-    /// Adds a command.
-    pub fn push(&mut self, command: impl Into<Command>) {
-        match command.into() {
-            Command::Act(action) => self.actions.push(action),
-            Command::Ask(request) => self.requests.push(request),
+impl From<Command> for Commands {
+    fn from(command: Command) -> Self {
+        match command {
+            Command::Action(action) => Self { actions: vec![action], ..Self::default() },
+            Command::Request(request) => Self { requests: vec![request], ..Self::default() },
         }
+    }
+}
+
+impl Commands {
+    /// Adds an action.
+    pub fn act(&mut self, action: Action) {
+        self.actions.push(action);
+    }
+
+    /// Adds a request.
+    pub fn ask(&mut self, request: Request) {
+        self.requests.push(request);
     }
 
     /// Whether there are none.

@@ -131,8 +131,8 @@ fn figures(model: &Model) -> Vec<(&'static str, String)> {
         out.push(("Wall seen both ways", percent(c.both_ways_fraction)));
         out.push(("Missed patches of 300 mm² and more", c.patches.len().to_string()));
     }
-    if !model.shown.faces.is_empty() {
-        out.push(("Wall shown in this session", percent(model.shown.fraction)));
+    if !model.seen.faces.is_empty() {
+        out.push(("Wall shown in this session", percent(model.seen.fraction)));
     }
     out
 }

@@ -150,7 +150,7 @@ fn evidence_legend(painter: &Painter, rect: Rect, model: &Model) {
 }
 
 fn radius_scale(painter: &Painter, rect: Rect, model: &Model) {
-    let Some(radii) = &model.products.radii else { return };
+    let Some(radii) = &model.products.centerline_distances else { return };
     let bar =
         Rect::from_min_size(pos2(rect.right() - 24.0, rect.center().y - 70.0), vec2(12.0, 140.0));
     const STEPS: u8 = 64;

@@ -36,18 +36,18 @@ pub(super) fn keys(ui: &Ui, model: &Model, commands: &mut Commands) {
         (Key::Questionmark, Action::ToggleHelp),
     ] {
         if pressed(key) {
-            commands.push(action);
+            commands.act(action);
         }
     }
     for (key, i) in [(Key::Num1, 0), (Key::Num2, 1), (Key::Num3, 2), (Key::Num4, 3)] {
         if let Some(choice) = model.offered().get(i).filter(|_| pressed(key)) {
-            commands.push(Request::Branch(choice.branch));
+            commands.ask(Request::Branch(choice.branch));
         }
     }
     if pressed(Key::Enter)
         && let Some(branch) = branch_in_view(model)
     {
-        commands.push(Request::Branch(branch));
+        commands.ask(Request::Branch(branch));
     }
     let next_view = match model.view {
         WallView::Eye => WallView::Cube,
@@ -56,10 +56,8 @@ pub(super) fn keys(ui: &Ui, model: &Model, commands: &mut Commands) {
     };
     let next_colour = match model.colouring {
         Colouring::Tissue => Colouring::Missed,
-        Colouring::Missed if model.products.radii.is_some() => Colouring::Radius,
-        Colouring::Missed | Colouring::Radius if model.products.evidence.is_some() => {
-            Colouring::Evidence
-        }
+        Colouring::Missed if model.products.centerline_distances.is_some() => Colouring::Radius,
+        Colouring::Missed | Colouring::Radius if model.evidence().is_some() => Colouring::Evidence,
         _ => Colouring::Tissue,
     };
     let ruler = |wanted| Action::Measure((model.ruler != Some(wanted)).then_some(wanted));
@@ -70,24 +68,24 @@ pub(super) fn keys(ui: &Ui, model: &Model, commands: &mut Commands) {
         (Key::N, ruler(Ruler::Angle)),
     ] {
         if pressed(key) {
-            commands.push(action);
+            commands.act(action);
         }
     }
     if pressed(Key::E) {
-        commands.push(Request::Export(Export::View));
+        commands.ask(Request::Export(Export::View));
     }
     if with(Key::B, |m| !m.shift) {
-        commands.push(Action::Bookmark(String::new()));
+        commands.act(Action::Bookmark(String::new()));
     }
     if pressed(Key::Escape) {
-        commands.push(match (model.help, model.ruler) {
+        commands.act(match (model.help, model.ruler) {
             (true, _) => Action::ToggleHelp,
             (false, Some(_)) => Action::Measure(None),
             (false, None) => Action::Maximise(None),
         });
     }
     if with(Key::Q, |m| m.ctrl && !m.shift && !m.alt) {
-        commands.push(Request::Quit);
+        commands.ask(Request::Quit);
     }
     held_keys(ui, commands);
 }
@@ -114,7 +112,7 @@ fn held_keys(ui: &Ui, commands: &mut Commands) {
     let down = |key| ui.input(|i| f64::from(u8::from(i.key_down(key))));
     let along = down(Key::ArrowUp) - down(Key::ArrowDown);
     if along != 0.0 {
-        commands.push(Action::Travel(along * by));
+        commands.act(Action::Travel(along * by));
     }
     let fly = DVec3::new(
         down(Key::D) - down(Key::A),
@@ -122,7 +120,7 @@ fn held_keys(ui: &Ui, commands: &mut Commands) {
         down(Key::W) - down(Key::S),
     );
     if fly != DVec3::ZERO {
-        commands.push(Action::Fly((fly * by).to_array()));
+        commands.act(Action::Fly((fly * by).to_array()));
     }
 }
 
@@ -177,6 +175,6 @@ pub(super) fn help(ui: &Ui, commands: &mut Commands) {
             });
         });
     if !open {
-        commands.push(Action::ToggleHelp);
+        commands.act(Action::ToggleHelp);
     }
 }

@@ -1,11 +1,14 @@
 //! The window: a [`Session`](crate::session::Session) computes, hands fly. It owns no stage.
 //!
 //! `model` holds the state and carries out actions; `ui` lays panels out and turns input into
-//! actions; `panes` draws the two pictures of the wall; `stage` puts a frame together from these,
-//! onto a window (`window`) or onto an image with a clock of its own (`script`).
+//! commands; `panes` draws the two pictures of the wall; `viewer` puts a frame together from these
+//! and has the session compute, for a window (`window`) or on an image with a clock of its own
+//! (`script`).
 
 mod action;
+mod canvas;
 mod colouring;
+mod coverage_recorder;
 mod error;
 mod export;
 mod inside_marks;
@@ -13,31 +16,29 @@ mod junctions;
 mod keys;
 mod measure;
 mod model;
-mod painter;
+mod opening;
 mod panes;
 mod script;
 mod session_file;
 mod side_panel;
 mod slice_pane;
 mod slices;
-mod stage;
-mod study;
 mod style;
 mod timeline;
 mod ui;
+mod viewer;
 mod window;
 
 pub use action::{
     Action, Colouring, Command, Commands, Export, FOV_DEG, LumenChoice, Pane, Request, Ruler,
     SPEED_MM_S, WallView,
 };
+pub use coverage_recorder::{CoverageRecorder, SeenFaces};
 pub use error::AppError;
 pub use junctions::Choice;
 pub use measure::Measurement;
-pub use model::{Bookmark, Model, Products};
-pub use painter::{Painter, Shown};
-pub use script::Playing;
+pub use model::{Bookmark, Model};
 pub use script::{SCRIPT_SCHEMA, Script, ScriptStep, Wait, play};
 pub use session_file::{SESSION_SCHEMA, SessionFile};
-pub use study::{Case, News, Study};
+pub use viewer::ViewerOptions;
 pub use window::{WindowOptions, open};

@@ -10,22 +10,20 @@ use glam::{DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::action::{Action, Colouring, FOV_DEG, Pane, Ruler, SPEED_MM_S, WallView};
+use super::coverage_recorder::SeenFaces;
 use super::junctions::{Choice, choices};
 use super::measure::Measurement;
-use super::painter::Shown;
-use super::study::News;
-use crate::flight::{Coverage, Flight, FlightPath, WallIndex};
+use crate::flight::{Flight, FlightPath, SectionFigures};
 use crate::formats::InputInfo;
-use crate::geometry::{CenterlineDistances, CrossSection, Pose, TriangleBvh};
-use crate::render::PreparedMesh;
-use crate::session::{Centered, Exterior, Fields, FlightRoute, Levels, Segmented, Wall};
+use crate::geometry::{CrossSection, Pose};
+use crate::session::{FlightRoute, Product, Products, SessionError};
 use crate::volume::Volume;
 use crate::wall::Evidence;
 
 /// A noted place.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bookmark {
-    /// What was said of it.
+    /// A remark.
     pub text: String,
     /// The eye, LPS mm.
     pub position_mm: [f64; 3],
@@ -44,40 +42,10 @@ pub struct Bookmark {
     pub png: Option<Arc<Vec<u8>>>,
 }
 
-/// Products that have come so far.
-#[derive(Default)]
-pub struct Products {
-    /// What the slices show.
-    pub volume: Option<Arc<Volume>>,
-    /// The lumen.
-    pub lumen: Option<Arc<Segmented>>,
-    /// The wall.
-    pub wall: Option<Arc<Wall>>,
-    /// Its vertices as drawn.
-    pub drawn_wall: Option<Arc<PreparedMesh>>,
-    /// Distances to the wall.
-    pub fields: Option<Arc<Fields>>,
-    /// The path.
-    pub centerline: Option<Arc<Centered>>,
-    /// Levels of detail.
-    pub levels: Option<Arc<Levels>>,
-    /// What the flight sees.
-    pub coverage: Option<Arc<Coverage>>,
-    /// The hierarchy of the wall's triangles.
-    pub tree: Option<Arc<TriangleBvh>>,
-    /// The wall's triangles in buckets.
-    pub wall_index: Option<Arc<WallIndex>>,
-    /// Space outside the wall.
-    pub exterior: Option<Arc<Exterior>>,
-    /// Distances of the wall's vertices from the centerline.
-    pub radii: Option<Arc<CenterlineDistances>>,
-    /// What the wall was drawn on at each vertex, where it follows grey values.
-    pub evidence: Option<Arc<Vec<Evidence>>>,
-}
-
 /// State of the window.
+#[derive(Default)]
 pub struct Model {
-    /// What there is.
+    /// Products of the session, as they were read last.
     pub products: Products,
     /// The flight by length.
     pub path: Option<FlightPath>,
@@ -113,8 +81,10 @@ pub struct Model {
     visited: Vec<usize>,
     /// Where the eye flies to along the path, mm from its start.
     goal_mm: Option<f64>,
-    /// What the path was made of.
+    /// What the path was made of, or will be.
     pub route: FlightRoute,
+    /// The path is the flight of the session's settings.
+    is_planned_path: bool,
     /// Branches that can be taken, along the path.
     pub choices: Vec<Choice>,
     /// How the inside pane shows the wall.
@@ -130,23 +100,20 @@ pub struct Model {
     /// What was measured.
     pub measurements: Vec<Measurement>,
     /// What the inside view has shown of the wall.
-    pub shown: Shown,
+    pub seen: SeenFaces,
     /// Counts changes of it.
-    pub shown_version: u64,
+    pub seen_version: u64,
     /// The cross-section of the lumen at the eye: across the path, or across the view off it.
     pub section: Option<CrossSection>,
     /// Whether the keys are shown.
     pub help: bool,
-    /// BLAKE3 of the volume's samples.
-    pub identity: Option<String>,
-    /// What was last said to the user.
+    /// The last message to the user.
     pub message: Option<String>,
     /// Why nothing more is computed.
     pub failure: Option<String>,
-    /// Series or segments of the input, where one has to be chosen.
-    pub contents: Option<InputInfo>,
-    /// Whether that input is the mask.
-    pub contents_of_mask: bool,
+    /// Series or segments of the input, where one has to be chosen, and whether that input is the
+    /// mask.
+    pub contents: Option<(InputInfo, bool)>,
     /// Everything is computed.
     pub is_complete: bool,
     /// Width over height of the inside view.
@@ -161,106 +128,102 @@ impl Model {
     /// * `planned_mm_s`: cruising speed of the session's flight.
     pub fn new(planned_mm_s: f64) -> Self {
         Self {
-            products: Products::default(),
-            path: None,
-            pose: None,
             near_mm: moves::NEAR_MM,
             fov_deg: 90.0,
-            arc_mm: 0.0,
             on_path: true,
-            playing: false,
-            reverse: false,
             speed_mm_s: planned_mm_s,
-            crosshair_mm: DVec3::ZERO,
-            orbit: [0.0; 2],
             window: [0.0, 1.0],
-            maximised: None,
-            bookmarks: Vec::new(),
-            unsaved: false,
-            visited: Vec::new(),
-            goal_mm: None,
-            route: FlightRoute::Trunk,
-            choices: Vec::new(),
-            view: WallView::Eye,
-            colouring: Colouring::Tissue,
             opacity: 1.0,
-            ruler: None,
-            marks_mm: Vec::new(),
-            measurements: Vec::new(),
-            shown: Shown::default(),
-            shown_version: 0,
-            section: None,
-            help: false,
-            identity: None,
-            message: None,
-            failure: None,
-            contents: None,
-            contents_of_mask: false,
-            is_complete: false,
             aspect: 4.0 / 3.0,
             planned_mm_s,
+            ..Self::default()
         }
     }
 
-    /// Nothing of another volume; how the window shows it stays.
-    pub fn anew(&self) -> Self {
+    /// A model of another volume; how the window shows it stays.
+    pub fn reset(&self) -> Self {
         let (aspect, fov_deg) = (self.aspect, self.fov_deg);
         Self { aspect, fov_deg, view: self.view, ..Self::new(self.planned_mm_s) }
     }
 
-    /// Takes in newer coverage of the wall.
-    pub fn take_shown(&mut self, shown: Shown) {
-        self.shown = shown;
-        self.shown_version += 1;
+    /// Takes in newer coverage of the wall by the inside view.
+    pub fn set_seen(&mut self, seen: SeenFaces) {
+        self.seen = seen;
+        self.seen_version += 1;
     }
 
-    /// Takes a product in.
-    pub fn learn(&mut self, news: News) {
-        let p = &mut self.products;
-        match news {
-            News::Volume(volume, window) => {
-                self.window = window;
-                let middle = 0.5 * (volume.grid.dims.as_dvec3() - 1.0);
-                self.crosshair_mm = volume.grid.world_from_voxel().transform_point3(middle);
-                p.volume = Some(volume);
-            }
-            News::Identity(identity) => self.identity = Some(identity),
-            News::Lumen(lumen) => p.lumen = Some(lumen),
-            News::Wall(wall, drawn) => (p.wall, p.drawn_wall) = (Some(wall), Some(drawn)),
-            News::Tree(tree) => p.tree = Some(tree),
-            News::Radii(radii) => p.radii = Some(radii),
-            News::Evidence(evidence) => p.evidence = Some(evidence),
-            News::Index(index) => p.wall_index = Some(index),
-            News::Exterior(exterior) => p.exterior = Some(exterior),
-            News::Sections(sections) => {
-                self.path.iter_mut().for_each(|p| p.set_sections(&sections));
-            }
-            News::Fields(fields) => {
-                p.fields = Some(fields);
-                self.stand_in_the_widest_place();
-            }
-            News::Centerline(centerline) => p.centerline = Some(centerline),
-            News::Flight(flight, route) => self.take_flight(&flight, route),
-            News::Said(text) => self.message = Some(text),
-            News::Levels(levels) => p.levels = Some(levels),
-            News::Coverage(coverage) => p.coverage = Some(coverage),
-            News::Contents(info, of_mask) => {
-                (self.contents, self.contents_of_mask) = (Some(*info), of_mask);
-            }
-            News::Failed(crate::session::SessionError::Cancelled) => {
-                self.message = Some("stopped; what is there stays".into());
-                self.is_complete = true;
-            }
-            News::Failed(e) => {
-                self.failure = Some(e.to_string());
-                self.is_complete = true;
-            }
-            News::Complete => self.is_complete = true,
+    /// The volume, once it is known how its values are shown.
+    pub fn volume(&self) -> Option<&Arc<Volume>> {
+        self.products.volume().filter(|_| self.products.value_range.is_some())
+    }
+
+    /// Smallest and largest value of the volume.
+    pub fn value_range(&self) -> (f64, f64) {
+        self.products.value_range.as_deref().copied().flatten().unwrap_or((0.0, 1.0))
+    }
+
+    /// What the wall was drawn on at each vertex, where it follows grey values.
+    pub fn evidence(&self) -> Option<&[Evidence]> {
+        self.products.evidence.as_ref()?.as_deref()
+    }
+
+    /// Takes in what there is of the session's products, and does what waited for them.
+    pub fn update(&mut self, products: Products) {
+        let had = std::mem::replace(&mut self.products, products);
+        let is_there = |p: &Product| self.products.has(*p);
+        let came = |of: &[Product]| of.iter().all(is_there) && !of.iter().all(|p| had.has(*p));
+        let volume_came = came(&[Product::Volume, Product::ValueRange]);
+        let fields_came = came(&[Product::Fields, Product::WallIndex]);
+        let sections_came = came(&[Product::Sections]);
+        if let Some(volume) = self.volume().filter(|_| volume_came) {
+            let middle = 0.5 * (volume.grid.dims.as_dvec3() - 1.0);
+            self.crosshair_mm = volume.grid.world_from_voxel().transform_point3(middle);
+            self.window = default_window(self.value_range());
+        }
+        if fields_came {
+            self.stand_in_the_widest_place();
+        }
+        if let (None, Some(flight)) = (&self.path, self.products.flight.clone()) {
+            self.set_path(&flight, self.route);
+            self.is_planned_path = true;
+        }
+        if let Some(sections) = self.products.sections.clone().filter(|_| sections_came)
+            && self.is_planned_path
+        {
+            self.set_sections(&sections);
         }
     }
 
-    /// Takes a flight in; of another one along the same centerline the eye keeps its place.
-    fn take_flight(&mut self, flight: &Flight, route: FlightRoute) {
+    /// Takes in how the computation ended, and what has to be chosen from because of that.
+    pub fn finish(
+        &mut self,
+        outcome: Result<(), SessionError>,
+        contents: Option<(InputInfo, bool)>,
+    ) {
+        (self.is_complete, self.contents) = (true, contents);
+        match outcome {
+            Ok(()) => {}
+            Err(SessionError::Cancelled) => {
+                self.message = Some("stopped; what is there stays".into());
+            }
+            Err(e) => self.failure = Some(e.to_string()),
+        }
+    }
+
+    /// Takes another flight along the same centerline, with its sections; the eye keeps its place.
+    pub fn take_branch(
+        &mut self,
+        flight: &Flight,
+        sections: &[Option<SectionFigures>],
+        route: FlightRoute,
+    ) {
+        self.is_planned_path = false;
+        self.set_path(flight, route);
+        self.set_sections(sections);
+    }
+
+    /// Puts a flight in the place of the path.
+    fn set_path(&mut self, flight: &Flight, route: FlightRoute) {
         let Some(centerline) = self.products.centerline.clone() else { return };
         let Some(path) = FlightPath::new(flight, &centerline.line) else { return };
         let stays = self.pose.filter(|_| self.path.is_some());
@@ -272,6 +235,10 @@ impl Model {
         if self.on_path {
             self.seek_while(start, self.playing);
         }
+    }
+
+    fn set_sections(&mut self, sections: &[Option<SectionFigures>]) {
+        self.path.iter_mut().for_each(|path| path.set_sections(sections));
     }
 
     /// Before there is a path, the eye is where the wall is farthest.
@@ -390,4 +357,10 @@ impl Model {
             _ => {}
         }
     }
+}
+
+/// Grey values of slices to begin with, centre and width: gas, soft tissue and bone of a CT; what
+/// is there otherwise.
+fn default_window((low, high): (f64, f64)) -> [f64; 2] {
+    if low < -500.0 { [-200.0, 1800.0] } else { [0.5 * (low + high), (high - low).max(1.0)] }
 }

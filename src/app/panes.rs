@@ -8,7 +8,7 @@ use glam::Vec3;
 
 use super::action::{Colouring, WallView};
 use super::colouring::{distance_colours, evidence_colours, missed_colours};
-use super::model::{Model, Products};
+use super::model::Model;
 use crate::geometry::Camera;
 use crate::lod::{Tolerance, Worker};
 use crate::render::{
@@ -16,7 +16,7 @@ use crate::render::{
     Wall,
 };
 use crate::session::levels::UPLOAD_BYTES;
-use crate::session::{Levels, SessionError};
+use crate::session::{Levels, Products, SessionError};
 use crate::vk::{Frame, Gpu, ImageId};
 
 /// Whether a picture waits for its level of detail.
@@ -148,7 +148,7 @@ impl Panes {
         products: &Products,
         tolerance: Tolerance,
     ) -> Result<(), SessionError> {
-        if let (Some(wall), false) = (&products.drawn_wall, self.has_wall) {
+        if let (Some(wall), false) = (&products.prepared_wall, self.has_wall) {
             self.has_wall = true;
             let mesh = self.inside.renderer.upload_prepared_mesh(gpu, wall)?;
             self.radius_mm = self.inside.renderer.mean_radius_mm(mesh);
@@ -189,7 +189,7 @@ impl Panes {
         products: &Products,
         detail: Detail,
     ) -> Result<(), SessionError> {
-        if let (Some(wall), true, None) = (&products.drawn_wall, self.has_wall, self.glass) {
+        if let (Some(wall), true, None) = (&products.prepared_wall, self.has_wall, self.glass) {
             if self.is_glass_next || matches!(detail, Detail::Settled) {
                 self.glass = Some(self.overview.renderer.upload_prepared_mesh(gpu, wall)?);
             }
@@ -288,12 +288,12 @@ impl Panes {
         let p = &model.products;
         let wanted = match model.colouring {
             Colouring::Tissue => None,
-            Colouring::Missed => Some(model.shown_version),
-            Colouring::Radius => p.radii.as_ref().map(|_| 0),
-            Colouring::Evidence => p.evidence.as_ref().map(|_| 0),
+            Colouring::Missed => Some(model.seen_version),
+            Colouring::Radius => p.centerline_distances.as_ref().map(|_| 0),
+            Colouring::Evidence => model.evidence().map(|_| 0),
         };
         self.is_paint_old = false;
-        let (Some(version), Some(wall), Some(drawn)) = (wanted, &p.wall, &p.drawn_wall) else {
+        let (Some(version), Some(wall), Some(drawn)) = (wanted, &p.wall, &p.prepared_wall) else {
             if let Some(c) = self.coloured.take() {
                 self.inside.renderer.remove_mesh(c.inside);
                 self.overview.renderer.remove_mesh(c.overview);
@@ -309,12 +309,12 @@ impl Panes {
                 return Ok(());
             }
         }
-        let colours = match (model.colouring, &p.radii, &p.evidence) {
+        let colours = match (model.colouring, &p.centerline_distances, model.evidence()) {
             (Colouring::Radius, Some(radii), _) => distance_colours(radii),
             (Colouring::Evidence, _, Some(evidence)) => evidence_colours(evidence),
             _ => {
                 let none = vec![false; wall.mesh.faces.len()];
-                let seen = &model.shown.faces;
+                let seen = &model.seen.faces;
                 let known = if seen.len() == none.len() { seen } else { &none };
                 missed_colours(&wall.mesh, known)
             }

@@ -2,27 +2,22 @@
 //! on a clock of its own, so that pictures depend on the input alone.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
 use super::action::{Command, Commands};
+use super::canvas::Target;
 use super::error::AppError;
 use super::panes::Detail;
-use super::session_file::SessionFile;
-use super::stage::{After, Files, Stage, Target};
-use super::study::{Case, News, Study};
+use super::viewer::{Viewer, ViewerOptions};
 use crate::formats::{FormatError, read_plain, write_png};
-use crate::lod::Tolerance;
+use crate::session::Product;
 use crate::vk::{BufferId, Format, Frame, Gpu, ImageId, ImageSpec};
 
 /// Name and version of the format.
 pub const SCRIPT_SCHEMA: &str = "intima.script/1";
 /// Most frames of a script, and of one step.
 const MAX_FRAMES: u32 = 1_000_000;
-
-/// Longest time that a script waits for anything.
-const MAX_WAIT: Duration = Duration::from_secs(3600);
 
 /// What a script waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -43,6 +38,9 @@ pub enum Wait {
     /// Nothing more comes: the reason is shown.
     Failure,
 }
+
+/// Samples a pixel of the drawn panes, at most.
+const MAX_SAMPLES: u32 = 4;
 
 /// A step of a script.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -170,50 +168,32 @@ fn is_plain_name(name: &str) -> bool {
     !name.is_empty() && name.len() <= 100 && name.chars().all(plain)
 }
 
-/// What a script is played with.
-pub struct Playing<'a> {
-    /// Where pictures go; made if it is not there.
-    pub folder: &'a Path,
-    /// Notes to begin with, and where bookmarks are saved.
-    pub session_file: Option<PathBuf>,
-    /// Speed the session's flight is planned with, mm/s.
-    pub planned_mm_s: f64,
-    /// Samples a pixel.
-    pub samples: u32,
-    /// Of levels of detail.
-    pub tolerance: Tolerance,
-}
-
-/// Plays a script; returns the pictures it wrote, in order.
+/// Plays a script; returns the pictures it wrote, in order. They and what is exported go to the
+/// export folder, which is made if it is not there.
 ///
 /// # Errors
 /// [`AppError`].
 pub fn play(
     gpu: &mut Gpu,
-    case: Case,
+    options: ViewerOptions,
     script: &Script,
-    with: &Playing<'_>,
 ) -> Result<Vec<PathBuf>, AppError> {
-    std::fs::create_dir_all(with.folder).map_err(|e| FormatError::io(with.folder, e))?;
-    let notes = with.session_file.as_deref().filter(|p| p.exists());
-    let notes = notes.map(SessionFile::read).transpose()?;
-    let mut player = Player::new(gpu, case, script, with)?;
+    std::fs::create_dir_all(&options.export).map_err(|e| FormatError::io(&options.export, e))?;
+    let mut player = Player::new(gpu, options, script)?;
     for (i, step) in script.steps.iter().enumerate() {
-        player.step(gpu, i + 1, step, notes.as_ref())?;
+        player.step(gpu, i + 1, step)?;
         if player.has_quit {
             break;
         }
     }
-    player.save()?;
+    player.viewer.save_notes()?;
     Ok(player.pictures)
 }
 
 struct Player<'a> {
     script: &'a Script,
-    with: &'a Playing<'a>,
-    stage: Stage,
-    case: Case,
-    study: Option<Study>,
+    folder: PathBuf,
+    viewer: Viewer,
     image: ImageId,
     back: BufferId,
     frame: u64,
@@ -222,33 +202,19 @@ struct Player<'a> {
     modifiers: egui::Modifiers,
     pictures: Vec<PathBuf>,
     has_quit: bool,
-    has_notes: bool,
 }
 
 impl<'a> Player<'a> {
-    fn new(
-        gpu: &mut Gpu,
-        case: Case,
-        script: &'a Script,
-        with: &'a Playing<'a>,
-    ) -> Result<Self, AppError> {
+    fn new(gpu: &mut Gpu, options: ViewerOptions, script: &'a Script) -> Result<Self, AppError> {
         let spec = ImageSpec { format: Format::Rgba8Stored, extent: script.size, samples: 1 };
         let image = gpu.image("window", spec)?;
         let pixels = u64::from(script.size[0]) * u64::from(script.size[1]);
         let back = gpu.readback_buffer("window", 4 * pixels)?;
+        let samples = MAX_SAMPLES.min(gpu.info().max_samples);
         Ok(Self {
             script,
-            with,
-            stage: Stage::new(
-                gpu,
-                with.samples,
-                with.planned_mm_s,
-                with.tolerance,
-                Files { session: with.session_file.clone(), export: with.folder.to_owned() },
-                || {},
-            )?,
-            study: case.begin(|| {})?,
-            case,
+            folder: options.export.clone(),
+            viewer: Viewer::new(gpu, options, (Detail::Settled, samples), || {})?,
             image,
             back,
             frame: 0,
@@ -257,63 +223,54 @@ impl<'a> Player<'a> {
             modifiers: egui::Modifiers::NONE,
             pictures: Vec::new(),
             has_quit: false,
-            has_notes: false,
         })
     }
 
-    fn step(
-        &mut self,
-        gpu: &mut Gpu,
-        number: usize,
-        step: &ScriptStep,
-        notes: Option<&SessionFile>,
-    ) -> Result<(), AppError> {
+    fn step(&mut self, gpu: &mut Gpu, number: usize, step: &ScriptStep) -> Result<(), AppError> {
         let key = |name: &str| egui::Key::from_name(name).expect("checked when it was read");
         let primary = egui::PointerButton::Primary;
         match step {
-            ScriptStep::Wait(wait) => self.wait(gpu, number, *wait, notes)?,
-            ScriptStep::Do(command) => self.command(gpu, command.clone())?,
-            ScriptStep::Frames(n) => {
-                (0..*n).try_for_each(|_| self.draw(gpu, Commands::default()))?
-            }
+            ScriptStep::Wait(wait) => self.wait(gpu, number, *wait)?,
+            ScriptStep::Do(command) => self.draw(gpu, command.clone().into())?,
+            ScriptStep::Frames(n) => (0..*n).try_for_each(|_| self.frame(gpu))?,
             ScriptStep::Key(name) => {
                 self.key(key(name), true);
-                self.draw(gpu, Commands::default())?;
+                self.frame(gpu)?;
                 self.key(key(name), false);
-                self.draw(gpu, Commands::default())?;
+                self.frame(gpu)?;
             }
             ScriptStep::Hold(name, n) => {
                 self.key(key(name), true);
-                (0..*n).try_for_each(|_| self.draw(gpu, Commands::default()))?;
+                (0..*n).try_for_each(|_| self.frame(gpu))?;
                 self.key(key(name), false);
-                self.draw(gpu, Commands::default())?;
+                self.frame(gpu)?;
             }
             ScriptStep::Type(text) => {
                 self.events.push(egui::Event::Text(text.clone()));
-                self.draw(gpu, Commands::default())?;
+                self.frame(gpu)?;
             }
             ScriptStep::Pointer(to) => {
                 self.move_to(*to);
-                self.draw(gpu, Commands::default())?;
+                self.frame(gpu)?;
             }
             ScriptStep::Click => {
                 self.button(primary, true);
-                self.draw(gpu, Commands::default())?;
+                self.frame(gpu)?;
                 self.button(primary, false);
-                self.draw(gpu, Commands::default())?;
+                self.frame(gpu)?;
             }
             ScriptStep::Drag(to) => {
                 const PARTS: u16 = 8;
                 let from = self.pointer;
                 self.button(primary, true);
-                self.draw(gpu, Commands::default())?;
+                self.frame(gpu)?;
                 for i in 1..=PARTS {
                     let at = from.lerp(egui::Pos2::from(*to), f32::from(i) / f32::from(PARTS));
                     self.move_to([at.x, at.y]);
-                    self.draw(gpu, Commands::default())?;
+                    self.frame(gpu)?;
                 }
                 self.button(primary, false);
-                self.draw(gpu, Commands::default())?;
+                self.frame(gpu)?;
             }
             ScriptStep::Wheel(notches) => {
                 self.events.push(egui::Event::MouseWheel {
@@ -322,62 +279,36 @@ impl<'a> Player<'a> {
                     phase: egui::TouchPhase::Move,
                     modifiers: self.modifiers,
                 });
-                self.draw(gpu, Commands::default())?;
+                self.frame(gpu)?;
             }
             ScriptStep::Picture(name) => {
                 // What the last frame changed shows in the next.
-                self.draw(gpu, Commands::default())?;
+                self.frame(gpu)?;
                 self.write(gpu, &format!("{name}.png"))?;
             }
         }
         Ok(())
     }
 
-    /// Takes products in until the one that is waited for has come.
-    fn wait(
-        &mut self,
-        gpu: &mut Gpu,
-        number: usize,
-        wait: Wait,
-        notes: Option<&SessionFile>,
-    ) -> Result<(), AppError> {
-        loop {
-            let model = &self.stage.model;
-            let p = &model.products;
-            let there = match wait {
-                Wait::Volume => p.volume.is_some(),
-                Wait::Wall => p.wall.is_some(),
-                Wait::Distance => p.fields.is_some(),
-                Wait::Flight => model.path.is_some(),
-                Wait::Levels => p.levels.is_some(),
-                Wait::Complete => model.is_complete,
-                Wait::Failure => model.failure.is_some(),
-            };
-            if there {
-                return self.apply(notes);
-            }
-            let Some(news) = self.study.as_ref().and_then(|s| s.wait(MAX_WAIT)) else {
-                let what = "what it waits for does not come".into();
-                return Err(AppError::Script { step: number, what });
-            };
-            match news {
-                News::Failed(e) if wait != Wait::Failure => return Err(e.into()),
-                news => self.stage.learn(gpu, news)?,
-            }
+    /// Has products computed and takes in those up to the one that is waited for.
+    fn wait(&mut self, gpu: &mut Gpu, number: usize, wait: Wait) -> Result<(), AppError> {
+        let model = &self.viewer.model;
+        let comes = match wait {
+            Wait::Failure if model.failure.is_some() => true,
+            Wait::Failure => self.viewer.wait_for_failure(gpu)?,
+            Wait::Complete if model.is_complete => true,
+            Wait::Complete => self.viewer.wait_for(gpu, Product::Coverage)?,
+            Wait::Volume => self.viewer.wait_for(gpu, Product::ValueRange)?,
+            Wait::Wall => self.viewer.wait_for(gpu, Product::PreparedWall)?,
+            Wait::Distance => self.viewer.wait_for(gpu, Product::Fields)?,
+            Wait::Flight => self.viewer.wait_for(gpu, Product::Flight)?,
+            Wait::Levels => self.viewer.wait_for(gpu, Product::Levels)?,
+        };
+        if comes {
+            return self.viewer.apply_notes();
         }
-    }
-
-    /// Notes of an earlier session, once the volume is known.
-    fn apply(&mut self, notes: Option<&SessionFile>) -> Result<(), AppError> {
-        let Some(notes) = notes.filter(|_| !self.has_notes) else { return Ok(()) };
-        if self.stage.model.identity.is_some() {
-            self.has_notes = true;
-            notes.apply(&mut self.stage.model).map_err(|what| {
-                let path = self.with.session_file.clone().unwrap_or_default();
-                AppError::SessionFile { path, what }
-            })?;
-        }
-        Ok(())
+        let what = "what it waits for does not come".into();
+        Err(AppError::Script { step: number, what })
     }
 
     fn key(&mut self, key: egui::Key, pressed: bool) {
@@ -401,10 +332,9 @@ impl<'a> Player<'a> {
         self.events.push(egui::Event::PointerMoved(self.pointer));
     }
 
-    fn command(&mut self, gpu: &mut Gpu, command: Command) -> Result<(), AppError> {
-        let mut commands = Commands::default();
-        commands.push(command);
-        self.draw(gpu, commands)
+    /// A frame without commands but those of keys and pointer.
+    fn frame(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        self.draw(gpu, Commands::default())
     }
 
     /// One frame of the script's clock.
@@ -425,74 +355,18 @@ impl<'a> Player<'a> {
         if let Some(viewport) = input.viewports.get_mut(&egui::ViewportId::ROOT) {
             viewport.native_pixels_per_point = Some(self.script.scale);
         }
-        let clock = (dt, Detail::Settled);
-        let (output, after) =
-            self.stage.prepare(gpu, input, commands, self.study.as_ref(), clock)?;
         let target = Target { image: self.image, format: Format::Rgba8Stored };
         let back = (self.image, self.back);
-        self.stage.draw(gpu, &target, output, |gpu, frame| {
+        let end = self.viewer.frame(gpu, input, commands, dt, &target, |gpu, frame| {
             let frame = Frame { picture: Some(back), ..frame.clone() };
             gpu.make_room(frame.staged_bytes())?;
             gpu.submit_draws(&frame)
         })?;
-        self.follow(gpu, &after)?;
-        self.has_quit |= after.quit;
+        self.has_quit |= end.quit;
         self.frame += 1;
-        self.save()?;
+        self.viewer.save_notes()?;
         if self.script.every_frame {
             self.write(gpu, &format!("frame_{:05}.png", self.frame))?;
-        }
-        Ok(())
-    }
-
-    /// Does what a frame asked for; it is there before the next frame.
-    fn follow(&mut self, gpu: &mut Gpu, after: &After) -> Result<(), AppError> {
-        if let Some(change) = after.change.clone() {
-            self.case.change(change, self.stage.model.products.volume.clone());
-            self.study = None;
-            self.stage.begin_anew(gpu)?;
-            self.study = self.case.begin(|| {})?;
-        }
-        let Some(study) = &mut self.study else { return Ok(()) };
-        if after.cancel {
-            study.cancel();
-        }
-        if let Some(route) = after.route {
-            study.fly_along(route)?;
-            let planned = |n: &News| match n {
-                News::Flight(_, of) => *of == route,
-                News::Said(_) => true,
-                _ => false,
-            };
-            self.wait_for(gpu, planned)?;
-        }
-        if let (Some(study), Some(folder)) = (&mut self.study, after.export_flight.clone()) {
-            study.export_flight(folder)?;
-            self.wait_for(gpu, |n| matches!(n, News::Said(_)))?;
-        }
-        Ok(())
-    }
-
-    /// Takes news in until some have come.
-    fn wait_for(&mut self, gpu: &mut Gpu, wanted: impl Fn(&News) -> bool) -> Result<(), AppError> {
-        while let Some(news) = self.study.as_ref().and_then(|s| s.wait(MAX_WAIT)) {
-            let is_last = wanted(&news);
-            self.stage.learn(gpu, news)?;
-            if is_last {
-                break;
-            }
-        }
-        Ok(())
-    }
-
-    /// Saves bookmarks that were made.
-    fn save(&mut self) -> Result<(), AppError> {
-        let Some(path) = &self.with.session_file else { return Ok(()) };
-        if self.stage.model.has_unsaved_notes()
-            && let Some(file) = SessionFile::of(&self.stage.model)
-        {
-            file.write(path)?;
-            self.stage.model.notes_saved();
         }
         Ok(())
     }
@@ -504,7 +378,7 @@ impl<'a> Player<'a> {
             .chunks_exact(4)
             .flat_map(|p| [p[0], p[1], p[2]])
             .collect();
-        let path = self.with.folder.join(name);
+        let path = self.folder.join(name);
         write_png(&path, width, height, &rgb)?;
         self.pictures.push(path);
         Ok(())
@@ -528,17 +402,17 @@ mod tests {
             {"picture": "a-1"}"#;
         let read = script(steps).unwrap();
         assert_eq!((read.steps.len(), read.size, read.fps), (9, [1280, 720], 30.0));
-        assert_eq!(read.steps[2], ScriptStep::Do(Action::Seek(12.5).into()));
-        assert_eq!(read.steps[3], ScriptStep::Do(Request::Branch(2).into()));
-        assert_eq!(read.steps[4], ScriptStep::Do(Request::Quit.into()));
-        let said = |steps| script(steps).unwrap_err().to_string();
+        assert_eq!(read.steps[2], ScriptStep::Do(Command::Action(Action::Seek(12.5))));
+        assert_eq!(read.steps[3], ScriptStep::Do(Command::Request(Request::Branch(2))));
+        assert_eq!(read.steps[4], ScriptStep::Do(Command::Request(Request::Quit)));
+        let error = |steps| script(steps).unwrap_err().to_string();
         assert_eq!(
-            said(r#"{"frames": 1}, {"jump": 3}"#),
+            error(r#"{"frames": 1}, {"jump": 3}"#),
             "step 2 of the script: no step that there is"
         );
-        assert_eq!(said(r#"{"key": "Nope"}"#), "step 1 of the script: there is no key \"Nope\"");
-        assert!(said(r#"{"picture": "../x"}"#).ends_with("letters, digits, - and _"));
-        assert!(said(r#"{"frames": 99000000}"#).contains("more than"));
+        assert_eq!(error(r#"{"key": "Nope"}"#), "step 1 of the script: there is no key \"Nope\"");
+        assert!(error(r#"{"picture": "../x"}"#).ends_with("letters, digits, - and _"));
+        assert!(error(r#"{"frames": 99000000}"#).contains("more than"));
         let newer = Script::parse(br#"{"schema": "intima.script/2", "steps": []}"#).unwrap_err();
         assert!(newer.to_string().contains("newer version"), "{newer}");
         assert!(Script::parse(b"{").unwrap_err().to_string().contains("no JSON (line 1"));

@@ -48,7 +48,7 @@ impl SessionFile {
         Some(Self {
             schema: SESSION_SCHEMA.into(),
             space: "LPS".into(),
-            input: model.identity.clone()?,
+            input: model.products.identity.as_deref()?.clone(),
             bookmarks: model.bookmarks.clone(),
             window: model.window,
             speed_mm_s: model.speed_mm_s,
@@ -129,7 +129,7 @@ impl SessionFile {
     /// # Errors
     /// What is wrong: it is of another volume.
     pub fn apply(&self, model: &mut Model) -> Result<(), String> {
-        if model.identity.as_deref() != Some(self.input.as_str()) {
+        if model.products.identity.as_deref() != Some(&self.input) {
             return Err("the session file is of another volume".into());
         }
         use super::action::Action;
@@ -226,10 +226,10 @@ mod tests {
     #[test]
     fn a_session_file_of_another_volume_changes_nothing() {
         let mut model = Model::new(20.0);
-        model.identity = Some("cd".into());
+        model.products.identity = Some(std::sync::Arc::new("cd".into()));
         assert!(file().apply(&mut model).unwrap_err().contains("another volume"));
         assert!(model.bookmarks.is_empty());
-        model.identity = Some("ab".into());
+        model.products.identity = Some(std::sync::Arc::new("ab".into()));
         file().apply(&mut model).unwrap();
         assert_eq!((model.bookmarks.len(), model.window, model.fov_deg), (1, [40.0, 400.0], 100.0));
     }

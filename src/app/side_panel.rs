@@ -39,11 +39,11 @@ fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut Com
     ui.add_space(4.0);
     figures(ui, model);
     ui.separator();
-    if let Some(info) = &model.contents {
+    if let Some((info, _)) = &model.contents {
         contents(ui, info, commands);
         ui.separator();
     }
-    if model.products.volume.is_some() {
+    if model.volume().is_some() {
         lumen_choice(ui, model, state, commands);
         ui.separator();
     }
@@ -61,18 +61,18 @@ fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut Com
         let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
         let can = model.pose.is_some();
         if ui.add_enabled(can, egui::Button::new("Add")).clicked() || (entered && can) {
-            commands.push(Action::Bookmark(std::mem::take(&mut state.note)));
+            commands.act(Action::Bookmark(std::mem::take(&mut state.note)));
         }
     });
     for (i, b) in model.bookmarks.iter().enumerate() {
         ui.horizontal(|ui| {
             if ui.small_button("x").on_hover_text("Forget").clicked() {
-                commands.push(Action::RemoveBookmark(i));
+                commands.act(Action::RemoveBookmark(i));
             }
             let place = b.arc_mm.map_or("off the path".into(), |mm| format!("{mm:.0} mm"));
             let text = format!("{place}: {}", b.text);
             if short_button(ui, &text).clicked() {
-                commands.push(Action::GoToBookmark(i));
+                commands.act(Action::GoToBookmark(i));
             }
         });
     }
@@ -91,12 +91,12 @@ fn contents(ui: &mut Ui, info: &InputInfo, commands: &mut Commands) {
             let [x, y, _] = s.dims;
             let name = format!("{}: {}, {x} x {y}, {} slices", s.index, s.modality, s.slices);
             if info.segments.is_empty() && short_button(ui, &name).clicked() {
-                commands.push(Request::Series(s.index));
+                commands.ask(Request::Series(s.index));
             }
         }
         for s in &info.segments {
             if short_button(ui, &s.name).clicked() {
-                commands.push(Request::Segment(s.name.clone()));
+                commands.ask(Request::Segment(s.name.clone()));
             }
         }
     });
@@ -105,8 +105,7 @@ fn contents(ui: &mut Ui, info: &InputInfo, commands: &mut Commands) {
 /// The organ or the range of values that is the lumen. The range begins as gas in a CT, else as what
 /// is bright.
 fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut Commands) {
-    let Some(volume) = &model.products.volume else { return };
-    let (low, high) = volume.range().unwrap_or((0.0, 1.0));
+    let (low, high) = model.value_range();
     let begin = || match low < -500.0 {
         true => ([low, -500.0], false),
         false => ([0.5 * (low + high), high], false),
@@ -118,7 +117,7 @@ fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &m
         ui.horizontal(|ui| {
             for organ in Organ::ALL {
                 if ui.button(organ.name()).on_hover_text("Find it").clicked() {
-                    commands.push(Request::Organ(organ));
+                    commands.ask(Request::Organ(organ));
                 }
             }
         });
@@ -132,7 +131,7 @@ fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &m
             ui.checkbox(at_crosshair, "at the crosshair");
             if ui.add_enabled(range[0] <= range[1], egui::Button::new("Find")).clicked() {
                 let seed_mm = at_crosshair.then(|| model.crosshair_mm.to_array());
-                commands.push(Request::Lumen(LumenChoice { range: *range, seed_mm }));
+                commands.ask(Request::Lumen(LumenChoice { range: *range, seed_mm }));
             }
         });
     });
@@ -146,7 +145,7 @@ fn appearance(ui: &mut Ui, model: &Model, commands: &mut Commands) {
         ui.label(egui::RichText::new("View").color(FAINT));
         for (view, name) in views {
             if ui.selectable_label(model.view == view, name).clicked() {
-                commands.push(Action::View(view));
+                commands.act(Action::View(view));
             }
         }
     });
@@ -154,11 +153,16 @@ fn appearance(ui: &mut Ui, model: &Model, commands: &mut Commands) {
     let colours = [
         (Colouring::Tissue, "tissue", true, "No colours"),
         (Colouring::Missed, "not seen", p.wall.is_some(), "Wall that no picture has shown yet"),
-        (Colouring::Radius, "radius", p.radii.is_some(), "Distance from the centerline"),
+        (
+            Colouring::Radius,
+            "radius",
+            p.centerline_distances.is_some(),
+            "Distance from the centerline",
+        ),
         (
             Colouring::Evidence,
             "evidence",
-            p.evidence.is_some(),
+            model.evidence().is_some(),
             "Where the scan shows no wall, or only a thin sheet; of grey values, not of label maps",
         ),
     ];
@@ -168,7 +172,7 @@ fn appearance(ui: &mut Ui, model: &Model, commands: &mut Commands) {
             let label = egui::Button::selectable(model.colouring == colouring, name);
             let button = ui.add_enabled(can, label).on_hover_text(tip).on_disabled_hover_text(tip);
             if button.clicked() {
-                commands.push(Action::Colour(colouring));
+                commands.act(Action::Colour(colouring));
             }
         }
     });
@@ -177,7 +181,7 @@ fn appearance(ui: &mut Ui, model: &Model, commands: &mut Commands) {
         let mut opacity = model.opacity;
         let slider = egui::Slider::new(&mut opacity, 0.0..=2.0).show_value(false);
         if ui.add(slider).on_hover_text("Wall of the overview: clear to solid").changed() {
-            commands.push(Action::Opacity(opacity));
+            commands.act(Action::Opacity(opacity));
         }
     });
 }
@@ -188,18 +192,18 @@ fn measuring(ui: &mut Ui, model: &Model, commands: &mut Commands) {
         for (ruler, name) in [(Ruler::Length, "length"), (Ruler::Angle, "angle")] {
             let on = model.ruler == Some(ruler);
             if ui.selectable_label(on, name).clicked() {
-                commands.push(Action::Measure((!on).then_some(ruler)));
+                commands.act(Action::Measure((!on).then_some(ruler)));
             }
         }
     });
     for (i, m) in model.measurements.iter().enumerate() {
         ui.horizontal(|ui| {
             if ui.small_button("x").on_hover_text("Forget").clicked() {
-                commands.push(Action::RemoveMeasurement(i));
+                commands.act(Action::RemoveMeasurement(i));
             }
             let middle = m.points().iter().sum::<DVec3>() / m.points_mm.len().max(1) as f64;
             if ui.button(m.text()).on_hover_text("Show in the slices").clicked() {
-                commands.push(Action::Crosshair(middle.to_array()));
+                commands.act(Action::Crosshair(middle.to_array()));
             }
         });
     }
@@ -212,10 +216,10 @@ fn exports(ui: &mut Ui, model: &Model, commands: &mut Commands) {
         for (what, name, can) in [
             (Export::View, "view", model.pose.is_some()),
             (Export::Flight, "flight", ready && model.is_complete),
-            (Export::Report, "report", model.products.volume.is_some()),
+            (Export::Report, "report", model.volume().is_some()),
         ] {
             if ui.add_enabled(can, egui::Button::new(name)).clicked() {
-                commands.push(Request::Export(what));
+                commands.ask(Request::Export(what));
             }
         }
     });
@@ -250,8 +254,8 @@ fn figures(ui: &mut Ui, model: &Model) {
         line(ui, "Section here", format!("{:.0} mm²", s.area_mm2));
         line(ui, "Diameters", format!("{:.1}, {:.1} mm", s.largest_mm, s.smallest_mm));
     }
-    if !model.shown.faces.is_empty() {
-        line(ui, "Wall seen so far", format!("{:.1} %", 100.0 * model.shown.fraction));
+    if !model.seen.faces.is_empty() {
+        line(ui, "Wall seen so far", format!("{:.1} %", 100.0 * model.seen.fraction));
     }
     if let Some(c) = &model.products.coverage {
         line(ui, "Flight sees, one way", format!("{:.1} %", 100.0 * c.one_way_fraction));

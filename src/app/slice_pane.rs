@@ -44,7 +44,7 @@ pub(super) fn show_slice(
     commands: &mut Commands,
 ) {
     let painter = ui.painter_at(rect);
-    let Some(volume) = &model.products.volume else { return };
+    let Some(volume) = model.volume() else { return };
     let size = pixels(ui, rect).map(|s| s as usize);
     let mm_per_px = views.zoom * mm_to_fit(volume, pane, size);
     let index = match pane {
@@ -94,9 +94,9 @@ pub(super) fn show_slice(
         views.pan_mm[index] -= by * plane.mm_per_px;
     } else if let Some(p) = response.interact_pointer_pos() {
         if primary {
-            commands.push(Action::Crosshair(place(p)));
+            commands.act(Action::Crosshair(place(p)));
         } else if response.clicked() {
-            commands.push(match model.ruler {
+            commands.act(match model.ruler {
                 Some(_) => Action::Mark(place(p)),
                 None => Action::GoNear(place(p)),
             });
@@ -104,7 +104,7 @@ pub(super) fn show_slice(
     } else if let Some(p) = response.hover_pos().filter(|_| shift) {
         // The other slices follow the pointer.
         if ui.input(|i| i.pointer.delta()) != egui::Vec2::ZERO {
-            commands.push(Action::Crosshair(place(p)));
+            commands.act(Action::Crosshair(place(p)));
         }
     }
     if response.dragged_by(egui::PointerButton::Secondary) {
@@ -112,7 +112,7 @@ pub(super) fn show_slice(
         let [centre, width] = model.window;
         let step = (width / 300.0).max(0.01);
         let width = width + f64::from(d.x) * step;
-        commands.push(Action::Window([centre + f64::from(d.y) * step, width]));
+        commands.act(Action::Window([centre + f64::from(d.y) * step, width]));
     }
     let notches = wheel_notches(ui);
     if response.hovered() && notches != 0.0 {
@@ -122,7 +122,7 @@ pub(super) fn show_slice(
             let normal = plane.right.cross(plane.down);
             let along = normal.abs().dot(volume.grid.spacing_mm).max(0.1);
             let p = model.crosshair_mm + normal * along * notches;
-            commands.push(Action::Crosshair(p.to_array()));
+            commands.act(Action::Crosshair(p.to_array()));
         }
     }
 }

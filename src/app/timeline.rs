@@ -78,9 +78,9 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut Commands) {
     if let Some(p) = response.interact_pointer_pos() {
         let arc = f64::from((p.x - bar.left()) / bar.width()) * length;
         if response.dragged() {
-            commands.push(Action::Seek(arc));
+            commands.act(Action::Seek(arc));
         } else if response.clicked() {
-            commands.push(Action::FlyTo(arc));
+            commands.act(Action::FlyTo(arc));
         }
     }
 }

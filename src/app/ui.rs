@@ -20,8 +20,8 @@ pub const OVERVIEW: egui::TextureId = egui::TextureId::User(1);
 
 /// What can be done about a failure.
 fn what_next(model: &Model) -> &'static str {
-    match (&model.contents, &model.products.volume) {
-        (Some(info), _) if info.segments.is_empty() => "Choose a series on the right.",
+    match (&model.contents, model.volume()) {
+        (Some((info, _)), _) if info.segments.is_empty() => "Choose a series on the right.",
         (Some(_), _) => "Choose a segment on the right.",
         (None, Some(_)) => "Choose an organ or a range of values on the right.",
         (None, None) => "Open another volume.",
@@ -56,7 +56,7 @@ impl Default for UiState {
 
 /// Where the drawn panes are, in pixels: columns and rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Shown {
+pub struct PaneSizes {
     /// The inside view, where it is shown.
     pub inside: Option<[u32; 2]>,
     /// The overview.
@@ -72,7 +72,7 @@ pub fn window(
     state: &mut UiState,
     stage: Option<(&str, f32)>,
     commands: &mut Commands,
-) -> Shown {
+) -> PaneSizes {
     keys(ui, model, commands);
     opened(ui, state, commands);
     egui::Panel::top("top").show(ui, |ui| top_bar(ui, model, state, stage, commands));
@@ -81,15 +81,15 @@ pub fn window(
         .resizable(false)
         .exact_size(236.0)
         .show(ui, |ui| side_panel(ui, model, &mut state.panel, commands));
-    let mut shown = Shown::default();
+    let mut sizes = PaneSizes::default();
     egui::CentralPanel::no_frame().show(ui, |ui| {
         let whole = ui.max_rect();
         for (pane, rect) in layout(whole, model.maximised) {
             let rect = on_pixels(ui, rect);
             let size = pixels(ui, rect);
             match pane {
-                Pane::Inside => shown.inside = Some(size),
-                Pane::Overview => shown.overview = Some(size),
+                Pane::Inside => sizes.inside = Some(size),
+                Pane::Overview => sizes.overview = Some(size),
                 _ => {}
             }
             show_pane(ui, pane, rect, model, &mut state.slices, stage.is_some(), commands);
@@ -98,7 +98,7 @@ pub fn window(
     if model.help {
         help(ui, commands);
     }
-    shown
+    sizes
 }
 
 /// The rectangles of the panes that are shown.
@@ -141,7 +141,7 @@ fn opened(ui: &Ui, state: &mut UiState, commands: &mut Commands) {
     let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
     state.dialog.update(ui.ctx());
     if let Some(path) = dropped.or_else(|| state.dialog.take_picked()) {
-        commands.push(Request::Open(path));
+        commands.ask(Request::Open(path));
     }
 }
 
@@ -165,31 +165,31 @@ fn top_bar(
         let ready = model.path.is_some();
         let play = if model.playing { "Pause" } else { "Play" };
         if ui.add_enabled(ready, egui::Button::new(play)).clicked() {
-            commands.push(Action::TogglePlay);
+            commands.act(Action::TogglePlay);
         }
         let way = if model.reverse { "Direction: back" } else { "Direction: forward" };
         if ui.add_enabled(ready, egui::Button::new(way)).clicked() {
-            commands.push(Action::Reverse);
+            commands.act(Action::Reverse);
         }
         let mut speed = model.speed_mm_s;
         let slider = egui::DragValue::new(&mut speed).range(SPEED_MM_S).suffix(" mm/s").speed(0.5);
         if ui.add(slider).on_hover_text("Cruising speed").changed() {
-            commands.push(Action::Speed(speed));
+            commands.act(Action::Speed(speed));
         }
         let mut fov = model.fov_deg;
         let slider = egui::DragValue::new(&mut fov).range(FOV_DEG).suffix("°").speed(0.5);
         if ui.add(slider).on_hover_text("Vertical field of view").changed() {
-            commands.push(Action::FieldOfView(fov));
+            commands.act(Action::FieldOfView(fov));
         }
         if ui.add_enabled(ready && !model.on_path, egui::Button::new("Back to path")).clicked() {
-            commands.push(Action::BackToPath);
+            commands.act(Action::BackToPath);
         }
         let missed = model.products.coverage.as_ref().is_some_and(|c| !c.patches.is_empty());
         if ui.add_enabled(missed, egui::Button::new("Next missed patch")).clicked() {
-            commands.push(Action::NextMissed);
+            commands.act(Action::NextMissed);
         }
         if ui.button("Keys").clicked() {
-            commands.push(Action::ToggleHelp);
+            commands.act(Action::ToggleHelp);
         }
         ui.separator();
         match (stage, &model.failure) {
@@ -204,7 +204,7 @@ fn top_bar(
                 ui.add(bar);
                 ui.label(stage);
                 if ui.small_button("Cancel").clicked() {
-                    commands.push(Request::Cancel);
+                    commands.ask(Request::Cancel);
                 }
             }
             (None, None) => {
@@ -243,13 +243,13 @@ fn show_pane(
                 && let Some(place) =
                     response.interact_pointer_pos().and_then(|p| path_under(rect, p, model))
             {
-                commands.push(Action::GoNear(place.to_array()));
+                commands.act(Action::GoNear(place.to_array()));
             }
             let drag = response.drag_delta();
             if response.dragged_by(egui::PointerButton::Primary) && drag != Vec2::ZERO {
                 // Half a turn across the pane.
                 let per = std::f32::consts::PI / rect.width().max(1.0);
-                commands.push(Action::Orbit([per * drag.x, per * drag.y]));
+                commands.act(Action::Orbit([per * drag.x, per * drag.y]));
             }
         }
         Pane::Inside | Pane::Overview => {
@@ -280,7 +280,7 @@ fn show_pane(
         orientation_marker(&painter, rect, pose.rotation.as_dquat());
     }
     if response.double_clicked() {
-        commands.push(Action::Maximise((model.maximised != Some(pane)).then_some(pane)));
+        commands.act(Action::Maximise((model.maximised != Some(pane)).then_some(pane)));
     }
 }
 
@@ -308,7 +308,7 @@ fn inside_input(ui: &Ui, response: &Response, rect: Rect, model: &Model, command
         let ctrl = ui.input(|i| i.modifiers.ctrl);
         // As if the wall were held and drawn along.
         let turn = if ctrl { [0.0, 0.0, per * drag.x] } else { [-per * drag.x, per * drag.y, 0.0] };
-        commands.push(Action::Turn(turn));
+        commands.act(Action::Turn(turn));
     }
     if response.clicked()
         && model.ruler.is_some()
@@ -316,16 +316,16 @@ fn inside_input(ui: &Ui, response: &Response, rect: Rect, model: &Model, command
         && let Some(p) = response.interact_pointer_pos()
         && let Some(place) = model.wall_behind(ray_at(rect, p, model))
     {
-        commands.push(Action::Mark(place.to_array()));
+        commands.act(Action::Mark(place.to_array()));
     }
     if response.dragged_by(egui::PointerButton::Secondary) && drag.y != 0.0 {
-        commands.push(Action::FieldOfView(model.fov_deg + 0.2 * drag.y));
+        commands.act(Action::FieldOfView(model.fov_deg + 0.2 * drag.y));
     }
     if response.hovered() {
         let notches = wheel_notches(ui);
         if notches != 0.0 {
             let ctrl = ui.input(|i| i.modifiers.ctrl);
-            commands.push(match ctrl {
+            commands.act(match ctrl {
                 true => Action::FieldOfView(model.fov_deg - 4.0 * notches as f32),
                 false => Action::Travel(WHEEL_MM * notches),
             });

@@ -1,9 +1,8 @@
-//! The window itself: events in, frames out. Everything else is in [`Stage`].
+//! The window itself: events in, frames out. Everything else is in [`Viewer`].
 //!
 //! One thread: winit, panels, and drawing of panes that changed. What takes long is done by the
-//! study's thread and by that of the levels of detail.
+//! session's threads and by that of the levels of detail; they wake the window.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -14,13 +13,10 @@ use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy}
 use winit::window::{Window, WindowId};
 
 use super::action::Commands;
+use super::canvas::Target;
 use super::error::AppError;
 use super::panes::Detail;
-use super::session_file::SessionFile;
-use super::stage::{After, Files, Stage, Target};
-use super::study::{Case, Change, News, Study};
-use crate::formats::shown;
-use crate::lod::Tolerance;
+use super::viewer::{FrameEnd, Viewer, ViewerOptions};
 use crate::vk::{Choice, Gpu, OpenOptions, WindowHandles};
 
 /// How to open the window.
@@ -28,16 +24,10 @@ use crate::vk::{Choice, Gpu, OpenOptions, WindowHandles};
 pub struct WindowOptions {
     /// Columns and rows, points.
     pub size: [u32; 2],
-    /// Notes to begin with, and where bookmarks are saved.
-    pub session_file: Option<PathBuf>,
-    /// Folder of what is exported.
-    pub export: PathBuf,
     /// The device that draws.
     pub device: Choice,
-    /// Of levels of detail.
-    pub tolerance: Tolerance,
-    /// Speed the session's flight is planned with, mm/s.
-    pub planned_mm_s: f64,
+    /// What is opened in it.
+    pub viewer: ViewerOptions,
 }
 
 /// Shortest time between frames of a flight: not every driver waits for the screen.
@@ -49,19 +39,19 @@ const SAVE_AGAIN: Duration = Duration::from_secs(1);
 /// Longest step of the flight's clock: a window that was held up does not jump.
 const MAX_STEP_S: f64 = 0.1;
 
-/// Opens a window on a case and stays until it is closed.
+/// Opens a window and stays until it is closed.
 ///
 /// # Errors
 /// [`AppError::NoDisplay`]; what the device or a file fails with. Bookmarks are saved by then.
-pub fn open(case: Case, options: WindowOptions) -> Result<(), AppError> {
-    let notes = options.session_file.as_deref().filter(|p| p.exists());
-    let notes = notes.map(SessionFile::read).transpose()?;
+pub fn open(options: WindowOptions) -> Result<(), AppError> {
+    // What is wrong with it is an error of its own, with or without a display.
+    options.viewer.notes()?;
     // The library's own text holds paths of the machine it was built on.
     let no_display = |_| AppError::NoDisplay("neither X11 nor Wayland answers".into());
     let events = EventLoop::<()>::with_user_event().build().map_err(no_display)?;
     let proxy = events.create_proxy();
     let begun = Instant::now();
-    let mut app = App { case, options, notes, proxy, running: None, failed: None, begun };
+    let mut app = App { options, proxy, running: None, failed: None, begun };
     let ran = events.run_app(&mut app);
     // The window goes before the display connection does.
     app.running = None;
@@ -73,9 +63,7 @@ pub fn open(case: Case, options: WindowOptions) -> Result<(), AppError> {
 }
 
 struct App {
-    case: Case,
     options: WindowOptions,
-    notes: Option<SessionFile>,
     proxy: EventLoopProxy<()>,
     running: Option<Running>,
     failed: Option<AppError>,
@@ -84,24 +72,21 @@ struct App {
 
 /// An open window. Fields are dropped in order: what is on the device before the device.
 struct Running {
-    stage: Stage,
-    /// Of what is open, if anything is.
-    study: Option<Study>,
+    viewer: Viewer,
     egui: egui_winit::State,
     gpu: Gpu,
     window: Arc<Window>,
     last: Instant,
     /// When to draw again, if nothing happens before.
     again_at: Option<Instant>,
-    has_notes: bool,
     /// What was reported of how far it has come: first frame, first picture, everything.
-    told: [bool; 3],
+    reported: [bool; 3],
     /// How often a lost device was opened again.
     reopened: u32,
     times: FrameTimes,
 }
 
-/// How long frames took, from the first look at the news to the present call's end.
+/// How long frames took, from the first look at the products to the present call's end.
 #[derive(Default)]
 struct FrameTimes {
     /// Milliseconds, while something was computed and after.
@@ -119,8 +104,8 @@ impl FrameTimes {
         }
     }
 
-    /// Reports what there is.
-    fn tell(&mut self) {
+    /// Logs what there is.
+    fn report(&mut self) {
         for (ms, when) in self.ms.iter_mut().zip(["while computing", "after that"]) {
             ms.sort_by(f32::total_cmp);
             let at = |share: f32| ms[((ms.len() - 1) as f32 * share).round() as usize];
@@ -136,7 +121,7 @@ impl FrameTimes {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        self.times.tell();
+        self.times.report();
     }
 }
 
@@ -157,14 +142,6 @@ fn samples_of(gpu: &Gpu) -> u32 {
 }
 
 impl App {
-    /// Has the window drawn again, from any thread. One that is gone needs no waking.
-    fn waking(&self) -> impl Fn() + Send + Sync + 'static {
-        let proxy = self.proxy.clone();
-        move || {
-            let _ = proxy.send_event(());
-        }
-    }
-
     fn start(&mut self, events: &ActiveEventLoop) -> Result<(), AppError> {
         if self.running.is_some() {
             return Ok(());
@@ -179,64 +156,48 @@ impl App {
             .map_err(|_| AppError::NoDisplay("the display gives no window".into()))?;
         let window = Arc::new(window);
         let mut gpu = open_gpu(self.options.device, &window)?;
-        let samples = samples_of(&gpu);
-        let options = &self.options;
-        let files = Files { session: options.session_file.clone(), export: options.export.clone() };
-        let (speed, tolerance) = (options.planned_mm_s, options.tolerance);
-        let stage = Stage::new(&mut gpu, samples, speed, tolerance, files, self.waking())?;
+        let proxy = self.proxy.clone();
+        // A window that is gone needs no waking.
+        let wake = move || {
+            let _ = proxy.send_event(());
+        };
+        let kind = (Detail::Live, samples_of(&gpu));
+        let viewer = Viewer::new(&mut gpu, self.options.viewer.clone(), kind, wake)?;
         let egui = egui_winit::State::new(
-            stage.context.clone(),
+            viewer.context.clone(),
             egui::ViewportId::ROOT,
             &*window,
             Some(window.scale_factor() as f32),
             window.theme(),
             Some(gpu.info().max_image_side as usize),
         );
-        let study = self.case.begin(self.waking())?;
         window.request_redraw();
         self.running = Some(Running {
-            stage,
-            study,
+            viewer,
             egui,
             gpu,
             window,
             last: Instant::now(),
             again_at: None,
-            has_notes: false,
-            told: [false; 3],
+            reported: [false; 3],
             reopened: 0,
             times: FrameTimes::default(),
         });
         Ok(())
     }
 
-    /// Draws a frame and does what it asks for; false where the window is to be closed.
+    /// Draws a frame; false where the window is to be closed.
     fn frame(&mut self) -> Result<bool, AppError> {
-        let waking = self.waking();
         let Some(running) = &mut self.running else { return Ok(true) };
-        let after = match running.frame(&self.options, self.notes.as_ref(), self.begun) {
-            Ok(after) => after,
+        match running.frame(self.begun) {
+            Ok(quit) => Ok(!quit),
             Err(e) if e.is_device_lost() && running.reopened < MAX_REOPENED => {
                 tracing::warn!("{e}; the device is opened again");
                 running.reopen(self.options.device)?;
-                return Ok(true);
+                Ok(true)
             }
-            Err(e) => return Err(e),
-        };
-        if let Some(change) = after.change {
-            if let Change::Open(_) = change {
-                // Notes are of one volume.
-                self.notes = None;
-                self.options.session_file = None;
-            }
-            self.case.change(change, running.stage.model.products.volume.clone());
-            // What is computed for nobody ends first.
-            running.study = None;
-            running.stage.begin_anew(&mut running.gpu)?;
-            running.study = self.case.begin(waking)?;
-            running.again_at = Some(Instant::now());
+            Err(e) => Err(e),
         }
-        Ok(!after.quit)
     }
 
     fn redraw(&mut self, events: &ActiveEventLoop) {
@@ -291,69 +252,56 @@ impl ApplicationHandler for App {
 }
 
 impl Running {
-    /// Draws a frame; what it asks for is left to the caller where it concerns more than the window.
-    fn frame(
-        &mut self,
-        options: &WindowOptions,
-        notes: Option<&SessionFile>,
-        begun: Instant,
-    ) -> Result<After, AppError> {
+    /// Draws a frame with what there is; whether the window is to be closed.
+    fn frame(&mut self, begun: Instant) -> Result<bool, AppError> {
         let now = Instant::now();
-        self.take_news(options, notes)?;
-        let news = now.elapsed();
+        self.viewer.receive(&mut self.gpu)?;
+        if let Err(e) = self.viewer.apply_notes() {
+            tracing::error!("{e}");
+            self.viewer.model.failure = Some(e.to_string());
+        }
+        let received = now.elapsed();
         let PhysicalSize { width, height } = self.window.inner_size();
         let Some(image) = self.gpu.acquire([width, height])? else {
             // Nothing to draw to: a window without pixels waits to be resized.
             let hidden = width == 0 || height == 0;
             self.again_at = (!hidden).then(|| now + PROGRESS);
-            return Ok(After::default());
+            return Ok(false);
         };
         let format = self.gpu.window_format().expect("an image has a format");
         let input = self.egui.take_egui_input(&self.window);
         let dt = now.duration_since(self.last).as_secs_f64().min(MAX_STEP_S);
         self.last = now;
-        let clock = (dt, Detail::Live);
-        let study = self.study.as_ref();
-        let acquired = now.elapsed();
-        let (mut output, after) =
-            self.stage.prepare(&mut self.gpu, input, Commands::default(), study, clock)?;
-        let prepared = now.elapsed();
-        let platform = std::mem::take(&mut output.platform_output);
-        self.egui.handle_platform_output(&self.window, platform);
         let target = Target { image, format };
-        self.window.pre_present_notify();
-        self.stage.draw(&mut self.gpu, &target, output, |gpu, frame| gpu.present(frame))?;
-        if let Some(study) = &mut self.study {
-            if after.cancel {
-                study.cancel();
-            }
-            if let Some(route) = after.route {
-                study.fly_along(route)?;
-            }
-            if let Some(folder) = after.export_flight.clone() {
-                study.export_flight(folder)?;
-            }
-        }
-        self.save(options);
-        self.tell(begun);
-        if now.elapsed() > SLOW_FRAME {
-            let drawn = now.elapsed();
+        let is_computing = self.viewer.is_computing();
+        let (commands, acquired) = (Commands::default(), now.elapsed());
+        let (gpu, window) = (&mut self.gpu, &self.window);
+        let mut prepared = acquired;
+        let end = self.viewer.frame(gpu, input, commands, dt, &target, |gpu, frame| {
+            prepared = now.elapsed();
+            window.pre_present_notify();
+            gpu.present(frame)
+        })?;
+        let FrameEnd { platform, quit, again_in } = end;
+        self.egui.handle_platform_output(&self.window, platform);
+        self.save();
+        self.report_progress(begun);
+        let drawn = now.elapsed();
+        if drawn > SLOW_FRAME {
             tracing::debug!(
-                "slow frame: news {news:.1?}, image {:.1?}, panes {:.1?}, drawn {:.1?}",
-                acquired - news,
+                "slow frame: products {received:.1?}, image {:.1?}, panes {:.1?}, drawn {:.1?}",
+                acquired - received,
                 prepared - acquired,
                 drawn - prepared
             );
         }
-        let is_computing = self.study.is_some() && !self.stage.model.is_complete;
-        self.times.note(is_computing, now.elapsed());
-        let computing = is_computing.then_some(PROGRESS);
-        let wanted = after.again_in.map(|s| Duration::from_secs_f64(s.min(3600.0)).max(FRAME));
-        let unsaved = options.session_file.is_some() && self.stage.model.has_unsaved_notes();
-        let again = unsaved.then_some(SAVE_AGAIN);
+        self.times.note(is_computing, drawn);
+        let computing = self.viewer.is_computing().then_some(PROGRESS);
+        let wanted = again_in.map(|s| Duration::from_secs_f64(s.min(3600.0)).max(FRAME));
+        let again = self.viewer.has_unsaved_notes().then_some(SAVE_AGAIN);
         let next = wanted.into_iter().chain(computing).chain(again).min();
         self.again_at = next.map(|after| now + after);
-        Ok(after)
+        Ok(quit)
     }
 
     /// Opens the device again after it was lost; what is shown and noted stays.
@@ -362,62 +310,29 @@ impl Running {
         // A window has one surface: that of the lost device goes first.
         self.gpu.close_window();
         let mut gpu = open_gpu(device, &self.window)?;
-        self.stage.reopen(&mut gpu)?;
+        self.viewer.reopen(&mut gpu)?;
         self.gpu = gpu;
         self.again_at = Some(Instant::now());
         Ok(())
     }
 
-    fn take_news(
-        &mut self,
-        options: &WindowOptions,
-        notes: Option<&SessionFile>,
-    ) -> Result<(), AppError> {
-        while let Some(news) = self.study.as_ref().and_then(Study::poll) {
-            if let News::Failed(e) = &news {
-                tracing::error!("{e}");
-            }
-            self.stage.learn(&mut self.gpu, news)?;
-        }
-        if let (Some(notes), false, true) =
-            (notes, self.has_notes, self.stage.model.identity.is_some())
-        {
-            self.has_notes = true;
-            if let Err(what) = notes.apply(&mut self.stage.model) {
-                let file = options.session_file.clone().unwrap_or_default();
-                tracing::error!("{}: {what}", shown(&file));
-                self.stage.model.failure = Some(what);
-            }
-        }
-        Ok(())
-    }
-
     /// Saves bookmarks that were made; what cannot be saved now is tried again.
-    fn save(&mut self, options: &WindowOptions) {
-        let model = &mut self.stage.model;
-        let Some(path) = options.session_file.as_ref().filter(|_| model.has_unsaved_notes()) else {
-            return;
-        };
-        let Some(file) = SessionFile::of(model) else { return };
-        match file.write(path) {
-            Ok(()) => model.notes_saved(),
-            Err(e) => {
-                let said = format!("bookmarks are not saved: {e}");
-                if model.message.as_ref() != Some(&said) {
-                    tracing::error!("{said}");
-                }
-                model.message = Some(said);
-            }
+    fn save(&mut self) {
+        let Err(e) = self.viewer.save_notes() else { return };
+        let message = format!("bookmarks are not saved: {e}");
+        if self.viewer.model.message.as_ref() != Some(&message) {
+            tracing::error!("{message}");
         }
+        self.viewer.model.message = Some(message);
     }
 
-    /// Reports how far it has come, once each.
-    fn tell(&mut self, begun: Instant) {
-        let reached = [true, self.stage.has_pictures(), self.stage.model.is_complete];
+    /// Logs how far it has come, once each.
+    fn report_progress(&mut self, begun: Instant) {
+        let reached = [true, self.viewer.has_pictures(), self.viewer.model.is_complete];
         let names = ["first frame", "first picture of the wall", "everything is computed"];
-        for ((told, reached), name) in self.told.iter_mut().zip(reached).zip(names) {
-            if reached && !*told {
-                *told = true;
+        for ((reported, reached), name) in self.reported.iter_mut().zip(reached).zip(names) {
+            if reached && !*reported {
+                *reported = true;
                 tracing::info!("{name} after {:.0} ms", begun.elapsed().as_secs_f64() * 1e3);
             }
         }

@@ -8,11 +8,10 @@ use super::frames::{LevelArgs, frame_size};
 use super::global::Global;
 use super::lumen_args::LumenArgs;
 use super::surface_args::SurfaceArgs;
-use crate::app::{self, AppError, Case, Playing, Script, WindowOptions};
+use crate::app::{self, AppError, Script, ViewerOptions, WindowOptions};
 use crate::device::DeviceChoice;
 use crate::flight::Frames;
 use crate::formats::shown;
-use crate::lod::Tolerance;
 use crate::session::{FlightSettings, Lod, Settings};
 use crate::vk::{Choice, Gpu};
 
@@ -61,7 +60,6 @@ impl Args {
         if levels.lod == Lod::Off {
             levels.lod = Lod::Clusters;
         }
-        let pixels = levels.pixel_error;
         let flight = FlightSettings {
             frames: Frames::Speed { mm_per_s: SPEED_MM_S, fps: POSES_PER_S },
             size,
@@ -84,32 +82,20 @@ impl Args {
         };
         let named = self.input.is_some() || self.lumen.mask.is_some();
         let source = named.then(|| self.lumen.source(self.input.as_deref())).transpose()?;
-        let case = Case { source, settings };
-        let tolerance = Tolerance { pixels };
+        let session_file = self.session.clone();
         match (&self.script, &self.frames_out) {
             (Some(script), Some(folder)) => {
                 let script = Script::read(script)?;
                 let mut gpu = Gpu::open(device).map_err(AppError::from)?;
-                let with = Playing {
-                    folder,
-                    session_file: self.session.clone(),
-                    planned_mm_s: SPEED_MM_S,
-                    samples: 4.min(gpu.info().max_samples),
-                    tolerance,
-                };
-                let pictures = app::play(&mut gpu, case, &script, &with)?;
+                let export = folder.clone();
+                let options = ViewerOptions { source, settings, session_file, export };
+                let pictures = app::play(&mut gpu, options, &script)?;
                 global.say(format_args!("wrote {} pictures to {}", pictures.len(), shown(folder)))
             }
             _ => {
-                let options = WindowOptions {
-                    size,
-                    session_file: self.session.clone(),
-                    export: self.export.clone(),
-                    device,
-                    tolerance,
-                    planned_mm_s: SPEED_MM_S,
-                };
-                Ok(app::open(case, options)?)
+                let export = self.export.clone();
+                let viewer = ViewerOptions { source, settings, session_file, export };
+                Ok(app::open(WindowOptions { size, device, viewer })?)
             }
         }
     }

@@ -9,11 +9,10 @@ use std::sync::Arc;
 use common::cast::Cast;
 use common::{torso, volumes};
 use glam::{DQuat, DVec3, IVec3};
-use intima::app::{Action, Model, News, Painter, Ruler};
+use intima::app::{Action, CoverageRecorder, Model, Ruler};
 use intima::flight::Frames;
 use intima::lumen::IntensitySelection;
-use intima::render::PreparedMesh;
-use intima::session::{FlightRoute, Session, Settings, Source, VolumeSource};
+use intima::session::{FlightRoute, Product, Session, Settings, Source, VolumeSource};
 use intima::volume::phantom::{Kind, Phantom};
 
 fn session(kind: Kind, size: u32) -> Session {
@@ -24,16 +23,20 @@ fn session(kind: Kind, size: u32) -> Session {
 
 /// A model that has everything but pictures.
 fn model(session: &Session) -> Model {
+    let wanted = [
+        Product::Volume,
+        Product::ValueRange,
+        Product::Lumen,
+        Product::Wall,
+        Product::WallIndex,
+        Product::TriangleTree,
+        Product::Fields,
+        Product::Centerline,
+        Product::Flight,
+    ];
+    session.prepare(&wanted).unwrap();
     let mut model = Model::new(20.0);
-    model.learn(News::Volume(session.volume().unwrap(), [-200.0, 1800.0]));
-    model.learn(News::Lumen(session.lumen().unwrap()));
-    let wall = session.wall().unwrap();
-    let drawn = Arc::new(PreparedMesh::new(&wall.mesh).unwrap());
-    model.learn(News::Wall(wall, drawn));
-    model.learn(News::Index(session.wall_index().unwrap()));
-    model.learn(News::Fields(session.fields().unwrap()));
-    model.learn(News::Centerline(session.centerline().unwrap()));
-    model.learn(News::Flight(session.flight().unwrap(), FlightRoute::Trunk));
+    model.update(session.products(&wanted));
     model
 }
 
@@ -195,36 +198,35 @@ fn bookmarks_lead_back_to_where_they_were_made() {
 }
 
 #[test]
-fn what_is_painted_while_flying_equals_the_figure_of_the_whole_flight() {
+fn coverage_recorded_while_flying_equals_the_figure_of_the_whole_flight() {
     let session = session(Kind::Y, 48);
     let (wall, flight) = (session.wall().unwrap(), session.flight().unwrap());
     let views: Vec<_> =
         flight.poses.iter().enumerate().map(|(i, p)| (*p, flight.lens(i))).collect();
     let offline = session.coverage().unwrap();
     let of = (wall, session.triangle_tree().unwrap(), session.exterior().unwrap());
-    let mut painter = Painter::spawn(of, || {}).unwrap();
+    let mut recorder = CoverageRecorder::spawn(of, || {}).unwrap();
     // In any order, in batches of any size, and some views twice.
     let mut order: Vec<usize> = (0..views.len()).map(|i| i * 37 % views.len()).collect();
     order.extend(0..views.len());
     let mut last = None;
     for (i, batch) in order.chunks(7).enumerate() {
-        painter.add(&batch.iter().map(|k| views[*k]).collect::<Vec<_>>());
+        recorder.add(&batch.iter().map(|k| views[*k]).collect::<Vec<_>>());
         if i % 3 == 0 {
-            last = painter.poll().or(last);
+            last = recorder.poll().or(last);
         }
     }
-    let shown = painter.settle().or(last).unwrap();
-    assert_eq!(shown.faces, offline.seen_one_way);
-    assert_eq!(shown.fraction, offline.one_way_fraction);
-    assert!(shown.fraction > 0.3 && shown.fraction < 1.0, "{}", shown.fraction);
-    assert!(painter.settle().is_none(), "nothing more was added");
+    let seen = recorder.settle().or(last).unwrap();
+    assert_eq!(seen.faces, offline.seen_one_way);
+    assert_eq!(seen.fraction, offline.one_way_fraction);
+    assert!(seen.fraction > 0.3 && seen.fraction < 1.0, "{}", seen.fraction);
+    assert!(recorder.settle().is_none(), "nothing more was added");
 }
 
 #[test]
 fn cross_sections_along_a_tube_are_its_circle() {
     let session = session(Kind::Tube, 64);
     let mut model = model(&session);
-    model.learn(News::Tree(session.triangle_tree().unwrap()));
     let length = model.path.as_ref().unwrap().length_mm();
     let lumen = session.lumen().unwrap();
     for share in [0.3, 0.5, 0.7] {
@@ -285,7 +287,8 @@ fn a_click_flies_there_along_the_path_and_another_branch_can_be_taken() {
     });
     let old = tip(&model);
     let route = FlightRoute::Leaf(choice.branch);
-    model.learn(News::Flight(Arc::new(session.flight_along(route).unwrap()), route));
+    let flight = session.flight_along(route).unwrap();
+    model.take_branch(&flight, &session.sections_along(&flight).unwrap(), route);
     assert!(tip(&model).distance(old) > 10.0, "another end");
     let moved = model.pose.unwrap().position_mm.distance(pose.position_mm);
     assert!(moved < 1.0, "the eye stays where the ways part: {moved}");

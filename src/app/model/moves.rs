@@ -82,7 +82,7 @@ impl Model {
 
     /// The place on the wall that the eye sees in a direction of its own, LPS mm.
     pub fn wall_behind(&self, ray: DVec3) -> Option<DVec3> {
-        let (tree, pose) = (self.products.tree.as_ref()?, self.pose?);
+        let (tree, pose) = (self.products.triangle_tree.as_ref()?, self.pose?);
         const FAR_MM: f64 = 10_000.0;
         let along = pose.rotation.as_dquat() * ray.try_normalize()? * FAR_MM;
         tree.first_hit(pose.position_mm.as_dvec3(), along)
@@ -130,7 +130,7 @@ impl Model {
     }
 
     fn section_at(&self, at: DVec3, pose: Pose) -> Option<CrossSection> {
-        let (wall, tree) = (self.products.wall.as_ref()?, self.products.tree.as_ref()?);
+        let (wall, tree) = (self.products.wall.as_ref()?, self.products.triangle_tree.as_ref()?);
         let along = self.path.as_ref().filter(|_| self.on_path).map(|p| p.tangent_at(self.arc_mm));
         let normal = along.unwrap_or(pose.forward().as_dvec3());
         cross_section(&wall.mesh, tree, at, normal)

@@ -62,7 +62,7 @@ impl Model {
         let mut unseen_mm2 = vec![0.0; coverage.patches.len()];
         for (face, patch) in coverage.patch_of_face.iter().enumerate() {
             let Some(area) = patch.and_then(|p| unseen_mm2.get_mut(p as usize)) else { continue };
-            if !self.shown.faces.get(face).copied().unwrap_or(false) {
+            if !self.seen.faces.get(face).copied().unwrap_or(false) {
                 *area += 0.5 * f64::from(wall.mesh.face_cross(wall.mesh.faces[face]).length());
             }
         }

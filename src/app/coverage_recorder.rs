@@ -10,7 +10,7 @@ use crate::session::{Exterior, SessionError, Wall};
 
 /// What was shown of the wall.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Shown {
+pub struct SeenFaces {
     /// Share of the wall's area, 0 to 1.
     pub fraction: f64,
     /// One flag a face of the wall.
@@ -20,16 +20,16 @@ pub struct Shown {
 type Views = Vec<(Pose, Lens)>;
 
 /// Adds views to a [`CoverageMap`] as they are drawn.
-pub struct Painter {
+pub struct CoverageRecorder {
     views: Sender<Views>,
-    shown: Receiver<(usize, Shown)>,
+    seen: Receiver<(usize, SeenFaces)>,
     /// Batches of views that were sent and are not in what came back yet.
     outstanding: usize,
     last: Option<(Pose, Lens)>,
 }
 
-impl Painter {
-    /// Starts the thread, which ends when the painter is dropped.
+impl CoverageRecorder {
+    /// Starts the thread, which ends when the recorder is dropped.
     ///
     /// * `(wall, tree, exterior)`: the wall, its triangles by place and the space outside it.
     /// * `wake`: called on that thread after each answer.
@@ -41,7 +41,7 @@ impl Painter {
         wake: impl Fn() + Send + 'static,
     ) -> Result<Self, SessionError> {
         let (views, theirs) = channel::<Views>();
-        let (ours, shown) = channel();
+        let (ours, seen) = channel();
         let work = move || {
             let mut map = CoverageMap::new(&wall.mesh, &tree, exterior.grid.as_deref());
             while let Ok(mut batch) = theirs.recv() {
@@ -52,8 +52,8 @@ impl Painter {
                     batches += 1;
                 }
                 map.add(&batch);
-                let shown = Shown { fraction: map.fraction(), faces: map.seen() };
-                if ours.send((batches, shown)).is_err() {
+                let seen = SeenFaces { fraction: map.fraction(), faces: map.seen() };
+                if ours.send((batches, seen)).is_err() {
                     return;
                 }
                 wake();
@@ -63,7 +63,7 @@ impl Painter {
             .name("coverage".into())
             .spawn(work)
             .map_err(|e| SessionError::System(e.to_string()))?;
-        Ok(Self { views, shown, outstanding: 0, last: None })
+        Ok(Self { views, seen, outstanding: 0, last: None })
     }
 
     /// Adds views, unless the first of them is the one that was added last.
@@ -79,22 +79,22 @@ impl Painter {
     }
 
     /// What was shown, if there is more than at the last time. Never waits.
-    pub fn poll(&mut self) -> Option<Shown> {
+    pub fn poll(&mut self) -> Option<SeenFaces> {
         let mut newest = None;
-        while let Ok((batches, shown)) = self.shown.try_recv() {
+        while let Ok((batches, seen)) = self.seen.try_recv() {
             self.outstanding -= batches;
-            newest = Some(shown);
+            newest = Some(seen);
         }
         newest
     }
 
     /// The same, once everything that was added is in it.
-    pub fn settle(&mut self) -> Option<Shown> {
+    pub fn settle(&mut self) -> Option<SeenFaces> {
         let mut newest = None;
         while self.outstanding > 0 {
-            let Ok((batches, shown)) = self.shown.recv() else { break };
+            let Ok((batches, seen)) = self.seen.recv() else { break };
             self.outstanding -= batches;
-            newest = Some(shown);
+            newest = Some(seen);
         }
         newest
     }

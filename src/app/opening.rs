@@ -1,0 +1,84 @@
+//! What a request makes of the volumes and settings of a session.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::action::{LumenChoice, Request};
+use crate::formats::ReadOptions;
+use crate::lumen::IntensitySelection;
+use crate::session::{
+    CenterlineSettings, LumenSettings, Seed, Session, Settings, Source, VolumeSource,
+};
+
+/// What a session is to compute instead.
+pub struct Opening {
+    /// Other volumes; `None` leaves those that are there.
+    pub source: Option<Source>,
+    /// How the lumen is chosen, and how each stage works.
+    pub settings: Settings,
+}
+
+impl Opening {
+    /// What a request opens; nothing where it opens nothing.
+    ///
+    /// * `session`: what is open.
+    /// * `settings`: those of the session, or of one to come.
+    /// * `is_mask`: whether what has to be chosen from is the mask.
+    pub fn of(
+        request: &Request,
+        session: Option<&Session>,
+        settings: &Settings,
+        is_mask: bool,
+    ) -> Option<Self> {
+        let settings = settings.clone();
+        let source = session.map(|s| s.source().clone());
+        let read = |is_mask, set: &dyn Fn(&mut ReadOptions)| {
+            let source = source.clone().map(|s| with_options(s, is_mask, set));
+            Some(Self { source, settings: settings.clone() })
+        };
+        let lumen = match request {
+            Request::Open(path) => {
+                let ends = CenterlineSettings { from: None, to: None, ..settings.centerline };
+                // The lumen of another volume is not chosen yet.
+                let lumen = LumenSettings::default();
+                let settings = Settings { lumen, centerline: ends, ..settings };
+                let source = Some(Source::Image(VolumeSource::file(path)));
+                return Some(Self { source, settings });
+            }
+            Request::Series(index) => {
+                return read(is_mask, &|o| o.series = Some(index.to_string()));
+            }
+            Request::Segment(name) => return read(true, &|o| o.segments = vec![name.clone()]),
+            Request::Organ(organ) => {
+                LumenSettings { organ: Some((*organ).into()), ..LumenSettings::default() }
+            }
+            Request::Lumen(LumenChoice { range: [lo, hi], seed_mm }) => LumenSettings {
+                select: Some(IntensitySelection::Range { lo: *lo, hi: *hi }),
+                seed: seed_mm.map(|p| Seed::Point(DVec3::from(p))),
+                ..LumenSettings::default()
+            },
+            _ => return None,
+        };
+        // Of a mask it is the labels that the slices show that are chosen from.
+        let source = source.filter(|s| matches!(s, Source::Mask { .. })).and_then(|_| {
+            let volume = session?.products(&[crate::session::Product::Volume]);
+            Some(Source::Image(VolumeSource::Memory(Arc::clone(volume.volume()?))))
+        });
+        Some(Self { source, settings: Settings { lumen, ..settings } })
+    }
+}
+
+/// Another choice of what is read of the same file: of the mask, or of the image. Segments are a
+/// mask's, and an image's where there is none.
+fn with_options(mut source: Source, is_mask: bool, set: &dyn Fn(&mut ReadOptions)) -> Source {
+    let volume = match &mut source {
+        Source::Image(image) => Some(image),
+        Source::Mask { mask, .. } if is_mask => Some(mask),
+        Source::Mask { image, .. } => image.as_mut(),
+    };
+    if let Some(VolumeSource::File { options, .. }) = volume {
+        set(options);
+    }
+    source
+}

@@ -1,0 +1,586 @@
+//! State and loop of the viewer, the same for the window and for scripts: products that came are
+//! read, panels laid out, actions carried out, panes drawn, requests started, notes saved.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+
+use egui::ViewportId;
+
+use super::action::{Commands, Export, Request, WallView};
+use super::canvas::{Canvas, Target};
+use super::coverage_recorder::CoverageRecorder;
+use super::error::AppError;
+use super::export;
+use super::keys;
+use super::model::Model;
+use super::opening::Opening;
+use super::panes::{Detail, Panes};
+use super::session_file::SessionFile;
+use super::ui::{self, INSIDE, OVERVIEW, UiState};
+use crate::flight::Frames;
+use crate::formats::{VideoWriter, encode_png, shown};
+use crate::geometry::cube_faces;
+use crate::lod::Tolerance;
+use crate::session::{FlightRoute, Product, Recording, Session, SessionError, Settings, Source};
+use crate::vk::{Frame, Gpu, VkError};
+
+/// What is opened, and where files go.
+#[derive(Clone, Debug)]
+pub struct ViewerOptions {
+    /// The volume; `None` where one is opened later.
+    pub source: Option<Source>,
+    /// How the lumen is chosen, and how each stage works.
+    pub settings: Settings,
+    /// Bookmarks and how the window is set, read if it is there; pictures are beside it.
+    pub session_file: Option<PathBuf>,
+    /// Folder of what is exported.
+    pub export: PathBuf,
+}
+
+impl ViewerOptions {
+    /// The session file, if it is there.
+    ///
+    /// # Errors
+    /// As [`SessionFile::read`].
+    pub fn notes(&self) -> Result<Option<SessionFile>, AppError> {
+        let file = self.session_file.as_deref().filter(|p| p.exists());
+        file.map(SessionFile::read).transpose()
+    }
+}
+
+/// Products that are shown, in the order in which a script takes them in: its pictures show those
+/// up to what it waited for, whatever else is there.
+const SHOWN: [Product; 17] = [
+    Product::Volume,
+    Product::ValueRange,
+    Product::Lumen,
+    Product::Wall,
+    Product::PreparedWall,
+    Product::Evidence,
+    Product::Identity,
+    Product::WallIndex,
+    Product::TriangleTree,
+    Product::Exterior,
+    Product::Fields,
+    Product::Centerline,
+    Product::Flight,
+    Product::Levels,
+    Product::Sections,
+    Product::CenterlineDistances,
+    Product::Coverage,
+];
+
+/// How many of [`SHOWN`] the first picture of the wall needs.
+const FIRST_PICTURE: usize = 5;
+
+/// What the outcome of a task changes.
+type Outcome = Box<dyn FnOnce(&mut Model) + Send>;
+
+/// A session and its tasks, each on a thread of its own.
+struct Computation {
+    session: Arc<Session>,
+    tasks: Vec<JoinHandle<()>>,
+    /// Of tasks that have ended.
+    outcomes: Arc<Mutex<Vec<Outcome>>>,
+}
+
+impl Computation {
+    fn outcomes(&self) -> Vec<Outcome> {
+        std::mem::take(&mut self.outcomes.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Waits for all tasks.
+    fn join(&mut self) -> Vec<Outcome> {
+        self.tasks.drain(..).for_each(|task| drop(task.join()));
+        self.outcomes()
+    }
+
+    /// Cancels all tasks and waits for their ends.
+    fn stop(&mut self) {
+        let cancel = self.session.cancel_token();
+        cancel.cancel();
+        self.join();
+        cancel.reset();
+    }
+}
+
+impl Drop for Computation {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+/// What is to be done after a frame.
+pub struct FrameEnd {
+    /// For the system: cursor, texts to copy.
+    pub platform: egui::PlatformOutput,
+    /// The window is to be closed.
+    pub quit: bool,
+    /// Draw again after so many seconds at most.
+    pub again_in: Option<f64>,
+}
+
+/// Everything of a window but the window.
+pub struct Viewer {
+    pub model: Model,
+    pub context: egui::Context,
+    ui: UiState,
+    panes: Panes,
+    canvas: Canvas,
+    /// What is open, or how a volume is opened that comes.
+    options: ViewerOptions,
+    computation: Option<Computation>,
+    /// How many of [`SHOWN`] a script has taken in.
+    shown_count: usize,
+    recorder: Option<CoverageRecorder>,
+    /// Whether frames are drawn with what is there, or wait for what was asked for.
+    detail: Detail,
+    samples: u32,
+    /// Of the session file, until the volume is known.
+    notes: Option<SessionFile>,
+    wake: Arc<dyn Fn() + Send + Sync>,
+}
+
+impl Viewer {
+    /// Opens what the options say.
+    ///
+    /// * `detail`: of all frames. Where it is [`Detail::Live`], products are computed beside the
+    ///   frames, else when they are waited for.
+    /// * `samples`: a pixel of the drawn panes.
+    /// * `wake`: called on another thread when there is something new to draw.
+    ///
+    /// # Errors
+    /// A session file that is there and cannot be read; the device's;
+    /// [`SessionError::System`] if the system gives no thread.
+    pub fn new(
+        gpu: &mut Gpu,
+        options: ViewerOptions,
+        (detail, samples): (Detail, u32),
+        wake: impl Fn() + Send + Sync + 'static,
+    ) -> Result<Self, AppError> {
+        let notes = options.notes()?;
+        let context = egui::Context::default();
+        context.set_theme(egui::Theme::Dark);
+        context.global_style_mut(|style| {
+            // Pictures of scripts depend on input alone.
+            style.animation_time = 0.0;
+            style.visuals.text_cursor.blink = false;
+            style.visuals.panel_fill = egui::Color32::from_rgb(33, 36, 41);
+        });
+        let planned_mm_s = match options.settings.flight.frames {
+            Frames::Speed { mm_per_s, .. } => mm_per_s,
+            Frames::Count(_) => DEFAULT_MM_S,
+        };
+        let opening =
+            Opening { source: options.source.clone(), settings: options.settings.clone() };
+        let mut viewer = Self {
+            model: Model::new(planned_mm_s),
+            context,
+            ui: UiState::default(),
+            panes: Panes::new(gpu, samples)?,
+            canvas: Canvas::default(),
+            options,
+            computation: None,
+            shown_count: 0,
+            recorder: None,
+            detail,
+            samples,
+            notes,
+            wake: Arc::new(wake),
+        };
+        viewer.compute(opening)?;
+        Ok(viewer)
+    }
+
+    /// Has the session compute other volumes or other settings, and nothing else any more.
+    fn compute(&mut self, opening: Opening) -> Result<(), AppError> {
+        let Opening { source, settings } = opening;
+        self.options.settings = settings.clone();
+        match (&mut self.computation, source) {
+            (Some(computation), source) => {
+                // What is computed for nobody ends first.
+                computation.stop();
+                let session = Arc::get_mut(&mut computation.session);
+                let session = session.expect("tasks that held it have ended");
+                source.into_iter().for_each(|source| session.set_source(source));
+                session.apply(settings)?;
+            }
+            (None, Some(source)) => {
+                let mut session = Session::new(source, settings)?;
+                session.keep_volume();
+                let wake = Arc::clone(&self.wake);
+                session.wake_by(move || wake());
+                let session = Arc::new(session);
+                let (tasks, outcomes) = Default::default();
+                self.computation = Some(Computation { session, tasks, outcomes });
+            }
+            (None, None) => {}
+        }
+        if self.detail == Detail::Live {
+            self.spawn("products", |session| {
+                // First what the first picture needs, then the rest side by side.
+                let first = session.prepare(&SHOWN[..FIRST_PICTURE]);
+                let outcome = first.and_then(|()| session.prepare(&SHOWN));
+                let contents = outcome.as_ref().err().and_then(|e| session.contents(e));
+                if let Err(e) = &outcome {
+                    tracing::error!("{e}");
+                }
+                Box::new(move |model| model.finish(outcome, contents))
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Starts a task of the session, if there is one.
+    fn spawn(
+        &mut self,
+        name: &str,
+        work: impl FnOnce(&Session) -> Outcome + Send + 'static,
+    ) -> Result<(), SessionError> {
+        let Some(computation) = &mut self.computation else { return Ok(()) };
+        let (session, wake) = (Arc::clone(&computation.session), Arc::clone(&self.wake));
+        let outcomes = Arc::clone(&computation.outcomes);
+        let run = move || {
+            let outcome = work(&session);
+            // Nobody holds the session when the outcome is there.
+            drop(session);
+            outcomes.lock().unwrap_or_else(PoisonError::into_inner).push(outcome);
+            wake();
+        };
+        let task = std::thread::Builder::new().name(name.into()).spawn(run);
+        computation.tasks.retain(|task| !task.is_finished());
+        computation.tasks.push(task.map_err(|e| SessionError::System(e.to_string()))?);
+        Ok(())
+    }
+
+    /// Takes in the products that are there and the outcomes of tasks. Never waits.
+    pub fn receive(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        // Outcomes are of products that are read after them.
+        let outcomes = self.computation.as_ref().map(Computation::outcomes).unwrap_or_default();
+        self.show(gpu, &SHOWN)?;
+        outcomes.into_iter().for_each(|outcome| outcome(&mut self.model));
+        Ok(())
+    }
+
+    /// Computes the products up to one, waits for them and takes in these alone, so that what is
+    /// shown depends on the input alone; whether there is a volume to make them of.
+    ///
+    /// # Errors
+    /// What the stages fail with; the device's.
+    pub fn wait_for(&mut self, gpu: &mut Gpu, last: Product) -> Result<bool, AppError> {
+        let Some(computation) = &self.computation else { return Ok(false) };
+        let at = SHOWN.iter().position(|p| *p == last).expect("a product that is shown");
+        if self.shown_count <= at {
+            computation.session.prepare(&SHOWN[..=at])?;
+            self.show_first(gpu, at + 1)?;
+        }
+        if self.shown_count == SHOWN.len() {
+            self.model.finish(Ok(()), None);
+        }
+        Ok(true)
+    }
+
+    /// Computes product after product until one fails and shows why; whether one did.
+    pub fn wait_for_failure(&mut self, gpu: &mut Gpu) -> Result<bool, AppError> {
+        let Some(computation) = &self.computation else { return Ok(false) };
+        let session = Arc::clone(&computation.session);
+        let made = SHOWN.iter().map(|product| session.prepare(&[*product]));
+        let Some((count, Err(e))) = made.enumerate().find(|(_, made)| made.is_err()) else {
+            return Ok(false);
+        };
+        let contents = session.contents(&e);
+        self.show_first(gpu, count.max(self.shown_count))?;
+        self.model.finish(Err(e), contents);
+        Ok(true)
+    }
+
+    fn show_first(&mut self, gpu: &mut Gpu, count: usize) -> Result<(), AppError> {
+        self.shown_count = count;
+        self.show(gpu, &SHOWN[..count])
+    }
+
+    /// Takes those of these products in that are there.
+    fn show(&mut self, gpu: &mut Gpu, products: &[Product]) -> Result<(), AppError> {
+        let Some(computation) = &self.computation else { return Ok(()) };
+        self.model.update(computation.session.products(products));
+        let p = &self.model.products;
+        if let (Some(wall), Some(tree), Some(exterior), None) =
+            (&p.wall, &p.triangle_tree, &p.exterior, &self.recorder)
+        {
+            let of = (Arc::clone(wall), Arc::clone(tree), Arc::clone(exterior));
+            let wake = Arc::clone(&self.wake);
+            self.recorder = Some(CoverageRecorder::spawn(of, move || wake())?);
+        }
+        Ok(self.panes.take(gpu, &self.model.products, self.tolerance())?)
+    }
+
+    fn tolerance(&self) -> Tolerance {
+        Tolerance { pixels: self.options.settings.levels.pixel_error }
+    }
+
+    /// Sets the model as the session file says, once the volume is known.
+    ///
+    /// # Errors
+    /// [`AppError::SessionFile`] if it is of another volume.
+    pub fn apply_notes(&mut self) -> Result<(), AppError> {
+        if self.model.products.identity.is_none() {
+            return Ok(());
+        }
+        let Some(notes) = self.notes.take() else { return Ok(()) };
+        notes.apply(&mut self.model).map_err(|what| {
+            let path = self.options.session_file.clone().unwrap_or_default();
+            AppError::SessionFile { path, what }
+        })
+    }
+
+    /// Whether something is being computed, or will be when it is waited for.
+    pub fn is_computing(&self) -> bool {
+        self.computation.is_some() && !self.model.is_complete
+    }
+
+    /// One frame: lays out the panels, carries out the commands, lets `dt` seconds pass, draws, and
+    /// starts what is requested.
+    ///
+    /// * `commands`: of a script, before those of the panels.
+    /// * `send`: submits the frame.
+    pub fn frame(
+        &mut self,
+        gpu: &mut Gpu,
+        input: egui::RawInput,
+        mut commands: Commands,
+        dt: f64,
+        target: &Target,
+        send: impl FnOnce(&mut Gpu, &Frame<'_>) -> Result<(), VkError>,
+    ) -> Result<FrameEnd, AppError> {
+        let progress = self.computation.as_ref().filter(|_| self.is_computing());
+        let progress = progress.map(|c| c.session.progress());
+        let progress = match self.detail {
+            Detail::Live => progress.map(|p| (p.stage, p.share)),
+            // How far a stage has come depends on the machine.
+            Detail::Settled => progress.map(|_| ("computing", 0.0)),
+        };
+        let mut sizes = ui::PaneSizes::default();
+        let context = self.context.clone();
+        let mut output = context.run_ui(input, |root| {
+            sizes = ui::window(root, &self.model, &mut self.ui, progress, &mut commands);
+        });
+        self.canvas.collect(std::mem::take(&mut output.textures_delta));
+        if let Some([width, height]) = sizes.inside {
+            self.model.set_aspect(width as f32 / height as f32);
+        }
+        let bookmarks = self.model.bookmarks.len();
+        self.model.step(dt, &commands.actions);
+        self.record_coverage(sizes.inside.is_some());
+        self.panes.draw(gpu, &self.model, (sizes.inside, sizes.overview), self.detail)?;
+        if self.model.bookmarks.len() > bookmarks {
+            self.picture_bookmark(gpu)?;
+        }
+        for request in &commands.requests {
+            match request {
+                Request::Export(Export::View) => self.export_view(gpu)?,
+                Request::Export(Export::Report) => self.export_report(),
+                _ => {}
+            }
+        }
+        let scale = output.pixels_per_point;
+        let primitives = self.context.tessellate(output.shapes, scale);
+        let (inside, overview) = (self.panes.inside(), self.panes.overview());
+        let pane = |id| match id {
+            INSIDE => Some(inside),
+            OVERVIEW => Some(overview),
+            _ => None,
+        };
+        self.canvas.draw(gpu, target, (primitives, scale), pane, send)?;
+        let delay = output
+            .viewport_output
+            .get(&ViewportId::ROOT)
+            .map_or(f64::INFINITY, |v| v.repaint_delay.as_secs_f64());
+        let moving =
+            self.model.is_moving() || self.panes.is_settling() || keys::moves(&self.context);
+        let at_once = moving || !commands.is_empty();
+        self.handle(gpu, &commands.requests)?;
+        Ok(FrameEnd {
+            platform: output.platform_output,
+            quit: commands.requests.contains(&Request::Quit),
+            again_in: if at_once { Some(0.0) } else { (delay < 1e6).then_some(delay) },
+        })
+    }
+
+    /// Starts the work that was asked for; waits for it where frames do.
+    fn handle(&mut self, gpu: &mut Gpu, requests: &[Request]) -> Result<(), AppError> {
+        let is_mask = self.model.contents.as_ref().is_some_and(|(_, is_mask)| *is_mask);
+        let opening = requests.iter().rev().find_map(|request| {
+            let session = self.computation.as_ref().map(|c| &*c.session);
+            let is_other = matches!(request, Request::Open(_));
+            Some((Opening::of(request, session, &self.options.settings, is_mask)?, is_other))
+        });
+        if let Some((opening, is_other_volume)) = opening {
+            if is_other_volume {
+                // Notes are of one volume.
+                (self.notes, self.options.session_file) = (None, None);
+            }
+            self.model = self.model.reset();
+            self.ui.reset();
+            self.recorder = None;
+            self.shown_count = 0;
+            self.panes = Panes::new(gpu, self.samples)?;
+            self.compute(opening)?;
+        }
+        for request in requests {
+            match request {
+                Request::Cancel => {
+                    self.computation.iter().for_each(|c| c.session.cancel_token().cancel());
+                }
+                Request::Branch(branch) => self.plan_branch(FlightRoute::Leaf(*branch))?,
+                Request::Export(Export::Flight) => self.export_flight()?,
+                _ => {}
+            }
+        }
+        if let (Detail::Settled, Some(computation)) = (self.detail, &mut self.computation) {
+            computation.join().into_iter().for_each(|outcome| outcome(&mut self.model));
+        }
+        Ok(())
+    }
+
+    /// Plans a flight along another branch of the centerline.
+    fn plan_branch(&mut self, route: FlightRoute) -> Result<(), SessionError> {
+        self.spawn("flight", move |session| {
+            let planned = session.flight_along(route).and_then(|flight| {
+                let sections = session.sections_along(&flight)?;
+                Ok((flight, sections))
+            });
+            Box::new(move |model| match planned {
+                Ok((flight, sections)) => model.take_branch(&flight, &sections, route),
+                Err(e) => model.message = Some(format!("no flight along that branch: {e}")),
+            })
+        })
+    }
+
+    /// Draws the flight into `flight/` of the export folder and, where there is ffmpeg, into
+    /// `flight.mp4`.
+    fn export_flight(&mut self) -> Result<(), SessionError> {
+        let Frames::Speed { fps, .. } = self.options.settings.flight.frames else { return Ok(()) };
+        let folder = self.options.export.clone();
+        self.spawn("export", move |session| {
+            let video = VideoWriter::available().then(|| (folder.join("flight.mp4"), fps));
+            let has_video = video.is_some();
+            let frames = folder.join("flight");
+            let to = Recording { frames: frames.clone(), video, camera_path: None };
+            let message = match session.record(&to) {
+                Ok(stream) => {
+                    let n = stream.report().count;
+                    let what = if has_video { " and flight.mp4" } else { "; no ffmpeg, no video" };
+                    format!("wrote {n} frames to {}{what}", shown(&frames))
+                }
+                Err(e) => format!("the flight is not written: {e}"),
+            };
+            Box::new(move |model| model.message = Some(message))
+        })
+    }
+
+    /// Records what the inside view shows of the wall from now on.
+    fn record_coverage(&mut self, is_shown: bool) {
+        let Some(recorder) = &mut self.recorder else { return };
+        if let Some(pose) = self.model.pose.filter(|_| is_shown) {
+            let lens = self.model.lens();
+            match self.model.view {
+                WallView::Eye => recorder.add(&[(pose, lens)]),
+                WallView::Cube | WallView::Panorama => recorder.add(&cube_faces(&pose, &lens, 0.0)),
+            }
+        }
+        let seen = match self.detail {
+            Detail::Live => recorder.poll(),
+            Detail::Settled => recorder.settle(),
+        };
+        if let Some(seen) = seen {
+            self.model.set_seen(seen);
+        }
+    }
+
+    /// Shows what became of a file that was to be written.
+    fn show_written(&mut self, written: Result<String, AppError>) {
+        self.model.message = Some(written.unwrap_or_else(|e| {
+            tracing::error!("{e}");
+            e.to_string()
+        }));
+    }
+
+    /// Folder and stem of the pictures of bookmarks.
+    fn beside_session_file(&self) -> Option<(&Path, &str)> {
+        let file = self.options.session_file.as_deref()?;
+        Some((file.parent()?, file.file_stem()?.to_str()?))
+    }
+
+    /// The inside view as PNG, where it shows something.
+    fn inside_png(&self, gpu: &mut Gpu) -> Result<Option<Vec<u8>>, AppError> {
+        if !self.panes.has_pictures() {
+            return Ok(None);
+        }
+        let ([width, height], rgb) = self.panes.inside_picture(gpu)?;
+        Ok(Some(encode_png(width, height, &rgb)))
+    }
+
+    /// Keeps the inside view as the picture of the bookmark made last, beside the session file.
+    fn picture_bookmark(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        let Some(png) = self.inside_png(gpu)? else { return Ok(()) };
+        let written = self.beside_session_file().map(|(folder, stem)| {
+            let name = export::free_name(folder, &format!("{stem}-bookmark"));
+            export::write(folder, &name, &png).map(|_| name)
+        });
+        let picture = written.and_then(|w| w.map_err(|e| self.show_written(Err(e))).ok());
+        if let Some(b) = self.model.bookmarks.last_mut() {
+            (b.picture, b.png) = (picture, Some(Arc::new(png)));
+        }
+        Ok(())
+    }
+
+    fn export_view(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        if let Some(png) = self.inside_png(gpu)? {
+            let name = export::free_name(&self.options.export, "view");
+            let written = export::write(&self.options.export, &name, &png);
+            self.show_written(written.map(|path| format!("wrote {}", shown(&path))));
+        }
+        Ok(())
+    }
+
+    fn export_report(&mut self) {
+        let html = export::report_html(&self.model, self.beside_session_file().map(|f| f.0));
+        let written = export::write(&self.options.export, "report.html", html.as_bytes());
+        self.show_written(written.map(|path| format!("wrote {}", shown(&path))));
+    }
+
+    /// Whether notes wait to be saved.
+    pub fn has_unsaved_notes(&self) -> bool {
+        self.options.session_file.is_some() && self.model.has_unsaved_notes()
+    }
+
+    /// Saves notes that were changed.
+    ///
+    /// # Errors
+    /// [`AppError::Format`]; then they are still to be saved.
+    pub fn save_notes(&mut self) -> Result<(), AppError> {
+        if let (true, Some(path)) = (self.model.has_unsaved_notes(), &self.options.session_file)
+            && let Some(file) = SessionFile::of(&self.model)
+        {
+            file.write(path)?;
+            self.model.notes_saved();
+        }
+        Ok(())
+    }
+
+    /// Puts everything on another device: the one before was lost.
+    pub fn reopen(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        self.canvas.forget_device();
+        self.panes = Panes::new(gpu, self.samples)?;
+        Ok(self.panes.take(gpu, &self.model.products, self.tolerance())?)
+    }
+
+    /// Whether the wall is drawn.
+    pub fn has_pictures(&self) -> bool {
+        self.panes.has_pictures()
+    }
+}
+
+/// Cruising speed where the flight's frames are counted, mm/s.
+const DEFAULT_MM_S: f64 = 20.0;
