@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use glam::{DVec3, IVec3, Vec3};
 
-use super::{Clock, Fields, Mode, Session, SessionError, present, put};
+use super::{Clock, Fields, Mode, Session, SessionError, present};
 use crate::centerline::{
     Ends, GraphNode, Loops, LumenLoop, Proof, Radius, RouteOptions, Routed, Viewpoint,
     VisibilityInput, add_viewers, centerline, paper_path,
@@ -57,10 +57,9 @@ pub struct Visibility {
 }
 
 impl Session {
-    pub(super) fn run_route(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_route(&self, clock: &mut Clock) -> Result<Routed, SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
-        put(&self.slots.route, route(&lumen.lumen, &fields, self.route_options(), clock)?);
-        Ok(())
+        route(&lumen.lumen, &fields, self.route_options(), clock)
     }
 
     fn route_options(&self) -> RouteOptions {
@@ -113,7 +112,7 @@ impl Session {
         })
     }
 
-    pub(super) fn run_visibility(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_visibility(&self, clock: &mut Clock) -> Result<Visibility, SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
         let (route, device) = (present(&self.slots.route), present(&self.slots.device));
         let radius = self.settings.radius();
@@ -123,28 +122,25 @@ impl Session {
             Radius::Measured => on_graph(&fields.distance, &route.nodes),
         };
         let of = (&fields.distance[..], &candidates[..]);
-        let seen = visibility(&mut device.lock(), &lumen.lumen, of, radius, clock)?;
-        put(&self.slots.visibility, seen);
-        Ok(())
+        let device = &mut device.lock();
+        visibility(device, &lumen.lumen, of, radius, clock)
     }
 
-    pub(super) fn run_centerline(&self, _: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_centerline(&self, _: &mut Clock) -> Result<Centered, SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
         let (route, seen) = (present(&self.slots.route), present(&self.slots.visibility));
         let mut centered = Centered::new(&lumen.lumen, &fields, &route, &seen);
         centered.on_ridge = self.settings.radius() == Radius::Paper;
-        put(&self.slots.centerline, centered);
-        Ok(())
+        Ok(centered)
     }
 
-    pub(super) fn run_paper_centerline(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_paper_centerline(&self, clock: &mut Clock) -> Result<Centered, SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
         let device = present(&self.slots.device);
         let radius = self.settings.radius();
         let how = (radius, self.route_options());
-        let found = paper_centered(&mut device.lock(), &lumen.lumen, &fields, how, clock)?;
-        put(&self.slots.centerline, found);
-        Ok(())
+        let device = &mut device.lock();
+        paper_centered(device, &lumen.lumen, &fields, how, clock)
     }
 }
 

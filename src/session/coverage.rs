@@ -5,12 +5,12 @@ use std::fmt::Write as _;
 use glam::Quat;
 
 use super::report::{CoverageReport, PatchReport};
-use super::{Clock, Session, SessionError, present, put};
+use super::{Clock, Session, SessionError, present};
 use crate::flight::{Coverage, CoverageMap, Flight, LISTED_FROM_MM2, coverage, unseen_voxels};
 use crate::geometry::{Lens, Pose, cube_faces};
 
 impl Session {
-    pub(super) fn run_coverage(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_coverage(&self, clock: &mut Clock) -> Result<Coverage, SessionError> {
         let (wall, flight) = (present(&self.slots.wall), present(&self.slots.flight));
         let faces = wall.mesh.faces.len() as u64;
         let (there, back) = match self.settings.flight.view.is_all_round() {
@@ -21,8 +21,7 @@ impl Session {
         let (tree, exterior) = (present(&self.slots.triangle_tree), present(&self.slots.exterior));
         let map = || CoverageMap::new(&wall.mesh, &tree, exterior.grid.as_deref());
         let seen = || coverage(map(), &there, &back);
-        put(&self.slots.coverage, clock.time("coverage", "faces", seen, |_| faces));
-        Ok(())
+        Ok(clock.time("coverage", "faces", seen, |_| faces))
     }
 
     /// Rows of `unseen.csv`: boundary voxels that the flight sees in neither direction, with the

@@ -6,7 +6,7 @@ use std::time::Instant;
 use glam::UVec3;
 
 use super::stages::ridge;
-use super::{Clock, Session, SessionError, locked, present, put};
+use super::{Clock, Session, SessionError, locked, present};
 use crate::compute::{Array, Plan};
 use crate::device::Device;
 use crate::field::{self, Candidate, LumenBuffers, Response};
@@ -134,26 +134,20 @@ pub struct HessianSettings {
 }
 
 impl Session {
-    pub(super) fn run_distance(&self, clock: &mut Clock) -> Result<(), SessionError> {
-        let fields = locked(&self.slots.fields).clone();
-        let distance = match fields {
-            Some(fields) => Arc::clone(&fields.distance),
-            None => {
-                let lumen = present(&self.slots.lumen);
-                let device = present(&self.slots.device);
-                Arc::new(distance_field(&mut device.lock(), &lumen.lumen, clock)?)
-            }
-        };
-        put(&self.slots.distance, distance);
-        Ok(())
+    pub(super) fn run_distance(&self, clock: &mut Clock) -> Result<Arc<Array<f32>>, SessionError> {
+        if let Some(fields) = &*locked(&self.slots.fields) {
+            return Ok(Arc::clone(&fields.distance));
+        }
+        let (lumen, device) = (present(&self.slots.lumen), present(&self.slots.device));
+        let distance = distance_field(&mut device.lock(), &lumen.lumen, clock)?;
+        Ok(Arc::new(distance))
     }
 
-    pub(super) fn run_fields(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_fields(&self, clock: &mut Clock) -> Result<Fields, SessionError> {
         let lumen = present(&self.slots.lumen);
         let device = present(&self.slots.device);
-        let with_ridge = ridge(&self.settings);
-        put(&self.slots.fields, fields(&mut device.lock(), &lumen.lumen, with_ridge, clock)?);
-        Ok(())
+        let device = &mut device.lock();
+        fields(device, &lumen.lumen, ridge(&self.settings), clock)
     }
 
     /// Hessian eigen-analysis of the distance field over the lumen, in its slot order: one value

@@ -1,22 +1,20 @@
 //! The flight along the centerline.
 
 use super::settings::FlightRoute;
-use super::{Centered, Clock, Session, SessionError, present, put};
+use super::{Centered, Clock, Session, SessionError, present};
 use crate::flight::{Clearance, Flight, FlightError, FlightOptions, WallIndex};
 use crate::geometry::{Centerline, CenterlinePoint};
 use crate::lumen::Lumen;
 use crate::render::View;
 
 impl Session {
-    pub(super) fn run_flight(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_flight(&self, clock: &mut Clock) -> Result<Flight, SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
         let (centered, wall) = (present(&self.slots.centerline), present(&self.slots.wall_index));
         let route = self.settings.flight.route;
         let plan = || self.fly(&lumen.lumen, &fields.distance, &centered, &wall, route);
         let count = |f: &Result<Flight, _>| f.as_ref().map_or(0, |f| f.poses.len() as u64);
-        let flight = clock.time("flight", "frames", plan, count)?;
-        put(&self.slots.flight, flight);
-        Ok(())
+        clock.time("flight", "frames", plan, count)
     }
 
     /// A flight along other ways of the same centerline than the settings say; it is not kept.

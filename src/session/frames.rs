@@ -7,9 +7,7 @@ use glam::Vec3;
 
 use super::levels::{LodReport, UPLOAD_BYTES};
 use super::settings::Lod;
-use super::{
-    Clock, FramesReport, OpenDevice, Product, Session, SessionError, locked, present, put,
-};
+use super::{Clock, FramesReport, OpenDevice, Product, Session, SessionError, locked, present};
 use crate::device::{Device, DeviceError};
 use crate::flight::Flight;
 use crate::geometry::{Centerline, CenterlinePoint, Pose};
@@ -44,7 +42,7 @@ impl Display {
 }
 
 impl Session {
-    pub(super) fn run_display(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_display(&self, clock: &mut Clock) -> Result<Display, SessionError> {
         let start = Instant::now();
         let device = present(&self.slots.device);
         // A device that computes may be at work now: its renderer is opened with the first frames.
@@ -62,8 +60,7 @@ impl Session {
         let [width, height] = self.settings.flight.size;
         let pixels = u64::from(width) * u64::from(height);
         clock.record("renderer", &display.name, start, (pixels, "pixels"), Vec::new());
-        put(&self.slots.display, display);
-        Ok(())
+        Ok(display)
     }
 
     /// Products that a stream of frames needs.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use super::{Clock, Mode, Session, SessionError, level_cache, locked, present, put};
+use super::{Clock, Mode, Session, SessionError, level_cache, locked, present};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
 use crate::lod::vds::{ParameterizedOriginal, SubdivisionSurface, Vds, VdsOptions};
@@ -214,7 +214,7 @@ impl Levels {
 }
 
 impl Session {
-    pub(super) fn run_clusters(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_clusters(&self, clock: &mut Clock) -> Result<BuiltClusters, SessionError> {
         let drawn = present(&self.slots.drawn_wall);
         let shading = present(&self.slots.shading);
         let (mesh, vertices) = (drawn.mesh(), &shading.vertices);
@@ -226,18 +226,16 @@ impl Session {
             && let Some(found) = clock.time("kept clusters", "faces", || read(path), |_| faces)
         {
             let clusters = Arc::new(found);
-            put(&self.slots.clusters, BuiltClusters { clusters, cached: true, keep: None });
-            return Ok(());
+            return Ok(BuiltClusters { clusters, cached: true, keep: None });
         }
         return_freed_memory();
         let tree = present(&self.slots.drawn_tree);
         let build = || Clusters::build(mesh, vertices, &tree);
         let built = Arc::new(clock.time("clusters", "faces", build, |_| faces)?);
-        put(&self.slots.clusters, BuiltClusters { clusters: built, cached: false, keep: file });
-        Ok(())
+        Ok(BuiltClusters { clusters: built, cached: false, keep: file })
     }
 
-    pub(super) fn run_cluster_levels(&self, _: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_cluster_levels(&self, _: &mut Clock) -> Result<Levels, SessionError> {
         let built = present(&self.slots.clusters);
         let exterior = present(&self.slots.exterior);
         // Where caps are left out, an eye sees what the whole wall hides.
@@ -246,38 +244,32 @@ impl Session {
         let occlusion = grid.map(|grid| Arc::new(OcclusionTest::new(grid, margin)));
         let clusters = Arc::clone(&built.clusters);
         let error = self.settings.levels.pixel_error;
-        let levels = Levels::of_clusters(clusters, error, built.cached, occlusion);
-        put(&self.slots.levels, levels);
-        Ok(())
+        Ok(Levels::of_clusters(clusters, error, built.cached, occlusion))
     }
 
-    pub(super) fn run_subdivision_levels(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_subdivision_levels(&self, clock: &mut Clock) -> Result<Levels, SessionError> {
         let drawn = present(&self.slots.drawn_wall);
         let shading = present(&self.slots.shading);
         let (mesh, error) = (drawn.mesh(), self.settings.levels.pixel_error);
         return_freed_memory();
         let base = base_faces(mesh);
         let mode = self.settings.mode;
-        let levels = Levels::of_subdivision(mesh, &shading.vertices, base, mode, error, clock)?;
-        put(&self.slots.levels, levels);
-        Ok(())
+        Levels::of_subdivision(mesh, &shading.vertices, base, mode, error, clock)
     }
 
-    pub(super) fn run_base_from_clusters(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_base_from_clusters(&self, clock: &mut Clock) -> Result<Mesh, SessionError> {
         let built = present(&self.slots.clusters);
         self.make_base(Some(&built.clusters), clock)
     }
 
-    pub(super) fn run_base_from_wall(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_base_from_wall(&self, clock: &mut Clock) -> Result<Mesh, SessionError> {
         self.make_base(None, clock)
     }
 
-    fn make_base(&self, clusters: Option<&Clusters>, c: &mut Clock) -> Result<(), SessionError> {
+    fn make_base(&self, clusters: Option<&Clusters>, c: &mut Clock) -> Result<Mesh, SessionError> {
         let wall = present(&self.slots.wall);
         let faces = self.settings.wall.base_faces.unwrap_or_else(|| base_faces(&wall.mesh));
-        let made = base(&wall.mesh, clusters, faces, self.settings.mode, c)?;
-        put(&self.slots.base, made);
-        Ok(())
+        base(&wall.mesh, clusters, faces, self.settings.mode, c)
     }
 
     /// Keeps clusters that were built for the next session, where settings name a folder. Nobody

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::report::hash_of;
 use super::settings::{Source, VolumeSource};
-use super::{Clock, InputReport, Session, SessionError, present, put, refuse_above};
+use super::{Clock, InputReport, Session, SessionError, present, refuse_above};
 use crate::formats::{FormatError, InputInfo, ReadOptions, inspect, read_mesh, read_volume, shown};
 use crate::lumen::{IntensitySelection, enclosing_grid, voxelized};
 use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
@@ -37,39 +37,33 @@ impl Loaded {
 }
 
 impl Session {
-    pub(super) fn run_volume(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_volume(&self, clock: &mut Clock) -> Result<Loaded, SessionError> {
         let read = || self.load();
         let voxels = |l: &Result<Loaded, _>| l.as_ref().map_or(0, |l| l.volume.grid.len() as u64);
-        let loaded = clock.time("read", "voxels", read, voxels)?;
-        put(&self.slots.loaded, loaded);
-        Ok(())
+        clock.time("read", "voxels", read, voxels)
     }
 
-    pub(super) fn run_value_range(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_value_range(
+        &self,
+        clock: &mut Clock,
+    ) -> Result<Option<(f64, f64)>, SessionError> {
         let volume = Arc::clone(&present(&self.slots.loaded).volume);
         let voxels = volume.grid.len() as u64;
-        let range = clock.time("value range", "voxels", || volume.range(), |_| voxels);
-        put(&self.slots.value_range, range);
-        Ok(())
+        Ok(clock.time("value range", "voxels", || volume.range(), |_| voxels))
     }
 
-    pub(super) fn run_identity(&self, _: &mut Clock) -> Result<(), SessionError> {
-        let loaded = present(&self.slots.loaded);
-        put(&self.slots.identity, hash_of(&loaded.volume));
-        Ok(())
+    pub(super) fn run_identity(&self, _: &mut Clock) -> Result<String, SessionError> {
+        Ok(hash_of(&present(&self.slots.loaded).volume))
     }
 
-    pub(super) fn run_inputs(&self, _: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_inputs(&self, _: &mut Clock) -> Result<Inputs, SessionError> {
         let (loaded, identity) = (present(&self.slots.loaded), present(&self.slots.identity));
         let own = || InputReport::with_hash(&loaded.volume, String::clone(&identity));
         let own = loaded.resampled.clone().unwrap_or_else(own);
-        let inputs = if loaded.is_mask {
-            Inputs { input: loaded.image.clone(), mask: Some(own) }
-        } else {
-            Inputs { input: Some(own), mask: None }
-        };
-        put(&self.slots.inputs, inputs);
-        Ok(())
+        Ok(match loaded.is_mask {
+            true => Inputs { input: loaded.image.clone(), mask: Some(own) },
+            false => Inputs { input: Some(own), mask: None },
+        })
     }
 
     /// The series or segments of an input from which one has to be chosen, where an error says so,

@@ -325,11 +325,10 @@ impl Session {
         self.board.forget(product);
     }
 
-    fn run_device(&self, _: &mut Clock) -> Result<(), SessionError> {
+    fn run_device(&self, _: &mut Clock) -> Result<OpenDevice, SessionError> {
         let device = Device::open(self.settings.device)?;
         tracing::info!("computing on {}", device.name());
         let (name, is_gpu) = (device.name().to_owned(), device.info().is_some());
-        put(&self.slots.device, OpenDevice { device: Mutex::new(device), name, is_gpu });
-        Ok(())
+        Ok(OpenDevice { device: Mutex::new(device), name, is_gpu })
     }
 }

@@ -32,12 +32,6 @@ struct State {
     device_busy: bool,
 }
 
-/// What a thread that computes does next.
-enum Next {
-    Run(&'static Stage),
-    Done,
-}
-
 impl Board {
     fn lock(&self) -> MutexGuard<'_, State> {
         // Nothing panics while it holds this lock.
@@ -59,15 +53,20 @@ impl Board {
         self.changed.notify_all();
     }
 
-    /// Takes the first row that can start, or waits for one; `stop` ends the search.
-    fn take(&self, plan: &[&'static Stage], stop: &Mutex<Option<SessionError>>) -> Next {
+    /// Takes the first row that can start, or waits for one; `None` when all have ended or `stop`
+    /// has an error.
+    fn take(
+        &self,
+        plan: &[&'static Stage],
+        stop: &Mutex<Option<SessionError>>,
+    ) -> Option<&'static Stage> {
         let mut state = self.lock();
         loop {
             let stopped = stop.lock().unwrap_or_else(PoisonError::into_inner).is_some();
             let status = state.status;
             let ready = |p: &Product| status[*p as usize] == Status::Ready;
             if stopped || plan.iter().all(|s| ready(&s.product)) {
-                return Next::Done;
+                return None;
             }
             let can_start = |s: &&&Stage| {
                 status[s.product as usize] == Status::Missing
@@ -77,7 +76,7 @@ impl Board {
             if let Some(stage) = plan.iter().find(can_start) {
                 state.status[stage.product as usize] = Status::Running;
                 state.device_busy |= stage.runs_on == RunsOn::Device;
-                return Next::Run(stage);
+                return Some(stage);
             }
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
@@ -147,7 +146,7 @@ impl Session {
 
     /// Runs stages of a plan until there are none left or one has failed.
     fn work(&self, plan: &[&'static Stage], error: &Mutex<Option<SessionError>>) {
-        while let Next::Run(stage) = self.board.take(plan, error) {
+        while let Some(stage) = self.board.take(plan, error) {
             let outcome = self.run_stage(stage);
             if let Err(e) = &outcome {
                 tracing::debug!("{}: {e}", stage.name);

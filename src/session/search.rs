@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::{Clock, Session, SessionError, present, put};
+use super::{Clock, Session, SessionError, present};
 use crate::flight::{Flight, FlightPath, SectionFigures, WallIndex, sections_along};
 use crate::geometry::{Centerline, CenterlineDistances, ExteriorGrid, Mesh, TriangleBvh};
 use crate::lod::occlusion_grid;
@@ -15,56 +15,54 @@ pub struct Exterior {
 }
 
 impl Session {
-    pub(super) fn run_triangle_tree(&self, clock: &mut Clock) -> Result<(), SessionError> {
-        let wall = present(&self.slots.wall);
-        put(&self.slots.triangle_tree, triangle_tree(&wall.mesh, clock));
-        Ok(())
+    pub(super) fn run_triangle_tree(&self, clock: &mut Clock) -> Result<TriangleBvh, SessionError> {
+        Ok(triangle_tree(&present(&self.slots.wall).mesh, clock))
     }
 
-    pub(super) fn run_drawn_tree(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_drawn_tree(
+        &self,
+        clock: &mut Clock,
+    ) -> Result<Arc<TriangleBvh>, SessionError> {
         let drawn = present(&self.slots.drawn_wall);
-        match &drawn.open {
-            None => put(&self.slots.drawn_tree, present(&self.slots.triangle_tree)),
-            Some(open) => put(&self.slots.drawn_tree, triangle_tree(open, clock)),
-        }
-        Ok(())
+        Ok(match &drawn.open {
+            None => present(&self.slots.triangle_tree),
+            Some(open) => Arc::new(triangle_tree(open, clock)),
+        })
     }
 
-    pub(super) fn run_wall_index(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_wall_index(&self, clock: &mut Clock) -> Result<WallIndex, SessionError> {
         let wall = present(&self.slots.wall);
         let faces = wall.mesh.faces.len() as u64;
-        let index = clock.time("wall index", "faces", || WallIndex::new(&wall.mesh), |_| faces);
-        put(&self.slots.wall_index, index);
-        Ok(())
+        Ok(clock.time("wall index", "faces", || WallIndex::new(&wall.mesh), |_| faces))
     }
 
-    pub(super) fn run_exterior(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_exterior(&self, clock: &mut Clock) -> Result<Exterior, SessionError> {
         let wall = present(&self.slots.wall);
         let faces = wall.mesh.faces.len() as u64;
         let work = || Arc::new(occlusion_grid(&wall.mesh));
         let closed = wall.topology.watertight;
         let grid = closed.then(|| clock.time("outside", "faces", work, |_| faces));
-        put(&self.slots.exterior, Exterior { grid });
-        Ok(())
+        Ok(Exterior { grid })
     }
 
-    pub(super) fn run_centerline_distances(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_centerline_distances(
+        &self,
+        clock: &mut Clock,
+    ) -> Result<CenterlineDistances, SessionError> {
         let (wall, centered) = (present(&self.slots.wall), present(&self.slots.centerline));
         let vertices = wall.mesh.positions.len() as u64;
         let find = || CenterlineDistances::new(&wall.mesh, &centered.line);
-        let found = clock.time("centerline distances", "vertices", find, |_| vertices);
-        put(&self.slots.centerline_distances, found);
-        Ok(())
+        Ok(clock.time("centerline distances", "vertices", find, |_| vertices))
     }
 
-    pub(super) fn run_sections(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_sections(
+        &self,
+        clock: &mut Clock,
+    ) -> Result<Vec<Option<SectionFigures>>, SessionError> {
         let (wall, tree) = (present(&self.slots.wall), present(&self.slots.triangle_tree));
         let (centered, flight) = (present(&self.slots.centerline), present(&self.slots.flight));
         let find = || sections(&flight, &centered.line, &wall.mesh, &tree);
-        let count = |s: &Vec<_>| s.len() as u64;
-        let found = clock.time("sections", "poses", find, count);
-        put(&self.slots.sections, found);
-        Ok(())
+        Ok(clock.time("sections", "poses", find, |s| s.len() as u64))
     }
 
     /// Cross-sections along another flight than the session's, one a pose; they are not kept.

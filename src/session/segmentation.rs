@@ -11,7 +11,7 @@ use glam::IVec3;
 use super::load::Loaded;
 use super::settings::{Seed, Source, WallMethod};
 use super::{
-    Clock, Mode, Session, SessionError, estimate_bytes, present, put, read_any_volume, refuse_above,
+    Clock, Mode, Session, SessionError, estimate_bytes, present, read_any_volume, refuse_above,
 };
 use crate::compute::Plan;
 use crate::device::Device;
@@ -103,7 +103,7 @@ impl Session {
         }
     }
 
-    pub(super) fn run_lumen(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_lumen(&self, clock: &mut Clock) -> Result<Segmented, SessionError> {
         let loaded = present(&self.slots.loaded);
         let core = present(&self.slots.core);
         let method = self.wall_method(&loaded, &core);
@@ -143,11 +143,10 @@ impl Session {
         }
         let (found, options, organ) =
             (core.found.clone(), core.options.clone(), core.organ.clone());
-        put(&self.slots.lumen, Segmented { lumen, wall, method, found, options, organ, notes });
-        Ok(())
+        Ok(Segmented { lumen, wall, method, found, options, organ, notes })
     }
 
-    pub(super) fn run_core(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_core(&self, clock: &mut Clock) -> Result<Core, SessionError> {
         let loaded = present(&self.slots.loaded);
         let volume = &*loaded.volume;
         let settings = &self.settings.lumen;
@@ -186,8 +185,7 @@ impl Session {
         }
         let notes = notes(&volume.grid, &found);
         notes.iter().for_each(|line| tracing::warn!("{line}"));
-        put(&self.slots.core, Core { mask, found, options, organ: None, notes });
-        Ok(())
+        Ok(Core { mask, found, options, organ: None, notes })
     }
 
     fn run_organ(
@@ -195,7 +193,7 @@ impl Session {
         volume: &Volume,
         options: OrganOptions,
         clock: &mut Clock,
-    ) -> Result<(), SessionError> {
+    ) -> Result<Core, SessionError> {
         let voxels = |r: &Result<FoundOrgan, _>| r.as_ref().map_or(0, |r| r.mask.count());
         let mut organ = clock.time("organ", "voxels", || options.find(volume), voxels)?;
         let mut found =
@@ -214,8 +212,7 @@ impl Session {
         let notes = notes(&volume.grid, &found);
         notes.iter().for_each(|line| tracing::warn!("{line}"));
         let mask = organ.mask.clone();
-        put(&self.slots.core, Core { mask, found, options, organ: Some(organ), notes });
-        Ok(())
+        Ok(Core { mask, found, options, organ: Some(organ), notes })
     }
 
     fn check_memory(&self, volume: &Volume, lumen: &Lumen) -> Result<(), SessionError> {

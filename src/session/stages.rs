@@ -12,7 +12,7 @@ use super::load::{Inputs, Loaded};
 use super::settings::{Lod, Settings};
 use super::{
     Centered, Clock, Core, DrawnWall, Exterior, Fields, Levels, Mode, OpenDevice, Segmented,
-    Session, SessionError, Slot, Visibility, Wall, locked,
+    Session, SessionError, Slot, Visibility, Wall, locked, put,
 };
 use crate::centerline::{Radius, Routed};
 use crate::compute::Array;
@@ -99,7 +99,7 @@ fn base_from_wall(s: &Settings) -> bool {
 /// Makes the products, their slots and getters, and the stages.
 ///
 /// `PRODUCT slot: TYPE = STAGE | STAGE …;` where a stage is its name, share of the time, needs,
-/// settings it reads, place, condition and function.
+/// settings it reads, place, condition, and the function that returns the product.
 macro_rules! products {
     ($($(#[$doc:meta])* $vis:vis $product:ident $slot:ident: $kind:ty =
         $($name:literal $weight:literal $needs:tt $reads:tt $on:ident $when:ident $run:ident)|+;)*) => {
@@ -194,7 +194,10 @@ macro_rules! products {
             weight: $weight,
             when: $when,
             same: products!(@same $reads),
-            run: Session::$run,
+            run: |session, clock| {
+                put(&session.slots.$slot, session.$run(clock)?);
+                Ok(())
+            },
         }),+),*];
     };
     (@needs [$($need:ident)*]) => { &[$(Product::$need),*] };

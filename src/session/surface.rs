@@ -7,7 +7,7 @@ use std::time::Instant;
 use glam::{DVec3, IVec3, Vec3};
 use rayon::prelude::*;
 
-use super::{Clock, Segmented, Session, SessionError, WallMethod, present, put};
+use super::{Clock, Segmented, Session, SessionError, WallMethod, present};
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::field::Sampler;
@@ -19,7 +19,9 @@ use crate::surface::{
     Topology, VoxelFrame, shading,
 };
 use crate::volume::Volume;
-use crate::wall::{FieldCrossing, WallField, field_normals, smoothed_field, vertex_evidence};
+use crate::wall::{
+    Evidence, FieldCrossing, WallField, field_normals, smoothed_field, vertex_evidence,
+};
 
 /// How to make the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,7 +110,7 @@ pub fn written_mesh(mesh: &Mesh, open_ends: bool) -> Cow<'_, Mesh> {
 }
 
 impl Session {
-    pub(super) fn run_wall(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_wall(&self, clock: &mut Clock) -> Result<Wall, SessionError> {
         let (loaded, segmented) = (present(&self.slots.loaded), present(&self.slots.lumen));
         let device = present(&self.slots.device);
         let options = SurfaceOptions {
@@ -116,44 +118,43 @@ impl Session {
             smoothing: self.settings.smoothing(),
             track_from: segmented.track_from(),
         };
-        let wall = wall(&mut device.lock(), &loaded.volume, &segmented, options, clock)?;
-        put(&self.slots.wall, wall);
-        Ok(())
+        let device = &mut device.lock();
+        wall(device, &loaded.volume, &segmented, options, clock)
     }
 
-    pub(super) fn run_drawn_wall(&self, _: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_drawn_wall(&self, _: &mut Clock) -> Result<DrawnWall, SessionError> {
         let wall = present(&self.slots.wall);
         let open = self.settings.wall.open_ends && wall.mesh.caps.contains(&true);
         let closed = wall.topology.watertight && !open;
         let open = open.then(|| without_caps(&wall.mesh));
-        put(&self.slots.drawn_wall, DrawnWall { wall, open, closed });
-        Ok(())
+        Ok(DrawnWall { wall, open, closed })
     }
 
-    pub(super) fn run_prepared_wall(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_prepared_wall(
+        &self,
+        clock: &mut Clock,
+    ) -> Result<PreparedMesh, SessionError> {
         let wall = present(&self.slots.wall);
         let faces = wall.mesh.faces.len() as u64;
         let prepare = || PreparedMesh::new(&wall.mesh);
-        put(&self.slots.prepared_wall, clock.time("prepared wall", "faces", prepare, |_| faces)?);
-        Ok(())
+        Ok(clock.time("prepared wall", "faces", prepare, |_| faces)?)
     }
 
-    pub(super) fn run_evidence(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_evidence(
+        &self,
+        clock: &mut Clock,
+    ) -> Result<Option<Vec<Evidence>>, SessionError> {
         let (found, wall) = (present(&self.slots.lumen), present(&self.slots.wall));
         let vertices = wall.mesh.positions.len() as u64;
         let of = |field| vertex_evidence(&found.lumen, field, &wall.mesh);
         let find = || found.wall.as_ref().map(of);
-        let evidence = clock.time("evidence", "vertices", find, |_| vertices);
-        put(&self.slots.evidence, evidence);
-        Ok(())
+        Ok(clock.time("evidence", "vertices", find, |_| vertices))
     }
 
-    pub(super) fn run_shading(&self, clock: &mut Clock) -> Result<(), SessionError> {
+    pub(super) fn run_shading(&self, clock: &mut Clock) -> Result<Shading, SessionError> {
         let drawn = present(&self.slots.drawn_wall);
         let count = |s: &Shading| s.vertices.len() as u64;
-        let made = clock.time("shading", "vertices", || shading(drawn.mesh()), count);
-        put(&self.slots.shading, made);
-        Ok(())
+        Ok(clock.time("shading", "vertices", || shading(drawn.mesh()), count))
     }
 }
 
