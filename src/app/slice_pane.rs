@@ -25,11 +25,16 @@ pub(super) struct SliceViews {
     zoom: f64,
     /// From the crosshair to the middle of each slice, LPS mm.
     pan_mm: [DVec3; 4],
+    /// The same for slices in which the crosshair is dragged: they stay under the pointer.
+    held_mm: [DVec3; 4],
+    /// Where the crosshair was dragged to last.
+    dragged_to_mm: Option<DVec3>,
 }
 
 impl Default for SliceViews {
     fn default() -> Self {
-        Self { textures: Default::default(), zoom: 1.0, pan_mm: [DVec3::ZERO; 4] }
+        let [pan_mm, held_mm] = [[DVec3::ZERO; 4]; 2];
+        Self { textures: Default::default(), zoom: 1.0, pan_mm, held_mm, dragged_to_mm: None }
     }
 }
 
@@ -53,7 +58,11 @@ pub(super) fn show_slice(
         Pane::Sagittal => 2,
         _ => 3,
     };
-    let middle = model.crosshair_mm + views.pan_mm[index];
+    if views.dragged_to_mm.is_some_and(|to| to != model.crosshair_mm) {
+        // Moved by something else since: all slices follow it.
+        (views.held_mm, views.dragged_to_mm) = Default::default();
+    }
+    let middle = model.crosshair_mm + views.pan_mm[index] + views.held_mm[index];
     let Some(plane) = Plane::of(pane, middle, mm_per_px, model.pose) else {
         return;
     };
@@ -94,7 +103,10 @@ pub(super) fn show_slice(
         views.pan_mm[index] -= by * plane.mm_per_px;
     } else if let Some(p) = response.interact_pointer_pos() {
         if primary {
-            commands.act(Action::Crosshair(place(p)));
+            let to = nearest_inside(volume, DVec3::from(place(p)));
+            views.held_mm[index] += model.crosshair_mm - to;
+            views.dragged_to_mm = Some(to);
+            commands.act(Action::Crosshair(to.to_array()));
         } else if response.clicked() {
             commands.act(match model.ruler {
                 Some(_) => Action::Mark(place(p)),
@@ -104,7 +116,8 @@ pub(super) fn show_slice(
     } else if let Some(p) = response.hover_pos().filter(|_| shift) {
         // The other slices follow the pointer.
         if ui.input(|i| i.pointer.delta()) != egui::Vec2::ZERO {
-            commands.act(Action::Crosshair(place(p)));
+            let to = nearest_inside(volume, DVec3::from(place(p)));
+            commands.act(Action::Crosshair(to.to_array()));
         }
     }
     if response.dragged_by(egui::PointerButton::Secondary) {
@@ -125,6 +138,14 @@ pub(super) fn show_slice(
             commands.act(Action::Crosshair(p.to_array()));
         }
     }
+}
+
+/// The place of a volume that is nearest to another, LPS mm.
+fn nearest_inside(volume: &Volume, p_mm: DVec3) -> DVec3 {
+    let grid = &volume.grid;
+    let v = grid.voxel_from_world().transform_point3(p_mm);
+    let inside = v.clamp(DVec3::ZERO, grid.dims.as_dvec3() - 1.0);
+    if v == inside { p_mm } else { grid.world_from_voxel().transform_point3(inside) }
 }
 
 /// Millimetres a pixel at which a slice through the middle shows all of the volume.
@@ -187,4 +208,68 @@ fn slice_marks(painter: &egui::Painter, rect: Rect, plane: &Plane, model: &Model
     let text = format!("C {centre:.0}  W {width:.0}");
     let at = rect.left_bottom() + vec2(m, -4.0);
     painter.text(at, Align2::LEFT_BOTTOM, text, FontId::proportional(11.0), TEXT);
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::session::{Product, Session, Settings, Source, VolumeSource};
+    use crate::volume::phantom::{Kind, Phantom};
+
+    /// A model of a volume of 64 mm, and a pane of 200 points that is fed with events.
+    fn shown(frames: &[Vec<egui::Event>], mut each: impl FnMut(&Model, &Commands)) {
+        let mask = Phantom::new(Kind::Tube, 64, [1.0; 3]).unwrap().mask();
+        let source = Source::Image(VolumeSource::Memory(Arc::new(mask)));
+        let mut session = Session::new(source, Settings::default()).unwrap();
+        session.keep_volume();
+        let wanted = [Product::Volume, Product::ValueRange];
+        session.prepare(&wanted).unwrap();
+        let mut model = Model::new(20.0);
+        model.update(session.products(&wanted));
+        let (context, mut views) = (egui::Context::default(), SliceViews::default());
+        let rect = Rect::from_min_size(Pos2::ZERO, vec2(200.0, 200.0));
+        for (i, events) in frames.iter().enumerate() {
+            let mut commands = Commands::default();
+            let input = egui::RawInput {
+                screen_rect: Some(rect),
+                time: Some(i as f64 / 30.0),
+                events: events.clone(),
+                ..Default::default()
+            };
+            let mut output = context.run_ui(input, |ui| {
+                let response = ui.allocate_rect(rect, egui::Sense::click_and_drag());
+                show_slice(ui, Pane::Axial, rect, &response, &model, &mut views, &mut commands);
+            });
+            output.textures_delta.clear();
+            model.step(0.0, &commands.actions);
+            each(&model, &commands);
+        }
+    }
+
+    fn button(pos: Pos2, pressed: bool) -> egui::Event {
+        let button = egui::PointerButton::Primary;
+        egui::Event::PointerButton { pos, button, pressed, modifiers: egui::Modifiers::NONE }
+    }
+
+    #[test]
+    fn a_dragged_crosshair_stays_under_the_pointer_and_in_the_volume() {
+        let at = |x: f32| pos2(x, 100.0);
+        let mut frames = vec![vec![egui::Event::PointerMoved(at(100.0))]];
+        frames.push(vec![button(at(100.0), true)]);
+        frames
+            .extend((1..=10).map(|i| vec![egui::Event::PointerMoved(at(100.0 + 5.0 * i as f32))]));
+        // The pointer rests, then leaves the volume.
+        frames.extend([vec![], vec![], vec![], vec![egui::Event::PointerMoved(at(199.0))]]);
+        frames.extend([vec![], vec![], vec![button(at(199.0), false)]]);
+        let mut places = Vec::new();
+        shown(&frames, |model, _| places.push(model.crosshair_mm.x));
+        // A quarter of the pane is a quarter of the 64 mm that it shows.
+        let moved = places[11] - places[0];
+        assert!((moved - 16.0).abs() < 0.5, "{moved} mm for 50 of 200 points: {places:?}");
+        assert_eq!(places[11..=14], [places[11]; 4], "it rests with the pointer");
+        let last = places[places.len() - 1] - places[0];
+        assert!((31.0..=32.0).contains(&last), "it ends at the side of the volume: {last} mm");
+    }
 }
