@@ -66,7 +66,7 @@ pub fn choices(line: &Centerline, path: &FlightPath, route: FlightRoute) -> Vec<
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::flight::Flight;
     use crate::geometry::{Attachment, Branch, CenterlinePoint, Pose};
@@ -83,7 +83,7 @@ mod tests {
     }
 
     /// A trunk along x, a branch up at 20 mm, one down at 40 mm, one off the branch.
-    fn tree() -> Centerline {
+    pub fn tree() -> Centerline {
         let trunk: Vec<[f64; 2]> = (0..=6).map(|i| [10.0 * f64::from(i), 0.0]).collect();
         Centerline {
             branches: vec![
@@ -95,7 +95,8 @@ mod tests {
         }
     }
 
-    fn path(line: &Centerline, leaf: usize) -> FlightPath {
+    /// A flight to the tip of a branch.
+    pub fn path(line: &Centerline, leaf: usize) -> FlightPath {
         let points = line.path_to(leaf);
         let pose = |p: &CenterlinePoint| Pose {
             position_mm: p.position_mm.as_vec3(),

@@ -109,7 +109,8 @@ const HAND_MM_S: f64 = 25.0;
 fn held_keys(ui: &Ui, commands: &mut Commands) {
     let (dt, fast) = ui.input(|i| (f64::from(i.stable_dt).min(0.1), i.modifiers.shift));
     let by = HAND_MM_S * dt * if fast { 3.0 } else { 1.0 };
-    let down = |key| ui.input(|i| f64::from(u8::from(i.key_down(key))));
+    // Down at the end of the frame, or pressed and let go within it.
+    let down = |key| ui.input(|i| f64::from(u8::from(i.key_down(key) || i.key_pressed(key))));
     let along = down(Key::ArrowUp) - down(Key::ArrowDown);
     if along != 0.0 {
         commands.act(Action::Travel(along * by));
@@ -176,5 +177,33 @@ pub(super) fn help(ui: &Ui, commands: &mut Commands) {
         });
     if !open {
         commands.act(Action::ToggleHelp);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_pressed_and_let_go_within_a_frame_moves_the_eye() {
+        let model = Model::new(20.0);
+        let context = egui::Context::default();
+        let key = |pressed| egui::Event::Key {
+            key: Key::ArrowUp,
+            physical_key: None,
+            pressed,
+            repeat: false,
+            modifiers: Modifiers::NONE,
+        };
+        let mut moved = |events| {
+            let mut commands = Commands::default();
+            let input = egui::RawInput { events, ..Default::default() };
+            let mut output = context.run_ui(input, |ui| keys(ui, &model, &mut commands));
+            output.textures_delta.clear();
+            matches!(commands.actions[..], [Action::Travel(mm)] if mm > 0.0)
+        };
+        assert!(moved(vec![key(true), key(false)]));
+        assert!(!moved(Vec::new()), "not for ever");
+        assert!(moved(vec![key(true)]) && moved(Vec::new()) && !moved(vec![key(false)]));
     }
 }

@@ -77,10 +77,51 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut Commands) {
     );
     if let Some(p) = response.interact_pointer_pos() {
         let arc = f64::from((p.x - bar.left()) / bar.width()) * length;
-        if response.dragged() {
+        // Where it is let go counts too.
+        if response.dragged() || response.drag_stopped() {
             commands.act(Action::Seek(arc));
         } else if response.clicked() {
             commands.act(Action::FlyTo(arc));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::junctions::tests::{path, tree};
+    use super::*;
+
+    #[test]
+    fn a_scrub_ends_where_the_pointer_was_let_go() {
+        let mut model = Model::new(20.0);
+        model.path = Some(path(&tree(), 0));
+        let context = egui::Context::default();
+        let at = |x: f32| pos2(x, 40.0);
+        let button = |x: f32, pressed| egui::Event::PointerButton {
+            pos: at(x),
+            button: egui::PointerButton::Primary,
+            pressed,
+            modifiers: egui::Modifiers::NONE,
+        };
+        let frames = [
+            vec![egui::Event::PointerMoved(at(100.0))],
+            vec![button(100.0, true)],
+            vec![egui::Event::PointerMoved(at(200.0))],
+            vec![egui::Event::PointerMoved(at(400.0)), button(400.0, false)],
+        ];
+        let mut last = None;
+        for (i, events) in frames.into_iter().enumerate() {
+            let screen = Rect::from_min_size(Pos2::ZERO, vec2(600.0, 92.0));
+            let time = Some(i as f64 / 30.0);
+            let input =
+                egui::RawInput { screen_rect: Some(screen), time, events, ..Default::default() };
+            let mut commands = Commands::default();
+            let mut output = context.run_ui(input, |ui| timeline(ui, &model, &mut commands));
+            output.textures_delta.clear();
+            last = commands.actions.pop().or(last);
+        }
+        let Some(Action::Seek(arc)) = last else { panic!("{last:?}") };
+        let share = arc / model.path.unwrap().length_mm();
+        assert!((share - 400.0 / 600.0).abs() < 0.02, "{share}");
     }
 }
