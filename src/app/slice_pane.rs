@@ -211,15 +211,15 @@ fn slice_marks(painter: &egui::Painter, rect: Rect, plane: &Plane, model: &Model
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::sync::Arc;
 
     use super::*;
     use crate::session::{Product, Session, Settings, Source, VolumeSource};
     use crate::volume::phantom::{Kind, Phantom};
 
-    /// A model of a volume of 64 mm, and a pane of 200 points that is fed with events.
-    fn shown(frames: &[Vec<egui::Event>], mut each: impl FnMut(&Model, &Commands)) {
+    /// A model of a volume of 64 mm.
+    pub fn model_of_a_volume() -> Model {
         let mask = Phantom::new(Kind::Tube, 64, [1.0; 3]).unwrap().mask();
         let source = Source::Image(VolumeSource::Memory(Arc::new(mask)));
         let mut session = Session::new(source, Settings::default()).unwrap();
@@ -228,6 +228,12 @@ mod tests {
         session.prepare(&wanted).unwrap();
         let mut model = Model::new(20.0);
         model.update(session.products(&wanted));
+        model
+    }
+
+    /// Feeds a pane of 200 points with events, a list a frame.
+    fn shown(frames: &[Vec<egui::Event>], mut each: impl FnMut(&Model, &Commands)) {
+        let mut model = model_of_a_volume();
         let (context, mut views) = (egui::Context::default(), SliceViews::default());
         let rect = Rect::from_min_size(Pos2::ZERO, vec2(200.0, 200.0));
         for (i, events) in frames.iter().enumerate() {
@@ -248,7 +254,7 @@ mod tests {
         }
     }
 
-    fn button(pos: Pos2, pressed: bool) -> egui::Event {
+    pub fn button(pos: Pos2, pressed: bool) -> egui::Event {
         let button = egui::PointerButton::Primary;
         egui::Event::PointerButton { pos, button, pressed, modifiers: egui::Modifiers::NONE }
     }

@@ -32,6 +32,8 @@ fn what_next(model: &Model) -> &'static str {
 pub struct UiState {
     slices: SliceViews,
     panel: PanelState,
+    /// When a pane was clicked, s, and where the eye flies because of that.
+    click: Option<(f64, Action)>,
     /// Chooses a file or a folder.
     dialog: FileDialog,
 }
@@ -40,7 +42,7 @@ impl UiState {
     /// Of another volume there are other slices.
     pub fn reset(&mut self) {
         self.slices = SliceViews::default();
-        self.panel.lumen = None;
+        (self.panel.lumen, self.click) = (None, None);
     }
 }
 
@@ -49,6 +51,7 @@ impl Default for UiState {
         Self {
             slices: SliceViews::default(),
             panel: PanelState::default(),
+            click: None,
             dialog: FileDialog::new().title("Open").default_size([640.0, 420.0]),
         }
     }
@@ -82,6 +85,7 @@ pub fn window(
         .exact_size(236.0)
         .show(ui, |ui| side_panel(ui, model, &mut state.panel, commands));
     let mut sizes = PaneSizes::default();
+    let mut of_panes = Commands::default();
     egui::CentralPanel::no_frame().show(ui, |ui| {
         let whole = ui.max_rect();
         for (pane, rect) in layout(whole, model.maximised) {
@@ -92,13 +96,35 @@ pub fn window(
                 Pane::Overview => sizes.overview = Some(size),
                 _ => {}
             }
-            show_pane(ui, pane, rect, model, &mut state.slices, stage.is_some(), commands);
+            show_pane(ui, pane, rect, model, &mut state.slices, stage.is_some(), &mut of_panes);
         }
     });
+    delay_clicks(ui, &mut state.click, &mut of_panes.actions);
+    commands.actions.append(&mut of_panes.actions);
+    commands.requests.append(&mut of_panes.requests);
     if model.help {
         help(ui, commands);
     }
     sizes
+}
+
+/// Holds a flight to a click back until it is known not to be the first of a double click.
+fn delay_clicks(ui: &Ui, click: &mut Option<(f64, Action)>, actions: &mut Vec<Action>) {
+    let delay = ui.ctx().options(|o| o.input_options.max_double_click_delay);
+    let now = ui.input(|i| i.time);
+    let is_flight = |a: &mut Action| matches!(a, Action::GoNear(_));
+    if let Some(flight) = actions.extract_if(.., is_flight).last() {
+        *click = Some((now, flight));
+    }
+    if actions.iter().any(|a| matches!(a, Action::Maximise(_))) {
+        *click = None;
+    }
+    if let Some((_, flight)) = click.take_if(|(at, _)| now - *at >= delay) {
+        actions.push(flight);
+    } else if let Some((at, _)) = click {
+        let left = std::time::Duration::from_secs_f64(*at + delay - now);
+        ui.ctx().request_repaint_after(left);
+    }
 }
 
 /// The rectangles of the panes that are shown.
@@ -359,5 +385,47 @@ fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat
         painter.line_segment([centre, to], Stroke::new(1.5, colour));
         let at = centre + vec2(v.x as f32, -v.y as f32) * 35.0;
         painter.text(at, Align2::CENTER_CENTER, letter, FontId::proportional(12.0), colour);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::slice_pane::tests::{button, model_of_a_volume};
+    use super::*;
+
+    /// Actions within a second of clicks in the middle of the axial slice, at these frames.
+    fn after_clicks(at: &[usize]) -> Vec<Action> {
+        let mut model = model_of_a_volume();
+        model.maximised = Some(Pane::Axial);
+        let (context, mut state) = (egui::Context::default(), UiState::default());
+        let place = pos2(250.0, 250.0);
+        let mut all = Vec::new();
+        for i in 0..30 {
+            let is_click = at.contains(&i);
+            let mut events = vec![egui::Event::PointerMoved(place)];
+            events.extend(
+                is_click.then(|| [button(place, true), button(place, false)]).into_iter().flatten(),
+            );
+            let screen = Rect::from_min_size(Pos2::ZERO, vec2(800.0, 600.0));
+            let time = Some(i as f64 / 30.0);
+            let input =
+                egui::RawInput { screen_rect: Some(screen), time, events, ..Default::default() };
+            let mut commands = Commands::default();
+            let mut output = context.run_ui(input, |ui| {
+                window(ui, &model, &mut state, None, &mut commands);
+            });
+            output.textures_delta.clear();
+            all.append(&mut commands.actions);
+        }
+        all
+    }
+
+    #[test]
+    fn a_double_click_maximises_a_pane_and_flies_nowhere() {
+        assert_eq!(after_clicks(&[2, 6]), [Action::Maximise(None)]);
+        let single = after_clicks(&[2]);
+        assert!(matches!(single[..], [Action::GoNear(_)]), "{single:?}");
+        let two = after_clicks(&[2, 22]);
+        assert!(matches!(two[..], [Action::GoNear(_)]), "the second flies later: {two:?}");
     }
 }
