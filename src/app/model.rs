@@ -146,6 +146,14 @@ impl Model {
         Self { aspect, fov_deg, view: self.view, ..Self::new(self.planned_mm_s) }
     }
 
+    /// A model of another lumen of the same volume: notes stay, without places on the path that
+    /// is gone.
+    pub fn reset_lumen(&self) -> Self {
+        let (mut bookmarks, measurements) = (self.bookmarks.clone(), self.measurements.clone());
+        bookmarks.iter_mut().for_each(|b| b.arc_mm = None);
+        Self { bookmarks, measurements, unsaved: self.unsaved, ..self.reset() }
+    }
+
     /// Takes in newer coverage of the wall by the inside view.
     pub fn set_seen(&mut self, seen: SeenFaces) {
         self.seen = seen;

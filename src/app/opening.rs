@@ -17,6 +17,8 @@ pub struct Opening {
     pub source: Option<Source>,
     /// How the lumen is chosen, and how each stage works.
     pub settings: Settings,
+    /// It is another lumen of the volume that is there.
+    pub is_same_volume: bool,
 }
 
 impl Opening {
@@ -35,7 +37,7 @@ impl Opening {
         let source = session.map(|s| s.source().clone());
         let read = |is_mask, set: &dyn Fn(&mut ReadOptions)| {
             let source = source.clone().map(|s| with_options(s, is_mask, set));
-            Some(Self { source, settings: settings.clone() })
+            Some(Self { source, settings: settings.clone(), is_same_volume: false })
         };
         let lumen = match request {
             Request::Open(path) => {
@@ -44,7 +46,7 @@ impl Opening {
                 let lumen = LumenSettings::default();
                 let settings = Settings { lumen, centerline: ends, ..settings };
                 let source = Some(Source::Image(VolumeSource::file(path)));
-                return Some(Self { source, settings });
+                return Some(Self { source, settings, is_same_volume: false });
             }
             Request::Series(index) => {
                 return read(is_mask, &|o| o.series = Some(index.to_string()));
@@ -65,7 +67,8 @@ impl Opening {
             let volume = session?.products(&[crate::session::Product::Volume]);
             Some(Source::Image(VolumeSource::Memory(Arc::clone(volume.volume()?))))
         });
-        Some(Self { source, settings: Settings { lumen, ..settings } })
+        let settings = Settings { lumen, ..settings };
+        Some(Self { source, settings, is_same_volume: true })
     }
 }
 

@@ -172,8 +172,11 @@ impl Viewer {
             Frames::Speed { mm_per_s, .. } => mm_per_s,
             Frames::Count(_) => DEFAULT_MM_S,
         };
-        let opening =
-            Opening { source: options.source.clone(), settings: options.settings.clone() };
+        let opening = Opening {
+            source: options.source.clone(),
+            settings: options.settings.clone(),
+            is_same_volume: false,
+        };
         let mut viewer = Self {
             model: Model::new(planned_mm_s),
             context,
@@ -195,7 +198,7 @@ impl Viewer {
 
     /// Has the session compute other volumes or other settings, and nothing else any more.
     fn compute(&mut self, opening: Opening) -> Result<(), AppError> {
-        let Opening { source, settings } = opening;
+        let Opening { source, settings, .. } = opening;
         self.options.settings = settings.clone();
         match (&mut self.computation, source) {
             (Some(computation), source) => {
@@ -420,7 +423,10 @@ impl Viewer {
                 // Notes are of one volume.
                 (self.notes, self.options.session_file) = (None, None);
             }
-            self.model = self.model.reset();
+            self.model = match opening.is_same_volume {
+                true => self.model.reset_lumen(),
+                false => self.model.reset(),
+            };
             self.ui.reset();
             self.recorder = None;
             self.shown_count = 0;

@@ -424,6 +424,45 @@ fn a_volume_is_opened_in_the_window_and_its_lumen_chosen_there() {
     }
 }
 
+/// Plays a script of these steps with a session file; it succeeds.
+fn play(dir: &Path, more: &[&str], steps: &str) {
+    let script =
+        format!(r#"{{"schema": "intima.script/1", "size": [640, 400], "steps": [{steps}]}}"#);
+    std::fs::write(dir.join("s.json"), script).unwrap();
+    let args = ["--script", "s.json", "--frames-out", "out", "--session", "notes.json"];
+    let done = fly(dir, &[&args[..], &["--lod-cache", "off"], more].concat());
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+}
+
+fn notes(dir: &Path) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(dir.join("notes.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn bookmarks_stay_when_another_lumen_of_the_volume_is_chosen() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    let scan = Phantom::new(Kind::Bend, 48, [1.0; 3]).unwrap().grey(None, 0);
+    intima::formats::write_volume(&tmp.path().join("mask.nrrd"), &scan).unwrap();
+    play(
+        tmp.path(),
+        &["--threshold", ":-500"],
+        r#"{"wait": "complete"}, {"do": {"seek": 20}}, {"do": {"bookmark": "first"}},
+        {"do": {"lumen": {"range": [-2000, -700]}}}, {"wait": "complete"},
+        {"do": {"bookmark": "second"}}"#,
+    );
+    let texts: Vec<_> = notes(tmp.path())["bookmarks"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|b| (b["text"].as_str().unwrap().to_owned(), b["arc_mm"].is_null()))
+        .collect();
+    // The first is a place still, but none along the path that is gone.
+    assert_eq!(texts, [("first".into(), true), ("second".into(), false)]);
+}
+
 #[test]
 fn a_series_a_segment_and_an_organ_are_chosen_in_the_window() {
     if common::gpu(intima::vk::Validate::Off).is_none() {
