@@ -81,6 +81,8 @@ pub struct Model {
     visited: Vec<usize>,
     /// Where the eye flies to along the path, mm from its start.
     goal_mm: Option<f64>,
+    /// Where on the path to begin, mm, once there is one.
+    start_mm: f64,
     /// What the path was made of, or will be.
     pub route: FlightRoute,
     /// The path is the flight of the session's settings.
@@ -230,12 +232,23 @@ impl Model {
         self.set_sections(sections);
     }
 
+    /// Begins at a place on the path, at once or when there is one.
+    pub(super) fn start_at(&mut self, arc_mm: f64) {
+        self.start_mm = arc_mm;
+        self.seek(arc_mm);
+    }
+
+    /// Where the eye is on the path, or will begin, mm.
+    pub(super) fn place_on_path_mm(&self) -> f64 {
+        if self.path.is_some() { self.arc_mm } else { self.start_mm }
+    }
+
     /// Puts a flight in the place of the path.
     fn set_path(&mut self, flight: &Flight, route: FlightRoute) {
         let Some(centerline) = self.products.centerline.clone() else { return };
         let Some(path) = FlightPath::new(flight, &centerline.line) else { return };
         let stays = self.pose.filter(|_| self.path.is_some());
-        let start = stays.map_or(0.0, |p| path.nearest_to(p.position_mm.as_dvec3()));
+        let start = stays.map_or(self.start_mm, |p| path.nearest_to(p.position_mm.as_dvec3()));
         self.route = route;
         self.choices = choices(&centerline.line, &path, route);
         self.path = Some(path);

@@ -186,7 +186,7 @@ pub fn play(
             break;
         }
     }
-    player.viewer.save_notes()?;
+    player.viewer.save_session()?;
     Ok(player.pictures)
 }
 

@@ -53,7 +53,7 @@ impl SessionFile {
             window: model.window,
             speed_mm_s: model.speed_mm_s,
             fov_deg: model.fov_deg,
-            arc_mm: model.arc_mm,
+            arc_mm: model.place_on_path_mm(),
             measurements: model.measurements.clone(),
         })
     }
@@ -143,6 +143,7 @@ impl SessionFile {
                 Action::FieldOfView(self.fov_deg),
             ],
         );
+        model.start_at(self.arc_mm);
         Ok(())
     }
 }

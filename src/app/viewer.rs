@@ -332,7 +332,8 @@ impl Viewer {
         }
         let Some(notes) = self.notes.take() else { return Ok(()) };
         notes.apply(&mut self.model).map_err(|what| {
-            let path = self.options.session_file.clone().unwrap_or_default();
+            // It is not overwritten.
+            let path = self.options.session_file.take().unwrap_or_default();
             AppError::SessionFile { path, what }
         })
     }
@@ -566,8 +567,17 @@ impl Viewer {
     /// # Errors
     /// [`AppError::Format`]; then they are still to be saved.
     pub fn save_notes(&mut self) -> Result<(), AppError> {
-        if let (true, Some(path)) = (self.model.has_unsaved_notes(), &self.options.session_file)
-            && let Some(file) = SessionFile::of(&self.model)
+        if self.model.has_unsaved_notes() { self.save_session() } else { Ok(()) }
+    }
+
+    /// Saves notes, how the window is set, and the place on the path. Where no volume came to be
+    /// known, the file stays as it is.
+    ///
+    /// # Errors
+    /// As [`Viewer::save_notes`].
+    pub fn save_session(&mut self) -> Result<(), AppError> {
+        if let (Some(path), Some(file)) = (&self.options.session_file, SessionFile::of(&self.model))
+            && self.notes.is_none()
         {
             file.write(path)?;
             self.model.notes_saved();

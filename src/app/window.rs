@@ -53,6 +53,10 @@ pub fn open(options: WindowOptions) -> Result<(), AppError> {
     let begun = Instant::now();
     let mut app = App { options, proxy, running: None, failed: None, begun };
     let ran = events.run_app(&mut app);
+    if let Some(running) = app.running.as_mut().filter(|_| app.failed.is_none()) {
+        let saved = running.viewer.save_session();
+        running.report_save(saved);
+    }
     // The window goes before the display connection does.
     app.running = None;
     match (app.failed, ran) {
@@ -284,7 +288,8 @@ impl Running {
         })?;
         let FrameEnd { platform, quit, again_in } = end;
         self.egui.handle_platform_output(&self.window, platform);
-        self.save();
+        let saved = self.viewer.save_notes();
+        self.report_save(saved);
         self.report_progress(begun);
         let drawn = now.elapsed();
         if drawn > SLOW_FRAME {
@@ -316,9 +321,9 @@ impl Running {
         Ok(())
     }
 
-    /// Saves bookmarks that were made; what cannot be saved now is tried again.
-    fn save(&mut self) {
-        let Err(e) = self.viewer.save_notes() else { return };
+    /// Shows why bookmarks are not saved; they are tried again.
+    fn report_save(&mut self, saved: Result<(), AppError>) {
+        let Err(e) = saved else { return };
         let message = format!("bookmarks are not saved: {e}");
         if self.viewer.model.message.as_ref() != Some(&message) {
             tracing::error!("{message}");

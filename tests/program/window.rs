@@ -464,6 +464,26 @@ fn bookmarks_stay_when_another_lumen_of_the_volume_is_chosen() {
 }
 
 #[test]
+fn a_session_begins_at_the_place_on_the_path_where_it_ended() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = folder();
+    let view = |i: u32| std::fs::read(tmp.path().join(format!("out/view-{i}.png"))).unwrap();
+    play(
+        tmp.path(),
+        &[],
+        r#"{"wait": "complete"}, {"do": {"export": "view"}}, {"do": {"seek": 20}},
+        {"do": {"export": "view"}}"#,
+    );
+    assert_eq!(notes(tmp.path())["arc_mm"], 20.0);
+    // Also where it ends before the path is known.
+    play(tmp.path(), &[], r#"{"wait": "distance"}"#);
+    play(tmp.path(), &[], r#"{"wait": "complete"}, {"do": {"export": "view"}}"#);
+    assert!(view(3) == view(2) && view(3) != view(1));
+}
+
+#[test]
 fn a_series_a_segment_and_an_organ_are_chosen_in_the_window() {
     if common::gpu(intima::vk::Validate::Off).is_none() {
         return;
