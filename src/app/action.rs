@@ -165,6 +165,8 @@ pub enum Action {
     NextMissed,
     /// Shows or hides the keys.
     ToggleHelp,
+    /// Stays with what is open, where notes of it are not saved.
+    Stay,
 }
 
 /// Work that is asked for: of the session, of a file, of the window itself.
@@ -187,6 +189,10 @@ pub enum Request {
     Segment(String),
     /// Stops what is computed.
     Cancel,
+    /// Saves the notes to this file from now on.
+    SaveAs(PathBuf),
+    /// Does what waits for an answer, and leaves the notes unsaved.
+    Discard,
     /// Closes the window.
     Quit,
 }

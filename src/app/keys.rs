@@ -16,7 +16,7 @@ pub(super) fn keys(ui: &Ui, model: &Model, commands: &mut Commands) {
     let with = |wanted: Key, fits: fn(&Modifiers) -> bool| {
         ui.input(|i| {
             i.events.iter().any(|e| match e {
-                egui::Event::Key { key, pressed: true, modifiers, .. } => {
+                egui::Event::Key { key, pressed: true, repeat: false, modifiers, .. } => {
                     *key == wanted && fits(modifiers)
                 }
                 _ => false,

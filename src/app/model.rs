@@ -9,7 +9,7 @@ use std::sync::Arc;
 use glam::{DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::action::{Action, Colouring, FOV_DEG, Pane, Ruler, SPEED_MM_S, WallView};
+use super::action::{Action, Colouring, FOV_DEG, Pane, Request, Ruler, SPEED_MM_S, WallView};
 use super::coverage_recorder::SeenFaces;
 use super::junctions::{Choice, choices};
 use super::measure::Measurement;
@@ -109,6 +109,8 @@ pub struct Model {
     pub section: Option<CrossSection>,
     /// Whether the keys are shown.
     pub help: bool,
+    /// What waits for an answer whether notes are to be saved before.
+    pub leaving: Option<Request>,
     /// The last message to the user.
     pub message: Option<String>,
     /// Why nothing more is computed.
@@ -374,6 +376,7 @@ impl Model {
             Action::GoToBookmark(i) => self.go_to_bookmark(*i),
             Action::NextMissed => self.next_missed(),
             Action::ToggleHelp => self.help = !self.help,
+            Action::Stay => self.leaving = None,
             // Numbers that are none.
             _ => {}
         }

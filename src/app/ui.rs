@@ -1,7 +1,7 @@
 //! Panels and panes. One function a part; each takes the model as it is and returns actions.
 
 use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2};
-use egui_file_dialog::FileDialog;
+use egui_file_dialog::{DialogState, FileDialog};
 use glam::DVec3;
 
 use super::action::{Action, Commands, FOV_DEG, Pane, Request, SPEED_MM_S, WallView};
@@ -36,6 +36,8 @@ pub struct UiState {
     click: Option<(f64, Action)>,
     /// Chooses a file or a folder.
     dialog: FileDialog,
+    /// Chooses a file for the notes.
+    save_dialog: FileDialog,
 }
 
 impl UiState {
@@ -53,6 +55,7 @@ impl Default for UiState {
             panel: PanelState::default(),
             click: None,
             dialog: FileDialog::new().title("Open").default_size([640.0, 420.0]),
+            save_dialog: FileDialog::new().title("Save as").default_file_name("session.json"),
         }
     }
 }
@@ -102,10 +105,31 @@ pub fn window(
     delay_clicks(ui, &mut state.click, &mut of_panes.actions);
     commands.actions.append(&mut of_panes.actions);
     commands.requests.append(&mut of_panes.requests);
+    if model.leaving.is_some() && *state.save_dialog.state() != DialogState::Open {
+        ask_to_save(ui, state, commands);
+    }
     if model.help {
         help(ui, commands);
     }
     sizes
+}
+
+/// Asks what becomes of notes that no file has.
+fn ask_to_save(ui: &Ui, state: &mut UiState, commands: &mut Commands) {
+    egui::Modal::new(egui::Id::new("unsaved")).show(ui.ctx(), |ui| {
+        ui.label("Bookmarks and measurements are not saved.");
+        ui.horizontal(|ui| {
+            if ui.button("Save as").clicked() {
+                state.save_dialog.save_file();
+            }
+            if ui.button("Do not save").clicked() {
+                commands.ask(Request::Discard);
+            }
+            if ui.button("Back").clicked() {
+                commands.act(Action::Stay);
+            }
+        });
+    });
 }
 
 /// Holds a flight to a click back until it is known not to be the first of a double click.
@@ -166,8 +190,12 @@ fn on_pixels(ui: &Ui, rect: Rect) -> Rect {
 fn opened(ui: &Ui, state: &mut UiState, commands: &mut Commands) {
     let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
     state.dialog.update(ui.ctx());
+    state.save_dialog.update(ui.ctx());
     if let Some(path) = dropped.or_else(|| state.dialog.take_picked()) {
         commands.ask(Request::Open(path));
+    }
+    if let Some(path) = state.save_dialog.take_picked() {
+        commands.ask(Request::SaveAs(path));
     }
 }
 

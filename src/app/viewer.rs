@@ -403,16 +403,43 @@ impl Viewer {
         let moving =
             self.model.is_moving() || self.panes.is_settling() || keys::moves(&self.context);
         let at_once = moving || !commands.is_empty();
-        self.handle(gpu, &commands.requests)?;
+        let quit = self.handle(gpu, commands.requests)?;
         Ok(FrameEnd {
             platform: output.platform_output,
-            quit: commands.requests.contains(&Request::Quit),
+            quit,
             again_in: if at_once { Some(0.0) } else { (delay < 1e6).then_some(delay) },
         })
     }
 
-    /// Starts the work that was asked for; waits for it where frames do.
-    fn handle(&mut self, gpu: &mut Gpu, requests: &[Request]) -> Result<(), AppError> {
+    /// Whether a request waits for an answer, because notes would be lost. Asked for again, it is
+    /// carried out.
+    pub fn holds_back(&mut self, request: &Request) -> bool {
+        let leaves = matches!(
+            request,
+            Request::Quit | Request::Open(_) | Request::Series(_) | Request::Segment(_)
+        );
+        let loses = leaves && self.model.has_unsaved_notes() && self.options.session_file.is_none();
+        // Nobody answers a script.
+        if !loses || self.detail == Detail::Settled || self.model.leaving.as_ref() == Some(request)
+        {
+            return false;
+        }
+        tracing::info!("bookmarks are in no file yet");
+        self.model.leaving = Some(request.clone());
+        true
+    }
+
+    /// Starts the work that was asked for; waits for it where frames do. Whether the window is to
+    /// be closed.
+    fn handle(&mut self, gpu: &mut Gpu, mut requests: Vec<Request>) -> Result<bool, AppError> {
+        requests.retain(|request| !self.holds_back(request));
+        let is_saved = requests.iter().find_map(|r| match r {
+            Request::SaveAs(path) => Some(self.save_as(path.clone())),
+            _ => None,
+        });
+        if is_saved == Some(true) || requests.contains(&Request::Discard) {
+            requests.extend(self.model.leaving.take());
+        }
         let is_mask = self.model.contents.as_ref().is_some_and(|(_, is_mask)| *is_mask);
         let opening = requests.iter().rev().find_map(|request| {
             let session = self.computation.as_ref().map(|c| &*c.session);
@@ -434,7 +461,7 @@ impl Viewer {
             self.panes = Panes::new(gpu, self.samples)?;
             self.compute(opening)?;
         }
-        for request in requests {
+        for request in &requests {
             match request {
                 Request::Cancel => {
                     self.computation.iter().for_each(|c| c.session.cancel_token().cancel());
@@ -447,7 +474,23 @@ impl Viewer {
         if let (Detail::Settled, Some(computation)) = (self.detail, &mut self.computation) {
             computation.join().into_iter().for_each(|outcome| outcome(&mut self.model));
         }
-        Ok(())
+        Ok(requests.contains(&Request::Quit))
+    }
+
+    /// Saves notes, with their pictures, to a file from now on; whether they are saved.
+    fn save_as(&mut self, path: PathBuf) -> bool {
+        self.options.session_file = Some(path);
+        for i in 0..self.model.bookmarks.len() {
+            let bookmark = &self.model.bookmarks[i];
+            if let (Some(png), None) = (bookmark.png.clone(), &bookmark.picture) {
+                self.model.bookmarks[i].picture = self.write_picture(&png);
+            }
+        }
+        let saved = self.save_session();
+        let is_saved = saved.is_ok();
+        let path = self.options.session_file.as_deref().unwrap_or(Path::new(""));
+        self.show_written(saved.map(|()| format!("wrote {}", shown(path))));
+        is_saved
     }
 
     /// Plans a flight along another branch of the centerline.
@@ -531,15 +574,19 @@ impl Viewer {
     /// Keeps the inside view as the picture of the bookmark made last, beside the session file.
     fn picture_bookmark(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
         let Some(png) = self.inside_png(gpu)? else { return Ok(()) };
-        let written = self.beside_session_file().map(|(folder, stem)| {
-            let name = export::free_name(folder, &format!("{stem}-bookmark"));
-            export::write(folder, &name, &png).map(|_| name)
-        });
-        let picture = written.and_then(|w| w.map_err(|e| self.show_written(Err(e))).ok());
+        let picture = self.write_picture(&png);
         if let Some(b) = self.model.bookmarks.last_mut() {
             (b.picture, b.png) = (picture, Some(Arc::new(png)));
         }
         Ok(())
+    }
+
+    /// Writes the picture of a bookmark beside the session file, if there is one; its name.
+    fn write_picture(&mut self, png: &[u8]) -> Option<String> {
+        let (folder, stem) = self.beside_session_file()?;
+        let name = export::free_name(folder, &format!("{stem}-bookmark"));
+        let written = export::write(folder, &name, png);
+        written.map_err(|e| self.show_written(Err(e))).ok().map(|_| name)
     }
 
     fn export_view(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {

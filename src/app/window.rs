@@ -12,7 +12,7 @@ use winit::event::{StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Window, WindowId};
 
-use super::action::Commands;
+use super::action::{Commands, Request};
 use super::canvas::Target;
 use super::error::AppError;
 use super::panes::Detail;
@@ -240,6 +240,9 @@ impl ApplicationHandler for App {
         match event {
             // It asks to be drawn again for having been drawn.
             WindowEvent::RedrawRequested => self.redraw(events),
+            WindowEvent::CloseRequested if running.viewer.holds_back(&Request::Quit) => {
+                running.window.request_redraw();
+            }
             WindowEvent::CloseRequested | WindowEvent::Destroyed => events.exit(),
             WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => {
                 running.window.request_redraw();

@@ -269,6 +269,23 @@ fn a_window_is_flown_by_keys_and_pointer_and_keeps_what_was_found() {
     assert_silent(&log);
 }
 
+#[test]
+fn bookmarks_that_no_file_has_are_not_lost_by_closing_without_a_word() {
+    let tmp = folder(Kind::Bend);
+    let args = ["mask.nrrd", "--device", "cpu", "--lod-cache", "off"];
+    let Some(mut d) = Desktop::open(tmp.path(), &args, &[]) else { return };
+    d.wait_for("everything is computed");
+    d.key("b");
+    std::thread::sleep(Duration::from_millis(500));
+    d.xdotool(&["key", "ctrl+q"]);
+    d.wait_for("bookmarks are in no file yet");
+    std::thread::sleep(Duration::from_millis(500));
+    assert!(d.program.0.try_wait().unwrap().is_none(), "it asks instead of closing");
+    let (code, log) = d.quit();
+    assert_eq!(code, Some(0), "asked for again, it closes: {log:#?}");
+    assert_silent(&log);
+}
+
 /// Needs the fault hook.
 #[cfg(feature = "faults")]
 #[test]

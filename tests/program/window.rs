@@ -484,6 +484,26 @@ fn a_session_begins_at_the_place_on_the_path_where_it_ended() {
 }
 
 #[test]
+fn notes_made_without_a_session_file_are_saved_as_one_with_their_pictures() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = folder();
+    let script = r#"{"schema": "intima.script/1", "size": [640, 400], "steps": [
+        {"wait": "complete"}, {"do": {"bookmark": "first"}}, {"do": {"save_as": "notes.json"}},
+        {"do": {"bookmark": "second"}}, {"do": "quit"}]}"#;
+    std::fs::write(tmp.path().join("s.json"), script).unwrap();
+    let args = ["--script", "s.json", "--frames-out", "out", "--lod-cache", "off"];
+    let done = fly(tmp.path(), &args);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let names = ["notes-bookmark-1.png", "notes-bookmark-2.png"];
+    for (i, name) in names.into_iter().enumerate() {
+        assert_eq!(notes(tmp.path())["bookmarks"][i]["picture"], name);
+        assert!(tmp.path().join(name).exists());
+    }
+}
+
+#[test]
 fn a_series_a_segment_and_an_organ_are_chosen_in_the_window() {
     if common::gpu(intima::vk::Validate::Off).is_none() {
         return;
