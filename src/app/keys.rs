@@ -195,7 +195,7 @@ mod tests {
             repeat: false,
             modifiers: Modifiers::NONE,
         };
-        let mut moved = |events| {
+        let moved = |events| {
             let mut commands = Commands::default();
             let input = egui::RawInput { events, ..Default::default() };
             let mut output = context.run_ui(input, |ui| keys(ui, &model, &mut commands));
