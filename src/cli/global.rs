@@ -6,7 +6,7 @@ use std::path::Path;
 use tracing_subscriber::layer::{Layer as _, SubscriberExt as _};
 use tracing_subscriber::util::SubscriberInitExt as _;
 
-use super::CliError;
+use super::{CliError, memory_limit};
 use crate::device::{Device, DeviceChoice};
 use crate::formats::{atomic_file, check_data_file, shown, to_json};
 use crate::session::{Settings, peak_memory_mb};
@@ -32,7 +32,7 @@ pub struct Global {
     /// Say only errors
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub quiet: bool,
-    /// Refuse what would take more memory, MB
+    /// Refuse what would take more memory, MB, and end a run that does
     #[arg(long, global = true, value_name = "MB")]
     pub max_memory: Option<u64>,
     /// Compute N times after a warm-up and report the median; files are written once
@@ -71,6 +71,9 @@ impl Global {
             tracing::info!("{e}");
         }
         crate::vk::survive_file_size_limit();
+        if let Some(allowed_mb) = self.max_memory {
+            memory_limit::watch(self, allowed_mb);
+        }
         ctrlc::set_handler(|| {
             atomic_file::discard_unfinished();
             crate::vk::exit_now(130);

@@ -17,6 +17,7 @@ mod global;
 mod hessian;
 mod info;
 mod lumen_args;
+mod memory_limit;
 mod mode;
 mod phantom;
 mod progress;

@@ -4,8 +4,18 @@ use super::SessionError;
 
 /// Largest resident size of this process so far, MB (10⁶ bytes); 0 where the system does not say.
 pub fn peak_memory_mb() -> f64 {
+    status_mb("VmHWM:")
+}
+
+/// Resident size of this process, MB (10⁶ bytes); 0 where the system does not say.
+pub fn resident_memory_mb() -> f64 {
+    status_mb("VmRSS:")
+}
+
+/// A size in the kernel's description of this process.
+fn status_mb(name: &str) -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+    let line = status.lines().find_map(|l| l.strip_prefix(name));
     let kib = line.and_then(|l| l.split_whitespace().next()?.parse::<f64>().ok());
     kib.unwrap_or(0.0) * 1024.0 / 1e6
 }

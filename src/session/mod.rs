@@ -41,7 +41,7 @@ pub use folder::{REPORT_FILE, RUN_FILES, Recording};
 pub use frames::{DrawnFrame, FrameStream};
 pub use levels::{Levels, LodReport};
 pub use load::{read_any_volume, read_orthogonal_volume};
-pub use memory::{estimate_bytes, peak_memory_mb, refuse_above};
+pub use memory::{estimate_bytes, peak_memory_mb, refuse_above, resident_memory_mb};
 pub use progress::Progress;
 pub use report::{
     CenterlineReport, ComponentReport, CoverageReport, FramesReport, InputReport, LumenReport,
