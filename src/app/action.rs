@@ -31,11 +31,11 @@ pub enum Pane {
 }
 
 impl Pane {
-    /// All of them.
+    /// All panes.
     pub const ALL: [Self; 6] =
         [Self::Inside, Self::Overview, Self::Axial, Self::Coronal, Self::Sagittal, Self::Across];
 
-    /// What it is called.
+    /// Returns the name of the pane.
     pub fn title(self) -> &'static str {
         match self {
             Self::Inside => "Inside",
@@ -68,15 +68,15 @@ pub enum Colouring {
     /// Nothing: it looks like tissue.
     #[default]
     Tissue,
-    /// What the inside view has not shown yet.
+    /// Wall that the inside view has not shown yet.
     Missed,
     /// Distance from the centerline.
     Radius,
-    /// Where the scan shows no wall, and where a thin sheet is all it shows.
+    /// Evidence in the scan: places without a wall, and places where a thin sheet is all it shows.
     Evidence,
 }
 
-/// What is measured by clicking.
+/// Quantity that is measured by clicking.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ruler {
@@ -86,7 +86,7 @@ pub enum Ruler {
     Angle,
 }
 
-/// What is written to the export folder.
+/// Kind of output to the export folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Export {
@@ -117,11 +117,11 @@ pub enum Action {
     TogglePlay,
     /// Turns the direction of the flight.
     Reverse,
-    /// Cruising speed, mm/s.
+    /// Sets the cruising speed, mm/s.
     Speed(f64),
     /// Moves along the path, mm; negative towards its start.
     Travel(f64),
-    /// To a place on the path, mm from its start.
+    /// Moves the eye to a place on the path, mm from its start.
     Seek(f64),
     /// Flies along the path to a place on it, mm from its start.
     FlyTo(f64),
@@ -129,17 +129,17 @@ pub enum Action {
     Fly([f64; 3]),
     /// Turns the eye: right, up, and about its axis clockwise, radians.
     Turn([f32; 3]),
-    /// Vertical field of view, degrees.
+    /// Sets the vertical field of view, degrees.
     FieldOfView(f32),
-    /// Back to the path, level.
+    /// Returns the eye to the path, level.
     BackToPath,
     /// Flies along the path to the place on it that is nearest to a place, LPS mm.
     GoNear([f64; 3]),
-    /// How the inside pane shows the wall.
+    /// Sets the projection of the inside pane.
     View(WallView),
-    /// What colours the wall.
+    /// Sets the quantity that colours the wall.
     Colour(Colouring),
-    /// Of the overview's wall: 0 none, 1 as glass, 2 solid.
+    /// Sets the opacity of the overview's wall: 0 none, 1 as glass, 2 solid.
     Opacity(f32),
     /// Begins to measure, or stops.
     Measure(Option<Ruler>),
@@ -151,7 +151,7 @@ pub enum Action {
     Orbit([f32; 2]),
     /// Moves the crosshair of the slices, LPS mm.
     Crosshair([f64; 3]),
-    /// Grey values of the slices: centre and width.
+    /// Sets the window of the slices' grey values: centre and width.
     Window([f64; 2]),
     /// Fills the window with a pane, or shows all.
     Maximise(Option<Pane>),
@@ -159,9 +159,9 @@ pub enum Action {
     Bookmark(String),
     /// Forgets a note.
     RemoveBookmark(usize),
-    /// To a noted place.
+    /// Moves the eye to a noted place.
     GoToBookmark(usize),
-    /// To the largest patch of the wall that was missed and not yet visited.
+    /// Moves the eye to the largest patch of the wall that was missed and not yet visited.
     NextMissed,
     /// Shows or hides the keys.
     ToggleHelp,
@@ -173,7 +173,7 @@ pub enum Action {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Request {
-    /// From here on along a branch of the centerline, by its number.
+    /// Flies on along a branch of the centerline, by its number.
     Branch(usize),
     /// Writes to the export folder.
     Export(Export),
@@ -183,9 +183,9 @@ pub enum Request {
     Lumen(LumenChoice),
     /// Finds an organ in the same volume.
     Organ(Organ),
-    /// Of several DICOM series that the opened folder holds, opens this, by its index.
+    /// Opens one of several DICOM series of the opened folder, by its index.
     Series(usize),
-    /// Of several segments that the opened file holds, opens this, by its name.
+    /// Opens one of several segments of the opened file, by its name.
     Segment(String),
     /// Stops what is computed.
     Cancel,

@@ -3,10 +3,10 @@
 use crate::geometry::{CenterlineDistances, Mesh};
 use crate::wall::Evidence;
 
-/// Of wall that no picture has shown; linear, eight bits each, and the share of the tissue's colour
-/// that it replaces.
+/// Colour of wall that no picture has shown: linear, eight bits each, and the share of the tissue's
+/// colour that it replaces.
 const MISSED: [u8; 4] = [8, 60, 205, 235];
-/// From narrow to wide: viridis of matplotlib (van der Walt and Smith 2015) at equal steps, as sRGB.
+/// Colour scale from narrow to wide, sRGB at equal steps: viridis (van der Walt and Smith 2015).
 const VIRIDIS: [[u8; 3]; 9] = [
     [68, 1, 84],
     [71, 44, 122],

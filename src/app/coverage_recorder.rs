@@ -1,4 +1,4 @@
-//! Which parts of the wall the pictures have shown so far, kept on a thread of its own while the eye
+//! Coverage of the wall by the pictures so far, computed on a thread of its own while the eye
 //! moves.
 
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use crate::flight::CoverageMap;
 use crate::geometry::{Lens, Pose, TriangleBvh};
 use crate::session::{Exterior, SessionError, Wall};
 
-/// What was shown of the wall.
+/// Part of the wall that was shown.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SeenFaces {
     /// Share of the wall's area, 0 to 1.
@@ -78,7 +78,7 @@ impl CoverageRecorder {
         }
     }
 
-    /// What was shown, if there is more than at the last time. Never waits.
+    /// Returns the part shown, if there is more than at the last time. Never waits.
     pub fn poll(&mut self) -> Option<SeenFaces> {
         let mut newest = None;
         while let Ok((batches, seen)) = self.seen.try_recv() {
@@ -88,7 +88,7 @@ impl CoverageRecorder {
         newest
     }
 
-    /// The same, once everything that was added is in it.
+    /// Waits for all added views, then returns the part shown, if there is more than before.
     pub fn settle(&mut self) -> Option<SeenFaces> {
         let mut newest = None;
         while self.outstanding > 0 {

@@ -11,7 +11,7 @@ use crate::vk::VkError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum AppError {
-    /// There is no display to open a window on.
+    /// No display to open a window on.
     #[error("no display: {0}")]
     NoDisplay(String),
     /// A stage, or the level-of-detail thread.
@@ -29,7 +29,7 @@ pub enum AppError {
     /// An invalid script.
     #[error("step {step} of the script: {what}")]
     Script {
-        /// Which step, from 1.
+        /// Number of the step, from 1.
         step: usize,
         /// The fault.
         what: String,

@@ -1,4 +1,4 @@
-//! What leaves the window as files: pictures, and a page of HTML with bookmarks, measurements and
+//! Files that the window exports: pictures, and a page of HTML with bookmarks, measurements and
 //! figures. Nothing of a patient, no name of a file that was opened.
 
 use std::fmt::Write as _;

@@ -1,4 +1,4 @@
-//! What is drawn over the inside view: branches that can be taken, measurements, names of the faces
+//! Marks over the inside view: branches that can be taken, measurements, names of the faces
 //! of a cube, the scale of colours.
 
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
@@ -20,7 +20,7 @@ pub(super) fn ray_at(rect: Rect, p: Pos2, model: &Model) -> DVec3 {
     DVec3::new(f64::from(at.x) * half, -f64::from(at.y) * half, -1.0)
 }
 
-/// Where a place is in the inside pane, if it is in front of the eye.
+/// Returns the position of a place in the inside pane, if it is in front of the eye.
 fn in_pane(rect: Rect, place: DVec3, model: &Model) -> Option<Pos2> {
     let pose = model.pose?;
     let inverse = pose.rotation.as_dquat().conjugate();
@@ -132,7 +132,7 @@ fn face_names(painter: &Painter, rect: Rect) {
     }
 }
 
-/// What the colours of the wall's evidence say, and how much of the wall each has.
+/// Draws the legend of the wall's evidence: each colour with its share of the wall.
 fn evidence_legend(painter: &Painter, rect: Rect, model: &Model) {
     let Some(field) = model.products.lumen.as_ref().and_then(|l| l.wall.as_ref()) else { return };
     let rows = [

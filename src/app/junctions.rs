@@ -11,13 +11,13 @@ use crate::session::FlightRoute;
 pub struct Choice {
     /// Number of the branch.
     pub branch: usize,
-    /// Where on the path, mm.
+    /// Place on the path where the branch leaves, mm from the start.
     pub arc_mm: f64,
-    /// A place a little way into the branch, LPS mm.
+    /// Place a little way into the branch, LPS mm.
     pub ahead_mm: DVec3,
 }
 
-/// How far into a branch its direction is taken, mm.
+/// Distance into a branch at which its direction is taken, mm.
 const AHEAD_MM: f64 = 8.0;
 
 /// All choices along a path, in its order.

@@ -90,7 +90,7 @@ pub(super) fn keys(ui: &Ui, model: &Model, commands: &mut Commands) {
     held_keys(ui, commands);
 }
 
-/// Of the branches that can be taken, the one the eye looks at most nearly.
+/// Returns the branch that the eye looks at most nearly, of those that can be taken.
 fn branch_in_view(model: &Model) -> Option<usize> {
     let pose = model.pose?;
     let forward = pose.forward().as_dvec3();

@@ -8,7 +8,7 @@ use super::action::Ruler;
 /// Places and what is between them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measurement {
-    /// What was measured.
+    /// Kind of measurement.
     pub ruler: Ruler,
     /// LPS mm: two ends of a length; of an angle the second is its vertex.
     pub points_mm: Vec<[f64; 3]>,

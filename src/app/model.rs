@@ -1,4 +1,4 @@
-//! What the window is about: where the eye is, what is shown, what was noted. No drawing here and
+//! State of the window: the eye, the view, bookmarks and measurements. No drawing here and
 //! no input devices: panels and scripts alike send [`Action`]s, and [`Model::step`] carries them out.
 
 mod moves;
@@ -61,13 +61,13 @@ pub struct Model {
     pub on_path: bool,
     /// Whether it flies.
     pub playing: bool,
-    /// Whether towards the start.
+    /// Whether the flight goes towards the start.
     pub reverse: bool,
     /// Cruising speed, mm/s.
     pub speed_mm_s: f64,
-    /// Where the slices cross, LPS mm.
+    /// Place where the slices cross, LPS mm.
     pub crosshair_mm: DVec3,
-    /// How far the overview is turned, radians: zero is from in front of the patient.
+    /// Angles of the overview, radians: zero is from in front of the patient.
     pub orbit: [f32; 2],
     /// Centre and width of the slices' grey values.
     pub window: [f64; 2],
@@ -75,11 +75,11 @@ pub struct Model {
     pub maximised: Option<Pane>,
     /// Noted places.
     pub bookmarks: Vec<Bookmark>,
-    /// Bookmarks were made or forgotten since they were saved.
+    /// Whether bookmarks were made or forgotten since they were saved.
     unsaved: bool,
     /// Missed patches that were visited, by their rank.
     visited: Vec<usize>,
-    /// Where the eye flies to along the path, mm from its start.
+    /// Place on the path that the eye flies to, mm from the start.
     goal_mm: Option<f64>,
     /// Where on the path to begin, mm, once there is one.
     start_mm: f64,
@@ -89,21 +89,21 @@ pub struct Model {
     is_planned_path: bool,
     /// Branches that can be taken, along the path.
     pub choices: Vec<Choice>,
-    /// How the inside pane shows the wall.
+    /// Projection of the inside pane.
     pub view: WallView,
-    /// What colours the wall.
+    /// Quantity that colours the wall.
     pub colouring: Colouring,
-    /// Of the overview's wall: 0 none, 1 as glass, 2 solid.
+    /// Opacity of the overview's wall: 0 none, 1 as glass, 2 solid.
     pub opacity: f32,
-    /// What is being measured.
+    /// Ruler of the measurement in progress.
     pub ruler: Option<Ruler>,
-    /// Its points so far, LPS mm.
+    /// Points of the measurement in progress, LPS mm.
     pub marks_mm: Vec<DVec3>,
-    /// What was measured.
+    /// Finished measurements.
     pub measurements: Vec<Measurement>,
-    /// What the inside view has shown of the wall.
+    /// Part of the wall that the inside view has shown.
     pub seen: SeenFaces,
-    /// Counts changes of it.
+    /// Number of changes of `shown`.
     pub seen_version: u64,
     /// The cross-section of the lumen at the eye: across the path, or across the view off it.
     pub section: Option<CrossSection>,
@@ -113,12 +113,12 @@ pub struct Model {
     pub leaving: Option<Request>,
     /// The last message to the user.
     pub message: Option<String>,
-    /// Why nothing more is computed.
+    /// Reason why nothing more is computed.
     pub failure: Option<String>,
     /// Series or segments of the input, where one has to be chosen, and whether that input is the
     /// mask.
     pub contents: Option<(InputInfo, bool)>,
-    /// Everything is computed.
+    /// Whether everything is computed.
     pub is_complete: bool,
     /// Width over height of the inside view.
     pub aspect: f32,
@@ -174,7 +174,7 @@ impl Model {
         self.products.value_range.as_deref().copied().flatten().unwrap_or((0.0, 1.0))
     }
 
-    /// What the wall was drawn on at each vertex, where it follows grey values.
+    /// Evidence for the wall at each vertex, where the wall follows grey values.
     pub fn evidence(&self) -> Option<&[Evidence]> {
         self.products.evidence.as_ref()?.as_deref()
     }

@@ -28,7 +28,7 @@ pub enum Detail {
     Settled,
 }
 
-/// What a picture was drawn of.
+/// Inputs of a drawn picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Drawn {
     shot: Shot,
@@ -80,7 +80,7 @@ impl DrawnPane {
 struct Coloured {
     inside: MeshHandle,
     overview: MeshHandle,
-    /// What the colours are of: which, and the version of what was shown.
+    /// Quantity that the colours show, and the version of what was shown.
     of: (Colouring, u64),
     at: Instant,
 }
@@ -92,22 +92,22 @@ pub struct Panes {
     /// The whole mesh in the inside view, until there are levels.
     mesh: Option<MeshHandle>,
     glass: Option<MeshHandle>,
-    /// The wall was put on the device for the inside view.
+    /// Whether the wall is on the device for the inside view.
     has_wall: bool,
-    /// The wall of the overview is put on the device in the next frame.
+    /// Whether the wall of the overview is put on the device in the next frame.
     is_glass_next: bool,
     path: Option<PathHandle>,
-    /// Of the organ, for the light, mm.
+    /// Mean radius of the organ, for the light, mm.
     radius_mm: f32,
     levels: Option<(Worker, PagesHandle, Arc<Levels>)>,
-    /// The pages hold a cut.
+    /// Whether the pages hold a cut.
     has_cut: bool,
     /// The camera whose levels were asked for last.
     asked: Option<Camera>,
-    /// Steps are still to come for it.
+    /// Whether steps are still to come for it.
     is_settling: bool,
     coloured: Option<Coloured>,
-    /// Colours are older than what was shown.
+    /// Whether colours are older than what was shown.
     is_paint_old: bool,
 }
 
@@ -254,7 +254,7 @@ impl Panes {
         matches!(self.inside.scene, Some(Scene { wall: Wall::Pages { .. }, .. }))
     }
 
-    /// What there is to see in each pane, as the model wants it.
+    /// Sets the scene of each pane as the model wants it.
     fn arrange(&mut self, model: &Model) {
         let pages = self.levels.as_ref().filter(|_| self.has_cut).map(|l| l.1);
         let wall = match (&self.coloured, pages, self.mesh) {

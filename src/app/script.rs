@@ -19,7 +19,7 @@ pub const SCRIPT_SCHEMA: &str = "intima.script/1";
 /// Most frames of a script, and of one step.
 const MAX_FRAMES: u32 = 1_000_000;
 
-/// What a script waits for.
+/// Condition that a script waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Wait {

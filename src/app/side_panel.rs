@@ -137,7 +137,7 @@ fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &m
     });
 }
 
-/// What the wall looks like.
+/// Lays out the controls of the wall's appearance.
 fn appearance(ui: &mut Ui, model: &Model, commands: &mut Commands) {
     let views =
         [(WallView::Eye, "eye"), (WallView::Cube, "cube"), (WallView::Panorama, "panorama")];

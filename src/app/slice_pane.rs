@@ -23,7 +23,7 @@ pub(super) struct SliceViews {
     textures: [Option<SliceTexture>; 4],
     /// 1 shows all of the volume.
     zoom: f64,
-    /// From the crosshair to the middle of each slice, LPS mm.
+    /// Offset from the crosshair to the middle of each slice, LPS mm.
     pan_mm: [DVec3; 4],
     /// The same for slices in which the crosshair is dragged: they stay under the pointer.
     held_mm: [DVec3; 4],

@@ -13,7 +13,7 @@ use crate::volume::Volume;
 /// A plane that is looked at: LPS mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
-    /// What is in the middle of the picture.
+    /// Centre of the picture.
     pub centre_mm: DVec3,
     /// Unit, to the right of the picture.
     pub right: DVec3,
@@ -59,7 +59,7 @@ impl Plane {
     }
 }
 
-/// Which sides of the patient a direction points to: the main one, and a second where it is oblique.
+/// Returns the letters of the sides that a direction points to: the main one, a second if oblique.
 pub fn side_letters(direction: DVec3) -> String {
     let mut parts: Vec<(f64, char)> =
         [(direction.x, 'L', 'R'), (direction.y, 'P', 'A'), (direction.z, 'H', 'F')]

@@ -18,7 +18,7 @@ use crate::render::framing_turned;
 pub const INSIDE: egui::TextureId = egui::TextureId::User(0);
 pub const OVERVIEW: egui::TextureId = egui::TextureId::User(1);
 
-/// What can be done about a failure.
+/// Returns the next step for a user after a failure.
 fn what_next(model: &Model) -> &'static str {
     match (&model.contents, model.volume()) {
         (Some((info, _)), _) if info.segments.is_empty() => "Choose a series on the right.",
@@ -28,20 +28,20 @@ fn what_next(model: &Model) -> &'static str {
     }
 }
 
-/// What the panels keep from frame to frame beside the model.
+/// State that the panels keep from frame to frame beside the model.
 pub struct UiState {
     slices: SliceViews,
     panel: PanelState,
     /// When a pane was clicked, s, and where the eye flies because of that.
     click: Option<(f64, Action)>,
-    /// Chooses a file or a folder.
+    /// Dialog for choosing a file or a folder.
     dialog: FileDialog,
     /// Chooses a file for the notes.
     save_dialog: FileDialog,
 }
 
 impl UiState {
-    /// Of another volume there are other slices.
+    /// Forgets the slices and their zoom, for another volume.
     pub fn reset(&mut self) {
         self.slices = SliceViews::default();
         (self.panel.lumen, self.click) = (None, None);
@@ -60,7 +60,7 @@ impl Default for UiState {
     }
 }
 
-/// Where the drawn panes are, in pixels: columns and rows.
+/// Sizes of the drawn panes, pixels: columns and rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PaneSizes {
     /// The inside view, where it is shown.

@@ -34,7 +34,7 @@ pub struct ViewerOptions {
     pub settings: Settings,
     /// Bookmarks and how the window is set, read if it is there; pictures are beside it.
     pub session_file: Option<PathBuf>,
-    /// Folder of what is exported.
+    /// Folder of exported files.
     pub export: PathBuf,
 }
 
@@ -117,7 +117,7 @@ pub struct FrameEnd {
     pub platform: egui::PlatformOutput,
     /// The window is to be closed.
     pub quit: bool,
-    /// Draw again after so many seconds at most.
+    /// Seconds after which to draw again, at most.
     pub again_in: Option<f64>,
 }
 

@@ -19,7 +19,7 @@ use super::panes::Detail;
 use super::viewer::{FrameEnd, Viewer, ViewerOptions};
 use crate::vk::{Choice, Gpu, OpenOptions, WindowHandles};
 
-/// How to open the window.
+/// Options of the window.
 #[derive(Clone, Debug)]
 pub struct WindowOptions {
     /// Columns and rows, points.
@@ -32,9 +32,9 @@ pub struct WindowOptions {
 
 /// Shortest time between frames of a flight: not every driver waits for the screen.
 const FRAME: Duration = Duration::from_millis(16);
-/// How often the progress line is looked at.
+/// Time between two looks at the progress line.
 const PROGRESS: Duration = Duration::from_millis(250);
-/// When bookmarks that could not be saved are tried again.
+/// Time after which bookmarks that could not be saved are tried again.
 const SAVE_AGAIN: Duration = Duration::from_secs(1);
 /// Longest step of the flight's clock: a window that was held up does not jump.
 const MAX_STEP_S: f64 = 0.1;
@@ -81,11 +81,11 @@ struct Running {
     gpu: Gpu,
     window: Arc<Window>,
     last: Instant,
-    /// When to draw again, if nothing happens before.
+    /// Time to draw again, if nothing happens before.
     again_at: Option<Instant>,
-    /// What was reported of how far it has come: first frame, first picture, everything.
+    /// Milestones reported so far: first frame, first picture, everything.
     reported: [bool; 3],
-    /// How often a lost device was opened again.
+    /// Number of times that a lost device was opened again.
     reopened: u32,
     times: FrameTimes,
 }

@@ -53,7 +53,7 @@ pub struct PathArgs {
     /// End here, LPS mm
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub to: Option<String>,
-    /// How far a point sees: paper (Eq. 5) or measured (longest ray across); default by mode
+    /// Range of sight of a point: paper (Eq. 5) or measured (longest ray across); default by mode
     #[arg(long, value_enum)]
     pub radius: Option<Radius>,
 }

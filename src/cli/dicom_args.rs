@@ -2,7 +2,7 @@
 
 use crate::formats::ReadOptions;
 
-/// Which series, and how it is read.
+/// DICOM flags.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "DICOM")]
 pub struct DicomArgs {
@@ -24,7 +24,7 @@ pub struct DicomArgs {
 }
 
 impl DicomArgs {
-    /// How to read.
+    /// Returns the options for reading an input.
     pub fn options(&self) -> ReadOptions {
         ReadOptions {
             series: self.series.clone(),

@@ -7,17 +7,17 @@ use crate::mesh::{MeshError, ParameterizationError};
 use crate::session::SessionError;
 use crate::volume::GridError;
 
-/// What a command fails with.
+/// Failure of a command.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CliError {
-    /// The arguments make no sense together.
+    /// Arguments that make no sense together.
     #[error("{0}")]
     Usage(String),
-    /// The input is not what the command needs.
+    /// Input that is not what the command needs.
     #[error("{0}")]
     Input(String),
-    /// A stage, a file or the device.
+    /// Failure of a stage, a file or the device.
     #[error(transparent)]
     Session(SessionError),
     /// More memory than `--max-memory` allows.
@@ -27,10 +27,10 @@ pub enum CliError {
         needed_mb: u64,
         /// Limit, MB.
         allowed_mb: u64,
-        /// What takes it.
+        /// Data that take the memory.
         what: &'static str,
     },
-    /// There is no display for a window.
+    /// No display for a window.
     #[error("{0}")]
     NoDisplay(String),
     /// Standard output.

@@ -24,7 +24,7 @@ pub struct FrameArgs {
     /// Pixels of a frame
     #[arg(long, value_name = "WxH", default_value = "1280x720")]
     pub size: String,
-    /// What a frame shows
+    /// View that a frame shows
     #[arg(long, value_enum, default_value = "inside")]
     pub view: View,
     /// Vertical field of view, degrees
@@ -40,7 +40,7 @@ pub struct FrameArgs {
     /// makes a tree
     #[arg(long, value_name = "leaf:N|all", value_parser = route, conflicts_with = "path")]
     pub route: Option<FlightRoute>,
-    /// Also write a video: .mp4 or .gif (needs ffmpeg)
+    /// Write a video too: .mp4 or .gif (needs ffmpeg)
     #[arg(long, value_name = "FILE")]
     pub video: Option<PathBuf>,
     /// Fly this camera path instead of our own (intima.path/1)
@@ -63,7 +63,7 @@ pub fn frame_size(text: &str) -> Result<[u32; 2], CliError> {
     size.ok_or_else(wrong)
 }
 
-/// Which ways to fly.
+/// Parses the branches to fly.
 fn route(text: &str) -> Result<FlightRoute, String> {
     let leaf = text.strip_prefix("leaf:").and_then(|n| n.parse().ok());
     match (text, leaf) {

@@ -7,7 +7,7 @@ use super::{CliError, command};
 /// `intima completions SHELL`
 #[derive(Debug, clap::Args)]
 pub struct CompletionArgs {
-    /// Which shell
+    /// Shell to write completions for
     shell: clap_complete::Shell,
 }
 

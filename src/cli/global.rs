@@ -14,7 +14,7 @@ use crate::session::{Settings, peak_memory_mb};
 /// Global flags.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Global {
-    /// Which device computes: auto, cpu, gpu or gpu:N
+    /// Device that computes: auto, cpu, gpu or gpu:N
     ///
     /// auto takes the first real GPU for everything; without one the CPU computes and software
     /// Vulkan only draws. gpu takes software Vulkan too.

@@ -23,7 +23,7 @@ pub struct Args {
     /// Field to write: .nrrd (one or three components), or any volume format for one
     #[arg(short, long, value_name = "FIELD")]
     output: PathBuf,
-    /// What to analyse: the exact distance in the lumen, or the grey values
+    /// Field to analyse: the exact distance in the lumen, or the grey values
     #[arg(long, value_enum, default_value = "distance")]
     of: Of,
     /// Gaussian before the derivatives, mm (default: the smallest voxel spacing)
@@ -92,7 +92,7 @@ impl Args {
         Ok(HessianSettings { sigma_mm, response: self.response, dark: self.dark })
     }
 
-    /// Of the grey values of the whole volume; copying them into bricks is outside the clock.
+    /// Analyses the grey values of the whole volume; copying them into bricks is outside the clock.
     fn of_grey(&self, global: &Global, session: &Session) -> Result<HessianField, CliError> {
         let volume = global.watched(session, || session.volume())?;
         let settings = self.settings(&volume.grid)?;
@@ -115,7 +115,7 @@ impl Args {
         Ok((field, Arc::new(values.bricks), timing, settings, copied))
     }
 
-    /// Of the distance field over the lumen.
+    /// Analyses the distance field over the lumen.
     fn of_distance(
         &self,
         global: &Global,

@@ -57,7 +57,7 @@ pub struct LumenArgs {
     /// Draw the threshold in to just below the first leak (needs a seed)
     #[arg(long)]
     pub leak_control: bool,
-    /// Where the wall lies: field where the profile of the grey values puts it (auto with --organ and
+    /// Place of the wall: field where the profile of the grey values puts it (auto with --organ and
     /// --threshold), relaxed smooth within half a voxel of a label map (auto where the largest spacing
     /// is at most twice the smallest), exact at the threshold or half way between voxels
     #[arg(long, value_enum, default_value = "auto", value_name = "METHOD")]
@@ -135,7 +135,7 @@ impl LumenArgs {
         global.say(format_args!("wrote {}", shown(file)))
     }
 
-    /// Which voxels are the lumen.
+    /// Returns the settings by which the lumen is chosen.
     pub fn settings(&self) -> Result<LumenSettings, CliError> {
         let select = match (&self.mask, &self.threshold) {
             (Some(spec), _) => Some(IntensitySelection::Labels(split_labels(spec).1)),

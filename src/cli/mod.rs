@@ -54,7 +54,7 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// What a volume is: series, dimensions, spacing, direction, range
+    /// Describe a volume: series, dimensions, spacing, direction, range
     Info(info::Args),
     /// Write a volume in another format, geometry kept
     Convert(convert::Args),

@@ -7,7 +7,7 @@ use super::CliError;
 use super::global::Global;
 use crate::session::{Clock, Product, Session, StageTime};
 
-/// What `--json` answers for a computing command.
+/// Result of a computing command, as `--json` prints it.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Timing {
     /// Median seconds of the repeats (or of the one run).
@@ -18,7 +18,7 @@ pub struct Timing {
     pub runs: u32,
     /// Stages of the median run.
     pub stages: Vec<StageTime>,
-    /// Where plans ran.
+    /// Name of the device on which plans ran.
     pub device: String,
     /// Result figures of the command.
     #[serde(flatten)]

@@ -89,7 +89,7 @@ impl SessionArgs {
         Ok(())
     }
 
-    /// Where frames go: into `folder`.
+    /// Returns the files of a recording with its frames in `folder`.
     pub fn recording(&self, folder: PathBuf) -> Recording {
         Recording {
             frames: folder,

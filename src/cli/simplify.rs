@@ -29,7 +29,7 @@ pub struct Args {
     output: PathBuf,
     #[command(flatten)]
     mode: ModeArg,
-    /// What a collapse costs (default: normal-qem, in paper mode paper)
+    /// Cost of a collapse (default: normal-qem, in paper mode paper)
     #[arg(long, value_enum)]
     metric: Option<Metric>,
     /// Stop before a vertex is farther than this from the planes it stands for
@@ -39,7 +39,7 @@ pub struct Args {
     /// move, at each collapse, to where they stand best for those that went
     #[arg(long)]
     keep_vertices: bool,
-    /// Also measure how far the result is from the mesh: both ways, from samples of each
+    /// Measure the distance of the result from the mesh too: both ways, from samples of each
     #[arg(long)]
     measure: bool,
     /// Keep the parameterisation: where every point of the mesh lies on the base, and back
@@ -53,7 +53,7 @@ pub struct Args {
     space: Option<Space>,
 }
 
-/// What came of it, as `--json` says it.
+/// Result of a simplification, as `--json` prints it.
 #[derive(Default, Serialize)]
 struct Reached {
     /// Faces of the input.
@@ -252,7 +252,7 @@ fn base_mesh(mesh: &Mesh, maps: &Parameterization) -> Mesh {
     base
 }
 
-/// What was repaired, a sentence each.
+/// Lists the repairs, a sentence each.
 fn repaired(r: &Repairs) -> Vec<String> {
     let mut out = Vec::new();
     let mut say = |n: usize, what: &str| {

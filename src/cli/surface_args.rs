@@ -27,7 +27,7 @@ pub struct FairArgs {
 pub struct SurfaceArgs {
     #[command(flatten)]
     pub fair: FairArgs,
-    /// Of an exact wall: grey interpolates the threshold between voxels, mask is half way
+    /// Vertices of an exact wall: grey interpolates the threshold between voxels, mask is half way
     #[arg(long, value_enum, default_value = "grey")]
     pub surface_from: SurfaceFrom,
     /// Leave caps at the edge of the volume out

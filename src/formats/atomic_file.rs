@@ -21,11 +21,11 @@ const PREFIX: &str = ".intima-";
 const SUFFIX: &str = ".tmp";
 const RANDOM: usize = 12;
 
-/// What this process writes now.
+/// Temporary files of this process, and the folders it has searched.
 struct Unfinished {
     /// Temporary files that exist.
     files: BTreeSet<PathBuf>,
-    /// Folders already searched for what killed runs left.
+    /// Folders already searched for temporary files of killed runs.
     swept: BTreeSet<PathBuf>,
 }
 
@@ -88,7 +88,7 @@ impl TemporaryFile {
         }
     }
 
-    /// Where it lies.
+    /// Returns the path of the temporary file; empty once renamed.
     pub fn path(&self) -> &Path {
         self.path.as_deref().unwrap_or(Path::new(""))
     }
@@ -277,7 +277,7 @@ pub fn write_atomic(
     file.commit()
 }
 
-/// Where what can be computed again is kept: `$XDG_CACHE_HOME/intima` or `~/.cache/intima`.
+/// Returns the user's cache of recomputable files: `$XDG_CACHE_HOME/intima` or `~/.cache/intima`.
 pub fn user_cache() -> Option<PathBuf> {
     let set = |name| std::env::var_os(name).map(PathBuf::from).filter(|p| p.is_absolute());
     let base = set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")))?;

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use crate::volume::GridError;
 
-/// What an error shows of a header field: words of this program and numbers that were read as
-/// such. It cannot be made of text from a file, which may name a patient.
+/// Value of a header field in an error: words of this program, or numbers that were read as such.
+/// It cannot be made of text from a file, which may name a patient.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FieldValue(Cow<'static, str>);
 
@@ -72,8 +72,8 @@ fn is_control(c: char) -> bool {
         || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// What is wrong with a file. Every message names the file and, where there is one, the field and
-/// its value if that is a number. No message holds text of the file.
+/// Fault of a file, or of reading or writing it. Every message names the file and, where there is
+/// one, the field and its value if that is a number. No message holds text of the file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FormatError {
@@ -92,9 +92,9 @@ pub enum FormatError {
         file: PathBuf,
         /// Name of the header field or tag.
         field: String,
-        /// What it holds.
+        /// Value of the field.
         value: FieldValue,
-        /// What is wrong with it.
+        /// Fault of the value.
         why: String,
     },
     /// A header field or a place in the file whose text, which is not shown, cannot be right.
@@ -104,7 +104,7 @@ pub enum FormatError {
         file: PathBuf,
         /// Name of the header field or tag, or the line.
         field: String,
-        /// What was expected.
+        /// Reason why the text cannot be right.
         why: String,
     },
     /// The data ends before the header says it should.
@@ -112,11 +112,11 @@ pub enum FormatError {
     Truncated {
         /// Which file.
         file: PathBuf,
-        /// Which part.
+        /// Name of the data that ends too soon.
         what: &'static str,
         /// Bytes promised.
         wanted: u64,
-        /// Bytes there.
+        /// Bytes found.
         found: u64,
     },
     /// Readable, but not by this version.
@@ -124,7 +124,7 @@ pub enum FormatError {
     Unsupported {
         /// Which file.
         file: PathBuf,
-        /// What it asks for.
+        /// Feature that is not supported.
         what: String,
     },
     /// The geometry is unusable.
@@ -132,7 +132,7 @@ pub enum FormatError {
     Grid {
         /// Which file.
         file: PathBuf,
-        /// What is unusable.
+        /// Fault of the geometry.
         source: GridError,
     },
     /// Segments overlap and none is chosen, or the file lacks the chosen one. The names in the file
@@ -147,11 +147,11 @@ pub enum FormatError {
     /// Several series and none chosen, or the chosen one absent.
     #[error("{}: {why}; choose one with --series:{list}", shown(.file))]
     Series {
-        /// Which folder.
+        /// Path of the folder or file.
         file: PathBuf,
         /// What is wrong with the choice.
         why: String,
-        /// One line a series.
+        /// List of the series, one a line.
         list: String,
     },
 }

@@ -61,7 +61,7 @@ pub fn read_png(path: &Path) -> Result<(u32, u32, Vec<u8>), FormatError> {
     Ok((width, height, rgb))
 }
 
-/// What is wrong with a PNG, without the text that the decoder's own message may repeat.
+/// Names the fault of a PNG, without the text that the decoder's own message may repeat.
 fn damage(e: &png::DecodingError) -> &'static str {
     match e {
         png::DecodingError::LimitsExceeded => "too large",

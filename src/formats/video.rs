@@ -68,11 +68,11 @@ pub struct VideoWriter {
     frame_bytes: usize,
     frames: u64,
     child: Arc<Mutex<Child>>,
-    /// Where the frames go.
+    /// Standard input of ffmpeg, for the frames.
     stdin: Option<ChildStdin>,
-    /// Closed when ffmpeg ends, so that waiting for it holds no lock.
+    /// Standard output of ffmpeg, closed when it ends, so that waiting for it holds no lock.
     stdout: Option<ChildStdout>,
-    /// What ffmpeg complains about.
+    /// Standard error of ffmpeg.
     log: File,
     temporary: TemporaryFile,
 }

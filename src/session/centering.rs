@@ -21,7 +21,7 @@ use crate::organ::Organ;
 pub struct Centered {
     /// Path or tree, LPS mm.
     pub line: Centerline,
-    /// How it was proven inside; `None` for the paper's path, which has no proof.
+    /// Proof that the line stays inside; `None` for the paper's path, which has none.
     pub proof: Option<Proof>,
     /// Places that viewers were chosen from: nodes of the graph, in paper mode ridge candidates.
     pub candidates: usize,
@@ -44,7 +44,7 @@ pub struct Centered {
 /// Most viewpoints added for unseen voxels; what is still unseen then is listed.
 const MAX_ADDED: usize = 10_000;
 
-/// What the visibility test found.
+/// Outcome of the visibility test.
 pub struct Visibility {
     /// Places that viewers were chosen from.
     candidates: usize,
@@ -202,7 +202,7 @@ fn visibility(
 const MAX_LOOPS: usize = 5;
 
 impl Centered {
-    /// What a reader of the centerline should know.
+    /// Returns the notes for a reader of the centerline.
     pub(super) fn notes(&self) -> Vec<String> {
         let mut out = Vec::new();
         if self.unreachable > 0 {

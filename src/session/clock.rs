@@ -9,15 +9,15 @@ use crate::compute::{Outputs, StepTime};
 pub struct StageTime {
     /// Stage name.
     pub name: &'static str,
-    /// Where it ran: `cpu`, or the device's name.
+    /// Name of the device that it ran on, or `cpu`.
     pub device: String,
-    /// When it began, milliseconds since its clock did. Stages may run side by side.
+    /// Start, milliseconds since its clock began. Stages may run side by side.
     pub start_ms: f64,
     /// Milliseconds: wall time of CPU stages, and of a plan from hand-over to results.
     pub ms: f64,
     /// Items worked on.
     pub items: u64,
-    /// What an item is.
+    /// Unit of the items, such as `voxels`.
     pub unit: &'static str,
     /// Kernels of a plan, each with its own time.
     #[serde(skip_serializing_if = "Vec::is_empty")]

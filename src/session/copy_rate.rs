@@ -1,4 +1,4 @@
-//! What memory gives on a device: the rate that kernels are set beside.
+//! Copy bandwidth of a device's memory: the rate that kernels are compared with.
 
 use super::SessionError;
 use crate::compute::Plan;
@@ -13,7 +13,7 @@ pub struct CopyRate {
     /// Seconds of each copy, ascending: on a GPU from timestamp queries.
     #[serde(skip)]
     pub seconds: Vec<f64>,
-    /// Of the median copy, bytes read and written together, 10⁹ a second; 0 without timestamps.
+    /// Rate of the median copy, bytes read and written, 10⁹ a second; 0 without timestamps.
     pub gb_per_s: f64,
 }
 

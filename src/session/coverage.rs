@@ -1,4 +1,4 @@
-//! What the frames of the flight saw of the wall.
+//! Coverage of the wall by the frames of the flight.
 
 use std::fmt::Write as _;
 
@@ -54,7 +54,7 @@ fn all_round(flight: &Flight) -> Vec<(Pose, Lens)> {
     views(flight).iter().flat_map(|(pose, lens)| cube_faces(pose, lens, 0.0)).collect()
 }
 
-/// The same places looked at the other way: each camera turned half about its own up.
+/// Returns the views of the flight backwards: each camera turned half about its own up.
 fn reversed_views(flight: &Flight) -> Vec<(Pose, Lens)> {
     let half_turn = Quat::from_xyzw(0.0, 1.0, 0.0, 0.0);
     let mut views = views(flight);
@@ -63,7 +63,7 @@ fn reversed_views(flight: &Flight) -> Vec<(Pose, Lens)> {
     views
 }
 
-/// What the report says of a coverage.
+/// Returns the report of a coverage.
 pub(super) fn report(c: &Coverage) -> CoverageReport {
     let patch = |p: &crate::flight::MissedPatch| PatchReport {
         area_mm2: p.area_mm2,

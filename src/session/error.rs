@@ -75,9 +75,9 @@ pub enum SessionError {
     /// A mesh that encloses no lumen.
     #[error("{name}: {why}")]
     Enclosed {
-        /// Which mesh.
+        /// Name of the mesh.
         name: String,
-        /// What is wrong with it.
+        /// Fault of the mesh.
         why: VoxelizeError,
     },
     /// A volume from which nothing says how to choose a lumen.
@@ -89,13 +89,13 @@ pub enum SessionError {
     LumenNotChosen {
         /// Which volume.
         name: String,
-        /// What was found in it.
+        /// Organ that was found in the volume.
         organ: Option<Organ>,
     },
     /// A product that no stage makes with the session's settings.
     #[error("{product:?} cannot be made with {settings}")]
     Unavailable {
-        /// Which product.
+        /// Requested product.
         product: Product,
         /// Settings that decide which products there are, with their values.
         settings: String,
@@ -103,7 +103,7 @@ pub enum SessionError {
     /// Another run is writing into the same folder.
     #[error("{}: another run is writing into this folder", shown(.folder))]
     FolderInUse {
-        /// Which folder.
+        /// Path of the folder.
         folder: PathBuf,
     },
     /// More memory than allowed.
@@ -113,7 +113,7 @@ pub enum SessionError {
         needed_mb: u64,
         /// Limit, MB.
         allowed_mb: u64,
-        /// What takes it.
+        /// Data that take the memory.
         what: &'static str,
     },
     /// Stopped before it was done, because someone asked for it.

@@ -14,11 +14,11 @@ use crate::lumen::{BitVolume, Lumen};
 use crate::task::catch_cancelled;
 use crate::volume::{Grid, Volume};
 
-/// What the centerline needs, in slot order of the lumen.
+/// Fields that the centerline needs, in slot order of the lumen.
 pub struct Fields {
     /// Exact distance, mm.
     pub distance: Arc<Array<f32>>,
-    /// The same after a Gaussian of one (smallest) voxel.
+    /// Distance after a Gaussian of one (smallest) voxel, mm.
     pub smooth: Array<f32>,
     /// Ridge candidates of the paper's method, in element order; none in default mode.
     pub candidates: Vec<Candidate>,
@@ -122,14 +122,14 @@ fn values_in(lumen: &Lumen, volume: &Volume) -> Vec<f32> {
     field
 }
 
-/// How to analyse a Hessian.
+/// Settings of a Hessian analysis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HessianSettings {
-    /// Gaussian before the derivatives, mm.
+    /// Sigma of the Gaussian before the derivatives, mm.
     pub sigma_mm: f64,
-    /// What is made of the eigenvalues.
+    /// Response computed from the eigenvalues.
     pub response: Response,
-    /// Dark ridges instead of bright ones.
+    /// Whether dark ridges are wanted instead of bright ones.
     pub dark: bool,
 }
 

@@ -29,14 +29,14 @@ pub const RUN_FILES: [&str; 10] = [
     "unseen.csv",
 ];
 
-/// Where frames go.
+/// Files of a recorded flight.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
     /// Folder of the frames; made if it is not there, and rid of the frames of an earlier flight.
     pub frames: PathBuf,
-    /// A video of them, and its frames a second.
+    /// File of the video, and its frames a second.
     pub video: Option<(PathBuf, f64)>,
-    /// Where the camera path is written.
+    /// File of the camera path.
     pub camera_path: Option<PathBuf>,
 }
 

@@ -172,17 +172,17 @@ impl Session {
 /// A drawn frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DrawnFrame {
-    /// Its place in the flight, from 0.
+    /// Index of the frame in the flight, from 0.
     pub index: usize,
     /// Columns and rows.
     pub size: [u32; 2],
     /// Eight bits each of red, green and blue; rows from the top.
     pub rgb: Vec<u8>,
-    /// What it took to draw it.
+    /// Statistics of the drawing.
     pub stats: FrameStats,
 }
 
-/// What a stream has put on the device.
+/// Meshes and pages that a stream holds on the device.
 #[derive(Default)]
 struct Held {
     meshes: Vec<MeshHandle>,
@@ -220,7 +220,7 @@ impl FrameStream {
         self.flight.poses.len()
     }
 
-    /// Where pictures may be given back once they are not needed any more, from any thread.
+    /// Returns the pool for pictures that are not needed any more; it takes them from any thread.
     pub fn spares(&self) -> Spares {
         self.spares.clone()
     }
@@ -279,7 +279,7 @@ impl FrameStream {
         }
     }
 
-    /// What a viewer of the frames should know.
+    /// Returns the warnings for a viewer of the frames.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         if self.flight.moved > 0 {

@@ -15,7 +15,7 @@ const CAPACITY_BYTES: u64 = 1 << 30;
 /// Faces from which reading is faster than building.
 const WORTH_KEEPING: usize = 20_000;
 
-/// Where clusters of a mesh are kept in `folder`; `None` for a mesh too small to be worth it.
+/// Returns the file of a mesh's clusters in `folder`; `None` for a mesh too small to be worth it.
 pub(super) fn file_of(folder: &Path, mesh: &Mesh, vertices: &[Vertex]) -> Option<PathBuf> {
     (mesh.faces.len() >= WORTH_KEEPING).then(|| {
         let key = blake3::Hash::from(clusters::key(mesh, vertices));

@@ -21,20 +21,20 @@ const RESIDENT_BYTES: u64 = 256 << 20;
 /// Clusters as they were built or read.
 pub(super) struct BuiltClusters {
     pub clusters: Arc<Clusters>,
-    /// They were read from the cache.
+    /// Whether they were read from the cache.
     cached: bool,
-    /// Where they should be kept.
+    /// File to keep them in, where they were built.
     keep: Option<PathBuf>,
 }
 
 /// A wall at many levels of detail; each flight refines its own [`Levels::hierarchy`] of it.
 pub struct Levels {
     kind: Kind,
-    /// Pages a hierarchy is given.
+    /// Number of pages a hierarchy is given.
     pub pages: u32,
-    /// What to say of it.
+    /// Report of the levels.
     pub report: LodReport,
-    /// What a closed wall hides, if that is known.
+    /// Occlusion test of a closed wall, where there is one.
     pub occlusion: Option<Arc<OcclusionTest>>,
 }
 

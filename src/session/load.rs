@@ -22,7 +22,7 @@ pub(super) struct Loaded {
     pub is_mask: bool,
 }
 
-/// What the report says of the inputs.
+/// Inputs as the report describes them.
 pub(super) struct Inputs {
     pub input: Option<InputReport>,
     pub mask: Option<InputReport>,
@@ -136,7 +136,7 @@ pub fn read_any_volume(
     })
 }
 
-/// The same for what distances are computed on: its axes must be orthogonal.
+/// Reads a volume on which distances are computed: its axes must be orthogonal.
 ///
 /// # Errors
 /// As [`read_any_volume`]; [`SessionError::ShearedGrid`].

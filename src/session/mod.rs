@@ -67,13 +67,13 @@ use progress::ProgressState;
 use scheduler::Board;
 use stages::Slots;
 
-/// What the chain follows.
+/// Methods that the chain follows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
-    /// What is right.
+    /// Our own methods.
     #[default]
     Default,
-    /// What the paper (Li et al. 2004) says, errors and all.
+    /// Methods of the paper (Li et al. 2004), errors and all.
     Paper,
 }
 
@@ -243,7 +243,7 @@ impl Session {
         &self.settings
     }
 
-    /// How far the present work has come.
+    /// Returns the progress of the present work.
     pub fn progress(&self) -> Progress {
         self.progress.read()
     }
@@ -295,7 +295,7 @@ impl Session {
         std::mem::take(&mut *self.clock())
     }
 
-    /// What a user should know of how the products came out.
+    /// Returns the notes on the products that a user should know.
     pub fn warnings(&self) -> Vec<String> {
         let mut out = Vec::new();
         if let Some(lumen) = locked(&self.slots.lumen).as_deref() {

@@ -1,4 +1,4 @@
-//! How far a session's present work has come: a value that any thread can read at any time.
+//! Progress of a session's present work: a value that any thread can read at any time.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -11,7 +11,7 @@ pub struct Progress {
     /// Share of the present work that is done, 0 to 1: stages by their usual share of the time,
     /// frames by their number.
     pub share: f32,
-    /// Since the present work began.
+    /// Time since the present work began.
     pub elapsed: Duration,
 }
 
@@ -22,7 +22,7 @@ impl Progress {
     }
 }
 
-/// What the session writes and [`Progress`] is made of.
+/// State that the session writes and [`Progress`] is computed from.
 pub(super) struct ProgressState(Mutex<Inner>);
 
 struct Inner {

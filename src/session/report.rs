@@ -147,7 +147,7 @@ pub struct OrganReport {
     pub reasons: Vec<String>,
 }
 
-/// How the wall was drawn. Values are in real units (HU of a CT); only a wall field has them.
+/// Method and figures of the wall, in real units (HU of a CT); only a wall field has figures.
 #[derive(Clone, Debug, Serialize)]
 pub struct WallReport {
     /// Method by which the wall was placed.
@@ -428,7 +428,7 @@ impl InputReport {
         Self::with_hash(volume, hash_of(volume))
     }
 
-    /// The same where the hash of the volume is known.
+    /// Returns the hash and geometry of a volume whose hash is known.
     pub(super) fn with_hash(volume: &Volume, hash: String) -> Self {
         Self {
             hash: Some(hash),
@@ -478,7 +478,7 @@ impl LumenReport {
 }
 
 impl WallReport {
-    /// How the wall of a lumen was drawn.
+    /// Reports the wall of a lumen.
     pub fn of(Segmented { wall, method, .. }: &Segmented) -> Self {
         let field = wall.as_ref().map(|wall| {
             let stats = &wall.stats;
@@ -497,7 +497,7 @@ impl WallReport {
 }
 
 impl OrganReport {
-    /// What was found, if an organ was looked for.
+    /// Reports the organ that was found, if one was looked for.
     pub fn of(Segmented { lumen, organ, .. }: &Segmented) -> Option<Self> {
         let organ = organ.as_ref()?;
         let to_world = lumen.grid.world_from_voxel();
@@ -550,7 +550,7 @@ impl SurfaceReport {
     }
 }
 
-/// From the end of each piece to the start of the next, mm.
+/// Returns the distance from the end of each piece to the start of the next, mm.
 fn gaps_mm(line: &Centerline) -> Vec<f64> {
     let pieces: Vec<&Branch> = line.pieces().collect();
     let gap = |w: &[&Branch]| {

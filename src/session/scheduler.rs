@@ -19,7 +19,7 @@ enum Status {
     Ready,
 }
 
-/// What is there, and what is being made.
+/// State of the products: missing, being made or ready.
 #[derive(Default)]
 pub(super) struct Board {
     state: Mutex<State>,

@@ -49,9 +49,9 @@ impl Core {
 pub struct Segmented {
     /// Bricks and classes.
     pub lumen: Lumen,
-    /// Where the wall lies between voxels, where grey values say so.
+    /// Wall field, where grey values place the wall between voxels.
     pub wall: Option<WallField>,
-    /// How the wall is drawn; never [`WallMethod::Auto`].
+    /// Method by which the wall is placed; never [`WallMethod::Auto`].
     pub method: WallMethod,
     /// Components left out, cavities filled, leaks.
     pub found: SegmentationStats,
@@ -75,7 +75,7 @@ impl Segmented {
 }
 
 impl Session {
-    /// How the wall is drawn of this lumen.
+    /// Returns the method by which the wall of this lumen is placed.
     fn wall_method(&self, loaded: &Loaded, core: &Core) -> WallMethod {
         let is_grey = matches!(core.options.selection, IntensitySelection::Range { .. })
             || core.organ.is_some();
@@ -226,7 +226,7 @@ impl Session {
     }
 }
 
-/// What a user should know of a lumen that reaches the volume's edge.
+/// Note on a lumen that reaches the volume's edge.
 const TOUCHES_EDGE: &str = "the lumen touches the edge of the volume; it is closed there by caps";
 /// Bytes a voxel of a brick that the wall field takes while it is computed.
 const WALL_BYTES: u64 = 40;
@@ -290,7 +290,7 @@ fn notes(grid: &Grid, found: &SegmentationStats) -> Vec<String> {
     out
 }
 
-/// What was taken, and what was left out.
+/// Returns the note on the components taken and left out.
 fn taken_note(grid: &Grid, found: &SegmentationStats) -> String {
     let list = |all: &[Component]| {
         let named = |c: &Component| format!("{:.3} ml from voxel {}", c.volume_ml(grid), c.first);

@@ -1,5 +1,5 @@
-//! What a [`Session`](super::Session) is asked to do: where its volumes are, which lumen, and how
-//! each stage works. Plain data; nothing here reads a file.
+//! Settings of a [`Session`](super::Session): its volumes, the choice of the lumen, and the methods
+//! of each stage. Plain data; nothing here reads a file.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -17,14 +17,14 @@ use crate::render::View;
 use crate::surface::{Fairing, Smoothing};
 use crate::volume::Volume;
 
-/// Where a volume comes from.
+/// Source of a volume.
 #[derive(Clone, Debug)]
 pub enum VolumeSource {
     /// A file or a DICOM folder, read when first needed and again if it was dropped since.
     File {
         /// File or folder.
         path: PathBuf,
-        /// Which DICOM series, and how.
+        /// Options for reading it.
         options: ReadOptions,
     },
     /// A volume in memory.
@@ -37,7 +37,7 @@ impl VolumeSource {
         Self::File { path: path.into(), options: ReadOptions::default() }
     }
 
-    /// What to call it in messages: the file's name, or `volume in memory`.
+    /// Returns the name in messages: the file's name, or `volume in memory`.
     pub fn name(&self) -> String {
         match self {
             Self::File { path, .. } => shown(path),
@@ -56,12 +56,12 @@ pub enum Source {
     Mask {
         /// The label map; resampled to the image's grid (nearest label) where it has another.
         mask: VolumeSource,
-        /// What it was drawn on.
+        /// Image that the label map was drawn on.
         image: Option<VolumeSource>,
     },
 }
 
-/// Where a component starts.
+/// Seed from which a component grows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Seed {
     /// A voxel, x fastest.
@@ -70,7 +70,7 @@ pub enum Seed {
     Point(DVec3),
 }
 
-/// Where the wall of the lumen lies.
+/// Method by which the wall of the lumen is placed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
@@ -79,30 +79,30 @@ pub enum WallMethod {
     /// paper mode, exact.
     #[default]
     Auto,
-    /// Where the profile of the grey values puts it.
+    /// Wall field, from the profile of the grey values.
     Field,
     /// Smooth within half a voxel of a label map's wall: every voxel centre stays on its side.
     Relaxed,
-    /// At the threshold, held in the mask, or half way between voxels of a label map.
+    /// Crossing of the threshold, held in the mask, or half way between voxels of a label map.
     Exact,
 }
 
 /// Which voxels are the lumen.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LumenSettings {
-    /// Find this organ; nothing else of these settings but `fill` has a meaning then.
+    /// Organ to find; nothing else of these settings but `fill` has a meaning then.
     pub organ: Option<OrganOptions>,
     /// Values or labels inside; `None` takes the image for a label map if it is one.
     pub select: Option<IntensitySelection>,
-    /// Keep the 6-connected component of this voxel; without it the largest.
+    /// Seed of the 6-connected component to keep; the largest is kept without one.
     pub seed: Option<Seed>,
-    /// Keep every component.
+    /// Whether every component is kept.
     pub all_components: bool,
-    /// Fill closed cavities.
+    /// Whether closed cavities are filled.
     pub fill: bool,
-    /// Draw the threshold in to just before the first leak (needs a seed).
+    /// Whether the threshold is drawn in to just before the first leak (needs a seed).
     pub leak_control: bool,
-    /// Where its wall lies.
+    /// Method by which the wall is placed.
     pub wall: WallMethod,
 }
 
@@ -127,11 +127,11 @@ pub struct CenterlineSettings {
     pub from: Option<DVec3>,
     /// End, LPS mm; found where `None`.
     pub to: Option<DVec3>,
-    /// All branches instead of one path.
+    /// Whether all branches are wanted instead of one path.
     pub tree: bool,
     /// Loops of a tree.
     pub loops: Loops,
-    /// How far a viewpoint sees; by mode where `None`.
+    /// Range of sight of a viewpoint; by mode where `None`.
     pub radius: Option<Radius>,
 }
 
@@ -150,7 +150,7 @@ pub struct WallSettings {
     pub facing: Facing,
 }
 
-/// How a wall is drawn.
+/// Level-of-detail method by which a wall is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Lod {
@@ -166,9 +166,9 @@ pub enum Lod {
 /// Levels of detail.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LevelSettings {
-    /// Which method.
+    /// Level-of-detail method.
     pub lod: Lod,
-    /// Pixels that what is drawn may be away from the full mesh.
+    /// Largest distance of what is drawn from the full mesh, pixels.
     pub pixel_error: f32,
     /// Folder where clusters are kept between runs; `None` keeps none.
     pub cache: Option<PathBuf>,
@@ -180,13 +180,13 @@ impl Default for LevelSettings {
     }
 }
 
-/// Which ways of a centerline are flown.
+/// Branches of a centerline that are flown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FlightRoute {
     /// The path, or the trunk of a tree; all pieces of a lumen that has several.
     #[default]
     Trunk,
-    /// From the root to the tip of a branch, by its number.
+    /// Path from the root to the tip of a branch, by the branch's number.
     Leaf(usize),
     /// Every branch, from where it leaves the one before it.
     All,
@@ -195,21 +195,21 @@ pub enum FlightRoute {
 /// The flight and its frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlightSettings {
-    /// How many frames.
+    /// Number of frames, directly or by speed.
     pub frames: Frames,
     /// Columns and rows of a frame.
     pub size: [u32; 2],
-    /// What a frame shows.
+    /// View that a frame shows.
     pub view: View,
     /// Vertical field of view, radians.
     pub fov_y_rad: f32,
     /// Samples a pixel, 1 or 4.
     pub samples: u32,
-    /// From the end to the start.
+    /// Whether the flight goes from the end to the start.
     pub reverse: bool,
-    /// Which ways are flown.
+    /// Branches that are flown.
     pub route: FlightRoute,
-    /// This camera path instead of one along the centerline.
+    /// Camera path to fly instead of one along the centerline.
     pub script: Option<CameraPath>,
     /// Poses the camera path is resampled to; as many as it has where `None`.
     pub script_frames: Option<usize>,
@@ -236,13 +236,13 @@ impl Default for FlightSettings {
 pub struct Settings {
     /// Default or the paper's methods.
     pub mode: Mode,
-    /// Where plans run.
+    /// Device on which plans run.
     pub device: DeviceChoice,
     /// Threads of the session's pool; all cores where `None`.
     pub threads: Option<usize>,
-    /// Refuse what would take more memory, MB.
+    /// Limit of memory, MB; work that would take more is refused.
     pub max_memory_mb: Option<u64>,
-    /// Which voxels are the lumen.
+    /// Choice of the lumen.
     pub lumen: LumenSettings,
     /// The centerline.
     pub centerline: CenterlineSettings,

@@ -22,7 +22,7 @@ use crate::render::PreparedMesh;
 use crate::surface::Shading;
 use crate::wall::Evidence;
 
-/// Where a stage runs.
+/// Processor that a stage runs on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunsOn {
     /// Worker threads.
@@ -33,16 +33,16 @@ pub enum RunsOn {
 
 /// One row of the table.
 pub struct Stage {
-    /// What it makes.
+    /// Product of the stage.
     pub product: Product,
-    /// What has to be there before it starts.
+    /// Products that it needs before it starts.
     pub needs: &'static [Product],
-    /// Where it runs.
+    /// Processor that it runs on.
     pub runs_on: RunsOn,
     /// Name of the stage: shown while it runs, in reports and in `bench`. A stage that is timed in several
     /// steps has its own name on one of them.
     pub name: &'static str,
-    /// Its usual share of a run without frames, per cent: for progress only.
+    /// Usual share of a run without frames, per cent: for progress only.
     pub weight: f32,
     /// Whether these settings use this row.
     pub when: fn(&Settings) -> bool,
@@ -235,7 +235,7 @@ products! {
     /// The centred route: path or tree.
     pub(super) Route route: Routed =
         "route" 15.0 [Lumen Fields] (centerline.from, centerline.to, centerline.tree, centerline.loops) Cpu default_mode run_route;
-    /// Which boundary voxels the viewpoints see.
+    /// Outcome of the visibility test, with the boundary voxels that no viewpoint sees.
     pub(super) Visibility visibility: Visibility =
         "visibility" 5.0 [Lumen Fields Route Device] (mode, centerline.radius) Device default_mode run_visibility;
     /// The wall with smoothed normals, LPS mm.
@@ -269,7 +269,7 @@ products! {
     /// The wall's triangles by place: for rays, nearest points and planes.
     pub TriangleTree triangle_tree: TriangleBvh =
         "triangle tree" 0.5 [Wall] () Cpu always run_triangle_tree;
-    /// The same of what is drawn.
+    /// The drawn wall's triangles by place.
     pub(super) DrawnTree drawn_tree: TriangleBvh =
         "drawn tree" 0.1 [DrawnWall TriangleTree] () Cpu clusters run_drawn_tree;
     /// Clusters of the wall at every level.
@@ -293,7 +293,7 @@ products! {
     pub Base base: Mesh =
         "base" 3.0 [Wall Clusters] (mode, wall.base_faces) Cpu base_from_clusters run_base_from_clusters
         | "base" 10.0 [Wall] (mode, wall.base_faces) Cpu base_from_wall run_base_from_wall;
-    /// What the frames of the flight saw of the wall, weighted by area.
+    /// Coverage of the wall by the frames of the flight, weighted by area.
     pub Coverage coverage: Coverage =
         "coverage" 5.0 [Wall Flight TriangleTree Exterior] (flight.view) Cpu always run_coverage;
     /// Cross-sections of the lumen along the flight, one a pose.
@@ -304,7 +304,7 @@ products! {
         "centerline distances" 0.5 [Wall Centerline] () Cpu always run_centerline_distances;
 }
 
-/// How many products there are.
+/// Number of products.
 pub(super) const PRODUCTS: usize = Product::ALL.len();
 
 /// The row that makes a product with these settings.

@@ -23,14 +23,14 @@ use crate::wall::{
     Evidence, FieldCrossing, WallField, field_normals, smoothed_field, vertex_evidence,
 };
 
-/// How to make the surface.
+/// Options for making the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct SurfaceOptions {
-    /// Sub-voxel crossings from grey values, where the selection is a threshold.
+    /// Whether grey values give sub-voxel crossings, where the selection is a threshold.
     from_grey: bool,
     /// Smoothing of the normals.
     smoothing: Smoothing,
-    /// Keep only the component a walk from this voxel along +x hits first.
+    /// Start of a walk along +x that hits first the component to keep; all are kept without one.
     track_from: Option<IVec3>,
 }
 
@@ -43,7 +43,7 @@ pub struct Wall {
 }
 
 impl Wall {
-    /// What a reader of the surface should know.
+    /// Returns a note for a reader of the surface.
     pub(super) fn notes(&self) -> Option<String> {
         let tunnels = self.topology.tunnels();
         (tunnels > 0).then(|| {
@@ -55,7 +55,7 @@ impl Wall {
     }
 }
 
-/// What is drawn and written of a wall.
+/// Part of a wall that is drawn and written.
 pub struct DrawnWall {
     wall: Arc<Wall>,
     /// The wall without caps, where they are left out and there are any.

@@ -1,4 +1,4 @@
-//! Where the eye goes: along the path, to a place on it, or by hand.
+//! Motion of the eye: along the path, to a place on it, or by hand.
 
 use glam::DVec3;
 
@@ -43,7 +43,7 @@ impl Model {
         }
     }
 
-    /// To a place on the path.
+    /// Moves the eye to a place on the path, mm from its start.
     pub fn seek(&mut self, arc_mm: f64) {
         self.seek_while(arc_mm, self.playing);
     }

@@ -52,7 +52,7 @@ impl Model {
         }
     }
 
-    /// To the largest patch that the flight misses, is not visited yet and was not shown since.
+    /// Moves the eye to the largest patch that the flight misses, not visited yet nor shown since.
     pub(super) fn next_missed(&mut self) {
         let (Some(coverage), Some(wall)) =
             (self.products.coverage.clone(), self.products.wall.clone())

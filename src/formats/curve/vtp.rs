@@ -23,7 +23,7 @@ pub(super) fn write_paths(path: &Path, centerline: &Centerline) -> Result<(), Fo
     write(path, &Tracts { paths, tracts })
 }
 
-/// The same paths as tracts of branches and, blanked, of bifurcations.
+/// Writes the same paths as tracts of branches and, blanked, of bifurcations.
 pub(super) fn write_tracts(path: &Path, centerline: &Centerline) -> Result<(), FormatError> {
     write(path, &centerline.tracts())
 }

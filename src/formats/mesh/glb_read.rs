@@ -459,7 +459,7 @@ impl<'a> Reader<'a> {
 }
 
 impl Node {
-    /// From the node's space to the one above it; `None` where the two are the same.
+    /// Returns the node's transform to its parent's space; `None` where the spaces are the same.
     fn transform(&self) -> Option<DMat4> {
         if let Some(m) = self.matrix {
             return Some(DMat4::from_cols_array(&m));

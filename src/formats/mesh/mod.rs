@@ -148,7 +148,7 @@ fn space_tag(text: &str) -> Option<Space> {
         .find_map(|(tag, space)| text.contains(tag).then_some(space))
 }
 
-/// What all readers have in common: space, degenerate faces, normals.
+/// Makes a mesh in LPS of a raw one, without degenerate faces or unusable normals.
 fn finish(raw: RawMesh, space: Option<Space>) -> (Mesh, Vec<String>) {
     let RawMesh {
         mut positions, mut normals, mut faces, mut caps, space: tag, mut warnings, ..

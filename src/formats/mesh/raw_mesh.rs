@@ -1,4 +1,4 @@
-//! What a mesh reader finds in a file, in the file's own coordinates.
+//! Mesh as a reader finds it in a file, in the file's own coordinates.
 //!
 //! A reader goes through a file twice: the first time everything is checked and counted, the second
 //! time it is kept. A file that is refused has then taken no memory beyond its own bytes, however
@@ -16,10 +16,10 @@ pub(super) struct RawMesh {
     pub positions: Vec<Vec3>,
     pub normals: Vec<Vec3>,
     pub faces: Vec<[u32; 3]>,
-    /// One a face, or none.
+    /// Cap flags, one a face, or none.
     pub caps: Vec<bool>,
     pub space: Option<Space>,
-    /// What was assumed or left out; no text of the file.
+    /// Warnings of what was assumed or left out; no text of the file.
     pub warnings: Vec<String>,
     /// Whether vertices and faces are kept, or only counted.
     keeps: bool,

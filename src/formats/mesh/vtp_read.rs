@@ -144,7 +144,7 @@ impl<'a> Document<'a> {
         Ok(doc)
     }
 
-    /// What the outermost tag says of all arrays.
+    /// Reads the attributes of the outermost tag, which hold for all arrays.
     fn file(&mut self, attributes: &str) -> Result<(), FormatError> {
         if attribute(attributes, "type") != Some("PolyData") {
             return Err(FormatError::unsupported(self.path, "VTK data that is not polygonal"));

@@ -1,4 +1,4 @@
-//! As much XML as VTK writes: tags with attributes, and text between them.
+//! Reader of the XML that VTK writes: tags with attributes, and text between them.
 
 /// A piece of a document, borrowed from it.
 #[derive(Debug, PartialEq)]
@@ -7,7 +7,7 @@ pub(super) enum Event<'a> {
     Open { name: &'a str, attributes: &'a str, empty: bool },
     /// `</name>`
     Close(&'a str),
-    /// What stands between two tags, blanks removed at both ends; never empty.
+    /// Text between two tags, blanks removed at both ends; never empty.
     Text(&'a str),
 }
 
@@ -43,7 +43,7 @@ pub(super) fn events(mut rest: &str) -> impl Iterator<Item = Event<'_>> {
     })
 }
 
-/// Where the `>` of the first tag stands; one inside quotes is text.
+/// Returns the index of the `>` that ends the first tag; one inside quotes is text.
 fn tag_end(text: &str) -> Option<usize> {
     let mut quote = None;
     text.bytes().position(|b| match (quote, b) {

@@ -1,4 +1,4 @@
-//! From step vectors in a file's frame to a grid in LPS mm.
+//! Grids in LPS mm from step vectors in a file's frame.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! What an input is, in words and numbers, without any text of the patient.
+//! Description of an input in words and numbers, without any text of the patient.
 
 use glam::{DMat3, DVec3};
 use serde::Serialize;
@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::affine::toward;
 use crate::volume::{Grid, GridError, Rescale, SampleType};
 
-/// What `intima info` shows. Holds no description, name or date of the input.
+/// Properties of an input, as `intima info` shows them: no description, name or date of it.
 #[derive(Clone, Debug, Serialize)]
 pub struct InputInfo {
     /// File format.
@@ -18,7 +18,7 @@ pub struct InputInfo {
     pub series: Vec<SeriesInfo>,
     /// Named segments of a segmentation; empty for other inputs.
     pub segments: Vec<SegmentInfo>,
-    /// What had to be assumed or was passed over, one sentence each.
+    /// Assumptions made and data passed over, one sentence each.
     pub notes: Vec<String>,
 }
 
@@ -39,9 +39,9 @@ pub struct ImageInfo {
     pub rescale_slope: f64,
     /// Offset from stored to real values, real units.
     pub rescale_intercept: f64,
-    /// Where the indices i, j, k grow to, one letter each: `LPS` is left, posterior, superior.
+    /// Directions in which i, j and k grow, one letter each: `LPS` is left, posterior, superior.
     pub orientation: String,
-    /// The same in words.
+    /// Orientation in words.
     pub orientation_words: String,
     /// `right` or `left`: whether index space is mirrored against the patient.
     pub handedness: String,
@@ -52,11 +52,11 @@ pub struct ImageInfo {
 /// One segment of a segmentation (`.seg.nrrd`, DICOM SEG).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SegmentInfo {
-    /// Its name, for `--segment`: the only free text of an input that is shown.
+    /// Name of the segment, for `--segment`: the only free text of an input that is shown.
     pub name: String,
-    /// Its value in the label map.
+    /// Value of the segment in the label map.
     pub label: i64,
-    /// Which layer it lies in, from 0: segments of different layers may overlap.
+    /// Index of the segment's layer, from 0: segments of different layers may overlap.
     pub layer: usize,
 }
 

@@ -1,4 +1,4 @@
-//! Where the samples of a volume lie in a file, checked and then read in one pass.
+//! Layout of a volume's samples in a file, checked and then read in one pass.
 
 use std::collections::TryReserveError;
 use std::io::{self, BufRead, BufReader, Read};
@@ -14,7 +14,7 @@ use crate::volume::{
     Grid, Rescale, Sample, SampleBuffer, SampleType, Samples, Volume, with_samples,
 };
 
-/// How the samples are stored.
+/// Encoding of the stored samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     Raw,
@@ -34,7 +34,7 @@ pub(super) struct Layout {
     /// Named segments; empty where the file names none.
     pub segments: Vec<SegmentInfo>,
     pub rescale: Rescale,
-    /// What errors name: the file that was asked for. A header's name of its data file is text.
+    /// Path for errors: the file that was asked for. A header's name of its data file is text.
     pub path: PathBuf,
     /// The file that holds the samples.
     pub file: PathBuf,
@@ -45,7 +45,7 @@ pub(super) struct Layout {
     pub encoding: Encoding,
     /// Whether the file's byte order is not this machine's.
     pub swap: bool,
-    /// What the reader had to assume.
+    /// Assumptions of the reader.
     pub notes: Vec<String>,
 }
 

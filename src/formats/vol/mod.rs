@@ -32,19 +32,19 @@ use crate::volume::Volume;
 use layout::Layout;
 pub(super) use layout::MAX_SHRINK;
 
-/// How to read an input.
+/// Options for reading an input.
 #[derive(Clone, Debug, Default)]
 pub struct ReadOptions {
     /// DICOM series: its UID, or its index in the listing (from 0).
     pub series: Option<String>,
-    /// DICOM: interpolate where slices are uneven or missing.
+    /// DICOM: whether to interpolate where slices are uneven or missing.
     pub fill_gaps: bool,
     /// DICOM: read pixels that may show who the patient is: burned-in text, a face, a screen.
     pub allow_burned_in: bool,
     /// Segmentations: names of the segments that are read, together as 1 in a label map of zeros and
     /// ones; all, with their own labels, where none is named.
     pub segments: Vec<String>,
-    /// Meshes that stand for what they enclose: side of a voxel, mm.
+    /// Closed meshes: side of the voxels that their inside is cut into, mm.
     pub mesh_spacing_mm: Option<f64>,
 }
 

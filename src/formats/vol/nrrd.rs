@@ -39,7 +39,7 @@ const FIELDS: [&str; 16] = [
 /// Largest number of a segment.
 const MAX_SEGMENTS: usize = 1 << 16;
 
-/// What the keys `Segment<N>_…` of a segmentation say of one segment (3D Slicer's `.seg.nrrd`).
+/// Segment of a segmentation, from the keys `Segment<N>_…` (3D Slicer's `.seg.nrrd`).
 #[derive(Default)]
 struct Segment {
     name: String,

@@ -68,7 +68,7 @@ pub fn read_plain(path: &Path, most: u64) -> Result<Vec<u8>, FormatError> {
     Ok(bytes)
 }
 
-/// The same through [`Source`], whose reading can be made to end early.
+/// Reads the first bytes of a file through [`Source`], whose reading can be made to end early.
 pub(super) fn prefix(path: &Path, most: u64) -> Result<Vec<u8>, FormatError> {
     let mut bytes = Vec::new();
     Source::open(path)?.take(most).read_to_end(&mut bytes).map_err(|e| FormatError::io(path, e))?;

@@ -76,7 +76,7 @@ pub(super) struct Element {
     pub properties: Vec<Property>,
 }
 
-/// What follows the header.
+/// Data after the header.
 pub(super) enum Body<'a> {
     Text(SplitAsciiWhitespace<'a>),
     Bytes { rest: &'a [u8], big_endian: bool },

@@ -18,12 +18,12 @@ const MAX_TILES: u64 = 65_535;
 #[cfg(feature = "jpeg-xl")]
 const JXL_MEMORY: usize = 64 << 20;
 
-/// What a file says of its frames.
+/// Size of a frame as the file gives it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct FrameSize {
     pub rows: u32,
     pub columns: u32,
-    /// 8, 16 or 32.
+    /// Bits allocated a pixel: 8, 16 or 32.
     pub bits_allocated: u32,
 }
 
@@ -73,7 +73,7 @@ pub(super) fn check_claim(codec: Codec, [columns, rows]: [u32; 2], len: u64) -> 
 /// Decodes a frame: one number a pixel, of which the lowest bits count.
 ///
 /// # Errors
-/// What is wrong with it.
+/// The fault of the stream.
 pub(super) fn decode(codec: Codec, bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
     check_claim(codec, [size.columns, size.rows], bytes.len() as u64)?;
     let decoded = catch_unwind(AssertUnwindSafe(|| match codec {

@@ -1,4 +1,4 @@
-//! What is known of one slice before its pixels are read.
+//! Properties of one slice that are known before its pixels are read.
 
 use std::io::Read as _;
 use std::path::Path;
@@ -16,7 +16,7 @@ use super::walk::{Pixels, walk};
 #[derive(Clone)]
 pub(super) struct Head {
     pub file: Arc<Path>,
-    /// Which frame of its file, from 0.
+    /// Index of the frame in its file, from 0.
     pub frame: usize,
     /// Transfer syntax UID.
     pub syntax: Arc<str>,
@@ -26,7 +26,7 @@ pub(super) struct Head {
     pub modality: &'static str,
     pub rows: u32,
     pub columns: u32,
-    /// Of all frames.
+    /// Pixels of all frames of the file.
     pub pixels: Option<Arc<Pixels>>,
     /// Fragments of this frame, where pixels are encapsulated.
     pub fragments: Vec<Fragment>,

@@ -4,7 +4,7 @@
 //! scan are counted here first. Only their lengths are looked at, no sample is made and no memory
 //! taken, whatever size the stream claims (ITU-T T.81, annexes F.2.2 and H.2).
 
-/// How the samples of a scan are coded.
+/// Coding process of a scan's samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Process {
     /// Blocks of 8x8 coefficients one after the other.
@@ -19,7 +19,7 @@ type Table = Vec<(u8, u8)>;
 /// Refuses a stream of one component that ends before its last sample.
 ///
 /// # Errors
-/// Where it ends.
+/// The unit of samples at which it ends, or the damaged part.
 pub(super) fn check_complete(
     bytes: &[u8],
     process: Process,

@@ -105,7 +105,7 @@ impl Series {
     }
 }
 
-/// What a folder or file holds.
+/// Series of a folder or file, with notes of the files passed over.
 struct Found {
     series: Vec<Series>,
     notes: Vec<String>,

@@ -17,7 +17,7 @@ use super::syntax::{self, Codec};
 use super::walk::{Pixels, inflate};
 use crate::volume::{Sample, SampleType, Samples, Volume, with_samples};
 
-/// Where the pixels of a slice are.
+/// Place of a slice's pixels.
 pub(super) enum SlicePixels {
     /// In the file, from an offset on.
     Plain(u64),
@@ -27,7 +27,7 @@ pub(super) enum SlicePixels {
     Compressed(Codec, Vec<Fragment>),
 }
 
-/// How pixels are stored, the same for all slices of a series.
+/// Format of stored pixels, the same for all slices of a series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Stored {
     pub kind: SampleType,

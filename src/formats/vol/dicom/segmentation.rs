@@ -30,12 +30,12 @@ const MAX_UNEVEN: f64 = 0.05;
 /// Largest sideways drift of a frame, in pixels.
 const MAX_DRIFT_PIXELS: f64 = 0.1;
 
-/// What a pixel says.
+/// Meaning of a pixel's value.
 #[derive(Clone, Copy)]
 enum SegmentCoding {
     /// One bit: whether it belongs to the frame's segment.
     Binary,
-    /// How much of it belongs to the frame's segment, and what stands for all.
+    /// Share of the pixel that belongs to the frame's segment, with the value that stands for all.
     Fractional(u16),
     /// The number of its segment.
     LabelMap,
@@ -217,7 +217,7 @@ impl<'a> Segmentation<'a> {
     }
 }
 
-/// How the pixels are coded, and in how many bits.
+/// Returns the coding of the pixels, and the bits of each.
 fn coding(h: &Head) -> Result<(SegmentCoding, usize), FormatError> {
     let refuse = |what: String| Err(FormatError::unsupported(&h.file, what));
     let kind = h.text(0x0062, 0x0001);

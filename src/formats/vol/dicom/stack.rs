@@ -34,11 +34,11 @@ pub(super) struct Stack {
     pub grid: Grid,
     pub stored: Stored,
     pub slices: Vec<Slice>,
-    /// How slices that lie askew or unevenly are made a box.
+    /// Resampling of askew or uneven slices onto a box; `None` where the slices form one.
     pub upright: Option<Upright>,
-    /// Stored value of pixels that were not measured.
+    /// First and last stored value of pixels that were not measured.
     pub padding: Option<[f64; 2]>,
-    /// What was done that a reader should know.
+    /// Notes on slices that were left out, sheared or interpolated.
     pub notes: Vec<String>,
 }
 
@@ -157,7 +157,7 @@ impl Plane {
     }
 }
 
-/// What cannot be read whatever its geometry.
+/// Refuses a slice that cannot be read whatever its geometry.
 fn refuse_unreadable(h: &Head) -> Result<(), FormatError> {
     let refuse = |what: String| Err(FormatError::unsupported(&h.file, what));
     match (h.int(0x0028, 0x0002).unwrap_or(1), h.text(0x0028, 0x0004).as_str()) {

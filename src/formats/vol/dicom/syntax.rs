@@ -21,7 +21,7 @@ pub(super) enum Codec {
 }
 
 impl Codec {
-    /// That of a syntax; `None` where its pixels are stored plainly or no decoder is known.
+    /// Returns the codec of a syntax; `None` where pixels are plain or no decoder is known.
     pub fn of(uid: &str) -> Option<Self> {
         match uid.strip_prefix("1.2.840.10008.1.2.")? {
             "5" => Some(Self::Rle),

@@ -8,7 +8,7 @@
 use glam::DVec2;
 use rayon::prelude::*;
 
-/// How slices lie in the box that is made of them.
+/// Arrangement of slices in the box that is made of them.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Upright {
     /// Columns and rows of a slice as stored.
@@ -21,7 +21,7 @@ pub(super) struct Upright {
     pub first: [i64; 2],
     /// Columns, rows and slices of the box.
     pub dims: [u32; 3],
-    /// Between its slices, mm.
+    /// Distance between the slices of the box, mm.
     pub step_mm: f64,
 }
 

@@ -24,19 +24,19 @@ const DEEPEST: usize = 64;
 /// Most fragments of a file's pixels.
 const MAX_FRAGMENTS: u64 = 1 << 20;
 
-/// Where the pixels of a file lie.
+/// Place of a file's pixels.
 #[derive(Clone, Debug)]
 pub(super) enum Pixels {
-    /// As they are, from an offset on; in a deflated file, of what is inflated.
+    /// Uncompressed, from an offset on: in the file, or in the inflated data set of a deflated one.
     Plain {
-        /// Bytes before them.
+        /// Bytes before the pixels.
         offset: u64,
-        /// Bytes of them.
+        /// Bytes of the pixels.
         len: u64,
     },
     /// Compressed, in fragments.
     Encapsulated {
-        /// In their order.
+        /// Fragments in their order.
         fragments: Vec<Fragment>,
         /// The basic offset table, where there is one.
         offsets: Vec<u64>,
@@ -49,7 +49,7 @@ pub(super) struct Walked {
     pub syntax: String,
     /// Readable elements of the data set.
     pub values: ElementValues,
-    /// What is said of the frames of a multi-frame file.
+    /// Functional groups of a multi-frame file, and its list of segments.
     pub groups: Groups,
     pub pixels: Option<Pixels>,
 }
@@ -101,7 +101,7 @@ pub(super) fn inflate(file: &Path) -> Result<Inflated, FormatError> {
     Inflated::open(file, data_set_offset(file)?)
 }
 
-/// Where the data set of a file begins.
+/// Returns the offset of a file's data set, bytes.
 fn data_set_offset(file: &Path) -> Result<u64, FormatError> {
     let source = Source::open(file)?;
     let end = source.len;
@@ -139,7 +139,7 @@ impl<R: Read + Seek> Walker<'_, R> {
         Ok(())
     }
 
-    /// What became of reading `n` bytes.
+    /// Returns the error of a failed read of `n` bytes.
     fn failed(&self, e: io::Error, n: u64) -> FormatError {
         match e.kind() {
             io::ErrorKind::UnexpectedEof => self.cut(n),

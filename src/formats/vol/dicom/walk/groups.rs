@@ -1,4 +1,4 @@
-//! Functional groups of multi-frame files: what is said of all frames, and of each (PS3.3 C.7.6.16).
+//! Functional groups of multi-frame files: values of all frames, and of each (PS3.3 C.7.6.16).
 //!
 //! Only the sequences of position, orientation, spacing, rescale and segment are entered, two levels
 //! below the groups, and the list of segments; everything else is stepped over.
@@ -10,12 +10,12 @@ use super::{
     ElementCoding, ElementHead, ElementScope, ElementValues, FormatError, UNDEFINED, Walker,
 };
 
-/// What the groups hold.
+/// Contents of the functional groups.
 #[derive(Clone, Debug, Default)]
 pub(in super::super) struct Groups {
-    /// Of all frames.
+    /// Values that all frames share.
     pub shared: ElementValues,
-    /// Of each.
+    /// Values of each frame.
     pub frames: Vec<ElementValues>,
     /// The segments of a segmentation: number and label (PS3.3 C.8.20.4).
     pub segments: Vec<(i64, String)>,
@@ -36,7 +36,7 @@ const MAX_FRAMES: usize = 1 << 18;
 /// Segments have numbers of 16 bits.
 const MAX_SEGMENTS: usize = 1 << 16;
 
-/// Where a sequence or an item ends; `None` where a delimiter says so.
+/// Offset at which a sequence or an item ends; `None` where a delimiter ends it.
 type End = Option<u64>;
 
 impl<R: Read + Seek> Walker<'_, R> {
