@@ -48,7 +48,7 @@ impl Pane {
     }
 }
 
-/// How the inside pane shows the wall.
+/// Look of the wall in the inside pane.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WallView {
@@ -61,7 +61,7 @@ pub enum WallView {
     Panorama,
 }
 
-/// What colours the wall.
+/// Quantity that colours the wall.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Colouring {

@@ -45,7 +45,7 @@ impl Texture {
     }
 }
 
-/// What a frame is drawn to.
+/// Image that a frame is drawn to.
 pub struct Target {
     pub image: ImageId,
     pub format: Format,

@@ -81,9 +81,9 @@ pub struct Model {
     visited: Vec<usize>,
     /// Place on the path that the eye flies to, mm from the start.
     goal_mm: Option<f64>,
-    /// Where on the path to begin, mm, once there is one.
+    /// Place on the path to begin at, mm, once there is one.
     start_mm: f64,
-    /// What the path was made of, or will be.
+    /// Route that the path was, or will be, made of.
     pub route: FlightRoute,
     /// The path is the flight of the session's settings.
     is_planned_path: bool,
@@ -109,7 +109,7 @@ pub struct Model {
     pub section: Option<CrossSection>,
     /// Whether the keys are shown.
     pub help: bool,
-    /// What waits for an answer whether notes are to be saved before.
+    /// Request that waits for the answer whether notes are to be saved before.
     pub leaving: Option<Request>,
     /// The last message to the user.
     pub message: Option<String>,
@@ -240,7 +240,7 @@ impl Model {
         self.seek(arc_mm);
     }
 
-    /// Where the eye is on the path, or will begin, mm.
+    /// Returns the place of the eye on the path, or that to begin at, mm.
     pub(super) fn place_on_path_mm(&self) -> f64 {
         if self.path.is_some() { self.arc_mm } else { self.start_mm }
     }

@@ -1,4 +1,4 @@
-//! What a request makes of the volumes and settings of a session.
+//! Volumes and settings of a session that a request opens.
 
 use std::sync::Arc;
 
@@ -11,18 +11,18 @@ use crate::session::{
     CenterlineSettings, LumenSettings, Seed, Session, Settings, Source, VolumeSource,
 };
 
-/// What a session is to compute instead.
+/// Volumes and settings that a session takes in place of its own.
 pub struct Opening {
     /// Other volumes; `None` leaves those that are there.
     pub source: Option<Source>,
-    /// How the lumen is chosen, and how each stage works.
+    /// Choice of the lumen and settings of each stage.
     pub settings: Settings,
-    /// It is another lumen of the volume that is there.
+    /// Whether it is another lumen of the same volume.
     pub is_same_volume: bool,
 }
 
 impl Opening {
-    /// What a request opens; nothing where it opens nothing.
+    /// Returns what a request opens; `None` where it opens nothing.
     ///
     /// * `session`: what is open.
     /// * `settings`: those of the session, or of one to come.

@@ -9,7 +9,7 @@ use super::style::FAINT;
 use crate::formats::{InputInfo, NOTICE};
 use crate::organ::Organ;
 
-/// What is being entered.
+/// Text and numbers that are being entered.
 #[derive(Default)]
 pub(super) struct PanelState {
     /// Text of the next bookmark.

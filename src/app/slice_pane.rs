@@ -18,16 +18,16 @@ struct SliceTexture {
     made_of: (Plane, [usize; 2], [f64; 2], bool),
 }
 
-/// How the slices are shown.
+/// Zoom, offset and textures of the slices.
 pub(super) struct SliceViews {
     textures: [Option<SliceTexture>; 4],
     /// 1 shows all of the volume.
     zoom: f64,
     /// Offset from the crosshair to the middle of each slice, LPS mm.
     pan_mm: [DVec3; 4],
-    /// The same for slices in which the crosshair is dragged: they stay under the pointer.
+    /// Offset for slices in which the crosshair is dragged: they stay under the pointer.
     held_mm: [DVec3; 4],
-    /// Where the crosshair was dragged to last.
+    /// Place the crosshair was dragged to last.
     dragged_to_mm: Option<DVec3>,
 }
 

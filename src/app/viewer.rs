@@ -25,12 +25,12 @@ use crate::lod::Tolerance;
 use crate::session::{FlightRoute, Product, Recording, Session, SessionError, Settings, Source};
 use crate::vk::{Frame, Gpu, VkError};
 
-/// What is opened, and where files go.
+/// Volume that is opened, its settings, and folders of files.
 #[derive(Clone, Debug)]
 pub struct ViewerOptions {
     /// The volume; `None` where one is opened later.
     pub source: Option<Source>,
-    /// How the lumen is chosen, and how each stage works.
+    /// Choice of the lumen and settings of each stage.
     pub settings: Settings,
     /// Bookmarks and how the window is set, read if it is there; pictures are beside it.
     pub session_file: Option<PathBuf>,
@@ -71,17 +71,17 @@ const SHOWN: [Product; 17] = [
     Product::Coverage,
 ];
 
-/// How many of [`SHOWN`] the first picture of the wall needs.
+/// Number of products of [`SHOWN`] that the first picture of the wall needs.
 const FIRST_PICTURE: usize = 5;
 
-/// What the outcome of a task changes.
+/// Change of the model by the outcome of a task.
 type Outcome = Box<dyn FnOnce(&mut Model) + Send>;
 
 /// A session and its tasks, each on a thread of its own.
 struct Computation {
     session: Arc<Session>,
     tasks: Vec<JoinHandle<()>>,
-    /// Of tasks that have ended.
+    /// Outcomes of tasks that have ended.
     outcomes: Arc<Mutex<Vec<Outcome>>>,
 }
 
@@ -111,7 +111,7 @@ impl Drop for Computation {
     }
 }
 
-/// What is to be done after a frame.
+/// Work to be done after a frame.
 pub struct FrameEnd {
     /// For the system: cursor, texts to copy.
     pub platform: egui::PlatformOutput,
@@ -128,16 +128,16 @@ pub struct Viewer {
     ui: UiState,
     panes: Panes,
     canvas: Canvas,
-    /// What is open, or how a volume is opened that comes.
+    /// Volume that is open, or settings of one that is opened later.
     options: ViewerOptions,
     computation: Option<Computation>,
-    /// How many of [`SHOWN`] a script has taken in.
+    /// Number of products of [`SHOWN`] that a script has taken in.
     shown_count: usize,
     recorder: Option<CoverageRecorder>,
     /// Whether frames are drawn with what is there, or wait for what was asked for.
     detail: Detail,
     samples: u32,
-    /// Of the session file, until the volume is known.
+    /// Notes of the session file, until the volume is known.
     notes: Option<SessionFile>,
     wake: Arc<dyn Fn() + Send + Sync>,
 }

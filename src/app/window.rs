@@ -26,7 +26,7 @@ pub struct WindowOptions {
     pub size: [u32; 2],
     /// The device that draws.
     pub device: Choice,
-    /// What is opened in it.
+    /// Volume and settings to open.
     pub viewer: ViewerOptions,
 }
 
@@ -90,7 +90,7 @@ struct Running {
     times: FrameTimes,
 }
 
-/// How long frames took, from the first look at the products to the present call's end.
+/// Durations of frames, from the first look at the products to the end of the present call.
 #[derive(Default)]
 struct FrameTimes {
     /// Milliseconds, while something was computed and after.

@@ -80,7 +80,7 @@ pub enum FormatError {
     /// The system refused.
     #[error("{}: {source}", shown(.file))]
     Io {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
         /// The system's reason.
         source: std::io::Error,
@@ -88,7 +88,7 @@ pub enum FormatError {
     /// A header field that cannot be right.
     #[error("{}: {field} is `{value}`: {why}", shown(.file))]
     Field {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
         /// Name of the header field or tag.
         field: String,
@@ -100,7 +100,7 @@ pub enum FormatError {
     /// A header field or a place in the file whose text, which is not shown, cannot be right.
     #[error("{}: {field}: {why}", shown(.file))]
     Text {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
         /// Name of the header field or tag, or the line.
         field: String,
@@ -110,7 +110,7 @@ pub enum FormatError {
     /// The data ends before the header says it should.
     #[error("{}: truncated: the header promises {wanted} bytes of {what}, the file holds {found}", shown(.file))]
     Truncated {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
         /// Name of the data that ends too soon.
         what: &'static str,
@@ -122,7 +122,7 @@ pub enum FormatError {
     /// Readable, but not by this version.
     #[error("{}: not supported: {what}", shown(.file))]
     Unsupported {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
         /// Feature that is not supported.
         what: String,
@@ -130,7 +130,7 @@ pub enum FormatError {
     /// The geometry is unusable.
     #[error("{}: {source}", shown(.file))]
     Grid {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
         /// Fault of the geometry.
         source: GridError,
@@ -139,9 +139,9 @@ pub enum FormatError {
     /// are its text: `intima info` shows them.
     #[error("{}: {why}", shown(.file))]
     Segments {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// What is wrong with the choice.
+        /// Reason why the choice is refused.
         why: String,
     },
     /// Several series and none chosen, or the chosen one absent.
@@ -149,7 +149,7 @@ pub enum FormatError {
     Series {
         /// Path of the folder or file.
         file: PathBuf,
-        /// What is wrong with the choice.
+        /// Reason why the choice is refused.
         why: String,
         /// List of the series, one a line.
         list: String,

@@ -1,4 +1,4 @@
-//! How far the wall is from the path.
+//! Distances of the wall from the path.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -10,7 +10,7 @@ use super::{Centerline, Mesh, TriangleBvh};
 pub struct CenterlineDistances {
     /// One a vertex, mm.
     pub mm: Vec<f32>,
-    /// Where a scale of colours ends, mm: but for the widest fiftieth, all are below.
+    /// Returns the end of a scale of colours, mm: all but the widest fiftieth are below.
     pub widest_mm: f64,
 }
 

@@ -69,7 +69,7 @@ pub enum SessionError {
     /// A grid whose axes are not orthogonal.
     #[error("{name}: the grid's axes are not orthogonal (sheared); distances would be wrong")]
     ShearedGrid {
-        /// Which volume.
+        /// Name of the volume.
         name: String,
     },
     /// A mesh that encloses no lumen.
@@ -87,7 +87,7 @@ pub enum SessionError {
         .organ.map_or(String::new(), |o| format!("; it seems to show a lumen of this organ: {}", o.name()))
     )]
     LumenNotChosen {
-        /// Which volume.
+        /// Name of the volume.
         name: String,
         /// Organ that was found in the volume.
         organ: Option<Organ>,

@@ -34,7 +34,7 @@ pub struct Core {
     pub options: SegmentationOptions,
     /// The organ, where one was looked for.
     pub organ: Option<FoundOrgan>,
-    /// What a user should know about how it came out.
+    /// Notes for the user about the result, a sentence each.
     pub notes: Vec<String>,
 }
 
@@ -59,7 +59,7 @@ pub struct Segmented {
     pub options: SegmentationOptions,
     /// The organ, where one was looked for.
     pub organ: Option<FoundOrgan>,
-    /// What a user should know about how it came out.
+    /// Notes for the user about the result, a sentence each.
     pub notes: Vec<String>,
 }
 

@@ -87,7 +87,7 @@ pub enum WallMethod {
     Exact,
 }
 
-/// Which voxels are the lumen.
+/// Choice of the voxels of the lumen.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LumenSettings {
     /// Organ to find; nothing else of these settings but `fill` has a meaning then.
@@ -146,7 +146,7 @@ pub struct WallSettings {
     pub open_ends: bool,
     /// Faces of the simplified surface; a twentieth of the wall's where `None`.
     pub base_faces: Option<usize>,
-    /// Which side the meshes that are written look to.
+    /// Side to which written meshes look.
     pub facing: Facing,
 }
 

@@ -157,7 +157,7 @@ macro_rules! products {
         }
 
         impl Session {
-            /// Those of these products that are there, each with all of them that it was made of.
+            /// Returns those of these products that are there, each with all of them it was made of.
             /// Never waits for one.
             pub fn products(&self, of: &[Product]) -> Products {
                 let mut there = Products::default();
@@ -260,7 +260,7 @@ products! {
     /// The wall with its caps, ready for a device.
     pub PreparedWall prepared_wall: PreparedMesh =
         "prepared wall" 1.0 [Wall] () Cpu always run_prepared_wall;
-    /// What the wall was drawn on at each vertex; `None` where it does not follow grey values.
+    /// Evidence of the wall at each vertex; `None` where it does not follow grey values.
     pub Evidence evidence: Option<Vec<Evidence>> =
         "evidence" 0.2 [Lumen Wall] () Cpu always run_evidence;
     /// Vertices with curvature tint.
@@ -320,7 +320,7 @@ pub(super) fn row(product: Product, settings: &Settings) -> Result<&'static Stag
         .ok_or_else(|| SessionError::Unavailable { product, settings: settings() })
 }
 
-/// These products and all that these settings make from them.
+/// Returns these products and all that the settings make from them.
 pub(super) fn with_dependents(mut products: Vec<Product>, settings: &Settings) -> Vec<Product> {
     // Rows stand below what they need, so one pass finds all that follows.
     for stage in STAGES.iter().filter(|s| (s.when)(settings)) {

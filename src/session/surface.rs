@@ -83,7 +83,7 @@ pub fn without_caps(mesh: &Mesh) -> Mesh {
     }
 }
 
-/// What is written of a mesh of the wall: where ends are open, its faces that are no caps and their
+/// Returns the mesh of a wall as it is written: with open ends, the faces that are no caps and their
 /// vertices.
 pub fn written_mesh(mesh: &Mesh, open_ends: bool) -> Cow<'_, Mesh> {
     if !open_ends || !mesh.caps.contains(&true) {

@@ -263,7 +263,7 @@ fn refuse_extensions(path: &Path, required: &[String]) -> Result<(), FormatError
     }
 }
 
-/// Where the vertices of a primitive are, for others with the same of them.
+/// Place of a primitive's vertices, for other primitives that share them.
 #[derive(Clone, Copy, PartialEq)]
 struct PlacedVertices {
     position: u32,

@@ -30,7 +30,7 @@ pub enum Space {
     Ras,
 }
 
-/// Which side of the wall of a hollow organ the faces and normals of a mesh look to.
+/// Side of an organ's wall to which the faces and normals of a mesh look.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Facing {

@@ -25,7 +25,7 @@ pub(super) enum VtkType {
 }
 
 impl VtkType {
-    /// By its name; characters of strings are stored as signed bytes.
+    /// Returns the type with a name; characters of strings are stored as signed bytes.
     pub fn parse(name: &str) -> Option<Self> {
         Some(match name {
             "Int8" | "String" => Self::Signed(1),
@@ -75,7 +75,7 @@ fn word(stored: &[u8], big_endian: bool) -> u64 {
     u64::from_le_bytes(b)
 }
 
-/// Where the numbers of an array stand.
+/// Place of an array's numbers.
 #[derive(Clone, Copy)]
 pub(super) enum VtkStorage<'a> {
     Text(&'a str),
@@ -93,7 +93,7 @@ pub(super) enum AppendedData<'a> {
     Base64(&'a [u8]),
 }
 
-/// What the outermost tag says of all arrays.
+/// Encoding of all arrays, from the outermost tag.
 #[derive(Clone, Copy)]
 pub(super) struct VtkEncoding {
     pub big_endian: bool,
@@ -109,7 +109,7 @@ pub(super) enum VtkContent<'a> {
 }
 
 impl VtkContent<'_> {
-    /// Its numbers in order.
+    /// Returns the numbers in order.
     pub fn numbers(&self, kind: VtkType, big_endian: bool) -> VtkNumbers<'_> {
         match self {
             Self::Text(text) => VtkNumbers::Text(text.split_ascii_whitespace()),
@@ -249,7 +249,7 @@ fn decoded(
 struct Base64<'a> {
     text: &'a [u8],
     held: [u8; 3],
-    /// Which of the bytes held have not been read.
+    /// Range of held bytes that have not been read.
     unread: std::ops::Range<usize>,
 }
 

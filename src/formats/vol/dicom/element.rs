@@ -8,7 +8,7 @@ pub(super) type Tag = (u16, u16);
 /// A value representation: two capital letters.
 type Vr = [u8; 2];
 
-/// Which part of a file an element is taken from.
+/// Part of a file from which an element is taken.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum ElementScope {
     /// The data set itself.
@@ -74,7 +74,7 @@ const SHORT: [&Vr; 21] = [
 /// The others of the standard; those of the future have 32 bits too.
 const LONG: [&Vr; 13] =
     [b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"];
-/// Of an element that a writer did not know; the value is stored as the dictionary says.
+/// Value representation of an element that a writer did not know; the dictionary has its own.
 const UNKNOWN: Vr = *b"UN";
 
 /// No readable element needs more.
@@ -82,7 +82,7 @@ pub(super) const MAX_VALUE: u64 = 1024;
 /// Length of a sequence, an item or pixels whose end a delimiter tells.
 pub(super) const UNDEFINED: u32 = u32::MAX;
 
-/// How elements are stored.
+/// Coding of elements: byte order and value representation.
 #[derive(Clone, Copy)]
 pub(super) struct ElementCoding {
     /// Whether each names its value representation.
@@ -100,7 +100,7 @@ impl ElementCoding {
     }
 }
 
-/// What comes before a value.
+/// Tag, value representation and length before a value.
 #[derive(Clone, Copy)]
 pub(super) struct ElementHead {
     pub tag: Tag,
@@ -135,7 +135,7 @@ impl ElementHead {
         self.vr.is_none_or(|vr| SHORT.contains(&&vr) || LONG.contains(&&vr))
     }
 
-    /// How the elements of a sequence with this head are coded.
+    /// Returns the coding of the elements of a sequence with this head.
     pub fn nested(&self, c: ElementCoding) -> ElementCoding {
         ElementCoding { explicit: c.explicit && self.vr != Some(UNKNOWN), ..c }
     }
@@ -146,7 +146,7 @@ impl ElementHead {
         entry.is_some() && u64::from(self.len) <= MAX_VALUE && PLAIN.contains(&&self.stored_as())
     }
 
-    /// Its own value representation; where it has none, that of the dictionary.
+    /// Returns the element's value representation, or that of the dictionary where it has none.
     fn stored_as(&self) -> Vr {
         let known = || READABLE.iter().find(|e| e.0 == self.tag).map_or(UNKNOWN, |e| *e.1);
         self.vr.filter(|vr| *vr != UNKNOWN).unwrap_or_else(known)
