@@ -22,7 +22,7 @@ pub fn frame_file(number: usize) -> String {
 /// Whether a name is one that a frame's file has.
 pub fn is_frame_file(name: &str) -> bool {
     let number = name.strip_prefix("frame_").and_then(|n| n.strip_suffix(".png"));
-    number.is_some_and(|n| (5..=6).contains(&n.len()) && n.bytes().all(|b| b.is_ascii_digit()))
+    number.and_then(|n| n.parse().ok()).is_some_and(|n| frame_file(n) == name)
 }
 
 /// Makes the folder if it is not there and removes the frames of an earlier flight: a shorter one
@@ -140,7 +140,7 @@ mod tests {
         for number in [1, 99_999, 100_000, crate::flight::MAX_FRAMES] {
             assert!(is_frame_file(&frame_file(number)), "{number}");
         }
-        for other in ["frame_1.png", "frame_0000001.png", "frame_00001.PNG", "my_00001.png"] {
+        for other in ["frame_1.png", "frame_000001.png", "frame_00001.PNG", "my_00001.png"] {
             assert!(!is_frame_file(other), "{other}");
         }
     }
