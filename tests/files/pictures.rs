@@ -28,7 +28,7 @@ fn png_keeps_every_pixel_carries_the_notice_and_is_repeatable() {
     assert!(text.contains(&format!("Disclaimer\0{NOTICE}")) && text.contains("Comment\0"));
     let begins = |chunk: &[u8]| bytes.windows(chunk.len()).position(|w| w == chunk);
     let (srgb, data) = (begins(b"sRGB").expect("colours are said to be sRGB"), begins(b"IDAT"));
-    assert!(srgb < data.unwrap() && begins(b"gAMA").is_some(), "before the pixels");
+    assert!(srgb < data.unwrap(), "before the pixels");
     assert!(write_png(&path, 38, 21, &rgb).unwrap_err().to_string().contains("38x21"));
     std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
     assert!(read_png(&path).is_err());

@@ -65,10 +65,11 @@ fn damaged_vtp_of_vtk_is_refused_and_other_compressors_by_name() {
     assert!(refusal(other.as_bytes()).contains("vtkLZ4DataCompressor"));
     let named = text.replace("vtkZLibDataCompressor", "JANE");
     assert!(!refusal(named.as_bytes()).contains("JANE"));
-    let data = text.find('_').unwrap();
-    let begin = text[data..].find("eJ").unwrap() + data;
+    // The second of the compressed blocks is that of the normals.
+    let data = text.find("<AppendedData").unwrap();
+    let begin = text[data..].match_indices("eJ").nth(1).unwrap().0 + data;
     let mut changed = text.clone().into_bytes();
-    changed[begin + 9..begin + 29].reverse();
+    changed[begin + 20..begin + 60].reverse();
     assert!(refusal(&changed).contains("damaged"));
     assert!(refusal(&text.as_bytes()[..begin + 20]).contains("a VTK array"));
 }
