@@ -44,7 +44,7 @@ pub struct PathArgs {
     /// All branches instead of one path
     #[arg(long)]
     pub tree: bool,
-    /// Loops of a tree: keep closes them, cut opens them where both sides are equally far
+    /// What becomes of loops in a tree
     #[arg(long, value_enum, default_value = "keep", requires = "tree")]
     pub loops: Loops,
     /// Start here, LPS mm
@@ -53,7 +53,7 @@ pub struct PathArgs {
     /// End here, LPS mm
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub to: Option<String>,
-    /// Range of sight of a point: paper (Eq. 5) or measured (longest ray across); default by mode
+    /// Range of sight of a point of the path (default: by mode)
     #[arg(long, value_enum)]
     pub radius: Option<Radius>,
 }

@@ -112,7 +112,7 @@ impl FrameArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Level of detail")]
 pub struct LevelArgs {
-    /// clusters: original triangles near, coarser ones far; vds: the paper's subdivision; off
+    /// How the wall is drawn at a distance
     #[arg(long, value_enum, default_value = "clusters")]
     pub lod: Lod,
     /// Pixels that what is drawn may be away from the full mesh

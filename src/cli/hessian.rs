@@ -29,7 +29,7 @@ pub struct Args {
     /// Gaussian before the derivatives, mm (default: the smallest voxel spacing)
     #[arg(long, value_name = "MM")]
     sigma: Option<f64>,
-    /// ridge: max(0, -l2); tubeness: sqrt(l1 l2) where l2 < 0; eigenvalues: all three, ascending
+    /// What to make of the eigenvalues l1 <= l2 <= l3
     #[arg(long, value_enum, default_value = "ridge")]
     response: Response,
     /// Look for dark ridges (air in grey values) instead of bright ones

@@ -57,9 +57,7 @@ pub struct LumenArgs {
     /// Draw the threshold in to just below the first leak (needs a seed)
     #[arg(long)]
     pub leak_control: bool,
-    /// Place of the wall: field where the profile of the grey values puts it (auto with --organ and
-    /// --threshold), relaxed smooth within half a voxel of a label map (auto where the largest spacing
-    /// is at most twice the smallest), exact at the threshold or half way between voxels
+    /// Place of the wall
     #[arg(long, value_enum, default_value = "auto", value_name = "METHOD")]
     pub wall: WallMethod,
     /// Write the mask that the wall was drawn about: .nrrd, .nii.gz or .mha

@@ -75,8 +75,8 @@ pub enum Seed {
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum WallMethod {
-    /// The field for grey values, relaxed for a label map whose slices are thin enough; else, and in
-    /// paper mode, exact.
+    /// The field for grey values, relaxed for a label map whose largest spacing is at most twice the
+    /// smallest; else, and in paper mode, exact.
     #[default]
     Auto,
     /// Wall field, from the profile of the grey values.
