@@ -86,6 +86,7 @@ impl Args {
             ..global.settings()
         };
         let mut session = Session::new(self.lumen.source(self.input.as_deref())?, settings)?;
+        session.expect(&[Product::Centerline]);
         let needs = [Product::Lumen, Product::Device];
         let anew = [Product::Distance, Product::Fields];
         let (found, timing) =

@@ -28,6 +28,7 @@ impl Args {
         global.check_output(&self.output, VOLUMES)?;
         let settings = Settings { lumen: self.lumen.settings()?, ..global.settings() };
         let mut session = Session::new(self.lumen.source(self.input.as_deref())?, settings)?;
+        session.expect(&[Product::Distance]);
         let needs = [Product::Lumen, Product::Device];
         let anew = [Product::Distance];
         let (field, timing) =

@@ -112,7 +112,7 @@ impl FrameArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Level of detail")]
 pub struct LevelArgs {
-    /// How the wall is drawn at a distance
+    /// Level of detail of the wall
     #[arg(long, value_enum, default_value = "clusters")]
     pub lod: Lod,
     /// Pixels that what is drawn may be away from the full mesh

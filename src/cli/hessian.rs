@@ -29,7 +29,7 @@ pub struct Args {
     /// Gaussian before the derivatives, mm (default: the smallest voxel spacing)
     #[arg(long, value_name = "MM")]
     sigma: Option<f64>,
-    /// What to make of the eigenvalues l1 <= l2 <= l3
+    /// Response of the eigenvalues l1 <= l2 <= l3
     #[arg(long, value_enum, default_value = "ridge")]
     response: Response,
     /// Look for dark ridges (air in grey values) instead of bright ones
@@ -124,6 +124,7 @@ impl Args {
         global.watched(session, || session.lumen())?;
         let lumen = Arc::new(session.lumen()?.lumen.clone());
         let settings = self.settings(&lumen.grid)?;
+        session.expect(&[Product::Fields]);
         let needs = [Product::Lumen, Product::Device];
         let (field, timing) =
             timed_products(global, session, &needs, &[], |s| Ok(s.distance_hessian(settings)?))?;

@@ -48,6 +48,7 @@ impl Args {
         let simplify = self.surface.decimate.is_some();
         let products: &[Product] =
             if simplify { &[Product::Wall, Product::Base] } else { &[Product::Wall] };
+        session.expect(&[Product::Wall]);
         let needs = [Product::Lumen, Product::Volume, Product::Device];
         let ((), timing) = timed_products(global, &mut session, &needs, &[Product::Wall], |s| {
             Ok(s.prepare(products)?)

@@ -283,6 +283,20 @@ impl Lumen {
         })
     }
 
+    /// Counts the sides between a voxel inside and one outside.
+    pub fn wall_sides(&self) -> u64 {
+        let slots = (0..self.bricks.len()).into_par_iter();
+        let sides = |slot: usize| {
+            let layers = (0..8).map(|z| {
+                let own = self.inside[slot * 8 + z];
+                let near = layer_neighbours(&self.bricks, &self.inside, slot, z);
+                near.map(|n| u64::from((own & !n).count_ones())).iter().sum::<u64>()
+            });
+            layers.sum::<u64>()
+        };
+        slots.map(sides).sum()
+    }
+
     /// A field as a dense volume over the whole grid, `outside` elsewhere.
     pub fn dense<T: Copy + Send + Sync>(&self, field: &[T], outside: T) -> Vec<T> {
         let mut out = vec![outside; self.grid.len()];

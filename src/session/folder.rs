@@ -71,6 +71,7 @@ impl Session {
     /// # Errors
     /// What the stages and the drawing fail with.
     pub fn compute_all(&self) -> Result<FrameStream, SessionError> {
+        self.expect(&[Product::Base, Product::Coverage]);
         self.prepare(&self.needs_of_frames())?;
         let products = || self.prepare(&[Product::Base, Product::Coverage, Product::Inputs]);
         if self.pool.current_num_threads() == 1 {
@@ -188,6 +189,7 @@ impl Session {
         let folders: [&Path; 2] = [folder, &recording.frames];
         // Before anything is computed, and again once they were made.
         folders.iter().try_for_each(|f| locked(&self.folders).claim(f))?;
+        self.expect(&[Product::Base, Product::Coverage]);
         self.prepare(&self.needs_of_frames())?;
         self.write_camera_path(recording, folder)?;
         for folder in folders {

@@ -64,7 +64,7 @@ impl Session {
     }
 
     /// Products that a stream of frames needs.
-    pub(super) fn needs_of_frames(&self) -> Vec<Product> {
+    pub fn needs_of_frames(&self) -> Vec<Product> {
         let mut needs = vec![Product::DrawnWall, Product::Flight, Product::Display];
         if self.settings.drawn_lod() != Lod::Off {
             needs.extend([Product::Levels, Product::Shading]);

@@ -41,7 +41,7 @@ pub use folder::{REPORT_FILE, RUN_FILES, Recording};
 pub use frames::{DrawnFrame, FrameStream};
 pub use levels::{Levels, LodReport};
 pub use load::{read_any_volume, read_orthogonal_volume};
-pub use memory::{estimate_bytes, peak_memory_mb, refuse_above, resident_memory_mb};
+pub use memory::{peak_memory_mb, refuse_above, resident_memory_mb};
 pub use progress::Progress;
 pub use report::{
     CenterlineReport, ComponentReport, CoverageReport, FramesReport, InputReport, LumenReport,
@@ -58,6 +58,7 @@ pub use stages::{Product, Products};
 pub use surface::{DrawnWall, Wall, gradient_normals, smoothed_normals, written_mesh};
 pub use writer::{FrameWriter, is_frame_file};
 
+use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::device::Device;
@@ -111,6 +112,8 @@ pub struct Session {
     board: Board,
     slots: Slots,
     keep_volume: bool,
+    /// Products that were asked for so far, or will be: a bit each, for the estimate of memory.
+    expected: AtomicU64,
     /// Called when a product is there.
     wake: Option<Waker>,
     /// Folders that this session is writing a run into.
@@ -183,6 +186,7 @@ impl Session {
             board: Board::default(),
             slots: Slots::default(),
             keep_volume: false,
+            expected: AtomicU64::new(0),
             wake: None,
             folders: Mutex::default(),
         }

@@ -1,6 +1,7 @@
 //! Computes the products asked for: each once, in the order of their needs, side by side where
 //! they do not need each other.
 
+use std::sync::atomic::Ordering;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 use super::stages::{PRODUCTS, Product, RunsOn, STAGES, Stage, row};
@@ -93,6 +94,8 @@ impl Board {
     }
 }
 
+const _: () = assert!(PRODUCTS <= 64, "a bit each in `Session::expected`");
+
 /// Whether the volume is kept for a stage. Only a window asks for the range of values, and it
 /// keeps the volume.
 fn reads_volume(stage: &Stage) -> bool {
@@ -109,6 +112,7 @@ impl Session {
     /// product out.
     pub fn prepare(&self, products: &[Product]) -> Result<(), SessionError> {
         let plan = self.plan(products)?;
+        self.note_expected(&plan);
         if plan.is_empty() {
             return Ok(());
         }
@@ -123,6 +127,26 @@ impl Session {
             self.work(&plan, &error);
         });
         error.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
+    }
+
+    /// Announces products that will be asked for: memory is estimated once the lumen is there, with all
+    /// of them. Those that the settings leave out are passed over.
+    pub fn expect(&self, products: &[Product]) {
+        for product in products {
+            if let Ok(plan) = self.plan(&[*product]) {
+                self.note_expected(&plan);
+            }
+        }
+    }
+
+    fn note_expected(&self, plan: &[&'static Stage]) {
+        let bits = plan.iter().fold(0, |bits, s| bits | 1u64 << s.product as u32);
+        self.expected.fetch_or(bits, Ordering::Relaxed);
+    }
+
+    /// Whether a product was asked for, or will be.
+    pub(super) fn expects(&self, product: Product) -> bool {
+        self.expected.load(Ordering::Relaxed) >> product as u32 & 1 == 1
     }
 
     /// Rows to be run, in the order of the table.

@@ -9,10 +9,9 @@ use std::time::Instant;
 use glam::IVec3;
 
 use super::load::Loaded;
+use super::memory::{RunSize, estimate_bytes};
 use super::settings::{Seed, Source, WallMethod};
-use super::{
-    Clock, Mode, Session, SessionError, estimate_bytes, present, read_any_volume, refuse_above,
-};
+use super::{Clock, Mode, Session, SessionError, present, read_any_volume, refuse_above};
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::lumen::{
@@ -135,7 +134,7 @@ impl Session {
         } else {
             (Lumen::new(grid, &core.mask), None)
         };
-        self.check_memory(&loaded.volume, &lumen)?;
+        self.check_memory(&loaded.volume, &lumen, method == WallMethod::Field)?;
         let mut notes = core.notes.clone();
         if lumen.touches_edge {
             notes.push(TOUCHES_EDGE.into());
@@ -215,14 +214,24 @@ impl Session {
         Ok(Core { mask, found, options, organ: Some(organ), notes })
     }
 
-    fn check_memory(&self, volume: &Volume, lumen: &Lumen) -> Result<(), SessionError> {
-        let bytes = estimate_bytes(
-            volume.samples.bytes().len() as u64,
-            volume.grid.len() as u64,
-            lumen.bricks.len() as u64,
-        );
+    fn check_memory(
+        &self,
+        volume: &Volume,
+        lumen: &Lumen,
+        is_field: bool,
+    ) -> Result<(), SessionError> {
+        let size = RunSize {
+            stored: volume.samples.bytes().len() as u64,
+            voxels: volume.grid.len() as u64,
+            bricks: lumen.bricks.len() as u64,
+            wall_sides: lumen.wall_sides(),
+            is_field,
+            is_organ: self.settings.lumen.organ.is_some(),
+            pixels: self.settings.flight.size.iter().map(|s| u64::from(*s)).product(),
+        };
+        let bytes = estimate_bytes(&size, |p| self.expects(p));
         tracing::info!("about {} MB will be needed", bytes / 1_000_000);
-        refuse_above(self.settings.max_memory_mb, bytes, "volume, fields and surface")
+        refuse_above(self.settings.max_memory_mb, bytes, "estimated for all stages")
     }
 }
 

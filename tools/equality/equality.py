@@ -25,7 +25,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 
 #: Fields of JSON that differ from run to run.
 MEASURED = re.compile(
-    r"(_ms|_s|_seconds|memory_mb|gb_per_s|m_per_s|of_copy)$|^(p50_ms|p99_ms|stages|version)$"
+    r"(^ms|_ms|_s|_seconds|memory_mb|gb_per_s|m_per_s|of_copy)$|^(p50_ms|p99_ms|stages|version)$"
 )
 
 
