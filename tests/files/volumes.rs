@@ -427,6 +427,34 @@ fn real_volumes_have_their_published_counts() {
 }
 
 #[test]
+fn one_head_in_48_orientations_is_one_head() {
+    let Some(dir) = unzip("nifti_48_orientations.zip") else { return };
+    let files = std::fs::read_dir(dir.path().join("nifti_space")).unwrap();
+    // Each is named by its axes; others there are not orientations of it.
+    let is_code = |p: &std::path::PathBuf| {
+        let name = p.file_name().unwrap().to_string_lossy();
+        name.len() == "LPS.nii.gz".len() && name[..3].bytes().all(|b| b.is_ascii_uppercase())
+    };
+    let files: Vec<_> = files.map(|e| e.unwrap().path()).filter(is_code).collect();
+    assert_eq!(files.len(), 48);
+    let first = read(&files[0]).unwrap();
+    for file in &files[1..] {
+        let volume = read(file).unwrap();
+        let voxel_from_first = volume.grid.voxel_from_world() * first.grid.world_from_voxel();
+        let mut worst = 0.0f64;
+        for i in 0..first.grid.len() {
+            let [nx, ny] = [first.grid.dims.x, first.grid.dims.y].map(|n| n as usize);
+            let v = UVec3::from([i % nx, i / nx % ny, i / nx / ny].map(|n| n as u32));
+            let there = voxel_from_first.transform_point3(v.as_dvec3());
+            worst = worst.max((there - there.round()).abs().max_element());
+            let at = volume.grid.index(there.round().as_uvec3());
+            assert_eq!(volume.real(at), first.real(i), "{}: voxel {v}", file.display());
+        }
+        assert!(worst < 1e-3, "{}: {worst} voxels off", file.display());
+    }
+}
+
+#[test]
 fn the_real_chest_ct_has_its_published_place_and_range() {
     let Some(dir) = unzip("chest_ct_fnndsc.zip") else { return };
     let v = read(&dir.path().join("chest_ct_fnndsc")).unwrap();
