@@ -27,6 +27,8 @@ pub enum Point {
     Occlusion,
     /// Creating the device and its parts: answers as exhausted host memory.
     Create,
+    /// Waiting for the device: answers as a device that takes longer.
+    Wait,
     /// A barrier between launches: is left out, so that validation has a hazard to report.
     Barrier,
 }

@@ -47,11 +47,10 @@ pub enum AppError {
 impl AppError {
     /// Whether the device went away: another one may do.
     pub fn is_device_lost(&self) -> bool {
-        let lost = |e: &VkError| matches!(e, VkError::DeviceLost { .. });
         match self {
-            Self::Vulkan(e) => lost(e),
-            Self::Render(RenderError::Vulkan(e)) => lost(e),
-            Self::Session(SessionError::Render(RenderError::Vulkan(e))) => lost(e),
+            Self::Vulkan(e) => e.is_lost(),
+            Self::Render(RenderError::Vulkan(e)) => e.is_lost(),
+            Self::Session(SessionError::Render(RenderError::Vulkan(e))) => e.is_lost(),
             _ => false,
         }
     }

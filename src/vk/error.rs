@@ -77,6 +77,15 @@ pub enum VkError {
         /// Name of the call that reported it.
         during: &'static str,
     },
+    /// The device did not answer and was given up; the `Gpu` is of no further use, and what was
+    /// made on it stays until the program ends.
+    #[error("the device did not answer for {seconds} s, while {waited_for} was waited for")]
+    Unresponsive {
+        /// Work that was waited for.
+        waited_for: &'static str,
+        /// Seconds it was waited for.
+        seconds: u32,
+    },
     /// Any other failure of a Vulkan call.
     #[error("{call} failed: {result}")]
     Call {
@@ -98,6 +107,11 @@ impl VkError {
                 | Self::NoSurface(_)
                 | Self::NoValidation(_)
         )
+    }
+
+    /// Whether the device is of no further use, while another that is opened may work.
+    pub fn is_lost(&self) -> bool {
+        matches!(self, Self::DeviceLost { .. } | Self::Unresponsive { .. })
     }
 
     /// Fails where a fault is planted at the creation of things.

@@ -1,5 +1,6 @@
 //! The device and every Vulkan resource, under one owner.
 
+use std::mem::ManuallyDrop;
 use std::ops::Deref;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -59,9 +60,10 @@ impl Default for OpenOptions {
 pub struct Gpu {
     pub(super) info: DeviceInfo,
     pub(super) pipelines: ComputePipelines,
-    pub(super) cache: Cache,
-    pub(super) commands: Commands,
-    pub(super) timeline: Timeline,
+    // Not dropped where the device was given up: it may still use them.
+    pub(super) cache: ManuallyDrop<Cache>,
+    pub(super) commands: ManuallyDrop<Commands>,
+    pub(super) timeline: ManuallyDrop<Timeline>,
     pub(super) queue: vk::Queue,
     pub(super) draw_pipelines: SlotMap<DrawPipelineId, DrawPipeline>,
     pub(super) buffers: SlotMap<BufferId, GpuBuffer>,
@@ -79,11 +81,10 @@ pub struct Gpu {
     pub(super) longest_piece: Duration,
     started: Instant,
     first_dispatch: Option<Duration>,
-    // After `Drop::drop` fields go down in order: these four last.
     pub(super) presenter: Option<Presenter>,
-    pub(super) memory: Memory,
-    pub(super) device: OwnedDevice,
-    pub(super) instance: Instance,
+    pub(super) memory: ManuallyDrop<Memory>,
+    pub(super) device: ManuallyDrop<OwnedDevice>,
+    pub(super) instance: ManuallyDrop<Instance>,
 }
 
 impl Gpu {
@@ -146,9 +147,9 @@ impl Gpu {
         let timeline = Timeline::new(&device)?;
         Ok(Self {
             pipelines: ComputePipelines::default(),
-            cache,
-            commands,
-            timeline,
+            cache: ManuallyDrop::new(cache),
+            commands: ManuallyDrop::new(commands),
+            timeline: ManuallyDrop::new(timeline),
             queue,
             draw_pipelines: SlotMap::with_key(),
             buffers: SlotMap::with_key(),
@@ -162,10 +163,10 @@ impl Gpu {
             longest_piece: Duration::ZERO,
             started,
             first_dispatch: None,
-            memory,
-            device,
+            memory: ManuallyDrop::new(memory),
+            device: ManuallyDrop::new(device),
             info,
-            instance,
+            instance: ManuallyDrop::new(instance),
             presenter,
         })
     }
@@ -216,12 +217,25 @@ impl Gpu {
         }
     }
 
-    /// Blocks until the device has reached a timeline value.
-    pub(super) fn wait(&self, value: u64) -> Result<(), VkError> {
+    /// Blocks until the device has reached a timeline value; `what` names its work in the error.
+    pub(super) fn wait(&self, value: u64, what: &'static str) -> Result<(), VkError> {
         match self.instance.validate {
             Validate::GpuAssisted => self.wait_idle(),
-            _ => self.timeline.wait(value),
+            _ => self.timeline.wait(value, what),
         }
+    }
+
+    /// Waits until the device has nothing left to do. Returns false where it was given up: then
+    /// nothing that was made on it may be destroyed.
+    pub(super) fn comes_to_rest(&mut self) -> bool {
+        let _ = self.wait(self.timeline.submitted, "the end of all work");
+        if self.timeline.is_given_up() {
+            self.memory.give_up();
+            return false;
+        }
+        // SAFETY: `&mut self` makes us the only user of device and queue. A lost device answers with an error and is idle all the same.
+        let _ = unsafe { self.device.device_wait_idle() };
+        true
     }
 
     /// Waits until the queue is idle. Takes the place of the timeline when shaders are
@@ -246,12 +260,23 @@ impl Gpu {
 
 impl Drop for Gpu {
     fn drop(&mut self) {
-        // SAFETY: `&mut self` makes us the only user of device and queue. A lost device answers
-        // with an error and is idle all the same.
-        let _ = unsafe { self.device.device_wait_idle() };
+        if !self.comes_to_rest() {
+            std::mem::forget(self.presenter.take());
+            return;
+        }
         self.close_window();
         self.destroy_all();
         self.pipelines.destroy(&self.device);
+        // SAFETY: each goes once, here, and nothing is used after it: the device is idle, what was
+        // made on it is gone before it, and it before its instance.
+        unsafe {
+            ManuallyDrop::drop(&mut self.cache);
+            ManuallyDrop::drop(&mut self.commands);
+            ManuallyDrop::drop(&mut self.timeline);
+            ManuallyDrop::drop(&mut self.memory);
+            ManuallyDrop::drop(&mut self.device);
+            ManuallyDrop::drop(&mut self.instance);
+        }
     }
 }
 
@@ -267,8 +292,7 @@ impl Deref for OwnedDevice {
 
 impl Drop for OwnedDevice {
     fn drop(&mut self) {
-        // SAFETY: dropped once, after everything made on it (field order of `Gpu`); idle, because
-        // nothing was submitted yet or `Gpu::drop` has waited.
+        // SAFETY: dropped once, after everything made on it (`Gpu::drop`); idle, because nothing was submitted yet or `Gpu::drop` has waited.
         unsafe { self.0.destroy_device(None) };
     }
 }

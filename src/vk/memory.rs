@@ -81,6 +81,7 @@ pub(super) struct Memory {
     device: ash::Device,
     allocator: Allocator,
     unified: bool,
+    given_up: bool,
 }
 
 impl Memory {
@@ -104,7 +105,12 @@ impl Memory {
             bytes: 0,
             detail: e.to_string(),
         })?;
-        Ok(Self { device: device.clone(), allocator, unified })
+        Ok(Self { device: device.clone(), allocator, unified, given_up: false })
+    }
+
+    /// Keeps what is freed from now on: the device was given up and may still use it.
+    pub fn give_up(&mut self) {
+        self.given_up = true;
     }
 
     /// Whether buffers placed on the device are mapped as well.
@@ -240,6 +246,9 @@ impl Memory {
     /// Destroys a buffer that the device is done with (the retire queue yielded it, or no
     /// submission ever used it).
     pub fn free_buffer(&mut self, b: Buffer) {
+        if self.given_up {
+            return std::mem::forget(b);
+        }
         // SAFETY: `b.raw` came from this device and is owned by `b`, which we consume; by the
         // contract above the timeline has passed its last use.
         unsafe { self.device.destroy_buffer(b.raw, None) };
@@ -249,6 +258,9 @@ impl Memory {
 
     /// Destroys an image that the device is done with.
     pub fn free_image(&mut self, i: Image) {
+        if self.given_up {
+            return std::mem::forget(i);
+        }
         // SAFETY: image and views came from this device and are owned by `i`, which we consume; the
         // timeline has passed their last use. A null view is ignored; an image without memory of
         // ours goes with its swapchain.

@@ -193,7 +193,7 @@ impl Gpu {
             }
             let Some(chain) = &mut p.chain else { return Ok(None) };
             let (semaphore, used) = p.acquired[p.slot];
-            self.wait(used)?;
+            self.wait(used, "a frame of the window")?;
             // SAFETY: the swapchain is ours and live; the semaphore is unsignalled with nothing
             // pending, since the submission that waited for it has ended.
             let found = unsafe {
@@ -400,7 +400,7 @@ impl Gpu {
     /// Destroys replaced swapchains once the device is done with them.
     fn close_old(&mut self, p: &mut Presenter) -> Result<(), VkError> {
         if !p.old.is_empty() {
-            self.wait(self.timeline.submitted)?;
+            self.wait(self.timeline.submitted, "frames of a replaced swapchain")?;
             for chain in std::mem::take(&mut p.old) {
                 self.destroy_chain(p, chain);
             }
@@ -410,9 +410,11 @@ impl Gpu {
 
     /// Destroys swapchains and semaphores; the next image comes from new ones.
     fn close_all(&mut self, p: &mut Presenter) {
-        // SAFETY: `&mut self` makes us the only user of device and queue. A lost device is idle.
-        let _ = unsafe { self.device.device_wait_idle() };
         let all: Vec<Swapchain> = p.old.drain(..).chain(p.chain.take()).collect();
+        if !self.comes_to_rest() {
+            p.acquired.clear();
+            return;
+        }
         all.into_iter().for_each(|chain| self.destroy_chain(p, chain));
         for (semaphore, _) in p.acquired.drain(..) {
             // SAFETY: ours, and the device is idle.

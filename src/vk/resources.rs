@@ -185,7 +185,7 @@ impl Gpu {
     /// If the buffer is not a read-back buffer.
     pub fn read(&mut self, id: BufferId) -> Result<&[u8], VkError> {
         let last_use = self.buffers[id].last_use;
-        self.wait(last_use)?;
+        self.wait(last_use, "a frame that is read back")?;
         Ok(self.buffers[id].buffer.mapped().expect("read-back memory is mapped"))
     }
 
@@ -263,18 +263,17 @@ impl Gpu {
         Ok(self.insert(buffer, usage, index_bytes, 0))
     }
 
-    /// Records, submits and waits. After an error the device is idle.
+    /// Records, submits and waits. After an error the device is idle, or given up.
     fn at_once(&mut self, record: impl FnOnce(&Self, vk::CommandBuffer)) -> Result<(), VkError> {
         let done = (|| {
             let reached = self.reached()?;
             let cmd = self.commands.begin(reached)?;
             record(self, cmd);
             let value = self.commands.submit(self.queue, &mut self.timeline, cmd, None)?;
-            self.wait(value)
+            self.wait(value, "an upload")
         })();
         if done.is_err() {
-            // SAFETY: `&mut self` makes us the only user of the queue.
-            let _ = unsafe { self.device.device_wait_idle() };
+            self.comes_to_rest();
         }
         done
     }

@@ -163,7 +163,7 @@ impl Gpu {
         self.reap()?;
         match take(&mut self.memory) {
             Err(VkError::OutOfMemory { .. }) => {
-                self.wait(self.timeline.submitted)?;
+                self.wait(self.timeline.submitted, "the last use of retired memory")?;
                 self.reap()?;
                 take(&mut self.memory)
             }

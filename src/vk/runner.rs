@@ -145,7 +145,7 @@ impl Gpu {
             let start = Instant::now();
             let value = self.commands.submit(self.queue, &mut self.timeline, cmd, None)?;
             self.dispatched();
-            self.wait(value)?;
+            self.wait(value, "a piece of a plan")?;
             self.measure(plan, held, &piece, start.elapsed(), &mut seconds)?;
             if is_last {
                 break;
@@ -429,13 +429,13 @@ impl Gpu {
     }
 
     fn destroy_run(&mut self, held: RunResources, failed: bool) {
-        // SAFETY: `&mut self` makes us the only user of the queue. A run that succeeded has waited
-        // already; one that failed may have left work behind. After that, nothing in `held` is in
-        // use, all of it is ours and goes once; null pools are ignored.
+        // A run that succeeded has waited already; one that failed may have left work behind.
+        if failed && !self.comes_to_rest() {
+            return;
+        }
+        // SAFETY: nothing in `held` is in use, all of it is ours and goes once; null pools are
+        // ignored.
         unsafe {
-            if failed {
-                let _ = self.device.device_wait_idle();
-            }
             self.device.destroy_descriptor_pool(held.sets, None);
             self.device.destroy_query_pool(held.queries, None);
         }

@@ -132,7 +132,7 @@ impl Gpu {
             let Some(&(value, _)) = self.staging.ring.marks.front() else {
                 return Err(VkError::StagingFull { bytes, budget: STAGING_BYTES });
             };
-            self.wait(value)?;
+            self.wait(value, "a frame that was staged before")?;
             reached = value;
         }
     }

@@ -355,6 +355,7 @@ mod faults {
     use glam::Vec3;
     use intima::geometry::{Lens, Mesh, Pose};
     use intima::render::{Renderer, Scene, Shot, View};
+    use intima::task::CancelToken;
 
     use super::*;
 
@@ -399,6 +400,48 @@ mod faults {
             );
             assert_eq!(child::said(&out), [want], "{fault}");
         }
+    }
+
+    /// Runs in a process of its own.
+    fn child_waits_for_a_hung_device() {
+        let mut gpu = common::gpu(Validate::Sync).expect("the parent found a device");
+        let token = CancelToken::default();
+        token.enter();
+        if std::env::var_os("INTIMA_TEST_CANCELLED").is_some() {
+            token.cancel();
+        }
+        let (plan, _) = ring(&KERNEL, 1000, 1000, 2);
+        for _ in 0..2 {
+            let e = gpu.run(&plan).err().expect("the device does not answer");
+            println!("child: {e}; lost: {}", e.is_lost());
+        }
+        drop(gpu);
+        println!("child: {:?}", intima::vk::all_validation_messages());
+    }
+
+    #[test]
+    fn a_device_that_hangs_is_given_up_and_the_wait_is_named() {
+        if child::is_child() {
+            return child_waits_for_a_hung_device();
+        }
+        let Some(_) = common::gpu(Validate::Sync) else { return };
+        let name = "vulkan::faults::a_device_that_hangs_is_given_up_and_the_wait_is_named";
+        for (cancelled, seconds) in [(false, 120), (true, 5)] {
+            let mut env = vec![("INTIMA_FAULT", "wait:1")];
+            env.extend(cancelled.then_some(("INTIMA_TEST_CANCELLED", "1")));
+            let said = format!(
+                "the device did not answer for {seconds} s, while a piece of a plan was waited \
+                 for; lost: true"
+            );
+            // Nothing that the device may use is destroyed, and no later wait takes as long.
+            assert_eq!(child::said(&child::run(name, &env)), [said.as_str(), said.as_str(), "[]"]);
+        }
+        // A device that takes its time is not given up.
+        let said = child::said(&child::run(
+            "vulkan::faults::planted_faults_come_back_typed_and_leave_nothing_behind",
+            &[("INTIMA_FAULT", "wait:1-119")],
+        ));
+        assert_eq!(said, ["done; 0 messages"]);
     }
 
     /// Runs in a process of its own.
