@@ -241,7 +241,7 @@ impl Gpu {
     /// Waits until the queue is idle. Takes the place of the timeline when shaders are
     /// instrumented: there the layer's own book-keeping of timelines hangs (it says so itself,
     /// after ten seconds). An idle queue has reached every value.
-    fn wait_idle(&self) -> Result<(), VkError> {
+    pub(super) fn wait_idle(&self) -> Result<(), VkError> {
         // SAFETY: `Gpu` owns the queue and is not shared between threads while this runs: every
         // caller holds it by `&mut`.
         unsafe { self.device.queue_wait_idle(self.queue) }.map_err(VkError::of("vkQueueWaitIdle"))

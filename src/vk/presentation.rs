@@ -5,7 +5,7 @@
 //! round when its semaphore has been waited for, a frame's slot may come round earlier
 //! (Vulkan-ValidationLayers #9840). Replaced swapchains are kept until every image of the new one
 //! has come round, since an idle device says nothing of what the presentation engine still holds
-//! (Vulkan-Docs #1059).
+//! (Vulkan-Docs #1059); of a window that is being resized, where none comes round, the last two.
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -23,6 +23,9 @@ use super::{Gpu, VkError};
 
 /// Frames that may be in flight to a window.
 const IN_FLIGHT: usize = 2;
+/// Most replaced swapchains that are kept. What was handed to the presentation engine with the
+/// oldest has two successors by then.
+const MOST_OLD: usize = 2;
 /// Longest wait for an image, ns: a window that is hidden may never give one.
 const PATIENCE_NS: u64 = 100_000_000;
 
@@ -89,8 +92,20 @@ struct Swapchain {
     images: Vec<ImageId>,
     /// Semaphores that mark the end of drawing, one an image.
     finished: Vec<vk::Semaphore>,
+    /// Size of its images, which the display may choose.
     extent: [u32; 2],
+    /// Size of the window it was made for.
+    asked: [u32; 2],
     acquired: usize,
+}
+
+impl Swapchain {
+    /// Whether it serves a window of `size`. The display may give images of another size than
+    /// asked for, at its limits or while a window is being resized: the same request would get
+    /// the same answer, and a swapchain that does not fit any more is reported as out of date.
+    fn serves(asked: [u32; 2], extent: [u32; 2], size: [u32; 2]) -> bool {
+        size == asked || size == extent
+    }
 }
 
 /// Surface, swapchain and semaphores of a window.
@@ -187,7 +202,8 @@ impl Gpu {
             if p.surface_lost {
                 self.renew_surface(p)?;
             }
-            let fits = p.chain.as_ref().is_some_and(|c| !p.is_stale && c.extent == size);
+            let serves = |c: &Swapchain| Swapchain::serves(c.asked, c.extent, size);
+            let fits = !p.is_stale && p.chain.as_ref().is_some_and(serves);
             if !fits && !self.remake_chain(p, size)? {
                 return Ok(None);
             }
@@ -208,7 +224,7 @@ impl Gpu {
                     p.current = Some((index, image));
                     chain.acquired += 1;
                     if chain.acquired > 2 * chain.images.len() {
-                        self.close_old(p)?;
+                        self.close_old(p, 0)?;
                     }
                     return Ok(Some(image));
                 }
@@ -287,6 +303,7 @@ impl Gpu {
             true => opaque,
             false => vk::CompositeAlphaFlagsKHR::INHERIT,
         };
+        self.close_old(p, MOST_OLD - 1)?;
         let old = p.chain.as_ref().map_or(vk::SwapchainKHR::null(), |c| c.raw);
         let info = vk::SwapchainCreateInfoKHR::default()
             .surface(p.surface.raw)
@@ -318,7 +335,7 @@ impl Gpu {
         };
         let extent = [extent.width, extent.height];
         let (images, finished) = (Vec::new(), Vec::new());
-        let mut chain = Swapchain { raw, images, finished, extent, acquired: 0 };
+        let mut chain = Swapchain { raw, images, finished, extent, asked: size, acquired: 0 };
         let filled = self.fill_chain(p, &mut chain, format);
         if let Err(e) = filled {
             self.destroy_chain(p, chain);
@@ -397,11 +414,15 @@ impl Gpu {
         Ok(())
     }
 
-    /// Destroys replaced swapchains once the device is done with them.
-    fn close_old(&mut self, p: &mut Presenter) -> Result<(), VkError> {
-        if !p.old.is_empty() {
+    /// Destroys all but the `kept` youngest of the replaced swapchains, once the device is done
+    /// with them.
+    fn close_old(&mut self, p: &mut Presenter, kept: usize) -> Result<(), VkError> {
+        let gone = p.old.len().saturating_sub(kept);
+        if gone > 0 {
             self.wait(self.timeline.submitted, "frames of a replaced swapchain")?;
-            for chain in std::mem::take(&mut p.old) {
+            // Presenting is work of the queue too, which the timeline does not count.
+            self.wait_idle()?;
+            for chain in p.old.drain(..gone).collect::<Vec<_>>() {
                 self.destroy_chain(p, chain);
             }
         }
@@ -438,12 +459,27 @@ impl Gpu {
         }
         // SAFETY: all are ours and go once. No submission uses them: the caller has waited for the
         // timeline or the device; that the presentation engine is done with the semaphores too is
-        // shown by the images of a later swapchain coming round, or the device is going down.
+        // shown by the images of a later swapchain coming round, or by an idle queue and two
+        // successors, or the device is going down.
         unsafe {
             for semaphore in chain.finished {
                 self.device.destroy_semaphore(semaphore, None);
             }
             p.chains.destroy_swapchain(chain.raw, None);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Swapchain;
+
+    #[test]
+    fn a_display_that_gives_another_size_than_asked_for_gets_no_swapchain_a_frame() {
+        let (asked, limited) = ([100, 20], [120, 40]);
+        assert!(Swapchain::serves(asked, limited, asked));
+        // The window has taken the size of the images by now.
+        assert!(Swapchain::serves(asked, limited, limited));
+        assert!(!Swapchain::serves(asked, limited, [100, 40]));
     }
 }

@@ -286,6 +286,35 @@ fn bookmarks_that_no_file_has_are_not_lost_by_closing_without_a_word() {
     assert_silent(&log);
 }
 
+/// Resident memory of a process, MB.
+fn resident_mb(process: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).expect("it runs");
+    let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:")).expect("its memory");
+    line.split_whitespace().next().and_then(|kb| kb.parse::<u64>().ok()).expect("kB") / 1024
+}
+
+#[test]
+fn a_window_that_is_resized_again_and_again_takes_no_more_memory() {
+    let tmp = folder(Kind::Bend);
+    let args = ["mask.nrrd", "--device", "cpu", "--lod-cache", "off", "--size", "900x640"];
+    let Some(mut d) = Desktop::open(tmp.path(), &args, &[("INTIMA_VALIDATE", "")]) else { return };
+    d.wait_for("everything is computed");
+    let window = d.window.clone();
+    let resize = |times: u32| {
+        for i in 0..times {
+            let (width, height) = (900 + i * 37 % 300, 640 + i * 23 % 200);
+            d.xdotool(&["windowsize", &window, &width.to_string(), &height.to_string()]);
+            std::thread::sleep(Duration::from_millis(60));
+        }
+        resident_mb(d.program.0.id())
+    };
+    let (settled, later) = (resize(20), resize(120));
+    println!("{settled} MB after 20 sizes, {later} MB after 120 more");
+    assert!(later < settled + 60, "{settled} MB after 20 sizes, {later} MB after 120 more");
+    let (code, log) = d.quit();
+    assert_eq!(code, Some(0), "{log:#?}");
+}
+
 /// Needs the fault hook.
 #[cfg(feature = "faults")]
 #[test]
