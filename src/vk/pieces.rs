@@ -14,6 +14,12 @@ use crate::compute::Plan;
 pub(super) const AIM: Duration = Duration::from_millis(50);
 /// Seconds of a workgroup that was never measured: more than any takes on a driver in software.
 const UNKNOWN_S: f64 = 1e-4;
+/// Most workgroups of a kernel in a piece, as a multiple of those that were measured last. Those of
+/// one launch differ: bricks in the middle of a lumen take many times as long as those at its wall.
+const GROWTH: f64 = 4.0;
+/// Share of a piece that the first part of a launch may take: its parameters may make it slower
+/// than the launch of the same kernel that was measured.
+const FIRST: f64 = 0.25;
 /// Most workgroups along x of a launch that needs two dimensions, which is cut between rows.
 const ROW: u64 = 1024;
 
@@ -39,21 +45,37 @@ impl LaunchSegment {
     }
 }
 
-/// Seconds a workgroup of each kernel, as last measured.
+/// Speed of a kernel, as last measured.
+#[derive(Clone, Copy)]
+struct Rate {
+    /// Seconds a workgroup.
+    seconds: f64,
+    /// Number of workgroups measured.
+    groups: f64,
+}
+
+/// Speed of each kernel.
 #[derive(Default)]
-pub(super) struct Rates(BTreeMap<&'static str, f64>);
+pub(super) struct Rates(BTreeMap<&'static str, Rate>);
 
 impl Rates {
     fn of(&self, kernel: &'static str) -> f64 {
-        self.0.get(kernel).copied().unwrap_or(UNKNOWN_S)
+        self.0.get(kernel).map_or(UNKNOWN_S, |r| r.seconds)
+    }
+
+    /// Most workgroups of a kernel in the next piece; as many as of one never measured are always
+    /// allowed.
+    fn most(&self, kernel: &'static str, aim_s: f64) -> f64 {
+        self.0.get(kernel).map_or(f64::INFINITY, |r| (GROWTH * r.groups).max(aim_s / UNKNOWN_S))
     }
 
     /// Updates a kernel's rate from the seconds a segment took. Launches of one kernel differ by
     /// their parameters: a short one lowers its rate by half at most.
     pub fn measured(&mut self, kernel: &'static str, segment: &LaunchSegment, seconds: f64) {
-        let rate = (seconds / segment.count()).max(1e-12);
-        let known = self.0.entry(kernel).or_insert(rate);
-        *known = rate.max(0.5 * *known);
+        let groups = segment.count();
+        let seconds = (seconds / groups).max(1e-12);
+        let known = self.0.entry(kernel).or_insert(Rate { seconds, groups });
+        *known = Rate { seconds: seconds.max(0.5 * known.seconds), groups };
     }
 
     /// Shares the seconds of a piece among its segments, in proportion to their expected durations.
@@ -91,22 +113,30 @@ impl Pieces {
         self.grids[self.step..].iter().all(|g| g[0] == 0)
     }
 
-    /// Returns the next piece: as much as should take at most `aim`, and at least a workgroup, or a
-    /// row of them where a launch has two dimensions.
+    /// Returns the next piece: as much as should take at most `aim` and is not much more than was
+    /// measured ([`GROWTH`]), and at least a workgroup, or a row of them where a launch has two
+    /// dimensions.
     pub fn next(&mut self, plan: &Plan<'_>, rates: &Rates, aim: Duration) -> Vec<LaunchSegment> {
-        let mut left = aim.as_secs_f64();
+        let aim_s = aim.as_secs_f64();
+        let mut left = aim_s;
         let mut piece = Vec::new();
+        let mut taken = BTreeMap::<&'static str, f64>::new();
         while let Some(&[x, y]) = self.grids.get(self.step) {
             let (units, per_unit) = if y > 1 { (y, x) } else { (x, 1) };
-            let seconds = f64::from(per_unit) * rates.of(plan.steps()[self.step].kernel.name());
+            let kernel = plan.steps()[self.step].kernel.name();
+            let seconds = f64::from(per_unit) * rates.of(kernel);
+            let taken = taken.entry(kernel).or_default();
+            let budget = if self.done == 0 { left.min(FIRST * aim_s) } else { left };
+            let most = (rates.most(kernel, aim_s) - *taken) / f64::from(per_unit);
             // Saturates: no end of time is all there is.
-            let fit = (left / seconds).floor() as u32;
+            let fit = (budget / seconds).min(most).floor() as u32;
             let least = u32::from(piece.is_empty());
             let take = fit.max(least).min(units - self.done);
             if take == 0 && units > 0 {
                 break;
             }
             left -= f64::from(take) * seconds;
+            *taken += f64::from(take) * f64::from(per_unit);
             if take > 0 {
                 let (base, groups) =
                     if y > 1 { ([0, self.done], [x, take]) } else { ([self.done, 0], [take, 1]) };
@@ -214,6 +244,33 @@ mod tests {
         let mut pieces = Pieces::new(&plan, 65_535);
         assert_eq!(pieces.next(&plan, &Rates::default(), Duration::MAX).len(), 4);
         assert!(pieces.is_done());
+    }
+
+    #[test]
+    fn a_piece_is_no_more_than_four_times_the_one_measured_before() {
+        let plan = plan(&[64 * 50_625, 64 * 50_625]);
+        let mut pieces = Pieces::new(&plan, 65_535);
+        let mut rates = Rates::default();
+        let mut counts = vec![[0.0; 2]];
+        while !pieces.is_done() {
+            let piece = pieces.next(&plan, &rates, AIM);
+            let mut count = [0.0; 2];
+            for s in &piece {
+                count[s.step] += s.count();
+                // Twenty times as fast as a kernel that was never measured.
+                rates.measured(copy::KERNEL.name(), s, s.count() * UNKNOWN_S / 20.0);
+            }
+            counts.push(count);
+        }
+        let first: Vec<f64> = counts.iter().map(|c| c[0]).filter(|c| *c > 0.0).collect();
+        assert_eq!(first[..3], [125.0, 500.0, 2000.0]);
+        assert!(counts.windows(2).all(|c| {
+            let [before, now] = [c[0].iter().sum::<f64>(), c[1].iter().sum::<f64>()];
+            now <= (4.0 * before).max(500.0)
+        }));
+        // The second launch may be slower: it begins with a quarter of a piece.
+        let begins = counts.iter().map(|c| c[1]).find(|c| *c > 0.0);
+        assert!(begins.is_some_and(|c| (2400.0..=2500.0).contains(&c)), "{begins:?}");
     }
 
     #[test]

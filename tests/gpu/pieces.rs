@@ -5,9 +5,10 @@ use std::time::Duration;
 use intima::compute::{Outputs, Plan};
 use intima::field::{LumenBuffers, distance, ridge, smooth};
 use intima::kernels::fair;
-use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
+use intima::lumen::{BitVolume, IntensitySelection, Lumen, SegmentationOptions};
 use intima::task::CancelToken;
 use intima::vk::{Gpu, RunOptions, Validate, VkError};
+use intima::volume::Grid;
 use intima::volume::phantom::{Kind, Phantom};
 
 fn colon(size: u32) -> Lumen {
@@ -114,4 +115,24 @@ fn a_cancelled_token_ends_a_plan_between_pieces_and_leaves_nothing() {
     }
     assert!(gpu.memory_held() <= held.max(1));
     common::assert_silent(&gpu);
+}
+
+/// Bricks in the middle of a full volume take many times as long as those at its faces, which come
+/// first.
+#[test]
+fn pieces_of_a_full_volume_stay_short() {
+    let Some(mut gpu) = common::gpu(Validate::Off) else { return };
+    let grid = Grid::axis_aligned([256; 3], [1.0; 3]);
+    let lumen = Lumen::new(grid, &BitVolume::new(grid.dims).inverted());
+    let mut plan = Plan::new();
+    let buffers = LumenBuffers::new(&mut plan, &lumen);
+    let d = distance(&mut plan, &buffers);
+    plan.download(d);
+    for round in ["unknown", "known"] {
+        let (out, pieces) = run(&mut gpu, &plan, None);
+        let longest = gpu.longest_piece();
+        let all: f64 = out.times.iter().map(|t| t.seconds).sum();
+        println!("{round}: {pieces} submissions; the longest {longest:?} of {all:.3} s");
+        assert!(longest < Duration::from_millis(500), "{longest:?}");
+    }
 }
