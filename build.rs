@@ -7,11 +7,12 @@
 //! buffers in binding order. `shaders/draw/<pass>.wgsl` gives a `DrawShader` and `Params`.
 //! A line `#include "lib/NAME.wgsl"` is replaced by that file, once a shader.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
+use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::{AddressSpace, Module, ScalarKind, StorageAccess, TypeInner, VectorSize};
 
 fn main() {
@@ -19,11 +20,23 @@ fn main() {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     let shaders = Path::new("shaders");
     let mut host = String::new();
+    let mut most = Most::default();
     for path in wgsl_files(shaders) {
         let built = Built::new(&path);
         built.write_spirv(&out, "");
-        host += &built.kernel_module();
+        host += &built.kernel_module(&mut most);
     }
+    let Most { workgroup, storage_buffers, params_bytes, shared_bytes } = most;
+    let _ = write!(
+        host,
+        "/// Largest demands of any kernel.
+pub static NEEDS: crate::compute::ShaderNeeds = crate::compute::ShaderNeeds {{
+    workgroup: {workgroup},
+    storage_buffers: {storage_buffers},
+    params_bytes: {params_bytes},
+    shared_bytes: {shared_bytes},
+}};"
+    );
     fs::write(out.join("kernels.rs"), host).expect("write kernels.rs");
     let mut host = String::new();
     for path in wgsl_files(&shaders.join("draw")) {
@@ -43,11 +56,22 @@ fn wgsl_files(dir: &Path) -> Vec<PathBuf> {
     files
 }
 
+/// Largest demands of the kernels so far.
+#[derive(Default)]
+struct Most {
+    workgroup: u32,
+    storage_buffers: u32,
+    params_bytes: u32,
+    shared_bytes: u32,
+}
+
 struct Built {
     stem: String,
     module: Module,
     info: naga::valid::ModuleInfo,
     spirv: Vec<u32>,
+    /// The same with every index held within its array, for drivers that do not do so themselves.
+    restricted: Vec<u32>,
 }
 
 impl Built {
@@ -67,15 +91,23 @@ impl Built {
         )
         .validate(&module)
         .unwrap_or_else(|e| panic!("\n{}", e.emit_to_string_with_path(&source, &name)));
-        let spirv = naga::back::spv::write_vec(&module, &info, &spirv_options(), None)
-            .unwrap_or_else(|e| panic!("{name}: {e}"));
+        let compile = |bounds| {
+            let words = naga::back::spv::write_vec(&module, &info, &spirv_options(bounds), None);
+            joined_chains(&words.unwrap_or_else(|e| panic!("{name}: {e}")))
+        };
+        // Hot kernels pay 13-30 % for checks; the parity cases run under GPU-side validation.
+        let spirv = compile(BoundsCheckPolicy::Unchecked);
+        let restricted = compile(BoundsCheckPolicy::Restrict);
         let stem = path.file_stem().and_then(|s| s.to_str()).expect("UTF-8 name").to_owned();
-        Self { stem, module, info, spirv }
+        Self { stem, module, info, spirv, restricted }
     }
 
     fn write_spirv(&self, out: &Path, prefix: &str) {
-        let bytes: Vec<u8> = self.spirv.iter().flat_map(|w| w.to_ne_bytes()).collect();
-        fs::write(out.join(format!("{prefix}{}.spv", self.stem)), bytes).expect("write SPIR-V");
+        for (words, suffix) in [(&self.spirv, ""), (&self.restricted, "_restricted")] {
+            let bytes: Vec<u8> = words.iter().flat_map(|w| w.to_ne_bytes()).collect();
+            let name = format!("{prefix}{}{suffix}.spv", self.stem);
+            fs::write(out.join(name), bytes).expect("write SPIR-V");
+        }
     }
 
     fn draw_module(&self) -> String {
@@ -97,6 +129,8 @@ impl Built {
             );
         }
         let images = self.images();
+        // Every device has that many.
+        assert!(images <= 16, "{stem}: a stage reads 16 images, this one {images}");
         format!(
             "pub mod {stem} {{
     use crate::vk::{{DrawEntry, DrawShader}};
@@ -145,14 +179,14 @@ impl Built {
         count
     }
 
-    fn kernel_module(&self) -> String {
+    fn kernel_module(&self, most: &mut Most) -> String {
         let entry = match self.module.entry_points.as_slice() {
             [e] if e.name == "main" => e,
             _ => panic!("{}: a kernel has one entry point, `main`", self.stem),
         };
         let mut bindings = Vec::new();
         let mut params = String::new();
-        let mut params_size = 0;
+        let (mut params_size, mut shared_bytes) = (0, 0);
         for (handle, var) in self.module.global_variables.iter() {
             match var.space {
                 AddressSpace::Storage { access } => {
@@ -172,7 +206,10 @@ impl Built {
                 AddressSpace::Immediate => {
                     (params, params_size) = self.params(var.ty);
                 }
-                AddressSpace::WorkGroup | AddressSpace::Private => {}
+                AddressSpace::WorkGroup => {
+                    shared_bytes += self.module.types[var.ty].inner.size(self.module.to_ctx());
+                }
+                AddressSpace::Private => {}
                 other => panic!("{}: address space {other:?} is not used here", self.stem),
             }
         }
@@ -182,6 +219,10 @@ impl Built {
         }
         let [wx, wy, wz] = entry.workgroup_size;
         assert_eq!((wy, wz), (1, 1), "{}: workgroups are one-dimensional", self.stem);
+        most.workgroup = most.workgroup.max(wx);
+        most.storage_buffers = most.storage_buffers.max(bindings.len() as u32);
+        most.params_bytes = most.params_bytes.max(params_size);
+        most.shared_bytes = most.shared_bytes.max(shared_bytes);
 
         let stem = &self.stem;
         let mut s = String::new();
@@ -211,6 +252,7 @@ impl Built {
     pub static SHADER: Shader = Shader {{
         name: \"{stem}\",
         spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{stem}.spv\")),
+        restricted: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{stem}_restricted.spv\")),
         workgroup: {wx},
         params_size: {params_size},
         bindings: &[{list}],
@@ -288,17 +330,42 @@ impl Built {
     }
 }
 
-fn spirv_options() -> naga::back::spv::Options<'static> {
+/// Rewrites access chains that begin at the result of another one to begin at its root. The
+/// validation layer loses track of buffers behind nested chains, and with them of missing barriers
+/// and accesses outside a buffer; what it validates is what is shipped.
+fn joined_chains(words: &[u32]) -> Vec<u32> {
+    const ACCESS_CHAIN: u32 = 65;
+    let mut chains = BTreeMap::<u32, Vec<u32>>::new();
+    let (header, mut rest) = words.split_at(5);
+    let mut out = header.to_vec();
+    while let Some(first) = rest.first() {
+        let (instruction, after) = rest.split_at((first >> 16) as usize);
+        rest = after;
+        if let &[_, kind, result, base, ref indices @ ..] = instruction
+            && first & 0xffff == ACCESS_CHAIN
+        {
+            let mut path = chains.get(&base).cloned().unwrap_or(vec![base]);
+            path.extend(indices);
+            out.push((3 + path.len() as u32) << 16 | ACCESS_CHAIN);
+            out.extend([kind, result]);
+            out.extend(&path);
+            chains.insert(result, path);
+        } else {
+            out.extend(instruction);
+        }
+    }
+    out
+}
+
+fn spirv_options(bounds: BoundsCheckPolicy) -> naga::back::spv::Options<'static> {
     use naga::back::spv::{Options, WriterFlags, ZeroInitializeWorkgroupMemoryMode};
-    use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
     Options {
         lang_version: (1, 3),
         // ADJUST_COORDINATE_SPACE stays off: our projections are Vulkan's own.
         flags: WriterFlags::LABEL_VARYINGS,
-        // Hot kernels pay 13-30 % for these; the parity cases run under GPU-side validation.
         bounds_check_policies: BoundsCheckPolicies {
-            index: BoundsCheckPolicy::Unchecked,
-            buffer: BoundsCheckPolicy::Unchecked,
+            index: bounds,
+            buffer: bounds,
             image_load: BoundsCheckPolicy::Unchecked,
             binding_array: BoundsCheckPolicy::Unchecked,
         },

@@ -21,12 +21,27 @@ pub struct Shader {
     pub name: &'static str,
     /// SPIR-V words in native byte order.
     pub(crate) spirv: &'static [u8],
+    /// The same module with every index held within its array.
+    pub(crate) restricted: &'static [u8],
     /// Invocations a workgroup, one-dimensional.
     pub workgroup: u32,
     /// Bytes of the immediate (push-constant) block.
     pub params_size: u32,
     /// Storage buffers in binding order, all in group 0.
     pub bindings: &'static [Binding],
+}
+
+/// Largest demands of any kernel on a device, as reflected by the build script.
+#[derive(Clone, Copy, Debug)]
+pub struct ShaderNeeds {
+    /// Invocations of one workgroup.
+    pub workgroup: u32,
+    /// Storage buffers of one shader.
+    pub storage_buffers: u32,
+    /// Size of an immediate (push-constant) block, bytes.
+    pub params_bytes: u32,
+    /// Memory shared by a workgroup, bytes.
+    pub shared_bytes: u32,
 }
 
 /// A kernel for every device: shader and CPU twin.

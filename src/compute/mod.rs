@@ -10,5 +10,5 @@ mod plan;
 pub use array::Array;
 pub use compare::{Mismatch, Tolerance, worst};
 pub use cpu::{CpuArgs, CpuSlices, run_cpu};
-pub use kernel::{Binding, Kernel, Launch, Shader};
+pub use kernel::{Binding, Kernel, Launch, Shader, ShaderNeeds};
 pub use plan::{Buf, BufId, Contents, Outputs, Plan, PlanBuffer, Step, StepTime};

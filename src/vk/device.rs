@@ -1,7 +1,5 @@
 //! The logical device and its one queue.
 
-use std::ffi::c_char;
-
 use ash::{khr, vk};
 
 use super::VkError;
@@ -20,7 +18,8 @@ pub(super) fn open(
     // Optional: used where present, never required.
     let features = vk::PhysicalDeviceFeatures::default()
         // Every device has it. Immediate blocks of a plan are not related to the lengths of its
-        // buffers; with this, a kernel that is told a wrong size stays within its buffers.
+        // buffers; with this, a kernel that is told a wrong size stays within its buffers. Where it
+        // is not real (`is_portable`), kernels see to that themselves.
         .robust_buffer_access(true)
         .multi_draw_indirect(has.multi_draw_indirect == vk::TRUE)
         .draw_indirect_first_instance(has.draw_indirect_first_instance == vk::TRUE)
@@ -34,7 +33,11 @@ pub(super) fn open(
     let queues = [vk::DeviceQueueCreateInfo::default()
         .queue_family_index(info.limits.queue_family)
         .queue_priorities(&[1.0])];
-    let mut extensions = extensions(instance, physical)?;
+    let mut extensions = Vec::new();
+    if is_portable(instance, physical) {
+        // Whoever translates Vulkan to another interface (MoltenVK) demands that it be enabled.
+        extensions.push(khr::portability_subset::NAME.as_ptr());
+    }
     if for_window {
         extensions.push(khr::swapchain::NAME.as_ptr());
     }
@@ -54,16 +57,11 @@ pub(super) fn open(
     Ok((device, queue))
 }
 
-/// Returns the device extensions that must be enabled where they are present: drivers that
-/// translate Vulkan to another interface (MoltenVK) demand it of `VK_KHR_portability_subset`.
-fn extensions(
-    instance: &Instance,
-    physical: vk::PhysicalDevice,
-) -> Result<Vec<*const c_char>, VkError> {
+/// Whether a driver translates Vulkan to another interface, as MoltenVK does to Metal. Such a driver
+/// may report `robustBufferAccess` where what is below checks no bounds.
+pub(super) fn is_portable(instance: &Instance, physical: vk::PhysicalDevice) -> bool {
     // SAFETY: `physical` comes from this live instance.
-    let there = unsafe { instance.raw.enumerate_device_extension_properties(physical) }
-        .map_err(VkError::of("vkEnumerateDeviceExtensionProperties"))?;
+    let there = unsafe { instance.raw.enumerate_device_extension_properties(physical) };
     let subset = khr::portability_subset::NAME;
-    let has = there.iter().any(|e| e.extension_name_as_c_str() == Ok(subset));
-    Ok(has.then_some(subset.as_ptr()).into_iter().collect())
+    there.is_ok_and(|all| all.iter().any(|e| e.extension_name_as_c_str() == Ok(subset)))
 }

@@ -217,7 +217,7 @@ impl Gpu {
         layout: vk::PipelineLayout,
         stride: u32,
     ) -> Result<vk::Pipeline, VkError> {
-        let module = Module::new(&self.device, spec.shader.spirv, self.validated())?;
+        let module = Module::new(&self.device, spec.shader.spirv)?;
         let names = spec.entries.map(|n| CString::new(n).expect("entry points have no NUL"));
         let stage = |stage, name| {
             vk::PipelineShaderStageCreateInfo::default().stage(stage).module(module.raw).name(name)

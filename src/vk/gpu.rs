@@ -37,6 +37,9 @@ pub struct OpenOptions {
     /// software drivers can test the path of graphics cards.
     #[doc(hidden)]
     pub always_stage: bool,
+    /// Whether kernels hold every index within its array themselves, as on drivers that do not.
+    #[doc(hidden)]
+    pub restricted: bool,
     /// Largest number of draws from one indirect command, to test devices with lower limits; 1 is a
     /// device without multiDrawIndirect.
     #[doc(hidden)]
@@ -51,6 +54,7 @@ impl Default for OpenOptions {
             validate: Validate::from_env(),
             cache_dir: atomic_file::user_cache(),
             always_stage: false,
+            restricted: false,
             draws_at_once: u32::MAX,
         }
     }
@@ -133,6 +137,7 @@ impl Gpu {
             surface.as_ref().is_none_or(|s: &PresentationSurface| s.is_supported(physical, family))
         };
         let (physical, mut info) = info::choose(&instance, choice, presents)?;
+        info.limits.restricted |= options.restricted;
         info.limits.draws_at_once = info.limits.draws_at_once.min(options.draws_at_once);
         let (device, queue) = device::open(&instance, physical, &info, surface.is_some())?;
         let device = OwnedDevice(device);

@@ -6,6 +6,7 @@ use ash::vk;
 use serde::Serialize;
 
 use super::VkError;
+use super::device::is_portable;
 use super::instance::{Instance, Validate, dotted};
 
 /// Choice of the device to open.
@@ -99,6 +100,8 @@ pub(super) struct Limits {
     pub queue_family: u32,
     pub timestamp_bits: u32,
     pub groups: [u32; 2],
+    /// Whether kernels hold every index within its array themselves, since the driver may not.
+    pub restricted: bool,
     /// Most indirect draws of one command; 1 without multiDrawIndirect.
     pub draws_at_once: u32,
     pub vendor: u32,
@@ -260,6 +263,7 @@ fn describe(instance: &Instance, device: vk::PhysicalDevice, index: usize) -> De
         missing,
         limits: Limits {
             queue_family: family.unwrap_or(0) as u32,
+            restricted: is_portable(instance, device),
             timestamp_bits,
             groups: [
                 limits.max_compute_work_group_count[0],

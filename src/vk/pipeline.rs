@@ -27,18 +27,20 @@ pub(super) struct ComputePipelines {
 
 impl ComputePipelines {
     /// Returns the pipeline of a shader.
+    ///
+    /// * `restricted`: whether it holds every index within its array.
     pub fn get(
         &mut self,
         device: &ash::Device,
         cache: &Cache,
         shader: &'static Shader,
-        validating: bool,
+        restricted: bool,
     ) -> Result<Compute, VkError> {
         let key = std::ptr::from_ref(shader).addr();
         if let Some(found) = self.made.get(&key) {
             return Ok(*found);
         }
-        let made = create(device, cache, shader, validating)?;
+        let made = create(device, cache, shader, restricted)?;
         self.made.insert(key, made);
         Ok(made)
     }
@@ -61,7 +63,7 @@ fn create(
     device: &ash::Device,
     cache: &Cache,
     shader: &Shader,
-    validating: bool,
+    restricted: bool,
 ) -> Result<Compute, VkError> {
     let bindings: Vec<_> = (0..shader.bindings.len() as u32)
         .map(|i| {
@@ -72,7 +74,8 @@ fn create(
                 .stage_flags(vk::ShaderStageFlags::COMPUTE)
         })
         .collect();
-    let module = Module::new(device, shader.spirv, validating)?;
+    let spirv = if restricted { shader.restricted } else { shader.spirv };
+    let module = Module::new(device, spirv)?;
     // SAFETY: all handles are of this live device and all structs outlive their calls. Should a
     // later call fail, the earlier layouts are destroyed below, unused.
     unsafe {

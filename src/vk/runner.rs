@@ -102,8 +102,8 @@ impl Gpu {
         let mut pipelines = Vec::with_capacity(plan.steps().len());
         for step in plan.steps() {
             let shader = step.kernel.shader;
-            let validating = self.validated();
-            pipelines.push(self.pipelines.get(&self.device, &self.cache, shader, validating)?);
+            let restricted = self.info.limits.restricted;
+            pipelines.push(self.pipelines.get(&self.device, &self.cache, shader, restricted)?);
         }
 
         let mut pieces = Pieces::new(plan, self.info.limits.groups[0]);
@@ -280,8 +280,8 @@ impl Gpu {
         let mut sets = Vec::with_capacity(steps.len());
         for step in steps {
             let shader = step.kernel.shader;
-            let validating = self.validated();
-            let p = self.pipelines.get(&self.device, &self.cache, shader, validating)?;
+            let restricted = self.info.limits.restricted;
+            let p = self.pipelines.get(&self.device, &self.cache, shader, restricted)?;
             let layouts = [p.set];
             let info = vk::DescriptorSetAllocateInfo::default()
                 .descriptor_pool(held.sets)
@@ -559,6 +559,7 @@ mod tests {
             shader: Box::leak(Box::new(Shader {
                 name: shader.name,
                 spirv: spirv.leak(),
+                restricted: shader.restricted,
                 workgroup: shader.workgroup,
                 params_size: shader.params_size,
                 bindings: shader.bindings,

@@ -35,6 +35,13 @@ fn every_kernel_agrees_with_its_twin_through_staging_memory() {
     every_kernel_agrees(&mut gpu);
 }
 
+/// Drivers that check no bounds get modules that do.
+#[test]
+fn every_kernel_agrees_with_its_twin_with_its_indices_restricted() {
+    let Some(mut gpu) = common::restricted_gpu(Validate::Sync) else { return };
+    every_kernel_agrees(&mut gpu);
+}
+
 fn every_kernel_agrees(gpu: &mut Gpu) {
     let mut failed = Vec::new();
     for (kernel, cases) in cases::all() {

@@ -63,6 +63,15 @@ fn a_write_past_a_buffer_is_reported_and_one_within_is_not() {
     assert!(said.iter().any(|m| m.contains("ut of bounds")), "validation saw nothing: {said:?}");
 }
 
+#[test]
+fn a_write_past_a_buffer_stays_within_it_where_the_driver_checks_no_bounds() {
+    let Some(mut gpu) = common::restricted_gpu(Validate::GpuAssisted) else { return };
+    let (plan, out) = ring(&KERNEL, 64, 60, 1);
+    let got = gpu.run(&plan).unwrap();
+    assert_eq!(got.get(out).len(), 180);
+    common::assert_silent(&gpu);
+}
+
 /// A frame that does nothing but write `bytes` zeros at `offset`.
 fn written(to: BufferId, offset: u64, bytes: usize) -> Write<'static> {
     Write { to, offset, bytes: vec![0; bytes].into() }

@@ -43,6 +43,11 @@ pub fn staging_gpu(validate: Validate) -> Option<Gpu> {
     open(OpenOptions { validate, cache_dir: None, always_stage: true, ..OpenOptions::default() })
 }
 
+/// The same, with kernels that hold every index within its array, as on drivers that do not.
+pub fn restricted_gpu(validate: Validate) -> Option<Gpu> {
+    open(OpenOptions { validate, cache_dir: None, restricted: true, ..OpenOptions::default() })
+}
+
 /// The same, with no more than `n` draws in one indirect command.
 pub fn few_draws_gpu(n: u32, validate: Validate) -> Option<Gpu> {
     let options = OpenOptions { validate, cache_dir: None, ..OpenOptions::default() };

@@ -8,8 +8,8 @@ use crate::{TaskError, vulkan};
 pub enum Purpose {
     /// Running intima: a loader and a driver.
     Running,
-    /// Testing it: also the validation layer, the SPIR-V tools it needs to see through our shaders,
-    /// an X server without a screen, and a program that presses keys there.
+    /// Testing it: also the validation layer, an X server without a screen, and a program that
+    /// presses keys there.
     Testing,
 }
 
@@ -19,7 +19,6 @@ enum Package {
     Loader,
     Driver,
     Validation,
-    SpirvTools,
     XServer,
     Xdotool,
 }
@@ -41,7 +40,6 @@ const MANAGERS: &[Manager] = &[
             Package::Loader => "libvulkan1",
             Package::Driver => "mesa-vulkan-drivers",
             Package::Validation => "vulkan-validationlayers",
-            Package::SpirvTools => "spirv-tools",
             Package::XServer => "xvfb",
             Package::Xdotool => "xdotool",
         },
@@ -54,7 +52,6 @@ const MANAGERS: &[Manager] = &[
             Package::Loader => "vulkan-loader",
             Package::Driver => "mesa-vulkan-drivers",
             Package::Validation => "vulkan-validation-layers",
-            Package::SpirvTools => "spirv-tools",
             Package::XServer => "xorg-x11-server-Xvfb",
             Package::Xdotool => "xdotool",
         },
@@ -67,7 +64,6 @@ const MANAGERS: &[Manager] = &[
             Package::Loader => "vulkan-icd-loader",
             Package::Driver => "vulkan-swrast",
             Package::Validation => "vulkan-validation-layers",
-            Package::SpirvTools => "spirv-tools",
             Package::XServer => "xorg-server-xvfb",
             Package::Xdotool => "xdotool",
         },
@@ -97,7 +93,6 @@ fn missing(found: &vulkan::Detected, has: &dyn Fn(&str) -> bool, purpose: Purpos
         (Package::Loader, found.loader),
         (Package::Driver, found.driver()),
         (Package::Validation, found.validation || !testing),
-        (Package::SpirvTools, !testing || has("spirv-opt")),
         (Package::XServer, !testing || has("Xvfb")),
         (Package::Xdotool, !testing || has("xdotool")),
     ];
@@ -153,7 +148,7 @@ mod tests {
         let hardware = vec![PathBuf::from("nvidia_icd.json")];
         let found = Detected { loader: true, hardware, ..Detected::default() };
         assert_eq!(missing(&found, &|_| false, Purpose::Running), []);
-        let more = [Package::Validation, Package::SpirvTools, Package::XServer, Package::Xdotool];
+        let more = [Package::Validation, Package::XServer, Package::Xdotool];
         assert_eq!(missing(&found, &|_| false, Purpose::Testing), more);
     }
 
