@@ -94,7 +94,7 @@ impl Device {
     /// With [`DeviceChoice::Auto`] only when a GPU is there and its driver fails; a machine
     /// without one computes on the CPU.
     pub fn open(choice: DeviceChoice) -> Result<Self, DeviceError> {
-        let gpu = |choice| Gpu::open(choice).map(|g| Self::Gpu(Box::new(g)));
+        let gpu = |choice| Gpu::open_to_compute(choice).map(|g| Self::Gpu(Box::new(g)));
         match choice {
             DeviceChoice::Cpu => Ok(Self::Cpu),
             DeviceChoice::Gpu => {
@@ -107,7 +107,15 @@ impl Device {
             }
             DeviceChoice::GpuAt(n) => Ok(gpu(Choice::Index(n))?),
             DeviceChoice::Auto => match gpu(Choice::Real) {
-                Err(e) if e.is_no_device() => Ok(Self::Cpu),
+                Err(e) if e.is_no_device() => {
+                    match e {
+                        VkError::NoDevice { lacking: true, .. } => {
+                            tracing::warn!("the CPU computes: {e}");
+                        }
+                        _ => tracing::info!("the CPU computes: {e}"),
+                    }
+                    Ok(Self::Cpu)
+                }
                 other => Ok(other?),
             },
         }

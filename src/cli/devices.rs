@@ -29,10 +29,10 @@ pub fn run(global: &Global) -> Result<(), CliError> {
             d.max_storage_buffer_range >> 20,
             d.subgroup_size,
             d.max_samples,
-            if d.missing.is_empty() {
-                String::new()
-            } else {
-                format!("\n       cannot be used: lacks {}", d.missing.join(", "))
+            match (d.missing.is_empty(), d.draws) {
+                (false, _) => format!("\n       cannot be used: lacks {}", d.missing.join(", ")),
+                (true, false) => "\n       computes, but cannot draw".to_owned(),
+                (true, true) => String::new(),
             }
         ))?;
     }

@@ -46,7 +46,7 @@ impl Session {
         let start = Instant::now();
         let device = present(&self.slots.device);
         // A device that computes may be at work now: its renderer is opened with the first frames.
-        let display = if device.is_gpu {
+        let display = if device.draws {
             let name = device.name.clone();
             Display { device, own: None, renderer: Mutex::new(None), name }
         } else {

@@ -83,8 +83,8 @@ pub struct OpenDevice {
     device: Mutex<Device>,
     /// `cpu`, or what the driver calls it.
     pub name: String,
-    /// Whether it is a Vulkan device.
-    pub is_gpu: bool,
+    /// Whether it can draw too.
+    pub draws: bool,
 }
 
 impl OpenDevice {
@@ -332,7 +332,7 @@ impl Session {
     fn run_device(&self, _: &mut Clock) -> Result<OpenDevice, SessionError> {
         let device = Device::open(self.settings.device)?;
         tracing::info!("computing on {}", device.name());
-        let (name, is_gpu) = (device.name().to_owned(), device.info().is_some());
-        Ok(OpenDevice { device: Mutex::new(device), name, is_gpu })
+        let (name, draws) = (device.name().to_owned(), device.info().is_some_and(|i| i.draws));
+        Ok(OpenDevice { device: Mutex::new(device), name, draws })
     }
 }

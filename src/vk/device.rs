@@ -23,6 +23,8 @@ pub(super) fn open(
         .robust_buffer_access(true)
         .multi_draw_indirect(has.multi_draw_indirect == vk::TRUE)
         .draw_indirect_first_instance(has.draw_indirect_first_instance == vk::TRUE)
+        // Without it an index counts 24 bits at most.
+        .full_draw_index_uint32(has.full_draw_index_uint32 == vk::TRUE)
         // Asked for by the layer when it instruments shaders.
         .fragment_stores_and_atomics(has.fragment_stores_and_atomics == vk::TRUE)
         .vertex_pipeline_stores_and_atomics(has.vertex_pipeline_stores_and_atomics == vk::TRUE);

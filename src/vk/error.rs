@@ -21,6 +21,8 @@ pub enum VkError {
         wanted: String,
         /// Names of the devices there are and what they lack.
         found: String,
+        /// Whether a real GPU is among them that lacks something.
+        lacking: bool,
     },
     /// Validation was requested and its layer is not installed.
     #[error("validation was asked for, but {0} is not installed")]

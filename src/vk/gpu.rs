@@ -60,6 +60,13 @@ impl Default for OpenOptions {
     }
 }
 
+/// Use that a device is opened for.
+enum Purpose {
+    Compute,
+    Draw,
+    Present(Arc<dyn WindowHandles>),
+}
+
 /// A device and everything made on it.
 pub struct Gpu {
     pub(super) info: DeviceInfo,
@@ -92,7 +99,7 @@ pub struct Gpu {
 }
 
 impl Gpu {
-    /// Opens a device with the default options.
+    /// Opens a device that computes and draws, with the default options.
     ///
     /// # Errors
     /// [`VkError::NoLibrary`], [`VkError::NoDriver`], [`VkError::NoDevice`] where the machine has
@@ -101,12 +108,21 @@ impl Gpu {
         Self::open_with(choice, OpenOptions::default())
     }
 
+    /// Opens a device that computes, with the default options. Some cannot draw
+    /// ([`DeviceInfo::draws`]).
+    ///
+    /// # Errors
+    /// As [`Gpu::open`].
+    pub fn open_to_compute(choice: Choice) -> Result<Self, VkError> {
+        Self::open_parts(choice, OpenOptions::default(), Purpose::Compute)
+    }
+
     /// Opens a device.
     ///
     /// # Errors
     /// As [`Gpu::open`]; [`VkError::NoValidation`] when the layer is asked for and not there.
     pub fn open_with(choice: Choice, options: OpenOptions) -> Result<Self, VkError> {
-        Self::open_parts(choice, options, None)
+        Self::open_parts(choice, options, Purpose::Draw)
     }
 
     /// Opens a device that can draw to a window ([`Gpu::acquire`], [`Gpu::present`]). The window
@@ -120,15 +136,16 @@ impl Gpu {
         options: OpenOptions,
         window: Arc<dyn WindowHandles>,
     ) -> Result<Self, VkError> {
-        Self::open_parts(choice, options, Some(window))
+        Self::open_parts(choice, options, Purpose::Present(window))
     }
 
-    fn open_parts(
-        choice: Choice,
-        options: OpenOptions,
-        window: Option<Arc<dyn WindowHandles>>,
-    ) -> Result<Self, VkError> {
+    fn open_parts(choice: Choice, options: OpenOptions, purpose: Purpose) -> Result<Self, VkError> {
         let started = Instant::now();
+        let to_draw = !matches!(purpose, Purpose::Compute);
+        let window = match purpose {
+            Purpose::Present(window) => Some(window),
+            Purpose::Compute | Purpose::Draw => None,
+        };
         let display = window.as_ref().map(display_of).transpose()?;
         let instance = Instance::new(options.validate, display)?;
         let surface =
@@ -136,7 +153,7 @@ impl Gpu {
         let presents = |physical, family| {
             surface.as_ref().is_none_or(|s: &PresentationSurface| s.is_supported(physical, family))
         };
-        let (physical, mut info) = info::choose(&instance, choice, presents)?;
+        let (physical, mut info) = info::choose(&instance, choice, to_draw, presents)?;
         info.limits.restricted |= options.restricted;
         info.limits.draws_at_once = info.limits.draws_at_once.min(options.draws_at_once);
         let (device, queue) = device::open(&instance, physical, &info, surface.is_some())?;

@@ -8,6 +8,8 @@ use serde::Serialize;
 use super::VkError;
 use super::device::is_portable;
 use super::instance::{Instance, Validate, dotted};
+use crate::compute::ShaderNeeds;
+use crate::kernels::host::NEEDS;
 
 /// Choice of the device to open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,7 +90,9 @@ pub struct DeviceInfo {
     /// Most samples a pixel for colour and depth together.
     pub max_samples: u32,
     /// Requirements of intima that this device lacks; empty when it can be used.
-    pub missing: Vec<&'static str>,
+    pub missing: Vec<String>,
+    /// Whether it can draw; some devices only compute.
+    pub draws: bool,
     /// Figures that the runner needs.
     #[serde(skip)]
     pub(super) limits: Limits,
@@ -143,29 +147,29 @@ pub(super) fn devices(
 
 /// Chooses a device.
 ///
+/// * `to_draw`: whether it has to draw; else computing is enough.
 /// * `presents`: whether a queue family of a device can present to the window, if one is wanted.
 pub(super) fn choose(
     instance: &Instance,
     choice: Choice,
+    to_draw: bool,
     presents: impl Fn(vk::PhysicalDevice, u32) -> bool,
 ) -> Result<(vk::PhysicalDevice, DeviceInfo), VkError> {
     let mut all = devices(instance)?;
     for (device, info) in all.iter_mut().filter(|(_, d)| d.usable()) {
-        if !presents(*device, info.limits.queue_family) {
-            info.missing.push("presentation to this window");
+        if to_draw && !info.draws {
+            info.missing.push("a queue for graphics".into());
+        } else if !presents(*device, info.limits.queue_family) {
+            info.missing.push("presentation to this window".into());
         }
     }
-    let mut best: Option<usize> = None;
-    for (i, (_, d)) in all.iter().enumerate().filter(|(_, (_, d))| d.usable()) {
-        let fits = match choice {
-            Choice::Real => d.is_real(),
-            Choice::Any => true,
-            Choice::Index(n) => i == n,
-        };
-        if fits && best.is_none_or(|b| d.kind < all[b].1.kind) {
-            best = Some(i);
-        }
-    }
+    let fits = |(i, d): &(usize, &DeviceInfo)| match choice {
+        Choice::Real => d.is_real(),
+        Choice::Any => true,
+        Choice::Index(n) => *i == n,
+    };
+    let usable = all.iter().map(|(_, d)| d).enumerate().filter(|(_, d)| d.usable());
+    let best = usable.filter(fits).min_by_key(|(_, d)| d.kind).map(|(i, _)| i);
     let found = || {
         let names = all.iter().map(|(_, d)| match d.usable() {
             true => d.name.clone(),
@@ -173,8 +177,12 @@ pub(super) fn choose(
         });
         names.collect::<Vec<_>>().join("; ")
     };
-    let at =
-        best.ok_or_else(|| VkError::NoDevice { wanted: choice.to_string(), found: found() })?;
+    let lacking = || all.iter().any(|(_, d)| d.is_real() && !d.usable());
+    let at = best.ok_or_else(|| VkError::NoDevice {
+        wanted: choice.to_string(),
+        found: found(),
+        lacking: lacking(),
+    })?;
     Ok(all.into_iter().nth(at).expect("an index of the list"))
 }
 
@@ -206,28 +214,32 @@ fn describe(instance: &Instance, device: vk::PhysicalDevice, index: usize) -> De
         (memory, instance.raw.get_physical_device_queue_family_properties(device))
     };
     let many_draws = features.features.multi_draw_indirect == vk::TRUE;
-    let both = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
-    let family = families.iter().position(|f| f.queue_flags.contains(both));
+    let flags: Vec<_> = families.iter().map(|f| f.queue_flags).collect();
+    let family = queue_family(&flags);
 
     let mut missing = Vec::new();
-    let mut need = |there: bool, what| {
+    let mut need = |there: bool, what: &str| {
         if !there {
-            missing.push(what);
+            missing.push(what.to_owned());
         }
     };
     need(modern, "Vulkan 1.3");
-    need(family.is_some(), "a queue for graphics and compute");
+    need(family.is_some(), "a queue for compute");
     if modern {
         need(features13.dynamic_rendering == vk::TRUE, "dynamic rendering");
         need(features13.synchronization2 == vk::TRUE, "synchronization2");
         need(features12.timeline_semaphore == vk::TRUE, "timeline semaphores");
     }
 
+    missing.extend(short_limits(&plain.limits, &NEEDS));
+    let family = family.unwrap_or(0);
+    let draws = flags.get(family).is_some_and(|f| f.contains(vk::QueueFlags::GRAPHICS));
+
     let heaps = &memory.memory_heaps[..memory.memory_heap_count as usize];
     let local = |h: &vk::MemoryHeap| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL);
     let limits = &plain.limits;
     let samples = limits.framebuffer_color_sample_counts & limits.framebuffer_depth_sample_counts;
-    let timestamp_bits = family.map_or(0, |f| families[f].timestamp_valid_bits);
+    let timestamp_bits = families.get(family).map_or(0, |f| f.timestamp_valid_bits);
     let kind = match plain.device_type {
         vk::PhysicalDeviceType::DISCRETE_GPU => DeviceKind::Discrete,
         vk::PhysicalDeviceType::INTEGRATED_GPU => DeviceKind::Integrated,
@@ -261,8 +273,9 @@ fn describe(instance: &Instance, device: vk::PhysicalDevice, index: usize) -> De
         max_image_side: limits.max_image_dimension2_d,
         max_samples: 1 << (31 - samples.as_raw().max(1).leading_zeros()),
         missing,
+        draws,
         limits: Limits {
-            queue_family: family.unwrap_or(0) as u32,
+            queue_family: family as u32,
             restricted: is_portable(instance, device),
             timestamp_bits,
             groups: [
@@ -278,6 +291,79 @@ fn describe(instance: &Instance, device: vk::PhysicalDevice, index: usize) -> De
     }
 }
 
+/// Returns the index of the queue family to use: one that draws and computes, else one that
+/// computes.
+fn queue_family(flags: &[vk::QueueFlags]) -> Option<usize> {
+    let both = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
+    let with = |wanted| flags.iter().position(|f| f.contains(wanted));
+    with(both).or_else(|| with(vk::QueueFlags::COMPUTE))
+}
+
+/// Returns the limits that are below what kernels need, each with both figures.
+fn short_limits(limits: &vk::PhysicalDeviceLimits, needs: &ShaderNeeds) -> Vec<String> {
+    let buffers =
+        limits.max_per_stage_descriptor_storage_buffers.min(limits.max_per_stage_resources);
+    let all = [
+        (limits.max_compute_work_group_invocations, needs.workgroup, "invocations a workgroup"),
+        (limits.max_compute_work_group_size[0], needs.workgroup, "invocations along x"),
+        (buffers, needs.storage_buffers, "storage buffers a shader"),
+        (limits.max_descriptor_set_storage_buffers, needs.storage_buffers, "storage buffers a set"),
+        (limits.max_push_constants_size, needs.params_bytes, "bytes of push constants"),
+        (limits.max_compute_shared_memory_size, needs.shared_bytes, "bytes of shared memory"),
+    ];
+    let short = all.into_iter().filter(|(has, needed, _)| has < needed);
+    short.map(|(has, needed, what)| format!("{needed} {what} (it has {has})")).collect()
+}
+
 fn text<E>(s: Result<&CStr, E>) -> String {
     s.map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernels::ALL;
+
+    #[test]
+    fn a_device_that_only_computes_has_a_queue() {
+        let (draw, compute) = (vk::QueueFlags::GRAPHICS, vk::QueueFlags::COMPUTE);
+        let copy = vk::QueueFlags::TRANSFER;
+        assert_eq!(queue_family(&[copy, compute, draw | compute]), Some(2));
+        assert_eq!(queue_family(&[copy, compute | copy]), Some(1));
+        assert_eq!(queue_family(&[copy, draw]), None);
+    }
+
+    #[test]
+    fn a_device_with_limits_below_the_largest_kernel_is_refused_with_both_figures() {
+        let widest = ALL.iter().map(|k| k.shader.workgroup).max();
+        let buffers = ALL.iter().map(|k| k.shader.bindings.len() as u32).max();
+        assert_eq!((widest, buffers), (Some(NEEDS.workgroup), Some(NEEDS.storage_buffers)));
+        assert!(ALL.iter().all(|k| k.shader.params_size <= NEEDS.params_bytes));
+        // What Vulkan 1.3 asks of every device.
+        let least = vk::PhysicalDeviceLimits {
+            max_compute_work_group_invocations: 128,
+            max_compute_work_group_size: [128, 128, 64],
+            max_per_stage_descriptor_storage_buffers: 4,
+            max_per_stage_resources: 128,
+            max_descriptor_set_storage_buffers: 24,
+            max_push_constants_size: 128,
+            max_compute_shared_memory_size: 16_384,
+            ..Default::default()
+        };
+        let short = short_limits(&least, &NEEDS);
+        let (workgroup, buffers) = (NEEDS.workgroup, NEEDS.storage_buffers);
+        let wanted = [
+            format!("{workgroup} invocations a workgroup (it has 128)"),
+            format!("{workgroup} invocations along x (it has 128)"),
+            format!("{buffers} storage buffers a shader (it has 4)"),
+        ];
+        assert_eq!(short, wanted);
+        let enough = vk::PhysicalDeviceLimits {
+            max_compute_work_group_invocations: workgroup,
+            max_compute_work_group_size: [workgroup, 1, 1],
+            max_per_stage_descriptor_storage_buffers: buffers,
+            ..least
+        };
+        assert!(short_limits(&enough, &NEEDS).is_empty());
+    }
 }

@@ -80,6 +80,7 @@ impl Instance {
             return Err(VkError::NoDevice {
                 wanted: "Vulkan 1.3".into(),
                 found: format!("a loader for Vulkan {}", dotted(version)),
+                lacking: true,
             });
         }
         let on = validate != Validate::Off;

@@ -557,6 +557,23 @@ mod faults {
         assert_eq!(said, ["failed, []", "drawn, []", "drawn, []"]);
     }
 
+    #[test]
+    fn the_reason_for_computing_on_the_cpu_is_said() {
+        let Some(gpu) = common::gpu(Validate::Off) else { return };
+        if gpu.info().is_real() {
+            return println!("skipped: this machine has a real GPU");
+        }
+        let tmp = tempfile::tempdir().unwrap();
+        let phantom = ["phantom", "tube", "--size", "32", "--mask", "-o", "mask.nrrd"];
+        assert_eq!(validated(tmp.path(), "none:1", &phantom).0, 0);
+        let args = ["-v", "distance", "--mask", "mask.nrrd", "-o", "o.nrrd"];
+        let (code, said) = validated(tmp.path(), "none:1", &args);
+        let found = said.lines().find(|l| l.contains("the CPU computes"));
+        assert!(code == 0 && found.is_some_and(|l| l.contains(&gpu.info().name)), "{said}");
+        let (code, said) = validated(tmp.path(), "instance:1", &args);
+        assert!(code == 0 && said.contains("the CPU computes: the Vulkan library found no driver"));
+    }
+
     /// Runs the program with a planted fault and validation; exit code and standard error.
     fn validated(folder: &std::path::Path, fault: &str, args: &[&str]) -> (i32, String) {
         let out = std::process::Command::new(env!("CARGO_BIN_EXE_intima"))
