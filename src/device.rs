@@ -121,8 +121,8 @@ impl Device {
         }
     }
 
-    /// Runs a plan to its end. Where a buffer or a launch is larger than the GPU takes at once, the
-    /// CPU twins run the plan instead, with a warning.
+    /// Runs a plan to its end. Where a buffer or a launch is larger than the GPU takes at once, or
+    /// its memory runs out, the CPU twins run the plan instead, with a warning.
     ///
     /// # Errors
     /// See [`Gpu::run`]; the CPU has none.
@@ -130,7 +130,11 @@ impl Device {
         match self {
             Self::Cpu => Ok(run_cpu(plan)),
             Self::Gpu(gpu) => match gpu.run(plan) {
-                Err(e @ (VkError::TooLarge { .. } | VkError::TooManyThreads { .. })) => {
+                Err(
+                    e @ (VkError::TooLarge { .. }
+                    | VkError::TooManyThreads { .. }
+                    | VkError::OutOfMemory { .. }),
+                ) => {
                     tracing::warn!("{e}; the CPU computes it instead");
                     Ok(run_cpu(plan))
                 }

@@ -99,7 +99,7 @@ fn a_short_read_names_the_file() {
 }
 
 #[test]
-fn a_lost_device_and_exhausted_memory_end_in_one_line() {
+fn a_lost_device_ends_in_one_line() {
     if !can_draw() {
         return;
     }
@@ -107,11 +107,31 @@ fn a_lost_device_and_exhausted_memory_end_in_one_line() {
     phantom(tmp.path(), Kind::Tube, 48);
     let before = names(tmp.path());
     let args = ["distance", "--mask", "mask.nrrd", "-o", "o.nrrd", "--device", "gpu"];
-    for (fault, code) in [("submit:1", 1), ("allocate:1", 1), ("instance:1", 4)] {
+    for (fault, code) in [("submit:1", 1), ("instance:1", 4)] {
         let (got, err) = with_fault(tmp.path(), fault, &args);
         assert_eq!(got, code, "{fault}: {err}");
         assert_eq!(names(tmp.path()), before);
     }
+}
+
+#[test]
+fn what_device_memory_has_no_room_for_is_computed_on_the_cpu() {
+    if !can_draw() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Tube, 48);
+    let distance = |device: &str, fault: &str| {
+        let out = format!("{device}.nrrd");
+        let args = ["distance", "--mask", "mask.nrrd", "-o", &out, "--device", device];
+        let (code, err) = with_fault(tmp.path(), fault, &args);
+        assert_eq!(code, 0, "{err}");
+        (std::fs::read(tmp.path().join(out)).unwrap(), err)
+    };
+    let (on_cpu, _) = distance("cpu", "none:1");
+    let (fallen_back, err) = distance("gpu", "allocate:1");
+    assert!(err.contains("out of device memory") && err.contains("the CPU computes it"), "{err}");
+    assert!(fallen_back == on_cpu);
 }
 
 #[test]
