@@ -4,6 +4,7 @@
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
+use super::hessian::eigenvalues;
 pub use super::host::ridge_mark::{Bindings, Params};
 use super::host::ridge_mark::{SHADER, open};
 use crate::compute::{CpuArgs, Kernel, Tolerance};
@@ -99,20 +100,11 @@ impl Halo {
 /// Returns the eigenvalues (ascending) of a symmetric matrix, and the eigenvector of the largest
 /// unless the matrix is a multiple of the identity. As `shaders/lib/eigen.wgsl`.
 pub fn eigen(m: Vec3, o: Vec3) -> (Vec3, Option<Vec3>) {
-    let q = (m.x + m.y + m.z) / 3.0;
-    let d = m - q;
-    let p = ((d.dot(d) + 2.0 * o.dot(o)) / 6.0).sqrt();
-    if p <= 1e-6 * q.abs() || p < 1e-30 {
-        return (Vec3::splat(q), None);
+    let values = Vec3::from(eigenvalues(m.into(), o.into()));
+    let high = values.z;
+    if values.x == high {
+        return (values, None);
     }
-    let (b, c) = (d / p, o / p);
-    let det = b.x * (b.y * b.z - c.z * c.z) - c.x * (c.x * b.z - c.z * c.y)
-        + c.y * (c.x * c.z - b.y * c.y);
-    let phi = (0.5 * det).clamp(-1.0, 1.0).acos() / 3.0;
-    let high = q + 2.0 * p * phi.cos();
-    let low = q + 2.0 * p * (phi + 2.094_395_1).cos();
-    let mid = 3.0 * q - high - low;
-    let values = Vec3::new(low, mid, high);
     let r0 = Vec3::new(m.x - high, o.x, o.y);
     let r1 = Vec3::new(o.x, m.y - high, o.z);
     let r2 = Vec3::new(o.y, o.z, m.z - high);
