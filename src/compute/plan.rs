@@ -150,6 +150,26 @@ impl<'a> Plan<'a> {
         }
     }
 
+    /// Puts not-a-number into elements of the uploads of floats, for tests: a third, a half and two
+    /// thirds into each. Returns whether there was any.
+    #[doc(hidden)]
+    pub fn poison(&mut self) -> bool {
+        let mut any = false;
+        for b in &mut self.buffers {
+            if let (Contents::Owned(bytes), true) = (&mut b.contents, b.float) {
+                let floats = bytes.len() / size_of::<f32>();
+                for at in [floats / 3, floats / 2, 2 * floats / 3] {
+                    if at < floats {
+                        let nan = f32::NAN.to_ne_bytes();
+                        bytes[at * size_of::<f32>()..][..nan.len()].copy_from_slice(&nan);
+                        any = true;
+                    }
+                }
+            }
+        }
+        any
+    }
+
     /// Returns all buffers, by id.
     pub fn buffers(&self) -> &[PlanBuffer<'a>] {
         &self.buffers

@@ -40,6 +40,9 @@ pub struct OpenOptions {
     /// Whether kernels hold every index within its array themselves, as on drivers that do not.
     #[doc(hidden)]
     pub restricted: bool,
+    /// Most workgroups in a dimension of a launch, to test grids that are folded.
+    #[doc(hidden)]
+    pub groups_at_once: u32,
     /// Largest number of draws from one indirect command, to test devices with lower limits; 1 is a
     /// device without multiDrawIndirect.
     #[doc(hidden)]
@@ -55,6 +58,7 @@ impl Default for OpenOptions {
             cache_dir: atomic_file::user_cache(),
             always_stage: false,
             restricted: false,
+            groups_at_once: u32::MAX,
             draws_at_once: u32::MAX,
         }
     }
@@ -155,6 +159,7 @@ impl Gpu {
         };
         let (physical, mut info) = info::choose(&instance, choice, to_draw, presents)?;
         info.limits.restricted |= options.restricted;
+        info.limits.groups = info.limits.groups.map(|most| most.min(options.groups_at_once));
         info.limits.draws_at_once = info.limits.draws_at_once.min(options.draws_at_once);
         let (device, queue) = device::open(&instance, physical, &info, surface.is_some())?;
         let device = OwnedDevice(device);

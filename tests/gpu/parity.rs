@@ -1,6 +1,8 @@
 //! Every kernel on every case: the shader agrees with its CPU twin, and validation is silent.
 
-use intima::compute::{Outputs, Plan, Tolerance, run_cpu, worst};
+use std::collections::BTreeSet;
+
+use intima::compute::{Outputs, Plan, Step, Tolerance, run_cpu, worst};
 use intima::vk::{Gpu, Validate};
 
 use crate::cases;
@@ -40,6 +42,56 @@ fn every_kernel_agrees_with_its_twin_through_staging_memory() {
 fn every_kernel_agrees_with_its_twin_with_its_indices_restricted() {
     let Some(mut gpu) = common::restricted_gpu(Validate::Sync) else { return };
     every_kernel_agrees(&mut gpu);
+}
+
+/// Launches of more workgroups than fit one dimension are folded into two.
+#[test]
+fn every_kernel_agrees_with_its_twin_in_a_folded_grid() {
+    let (mut failed, mut folded) = (Vec::new(), BTreeSet::new());
+    // Few for kernels with a thread a brick, more for those with a thread a voxel.
+    for limit in [4, 61] {
+        let Some(mut gpu) = common::few_groups_gpu(limit, Validate::Off) else { return };
+        for (kernel, cases) in cases::all() {
+            for case in cases {
+                let groups =
+                    |s: &Step| s.threads.div_ceil(s.kernel.shader.workgroup as usize) as u32;
+                let most = case.plan.steps().iter().map(groups).max().unwrap_or(0);
+                if !(limit + 1..=limit * limit).contains(&most) {
+                    continue;
+                }
+                folded.insert(kernel.name());
+                let (want, got) = (run_cpu(&case.plan), gpu.run(&case.plan).unwrap());
+                let said = disagreement(&case.plan, &want, &got, kernel.tolerance);
+                failed.extend(said.map(|d| format!("{}/{}: {d}", kernel.name(), case.name)));
+            }
+        }
+    }
+    assert!(failed.is_empty(), "{} cases disagree:\n{}", failed.len(), failed.join("\n"));
+    let names = cases::all().map(|(k, _)| k.name());
+    let never: Vec<_> = names.filter(|n| !folded.contains(n)).collect();
+    assert_eq!(never, ["prefix_sum"], "one workgroup is all it has");
+}
+
+/// Not-a-number in every upload of floats: no search runs for ever, no index goes astray.
+#[test]
+fn every_kernel_agrees_with_its_twin_on_not_a_number() {
+    let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
+    let mut failed = Vec::new();
+    let mut poisoned = BTreeSet::new();
+    for (kernel, cases) in cases::all() {
+        for mut case in cases {
+            if !case.plan.poison() {
+                continue;
+            }
+            poisoned.insert(kernel.name());
+            let (want, got) = (run_cpu(&case.plan), gpu.run(&case.plan).unwrap());
+            let said = disagreement(&case.plan, &want, &got, kernel.tolerance);
+            failed.extend(said.map(|d| format!("{}/{}: {d}", kernel.name(), case.name)));
+        }
+    }
+    assert!(failed.is_empty(), "{} cases disagree:\n{}", failed.len(), failed.join("\n"));
+    println!("{poisoned:?}");
+    common::assert_silent(&gpu);
 }
 
 fn every_kernel_agrees(gpu: &mut Gpu) {

@@ -18,6 +18,19 @@ fn every_kernel_has_cases_that_run_on_the_cpu() {
 }
 
 #[test]
+fn cases_reach_beyond_64_voxels_a_side_and_distances_of_32() {
+    let sides = |l: &intima::lumen::Lumen| l.grid.dims.min_element();
+    let long = cases::lumens().into_iter().filter(|(_, l)| sides(l) > 64 && l.inside_voxels() > 0);
+    assert!(long.count() > 0);
+    let far = cases::of("edt_axis").into_iter().map(|case| {
+        let out = run_cpu(&case.plan);
+        let last = *case.plan.downloads().last().unwrap();
+        out.words(last).iter().map(|w| f32::from_bits(*w)).fold(0.0, f32::max)
+    });
+    assert!(far.fold(0.0, f32::max) > 36.0);
+}
+
+#[test]
 fn a_copy_is_whole_and_nothing_behind_it_is_written() {
     for case in cases::of("copy") {
         let out = run_cpu(&case.plan);

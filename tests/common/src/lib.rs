@@ -48,6 +48,11 @@ pub fn restricted_gpu(validate: Validate) -> Option<Gpu> {
     open(OpenOptions { validate, cache_dir: None, restricted: true, ..OpenOptions::default() })
 }
 
+/// The same, with no more than `n` workgroups in a dimension.
+pub fn few_groups_gpu(n: u32, validate: Validate) -> Option<Gpu> {
+    open(OpenOptions { validate, cache_dir: None, groups_at_once: n, ..OpenOptions::default() })
+}
+
 /// The same, with no more than `n` draws in one indirect command.
 pub fn few_draws_gpu(n: u32, validate: Validate) -> Option<Gpu> {
     let options = OpenOptions { validate, cache_dir: None, ..OpenOptions::default() };

@@ -1,10 +1,12 @@
 //! Cases of the kernels of fields: distance, Gaussian, Hessian, visibility.
 
+use glam::UVec3;
+use intima::compute::Plan;
 use intima::kernels::{edt_axis, edt_rows, gauss_axis, hessian, visibility};
 use intima::lumen::Lumen;
 use intima::lumen::bricks::{BRICK, bit_field};
 
-use super::{Case, on_bricks, smooth_distance};
+use super::{Case, lumen_of, on_bricks, smooth_distance};
 
 pub fn edt_rows() -> Vec<Case> {
     on_bricks(|plan, lumen, near, inside| {
@@ -19,6 +21,37 @@ pub fn edt_rows() -> Vec<Case> {
 }
 
 pub fn edt_axis() -> Vec<Case> {
+    let mut cases = one_pass();
+    cases.push(far());
+    cases
+}
+
+/// All passes over a ball of 37 voxels: searches go beyond 32 along every axis.
+fn far() -> Case {
+    let ball = |v: UVec3| (v.as_dvec3() - 37.2).length() < 37.0;
+    let lumen = lumen_of([76; 3], [1.0; 3], &ball);
+    let slots = lumen.bricks.len() as u32;
+    let mut plan = Plan::new();
+    let flat: Vec<u32> = lumen.bricks.near().iter().flatten().copied().collect();
+    let near = plan.upload_owned("near", &flat);
+    let inside = plan.upload_owned("inside", bytemuck::cast_slice::<u64, u32>(&lumen.inside));
+    let mut square = plan.zeroed::<f32>("square", lumen.bricks.field_len());
+    let bindings = edt_rows::Bindings { near, inside, square };
+    let threads = slots as usize * BRICK;
+    let params = edt_rows::Params { slots, step2: 1.0 };
+    plan.launch(&edt_rows::KERNEL, bindings, params, threads / 8, threads);
+    for (axis, finish) in [(1u32, 0u32), (2, 1)] {
+        let g = plan.zeroed::<f32>("g", lumen.bricks.field_len());
+        let params = edt_axis::Params { slots, axis, step2: 1.0, finish, scale: 1.0 };
+        let bindings = edt_axis::Bindings { near, f: square, g };
+        plan.launch(&edt_axis::KERNEL, bindings, params, threads, threads);
+        square = g;
+    }
+    plan.download(square);
+    Case { name: "distances beyond 32 voxels", plan }
+}
+
+fn one_pass() -> Vec<Case> {
     on_bricks(|plan, lumen, near, _| {
         let slots = lumen.bricks.len();
         let spacing = lumen.grid.spacing_mm.as_vec3();

@@ -60,22 +60,29 @@ pub fn of(kernel: &str) -> Vec<Case> {
     }
 }
 
+fn lumen_of(dims: [u32; 3], spacing: [f64; 3], inside: &dyn Fn(UVec3) -> bool) -> Lumen {
+    let grid = Grid::axis_aligned(dims, spacing);
+    let mut mask = BitVolume::new(grid.dims);
+    for v in (0..grid.len()).map(|i| grid.voxel(i)).filter(|v| inside(*v)) {
+        mask.set(v.x, v.y, v.z);
+    }
+    Lumen::new(grid, &mask)
+}
+
 /// Small lumens every brick kernel must survive.
 pub fn lumens() -> Vec<(&'static str, Lumen)> {
-    let of = |dims: [u32; 3], spacing: [f64; 3], inside: &dyn Fn(UVec3) -> bool| {
-        let grid = Grid::axis_aligned(dims, spacing);
-        let mut mask = BitVolume::new(grid.dims);
-        for v in (0..grid.len()).map(|i| grid.voxel(i)).filter(|v| inside(*v)) {
-            mask.set(v.x, v.y, v.z);
-        }
-        Lumen::new(grid, &mask)
-    };
+    let of = lumen_of;
     let tube = |v: UVec3| {
         let p = v.as_dvec3() - DVec3::new(15.3, 14.2, 0.0);
         let bend = 4.0 * (v.z as f64 * 0.2).sin();
         ((p.x - bend).powi(2) + p.y.powi(2)).sqrt() < 7.5 && v.z > 2 && v.z < 37
     };
     let speckle = |v: UVec3| (v.x * 73 + v.y * 179 + v.z * 283 + v.x * v.y * 7) % 5 < 3;
+    // One along each axis, which meet.
+    let bars = |v: UVec3| {
+        let beside = |a: u32| u32::from((36..39).contains(&a));
+        beside(v.x) + beside(v.y) + beside(v.z) >= 2
+    };
     vec![
         ("empty", of([5, 5, 5], [1.0; 3], &|_| false)),
         ("one voxel", of([1, 1, 1], [1.0; 3], &|_| true)),
@@ -83,6 +90,7 @@ pub fn lumens() -> Vec<(&'static str, Lumen)> {
         ("isotropic tube", of([31, 29, 41], [1.0; 3], &tube)),
         ("all inside", of([20, 17, 9], [1.0, 2.0, 0.5], &|_| true)),
         ("speckle", of([19, 23, 11], [1.0; 3], &speckle)),
+        ("bars of 76 voxels", of([76; 3], [1.0; 3], &bars)),
     ]
 }
 
