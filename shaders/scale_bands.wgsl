@@ -4,7 +4,7 @@
 // in   level  [5 V]  vec4 the same smoothed over times t, 2t, 4t, 8t, 16t; any length
 // out  energy [5V]   f32  squared length of each band's residual, finest first
 // grid one thread a vertex
-// tol  |gpu - cpu| <= 1e-6
+// tol  |gpu - cpu| <= 1e-5: Vulkan's lengths and quotients may err by 7 ulp, of squares up to 4
 // src  ours, see the restoring kernel
 @group(0) @binding(0) var<storage, read> normal: array<f32>;
 @group(0) @binding(1) var<storage, read> level: array<vec4<f32>>;

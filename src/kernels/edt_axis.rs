@@ -13,7 +13,7 @@ use crate::lumen::bricks::BRICK;
 
 /// See `shaders/edt_axis.wgsl`.
 pub static KERNEL: Kernel =
-    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance { abs: 0.0, rel: 5e-7 } };
+    Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance { abs: 0.0, rel: 8e-7 } };
 
 /// Search distance, rows, above which it pays to record the positions of minima.
 const NEAR: i32 = 16;

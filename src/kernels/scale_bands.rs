@@ -13,7 +13,7 @@ pub static KERNEL: Kernel = Kernel {
     shader: &SHADER,
     twin,
     unit: "vertices",
-    tolerance: Tolerance { abs: 1e-6, rel: 0.0 },
+    tolerance: Tolerance { abs: 1e-5, rel: 0.0 },
 };
 
 /// Returns the unit normals of a vertex at six scales, finest first.
