@@ -160,8 +160,7 @@ pub(super) fn of_mask(mask: &BitVolume, bounds: Option<(UVec3, UVec3)>) -> (Bric
     for (b, bits) in &filled {
         for (n, at) in reached(bits).enumerate() {
             if at {
-                let n = n as i32;
-                let to = *b + IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
+                let to = *b + near_offset(n);
                 let t = &mut table[index(to)];
                 if *t == NONE {
                     *t = RIM;
@@ -189,8 +188,7 @@ pub(super) fn of_mask(mask: &BitVolume, bounds: Option<(UVec3, UVec3)>) -> (Bric
         .map(|s| {
             let c = IVec3::from(bricks.corners[s]);
             std::array::from_fn(|n| {
-                let n = n as i32;
-                let to = c + SIDE * IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
+                let to = c + SIDE * near_offset(n);
                 bricks.slot_of(to).map_or(NONE, |s| s as u32)
             })
         })

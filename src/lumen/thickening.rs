@@ -3,6 +3,7 @@
 
 use glam::{DVec3, IVec3, UVec3};
 
+use super::bricks::near_offset;
 use super::{BitVolume, dilated};
 
 /// Thickens a mask by some layers of voxels that share a side with it, within the allowed ones. Of a
@@ -49,7 +50,7 @@ const MIDDLE: u32 = 13;
 
 /// Offset of a bit of a neighbourhood.
 fn offset(bit: u32) -> IVec3 {
-    IVec3::new(bit as i32 % 3, bit as i32 / 3 % 3, bit as i32 / 9) - IVec3::ONE
+    near_offset(bit as usize)
 }
 
 /// Returns a bit for each of the 27 voxels about one: whether it is set.

@@ -6,6 +6,7 @@ use glam::IVec3;
 
 use super::SIDES;
 use crate::lumen::BitVolume;
+use crate::lumen::bricks::near_offset;
 use crate::volume::Grid;
 
 /// Layers from whose areas the greatest area of a branch follows.
@@ -181,7 +182,7 @@ fn components(layer: Vec<IVec3>) -> Vec<Vec<IVec3>> {
         while let Some(at) = part.get(next).copied() {
             next += 1;
             for n in 0..27 {
-                let v = at + IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
+                let v = at + near_offset(n);
                 if let Some(i) = index.get(&v)
                     && !std::mem::replace(&mut seen[*i], true)
                 {

@@ -4,6 +4,7 @@ use glam::{IVec3, UVec3};
 
 use crate::compute::{Array, Plan, run_cpu};
 use crate::field::{self, LumenBuffers};
+use crate::lumen::bricks::near_offset;
 use crate::lumen::{BitVolume, Lumen};
 use crate::volume::Grid;
 
@@ -43,7 +44,7 @@ impl Depth {
         self.lumen.elements(&self.lumen.inside).filter_map(|e| {
             let v = self.lumen.bricks.voxel(e);
             let own = self.mm[e];
-            let around = (0..27).map(|n| v + IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1));
+            let around = (0..27).map(|n| v + near_offset(n));
             around.into_iter().all(|w| self.at(w) <= own).then(|| v.as_uvec3())
         })
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use glam::{DVec3, IVec3, Vec3};
+use glam::{DVec3, Vec3};
 
 use super::{Clock, Fields, Mode, Session, SessionError, present};
 use crate::centerline::{
@@ -15,6 +15,7 @@ use crate::device::Device;
 use crate::field::{Candidate, LumenBuffers, Sampler};
 use crate::geometry::{Centerline, CenterlineGraph, TreeSummary};
 use crate::lumen::Lumen;
+use crate::lumen::bricks::near_offset;
 use crate::organ::Organ;
 
 /// A centerline with the outcome of the visibility test.
@@ -263,7 +264,7 @@ fn ranked(lumen: &Lumen, candidates: &[Candidate]) -> Vec<Candidate> {
         let at = (p / cell).floor().as_ivec3();
         let apart = SPARING * f64::from(c.distance_mm);
         let crowded = (0..27).any(|n| {
-            let to = at + IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
+            let to = at + near_offset(n);
             let near = taken.get(&to.to_array());
             near.is_some_and(|all| all.iter().any(|q| q.distance(p) < apart))
         });

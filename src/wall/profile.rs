@@ -10,7 +10,7 @@ use super::{CleansedFluid, OFFSET, Tissue, WallError, law, select};
 use crate::compute::{Buf, Outputs, Plan};
 use crate::kernels::blur_axis::integer_weights;
 use crate::kernels::{least_axis, ridge_grow, wall_level, wall_peak};
-use crate::lumen::bricks::BRICK;
+use crate::lumen::bricks::{BRICK, near_offset};
 use crate::lumen::{BitVolume, Bricks, bits_in, surrounding_bricks};
 use crate::volume::{Grid, Volume, with_samples};
 
@@ -342,7 +342,7 @@ impl<'a> WallInput<'a> {
         let sigma = |e: usize| -> Option<f64> {
             let mut most = 0f64;
             for n in 0..27 {
-                let d = IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
+                let d = near_offset(n);
                 most = most.max(slope(self.bricks.step(e, d)?)?);
             }
             (most > 0.0).then(|| slopes[(mark[e] >> 14) as usize] / most)

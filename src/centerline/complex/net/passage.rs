@@ -8,6 +8,7 @@ use glam::{DVec3, IVec3};
 use super::prune::WINDOW;
 use super::{Arc, Net};
 use crate::centerline::complex::Contact;
+use crate::lumen::bricks::near_offset;
 
 /// Length about a hole in a thin plate along which the lumen is narrower than twice the hole, in
 /// distances to the hole's rim.
@@ -113,7 +114,7 @@ impl Net<'_> {
         let units = |way: IVec3| (way.as_dvec3() * h / self.adjacency.unit_mm).length().round();
         let steps: Vec<(IVec3, u32)> = (0..27)
             .filter(|n| *n != 13)
-            .map(|n| IVec3::new(n % 3, n / 3 % 3, n / 9) - 1)
+            .map(near_offset)
             .map(|step| (step, units(step) as u32))
             .collect();
         let mut done = vec![false; size.as_usizevec3().element_product()];
