@@ -45,6 +45,7 @@ pub mod flight;
 pub mod vk;
 pub mod render;
 pub mod device;
+pub mod paper;
 pub mod session;
 #[cfg(feature = "window")]
 pub mod app;

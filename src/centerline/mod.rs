@@ -7,7 +7,6 @@ mod recenter;
 mod clearance_refine;
 pub mod complex;
 mod frames;
-mod paper;
 mod pieces;
 mod containment;
 mod queue;
@@ -15,15 +14,12 @@ mod route;
 mod section;
 mod spline;
 mod visibility;
-mod voxel_routes;
 
 pub use containment::{Proof, safe_by_distance, safe_by_voxels};
 pub use frames::{CurveFrame, frames, tangents};
-pub use paper::paper_path;
 pub use recenter::{arc_lengths, resample};
 pub use route::{Ends, GraphNode, Loops, LumenLoop, RouteOptions, Routed, centerline};
-pub use visibility::{Pending, Radius, Viewpoint, VisibilityInput, add_viewers};
-pub use voxel_routes::{NOWHERE, VoxelRoutes};
+pub use visibility::{Pending, Viewpoint, VisibilityInput, add_viewers};
 
 use glam::DVec3;
 

@@ -4,11 +4,11 @@
 //! After the reliable path of He, Hong, Chen and Liang 2001, with an adaptive
 //! radius for each point (paper, section 3.2).
 
-use glam::{DVec3, IVec3, UVec3};
+use glam::{DVec3, IVec3, UVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::compute::{Outputs, Plan};
-use crate::field::{Candidate, LumenBuffers, Sampler};
+use crate::field::{LumenBuffers, Sampler};
 use crate::kernels::visibility as kernel;
 use crate::lumen::Lumen;
 use crate::lumen::bricks::{BRICK, SIDE, near_offset};
@@ -22,53 +22,30 @@ pub struct Viewpoint {
     pub reach_mm: f64,
 }
 
-/// Range of sight of the candidates.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
-pub enum Radius {
-    /// The paper's Eq. 5: k·d, k = λ1/λ2 clamped to [1, 3].
-    Paper,
-    /// Longest of 32 rays across the ridge, plus a voxel's diagonal.
-    Measured,
-}
-
 /// Number of rays that measure a half-major axis.
 const RAYS: usize = 32;
 
-impl Radius {
-    /// Returns the viewpoints of candidates, in the candidates' order.
-    pub fn viewpoints(self, candidates: &[Candidate], distance: Sampler<'_>) -> Vec<Viewpoint> {
-        candidates
-            .par_iter()
-            .with_min_len(64)
-            .map(|c| Viewpoint { element: c.element, reach_mm: self.reach(c, distance) })
-            .collect()
-    }
-
-    fn reach(self, c: &Candidate, distance: Sampler<'_>) -> f64 {
+impl Viewpoint {
+    /// A viewpoint at an element of the lumen that sees as far as the longest of 32 rays across the
+    /// lumen there, plus a voxel's diagonal.
+    ///
+    /// * `axis`: direction of the lumen, along the index axes.
+    /// * `distance`: exact distance, mm.
+    pub fn measured(element: usize, axis: Vec3, distance: Sampler<'_>) -> Self {
         crate::task::checkpoint();
-        let d = f64::from(c.distance_mm);
-        match self {
-            Self::Paper => {
-                let [l1, l2] = c.across.map(f64::from);
-                let k = if l2.abs() < 1e-12 { 3.0 } else { (l1 / l2).clamp(1.0, 3.0) };
-                k * d
-            }
-            Self::Measured => {
-                let lumen = distance.lumen;
-                let h = lumen.grid.spacing_mm;
-                let p = lumen.bricks.voxel(c.element).as_dvec3() * h;
-                let axis = c.axis.as_dvec3().try_normalize().unwrap_or(DVec3::Z);
-                let (u, v) = axis.any_orthonormal_pair();
-                let longest = (0..RAYS)
-                    .map(|k| {
-                        let a = std::f64::consts::TAU * k as f64 / RAYS as f64;
-                        trace(p, u * a.cos() + v * a.sin(), 6.0 * d, distance)
-                    })
-                    .fold(0.0, f64::max);
-                longest + 3f64.sqrt() * h.max_element()
-            }
-        }
+        let lumen = distance.lumen;
+        let h = lumen.grid.spacing_mm;
+        let cap = 6.0 * f64::from(distance.field[element]);
+        let p = lumen.bricks.voxel(element).as_dvec3() * h;
+        let axis = axis.as_dvec3().try_normalize().unwrap_or(DVec3::Z);
+        let (u, v) = axis.any_orthonormal_pair();
+        let longest = (0..RAYS)
+            .map(|k| {
+                let a = std::f64::consts::TAU * k as f64 / RAYS as f64;
+                trace(p, u * a.cos() + v * a.sin(), cap, distance)
+            })
+            .fold(0.0, f64::max);
+        Self { element, reach_mm: longest + 3f64.sqrt() * h.max_element() }
     }
 }
 

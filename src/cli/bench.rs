@@ -9,12 +9,11 @@ use super::CliError;
 use super::global::Global;
 use crate::device::DeviceChoice;
 use crate::field::Response;
-use crate::kernels;
 use crate::lumen::IntensitySelection;
 use crate::session::copy_rate::{CopyRate, copy_rate};
 use crate::session::{
     HessianSettings, LumenSettings, Mode, Product, Session, Settings, Source, StageTime,
-    VolumeSource,
+    VolumeSource, kernels,
 };
 use crate::volume::Volume;
 use crate::volume::phantom::{Kind, Phantom};
@@ -103,9 +102,9 @@ impl Args {
     /// Times and prints.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         for s in &self.stages {
-            let known = kernels::ALL.iter().any(|k| k.name() == s) || STAGES.contains(&s.as_str());
+            let known = kernels().any(|k| k.name() == s) || STAGES.contains(&s.as_str());
             if !known {
-                let names: Vec<_> = kernels::ALL.iter().map(|k| k.name()).collect();
+                let names: Vec<_> = kernels().map(|k| k.name()).collect();
                 return Err(CliError::Usage(format!(
                     "`{s}` is no kernel or stage; there are {} and the stages {}",
                     names.join(", "),
@@ -199,18 +198,18 @@ impl Args {
                     runs.entry(key).or_default().push(row);
                 }
                 for k in &stage.kernels {
-                    let at = kernels::ALL.iter().position(|a| a.name() == k.kernel);
+                    let at = kernels().position(|a| a.name() == k.kernel);
                     let key = (at.unwrap_or(999), k.kernel, "kernel");
                     // The Hessian chain repeats the smoothing: keep the first of a run.
                     let done = runs.entry(key).or_default();
-                    let unit = at.map_or("items", |i| kernels::ALL[i].unit);
+                    let unit = at.and_then(|i| kernels().nth(i)).map_or("items", |k| k.unit);
                     done.push((k.ms, k.launches, stage.items * k.launches as u64, unit, k.bytes));
                 }
             }
         }
         let copy = copy_rate(&mut device(), COPIED, self.runs as usize)?;
         let rate = copy.gb_per_s.max(1e-9);
-        let at = kernels::ALL.iter().position(|k| k.name() == "copy").unwrap_or(999);
+        let at = kernels().position(|k| k.name() == "copy").unwrap_or(999);
         let each =
             copy.seconds.iter().map(|s| (s * 1e3, 1, copy.bytes / 16, "quads", 2 * copy.bytes));
         runs.insert((at, "copy", "kernel"), each.collect());

@@ -8,9 +8,9 @@ use super::lumen_args::{LumenArgs, point};
 use super::mode::ModeArg;
 use super::record::modes;
 use super::repeat::timed_products;
-use crate::centerline::{Loops, Radius};
+use crate::centerline::Loops;
 use crate::formats::{atomic_file, shown, to_json, write_branches, write_centerline};
-use crate::session::{CenterlineReport, CenterlineSettings, Product, Session, Settings};
+use crate::session::{CenterlineReport, CenterlineSettings, Product, Radius, Session, Settings};
 
 /// `intima centerline INPUT LUMEN -o LINE`
 #[derive(Debug, clap::Args)]

@@ -36,3 +36,57 @@ pub fn distance(plan: &mut Plan<'_>, lumen: &LumenBuffers) -> Buf<f32> {
     }
     f
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{IVec3, UVec3};
+
+    use super::*;
+    use crate::compute::run_cpu;
+    use crate::lumen::{BitVolume, Lumen};
+    use crate::volume::Grid;
+
+    #[test]
+    fn distance_equals_brute_force_on_random_masks() {
+        for (seed, spacing) in [(1u64, [1.0; 3]), (2, [0.7, 0.7, 2.5]), (3, [10.0, 1.0, 1.0])] {
+            let grid = Grid::axis_aligned([21, 13, 17], spacing);
+            let inside = |v: UVec3| {
+                let q = v.as_u64vec3();
+                let n = q.x.wrapping_mul(0x9e3779b97f4a7c15)
+                    ^ q.y.wrapping_mul(0xc2b2ae3d27d4eb4f)
+                    ^ q.z.wrapping_mul(0x165667b19e3779f9)
+                    ^ seed;
+                n.wrapping_mul(0x9e3779b97f4a7c15) >> 60 != 0
+            };
+            let mut mask = BitVolume::new(grid.dims);
+            for v in (0..grid.len()).map(|i| grid.voxel(i)).filter(|v| inside(*v)) {
+                mask.set(v.x, v.y, v.z);
+            }
+            let l = Lumen::new(grid, &mask);
+            let mut plan = Plan::new();
+            let b = LumenBuffers::new(&mut plan, &l);
+            let d = distance(&mut plan, &b);
+            plan.download(d);
+            let out = run_cpu(&plan);
+            let d = out.get(d);
+            let h = l.grid.spacing_mm;
+            let mut outside = Vec::new();
+            for z in -1..18 {
+                for y in -1..14 {
+                    for x in -1..22 {
+                        let v = IVec3::new(x, y, z);
+                        if !l.holds(v) {
+                            outside.push(v.as_dvec3() * h);
+                        }
+                    }
+                }
+            }
+            for e in l.elements(&l.inside) {
+                let p = l.bricks.voxel(e).as_dvec3() * h;
+                let want =
+                    outside.iter().map(|q| q.distance_squared(p)).fold(f64::MAX, f64::min).sqrt();
+                assert!((f64::from(d[e]) - want).abs() <= 1e-6 * want, "{p} {} {want}", d[e]);
+            }
+        }
+    }
+}

@@ -1,15 +1,13 @@
-//! Fields over the lumen's bricks: exact distance, Gaussian smoothing, Hessian responses, ridge
-//! candidates, and trilinear samples of a field ([`Sampler`]). Each stage appends launches to a
-//! [`Plan`]; a whole chain is one plan.
+//! Fields over the lumen's bricks: exact distance, Gaussian smoothing, Hessian responses, and
+//! trilinear samples of a field ([`Sampler`]). Each stage appends launches to a [`Plan`]; a whole
+//! chain is one plan.
 
 mod distance;
 mod hessian;
-mod ridge;
 mod sampler;
 
 pub use distance::distance;
 pub use hessian::{Response, hessian, smooth};
-pub use ridge::{Candidate, Candidates, ridge};
 pub use sampler::Sampler;
 
 use crate::compute::{Buf, Plan};

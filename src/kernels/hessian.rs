@@ -3,9 +3,9 @@
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
+use super::halo::Halo;
 pub use super::host::hessian::{Bindings, Params};
 use super::host::hessian::{SHADER, open};
-use super::ridge_mark::Halo;
 use crate::compute::{CpuArgs, Kernel, Tolerance};
 use crate::lumen::bricks::BRICK;
 
@@ -107,7 +107,7 @@ fn row_values(halo: &Halo, row: usize, [hx, hy, hz]: [f32; 3], sign: f32) -> [[f
 /// cos(acos(r) / 3) is a smooth function of √((1 + r) / 2), and the smallest root is the largest of
 /// the negated matrix. Rounding up to r is as in the shader: near double roots its last bit shows.
 #[inline(always)]
-pub(super) fn eigenvalues(m: [f32; 3], o: [f32; 3]) -> [f32; 3] {
+pub(crate) fn eigenvalues(m: [f32; 3], o: [f32; 3]) -> [f32; 3] {
     let q = (m[0] + m[1] + m[2]) / 3.0;
     let [x, y, z] = m.map(|v| v - q);
     let off = o[0] * o[0] + o[1] * o[1] + o[2] * o[2];
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn eigenvalues_agree_with_the_angles_and_keep_their_order() {
+    fn eigenvalues_keep_the_invariants_of_their_matrix_and_their_order() {
         let mut at = 1u32;
         let mut next = || {
             at = at.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -182,11 +182,18 @@ mod tests {
             let apart = [low, mid, high].into_iter().zip(want).map(|(v, w)| f64::from(v) - w);
             assert!(apart.into_iter().all(|d| d.abs() < 1e-3), "{m:?} {o:?} {want:?}");
             assert!(low <= mid && mid <= high);
-            // What does not hang on the angle: the trace, and the sum of squares.
+            // The three invariants of a matrix: trace, sum of squares, determinant.
             let trace = low + mid + high - (m[0] + m[1] + m[2]);
             let squares = |v: [f32; 3]| v.map(|v| f64::from(v).powi(2)).iter().sum::<f64>();
             let square = squares([low, mid, high]) - squares(m) - 2.0 * squares(o);
+            let [m, o] = [m, o].map(|v| v.map(f64::from));
+            let matrix = glam::DMat3::from_cols_array(&[
+                m[0], o[0], o[1], o[0], m[1], o[2], o[1], o[2], m[2],
+            ]);
+            let product = f64::from(low) * f64::from(mid) * f64::from(high);
+            let determinant = product - matrix.determinant();
             assert!(trace.abs() < 2e-6 && square.abs() < 2e-5, "{trace} {square}");
+            assert!(determinant.abs() < 2e-5, "{determinant}");
         }
     }
 

@@ -1,18 +1,19 @@
-//! Route and visibility test: the centerline, in both modes.
+//! Route and visibility test: the centerline.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
+use rayon::prelude::*;
 
-use super::{Clock, Fields, Mode, Session, SessionError, present};
+use super::{Clock, Fields, Session, SessionError, present};
 use crate::centerline::{
-    Ends, GraphNode, Loops, LumenLoop, Proof, Radius, RouteOptions, Routed, Viewpoint,
-    VisibilityInput, add_viewers, centerline, paper_path,
+    Ends, GraphNode, Loops, LumenLoop, Proof, RouteOptions, Routed, Viewpoint, VisibilityInput,
+    add_viewers, centerline,
 };
 use crate::compute::Plan;
 use crate::device::Device;
-use crate::field::{Candidate, LumenBuffers, Sampler};
+use crate::field::{LumenBuffers, Sampler};
 use crate::geometry::{Centerline, CenterlineGraph, TreeSummary};
 use crate::lumen::Lumen;
 use crate::lumen::bricks::near_offset;
@@ -24,9 +25,9 @@ pub struct Centered {
     pub line: Centerline,
     /// Proof that the line stays inside; `None` for the paper's path, which has none.
     pub proof: Option<Proof>,
-    /// Places that viewers were chosen from: nodes of the graph, in paper mode ridge candidates.
+    /// Places that viewers were chosen from: nodes of the graph, or ridge points.
     pub candidates: usize,
-    /// Whether they are ridge candidates.
+    /// Whether they are ridge points.
     pub on_ridge: bool,
     /// Viewers kept, added ones included.
     pub kept: usize,
@@ -49,6 +50,8 @@ const MAX_ADDED: usize = 10_000;
 pub struct Visibility {
     /// Places that viewers were chosen from.
     candidates: usize,
+    /// Whether they are ridge points.
+    on_ridge: bool,
     /// Viewers kept, added ones included.
     kept: usize,
     /// Viewers added.
@@ -63,7 +66,7 @@ impl Session {
         route(&lumen.lumen, &fields, self.route_options(), clock)
     }
 
-    fn route_options(&self) -> RouteOptions {
+    pub(super) fn route_options(&self) -> RouteOptions {
         let c = self.settings.centerline;
         // A colon is flown from the rectum, an airway from the trachea.
         let lumen = present(&self.slots.lumen);
@@ -74,15 +77,15 @@ impl Session {
         RouteOptions { ends, tree: c.tree, loops: c.loops, starts_near }
     }
 
-    /// All branches with the loops they close, whatever path or tree is asked for. Of the paper's
-    /// mode, which has neither, its path.
+    /// All branches with the loops they close, whatever path or tree is asked for. Of a mode
+    /// that has neither, its path.
     ///
     /// # Errors
     /// As [`Session::centerline`].
     pub fn graph(&self) -> Result<CenterlineGraph, SessionError> {
         let (centered, _) = (self.centerline()?, self.lumen()?);
         let options = self.route_options();
-        if self.settings.mode == Mode::Paper || (options.tree && options.loops == Loops::Keep) {
+        if !self.settings.methods().branches || (options.tree && options.loops == Loops::Keep) {
             return Ok(centered.line.graph());
         }
         let options = RouteOptions { tree: true, loops: Loops::Keep, ..options };
@@ -97,13 +100,13 @@ impl Session {
     }
 
     /// Branches by generation, where a tree was asked for or the organ is one: an airway or a
-    /// vessel. `None` of another lumen and in the paper's mode, which has no tree.
+    /// vessel. `None` of another lumen and in a mode that has no tree.
     ///
     /// # Errors
     /// As [`Session::centerline`].
     pub fn tree(&self) -> Result<Option<TreeSummary>, SessionError> {
         let organ = self.lumen()?.organ.as_ref().map(|found| found.organ);
-        if self.settings.mode == Mode::Paper {
+        if !self.settings.methods().branches {
             return Ok(None);
         }
         Ok(match organ {
@@ -114,34 +117,46 @@ impl Session {
     }
 
     pub(super) fn run_visibility(&self, clock: &mut Clock) -> Result<Visibility, SessionError> {
-        let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
-        let (route, device) = (present(&self.slots.route), present(&self.slots.device));
-        let radius = self.settings.radius();
-        // Eq. 5 needs the eigenvalues at ridge candidates.
-        let candidates = match radius {
-            Radius::Paper => fields.candidates.clone(),
-            Radius::Measured => on_graph(&fields.distance, &route.nodes),
+        let (fields, route) = (present(&self.slots.fields), present(&self.slots.route));
+        let lumen = &present(&self.slots.lumen).lumen;
+        let sampler = Sampler { lumen, field: &fields.distance };
+        let nodes = &route.nodes;
+        let of = |n: &GraphNode| (n.element as usize, fields.distance[n.element as usize]);
+        let ranked = ranked(lumen, &nodes.iter().map(of).collect::<Vec<_>>());
+        let viewpoint = |at: &usize| {
+            let n = &nodes[*at];
+            let axis = n.chord.normalize_or_zero().as_vec3();
+            Viewpoint::measured(n.element as usize, axis, sampler)
         };
-        let of = (&fields.distance[..], &candidates[..]);
-        let device = &mut device.lock();
-        visibility(device, &lumen.lumen, of, radius, clock)
+        let work = || ranked.par_iter().with_min_len(64).map(viewpoint).collect::<Vec<_>>();
+        let viewpoints = clock.time("reach", "candidates", work, |v| v.len() as u64);
+        self.visibility_from(&viewpoints, (nodes.len(), false), clock)
+    }
+
+    /// Runs the visibility test on viewpoints, and adds some for voxels that none of them sees.
+    ///
+    /// * `candidates`: number of places that the viewpoints were chosen from.
+    /// * `on_ridge`: whether those are ridge points.
+    pub(super) fn visibility_from(
+        &self,
+        viewpoints: &[Viewpoint],
+        (candidates, on_ridge): (usize, bool),
+        clock: &mut Clock,
+    ) -> Result<Visibility, SessionError> {
+        let (lumen, device) = (present(&self.slots.lumen), present(&self.slots.device));
+        let (lumen, distance) = (&lumen.lumen, &present(&self.slots.fields).distance);
+        let (kept, unseen) = visible(&mut device.lock(), lumen, viewpoints, &lumen.inside, clock)?;
+        let work = || add_viewers(lumen, &unseen, distance, MAX_ADDED);
+        let count = unseen.len() as u64;
+        let (added, unseen) = clock.time("unseen", "boundary voxels", work, |_| count);
+        let (kept, added) = (kept.len() + added.len(), added.len());
+        Ok(Visibility { candidates, on_ridge, kept, added, unseen })
     }
 
     pub(super) fn run_centerline(&self, _: &mut Clock) -> Result<Centered, SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
         let (route, seen) = (present(&self.slots.route), present(&self.slots.visibility));
-        let mut centered = Centered::new(&lumen.lumen, &fields, &route, &seen);
-        centered.on_ridge = self.settings.radius() == Radius::Paper;
-        Ok(centered)
-    }
-
-    pub(super) fn run_paper_centerline(&self, clock: &mut Clock) -> Result<Centered, SessionError> {
-        let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
-        let device = present(&self.slots.device);
-        let radius = self.settings.radius();
-        let how = (radius, self.route_options());
-        let device = &mut device.lock();
-        paper_centered(device, &lumen.lumen, &fields, how, clock)
+        Ok(Centered::new(&lumen.lumen, &fields, &route, &seen))
     }
 }
 
@@ -157,46 +172,6 @@ fn route(
 ) -> Result<Routed, SessionError> {
     let work = || centerline(lumen, &fields.distance, &fields.smooth, options);
     Ok(clock.time("route", "voxels", work, |_| lumen.inside_voxels())?)
-}
-
-/// Nodes of the graph as candidates.
-fn on_graph(distance: &[f32], nodes: &[GraphNode]) -> Vec<Candidate> {
-    let candidate = |n: &GraphNode| Candidate {
-        element: n.element as usize,
-        offset_mm: Vec3::ZERO,
-        distance_mm: distance[n.element as usize],
-        axis: n.chord.normalize_or_zero().as_vec3(),
-        gradient: 0.0,
-        across: [0.0; 2],
-    };
-    nodes.iter().map(candidate).collect()
-}
-
-/// Visibility test: viewpoints from candidates, those kept, those added.
-///
-/// # Errors
-/// The device's.
-fn visibility(
-    device: &mut Device,
-    lumen: &Lumen,
-    (distance, candidates): (&[f32], &[Candidate]),
-    radius: Radius,
-    clock: &mut Clock,
-) -> Result<Visibility, SessionError> {
-    let sampler = Sampler { lumen, field: distance };
-    let ranked = ranked(lumen, candidates);
-    let count = |v: &Vec<Viewpoint>| v.len() as u64;
-    let viewpoints =
-        clock.time("reach", "candidates", || radius.viewpoints(&ranked, sampler), count);
-    let (kept, unseen) = visible(device, lumen, &viewpoints, &lumen.inside, clock)?;
-    let (added, unseen) = clock.time(
-        "unseen",
-        "boundary voxels",
-        || add_viewers(lumen, &unseen, distance, MAX_ADDED),
-        |_| unseen.len() as u64,
-    );
-    let candidates = candidates.len();
-    Ok(Visibility { candidates, kept: kept.len() + added.len(), added: added.len(), unseen })
 }
 
 /// Most loops of which a warning gives the place, the longest; the report lists all.
@@ -237,7 +212,7 @@ impl Centered {
             line: routed.line.clone(),
             proof: Some(routed.proof),
             candidates: seen.candidates,
-            on_ridge: false,
+            on_ridge: seen.on_ridge,
             kept: seen.kept,
             added: seen.added,
             unseen: seen.unseen.clone(),
@@ -250,19 +225,26 @@ impl Centered {
 /// Candidates this share of their own distance apart see nearly the same wall.
 const SPARING: f64 = 0.2;
 
-/// Candidates in the order they are asked: deepest first, since a few wide views come before many
-/// narrow ones. A candidate nearer than a fifth of its distance to one before it is left out: they
-/// see the same walls.
-fn ranked(lumen: &Lumen, candidates: &[Candidate]) -> Vec<Candidate> {
-    let mut ranked = candidates.to_vec();
-    ranked.sort_by(|a, b| b.distance_mm.total_cmp(&a.distance_mm).then(a.element.cmp(&b.element)));
+/// Places to see from in the order they are asked, by their numbers: deepest first, since a few wide
+/// views come before many narrow ones. One nearer than a fifth of its distance to one before it is
+/// left out: they see the same walls.
+///
+/// * `places`: field element and distance, mm.
+pub(super) fn ranked(lumen: &Lumen, places: &[(usize, f32)]) -> Vec<usize> {
+    let mut ranked: Vec<usize> = (0..places.len()).collect();
+    let key = |at: usize| (places[at].1, places[at].0);
+    ranked.sort_by(|a, b| {
+        let ((a_mm, a), (b_mm, b)) = (key(*a), key(*b));
+        b_mm.total_cmp(&a_mm).then(a.cmp(&b))
+    });
     let Some(deepest) = ranked.first() else { return ranked };
-    let cell = (SPARING * f64::from(deepest.distance_mm)).max(lumen.grid.spacing_mm.max_element());
+    let cell = (SPARING * f64::from(places[*deepest].1)).max(lumen.grid.spacing_mm.max_element());
     let mut taken: BTreeMap<[i32; 3], Vec<DVec3>> = BTreeMap::new();
-    ranked.retain(|c| {
-        let p = lumen.bricks.voxel(c.element).as_dvec3() * lumen.grid.spacing_mm;
+    ranked.retain(|at| {
+        let (element, distance_mm) = places[*at];
+        let p = lumen.bricks.voxel(element).as_dvec3() * lumen.grid.spacing_mm;
         let at = (p / cell).floor().as_ivec3();
-        let apart = SPARING * f64::from(c.distance_mm);
+        let apart = SPARING * f64::from(distance_mm);
         let crowded = (0..27).any(|n| {
             let to = at + near_offset(n);
             let near = taken.get(&to.to_array());
@@ -276,46 +258,8 @@ fn ranked(lumen: &Lumen, candidates: &[Candidate]) -> Vec<Candidate> {
     ranked
 }
 
-/// The paper's chain: candidates without the gate in index order, radius by Eq. 5, boundary voxels
-/// block, kept points joined by Dijkstra.
-///
-/// # Errors
-/// [`SessionError::Centerline`] and the device's.
-fn paper_centered(
-    device: &mut Device,
-    lumen: &Lumen,
-    fields: &Fields,
-    (radius, options): (Radius, RouteOptions),
-    clock: &mut Clock,
-) -> Result<Centered, SessionError> {
-    let distance = Sampler { lumen, field: &fields.distance };
-    let viewpoints = radius.viewpoints(&fields.candidates, distance);
-    let internal: Vec<u64> =
-        lumen.inside.iter().zip(&lumen.boundary).map(|(i, b)| i & !b).collect();
-    let (kept, unseen) = visible(device, lumen, &viewpoints, &internal, clock)?;
-    let kept: Vec<Viewpoint> = kept.iter().map(|r| viewpoints[*r as usize]).collect();
-    let line = clock.time(
-        "paper path",
-        "kept points",
-        || paper_path(lumen, &kept, &fields.distance, options),
-        |_| kept.len() as u64,
-    )?;
-    Ok(Centered {
-        min_clearance_mm: clearance(&line, lumen, &fields.distance),
-        line,
-        proof: None,
-        candidates: viewpoints.len(),
-        on_ridge: true,
-        kept: kept.len(),
-        added: 0,
-        unseen,
-        unreachable: 0,
-        loops: Vec::new(),
-    })
-}
-
 /// Runs the visibility test: ranks kept and elements unseen.
-fn visible(
+pub(super) fn visible(
     device: &mut Device,
     lumen: &Lumen,
     viewpoints: &[Viewpoint],
@@ -339,7 +283,7 @@ fn visible(
     Ok(input.read(pending, &out))
 }
 
-fn clearance(line: &Centerline, lumen: &Lumen, distance: &[f32]) -> f64 {
+pub(super) fn clearance(line: &Centerline, lumen: &Lumen, distance: &[f32]) -> f64 {
     let d = Sampler { lumen, field: distance };
     let local = lumen.grid.voxel_from_world();
     line.branches

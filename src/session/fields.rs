@@ -5,12 +5,12 @@ use std::time::Instant;
 
 use glam::UVec3;
 
-use super::stages::ridge;
 use super::{Clock, Session, SessionError, locked, present};
-use crate::compute::{Array, Plan};
+use crate::compute::{Array, Buf, Plan};
 use crate::device::Device;
-use crate::field::{self, Candidate, LumenBuffers, Response};
+use crate::field::{self, LumenBuffers, Response};
 use crate::lumen::{BitVolume, Lumen};
+use crate::paper::RidgePoint;
 use crate::task::catch_cancelled;
 use crate::volume::{Grid, Volume};
 
@@ -20,8 +20,8 @@ pub struct Fields {
     pub distance: Arc<Array<f32>>,
     /// Distance after a Gaussian of one (smallest) voxel, mm.
     pub smooth: Array<f32>,
-    /// Ridge candidates of the paper's method, in element order; none in default mode.
-    pub candidates: Vec<Candidate>,
+    /// Ridge points of the paper's method, in element order, where the settings ask for them.
+    pub ridge: Vec<RidgePoint>,
 }
 
 /// Exact distance alone.
@@ -43,42 +43,16 @@ pub(super) fn distance_field(
     Ok(out.take(d))
 }
 
-/// Distance and smoothing in one plan; of the paper's method with ridge marking, compaction and
-/// eigen-analysis.
-///
-/// # Errors
-/// The device's.
-pub(super) fn fields(
-    device: &mut Device,
-    lumen: &Lumen,
-    with_ridge: bool,
-    clock: &mut Clock,
-) -> Result<Fields, SessionError> {
-    // A ridge is a curve or a sheet: far fewer voxels than the lumen. Where the guess is too
-    // small the counter says by how much, and the chain runs again.
-    let mut capacity = (lumen.inside_voxels() as usize / 8).clamp(1024, 1 << 20);
-    loop {
-        let start = Instant::now();
-        let mut plan = Plan::new();
-        let buffers = LumenBuffers::new(&mut plan, lumen);
-        let d = field::distance(&mut plan, &buffers);
-        let f = field::smooth(&mut plan, &buffers, d, buffers.spacing_mm.min_element(), None);
-        let ridge =
-            with_ridge.then(|| field::ridge(&mut plan, &buffers, d, f, f32::INFINITY, capacity));
-        plan.download(d);
-        plan.download(f);
-        let mut out = device.run(&plan)?;
-        match ridge.map_or(Ok(Vec::new()), |r| r.read(&out)) {
-            Ok(candidates) => {
-                let name = if with_ridge { "distance, ridge" } else { "distance, smooth" };
-                let items = (lumen.inside_voxels(), "voxels");
-                clock.record_plan(name, device.name(), start, items, &out);
-                let distance = Arc::new(out.take(d));
-                return Ok(Fields { distance, smooth: out.take(f), candidates });
-            }
-            Err(total) => capacity = total,
-        }
-    }
+/// Appends the exact distance and its smoothing, both to be read back.
+pub(super) fn distance_and_smooth(
+    plan: &mut Plan<'_>,
+    buffers: &LumenBuffers,
+) -> (Buf<f32>, Buf<f32>) {
+    let d = field::distance(plan, buffers);
+    let f = field::smooth(plan, buffers, d, buffers.spacing_mm.min_element(), None);
+    plan.download(d);
+    plan.download(f);
+    (d, f)
 }
 
 /// A whole volume as a lumen of bricks, with its real values as a field: for the Hessian of grey
@@ -144,10 +118,17 @@ impl Session {
     }
 
     pub(super) fn run_fields(&self, clock: &mut Clock) -> Result<Fields, SessionError> {
-        let lumen = present(&self.slots.lumen);
-        let device = present(&self.slots.device);
-        let device = &mut device.lock();
-        fields(device, &lumen.lumen, ridge(&self.settings), clock)
+        let (lumen, device) = (present(&self.slots.lumen), present(&self.slots.device));
+        let (lumen, mut device) = (&lumen.lumen, device.lock());
+        let start = Instant::now();
+        let mut plan = Plan::new();
+        let buffers = LumenBuffers::new(&mut plan, lumen);
+        let (d, f) = distance_and_smooth(&mut plan, &buffers);
+        let mut out = device.run(&plan)?;
+        let items = (lumen.inside_voxels(), "voxels");
+        clock.record_plan("distance, smooth", device.name(), start, items, &out);
+        let distance = Arc::new(out.take(d));
+        Ok(Fields { distance, smooth: out.take(f), ridge: Vec::new() })
     }
 
     /// Hessian eigen-analysis of the distance field over the lumen, in its slot order: one value

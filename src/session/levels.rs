@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use super::{Clock, Mode, Session, SessionError, level_cache, locked, present};
+use super::{Clock, Session, SessionError, level_cache, locked, present};
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
 use crate::lod::vds::{ParameterizedOriginal, SubdivisionSurface, Vds, VdsOptions};
@@ -75,10 +75,9 @@ pub fn base_faces(mesh: &Mesh) -> usize {
 /// A base is made of a surface of so many times its faces, where there is one.
 const BASE_OF: u64 = 6;
 
-/// A mesh with so many faces: by the default metric with vertices moved to where they stand best,
-/// or by the paper's with vertices that stay. Where fans of faces touch they are parted first.
+/// Simplifies a mesh to few faces. Where fans of faces touch they are parted first.
 ///
-/// By default it begins with what `clusters` of the mesh have at six times the faces, where
+/// The simplification begins with what `clusters` of the mesh have at six times the faces, where
 /// there are any: that errs a small part of what the base will, and takes three tenths of the time.
 ///
 /// # Errors
@@ -86,32 +85,20 @@ const BASE_OF: u64 = 6;
 pub fn base(
     mesh: &Mesh,
     clusters: Option<&Clusters>,
-    faces: usize,
-    mode: Mode,
+    options: &SimplifyOptions,
     clock: &mut Clock,
 ) -> Result<Mesh, SessionError> {
-    let options = SimplifyOptions {
-        metric: metric(mode),
-        relocate: mode == Mode::Default,
-        ..SimplifyOptions::to_faces(faces)
-    };
     let work = || -> Result<Mesh, MeshError> {
-        let begun = clusters.filter(|_| mode == Mode::Default);
-        let begun = begun.map(|c| c.uniform_cut(BASE_OF * faces as u64).0);
+        let begun = clusters.map(|c| c.uniform_cut(BASE_OF * options.faces as u64).0);
         let mesh = begun.as_ref().unwrap_or(mesh);
-        match simplify(mesh, &options, &mut ()) {
+        match simplify(mesh, options, &mut ()) {
             Err(MeshError::NonManifoldEdge { .. } | MeshError::NonManifoldVertex { .. }) => {
-                Ok(simplify(&make_manifold(mesh)?.0, &options, &mut ())?.mesh)
+                Ok(simplify(&make_manifold(mesh)?.0, options, &mut ())?.mesh)
             }
             done => Ok(done?.mesh),
         }
     };
     Ok(clock.time("base", "faces", work, |_| mesh.faces.len() as u64)?)
-}
-
-/// Cost of a collapse in a mode.
-fn metric(mode: Mode) -> Metric {
-    if mode == Mode::Paper { Metric::Paper } else { Metric::NormalQem }
 }
 
 /// Below this a base saves nothing worth having.
@@ -152,7 +139,7 @@ impl Levels {
     /// The paper's: the mesh simplified to `base` faces, subdivided where the camera looks, every
     /// new vertex on the original by the record of the collapses.
     ///
-    /// * `mode`: whose metric simplifies.
+    /// * `metric`: cost of a collapse.
     ///
     /// # Errors
     /// [`SessionError`]: a mesh that half-edges cannot hold, or that is too large.
@@ -160,17 +147,14 @@ impl Levels {
         mesh: &Mesh,
         vertices: &[Vertex],
         base: usize,
-        mode: Mode,
+        metric: Metric,
         pixel_error: f32,
         clock: &mut Clock,
     ) -> Result<Self, SessionError> {
         let mut maps = Parameterization::new(mesh)?;
         // The samples are the original's own: a base that moved would only mislead the bounds.
-        let options = SimplifyOptions {
-            metric: metric(mode),
-            relocate: false,
-            ..SimplifyOptions::to_faces(base)
-        };
+        let options =
+            SimplifyOptions { metric, relocate: false, ..SimplifyOptions::to_faces(base) };
         let simplified = clock.time(
             "simplify",
             "faces",
@@ -253,8 +237,8 @@ impl Session {
         let (mesh, error) = (drawn.mesh(), self.settings.levels.pixel_error);
         return_freed_memory();
         let base = base_faces(mesh);
-        let mode = self.settings.mode;
-        Levels::of_subdivision(mesh, &shading.vertices, base, mode, error, clock)
+        let metric = self.settings.methods().metric;
+        Levels::of_subdivision(mesh, &shading.vertices, base, metric, error, clock)
     }
 
     pub(super) fn run_base_from_clusters(&self, clock: &mut Clock) -> Result<Mesh, SessionError> {
@@ -269,7 +253,13 @@ impl Session {
     fn make_base(&self, clusters: Option<&Clusters>, c: &mut Clock) -> Result<Mesh, SessionError> {
         let wall = present(&self.slots.wall);
         let faces = self.settings.wall.base_faces.unwrap_or_else(|| base_faces(&wall.mesh));
-        base(&wall.mesh, clusters, faces, self.settings.mode, c)
+        let methods = self.settings.methods();
+        let options = SimplifyOptions {
+            metric: methods.metric,
+            relocate: methods.relocate,
+            ..SimplifyOptions::to_faces(faces)
+        };
+        base(&wall.mesh, clusters, &options, c)
     }
 
     /// Keeps clusters that were built for the next session, where settings name a folder. Nobody

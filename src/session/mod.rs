@@ -22,6 +22,8 @@ mod level_cache;
 pub mod levels;
 mod load;
 mod memory;
+mod mode;
+mod paper;
 mod progress;
 mod report;
 mod scheduler;
@@ -42,6 +44,7 @@ pub use frames::{DrawnFrame, FrameStream};
 pub use levels::{Levels, LodReport};
 pub use load::{read_any_volume, read_orthogonal_volume};
 pub use memory::{peak_memory_mb, refuse_above, resident_memory_mb};
+pub use mode::Mode;
 pub use progress::Progress;
 pub use report::{
     CenterlineReport, ComponentReport, CoverageReport, FramesReport, InputReport, LumenReport,
@@ -51,10 +54,10 @@ pub use report::{
 pub use search::Exterior;
 pub use segmentation::{Core, Segmented};
 pub use settings::{
-    CenterlineSettings, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings, Seed,
-    Settings, Source, VolumeSource, WallMethod, WallSettings,
+    CenterlineSettings, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings, Radius,
+    Seed, Settings, Source, VolumeSource, WallMethod, WallSettings,
 };
-pub use stages::{Product, Products};
+pub use stages::{Product, Products, kernels};
 pub use surface::{DrawnWall, Wall, gradient_normals, smoothed_normals, written_mesh};
 pub use writer::{FrameWriter, is_frame_file};
 
@@ -67,16 +70,6 @@ use folder_lock::FolderLocks;
 use progress::ProgressState;
 use scheduler::Board;
 use stages::Slots;
-
-/// Methods that the chain follows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Mode {
-    /// Our own methods.
-    #[default]
-    Default,
-    /// Methods of the paper (Li et al. 2004), errors and all.
-    Paper,
-}
 
 /// The device that plans run on, with what can be known of it without waiting for its work.
 pub struct OpenDevice {

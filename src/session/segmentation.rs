@@ -1,7 +1,7 @@
 //! Choosing the core of the lumen, and the lumen from it.
 //!
 //! The core (threshold, label, organ) decides which lumen is meant. In grey values the wall field
-//! decides where its wall is; of label maps and in paper mode the core is the lumen.
+//! decides where its wall is; of label maps and of an exact wall the core is the lumen.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -11,7 +11,7 @@ use glam::IVec3;
 use super::load::Loaded;
 use super::memory::{RunSize, estimate_bytes};
 use super::settings::{Seed, Source, WallMethod};
-use super::{Clock, Mode, Session, SessionError, present, read_any_volume, refuse_above};
+use super::{Clock, Session, SessionError, present, read_any_volume, refuse_above};
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::lumen::{
@@ -78,9 +78,12 @@ impl Session {
     fn wall_method(&self, loaded: &Loaded, core: &Core) -> WallMethod {
         let is_grey = matches!(core.options.selection, IntensitySelection::Range { .. })
             || core.organ.is_some();
-        match self.settings.lumen.wall {
+        let asked = match self.settings.lumen.wall {
+            WallMethod::Auto => self.settings.methods().wall,
+            asked => asked,
+        };
+        match asked {
             _ if self.settings.wall.from_mask => WallMethod::Exact,
-            WallMethod::Auto if self.settings.mode == Mode::Paper => WallMethod::Exact,
             WallMethod::Auto if is_grey => WallMethod::Field,
             WallMethod::Auto if relaxes_by_default(loaded.volume.grid.spacing_mm) => {
                 WallMethod::Relaxed

@@ -6,15 +6,15 @@ use std::sync::Arc;
 
 use glam::{DVec3, UVec3};
 
-use super::Mode;
-use crate::centerline::{Loops, Radius};
+use super::mode::{Methods, Mode};
+use crate::centerline::Loops;
 use crate::device::DeviceChoice;
 use crate::flight::{CameraPath, Frames};
 use crate::formats::{Facing, ReadOptions, shown};
 use crate::lumen::IntensitySelection;
 use crate::organ::OrganOptions;
 use crate::render::View;
-use crate::surface::{Fairing, Smoothing};
+use crate::surface::Smoothing;
 use crate::volume::Volume;
 
 /// Source of a volume.
@@ -118,6 +118,16 @@ impl Default for LumenSettings {
             wall: WallMethod::Auto,
         }
     }
+}
+
+/// Range of sight of the candidates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+pub enum Radius {
+    /// The paper's Eq. 5, from ridge points: k·d, k = λ1/λ2 clamped to [1, 3].
+    Paper,
+    /// Longest of 32 rays across the lumen, plus a voxel's diagonal.
+    Measured,
 }
 
 /// The centerline.
@@ -255,20 +265,19 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Reach of viewpoints in this mode.
-    pub(super) fn radius(&self) -> Radius {
-        self.centerline.radius.unwrap_or(match self.mode {
-            Mode::Paper => Radius::Paper,
-            Mode::Default => Radius::Measured,
-        })
+    /// Methods of the mode, for what the settings leave open.
+    pub(super) fn methods(&self) -> &'static Methods {
+        self.mode.methods()
     }
 
-    /// Normal smoothing in this mode.
+    /// Reach of viewpoints.
+    pub(super) fn radius(&self) -> Radius {
+        self.centerline.radius.unwrap_or(self.methods().radius)
+    }
+
+    /// Normal smoothing.
     pub(super) fn smoothing(&self) -> Smoothing {
-        self.wall.smoothing.unwrap_or(match self.mode {
-            Mode::Paper => Smoothing::Steps(Fairing::PAPER),
-            Mode::Default => Smoothing::Multiscale,
-        })
+        self.wall.smoothing.unwrap_or(self.methods().smoothing)
     }
 
     /// Values of the settings that decide which products there are.

@@ -11,11 +11,11 @@ use super::levels::BuiltClusters;
 use super::load::{Inputs, Loaded};
 use super::settings::{Lod, Settings};
 use super::{
-    Centered, Clock, Core, DrawnWall, Exterior, Fields, Levels, Mode, OpenDevice, Segmented,
-    Session, SessionError, Slot, Visibility, Wall, locked, put,
+    Centered, Clock, Core, DrawnWall, Exterior, Fields, Levels, Mode, OpenDevice, Radius,
+    Segmented, Session, SessionError, Slot, Visibility, Wall, locked, put,
 };
-use crate::centerline::{Radius, Routed};
-use crate::compute::Array;
+use crate::centerline::Routed;
+use crate::compute::{Array, Kernel};
 use crate::flight::{Coverage, Flight, SectionFigures, WallIndex};
 use crate::geometry::{CenterlineDistances, Mesh, TriangleBvh};
 use crate::render::PreparedMesh;
@@ -71,13 +71,21 @@ fn selection(s: &Settings) -> bool {
     !organ(s)
 }
 
-/// Whether ridge candidates are found.
-pub(super) fn ridge(s: &Settings) -> bool {
+/// Whether ridge points are found.
+fn ridge(s: &Settings) -> bool {
     paper_mode(s) || s.radius() == Radius::Paper
 }
 
 fn no_ridge(s: &Settings) -> bool {
     !ridge(s)
+}
+
+fn from_graph(s: &Settings) -> bool {
+    default_mode(s) && !ridge(s)
+}
+
+fn from_ridge(s: &Settings) -> bool {
+    default_mode(s) && ridge(s)
 }
 
 fn clusters(s: &Settings) -> bool {
@@ -225,10 +233,10 @@ products! {
     /// Exact distance to the nearest external voxel centre, mm, in slot order of the lumen.
     pub Distance distance: Array<f32> =
         "distance" 3.0 [Lumen Device] () Device always run_distance;
-    /// Distance and smoothed distance, in paper mode ridge candidates too, in one plan.
+    /// Distance and smoothed distance, and the ridge where it is asked for, in one plan.
     pub Fields fields: Fields =
         "distance, smooth" 6.0 [Lumen Device] () Device no_ridge run_fields
-        | "distance, ridge" 6.0 [Lumen Device] () Device ridge run_fields;
+        | "distance, ridge" 6.0 [Lumen Device] () Device ridge run_ridge_fields;
     /// The renderer on its device.
     pub(super) Display display: Display =
         "renderer" 1.0 [Device] (flight.size, flight.samples) Cpu always run_display;
@@ -237,7 +245,8 @@ products! {
         "route" 15.0 [Lumen Fields] (centerline.from, centerline.to, centerline.tree, centerline.loops) Cpu default_mode run_route;
     /// Outcome of the visibility test, with the boundary voxels that no viewpoint sees.
     pub(super) Visibility visibility: Visibility =
-        "visibility" 5.0 [Lumen Fields Route Device] (mode, centerline.radius) Device default_mode run_visibility;
+        "visibility" 5.0 [Lumen Fields Route Device] (mode, centerline.radius) Device from_graph run_visibility
+        | "visibility" 5.0 [Lumen Fields Route Device] (mode, centerline.radius) Device from_ridge run_ridge_visibility;
     /// The wall with smoothed normals, LPS mm.
     pub Wall wall: Wall =
         "surface" 8.0 [Lumen Volume Device] (mode, wall.from_mask, wall.smoothing) Device always run_wall;
@@ -302,6 +311,11 @@ products! {
     /// Distances of the wall's vertices from the centerline.
     pub CenterlineDistances centerline_distances: CenterlineDistances =
         "centerline distances" 0.5 [Wall Centerline] () Cpu always run_centerline_distances;
+}
+
+/// Every kernel that a stage launches, and the copy that rates a device.
+pub fn kernels() -> impl Iterator<Item = &'static Kernel> {
+    crate::kernels::ALL.iter().chain(crate::paper::kernels::ALL).copied()
 }
 
 /// Number of products.

@@ -6,7 +6,8 @@ use common::pages::Pages;
 use common::{screen, tube};
 use intima::geometry::{Camera, Lens, Mesh, TriangleBvh};
 use intima::lod::{PageCache, Tolerance};
-use intima::session::{Clock, Levels, Mode};
+use intima::mesh::Metric;
+use intima::session::{Clock, Levels};
 use intima::surface::shading;
 
 fn camera(s: f32, fov_deg: f32) -> Camera {
@@ -25,7 +26,7 @@ fn subdivision(mesh: &Mesh) -> Levels {
     let vertices = shading(mesh).vertices;
     let clock = &mut Clock::default();
     let base = mesh.faces.len() / 10;
-    Levels::of_subdivision(mesh, &vertices, base, Mode::Default, 1.0, clock).unwrap()
+    Levels::of_subdivision(mesh, &vertices, base, Metric::NormalQem, 1.0, clock).unwrap()
 }
 
 /// Compares every pixel of a flight through the tube.

@@ -2,10 +2,11 @@
 
 use common::fixtures::{int, json, list, lumen, real, voxel};
 use glam::DVec3;
-use intima::centerline::{Ends, NOWHERE, RouteOptions, VoxelRoutes, centerline};
+use intima::centerline::{Ends, RouteOptions, centerline};
 use intima::compute::{Plan, run_cpu};
 use intima::field::{LumenBuffers, Sampler, distance, smooth};
 use intima::lumen::Lumen;
+use intima::paper::{NOWHERE, VoxelRoutes};
 use serde_json::Value;
 
 /// The exact distance, mm, and the same after a Gaussian of a voxel.

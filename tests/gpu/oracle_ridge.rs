@@ -9,9 +9,10 @@ use common::fixtures::{devices, int, ints, json, list, lumen, real};
 use glam::{DVec3, IVec3, UVec3};
 use intima::compute::Plan;
 use intima::device::Device;
-use intima::field::{Candidate, LumenBuffers, distance, ridge, smooth};
-use intima::kernels::ridge_mark;
+use intima::field::{LumenBuffers, distance, smooth};
 use intima::lumen::Lumen;
+use intima::paper::kernels::ridge_mark;
+use intima::paper::{RidgePoint, ridge};
 use serde_json::Value;
 
 const NAMES: [&str; 5] = ["tube", "oblique", "torus", "oblique_thick", "torus_thick"];
@@ -77,7 +78,7 @@ fn accepted_voxels_are_those_of_the_fixture_with_and_without_the_gate() {
 }
 
 /// Every voxel the paper's test accepts, measured.
-fn measured(device: &mut Device, lumen: &Lumen) -> Vec<Candidate> {
+fn measured(device: &mut Device, lumen: &Lumen) -> Vec<RidgePoint> {
     let mut plan = Plan::new();
     let b = LumenBuffers::new(&mut plan, lumen);
     let d = distance(&mut plan, &b);

@@ -3,9 +3,10 @@
 use std::time::Duration;
 
 use intima::compute::{Outputs, Plan};
-use intima::field::{LumenBuffers, distance, ridge, smooth};
+use intima::field::{LumenBuffers, distance, smooth};
 use intima::kernels::fair;
 use intima::lumen::{BitVolume, IntensitySelection, Lumen, SegmentationOptions};
+use intima::paper::ridge;
 use intima::task::CancelToken;
 use intima::vk::{Gpu, RunOptions, Validate, VkError};
 use intima::volume::Grid;

@@ -4,14 +4,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use intima::centerline::Radius;
 use intima::device::DeviceChoice;
 use intima::lumen::IntensitySelection;
 use intima::organ::Organ;
 use intima::render::View;
 use intima::session::{
-    FlightRoute, LevelSettings, Lod, LumenSettings, Mode, Product, Session, SessionError, Settings,
-    Source, VolumeSource, WallMethod,
+    FlightRoute, LevelSettings, Lod, LumenSettings, Mode, Product, Radius, Session, SessionError,
+    Settings, Source, VolumeSource, WallMethod,
 };
 use intima::surface::{Fairing, Smoothing};
 use intima::volume::Volume;
@@ -143,7 +142,7 @@ fn figures(session: &Session) -> String {
         &lumen.method,
         &wall.mesh,
         &&fields.distance[..],
-        &fields.candidates.len(),
+        &fields.ridge.len(),
         &centered.line,
         &(centered.on_ridge, centered.candidates, centered.kept),
         &flight,

@@ -8,9 +8,9 @@ mod wall;
 
 use glam::{DVec3, IVec3, UVec3};
 use intima::compute::{Buf, Kernel, Plan};
-use intima::kernels::ALL;
 use intima::lumen::bricks::bit_field;
 use intima::lumen::{BitVolume, Lumen};
+use intima::session::kernels;
 use intima::volume::Grid;
 
 /// A named plan; its downloads are what devices must agree on.
@@ -23,7 +23,7 @@ pub struct Case {
 
 /// Every kernel with its cases.
 pub fn all() -> impl Iterator<Item = (&'static Kernel, Vec<Case>)> {
-    ALL.iter().map(|k| (*k, of(k.name())))
+    kernels().map(|k| (k, of(k.name())))
 }
 
 /// Cases of a kernel.

@@ -2,10 +2,13 @@
 
 use glam::Vec3;
 use intima::compute::Plan;
-use intima::kernels::ridge_mark::{Halo, ridge};
-use intima::kernels::{compact_count, compact_scatter, prefix_sum, ridge_mark, ridge_measure};
+use intima::kernels::halo::Halo;
 use intima::lumen::Lumen;
 use intima::lumen::bricks::BRICK;
+use intima::paper::kernels::ridge_mark::ridge;
+use intima::paper::kernels::{
+    compact_count, compact_scatter, prefix_sum, ridge_mark, ridge_measure,
+};
 
 use super::{Case, on_bricks, smooth_distance};
 

@@ -3,7 +3,8 @@
 use super::source::words;
 use super::tree::Tree;
 
-const LIST: &str = "src/kernels/mod.rs";
+/// Where twins stand, each folder with its own list.
+const FOLDERS: [&str; 2] = ["src/kernels/", "src/paper/kernels/"];
 const CASES: &str = "tests/gpu/cases/mod.rs";
 /// What a shader's head has to say; `ours` (departures) only where there are any.
 const FIELDS: &[&str] = &["in", "out", "grid", "tol", "src"];
@@ -17,25 +18,29 @@ fn stems(tree: &Tree) -> impl Iterator<Item = &str> {
 /// Each shader has a Rust file of its name with a twin, listed in `ALL`, and cases; and the reverse.
 pub fn complete(tree: &Tree) -> Vec<String> {
     let mut broken = Vec::new();
-    let code: Vec<_> = tree.rust("src/kernels/").collect();
+    let code: Vec<_> = FOLDERS.iter().flat_map(|folder| tree.rust(folder)).collect();
+    let file = |path: &str| code.iter().find(|(p, _)| *p == path).map(|(_, code)| code);
     let cases = tree.text(CASES).unwrap_or_default();
-    let all = code.iter().find(|(p, _)| *p == LIST).and_then(|(_, code)| list(code));
     for stem in stems(tree) {
-        let path = format!("src/kernels/{stem}.rs");
-        match code.iter().find(|(p, _)| *p == path) {
+        let of = |folder: &&&str| file(&format!("{folder}{stem}.rs")).is_some();
+        let folder = FOLDERS.iter().find(of).unwrap_or(&FOLDERS[0]);
+        let (path, list_path) = (format!("{folder}{stem}.rs"), format!("{folder}mod.rs"));
+        match file(&path) {
             None => broken.push(format!("shaders/{stem}.wgsl: no {path}")),
-            Some((_, code)) if !defines(code, "twin") => broken.push(format!("{path}: no fn twin")),
+            Some(code) if !defines(code, "twin") => broken.push(format!("{path}: no fn twin")),
             Some(_) => {}
         }
         if words(cases, stem).next().is_none() {
             broken.push(format!("{CASES}: no cases of {stem}"));
         }
+        let all = file(&list_path).and_then(|code| list(code));
         if all.is_none_or(|all| words(all, stem).next().is_none()) {
-            broken.push(format!("{LIST}: {stem} is not in ALL"));
+            broken.push(format!("{list_path}: {stem} is not in ALL"));
         }
     }
     let orphans = code.iter().filter_map(|(path, code)| {
-        let stem = path.strip_prefix("src/kernels/")?.strip_suffix(".rs")?;
+        let folder = FOLDERS.iter().find(|f| path.starts_with(**f))?;
+        let stem = path.strip_prefix(folder)?.strip_suffix(".rs")?;
         let lost = defines(code, "twin") && !tree.has(&format!("shaders/{stem}.wgsl"));
         lost.then(|| format!("{path}: a twin without shaders/{stem}.wgsl"))
     });
@@ -79,6 +84,7 @@ pub fn headers(tree: &Tree) -> Vec<String> {
 mod tests {
     use super::*;
 
+    const LIST: &str = "src/kernels/mod.rs";
     const SHADER: &str = "// fair: smooths.\n// in   n [V]\n// out  m [V]\n// grid a vertex\n\
                           // tol  1e-5\n// src  someone 1995\n@compute fn main() {}";
     const RUST: &str = "pub fn twin(args: &mut CpuArgs<'_>) {}";
@@ -94,6 +100,16 @@ mod tests {
     fn a_whole_kernel_is_fine() {
         let tree = tree(SHADER, RUST, ALL);
         assert_eq!([complete(&tree), headers(&tree)].concat(), [""; 0]);
+    }
+
+    #[test]
+    fn a_kernel_of_the_paper_is_on_the_papers_list() {
+        let wing = ("src/paper/kernels/fair.rs", RUST);
+        let files = [("shaders/fair.wgsl", SHADER), wing, (CASES, OF), (LIST, ALL)];
+        let lost = "src/paper/kernels/mod.rs: fair is not in ALL";
+        assert_eq!(complete(&Tree::of(&files)), [lost]);
+        let listed = [&files[..], &[("src/paper/kernels/mod.rs", ALL)]].concat();
+        assert_eq!(complete(&Tree::of(&listed)), [""; 0]);
     }
 
     #[test]

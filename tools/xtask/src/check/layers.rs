@@ -24,6 +24,7 @@ pub const ORDER: &[&str] = &[
     "vk",
     "render",
     "device",
+    "paper",
     "session",
     "app",
     "cli",

@@ -1,8 +1,8 @@
 //! CPU twin of `prefix_sum`.
 
-pub use super::host::prefix_sum::{Bindings, Params};
-use super::host::prefix_sum::{SHADER, open};
 use crate::compute::{CpuArgs, Kernel, Tolerance};
+pub use crate::kernels::host::prefix_sum::{Bindings, Params};
+use crate::kernels::host::prefix_sum::{SHADER, open};
 
 /// See `shaders/prefix_sum.wgsl`. One workgroup: launch it with 256 threads.
 pub static KERNEL: Kernel =

@@ -4,98 +4,15 @@
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
-use super::hessian::eigenvalues;
-pub use super::host::ridge_mark::{Bindings, Params};
-use super::host::ridge_mark::{SHADER, open};
 use crate::compute::{CpuArgs, Kernel, Tolerance};
-use crate::lumen::bricks::{BRICK, NONE, near_index};
+use crate::kernels::halo::Halo;
+use crate::kernels::hessian::eigenvalues;
+pub use crate::kernels::host::ridge_mark::{Bindings, Params};
+use crate::kernels::host::ridge_mark::{SHADER, open};
 
 /// See `shaders/ridge_mark.wgsl`.
 pub static KERNEL: Kernel =
     Kernel { shader: &SHADER, twin, unit: "voxels", tolerance: Tolerance::EXACT };
-
-/// A brick of a field with a rim of one voxel: 10³ values, absent bricks 0.
-pub struct Halo([f32; 1000]);
-
-impl Halo {
-    /// Reads around brick `slot` of field `f`, by the flat table of neighbours.
-    pub fn gather(near: &[u32], f: &[f32], slot: usize) -> Self {
-        let mut out = [0.0; 1000];
-        let near = &near[slot * 27..][..27];
-        let split = |q: i32| (q >> 3, (q & 7) as usize);
-        for z in -1..9 {
-            let (dz, lz) = split(z);
-            for y in -1..9 {
-                let (dy, ly) = split(y);
-                let row = ((z + 1) * 100 + (y + 1) * 10) as usize;
-                let line = 64 * lz + 8 * ly;
-                let at = |dx: i32| near[near_index(dx, dy, dz)];
-                if at(-1) != NONE {
-                    out[row] = f[at(-1) as usize * BRICK + line + 7];
-                }
-                if at(0) != NONE {
-                    out[row + 1..row + 9].copy_from_slice(&f[at(0) as usize * BRICK + line..][..8]);
-                }
-                if at(1) != NONE {
-                    out[row + 9] = f[at(1) as usize * BRICK + line];
-                }
-            }
-        }
-        Self(out)
-    }
-
-    /// Returns the index in the block of a voxel of the brick.
-    #[inline]
-    pub fn centre(local: usize) -> usize {
-        (local & 7) + 1 + 10 * ((local >> 3 & 7) + 1) + 100 * ((local >> 6) + 1)
-    }
-
-    /// Whether the field rises by more than `rate` a mm towards some neighbour.
-    fn climbs(&self, local: usize, h: Vec3, rate: f32) -> bool {
-        let c = Self::centre(local);
-        let at_wall = self.0[c] < 1.5 * h.max_element() && rate < 1.0;
-        let limit = if at_wall { 0.4 } else { rate };
-        (0..27i32).filter(|n| *n != 13).any(|n| {
-            let step = IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
-            let q = (c as i32 + step.x + 10 * step.y + 100 * step.z) as usize;
-            self.0[q] - self.0[c] > limit * (step.as_vec3() * h).length()
-        })
-    }
-
-    /// Returns the rows of ten around a row of eight (y + 8 z), by y then z, both ascending.
-    #[inline]
-    pub fn rows(&self, row: usize) -> [&[f32; 10]; 9] {
-        let first = 10 * (row & 7) + 100 * (row >> 3);
-        std::array::from_fn(|n| {
-            let at = first + 10 * (n % 3) + 100 * (n / 3);
-            self.0[at..at + 10].try_into().expect("ten values")
-        })
-    }
-
-    /// Returns the gradient at an index of the block.
-    #[inline]
-    pub fn gradient(&self, c: usize, h: Vec3) -> Vec3 {
-        let f = &self.0;
-        Vec3::new(f[c + 1] - f[c - 1], f[c + 10] - f[c - 10], f[c + 100] - f[c - 100]) / (2.0 * h)
-    }
-
-    /// Returns the diagonal (xx, yy, zz) and off-diagonal (xy, xz, yz) of the Hessian at an index
-    /// of the block.
-    #[inline]
-    pub fn hessian(&self, c: usize, h: Vec3) -> (Vec3, Vec3) {
-        let f = &self.0;
-        let up = Vec3::new(f[c + 1], f[c + 10], f[c + 100]);
-        let down = Vec3::new(f[c - 1], f[c - 10], f[c - 100]);
-        let m = (up - 2.0 * f[c] + down) / (h * h);
-        let cross = |i: usize, j: usize| f[c + i + j] - f[c + i - j] - f[c + j - i] + f[c - i - j];
-        let o = Vec3::new(
-            cross(1, 10) / (4.0 * h.x * h.y),
-            cross(1, 100) / (4.0 * h.x * h.z),
-            cross(10, 100) / (4.0 * h.y * h.z),
-        );
-        (m, o)
-    }
-}
 
 /// Returns the eigenvalues (ascending) of a symmetric matrix, and the eigenvector of the largest
 /// unless the matrix is a multiple of the identity. As `shaders/lib/eigen.wgsl`.
@@ -113,6 +30,41 @@ pub fn eigen(m: Vec3, o: Vec3) -> (Vec3, Option<Vec3>) {
         .reduce(|a, b| if b.length_squared() > a.length_squared() { b } else { a })
         .filter(|v| v.length_squared() >= 1e-36);
     (values, longest.map(|v| v / v.length()))
+}
+
+/// Gradient at a place.
+#[inline]
+fn gradient(halo: &Halo, c: usize, h: Vec3) -> Vec3 {
+    let f = halo.values();
+    Vec3::new(f[c + 1] - f[c - 1], f[c + 10] - f[c - 10], f[c + 100] - f[c - 100]) / (2.0 * h)
+}
+
+/// Diagonal (xx, yy, zz) and rest (xy, xz, yz) of the Hessian at a place.
+#[inline]
+fn hessian(halo: &Halo, c: usize, h: Vec3) -> (Vec3, Vec3) {
+    let f = halo.values();
+    let up = Vec3::new(f[c + 1], f[c + 10], f[c + 100]);
+    let down = Vec3::new(f[c - 1], f[c - 10], f[c - 100]);
+    let m = (up - 2.0 * f[c] + down) / (h * h);
+    let cross = |i: usize, j: usize| f[c + i + j] - f[c + i - j] - f[c + j - i] + f[c - i - j];
+    let o = Vec3::new(
+        cross(1, 10) / (4.0 * h.x * h.y),
+        cross(1, 100) / (4.0 * h.x * h.z),
+        cross(10, 100) / (4.0 * h.y * h.z),
+    );
+    (m, o)
+}
+
+/// Whether the field rises by more than `rate` a mm towards some neighbour.
+fn climbs(halo: &Halo, local: usize, h: Vec3, rate: f32) -> bool {
+    let c = Halo::centre(local);
+    let at_wall = halo.values()[c] < 1.5 * h.max_element() && rate < 1.0;
+    let limit = if at_wall { 0.4 } else { rate };
+    (0..27i32).filter(|n| *n != 13).any(|n| {
+        let step = IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
+        let q = (c as i32 + step.x + 10 * step.y + 100 * step.z) as usize;
+        halo.values()[q] - halo.values()[c] > limit * (step.as_vec3() * h).length()
+    })
 }
 
 /// Result of the ridge test at a voxel.
@@ -134,12 +86,12 @@ pub struct Ridge {
 #[inline]
 pub fn ridge(halo: &Halo, local: usize, h: Vec3, gate: f32) -> Ridge {
     let c = Halo::centre(local);
-    let g = halo.gradient(c, h);
+    let g = gradient(halo, c, h);
     let mut out = Ridge { gradient: g.length(), ..Default::default() };
     if out.gradient > gate {
         return out; // most voxels of a distance map end here
     }
-    let (m, o) = halo.hessian(c, h);
+    let (m, o) = hessian(halo, c, h);
     let (values, axis) = eigen(m, o);
     out.values = values;
     out.axis = axis.unwrap_or(Vec3::Z);
@@ -195,7 +147,7 @@ fn twin(args: &mut CpuArgs<'_>) {
                 if ridge(&halo, local, h, p.gate).accepted {
                     // Few voxels get here; their bricks fetch the exact distances once.
                     let exact = exact.get_or_insert_with(|| Halo::gather(s.near, s.d, slot));
-                    if !exact.climbs(local, h, p.climb) {
+                    if !climbs(exact, local, h, p.climb) {
                         *marked |= 1 << i;
                     }
                 }
@@ -207,8 +159,6 @@ fn twin(args: &mut CpuArgs<'_>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lumen::{BitVolume, Lumen};
-    use crate::volume::Grid;
 
     #[test]
     fn eigenvalues_of_known_matrices() {
@@ -221,32 +171,5 @@ mod tests {
         let v = v.unwrap();
         assert!((v.x - v.y).abs() < 1e-5 && v.z.abs() < 1e-5);
         assert!(eigen(Vec3::splat(-3.0), Vec3::ZERO).1.is_none());
-    }
-
-    #[test]
-    fn a_halo_holds_the_brick_and_its_rim() {
-        let grid = Grid::axis_aligned([31, 29, 41], [1.0; 3]);
-        let mut mask = BitVolume::new(grid.dims);
-        for v in (0..grid.len()).filter(|i| i % 5 < 3).map(|i| grid.voxel(i)) {
-            mask.set(v.x, v.y, v.z);
-        }
-        let lumen = Lumen::new(grid, &mask);
-        let near: Vec<u32> = lumen.bricks.near().iter().flatten().copied().collect();
-        let f: Vec<f32> = (0..lumen.bricks.field_len())
-            .map(|e| {
-                let v = lumen.bricks.voxel(e);
-                (v.x + 100 * v.y + 10_000 * v.z) as f32
-            })
-            .collect();
-        let slot = lumen.bricks.len() / 2;
-        let halo = Halo::gather(&near, &f, slot);
-        for local in [0, 7, 511, 100] {
-            let v = lumen.bricks.voxel(slot * BRICK + local);
-            for d in [IVec3::ZERO, IVec3::X, IVec3::new(-1, 1, -1)] {
-                let c = Halo::centre(local) as i32 + d.x + 10 * d.y + 100 * d.z;
-                let want = lumen.bricks.element(v + d).map_or(0.0, |e| f[e]);
-                assert_eq!(halo.0[c as usize], want);
-            }
-        }
     }
 }

@@ -1,17 +1,17 @@
 //! Ridge candidates of the distance map, with their eigen-analysis, as one chain.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
-use super::LumenBuffers;
+use super::kernels::ridge_measure::STRIDE;
+use super::kernels::{compact_count, compact_scatter, prefix_sum, ridge_mark, ridge_measure};
+use crate::centerline::Viewpoint;
 use crate::compute::{Buf, Outputs, Plan};
-use crate::kernels::ridge_measure::STRIDE;
-use crate::kernels::{compact_count, compact_scatter, prefix_sum, ridge_mark, ridge_measure};
-use crate::lumen::Lumen;
+use crate::field::LumenBuffers;
 
 /// A point of the distance map's ridge.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Candidate {
-    /// Field element of the candidate's voxel.
+pub struct RidgePoint {
+    /// Field element of the point's voxel.
     pub element: usize,
     /// Offset of the ridge point from the voxel's centre, along the index axes, mm.
     pub offset_mm: Vec3,
@@ -27,7 +27,7 @@ pub struct Candidate {
 
 /// Buffers of the ridge chain.
 #[derive(Clone, Copy)]
-pub struct Candidates {
+pub struct RidgePoints {
     sums: Buf<u32>,
     list: Buf<u32>,
     measure: Buf<f32>,
@@ -39,7 +39,7 @@ pub struct Candidates {
 /// * `smoothed`: the distance map after a Gaussian of one voxel.
 /// * `gate`: largest |∇| of a medial point, and largest rise of the exact distance per mm towards
 ///   any neighbour (0.7 in default mode; infinite in paper mode, which has neither test).
-/// * `capacity`: room for candidates; [`Candidates::read`] reports if it was too small.
+/// * `capacity`: room for candidates; [`RidgePoints::read`] reports if it was too small.
 ///
 /// The test is the paper's (section 3.1) as `shaders/lib/ridge.wgsl` reads it.
 pub fn ridge(
@@ -49,7 +49,7 @@ pub fn ridge(
     smoothed: Buf<f32>,
     gate: f32,
     capacity: usize,
-) -> Candidates {
+) -> RidgePoints {
     let slots = lumen.slots as usize;
     let spacing_mm = lumen.spacing_mm.as_vec3().to_array();
     let marked = plan.zeroed::<u32>("ridge bits", slots * 16);
@@ -106,15 +106,15 @@ pub fn ridge(
     plan.download(sums);
     plan.download(list);
     plan.download(measure);
-    Candidates { sums, list, measure, slots }
+    RidgePoints { sums, list, measure, slots }
 }
 
-impl Candidates {
-    /// Returns the candidates in element order.
+impl RidgePoints {
+    /// The candidates in element order.
     ///
     /// # Errors
-    /// The number of candidates found, when `capacity` was smaller.
-    pub fn read(&self, out: &Outputs) -> Result<Vec<Candidate>, usize> {
+    /// The number there were, when `capacity` was smaller.
+    pub fn read(&self, out: &Outputs) -> Result<Vec<RidgePoint>, usize> {
         let total = out.get(self.sums)[self.slots] as usize;
         if total > self.list.len() {
             return Err(total);
@@ -123,7 +123,7 @@ impl Candidates {
         Ok(out.get(self.list)[..total]
             .iter()
             .zip(measure)
-            .map(|(&e, m)| Candidate {
+            .map(|(&e, m)| RidgePoint {
                 element: e as usize,
                 offset_mm: Vec3::from_slice(m),
                 distance_mm: m[3],
@@ -135,20 +135,24 @@ impl Candidates {
     }
 }
 
-impl Candidate {
-    /// Returns the ridge point in continuous voxel coordinates.
-    pub fn voxel(&self, lumen: &Lumen) -> DVec3 {
-        let v = lumen.bricks.voxel(self.element).as_dvec3();
-        v + self.offset_mm.as_dvec3() / lumen.grid.spacing_mm
+impl RidgePoint {
+    /// Returns the viewpoint at the ridge point, with the reach of the paper's Eq. 5: k·d, where k is
+    /// λ1/λ2 within [1, 3].
+    pub fn viewpoint(&self) -> Viewpoint {
+        let [l1, l2] = self.across.map(f64::from);
+        let k = if l2.abs() < 1e-12 { 3.0 } else { (l1 / l2).clamp(1.0, 3.0) };
+        Viewpoint { element: self.element, reach_mm: k * f64::from(self.distance_mm) }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{distance, smooth};
+    use glam::DVec3;
+
     use super::*;
     use crate::compute::run_cpu;
-    use crate::lumen::BitVolume;
+    use crate::field::{distance, smooth};
+    use crate::lumen::{BitVolume, Lumen};
     use crate::volume::Grid;
 
     fn lumen(dims: [u32; 3], spacing: [f64; 3], f: impl Fn(DVec3) -> bool) -> Lumen {
@@ -162,51 +166,13 @@ mod tests {
         Lumen::new(grid, &mask)
     }
 
-    fn candidates(lumen: &Lumen, gate: f32, capacity: usize) -> Result<Vec<Candidate>, usize> {
+    fn candidates(lumen: &Lumen, gate: f32, capacity: usize) -> Result<Vec<RidgePoint>, usize> {
         let mut plan = Plan::new();
         let b = LumenBuffers::new(&mut plan, lumen);
         let d = distance(&mut plan, &b);
         let f = smooth(&mut plan, &b, d, lumen.grid.spacing_mm.min_element(), None);
         let r = ridge(&mut plan, &b, d, f, gate, capacity);
         r.read(&run_cpu(&plan))
-    }
-
-    #[test]
-    fn distance_equals_brute_force_on_random_masks() {
-        for (seed, spacing) in [(1u64, [1.0; 3]), (2, [0.7, 0.7, 2.5]), (3, [10.0, 1.0, 1.0])] {
-            let l = lumen([21, 13, 17], spacing, |p| {
-                let q = (p / DVec3::from(spacing)).as_u64vec3();
-                let n = q.x.wrapping_mul(0x9e3779b97f4a7c15)
-                    ^ q.y.wrapping_mul(0xc2b2ae3d27d4eb4f)
-                    ^ q.z.wrapping_mul(0x165667b19e3779f9)
-                    ^ seed;
-                n.wrapping_mul(0x9e3779b97f4a7c15) >> 60 != 0
-            });
-            let mut plan = Plan::new();
-            let b = LumenBuffers::new(&mut plan, &l);
-            let d = distance(&mut plan, &b);
-            plan.download(d);
-            let out = run_cpu(&plan);
-            let d = out.get(d);
-            let h = l.grid.spacing_mm;
-            let mut outside = Vec::new();
-            for z in -1..18 {
-                for y in -1..14 {
-                    for x in -1..22 {
-                        let v = glam::IVec3::new(x, y, z);
-                        if !l.holds(v) {
-                            outside.push(v.as_dvec3() * h);
-                        }
-                    }
-                }
-            }
-            for e in l.elements(&l.inside) {
-                let p = l.bricks.voxel(e).as_dvec3() * h;
-                let want =
-                    outside.iter().map(|q| q.distance_squared(p)).fold(f64::MAX, f64::min).sqrt();
-                assert!((f64::from(d[e]) - want).abs() <= 1e-6 * want, "{p} {} {want}", d[e]);
-            }
-        }
     }
 
     #[test]
@@ -221,8 +187,9 @@ mod tests {
             r.length() < 7.0 && s.abs() < 24.0
         });
         let found = candidates(&l, 0.7, 10_000).unwrap();
+        let at = |c: &RidgePoint| l.bricks.voxel(c.element).as_dvec3() + c.offset_mm.as_dvec3();
         let core: Vec<_> =
-            found.iter().map(|c| axis(c.voxel(&l))).filter(|(_, s)| s.abs() < 15.0).collect();
+            found.iter().map(|c| axis(at(c))).filter(|(_, s)| s.abs() < 15.0).collect();
         assert!(core.len() >= 28, "{}", core.len());
         let worst = core.iter().map(|(r, _)| r.length()).fold(0.0, f64::max);
         assert!(worst < 0.6, "{worst}");

@@ -1,8 +1,8 @@
 //! CPU twin of `compact_scatter`.
 
-pub use super::host::compact_scatter::{Bindings, Params};
-use super::host::compact_scatter::{SHADER, open};
 use crate::compute::{CpuArgs, Kernel, Tolerance};
+pub use crate::kernels::host::compact_scatter::{Bindings, Params};
+use crate::kernels::host::compact_scatter::{SHADER, open};
 
 /// See `shaders/compact_scatter.wgsl`.
 pub static KERNEL: Kernel =

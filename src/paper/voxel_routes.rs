@@ -30,7 +30,7 @@ pub struct VoxelRoutes {
 }
 
 /// Legal steps from an element: number of the offset, and where it leads.
-pub(super) fn steps(lumen: &Lumen, element: usize) -> impl Iterator<Item = (usize, usize)> {
+fn steps(lumen: &Lumen, element: usize) -> impl Iterator<Item = (usize, usize)> {
     let inside = |n: usize| {
         let to = lumen.bricks.step(element, near_offset(n));
         to.filter(|e| lumen.is_inside(*e))

@@ -6,8 +6,8 @@ use glam::{DVec3, IVec3};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::recenter::arc_lengths;
-use super::{CenterlineError, Ends, RouteOptions, Viewpoint, VoxelRoutes};
+use super::VoxelRoutes;
+use crate::centerline::{CenterlineError, Ends, RouteOptions, Viewpoint, arc_lengths};
 use crate::field::Sampler;
 use crate::geometry::{Branch, Centerline, CenterlinePoint};
 use crate::kernels::visibility::sees;

@@ -3,10 +3,11 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-pub use super::host::ridge_measure::{Bindings, Params};
-use super::host::ridge_measure::{SHADER, open};
-use super::ridge_mark::{Halo, ridge};
+use super::ridge_mark::ridge;
 use crate::compute::{CpuArgs, Kernel, Tolerance};
+use crate::kernels::halo::Halo;
+pub use crate::kernels::host::ridge_measure::{Bindings, Params};
+use crate::kernels::host::ridge_measure::{SHADER, open};
 use crate::lumen::bricks::BRICK;
 
 /// Number of floats of a candidate.

@@ -2,9 +2,9 @@
 
 use rayon::prelude::*;
 
-pub use super::host::compact_count::{Bindings, Params};
-use super::host::compact_count::{SHADER, open};
 use crate::compute::{CpuArgs, Kernel, Tolerance};
+pub use crate::kernels::host::compact_count::{Bindings, Params};
+use crate::kernels::host::compact_count::{SHADER, open};
 
 /// See `shaders/compact_count.wgsl`.
 pub static KERNEL: Kernel =

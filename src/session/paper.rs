@@ -1,0 +1,93 @@
+//! Rows of the paper's chain in the table of stages.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::centering::{clearance, ranked, visible};
+use super::fields::distance_and_smooth;
+use super::{Centered, Clock, Fields, Radius, Session, SessionError, Visibility, present};
+use crate::centerline::Viewpoint;
+use crate::compute::Plan;
+use crate::field::{LumenBuffers, Sampler};
+use crate::paper::{RidgePoint, paper_path, ridge};
+
+impl Session {
+    /// Distance and smoothing with ridge marking, compaction and eigen-analysis, in one plan.
+    pub(super) fn run_ridge_fields(&self, clock: &mut Clock) -> Result<Fields, SessionError> {
+        let (lumen, device) = (present(&self.slots.lumen), present(&self.slots.device));
+        let (lumen, mut device) = (&lumen.lumen, device.lock());
+        // A ridge is a curve or a sheet: far fewer voxels than the lumen. Where the guess is too
+        // small the counter says by how much, and the chain runs again.
+        let mut capacity = (lumen.inside_voxels() as usize / 8).clamp(1024, 1 << 20);
+        loop {
+            let start = Instant::now();
+            let mut plan = Plan::new();
+            let buffers = LumenBuffers::new(&mut plan, lumen);
+            let (d, f) = distance_and_smooth(&mut plan, &buffers);
+            let points = ridge(&mut plan, &buffers, d, f, f32::INFINITY, capacity);
+            let mut out = device.run(&plan)?;
+            match points.read(&out) {
+                Ok(ridge) => {
+                    let items = (lumen.inside_voxels(), "voxels");
+                    clock.record_plan("distance, ridge", device.name(), start, items, &out);
+                    let distance = Arc::new(out.take(d));
+                    return Ok(Fields { distance, smooth: out.take(f), ridge });
+                }
+                Err(total) => capacity = total,
+            }
+        }
+    }
+
+    /// Returns the viewpoints at ridge points.
+    fn ridge_viewpoints<'a>(&self, at: impl Iterator<Item = &'a RidgePoint>) -> Vec<Viewpoint> {
+        let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
+        let distance = Sampler { lumen: &lumen.lumen, field: &fields.distance };
+        let radius = self.settings.radius();
+        at.map(|point| match radius {
+            Radius::Paper => point.viewpoint(),
+            Radius::Measured => Viewpoint::measured(point.element, point.axis, distance),
+        })
+        .collect()
+    }
+
+    /// The visibility test from the ridge instead of the graph: Eq. 5 needs the eigenvalues there.
+    pub(super) fn run_ridge_visibility(
+        &self,
+        clock: &mut Clock,
+    ) -> Result<Visibility, SessionError> {
+        let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
+        let of = |point: &RidgePoint| (point.element, point.distance_mm);
+        let places: Vec<_> = fields.ridge.iter().map(of).collect();
+        let ranked = ranked(&lumen.lumen, &places);
+        let work = || self.ridge_viewpoints(ranked.iter().map(|at| &fields.ridge[*at]));
+        let viewpoints = clock.time("reach", "candidates", work, |v| v.len() as u64);
+        self.visibility_from(&viewpoints, (places.len(), true), clock)
+    }
+
+    /// The paper's chain: ridge points in index order, boundary voxels block, kept points joined by
+    /// Dijkstra.
+    pub(super) fn run_paper_centerline(&self, clock: &mut Clock) -> Result<Centered, SessionError> {
+        let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
+        let (lumen, device) = (&lumen.lumen, present(&self.slots.device));
+        let options = self.route_options();
+        let viewpoints = self.ridge_viewpoints(fields.ridge.iter());
+        let internal: Vec<u64> =
+            lumen.inside.iter().zip(&lumen.boundary).map(|(i, b)| i & !b).collect();
+        let (kept, unseen) = visible(&mut device.lock(), lumen, &viewpoints, &internal, clock)?;
+        let kept: Vec<Viewpoint> = kept.iter().map(|r| viewpoints[*r as usize]).collect();
+        let work = || paper_path(lumen, &kept, &fields.distance, options);
+        let line = clock.time("paper path", "kept points", work, |_| kept.len() as u64)?;
+        Ok(Centered {
+            min_clearance_mm: clearance(&line, lumen, &fields.distance),
+            line,
+            proof: None,
+            candidates: viewpoints.len(),
+            on_ridge: true,
+            kept: kept.len(),
+            added: 0,
+            unseen,
+            unreachable: 0,
+            loops: Vec::new(),
+        })
+    }
+}
