@@ -7,11 +7,10 @@ use rayon::prelude::*;
 
 use super::cluster_builder::ClusterBuilder;
 use super::clusterize;
-use super::coarse_to_fine::IntermediateSurface;
-use super::distance_bound::{TargetCache, TargetSurface};
-use super::group::{SimplifiedGroup, VertexTable, simplify};
-use super::group_error::OriginalSurface;
+use super::distance_bound::{TargetCache, TargetSurface, round_up};
+use super::group::{SimplifiedGroup, simplify};
 use super::partition::{self, ClusterBorder};
+use super::surfaces::{IntermediateSurface, OriginalSurface, VertexTable};
 use super::{Cluster, ClusterError, Clusters, Group, NO_GROUP};
 use crate::fault;
 use crate::geometry::{Cone, Mesh, Sphere, TriangleBvh, Vertex};
@@ -327,12 +326,6 @@ fn check(mesh: &Mesh, vertices: &[Vertex]) -> Result<(), ClusterError> {
         Some(vertex) => Err(ClusterError::Place { vertex }),
         None => Ok(()),
     }
-}
-
-/// Rounds up to f32.
-pub fn round_up(v: f64) -> f32 {
-    let f = v as f32;
-    if f64::from(f) < v { f.next_up() } else { f }
 }
 
 /// Bounding sphere of spheres, about the centre of their box.

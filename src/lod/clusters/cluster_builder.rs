@@ -3,7 +3,6 @@
 use glam::DVec3;
 
 use super::convex_polygon::ConvexPolygon;
-use super::group_error::OriginalSurface;
 #[cfg(test)]
 use crate::geometry::Mesh;
 
@@ -106,7 +105,9 @@ impl ClusterBuilder {
     }
 
     /// Merges the parts of a face again if the cluster has all of them.
-    pub fn merge_parts(&mut self, original: &OriginalSurface<'_>) {
+    ///
+    /// * `corners`: of a face of the original, mm.
+    pub fn merge_parts(&mut self, corners: impl Fn(u32) -> [DVec3; 3]) {
         let list = std::mem::take(&mut self.parts.list);
         let mut order: Vec<u64> =
             (0..).zip(&list).map(|(i, p)| u64::from(p.corr.face) << 32 | i).collect();
@@ -116,7 +117,7 @@ impl ClusterBuilder {
             let face = part(&own[0]).corr.face;
             let area =
                 || own.iter().map(|o| ConvexPolygon::new(self.parts.corners(part(o))).area());
-            let whole = || ConvexPolygon::new(&original.corners(face)).area();
+            let whole = || ConvexPolygon::new(&corners(face)).area();
             if own.len() > 1 && area().sum::<f64>() > (1.0 - 1e-6) * whole() {
                 let far = own.iter().fold(0f32, |far, o| far.max(part(o).corr.distance_mm));
                 let over = own.iter().fold(0, |over, o| over | part(o).corr.triangle_mask);

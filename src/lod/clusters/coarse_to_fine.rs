@@ -7,77 +7,12 @@
 //! fine face. Coarse faces that are not known to be covered, and those where the sum exceeds the
 //! bound, are clipped along the fine faces instead.
 
-use glam::DVec3;
-
-use super::build::round_up;
-use super::cluster_builder::ClusterBuilder;
 use super::convex_polygon::ConvexPolygon;
-use super::distance_bound::TargetSurface;
-use super::group::VertexTable;
+use super::distance_bound::{TargetSurface, round_up};
 use super::group_error::GroupErrorMeasure;
-use super::partition::{self, NO_FACE};
+use super::partition::NO_FACE;
 use super::surface_map::SurfaceMap;
-
-/// The fine faces of a group, as the path from the coarse faces back to the original.
-pub struct FineSurface<'a> {
-    /// The faces, with the vertex ids of the coarse ones; the search tree is not used.
-    pub target: TargetSurface<'a>,
-    /// One-sided distance bound of each face to the original, mm.
-    pub to_original_mm: Vec<f32>,
-    /// One of the faces at each vertex.
-    pub face_at: Vec<u32>,
-    /// Vertex ids.
-    pub ids: &'a [u32],
-    /// Vertices of all levels.
-    pub places: &'a VertexTable,
-    /// A surface to measure to before the original.
-    pub intermediate: Option<&'a IntermediateSurface>,
-    /// A coarse face near each vertex.
-    pub coarse_at: Vec<u32>,
-}
-
-/// A surface between the original and the fine one: three levels below the coarse one, or the
-/// first.
-pub struct IntermediateSurface {
-    /// Faces, by vertex ids of all levels.
-    pub faces: Vec<[u32; 3]>,
-    /// Face across each edge.
-    pub face_neighbors: Vec<[u32; 3]>,
-    /// One-sided distance bound of each face to the original, mm.
-    pub to_original_mm: Vec<f32>,
-    /// An incident face of each of its vertices.
-    pub face_at: Vec<u32>,
-}
-
-impl FineSurface<'_> {
-    /// Position of a vertex, mm.
-    pub fn at(&self, v: u32) -> DVec3 {
-        self.target.positions[v as usize].as_dvec3()
-    }
-}
-
-impl IntermediateSurface {
-    /// The surface of the live clusters; `vertices`: number of vertices of all levels.
-    pub fn new<'a>(
-        live: impl Iterator<Item = &'a ClusterBuilder> + Clone,
-        vertices: usize,
-    ) -> Self {
-        let faces: Vec<[u32; 3]> = live.clone().flat_map(ClusterBuilder::faces).collect();
-        let mut face_at = vec![NO_FACE; vertices];
-        for (f, i) in faces.iter().zip(0..) {
-            f.iter().for_each(|v| face_at[*v as usize] = i);
-        }
-        crate::task::checkpoint();
-        let face_neighbors = partition::face_neighbors(&faces, vertices);
-        crate::task::checkpoint();
-        Self {
-            face_neighbors,
-            to_original_mm: live.flat_map(|d| d.to_original_mm.iter().copied()).collect(),
-            faces,
-            face_at,
-        }
-    }
-}
+use super::surfaces::FineSurface;
 
 impl GroupErrorMeasure<'_> {
     /// One-sided distance bound from the coarse faces to the original: the largest, and that of

@@ -420,3 +420,9 @@ impl TargetSurface<'_> {
         Some((if out.dot(third) > 0.0 { -out } else { out }, at(a)))
     }
 }
+
+/// Rounds up to f32.
+pub fn round_up(v: f64) -> f32 {
+    let f = v as f32;
+    if f64::from(f) < v { f.next_up() } else { f }
+}

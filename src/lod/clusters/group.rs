@@ -4,12 +4,12 @@ use glam::{DVec3, Vec3};
 
 use super::cluster_builder::ClusterBuilder;
 use super::clusterize;
-use super::coarse_to_fine::{FineSurface, IntermediateSurface};
 use super::distance_bound::{TargetCache, TargetSurface};
-use super::group_error::{ErrorAccumulator, GroupErrorMeasure, OriginalSurface};
+use super::group_error::{ErrorAccumulator, GroupErrorMeasure};
 use super::group_simplify::{SimplifiedFaces, simplify_faces};
 use super::partition::{self, NO_FACE};
 use super::surface_map::map_surface;
+use super::surfaces::{FineSurface, IntermediateSurface, OriginalSurface, VertexTable};
 use crate::geometry::{Mesh, TriangleBvh, Vertex};
 
 /// A group that keeps more than this share of its faces is left as it is.
@@ -24,18 +24,6 @@ const RESOLUTION: f64 = 1e-6;
 /// The map from fine to coarse faces crosses edges within this times the bound known at that time;
 /// the bound may still rise.
 const MAP_LIMIT: f64 = 1.25;
-
-/// Per-vertex data of all levels; vertices of the original come first.
-pub struct VertexTable {
-    /// Positions, LPS mm.
-    pub positions: Vec<Vec3>,
-    /// Unit normals.
-    pub normals: Vec<Vec3>,
-    /// A face of the original at or near each vertex.
-    pub face_at: Vec<u32>,
-    /// The vertex that each moved vertex replaces; else [`NO_FACE`].
-    pub predecessor: Vec<u32>,
-}
 
 /// Result of simplifying a group.
 pub struct SimplifiedGroup {
@@ -254,7 +242,7 @@ pub fn simplify(
     measure.measure_forward(inputs, &start, &map, &mut found);
     let (angle, bound) = (found.angle(), found.bound);
     for d in &mut outputs {
-        d.merge_parts(original);
+        d.merge_parts(|face| original.corners(face));
     }
     let (bound, back) = measure.measure_backward(bound, &fine, &map);
     for ((cluster, _), b) in owner.iter().zip(back) {

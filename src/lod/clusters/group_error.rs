@@ -1,44 +1,19 @@
 //! Two-sided error of a simplified group: distances between its coarse faces and their source
 //! patch, and the deviation of normals.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
-use super::build::round_up;
 use super::cluster_builder::{ClusterBuilder, Correspondence};
 use super::convex_polygon::ConvexPolygon;
-use super::distance_bound::TargetSurface;
+use super::distance_bound::{TargetSurface, round_up};
 use super::partition::NO_FACE;
 use super::projection::{BoundaryTrace, ProjectedPoint};
-use super::propagate::{DeferredPatch, Propagated, propagate};
+use super::propagate::{DeferredPatch, Propagated, coarse_overlaps, propagate};
 use super::surface_map::SurfaceMap;
-use crate::geometry::Vertex;
+use super::surfaces::OriginalSurface;
 
 /// Normals are compared at one of this many original faces: the angle is a mean and no bound.
 const SHADING_SAMPLE: u32 = 8;
-
-/// The original surface, to measure to.
-pub struct OriginalSurface<'a> {
-    /// Faces of the original and the search structures over them.
-    pub target: TargetSurface<'a>,
-}
-
-impl OriginalSurface<'_> {
-    /// A vertex at `p` with normal and curvature tint of the nearest point of the original,
-    /// interpolated between `vertices`; and the face of that point. `from`: a face near it.
-    pub fn vertex(&self, p: Vec3, from: u32, vertices: &[Vertex]) -> (Vertex, u32) {
-        let (face, near) = self.target.walk_to_point(from, p.as_dvec3());
-        let w = near.weights.map(|w| w as f32);
-        let [a, b, c] = self.target.faces[face as usize].map(|v| vertices[v as usize]);
-        let normal = a.normal() * w[0] + b.normal() * w[1] + c.normal() * w[2];
-        let relief = a.w() * w[0] + b.w() * w[1] + c.w() * w[2];
-        (Vertex::new(p, normal.try_normalize().unwrap_or(a.normal()), relief), face)
-    }
-
-    /// Corners of a face, mm.
-    pub fn corners(&self, face: u32) -> [DVec3; 3] {
-        self.target.faces[face as usize].map(|v| self.target.positions[v as usize].as_dvec3())
-    }
-}
 
 /// Direct-mapped cache of projected vertices.
 struct ProjectionCache(Vec<(u32, ProjectedPoint)>);
@@ -151,7 +126,7 @@ impl GroupErrorMeasure<'_> {
         map: &SurfaceMap,
         found: &mut ErrorAccumulator<'_>,
     ) {
-        let overlaps = self.coarse_overlaps(map);
+        let overlaps = coarse_overlaps(self.owner, map);
         let (mut overlaps, mut deferred) = (overlaps.as_slice(), Vec::new());
         for ((draft, d), start) in (0..).zip(inputs).zip(start) {
             let (own, rest) = overlaps.split_at(d.triangles.len());

@@ -32,6 +32,7 @@ mod partition;
 mod projection;
 mod propagate;
 mod surface_map;
+mod surfaces;
 mod uniform_cut;
 mod vertex_faces;
 

@@ -8,9 +8,8 @@
 
 use std::cmp::Ordering;
 
-use super::build::round_up;
 use super::cluster_builder::Correspondence;
-use super::group_error::GroupErrorMeasure;
+use super::distance_bound::round_up;
 use super::surface_map::SurfaceMap;
 
 /// Coarse faces of one cluster that a fine face overlaps.
@@ -62,26 +61,26 @@ impl DeferredPatch {
     }
 }
 
-impl GroupErrorMeasure<'_> {
-    /// For each fine face, the coarse faces that it overlaps, if they belong to one cluster.
-    pub fn coarse_overlaps(&self, map: &SurfaceMap) -> Vec<Option<CoarseOverlap>> {
-        let of = |range: &std::ops::Range<usize>| {
-            let overlaps = &map.overlaps[range.clone()];
-            let face = overlaps.first()?.0;
-            let (cluster, _) = self.owner[face as usize];
-            let (mut triangle_mask, mut distance_mm) = (0, 0f64);
-            for (face, far) in overlaps {
-                let (other, triangle) = self.owner[*face as usize];
-                if other != cluster {
-                    return None;
-                }
-                triangle_mask |= 1 << triangle;
-                distance_mm = distance_mm.max(*far);
+/// For each fine face, the coarse faces that it overlaps, if they belong to one cluster.
+///
+/// * `owner`: output cluster of each coarse face, and its index there.
+pub fn coarse_overlaps(owner: &[(u16, u8)], map: &SurfaceMap) -> Vec<Option<CoarseOverlap>> {
+    let of = |range: &std::ops::Range<usize>| {
+        let overlaps = &map.overlaps[range.clone()];
+        let face = overlaps.first()?.0;
+        let (cluster, _) = owner[face as usize];
+        let (mut triangle_mask, mut distance_mm) = (0, 0f64);
+        for (face, far) in overlaps {
+            let (other, triangle) = owner[*face as usize];
+            if other != cluster {
+                return None;
             }
-            Some(CoarseOverlap { face, cluster, triangle_mask, distance_mm })
-        };
-        map.ranges.iter().map(of).collect()
-    }
+            triangle_mask |= 1 << triangle;
+            distance_mm = distance_mm.max(*far);
+        }
+        Some(CoarseOverlap { face, cluster, triangle_mask, distance_mm })
+    };
+    map.ranges.iter().map(of).collect()
 }
 
 /// Propagates a correspondence, if all the coarse faces that it may overlap belong to one cluster.

@@ -9,10 +9,10 @@
 
 use glam::DVec3;
 
-use super::coarse_to_fine::FineSurface;
 use super::distance_bound::TargetSurface;
 use super::partition::NO_FACE;
 use super::projection::{BoundaryTrace, EdgeCrossing, ProjectedPoint};
+use super::surfaces::FineSurface;
 
 /// Result of mapping the fine faces.
 pub struct SurfaceMap {

@@ -1,12 +1,12 @@
 //! Projection of polygons onto a surface, and the map of one surface onto another.
 
-use super::super::coarse_to_fine::{FineSurface, bounds_through_map};
+use super::super::coarse_to_fine::bounds_through_map;
 use super::super::convex_polygon::ConvexPolygon;
 use super::super::distance_bound::{TargetCache, TargetSurface};
-use super::super::group::VertexTable;
 use super::super::partition;
 use super::super::projection::{BoundaryTrace, ProjectedPoint};
 use super::super::surface_map::map_surface;
+use super::super::surfaces::{FineSurface, VertexTable};
 use super::*;
 
 /// A bumpy square sheet of 2 n² faces, side 1 mm each.

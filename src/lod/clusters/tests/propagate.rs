@@ -3,7 +3,7 @@
 use super::super::cluster_builder::ClusterBuilder;
 use super::super::convex_polygon::ConvexPolygon;
 use super::super::distance_bound::TriangleCache;
-use super::super::group::VertexTable;
+use super::super::surfaces::VertexTable;
 use super::*;
 
 #[test]
