@@ -1,64 +1,14 @@
 //! The CPU runner: executes the twins in order. Twins use rayon and must not let the number of
 //! threads show in their results.
 
-use std::cell::Cell;
 use std::time::Instant;
 
-use bytemuck::Pod;
-
 use super::array::Storage;
-use super::{Contents, Outputs, Plan, Step, StepTime};
+use super::{Contents, CpuArgs, Outputs, Plan, StepTime};
 
 enum BufferData<'a> {
     Input(&'a [u8]),
     Own(Storage),
-}
-
-/// Arguments of one launch for its twin.
-pub struct CpuArgs<'a> {
-    step: &'a Step,
-    reads: Vec<Option<&'a [u8]>>,
-    writes: Vec<Option<(Storage, usize)>>,
-}
-
-/// Buffers of a launch, each of which can be opened once.
-pub struct CpuSlices<'a> {
-    reads: &'a [Option<&'a [u8]>],
-    writes: Vec<Cell<Option<(&'a mut Storage, usize)>>>,
-}
-
-impl CpuArgs<'_> {
-    /// Returns the immediate block.
-    pub fn params<P: Pod>(&self) -> P {
-        bytemuck::pod_read_unaligned(&self.step.params)
-    }
-    /// Returns the number of threads of the launch.
-    pub fn threads(&self) -> usize {
-        self.step.threads
-    }
-    /// Returns access to the buffers.
-    pub fn slices(&mut self) -> CpuSlices<'_> {
-        CpuSlices {
-            reads: &self.reads,
-            writes: self
-                .writes
-                .iter_mut()
-                .map(|w| Cell::new(w.as_mut().map(|(s, n)| (s, *n))))
-                .collect(),
-        }
-    }
-}
-
-impl<'a> CpuSlices<'a> {
-    /// Returns a read-only binding.
-    pub fn read<T: Pod>(&self, binding: usize) -> &'a [T] {
-        bytemuck::cast_slice(self.reads[binding].expect("read-only binding"))
-    }
-    /// Returns a writable binding; each can be opened once.
-    pub fn write<T: Pod>(&mut self, binding: usize) -> &'a mut [T] {
-        let (s, bytes) = self.writes[binding].take().expect("writable binding, opened once");
-        s.typed_mut(bytes / size_of::<T>())
-    }
 }
 
 /// Executes a plan with the CPU twins on the current rayon pool.
@@ -125,7 +75,8 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
                 })
             })
             .collect();
-        let mut args = CpuArgs { step, reads, writes };
+        let (params, threads) = (&step.params[..], step.threads);
+        let mut args = CpuArgs { params, threads, reads, writes };
         (step.kernel.twin)(&mut args);
         let writes = args.writes;
         for (id, w) in step.buffers.iter().zip(writes) {

@@ -4,11 +4,13 @@
 mod array;
 mod compare;
 mod cpu;
+mod cpu_args;
 mod kernel;
 mod plan;
 
 pub use array::Array;
 pub use compare::{Mismatch, Tolerance, worst};
-pub use cpu::{CpuArgs, CpuSlices, run_cpu};
-pub use kernel::{Binding, Kernel, Launch, Shader, ShaderNeeds};
-pub use plan::{Buf, BufId, Contents, Outputs, Plan, PlanBuffer, Step, StepTime};
+pub use cpu::run_cpu;
+pub use cpu_args::{CpuArgs, CpuSlices};
+pub use kernel::{Binding, BufId, Kernel, Launch, Shader, ShaderNeeds};
+pub use plan::{Buf, Contents, Outputs, Plan, PlanBuffer, Step, StepTime};

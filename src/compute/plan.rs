@@ -6,11 +6,7 @@ use std::marker::PhantomData;
 use bytemuck::Pod;
 
 use super::array::Storage;
-use super::{Array, Kernel, Launch};
-
-/// Index of a buffer in its plan.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct BufId(pub u32);
+use super::{Array, BufId, Kernel, Launch};
 
 /// Handle to a buffer of a plan, with its element type.
 pub struct Buf<T> {

@@ -9,6 +9,7 @@ pub mod halfedge;
 mod heap;
 mod input;
 mod make_manifold;
+mod options;
 pub mod parameterization;
 mod parts;
 mod quadric;
@@ -23,9 +24,10 @@ pub use deviation::{Deviation, deviation};
 pub use error::MeshError;
 pub use halfedge::HalfEdges;
 pub use make_manifold::{Repairs, make_manifold};
+pub use options::{Metric, SimplifyOptions, StopReason};
 pub use parameterization::{MappedPoint, Parameterization, ParameterizationError};
 pub(crate) use quadric::Quadric;
-pub use simplify::{Metric, Simplified, SimplifyOptions, StopReason, simplify};
+pub use simplify::{Simplified, simplify};
 
 #[cfg(test)]
 mod tests;

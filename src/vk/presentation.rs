@@ -25,7 +25,7 @@ use super::{Gpu, VkError};
 const IN_FLIGHT: usize = 2;
 /// Most replaced swapchains that are kept. What was handed to the presentation engine with the
 /// oldest has two successors by then.
-const MOST_OLD: usize = 2;
+const MAX_OLD: usize = 2;
 /// Longest wait for an image, ns: a window that is hidden may never give one.
 const PATIENCE_NS: u64 = 100_000_000;
 
@@ -303,7 +303,7 @@ impl Gpu {
             true => opaque,
             false => vk::CompositeAlphaFlagsKHR::INHERIT,
         };
-        self.close_old(p, MOST_OLD - 1)?;
+        self.close_old(p, MAX_OLD - 1)?;
         let old = p.chain.as_ref().map_or(vk::SwapchainKHR::null(), |c| c.raw);
         let info = vk::SwapchainCreateInfoKHR::default()
             .surface(p.surface.raw)

@@ -1,10 +1,12 @@
 //! Values of lumen, wall and noise about a core, by which grey values are quantised.
 
 use glam::{DVec3, UVec3};
+use rayon::prelude::*;
 
 use super::Tissue;
-use crate::lumen::{BitVolume, dilated, eroded};
-use crate::volume::Volume;
+use crate::lumen::bricks::BRICK;
+use crate::lumen::{BitVolume, Bricks, dilated, eroded};
+use crate::volume::{Sample, Volume, with_samples};
 
 /// Difference between the wall's quantised value and the lumen's.
 pub(super) const UNIT: f64 = 4096.0;
@@ -20,6 +22,8 @@ const GAS_HU: std::ops::Range<f64> = -1150.0..-750.0;
 const MAX_BESIDE_GAS_HU: f64 = 150.0;
 /// Largest number of voxels of which a median is taken.
 const SAMPLES: usize = 8192;
+/// Rounds of growth beyond a core, least and most: how far values about it are read.
+pub(super) const ROUNDS: (f64, f64) = (2.0, 3.0);
 /// Inner and outer distance from the core, mm, of the shell in which the wall's value is measured.
 const SHELL_MM: (f64, f64) = (3.0, 4.0);
 
@@ -158,4 +162,26 @@ fn smoothed_at(volume: &Volume, v: UVec3, sigma_vox: DVec3) -> f64 {
         }
     }
     sum / all
+}
+
+/// Returns the quantised values of a volume in bricks; beyond the volume its edge repeats.
+pub(super) fn values_in(bricks: &Bricks, volume: &Volume, contrast: &Contrast) -> Vec<i32> {
+    let grid = volume.grid;
+    let top = grid.dims.as_ivec3() - 1;
+    let mut out = vec![0i32; bricks.field_len()];
+    with_samples!(&volume.samples, |samples| {
+        out.par_chunks_exact_mut(BRICK).zip(bricks.corners()).for_each(|(out, c)| {
+            crate::task::checkpoint();
+            for (r, row) in out.chunks_exact_mut(8).enumerate() {
+                let y = (c[1] + (r as i32 & 7)).clamp(0, top.y);
+                let z = (c[2] + (r as i32 >> 3)).clamp(0, top.z);
+                let start = grid.index(UVec3::new(0, y as u32, z as u32));
+                for (x, v) in row.iter_mut().enumerate() {
+                    let x = (c[0] + x as i32).clamp(0, top.x) as usize;
+                    *v = contrast.quantised(volume.rescale.real(samples[start + x].to_f64()));
+                }
+            }
+        });
+    });
+    out
 }

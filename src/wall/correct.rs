@@ -4,23 +4,13 @@ use glam::IVec3;
 use rayon::prelude::*;
 
 use super::launches::BrickLaunches;
-use super::profile::WallInput;
+use super::profile::WallProfile;
+use super::stats::stats;
 use super::{Evidence, OFFSET, Tissue, WallError, WallField, bridges, select};
-use crate::compute::{Array, Buf, Plan};
+use crate::compute::{Buf, Plan};
 use crate::kernels::{wall_correct, wall_peak, wall_sides};
+use crate::lumen::Lumen;
 use crate::lumen::bricks::BRICK;
-use crate::lumen::{BitVolume, Lumen};
-
-/// Offsets and marks of a first mask, to be corrected.
-pub struct WallProfile<'a> {
-    pub(super) input: WallInput<'a>,
-    pub(super) mark: Array<u32>,
-    pub(super) level: Array<i32>,
-    pub(super) mask: BitVolume,
-    pub(super) inside: Vec<u64>,
-    /// Standard deviation of the scan's blur, mm.
-    pub(super) sigma_mm: f64,
-}
 
 impl WallProfile<'_> {
     /// Appends the correction of curved edges and of closed ends.
@@ -75,7 +65,7 @@ impl WallProfile<'_> {
             bridges::cut_bridges(&mut mask, zone, bricks, |e| moved[e]);
         }
         let lumen = Lumen::new(input.grid, &mask);
-        let stats = select::stats(&input, sigma_mm, &lumen, &mark, &level);
+        let stats = stats(&input, sigma_mm, &lumen, &mark, &level);
         let scale = (input.mean_spacing() / OFFSET) as f32;
         let mut offset_mm = vec![0f32; lumen.bricks.field_len()];
         let mut evidence = vec![Evidence::Limit; offset_mm.len()];

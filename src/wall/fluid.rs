@@ -9,8 +9,7 @@
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
-use super::contrast::{Contrast, UNIT};
-use super::profile::{ROUNDS, values_in};
+use super::contrast::{Contrast, ROUNDS, UNIT, values_in};
 use super::{Tissue, WallError};
 use crate::lumen::bricks::BRICK;
 use crate::lumen::{

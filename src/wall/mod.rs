@@ -23,13 +23,13 @@ mod law;
 mod normals;
 mod profile;
 mod select;
+mod stats;
 
 pub use contrast::Contrast;
-pub use correct::WallProfile;
 pub use evidence::{Evidence, vertex_evidence};
 pub use fluid::CleansedFluid;
 pub use normals::{field_normals, smoothed_field};
-pub use profile::{ProfileBuffers, WallInput};
+pub use profile::{ProfileBuffers, WallInput, WallProfile};
 
 use glam::IVec3;
 

@@ -1,24 +1,22 @@
 //! Smoothing, growth up to the ridge of the wall, peaks and offsets.
 
-use glam::{DVec3, IVec3, UVec3};
+use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
-use super::contrast::{Contrast, UNIT, of_hu};
-use super::correct::WallProfile;
+use super::contrast::{Contrast, ROUNDS, UNIT, of_hu, values_in};
 use super::launches::BrickLaunches;
 use super::{CleansedFluid, OFFSET, Tissue, WallError, law, select};
-use crate::compute::{Buf, Outputs, Plan};
+use crate::compute::{Array, Buf, Outputs, Plan};
 use crate::kernels::blur_axis::integer_weights;
 use crate::kernels::{least_axis, ridge_grow, wall_level, wall_peak};
-use crate::lumen::bricks::{BRICK, near_offset};
+use crate::lumen::bricks::near_offset;
 use crate::lumen::{BitVolume, Bricks, bits_in, surrounding_bricks};
-use crate::volume::{Grid, Volume, with_samples};
+use crate::volume::{Grid, Volume};
 
 /// Distance of growth beyond the core, mm, and its bounds in voxels: an edge blurred from gas to
 /// tissue has its wall up to 1.2 mm outside a core that was grown without a leak, and its rim
 /// beyond that. Farther growth finds paths through the walls of bronchi; a colon's are thick.
 const GROWTH_MM: f64 = 1.8;
-pub(super) const ROUNDS: (f64, f64) = (2.0, 3.0);
 /// Longest ray to the peak of a wall, mm, and in steps of half a voxel.
 const RAY_MM: f64 = 4.0;
 const MAX_STEPS: f64 = 14.0;
@@ -72,6 +70,17 @@ pub(super) struct GaussianWeights {
     pub curvature: [Vec<i32>; 3],
     pub closed: [Vec<i32>; 3],
     pub filled: [Vec<i32>; 3],
+}
+
+/// Offsets and marks of a first mask, to be corrected.
+pub struct WallProfile<'a> {
+    pub(super) input: WallInput<'a>,
+    pub(super) mark: Array<u32>,
+    pub(super) level: Array<i32>,
+    pub(super) mask: BitVolume,
+    pub(super) inside: Vec<u64>,
+    /// Standard deviation of the scan's blur, mm.
+    pub(super) sigma_mm: f64,
 }
 
 /// Buffers of the first plan.
@@ -356,27 +365,4 @@ impl<'a> WallInput<'a> {
         let sigma = *sigmas.select_nth_unstable_by(middle, f64::total_cmp).1;
         (sigma * sigma - mean * mean / 3.0).max(0.0).sqrt().max(MIN_SIGMA * mean)
     }
-}
-
-/// Returns the quantised values of a volume in bricks; beyond the volume its edge repeats.
-pub(super) fn values_in(bricks: &Bricks, volume: &Volume, contrast: &Contrast) -> Vec<i32> {
-    use crate::volume::Sample as _;
-    let grid = volume.grid;
-    let top = grid.dims.as_ivec3() - 1;
-    let mut out = vec![0i32; bricks.field_len()];
-    with_samples!(&volume.samples, |samples| {
-        out.par_chunks_exact_mut(BRICK).zip(bricks.corners()).for_each(|(out, c)| {
-            crate::task::checkpoint();
-            for (r, row) in out.chunks_exact_mut(8).enumerate() {
-                let y = (c[1] + (r as i32 & 7)).clamp(0, top.y);
-                let z = (c[2] + (r as i32 >> 3)).clamp(0, top.z);
-                let start = grid.index(UVec3::new(0, y as u32, z as u32));
-                for (x, v) in row.iter_mut().enumerate() {
-                    let x = (c[0] + x as i32).clamp(0, top.x) as usize;
-                    *v = contrast.quantised(volume.rescale.real(samples[start + x].to_f64()));
-                }
-            }
-        });
-    });
-    out
 }

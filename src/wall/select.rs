@@ -1,14 +1,11 @@
-//! Selection of the lumen's voxels by the sign of the field, and statistics of its wall.
+//! Selection of the lumen's voxels by the sign of the field.
 
 use std::collections::{BTreeSet, HashMap};
 
-use glam::IVec3;
 use rayon::prelude::*;
 
-use super::{Contrast, Evidence, WallInput, WallStats};
-use crate::kernels::wall_level;
 use crate::lumen::bricks::BRICK;
-use crate::lumen::{BitVolume, Bricks, Lumen, Piece, Run, fill_cavities, pieces};
+use crate::lumen::{BitVolume, Bricks, Piece, Run, fill_cavities, pieces};
 
 /// Least size of a component, as a share of the largest one's voxels.
 const MIN_SHARE: f64 = 0.0005;
@@ -91,46 +88,3 @@ impl CorePieces {
         met
     }
 }
-
-/// Computes statistics of the wall: voxels outside the lumen that share a side with it.
-pub(super) fn stats(
-    input: &WallInput<'_>,
-    sigma_mm: f64,
-    lumen: &Lumen,
-    mark: &[u32],
-    level: &[i32],
-) -> WallStats {
-    let contrast: Contrast = input.contrast;
-    let (mut thresholds, mut sheets, mut closed) = (Vec::new(), 0u64, 0u64);
-    for e in lumen.elements(&lumen.boundary) {
-        for side in SIDES {
-            let beside = lumen.bricks.voxel(e) + side;
-            if lumen.holds(beside) || !lumen.grid.contains(beside) {
-                continue;
-            }
-            let Some(at) = input.bricks.element(beside) else { continue };
-            thresholds.push(wall_level::threshold(level[at]));
-            match Evidence::new(mark[at], level[at]) {
-                Evidence::Profile => {}
-                Evidence::Sheet => sheets += 1,
-                Evidence::Limit => closed += 1,
-            }
-        }
-    }
-    thresholds.sort_unstable();
-    let count = thresholds.len().max(1) as f64;
-    let percentile = |share: f64| {
-        let at = (share * thresholds.len().saturating_sub(1) as f64).round() as usize;
-        contrast.real(f64::from(thresholds.get(at).copied().unwrap_or(0)))
-    };
-    WallStats {
-        contrast,
-        sigma_mm,
-        threshold_percentiles: [0.05, 0.25, 0.5, 0.75, 0.95].map(percentile),
-        sheet_share: sheets as f64 / count,
-        closed_by_limit_share: closed as f64 / count,
-    }
-}
-
-/// Steps to the voxels that share a side with one.
-const SIDES: [IVec3; 6] = [IVec3::X, IVec3::NEG_X, IVec3::Y, IVec3::NEG_Y, IVec3::Z, IVec3::NEG_Z];

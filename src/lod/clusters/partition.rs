@@ -8,7 +8,7 @@ use crate::geometry::median_split::{self, KeyedPoint};
 /// Stands for "no face".
 pub const NO_FACE: u32 = u32::MAX;
 
-/// TargetSurface number of clusters in a group.
+/// Target number of clusters in a group.
 pub const GROUP_SIZE: usize = 8;
 const MIN_GROUP: usize = 4;
 const MAX_GROUP: usize = 12;
