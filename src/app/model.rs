@@ -185,7 +185,7 @@ impl Model {
         let is_there = |p: &Product| self.products.has(*p);
         let came = |of: &[Product]| of.iter().all(is_there) && !of.iter().all(|p| had.has(*p));
         let volume_came = came(&[Product::Volume, Product::ValueRange]);
-        let fields_came = came(&[Product::Fields, Product::WallIndex]);
+        let fields_came = came(&[Product::Fields, Product::TriangleTree]);
         let sections_came = came(&[Product::Sections]);
         if let Some(volume) = self.volume().filter(|_| volume_came) {
             let middle = 0.5 * (volume.grid.dims.as_dvec3() - 1.0);

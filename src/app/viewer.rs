@@ -59,7 +59,6 @@ const SHOWN: [Product; 17] = [
     Product::PreparedWall,
     Product::Evidence,
     Product::Identity,
-    Product::WallIndex,
     Product::TriangleTree,
     Product::Exterior,
     Product::Fields,

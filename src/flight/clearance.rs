@@ -2,10 +2,9 @@
 
 use glam::{DAffine3, DMat3, DVec3, IVec3};
 
-use super::WallIndex;
 use crate::centerline::safe_by_voxels;
 use crate::field::Sampler;
-use crate::geometry::Lens;
+use crate::geometry::{Lens, TriangleBvh};
 use crate::lumen::Lumen;
 
 /// Least distance to the wall, in near-ball radii.
@@ -25,7 +24,7 @@ pub const MIN_NEAR_MM: f64 = 0.05;
 pub struct Clearance<'a> {
     distance: Sampler<'a>,
     local_from_world: DAffine3,
-    wall: Option<&'a WallIndex>,
+    wall: Option<&'a TriangleBvh>,
 }
 
 impl<'a> Clearance<'a> {
@@ -33,7 +32,7 @@ impl<'a> Clearance<'a> {
     ///
     /// * `distance`: exact distance to external voxel centres, mm, in slot order.
     /// * `wall`: triangles of the surface that is drawn, LPS mm.
-    pub fn new(lumen: &'a Lumen, distance: &'a [f32], wall: Option<&'a WallIndex>) -> Self {
+    pub fn new(lumen: &'a Lumen, distance: &'a [f32], wall: Option<&'a TriangleBvh>) -> Self {
         let scale = DAffine3::from_mat3(DMat3::from_diagonal(lumen.grid.spacing_mm));
         Self {
             distance: Sampler { lumen, field: distance },
@@ -89,22 +88,22 @@ impl<'a> Clearance<'a> {
     /// Returns the exact distance to the mesh, mm, at most `limit_mm`; 0 outside, `None` without
     /// the wall.
     pub fn exact_mm(&self, p_mm: DVec3, limit_mm: f64) -> Option<f64> {
-        let index = self.wall?;
-        if !self.holds(p_mm) || !self.joins_its_voxel(p_mm, index) {
+        let tree = self.wall?;
+        if !self.holds(p_mm) || !self.joins_its_voxel(p_mm, tree) {
             return Some(0.0);
         }
-        Some(index.distance(p_mm, limit_mm))
+        Some(tree.distance(p_mm, limit_mm))
     }
 
     /// Whether no triangle lies between a point and the centre of its voxel, which is inside: the
     /// segment is marched in steps as long as the distance to the wall.
-    fn joins_its_voxel(&self, p_mm: DVec3, index: &WallIndex) -> bool {
+    fn joins_its_voxel(&self, p_mm: DVec3, tree: &TriangleBvh) -> bool {
         let Some(v) = self.voxel(p_mm) else { return false };
         let goal = self.distance.lumen.grid.world_from_voxel().transform_point3(v.as_dvec3());
         let mut at = p_mm;
         for _ in 0..256 {
             let left = at.distance(goal);
-            let free = index.distance(at, left + 1e-9);
+            let free = tree.distance(at, left + 1e-9);
             if free >= left {
                 return true;
             }

@@ -9,7 +9,6 @@ mod plan;
 mod profile;
 mod camera_path;
 mod collide_and_slide;
-mod wall;
 
 pub use camera_path::{CameraPath, CameraPathError, CameraPathPose, MAX_BYTES, SCHEMA};
 pub use clearance::{Clearance, MIN_NEAR_MM, SAFETY};
@@ -19,7 +18,6 @@ pub use gaze::Track;
 pub use path::{FlightPath, SectionFigures, sections_along};
 pub use plan::{FOV_DEG, Flight, FlightError, FlightOptions, Frames, MAX_FRAMES};
 pub use profile::{MAX_TURN_RAD_PER_S, Profile};
-pub use wall::WallIndex;
 
 /// Averages each value with its neighbours by a Gaussian of its own width.
 ///

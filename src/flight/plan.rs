@@ -5,9 +5,9 @@ use std::ops::RangeInclusive;
 use glam::DVec3;
 
 use super::profile::median;
-use super::{Clearance, Profile, Track, WallIndex};
+use super::{Clearance, Profile, Track};
 use crate::centerline::arc_lengths;
-use crate::geometry::{CenterlinePoint, Lens, Pose};
+use crate::geometry::{CenterlinePoint, Lens, Pose, TriangleBvh};
 use crate::lumen::Lumen;
 
 /// Largest number of frames of a flight: ten hours at 25 a second.
@@ -47,7 +47,7 @@ pub struct FlightOptions<'a> {
     /// Whether to fly from the last point to the first.
     pub reverse: bool,
     /// Triangles of the surface that is drawn, LPS mm: lets thin places be proven by exact distances.
-    pub wall: Option<&'a WallIndex>,
+    pub wall: Option<&'a TriangleBvh>,
 }
 
 impl Default for FlightOptions<'_> {

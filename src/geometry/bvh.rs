@@ -56,6 +56,7 @@ impl Bounds {
 /// Nodes are stored depth first, left child first, so that a node is its box alone: the number of
 /// triangles below it gives the place of its right child. 24 bytes a node, half a node a face, and
 /// 40 bytes a face.
+#[derive(Clone, Debug)]
 pub struct TriangleBvh {
     nodes: Vec<Bounds>,
     /// Corners, in the order of the leaves.
@@ -163,6 +164,11 @@ impl TriangleBvh {
         self.closest_within(p, f64::INFINITY)
     }
 
+    /// Returns the distance from a point to the mesh, mm, or `limit_mm` if it is no nearer than that.
+    pub fn distance(&self, p: DVec3, limit_mm: f64) -> f64 {
+        self.closest_within(p, limit_mm).map_or(limit_mm, |c| c.distance_mm)
+    }
+
     /// Returns the point nearest to `p` if it is nearer than `limit_mm`.
     pub fn closest_within(&self, p: DVec3, limit_mm: f64) -> Option<ClosestPoint> {
         if self.faces.is_empty() {
@@ -262,12 +268,14 @@ mod tests {
                 let w = got.at.weights;
                 assert!(w.iter().all(|w| *w >= 0.0) && (w.iter().sum::<f64>() - 1.0).abs() < 1e-12);
                 assert_eq!(tree.closest_within(p, want * 0.999), None);
+                assert!((tree.distance(p, 0.5) - want.min(0.5)).abs() < 1e-12);
             }
         }
     }
 
     #[test]
     fn a_mesh_without_faces_has_no_nearest_point() {
-        assert_eq!(TriangleBvh::new(&Mesh::default()).closest(DVec3::ZERO), None);
+        let tree = TriangleBvh::new(&Mesh::default());
+        assert_eq!((tree.closest(DVec3::ZERO), tree.distance(DVec3::ONE, 3.0)), (None, 3.0));
     }
 }

@@ -2,15 +2,16 @@
 
 use super::settings::FlightRoute;
 use super::{Centered, Clock, Session, SessionError, present};
-use crate::flight::{Clearance, Flight, FlightError, FlightOptions, WallIndex};
-use crate::geometry::{Centerline, CenterlinePoint};
+use crate::flight::{Clearance, Flight, FlightError, FlightOptions};
+use crate::geometry::{Centerline, CenterlinePoint, TriangleBvh};
 use crate::lumen::Lumen;
 use crate::render::View;
 
 impl Session {
     pub(super) fn run_flight(&self, clock: &mut Clock) -> Result<Flight, SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
-        let (centered, wall) = (present(&self.slots.centerline), present(&self.slots.wall_index));
+        let (centered, wall) =
+            (present(&self.slots.centerline), present(&self.slots.triangle_tree));
         let route = self.settings.flight.route;
         let plan = || self.fly(&lumen.lumen, &fields.distance, &centered, &wall, route);
         let count = |f: &Result<Flight, _>| f.as_ref().map_or(0, |f| f.poses.len() as u64);
@@ -23,7 +24,7 @@ impl Session {
     /// What the stages fail with; [`FlightError::NoBranch`].
     pub fn flight_along(&self, route: FlightRoute) -> Result<Flight, SessionError> {
         let (lumen, fields) = (self.lumen()?, self.fields()?);
-        let (centered, wall) = (self.centerline()?, self.wall_index()?);
+        let (centered, wall) = (self.centerline()?, self.triangle_tree()?);
         self.pool.install(|| self.fly(&lumen.lumen, &fields.distance, &centered, &wall, route))
     }
 
@@ -32,7 +33,7 @@ impl Session {
         lumen: &Lumen,
         distance: &[f32],
         centered: &Centered,
-        wall: &WallIndex,
+        wall: &TriangleBvh,
         route: FlightRoute,
     ) -> Result<Flight, SessionError> {
         let s = &self.settings.flight;

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use super::{Clock, Session, SessionError, present};
-use crate::flight::{Flight, FlightPath, SectionFigures, WallIndex, sections_along};
+use crate::flight::{Flight, FlightPath, SectionFigures, sections_along};
 use crate::geometry::{Centerline, CenterlineDistances, ExteriorGrid, Mesh, TriangleBvh};
 use crate::lod::occlusion_grid;
 
@@ -28,12 +28,6 @@ impl Session {
             None => present(&self.slots.triangle_tree),
             Some(open) => Arc::new(triangle_tree(open, clock)),
         })
-    }
-
-    pub(super) fn run_wall_index(&self, clock: &mut Clock) -> Result<WallIndex, SessionError> {
-        let wall = present(&self.slots.wall);
-        let faces = wall.mesh.faces.len() as u64;
-        Ok(clock.time("wall index", "faces", || WallIndex::new(&wall.mesh), |_| faces))
     }
 
     pub(super) fn run_exterior(&self, clock: &mut Clock) -> Result<Exterior, SessionError> {

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::centerline::Routed;
 use crate::compute::{Array, Kernel};
-use crate::flight::{Coverage, Flight, SectionFigures, WallIndex};
+use crate::flight::{Coverage, Flight, SectionFigures};
 use crate::geometry::{CenterlineDistances, Mesh, TriangleBvh};
 use crate::render::PreparedMesh;
 use crate::surface::Shading;
@@ -284,12 +284,9 @@ products! {
     /// Clusters of the wall at every level.
     pub(super) Clusters clusters: BuiltClusters =
         "clusters" 25.0 [DrawnWall Shading DrawnTree] (levels.cache) Cpu clusters run_clusters;
-    /// The wall's triangles in buckets: for distances up to a limit.
-    pub WallIndex wall_index: WallIndex =
-        "wall index" 0.5 [Wall] () Cpu always run_wall_index;
     /// Poses of the flight along the first path.
     pub Flight flight: Flight =
-        "flight" 1.0 [Lumen Fields Centerline Wall WallIndex] (flight.frames, flight.size, flight.view, flight.fov_y_rad, flight.reverse, flight.route,
+        "flight" 1.0 [Lumen Fields Centerline TriangleTree] (flight.frames, flight.size, flight.view, flight.fov_y_rad, flight.reverse, flight.route,
             flight.script, flight.script_frames) Cpu always run_flight;
     /// Space outside the wall, where it is watertight.
     pub Exterior exterior: Exterior =

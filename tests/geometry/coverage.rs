@@ -10,9 +10,7 @@ use glam::{DVec3, UVec3};
 use intima::centerline::{RouteOptions, centerline};
 use intima::compute::{Plan, run_cpu};
 use intima::field::{LumenBuffers, distance, smooth};
-use intima::flight::{
-    self, Coverage, CoverageMap, Flight, FlightOptions, Frames, WallIndex, unseen_voxels,
-};
+use intima::flight::{self, Coverage, CoverageMap, Flight, FlightOptions, Frames, unseen_voxels};
 use intima::formats::{ReadOptions, read_volume};
 use intima::geometry::{CenterlinePoint, Lens, Mesh, Pose, TriangleBvh};
 use intima::lod::occlusion_grid;
@@ -53,7 +51,7 @@ impl Organ {
 
     /// Pose and lens of every frame, there or back.
     fn views(&self, frames: usize, reverse: bool) -> Vec<(Pose, Lens)> {
-        let index = WallIndex::new(&self.wall);
+        let index = TriangleBvh::new(&self.wall);
         let options = FlightOptions {
             frames: Frames::Count(frames),
             wall: Some(&index),

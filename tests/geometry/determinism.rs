@@ -4,9 +4,7 @@ use std::collections::BTreeMap;
 
 use common::{curves, volumes};
 use intima::compute::{Plan, run_cpu};
-use intima::flight::{
-    CoverageMap, Flight, FlightOptions, Frames, WallIndex, coverage, unseen_voxels,
-};
+use intima::flight::{CoverageMap, Flight, FlightOptions, Frames, coverage, unseen_voxels};
 use intima::geometry::{Mesh, TriangleBvh};
 use intima::lod::occlusion_grid;
 use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
@@ -87,7 +85,7 @@ fn products(volume: &Volume) -> Products {
     all.insert("centerline", bytes(&points));
 
     let path = case.routed.line.path_to(0);
-    let index = WallIndex::new(&surface.mesh);
+    let index = TriangleBvh::new(&surface.mesh);
     let views = |reverse: bool| {
         let options = FlightOptions {
             frames: Frames::Count(24),

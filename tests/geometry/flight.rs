@@ -6,10 +6,9 @@ use intima::centerline::{RouteOptions, centerline};
 use intima::compute::{Plan, run_cpu};
 use intima::field::{LumenBuffers, distance, smooth};
 use intima::flight::{
-    CameraPath, Clearance, Flight, FlightError, FlightOptions, Frames, Track, WallIndex,
-    collide_and_slide,
+    CameraPath, Clearance, Flight, FlightError, FlightOptions, Frames, Track, collide_and_slide,
 };
-use intima::geometry::{CenterlinePoint, Mesh};
+use intima::geometry::{CenterlinePoint, Mesh, TriangleBvh};
 use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
 use intima::surface::{Midpoint, Surface};
 use intima::volume::Volume;
@@ -167,7 +166,7 @@ fn narrow_places_are_flown_slowly_and_the_gaze_turns_no_faster_than_it_may() {
         let f = o
             .fly(FlightOptions {
                 frames,
-                wall: Some(&WallIndex::new(&o.wall)),
+                wall: Some(&TriangleBvh::new(&o.wall)),
                 ..Default::default()
             })
             .unwrap();
@@ -228,7 +227,7 @@ fn no_near_plane_corner_reaches_the_wall_on_any_frame() {
                     frames,
                     fov_y_rad,
                     aspect,
-                    wall: Some(&WallIndex::new(&o.wall)),
+                    wall: Some(&TriangleBvh::new(&o.wall)),
                     reverse: false,
                 })
                 .unwrap();
@@ -270,7 +269,7 @@ fn no_near_plane_corner_reaches_the_wall_of_a_real_colon() {
     let o = organ_of(&volumes::read(&data.join("colon_label_1.nii.gz")).unwrap());
     let (fov_y_rad, aspect) = (90f32.to_radians(), 16.0 / 9.0);
     let frames = Frames::Count(1000);
-    let index = WallIndex::new(&o.wall);
+    let index = TriangleBvh::new(&o.wall);
     let wall = Some(&index);
     let f = o.fly(FlightOptions { frames, fov_y_rad, aspect, wall, reverse: false }).unwrap();
     // The frames with the least room, and some along the way.
@@ -336,7 +335,7 @@ fn every_way_from_root_to_leaf_of_a_tree_is_flown_through_its_corners() {
             let options = FlightOptions {
                 frames,
                 reverse,
-                wall: Some(&WallIndex::new(&o.wall)),
+                wall: Some(&TriangleBvh::new(&o.wall)),
                 ..Default::default()
             };
             let f = Flight::new(&path, &o.lumen, &o.distance, options).unwrap();
@@ -420,7 +419,7 @@ fn channel(half: impl Fn(u32) -> u32) -> Organ {
 fn a_lumen_one_voxel_wide_is_flown_by_exact_distances_alone() {
     let o = channel(|x| if (25..35).contains(&x) { 0 } else { 4 });
     let options = FlightOptions { frames: Frames::Count(80), ..Default::default() };
-    let f = o.fly(FlightOptions { wall: Some(&WallIndex::new(&o.wall)), ..options }).unwrap();
+    let f = o.fly(FlightOptions { wall: Some(&TriangleBvh::new(&o.wall)), ..options }).unwrap();
     let waist = (0..80).find(|&i| (f.poses[i].position_mm.x - 15.0).abs() < 1.0).unwrap();
     assert_eq!(f.moved, 0);
     assert!(f.near_mm[waist] >= 0.05 && f.near_mm[waist] < 0.25 && f.min_margin_mm() > 0.0);
@@ -429,7 +428,9 @@ fn a_lumen_one_voxel_wide_is_flown_by_exact_distances_alone() {
     assert!(g.moved > 0 && g.min_margin_mm() > 0.0);
     let thin = channel(|_| 0);
     assert!(matches!(thin.fly(options), Err(FlightError::NoRoom { frame: 0, .. })));
-    assert!(thin.fly(FlightOptions { wall: Some(&WallIndex::new(&thin.wall)), ..options }).is_ok());
+    assert!(
+        thin.fly(FlightOptions { wall: Some(&TriangleBvh::new(&thin.wall)), ..options }).is_ok()
+    );
 }
 
 #[test]
@@ -439,8 +440,9 @@ fn a_thin_lumen_is_not_flown_in_the_dark() {
     let thin = channel(|_| 0);
     let voxel = thin.lumen.grid.voxel_mm3().cbrt();
     let options = FlightOptions { frames: Frames::Count(40), ..Default::default() };
-    let f = thin.fly(FlightOptions { wall: Some(&WallIndex::new(&thin.wall)), ..options }).unwrap();
-    let index = WallIndex::new(&thin.wall);
+    let f =
+        thin.fly(FlightOptions { wall: Some(&TriangleBvh::new(&thin.wall)), ..options }).unwrap();
+    let index = TriangleBvh::new(&thin.wall);
     let wall = Clearance::new(&thin.lumen, &thin.distance, Some(&index));
     let again = CameraPath::from(&f).fly(&wall, options.aspect).unwrap();
     for room in f.room_mm.iter().chain(&again.room_mm) {
@@ -456,12 +458,12 @@ fn a_path_outside_the_lumen_is_refused_or_left_for_its_inside() {
     for p in &mut o.path[40..50] {
         p.position_mm.y += 4.0;
     }
-    let f = o.fly(FlightOptions { wall: Some(&WallIndex::new(&o.wall)), ..options }).unwrap();
+    let f = o.fly(FlightOptions { wall: Some(&TriangleBvh::new(&o.wall)), ..options }).unwrap();
     assert!(f.moved > 0 && f.min_margin_mm() > 0.0);
     for p in &mut o.path {
         p.position_mm.y += 40.0;
     }
-    let e = o.fly(FlightOptions { wall: Some(&WallIndex::new(&o.wall)), ..options }).unwrap_err();
+    let e = o.fly(FlightOptions { wall: Some(&TriangleBvh::new(&o.wall)), ..options }).unwrap_err();
     assert!(e.to_string().starts_with("frame 0 at (") && e.to_string().contains("0.000 mm"), "{e}");
 }
 
@@ -488,7 +490,7 @@ fn options_and_paths_that_cannot_be_flown_are_named() {
 #[test]
 fn one_or_two_frames_and_two_points_are_a_flight() {
     let mut o = channel(|_| 4);
-    let wall = WallIndex::new(&o.wall);
+    let wall = TriangleBvh::new(&o.wall);
     let two =
         |n| FlightOptions { frames: Frames::Count(n), wall: Some(&wall), ..Default::default() };
     assert_eq!(o.fly(two(1)).unwrap().seconds, [0.0]);
@@ -501,7 +503,7 @@ fn one_or_two_frames_and_two_points_are_a_flight() {
 #[test]
 fn a_written_flight_is_flown_again_and_a_pose_in_the_wall_is_named() {
     let o = organ(Kind::Bend, 48, [1.0; 3]);
-    let index = WallIndex::new(&o.wall);
+    let index = TriangleBvh::new(&o.wall);
     let options = FlightOptions { wall: Some(&index), ..Default::default() };
     let f = o.fly(options).unwrap();
     assert_eq!(o.fly(options).unwrap(), f, "a second flight is the same");
@@ -530,7 +532,7 @@ fn random_moves_never_bring_the_near_ball_to_the_wall() {
     let moves: u64 = if cfg!(debug_assertions) { 20_000 } else { 1_000_000 };
     for kind in [Kind::Bend, Kind::Colon] {
         let o = organ(kind, 64, [1.0; 3]);
-        let exact = WallIndex::new(&o.wall);
+        let exact = TriangleBvh::new(&o.wall);
         let wall = Clearance::new(&o.lumen, &o.distance, Some(&exact));
         let lens = intima::geometry::Lens { fov_y_rad: 1.6, aspect: 1.5, near_mm: 0.4 };
         let rho = f64::from(lens.near_ball_mm());
@@ -565,7 +567,7 @@ fn the_bound_never_exceeds_the_true_distance_on_grids_of_any_pose() {
         let (dims, h) = (volume.grid.dims.to_array().map(u64::from), volume.grid.spacing_mm);
         volume.grid = Grid::new(dims, h, DVec3::new(-70.0, 30.0, 900.0), direction).unwrap();
         let o = organ_of(&volume);
-        let index = WallIndex::new(&o.wall);
+        let index = TriangleBvh::new(&o.wall);
         let wall = Clearance::new(&o.lumen, &o.distance, Some(&index));
         let (mut most, mut used, mut sharp) = (f64::MIN, 0, 0.0f64);
         for (i, p) in o.path.iter().cycle().take(3000).enumerate() {

@@ -188,7 +188,7 @@ fn changed_settings_give_what_a_new_session_gives() {
 }
 
 #[test]
-fn tree_index_and_grid_of_the_wall_are_built_once_for_all_who_ask() {
+fn tree_and_grid_of_the_wall_are_built_once_for_all_who_ask() {
     let mut session = session(&phantom(Kind::Bend, 48), Settings::default());
     let all = [Product::Levels, Product::Coverage, Product::Sections, Product::Inputs];
     let built = |session: &Session| {
@@ -197,13 +197,13 @@ fn tree_index_and_grid_of_the_wall_are_built_once_for_all_who_ask() {
         assert_eq!(session.sections_along(&flight).unwrap(), *session.sections().unwrap());
         session.unseen_csv().unwrap();
         let count = |name| session.clock().stages.iter().filter(|s| s.name == name).count();
-        ["triangle tree", "wall index", "outside"].map(count)
+        ["triangle tree", "outside"].map(count)
     };
-    assert_eq!(built(&session), [1; 3]);
+    assert_eq!(built(&session), [1; 2]);
     let report = session.report(None).unwrap();
     assert_eq!(report.input.unwrap().hash, Some(session.identity().unwrap().to_string()));
     session.forget(&[Product::Wall]);
-    assert_eq!(built(&session), [2; 3], "they are of the wall that was forgotten");
+    assert_eq!(built(&session), [2; 2], "they are of the wall that was forgotten");
 }
 
 #[test]

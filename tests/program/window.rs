@@ -28,7 +28,6 @@ fn model(session: &Session) -> Model {
         Product::ValueRange,
         Product::Lumen,
         Product::Wall,
-        Product::WallIndex,
         Product::TriangleTree,
         Product::Fields,
         Product::Centerline,

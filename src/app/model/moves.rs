@@ -139,7 +139,7 @@ impl Model {
     fn with_clearance<T>(&self, ask: impl FnOnce(&Clearance<'_>) -> T) -> Option<T> {
         let p = &self.products;
         let (lumen, fields) = (p.lumen.as_ref()?, p.fields.as_ref()?);
-        let wall = p.wall_index.as_deref();
+        let wall = p.triangle_tree.as_deref();
         Some(ask(&Clearance::new(&lumen.lumen, &fields.distance, wall)))
     }
 
