@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use crate::compute::{Outputs, Plan};
 use crate::field::{LumenBuffers, Sampler};
+use crate::geometry::in_rows;
 use crate::kernels::visibility as kernel;
 use crate::lumen::Lumen;
 use crate::lumen::bricks::{BRICK, SIDE, near_offset};
@@ -100,8 +101,8 @@ impl VisibilityInput {
         for e in &seen {
             needed[*e as usize / BRICK] = true;
         }
-        // Pairs (slot, rank), slot-major: viewpoints go through the bricks their ball meets.
-        let mut pairs: Vec<(u32, u32)> = viewpoints
+        // Pairs (slot, rank): viewpoints go through the bricks their ball meets.
+        let pairs: Vec<(u32, u32)> = viewpoints
             .par_iter()
             .enumerate()
             .with_min_len(16)
@@ -123,20 +124,13 @@ impl VisibilityInput {
                 })
             })
             .collect();
-        pairs.par_sort_unstable();
-        let mut start = vec![0u32; lumen.bricks.len() + 1];
-        for (s, _) in &pairs {
-            start[*s as usize + 1] += 1;
-        }
-        for i in 1..start.len() {
-            start[i] += start[i - 1];
-        }
+        let (start, near_viewers) = in_rows(lumen.bricks.len(), || pairs.iter().copied());
         Self {
             seen,
             viewer: viewpoints.iter().map(|v| v.element as u32).collect(),
             reach,
             start,
-            near_viewers: pairs.iter().map(|p| p.1).collect(),
+            near_viewers,
             weight,
         }
     }

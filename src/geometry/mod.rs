@@ -8,10 +8,12 @@ mod centerline;
 mod centerline_distances;
 mod cross_section;
 mod cube;
+mod disjoint_sets;
 mod exterior;
 pub mod median_split;
 mod mesh;
 mod point_triangle;
+mod rows;
 #[cfg(test)]
 pub mod shapes;
 mod tracts;
@@ -29,9 +31,11 @@ pub use centerline::{
 pub use centerline_distances::CenterlineDistances;
 pub use cross_section::{CrossSection, cross_section};
 pub use cube::cube_faces;
+pub use disjoint_sets::DisjointSets;
 pub use exterior::ExteriorGrid;
 pub use mesh::{Mesh, MeshPoint};
 pub use point_triangle::{nearest_on_segment, nearest_on_triangle, point_triangle_distance};
+pub use rows::in_rows;
 pub use tracts::{Tract, Tracts};
 pub use tree::TreeSummary;
 pub use vertex::Vertex;

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::MeshError;
-use crate::geometry::Mesh;
+use crate::geometry::{Mesh, in_rows};
 
 /// No half-edge, vertex or face.
 pub const NONE: u32 = u32::MAX;
@@ -412,49 +412,18 @@ fn twin<'l>(
 
 /// Half-edges that leave each vertex, in the order of the faces: first of each vertex and the end.
 fn by_origin(faces: &[[u32; 3]], vertices: usize) -> (Vec<u32>, Vec<u32>) {
-    let mut start = vec![0u32; vertices + 1];
-    faces.iter().flatten().for_each(|v| start[*v as usize + 1] += 1);
-    for i in 0..vertices {
-        start[i + 1] += start[i];
-    }
-    let mut leaving = vec![0; 3 * faces.len()];
-    // Filling moves each start to the next one's; shifting by one afterwards undoes that.
-    for (f, i) in faces.iter().zip(0u32..) {
-        for (v, c) in f.iter().zip(0..) {
-            let at = &mut start[*v as usize];
-            leaving[*at as usize] = 4 * i + c;
-            *at += 1;
-        }
-    }
-    start.copy_within(0..vertices, 1);
-    start[0] = 0;
-    (start, leaving)
+    let each = |(f, i): (&[u32; 3], u32)| [0, 1, 2].map(|c| (f[c as usize], 4 * i + c));
+    in_rows(vertices, || faces.iter().zip(0u32..).flat_map(each))
 }
 
 /// Half-edges in rows of the lower vertex of their edge: first entry of each row and the end, and
 /// for each entry the higher vertex and the half-edge, in the order of the faces.
-pub(super) fn by_lower_vertex(faces: &[[u32; 3]], vertices: usize) -> (Vec<u32>, Vec<(u32, u32)>) {
-    let ends = |f: &[u32; 3], c: usize| (f[c].min(f[(c + 1) % 3]), f[c].max(f[(c + 1) % 3]));
-    let mut start = vec![0u32; vertices + 1];
-    for f in faces {
-        for c in 0..3 {
-            start[ends(f, c).0 as usize + 1] += 1;
-        }
-    }
-    for i in 0..vertices {
-        start[i + 1] += start[i];
-    }
-    let mut edges = vec![(0, 0); 3 * faces.len()];
-    // Filling moves each start to the next row's; shifting by one afterwards undoes that.
-    for (i, f) in faces.iter().enumerate() {
-        for c in 0..3 {
-            let (low, high) = ends(f, c);
-            let at = &mut start[low as usize];
-            edges[*at as usize] = (high, 4 * i as u32 + c as u32);
-            *at += 1;
-        }
-    }
-    start.copy_within(0..vertices, 1);
-    start[0] = 0;
-    (start, edges)
+pub fn by_lower_vertex(faces: &[[u32; 3]], vertices: usize) -> (Vec<u32>, Vec<(u32, u32)>) {
+    let each = |(f, i): (&[u32; 3], u32)| {
+        [0, 1, 2].map(|c| {
+            let (a, b) = (f[c as usize], f[(c as usize + 1) % 3]);
+            (a.min(b), (a.max(b), 4 * i + c))
+        })
+    };
+    in_rows(vertices, || faces.iter().zip(0u32..).flat_map(each))
 }

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::halfedge::{NONE, by_lower_vertex, check_sizes, face, next, prev};
 use super::{HalfEdges, MeshError};
-use crate::geometry::Mesh;
+use crate::geometry::{Mesh, in_rows};
 
 /// Counts of what was repaired.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -69,18 +69,9 @@ fn drop_bad_faces(mesh: &mut Mesh, repairs: &mut Repairs) {
         f
     };
     // Faces in rows of their lowest vertex.
-    let mut start = vec![0u32; mesh.positions.len() + 1];
-    mesh.faces.iter().for_each(|f| start[sorted(f)[0] as usize + 1] += 1);
-    for v in 1..start.len() {
-        start[v] += start[v - 1];
-    }
-    let mut rows = vec![0u32; mesh.faces.len()];
-    let mut fill = start.clone();
-    for (i, f) in mesh.faces.iter().enumerate() {
-        let at = &mut fill[sorted(f)[0] as usize];
-        rows[*at as usize] = i as u32;
-        *at += 1;
-    }
+    let (start, rows) = in_rows(mesh.positions.len(), || {
+        mesh.faces.iter().zip(0u32..).map(|(f, i)| (sorted(f)[0], i))
+    });
     let mut keep = vec![true; mesh.faces.len()];
     let mut row: Vec<([u32; 3], u32)> = Vec::new();
     for ends in start.windows(2) {

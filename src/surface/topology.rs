@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::geometry::Mesh;
+use crate::geometry::{Mesh, in_rows};
 
 /// Adjacent vertices of every vertex, ascending, in compressed rows.
 #[derive(Clone, Debug, Default)]
@@ -45,24 +45,8 @@ impl Adjacency {
     pub fn of(mesh: &Mesh) -> (Self, bool) {
         let n = mesh.positions.len();
         // Directed edges by their first vertex; a closed oriented mesh has each reverse once.
-        let mut out_start = vec![0u32; n + 1];
-        for f in &mesh.faces {
-            for v in f {
-                out_start[*v as usize + 1] += 1;
-            }
-        }
-        for i in 0..n {
-            out_start[i + 1] += out_start[i];
-        }
-        let mut fill = out_start.clone();
-        let mut out = vec![0u32; mesh.faces.len() * 3];
-        for f in &mesh.faces {
-            for k in 0..3 {
-                let at = &mut fill[f[k] as usize];
-                out[*at as usize] = f[(k + 1) % 3];
-                *at += 1;
-            }
-        }
+        let edges = |f: &[u32; 3]| [(f[0], f[1]), (f[1], f[2]), (f[2], f[0])];
+        let (out_start, mut out) = in_rows(n, || mesh.faces.iter().flat_map(edges));
         let row = |v: u32| &out[out_start[v as usize] as usize..out_start[v as usize + 1] as usize];
         crate::task::checkpoint();
         let closed = (0..n as u32).into_par_iter().with_min_len(4096).all(|v| {
@@ -85,26 +69,13 @@ impl Adjacency {
             rows.into_par_iter().with_min_len(4096).for_each(|r| r.sort_unstable());
             return (Self { start: out_start, near: out }, true);
         }
-        let mut pairs: Vec<u64> = mesh
-            .faces
-            .par_iter()
-            .flat_map_iter(|f| {
-                (0..3).flat_map(move |k| {
-                    let (a, b) = (u64::from(f[k]), u64::from(f[(k + 1) % 3]));
-                    [a << 32 | b, b << 32 | a]
-                })
-            })
-            .collect();
+        let both = |(a, b)| [(a, b), (b, a)];
+        let mut pairs: Vec<(u32, u32)> =
+            mesh.faces.par_iter().flat_map_iter(|f| edges(f).into_iter().flat_map(both)).collect();
         pairs.par_sort_unstable();
         pairs.dedup();
-        let mut start = vec![0u32; n + 1];
-        for p in &pairs {
-            start[(p >> 32) as usize + 1] += 1;
-        }
-        for i in 0..n {
-            start[i + 1] += start[i];
-        }
-        (Self { start, near: pairs.iter().map(|p| *p as u32).collect() }, false)
+        let (start, near) = in_rows(n, || pairs.iter().copied());
+        (Self { start, near }, false)
     }
 
     /// Returns the adjacent vertices of `v`.

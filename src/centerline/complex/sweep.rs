@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use super::CellComplex;
 use crate::centerline::queue::Queue;
+use crate::geometry::{DisjointSets, in_rows};
 use crate::lumen::Lumen;
 use crate::task::checkpoint;
 
@@ -42,21 +43,12 @@ impl NodeContacts {
             ((a.distance(middle) + middle.distance(b)) / unit_mm).round() as u32
         });
         let length = length.collect();
-        let mut start = vec![0u32; complex.nodes.len() + 1];
-        let ends = || complex.contacts.iter().flat_map(|c| c.nodes);
-        ends().for_each(|n| start[n as usize + 1] += 1);
-        for i in 1..start.len() {
-            start[i] += start[i - 1];
-        }
-        let mut next = start.clone();
-        let mut meeting = vec![(0, 0); 2 * complex.contacts.len()];
-        for (c, contact) in complex.contacts.iter().enumerate() {
-            let [a, b] = contact.nodes;
-            for (from, to) in [(a, b), (b, a)] {
-                meeting[next[from as usize] as usize] = (c as u32, to);
-                next[from as usize] += 1;
-            }
-        }
+        let (start, meeting) = in_rows(complex.nodes.len(), || {
+            complex.contacts.iter().zip(0u32..).flat_map(|(contact, c)| {
+                let [a, b] = contact.nodes;
+                [(a, (c, b)), (b, (c, a))]
+            })
+        });
         Self { start, meeting, length, unit_mm, place_mm }
     }
 

@@ -4,6 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::geometry::median_split::{self, KeyedPoint};
+use crate::mesh::halfedge::by_lower_vertex;
 
 /// Stands for "no face".
 pub const NO_FACE: u32 = u32::MAX;
@@ -17,24 +18,7 @@ const MAX_GROUP: usize = 12;
 /// corner k + 1), [`NO_FACE`] on a boundary or where more than two faces meet. Accepts any triangle
 /// soup.
 pub fn face_neighbors(faces: &[[u32; 3]], vertices: usize) -> Vec<[u32; 3]> {
-    // Half-edges in buckets by their lower vertex: (higher vertex, 4 · face + corner).
-    let mut start = vec![0u32; vertices + 1];
-    let low = |f: &[u32; 3], k: usize| f[k].min(f[(k + 1) % 3]) as usize;
-    for f in faces {
-        (0..3).for_each(|k| start[low(f, k) + 1] += 1);
-    }
-    for v in 0..vertices {
-        start[v + 1] += start[v];
-    }
-    let mut fill = start.clone();
-    let mut half = vec![(0u32, 0u32); 3 * faces.len()];
-    for (i, f) in faces.iter().enumerate() {
-        for k in 0..3 {
-            let at = &mut fill[low(f, k)];
-            half[*at as usize] = (f[k].max(f[(k + 1) % 3]), (4 * i + k) as u32);
-            *at += 1;
-        }
-    }
+    let (start, half) = by_lower_vertex(faces, vertices);
     let mut out = vec![[NO_FACE; 3]; faces.len()];
     for v in 0..vertices {
         let mut row = &half[start[v] as usize..start[v + 1] as usize];
