@@ -6,29 +6,19 @@
 pub struct DisjointSets(Vec<u32>);
 
 impl DisjointSets {
-    /// So many numbers, each alone.
+    /// Creates sets of one number each.
     pub fn new(count: usize) -> Self {
         Self((0..count as u32).collect())
     }
 
-    /// One more number, alone.
+    /// Adds a number, alone in its set.
     pub fn push(&mut self) -> u32 {
         let new = self.0.len() as u32;
         self.0.push(new);
         new
     }
 
-    /// How many numbers there are.
-    pub fn len(&self) -> usize {
-        self.0.len()
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    /// Root of a number's set.
+    /// Returns the root of a number's set.
     pub fn root(&mut self, mut of: u32) -> u32 {
         let Self(up) = self;
         while up[of as usize] != of {
@@ -38,7 +28,7 @@ impl DisjointSets {
         of
     }
 
-    /// Joins the sets of two numbers; whether they were apart.
+    /// Joins the sets of two numbers; returns whether they were apart.
     pub fn join(&mut self, a: u32, b: u32) -> bool {
         let (a, b) = (self.root(a), self.root(b));
         self.0[a.max(b) as usize] = a.min(b);
@@ -54,7 +44,7 @@ mod tests {
     fn joined_numbers_share_the_smallest_as_root() {
         let mut sets = DisjointSets::new(6);
         assert!(sets.join(4, 2) && sets.join(5, 4) && !sets.join(2, 5));
-        assert!(sets.join(1, 5) && sets.join(sets.len() as u32 - 6, 3));
+        assert!(sets.join(1, 5) && sets.join(0, 3));
         let new = sets.push();
         let roots: Vec<u32> = (0..=new).map(|i| sets.root(i)).collect();
         assert_eq!(roots, [0, 1, 1, 0, 1, 1, 6]);

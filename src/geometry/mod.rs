@@ -12,6 +12,7 @@ mod disjoint_sets;
 mod exterior;
 pub mod median_split;
 mod mesh;
+mod morton;
 mod point_triangle;
 mod rows;
 #[cfg(test)]
@@ -34,6 +35,7 @@ pub use cube::cube_faces;
 pub use disjoint_sets::DisjointSets;
 pub use exterior::ExteriorGrid;
 pub use mesh::{Mesh, MeshPoint};
+pub use morton::morton_code;
 pub use point_triangle::{nearest_on_segment, nearest_on_triangle, point_triangle_distance};
 pub use rows::in_rows;
 pub use tracts::{Tract, Tracts};

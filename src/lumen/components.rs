@@ -7,6 +7,7 @@ use glam::UVec3;
 
 use super::body::BodyHull;
 use super::{BitVolume, bits::Run};
+use crate::geometry::DisjointSets;
 use crate::volume::Grid;
 
 /// Size and position of a connected component.
@@ -25,20 +26,27 @@ impl Component {
     }
 }
 
-/// Runs of a box of rows, with a union-find over them.
+/// Runs of a box of rows, joined to components.
 struct RunSet {
     lo: UVec3,
     rows_y: u32,
     /// First run of each row, and the end.
     row_start: Vec<u32>,
     runs: Vec<Run>,
-    parent: Vec<u32>,
+    /// Runs of one component are one set.
+    sets: DisjointSets,
 }
 
 impl RunSet {
     fn of(bits: &BitVolume, lo: UVec3, hi: UVec3, background: bool) -> Self {
         let rows_y = hi.y - lo.y + 1;
-        let mut set = Self { lo, rows_y, row_start: vec![0], runs: Vec::new(), parent: Vec::new() };
+        let mut set = Self {
+            lo,
+            rows_y,
+            row_start: vec![0],
+            runs: Vec::new(),
+            sets: DisjointSets::default(),
+        };
         for z in lo.z..=hi.z {
             for y in lo.y..=hi.y {
                 if background {
@@ -58,28 +66,13 @@ impl RunSet {
                 set.row_start.push(set.runs.len() as u32);
             }
         }
-        set.parent = (0..set.runs.len() as u32).collect();
+        set.sets = DisjointSets::new(set.runs.len());
         set.join();
         set
     }
 
     fn row(&self, r: usize) -> std::ops::Range<usize> {
         self.row_start[r] as usize..self.row_start[r + 1] as usize
-    }
-
-    /// Root of a run; roots are the smallest run of their component.
-    fn find(&mut self, mut i: u32) -> u32 {
-        while self.parent[i as usize] != i {
-            let up = self.parent[self.parent[i as usize] as usize];
-            self.parent[i as usize] = up;
-            i = up;
-        }
-        i
-    }
-
-    fn union(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.find(a), self.find(b));
-        self.parent[a.max(b) as usize] = a.min(b);
     }
 
     fn join(&mut self) {
@@ -100,7 +93,7 @@ impl RunSet {
         while i < ra.end && j < rb.end {
             let ((a0, a1), (b0, b1)) = (self.runs[i], self.runs[j]);
             if a0 <= b1 && b0 <= a1 {
-                self.union(i as u32, j as u32);
+                self.sets.join(i as u32, j as u32);
             }
             if a1 < b1 { i += 1 } else { j += 1 }
         }
@@ -144,7 +137,7 @@ pub(super) fn split(bits: &BitVolume, body: Option<&BodyHull>, all: bool) -> Opt
     let mut sides = BTreeMap::new();
     for (r, y, z) in set.rows() {
         for i in set.row(r) {
-            let root = set.find(i as u32) as usize;
+            let root = set.sets.root(i as u32) as usize;
             if root == i {
                 firsts[i] = UVec3::new(set.runs[i].0, y, z);
             }
@@ -157,7 +150,7 @@ pub(super) fn split(bits: &BitVolume, body: Option<&BodyHull>, all: bool) -> Opt
     if let Some(body) = body.filter(|_| !sides.is_empty()) {
         for (r, y, z) in set.rows() {
             for i in set.row(r) {
-                let root = set.find(i as u32) as usize;
+                let root = set.sets.root(i as u32) as usize;
                 if let Some(held) = sides.get_mut(&root) {
                     *held += body.count(set.runs[i], y, z);
                 }
@@ -171,7 +164,7 @@ pub(super) fn split(bits: &BitVolume, body: Option<&BodyHull>, all: bool) -> Opt
     let mut out = BitVolume::new(bits.dims());
     for (r, y, z) in set.rows() {
         for i in set.row(r) {
-            if keeps(set.find(i as u32) as usize) {
+            if keeps(set.sets.root(i as u32) as usize) {
                 out.set_run(set.runs[i], y, z);
             }
         }
@@ -227,14 +220,14 @@ pub fn pieces(bits: &BitVolume, least_voxels: u64) -> Vec<Piece> {
     let mut set = RunSet::of(bits, lo, hi, false);
     let mut sizes = vec![0u64; set.runs.len()];
     for i in 0..set.runs.len() {
-        let root = set.find(i as u32) as usize;
+        let root = set.sets.root(i as u32) as usize;
         sizes[root] += u64::from(set.runs[i].1 - set.runs[i].0 + 1);
     }
     let mut number = BTreeMap::new();
     let mut out: Vec<Piece> = Vec::new();
     for (r, y, z) in set.rows() {
         for i in set.row(r) {
-            let root = set.find(i as u32) as usize;
+            let root = set.sets.root(i as u32) as usize;
             if sizes[root] < least_voxels.max(1) {
                 continue;
             }
@@ -263,7 +256,7 @@ pub fn fill_cavities(bits: &mut BitVolume) -> (u64, usize) {
         for i in set.row(r) {
             let (a, b) = set.runs[i];
             if edge || a == lo.x || b == hi.x {
-                let root = set.find(i as u32) as usize;
+                let root = set.sets.root(i as u32) as usize;
                 open[root] = true;
             }
         }
@@ -271,7 +264,7 @@ pub fn fill_cavities(bits: &mut BitVolume) -> (u64, usize) {
     let (mut voxels, mut cavities) = (0, 0);
     for (r, y, z) in set.rows() {
         for i in set.row(r) {
-            let root = set.find(i as u32) as usize;
+            let root = set.sets.root(i as u32) as usize;
             if !open[root] {
                 let (a, b) = set.runs[i];
                 bits.set_run((a, b), y, z);

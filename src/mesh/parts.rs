@@ -15,6 +15,7 @@ use super::input::Input;
 use super::quadric::Quadric;
 use super::vertex_quadrics::Freedom;
 use crate::geometry::median_split::{self, KeyedPoint};
+use crate::geometry::morton_code;
 
 /// Faces of a part, at most; their working set is 1.4 MB.
 const PART_FACES: usize = 12_288;
@@ -87,22 +88,11 @@ fn cut(faces: &mut [KeyedPoint], parts: usize, ends: &mut Vec<(usize, usize)>) {
     }
 }
 
-/// Orders faces by the Morton code of their cell, of 1024³ in their box, then by id.
+/// Orders faces by the Morton code of their cell in their box, then by id.
 fn sort_by_morton_code(faces: &mut [KeyedPoint]) {
     let (lo, hi) = median_split::bounds(faces);
-    let per = 1023.0 / (hi - lo).max_element().max(f32::MIN_POSITIVE);
-    // Two zero bits before each of ten.
-    let spread = |x: f32| {
-        let mut x = x as u32 & 1023;
-        for (shift, mask) in [(16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)] {
-            x = (x | x << shift) & mask;
-        }
-        x
-    };
-    faces.sort_by_cached_key(|f| {
-        let cell = (f.position() - lo) * per;
-        (spread(cell.x) | spread(cell.y) << 1 | spread(cell.z) << 2, f.id())
-    });
+    let code = morton_code(lo, hi);
+    faces.sort_by_cached_key(|f| (code(f.position()), f.id()));
 }
 
 /// The run over the faces `face_ids`; `inside` gives the index of a face among them. `local` is

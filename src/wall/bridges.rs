@@ -5,6 +5,7 @@ use std::collections::BinaryHeap;
 
 use glam::IVec3;
 
+use crate::geometry::DisjointSets;
 use crate::lumen::{BitVolume, Bricks, Neighborhood, pieces};
 
 /// Largest number of voxels of a bridge's narrowest section.
@@ -31,10 +32,11 @@ pub(super) fn cut_bridges(
     let mut label = vec![OUT; bricks.field_len()];
     let mut outer = mask.clone();
     outer.remove(zone);
-    let mut parent = vec![0u32];
+    // Labels of one piece are one set; 0 is none.
+    let mut sets = DisjointSets::new(1);
     let mut begin = |voxels: &mut dyn Iterator<Item = usize>, label: &mut [u32]| {
-        parent.push(parent.len() as u32);
-        voxels.for_each(|e| label[e] = parent.len() as u32 - 1);
+        let own = sets.push();
+        voxels.for_each(|e| label[e] = own);
     };
     let at = |v: glam::UVec3| bricks.element(v.as_ivec3());
     for piece in pieces(&outer, 1) {
@@ -74,7 +76,7 @@ pub(super) fn cut_bridges(
         let (parts, count) = around.parts_beside(set);
         let mut roots: [u32; 6] = [0; 6];
         for (root, part) in roots.iter_mut().zip(&parts[..count]) {
-            *root = near[*part as usize].map_or(0, |n| root_of(&mut parent, label[n]));
+            *root = near[*part as usize].map_or(0, |n| sets.root(label[n]));
         }
         let roots = &mut roots[..count];
         roots.sort_unstable();
@@ -82,7 +84,9 @@ pub(super) fn cut_bridges(
             continue;
         }
         label[e] = roots[0];
-        roots.iter().for_each(|root| parent[*root as usize] = roots[0]);
+        for root in roots.iter() {
+            sets.join(*root, roots[0]);
+        }
         for n in near.into_iter().flatten() {
             if label[n] == OUT && !is_queued[n] && is_inner(n) {
                 is_queued[n] = true;
@@ -114,13 +118,4 @@ pub(super) fn cut_bridges(
             mask.remove(&cut);
         }
     }
-}
-
-/// Returns the root of a label: the label that stands for its piece.
-fn root_of(parent: &mut [u32], mut at: u32) -> u32 {
-    while parent[at as usize] != at {
-        parent[at as usize] = parent[parent[at as usize] as usize];
-        at = parent[at as usize];
-    }
-    at
 }

@@ -143,50 +143,36 @@ pub fn tips(
     width: impl Fn(u32) -> u32,
     least: u32,
 ) -> Vec<u32> {
-    const NONE: u32 = u32::MAX;
     let mut order: Vec<u32> = (0..adjacency.len() as u32).collect();
     order.sort_unstable_by_key(|n| (Reverse(length[*n as usize]), *n));
-    // Parent in a forest of sets; the set's maximum at its root.
-    let mut parent = vec![NONE; adjacency.len()];
-    let top: Vec<u32> = (0..adjacency.len() as u32).collect();
-    let find = |parent: &mut [u32], mut n: u32| {
-        while parent[n as usize] != n {
-            let up = parent[parent[n as usize] as usize];
-            parent[n as usize] = up;
-            n = up;
-        }
-        n
-    };
+    // Nodes that were met, in sets; the set's maximum at its root.
+    let mut sets = DisjointSets::new(adjacency.len());
+    let mut is_met = vec![false; adjacency.len()];
+    let mut top: Vec<u32> = (0..adjacency.len() as u32).collect();
     let mut found = Vec::new();
     for &node in &order {
-        parent[node as usize] = node;
-        let mut own: Option<u32> = None;
+        is_met[node as usize] = true;
+        let mut has_set = false;
         for &(_, to) in adjacency.of(node) {
-            if parent[to as usize] == NONE {
+            if !is_met[to as usize] {
                 continue;
             }
-            let set = find(&mut parent, to);
-            let Some(first) = own else {
-                own = Some(set);
-                parent[node as usize] = set;
-                continue;
-            };
-            if first == set {
-                continue;
+            let [own, other] = [node, to].map(|n| top[sets.root(n) as usize]);
+            let rank = |tip: u32| (Reverse(length[tip as usize]), tip);
+            let (keep, end) = if rank(own) <= rank(other) { (own, other) } else { (other, own) };
+            // The first neighbour's set takes the node in.
+            if sets.join(node, to) && has_set {
+                let rise = length[end as usize] - length[node as usize];
+                if rise >= width(node).max(least) {
+                    found.push(end);
+                }
             }
-            let rank = |s: u32| (Reverse(length[top[s as usize] as usize]), top[s as usize]);
-            let (keep, end) = if rank(first) <= rank(set) { (first, set) } else { (set, first) };
-            let tip = top[end as usize];
-            let rise = length[tip as usize] - length[node as usize];
-            if rise >= width(node).max(least) {
-                found.push(tip);
-            }
-            parent[end as usize] = keep;
-            own = Some(keep);
+            has_set = true;
+            top[sets.root(node) as usize] = keep;
         }
     }
-    let sets = (0..adjacency.len() as u32).filter(|n| parent[*n as usize] == *n);
-    found.extend(sets.map(|s| top[s as usize]));
+    let roots = (0..adjacency.len() as u32).filter(|n| sets.root(*n) == *n);
+    found.extend(roots.map(|n| top[n as usize]));
     found.sort_unstable();
     found
 }

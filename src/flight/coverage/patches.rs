@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::geometry::Mesh;
+use crate::geometry::{DisjointSets, Mesh};
 
 /// Faces that share edges and that no view saw.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,20 +77,11 @@ fn components(wall: &Mesh, faces: &[u32]) -> Vec<u32> {
         edges.extend([(a, b), (b, c), (c, a)].map(|(u, v)| (u.min(v), u.max(v), i as u32)));
     }
     edges.sort_unstable();
-    let mut parent: Vec<u32> = (0..faces.len() as u32).collect();
-    fn root(parent: &mut [u32], mut i: u32) -> u32 {
-        while parent[i as usize] != i {
-            parent[i as usize] = parent[parent[i as usize] as usize];
-            i = parent[i as usize];
-        }
-        i
-    }
+    let mut sets = DisjointSets::new(faces.len());
     for w in edges.windows(2) {
         if (w[0].0, w[0].1) == (w[1].0, w[1].1) {
-            let (a, b) = (root(&mut parent, w[0].2), root(&mut parent, w[1].2));
-            // The lower one stays a root: it is the first face of both.
-            parent[a.max(b) as usize] = a.min(b);
+            sets.join(w[0].2, w[1].2);
         }
     }
-    (0..faces.len() as u32).map(|i| root(&mut parent, i)).collect()
+    (0..faces.len() as u32).map(|i| sets.root(i)).collect()
 }

@@ -4,6 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::geometry::median_split::{self, KeyedPoint};
+use crate::geometry::morton_code;
 use crate::mesh::halfedge::by_lower_vertex;
 
 /// Stands for "no face".
@@ -229,15 +230,7 @@ fn morton_order(clusters: &[ClusterBorder]) -> Vec<u32> {
     let (lo, hi) = clusters
         .iter()
         .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, c| (b.0.min(c.centre), b.1.max(c.centre)));
-    let scale = 1023.0 / (hi - lo).max_element().max(f32::MIN_POSITIVE);
-    let spread = |v: f32| {
-        let v = v as u32;
-        (0..10).fold(0u32, |s, k| s | (v >> k & 1) << (3 * k))
-    };
-    let code = |p: Vec3| {
-        let p = (p - lo) * scale;
-        spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
-    };
+    let code = morton_code(lo, hi);
     let mut order: Vec<(u32, u32)> =
         clusters.iter().zip(0..).map(|(c, i)| (code(c.centre), i)).collect();
     order.sort_unstable();

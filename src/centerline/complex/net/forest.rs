@@ -4,6 +4,7 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::Net;
+use crate::geometry::DisjointSets;
 
 impl Net<'_> {
     /// Computes the spanning forest of widest throats (Kruskal), and the arcs outside it.
@@ -14,20 +15,11 @@ impl Net<'_> {
             let throat = self.arcs[*i].as_ref().map_or(0, |a| self.throat(&a.contacts).0);
             (Reverse(throat), *i)
         });
-        let mut set: BTreeMap<u32, u32> = self.at.keys().map(|n| (*n, *n)).collect();
-        fn find(set: &mut BTreeMap<u32, u32>, mut n: u32) -> u32 {
-            while set[&n] != n {
-                let up = set[&set[&n]];
-                set.insert(n, up);
-                n = up;
-            }
-            n
-        }
+        let mut sets = DisjointSets::new(self.complex.nodes.len());
         order.into_iter().partition(|i| {
             let Some(arc) = &self.arcs[*i] else { return false };
-            let [a, b] = arc.ends().map(|n| find(&mut set, n));
-            set.insert(a.max(b), a.min(b));
-            a != b
+            let [a, b] = arc.ends();
+            sets.join(a, b)
         })
     }
 }
