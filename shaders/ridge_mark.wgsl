@@ -2,42 +2,22 @@
 // in   near   [27 S]  u32  neighbouring slots
 // in   inside [16 S]  u32  one bit a voxel
 // in   f      [512 S] f32  smoothed distance, mm
-// in   d      [512 S] f32  exact distance, mm
 // out  marked [16 S]  u32  one bit a voxel
 // grid one thread a voxel, 64 a workgroup: two words of `marked`
-// tol  bits agree except where |offset| is within 2e-3 voxel of 0.6, |g| within 2e-3 of the gate,
-//      or the second eigenvalue within 1e-4 of its limit; the cases stay clear of those
+// tol  bits agree except where |offset| is within 2e-3 voxel of 0.6, or the second eigenvalue within
+//      1e-4 of its limit; the cases stay clear of those
 // src  lib/ridge.wgsl
-// ours besides the gate on the smoothed slope, the exact distance must not climb by more than
-//      `climb` a mm towards any of the 26 neighbours: next to the wall the smoothed slope is flattened
-//      by the zeros outside, and accepts crests of the staircase there
 @group(0) @binding(0) var<storage, read> near: array<u32>;
 @group(0) @binding(1) var<storage, read> inside: array<u32>;
 @group(0) @binding(2) var<storage, read> f: array<f32>;
-@group(0) @binding(3) var<storage, read> d: array<f32>;
-@group(0) @binding(4) var<storage, read_write> marked: array<u32>;
+@group(0) @binding(3) var<storage, read_write> marked: array<u32>;
 
-struct Params { spacing_mm: vec3<f32>, gate: f32, slots: u32, climb: f32 }
+struct Params { spacing_mm: vec3<f32>, slots: u32 }
 var<immediate> params: Params;
 
 #include "lib/thread.wgsl"
 #include "lib/bricks.wgsl"
 #include "lib/ridge.wgsl"
-
-// Next to the wall (here < 1.5 voxel) distances rise by as little as 0.41 a voxel along lattice
-// diagonals; a medial voxel there has no higher neighbour at all, so the limit is drawn in.
-fn climbs(slot: u32, p: vec3<i32>, here: f32) -> bool {
-    let h = params.spacing_mm;
-    let at_wall = here < 1.5 * max(h.x, max(h.y, h.z)) && params.climb < 1.0;
-    let limit = select(params.climb, 0.4, at_wall);
-    for (var n = 0; n < 27; n++) {
-        let step = vec3(n % 3 - 1, (n / 3) % 3 - 1, n / 9 - 1);
-        let e = element(slot, p + step);
-        if n == 13 || e == NONE { continue; }
-        if d[e] - here > limit * length(vec3<f32>(step) * h) { return true; }
-    }
-    return false;
-}
 
 var<workgroup> words: array<atomic<u32>, 2>;
 
@@ -55,8 +35,8 @@ fn main(
     if slot < params.slots {
         let bit = 1u << (voxel & 31u);
         if (inside[voxel >> 5u] & bit) != 0u {
-            let r = ridge(slot, position(voxel & 511u), params.spacing_mm, params.gate);
-            if r.accepted && !climbs(slot, position(voxel & 511u), d[voxel]) { atomicOr(&words[local >> 5u], bit); }
+            let r = ridge(slot, position(voxel & 511u), params.spacing_mm);
+            if r.accepted { atomicOr(&words[local >> 5u], bit); }
         }
     }
     workgroupBarrier();

@@ -32,7 +32,7 @@ fn main(
     let i = thread(group, groups, local, 64u);
     if i >= min(total[params.slots], params.capacity) { return; }
     let voxel = list[i];
-    let r = ridge(voxel >> 9u, position(voxel & 511u), params.spacing_mm, 3.0e38);
+    let r = ridge(voxel >> 9u, position(voxel & 511u), params.spacing_mm);
     let o = 12u * i;
     measure[o] = r.offset_mm.x;
     measure[o + 1u] = r.offset_mm.y;

@@ -3,7 +3,7 @@
 // src  Eberly, Ridges in Image and Data Analysis, 1996 (height ridge); Steger 1998,
 //      doi:10.1109/34.659930 (offset test); the paper's section 3.1
 // ours the pair v1.g = v2.g = 0 never holds on a grid: one Newton step in the plane across v3 must
-//      stay within 0.6 voxel, and |g| is gated (a medial point has |g| well below 1)
+//      stay within 0.6 voxel
 #include "lib/eigen.wgsl"
 
 struct Ridge {
@@ -40,11 +40,10 @@ fn derivatives(slot: u32, p: vec3<i32>, h: vec3<f32>) -> Derivatives {
     return Derivatives(g, m, o);
 }
 
-fn ridge(slot: u32, p: vec3<i32>, h: vec3<f32>, gate: f32) -> Ridge {
+fn ridge(slot: u32, p: vec3<i32>, h: vec3<f32>) -> Ridge {
     let n = derivatives(slot, p, h);
     var out: Ridge;
     out.gradient = length(n.g);
-    if out.gradient > gate { return out; }
     let e = eigen(n.m, n.o);
     out.axis = e.vector;
     out.values = e.values;

@@ -24,7 +24,7 @@ impl Session {
             let mut plan = Plan::new();
             let buffers = LumenBuffers::new(&mut plan, lumen);
             let (d, f) = distance_and_smooth(&mut plan, &buffers);
-            let points = ridge(&mut plan, &buffers, d, f, f32::INFINITY, capacity);
+            let points = ridge(&mut plan, &buffers, d, f, capacity);
             let mut out = device.run(&plan)?;
             match points.read(&out) {
                 Ok(ridge) => {

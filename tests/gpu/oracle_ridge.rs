@@ -1,7 +1,6 @@
 //! Ridge voxels and their measures against an f64 analysis with a general eigensolver.
 //!
-//! The fixtures' reading `zero`: the blurred distance continues as 0 outside, and there is no test
-//! of how the exact distance rises, which the kernel is given here as an infinite limit.
+//! The fixtures' reading `zero`: the blurred distance continues as 0 outside.
 
 use std::collections::BTreeSet;
 
@@ -16,23 +15,19 @@ use intima::paper::{RidgePoint, ridge};
 use serde_json::Value;
 
 const NAMES: [&str; 5] = ["tube", "oblique", "torus", "oblique_thick", "torus_thick"];
-/// As good as infinite.
-const NO_LIMIT: f32 = 3e38;
 
-/// Linear indices of the voxels marked with a limit on the slope, and without a test of rise.
-fn marked(device: &mut Device, lumen: &Lumen, gate: f32) -> BTreeSet<i64> {
+/// Linear indices of the voxels marked.
+fn marked(device: &mut Device, lumen: &Lumen) -> BTreeSet<i64> {
     let mut plan = Plan::new();
     let b = LumenBuffers::new(&mut plan, lumen);
     let d = distance(&mut plan, &b);
     let f = smooth(&mut plan, &b, d, lumen.grid.spacing_mm.min_element(), None);
     let slots = b.slots as usize;
     let marked = plan.zeroed::<u32>("ridge bits", slots * 16);
-    let bindings = ridge_mark::Bindings { near: b.near, inside: b.inside, f, d, marked };
+    let bindings = ridge_mark::Bindings { near: b.near, inside: b.inside, f, marked };
     let params = ridge_mark::Params {
         spacing_mm: lumen.grid.spacing_mm.as_vec3().to_array(),
-        gate,
         slots: b.slots,
-        climb: NO_LIMIT,
         ..Default::default()
     };
     plan.launch(&ridge_mark::KERNEL, bindings, params, b.field_len(), b.items);
@@ -55,24 +50,19 @@ fn disagreement(got: &BTreeSet<i64>, sure: &BTreeSet<i64>, unsure: &Value) -> Ve
 }
 
 #[test]
-fn accepted_voxels_are_those_of_the_fixture_with_and_without_the_gate() {
+fn accepted_voxels_are_those_of_the_fixture() {
     for mut device in devices() {
         let device_name = device.name().to_owned();
         for name in NAMES {
             let lumen = lumen(name);
             let want = &json(&format!("ridge/{name}.json"))["zero"];
-            let gated = list(&want["accepted"]).iter().map(|row| int(&row[0])).collect();
-            let paper = ints(&want["paper_accepted"]).into_iter().collect();
-            for (gate, sure, unsure) in
-                [(0.7, gated, "uncertain"), (NO_LIMIT, paper, "paper_uncertain")]
-            {
-                let got = marked(&mut device, &lumen, gate);
-                let wrong = disagreement(&got, &sure, &want[unsure]);
-                let at = |i: &i64| -> UVec3 { lumen.grid.voxel(*i as usize) };
-                let wrong: Vec<UVec3> = wrong.iter().map(at).collect();
-                println!("{device_name}: {name}, gate {gate}: {} of {}", got.len(), sure.len());
-                assert!(wrong.is_empty(), "{name}, gate {gate} on {device_name}: {wrong:?}");
-            }
+            let sure = ints(&want["paper_accepted"]).into_iter().collect();
+            let got = marked(&mut device, &lumen);
+            let wrong = disagreement(&got, &sure, &want["paper_uncertain"]);
+            let at = |i: &i64| -> UVec3 { lumen.grid.voxel(*i as usize) };
+            let wrong: Vec<UVec3> = wrong.iter().map(at).collect();
+            println!("{device_name}: {name}: {} of {}", got.len(), sure.len());
+            assert!(wrong.is_empty(), "{name} on {device_name}: {wrong:?}");
         }
     }
 }
@@ -83,7 +73,7 @@ fn measured(device: &mut Device, lumen: &Lumen) -> Vec<RidgePoint> {
     let b = LumenBuffers::new(&mut plan, lumen);
     let d = distance(&mut plan, &b);
     let f = smooth(&mut plan, &b, d, lumen.grid.spacing_mm.min_element(), None);
-    let r = ridge(&mut plan, &b, d, f, f32::INFINITY, 20_000);
+    let r = ridge(&mut plan, &b, d, f, 20_000);
     r.read(&device.run(&plan).unwrap()).expect("room for all")
 }
 

@@ -23,7 +23,7 @@ fn chain(lumen: &Lumen) -> Plan<'_> {
     let buffers = LumenBuffers::new(&mut plan, lumen);
     let d = distance(&mut plan, &buffers);
     let s = smooth(&mut plan, &buffers, d, 1.0, None);
-    ridge(&mut plan, &buffers, d, s, 0.7, 100_000);
+    ridge(&mut plan, &buffers, d, s, 100_000);
     plan.download(d);
     plan.download(s);
     plan

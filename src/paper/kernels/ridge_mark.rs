@@ -1,7 +1,7 @@
 //! CPU twin of `ridge_mark`, and the ridge test at one voxel that it shares with `ridge_measure`.
 //! Formulas as in `shaders/lib/ridge.wgsl`; f64 where it costs nothing.
 
-use glam::{IVec3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::compute::{CpuArgs, Kernel, Tolerance};
@@ -55,18 +55,6 @@ fn hessian(halo: &Halo, c: usize, h: Vec3) -> (Vec3, Vec3) {
     (m, o)
 }
 
-/// Whether the field rises by more than `rate` a mm towards some neighbour.
-fn climbs(halo: &Halo, local: usize, h: Vec3, rate: f32) -> bool {
-    let c = Halo::centre(local);
-    let at_wall = halo.values()[c] < 1.5 * h.max_element() && rate < 1.0;
-    let limit = if at_wall { 0.4 } else { rate };
-    (0..27i32).filter(|n| *n != 13).any(|n| {
-        let step = IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
-        let q = (c as i32 + step.x + 10 * step.y + 100 * step.z) as usize;
-        halo.values()[q] - halo.values()[c] > limit * (step.as_vec3() * h).length()
-    })
-}
-
 /// Result of the ridge test at a voxel.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Ridge {
@@ -82,15 +70,12 @@ pub struct Ridge {
     pub axis: Vec3,
 }
 
-/// The ridge test at a voxel of a brick; `gate` is the largest gradient of a medial point.
+/// The ridge test at a voxel of a brick.
 #[inline]
-pub fn ridge(halo: &Halo, local: usize, h: Vec3, gate: f32) -> Ridge {
+pub fn ridge(halo: &Halo, local: usize, h: Vec3) -> Ridge {
     let c = Halo::centre(local);
     let g = gradient(halo, c, h);
     let mut out = Ridge { gradient: g.length(), ..Default::default() };
-    if out.gradient > gate {
-        return out; // most voxels of a distance map end here
-    }
     let (m, o) = hessian(halo, c, h);
     let (values, axis) = eigen(m, o);
     out.values = values;
@@ -137,19 +122,13 @@ fn twin(args: &mut CpuArgs<'_>) {
             return;
         }
         let halo = Halo::gather(s.near, s.f, slot);
-        let mut exact = None;
         for (w, (&bits, marked)) in inside.iter().zip(marked).enumerate() {
             let mut rest = bits;
             while rest != 0 {
                 let i = rest.trailing_zeros();
                 rest &= rest - 1;
-                let local = w * 32 + i as usize;
-                if ridge(&halo, local, h, p.gate).accepted {
-                    // Few voxels get here; their bricks fetch the exact distances once.
-                    let exact = exact.get_or_insert_with(|| Halo::gather(s.near, s.d, slot));
-                    if !climbs(exact, local, h, p.climb) {
-                        *marked |= 1 << i;
-                    }
+                if ridge(&halo, w * 32 + i as usize, h).accepted {
+                    *marked |= 1 << i;
                 }
             }
         }

@@ -29,7 +29,7 @@ fn twin(args: &mut CpuArgs<'_>) {
         crate::task::checkpoint();
         let e = e as usize;
         let halo = Halo::gather(s.near, s.f, e / BRICK);
-        let r = ridge(&halo, e % BRICK, h, 3e38);
+        let r = ridge(&halo, e % BRICK, h);
         out[..3].copy_from_slice(&r.offset_mm.to_array());
         out[3] = s.d[e];
         out[4..7].copy_from_slice(&r.axis.to_array());

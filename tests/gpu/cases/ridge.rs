@@ -20,21 +20,13 @@ pub fn ridge_mark() -> Vec<Case> {
         // Accept sets agree across devices only clear of their limits: keep voxels that are.
         let clear = clear_of_limits(lumen, &f, spacing);
         let inside = plan.upload_owned("clear", &clear);
-        let d: Vec<f32> = f.iter().map(|f| (64.0 * f).round() / 64.0).collect();
-        let d = plan.upload_owned("d", &d);
         let f = plan.upload_owned("f", &f);
-        for gate in [0.7, 3e38] {
-            let marked = plan.zeroed::<u32>("marked", slots * 16);
-            let params = ridge_mark::Params {
-                spacing_mm: spacing.to_array(),
-                gate,
-                slots: slots as u32,
-                ..Default::default()
-            };
-            let bindings = ridge_mark::Bindings { near, inside, f, d, marked };
-            plan.launch(&ridge_mark::KERNEL, bindings, params, slots * BRICK, slots * BRICK);
-            plan.download(marked);
-        }
+        let marked = plan.zeroed::<u32>("marked", slots * 16);
+        let spacing_mm = spacing.to_array();
+        let params = ridge_mark::Params { spacing_mm, slots: slots as u32, ..Default::default() };
+        let bindings = ridge_mark::Bindings { near, inside, f, marked };
+        plan.launch(&ridge_mark::KERNEL, bindings, params, slots * BRICK, slots * BRICK);
+        plan.download(marked);
     })
 }
 
@@ -43,11 +35,10 @@ fn clear_of_limits(lumen: &Lumen, f: &[f32], h: Vec3) -> Vec<u32> {
     let near: Vec<u32> = lumen.bricks.near().iter().flatten().copied().collect();
     let mut bits: Vec<u32> = bytemuck::cast_slice::<u64, u32>(&lumen.inside).to_vec();
     for e in lumen.elements(&lumen.inside) {
-        let r = ridge(&Halo::gather(&near, f, e / BRICK), e % BRICK, h, 3e38);
+        let r = ridge(&Halo::gather(&near, f, e / BRICK), e % BRICK, h);
         let close = |a: f32, b: f32, by: f32| (a - b).abs() <= by;
         let t = (r.offset_mm / h).abs();
-        let unsure = close(r.gradient, 0.7, 2e-3)
-            || t.to_array().iter().any(|t| close(*t, 0.6, 2e-3) || t.is_nan())
+        let unsure = t.to_array().iter().any(|t| close(*t, 0.6, 2e-3) || t.is_nan())
             || close(r.values.y * h.min_element(), -1e-4, 1e-3)
             || r.values.y - r.values.x < 1e-4 && r.values.z - r.values.y < 1e-3;
         if unsure {
@@ -132,7 +123,7 @@ pub fn ridge_measure() -> Vec<Case> {
         let list: Vec<u32> = lumen
             .elements(&lumen.inside)
             .filter(|&e| {
-                let r = ridge(&Halo::gather(&flat, &f, e / BRICK), e % BRICK, h, 0.7);
+                let r = ridge(&Halo::gather(&flat, &f, e / BRICK), e % BRICK, h);
                 r.accepted && r.values.z - r.values.y > 0.05 && r.values.y < -0.02
             })
             .map(|e| e as u32)
