@@ -51,7 +51,7 @@ impl ViewerOptions {
 
 /// Products that are shown, in the order in which a script takes them in: its pictures show those
 /// up to what it waited for, whatever else is there.
-const SHOWN: [Product; 17] = [
+const SHOWN: [Product; 16] = [
     Product::Volume,
     Product::ValueRange,
     Product::Lumen,

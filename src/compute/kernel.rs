@@ -1,6 +1,6 @@
 //! A kernel: shader, CPU twin, tolerance.
 
-use super::{CpuArgs, Tolerance};
+use super::CpuArgs;
 
 /// A storage buffer of a shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,6 +42,20 @@ pub struct ShaderNeeds {
     pub params_bytes: u32,
     /// Memory shared by a workgroup, bytes.
     pub shared_bytes: u32,
+}
+
+/// Allowed difference of two floats: `abs + rel * |want|`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tolerance {
+    /// Absolute part, in the buffer's unit.
+    pub abs: f32,
+    /// Relative part.
+    pub rel: f32,
+}
+
+impl Tolerance {
+    /// Bit equality (and NaN never passes).
+    pub const EXACT: Self = Self { abs: 0.0, rel: 0.0 };
 }
 
 /// A kernel for every device: shader and CPU twin.

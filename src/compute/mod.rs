@@ -2,15 +2,13 @@
 //! the CPU runner. No Vulkan here.
 
 mod array;
-mod compare;
 mod cpu;
 mod cpu_args;
 mod kernel;
 mod plan;
 
 pub use array::Array;
-pub use compare::{Mismatch, Tolerance, worst};
 pub use cpu::run_cpu;
 pub use cpu_args::{CpuArgs, CpuSlices};
-pub use kernel::{Binding, BufId, Kernel, Launch, Shader, ShaderNeeds};
+pub use kernel::{Binding, BufId, Kernel, Launch, Shader, ShaderNeeds, Tolerance};
 pub use plan::{Buf, Contents, Outputs, Plan, PlanBuffer, Step, StepTime};

@@ -2,6 +2,7 @@
 
 mod all_round;
 mod cases;
+mod compare;
 mod golden;
 mod lod_draw;
 mod lod_occlusion;

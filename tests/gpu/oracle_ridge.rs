@@ -4,7 +4,7 @@
 
 use std::collections::BTreeSet;
 
-use common::fixtures::{devices, int, ints, json, list, lumen, real};
+use common::fixtures::{devices, ints, json, list, lumen, real};
 use glam::{DVec3, IVec3, UVec3};
 use intima::compute::Plan;
 use intima::device::Device;

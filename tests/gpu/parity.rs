@@ -2,10 +2,11 @@
 
 use std::collections::BTreeSet;
 
-use intima::compute::{Outputs, Plan, Step, Tolerance, run_cpu, worst};
+use intima::compute::{Outputs, Plan, Step, Tolerance, run_cpu};
 use intima::vk::{Gpu, Validate};
 
 use crate::cases;
+use crate::compare::worst;
 
 /// The first disagreement of two runs of `plan`, if any: floats within `tol`, all else exactly.
 fn disagreement(plan: &Plan<'_>, want: &Outputs, got: &Outputs, tol: Tolerance) -> Option<String> {

@@ -1,13 +1,15 @@
 //! The Vulkan room itself: that validation would see our faults, and that failures have types.
 
 use common::child;
-use intima::compute::{Buf, Kernel, Plan, run_cpu, worst};
+use intima::compute::{Buf, Kernel, Plan, run_cpu};
 use intima::device::{Device, DeviceChoice};
 use intima::kernels::fair::{Bindings, KERNEL, Params};
 use intima::vk::{
     BufferId, Choice, Frame, FrameOptions, Gpu, OpenOptions, RunOptions, STAGING_BYTES, Validate,
     VkError, Write,
 };
+
+use crate::compare::worst;
 
 /// A ring of vertices, faired `rounds` times; the output has room for `room` vertices.
 fn ring(

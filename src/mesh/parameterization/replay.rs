@@ -36,22 +36,6 @@ impl Parameterization {
         self.to_fine_with(at, |w| w)
     }
 
-    /// Maps many points by [`Parameterization::to_base`], on all threads.
-    ///
-    /// # Errors
-    /// As for one point, for the first such point.
-    pub fn to_base_all(&self, at: &[MeshPoint]) -> Result<Vec<MappedPoint>, ParameterizationError> {
-        all(at, |p| self.to_base(p))
-    }
-
-    /// Maps many points by [`Parameterization::to_fine`], on all threads.
-    ///
-    /// # Errors
-    /// As for one point, for the first such point.
-    pub fn to_fine_all(&self, at: &[MeshPoint]) -> Result<Vec<MappedPoint>, ParameterizationError> {
-        all(at, |p| self.to_fine(p))
-    }
-
     /// Positions of all removed vertices on the base, in the order of removal.
     pub fn removed_vertices(&self) -> Vec<RemovedVertex> {
         let tuple = |record: u32| {
@@ -168,12 +152,4 @@ impl Parameterization {
             hops += 1;
         }
     }
-}
-
-/// Maps every point by `one`.
-fn all(
-    at: &[MeshPoint],
-    one: impl Fn(MeshPoint) -> Result<MappedPoint, ParameterizationError> + Sync,
-) -> Result<Vec<MappedPoint>, ParameterizationError> {
-    at.par_iter().with_min_len(MIN_BATCH).map(|&p| one(p)).collect()
 }

@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::*;
 use driver::{Dice, diagonal, patch, point, simplify, sphere, torus, tube};
@@ -36,6 +37,18 @@ fn cases() -> Vec<Case> {
         Case { name, mesh, maps }
     };
     meshes.into_iter().map(case).collect()
+}
+
+impl Parameterization {
+    /// [`Parameterization::to_base`] of many places.
+    fn to_base_all(&self, at: &[MeshPoint]) -> Result<Vec<MappedPoint>, ParameterizationError> {
+        at.par_iter().map(|p| self.to_base(*p)).collect()
+    }
+
+    /// [`Parameterization::to_fine`] of many places.
+    fn to_fine_all(&self, at: &[MeshPoint]) -> Result<Vec<MappedPoint>, ParameterizationError> {
+        at.par_iter().map(|p| self.to_fine(*p)).collect()
+    }
 }
 
 /// Random points on faces named by `ids`.

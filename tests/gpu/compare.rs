@@ -1,18 +1,6 @@
 //! The one comparer of device results.
 
-/// Allowed difference of two floats: `abs + rel * |want|`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tolerance {
-    /// Absolute part, in the buffer's unit.
-    pub abs: f32,
-    /// Relative part.
-    pub rel: f32,
-}
-
-impl Tolerance {
-    /// Bit equality (and NaN never passes).
-    pub const EXACT: Self = Self { abs: 0.0, rel: 0.0 };
-}
+use intima::compute::Tolerance;
 
 /// Worst element of a comparison that failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -57,26 +45,21 @@ pub fn worst(want: &[f32], got: &[f32], tol: Tolerance) -> Result<f32, Mismatch>
     if worst.bad > 0 { Err(worst) } else { Ok(worst.used) }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_comparer_can_fail() {
-        let tol = Tolerance { abs: 1e-3, rel: 1e-4 };
-        let want = [1.0, f32::INFINITY, 3.0];
-        assert!(worst(&want, &want, tol).is_ok());
-        for (i, bad) in [(0, f32::NAN), (1, 1.0), (2, 3.01)] {
-            let mut got = want;
-            got[i] = bad;
-            assert_eq!(worst(&want, &got, tol).unwrap_err().at, i);
-        }
-        assert!(worst(&want, &want[..2], tol).is_err());
+#[test]
+fn the_comparer_can_fail() {
+    let tol = Tolerance { abs: 1e-3, rel: 1e-4 };
+    let want = [1.0, f32::INFINITY, 3.0];
+    assert!(worst(&want, &want, tol).is_ok());
+    for (i, bad) in [(0, f32::NAN), (1, 1.0), (2, 3.01)] {
+        let mut got = want;
+        got[i] = bad;
+        assert_eq!(worst(&want, &got, tol).unwrap_err().at, i);
     }
+    assert!(worst(&want, &want[..2], tol).is_err());
+}
 
-    #[test]
-    fn a_later_good_value_does_not_hide_a_nan() {
-        let tol = Tolerance { abs: 1.0, rel: 0.0 };
-        assert!(worst(&[0.0, 0.0], &[f32::NAN, 0.5], tol).is_err());
-    }
+#[test]
+fn a_later_good_value_does_not_hide_a_nan() {
+    let tol = Tolerance { abs: 1.0, rel: 0.0 };
+    assert!(worst(&[0.0, 0.0], &[f32::NAN, 0.5], tol).is_err());
 }
