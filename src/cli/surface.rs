@@ -7,7 +7,7 @@ use super::global::{Global, MESHES};
 use super::lumen_args::LumenArgs;
 use super::mode::ModeArg;
 use super::repeat::timed_products;
-use super::surface_args::SurfaceArgs;
+use super::surface_args::{SurfaceArgs, SurfaceFrom};
 use crate::formats::{shown, write_wall};
 use crate::session::{
     LevelSettings, Lod, Mode, Product, Session, Settings, SurfaceReport, WallReport, written_mesh,
@@ -23,6 +23,9 @@ pub struct Args {
     output: PathBuf,
     #[command(flatten)]
     mode: ModeArg,
+    /// The name of --surface-from where no path has a --from
+    #[arg(long, value_enum, conflicts_with = "surface_from", hide = true)]
+    from: Option<SurfaceFrom>,
     #[command(flatten)]
     surface: SurfaceArgs,
     #[command(flatten)]
@@ -33,10 +36,12 @@ impl Args {
     /// Extracts, smooths normals and writes.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         global.check_output(&self.output, MESHES)?;
+        let mut wall = self.surface.settings()?;
+        wall.from_mask |= self.from == Some(SurfaceFrom::Mask);
         let settings = Settings {
             mode: self.mode.main(),
             lumen: self.lumen.settings()?,
-            wall: self.surface.settings()?,
+            wall,
             // The simplified surface begins with the wall itself.
             levels: LevelSettings { lod: Lod::Off, ..LevelSettings::default() },
             ..global.settings()
