@@ -567,3 +567,20 @@ fn a_reader_that_closes_the_pipe_is_no_error() {
     let out = child.wait_with_output().unwrap();
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
 }
+
+/// `run` needs --from for the end of a path, so `surface` has the flag by two names.
+#[test]
+fn surface_takes_its_vertices_from_the_mask_by_both_names_of_the_flag() {
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Tube, 24);
+    let surface = ["surface", "ct.nrrd", "--threshold", ":-455", "--wall", "exact", "-o"];
+    for (name, flag) in
+        [("a.ply", "--from"), ("b.ply", "--surface-from"), ("c.ply", "--surface-from")]
+    {
+        let value = if name == "c.ply" { "grey" } else { "mask" };
+        works(tmp.path(), &[&surface[..], &[name, flag, value]].concat());
+    }
+    let read = |name| std::fs::read(tmp.path().join(name)).unwrap();
+    assert_eq!(read("a.ply"), read("b.ply"));
+    assert_ne!(read("b.ply"), read("c.ply"));
+}
