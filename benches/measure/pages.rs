@@ -7,7 +7,7 @@ use glam::Vec3;
 use intima::formats::{Space, read_mesh};
 use intima::geometry::{Cone, Lens, Mesh, Pose, Sphere};
 use intima::lod::{LodStep, VisiblePatch};
-use intima::render::{Renderer, Scene, Shot, View, Wall};
+use intima::render::{Renderer, Scene, SceneWall, Shot, View};
 use intima::surface::shading;
 use intima::vk::{Gpu, Validate};
 
@@ -102,7 +102,7 @@ pub fn pages_against_one_mesh() {
         let pages = r.open_pages(&mut gpu, step.drawn.len() as u32, radius).unwrap();
         let mut all = |name: &str, step: &LodStep, backs: bool| {
             r.apply(pages, step.clone()).unwrap();
-            let scene = Scene { wall: Wall::Pages { pages, backs }, ..plain };
+            let scene = Scene { wall: SceneWall::Pages { pages, backs }, ..plain };
             let got = time(&mut gpu, &mut r, name, &scene, &shots);
             let off = |(a, b): (&Vec<u8>, &Vec<u8>)| {
                 a.chunks_exact(3).zip(b.chunks_exact(3)).filter(|(a, b)| a != b).count()

@@ -209,14 +209,14 @@ pub enum Command {
 
 /// Commands of one frame, in their order.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Commands {
+pub struct ActionQueue {
     /// Changes of what is shown or noted.
     pub actions: Vec<Action>,
     /// Work that is asked for.
     pub requests: Vec<Request>,
 }
 
-impl From<Command> for Commands {
+impl From<Command> for ActionQueue {
     fn from(command: Command) -> Self {
         match command {
             Command::Action(action) => Self { actions: vec![action], ..Self::default() },
@@ -225,7 +225,7 @@ impl From<Command> for Commands {
     }
 }
 
-impl Commands {
+impl ActionQueue {
     /// Adds an action.
     pub fn act(&mut self, action: Action) {
         self.actions.push(action);

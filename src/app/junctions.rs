@@ -8,7 +8,7 @@ use crate::session::FlightRoute;
 
 /// A branch that can be taken instead.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Choice {
+pub struct BranchChoice {
     /// Number of the branch.
     pub branch: usize,
     /// Place on the path where the branch leaves, mm from the start.
@@ -23,7 +23,7 @@ const AHEAD_MM: f64 = 8.0;
 /// All choices along a path, in its order.
 ///
 /// * `route`: what the path was made of.
-pub fn choices(line: &Centerline, path: &FlightPath, route: FlightRoute) -> Vec<Choice> {
+pub fn choices(line: &Centerline, path: &FlightPath, route: FlightRoute) -> Vec<BranchChoice> {
     // Branches from the root to the one that is flown to its tip, and the point at which each of
     // them is left.
     let mut way: Vec<(usize, usize)> = Vec::new();
@@ -42,7 +42,7 @@ pub fn choices(line: &Centerline, path: &FlightPath, route: FlightRoute) -> Vec<
     let mut choose = |branch: usize, from: DVec3, points: &[DVec3]| {
         let into = points.iter().find(|p| p.distance(from) >= AHEAD_MM).or(points.last());
         let Some(ahead_mm) = into.copied() else { return };
-        found.push(Choice { branch, arc_mm: path.nearest_to(from), ahead_mm });
+        found.push(BranchChoice { branch, arc_mm: path.nearest_to(from), ahead_mm });
     };
     for (branch, left_at) in &way {
         let points: Vec<DVec3> =

@@ -3,11 +3,11 @@
 use egui::{Align2, Key, Modifiers, Ui, Vec2};
 use glam::DVec3;
 
-use super::action::{Action, Colouring, Commands, Export, Request, Ruler, WallView};
+use super::action::{Action, ActionQueue, Colouring, Export, Request, Ruler, WallView};
 use super::model::Model;
 
 /// Keys, unless a text field has them.
-pub(super) fn keys(ui: &Ui, model: &Model, commands: &mut Commands) {
+pub(super) fn keys(ui: &Ui, model: &Model, commands: &mut ActionQueue) {
     if ui.ctx().egui_wants_keyboard_input() {
         return;
     }
@@ -94,7 +94,7 @@ pub(super) fn keys(ui: &Ui, model: &Model, commands: &mut Commands) {
 fn branch_in_view(model: &Model) -> Option<usize> {
     let pose = model.pose?;
     let forward = pose.forward().as_dvec3();
-    let towards = |c: &super::junctions::Choice| {
+    let towards = |c: &super::junctions::BranchChoice| {
         (c.ahead_mm - pose.position_mm.as_dvec3()).normalize_or_zero().dot(forward)
     };
     let offered = model.offered();
@@ -106,7 +106,7 @@ fn branch_in_view(model: &Model) -> Option<usize> {
 const HAND_MM_S: f64 = 25.0;
 
 /// Keys that move as long as they are held.
-fn held_keys(ui: &Ui, commands: &mut Commands) {
+fn held_keys(ui: &Ui, commands: &mut ActionQueue) {
     let (dt, fast) = ui.input(|i| (f64::from(i.stable_dt).min(0.1), i.modifiers.shift));
     let by = HAND_MM_S * dt * if fast { 3.0 } else { 1.0 };
     // Down at the end of the frame, or pressed and let go within it.
@@ -133,7 +133,7 @@ pub fn moves(ctx: &egui::Context) -> bool {
 }
 
 /// The keys as a window over the panes.
-pub(super) fn help(ui: &Ui, commands: &mut Commands) {
+pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
     const KEYS: &[(&str, &str)] = &[
         ("Space", "play, pause"),
         ("R", "direction"),
@@ -196,7 +196,7 @@ mod tests {
             modifiers: Modifiers::NONE,
         };
         let moved = |events| {
-            let mut commands = Commands::default();
+            let mut commands = ActionQueue::default();
             let input = egui::RawInput { events, ..Default::default() };
             let mut output = context.run_ui(input, |ui| keys(ui, &model, &mut commands));
             output.textures_delta.clear();

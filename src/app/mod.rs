@@ -30,12 +30,12 @@ mod viewer;
 mod window;
 
 pub use action::{
-    Action, Colouring, Command, Commands, Export, FOV_DEG, LumenChoice, Pane, Request, Ruler,
+    Action, ActionQueue, Colouring, Command, Export, FOV_DEG, LumenChoice, Pane, Request, Ruler,
     SPEED_MM_S, WallView,
 };
 pub use coverage_recorder::{CoverageRecorder, SeenFaces};
 pub use error::AppError;
-pub use junctions::Choice;
+pub use junctions::BranchChoice;
 pub use measure::Measurement;
 pub use model::{Bookmark, Model};
 pub use script::{SCRIPT_SCHEMA, Script, ScriptStep, Wait, play};

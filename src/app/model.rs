@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::action::{Action, Colouring, FOV_DEG, Pane, Request, Ruler, SPEED_MM_S, WallView};
 use super::coverage_recorder::SeenFaces;
-use super::junctions::{Choice, choices};
+use super::junctions::{BranchChoice, choices};
 use super::measure::Measurement;
 use crate::flight::{Flight, FlightPath, SectionFigures};
 use crate::formats::InputInfo;
@@ -88,7 +88,7 @@ pub struct Model {
     /// The path is the flight of the session's settings.
     is_planned_path: bool,
     /// Branches that can be taken, along the path.
-    pub choices: Vec<Choice>,
+    pub choices: Vec<BranchChoice>,
     /// Projection of the inside pane.
     pub view: WallView,
     /// Quantity that colours the wall.

@@ -12,8 +12,8 @@ use super::model::Model;
 use crate::geometry::Camera;
 use crate::lod::{Tolerance, Worker};
 use crate::render::{
-    IN_FLIGHT, Look, MeshHandle, PagesHandle, PathHandle, RenderError, Renderer, Scene, Shot, View,
-    Wall,
+    IN_FLIGHT, Look, MeshHandle, PagesHandle, PathHandle, RenderError, Renderer, Scene, SceneWall,
+    Shot, View,
 };
 use crate::session::levels::UPLOAD_BYTES;
 use crate::session::{Levels, Products, SessionError};
@@ -251,16 +251,16 @@ impl Panes {
 
     /// Whether the inside view shows a cut of the levels.
     fn draws_pages(&self) -> bool {
-        matches!(self.inside.scene, Some(Scene { wall: Wall::Pages { .. }, .. }))
+        matches!(self.inside.scene, Some(Scene { wall: SceneWall::Pages { .. }, .. }))
     }
 
     /// Sets the scene of each pane as the model wants it.
     fn arrange(&mut self, model: &Model) {
         let pages = self.levels.as_ref().filter(|_| self.has_cut).map(|l| l.1);
         let wall = match (&self.coloured, pages, self.mesh) {
-            (Some(c), ..) => Some(Wall::Mesh(c.inside)),
-            (None, Some(pages), _) => Some(Wall::Pages { pages, backs: false }),
-            (None, None, mesh) => mesh.map(Wall::Mesh),
+            (Some(c), ..) => Some(SceneWall::Mesh(c.inside)),
+            (None, Some(pages), _) => Some(SceneWall::Pages { pages, backs: false }),
+            (None, None, mesh) => mesh.map(SceneWall::Mesh),
         };
         if let Some(wall) = wall.filter(|w| self.inside.scene.is_none_or(|s| s.wall != *w)) {
             let look = Look::default();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::action::{Command, Commands};
+use super::action::{ActionQueue, Command};
 use super::canvas::Target;
 use super::error::AppError;
 use super::panes::Detail;
@@ -334,11 +334,11 @@ impl<'a> Player<'a> {
 
     /// A frame without commands but those of keys and pointer.
     fn frame(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
-        self.draw(gpu, Commands::default())
+        self.draw(gpu, ActionQueue::default())
     }
 
     /// One frame of the script's clock.
-    fn draw(&mut self, gpu: &mut Gpu, commands: Commands) -> Result<(), AppError> {
+    fn draw(&mut self, gpu: &mut Gpu, commands: ActionQueue) -> Result<(), AppError> {
         let dt = 1.0 / self.script.fps;
         let [width, height] = self.script.size.map(|s| s as f32 / self.script.scale);
         let mut input = egui::RawInput {

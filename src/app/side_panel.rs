@@ -3,7 +3,9 @@
 use egui::{Key, Ui};
 use glam::DVec3;
 
-use super::action::{Action, Colouring, Commands, Export, LumenChoice, Request, Ruler, WallView};
+use super::action::{
+    Action, ActionQueue, Colouring, Export, LumenChoice, Request, Ruler, WallView,
+};
 use super::model::Model;
 use super::style::FAINT;
 use crate::formats::{InputInfo, NOTICE};
@@ -23,7 +25,7 @@ pub(super) fn side_panel(
     ui: &mut Ui,
     model: &Model,
     state: &mut PanelState,
-    commands: &mut Commands,
+    commands: &mut ActionQueue,
 ) {
     egui::Panel::bottom("notice").show_separator_line(false).show(ui, |ui| {
         ui.add(egui::Label::new(egui::RichText::new(NOTICE).small().color(FAINT)).wrap());
@@ -35,7 +37,7 @@ pub(super) fn side_panel(
     });
 }
 
-fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut Commands) {
+fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut ActionQueue) {
     ui.add_space(4.0);
     figures(ui, model);
     ui.separator();
@@ -84,7 +86,7 @@ fn short_button(ui: &mut Ui, text: &str) -> egui::Response {
 }
 
 /// The series or segments of an input, to choose one.
-fn contents(ui: &mut Ui, info: &InputInfo, commands: &mut Commands) {
+fn contents(ui: &mut Ui, info: &InputInfo, commands: &mut ActionQueue) {
     ui.strong(if info.segments.is_empty() { "Series" } else { "Segments" });
     egui::ScrollArea::vertical().id_salt("contents").max_height(200.0).show(ui, |ui| {
         for s in &info.series {
@@ -104,7 +106,7 @@ fn contents(ui: &mut Ui, info: &InputInfo, commands: &mut Commands) {
 
 /// The organ or the range of values that is the lumen. The range begins as gas in a CT, else as what
 /// is bright.
-fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut Commands) {
+fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut ActionQueue) {
     let (low, high) = model.value_range();
     let begin = || match low < -500.0 {
         true => ([low, -500.0], false),
@@ -138,7 +140,7 @@ fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &m
 }
 
 /// Lays out the controls of the wall's appearance.
-fn appearance(ui: &mut Ui, model: &Model, commands: &mut Commands) {
+fn appearance(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     let views =
         [(WallView::Eye, "eye"), (WallView::Cube, "cube"), (WallView::Panorama, "panorama")];
     ui.horizontal(|ui| {
@@ -186,7 +188,7 @@ fn appearance(ui: &mut Ui, model: &Model, commands: &mut Commands) {
     });
 }
 
-fn measuring(ui: &mut Ui, model: &Model, commands: &mut Commands) {
+fn measuring(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     ui.horizontal(|ui| {
         ui.strong("Measure");
         for (ruler, name) in [(Ruler::Length, "length"), (Ruler::Angle, "angle")] {
@@ -209,7 +211,7 @@ fn measuring(ui: &mut Ui, model: &Model, commands: &mut Commands) {
     }
 }
 
-fn exports(ui: &mut Ui, model: &Model, commands: &mut Commands) {
+fn exports(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     ui.horizontal(|ui| {
         ui.strong("Save");
         let ready = model.path.is_some();
@@ -286,7 +288,7 @@ mod tests {
                 let mut state = PanelState::default();
                 let panel = egui::Panel::right("notes").resizable(false).exact_size(236.0);
                 let shown = panel.show(ui, |ui| {
-                    side_panel(ui, &model, &mut state, &mut Commands::default());
+                    side_panel(ui, &model, &mut state, &mut ActionQueue::default());
                     ui.min_rect().width()
                 });
                 widths.push((shown.inner, shown.response.rect.width()));

@@ -3,10 +3,10 @@
 use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Stroke, Ui, pos2, vec2};
 use glam::DVec3;
 
-use super::action::{Action, Commands, Pane};
+use super::action::{Action, ActionQueue, Pane};
 use super::inside_marks::measurements;
 use super::model::Model;
-use super::slices::{Plane, slice};
+use super::slices::{SlicePlane, slice};
 use super::style::{CAMERA, TEXT, pixels, wheel_notches};
 use crate::volume::Volume;
 
@@ -15,7 +15,7 @@ const CROSSHAIR: Color32 = Color32::from_rgba_premultiplied(120, 94, 28, 150);
 /// A slice as a texture, and what it was made of.
 struct SliceTexture {
     texture: egui::TextureHandle,
-    made_of: (Plane, [usize; 2], [f64; 2], bool),
+    made_of: (SlicePlane, [usize; 2], [f64; 2], bool),
 }
 
 /// Zoom, offset and textures of the slices.
@@ -46,7 +46,7 @@ pub(super) fn show_slice(
     response: &Response,
     model: &Model,
     views: &mut SliceViews,
-    commands: &mut Commands,
+    commands: &mut ActionQueue,
 ) {
     let painter = ui.painter_at(rect);
     let Some(volume) = model.volume() else { return };
@@ -63,7 +63,7 @@ pub(super) fn show_slice(
         (views.held_mm, views.dragged_to_mm) = Default::default();
     }
     let middle = model.crosshair_mm + views.pan_mm[index] + views.held_mm[index];
-    let Some(plane) = Plane::of(pane, middle, mm_per_px, model.pose) else {
+    let Some(plane) = SlicePlane::of(pane, middle, mm_per_px, model.pose) else {
         return;
     };
     let lumen = model.products.lumen.as_ref().map(|l| &l.lumen);
@@ -165,7 +165,7 @@ fn mm_to_fit(volume: &Volume, pane: Pane, [width, height]: [usize; 2]) -> f64 {
 }
 
 /// Crosshair, eye, sides of the patient, a bar of a centimetre.
-fn slice_marks(painter: &egui::Painter, rect: Rect, plane: &Plane, model: &Model, scale: f64) {
+fn slice_marks(painter: &egui::Painter, rect: Rect, plane: &SlicePlane, model: &Model, scale: f64) {
     let size = [rect.width(), rect.height()].map(|s| f64::from(s) * scale);
     let size = size.map(|s| s.round() as usize);
     let point = |p: DVec3| {
@@ -232,12 +232,12 @@ pub(super) mod tests {
     }
 
     /// Feeds a pane of 200 points with events, a list a frame.
-    fn shown(frames: &[Vec<egui::Event>], mut each: impl FnMut(&Model, &Commands)) {
+    fn shown(frames: &[Vec<egui::Event>], mut each: impl FnMut(&Model, &ActionQueue)) {
         let mut model = model_of_a_volume();
         let (context, mut views) = (egui::Context::default(), SliceViews::default());
         let rect = Rect::from_min_size(Pos2::ZERO, vec2(200.0, 200.0));
         for (i, events) in frames.iter().enumerate() {
-            let mut commands = Commands::default();
+            let mut commands = ActionQueue::default();
             let input = egui::RawInput {
                 screen_rect: Some(rect),
                 time: Some(i as f64 / 30.0),

@@ -12,7 +12,7 @@ use crate::volume::Volume;
 
 /// A plane that is looked at: LPS mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plane {
+pub struct SlicePlane {
     /// Centre of the picture.
     pub centre_mm: DVec3,
     /// Unit, to the right of the picture.
@@ -23,7 +23,7 @@ pub struct Plane {
     pub mm_per_px: f64,
 }
 
-impl Plane {
+impl SlicePlane {
     /// The plane of a pane of slices; `None` of the others.
     pub fn of(pane: Pane, centre_mm: DVec3, mm_per_px: f64, pose: Option<Pose>) -> Option<Self> {
         let (right, down) = match pane {
@@ -80,7 +80,7 @@ const OUTSIDE: [u8; 3] = [12, 12, 14];
 pub fn slice(
     volume: &Volume,
     lumen: Option<&Lumen>,
-    plane: &Plane,
+    plane: &SlicePlane,
     size: [usize; 2],
     window: [f64; 2],
 ) -> Vec<[u8; 3]> {
@@ -103,7 +103,7 @@ pub fn slice(
 
 /// Draws the edge of the lumen's voxels: pixels inside whose right or lower neighbour is not, and
 /// the other way round.
-fn outline(lumen: &Lumen, plane: &Plane, [width, height]: [usize; 2], out: &mut [[u8; 3]]) {
+fn outline(lumen: &Lumen, plane: &SlicePlane, [width, height]: [usize; 2], out: &mut [[u8; 3]]) {
     let walk = Walk::new(plane, &lumen.grid.voxel_from_world(), [width, height]);
     let inside = |x: usize, y: usize| lumen.holds(walk.at(x, y).round().as_ivec3());
     let row = |y: usize| (0..width).map(|x| inside(x, y)).collect::<Vec<bool>>();
@@ -127,7 +127,7 @@ struct Walk {
 }
 
 impl Walk {
-    fn new(plane: &Plane, voxel_from_world: &DAffine3, size: [usize; 2]) -> Self {
+    fn new(plane: &SlicePlane, voxel_from_world: &DAffine3, size: [usize; 2]) -> Self {
         let first = voxel_from_world.transform_point3(plane.at([0.5, 0.5], size));
         let step = |d: DVec3| voxel_from_world.transform_vector3(d * plane.mm_per_px);
         Self { first, along_x: step(plane.right), along_y: step(plane.down) }
@@ -188,21 +188,21 @@ mod tests {
 
     #[test]
     fn slices_are_turned_as_radiology_shows_them() {
-        let plane = |pane| Plane::of(pane, DVec3::ZERO, 1.0, None).unwrap();
+        let plane = |pane| SlicePlane::of(pane, DVec3::ZERO, 1.0, None).unwrap();
         let sides = |pane| plane(pane).sides().concat();
         assert_eq!(sides(Pane::Axial), "RLAP");
         assert_eq!(sides(Pane::Coronal), "RLHF");
         assert_eq!(sides(Pane::Sagittal), "APHF");
-        assert!(Plane::of(Pane::Inside, DVec3::ZERO, 1.0, None).is_none());
+        assert!(SlicePlane::of(Pane::Inside, DVec3::ZERO, 1.0, None).is_none());
         let pose = Pose { position_mm: glam::Vec3::ZERO, rotation: Quat::IDENTITY };
-        let across = Plane::of(Pane::Across, DVec3::ZERO, 1.0, Some(pose)).unwrap();
+        let across = SlicePlane::of(Pane::Across, DVec3::ZERO, 1.0, Some(pose)).unwrap();
         assert_eq!(across.sides().concat(), "RLPA");
         assert_eq!(side_letters(DVec3::new(0.7, -0.7, 0.0)).len(), 2);
     }
 
     #[test]
     fn a_pixel_and_its_place_belong_together() {
-        let plane = Plane::of(Pane::Sagittal, DVec3::new(1.0, 2.0, 3.0), 0.5, None).unwrap();
+        let plane = SlicePlane::of(Pane::Sagittal, DVec3::new(1.0, 2.0, 3.0), 0.5, None).unwrap();
         let (px, off) = plane.px(plane.at([10.0, 30.0], [64, 48]), [64, 48]);
         assert!((px[0] - 10.0).abs() < 1e-9 && (px[1] - 30.0).abs() < 1e-9 && off.abs() < 1e-9);
     }
@@ -210,7 +210,7 @@ mod tests {
     #[test]
     fn the_window_maps_its_ends_to_black_and_white() {
         let v = volume();
-        let plane = Plane::of(Pane::Axial, DVec3::new(2.0, 4.0, 9.0), 1.0, None).unwrap();
+        let plane = SlicePlane::of(Pane::Axial, DVec3::new(2.0, 4.0, 9.0), 1.0, None).unwrap();
         let of = |window| slice(&v, None, &plane, [2, 2], window)[0][0];
         let value =
             trilinear(&v, v.grid.voxel_from_world().transform_point3(plane.at([0.5, 0.5], [2, 2])));

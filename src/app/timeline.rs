@@ -2,12 +2,12 @@
 
 use egui::{Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui, Vec2, pos2, vec2};
 
-use super::action::{Action, Commands};
+use super::action::{Action, ActionQueue};
 use super::model::Model;
 use super::style::{ACCENT, CAMERA, FAINT};
 
 /// The scrub bar with the radius along the path.
-pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut Commands) {
+pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     let size = ui.available_size().max(Vec2::splat(4.0));
     let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
     let painter = ui.painter_at(rect);
@@ -115,7 +115,7 @@ mod tests {
             let time = Some(i as f64 / 30.0);
             let input =
                 egui::RawInput { screen_rect: Some(screen), time, events, ..Default::default() };
-            let mut commands = Commands::default();
+            let mut commands = ActionQueue::default();
             let mut output = context.run_ui(input, |ui| timeline(ui, &model, &mut commands));
             output.textures_delta.clear();
             last = commands.actions.pop().or(last);

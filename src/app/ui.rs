@@ -4,7 +4,7 @@ use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Sense, Stroke, Ui, Vec
 use egui_file_dialog::{DialogState, FileDialog};
 use glam::DVec3;
 
-use super::action::{Action, Commands, FOV_DEG, Pane, Request, SPEED_MM_S, WallView};
+use super::action::{Action, ActionQueue, FOV_DEG, Pane, Request, SPEED_MM_S, WallView};
 use super::inside_marks::{inside_marks, ray_at};
 use super::keys::{help, keys};
 use super::model::Model;
@@ -77,7 +77,7 @@ pub fn window(
     model: &Model,
     state: &mut UiState,
     stage: Option<(&str, f32)>,
-    commands: &mut Commands,
+    commands: &mut ActionQueue,
 ) -> PaneSizes {
     keys(ui, model, commands);
     opened(ui, state, commands);
@@ -88,7 +88,7 @@ pub fn window(
         .exact_size(236.0)
         .show(ui, |ui| side_panel(ui, model, &mut state.panel, commands));
     let mut sizes = PaneSizes::default();
-    let mut of_panes = Commands::default();
+    let mut of_panes = ActionQueue::default();
     egui::CentralPanel::no_frame().show(ui, |ui| {
         let whole = ui.max_rect();
         for (pane, rect) in layout(whole, model.maximised) {
@@ -115,7 +115,7 @@ pub fn window(
 }
 
 /// Asks what becomes of notes that no file has.
-fn ask_to_save(ui: &Ui, state: &mut UiState, commands: &mut Commands) {
+fn ask_to_save(ui: &Ui, state: &mut UiState, commands: &mut ActionQueue) {
     egui::Modal::new(egui::Id::new("unsaved")).show(ui.ctx(), |ui| {
         ui.label("Bookmarks and measurements are not saved.");
         ui.horizontal(|ui| {
@@ -187,7 +187,7 @@ fn on_pixels(ui: &Ui, rect: Rect) -> Rect {
 }
 
 /// Files dropped on the window, or chosen in the dialog.
-fn opened(ui: &Ui, state: &mut UiState, commands: &mut Commands) {
+fn opened(ui: &Ui, state: &mut UiState, commands: &mut ActionQueue) {
     let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
     state.dialog.update(ui.ctx());
     state.save_dialog.update(ui.ctx());
@@ -204,7 +204,7 @@ fn top_bar(
     model: &Model,
     state: &mut UiState,
     stage: Option<(&str, f32)>,
-    commands: &mut Commands,
+    commands: &mut ActionQueue,
 ) {
     ui.horizontal(|ui| {
         ui.menu_button("Open", |ui| {
@@ -278,7 +278,7 @@ fn show_pane(
     model: &Model,
     slices: &mut SliceViews,
     stage: bool,
-    commands: &mut Commands,
+    commands: &mut ActionQueue,
 ) {
     let response = ui.allocate_rect(rect, Sense::click_and_drag());
     response.widget_info(|| egui::WidgetInfo::labeled(egui::WidgetType::Image, true, pane.title()));
@@ -355,7 +355,13 @@ fn turn_per_point(rect: Rect, model: &Model) -> f32 {
     model.fov_deg.to_radians() / rect.height().max(1.0)
 }
 
-fn inside_input(ui: &Ui, response: &Response, rect: Rect, model: &Model, commands: &mut Commands) {
+fn inside_input(
+    ui: &Ui,
+    response: &Response,
+    rect: Rect,
+    model: &Model,
+    commands: &mut ActionQueue,
+) {
     let drag = response.drag_delta();
     let per = turn_per_point(rect, model);
     if response.dragged_by(egui::PointerButton::Primary) && drag != Vec2::ZERO {
@@ -438,7 +444,7 @@ mod tests {
             let time = Some(i as f64 / 30.0);
             let input =
                 egui::RawInput { screen_rect: Some(screen), time, events, ..Default::default() };
-            let mut commands = Commands::default();
+            let mut commands = ActionQueue::default();
             let mut output = context.run_ui(input, |ui| {
                 window(ui, &model, &mut state, None, &mut commands);
             });

@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 
 use egui::ViewportId;
 
-use super::action::{Commands, Export, Request, WallView};
+use super::action::{ActionQueue, Export, Request, WallView};
 use super::canvas::{Canvas, Target};
 use super::coverage_recorder::CoverageRecorder;
 use super::error::AppError;
@@ -351,7 +351,7 @@ impl Viewer {
         &mut self,
         gpu: &mut Gpu,
         input: egui::RawInput,
-        mut commands: Commands,
+        mut commands: ActionQueue,
         dt: f64,
         target: &Target,
         send: impl FnOnce(&mut Gpu, &Frame<'_>) -> Result<(), VkError>,

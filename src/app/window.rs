@@ -12,7 +12,7 @@ use winit::event::{StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Window, WindowId};
 
-use super::action::{Commands, Request};
+use super::action::{ActionQueue, Request};
 use super::canvas::Target;
 use super::error::AppError;
 use super::panes::Detail;
@@ -281,7 +281,7 @@ impl Running {
         self.last = now;
         let target = Target { image, format };
         let is_computing = self.viewer.is_computing();
-        let (commands, acquired) = (Commands::default(), now.elapsed());
+        let (commands, acquired) = (ActionQueue::default(), now.elapsed());
         let (gpu, window) = (&mut self.gpu, &self.window);
         let mut prepared = acquired;
         let end = self.viewer.frame(gpu, input, commands, dt, &target, |gpu, frame| {

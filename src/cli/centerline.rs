@@ -5,8 +5,7 @@ use std::path::PathBuf;
 use super::CliError;
 use super::global::{Global, LINES};
 use super::lumen_args::{LumenArgs, point};
-use super::mode::ModeArg;
-use super::record::modes;
+use super::mode::{ModeArg, modes};
 use super::repeat::timed_products;
 use crate::centerline::Loops;
 use crate::formats::{atomic_file, shown, to_json, write_branches, write_centerline};
@@ -44,7 +43,7 @@ pub struct PathArgs {
     /// All branches instead of one path
     #[arg(long)]
     pub tree: bool,
-    /// What becomes of loops in a tree
+    /// Treatment of loops in a tree
     #[arg(long, value_enum, default_value = "keep", requires = "tree")]
     pub loops: Loops,
     /// Start here, LPS mm

@@ -49,11 +49,11 @@ pub struct Cli {
     #[command(flatten)]
     global: Global,
     #[command(subcommand)]
-    command: Command,
+    command: CliCommand,
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {
+enum CliCommand {
     /// Describe a volume: series, dimensions, spacing, direction, range
     Info(info::Args),
     /// Write a volume in another format, geometry kept
@@ -160,7 +160,7 @@ fn for_terminal(text: &str, args: &[std::ffi::OsString]) -> String {
     shown_lines(&text)
 }
 
-impl Command {
+impl CliCommand {
     fn run(self, global: &Global) -> Result<(), CliError> {
         match self {
             Self::Info(a) => a.run(global),

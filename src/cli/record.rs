@@ -2,10 +2,11 @@
 
 use super::CliError;
 use super::global::Global;
+use super::mode::modes;
 use super::repeat::timed_products;
 use super::session_args::SessionArgs;
 use crate::formats::shown;
-use crate::session::{CenterlineReport, Mode, Modes, Product, Session};
+use crate::session::Product;
 
 /// `intima record INPUT LUMEN --out DIR`
 #[derive(Debug, clap::Args)]
@@ -45,17 +46,4 @@ impl Args {
         ))?;
         global.answer_only(&report)
     }
-}
-
-/// The centerline's figures in both modes, if asked for.
-pub fn modes(session: &Session, both: bool) -> Result<Option<Modes>, CliError> {
-    if !both {
-        return Ok(None);
-    }
-    let lumen = session.lumen()?;
-    let paper = session.in_mode(Mode::Paper);
-    let of = |s: &Session| -> Result<_, CliError> {
-        Ok(CenterlineReport::of(&*s.centerline()?, &lumen.lumen))
-    };
-    Ok(Some(Modes { default: of(session)?, paper: of(&paper)? }))
 }

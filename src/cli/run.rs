@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::CliError;
 use super::global::Global;
-use super::record::modes;
+use super::mode::modes;
 use super::repeat::timed_products;
 use super::session_args::SessionArgs;
 use crate::formats::shown;

@@ -21,7 +21,7 @@ pub struct Shader {
     pub name: &'static str,
     /// SPIR-V words in native byte order.
     pub(crate) spirv: &'static [u8],
-    /// The same module with every index held within its array.
+    /// SPIR-V of the module with every index held within its array.
     pub(crate) restricted: &'static [u8],
     /// Invocations a workgroup, one-dimensional.
     pub workgroup: u32,

@@ -41,7 +41,7 @@ pub fn paper_path(
     }
     let h = lumen.grid.spacing_mm;
     let points: Vec<IVec3> = kept.iter().map(|v| lumen.bricks.voxel(v.element)).collect();
-    let mut net = Net { lumen, kept, points, bridges: Vec::new() };
+    let mut net = RidgeNet { lumen, kept, points, bridges: Vec::new() };
     let (from, to) = net.ends(options.ends)?;
     let path = net.path(from, to).ok_or(CenterlineError::Unreachable)?;
     let d = Sampler { lumen, field: distance };
@@ -60,7 +60,7 @@ pub fn paper_path(
     Ok(Centerline { branches: vec![Branch { points, ..Branch::default() }] })
 }
 
-struct Net<'a> {
+struct RidgeNet<'a> {
     lumen: &'a Lumen,
     kept: &'a [Viewpoint],
     points: Vec<IVec3>,
@@ -68,7 +68,7 @@ struct Net<'a> {
     bridges: Vec<(usize, usize, Vec<IVec3>)>,
 }
 
-impl Net<'_> {
+impl RidgeNet<'_> {
     fn length(&self, a: usize, b: usize) -> f64 {
         ((self.points[a] - self.points[b]).as_dvec3() * self.lumen.grid.spacing_mm).length()
     }

@@ -24,7 +24,7 @@ pub use overlay::{FlatMesh, FlatVertex, Overlay};
 pub use pages::MAX_PAGES;
 pub use picture::Spares;
 pub use renderer::{IN_FLIGHT, Renderer, Ticket};
-pub use scene::{FrameStats, MeshHandle, PagesHandle, PathHandle, Scene, Shot, View, Wall};
+pub use scene::{FrameStats, MeshHandle, PagesHandle, PathHandle, Scene, SceneWall, Shot, View};
 pub use sequence::FrameSequence;
 pub use unfold::cube_areas;
 

@@ -11,7 +11,7 @@ use super::pages::Pages;
 use super::picture::{Spares, without_alpha};
 use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
 use super::scene::{
-    FrameStats, GlassKey, MeshHandle, PathHandle, Scene, Shot, UnfoldedFace, View, Wall,
+    FrameStats, GlassKey, MeshHandle, PathHandle, Scene, SceneWall, Shot, UnfoldedFace, View,
 };
 use super::{RenderError, host};
 use crate::geometry::{Camera, Lens, Mesh, Pose, Vertex};
@@ -510,8 +510,8 @@ impl Renderer {
         let UnfoldedFace { camera, area } = eye;
         let (camera, area) = (*camera, *area);
         let radius = match scene.wall {
-            Wall::Mesh(mesh) => self.model(mesh).mean_radius_mm,
-            Wall::Pages { pages, .. } => self.wall_pages(pages).mean_radius_mm,
+            SceneWall::Mesh(mesh) => self.model(mesh).mean_radius_mm,
+            SceneWall::Pages { pages, .. } => self.wall_pages(pages).mean_radius_mm,
         };
         let room = shot.room_mm.filter(|r| *r > 0.0).unwrap_or(radius);
         let falloff = scene.look.falloff_mm.unwrap_or(super::look::FALLOFF_ROOMS * room);
@@ -523,14 +523,14 @@ impl Renderer {
         let push = surface_push(&camera.pose, &camera.lens, area, light, falloff);
         let push = bytemuck::bytes_of(&push);
         let draws = match scene.wall {
-            Wall::Mesh(mesh) => {
+            SceneWall::Mesh(mesh) => {
                 let model = self.model(mesh);
                 let p = &self.pipelines;
                 let coloured = model.uncoloured.is_some();
                 let pipeline = if coloured { p.inside_coloured } else { p.inside };
                 draw(pipeline, model, push, Vec::new())
             }
-            Wall::Pages { pages, backs } => {
+            SceneWall::Pages { pages, backs } => {
                 let own = self.wall_pages(pages);
                 let (ranges, triangles) = own.visible_ranges(&camera, backs);
                 stats.draws += ranges.len() as u32;
@@ -547,7 +547,7 @@ impl Renderer {
                 })
             }
         };
-        if let (Wall::Mesh(mesh), true) = (scene.wall, draws.is_some()) {
+        if let (SceneWall::Mesh(mesh), true) = (scene.wall, draws.is_some()) {
             stats.draws += 1;
             stats.triangles += u64::from(self.model(mesh).count / 3);
         }

@@ -70,7 +70,7 @@ impl View {
 
 /// Geometry that the wall is drawn from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wall {
+pub enum SceneWall {
     /// Mesh, drawn as a whole.
     Mesh(MeshHandle),
     /// Pages of a cut, drawn as far as the camera can see them.
@@ -87,7 +87,7 @@ pub enum Wall {
 #[derive(Clone, Copy, Debug)]
 pub struct Scene {
     /// The wall.
-    pub wall: Wall,
+    pub wall: SceneWall,
     /// Wall of the overview; by default that of the inside view, if it is a mesh. Without any, the
     /// overview shows path and camera alone.
     pub overview: Option<MeshHandle>,
@@ -103,27 +103,27 @@ impl Scene {
     /// Creates a scene of one mesh.
     pub fn of(mesh: MeshHandle) -> Self {
         let look = Look::default();
-        Self { wall: Wall::Mesh(mesh), overview: None, path: None, orbit: [0.0; 2], look }
+        Self { wall: SceneWall::Mesh(mesh), overview: None, path: None, orbit: [0.0; 2], look }
     }
 
     /// Creates a scene of one closed wall in pages, and a mesh of it for the overview.
     pub fn paged(pages: PagesHandle, overview: Option<MeshHandle>) -> Self {
-        let wall = Wall::Pages { pages, backs: false };
+        let wall = SceneWall::Pages { pages, backs: false };
         Self { wall, overview, path: None, orbit: [0.0; 2], look: Look::default() }
     }
 
     /// Returns the mesh the overview shows.
     pub(super) fn overview_mesh(&self) -> Option<MeshHandle> {
         self.overview.or(match self.wall {
-            Wall::Mesh(mesh) => Some(mesh),
-            Wall::Pages { .. } => None,
+            SceneWall::Mesh(mesh) => Some(mesh),
+            SceneWall::Pages { .. } => None,
         })
     }
 
     pub(super) fn pages(&self) -> Option<PagesHandle> {
         match self.wall {
-            Wall::Mesh(_) => None,
-            Wall::Pages { pages, .. } => Some(pages),
+            SceneWall::Mesh(_) => None,
+            SceneWall::Pages { pages, .. } => Some(pages),
         }
     }
 }

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use super::RenderError;
 use super::renderer::{IN_FLIGHT, Renderer, Ticket};
-use super::scene::{FrameStats, Scene, Shot, Wall};
+use super::scene::{FrameStats, Scene, SceneWall, Shot};
 use crate::geometry::Camera;
 use crate::lod::Worker;
 use crate::vk::Gpu;
@@ -31,7 +31,7 @@ impl FrameSequence {
     /// If there is a worker and the scene's wall is not in pages.
     pub fn new(scene: Scene, shots: Vec<Shot>, worker: Option<Worker>) -> Self {
         assert!(
-            worker.is_none() || matches!(scene.wall, Wall::Pages { .. }),
+            worker.is_none() || matches!(scene.wall, SceneWall::Pages { .. }),
             "a worker refines a wall in pages"
         );
         Self { scene, shots, worker, begun: 0, in_flight: VecDeque::with_capacity(IN_FLIGHT) }
@@ -111,7 +111,8 @@ impl FrameSequence {
     }
 
     fn apply_answers(&mut self, renderer: &mut Renderer) -> Result<(), RenderError> {
-        let (Some(worker), Wall::Pages { pages, .. }) = (&mut self.worker, self.scene.wall) else {
+        let (Some(worker), SceneWall::Pages { pages, .. }) = (&mut self.worker, self.scene.wall)
+        else {
             return Ok(());
         };
         while worker.outstanding() > 0 {

@@ -13,8 +13,8 @@ use crate::flight::Flight;
 use crate::geometry::{Centerline, CenterlinePoint, Pose};
 use crate::lod::{Tolerance, Worker};
 use crate::render::{
-    FrameSequence, FrameStats, IN_FLIGHT, MeshHandle, PagesHandle, Renderer, Scene, Shot, Spares,
-    View, Wall,
+    FrameSequence, FrameStats, IN_FLIGHT, MeshHandle, PagesHandle, Renderer, Scene, SceneWall,
+    Shot, Spares, View,
 };
 use crate::task::CancelToken;
 use crate::vk::{Choice, Gpu, return_freed_memory};
@@ -124,7 +124,7 @@ impl Session {
                 Worker::spawn(hierarchy, tolerance, levels.pages, UPLOAD_BYTES, in_flight)?;
             let mut scene = Scene::paged(pages, of_overview);
             // Through an open end the back of a wall can be seen.
-            scene.wall = Wall::Pages { pages, backs: !drawn.closed };
+            scene.wall = SceneWall::Pages { pages, backs: !drawn.closed };
             (scene, Some(worker), levels.report.clone())
         };
         let pieces = self.flown_pieces(&centered.line)?;

@@ -29,7 +29,7 @@ pub(super) struct BuiltClusters {
 
 /// A wall at many levels of detail; each flight refines its own [`Levels::hierarchy`] of it.
 pub struct Levels {
-    kind: Kind,
+    kind: LevelKind,
     /// Number of pages a hierarchy is given.
     pub pages: u32,
     /// Report of the levels.
@@ -38,7 +38,7 @@ pub struct Levels {
     pub occlusion: Option<Arc<OcclusionTest>>,
 }
 
-enum Kind {
+enum LevelKind {
     Clusters(Arc<Clusters>),
     Subdivision(Arc<SubdivisionSurface>),
 }
@@ -133,7 +133,7 @@ impl Levels {
         let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
         let pages = (count.min(u64::from(most)) as u32).max(least);
         let report = LodReport { pages, ..report };
-        Self { kind: Kind::Clusters(clusters), pages, report, occlusion }
+        Self { kind: LevelKind::Clusters(clusters), pages, report, occlusion }
     }
 
     /// The paper's: the mesh simplified to `base` faces, subdivided where the camera looks, every
@@ -179,20 +179,20 @@ impl Levels {
         let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
         let pages = most.max(Vds::new(Arc::clone(&surface)).least_pages());
         let report = LodReport { pages, ..report };
-        Ok(Self { kind: Kind::Subdivision(surface), pages, report, occlusion: None })
+        Ok(Self { kind: LevelKind::Subdivision(surface), pages, report, occlusion: None })
     }
 
     /// A hierarchy with nothing refined, for one flight.
     pub fn hierarchy(&self) -> Box<dyn LodHierarchy> {
         match &self.kind {
-            Kind::Clusters(clusters) => {
+            LevelKind::Clusters(clusters) => {
                 let lod = ClusterLod::new(Arc::clone(clusters), DEFAULT_SHADING_RAD);
                 Box::new(match &self.occlusion {
                     Some(test) => lod.with_occlusion(Arc::clone(test)),
                     None => lod,
                 })
             }
-            Kind::Subdivision(surface) => Box::new(Vds::new(Arc::clone(surface))),
+            LevelKind::Subdivision(surface) => Box::new(Vds::new(Arc::clone(surface))),
         }
     }
 }

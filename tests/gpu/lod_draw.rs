@@ -7,7 +7,7 @@ use common::{child, tube};
 use intima::geometry::{Camera, Lens, Mesh};
 use intima::lod::{LodHierarchy, LodStep, PAGE_BYTES, Tolerance, Upload, VisiblePatch, Worker};
 use intima::render::{
-    FrameSequence, FrameStats, IN_FLIGHT, Look, RenderError, Renderer, Scene, Shot, View, Wall,
+    FrameSequence, FrameStats, IN_FLIGHT, Look, RenderError, Renderer, Scene, SceneWall, Shot, View,
 };
 use intima::surface::shading;
 use intima::vk::{Gpu, STAGING_BYTES, Validate};
@@ -50,7 +50,7 @@ fn paged(gpu: &mut Gpu, r: &mut Renderer, mesh: &Mesh, most: usize, backs: bool)
     let pages = step.drawn.len() as u32;
     let pages = r.open_pages(gpu, pages, shading(mesh).mean_radius_mm).unwrap();
     r.apply(pages, step).unwrap();
-    Scene { wall: Wall::Pages { pages, backs }, ..Scene::paged(pages, None) }
+    Scene { wall: SceneWall::Pages { pages, backs }, ..Scene::paged(pages, None) }
 }
 
 /// Draws the shots one by one.
@@ -150,7 +150,7 @@ fn pages_can_be_overwritten_while_frames_that_drew_them_are_in_flight() {
     });
     assert!(want[0] != want[1]);
     let scene = paged(&mut gpu, &mut r, &first, 128, false);
-    let Wall::Pages { pages, .. } = scene.wall else { unreachable!() };
+    let SceneWall::Pages { pages, .. } = scene.wall else { unreachable!() };
     let mut waiting = VecDeque::new();
     let mut uploaded = 0;
     for i in 0..40 {

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::super::junctions::Choice;
+use super::super::junctions::BranchChoice;
 use super::Model;
 use crate::flight::{Clearance, SectionFigures, collide_and_slide};
 use crate::geometry::{CrossSection, Lens, Pose, cross_section};
@@ -70,10 +70,10 @@ impl Model {
     }
 
     /// Branches that can be taken here, those ahead of the eye first to come.
-    pub fn offered(&self) -> Vec<Choice> {
+    pub fn offered(&self) -> Vec<BranchChoice> {
         let way = if self.reverse { -1.0 } else { 1.0 };
-        let near = |c: &&Choice| OFFERED_MM.contains(&(way * (c.arc_mm - self.arc_mm)));
-        let mut offered: Vec<Choice> = self.choices.iter().filter(near).copied().collect();
+        let near = |c: &&BranchChoice| OFFERED_MM.contains(&(way * (c.arc_mm - self.arc_mm)));
+        let mut offered: Vec<BranchChoice> = self.choices.iter().filter(near).copied().collect();
         if self.reverse {
             offered.reverse();
         }

@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use super::{FormatError, atomic_file};
-use crate::formats::mesh::polydata::{Array, PolyData};
+use crate::formats::mesh::polydata::{DataArray, PolyData};
 use crate::geometry::{Centerline, Tract, Tracts};
 
 /// A path from a root to each tip, a group of its own.
@@ -54,24 +54,24 @@ fn write(path: &Path, Tracts { paths, tracts }: &Tracts) -> Result<(), FormatErr
     let blanking: Vec<i32> = of(|t| usize::from(t.blanking));
     let data = PolyData {
         facing: "",
-        points: Array::new("Points", 3, &points),
+        points: DataArray::new("Points", 3, &points),
         point_count: radius.len(),
         // VMTK asks for the first name, Slicer for the second.
         point_data: vec![
-            Array::new("MaximumInscribedSphereRadius", 1, &radius),
-            Array::new("Radius", 1, &radius),
-            Array::new("Abscissa", 1, &abscissa),
+            DataArray::new("MaximumInscribedSphereRadius", 1, &radius),
+            DataArray::new("Radius", 1, &radius),
+            DataArray::new("Abscissa", 1, &abscissa),
         ],
         active: "Scalars=\"Radius\"",
         cells: "Lines",
         cell_count: tracts.len(),
-        connectivity: Array::new("connectivity", 1, &connectivity),
-        offsets: Array::new("offsets", 1, &offsets),
+        connectivity: DataArray::new("connectivity", 1, &connectivity),
+        offsets: DataArray::new("offsets", 1, &offsets),
         cell_data: vec![
-            Array::new("CenterlineIds", 1, &ids),
-            Array::new("GroupIds", 1, &groups),
-            Array::new("TractIds", 1, &numbers),
-            Array::new("Blanking", 1, &blanking),
+            DataArray::new("CenterlineIds", 1, &ids),
+            DataArray::new("GroupIds", 1, &groups),
+            DataArray::new("TractIds", 1, &numbers),
+            DataArray::new("Blanking", 1, &blanking),
         ],
     };
     atomic_file::write_atomic(path, |out| data.write(out))

@@ -69,14 +69,14 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
 #[derive(serde::Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 #[derive(Default)]
-struct Document {
+struct GlbDocument {
     asset: Asset,
     scene: usize,
-    scenes: List<Scene>,
-    nodes: List<Node>,
+    scenes: List<GlbScene>,
+    nodes: List<GlbNode>,
     meshes: List<MeshOf>,
     accessors: List<Accessor>,
-    buffer_views: List<View>,
+    buffer_views: List<BufferView>,
     extensions_required: List<String>,
 }
 
@@ -107,13 +107,13 @@ enum Named {
 
 #[derive(Default, serde::Deserialize)]
 #[serde(default)]
-struct Scene {
+struct GlbScene {
     nodes: List<usize>,
 }
 
 #[derive(Default, serde::Deserialize)]
 #[serde(default)]
-struct Node {
+struct GlbNode {
     mesh: Option<usize>,
     children: List<usize>,
     matrix: Option<[f64; 16]>,
@@ -144,7 +144,7 @@ struct Attributes {
 }
 
 #[derive(Clone, Copy, Default, PartialEq, serde::Deserialize)]
-enum Shape {
+enum GlbMesh {
     #[serde(rename = "SCALAR")]
     Scalar,
     #[serde(rename = "VEC3")]
@@ -162,13 +162,13 @@ struct Accessor {
     component_type: u32,
     count: u64,
     #[serde(rename = "type")]
-    shape: Shape,
+    shape: GlbMesh,
     sparse: Option<serde::de::IgnoredAny>,
 }
 
 #[derive(Default, serde::Deserialize)]
 #[serde(rename_all = "camelCase", default)]
-struct View {
+struct BufferView {
     buffer: usize,
     byte_offset: u64,
     byte_length: u64,
@@ -202,7 +202,7 @@ impl Entries<'_> {
 
 struct Reader<'a> {
     path: &'a Path,
-    document: Document,
+    document: GlbDocument,
     buffer: &'a [u8],
 }
 
@@ -238,7 +238,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), F
     if json.len() > MAX_JSON {
         return Err(FormatError::field(path, "JSON chunk, bytes", json.len(), "too long"));
     }
-    let document: Document = serde_json::from_slice(json)
+    let document: GlbDocument = serde_json::from_slice(json)
         .map_err(|e| FormatError::text(path, format!("JSON column {}", e.column()), "damaged"))?;
     raw.space = match document.asset.extras.space {
         Named::Lps => Some(Space::Lps),
@@ -322,14 +322,14 @@ impl<'a> Reader<'a> {
         }
         let position = primitive.attributes.position;
         let position = position.ok_or_else(|| self.bad("POSITION", "absent"))?;
-        let positions = self.entries("POSITION", position, Shape::Vec3, &[FLOAT])?;
+        let positions = self.entries("POSITION", position, GlbMesh::Vec3, &[FLOAT])?;
         let normals = match primitive.attributes.normal {
-            Some(n) => Some(self.entries("NORMAL", n, Shape::Vec3, &[FLOAT])?),
+            Some(n) => Some(self.entries("NORMAL", n, GlbMesh::Vec3, &[FLOAT])?),
             None => None,
         };
         let known = [UNSIGNED_BYTE, UNSIGNED_SHORT, UNSIGNED_INT];
         let indices = match primitive.indices {
-            Some(n) => Some(self.entries("indices", n, Shape::Scalar, &known)?),
+            Some(n) => Some(self.entries("indices", n, GlbMesh::Scalar, &known)?),
             None => None,
         };
         // The parts of a mesh often share their vertices.
@@ -404,7 +404,7 @@ impl<'a> Reader<'a> {
         &self,
         what: &str,
         accessor: u32,
-        shape: Shape,
+        shape: GlbMesh,
         components: &[u32],
     ) -> Result<Entries<'a>, FormatError> {
         let doc = &self.document;
@@ -413,7 +413,7 @@ impl<'a> Reader<'a> {
             .0
             .get(accessor as usize)
             .ok_or_else(|| self.bad(what, "no such accessor"))?;
-        if shape == Shape::Vec3 && a.shape == shape && INTEGERS.contains(&a.component_type) {
+        if shape == GlbMesh::Vec3 && a.shape == shape && INTEGERS.contains(&a.component_type) {
             let what = format!("{what} in whole numbers, the glTF extension {QUANTIZATION}");
             return Err(FormatError::unsupported(self.path, what));
         }
@@ -430,7 +430,7 @@ impl<'a> Reader<'a> {
             UNSIGNED_SHORT => 2,
             _ => 4,
         };
-        let size = component * if shape == Shape::Vec3 { 3 } else { 1 };
+        let size = component * if shape == GlbMesh::Vec3 { 3 } else { 1 };
         let stride = view.byte_stride.unwrap_or(size);
         if !(size..=252u64.max(size)).contains(&stride) {
             return Err(FormatError::field(self.path, "byteStride", stride, "not a step"));
@@ -458,7 +458,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-impl Node {
+impl GlbNode {
     /// Returns the node's transform to its parent's space; `None` where the spaces are the same.
     fn transform(&self) -> Option<DMat4> {
         if let Some(m) = self.matrix {

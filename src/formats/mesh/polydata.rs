@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 /// Numbers of one array in native byte order.
-pub(in crate::formats) struct Array<'a> {
+pub(in crate::formats) struct DataArray<'a> {
     name: &'a str,
     kind: &'static str,
     components: usize,
@@ -27,7 +27,7 @@ impl Number for u8 {
     const NAME: &'static str = "UInt8";
 }
 
-impl<'a> Array<'a> {
+impl<'a> DataArray<'a> {
     pub fn new<T: Number>(name: &'a str, components: usize, values: &'a [T]) -> Self {
         Self { name, kind: T::NAME, components, bytes: bytemuck::cast_slice(values) }
     }
@@ -37,17 +37,17 @@ impl<'a> Array<'a> {
 pub(in crate::formats) struct PolyData<'a> {
     /// `FACING` of the field data; left out where empty.
     pub facing: &'a str,
-    pub points: Array<'a>,
+    pub points: DataArray<'a>,
     pub point_count: usize,
-    pub point_data: Vec<Array<'a>>,
+    pub point_data: Vec<DataArray<'a>>,
     /// Attribute of the point data element, such as `Normals="Normals"`.
     pub active: &'static str,
     /// `Lines` or `Polys`.
     pub cells: &'static str,
     pub cell_count: usize,
-    pub connectivity: Array<'a>,
-    pub offsets: Array<'a>,
-    pub cell_data: Vec<Array<'a>>,
+    pub connectivity: DataArray<'a>,
+    pub offsets: DataArray<'a>,
+    pub cell_data: Vec<DataArray<'a>>,
 }
 
 impl PolyData<'_> {
@@ -105,11 +105,11 @@ impl<'a> Appended<'a> {
         out: &mut dyn Write,
         tag: &str,
         attributes: &str,
-        arrays: impl Iterator<Item = &'a Array<'a>>,
+        arrays: impl Iterator<Item = &'a DataArray<'a>>,
     ) -> io::Result<()> {
         let gap = if attributes.is_empty() { "" } else { " " };
         writeln!(out, "<{tag}{gap}{attributes}>")?;
-        for Array { name, kind, components, bytes } in arrays {
+        for DataArray { name, kind, components, bytes } in arrays {
             writeln!(
                 out,
                 "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\" \

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::polydata::{Array, PolyData};
+use super::polydata::{DataArray, PolyData};
 use super::{FormatError, Mesh};
 use crate::formats::atomic_file;
 
@@ -13,23 +13,26 @@ pub(super) fn write(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), Format
     let with_normals = !mesh.normals.is_empty();
     let data = PolyData {
         facing,
-        points: Array::new("Points", 3, flat(&mesh.positions)),
+        points: DataArray::new("Points", 3, flat(&mesh.positions)),
         point_count: mesh.positions.len(),
         point_data: with_normals
-            .then(|| Array::new("Normals", 3, flat(&mesh.normals)))
+            .then(|| DataArray::new("Normals", 3, flat(&mesh.normals)))
             .into_iter()
             .collect(),
         active: if with_normals { "Normals=\"Normals\"" } else { "" },
         cells: "Polys",
         cell_count: mesh.faces.len(),
         // Ids fit an i32: checked for every format.
-        connectivity: Array::new(
+        connectivity: DataArray::new(
             "connectivity",
             1,
             bytemuck::cast_slice::<[u32; 3], i32>(&mesh.faces),
         ),
-        offsets: Array::new("offsets", 1, &offsets),
-        cell_data: (!caps.is_empty()).then(|| Array::new("Cap", 1, &caps)).into_iter().collect(),
+        offsets: DataArray::new("offsets", 1, &offsets),
+        cell_data: (!caps.is_empty())
+            .then(|| DataArray::new("Cap", 1, &caps))
+            .into_iter()
+            .collect(),
     };
     atomic_file::write_atomic(path, |out| data.write(out))
 }

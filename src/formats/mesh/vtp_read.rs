@@ -14,7 +14,7 @@ use super::{FormatError, RawMesh, Space};
 const MAX_ARRAYS: usize = 1000;
 
 /// A `DataArray` element.
-struct Array<'a> {
+struct ArrayTag<'a> {
     section: &'a str,
     name: &'a str,
     kind: Option<VtkType>,
@@ -35,9 +35,9 @@ impl DecodedArray<'_> {
     }
 }
 
-struct Document<'a> {
+struct VtpDocument<'a> {
     path: &'a Path,
-    arrays: Vec<Array<'a>>,
+    arrays: Vec<ArrayTag<'a>>,
     /// Name of the active normals.
     normals: &'a str,
     points: u64,
@@ -46,7 +46,7 @@ struct Document<'a> {
 }
 
 pub(super) fn read(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), FormatError> {
-    let doc = Document::parse(path, bytes)?;
+    let doc = VtpDocument::parse(path, bytes)?;
     raw.space = match doc.find("FieldData", |a| a.name == "SPACE") {
         Some(array) => doc.decoded(array).ok().and_then(|array| space(array.numbers())),
         None => None,
@@ -78,7 +78,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), F
     doc.cells(raw)
 }
 
-impl<'a> Document<'a> {
+impl<'a> VtpDocument<'a> {
     fn parse(path: &'a Path, bytes: &'a [u8]) -> Result<Self, FormatError> {
         let bad = |field: &str, why: &str| Err(FormatError::text(path, field, why));
         let mark = b"<AppendedData";
@@ -86,7 +86,7 @@ impl<'a> Document<'a> {
         let Ok(text) = std::str::from_utf8(&bytes[..end]) else {
             return bad("document", "not text");
         };
-        let mut doc = Document {
+        let mut doc = VtpDocument {
             path,
             arrays: Vec::new(),
             normals: "Normals",
@@ -123,8 +123,9 @@ impl<'a> Document<'a> {
                     }
                 }
                 Event::Text(text) if in_array => match doc.arrays.last_mut() {
-                    Some(Array {
-                        stored: VtkStorage::Text(own) | VtkStorage::Inline(own), ..
+                    Some(ArrayTag {
+                        stored: VtkStorage::Text(own) | VtkStorage::Inline(own),
+                        ..
                     }) => {
                         *own = text;
                     }
@@ -169,11 +170,11 @@ impl<'a> Document<'a> {
         Ok(())
     }
 
-    fn find(&self, section: &str, is: impl Fn(&Array) -> bool) -> Option<&Array<'a>> {
+    fn find(&self, section: &str, is: impl Fn(&ArrayTag) -> bool) -> Option<&ArrayTag<'a>> {
         self.arrays.iter().find(|a| a.section == section && is(a))
     }
 
-    fn decoded(&self, array: &Array<'a>) -> Result<DecodedArray<'a>, FormatError> {
+    fn decoded(&self, array: &ArrayTag<'a>) -> Result<DecodedArray<'a>, FormatError> {
         let unknown = || FormatError::text(self.path, "DataArray", "a type that is not known");
         let kind = array.kind.ok_or_else(unknown)?;
         let content = content(self.path, self.coding, kind, array.stored, self.appended)?;
@@ -250,7 +251,7 @@ impl<'a> Document<'a> {
     }
 }
 
-fn array<'a>(section: &'a str, attributes: &'a str) -> Array<'a> {
+fn array<'a>(section: &'a str, attributes: &'a str) -> ArrayTag<'a> {
     let get = |name| attribute(attributes, name);
     let offset = get("offset").and_then(|o| o.trim().parse().ok());
     let stored = match (get("format"), offset) {
@@ -261,7 +262,7 @@ fn array<'a>(section: &'a str, attributes: &'a str) -> Array<'a> {
     };
     let components = get("NumberOfComponents").and_then(|n| n.trim().parse().ok()).unwrap_or(1);
     let kind = get("type").and_then(VtkType::parse);
-    Array { section, name: get("Name").unwrap_or(""), kind, components, stored }
+    ArrayTag { section, name: get("Name").unwrap_or(""), kind, components, stored }
 }
 
 /// Appended data without the mark before its first byte.

@@ -9,7 +9,7 @@ use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
 use super::FormatError;
 use super::info::SegmentInfo;
-use super::source::{Source, fill};
+use super::source::{DataFile, fill};
 use crate::volume::{
     Grid, Rescale, Sample, SampleBuffer, SampleType, Samples, Volume, with_samples,
 };
@@ -69,8 +69,8 @@ impl Layout {
     }
 
     /// Opens the samples' file at their first byte, after holding the promise against its size.
-    pub fn open(&self) -> Result<Source, FormatError> {
-        let len = Source::open(&self.file)?.len;
+    pub fn open(&self) -> Result<DataFile, FormatError> {
+        let len = DataFile::open(&self.file)?.len;
         let wanted = self.promised();
         let offset = self.offset.unwrap_or(len.saturating_sub(wanted));
         let found = len.saturating_sub(offset);
@@ -86,7 +86,7 @@ impl Layout {
         if !fits {
             return Err(FormatError::Truncated { file: self.path.clone(), what, wanted, found });
         }
-        Source::open_at(&self.file, offset)
+        DataFile::open_at(&self.file, offset)
     }
 
     /// Reads the one layer of a volume straight into its final place.
@@ -113,7 +113,7 @@ impl Layout {
     }
 
     /// Samples as they lie in the file. It is long enough for them, so they are allocated at once.
-    fn read_raw(&self, mut source: Source) -> Result<Samples, FormatError> {
+    fn read_raw(&self, mut source: DataFile) -> Result<Samples, FormatError> {
         let mut samples = zeroed(&self.path, self.sample_type, self.len())?;
         let bytes = samples.bytes_mut();
         let found = fill(&mut source, bytes).map_err(|e| self.decode_error(e))?;
@@ -155,7 +155,7 @@ impl Layout {
         FormatError::Truncated { file: self.path.clone(), what, wanted: self.promised(), found }
     }
 
-    fn read_ascii(&self, source: Source) -> Result<Samples, FormatError> {
+    fn read_ascii(&self, source: DataFile) -> Result<Samples, FormatError> {
         let mut samples = zeroed(&self.path, self.sample_type, self.len())?;
         with_samples!(&mut samples, |s| parse_all(&self.path, buffered(source), s))?;
         Ok(samples)
@@ -201,7 +201,7 @@ fn fill_growing<T: Sample>(
     Ok((len * size) as u64)
 }
 
-fn buffered(source: Source) -> BufReader<Source> {
+fn buffered(source: DataFile) -> BufReader<DataFile> {
     BufReader::with_capacity(1 << 18, source)
 }
 

@@ -39,14 +39,14 @@ const FIELDS: [&str; 22] = [
 ];
 
 /// The fields of a header that are read.
-struct Header<'a> {
+struct MetaImageHeader<'a> {
     path: &'a Path,
     fields: HashMap<&'static str, String>,
     /// First byte behind the last line of the header.
     end: u64,
 }
 
-impl<'a> Header<'a> {
+impl<'a> MetaImageHeader<'a> {
     fn read(path: &'a Path) -> Result<Self, FormatError> {
         let bytes = prefix(path, MAX_HEADER)?;
         let mut fields = HashMap::new();
@@ -106,7 +106,7 @@ impl<'a> Header<'a> {
 }
 
 pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
-    let h = Header::read(path)?;
+    let h = MetaImageHeader::read(path)?;
     let mut notes = Vec::new();
     let channels = h.get("ElementNumberOfChannels").unwrap_or("1");
     if channels != "1" {
@@ -142,7 +142,7 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
     };
     if let Some(v) = h.get("CompressedDataSize").filter(|_| packed) {
         let wanted: u64 = number(path, "CompressedDataSize", v)?;
-        let len = super::source::Source::open(&file)?.len;
+        let len = super::source::DataFile::open(&file)?.len;
         let found = len.saturating_sub(offset.unwrap_or(0));
         if found < wanted {
             let (file, what) = (path.to_owned(), "compressed samples");
@@ -168,13 +168,13 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
 
 /// Some writers put a gzip stream where a zlib stream belongs; the library's own reader takes both.
 fn gzip_at(path: &Path, file: &Path, offset: Option<u64>) -> Result<bool, FormatError> {
-    let mut source = super::source::Source::open_at(file, offset.unwrap_or(0))?;
+    let mut source = super::source::DataFile::open_at(file, offset.unwrap_or(0))?;
     let mut magic = [0; 2];
     super::source::fill(&mut source, &mut magic).map_err(|e| FormatError::io(path, e))?;
     Ok(magic == [0x1f, 0x8b])
 }
 
-fn sample_type(h: &Header) -> Result<SampleType, FormatError> {
+fn sample_type(h: &MetaImageHeader) -> Result<SampleType, FormatError> {
     let name = h.need("ElementType")?;
     Ok(match name {
         "MET_CHAR" | "MET_ASCII_CHAR" => SampleType::I8,
@@ -196,7 +196,7 @@ fn sample_type(h: &Header) -> Result<SampleType, FormatError> {
     })
 }
 
-fn geometry(h: &Header, notes: &mut Vec<String>) -> Result<Grid, FormatError> {
+fn geometry(h: &MetaImageHeader, notes: &mut Vec<String>) -> Result<Grid, FormatError> {
     let n: usize = number(h.path, "NDims", h.need("NDims")?)?;
     if !(3..=4).contains(&n) {
         return Err(FormatError::unsupported(h.path, format!("NDims = {n}; a volume has 3")));
@@ -235,7 +235,7 @@ fn geometry(h: &Header, notes: &mut Vec<String>) -> Result<Grid, FormatError> {
     grid(h.path, dims, spacing * unit, origin * unit, direction)
 }
 
-fn rescale(h: &Header) -> Result<Rescale, FormatError> {
+fn rescale(h: &MetaImageHeader) -> Result<Rescale, FormatError> {
     let read = |name: &str, none: f64| {
         let v = h.get(name).map_or(Ok(none), |v| number(h.path, name, v))?;
         if v.is_finite() { Ok(v) } else { Err(FormatError::field(h.path, name, v, "not finite")) }

@@ -50,7 +50,7 @@ pub struct ReadOptions {
 
 /// The kinds of input, told apart by name first and by their first bytes otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+enum FileKind {
     Nifti,
     Nrrd,
     MetaImage,
@@ -67,7 +67,7 @@ const ACCEPTED: &str = "a DICOM folder or file, .nii, .nii.gz, .nrrd, .nhdr, .mh
 /// As [`read_volume`], save what only the samples can show.
 pub fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatError> {
     match kind(path)? {
-        Kind::Dicom => dicom::inspect(path, options),
+        FileKind::Dicom => dicom::inspect(path, options),
         k => {
             let layout = layout_of(path, k)?;
             layout.open()?;
@@ -90,7 +90,7 @@ pub fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatEr
 /// taken.
 pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume, FormatError> {
     match kind(path)? {
-        Kind::Dicom => dicom::read(path, options),
+        FileKind::Dicom => dicom::read(path, options),
         k => {
             let layout = layout_of(path, k)?;
             for note in &layout.notes {
@@ -123,12 +123,12 @@ pub fn write_volume(path: &Path, volume: &Volume) -> Result<(), FormatError> {
     }
 }
 
-fn layout_of(path: &Path, kind: Kind) -> Result<Layout, FormatError> {
+fn layout_of(path: &Path, kind: FileKind) -> Result<Layout, FormatError> {
     match kind {
-        Kind::Nifti => nifti::layout(path),
-        Kind::Nrrd => nrrd::layout(path),
-        Kind::MetaImage => metaimage::layout(path),
-        Kind::Dicom => Err(FormatError::unsupported(path, "a DICOM input here")),
+        FileKind::Nifti => nifti::layout(path),
+        FileKind::Nrrd => nrrd::layout(path),
+        FileKind::MetaImage => metaimage::layout(path),
+        FileKind::Dicom => Err(FormatError::unsupported(path, "a DICOM input here")),
     }
 }
 
@@ -136,9 +136,9 @@ fn lower_name(path: &Path) -> String {
     path.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
 }
 
-fn kind(path: &Path) -> Result<Kind, FormatError> {
+fn kind(path: &Path) -> Result<FileKind, FormatError> {
     if std::fs::metadata(path).map_err(|e| FormatError::io(path, e))?.is_dir() {
-        return Ok(Kind::Dicom);
+        return Ok(FileKind::Dicom);
     }
     let head = source::prefix(path, 512)?;
     let name = lower_name(path);
@@ -151,26 +151,26 @@ fn kind(path: &Path) -> Result<Kind, FormatError> {
         return Err(FormatError::unsupported(path, what));
     }
     if ends(&[".nii", ".nii.gz", ".hdr", ".img"]) {
-        return Ok(Kind::Nifti);
+        return Ok(FileKind::Nifti);
     }
     if ends(&[".nrrd", ".nhdr"]) || head.starts_with(b"NRRD000") {
-        return Ok(Kind::Nrrd);
+        return Ok(FileKind::Nrrd);
     }
     if ends(&[".mha", ".mhd"]) {
-        return Ok(Kind::MetaImage);
+        return Ok(FileKind::MetaImage);
     }
     if ends(&[".dcm", ".dicom", ".ima"]) || head.get(128..132) == Some(b"DICM") {
-        return Ok(Kind::Dicom);
+        return Ok(FileKind::Dicom);
     }
     let magic = head.get(344..348);
     if magic == Some(b"n+1\0") || magic == Some(b"ni1\0") || head.starts_with(&[0x1f, 0x8b]) {
-        return Ok(Kind::Nifti);
+        return Ok(FileKind::Nifti);
     }
     if head.starts_with(b"ObjectType") || head.starts_with(b"NDims") {
-        return Ok(Kind::MetaImage);
+        return Ok(FileKind::MetaImage);
     }
     if name == "dicomdir" || dicom::is_bare(&head) {
-        return Ok(Kind::Dicom);
+        return Ok(FileKind::Dicom);
     }
     Err(FormatError::unsupported(path, format!("this kind of file; give {ACCEPTED}")))
 }

@@ -13,7 +13,7 @@ use glam::{DMat3, DQuat, DVec3};
 use super::FormatError;
 use super::affine::{RAS, grid, grid_from_steps};
 use super::layout::{Encoding, Layout, must_swap};
-use super::source::{Source, fill, is_within_folder, prefix};
+use super::source::{DataFile, fill, is_within_folder, prefix};
 use crate::volume::{Grid, Rescale, SampleType};
 
 const HEADER: usize = 348;
@@ -80,12 +80,12 @@ fn pair(path: &Path) -> (PathBuf, PathBuf) {
 }
 
 fn header_bytes(path: &Path) -> Result<Vec<u8>, FormatError> {
-    let mut source = Source::open(path)?;
+    let mut source = DataFile::open(path)?;
     let mut bytes = vec![0; HEADER];
     let io = |e| FormatError::io(path, e);
     let mut found = fill(&mut source, &mut bytes).map_err(io)?;
     if bytes.starts_with(&[0x1f, 0x8b]) {
-        let mut input = MultiGzDecoder::new(Source::open(path)?.take(1 << 20));
+        let mut input = MultiGzDecoder::new(DataFile::open(path)?.take(1 << 20));
         let bad = |_: std::io::Error| FormatError::text(path, "gzip data", "damaged");
         found = fill(&mut input, &mut bytes).map_err(bad)?;
     }

@@ -11,7 +11,7 @@ use super::affine::{RAS, grid_from_steps};
 use super::info::SegmentInfo;
 use super::layout::{Encoding, Layout, must_swap};
 use super::segments::printable;
-use super::source::{Source, prefix, sibling};
+use super::source::{DataFile, prefix, sibling};
 use super::text::{MAX_HEADER, field_value, mm_per, number, numbers};
 use crate::volume::{Grid, Rescale, SampleType};
 
@@ -41,23 +41,23 @@ const MAX_SEGMENTS: usize = 1 << 16;
 
 /// Segment of a segmentation, from the keys `Segment<N>_…` (3D Slicer's `.seg.nrrd`).
 #[derive(Default)]
-struct Segment {
+struct SegmentFields {
     name: String,
     label: Option<i64>,
     layer: Option<usize>,
 }
 
 /// The fields of a header that are read.
-struct Header<'a> {
+struct NrrdHeader<'a> {
     path: &'a Path,
     fields: HashMap<&'static str, String>,
     /// Segments by the number in their keys.
-    segments: BTreeMap<usize, Segment>,
+    segments: BTreeMap<usize, SegmentFields>,
     /// First byte behind the blank line; `None` where the header ends with the file.
     end: Option<u64>,
 }
 
-impl<'a> Header<'a> {
+impl<'a> NrrdHeader<'a> {
     fn read(path: &'a Path) -> Result<Self, FormatError> {
         let bytes = prefix(path, MAX_HEADER)?;
         if !bytes.starts_with(b"NRRD000") {
@@ -102,7 +102,7 @@ impl<'a> Header<'a> {
     /// The named segments. Files of older versions of 3D Slicer have a layer of zeros and ones for
     /// each segment and say neither label nor layer.
     fn segments(&self, layers: usize) -> Vec<SegmentInfo> {
-        let info = |(n, s): (&usize, &Segment)| {
+        let info = |(n, s): (&usize, &SegmentFields)| {
             let layer = s.layer.unwrap_or(if layers > 1 { *n } else { 0 });
             let label = s.label.unwrap_or(if layers > 1 { 1 } else { *n as i64 + 1 });
             SegmentInfo { name: s.name.clone(), label, layer }
@@ -126,7 +126,7 @@ impl<'a> Header<'a> {
 }
 
 /// Takes a key `Segment<N>_Name`, `_LabelValue` or `_Layer`; others say nothing of the voxels.
-fn segment_key(segments: &mut BTreeMap<usize, Segment>, key: &str, value: &str) {
+fn segment_key(segments: &mut BTreeMap<usize, SegmentFields>, key: &str, value: &str) {
     let parts = key.trim().strip_prefix("Segment").and_then(|k| k.split_once('_'));
     let Some((number, what)) = parts else { return };
     let Some(number) = number.parse().ok().filter(|n| *n < MAX_SEGMENTS) else { return };
@@ -142,7 +142,7 @@ fn segment_key(segments: &mut BTreeMap<usize, Segment>, key: &str, value: &str) 
 }
 
 pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
-    let h = Header::read(path)?;
+    let h = NrrdHeader::read(path)?;
     let mut notes = Vec::new();
     let sample_type = sample_type(&h)?;
     let encoding = encoding(&h)?;
@@ -186,7 +186,7 @@ fn no_end(path: &Path) -> FormatError {
     FormatError::text(path, "header", "no blank line ends it and no data file is named")
 }
 
-fn sample_type(h: &Header) -> Result<SampleType, FormatError> {
+fn sample_type(h: &NrrdHeader) -> Result<SampleType, FormatError> {
     let name = h.need("type")?;
     let words: Vec<String> = name.split_whitespace().map(str::to_ascii_lowercase).collect();
     Ok(match words.join(" ").as_str() {
@@ -217,7 +217,7 @@ fn sample_type(h: &Header) -> Result<SampleType, FormatError> {
     })
 }
 
-fn encoding(h: &Header) -> Result<Encoding, FormatError> {
+fn encoding(h: &NrrdHeader) -> Result<Encoding, FormatError> {
     let name = h.need("encoding")?;
     Ok(match name.to_ascii_lowercase().as_str() {
         "raw" => Encoding::Raw,
@@ -233,7 +233,7 @@ fn encoding(h: &Header) -> Result<Encoding, FormatError> {
 
 /// First byte of the samples (`None`: they end with the file) and decoded bytes to pass over.
 fn offset(
-    h: &Header,
+    h: &NrrdHeader,
     file: &Path,
     start: u64,
     encoding: Encoding,
@@ -241,7 +241,7 @@ fn offset(
     let lines: u64 = h.get("line skip").map_or(Ok(0), |v| number(h.path, "line skip", v))?;
     let bytes: i64 = h.get("byte skip").map_or(Ok(0), |v| number(h.path, "byte skip", v))?;
     let mut at = start;
-    let mut input = BufReader::new(Source::open_at(file, start)?);
+    let mut input = BufReader::new(DataFile::open_at(file, start)?);
     for _ in 0..lines {
         let mut line = Vec::new();
         let n = input.read_until(b'\n', &mut line).map_err(|e| FormatError::io(h.path, e))?;
@@ -264,7 +264,7 @@ fn offset(
 }
 
 /// The grid, and how many samples a voxel has.
-fn geometry(h: &Header, notes: &mut Vec<String>) -> Result<(Grid, usize), FormatError> {
+fn geometry(h: &NrrdHeader, notes: &mut Vec<String>) -> Result<(Grid, usize), FormatError> {
     let axes: usize = number(h.path, "dimension", h.need("dimension")?)?;
     if !(1..=16).contains(&axes) {
         return Err(FormatError::field(h.path, "dimension", axes, "1 to 16 are possible"));
@@ -304,7 +304,7 @@ fn geometry(h: &Header, notes: &mut Vec<String>) -> Result<(Grid, usize), Format
 /// The three axes of space, and the layers of a segmentation: its first axis, beside those of
 /// space. Every other axis must have size 1.
 fn spatial_axes(
-    h: &Header,
+    h: &NrrdHeader,
     sizes: &[u64],
     directions: Option<&[Option<DVec3>]>,
 ) -> Result<([usize; 3], usize), FormatError> {
@@ -336,7 +336,7 @@ fn spatial_axes(
 }
 
 /// Signs from the file's space to LPS, and whether the file names a space at all.
-fn frame(h: &Header, notes: &mut Vec<String>) -> Result<(DVec3, bool), FormatError> {
+fn frame(h: &NrrdHeader, notes: &mut Vec<String>) -> Result<(DVec3, bool), FormatError> {
     let Some(name) = h.get("space") else {
         if h.get("space dimension").is_some_and(|n| n != "3") {
             return Err(h.bad("space dimension", "a volume lies in 3"));
@@ -363,7 +363,7 @@ fn frame(h: &Header, notes: &mut Vec<String>) -> Result<(DVec3, bool), FormatErr
 }
 
 /// Millimetres in the file's unit; without one it is mm.
-fn unit(h: &Header, field: &str) -> Result<f64, FormatError> {
+fn unit(h: &NrrdHeader, field: &str) -> Result<f64, FormatError> {
     let Some(value) = h.get(field) else { return Ok(1.0) };
     let mut found = None;
     for name in value.split(['"', ' ']).filter(|n| !n.is_empty() && *n != "none" && *n != "???") {
@@ -376,7 +376,7 @@ fn unit(h: &Header, field: &str) -> Result<f64, FormatError> {
 }
 
 /// `(x,y,z)` or `none`, `n` times.
-fn vectors(h: &Header, text: &str, n: usize) -> Result<Vec<Option<DVec3>>, FormatError> {
+fn vectors(h: &NrrdHeader, text: &str, n: usize) -> Result<Vec<Option<DVec3>>, FormatError> {
     let bad = || h.bad("space directions or origin", "expected vectors (x,y,z) or none");
     let mut out = Vec::new();
     let mut rest = text.trim();

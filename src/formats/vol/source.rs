@@ -8,13 +8,13 @@ use super::FormatError;
 use crate::fault;
 
 /// An open regular file and its size. Reading can be made to end early by a planted fault.
-pub(super) struct Source {
+pub(super) struct DataFile {
     file: File,
     /// Size in bytes when opened.
     pub len: u64,
 }
 
-impl Source {
+impl DataFile {
     /// Opens a regular file.
     pub fn open(path: &Path) -> Result<Self, FormatError> {
         let file = open_plain(path)?;
@@ -30,7 +30,7 @@ impl Source {
     }
 }
 
-impl Read for Source {
+impl Read for DataFile {
     fn read(&mut self, buf: &mut [u8]) -> io::Result<usize> {
         if fault::hit(fault::Point::Read) {
             return Ok(0);
@@ -39,7 +39,7 @@ impl Read for Source {
     }
 }
 
-impl Seek for Source {
+impl Seek for DataFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         self.file.seek(to)
     }
@@ -68,10 +68,13 @@ pub fn read_plain(path: &Path, most: u64) -> Result<Vec<u8>, FormatError> {
     Ok(bytes)
 }
 
-/// Reads the first bytes of a file through [`Source`], whose reading can be made to end early.
+/// Reads the first bytes of a file through [`DataFile`], whose reading can be made to end early.
 pub(super) fn prefix(path: &Path, most: u64) -> Result<Vec<u8>, FormatError> {
     let mut bytes = Vec::new();
-    Source::open(path)?.take(most).read_to_end(&mut bytes).map_err(|e| FormatError::io(path, e))?;
+    DataFile::open(path)?
+        .take(most)
+        .read_to_end(&mut bytes)
+        .map_err(|e| FormatError::io(path, e))?;
     Ok(bytes)
 }
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::super::FormatError;
 use super::super::info::SegmentInfo;
 use super::super::segments::printable;
-use super::super::source::Source;
+use super::super::source::DataFile;
 use super::element::ElementValues;
 use super::fragments::{self, Fragment};
 use super::walk::{Pixels, walk};
@@ -124,7 +124,7 @@ pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
 /// Whether a fragment begins a JPEG or JPEG 2000 stream.
 fn begins_stream(file: &Path, fragment: &Fragment) -> bool {
     let mut first = [0; 3];
-    let read = Source::open_at(file, fragment.0).map(|mut s| s.read_exact(&mut first));
+    let read = DataFile::open_at(file, fragment.0).map(|mut s| s.read_exact(&mut first));
     matches!(read, Ok(Ok(()))) && (first == [0xff, 0xd8, 0xff] || first == [0xff, 0x4f, 0xff])
 }
 

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::super::FormatError;
 use super::super::layout::{MAX_SHRINK, must_swap, zeroed};
-use super::super::source::{Source, fill};
+use super::super::source::{DataFile, fill};
 use super::codec::{self, FrameSize};
 use super::fragments::Fragment;
 use super::head::Head;
@@ -93,13 +93,13 @@ impl Stored {
                 Err(FormatError::field(&h.file, "pixels", "plain", why))
             }
             Some(Pixels::Plain { offset, len }) if *h.syntax == *syntax::DEFLATED => {
-                let most = Source::open(&h.file)?.len.saturating_mul(MAX_SHRINK);
+                let most = DataFile::open(&h.file)?.len.saturating_mul(MAX_SHRINK);
                 let found = (*len).min(most.saturating_sub(*offset)).saturating_sub(before);
                 let at = offset.saturating_add(before);
                 if found < wanted { truncated(found) } else { Ok(SlicePixels::Deflated(at)) }
             }
             Some(Pixels::Plain { offset, len }) => {
-                let rest = Source::open(&h.file)?.len.saturating_sub(*offset);
+                let rest = DataFile::open(&h.file)?.len.saturating_sub(*offset);
                 let found = (*len).min(rest).saturating_sub(before);
                 let at = offset.saturating_add(before);
                 if found < wanted { truncated(found) } else { Ok(SlicePixels::Plain(at)) }
@@ -221,7 +221,7 @@ pub(super) fn read_slice(
 ) -> Result<(), FormatError> {
     match &slice.pixels {
         SlicePixels::Plain(offset) => {
-            let mut source = Source::open_at(&slice.file, *offset)?;
+            let mut source = DataFile::open_at(&slice.file, *offset)?;
             let io = |e| FormatError::io(&slice.file, e);
             let found = fill(&mut source, bytes).map_err(io)? as u64;
             let wanted = bytes.len() as u64;
@@ -272,7 +272,7 @@ pub(super) fn decode(
 ) -> Result<Vec<i32>, FormatError> {
     let mut stream = Vec::new();
     for (offset, len) in fragments {
-        let source = Source::open_at(file, *offset)?;
+        let source = DataFile::open_at(file, *offset)?;
         let io = |e| FormatError::io(file, e);
         source.take(u64::from(*len)).read_to_end(&mut stream).map_err(io)?;
     }

@@ -10,7 +10,7 @@ use super::super::FormatError;
 use super::super::affine::grid;
 use super::super::layout::zeroed;
 use super::super::segments::{chosen, overlapping};
-use super::super::source::Source;
+use super::super::source::DataFile;
 use super::codec::FrameSize;
 use super::head::Head;
 use super::pixels;
@@ -170,7 +170,7 @@ impl<'a> Segmentation<'a> {
             let own = all.skip_to(*offset).and_then(|()| all.take(wanted).read_to_end(&mut bytes));
             own.map_err(|_| cut(bytes.len() as u64))?;
         } else {
-            let source = Source::open_at(&head.file, *offset)?;
+            let source = DataFile::open_at(&head.file, *offset)?;
             let io = |e| FormatError::io(&head.file, e);
             source.take(wanted).read_to_end(&mut bytes).map_err(io)?;
         }

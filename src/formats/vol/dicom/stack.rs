@@ -105,7 +105,7 @@ impl Stack {
         }
         let places: Vec<f64> = slices.iter().map(place).collect();
         let step = match places.len() {
-            1 => Step { mm: thickness(first)?, is_even: true },
+            1 => SliceStep { mm: thickness(first)?, is_even: true },
             _ => step(path, &places, fill_gaps)?,
         };
         let tilt = tilt(&slices, &plane);
@@ -260,7 +260,7 @@ fn tilt(slices: &[Slice], plane: &Plane) -> Option<f64> {
 }
 
 /// The step between the slices of a box.
-struct Step {
+struct SliceStep {
     mm: f64,
     /// Whether the slices lie at such steps already.
     is_even: bool,
@@ -268,7 +268,7 @@ struct Step {
 
 /// The step between planes: their own, if it is one; else, where gaps may be filled, the smallest
 /// that is more than half of the usual one.
-fn step(path: &Path, places: &[f64], fill_gaps: bool) -> Result<Step, FormatError> {
+fn step(path: &Path, places: &[f64], fill_gaps: bool) -> Result<SliceStep, FormatError> {
     let steps: Vec<f64> = places.windows(2).map(|w| w[1] - w[0]).collect();
     let mut sorted = steps.clone();
     sorted.sort_by(f64::total_cmp);
@@ -287,7 +287,7 @@ fn step(path: &Path, places: &[f64], fill_gaps: bool) -> Result<Step, FormatErro
     let worst = (0..steps.len()).max_by(|&a, &b| miss(steps[a]).total_cmp(&miss(steps[b])));
     let Some(i) = worst.filter(|&i| miss(steps[i]) > MAX_UNEVEN * usual) else {
         let mean = (places[places.len() - 1] - places[0]) / steps.len() as f64;
-        return Ok(Step { mm: rounded_mm(mean), is_even: true });
+        return Ok(SliceStep { mm: rounded_mm(mean), is_even: true });
     };
     if !fill_gaps {
         let what = format!(
@@ -301,7 +301,7 @@ fn step(path: &Path, places: &[f64], fill_gaps: bool) -> Result<Step, FormatErro
         return Err(FormatError::unsupported(path, what));
     }
     let least = sorted.iter().copied().find(|s| *s > 0.5 * usual).unwrap_or(usual);
-    Ok(Step { mm: rounded_mm(least), is_even: false })
+    Ok(SliceStep { mm: rounded_mm(least), is_even: false })
 }
 
 /// A step without the last binary digits: positions are decimal text, and the noise of their

@@ -13,7 +13,7 @@ use std::io::{self, BufRead as _, BufReader, Read, Seek};
 use std::path::Path;
 
 use super::super::FormatError;
-use super::super::source::{Source, fill};
+use super::super::source::{DataFile, fill};
 use super::element::{
     ElementCoding, ElementHead, ElementScope, ElementValues, MAX_VALUE, UNDEFINED,
 };
@@ -63,7 +63,7 @@ struct Walker<'a, R> {
 
 /// Walks a file; `None` if it is not DICOM.
 pub(super) fn walk(file: &Path) -> Result<Option<Walked>, FormatError> {
-    let source = Source::open(file)?;
+    let source = DataFile::open(file)?;
     let end = source.len;
     let mut w = Walker { file, input: BufReader::with_capacity(1 << 14, source), at: 0, end };
     let mut preamble = [0; 132];
@@ -103,7 +103,7 @@ pub(super) fn inflate(file: &Path) -> Result<Inflated, FormatError> {
 
 /// Returns the offset of a file's data set, bytes.
 fn data_set_offset(file: &Path) -> Result<u64, FormatError> {
-    let source = Source::open(file)?;
+    let source = DataFile::open(file)?;
     let end = source.len;
     let mut w = Walker { file, input: BufReader::new(source), at: 0, end };
     w.skip(132.min(end))?;

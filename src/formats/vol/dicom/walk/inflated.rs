@@ -8,11 +8,11 @@ use flate2::bufread::DeflateDecoder;
 
 use super::super::super::FormatError;
 use super::super::super::layout::MAX_SHRINK;
-use super::super::super::source::Source;
+use super::super::super::source::DataFile;
 
 /// Reads forward only.
 pub struct Inflated {
-    input: DeflateDecoder<BufReader<Source>>,
+    input: DeflateDecoder<BufReader<DataFile>>,
     at: u64,
     /// Bytes that the file can stand for.
     most: u64,
@@ -20,7 +20,7 @@ pub struct Inflated {
 
 impl Inflated {
     pub fn open(file: &Path, offset: u64) -> Result<Self, FormatError> {
-        let source = Source::open_at(file, offset)?;
+        let source = DataFile::open_at(file, offset)?;
         let most = source.len.saturating_sub(offset).saturating_mul(MAX_SHRINK);
         Ok(Self { input: DeflateDecoder::new(BufReader::new(source)), at: 0, most })
     }
