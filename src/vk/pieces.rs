@@ -14,6 +14,8 @@ use crate::compute::Plan;
 pub(super) const AIM: Duration = Duration::from_millis(50);
 /// Seconds of a workgroup that was never measured: more than any takes on a driver in software.
 const UNKNOWN_S: f64 = 1e-4;
+/// Least part of a kernel's seconds a workgroup that is kept when a segment was faster.
+const SLOWEST: f64 = 0.8;
 /// Most workgroups of a kernel in a piece, as a multiple of those that were measured last. Those of
 /// one launch differ: bricks in the middle of a lumen take many times as long as those at its wall.
 const GROWTH: f64 = 4.0;
@@ -70,12 +72,12 @@ impl Rates {
     }
 
     /// Updates a kernel's rate from the seconds a segment took. Launches of one kernel differ by
-    /// their parameters: a short one lowers its rate by half at most.
+    /// their parameters, workgroups by their place: a fast one lowers its rate by a fifth at most.
     pub fn measured(&mut self, kernel: &'static str, segment: &LaunchSegment, seconds: f64) {
         let groups = segment.count();
         let seconds = (seconds / groups).max(1e-12);
         let known = self.0.entry(kernel).or_insert(Rate { seconds, groups });
-        *known = Rate { seconds: seconds.max(0.5 * known.seconds), groups };
+        *known = Rate { seconds: seconds.max(SLOWEST * known.seconds), groups };
     }
 
     /// Shares the seconds of a piece among its segments, in proportion to their expected durations.
@@ -274,10 +276,10 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_follows_slower_launches_at_once_and_faster_ones_by_halves() {
+    fn a_rate_follows_slower_launches_at_once_and_faster_ones_by_fifths() {
         let mut rates = Rates::default();
         let ten = LaunchSegment { step: 0, base: [0, 0], groups: [10, 1] };
-        for (seconds, want) in [(1.0, 0.1), (4.0, 0.4), (0.1, 0.2), (0.1, 0.1), (0.1, 0.05)] {
+        for (seconds, want) in [(1.0, 0.1), (4.0, 0.4), (0.1, 0.32), (0.1, 0.256), (3.0, 0.3)] {
             rates.measured("kernel", &ten, seconds);
             assert!((rates.of("kernel") - want).abs() < 1e-12, "{}", rates.of("kernel"));
         }

@@ -134,6 +134,7 @@ fn pieces_of_a_full_volume_stay_short() {
         let longest = gpu.longest_piece();
         let all: f64 = out.times.iter().map(|t| t.seconds).sum();
         println!("{round}: {pieces} submissions; the longest {longest:?} of {all:.3} s");
-        assert!(longest < Duration::from_millis(500), "{longest:?}");
+        // Half of what a desktop's driver allows, on a machine that may be loaded.
+        assert!(longest < Duration::from_secs(1), "{longest:?}");
     }
 }
