@@ -17,9 +17,11 @@ pub static KERNEL: Kernel = Kernel {
 fn twin(args: &mut CpuArgs<'_>) {
     let (s, _, _) = open(args);
     s.place.par_iter_mut().enumerate().with_min_len(4096).for_each(|(v, place)| {
-        let allowed = 0.15 - 0.1 * ((s.bend[v] - 0.15) / 0.15).clamp(0.0, 1.0);
-        let excess = s.shift[v] - s.shift[v].clamp(-allowed, allowed);
+        // Not `clamp`, which panics where a limit is not a number.
+        let within = |x: f32, least: f32, most: f32| x.max(least).min(most);
+        let allowed = 0.15 - 0.1 * within((s.bend[v] - 0.15) / 0.15, 0.0, 1.0);
+        let excess = s.shift[v] - within(s.shift[v], -allowed, allowed);
         let most = s.bound[v][1];
-        *place = (*place - excess).clamp(-most, most);
+        *place = within(*place - excess, -most, most);
     });
 }
