@@ -6,7 +6,7 @@
 //! removes temporary files there whose lock is free: what a killed run left behind.
 
 use std::collections::BTreeSet;
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -119,22 +119,24 @@ impl Drop for TemporaryFile {
 
 /// Removes temporary files of processes that are gone.
 fn remove_abandoned(folder: &Path) {
-    let Ok(entries) = std::fs::read_dir(folder) else { return };
-    for entry in entries.flatten() {
-        let is_file = entry.file_type().is_ok_and(|t| t.is_file());
-        if !is_file || !entry.file_name().to_str().is_some_and(is_temporary) {
-            continue;
-        }
-        // Only a lock that was free shows that nobody writes any more; where locks are not to be
-        // had, the file stays.
-        let Ok(file) = OpenOptions::new().read(true).write(true).open(entry.path()) else {
-            continue;
-        };
-        match file.try_lock() {
-            Ok(()) => drop(std::fs::remove_file(entry.path())),
-            Err(TryLockError::WouldBlock | TryLockError::Error(_)) => {}
-        }
+    for (path, _locked) in abandoned(folder) {
+        let _ = std::fs::remove_file(path);
     }
+}
+
+/// Temporary files of processes that are gone, each locked while its item lives. Only a lock that was
+/// free shows that nobody writes any more; where locks are not to be had, there are none.
+pub(super) fn abandoned(folder: &Path) -> impl Iterator<Item = (PathBuf, File)> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let ours = entries.filter(|entry| {
+        let is_file = entry.file_type().is_ok_and(|t| t.is_file());
+        is_file && entry.file_name().to_str().is_some_and(is_temporary)
+    });
+    ours.filter_map(|entry| {
+        let file = OpenOptions::new().read(true).write(true).open(entry.path()).ok()?;
+        file.try_lock().ok()?;
+        Some((entry.path(), file))
+    })
 }
 
 /// Whether a name is one that [`TemporaryFile::create`] gives.
@@ -143,7 +145,8 @@ fn is_temporary(name: &str) -> bool {
     middle.is_some_and(|m| m.len() == RANDOM && m.bytes().all(|b| b.is_ascii_alphanumeric()))
 }
 
-fn folder_of(path: &Path) -> &Path {
+/// Folder of a file.
+pub(super) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 

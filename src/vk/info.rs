@@ -335,9 +335,10 @@ mod tests {
 
     #[test]
     fn a_device_with_limits_below_the_largest_kernel_is_refused_with_both_figures() {
-        let widest = ALL.iter().map(|k| k.shader.workgroup).max();
+        // Those of `paper` are wider; this room does not see them.
+        assert!(ALL.iter().all(|k| k.shader.workgroup <= NEEDS.workgroup));
         let buffers = ALL.iter().map(|k| k.shader.bindings.len() as u32).max();
-        assert_eq!((widest, buffers), (Some(NEEDS.workgroup), Some(NEEDS.storage_buffers)));
+        assert_eq!(buffers, Some(NEEDS.storage_buffers));
         assert!(ALL.iter().all(|k| k.shader.params_size <= NEEDS.params_bytes));
         // What Vulkan 1.3 asks of every device.
         let least = vk::PhysicalDeviceLimits {

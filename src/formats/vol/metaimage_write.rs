@@ -11,7 +11,7 @@ use super::rescale::real_samples;
 use super::source::prefix;
 use super::text::MAX_HEADER;
 use super::{FormatError, lower_name};
-use crate::formats::atomic_file::{AtomicFile, write_atomic};
+use crate::formats::atomic_file::{AtomicFile, abandoned, folder_of, write_atomic};
 use crate::formats::shown;
 use crate::volume::{Grid, SampleType, Volume};
 
@@ -67,11 +67,24 @@ pub fn check_data_file(header: &Path) -> Result<(), FormatError> {
     if !is_written_apart || raw.symlink_metadata().is_err() || names_data(header, &name) {
         return Ok(());
     }
+    if is_left_by_killed_run(header, &raw, &name) {
+        return std::fs::remove_file(&raw).map_err(|e| FormatError::io(&raw, e));
+    }
     let why = format!(
         "it is there and {} does not name it; remove it or choose another name",
         shown(header)
     );
     Err(FormatError::io(&raw, io::Error::new(io::ErrorKind::AlreadyExists, why)))
+}
+
+/// Whether samples were given their name by a run that was killed before it named their header: its
+/// temporary file is there, names them, and is younger.
+fn is_left_by_killed_run(header: &Path, raw: &Path, name: &str) -> bool {
+    let modified = |path: &Path| path.symlink_metadata().and_then(|m| m.modified());
+    let Ok(written) = modified(raw) else { return false };
+    abandoned(folder_of(header)).any(|(temporary, _locked)| {
+        modified(&temporary).is_ok_and(|t| t >= written) && names_data(&temporary, name)
+    })
 }
 
 /// Whether a header is there and its data file has this name.

@@ -400,3 +400,22 @@ fn a_second_run_into_a_folder_is_refused_until_the_first_is_gone() {
         std::fs::remove_dir_all(dir.join("o")).unwrap();
     }
 }
+
+#[test]
+fn samples_whose_header_a_killed_run_did_not_name_are_replaced() {
+    let tmp = tempfile::tempdir().unwrap();
+    let dir = tmp.path();
+    phantom(dir, Kind::Tube, 24);
+    works(dir, &["convert", "ct.nrrd", "-o", "v.mhd"]);
+    // What is left between the two names: samples, and the header by its temporary name.
+    std::fs::rename(dir.join("v.mhd"), dir.join(".intima-abcdefABCDEF.tmp")).unwrap();
+    works(dir, &["convert", "ct.nrrd", "-o", "v.mhd"]);
+    assert_eq!(temporary(dir), Vec::<std::path::PathBuf>::new());
+    // Samples that were written since are somebody else's.
+    std::fs::rename(dir.join("v.mhd"), dir.join(".intima-abcdefABCDEF.tmp")).unwrap();
+    std::thread::sleep(Duration::from_millis(20));
+    std::fs::write(dir.join("v.raw"), "A").unwrap();
+    let out = intima(dir, &["convert", "ct.nrrd", "-o", "v.mhd"]);
+    assert_eq!(out.status.code(), Some(1));
+    assert_eq!(std::fs::read(dir.join("v.raw")).unwrap(), b"A");
+}
