@@ -36,6 +36,6 @@ mod tests {
         let (start, sorted) = in_rows(5, || items.into_iter());
         assert_eq!(start, [0, 2, 2, 4, 5, 5]);
         assert_eq!(sorted, ['b', 'e', 'a', 'c', 'd']);
-        assert_eq!(in_rows(0, || std::iter::empty::<(u32, u8)>()), (vec![0], vec![]));
+        assert_eq!(in_rows(0, std::iter::empty::<(u32, u8)>), (vec![0], vec![]));
     }
 }

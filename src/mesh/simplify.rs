@@ -45,7 +45,7 @@ pub struct Simplified {
 /// of Li et al. 2004, section 4.1. Departures: the heap has one entry a vertex, its cheapest target,
 /// whose cost is a lower bound that is brought up to date when it comes up. Meshes of 24,576 faces
 /// or more are simplified in parts of 12,288 in parallel (`parts.rs`), then as a whole.
-/// [`Metric::NormalQem`] adds the deviation of new faces from their corners' normals, which tells
+/// [`NormalQem`](super::Metric::NormalQem) adds the deviation of new faces from their corners' normals, which tells
 /// diagonals apart that vertex quadrics do not, and weights creases.
 pub fn simplify<R: Recorder>(
     mesh: &Mesh,

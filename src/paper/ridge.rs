@@ -57,7 +57,7 @@ pub fn ridge(
 
     let bindings =
         ridge_mark::Bindings { near: lumen.near, inside: lumen.inside, f: smoothed, marked };
-    let params = ridge_mark::Params { spacing_mm, slots: lumen.slots, ..Default::default() };
+    let params = ridge_mark::Params { spacing_mm, slots: lumen.slots };
     plan.launch(&ridge_mark::KERNEL, bindings, params, lumen.field_len(), lumen.items);
 
     let bindings = compact_count::Bindings { marked, count };

@@ -28,7 +28,6 @@ fn marked(device: &mut Device, lumen: &Lumen) -> BTreeSet<i64> {
     let params = ridge_mark::Params {
         spacing_mm: lumen.grid.spacing_mm.as_vec3().to_array(),
         slots: b.slots,
-        ..Default::default()
     };
     plan.launch(&ridge_mark::KERNEL, bindings, params, b.field_len(), b.items);
     plan.download(marked);

@@ -197,7 +197,7 @@ impl<'a> Net<'a> {
     /// start, the arc by which it was reached.
     ///
     /// * `length`: length of an arc by its number, an integer so that sums have a total order; of
-    /// equal   paths the one with the lower arc counts.
+    ///   equal paths the one with the lower arc counts.
     pub fn ways(
         &self,
         from: u32,

@@ -122,15 +122,12 @@ impl<'a> VtpDocument<'a> {
                         doc.normals = attribute(attributes, "Normals").unwrap_or("Normals");
                     }
                 }
-                Event::Text(text) if in_array => match doc.arrays.last_mut() {
-                    Some(ArrayTag {
-                        stored: VtkStorage::Text(own) | VtkStorage::Inline(own),
-                        ..
-                    }) => {
+                Event::Text(text) if in_array => {
+                    let stored = doc.arrays.last_mut().map(|array| &mut array.stored);
+                    if let Some(VtkStorage::Text(own) | VtkStorage::Inline(own)) = stored {
                         *own = text;
                     }
-                    _ => {}
-                },
+                }
                 Event::Close("DataArray" | "Array") => in_array = false,
                 _ => {}
             }

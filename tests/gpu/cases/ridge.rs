@@ -23,7 +23,7 @@ pub fn ridge_mark() -> Vec<Case> {
         let f = plan.upload_owned("f", &f);
         let marked = plan.zeroed::<u32>("marked", slots * 16);
         let spacing_mm = spacing.to_array();
-        let params = ridge_mark::Params { spacing_mm, slots: slots as u32, ..Default::default() };
+        let params = ridge_mark::Params { spacing_mm, slots: slots as u32 };
         let bindings = ridge_mark::Bindings { near, inside, f, marked };
         plan.launch(&ridge_mark::KERNEL, bindings, params, slots * BRICK, slots * BRICK);
         plan.download(marked);

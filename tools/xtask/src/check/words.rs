@@ -14,7 +14,6 @@ const SHARED_NAMES: &[(&str, &str)] = &[
 
 /// Names of types that are declared in two files of `src`. Tests do not count: a module of tests has
 /// small types of its own.
-
 pub fn types_once(tree: &Tree) -> Vec<String> {
     let mut places: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for (path, code) in tree.rust("src/") {
@@ -101,7 +100,6 @@ const WITHOUT_NOUN: &[&str] = &[
 ];
 
 /// Doc comments of `src` whose first sentence does not name what it is about.
-
 pub fn doc_openings(tree: &Tree) -> Vec<String> {
     let mut found = Vec::new();
     for path in tree.rust("src/").map(|(path, _)| path.to_owned()).collect::<Vec<_>>() {
