@@ -3,6 +3,8 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use rayon::prelude::*;
+
 use super::centering::{clearance, ranked, visible};
 use super::fields::distance_and_smooth;
 use super::{Centered, Clock, Fields, Radius, Session, SessionError, Visibility, present};
@@ -43,11 +45,12 @@ impl Session {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
         let distance = Sampler { lumen: &lumen.lumen, field: &fields.distance };
         let radius = self.settings.radius();
-        at.map(|point| match radius {
+        let points: Vec<&RidgePoint> = at.collect();
+        let viewpoint = |point: &&RidgePoint| match radius {
             Radius::Paper => point.viewpoint(),
             Radius::Measured => Viewpoint::measured(point.element, point.axis, distance),
-        })
-        .collect()
+        };
+        points.par_iter().with_min_len(64).map(viewpoint).collect()
     }
 
     /// The visibility test from the ridge instead of the graph: Eq. 5 needs the eigenvalues there.
