@@ -83,7 +83,7 @@ enum CliCommand {
     /// Open a window and fly by hand
     #[cfg(feature = "window")]
     Fly(fly::Args),
-    /// Time each kernel on each device
+    /// Time kernels and stages on each device
     Bench(bench::Args),
     /// Print shell completions
     Completions(generate::CompletionArgs),

@@ -35,7 +35,7 @@ pub mod host {
     include!(concat!(env!("OUT_DIR"), "/kernels.rs"));
 }
 
-/// All kernels, but for those that the paper alone needs.
+/// All kernels but those of the paper's chain.
 pub static ALL: &[&Kernel] = &[
     &edt_rows::KERNEL,
     &edt_axis::KERNEL,

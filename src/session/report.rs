@@ -73,7 +73,7 @@ pub struct Report {
     pub frames: Option<FramesReport>,
     /// Sentences for the user, each about one doubtful thing.
     pub warnings: Vec<String>,
-    /// Peak of resident memory, MiB.
+    /// Peak of resident memory, MB (10⁶ bytes).
     pub peak_memory_mb: f64,
     /// Further times of the run, by name.
     #[serde(flatten)]
@@ -269,7 +269,7 @@ pub struct LoopReport {
     pub throat_at_mm: [f64; 3],
     /// Distance to the wall there, mm.
     pub throat_mm: f64,
-    /// Distance to the wall at the next narrowest place, mm; absent if there is none.
+    /// Distance to the wall at the next narrowest place, mm; null if there is none.
     pub next_throat_mm: Option<f64>,
     /// Length of the narrow passage about the throat, mm.
     pub passage_mm: f64,

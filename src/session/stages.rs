@@ -3,6 +3,9 @@
 //! To follow the data, read the table from the top. A product stands below what it needs. It has a
 //! row for each way to make it; a row is used when its condition holds for the session's settings,
 //! and exactly one row of a product is, or none.
+//!
+//! A row of `products!` is: name, share of the time, products it needs, settings it reads, where it
+//! runs, condition, function. Other values of those settings make the product again.
 
 use std::sync::Arc;
 

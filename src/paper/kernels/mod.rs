@@ -1,4 +1,4 @@
-//! Kernels that the paper alone needs: the ridge test, and compaction of what it marks.
+//! Kernels of the paper's chain: the ridge test, and compaction of what it marks.
 
 pub mod compact_count;
 pub mod compact_scatter;
