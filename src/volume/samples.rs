@@ -5,7 +5,7 @@ use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
 
 /// Owner of samples that this crate did not allocate: a mapped file, an array of another language.
-/// Its slice is requested at every access, so that should cost nothing, and must be the same slice
+/// The slice is requested at every access, so that should cost nothing, and must be the same slice
 /// each time.
 pub type SharedSamples<T> = Arc<dyn AsRef<[T]> + Send + Sync>;
 

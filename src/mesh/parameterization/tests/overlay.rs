@@ -4,7 +4,7 @@
 use super::super::*;
 
 /// A part of an original face that lies in one base face, affinely.
-pub struct SubMesh {
+pub struct OverlayPart {
     /// Centre of the part on the base.
     pub base: MeshPoint,
     /// Centre of the part on the original.
@@ -47,7 +47,7 @@ fn area(polygon: &[Corner]) -> f64 {
 }
 
 /// The pieces of an original face.
-pub fn pieces(maps: &Parameterization, face: u32) -> Vec<SubMesh> {
+pub fn pieces(maps: &Parameterization, face: u32) -> Vec<OverlayPart> {
     let unit = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mut open = vec![(face, unit.map(|w| (w, w)).to_vec())];
     let mut done = Vec::new();
@@ -58,7 +58,7 @@ pub fn pieces(maps: &Parameterization, face: u32) -> Vec<SubMesh> {
             let mean = |pick: fn(&Corner) -> [f64; 3]| {
                 [0, 1, 2].map(|i| polygon.iter().map(|c| pick(c)[i]).sum::<f64>() / n)
             };
-            done.push(SubMesh {
+            done.push(OverlayPart {
                 base: MeshPoint { face: triangle.slot, weights: mean(|c| c.0) },
                 fine: MeshPoint { face, weights: mean(|c| c.1) },
                 area: area(&polygon),

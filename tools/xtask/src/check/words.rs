@@ -8,8 +8,6 @@ use std::collections::BTreeMap;
 const SHARED_NAMES: &[(&str, &str)] = &[
     ("Args", "clap's arguments of a subcommand, one in each of their files"),
     ("Tolerance", "compute's of two floats, lod's of a picture: each the word of its field"),
-    ("Limits", "vk's of a device, another module's of its rules: never in one file"),
-    ("Slot", "a product's in the session, a chunk's in staging"),
 ];
 
 /// Names of types that are declared in two files of `src`. Tests do not count: a module of tests has
