@@ -44,8 +44,15 @@ fn main(
         if (q & 7u) == 0u && up != NONE { up = above(up, params.axis); }
         if ((p - k) & 7u) == 7u && down != NONE { down = below(down, params.axis); }
         if up == NONE && down == NONE { break; }
-        if up != NONE { best = min(best, f[up * 512u + line + (q & 7u) * stride] + far); }
-        if down != NONE { best = min(best, f[down * 512u + line + ((p - k) & 7u) * stride] + far); }
+        // Not `min`, which leaves open what it makes of not-a-number: that stays where it was.
+        if up != NONE {
+            let there = f[up * 512u + line + (q & 7u) * stride] + far;
+            if there < best { best = there; }
+        }
+        if down != NONE {
+            let there = f[down * 512u + line + ((p - k) & 7u) * stride] + far;
+            if there < best { best = there; }
+        }
         k++;
     }
     if params.finish != 0u { best = params.scale * sqrt(best); }

@@ -105,6 +105,8 @@ impl Rows<'_, '_> {
         let slot = self.chain.up[0];
         let step = |s_: usize, up| neighbour(self.chain.near, s_, self.chain.axis, up);
         let mut best = *self.row(slot, at as i32);
+        // Not `min`: not-a-number stays where it was.
+        let lower = |b: &mut f32, there: f32| *b = if there < *b { there } else { *b };
         let (mut up, mut down) = (Some(slot), Some(slot));
         for k in 1i32.. {
             let far = self.far(k);
@@ -123,10 +125,10 @@ impl Rows<'_, '_> {
                 break;
             }
             if let Some(u) = up {
-                best.iter_mut().zip(self.row(u, high)).for_each(|(b, f)| *b = b.min(f + far));
+                best.iter_mut().zip(self.row(u, high)).for_each(|(b, f)| lower(b, f + far));
             }
             if let Some(d) = down {
-                best.iter_mut().zip(self.row(d, low)).for_each(|(b, f)| *b = b.min(f + far));
+                best.iter_mut().zip(self.row(d, low)).for_each(|(b, f)| lower(b, f + far));
             }
         }
         best

@@ -48,7 +48,27 @@ fn clear_of_limits(lumen: &Lumen, f: &[f32], h: Vec3) -> Vec<u32> {
     bits
 }
 
+/// Bits of more bricks than a few workgroups take.
+fn many_bricks() -> (usize, Vec<u32>) {
+    let slots = 2000;
+    (slots, (0..16 * slots as u32).map(|i| i.wrapping_mul(2_654_435_761) & (i << 7)).collect())
+}
+
 pub fn compact_count() -> Vec<Case> {
+    let mut cases = count_on_bricks();
+    let (slots, bits) = many_bricks();
+    let mut plan = Plan::new();
+    let marked = plan.upload_owned("marked", &bits);
+    let count = plan.zeroed::<u32>("count", slots);
+    let params = compact_count::Params { slots: slots as u32 };
+    let bindings = compact_count::Bindings { marked, count };
+    plan.launch(&compact_count::KERNEL, bindings, params, slots, slots);
+    plan.download(count);
+    cases.push(Case { name: "2000 bricks", plan });
+    cases
+}
+
+fn count_on_bricks() -> Vec<Case> {
     on_bricks(|plan, lumen, _, inside| {
         let slots = lumen.bricks.len();
         let count = plan.zeroed::<u32>("count", slots);
@@ -90,6 +110,26 @@ pub fn prefix_sum() -> Vec<Case> {
 }
 
 pub fn compact_scatter() -> Vec<Case> {
+    let mut cases = scatter_on_bricks();
+    let (slots, bits) = many_bricks();
+    let mut sums = vec![0];
+    for brick in bits.chunks(16) {
+        sums.push(sums[sums.len() - 1] + brick.iter().map(|w| w.count_ones()).sum::<u32>());
+    }
+    let capacity = sums[slots];
+    let mut plan = Plan::new();
+    let marked = plan.upload_owned("marked", &bits);
+    let sum = plan.upload_owned("sum", &sums);
+    let list = plan.zeroed::<u32>("list", capacity as usize);
+    let params = compact_scatter::Params { slots: slots as u32, capacity };
+    let bindings = compact_scatter::Bindings { marked, sum, list };
+    plan.launch(&compact_scatter::KERNEL, bindings, params, slots, slots);
+    plan.download(list);
+    cases.push(Case { name: "2000 bricks", plan });
+    cases
+}
+
+fn scatter_on_bricks() -> Vec<Case> {
     on_bricks(|plan, lumen, _, inside| {
         let slots = lumen.bricks.len();
         let counts: Vec<u32> =
