@@ -270,10 +270,10 @@ impl TargetSurface<'_> {
             if far <= *bound {
                 emit(face, part, far);
             } else {
-                rest.push((*part, face, far));
+                rest.push((*part, face, far, MAX_CUTS));
             }
         });
-        while let Some((piece, face, far)) = rest.pop() {
+        while let Some((piece, face, far, cuts)) = rest.pop() {
             crate::task::checkpoint();
             // Exact queries from here on.
             let (face, far) = match self.bvh.closest_within(piece.centre(), far) {
@@ -290,13 +290,29 @@ impl TargetSurface<'_> {
             let least = piece.corners().iter().filter_map(|p| self.bvh.closest_within(*p, far));
             *bound = least.fold(*bound, |m, c| m.max(c.distance_mm));
             let (length, a, b) = piece.longest_diagonal();
-            let halves = if far <= BOUND_SLACK * *bound || length <= 1e-9 {
-                None
-            } else {
-                piece.split(b - a, 0.5 * (a + b))
-            };
-            match halves {
-                Some(halves) => rest.extend(halves.map(|h| (h, face, self.max_distance(face, &h)))),
+            if far <= BOUND_SLACK * *bound || length <= 1e-9 {
+                *bound = bound.max(far);
+                emit(face, &piece, far);
+                continue;
+            }
+            // Clipped along the face that is nearest indeed, if that parts it. Where a surface is
+            // flat the bound is tiny, and halves would have to become as small.
+            let mut clipped = Vec::new();
+            if cuts > 0
+                && let Some(inner) =
+                    self.clip_at_edge_planes(face, piece, &mut |n, part| clipped.push((part, n)))
+                && !clipped.is_empty()
+            {
+                clipped.push((inner, face));
+                let cut = |(part, f)| (part, f, self.max_distance(f, &part), cuts - 1);
+                rest.extend(clipped.into_iter().map(cut));
+                continue;
+            }
+            match piece.split(b - a, 0.5 * (a + b)) {
+                Some(halves) => {
+                    let half = |h| (h, face, self.max_distance(face, &h), cuts);
+                    rest.extend(halves.map(half));
+                }
                 None => {
                     *bound = bound.max(far);
                     emit(face, &piece, far);

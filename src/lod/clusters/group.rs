@@ -218,7 +218,7 @@ pub fn simplify(
     let start: Vec<Vec<u32>> = start.collect();
     // Distances below the resolution of the coordinates are not distinguished.
     let far = f64::from(after.mesh.positions[0].abs().max_element());
-    let bound = measure.lower_bound(inputs, &start, count, floor.max(RESOLUTION * far));
+    let bound = measure.lower_bound(inputs, &start, count, floor + RESOLUTION * far);
     let target = TargetSurface {
         positions: &before.positions,
         normals: &before.normals,

@@ -14,6 +14,10 @@ use super::partition::NO_FACE;
 use super::vertex_faces::VertexFaces;
 use crate::mesh::Quadric;
 
+/// Cost of a collapse for its length, relative to that for a displacement as long. Where a wall is
+/// flat all collapses are free, and in the order of their ids they would leave needles; finding the
+/// nearest face among needles takes most of the time then.
+const LENGTH_COST: f64 = 1e-6;
 /// Most faces at a vertex after a collapse.
 const MAX_VALENCE: usize = 24;
 /// Least cosine of the angle that a face may turn by in one collapse (75°).
@@ -49,6 +53,8 @@ struct TriangleSoup<'a> {
     /// Incident faces of each vertex; removed faces are not listed.
     of: VertexFaces,
     quadric: Vec<Quadric>,
+    /// Cost of a collapse for its squared length.
+    length_cost: f64,
     /// Marks of the one-ring vertices, each with the pass that set it.
     mark: Vec<(u32, u8)>,
     trace: u32,
@@ -166,7 +172,9 @@ impl<'a> TriangleSoup<'a> {
             }
         }
         let mark = vec![(0, 0); at.len()];
-        let mut s = Self { at, faces, of, quadric, mark, trace: 0, ring: Vec::new(), locked };
+        let length_cost = LENGTH_COST * floor;
+        let ring = Vec::new();
+        let mut s = Self { at, faces, of, quadric, length_cost, mark, trace: 0, ring, locked };
         s.add_boundary_planes(face_neighbors);
         s
     }
@@ -227,10 +235,11 @@ impl<'a> TriangleSoup<'a> {
             let mut q = own;
             q += self.quadric[v as usize];
             let mut p = self.at[v as usize];
+            let along = self.at[u as usize] - p;
             if !self.locked[v as usize] {
-                p += KEPT_VERTEX_SHARE * (self.at[u as usize] - p);
+                p += KEPT_VERTEX_SHARE * along;
             }
-            out.push((q.at(p), v));
+            out.push((q.at(p) + self.length_cost * along.length_squared(), v));
         };
         match fan {
             VertexFan::Closed => self.ring.iter().for_each(|v| add(*v)),
