@@ -16,6 +16,7 @@ use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::{AddressSpace, Module, ScalarKind, StorageAccess, TypeInner, VectorSize};
 
 fn main() {
+    println!("cargo::rustc-env=INTIMA_COMMIT={}", commit().unwrap_or_default());
     println!("cargo::rerun-if-changed=shaders");
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     let shaders = Path::new("shaders");
@@ -45,6 +46,18 @@ pub static NEEDS: crate::compute::ShaderNeeds = crate::compute::ShaderNeeds {{
         host += &built.draw_module();
     }
     fs::write(out.join("draw.rs"), host).expect("write draw.rs");
+}
+
+/// Commit of a release: named by `cargo xtask dist`, or kept by cargo in the package. Git is not
+/// asked: each commit would then build everything anew.
+fn commit() -> Option<String> {
+    println!("cargo::rerun-if-env-changed=INTIMA_COMMIT");
+    if let Ok(named) = env::var("INTIMA_COMMIT") {
+        return Some(named);
+    }
+    let packaged = fs::read_to_string(".cargo_vcs_info.json").ok()?;
+    let (_, rest) = packaged.split_once("\"sha1\": \"")?;
+    rest.split_once('"').map(|(sha, _)| sha.to_owned())
 }
 
 fn wgsl_files(dir: &Path) -> Vec<PathBuf> {

@@ -3,6 +3,7 @@
 use std::io::Write as _;
 
 use super::{CliError, command};
+use crate::formats::atomic_file::write_atomic;
 
 /// `intima completions SHELL`
 #[derive(Debug, clap::Args)]
@@ -20,18 +21,42 @@ impl CompletionArgs {
     }
 }
 
-/// Prints the manual page of the program and, after it, of every command.
-pub fn man() -> Result<(), CliError> {
-    let mut out = Vec::new();
+/// `intima man`
+#[derive(Debug, clap::Args)]
+pub struct ManArgs {
+    /// Folder for one file a command, intima.1 and intima-COMMAND.1; without it all are printed
+    #[arg(long, value_name = "DIR")]
+    out: Option<std::path::PathBuf>,
+}
+
+impl ManArgs {
+    /// Prints or writes the manual page of the program and of every command.
+    pub fn run(&self) -> Result<(), CliError> {
+        let pages = man_pages()?;
+        let Some(folder) = &self.out else {
+            let all: Vec<u8> = pages.into_iter().flat_map(|p| p.1).collect();
+            return std::io::stdout().write_all(&all).map_err(CliError::Output);
+        };
+        for (name, page) in pages {
+            write_atomic(&folder.join(format!("{name}.1")), |f| f.write_all(&page))?;
+        }
+        Ok(())
+    }
+}
+
+/// Name and text of each manual page, the program's first.
+fn man_pages() -> Result<Vec<(String, Vec<u8>)>, CliError> {
     let mut all = command();
     all.build();
-    let render = |c: clap::Command, out: &mut Vec<u8>| {
-        clap_mangen::Man::new(c).render(out).map_err(CliError::Output)
+    let render = |name: String, c: clap::Command| {
+        let mut page = Vec::new();
+        clap_mangen::Man::new(c).render(&mut page).map_err(CliError::Output)?;
+        Ok::<_, CliError>((name, page))
     };
-    render(all.clone(), &mut out)?;
+    let mut pages = vec![render("intima".to_owned(), all.clone())?];
     for sub in all.get_subcommands().filter(|s| s.get_name() != "help") {
         let name: &'static str = format!("intima-{}", sub.get_name()).leak();
-        render(sub.clone().name(name), &mut out)?;
+        pages.push(render(name.to_owned(), sub.clone().name(name))?);
     }
-    std::io::stdout().write_all(&out).map_err(CliError::Output)
+    Ok(pages)
 }

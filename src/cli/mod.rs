@@ -29,6 +29,7 @@ mod session_args;
 mod simplify;
 mod surface;
 mod surface_args;
+mod version;
 
 pub use error::CliError;
 
@@ -44,7 +45,8 @@ use global::Global;
 ///
 /// Research and education only. Not a medical device. Not for diagnosis.
 #[derive(Debug, Parser)]
-#[command(name = "intima", version, about, long_about, max_term_width = 100)]
+#[command(name = "intima", version, long_version = version::long(), about, long_about)]
+#[command(max_term_width = 100)]
 pub struct Cli {
     #[command(flatten)]
     global: Global,
@@ -87,8 +89,8 @@ enum CliCommand {
     Bench(bench::Args),
     /// Print shell completions
     Completions(generate::CompletionArgs),
-    /// Print the manual page
-    Man,
+    /// Print the manual pages, or write them into a folder
+    Man(generate::ManArgs),
 }
 
 /// The whole grammar, for completions and tests.
@@ -180,7 +182,7 @@ impl CliCommand {
             Self::Fly(a) => a.run(global),
             Self::Bench(a) => a.run(global),
             Self::Completions(a) => a.run(),
-            Self::Man => generate::man(),
+            Self::Man(args) => args.run(),
         }
     }
 }

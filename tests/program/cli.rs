@@ -550,8 +550,33 @@ fn help_completions_and_the_manual_cover_every_command() {
         let name = line.trim_start_matches("| `intima ").split([' ', '`']).next().unwrap();
         assert!(intima::cli::command().find_subcommand(name).is_some(), "{name}");
     }
-    let version = intima(tmp.path(), &["--version"]);
-    assert!(version.status.success());
+}
+
+#[test]
+fn manual_pages_of_every_command_are_written_into_a_folder() {
+    let tmp = tempfile::tempdir().unwrap();
+    let out = intima(tmp.path(), &["man", "--out", "."]);
+    assert!(out.status.success() && out.stdout.is_empty());
+    for sub in intima::cli::command().get_subcommands() {
+        let page = format!("intima-{}.1", sub.get_name());
+        let page = std::fs::read_to_string(tmp.path().join(page)).unwrap();
+        assert!(page.contains(".TH"), "{}", sub.get_name());
+    }
+    let missing = intima(tmp.path(), &["man", "--out", "missing"]);
+    assert!(!missing.status.success());
+    assert!(String::from_utf8_lossy(&missing.stderr).contains("missing"));
+}
+
+#[test]
+fn the_version_names_commit_and_features() {
+    let tmp = tempfile::tempdir().unwrap();
+    let long = String::from_utf8(intima(tmp.path(), &["--version"]).stdout).unwrap();
+    assert!(long.starts_with(concat!("intima ", env!("CARGO_PKG_VERSION"), "\n")), "{long}");
+    for line in ["commit: ", "features: ", "target: "] {
+        assert!(long.lines().any(|l| l.starts_with(line) && l.len() > line.len()), "{long}");
+    }
+    let short = String::from_utf8(intima(tmp.path(), &["-V"]).stdout).unwrap();
+    assert_eq!(short.lines().count(), 1, "{short}");
 }
 
 #[test]
