@@ -6,6 +6,7 @@ mod bless;
 mod check;
 mod compare;
 mod demo;
+mod dist;
 mod pictures;
 mod process;
 mod scaling;
@@ -31,6 +32,8 @@ usage: cargo xtask TASK
                  (`compare --help` has the flags, tools/compare/README.md the rest)
   pictures       intima beside VTK from the same places, sheets in out/pictures/
                  (`pictures --help` has the flags, tools/pictures/README.md the rest)
+  dist           a release in out/dist/: archive, Debian package, container recipe, sums
+                 (`--dirty` allows files that differ from the commit, and names the build so)
   scaling        threads, growth, memory and device beside their limits, in out/scaling/
                  (`scaling --help` has the flags, tools/scaling/README.md the rest)
   truth          walls against phantoms of known walls and against grey values, in out/truth/
@@ -72,6 +75,7 @@ fn dispatch(args: &[&str]) -> Result<(), TaskError> {
         ["pictures", rest @ ..] => pictures::pictures(rest),
         ["scaling", rest @ ..] => scaling::scaling(rest),
         ["truth", rest @ ..] => truth::truth(rest),
+        ["dist", rest @ ..] => dist::dist(rest),
         ["bless"] => bless::bless(),
         ["setup"] => setup::setup(setup::Purpose::Running),
         ["setup", "--test"] => setup::setup(setup::Purpose::Testing),

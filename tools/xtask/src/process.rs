@@ -36,6 +36,17 @@ pub fn run(command: &mut Command) -> Result<(), TaskError> {
     }
 }
 
+/// Runs a command and returns what it prints on standard output; an error names it.
+pub fn output(command: &mut Command) -> Result<String, TaskError> {
+    let line = line(command);
+    match command.stderr(Stdio::inherit()).output() {
+        Ok(out) if out.status.success() => String::from_utf8(out.stdout)
+            .map_err(|_| TaskError::Failed(format!("`{line}` printed what is not UTF-8"))),
+        Ok(out) => Err(TaskError::Failed(format!("`{line}` ended with {}", out.status))),
+        Err(e) => Err(TaskError::Failed(format!("`{line}` did not start: {e}"))),
+    }
+}
+
 /// Whether it starts and succeeds; prints nothing.
 pub fn succeeds(command: &mut Command) -> bool {
     let silent = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
