@@ -91,6 +91,10 @@ impl Global {
                 extensions.join(", ")
             )));
         }
+        if is_segments(path) && !extensions.contains(&SEGMENTS) {
+            let why = "a .seg.nrrd holds segments, which `intima segment` and --core write";
+            return Err(CliError::Usage(format!("{}: {why}; use .nrrd", shown(path))));
+        }
         check_data_file(path)?;
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
         match folder {
@@ -170,7 +174,16 @@ impl Global {
 
 /// Extensions of volumes that are written.
 pub const VOLUMES: &[&str] = &[".nrrd", ".nii", ".nii.gz", ".mha", ".mhd"];
+/// Extension of a segmentation of 3D Slicer.
+pub const SEGMENTS: &str = ".seg.nrrd";
+/// Extensions of masks that are written.
+pub const MASKS: &[&str] = &[".nrrd", ".nii", ".nii.gz", ".mha", ".mhd", SEGMENTS];
 /// Extensions of meshes that are written.
 pub const MESHES: &[&str] = &[".ply", ".stl", ".obj", ".vtp", ".glb"];
 /// Extensions of centerlines that are written.
 pub const LINES: &[&str] = &[".vtp", ".csv", ".mrk.json"];
+
+/// Whether a file is a segmentation of 3D Slicer by its name.
+pub fn is_segments(path: &Path) -> bool {
+    path.to_string_lossy().to_lowercase().ends_with(SEGMENTS)
+}

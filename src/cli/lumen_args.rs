@@ -6,12 +6,14 @@ use glam::{DVec3, UVec3};
 
 use super::CliError;
 use super::dicom_args::DicomArgs;
-use super::global::{Global, VOLUMES};
-use crate::formats::{ReadOptions, shown, write_png, write_volume};
+use super::global::{Global, MASKS, is_segments};
+use crate::formats::{
+    FormatError, ReadOptions, SegmentDescription, shown, write_png, write_segment, write_volume,
+};
 use crate::lumen::IntensitySelection;
 use crate::organ::{self, Organ, OrganOptions};
 use crate::session::{LumenSettings, Seed, Session, Source, VolumeSource, WallMethod};
-use crate::volume::{Samples, Volume};
+use crate::volume::{Grid, Samples, Volume};
 
 /// LUMEN flags.
 #[derive(Clone, Debug, clap::Args)]
@@ -60,7 +62,7 @@ pub struct LumenArgs {
     /// Place of the wall
     #[arg(long, value_enum, default_value = "auto", value_name = "METHOD")]
     pub wall: WallMethod,
-    /// Write the mask that the wall was drawn about: .nrrd, .nii.gz or .mha
+    /// Write the mask that the wall was drawn about: .nrrd, .nii.gz, .mha or .seg.nrrd
     #[arg(long, value_name = "FILE")]
     pub core: Option<PathBuf>,
     #[command(flatten)]
@@ -85,14 +87,17 @@ impl LumenArgs {
                 options.series = None;
             }
             let mask = VolumeSource::File { path, options };
-            let image = |path: &Path| {
-                let options = ReadOptions { segments: Vec::new(), ..self.dicom.options() };
-                VolumeSource::File { path: path.to_owned(), options }
-            };
+            let options = self.image_options();
+            let image = |path: &Path| VolumeSource::File { path: path.to_owned(), options };
             return Ok(Source::Mask { mask, image: input.map(image) });
         }
         let input = input.ok_or_else(|| CliError::Usage("an INPUT or --mask is needed".into()))?;
         Ok(Source::Image(volume(input)))
+    }
+
+    /// Returns the options for reading INPUT beside a mask, whose segments are not its own.
+    pub fn image_options(&self) -> ReadOptions {
+        ReadOptions { segments: Vec::new(), ..self.dicom.options() }
     }
 
     /// Says which organ was found, and writes the core and the organ's projections where asked for.
@@ -114,11 +119,12 @@ impl LumenArgs {
 
     fn write_core(&self, session: &Session, global: &Global) -> Result<(), CliError> {
         let Some(file) = &self.core else { return Ok(()) };
-        global.check_output(file, VOLUMES)?;
-        let (core, grid) = (session.core()?, session.lumen()?.lumen.grid);
+        global.check_output(file, MASKS)?;
+        let (core, segmented) = (session.core()?, session.lumen()?);
+        let grid = segmented.lumen.grid;
         let mut voxels = vec![0u8; grid.len()];
         core.voxels().voxels().for_each(|v| voxels[grid.index(v)] = 1);
-        write_volume(file, &Volume::new(grid, Samples::from(voxels)))?;
+        write_mask(file, &grid, voxels, &segmented.description())?;
         global.say(format_args!("wrote {}", shown(file)))
     }
 
@@ -173,6 +179,19 @@ impl LumenArgs {
             leak_control: self.leak_control,
             wall: self.wall,
         })
+    }
+}
+
+/// Writes labels of a mask as a volume, or as a segment where the file holds segments.
+pub fn write_mask(
+    file: &Path,
+    grid: &Grid,
+    labels: Vec<u8>,
+    segment: &SegmentDescription,
+) -> Result<(), FormatError> {
+    match is_segments(file) {
+        true => write_segment(file, grid, &labels, segment),
+        false => write_volume(file, &Volume::new(*grid, Samples::from(labels))),
     }
 }
 

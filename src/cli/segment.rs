@@ -3,25 +3,30 @@
 use std::path::PathBuf;
 
 use super::CliError;
-use super::global::{Global, VOLUMES};
-use super::lumen_args::LumenArgs;
+use super::global::{Global, SEGMENTS};
+use super::lumen_args::{LumenArgs, write_mask};
 use super::repeat::timed_products;
 use crate::device::DeviceChoice;
-use crate::formats::{shown, write_volume};
+use crate::formats::{SourceSeries, shown};
 use crate::session::{LumenReport, OrganReport, Product, Session, Settings, WallReport};
-use crate::volume::{Samples, Volume};
 
 /// `intima segment INPUT LUMEN -o MASK`
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Volume; may be left out with --mask
     input: Option<PathBuf>,
-    /// Mask to write: .nrrd, .nii, .nii.gz, .mha or .mhd
+    /// Mask to write: .nrrd, .nii, .nii.gz, .mha, .mhd, .seg.nrrd or .dcm
+    ///
+    /// A segmentation (.seg.nrrd, DICOM SEG .dcm) has one segment, the whole lumen, with the name of
+    /// the organ. A DICOM SEG is written where INPUT is a DICOM series.
     #[arg(short, long, value_name = "MASK")]
     output: PathBuf,
-    /// Write 0 and 1 instead of the three classes
+    /// Write 0 and 1 instead of the three classes, as a segmentation always does
     #[arg(long)]
     binary: bool,
+    /// Describe patient and study in a DICOM SEG as the series does, to store it beside the series
+    #[arg(long, help_heading = "DICOM")]
+    keep_patient: bool,
     #[command(flatten)]
     lumen: LumenArgs,
 }
@@ -29,7 +34,8 @@ pub struct Args {
 impl Args {
     /// Chooses the lumen and writes it.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
-        global.check_output(&self.output, VOLUMES)?;
+        global.check_output(&self.output, SEGMENTED)?;
+        let series = self.source_series()?;
         let settings = Settings { lumen: self.lumen.settings()?, ..global.settings() };
         let settings = Settings { device: DeviceChoice::Cpu, ..settings };
         let mut session = Session::new(self.lumen.source(self.input.as_deref())?, settings)?;
@@ -42,7 +48,13 @@ impl Args {
         if self.binary {
             classes.iter_mut().for_each(|c| *c = (*c).min(1));
         }
-        write_volume(&self.output, &Volume::new(lumen.grid, Samples::from(classes)))?;
+        let segment = segmented.description();
+        match series {
+            Some(series) => {
+                series.write_segment(&self.output, &classes, &segment, self.keep_patient)?;
+            }
+            None => write_mask(&self.output, &lumen.grid, classes, &segment)?,
+        }
         self.lumen.write_choice(&session, global)?;
         global.say(format_args!(
             "wrote {}: {} internal and {} boundary voxels, {:.3} ml",
@@ -58,4 +70,26 @@ impl Args {
             None => global.answer(&timing),
         }
     }
+
+    /// Opens the series that a DICOM segmentation refers to; `None` for another output.
+    fn source_series(&self) -> Result<Option<SourceSeries>, CliError> {
+        let is_dicom = self.output.to_string_lossy().to_lowercase().ends_with(DICOM);
+        match &self.input {
+            Some(input) if is_dicom => {
+                Ok(Some(SourceSeries::open(input, &self.lumen.image_options())?))
+            }
+            None if is_dicom => {
+                let why = "a DICOM SEG needs the DICOM series as INPUT; use .seg.nrrd without one";
+                Err(CliError::Usage(format!("{}: {why}", shown(&self.output))))
+            }
+            _ if self.keep_patient => {
+                Err(CliError::Usage("--keep-patient needs a DICOM SEG (.dcm) as output".into()))
+            }
+            _ => Ok(None),
+        }
+    }
 }
+
+const DICOM: &str = ".dcm";
+/// Extensions of what is written.
+const SEGMENTED: &[&str] = &[".nrrd", ".nii", ".nii.gz", ".mha", ".mhd", SEGMENTS, DICOM];

@@ -14,6 +14,7 @@ use super::settings::{Seed, Source, WallMethod};
 use super::{Clock, Session, SessionError, present, read_any_volume, refuse_above};
 use crate::compute::Plan;
 use crate::device::Device;
+use crate::formats::{SegmentDescription, SnomedCode};
 use crate::lumen::{
     BitVolume, Component, IntensitySelection, Lumen, LumenError, SegmentationOptions,
     SegmentationStats, fill_cavities,
@@ -70,6 +71,19 @@ impl Segmented {
             return None;
         }
         self.options.seed.filter(|_| !self.options.all_components).map(|s| s.as_ivec3())
+    }
+
+    /// Returns what the lumen is in a segmentation that is written of it: the organ, or any lumen.
+    /// Colours are those of 3D Slicer's anatomy.
+    pub fn description(&self) -> SegmentDescription {
+        let (name, rgb, value, meaning) = match self.organ.as_ref().map(|o| o.organ) {
+            Some(Organ::Airway) => ("Airway", [182, 228, 255], "110726009", "Trachea and bronchus"),
+            Some(Organ::Colon) => ("Colon", [204, 168, 143], "71854001", "Colon"),
+            Some(Organ::Vessel) => ("Vessel", [206, 110, 84], "59820001", "Blood vessel"),
+            None => ("Lumen", [128, 174, 128], "113342003", "Lumen"),
+        };
+        let kind = SnomedCode { value, meaning };
+        SegmentDescription { name, rgb, kind, is_automatic: self.organ.is_some() }
     }
 }
 

@@ -9,6 +9,7 @@ mod layers;
 mod memory;
 mod meshes;
 mod pictures;
+mod segments;
 mod volumes;
 mod vtk_surfaces;
 

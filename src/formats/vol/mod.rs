@@ -1,4 +1,5 @@
-//! Volumes in and out: DICOM series in; NIfTI, NRRD and MetaImage in and out.
+//! Volumes in and out: DICOM series in; NIfTI, NRRD and MetaImage in and out; segmentations as
+//! `.seg.nrrd` and DICOM SEG in and out.
 //!
 //! Every reader first makes a [`layout::Layout`]: geometry, sample type, and where the bytes lie.
 //! The layout is held against the size of the file before any memory is taken for samples, so a
@@ -16,19 +17,22 @@ mod nifti_write;
 mod nrrd;
 mod nrrd_write;
 mod rescale;
+mod segment_description;
 mod segments;
 mod source;
 mod text;
 
 use std::path::Path;
 
+pub use dicom::SourceSeries;
 pub use info::{ImageInfo, InputInfo, SegmentInfo, SeriesInfo};
 pub use metaimage_write::check_data_file;
 pub use nrrd_write::{write_layers, write_vector_field};
+pub use segment_description::{SegmentDescription, SnomedCode};
 pub use source::{open_plain, read_plain};
 
 use super::FormatError;
-use crate::volume::Volume;
+use crate::volume::{Grid, Volume};
 use layout::Layout;
 pub(super) use layout::MAX_SHRINK;
 
@@ -111,7 +115,10 @@ pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume, FormatE
 /// left behind.
 pub fn write_volume(path: &Path, volume: &Volume) -> Result<(), FormatError> {
     let name = lower_name(path);
-    if name.ends_with(".nrrd") {
+    if name.ends_with(".seg.nrrd") {
+        let what = "values in a .seg.nrrd, which holds segments; use .nrrd";
+        Err(FormatError::unsupported(path, what))
+    } else if name.ends_with(".nrrd") {
         nrrd_write::write(path, volume)
     } else if name.ends_with(".nii") || name.ends_with(".nii.gz") {
         nifti_write::write(path, volume)
@@ -123,6 +130,29 @@ pub fn write_volume(path: &Path, volume: &Volume) -> Result<(), FormatError> {
     }
 }
 
+/// Writes a mask as the only segment of a segmentation: `.seg.nrrd`.
+///
+/// * `mask`: a number a voxel of the grid, x fastest, not zero in the segment.
+///
+/// # Errors
+/// [`FormatError::Unsupported`] for another extension or a count that does not match the grid,
+/// [`FormatError::Io`] with no partial file left behind.
+pub fn write_segment(
+    path: &Path,
+    grid: &Grid,
+    mask: &[u8],
+    segment: &SegmentDescription,
+) -> Result<(), FormatError> {
+    if !lower_name(path).ends_with(".seg.nrrd") {
+        return Err(FormatError::unsupported(path, "a segment in this format; use .seg.nrrd"));
+    }
+    if mask.len() != grid.len() {
+        let what = format!("{} voxels of a mask for {} of its grid", mask.len(), grid.len());
+        return Err(FormatError::unsupported(path, what));
+    }
+    nrrd_write::write_segment(path, grid, mask, segment)
+}
+
 fn layout_of(path: &Path, kind: FileKind) -> Result<Layout, FormatError> {
     match kind {
         FileKind::Nifti => nifti::layout(path),
@@ -130,6 +160,10 @@ fn layout_of(path: &Path, kind: FileKind) -> Result<Layout, FormatError> {
         FileKind::MetaImage => metaimage::layout(path),
         FileKind::Dicom => Err(FormatError::unsupported(path, "a DICOM input here")),
     }
+}
+
+fn is_dicom(path: &Path) -> Result<bool, FormatError> {
+    Ok(kind(path)? == FileKind::Dicom)
 }
 
 fn lower_name(path: &Path) -> String {

@@ -104,6 +104,8 @@ pub struct Slice {
     pub recognizable: &'static str,
     /// SOP class; left out where it is empty.
     pub class: &'static str,
+    /// SOP instance; it, the study and the frame of reference are left out where it is empty.
+    pub instance: String,
     pub pixel_spacing: &'static str,
     pub slope: &'static str,
     pub position: [f64; 3],
@@ -129,6 +131,7 @@ impl Default for Slice {
             burned_in: "",
             recognizable: "",
             class: "",
+            instance: String::new(),
             pixel_spacing: "0.75\\0.5",
             slope: "1",
             position: [0.0; 3],
@@ -139,6 +142,10 @@ impl Default for Slice {
         }
     }
 }
+
+/// UIDs of the study and the frame of reference of slices that have an instance.
+pub const STUDY: &str = "1.2.3.1";
+pub const FRAME_OF_REFERENCE: &str = "1.2.3.2";
 
 /// The bytes of a slice's file.
 pub fn dicom_slice(s: &Slice) -> Vec<u8> {
@@ -177,6 +184,9 @@ pub fn dicom_slice(s: &Slice) -> Vec<u8> {
     if !s.class.is_empty() {
         text((0x0008, 0x0016), "UI", s.class);
     }
+    if !s.instance.is_empty() {
+        text((0x0008, 0x0018), "UI", &s.instance);
+    }
     text((0x0008, 0x0060), "CS", "CT");
     for (tag, vr) in [
         ((0x0008, 0x0080), "LO"), // institution
@@ -194,12 +204,18 @@ pub fn dicom_slice(s: &Slice) -> Vec<u8> {
     ] {
         text(tag, vr, s.canary);
     }
+    if !s.instance.is_empty() {
+        text((0x0020, 0x000d), "UI", STUDY);
+    }
     text((0x0020, 0x000e), "UI", s.series);
     if !s.acquisition.is_empty() {
         text((0x0020, 0x0012), "IS", s.acquisition);
     }
     text((0x0020, 0x0032), "DS", &join(&s.position));
     text((0x0020, 0x0037), "DS", &join(&s.orientation));
+    if !s.instance.is_empty() {
+        text((0x0020, 0x0052), "UI", FRAME_OF_REFERENCE);
+    }
     let mut word = |tag: (u16, u16), v: u16| put(&mut out, s.implicit, tag, "US", &v.to_le_bytes());
     word((0x0028, 0x0002), 1);
     let mut text =

@@ -3,6 +3,8 @@
 
 use std::ops::Range;
 
+use super::syntax;
+
 /// Group and element number.
 pub(super) type Tag = (u16, u16);
 /// A value representation: two capital letters.
@@ -91,6 +93,12 @@ pub(super) struct ElementCoding {
 }
 
 impl ElementCoding {
+    /// Returns the coding of a transfer syntax.
+    pub fn of(syntax: &str) -> Self {
+        let big = syntax == syntax::EXPLICIT_BIG;
+        Self { explicit: syntax != syntax::IMPLICIT_LITTLE, big }
+    }
+
     pub fn u16(self, bytes: [u8; 2]) -> u16 {
         if self.big { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) }
     }

@@ -41,7 +41,7 @@ const MODALITIES: [&str; 12] =
     ["CT", "MR", "PT", "NM", "US", "XA", "CR", "DX", "SEG", "SR", "OT", "RTDOSE"];
 
 /// Enhanced CT, MR and PET image storage.
-const ENHANCED: [&str; 3] =
+pub(super) const ENHANCED: [&str; 3] =
     ["1.2.840.10008.5.1.4.1.1.2.1", "1.2.840.10008.5.1.4.1.1.4.1", "1.2.840.10008.5.1.4.1.1.130"];
 
 /// Segmentation and label map segmentation storage.

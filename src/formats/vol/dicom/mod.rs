@@ -1,4 +1,4 @@
-//! DICOM in: one series of slices, single files or frames, plain or compressed, from a folder or a
+//! DICOM in and, of segmentations, out: one series of slices, single files or frames, plain or compressed, from a folder or a
 //! file.
 //!
 //! Only the elements of an allowlist are ever decoded ([`element`]); no text of the patient gets
@@ -7,12 +7,15 @@
 
 mod bare;
 mod codec;
+mod data_set;
 mod element;
 mod fragments;
 mod head;
 mod jpeg_scan;
 mod pixels;
+mod segment_write;
 mod segmentation;
+mod source_series;
 mod split;
 mod stack;
 mod syntax;
@@ -28,6 +31,8 @@ use rayon::prelude::*;
 use super::info::{ImageInfo, InputInfo, SeriesInfo};
 use super::{FormatError, ReadOptions, segments};
 use crate::volume::{Rescale, Volume};
+pub use source_series::SourceSeries;
+
 use head::Head;
 use segmentation::Segmentation;
 use stack::Stack;

@@ -24,9 +24,11 @@ pub(super) const MAX_UNEVEN: f64 = 0.01;
 /// One slice of a stack.
 pub(super) struct Slice {
     pub file: Arc<Path>,
+    /// Index of the frame in its file, from 0.
+    pub frame: usize,
     pub pixels: SlicePixels,
     pub rescale: Rescale,
-    position_mm: DVec3,
+    pub position_mm: DVec3,
 }
 
 /// A series that forms a box: slices in the order of their place along the normal.
@@ -214,7 +216,8 @@ fn slice(h: &Head, stored: Stored) -> Result<Slice, FormatError> {
     }
     let pixels = stored.check_pixels(h)?;
     let rescale = Rescale { slope, intercept };
-    Ok(Slice { file: Arc::clone(&h.file), pixels, rescale, position_mm: DVec3::from(position) })
+    let (file, position_mm) = (Arc::clone(&h.file), DVec3::from(position));
+    Ok(Slice { file, frame: h.frame, pixels, rescale, position_mm })
 }
 
 /// Leaves out slices that lie where the one before lies and have its pixels.

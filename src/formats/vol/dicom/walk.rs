@@ -5,9 +5,11 @@
 
 mod groups;
 mod inflated;
+mod stored;
 
 pub(super) use groups::Groups;
 pub(super) use inflated::Inflated;
+pub(super) use stored::{StoredValues, stored_values};
 
 use std::io::{self, BufRead as _, BufReader, Read, Seek};
 use std::path::Path;
@@ -63,34 +65,14 @@ struct Walker<'a, R> {
 
 /// Walks a file; `None` if it is not DICOM.
 pub(super) fn walk(file: &Path) -> Result<Option<Walked>, FormatError> {
-    let source = DataFile::open(file)?;
-    let end = source.len;
-    let mut w = Walker { file, input: BufReader::with_capacity(1 << 14, source), at: 0, end };
-    let mut preamble = [0; 132];
-    let n = fill(&mut w.input, &mut preamble).map_err(|e| FormatError::io(file, e))?;
-    w.at = n as u64;
-    let (syntax, first) = if n == preamble.len() && &preamble[128..] == b"DICM" {
-        w.meta()?
-    } else {
-        let Some(syntax) = bare::syntax_of(&preamble[..n]) else { return Ok(None) };
-        w.input.seek_relative(-(n as i64)).map_err(|e| FormatError::io(file, e))?;
-        w.at = 0;
-        // The meta group may be there without a preamble.
-        if bare::begins_with_meta(&preamble[..n]) { w.meta()? } else { (syntax.to_owned(), 0) }
-    };
-    let coding = ElementCoding {
-        explicit: syntax != syntax::IMPLICIT_LITTLE,
-        big: syntax == syntax::EXPLICIT_BIG,
-    };
+    let Some((mut w, syntax)) = Walker::open(file)? else { return Ok(None) };
+    let coding = ElementCoding::of(&syntax);
     let mut values = ElementValues::default();
     let mut groups = Groups::default();
     let pixels = if syntax == syntax::DEFLATED {
-        let inflated = Inflated::open(file, w.at)?;
-        let end = inflated.most();
-        let input = BufReader::with_capacity(1 << 14, inflated);
-        Walker { file, input, at: 0, end }.data_set(coding, 0, &mut values, &mut groups)?
+        Walker::inflated(file, w.at)?.data_set(coding, &mut values, &mut groups)?
     } else {
-        w.data_set(coding, first, &mut values, &mut groups)?
+        w.data_set(coding, &mut values, &mut groups)?
     };
     values.shrink_to_fit();
     Ok(Some(Walked { syntax, values, groups, pixels }))
@@ -107,7 +89,40 @@ fn data_set_offset(file: &Path) -> Result<u64, FormatError> {
     let end = source.len;
     let mut w = Walker { file, input: BufReader::new(source), at: 0, end };
     w.skip(132.min(end))?;
-    Ok(w.meta()?.1)
+    w.meta()?;
+    Ok(w.at)
+}
+
+impl<'a> Walker<'a, DataFile> {
+    /// Opens a file at its data set, with the UID of its transfer syntax; `None` if it is not DICOM.
+    fn open(file: &'a Path) -> Result<Option<(Self, String)>, FormatError> {
+        let source = DataFile::open(file)?;
+        let end = source.len;
+        let mut w = Walker { file, input: BufReader::with_capacity(1 << 14, source), at: 0, end };
+        let mut preamble = [0; 132];
+        let n = fill(&mut w.input, &mut preamble).map_err(|e| FormatError::io(file, e))?;
+        w.at = n as u64;
+        if n == preamble.len() && &preamble[128..] == b"DICM" {
+            let syntax = w.meta()?;
+            return Ok(Some((w, syntax)));
+        }
+        let Some(syntax) = bare::syntax_of(&preamble[..n]) else { return Ok(None) };
+        w.input.seek_relative(-(n as i64)).map_err(|e| FormatError::io(file, e))?;
+        w.at = 0;
+        // The meta group may be there without a preamble.
+        let has_meta = bare::begins_with_meta(&preamble[..n]);
+        let syntax = if has_meta { w.meta()? } else { syntax.to_owned() };
+        Ok(Some((w, syntax)))
+    }
+}
+
+impl<'a> Walker<'a, Inflated> {
+    /// Opens the deflated data set that begins at an offset of a file.
+    fn inflated(file: &'a Path, offset: u64) -> Result<Self, FormatError> {
+        let inflated = Inflated::open(file, offset)?;
+        let end = inflated.most();
+        Ok(Walker { file, input: BufReader::with_capacity(1 << 14, inflated), at: 0, end })
+    }
 }
 
 impl<R: Read + Seek> Walker<'_, R> {
@@ -186,17 +201,15 @@ impl<R: Read + Seek> Walker<'_, R> {
         })
     }
 
-    /// The file meta group, always explicit little endian: the transfer syntax, and the first
-    /// eight bytes' place of the data set.
-    fn meta(&mut self) -> Result<(String, u64), FormatError> {
+    /// The file meta group, always explicit little endian: the transfer syntax. The data set follows.
+    fn meta(&mut self) -> Result<String, FormatError> {
         let c = ElementCoding { explicit: true, big: false };
         let mut syntax = None;
         loop {
-            let start = self.at;
             if self.end - self.at < 8 || self.peek_group()? != 2 {
                 let missing =
                     || FormatError::field(self.file, "transfer syntax", "absent", "needed");
-                return Ok((syntax.ok_or_else(missing)?, start));
+                return syntax.ok_or_else(missing);
             }
             let h = self.head(c)?;
             if h.tag == (2, 0x10) && u64::from(h.len) <= MAX_VALUE {
@@ -219,11 +232,9 @@ impl<R: Read + Seek> Walker<'_, R> {
     fn data_set(
         &mut self,
         c: ElementCoding,
-        first: u64,
         values: &mut ElementValues,
         groups: &mut Groups,
     ) -> Result<Option<Pixels>, FormatError> {
-        debug_assert_eq!(self.at, first);
         let mut last = None;
         while self.has_more()? {
             let h = self.head(c)?;
