@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::chain_route::{Chain, ChainRouter};
 use super::complex::net::PruneLimits;
-use super::containment::{Proof, mend, safe};
+use super::containment::{Proof, mend, safe, settle};
 use super::pieces::PathPiece;
 use super::recenter::{Fixed, arc_lengths, recenter};
 use super::route::{ArcGraph, Loops, PathEnd, RouteOptions, Ways};
@@ -284,11 +284,12 @@ impl<'a> Branches<'a> {
         } else {
             recenter(&points, self.d, self.f, fixed)
         };
-        if let Some(mended) = mend(&smooth, &points, self.d) {
-            return mended;
-        }
-        let proof = Proof { replaced: points.len(), ..Proof::default() };
-        (points, proof)
+        let mended = mend(&smooth, &points, self.d);
+        let (curve, proof) = mended.unwrap_or_else(|| {
+            let replaced = points.len();
+            (points, Proof { replaced, ..Proof::default() })
+        });
+        (settle(&curve, [!fixed.start, !fixed.end], self.d.lumen), proof)
     }
 
     /// The closed curve along a route that ends where it begins: centred with a stretch of it

@@ -136,6 +136,71 @@ pub fn mend(
     Some((out, proof))
 }
 
+/// Distance from a voxel's side below which a point counts as on it, in voxels: coordinates are
+/// rounded on their way through files.
+const ON_SIDE: f64 = 1.0 / 256.0;
+/// Share of the way to a voxel's centre that a point on its side is moved.
+const INWARDS: f64 = 0.125;
+
+/// Moves points off the sides of voxels, so that the voxel nearest to each point is inside: where a
+/// curve passes an edge or a corner between two voxels, others that touch there may be external. Such
+/// a point becomes two, one in either voxel, with the edge or corner between them; where a curve
+/// cannot be proven to stay inside that way, the point stays.
+///
+/// * `free`: whether the first and the last point may be moved.
+pub fn settle(curve: &[DVec3], free: [bool; 2], lumen: &Lumen) -> Vec<DVec3> {
+    let mut out: Vec<DVec3> = Vec::with_capacity(curve.len());
+    for (i, here) in curve.iter().copied().enumerate() {
+        let (first, last) = (i == 0, i + 1 == curve.len());
+        if is_clearly_inside(here, lumen) || first && !free[0] || last && !free[1] {
+            out.push(here);
+            continue;
+        }
+        let before = out.last().copied();
+        let after = (!last).then(|| curve[i + 1]);
+        let cells: Vec<IVec3> = touching(here, lumen).filter(|v| lumen.holds(*v)).collect();
+        let joins = |to: Option<DVec3>, cell: IVec3| {
+            let inner = inwards(here, cell, lumen);
+            to.is_none_or(|p| touches(p, cell, lumen) || safe_by_voxels(p, inner, lumen))
+        };
+        let from = cells.iter().copied().find(|cell| joins(before, *cell));
+        let to = cells.iter().copied().find(|cell| joins(after, *cell));
+        match (from, to) {
+            (Some(from), Some(to)) => {
+                out.push(inwards(here, from, lumen));
+                if from != to && !first && !last {
+                    out.push(inwards(here, to, lumen));
+                }
+            }
+            _ => out.push(here),
+        }
+    }
+    out
+}
+
+/// A point that touches a voxel, a little nearer to its centre. Of two voxels that touch at a point,
+/// the places that this gives lie on a line through what the voxels share.
+fn inwards(p: DVec3, cell: IVec3, lumen: &Lumen) -> DVec3 {
+    p.lerp(cell.as_dvec3() * lumen.grid.spacing_mm, INWARDS)
+}
+
+/// Whether a point (local mm) lies in a voxel, its sides included.
+fn touches(p: DVec3, cell: IVec3, lumen: &Lumen) -> bool {
+    (p / lumen.grid.spacing_mm - cell.as_dvec3()).abs().max_element() <= 0.5 + 1e-9
+}
+
+/// Whether every voxel that a point (local mm) may be rounded to is inside.
+fn is_clearly_inside(p: DVec3, lumen: &Lumen) -> bool {
+    touching(p, lumen).all(|v| lumen.holds(v))
+}
+
+/// The voxels that a point (local mm) may be rounded to, some of them repeatedly.
+fn touching(p: DVec3, lumen: &Lumen) -> impl Iterator<Item = IVec3> {
+    let v = p / lumen.grid.spacing_mm + 0.5;
+    let (low, high) = ((v - ON_SIDE).floor().as_ivec3(), (v + ON_SIDE).floor().as_ivec3());
+    (0..8).map(move |n| low + (high - low) * IVec3::new(n & 1, n >> 1 & 1, n >> 2))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -166,5 +231,47 @@ mod tests {
             |x: f64| safe_by_voxels(DVec3::new(x, 4.0, 4.0), DVec3::new(x, 30.0, 4.0), &l);
         assert!(at_side(9.4) && at_side(10.6) && !at_side(9.6) && !at_side(10.4));
         assert!(!safe_by_voxels(DVec3::ZERO, DVec3::new(-1.0, 0.0, 0.0), &l));
+    }
+
+    /// Readers that round a point to a voxel found external ones at diagonal steps.
+    #[test]
+    fn a_point_where_voxels_meet_is_moved_into_voxels_that_are_inside() {
+        let grid = Grid::axis_aligned([8, 8, 8], [1.0, 2.0, 0.5]);
+        let mut bits = BitVolume::new(grid.dims);
+        for v in [[1, 2, 3], [2, 3, 3], [3, 4, 4], [3, 5, 3]] {
+            bits.set(v[0], v[1], v[2]);
+        }
+        let lumen = Lumen::new(grid, &bits);
+        let h = grid.spacing_mm;
+        let place = |x, y, z| DVec3::new(x, y, z) * h;
+        // Through two edges and a corner; the curve bends at the last edge.
+        let curve = vec![
+            place(1.0, 2.0, 3.0),
+            place(1.5, 2.5, 3.0),
+            place(2.0, 3.0, 3.0),
+            place(2.5, 3.5, 3.5),
+            place(3.0, 4.0, 4.0),
+            place(3.25, 4.5, 3.5),
+            place(3.0, 5.0, 3.0),
+        ];
+        let settled = settle(&curve, [true; 2], &lumen);
+        assert!(settled.iter().all(|p| is_clearly_inside(*p, &lumen)), "{settled:?}");
+        assert_eq!(settled.len(), curve.len() + 3, "two points for each on a side");
+        let kept = curve.iter().filter(|p| settled.contains(*p));
+        assert_eq!(kept.count(), 4, "centres stay");
+        // Between its two points the curve passes what the voxels share.
+        for (pair, edge) in [(1, curve[1]), (4, curve[3])] {
+            assert!(settled[pair].midpoint(settled[pair + 1]).distance(edge) < 1e-12);
+        }
+        let bend = settled[7].midpoint(settled[8]) / h;
+        assert!((bend.y - 4.5).abs() < 1e-12 && (bend.z - 3.5).abs() < 1e-12, "{bend}");
+
+        // An end on a side moves if it may; a point outside stays.
+        let ends = [curve[1], curve[2], curve[3]];
+        assert_eq!(settle(&ends, [false; 2], &lumen), ends);
+        let moved = settle(&ends, [true; 2], &lumen);
+        assert!(moved.len() == 3 && moved.iter().all(|p| is_clearly_inside(*p, &lumen)));
+        let outside = [place(1.0, 2.0, 3.0), place(6.0, 6.0, 6.0), place(3.0, 4.0, 4.0)];
+        assert_eq!(settle(&outside, [true; 2], &lumen), outside);
     }
 }

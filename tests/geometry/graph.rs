@@ -8,9 +8,9 @@ use intima::centerline::complex::{CellComplex, collapse};
 use intima::centerline::{Loops, RouteOptions};
 use intima::field::Sampler;
 use intima::flight::{Flight, FlightError, FlightOptions, Frames};
-use intima::geometry::CenterlinePoint;
+use intima::geometry::{Centerline, CenterlinePoint};
 use intima::lumen::{BitVolume, IntensitySelection, Lumen};
-use intima::session::{LumenSettings, Session, Settings, Source, VolumeSource};
+use intima::session::{CenterlineSettings, LumenSettings, Session, Settings, Source, VolumeSource};
 use intima::volume::Grid;
 use intima::volume::phantom::Kind;
 
@@ -99,6 +99,34 @@ fn a_torus_is_flown_once_round() {
     let most = turns.iter().copied().fold(0.0, f64::max);
     assert!(most < 0.1, "a turn of {most} rad; an even circle has 0.025");
     assert!(case.routed.loops.iter().all(|l| l.found.ended.is_none()));
+}
+
+/// In thin vessels points lay on edges between voxels, and the voxel that they round to outside.
+#[test]
+fn the_voxel_nearest_to_each_point_of_a_tree_is_inside() {
+    let outside = |line: &Centerline, lumen: &Lumen| {
+        let to_voxel = lumen.grid.voxel_from_world();
+        let points = line.branches.iter().flat_map(|b| &b.points);
+        let nearest = points.map(|p| to_voxel.transform_point3(p.position_mm).round().as_ivec3());
+        nearest.filter(|v| !lumen.holds(*v)).count()
+    };
+    // Stairs a voxel wide, and a fork that is as thin.
+    let thread = |v: IVec3| {
+        let trunk = (v.y == v.x || v.y == v.x - 1) && (3..60).contains(&v.x);
+        let arm = (v.y == 60 - v.x || v.y == 61 - v.x) && (30..58).contains(&v.x);
+        v.z == 20 && (trunk || arm)
+    };
+    let case = route(lumen([62, 62, 42], thread), true);
+    assert!(case.routed.line.point_count() > 100);
+    assert_eq!(outside(&case.routed.line, &case.lumen), 0);
+    let Some(path) = shared_file("brain_vessels_label.nii.gz") else { return };
+    let centerline = CenterlineSettings { tree: true, ..CenterlineSettings::default() };
+    let settings = Settings { centerline, ..Settings::default() };
+    let session = Session::new(Source::Image(VolumeSource::file(path)), settings).unwrap();
+    let (line, segmented) = (session.centerline().unwrap(), session.lumen().unwrap());
+    let points = line.line.point_count();
+    assert!(points > 30_000);
+    assert_eq!(outside(&line.line, &segmented.lumen), 0, "of {points} points");
 }
 
 /// Two tubes that a long bridge joins in the middle and a wide one at the bottom.
