@@ -204,6 +204,36 @@ fn a_dicom_file_that_claims_gigabytes_takes_no_memory_for_it() {
     }
 }
 
+/// Run lengths were decoded into memory for whatever size the elements claimed.
+#[test]
+fn run_lengths_of_a_frame_that_claims_gigabytes_take_no_memory_for_it() {
+    if !child::alone("memory::run_lengths_of_a_frame_that_claims_gigabytes_take_no_memory_for_it") {
+        return;
+    }
+    for (side, len, wanted) in [
+        (60_000u16, 100_000, "compressed pixels; 67108864 at most"),
+        (30_000, 1000, "compressed pixels; 67108864 at most"),
+        (8_000, 1000, "bytes for 8000x8000 pixels"),
+    ] {
+        let syntax = "1.2.840.10008.1.2.5";
+        let slice = volumes::Slice { syntax, size: [side; 2], ..volumes::Slice::default() };
+        let mut file = dicom_slice(&slice);
+        let at = file.windows(4).rposition(|w| w == b"\xe0\x7f\x10\0").expect("pixels");
+        file.truncate(at);
+        file.extend(b"\xe0\x7f\x10\0OB\0\0\xff\xff\xff\xff\xfe\xff\0\xe0\0\0\0\0");
+        // Two segments, each of runs of 128 zeros.
+        let mut stream: Vec<u8> = [2u32, 64, 64].iter().flat_map(|w| w.to_le_bytes()).collect();
+        stream.resize(64, 0);
+        stream.extend([0x81, 0].repeat((len - 64) / 2));
+        file.extend(b"\xfe\xff\0\xe0");
+        file.extend((stream.len() as u32).to_le_bytes());
+        file.extend(stream);
+        file.extend(b"\xfe\xff\xdd\xe0\0\0\0\0");
+        let said = refuses("rle.dcm", &format!("{side} x {side} pixels"), &file);
+        assert!(said.contains(wanted), "{said}");
+    }
+}
+
 /// Slices of the same place: refused when all heads have been read.
 #[test]
 fn a_folder_of_many_small_dicom_files_takes_no_more_than_its_bytes() {

@@ -106,43 +106,40 @@ fn rle(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
     let mut samples = vec![0i32; size.pixels()];
     for plane in 0..planes {
         let start = word(1 + plane).filter(|s| *s >= 64).ok_or("a segment without a place")?;
-        let mut input = bytes.get(start..).ok_or("a segment begins past the end")?.iter();
-        let mut next = 0;
-        let mut put = |value: u8| {
-            if let Some(s) = samples.get_mut(next) {
-                *s = *s << 8 | i32::from(value);
-            }
-            next += 1;
-        };
-        let short = "a segment ends too soon";
-        while next_is_open(&mut put, &mut input, short)? {}
-        if next < size.pixels() {
-            return Err(short.into());
-        }
+        let next = (1..=planes).filter_map(word).filter(|s| *s > start).min();
+        let end = next.unwrap_or(bytes.len()).min(bytes.len());
+        let segment = bytes.get(start..end).ok_or("a segment begins past the end")?;
+        unpack(segment, &mut samples).ok_or("a segment ends too soon")?;
     }
     Ok(samples)
 }
 
-/// One run or literal of a segment; false at its end. What is more than a plane needs is padding.
-fn next_is_open(
-    put: &mut impl FnMut(u8),
-    input: &mut std::slice::Iter<'_, u8>,
-    short: &str,
-) -> Result<bool, String> {
-    let Some(&control) = input.next() else { return Ok(false) };
-    match control as i8 {
-        n @ 0..=127 => {
-            for _ in 0..=n {
-                put(*input.next().ok_or(short)?);
+/// Shifts one plane into the samples; `None` where it ends too soon. Padding behind it is not looked
+/// at: a segment has an even length.
+fn unpack(segment: &[u8], samples: &mut [i32]) -> Option<()> {
+    let mut input = segment.iter();
+    let mut left = samples.iter_mut();
+    // A run may be longer than what is left.
+    let put = |left: &mut std::slice::IterMut<'_, i32>, value: u8| {
+        if let Some(s) = left.next() {
+            *s = *s << 8 | i32::from(value);
+        }
+    };
+    while left.len() > 0 {
+        match *input.next()? as i8 {
+            n @ 0..=127 => {
+                for _ in 0..=n {
+                    put(&mut left, *input.next()?);
+                }
+            }
+            -128 => {}
+            n => {
+                let value = *input.next()?;
+                (0..=-i32::from(n)).for_each(|_| put(&mut left, value));
             }
         }
-        -128 => {}
-        n => {
-            let value = *input.next().ok_or(short)?;
-            (0..=-i32::from(n)).for_each(|_| put(value));
-        }
     }
-    Ok(true)
+    Some(())
 }
 
 /// The frame header of a JPEG or JPEG-LS stream.
@@ -355,6 +352,18 @@ mod tests {
         let bytes = frame(&[&[0xfd, 1], &[1, 2, 3, 0x80, 0xff, 4]]);
         let got = decode(Codec::Rle, &bytes, size(2, 2, 16)).unwrap();
         assert_eq!(got, [0x102, 0x103, 0x104, 0x104]);
+    }
+
+    /// A byte of padding was read as a run of the next segment, and its end found missing.
+    #[test]
+    fn padding_behind_a_run_length_segment_is_no_run() {
+        let bytes = frame(&[&[0xfd, 1, 0, 0], &[2, 7, 8, 9, 0, 5]]);
+        let got = decode(Codec::Rle, &bytes, size(2, 2, 16)).unwrap();
+        assert_eq!(got, [0x107, 0x108, 0x109, 0x105]);
+        let bytes = frame(&[&[1, 6, 7, 0], &[0xff, 9]]);
+        assert_eq!(decode(Codec::Rle, &bytes, size(2, 1, 16)).unwrap(), [0x609, 0x709]);
+        // A plane that is cut short is not completed by the next.
+        assert!(decode(Codec::Rle, &frame(&[&[0, 6], &[0xff, 9]]), size(2, 1, 16)).is_err());
     }
 
     #[test]
