@@ -22,7 +22,9 @@ use crate::flight::Frames;
 use crate::formats::{VideoWriter, encode_png, shown};
 use crate::geometry::cube_faces;
 use crate::lod::Tolerance;
-use crate::session::{FlightRoute, Product, Recording, Session, SessionError, Settings, Source};
+use crate::session::{
+    FlightRoute, Lod, Product, Recording, Session, SessionError, Settings, Source,
+};
 use crate::vk::{Frame, Gpu, VkError};
 
 /// Volume that is opened, its settings, and folders of files.
@@ -69,6 +71,13 @@ const SHOWN: [Product; 16] = [
     Product::CenterlineDistances,
     Product::Coverage,
 ];
+
+/// Returns those of these products that a session makes: without levels of detail the whole wall is
+/// drawn.
+fn made(products: &[Product], session: &Session) -> Vec<Product> {
+    let has_levels = session.settings().levels.lod != Lod::Off;
+    products.iter().copied().filter(|p| has_levels || *p != Product::Levels).collect()
+}
 
 /// Number of products of [`SHOWN`] that the first picture of the wall needs.
 const FIRST_PICTURE: usize = 5;
@@ -223,7 +232,7 @@ impl Viewer {
             self.spawn("products", |session| {
                 // First what the first picture needs, then the rest side by side.
                 let first = session.prepare(&SHOWN[..FIRST_PICTURE]);
-                let outcome = first.and_then(|()| session.prepare(&SHOWN));
+                let outcome = first.and_then(|()| session.prepare(&made(&SHOWN, session)));
                 let contents = outcome.as_ref().err().and_then(|e| session.contents(e));
                 if let Err(e) = &outcome {
                     tracing::error!("{e}");
@@ -274,7 +283,8 @@ impl Viewer {
         let Some(computation) = &self.computation else { return Ok(false) };
         let at = SHOWN.iter().position(|p| *p == last).expect("a product that is shown");
         if self.shown_count <= at {
-            computation.session.prepare(&SHOWN[..=at])?;
+            let session = &computation.session;
+            session.prepare(&made(&SHOWN[..=at], session))?;
             self.show_first(gpu, at + 1)?;
         }
         if self.shown_count == SHOWN.len() {
@@ -287,8 +297,11 @@ impl Viewer {
     pub fn wait_for_failure(&mut self, gpu: &mut Gpu) -> Result<bool, AppError> {
         let Some(computation) = &self.computation else { return Ok(false) };
         let session = Arc::clone(&computation.session);
-        let made = SHOWN.iter().map(|product| session.prepare(&[*product]));
-        let Some((count, Err(e))) = made.enumerate().find(|(_, made)| made.is_err()) else {
+        let made = made(&SHOWN, &session);
+        let wanted = SHOWN.iter().enumerate().filter(|(_, product)| made.contains(product));
+        let failed =
+            wanted.map(|(count, product)| Some((count, session.prepare(&[*product]).err()?)));
+        let Some((count, e)) = failed.flatten().next() else {
             return Ok(false);
         };
         let contents = session.contents(&e);

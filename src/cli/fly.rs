@@ -12,7 +12,7 @@ use crate::app::{self, AppError, Script, ViewerOptions, WindowOptions};
 use crate::device::DeviceChoice;
 use crate::flight::Frames;
 use crate::formats::shown;
-use crate::session::{FlightSettings, Lod, Settings};
+use crate::session::{FlightSettings, Settings};
 use crate::vk::{Choice, Gpu};
 
 /// Cruising speed to begin with, mm/s, and poses a second of the flight's path.
@@ -56,23 +56,22 @@ impl Args {
         if let Some(path) = &self.session {
             global.check_output(path, &[".json"])?;
         }
-        let mut levels = self.levels.settings()?;
-        if levels.lod == Lod::Off {
-            levels.lod = Lod::Clusters;
-        }
         let flight = FlightSettings {
             frames: Frames::Speed { mm_per_s: SPEED_MM_S, fps: POSES_PER_S },
             size,
             ..FlightSettings::default()
         };
-        if self.lumen.explain.is_some() {
-            return Err(CliError::Usage("--explain is not for the window".into()));
+        for (flag, file) in [("--explain", &self.lumen.explain), ("--core", &self.lumen.core)] {
+            if file.is_some() {
+                let why = format!("{flag} is not for the window; `intima segment` writes it");
+                return Err(CliError::Usage(why));
+            }
         }
         let settings = Settings {
             lumen: self.lumen.settings()?,
             centerline: self.path.settings()?,
             wall: self.surface.settings()?,
-            levels,
+            levels: self.levels.settings()?,
             flight,
             ..global.settings()
         };
