@@ -16,7 +16,7 @@ use crate::session::{CenterlineReport, CenterlineSettings, Product, Radius, Sess
 pub struct Args {
     /// Volume; may be left out with --mask
     input: Option<PathBuf>,
-    /// Centerline to write: .vtp, .mrk.json or .csv
+    /// Centerline to write: .vtp, .mrk.json, .csv or .swc
     #[arg(short, long, value_name = "LINE")]
     output: PathBuf,
     /// Write boundary voxels that a flight along the path does not see (i,j,k,x,y,z,patch)

@@ -181,7 +181,7 @@ pub const MASKS: &[&str] = &[".nrrd", ".nii", ".nii.gz", ".mha", ".mhd", SEGMENT
 /// Extensions of meshes that are written.
 pub const MESHES: &[&str] = &[".ply", ".stl", ".obj", ".vtp", ".glb"];
 /// Extensions of centerlines that are written.
-pub const LINES: &[&str] = &[".vtp", ".csv", ".mrk.json"];
+pub const LINES: &[&str] = &[".vtp", ".csv", ".swc", ".mrk.json"];
 
 /// Whether a file is a segmentation of 3D Slicer by its name.
 pub fn is_segments(path: &Path) -> bool {

@@ -31,7 +31,7 @@ pub struct Args {
     /// Seed of the noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     noise_seed: u64,
-    /// Write the true axis: .vtp, .csv or .mrk.json
+    /// Write the true axis: .vtp, .csv, .swc or .mrk.json
     #[arg(long, value_name = "LINE")]
     truth: Option<PathBuf>,
 }

@@ -556,6 +556,36 @@ fn csv_centerline_reads_back_to_the_same_numbers() {
 }
 
 #[test]
+fn swc_centerline_is_one_tree_whose_branches_follow_a_point_of_their_parent() {
+    let (_dir, path) = scratch("a.swc", "");
+    let mut line = forked_line();
+    // A branch of the last branch's first point, which is the trunk's second; and one beside it.
+    let twig = |point, x| {
+        let mut twig = line.branches[2].clone();
+        twig.start = Some(Attachment { branch: 2, point });
+        twig.points[0].position_mm.x = x;
+        twig
+    };
+    let twigs = [twig(0, 1.0 / 3.0), twig(1, 7.0)];
+    line.branches.extend(twigs);
+    line.branches[3].end = Some(Attachment { branch: 0, point: 0 });
+    write_centerline(&path, &line).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    assert!(text.starts_with("# SPACE=LPS, mm\n# 1 loops are open\n"), "{text}");
+    let rows: Vec<&str> = text.lines().filter(|l| !l.starts_with('#')).collect();
+    let wanted = [
+        "1 0 0 0 0.1 2 -1",
+        "2 0 0.3333333333333333 0 0.1 2 1",
+        "3 0 1 0.0000001 0.1 1 2",
+        "4 0 0.5 2 0.1 0.5 2",
+        "5 0 0.5 2 0.1 0.5 2",
+        "6 0 7 0 0.1 2 4",
+        "7 0 0.5 2 0.1 0.5 6",
+    ];
+    assert_eq!(rows, wanted);
+}
+
+#[test]
 fn vtp_centerline_has_a_line_from_the_root_to_every_tip() {
     let (_dir, path) = scratch("a.vtp", "");
     write_centerline(&path, &forked_line()).unwrap();
@@ -634,7 +664,7 @@ fn slicer_markup_is_an_lps_curve_with_the_radius_as_a_measurement() {
 #[test]
 fn a_centerline_that_is_not_finite_or_not_a_tree_is_not_written() {
     let (dir, _) = scratch("x", "");
-    for name in ["b.vtp", "b.csv", "b.mrk.json"] {
+    for name in ["b.vtp", "b.csv", "b.swc", "b.mrk.json"] {
         let path = dir.path().join(name);
         let mut line = forked_line();
         line.branches[1].points[1].radius_mm = f64::NAN;

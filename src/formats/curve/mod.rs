@@ -1,7 +1,8 @@
-//! Centerlines out: VTK polylines, a table, a Slicer curve.
+//! Centerlines out: VTK polylines, tables, a Slicer curve.
 
 mod csv;
 mod mrk;
+mod swc;
 mod vtp;
 
 use std::path::Path;
@@ -15,6 +16,7 @@ use crate::geometry::Centerline;
 /// - `.vtp`: a polyline from the root to every tip; arrays named as VMTK and Slicer look for.
 /// - `.csv`: a header, then `x,y,z,radius,abscissa,branch,parent`, one point a row; the root's
 ///   parent is -1.
+/// - `.swc`: a tree of points, each with the one that it follows; loops are open.
 /// - `.mrk.json`: a Slicer curve for every branch, the radius as a measurement.
 ///
 /// # Errors
@@ -28,10 +30,12 @@ pub fn write_centerline(path: &Path, line: &Centerline) -> Result<(), FormatErro
         vtp::write_paths(path, line)
     } else if name.ends_with(".csv") {
         atomic_file::write_atomic(path, |out| csv::write(out, line))
+    } else if name.ends_with(".swc") {
+        atomic_file::write_atomic(path, |out| swc::write(out, line))
     } else if name.ends_with(".mrk.json") {
         atomic_file::write_atomic(path, |out| mrk::write(out, line))
     } else {
-        let what = "a centerline with this extension; there are .vtp, .csv and .mrk.json";
+        let what = "a centerline with this extension; there are .vtp, .csv, .swc and .mrk.json";
         Err(FormatError::unsupported(path, what))
     }
 }
