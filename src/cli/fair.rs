@@ -8,9 +8,11 @@ use super::CliError;
 use super::global::{Global, MESHES};
 use super::repeat::timed;
 use super::surface_args::FairArgs;
+use crate::device::Device;
 use crate::formats::{Space, read_mesh, shown, write_mesh};
 use crate::session::{
-    Clock, VolumeSource, gradient_normals, read_orthogonal_volume, smoothed_normals,
+    Clock, MeshWork, VolumeSource, gradient_bytes, gradient_normals, mesh_bytes,
+    read_orthogonal_volume, smoothed_normals,
 };
 use crate::surface::{Adjacency, Smoothing, VoxelFrame};
 
@@ -54,6 +56,13 @@ impl Args {
             .map(|p| read_orthogonal_volume(&VolumeSource::file(p), global.max_memory))
             .transpose()?;
         let mut device = global.open()?;
+        let (faces, on_gpu) = (mesh.faces.len(), matches!(device, Device::Gpu(_)));
+        let bytes = match (&field, smoothing) {
+            (Some(volume), _) => gradient_bytes(volume, faces, on_gpu),
+            (None, Smoothing::Multiscale) => mesh_bytes(MeshWork::Multiscale, faces, on_gpu),
+            (None, Smoothing::Steps(_)) => mesh_bytes(MeshWork::Steps, faces, on_gpu),
+        };
+        global.check_memory(bytes, "estimated for the normals")?;
         let (normals, timing) = timed(
             global,
             &mut device,

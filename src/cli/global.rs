@@ -9,7 +9,7 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 use super::{CliError, memory_limit};
 use crate::device::{Device, DeviceChoice};
 use crate::formats::{atomic_file, check_data_file, shown, to_json};
-use crate::session::{Settings, peak_memory_mb};
+use crate::session::{Settings, peak_memory_mb, refuse_above};
 
 /// Global flags.
 #[derive(Clone, Debug, clap::Args)]
@@ -113,6 +113,17 @@ impl Global {
             max_memory_mb: self.max_memory,
             ..Settings::default()
         }
+    }
+
+    /// Says how much memory a command will need, and refuses what is more than allowed.
+    pub fn check_memory(&self, bytes: u64, what: &'static str) -> Result<(), CliError> {
+        tracing::info!("about {} MB will be needed", bytes / 1_000_000);
+        Ok(refuse_above(self.max_memory, bytes, what)?)
+    }
+
+    /// Whether an estimate of memory is asked for.
+    pub fn asks_memory(&self) -> bool {
+        self.max_memory.is_some() || tracing::enabled!(tracing::Level::INFO)
     }
 
     /// Opens the device chosen, for commands that drive no session.

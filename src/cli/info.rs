@@ -6,6 +6,7 @@ use super::CliError;
 use super::dicom_args::DicomArgs;
 use super::global::Global;
 use crate::formats::{FormatError, inspect, read_volume};
+use crate::session::reading_bytes;
 
 /// `intima info INPUT`
 #[derive(Debug, clap::Args)]
@@ -32,12 +33,15 @@ impl Args {
         let options = self.dicom.options();
         let info = inspect(&self.input, &options)?;
         let range = match &info.image {
-            Some(_) => match read_volume(&self.input, &options) {
-                Ok(volume) => volume.range().map(|(a, b)| [a, b]),
-                // They are listed here.
-                Err(FormatError::Segments { .. }) if options.segments.is_empty() => None,
-                Err(e) => return Err(e.into()),
-            },
+            Some(image) => {
+                global.check_memory(reading_bytes(image), "estimated for reading")?;
+                match read_volume(&self.input, &options) {
+                    Ok(volume) => volume.range().map(|(a, b)| [a, b]),
+                    // They are listed here.
+                    Err(FormatError::Segments { .. }) if options.segments.is_empty() => None,
+                    Err(e) => return Err(e.into()),
+                }
+            }
             None => None,
         };
         global.say(format_args!("format       {}", info.format))?;

@@ -14,7 +14,7 @@ use crate::mesh::{
     Deviation, MeshError, Metric, Parameterization, Repairs, Simplified, SimplifyOptions,
     StopReason, deviation, make_manifold, simplify,
 };
-use crate::session::{Clock, Mode};
+use crate::session::{Clock, MeshWork, Mode, mesh_bytes};
 
 /// `intima simplify MESH --faces N -o MESH`
 #[derive(Debug, clap::Args)]
@@ -149,6 +149,13 @@ impl Args {
         }
         let (read, warnings) = read_mesh(&self.mesh, self.space)?;
         warnings.iter().for_each(|w| global.warn(w));
+        let work = match (&self.maps, self.measure) {
+            (Some(_), _) => MeshWork::SimplifyWithMaps,
+            (None, true) => MeshWork::SimplifyAndMeasure,
+            (None, false) => MeshWork::Simplify,
+        };
+        let bytes = mesh_bytes(work, read.faces.len(), false);
+        global.check_memory(bytes, "estimated for the simplification")?;
         let (mesh, repairs) = make_manifold(&read).map_err(|e| self.named(e))?;
         drop(read);
         repaired(&repairs).iter().for_each(|w| global.warn(w));

@@ -157,7 +157,8 @@ fn read_file(
     if max_memory_mb.is_some() && !is_mesh(path) {
         let info = inspect(path, options)?;
         if let Some(image) = info.image {
-            refuse_above(max_memory_mb, image.bytes(), "the volume alone")?;
+            let bytes = image.bytes() + image.reading_bytes;
+            refuse_above(max_memory_mb, bytes, "the volume alone")?;
         }
     }
     let volume = match is_mesh(path) {

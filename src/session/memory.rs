@@ -1,6 +1,10 @@
 //! Memory: what a run will need, and what it took.
 
+use std::path::Path;
+
 use super::{Product, SessionError};
+use crate::formats::ImageInfo;
+use crate::volume::Volume;
 
 /// Largest resident size of this process so far, MB (10⁶ bytes); 0 where the system does not say.
 pub fn peak_memory_mb() -> f64 {
@@ -70,6 +74,76 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
         )
         + when(makes(Product::Display), 45 * MB + 60 * size.pixels);
     held + products + choosing.max(kept + recorded)
+}
+
+/// The program without any data, bytes.
+const PROGRAM: u64 = 12_000_000;
+/// Vulkan once a device is open, bytes.
+const VULKAN: u64 = 68_000_000;
+
+/// Estimates the peak of resident memory, bytes, of reading a volume and looking at each sample.
+pub fn reading_bytes(image: &ImageInfo) -> u64 {
+    PROGRAM + image.bytes() + image.reading_bytes
+}
+
+/// Estimates the peak of resident memory, bytes, of writing a volume to another file: a format
+/// without a rescale takes the real values, and MetaImage holds its compressed samples until their
+/// number is known.
+pub fn converting_bytes(image: &ImageInfo, output: &Path) -> u64 {
+    let name = output.to_string_lossy().to_lowercase();
+    let is_nifti = name.ends_with(".nii") || name.ends_with(".nii.gz");
+    let (slope, intercept) = (image.rescale_slope, image.rescale_intercept);
+    let voxels = image.dims.iter().map(|d| u64::from(*d)).product::<u64>();
+    let size = image.bytes() / voxels.max(1);
+    let is_whole = slope.fract() == 0.0
+        && intercept.fract() == 0.0
+        && image.sample_type.trim_start_matches('u').starts_with("int");
+    let real = match (is_nifti || (slope == 1.0 && intercept == 0.0), is_whole) {
+        (true, _) => 0,
+        (false, true) => voxels * size.clamp(2, 4),
+        (false, false) => voxels * if size <= 4 { 4 } else { 8 },
+    };
+    // Scans shrink to a half and more, label maps to nearly nothing.
+    let packed = if name.ends_with(".mha") { image.bytes().max(real) * 22 / 100 } else { 0 };
+    PROGRAM + image.bytes() + image.reading_bytes.max(real + packed)
+}
+
+/// A computation on a mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeshWork {
+    /// Simplification.
+    Simplify,
+    /// Simplification, and the distance to the original.
+    SimplifyAndMeasure,
+    /// Simplification with the parameterization of the original.
+    SimplifyWithMaps,
+    /// Multiscale smoothing of normals.
+    Multiscale,
+    /// Smoothing of normals in steps.
+    Steps,
+}
+
+/// Estimates the peak of resident memory, bytes, of a computation on a mesh of so many faces.
+///
+/// Fitted to the peaks on walls of 161, 392 and 860 thousand faces.
+pub fn mesh_bytes(work: MeshWork, faces: usize, on_gpu: bool) -> u64 {
+    let [fixed, each] = match (work, on_gpu) {
+        (MeshWork::Simplify, _) => [0, 220],
+        (MeshWork::SimplifyAndMeasure, _) => [0, 250],
+        (MeshWork::SimplifyWithMaps, _) => [0, 390],
+        (MeshWork::Multiscale | MeshWork::Steps, true) => [VULKAN, 190],
+        (MeshWork::Multiscale, false) => [0, 125],
+        (MeshWork::Steps, false) => [0, 74],
+    };
+    PROGRAM + fixed + each * faces as u64
+}
+
+/// Estimates the peak of resident memory, bytes, of taking the normals of a mesh from a volume: beside
+/// its samples there are their smoothed values.
+pub fn gradient_bytes(volume: &Volume, faces: usize, on_gpu: bool) -> u64 {
+    let voxels = volume.grid.len() as u64;
+    let held = volume.samples.bytes().len() as u64 + voxels * 26 / 5;
+    held + mesh_bytes(MeshWork::Steps, faces, on_gpu)
 }
 
 /// Refuses what needs more than allowed.

@@ -43,7 +43,10 @@ pub use folder::{REPORT_FILE, RUN_FILES, Recording};
 pub use frames::{DrawnFrame, FrameStream};
 pub use levels::{Levels, LodReport};
 pub use load::{read_any_volume, read_orthogonal_volume};
-pub use memory::{peak_memory_mb, refuse_above, resident_memory_mb};
+pub use memory::{
+    MeshWork, converting_bytes, gradient_bytes, mesh_bytes, peak_memory_mb, reading_bytes,
+    refuse_above, resident_memory_mb,
+};
 pub use mode::Mode;
 pub use progress::Progress;
 pub use report::{

@@ -47,6 +47,10 @@ pub struct ImageInfo {
     pub handedness: String,
     /// Whether the axes are square to each other.
     pub orthogonal: bool,
+    /// Most memory that reading takes beside the samples, bytes: frames that are decoded, slices that
+    /// are resampled.
+    #[serde(skip)]
+    pub reading_bytes: u64,
 }
 
 /// One segment of a segmentation (`.seg.nrrd`, DICOM SEG).
@@ -114,6 +118,7 @@ impl ImageInfo {
             orientation_words: words.join(", "),
             handedness: if grid.is_left_handed() { "left" } else { "right" }.to_owned(),
             orthogonal: grid.is_orthogonal(),
+            reading_bytes: 0,
         }
     }
 }

@@ -163,7 +163,8 @@ pub(super) fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, F
         } else {
             let stack = Stack::new(path, &chosen.heads, options.fill_gaps)?;
             notes.extend(stack.notes.iter().cloned());
-            Some(ImageInfo::of(&stack.grid, stack.sample_type(), stack.shared_rescale()))
+            let image = ImageInfo::of(&stack.grid, stack.sample_type(), stack.shared_rescale());
+            Some(ImageInfo { reading_bytes: stack.reading_bytes(), ..image })
         }
     };
     Ok(InputInfo { format: "DICOM".to_owned(), image, series, segments, notes })

@@ -162,6 +162,32 @@ impl Stack {
         let is_computed = self.rescale_differs() || self.upright.is_some();
         if is_computed { SampleType::F32 } else { self.stored.kind }
     }
+
+    /// Most memory that [`read`] takes beside the samples, bytes: a frame a thread while it is
+    /// decoded, or the slices as they are stored and in real values while they are resampled.
+    pub fn reading_bytes(&self) -> u64 {
+        let [columns, rows] = match &self.upright {
+            Some(upright) => upright.stored,
+            None => [self.grid.dims.x, self.grid.dims.y],
+        };
+        let side = u64::from(columns) * u64::from(rows);
+        let threads = rayon::current_num_threads().min(self.slices.len()) as u64;
+        let frame = |s: &Slice| match &s.pixels {
+            SlicePixels::Compressed(codec, fragments) => {
+                fragments_len(fragments) + codec::bytes_a_pixel(*codec) * side
+            }
+            _ => 0,
+        };
+        let decoded = threads * self.slices.iter().map(frame).max().unwrap_or(0);
+        let all = side * self.slices.len() as u64;
+        let stored = all * self.stored.kind.size() as u64;
+        let resampled = match (&self.upright, self.rescale_differs()) {
+            (Some(_), _) => stored + all * SampleType::F32.size() as u64,
+            (None, true) => stored,
+            (None, false) => 0,
+        };
+        decoded.max(resampled)
+    }
 }
 
 /// Reads all slices straight into their place.
