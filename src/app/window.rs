@@ -80,6 +80,8 @@ struct Running {
     egui: egui_winit::State,
     gpu: Gpu,
     window: Arc<Window>,
+    /// Title that the window has.
+    title: String,
     last: Instant,
     /// Time to draw again, if nothing happens before.
     again_at: Option<Instant>,
@@ -151,8 +153,9 @@ impl App {
             return Ok(());
         }
         let [width, height] = self.options.size;
+        let title = "intima".to_owned();
         let attributes = Window::default_attributes()
-            .with_title("intima")
+            .with_title(&title)
             .with_inner_size(LogicalSize::new(width, height))
             .with_min_inner_size(LogicalSize::new(320, 240));
         let window = events
@@ -181,6 +184,7 @@ impl App {
             egui,
             gpu,
             window,
+            title,
             last: Instant::now(),
             again_at: None,
             reported: [false; 3],
@@ -291,6 +295,7 @@ impl Running {
         })?;
         let FrameEnd { platform, quit, again_in } = end;
         self.egui.handle_platform_output(&self.window, platform);
+        self.name_window();
         let saved = self.viewer.save_notes();
         self.report_save(saved);
         self.report_progress(begun);
@@ -310,6 +315,15 @@ impl Running {
         let next = wanted.into_iter().chain(computing).chain(again).min();
         self.again_at = next.map(|after| now + after);
         Ok(quit)
+    }
+
+    /// Names what is open in the window's title.
+    fn name_window(&mut self) {
+        let title = self.viewer.title();
+        if self.title != title {
+            self.window.set_title(&title);
+            self.title = title;
+        }
     }
 
     /// Opens the device again after it was lost; what is shown and noted stays.

@@ -88,8 +88,9 @@ impl Desktop {
             log: Vec::new(),
             _server: server,
         };
-        // The title is the program's name alone: nothing of a patient.
-        let id = desktop.xdotool(&["search", "--sync", "--onlyvisible", "--name", "^intima$"]);
+        // The title names the file and the program: nothing of a patient.
+        let title = "^mask.nrrd - intima$";
+        let id = desktop.xdotool(&["search", "--sync", "--onlyvisible", "--name", title]);
         desktop.window = id.lines().next().expect("a window").to_owned();
         let window = desktop.window.clone();
         desktop.xdotool(&["windowfocus", "--sync", &window]);
