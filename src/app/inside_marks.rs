@@ -5,6 +5,7 @@ use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
 use glam::{DVec2, DVec3};
 
 use super::action::{Colouring, WallView};
+use super::branch_panel::{BRANCH_KEYS, MARK_RADIUS};
 use super::colouring::{NO_WALL, SHEET, scale_colour};
 use super::model::Model;
 use super::style::{ACCENT, CAMERA, TEXT};
@@ -21,7 +22,7 @@ pub(super) fn ray_at(rect: Rect, p: Pos2, model: &Model) -> DVec3 {
 }
 
 /// Returns the position of a place in the inside pane, if it is in front of the eye.
-fn in_pane(rect: Rect, place: DVec3, model: &Model) -> Option<Pos2> {
+pub(super) fn in_pane(rect: Rect, place: DVec3, model: &Model) -> Option<Pos2> {
     let pose = model.pose?;
     let inverse = pose.rotation.as_dquat().conjugate();
     let c = inverse * (place - pose.position_mm.as_dvec3());
@@ -77,15 +78,15 @@ fn offered_branches(painter: &Painter, rect: Rect, model: &Model) {
     for (i, choice) in offered.iter().enumerate() {
         let text = (i + 1).to_string();
         if let Some(at) = in_pane(rect, choice.ahead_mm, model).filter(|at| rect.contains(*at)) {
-            painter.circle_filled(at, 11.0, SHADOW);
-            painter.circle_stroke(at, 11.0, Stroke::new(2.0, ACCENT));
+            painter.circle_filled(at, MARK_RADIUS, SHADOW);
+            painter.circle_stroke(at, MARK_RADIUS, Stroke::new(2.0, ACCENT));
             painter.text(at, Align2::CENTER_CENTER, text, FontId::proportional(13.0), ACCENT);
         }
     }
     if !offered.is_empty() {
         let keys = match offered.len() {
             1 => "another branch: key 1".to_owned(),
-            n => format!("other branches: keys 1 to {}", n.min(4)),
+            n => format!("other branches: keys 1 to {}", n.min(BRANCH_KEYS.len())),
         };
         let at = rect.center_top() + vec2(0.0, 8.0);
         shadowed(painter, at, Align2::CENTER_TOP, &keys, 13.0, ACCENT);

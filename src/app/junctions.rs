@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::flight::FlightPath;
-use crate::geometry::Centerline;
+use crate::geometry::{Centerline, CenterlinePoint};
 use crate::session::FlightRoute;
 
 /// A branch that can be taken instead.
@@ -15,6 +15,10 @@ pub struct BranchChoice {
     pub arc_mm: f64,
     /// Place a little way into the branch, LPS mm.
     pub ahead_mm: DVec3,
+    /// Length of the branch from where it leaves to its tip, mm.
+    pub length_mm: f64,
+    /// Radius of the branch at that place, mm.
+    pub radius_mm: f64,
 }
 
 /// Distance into a branch at which its direction is taken, mm.
@@ -39,25 +43,30 @@ pub fn choices(line: &Centerline, path: &FlightPath, route: FlightRoute) -> Vec<
         next = line.branches[branch].start.map(|s| (s.branch, s.point));
     }
     let mut found = Vec::new();
-    let mut choose = |branch: usize, from: DVec3, points: &[DVec3]| {
-        let into = points.iter().find(|p| p.distance(from) >= AHEAD_MM).or(points.last());
-        let Some(ahead_mm) = into.copied() else { return };
-        found.push(BranchChoice { branch, arc_mm: path.nearest_to(from), ahead_mm });
+    let mut choose = |branch: usize, from: DVec3, points: &[CenterlinePoint]| {
+        let is_into = |p: &&CenterlinePoint| p.position_mm.distance(from) >= AHEAD_MM;
+        let into = points.iter().find(is_into).or(points.last());
+        let Some(CenterlinePoint { position_mm, radius_mm, .. }) = into.copied() else { return };
+        let mut last = from;
+        let length_mm = points
+            .iter()
+            .map(|p| std::mem::replace(&mut last, p.position_mm).distance(p.position_mm))
+            .sum();
+        let arc_mm = path.nearest_to(from);
+        found.push(BranchChoice { branch, arc_mm, ahead_mm: position_mm, length_mm, radius_mm });
     };
     for (branch, left_at) in &way {
-        let points: Vec<DVec3> =
-            line.branches[*branch].points.iter().map(|p| p.position_mm).collect();
+        let points = &line.branches[*branch].points;
         // The rest of a branch that is left before its tip.
         if left_at + 1 < points.len() {
-            choose(*branch, points[*left_at], &points[left_at + 1..]);
+            choose(*branch, points[*left_at].position_mm, &points[left_at + 1..]);
         }
         for (other, b) in line.branches.iter().enumerate() {
             let Some(start) = b.start.filter(|s| s.branch == *branch && s.point <= *left_at) else {
                 continue;
             };
             if way.iter().all(|w| w.0 != other) {
-                let theirs: Vec<DVec3> = b.points.iter().map(|p| p.position_mm).collect();
-                choose(other, points[start.point], &theirs);
+                choose(other, points[start.point].position_mm, &b.points);
             }
         }
     }
@@ -69,7 +78,7 @@ pub fn choices(line: &Centerline, path: &FlightPath, route: FlightRoute) -> Vec<
 pub(super) mod tests {
     use super::*;
     use crate::flight::Flight;
-    use crate::geometry::{Attachment, Branch, CenterlinePoint, Pose};
+    use crate::geometry::{Attachment, Branch, Pose};
     use glam::Quat;
 
     fn branch(start: Option<(usize, usize)>, points: &[[f64; 2]]) -> Branch {
@@ -131,6 +140,7 @@ pub(super) mod tests {
         assert_eq!(of(3, FlightRoute::Leaf(3)), [(0, 20.0), (1, 30.0)]);
         assert_eq!(of(0, FlightRoute::All), []);
         let into = choices(&line, &path(&line, 1), FlightRoute::Leaf(1));
+        assert_eq!((into[0].length_mm, into[0].radius_mm), (40.0, 1.0), "the rest of the trunk");
         assert_eq!(into[0].ahead_mm, DVec3::new(30.0, 0.0, 0.0));
         assert_eq!(into[1].ahead_mm, DVec3::new(10.0, 10.0, 0.0));
     }

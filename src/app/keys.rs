@@ -4,6 +4,7 @@ use egui::{Align2, Key, Modifiers, Ui, Vec2};
 use glam::DVec3;
 
 use super::action::{Action, ActionQueue, Colouring, Export, Request, Ruler, WallView};
+use super::branch_panel::branch_keys;
 use super::model::Model;
 
 /// Keys, unless a text field has them.
@@ -30,7 +31,7 @@ pub(super) fn keys(ui: &Ui, model: &Model, commands: &mut ActionQueue) {
         (Key::End, Action::Seek(f64::MAX)),
         (Key::OpenBracket, Action::Speed(model.speed_mm_s / 1.25)),
         (Key::CloseBracket, Action::Speed(model.speed_mm_s * 1.25)),
-        (Key::Num5, Action::BackToPath),
+        (Key::Num0, Action::BackToPath),
         (Key::U, Action::NextMissed),
         (Key::F1, Action::ToggleHelp),
         (Key::Questionmark, Action::ToggleHelp),
@@ -39,10 +40,9 @@ pub(super) fn keys(ui: &Ui, model: &Model, commands: &mut ActionQueue) {
             commands.act(action);
         }
     }
-    for (key, i) in [(Key::Num1, 0), (Key::Num2, 1), (Key::Num3, 2), (Key::Num4, 3)] {
-        if let Some(choice) = model.offered().get(i).filter(|_| pressed(key)) {
-            commands.ask(Request::Branch(choice.branch));
-        }
+    // In the middle of the keypad, unless a fifth branch has it.
+    if !branch_keys(ui, model, commands) && pressed(Key::Num5) {
+        commands.act(Action::BackToPath);
     }
     if pressed(Key::Enter)
         && let Some(branch) = branch_in_view(model)
@@ -144,8 +144,8 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
         ("drag", "look around; turn the overview"),
         ("Ctrl + drag", "roll"),
         ("right drag, Ctrl + wheel", "field of view; window of the slices"),
-        ("5", "back to the path, level"),
-        ("1 2 3 4, Enter", "take a branch: by its number, or the one looked at"),
+        ("0 or 5", "back to the path, level"),
+        ("1 to 9, Enter, click on a number", "take a branch; Enter: the one looked at"),
         ("click in a slice or the overview", "fly to the nearest place of the path"),
         ("drag in a slice", "crosshair (Shift + move: without a button)"),
         ("middle drag, Shift + drag", "pan a slice"),

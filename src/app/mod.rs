@@ -6,6 +6,7 @@
 //! (`script`).
 
 mod action;
+mod branch_panel;
 mod canvas;
 mod colouring;
 mod coverage_recorder;
@@ -18,6 +19,8 @@ mod measure;
 mod model;
 mod opening;
 mod panes;
+#[cfg(test)]
+mod panel_tests;
 mod script;
 mod session_file;
 mod side_panel;

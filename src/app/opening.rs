@@ -72,6 +72,17 @@ impl Opening {
     }
 }
 
+/// Settings with all branches of the lumen, which the window lets choose from. Parts of a lumen
+/// that follow each other, as the segments of a colon do, and a path that ends where it is told to
+/// have one way to be flown.
+pub(super) fn with_branches(mut settings: Settings) -> Settings {
+    let lumen = &settings.lumen;
+    let has_parts =
+        lumen.all_components || lumen.organ.is_some_and(|o| o.organ == crate::organ::Organ::Colon);
+    settings.centerline.tree |= !has_parts && settings.centerline.to.is_none();
+    settings
+}
+
 /// Another choice of what is read of the same file: of the mask, or of the image. Segments are a
 /// mask's, and an image's where there is none.
 fn with_options(mut source: Source, is_mask: bool, set: &dyn Fn(&mut ReadOptions)) -> Source {
@@ -84,4 +95,25 @@ fn with_options(mut source: Source, is_mask: bool, set: &dyn Fn(&mut ReadOptions
         set(options);
     }
     source
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::organ::Organ;
+
+    #[test]
+    fn the_window_has_the_tree_of_a_lumen_but_where_parts_are_flown_in_order() {
+        let of = |change: &dyn Fn(&mut Settings)| {
+            let mut settings = Settings::default();
+            change(&mut settings);
+            with_branches(settings).centerline.tree
+        };
+        assert!(of(&|_| {}));
+        assert!(of(&|s| s.lumen.organ = Some(Organ::Airway.into())));
+        assert!(!of(&|s| s.lumen.organ = Some(Organ::Colon.into())));
+        assert!(!of(&|s| s.lumen.all_components = true));
+        assert!(!of(&|s| s.centerline.to = Some(DVec3::ZERO)), "it ends there");
+        assert!(of(&|s| (s.centerline.tree, s.lumen.all_components) = (true, true)), "asked for");
+    }
 }

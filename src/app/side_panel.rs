@@ -6,6 +6,7 @@ use glam::DVec3;
 use super::action::{
     Action, ActionQueue, Colouring, Export, LumenChoice, Request, Ruler, WallView,
 };
+use super::branch_panel::branch_list;
 use super::model::Model;
 use super::style::FAINT;
 use crate::formats::{InputInfo, NOTICE};
@@ -47,6 +48,10 @@ fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut Act
     }
     if model.volume().is_some() {
         lumen_choice(ui, model, state, commands);
+        ui.separator();
+    }
+    if !model.choices.is_empty() {
+        branch_list(ui, model, commands);
         ui.separator();
     }
     appearance(ui, model, commands);

@@ -5,6 +5,7 @@ use egui_file_dialog::{DialogState, FileDialog};
 use glam::DVec3;
 
 use super::action::{Action, ActionQueue, FOV_DEG, Pane, Request, SPEED_MM_S, WallView};
+use super::branch_panel::branch_under;
 use super::inside_marks::{inside_marks, ray_at};
 use super::keys::{help, keys};
 use super::model::Model;
@@ -370,9 +371,13 @@ fn inside_input(
         let turn = if ctrl { [0.0, 0.0, per * drag.x] } else { [-per * drag.x, per * drag.y, 0.0] };
         commands.act(Action::Turn(turn));
     }
-    if response.clicked()
+    let branch = response.interact_pointer_pos().and_then(|p| branch_under(rect, p, model));
+    let is_eye = model.view == WallView::Eye;
+    if let Some(branch) = branch.filter(|_| response.clicked() && is_eye) {
+        commands.ask(Request::Branch(branch));
+    } else if response.clicked()
         && model.ruler.is_some()
-        && model.view == WallView::Eye
+        && is_eye
         && let Some(p) = response.interact_pointer_pos()
         && let Some(place) = model.wall_behind(ray_at(rect, p, model))
     {

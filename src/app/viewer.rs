@@ -14,7 +14,7 @@ use super::error::AppError;
 use super::export;
 use super::keys;
 use super::model::Model;
-use super::opening::Opening;
+use super::opening::{Opening, with_branches};
 use super::panes::{Detail, Panes};
 use super::session_file::SessionFile;
 use super::ui::{self, INSIDE, OVERVIEW, UiState};
@@ -208,6 +208,7 @@ impl Viewer {
     fn compute(&mut self, opening: Opening) -> Result<(), AppError> {
         let Opening { source, settings, .. } = opening;
         self.options.settings = settings.clone();
+        let settings = with_branches(settings);
         match (&mut self.computation, source) {
             (Some(computation), source) => {
                 // What is computed for nobody ends first.

@@ -192,7 +192,7 @@ fn assert_silent(log: &[String]) {
 fn a_window_is_flown_by_keys_and_pointer_and_keeps_what_was_found() {
     let tmp = folder(Kind::Y);
     let session = tmp.path().join("notes.json");
-    let args = ["mask.nrrd", "--tree", "--session", "notes.json", "--export", "out"];
+    let args = ["mask.nrrd", "--session", "notes.json", "--export", "out"];
     let args = [&args[..], &["--lod-cache", "off", "--size", "1000x700"]].concat();
     let Some(mut d) = Desktop::open(tmp.path(), &args, &[]) else { return };
     d.wait_for("everything is computed");

@@ -102,6 +102,17 @@ impl Model {
             self.place(Pose { position_mm: to.as_vec3(), ..pose });
         }
     }
+    /// The next branch along the flight that can be taken, farther than those offered here.
+    pub fn next_branch(&self) -> Option<BranchChoice> {
+        let ahead = |c: &&BranchChoice| match self.reverse {
+            false => c.arc_mm > self.arc_mm + OFFERED_MM.end,
+            true => c.arc_mm < self.arc_mm - OFFERED_MM.end,
+        };
+        match self.reverse {
+            false => self.choices.iter().find(ahead).copied(),
+            true => self.choices.iter().rev().find(ahead).copied(),
+        }
+    }
 
     /// The lens, its near plane as proven at the eye.
     pub fn lens(&self) -> Lens {

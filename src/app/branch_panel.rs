@@ -1,0 +1,161 @@
+//! Branches that can be taken: their list in the panel, their keys, and clicks on their marks.
+
+use egui::{Key, Pos2, Rect, Ui};
+
+use super::action::{Action, ActionQueue, Request};
+use super::inside_marks::in_pane;
+use super::model::Model;
+use super::style::FAINT;
+
+/// Keys of the offered branches, in their order. What is offered beyond them is in the list.
+pub(super) const BRANCH_KEYS: [Key; 9] = [
+    Key::Num1,
+    Key::Num2,
+    Key::Num3,
+    Key::Num4,
+    Key::Num5,
+    Key::Num6,
+    Key::Num7,
+    Key::Num8,
+    Key::Num9,
+];
+/// Radius of the mark of a branch in the inside view, points.
+pub(super) const MARK_RADIUS: f32 = 11.0;
+/// Way that is left to where a branch leaves when it is flown to from the list, mm.
+const BEFORE_MM: f64 = 10.0;
+/// Height of the list, points.
+const LIST_HEIGHT: f32 = 96.0;
+
+/// Lays out the branches that can be taken here, or the way to the next.
+pub(super) fn branch_list(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
+    let offered = model.offered();
+    let way = if model.reverse { -1.0 } else { 1.0 };
+    ui.horizontal(|ui| {
+        ui.strong("Branches");
+        let next = model.next_branch().filter(|_| offered.is_empty());
+        if let Some(choice) = next {
+            let button = ui.button(format!("next at {:.0} mm", choice.arc_mm));
+            if button.on_hover_text("Fly to where it leaves").clicked() {
+                commands.act(Action::FlyTo(choice.arc_mm - way * BEFORE_MM));
+            }
+        } else if offered.is_empty() {
+            ui.label(egui::RichText::new("none ahead").color(FAINT));
+        }
+    });
+    egui::ScrollArea::vertical().id_salt("branches").max_height(LIST_HEIGHT).show(ui, |ui| {
+        for (i, choice) in offered.iter().enumerate() {
+            let ahead = way * (choice.arc_mm - model.arc_mm);
+            let place = if ahead < 0.0 { "behind" } else { "ahead" };
+            let [length, radius] = [choice.length_mm, choice.radius_mm];
+            let text = format!("{}: {:.0} mm {place}, r {radius:.1} mm", i + 1, ahead.abs());
+            let tip = format!("Fly along it to its tip, {length:.0} mm from where it leaves");
+            if ui.button(text).on_hover_text(tip).clicked() {
+                commands.ask(Request::Branch(choice.branch));
+            }
+        }
+    });
+}
+
+/// Takes the keys of the branches; whether one was used.
+pub(super) fn branch_keys(ui: &Ui, model: &Model, commands: &mut ActionQueue) -> bool {
+    let mut is_used = false;
+    for (key, choice) in BRANCH_KEYS.into_iter().zip(model.offered()) {
+        if ui.input(|i| i.key_pressed(key)) {
+            commands.ask(Request::Branch(choice.branch));
+            is_used = true;
+        }
+    }
+    is_used
+}
+
+/// The branch whose mark in the inside view lies under a point.
+pub(super) fn branch_under(rect: Rect, p: Pos2, model: &Model) -> Option<usize> {
+    let is_under = |at: Pos2| at.distance(p) <= MARK_RADIUS;
+    let mut offered = model.offered().into_iter();
+    offered
+        .find_map(|c| in_pane(rect, c.ahead_mm, model).filter(|at| is_under(*at)).map(|_| c.branch))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::junctions::BranchChoice;
+    use super::super::junctions::tests::{path, tree};
+    use super::super::panel_tests::TestScreen;
+    use super::*;
+
+    /// A model at a place where so many branches leave.
+    fn model_with(branches: usize) -> Model {
+        let mut model = Model::new(20.0);
+        model.path = Some(path(&tree(), 0));
+        let choice = |i: usize| BranchChoice {
+            branch: 100 + i,
+            arc_mm: 1.0 + 0.1 * i as f64,
+            ahead_mm: glam::DVec3::ZERO,
+            length_mm: 30.0,
+            radius_mm: 2.0,
+        };
+        model.choices = (0..branches).map(choice).collect();
+        model
+    }
+
+    #[test]
+    fn every_branch_that_is_offered_can_be_taken_also_beyond_the_keys() {
+        let model = model_with(11);
+        let mut screen = TestScreen::new();
+        for i in [0, 4, 10] {
+            let mut commands = ActionQueue::default();
+            let text = format!("{}: {:.0} mm ahead, r 2.0 mm", i + 1, model.choices[i].arc_mm);
+            if i == 10 {
+                // The last is below the list's edge until it is scrolled to.
+                let down = egui::vec2(0.0, -9000.0);
+                let wheel = egui::Event::MouseWheel {
+                    unit: egui::MouseWheelUnit::Point,
+                    delta: down,
+                    phase: egui::TouchPhase::Move,
+                    modifiers: egui::Modifiers::NONE,
+                };
+                let over = egui::Event::PointerMoved(egui::pos2(60.0, 60.0));
+                screen.frame(vec![over, wheel], |ui| branch_list(ui, &model, &mut commands));
+                for _ in 0..60 {
+                    screen.frame(Vec::new(), |ui| branch_list(ui, &model, &mut commands));
+                }
+            }
+            screen.click(&text, |ui| branch_list(ui, &model, &mut commands));
+            assert_eq!(commands.requests, [Request::Branch(100 + i)]);
+        }
+    }
+
+    #[test]
+    fn nine_digits_take_branches_and_five_is_the_way_back_where_fewer_are_offered() {
+        let pressed = |key, model: &Model| {
+            let mut commands = ActionQueue::default();
+            let event = egui::Event::Key {
+                key,
+                physical_key: None,
+                pressed: true,
+                repeat: false,
+                modifiers: egui::Modifiers::NONE,
+            };
+            let keys = |ui: &mut Ui| super::super::keys::keys(ui, model, &mut commands);
+            TestScreen::new().frame(vec![event], keys);
+            commands
+        };
+        let many = model_with(9);
+        assert_eq!(pressed(Key::Num5, &many).requests, [Request::Branch(104)]);
+        assert_eq!(pressed(Key::Num9, &many).requests, [Request::Branch(108)]);
+        assert_eq!(pressed(Key::Num0, &many).actions, [Action::BackToPath]);
+        let few = pressed(Key::Num5, &model_with(4));
+        assert_eq!((few.actions, few.requests), (vec![Action::BackToPath], Vec::new()));
+    }
+
+    #[test]
+    fn where_no_branch_leaves_the_list_leads_to_the_next() {
+        let mut model = model_with(1);
+        model.choices[0].arc_mm = 45.0;
+        let (mut screen, mut commands) = (TestScreen::new(), ActionQueue::default());
+        screen.click("next at 45 mm", |ui| branch_list(ui, &model, &mut commands));
+        assert_eq!(commands.actions, [Action::FlyTo(35.0)]);
+        model.reverse = true;
+        assert_eq!(model.next_branch(), None);
+    }
+}
