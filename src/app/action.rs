@@ -86,6 +86,22 @@ pub enum Ruler {
     Angle,
 }
 
+/// Part of the volume that slices show, about the crosshair.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SliceExtent {
+    /// All of it.
+    Volume,
+    /// Length of the lumen; all of the volume until there is a lumen.
+    #[default]
+    Lumen,
+    /// Millimetres across the shorter side of a pane.
+    Mm(f64),
+}
+
+/// Bounds of the millimetres across a slice.
+pub const EXTENT_MM: std::ops::RangeInclusive<f64> = 4.0..=2000.0;
+
 /// Kind of output to the export folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -149,8 +165,22 @@ pub enum Action {
     RemoveMeasurement(usize),
     /// Turns the overview: about its vertical axis, and towards the viewer, radians.
     Orbit([f32; 2]),
+    /// Sets how near the overview shows the organ, and the way of its camera from the organ's
+    /// middle, to the right and up, mm.
+    Frame {
+        /// Enlargement; all of the organ where it is 1 or less.
+        zoom: f32,
+        /// Shift of the camera to the right and up, mm.
+        pan_mm: [f32; 2],
+    },
     /// Moves the crosshair of the slices, LPS mm.
     Crosshair([f64; 3]),
+    /// Shows a place in the slices, LPS mm, near enough to judge the wall there.
+    ShowInSlices([f64; 3]),
+    /// Sets how much of the volume the slices show.
+    Extent(SliceExtent),
+    /// Flies to the place on the path nearest to another place, LPS mm, and looks at that.
+    LookAt([f64; 3]),
     /// Sets the window of the slices' grey values: centre and width.
     Window([f64; 2]),
     /// Fills the window with a pane, or shows all.

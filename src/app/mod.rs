@@ -12,15 +12,17 @@ mod colouring;
 mod coverage_recorder;
 mod error;
 mod export;
+mod grey_window;
 mod inside_marks;
 mod junctions;
 mod keys;
 mod measure;
 mod model;
 mod opening;
-mod panes;
+mod overview_pane;
 #[cfg(test)]
 mod panel_tests;
+mod panes;
 mod script;
 mod session_file;
 mod side_panel;
@@ -33,8 +35,8 @@ mod viewer;
 mod window;
 
 pub use action::{
-    Action, ActionQueue, Colouring, Command, Export, FOV_DEG, LumenChoice, Pane, Request, Ruler,
-    SPEED_MM_S, WallView,
+    Action, ActionQueue, Colouring, Command, EXTENT_MM, Export, FOV_DEG, LumenChoice, Pane,
+    Request, Ruler, SPEED_MM_S, SliceExtent, WallView,
 };
 pub use coverage_recorder::{CoverageRecorder, SeenFaces};
 pub use error::AppError;

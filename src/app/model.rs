@@ -3,19 +3,27 @@
 
 mod moves;
 mod notes;
+mod sliced;
+
+#[cfg(test)]
+pub(super) use sliced::tests::flown_model;
 
 use std::sync::Arc;
 
 use glam::{DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::action::{Action, Colouring, FOV_DEG, Pane, Request, Ruler, SPEED_MM_S, WallView};
+use super::action::{
+    Action, Colouring, FOV_DEG, Pane, Request, Ruler, SPEED_MM_S, SliceExtent, WallView,
+};
 use super::coverage_recorder::SeenFaces;
+use super::grey_window::default_window;
 use super::junctions::{BranchChoice, choices};
 use super::measure::Measurement;
 use crate::flight::{Flight, FlightPath, SectionFigures};
 use crate::formats::InputInfo;
 use crate::geometry::{CrossSection, Pose};
+use crate::render::Framing;
 use crate::session::{FlightRoute, Product, Products, SessionError};
 use crate::volume::Volume;
 use crate::wall::Evidence;
@@ -67,8 +75,16 @@ pub struct Model {
     pub speed_mm_s: f64,
     /// Place where the slices cross, LPS mm.
     pub crosshair_mm: DVec3,
-    /// Angles of the overview, radians: zero is from in front of the patient.
-    pub orbit: [f32; 2],
+    /// Part of the volume that slices show.
+    pub extent: SliceExtent,
+    /// Number of times that the slices were led to a place: they are centred on it.
+    pub centred: u64,
+    /// Longest side of the lumen's box, mm.
+    lumen_side_mm: Option<f64>,
+    /// Side from which the overview shows the organ, and how near.
+    pub framing: Framing,
+    /// Corners of the wall's box, LPS mm.
+    wall_bounds: Option<(Vec3, Vec3)>,
     /// Centre and width of the slices' grey values.
     pub window: [f64; 2],
     /// The pane that fills the window.
@@ -81,6 +97,8 @@ pub struct Model {
     visited: Vec<usize>,
     /// Place on the path that the eye flies to, mm from the start.
     goal_mm: Option<f64>,
+    /// Place that the eye looks at once it is there, LPS mm.
+    gaze_mm: Option<DVec3>,
     /// Place on the path to begin at, mm, once there is one.
     start_mm: f64,
     /// Route that the path was, or will be, made of.
@@ -155,7 +173,8 @@ impl Model {
     pub fn reset_lumen(&self) -> Self {
         let (mut bookmarks, measurements) = (self.bookmarks.clone(), self.measurements.clone());
         bookmarks.iter_mut().for_each(|b| b.arc_mm = None);
-        Self { bookmarks, measurements, unsaved: self.unsaved, ..self.reset() }
+        let (window, extent) = (self.window, self.extent);
+        Self { bookmarks, measurements, unsaved: self.unsaved, window, extent, ..self.reset() }
     }
 
     /// Takes in newer coverage of the wall by the inside view.
@@ -185,12 +204,20 @@ impl Model {
         let is_there = |p: &Product| self.products.has(*p);
         let came = |of: &[Product]| of.iter().all(is_there) && !of.iter().all(|p| had.has(*p));
         let volume_came = came(&[Product::Volume, Product::ValueRange]);
+        let lumen_came = came(&[Product::Lumen]);
+        let wall_came = came(&[Product::Wall]);
         let fields_came = came(&[Product::Fields, Product::TriangleTree]);
         let sections_came = came(&[Product::Sections]);
         if let Some(volume) = self.volume().filter(|_| volume_came) {
             let middle = 0.5 * (volume.grid.dims.as_dvec3() - 1.0);
             self.crosshair_mm = volume.grid.world_from_voxel().transform_point3(middle);
             self.window = default_window(self.value_range());
+        }
+        if let Some(lumen) = self.products.lumen.as_ref().filter(|_| lumen_came) {
+            self.lumen_side_mm = sliced::longest_side_mm(&lumen.lumen);
+        }
+        if wall_came {
+            self.wall_bounds = self.products.wall.as_ref().and_then(|w| w.mesh.bounds());
         }
         if fields_came {
             self.stand_in_the_widest_place();
@@ -254,7 +281,7 @@ impl Model {
         self.route = route;
         self.choices = choices(&centerline.line, &path, route);
         self.path = Some(path);
-        self.goal_mm = None;
+        (self.goal_mm, self.gaze_mm) = (None, None);
         if self.on_path {
             self.seek_while(start, self.playing);
         }
@@ -315,7 +342,7 @@ impl Model {
             Action::Seek(mm) => self.seek(*mm),
             Action::Fly(by) => self.fly(DVec3::from(*by)),
             Action::Turn([right, up, roll]) => {
-                (self.playing, self.goal_mm) = (false, None);
+                (self.playing, self.goal_mm, self.gaze_mm) = (false, None, None);
                 if let Some(pose) = self.pose {
                     let turn = Quat::from_rotation_y(-right)
                         * Quat::from_rotation_x(*up)
@@ -343,6 +370,11 @@ impl Model {
                 near.into_iter().for_each(|arc| self.fly_to(arc));
             }
             Action::FlyTo(arc) => self.fly_to(*arc),
+            Action::LookAt(p) if DVec3::from(*p).is_finite() => self.look_at(DVec3::from(*p)),
+            Action::ShowInSlices(p) if DVec3::from(*p).is_finite() => {
+                self.show_in_slices(DVec3::from(*p));
+            }
+            Action::Extent(extent) => self.set_extent(*extent),
             Action::View(view) => self.view = *view,
             Action::Colour(colouring) => self.colouring = *colouring,
             Action::Opacity(o) if o.is_finite() => self.opacity = o.clamp(0.0, 2.0),
@@ -358,8 +390,11 @@ impl Model {
             Action::Orbit([about, tilt]) if about.is_finite() && tilt.is_finite() => {
                 let full = std::f32::consts::TAU;
                 let upright = std::f32::consts::FRAC_PI_2;
-                self.orbit[0] = (self.orbit[0] + about).rem_euclid(full);
-                self.orbit[1] = (self.orbit[1] + tilt).clamp(-upright, upright);
+                self.framing.orbit[0] = (self.framing.orbit[0] + about).rem_euclid(full);
+                self.framing.orbit[1] = (self.framing.orbit[1] + tilt).clamp(-upright, upright);
+            }
+            Action::Frame { zoom, pan_mm } if pan_mm.iter().all(|v| v.is_finite()) => {
+                self.frame_overview(*zoom, *pan_mm);
             }
             Action::Crosshair(p) if DVec3::from(*p).is_finite() => {
                 self.crosshair_mm = DVec3::from(*p);
@@ -381,10 +416,4 @@ impl Model {
             _ => {}
         }
     }
-}
-
-/// Grey values of slices to begin with, centre and width: gas, soft tissue and bone of a CT; what
-/// is there otherwise.
-fn default_window((low, high): (f64, f64)) -> [f64; 2] {
-    if low < -500.0 { [-200.0, 1800.0] } else { [0.5 * (low + high), (high - low).max(1.0)] }
 }

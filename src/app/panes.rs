@@ -12,8 +12,8 @@ use super::model::Model;
 use crate::geometry::Camera;
 use crate::lod::{Tolerance, Worker};
 use crate::render::{
-    IN_FLIGHT, Look, MeshHandle, PagesHandle, PathHandle, RenderError, Renderer, Scene, SceneWall,
-    Shot, View,
+    Framing, IN_FLIGHT, Look, MeshHandle, PagesHandle, PathHandle, RenderError, Renderer, Scene,
+    SceneWall, Shot, View,
 };
 use crate::session::levels::UPLOAD_BYTES;
 use crate::session::{Levels, Products, SessionError};
@@ -264,7 +264,8 @@ impl Panes {
         };
         if let Some(wall) = wall.filter(|w| self.inside.scene.is_none_or(|s| s.wall != *w)) {
             let look = Look::default();
-            let scene = Scene { wall, overview: None, path: None, orbit: [0.0; 2], look };
+            let scene =
+                Scene { wall, overview: None, path: None, framing: Framing::default(), look };
             self.inside.change(scene);
         }
         // Nothing shows the whole mesh any more.
@@ -276,8 +277,8 @@ impl Panes {
         let Some(glass) = self.coloured.as_ref().map(|c| c.overview).or(self.glass) else { return };
         let look = Look { opacity: model.opacity, ..Look::default() };
         let plain = Scene::of(glass);
-        let scene = Scene { path: self.path, orbit: model.orbit, look, ..plain };
-        let shows = |s: &Scene| (s.wall, s.path, s.orbit, s.look);
+        let scene = Scene { path: self.path, framing: model.framing, look, ..plain };
+        let shows = |s: &Scene| (s.wall, s.path, s.framing, s.look);
         if self.overview.scene.as_ref().map(shows) != Some(shows(&scene)) {
             self.overview.change(scene);
         }

@@ -7,6 +7,7 @@ use super::action::{
     Action, ActionQueue, Colouring, Export, LumenChoice, Request, Ruler, WallView,
 };
 use super::branch_panel::branch_list;
+use super::grey_window::slice_controls;
 use super::model::Model;
 use super::style::FAINT;
 use crate::formats::{InputInfo, NOTICE};
@@ -56,6 +57,10 @@ fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut Act
     }
     appearance(ui, model, commands);
     ui.separator();
+    if model.volume().is_some() {
+        slice_controls(ui, model, commands);
+        ui.separator();
+    }
     measuring(ui, model, commands);
     ui.separator();
     exports(ui, model, commands);

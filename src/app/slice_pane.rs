@@ -3,10 +3,11 @@
 use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Stroke, Ui, pos2, vec2};
 use glam::DVec3;
 
-use super::action::{Action, ActionQueue, Pane};
-use super::inside_marks::measurements;
+use super::action::{Action, ActionQueue, Pane, SliceExtent};
+use super::grey_window::value_text;
+use super::inside_marks::{measurements, shadowed};
 use super::model::Model;
-use super::slices::{SlicePlane, slice};
+use super::slices::{SlicePlane, slice, value_at};
 use super::style::{CAMERA, TEXT, pixels, wheel_notches};
 use crate::volume::Volume;
 
@@ -18,24 +19,18 @@ struct SliceTexture {
     made_of: (SlicePlane, [usize; 2], [f64; 2], bool),
 }
 
-/// Zoom, offset and textures of the slices.
+/// Offset and textures of the slices.
+#[derive(Default)]
 pub(super) struct SliceViews {
     textures: [Option<SliceTexture>; 4],
-    /// 1 shows all of the volume.
-    zoom: f64,
+    /// Number of times that the model had led the slices to a place.
+    centred: u64,
     /// Offset from the crosshair to the middle of each slice, LPS mm.
     pan_mm: [DVec3; 4],
     /// Offset for slices in which the crosshair is dragged: they stay under the pointer.
     held_mm: [DVec3; 4],
     /// Place the crosshair was dragged to last.
     dragged_to_mm: Option<DVec3>,
-}
-
-impl Default for SliceViews {
-    fn default() -> Self {
-        let [pan_mm, held_mm] = [[DVec3::ZERO; 4]; 2];
-        Self { textures: Default::default(), zoom: 1.0, pan_mm, held_mm, dragged_to_mm: None }
-    }
 }
 
 /// Samples the slice where it has changed, and takes crosshair, window and zoom from the mouse.
@@ -51,13 +46,13 @@ pub(super) fn show_slice(
     let painter = ui.painter_at(rect);
     let Some(volume) = model.volume() else { return };
     let size = pixels(ui, rect).map(|s| s as usize);
-    let mm_per_px = views.zoom * mm_to_fit(volume, pane, size);
-    let index = match pane {
-        Pane::Axial => 0,
-        Pane::Coronal => 1,
-        Pane::Sagittal => 2,
-        _ => 3,
-    };
+    let extent = model.extent_mm(pane).map(|mm| mm / shorter_px(size));
+    let mm_per_px = extent.unwrap_or_else(|| mm_to_fit(volume, pane, size));
+    if views.centred != model.centred {
+        views.centred = model.centred;
+        (views.pan_mm, views.held_mm, views.dragged_to_mm) = Default::default();
+    }
+    let index = index_of(pane);
     if views.dragged_to_mm.is_some_and(|to| to != model.crosshair_mm) {
         // Moved by something else since: all slices follow it.
         (views.held_mm, views.dragged_to_mm) = Default::default();
@@ -89,34 +84,95 @@ pub(super) fn show_slice(
         let all = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
         painter.image(s.texture.id(), rect, all, Color32::WHITE);
     }
-    let scale = ui.pixels_per_point();
-    slice_marks(&painter, rect, &plane, model, f64::from(scale));
-    let place = |p: Pos2| {
-        let px = [(p.x - rect.min.x) * scale, (p.y - rect.min.y) * scale].map(f64::from);
-        plane.at(px, size).to_array()
-    };
+    let shown = ShownSlice { pane, rect, size, plane, scale: f64::from(ui.pixels_per_point()) };
+    slice_marks(&painter, &shown, model);
+    if let Some(p) = response.hover_pos() {
+        value_under(&painter, rect, shown.place(p), model);
+    }
+    pointer_input(ui, response, &shown, model, views, commands);
+    wheel_input(ui, response, &shown, model, commands);
+}
+
+/// A slice where it is on the screen.
+struct ShownSlice {
+    pane: Pane,
+    rect: Rect,
+    /// Columns and rows, pixels.
+    size: [usize; 2],
+    plane: SlicePlane,
+    /// Pixels a point of the screen.
+    scale: f64,
+}
+
+impl ShownSlice {
+    /// The place under a point of the screen, LPS mm.
+    fn place(&self, p: Pos2) -> DVec3 {
+        let px = [p.x - self.rect.min.x, p.y - self.rect.min.y];
+        self.plane.at(px.map(|v| f64::from(v) * self.scale), self.size)
+    }
+
+    /// The point of the screen over a place, and how far that is from the plane, mm.
+    fn point(&self, place: DVec3) -> (Pos2, f64) {
+        let (px, off) = self.plane.px(place, self.size);
+        let [x, y] = px.map(|v| (v / self.scale) as f32);
+        (self.rect.min + vec2(x, y), off)
+    }
+
+    /// The point over a place that lies in the slice, or near enough to be marked in it.
+    fn point_in(&self, place: DVec3) -> Option<Pos2> {
+        let (at, off) = self.point(place);
+        (off.abs() < 3.0 * self.plane.mm_per_px.max(1.0)).then_some(at)
+    }
+
+    fn index(&self) -> usize {
+        index_of(self.pane)
+    }
+}
+
+/// Number of a pane among those of slices.
+fn index_of(pane: Pane) -> usize {
+    match pane {
+        Pane::Axial => 0,
+        Pane::Coronal => 1,
+        Pane::Sagittal => 2,
+        _ => 3,
+    }
+}
+
+/// Takes clicks, the crosshair, points of measurements, pan and grey values from the pointer.
+fn pointer_input(
+    ui: &Ui,
+    response: &Response,
+    shown: &ShownSlice,
+    model: &Model,
+    views: &mut SliceViews,
+    commands: &mut ActionQueue,
+) {
+    let Some(volume) = model.volume() else { return };
+    let (index, plane) = (shown.index(), &shown.plane);
     let shift = ui.input(|i| i.modifiers.shift);
     let primary = response.dragged_by(egui::PointerButton::Primary);
     if response.dragged_by(egui::PointerButton::Middle) || (primary && shift) {
-        let d = response.drag_delta() * scale;
+        let d = response.drag_delta() * shown.scale as f32;
         let by = plane.right * f64::from(d.x) + plane.down * f64::from(d.y);
         views.pan_mm[index] -= by * plane.mm_per_px;
     } else if let Some(p) = response.interact_pointer_pos() {
+        let place = shown.place(p);
         if primary {
-            let to = nearest_inside(volume, DVec3::from(place(p)));
+            let to = nearest_inside(volume, place);
             views.held_mm[index] += model.crosshair_mm - to;
             views.dragged_to_mm = Some(to);
             commands.act(Action::Crosshair(to.to_array()));
         } else if response.clicked() {
             commands.act(match model.ruler {
-                Some(_) => Action::Mark(place(p)),
-                None => Action::GoNear(place(p)),
+                Some(_) => Action::Mark(place.to_array()),
+                None => Action::LookAt(place.to_array()),
             });
         }
     } else if let Some(p) = response.hover_pos().filter(|_| shift) {
         // The other slices follow the pointer.
         if ui.input(|i| i.pointer.delta()) != egui::Vec2::ZERO {
-            let to = nearest_inside(volume, DVec3::from(place(p)));
+            let to = nearest_inside(volume, shown.place(p));
             commands.act(Action::Crosshair(to.to_array()));
         }
     }
@@ -127,17 +183,35 @@ pub(super) fn show_slice(
         let width = width + f64::from(d.x) * step;
         commands.act(Action::Window([centre + f64::from(d.y) * step, width]));
     }
+}
+
+/// Takes zoom and the next slice from the wheel.
+fn wheel_input(
+    ui: &Ui,
+    response: &Response,
+    shown: &ShownSlice,
+    model: &Model,
+    commands: &mut ActionQueue,
+) {
     let notches = wheel_notches(ui);
-    if response.hovered() && notches != 0.0 {
-        if ui.input(|i| i.modifiers.ctrl) {
-            views.zoom = (views.zoom * 0.9f64.powf(notches)).clamp(0.01, 4.0);
-        } else {
-            let normal = plane.right.cross(plane.down);
-            let along = normal.abs().dot(volume.grid.spacing_mm).max(0.1);
-            let p = model.crosshair_mm + normal * along * notches;
-            commands.act(Action::Crosshair(p.to_array()));
-        }
+    let Some(volume) = model.volume().filter(|_| response.hovered() && notches != 0.0) else {
+        return;
+    };
+    let plane = &shown.plane;
+    if ui.input(|i| i.modifiers.ctrl) {
+        let mm = plane.mm_per_px * shorter_px(shown.size) * 0.9f64.powf(notches);
+        commands.act(Action::Extent(SliceExtent::Mm(mm)));
+    } else {
+        let normal = plane.right.cross(plane.down);
+        let along = normal.abs().dot(volume.grid.spacing_mm).max(0.1);
+        let p = model.crosshair_mm + normal * along * notches;
+        commands.act(Action::Crosshair(p.to_array()));
     }
+}
+
+/// Pixels of the shorter side of a pane.
+fn shorter_px(size: [usize; 2]) -> f64 {
+    size[0].min(size[1]).max(1) as f64
 }
 
 /// The place of a volume that is nearest to another, LPS mm.
@@ -165,31 +239,21 @@ fn mm_to_fit(volume: &Volume, pane: Pane, [width, height]: [usize; 2]) -> f64 {
 }
 
 /// Crosshair, eye, sides of the patient, a bar of a centimetre.
-fn slice_marks(painter: &egui::Painter, rect: Rect, plane: &SlicePlane, model: &Model, scale: f64) {
-    let size = [rect.width(), rect.height()].map(|s| f64::from(s) * scale);
-    let size = size.map(|s| s.round() as usize);
-    let point = |p: DVec3| {
-        let (px, off) = plane.px(p, size);
-        (rect.min + vec2((px[0] / scale) as f32, (px[1] / scale) as f32), off)
-    };
-    let (c, _) = point(model.crosshair_mm);
+fn slice_marks(painter: &egui::Painter, shown: &ShownSlice, model: &Model) {
+    let (rect, plane, scale) = (shown.rect, &shown.plane, shown.scale);
+    let (c, _) = shown.point(model.crosshair_mm);
     let thin = Stroke::new(1.0, CROSSHAIR);
     painter.line_segment([pos2(rect.left(), c.y), pos2(rect.right(), c.y)], thin);
     painter.line_segment([pos2(c.x, rect.top()), pos2(c.x, rect.bottom())], thin);
     if let Some(pose) = model.pose {
-        let (at, off) = point(pose.position_mm.as_dvec3());
-        if off.abs() < 3.0 * plane.mm_per_px.max(1.0) && rect.contains(at) {
-            let ahead =
-                pose.position_mm.as_dvec3() + 15.0 * plane.mm_per_px * pose.forward().as_dvec3();
-            let (to, _) = point(ahead);
+        let eye = pose.position_mm.as_dvec3();
+        if let Some(at) = shown.point_in(eye).filter(|at| rect.contains(*at)) {
+            let ahead = eye + 15.0 * plane.mm_per_px * pose.forward().as_dvec3();
             painter.circle_filled(at, 3.5, CAMERA);
-            painter.line_segment([at, to], Stroke::new(2.0, CAMERA));
+            painter.line_segment([at, shown.point(ahead).0], Stroke::new(2.0, CAMERA));
         }
     }
-    measurements(painter, model, |p| {
-        let (at, off) = point(p);
-        (off.abs() < 3.0 * plane.mm_per_px.max(1.0)).then_some(at)
-    });
+    measurements(painter, model, |place| shown.point_in(place));
     let [left, right, up, down] = plane.sides();
     let m = 8.0;
     let letter = |at: Pos2, anchor, text: String| {
@@ -210,6 +274,14 @@ fn slice_marks(painter: &egui::Painter, rect: Rect, plane: &SlicePlane, model: &
     painter.text(at, Align2::LEFT_BOTTOM, text, FontId::proportional(11.0), TEXT);
 }
 
+/// Writes the value under the pointer, above the window of the grey values.
+fn value_under(painter: &egui::Painter, rect: Rect, place: DVec3, model: &Model) {
+    let Some(value) = model.volume().and_then(|volume| value_at(volume, place)) else { return };
+    let at = rect.left_bottom() + vec2(8.0, -20.0);
+    let text = value_text(value, model.value_range());
+    shadowed(painter, at, Align2::LEFT_BOTTOM, &text, 12.0, TEXT);
+}
+
 #[cfg(test)]
 pub(super) mod tests {
     use std::sync::Arc;
@@ -218,10 +290,14 @@ pub(super) mod tests {
     use crate::session::{Product, Session, Settings, Source, VolumeSource};
     use crate::volume::phantom::{Kind, Phantom};
 
-    /// A model of a volume of 64 mm.
+    /// A model of a label map of 64 mm.
     pub fn model_of_a_volume() -> Model {
-        let mask = Phantom::new(Kind::Tube, 64, [1.0; 3]).unwrap().mask();
-        let source = Source::Image(VolumeSource::Memory(Arc::new(mask)));
+        model_of(Phantom::new(Kind::Tube, 64, [1.0; 3]).unwrap().mask())
+    }
+
+    /// A model of a volume of which nothing more is known.
+    pub fn model_of(volume: Volume) -> Model {
+        let source = Source::Image(VolumeSource::Memory(Arc::new(volume)));
         let mut session = Session::new(source, Settings::default()).unwrap();
         session.keep_volume();
         let wanted = [Product::Volume, Product::ValueRange];

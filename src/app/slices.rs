@@ -69,6 +69,12 @@ pub fn side_letters(direction: DVec3) -> String {
     parts.iter().take(2).filter(|p| p.0 > 0.4).map(|p| p.1).collect()
 }
 
+/// Value of the voxel at a place, as the scan has it: between voxels nothing was measured.
+pub fn value_at(volume: &Volume, p_mm: DVec3) -> Option<f64> {
+    let voxel = volume.grid.nearest_voxel(p_mm)?;
+    Some(volume.real(volume.grid.index(voxel)))
+}
+
 /// Colour of the lumen's outline.
 const OUTLINE: [u8; 3] = [90, 210, 140];
 /// Colour of what lies outside the volume.
@@ -184,6 +190,14 @@ mod tests {
         assert_eq!(at(-0.4, 0.0, 0.0), Some(0.0));
         assert_eq!(at(4.6, 0.0, 0.0), None);
         assert_eq!(at(f64::NAN, 0.0, 0.0), None);
+    }
+
+    #[test]
+    fn the_value_at_a_place_is_that_of_its_voxel_and_there_is_none_outside() {
+        let v = volume();
+        // Voxel (3, 2, 4), a third of a voxel beside its centre.
+        assert_eq!(value_at(&v, DVec3::new(3.3, 4.0, 12.9)), Some(423.0));
+        assert_eq!(value_at(&v, DVec3::new(-5.0, 0.0, 0.0)), None);
     }
 
     #[test]

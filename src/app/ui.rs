@@ -6,14 +6,14 @@ use glam::DVec3;
 
 use super::action::{Action, ActionQueue, FOV_DEG, Pane, Request, SPEED_MM_S, WallView};
 use super::branch_panel::branch_under;
-use super::inside_marks::{inside_marks, ray_at};
+use super::inside_marks::{inside_marks, measurements, ray_at};
 use super::keys::{help, keys};
 use super::model::Model;
+use super::overview_pane::{OverviewCamera, overview_input, zoom_mark};
 use super::side_panel::{PanelState, side_panel};
 use super::slice_pane::{SliceViews, show_slice};
 use super::style::{FAINT, TEXT, WRONG, pixels, wheel_notches};
 use super::timeline::timeline;
-use crate::render::framing_turned;
 
 /// Textures of the two drawn panes.
 pub const INSIDE: egui::TextureId = egui::TextureId::User(0);
@@ -137,15 +137,17 @@ fn ask_to_save(ui: &Ui, state: &mut UiState, commands: &mut ActionQueue) {
 fn delay_clicks(ui: &Ui, click: &mut Option<(f64, Action)>, actions: &mut Vec<Action>) {
     let delay = ui.ctx().options(|o| o.input_options.max_double_click_delay);
     let now = ui.input(|i| i.time);
-    let is_flight = |a: &mut Action| matches!(a, Action::GoNear(_));
-    if let Some(flight) = actions.extract_if(.., is_flight).last() {
-        *click = Some((now, flight));
+    let leads_on = |a: &mut Action| {
+        matches!(a, Action::GoNear(_) | Action::LookAt(_) | Action::ShowInSlices(_))
+    };
+    if let Some(led) = actions.extract_if(.., leads_on).last() {
+        *click = Some((now, led));
     }
     if actions.iter().any(|a| matches!(a, Action::Maximise(_))) {
         *click = None;
     }
-    if let Some((_, flight)) = click.take_if(|(at, _)| now - *at >= delay) {
-        actions.push(flight);
+    if let Some((_, led)) = click.take_if(|(at, _)| now - *at >= delay) {
+        actions.push(led);
     } else if let Some((at, _)) = click {
         let left = std::time::Duration::from_secs_f64(*at + delay - now);
         ui.ctx().request_repaint_after(left);
@@ -294,17 +296,11 @@ fn show_pane(
         }
         Pane::Overview if model.pose.is_some() && model.products.wall.is_some() => {
             painter.image(OVERVIEW, rect, all, Color32::WHITE);
-            if response.clicked()
-                && let Some(place) =
-                    response.interact_pointer_pos().and_then(|p| path_under(rect, p, model))
-            {
-                commands.act(Action::GoNear(place.to_array()));
-            }
-            let drag = response.drag_delta();
-            if response.dragged_by(egui::PointerButton::Primary) && drag != Vec2::ZERO {
-                // Half a turn across the pane.
-                let per = std::f32::consts::PI / rect.width().max(1.0);
-                commands.act(Action::Orbit([per * drag.x, per * drag.y]));
+            if let Some(camera) = OverviewCamera::of(rect, model) {
+                overview_input(ui, &response, &camera, model, commands);
+                measurements(&painter, model, |place| camera.in_pane(place));
+                orientation_marker(&painter, rect, camera.rotation());
+                zoom_mark(&painter, rect, model);
             }
         }
         Pane::Inside | Pane::Overview => {
@@ -339,18 +335,6 @@ fn show_pane(
     }
 }
 
-/// The place of the path that is nearest to what lies under a point of the overview.
-fn path_under(rect: Rect, p: Pos2, model: &Model) -> Option<DVec3> {
-    let (low, high) = model.products.wall.as_ref()?.mesh.bounds()?;
-    let aspect = rect.width() / rect.height().max(1.0);
-    let (pose, lens) = framing_turned(low, high, aspect, model.orbit);
-    let half = f64::from((0.5 * lens.fov_y_rad).tan());
-    let at = (p - rect.center()) * 2.0 / rect.height().max(1.0);
-    let ray = DVec3::new(f64::from(at.x) * half, -f64::from(at.y) * half, -1.0);
-    let along = pose.rotation.as_dquat() * ray;
-    model.path.as_ref()?.nearest_to_ray(pose.position_mm.as_dvec3(), along)
-}
-
 /// Radians a point of dragging turns the eye, for a pane one field of view high.
 fn turn_per_point(rect: Rect, model: &Model) -> f32 {
     model.fov_deg.to_radians() / rect.height().max(1.0)
@@ -376,12 +360,15 @@ fn inside_input(
     if let Some(branch) = branch.filter(|_| response.clicked() && is_eye) {
         commands.ask(Request::Branch(branch));
     } else if response.clicked()
-        && model.ruler.is_some()
         && is_eye
         && let Some(p) = response.interact_pointer_pos()
         && let Some(place) = model.wall_behind(ray_at(rect, p, model))
     {
-        commands.act(Action::Mark(place.to_array()));
+        let place = place.to_array();
+        commands.act(match model.ruler {
+            Some(_) => Action::Mark(place),
+            None => Action::ShowInSlices(place),
+        });
     }
     if response.dragged_by(egui::PointerButton::Secondary) && drag.y != 0.0 {
         commands.act(Action::FieldOfView(model.fov_deg + 0.2 * drag.y));
@@ -463,8 +450,8 @@ mod tests {
     fn a_double_click_maximises_a_pane_and_flies_nowhere() {
         assert_eq!(after_clicks(&[2, 6]), [Action::Maximise(None)]);
         let single = after_clicks(&[2]);
-        assert!(matches!(single[..], [Action::GoNear(_)]), "{single:?}");
+        assert!(matches!(single[..], [Action::LookAt(_)]), "{single:?}");
         let two = after_clicks(&[2, 22]);
-        assert!(matches!(two[..], [Action::GoNear(_)]), "the second flies later: {two:?}");
+        assert!(matches!(two[..], [Action::LookAt(_)]), "the second flies later: {two:?}");
     }
 }

@@ -45,11 +45,39 @@ pub fn framing(low: Vec3, high: Vec3, aspect: f32) -> (Pose, Lens) {
     (pose, Lens { fov_y_rad: FOV_Y, aspect, near_mm: near })
 }
 
-/// Returns a pose and lens that show the box as [`framing`] does, from another direction.
-///
-/// * `orbit`: rotation of the organ about its vertical axis and then about the picture's horizontal
-///   one, radians; zero is from in front.
-pub fn framing_turned(low: Vec3, high: Vec3, aspect: f32, orbit: [f32; 2]) -> (Pose, Lens) {
+/// Side from which the overview shows an organ, and how near.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Framing {
+    /// Rotation of the organ about its vertical axis and then about the picture's horizontal one,
+    /// radians; zero is from in front.
+    pub orbit: [f32; 2],
+    /// Enlargement; 1 shows all of the organ.
+    pub zoom: f32,
+    /// Way of the camera to its right and up from the organ's middle, mm.
+    pub pan_mm: [f32; 2],
+}
+
+impl Default for Framing {
+    fn default() -> Self {
+        Self { orbit: [0.0; 2], zoom: 1.0, pan_mm: [0.0; 2] }
+    }
+}
+
+impl Framing {
+    /// Returns a pose and lens that show the box as [`framing`] does, from this side and so near.
+    pub fn camera(&self, low: Vec3, high: Vec3, aspect: f32) -> (Pose, Lens) {
+        let (mut pose, mut lens) = framing_turned(low, high, aspect, self.orbit);
+        let [x, y] = self.pan_mm;
+        pose.position_mm += pose.rotation * Vec3::new(x, y, 0.0);
+        if self.zoom != 1.0 {
+            // The eye stays where it is in front of all of the organ; its lens gets longer.
+            lens.fov_y_rad = 2.0 * ((0.5 * lens.fov_y_rad).tan() / self.zoom).atan();
+        }
+        (pose, lens)
+    }
+}
+
+fn framing_turned(low: Vec3, high: Vec3, aspect: f32, orbit: [f32; 2]) -> (Pose, Lens) {
     if orbit == [0.0; 2] {
         return framing(low, high, aspect);
     }
@@ -96,6 +124,25 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn zoom_enlarges_about_the_middle_and_pan_takes_another_place_there() {
+        let (low, high) = (Vec3::new(-40.0, 10.0, 300.0), Vec3::new(25.0, 60.0, 420.0));
+        let at = |framing: Framing, p: Vec3| {
+            let (pose, lens) = framing.camera(low, high, 1.3);
+            seen(clip_from_world(&pose, &lens), p)
+        };
+        let orbit = [0.7, -0.2];
+        let plain = Framing { orbit, ..Framing::default() };
+        let place = Vec3::new(10.0, 20.0, 350.0);
+        let (near, all) = (at(Framing { zoom: 3.0, ..plain }, place), at(plain, place));
+        assert!((near.truncate() - 3.0 * all.truncate()).length() < 1e-4, "{near} {all}");
+        let middle = 0.5 * (low + high);
+        let (pose, _) = plain.camera(low, high, 1.3);
+        let right = middle + 8.0 * (pose.rotation * Vec3::X) + 5.0 * pose.up();
+        let panned = at(Framing { pan_mm: [8.0, 5.0], ..plain }, right);
+        assert!(panned.truncate().length() < 1e-4, "{panned}");
     }
 
     fn seen(m: Mat4, p: Vec3) -> Vec3 {

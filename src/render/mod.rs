@@ -16,7 +16,7 @@ mod scene;
 mod sequence;
 mod unfold;
 
-pub use camera::{clip_from_world, framing, framing_turned};
+pub use camera::{Framing, clip_from_world, framing};
 pub use error::RenderError;
 pub use look::Look;
 pub use mesh::PreparedMesh;

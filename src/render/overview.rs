@@ -1,13 +1,13 @@
 //! The overview: the organ as glass over path and camera.
 //!
-//! The glass depends on mesh, size, rotation and opacity alone, so it is drawn once into an image
+//! The glass depends on mesh, size, framing and opacity alone, so it is drawn once into an image
 //! of its own (colour of all layers, and in alpha their remaining transmittance) and laid over each
 //! frame's path and camera. It consists of two kinds of layer: every wall, faint, all of one
 //! colour, so that their order cannot show; and the nearest wall, found by a depth pass.
 
 use glam::Vec3;
 
-use super::camera::{clip_from_world, framing_turned};
+use super::camera::clip_from_world;
 use super::host;
 use super::renderer::{Renderer, draw, surface_push};
 use super::scene::{GlassKey, Scene, Shot};
@@ -35,9 +35,9 @@ impl Renderer {
         let bounds = mesh.map_or(path.and_then(|p| p.bounds), |m| self.model(m).bounds);
         let (low, high) = bounds.unwrap_or((Vec3::ZERO, Vec3::ONE));
         let aspect = area.width as f32 / area.height as f32;
-        let (pose, lens) = framing_turned(low, high, aspect, scene.orbit);
+        let (pose, lens) = scene.framing.camera(low, high, aspect);
         let opacity = scene.look.opacity;
-        let key = GlassKey { mesh, area, orbit: scene.orbit, opacity };
+        let key = GlassKey { mesh, area, framing: scene.framing, opacity };
         if self.glass_of != Some(key) {
             passes.push(self.glass_pass(key, &pose, &lens));
             self.glass_of = Some(key);
@@ -51,7 +51,14 @@ impl Renderer {
             encoded: false,
             clear: Some([r, g, b, 1.0]),
             area,
-            draws: self.marks(scene, shot, &pose, &lens, (high - low).length()),
+            // Path and camera stay as large on the picture, however near the organ is.
+            draws: self.marks(
+                scene,
+                shot,
+                &pose,
+                &lens,
+                (high - low).length() / scene.framing.zoom,
+            ),
         });
         let lay = Draw {
             pipeline: self.pipelines.stack,

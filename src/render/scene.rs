@@ -1,6 +1,6 @@
 //! The scene, and the shots that frames show of it.
 
-use super::Look;
+use super::{Framing, Look};
 use crate::geometry::{Camera, Lens, Pose};
 use crate::vk::Area;
 
@@ -93,8 +93,8 @@ pub struct Scene {
     pub overview: Option<MeshHandle>,
     /// The path, drawn in the overview.
     pub path: Option<PathHandle>,
-    /// Rotation of the organ in the overview, radians: [`super::framing_turned`].
-    pub orbit: [f32; 2],
+    /// Side from which the overview shows the organ, and how near.
+    pub framing: Framing,
     /// Light and background.
     pub look: Look,
 }
@@ -103,13 +103,19 @@ impl Scene {
     /// Creates a scene of one mesh.
     pub fn of(mesh: MeshHandle) -> Self {
         let look = Look::default();
-        Self { wall: SceneWall::Mesh(mesh), overview: None, path: None, orbit: [0.0; 2], look }
+        Self {
+            wall: SceneWall::Mesh(mesh),
+            overview: None,
+            path: None,
+            framing: Framing::default(),
+            look,
+        }
     }
 
     /// Creates a scene of one closed wall in pages, and a mesh of it for the overview.
     pub fn paged(pages: PagesHandle, overview: Option<MeshHandle>) -> Self {
         let wall = SceneWall::Pages { pages, backs: false };
-        Self { wall, overview, path: None, orbit: [0.0; 2], look: Look::default() }
+        Self { wall, overview, path: None, framing: Framing::default(), look: Look::default() }
     }
 
     /// Returns the mesh the overview shows.
@@ -148,7 +154,7 @@ pub struct Shot {
 pub(super) struct GlassKey {
     pub mesh: Option<MeshHandle>,
     pub area: Area,
-    pub orbit: [f32; 2],
+    pub framing: Framing,
     pub opacity: f32,
 }
 

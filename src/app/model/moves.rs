@@ -20,12 +20,34 @@ impl Model {
     /// Flies towards the goal: a third of a second more takes it nearer by a factor of e, and it is
     /// never slower than [`MIN_APPROACH_MM_S`].
     pub(super) fn approach_goal(&mut self, dt: f64) {
-        let Some(goal) = self.goal_mm else { return };
+        let (Some(goal), gaze) = (self.goal_mm, self.gaze_mm) else { return };
         let left = goal - self.arc_mm;
         let step = (3.0 * left.abs()).max(MIN_APPROACH_MM_S) * dt;
         self.seek_while(self.arc_mm + left.clamp(-step, step), false);
-        // Seeking forgets it.
-        self.goal_mm = (left.abs() > step).then_some(goal);
+        if left.abs() > step {
+            // Seeking forgets them.
+            (self.goal_mm, self.gaze_mm) = (Some(goal), gaze);
+        } else if let Some(place) = gaze {
+            self.turn_to(place);
+        }
+    }
+
+    /// Sets out to the place on the path nearest to another one, to look at that.
+    pub(super) fn look_at(&mut self, place: DVec3) {
+        let Some(path) = &self.path else { return };
+        self.fly_to(path.nearest_to(place));
+        self.gaze_mm = Some(place);
+    }
+
+    /// Turns the eye to a place, which the slices show too.
+    pub(super) fn turn_to(&mut self, place: DVec3) {
+        let Some(pose) = self.pose else { return };
+        let to = place.as_vec3() - pose.position_mm;
+        if to.length() > 1e-3 {
+            self.on_path = false;
+            self.place(Pose::looking(pose.position_mm, to, pose.up()));
+        }
+        self.crosshair_mm = place;
     }
 
     pub(super) fn toggle_play(&mut self) {
@@ -52,7 +74,7 @@ impl Model {
         let Some(path) = self.path.as_ref().filter(|_| arc_mm.is_finite()) else { return };
         self.arc_mm = arc_mm.clamp(0.0, path.length_mm());
         let pose = path.pose_at(self.arc_mm);
-        (self.on_path, self.playing, self.goal_mm) = (true, playing, None);
+        (self.on_path, self.playing, self.goal_mm, self.gaze_mm) = (true, playing, None, None);
         self.place(pose);
     }
 
@@ -80,6 +102,18 @@ impl Model {
         offered
     }
 
+    /// The next branch along the flight that can be taken, farther than those offered here.
+    pub fn next_branch(&self) -> Option<BranchChoice> {
+        let ahead = |c: &&BranchChoice| match self.reverse {
+            false => c.arc_mm > self.arc_mm + OFFERED_MM.end,
+            true => c.arc_mm < self.arc_mm - OFFERED_MM.end,
+        };
+        match self.reverse {
+            false => self.choices.iter().find(ahead).copied(),
+            true => self.choices.iter().rev().find(ahead).copied(),
+        }
+    }
+
     /// The place on the wall that the eye sees in a direction of its own, LPS mm.
     pub fn wall_behind(&self, ray: DVec3) -> Option<DVec3> {
         let (tree, pose) = (self.products.triangle_tree.as_ref()?, self.pose?);
@@ -91,7 +125,7 @@ impl Model {
     /// Moves the eye by hand.
     pub(super) fn fly(&mut self, by: DVec3) {
         let Some(pose) = self.pose.filter(|_| by.is_finite()) else { return };
-        (self.playing, self.on_path, self.goal_mm) = (false, false, None);
+        (self.playing, self.on_path, self.goal_mm, self.gaze_mm) = (false, false, None, None);
         let delta = pose.rotation.as_dquat() * DVec3::new(by.x, by.y, -by.z);
         // Where it is narrower than a hand's room already, that much is kept.
         let near_mm = self.near_mm.min(HAND_NEAR_MM);
@@ -100,17 +134,6 @@ impl Model {
         let to = self.with_clearance(|wall| collide_and_slide(from, delta, wall, lens));
         if let Some(to) = to {
             self.place(Pose { position_mm: to.as_vec3(), ..pose });
-        }
-    }
-    /// The next branch along the flight that can be taken, farther than those offered here.
-    pub fn next_branch(&self) -> Option<BranchChoice> {
-        let ahead = |c: &&BranchChoice| match self.reverse {
-            false => c.arc_mm > self.arc_mm + OFFERED_MM.end,
-            true => c.arc_mm < self.arc_mm - OFFERED_MM.end,
-        };
-        match self.reverse {
-            false => self.choices.iter().find(ahead).copied(),
-            true => self.choices.iter().rev().find(ahead).copied(),
         }
     }
 

@@ -81,13 +81,7 @@ impl Model {
         if let Some(path) = &self.path {
             self.seek(path.nearest_to(centre));
         }
-        if let Some(pose) = self.pose {
-            let to = centre.as_vec3() - pose.position_mm;
-            if to.length() > 1e-3 {
-                self.on_path = false;
-                self.place(Pose::looking(pose.position_mm, to, pose.up()));
-            }
-        }
+        self.turn_to(centre);
         let area = unseen_mm2[*next];
         self.message = Some(format!("missed patch of {area:.0} mm² ahead"));
     }

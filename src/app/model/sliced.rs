@@ -1,0 +1,158 @@
+//! Places and extents of the slices and the overview.
+
+use glam::{DVec3, IVec3, Vec3};
+
+use super::super::action::{EXTENT_MM, Pane, SliceExtent};
+use super::Model;
+use crate::lumen::Lumen;
+use crate::render::Framing;
+
+/// Extent of slices that are led to a place: so many radii of the lumen there, mm within bounds.
+const PLACE_RADII: f64 = 8.0;
+const PLACE_MM: std::ops::RangeInclusive<f64> = 30.0..=150.0;
+/// Extent where the radius is not known, mm.
+const UNKNOWN_MM: f64 = 80.0;
+/// Largest enlargement of the overview.
+const MAX_ZOOM: f32 = 40.0;
+/// Share of the lumen's longest side that slices of it show.
+const MARGIN: f64 = 1.1;
+
+impl Model {
+    /// Leads the slices to a place and near to it.
+    pub(super) fn show_in_slices(&mut self, place: DVec3) {
+        let radius = |path: &crate::flight::FlightPath| path.radius_at(path.nearest_to(place));
+        let span = self.path.as_ref().map_or(UNKNOWN_MM, |path| PLACE_RADII * radius(path));
+        (self.playing, self.goal_mm, self.gaze_mm) = (false, None, None);
+        self.crosshair_mm = place;
+        self.extent = SliceExtent::Mm(span.clamp(*PLACE_MM.start(), *PLACE_MM.end()));
+        self.centred += 1;
+    }
+
+    pub(super) fn set_extent(&mut self, extent: SliceExtent) {
+        self.extent = match extent {
+            SliceExtent::Mm(mm) if !mm.is_finite() => return,
+            SliceExtent::Mm(mm) => SliceExtent::Mm(mm.clamp(*EXTENT_MM.start(), *EXTENT_MM.end())),
+            whole => {
+                self.centred += 1;
+                whole
+            }
+        };
+    }
+
+    /// Corners of the wall's box, LPS mm.
+    pub fn wall_bounds(&self) -> Option<(Vec3, Vec3)> {
+        self.wall_bounds
+    }
+
+    /// Draws the overview nearer, about another place; all of the organ where it is no nearer.
+    pub(super) fn frame_overview(&mut self, zoom: f32, pan_mm: [f32; 2]) {
+        let framing = &mut self.framing;
+        *framing = match zoom > 1.0 {
+            true => Framing { zoom: zoom.min(MAX_ZOOM), pan_mm, ..*framing },
+            false => Framing { orbit: framing.orbit, ..Framing::default() },
+        };
+    }
+
+    /// Millimetres across the shorter side of a pane of slices; `None` where it shows all of the
+    /// volume.
+    pub fn extent_mm(&self, pane: Pane) -> Option<f64> {
+        match (self.extent, self.lumen_side_mm) {
+            (SliceExtent::Mm(mm), _) => Some(mm),
+            (SliceExtent::Volume, _) | (SliceExtent::Lumen, None) => None,
+            (SliceExtent::Lumen, Some(side)) => {
+                // Across the path there is no more to see than the wall about the eye.
+                let near = self.path.as_ref().filter(|_| pane == Pane::Across);
+                let widest = near.map(|path| path.radius_mm.iter().copied().fold(0.0, f64::max));
+                let all = MARGIN * side;
+                Some(widest.map_or(all, |r| (PLACE_RADII * r).max(*PLACE_MM.start()).min(all)))
+            }
+        }
+    }
+}
+
+/// Longest side of a lumen's box, mm along the index axes.
+pub(super) fn longest_side_mm(lumen: &Lumen) -> Option<f64> {
+    let inside = lumen.elements(&lumen.inside).map(|element| lumen.bricks.voxel(element));
+    let (low, high) =
+        inside.fold((IVec3::MAX, IVec3::MIN), |(low, high), v| (low.min(v), high.max(v)));
+    let size = (high - low + 1).as_dvec3() * lumen.grid.spacing_mm;
+    high.cmpge(low).all().then(|| size.max_element())
+}
+
+#[cfg(test)]
+pub(in crate::app) mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::app::action::Action;
+    use crate::session::{Product, Session, Settings, Source, VolumeSource};
+    use crate::volume::phantom::{Kind, Phantom};
+
+    /// A model of a label map with everything that the eye needs, and the session of it.
+    pub fn flown_model(kind: Kind, change: impl FnOnce(&mut Settings)) -> (Model, Session) {
+        let mask = Phantom::new(kind, 48, [1.0; 3]).unwrap().mask();
+        let source = Source::Image(VolumeSource::Memory(Arc::new(mask)));
+        let mut settings = Settings::default();
+        change(&mut settings);
+        let mut session = Session::new(source, settings).unwrap();
+        session.keep_volume();
+        let wanted = [
+            Product::Volume,
+            Product::ValueRange,
+            Product::Lumen,
+            Product::Wall,
+            Product::TriangleTree,
+            Product::Fields,
+            Product::Centerline,
+            Product::Flight,
+            Product::Coverage,
+        ];
+        session.prepare(&wanted).unwrap();
+        let mut model = Model::new(20.0);
+        model.update(session.products(&wanted));
+        (model, session)
+    }
+
+    #[test]
+    fn slices_show_the_lumen_first_and_a_place_on_the_wall_near_by() {
+        let (mut model, _session) = flown_model(Kind::Bend, |_| {});
+        let all = model.extent_mm(Pane::Axial).unwrap();
+        assert!((20.0..=48.0 * MARGIN).contains(&all), "the lumen's side: {all} mm");
+        model.step(0.0, &[Action::Seek(20.0), Action::TogglePlay]);
+        let wall = model.wall_behind(DVec3::new(0.6, 0.0, -1.0)).unwrap();
+        model.step(0.1, &[Action::ShowInSlices(wall.to_array())]);
+        assert_eq!(model.crosshair_mm, wall);
+        assert!(!model.playing, "the flight would take the slices away");
+        let near = model.extent_mm(Pane::Axial).unwrap();
+        assert!(PLACE_MM.contains(&near) && near == model.extent_mm(Pane::Across).unwrap());
+        let centred = model.centred;
+        model.step(0.0, &[Action::Extent(SliceExtent::Mm(f64::NAN))]);
+        model.step(0.0, &[Action::Extent(SliceExtent::Mm(0.0))]);
+        assert_eq!(model.extent_mm(Pane::Axial), Some(*EXTENT_MM.start()));
+        assert_eq!(model.centred, centred, "zoom keeps the place");
+        model.step(0.0, &[Action::Extent(SliceExtent::Volume)]);
+        assert_eq!(model.extent_mm(Pane::Axial), None);
+    }
+
+    #[test]
+    fn a_place_in_a_slice_is_flown_to_and_looked_at() {
+        let (mut model, _session) = flown_model(Kind::Bend, |_| {});
+        let path = model.path.as_ref().unwrap();
+        let at = path.pose_at(0.7 * path.length_mm());
+        let place = at.position_mm.as_dvec3() + 6.0 * at.up().as_dvec3();
+        let near = path.nearest_to(place);
+        model.step(0.0, &[Action::LookAt(place.to_array())]);
+        assert!(model.is_moving() && model.arc_mm == 0.0, "it sets out");
+        (0..600).for_each(|_| model.step(1.0 / 30.0, &[]));
+        assert!(!model.is_moving() && (model.arc_mm - near).abs() < 1e-6);
+        let pose = model.pose.unwrap();
+        let towards = (place - pose.position_mm.as_dvec3()).normalize();
+        let off = pose.forward().as_dvec3().angle_between(towards).to_degrees();
+        assert!(off < 0.1, "{off} degrees beside the place");
+        assert_eq!(model.crosshair_mm, place, "slices show it too");
+        // Another movement on the way forgets it.
+        model.step(0.0, &[Action::LookAt(place.to_array()), Action::Seek(1.0)]);
+        model.step(1.0, &[]);
+        assert!(model.arc_mm == 1.0 && model.on_path);
+    }
+}
