@@ -161,6 +161,17 @@ pub enum Action {
     Measure(Option<Ruler>),
     /// Adds a point to what is being measured, LPS mm.
     Mark([f64; 3]),
+    /// Names a measurement.
+    NameMeasurement(usize, String),
+    /// Moves a point of a measurement.
+    MoveMark {
+        /// Number of the measurement, from 0.
+        measurement: usize,
+        /// Number of its point, from 0.
+        point: usize,
+        /// Place of the point, LPS mm.
+        to: [f64; 3],
+    },
     /// Forgets a measurement.
     RemoveMeasurement(usize),
     /// Turns the overview: about its vertical axis, and towards the viewer, radians.

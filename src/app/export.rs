@@ -61,11 +61,14 @@ pub(super) fn report_html(model: &Model, folder: Option<&Path>) -> String {
     if !model.measurements.is_empty() {
         out.push_str("<h2>Measurements</h2>\n<table>\n");
         for (i, m) in model.measurements.iter().enumerate() {
+            let name = match &m.name[..] {
+                "" => (i + 1).to_string(),
+                name => escaped(name),
+            };
             let places: Vec<String> = m.points_mm.iter().map(|p| place(*p)).collect();
             let _ = writeln!(
                 out,
-                "<tr><td>{}</td><td class=\"n\">{}</td><td>{}</td></tr>",
-                i + 1,
+                "<tr><td>{name}</td><td class=\"n\">{}</td><td>{}</td></tr>",
                 m.text(),
                 places.join(" &rarr; ")
             );

@@ -12,6 +12,8 @@ use super::style::{ACCENT, CAMERA, TEXT};
 use crate::render::cube_areas;
 
 const SHADOW: Color32 = Color32::from_black_alpha(150);
+/// Colour of the mark of a missed patch: that of wall that no picture has shown.
+const MISSED: Color32 = Color32::from_rgb(80, 200, 255);
 pub(super) const MEASURE: Color32 = Color32::from_rgb(120, 200, 255);
 
 /// The direction that a point of the inside pane looks in, in the camera's own axes.
@@ -53,6 +55,7 @@ pub(super) fn inside_marks(painter: &Painter, rect: Rect, model: &Model) {
     match model.view {
         WallView::Eye => {
             offered_branches(painter, rect, model);
+            missed_mark(painter, model, |p| in_pane(rect, p, model));
             measurements(painter, model, |p| in_pane(rect, p, model));
         }
         WallView::Cube => face_names(painter, rect),
@@ -115,10 +118,48 @@ pub(super) fn measurements(
         line(&points);
         if let Some(at) = place(points[1]) {
             let at = at + vec2(6.0, -6.0);
-            shadowed(painter, at, Align2::LEFT_BOTTOM, &m.text(), 12.0, MEASURE);
+            shadowed(painter, at, Align2::LEFT_BOTTOM, &m.label(), 12.0, MEASURE);
         }
     }
     line(&model.marks_mm);
+}
+
+/// The missed patch that was asked for last: its outline, also where wall lies before it, and its
+/// area.
+pub(super) fn missed_mark(painter: &Painter, model: &Model, place: impl Fn(DVec3) -> Option<Pos2>) {
+    let Some(missed) = &model.missed else { return };
+    let stroke = Stroke::new(1.5, MISSED);
+    for edge in &missed.outline_mm {
+        if let [Some(a), Some(b)] = edge.map(&place) {
+            painter.line_segment([a, b], stroke);
+        }
+    }
+    if let Some(at) = place(missed.center_mm) {
+        painter.circle_stroke(at, 5.0, stroke);
+        let text = format!("missed, {:.0} mm²", missed.area_mm2);
+        shadowed(painter, at + vec2(9.0, 0.0), Align2::LEFT_CENTER, &text, 12.0, MISSED);
+    }
+}
+
+/// Distance at which the pointer takes a point of a measurement, points of the screen.
+const GRAB_POINTS: f32 = 8.0;
+
+/// The measurement and its point that lie under the pointer, the nearest first.
+pub(super) fn mark_under(
+    p: Pos2,
+    model: &Model,
+    place: impl Fn(DVec3) -> Option<Pos2>,
+) -> Option<(usize, usize)> {
+    let mut nearest = None;
+    for (i, m) in model.measurements.iter().enumerate() {
+        for (k, point) in m.points().into_iter().enumerate() {
+            let Some(away) = place(point).map(|at| at.distance(p)) else { continue };
+            if away < GRAB_POINTS && nearest.is_none_or(|(least, _)| away < least) {
+                nearest = Some((away, (i, k)));
+            }
+        }
+    }
+    nearest.map(|(_, mark)| mark)
 }
 
 fn face_names(painter: &Painter, rect: Rect) {

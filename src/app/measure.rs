@@ -8,6 +8,9 @@ use super::action::Ruler;
 /// Places and what is between them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measurement {
+    /// Name that the user gives it; empty for none.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub name: String,
     /// Kind of measurement.
     pub ruler: Ruler,
     /// LPS mm: two ends of a length; of an angle the second is its vertex.
@@ -28,7 +31,8 @@ impl Measurement {
     /// A measurement, once there are all of its points.
     pub fn of(ruler: Ruler, points: &[DVec3]) -> Option<Self> {
         let whole = points.len() == ruler.points();
-        whole.then(|| Self { ruler, points_mm: points.iter().map(DVec3::to_array).collect() })
+        let points_mm = points.iter().map(DVec3::to_array).collect();
+        whole.then(|| Self { name: String::new(), ruler, points_mm })
     }
 
     /// Whether it has as many points as it needs, all of them places.
@@ -54,6 +58,11 @@ impl Measurement {
         }
     }
 
+    /// The value with its unit, after the name where there is one.
+    pub fn label(&self) -> String {
+        format!("{} {}", self.name, self.text()).trim().to_owned()
+    }
+
     /// The value with its unit.
     pub fn text(&self) -> String {
         match self.ruler {
@@ -76,7 +85,11 @@ mod tests {
         assert!((of(Ruler::Angle, &[x, o, -x]).value() - 180.0).abs() < 1e-9);
         assert!((of(Ruler::Angle, &[x, o, x + 1e-9 * y]).value()).abs() < 1e-6);
         assert!(Measurement::of(Ruler::Angle, &[x, y]).is_none());
-        let odd = Measurement { ruler: Ruler::Length, points_mm: vec![[f64::NAN; 3]; 2] };
+        let mut odd = of(Ruler::Length, &[x, y]);
+        odd.points_mm[1] = [f64::NAN; 3];
+        assert_eq!(of(Ruler::Length, &[x, y]).label(), "5.0 mm");
+        let named = Measurement { name: "polyp".into(), ..of(Ruler::Length, &[x, y]) };
+        assert_eq!(named.label(), "polyp 5.0 mm");
         assert!(!odd.is_valid() && of(Ruler::Length, &[x, y]).is_valid());
     }
 }

@@ -5,6 +5,7 @@ mod moves;
 mod notes;
 mod sliced;
 
+pub use notes::MissedMark;
 #[cfg(test)]
 pub(super) use sliced::tests::flown_model;
 
@@ -95,6 +96,8 @@ pub struct Model {
     unsaved: bool,
     /// Missed patches that were visited, by their rank.
     visited: Vec<usize>,
+    /// Missed patch that was asked for last.
+    pub missed: Option<MissedMark>,
     /// Place on the path that the eye flies to, mm from the start.
     goal_mm: Option<f64>,
     /// Place that the eye looks at once it is there, LPS mm.
@@ -383,6 +386,10 @@ impl Model {
                 self.marks_mm.clear();
             }
             Action::Mark(p) if DVec3::from(*p).is_finite() => self.mark(DVec3::from(*p)),
+            Action::NameMeasurement(i, name) => self.name_measurement(*i, name),
+            Action::MoveMark { measurement, point, to } if DVec3::from(*to).is_finite() => {
+                self.move_mark(*measurement, *point, *to);
+            }
             Action::RemoveMeasurement(i) if *i < self.measurements.len() => {
                 self.measurements.remove(*i);
                 self.unsaved = true;

@@ -178,6 +178,7 @@ mod tests {
             fov_deg: 100.0,
             arc_mm: 3.0,
             measurements: vec![Measurement {
+                name: "polyp".into(),
                 ruler: Ruler::Length,
                 points_mm: vec![[1.0, 2.0, 3.0], [1.0, 2.0, 7.5]],
             }],

@@ -213,6 +213,11 @@ fn measuring(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
             if ui.small_button("x").on_hover_text("Forget").clicked() {
                 commands.act(Action::RemoveMeasurement(i));
             }
+            let mut name = m.name.clone();
+            let text = egui::TextEdit::singleline(&mut name).hint_text("name").desired_width(96.0);
+            if ui.add(text).changed() {
+                commands.act(Action::NameMeasurement(i, name));
+            }
             let middle = m.points().iter().sum::<DVec3>() / m.points_mm.len().max(1) as f64;
             if ui.button(m.text()).on_hover_text("Show in the slices").clicked() {
                 commands.act(Action::Crosshair(middle.to_array()));

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::action::{Action, ActionQueue, Pane, SliceExtent};
 use super::grey_window::value_text;
-use super::inside_marks::{measurements, shadowed};
+use super::inside_marks::{mark_under, measurements, missed_mark, shadowed};
 use super::model::Model;
 use super::slices::{SlicePlane, slice, value_at};
 use super::style::{CAMERA, TEXT, pixels, wheel_notches};
@@ -31,6 +31,10 @@ pub(super) struct SliceViews {
     held_mm: [DVec3; 4],
     /// Place the crosshair was dragged to last.
     dragged_to_mm: Option<DVec3>,
+    /// Measurement, and point of it, that is dragged.
+    grabbed: Option<(usize, usize)>,
+    /// Measurement, and point of it, that is dragged in the inside view.
+    pub grabbed_inside: Option<(usize, usize)>,
 }
 
 /// Samples the slice where it has changed, and takes crosshair, window and zoom from the mouse.
@@ -152,7 +156,15 @@ fn pointer_input(
     let (index, plane) = (shown.index(), &shown.plane);
     let shift = ui.input(|i| i.modifiers.shift);
     let primary = response.dragged_by(egui::PointerButton::Primary);
-    if response.dragged_by(egui::PointerButton::Middle) || (primary && shift) {
+    let mark_at = |p| mark_under(p, model, |place| shown.point_in(place));
+    if response.drag_started_by(egui::PointerButton::Primary) {
+        let pressed = ui.input(|i| i.pointer.press_origin());
+        views.grabbed = pressed.filter(|_| !shift).and_then(mark_at);
+    }
+    if let Some((measurement, point)) = views.grabbed.filter(|_| primary) {
+        let to = response.interact_pointer_pos().map(|p| shown.place(p).to_array());
+        to.into_iter().for_each(|to| commands.act(Action::MoveMark { measurement, point, to }));
+    } else if response.dragged_by(egui::PointerButton::Middle) || (primary && shift) {
         let d = response.drag_delta() * shown.scale as f32;
         let by = plane.right * f64::from(d.x) + plane.down * f64::from(d.y);
         views.pan_mm[index] -= by * plane.mm_per_px;
@@ -175,6 +187,8 @@ fn pointer_input(
             let to = nearest_inside(volume, shown.place(p));
             commands.act(Action::Crosshair(to.to_array()));
         }
+    } else if response.hover_pos().and_then(mark_at).is_some() {
+        ui.set_cursor_icon(egui::CursorIcon::Grab);
     }
     if response.dragged_by(egui::PointerButton::Secondary) {
         let d = response.drag_delta();
@@ -253,6 +267,7 @@ fn slice_marks(painter: &egui::Painter, shown: &ShownSlice, model: &Model) {
             painter.line_segment([at, shown.point(ahead).0], Stroke::new(2.0, CAMERA));
         }
     }
+    missed_mark(painter, model, |place| shown.point_in(place));
     measurements(painter, model, |place| shown.point_in(place));
     let [left, right, up, down] = plane.sides();
     let m = 8.0;
@@ -287,6 +302,7 @@ pub(super) mod tests {
     use std::sync::Arc;
 
     use super::*;
+    use crate::app::action::Ruler;
     use crate::session::{Product, Session, Settings, Source, VolumeSource};
     use crate::volume::phantom::{Kind, Phantom};
 
@@ -308,8 +324,15 @@ pub(super) mod tests {
     }
 
     /// Feeds a pane of 200 points with events, a list a frame.
-    fn shown(frames: &[Vec<egui::Event>], mut each: impl FnMut(&Model, &ActionQueue)) {
-        let mut model = model_of_a_volume();
+    fn shown(frames: &[Vec<egui::Event>], each: impl FnMut(&Model, &ActionQueue)) {
+        shown_of(model_of_a_volume(), frames, each);
+    }
+
+    fn shown_of(
+        mut model: Model,
+        frames: &[Vec<egui::Event>],
+        mut each: impl FnMut(&Model, &ActionQueue),
+    ) {
         let (context, mut views) = (egui::Context::default(), SliceViews::default());
         let rect = Rect::from_min_size(Pos2::ZERO, vec2(200.0, 200.0));
         for (i, events) in frames.iter().enumerate() {
@@ -353,5 +376,28 @@ pub(super) mod tests {
         assert_eq!(places[11..=14], [places[11]; 4], "it rests with the pointer");
         let last = places[places.len() - 1] - places[0];
         assert!((31.0..=32.0).contains(&last), "it ends at the side of the volume: {last} mm");
+    }
+
+    #[test]
+    fn a_dragged_point_of_a_measurement_moves_and_the_crosshair_stays() {
+        let at = |x: f32| pos2(x, 100.0);
+        let mut model = model_of_a_volume();
+        // Its first point lies under the middle of the pane, its second 16 mm to the right.
+        let begin = model.crosshair_mm;
+        let end = begin + 16.0 * DVec3::X;
+        model.step(0.0, &[Action::Measure(Some(Ruler::Length))]);
+        model.step(0.0, &[Action::Mark(begin.to_array()), Action::Mark(end.to_array())]);
+        model.step(0.0, &[Action::Measure(None)]);
+        let mut frames = vec![vec![egui::Event::PointerMoved(at(150.0))]];
+        frames.push(vec![button(at(150.0), true)]);
+        frames
+            .extend((1..=10).map(|i| vec![egui::Event::PointerMoved(at(150.0 - 2.5 * i as f32))]));
+        frames.push(vec![button(at(125.0), false)]);
+        let mut last = (0.0, begin);
+        shown_of(model, &frames, |model, _| {
+            last = (model.measurements[0].value(), model.crosshair_mm);
+        });
+        assert!((last.0 - 8.0).abs() < 0.5, "{} mm after half the way back", last.0);
+        assert_eq!(last.1, begin);
     }
 }

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::action::{Action, ActionQueue, FOV_DEG, Pane, Request, SPEED_MM_S, WallView};
 use super::branch_panel::branch_under;
-use super::inside_marks::{inside_marks, measurements, ray_at};
+use super::inside_marks::{in_pane, inside_marks, mark_under, measurements, missed_mark, ray_at};
 use super::keys::{help, keys};
 use super::model::Model;
 use super::overview_pane::{OverviewCamera, overview_input, zoom_mark};
@@ -33,7 +33,7 @@ fn what_next(model: &Model) -> &'static str {
 pub struct UiState {
     slices: SliceViews,
     panel: PanelState,
-    /// When a pane was clicked, s, and where the eye flies because of that.
+    /// When a pane was clicked, s, and what that leads to.
     click: Option<(f64, Action)>,
     /// Dialog for choosing a file or a folder.
     dialog: FileDialog,
@@ -133,7 +133,7 @@ fn ask_to_save(ui: &Ui, state: &mut UiState, commands: &mut ActionQueue) {
     });
 }
 
-/// Holds a flight to a click back until it is known not to be the first of a double click.
+/// Holds what a click leads to back until it is known not to be the first of a double click.
 fn delay_clicks(ui: &Ui, click: &mut Option<(f64, Action)>, actions: &mut Vec<Action>) {
     let delay = ui.ctx().options(|o| o.input_options.max_double_click_delay);
     let now = ui.input(|i| i.time);
@@ -292,12 +292,13 @@ fn show_pane(
         Pane::Inside if model.pose.is_some() && model.products.wall.is_some() => {
             painter.image(INSIDE, rect, all, Color32::WHITE);
             inside_marks(&painter, rect, model);
-            inside_input(ui, &response, rect, model, commands);
+            inside_input(ui, &response, rect, model, &mut slices.grabbed_inside, commands);
         }
         Pane::Overview if model.pose.is_some() && model.products.wall.is_some() => {
             painter.image(OVERVIEW, rect, all, Color32::WHITE);
             if let Some(camera) = OverviewCamera::of(rect, model) {
                 overview_input(ui, &response, &camera, model, commands);
+                missed_mark(&painter, model, |place| camera.in_pane(place));
                 measurements(&painter, model, |place| camera.in_pane(place));
                 orientation_marker(&painter, rect, camera.rotation());
                 zoom_mark(&painter, rect, model);
@@ -345,18 +346,31 @@ fn inside_input(
     response: &Response,
     rect: Rect,
     model: &Model,
+    grabbed: &mut Option<(usize, usize)>,
     commands: &mut ActionQueue,
 ) {
     let drag = response.drag_delta();
     let per = turn_per_point(rect, model);
-    if response.dragged_by(egui::PointerButton::Primary) && drag != Vec2::ZERO {
+    let is_eye = model.view == WallView::Eye;
+    let primary = response.dragged_by(egui::PointerButton::Primary);
+    let mark_at = |p| mark_under(p, model, |place| in_pane(rect, place, model));
+    if response.drag_started_by(egui::PointerButton::Primary) {
+        let pressed = ui.input(|i| i.pointer.press_origin());
+        *grabbed = pressed.filter(|_| is_eye).and_then(mark_at);
+    }
+    if let Some((measurement, point)) = grabbed.filter(|_| primary) {
+        let at = response.interact_pointer_pos();
+        let wall = at.and_then(|p| model.wall_behind(ray_at(rect, p, model)));
+        if let Some(to) = wall.map(|place| place.to_array()) {
+            commands.act(Action::MoveMark { measurement, point, to });
+        }
+    } else if primary && drag != Vec2::ZERO {
         let ctrl = ui.input(|i| i.modifiers.ctrl);
         // As if the wall were held and drawn along.
         let turn = if ctrl { [0.0, 0.0, per * drag.x] } else { [-per * drag.x, per * drag.y, 0.0] };
         commands.act(Action::Turn(turn));
     }
     let branch = response.interact_pointer_pos().and_then(|p| branch_under(rect, p, model));
-    let is_eye = model.view == WallView::Eye;
     if let Some(branch) = branch.filter(|_| response.clicked() && is_eye) {
         commands.ask(Request::Branch(branch));
     } else if response.clicked()
