@@ -10,7 +10,7 @@ use super::branch_panel::branch_list;
 use super::grey_window::slice_controls;
 use super::model::Model;
 use super::style::FAINT;
-use crate::formats::{InputInfo, NOTICE};
+use crate::formats::{InputInfo, NOTICE, SeriesInfo};
 use crate::organ::Organ;
 
 /// Text and numbers that are being entered.
@@ -95,16 +95,34 @@ fn short_button(ui: &mut Ui, text: &str) -> egui::Response {
     ui.add(egui::Button::new(text).truncate()).on_hover_text(text)
 }
 
+/// Name of a series and what tells it from others: thickness, kernel, number and size of slices.
+fn series_texts(s: &SeriesInfo) -> [String; 2] {
+    let name = match &s.description[..] {
+        "" => format!("Series {}, {}", s.index + 1, s.modality),
+        description => description.to_owned(),
+    };
+    let thickness = s.thickness_mm.or(s.spacing_mm.map(|spacing| spacing[2]));
+    let [x, y, _] = s.dims;
+    let parts = [
+        Some(s.modality.clone()),
+        thickness.map(|mm| format!("{} mm", (100.0 * mm).round() / 100.0)),
+        Some(s.kernel.clone()).filter(|kernel| !kernel.is_empty()),
+        Some(format!("{} slices", s.slices)),
+        Some(format!("{x} x {y}")),
+    ];
+    [name, parts.into_iter().flatten().collect::<Vec<_>>().join(", ")]
+}
+
 /// The series or segments of an input, to choose one.
 fn contents(ui: &mut Ui, info: &InputInfo, commands: &mut ActionQueue) {
     ui.strong(if info.segments.is_empty() { "Series" } else { "Segments" });
     egui::ScrollArea::vertical().id_salt("contents").max_height(200.0).show(ui, |ui| {
-        for s in &info.series {
-            let [x, y, _] = s.dims;
-            let name = format!("{}: {}, {x} x {y}, {} slices", s.index, s.modality, s.slices);
-            if info.segments.is_empty() && short_button(ui, &name).clicked() {
+        for s in info.series.iter().filter(|_| info.segments.is_empty()) {
+            let [name, details] = series_texts(s);
+            if short_button(ui, &name).clicked() {
                 commands.ask(Request::Series(s.index));
             }
+            ui.label(egui::RichText::new(details).small().color(FAINT));
         }
         for s in &info.segments {
             if short_button(ui, &s.name).clicked() {
@@ -285,6 +303,27 @@ fn figures(ui: &mut Ui, model: &Model) {
 mod tests {
     use super::*;
     use crate::app::model::Bookmark;
+
+    #[test]
+    fn series_are_listed_by_description_thickness_and_kernel_and_not_by_uid() {
+        let mut series = SeriesInfo {
+            index: 2,
+            uid: "1.2.840.99".into(),
+            modality: "CT".into(),
+            dims: [512, 512, 275],
+            spacing_mm: Some([0.7, 0.7, 0.8]),
+            slices: 275,
+            description: "Thorax lung".into(),
+            kernel: "B70f".into(),
+            thickness_mm: Some(1.0),
+        };
+        let details = "CT, 1 mm, B70f, 275 slices, 512 x 512";
+        assert_eq!(series_texts(&series), ["Thorax lung", details]);
+        (series.description, series.kernel) = Default::default();
+        series.thickness_mm = None;
+        let details = "CT, 0.8 mm, 275 slices, 512 x 512";
+        assert_eq!(series_texts(&series), ["Series 3, CT", details]);
+    }
 
     #[test]
     fn a_long_note_does_not_push_the_panel_over_the_panes() {

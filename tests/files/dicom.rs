@@ -469,6 +469,12 @@ fn no_patient_text_reaches_description_or_error() {
     let json =
         |p: &Path| serde_json::to_string(&inspect(p, &ReadOptions::default()).unwrap()).unwrap();
     assert!(!json(dir.path()).contains("CANARY"));
+    // A choice on the screen may show what the series is called: it goes no further.
+    let of = |p: &Path| inspect(p, &ReadOptions::default()).unwrap().series.remove(0);
+    series(dir.path(), &[0.0, 1.0], |_, s| (s.canary, s.kernel) = (CANARY, "B70f\\3"));
+    let listed = of(dir.path());
+    assert_eq!((&listed.description[..], &listed.kernel[..]), (CANARY, "B70f 3"));
+    assert!(!json(dir.path()).contains("B70f"));
     series(dir.path(), &[0.0, 1.0], |_, s| {
         s.canary = CANARY;
         s.pixel_spacing = CANARY;

@@ -79,6 +79,15 @@ pub struct SeriesInfo {
     pub spacing_mm: Option<[f64; 3]>,
     /// Number of slices.
     pub slices: usize,
+    /// Description of the series, free text that may be empty: for a choice on the screen alone.
+    #[serde(skip)]
+    pub description: String,
+    /// Convolution kernel of a CT; may be empty. For a choice on the screen alone.
+    #[serde(skip)]
+    pub kernel: String,
+    /// Thickness of a slice, mm, where the series says.
+    #[serde(skip)]
+    pub thickness_mm: Option<f64>,
 }
 
 impl ImageInfo {

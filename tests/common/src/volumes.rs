@@ -102,6 +102,8 @@ pub struct Slice {
     pub padding: Vec<i16>,
     pub burned_in: &'static str,
     pub recognizable: &'static str,
+    /// Convolution kernel; left out where it is empty.
+    pub kernel: &'static str,
     /// SOP class; left out where it is empty.
     pub class: &'static str,
     /// SOP instance; it, the study and the frame of reference are left out where it is empty.
@@ -130,6 +132,7 @@ impl Default for Slice {
             padding: Vec::new(),
             burned_in: "",
             recognizable: "",
+            kernel: "",
             class: "",
             instance: String::new(),
             pixel_spacing: "0.75\\0.5",
@@ -203,6 +206,9 @@ pub fn dicom_slice(s: &Slice) -> Vec<u8> {
         ((0x0018, 0x1030), "LO"), // protocol
     ] {
         text(tag, vr, s.canary);
+    }
+    if !s.kernel.is_empty() {
+        text((0x0018, 0x1210), "SH", s.kernel);
     }
     if !s.instance.is_empty() {
         text((0x0020, 0x000d), "UI", STUDY);

@@ -25,15 +25,19 @@ use ElementScope::{File, Frames, Segments};
 pub(super) const SEGMENT_NUMBER: Tag = (0x0062, 0x0004);
 pub(super) const SEGMENT_LABEL: Tag = (0x0062, 0x0005);
 
-/// Elements that may be read. What is not on the list (names, dates, descriptions) is never decoded.
-const READABLE: [(Tag, &Vr, &[ElementScope]); 37] = [
+/// Elements that may be read. What is not on the list (names, dates, other descriptions) is never
+/// decoded. The description of a series is free text: it is shown where one is chosen from several
+/// and goes into no file, report or message.
+const READABLE: [(Tag, &Vr, &[ElementScope]); 39] = [
     ((0x0008, 0x0008), b"CS", &[File]),         // image type
     ((0x0008, 0x0016), b"UI", &[File]),         // SOP class
     ((0x0008, 0x0060), b"CS", &[File]),         // modality
+    ((0x0008, 0x103e), b"LO", &[File]),         // series description
     ((0x0018, 0x0050), b"DS", &[File, Frames]), // slice thickness
     ((0x0018, 0x0086), b"IS", &[File]),         // echo numbers
     ((0x0018, 0x0088), b"DS", &[File, Frames]), // spacing between slices
     ((0x0018, 0x1060), b"DS", &[File]),         // trigger time
+    ((0x0018, 0x1210), b"SH", &[File]),         // convolution kernel
     ((0x0020, 0x000e), b"UI", &[File]),         // series instance UID
     ((0x0020, 0x0011), b"IS", &[File]),         // series number
     ((0x0020, 0x0012), b"IS", &[File]),         // acquisition number
@@ -67,7 +71,7 @@ const READABLE: [(Tag, &Vr, &[ElementScope]); 37] = [
 ];
 
 /// Value representations of the readable elements. With another one an element is passed over.
-const PLAIN: [&Vr; 7] = [b"CS", b"DS", b"IS", b"LO", b"SS", b"UI", b"US"];
+const PLAIN: [&Vr; 8] = [b"CS", b"DS", b"IS", b"LO", b"SH", b"SS", b"UI", b"US"];
 /// Value representations whose length has 16 bits.
 const SHORT: [&Vr; 21] = [
     b"AE", b"AS", b"AT", b"CS", b"DA", b"DS", b"DT", b"FD", b"FL", b"IS", b"LO", b"LT", b"PN",

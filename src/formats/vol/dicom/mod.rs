@@ -29,6 +29,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::info::{ImageInfo, InputInfo, SeriesInfo};
+use super::segments::printable;
 use super::{FormatError, ReadOptions, segments};
 use crate::volume::{Rescale, Volume};
 pub use source_series::SourceSeries;
@@ -330,6 +331,7 @@ fn list(path: &Path, series: &[Series], options: &ReadOptions) -> Vec<SeriesInfo
             Some(grid) if s.is_segmentation() => grid.dims.z as usize,
             _ => s.heads.len(),
         };
+        let thickness = first.decimals::<1>(0x0018, 0x0050, "SliceThickness");
         SeriesInfo {
             index,
             uid: s.uid.clone(),
@@ -337,6 +339,9 @@ fn list(path: &Path, series: &[Series], options: &ReadOptions) -> Vec<SeriesInfo
             dims: [first.columns, first.rows, slices as u32],
             spacing_mm: grid.map(|grid| grid.spacing_mm.to_array()),
             slices,
+            description: printable(&first.text(0x0008, 0x103e)),
+            kernel: printable(&first.text(0x0018, 0x1210).replace('\\', " ")),
+            thickness_mm: thickness.ok().flatten().map(|[mm]| mm),
         }
     };
     series.iter().enumerate().map(info).collect()
