@@ -22,8 +22,9 @@ use super::grey_window::default_window;
 use super::junctions::{BranchChoice, choices};
 use super::measure::Measurement;
 use crate::flight::{Flight, FlightPath, SectionFigures};
-use crate::formats::InputInfo;
+use crate::formats::{FormatError, InputInfo};
 use crate::geometry::{CrossSection, Pose};
+use crate::organ::{Glance, Organ};
 use crate::render::Framing;
 use crate::session::{FlightRoute, Product, Products, SessionError};
 use crate::volume::Volume;
@@ -136,6 +137,12 @@ pub struct Model {
     pub message: Option<String>,
     /// Reason why nothing more is computed.
     pub failure: Option<String>,
+    /// Choice that has to be made before anything more is computed.
+    pub question: Option<&'static str>,
+    /// Part of a patient and organs that the volume seems to show.
+    pub glance: Option<Glance>,
+    /// Organ that was found where none was asked for.
+    found: Option<Organ>,
     /// Series or segments of the input, where one has to be chosen, and whether that input is the
     /// mask.
     pub contents: Option<(InputInfo, bool)>,
@@ -248,7 +255,33 @@ impl Model {
             Err(SessionError::Cancelled) => {
                 self.message = Some("stopped; what is there stays".into());
             }
-            Err(e) => self.failure = Some(e.to_string()),
+            Err(SessionError::LumenNotChosen { organ, .. }) => {
+                self.question = Some("choose the organ or the values of the lumen");
+                self.glance.get_or_insert_default();
+                self.found = organ;
+                self.put_found_first();
+            }
+            Err(SessionError::Format(FormatError::Series { .. })) if self.contents.is_some() => {
+                self.question = Some("choose a series on the right");
+            }
+            Err(SessionError::Format(FormatError::Segments { .. })) if self.contents.is_some() => {
+                self.question = Some("choose a segment on the right");
+            }
+            Err(e) => self.failure = Some(without_flags(&e.to_string())),
+        }
+    }
+
+    /// Takes in what the volume seems to show.
+    pub fn set_glance(&mut self, seen: Glance) {
+        self.glance = Some(seen);
+        self.put_found_first();
+    }
+
+    /// Offers the organ that was found before those that may be there.
+    fn put_found_first(&mut self) {
+        if let (Some(glance), Some(found)) = (&mut self.glance, self.found) {
+            glance.organs.retain(|organ| *organ != found);
+            glance.organs.insert(0, found);
         }
     }
 
@@ -422,5 +455,26 @@ impl Model {
             // Numbers that are none.
             _ => {}
         }
+    }
+}
+
+/// A message without the parts that name flags of the command line, which a window has not.
+fn without_flags(message: &str) -> String {
+    let parts = message.split("; ").filter(|part| !part.contains("--"));
+    let text = parts.collect::<Vec<_>>().join("; ");
+    if text.is_empty() { message.to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_flag_of_the_command_line_is_named_in_the_window() {
+        let burned = "a.dcm: the pixels may show who the patient is (BurnedInAnnotation); \
+                      --allow-burned-in reads them";
+        let said = without_flags(burned);
+        assert!(said.ends_with("(BurnedInAnnotation)"), "{said}");
+        assert_eq!(without_flags("no airway found: a; b"), "no airway found: a; b");
     }
 }

@@ -294,7 +294,7 @@ impl<'a> Player<'a> {
     fn wait(&mut self, gpu: &mut Gpu, number: usize, wait: Wait) -> Result<(), AppError> {
         let model = &self.viewer.model;
         let comes = match wait {
-            Wait::Failure if model.failure.is_some() => true,
+            Wait::Failure if model.failure.is_some() || model.question.is_some() => true,
             Wait::Failure => self.viewer.wait_for_failure(gpu)?,
             Wait::Complete if model.is_complete => true,
             Wait::Complete => self.viewer.wait_for(gpu, Product::Coverage)?,

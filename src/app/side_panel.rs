@@ -3,23 +3,21 @@
 use egui::{Key, Ui};
 use glam::DVec3;
 
-use super::action::{
-    Action, ActionQueue, Colouring, Export, LumenChoice, Request, Ruler, WallView,
-};
+use super::action::{Action, ActionQueue, Colouring, Export, Request, Ruler, WallView};
 use super::branch_panel::branch_list;
 use super::grey_window::slice_controls;
+use super::lumen_panel::{EnteredRange, lumen_choice};
 use super::model::Model;
 use super::style::FAINT;
 use crate::formats::{InputInfo, NOTICE, SeriesInfo};
-use crate::organ::Organ;
 
 /// Text and numbers that are being entered.
 #[derive(Default)]
 pub(super) struct PanelState {
     /// Text of the next bookmark.
     note: String,
-    /// Range of a lumen to be chosen, and whether it begins at the crosshair.
-    pub lumen: Option<([f64; 2], bool)>,
+    /// Range of a lumen to be chosen.
+    pub lumen: EnteredRange,
 }
 
 /// Figures, how the wall looks, measuring, export, bookmarks.
@@ -48,7 +46,7 @@ fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut Act
         ui.separator();
     }
     if model.volume().is_some() {
-        lumen_choice(ui, model, state, commands);
+        lumen_choice(ui, model, &mut state.lumen, commands);
         ui.separator();
     }
     if !model.choices.is_empty() {
@@ -129,41 +127,6 @@ fn contents(ui: &mut Ui, info: &InputInfo, commands: &mut ActionQueue) {
                 commands.ask(Request::Segment(s.name.clone()));
             }
         }
-    });
-}
-
-/// The organ or the range of values that is the lumen. The range begins as gas in a CT, else as what
-/// is bright.
-fn lumen_choice(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut ActionQueue) {
-    let (low, high) = model.value_range();
-    let begin = || match low < -500.0 {
-        true => ([low, -500.0], false),
-        false => ([0.5 * (low + high), high], false),
-    };
-    let (range, at_crosshair) = state.lumen.get_or_insert_with(begin);
-    // Without a lumen there is nothing else to do.
-    let open = model.failure.is_some().then_some(true);
-    egui::CollapsingHeader::new("Lumen").open(open).show(ui, |ui| {
-        ui.horizontal(|ui| {
-            for organ in Organ::ALL {
-                if ui.button(organ.name()).on_hover_text("Find it").clicked() {
-                    commands.ask(Request::Organ(organ));
-                }
-            }
-        });
-        ui.horizontal(|ui| {
-            let step = ((high - low) / 500.0).max(1e-3);
-            ui.add(egui::DragValue::new(&mut range[0]).speed(step));
-            ui.label("to");
-            ui.add(egui::DragValue::new(&mut range[1]).speed(step));
-        });
-        ui.horizontal(|ui| {
-            ui.checkbox(at_crosshair, "at the crosshair");
-            if ui.add_enabled(range[0] <= range[1], egui::Button::new("Find")).clicked() {
-                let seed_mm = at_crosshair.then(|| model.crosshair_mm.to_array());
-                commands.ask(Request::Lumen(LumenChoice { range: *range, seed_mm }));
-            }
-        });
     });
 }
 

@@ -8,6 +8,7 @@ use super::action::{Action, ActionQueue, FOV_DEG, Pane, Request, SPEED_MM_S, Wal
 use super::branch_panel::branch_under;
 use super::inside_marks::{in_pane, inside_marks, mark_under, measurements, missed_mark, ray_at};
 use super::keys::{help, keys};
+use super::lumen_panel::lumen_question;
 use super::model::Model;
 use super::overview_pane::{OverviewCamera, overview_input, zoom_mark};
 use super::side_panel::{PanelState, side_panel};
@@ -21,11 +22,9 @@ pub const OVERVIEW: egui::TextureId = egui::TextureId::User(1);
 
 /// Returns the next step for a user after a failure.
 fn what_next(model: &Model) -> &'static str {
-    match (&model.contents, model.volume()) {
-        (Some((info, _)), _) if info.segments.is_empty() => "Choose a series on the right.",
-        (Some(_), _) => "Choose a segment on the right.",
-        (None, Some(_)) => "Choose an organ or a range of values on the right.",
-        (None, None) => "Open another volume.",
+    match model.volume() {
+        Some(_) => "Choose an organ or a range of values on the right.",
+        None => "Open another volume.",
     }
 }
 
@@ -265,7 +264,8 @@ fn top_bar(
                 }
             }
             (None, None) => {
-                if let Some(message) = &model.message {
+                let question = model.question.map(str::to_owned);
+                if let Some(message) = question.as_ref().or(model.message.as_ref()) {
                     ui.label(message);
                 }
             }
@@ -304,10 +304,13 @@ fn show_pane(
                 zoom_mark(&painter, rect, model);
             }
         }
+        Pane::Inside if model.asks_for_lumen() => lumen_question(ui, rect, model, commands),
         Pane::Inside | Pane::Overview => {
+            let question = model.question.unwrap_or_default();
             let (text, colour) = match (&model.failure, stage) {
                 _ if pane == Pane::Overview => (String::new(), FAINT),
                 (Some(failure), _) => (format!("{failure}\n\n{}", what_next(model)), WRONG),
+                (None, _) if model.question.is_some() => (question.into(), TEXT),
                 (None, true) => ("the wall is being made".into(), FAINT),
                 (None, false) => {
                     ("drop a volume or a DICOM folder here, or open one above".into(), FAINT)

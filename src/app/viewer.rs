@@ -22,6 +22,7 @@ use crate::flight::Frames;
 use crate::formats::{VideoWriter, encode_png, shown};
 use crate::geometry::cube_faces;
 use crate::lod::Tolerance;
+use crate::organ::glance;
 use crate::session::{
     FlightRoute, Lod, Product, Recording, Session, SessionError, Settings, Source, VolumeSource,
 };
@@ -229,19 +230,36 @@ impl Viewer {
             }
             (None, None) => {}
         }
+        if self.detail == Detail::Live && self.is_lumen_open() {
+            self.spawn("glance", |session| {
+                let seen = session.volume().ok().map(|volume| glance(&volume));
+                Box::new(move |model| seen.into_iter().for_each(|seen| model.set_glance(seen)))
+            })?;
+        }
         if self.detail == Detail::Live {
             self.spawn("products", |session| {
                 // First what the first picture needs, then the rest side by side.
                 let first = session.prepare(&SHOWN[..FIRST_PICTURE]);
                 let outcome = first.and_then(|()| session.prepare(&made(&SHOWN, session)));
                 let contents = outcome.as_ref().err().and_then(|e| session.contents(e));
-                if let Err(e) = &outcome {
-                    tracing::error!("{e}");
+                match &outcome {
+                    Ok(()) => {}
+                    // A question that the window asks.
+                    Err(SessionError::LumenNotChosen { .. }) => {
+                        tracing::info!("the lumen is not chosen yet")
+                    }
+                    Err(e) => tracing::error!("{e}"),
                 }
                 Box::new(move |model| model.finish(outcome, contents))
             })?;
         }
         Ok(())
+    }
+
+    /// Whether the settings leave it to the volume which lumen there is.
+    fn is_lumen_open(&self) -> bool {
+        let lumen = &self.options.settings.lumen;
+        lumen.organ.is_none() && lumen.select.is_none()
     }
 
     /// Starts a task of the session, if there is one.
@@ -307,6 +325,9 @@ impl Viewer {
         };
         let contents = session.contents(&e);
         self.show_first(gpu, count.max(self.shown_count))?;
+        if let Some(seen) = self.model.volume().map(|volume| glance(volume)) {
+            self.model.set_glance(seen);
+        }
         self.model.finish(Err(e), contents);
         Ok(true)
     }

@@ -17,6 +17,7 @@ mod explain;
 mod fluid;
 mod gas;
 mod gates;
+mod glance;
 mod lungs;
 mod sections;
 mod smooth;
@@ -26,6 +27,7 @@ mod vessel;
 mod walled;
 
 pub use explain::{Picture, explain};
+pub use glance::{Glance, glance};
 
 use glam::{IVec3, UVec3};
 

@@ -28,6 +28,19 @@ impl Model {
         self.centred += 1;
     }
 
+    /// The place that the slices show, if it is not the eye's own and no wall hides it.
+    pub fn crosshair_in_view(&self) -> Option<DVec3> {
+        /// Way behind the wall at which a place is still that of the wall, mm.
+        const BEHIND_MM: f64 = 1.0;
+        let pose = self.pose?;
+        let way = self.crosshair_mm - pose.position_mm.as_dvec3();
+        let is_elsewhere = way.length() > BEHIND_MM;
+        let ray = pose.rotation.as_dquat().conjugate() * way;
+        let wall = is_elsewhere.then(|| self.wall_behind(ray)).flatten()?;
+        let to_wall = wall.distance(pose.position_mm.as_dvec3());
+        (way.length() <= to_wall + BEHIND_MM).then_some(self.crosshair_mm)
+    }
+
     pub(super) fn set_extent(&mut self, extent: SliceExtent) {
         self.extent = match extent {
             SliceExtent::Mm(mm) if !mm.is_finite() => return,
@@ -37,6 +50,15 @@ impl Model {
                 whole
             }
         };
+    }
+
+    /// Whether the lumen is to be chosen: nothing says which, or it is known that organs may be
+    /// there while nothing was found yet.
+    pub fn asks_for_lumen(&self) -> bool {
+        let organs = self.glance.as_ref().is_some_and(|g| !g.organs.is_empty());
+        let is_asked = self.question.is_some() && self.contents.is_none();
+        let is_open = self.products.lumen.is_none() && self.failure.is_none();
+        self.volume().is_some() && is_open && (is_asked || organs)
     }
 
     /// Corners of the wall's box, LPS mm.
@@ -122,6 +144,17 @@ pub(in crate::app) mod tests {
         let wall = model.wall_behind(DVec3::new(0.6, 0.0, -1.0)).unwrap();
         model.step(0.1, &[Action::ShowInSlices(wall.to_array())]);
         assert_eq!(model.crosshair_mm, wall);
+        assert_eq!(model.crosshair_in_view(), Some(wall), "marked in the inside view");
+        let [eye, behind] = [0.0, 1.5].map(|share| {
+            let eye = model.pose.unwrap().position_mm.as_dvec3();
+            eye + share * (wall - eye)
+        });
+        for hidden in [eye, behind] {
+            let place = Action::Crosshair(hidden.to_array());
+            model.step(0.0, &[place]);
+            assert_eq!(model.crosshair_in_view(), None);
+        }
+        model.step(0.0, &[Action::Crosshair(wall.to_array())]);
         assert!(!model.playing, "the flight would take the slices away");
         let near = model.extent_mm(Pane::Axial).unwrap();
         assert!(PLACE_MM.contains(&near) && near == model.extent_mm(Pane::Across).unwrap());
