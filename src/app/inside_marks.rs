@@ -55,7 +55,8 @@ pub(super) fn inside_marks(painter: &Painter, rect: Rect, model: &Model) {
     match model.view {
         WallView::Eye => {
             offered_branches(painter, rect, model);
-            missed_mark(painter, model, |p| in_pane(rect, p, model));
+            crosshair_mark(painter, rect, model);
+            missed_mark(painter, model, true, |p| in_pane(rect, p, model));
             measurements(painter, model, |p| in_pane(rect, p, model));
         }
         WallView::Cube => face_names(painter, rect),
@@ -124,9 +125,24 @@ pub(super) fn measurements(
     line(&model.marks_mm);
 }
 
-/// The missed patch that was asked for last: its outline, also where wall lies before it, and its
-/// area.
-pub(super) fn missed_mark(painter: &Painter, model: &Model, place: impl Fn(DVec3) -> Option<Pos2>) {
+/// Four strokes about the place that the slices show, where the eye sees it.
+fn crosshair_mark(painter: &Painter, rect: Rect, model: &Model) {
+    let seen = model.crosshair_in_view().and_then(|place| in_pane(rect, place, model));
+    for way in [vec2(1.0, 0.0), vec2(0.0, 1.0), vec2(-1.0, 0.0), vec2(0.0, -1.0)] {
+        if let Some(at) = seen {
+            painter.line_segment([at + 4.0 * way, at + 10.0 * way], Stroke::new(1.5, CAMERA));
+        }
+    }
+}
+
+/// The missed patch that was asked for last: its outline, also where wall lies before it. It is
+/// named, with its area, where there is room.
+pub(super) fn missed_mark(
+    painter: &Painter,
+    model: &Model,
+    is_named: bool,
+    place: impl Fn(DVec3) -> Option<Pos2>,
+) {
     let Some(missed) = &model.missed else { return };
     let stroke = Stroke::new(1.5, MISSED);
     for edge in &missed.outline_mm {
@@ -136,8 +152,10 @@ pub(super) fn missed_mark(painter: &Painter, model: &Model, place: impl Fn(DVec3
     }
     if let Some(at) = place(missed.center_mm) {
         painter.circle_stroke(at, 5.0, stroke);
-        let text = format!("missed, {:.0} mm²", missed.area_mm2);
-        shadowed(painter, at + vec2(9.0, 0.0), Align2::LEFT_CENTER, &text, 12.0, MISSED);
+        if is_named {
+            let text = format!("missed, {:.0} mm²", missed.area_mm2);
+            shadowed(painter, at + vec2(9.0, 0.0), Align2::LEFT_CENTER, &text, 12.0, MISSED);
+        }
     }
 }
 

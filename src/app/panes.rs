@@ -224,7 +224,7 @@ impl Panes {
             WallView::Panorama => View::Panorama,
         };
         // Where the eye is along the path does not show inside.
-        let room_mm = model.path.as_ref().map(|path| path.room_at(pose, model.arc_mm) as f32);
+        let room_mm = model.light_room_mm().map(|mm| mm as f32);
         let shot = Shot { view, pose, lens: model.lens(), progress: 0.0, room_mm };
         if let Some(size) = inside {
             self.inside.renderer.resize(gpu, size[0], size[1])?;

@@ -267,7 +267,7 @@ fn slice_marks(painter: &egui::Painter, shown: &ShownSlice, model: &Model) {
             painter.line_segment([at, shown.point(ahead).0], Stroke::new(2.0, CAMERA));
         }
     }
-    missed_mark(painter, model, |place| shown.point_in(place));
+    missed_mark(painter, model, false, |place| shown.point_in(place));
     measurements(painter, model, |place| shown.point_in(place));
     let [left, right, up, down] = plane.sides();
     let m = 8.0;

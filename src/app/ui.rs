@@ -298,7 +298,7 @@ fn show_pane(
             painter.image(OVERVIEW, rect, all, Color32::WHITE);
             if let Some(camera) = OverviewCamera::of(rect, model) {
                 overview_input(ui, &response, &camera, model, commands);
-                missed_mark(&painter, model, |place| camera.in_pane(place));
+                missed_mark(&painter, model, false, |place| camera.in_pane(place));
                 measurements(&painter, model, |place| camera.in_pane(place));
                 orientation_marker(&painter, rect, camera.rotation());
                 zoom_mark(&painter, rect, model);

@@ -13,6 +13,9 @@ const MIN_APPROACH_MM_S: f64 = 60.0;
 const OFFERED_MM: std::ops::Range<f64> = -5.0..25.0;
 /// Wished near plane, mm; nearer where the wall is.
 pub(super) const NEAR_MM: f32 = 2.0;
+/// Room that light is scaled by, in distances of the eye from the wall, where that is less than the
+/// path's: an eye off the middle of a lumen sees it lit as from there.
+const LIGHT_REACH: f64 = 1.5;
 /// The near plane that the eye keeps room for while it is moved by hand, mm.
 const HAND_NEAR_MM: f32 = 0.4;
 
@@ -177,8 +180,45 @@ impl Model {
         Some(ask(&Clearance::new(&lumen.lumen, &fields.distance, wall)))
     }
 
+    /// Room about the eye by which light is scaled, mm: that of the path, but beside the wall what
+    /// there is, for there the lamp would be behind the wall and leave it a plain surface.
+    pub fn light_room_mm(&self) -> Option<f64> {
+        let (path, pose) = (self.path.as_ref()?, self.pose?);
+        let room = path.room_at(pose, self.arc_mm);
+        let tree = self.products.triangle_tree.as_ref().filter(|_| !self.on_path);
+        let eye = pose.position_mm.as_dvec3();
+        Some(tree.map_or(room, |tree| room.min(LIGHT_REACH * tree.distance(eye, room))))
+    }
+
     /// Figures of the cross-section at the eye.
     pub fn section_figures(&self) -> Option<SectionFigures> {
         self.section.as_ref().map(SectionFigures::of)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::flown_model;
+    use super::*;
+    use crate::app::action::Action;
+    use crate::volume::phantom::Kind;
+
+    #[test]
+    fn beside_the_wall_the_light_is_near_and_on_the_path_it_is_the_flights() {
+        let (mut model, _session) = flown_model(Kind::Tube, |_| {});
+        let half = 0.5 * model.path.as_ref().unwrap().length_mm();
+        model.step(0.0, &[Action::Seek(half)]);
+        let on_path = model.light_room_mm().unwrap();
+        let room = |m: &Model| m.path.as_ref().unwrap().room_at(m.pose.unwrap(), m.arc_mm);
+        assert_eq!(on_path, room(&model));
+        // To look round changes no light; to fly to the wall does.
+        model.step(0.0, &[Action::Turn([1.5, 0.0, 0.0])]);
+        assert_eq!(model.light_room_mm(), Some(on_path));
+        (0..200).for_each(|_| model.step(0.0, &[Action::Fly([0.0, 0.0, 0.5])]));
+        let eye = model.pose.unwrap().position_mm.as_dvec3();
+        let away = model.products.triangle_tree.as_ref().unwrap().distance(eye, 100.0);
+        let beside = model.light_room_mm().unwrap();
+        assert!(away < 0.3 * on_path, "it is beside the wall: {away} of {on_path} mm");
+        assert!((beside - LIGHT_REACH * away).abs() < 1e-9, "{beside} mm");
     }
 }
