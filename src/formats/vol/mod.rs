@@ -22,7 +22,7 @@ mod segments;
 mod source;
 mod text;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub use dicom::SourceSeries;
 pub use info::{ImageInfo, InputInfo, SegmentInfo, SeriesInfo};
@@ -84,6 +84,28 @@ pub fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatEr
             })
         }
     }
+}
+
+/// Every file that reading an input may look at, in the order of their paths: those of a DICOM
+/// folder, a file alone, or a header and the file of its samples.
+///
+/// # Errors
+/// [`FormatError::Io`]; a file that is no volume is a list of itself.
+pub fn input_files(path: &Path) -> Result<Vec<PathBuf>, FormatError> {
+    let meta = std::fs::metadata(path).map_err(|e| FormatError::io(path, e))?;
+    if meta.is_dir() {
+        return dicom::files_in(path);
+    }
+    if lower_name(path) == "dicomdir" {
+        return dicom::files_in(
+            path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")),
+        );
+    }
+    let samples = kind(path).and_then(|k| layout_of(path, k)).map(|layout| layout.file);
+    let mut files = vec![path.to_owned()];
+    files.extend(samples.ok().filter(|file| file != path));
+    files.sort();
+    Ok(files)
 }
 
 /// Reads any volume. Geometry comes back in LPS mm whatever the file's frame; samples keep their

@@ -265,7 +265,7 @@ const MAX_DEPTH: usize = 8;
 
 /// Plain files in a folder and those below it, in the order of their names. A folder that links
 /// lead to again is read once, at the place that is found first.
-fn files_in(folder: &Path) -> Result<Vec<PathBuf>, FormatError> {
+pub(super) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, FormatError> {
     let mut files = Vec::new();
     let mut folders = VecDeque::from([(folder.to_owned(), 0)]);
     let mut seen = BTreeSet::new();
