@@ -47,6 +47,8 @@ pub mod render;
 pub mod device;
 pub mod paper;
 pub mod session;
+#[cfg(feature = "cli")]
+pub mod cohort;
 #[cfg(feature = "window")]
 pub mod app;
 #[cfg(feature = "cli")]

@@ -1,5 +1,6 @@
 //! Errors as the user meets them, and their exit codes.
 
+use crate::cohort::CohortError;
 use crate::device::DeviceError;
 use crate::flight::CameraPathError;
 use crate::formats::FormatError;
@@ -30,6 +31,19 @@ pub enum CliError {
         /// Data that take the memory.
         what: &'static str,
     },
+    /// A cohort as a whole.
+    #[error(transparent)]
+    Cohort(CohortError),
+    /// Cases of a cohort; each has its reason in its status.
+    #[error("{failed} of {total} cases failed")]
+    CasesFailed {
+        /// Number of cases that failed.
+        failed: usize,
+        /// Number of cases.
+        total: usize,
+        /// Exit code of all that failed; 1 where they differ.
+        code: u8,
+    },
     /// No display for a window.
     #[error("{0}")]
     NoDisplay(String),
@@ -49,6 +63,8 @@ impl CliError {
             Self::Usage(_) => return 2,
             Self::Input(_) => return 3,
             Self::NoDisplay(_) => return 4,
+            Self::CasesFailed { code, .. } => return *code,
+            Self::Cohort(error) => return exit_code_of(error),
             Self::Session(error) => error,
             Self::Memory { .. } | Self::Output(_) | Self::System(_) => return 1,
         };
@@ -75,6 +91,8 @@ impl CliError {
             Self::Memory { .. } => "memory".into(),
             Self::Output(_) => "output".into(),
             Self::System(_) => "system".into(),
+            Self::CasesFailed { .. } => "cases-failed".into(),
+            Self::Cohort(error) => format!("cohort/{}", variant(error)),
             Self::Session(error) => match error {
                 S::Format(e) => format!("file/{}", variant(e)),
                 S::Lumen(e) => format!("lumen/{}", variant(e)),
@@ -93,6 +111,14 @@ impl CliError {
     /// Whether standard output was closed by its reader.
     pub fn is_broken_pipe(&self) -> bool {
         matches!(self, Self::Output(e) if e.kind() == std::io::ErrorKind::BrokenPipe)
+    }
+}
+
+fn exit_code_of(error: &CohortError) -> u8 {
+    match error {
+        CohortError::NoSuchLabel { .. } | CohortError::Output { .. } => 2,
+        CohortError::Format(e) if !e.is_bad_input() => 1,
+        _ => 3,
     }
 }
 
@@ -130,6 +156,12 @@ impl From<SessionError> for CliError {
             }
             other => Self::Session(other),
         }
+    }
+}
+
+impl From<CohortError> for CliError {
+    fn from(e: CohortError) -> Self {
+        Self::Cohort(e)
     }
 }
 

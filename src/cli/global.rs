@@ -171,7 +171,8 @@ impl Global {
 
     /// Prints why there is no result as JSON, if asked for.
     pub fn refuse(&self, error: &CliError) {
-        if self.json {
+        // A cohort has given its answer: each case with its own reason.
+        if self.json && !matches!(error, CliError::CasesFailed { .. }) {
             let answer = serde_json::json!({ "error": {
                 "reason": error.reason(),
                 "message": error.to_string(),

@@ -2,6 +2,7 @@
 //! it calls is in the rooms above.
 
 mod bench;
+mod bids;
 mod centerline;
 mod convert;
 mod devices;
@@ -82,6 +83,8 @@ enum CliCommand {
     Record(record::Args),
     /// Everything above in one folder
     Run(run::Args),
+    /// Everything for each scan of a BIDS dataset or a plain folder, resumed where it stopped
+    Bids(Box<bids::Args>),
     /// Open a window and fly by hand
     #[cfg(feature = "window")]
     Fly(fly::Args),
@@ -178,6 +181,7 @@ impl CliCommand {
             Self::Centerline(a) => a.run(global),
             Self::Record(a) => a.run(global),
             Self::Run(a) => a.run(global),
+            Self::Bids(a) => a.run(global),
             #[cfg(feature = "window")]
             Self::Fly(a) => a.run(global),
             Self::Bench(a) => a.run(global),

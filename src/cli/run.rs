@@ -18,6 +18,11 @@ pub struct Args {
 }
 
 impl Args {
+    /// A run by these flags.
+    pub fn new(flags: SessionArgs) -> Self {
+        Self { flags }
+    }
+
     /// Computes everything and writes everything, the report last.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         let out = &self.flags.out;

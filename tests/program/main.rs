@@ -1,6 +1,7 @@
 //! The program, its window and its session from outside.
 
 mod cli;
+mod cohort;
 mod memory;
 mod desktop;
 mod examples;

@@ -45,12 +45,16 @@ fn command_lines_in_the_documents_run() {
     write_volume(&tmp.path().join("ct.nii.gz"), &ct).unwrap();
     let labels = Volume::new(ct.grid, Samples::from(labels));
     write_volume(&tmp.path().join("labels.nii.gz"), &labels).unwrap();
-    write_volume(&tmp.path().join("torso.nrrd"), &torso::Torso::default().scan()).unwrap();
+    let torso = torso::Torso::default().scan();
+    std::fs::create_dir(tmp.path().join("SCANS")).unwrap();
+    for name in ["torso.nrrd", "SCANS/torso.nrrd"] {
+        write_volume(&tmp.path().join(name), &torso).unwrap();
+    }
     for line in lines {
         let ct = if line.contains("--organ") { "torso.nrrd" } else { "ct.nii.gz" };
         let line = line.replace("CT_FOLDER", ct);
         let mut args: Vec<&str> = line.split_whitespace().skip(1).collect();
-        if ["run", "record"].contains(&args[0]) {
+        if ["run", "record"].contains(&args[0]) || args.contains(&"participant") {
             args.extend(["--frames", "2", "--size", "64x48"]);
         }
         works(tmp.path(), &args);
