@@ -77,7 +77,7 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
 }
 
 /// The program without any data, bytes.
-const PROGRAM: u64 = 12_000_000;
+const PROGRAM: u64 = 13_000_000;
 /// Vulkan once a device is open, bytes.
 const VULKAN: u64 = 68_000_000;
 
