@@ -36,7 +36,8 @@ def swc(file, csv_file):
     assert here == there, "other places"
     assert np.isclose(sorted(set(nodes.radius))[-1], radii.max(), rtol=1e-6), "other radii"
     wanted = length_of(places, branches)
-    assert np.isclose(tree.cable_length, wanted, rtol=1e-5), (tree.cable_length, wanted)
+    # The table has no row for the gap between a branch and the point that it starts at.
+    assert -1e-5 < tree.cable_length / wanted - 1 < 1e-3, (tree.cable_length, wanted)
     morphology = morphio.Morphology(str(file))
     assert len(morphology.root_sections) >= 1
     return (
