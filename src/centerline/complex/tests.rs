@@ -192,8 +192,8 @@ fn no_element_is_deeper_than_what_bounds_it_and_threads_do_not_show() {
     }
 }
 
-/// Loops of the graph with its tips held, before and after the rules; rules that ended loops; ends.
-fn pruned(l: &Lumen) -> (usize, usize, Vec<net::Rule>, usize) {
+/// Hands over the net of a lumen with its tips held, before any rule.
+fn with_net<T>(l: &Lumen, work: impl FnOnce(net::Net<'_>) -> T) -> T {
     let field = distance(l);
     let complex = CellComplex::new(l, &field);
     let adjacency = sweep::NodeContacts::new(&complex, l);
@@ -211,18 +211,41 @@ fn pruned(l: &Lumen) -> (usize, usize, Vec<net::Rule>, usize) {
     tips.sort_unstable();
     tips.dedup();
     let left = collapse(&complex, &tips);
-    let mut net =
-        net::Net::new(&complex, &adjacency, &left, &[], Sampler { lumen: l, field: &field });
-    let raw = net.loops();
+    let net = net::Net::new(&complex, &adjacency, &left, &[], Sampler { lumen: l, field: &field });
     assert_eq!(
-        raw as i64,
+        net.loops() as i64,
         component.iter().max().map_or(0, |c| i64::from(*c) + 1) - complex.euler()
             + left.shells as i64
     );
-    let kept = net.prune(net::PruneLimits::default());
-    assert_eq!(net.loops(), kept.len());
-    let rules = net.ended.iter().filter_map(|l| l.ended).collect();
-    (raw, kept.len(), rules, net.leaves().len())
+    work(net)
+}
+
+/// Loops of the graph with its tips held, before and after the rules; rules that ended loops; ends.
+fn pruned(l: &Lumen) -> (usize, usize, Vec<net::Rule>, usize) {
+    with_net(l, |mut net| {
+        let raw = net.loops();
+        let kept = net.prune(net::PruneLimits::default());
+        assert_eq!(net.loops(), kept.len());
+        let rules = net.ended.iter().filter_map(|l| l.ended).collect();
+        (raw, kept.len(), rules, net.leaves().len())
+    })
+}
+
+#[test]
+fn ctrl_c_does_not_wait_until_all_loops_are_pruned() {
+    use crate::task::{CancelToken, Cancelled, catch_cancelled};
+    let torus = lumen([45, 45, 21], torus([22.0, 22.0, 10.0], 14.0, 5.0));
+    let cancelled = || {
+        with_net(&torus, |mut net| {
+            let token = CancelToken::default();
+            token.enter();
+            token.cancel();
+            catch_cancelled(|| net.prune(net::PruneLimits::default()))
+        })
+    };
+    // On a thread of its own, which has the token until it ends.
+    let outcome = std::thread::scope(|scope| scope.spawn(cancelled).join().unwrap());
+    assert_eq!(outcome, Err(Cancelled));
 }
 
 /// Two square tubes 15 wide side by side, joined below and by a round hole or bridge of radius `hole`

@@ -16,6 +16,7 @@ const PLATE: f64 = 3.5;
 
 impl Net<'_> {
     pub(super) fn passage_of(&self, i: usize) -> f64 {
+        crate::task::checkpoint();
         let Some(arc) = &self.arcs[i] else { return 0.0 };
         let (_, throat, place) = self.throat(&arc.contacts);
         self.passage_mm(arc, place, self.contact_mm(throat))

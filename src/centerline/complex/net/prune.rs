@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::forest::Forest;
 use super::{Arc, Net};
+use crate::task::checkpoint;
 
 /// Rule by which an arc was removed or cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -93,7 +94,10 @@ impl Net<'_> {
             passages.extend(new.into_iter().zip(found));
             let judged: Vec<(usize, Loop)> = extra
                 .into_iter()
-                .filter_map(|i| Some((i, self.judge(i, &forest, passages[&i], limits)?)))
+                .filter_map(|i| {
+                    checkpoint();
+                    Some((i, self.judge(i, &forest, passages[&i], limits)?))
+                })
                 .collect();
             let (ended, judged): (Vec<_>, Vec<_>) =
                 judged.into_iter().partition(|(_, found)| found.ended.is_some());
@@ -107,6 +111,7 @@ impl Net<'_> {
             // The narrowest place of a loop may be a stricture, and the hole elsewhere on it.
             let mut changed = BTreeSet::new();
             for (i, found) in &judged {
+                checkpoint();
                 let cycle = self.cycle(*i, &forest);
                 if cycle.iter().any(|i| changed.contains(i)) {
                     continue; // another cut changed it
@@ -158,6 +163,7 @@ impl Net<'_> {
     /// Measures an arc; `None` if it cannot be a window, with two long halves, a wide throat or a
     /// long passage for its width.
     fn measure(&self, i: usize, limits: PruneLimits) -> Option<Passage> {
+        checkpoint();
         let arc = self.arcs[i].as_ref()?;
         let (_, throat, place) = self.throat(&arc.contacts);
         let halves = self.long_halves(arc, place, limits);
@@ -231,6 +237,7 @@ impl Net<'_> {
         let entry = |this: &Self, i: usize| Some((this.twig(i, limits)?.to_bits(), i));
         let mut twigs: BTreeSet<(u64, usize)> = all.filter_map(|i| entry(self, i)).collect();
         while let Some((length, i)) = twigs.pop_first() {
+            checkpoint();
             if entry(self, i) != Some((length, i)) {
                 continue; // changed since
             }
