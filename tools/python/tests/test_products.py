@@ -159,6 +159,7 @@ def test_a_session_computes_a_product_once_and_again_only_where_settings_change_
 
     session.centerline()
     assert runs("route") == 1
+    assert session.report()["version"] == intima.__version__
     session.apply(tree=True)
     assert session.settings["tree"] and len(session.centerline().branches) >= 1
     assert (runs("segment"), runs("route")) == (1, 2)
