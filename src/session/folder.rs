@@ -95,6 +95,7 @@ impl Session {
         // Before anything is computed, and again once it was made.
         let mut locks = FolderLocks::default();
         locks.claim(&to.frames)?;
+        self.progress.begin_work();
         self.prepare(&self.needs_of_frames())?;
         self.write_camera_path(to, &to.frames)?;
         make_folder(&to.frames)?;

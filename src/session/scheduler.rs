@@ -116,15 +116,33 @@ impl Session {
         if plan.is_empty() {
             return Ok(());
         }
-        let weight = plan.iter().map(|s| s.weight).sum();
-        self.progress.add(weight);
+        self.progress.add(plan.iter().map(|s| s.weight).sum());
+        self.run_plan(&plan)
+    }
+
+    /// Computes products as [`Session::prepare`] does, each group before the next one; progress is
+    /// of all of them.
+    ///
+    /// # Errors
+    /// As [`Session::prepare`].
+    pub fn prepare_in_order(&self, groups: &[&[Product]]) -> Result<(), SessionError> {
+        let plan = self.plan(&groups.concat())?;
+        self.note_expected(&plan);
+        if !plan.is_empty() {
+            self.progress.add(plan.iter().map(|s| s.weight).sum());
+        }
+        groups.iter().try_for_each(|group| self.run_plan(&self.plan(group)?))
+    }
+
+    /// Runs stages on two threads.
+    fn run_plan(&self, plan: &[&'static Stage]) -> Result<(), SessionError> {
         let error = Mutex::new(None);
         let lanes = self.pool.current_num_threads().min(SIDE_BY_SIDE).min(plan.len());
         std::thread::scope(|scope| {
             for _ in 1..lanes {
-                scope.spawn(|| self.work(&plan, &error));
+                scope.spawn(|| self.work(plan, &error));
             }
-            self.work(&plan, &error);
+            self.work(plan, &error);
         });
         error.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
     }
@@ -194,7 +212,7 @@ impl Session {
         if self.cancel.is_cancelled() {
             return Err(SessionError::Cancelled);
         }
-        self.progress.begin(stage.name);
+        self.progress.begin(stage.name, stage.weight);
         let mut clock = self.clock().fork();
         let outcome = self.pool.install(|| {
             catch_cancelled(|| {

@@ -229,7 +229,7 @@ products! {
     pub Core core: Core =
         "segment" 2.0 [Volume] (lumen.select, lumen.seed, lumen.all_components, lumen.fill,
             lumen.leak_control) Cpu selection run_core
-        | "organ" 2.0 [Volume] (lumen.organ, lumen.fill) Cpu organ run_core;
+        | "organ" 30.0 [Volume] (lumen.organ, lumen.fill) Cpu organ run_core;
     /// The lumen in bricks, with what choosing it found, and its wall field.
     pub Lumen lumen: Segmented =
         "wall field" 3.0 [Core Volume Device] (mode, lumen.wall, wall.from_mask) Device always run_lumen;

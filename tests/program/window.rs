@@ -256,6 +256,29 @@ fn cross_sections_along_a_tube_are_its_circle() {
 }
 
 #[test]
+fn progress_is_of_the_whole_case_and_never_goes_back() {
+    let session = session(Kind::Colon, 96);
+    let groups: [&[Product]; 2] = [&[Product::Wall], &[Product::Wall, Product::Coverage]];
+    let mut last = 0.0f32;
+    let mut at_the_wall = None;
+    std::thread::scope(|scope| {
+        let work = scope.spawn(|| session.prepare_in_order(&groups));
+        while !work.is_finished() {
+            let share = session.progress().share;
+            assert!(share >= last, "{share} after {last}");
+            last = share;
+            let has_wall = session.products(&[Product::Wall]).wall.is_some();
+            at_the_wall = at_the_wall.or(has_wall.then_some(share));
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        work.join().unwrap().unwrap();
+    });
+    let at_the_wall = at_the_wall.expect("the wall comes before the end");
+    assert!(at_the_wall < 0.8, "the rest is part of the same work: {at_the_wall}");
+    assert_eq!(session.progress().share, 1.0);
+}
+
+#[test]
 fn a_click_flies_there_along_the_path_and_another_branch_can_be_taken() {
     let mask = Phantom::new(Kind::Y, 64, [1.0; 3]).unwrap().mask();
     let source = Source::Image(VolumeSource::Memory(Arc::new(mask)));
