@@ -127,7 +127,8 @@ pub struct Model {
     pub seen: SeenFaces,
     /// Number of changes of `shown`.
     pub seen_version: u64,
-    /// The cross-section of the lumen at the eye: across the path, or across the view off it.
+    /// The cross-section of the lumen at the eye, across the path; before there is one across the
+    /// view. `None` where the plane runs along the lumen.
     pub section: Option<CrossSection>,
     /// Whether the keys are shown.
     pub help: bool,

@@ -49,11 +49,17 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
             Stroke::new(1.0, colour),
         );
     }
-    let places = path.arcs_mm().iter().zip(&path.sections).filter_map(|(arc, s)| {
-        let h = (round((*s)?.area_mm2) / most).min(1.0) as f32 * plot.height();
-        Some(pos2(x(*arc), plot.bottom() - h))
-    });
-    let outline: Vec<Pos2> = places.collect();
+    let mut outline: Vec<Pos2> = Vec::new();
+    for (arc, section) in path.arcs_mm().iter().zip(&path.sections) {
+        if let Some(section) = section {
+            let h = (round(section.area_mm2) / most).min(1.0) as f32 * plot.height();
+            outline.push(pos2(x(*arc), plot.bottom() - h));
+        } else {
+            // No line over places without a section.
+            let stretch = std::mem::take(&mut outline);
+            painter.add(egui::Shape::line(stretch, Stroke::new(1.0, FAINT)));
+        }
+    }
     painter.add(egui::Shape::line(outline, Stroke::new(1.0, FAINT)));
     for cut in path.cuts_mm() {
         let line = [pos2(x(cut), plot.top()), pos2(x(cut), plot.bottom())];

@@ -4,7 +4,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Flight;
-use crate::geometry::{Centerline, CrossSection, Mesh, Pose, TriangleBvh, cross_section};
+use crate::geometry::{
+    Centerline, CenterlinePlaces, CrossSection, MAX_ASTRAY, Mesh, Pose, TriangleBvh, cross_section,
+};
 
 /// Size of a cross-section.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -28,8 +30,8 @@ impl SectionFigures {
     }
 }
 
-/// Computes the cross-section of the lumen at each pose of a flight, across the path; `None` where
-/// no outline closes.
+/// Computes the cross-section of the lumen at each pose of a flight; `None` where there is none
+/// across the path.
 pub fn sections_along(
     path: &FlightPath,
     wall: &Mesh,
@@ -37,8 +39,9 @@ pub fn sections_along(
 ) -> Vec<Option<SectionFigures>> {
     let at = |i: usize| {
         let p = path.poses[i].position_mm.as_dvec3();
-        let section = cross_section(wall, tree, p, path.tangent_at(path.arc_mm[i]))?;
-        Some(SectionFigures::of(&section))
+        path.section_at(wall, tree, p, path.across_at(path.arc_mm[i]))
+            .as_ref()
+            .map(SectionFigures::of)
     };
     (0..path.poses.len()).into_par_iter().map(at).collect()
 }
@@ -57,6 +60,8 @@ pub struct FlightPath {
     cuts: Vec<usize>,
     /// Cross-section at each pose; empty until they are known.
     pub sections: Vec<Option<SectionFigures>>,
+    /// Places of the centerline that was flown along.
+    places: CenterlinePlaces,
 }
 
 impl FlightPath {
@@ -90,7 +95,8 @@ impl FlightPath {
         let radius_mm = poses.iter().map(radius).collect();
         let (seconds, cuts) = (flight.seconds.clone(), flight.cuts.clone());
         let room_mm = flight.room_mm.clone();
-        Some(Self { poses, seconds, arc_mm, radius_mm, room_mm, cuts, sections: Vec::new() })
+        let (sections, places) = (Vec::new(), CenterlinePlaces::new(line));
+        Some(Self { poses, seconds, arc_mm, radius_mm, room_mm, cuts, sections, places })
     }
 
     /// Returns the length of the whole flight, mm.
@@ -129,6 +135,36 @@ impl FlightPath {
         // Not across a jump between two pieces.
         let near = across.length() < 4.0;
         across.try_normalize().filter(|_| near).unwrap_or_else(forward)
+    }
+
+    /// Returns the unit direction that a cross-section is across: that of the path over two radii of
+    /// the lumen to both sides, as the small turns of a path are not turns of the lumen.
+    pub fn across_at(&self, arc_mm: f64) -> DVec3 {
+        let reach = (2.0 * self.radius_at(arc_mm)).max(1.0);
+        let place = |arc: f64| self.pose_at(arc).position_mm.as_dvec3();
+        let across = place(arc_mm + reach) - place(arc_mm - reach);
+        // Not across a jump between two pieces.
+        let near = across.length() <= 2.0 * reach + 1e-6;
+        across.try_normalize().filter(|_| near).unwrap_or_else(|| self.tangent_at(arc_mm))
+    }
+
+    /// Returns the direction of the centerline at its place nearest to a point.
+    pub fn direction_near(&self, p_mm: DVec3) -> Option<DVec3> {
+        self.places.nearest(p_mm).map(|place| place.direction)
+    }
+
+    /// Returns the cross-section of the lumen at a point. `None` where the plane does not cut it
+    /// across: no outline closes about the point, or more than [`MAX_ASTRAY`] of the area belongs
+    /// to another stretch of the centerline.
+    pub fn section_at(
+        &self,
+        wall: &Mesh,
+        tree: &TriangleBvh,
+        at_mm: DVec3,
+        across: DVec3,
+    ) -> Option<CrossSection> {
+        let section = cross_section(wall, tree, at_mm, across)?;
+        (self.places.astray(&section, at_mm) <= MAX_ASTRAY).then_some(section)
     }
 
     /// Stores cross-sections, one a pose; those of another number of poses are ignored.

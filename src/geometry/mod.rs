@@ -6,6 +6,7 @@ mod bvh;
 mod camera;
 mod centerline;
 mod centerline_distances;
+mod centerline_places;
 mod cross_section;
 mod cube;
 mod disjoint_sets;
@@ -30,6 +31,7 @@ pub use centerline::{
     CenterlineNode, CenterlinePoint, NodeKind,
 };
 pub use centerline_distances::CenterlineDistances;
+pub use centerline_places::{CenterlinePlace, CenterlinePlaces, MAX_ASTRAY};
 pub use cross_section::{CrossSection, cross_section};
 pub use cube::cube_faces;
 pub use disjoint_sets::DisjointSets;

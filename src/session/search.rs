@@ -43,9 +43,10 @@ impl Session {
         &self,
         clock: &mut Clock,
     ) -> Result<CenterlineDistances, SessionError> {
-        let (wall, centered) = (present(&self.slots.wall), present(&self.slots.centerline));
+        let (wall, tree) = (present(&self.slots.wall), present(&self.slots.triangle_tree));
+        let centered = present(&self.slots.centerline);
         let vertices = wall.mesh.positions.len() as u64;
-        let find = || CenterlineDistances::new(&wall.mesh, &centered.line);
+        let find = || CenterlineDistances::new(&wall.mesh, &tree, &centered.line);
         Ok(clock.time("centerline distances", "vertices", find, |_| vertices))
     }
 

@@ -310,7 +310,7 @@ products! {
         "sections" 0.5 [Wall TriangleTree Centerline Flight] () Cpu always run_sections;
     /// Distances of the wall's vertices from the centerline.
     pub CenterlineDistances centerline_distances: CenterlineDistances =
-        "centerline distances" 0.5 [Wall Centerline] () Cpu always run_centerline_distances;
+        "centerline distances" 0.5 [Wall TriangleTree Centerline] () Cpu always run_centerline_distances;
 }
 
 /// Every kernel that a stage launches, and the copy that rates a device.

@@ -278,6 +278,56 @@ fn progress_is_of_the_whole_case_and_never_goes_back() {
     assert_eq!(session.progress().share, 1.0);
 }
 
+/// Cross-sections at the poses of a session's flight, and how many there are of how many.
+fn sections(session: &Session) -> (Vec<f64>, f64) {
+    let all = session.sections().unwrap();
+    let areas: Vec<f64> = all.iter().flatten().map(|s| s.area_mm2).collect();
+    let share = areas.len() as f64 / all.len() as f64;
+    (areas, share)
+}
+
+#[test]
+fn a_section_in_a_bend_is_the_circle_of_its_tube_or_empty() {
+    let session = session(Kind::Bend, 64);
+    let (areas, share) = sections(&session);
+    // The axis has the radius at its points.
+    let radii = Phantom::new(Kind::Bend, 64, [1.0; 3]).unwrap().truth().branches[0].points.clone();
+    let radius = radii.iter().map(|p| p[3]).fold(0.0, f64::max);
+    let circle = std::f64::consts::PI * radius * radius;
+    let most = areas.iter().copied().fold(0.0, f64::max);
+    println!(
+        "bend: {:.0} % have a section, {most:.1} mm2 at most, circle {circle:.1}",
+        100.0 * share
+    );
+    assert!(most < 1.12 * circle && share > 0.9, "{most} {circle} {share}");
+}
+
+#[test]
+fn a_section_between_haustra_is_never_one_along_the_lumen() {
+    let session = session(Kind::Colon, 96);
+    let (areas, share) = sections(&session);
+    let radii = Phantom::new(Kind::Colon, 96, [1.0; 3]).unwrap().truth().branches[0].points.clone();
+    let widest = radii.iter().map(|p| p[3]).fold(0.0, f64::max);
+    let most = areas.iter().copied().fold(0.0, f64::max);
+    let circle = std::f64::consts::PI * widest * widest;
+    println!(
+        "haustra: {:.0} % have a section, {most:.0} mm2 at most, widest ball {circle:.0}",
+        100.0 * share
+    );
+    assert!(most < 2.0 * circle && share > 0.7, "{most} {circle} {share}");
+}
+
+/// With the plane across each step of the path the largest section of this colon was 15,506 mm².
+#[test]
+fn no_section_of_a_real_colon_runs_along_its_lumen() {
+    let labels = IntensitySelection::Labels(vec![1]);
+    let Some(session) = shared("colon_label_1.nii.gz", labels) else { return };
+    let (areas, share) = sections(&session);
+    let most = areas.iter().copied().fold(0.0, f64::max);
+    println!("colon: {:.0} % have a section, {most:.0} mm2 at most", 100.0 * share);
+    assert!(most < 5000.0 && share > 0.6, "{most} {share}");
+}
+
 #[test]
 fn a_click_flies_there_along_the_path_and_another_branch_can_be_taken() {
     let mask = Phantom::new(Kind::Y, 64, [1.0; 3]).unwrap().mask();

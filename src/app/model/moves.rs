@@ -168,9 +168,14 @@ impl Model {
 
     fn section_at(&self, at: DVec3, pose: Pose) -> Option<CrossSection> {
         let (wall, tree) = (self.products.wall.as_ref()?, self.products.triangle_tree.as_ref()?);
-        let along = self.path.as_ref().filter(|_| self.on_path).map(|p| p.tangent_at(self.arc_mm));
-        let normal = along.unwrap_or(pose.forward().as_dvec3());
-        cross_section(&wall.mesh, tree, at, normal)
+        let Some(path) = &self.path else {
+            return cross_section(&wall.mesh, tree, at, pose.forward().as_dvec3());
+        };
+        let across = match self.on_path {
+            true => path.across_at(self.arc_mm),
+            false => path.direction_near(at)?,
+        };
+        path.section_at(&wall.mesh, tree, at, across)
     }
 
     fn with_clearance<T>(&self, ask: impl FnOnce(&Clearance<'_>) -> T) -> Option<T> {
