@@ -1,17 +1,18 @@
 //! Marks over the inside view: branches that can be taken, measurements, names of the faces
 //! of a cube, the scale of colours.
 
-use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
+use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, Vec2, pos2, vec2};
 use glam::{DVec2, DVec3};
 
 use super::action::{Colouring, WallView};
 use super::branch_panel::{BRANCH_KEYS, MARK_RADIUS};
 use super::colouring::{NO_WALL, SHEET, scale_colour};
+use super::labels::Labels;
 use super::model::Model;
 use super::style::{ACCENT, CAMERA, TEXT};
 use crate::render::cube_areas;
 
-const SHADOW: Color32 = Color32::from_black_alpha(150);
+pub(super) const SHADOW: Color32 = Color32::from_black_alpha(150);
 /// Colour of the mark of a missed patch: that of wall that no picture has shown.
 const MISSED: Color32 = Color32::from_rgb(80, 200, 255);
 pub(super) const MEASURE: Color32 = Color32::from_rgb(120, 200, 255);
@@ -52,9 +53,12 @@ pub(super) fn shadowed(
 
 /// Everything that lies over the inside view.
 pub(super) fn inside_marks(painter: &Painter, rect: Rect, model: &Model) {
+    let mut labels = Labels::new(painter, rect);
+    labels.reserve(Rect::from_min_size(rect.min, TITLE));
+    labels.reserve(Rect::from_min_max(rect.left_bottom() + MARKER, rect.left_bottom()));
     match model.view {
         WallView::Eye => {
-            offered_branches(painter, rect, model);
+            offered_branches(painter, &mut labels, rect, model);
             crosshair_mark(painter, rect, model);
             missed_mark(painter, model, true, |p| in_pane(rect, p, model));
             measurements(painter, model, |p| in_pane(rect, p, model));
@@ -71,13 +75,19 @@ pub(super) fn inside_marks(painter: &Painter, rect: Rect, model: &Model) {
     if let Some(ruler) = model.ruler {
         let left = ruler.points() - model.marks_mm.len();
         let text = format!("click {left} more, here or in a slice");
-        let at = rect.center_bottom() - vec2(0.0, 8.0);
-        shadowed(painter, at, Align2::CENTER_BOTTOM, &text, 13.0, MEASURE);
+        let [low, high] = [8.0, 96.0].map(|y| rect.center_bottom() - vec2(0.0, y));
+        let anchor = Align2::CENTER_BOTTOM;
+        labels.put(&text, 13.0, MEASURE, &[(low, anchor), (high, anchor)]);
     }
 }
 
+/// Room of the pane's name.
+const TITLE: Vec2 = vec2(60.0, 20.0);
+/// Corner of the room that the patient's axes take, from the pane's lower left one.
+const MARKER: Vec2 = vec2(92.0, -92.0);
+
 /// Branches by their numbers on the keys, each where it begins.
-fn offered_branches(painter: &Painter, rect: Rect, model: &Model) {
+fn offered_branches(painter: &Painter, labels: &mut Labels<'_>, rect: Rect, model: &Model) {
     let offered = model.offered();
     for (i, choice) in offered.iter().enumerate() {
         let text = (i + 1).to_string();
@@ -92,8 +102,9 @@ fn offered_branches(painter: &Painter, rect: Rect, model: &Model) {
             1 => "another branch: key 1".to_owned(),
             n => format!("other branches: keys 1 to {}", n.min(BRANCH_KEYS.len())),
         };
-        let at = rect.center_top() + vec2(0.0, 8.0);
-        shadowed(painter, at, Align2::CENTER_TOP, &keys, 13.0, ACCENT);
+        let [high, low] = [8.0, 28.0].map(|y| rect.center_top() + vec2(0.0, y));
+        let anchor = Align2::CENTER_TOP;
+        labels.put(&keys, 13.0, ACCENT, &[(high, anchor), (low, anchor)]);
     }
 }
 

@@ -16,6 +16,7 @@ mod grey_window;
 mod inside_marks;
 mod junctions;
 mod keys;
+mod labels;
 mod lumen_panel;
 mod measure;
 mod model;

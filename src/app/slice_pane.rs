@@ -1,11 +1,12 @@
 //! A pane with a slice of the volume: its texture, marks and input.
 
-use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Stroke, Ui, pos2, vec2};
+use egui::{Align2, Color32, Pos2, Rect, Response, Stroke, Ui, pos2, vec2};
 use glam::DVec3;
 
 use super::action::{Action, ActionQueue, Pane, SliceExtent};
 use super::grey_window::value_text;
-use super::inside_marks::{mark_under, measurements, missed_mark, shadowed};
+use super::inside_marks::{mark_under, measurements, missed_mark};
+use super::labels::Labels;
 use super::model::Model;
 use super::slices::{SlicePlane, slice, value_at};
 use super::style::{CAMERA, TEXT, pixels, wheel_notches};
@@ -89,10 +90,8 @@ pub(super) fn show_slice(
         painter.image(s.texture.id(), rect, all, Color32::WHITE);
     }
     let shown = ShownSlice { pane, rect, size, plane, scale: f64::from(ui.pixels_per_point()) };
-    slice_marks(&painter, &shown, model);
-    if let Some(p) = response.hover_pos() {
-        value_under(&painter, rect, shown.place(p), model);
-    }
+    let under = response.hover_pos().map(|p| shown.place(p));
+    slice_marks(&painter, &shown, model, under);
     pointer_input(ui, response, &shown, model, views, commands);
     wheel_input(ui, response, &shown, model, commands);
 }
@@ -252,8 +251,8 @@ fn mm_to_fit(volume: &Volume, pane: Pane, [width, height]: [usize; 2]) -> f64 {
     (across / width.max(1) as f64).max(down / height.max(1) as f64).max(1e-3)
 }
 
-/// Crosshair, eye, sides of the patient, a bar of a centimetre.
-fn slice_marks(painter: &egui::Painter, shown: &ShownSlice, model: &Model) {
+/// Crosshair, eye, measurements and texts. `under`: the place under the pointer.
+fn slice_marks(painter: &egui::Painter, shown: &ShownSlice, model: &Model, under: Option<DVec3>) {
     let (rect, plane, scale) = (shown.rect, &shown.plane, shown.scale);
     let (c, _) = shown.point(model.crosshair_mm);
     let thin = Stroke::new(1.0, CROSSHAIR);
@@ -269,32 +268,51 @@ fn slice_marks(painter: &egui::Painter, shown: &ShownSlice, model: &Model) {
     }
     missed_mark(painter, model, false, |place| shown.point_in(place));
     measurements(painter, model, |place| shown.point_in(place));
-    let [left, right, up, down] = plane.sides();
+    let mut labels = Labels::new(painter, rect);
+    labels.title(shown.pane.title());
+    slice_labels(&mut labels, plane, model.window, scale);
+    if let Some(place) = under {
+        value_under(&mut labels, place, model);
+    }
+}
+
+/// Sides of the patient, a bar of a centimetre, the window of grey values.
+pub(super) fn slice_labels(
+    labels: &mut Labels<'_>,
+    plane: &SlicePlane,
+    [centre, width]: [f64; 2],
+    scale: f64,
+) {
+    let rect = labels.rect();
     let m = 8.0;
-    let letter = |at: Pos2, anchor, text: String| {
-        painter.text(at, anchor, text, FontId::proportional(13.0), TEXT);
-    };
-    letter(rect.left_center() + vec2(m, 0.0), Align2::LEFT_CENTER, left);
-    letter(rect.right_center() - vec2(m, 0.0), Align2::RIGHT_CENTER, right);
-    letter(rect.center_top() + vec2(0.0, 4.0), Align2::CENTER_TOP, up);
-    letter(rect.center_bottom() - vec2(0.0, 4.0), Align2::CENTER_BOTTOM, down);
-    let centimetre = (10.0 / plane.mm_per_px / scale) as f32;
-    let right = rect.right_bottom() - vec2(m, 10.0);
-    painter.line_segment([right - vec2(centimetre, 0.0), right], Stroke::new(2.0, TEXT));
-    let above = right - vec2(0.0, 3.0);
-    painter.text(above, Align2::RIGHT_BOTTOM, "1 cm", FontId::proportional(11.0), TEXT);
-    let [centre, width] = model.window;
+    let [left, right, up, down] = plane.sides();
+    let (top, bottom) = (rect.center_top(), rect.center_bottom());
+    let below = |y: f32| (top + vec2(0.0, y), Align2::CENTER_TOP);
+    let above = |y: f32| (bottom - vec2(0.0, y), Align2::CENTER_BOTTOM);
+    for (text, places) in [
+        (up, [below(4.0), below(22.0)]),
+        (down, [above(4.0), above(22.0)]),
+        (left, [(rect.left_center() + vec2(m, 0.0), Align2::LEFT_CENTER); 2]),
+        (right, [(rect.right_center() - vec2(m, 0.0), Align2::RIGHT_CENTER); 2]),
+    ] {
+        labels.put(&text, 13.0, TEXT, &places);
+    }
+    let end = rect.right_bottom() - vec2(m, 7.0);
+    let text = end - vec2(0.0, 3.0);
+    if labels.put("1 cm", 11.0, TEXT, &[(text, Align2::RIGHT_BOTTOM)]) {
+        labels.bar(end, (10.0 / plane.mm_per_px / scale) as f32);
+    }
     let text = format!("C {centre:.0}  W {width:.0}");
-    let at = rect.left_bottom() + vec2(m, -4.0);
-    painter.text(at, Align2::LEFT_BOTTOM, text, FontId::proportional(11.0), TEXT);
+    let places = [4.0, 22.0, 40.0].map(|y| rect.left_bottom() + vec2(m, -y));
+    labels.put(&text, 11.0, TEXT, &places.map(|at| (at, Align2::LEFT_BOTTOM)));
 }
 
 /// Writes the value under the pointer, above the window of the grey values.
-fn value_under(painter: &egui::Painter, rect: Rect, place: DVec3, model: &Model) {
+fn value_under(labels: &mut Labels<'_>, place: DVec3, model: &Model) {
     let Some(value) = model.volume().and_then(|volume| value_at(volume, place)) else { return };
-    let at = rect.left_bottom() + vec2(8.0, -20.0);
-    let text = value_text(value, model.value_range());
-    shadowed(painter, at, Align2::LEFT_BOTTOM, &text, 12.0, TEXT);
+    let corner = labels.rect().left_bottom();
+    let places = [20.0, 38.0, 56.0].map(|y| (corner + vec2(8.0, -y), Align2::LEFT_BOTTOM));
+    labels.put(&value_text(value, model.value_range()), 12.0, TEXT, &places);
 }
 
 #[cfg(test)]

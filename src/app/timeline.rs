@@ -3,6 +3,7 @@
 use egui::{Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui, Vec2, pos2, vec2};
 
 use super::action::{Action, ActionQueue};
+use super::labels::Labels;
 use super::model::Model;
 use super::style::{ACCENT, CAMERA, FAINT};
 
@@ -71,16 +72,19 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     let here = x(model.arc_mm);
     painter
         .line_segment([pos2(here, bar.top()), pos2(here, plot.bottom())], Stroke::new(2.0, CAMERA));
-    let label = |at: Pos2, anchor, text: String| {
-        painter.text(at, anchor, text, FontId::proportional(11.0), FAINT);
-    };
-    label(bar.left_bottom(), Align2::LEFT_BOTTOM, "0 mm".into());
-    label(bar.right_bottom(), Align2::RIGHT_BOTTOM, format!("{length:.0} mm"));
-    label(
-        bar.center_bottom(),
-        Align2::CENTER_BOTTOM,
-        format!("least radius (bars) and that of the section (line), to {most:.0} mm"),
-    );
+    let mut labels = Labels::new(&painter, rect);
+    let (left, right) = (bar.left_bottom(), bar.right_bottom());
+    labels.put("0 mm", 11.0, FAINT, &[(left, Align2::LEFT_BOTTOM)]);
+    let end = format!("{length:.0} mm");
+    labels.put(&end, 11.0, FAINT, &[(right, Align2::RIGHT_BOTTOM)]);
+    // What it shows, as long as there is room.
+    let long = format!("least radius (bars) and that of the section (line), to {most:.0} mm");
+    for text in [long, format!("radius, to {most:.0} mm")] {
+        let place = (bar.center_bottom(), Align2::CENTER_BOTTOM);
+        if labels.put(&text, 11.0, FAINT, &[place]) {
+            break;
+        }
+    }
     if let Some(p) = response.interact_pointer_pos() {
         let arc = f64::from((p.x - bar.left()) / bar.width()) * length;
         // Where it is let go counts too.

@@ -8,6 +8,7 @@ use super::action::{Action, ActionQueue, FOV_DEG, Pane, Request, SPEED_MM_S, Wal
 use super::branch_panel::branch_under;
 use super::inside_marks::{in_pane, inside_marks, mark_under, measurements, missed_mark, ray_at};
 use super::keys::{help, keys};
+use super::labels::Labels;
 use super::lumen_panel::lumen_question;
 use super::model::Model;
 use super::overview_pane::{OverviewCamera, overview_input, zoom_mark};
@@ -322,13 +323,9 @@ fn show_pane(
         }
         _ => show_slice(ui, pane, rect, &response, model, slices, commands),
     }
-    painter.text(
-        rect.left_top() + vec2(6.0, 4.0),
-        Align2::LEFT_TOP,
-        pane.title(),
-        FontId::proportional(12.0),
-        TEXT,
-    );
+    if matches!(pane, Pane::Inside | Pane::Overview) || model.volume().is_none() {
+        Labels::new(&painter, rect).title(pane.title());
+    }
     if pane == Pane::Inside
         && let Some(pose) = model.pose
     {
