@@ -228,8 +228,10 @@ pub enum Request {
     Series(usize),
     /// Opens one of several segments of the opened file, by its name.
     Segment(String),
-    /// Stops what is computed.
+    /// Stops what is computed or saved.
     Cancel,
+    /// Computes on what was stopped.
+    Resume,
     /// Saves the notes to this file from now on.
     SaveAs(PathBuf),
     /// Does what waits for an answer, and leaves the notes unsaved.

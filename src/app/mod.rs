@@ -9,6 +9,7 @@ mod action;
 mod branch_panel;
 mod canvas;
 mod colouring;
+mod computation;
 mod coverage_recorder;
 mod error;
 mod export;
@@ -25,6 +26,7 @@ mod overview_pane;
 #[cfg(test)]
 mod panel_tests;
 mod panes;
+mod saved_flight;
 mod script;
 mod session_file;
 mod side_panel;

@@ -149,6 +149,8 @@ pub struct Model {
     pub contents: Option<(InputInfo, bool)>,
     /// Whether everything is computed.
     pub is_complete: bool,
+    /// Whether the computation was stopped before its end; it can go on.
+    pub is_stopped: bool,
     /// Width over height of the inside view.
     pub aspect: f32,
     /// Speed the flight was planned with, mm/s.
@@ -254,6 +256,7 @@ impl Model {
         match outcome {
             Ok(()) => {}
             Err(SessionError::Cancelled) => {
+                self.is_stopped = true;
                 self.message = Some("stopped; what is there stays".into());
             }
             Err(SessionError::LumenNotChosen { organ, .. }) => {
@@ -284,6 +287,11 @@ impl Model {
             glance.organs.retain(|organ| *organ != found);
             glance.organs.insert(0, found);
         }
+    }
+
+    /// Takes up a computation that was stopped.
+    pub(super) fn resume(&mut self) {
+        (self.is_stopped, self.is_complete, self.message) = (false, false, None);
     }
 
     /// Takes another flight along the same centerline, with its sections; the eye keeps its place.

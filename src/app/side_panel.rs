@@ -1,5 +1,6 @@
 //! The panel on the right: figures, choices of lumen and view, measurements, files, bookmarks.
 
+use egui::style::ScrollStyle;
 use egui::{Key, Ui};
 use glam::DVec3;
 
@@ -31,6 +32,8 @@ pub(super) fn side_panel(
         ui.add(egui::Label::new(egui::RichText::new(NOTICE).small().color(FAINT)).wrap());
     });
     // No wider than the panel, whatever a name or a note is; what does not fit below is scrolled to.
+    // Its bar is always seen where there is more: it floats otherwise, and shows under the pointer.
+    ui.spacing_mut().scroll = ScrollStyle { bar_width: 8.0, ..ScrollStyle::solid() };
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         ui.set_max_width(ui.available_width());
         groups(ui, model, state, commands);

@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use super::action::{Action, ActionQueue, FOV_DEG, Pane, Request, SPEED_MM_S, WallView};
 use super::branch_panel::branch_under;
+use super::computation::WorkStatus;
 use super::inside_marks::{in_pane, inside_marks, mark_under, measurements, missed_mark, ray_at};
 use super::keys::{help, keys};
 use super::labels::Labels;
@@ -72,24 +73,27 @@ pub struct PaneSizes {
 
 /// Lays the window out.
 ///
-/// * `stage`: what is being computed, and the share that is done.
+/// * `status`: what is at work.
 pub fn window(
     ui: &mut Ui,
     model: &Model,
     state: &mut UiState,
-    stage: Option<(&str, f32)>,
+    status: Option<&WorkStatus>,
     commands: &mut ActionQueue,
 ) -> PaneSizes {
     keys(ui, model, commands);
     opened(ui, state, commands);
-    egui::Panel::top("top").show(ui, |ui| top_bar(ui, model, state, stage, commands));
-    egui::Panel::bottom("timeline").exact_size(92.0).show(ui, |ui| timeline(ui, model, commands));
+    egui::Panel::top("top").show(ui, |ui| top_bar(ui, model, state, status, commands));
+    egui::Panel::bottom("timeline")
+        .exact_size(timeline_height(ui))
+        .show(ui, |ui| timeline(ui, model, commands));
     egui::Panel::right("notes")
         .resizable(false)
         .exact_size(236.0)
         .show(ui, |ui| side_panel(ui, model, &mut state.panel, commands));
     let mut sizes = PaneSizes::default();
     let mut of_panes = ActionQueue::default();
+    let is_computing = status.is_some_and(|s| s.is_computing);
     egui::CentralPanel::no_frame().show(ui, |ui| {
         let whole = ui.max_rect();
         for (pane, rect) in layout(whole, model.maximised) {
@@ -100,7 +104,7 @@ pub fn window(
                 Pane::Overview => sizes.overview = Some(size),
                 _ => {}
             }
-            show_pane(ui, pane, rect, model, &mut state.slices, stage.is_some(), &mut of_panes);
+            show_pane(ui, pane, rect, model, &mut state.slices, is_computing, &mut of_panes);
         }
     });
     delay_clicks(ui, &mut state.click, &mut of_panes.actions);
@@ -113,6 +117,11 @@ pub fn window(
         help(ui, commands);
     }
     sizes
+}
+
+/// Height of the scrub bar: less of a low window.
+fn timeline_height(ui: &Ui) -> f32 {
+    (0.15 * ui.available_height()).clamp(48.0, 92.0).round()
 }
 
 /// Asks what becomes of notes that no file has.
@@ -206,72 +215,95 @@ fn top_bar(
     ui: &mut Ui,
     model: &Model,
     state: &mut UiState,
-    stage: Option<(&str, f32)>,
+    status: Option<&WorkStatus>,
     commands: &mut ActionQueue,
 ) {
-    ui.horizontal(|ui| {
-        ui.menu_button("Open", |ui| {
-            if ui.button("File").on_hover_text("NIfTI, NRRD, MetaImage, DICOM").clicked() {
-                state.dialog.pick_file();
-            }
-            if ui.button("Folder").on_hover_text("A DICOM series").clicked() {
-                state.dialog.pick_directory();
-            }
+    // Too narrow for one line: buttons wrap, and the state has a line of its own.
+    if ui.available_width() < ONE_LINE {
+        ui.horizontal_wrapped(|ui| controls(ui, model, state, commands));
+        ui.horizontal(|ui| what_is_at_work(ui, model, status, commands));
+    } else {
+        ui.horizontal(|ui| {
+            controls(ui, model, state, commands);
+            ui.separator();
+            what_is_at_work(ui, model, status, commands);
         });
-        ui.separator();
-        let ready = model.path.is_some();
-        let play = if model.playing { "Pause" } else { "Play" };
-        if ui.add_enabled(ready, egui::Button::new(play)).clicked() {
-            commands.act(Action::TogglePlay);
+    }
+}
+
+/// Width of a window whose controls and state fit into one line.
+const ONE_LINE: f32 = 1000.0;
+
+fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut ActionQueue) {
+    ui.menu_button("Open", |ui| {
+        if ui.button("File").on_hover_text("NIfTI, NRRD, MetaImage, DICOM").clicked() {
+            state.dialog.pick_file();
         }
-        let way = if model.reverse { "Direction: back" } else { "Direction: forward" };
-        if ui.add_enabled(ready, egui::Button::new(way)).clicked() {
-            commands.act(Action::Reverse);
-        }
-        let mut speed = model.speed_mm_s;
-        let slider = egui::DragValue::new(&mut speed).range(SPEED_MM_S).suffix(" mm/s").speed(0.5);
-        if ui.add(slider).on_hover_text("Cruising speed").changed() {
-            commands.act(Action::Speed(speed));
-        }
-        let mut fov = model.fov_deg;
-        let slider = egui::DragValue::new(&mut fov).range(FOV_DEG).suffix("°").speed(0.5);
-        if ui.add(slider).on_hover_text("Vertical field of view").changed() {
-            commands.act(Action::FieldOfView(fov));
-        }
-        if ui.add_enabled(ready && !model.on_path, egui::Button::new("Back to path")).clicked() {
-            commands.act(Action::BackToPath);
-        }
-        let missed = model.products.coverage.as_ref().is_some_and(|c| !c.patches.is_empty());
-        if ui.add_enabled(missed, egui::Button::new("Next missed patch")).clicked() {
-            commands.act(Action::NextMissed);
-        }
-        if ui.button("Keys").clicked() {
-            commands.act(Action::ToggleHelp);
-        }
-        ui.separator();
-        match (stage, &model.failure) {
-            (_, Some(failure)) => {
-                // The inside pane has all of it.
-                let line = failure.lines().next().unwrap_or_default();
-                let text = egui::RichText::new(line).color(WRONG);
-                ui.add(egui::Label::new(text).truncate()).on_hover_text(failure);
-            }
-            (Some((stage, share)), None) => {
-                let bar = egui::ProgressBar::new(share).desired_width(90.0);
-                ui.add(bar);
-                ui.label(stage);
-                if ui.small_button("Cancel").clicked() {
-                    commands.ask(Request::Cancel);
-                }
-            }
-            (None, None) => {
-                let question = model.question.map(str::to_owned);
-                if let Some(message) = question.as_ref().or(model.message.as_ref()) {
-                    ui.label(message);
-                }
-            }
+        if ui.button("Folder").on_hover_text("A DICOM series").clicked() {
+            state.dialog.pick_directory();
         }
     });
+    ui.separator();
+    let ready = model.path.is_some();
+    let play = if model.playing { "Pause" } else { "Play" };
+    if ui.add_enabled(ready, egui::Button::new(play)).clicked() {
+        commands.act(Action::TogglePlay);
+    }
+    let way = if model.reverse { "Direction: back" } else { "Direction: forward" };
+    if ui.add_enabled(ready, egui::Button::new(way)).clicked() {
+        commands.act(Action::Reverse);
+    }
+    let mut speed = model.speed_mm_s;
+    let slider = egui::DragValue::new(&mut speed).range(SPEED_MM_S).suffix(" mm/s").speed(0.5);
+    if ui.add(slider).on_hover_text("Cruising speed").changed() {
+        commands.act(Action::Speed(speed));
+    }
+    let mut fov = model.fov_deg;
+    let slider = egui::DragValue::new(&mut fov).range(FOV_DEG).suffix("°").speed(0.5);
+    if ui.add(slider).on_hover_text("Vertical field of view").changed() {
+        commands.act(Action::FieldOfView(fov));
+    }
+    if ui.add_enabled(ready && !model.on_path, egui::Button::new("Back to path")).clicked() {
+        commands.act(Action::BackToPath);
+    }
+    let missed = model.products.coverage.as_ref().is_some_and(|c| !c.patches.is_empty());
+    if ui.add_enabled(missed, egui::Button::new("Next missed patch")).clicked() {
+        commands.act(Action::NextMissed);
+    }
+    if ui.button("Keys").clicked() {
+        commands.act(Action::ToggleHelp);
+    }
+}
+
+/// Lays out the work in progress, the failure, or the last message.
+fn what_is_at_work(
+    ui: &mut Ui,
+    model: &Model,
+    status: Option<&WorkStatus>,
+    commands: &mut ActionQueue,
+) {
+    match (status, &model.failure) {
+        (Some(status), failure) if failure.is_none() || !status.is_computing => {
+            ui.add(egui::ProgressBar::new(status.share).desired_width(90.0));
+            if ui.small_button("Cancel").clicked() {
+                commands.ask(Request::Cancel);
+            }
+            ui.add(egui::Label::new(&status.text).truncate());
+        }
+        (_, Some(failure)) => {
+            // The inside pane has all of it.
+            let line = failure.lines().next().unwrap_or_default();
+            let text = egui::RichText::new(line).color(WRONG);
+            ui.add(egui::Label::new(text).truncate()).on_hover_text(failure);
+        }
+        (_, None) => {
+            if model.is_stopped && ui.small_button("Go on").clicked() {
+                commands.ask(Request::Resume);
+            }
+            let message = model.question.or(model.message.as_deref()).unwrap_or_default();
+            ui.add(egui::Label::new(message).truncate()).on_hover_text(message);
+        }
+    }
 }
 
 /// One pane with what lies over it. `stage`: something is being computed.
@@ -405,6 +437,8 @@ const WHEEL_MM: f64 = 5.0;
 /// The patient's axes as the eye sees them.
 fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat) {
     let centre = rect.left_bottom() + vec2(44.0, -44.0);
+    // Grey letters are to be read on a light wall too.
+    painter.circle_filled(centre, 42.0, Color32::from_black_alpha(110));
     let inverse = rotation.conjugate();
     let mut axes: Vec<(DVec3, &str)> = vec![
         (DVec3::X, "L"),
@@ -430,6 +464,7 @@ fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat
 
 #[cfg(test)]
 mod tests {
+    use super::super::model::Bookmark;
     use super::super::slice_pane::tests::{button, model_of_a_volume};
     use super::*;
 
@@ -467,5 +502,74 @@ mod tests {
         assert!(matches!(single[..], [Action::LookAt(_)]), "{single:?}");
         let two = after_clicks(&[2, 22]);
         assert!(matches!(two[..], [Action::LookAt(_)]), "the second flies later: {two:?}");
+    }
+
+    /// Texts of the window at a size, with their places, after turning the wheel over a point.
+    fn texts(size: Vec2, scale: f32, wheel: Option<Pos2>) -> Vec<(String, Rect)> {
+        let mut model = model_of_a_volume();
+        model.message = Some("wrote 1800 frames to a folder with a long name".repeat(4));
+        let json = r#"{"text": "note", "position_mm": [0, 0, 0], "rotation": [0, 0, 0, 1],
+            "fov_deg": 90}"#;
+        let note: Bookmark = serde_json::from_str(json).unwrap();
+        model.bookmarks = vec![note; 20];
+        model.bookmarks[19].text = "last".into();
+        let (context, mut state) = (egui::Context::default(), UiState::default());
+        let mut found = Vec::new();
+        for i in 0..40 {
+            let screen = Rect::from_min_size(Pos2::ZERO, size);
+            let mut input = egui::RawInput { screen_rect: Some(screen), ..Default::default() };
+            input.time = Some(f64::from(i) / 30.0);
+            let viewport = input.viewports.entry(egui::ViewportId::ROOT).or_default();
+            viewport.native_pixels_per_point = Some(scale);
+            if let Some(place) = wheel.filter(|_| i < 10) {
+                input.events.push(egui::Event::PointerMoved(place));
+                input.events.push(egui::Event::MouseWheel {
+                    unit: egui::MouseWheelUnit::Line,
+                    delta: vec2(0.0, -5.0),
+                    phase: egui::TouchPhase::Move,
+                    modifiers: egui::Modifiers::NONE,
+                });
+            }
+            let mut output = context.run_ui(input, |ui| {
+                window(ui, &model, &mut state, None, &mut ActionQueue::default());
+            });
+            output.textures_delta.clear();
+            found = output.shapes.iter().flat_map(|s| text_of(&s.shape, s.clip_rect)).collect();
+        }
+        found
+    }
+
+    /// A text with the part of its place that is seen.
+    fn text_of(shape: &egui::Shape, clip: Rect) -> Vec<(String, Rect)> {
+        match shape {
+            egui::Shape::Vec(all) => all.iter().flat_map(|s| text_of(s, clip)).collect(),
+            egui::Shape::Text(t) => {
+                let seen = t.visual_bounding_rect().intersect(clip);
+                let is_seen = seen.is_positive();
+                is_seen
+                    .then(|| (t.galley.text().to_owned(), t.visual_bounding_rect()))
+                    .into_iter()
+                    .collect()
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    #[test]
+    fn no_control_falls_off_a_small_window_and_its_panel_can_be_scrolled() {
+        for (size, scale) in
+            [(vec2(640.0, 480.0), 1.0), (vec2(640.0, 400.0), 2.0), (vec2(480.0, 360.0), 1.0)]
+        {
+            let shown = texts(size, scale, None);
+            for name in ["Open", "Play", "Back to path", "Next missed patch", "Keys"] {
+                let (_, place) = shown.iter().find(|(t, _)| t == name).expect(name);
+                assert!(place.max.x <= size.x, "{name} at {place:?} of {size}");
+            }
+            let over_panel = pos2(size.x - 120.0, 0.5 * size.y);
+            let last =
+                |texts: Vec<(String, Rect)>| texts.iter().any(|(t, _)| t == "off the path: last");
+            assert!(!last(shown), "{size} has room for all of the panel");
+            assert!(last(texts(size, scale, Some(over_panel))), "{size} cannot be scrolled");
+        }
     }
 }

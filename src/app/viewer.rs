@@ -2,13 +2,13 @@
 //! read, panels laid out, actions carried out, panes drawn, requests started, notes saved.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::Arc;
 
 use egui::ViewportId;
 
 use super::action::{ActionQueue, Export, Request, WallView};
 use super::canvas::{Canvas, Target};
+use super::computation::{Computation, Outcome, TaskKind, WorkStatus};
 use super::coverage_recorder::CoverageRecorder;
 use super::error::AppError;
 use super::export;
@@ -16,15 +16,16 @@ use super::keys;
 use super::model::Model;
 use super::opening::{Opening, with_branches};
 use super::panes::{Detail, Panes};
+use super::saved_flight::save_flight;
 use super::session_file::SessionFile;
 use super::ui::{self, INSIDE, OVERVIEW, UiState};
 use crate::flight::Frames;
-use crate::formats::{VideoWriter, encode_png, shown};
+use crate::formats::{encode_png, shown};
 use crate::geometry::cube_faces;
 use crate::lod::Tolerance;
 use crate::organ::glance;
 use crate::session::{
-    FlightRoute, Lod, Product, Recording, Session, SessionError, Settings, Source, VolumeSource,
+    FlightRoute, Lod, Product, Session, SessionError, Settings, Source, VolumeSource,
 };
 use crate::vk::{Frame, Gpu, VkError};
 
@@ -82,43 +83,6 @@ fn made(products: &[Product], session: &Session) -> Vec<Product> {
 
 /// Number of products of [`SHOWN`] that the first picture of the wall needs.
 const FIRST_PICTURE: usize = 5;
-
-/// Change of the model by the outcome of a task.
-type Outcome = Box<dyn FnOnce(&mut Model) + Send>;
-
-/// A session and its tasks, each on a thread of its own.
-struct Computation {
-    session: Arc<Session>,
-    tasks: Vec<JoinHandle<()>>,
-    /// Outcomes of tasks that have ended.
-    outcomes: Arc<Mutex<Vec<Outcome>>>,
-}
-
-impl Computation {
-    fn outcomes(&self) -> Vec<Outcome> {
-        std::mem::take(&mut self.outcomes.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-
-    /// Waits for all tasks.
-    fn join(&mut self) -> Vec<Outcome> {
-        self.tasks.drain(..).for_each(|task| drop(task.join()));
-        self.outcomes()
-    }
-
-    /// Cancels all tasks and waits for their ends.
-    fn stop(&mut self) {
-        let cancel = self.session.cancel_token();
-        cancel.cancel();
-        self.join();
-        cancel.reset();
-    }
-}
-
-impl Drop for Computation {
-    fn drop(&mut self) {
-        self.stop();
-    }
-}
 
 /// Work to be done after a frame.
 pub struct FrameEnd {
@@ -224,23 +188,27 @@ impl Viewer {
                 session.keep_volume();
                 let wake = Arc::clone(&self.wake);
                 session.wake_by(move || wake());
-                let session = Arc::new(session);
-                let (tasks, outcomes) = Default::default();
-                self.computation = Some(Computation { session, tasks, outcomes });
+                self.computation = Some(Computation::new(session));
             }
             (None, None) => {}
         }
         if self.detail == Detail::Live && self.is_lumen_open() {
-            self.spawn("glance", |session| {
+            self.spawn(TaskKind::Glance, |session| {
                 let seen = session.volume().ok().map(|volume| glance(&volume));
                 Box::new(move |model| seen.into_iter().for_each(|seen| model.set_glance(seen)))
             })?;
         }
+        self.compute_on()
+    }
+
+    /// Has the products computed that are not there. Where frames wait for products, they are
+    /// computed when they are waited for.
+    fn compute_on(&mut self) -> Result<(), AppError> {
         if self.detail == Detail::Live {
-            self.spawn("products", |session| {
+            self.spawn(TaskKind::Products, |session| {
                 // First what the first picture needs, then the rest side by side.
-                let first = session.prepare(&SHOWN[..FIRST_PICTURE]);
-                let outcome = first.and_then(|()| session.prepare(&made(&SHOWN, session)));
+                let all = made(&SHOWN, session);
+                let outcome = session.prepare_in_order(&[&SHOWN[..FIRST_PICTURE], &all]);
                 let contents = outcome.as_ref().err().and_then(|e| session.contents(e));
                 match &outcome {
                     Ok(()) => {}
@@ -265,29 +233,17 @@ impl Viewer {
     /// Starts a task of the session, if there is one.
     fn spawn(
         &mut self,
-        name: &str,
+        kind: TaskKind,
         work: impl FnOnce(&Session) -> Outcome + Send + 'static,
     ) -> Result<(), SessionError> {
-        let Some(computation) = &mut self.computation else { return Ok(()) };
-        let (session, wake) = (Arc::clone(&computation.session), Arc::clone(&self.wake));
-        let outcomes = Arc::clone(&computation.outcomes);
-        let run = move || {
-            let outcome = work(&session);
-            // Nobody holds the session when the outcome is there.
-            drop(session);
-            outcomes.lock().unwrap_or_else(PoisonError::into_inner).push(outcome);
-            wake();
-        };
-        let task = std::thread::Builder::new().name(name.into()).spawn(run);
-        computation.tasks.retain(|task| !task.is_finished());
-        computation.tasks.push(task.map_err(|e| SessionError::System(e.to_string()))?);
-        Ok(())
+        let wake = Arc::clone(&self.wake);
+        self.computation.as_mut().map_or(Ok(()), |c| c.spawn(kind, wake, work))
     }
 
     /// Takes in the products that are there and the outcomes of tasks. Never waits.
     pub fn receive(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
         // Outcomes are of products that are read after them.
-        let outcomes = self.computation.as_ref().map(Computation::outcomes).unwrap_or_default();
+        let outcomes = self.computation.as_mut().map(Computation::outcomes).unwrap_or_default();
         self.show(gpu, &SHOWN)?;
         outcomes.into_iter().for_each(|outcome| outcome(&mut self.model));
         Ok(())
@@ -384,6 +340,25 @@ impl Viewer {
         self.computation.is_some() && !self.model.is_complete
     }
 
+    /// Whether a flight is being saved.
+    pub fn is_saving(&self) -> bool {
+        self.computation.as_ref().is_some_and(|c| c.runs(TaskKind::SavedFlight))
+    }
+
+    /// Returns what is at work and how far it has come.
+    fn status(&self) -> Option<WorkStatus> {
+        let computation = self.computation.as_ref()?;
+        match self.detail {
+            Detail::Live => computation.status(self.is_computing()),
+            // How far a stage has come depends on the machine.
+            Detail::Settled => self.is_computing().then(|| WorkStatus {
+                text: "computing".into(),
+                share: 0.0,
+                is_computing: true,
+            }),
+        }
+    }
+
     /// One frame: lays out the panels, carries out the commands, lets `dt` seconds pass, draws, and
     /// starts what is requested.
     ///
@@ -398,17 +373,11 @@ impl Viewer {
         target: &Target,
         send: impl FnOnce(&mut Gpu, &Frame<'_>) -> Result<(), VkError>,
     ) -> Result<FrameEnd, AppError> {
-        let progress = self.computation.as_ref().filter(|_| self.is_computing());
-        let progress = progress.map(|c| c.session.progress());
-        let progress = match self.detail {
-            Detail::Live => progress.map(|p| (p.stage, p.share)),
-            // How far a stage has come depends on the machine.
-            Detail::Settled => progress.map(|_| ("computing", 0.0)),
-        };
+        let status = self.status();
         let mut sizes = ui::PaneSizes::default();
         let context = self.context.clone();
         let mut output = context.run_ui(input, |root| {
-            sizes = ui::window(root, &self.model, &mut self.ui, progress, &mut commands);
+            sizes = ui::window(root, &self.model, &mut self.ui, status.as_ref(), &mut commands);
         });
         self.canvas.collect(std::mem::take(&mut output.textures_delta));
         if let Some([width, height]) = sizes.inside {
@@ -505,7 +474,11 @@ impl Viewer {
         for request in &requests {
             match request {
                 Request::Cancel => {
-                    self.computation.iter().for_each(|c| c.session.cancel_token().cancel());
+                    self.computation.iter().for_each(Computation::cancel);
+                }
+                Request::Resume if self.model.is_stopped => {
+                    self.model.resume();
+                    self.compute_on()?;
                 }
                 Request::Branch(branch) => self.plan_branch(FlightRoute::Leaf(*branch))?,
                 Request::Export(Export::Flight) => self.export_flight()?,
@@ -536,7 +509,7 @@ impl Viewer {
 
     /// Plans a flight along another branch of the centerline.
     fn plan_branch(&mut self, route: FlightRoute) -> Result<(), SessionError> {
-        self.spawn("flight", move |session| {
+        self.spawn(TaskKind::Branch, move |session| {
             let planned = session.flight_along(route).and_then(|flight| {
                 let sections = session.sections_along(&flight)?;
                 Ok((flight, sections))
@@ -548,24 +521,20 @@ impl Viewer {
         })
     }
 
-    /// Draws the flight into `flight/` of the export folder and, where there is ffmpeg, into
-    /// `flight.mp4`.
+    /// Draws the flight into a new folder of the export folder and, where there is ffmpeg, a video
+    /// beside it. One flight at a time.
     fn export_flight(&mut self) -> Result<(), SessionError> {
         let Frames::Speed { fps, .. } = self.options.settings.flight.frames else { return Ok(()) };
+        if self.is_saving() {
+            return Ok(());
+        }
         let folder = self.options.export.clone();
-        self.spawn("export", move |session| {
-            let video = VideoWriter::available().then(|| (folder.join("flight.mp4"), fps));
-            let has_video = video.is_some();
-            let frames = folder.join("flight");
-            let to = Recording { frames: frames.clone(), video, camera_path: None };
-            let message = match session.record(&to) {
-                Ok(stream) => {
-                    let n = stream.report().count;
-                    let what = if has_video { " and flight.mp4" } else { "; no ffmpeg, no video" };
-                    format!("wrote {n} frames to {}{what}", shown(&frames))
-                }
-                Err(e) => format!("the flight is not written: {e}"),
-            };
+        self.model.message = None;
+        self.spawn(TaskKind::SavedFlight, move |session| {
+            let message = save_flight(session, &folder, fps).unwrap_or_else(|e| match e {
+                SessionError::Cancelled => "saving was stopped; no frame is left".into(),
+                e => format!("the flight is not written: {e}"),
+            });
             Box::new(move |model| model.message = Some(message))
         })
     }

@@ -309,7 +309,8 @@ impl Running {
             );
         }
         self.times.note(is_computing, drawn);
-        let computing = self.viewer.is_computing().then_some(PROGRESS);
+        let is_at_work = self.viewer.is_computing() || self.viewer.is_saving();
+        let computing = is_at_work.then_some(PROGRESS);
         let wanted = again_in.map(|s| Duration::from_secs_f64(s.min(3600.0)).max(FRAME));
         let again = self.viewer.has_unsaved_notes().then_some(SAVE_AGAIN);
         let next = wanted.into_iter().chain(computing).chain(again).min();

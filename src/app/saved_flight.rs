@@ -1,0 +1,136 @@
+//! The flight as files: frames in a folder of their own, and a video where there is ffmpeg. All of
+//! it or nothing.
+
+use std::path::{Path, PathBuf};
+
+use crate::formats::{FormatError, VideoWriter, shown};
+use crate::session::{Recording, Session, SessionError, is_frame_file};
+
+/// Draws the flight of a session into a new folder `flight-1`, `flight-2`, … and a video of that
+/// name; returns where it is. Where it does not end, nothing is left of it, and flights that were
+/// saved before stay.
+///
+/// # Errors
+/// As [`Session::record`]; [`FormatError::Io`] if there can be no folder.
+pub(super) fn save_flight(
+    session: &Session,
+    folder: &Path,
+    fps: f64,
+) -> Result<String, SessionError> {
+    let frames = new_folder(folder)?;
+    let path = frames.with_extension("mp4");
+    let video = VideoWriter::available().then(|| (path.clone(), fps));
+    let to = Recording { frames: frames.clone(), video, camera_path: None };
+    let recorded = session.record(&to);
+    let count = match recorded {
+        Ok(stream) => stream.report().count,
+        Err(e) => {
+            remove_frames(&frames);
+            return Err(e);
+        }
+    };
+    let absolute = |path: &Path| {
+        let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        shown(&path).to_string()
+    };
+    let of_video = match to.video {
+        Some((video, _)) => format!("{} and ", absolute(&video)),
+        None => "no video, as there is no ffmpeg; ".into(),
+    };
+    Ok(format!("wrote {of_video}{count} frames to {}", absolute(&frames)))
+}
+
+/// Makes a folder that nothing is in, with a name that no video has.
+fn new_folder(folder: &Path) -> Result<PathBuf, FormatError> {
+    std::fs::create_dir_all(folder).map_err(|e| FormatError::io(folder, e))?;
+    for i in 1u32.. {
+        let path = folder.join(format!("flight-{i}"));
+        if path.with_extension("mp4").exists() {
+            continue;
+        }
+        match std::fs::create_dir(&path) {
+            Ok(()) => return Ok(path),
+            Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(e) => return Err(FormatError::io(&path, e)),
+        }
+    }
+    unreachable!("numbers do not end")
+}
+
+/// Removes frames, and their folder if nothing else is in it.
+fn remove_frames(folder: &Path) {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    for entry in entries {
+        if entry.file_name().to_str().is_some_and(is_frame_file) {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+    let _ = std::fs::remove_dir(folder);
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::time::Duration;
+
+    use super::*;
+    use crate::flight::Frames;
+    use crate::session::{Settings, Source, VolumeSource};
+    use crate::volume::phantom::{Kind, Phantom};
+
+    /// A session whose flight has a hundred small frames.
+    fn session() -> Session {
+        let mask = Phantom::new(Kind::Tube, 32, [1.0; 3]).unwrap().mask();
+        let source = Source::Image(VolumeSource::Memory(Arc::new(mask)));
+        let mut settings = Settings::default();
+        settings.flight.frames = Frames::Count(100);
+        settings.flight.size = [64, 48];
+        settings.levels.cache = None;
+        Session::new(source, settings).unwrap()
+    }
+
+    fn has_device() -> bool {
+        let is_there = crate::vk::Gpu::open(crate::vk::Choice::Any).is_ok();
+        assert!(is_there || std::env::var_os("INTIMA_REQUIRE_GPU").is_none(), "a device");
+        is_there
+    }
+
+    #[test]
+    fn a_flight_whose_saving_was_stopped_leaves_no_frame_and_the_one_before_stays() {
+        if !has_device() {
+            return;
+        }
+        let tmp = tempfile::tempdir().unwrap();
+        let session = session();
+        let said = save_flight(&session, tmp.path(), 25.0).unwrap();
+        let first = tmp.path().join("flight-1");
+        assert!(said.contains("100 frames") && said.contains(&*first.to_string_lossy()), "{said}");
+        let names = || -> Vec<String> {
+            let entries = std::fs::read_dir(tmp.path()).unwrap();
+            let mut all: Vec<String> =
+                entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
+            all.sort();
+            all
+        };
+        let before = names();
+        let cancel = session.cancel_token();
+        let stopped = std::thread::scope(|scope| {
+            let saving = scope.spawn(|| save_flight(&session, tmp.path(), 25.0));
+            // Once some frames are drawn.
+            while !saving.is_finished()
+                && session.progress().frames.is_none_or(|(done, _)| done < 3)
+            {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            cancel.cancel();
+            saving.join().unwrap()
+        });
+        assert!(matches!(stopped, Err(SessionError::Cancelled)), "{stopped:?}");
+        assert_eq!(names(), before);
+        assert_eq!(std::fs::read_dir(&first).unwrap().count(), 100);
+        // What was stopped can be asked for again.
+        cancel.reset();
+        save_flight(&session, tmp.path(), 25.0).unwrap();
+        assert_eq!(std::fs::read_dir(tmp.path().join("flight-2")).unwrap().count(), 100);
+    }
+}
