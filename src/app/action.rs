@@ -196,6 +196,8 @@ pub enum Action {
     Window([f64; 2]),
     /// Fills the window with a pane, or shows all.
     Maximise(Option<Pane>),
+    /// Says whether the path begins at a colon's rectum, or at its caecum.
+    RectumAtStart(bool),
     /// Notes the place, with a text.
     Bookmark(String),
     /// Forgets a note.

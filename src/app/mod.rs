@@ -13,6 +13,7 @@ mod computation;
 mod coverage_recorder;
 mod error;
 mod export;
+mod figures;
 mod grey_window;
 mod inside_marks;
 mod junctions;

@@ -4,6 +4,7 @@
 mod moves;
 mod notes;
 mod sliced;
+mod speedometer;
 
 pub use notes::MissedMark;
 #[cfg(test)]
@@ -24,11 +25,12 @@ use super::measure::Measurement;
 use crate::flight::{Flight, FlightPath, SectionFigures};
 use crate::formats::{FormatError, InputInfo};
 use crate::geometry::{CrossSection, Pose};
-use crate::organ::{Glance, Organ};
+use crate::organ::{ColonEnds, Glance, Organ};
 use crate::render::Framing;
 use crate::session::{FlightRoute, Product, Products, SessionError};
 use crate::volume::Volume;
 use crate::wall::Evidence;
+use speedometer::Speedometer;
 
 /// A noted place.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -109,6 +111,10 @@ pub struct Model {
     pub route: FlightRoute,
     /// The path is the flight of the session's settings.
     is_planned_path: bool,
+    /// Names of the ends of the path, of a colon.
+    pub ends: Option<ColonEnds>,
+    /// Whether the path of the session's settings begins at the rectum, if someone has said so.
+    pub(super) rectum_at_start: Option<bool>,
     /// Branches that can be taken, along the path.
     pub choices: Vec<BranchChoice>,
     /// Projection of the inside pane.
@@ -155,6 +161,8 @@ pub struct Model {
     pub aspect: f32,
     /// Speed the flight was planned with, mm/s.
     planned_mm_s: f64,
+    /// Speed of the eye as it is flown.
+    speedometer: Speedometer,
 }
 
 impl Model {
@@ -326,6 +334,7 @@ impl Model {
         self.route = route;
         self.choices = choices(&centerline.line, &path, route);
         self.path = Some(path);
+        self.name_ends();
         (self.goal_mm, self.gaze_mm) = (None, None);
         if self.on_path {
             self.seek_while(start, self.playing);
@@ -367,12 +376,10 @@ impl Model {
         if dt > 0.0 && self.goal_mm.is_some() {
             self.approach_goal(dt);
         } else if self.playing && dt > 0.0 {
-            let Some(path) = &self.path else { return };
-            let way = if self.reverse { -dt } else { dt };
-            let to = path.after(self.arc_mm, way * self.speed_mm_s / self.planned_mm_s);
-            let end = if self.reverse { 0.0 } else { path.length_mm() };
-            let playing = (to - end).abs() >= 1e-9;
-            self.seek_while(to, playing);
+            self.play(dt);
+        }
+        if dt > 0.0 {
+            self.speedometer.pass(dt);
         }
     }
 
@@ -383,7 +390,7 @@ impl Model {
             Action::Speed(v) if v.is_finite() => {
                 self.speed_mm_s = v.clamp(*SPEED_MM_S.start(), *SPEED_MM_S.end());
             }
-            Action::Travel(mm) => self.seek(self.arc_mm + mm),
+            Action::Travel(mm) => self.fly_along(self.arc_mm + mm, self.playing),
             Action::Seek(mm) => self.seek(*mm),
             Action::Fly(by) => self.fly(DVec3::from(*by)),
             Action::Turn([right, up, roll]) => {
@@ -452,6 +459,7 @@ impl Model {
                 self.window = [*centre, width.max(1e-3)];
             }
             Action::Maximise(pane) => self.maximised = *pane,
+            Action::RectumAtStart(at_start) => self.set_rectum_at_start(*at_start),
             Action::Bookmark(text) => self.bookmark(text),
             Action::RemoveBookmark(i) if *i < self.bookmarks.len() => {
                 self.bookmarks.remove(*i);

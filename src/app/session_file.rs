@@ -37,6 +37,9 @@ pub struct SessionFile {
     pub fov_deg: f32,
     /// Millimetres along the path.
     pub arc_mm: f64,
+    /// Whether the path begins at a colon's rectum, where someone has said so.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rectum_at_start: Option<bool>,
     /// Lengths and angles.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub measurements: Vec<Measurement>,
@@ -54,6 +57,7 @@ impl SessionFile {
             speed_mm_s: model.speed_mm_s,
             fov_deg: model.fov_deg,
             arc_mm: model.place_on_path_mm(),
+            rectum_at_start: model.rectum_at_start,
             measurements: model.measurements.clone(),
         })
     }
@@ -135,6 +139,7 @@ impl SessionFile {
         use super::action::Action;
         model.bookmarks.clone_from(&self.bookmarks);
         model.measurements.clone_from(&self.measurements);
+        model.restore_ends(self.rectum_at_start);
         model.step(
             0.0,
             &[
@@ -177,6 +182,7 @@ mod tests {
             speed_mm_s: 20.0,
             fov_deg: 100.0,
             arc_mm: 3.0,
+            rectum_at_start: Some(false),
             measurements: vec![Measurement {
                 name: "polyp".into(),
                 ruler: Ruler::Length,

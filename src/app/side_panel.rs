@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use super::action::{Action, ActionQueue, Colouring, Export, Request, Ruler, WallView};
 use super::branch_panel::branch_list;
+use super::figures::figures;
 use super::grey_window::slice_controls;
 use super::lumen_panel::{EnteredRange, lumen_choice};
 use super::model::Model;
@@ -42,7 +43,7 @@ pub(super) fn side_panel(
 
 fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut ActionQueue) {
     ui.add_space(4.0);
-    figures(ui, model);
+    figures(ui, model, commands);
     ui.separator();
     if let Some((info, _)) = &model.contents {
         contents(ui, info, commands);
@@ -224,45 +225,6 @@ fn exports(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
             }
         }
     });
-}
-
-fn figures(ui: &mut Ui, model: &Model) {
-    let line = |ui: &mut Ui, name: &str, value: String| {
-        ui.horizontal(|ui| {
-            ui.label(egui::RichText::new(name).color(FAINT));
-            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| ui.label(value));
-        });
-    };
-    ui.strong("Figures");
-    if let Some(lumen) = &model.products.lumen {
-        if let Some(organ) = &lumen.organ {
-            line(
-                ui,
-                "Organ",
-                format!("{}, confidence {:.2}", organ.organ.name(), organ.confidence),
-            );
-        }
-        let l = &lumen.lumen;
-        let ml = l.inside_voxels() as f64 * l.grid.voxel_mm3() / 1000.0;
-        line(ui, "Volume", format!("{ml:.1} ml"));
-    }
-    if let Some(path) = &model.path {
-        line(ui, "Path", format!("{:.0} mm", path.length_mm()));
-        line(ui, "Position", format!("{:.0} mm", model.arc_mm));
-        line(ui, "Radius here", format!("{:.1} mm", path.radius_at(model.arc_mm)));
-    }
-    if let Some(s) = model.section_figures() {
-        line(ui, "Section here", format!("{:.0} mm²", s.area_mm2));
-        line(ui, "Diameters", format!("{:.1}, {:.1} mm", s.largest_mm, s.smallest_mm));
-    }
-    if !model.seen.faces.is_empty() {
-        line(ui, "Wall seen so far", format!("{:.1} %", 100.0 * model.seen.fraction));
-    }
-    if let Some(c) = &model.products.coverage {
-        line(ui, "Flight sees, one way", format!("{:.1} %", 100.0 * c.one_way_fraction));
-        line(ui, "Both ways", format!("{:.1} %", 100.0 * c.both_ways_fraction));
-        line(ui, "Missed patches", format!("{}", c.patches.len()));
-    }
 }
 
 #[cfg(test)]

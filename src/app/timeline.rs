@@ -6,6 +6,7 @@ use super::action::{Action, ActionQueue};
 use super::labels::Labels;
 use super::model::Model;
 use super::style::{ACCENT, CAMERA, FAINT};
+use crate::organ::ColonEnds;
 
 /// The scrub bar with the radius along the path.
 pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
@@ -73,10 +74,12 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     painter
         .line_segment([pos2(here, bar.top()), pos2(here, plot.bottom())], Stroke::new(2.0, CAMERA));
     let mut labels = Labels::new(&painter, rect);
+    let [start, end] = model.ends.map_or(["", ""], ColonEnds::names);
+    let start = format!("{start} 0 mm");
     let (left, right) = (bar.left_bottom(), bar.right_bottom());
-    labels.put("0 mm", 11.0, FAINT, &[(left, Align2::LEFT_BOTTOM)]);
-    let end = format!("{length:.0} mm");
-    labels.put(&end, 11.0, FAINT, &[(right, Align2::RIGHT_BOTTOM)]);
+    labels.put(start.trim(), 11.0, FAINT, &[(left, Align2::LEFT_BOTTOM)]);
+    let end = format!("{end} {length:.0} mm");
+    labels.put(end.trim(), 11.0, FAINT, &[(right, Align2::RIGHT_BOTTOM)]);
     // What it shows, as long as there is room.
     let long = format!("least radius (bars) and that of the section (line), to {most:.0} mm");
     for text in [long, format!("radius, to {most:.0} mm")] {

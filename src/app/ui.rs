@@ -254,8 +254,10 @@ fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut Acti
         commands.act(Action::Reverse);
     }
     let mut speed = model.speed_mm_s;
-    let slider = egui::DragValue::new(&mut speed).range(SPEED_MM_S).suffix(" mm/s").speed(0.5);
-    if ui.add(slider).on_hover_text("Cruising speed").changed() {
+    let slider = egui::DragValue::new(&mut speed).range(SPEED_MM_S).speed(0.5);
+    let slider = slider.prefix("cruise ").suffix(" mm/s").max_decimals(1);
+    let tip = "Cruising speed; where it is narrow or winding the flight is slower";
+    if ui.add(slider).on_hover_text(tip).changed() {
         commands.act(Action::Speed(speed));
     }
     let mut fov = model.fov_deg;

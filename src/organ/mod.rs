@@ -12,6 +12,7 @@ mod body;
 mod branches;
 mod bronchi;
 mod colon;
+mod colon_ends;
 mod depth;
 mod explain;
 mod fluid;
@@ -26,6 +27,7 @@ mod values;
 mod vessel;
 mod walled;
 
+pub use colon_ends::ColonEnds;
 pub use explain::{Picture, explain};
 pub use glance::{Glance, glance};
 

@@ -255,29 +255,6 @@ fn cross_sections_along_a_tube_are_its_circle() {
     assert!(model.marks_mm.is_empty() && model.has_unsaved_notes());
 }
 
-#[test]
-fn progress_is_of_the_whole_case_and_never_goes_back() {
-    let session = session(Kind::Colon, 96);
-    let groups: [&[Product]; 2] = [&[Product::Wall], &[Product::Wall, Product::Coverage]];
-    let mut last = 0.0f32;
-    let mut at_the_wall = None;
-    std::thread::scope(|scope| {
-        let work = scope.spawn(|| session.prepare_in_order(&groups));
-        while !work.is_finished() {
-            let share = session.progress().share;
-            assert!(share >= last, "{share} after {last}");
-            last = share;
-            let has_wall = session.products(&[Product::Wall]).wall.is_some();
-            at_the_wall = at_the_wall.or(has_wall.then_some(share));
-            std::thread::sleep(std::time::Duration::from_millis(1));
-        }
-        work.join().unwrap().unwrap();
-    });
-    let at_the_wall = at_the_wall.expect("the wall comes before the end");
-    assert!(at_the_wall < 0.8, "the rest is part of the same work: {at_the_wall}");
-    assert_eq!(session.progress().share, 1.0);
-}
-
 /// Cross-sections at the poses of a session's flight, and how many there are of how many.
 fn sections(session: &Session) -> (Vec<f64>, f64) {
     let all = session.sections().unwrap();
@@ -326,6 +303,103 @@ fn no_section_of_a_real_colon_runs_along_its_lumen() {
     let most = areas.iter().copied().fold(0.0, f64::max);
     println!("colon: {:.0} % have a section, {most:.0} mm2 at most", 100.0 * share);
     assert!(most < 5000.0 && share > 0.6, "{most} {share}");
+}
+
+#[test]
+fn the_speed_shown_is_the_speed_flown() {
+    let session = session(Kind::Colon, 64);
+    let mut model = model(&session);
+    assert_eq!(model.flown_mm_s(), None, "it stands");
+    model.step(0.0, &[Action::Speed(60.0), Action::TogglePlay]);
+    let place = |m: &Model| m.pose.unwrap().position_mm.as_dvec3();
+    let (dt, mut ways, mut slowest) = (1.0 / 30.0, Vec::new(), f64::INFINITY);
+    for _ in 0..60 {
+        let before = place(&model);
+        model.step(dt, &[]);
+        ways.push(before.distance(place(&model)));
+        let last: Vec<f64> = ways.iter().rev().take(13).copied().collect();
+        let flown = last.iter().sum::<f64>() / (dt * last.len() as f64);
+        let shown = model.flown_mm_s().unwrap();
+        assert!((shown - flown).abs() < 0.05 * flown + 0.1, "shown {shown}, flown {flown}");
+        slowest = slowest.min(shown);
+    }
+    assert!(slowest < 50.0, "the setting is 60 mm/s, and it is never slower: {slowest}");
+    // A jump is not flown, and by hand it is the way that the wall left.
+    model.step(0.0, &[Action::TogglePlay, Action::Seek(0.0)]);
+    model.step(dt, &[]);
+    assert_eq!(model.flown_mm_s(), None);
+    let before = place(&model);
+    model.step(dt, &[Action::Fly([0.0, 0.0, 1.0])]);
+    let flown = before.distance(place(&model)) / dt;
+    assert!((model.flown_mm_s().unwrap() - flown).abs() < 1e-3 * flown + 1e-6);
+}
+
+#[test]
+fn off_the_path_the_figures_are_those_of_the_eye() {
+    let session = session(Kind::Tube, 64);
+    let mut model = model(&session);
+    let length = model.path.as_ref().unwrap().length_mm();
+    model.step(0.0, &[Action::Seek(0.5 * length)]);
+    let (on, area) = (model.eye_to_wall_mm().unwrap(), model.section_figures().unwrap().area_mm2);
+    let from = model.pose.unwrap().position_mm;
+    model.step(0.0, &[Action::Fly([2.0, 0.0, 0.0])]);
+    let off = model.eye_to_wall_mm().unwrap();
+    let moved = f64::from(model.pose.unwrap().position_mm.distance(from));
+    assert!(!model.on_path && (on - off - moved).abs() < 0.5, "{on} {off} after {moved}");
+    // Across the tube, wherever the eye looks.
+    for turn in [0.0, 0.8, 0.8] {
+        model.step(0.0, &[Action::Turn([turn, 0.0, 0.0])]);
+        let here = model.section_figures().unwrap().area_mm2;
+        assert!((here / area - 1.0).abs() < 0.03, "{here} {area}");
+    }
+}
+
+#[test]
+fn progress_is_of_the_whole_case_and_never_goes_back() {
+    let session = session(Kind::Colon, 96);
+    let groups: [&[Product]; 2] = [&[Product::Wall], &[Product::Wall, Product::Coverage]];
+    let mut last = 0.0f32;
+    let mut at_the_wall = None;
+    std::thread::scope(|scope| {
+        let work = scope.spawn(|| session.prepare_in_order(&groups));
+        while !work.is_finished() {
+            let share = session.progress().share;
+            assert!(share >= last, "{share} after {last}");
+            last = share;
+            let has_wall = session.products(&[Product::Wall]).wall.is_some();
+            at_the_wall = at_the_wall.or(has_wall.then_some(share));
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        work.join().unwrap().unwrap();
+    });
+    let at_the_wall = at_the_wall.expect("the wall comes before the end");
+    assert!(at_the_wall < 0.8, "the rest is part of the same work: {at_the_wall}");
+    assert_eq!(session.progress().share, 1.0);
+}
+
+#[test]
+fn the_rectum_of_shared_colons_is_found_and_can_be_swapped_by_hand() {
+    use intima::organ::ColonEnds;
+    for (name, starts_at_rectum) in [
+        ("colon_label_1.nii.gz", false),
+        ("colon_label_2.nii.gz", true),
+        ("colon_label_3.nii.gz", true),
+    ] {
+        let Some(session) = shared(name, IntensitySelection::Labels(vec![1])) else { return };
+        let line = &session.centerline().unwrap().line;
+        let points = &line.branches[0].points;
+        let [start, end] = [points[0], points[points.len() - 1]].map(|p| p.position_mm);
+        let ends = ColonEnds::of(start, end, line.length_mm()).unwrap();
+        assert_eq!((ends.starts_at_rectum, ends.is_sure), (starts_at_rectum, true), "{name}");
+    }
+    let session = session(Kind::Bend, 48);
+    let mut model = model(&session);
+    assert!(model.ends.is_none(), "nobody says that it is a colon");
+    model.step(0.0, &[Action::RectumAtStart(false)]);
+    assert_eq!(model.ends.unwrap().names(), ["caecum", "rectum"]);
+    assert!(model.has_unsaved_notes());
+    model.step(0.0, &[Action::RectumAtStart(true)]);
+    assert_eq!(model.ends.unwrap().names(), ["rectum", "caecum"]);
 }
 
 #[test]

@@ -26,7 +26,7 @@ impl Model {
         let (Some(goal), gaze) = (self.goal_mm, self.gaze_mm) else { return };
         let left = goal - self.arc_mm;
         let step = (3.0 * left.abs()).max(MIN_APPROACH_MM_S) * dt;
-        self.seek_while(self.arc_mm + left.clamp(-step, step), false);
+        self.fly_along(self.arc_mm + left.clamp(-step, step), false);
         if left.abs() > step {
             // Seeking forgets them.
             (self.goal_mm, self.gaze_mm) = (Some(goal), gaze);
@@ -51,6 +51,31 @@ impl Model {
             self.place(Pose::looking(pose.position_mm, to, pose.up()));
         }
         self.crosshair_mm = place;
+    }
+
+    /// Flies on along the path.
+    pub(super) fn play(&mut self, dt: f64) {
+        let Some(path) = &self.path else { return };
+        let way = if self.reverse { -dt } else { dt };
+        let to = path.after(self.arc_mm, way * self.speed_mm_s / self.planned_mm_s);
+        let end = if self.reverse { 0.0 } else { path.length_mm() };
+        let playing = (to - end).abs() >= 1e-9;
+        self.fly_along(to, playing);
+    }
+
+    /// Flies along the path to a place on it, mm from its start. From off the path it is a jump.
+    pub(super) fn fly_along(&mut self, arc_mm: f64, playing: bool) {
+        let from = (self.on_path, self.arc_mm);
+        self.seek_while(arc_mm, playing);
+        if from.0 {
+            self.speedometer.fly(self.arc_mm - from.1);
+        }
+    }
+
+    /// Returns the speed at which the eye is flown, mm/s, measured over the last moments; `None`
+    /// while it stands.
+    pub fn flown_mm_s(&self) -> Option<f64> {
+        self.speedometer.mm_per_s()
     }
 
     pub(super) fn toggle_play(&mut self) {
@@ -117,6 +142,12 @@ impl Model {
         }
     }
 
+    /// Returns the distance of the eye to the wall, mm.
+    pub fn eye_to_wall_mm(&self) -> Option<f64> {
+        let (tree, pose) = (self.products.triangle_tree.as_ref()?, self.pose?);
+        tree.closest(pose.position_mm.as_dvec3()).map(|near| near.distance_mm)
+    }
+
     /// The place on the wall that the eye sees in a direction of its own, LPS mm.
     pub fn wall_behind(&self, ray: DVec3) -> Option<DVec3> {
         let (tree, pose) = (self.products.triangle_tree.as_ref()?, self.pose?);
@@ -136,6 +167,7 @@ impl Model {
         let from = pose.position_mm.as_dvec3();
         let to = self.with_clearance(|wall| collide_and_slide(from, delta, wall, lens));
         if let Some(to) = to {
+            self.speedometer.fly(from.distance(to));
             self.place(Pose { position_mm: to.as_vec3(), ..pose });
         }
     }

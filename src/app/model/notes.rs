@@ -9,6 +9,8 @@ use super::super::measure::Measurement;
 use super::{Bookmark, Model};
 use crate::flight::{Coverage, LISTED_FROM_MM2};
 use crate::geometry::{Mesh, Pose};
+use crate::organ::{ColonEnds, Organ};
+use crate::session::FlightRoute;
 
 /// Missed patch that is marked in the panes.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,6 +45,32 @@ impl MissedMark {
 }
 
 impl Model {
+    /// Names the ends of the path where the lumen is a colon, or someone has said so.
+    pub(super) fn name_ends(&mut self) {
+        let lumen = self.products.lumen.as_ref();
+        let is_colon =
+            lumen.and_then(|l| l.organ.as_ref()).is_some_and(|o| o.organ == Organ::Colon);
+        let path = self.path.as_ref().filter(|_| self.route == FlightRoute::Trunk);
+        self.ends = path.and_then(|path| {
+            let sure = |starts_at_rectum| ColonEnds { starts_at_rectum, is_sure: true };
+            let [start, end] = [0.0, path.length_mm()].map(|arc| path.pose_at(arc).position_mm);
+            let by_rule = || ColonEnds::of(start.as_dvec3(), end.as_dvec3(), path.length_mm());
+            self.rectum_at_start.map(sure).or_else(|| is_colon.then(by_rule).flatten())
+        });
+    }
+
+    /// Takes in what a file says of the ends.
+    pub(in super::super) fn restore_ends(&mut self, rectum_at_start: Option<bool>) {
+        self.rectum_at_start = rectum_at_start;
+        self.name_ends();
+    }
+
+    pub(super) fn set_rectum_at_start(&mut self, at_start: bool) {
+        self.rectum_at_start = Some(at_start);
+        self.unsaved = true;
+        self.name_ends();
+    }
+
     pub(super) fn mark(&mut self, p: DVec3) {
         let Some(ruler) = self.ruler else { return };
         self.marks_mm.push(p);
