@@ -121,14 +121,15 @@ fn chosen(folder: &Path, all: Vec<Case>, by: &Selection) -> Result<Vec<Case>, Co
     let missing = |list: &[String], label: &dyn Fn(&Case) -> String| {
         list.iter().find(|l| !all.iter().any(|c| label(c) == **l)).cloned()
     };
-    let lists: [(_, _, &dyn Fn(&Case) -> String); 3] = [
+    type Label<'a> = &'a dyn Fn(&Case) -> String;
+    let lists: [(_, _, Label<'_>); 3] = [
         ("participant", participants, &participant),
         ("session", sessions, &session),
         ("name", by.cases.clone(), &|c| c.name.clone()),
     ];
     for (kind, list, label) in &lists {
         if let Some(label) = missing(list, label) {
-            return Err(none(kind, &label));
+            return Err(none(kind, label.as_str()));
         }
     }
     let is_wanted =

@@ -208,7 +208,7 @@ mod tests {
 
     /// SHA-256 (FIPS 180-4), for the test below alone.
     fn sha256(text: &str) -> [u8; 32] {
-        let is_prime = |n: &u32| (2..*n).all(|d| n % d != 0);
+        let is_prime = |n: &u32| !(2..*n).any(|d| n.is_multiple_of(d));
         let fraction = |root: f64| (root.fract() * 4_294_967_296.0) as u32;
         let primes: Vec<u32> = (2..400).filter(is_prime).collect();
         let k: Vec<u32> = primes.iter().take(64).map(|p| fraction(f64::from(*p).cbrt())).collect();

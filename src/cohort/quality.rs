@@ -370,7 +370,7 @@ mod tests {
             let output = super::super::OutputFile { path: path.into(), ..Default::default() };
             middle_frame(&CaseStatus { outputs: vec![output], ..CaseStatus::default() })
         };
-        assert_eq!(of("sub-1/figures/sub-1_frames/frame_00001.png").is_some(), true);
+        assert!(of("sub-1/figures/sub-1_frames/frame_00001.png").is_some());
         assert_eq!([of("/etc/a.png"), of("a/../../b.png"), of("a.csv")], [None, None, None]);
     }
 }

@@ -198,7 +198,7 @@ mod tests {
     fn lung_gas_and_contrast_medium_inside_a_body_suggest_their_organs() {
         let of = |inner: &dyn Fn(UVec3) -> i16| glance(&scan(inner));
         // As noise of lung has it, deep values are never even.
-        let lung = |v: UVec3| if (v.x + v.y + v.z) % 2 == 0 { -820 } else { -930 };
+        let lung = |v: UVec3| if (v.x + v.y + v.z).is_multiple_of(2) { -820 } else { -930 };
         assert_eq!(of(&lung), Glance { shows: Some("a chest"), organs: vec![Organ::Airway] });
         let bowel = of(&|_| -1000);
         assert_eq!(bowel.shows, Some("an abdomen with gas in the bowel"));

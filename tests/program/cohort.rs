@@ -297,7 +297,8 @@ fn a_cohort_killed_at_any_moment_goes_on_to_the_same_files() {
     let mut want = whole.products();
     let mut found = killed.products();
     for name in ["quality.tsv", "quality.html", "dataset_description.json"] {
-        (want.remove(name), found.remove(name));
+        want.remove(name);
+        found.remove(name);
     }
     assert_eq!(found.keys().collect::<Vec<_>>(), want.keys().collect::<Vec<_>>());
     assert!(found == want, "files differ");

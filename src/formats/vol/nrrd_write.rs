@@ -95,7 +95,7 @@ fn body(
     keys: &str,
     samples: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
-    write!(out, "{fields}{keys}\n")?;
+    writeln!(out, "{fields}{keys}")?;
     let mut out = GzEncoder::new(out, Compression::fast());
     samples(&mut out)?;
     out.finish().map(|_| ())
