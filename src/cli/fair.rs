@@ -58,7 +58,7 @@ impl Args {
         let mut device = global.open()?;
         let (faces, on_gpu) = (mesh.faces.len(), matches!(device, Device::Gpu(_)));
         let bytes = match (&field, smoothing) {
-            (Some(volume), _) => gradient_bytes(volume, faces, on_gpu),
+            (Some(volume), _) => gradient_bytes(volume, self.mask.is_some(), faces, on_gpu),
             (None, Smoothing::Multiscale) => mesh_bytes(MeshWork::Multiscale, faces, on_gpu),
             (None, Smoothing::Steps(_)) => mesh_bytes(MeshWork::Steps, faces, on_gpu),
         };

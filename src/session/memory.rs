@@ -139,10 +139,12 @@ pub fn mesh_bytes(work: MeshWork, faces: usize, on_gpu: bool) -> u64 {
 }
 
 /// Estimates the peak of resident memory, bytes, of taking the normals of a mesh from a volume: beside
-/// its samples there are their smoothed values.
-pub fn gradient_bytes(volume: &Volume, faces: usize, on_gpu: bool) -> u64 {
+/// its samples there are three fields of real values. Most of a mask is zeros, of which no more than
+/// one field takes memory.
+pub fn gradient_bytes(volume: &Volume, is_mask: bool, faces: usize, on_gpu: bool) -> u64 {
     let voxels = volume.grid.len() as u64;
-    let held = volume.samples.bytes().len() as u64 + voxels * 26 / 5;
+    let fields = if is_mask { voxels * 26 / 5 } else { voxels * 13 };
+    let held = volume.samples.bytes().len() as u64 + fields;
     held + mesh_bytes(MeshWork::Steps, faces, on_gpu)
 }
 
