@@ -572,27 +572,28 @@ fn a_volume_is_opened_in_the_window_and_its_lumen_chosen_there() {
 
 /// `fly` took `--lod off` for clusters, and left `--core` out without a word.
 #[test]
-fn without_levels_of_detail_the_window_draws_the_whole_wall_and_builds_no_clusters() {
+fn without_levels_of_detail_the_window_draws_the_whole_wall() {
     if common::gpu(intima::vk::Validate::Off).is_none() {
         return;
     }
     let tmp = tempfile::tempdir().unwrap();
-    let phantom = Phantom::new(Kind::Bend, 48, [1.0; 3]).unwrap();
+    let phantom = Phantom::new(Kind::Colon, 96, [1.0; 3]).unwrap();
     intima::formats::write_volume(&tmp.path().join("mask.nrrd"), &phantom.mask()).unwrap();
-    let script = r#"{"schema": "intima.script/1", "size": [320, 200], "steps": [
+    let script = r#"{"schema": "intima.script/1", "size": [900, 600], "steps": [
         {"wait": "levels"}, {"frames": 2}, {"picture": "p"}, {"wait": "complete"}]}"#;
     std::fs::write(tmp.path().join("s.json"), script).unwrap();
-    let kept = |lod: &str| {
-        let cache = tmp.path().join(format!("cache-{lod}"));
+    let shown = |lod: &str, error: &str| {
+        let out = format!("{lod}-{error}");
         let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
-        command.args(["fly", "--mask", "mask.nrrd", "--script", "s.json", "--frames-out", lod]);
-        command.args(["--lod", lod, "--lod-cache"]).arg(&cache);
+        command.args(["fly", "--mask", "mask.nrrd", "--script", "s.json", "--frames-out", &out]);
+        command.args(["--lod", lod, "--pixel-error", error, "--lod-cache", "off"]);
         let done = command.current_dir(tmp.path()).env_remove("INTIMA_FAULT").output().unwrap();
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-        assert!(tmp.path().join(lod).join("p.png").exists());
-        std::fs::read_dir(cache).map_or(0, Iterator::count)
+        std::fs::read(tmp.path().join(out).join("p.png")).unwrap()
     };
-    assert_eq!((kept("clusters"), kept("off")), (1, 0), "clusters that were kept");
+    let whole = shown("off", "1");
+    assert!(whole == shown("off", "100"), "the whole wall does not hang on the error");
+    assert!(whole != shown("clusters", "1"), "a cut is drawn instead of the whole wall");
     let mut core = Command::new(env!("CARGO_BIN_EXE_intima"));
     core.args(["fly", "--mask", "mask.nrrd", "--core", "c.nrrd"]).current_dir(tmp.path());
     let done = core.args(["--script", "s.json", "--frames-out", "out"]).output().unwrap();
