@@ -99,7 +99,7 @@ fn short_button(ui: &mut Ui, text: &str) -> egui::Response {
 
 /// Name of a series and what tells it from others: thickness, kernel, number and size of slices.
 fn series_texts(s: &SeriesInfo) -> [String; 2] {
-    let name = match &s.description[..] {
+    let name = match &s.description.0[..] {
         "" => format!("Series {}, {}", s.index + 1, s.modality),
         description => description.to_owned(),
     };
@@ -108,7 +108,7 @@ fn series_texts(s: &SeriesInfo) -> [String; 2] {
     let parts = [
         Some(s.modality.clone()),
         thickness.map(|mm| format!("{} mm", (100.0 * mm).round() / 100.0)),
-        Some(s.kernel.clone()).filter(|kernel| !kernel.is_empty()),
+        Some(s.kernel.0.clone()).filter(|kernel| !kernel.is_empty()),
         Some(format!("{} slices", s.slices)),
         Some(format!("{x} x {y}")),
     ];
@@ -231,6 +231,7 @@ fn exports(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
 mod tests {
     use super::*;
     use crate::app::model::Bookmark;
+    use crate::formats::ScreenText;
 
     #[test]
     fn series_are_listed_by_description_thickness_and_kernel_and_not_by_uid() {
@@ -241,8 +242,8 @@ mod tests {
             dims: [512, 512, 275],
             spacing_mm: Some([0.7, 0.7, 0.8]),
             slices: 275,
-            description: "Thorax lung".into(),
-            kernel: "B70f".into(),
+            description: ScreenText("Thorax lung".into()),
+            kernel: ScreenText("B70f".into()),
             thickness_mm: Some(1.0),
         };
         let details = "CT, 1 mm, B70f, 275 slices, 512 x 512";

@@ -473,7 +473,7 @@ fn no_patient_text_reaches_description_or_error() {
     let of = |p: &Path| inspect(p, &ReadOptions::default()).unwrap().series.remove(0);
     series(dir.path(), &[0.0, 1.0], |_, s| (s.canary, s.kernel) = (CANARY, "B70f\\3"));
     let listed = of(dir.path());
-    assert_eq!((&listed.description[..], &listed.kernel[..]), (CANARY, "B70f 3"));
+    assert_eq!((&listed.description.0[..], &listed.kernel.0[..]), (CANARY, "B70f 3"));
     assert!(!json(dir.path()).contains("B70f"));
     series(dir.path(), &[0.0, 1.0], |_, s| {
         s.canary = CANARY;

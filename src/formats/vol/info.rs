@@ -64,6 +64,17 @@ pub struct SegmentInfo {
     pub layer: usize,
 }
 
+/// Free text of an input, for the screen alone: it may name the patient, so that what is printed for
+/// debugging or logged has its length and not the text.
+#[derive(Clone, Default, PartialEq, Eq)]
+pub struct ScreenText(pub String);
+
+impl std::fmt::Debug for ScreenText {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} characters", self.0.chars().count())
+    }
+}
+
 /// One DICOM series of a folder.
 #[derive(Clone, Debug, Serialize)]
 pub struct SeriesInfo {
@@ -81,10 +92,10 @@ pub struct SeriesInfo {
     pub slices: usize,
     /// Description of the series, free text that may be empty: for a choice on the screen alone.
     #[serde(skip)]
-    pub description: String,
+    pub description: ScreenText,
     /// Convolution kernel of a CT; may be empty. For a choice on the screen alone.
     #[serde(skip)]
-    pub kernel: String,
+    pub kernel: ScreenText,
     /// Thickness of a slice, mm, where the series says.
     #[serde(skip)]
     pub thickness_mm: Option<f64>,

@@ -25,7 +25,7 @@ mod text;
 use std::path::{Path, PathBuf};
 
 pub use dicom::SourceSeries;
-pub use info::{ImageInfo, InputInfo, SegmentInfo, SeriesInfo};
+pub use info::{ImageInfo, InputInfo, ScreenText, SegmentInfo, SeriesInfo};
 pub use metaimage_write::check_data_file;
 pub use nrrd_write::{write_layers, write_vector_field};
 pub use segment_description::{SegmentDescription, SnomedCode};

@@ -28,7 +28,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::info::{ImageInfo, InputInfo, SeriesInfo};
+use super::info::{ImageInfo, InputInfo, ScreenText, SeriesInfo};
 use super::segments::printable;
 use super::{FormatError, ReadOptions, segments};
 use crate::volume::{Rescale, Volume};
@@ -339,8 +339,8 @@ fn list(path: &Path, series: &[Series], options: &ReadOptions) -> Vec<SeriesInfo
             dims: [first.columns, first.rows, slices as u32],
             spacing_mm: grid.map(|grid| grid.spacing_mm.to_array()),
             slices,
-            description: printable(&first.text(0x0008, 0x103e)),
-            kernel: printable(&first.text(0x0018, 0x1210).replace('\\', " ")),
+            description: ScreenText(printable(&first.text(0x0008, 0x103e))),
+            kernel: ScreenText(printable(&first.text(0x0018, 0x1210).replace('\\', " "))),
             thickness_mm: thickness.ok().flatten().map(|[mm]| mm),
         }
     };
