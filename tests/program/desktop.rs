@@ -209,6 +209,8 @@ fn a_window_is_flown_by_keys_and_pointer_and_keeps_what_was_found() {
     d.xdotool(&["keydown", "d"]);
     std::thread::sleep(Duration::from_millis(2500));
     d.xdotool(&["keyup", "d"]);
+    // A frame that meets the end of this key and the next one places the bookmark first.
+    std::thread::sleep(Duration::from_millis(700));
     let (pressed, _) = d.bookmark(&session, 3);
     let mask = Phantom::new(Kind::Y, 48, [1.0; 3]).unwrap().mask();
     let source = Source::Image(VolumeSource::Memory(std::sync::Arc::new(mask)));
@@ -228,7 +230,7 @@ fn a_window_is_flown_by_keys_and_pointer_and_keeps_what_was_found() {
     }
     d.xdotool(&["mouseup", "1"]);
     let (looked, looks) = d.bookmark(&session, 4);
-    assert!(looked.distance(pressed) < 1e-3, "the place is the same");
+    assert!(looked.distance(pressed) < 1e-3, "the place is the same: {looked} {pressed}");
     let cosine: f64 = looks.iter().zip(turned).map(|(a, b)| a * b).sum();
     assert!(cosine.abs() < 0.999, "it looks elsewhere: {cosine}");
 
