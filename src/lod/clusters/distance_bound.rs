@@ -21,6 +21,10 @@ thread_local! {
 /// Piece to clip, a face near it, the number of clips left, and whether halving brings it nearer.
 type StackEntry = (ConvexPolygon, u32, u32, bool);
 
+/// Part that is too far from a face: the part, the face, the distance bound (mm), and the number of
+/// clips left.
+type OpenPart = (ConvexPolygon, u32, f64, u32);
+
 /// Factor by which a bound may exceed the least possible one.
 const BOUND_SLACK: f64 = 1.05;
 
@@ -273,9 +277,18 @@ impl TargetSurface<'_> {
                 rest.push((*part, face, far, MAX_CUTS));
             }
         });
-        while let Some((piece, face, far, cuts)) = rest.pop() {
+        self.bound_parts(rest, bound, emit);
+    }
+
+    /// Bounds parts that are farther than `bound` from the face they were given, by exact queries.
+    fn bound_parts(
+        &self,
+        mut open: Vec<OpenPart>,
+        bound: &mut f64,
+        mut emit: impl FnMut(u32, &ConvexPolygon, f64),
+    ) {
+        while let Some((piece, face, far, cuts)) = open.pop() {
             crate::task::checkpoint();
-            // Exact queries from here on.
             let (face, far) = match self.bvh.closest_within(piece.centre(), far) {
                 Some(c) => match self.max_distance(c.at.face, &piece) {
                     nearer if nearer < far => (c.at.face, nearer),
@@ -305,13 +318,13 @@ impl TargetSurface<'_> {
             {
                 clipped.push((inner, face));
                 let cut = |(part, f)| (part, f, self.max_distance(f, &part), cuts - 1);
-                rest.extend(clipped.into_iter().map(cut));
+                open.extend(clipped.into_iter().map(cut));
                 continue;
             }
             match piece.split(b - a, 0.5 * (a + b)) {
                 Some(halves) => {
                     let half = |h| (h, face, self.max_distance(face, &h), cuts);
-                    rest.extend(halves.map(half));
+                    open.extend(halves.map(half));
                 }
                 None => {
                     *bound = bound.max(far);
