@@ -47,6 +47,7 @@ pub mod render;
 pub mod device;
 pub mod paper;
 pub mod session;
+pub mod report_page;
 #[cfg(feature = "cli")]
 pub mod cohort;
 #[cfg(feature = "window")]

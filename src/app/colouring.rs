@@ -1,11 +1,9 @@
 //! Colours of the wall's vertices: what was missed, or how wide the lumen is.
 
 use crate::geometry::{CenterlineDistances, Mesh};
+use crate::render::MISSED;
 use crate::wall::Evidence;
 
-/// Colour of wall that no picture has shown: linear, eight bits each, and the share of the tissue's
-/// colour that it replaces.
-const MISSED: [u8; 4] = [8, 60, 205, 235];
 /// Colour scale from narrow to wide, sRGB at equal steps: viridis (van der Walt and Smith 2015).
 const VIRIDIS: [[u8; 3]; 9] = [
     [68, 1, 84],

@@ -20,6 +20,8 @@ pub(super) enum TaskKind {
     Branch,
     /// Draws and writes the flight.
     SavedFlight,
+    /// Draws pictures and writes the page of the report.
+    Report,
 }
 
 impl TaskKind {
@@ -29,6 +31,7 @@ impl TaskKind {
             Self::Products => "products",
             Self::Branch => "flight",
             Self::SavedFlight => "export",
+            Self::Report => "report",
         }
     }
 }

@@ -1,14 +1,21 @@
-//! Files that the window exports: pictures, and a page of HTML with bookmarks, measurements and
-//! figures. Nothing of a patient, no name of a file that was opened.
+//! Files that the window exports: pictures, and the page of the report with what its user noted.
+//! Nothing of a patient, no name of a file that was opened.
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use base64::Engine as _;
+use glam::{DVec3, Quat};
 
+use super::action::{Pane, Ruler};
 use super::error::AppError;
+use super::measure::Measurement;
 use super::model::{Bookmark, Model};
-use crate::formats::{FormatError, NOTICE, atomic_file};
+use super::slices::{SlicePlane, slice};
+use crate::formats::{FormatError, atomic_file, encode_png, png_size};
+use crate::geometry::{CenterlineGraph, TriangleBvh};
+use crate::lumen::Lumen;
+use crate::report_page::{Finding, MeasuredValue, ReportPage, SliceView};
+use crate::session::{PngPicture, Product, Session, SessionError};
+use crate::volume::Volume;
 
 /// Writes a file into a folder, which is made if it is not there; whole or not at all.
 pub(super) fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<PathBuf, AppError> {
@@ -25,150 +32,224 @@ pub(super) fn free_name(folder: &Path, stem: &str) -> String {
     free.next().expect("numbers do not end")
 }
 
-/// Text as it may stand in HTML.
-fn escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            c => out.push(c),
-        }
-    }
-    out
+/// Side of a slice beside a finding, pixels and mm.
+const SLICE_PX: usize = 240;
+const SLICE_MM: f64 = 80.0;
+/// Colour of the cross at the finding's wall.
+const CROSS: [u8; 3] = [255, 200, 60];
+
+/// Notes of the window's user.
+pub(super) struct Notes {
+    findings: Vec<Finding>,
+    measurements: Vec<MeasuredValue>,
+    shown_fraction: Option<f64>,
+    /// Centre and width of the slices' grey values.
+    window: [f64; 2],
 }
 
-const STYLE: &str = "body{font:15px/1.5 sans-serif;max-width:60em;margin:2em auto;padding:0 1em;\
-color:#222}table{border-collapse:collapse}td,th{padding:.25em .8em;border-bottom:1px solid #ddd;\
-text-align:left}td.n{text-align:right}figure{margin:1.5em 0}img{max-width:100%}\
-footer{margin-top:3em;border-top:1px solid #ddd;color:#666}";
-
-/// The page.
-///
-/// * `folder`: that of the session file, where pictures of earlier sessions are.
-pub(super) fn report_html(model: &Model, folder: Option<&Path>) -> String {
-    let mut out = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <title>intima: report</title><style>{STYLE}</style></head><body>\n\
-         <h1>Virtual endoscopy</h1>\n<h2>Figures</h2>\n<table>\n"
-    );
-    for (name, value) in figures(model) {
-        let _ = writeln!(out, "<tr><td>{name}</td><td class=\"n\">{value}</td></tr>");
-    }
-    out.push_str("</table>\n");
-    if !model.measurements.is_empty() {
-        out.push_str("<h2>Measurements</h2>\n<table>\n");
-        for (i, m) in model.measurements.iter().enumerate() {
-            let name = match &m.name[..] {
-                "" => (i + 1).to_string(),
-                name => escaped(name),
-            };
-            let places: Vec<String> = m.points_mm.iter().map(|p| place(*p)).collect();
-            let _ = writeln!(
-                out,
-                "<tr><td>{name}</td><td class=\"n\">{}</td><td>{}</td></tr>",
-                m.text(),
-                places.join(" &rarr; ")
-            );
+impl Notes {
+    /// Takes the notes of a model.
+    ///
+    /// * `folder`: that of the session file, where pictures of earlier sessions are.
+    pub fn of(model: &Model, folder: Option<&Path>) -> Self {
+        let graph = model.products.centerline.as_ref().map(|c| c.line.graph());
+        let finding = |b: &Bookmark| {
+            let eye = DVec3::from(b.position_mm);
+            let nearest = || model.path.as_ref().map(|path| path.nearest_to(eye));
+            Finding {
+                text: b.text.clone(),
+                eye_mm: b.position_mm,
+                wall_mm: model.products.triangle_tree.as_ref().and_then(|tree| wall_at(b, tree)),
+                arc_mm: b.arc_mm.or_else(nearest),
+                segment: graph.as_ref().and_then(|g| branch_at(g, eye)),
+                view: picture(b, folder),
+                ..Finding::default()
+            }
+        };
+        Self {
+            findings: model.bookmarks.iter().map(finding).collect(),
+            measurements: model.measurements.iter().map(measured).collect(),
+            shown_fraction: (!model.seen.faces.is_empty()).then_some(model.seen.fraction),
+            window: model.window,
         }
-        out.push_str("</table>\n");
     }
-    if !model.bookmarks.is_empty() {
-        out.push_str("<h2>Bookmarks</h2>\n");
-    }
-    for (i, b) in model.bookmarks.iter().enumerate() {
-        let at = b.arc_mm.map_or("off the path".into(), |mm| format!("{mm:.0} mm along the path"));
-        let text = escaped(&b.text);
-        let _ = writeln!(out, "<figure><figcaption><b>{}. {text}</b><br>", i + 1);
-        let _ = writeln!(out, "{at}; LPS {} mm</figcaption>", place(b.position_mm));
-        if let Some(png) = picture(b, folder) {
-            let data = base64::engine::general_purpose::STANDARD.encode(png);
-            let _ = writeln!(out, "<img alt=\"{text}\" src=\"data:image/png;base64,{data}\">");
-        }
-        out.push_str("</figure>\n");
-    }
-    let version = env!("CARGO_PKG_VERSION");
-    let _ = writeln!(out, "<footer>intima {version}. {NOTICE}</footer>\n</body></html>");
-    out
 }
 
-fn place(p: [f64; 3]) -> String {
-    format!("({:.1}, {:.1}, {:.1})", p[0], p[1], p[2])
+fn measured(m: &Measurement) -> MeasuredValue {
+    let is_length = m.ruler == Ruler::Length;
+    MeasuredValue {
+        name: m.name.clone(),
+        text: m.text(),
+        points_mm: m.points_mm.clone(),
+        is_length,
+    }
+}
+
+/// The wall in the middle of a bookmark's view.
+fn wall_at(b: &Bookmark, tree: &TriangleBvh) -> Option<[f64; 3]> {
+    /// Farther than any lumen is long.
+    const FAR_MM: f64 = 2000.0;
+    let rotation = Quat::from_array(b.rotation.map(|v| v as f32));
+    let along = (rotation.as_dquat() * DVec3::NEG_Z).try_normalize()?;
+    tree.first_hit(DVec3::from(b.position_mm), along * FAR_MM).map(|p| p.to_array())
+}
+
+/// The branch of a tree that is nearest to a place; `None` of a single path.
+fn branch_at(graph: &CenterlineGraph, p: DVec3) -> Option<String> {
+    if graph.edges.len() < 2 {
+        return None;
+    }
+    let off = |q: &[f64; 4]| DVec3::new(q[0], q[1], q[2]).distance_squared(p);
+    let places = graph.edges.iter().flat_map(|e| e.points.iter().map(move |q| (off(q), e)));
+    let (_, edge) = places.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    Some(format!("Branch of generation {}", edge.generation))
 }
 
 /// The picture of a bookmark, from memory or from its file.
-fn picture(b: &Bookmark, folder: Option<&Path>) -> Option<Vec<u8>> {
+fn picture(b: &Bookmark, folder: Option<&Path>) -> Option<PngPicture> {
     const MAX_BYTES: u64 = 64 << 20;
-    if let Some(png) = &b.png {
-        return Some(png.to_vec());
-    }
-    let path = folder?.join(b.picture.as_ref()?);
-    let is_small = std::fs::metadata(&path).is_ok_and(|m| m.len() <= MAX_BYTES);
-    let png = is_small.then(|| std::fs::read(&path).ok()).flatten()?;
-    png.starts_with(b"\x89PNG\r\n\x1a\n").then_some(png)
+    let png = match &b.png {
+        Some(png) => png.to_vec(),
+        None => {
+            let path = folder?.join(b.picture.as_ref()?);
+            let is_small = std::fs::metadata(&path).is_ok_and(|m| m.len() <= MAX_BYTES);
+            is_small.then(|| std::fs::read(&path).ok()).flatten()?
+        }
+    };
+    let size = png_size(&png)?;
+    Some(PngPicture { size, png })
 }
 
-/// Names and values of what is known.
-fn figures(model: &Model) -> Vec<(&'static str, String)> {
-    let mut out = Vec::new();
-    if let Some(lumen) = &model.products.lumen {
-        let l = &lumen.lumen;
-        let ml = l.inside_voxels() as f64 * l.grid.voxel_mm3() / 1000.0;
-        out.push(("Volume of the lumen", format!("{ml:.1} ml")));
-    }
-    if let Some(path) = &model.path {
-        out.push(("Length of the path", format!("{:.0} mm", path.length_mm())));
-        let sections: Vec<f64> = path.sections.iter().flatten().map(|s| s.area_mm2).collect();
-        if !sections.is_empty() {
-            let least = sections.iter().copied().fold(f64::INFINITY, f64::min);
-            let most = sections.iter().copied().fold(0.0, f64::max);
-            let range = format!("{least:.0} to {most:.0} mm²");
-            out.push(("Cross-section along the path", range));
+/// Three slices through a place of the wall, with a cross there.
+fn slices(
+    volume: &Volume,
+    lumen: Option<&Lumen>,
+    at: [f64; 3],
+    window: [f64; 2],
+) -> Vec<SliceView> {
+    let size = [SLICE_PX; 2];
+    let panes = [("axial", Pane::Axial), ("coronal", Pane::Coronal), ("sagittal", Pane::Sagittal)];
+    let of = |(name, pane)| {
+        let mm_per_px = SLICE_MM / SLICE_PX as f64;
+        let plane = SlicePlane::of(pane, DVec3::from(at), mm_per_px, None)?;
+        let mut pixels = slice(volume, lumen, &plane, size, window);
+        let middle = SLICE_PX / 2;
+        for k in (4..14).flat_map(|k| [middle - k, middle + k]) {
+            pixels[middle * SLICE_PX + k] = CROSS;
+            pixels[k * SLICE_PX + middle] = CROSS;
+        }
+        let side = SLICE_PX as u32;
+        let picture =
+            PngPicture { size: [side; 2], png: encode_png(side, side, pixels.as_flattened()) };
+        Some(SliceView { name, picture })
+    };
+    panes.into_iter().filter_map(of).collect()
+}
+
+/// The page of what a session has so far, with notes. Waits for its pictures to be drawn; computes no
+/// product that the window does not show but the profile along the path.
+///
+/// # Errors
+/// What the profile and the drawing fail with.
+pub(super) fn page(session: &Session, mut notes: Notes) -> Result<String, SessionError> {
+    let of = [Product::Volume, Product::Lumen, Product::TriangleTree, Product::Flight];
+    let there = session.products(&of);
+    let has_path = there.has(Product::TriangleTree) && there.has(Product::Flight);
+    let profile = has_path.then(|| session.lumen_profile()).transpose()?;
+    let pictures = has_path.then(|| session.report_pictures(None)).transpose()?;
+    let lumen = there.lumen.as_ref().map(|l| &l.lumen);
+    for finding in &mut notes.findings {
+        finding.start = profile.as_ref().and_then(|p| p.start);
+        if let (Some(volume), Some(at)) = (there.volume(), finding.wall_mm) {
+            finding.slices = slices(volume, lumen, at, notes.window);
         }
     }
-    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
-    if let Some(c) = &model.products.coverage {
-        out.push(("Wall seen on a flight one way", percent(c.one_way_fraction)));
-        out.push(("Wall seen both ways", percent(c.both_ways_fraction)));
-        out.push(("Missed patches of 300 mm² and more", c.patches.len().to_string()));
-    }
-    if !model.seen.faces.is_empty() {
-        out.push(("Wall shown in this session", percent(model.seen.fraction)));
-    }
-    out
+    let report = session.report_so_far(None)?;
+    let page = ReportPage {
+        report: Some(&report),
+        pictures: pictures.as_ref(),
+        title: None,
+        shown_fraction: notes.shown_fraction,
+        findings: &notes.findings,
+        measurements: &notes.measurements,
+    };
+    Ok(page.html())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::{Branch, Centerline, CenterlinePoint, shapes};
+    use crate::volume::{Grid, Samples};
     use std::sync::Arc;
 
-    #[test]
-    fn a_page_escapes_texts_and_holds_its_pictures() {
-        let mut model = Model::new(20.0);
-        let png = b"\x89PNG\r\n\x1a\nrest".to_vec();
-        let bookmark = |text: &str, png: Option<Vec<u8>>| Bookmark {
-            text: text.into(),
-            position_mm: [1.0, -2.0, 3.25],
+    fn bookmark(png: Option<Vec<u8>>) -> Bookmark {
+        Bookmark {
+            text: "a fold".into(),
+            position_mm: [0.0; 3],
             rotation: [0.0, 0.0, 0.0, 1.0],
             fov_deg: 90.0,
             arc_mm: Some(12.0),
             picture: Some("p-1.png".into()),
             png: png.map(Arc::new),
-        };
-        model.bookmarks =
-            vec![bookmark("<script>\"x\"", Some(png.clone())), bookmark("from its file", None)];
+        }
+    }
+
+    #[test]
+    fn a_finding_has_its_picture_from_memory_or_its_file_and_nothing_else_gets_in() {
+        let mut model = Model::new(20.0);
+        let png = encode_png(3, 2, &[9; 18]);
+        model.bookmarks = vec![bookmark(Some(png.clone())), bookmark(None)];
         let dir = tempfile::tempdir().unwrap();
         write(dir.path(), "p-1.png", &png).unwrap();
-        let html = report_html(&model, Some(dir.path()));
-        assert!(html.contains("&lt;script&gt;&quot;x&quot;") && !html.contains("<script>"));
-        assert_eq!(html.matches("data:image/png;base64,iVBORw0KGgpyZXN0").count(), 2);
-        assert!(html.contains("(1.0, -2.0, 3.2)") && html.contains(NOTICE));
-        // A file that is no picture does not get in.
+        let views = |model: &Model| -> Vec<Option<[u32; 2]>> {
+            let notes = Notes::of(model, Some(dir.path()));
+            notes.findings.iter().map(|f| f.view.as_ref().map(|v| v.size)).collect()
+        };
+        assert_eq!(views(&model), [Some([3, 2]); 2]);
         std::fs::write(dir.path().join("p-1.png"), "secret").unwrap();
-        assert_eq!(report_html(&model, Some(dir.path())).matches("base64,").count(), 1);
+        assert_eq!(views(&model), [Some([3, 2]), None], "a file that is no picture");
         assert_eq!(free_name(dir.path(), "p"), "p-2.png");
+    }
+
+    #[test]
+    fn the_wall_of_a_finding_is_in_the_middle_of_its_view_and_crossed_in_its_slices() {
+        let wall = shapes::boxed(2);
+        let (low, high) = wall.bounds().unwrap();
+        let centre = (0.5 * (low + high)).as_dvec3();
+        let eye = Bookmark { position_mm: centre.to_array(), ..bookmark(None) };
+        let [x, y, z] = wall_at(&eye, &TriangleBvh::new(&wall)).unwrap();
+        assert!((x - centre.x).abs() < 1e-6 && (y - centre.y).abs() < 1e-6);
+        assert!((z - f64::from(low.z)).abs() < 1e-6, "a camera looks along -z");
+        let grid = Grid::axis_aligned([4, 4, 4], [1.0; 3]);
+        let volume = Volume::new(grid, Samples::I16(vec![0i16; 64].into()));
+        let three = slices(&volume, None, [1.0; 3], [0.0, 1.0]);
+        assert_eq!(
+            three.iter().map(|s| s.name).collect::<Vec<_>>(),
+            ["axial", "coronal", "sagittal"]
+        );
+        assert_eq!(png_size(&three[0].picture.png), Some([SLICE_PX as u32; 2]));
+    }
+
+    #[test]
+    fn a_place_in_a_tree_has_a_generation_and_one_on_a_path_has_none() {
+        let point = |x, y| CenterlinePoint {
+            position_mm: DVec3::new(x, y, 0.0),
+            radius_mm: 1.0,
+            abscissa_mm: 0.0,
+        };
+        let root = Branch {
+            points: (0..5).map(|i| point(f64::from(i), 0.0)).collect(),
+            ..Branch::default()
+        };
+        let mut line = Centerline { branches: vec![root] };
+        assert_eq!(branch_at(&line.graph(), DVec3::ZERO), None);
+        let start = Some(crate::geometry::Attachment { branch: 0, point: 2 });
+        let side = vec![point(2.0, 0.0), point(2.0, 3.0)];
+        line.branches.push(Branch { start, end: None, points: side });
+        let at = |y| branch_at(&line.graph(), DVec3::new(2.0, y, 0.0));
+        assert_eq!(at(3.0).as_deref(), Some("Branch of generation 1"));
+        let trunk = branch_at(&line.graph(), DVec3::new(0.1, 0.0, 0.0));
+        assert_eq!(trunk.as_deref(), Some("Branch of generation 0"));
     }
 }

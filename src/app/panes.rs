@@ -264,8 +264,14 @@ impl Panes {
         };
         if let Some(wall) = wall.filter(|w| self.inside.scene.is_none_or(|s| s.wall != *w)) {
             let look = Look::default();
-            let scene =
-                Scene { wall, overview: None, path: None, framing: Framing::default(), look };
+            let scene = Scene {
+                wall,
+                overview: None,
+                path: None,
+                camera: true,
+                framing: Framing::default(),
+                look,
+            };
             self.inside.change(scene);
         }
         // Nothing shows the whole mesh any more.

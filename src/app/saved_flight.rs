@@ -20,7 +20,7 @@ pub(super) fn save_flight(
     let frames = new_folder(folder)?;
     let path = frames.with_extension("mp4");
     let video = VideoWriter::available().then(|| (path.clone(), fps));
-    let to = Recording { frames: frames.clone(), video, camera_path: None };
+    let to = Recording { frames: frames.clone(), video, ..Recording::default() };
     let recorded = session.record(&to);
     let count = match recorded {
         Ok(stream) => stream.report().count,

@@ -11,7 +11,7 @@ use super::canvas::{Canvas, Target};
 use super::computation::{Computation, Outcome, TaskKind, WorkStatus};
 use super::coverage_recorder::CoverageRecorder;
 use super::error::AppError;
-use super::export;
+use super::export::{self, Notes};
 use super::keys;
 use super::model::Model;
 use super::opening::{Opening, with_branches};
@@ -25,7 +25,7 @@ use crate::geometry::cube_faces;
 use crate::lod::Tolerance;
 use crate::organ::glance;
 use crate::session::{
-    FlightRoute, Lod, Product, Session, SessionError, Settings, Source, VolumeSource,
+    FlightRoute, Lod, PAGE_FILE, Product, Session, SessionError, Settings, Source, VolumeSource,
 };
 use crate::vk::{Frame, Gpu, VkError};
 
@@ -391,10 +391,8 @@ impl Viewer {
             self.picture_bookmark(gpu)?;
         }
         for request in &commands.requests {
-            match request {
-                Request::Export(Export::View) => self.export_view(gpu)?,
-                Request::Export(Export::Report) => self.export_report(),
-                _ => {}
+            if *request == Request::Export(Export::View) {
+                self.export_view(gpu)?;
             }
         }
         let scale = output.pixels_per_point;
@@ -485,6 +483,7 @@ impl Viewer {
                 }
                 Request::Branch(branch) => self.plan_branch(FlightRoute::Leaf(*branch))?,
                 Request::Export(Export::Flight) => self.export_flight()?,
+                Request::Export(Export::Report) => self.export_report()?,
                 _ => {}
             }
         }
@@ -611,10 +610,19 @@ impl Viewer {
         Ok(())
     }
 
-    fn export_report(&mut self) {
-        let html = export::report_html(&self.model, self.beside_session_file().map(|f| f.0));
-        let written = export::write(&self.options.export, "report.html", html.as_bytes());
-        self.show_written(written.map(|path| format!("wrote {}", shown(&path))));
+    /// Writes the page of the report, with the notes as they are now.
+    fn export_report(&mut self) -> Result<(), SessionError> {
+        let notes = Notes::of(&self.model, self.beside_session_file().map(|f| f.0));
+        let folder = self.options.export.clone();
+        self.spawn(TaskKind::Report, move |session| {
+            let page = export::page(session, notes).map_err(AppError::from);
+            let written = page.and_then(|p| export::write(&folder, PAGE_FILE, p.as_bytes()));
+            let message = match written {
+                Ok(path) => format!("wrote {}", shown(&path)),
+                Err(e) => format!("the report is not written: {e}"),
+            };
+            Box::new(move |model| model.message = Some(message))
+        })
     }
 
     /// Whether notes wait to be saved.

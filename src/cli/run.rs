@@ -7,12 +7,19 @@ use super::global::Global;
 use super::mode::modes;
 use super::repeat::timed_products;
 use super::session_args::SessionArgs;
-use crate::formats::shown;
-use crate::session::{Product, Report};
+use crate::formats::{atomic_file, shown};
+use crate::report_page::ReportPage;
+use crate::session::{PAGE_FILE, Product, Recording, Report, RunOutcome};
 
 /// `intima run INPUT LUMEN --out DIR`
 #[derive(Debug, clap::Args)]
 pub struct Args {
+    /// Leave report.html out
+    #[arg(long)]
+    no_page: bool,
+    /// Heading of report.html; the page itself names no file and no patient
+    #[arg(long, value_name = "TEXT", conflicts_with = "no_page")]
+    title: Option<String>,
     #[command(flatten)]
     flags: SessionArgs,
 }
@@ -20,7 +27,7 @@ pub struct Args {
 impl Args {
     /// A run by these flags.
     pub fn new(flags: SessionArgs) -> Self {
-        Self { flags }
+        Self { flags, no_page: false, title: None }
     }
 
     /// Computes everything and writes everything, the report last.
@@ -28,7 +35,8 @@ impl Args {
         let out = &self.flags.out;
         self.flags.check_files(&out.join("frames"))?;
         let mut session = self.flags.session(global)?;
-        let recording = self.flags.recording(out.join("frames"));
+        let frames = out.join("frames");
+        let recording = Recording { pictures: !self.no_page, ..self.flags.recording(frames) };
         let mut timing = None;
         if global.repeat.is_some() {
             let needs = [Product::Volume, Product::Device];
@@ -37,7 +45,7 @@ impl Args {
                 timed_products(global, &mut session, &needs, &anew, |s| Ok(s.compute_all()?))?;
             timing = Some(repeats);
         }
-        let (mut report, _stream) =
+        let RunOutcome { mut report, pictures, stream: _stream } =
             global.watched(&session, || session.run_to_folder(out, &recording))?;
         self.flags.lumen.write_choice(&session, global)?;
         report.modes = modes(&session, self.flags.mode.is_both())?;
@@ -47,6 +55,17 @@ impl Args {
                 report.stages.clone_from(&repeats.stages);
             }
             None => report.add_own_timing(),
+        }
+        if !self.no_page {
+            let (report, pictures) = (Some(&report), pictures.as_ref());
+            let page = ReportPage {
+                report,
+                pictures,
+                title: self.title.as_deref(),
+                ..ReportPage::default()
+            };
+            let html = page.html();
+            atomic_file::write_atomic(&out.join(PAGE_FILE), |o| o.write_all(html.as_bytes()))?;
         }
         session.write_report(out, &report)?;
         global.say(summary(&report, out))?;

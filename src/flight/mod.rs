@@ -4,6 +4,7 @@
 mod clearance;
 mod coverage;
 mod gaze;
+mod lumen_profile;
 mod path;
 mod plan;
 mod profile;
@@ -15,6 +16,7 @@ pub use clearance::{Clearance, MIN_NEAR_MM, SAFETY};
 pub use collide_and_slide::collide_and_slide;
 pub use coverage::{Coverage, CoverageMap, LISTED_FROM_MM2, MissedPatch, coverage, unseen_voxels};
 pub use gaze::Track;
+pub use lumen_profile::{LumenProfile, NarrowPlace};
 pub use path::{FlightPath, SectionFigures, sections_along};
 pub use plan::{FOV_DEG, Flight, FlightError, FlightOptions, Frames, MAX_FRAMES};
 pub use profile::{MAX_TURN_RAD_PER_S, Profile};

@@ -61,6 +61,14 @@ pub fn read_png(path: &Path) -> Result<(u32, u32, Vec<u8>), FormatError> {
     Ok((width, height, rgb))
 }
 
+/// Columns and rows of a PNG by its header; `None` of other bytes.
+pub fn png_size(png: &[u8]) -> Option<[u32; 2]> {
+    let header = png.strip_prefix(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR")?;
+    let side = |at: usize| Some(u32::from_be_bytes(header.get(at..at + 4)?.try_into().ok()?));
+    let size = [side(0)?, side(4)?];
+    bytes_of(size[0], size[1]).map(|_| size)
+}
+
 /// Names the fault of a PNG, without the text that the decoder's own message may repeat.
 fn damage(e: &png::DecodingError) -> &'static str {
     match e {

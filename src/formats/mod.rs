@@ -17,7 +17,7 @@ pub mod atomic_file;
 
 pub use curve::{write_branches, write_centerline};
 pub use error::{FieldValue, FormatError, shown, shown_lines};
-pub use image::{encode_png, read_png, write_png};
+pub use image::{encode_png, png_size, read_png, write_png};
 pub use json::{to_json, to_pretty_json};
 pub use mesh::{Facing, Space, read_mesh, write_mesh, write_wall};
 pub use video::{NoFfmpeg, VideoWriter};

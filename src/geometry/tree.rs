@@ -13,7 +13,7 @@ use super::centerline::{CenterlineEdge, CenterlineGraph, CenterlineNode};
 /// as Weibel counts airways (Weibel 1963, Morphometry of the human lung,
 /// doi:10.1007/978-3-642-87553-3): trachea 0, main bronchi 1. A node where more than three branches
 /// meet is one bifurcation.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct TreeSummary {
     /// Number of branches.
     pub branches: usize,
@@ -23,6 +23,10 @@ pub struct TreeSummary {
     pub greatest_generation: usize,
     /// Number of branches of each generation, from 0.
     pub generations: Vec<usize>,
+    /// Summed length of the branches of each generation, mm.
+    pub generation_lengths_mm: Vec<f64>,
+    /// Mean radius along the branches of each generation, mm.
+    pub generation_radii_mm: Vec<f64>,
     /// Number of loops. A branch on a loop has the least generation that leads to it.
     pub loops: usize,
 }
@@ -42,11 +46,17 @@ impl CenterlineGraph {
     /// Counts branches by generation. Edges that meet at a node of degree 2 are one branch, unless
     /// a root is there.
     pub fn tree(&self) -> TreeSummary {
-        let mut generations: Vec<usize> = Vec::new();
+        let count = self.edges.iter().map(|e| e.generation + 1).max().unwrap_or(0);
+        let mut generations = vec![0; count];
+        let (mut lengths, mut moments) = (vec![0.0; count], vec![0.0; count]);
         for e in &self.edges {
-            generations.resize(generations.len().max(e.generation + 1), 0);
             generations[e.generation] += 1;
+            lengths[e.generation] += e.length_mm;
+            moments[e.generation] += e.length_mm * e.mean_radius_mm;
         }
+        let mean = |(moment, length): (&f64, &f64)| {
+            if *length > 0.0 { moment / length } else { 0.0 }
+        };
         let inner = |n: &&CenterlineNode| !self.roots.contains(&n.id);
         // Both edges of a node that is no bifurcation have the same generation.
         for n in self.nodes.iter().filter(inner).filter(|n| n.degree == 2) {
@@ -58,6 +68,8 @@ impl CenterlineGraph {
             branches: generations.iter().sum(),
             terminal_branches: self.nodes.iter().filter(inner).filter(|n| n.degree == 1).count(),
             greatest_generation: generations.len().saturating_sub(1),
+            generation_radii_mm: moments.iter().zip(&lengths).map(mean).collect(),
+            generation_lengths_mm: lengths,
             generations,
             loops: self.loops(),
         }
@@ -132,6 +144,10 @@ mod tests {
             branch(at(0, 3), None, 2.0),
             branch(at(1, 2), None, 3.0),
         ];
+        let tree = Centerline { branches: all.clone() }.graph().tree();
+        // The trunk's first 1 mm; its next 2 mm and 2 mm of the first branch; the rest.
+        assert_eq!(tree.generation_lengths_mm, [1.0, 4.0, 11.0]);
+        assert_eq!(tree.generation_radii_mm, [1.0; 3]);
         assert_eq!(counts(all), (7, 4, vec![1, 2, 4], 0));
         assert_eq!(counts(vec![branch(None, None, 0.0)]), (1, 1, vec![1], 0));
         assert_eq!(counts(Vec::new()), (0, 0, Vec::new(), 0));

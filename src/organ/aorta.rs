@@ -13,7 +13,7 @@ use super::gates::Gates;
 use super::sections::{Section, SectionRegion, Slices, longest_chain, regions};
 use super::values::{MIN_HU, between, quantile};
 use crate::lumen::{BitVolume, opened};
-use crate::volume::{Grid, Rescale, SampleBuffer, Samples, Volume};
+use crate::volume::{Grid, SampleBuffer, Samples, Volume};
 
 /// Voxel sides of the coarse copy, mm, about.
 const COARSE_MM: f64 = 1.5;
@@ -332,5 +332,5 @@ fn coarse(volume: &Volume) -> (Volume, UVec3) {
     let axes = DMat3::IDENTITY;
     let grid =
         Grid::new(dims.to_array().map(u64::from), spacing_mm, DVec3::ZERO, axes).unwrap_or(*grid);
-    (Volume { grid, samples, rescale: Rescale::IDENTITY, padding: None }, factor)
+    (Volume::new(grid, samples), factor)
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::volume::{Rescale, Sample, SampleBuffer, Samples, Volume, with_samples};
+use crate::volume::{Sample, SampleBuffer, Samples, Volume, with_samples};
 
 /// The volume's real values, smoothed along each axis; beyond the edge the last value goes on.
 ///
@@ -51,7 +51,7 @@ pub(super) fn smoothed(volume: &Volume, sigma_mm: f64, least: f64) -> Volume {
         }
     }
     let samples = Samples::F32(SampleBuffer::from(values));
-    Volume { grid, samples, rescale: Rescale::IDENTITY, padding: None }
+    Volume::new(grid, samples)
 }
 
 /// Weights of the middle and of each step away from it, summing to 1 with both sides.

@@ -11,6 +11,10 @@ pub struct Look {
     pub opacity: f32,
 }
 
+/// Colour of wall that no picture has shown: linear, eight bits each, and the share of the tissue's
+/// colour that it replaces.
+pub const MISSED: [u8; 4] = [8, 60, 205, 235];
+
 impl Default for Look {
     fn default() -> Self {
         Self { falloff_mm: None, background: [0.006, 0.007, 0.009], opacity: 1.0 }

@@ -24,6 +24,15 @@ impl PreparedMesh {
     pub fn new(mesh: &Mesh) -> Result<Self, RenderError> {
         prepare(mesh, false)
     }
+
+    /// Takes a mesh that was shaded before.
+    ///
+    /// # Errors
+    /// [`RenderError::BadFace`].
+    pub fn shaded(mesh: &Mesh, shading: &Shading) -> Result<Self, RenderError> {
+        check_faces(mesh)?;
+        Ok(prepare_shaded(mesh, shading.clone(), false))
+    }
 }
 
 /// Brings a mesh into the form that is drawn; caps are left out on request.

@@ -18,7 +18,7 @@ mod unfold;
 
 pub use camera::{Framing, clip_from_world, framing};
 pub use error::RenderError;
-pub use look::Look;
+pub use look::{Look, MISSED};
 pub use mesh::PreparedMesh;
 pub use overlay::{FlatMesh, FlatVertex, Overlay};
 pub use pages::MAX_PAGES;

@@ -146,10 +146,10 @@ impl Renderer {
         let of = |model, push: &host::lines::Params| {
             draw(lines, model, bytemuck::bytes_of(push), Vec::new())
         };
-        path.and_then(|p| of(p, &base))
-            .into_iter()
-            .chain(of(&self.frustum, &camera))
-            .chain(of(&self.ball, &eye))
-            .collect()
+        let path = path.and_then(|p| of(p, &base)).into_iter();
+        if !scene.camera {
+            return path.collect();
+        }
+        path.chain(of(&self.frustum, &camera)).chain(of(&self.ball, &eye)).collect()
     }
 }

@@ -93,6 +93,8 @@ pub struct Scene {
     pub overview: Option<MeshHandle>,
     /// The path, drawn in the overview.
     pub path: Option<PathHandle>,
+    /// Whether the overview shows the camera.
+    pub camera: bool,
     /// Side from which the overview shows the organ, and how near.
     pub framing: Framing,
     /// Light and background.
@@ -102,20 +104,18 @@ pub struct Scene {
 impl Scene {
     /// Creates a scene of one mesh.
     pub fn of(mesh: MeshHandle) -> Self {
-        let look = Look::default();
-        Self {
-            wall: SceneWall::Mesh(mesh),
-            overview: None,
-            path: None,
-            framing: Framing::default(),
-            look,
-        }
+        Self::with(SceneWall::Mesh(mesh), None)
     }
 
     /// Creates a scene of one closed wall in pages, and a mesh of it for the overview.
     pub fn paged(pages: PagesHandle, overview: Option<MeshHandle>) -> Self {
         let wall = SceneWall::Pages { pages, backs: false };
-        Self { wall, overview, path: None, framing: Framing::default(), look: Look::default() }
+        Self::with(wall, overview)
+    }
+
+    fn with(wall: SceneWall, overview: Option<MeshHandle>) -> Self {
+        let (framing, look) = (Framing::default(), Look::default());
+        Self { wall, overview, path: None, camera: true, framing, look }
     }
 
     /// Returns the mesh the overview shows.

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use super::folder_lock::FolderLocks;
 use super::writer::{FrameWriter, clear_folder};
-use super::{FrameStream, Product, Report, Session, SessionError, locked, written_mesh};
+use super::{
+    FrameStream, Product, Report, ReportPictures, Session, SessionError, locked, written_mesh,
+};
 use crate::flight::CameraPath;
 use crate::formats::{
     FormatError, atomic_file, to_pretty_json, write_branches, write_centerline, write_layers,
@@ -15,9 +17,13 @@ use crate::lumen::Lumen;
 /// Name of the report in a folder.
 pub const REPORT_FILE: &str = "report.json";
 
+/// Name of the report as a page of HTML.
+pub const PAGE_FILE: &str = "report.html";
+
 /// Names of all files of a run in its folder; frames have a folder of their own.
-pub const RUN_FILES: [&str; 10] = [
+pub const RUN_FILES: [&str; 11] = [
     REPORT_FILE,
+    PAGE_FILE,
     "mask.nrrd",
     "distance.nrrd",
     "surface.ply",
@@ -38,6 +44,18 @@ pub struct Recording {
     pub video: Option<(PathBuf, f64)>,
     /// File of the camera path.
     pub camera_path: Option<PathBuf>,
+    /// Whether pictures are kept and drawn for the page of the report.
+    pub pictures: bool,
+}
+
+/// A run whose files are written, save its report.
+pub struct RunOutcome {
+    /// The report.
+    pub report: Report,
+    /// The frames, all drawn.
+    pub stream: FrameStream,
+    /// Pictures for the page of the report, where they were asked for.
+    pub pictures: Option<ReportPictures>,
 }
 
 impl Session {
@@ -73,7 +91,8 @@ impl Session {
     pub fn compute_all(&self) -> Result<FrameStream, SessionError> {
         self.expect(&[Product::Base, Product::Coverage]);
         self.prepare(&self.needs_of_frames())?;
-        let products = || self.prepare(&[Product::Base, Product::Coverage, Product::Inputs]);
+        let needs = [Product::Base, Product::Coverage, Product::Inputs, Product::LumenProfile];
+        let products = || self.prepare(&needs);
         if self.pool.current_num_threads() == 1 {
             products()?;
             return self.draw_all();
@@ -144,6 +163,10 @@ impl Session {
                 Ok(None) => break Ok(()),
                 Ok(Some(frame)) => {
                     self.progress.frames(frame.index + 1);
+                    if to.pictures {
+                        let count = stream.count();
+                        stream.kept.offer(&frame, count);
+                    }
                     if let Err(e) = writer.write(frame) {
                         break Err(e);
                     }
@@ -170,7 +193,7 @@ impl Session {
         &self,
         folder: &Path,
         recording: &Recording,
-    ) -> Result<(Report, FrameStream), SessionError> {
+    ) -> Result<RunOutcome, SessionError> {
         let outcome = self.fill_folder(folder, recording);
         if outcome.is_err() {
             self.release_folders();
@@ -186,7 +209,7 @@ impl Session {
         &self,
         folder: &Path,
         recording: &Recording,
-    ) -> Result<(Report, FrameStream), SessionError> {
+    ) -> Result<RunOutcome, SessionError> {
         let folders: [&Path; 2] = [folder, &recording.frames];
         // Before anything is computed, and again once they were made.
         folders.iter().try_for_each(|f| locked(&self.folders).claim(f))?;
@@ -198,8 +221,9 @@ impl Session {
             locked(&self.folders).claim(folder)?;
         }
         remove_file(&folder.join(REPORT_FILE))?;
+        remove_file(&folder.join(PAGE_FILE))?;
         clear_folder(&recording.frames)?;
-        let stream = if self.pool.current_num_threads() == 1 {
+        let mut stream = if self.pool.current_num_threads() == 1 {
             let stream = self.draw_and_keep_levels(recording)?;
             self.write_products(folder)?;
             stream
@@ -212,8 +236,9 @@ impl Session {
                 stream.and_then(|stream| products.map(|()| stream))
             })?
         };
-        let report = self.report(Some(&stream))?;
-        Ok((report, stream))
+        let pictures =
+            recording.pictures.then(|| self.report_pictures(Some(&mut stream))).transpose()?;
+        Ok(RunOutcome { report: self.report(Some(&stream))?, stream, pictures })
     }
 
     /// Writes the report of a run, which ends it.
@@ -230,7 +255,7 @@ impl Session {
 
     /// Computes and writes everything that is no picture: nine files.
     fn write_products(&self, folder: &Path) -> Result<(), SessionError> {
-        self.prepare(&[Product::Base, Product::Coverage])?;
+        self.prepare(&[Product::Base, Product::Coverage, Product::LumenProfile])?;
         let mut clock = self.clock().fork();
         let written = clock.time("write", "files", || self.write_files(folder), |_| 9);
         self.clock().merge(clock);

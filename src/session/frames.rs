@@ -6,6 +6,7 @@ use std::time::Instant;
 use glam::Vec3;
 
 use super::levels::{LodReport, UPLOAD_BYTES};
+use super::pictures::KeptFrames;
 use super::settings::Lod;
 use super::{Clock, FramesReport, OpenDevice, Product, Session, SessionError, locked, present};
 use crate::device::{Device, DeviceError};
@@ -24,13 +25,13 @@ use crate::vk::{Choice, Gpu, return_freed_memory};
 pub(super) struct Display {
     device: Arc<OpenDevice>,
     own: Option<Mutex<Gpu>>,
-    /// Taken by the stream that draws.
-    renderer: Mutex<Option<Renderer>>,
-    name: String,
+    /// Taken by what draws with it.
+    pub(super) renderer: Mutex<Option<Renderer>>,
+    pub(super) name: String,
 }
 
 impl Display {
-    fn with_gpu<T>(&self, work: impl FnOnce(&mut Gpu) -> T) -> T {
+    pub(super) fn with_gpu<T>(&self, work: impl FnOnce(&mut Gpu) -> T) -> T {
         if let Some(own) = &self.own {
             return work(&mut locked(own));
         }
@@ -86,10 +87,7 @@ impl Session {
         let centered = self.centerline()?;
         let display = self.display()?;
         let s = &self.settings.flight;
-        let mut renderer = match locked(&display.renderer).take() {
-            Some(renderer) => renderer,
-            None => display.with_gpu(|gpu| Renderer::new(gpu, s.size[0], s.size[1], s.samples))?,
-        };
+        let mut renderer = self.take_renderer(&display)?;
         let mesh = drawn.mesh();
         let overview = matches!(s.view, View::Overview | View::Split);
         let mut held = Held::default();
@@ -136,6 +134,7 @@ impl Session {
         Ok(FrameStream {
             size: s.size,
             spares: renderer.spares(),
+            kept: KeptFrames::default(),
             renderer: Some(renderer),
             display,
             sequence: Some(FrameSequence::new(scene, shots, worker)),
@@ -150,11 +149,29 @@ impl Session {
         })
     }
 
-    /// The pieces of the path in the order and direction in which they are flown.
-    fn flown_pieces(&self, line: &Centerline) -> Result<Vec<Vec<Vec3>>, SessionError> {
+    /// The renderer of a display, or a new one while another stream has it.
+    pub(super) fn take_renderer(&self, display: &Display) -> Result<Renderer, SessionError> {
         let s = &self.settings.flight;
-        let places = |p: Vec<CenterlinePoint>| p.iter().map(|p| p.position_mm.as_vec3()).collect();
-        let mut pieces: Vec<Vec<Vec3>> = s.route.paths(line)?.into_iter().map(places).collect();
+        let taken = locked(&display.renderer).take();
+        let new = |gpu: &mut Gpu| Renderer::new(gpu, s.size[0], s.size[1], s.samples);
+        Ok(taken.map_or_else(|| display.with_gpu(new), Ok)?)
+    }
+
+    /// The pieces of the path in the order and direction in which they are flown.
+    pub(super) fn flown_pieces(&self, line: &Centerline) -> Result<Vec<Vec<Vec3>>, SessionError> {
+        let places = |p: &Vec<CenterlinePoint>| -> Vec<Vec3> {
+            p.iter().map(|p| p.position_mm.as_vec3()).collect()
+        };
+        Ok(self.route_pieces(line)?.iter().map(places).collect())
+    }
+
+    /// The pieces of the path with their radii, in the order and direction in which they are flown.
+    pub(super) fn route_pieces(
+        &self,
+        line: &Centerline,
+    ) -> Result<Vec<Vec<CenterlinePoint>>, SessionError> {
+        let s = &self.settings.flight;
+        let mut pieces = s.route.paths(line)?;
         if s.reverse {
             pieces.reverse();
             pieces.iter_mut().for_each(|p| p.reverse());
@@ -207,6 +224,8 @@ pub struct FrameStream {
     size: [u32; 2],
     spares: Spares,
     lod: LodReport,
+    /// Frames for the report.
+    pub(super) kept: KeptFrames,
     cancel: CancelToken,
     given: usize,
     started: Instant,
@@ -240,7 +259,9 @@ impl FrameStream {
             return Err(SessionError::Cancelled);
         }
         let display = Arc::clone(&self.display);
-        let (sequence, renderer) = self.drawing();
+        let Some((sequence, renderer)) = self.sequence.as_mut().zip(self.renderer.as_mut()) else {
+            return Ok(None);
+        };
         let next = display.with_gpu(|gpu| sequence.next_frame(renderer, gpu))?;
         let Some((rgb, stats)) = next else { return Ok(None) };
         self.figures.ms.push(self.since.elapsed().as_secs_f64() * 1000.0);
@@ -271,7 +292,7 @@ impl FrameStream {
             leaves_changed_p50,
             leaves_changed_p99,
             degraded: f.stats.iter().filter(|s| s.degraded).count(),
-            total_ms: self.started.elapsed().as_secs_f64() * 1000.0,
+            total_ms: self.since.duration_since(self.started).as_secs_f64() * 1000.0,
             min_near_clearance_mm: self.flight.min_margin_mm(),
             flight_seconds: self.flight.seconds.last().copied().unwrap_or(0.0),
             cuts: self.flight.cuts.clone(),
@@ -301,26 +322,25 @@ impl FrameStream {
         warnings
     }
 
-    fn drawing(&mut self) -> (&mut FrameSequence, &mut Renderer) {
-        self.sequence
-            .as_mut()
-            .zip(self.renderer.as_mut())
-            .expect("held until the stream is dropped")
-    }
-}
-
-impl Drop for FrameStream {
-    fn drop(&mut self) {
-        let Some(mut renderer) = self.renderer.take() else { return };
+    /// Ends the drawing of frames, whose meshes and pages are freed, and returns the renderer.
+    pub(super) fn end(&mut self) -> &mut Renderer {
+        let renderer = self.renderer.as_mut().expect("held until the stream is dropped");
         if let Some(sequence) = self.sequence.take() {
             // Frames nobody wants any more; their pages are closed whatever is in them.
-            let _ = self.display.with_gpu(|gpu| sequence.finish(&mut renderer, gpu));
+            let _ = self.display.with_gpu(|gpu| sequence.finish(renderer, gpu));
         }
         self.held.meshes.drain(..).for_each(|m| renderer.remove_mesh(m));
         if let Some(pages) = self.held.pages.take() {
             renderer.close_pages(pages);
         }
-        *locked(&self.display.renderer) = Some(renderer);
+        renderer
+    }
+}
+
+impl Drop for FrameStream {
+    fn drop(&mut self) {
+        self.end();
+        *locked(&self.display.renderer) = self.renderer.take();
     }
 }
 

@@ -212,7 +212,10 @@ fn geometry(source: &VolumeSource) -> Result<(Grid, InputReport), SessionError> 
         VolumeSource::File { path, options } => {
             let info = inspect(path, options)?;
             match info.image.and_then(|image| Some((image.grid().ok()?, image))) {
-                Some((grid, image)) => (grid, InputReport::of_header(&grid, image.sample_type)),
+                Some((grid, image)) => {
+                    let report = InputReport::of_header(&grid, image.sample_type);
+                    (grid, report.of_acquisition(info.acquisition.as_ref()))
+                }
                 // A format whose header does not say enough is read.
                 None => {
                     let volume = read_volume(path, options)?;
@@ -244,7 +247,7 @@ fn resampled(mask: &Volume, grid: Grid) -> Volume {
         out
     }
     let samples: Samples = with_samples!(&mask.samples, |s| pick(s, &mask.grid, &grid).into());
-    Volume { grid, samples, rescale: mask.rescale, padding: mask.padding }
+    Volume { rescale: mask.rescale, padding: mask.padding, ..Volume::new(grid, samples) }
 }
 
 fn same_grid(g: &Grid, h: &Grid) -> bool {

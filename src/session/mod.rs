@@ -12,6 +12,7 @@ mod centering;
 mod clock;
 pub mod copy_rate;
 mod coverage;
+mod date;
 mod error;
 mod fields;
 mod flight;
@@ -24,6 +25,7 @@ mod load;
 mod memory;
 mod mode;
 mod paper;
+mod pictures;
 mod progress;
 mod report;
 mod scheduler;
@@ -39,7 +41,7 @@ pub use centering::{Centered, Visibility};
 pub use clock::{Clock, KernelTime, StageTime};
 pub use error::SessionError;
 pub use fields::{Fields, GreyHessian, HessianSettings, grey_hessian};
-pub use folder::{REPORT_FILE, RUN_FILES, Recording};
+pub use folder::{PAGE_FILE, REPORT_FILE, RUN_FILES, Recording, RunOutcome};
 pub use frames::{DrawnFrame, FrameStream};
 pub use levels::{Levels, LodReport};
 pub use load::{read_any_volume, read_orthogonal_volume};
@@ -48,11 +50,12 @@ pub use memory::{
     refuse_above, resident_memory_mb,
 };
 pub use mode::Mode;
+pub use pictures::{InsidePicture, OverviewPicture, PngPicture, ReportPictures};
 pub use progress::Progress;
 pub use report::{
     CenterlineReport, ComponentReport, CoverageReport, FramesReport, InputReport, LumenReport,
-    Modes, OrganReport, PatchReport, Report, SegmentReport, SurfaceReport, WallFieldReport,
-    WallReport,
+    Modes, OrganReport, PatchReport, Report, SegmentReport, SelectionReport, SurfaceReport,
+    WallFieldReport, WallReport,
 };
 pub use search::Exterior;
 pub use segmentation::{Core, Segmented};

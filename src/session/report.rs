@@ -9,14 +9,15 @@ use serde::Serialize;
 
 use super::levels::LodReport;
 use super::surface::{Wall, written_mesh};
-use super::{Centered, Clock, Segmented, Session, SessionError, StageTime, WallMethod};
+use super::{Centered, Clock, Product, Segmented, Session, SessionError, StageTime, WallMethod};
 use crate::centerline::complex::net::Rule;
 use crate::centerline::{LumenLoop, Proof};
+use crate::flight::LumenProfile;
 use crate::geometry::{Branch, Centerline, Mesh, TreeSummary};
-use crate::lumen::{Component, Lumen};
+use crate::lumen::{Component, IntensitySelection, Lumen};
 use crate::organ::Segment;
 use crate::surface::{Adjacency, Topology};
-use crate::volume::{Grid, Volume};
+use crate::volume::{Acquisition, Grid, Volume};
 
 /// The report of a run.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -29,6 +30,8 @@ pub struct Report {
     pub unit: &'static str,
     /// Version of intima.
     pub version: &'static str,
+    /// Moment at which the report was made, UTC.
+    pub date: String,
     /// Statement that this is no medical device.
     pub notice: &'static str,
     /// Name of the device that plans ran on; `cpu` without a GPU.
@@ -59,6 +62,9 @@ pub struct Report {
     /// Path or tree, and the visibility test.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub centerline: Option<CenterlineReport>,
+    /// Radius and cross-section along the path.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub profile: Option<LumenProfile>,
     /// Wall seen by the flight.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coverage: Option<CoverageReport>,
@@ -92,11 +98,34 @@ pub struct InputReport {
     pub spacing_mm: [f64; 3],
     /// Stored type of a sample, such as `int16`.
     pub sample_type: String,
+    /// Modality code such as `CT`, where the file says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub modality: Option<&'static str>,
+    /// Start of the BLAKE3 hash of the series instance UID, of a DICOM series.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub series_hash: Option<String>,
+}
+
+/// Values that count as inside, real units; neither of an organ, which has its threshold.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct SelectionReport {
+    /// Ends of the range, both inside; null where it is open.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub range: Option<[Option<f64>; 2]>,
+    /// Labels; every label but 0 if the list is empty.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub labels: Option<Vec<i64>>,
+    /// Voxel of the component that was kept, x fastest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed_voxel: Option<[u32; 3]>,
 }
 
 /// The lumen.
 #[derive(Clone, Debug, Serialize)]
 pub struct LumenReport {
+    /// Values that it was selected by.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub selection: Option<SelectionReport>,
     /// Voxels with all six neighbours in the lumen.
     pub internal_voxels: u64,
     /// Voxels with an external neighbour.
@@ -365,29 +394,56 @@ impl Session {
     /// # Errors
     /// What computing the inputs' hash fails with.
     pub fn report(&self, frames: Option<&super::FrameStream>) -> Result<Report, SessionError> {
-        let inputs = self.inputs()?;
-        let (lumen, wall) = (self.lumen()?, self.wall()?);
-        let centered = self.centerline()?;
-        let centerline = CenterlineReport {
-            tree: self.tree()?,
-            ..CenterlineReport::of(&centered, &lumen.lumen)
-        };
+        self.prepare(&[Product::Inputs, Product::Lumen, Product::Wall, Product::Centerline])?;
+        self.report_so_far(frames)
+    }
+
+    /// The report of the products that are there, and of these frames; none is computed for it but
+    /// the branches of a tree.
+    ///
+    /// # Errors
+    /// What the branches fail with.
+    pub fn report_so_far(
+        &self,
+        frames: Option<&super::FrameStream>,
+    ) -> Result<Report, SessionError> {
+        let there = self.products(&[
+            Product::Device,
+            Product::Volume,
+            Product::Identity,
+            Product::Lumen,
+            Product::Wall,
+            Product::Centerline,
+        ]);
+        let inputs = there.has(Product::Identity).then(|| self.inputs()).transpose()?;
+        let lumen = there.lumen.as_deref();
+        let line = there.centerline.as_deref().zip(lumen);
+        let centerline = line.map(|(centered, lumen)| {
+            let tree = self.tree()?;
+            Ok::<_, SessionError>(CenterlineReport {
+                tree,
+                ..CenterlineReport::of(centered, &lumen.lumen)
+            })
+        });
+        let surface = there.wall.as_deref();
+        let surface = surface.map(|w| SurfaceReport::of_written(w, self.settings.wall.open_ends));
         let coverage = super::locked(&self.slots.coverage).clone();
         let mut warnings = self.warnings();
         warnings.extend(frames.map(super::FrameStream::warnings).unwrap_or_default());
         Ok(Report {
-            input: inputs.input.clone(),
-            mask: inputs.mask.clone(),
-            lumen: Some(LumenReport::of(&lumen)),
-            organ: OrganReport::of(&lumen),
-            wall: Some(WallReport::of(&lumen)),
-            surface: Some(SurfaceReport::of_written(&wall, self.settings.wall.open_ends)),
-            centerline: Some(centerline),
+            input: inputs.as_ref().and_then(|i| i.input.clone()),
+            mask: inputs.as_ref().and_then(|i| i.mask.clone()),
+            lumen: lumen.map(LumenReport::of),
+            organ: lumen.and_then(OrganReport::of),
+            wall: lumen.map(WallReport::of),
+            surface,
+            centerline: centerline.transpose()?,
+            profile: super::locked(&self.slots.lumen_profile).as_deref().cloned(),
             coverage: coverage.map(|c| super::coverage::report(&c)),
             lod: frames.map(|f| f.lod().clone()),
             frames: frames.map(super::FrameStream::report),
             warnings,
-            ..Report::new(&self.device_name()?, &self.clock())
+            ..Report::new(there.device.as_ref().map_or("", |d| &d.name), &self.clock())
         })
     }
 }
@@ -407,6 +463,7 @@ impl Report {
             space: "LPS",
             unit: "mm",
             version: env!("CARGO_PKG_VERSION"),
+            date: super::date::now(),
             notice: crate::formats::NOTICE,
             device: device.to_owned(),
             stages: clock.stages.clone(),
@@ -435,22 +492,44 @@ impl InputReport {
             dims: volume.grid.dims.to_array(),
             spacing_mm: volume.grid.spacing_mm.to_array(),
             sample_type: volume.samples.sample_type().name().to_owned(),
+            modality: None,
+            series_hash: None,
         }
+        .of_acquisition(volume.acquisition.as_ref())
     }
 
     /// Geometry of an image of which only the header was read.
     pub(super) fn of_header(grid: &Grid, sample_type: String) -> Self {
         let (dims, spacing_mm) = (grid.dims.to_array(), grid.spacing_mm.to_array());
-        Self { hash: None, dims, spacing_mm, sample_type }
+        Self { hash: None, dims, spacing_mm, sample_type, modality: None, series_hash: None }
+    }
+
+    /// Adds what is known of the acquisition.
+    pub(super) fn of_acquisition(self, acquisition: Option<&Acquisition>) -> Self {
+        let Some(a) = acquisition else { return self };
+        Self { modality: Some(a.modality), series_hash: a.series_hash.clone(), ..self }
     }
 }
 
 /// Most components left out that are listed, in the body and outside it.
 const LISTED: usize = 5;
 
+impl SelectionReport {
+    fn of(Segmented { options, organ, .. }: &Segmented) -> Option<Self> {
+        let seed_voxel = options.seed.map(|s| s.to_array());
+        let end = |v: f64| v.is_finite().then_some(v);
+        let (range, labels) = match &options.selection {
+            IntensitySelection::Range { lo, hi } => (Some([end(*lo), end(*hi)]), None),
+            IntensitySelection::Labels(labels) => (None, Some(labels.clone())),
+        };
+        organ.is_none().then_some(Self { range, labels, seed_voxel })
+    }
+}
+
 impl LumenReport {
     /// Counts of a lumen.
-    pub fn of(Segmented { lumen, found, .. }: &Segmented) -> Self {
+    pub fn of(segmented: &Segmented) -> Self {
+        let Segmented { lumen, found, .. } = segmented;
         let component =
             |c: &Component, outside_body| ComponentReport::of(c, &lumen.grid, outside_body);
         let listed = |all: &[Component], outside_body| -> Vec<ComponentReport> {
@@ -459,6 +538,7 @@ impl LumenReport {
         let mut left_out = listed(&found.others, false);
         left_out.extend(listed(&found.outside, true));
         Self {
+            selection: SelectionReport::of(segmented),
             internal_voxels: lumen.internal_voxels,
             boundary_voxels: lumen.boundary_voxels,
             volume_ml: lumen.volume_ml(),

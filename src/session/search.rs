@@ -4,9 +4,12 @@
 use std::sync::Arc;
 
 use super::{Clock, Session, SessionError, present};
-use crate::flight::{Flight, FlightPath, SectionFigures, sections_along};
-use crate::geometry::{Centerline, CenterlineDistances, ExteriorGrid, Mesh, TriangleBvh};
+use crate::flight::{Flight, FlightPath, LumenProfile, SectionFigures, sections_along};
+use crate::geometry::{
+    Centerline, CenterlineDistances, CenterlinePlaces, ExteriorGrid, Mesh, TriangleBvh,
+};
 use crate::lod::occlusion_grid;
+use crate::organ::Organ;
 
 /// Space outside the wall.
 pub struct Exterior {
@@ -58,6 +61,36 @@ impl Session {
         let (centered, flight) = (present(&self.slots.centerline), present(&self.slots.flight));
         let find = || sections(&flight, &centered.line, &wall.mesh, &tree);
         Ok(clock.time("sections", "poses", find, |s| s.len() as u64))
+    }
+
+    pub(super) fn run_lumen_profile(
+        &self,
+        clock: &mut Clock,
+    ) -> Result<LumenProfile, SessionError> {
+        let (wall, tree) = (present(&self.slots.wall), present(&self.slots.triangle_tree));
+        let centered = present(&self.slots.centerline);
+        let pieces = self.route_pieces(&centered.line)?;
+        let start = self.start_of_route();
+        let voxel_mm = present(&self.slots.lumen).lumen.grid.spacing_mm.max_element();
+        let measured = || {
+            let places = CenterlinePlaces::new(&centered.line);
+            LumenProfile::new(&pieces, &wall.mesh, &tree, &places, voxel_mm)
+        };
+        let find = || LumenProfile { start, ..measured() };
+        Ok(clock.time("profile", "samples", find, |p| p.arc_mm.len() as u64))
+    }
+
+    /// Part of the organ that the path starts in: where it was found and nothing says otherwise, a
+    /// colon is flown from the rectum and an airway from the trachea.
+    fn start_of_route(&self) -> Option<&'static str> {
+        if self.settings.centerline.from.is_some() || self.settings.flight.reverse {
+            return None;
+        }
+        match present(&self.slots.lumen).organ.as_ref()?.organ {
+            Organ::Colon => Some("rectum"),
+            Organ::Airway => Some("trachea"),
+            Organ::Vessel => None,
+        }
     }
 
     /// Cross-sections along another flight than the session's, one a pose; they are not kept.

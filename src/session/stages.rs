@@ -19,7 +19,7 @@ use super::{
 };
 use crate::centerline::Routed;
 use crate::compute::{Array, Kernel};
-use crate::flight::{Coverage, Flight, SectionFigures};
+use crate::flight::{Coverage, Flight, LumenProfile, SectionFigures};
 use crate::geometry::{CenterlineDistances, Mesh, TriangleBvh};
 use crate::render::PreparedMesh;
 use crate::surface::Shading;
@@ -308,6 +308,9 @@ products! {
     /// Cross-sections of the lumen along the flight, one a pose.
     pub Sections sections: Vec<Option<SectionFigures>> =
         "sections" 0.5 [Wall TriangleTree Centerline Flight] () Cpu always run_sections;
+    /// Radius and cross-section along the path, with the narrowest places.
+    pub LumenProfile lumen_profile: LumenProfile =
+        "profile" 0.5 [Wall TriangleTree Centerline] (flight.route, flight.reverse) Cpu always run_lumen_profile;
     /// Distances of the wall's vertices from the centerline.
     pub CenterlineDistances centerline_distances: CenterlineDistances =
         "centerline distances" 0.5 [Wall TriangleTree Centerline] () Cpu always run_centerline_distances;

@@ -21,6 +21,18 @@ pub struct Volume {
     /// First and last of the stored values that mark places without a measurement (DICOM's pixel
     /// padding): never part of a range of values.
     pub padding: Option<[f64; 2]>,
+    /// Acquisition that the samples are of, where the file says.
+    pub acquisition: Option<Acquisition>,
+}
+
+/// Acquisition that a volume was measured in, without text of the patient.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Acquisition {
+    /// Modality code such as `CT`, or `other`.
+    pub modality: &'static str,
+    /// First 16 digits of the BLAKE3 hash of the series instance UID, in hexadecimal: tells two
+    /// series apart without naming either. `None` where the file has no valid UID.
+    pub series_hash: Option<String>,
 }
 
 /// Linear map from stored to real values.
@@ -56,7 +68,7 @@ impl Volume {
     /// If the number of samples is not the grid's.
     pub fn new(grid: Grid, samples: Samples) -> Self {
         assert_eq!(samples.len(), grid.len(), "samples must fill the grid");
-        Self { grid, samples, rescale: Rescale::IDENTITY, padding: None }
+        Self { grid, samples, rescale: Rescale::IDENTITY, padding: None, acquisition: None }
     }
 
     /// Returns the real value (after rescale) at linear index `i`.

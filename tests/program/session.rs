@@ -118,7 +118,8 @@ fn changed_settings_forget_exactly_the_products_that_depend_on_them() {
     assert_eq!(forgotten(labels), below(&of_the_volume));
     assert_eq!(forgotten(|s| s.lumen.organ = Some(Organ::Colon.into())), below(&of_the_volume));
     let of_the_flight = [P::Flight, P::Coverage, P::Sections];
-    assert_eq!(forgotten(|s| s.flight.reverse = true), of_the_flight);
+    let reversed = forgotten(|s| s.flight.reverse = true);
+    assert_eq!(reversed, [&of_the_flight[..], &[P::LumenProfile]].concat());
     assert_eq!(forgotten(|s| s.flight.fov_y_rad = 1.0), of_the_flight, "gaze");
     assert_eq!(forgotten(|s| s.wall.base_faces = Some(9)), [P::Base]);
     assert_eq!(forgotten(|s| s.levels.pixel_error = 9.0), [P::Levels]);
@@ -126,7 +127,7 @@ fn changed_settings_forget_exactly_the_products_that_depend_on_them() {
     assert_eq!(without_levels, [P::DrawnTree, P::Clusters, P::Levels, P::Base]);
     let of_the_path = [P::Route, P::Visibility, P::Centerline, P::Flight, P::Coverage, P::Sections];
     let tree = forgotten(|s| s.centerline.tree = true);
-    assert_eq!(tree, [&of_the_path[..], &[P::CenterlineDistances]].concat());
+    assert_eq!(tree, [&of_the_path[..], &[P::LumenProfile, P::CenterlineDistances]].concat());
 }
 
 /// What a session makes of everything that settings change, as text.
@@ -137,7 +138,8 @@ fn figures(session: &Session) -> String {
     let (centered, fields) = (session.centerline().unwrap(), session.fields().unwrap());
     let levels = session.levels().map(|l| l.report.clone()).ok();
     let seen = &session.coverage().unwrap().seen_both_ways;
-    let products: [&dyn std::fmt::Debug; 12] = [
+    let products: [&dyn std::fmt::Debug; 13] = [
+        &session.lumen_profile().unwrap(),
         &lumen.lumen.inside_voxels(),
         &lumen.method,
         &wall.mesh,

@@ -7,6 +7,7 @@ use std::process::{Command, Output};
 use std::sync::Arc;
 
 use common::cast::Cast;
+use common::html::Element;
 use common::{torso, volumes};
 use glam::{DQuat, DVec3, IVec3};
 use intima::app::{Action, CoverageRecorder, Model, Ruler};
@@ -503,8 +504,14 @@ fn a_script_played_twice_gives_the_same_pictures_and_saves_its_bookmarks() {
         let view = intima::formats::read_png(&tmp.path().join(out).join("view-1.png")).unwrap();
         assert_eq!((bookmark.0, bookmark.1), (view.0, view.1), "both are the inside pane");
         let html = std::fs::read_to_string(tmp.path().join(out).join("report.html")).unwrap();
-        assert!(html.contains("Place 1") && html.matches("data:image/png").count() == 1);
+        let page = common::html::read(&html);
+        let findings = page.by_id("findings").unwrap();
+        assert!(findings.text.contains("1. Place 1") && findings.text.contains("Wall at"));
+        assert!(page.by_id("measurements").is_some() && page.by_id("profile").is_some());
+        let count = |e: &Element| e.all().iter().filter(|e| e.name == "img").count();
+        assert_eq!((count(findings), count(&page)), (4, 9), "the view and three slices");
         assert!(!html.contains("mask.nrrd"), "no name of a file");
+        let html = common::html::lasting(&html);
         all.push((pictures, notes.replace(&format!("{out}-bookmark"), "bookmark"), html));
     }
     assert!(all[0] == all[1], "the same bytes at any number of threads");

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 use serde::Serialize;
 
 use super::affine::toward;
-use crate::volume::{Grid, GridError, Rescale, SampleType};
+use crate::volume::{Acquisition, Grid, GridError, Rescale, SampleType};
 
 /// Properties of an input, as `intima info` shows them: no description, name or date of it.
 #[derive(Clone, Debug, Serialize)]
@@ -20,6 +20,9 @@ pub struct InputInfo {
     pub segments: Vec<SegmentInfo>,
     /// Assumptions made and data passed over, one sentence each.
     pub notes: Vec<String>,
+    /// Acquisition of the image.
+    #[serde(skip)]
+    pub acquisition: Option<Acquisition>,
 }
 
 /// Geometry and sample type of one image.

@@ -81,6 +81,7 @@ pub fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatEr
                 series: Vec::new(),
                 segments: layout.segments,
                 notes: layout.notes,
+                acquisition: None,
             })
         }
     }

@@ -6,6 +6,7 @@ pub mod child;
 pub mod curves;
 pub mod fixtures;
 pub mod fly;
+pub mod html;
 pub mod pages;
 pub mod readers;
 pub mod screen;

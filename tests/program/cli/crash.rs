@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use common::html;
+
 use super::files::{signal, start, temporary};
 use super::*;
 
@@ -45,7 +47,8 @@ const RUN: &[&str] = &[
     "off",
 ];
 
-/// Files below a folder, with their bytes. Reports hold times and differ from run to run.
+/// Files below a folder, with their bytes. Times of reports differ from run to run: `report.json`
+/// is left out, and so is the part of the page that has them.
 fn products(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut open = vec![dir.to_owned()];
@@ -54,7 +57,10 @@ fn products(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
             if path.is_dir() {
                 open.push(path);
             } else if !path.ends_with("report.json") {
-                let bytes = std::fs::read(&path).unwrap();
+                let mut bytes = std::fs::read(&path).unwrap();
+                if path.ends_with("report.html") {
+                    bytes = html::lasting(&String::from_utf8_lossy(&bytes)).into_bytes();
+                }
                 found.insert(path.strip_prefix(dir).unwrap().to_owned(), bytes);
             }
         }

@@ -82,6 +82,7 @@ fn every_field_of_the_report_is_in_its_page() {
     let parts = [
         part("src/session/report.rs", "pub struct Report", "impl Session"),
         part("src/session/levels.rs", "pub struct LodReport", "\n}"),
+        part("src/flight/lumen_profile.rs", "pub struct LumenProfile", "/// A point of the path"),
         part("src/session/clock.rs", "pub struct StageTime", "/// Collects stages."),
         part("src/geometry/tree.rs", "pub struct TreeSummary", "\n}"),
         part("src/centerline/containment.rs", "pub struct Proof", "\n}"),

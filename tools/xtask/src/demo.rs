@@ -57,6 +57,7 @@ const PRODUCTS: &[(&str, &str)] = &[
     ("surface.ply", "the wall, with smoothed normals"),
     ("centerline.csv", "the path flown; .vtp and .mrk.json beside it"),
     ("unseen.csv", "boundary voxels that the flight does not see"),
+    ("report.html", "the run on one page, for a browser"),
     ("report.json", "every figure of the run"),
     ("colon.nrrd", "the phantom itself"),
 ];

@@ -37,6 +37,9 @@ pub(super) struct Head {
     values: [Arc<ElementValues>; 3],
 }
 
+/// Stands for the UID of a series that has none.
+pub(super) const UNNAMED: &str = "unnamed";
+
 const MODALITIES: [&str; 12] =
     ["CT", "MR", "PT", "NM", "US", "XA", "CR", "DX", "SEG", "SR", "OT", "RTDOSE"];
 
@@ -76,7 +79,7 @@ pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
     let uid = head.text(0x0020, 0x000e);
     // Free text in the place of an identifier must not reach a listing.
     let plain = uid.chars().all(|c| c.is_ascii_digit() || c == '.') && !uid.is_empty();
-    head.series_uid = Arc::from(if plain { uid.as_str() } else { "unnamed" });
+    head.series_uid = Arc::from(if plain { uid.as_str() } else { UNNAMED });
     head.series_number = head.int(0x0020, 0x0011).unwrap_or(0);
     let modality = head.text(0x0008, 0x0060);
     head.modality = MODALITIES.into_iter().find(|m| *m == modality).unwrap_or("other");

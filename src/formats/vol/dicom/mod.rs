@@ -31,7 +31,7 @@ use rayon::prelude::*;
 use super::info::{ImageInfo, InputInfo, ScreenText, SeriesInfo};
 use super::segments::printable;
 use super::{FormatError, ReadOptions, segments};
-use crate::volume::{Rescale, Volume};
+use crate::volume::{Acquisition, Rescale, Volume};
 pub use source_series::SourceSeries;
 
 use head::Head;
@@ -55,6 +55,12 @@ struct Series {
 }
 
 impl Series {
+    fn acquisition(&self) -> Acquisition {
+        let hash = || blake3::hash(self.uid.as_bytes()).to_hex()[..16].to_owned();
+        let modality = self.heads.first().map_or("other", |head| head.modality);
+        Acquisition { modality, series_hash: (self.uid != head::UNNAMED).then(hash) }
+    }
+
     fn is_segmentation(&self) -> bool {
         self.heads.first().is_some_and(Head::is_segmentation)
     }
@@ -133,7 +139,8 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Volume, FormatE
     if series.is_segmentation() {
         let segmentation = Segmentation::new(path, &series.heads)?;
         series.refuse_identifying(options)?;
-        return segmentation.read(&options.segments);
+        let volume = segmentation.read(&options.segments)?;
+        return Ok(Volume { acquisition: Some(series.acquisition()), ..volume });
     }
     segments::chosen(path, &[], &options.segments)?;
     let stack = Stack::new(path, &series.heads, options.fill_gaps)?;
@@ -141,7 +148,7 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Volume, FormatE
     for note in &stack.notes {
         tracing::warn!("DICOM: {note}");
     }
-    pixels::read(path, &stack)
+    Ok(Volume { acquisition: Some(series.acquisition()), ..pixels::read(path, &stack)? })
 }
 
 pub(super) fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatError> {
@@ -150,6 +157,7 @@ pub(super) fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, F
     let mut notes = found.notes;
     let open = found.series.len() > 1 && options.series.is_none();
     let mut segments = Vec::new();
+    let mut acquisition = None;
     let image = if open {
         None
     } else {
@@ -157,6 +165,7 @@ pub(super) fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, F
         if let Some((_, name)) = chosen.identifying() {
             notes.push(format!("its pixels may show who the patient is ({name})"));
         }
+        acquisition = Some(chosen.acquisition());
         if chosen.is_segmentation() {
             segments = chosen.heads[0].segments.to_vec();
             let seg = Segmentation::new(path, &chosen.heads)?;
@@ -168,7 +177,7 @@ pub(super) fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, F
             Some(ImageInfo { reading_bytes: stack.reading_bytes(), ..image })
         }
     };
-    Ok(InputInfo { format: "DICOM".to_owned(), image, series, segments, notes })
+    Ok(InputInfo { format: "DICOM".to_owned(), image, series, segments, notes, acquisition })
 }
 
 /// Reads the heads of all files and sorts them into series.

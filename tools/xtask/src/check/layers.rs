@@ -26,6 +26,7 @@ pub const ORDER: &[&str] = &[
     "device",
     "paper",
     "session",
+    "report_page",
     "cohort",
     "app",
     "cli",
