@@ -77,13 +77,20 @@ pub fn cross_section(
     }
     let u = n.any_orthonormal_vector();
     let v = n.cross(u);
-    let outlines = outlines(pieces(wall, tree, at_mm, [n, u, v]));
-    let around = |p: DVec2| {
-        let holding = outlines.iter().filter(move |o| o.holds(p));
-        holding.min_by(|a, b| a.area.abs().total_cmp(&b.area.abs()))
-    };
+    // Outlines do not cross, so all that hold the point lie in one another: what a sphere about the
+    // point has of them decides as soon as it has one.
+    let (low, high) = tree.bounds(tree.root());
+    let diagonal = f64::from(low.distance(high));
+    let reaches = [diagonal / 16.0, diagonal / 4.0, f64::INFINITY];
+    let (outlines, outer) = reaches.into_iter().find_map(|reach| {
+        let outlines = outlines(pieces(wall, tree, at_mm, [n, u, v], reach));
+        let holding = (0..outlines.len()).filter(|i| outlines[*i].holds(DVec2::ZERO));
+        let size = |i: &usize| outlines[*i].area.abs();
+        let outer = holding.min_by(|a, b| size(a).total_cmp(&size(b)))?;
+        Some((outlines, outer))
+    })?;
     // Faces look into the lumen: it is on the right of each piece.
-    let outer = around(DVec2::ZERO).filter(|o| o.area < 0.0)?;
+    let outer = Some(&outlines[outer]).filter(|o| o.area < 0.0)?;
     // Holes turn the other way; those of an island within a hole belong to the island.
     let is_hole = |o: &&Outline| {
         let first = o.points[0];
@@ -104,12 +111,14 @@ pub fn cross_section(
     })
 }
 
-/// Returns the segments in which the plane cuts the faces, each with the inside on the same side.
+/// Returns the segments in which the plane cuts the faces that come within `reach` of the point, each
+/// with the inside on the same side, and some of those beyond.
 fn pieces(
     wall: &Mesh,
     tree: &TriangleBvh,
     at: DVec3,
     [n, u, v]: [DVec3; 3],
+    reach: f64,
 ) -> Vec<OutlineSegment> {
     let mut out = Vec::new();
     let mut open = vec![tree.root()];
@@ -120,7 +129,8 @@ fn pieces(
         let (lo, hi) = tree.bounds(s);
         let (lo, hi) = (lo.as_dvec3(), hi.as_dvec3());
         let (centre, half) = (0.5 * (lo + hi) - at, 0.5 * (hi - lo));
-        if n.dot(centre).abs() > n.abs().dot(half) * (1.0 + 1e-9) + 1e-9 {
+        let beside = n.dot(centre).abs() > n.abs().dot(half) * (1.0 + 1e-9) + 1e-9;
+        if beside || (centre.abs() - half).max(DVec3::ZERO).length() > reach {
             continue;
         }
         if !s.is_leaf() {
@@ -293,6 +303,22 @@ mod tests {
         assert_eq!(cut(&mesh, DVec3::X * 5.0, DVec3::Z), None, "within the pillar");
         let beside = cut(&mesh, DVec3::X * 40.0, DVec3::Z).unwrap();
         assert!((beside.area_mm2 - whole.area_mm2).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_small_lumen_far_from_others_is_cut_as_if_it_were_alone() {
+        let alone = sphere(10.0, 32);
+        let mut mesh = alone.clone();
+        // About the small one, so that an outline goes round an outline.
+        let far = sphere(200.0, 32);
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend(&far.positions);
+        mesh.faces.extend(far.faces.iter().map(|f| f.map(|v| v + first)));
+        let normal = DVec3::new(0.1, 0.2, 1.0);
+        assert_eq!(cut(&mesh, DVec3::X, normal), cut(&alone, DVec3::X, normal));
+        let beyond = DVec3::X * 100.0;
+        let [both, large] = [&mesh, &far].map(|m| cut(m, beyond, normal).unwrap());
+        assert_eq!(both.outline, large.outline);
     }
 
     #[test]
