@@ -112,8 +112,8 @@ impl FrameArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Level of detail")]
 pub struct LevelArgs {
-    /// Level of detail of the wall
-    #[arg(long, value_enum, default_value = "clusters")]
+    /// Level of detail of the wall; auto builds clusters where the frames pay for them
+    #[arg(long, value_enum, default_value = "auto")]
     pub lod: Lod,
     /// Pixels that what is drawn may be away from the full mesh
     #[arg(long, value_name = "T", default_value_t = 1.0)]

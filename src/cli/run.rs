@@ -7,13 +7,16 @@ use super::global::Global;
 use super::mode::modes;
 use super::repeat::timed_products;
 use super::session_args::SessionArgs;
-use crate::formats::{atomic_file, shown};
+use crate::formats::shown;
 use crate::report_page::ReportPage;
-use crate::session::{PAGE_FILE, Product, Recording, Report, RunOutcome};
+use crate::session::{Product, Recording, Report, RunOutcome};
 
 /// `intima run INPUT LUMEN --out DIR`
 #[derive(Debug, clap::Args)]
 pub struct Args {
+    /// Write base.ply too: the wall simplified to a twentieth of its faces, or to --decimate
+    #[arg(long)]
+    base: bool,
     /// Leave report.html out
     #[arg(long)]
     no_page: bool,
@@ -27,7 +30,7 @@ pub struct Args {
 impl Args {
     /// A run by these flags.
     pub fn new(flags: SessionArgs) -> Self {
-        Self { flags, no_page: false, title: None }
+        Self { flags, base: false, no_page: false, title: None }
     }
 
     /// Computes everything and writes everything, the report last.
@@ -36,7 +39,11 @@ impl Args {
         self.flags.check_files(&out.join("frames"))?;
         let mut session = self.flags.session(global)?;
         let frames = out.join("frames");
-        let recording = Recording { pictures: !self.no_page, ..self.flags.recording(frames) };
+        let recording = Recording {
+            pictures: !self.no_page,
+            base: self.base || self.flags.surface.decimate.is_some(),
+            ..self.flags.recording(frames)
+        };
         let mut timing = None;
         if global.repeat.is_some() {
             let needs = [Product::Volume, Product::Device];
@@ -64,8 +71,7 @@ impl Args {
                 title: self.title.as_deref(),
                 ..ReportPage::default()
             };
-            let html = page.html();
-            atomic_file::write_atomic(&out.join(PAGE_FILE), |o| o.write_all(html.as_bytes()))?;
+            page.write(out)?;
         }
         session.write_report(out, &report)?;
         global.say(summary(&report, out))?;

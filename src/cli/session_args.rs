@@ -95,7 +95,7 @@ impl SessionArgs {
             frames: folder,
             video: self.frames.video.clone().map(|v| (v, self.frames.fps)),
             camera_path: self.frames.write_path.clone(),
-            pictures: false,
+            ..Recording::default()
         }
     }
 }

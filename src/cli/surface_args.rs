@@ -36,7 +36,7 @@ pub struct SurfaceArgs {
     /// Side that faces and normals of mesh files look to
     #[arg(long, value_enum, default_value = "out")]
     pub facing: Facing,
-    /// Faces of the simplified surface: what `surface` writes, and the base of `run`
+    /// Faces of the simplified surface: what `surface` writes, and base.ply of `run`
     #[arg(long, value_name = "FACES", value_parser = clap::value_parser!(u32).range(4..))]
     pub decimate: Option<u32>,
 }

@@ -14,12 +14,14 @@ mod overview;
 mod path;
 mod run;
 
+use std::path::Path;
+
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 pub use notes::{Finding, MeasuredValue, SliceView};
 
-use crate::formats::NOTICE;
-use crate::session::{Report, ReportPictures};
+use crate::formats::{FormatError, NOTICE, atomic_file};
+use crate::session::{PAGE_FILE, Report, ReportPictures};
 use figures::{count, decimal, percent, plain};
 
 /// Content of a page.
@@ -45,7 +47,16 @@ const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inlin
 const STYLE: &str = include_str!("style.css");
 
 impl ReportPage<'_> {
-    /// Writes the page.
+    /// Writes the page into the folder of a run.
+    ///
+    /// # Errors
+    /// [`FormatError::Io`].
+    pub fn write(&self, folder: &Path) -> Result<(), FormatError> {
+        let html = self.html();
+        atomic_file::write_atomic(&folder.join(PAGE_FILE), |o| o.write_all(html.as_bytes()))
+    }
+
+    /// Returns the page as HTML.
     pub fn html(&self) -> String {
         let title = self.title.map(plain).filter(|t| !t.trim().is_empty());
         let heading = title.as_deref().unwrap_or("Virtual endoscopy");

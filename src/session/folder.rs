@@ -12,6 +12,7 @@ use crate::formats::{
     FormatError, atomic_file, to_pretty_json, write_branches, write_centerline, write_layers,
     write_wall,
 };
+use crate::geometry::Mesh;
 use crate::lumen::Lumen;
 
 /// Name of the report in a folder.
@@ -20,6 +21,9 @@ pub const REPORT_FILE: &str = "report.json";
 /// Name of the report as a page of HTML.
 pub const PAGE_FILE: &str = "report.html";
 
+/// Name of the simplified wall in a folder.
+const BASE_FILE: &str = "base.ply";
+
 /// Names of all files of a run in its folder; frames have a folder of their own.
 pub const RUN_FILES: [&str; 11] = [
     REPORT_FILE,
@@ -27,7 +31,7 @@ pub const RUN_FILES: [&str; 11] = [
     "mask.nrrd",
     "distance.nrrd",
     "surface.ply",
-    "base.ply",
+    BASE_FILE,
     "centerline.vtp",
     "centerline.csv",
     "centerline.mrk.json",
@@ -46,6 +50,8 @@ pub struct Recording {
     pub camera_path: Option<PathBuf>,
     /// Whether pictures are kept and drawn for the page of the report.
     pub pictures: bool,
+    /// Whether the simplified wall is made and written.
+    pub base: bool,
 }
 
 /// A run whose files are written, save its report.
@@ -89,9 +95,9 @@ impl Session {
     /// # Errors
     /// What the stages and the drawing fail with.
     pub fn compute_all(&self) -> Result<FrameStream, SessionError> {
-        self.expect(&[Product::Base, Product::Coverage]);
-        self.prepare(&self.needs_of_frames())?;
-        let needs = [Product::Base, Product::Coverage, Product::Inputs, Product::LumenProfile];
+        self.expect(&self.products_of_folder(false));
+        self.prepare(&self.needs_of_frames()?)?;
+        let needs = [Product::Coverage, Product::Inputs, Product::LumenProfile];
         let products = || self.prepare(&needs);
         if self.pool.current_num_threads() == 1 {
             products()?;
@@ -115,7 +121,7 @@ impl Session {
         let mut locks = FolderLocks::default();
         locks.claim(&to.frames)?;
         self.progress.begin_work();
-        self.prepare(&self.needs_of_frames())?;
+        self.prepare(&self.needs_of_frames()?)?;
         self.write_camera_path(to, &to.frames)?;
         make_folder(&to.frames)?;
         locks.claim(&to.frames)?;
@@ -213,8 +219,8 @@ impl Session {
         let folders: [&Path; 2] = [folder, &recording.frames];
         // Before anything is computed, and again once they were made.
         folders.iter().try_for_each(|f| locked(&self.folders).claim(f))?;
-        self.expect(&[Product::Base, Product::Coverage]);
-        self.prepare(&self.needs_of_frames())?;
+        self.expect(&self.products_of_folder(recording.base));
+        self.prepare(&self.needs_of_frames()?)?;
         self.write_camera_path(recording, folder)?;
         for folder in folders {
             make_folder(folder)?;
@@ -222,14 +228,15 @@ impl Session {
         }
         remove_file(&folder.join(REPORT_FILE))?;
         remove_file(&folder.join(PAGE_FILE))?;
+        remove_file(&folder.join(BASE_FILE))?;
         clear_folder(&recording.frames)?;
         let mut stream = if self.pool.current_num_threads() == 1 {
             let stream = self.draw_and_keep_levels(recording)?;
-            self.write_products(folder)?;
+            self.write_products(folder, recording)?;
             stream
         } else {
             std::thread::scope(|scope| {
-                let products = scope.spawn(|| self.write_products(folder));
+                let products = scope.spawn(|| self.write_products(folder, recording));
                 let stream = self.draw_and_keep_levels(recording);
                 let products = products.join();
                 let products = products.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
@@ -253,27 +260,40 @@ impl Session {
         Ok(())
     }
 
-    /// Computes and writes everything that is no picture: nine files.
-    fn write_products(&self, folder: &Path) -> Result<(), SessionError> {
-        self.prepare(&[Product::Base, Product::Coverage, Product::LumenProfile])?;
+    /// Products that a folder holds beside frames.
+    fn products_of_folder(&self, with_base: bool) -> Vec<Product> {
+        let mut products = vec![Product::Coverage, Product::LumenProfile];
+        products.extend(with_base.then_some(Product::Base));
+        products
+    }
+
+    /// Computes and writes everything that is no picture.
+    fn write_products(&self, folder: &Path, recording: &Recording) -> Result<(), SessionError> {
+        self.prepare(&self.products_of_folder(recording.base))?;
         let mut clock = self.clock().fork();
-        let written = clock.time("write", "files", || self.write_files(folder), |_| 9);
+        let files = 8 + u64::from(recording.base);
+        let write = || self.write_files(folder, recording.base);
+        let written = clock.time("write", "files", write, |_| files);
         self.clock().merge(clock);
         written
     }
 
-    fn write_files(&self, out: &Path) -> Result<(), SessionError> {
+    fn write_files(&self, out: &Path, with_base: bool) -> Result<(), SessionError> {
         let (segmented, fields) = (self.lumen()?, self.fields()?);
-        let (wall, base, centered) = (self.wall()?, self.base()?, self.centerline()?);
+        let (wall, centered) = (self.wall()?, self.centerline()?);
         let lumen: &Lumen = &segmented.lumen;
         let distance: &[f32] = &fields.distance;
         let grid = &lumen.grid;
         let classes = lumen.class_field();
         write_layers(&out.join("mask.nrrd"), grid, |put| lumen.each_layer(&classes, 0, put))?;
         write_layers(&out.join("distance.nrrd"), grid, |put| lumen.each_layer(distance, 0.0, put))?;
-        let open = self.settings.wall.open_ends;
-        for (name, mesh) in [("surface.ply", &wall.mesh), ("base.ply", &*base)] {
-            write_wall(&out.join(name), &written_mesh(mesh, open), self.settings.wall.facing)?;
+        let write = |name: &str, mesh: &Mesh| {
+            let mesh = written_mesh(mesh, self.settings.wall.open_ends);
+            write_wall(&out.join(name), &mesh, self.settings.wall.facing)
+        };
+        write("surface.ply", &wall.mesh)?;
+        if with_base {
+            write(BASE_FILE, &*self.base()?)?;
         }
         for name in ["centerline.vtp", "centerline.csv", "centerline.mrk.json"] {
             write_centerline(&out.join(name), &centered.line)?;

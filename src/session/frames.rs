@@ -14,11 +14,11 @@ use crate::flight::Flight;
 use crate::geometry::{Centerline, CenterlinePoint, Pose};
 use crate::lod::{Tolerance, Worker};
 use crate::render::{
-    FrameSequence, FrameStats, IN_FLIGHT, MeshHandle, PagesHandle, Renderer, Scene, SceneWall,
-    Shot, Spares, View,
+    FrameSequence, FrameStats, IN_FLIGHT, MeshHandle, PagesHandle, PreparedMesh, Renderer, Scene,
+    SceneWall, Shot, Spares, View,
 };
 use crate::task::CancelToken;
-use crate::vk::{Choice, Gpu, return_freed_memory};
+use crate::vk::{Choice, DeviceKind, Gpu, return_freed_memory};
 
 /// The renderer with the device it draws on: the one that computes or, where that is the CPU,
 /// what Vulkan there is.
@@ -64,13 +64,34 @@ impl Session {
         Ok(display)
     }
 
-    /// Products that a stream of frames needs.
-    pub fn needs_of_frames(&self) -> Vec<Product> {
-        let mut needs = vec![Product::DrawnWall, Product::Flight, Product::Display];
-        if self.settings.drawn_lod() != Lod::Off {
-            needs.extend([Product::Levels, Product::Shading]);
+    /// Products that a stream of frames may need, levels of detail among them where they are left
+    /// open: what memory is estimated for.
+    pub fn expected_of_frames(&self) -> Vec<Product> {
+        products_of_frames(self.settings.drawn_lod())
+    }
+
+    /// Products that a stream of frames needs. Where the settings leave the levels of detail open,
+    /// lumen and display are made first.
+    pub(super) fn needs_of_frames(&self) -> Result<Vec<Product>, SessionError> {
+        Ok(products_of_frames(self.lod_of_flight()?.0))
+    }
+
+    /// Levels of detail that the flight is drawn from, with the number of frames from which they pay
+    /// where that decided.
+    fn lod_of_flight(&self) -> Result<(Lod, Option<usize>), SessionError> {
+        let lod = self.settings.drawn_lod();
+        if lod != Lod::Auto {
+            return Ok((lod, None));
         }
-        needs
+        // What is wrong with the input is said before what is with the device.
+        self.prepare(&[Product::Lumen])?;
+        let frames = match self.settings.flight.known_count() {
+            Some(count) => count,
+            None => self.flight()?.poses.len(),
+        };
+        let paid_from = levels_pay_from(self.display()?.with_gpu(|gpu| gpu.info().kind));
+        let lod = if frames >= paid_from { Lod::Clusters } else { Lod::Off };
+        Ok((lod, Some(paid_from)))
     }
 
     /// The frames of the flight, in order. Everything they need is computed first; each is drawn
@@ -79,7 +100,8 @@ impl Session {
     /// # Errors
     /// What the stages fail with; the renderer's.
     pub fn frames(&self) -> Result<FrameStream, SessionError> {
-        self.prepare(&self.needs_of_frames())?;
+        let (chosen, pays_from_frames) = self.lod_of_flight()?;
+        self.prepare(&products_of_frames(chosen))?;
         // What building levels took is larger than the pages that come now.
         return_freed_memory();
         let drawn = present(&self.slots.drawn_wall);
@@ -91,23 +113,19 @@ impl Session {
         let mesh = drawn.mesh();
         let overview = matches!(s.view, View::Overview | View::Split);
         let mut held = Held::default();
-        let (scene, worker, lod) = if self.settings.drawn_lod() == Lod::Off {
-            let faces = mesh.faces.len() as u64;
-            let lod = LodReport {
-                mode: "off",
-                base_faces: faces,
-                finest_faces: faces,
-                ..Default::default()
-            };
-            let handle = display.with_gpu(|gpu| renderer.upload_mesh(gpu, mesh, false))?;
+        let shading = present(&self.slots.shading);
+        let upload_whole = |renderer: &mut Renderer| {
+            let prepared = PreparedMesh::shaded(mesh, &shading)?;
+            display.with_gpu(|gpu| renderer.upload_prepared_mesh(gpu, &prepared))
+        };
+        let (scene, worker, lod) = if chosen == Lod::Off {
+            let lod = LodReport::whole(mesh.faces.len() as u64);
+            let handle = upload_whole(&mut renderer)?;
             held.meshes.push(handle);
             (Scene::of(handle), None, lod)
         } else {
             let levels = self.levels()?;
-            let shading = present(&self.slots.shading);
-            let of_overview = overview
-                .then(|| display.with_gpu(|gpu| renderer.upload_mesh(gpu, mesh, false)))
-                .transpose()?;
+            let of_overview = overview.then(|| upload_whole(&mut renderer)).transpose()?;
             held.meshes.extend(of_overview);
             let radius = shading.mean_radius_mm;
             let pages = display.with_gpu(|gpu| renderer.open_pages(gpu, levels.pages, radius))?;
@@ -125,6 +143,7 @@ impl Session {
             scene.wall = SceneWall::Pages { pages, backs: !drawn.closed };
             (scene, Some(worker), levels.report.clone())
         };
+        let lod = LodReport { pays_from_frames, ..lod };
         let pieces = self.flown_pieces(&centered.line)?;
         let mut scene = scene;
         if overview && pieces.iter().any(|p| p.len() > 1) {
@@ -184,6 +203,27 @@ impl Session {
         let items = (stream.given as u64, "frames");
         clock.record("frames", &stream.display.name, stream.started, items, Vec::new());
     }
+}
+
+/// Number of frames from which clusters save a flight more time than building them takes.
+///
+/// Both grow with the faces of the wall, so their ratio is nearly that of the device alone. Software
+/// Vulkan, processor time on seven shared label maps of 161 thousand to 1.5 million faces: they are
+/// equal at 24 to 83 frames; decided at 45, no flight takes more than 1.32 times the better
+/// (`docs/lod.md`). A graphics processor is taken to draw a million faces in two milliseconds where
+/// they are built in five seconds.
+fn levels_pay_from(device: DeviceKind) -> usize {
+    match device {
+        DeviceKind::Software => 45,
+        _ => 2500,
+    }
+}
+
+/// Products that frames from these levels of detail need.
+fn products_of_frames(lod: Lod) -> Vec<Product> {
+    let mut needs = vec![Product::DrawnWall, Product::Shading, Product::Flight, Product::Display];
+    needs.extend((lod != Lod::Off).then_some(Product::Levels));
+    needs
 }
 
 /// A drawn frame.

@@ -46,7 +46,7 @@ enum LevelKind {
 /// Level of detail.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct LodReport {
-    /// Kind of levels, `clusters` or `vds`.
+    /// Kind of levels, `clusters` or `vds`, or `off`.
     pub mode: &'static str,
     /// Cost by which the base was simplified, where there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -65,6 +65,16 @@ pub struct LodReport {
     pub bytes: u64,
     /// Pages of the persistent buffers.
     pub pages: u32,
+    /// Frames of a flight from which levels pay for being built, where that chose the mode.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pays_from_frames: Option<usize>,
+}
+
+impl LodReport {
+    /// The whole wall of so many faces is drawn.
+    pub(super) fn whole(faces: u64) -> Self {
+        Self { mode: "off", base_faces: faces, finest_faces: faces, ..Self::default() }
+    }
 }
 
 /// Faces of the base under a mesh when nobody says: a twentieth, as in the paper's vessel.

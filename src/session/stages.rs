@@ -92,7 +92,7 @@ fn from_ridge(s: &Settings) -> bool {
 }
 
 fn clusters(s: &Settings) -> bool {
-    s.drawn_lod() == Lod::Clusters
+    matches!(s.drawn_lod(), Lod::Auto | Lod::Clusters)
 }
 
 fn subdivision(s: &Settings) -> bool {
@@ -413,7 +413,7 @@ mod tests {
 
     fn all_settings() -> impl Iterator<Item = Settings> {
         let modes = [Mode::Default, Mode::Paper];
-        let lods = [Lod::Clusters, Lod::Vds, Lod::Off];
+        let lods = [Lod::Auto, Lod::Clusters, Lod::Vds, Lod::Off];
         let views = [View::Inside, View::Overview];
         modes.into_iter().flat_map(move |mode| {
             lods.into_iter().flat_map(move |lod| {

@@ -74,7 +74,7 @@ fn run_writes_every_product_and_a_report_of_this_run() {
     let tmp = tempfile::tempdir().unwrap();
     phantom(tmp.path(), Kind::Bend, 64);
     let args = ["run", "ct.nrrd", "--threshold", ":-455", "--out", "out", "--frames", "3"];
-    let more = ["--size", "96x64", "--mode", "both", "--view", "split", "--json"];
+    let more = ["--size", "96x64", "--mode", "both", "--view", "split", "--base", "--json"];
     let json = works(tmp.path(), &[&args[..], &more].concat());
     let out = tmp.path().join("out");
     let want = [
@@ -322,7 +322,10 @@ fn meshes_look_outwards_as_other_programs_expect_and_either_side_is_an_input() {
     }
     let bytes = |name: &str| std::fs::read(dir.join(name)).unwrap();
     assert_eq!(bytes("out.ply.nrrd"), bytes("in.ply.nrrd"), "the same lumen from either side");
-    works(dir, &["run", "--mask", "mask.nrrd", "--frames", "1", "--size", "32x32", "--out", "r"]);
+    works(
+        dir,
+        &["run", "--mask", "mask.nrrd", "--frames", "1", "--size", "32x32", "--out", "r", "--base"],
+    );
     for name in ["r/surface.ply", "r/base.ply"] {
         assert!(mesh(name).volume_mm3() < 0.0, "{name}");
     }

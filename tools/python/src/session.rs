@@ -5,9 +5,10 @@ use std::sync::{Arc, PoisonError, RwLock};
 
 use intima::formats::{VideoWriter, to_json};
 use intima::geometry::Centerline;
+use intima::report_page::ReportPage;
 use intima::session::{
-    self as engine, CenterlineReport, LumenReport, OrganReport, Product, Recording, SessionError,
-    Source, VolumeSource, WallReport, read_any_volume, written_mesh,
+    self as engine, CenterlineReport, LumenReport, OrganReport, Product, Recording, RunOutcome,
+    SessionError, Source, VolumeSource, WallReport, read_any_volume, written_mesh,
 };
 use intima::task::CancelToken;
 use intima::volume::Volume;
@@ -284,10 +285,18 @@ impl Session {
         fps: f64,
     ) -> PyResult<String> {
         let frames = folder.join("frames");
-        let recording = Recording { frames, video: video.map(|v| (v, fps)), camera_path: None };
+        let recording = Recording {
+            frames,
+            video: video.map(|v| (v, fps)),
+            pictures: true,
+            ..Recording::default()
+        };
         self.run(py, |s| {
-            s.expect(&[Product::Base, Product::Coverage]);
-            let (report, _) = s.run_to_folder(&folder, &recording)?;
+            let RunOutcome { report, pictures, stream: _stream } =
+                s.run_to_folder(&folder, &recording)?;
+            let (of_report, pictures) = (Some(&report), pictures.as_ref());
+            let page = ReportPage { report: of_report, pictures, ..ReportPage::default() };
+            page.write(&folder).map_err(SessionError::from)?;
             s.write_report(&folder, &report)?;
             to_text(&report)
         })
