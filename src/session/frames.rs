@@ -64,10 +64,15 @@ impl Session {
         Ok(display)
     }
 
-    /// Products that a stream of frames may need, levels of detail among them where they are left
-    /// open: what memory is estimated for.
+    /// Products that a stream of frames may need, levels of detail among them where some device would
+    /// build them: what memory is estimated for.
     pub fn expected_of_frames(&self) -> Vec<Product> {
-        products_of_frames(self.settings.drawn_lod())
+        let count = self.settings.flight.known_count();
+        let is_short = count.is_some_and(|n| n < levels_pay_from(DeviceKind::Software));
+        match self.settings.drawn_lod() {
+            Lod::Auto if is_short => products_of_frames(Lod::Off),
+            lod => products_of_frames(lod),
+        }
     }
 
     /// Products that a stream of frames needs. Where the settings leave the levels of detail open,
@@ -83,6 +88,7 @@ impl Session {
         if lod != Lod::Auto {
             return Ok((lod, None));
         }
+        self.expect(&self.expected_of_frames());
         // What is wrong with the input is said before what is with the device.
         self.prepare(&[Product::Lumen])?;
         let frames = match self.settings.flight.known_count() {

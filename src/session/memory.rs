@@ -72,7 +72,9 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
             makes(Product::Levels) && !makes(Product::Clusters),
             60 * MB + 600 * size.wall_sides,
         )
-        + when(makes(Product::Display), 45 * MB + 60 * size.pixels);
+        + when(makes(Product::Display), 45 * MB + 60 * size.pixels)
+        // Pictures of a run's report.
+        + when(makes(Product::LumenProfile), 50 * MB + 250 * size.wall_sides);
     held + products + choosing.max(kept + recorded)
 }
 

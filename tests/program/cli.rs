@@ -56,7 +56,7 @@ fn names(dir: &Path) -> Vec<String> {
 }
 
 /// Whether frames can be drawn here; a machine that must have a device fails instead.
-fn can_draw() -> bool {
+pub(crate) fn can_draw() -> bool {
     let devices = intima::vk::list().unwrap_or_default();
     let required = std::env::var("INTIMA_REQUIRE_GPU").is_ok_and(|v| v == "1");
     assert!(!devices.is_empty() || !required, "no Vulkan device");
@@ -74,7 +74,10 @@ fn run_writes_every_product_and_a_report_of_this_run() {
     let tmp = tempfile::tempdir().unwrap();
     phantom(tmp.path(), Kind::Bend, 64);
     let args = ["run", "ct.nrrd", "--threshold", ":-455", "--out", "out", "--frames", "3"];
-    let more = ["--size", "96x64", "--mode", "both", "--view", "split", "--base", "--json"];
+    let more = [
+        "--size", "96x64", "--mode", "both", "--view", "split", "--base", "--lod", "clusters",
+        "--json",
+    ];
     let json = works(tmp.path(), &[&args[..], &more].concat());
     let out = tmp.path().join("out");
     let want = [

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use intima::device::DeviceChoice;
+use intima::flight::Frames;
 use intima::lumen::IntensitySelection;
 use intima::organ::Organ;
 use intima::render::View;
@@ -367,4 +368,23 @@ fn an_image_beside_a_mask_is_not_read() {
     let settings = Settings { lumen, ..Settings::default() };
     let outcome = Session::new(source, settings).unwrap().lumen();
     assert!(outcome.is_ok(), "{:?}", outcome.err());
+}
+
+/// Whether levels are built depends on the number of frames alone, not on time or a cache.
+#[test]
+fn short_flights_are_drawn_whole_and_long_ones_from_levels() {
+    if !crate::cli::can_draw() {
+        return;
+    }
+    let volume = phantom(Kind::Bend, 32);
+    let lod = |count: usize| {
+        let mut settings = Settings { device: DeviceChoice::Cpu, ..Settings::default() };
+        settings.flight.frames = Frames::Count(count);
+        settings.flight.size = [32, 32];
+        session(&volume, settings).frames().unwrap().lod().clone()
+    };
+    let (short, long) = (lod(2), lod(2500));
+    assert_eq!((short.mode, long.mode), ("off", "clusters"));
+    assert!(short.pays_from_frames.is_some_and(|n| n > 2 && n <= 2500));
+    assert_eq!(short.finest_faces, long.finest_faces);
 }
