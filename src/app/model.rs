@@ -163,6 +163,8 @@ pub struct Model {
     planned_mm_s: f64,
     /// Speed of the eye as it is flown.
     speedometer: Speedometer,
+    /// Whether the panels of the last frame, laid out before its step, showed a speed.
+    showed_speed: bool,
 }
 
 impl Model {
@@ -370,6 +372,7 @@ impl Model {
 
     /// Carries out actions, then lets `dt` seconds pass.
     pub fn step(&mut self, dt: f64, actions: &[Action]) {
+        self.showed_speed = self.flown_mm_s().is_some();
         for action in actions {
             self.act(action);
         }

@@ -408,11 +408,8 @@ impl Viewer {
             .viewport_output
             .get(&ViewportId::ROOT)
             .map_or(f64::INFINITY, |v| v.repaint_delay.as_secs_f64());
-        // A speed is shown until the eye is seen to stand.
-        let moving = self.model.is_moving()
-            || self.model.flown_mm_s().is_some()
-            || self.panes.is_settling()
-            || keys::moves(&self.context);
+        let moving =
+            self.model.wants_frame() || self.panes.is_settling() || keys::moves(&self.context);
         let at_once = moving || !commands.is_empty();
         let quit = self.handle(gpu, commands.requests)?;
         Ok(FrameEnd {

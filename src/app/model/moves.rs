@@ -119,6 +119,12 @@ impl Model {
         self.playing || self.goal_mm.is_some()
     }
 
+    /// Whether another frame is to be drawn although nothing is asked for: the eye moves by itself,
+    /// or the panels show a speed of it that is over.
+    pub(in super::super) fn wants_frame(&self) -> bool {
+        self.is_moving() || self.flown_mm_s().is_some() || self.showed_speed
+    }
+
     /// Branches that can be taken here, those ahead of the eye first to come.
     pub fn offered(&self) -> Vec<BranchChoice> {
         let way = if self.reverse { -1.0 } else { 1.0 };
@@ -239,6 +245,27 @@ mod tests {
     use super::*;
     use crate::app::action::Action;
     use crate::volume::phantom::Kind;
+
+    #[test]
+    fn an_eye_that_came_to_its_goal_is_shown_to_stand() {
+        let (mut model, _session) = flown_model(Kind::Tube, |_| {});
+        let goal = 0.5 * model.path.as_ref().unwrap().length_mm();
+        model.step(0.0, &[Action::FlyTo(goal)]);
+        let (mut fastest, mut frames) = (0.0f64, 0);
+        // As the window does: panels first, then the step; no frame where none is wanted.
+        let last = loop {
+            let shown = model.flown_mm_s();
+            fastest = fastest.max(shown.unwrap_or(0.0));
+            model.step(1.0 / 30.0, &[]);
+            frames += 1;
+            if !model.wants_frame() {
+                break shown;
+            }
+            assert!(frames < 1000, "it never rests");
+        };
+        assert!(fastest > 10.0, "it flew: {fastest} mm/s");
+        assert_eq!((last, model.flown_mm_s()), (None, None), "speed in the last frame drawn");
+    }
 
     #[test]
     fn beside_the_wall_the_light_is_near_and_on_the_path_it_is_the_flights() {
