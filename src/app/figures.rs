@@ -99,12 +99,15 @@ fn of_eye(model: &Model) -> impl Iterator<Item = Figure> {
             let diameters = format!("{:.1}, {:.1} mm", s.largest_mm, s.smallest_mm);
             out.push(figure("Diameters", diameters));
         }
-        None if model.path.is_some() && model.products.wall.is_some() => out.push(Figure {
-            name: "Section here",
-            value: "none".into(),
-            about: "The plane across the path runs along the lumen here: its area is no \
-                    cross-section.",
-        }),
+        None if model.path.is_some() && model.products.wall.is_some() => {
+            // As many lines as with a section: what is below does not move in a flight.
+            out.extend(["Section here", "Diameters"].map(|name| Figure {
+                name,
+                value: "none".into(),
+                about: "The plane across the path runs along the lumen here: its area is no \
+                        cross-section.",
+            }));
+        }
         None => {}
     }
     out.into_iter()

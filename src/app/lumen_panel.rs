@@ -59,8 +59,17 @@ pub(super) fn lumen_choice(
         false => ([0.5 * (low + high), high], false),
     };
     let (range, at_crosshair) = entered.get_or_insert_with(begin);
-    // Without a lumen there is nothing else to do.
-    let open = (model.failure.is_some() || model.question.is_some()).then_some(true);
+    // Without a lumen there is nothing else to do; once there is one, the room is for what is done
+    // with it.
+    let id = ui.id().with("has lumen");
+    let has_lumen = model.products.lumen.is_some();
+    let had_lumen = ui.data_mut(|d| d.get_temp::<bool>(id)).unwrap_or(has_lumen);
+    ui.data_mut(|d| d.insert_temp(id, has_lumen));
+    let open = match (model.failure.is_some() || model.question.is_some(), has_lumen) {
+        (true, _) => Some(true),
+        (false, true) if !had_lumen => Some(false),
+        (false, _) => None,
+    };
     egui::CollapsingHeader::new("Lumen").open(open).show(ui, |ui| {
         ui.horizontal(|ui| {
             for organ in Organ::ALL {
@@ -87,13 +96,37 @@ pub(super) fn lumen_choice(
 
 #[cfg(test)]
 mod tests {
+    use super::super::model::flown_model;
     use super::super::panel_tests::TestScreen;
     use super::*;
     use crate::organ::Glance;
     use crate::session::SessionError;
+    use crate::volume::phantom::Kind;
 
     fn not_chosen(organ: Option<Organ>) -> SessionError {
         SessionError::LumenNotChosen { name: "ct.nrrd".into(), organ }
+    }
+
+    #[test]
+    fn the_choice_of_the_lumen_folds_once_there_is_one_and_leaves_room_for_bookmarks() {
+        let (mut model, _session) = flown_model(Kind::Tube, |_| {});
+        let lumen = model.products.lumen.take();
+        model.finish(Err(not_chosen(None)), None);
+        let mut screen = TestScreen::new();
+        let mut entered = None;
+        let mut is_open = |model: &Model, screen: &mut TestScreen| {
+            let mut commands = ActionQueue::default();
+            let mut lay_out = |ui: &mut Ui| lumen_choice(ui, model, &mut entered, &mut commands);
+            (0..30).for_each(|_| drop(screen.frame(Vec::new(), &mut lay_out)));
+            screen.frame(Vec::new(), &mut lay_out).iter().any(|(text, _)| text == "Find")
+        };
+        assert!(is_open(&model, &mut screen), "it is asked for");
+        (model.question, model.products.lumen) = (None, lumen);
+        assert!(!is_open(&model, &mut screen), "it was chosen");
+        screen.click("Lumen", |ui| {
+            lumen_choice(ui, &model, &mut None, &mut ActionQueue::default());
+        });
+        assert!(is_open(&model, &mut screen), "opened by hand it stays open");
     }
 
     #[test]

@@ -229,9 +229,12 @@ fn exports(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::model::flown_model;
+    use super::super::panel_tests::TestScreen;
     use super::*;
     use crate::app::model::Bookmark;
     use crate::formats::ScreenText;
+    use crate::volume::phantom::Kind;
 
     #[test]
     fn series_are_listed_by_description_thickness_and_kernel_and_not_by_uid() {
@@ -252,6 +255,27 @@ mod tests {
         series.thickness_mm = None;
         let details = "CT, 0.8 mm, 275 slices, 512 x 512";
         assert_eq!(series_texts(&series), ["Series 3, CT", details]);
+    }
+
+    #[test]
+    fn controls_of_the_panel_do_not_move_under_the_pointer_in_a_flight() {
+        let (mut model, _session) = flown_model(Kind::Y, |s| s.centerline.tree = true);
+        let length = model.path.as_ref().unwrap().length_mm();
+        let (mut screen, mut state) = (TestScreen::new(), PanelState::default());
+        let (mut places, mut offered) = (Vec::new(), Vec::new());
+        for i in 0..=40 {
+            model.step(0.0, &[Action::Seek(f64::from(i) / 40.0 * length)]);
+            let mut commands = ActionQueue::default();
+            let texts =
+                screen.frame(Vec::new(), |ui| side_panel(ui, &model, &mut state, &mut commands));
+            let view = texts.iter().find(|(text, _)| text == "View").expect("its controls");
+            places.push(view.1.top());
+            offered.push((model.offered().len(), model.section.is_some()));
+        }
+        let of = |what: fn(&(usize, bool)) -> bool| offered.iter().filter(|o| what(o)).count();
+        assert!(of(|o| o.0 == 0) > 0 && of(|o| o.0 > 0) > 0, "branches come and go: {offered:?}");
+        assert!(of(|o| o.1) > 0 && of(|o| !o.1) > 0, "so do sections: {offered:?}");
+        assert!(places.iter().all(|y| *y == places[0]), "{places:?}");
     }
 
     #[test]
