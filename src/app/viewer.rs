@@ -1,7 +1,11 @@
 //! State and loop of the viewer, the same for the window and for scripts: products that came are
 //! read, panels laid out, actions carried out, panes drawn, requests started, notes saved.
 
-use std::path::{Path, PathBuf};
+mod exports;
+mod notes;
+mod title;
+
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use egui::ViewportId;
@@ -11,22 +15,17 @@ use super::canvas::{Canvas, Target};
 use super::computation::{Computation, Outcome, TaskKind, WorkStatus};
 use super::coverage_recorder::CoverageRecorder;
 use super::error::AppError;
-use super::export::{self, Notes};
 use super::keys;
 use super::model::Model;
 use super::opening::{Opening, with_branches};
 use super::panes::{Detail, Panes};
-use super::saved_flight::save_flight;
 use super::session_file::SessionFile;
 use super::ui::{self, INSIDE, OVERVIEW, UiState};
 use crate::flight::Frames;
-use crate::formats::{encode_png, shown};
 use crate::geometry::cube_faces;
 use crate::lod::Tolerance;
 use crate::organ::glance;
-use crate::session::{
-    FlightRoute, Lod, PAGE_FILE, Product, Session, SessionError, Settings, Source, VolumeSource,
-};
+use crate::session::{FlightRoute, Lod, Product, Session, SessionError, Settings, Source};
 use crate::vk::{Frame, Gpu, VkError};
 
 /// Volume that is opened, its settings, and folders of files.
@@ -312,30 +311,7 @@ impl Viewer {
         Tolerance { pixels: self.options.settings.levels.pixel_error }
     }
 
-    /// Sets the model as the session file says, once the volume is known.
-    ///
-    /// # Errors
-    /// [`AppError::SessionFile`] if it is of another volume.
-    pub fn apply_notes(&mut self) -> Result<(), AppError> {
-        if self.model.products.identity.is_none() {
-            return Ok(());
-        }
-        let Some(notes) = self.notes.take() else { return Ok(()) };
-        notes.apply(&mut self.model).map_err(|what| {
-            // It is not overwritten.
-            let path = self.options.session_file.take().unwrap_or_default();
-            AppError::SessionFile { path, what }
-        })
-    }
-
     /// Whether something is being computed, or will be when it is waited for.
-    /// The window's title: the name of the file or folder that is open, nothing of its contents.
-    pub fn title(&self) -> String {
-        const PROGRAM: &str = "intima";
-        let name = self.computation.as_ref().and_then(|c| file_name(c.session.source()));
-        name.map_or(PROGRAM.into(), |name| format!("{name} - {PROGRAM}"))
-    }
-
     pub fn is_computing(&self) -> bool {
         self.computation.is_some() && !self.model.is_complete
     }
@@ -419,24 +395,6 @@ impl Viewer {
         })
     }
 
-    /// Whether a request waits for an answer, because notes would be lost. Asked for again, it is
-    /// carried out.
-    pub fn holds_back(&mut self, request: &Request) -> bool {
-        let leaves = matches!(
-            request,
-            Request::Quit | Request::Open(_) | Request::Series(_) | Request::Segment(_)
-        );
-        let loses = leaves && self.model.has_unsaved_notes() && self.options.session_file.is_none();
-        // Nobody answers a script.
-        if !loses || self.detail == Detail::Settled || self.model.leaving.as_ref() == Some(request)
-        {
-            return false;
-        }
-        tracing::info!("bookmarks are in no file yet");
-        self.model.leaving = Some(request.clone());
-        true
-    }
-
     /// Starts the work that was asked for; waits for it where frames do. Whether the window is to
     /// be closed.
     fn handle(&mut self, gpu: &mut Gpu, mut requests: Vec<Request>) -> Result<bool, AppError> {
@@ -490,22 +448,6 @@ impl Viewer {
         Ok(requests.contains(&Request::Quit))
     }
 
-    /// Saves notes, with their pictures, to a file from now on; whether they are saved.
-    fn save_as(&mut self, path: PathBuf) -> bool {
-        self.options.session_file = Some(path);
-        for i in 0..self.model.bookmarks.len() {
-            let bookmark = &self.model.bookmarks[i];
-            if let (Some(png), None) = (bookmark.png.clone(), &bookmark.picture) {
-                self.model.bookmarks[i].picture = self.write_picture(&png);
-            }
-        }
-        let saved = self.save_session();
-        let is_saved = saved.is_ok();
-        let path = self.options.session_file.as_deref().unwrap_or(Path::new(""));
-        self.show_written(saved.map(|()| format!("wrote {}", shown(path))));
-        is_saved
-    }
-
     /// Plans a flight along another branch of the centerline.
     fn plan_branch(&mut self, route: FlightRoute) -> Result<(), SessionError> {
         self.spawn(TaskKind::Branch, move |session| {
@@ -517,24 +459,6 @@ impl Viewer {
                 Ok((flight, sections)) => model.take_branch(&flight, &sections, route),
                 Err(e) => model.message = Some(format!("no flight along that branch: {e}")),
             })
-        })
-    }
-
-    /// Draws the flight into a new folder of the export folder and, where there is ffmpeg, a video
-    /// beside it. One flight at a time.
-    fn export_flight(&mut self) -> Result<(), SessionError> {
-        let Frames::Speed { fps, .. } = self.options.settings.flight.frames else { return Ok(()) };
-        if self.is_saving() {
-            return Ok(());
-        }
-        let folder = self.options.export.clone();
-        self.model.message = None;
-        self.spawn(TaskKind::SavedFlight, move |session| {
-            let message = save_flight(session, &folder, fps).unwrap_or_else(|e| match e {
-                SessionError::Cancelled => "saving was stopped; no frame is left".into(),
-                e => format!("the flight is not written: {e}"),
-            });
-            Box::new(move |model| model.message = Some(message))
         })
     }
 
@@ -557,99 +481,6 @@ impl Viewer {
         }
     }
 
-    /// Shows what became of a file that was to be written.
-    fn show_written(&mut self, written: Result<String, AppError>) {
-        self.model.message = Some(written.unwrap_or_else(|e| {
-            tracing::error!("{e}");
-            e.to_string()
-        }));
-    }
-
-    /// Folder and stem of the pictures of bookmarks.
-    fn beside_session_file(&self) -> Option<(&Path, &str)> {
-        let file = self.options.session_file.as_deref()?;
-        Some((file.parent()?, file.file_stem()?.to_str()?))
-    }
-
-    /// The inside view as PNG, where it shows something.
-    fn inside_png(&self, gpu: &mut Gpu) -> Result<Option<Vec<u8>>, AppError> {
-        if !self.panes.has_pictures() {
-            return Ok(None);
-        }
-        let ([width, height], rgb) = self.panes.inside_picture(gpu)?;
-        Ok(Some(encode_png(width, height, &rgb)))
-    }
-
-    /// Keeps the inside view as the picture of the bookmark made last, beside the session file.
-    fn picture_bookmark(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
-        let Some(png) = self.inside_png(gpu)? else { return Ok(()) };
-        let picture = self.write_picture(&png);
-        if let Some(b) = self.model.bookmarks.last_mut() {
-            (b.picture, b.png) = (picture, Some(Arc::new(png)));
-        }
-        Ok(())
-    }
-
-    /// Writes the picture of a bookmark beside the session file, if there is one; its name.
-    fn write_picture(&mut self, png: &[u8]) -> Option<String> {
-        let (folder, stem) = self.beside_session_file()?;
-        let name = export::free_name(folder, &format!("{stem}-bookmark"));
-        let written = export::write(folder, &name, png);
-        written.map_err(|e| self.show_written(Err(e))).ok().map(|_| name)
-    }
-
-    fn export_view(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
-        if let Some(png) = self.inside_png(gpu)? {
-            let name = export::free_name(&self.options.export, "view");
-            let written = export::write(&self.options.export, &name, &png);
-            self.show_written(written.map(|path| format!("wrote {}", shown(&path))));
-        }
-        Ok(())
-    }
-
-    /// Writes the page of the report, with the notes as they are now.
-    fn export_report(&mut self) -> Result<(), SessionError> {
-        let notes = Notes::of(&self.model, self.beside_session_file().map(|f| f.0));
-        let folder = self.options.export.clone();
-        self.spawn(TaskKind::Report, move |session| {
-            let page = export::page(session, notes).map_err(AppError::from);
-            let written = page.and_then(|p| export::write(&folder, PAGE_FILE, p.as_bytes()));
-            let message = match written {
-                Ok(path) => format!("wrote {}", shown(&path)),
-                Err(e) => format!("the report is not written: {e}"),
-            };
-            Box::new(move |model| model.message = Some(message))
-        })
-    }
-
-    /// Whether notes wait to be saved.
-    pub fn has_unsaved_notes(&self) -> bool {
-        self.options.session_file.is_some() && self.model.has_unsaved_notes()
-    }
-
-    /// Saves notes that were changed.
-    ///
-    /// # Errors
-    /// [`AppError::Format`]; then they are still to be saved.
-    pub fn save_notes(&mut self) -> Result<(), AppError> {
-        if self.model.has_unsaved_notes() { self.save_session() } else { Ok(()) }
-    }
-
-    /// Saves notes, how the window is set, and the place on the path. Where no volume came to be
-    /// known, the file stays as it is.
-    ///
-    /// # Errors
-    /// As [`Viewer::save_notes`].
-    pub fn save_session(&mut self) -> Result<(), AppError> {
-        if let (Some(path), Some(file)) = (&self.options.session_file, SessionFile::of(&self.model))
-            && self.notes.is_none()
-        {
-            file.write(path)?;
-            self.model.notes_saved();
-        }
-        Ok(())
-    }
-
     /// Puts everything on another device: the one before was lost.
     pub fn reopen(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
         self.canvas.forget_device();
@@ -664,37 +495,4 @@ impl Viewer {
 }
 
 /// Cruising speed where the flight's frames are counted, mm/s.
-/// Name of the file or folder that the slices show, without the way to it.
-fn file_name(source: &Source) -> Option<String> {
-    let volume = match source {
-        Source::Image(image) | Source::Mask { image: Some(image), .. } => image,
-        Source::Mask { mask, image: None } => mask,
-    };
-    let VolumeSource::File { path, .. } = volume else { return None };
-    // A path such as `.` ends in no name of its own.
-    let whole = path.file_name().is_none().then(|| path.canonicalize().ok()).flatten();
-    whole.as_deref().unwrap_or(path).file_name().map(|name| shown(Path::new(name)))
-}
-
 const DEFAULT_MM_S: f64 = 20.0;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_title_names_the_file_or_folder_and_not_the_way_to_it() {
-        let image = |path: &str| Source::Image(VolumeSource::file(path));
-        let name = |source| file_name(&source);
-        assert_eq!(name(image("/home/someone/ct.nrrd")).as_deref(), Some("ct.nrrd"));
-        assert_eq!(name(image("scans/chest/")).as_deref(), Some("chest"));
-        assert_eq!(name(image("a\nb.nrrd")).as_deref(), Some("a\\nb.nrrd"));
-        let here = std::env::current_dir().unwrap();
-        let here = here.file_name().unwrap().to_string_lossy().into_owned();
-        assert_eq!(name(image(".")), Some(here));
-        let (mask, ct) = (VolumeSource::file("mask.nrrd"), VolumeSource::file("ct.nrrd"));
-        let mask = |image| Source::Mask { mask: mask.clone(), image };
-        assert_eq!(name(mask(Some(ct))).as_deref(), Some("ct.nrrd"), "what the slices show");
-        assert_eq!(name(mask(None)).as_deref(), Some("mask.nrrd"));
-    }
-}

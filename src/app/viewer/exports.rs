@@ -1,0 +1,72 @@
+//! Files that the viewer exports: the inside view, the flight, the report.
+
+use super::super::computation::TaskKind;
+use super::super::error::AppError;
+use super::super::export::{self, Notes};
+use super::super::saved_flight::save_flight;
+use super::Viewer;
+use crate::flight::Frames;
+use crate::formats::{encode_png, shown};
+use crate::session::{PAGE_FILE, SessionError};
+use crate::vk::Gpu;
+
+impl Viewer {
+    /// The inside view as PNG, where it shows something.
+    pub(super) fn inside_png(&self, gpu: &mut Gpu) -> Result<Option<Vec<u8>>, AppError> {
+        if !self.panes.has_pictures() {
+            return Ok(None);
+        }
+        let ([width, height], rgb) = self.panes.inside_picture(gpu)?;
+        Ok(Some(encode_png(width, height, &rgb)))
+    }
+
+    pub(super) fn export_view(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        if let Some(png) = self.inside_png(gpu)? {
+            let name = export::free_name(&self.options.export, "view");
+            let written = export::write(&self.options.export, &name, &png);
+            self.show_written(written.map(|path| format!("wrote {}", shown(&path))));
+        }
+        Ok(())
+    }
+
+    /// Writes the page of the report, with the notes as they are now.
+    pub(super) fn export_report(&mut self) -> Result<(), SessionError> {
+        let notes = Notes::of(&self.model, self.beside_session_file().map(|f| f.0));
+        let folder = self.options.export.clone();
+        self.spawn(TaskKind::Report, move |session| {
+            let page = export::page(session, notes).map_err(AppError::from);
+            let written = page.and_then(|p| export::write(&folder, PAGE_FILE, p.as_bytes()));
+            let message = match written {
+                Ok(path) => format!("wrote {}", shown(&path)),
+                Err(e) => format!("the report is not written: {e}"),
+            };
+            Box::new(move |model| model.message = Some(message))
+        })
+    }
+
+    /// Draws the flight into a new folder of the export folder and, where there is ffmpeg, a video
+    /// beside it. One flight at a time.
+    pub(super) fn export_flight(&mut self) -> Result<(), SessionError> {
+        let Frames::Speed { fps, .. } = self.options.settings.flight.frames else { return Ok(()) };
+        if self.is_saving() {
+            return Ok(());
+        }
+        let folder = self.options.export.clone();
+        self.model.message = None;
+        self.spawn(TaskKind::SavedFlight, move |session| {
+            let message = save_flight(session, &folder, fps).unwrap_or_else(|e| match e {
+                SessionError::Cancelled => "saving was stopped; no frame is left".into(),
+                e => format!("the flight is not written: {e}"),
+            });
+            Box::new(move |model| model.message = Some(message))
+        })
+    }
+
+    /// Shows what became of a file that was to be written.
+    pub(super) fn show_written(&mut self, written: Result<String, AppError>) {
+        self.model.message = Some(written.unwrap_or_else(|e| {
+            tracing::error!("{e}");
+            e.to_string()
+        }));
+    }
+}
