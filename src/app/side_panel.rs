@@ -103,11 +103,10 @@ fn series_texts(s: &SeriesInfo) -> [String; 2] {
         "" => format!("Series {}, {}", s.index + 1, s.modality),
         description => description.to_owned(),
     };
-    let thickness = s.thickness_mm.or(s.spacing_mm.map(|spacing| spacing[2]));
     let [x, y, _] = s.dims;
     let parts = [
         Some(s.modality.clone()),
-        thickness.map(|mm| format!("{} mm", (100.0 * mm).round() / 100.0)),
+        s.slice_mm().map(|mm| format!("{mm} mm")),
         Some(s.kernel.0.clone()).filter(|kernel| !kernel.is_empty()),
         Some(format!("{} slices", s.slices)),
         Some(format!("{x} x {y}")),

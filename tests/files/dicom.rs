@@ -304,6 +304,27 @@ fn a_slice_that_is_there_twice_is_left_out_and_named() {
 }
 
 #[test]
+fn several_series_are_told_apart_by_size_and_thickness_and_not_by_uid() {
+    let dir = tempfile::tempdir().unwrap();
+    for (uid, step) in [("1.2.826.1", 2.0), ("1.2.826.2", 0.75)] {
+        for n in 0..3 {
+            let position = [0.0, 0.0, step * f64::from(n)];
+            let slice = volumes::Slice { series: uid, position, ..volumes::Slice::default() };
+            let file = dir.path().join(format!("{uid}-{n}.dcm"));
+            std::fs::write(file, dicom_slice(&slice)).unwrap();
+        }
+    }
+    let said = refusal(dir.path());
+    let lines: Vec<&str> = said.lines().skip(1).collect();
+    assert!(lines[0].starts_with("  0  CT  ") && lines[0].ends_with("3 slices of 2 mm"), "{said}");
+    assert!(
+        lines[1].starts_with("  1  CT  ") && lines[1].ends_with("3 slices of 0.75 mm"),
+        "{said}"
+    );
+    assert!(!said.contains("1.2.826"), "{said}");
+}
+
+#[test]
 fn two_acquisitions_at_the_same_places_are_two_stacks_of_one_series() {
     let dir = tempfile::tempdir().unwrap();
     series(dir.path(), &[0.0, 2.0, 0.0, 2.0], |n, s| {

@@ -104,6 +104,14 @@ pub struct SeriesInfo {
     pub thickness_mm: Option<f64>,
 }
 
+impl SeriesInfo {
+    /// Thickness of a slice, or the step from one to the next where none is said: mm, to hundredths.
+    pub fn slice_mm(&self) -> Option<f64> {
+        let mm = self.thickness_mm.or(self.spacing_mm.map(|spacing| spacing[2]))?;
+        Some((100.0 * mm).round() / 100.0)
+    }
+}
+
 impl ImageInfo {
     /// The grid that this describes.
     ///

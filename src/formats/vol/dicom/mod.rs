@@ -307,9 +307,12 @@ pub(super) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, FormatError> {
 
 fn choose(path: &Path, series: &[Series], options: &ReadOptions) -> Result<usize, FormatError> {
     let fail = |why: String| {
+        // By what tells them apart at a glance. A UID is for machines and leads to the patient; the
+        // description and the kernel are text of the input, which no message shows.
         let line = |s: &SeriesInfo| {
             let [x, y, _] = s.dims;
-            format!("\n  {}  {}  {}  {x}x{y}, {} slices", s.index, s.uid, s.modality, s.slices)
+            let of = s.slice_mm().map(|mm| format!(" of {mm} mm")).unwrap_or_default();
+            format!("\n  {}  {}  {x}x{y}, {} slices{of}", s.index, s.modality, s.slices)
         };
         let list = list(path, series, options).iter().map(line).collect();
         FormatError::Series { file: path.to_owned(), why, list }
