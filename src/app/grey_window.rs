@@ -80,8 +80,7 @@ fn grey_window(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
         let presets = if is_hounsfield(range) { &CT_PRESETS[..] } else { none };
         let reset = ("reset", default_window(range));
         for (name, window) in presets.iter().chain([&reset]) {
-            let [centre, width] = window;
-            let tip = format!("Centre {centre:.0}, width {width:.0}");
+            let tip = window_text(*window);
             let button = ui.selectable_label(model.window == *window, *name).on_hover_text(tip);
             if button.clicked() {
                 commands.act(Action::Window(*window));
@@ -90,12 +89,25 @@ fn grey_window(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     });
 }
 
+/// Centre and width of a window as the slices show them: with a decimal where it is narrow, as that
+/// of a label map is.
+pub(super) fn window_text([centre, width]: [f64; 2]) -> String {
+    let digits = usize::from(width < 10.0);
+    format!("C {centre:.digits$}  W {width:.digits$}")
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::panel_tests::TestScreen;
     use super::super::slice_pane::tests::{model_of, model_of_a_volume};
     use super::*;
     use crate::volume::phantom::{Kind, Phantom};
+
+    #[test]
+    fn the_window_of_a_label_map_is_not_shown_as_zero() {
+        assert_eq!(window_text([0.5, 1.0]), "C 0.5  W 1.0");
+        assert_eq!(window_text([-200.0, 1800.0]), "C -200  W 1800");
+    }
 
     #[test]
     fn values_have_their_unit_where_it_is_known() {

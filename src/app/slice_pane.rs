@@ -4,7 +4,7 @@ use egui::{Align2, Color32, Pos2, Rect, Response, Stroke, Ui, pos2, vec2};
 use glam::DVec3;
 
 use super::action::{Action, ActionQueue, Pane, SliceExtent};
-use super::grey_window::value_text;
+use super::grey_window::{value_text, window_text};
 use super::inside_marks::{mark_under, measurements, missed_mark};
 use super::labels::Labels;
 use super::model::Model;
@@ -302,7 +302,7 @@ pub(super) fn slice_labels(
     if labels.put("1 cm", 11.0, TEXT, &[(text, Align2::RIGHT_BOTTOM)]) {
         labels.bar(end, (10.0 / plane.mm_per_px / scale) as f32);
     }
-    let text = format!("C {centre:.0}  W {width:.0}");
+    let text = window_text([centre, width]);
     let places = [4.0, 22.0, 40.0].map(|y| rect.left_bottom() + vec2(m, -y));
     labels.put(&text, 11.0, TEXT, &places.map(|at| (at, Align2::LEFT_BOTTOM)));
 }
