@@ -63,7 +63,7 @@ pub(super) fn show_slice(
         (views.held_mm, views.dragged_to_mm) = Default::default();
     }
     let middle = model.crosshair_mm + views.pan_mm[index] + views.held_mm[index];
-    let Some(plane) = SlicePlane::of(pane, middle, mm_per_px, model.pose) else {
+    let Some(plane) = SlicePlane::of(pane, middle, mm_per_px, model.across_pose()) else {
         return;
     };
     let lumen = model.products.lumen.as_ref().map(|l| &l.lumen);

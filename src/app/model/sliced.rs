@@ -4,6 +4,7 @@ use glam::{DVec3, IVec3, Vec3};
 
 use super::super::action::{EXTENT_MM, Pane, SliceExtent};
 use super::Model;
+use crate::geometry::Pose;
 use crate::lumen::Lumen;
 use crate::render::Framing;
 
@@ -39,6 +40,19 @@ impl Model {
         let wall = is_elsewhere.then(|| self.wall_behind(ray)).flatten()?;
         let to_wall = wall.distance(pose.position_mm.as_dvec3());
         (way.length() <= to_wall + BEHIND_MM).then_some(self.crosshair_mm)
+    }
+
+    /// Returns the pose whose picture lies in the slice across the path: at the crosshair, along the
+    /// path there, wherever the eye looks. Before there is a path it is the eye's.
+    pub fn across_pose(&self) -> Option<Pose> {
+        let (pose, place) = (self.pose?, self.crosshair_mm);
+        let Some(path) = &self.path else { return Some(pose) };
+        let is_at_eye = self.on_path && place == pose.position_mm.as_dvec3();
+        let (arc, along) = match is_at_eye {
+            true => (self.arc_mm, path.across_at(self.arc_mm)),
+            false => (path.nearest_to(place), path.direction_near(place)?),
+        };
+        Some(Pose::looking(place.as_vec3(), along.as_vec3(), path.pose_at(arc).up()))
     }
 
     pub(super) fn set_extent(&mut self, extent: SliceExtent) {
@@ -133,6 +147,22 @@ pub(in crate::app) mod tests {
         let mut model = Model::new(20.0);
         model.update(session.products(&wanted));
         (model, session)
+    }
+
+    #[test]
+    fn the_slice_across_the_path_stays_across_it_wherever_the_eye_looks() {
+        let (mut model, _session) = flown_model(Kind::Bend, |_| {});
+        let arc = 0.4 * model.path.as_ref().unwrap().length_mm();
+        model.step(0.0, &[Action::Seek(arc)]);
+        let along = model.path.as_ref().unwrap().across_at(arc);
+        let on = model.across_pose().unwrap();
+        assert!(on.forward().as_dvec3().dot(along) > 0.9999);
+        // What is up in the picture stays so too.
+        model.step(0.0, &[Action::Turn([1.2, 0.5, 0.7])]);
+        let off = model.across_pose().unwrap();
+        assert!(!model.on_path && off.up().dot(on.up()) > 0.99, "{:?} {:?}", off.up(), on.up());
+        assert!(off.forward().as_dvec3().dot(along) > 0.99, "{:?} {along}", off.forward());
+        assert!(model.pose.unwrap().forward().as_dvec3().dot(along) < 0.5, "the eye turned");
     }
 
     #[test]
