@@ -132,6 +132,9 @@ pub fn moves(ctx: &egui::Context) -> bool {
     !ctx.egui_wants_keyboard_input() && ctx.input(|i| MOVING.iter().any(|k| i.key_down(*k)))
 }
 
+/// Height of the title, the frame and the margins of the list of keys, points.
+const HELP_FRAME: f32 = 72.0;
+
 /// The keys as a window over the panes.
 pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
     const KEYS: &[(&str, &str)] = &[
@@ -171,12 +174,17 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
         .resizable(false)
         .anchor(Align2::CENTER_CENTER, Vec2::ZERO)
         .show(ui, |ui| {
-            egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
-                for (key, does) in KEYS {
-                    ui.strong(*key);
-                    ui.add(egui::Label::new(*does).extend());
-                    ui.end_row();
-                }
+            // Of a low window it is scrolled: its last keys were below the edge at 800x600.
+            let height = (ui.ctx().content_rect().height() - HELP_FRAME).max(60.0);
+            let list = egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height);
+            list.show(ui, |ui| {
+                egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
+                    for (key, does) in KEYS {
+                        ui.strong(*key);
+                        ui.add(egui::Label::new(*does).extend());
+                        ui.end_row();
+                    }
+                });
             });
         });
     if !open {
@@ -186,7 +194,29 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::panel_tests::TestScreen;
     use super::*;
+
+    #[test]
+    fn the_last_of_the_keys_can_be_scrolled_to_in_a_low_window() {
+        let mut screen = TestScreen::sized(egui::vec2(640.0, 400.0));
+        let mut shown = |events| screen.frame(events, |ui| help(ui, &mut ActionQueue::default()));
+        let bottom = |texts: Vec<(String, egui::Rect)>| {
+            texts.iter().find(|(text, _)| text == "quit").map(|(_, rect)| rect.bottom())
+        };
+        (0..3).for_each(|_| drop(shown(Vec::new())));
+        assert!(bottom(shown(Vec::new())).is_none_or(|y| y > 400.0), "it is too low for all");
+        let wheel = egui::Event::MouseWheel {
+            unit: egui::MouseWheelUnit::Point,
+            delta: egui::vec2(0.0, -9000.0),
+            phase: egui::TouchPhase::Move,
+            modifiers: Modifiers::NONE,
+        };
+        shown(vec![egui::Event::PointerMoved(egui::pos2(320.0, 200.0)), wheel]);
+        (0..60).for_each(|_| drop(shown(Vec::new())));
+        let last = bottom(shown(Vec::new()));
+        assert!(last.is_some_and(|y| y < 400.0), "{last:?}");
+    }
 
     #[test]
     fn a_key_pressed_and_let_go_within_a_frame_moves_the_eye() {

@@ -7,17 +7,23 @@ use super::slice_pane::tests::button;
 /// A screen on which panels are laid out, a thirtieth of a second a frame.
 pub(super) struct TestScreen {
     context: egui::Context,
+    size: egui::Vec2,
     frames: u32,
 }
 
 impl TestScreen {
+    /// A screen of 800 by 600 points.
     pub fn new() -> Self {
-        Self { context: egui::Context::default(), frames: 0 }
+        Self::sized(vec2(800.0, 600.0))
     }
 
-    /// Lays out one frame of 800 by 600 points; the texts that it shows, with their places.
+    pub fn sized(size: egui::Vec2) -> Self {
+        Self { context: egui::Context::default(), size, frames: 0 }
+    }
+
+    /// Lays out one frame; the texts that it shows, with their places.
     pub fn frame(&mut self, events: Vec<Event>, ui: impl FnMut(&mut Ui)) -> Vec<(String, Rect)> {
-        let screen = Rect::from_min_size(Pos2::ZERO, vec2(800.0, 600.0));
+        let screen = Rect::from_min_size(Pos2::ZERO, self.size);
         let time = Some(f64::from(self.frames) / 30.0);
         self.frames += 1;
         let input =
