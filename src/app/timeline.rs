@@ -6,7 +6,41 @@ use super::action::{Action, ActionQueue};
 use super::labels::Labels;
 use super::model::Model;
 use super::style::{ACCENT, CAMERA, FAINT};
+use crate::flight::FlightPath;
 use crate::organ::ColonEnds;
+
+/// Share of the path, by length, whose sections the plot has room for. One that runs along a
+/// neighbouring bend leaves it at the top.
+const PLOTTED: f64 = 0.98;
+
+/// Radius of a circle as large as the widest section of the path, but for the last few per cent, mm.
+/// By length: an eye is slow where it is narrow, so that most poses are of narrow places.
+fn widest_section_mm(path: &FlightPath) -> f64 {
+    let lengths = path.arcs_mm().windows(2).map(|pair| pair[1] - pair[0]).chain([0.0]);
+    let sections = path.sections.iter().zip(lengths);
+    let mut areas: Vec<(f64, f64)> =
+        sections.filter_map(|(s, length)| Some((s.as_ref()?.area_mm2, length))).collect();
+    areas.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let room = PLOTTED * areas.iter().map(|a| a.1).sum::<f64>();
+    let mut passed = 0.0;
+    let widest = areas.iter().find(|(_, length)| {
+        passed += length;
+        passed >= room
+    });
+    widest.map_or(0.0, |(area, _)| (area / std::f64::consts::PI).sqrt())
+}
+
+/// Says what the bar shows.
+fn about(path: &FlightPath) -> String {
+    let cuts = match path.cuts_mm().next() {
+        Some(_) => " Red: the flight goes on in another part of the lumen.",
+        None => "",
+    };
+    format!(
+        "Bars: least distance of the path to the wall. Line: radius of a circle as large as the \
+         cross-section; none where the plane runs along the lumen. Dots: bookmarks.{cuts}"
+    )
+}
 
 /// The scrub bar with the radius along the path.
 pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
@@ -21,14 +55,9 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
         return;
     };
     let length = path.length_mm().max(1e-6);
-    let sections = path.sections.iter().flatten();
     // The radius of the circle that is as large as a cross-section.
     let round = |area: f64| (area / std::f64::consts::PI).sqrt();
-    let mut widths: Vec<f64> = sections.map(|s| round(s.area_mm2)).collect();
-    widths.sort_by(f64::total_cmp);
-    // Where a section runs along a neighbouring bend it leaves the plot at the top.
-    let widest = widths.get(widths.len() * 9 / 10).copied().unwrap_or(0.0);
-    let most = path.radius_mm.iter().copied().fold(1e-6, f64::max).max(widest);
+    let most = path.radius_mm.iter().copied().fold(1e-6, f64::max).max(widest_section_mm(path));
     let x = |arc: f64| bar.left() + (arc / length) as f32 * bar.width();
     let plot = Rect::from_min_max(bar.min, pos2(bar.max.x, bar.max.y - 14.0));
     // One bar a point of the screen: the least radius of its stretch.
@@ -88,6 +117,7 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
             break;
         }
     }
+    let response = response.on_hover_text(about(path));
     if let Some(p) = response.interact_pointer_pos() {
         let arc = f64::from((p.x - bar.left()) / bar.width()) * length;
         // Where it is let go counts too.
@@ -102,7 +132,22 @@ pub(super) fn timeline(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
 #[cfg(test)]
 mod tests {
     use super::super::junctions::tests::{path, tree};
+    use super::super::model::flown_model;
     use super::*;
+    use crate::volume::phantom::Kind;
+
+    #[test]
+    fn wide_places_stay_in_the_plot_where_most_poses_are_of_narrow_ones() {
+        let (mut model, session) = flown_model(Kind::Colon, |_| {});
+        let flight = session.flight().unwrap();
+        model.take_branch(&flight, &session.sections().unwrap(), model.route);
+        let path = model.path.as_ref().unwrap();
+        let radii = path.sections.iter().flatten();
+        let radii: Vec<f64> = radii.map(|s| (s.area_mm2 / std::f64::consts::PI).sqrt()).collect();
+        let widest = radii.iter().copied().fold(0.0, f64::max);
+        let plotted = widest_section_mm(path);
+        assert!(plotted <= widest && plotted > 0.95 * widest, "{plotted} of {widest} mm");
+    }
 
     #[test]
     fn a_scrub_ends_where_the_pointer_was_let_go() {
