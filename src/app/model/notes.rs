@@ -103,6 +103,8 @@ impl Model {
             text => text.to_owned(),
         };
         self.unsaved = true;
+        // The list may be scrolled away, or another pane fill the window.
+        self.message = Some(format!("bookmark {}: {text}", self.bookmarks.len() + 1));
         self.bookmarks.push(Bookmark {
             text,
             position_mm: pose.position_mm.as_dvec3().to_array(),

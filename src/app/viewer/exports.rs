@@ -1,5 +1,7 @@
 //! Files that the viewer exports: the inside view, the flight, the report.
 
+use std::path::Path;
+
 use super::super::computation::TaskKind;
 use super::super::error::AppError;
 use super::super::export::{self, Notes};
@@ -9,6 +11,12 @@ use crate::flight::Frames;
 use crate::formats::{encode_png, shown};
 use crate::session::{PAGE_FILE, SessionError};
 use crate::vk::Gpu;
+
+/// Says where a file was written. A window shows no working folder: the whole path is named.
+pub(super) fn wrote(path: &Path) -> String {
+    let whole = std::path::absolute(path);
+    format!("wrote {}", shown(whole.as_deref().unwrap_or(path)))
+}
 
 impl Viewer {
     /// The inside view as PNG, where it shows something.
@@ -24,7 +32,7 @@ impl Viewer {
         if let Some(png) = self.inside_png(gpu)? {
             let name = export::free_name(&self.options.export, "view");
             let written = export::write(&self.options.export, &name, &png);
-            self.show_written(written.map(|path| format!("wrote {}", shown(&path))));
+            self.show_written(written.map(|path| wrote(&path)));
         }
         Ok(())
     }
@@ -37,7 +45,7 @@ impl Viewer {
             let page = export::page(session, notes).map_err(AppError::from);
             let written = page.and_then(|p| export::write(&folder, PAGE_FILE, p.as_bytes()));
             let message = match written {
-                Ok(path) => format!("wrote {}", shown(&path)),
+                Ok(path) => wrote(&path),
                 Err(e) => format!("the report is not written: {e}"),
             };
             Box::new(move |model| model.message = Some(message))
@@ -68,5 +76,18 @@ impl Viewer {
             tracing::error!("{e}");
             e.to_string()
         }));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_written_file_is_named_with_its_folder() {
+        let here = std::env::current_dir().unwrap();
+        let whole = here.join("intima-export").join("view-1.png");
+        let said = wrote(Path::new("intima-export/view-1.png"));
+        assert_eq!(said, format!("wrote {}", shown(&whole)));
     }
 }

@@ -10,7 +10,7 @@ use super::super::export;
 use super::super::panes::Detail;
 use super::super::session_file::SessionFile;
 use super::Viewer;
-use crate::formats::shown;
+use super::exports::wrote;
 use crate::vk::Gpu;
 
 impl Viewer {
@@ -59,8 +59,8 @@ impl Viewer {
         }
         let saved = self.save_session();
         let is_saved = saved.is_ok();
-        let path = self.options.session_file.as_deref().unwrap_or(Path::new(""));
-        self.show_written(saved.map(|()| format!("wrote {}", shown(path))));
+        let path = self.options.session_file.clone().unwrap_or_default();
+        self.show_written(saved.map(|()| wrote(&path)));
         is_saved
     }
 
