@@ -222,6 +222,8 @@ pub enum Request {
     Export(Export),
     /// Opens a file or a DICOM folder instead of what is shown.
     Open(PathBuf),
+    /// Opens a session file of the volume that is open.
+    OpenSession(PathBuf),
     /// Takes another lumen of the same volume.
     Lumen(LumenChoice),
     /// Finds an organ in the same volume.

@@ -3,10 +3,13 @@
 
 mod moves;
 mod notes;
+mod outcome;
+mod restored;
 mod sliced;
 mod speedometer;
 
 pub use notes::MissedMark;
+pub use restored::{SavedEye, SavedView};
 #[cfg(test)]
 pub(super) use sliced::tests::flown_model;
 
@@ -23,11 +26,11 @@ use super::grey_window::default_window;
 use super::junctions::{BranchChoice, choices};
 use super::measure::Measurement;
 use crate::flight::{Flight, FlightPath, SectionFigures};
-use crate::formats::{FormatError, InputInfo};
+use crate::formats::InputInfo;
 use crate::geometry::{CrossSection, Pose};
 use crate::organ::{ColonEnds, Glance, Organ};
 use crate::render::Framing;
-use crate::session::{FlightRoute, Product, Products, SessionError};
+use crate::session::{FlightRoute, Product, Products};
 use crate::volume::Volume;
 use crate::wall::Evidence;
 use speedometer::Speedometer;
@@ -107,6 +110,8 @@ pub struct Model {
     gaze_mm: Option<DVec3>,
     /// Place on the path to begin at, mm, once there is one.
     start_mm: f64,
+    /// View of a session file whose eye waits for its path.
+    restoring: Option<SavedView>,
     /// Route that the path was, or will be, made of.
     pub route: FlightRoute,
     /// The path is the flight of the session's settings.
@@ -140,6 +145,8 @@ pub struct Model {
     pub help: bool,
     /// Request that waits for the answer whether notes are to be saved before.
     pub leaving: Option<Request>,
+    /// Whether that request would end a flight that is being saved.
+    pub leaves_flight: bool,
     /// The last message to the user.
     pub message: Option<String>,
     /// Reason why nothing more is computed.
@@ -254,54 +261,7 @@ impl Model {
         {
             self.set_sections(&sections);
         }
-    }
-
-    /// Takes in how the computation ended, and what has to be chosen from because of that.
-    pub fn finish(
-        &mut self,
-        outcome: Result<(), SessionError>,
-        contents: Option<(InputInfo, bool)>,
-    ) {
-        (self.is_complete, self.contents) = (true, contents);
-        match outcome {
-            Ok(()) => {}
-            Err(SessionError::Cancelled) => {
-                self.is_stopped = true;
-                self.message = Some("stopped; what is there stays".into());
-            }
-            Err(SessionError::LumenNotChosen { organ, .. }) => {
-                self.question = Some("choose the organ or the values of the lumen");
-                self.glance.get_or_insert_default();
-                self.found = organ;
-                self.put_found_first();
-            }
-            Err(SessionError::Format(FormatError::Series { .. })) if self.contents.is_some() => {
-                self.question = Some("choose a series on the right");
-            }
-            Err(SessionError::Format(FormatError::Segments { .. })) if self.contents.is_some() => {
-                self.question = Some("choose a segment on the right");
-            }
-            Err(e) => self.failure = Some(without_flags(&e.to_string())),
-        }
-    }
-
-    /// Takes in what the volume seems to show.
-    pub fn set_glance(&mut self, seen: Glance) {
-        self.glance = Some(seen);
-        self.put_found_first();
-    }
-
-    /// Offers the organ that was found before those that may be there.
-    fn put_found_first(&mut self) {
-        if let (Some(glance), Some(found)) = (&mut self.glance, self.found) {
-            glance.organs.retain(|organ| *organ != found);
-            glance.organs.insert(0, found);
-        }
-    }
-
-    /// Takes up a computation that was stopped.
-    pub(super) fn resume(&mut self) {
-        (self.is_stopped, self.is_complete, self.message) = (false, false, None);
+        self.restore_eye();
     }
 
     /// Takes another flight along the same centerline, with its sections; the eye keeps its place.
@@ -314,6 +274,7 @@ impl Model {
         self.is_planned_path = false;
         self.set_path(flight, route);
         self.set_sections(sections);
+        self.restore_eye();
     }
 
     /// Begins at a place on the path, at once or when there is one.
@@ -324,7 +285,8 @@ impl Model {
 
     /// Returns the place of the eye on the path, or that to begin at, mm.
     pub(super) fn place_on_path_mm(&self) -> f64 {
-        if self.path.is_some() { self.arc_mm } else { self.start_mm }
+        let is_there = self.path.is_some() && self.restoring.is_none();
+        if is_there { self.arc_mm } else { self.start_mm }
     }
 
     /// Puts a flight in the place of the path.
@@ -475,26 +437,5 @@ impl Model {
             // Numbers that are none.
             _ => {}
         }
-    }
-}
-
-/// A message without the parts that name flags of the command line, which a window has not.
-fn without_flags(message: &str) -> String {
-    let parts = message.split("; ").filter(|part| !part.contains("--"));
-    let text = parts.collect::<Vec<_>>().join("; ");
-    if text.is_empty() { message.to_owned() } else { text }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn no_flag_of_the_command_line_is_named_in_the_window() {
-        let burned = "a.dcm: the pixels may show who the patient is (BurnedInAnnotation); \
-                      --allow-burned-in reads them";
-        let said = without_flags(burned);
-        assert!(said.ends_with("(BurnedInAnnotation)"), "{said}");
-        assert_eq!(without_flags("no airway found: a; b"), "no airway found: a; b");
     }
 }

@@ -3,13 +3,74 @@
 use std::sync::Arc;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::action::{LumenChoice, Request};
 use crate::formats::ReadOptions;
 use crate::lumen::IntensitySelection;
+use crate::organ::Organ;
 use crate::session::{
     CenterlineSettings, LumenSettings, Seed, Session, Settings, Source, VolumeSource,
 };
+
+/// Choice of a lumen as it is made in the window.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SavedLumen {
+    /// An organ that is found.
+    Organ(Organ),
+    /// Grey values, and where the lumen begins.
+    Range(LumenChoice),
+}
+
+impl SavedLumen {
+    /// Returns the choice that has these settings; `None` where no window can make it.
+    pub(super) fn of(settings: &LumenSettings) -> Option<Self> {
+        let choice = match (&settings.organ, &settings.select) {
+            (Some(organ), _) => Self::Organ(organ.organ),
+            (None, Some(IntensitySelection::Range { lo, hi })) => {
+                let seed_mm = match settings.seed {
+                    Some(Seed::Point(p)) => Some(p.to_array()),
+                    Some(Seed::Voxel(_)) | None => None,
+                };
+                Self::Range(LumenChoice { range: [*lo, *hi], seed_mm })
+            }
+            (None, _) => return None,
+        };
+        (choice.settings() == *settings && choice.is_finite()).then_some(choice)
+    }
+
+    /// Whether its numbers are some: JSON has no others.
+    fn is_finite(&self) -> bool {
+        match self {
+            Self::Organ(_) => true,
+            Self::Range(LumenChoice { range, seed_mm }) => {
+                range.iter().chain(seed_mm.iter().flatten()).all(|v| v.is_finite())
+            }
+        }
+    }
+
+    /// Returns the request that makes the choice.
+    pub(super) fn request(&self) -> Request {
+        match self {
+            Self::Organ(organ) => Request::Organ(*organ),
+            Self::Range(choice) => Request::Lumen(*choice),
+        }
+    }
+
+    fn settings(&self) -> LumenSettings {
+        match self {
+            Self::Organ(organ) => {
+                LumenSettings { organ: Some((*organ).into()), ..LumenSettings::default() }
+            }
+            Self::Range(LumenChoice { range: [lo, hi], seed_mm }) => LumenSettings {
+                select: Some(IntensitySelection::Range { lo: *lo, hi: *hi }),
+                seed: seed_mm.map(|p| Seed::Point(DVec3::from(p))),
+                ..LumenSettings::default()
+            },
+        }
+    }
+}
 
 /// Volumes and settings that a session takes in place of its own.
 pub struct Opening {
@@ -52,14 +113,8 @@ impl Opening {
                 return read(is_mask, &|o| o.series = Some(index.to_string()));
             }
             Request::Segment(name) => return read(true, &|o| o.segments = vec![name.clone()]),
-            Request::Organ(organ) => {
-                LumenSettings { organ: Some((*organ).into()), ..LumenSettings::default() }
-            }
-            Request::Lumen(LumenChoice { range: [lo, hi], seed_mm }) => LumenSettings {
-                select: Some(IntensitySelection::Range { lo: *lo, hi: *hi }),
-                seed: seed_mm.map(|p| Seed::Point(DVec3::from(p))),
-                ..LumenSettings::default()
-            },
+            Request::Organ(organ) => SavedLumen::Organ(*organ).settings(),
+            Request::Lumen(choice) => SavedLumen::Range(*choice).settings(),
             _ => return None,
         };
         // Of a mask it is the labels that the slices show that are chosen from.
@@ -100,7 +155,19 @@ fn with_options(mut source: Source, is_mask: bool, set: &dyn Fn(&mut ReadOptions
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::organ::Organ;
+
+    #[test]
+    fn a_choice_of_the_lumen_is_saved_where_a_window_can_make_it_again() {
+        let range = |hi| LumenChoice { range: [-1000.0, hi], seed_mm: Some([1.0, 2.0, 3.0]) };
+        for choice in [SavedLumen::Organ(Organ::Colon), SavedLumen::Range(range(-500.0))] {
+            assert_eq!(SavedLumen::of(&choice.settings()), Some(choice));
+        }
+        assert_eq!(SavedLumen::of(&SavedLumen::Range(range(f64::INFINITY)).settings()), None);
+        let voxel = Some(Seed::Voxel(glam::UVec3::ONE));
+        let by_voxel = LumenSettings { seed: voxel, ..SavedLumen::Range(range(0.0)).settings() };
+        assert_eq!(SavedLumen::of(&by_voxel), None, "its place is not known");
+        assert_eq!(SavedLumen::of(&LumenSettings::default()), None, "nobody chose");
+    }
 
     #[test]
     fn the_window_has_the_tree_of_a_lumen_but_where_parts_are_flown_in_order() {

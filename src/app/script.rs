@@ -305,7 +305,7 @@ impl<'a> Player<'a> {
             Wait::Levels => self.viewer.wait_for(gpu, Product::Levels)?,
         };
         if comes {
-            return self.viewer.apply_notes();
+            return self.viewer.apply_notes(gpu);
         }
         let what = "what it waits for does not come".into();
         Err(AppError::Script { step: number, what })

@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::error::AppError;
 use super::measure::Measurement;
-use super::model::{Bookmark, Model};
+use super::model::{Bookmark, Model, SavedView};
+use super::opening::SavedLumen;
 use crate::formats::{FormatError, atomic_file, read_plain};
 
 /// Name and version of the format.
@@ -43,10 +44,16 @@ pub struct SessionFile {
     /// Lengths and angles.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub measurements: Vec<Measurement>,
+    /// Way in which the organ was shown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub view: Option<SavedView>,
+    /// Choice of the lumen, where a window can make it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lumen: Option<SavedLumen>,
 }
 
 impl SessionFile {
-    /// The state of a window; `None` before the volume is known.
+    /// The state of a window, without the choice of its lumen; `None` before the volume is known.
     pub fn of(model: &Model) -> Option<Self> {
         Some(Self {
             schema: SESSION_SCHEMA.into(),
@@ -59,6 +66,8 @@ impl SessionFile {
             arc_mm: model.place_on_path_mm(),
             rectum_at_start: model.rectum_at_start,
             measurements: model.measurements.clone(),
+            view: Some(model.saved_view()),
+            lumen: None,
         })
     }
 
@@ -111,6 +120,9 @@ impl SessionFile {
         if let Some(i) = self.measurements.iter().position(|m| !m.is_valid()) {
             return Err(format!("measurement {} lacks a place", i + 1));
         }
+        if !self.view.as_ref().is_none_or(SavedView::is_valid) {
+            return Err("its view is no place".into());
+        }
         let numbers = [self.window[0], self.window[1], self.speed_mm_s, self.arc_mm];
         match numbers.iter().all(|n| n.is_finite()) && self.fov_deg.is_finite() {
             true => Ok(()),
@@ -149,6 +161,7 @@ impl SessionFile {
             ],
         );
         model.start_at(self.arc_mm);
+        self.view.iter().for_each(|view| model.restore_view(view));
         Ok(())
     }
 }
@@ -188,6 +201,8 @@ mod tests {
                 ruler: Ruler::Length,
                 points_mm: vec![[1.0, 2.0, 3.0], [1.0, 2.0, 7.5]],
             }],
+            view: Some(Model::new(20.0).saved_view()),
+            lumen: Some(SavedLumen::Organ(crate::organ::Organ::Airway)),
         }
     }
 
@@ -228,6 +243,9 @@ mod tests {
             refused(|j| j["measurements"][0]["ruler"] = "angle".into())
                 .ends_with("measurement 1 lacks a place")
         );
+        assert!(refused(|j| j["view"]["zoom"] = "near".into()).ends_with("missing or wrong"));
+        let eye = serde_json::json!({"position_mm": [0, 0, 0], "rotation": [0, 0, 0, 9]});
+        assert!(refused(|j| j["view"]["eye"] = eye.clone()).ends_with("its view is no place"));
         assert!(refused(|j| j["window"] = "wide".into()).ends_with("missing or wrong"));
     }
 

@@ -18,6 +18,8 @@ use crate::formats::{InputInfo, NOTICE, SeriesInfo};
 pub(super) struct PanelState {
     /// Text of the next bookmark.
     note: String,
+    /// Whether a file for the notes is to be chosen.
+    pub saves_session: bool,
     /// Range of a lumen to be chosen.
     pub lumen: EnteredRange,
 }
@@ -67,7 +69,13 @@ fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut Act
     ui.separator();
     exports(ui, model, commands);
     ui.separator();
-    ui.strong("Bookmarks");
+    ui.horizontal(|ui| {
+        ui.strong("Bookmarks");
+        let save = egui::Button::new("Save session");
+        let tip = "Bookmarks, measurements and the view, as a file that Open shows again";
+        let button = ui.add_enabled(model.products.identity.is_some(), save);
+        state.saves_session |= button.on_hover_text(tip).on_disabled_hover_text(tip).clicked();
+    });
     ui.horizontal(|ui| {
         let text =
             egui::TextEdit::singleline(&mut state.note).hint_text("note").desired_width(120.0);
@@ -254,6 +262,21 @@ mod tests {
         series.thickness_mm = None;
         let details = "CT, 0.8 mm, 275 slices, 512 x 512";
         assert_eq!(series_texts(&series), ["Series 3, CT", details]);
+    }
+
+    #[test]
+    fn a_session_can_be_saved_without_closing_the_window() {
+        let mut model = Model::new(20.0);
+        let (mut screen, mut state) = (TestScreen::new(), PanelState::default());
+        let mut click = |model: &Model, state: &mut PanelState| {
+            let mut commands = ActionQueue::default();
+            screen.click("Save session", |ui| side_panel(ui, model, state, &mut commands));
+        };
+        click(&model, &mut state);
+        assert!(!state.saves_session, "there is no volume that it is of");
+        model.products.identity = Some(std::sync::Arc::new("ab".into()));
+        click(&model, &mut state);
+        assert!(state.saves_session);
     }
 
     #[test]

@@ -1,12 +1,12 @@
 //! Panels and panes. One function a part; each takes the model as it is and returns actions.
 
 use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2};
-use egui_file_dialog::{DialogState, FileDialog};
 use glam::DVec3;
 
 use super::action::{Action, ActionQueue, FOV_DEG, Pane, Request, SPEED_MM_S, WallView};
 use super::branch_panel::branch_under;
 use super::computation::WorkStatus;
+use super::dialogs::{Dialogs, FILES, ask_to_save, opened};
 use super::inside_marks::{in_pane, inside_marks, mark_under, measurements, missed_mark, ray_at};
 use super::keys::{help, keys};
 use super::labels::Labels;
@@ -31,15 +31,13 @@ fn what_next(model: &Model) -> &'static str {
 }
 
 /// State that the panels keep from frame to frame beside the model.
+#[derive(Default)]
 pub struct UiState {
     slices: SliceViews,
     panel: PanelState,
     /// When a pane was clicked, s, and what that leads to.
     click: Option<(f64, Action)>,
-    /// Dialog for choosing a file or a folder.
-    dialog: FileDialog,
-    /// Chooses a file for the notes.
-    save_dialog: FileDialog,
+    dialogs: Dialogs,
 }
 
 impl UiState {
@@ -47,18 +45,6 @@ impl UiState {
     pub fn reset(&mut self) {
         self.slices = SliceViews::default();
         (self.panel.lumen, self.click) = (None, None);
-    }
-}
-
-impl Default for UiState {
-    fn default() -> Self {
-        Self {
-            slices: SliceViews::default(),
-            panel: PanelState::default(),
-            click: None,
-            dialog: FileDialog::new().title("Open").default_size([640.0, 420.0]),
-            save_dialog: FileDialog::new().title("Save as").default_file_name("session.json"),
-        }
     }
 }
 
@@ -82,7 +68,7 @@ pub fn window(
     commands: &mut ActionQueue,
 ) -> PaneSizes {
     keys(ui, model, commands);
-    opened(ui, state, commands);
+    opened(ui, &mut state.dialogs, commands);
     egui::Panel::top("top").show(ui, |ui| top_bar(ui, model, state, status, commands));
     egui::Panel::bottom("timeline")
         .exact_size(timeline_height(ui))
@@ -91,6 +77,9 @@ pub fn window(
         .resizable(false)
         .exact_size(236.0)
         .show(ui, |ui| side_panel(ui, model, &mut state.panel, commands));
+    if std::mem::take(&mut state.panel.saves_session) {
+        state.dialogs.save.save_file();
+    }
     let mut sizes = PaneSizes::default();
     let mut of_panes = ActionQueue::default();
     let is_computing = status.is_some_and(|s| s.is_computing);
@@ -110,9 +99,7 @@ pub fn window(
     delay_clicks(ui, &mut state.click, &mut of_panes.actions);
     commands.actions.append(&mut of_panes.actions);
     commands.requests.append(&mut of_panes.requests);
-    if model.leaving.is_some() && *state.save_dialog.state() != DialogState::Open {
-        ask_to_save(ui, state, commands);
-    }
+    ask_to_save(ui, model, &mut state.dialogs, commands);
     if model.help {
         help(ui, commands);
     }
@@ -122,24 +109,6 @@ pub fn window(
 /// Height of the scrub bar: less of a low window.
 fn timeline_height(ui: &Ui) -> f32 {
     (0.15 * ui.available_height()).clamp(48.0, 92.0).round()
-}
-
-/// Asks what becomes of notes that no file has.
-fn ask_to_save(ui: &Ui, state: &mut UiState, commands: &mut ActionQueue) {
-    egui::Modal::new(egui::Id::new("unsaved")).show(ui.ctx(), |ui| {
-        ui.label("Bookmarks and measurements are not saved.");
-        ui.horizontal(|ui| {
-            if ui.button("Save as").clicked() {
-                state.save_dialog.save_file();
-            }
-            if ui.button("Do not save").clicked() {
-                commands.ask(Request::Discard);
-            }
-            if ui.button("Back").clicked() {
-                commands.act(Action::Stay);
-            }
-        });
-    });
 }
 
 /// Holds what a click leads to back until it is known not to be the first of a double click.
@@ -198,19 +167,6 @@ fn on_pixels(ui: &Ui, rect: Rect) -> Rect {
     Rect::from_min_max(round(rect.min), round(rect.max))
 }
 
-/// Files dropped on the window, or chosen in the dialog.
-fn opened(ui: &Ui, state: &mut UiState, commands: &mut ActionQueue) {
-    let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
-    state.dialog.update(ui.ctx());
-    state.save_dialog.update(ui.ctx());
-    if let Some(path) = dropped.or_else(|| state.dialog.take_picked()) {
-        commands.ask(Request::Open(path));
-    }
-    if let Some(path) = state.save_dialog.take_picked() {
-        commands.ask(Request::SaveAs(path));
-    }
-}
-
 fn top_bar(
     ui: &mut Ui,
     model: &Model,
@@ -236,11 +192,11 @@ const ONE_LINE: f32 = 1000.0;
 
 fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut ActionQueue) {
     ui.menu_button("Open", |ui| {
-        if ui.button("File").on_hover_text("NIfTI, NRRD, MetaImage, DICOM").clicked() {
-            state.dialog.pick_file();
+        if ui.button("File").on_hover_text(FILES).clicked() {
+            state.dialogs.open.pick_file();
         }
         if ui.button("Folder").on_hover_text("A DICOM series").clicked() {
-            state.dialog.pick_directory();
+            state.dialogs.open.pick_directory();
         }
     });
     ui.separator();

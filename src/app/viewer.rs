@@ -1,6 +1,7 @@
 //! State and loop of the viewer, the same for the window and for scripts: products that came are
 //! read, panels laid out, actions carried out, panes drawn, requests started, notes saved.
 
+mod branches;
 mod exports;
 mod notes;
 mod title;
@@ -204,10 +205,16 @@ impl Viewer {
     /// computed when they are waited for.
     fn compute_on(&mut self) -> Result<(), AppError> {
         if self.detail == Detail::Live {
-            self.spawn(TaskKind::Products, |session| {
+            // The lumen of a session file is taken once it is known to be of this volume.
+            let known_first: &'static [Product] = match self.is_lumen_to_restore() {
+                true => &[Product::Volume, Product::ValueRange, Product::Identity],
+                false => &[],
+            };
+            self.spawn(TaskKind::Products, move |session| {
                 // First what the first picture needs, then the rest side by side.
                 let all = made(&SHOWN, session);
-                let outcome = session.prepare_in_order(&[&SHOWN[..FIRST_PICTURE], &all]);
+                let groups = [known_first, &SHOWN[..FIRST_PICTURE], &all];
+                let outcome = session.prepare_in_order(&groups);
                 let contents = outcome.as_ref().err().and_then(|e| session.contents(e));
                 match &outcome {
                     Ok(()) => {}
@@ -245,7 +252,7 @@ impl Viewer {
         let outcomes = self.computation.as_mut().map(Computation::outcomes).unwrap_or_default();
         self.show(gpu, &SHOWN)?;
         outcomes.into_iter().for_each(|outcome| outcome(&mut self.model));
-        Ok(())
+        Ok(self.restore_branch()?)
     }
 
     /// Computes the products up to one, waits for them and takes in these alone, so that what is
@@ -254,6 +261,7 @@ impl Viewer {
     /// # Errors
     /// What the stages fail with; the device's.
     pub fn wait_for(&mut self, gpu: &mut Gpu, last: Product) -> Result<bool, AppError> {
+        self.restore_lumen(gpu)?;
         let Some(computation) = &self.computation else { return Ok(false) };
         let at = SHOWN.iter().position(|p| *p == last).expect("a product that is shown");
         if self.shown_count <= at {
@@ -264,6 +272,7 @@ impl Viewer {
         if self.shown_count == SHOWN.len() {
             self.model.finish(Ok(()), None);
         }
+        self.restore_branch()?;
         Ok(true)
     }
 
@@ -417,15 +426,7 @@ impl Viewer {
                 // Notes are of one volume.
                 (self.notes, self.options.session_file) = (None, None);
             }
-            self.model = match opening.is_same_volume {
-                true => self.model.reset_lumen(),
-                false => self.model.reset(),
-            };
-            self.ui.reset();
-            self.recorder = None;
-            self.shown_count = 0;
-            self.panes = Panes::new(gpu, self.samples)?;
-            self.compute(opening)?;
+            self.open(gpu, opening)?;
         }
         for request in &requests {
             match request {
@@ -436,6 +437,7 @@ impl Viewer {
                     self.model.resume();
                     self.compute_on()?;
                 }
+                Request::OpenSession(path) => self.open_session(gpu, path)?,
                 Request::Branch(branch) => self.plan_branch(FlightRoute::Leaf(*branch))?,
                 Request::Export(Export::Flight) => self.export_flight()?,
                 Request::Export(Export::Report) => self.export_report()?,
@@ -448,18 +450,17 @@ impl Viewer {
         Ok(requests.contains(&Request::Quit))
     }
 
-    /// Plans a flight along another branch of the centerline.
-    fn plan_branch(&mut self, route: FlightRoute) -> Result<(), SessionError> {
-        self.spawn(TaskKind::Branch, move |session| {
-            let planned = session.flight_along(route).and_then(|flight| {
-                let sections = session.sections_along(&flight)?;
-                Ok((flight, sections))
-            });
-            Box::new(move |model| match planned {
-                Ok((flight, sections)) => model.take_branch(&flight, &sections, route),
-                Err(e) => model.message = Some(format!("no flight along that branch: {e}")),
-            })
-        })
+    /// Shows other volumes, or another lumen of the same.
+    fn open(&mut self, gpu: &mut Gpu, opening: Opening) -> Result<(), AppError> {
+        self.model = match opening.is_same_volume {
+            true => self.model.reset_lumen(),
+            false => self.model.reset(),
+        };
+        self.ui.reset();
+        self.recorder = None;
+        self.shown_count = 0;
+        self.panes = Panes::new(gpu, self.samples)?;
+        self.compute(opening)
     }
 
     /// Records what the inside view shows of the wall from now on.

@@ -267,7 +267,7 @@ impl Running {
     fn frame(&mut self, begun: Instant) -> Result<bool, AppError> {
         let now = Instant::now();
         self.viewer.receive(&mut self.gpu)?;
-        if let Err(e) = self.viewer.apply_notes() {
+        if let Err(e) = self.viewer.apply_notes(&mut self.gpu) {
             tracing::error!("{e}");
             self.viewer.model.failure = Some(e.to_string());
         }

@@ -647,6 +647,41 @@ fn bookmarks_stay_when_another_lumen_of_the_volume_is_chosen() {
     assert_eq!(texts, [("first".into(), true), ("second".into(), false)]);
 }
 
+/// The lumen had to be chosen again, and the eye, the colour and the branch were those of a new
+/// window.
+#[test]
+fn a_session_closed_and_opened_without_options_is_the_same_to_the_pixel() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    let scan = Phantom::new(Kind::Y, 48, [1.0; 3]).unwrap().grey(None, 0);
+    intima::formats::write_volume(&tmp.path().join("mask.nrrd"), &scan).unwrap();
+    let picture = |n: &str| std::fs::read(tmp.path().join(format!("out/{n}.png"))).unwrap();
+    play(
+        tmp.path(),
+        &[],
+        r#"{"wait": "failure"}, {"picture": "asked"},
+        {"do": {"lumen": {"range": [-2000, -500]}}}, {"wait": "complete"}, {"wait": "levels"},
+        {"do": {"branch": 1}}, {"do": {"seek": 25}}, {"do": {"colour": "radius"}},
+        {"do": {"opacity": 1.6}}, {"do": {"orbit": [0.6, -0.3]}}, {"do": {"extent": {"mm": 60}}},
+        {"do": {"turn": [0.5, 0.2, 0.1]}}, {"do": {"fly": [0.5, 0.5, 0.5]}},
+        {"do": {"bookmark": "here"}}, {"picture": "closed"}, {"do": {"export": "view"}}"#,
+    );
+    let json = notes(tmp.path());
+    assert!(json["view"]["eye"].is_object() && json["lumen"]["range"].is_object(), "{json}");
+    play(
+        tmp.path(),
+        &[],
+        r#"{"wait": "complete"}, {"wait": "levels"}, {"frames": 2}, {"picture": "opened"},
+        {"do": {"export": "view"}}"#,
+    );
+    assert!(picture("view-1") == picture("view-2"), "the inside view");
+    assert_ne!(picture("asked"), picture("closed"));
+    let again = notes(tmp.path());
+    assert_eq!((&json["view"], &json["lumen"]), (&again["view"], &again["lumen"]));
+}
+
 #[test]
 fn a_session_begins_at_the_place_on_the_path_where_it_ended() {
     if common::gpu(intima::vk::Validate::Off).is_none() {

@@ -7,10 +7,12 @@ use std::sync::Arc;
 use super::super::action::Request;
 use super::super::error::AppError;
 use super::super::export;
+use super::super::opening::{Opening, SavedLumen};
 use super::super::panes::Detail;
 use super::super::session_file::SessionFile;
 use super::Viewer;
 use super::exports::wrote;
+use crate::session::Product;
 use crate::vk::Gpu;
 
 impl Viewer {
@@ -18,33 +20,96 @@ impl Viewer {
     ///
     /// # Errors
     /// [`AppError::SessionFile`] if it is of another volume.
-    pub fn apply_notes(&mut self) -> Result<(), AppError> {
-        if self.model.products.identity.is_none() {
-            return Ok(());
+    pub fn apply_notes(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        let Some(identity) = self.model.products.identity.clone() else { return Ok(()) };
+        let Some(notes) = &self.notes else { return Ok(()) };
+        if self.is_lumen_to_restore() && notes.input == *identity {
+            let request = notes.lumen.as_ref().expect("it is to be restored").request();
+            let session = self.computation.as_ref().map(|c| &*c.session);
+            let opening = Opening::of(&request, session, &self.options.settings, false);
+            // The rest follows when the volume is known again.
+            return opening.map_or(Ok(()), |opening| self.open(gpu, opening));
         }
-        let Some(notes) = self.notes.take() else { return Ok(()) };
+        let notes = self.notes.take().expect("there are some");
         notes.apply(&mut self.model).map_err(|what| {
             // It is not overwritten.
             let path = self.options.session_file.take().unwrap_or_default();
             AppError::SessionFile { path, what }
-        })
+        })?;
+        self.model.notes_saved();
+        Ok(self.restore_branch()?)
     }
 
-    /// Whether a request waits for an answer, because notes would be lost. Asked for again, it is
+    /// Whether the session file says which lumen there is, and nothing else does.
+    pub(super) fn is_lumen_to_restore(&self) -> bool {
+        self.is_lumen_open() && self.notes.as_ref().is_some_and(|notes| notes.lumen.is_some())
+    }
+
+    /// Takes the lumen of the session file, where frames wait for products.
+    pub(super) fn restore_lumen(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        if let Some(computation) = self.computation.as_ref().filter(|_| self.is_lumen_to_restore())
+        {
+            const KNOWN: [Product; 3] = [Product::Volume, Product::ValueRange, Product::Identity];
+            computation.session.prepare(&KNOWN)?;
+            self.show(gpu, &KNOWN)?;
+            self.apply_notes(gpu)?;
+        }
+        Ok(())
+    }
+
+    /// Opens a session file of the volume that is open; what is wrong with it is a message.
+    pub(super) fn open_session(&mut self, gpu: &mut Gpu, path: &Path) -> Result<(), AppError> {
+        let of_other = |file: &SessionFile| {
+            let identity = self.model.products.identity.as_deref();
+            identity.is_some_and(|identity| *identity != file.input)
+        };
+        let read = SessionFile::read(path).and_then(|file| {
+            match () {
+                () if self.computation.is_none() => Err("open the volume of the session first"),
+                () if of_other(&file) => Err("the session file is of another volume"),
+                () => Ok(file),
+            }
+            .map_err(|what| AppError::SessionFile { path: path.to_owned(), what: what.into() })
+        });
+        match read {
+            Ok(file) => {
+                (self.notes, self.options.session_file) = (Some(file), Some(path.to_owned()));
+                self.apply_notes(gpu)
+            }
+            Err(e) => {
+                self.show_written(Err(e));
+                Ok(())
+            }
+        }
+    }
+
+    /// Whether a request waits for an answer, because notes or a flight would be lost. Asked for again, it is
     /// carried out.
     pub fn holds_back(&mut self, request: &Request) -> bool {
         let leaves = matches!(
             request,
-            Request::Quit | Request::Open(_) | Request::Series(_) | Request::Segment(_)
+            Request::Quit
+                | Request::Open(_)
+                | Request::OpenSession(_)
+                | Request::Series(_)
+                | Request::Segment(_)
         );
-        let loses = leaves && self.model.has_unsaved_notes() && self.options.session_file.is_none();
+        let loses_notes = self.model.has_unsaved_notes() && self.options.session_file.is_none();
+        let loses_flight = self.is_saving() && !matches!(request, Request::OpenSession(_));
+        let loses = leaves && (loses_notes || loses_flight);
         // Nobody answers a script.
         if !loses || self.detail == Detail::Settled || self.model.leaving.as_ref() == Some(request)
         {
             return false;
         }
-        tracing::info!("bookmarks are in no file yet");
+        if loses_notes {
+            tracing::info!("bookmarks are in no file yet");
+        }
+        if loses_flight {
+            tracing::info!("a flight is being saved");
+        }
         self.model.leaving = Some(request.clone());
+        self.model.leaves_flight = loses_flight;
         true
     }
 
@@ -110,7 +175,8 @@ impl Viewer {
         if let (Some(path), Some(file)) = (&self.options.session_file, SessionFile::of(&self.model))
             && self.notes.is_none()
         {
-            file.write(path)?;
+            let lumen = SavedLumen::of(&self.options.settings.lumen);
+            SessionFile { lumen, ..file }.write(path)?;
             self.model.notes_saved();
         }
         Ok(())

@@ -1,0 +1,116 @@
+//! Dialogs: files to open and to save, and what is lost by leaving.
+
+use egui::{Align2, Ui, Vec2};
+use egui_file_dialog::{DialogState, FileDialog};
+
+use super::action::{Action, ActionQueue, Request};
+use super::model::Model;
+
+/// Kinds of files that can be opened.
+pub(super) const FILES: &str = "NIfTI, NRRD, MetaImage, DICOM; or a session file of what is open";
+
+/// Dialogs for choosing files.
+pub(super) struct Dialogs {
+    /// Dialog for a file or a folder to open.
+    pub open: FileDialog,
+    /// Dialog for the file of the notes.
+    pub save: FileDialog,
+}
+
+impl Default for Dialogs {
+    fn default() -> Self {
+        let dialog = |title| {
+            let size = [640.0, 420.0];
+            FileDialog::new()
+                .title(title)
+                .default_size(size)
+                .anchor(Align2::CENTER_CENTER, Vec2::ZERO)
+        };
+        Self { open: dialog("Open"), save: dialog("Save as").default_file_name("session.json") }
+    }
+}
+
+/// Files dropped on the window, or chosen in the dialog.
+pub(super) fn opened(ui: &Ui, dialogs: &mut Dialogs, commands: &mut ActionQueue) {
+    let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
+    dialogs.open.update(ui.ctx());
+    dialogs.save.update(ui.ctx());
+    if let Some(path) = dropped.or_else(|| dialogs.open.take_picked()) {
+        let is_session = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+        commands.ask(match is_session {
+            true => Request::OpenSession(path),
+            false => Request::Open(path),
+        });
+    }
+    if let Some(path) = dialogs.save.take_picked() {
+        commands.ask(Request::SaveAs(path));
+    }
+}
+
+/// Asks what becomes of notes that no file has, and of a flight that is being saved.
+pub(super) fn ask_to_save(
+    ui: &Ui,
+    model: &Model,
+    dialogs: &mut Dialogs,
+    commands: &mut ActionQueue,
+) {
+    if model.leaving.is_none() || *dialogs.save.state() == DialogState::Open {
+        return;
+    }
+    let asked = egui::Modal::new(egui::Id::new("unsaved")).show(ui.ctx(), |ui| {
+        let has_notes = model.has_unsaved_notes();
+        if has_notes {
+            ui.label("Bookmarks and measurements are not saved.");
+        }
+        if model.leaves_flight {
+            ui.label("A flight is being saved; it ends here.");
+        }
+        ui.horizontal(|ui| {
+            if has_notes && ui.button("Save as").clicked() {
+                dialogs.save.save_file();
+            }
+            let go = if has_notes { "Do not save" } else { "End it" };
+            if ui.button(go).clicked() {
+                commands.ask(Request::Discard);
+            }
+            if ui.button("Back").clicked() {
+                commands.act(Action::Stay);
+            }
+        });
+    });
+    // Escape, or a click beside it.
+    if asked.should_close() {
+        commands.act(Action::Stay);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::panel_tests::TestScreen;
+    use super::*;
+
+    fn pressed(key: egui::Key) -> egui::Event {
+        let (physical_key, modifiers) = (None, egui::Modifiers::NONE);
+        egui::Event::Key { key, physical_key, pressed: true, repeat: false, modifiers }
+    }
+
+    #[test]
+    fn escape_stays_with_what_is_open_where_a_flight_would_be_lost() {
+        let mut model = Model::new(20.0);
+        (model.leaving, model.leaves_flight) = (Some(Request::Quit), true);
+        let (mut screen, mut dialogs) = (TestScreen::new(), Dialogs::default());
+        let mut frame = |events, model: &Model| {
+            let mut commands = ActionQueue::default();
+            let lay_out = |ui: &mut Ui| ask_to_save(ui, model, &mut dialogs, &mut commands);
+            let texts = screen.frame(events, lay_out);
+            (texts.into_iter().map(|t| t.0).collect::<Vec<_>>(), commands)
+        };
+        frame(Vec::new(), &model);
+        let (texts, commands) = frame(Vec::new(), &model);
+        assert!(texts.iter().any(|t| t.starts_with("A flight is being saved")), "{texts:?}");
+        assert!(!texts.iter().any(|t| t == "Save as"), "there are no notes: {texts:?}");
+        assert!(commands.is_empty());
+        let (_, commands) = frame(vec![pressed(egui::Key::Escape)], &model);
+        assert_eq!(commands.actions, [Action::Stay]);
+    }
+}

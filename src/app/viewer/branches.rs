@@ -1,0 +1,38 @@
+//! Flights along branches of the centerline: one that is asked for, or that a saved eye flew.
+
+use super::super::computation::TaskKind;
+use super::Viewer;
+use crate::session::{FlightRoute, SessionError};
+
+impl Viewer {
+    /// Plans a flight along another branch of the centerline.
+    pub(super) fn plan_branch(&mut self, route: FlightRoute) -> Result<(), SessionError> {
+        self.spawn(TaskKind::Branch, move |session| {
+            let planned = session.flight_along(route).and_then(|flight| {
+                let sections = session.sections_along(&flight)?;
+                Ok((flight, sections))
+            });
+            Box::new(move |model| match planned {
+                Ok((flight, sections)) => model.take_branch(&flight, &sections, route),
+                Err(e) => {
+                    model.message = Some(format!("no flight along that branch: {e}"));
+                    model.give_up_branch();
+                }
+            })
+        })
+    }
+
+    /// Plans the branch that a saved eye flew, once there is a path; no other task plans one then.
+    pub(super) fn restore_branch(&mut self) -> Result<(), SessionError> {
+        let Some(branch) = self.model.branch_to_restore() else { return Ok(()) };
+        let line = self.model.products.centerline.as_ref().map(|centered| &centered.line);
+        if line.is_some_and(|line| branch >= line.branches.len()) {
+            self.model.give_up_branch();
+            return Ok(());
+        }
+        if self.computation.as_ref().is_some_and(|c| !c.runs(TaskKind::Branch)) {
+            self.plan_branch(FlightRoute::Leaf(branch))?;
+        }
+        Ok(())
+    }
+}
