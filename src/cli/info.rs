@@ -11,7 +11,7 @@ use crate::session::reading_bytes;
 /// `intima info INPUT`
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Volume: DICOM folder or file, .nii[.gz], .nrrd/.nhdr, .mha/.mhd
+    /// Volume: DICOM folder or file, OME-Zarr folder, .nii[.gz], .nrrd/.nhdr, .mha/.mhd
     input: PathBuf,
     #[command(flatten)]
     dicom: DicomArgs,

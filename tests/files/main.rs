@@ -12,6 +12,7 @@ mod pictures;
 mod segments;
 mod volumes;
 mod vtk_surfaces;
+mod zarr;
 
 use peak_alloc::PeakAlloc;
 

@@ -1,4 +1,4 @@
-//! Volumes in and out: DICOM series in; NIfTI, NRRD and MetaImage in and out; segmentations as
+//! Volumes in and out: DICOM series and OME-Zarr in; NIfTI, NRRD and MetaImage in and out; segmentations as
 //! `.seg.nrrd` and DICOM SEG in and out.
 //!
 //! Every reader first makes a [`layout::Layout`]: geometry, sample type, and where the bytes lie.
@@ -21,6 +21,7 @@ mod segment_description;
 mod segments;
 mod source;
 mod text;
+mod zarr;
 
 use std::path::{Path, PathBuf};
 
@@ -32,9 +33,10 @@ pub use segment_description::{SegmentDescription, SnomedCode};
 pub use source::{open_plain, read_plain};
 
 use super::FormatError;
-use crate::volume::{Grid, Volume};
+use crate::volume::{Grid, Rescale, Volume};
 use layout::Layout;
 pub(super) use layout::MAX_SHRINK;
+use zarr::ZarrImage;
 
 /// Options for reading an input.
 #[derive(Clone, Debug, Default)]
@@ -59,9 +61,11 @@ enum FileKind {
     Nrrd,
     MetaImage,
     Dicom,
+    Zarr,
 }
 
-const ACCEPTED: &str = "a DICOM folder or file, .nii, .nii.gz, .nrrd, .nhdr, .mha or .mhd";
+const ACCEPTED: &str =
+    "a DICOM folder or file, an OME-Zarr folder, .nii, .nii.gz, .nrrd, .nhdr, .mha or .mhd";
 
 /// Describes an input without reading its samples. Lengths are LPS mm.
 ///
@@ -72,6 +76,17 @@ const ACCEPTED: &str = "a DICOM folder or file, .nii, .nii.gz, .nrrd, .nhdr, .mh
 pub fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatError> {
     match kind(path)? {
         FileKind::Dicom => dicom::inspect(path, options),
+        FileKind::Zarr => {
+            let image = ZarrImage::open(path)?;
+            Ok(InputInfo {
+                format: image.format.to_owned(),
+                image: Some(ImageInfo::of(&image.grid, image.sample_type(), Rescale::IDENTITY)),
+                series: Vec::new(),
+                segments: Vec::new(),
+                notes: image.notes,
+                acquisition: None,
+            })
+        }
         k => {
             let layout = layout_of(path, k)?;
             layout.open()?;
@@ -88,12 +103,15 @@ pub fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatEr
 }
 
 /// Every file that reading an input may look at, in the order of their paths: those of a DICOM
-/// folder, a file alone, or a header and the file of its samples.
+/// folder, metadata and chunks of a Zarr array, a file alone, or a header and the file of its samples.
 ///
 /// # Errors
 /// [`FormatError::Io`]; a file that is no volume is a list of itself.
 pub fn input_files(path: &Path) -> Result<Vec<PathBuf>, FormatError> {
     let meta = std::fs::metadata(path).map_err(|e| FormatError::io(path, e))?;
+    if meta.is_dir() && zarr::is_zarr(path) {
+        return ZarrImage::open(path)?.files();
+    }
     if meta.is_dir() {
         return dicom::files_in(path);
     }
@@ -118,11 +136,15 @@ pub fn input_files(path: &Path) -> Result<Vec<PathBuf>, FormatError> {
 pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume, FormatError> {
     match kind(path)? {
         FileKind::Dicom => dicom::read(path, options),
+        FileKind::Zarr => {
+            let image = ZarrImage::open(path)?;
+            warn(image.format, &image.notes);
+            segments::chosen(path, &[], &options.segments)?;
+            image.load()
+        }
         k => {
             let layout = layout_of(path, k)?;
-            for note in &layout.notes {
-                tracing::warn!("{}: {note}", layout.format);
-            }
+            warn(layout.format, &layout.notes);
             segments::read(layout, &options.segments)
         }
     }
@@ -182,7 +204,12 @@ fn layout_of(path: &Path, kind: FileKind) -> Result<Layout, FormatError> {
         FileKind::Nrrd => nrrd::layout(path),
         FileKind::MetaImage => metaimage::layout(path),
         FileKind::Dicom => Err(FormatError::unsupported(path, "a DICOM input here")),
+        FileKind::Zarr => Err(FormatError::unsupported(path, "a Zarr input here")),
     }
+}
+
+fn warn(format: &str, notes: &[String]) {
+    notes.iter().for_each(|note| tracing::warn!("{format}: {note}"));
 }
 
 fn is_dicom(path: &Path) -> Result<bool, FormatError> {
@@ -195,7 +222,7 @@ fn lower_name(path: &Path) -> String {
 
 fn kind(path: &Path) -> Result<FileKind, FormatError> {
     if std::fs::metadata(path).map_err(|e| FormatError::io(path, e))?.is_dir() {
-        return Ok(FileKind::Dicom);
+        return Ok(if zarr::is_zarr(path) { FileKind::Zarr } else { FileKind::Dicom });
     }
     let head = source::prefix(path, 512)?;
     let name = lower_name(path);

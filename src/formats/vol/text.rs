@@ -47,7 +47,9 @@ pub(super) fn mm_per(unit: &str) -> Option<f64> {
         "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => Some(1.0),
         "cm" | "centimeter" | "centimeters" => Some(10.0),
         "m" | "meter" | "meters" | "metre" | "metres" => Some(1000.0),
-        "um" | "µm" | "μm" | "micron" | "microns" | "micrometer" | "micrometers" => Some(1e-3),
+        "nm" | "nanometer" | "nanometers" | "nanometre" | "nanometres" => Some(1e-6),
+        "um" | "µm" | "μm" | "micron" | "microns" | "micrometer" | "micrometers" | "micrometre"
+        | "micrometres" => Some(1e-3),
         _ => None,
     }
 }
