@@ -1,15 +1,26 @@
 //! A mask over the whole grid, one bit a voxel. Rows are whole 64-bit words, so that eight x-voxels
-//! are one byte of a brick. Memory is taken zeroed from the system: rows never touched cost none.
+//! are one byte of a brick. Memory is taken for eight rows of a slice when one of their voxels is
+//! set first: of a thin tree in a large volume most never are.
+
+use std::sync::Arc;
 
 use glam::{IVec3, UVec3};
 use rayon::prelude::*;
+
+/// Rows of a slice that are allocated together: those of a brick.
+const BLOCK_ROWS: usize = 8;
 
 /// One bit a voxel, x fastest, rows padded to 64.
 #[derive(Clone, Debug)]
 pub struct BitVolume {
     dims: UVec3,
     row_words: usize,
-    words: Vec<u64>,
+    /// Blocks of rows along y.
+    blocks_y: usize,
+    /// Rows in (z, y) order, [`BLOCK_ROWS`] a block; `None` where no voxel was set.
+    blocks: Vec<Option<Box<[u64]>>>,
+    /// Row of no set voxel, for the blocks that are not there.
+    blank: Arc<[u64]>,
 }
 
 /// Inclusive range of x-voxels.
@@ -19,8 +30,42 @@ impl BitVolume {
     /// All voxels clear.
     pub fn new(dims: UVec3) -> Self {
         let row_words = (dims.x as usize).div_ceil(64);
-        let words = vec![0; row_words * dims.y as usize * dims.z as usize];
-        Self { dims, row_words, words }
+        let blocks_y = (dims.y as usize).div_ceil(BLOCK_ROWS);
+        let blocks = vec![None; blocks_y * dims.z as usize];
+        Self { dims, row_words, blocks_y, blocks, blank: vec![0; row_words].into() }
+    }
+
+    /// A mask whose rows a function fills: it gets y, z and a clear row.
+    pub fn from_rows(dims: UVec3, fill: impl Fn(u32, u32, &mut [u64]) + Sync) -> Self {
+        let mut out = Self::new(dims);
+        let words = out.row_words;
+        out.update(|y0, z, block| {
+            for (row, y) in block.chunks_exact_mut(words).zip(y0..dims.y) {
+                fill(y, z, row);
+            }
+        });
+        out
+    }
+
+    /// Has a function change eight rows at a time: it gets the first one's y, z, and their words.
+    /// Rows beyond the grid stay clear.
+    pub(super) fn update(&mut self, change: impl Fn(u32, u32, &mut [u64]) + Sync) {
+        let (len, blocks_y) = (BLOCK_ROWS * self.row_words, self.blocks_y);
+        let scratch = || vec![0u64; len];
+        let blocks = self.blocks.par_iter_mut().enumerate().with_min_len(16);
+        blocks.for_each_init(scratch, |scratch, (i, block)| {
+            let (y, z) = ((i % blocks_y * BLOCK_ROWS) as u32, (i / blocks_y) as u32);
+            match block {
+                Some(block) => change(y, z, block),
+                None => {
+                    change(y, z, scratch);
+                    if scratch.iter().any(|w| *w != 0) {
+                        *block = Some(scratch.clone().into());
+                        scratch.fill(0);
+                    }
+                }
+            }
+        });
     }
 
     /// Voxels along each axis.
@@ -33,21 +78,43 @@ impl BitVolume {
         self.row_words
     }
 
-    /// All words, rows in (z, y) order.
-    pub fn words_mut(&mut self) -> &mut [u64] {
-        &mut self.words
+    /// Bytes of memory of the rows that are there.
+    pub fn bytes(&self) -> u64 {
+        let each = size_of::<Option<Box<[u64]>>>() as u64;
+        let held = self.blocks.iter().flatten().count() as u64;
+        each * self.blocks.len() as u64 + held * (8 * BLOCK_ROWS * self.row_words) as u64
     }
 
     #[inline]
-    fn row_start(&self, y: u32, z: u32) -> usize {
-        self.row_words * (y as usize + self.dims.y as usize * z as usize)
+    fn block_of(&self, y: u32, z: u32) -> usize {
+        y as usize / BLOCK_ROWS + self.blocks_y * z as usize
+    }
+
+    /// Whether a voxel was set in the eight rows that hold one.
+    #[inline]
+    pub(super) fn has_block(&self, y: u32, z: u32) -> bool {
+        self.blocks[self.block_of(y, z)].is_some()
     }
 
     /// The words of a row.
     #[inline]
     pub fn row(&self, y: u32, z: u32) -> &[u64] {
-        let s = self.row_start(y, z);
-        &self.words[s..s + self.row_words]
+        match &self.blocks[self.block_of(y, z)] {
+            Some(block) => {
+                let s = y as usize % BLOCK_ROWS * self.row_words;
+                &block[s..s + self.row_words]
+            }
+            None => &self.blank,
+        }
+    }
+
+    /// The words of a row, to be changed.
+    #[inline]
+    pub(super) fn row_mut(&mut self, y: u32, z: u32) -> &mut [u64] {
+        let (at, words) = (self.block_of(y, z), self.row_words);
+        let new = || vec![0; BLOCK_ROWS * words].into();
+        let s = y as usize % BLOCK_ROWS * words;
+        &mut self.blocks[at].get_or_insert_with(new)[s..s + words]
     }
 
     /// Whether a voxel is set; outside the grid nothing is.
@@ -61,28 +128,18 @@ impl BitVolume {
     /// Whether a voxel of the grid is set.
     #[inline]
     pub fn at(&self, x: u32, y: u32, z: u32) -> bool {
-        self.words[self.row_start(y, z) + (x >> 6) as usize] >> (x & 63) & 1 != 0
+        self.row(y, z)[(x >> 6) as usize] >> (x & 63) & 1 != 0
     }
 
     /// Sets a voxel of the grid.
     #[inline]
     pub fn set(&mut self, x: u32, y: u32, z: u32) {
-        let s = self.row_start(y, z);
-        self.words[s + (x >> 6) as usize] |= 1 << (x & 63);
+        self.row_mut(y, z)[(x >> 6) as usize] |= 1 << (x & 63);
     }
 
     /// Sets an inclusive run of x-voxels of a row.
     pub fn set_run(&mut self, (x0, x1): Run, y: u32, z: u32) {
-        let s = self.row_start(y, z);
-        let (w0, w1) = ((x0 >> 6) as usize, (x1 >> 6) as usize);
-        let (first, last) = (!0u64 << (x0 & 63), !0u64 >> (63 - (x1 & 63)));
-        if w0 == w1 {
-            self.words[s + w0] |= first & last;
-        } else {
-            self.words[s + w0] |= first;
-            self.words[s + w0 + 1..s + w1].fill(!0);
-            self.words[s + w1] |= last;
-        }
+        set_run(self.row_mut(y, z), (x0, x1));
     }
 
     /// Sets the voxels of a byte's bits: x to x + 7 of a row, x a multiple of 8. Bits beyond the grid
@@ -93,42 +150,48 @@ impl BitVolume {
             return;
         }
         let valid = 0xff >> (8 - (self.dims.x - x as u32).min(8));
-        let s = self.row_start(y as u32, z as u32);
-        self.words[s + (x as usize >> 6)] |= u64::from(byte & valid) << (x & 63);
+        if byte & valid != 0 {
+            let word = u64::from(byte & valid) << (x & 63);
+            self.row_mut(y as u32, z as u32)[x as usize >> 6] |= word;
+        }
     }
 
     /// Keeps what another mask of the same size has too.
     pub fn keep(&mut self, other: &Self) {
-        self.combine(other, |a, b| a & b);
+        self.combine(other, |a, b| match b {
+            Some(b) => a.iter_mut().zip(b).for_each(|(a, b)| *a &= b),
+            None => a.fill(0),
+        });
     }
 
     /// Adds what another mask of the same size has.
     pub fn add(&mut self, other: &Self) {
-        self.combine(other, |a, b| a | b);
+        self.combine(other, |a, b| {
+            a.iter_mut().zip(b.into_iter().flatten()).for_each(|(a, b)| *a |= b);
+        });
     }
 
     /// Takes away what another mask of the same size has.
     pub fn remove(&mut self, other: &Self) {
-        self.combine(other, |a, b| a & !b);
+        self.combine(other, |a, b| {
+            a.iter_mut().zip(b.into_iter().flatten()).for_each(|(a, b)| *a &= !b);
+        });
     }
 
-    fn combine(&mut self, other: &Self, op: impl Fn(u64, u64) -> u64 + Sync) {
+    fn combine(&mut self, other: &Self, op: impl Fn(&mut [u64], Option<&[u64]>) + Sync) {
         debug_assert_eq!(self.dims, other.dims);
-        let pairs = self.words.par_iter_mut().zip(&other.words);
-        pairs.with_min_len(1 << 14).for_each(|(a, b)| *a = op(*a, *b));
+        self.update(|y, z, block| op(block, other.blocks[other.block_of(y, z)].as_deref()));
     }
 
     /// All voxels of the grid that are not set.
     pub fn inverted(&self) -> Self {
-        let mut out = self.clone();
         let spare = self.row_words as u32 * 64 - self.dims.x;
-        out.words.par_chunks_mut(self.row_words).with_min_len(256).for_each(|row| {
-            row.iter_mut().for_each(|w| *w = !*w);
+        Self::from_rows(self.dims, |y, z, row| {
+            row.iter_mut().zip(self.row(y, z)).for_each(|(to, from)| *to = !from);
             if let Some(last) = row.last_mut() {
                 *last &= !0 >> spare;
             }
-        });
-        out
+        })
     }
 
     /// Every set voxel, in z, y, x order.
@@ -141,42 +204,56 @@ impl BitVolume {
 
     /// Number of set voxels.
     pub fn count(&self) -> u64 {
-        self.words.par_chunks(1 << 14).map(ones).sum()
+        self.blocks.par_iter().with_min_len(64).flatten().map(|block| ones(block)).sum()
     }
 
     /// Whether no voxel is set.
     pub fn is_empty(&self) -> bool {
-        self.words.iter().all(|w| *w == 0)
+        self.blocks.iter().flatten().all(|block| block.iter().all(|w| *w == 0))
     }
 
     /// Runs of set voxels in a row, ascending.
     pub fn runs(&self, y: u32, z: u32) -> impl Iterator<Item = Run> + '_ {
-        Runs { row: self.row(y, z), at: 0 }
+        let row = if self.has_block(y, z) { self.row(y, z) } else { &[] };
+        Runs { row, at: 0 }
     }
 
     /// Smallest box that holds all set voxels, inclusive corners.
     pub fn bounds(&self) -> Option<(UVec3, UVec3)> {
-        let slice = self.row_words * self.dims.y as usize;
-        let box_of = |z: usize, words: &[u64]| {
+        let box_of = |i: usize, block: &[u64]| {
+            let (y0, z) = (i % self.blocks_y * BLOCK_ROWS, i / self.blocks_y);
             let (mut lo, mut hi) = (UVec3::MAX, UVec3::ZERO);
-            for (y, row) in words.chunks_exact(self.row_words).enumerate() {
+            for (y, row) in block.chunks_exact(self.row_words).enumerate() {
                 let Some(first) = row.iter().position(|w| *w != 0) else { continue };
                 let last = row.iter().rposition(|w| *w != 0).unwrap_or(first);
                 let x0 = first as u32 * 64 + row[first].trailing_zeros();
                 let x1 = last as u32 * 64 + 63 - row[last].leading_zeros();
-                lo = lo.min(UVec3::new(x0, y as u32, z as u32));
-                hi = hi.max(UVec3::new(x1, y as u32, z as u32));
+                lo = lo.min(UVec3::new(x0, (y0 + y) as u32, z as u32));
+                hi = hi.max(UVec3::new(x1, (y0 + y) as u32, z as u32));
             }
             (lo, hi)
         };
         let (lo, hi) = self
-            .words
-            .par_chunks_exact(slice.max(1))
+            .blocks
+            .par_iter()
             .enumerate()
-            .with_min_len(8)
-            .map(|(z, words)| box_of(z, words))
+            .with_min_len(64)
+            .filter_map(|(i, block)| Some(box_of(i, block.as_ref()?)))
             .reduce(|| (UVec3::MAX, UVec3::ZERO), |a, b| (a.0.min(b.0), a.1.max(b.1)));
         (lo.x != u32::MAX).then_some((lo, hi))
+    }
+}
+
+/// Sets an inclusive run of x-voxels in the words of a row.
+pub(super) fn set_run(row: &mut [u64], (x0, x1): Run) {
+    let (w0, w1) = ((x0 >> 6) as usize, (x1 >> 6) as usize);
+    let (first, last) = (!0u64 << (x0 & 63), !0u64 >> (63 - (x1 & 63)));
+    if w0 == w1 {
+        row[w0] |= first & last;
+    } else {
+        row[w0] |= first;
+        row[w0 + 1..w1].fill(!0);
+        row[w1] |= last;
     }
 }
 
@@ -229,5 +306,36 @@ mod tests {
         assert_eq!(b.count(), 35);
         assert_eq!(b.bounds(), Some((UVec3::new(0, 1, 0), UVec3::new(129, 1, 0))));
         assert!(b.at(63, 1, 0) && !b.at(66, 1, 0) && !b.get(IVec3::new(-1, 0, 0)));
+    }
+
+    #[test]
+    fn memory_follows_the_voxels_that_are_set() {
+        let mut b = BitVolume::new(UVec3::new(4096, 4096, 4096));
+        let empty = b.bytes();
+        assert!(empty < 40 << 20, "{empty} bytes of 8 GiB");
+        (0..4096).for_each(|z| b.set(z, 4095 - z, z));
+        assert_eq!(b.bytes() - empty, 4096 * 8 * 512);
+        assert_eq!((b.count(), b.bounds()), (4096, Some((UVec3::ZERO, UVec3::splat(4095)))));
+    }
+
+    #[test]
+    fn masks_combine_word_by_word_where_one_of_them_has_no_rows() {
+        let dims = UVec3::new(70, 19, 3);
+        let of = |rows: &[(u32, u32)]| {
+            let mut b = BitVolume::new(dims);
+            rows.iter().for_each(|&(y, z)| b.set_run((3, 66), y, z));
+            b
+        };
+        let (a, b) = (of(&[(0, 0), (9, 1), (18, 2)]), of(&[(9, 1), (17, 2), (1, 0)]));
+        let after = |change: fn(&mut BitVolume, &BitVolume)| {
+            let mut out = a.clone();
+            change(&mut out, &b);
+            out.voxels().collect::<Vec<_>>()
+        };
+        let voxels = |rows: &[(u32, u32)]| of(rows).voxels().collect::<Vec<_>>();
+        assert_eq!(after(BitVolume::keep), voxels(&[(9, 1)]));
+        assert_eq!(after(BitVolume::remove), voxels(&[(0, 0), (18, 2)]));
+        assert_eq!(after(BitVolume::add), voxels(&[(0, 0), (1, 0), (9, 1), (17, 2), (18, 2)]));
+        assert_eq!(a.inverted().count(), u64::from(dims.element_product()) - a.count());
     }
 }

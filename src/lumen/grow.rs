@@ -23,6 +23,9 @@ pub fn grow(
     Ok(bits)
 }
 
+/// Row of voxels, by y and z.
+type Row = (u32, u32);
+
 /// Voxels in the selection, evaluated a word of 64 at a time on first access.
 struct Allowed<'a, T> {
     selection: &'a StoredSelection<T>,
@@ -35,21 +38,27 @@ struct Allowed<'a, T> {
 impl<T: Sample> Allowed<'_, T> {
     /// Returns a word of a row, evaluating it on first access.
     #[inline]
-    fn word(&mut self, row: usize, w: usize) -> u64 {
-        let (words, nx) = (self.bits.row_words(), self.bits.dims().x as usize);
+    fn word(&mut self, (y, z): Row, w: usize) -> u64 {
+        let (words, dims) = (self.bits.row_words(), self.bits.dims());
+        let row = y as usize + dims.y as usize * z as usize;
         let at = row * words + w;
         let (block, bit) = (at >> 6, 1u64 << (at & 63));
-        if self.known[block] & bit == 0 {
-            self.known[block] |= bit;
-            let from = row * nx + 64 * w;
-            let n = 64.min(nx - 64 * w);
-            self.bits.words_mut()[at] = self.selection.word(&self.samples[from..from + n]);
+        if self.known[block] & bit != 0 {
+            return self.bits.row(y, z)[w];
         }
-        self.bits.words_mut()[at]
+        self.known[block] |= bit;
+        let nx = dims.x as usize;
+        let from = row * nx + 64 * w;
+        let n = 64.min(nx - 64 * w);
+        let word = self.selection.word(&self.samples[from..from + n]);
+        if word != 0 {
+            self.bits.row_mut(y, z)[w] = word;
+        }
+        word
     }
 
     /// The run of allowed voxels around one, inclusive.
-    fn run(&mut self, row: usize, x: u32) -> Run {
+    fn run(&mut self, row: Row, x: u32) -> Run {
         let (mut w, bit) = ((x >> 6) as usize, x & 63);
         // Voxels not allowed at or below `bit`, then of lower words.
         let mut stop = !self.word(row, w) & (!0 >> (63 - bit));
@@ -84,15 +93,13 @@ fn spans<T: Sample>(
         if bits.at(x, y, z) {
             continue;
         }
-        let row = |y: u32, z: u32| y as usize + dims.y as usize * z as usize;
-        let (a, b) = allowed.run(row(y, z), x);
+        let (a, b) = allowed.run((y, z), x);
         bits.set_run((a, b), y, z);
         let mut visit_row = |y: u32, z: u32| {
-            let row = row(y, z);
             for w in (a >> 6) as usize..=(b >> 6) as usize {
                 let from = 64 * w as u32;
                 let span = !0u64 << a.saturating_sub(from) & !0 >> (63 - (b - from).min(63));
-                let fresh = allowed.word(row, w) & !bits.words_mut()[row * words + w] & span;
+                let fresh = allowed.word((y, z), w) & !bits.row(y, z)[w] & span;
                 let mut starts = fresh & !(fresh << 1);
                 while starts != 0 {
                     open.push((from + starts.trailing_zeros(), y, z));

@@ -1,7 +1,6 @@
 //! Selection of voxels by stored value: thresholds and labels, in the stored type.
 
 use glam::UVec3;
-use rayon::prelude::*;
 
 use super::{BitVolume, LumenError};
 use crate::volume::{Sample, Volume, with_samples};
@@ -32,9 +31,7 @@ impl IntensitySelection {
 
     /// Every voxel of a volume that is inside, whatever it is connected to.
     pub fn select(&self, volume: &Volume) -> BitVolume {
-        let mut bits = BitVolume::new(volume.grid.dims);
-        with_samples!(&volume.samples, |s| select(self.stored(volume, s), s, &mut bits));
-        bits
+        with_samples!(&volume.samples, |s| select(&self.stored(volume, s), s, volume.grid.dims))
     }
 
     /// The selection as a test on stored values.
@@ -166,18 +163,14 @@ fn is_number<T: PartialEq + Copy>(v: T) -> bool {
     v == v
 }
 
-fn select<T: Sample>(selection: StoredSelection<T>, samples: &[T], bits: &mut BitVolume) {
-    let nx = bits.dims().x as usize;
-    let row_words = bits.row_words();
-    bits.words_mut()
-        .par_chunks_mut(row_words)
-        .zip(samples.par_chunks(nx))
-        .with_min_len(64)
-        .for_each(|(words, row)| {
-            for (word, voxels) in words.iter_mut().zip(row.chunks(64)) {
-                *word = selection.word(voxels);
-            }
-        });
+fn select<T: Sample>(selection: &StoredSelection<T>, samples: &[T], dims: UVec3) -> BitVolume {
+    let (nx, ny) = (dims.x as usize, dims.y as usize);
+    BitVolume::from_rows(dims, |y, z, words| {
+        let start = nx * (y as usize + ny * z as usize);
+        for (word, voxels) in words.iter_mut().zip(samples[start..start + nx].chunks(64)) {
+            *word = selection.word(voxels);
+        }
+    })
 }
 
 /// Comparisons fill a byte each, which compilers turn into lanes; a product then brings eight

@@ -1,20 +1,20 @@
 //! Morphology of masks with balls of a radius in millimetres (Serra 1982), a word of 64 voxels at a
 //! time.
 
-use glam::{DVec3, UVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::BitVolume;
+use super::bits::set_run;
 
-/// Every voxel whose centre lies within a radius of the centre of one that is set.
-///
-/// Rows of a ball are runs, so that a dilation is a union of rows dilated along x, one for each row
-/// of the ball.
-pub fn dilated(mask: &BitVolume, spacing_mm: DVec3, radius_mm: f64) -> BitVolume {
-    let dims = mask.dims();
-    // Half width of the ball's row at (y, z), voxels; the slack keeps equal lengths equal.
+/// Rows of a ball: offsets in y and z, and half the width along x, voxels.
+type BallRow = (i64, i64, u32);
+
+/// The rows of a ball about a voxel, those of equal width together.
+fn ball_rows(spacing_mm: DVec3, radius_mm: f64) -> Vec<BallRow> {
+    // The slack keeps equal lengths equal.
     let reach = |axis: usize| ((radius_mm / spacing_mm[axis]) * (1.0 + 1e-9)).floor() as i64;
-    let mut rows: Vec<(i64, i64, u32)> = Vec::new();
+    let mut rows: Vec<BallRow> = Vec::new();
     for z in -reach(2)..=reach(2) {
         for y in -reach(1)..=reach(1) {
             let off = (y as f64 * spacing_mm.y).powi(2) + (z as f64 * spacing_mm.z).powi(2);
@@ -25,21 +25,30 @@ pub fn dilated(mask: &BitVolume, spacing_mm: DVec3, radius_mm: f64) -> BitVolume
         }
     }
     rows.sort_unstable_by_key(|r| (r.2, r.1, r.0));
-    let mut out = BitVolume::new(dims);
-    let mut done = 0;
-    while done < rows.len() {
-        let half = rows[done].2;
-        let end = rows.partition_point(|r| r.2 <= half);
-        let wide = widened(mask, half);
-        add_shifted(&mut out, &wide, &rows[done..end]);
-        done = end;
+    rows
+}
+
+/// Every voxel whose centre lies within a radius of the centre of one that is set.
+///
+/// Rows of a ball are runs, so that a dilation is a union of rows dilated along x, one for each row
+/// of the ball.
+pub fn dilated(mask: &BitVolume, spacing_mm: DVec3, radius_mm: f64) -> BitVolume {
+    let rows = ball_rows(spacing_mm, radius_mm);
+    let mut out = BitVolume::new(mask.dims());
+    for rows in rows.chunk_by(|a, b| a.2 == b.2) {
+        add_shifted(&mut out, &widened(mask, rows[0].2), rows);
     }
     out
 }
 
 /// Every set voxel all of whose neighbours within a radius are set; beyond the grid counts as set.
 pub fn eroded(mask: &BitVolume, spacing_mm: DVec3, radius_mm: f64) -> BitVolume {
-    dilated(&mask.inverted(), spacing_mm, radius_mm).inverted()
+    let rows = ball_rows(spacing_mm, radius_mm);
+    let mut out = mask.clone();
+    for rows in rows.chunk_by(|a, b| a.2 == b.2) {
+        keep_shifted(&mut out, &narrowed(mask, rows[0].2), rows);
+    }
+    out
 }
 
 /// Dilated, then eroded: narrow gaps are filled.
@@ -112,50 +121,99 @@ pub fn open_background(width: usize, height: usize, set: impl Fn(usize) -> bool)
 
 /// Every run longer by `half` voxels at both ends.
 fn widened(mask: &BitVolume, half: u32) -> BitVolume {
-    if half == 0 {
-        return mask.clone();
-    }
-    let UVec3 { x: nx, y: ny, .. } = mask.dims();
-    let mut out = BitVolume::new(mask.dims());
-    let words = mask.row_words();
-    out.words_mut().par_chunks_mut(words).enumerate().with_min_len(64).for_each(|(row, to)| {
-        for (a, b) in mask.runs(row as u32 % ny, row as u32 / ny) {
-            set(to, a.saturating_sub(half), (b + half).min(nx - 1));
+    let last = mask.dims().x - 1;
+    BitVolume::from_rows(mask.dims(), |y, z, to| {
+        for (a, b) in mask.runs(y, z) {
+            set_run(to, (a.saturating_sub(half), (b + half).min(last)));
         }
-    });
-    out
+    })
 }
 
-fn set(row: &mut [u64], a: u32, b: u32) {
-    let (w0, w1) = ((a >> 6) as usize, (b >> 6) as usize);
-    let (first, last) = (!0u64 << (a & 63), !0u64 >> (63 - (b & 63)));
-    if w0 == w1 {
-        row[w0] |= first & last;
-    } else {
-        row[w0] |= first;
-        row[w0 + 1..w1].fill(!0);
-        row[w1] |= last;
-    }
+/// Every run shorter by `half` voxels at both ends but those at the edge of the grid.
+fn narrowed(mask: &BitVolume, half: u32) -> BitVolume {
+    let last = mask.dims().x - 1;
+    BitVolume::from_rows(mask.dims(), |y, z, to| {
+        for (a, b) in mask.runs(y, z) {
+            let start = if a == 0 { 0 } else { a + half };
+            let end = if b == last { last + 1 } else { (b + 1).saturating_sub(half) };
+            if start < end {
+                set_run(to, (start, end - 1));
+            }
+        }
+    })
 }
 
-/// Adds to each row of `out` the rows of `mask` that lie at the offsets (y, z).
-fn add_shifted(out: &mut BitVolume, mask: &BitVolume, offsets: &[(i64, i64, u32)]) {
-    let UVec3 { y: ny, z: nz, .. } = mask.dims();
+/// Adds to each row of `out` the rows of `mask` that lie at the offsets.
+fn add_shifted(out: &mut BitVolume, mask: &BitVolume, rows: &[BallRow]) {
     let words = mask.row_words();
-    out.words_mut().par_chunks_mut(words).enumerate().with_min_len(64).for_each(|(row, to)| {
-        let (y, z) = ((row as u32 % ny) as i64, (row as u32 / ny) as i64);
-        for (dy, dz, _) in offsets {
-            let (y, z) = (y + dy, z + dz);
-            if (0..i64::from(ny)).contains(&y) && (0..i64::from(nz)).contains(&z) {
-                let from = mask.row(y as u32, z as u32);
-                to.iter_mut().zip(from).for_each(|(a, b)| *a |= b);
+    let held = RowReach::new(mask, rows);
+    out.update(|y0, z, block| {
+        if !held.meets(y0, z) {
+            return;
+        }
+        for (to, y) in block.chunks_exact_mut(words).zip(y0..mask.dims().y) {
+            for (y, z) in held.rows_about(y, z).filter(|(y, z)| mask.has_block(*y, *z)) {
+                to.iter_mut().zip(mask.row(y, z)).for_each(|(a, b)| *a |= b);
             }
         }
     });
 }
 
+/// Keeps in each row of `out` what all rows of `mask` have that lie at the offsets in the grid.
+fn keep_shifted(out: &mut BitVolume, mask: &BitVolume, rows: &[BallRow]) {
+    let words = mask.row_words();
+    let held = RowReach::new(mask, rows);
+    out.update(|y0, z, block| {
+        for (to, y) in block.chunks_exact_mut(words).zip(y0..mask.dims().y) {
+            if to.iter().any(|w| *w != 0) {
+                for (y, z) in held.rows_about(y, z) {
+                    to.iter_mut().zip(mask.row(y, z)).for_each(|(a, b)| *a &= b);
+                }
+            }
+        }
+    });
+}
+
+/// Rows of a mask at offsets from another row.
+struct RowReach<'a> {
+    mask: &'a BitVolume,
+    rows: &'a [BallRow],
+    /// Farthest offset along y and z.
+    far: (i64, i64),
+}
+
+impl<'a> RowReach<'a> {
+    fn new(mask: &'a BitVolume, rows: &'a [BallRow]) -> Self {
+        let far = |of: fn(&BallRow) -> i64| rows.iter().map(|r| of(r).abs()).max().unwrap_or(0);
+        Self { mask, rows, far: (far(|r| r.0), far(|r| r.1)) }
+    }
+
+    /// The rows at the offsets that lie in the grid.
+    fn rows_about(&self, y: u32, z: u32) -> impl Iterator<Item = (u32, u32)> + '_ {
+        let inside = |v: i64, n: u32| u32::try_from(v).ok().filter(|v| *v < n);
+        let dims = self.mask.dims();
+        self.rows.iter().filter_map(move |(dy, dz, _)| {
+            Some((inside(i64::from(y) + dy, dims.y)?, inside(i64::from(z) + dz, dims.z)?))
+        })
+    }
+
+    /// Whether the mask has rows that eight rows reach.
+    fn meets(&self, y0: u32, z: u32) -> bool {
+        let dims = self.mask.dims();
+        let span = |v: u32, more: u32, far: i64, n: u32| {
+            let far = far as u32;
+            v.saturating_sub(far)..=(v + more).saturating_add(far).min(n - 1)
+        };
+        let ys = span(y0, 7, self.far.0, dims.y);
+        let mut zs = span(z, 0, self.far.1, dims.z);
+        zs.any(|z| (ys.start() / 8..=ys.end() / 8).any(|block| self.mask.has_block(8 * block, z)))
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use glam::UVec3;
+
     use super::*;
 
     fn random(dims: [u32; 3], share: u64) -> BitVolume {
