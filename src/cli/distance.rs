@@ -4,11 +4,14 @@ use std::path::PathBuf;
 
 use super::CliError;
 use super::global::{Global, VOLUMES};
-use super::lumen_args::LumenArgs;
+use super::lumen_args::{LumenArgs, is_layered};
 use super::repeat::timed_products;
-use crate::formats::{shown, write_volume};
+use crate::formats::{shown, write_layers, write_volume};
 use crate::session::{Product, Session, Settings};
 use crate::volume::{Samples, Volume};
+
+/// Voxels of a field above which a file that can be written in layers is.
+const LARGE_VOXELS: usize = 1 << 28;
 
 /// `intima distance INPUT LUMEN -o FIELD`
 #[derive(Debug, clap::Args)]
@@ -36,9 +39,18 @@ impl Args {
         let segmented = session.lumen()?;
         let lumen = &segmented.lumen;
         let start = std::time::Instant::now();
-        let dense = lumen.dense(&field, 0.0f32);
+        // The time to a dense field in memory is an answer; of a large one there is none.
+        let is_large = is_layered(&self.output) && lumen.grid.len() > LARGE_VOXELS;
+        let dense = (!is_large).then(|| lumen.dense(&field, 0.0f32));
         let dense_s = start.elapsed().as_secs_f64();
-        write_volume(&self.output, &Volume::new(lumen.grid, Samples::from(dense)))?;
+        match dense {
+            Some(dense) => {
+                write_volume(&self.output, &Volume::new(lumen.grid, Samples::from(dense)))?;
+            }
+            None => {
+                write_layers(&self.output, &lumen.grid, |put| lumen.each_layer(&field, 0.0, put))?;
+            }
+        }
         self.lumen.write_choice(&session, global)?;
         let deepest = field.iter().copied().fold(0.0f32, f32::max);
         global.say(format_args!(

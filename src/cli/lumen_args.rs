@@ -182,6 +182,11 @@ impl LumenArgs {
     }
 }
 
+/// Whether a volume in this file is written some slices at a time, so that nobody holds all of it.
+pub fn is_layered(file: &Path) -> bool {
+    file.to_string_lossy().to_lowercase().ends_with(".nrrd") && !is_segments(file)
+}
+
 /// Writes labels of a mask as a volume, or as a segment where the file holds segments.
 pub fn write_mask(
     file: &Path,

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use super::CliError;
 use super::global::{Global, SEGMENTS};
-use super::lumen_args::{LumenArgs, write_mask};
+use super::lumen_args::{LumenArgs, is_layered, write_mask};
 use super::repeat::timed_products;
 use crate::device::DeviceChoice;
-use crate::formats::{SourceSeries, shown};
+use crate::formats::{SourceSeries, shown, write_layers};
 use crate::session::{LumenReport, OrganReport, Product, Session, Settings, WallReport};
 
 /// `intima segment INPUT LUMEN -o MASK`
@@ -44,16 +44,20 @@ impl Args {
                 Ok(s.lumen()?)
             })?;
         let lumen = &segmented.lumen;
-        let mut classes = lumen.classes();
+        let mut classes = lumen.class_field();
         if self.binary {
             classes.iter_mut().for_each(|c| *c = (*c).min(1));
         }
         let segment = segmented.description();
+        let dense = || lumen.dense(&classes, 0);
         match series {
             Some(series) => {
-                series.write_segment(&self.output, &classes, &segment, self.keep_patient)?;
+                series.write_segment(&self.output, &dense(), &segment, self.keep_patient)?;
             }
-            None => write_mask(&self.output, &lumen.grid, classes, &segment)?,
+            None if is_layered(&self.output) => {
+                write_layers(&self.output, &lumen.grid, |put| lumen.each_layer(&classes, 0, put))?;
+            }
+            None => write_mask(&self.output, &lumen.grid, dense(), &segment)?,
         }
         self.lumen.write_choice(&session, global)?;
         global.say(format_args!(

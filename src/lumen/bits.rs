@@ -68,6 +68,15 @@ impl BitVolume {
         });
     }
 
+    /// Takes over the slices of a mask with rows of the same number and length, as those from `z` on.
+    pub(super) fn put_slices(&mut self, z: u32, slices: Self) {
+        debug_assert_eq!(self.dims.truncate(), slices.dims.truncate());
+        let at = self.blocks_y * z as usize;
+        for (to, from) in self.blocks[at..].iter_mut().zip(slices.blocks) {
+            *to = from;
+        }
+    }
+
     /// Voxels along each axis.
     pub fn dims(&self) -> UVec3 {
         self.dims

@@ -38,6 +38,10 @@ pub const fn near_offset(n: usize) -> IVec3 {
 }
 
 impl Bricks {
+    /// Bricks that hold the voxels of a mask, and their 26-neighbours.
+    pub fn about(mask: &BitVolume) -> Self {
+        of_mask(mask, mask.bounds()).0
+    }
     /// Number of bricks.
     pub fn len(&self) -> usize {
         self.corners.len()

@@ -118,6 +118,24 @@ pub(super) struct Split {
     pub outside: Vec<Component>,
 }
 
+/// The 6-component of a mask that holds a voxel; nothing where that is not set.
+pub(super) fn containing(bits: &BitVolume, voxel: UVec3) -> BitVolume {
+    let mut out = BitVolume::new(bits.dims());
+    let Some((lo, hi)) = bits.bounds().filter(|_| bits.get(voxel.as_ivec3())) else { return out };
+    let mut set = RunSet::of(bits, lo, hi, false);
+    let row = set.row(((voxel.y - lo.y) + set.rows_y * (voxel.z - lo.z)) as usize);
+    let holds = |i: &usize| set.runs[*i].0 <= voxel.x && voxel.x <= set.runs[*i].1;
+    let own = row.clone().find(holds).map(|i| set.sets.root(i as u32));
+    for (r, y, z) in set.rows() {
+        for i in set.row(r) {
+            if Some(set.sets.root(i as u32)) == own {
+                out.set_run(set.runs[i], y, z);
+            }
+        }
+    }
+    out
+}
+
 /// The largest 6-component of a mask.
 pub(super) fn largest(bits: &BitVolume) -> Option<BitVolume> {
     split(bits, None, false).map(|split| split.kept)

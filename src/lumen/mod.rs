@@ -10,6 +10,7 @@ mod grow;
 mod leak;
 mod intensity_selection;
 mod morphology;
+mod streamed;
 mod thickening;
 mod voxelized;
 
@@ -20,6 +21,9 @@ pub use grow::grow;
 pub use intensity_selection::IntensitySelection;
 pub use leak::{Flood, LeakReport, grow_controlled};
 pub use morphology::{closed, dilated, eroded, holes_filled, open_background, opened};
+pub use streamed::{
+    GreyBricks, GreyValues, SLAB_BYTES, check_seed_in_parts, each_slab, select_in_parts,
+};
 pub use thickening::{Neighborhood, thickened};
 pub use voxelized::{VoxelizeError, enclosing_grid, voxelized};
 
@@ -170,7 +174,7 @@ impl SegmentationOptions {
             return Err(LumenError::Sheared { degrees: volume.grid.shear_rad().to_degrees() });
         }
         let mut found = SegmentationStats::default();
-        let mut mask = match self.seed {
+        let mask = match self.seed {
             Some(seed) if self.leak_control => {
                 let (mask, leak) = grow_controlled(volume, &self.selection, seed)?;
                 found.leak = Some(leak);
@@ -178,14 +182,44 @@ impl SegmentationOptions {
             }
             Some(seed) => grow(volume, &self.selection, seed)?,
             None if self.leak_control => return Err(LumenError::LeakWindow),
-            None => self.unseeded(volume, &mut found)?,
+            None => {
+                let selected = self.selection.select(volume);
+                self.unseeded(selected, &volume.grid, &|| volume.range(), &mut found)?
+            }
         };
+        self.finish(mask, found, &|| volume.range())
+    }
+
+    /// Chooses the lumen among all voxels in the selection, of which the seed is one.
+    ///
+    /// # Errors
+    /// As [`Self::select`]; no leak control, which tries other selections.
+    pub fn select_among(
+        &self,
+        selected: BitVolume,
+        grid: &Grid,
+    ) -> Result<(BitVolume, SegmentationStats), LumenError> {
+        if self.leak_control {
+            return Err(LumenError::LeakWindow);
+        }
+        let mut found = SegmentationStats::default();
+        let mask = match self.seed {
+            Some(seed) => components::containing(&selected, seed),
+            None => self.unseeded(selected, grid, &|| None, &mut found)?,
+        };
+        self.finish(mask, found, &|| None)
+    }
+
+    /// Counts and fills a lumen.
+    fn finish(
+        &self,
+        mut mask: BitVolume,
+        mut found: SegmentationStats,
+        range: &dyn Fn() -> Option<(f64, f64)>,
+    ) -> Result<(BitVolume, SegmentationStats), LumenError> {
         found.grown_voxels = mask.count();
         if found.grown_voxels == 0 {
-            return Err(LumenError::Empty {
-                selection: self.selection.clone(),
-                range: volume.range(),
-            });
+            return Err(LumenError::Empty { selection: self.selection.clone(), range: range() });
         }
         if self.fill {
             found.filled = components::fill_cavities(&mut mask);
@@ -196,22 +230,23 @@ impl SegmentationOptions {
     /// The largest component, or all of them.
     fn unseeded(
         &self,
-        volume: &Volume,
+        selected: BitVolume,
+        grid: &Grid,
+        range: &dyn Fn() -> Option<(f64, f64)>,
         found: &mut SegmentationStats,
     ) -> Result<BitVolume, LumenError> {
         let selection = || self.selection.clone();
-        let selected = self.selection.select(volume);
         // Labels were drawn by someone; what is bright and open upwards is no air.
         let air = matches!(self.selection, IntensitySelection::Range { hi, .. } if hi.is_finite());
         if self.all_components && !air && !selected.is_empty() {
             return Ok(selected);
         }
-        let body = air.then(|| BodyHull::of(&selected, &volume.grid));
+        let body = air.then(|| BodyHull::of(&selected, grid));
         let split = components::split(&selected, body.as_ref(), self.all_components)
-            .ok_or_else(|| LumenError::Empty { selection: selection(), range: volume.range() })?;
+            .ok_or_else(|| LumenError::Empty { selection: selection(), range: range() })?;
         if split.largest.is_none() {
             let voxels: u64 = split.outside.iter().map(|c| c.voxels).sum();
-            let ml = voxels as f64 * volume.grid.voxel_mm3() / 1000.0;
+            let ml = voxels as f64 * grid.voxel_mm3() / 1000.0;
             return Err(LumenError::OnlyOutside { selection: selection(), ml });
         }
         found.taken = split.largest.filter(|_| !self.all_components);

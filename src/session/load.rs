@@ -1,19 +1,84 @@
 //! Reading the volumes of a session.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use glam::DVec3;
 
+use super::memory::in_parts_bytes;
 use super::report::hash_of;
-use super::settings::{Source, VolumeSource};
-use super::{Clock, InputReport, Session, SessionError, present, refuse_above};
-use crate::formats::{FormatError, InputInfo, ReadOptions, inspect, read_mesh, read_volume, shown};
-use crate::lumen::{IntensitySelection, enclosing_grid, voxelized};
+use super::settings::{Reading, Settings, Source, VolumeSource};
+use super::{Clock, InputReport, Session, SessionError, locked, present, refuse_above};
+use crate::formats::{
+    FormatError, InputInfo, ReadOptions, VolumeParts, inspect, read_mesh, read_volume, shown,
+};
+use crate::lumen::{BitVolume, IntensitySelection, enclosing_grid, select_in_parts, voxelized};
 use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
+
+/// Bytes of samples above which a volume is read in parts, where that is possible.
+pub const IN_PARTS_ABOVE: u64 = 1 << 30;
+
+/// A volume in memory, or one that is read in parts.
+pub(super) enum InputVolume {
+    Whole(Arc<Volume>),
+    Parts(Box<InputParts>),
+}
+
+/// A volume that is read in parts, after the first time from end to end.
+pub(super) struct InputParts {
+    pub parts: VolumeParts,
+    /// BLAKE3 of the samples, as of the whole volume.
+    pub hash: String,
+    /// Voxels in a selection, until the core is chosen among them.
+    selected: Mutex<Option<(IntensitySelection, BitVolume)>>,
+}
+
+impl InputVolume {
+    /// The volume in memory.
+    pub fn whole(&self) -> Option<&Arc<Volume>> {
+        match self {
+            Self::Whole(volume) => Some(volume),
+            Self::Parts(_) => None,
+        }
+    }
+
+    /// Grid of the whole volume.
+    pub fn grid(&self) -> &Grid {
+        match self {
+            Self::Whole(volume) => &volume.grid,
+            Self::Parts(input) => input.parts.grid(),
+        }
+    }
+
+    /// Bytes of samples in memory.
+    pub fn bytes(&self) -> u64 {
+        self.whole().map_or(0, |volume| volume.samples.bytes().len() as u64)
+    }
+}
+
+impl InputParts {
+    /// Reads a volume from end to end: its hash, and the voxels in a selection.
+    fn read(parts: VolumeParts, selection: IntensitySelection) -> Result<Self, FormatError> {
+        parts.warn();
+        let mut hash = blake3::Hasher::new();
+        let selected = select_in_parts(&parts, &selection, |samples| {
+            hash.update(samples.bytes());
+        })?;
+        let (hash, selected) = (hash.finalize().to_hex().to_string(), Some((selection, selected)));
+        Ok(Self { parts, hash, selected: Mutex::new(selected) })
+    }
+
+    /// The voxels in a selection: those found when it was read, or read again.
+    pub fn select(&self, selection: &IntensitySelection) -> Result<BitVolume, FormatError> {
+        match locked(&self.selected).take() {
+            Some((own, selected)) if own == *selection => Ok(selected),
+            _ => select_in_parts(&self.parts, selection, |_| ()),
+        }
+    }
+}
 
 /// The volume the lumen is chosen from.
 pub(super) struct Loaded {
-    pub volume: Arc<Volume>,
+    pub volume: InputVolume,
     /// The image a label map was drawn on, as its header says; its voxels were not read.
     pub image: Option<InputReport>,
     /// The label map as it was read, where it had to be resampled.
@@ -31,7 +96,7 @@ pub(super) struct Inputs {
 impl Loaded {
     /// Values or labels inside; `None` where neither settings nor volume say.
     pub fn selection(&self, chosen: Option<&IntensitySelection>) -> Option<IntensitySelection> {
-        let is_labels = || self.is_mask || is_label_map(&self.volume);
+        let is_labels = || self.is_mask || self.volume.whole().is_some_and(|v| is_label_map(v));
         chosen.cloned().or_else(|| is_labels().then(|| IntensitySelection::Labels(Vec::new())))
     }
 }
@@ -39,7 +104,7 @@ impl Loaded {
 impl Session {
     pub(super) fn run_volume(&self, clock: &mut Clock) -> Result<Loaded, SessionError> {
         let read = || self.load();
-        let voxels = |l: &Result<Loaded, _>| l.as_ref().map_or(0, |l| l.volume.grid.len() as u64);
+        let voxels = |l: &Result<Loaded, _>| l.as_ref().map_or(0, |l| l.volume.grid().len() as u64);
         clock.time("read", "voxels", read, voxels)
     }
 
@@ -47,18 +112,28 @@ impl Session {
         &self,
         clock: &mut Clock,
     ) -> Result<Option<(f64, f64)>, SessionError> {
-        let volume = Arc::clone(&present(&self.slots.loaded).volume);
+        let volume = self.whole(&present(&self.slots.loaded))?;
         let voxels = volume.grid.len() as u64;
         Ok(clock.time("value range", "voxels", || volume.range(), |_| voxels))
     }
 
     pub(super) fn run_identity(&self, _: &mut Clock) -> Result<String, SessionError> {
-        Ok(hash_of(&present(&self.slots.loaded).volume))
+        Ok(match &present(&self.slots.loaded).volume {
+            InputVolume::Whole(volume) => hash_of(volume),
+            InputVolume::Parts(input) => input.hash.clone(),
+        })
     }
 
     pub(super) fn run_inputs(&self, _: &mut Clock) -> Result<Inputs, SessionError> {
         let (loaded, identity) = (present(&self.slots.loaded), present(&self.slots.identity));
-        let own = || InputReport::with_hash(&loaded.volume, String::clone(&identity));
+        let own = || match &loaded.volume {
+            InputVolume::Whole(volume) => InputReport::with_hash(volume, String::clone(&identity)),
+            InputVolume::Parts(input) => {
+                let sample_type = input.parts.sample_type().name().to_owned();
+                let hash = Some(String::clone(&identity));
+                InputReport { hash, ..InputReport::of_header(input.parts.grid(), sample_type) }
+            }
+        };
         let own = loaded.resampled.clone().unwrap_or_else(own);
         Ok(match loaded.is_mask {
             true => Inputs { input: loaded.image.clone(), mask: Some(own) },
@@ -92,31 +167,77 @@ impl Session {
     }
 
     fn load(&self) -> Result<Loaded, SessionError> {
+        if let Some(loaded) = self.load_in_parts()? {
+            return Ok(loaded);
+        }
         let limit = self.settings.max_memory_mb;
         match &self.source {
             Source::Image(source) => {
-                let volume = read_orthogonal_volume(source, limit)?;
+                let volume = InputVolume::Whole(read_orthogonal_volume(source, limit)?);
                 Ok(Loaded { volume, image: None, resampled: None, is_mask: false })
             }
             Source::Mask { mask, image } => {
-                let volume = read_orthogonal_volume(mask, limit)?;
+                let mut volume = read_orthogonal_volume(mask, limit)?;
                 let image = image.as_ref().map(geometry).transpose()?;
-                let mut loaded = Loaded { volume, image: None, resampled: None, is_mask: true };
-                if let Some((grid, report)) = image {
-                    loaded.image = Some(report);
-                    if !same_grid(&grid, &loaded.volume.grid) {
-                        match is_part(&loaded.volume.grid, &grid) {
-                            true => tracing::info!("the mask covers a part of the input's grid"),
-                            false => tracing::warn!(
-                                "the mask lies on another grid: resampled to the input's, nearest \
-                                 label"
-                            ),
-                        }
-                        loaded.resampled = Some(InputReport::of(&loaded.volume));
-                        loaded.volume = Arc::new(resampled(&loaded.volume, grid));
+                let mut resampled_from = None;
+                if let Some((grid, _)) = &image
+                    && !same_grid(grid, &volume.grid)
+                {
+                    match is_part(&volume.grid, grid) {
+                        true => tracing::info!("the mask covers a part of the input's grid"),
+                        false => tracing::warn!(
+                            "the mask lies on another grid: resampled to the input's, nearest label"
+                        ),
                     }
+                    resampled_from = Some(InputReport::of(&volume));
+                    volume = Arc::new(resampled(&volume, *grid));
                 }
-                Ok(loaded)
+                let (image, volume) = (image.map(|i| i.1), InputVolume::Whole(volume));
+                Ok(Loaded { volume, image, resampled: resampled_from, is_mask: true })
+            }
+        }
+    }
+
+    /// Reads a volume in parts; `None` where the settings or the file do not let it be, or it is
+    /// small.
+    fn load_in_parts(&self) -> Result<Option<Loaded>, SessionError> {
+        let (source, is_mask) = match &self.source {
+            Source::Image(image) => (image, false),
+            Source::Mask { mask, image: None } => (mask, true),
+            Source::Mask { .. } => return Ok(None),
+        };
+        let VolumeSource::File { path, options } = source else { return Ok(None) };
+        let Settings { reading, lumen, max_memory_mb, .. } = &self.settings;
+        let labels = || is_mask.then(|| IntensitySelection::Labels(Vec::new()));
+        let selection = lumen.select.clone().or_else(labels);
+        let is_plain = lumen.organ.is_none() && !lumen.leak_control && !is_mesh(path);
+        let (Some(selection), true) = (selection, is_plain && !self.keep_volume) else {
+            return Ok(None);
+        };
+        if *reading == Reading::Whole {
+            return Ok(None);
+        }
+        let Some(parts) = VolumeParts::open(path, options)? else { return Ok(None) };
+        let bytes = parts.bytes();
+        let is_beyond = |mb: u64| bytes + parts.grid().len() as u64 / 8 > mb * 1_000_000;
+        let is_large = bytes > IN_PARTS_ABOVE || max_memory_mb.is_some_and(is_beyond);
+        if *reading == Reading::Auto && !is_large {
+            return Ok(None);
+        }
+        check_axes(parts.grid(), source)?;
+        refuse_above(*max_memory_mb, in_parts_bytes(&parts), "reading the volume in parts")?;
+        let d = parts.grid().dims;
+        tracing::info!("reading {} x {} x {} voxels in parts", d.x, d.y, d.z);
+        let volume = InputVolume::Parts(Box::new(InputParts::read(parts, selection)?));
+        Ok(Some(Loaded { volume, image: None, resampled: None, is_mask }))
+    }
+
+    /// The whole volume, of one that is read in parts too.
+    pub(super) fn whole(&self, loaded: &Loaded) -> Result<Arc<Volume>, SessionError> {
+        match (&loaded.volume, &self.source) {
+            (InputVolume::Whole(volume), _) => Ok(Arc::clone(volume)),
+            (_, Source::Image(source) | Source::Mask { mask: source, .. }) => {
+                read_any_volume(source, self.settings.max_memory_mb)
             }
         }
     }
@@ -149,6 +270,10 @@ pub fn read_orthogonal_volume(
     Ok(volume)
 }
 
+/// Data that take memory where a volume is read whole, and what would take less.
+const WHOLE: &str = "the volume alone; where a range of values or labels chooses the lumen, without \
+                     an organ or leak control, OME-Zarr and uncompressed files are read in parts";
+
 fn read_file(
     path: &std::path::Path,
     options: &ReadOptions,
@@ -158,7 +283,7 @@ fn read_file(
         let info = inspect(path, options)?;
         if let Some(image) = info.image {
             let bytes = image.bytes() + image.reading_bytes;
-            refuse_above(max_memory_mb, bytes, "the volume alone")?;
+            refuse_above(max_memory_mb, bytes, WHOLE)?;
         }
     }
     let volume = match is_mesh(path) {

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use super::{Product, SessionError};
-use crate::formats::ImageInfo;
+use crate::formats::{ImageInfo, VolumeParts};
+use crate::lumen::{BitVolume, SLAB_BYTES};
 use crate::volume::Volume;
 
 /// Largest resident size of this process so far, MB (10⁶ bytes); 0 where the system does not say.
@@ -29,6 +30,8 @@ fn status_mb(name: &str) -> f64 {
 pub(super) struct RunSize {
     /// Bytes of the stored samples.
     pub stored: u64,
+    /// Bytes of a mask.
+    pub mask: u64,
     /// Voxels of the volume.
     pub voxels: u64,
     /// Bricks of the lumen.
@@ -54,7 +57,7 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
     let distance = makes(Product::Distance);
     let has_plans = makes(Product::Fields) || distance || makes(Product::Wall);
     // The program, the volume, a mask, and Vulkan once a plan opens it.
-    let held = 13 * MB + size.stored + size.voxels / 8 + when(has_plans, 45 * MB);
+    let held = 13 * MB + size.stored + size.mask + when(has_plans, 45 * MB);
     // Let go once the lumen is there: values, levels and growth of the wall field, and what the
     // search for an organ labels.
     let choosing = when(size.is_field, 40 * MB + 20_000 * size.bricks)
@@ -86,6 +89,13 @@ const VULKAN: u64 = 68_000_000;
 /// Estimates the peak of resident memory, bytes, of reading a volume and looking at each sample.
 pub fn reading_bytes(image: &ImageInfo) -> u64 {
     PROGRAM + image.bytes() + image.reading_bytes
+}
+
+/// Estimates the peak of resident memory, bytes, of reading a volume in parts: a slab of samples
+/// with the chunks it is made of, and a mask of which little is set.
+pub(super) fn in_parts_bytes(parts: &VolumeParts) -> u64 {
+    let slab = SLAB_BYTES.min(parts.bytes());
+    PROGRAM + slab + slab / 4 + 2 * BitVolume::new(parts.grid().dims).bytes()
 }
 
 /// Estimates the peak of resident memory, bytes, of writing a volume to another file: a format

@@ -44,7 +44,7 @@ pub use fields::{Fields, GreyHessian, HessianSettings, grey_hessian};
 pub use folder::{PAGE_FILE, REPORT_FILE, RUN_FILES, Recording, RunOutcome};
 pub use frames::{DrawnFrame, FrameStream};
 pub use levels::{Levels, LodReport};
-pub use load::{read_any_volume, read_orthogonal_volume};
+pub use load::{IN_PARTS_ABOVE, read_any_volume, read_orthogonal_volume};
 pub use memory::{
     MeshWork, converting_bytes, gradient_bytes, mesh_bytes, peak_memory_mb, reading_bytes,
     refuse_above, resident_memory_mb,
@@ -61,7 +61,7 @@ pub use search::Exterior;
 pub use segmentation::{Core, Segmented};
 pub use settings::{
     CenterlineSettings, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings, Radius,
-    Seed, Settings, Source, VolumeSource, WallMethod, WallSettings,
+    Reading, Seed, Settings, Source, VolumeSource, WallMethod, WallSettings,
 };
 pub use stages::{Product, Products, kernels};
 pub use surface::{DrawnWall, Wall, gradient_normals, smoothed_normals, written_mesh};
@@ -147,9 +147,9 @@ fn pool(
 }
 
 impl Products {
-    /// The volume the lumen is chosen from.
+    /// The volume the lumen is chosen from; `None` also where it is read in parts.
     pub fn volume(&self) -> Option<&Arc<crate::volume::Volume>> {
-        self.loaded.as_ref().map(|loaded| &loaded.volume)
+        self.loaded.as_ref().and_then(|loaded| loaded.volume.whole())
     }
 }
 
@@ -270,16 +270,17 @@ impl Session {
         Ok(self.device()?.name.clone())
     }
 
-    /// The volume the lumen is chosen from: the image, or the label map on the image's grid.
+    /// The volume the lumen is chosen from: the image, or the label map on the image's grid. Where it
+    /// is read in parts, this reads all of it.
     ///
     /// # Errors
     /// As [`crate::formats::read_volume`]; [`SessionError::ShearedGrid`].
     pub fn volume(&self) -> Result<Arc<crate::volume::Volume>, SessionError> {
-        Ok(Arc::clone(&self.loaded()?.volume))
+        self.whole(&*self.loaded()?)
     }
 
     /// Keeps the volume even when every product that reads it is there, so that products can be
-    /// computed again without reading it.
+    /// computed again without reading it. It is read as a whole then.
     pub fn keep_volume(&mut self) {
         self.keep_volume = true;
     }

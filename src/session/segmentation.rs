@@ -8,21 +8,21 @@ use std::time::Instant;
 
 use glam::IVec3;
 
-use super::load::Loaded;
-use super::memory::{RunSize, estimate_bytes};
+use super::load::{InputVolume, Loaded};
+use super::memory::{RunSize, estimate_bytes, in_parts_bytes};
 use super::settings::{Seed, Source, WallMethod};
 use super::{Clock, Session, SessionError, present, read_any_volume, refuse_above};
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::formats::{SegmentDescription, SnomedCode};
 use crate::lumen::{
-    BitVolume, Component, IntensitySelection, Lumen, LumenError, SegmentationOptions,
-    SegmentationStats, fill_cavities,
+    BitVolume, Component, GreyBricks, GreyValues, IntensitySelection, Lumen, LumenError,
+    SegmentationOptions, SegmentationStats, check_seed_in_parts, fill_cavities,
 };
 use crate::organ::{self, FoundOrgan, Organ, OrganOptions};
 use crate::surface::relaxes_by_default;
 use crate::volume::{Grid, Volume};
-use crate::wall::{CleansedFluid, Tissue, WallField, WallInput};
+use crate::wall::{CleansedFluid, Tissue, WallField, WallInput, bricks_about};
 
 /// The mask that decides which lumen is meant, and which way a route can take.
 pub struct Core {
@@ -99,7 +99,7 @@ impl Session {
         match asked {
             _ if self.settings.wall.from_mask => WallMethod::Exact,
             WallMethod::Auto if is_grey => WallMethod::Field,
-            WallMethod::Auto if relaxes_by_default(loaded.volume.grid.spacing_mm) => {
+            WallMethod::Auto if relaxes_by_default(loaded.volume.grid().spacing_mm) => {
                 WallMethod::Relaxed
             }
             WallMethod::Auto => WallMethod::Exact,
@@ -109,13 +109,52 @@ impl Session {
         }
     }
 
-    /// The grey values that the wall is drawn from.
+    /// The grey values that the wall is drawn from, whole.
     fn grey_volume(&self, loaded: &Loaded) -> Result<Arc<Volume>, SessionError> {
         match &self.source {
             Source::Mask { image: Some(image), .. } => {
                 read_any_volume(image, self.settings.max_memory_mb)
             }
-            _ => Ok(Arc::clone(&loaded.volume)),
+            _ => self.whole(loaded),
+        }
+    }
+
+    /// The wall about a core in grey values, as they are or of a colon whose fluid was taken away.
+    fn wall_about(
+        &self,
+        loaded: &Loaded,
+        core: &Core,
+        clock: &mut Clock,
+    ) -> Result<(Lumen, WallField), SessionError> {
+        let tissue = match core.organ.as_ref().map(|o| o.organ) {
+            Some(Organ::Airway) => Tissue::Airway,
+            Some(Organ::Colon) => Tissue::Colon,
+            Some(Organ::Vessel) => Tissue::Vessel,
+            None => Tissue::Unknown,
+        };
+        let device = present(&self.slots.device);
+        let limit = self.settings.max_memory_mb;
+        let device = &mut device.lock();
+        if let InputVolume::Parts(input) = &loaded.volume {
+            let bricks = bricks_about(core.voxels(), input.parts.grid());
+            let held = (bricks.field_len() * input.parts.sample_type().size()) as u64;
+            let grey = GreyBricks::read(&input.parts, bricks)?;
+            let wall = WallInput::new(GreyValues::Bricks(&grey), core.voxels(), tissue)?;
+            drop(grey);
+            return wall_field(device, held, wall, limit, clock);
+        }
+        let volume = self.grey_volume(loaded)?;
+        let held = volume.samples.bytes().len() as u64;
+        match core.organ.as_ref().and_then(|o| o.fluid.as_ref()) {
+            Some(fluid) => {
+                let (mask, down) = (&fluid.mask, fluid.down);
+                let fluid = CleansedFluid::new(&volume, core.voxels(), &core.mask, mask, down)?;
+                wall_field(device, held, WallInput::cleansed(&fluid), limit, clock)
+            }
+            None => {
+                let wall = WallInput::new(GreyValues::Whole(&volume), core.voxels(), tissue)?;
+                wall_field(device, held, wall, limit, clock)
+            }
         }
     }
 
@@ -123,35 +162,14 @@ impl Session {
         let loaded = present(&self.slots.loaded);
         let core = present(&self.slots.core);
         let method = self.wall_method(&loaded, &core);
-        let grid = loaded.volume.grid;
-        let (lumen, wall) = if method == WallMethod::Field {
-            let volume = self.grey_volume(&loaded)?;
-            let tissue = match core.organ.as_ref().map(|o| o.organ) {
-                Some(Organ::Airway) => Tissue::Airway,
-                Some(Organ::Colon) => Tissue::Colon,
-                Some(Organ::Vessel) => Tissue::Vessel,
-                None => Tissue::Unknown,
-            };
-            let device = present(&self.slots.device);
-            let limit = self.settings.max_memory_mb;
-            let device = &mut device.lock();
-            let made = match core.organ.as_ref().and_then(|o| o.fluid.as_ref()) {
-                Some(fluid) => {
-                    let (mask, down) = (&fluid.mask, fluid.down);
-                    let fluid = CleansedFluid::new(&volume, core.voxels(), &core.mask, mask, down)?;
-                    let input = WallInput::cleansed(&fluid);
-                    wall_field(device, &volume, input, limit, clock)?
-                }
-                None => {
-                    let input = WallInput::new(&volume, core.voxels(), tissue)?;
-                    wall_field(device, &volume, input, limit, clock)?
-                }
-            };
-            (made.0, Some(made.1))
+        let is_field = method == WallMethod::Field;
+        let (lumen, wall) = if is_field {
+            let (lumen, wall) = self.wall_about(&loaded, &core, clock)?;
+            (lumen, Some(wall))
         } else {
-            (Lumen::new(grid, &core.mask), None)
+            (Lumen::new(*loaded.volume.grid(), &core.mask), None)
         };
-        self.check_memory(&loaded.volume, &lumen, method == WallMethod::Field)?;
+        self.check_memory(&loaded, &core, &lumen, is_field)?;
         let mut notes = core.notes.clone();
         if lumen.touches_edge {
             notes.push(TOUCHES_EDGE.into());
@@ -164,24 +182,24 @@ impl Session {
 
     pub(super) fn run_core(&self, clock: &mut Clock) -> Result<Core, SessionError> {
         let loaded = present(&self.slots.loaded);
-        let volume = &*loaded.volume;
+        let grid = *loaded.volume.grid();
         let settings = &self.settings.lumen;
         let name = || match &self.source {
             Source::Image(source) | Source::Mask { mask: source, .. } => source.name(),
         };
         if let Some(options) = settings.organ {
-            return self.run_organ(volume, options, clock);
+            return self.run_organ(&*self.whole(&loaded)?, options, clock);
         }
         let selection = loaded.selection(settings.select.as_ref());
-        let selection = selection.ok_or_else(|| SessionError::LumenNotChosen {
-            name: name(),
-            organ: organ::suggest(volume),
-        })?;
+        let Some(selection) = selection else {
+            let organ = organ::suggest(&*self.whole(&loaded)?);
+            return Err(SessionError::LumenNotChosen { name: name(), organ });
+        };
         let seed = match settings.seed {
             None => None,
             Some(Seed::Voxel(v)) => Some(v),
             Some(Seed::Point(p)) => {
-                let v = volume.grid.nearest_voxel(p);
+                let v = grid.nearest_voxel(p);
                 Some(v.ok_or(LumenError::SeedPoint(p.to_array()))?)
             }
         };
@@ -192,16 +210,33 @@ impl Session {
             fill: settings.fill,
             leak_control: settings.leak_control,
         };
-        let voxels =
-            |r: &Result<(BitVolume, SegmentationStats), _>| r.as_ref().map_or(0, |r| r.0.count());
-        let (mask, found) = clock.time("segment", "voxels", || options.select(volume), voxels)?;
+        let voxels = |r: &Result<Chosen, _>| r.as_ref().map_or(0, |r| r.0.count());
+        let choose = || self.choose(&loaded, &options);
+        let (mask, found) = clock.time("segment", "voxels", choose, voxels)?;
         if mask.is_empty() {
-            let (selection, range) = (options.selection.clone(), volume.range());
+            let (selection, range) = (options.selection.clone(), None);
             return Err(LumenError::Empty { selection, range }.into());
         }
-        let notes = notes(&volume.grid, &found);
+        let notes = notes(&grid, &found);
         notes.iter().for_each(|line| tracing::warn!("{line}"));
         Ok(Core { mask, found, options, organ: None, notes })
+    }
+
+    /// Chooses the lumen in a volume in memory, or in one that is read in parts.
+    fn choose(
+        &self,
+        loaded: &Loaded,
+        options: &SegmentationOptions,
+    ) -> Result<Chosen, SessionError> {
+        let input = match &loaded.volume {
+            InputVolume::Parts(input) if !options.leak_control => input,
+            _ => return Ok(options.select(&*self.whole(loaded)?)?),
+        };
+        if let Some(seed) = options.seed {
+            check_seed_in_parts(&input.parts, &options.selection, seed)??;
+        }
+        let selected = input.select(&options.selection)?;
+        Ok(options.select_among(selected, input.parts.grid())?)
     }
 
     fn run_organ(
@@ -233,13 +268,23 @@ impl Session {
 
     fn check_memory(
         &self,
-        volume: &Volume,
+        loaded: &Loaded,
+        core: &Core,
         lumen: &Lumen,
         is_field: bool,
     ) -> Result<(), SessionError> {
+        let voxels = lumen.grid.len() as u64;
+        // Of a volume in parts there are masks, and the table of bricks, which covers its box.
+        let mask = match &loaded.volume {
+            InputVolume::Whole(_) => voxels / 8,
+            InputVolume::Parts(_) => {
+                2 * core.mask.bytes() + 4 * lumen.bricks.table().2.len() as u64
+            }
+        };
         let size = RunSize {
-            stored: volume.samples.bytes().len() as u64,
-            voxels: volume.grid.len() as u64,
+            stored: loaded.volume.bytes(),
+            mask,
+            voxels,
             bricks: lumen.bricks.len() as u64,
             wall_sides: lumen.wall_sides(),
             is_field,
@@ -247,10 +292,17 @@ impl Session {
             pixels: self.settings.flight.size.iter().map(|s| u64::from(*s)).product(),
         };
         let bytes = estimate_bytes(&size, |p| self.expects(p));
+        let bytes = match &loaded.volume {
+            InputVolume::Whole(_) => bytes,
+            InputVolume::Parts(input) => bytes.max(in_parts_bytes(&input.parts)),
+        };
         tracing::info!("about {} MB will be needed", bytes / 1_000_000);
         refuse_above(self.settings.max_memory_mb, bytes, "estimated for all stages")
     }
 }
+
+/// Mask of a lumen, with what choosing it found.
+type Chosen = (BitVolume, SegmentationStats);
 
 /// Note on a lumen that reaches the volume's edge.
 const TOUCHES_EDGE: &str = "the lumen touches the edge of the volume; it is closed there by caps";
@@ -259,18 +311,20 @@ const WALL_BYTES: u64 = 40;
 
 /// The lumen about a core as the grey values have it.
 ///
+/// * `held`: bytes of the samples in memory.
+///
 /// # Errors
 /// [`SessionError::Wall`], [`SessionError::Memory`], the device's.
 fn wall_field(
     device: &mut Device,
-    volume: &Volume,
+    held: u64,
     input: WallInput<'_>,
     allowed_mb: Option<u64>,
     clock: &mut Clock,
 ) -> Result<(Lumen, WallField), SessionError> {
     let start = Instant::now();
     let voxels = input.voxels() as u64;
-    let bytes = volume.samples.bytes().len() as u64 + WALL_BYTES * voxels;
+    let bytes = held + WALL_BYTES * voxels;
     refuse_above(allowed_mb, bytes, "volume and wall field")?;
     let (buffers, mut out) = {
         let mut plan = Plan::new();

@@ -254,6 +254,19 @@ impl Default for FlightSettings {
     }
 }
 
+/// Way a volume is read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Reading {
+    /// In parts where it is larger than [`IN_PARTS_ABOVE`](super::IN_PARTS_ABOVE) or than the limit
+    /// of memory allows, and the choice of the lumen and the file let it be.
+    #[default]
+    Auto,
+    /// The whole volume at once.
+    Whole,
+    /// In parts wherever the choice of the lumen and the file let it be.
+    Parts,
+}
+
 /// Everything a session is asked to do.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
@@ -265,6 +278,8 @@ pub struct Settings {
     pub threads: Option<usize>,
     /// Limit of memory, MB; work that would take more is refused.
     pub max_memory_mb: Option<u64>,
+    /// Way the volume is read; the results are the same.
+    pub reading: Reading,
     /// Choice of the lumen.
     pub lumen: LumenSettings,
     /// The centerline.

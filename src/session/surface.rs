@@ -7,12 +7,13 @@ use std::time::Instant;
 use glam::{DVec3, IVec3, Vec3};
 use rayon::prelude::*;
 
+use super::load::InputVolume;
 use super::{Clock, Segmented, Session, SessionError, WallMethod, present};
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::field::Sampler;
 use crate::geometry::Mesh;
-use crate::lumen::Lumen;
+use crate::lumen::{GreyBricks, GreyValues, Lumen};
 use crate::render::PreparedMesh;
 use crate::surface::{
     self as stage, Adjacency, Grey, Midpoint, MultiscaleNormals, Shading, Smoothing, Surface,
@@ -118,8 +119,18 @@ impl Session {
             smoothing: self.settings.smoothing(),
             track_from: segmented.track_from(),
         };
-        let device = &mut device.lock();
-        wall(device, &loaded.volume, &segmented, options, clock)
+        let bricks = match &loaded.volume {
+            // Crossings of a wall field are in the field.
+            InputVolume::Parts(input) if segmented.wall.is_none() && options.from_grey => {
+                Some(GreyBricks::read(&input.parts, segmented.lumen.bricks.clone())?)
+            }
+            _ => None,
+        };
+        let grey = match (&bricks, loaded.volume.whole()) {
+            (Some(bricks), _) => Some(GreyValues::Bricks(bricks)),
+            (None, volume) => volume.map(|volume| GreyValues::Whole(volume)),
+        };
+        wall(&mut device.lock(), grey, &segmented, options, clock)
     }
 
     pub(super) fn run_drawn_wall(&self, _: &mut Clock) -> Result<DrawnWall, SessionError> {
@@ -164,14 +175,15 @@ impl Session {
 /// The device's.
 fn wall(
     device: &mut Device,
-    volume: &Volume,
+    grey: Option<GreyValues<'_>>,
     segmented: &Segmented,
     options: SurfaceOptions,
     clock: &mut Clock,
 ) -> Result<Wall, SessionError> {
     let Segmented { lumen, wall, options: segmentation, method, .. } = segmented;
     let relaxed = *method == WallMethod::Relaxed;
-    let grey = Grey::new(volume, &segmentation.selection).filter(|_| options.from_grey);
+    let grey = grey.filter(|_| options.from_grey);
+    let grey = grey.and_then(|grey| Grey::new(grey, &segmentation.selection));
     let mesh = clock.time(
         "surface",
         "faces",

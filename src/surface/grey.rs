@@ -3,8 +3,7 @@
 use glam::IVec3;
 
 use super::extract::{Crossing, clamp_fraction};
-use crate::lumen::IntensitySelection;
-use crate::volume::Volume;
+use crate::lumen::{GreyValues, IntensitySelection};
 
 /// Crossings of the two-sided threshold function f = max(LO − v, v − HI), negative inside, by
 /// linear interpolation between voxel centres.
@@ -13,7 +12,7 @@ use crate::volume::Volume;
 /// selection but not in the component) f is clamped to 0, on the mask's side. Integer thresholds
 /// lie half a stored unit outside the inclusive bounds, so that f is never 0 on a sample.
 pub struct Grey<'a> {
-    volume: &'a Volume,
+    values: GreyValues<'a>,
     lo: f64,
     hi: f64,
 }
@@ -21,17 +20,15 @@ pub struct Grey<'a> {
 impl<'a> Grey<'a> {
     /// Prepares crossings for a range of intensities; `None` for labels, between which nothing is
     /// interpolated.
-    pub fn new(volume: &'a Volume, selection: &IntensitySelection) -> Option<Self> {
+    pub fn new(values: GreyValues<'a>, selection: &IntensitySelection) -> Option<Self> {
         let IntensitySelection::Range { lo, hi } = *selection else { return None };
-        let integer = volume.samples.sample_type().is_integer();
-        let half = if integer { 0.5 * volume.rescale.slope.abs() } else { 0.0 };
-        Some(Self { volume, lo: lo - half, hi: hi + half })
+        let half = if values.is_integer() { 0.5 * values.rescale().slope.abs() } else { 0.0 };
+        Some(Self { values, lo: lo - half, hi: hi + half })
     }
 
     fn value(&self, v: IVec3) -> Option<f64> {
-        let grid = &self.volume.grid;
-        grid.contains(v).then(|| {
-            let real = self.volume.real(grid.index(v.as_uvec3()));
+        self.values.grid().contains(v).then(|| {
+            let real = self.values.real(v.as_uvec3());
             (self.lo - real).max(real - self.hi)
         })
     }

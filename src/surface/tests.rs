@@ -121,7 +121,7 @@ fn the_grey_surface_of_a_sphere_converges() {
         let selection = crate::lumen::IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: 0.0 };
         let (lumen, _) =
             crate::lumen::SegmentationOptions::new(selection.clone()).apply(&volume).unwrap();
-        let grey = Grey::new(&volume, &selection).unwrap();
+        let grey = Grey::new((&volume).into(), &selection).unwrap();
         let s = Surface::new(&lumen, &grey, None);
         let pi = std::f64::consts::PI;
         let area = (s.mesh.area_mm2() / (4.0 * pi * r * r) - 1.0).abs();

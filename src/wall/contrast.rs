@@ -1,12 +1,12 @@
 //! Values of lumen, wall and noise about a core, by which grey values are quantised.
 
-use glam::{DVec3, UVec3};
+use glam::{DVec3, IVec3, UVec3};
 use rayon::prelude::*;
 
 use super::Tissue;
-use crate::lumen::bricks::BRICK;
-use crate::lumen::{BitVolume, Bricks, dilated, eroded};
-use crate::volume::{Sample, Volume, with_samples};
+use crate::lumen::bricks::{BRICK, SIDE};
+use crate::lumen::{BitVolume, Bricks, GreyValues, dilated, eroded, surrounding_bricks};
+use crate::volume::{Grid, Sample, Volume, with_samples};
 
 /// Difference between the wall's quantised value and the lumen's.
 pub(super) const UNIT: f64 = 4096.0;
@@ -52,12 +52,12 @@ pub struct Contrast {
 
 impl Contrast {
     /// Measures lumen, wall and noise. `None` where lumen and wall have the same value.
-    pub(super) fn measured(volume: &Volume, core: &BitVolume, tissue: Tissue) -> Option<Self> {
-        let h = volume.grid.spacing_mm;
+    pub(super) fn measured(grey: GreyValues<'_>, core: &BitVolume, tissue: Tissue) -> Option<Self> {
+        let h = grey.grid().spacing_mm;
         let inner = eroded(core, DVec3::ONE, 1.0);
         let inner = spread(if inner.is_empty() { core } else { &inner });
         let values = |at: &[UVec3]| -> Vec<f64> {
-            let real = at.iter().map(|v| volume.real(volume.grid.index(*v)));
+            let real = at.iter().map(|v| grey.real(*v));
             real.filter(|v| v.is_finite()).collect()
         };
         let (lumen, noise) = median_and_noise(values(&inner))?;
@@ -66,7 +66,7 @@ impl Contrast {
                 Tissue::Airway => Some((TISSUE_HU, (LUNG_HU - lumen) / (TISSUE_HU - lumen))),
                 Tissue::Colon => Some((TISSUE_HU, 0.0)),
                 _ => {
-                    let mut shell = dilated(core, h, SHELL_MM.1.max(1.5 * h.max_element()));
+                    let mut shell = dilated(core, h, shell_mm(h));
                     shell.remove(&dilated(core, h, SHELL_MM.0.min(0.5 * SHELL_MM.1)));
                     let mut shell = values(&spread(&shell));
                     shell.sort_by(f64::total_cmp);
@@ -95,7 +95,7 @@ impl Contrast {
             _ => 0.7,
         };
         let sigma_vox = sigma * h.min_element() / h;
-        let calm: Vec<f64> = inner.iter().map(|v| smoothed_at(volume, *v, sigma_vox)).collect();
+        let calm: Vec<f64> = inner.iter().map(|v| smoothed_at(grey, *v, sigma_vox)).collect();
         let calm_noise = median_and_noise(calm)?.1;
         Some(Self { lumen, wall, beyond: beyond.clamp(0.0, 1.0), noise, calm_noise, sigma_vox })
     }
@@ -141,8 +141,8 @@ fn median_and_noise(mut values: Vec<f64>) -> Option<(f64, f64)> {
 }
 
 /// Returns the value at a voxel after a Gaussian; beyond the volume its edge repeats.
-fn smoothed_at(volume: &Volume, v: UVec3, sigma_vox: DVec3) -> f64 {
-    let top = volume.grid.dims.as_ivec3() - 1;
+fn smoothed_at(grey: GreyValues<'_>, v: UVec3, sigma_vox: DVec3) -> f64 {
+    let top = grey.grid().dims.as_ivec3() - 1;
     let weight = |k: i32, axis: usize| {
         let x = f64::from(k) / sigma_vox[axis].max(0.05);
         (-0.5 * x * x).exp()
@@ -153,7 +153,7 @@ fn smoothed_at(volume: &Volume, v: UVec3, sigma_vox: DVec3) -> f64 {
             for x in -2..=2 {
                 let w = weight(x, 0) * weight(y, 1) * weight(z, 2);
                 let at = (v.as_ivec3() + glam::IVec3::new(x, y, z)).clamp(glam::IVec3::ZERO, top);
-                let real = volume.real(volume.grid.index(at.as_uvec3()));
+                let real = grey.real(at.as_uvec3());
                 if real.is_finite() {
                     sum += w * real;
                     all += w;
@@ -164,8 +164,46 @@ fn smoothed_at(volume: &Volume, v: UVec3, sigma_vox: DVec3) -> f64 {
     sum / all
 }
 
+/// Outer radius of the shell in which the wall's value is measured, mm.
+fn shell_mm(spacing_mm: DVec3) -> f64 {
+    SHELL_MM.1.max(1.5 * spacing_mm.max_element())
+}
+
+/// Returns the bricks that hold all values about a core that a wall field reads, for a volume that
+/// is read in parts.
+pub fn bricks_about(core: &BitVolume, grid: &Grid) -> Bricks {
+    let mut near = dilated(core, grid.spacing_mm, shell_mm(grid.spacing_mm));
+    let (side, last) = (SIDE as u32, grid.dims - 1);
+    for corner in surrounding_bricks(core, ROUNDS.1).corners() {
+        // Beyond the volume its edge is read, which is in a brick beside it.
+        let v = IVec3::from(*corner) + SIDE / 2;
+        let v = v.clamp(IVec3::ZERO, last.as_ivec3()).as_uvec3() / side * side;
+        near.set_run((v.x, (v.x + side - 1).min(last.x)), v.y, v.z);
+    }
+    Bricks::about(&near)
+}
+
 /// Returns the quantised values of a volume in bricks; beyond the volume its edge repeats.
-pub(super) fn values_in(bricks: &Bricks, volume: &Volume, contrast: &Contrast) -> Vec<i32> {
+pub(super) fn values_in(bricks: &Bricks, grey: GreyValues<'_>, contrast: &Contrast) -> Vec<i32> {
+    match grey {
+        GreyValues::Whole(volume) => values_of(bricks, volume, contrast),
+        GreyValues::Bricks(_) => {
+            let top = grey.grid().dims.as_ivec3() - 1;
+            let mut out = vec![0i32; bricks.field_len()];
+            out.par_chunks_exact_mut(BRICK).enumerate().for_each(|(slot, out)| {
+                crate::task::checkpoint();
+                for (l, to) in out.iter_mut().enumerate() {
+                    let v = bricks.voxel(slot * BRICK + l).clamp(IVec3::ZERO, top);
+                    *to = contrast.quantised(grey.real(v.as_uvec3()));
+                }
+            });
+            out
+        }
+    }
+}
+
+/// Returns the quantised values of a volume in memory in bricks.
+fn values_of(bricks: &Bricks, volume: &Volume, contrast: &Contrast) -> Vec<i32> {
     let grid = volume.grid;
     let top = grid.dims.as_ivec3() - 1;
     let mut out = vec![0i32; bricks.field_len()];

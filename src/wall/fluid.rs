@@ -67,7 +67,7 @@ impl CleansedFluid {
         down: IVec3,
     ) -> Result<Self, WallError> {
         let contrast =
-            Contrast::measured(volume, core, Tissue::Colon).ok_or(WallError::NoContrast)?;
+            Contrast::measured(volume.into(), core, Tissue::Colon).ok_or(WallError::NoContrast)?;
         let grid = volume.grid;
         let mut gas =
             IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: GAS_HU }.select(volume);
@@ -76,7 +76,7 @@ impl CleansedFluid {
         fill_cavities(&mut fluid);
         fluid.remove(&gas);
         let bricks = surrounding_bricks(mask, ROUNDS.1);
-        let raw = values_in(&bricks, volume, &contrast);
+        let raw = values_in(&bricks, volume.into(), &contrast);
         let mut zone = nearer_to_fluid(&gas, &fluid);
         let (level, layer) = level_layer(&gas, &fluid, down);
         let own = FluidValues::new(&bricks, &raw, &eroded(&fluid, DVec3::ONE, 1.0));

@@ -25,7 +25,7 @@ mod profile;
 mod select;
 mod stats;
 
-pub use contrast::Contrast;
+pub use contrast::{Contrast, bricks_about};
 pub use evidence::{Evidence, vertex_evidence};
 pub use fluid::CleansedFluid;
 pub use normals::{field_normals, smoothed_field};

@@ -10,8 +10,8 @@ use crate::compute::{Array, Buf, Outputs, Plan};
 use crate::kernels::blur_axis::integer_weights;
 use crate::kernels::{least_axis, ridge_grow, wall_level, wall_peak};
 use crate::lumen::bricks::near_offset;
-use crate::lumen::{BitVolume, Bricks, bits_in, surrounding_bricks};
-use crate::volume::{Grid, Volume};
+use crate::lumen::{BitVolume, Bricks, GreyValues, bits_in, surrounding_bricks};
+use crate::volume::Grid;
 
 /// Distance of growth beyond the core, mm, and its bounds in voxels: an edge blurred from gas to
 /// tissue has its wall up to 1.2 mm outside a core that was grown without a leak, and its rim
@@ -95,11 +95,15 @@ impl<'a> WallInput<'a> {
     ///
     /// # Errors
     /// [`WallError::NoContrast`].
-    pub fn new(volume: &Volume, core: &'a BitVolume, tissue: Tissue) -> Result<Self, WallError> {
-        let contrast = Contrast::measured(volume, core, tissue).ok_or(WallError::NoContrast)?;
+    pub fn new(
+        grey: GreyValues<'_>,
+        core: &'a BitVolume,
+        tissue: Tissue,
+    ) -> Result<Self, WallError> {
+        let contrast = Contrast::measured(grey, core, tissue).ok_or(WallError::NoContrast)?;
         let bricks = surrounding_bricks(core, ROUNDS.1);
-        let values = values_in(&bricks, volume, &contrast);
-        Ok(Self::of_values(volume.grid, core, tissue, contrast, bricks, values))
+        let values = values_in(&bricks, grey, &contrast);
+        Ok(Self::of_values(*grey.grid(), core, tissue, contrast, bricks, values))
     }
 
     /// Takes over a colon whose tagged fluid was converted to gas.

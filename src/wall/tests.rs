@@ -63,7 +63,7 @@ fn core(volume: &Volume, below: f64, seed: UVec3) -> BitVolume {
 }
 
 fn wall_of(volume: &Volume, core: &BitVolume, tissue: Tissue) -> (Lumen, WallField) {
-    wall_of_input(WallInput::new(volume, core, tissue).expect("contrast"))
+    wall_of_input(WallInput::new(volume.into(), core, tissue).expect("contrast"))
 }
 
 fn wall_of_input(input: WallInput<'_>) -> (Lumen, WallField) {
@@ -345,6 +345,6 @@ fn a_core_without_contrast_is_refused() {
     let volume = scan([12, 12, 12], 0.0, |_| 7.0);
     let mut core = BitVolume::new(volume.grid.dims);
     core.set(6, 6, 6);
-    let refused = WallInput::new(&volume, &core, Tissue::Vessel).err();
+    let refused = WallInput::new((&volume).into(), &core, Tissue::Vessel).err();
     assert_eq!(refused, Some(WallError::NoContrast));
 }

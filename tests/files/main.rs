@@ -5,6 +5,7 @@ mod deflated;
 mod dicom;
 mod fuzz_readers;
 mod hostile;
+mod in_parts;
 mod layers;
 mod memory;
 mod meshes;

@@ -16,6 +16,7 @@ mod nifti;
 mod nifti_write;
 mod nrrd;
 mod nrrd_write;
+mod parts;
 mod rescale;
 mod segment_description;
 mod segments;
@@ -29,6 +30,7 @@ pub use dicom::SourceSeries;
 pub use info::{ImageInfo, InputInfo, ScreenText, SegmentInfo, SeriesInfo};
 pub use metaimage_write::check_data_file;
 pub use nrrd_write::{write_layers, write_vector_field};
+pub use parts::VolumeParts;
 pub use segment_description::{SegmentDescription, SnomedCode};
 pub use source::{open_plain, read_plain};
 

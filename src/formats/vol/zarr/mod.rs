@@ -147,6 +147,13 @@ impl ZarrImage {
         self.array.sample_type
     }
 
+    /// Shape of the boxes that are read at once, x, y, z: the chunks'.
+    pub fn block(&self) -> [u32; 3] {
+        let shape = &self.array.chunk.shape;
+        let dims = self.grid.dims.to_array();
+        [0, 1, 2].map(|k| shape[self.axes[k]].min(u64::from(dims[k])) as u32)
+    }
+
     /// Reads all samples.
     ///
     /// # Errors
