@@ -8,7 +8,7 @@ use common::fly;
 use common::pages::Pages;
 use glam::Vec3;
 use intima::formats::write_png;
-use intima::geometry::{Camera, Mesh, Pose};
+use intima::geometry::{Camera, Mesh, Pose, TriangleBvh};
 use intima::lod::vds::{ParameterizedOriginal, SubdivisionSurface, Vds, VdsOptions};
 use intima::lod::{PageCache, Tolerance, Worker};
 use intima::mesh::{Parameterization, SimplifyOptions, simplify};
@@ -90,14 +90,14 @@ pub fn trachea_and_colon_as_in_the_papers_figures() {
         let mut maps = Parameterization::new(&mesh).unwrap();
         let base = simplify(&mesh, &SimplifyOptions::to_faces(faces), &mut maps).unwrap();
         let shaded = shading(&mesh);
-        let original = ParameterizedOriginal::new(&mesh, &shaded.vertices, &base, &maps);
-        // Small leaves, as close to the view as the paper's.
-        let options = VdsOptions { leaf_faces: 4, ..VdsOptions::default() };
+        let tree = TriangleBvh::new(&mesh);
+        let original = ParameterizedOriginal::new(&mesh, &shaded.vertices, &tree, &base, &maps);
+        let options = VdsOptions::default();
         let surface = Arc::new(SubdivisionSurface::new(&base.mesh, &original, options).unwrap());
         println!(
-            "{name}: {} levels, off by {:.3} mm at the base, {:.3} mm at the finest",
-            surface.depth() + 1,
-            surface.error_mm(0),
+            "{name}: {} patches, off by {:.3} mm at the base, {:.3} mm at the finest",
+            surface.patches().patches(),
+            surface.coarsest_error_mm(),
             surface.finest_error_mm()
         );
         let save = |tag: &str, rgb: &[u8], triangles: &[[Vec3; 3]]| {
@@ -112,16 +112,15 @@ pub fn trachea_and_colon_as_in_the_papers_figures() {
         for (tag, pixels) in ["c_coarse", "d_fine"].into_iter().zip(bounds) {
             let tolerance = Tolerance { pixels };
             let mut vds = Vds::new(Arc::clone(&surface));
-            let most = vds.least_pages() + 16_384;
             let camera = Camera { pose, lens: shot.lens, height_px: SIZE[1] };
-            let mut cut = Pages::default();
-            let cache = &mut PageCache::new(most, u32::MAX, 0);
+            let mut cut = Pages::of(Some(Arc::clone(surface.patches())));
+            let cache = &mut PageCache::new(0, 0, 0);
             cut.settle(&mut vds, &camera, &tolerance, cache);
             let triangles = cut.triangles();
-            assert!(!cut.last.degraded);
-            let pages = r.open_pages(&mut gpu, most, shaded.mean_radius_mm).unwrap();
+            let radius = shaded.mean_radius_mm;
+            let pages = r.open_patches(&mut gpu, surface.patches(), radius).unwrap();
             let refine = Box::new(Vds::new(Arc::clone(&surface)));
-            let w = Worker::spawn(refine, tolerance, most, 4 << 20, 3).unwrap();
+            let w = Worker::spawn(refine, tolerance, 0, 4 << 20, 3).unwrap();
             let mut sequence = FrameSequence::new(Scene::paged(pages, None), vec![shot], Some(w));
             let (rgb, _) = sequence.next_frame(&mut r, &mut gpu).unwrap().expect("one frame");
             let corners: Vec<_> = triangles.iter().map(|t| t.map(|v| v.position())).collect();

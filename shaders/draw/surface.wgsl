@@ -82,6 +82,28 @@ fn project_coloured(
     return ColouredWall(wall.at, wall.normal, wall.same, colour);
 }
 
+// A vertex of a patch that stays on the device. It moves from the edge that it splits to its own
+// place: `word` has the fineness of the patch and of its sides, a byte each, 32 to a level. `carrier`
+// says by its low byte which of them the vertex follows, as a shift, and above it 32 times the level at
+// which the vertex is inserted. Twin: `lod::vds::patch`.
+@vertex
+fn project_patch(
+    @location(0) position: vec3<f32>,
+    @location(1) normal: vec4<f32>,
+    @location(2) edge_position: vec3<f32>,
+    @location(3) edge_normal: vec4<f32>,
+    @location(4) carrier: u32,
+    @builtin(instance_index) word: u32,
+) -> Wall {
+    let fineness = (word >> (carrier & 31u)) & 255u;
+    let gone = clamp(i32(fineness) + 32 - i32(carrier >> 8u), 0, 32);
+    let share = f32(gone) * (1.0 / 32.0);
+    return projected(
+        edge_position * (1.0 - share) + position * share,
+        edge_normal * (1.0 - share) + normal * share,
+    );
+}
+
 fn plain(wall: ColouredWall) -> Wall {
     return Wall(wall.at, wall.normal, wall.same);
 }

@@ -12,10 +12,9 @@ use super::model::Model;
 use crate::geometry::Camera;
 use crate::lod::{Tolerance, Worker};
 use crate::render::{
-    Framing, IN_FLIGHT, Look, MeshHandle, PagesHandle, PathHandle, RenderError, Renderer, Scene,
-    SceneWall, Shot, View,
+    Framing, Look, MeshHandle, PagesHandle, PathHandle, RenderError, Renderer, Scene, SceneWall,
+    Shot, View,
 };
-use crate::session::levels::UPLOAD_BYTES;
 use crate::session::{Levels, Products, SessionError};
 use crate::vk::{Frame, Gpu, ImageId};
 
@@ -164,18 +163,8 @@ impl Panes {
         }
         if let (Some(levels), None) = (&products.levels, &self.levels) {
             let renderer = &mut self.inside.renderer;
-            let pages = renderer.open_pages(gpu, levels.pages, self.radius_mm)?;
-            if let Some(occlusion) = &levels.occlusion {
-                renderer.hide(pages, Arc::clone(occlusion));
-            }
-            let in_flight = IN_FLIGHT as u32;
-            let worker = Worker::spawn(
-                levels.hierarchy(),
-                tolerance,
-                levels.pages,
-                UPLOAD_BYTES,
-                in_flight,
-            )?;
+            let pages = levels.open(renderer, gpu, self.radius_mm)?;
+            let worker = levels.worker(tolerance)?;
             self.levels = Some((worker, pages, Arc::clone(levels)));
         }
         Ok(())

@@ -32,6 +32,10 @@ pub const PAGE_TRIANGLES: usize = 96;
 /// Bytes of a full page on the device: its vertices, and three 16-bit indices a triangle.
 pub const PAGE_BYTES: u64 = (PAGE_VERTICES * size_of::<Vertex>() + PAGE_TRIANGLES * 6) as u64;
 
+/// The shading tolerance applies in full where edges look at least this long, pixels: a wrong shade
+/// over one or two pixels is noise, over a large triangle it is a dent.
+const FULL_SHADING_PX: f64 = 16.0;
+
 /// Largest deviation of a cut from the original surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
@@ -51,11 +55,22 @@ pub struct Upload {
     pub triangles: Vec<[u8; 3]>,
 }
 
-/// A patch of the current cut, resident in a page.
+/// Template and morph of a patch that stays on the device ([`vds::ResidentPatches`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ResidentPatch {
+    /// First index of its template.
+    pub first_index: u32,
+    /// Fineness of the patch and of its three sides, a byte each.
+    pub morph: u32,
+}
+
+/// A patch of the current cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VisiblePatch {
-    /// Page that holds the patch.
+    /// Page that holds the patch, or its number among the resident ones.
     pub page: u32,
+    /// Template and morph of a patch that stays on the device; `None` for one in a page.
+    pub resident: Option<ResidentPatch>,
     /// Number of triangles in the patch.
     pub triangles: u32,
     /// Bounding sphere of the patch.

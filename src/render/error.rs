@@ -47,6 +47,16 @@ pub enum RenderError {
         /// Number of triangles in the page.
         there: u32,
     },
+    /// A patch is to be drawn that does not lie on the device.
+    #[error("patch {patch} of {patches} is to draw {triangles} triangles that it does not have")]
+    NoPatch {
+        /// Number of the patch.
+        patch: u32,
+        /// Number of patches on the device.
+        patches: u32,
+        /// Number of triangles to be drawn.
+        triangles: u32,
+    },
     /// Level of detail failed.
     #[error(transparent)]
     Detail(#[from] crate::lod::WorkerError),

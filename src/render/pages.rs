@@ -20,6 +20,7 @@ use super::renderer::Renderer;
 use super::scene::PagesHandle;
 use super::{FrameStats, RenderError};
 use crate::geometry::{Camera, Vertex, ViewFrustum};
+use crate::lod::vds::ResidentPatches;
 use crate::lod::{LodStep, OcclusionTest, PAGE_TRIANGLES, PAGE_VERTICES, Upload, VisiblePatch};
 use crate::vk::{BufferId, Frame, Gpu, ImageId, IndexedRange, Pass, Releaser, Write};
 
@@ -51,6 +52,9 @@ pub(super) struct Pages {
     pub vertices: BufferId,
     pub indices: BufferId,
     pub mean_radius_mm: f32,
+    /// Number of patches that stay on the device, of vertices of each, and of indices of all
+    /// templates.
+    pub resident: Option<[u32; 3]>,
     /// Occlusion of the wall by itself: hidden patches are not drawn, unless backs are.
     outside: Option<Arc<OcclusionTest>>,
     /// Number of triangles in each page, once what is pending has been written.
@@ -74,18 +78,37 @@ impl Pages {
             Ok::<_, RenderError>((vertices, gpu.empty_indices("page indices", n * each, each)?))
         })?;
         let filled = vec![0; pages as usize];
-        let (pending, drawn) = (BTreeMap::new(), Vec::new());
-        Ok(Self {
+        Ok(Self { filled, ..Self::of_buffers(vertices, indices, mean_radius_mm) })
+    }
+
+    /// A wall of patches that all stay on the device.
+    fn resident(
+        gpu: &mut Gpu,
+        patches: &ResidentPatches,
+        mean_radius_mm: f32,
+    ) -> Result<Self, RenderError> {
+        let (vertices, indices) = gpu.all_or_none(|gpu| {
+            let vertices = gpu.vertex_buffer("patch vertices", patches.vertex_bytes())?;
+            Ok::<_, RenderError>((vertices, gpu.index_buffer("templates", patches.indices())?))
+        })?;
+        let count = patches.patches() as u32;
+        let resident = Some([count, patches.patch_vertices(), patches.indices().len() as u32]);
+        Ok(Self { resident, ..Self::of_buffers(vertices, indices, mean_radius_mm) })
+    }
+
+    fn of_buffers(vertices: BufferId, indices: BufferId, mean_radius_mm: f32) -> Self {
+        Self {
             vertices,
             indices,
             mean_radius_mm,
+            resident: None,
             outside: None,
-            filled,
-            pending,
-            drawn,
+            filled: Vec::new(),
+            pending: BTreeMap::new(),
+            drawn: Vec::new(),
             leaves_changed: 0,
             degraded: false,
-        })
+        }
     }
 
     /// Applies a step, or nothing of it.
@@ -98,6 +121,10 @@ impl Pages {
             filled.insert(u.page, u.triangles.len() as u32);
         }
         for d in &step.drawn {
+            if d.resident.is_some() || self.resident.is_some() {
+                self.check_resident(d)?;
+                continue;
+            }
             let there = filled.get(&d.page).or(self.filled.get(d.page as usize)).copied();
             if there.is_none_or(|n| d.triangles > n) {
                 let (page, triangles, there) = (d.page, d.triangles, there.unwrap_or(0));
@@ -113,6 +140,18 @@ impl Pages {
         self.leaves_changed += u64::from(step.leaves_changed);
         self.degraded = step.degraded;
         Ok(())
+    }
+
+    fn check_resident(&self, d: &VisiblePatch) -> Result<(), RenderError> {
+        let [patches, _, indices] = self.resident.unwrap_or_default();
+        let fits = d.resident.is_some_and(|r| {
+            d.page < patches
+                && u64::from(r.first_index) + 3 * u64::from(d.triangles) <= u64::from(indices)
+        });
+        if fits {
+            return Ok(());
+        }
+        Err(RenderError::NoPatch { patch: d.page, patches, triangles: d.triangles })
     }
 
     /// Takes out the changes of the first pages, at least one and about `most` bytes at most.
@@ -163,10 +202,20 @@ impl Pages {
         };
         let range = |d: &VisiblePatch| {
             triangles += u64::from(d.triangles);
-            IndexedRange {
-                first_index: d.page * INDICES,
-                indices: 3 * d.triangles,
-                first_vertex: d.page * PAGE_VERTICES as u32,
+            let indices = 3 * d.triangles;
+            match (d.resident, self.resident) {
+                (Some(r), Some([_, vertices, _])) => IndexedRange {
+                    first_index: r.first_index,
+                    indices,
+                    first_vertex: d.page * vertices,
+                    instance: r.morph,
+                },
+                _ => IndexedRange {
+                    first_index: d.page * INDICES,
+                    indices,
+                    first_vertex: d.page * PAGE_VERTICES as u32,
+                    instance: 0,
+                },
             }
         };
         (self.drawn.iter().filter(seen).map(range).collect(), triangles)
@@ -227,6 +276,24 @@ impl Renderer {
     ) -> Result<PagesHandle, RenderError> {
         self.check_device(gpu);
         self.pages.push(Some(Pages::new(gpu, pages, mean_radius_mm)?));
+        Ok(PagesHandle(self.pages.len() - 1))
+    }
+
+    /// Puts the patches of a wall on the device, where they stay; nothing is drawn until a step is
+    /// applied.
+    ///
+    /// * `mean_radius_mm`: as for [`Renderer::open_pages`].
+    ///
+    /// # Errors
+    /// [`RenderError::Vulkan`] when the device runs out of memory.
+    pub fn open_patches(
+        &mut self,
+        gpu: &mut Gpu,
+        patches: &ResidentPatches,
+        mean_radius_mm: f32,
+    ) -> Result<PagesHandle, RenderError> {
+        self.check_device(gpu);
+        self.pages.push(Some(Pages::resident(gpu, patches, mean_radius_mm)?));
         Ok(PagesHandle(self.pages.len() - 1))
     }
 
@@ -322,22 +389,14 @@ mod tests {
         let camera = Camera { pose, lens, height_px: 100 };
         let drawn = |page, x: f32, axis, triangles| VisiblePatch {
             page,
+            resident: None,
             triangles,
             sphere: Sphere { centre: Vec3::new(x, 0.0, 0.0), radius: 0.5 },
             cone: Cone { axis, sine: 0.1 },
         };
         let (away, facing) = (Vec3::X, Vec3::NEG_X);
-        let mut pages = Pages {
-            vertices: crate::vk::BufferId::default(),
-            indices: crate::vk::BufferId::default(),
-            mean_radius_mm: 1.0,
-            outside: None,
-            filled: vec![9; 8],
-            pending: BTreeMap::new(),
-            drawn: Vec::new(),
-            leaves_changed: 0,
-            degraded: false,
-        };
+        let none = crate::vk::BufferId::default();
+        let mut pages = Pages { filled: vec![9; 8], ..Pages::of_buffers(none, none, 1.0) };
         pages.drawn = vec![
             drawn(5, 9.0, facing, 7),
             drawn(1, 5.0, away, 8),
@@ -348,7 +407,7 @@ mod tests {
         let (ranges, triangles) = pages.visible_ranges(&camera, false);
         let range = |page, indices| {
             let (first_index, first_vertex) = (page * INDICES, page * PAGE_VERTICES as u32);
-            IndexedRange { first_index, indices, first_vertex }
+            IndexedRange { first_index, indices, first_vertex, instance: 0 }
         };
         assert_eq!((ranges, triangles), (vec![range(5, 21), range(4, 6)], 9));
         assert_eq!(pages.visible_ranges(&camera, true).1, 17);

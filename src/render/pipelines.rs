@@ -14,6 +14,9 @@ pub(super) struct Pipelines {
     pub inside: DrawPipelineId,
     /// Inside view of walls whose back faces are left out.
     pub inside_fronts: DrawPipelineId,
+    /// Inside view of walls whose patches stay on the device and morph, and that without back faces.
+    pub patches: DrawPipelineId,
+    pub patch_fronts: DrawPipelineId,
     /// Inside view of a wall whose vertices have colours.
     pub inside_coloured: DrawPipelineId,
     pub lines: DrawPipelineId,
@@ -51,6 +54,17 @@ impl Pipelines {
             entries: ["project_coloured", inside_coloured],
             attributes: &[Attribute::F32x3, Attribute::Snorm16x4, Attribute::Unorm8x4],
             ..surface.clone()
+        };
+        let morphing = |wall: &DrawSpec| DrawSpec {
+            entries: ["project_patch", wall.entries[1]],
+            attributes: &[
+                Attribute::F32x3,
+                Attribute::Snorm16x4,
+                Attribute::F32x3,
+                Attribute::Snorm16x4,
+                Attribute::U32,
+            ],
+            ..wall.clone()
         };
         let mut glass = |wall: &DrawSpec, shell: &'static str| {
             let mut layer = |fragment, depth_use, blend| {
@@ -91,6 +105,8 @@ impl Pipelines {
         Ok(Self {
             inside: gpu.draw_pipeline(&surface)?,
             inside_fronts: gpu.draw_pipeline(&fronts)?,
+            patches: gpu.draw_pipeline(&morphing(&surface))?,
+            patch_fronts: gpu.draw_pipeline(&morphing(&fronts))?,
             inside_coloured: gpu.draw_pipeline(&coloured)?,
             lines: gpu.draw_pipeline(&lines)?,
             glass: plain_glass,
@@ -108,7 +124,8 @@ impl Pipelines {
     pub fn release(&self, releaser: &Releaser) {
         let Self { inside, inside_fronts, inside_coloured, lines, stack, panorama, .. } = *self;
         let single = [inside, inside_fronts, inside_coloured, lines, stack, panorama];
-        for p in single.into_iter().chain(self.glass).chain(self.glass_coloured) {
+        let single = single.into_iter().chain([self.patches, self.patch_fronts]);
+        for p in single.chain(self.glass).chain(self.glass_coloured) {
             releaser.draw_pipeline(p);
         }
     }
@@ -204,7 +221,7 @@ mod tests {
         let (plain, colour, vertices) = (s.draw(), s.colour, s.vertices);
         let fits = Draw { indices: Some(within), range: DrawRange::Direct(0..6), ..plain.clone() };
         let indirect = |first_index, indices, first_vertex| {
-            let range = IndexedRange { first_index, indices, first_vertex };
+            let range = IndexedRange { first_index, indices, first_vertex, instance: 0 };
             Draw { range: DrawRange::Indirect(vec![range]), ..fits.clone() }
         };
         let mut refused = |draw: Draw| {

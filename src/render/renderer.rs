@@ -537,7 +537,12 @@ impl Renderer {
                 stats.triangles += triangles;
                 let p = &self.pipelines;
                 (triangles > 0).then(|| Draw {
-                    pipeline: if backs { p.inside } else { p.inside_fronts },
+                    pipeline: match (own.resident, backs) {
+                        (None, true) => p.inside,
+                        (None, false) => p.inside_fronts,
+                        (Some(_), true) => p.patches,
+                        (Some(_), false) => p.patch_fronts,
+                    },
                     push: push.to_vec(),
                     vertices: Some(own.vertices),
                     indices: Some(own.indices),

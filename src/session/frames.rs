@@ -5,17 +5,17 @@ use std::time::Instant;
 
 use glam::Vec3;
 
-use super::levels::{LodReport, UPLOAD_BYTES};
+use super::levels::LodReport;
 use super::pictures::KeptFrames;
 use super::settings::Lod;
 use super::{Clock, FramesReport, OpenDevice, Product, Session, SessionError, locked, present};
 use crate::device::{Device, DeviceError};
 use crate::flight::Flight;
 use crate::geometry::{Centerline, CenterlinePoint, Pose};
-use crate::lod::{Tolerance, Worker};
+use crate::lod::Tolerance;
 use crate::render::{
-    FrameSequence, FrameStats, IN_FLIGHT, MeshHandle, PagesHandle, PreparedMesh, Renderer, Scene,
-    SceneWall, Shot, Spares, View,
+    FrameSequence, FrameStats, MeshHandle, PagesHandle, PreparedMesh, Renderer, Scene, SceneWall,
+    Shot, Spares, View,
 };
 use crate::task::CancelToken;
 use crate::vk::{Choice, DeviceKind, Gpu, return_freed_memory};
@@ -134,16 +134,9 @@ impl Session {
             let of_overview = overview.then(|| upload_whole(&mut renderer)).transpose()?;
             held.meshes.extend(of_overview);
             let radius = shading.mean_radius_mm;
-            let pages = display.with_gpu(|gpu| renderer.open_pages(gpu, levels.pages, radius))?;
+            let pages = display.with_gpu(|gpu| levels.open(&mut renderer, gpu, radius))?;
             held.pages = Some(pages);
-            if let Some(occlusion) = &levels.occlusion {
-                renderer.hide(pages, Arc::clone(occlusion));
-            }
-            let tolerance = Tolerance { pixels: self.settings.levels.pixel_error };
-            let hierarchy = levels.hierarchy();
-            let in_flight = IN_FLIGHT as u32;
-            let worker =
-                Worker::spawn(hierarchy, tolerance, levels.pages, UPLOAD_BYTES, in_flight)?;
+            let worker = levels.worker(Tolerance { pixels: self.settings.levels.pixel_error })?;
             let mut scene = Scene::paged(pages, of_overview);
             // Through an open end the back of a wall can be seen.
             scene.wall = SceneWall::Pages { pages, backs: !drawn.closed };

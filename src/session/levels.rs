@@ -6,15 +6,18 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use super::{Clock, Session, SessionError, level_cache, locked, present};
-use crate::geometry::{Mesh, Vertex};
+use crate::geometry::{ExteriorGrid, Mesh, TriangleBvh, Vertex};
 use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
-use crate::lod::vds::{ParameterizedOriginal, SubdivisionSurface, Vds, VdsOptions};
-use crate::lod::{LodHierarchy, OcclusionTest, PAGE_BYTES};
+use crate::lod::vds::{
+    ParameterizedOriginal, ResidentPatches, SubdivisionSurface, Vds, VdsOptions,
+};
+use crate::lod::{LodHierarchy, OcclusionTest, PAGE_BYTES, Tolerance, Worker};
 use crate::mesh::{MeshError, Metric, Parameterization, SimplifyOptions, make_manifold, simplify};
-use crate::vk::return_freed_memory;
+use crate::render::{IN_FLIGHT, PagesHandle, RenderError, Renderer};
+use crate::vk::{Gpu, return_freed_memory};
 
 /// Bytes written to pages in one step, at most.
-pub const UPLOAD_BYTES: u64 = 4 << 20;
+const UPLOAD_BYTES: u64 = 4 << 20;
 /// Bytes of all pages, at most.
 const RESIDENT_BYTES: u64 = 256 << 20;
 
@@ -111,6 +114,10 @@ pub fn base(
     Ok(clock.time("base", "faces", work, |_| mesh.faces.len() as u64)?)
 }
 
+/// The paper's level of detail has this many faces of the wall to one of its base: a base face is
+/// the least that is drawn.
+const VDS_BASE: usize = 160;
+
 /// Below this a base saves nothing worth having.
 const MIN_BASE_FACES: usize = 500;
 
@@ -149,15 +156,19 @@ impl Levels {
     /// The paper's: the mesh simplified to `base` faces, subdivided where the camera looks, every
     /// new vertex on the original by the record of the collapses.
     ///
+    /// * `tree`: of the mesh's faces.
     /// * `metric`: cost of a collapse.
+    /// * `finest_mm`: distance from the mesh at which triangles are not split further.
     ///
     /// # Errors
     /// [`SessionError`]: a mesh that half-edges cannot hold, or that is too large.
     pub fn of_subdivision(
         mesh: &Mesh,
         vertices: &[Vertex],
+        tree: &TriangleBvh,
         base: usize,
         metric: Metric,
+        finest_mm: f32,
         pixel_error: f32,
         clock: &mut Clock,
     ) -> Result<Self, SessionError> {
@@ -171,25 +182,75 @@ impl Levels {
             || simplify(mesh, &options, &mut maps),
             |_| mesh.faces.len() as u64,
         )?;
-        let original = ParameterizedOriginal::new(mesh, vertices, &simplified, &maps);
-        let build = || SubdivisionSurface::new(&simplified.mesh, &original, VdsOptions::default());
+        let original = ParameterizedOriginal::new(mesh, vertices, tree, &simplified, &maps);
+        let options = VdsOptions { finest_mm, ..VdsOptions::default() };
+        let build = || SubdivisionSurface::new(&simplified.mesh, &original, options);
         let count = simplified.mesh.faces.len() as u64;
         let surface = clock.time("subdivision", "base faces", build, |_| count)?;
         let report = LodReport {
             mode: "vds",
-            metric: Some(options.metric.name()),
+            metric: Some(metric.name()),
             pixel_error,
             base_faces: surface.base_faces(),
-            finest_faces: surface.base_faces() << (2 * surface.depth()),
-            patches: surface.leaves() as u64,
+            finest_faces: surface.finest_faces(),
+            patches: surface.patches().patches() as u64,
             bytes: surface.bytes() as u64,
             ..Default::default()
         };
-        let surface = Arc::new(surface);
-        let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
-        let pages = most.max(Vds::new(Arc::clone(&surface)).least_pages());
-        let report = LodReport { pages, ..report };
-        Ok(Self { kind: LevelKind::Subdivision(surface), pages, report, occlusion: None })
+        // Patches stay on the device; there are no pages.
+        let kind = LevelKind::Subdivision(Arc::new(surface));
+        Ok(Self { kind, pages: 0, report, occlusion: None })
+    }
+
+    /// Leaves out what the wall itself hides.
+    ///
+    /// * `grid`: of the closed wall that these are levels of; eyes are inside.
+    #[must_use]
+    pub fn with_occlusion(self, grid: Arc<ExteriorGrid>) -> Self {
+        let margin = match &self.kind {
+            LevelKind::Clusters(clusters) => clusters.largest_error_mm(),
+            LevelKind::Subdivision(surface) => f64::from(surface.coarsest_error_mm()),
+        };
+        Self { occlusion: Some(Arc::new(OcclusionTest::new(grid, margin))), ..self }
+    }
+
+    /// Patches that stay on the device, of levels that have such.
+    pub fn resident(&self) -> Option<Arc<ResidentPatches>> {
+        match &self.kind {
+            LevelKind::Clusters(_) => None,
+            LevelKind::Subdivision(surface) => Some(Arc::clone(surface.patches())),
+        }
+    }
+
+    /// Gives the wall its place on the device.
+    ///
+    /// # Errors
+    /// [`RenderError`]: the device runs out of memory.
+    pub fn open(
+        &self,
+        renderer: &mut Renderer,
+        gpu: &mut Gpu,
+        mean_radius_mm: f32,
+    ) -> Result<PagesHandle, RenderError> {
+        let pages = match &self.kind {
+            LevelKind::Clusters(_) => renderer.open_pages(gpu, self.pages, mean_radius_mm)?,
+            LevelKind::Subdivision(surface) => {
+                renderer.open_patches(gpu, surface.patches(), mean_radius_mm)?
+            }
+        };
+        if let Some(occlusion) = &self.occlusion {
+            renderer.hide(pages, Arc::clone(occlusion));
+        }
+        Ok(pages)
+    }
+
+    /// A thread that refines for one flight.
+    ///
+    /// # Errors
+    /// [`RenderError::Detail`]: the system could not start it.
+    pub fn worker(&self, tolerance: Tolerance) -> Result<Worker, RenderError> {
+        let in_flight = IN_FLIGHT as u32;
+        Ok(Worker::spawn(self.hierarchy(), tolerance, self.pages, UPLOAD_BYTES, in_flight)?)
     }
 
     /// A hierarchy with nothing refined, for one flight.
@@ -202,7 +263,13 @@ impl Levels {
                     None => lod,
                 })
             }
-            LevelKind::Subdivision(surface) => Box::new(Vds::new(Arc::clone(surface))),
+            LevelKind::Subdivision(surface) => {
+                let lod = Vds::new(Arc::clone(surface));
+                Box::new(match &self.occlusion {
+                    Some(test) => lod.with_occlusion(Arc::clone(test)),
+                    None => lod,
+                })
+            }
         }
     }
 }
@@ -246,9 +313,18 @@ impl Session {
         let shading = present(&self.slots.shading);
         let (mesh, error) = (drawn.mesh(), self.settings.levels.pixel_error);
         return_freed_memory();
-        let base = base_faces(mesh);
+        let base = (mesh.faces.len() / VDS_BASE).max(MIN_BASE_FACES.min(mesh.faces.len()));
         let metric = self.settings.methods().metric;
-        Levels::of_subdivision(mesh, &shading.vertices, base, metric, error, clock)
+        let tree = present(&self.slots.drawn_tree);
+        let spacing = present(&self.slots.lumen).lumen.grid.spacing_mm.min_element();
+        let (vertices, finest) = (&shading.vertices, (0.1 * spacing) as f32);
+        let levels =
+            Levels::of_subdivision(mesh, vertices, &tree, base, metric, finest, error, clock)?;
+        let grid = present(&self.slots.exterior).grid.clone().filter(|_| drawn.closed);
+        Ok(match grid {
+            Some(grid) => levels.with_occlusion(grid),
+            None => levels,
+        })
     }
 
     pub(super) fn run_base_from_clusters(&self, clock: &mut Clock) -> Result<Mesh, SessionError> {

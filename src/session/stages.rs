@@ -99,6 +99,10 @@ fn subdivision(s: &Settings) -> bool {
     s.drawn_lod() == Lod::Vds
 }
 
+fn levels(s: &Settings) -> bool {
+    clusters(s) || subdivision(s)
+}
+
 fn base_from_clusters(s: &Settings) -> bool {
     clusters(s) && default_mode(s)
 }
@@ -283,7 +287,7 @@ products! {
         "triangle tree" 0.5 [Wall] () Cpu always run_triangle_tree;
     /// The drawn wall's triangles by place.
     pub(super) DrawnTree drawn_tree: TriangleBvh =
-        "drawn tree" 0.1 [DrawnWall TriangleTree] () Cpu clusters run_drawn_tree;
+        "drawn tree" 0.1 [DrawnWall TriangleTree] () Cpu levels run_drawn_tree;
     /// Clusters of the wall at every level.
     pub(super) Clusters clusters: BuiltClusters =
         "clusters" 25.0 [DrawnWall Shading DrawnTree] (levels.cache) Cpu clusters run_clusters;
@@ -297,7 +301,7 @@ products! {
     /// The wall at many levels of detail, ready to be refined.
     pub Levels levels: Levels =
         "levels" 0.1 [DrawnWall Shading Clusters Exterior] (levels.pixel_error) Cpu clusters run_cluster_levels
-        | "subdivision" 25.0 [DrawnWall Shading] (mode, levels.pixel_error) Cpu subdivision run_subdivision_levels;
+        | "subdivision" 25.0 [Lumen DrawnWall Shading DrawnTree Exterior] (mode, levels.pixel_error) Cpu subdivision run_subdivision_levels;
     /// The wall with few faces.
     pub Base base: Mesh =
         "base" 3.0 [Wall Clusters] (mode, wall.base_faces) Cpu base_from_clusters run_base_from_clusters

@@ -34,6 +34,8 @@ pub struct IndexedRange {
     pub indices: u32,
     /// Number added to every index.
     pub first_vertex: u32,
+    /// The instance that vertices are told they belong to: a word of the caller's for each range.
+    pub instance: u32,
 }
 
 /// Indices or vertices that a draw reads.

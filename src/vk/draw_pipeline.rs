@@ -48,6 +48,8 @@ pub enum Attribute {
     Snorm16x4,
     /// Four unsigned 8-bit fractions.
     Unorm8x4,
+    /// An unsigned number.
+    U32,
 }
 
 impl Attribute {
@@ -57,6 +59,7 @@ impl Attribute {
             Self::F32x3 => (vk::Format::R32G32B32_SFLOAT, 12),
             Self::Snorm16x4 => (vk::Format::R16G16B16A16_SNORM, 8),
             Self::Unorm8x4 => (vk::Format::R8G8B8A8_UNORM, 4),
+            Self::U32 => (vk::Format::R32_UINT, 4),
         }
     }
 }

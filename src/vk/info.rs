@@ -106,7 +106,8 @@ pub(super) struct Limits {
     pub groups: [u32; 2],
     /// Whether kernels hold every index within its array themselves, since the driver may not.
     pub restricted: bool,
-    /// Most indirect draws of one command; 1 without multiDrawIndirect.
+    /// Most indirect draws of one command; 1 without multiDrawIndirect or
+    /// drawIndirectFirstInstance: each is then a command of its own.
     pub draws_at_once: u32,
     pub vendor: u32,
     pub device: u32,
@@ -213,7 +214,8 @@ fn describe(instance: &Instance, device: vk::PhysicalDevice, index: usize) -> De
         let memory = instance.raw.get_physical_device_memory_properties(device);
         (memory, instance.raw.get_physical_device_queue_family_properties(device))
     };
-    let many_draws = features.features.multi_draw_indirect == vk::TRUE;
+    let many_draws = features.features.multi_draw_indirect == vk::TRUE
+        && features.features.draw_indirect_first_instance == vk::TRUE;
     let flags: Vec<_> = families.iter().map(|f| f.queue_flags).collect();
     let family = queue_family(&flags);
 

@@ -191,14 +191,14 @@ impl Gpu {
                 // `check_draw` compared each range and the largest index with the buffers.
                 unsafe {
                     let (n, i) = (p.indices, p.first_index);
-                    self.device.cmd_draw_indexed(cmd, n, 1, i, offset, 0);
+                    self.device.cmd_draw_indexed(cmd, n, 1, i, offset, p.instance);
                 }
             }
             return;
         }
         let bytes = self.staging.bytes_mut(first, *place - first);
         for (to, p) in bytes.chunks_exact_mut(COMMAND_BYTES as usize).zip(ranges) {
-            let words = [p.indices, 1, p.first_index, p.first_vertex, 0];
+            let words = [p.indices, 1, p.first_index, p.first_vertex, p.instance];
             to.copy_from_slice(bytemuck::cast_slice(&words));
         }
         let Some(ring) = &self.staging.buffer else { return };
@@ -208,7 +208,7 @@ impl Gpu {
             let at = first + done * COMMAND_BYTES;
             // SAFETY: as above; the commands lie in the ring, which nobody writes there until the
             // timeline passes this submission, at a multiple of four; the device has
-            // multiDrawIndirect and takes this many.
+            // multiDrawIndirect and drawIndirectFirstInstance and takes this many.
             unsafe {
                 let stride = COMMAND_BYTES as u32;
                 self.device.cmd_draw_indexed_indirect(cmd, ring.raw, at, n as u32, stride);

@@ -72,12 +72,14 @@ fn subdivision_of_an_oblique_two_piece_lumen_is_byte_equal_at_1_3_and_8_threads(
     let mesh = lumen_mesh();
     let vertices = shading(&mesh).vertices;
     let mut maps = Parameterization::new(&mesh).unwrap();
-    let base = simplify(&mesh, &SimplifyOptions::to_faces(12_000), &mut maps).unwrap();
+    let base = simplify(&mesh, &SimplifyOptions::to_faces(1500), &mut maps).unwrap();
+    let tree = TriangleBvh::new(&mesh);
     at_any_thread_count(|| {
-        let original = ParameterizedOriginal::new(&mesh, &vertices, &base, &maps);
+        let original = ParameterizedOriginal::new(&mesh, &vertices, &tree, &base, &maps);
         let surface =
             SubdivisionSurface::new(&base.mesh, &original, VdsOptions::default()).unwrap();
-        assert!(surface.depth() > 1);
-        steps(&mut Vds::new(Arc::new(surface)), &mesh)
+        assert!(surface.patches().patches() > 2 * base.mesh.faces.len());
+        let patches = surface.patches().vertex_bytes().to_vec();
+        (patches, steps(&mut Vds::new(Arc::new(surface)), &mesh))
     });
 }

@@ -6,6 +6,7 @@ mod compare;
 mod golden;
 mod lod_draw;
 mod lod_occlusion;
+mod lod_patches;
 mod oracle_distance;
 mod oracle_fair;
 mod oracle_ridge;

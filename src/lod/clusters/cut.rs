@@ -328,7 +328,8 @@ impl LodHierarchy for ClusterLod {
             if let Some(page) = cache.touch(u64::from(c)) {
                 let c = &all[c as usize];
                 let (sphere, cone) = (c.sphere, c.cone);
-                step.drawn.push(VisiblePatch { page, triangles: c.triangles, sphere, cone });
+                let (triangles, resident) = (c.triangles, None);
+                step.drawn.push(VisiblePatch { page, resident, triangles, sphere, cone });
             }
         }
         step

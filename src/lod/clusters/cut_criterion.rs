@@ -3,10 +3,7 @@
 
 use super::{Clusters, Group};
 use crate::geometry::{ProjectedBounds, Sphere, ViewFrustum};
-use crate::lod::OcclusionTest;
-
-/// The shading tolerance applies in full where edges look at least this long, pixels.
-const FULL_SHADING_PX: f64 = 16.0;
+use crate::lod::{FULL_SHADING_PX, OcclusionTest};
 
 /// Decides whether a camera accepts a group.
 pub struct CutCriterion<'a> {

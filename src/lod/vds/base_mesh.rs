@@ -56,10 +56,17 @@ impl BaseMesh {
         base
     }
 
+    /// The face across edge `e` of face `f`, and the edge's place in it.
+    pub fn twin(&self, f: u32, e: usize) -> Option<(u32, u32)> {
+        let id = self.face_edges[f as usize][e] >> 1;
+        let [a, b] = self.edges[id as usize].faces;
+        let other = if a == f { b } else { a };
+        let own = self.face_edges.get(other as usize)?;
+        own.iter().position(|k| k >> 1 == id).map(|k| (other, k as u32))
+    }
+
     /// The face across edge `e` of face `f`.
     pub fn across(&self, f: u32, e: usize) -> Option<u32> {
-        let [a, b] = self.edges[(self.face_edges[f as usize][e] >> 1) as usize].faces;
-        let other = if a == f { b } else { a };
-        (other != NO_FACE).then_some(other)
+        self.twin(f, e).map(|t| t.0)
     }
 }

@@ -2,27 +2,31 @@
 //! 1-to-4 where the camera looks, and new vertices lie on the original surface, found through the
 //! parameterisation (MAPS, Lee et al. 1998, doi:10.1145/280814.280828).
 //!
-//! Departures. The paper resamples while it flies; here every sample of the finest level is taken
-//! once, when the surface is made, so a step only gathers. The paper's levels meet in cracks; here
-//! the level belongs to the edges as well, neighbouring triangles differ by at most one level, and
-//! the gap is filled by the seven templates of red-green refinement (Bank et al. 1983). The paper
-//! calls its finest level "the original mesh"; a resampled surface never is, and its deviation is
-//! measured and part of every bound ([`SubdivisionSurface::finest_error_mm`]).
+//! The unit is a patch: a base face, or a part of one, with the samples of a few levels. All
+//! patches stay in buffers on the device. A step decides how fine each is; a change is another
+//! index template and other morphing weights in its draw command, and nothing is uploaded.
+//!
+//! Departures. The paper resamples while it flies; here every sample is taken once, when the
+//! surface is made. The paper's levels meet in cracks; here neighbouring patches differ by at most
+//! one level, the gap is filled by the templates of red-green refinement, and points on the side of
+//! a patch depend on that side alone. The paper calls its finest level "the original mesh"; a
+//! resampled surface never is, and its distance is measured
+//! ([`SubdivisionSurface::finest_error_mm`]).
 
 mod base_mesh;
-mod level_bounds;
-mod fineness;
-mod pages;
+mod criterion;
+mod cut;
+mod forest;
+mod measure;
 mod original;
-mod samples;
+mod patch;
 pub mod schemes;
-mod select;
-mod state;
 mod surface;
-mod tessellate;
+mod template;
 
+pub use cut::Vds;
 pub use original::{Original, ParameterizedOriginal};
-pub use state::Vds;
+pub use patch::ResidentPatches;
 pub use surface::{SubdivisionSurface, VdsError, VdsOptions};
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::geometry::{Mesh, MeshPoint, Vertex};
+use crate::geometry::{Mesh, MeshPoint, TriangleBvh, Vertex};
 use crate::mesh::parameterization::RemovedVertex;
 use crate::mesh::{Parameterization, Simplified};
 
@@ -16,11 +16,14 @@ pub trait Original: Sync {
     /// Number of vertices at which errors are measured.
     fn vertices(&self) -> u32;
 
-    /// Base face and weights of such a vertex, and its position; `None` if it has none.
-    fn vertex(&self, vertex: u32) -> Option<(u32, [f64; 3], Vec3)>;
+    /// Base face and weights of such a vertex, and the vertex; `None` if it has none.
+    fn vertex(&self, vertex: u32) -> Option<(u32, [f64; 3], Vertex)>;
 
     /// Faces of the original.
     fn faces(&self) -> u64;
+
+    /// Distance of the nearest point of the original, mm.
+    fn distance_mm(&self, p: DVec3) -> f64;
 }
 
 /// A mesh parameterised over the base that it was simplified to, by the record of its collapses.
@@ -28,6 +31,7 @@ pub struct ParameterizedOriginal<'a> {
     maps: &'a Parameterization,
     mesh: &'a Mesh,
     shading: &'a [Vertex],
+    tree: &'a TriangleBvh,
     /// Half-edge face of each base face, and the inverse.
     slots: &'a [u32],
     faces: Vec<u32>,
@@ -35,14 +39,15 @@ pub struct ParameterizedOriginal<'a> {
 }
 
 impl<'a> ParameterizedOriginal<'a> {
-    /// `shading` are the vertices of `mesh` as drawn, one each; `base` is the result of simplifying
-    /// `mesh` while `maps` recorded it.
+    /// `shading` are the vertices of `mesh` as drawn, one each, and `tree` is that of its faces;
+    /// `base` is the result of simplifying `mesh` while `maps` recorded it.
     ///
     /// # Panics
     /// If `base` has more faces than `mesh`, or faces of another one.
     pub fn new(
         mesh: &'a Mesh,
         shading: &'a [Vertex],
+        tree: &'a TriangleBvh,
         base: &'a Simplified,
         maps: &'a Parameterization,
     ) -> Self {
@@ -50,7 +55,8 @@ impl<'a> ParameterizedOriginal<'a> {
         for (face, slot) in base.face_ids.iter().enumerate() {
             faces[*slot as usize] = face as u32;
         }
-        Self { maps, mesh, shading, slots: &base.face_ids, faces, tuples: maps.removed_vertices() }
+        let (slots, tuples) = (&base.face_ids[..], maps.removed_vertices());
+        Self { maps, mesh, shading, tree, slots, faces, tuples }
     }
 }
 
@@ -75,13 +81,16 @@ impl Original for ParameterizedOriginal<'_> {
         self.tuples.len() as u32
     }
 
-    fn vertex(&self, vertex: u32) -> Option<(u32, [f64; 3], Vec3)> {
+    fn vertex(&self, vertex: u32) -> Option<(u32, [f64; 3], Vertex)> {
         let RemovedVertex { vertex, at } = self.tuples[vertex as usize];
-        let position = self.mesh.positions[vertex as usize];
-        Some((self.faces[at.face as usize], at.weights, position))
+        Some((self.faces[at.face as usize], at.weights, self.shading[vertex as usize]))
     }
 
     fn faces(&self) -> u64 {
         self.mesh.faces.len() as u64
+    }
+
+    fn distance_mm(&self, p: DVec3) -> f64 {
+        self.tree.closest(p).map_or(f64::INFINITY, |c| c.distance_mm)
     }
 }

@@ -1,38 +1,48 @@
-//! Surface prepared for view-dependent subdivision: samples, octree, distance bounds.
+//! Surface prepared for view-dependent subdivision: patches, their bounds, and the octree over the
+//! base.
+
+use std::sync::Arc;
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::base_mesh::BaseMesh;
-use super::level_bounds;
+use super::forest::PatchForest;
+use super::measure::{OriginalPoint, PatchBounds, PatchSampler};
 use super::original::Original;
-use super::samples::{SurfaceSamples, count, triangles};
-use crate::geometry::{Cone, Mesh, Sphere};
+use super::patch::{PatchVertex, ResidentPatches, vertices};
+use super::template::SPLITS;
+use crate::geometry::{Mesh, Vertex};
 use crate::lod::octree::{Item, Octree, bounding_cone};
 
-/// Most levels: 4^6 triangles for one of the base.
-const MAX_DEPTH: u32 = 6;
-/// Most samples: 5 GiB.
-const MAX_SAMPLES: usize = 1 << 28;
+/// Most patches: 0.8 GB of vertices.
+const MAX_PATCHES: usize = 1 << 18;
+/// Triangles of a patch at its finest level.
+const PATCH_FACES: u64 = 1 << (2 * SPLITS);
 
 /// Options of the subdivision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VdsOptions {
-    /// Most base triangles of an octree leaf (1 ..= 128). A leaf is refined as a whole, so small
-    /// ones follow the view better; 42 at the base level just fill a page.
-    pub leaf_faces: u32,
-    /// Finest level (1 ..= 6); by default the least with as many triangles as the original.
-    pub depth: Option<u32>,
-    /// Geomorphing: new vertices move into place in eighths instead of popping; costs uploads
-    /// whenever the camera moves.
+    /// Distance from the original at which a patch is not split further, mm.
+    pub finest_mm: f32,
+    /// Triangles of the finest level, as a multiple of the original's. The base alone may have
+    /// more.
+    pub finest_share: f64,
+    /// Shading tolerance, radians: as [`crate::lod::clusters::DEFAULT_SHADING_RAD`].
+    pub shading_rad: f32,
+    /// Geomorphing: new vertices move into place instead of popping.
     pub morph: bool,
 }
 
 impl Default for VdsOptions {
     fn default() -> Self {
-        Self { leaf_faces: 42, depth: None, morph: true }
+        let shading_rad = crate::lod::clusters::DEFAULT_SHADING_RAD;
+        Self { finest_mm: 0.0, finest_share: 1.2, shading_rad, morph: true }
     }
 }
+
+/// Base faces of a leaf of the octree.
+const LEAF_FACES: usize = 12;
 
 /// Reasons why a surface cannot be subdivided.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -51,223 +61,233 @@ pub enum VdsError {
         /// Number of vertices.
         vertices: usize,
     },
-    /// An option outside its range.
-    #[error("{name} is {value}, must be {lowest} to {highest}")]
-    Option {
-        /// Name of the option.
-        name: &'static str,
-        /// Value given.
-        value: u32,
-        /// Least value allowed.
-        lowest: u32,
-        /// Largest value allowed.
-        highest: u32,
-    },
-    /// More samples than memory is planned for.
-    #[error("{samples} samples at level {depth}, at most {MAX_SAMPLES} can be kept")]
+    /// More patches than memory is planned for.
+    #[error("{faces} base faces, at most {MAX_PATCHES} patches can be kept")]
     TooLarge {
-        /// Number of samples needed.
-        samples: usize,
-        /// Finest level.
-        depth: u32,
+        /// Number of base faces.
+        faces: usize,
     },
     /// A sample of the original that is not finite.
-    #[error("the original has no finite position at sample {sample} of {samples}")]
+    #[error("the original has no finite position at a sample of base face {face}")]
     NotFinite {
-        /// Index of the sample.
-        sample: usize,
-        /// Number of samples.
-        samples: usize,
+        /// Base face of the sample.
+        face: u32,
     },
 }
 
-/// A leaf of the octree: the unit of selection, refinement and drawing.
-#[derive(Clone, Debug)]
-pub(super) struct Leaf {
-    /// Base faces, ascending.
-    pub faces: Vec<u32>,
-    /// Bounding sphere of the surface at every level, and of the original.
-    pub sphere: Sphere,
-    /// Cone that contains the normals of every level.
-    pub cone: Cone,
-    /// Two-sided distance bound of each level to the original, mm; never grows.
-    pub error_mm: Vec<f32>,
-}
-
-/// A base mesh, samples of the original at every vertex of its finest level, and the distance bound
-/// of every level.
+/// A base mesh and the patches over it.
 #[derive(Clone, Debug)]
 pub struct SubdivisionSurface {
-    pub(super) base: BaseMesh,
-    pub(super) samples: SurfaceSamples,
+    pub(super) forest: PatchForest,
+    /// Bounds of each node. Spheres and cones contain those of all nodes below.
+    pub(super) bounds: Vec<PatchBounds>,
+    /// Finest level at which each base face is drawn unless a neighbour is finer.
+    pub(super) finest: Vec<u32>,
+    /// Over the base faces.
     pub(super) tree: Octree,
-    /// Leaves, in the order of [`Octree::traverse`].
-    pub(super) leaves: Vec<Leaf>,
-    /// Leaf of each base face.
-    pub(super) leaf_of: Vec<u32>,
-    /// Leaf of each octree node that is one.
-    pub(super) leaf_at: Vec<u32>,
-    /// Largest error of the base level in each node, mm.
-    pub(super) node_error_mm: Vec<f32>,
+    patches: Arc<ResidentPatches>,
     pub(super) options: VdsOptions,
+    finest_faces: u64,
+}
+
+/// Patches while they are made.
+struct PatchGrowth<'a> {
+    sampler: PatchSampler<'a>,
+    forest: PatchForest,
+    bounds: Vec<PatchBounds>,
+    vertices: Vec<PatchVertex>,
+    /// Vertices of the original in each leaf.
+    inside: Vec<Vec<OriginalPoint>>,
+}
+
+impl PatchGrowth<'_> {
+    /// Samples and measures the nodes that are new.
+    fn measure(&mut self) -> Result<(), VdsError> {
+        let one = |id: usize| {
+            let node = &self.forest.nodes[id];
+            let samples = self.sampler.samples(node);
+            if samples.iter().any(|s| !s.position().is_finite()) {
+                return Err(VdsError::NotFinite { face: node.face });
+            }
+            Ok((self.sampler.measure(node.depth, &samples, &self.inside[id]), samples))
+        };
+        let from = self.bounds.len();
+        let new: Vec<(PatchBounds, Vec<Vertex>)> =
+            (from..self.forest.nodes.len()).into_par_iter().map(one).collect::<Result<_, _>>()?;
+        for (bounds, samples) in new {
+            self.bounds.push(bounds);
+            self.vertices.extend(vertices(&samples));
+        }
+        Ok(())
+    }
+
+    /// Splits a node; returns how many were split with it, itself included.
+    fn split(&mut self, id: u32) -> u64 {
+        let split = self.forest.split(id);
+        self.inside.resize_with(self.forest.nodes.len(), Vec::new);
+        for n in &split {
+            let first = self.forest.children(*n).start;
+            for p in std::mem::take(&mut self.inside[*n as usize]) {
+                let (child, p) = p.in_child();
+                self.inside[(first + child) as usize].push(p);
+            }
+        }
+        split.len() as u64
+    }
+
+    fn error_mm(&self, id: u32) -> f32 {
+        self.bounds[id as usize].error_mm[SPLITS as usize]
+    }
 }
 
 impl SubdivisionSurface {
-    /// Samples `original` at every vertex of the finest level of `base` and measures every level.
-    /// Positions of `base` are not used: its vertices are samples too.
+    /// Takes the samples of the base, and of finer patches where the original is furthest.
     ///
     /// # Errors
-    /// See [`VdsError`].
+    /// [`VdsError`].
     pub fn new(
         base: &Mesh,
         original: &dyn Original,
         options: VdsOptions,
     ) -> Result<Self, VdsError> {
         let vertices = base.positions.len();
-        if base.faces.is_empty() {
-            return Err(VdsError::Empty);
-        }
         for (face, f) in base.faces.iter().enumerate() {
             if let Some(&vertex) = f.iter().find(|v| **v as usize >= vertices) {
                 return Err(VdsError::NoVertex { face, vertex, vertices });
             }
         }
-        let range = |name, value, lowest, highest| {
-            let fits = (lowest..=highest).contains(&value);
-            fits.then_some(value).ok_or(VdsError::Option { name, value, lowest, highest })
-        };
-        range("leaf_faces", options.leaf_faces, 1, 128)?;
-        let enough = |l: &u32| (base.faces.len() as u64) << (2 * l) >= original.faces();
-        let depth = match options.depth {
-            Some(depth) => range("depth", depth, 1, MAX_DEPTH)?,
-            None => (1..MAX_DEPTH).find(enough).unwrap_or(MAX_DEPTH),
-        };
+        match base.faces.len() {
+            0 => return Err(VdsError::Empty),
+            faces if faces > MAX_PATCHES => return Err(VdsError::TooLarge { faces }),
+            _ => {}
+        }
         let base = BaseMesh::new(base.faces.clone(), vertices);
-        let wanted = count(&base, depth);
-        if wanted > MAX_SAMPLES {
-            return Err(VdsError::TooLarge { samples: wanted, depth });
-        }
-        let samples = SurfaceSamples::take(&base, depth, original);
-        let lost = |v: &crate::geometry::Vertex| !v.position().is_finite();
-        if let Some(sample) = samples.all().iter().position(lost) {
-            return Err(VdsError::NotFinite { sample, samples: samples.all().len() });
-        }
-        let errors = level_bounds::bounds(&base, &samples, original);
-        Ok(Self::grown(base, samples, &errors, options))
-    }
-
-    fn grown(
-        base: BaseMesh,
-        samples: SurfaceSamples,
-        errors: &[Vec<f32>],
-        options: VdsOptions,
-    ) -> Self {
-        let item = |f: u32| face_item(&base, &samples, f);
-        let items: Vec<Item> = (0..base.faces.len() as u32).into_par_iter().map(item).collect();
-        let tree = Octree::with_leaves(&items, options.leaf_faces as usize);
-        let mut leaves = Vec::new();
-        let mut leaf_of = vec![0; base.faces.len()];
-        let mut leaf_at = vec![u32::MAX; tree.nodes.len()];
-        let mut node_error_mm = vec![0.0; tree.nodes.len()];
-        tree.traverse(
-            |_| true,
-            |at, node| {
-                let mut faces = tree.items_of(at).to_vec();
-                faces.sort_unstable();
-                let mut error_mm = vec![0.0f32; samples.depth() as usize + 1];
-                for &f in &faces {
-                    leaf_of[f as usize] = leaves.len() as u32;
-                    let own = &errors[f as usize];
-                    error_mm.iter_mut().zip(own).for_each(|(e, own)| *e = e.max(*own));
-                }
-                leaf_at[at] = leaves.len() as u32;
-                node_error_mm[at] = error_mm[0];
-                // The original is no further from the finest samples than that.
-                let off = error_mm[samples.depth() as usize];
-                let centre = node.sphere.centre;
-                let reach = faces.iter().map(|f| reach(&base, &samples, *f, centre));
-                let radius = reach.fold(0.0, f32::max) * (1.0 + 1e-6) + off;
-                let sphere = Sphere { centre, radius };
-                leaves.push(Leaf { faces, sphere, cone: node.cone, error_mm });
-            },
-        );
-        for at in (0..tree.nodes.len()).rev() {
-            for child in tree.children(at) {
-                node_error_mm[at] = f32::max(node_error_mm[at], node_error_mm[child]);
+        let mut growth = PatchGrowth {
+            sampler: PatchSampler::new(&base, original),
+            forest: PatchForest::new(&base),
+            bounds: Vec::new(),
+            vertices: Vec::new(),
+            inside: vec![Vec::new(); base.faces.len()],
+        };
+        for v in 0..original.vertices() {
+            if let Some((face, weights, vertex)) = original.vertex(v)
+                && let Some(own) = growth.inside.get_mut(face as usize)
+            {
+                own.push(OriginalPoint { weights, vertex });
             }
         }
-        Self { base, samples, tree, leaves, leaf_of, leaf_at, node_error_mm, options }
+        growth.measure()?;
+        let finest: Vec<u32> = (0..base.faces.len())
+            .map(|f| enough(&growth.bounds[f], growth.inside[f].len(), options.finest_mm))
+            .collect();
+        let mut total: u64 = finest.iter().map(|l| 1 << (2 * l)).sum();
+        let budget = (options.finest_share * original.faces() as f64) as u64;
+        grow(&mut growth, &finest, options.finest_mm, budget, &mut total)?;
+        Ok(Self::finish(growth, finest, options, total))
     }
 
-    /// Finest level L.
-    pub fn depth(&self) -> u32 {
-        self.samples.depth()
+    fn finish(
+        growth: PatchGrowth,
+        finest: Vec<u32>,
+        options: VdsOptions,
+        finest_faces: u64,
+    ) -> Self {
+        let PatchGrowth { forest, mut bounds, vertices, .. } = growth;
+        for id in (0..forest.nodes.len() as u32).rev().filter(|n| !forest.children(*n).is_empty()) {
+            let own = bounds[id as usize];
+            let below = || forest.children(id).map(|c| &bounds[c as usize]);
+            let reach = |b: &PatchBounds| {
+                own.sphere.centre.distance(b.sphere.centre) * (1.0 + 1e-6) + b.sphere.radius
+            };
+            let radius = below().map(reach).fold(own.sphere.radius, f32::max);
+            let cones: Vec<_> = below().map(|b| b.cone).chain([own.cone]).collect();
+            bounds[id as usize].sphere.radius = radius;
+            bounds[id as usize].cone = bounding_cone(cones.into_iter());
+        }
+        let item = |b: &PatchBounds| {
+            let (centre, reach) = (b.sphere.centre, Vec3::splat(b.sphere.radius));
+            Item { lo: centre - reach, hi: centre + reach, centre, cone: b.cone }
+        };
+        let items: Vec<Item> = bounds[..finest.len()].iter().map(item).collect();
+        let tree = Octree::with_leaves(&items, LEAF_FACES);
+        let patches = Arc::new(ResidentPatches { vertices });
+        Self { forest, bounds, finest, tree, patches, options, finest_faces }
+    }
+
+    /// Vertices of all patches and the index templates.
+    pub fn patches(&self) -> &Arc<ResidentPatches> {
+        &self.patches
     }
 
     /// Faces of the base mesh.
     pub fn base_faces(&self) -> u64 {
-        self.base.faces.len() as u64
+        self.finest.len() as u64
     }
 
-    /// Leaves of the octree.
-    pub fn leaves(&self) -> usize {
-        self.leaves.len()
+    /// Triangles of the finest level.
+    pub fn finest_faces(&self) -> u64 {
+        self.finest_faces
     }
 
-    /// Two-sided distance bound of level `level` to the original, mm.
-    pub fn error_mm(&self, level: u32) -> f32 {
-        let level = level.min(self.depth()) as usize;
-        self.leaves.iter().map(|l| l.error_mm[level]).fold(0.0, f32::max)
+    /// Two-sided distance of the coarsest surface to the original, mm: that of the worst patch.
+    pub fn coarsest_error_mm(&self) -> f32 {
+        self.bounds[..self.finest.len()].iter().map(|b| b.error_mm[0]).fold(0.0, f32::max)
     }
 
-    /// Distance bound of the finest level, mm; the paper assumes 0.
+    /// Two-sided distance of the finest surface to the original, mm; the paper assumes 0.
     pub fn finest_error_mm(&self) -> f32 {
-        self.error_mm(self.depth())
+        let leaves = (0..self.bounds.len()).filter(|n| self.forest.children(*n as u32).is_empty());
+        leaves.map(|n| self.bounds[n].error_mm[SPLITS as usize]).fold(0.0, f32::max)
     }
 
     /// Memory, bytes.
     pub fn bytes(&self) -> usize {
-        let base = &self.base;
-        size_of_val(self.samples.all())
-            + size_of_val(&base.edges[..])
-            + size_of_val(&base.faces[..])
-            + size_of_val(&base.face_edges[..])
-            + size_of_val(&self.leaf_of[..])
+        self.patches.vertex_bytes().len()
+            + size_of_val(&self.forest.nodes[..])
+            + size_of_val(&self.bounds[..])
             + self.tree.nodes.len() * size_of::<crate::lod::octree::OctreeNode>()
-            + self.leaves.len() * (size_of::<Leaf>() + 4 * self.depth() as usize + 4)
     }
 }
 
-/// Largest distance of a face's samples from a point.
-fn reach(base: &BaseMesh, samples: &SurfaceSamples, f: u32, from: Vec3) -> f32 {
-    let n = 1u32 << samples.depth();
-    let grid = (0..=n).flat_map(|i| (0..=n - i).map(move |j| [i, j, n - i - j]));
-    grid.map(|g| samples.position(base, f, g).distance(from)).fold(0.0, f32::max)
+/// The least level of a base face that is near enough to the original, or has as many triangles.
+fn enough(bounds: &PatchBounds, vertices: usize, finest_mm: f32) -> u32 {
+    let faces = 2 * vertices;
+    (0..SPLITS)
+        .find(|l| bounds.error_mm[*l as usize] <= finest_mm || 1 << (2 * l) >= faces)
+        .unwrap_or(SPLITS)
 }
 
-/// Bounding box of a face at all its levels, and cone of its triangles at all its levels. Triangles
-/// of templates and geomorphs have their corners between these samples; their normals are not
-/// included.
-fn face_item(base: &BaseMesh, samples: &SurfaceSamples, f: u32) -> Item {
-    let depth = samples.depth();
-    let n = 1u32 << depth;
-    let mut cones = Vec::new();
-    let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    let mut centre = Vec3::ZERO;
-    for level in 0..=depth {
-        let step = n >> level;
-        for t in triangles(1 << level) {
-            let p = t.map(|g| samples.position(base, f, g.map(|c| c * step)));
-            let item = Item::triangle(p);
-            (lo, hi) = (lo.min(item.lo), hi.max(item.hi));
-            if level == 0 {
-                centre = item.centre;
+/// Splits the patches that are furthest from the original, in rounds of half the distance, until
+/// all are near enough or there are `budget` triangles.
+fn grow(
+    growth: &mut PatchGrowth,
+    finest: &[u32],
+    finest_mm: f32,
+    budget: u64,
+    total: &mut u64,
+) -> Result<(), VdsError> {
+    let can_grow = |id: u32| finest.get(id as usize).is_none_or(|l| *l == SPLITS);
+    let ids = |g: &PatchGrowth| 0..g.forest.nodes.len() as u32;
+    let mut limit = ids(growth).map(|n| growth.error_mm(n)).fold(0.0, f32::max);
+    loop {
+        limit = f32::max(0.5 * limit, finest_mm);
+        let mut worst: Vec<u32> = ids(growth)
+            .filter(|n| can_grow(*n) && growth.forest.can_split(*n) && growth.error_mm(*n) > limit)
+            .collect();
+        if worst.is_empty() && (limit <= finest_mm || limit < f32::MIN_POSITIVE) {
+            return Ok(());
+        }
+        let key = |g: &PatchGrowth, n: u32| (std::cmp::Reverse(g.error_mm(n).to_bits()), n);
+        worst.sort_unstable_by_key(|n| key(growth, *n));
+        for id in worst {
+            let room = growth.forest.nodes.len() + 4 * 16 <= MAX_PATCHES;
+            if *total + 3 * PATCH_FACES > budget || !room {
+                return growth.measure();
             }
-            // Degenerate triangles have no normal and are not visible.
-            if item.cone.sine < 1.0 {
-                cones.push(item.cone);
+            if growth.forest.can_split(id) {
+                *total += 3 * PATCH_FACES * growth.split(id);
             }
         }
+        growth.measure()?;
     }
-    Item { lo, hi, centre, cone: bounding_cone(cones.iter().copied()) }
 }

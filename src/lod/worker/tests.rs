@@ -45,6 +45,7 @@ fn step_writing(page: u32, number: u32, settled: bool) -> LodStep {
     let upload = Upload { page, vertices: Vec::new(), triangles };
     let drawn = VisiblePatch {
         page,
+        resident: None,
         triangles: number,
         sphere: Default::default(),
         cone: Default::default(),

@@ -1,9 +1,11 @@
 //! A cut as the device holds it: pages written and drawn by steps.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use glam::DVec3;
 use intima::geometry::{Camera, Vertex};
+use intima::lod::vds::ResidentPatches;
 use intima::lod::{
     LodHierarchy, LodStep, PAGE_TRIANGLES, PAGE_VERTICES, PageCache, Tolerance, VisiblePatch,
 };
@@ -12,10 +14,16 @@ use intima::lod::{
 #[derive(Default)]
 pub struct Pages {
     content: HashMap<u32, (Vec<Vertex>, Vec<[u8; 3]>)>,
+    resident: Option<Arc<ResidentPatches>>,
     pub last: LodStep,
 }
 
 impl Pages {
+    /// Pages, or the patches that stay on the device.
+    pub fn of(resident: Option<Arc<ResidentPatches>>) -> Self {
+        Self { resident, ..Self::default() }
+    }
+
     /// Applies a step.
     pub fn apply(&mut self, step: LodStep) {
         for u in &step.uploads {
@@ -54,6 +62,10 @@ impl Pages {
     pub fn triangles_where(&self, keep: impl Fn(&VisiblePatch) -> bool) -> Vec<[Vertex; 3]> {
         let mut out = Vec::new();
         for d in self.last.drawn.iter().filter(|d| keep(d)) {
+            if let Some(patches) = &self.resident {
+                out.extend(patches.triangles(d));
+                continue;
+            }
             let (vertices, triangles) = &self.content[&d.page];
             assert_eq!(triangles.len(), d.triangles as usize);
             out.extend(triangles.iter().map(|t| t.map(|c| vertices[usize::from(c)])));

@@ -50,6 +50,7 @@ pub fn cut(vertices: &[Vertex], faces: &[[u32; 3]], most: usize) -> Vec<Patch> {
         let sphere = sphere(&own);
         let drawn = VisiblePatch {
             page: 0,
+            resident: None,
             triangles: triangles.len() as u32,
             sphere,
             cone: cone(&own, &triangles),

@@ -66,7 +66,7 @@ impl AdaptiveScheme for OneToFour {
         let mut all = Vec::with_capacity(self.red.len());
         for t in &self.red {
             let middle = [0, 1, 2].map(|e| net.midpoint(t[e], t[(e + 1) % 3]));
-            crate::lod::vds::tessellate::template(*t, middle, &mut all);
+            crate::lod::vds::template::template(*t, middle, &mut all);
         }
         all
     }

@@ -88,11 +88,14 @@ impl Original for Itself {
     fn vertices(&self) -> u32 {
         0
     }
-    fn vertex(&self, _: u32) -> Option<(u32, [f64; 3], glam::Vec3)> {
+    fn vertex(&self, _: u32) -> Option<(u32, [f64; 3], crate::geometry::Vertex)> {
         None
     }
     fn faces(&self) -> u64 {
         self.0.faces.len() as u64
+    }
+    fn distance_mm(&self, _: glam::DVec3) -> f64 {
+        0.0
     }
 }
 
@@ -132,11 +135,14 @@ impl Original for Half<'_> {
     fn vertices(&self) -> u32 {
         0
     }
-    fn vertex(&self, _: u32) -> Option<(u32, [f64; 3], glam::Vec3)> {
+    fn vertex(&self, _: u32) -> Option<(u32, [f64; 3], crate::geometry::Vertex)> {
         None
     }
     fn faces(&self) -> u64 {
         1
+    }
+    fn distance_mm(&self, _: glam::DVec3) -> f64 {
+        0.0
     }
 }
 

@@ -4,26 +4,8 @@ use std::f64::consts::TAU;
 
 use glam::{DVec3, Vec3};
 
-use crate::geometry::{Mesh, Vertex};
+use crate::geometry::{Mesh, TriangleBvh, Vertex};
 use crate::lod::vds::Original;
-
-/// One triangle that is its own original.
-pub struct Flat;
-
-impl Original for Flat {
-    fn at(&self, _: u32, [_, x, y]: [f64; 3]) -> Vertex {
-        Vertex::new(Vec3::new(x as f32, y as f32, 0.0), Vec3::Z, 0.0)
-    }
-    fn vertices(&self) -> u32 {
-        0
-    }
-    fn vertex(&self, _: u32) -> Option<(u32, [f64; 3], Vec3)> {
-        None
-    }
-    fn faces(&self) -> u64 {
-        1
-    }
-}
 
 /// A torus with folds, parameterised over a coarser one. `jitter` displaces samples by that much,
 /// differently for every base face: two faces then disagree on their common edge, as rounding would
@@ -34,6 +16,7 @@ pub struct Ring {
     steps: u32,
     pub jitter: f64,
     pub mesh: Mesh,
+    pub tree: TriangleBvh,
 }
 
 pub const RING_MM: f64 = 30.0;
@@ -42,40 +25,13 @@ const TUBE_MM: f64 = 8.0;
 impl Ring {
     /// Creates a ring whose original has `steps` steps to a quad of the base.
     pub fn new(cells: [u32; 2], steps: u32) -> Self {
-        let mut ring = Self { cells, steps, jitter: 0.0, mesh: Mesh::default() };
-        ring.mesh = ring.grid(steps);
-        ring
-    }
-
-    /// The ring with `steps` steps to a quad.
-    pub fn grid(&self, steps: u32) -> Mesh {
-        let [nu, nv] = self.cells.map(|c| c * steps);
-        let mut mesh = Mesh::default();
-        for i in 0..nu {
-            for j in 0..nv {
-                let (u, v) =
-                    (TAU * f64::from(i) / f64::from(nu), TAU * f64::from(j) / f64::from(nv));
-                // Folds, so that no level is exact by symmetry.
-                let r = TUBE_MM * (1.0 + 0.06 * (5.0 * u + 2.0 * v).sin());
-                let out = DVec3::new(v.cos() * u.cos(), v.cos() * u.sin(), v.sin());
-                let at = DVec3::new(u.cos(), u.sin(), 0.0) * RING_MM + r * out;
-                mesh.positions.push(at.as_vec3());
-                mesh.normals.push(-out.as_vec3());
-                let id = |i: u32, j: u32| i % nu * nv + j % nv;
-                let [a, b, c, d] = [id(i, j), id(i + 1, j), id(i + 1, j + 1), id(i, j + 1)];
-                mesh.faces.extend([[a, c, b], [a, d, c]]);
-            }
-        }
-        mesh
+        let mesh = grid(cells, steps);
+        let tree = TriangleBvh::new(&mesh);
+        Self { cells, steps, jitter: 0.0, mesh, tree }
     }
 
     pub fn base(&self) -> Mesh {
-        self.grid(1)
-    }
-
-    /// Corners of a face of the original.
-    pub fn triangle(&self, face: u32) -> [DVec3; 3] {
-        self.mesh.faces[face as usize].map(|v| self.mesh.positions[v as usize].as_dvec3())
+        grid(self.cells, 1)
     }
 
     /// Corners of a base face in steps of the base grid, not wrapped round.
@@ -84,6 +40,27 @@ impl Ring {
         let [a, b, c, d] = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]];
         if face.is_multiple_of(2) { [a, c, b] } else { [a, d, c] }
     }
+}
+
+/// The ring with `steps` steps to a quad.
+fn grid(cells: [u32; 2], steps: u32) -> Mesh {
+    let [nu, nv] = cells.map(|c| c * steps);
+    let mut mesh = Mesh::default();
+    for i in 0..nu {
+        for j in 0..nv {
+            let (u, v) = (TAU * f64::from(i) / f64::from(nu), TAU * f64::from(j) / f64::from(nv));
+            // Folds, so that no level is exact by symmetry.
+            let r = TUBE_MM * (1.0 + 0.06 * (5.0 * u + 2.0 * v).sin());
+            let out = DVec3::new(v.cos() * u.cos(), v.cos() * u.sin(), v.sin());
+            let at = DVec3::new(u.cos(), u.sin(), 0.0) * RING_MM + r * out;
+            mesh.positions.push(at.as_vec3());
+            mesh.normals.push(-out.as_vec3());
+            let id = |i: u32, j: u32| i % nu * nv + j % nv;
+            let [a, b, c, d] = [id(i, j), id(i + 1, j), id(i + 1, j + 1), id(i, j + 1)];
+            mesh.faces.extend([[a, c, b], [a, d, c]]);
+        }
+    }
+    mesh
 }
 
 impl Original for Ring {
@@ -118,17 +95,23 @@ impl Original for Ring {
         self.mesh.positions.len() as u32
     }
 
-    fn vertex(&self, vertex: u32) -> Option<(u32, [f64; 3], Vec3)> {
+    fn vertex(&self, vertex: u32) -> Option<(u32, [f64; 3], Vertex)> {
         let nv = self.cells[1] * self.steps;
         let at = [vertex / nv, vertex % nv];
         let quad = at[0] / self.steps * self.cells[1] + at[1] / self.steps;
         let [fx, fy] = at.map(|x| f64::from(x % self.steps) / f64::from(self.steps));
         let (half, w) =
             if fx >= fy { (0, [1.0 - fx, fy, fx - fy]) } else { (1, [1.0 - fy, fy - fx, fx]) };
-        Some((quad * 2 + half, w, self.mesh.positions[vertex as usize]))
+        let v = vertex as usize;
+        let vertex = Vertex::new(self.mesh.positions[v], self.mesh.normals[v], 0.25);
+        Some((quad * 2 + half, w, vertex))
     }
 
     fn faces(&self) -> u64 {
         self.mesh.faces.len() as u64
+    }
+
+    fn distance_mm(&self, p: DVec3) -> f64 {
+        self.tree.closest(p).map_or(f64::INFINITY, |c| c.distance_mm)
     }
 }

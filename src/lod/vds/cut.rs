@@ -1,0 +1,294 @@
+//! The cut that a camera requires: which patches are drawn, and how fine.
+//!
+//! Fineness counts [`MORPH_STEPS`] to a level: q = 32 (l - 1) + a is level l of the base face whose
+//! newest vertices have moved a / 32 of the way from the edge that they split. A patch of depth d
+//! is drawn at levels d + 2 and d + 3, a base face also at 0 and 1; coarser, the patch above it is
+//! drawn. Neighbours differ by at most one level (a restricted subdivision): a patch is at most 32
+//! coarser than each neighbour. A side has the larger fineness of all patches at it, and is that of
+//! the largest of them, so that all see the same points on it.
+//!
+//! A cut depends on the camera alone. It is found anew in each step, from the octree down.
+
+use std::sync::Arc;
+
+use super::criterion::{Criterion, Fineness, STEP};
+use super::forest::NONE;
+use super::measure::{PatchBounds, lowest_level};
+use super::patch::MORPH_STEPS;
+use super::surface::SubdivisionSurface;
+use super::template::{SHAPE, SPLITS};
+use crate::geometry::{Camera, ViewFrustum};
+use crate::lod::{
+    LodHierarchy, LodStep, OcclusionTest, PageCache, ResidentPatch, Tolerance, VisiblePatch,
+};
+
+/// State of a node in a cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum NodeState {
+    /// Node below one that is drawn.
+    Above,
+    /// Node that is drawn, and its fineness.
+    Drawn(Fineness),
+    /// Node above some that are drawn.
+    Below,
+}
+
+/// View-dependent subdivision of a surface and its current cut.
+pub struct Vds {
+    surface: Arc<SubdivisionSurface>,
+    occlusion: Option<Arc<OcclusionTest>>,
+    pub(super) states: Vec<NodeState>,
+    /// Fineness of the sides of nodes that are drawn.
+    sides: Vec<[Fineness; 3]>,
+    /// Patches drawn by the step before.
+    drawn: Vec<VisiblePatch>,
+}
+
+impl Vds {
+    /// Starts with nothing drawn.
+    pub fn new(surface: Arc<SubdivisionSurface>) -> Self {
+        let nodes = surface.forest.nodes.len();
+        Self {
+            states: vec![NodeState::Above; nodes],
+            sides: vec![[0; 3]; nodes],
+            occlusion: None,
+            drawn: Vec::new(),
+            surface,
+        }
+    }
+
+    /// Never refines what the occlusion test rejects. Cameras must be inside the wall.
+    #[must_use]
+    pub fn with_occlusion(self, occlusion: Arc<OcclusionTest>) -> Self {
+        Self { occlusion: Some(occlusion), ..self }
+    }
+
+    /// The surface.
+    pub fn surface(&self) -> &Arc<SubdivisionSurface> {
+        &self.surface
+    }
+
+    /// Fineness of a corner of a node, from the base.
+    pub(super) fn origin(&self, id: u32) -> Fineness {
+        self.surface.forest.node(id).depth as Fineness * STEP
+    }
+
+    /// Least fineness of a node that is drawn.
+    pub(super) fn least(&self, id: u32) -> Fineness {
+        let depth = self.surface.forest.node(id).depth;
+        (depth + lowest_level(depth)) as Fineness * STEP
+    }
+
+    /// Decides for a node and all below it.
+    fn refine(&mut self, id: u32, criterion: &Criterion<'_>) {
+        let surface = Arc::clone(&self.surface);
+        let bounds = &surface.bounds[id as usize];
+        let least = self.least(id);
+        self.states[id as usize] = NodeState::Drawn(least);
+        if !criterion.is_visible(bounds) {
+            return;
+        }
+        let depth = surface.forest.node(id).depth;
+        let children = surface.forest.children(id);
+        let whole = self.origin(id) + SPLITS as Fineness * STEP;
+        let most = match surface.finest.get(id as usize) {
+            Some(level) if children.is_empty() => self.origin(id) + *level as Fineness * STEP,
+            _ => whole,
+        };
+        let vertices = surface.patches().vertices_of(id);
+        let required = criterion.required(bounds, vertices, lowest_level(depth));
+        if required.is_some() || children.is_empty() {
+            let q = required.map_or(whole, |q| self.origin(id) + q);
+            self.states[id as usize] = NodeState::Drawn(q.min(most));
+            return;
+        }
+        children.clone().for_each(|c| self.refine(c, criterion));
+        // Smaller spheres may say that this level is enough everywhere.
+        let is_least = |c: u32| self.states[c as usize] == NodeState::Drawn(whole);
+        if children.clone().all(is_least) {
+            children.for_each(|c| self.states[c as usize] = NodeState::Above);
+            self.states[id as usize] = NodeState::Drawn(whole);
+        } else {
+            self.states[id as usize] = NodeState::Below;
+        }
+    }
+
+    /// The node that is drawn across side `e` of a node that is drawn, and which of its sides that
+    /// is: of the same depth or less. `None` on a boundary, and where smaller ones are drawn.
+    pub(super) fn across(&self, id: u32, e: usize) -> Option<(u32, usize)> {
+        let forest = &self.surface.forest;
+        let twin = forest.node(id).twins[e];
+        if twin == NONE {
+            return None;
+        }
+        let (mut m, side) = (twin / 3, twin as usize % 3);
+        loop {
+            match self.states[m as usize] {
+                NodeState::Drawn(_) => return Some((m, side)),
+                NodeState::Below => return None,
+                // Corner children lie on the sides of their parent with the same numbers.
+                NodeState::Above => m = forest.node(m).parent,
+            }
+        }
+    }
+
+    pub(super) fn fineness(&self, id: u32) -> Fineness {
+        match self.states[id as usize] {
+            NodeState::Drawn(q) => q,
+            _ => 0,
+        }
+    }
+
+    /// Raises patches that are more than a level coarser than a neighbour, finest first.
+    pub(super) fn balance(&mut self) {
+        let mut open: Vec<Vec<u32>> = Vec::new();
+        let push = |open: &mut Vec<Vec<u32>>, id: u32, q: Fineness| {
+            if open.len() <= usize::from(q) {
+                open.resize_with(usize::from(q) + 1, Vec::new);
+            }
+            open[usize::from(q)].push(id);
+        };
+        for id in 0..self.states.len() as u32 {
+            if let NodeState::Drawn(q) = self.states[id as usize]
+                && q > STEP
+            {
+                push(&mut open, id, q);
+            }
+        }
+        for q in (usize::from(STEP) + 1..open.len()).rev() {
+            let mut i = 0;
+            while i < open[q].len() {
+                let id = open[q][i];
+                i += 1;
+                if self.states[id as usize] != NodeState::Drawn(q as Fineness) {
+                    continue;
+                }
+                let need = q as Fineness - STEP;
+                for e in 0..3 {
+                    while let Some((m, _)) = self.across(id, e)
+                        && self.fineness(m) < need
+                    {
+                        if need <= self.origin(m) + SPLITS as Fineness * STEP {
+                            self.states[m as usize] = NodeState::Drawn(need);
+                            push(&mut open, m, need);
+                            break;
+                        }
+                        self.states[m as usize] = NodeState::Below;
+                        for c in self.surface.forest.children(m) {
+                            let least = self.least(c);
+                            self.states[c as usize] = NodeState::Drawn(least);
+                            push(&mut open, c, least);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Nodes that are drawn, in order.
+    fn nodes(&self) -> Vec<u32> {
+        let drawn = |id: &u32| matches!(self.states[*id as usize], NodeState::Drawn(_));
+        (0..self.states.len() as u32).filter(drawn).collect()
+    }
+
+    /// Gives each side the largest fineness of the patches at it.
+    fn settle_sides(&mut self, nodes: &[u32]) {
+        for id in nodes {
+            self.sides[*id as usize] = [self.fineness(*id); 3];
+        }
+        for id in nodes {
+            let own = self.fineness(*id);
+            for e in 0..3 {
+                if let Some((m, side)) = self.across(*id, e) {
+                    let there = &mut self.sides[m as usize][side];
+                    *there = own.max(*there);
+                }
+            }
+        }
+        for id in nodes {
+            for e in 0..3 {
+                if let Some((m, side)) = self.across(*id, e) {
+                    let q = self.sides[m as usize][side].max(self.sides[*id as usize][e]);
+                    self.sides[*id as usize][e] = q;
+                }
+            }
+        }
+    }
+
+    /// Patches to draw of a balanced cut.
+    pub(super) fn patches(&mut self) -> Vec<VisiblePatch> {
+        let nodes = self.nodes();
+        self.settle_sides(&nodes);
+        nodes.into_iter().map(|id| self.patch(id)).collect()
+    }
+
+    fn patch(&self, id: u32) -> VisiblePatch {
+        let origin = self.origin(id);
+        let own = u32::from(self.fineness(id) - origin);
+        let sides = self.sides[id as usize].map(|q| u32::from(q - origin));
+        let level = own.div_ceil(MORPH_STEPS);
+        let split = |e: usize| u32::from(sides[e].div_ceil(MORPH_STEPS) > level) << e;
+        let template = SHAPE.template(level, split(0) | split(1) | split(2));
+        let morph = own | sides[0] << 8 | sides[1] << 16 | sides[2] << 24;
+        let PatchBounds { sphere, cone, .. } = self.surface.bounds[id as usize];
+        let resident = Some(ResidentPatch { first_index: template.first, morph });
+        VisiblePatch { page: id, triangles: template.triangles, sphere, cone, resident }
+    }
+
+    /// Brings the cut to that of a camera.
+    fn select(&mut self, criterion: &Criterion<'_>) {
+        let surface = Arc::clone(&self.surface);
+        self.states.fill(NodeState::Above);
+        self.states[..surface.finest.len()].fill(NodeState::Drawn(0));
+        surface.tree.traverse(
+            |n| criterion.frustum.intersects(&n.sphere) && !criterion.is_occluded(&n.sphere),
+            |at, _| {
+                for f in surface.tree.items_of(at) {
+                    self.refine(*f, criterion);
+                }
+            },
+        );
+        self.balance();
+    }
+}
+
+impl LodHierarchy for Vds {
+    fn step(&mut self, camera: &Camera, tolerance: &Tolerance, _: &mut PageCache) -> LodStep {
+        let occlusion = self.occlusion.clone();
+        self.select(&Criterion {
+            frustum: ViewFrustum::new(camera),
+            pixels: f64::from(tolerance.pixels),
+            shading: f64::from(self.surface.options.shading_rad),
+            occlusion: occlusion.as_deref(),
+            morph: self.surface.options.morph,
+        });
+        let drawn = self.patches();
+        let leaves_changed = changes(&self.drawn, &drawn);
+        self.drawn.clone_from(&drawn);
+        LodStep { drawn, leaves_changed, settled: true, ..LodStep::default() }
+    }
+
+    fn state_hash(&self) -> u64 {
+        let words = |d: &VisiblePatch| [d.page, d.resident.map_or(0, |r| r.morph)];
+        // FNV-1a.
+        self.drawn.iter().flat_map(words).fold(0xcbf2_9ce4_8422_2325, |h, w| {
+            (h ^ u64::from(w)).wrapping_mul(0x0000_0100_0000_01b3)
+        })
+    }
+
+    fn finest_faces(&self) -> u64 {
+        self.surface.finest_faces()
+    }
+}
+
+/// Number of patches that are drawn after and were not drawn the same way before.
+fn changes(before: &[VisiblePatch], after: &[VisiblePatch]) -> u32 {
+    let mut old = before.iter().peekable();
+    let mut changed = 0;
+    for d in after {
+        while old.next_if(|o| o.page < d.page).is_some() {}
+        let same = old.next_if(|o| o.page == d.page).is_some_and(|o| o.resident == d.resident);
+        changed += u32::from(!same);
+    }
+    changed
+}

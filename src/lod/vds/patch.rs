@@ -1,0 +1,100 @@
+//! Patches as they lie on the device: every vertex with its own place and its place on the edge
+//! that it splits, between which the vertex shader moves it (geomorph, Hoppe 1996,
+//! doi:10.1145/237170.237216).
+
+use bytemuck::{Pod, Zeroable};
+
+use super::template::{PatchPoint, SHAPE};
+use crate::geometry::Vertex;
+use crate::lod::{ResidentPatch, VisiblePatch};
+
+/// Steps of a morph from one level to the next.
+pub const MORPH_STEPS: u32 = 32;
+
+/// A vertex of a patch, as the shader reads it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct PatchVertex {
+    /// Vertex on the original.
+    pub own: Vertex,
+    /// Middle of the edge that it splits.
+    pub on_edge: Vertex,
+    /// Bits 0 to 7: bit of the patch's word at which the fineness of its carrier begins; bits 8 to
+    /// 15: [`MORPH_STEPS`] times the level at which it is inserted.
+    pub carrier: u32,
+}
+
+/// Vertices of a patch whose points have these samples.
+pub fn vertices(samples: &[Vertex]) -> impl Iterator<Item = PatchVertex> + '_ {
+    let one = |(p, own): (&PatchPoint, &Vertex)| {
+        let [a, b] = p.parents.map(|q| samples[q as usize]);
+        // Addition commutes: patches on both sides of an edge get the same bits.
+        let on_edge = Vertex::new(
+            (a.position() + b.position()) * 0.5,
+            (a.normal() + b.normal()).normalize_or_zero(),
+            (a.w() + b.w()) * 0.5,
+        );
+        let carrier = (8 * p.carrier) | ((MORPH_STEPS * p.born) << 8);
+        PatchVertex { own: *own, on_edge, carrier }
+    };
+    SHAPE.points.iter().zip(samples).map(one)
+}
+
+/// Vertices of all patches, and the index templates.
+#[derive(Clone, Debug, Default)]
+pub struct ResidentPatches {
+    /// Vertices of each patch, one patch after the other.
+    pub(super) vertices: Vec<PatchVertex>,
+}
+
+impl ResidentPatches {
+    /// Bytes of all vertices.
+    pub fn vertex_bytes(&self) -> &[u8] {
+        bytemuck::cast_slice(&self.vertices)
+    }
+
+    /// Vertices of one patch.
+    pub fn patch_vertices(&self) -> u32 {
+        SHAPE.points.len() as u32
+    }
+
+    /// Number of patches.
+    pub fn patches(&self) -> usize {
+        self.vertices.len() / SHAPE.points.len()
+    }
+
+    /// Vertices of a patch, in the order of [`PatchShape::points`](super::template::PatchShape).
+    pub(super) fn vertices_of(&self, patch: u32) -> &[PatchVertex] {
+        &self.vertices[patch as usize * SHAPE.points.len()..][..SHAPE.points.len()]
+    }
+
+    /// All index templates.
+    pub fn indices(&self) -> &[u32] {
+        &SHAPE.indices
+    }
+
+    /// Triangles of a patch as the device draws them: twin of `project_patch` in
+    /// `shaders/draw/surface.wgsl`.
+    pub fn triangles(&self, d: &VisiblePatch) -> Vec<[Vertex; 3]> {
+        let ResidentPatch { first_index, morph } = d.resident.expect("a resident patch");
+        let own = self.vertices_of(d.page);
+        let indices = &SHAPE.indices[first_index as usize..][..3 * d.triangles as usize];
+        let at = |i: &u32| morphed(&own[*i as usize], morph);
+        indices.chunks_exact(3).map(|t| [at(&t[0]), at(&t[1]), at(&t[2])]).collect()
+    }
+}
+
+fn morphed(v: &PatchVertex, word: u32) -> Vertex {
+    let fine = word >> (v.carrier & 0xff) & 0xff;
+    let gone = (fine + MORPH_STEPS).saturating_sub(v.carrier >> 8).min(MORPH_STEPS);
+    if gone == MORPH_STEPS {
+        return v.own;
+    }
+    let a = gone as f32 / MORPH_STEPS as f32;
+    let mix = |p: glam::Vec3, q: glam::Vec3| p * (1.0 - a) + q * a;
+    Vertex::new(
+        mix(v.on_edge.position(), v.own.position()),
+        mix(v.on_edge.normal(), v.own.normal()),
+        v.on_edge.w() * (1.0 - a) + v.own.w() * a,
+    )
+}
