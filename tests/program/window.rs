@@ -683,6 +683,32 @@ fn a_session_closed_and_opened_without_options_is_the_same_to_the_pixel() {
 }
 
 #[test]
+fn a_session_is_opened_in_a_window_of_its_volume_and_another_file_changes_nothing() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = folder();
+    play(
+        tmp.path(),
+        &[],
+        r#"{"wait": "complete"}, {"wait": "levels"}, {"do": {"seek": 20}},
+        {"do": {"colour": "radius"}}, {"do": {"turn": [0.5, 0.2, 0.1]}}, {"frames": 2},
+        {"do": {"export": "view"}}"#,
+    );
+    let script = r#"{"schema": "intima.script/1", "size": [640, 400], "steps": [
+        {"wait": "complete"}, {"wait": "levels"}, {"do": {"open_session": "notes.json"}},
+        {"frames": 3}, {"do": {"export": "view"}}, {"do": {"open_session": "o.json"}},
+        {"frames": 2}, {"do": {"export": "view"}}]}"#;
+    std::fs::write(tmp.path().join("o.json"), script).unwrap();
+    let args = ["--script", "o.json", "--frames-out", "out", "--lod-cache", "off"];
+    let done = fly(tmp.path(), &args);
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success() && said.contains("o.json: no session file"), "{said}");
+    let view = |i: u32| std::fs::read(tmp.path().join(format!("out/view-{i}.png"))).unwrap();
+    assert!(view(1) == view(2) && view(2) == view(3));
+}
+
+#[test]
 fn a_session_begins_at_the_place_on_the_path_where_it_ended() {
     if common::gpu(intima::vk::Validate::Off).is_none() {
         return;
