@@ -36,6 +36,8 @@ pub(super) struct RunSize {
     pub voxels: u64,
     /// Bricks of the lumen.
     pub bricks: u64,
+    /// Bricks that the wall field is computed on.
+    pub field_bricks: u64,
     /// Sides between a voxel of the lumen and one outside: vertices of the wall.
     pub wall_sides: u64,
     /// Whether the wall follows grey values.
@@ -60,7 +62,7 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
     let held = 13 * MB + size.stored + size.mask + when(has_plans, 45 * MB);
     // Let go once the lumen is there: values, levels and growth of the wall field, and what the
     // search for an organ labels.
-    let choosing = when(size.is_field, 40 * MB + 20_000 * size.bricks)
+    let choosing = when(size.is_field, 40 * MB + 20_000 * size.field_bricks)
         + when(size.is_organ, size.voxels * 5 / 2);
     let kept = when(size.is_field, 38 * MB);
     let products = when(makes(Product::Fields) || distance, 6200 * size.bricks)
@@ -95,7 +97,7 @@ pub fn reading_bytes(image: &ImageInfo) -> u64 {
 /// with the chunks it is made of, and a mask of which little is set.
 pub(super) fn in_parts_bytes(parts: &VolumeParts) -> u64 {
     let slab = SLAB_BYTES.min(parts.bytes());
-    PROGRAM + slab + slab / 4 + 2 * BitVolume::new(parts.grid().dims).bytes()
+    PROGRAM + slab + parts.reading_bytes() + 2 * BitVolume::new(parts.grid().dims).bytes()
 }
 
 /// Estimates the peak of resident memory, bytes, of writing a volume to another file: a format

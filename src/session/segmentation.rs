@@ -15,6 +15,7 @@ use super::{Clock, Session, SessionError, present, read_any_volume, refuse_above
 use crate::compute::Plan;
 use crate::device::Device;
 use crate::formats::{SegmentDescription, SnomedCode};
+use crate::lumen::bricks::BRICK;
 use crate::lumen::{
     BitVolume, Component, GreyBricks, GreyValues, IntensitySelection, Lumen, LumenError,
     SegmentationOptions, SegmentationStats, check_seed_in_parts, fill_cavities,
@@ -119,13 +120,14 @@ impl Session {
         }
     }
 
-    /// The wall about a core in grey values, as they are or of a colon whose fluid was taken away.
+    /// The wall about a core in grey values, as they are or of a colon whose fluid was taken away;
+    /// and the number of bricks it was computed on.
     fn wall_about(
         &self,
         loaded: &Loaded,
         core: &Core,
         clock: &mut Clock,
-    ) -> Result<(Lumen, WallField), SessionError> {
+    ) -> Result<((Lumen, WallField), u64), SessionError> {
         let tissue = match core.organ.as_ref().map(|o| o.organ) {
             Some(Organ::Airway) => Tissue::Airway,
             Some(Organ::Colon) => Tissue::Colon,
@@ -163,13 +165,13 @@ impl Session {
         let core = present(&self.slots.core);
         let method = self.wall_method(&loaded, &core);
         let is_field = method == WallMethod::Field;
-        let (lumen, wall) = if is_field {
-            let (lumen, wall) = self.wall_about(&loaded, &core, clock)?;
-            (lumen, Some(wall))
+        let (lumen, wall, field_bricks) = if is_field {
+            let ((lumen, wall), bricks) = self.wall_about(&loaded, &core, clock)?;
+            (lumen, Some(wall), Some(bricks))
         } else {
-            (Lumen::new(*loaded.volume.grid(), &core.mask), None)
+            (Lumen::new(*loaded.volume.grid(), &core.mask), None, None)
         };
-        self.check_memory(&loaded, &core, &lumen, is_field)?;
+        self.check_memory(&loaded, &core, &lumen, field_bricks)?;
         let mut notes = core.notes.clone();
         if lumen.touches_edge {
             notes.push(TOUCHES_EDGE.into());
@@ -271,23 +273,29 @@ impl Session {
         loaded: &Loaded,
         core: &Core,
         lumen: &Lumen,
-        is_field: bool,
+        field_bricks: Option<u64>,
     ) -> Result<(), SessionError> {
         let voxels = lumen.grid.len() as u64;
-        // Of a volume in parts there are masks, and the table of bricks, which covers its box.
         let mask = match &loaded.volume {
             InputVolume::Whole(_) => voxels / 8,
-            InputVolume::Parts(_) => {
-                2 * core.mask.bytes() + 4 * lumen.bricks.table().2.len() as u64
+            InputVolume::Parts(input) => {
+                2 * core.mask.bytes() + box_bytes(lumen) + input.parts.reading_bytes()
             }
+        };
+        let bricks = lumen.bricks.len() as u64;
+        // The estimate of volumes in memory is fitted to their lumens' bricks.
+        let field_bricks = match &loaded.volume {
+            InputVolume::Whole(_) => field_bricks.map(|_| bricks),
+            InputVolume::Parts(_) => field_bricks,
         };
         let size = RunSize {
             stored: loaded.volume.bytes(),
             mask,
             voxels,
-            bricks: lumen.bricks.len() as u64,
+            bricks,
+            field_bricks: field_bricks.unwrap_or(0),
             wall_sides: lumen.wall_sides(),
-            is_field,
+            is_field: field_bricks.is_some(),
             is_organ: self.settings.lumen.organ.is_some(),
             pixels: self.settings.flight.size.iter().map(|s| u64::from(*s)).product(),
         };
@@ -309,9 +317,18 @@ const TOUCHES_EDGE: &str = "the lumen touches the edge of the volume; it is clos
 /// Bytes a voxel of a brick that the wall field takes while it is computed.
 const WALL_BYTES: u64 = 40;
 
+/// Bytes of what spans the box of a large volume, however thin its lumen: tables of bricks here and
+/// on the device, and the slices of classes and distances that are written at a time.
+fn box_bytes(lumen: &Lumen) -> u64 {
+    let slice = u64::from(lumen.grid.dims.x) * u64::from(lumen.grid.dims.y);
+    3 * 4 * lumen.bricks.table().2.len() as u64 + 8 * (4 + 1) * slice
+}
+
 /// The lumen about a core as the grey values have it.
 ///
 /// * `held`: bytes of the samples in memory.
+///
+/// Returns the number of bricks it was computed on too.
 ///
 /// # Errors
 /// [`SessionError::Wall`], [`SessionError::Memory`], the device's.
@@ -321,7 +338,7 @@ fn wall_field(
     input: WallInput<'_>,
     allowed_mb: Option<u64>,
     clock: &mut Clock,
-) -> Result<(Lumen, WallField), SessionError> {
+) -> Result<((Lumen, WallField), u64), SessionError> {
     let start = Instant::now();
     let voxels = input.voxels() as u64;
     let bytes = held + WALL_BYTES * voxels;
@@ -352,7 +369,7 @@ fn wall_field(
         100.0 * stats.sheet_share,
         100.0 * stats.closed_by_limit_share
     );
-    Ok(made)
+    Ok((made, voxels / BRICK as u64))
 }
 
 fn notes(grid: &Grid, found: &SegmentationStats) -> Vec<String> {

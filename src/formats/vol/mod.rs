@@ -80,9 +80,10 @@ pub fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatEr
         FileKind::Dicom => dicom::inspect(path, options),
         FileKind::Zarr => {
             let image = ZarrImage::open(path)?;
+            let own = ImageInfo::of(&image.grid, image.sample_type(), Rescale::IDENTITY);
             Ok(InputInfo {
                 format: image.format.to_owned(),
-                image: Some(ImageInfo::of(&image.grid, image.sample_type(), Rescale::IDENTITY)),
+                image: Some(ImageInfo { reading_bytes: image.reading_bytes(), ..own }),
                 series: Vec::new(),
                 segments: Vec::new(),
                 notes: image.notes,

@@ -94,6 +94,14 @@ impl VolumeParts {
         self.grid.len() as u64 * self.sample_type.size() as u64
     }
 
+    /// Most memory that reading takes beside the samples, bytes.
+    pub fn reading_bytes(&self) -> u64 {
+        match &self.source {
+            PartSource::Zarr(image) => image.reading_bytes(),
+            PartSource::Raw(..) => 0,
+        }
+    }
+
     /// Shape of the boxes, from the first voxel on, that cost least to read: chunks, or rows.
     pub fn block(&self) -> UVec3 {
         match &self.source {

@@ -203,6 +203,14 @@ fn named(path: &Path, e: io::Error) -> FormatError {
 }
 
 impl ZarrImage {
+    /// Most memory that reading takes beside the samples, bytes: chunks as they are decoded.
+    pub fn reading_bytes(&self) -> u64 {
+        let size = self.array.sample_type.size() as u64;
+        let chunk = self.array.chunk.shape.iter().product::<u64>() * size;
+        let batch = (BATCH as u64).max(chunk * rayon::current_num_threads() as u64);
+        batch.min(self.grid.len() as u64 * size)
+    }
+
     /// Samples of a box of voxels, x fastest.
     ///
     /// * `lo`, `hi`: first voxel, and the one behind the last.
