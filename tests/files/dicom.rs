@@ -471,7 +471,8 @@ fn several_dicom_series_are_listed_and_one_is_chosen() {
     let e = read(dir.path()).unwrap_err();
     assert!(matches!(e, FormatError::Series { .. }));
     let text = e.to_string();
-    assert!(text.contains("1.2.3") && text.contains("1.2.4") && text.contains("3 slices"));
+    assert!(text.contains("\n  0  CT  ") && text.contains("\n  1  CT  "), "{text}");
+    assert!(text.contains("3 slices") && !text.contains("1.2.4"), "{text}");
     let info = inspect(dir.path(), &ReadOptions::default()).unwrap();
     assert!(info.image.is_none() && info.series.len() == 2);
     for wish in ["1", "1.2.4"] {
