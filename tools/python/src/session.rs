@@ -7,7 +7,7 @@ use intima::formats::{VideoWriter, to_json};
 use intima::geometry::Centerline;
 use intima::report_page::ReportPage;
 use intima::session::{
-    self as engine, CenterlineReport, LumenReport, OrganReport, Product, Recording, RunOutcome,
+    self as engine, CenterlineReport, LumenReport, OrganReport, Recording, RunOutcome,
     SessionError, Source, VolumeSource, WallReport, read_any_volume, written_mesh,
 };
 use intima::task::CancelToken;
