@@ -150,7 +150,7 @@ fn slices(
 /// product that the window does not show but the profile along the path.
 ///
 /// # Errors
-/// What the profile and the drawing fail with.
+/// Errors of the profile and of the drawing.
 pub(super) fn page(session: &Session, mut notes: Notes) -> Result<String, SessionError> {
     let of = [Product::Volume, Product::Lumen, Product::TriangleTree, Product::Flight];
     let there = session.products(&of);

@@ -174,7 +174,7 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
         .resizable(false)
         .anchor(Align2::CENTER_CENTER, Vec2::ZERO)
         .show(ui, |ui| {
-            // Of a low window it is scrolled: its last keys were below the edge at 800x600.
+            // The list scrolls in a low window: its last keys were below the edge at 800x600.
             let height = (ui.ctx().content_rect().height() - HELP_FRAME).max(60.0);
             let list = egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height);
             list.show(ui, |ui| {

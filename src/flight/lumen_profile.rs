@@ -73,7 +73,7 @@ impl LumenProfile {
     /// Measures the lumen along the pieces of a path, in the order and direction given.
     ///
     /// * `wall`: closed, LPS mm; `tree` is its hierarchy.
-    /// * `places`: of the whole centerline. A section of which more than [`MAX_ASTRAY`] lies beside
+    /// * `places`: points of the whole centerline by place. A section of which more than [`MAX_ASTRAY`] lies beside
     ///   another stretch of it is none across the path.
     /// * `resolved_mm`: side of a voxel. A place with a smaller radius, or narrower by less than half
     ///   of it, is not listed as narrow: that is noise.
@@ -183,7 +183,7 @@ fn narrowest(radius: &[f64], cuts: &[usize], resolved_mm: f64) -> Vec<(usize, f6
         for i in start..end {
             let here = radius[i];
             let widest = |side: &mut dyn Iterator<Item = &f64>| side.fold(here, |a, b| a.max(*b));
-            // Of equal radii the first is the minimum.
+            // The first of equal radii is the minimum.
             let before = widest(&mut radius[start..i].iter().rev().take_while(|r| **r > here));
             let after = widest(&mut radius[i + 1..end].iter().take_while(|r| **r >= here));
             let narrowing = 1.0 - here / before.min(after);

@@ -9,7 +9,7 @@ use crate::session::{
 };
 
 pub(super) fn section(report: &Report) -> Markup {
-    // Of other scans the unit of the values is not known.
+    // The unit of values is known for CT alone.
     let is_ct = report.input.as_ref().is_some_and(|i| i.modality == Some("CT"));
     let unit = if is_ct { "\u{a0}HU" } else { "" };
     html! {

@@ -156,7 +156,7 @@ impl Levels {
     /// The paper's: the mesh simplified to `base` faces, subdivided where the camera looks, every
     /// new vertex on the original by the record of the collapses.
     ///
-    /// * `tree`: of the mesh's faces.
+    /// * `tree`: hierarchy of the mesh's faces.
     /// * `metric`: cost of a collapse.
     /// * `finest_mm`: distance from the mesh at which triangles are not split further.
     ///
@@ -204,7 +204,7 @@ impl Levels {
 
     /// Leaves out what the wall itself hides.
     ///
-    /// * `grid`: of the closed wall that these are levels of; eyes are inside.
+    /// * `grid`: exterior of the closed wall whose levels these are; eyes are inside the wall.
     #[must_use]
     pub fn with_occlusion(self, grid: Arc<ExteriorGrid>) -> Self {
         let margin = match &self.kind {

@@ -169,7 +169,7 @@ impl Session {
     /// kept for it; without one they are drawn.
     ///
     /// # Errors
-    /// What the stages and the drawing fail with.
+    /// Errors of the stages and of the drawing.
     pub fn report_pictures(
         &self,
         stream: Option<&mut FrameStream>,

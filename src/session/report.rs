@@ -402,7 +402,7 @@ impl Session {
     /// the branches of a tree.
     ///
     /// # Errors
-    /// What the branches fail with.
+    /// Errors of the branches.
     pub fn report_so_far(
         &self,
         frames: Option<&super::FrameStream>,

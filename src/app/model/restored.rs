@@ -180,7 +180,7 @@ mod tests {
         let moved = opened.pose.unwrap().position_mm.distance(pose.unwrap().position_mm);
         assert!(moved < 1e-4 && !opened.on_path, "{moved} mm away");
 
-        // Of a branch that is gone all else is restored.
+        // Where the branch is gone, everything else is restored.
         let (mut other, _session) = flown_model(Kind::Tube, |_| {});
         other.restore_view(&SavedView { branch: Some(99), ..saved });
         other.give_up_branch();

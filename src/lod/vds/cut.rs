@@ -165,22 +165,34 @@ impl Vds {
                 }
                 let need = q as Fineness - STEP;
                 for e in 0..3 {
-                    while let Some((m, _)) = self.across(id, e)
-                        && self.fineness(m) < need
-                    {
-                        if need <= self.origin(m) + SPLITS as Fineness * STEP {
-                            self.states[m as usize] = NodeState::Drawn(need);
-                            push(&mut open, m, need);
-                            break;
-                        }
-                        self.states[m as usize] = NodeState::Below;
-                        for c in self.surface.forest.children(m) {
-                            let least = self.least(c);
-                            self.states[c as usize] = NodeState::Drawn(least);
-                            push(&mut open, c, least);
-                        }
-                    }
+                    self.raise_across(id, e, need, |m, q| push(&mut open, m, q));
                 }
+            }
+        }
+    }
+
+    /// Raises the patch across a side to a fineness, or draws its children instead of it until one
+    /// can have that fineness. `raised` is told every patch that changed.
+    fn raise_across(
+        &mut self,
+        id: u32,
+        side: usize,
+        need: Fineness,
+        mut raised: impl FnMut(u32, Fineness),
+    ) {
+        while let Some((m, _)) = self.across(id, side)
+            && self.fineness(m) < need
+        {
+            if need <= self.origin(m) + SPLITS as Fineness * STEP {
+                self.states[m as usize] = NodeState::Drawn(need);
+                raised(m, need);
+                return;
+            }
+            self.states[m as usize] = NodeState::Below;
+            for c in self.surface.forest.children(m) {
+                let least = self.least(c);
+                self.states[c as usize] = NodeState::Drawn(least);
+                raised(c, least);
             }
         }
     }

@@ -20,7 +20,7 @@ const BATCH: usize = 64 << 20;
 /// Most bytes of samples that a stored byte stands for. A constant chunk of 64³ samples takes some
 /// 20 bytes, and what equals the fill value takes no chunk.
 const MAX_SPARSE: u64 = 1 << 18;
-/// Bytes of an entry of a shard's index, and what it says of a chunk that is not there.
+/// Bytes of an entry of a shard's index, and the value that marks an absent chunk.
 const ENTRY: usize = 16;
 const ABSENT: u64 = u64::MAX;
 
@@ -259,7 +259,7 @@ impl ZarrImage {
             stride *= shape[*axis] as usize;
         }
         let [sx, sy, sz] = self.axes.map(|a| strides[a]);
-        // Of axis k: range of the box that the chunk covers, and the chunk's first place there.
+        // Along axis k: range of the box that the chunk covers, and the chunk's first place there.
         let span = |chunk: &DecodedChunk, k: usize| {
             let first = chunk.first[self.axes[k]] as i64 - i64::from(lo[k]);
             let end = first + shape[self.axes[k]] as i64;
