@@ -4,7 +4,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use crate::compute::{Outputs, Plan, run_cpu};
-use crate::vk::{Choice, DeviceInfo, Gpu, VkError};
+use crate::vk::{Choice, DeviceInfo, Gpu, PlanCounts, VkError};
 
 /// Choice of the device that computes, as written on the command line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -167,6 +167,15 @@ impl Device {
         match self {
             Self::Cpu => 0,
             Self::Gpu(gpu) => gpu.submissions(),
+        }
+    }
+
+    /// Returns what plans asked of the device so far, and the least that they had to; the CPU is
+    /// asked nothing.
+    pub fn plan_counts(&self) -> [PlanCounts; 2] {
+        match self {
+            Self::Cpu => Default::default(),
+            Self::Gpu(gpu) => gpu.plan_counts(),
         }
     }
 

@@ -142,7 +142,7 @@ impl VisibilityInput {
         lumen: &LumenBuffers,
         open: &'a [u64],
     ) -> Pending {
-        let first = plan.zeroed::<u32>("first viewer", self.seen.len());
+        let first = plan.undefined::<u32>("first viewer", self.seen.len());
         let bindings = kernel::Bindings {
             near: lumen.near,
             corner: lumen.corner,

@@ -15,6 +15,7 @@ use crate::session::{
     HessianSettings, LumenSettings, Mode, Product, Session, Settings, Source, StageTime,
     VolumeSource, kernels,
 };
+use crate::vk::PlanCounts;
 use crate::volume::Volume;
 use crate::volume::phantom::{Kind, Phantom};
 
@@ -29,6 +30,9 @@ pub struct Args {
     /// Timed runs after a warm-up; medians are shown
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     runs: u32,
+    /// Also count what one chain of plans asks of each device, beside the least that it had to
+    #[arg(long)]
+    counts: bool,
 }
 
 /// One kernel or stage on one device.
@@ -75,6 +79,10 @@ struct DeviceSummary {
     plans: usize,
     /// Submissions of the chain.
     submissions: u64,
+    /// Counts of what the chain asked of a Vulkan device that had the memory of an earlier chain.
+    asked: PlanCounts,
+    /// Least that it had to ask.
+    least: PlanCounts,
 }
 
 /// Everything that was measured.
@@ -156,6 +164,9 @@ impl Args {
         }
         for d in &devices {
             global.say(d.line())?;
+            if self.counts {
+                d.counts().try_for_each(|line| global.say(line))?;
+            }
         }
         global.answer(&BenchReport {
             phantom: "colon",
@@ -207,6 +218,10 @@ impl Args {
                 }
             }
         }
+        let before = device().plan_counts();
+        stages(&mut session)?;
+        let after = device().plan_counts();
+        let [asked, least] = [0, 1].map(|i| after[i].since(&before[i]));
         let copy = copy_rate(&mut device(), COPIED, self.runs as usize)?;
         let rate = copy.gb_per_s.max(1e-9);
         let at = kernels().position(|k| k.name() == "copy").unwrap_or(999);
@@ -247,6 +262,8 @@ impl Args {
             first_dispatch_ms: device().first_dispatch().map(|d| d.as_secs_f64() * 1e3),
             plans,
             submissions,
+            asked,
+            least,
         };
         Ok((summary, rows, counts))
     }
@@ -266,6 +283,32 @@ impl DeviceSummary {
             line += &format!("{submissions} submissions for {plans} plans");
         }
         line
+    }
+}
+
+impl DeviceSummary {
+    /// Counts of a Vulkan device for people, a line each.
+    fn counts(&self) -> impl Iterator<Item = String> {
+        let Self { device, asked, least, .. } = self;
+        let mb = |bytes: u64| format!("{:.3}", bytes as f64 / 1e6);
+        let rows = [
+            ("pieces of memory", asked.allocations.to_string(), least.allocations.to_string()),
+            ("submissions", asked.submissions.to_string(), least.submissions.to_string()),
+            ("waits of the host", asked.waits.to_string(), least.waits.to_string()),
+            ("barriers", asked.barriers.to_string(), "-".to_owned()),
+            ("cleared, MB", mb(asked.cleared_bytes), mb(least.cleared_bytes)),
+            ("written by the host, MB", mb(asked.uploaded_bytes), mb(least.uploaded_bytes)),
+            ("copied by the device, MB", mb(asked.copied_bytes), mb(least.copied_bytes)),
+            ("read back, MB", mb(asked.read_back_bytes), mb(least.read_back_bytes)),
+            ("memory of the largest plan, MB", mb(asked.arena_bytes), mb(least.arena_bytes)),
+        ];
+        let head = format!(
+            "{device}: {} plans with {} launches{:>14}{:>12}",
+            asked.plans, asked.launches, "asked", "least"
+        );
+        let table = rows.map(|(name, asked, least)| format!("  {name:<32}{asked:>12}{least:>12}"));
+        let any = asked.plans > 0;
+        std::iter::once(head).chain(table).filter(move |_| any)
     }
 }
 

@@ -6,6 +6,10 @@ use std::time::Instant;
 use super::array::Storage;
 use super::{Contents, CpuArgs, Outputs, Plan, StepTime};
 
+/// Bytes of undefined contents in builds with debug assertions: floats are tiny and negative,
+/// integers huge.
+const NONSENSE: u8 = 0xA5;
+
 enum BufferData<'a> {
     Input(&'a [u8]),
     Own(Storage),
@@ -28,7 +32,7 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
         .buffers()
         .iter()
         .map(|b| match &b.contents {
-            Contents::Zeroed => None,
+            Contents::Zeroed | Contents::Undefined => None,
             Contents::Borrowed(data) => Some(BufferData::Input(data)),
             Contents::Owned(data) => Some(BufferData::Own(Storage::from_bytes(data))),
         })
@@ -45,11 +49,15 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
             let bytes = plan.buffers()[at].bytes;
             let slot = &mut held[at];
             if slot.is_none() {
-                let mut zeros = Storage::zeroed(bytes);
-                if binding.read {
-                    zeros.touch();
+                let mut fresh = Storage::zeroed(bytes);
+                if cfg!(debug_assertions)
+                    && matches!(plan.buffers()[at].contents, Contents::Undefined)
+                {
+                    fresh.typed_mut::<u8>(bytes).fill(NONSENSE);
+                } else if binding.read {
+                    fresh.touch();
                 }
-                *slot = Some(BufferData::Own(zeros));
+                *slot = Some(BufferData::Own(fresh));
             }
             writes.push(if binding.writable {
                 let own = match slot.take() {

@@ -41,6 +41,8 @@ impl<T> Buf<T> {
 pub enum Contents<'a> {
     /// Zero bytes.
     Zeroed,
+    /// Any bytes: launches write whatever is read.
+    Undefined,
     /// Bytes the plan borrows.
     Borrowed(&'a [u8]),
     /// Bytes the plan owns.
@@ -109,7 +111,14 @@ impl<'a> Plan<'a> {
         self.push(name, data.len(), Contents::Owned(bytes))
     }
 
-    /// Adds a zeroed buffer of `len` elements.
+    /// Adds a buffer of `len` elements that launches write before anything reads them. A device
+    /// spends no time on its contents before, and may give it the memory of a buffer that is not
+    /// needed any more. Builds with debug assertions fill it with nonsense on the CPU.
+    pub fn undefined<T: Pod>(&mut self, name: &'static str, len: usize) -> Buf<T> {
+        self.push(name, len, Contents::Undefined)
+    }
+
+    /// Adds a zeroed buffer of `len` elements, for launches that write only some of them.
     pub fn zeroed<T: Pod>(&mut self, name: &'static str, len: usize) -> Buf<T> {
         self.push(name, len, Contents::Zeroed)
     }
@@ -207,6 +216,12 @@ impl Outputs {
     /// Adds a downloaded buffer (for runners).
     pub fn insert_bytes(&mut self, id: BufId, bytes: &[u8]) {
         self.arrays.insert(id, (Storage::from_bytes(bytes), bytes.len()));
+    }
+
+    /// Returns the bytes of a downloaded buffer to be filled, zeros at first (for runners).
+    pub fn bytes_mut(&mut self, id: BufId, bytes: usize) -> &mut [u8] {
+        let empty = || (Storage::zeroed(bytes), bytes);
+        self.arrays.entry(id).or_insert_with(empty).0.typed_mut(bytes)
     }
 
     /// Returns a downloaded buffer.

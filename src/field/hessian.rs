@@ -37,7 +37,7 @@ pub fn smooth(
             continue;
         }
         let weight = plan.upload_owned("gaussian weights", &weights);
-        let g = plan.zeroed::<f32>("smoothed", lumen.field_len());
+        let g = plan.undefined::<f32>("smoothed", lumen.field_len());
         // Far enough out, yet clear of overflow when the radius is added.
         let (low, high) =
             repeat.map_or((i32::MIN / 2, i32::MAX / 2), |dims| (0, dims[axis as usize] as i32 - 1));
@@ -74,7 +74,7 @@ pub fn hessian(
     for first in (0..lumen.slots).step_by(at_once as usize) {
         let slots = at_once.min(lumen.slots - first);
         let voxels = slots as usize * BRICK;
-        let response = plan.zeroed::<f32>("hessian response", voxels * components);
+        let response = plan.undefined::<f32>("hessian response", voxels * components);
         let params = kernel::Params {
             spacing_mm: lumen.spacing_mm.as_vec3().to_array(),
             sign: if dark { -1.0 } else { 1.0 },

@@ -240,7 +240,7 @@ mod tests {
             let mut plan = Plan::new();
             let near = plan.upload("near", &near);
             let from = plan.upload("f", &f);
-            let g = plan.zeroed::<f32>("g", f.len());
+            let g = plan.undefined::<f32>("g", f.len());
             let slots = lumen.bricks.len();
             let params = Params { slots: slots as u32, axis, step2, finish: 0, scale: 1.0 };
             plan.launch(&KERNEL, Bindings { near, f: from, g }, params, f.len(), f.len());

@@ -38,7 +38,8 @@ fn twin(args: &mut CpuArgs<'_>) {
         for (row, out) in out.chunks_exact_mut(8).enumerate() {
             let bits = row_bits(slot, row);
             if bits == 0 {
-                continue; // zeroed already
+                out.fill(0.0);
+                continue;
             }
             let mut run = if bits & 1 != 0 { carry(slot, row, false) } else { 0 };
             let mut k = [0u32; 8];

@@ -64,7 +64,8 @@ fn twin(args: &mut CpuArgs<'_>) {
             crate::task::checkpoint();
             places(slot, around);
             if !gather(lines, around, s.f, axis) {
-                return; // all around is 0, and so is the result already
+                out.fill(0.0);
+                return;
             }
             let outside = [0, 1, 2, 3, 4, 5, 6, 7].map(|at| outside(slot, at));
             arch.dispatch(Sums { out, lines, weight, axis, outside });

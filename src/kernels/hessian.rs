@@ -23,13 +23,15 @@ fn twin(args: &mut CpuArgs<'_>) {
             let slot = at + p.first as usize;
             let inside: &[u8] = bytemuck::cast_slice(&s.inside[slot * 16..][..16]);
             if inside.iter().all(|w| *w == 0) {
+                out.fill(0.0);
                 return;
             }
             let halo = Halo::gather(s.near, s.f, slot);
             for (row, out) in out.chunks_exact_mut(8 * stride).enumerate() {
                 let inside = inside[row];
                 if inside == 0 {
-                    continue; // zeroed already
+                    out.fill(0.0);
+                    continue;
                 }
                 let keep = |i: usize, v: f32| if inside >> i & 1 != 0 { v } else { 0.0 };
                 let work = LaneRow { halo: &halo, row, spacing_mm: p.spacing_mm, sign: p.sign };

@@ -49,9 +49,9 @@ pub fn ridge(
 ) -> RidgePoints {
     let slots = lumen.slots as usize;
     let spacing_mm = lumen.spacing_mm.as_vec3().to_array();
-    let marked = plan.zeroed::<u32>("ridge bits", slots * 16);
-    let count = plan.zeroed::<u32>("ridge counts", slots);
-    let sums = plan.zeroed::<u32>("ridge sums", slots + 1);
+    let marked = plan.undefined::<u32>("ridge bits", slots * 16);
+    let count = plan.undefined::<u32>("ridge counts", slots);
+    let sums = plan.undefined::<u32>("ridge sums", slots + 1);
     let list = plan.zeroed::<u32>("ridge list", capacity);
     let measure = plan.zeroed::<f32>("ridge measures", capacity * STRIDE);
 

@@ -28,7 +28,7 @@ pub struct CopyRate {
 pub fn copy_rate(device: &mut Device, bytes: u64, runs: usize) -> Result<CopyRate, SessionError> {
     let quads = (bytes.min(device.max_buffer_bytes()) / 16) as usize;
     let mut plan = Plan::new();
-    let (a, b) = (plan.zeroed("a", quads), plan.zeroed("b", quads));
+    let (a, b) = (plan.zeroed("a", quads), plan.undefined("b", quads));
     for i in 0..runs + 2 {
         let (source, copied) = if i % 2 == 0 { (a, b) } else { (b, a) };
         let params = Params { quads: quads as u32 };

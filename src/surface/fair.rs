@@ -104,7 +104,7 @@ pub fn fair<'a>(
     let mut spare: Option<Buf<f32>> = None;
     let params = kernel::Params { vertices: vertices as u32, lambda: fairing.lambda };
     for step in 0..fairing.steps {
-        let faired = spare.unwrap_or_else(|| plan.zeroed("faired normals", start.len()));
+        let faired = spare.unwrap_or_else(|| plan.undefined("faired normals", start.len()));
         let bindings = kernel::Bindings { start: rows, near, weight, normal, faired };
         plan.launch(&kernel::KERNEL, bindings, params, vertices, vertices);
         // Two buffers of our own go back and forth; the caller's stays as it was.

@@ -274,8 +274,8 @@ pub fn multiscale_normals<'a>(
         std::mem::swap(&mut now, &mut next);
     }
 
-    let mut energy = plan.zeroed::<f32>("energy of bands", 5 * n);
-    let mut pooled = plan.zeroed::<f32>("pooled energy", 5 * n);
+    let mut energy = plan.undefined::<f32>("energy of bands", 5 * n);
+    let mut pooled = plan.undefined::<f32>("pooled energy", 5 * n);
     let params = scale_bands::Params { vertices };
     let bindings = scale_bands::Bindings { normal, level, energy };
     plan.launch(&scale_bands::KERNEL, bindings, params, n, n);
@@ -289,7 +289,7 @@ pub fn multiscale_normals<'a>(
     let axis = |k: usize| frame.direction.col(k).as_vec3().extend((h[k] / most) as f32).to_array();
     // Thick slices make sharper steps the finer the grid is within a slice.
     let terrace = |k: usize| (h[k] / most * (h[k] / least).powf(0.4)) as f32;
-    let faired = plan.zeroed::<f32>("faired normals", normals.len());
+    let faired = plan.undefined::<f32>("faired normals", normals.len());
     let params = scale_restore::Params {
         axis_x: axis(0),
         axis_y: axis(1),

@@ -174,16 +174,16 @@ pub fn relax<'a>(
     let start = plan.upload("adjacency rows", &adjacency.start);
     let near = plan.upload("adjacent vertices", &adjacency.near);
     let edge = plan.upload("grid edges", &input.edges);
-    let bound = plan.zeroed::<[f32; 2]>("offsets and limits", n);
-    let coupling = plan.zeroed::<f32>("couplings", adjacency.near.len());
-    let mut bend = plan.zeroed::<f32>("bend of normals", n);
+    let bound = plan.undefined::<[f32; 2]>("offsets and limits", n);
+    let coupling = plan.undefined::<f32>("couplings", adjacency.near.len());
+    let mut bend = plan.undefined::<f32>("bend of normals", n);
     let bindings =
         relax_coefficients::Bindings { start, near, edge, normal: normals, bound, coupling, bend };
     plan.launch(&relax_coefficients::KERNEL, bindings, input.params(), n, n);
 
     let place = plan.zeroed::<f32>("fractions", n);
     let mut now = plan.zeroed::<f32>("extrapolated fractions", n);
-    let mut next = plan.zeroed::<f32>("next fractions", n);
+    let mut next = plan.undefined::<f32>("next fractions", n);
     for _ in 0..STEPS {
         let params = relax_step::Params { momentum: MOMENTUM, vertices };
         let bindings = relax_step::Bindings { start, near, coupling, bound, now, place, next };

@@ -1,5 +1,6 @@
 //! The device and every Vulkan resource, under one owner.
 
+use std::cell::Cell;
 use std::mem::ManuallyDrop;
 use std::ops::Deref;
 use std::path::PathBuf;
@@ -11,13 +12,15 @@ use slotmap::SlotMap;
 
 use super::cache::Cache;
 use super::commands::Commands;
+use super::counts::PlanCounts;
 use super::draw_pipeline::DrawPipeline;
 use super::ids::ResourceId;
 use super::info::{self, Choice, DeviceInfo};
 use super::instance::{Instance, Validate};
-use super::memory::Memory;
+use super::memory::{Buffer, Memory};
 use super::pieces::Rates;
 use super::pipeline::ComputePipelines;
+use super::plan_memory::Arena;
 use super::presentation::{PresentationSurface, Presenter, WindowHandles, display_of};
 use super::resources::{GpuBuffer, GpuImage};
 use super::retire::{Releaser, RetireQueue, Retired};
@@ -92,6 +95,14 @@ pub struct Gpu {
     pub(super) transitions: Vec<(ImageId, vk::ImageLayout)>,
     /// Measured speed of each kernel on this device.
     pub(super) rates: Rates,
+    /// Memory of the last plan, for the next one.
+    pub(super) arena: Arena,
+    /// Memory that results of plans are read back through.
+    pub(super) readback: Option<Buffer>,
+    /// Counts of what plans asked of the device, and of the least that they had to.
+    pub(super) counts: [PlanCounts; 2],
+    /// Number of times that the host waited for the device.
+    pub(super) waits: Cell<u64>,
     /// The longest submission of a plan so far.
     pub(super) longest_piece: Duration,
     started: Instant,
@@ -187,6 +198,10 @@ impl Gpu {
             made: None,
             transitions: Vec::new(),
             rates: Rates::default(),
+            arena: Arena::default(),
+            readback: None,
+            counts: Default::default(),
+            waits: Cell::new(0),
             longest_piece: Duration::ZERO,
             started,
             first_dispatch: None,
@@ -225,6 +240,11 @@ impl Gpu {
         self.longest_piece
     }
 
+    /// Returns what plans asked of the device so far, and the least that they had to.
+    pub fn plan_counts(&self) -> [PlanCounts; 2] {
+        self.counts
+    }
+
     /// Returns the messages of the validation layer so far, severity warning and above. Always
     /// empty without validation.
     pub fn validation_messages(&self) -> Vec<String> {
@@ -246,6 +266,7 @@ impl Gpu {
 
     /// Blocks until the device has reached a timeline value; `what` names its work in the error.
     pub(super) fn wait(&self, value: u64, what: &'static str) -> Result<(), VkError> {
+        self.waits.set(self.waits.get() + 1);
         match self.instance.validate {
             Validate::GpuAssisted => self.wait_idle(),
             _ => self.timeline.wait(value, what),

@@ -82,6 +82,7 @@ pub(super) struct Memory {
     allocator: Allocator,
     unified: bool,
     given_up: bool,
+    allocations: u64,
 }
 
 impl Memory {
@@ -105,7 +106,7 @@ impl Memory {
             bytes: 0,
             detail: e.to_string(),
         })?;
-        Ok(Self { device: device.clone(), allocator, unified, given_up: false })
+        Ok(Self { device: device.clone(), allocator, unified, given_up: false, allocations: 0 })
     }
 
     /// Keeps what is freed from now on: the device was given up and may still use it.
@@ -131,41 +132,93 @@ impl Memory {
         usage: vk::BufferUsageFlags,
         memory_use: MemoryUse,
     ) -> Result<Buffer, VkError> {
-        let location = match memory_use {
+        let (raw, requirements) = self.unbound_buffer(name, bytes, usage)?;
+        let bytes = whole_words(bytes);
+        let scheme = if bytes >= DEDICATED {
+            AllocationScheme::DedicatedBuffer(raw)
+        } else {
+            AllocationScheme::GpuAllocatorManaged
+        };
+        let location = self.location(memory_use);
+        let bound = self
+            .allocate(name, requirements, location, true, scheme)
+            .and_then(|memory| self.bind(raw, &memory, 0).map(|()| memory));
+        match bound {
+            Ok(memory) => Ok(Buffer { raw, bytes, memory }),
+            Err(e) => {
+                self.free_unbound(raw);
+                Err(e)
+            }
+        }
+    }
+
+    fn location(&self, memory_use: MemoryUse) -> MemoryLocation {
+        match memory_use {
             // Cached where possible: results are read back by the host in place.
             MemoryUse::Device if self.unified => MemoryLocation::GpuToCpu,
             MemoryUse::Device => MemoryLocation::GpuOnly,
             MemoryUse::Upload => MemoryLocation::CpuToGpu,
             MemoryUse::Readback => MemoryLocation::GpuToCpu,
-        };
-        let bytes = bytes.next_multiple_of(4).max(16);
+        }
+    }
+
+    /// Creates a buffer of `bytes`, rounded up to whole words, without memory; returns it and what
+    /// it asks of memory.
+    pub fn unbound_buffer(
+        &mut self,
+        name: &str,
+        bytes: u64,
+        usage: vk::BufferUsageFlags,
+    ) -> Result<(vk::Buffer, vk::MemoryRequirements), VkError> {
+        let bytes = whole_words(bytes);
         self.room_for(name, bytes)?;
         let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
         // SAFETY: the device is live: `Gpu` drops `Memory` before it.
         let raw = unsafe { self.device.create_buffer(&info, None) }
             .map_err(VkError::of("vkCreateBuffer"))?;
         // SAFETY: `raw` was just created by this device.
-        let requirements = unsafe { self.device.get_buffer_memory_requirements(raw) };
-        let scheme = if bytes >= DEDICATED {
-            AllocationScheme::DedicatedBuffer(raw)
-        } else {
-            AllocationScheme::GpuAllocatorManaged
+        Ok((raw, unsafe { self.device.get_buffer_memory_requirements(raw) }))
+    }
+
+    /// Takes memory on the device for buffers that are bound later.
+    pub fn block(&mut self, requirements: vk::MemoryRequirements) -> Result<Allocation, VkError> {
+        let location = self.location(MemoryUse::Device);
+        let scheme = AllocationScheme::GpuAllocatorManaged;
+        self.allocate("the buffers of a plan", requirements, location, true, scheme)
+    }
+
+    /// Binds a buffer of this device that has no memory to a place in memory of its kind, which has
+    /// room for it there.
+    pub fn bind(&self, raw: vk::Buffer, memory: &Allocation, offset: u64) -> Result<(), VkError> {
+        // SAFETY: both are of this device and the buffer unbound; size, alignment and type of the
+        // place come from the buffer's own requirements. The offset within a block is aligned for
+        // every buffer of the block, and so is the block.
+        let bound = unsafe {
+            self.device.bind_buffer_memory(raw, memory.memory(), memory.offset() + offset)
         };
-        let bound = self.allocate(name, requirements, location, true, scheme).and_then(|memory| {
-            // SAFETY: both are fresh, of this device and unbound; size, alignment and type come
-            // from the buffer's own requirements.
-            let bind =
-                unsafe { self.device.bind_buffer_memory(raw, memory.memory(), memory.offset()) };
-            bind.map(|()| memory).map_err(VkError::of("vkBindBufferMemory"))
-        });
-        match bound {
-            Ok(memory) => Ok(Buffer { raw, bytes, memory }),
-            Err(e) => {
-                // SAFETY: `raw` is ours and was never used.
-                unsafe { self.device.destroy_buffer(raw, None) };
-                Err(e)
-            }
+        bound.map_err(VkError::of("vkBindBufferMemory"))
+    }
+
+    /// Destroys a buffer that the device is done with and whose memory is not its own.
+    pub fn free_unbound(&mut self, raw: vk::Buffer) {
+        if !self.given_up {
+            // SAFETY: `raw` is ours, goes once, and no submission that uses it is running.
+            unsafe { self.device.destroy_buffer(raw, None) };
         }
+    }
+
+    /// Frees a block that the device is done with.
+    pub fn free_block(&mut self, block: Allocation) {
+        if self.given_up {
+            return std::mem::forget(block);
+        }
+        // Freeing fails only for an allocation that is not ours.
+        let _ = self.allocator.free(block);
+    }
+
+    /// Returns how often memory was taken.
+    pub fn allocations(&self) -> u64 {
+        self.allocations
     }
 
     /// Creates a two-dimensional image in undefined layout, with views of all of it.
@@ -293,6 +346,7 @@ impl Memory {
         linear: bool,
         allocation_scheme: AllocationScheme,
     ) -> Result<Allocation, VkError> {
+        self.allocations += 1;
         let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme };
         self.allocator.allocate(&desc).map_err(|e| VkError::OutOfMemory {
             what: name.into(),
@@ -300,4 +354,9 @@ impl Memory {
             detail: e.to_string(),
         })
     }
+}
+
+/// Size of a buffer for `bytes`: whole words, and at least four.
+fn whole_words(bytes: u64) -> u64 {
+    bytes.next_multiple_of(4).max(16)
 }

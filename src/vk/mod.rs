@@ -7,15 +7,18 @@
 //! goes down in this order: device idle, resources, pipelines, allocator, device, instance.
 #![allow(unsafe_code)]
 
+mod arena;
 mod cache;
 mod check;
 mod commands;
+mod counts;
 mod device;
 mod draw;
 mod draw_pipeline;
 mod error;
 mod frame;
 mod gpu;
+mod hazards;
 mod ids;
 mod info;
 mod initialized;
@@ -24,6 +27,7 @@ mod memory;
 mod passes;
 mod pieces;
 mod pipeline;
+mod plan_memory;
 mod presentation;
 mod process;
 mod resources;
@@ -32,10 +36,12 @@ mod runner;
 mod spirv;
 mod staging;
 mod timeline;
+mod transfers;
 
 /// Pipeline stages and kinds of access of one side of a barrier.
 type StageAccess = (ash::vk::PipelineStageFlags2, ash::vk::AccessFlags2);
 
+pub use counts::PlanCounts;
 pub use draw::{Area, Draw, DrawRange, IndexedRange, Pass};
 pub use draw_pipeline::{Attribute, Blend, DepthUse, DrawEntry, DrawShader, DrawSpec};
 pub use error::VkError;

@@ -165,6 +165,7 @@ impl Gpu {
             Err(VkError::OutOfMemory { .. }) => {
                 self.wait(self.timeline.submitted, "the last use of retired memory")?;
                 self.reap()?;
+                self.free_arena();
                 take(&mut self.memory)
             }
             taken => taken,
@@ -185,6 +186,8 @@ impl Gpu {
     pub(super) fn destroy_all(&mut self) {
         let mut all: Vec<Retired> = self.retired.reap(u64::MAX).collect();
         all.extend(self.staging.buffer.take().map(Retired::Buffer));
+        all.extend(self.readback.take().map(Retired::Buffer));
+        self.free_arena();
         all.extend(self.buffers.drain().map(|(_, b)| b).map(|b| Retired::Buffer(b.buffer)));
         all.extend(self.draw_pipelines.drain().map(|(_, p)| p).map(Retired::Pipeline));
         all.extend(self.images.drain().map(|(_, i)| i).map(|i| Retired::Image(i.image)));

@@ -1,13 +1,18 @@
 //! Execution of a plan: in as many submissions as keep each short (`pieces`), with one barrier
-//! between dependent launches; only requested buffers are read back, at the end.
+//! between dependent launches (`hazards`), in memory that is kept for the next plan (`arena`,
+//! `plan_memory`); only requested buffers are read back, at the end (`transfers`).
 
 use std::time::{Duration, Instant};
 
 use ash::vk;
 
-use super::memory::{Buffer, MemoryUse};
+use super::arena::bound;
+use super::counts::PlanCounts;
+use super::hazards::Hazards;
 use super::pieces::{AIM, LaunchSegment, Pieces, most_threads};
 use super::pipeline::Compute;
+use super::plan_memory::{PlanMemory, input};
+use super::transfers::{HOST_READ, TRANSFER_WRITE, input_batches, result_batches};
 use super::{Gpu, StageAccess, VkError};
 use crate::compute::{Contents, Outputs, Plan, Step, StepTime};
 use crate::{fault, task};
@@ -20,18 +25,14 @@ pub struct RunOptions {
     pub skip_barriers: bool,
     /// Target duration of a submission; [`Duration::MAX`] makes one of the whole plan.
     pub piece: Option<Duration>,
+    /// Fills buffers of undefined contents with nonsense, as the memory of other plans would be.
+    pub nonsense: bool,
 }
 
 /// Device resources of one run.
 #[derive(Default)]
 struct RunResources {
-    /// Buffers in the order of the plan's; `None` where no launch binds it or it has no bytes.
-    buffers: Vec<Option<Buffer>>,
-    /// Buffer that is bound in place of those without bytes. A shader sees four words there and no
-    /// size, so kernels take their sizes from the immediate block.
-    dummy: Option<Buffer>,
-    staging: Vec<(usize, Buffer)>,
-    readback: Vec<(usize, Buffer)>,
+    memory: PlanMemory,
     sets: vk::DescriptorPool,
     queries: vk::QueryPool,
 }
@@ -55,8 +56,20 @@ impl Gpu {
     pub fn run_with(&mut self, plan: &Plan<'_>, options: RunOptions) -> Result<Outputs, VkError> {
         let bound = bound(plan);
         self.check(plan, &bound)?;
+        let before = (self.timeline.submitted, self.waits.get(), self.memory.allocations());
         let mut held = RunResources::default();
         let result = self.run_held(plan, &bound, options, &mut held);
+        let layout = &held.memory.layout;
+        self.counts[1].add(&PlanCounts::least(plan, &bound, layout, !self.memory.unified()));
+        self.counts[0].add(&PlanCounts {
+            plans: 1,
+            launches: plan.steps().len() as u64,
+            allocations: self.memory.allocations() - before.2,
+            submissions: self.timeline.submitted - before.0,
+            waits: self.waits.get() - before.1,
+            arena_bytes: layout.blocks.iter().sum(),
+            ..PlanCounts::default()
+        });
         self.destroy_run(held, result.is_err());
         result
     }
@@ -87,7 +100,7 @@ impl Gpu {
         options: RunOptions,
         held: &mut RunResources,
     ) -> Result<Outputs, VkError> {
-        self.allocate(plan, bound, held)?;
+        self.allocate_plan(plan, bound, &mut held.memory)?;
         let sets = self.write_sets(plan, held)?;
         let steps = plan.steps().len() as u32;
         if self.info.limits.timestamp_bits > 0 && steps > 0 {
@@ -106,29 +119,48 @@ impl Gpu {
             pipelines.push(self.pipelines.get(&self.device, &self.cache, shader, restricted)?);
         }
 
+        let staged = !self.memory.unified();
+        let (mut inputs, mut results) = (Vec::new(), Vec::new());
+        if staged {
+            inputs = input_batches(plan, &held.memory);
+            results = result_batches(plan, &held.memory);
+            self.room_for_results(&results)?;
+        } else {
+            self.write_in_place(plan, &mut held.memory);
+        }
+        // The last batch of inputs goes with the first launches, a single one of results with the
+        // last.
+        let mut last_input = inputs.pop();
+        self.send_inputs(plan, &held.memory, &inputs)?;
+
+        let fills = fills(plan, options.nonsense);
         let mut pieces = Pieces::new(plan, self.info.limits.groups[0]);
-        let mut hazards = Hazards::new(plan.buffers().len());
+        let mut hazards = Hazards::new(&held.memory.layout.aliases);
         let mut seconds = vec![0.0; plan.steps().len()];
-        let mut is_first = true;
         loop {
             let piece = pieces.next(plan, &self.rates, options.piece.unwrap_or(AIM));
             let is_last = pieces.is_done();
+            let inputs = last_input.take();
+            let place = inputs.as_ref().map(|batch| self.stage_inputs(plan, batch)).transpose()?;
             let reached = self.reached()?;
             let cmd = self.commands.begin(reached)?;
             self.reset_stamps(cmd, held, piece.len() as u32 + 1);
-            if is_first {
-                self.record_uploads(cmd, plan, held);
+            if let (Some(batch), Some(place)) = (&inputs, place) {
+                self.record_inputs(cmd, &held.memory, batch, place);
+                self.barrier(cmd, TRANSFER_WRITE, COMPUTE_ACCESS);
             }
             self.stamp(cmd, held, 0);
             for (i, segment) in piece.iter().enumerate() {
                 let step = &plan.steps()[segment.step];
                 // Parts of one launch need nothing between them.
-                if segment.is_first()
-                    && hazards.before(step)
-                    && !options.skip_barriers
-                    && !fault::hit(fault::Point::Barrier)
-                {
-                    self.barrier(cmd, COMPUTE_WRITE, COMPUTE_ACCESS);
+                if segment.is_first() {
+                    let clash = hazards.before(step);
+                    if !fills[segment.step].is_empty() {
+                        self.record_fills(cmd, &held.memory, &fills[segment.step]);
+                    } else if clash && !options.skip_barriers && !fault::hit(fault::Point::Barrier)
+                    {
+                        self.barrier(cmd, COMPUTE_WRITE, COMPUTE_ACCESS);
+                    }
                 }
                 self.record_segment(
                     cmd,
@@ -139,11 +171,21 @@ impl Gpu {
                 );
                 self.stamp(cmd, held, i as u32 + 1);
             }
-            if is_last {
-                self.record_downloads(cmd, plan, held);
+            if is_last && !plan.downloads().is_empty() {
+                match &results[..] {
+                    [] => self.barrier(cmd, COMPUTE_WRITE, HOST_READ),
+                    [batch] => {
+                        self.barrier(cmd, COMPUTE_WRITE, COPY_READ);
+                        self.record_results(cmd, &held.memory, batch, 0);
+                        self.barrier(cmd, TRANSFER_WRITE, HOST_READ);
+                    }
+                    _ => self.barrier(cmd, COMPUTE_WRITE, COPY_READ),
+                }
             }
             let start = Instant::now();
-            let value = self.commands.submit(self.queue, &mut self.timeline, cmd, None)?;
+            let sent = self.commands.submit(self.queue, &mut self.timeline, cmd, None);
+            self.staging.close(sent.as_ref().ok().copied());
+            let value = sent?;
             self.dispatched();
             self.wait(value, "a piece of a plan")?;
             self.measure(plan, held, &piece, start.elapsed(), &mut seconds)?;
@@ -153,26 +195,44 @@ impl Gpu {
             if task::is_cancelled() {
                 return Err(VkError::Cancelled);
             }
-            is_first = false;
         }
 
         let mut out = Outputs::default();
         out.times = times(plan, &seconds);
+        match &results[..] {
+            [] => {}
+            [batch] => self.take_results(plan, batch, 0, &mut out),
+            batches => self.fetch_results(plan, &held.memory, batches, &mut out)?,
+        }
         for id in plan.downloads() {
             let at = id.0 as usize;
             let bytes = plan.buffers()[at].bytes;
-            let copied = held.readback.iter().find(|(b, _)| *b == at).map(|(_, b)| b);
-            match copied.or(held.buffers[at].as_ref()).and_then(Buffer::mapped) {
-                Some(data) => out.insert_bytes(*id, &data[..bytes]),
+            if held.memory.buffers[at].is_none() {
                 // No launch touches it: what went in comes out.
-                None => match &plan.buffers()[at].contents {
-                    Contents::Zeroed => out.insert_bytes(*id, &vec![0; bytes]),
-                    Contents::Borrowed(data) => out.insert_bytes(*id, data),
-                    Contents::Owned(data) => out.insert_bytes(*id, data),
-                },
+                match input(&plan.buffers()[at].contents) {
+                    Some(data) => out.insert_bytes(*id, data),
+                    None => out.insert_bytes(*id, &vec![0; bytes]),
+                }
+            } else if !staged && let Some(data) = held.memory.mapped(at, bytes) {
+                out.insert_bytes(*id, data);
+                self.counts[0].read_back_bytes += bytes as u64;
             }
         }
         Ok(out)
+    }
+
+    /// Records fills of buffers that the next launch is the first to use: after all work before,
+    /// which may have used their memory, and before the launch.
+    fn record_fills(&mut self, cmd: vk::CommandBuffer, held: &PlanMemory, fills: &[(usize, u32)]) {
+        self.barrier(cmd, COMPUTE_WRITE, FILL_AND_COMPUTE);
+        for (at, word) in fills {
+            let Some(b) = &held.buffers[*at] else { continue };
+            // SAFETY: `cmd` is recording; the buffer is ours, has transfer usage, and whatever used
+            // its memory before ends at the barrier above.
+            unsafe { self.device.cmd_fill_buffer(cmd, b.raw, 0, vk::WHOLE_SIZE, *word) };
+            self.counts[0].cleared_bytes += b.bytes;
+        }
+        self.barrier(cmd, TRANSFER_WRITE, COMPUTE_ACCESS);
     }
 
     /// Records a launch or a part of one.
@@ -203,58 +263,6 @@ impl Gpu {
                 self.device.cmd_dispatch_base(cmd, base[0], base[1], 0, groups[0], groups[1], 1);
             }
         }
-    }
-
-    fn allocate(
-        &mut self,
-        plan: &Plan<'_>,
-        bound: &[bool],
-        held: &mut RunResources,
-    ) -> Result<(), VkError> {
-        use vk::BufferUsageFlags as Use;
-        let storage = Use::STORAGE_BUFFER | Use::TRANSFER_SRC | Use::TRANSFER_DST;
-        held.buffers.resize_with(plan.buffers().len(), || None);
-        for (at, b) in plan.buffers().iter().enumerate() {
-            if !bound[at] || b.bytes == 0 {
-                continue;
-            }
-            let bytes = b.bytes as u64;
-            let mut buffer = self.new_buffer(b.name, bytes, storage, MemoryUse::Device)?;
-            let data: Option<&[u8]> = match &b.contents {
-                Contents::Zeroed => None,
-                Contents::Borrowed(data) => Some(data),
-                Contents::Owned(data) => Some(data),
-            };
-            if let Some(data) = data {
-                if self.memory.unified()
-                    && let Some(to) = buffer.mapped_mut()
-                {
-                    to[..data.len()].copy_from_slice(data);
-                } else {
-                    let mut s =
-                        self.new_buffer(b.name, bytes, Use::TRANSFER_SRC, MemoryUse::Upload)?;
-                    let to = s.mapped_mut().expect("upload memory is mapped");
-                    to[..data.len()].copy_from_slice(data);
-                    held.staging.push((at, s));
-                }
-            }
-            held.buffers[at] = Some(buffer);
-        }
-        if plan.steps().iter().any(|s| s.buffers.iter().any(|b| is_empty(plan, b.0))) {
-            held.dummy = Some(self.new_buffer("nothing", 16, storage, MemoryUse::Device)?);
-        }
-        if !self.memory.unified() {
-            for id in plan.downloads() {
-                let at = id.0 as usize;
-                if held.buffers[at].is_some() {
-                    let b = &plan.buffers()[at];
-                    let to = Use::TRANSFER_DST;
-                    let r = self.new_buffer(b.name, b.bytes as u64, to, MemoryUse::Readback)?;
-                    held.readback.push((at, r));
-                }
-            }
-        }
-        Ok(())
     }
 
     /// Allocates and writes one descriptor set a launch, from a pool of this run.
@@ -293,14 +301,19 @@ impl Gpu {
             let shown: Vec<_> = step
                 .buffers
                 .iter()
-                .map(|id| match &held.buffers[id.0 as usize] {
+                .map(|id| match &held.memory.buffers[id.0 as usize] {
                     Some(b) => [vk::DescriptorBufferInfo {
                         buffer: b.raw,
                         offset: 0,
                         range: plan.buffers()[id.0 as usize].bytes as u64,
                     }],
                     None => [vk::DescriptorBufferInfo {
-                        buffer: held.dummy.as_ref().expect("allocated for empty buffers").raw,
+                        buffer: held
+                            .memory
+                            .dummy
+                            .as_ref()
+                            .expect("allocated for empty buffers")
+                            .raw,
                         offset: 0,
                         range: 16,
                     }],
@@ -324,29 +337,6 @@ impl Gpu {
         Ok(sets)
     }
 
-    fn record_uploads(&self, cmd: vk::CommandBuffer, plan: &Plan<'_>, held: &RunResources) {
-        let mut any = false;
-        for (at, b) in held.buffers.iter().enumerate() {
-            let Some(b) = b else { continue };
-            if matches!(plan.buffers()[at].contents, Contents::Zeroed) {
-                // SAFETY: `cmd` is recording; the buffer is ours, idle, and has transfer usage.
-                unsafe { self.device.cmd_fill_buffer(cmd, b.raw, 0, vk::WHOLE_SIZE, 0) };
-                any = true;
-            }
-        }
-        for (at, from) in &held.staging {
-            let to = held.buffers[*at].as_ref().expect("staged for this buffer");
-            let all = [vk::BufferCopy::default().size(to.bytes)];
-            // SAFETY: `cmd` is recording; both buffers are ours, of the same size, and live in
-            // `held` until after the wait.
-            unsafe { self.device.cmd_copy_buffer(cmd, from.raw, to.raw, &all) };
-            any = true;
-        }
-        if any {
-            self.barrier(cmd, TRANSFER_WRITE, COMPUTE_ACCESS);
-        }
-    }
-
     /// Resets the first `count` queries for a submission.
     fn reset_stamps(&self, cmd: vk::CommandBuffer, held: &RunResources, count: u32) {
         if held.queries != vk::QueryPool::null() {
@@ -354,35 +344,6 @@ impl Gpu {
             // launches, and the submission before, which used it too, has been waited for.
             unsafe { self.device.cmd_reset_query_pool(cmd, held.queries, 0, count) };
         }
-    }
-
-    fn record_downloads(&self, cmd: vk::CommandBuffer, plan: &Plan<'_>, held: &RunResources) {
-        if plan.downloads().is_empty() {
-            return;
-        }
-        if !held.readback.is_empty() {
-            let copy = (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::TRANSFER_READ);
-            self.barrier(cmd, COMPUTE_WRITE, copy);
-            for (at, to) in &held.readback {
-                let from = held.buffers[*at].as_ref().expect("read back from this buffer");
-                let all = [vk::BufferCopy::default().size(from.bytes)];
-                // SAFETY: as in `record_uploads`.
-                unsafe { self.device.cmd_copy_buffer(cmd, from.raw, to.raw, &all) };
-            }
-        }
-        let source = if held.readback.is_empty() { COMPUTE_WRITE } else { TRANSFER_WRITE };
-        self.barrier(cmd, source, (vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ));
-    }
-
-    fn barrier(&self, cmd: vk::CommandBuffer, from: StageAccess, to: StageAccess) {
-        let barriers = [vk::MemoryBarrier2::default()
-            .src_stage_mask(from.0)
-            .src_access_mask(from.1)
-            .dst_stage_mask(to.0)
-            .dst_access_mask(to.1)];
-        let info = vk::DependencyInfo::default().memory_barriers(&barriers);
-        // SAFETY: `cmd` is recording on this device; a memory barrier names no handle.
-        unsafe { self.device.cmd_pipeline_barrier2(cmd, &info) };
     }
 
     fn stamp(&self, cmd: vk::CommandBuffer, held: &RunResources, query: u32) {
@@ -439,10 +400,7 @@ impl Gpu {
             self.device.destroy_descriptor_pool(held.sets, None);
             self.device.destroy_query_pool(held.queries, None);
         }
-        let moved = held.staging.into_iter().chain(held.readback).map(|(_, b)| b);
-        for b in held.buffers.into_iter().flatten().chain(held.dummy).chain(moved) {
-            self.memory.free_buffer(b);
-        }
+        self.free_plan(held.memory);
     }
 }
 
@@ -455,37 +413,42 @@ const COMPUTE_ACCESS: StageAccess = (
             | vk::AccessFlags2::SHADER_STORAGE_WRITE.as_raw(),
     ),
 );
-const TRANSFER_WRITE: StageAccess =
-    (vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_WRITE);
+/// After the first barrier of fills: fills, and launches that use other buffers.
+const FILL_AND_COMPUTE: StageAccess = (
+    vk::PipelineStageFlags2::from_raw(
+        vk::PipelineStageFlags2::ALL_TRANSFER.as_raw()
+            | vk::PipelineStageFlags2::COMPUTE_SHADER.as_raw(),
+    ),
+    vk::AccessFlags2::from_raw(
+        vk::AccessFlags2::TRANSFER_WRITE.as_raw()
+            | vk::AccessFlags2::SHADER_STORAGE_READ.as_raw()
+            | vk::AccessFlags2::SHADER_STORAGE_WRITE.as_raw(),
+    ),
+);
+const COPY_READ: StageAccess = (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::TRANSFER_READ);
 
-/// Buffers that were read or written since the last barrier.
-struct Hazards {
-    read: Vec<bool>,
-    written: Vec<bool>,
-}
+/// Word that undefined contents are filled with on request.
+const NONSENSE: u32 = 0xA5A5_A5A5;
 
-impl Hazards {
-    fn new(buffers: usize) -> Self {
-        Self { read: vec![false; buffers], written: vec![false; buffers] }
-    }
-
-    /// Whether `step` needs a barrier before it; then notes its accesses.
-    fn before(&mut self, step: &Step) -> bool {
-        let touched = || step.buffers.iter().zip(step.kernel.shader.bindings);
-        let clash = touched().any(|(id, b)| {
+/// Fills before each launch: buffers that it is the first to use, each with its word.
+fn fills(plan: &Plan<'_>, nonsense: bool) -> Vec<Vec<(usize, u32)>> {
+    let mut used = vec![false; plan.buffers().len()];
+    let mut fills_of = |step: &Step| {
+        let mut fills = Vec::new();
+        for id in step.buffers.iter().filter(|_| step.threads > 0) {
             let at = id.0 as usize;
-            self.written[at] || (b.writable && self.read[at])
-        });
-        if clash {
-            self.read.fill(false);
-            self.written.fill(false);
+            let word = match plan.buffers()[at].contents {
+                Contents::Zeroed => Some(0),
+                Contents::Undefined if nonsense => Some(NONSENSE),
+                _ => None,
+            };
+            if !std::mem::replace(&mut used[at], true) {
+                fills.extend(word.map(|w| (at, w)));
+            }
         }
-        for (id, b) in touched() {
-            let list = if b.writable { &mut self.written } else { &mut self.read };
-            list[id.0 as usize] = true;
-        }
-        clash
-    }
+        fills
+    };
+    plan.steps().iter().map(&mut fills_of).collect()
 }
 
 fn times(plan: &Plan<'_>, seconds: &[f64]) -> Vec<StepTime> {
@@ -497,18 +460,6 @@ fn times(plan: &Plan<'_>, seconds: &[f64]) -> Vec<StepTime> {
         seconds: *seconds,
     };
     plan.steps().iter().zip(seconds).map(time).collect()
-}
-
-fn bound(plan: &Plan<'_>) -> Vec<bool> {
-    let mut bound = vec![false; plan.buffers().len()];
-    for id in plan.steps().iter().flat_map(|s| &s.buffers) {
-        bound[id.0 as usize] = true;
-    }
-    bound
-}
-
-fn is_empty(plan: &Plan<'_>, id: u32) -> bool {
-    plan.buffers()[id as usize].bytes == 0
 }
 
 #[cfg(test)]

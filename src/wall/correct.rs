@@ -22,11 +22,11 @@ impl WallProfile<'_> {
         let inside = plan.upload("inside", bytemuck::cast_slice::<u64, u32>(&self.inside));
         let level = plan.upload("levels", &self.level);
         let [offset, edge, filled, closed] =
-            ["offsets", "edge", "filled", "closed"].map(|name| plan.zeroed::<i32>(name, n));
+            ["offsets", "edge", "filled", "closed"].map(|name| plan.undefined::<i32>(name, n));
         let near = shape.near;
         let bindings = wall_sides::Bindings { near, inside, level, offset, edge, filled, closed };
         plan.launch(&wall_sides::KERNEL, bindings, wall_sides::Params { slots }, n, n);
-        let spare = [0, 1].map(|_| plan.zeroed::<i32>("spare", n));
+        let spare = [0, 1].map(|_| plan.undefined::<i32>("spare", n));
         let weights = &input.weights;
         shape.blur(plan, &weights.curvature, edge, spare, edge, 512 * 64);
         shape.blur(plan, &weights.filled, filled, spare, filled, 0);
@@ -43,7 +43,7 @@ impl WallProfile<'_> {
             rise: (1024.0 * mean / least).round() as i32,
             ..bytemuck::Zeroable::zeroed()
         };
-        let moved = plan.zeroed::<i32>("moved offsets", n);
+        let moved = plan.undefined::<i32>("moved offsets", n);
         let bindings = wall_correct::Bindings { near, offset, edge, filled, closed, moved };
         plan.launch(&wall_correct::KERNEL, bindings, params, n, n);
         plan.download(moved);

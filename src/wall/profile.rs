@@ -178,19 +178,20 @@ impl<'a> WallInput<'a> {
         let shape = BrickLaunches::new(plan, &self.bricks, &self.grid);
         let core = plan.upload("core", bytemuck::cast_slice::<u64, u32>(&self.core_bits));
         let raw = plan.upload("grey values", &self.values);
-        let spare = [0, 1].map(|_| plan.zeroed::<i32>("spare", n));
+        let spare = [0, 1].map(|_| plan.undefined::<i32>("spare", n));
         let wall = UNIT as i32;
-        let value = plan.zeroed::<i32>("smoothed values", n);
+        let value = plan.undefined::<i32>("smoothed values", n);
         shape.blur(plan, &self.weights.value, raw, spare, value, wall);
-        let sharp = plan.zeroed::<i32>("sharpened values", n);
+        let sharp = plan.undefined::<i32>("sharpened values", n);
         shape.blur(plan, &self.weights.sharp, value, spare, sharp, wall);
-        let calm = plan.zeroed::<i32>("calm values", n);
+        let calm = plan.undefined::<i32>("calm values", n);
         shape.blur(plan, &self.weights.calm, value, spare, calm, wall);
 
         let noise = self.contrast.noise_units();
         let at_least = |noises: f64, hu: f64| ((noises * noise) as i32).max(of_hu(hu));
         let [width, height, depth] = self.grid.dims.as_ivec3().to_array();
-        let paths = [0, 1].map(|_| plan.zeroed::<i32>("paths", n));
+        // No path leads anywhere before the first round.
+        let paths = [plan.zeroed::<i32>("paths", n), plan.undefined("paths", n)];
         let rounds = self.rounds();
         for round in 0..rounds {
             let (before, after) = (paths[round % 2], paths[(round + 1) % 2]);
@@ -214,9 +215,9 @@ impl<'a> WallInput<'a> {
         }
         let path = paths[rounds % 2];
 
-        let mark = plan.zeroed::<u32>("marks", n);
-        let peak = plan.zeroed::<i32>("peaks", n);
-        let weight = plan.zeroed::<i32>("weights", n);
+        let mark = plan.undefined::<u32>("marks", n);
+        let peak = plan.undefined::<i32>("peaks", n);
+        let weight = plan.undefined::<i32>("weights", n);
         let least = self.grid.spacing_mm.min_element();
         let params = wall_peak::Params {
             slope: self.ratio(1024.0),
@@ -246,7 +247,7 @@ impl<'a> WallInput<'a> {
         plan.launch(&wall_peak::KERNEL, bindings, params, n, n);
 
         let [peak1, weight1] = [peak, weight].map(|from| {
-            let to = plan.zeroed::<i32>("narrow mean", n);
+            let to = plan.undefined::<i32>("narrow mean", n);
             shape.blur(plan, &self.weights.narrow, from, spare, to, 0);
             to
         });
@@ -254,13 +255,16 @@ impl<'a> WallInput<'a> {
             shape.blur(plan, &self.weights.wide, from, spare, to, 0);
             to
         });
-        let lumen = plan.zeroed::<i32>("lumen's values", n);
-        if self.is_vessel() {
+        let lumen = if self.is_vessel() {
+            let lumen = plan.undefined::<i32>("lumen's values", n);
             self.local_lumen(plan, &shape, value, spare, lumen);
-        }
+            lumen
+        } else {
+            plan.zeroed("lumen's values", n)
+        };
         let law = plan.upload("law", &self.law);
         let cap = plan.upload("cap", &self.cap);
-        let level = plan.zeroed::<i32>("levels", n);
+        let level = plan.undefined::<i32>("levels", n);
         let bindings = wall_level::Bindings {
             near,
             core,

@@ -12,5 +12,6 @@ mod oracle_fair;
 mod oracle_ridge;
 mod parity;
 mod pieces;
+mod plan_memory;
 mod twins;
 mod vulkan;

@@ -32,7 +32,7 @@ fn ring(
     let near = plan.upload_owned("near", &near);
     let mut from = plan.upload_owned("normal", &normals);
     for _ in 0..rounds {
-        let faired = plan.zeroed::<f32>("faired", 3 * room as usize);
+        let faired = plan.undefined::<f32>("faired", 3 * room as usize);
         let bindings = Bindings { start, near, weight, normal: from, faired };
         let threads = vertices as usize;
         plan.launch(kernel, bindings, Params { vertices, lambda: 0.5 }, threads, threads);

@@ -117,6 +117,7 @@ fn twin(args: &mut CpuArgs<'_>) {
     let h = Vec3::from(p.spacing_mm);
     s.marked.par_chunks_exact_mut(16).enumerate().with_min_len(8).for_each(|(slot, marked)| {
         crate::task::checkpoint();
+        marked.fill(0);
         let inside = &s.inside[slot * 16..][..16];
         if inside.iter().all(|w| *w == 0) {
             return;

@@ -11,7 +11,7 @@ use super::{Case, lumen_of, on_bricks, smooth_distance};
 pub fn edt_rows() -> Vec<Case> {
     on_bricks(|plan, lumen, near, inside| {
         let slots = lumen.bricks.len();
-        let square = plan.zeroed::<f32>("square", lumen.bricks.field_len());
+        let square = plan.undefined::<f32>("square", lumen.bricks.field_len());
         let step2 = (lumen.grid.spacing_mm.x as f32).powi(2);
         let bindings = edt_rows::Bindings { near, inside, square };
         let params = edt_rows::Params { slots: slots as u32, step2 };
@@ -35,13 +35,13 @@ fn far() -> Case {
     let flat: Vec<u32> = lumen.bricks.near().iter().flatten().copied().collect();
     let near = plan.upload_owned("near", &flat);
     let inside = plan.upload_owned("inside", bytemuck::cast_slice::<u64, u32>(&lumen.inside));
-    let mut square = plan.zeroed::<f32>("square", lumen.bricks.field_len());
+    let mut square = plan.undefined::<f32>("square", lumen.bricks.field_len());
     let bindings = edt_rows::Bindings { near, inside, square };
     let threads = slots as usize * BRICK;
     let params = edt_rows::Params { slots, step2: 1.0 };
     plan.launch(&edt_rows::KERNEL, bindings, params, threads / 8, threads);
     for (axis, finish) in [(1u32, 0u32), (2, 1)] {
-        let g = plan.zeroed::<f32>("g", lumen.bricks.field_len());
+        let g = plan.undefined::<f32>("g", lumen.bricks.field_len());
         let params = edt_axis::Params { slots, axis, step2: 1.0, finish, scale: 1.0 };
         let bindings = edt_axis::Bindings { near, f: square, g };
         plan.launch(&edt_axis::KERNEL, bindings, params, threads, threads);
@@ -61,7 +61,7 @@ fn one_pass() -> Vec<Case> {
             bits.iter().enumerate().map(|(i, &b)| b * (1 + i * 7 % 13) as f32).collect();
         let f = plan.upload_owned("f", &f);
         for (axis, finish) in [(1u32, 0u32), (2, 1)] {
-            let g = plan.zeroed::<f32>("g", lumen.bricks.field_len());
+            let g = plan.undefined::<f32>("g", lumen.bricks.field_len());
             let step2 = spacing[axis as usize].powi(2);
             let params = edt_axis::Params { slots: slots as u32, axis, step2, finish, scale: 0.5 };
             let bindings = edt_axis::Bindings { near, f, g };
@@ -85,7 +85,7 @@ pub fn gauss_axis() -> Vec<Case> {
         let edge = lumen.grid.dims.as_ivec3() - 1;
         for axis in 0..3u32 {
             for (low, high) in [(i32::MIN / 2, i32::MAX / 2), (0, edge[axis as usize])] {
-                let g = plan.zeroed::<f32>("g", lumen.bricks.field_len());
+                let g = plan.undefined::<f32>("g", lumen.bricks.field_len());
                 let radius = weights.len() as u32 - 1;
                 let params = gauss_axis::Params { slots: slots as u32, axis, radius, low, high };
                 let bindings = gauss_axis::Bindings { near, corner, weight, f, g };
@@ -113,7 +113,7 @@ pub fn hessian() -> Vec<Case> {
         ] {
             let slots = slots - first;
             let n = slots * BRICK * if kind == 0 { 3 } else { 1 };
-            let response = plan.zeroed::<f32>("response", n);
+            let response = plan.undefined::<f32>("response", n);
             let spacing_mm = lumen.grid.spacing_mm.as_vec3().to_array();
             let (first, count) = (first as u32, slots as u32);
             let params = hessian::Params {
@@ -152,7 +152,7 @@ pub fn visibility() -> Vec<Case> {
         let reach: Vec<u32> = (0..viewer.len() as u32).map(|i| 30 + i * i % 900).collect();
         let start: Vec<u32> = (0..=slots as u32).map(|s| s * viewer.len() as u32).collect();
         let lists: Vec<u32> = (0..slots).flat_map(|_| 0..viewer.len() as u32).collect();
-        let first = plan.zeroed::<u32>("first", seen.len());
+        let first = plan.undefined::<u32>("first", seen.len());
         let bindings = visibility::Bindings {
             near,
             corner: plan.upload_owned("corner", &corners),

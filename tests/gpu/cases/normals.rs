@@ -26,7 +26,7 @@ pub fn fair() -> Vec<Case> {
         let near = plan.upload_owned("near", &near);
         let weight = plan.upload_owned("weight", &weight);
         let normal = plan.upload_owned("normal", &normal);
-        let faired = plan.zeroed::<f32>("faired", 3 * vertices);
+        let faired = plan.undefined::<f32>("faired", 3 * vertices);
         let bindings = fair::Bindings { start, near, weight, normal, faired };
         let params = fair::Params { vertices: vertices as u32, lambda: 0.5 };
         plan.launch(&fair::KERNEL, bindings, params, vertices, vertices);
@@ -88,7 +88,7 @@ pub fn scale_bands() -> Vec<Case> {
         let mut plan = Plan::new();
         let normal = plan.upload_owned("normal", &normal);
         let level = plan.upload_owned("level", &level);
-        let energy = plan.zeroed::<f32>("energy", 5 * vertices);
+        let energy = plan.undefined::<f32>("energy", 5 * vertices);
         let params = scale_bands::Params { vertices: vertices as u32 };
         let bindings = scale_bands::Bindings { normal, level, energy };
         plan.launch(&scale_bands::KERNEL, bindings, params, vertices, vertices);
@@ -129,7 +129,7 @@ pub fn scale_pool() -> Vec<Case> {
         let weight = plan.upload_owned("weight", &g.weight);
         let values: Vec<f32> = (0..5 * vertices).map(|i| (i as f32 * 0.61).sin().powi(2)).collect();
         let energy = plan.upload_owned("energy", &values);
-        let pooled = plan.zeroed::<f32>("pooled", 5 * vertices);
+        let pooled = plan.undefined::<f32>("pooled", 5 * vertices);
         let bindings = scale_pool::Bindings { start, near, weight, energy, pooled };
         let params = scale_pool::Params { vertices: vertices as u32 };
         plan.launch(&scale_pool::KERNEL, bindings, params, vertices, vertices);
@@ -173,7 +173,7 @@ pub fn scale_restore() -> Vec<Case> {
         let normal = plan.upload_owned("normal", &normal);
         let level = plan.upload_owned("level", &level);
         let pooled = plan.upload_owned("pooled", &pooled);
-        let faired = plan.zeroed::<f32>("faired", 3 * vertices);
+        let faired = plan.undefined::<f32>("faired", 3 * vertices);
         let params = scale_restore::Params {
             axis_x: [0.8, 0.6, 0.0, spacing[0]],
             axis_y: [-0.6, 0.8, 0.0, spacing[1]],

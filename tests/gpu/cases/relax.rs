@@ -36,9 +36,9 @@ pub fn relax_coefficients() -> Vec<Case> {
         let codes: Vec<u32> = (0..vertices as u32).map(code).collect();
         let edge = plan.upload_owned("edge", &codes);
         let normal = plan.upload_owned("normal", &normals);
-        let bound = plan.zeroed::<[f32; 2]>("bound", vertices);
-        let coupling = plan.zeroed::<f32>("coupling", g.near.len());
-        let bend = plan.zeroed::<f32>("bend", vertices);
+        let bound = plan.undefined::<[f32; 2]>("bound", vertices);
+        let coupling = plan.undefined::<f32>("coupling", g.near.len());
+        let bend = plan.undefined::<f32>("bend", vertices);
         let [x, y, z] = spacing;
         let params = relax_coefficients::Params {
             axis_x: [0.8 * x, 0.6 * x, 0.0, x],
@@ -88,7 +88,7 @@ pub fn relax_step() -> Vec<Case> {
             *f = x;
         }
         let mut now = plan.upload_owned("now", &first);
-        let mut next = plan.zeroed::<f32>("next", vertices);
+        let mut next = plan.undefined::<f32>("next", vertices);
         let place = plan.zeroed::<f32>("place", vertices);
         for _ in 0..4 {
             let params = relax_step::Params { momentum: 0.87, vertices: vertices as u32 };
@@ -120,7 +120,7 @@ pub fn relax_average() -> Vec<Case> {
             values[3] = f32::NAN;
         }
         let value = plan.upload_owned("value", &values);
-        let average = plan.zeroed::<f32>("average", vertices);
+        let average = plan.undefined::<f32>("average", vertices);
         let bindings = relax_average::Bindings { start, near, value, average };
         plan.launch(
             &relax_average::KERNEL,

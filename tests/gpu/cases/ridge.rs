@@ -21,7 +21,7 @@ pub fn ridge_mark() -> Vec<Case> {
         let clear = clear_of_limits(lumen, &f, spacing);
         let inside = plan.upload_owned("clear", &clear);
         let f = plan.upload_owned("f", &f);
-        let marked = plan.zeroed::<u32>("marked", slots * 16);
+        let marked = plan.undefined::<u32>("marked", slots * 16);
         let spacing_mm = spacing.to_array();
         let params = ridge_mark::Params { spacing_mm, slots: slots as u32 };
         let bindings = ridge_mark::Bindings { near, inside, f, marked };
@@ -59,7 +59,7 @@ pub fn compact_count() -> Vec<Case> {
     let (slots, bits) = many_bricks();
     let mut plan = Plan::new();
     let marked = plan.upload_owned("marked", &bits);
-    let count = plan.zeroed::<u32>("count", slots);
+    let count = plan.undefined::<u32>("count", slots);
     let params = compact_count::Params { slots: slots as u32 };
     let bindings = compact_count::Bindings { marked, count };
     plan.launch(&compact_count::KERNEL, bindings, params, slots, slots);
@@ -71,7 +71,7 @@ pub fn compact_count() -> Vec<Case> {
 fn count_on_bricks() -> Vec<Case> {
     on_bricks(|plan, lumen, _, inside| {
         let slots = lumen.bricks.len();
-        let count = plan.zeroed::<u32>("count", slots);
+        let count = plan.undefined::<u32>("count", slots);
         let params = compact_count::Params { slots: slots as u32 };
         plan.launch(
             &compact_count::KERNEL,
@@ -88,7 +88,7 @@ pub fn prefix_sum() -> Vec<Case> {
     let case = |name, count: Vec<u32>| {
         let mut plan = Plan::new();
         let len = count.len();
-        let sum = plan.zeroed::<u32>("sum", len + 1);
+        let sum = plan.undefined::<u32>("sum", len + 1);
         let count = plan.upload_owned("count", &count);
         plan.launch(
             &prefix_sum::KERNEL,

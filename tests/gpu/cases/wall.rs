@@ -20,7 +20,7 @@ pub fn blur_axis() -> Vec<Case> {
         for (axis, sigma) in [(0u32, 0.6), (1, 1.5), (2, 3.3)] {
             let weights = integer_weights(sigma);
             let weight = plan.upload_owned("weight", &weights);
-            let g = plan.zeroed::<i32>("g", lumen.bricks.field_len());
+            let g = plan.undefined::<i32>("g", lumen.bricks.field_len());
             let (radius, high) = (weights.len() as i32 - 1, edge[axis as usize]);
             let params = blur_axis::Params {
                 slots: slots as u32,
@@ -44,7 +44,7 @@ pub fn least_axis() -> Vec<Case> {
         let values: Vec<i32> = (0..n).map(|i| (i * 7919 % 30011) as i32 - 9000).collect();
         let f = plan.upload_owned("f", &values);
         for (axis, radius) in [(0, 3), (1, 1), (2, 8)] {
-            let g = plan.zeroed::<i32>("g", n);
+            let g = plan.undefined::<i32>("g", n);
             let params = least_axis::Params { slots: slots as u32, axis, radius };
             plan.launch(
                 &least_axis::KERNEL,
@@ -66,7 +66,8 @@ pub fn ridge_grow() -> Vec<Case> {
         let value: Vec<i32> = edge_values(lumen);
         let value = plan.upload_owned("value", &value);
         let n = lumen.bricks.field_len();
-        let [mut before, mut after] = ["before", "after"].map(|name| plan.zeroed::<i32>(name, n));
+        let mut before = plan.zeroed::<i32>("before", n);
+        let mut after = plan.undefined::<i32>("after", n);
         let [width, height, depth] = lumen.grid.dims.as_ivec3().to_array();
         for _ in 0..3 {
             let bindings = ridge_grow::Bindings { near, corner, core, value, before, after };
@@ -97,8 +98,8 @@ pub fn wall_peak() -> Vec<Case> {
             ["value", "sharp", "calm"].map(|name| plan.upload_owned(name, &values));
         let path = plan.upload_owned("path", &path);
         let n = lumen.bricks.field_len();
-        let mark = plan.zeroed::<u32>("mark", n);
-        let [peak, weight] = ["peak", "weight"].map(|name| plan.zeroed::<i32>(name, n));
+        let mark = plan.undefined::<u32>("mark", n);
+        let [peak, weight] = ["peak", "weight"].map(|name| plan.undefined::<i32>(name, n));
         let h = lumen.grid.spacing_mm;
         let ratio = |scale: f64| (h.min_element() / h * scale).round().as_ivec3().to_array();
         let params = wall_peak::Params {
@@ -151,7 +152,7 @@ pub fn wall_level() -> Vec<Case> {
         let law = plan.upload_owned("law", &law);
         let cap: Vec<i32> = (0..10).map(|i| 400 * i - 2560).collect();
         let cap = plan.upload_owned("cap", &cap);
-        let level = plan.zeroed::<i32>("level", n);
+        let level = plan.undefined::<i32>("level", n);
         let bindings = wall_level::Bindings {
             near,
             core,
@@ -180,7 +181,7 @@ pub fn wall_sides() -> Vec<Case> {
             edge_values(lumen).iter().map(|v| (v - 2048).clamp(-3000, 3000) & 0xffff).collect();
         let level = plan.upload_owned("level", &levels);
         let [offset, edge, filled, closed] =
-            ["offset", "edge", "filled", "closed"].map(|name| plan.zeroed::<i32>(name, n));
+            ["offset", "edge", "filled", "closed"].map(|name| plan.undefined::<i32>(name, n));
         let bindings = wall_sides::Bindings { near, inside, level, offset, edge, filled, closed };
         plan.launch(
             &wall_sides::KERNEL,
@@ -210,7 +211,7 @@ pub fn wall_correct() -> Vec<Case> {
         let h = lumen.grid.spacing_mm;
         let slope = (h.min_element() / h * 1024.0).round().as_ivec3().to_array();
         for amount in [0, 700] {
-            let moved = plan.zeroed::<i32>("moved", n);
+            let moved = plan.undefined::<i32>("moved", n);
             let params = wall_correct::Params {
                 slope,
                 slots: slots as u32,

@@ -1,0 +1,171 @@
+//! Memory of a plan's buffers: an arena that is kept for the next plan.
+
+use ash::vk;
+use gpu_allocator::vulkan::Allocation;
+
+use super::arena::ArenaLayout;
+use super::memory::{Buffer, MemoryUse};
+use super::{Gpu, VkError};
+use crate::compute::{Contents, Plan};
+
+/// Most bytes of a block of an arena, where no buffer is larger: every device takes as many at once.
+const BLOCK_BYTES: u64 = 1 << 30;
+/// Most bytes of an arena that are kept where the device uses the host's memory.
+const KEPT_UNIFIED_BYTES: u64 = 64 << 20;
+/// Share of a device's own memory that a kept arena may take.
+const KEPT_SHARE: u64 = 8;
+
+/// Blocks of device memory.
+#[derive(Default)]
+pub(super) struct Arena {
+    blocks: Vec<Allocation>,
+    /// Types of memory that the buffers allow.
+    type_bits: u32,
+}
+
+/// A buffer of a plan, bound to a place in the arena.
+pub(super) struct PlacedBuffer {
+    pub raw: vk::Buffer,
+    /// Size, bytes: whole words.
+    pub bytes: u64,
+}
+
+/// Buffers of a plan and their memory.
+#[derive(Default)]
+pub(super) struct PlanMemory {
+    /// Buffers in the order of the plan's; `None` where no launch binds one or it has no bytes.
+    pub buffers: Vec<Option<PlacedBuffer>>,
+    pub layout: ArenaLayout,
+    /// Buffer that is bound in place of those without bytes. A shader sees four words there and no
+    /// size, so kernels take their sizes from the immediate block.
+    pub dummy: Option<Buffer>,
+    arena: Arena,
+}
+
+impl PlanMemory {
+    /// The bytes of a buffer, where the host reaches them. The caller has waited for the device.
+    pub fn mapped(&self, at: usize, bytes: usize) -> Option<&[u8]> {
+        let place = self.layout.places[at]?;
+        let block = self.arena.blocks[place.block].mapped_slice()?;
+        Some(&block[place.offset as usize..][..bytes])
+    }
+
+    /// The bytes of a buffer for writing, where the host reaches them. The device is not using them.
+    pub fn mapped_mut(&mut self, at: usize, bytes: usize) -> Option<&mut [u8]> {
+        let place = self.layout.places[at]?;
+        let block = self.arena.blocks[place.block].mapped_slice_mut()?;
+        Some(&mut block[place.offset as usize..][..bytes])
+    }
+}
+
+impl Gpu {
+    /// Makes the buffers of a plan that launches bind, without contents. What was made before an
+    /// error is in `held`.
+    pub(super) fn allocate_plan(
+        &mut self,
+        plan: &Plan<'_>,
+        bound: &[bool],
+        held: &mut PlanMemory,
+    ) -> Result<(), VkError> {
+        use vk::BufferUsageFlags as Use;
+        let storage = Use::STORAGE_BUFFER | Use::TRANSFER_SRC | Use::TRANSFER_DST;
+        let mut sizes = vec![0; plan.buffers().len()];
+        let (mut alignment, mut type_bits) = (16, u32::MAX);
+        held.buffers.resize_with(plan.buffers().len(), || None);
+        for (at, b) in plan.buffers().iter().enumerate() {
+            if !bound[at] || b.bytes == 0 {
+                continue;
+            }
+            let bytes = b.bytes as u64;
+            let (raw, needs) = self.with_memory(|m| m.unbound_buffer(b.name, bytes, storage))?;
+            held.buffers[at] = Some(PlacedBuffer { raw, bytes: bytes.next_multiple_of(4).max(16) });
+            sizes[at] = needs.size;
+            alignment = alignment.max(needs.alignment);
+            type_bits &= needs.memory_type_bits;
+        }
+        let is_empty = |id: &crate::compute::BufId| held.buffers[id.0 as usize].is_none();
+        if plan.steps().iter().any(|s| s.buffers.iter().any(is_empty)) {
+            held.dummy = Some(self.new_buffer("nothing", 16, storage, MemoryUse::Device)?);
+        }
+        held.layout = ArenaLayout::new(plan, &sizes, alignment, BLOCK_BYTES);
+        held.arena = std::mem::take(&mut self.arena);
+        self.grow(&held.layout.blocks, alignment, type_bits, &mut held.arena)?;
+        for (buffer, place) in held.buffers.iter().zip(&held.layout.places) {
+            if let (Some(b), Some(place)) = (buffer, place) {
+                self.memory.bind(b.raw, &held.arena.blocks[place.block], place.offset)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes an arena's blocks as large as is needed.
+    fn grow(
+        &mut self,
+        blocks: &[u64],
+        alignment: u64,
+        memory_type_bits: u32,
+        arena: &mut Arena,
+    ) -> Result<(), VkError> {
+        let same_kind = arena.type_bits == memory_type_bits
+            && arena.blocks.iter().all(|b| b.offset().is_multiple_of(alignment));
+        if !same_kind {
+            arena.blocks.drain(..).for_each(|b| self.memory.free_block(b));
+        }
+        arena.type_bits = memory_type_bits;
+        let large_enough = arena.blocks.iter().zip(blocks).all(|(b, bytes)| b.size() >= *bytes);
+        if !large_enough {
+            // All at once: several plans that grow leave no holes.
+            arena.blocks.drain(..).for_each(|b| self.memory.free_block(b));
+        }
+        for &size in blocks.get(arena.blocks.len()..).unwrap_or_default() {
+            let needs = vk::MemoryRequirements { size, alignment, memory_type_bits };
+            arena.blocks.push(self.with_memory(|m| m.block(needs))?);
+        }
+        Ok(())
+    }
+
+    /// Puts what the host has into the device's memory, where that is the host's too.
+    pub(super) fn write_in_place(&mut self, plan: &Plan<'_>, held: &mut PlanMemory) {
+        for (at, b) in plan.buffers().iter().enumerate() {
+            if let Some(data) = input(&b.contents)
+                && let Some(to) = held.mapped_mut(at, b.bytes)
+            {
+                to.copy_from_slice(data);
+                self.counts[0].uploaded_bytes += data.len() as u64;
+            }
+        }
+    }
+
+    /// Destroys the buffers of a plan that the device is done with, and keeps their memory for the
+    /// next plan where it is not too large.
+    pub(super) fn free_plan(&mut self, held: PlanMemory) {
+        held.buffers.into_iter().flatten().for_each(|b| self.memory.free_unbound(b.raw));
+        held.dummy.into_iter().for_each(|b| self.memory.free_buffer(b));
+        let kept = if self.memory.unified() {
+            KEPT_UNIFIED_BYTES
+        } else {
+            let heaps = self.info.memory.iter().filter(|h| h.device_local);
+            heaps.map(|h| h.bytes).max().unwrap_or(0) / KEPT_SHARE
+        };
+        self.free_arena();
+        self.arena = held.arena;
+        if self.arena.blocks.iter().map(Allocation::size).sum::<u64>() > kept {
+            self.free_arena();
+        }
+    }
+
+    /// Frees the memory that is kept for the next plan. No plan is running.
+    pub(super) fn free_arena(&mut self) {
+        let blocks = std::mem::take(&mut self.arena.blocks);
+        blocks.into_iter().for_each(|b| self.memory.free_block(b));
+    }
+}
+
+/// Contents that the host has.
+pub(super) fn input<'p>(contents: &'p Contents<'_>) -> Option<&'p [u8]> {
+    match contents {
+        Contents::Zeroed | Contents::Undefined => None,
+        Contents::Borrowed(data) => Some(data),
+        Contents::Owned(data) => Some(data),
+    }
+}
