@@ -12,8 +12,8 @@ use super::model::Model;
 use crate::geometry::Camera;
 use crate::lod::{Tolerance, Worker};
 use crate::render::{
-    Framing, Look, MeshHandle, PagesHandle, PathHandle, RenderError, Renderer, Scene, SceneWall,
-    Shot, View,
+    Culling, Framing, Look, MeshHandle, PagesHandle, PathHandle, RenderError, Renderer, Scene,
+    SceneWall, Shot, View,
 };
 use crate::session::{Levels, Products, SessionError};
 use crate::vk::{Frame, Gpu, ImageId};
@@ -90,6 +90,8 @@ pub struct Panes {
     overview: DrawnPane,
     /// The whole mesh in the inside view, until there are levels.
     mesh: Option<MeshHandle>,
+    /// Whether what a camera cannot see of that mesh is left out.
+    is_culled: bool,
     glass: Option<MeshHandle>,
     /// Whether the wall is on the device for the inside view.
     has_wall: bool,
@@ -123,6 +125,7 @@ impl Panes {
             inside: DrawnPane::new(gpu, samples)?,
             overview: DrawnPane::new(gpu, samples)?,
             mesh: None,
+            is_culled: false,
             glass: None,
             has_wall: false,
             is_glass_next: false,
@@ -152,6 +155,13 @@ impl Panes {
             let mesh = self.inside.renderer.upload_prepared_mesh(gpu, wall)?;
             self.radius_mm = self.inside.renderer.mean_radius_mm(mesh);
             self.mesh = Some(mesh);
+        }
+        // Eyes are inside a closed wall. One with open ends is drawn without them, from levels alone.
+        if let (Some(culling), Some(mesh), false) = (&products.culling, self.mesh, self.is_culled)
+            && culling.closed.is_some()
+        {
+            self.inside.renderer.cull_mesh(gpu, mesh, Culling::clone(culling))?;
+            self.is_culled = true;
         }
         if let (Some(centered), None) = (&products.centerline, self.path) {
             let places = |b: &crate::geometry::Branch| -> Vec<Vec3> {

@@ -55,7 +55,7 @@ impl ViewerOptions {
 
 /// Products that are shown, in the order in which a script takes them in: its pictures show those
 /// up to what it waited for, whatever else is there.
-const SHOWN: [Product; 16] = [
+const SHOWN: [Product; 17] = [
     Product::Volume,
     Product::ValueRange,
     Product::Lumen,
@@ -65,6 +65,7 @@ const SHOWN: [Product; 16] = [
     Product::Identity,
     Product::TriangleTree,
     Product::Exterior,
+    Product::Culling,
     Product::Fields,
     Product::Centerline,
     Product::Flight,
@@ -74,11 +75,16 @@ const SHOWN: [Product; 16] = [
     Product::Coverage,
 ];
 
-/// Returns those of these products that a session makes: without levels of detail the whole wall is
-/// drawn.
+/// Returns those of these products that a session makes: levels of detail where they are asked for,
+/// else what culls the whole wall.
 fn made(products: &[Product], session: &Session) -> Vec<Product> {
-    let has_levels = session.settings().levels.lod != Lod::Off;
-    products.iter().copied().filter(|p| has_levels || *p != Product::Levels).collect()
+    let lod = session.settings().levels.lod;
+    let is_made = |p: &Product| match p {
+        Product::Levels => matches!(lod, Lod::Clusters | Lod::Vds),
+        Product::Culling => lod != Lod::Off,
+        _ => true,
+    };
+    products.iter().copied().filter(is_made).collect()
 }
 
 /// Number of products of [`SHOWN`] that the first picture of the wall needs.

@@ -112,10 +112,10 @@ impl FrameArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Level of detail")]
 pub struct LevelArgs {
-    /// Level of detail of the wall; auto builds clusters where the frames pay for them
+    /// Level of detail of the wall; auto is culled, the whole mesh less what a camera cannot see
     #[arg(long, value_enum, default_value = "auto")]
     pub lod: Lod,
-    /// Pixels that what is drawn may be away from the full mesh
+    /// Pixels that clusters and vds may be away from the full mesh
     #[arg(long, value_name = "T", default_value_t = 1.0)]
     pub pixel_error: f32,
     /// Folder where clusters are kept between runs, or off (default: the user's cache folder)

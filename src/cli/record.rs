@@ -21,7 +21,7 @@ impl Args {
         self.flags.check_files(&self.flags.out)?;
         let mut session = self.flags.session(global)?;
         let recording = self.flags.recording(self.flags.out.clone());
-        session.expect(&session.expected_of_frames());
+        session.expect(&session.products_of_frames());
         let needs = [Product::Lumen, Product::Device];
         let anew = [Product::Distance, Product::Fields, Product::Wall];
         let (stream, timing) = if global.repeat.is_some() {

@@ -8,16 +8,20 @@
 //! back-face culling happen when the cut is drawn ([`ViewFrustum`](crate::geometry::ViewFrustum));
 //! the [`OcclusionTest`] rejects what the wall itself hides.
 //!
-//! * [`clusters`]: the default, a hierarchy of triangle clusters with two-sided error bounds.
+//! * [`clusters`]: the default for long flights, a hierarchy of triangle clusters with two-sided error bounds.
 //! * [`vds`]: the view-dependent subdivision of the paper (Li et al. 2004).
+//!
+//! A [`FaceOctree`] has one resolution: it culls the whole wall.
 
 pub mod clusters;
+mod face_octree;
 pub mod octree;
 mod occlusion;
 mod page_cache;
 pub mod vds;
 mod worker;
 
+pub use face_octree::FaceOctree;
 pub use occlusion::{OcclusionTest, occlusion_grid};
 pub use page_cache::{NoPage, PageCache};
 pub use worker::{Worker, WorkerError};

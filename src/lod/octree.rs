@@ -2,6 +2,7 @@
 //! contains its centre.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use crate::geometry::{Cone, Sphere};
 
@@ -66,6 +67,42 @@ impl OctreeNode {
     pub fn is_leaf(&self) -> bool {
         self.child_count == 0
     }
+
+    /// Sets the bounds of a node whose items have this box and this cone.
+    fn enclose(&mut self, lo: Vec3, hi: Vec3, cone: Cone) {
+        let centre = 0.5 * (lo + hi);
+        // The rounded centre may be off the middle.
+        let reach = (hi.as_dvec3() - centre.as_dvec3()).max(centre.as_dvec3() - lo.as_dvec3());
+        let radius = (reach.length() * (1.0 + 1e-6)) as f32;
+        (self.lo, self.hi, self.cone) = (lo, hi, cone);
+        self.sphere = Sphere { centre, radius };
+    }
+}
+
+/// Centre of an item and its number.
+#[derive(Clone, Copy)]
+struct PlacedItem {
+    centre: Vec3,
+    id: u32,
+}
+
+/// Sorts places by the octant about `middle` that they are in, those of one octant as they were.
+/// Returns the number in each.
+fn sort_by_octant(places: &mut [PlacedItem], middle: Vec3) -> [u32; 8] {
+    let octant = |p: &PlacedItem| p.centre.cmpge(middle).bitmask() as usize;
+    let mut counts = [0u32; 8];
+    places.iter().for_each(|p| counts[octant(p)] += 1);
+    let mut next = [0usize; 8];
+    for o in 1..8 {
+        next[o] = next[o - 1] + counts[o - 1] as usize;
+    }
+    let before = places.to_vec();
+    for p in before {
+        let o = octant(&p);
+        places[next[o]] = p;
+        next[o] += 1;
+    }
+    counts
 }
 
 /// The tree. Node 0 is the root; there is none without items. Children follow their parents.
@@ -85,71 +122,85 @@ impl Octree {
 
     /// Builds the tree as [`Octree::new`], with at most `leaf_items` items in a leaf.
     pub fn with_leaves(items: &[Item], leaf_items: usize) -> Self {
-        let mut tree = Self { nodes: Vec::new(), items: (0..items.len() as u32).collect() };
-        if items.is_empty() {
-            return tree;
+        Self::from_fn(items.len(), leaf_items, |i| items[i as usize])
+    }
+
+    /// Builds the tree as [`Octree::with_leaves`] of `count` items that are made when they are
+    /// needed, twice each. The tree does not depend on the number of threads.
+    pub fn from_fn(count: usize, leaf_items: usize, item: impl Fn(u32) -> Item + Sync) -> Self {
+        let place = |id| PlacedItem { centre: item(id).centre, id };
+        let mut places: Vec<PlacedItem> = (0..count as u32).into_par_iter().map(place).collect();
+        if places.is_empty() {
+            return Self::default();
         }
-        let (lo, hi) = items
-            .iter()
-            .filter(|i| i.centre.is_finite())
-            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, i| {
-                (b.0.min(i.centre), b.1.max(i.centre))
-            });
+        let finite = places.par_iter().filter(|p| p.centre.is_finite());
+        let (lo, hi) = finite
+            .map(|p| (p.centre, p.centre))
+            .reduce(|| EMPTY, |a, b| (a.0.min(b.0), a.1.max(b.1)));
         let (lo, side) =
             if lo.x <= hi.x { (lo, (hi - lo).max_element()) } else { (Vec3::ZERO, 0.0) };
+        let mut nodes = vec![node(0, count as u32, 0)];
         let mut cells = vec![(lo, side)];
-        tree.nodes.push(node(0, items.len() as u32, 0));
-        let mut at = 0;
-        while at < tree.nodes.len() {
-            let (lo, side) = cells[at];
-            let OctreeNode { first, count, depth, .. } = tree.nodes[at];
-            if count as usize > leaf_items && depth < MAX_DEPTH {
-                let middle = lo + 0.5 * side;
-                let octant = |i: &u32| {
-                    let above = items[*i as usize].centre.cmpge(middle);
-                    above.bitmask() as usize
-                };
-                let own = &mut tree.items[first as usize..(first + count) as usize];
-                // Stable: equal octants keep the order of ids.
-                own.sort_by_key(octant);
-                tree.nodes[at].children = tree.nodes.len() as u32;
-                let mut from = first;
-                for part in own.chunk_by(|a, b| octant(a) == octant(b)) {
-                    let o = octant(&part[0]);
+        let mut level = 0..1;
+        while !level.is_empty() {
+            crate::task::checkpoint();
+            let mut rest = &mut places[..];
+            let mut at = 0;
+            // The nodes of a level are in the order of their items; leaves of upper levels lie between.
+            let own: Vec<&mut [PlacedItem]> = nodes[level.clone()]
+                .iter()
+                .map(|n| {
+                    rest = &mut std::mem::take(&mut rest)[(n.first - at) as usize..];
+                    at = n.first + n.count;
+                    rest.split_off_mut(..n.count as usize).unwrap_or_default()
+                })
+                .collect();
+            let splits: Vec<Option<[u32; 8]>> = own
+                .into_par_iter()
+                .zip(&nodes[level.clone()])
+                .zip(&cells)
+                .map(|((own, n), (lo, side))| {
+                    let splits = own.len() > leaf_items && n.depth < MAX_DEPTH;
+                    splits.then(|| sort_by_octant(own, *lo + 0.5 * *side))
+                })
+                .collect();
+            let mut below = Vec::new();
+            for ((at, counts), (lo, side)) in level.clone().zip(splits).zip(cells) {
+                let OctreeNode { mut first, depth, .. } = nodes[at];
+                nodes[at].children = nodes.len() as u32;
+                for (o, count) in counts.into_iter().flatten().enumerate().filter(|c| c.1 > 0) {
                     let upper = Vec3::from_array([0, 1, 2].map(|k| (o >> k & 1) as f32));
-                    cells.push((lo + 0.5 * side * upper, 0.5 * side));
-                    tree.nodes.push(node(from, part.len() as u32, depth + 1));
-                    tree.nodes[at].child_count += 1;
-                    from += part.len() as u32;
+                    below.push((lo + 0.5 * side * upper, 0.5 * side));
+                    nodes.push(node(first, count, depth + 1));
+                    nodes[at].child_count += 1;
+                    first += count;
                 }
             }
-            at += 1;
+            cells = below;
+            level = level.end..nodes.len();
         }
-        tree.bound(items);
+        let items = places.par_iter().map(|p| p.id).collect();
+        let mut tree = Self { nodes, items };
+        tree.bound(item);
         tree
     }
 
     /// Boxes, spheres and cones, from the leaves up.
-    fn bound(&mut self, items: &[Item]) {
-        for at in (0..self.nodes.len()).rev() {
-            let n = &self.nodes[at];
-            let (lo, hi, cone) = if n.is_leaf() {
-                let own = &self.items[n.first as usize..(n.first + n.count) as usize];
-                let own = || own.iter().map(|i| &items[*i as usize]);
-                let (lo, hi) = own().fold(EMPTY, |b, i| (b.0.min(i.lo), b.1.max(i.hi)));
-                (lo, hi, bounding_cone(own().map(|i| i.cone)))
-            } else {
-                let own = || self.children(at).map(|c| &self.nodes[c]);
-                let (lo, hi) = own().fold(EMPTY, |b, i| (b.0.min(i.lo), b.1.max(i.hi)));
-                (lo, hi, bounding_cone(own().map(|i| i.cone)))
-            };
-            let centre = 0.5 * (lo + hi);
-            // The rounded centre may be off the middle.
-            let reach = (hi.as_dvec3() - centre.as_dvec3()).max(centre.as_dvec3() - lo.as_dvec3());
-            let radius = (reach.length() * (1.0 + 1e-6)) as f32;
-            let n = &mut self.nodes[at];
-            (n.lo, n.hi, n.cone) = (lo, hi, cone);
-            n.sphere = Sphere { centre, radius };
+    fn bound(&mut self, item: impl Fn(u32) -> Item + Sync) {
+        let Self { nodes, items } = self;
+        nodes.par_iter_mut().filter(|n| n.is_leaf()).for_each(|n| {
+            let own = &items[n.first as usize..(n.first + n.count) as usize];
+            let own: Vec<Item> = own.iter().map(|i| item(*i)).collect();
+            let (lo, hi) = own.iter().fold(EMPTY, |b, i| (b.0.min(i.lo), b.1.max(i.hi)));
+            n.enclose(lo, hi, bounding_cone(own.iter().map(|i| i.cone)));
+        });
+        for at in (0..nodes.len()).rev().filter(|at| !nodes[*at].is_leaf()).collect::<Vec<_>>() {
+            let (upper, lower) = nodes.split_at_mut(at + 1);
+            let n = &mut upper[at];
+            let first = n.children as usize - at - 1;
+            let own = &lower[first..first + n.child_count as usize];
+            let (lo, hi) = own.iter().fold(EMPTY, |b, i| (b.0.min(i.lo), b.1.max(i.hi)));
+            n.enclose(lo, hi, bounding_cone(own.iter().map(|i| i.cone)));
         }
     }
 

@@ -1,10 +1,15 @@
 //! A mesh as the device draws it.
 
+use std::ops::Range;
+use std::sync::Arc;
+
 use glam::Vec3;
 
 use super::RenderError;
-use crate::geometry::{Mesh, Vertex};
+use crate::geometry::{Camera, Mesh, Vertex};
+use crate::lod::{FaceOctree, OcclusionTest};
 use crate::surface::{Shading, shading};
+use crate::vk::IndexedRange;
 
 /// A mesh in the form that is drawn: vertices, indices, and the sizes the light depends on. Making
 /// it takes most of the time of putting a mesh on the device, and needs no device.
@@ -14,6 +19,30 @@ pub struct PreparedMesh {
     pub(super) indices: Vec<u32>,
     pub(super) bounds: Option<(Vec3, Vec3)>,
     pub(super) mean_radius_mm: f32,
+}
+
+/// Culling of the faces of a mesh that a camera cannot see.
+#[derive(Clone, Debug)]
+pub struct Culling {
+    /// Faces in their order on the device.
+    pub octree: Arc<FaceOctree>,
+    /// Occlusion of a closed wall by itself, where eyes are inside one; else back faces are drawn.
+    pub closed: Option<Arc<OcclusionTest>>,
+}
+
+impl Culling {
+    /// Returns the index ranges that `camera` can see, and their number of triangles.
+    pub(super) fn visible_ranges(&self, camera: &Camera) -> (Vec<IndexedRange>, u64) {
+        let ranges = self.octree.visible(camera, self.closed.as_deref());
+        let triangles = ranges.iter().map(|r| r.len() as u64 / 3).sum();
+        let range = |r: Range<u32>| IndexedRange {
+            first_index: r.start,
+            indices: r.end - r.start,
+            first_vertex: 0,
+            instance: 0,
+        };
+        (ranges.into_iter().map(range).collect(), triangles)
+    }
 }
 
 impl PreparedMesh {

@@ -19,7 +19,7 @@ mod unfold;
 pub use camera::{Framing, clip_from_world, framing};
 pub use error::RenderError;
 pub use look::{Look, MISSED};
-pub use mesh::PreparedMesh;
+pub use mesh::{Culling, PreparedMesh};
 pub use overlay::{FlatMesh, FlatVertex, Overlay};
 pub use pages::MAX_PAGES;
 pub use picture::Spares;

@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
 use super::lines::Tubes;
-use super::mesh::{self, PreparedMesh};
+use super::mesh::{self, Culling, PreparedMesh};
 use super::pages::Pages;
 use super::picture::{Spares, without_alpha};
 use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
@@ -36,6 +36,7 @@ pub(super) struct PlacedMesh {
     pub mean_radius_mm: f32,
     /// Vertices without their colours, of a mesh that has colours, to be coloured anew.
     pub uncoloured: Option<Vec<Vertex>>,
+    pub culling: Option<Culling>,
 }
 
 impl PlacedMesh {
@@ -268,6 +269,31 @@ impl Renderer {
         let model = self.models[mesh.0].as_mut().expect("a mesh that was not removed");
         self.releaser.buffer(std::mem::replace(&mut model.vertices, vertices));
         self.glass_of = None;
+        Ok(())
+    }
+
+    /// Leaves what a camera cannot see of a mesh out of later inside views.
+    ///
+    /// * `culling`: of this mesh with all its faces.
+    ///
+    /// # Errors
+    /// [`RenderError::Vulkan`] when the device runs out of memory; nothing is left out then.
+    ///
+    /// # Panics
+    /// If the mesh was removed or has another number of faces.
+    pub fn cull_mesh(
+        &mut self,
+        gpu: &mut Gpu,
+        mesh: MeshHandle,
+        culling: Culling,
+    ) -> Result<(), RenderError> {
+        self.check_device(gpu);
+        let ordered = culling.octree.indices();
+        assert_eq!(ordered.len(), self.model(mesh).count as usize, "the faces of the mesh");
+        let indices = gpu.index_buffer("indices", ordered)?;
+        let model = self.models[mesh.0].as_mut().expect("a mesh that was not removed");
+        self.releaser.buffer(std::mem::replace(&mut model.indices, indices));
+        model.culling = Some(culling);
         Ok(())
     }
 
@@ -522,13 +548,27 @@ impl Renderer {
         let light = shot.pose.position_mm + beside * shot.pose.up();
         let push = surface_push(&camera.pose, &camera.lens, area, light, falloff);
         let push = bytemuck::bytes_of(&push);
-        let draws = match scene.wall {
+        let seen = match scene.wall {
             SceneWall::Mesh(mesh) => {
                 let model = self.model(mesh);
                 let p = &self.pipelines;
-                let coloured = model.uncoloured.is_some();
-                let pipeline = if coloured { p.inside_coloured } else { p.inside };
-                draw(pipeline, model, push, Vec::new())
+                let pipeline = match (&model.uncoloured, &model.culling) {
+                    (Some(_), _) => p.inside_coloured,
+                    (None, Some(Culling { closed: Some(_), .. })) => p.inside_fronts,
+                    (None, _) => p.inside,
+                };
+                let (range, count, triangles) = match &model.culling {
+                    None => (DrawRange::Direct(0..model.count), 1, u64::from(model.count / 3)),
+                    Some(culling) => {
+                        let (ranges, triangles) = culling.visible_ranges(&camera);
+                        let count = ranges.len() as u32;
+                        (DrawRange::Indirect(ranges), count, triangles)
+                    }
+                };
+                let all = draw(pipeline, model, push, Vec::new()).filter(|_| triangles > 0);
+                stats.draws += if all.is_some() { count } else { 0 };
+                stats.triangles += triangles;
+                all.map(|draw| Draw { range, ..draw })
             }
             SceneWall::Pages { pages, backs } => {
                 let own = self.wall_pages(pages);
@@ -552,10 +592,6 @@ impl Renderer {
                 })
             }
         };
-        if let (SceneWall::Mesh(mesh), true) = (scene.wall, draws.is_some()) {
-            stats.draws += 1;
-            stats.triangles += u64::from(self.model(mesh).count / 3);
-        }
         let targets = match (&self.faces, shot.view) {
             (Some(faces), View::Panorama) => faces,
             _ => &self.targets,
@@ -571,7 +607,7 @@ impl Renderer {
             encoded,
             clear: Some([r, g, b, 1.0]),
             area,
-            draws: draws.into_iter().collect(),
+            draws: seen.into_iter().collect(),
         }
     }
 }
@@ -679,6 +715,14 @@ fn upload<V: Pod>(
     gpu.all_or_none(|gpu| {
         let vertices = gpu.vertex_buffer("vertices", bytemuck::cast_slice(vertices))?;
         let indices = gpu.index_buffer("indices", indices)?;
-        Ok(PlacedMesh { vertices, indices, count, bounds, mean_radius_mm, uncoloured: None })
+        Ok(PlacedMesh {
+            vertices,
+            indices,
+            count,
+            bounds,
+            mean_radius_mm,
+            uncoloured: None,
+            culling: None,
+        })
     })
 }

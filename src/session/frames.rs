@@ -14,11 +14,11 @@ use crate::flight::Flight;
 use crate::geometry::{Centerline, CenterlinePoint, Pose};
 use crate::lod::Tolerance;
 use crate::render::{
-    FrameSequence, FrameStats, MeshHandle, PagesHandle, PreparedMesh, Renderer, Scene, SceneWall,
-    Shot, Spares, View,
+    Culling, FrameSequence, FrameStats, MeshHandle, PagesHandle, PreparedMesh, Renderer, Scene,
+    SceneWall, Shot, Spares, View,
 };
 use crate::task::CancelToken;
-use crate::vk::{Choice, DeviceKind, Gpu, return_freed_memory};
+use crate::vk::{Choice, Gpu, return_freed_memory};
 
 /// The renderer with the device it draws on: the one that computes or, where that is the CPU,
 /// what Vulkan there is.
@@ -64,40 +64,17 @@ impl Session {
         Ok(display)
     }
 
-    /// Products that a stream of frames may need, levels of detail among them where some device would
-    /// build them: what memory is estimated for.
-    pub fn expected_of_frames(&self) -> Vec<Product> {
-        let count = self.settings.flight.known_count();
-        let is_short = count.is_some_and(|n| n < levels_pay_from(DeviceKind::Software));
-        match self.settings.drawn_lod() {
-            Lod::Auto if is_short => products_of_frames(Lod::Off),
-            lod => products_of_frames(lod),
-        }
-    }
-
-    /// Products that a stream of frames needs. Where the settings leave the levels of detail open,
-    /// lumen and display are made first.
-    pub(super) fn needs_of_frames(&self) -> Result<Vec<Product>, SessionError> {
-        Ok(products_of_frames(self.lod_of_flight()?.0))
-    }
-
-    /// Levels of detail that the flight is drawn from, with the number of frames from which they pay
-    /// where that decided.
-    fn lod_of_flight(&self) -> Result<(Lod, Option<usize>), SessionError> {
-        let lod = self.settings.drawn_lod();
-        if lod != Lod::Auto {
-            return Ok((lod, None));
-        }
-        self.expect(&self.expected_of_frames());
-        // What is wrong with the input is said before what is with the device.
-        self.prepare(&[Product::Lumen])?;
-        let frames = match self.settings.flight.known_count() {
-            Some(count) => count,
-            None => self.flight()?.poses.len(),
+    /// Products that a stream of frames needs.
+    pub fn products_of_frames(&self) -> Vec<Product> {
+        let lod = match self.settings.drawn_lod() {
+            Lod::Off => None,
+            Lod::Auto | Lod::Culled => Some(Product::Culling),
+            Lod::Clusters | Lod::Vds => Some(Product::Levels),
         };
-        let paid_from = levels_pay_from(self.display()?.with_gpu(|gpu| gpu.info().kind));
-        let lod = if frames >= paid_from { Lod::Clusters } else { Lod::Off };
-        Ok((lod, Some(paid_from)))
+        let mut needs =
+            vec![Product::DrawnWall, Product::Shading, Product::Flight, Product::Display];
+        needs.extend(lod);
+        needs
     }
 
     /// The frames of the flight, in order. Everything they need is computed first; each is drawn
@@ -106,8 +83,7 @@ impl Session {
     /// # Errors
     /// What the stages fail with; the renderer's.
     pub fn frames(&self) -> Result<FrameStream, SessionError> {
-        let (chosen, pays_from_frames) = self.lod_of_flight()?;
-        self.prepare(&products_of_frames(chosen))?;
+        self.prepare(&self.products_of_frames())?;
         // What building levels took is larger than the pages that come now.
         return_freed_memory();
         let drawn = present(&self.slots.drawn_wall);
@@ -124,9 +100,15 @@ impl Session {
             let prepared = PreparedMesh::shaded(mesh, &shading)?;
             display.with_gpu(|gpu| renderer.upload_prepared_mesh(gpu, &prepared))
         };
-        let (scene, worker, lod) = if chosen == Lod::Off {
-            let lod = LodReport::whole(mesh.faces.len() as u64);
+        let chosen = self.settings.drawn_lod();
+        let is_whole = matches!(chosen, Lod::Auto | Lod::Culled | Lod::Off);
+        let (scene, worker, lod) = if is_whole {
+            let lod = LodReport::whole(mesh.faces.len() as u64, chosen != Lod::Off);
             let handle = upload_whole(&mut renderer)?;
+            if chosen != Lod::Off {
+                let culling = Culling::clone(&*self.culling()?);
+                display.with_gpu(|gpu| renderer.cull_mesh(gpu, handle, culling))?;
+            }
             held.meshes.push(handle);
             (Scene::of(handle), None, lod)
         } else {
@@ -142,7 +124,6 @@ impl Session {
             scene.wall = SceneWall::Pages { pages, backs: !drawn.closed };
             (scene, Some(worker), levels.report.clone())
         };
-        let lod = LodReport { pays_from_frames, ..lod };
         let pieces = self.flown_pieces(&centered.line)?;
         let mut scene = scene;
         if overview && pieces.iter().any(|p| p.len() > 1) {
@@ -202,27 +183,6 @@ impl Session {
         let items = (stream.given as u64, "frames");
         clock.record("frames", &stream.display.name, stream.started, items, Vec::new());
     }
-}
-
-/// Number of frames from which clusters save a flight more time than building them takes.
-///
-/// Both grow with the faces of the wall, so their ratio is nearly that of the device alone. Software
-/// Vulkan, processor time on seven shared label maps of 161 thousand to 1.5 million faces: they are
-/// equal at 24 to 83 frames; decided at 45, no flight takes more than 1.32 times the better
-/// (`docs/lod.md`). A graphics processor is taken to draw a million faces in two milliseconds where
-/// they are built in five seconds.
-fn levels_pay_from(device: DeviceKind) -> usize {
-    match device {
-        DeviceKind::Software => 45,
-        _ => 2500,
-    }
-}
-
-/// Products that frames from these levels of detail need.
-fn products_of_frames(lod: Lod) -> Vec<Product> {
-    let mut needs = vec![Product::DrawnWall, Product::Shading, Product::Flight, Product::Display];
-    needs.extend((lod != Lod::Off).then_some(Product::Levels));
-    needs
 }
 
 /// A drawn frame.

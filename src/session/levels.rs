@@ -11,9 +11,9 @@ use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
 use crate::lod::vds::{
     ParameterizedOriginal, ResidentPatches, SubdivisionSurface, Vds, VdsOptions,
 };
-use crate::lod::{LodHierarchy, OcclusionTest, PAGE_BYTES, Tolerance, Worker};
+use crate::lod::{FaceOctree, LodHierarchy, OcclusionTest, PAGE_BYTES, Tolerance, Worker};
 use crate::mesh::{MeshError, Metric, Parameterization, SimplifyOptions, make_manifold, simplify};
-use crate::render::{IN_FLIGHT, PagesHandle, RenderError, Renderer};
+use crate::render::{Culling, IN_FLIGHT, PagesHandle, RenderError, Renderer};
 use crate::vk::{Gpu, return_freed_memory};
 
 /// Bytes written to pages in one step, at most.
@@ -49,7 +49,7 @@ enum LevelKind {
 /// Level of detail.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct LodReport {
-    /// Kind of levels, `clusters` or `vds`, or `off`.
+    /// Kind of levels, `clusters` or `vds`; `culled` or `off` where the whole wall is drawn.
     pub mode: &'static str,
     /// Cost by which the base was simplified, where there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -68,15 +68,13 @@ pub struct LodReport {
     pub bytes: u64,
     /// Pages of the persistent buffers.
     pub pages: u32,
-    /// Frames of a flight from which levels pay for being built, where that chose the mode.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub pays_from_frames: Option<usize>,
 }
 
 impl LodReport {
-    /// The whole wall of so many faces is drawn.
-    pub(super) fn whole(faces: u64) -> Self {
-        Self { mode: "off", base_faces: faces, finest_faces: faces, ..Self::default() }
+    /// The whole wall of so many faces is drawn, or what cameras can see of it.
+    pub(super) fn whole(faces: u64, culled: bool) -> Self {
+        let mode = if culled { "culled" } else { "off" };
+        Self { mode, base_faces: faces, finest_faces: faces, ..Self::default() }
     }
 }
 
@@ -306,6 +304,17 @@ impl Session {
         let clusters = Arc::clone(&built.clusters);
         let error = self.settings.levels.pixel_error;
         Ok(Levels::of_clusters(clusters, error, built.cached, occlusion))
+    }
+
+    pub(super) fn run_culling(&self, clock: &mut Clock) -> Result<Culling, SessionError> {
+        let (drawn, exterior) = (present(&self.slots.drawn_wall), present(&self.slots.exterior));
+        let faces = drawn.mesh().faces.len() as u64;
+        let build = || Arc::new(FaceOctree::new(drawn.mesh()));
+        let octree = clock.time("octree", "faces", build, |_| faces);
+        // Where caps are left out, an eye sees what the whole wall hides.
+        let grid = exterior.grid.clone().filter(|_| drawn.closed);
+        let closed = grid.map(|grid| Arc::new(OcclusionTest::new(grid, 0.0)));
+        Ok(Culling { octree, closed })
     }
 
     pub(super) fn run_subdivision_levels(&self, clock: &mut Clock) -> Result<Levels, SessionError> {

@@ -164,13 +164,15 @@ pub struct WallSettings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Lod {
-    /// Clusters where the frames of the flight pay for building them, else the whole mesh.
+    /// The fastest in all on the organs that were measured: as `culled`.
     #[default]
     Auto,
     /// Clusters of original triangles and ever coarser ones above them.
     Clusters,
     /// The paper's: a base mesh subdivided where the camera looks.
     Vds,
+    /// The whole mesh, less what a camera cannot see of it; the same pixels as all of it.
+    Culled,
     /// The whole mesh.
     Off,
 }
@@ -225,17 +227,6 @@ pub struct FlightSettings {
     pub script: Option<CameraPath>,
     /// Poses the camera path is resampled to; as many as it has where `None`.
     pub script_frames: Option<usize>,
-}
-
-impl FlightSettings {
-    /// Number of frames, where it does not follow from the path.
-    pub(super) fn known_count(&self) -> Option<usize> {
-        match (&self.script, self.frames) {
-            (Some(script), _) => self.script_frames.or(Some(script.shots.len())),
-            (None, Frames::Count(count)) => Some(count),
-            (None, Frames::Speed { .. }) => None,
-        }
-    }
 }
 
 impl Default for FlightSettings {

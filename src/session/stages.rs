@@ -21,7 +21,7 @@ use crate::centerline::Routed;
 use crate::compute::{Array, Kernel};
 use crate::flight::{Coverage, Flight, LumenProfile, SectionFigures};
 use crate::geometry::{CenterlineDistances, Mesh, TriangleBvh};
-use crate::render::PreparedMesh;
+use crate::render::{Culling, PreparedMesh};
 use crate::surface::Shading;
 use crate::wall::Evidence;
 
@@ -92,7 +92,7 @@ fn from_ridge(s: &Settings) -> bool {
 }
 
 fn clusters(s: &Settings) -> bool {
-    matches!(s.drawn_lod(), Lod::Auto | Lod::Clusters)
+    s.drawn_lod() == Lod::Clusters
 }
 
 fn subdivision(s: &Settings) -> bool {
@@ -298,6 +298,9 @@ products! {
     /// Space outside the wall, where it is watertight.
     pub Exterior exterior: Exterior =
         "outside" 1.0 [Wall] () Cpu always run_exterior;
+    /// Faces of the drawn wall by place, and what the wall hides by itself.
+    pub Culling culling: Culling =
+        "octree" 0.3 [DrawnWall Exterior] () Cpu always run_culling;
     /// The wall at many levels of detail, ready to be refined.
     pub Levels levels: Levels =
         "levels" 0.1 [DrawnWall Shading Clusters Exterior] (levels.pixel_error) Cpu clusters run_cluster_levels
@@ -408,7 +411,10 @@ mod tests {
         grey.lumen.select = Some(IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -500.0 });
         let mut paper = Settings { mode: Mode::Paper, ..Settings::default() };
         paper.levels.lod = Lod::Vds;
+        let mut clusters = Settings::default();
+        clusters.levels.lod = Lod::Clusters;
         let mut names = reported(bend.grey(None, 1), grey);
+        names.extend(reported(bend.mask(), clusters));
         names.extend(reported(bend.mask(), paper));
         for stage in STAGES.iter().filter(|s| !NOT_REPORTED.contains(&s.name)) {
             assert!(names.contains(&stage.name), "{} is not in {names:?}", stage.name);
@@ -417,7 +423,7 @@ mod tests {
 
     fn all_settings() -> impl Iterator<Item = Settings> {
         let modes = [Mode::Default, Mode::Paper];
-        let lods = [Lod::Auto, Lod::Clusters, Lod::Vds, Lod::Off];
+        let lods = [Lod::Auto, Lod::Clusters, Lod::Vds, Lod::Culled, Lod::Off];
         let views = [View::Inside, View::Overview];
         modes.into_iter().flat_map(move |mode| {
             lods.into_iter().flat_map(move |lod| {

@@ -1,13 +1,17 @@
 //! Drawing a wall from pages, with few pages and small upload budgets.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use common::sections::{BASE_PAGES, FINE_PAGES, Sections, whole};
 use common::{child, tube};
 use intima::geometry::{Camera, Lens, Mesh};
-use intima::lod::{LodHierarchy, LodStep, PAGE_BYTES, Tolerance, Upload, VisiblePatch, Worker};
+use intima::lod::{
+    FaceOctree, LodHierarchy, LodStep, PAGE_BYTES, Tolerance, Upload, VisiblePatch, Worker,
+};
 use intima::render::{
-    FrameSequence, FrameStats, IN_FLIGHT, Look, RenderError, Renderer, Scene, SceneWall, Shot, View,
+    Culling, FrameSequence, FrameStats, IN_FLIGHT, Look, RenderError, Renderer, Scene, SceneWall,
+    Shot, View,
 };
 use intima::surface::shading;
 use intima::vk::{Gpu, STAGING_BYTES, Validate};
@@ -91,6 +95,30 @@ fn pages_draw_the_same_image_as_their_mesh() {
             }
         }
         assert!(fronts[0] == fronts[1], "{samples} samples, {at_once} draws at once");
+        drop(r);
+        common::assert_silent(&gpu);
+    }
+}
+
+#[test]
+fn a_culled_mesh_draws_the_same_image_as_the_whole_mesh_through_open_ends_too() {
+    let mesh = tube::tube(250, 64);
+    let shots = flight(7);
+    for (samples, at_once) in [(1, u32::MAX), (4, 7)] {
+        let Some(mut gpu) = common::few_draws_gpu(at_once, Validate::Sync) else { return };
+        let mut r = renderer(&mut gpu, samples);
+        let plain = Scene::of(r.upload_mesh(&mut gpu, &mesh, false).unwrap());
+        let want = pictures(&mut gpu, &mut r, &plain, &shots);
+        let culling = Culling { octree: Arc::new(FaceOctree::new(&mesh)), closed: None };
+        let handle = r.upload_mesh(&mut gpu, &mesh, false).unwrap();
+        r.cull_mesh(&mut gpu, handle, culling).unwrap();
+        let culled = Scene::of(handle);
+        let got = pictures(&mut gpu, &mut r, &culled, &shots);
+        assert!(got == want, "{samples} samples, {at_once} draws at once");
+        let ticket = r.begin_frame(&mut gpu, &culled, &shots[2]).unwrap();
+        let FrameStats { triangles, draws, .. } = ticket.stats;
+        assert!(triangles > 0 && 2 * triangles < 3 * mesh.faces.len() as u64 && draws > 1);
+        r.fetch(&mut gpu, ticket).unwrap();
         drop(r);
         common::assert_silent(&gpu);
     }

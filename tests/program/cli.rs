@@ -228,6 +228,12 @@ fn every_way_of_drawing_shows_nearly_the_same_and_keeps_its_clusters() {
             assert!(mean < 1.0, "{lod}: {mean} of 255 apart");
         }
     }
+    // Of a closed wall nothing that is seen is left out.
+    let (culled, got) = film("culled", "f");
+    assert_eq!(culled["lod"]["mode"], "culled");
+    assert!(want == got, "a camera sees what was left out");
+    let drawn = |report: &Value| report["frames"]["triangles_p50"].as_u64().unwrap();
+    assert!(2 * drawn(&culled) < drawn(&whole), "{} of {}", drawn(&culled), drawn(&whole));
     // What is kept is checked: damage costs a build, nothing else.
     let kept = names(&tmp.path().join("kept"));
     assert_eq!(kept.len(), 1, "{kept:?}");

@@ -601,6 +601,7 @@ fn without_levels_of_detail_the_window_draws_the_whole_wall() {
     let whole = shown("off", "1");
     assert!(whole == shown("off", "100"), "the whole wall does not hang on the error");
     assert!(whole != shown("clusters", "1"), "a cut is drawn instead of the whole wall");
+    assert!(whole == shown("culled", "1"), "what is left out of the whole wall is not seen");
     let mut core = Command::new(env!("CARGO_BIN_EXE_intima"));
     core.args(["fly", "--mask", "mask.nrrd", "--core", "c.nrrd"]).current_dir(tmp.path());
     let done = core.args(["--script", "s.json", "--frames-out", "out"]).output().unwrap();

@@ -255,7 +255,13 @@ fn smoothing(given: &Remaining<'_>) -> PyResult<Option<Smoothing>> {
 
 fn levels(given: &Remaining<'_>) -> PyResult<LevelSettings> {
     let methods =
-        [("auto", Lod::Auto), ("clusters", Lod::Clusters), ("vds", Lod::Vds), ("off", Lod::Off)];
+        [
+        ("auto", Lod::Auto),
+        ("clusters", Lod::Clusters),
+        ("vds", Lod::Vds),
+        ("culled", Lod::Culled),
+        ("off", Lod::Off),
+    ];
     let pixel_error = given.take("pixel_error")?.unwrap_or(1.0);
     if !(0.01..=100.0).contains(&pixel_error) {
         return Err(argument(format!("pixel_error={pixel_error}: 0.01 to 100 pixels")));

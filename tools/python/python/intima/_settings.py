@@ -113,7 +113,7 @@ class Settings(WallSettings, CenterlineSettings, total=False):
     """trunk, all, or leaf:N with the number of a branch."""
     path: PathLike | None
     """Fly this camera path (intima.path/1)."""
-    lod: Literal["auto", "clusters", "vds", "off"]
+    lod: Literal["auto", "clusters", "vds", "culled", "off"]
     """Level of detail."""
     pixel_error: float
     """Pixels that what is drawn may be away from the full mesh."""

@@ -1,0 +1,127 @@
+//! Octree of a mesh's faces, by which the part of a whole mesh that a camera can see is drawn.
+//!
+//! Faces are stored in the order of the tree, so that each cell is one range of the index buffer. A
+//! camera draws the cells that are inside its view frustum, do not face away and are not occluded;
+//! no pixel changes by what is left out of a closed wall. It is built in about a fifteenth of the
+//! time of clusters, and has no coarser levels.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::OcclusionTest;
+use super::octree::{Item, Octree};
+use crate::geometry::{Camera, Mesh, ViewFrustum};
+
+/// Most faces of a leaf. Fewer are culled more tightly, but each range of faces is a draw.
+const LEAF_FACES: usize = 128;
+
+/// Faces of a mesh in the order of an octree.
+#[derive(Debug)]
+pub struct FaceOctree {
+    /// Cells; their items are in `indices`.
+    tree: Octree,
+    indices: Vec<u32>,
+}
+
+impl FaceOctree {
+    /// Builds the octree of a mesh, whose faces must have vertices.
+    pub fn new(mesh: &Mesh) -> Self {
+        let corners = |f: u32| mesh.faces[f as usize].map(|v| mesh.positions[v as usize]);
+        let triangle = |f| Item::triangle(corners(f));
+        let mut tree = Octree::from_fn(mesh.faces.len(), LEAF_FACES, triangle);
+        let items = std::mem::take(&mut tree.items);
+        let indices = items.into_par_iter().flat_map_iter(|f| mesh.faces[f as usize]).collect();
+        Self { tree, indices }
+    }
+
+    /// Vertices of the faces, three a face, in the order of the tree.
+    pub fn indices(&self) -> &[u32] {
+        &self.indices
+    }
+
+    /// Ranges of [`Self::indices`] that `camera` can see, ascending.
+    ///
+    /// * `closed`: of a closed wall with the eye inside it, whose back faces are never seen; what it
+    ///   hides by itself is left out too.
+    pub fn visible(&self, camera: &Camera, closed: Option<&OcclusionTest>) -> Vec<Range<u32>> {
+        let frustum = ViewFrustum::new(camera);
+        let mut ranges: Vec<Range<u32>> = Vec::new();
+        self.tree.traverse(
+            |n| {
+                let hidden = |test: &OcclusionTest| {
+                    frustum.is_backfacing(&n.sphere, &n.cone)
+                        || test.is_occluded(frustum.position(), &n.sphere)
+                };
+                frustum.intersects(&n.sphere) && !closed.is_some_and(hidden)
+            },
+            |_, n| {
+                let own = 3 * n.first..3 * (n.first + n.count);
+                match ranges.last_mut() {
+                    Some(last) if last.end == own.start => last.end = own.end,
+                    _ => ranges.push(own),
+                }
+            },
+        );
+        ranges
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::geometry::shapes::torus;
+    use crate::geometry::{Lens, Pose, TriangleBvh};
+    use crate::lod::occlusion_grid;
+
+    #[test]
+    fn a_ray_from_the_eye_meets_no_face_that_is_left_out() {
+        let mesh = torus(400, 120);
+        let octree = FaceOctree::new(&mesh);
+        let face_of = |i: u32| [0, 1, 2].map(|k| octree.indices()[3 * i as usize + k]);
+        let test = OcclusionTest::new(occlusion_grid(&mesh), 0.0);
+        let tree = TriangleBvh::new(&mesh);
+        let mut seed = 9u64;
+        let mut noise = || {
+            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (seed >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+        };
+        let lens = Lens { fov_y_rad: 1.2, aspect: 1.5, near_mm: 0.01 };
+        let (mut met, mut drawn) = (0, 0);
+        for _ in 0..40 {
+            let eye = Vec3::new(10.0 + 2.0 * noise(), 0.0, 2.0 * noise());
+            let gaze = Vec3::new(noise(), noise(), noise());
+            let camera =
+                Camera { pose: Pose::looking(eye, eye + gaze, Vec3::Z), lens, height_px: 100 };
+            let ranges = octree.visible(&camera, Some(&test));
+            assert!(ranges.is_sorted_by(|a, b| a.end < b.start), "{ranges:?}");
+            let faces: Vec<[u32; 3]> =
+                ranges.iter().flat_map(|r| r.start / 3..r.end / 3).map(face_of).collect();
+            drawn += faces.len();
+            let seen = TriangleBvh::new(&Mesh { faces, ..mesh.clone() });
+            for _ in 0..200 {
+                let y = (0.5 * lens.fov_y_rad).tan() * noise();
+                let x = (0.5 * lens.fov_y_rad).tan() * lens.aspect * noise();
+                let way = camera.pose.rotation * Vec3::new(x, y, -1.0).normalize();
+                let Some(hit) = tree.first_hit(eye.as_dvec3(), 30.0 * way.as_dvec3()) else {
+                    continue;
+                };
+                met += 1;
+                assert!(seen.distance(hit, 1.0) < 1e-5, "{hit} from {eye}");
+            }
+        }
+        assert!(met > 7_500, "{met}");
+        assert!(drawn < 40 * mesh.faces.len() / 6, "{drawn}");
+    }
+
+    #[test]
+    fn a_mesh_without_faces_has_nothing_to_see() {
+        let octree = FaceOctree::new(&Mesh::default());
+        let lens = Lens { fov_y_rad: 1.0, aspect: 1.0, near_mm: 0.1 };
+        let pose = Pose::looking(Vec3::ZERO, Vec3::X, Vec3::Z);
+        let camera = Camera { pose, lens, height_px: 9 };
+        assert!(octree.visible(&camera, None).is_empty() && octree.indices().is_empty());
+    }
+}
