@@ -4,7 +4,7 @@ use maud::{Markup, html};
 
 use super::figures::{count, decimal, percent, place};
 use super::overview::MARKED;
-use crate::session::{CoverageReport, Report};
+use crate::session::{CoverageReport, CoveredFlight, Report};
 
 pub(super) fn section(report: &Report, shown_fraction: Option<f64>) -> Markup {
     html! {
@@ -13,6 +13,7 @@ pub(super) fn section(report: &Report, shown_fraction: Option<f64>) -> Markup {
                 h2 { "Coverage of the wall" }
                 table { tbody {
                     @if let Some(c) = &report.coverage {
+                        tr { th scope="row" { "Flight" } td colspan="2" { (flight(&c.of)) } }
                         (share("Seen by the flight", c.one_way_fraction))
                         (share("Seen by it or the flight back", c.both_ways_fraction))
                     }
@@ -23,6 +24,20 @@ pub(super) fn section(report: &Report, shown_fraction: Option<f64>) -> Markup {
                 @if let Some(c) = &report.coverage { (patches(c)) }
             }
         }
+    }
+}
+
+fn flight(f: &CoveredFlight) -> Markup {
+    let route = match (f.route.as_str(), f.route.strip_prefix("leaf:")) {
+        ("trunk", _) => "Along the path",
+        ("all", _) => "Through all branches",
+        (_, Some(_)) => "To the tip of branch ",
+        _ => "Along a camera path that was given",
+    };
+    html! {
+        (route) (f.route.strip_prefix("leaf:").unwrap_or(""))
+        @if f.reverse { ", reversed" }
+        ": " (count(f.cameras as u64)) " cameras, " (decimal(f.field_of_view_deg, 0)) "° of view"
     }
 }
 

@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 
 use glam::Quat;
 
-use super::report::{CoverageReport, PatchReport};
+use super::report::{CoverageReport, CoveredFlight, PatchReport};
+use super::settings::FlightRoute;
 use super::{Clock, Session, SessionError, present};
 use crate::flight::{Coverage, CoverageMap, Flight, LISTED_FROM_MM2, coverage, unseen_voxels};
 use crate::geometry::{Lens, Pose, cube_faces};
@@ -43,6 +44,25 @@ impl Session {
         }
         Ok(out)
     }
+
+    /// Report of the coverage by the session's flight.
+    pub(super) fn coverage_report(&self, c: &Coverage, flight: &Flight) -> CoverageReport {
+        let s = &self.settings.flight;
+        let route = match (&s.script, s.route) {
+            (Some(_), _) => "path".into(),
+            (None, FlightRoute::Trunk) => "trunk".into(),
+            (None, FlightRoute::All) => "all".into(),
+            (None, FlightRoute::Leaf(branch)) => format!("leaf:{branch}"),
+        };
+        let first = (!flight.poses.is_empty()).then(|| f64::from(flight.lens(0).fov_y_rad));
+        let field_of_view_deg = match s.view.is_all_round() {
+            true => 360.0,
+            // Radians are stored in single precision.
+            false => (1e3 * first.unwrap_or(0.0).to_degrees()).round() / 1e3,
+        };
+        let cameras = flight.poses.len();
+        report(c, CoveredFlight { route, reverse: s.reverse, cameras, field_of_view_deg })
+    }
 }
 
 fn views(flight: &Flight) -> Vec<(Pose, Lens)> {
@@ -63,14 +83,15 @@ fn reversed_views(flight: &Flight) -> Vec<(Pose, Lens)> {
     views
 }
 
-/// Returns the report of a coverage.
-pub(super) fn report(c: &Coverage) -> CoverageReport {
+/// Returns the report of a coverage by some flight.
+fn report(c: &Coverage, of: CoveredFlight) -> CoverageReport {
     let patch = |p: &crate::flight::MissedPatch| PatchReport {
         area_mm2: p.area_mm2,
         center_mm: p.center_mm.to_array(),
         arc_mm: p.arc_mm,
     };
     CoverageReport {
+        of,
         one_way_fraction: c.one_way_fraction,
         both_ways_fraction: c.both_ways_fraction,
         by: "area",

@@ -53,9 +53,9 @@ pub use mode::Mode;
 pub use pictures::{InsidePicture, OverviewPicture, PngPicture, ReportPictures};
 pub use progress::Progress;
 pub use report::{
-    CenterlineReport, ComponentReport, CoverageReport, FramesReport, InputReport, LumenReport,
-    Modes, OrganReport, PatchReport, Report, SegmentReport, SelectionReport, SurfaceReport,
-    WallFieldReport, WallReport,
+    CenterlineReport, ComponentReport, CoverageReport, CoveredFlight, FramesReport, InputReport,
+    LumenReport, Modes, OrganReport, PatchReport, Report, SegmentReport, SelectionReport,
+    SurfaceReport, WallFieldReport, WallReport,
 };
 pub use search::Exterior;
 pub use segmentation::{Core, Segmented};

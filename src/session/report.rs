@@ -359,6 +359,8 @@ pub struct FramesReport {
 /// Wall seen by the frames of the flight.
 #[derive(Clone, Debug, Serialize)]
 pub struct CoverageReport {
+    /// Flight whose cameras saw it.
+    pub of: CoveredFlight,
     /// Share seen by the flight as it was flown.
     pub one_way_fraction: f64,
     /// Share seen by it or by the same flight in the other direction.
@@ -375,6 +377,20 @@ pub struct CoverageReport {
     pub smaller_patches: usize,
     /// Area of those patches.
     pub smaller_patches_mm2: f64,
+}
+
+/// A flight along which coverage was measured.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CoveredFlight {
+    /// Branches that it follows: `trunk`, `all`, or `leaf:` with a number; `path` of cameras that
+    /// were given.
+    pub route: String,
+    /// Whether it goes from the end to the start.
+    pub reverse: bool,
+    /// Number of its cameras.
+    pub cameras: usize,
+    /// Vertical field of view of the first, degrees; 360 where each sees everything about it.
+    pub field_of_view_deg: f64,
 }
 
 /// A patch that was missed.
@@ -427,7 +443,8 @@ impl Session {
         });
         let surface = there.wall.as_deref();
         let surface = surface.map(|w| SurfaceReport::of_written(w, self.settings.wall.open_ends));
-        let coverage = super::locked(&self.slots.coverage).clone();
+        let (flight, coverage) = (&self.slots.flight, &self.slots.coverage);
+        let (flight, coverage) = (super::locked(flight).clone(), super::locked(coverage).clone());
         let mut warnings = self.warnings();
         warnings.extend(frames.map(super::FrameStream::warnings).unwrap_or_default());
         Ok(Report {
@@ -439,7 +456,7 @@ impl Session {
             surface,
             centerline: centerline.transpose()?,
             profile: super::locked(&self.slots.lumen_profile).as_deref().cloned(),
-            coverage: coverage.map(|c| super::coverage::report(&c)),
+            coverage: coverage.zip(flight).map(|(c, flight)| self.coverage_report(&c, &flight)),
             lod: frames.map(|f| f.lod().clone()),
             frames: frames.map(super::FrameStream::report),
             warnings,

@@ -87,6 +87,9 @@ fn a_page_agrees_with_the_report_and_only_its_times_differ_between_runs() {
     for key in ["one_way_fraction", "both_ways_fraction", "area_mm2"] {
         assert!(shown("coverage", &report["coverage"][key]), "{key}");
     }
+    let of = &report["coverage"]["of"];
+    assert_eq!((&of["route"], &of["cameras"]), (&"trunk".into(), &report["frames"]["count"]));
+    assert!(shown("coverage", &of["cameras"]) && shown("coverage", &of["field_of_view_deg"]));
     assert!(shown("lumen", &report["lumen"]["volume_ml"]));
     assert!(shown("run", &report["peak_memory_mb"]));
     let stages = report["stages"].as_array().unwrap();
