@@ -259,7 +259,7 @@ impl Gpu {
     /// Returns the timeline value the device has reached.
     pub(super) fn reached(&self) -> Result<u64, VkError> {
         match self.instance.validate {
-            Validate::GpuAssisted => self.wait_idle().map(|()| self.timeline.submitted),
+            Validate::GpuAssisted => self.wait_idle("all work").map(|()| self.timeline.submitted),
             _ => self.timeline.reached(),
         }
     }
@@ -268,7 +268,7 @@ impl Gpu {
     pub(super) fn wait(&self, value: u64, what: &'static str) -> Result<(), VkError> {
         self.waits.set(self.waits.get() + 1);
         match self.instance.validate {
-            Validate::GpuAssisted => self.wait_idle(),
+            Validate::GpuAssisted => self.wait_idle(what),
             _ => self.timeline.wait(value, what),
         }
     }
@@ -289,10 +289,12 @@ impl Gpu {
     /// Waits until the queue is idle. Takes the place of the timeline when shaders are
     /// instrumented: there the layer's own book-keeping of timelines hangs (it says so itself,
     /// after ten seconds). An idle queue has reached every value.
-    pub(super) fn wait_idle(&self) -> Result<(), VkError> {
-        // SAFETY: `Gpu` owns the queue and is not shared between threads while this runs: every
-        // caller holds it by `&mut`.
-        unsafe { self.device.queue_wait_idle(self.queue) }.map_err(VkError::of("vkQueueWaitIdle"))
+    ///
+    /// * `what`: what is waited for, for the error.
+    pub(super) fn wait_idle(&self, what: &'static str) -> Result<(), VkError> {
+        // `Gpu` owns the queue and is not shared between threads while this runs: every caller
+        // holds it by `&mut`.
+        self.timeline.wait_for_queue(self.queue, what)
     }
 
     /// Returns the number of buffers, images and graphics pipelines that were made and not freed.

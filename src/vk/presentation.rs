@@ -421,7 +421,7 @@ impl Gpu {
         if gone > 0 {
             self.wait(self.timeline.submitted, "frames of a replaced swapchain")?;
             // Presenting is work of the queue too, which the timeline does not count.
-            self.wait_idle()?;
+            self.wait_idle("frames of a replaced swapchain")?;
             for chain in p.old.drain(..gone).collect::<Vec<_>>() {
                 self.destroy_chain(p, chain);
             }

@@ -65,19 +65,59 @@ impl Timeline {
     /// # Errors
     /// [`VkError::Unresponsive`] where the device is given up; then, and from then on.
     pub fn wait(&self, value: u64, what: &'static str) -> Result<(), VkError> {
-        self.answers()?;
         let (semaphores, values) = ([self.semaphore], [value]);
         let info = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
+        self.in_slices(what, "vkWaitSemaphores", || {
+            // SAFETY: the semaphore is ours, of this device; arrays outlive the call.
+            unsafe { self.device.wait_semaphores(&info, SLICE_NS) }
+        })
+    }
+
+    /// Blocks until a queue has ended all that was submitted to it, by a fence.
+    ///
+    /// * `what`: what is waited for, for the error.
+    ///
+    /// # Errors
+    /// As [`Timeline::wait`].
+    pub fn wait_for_queue(&self, queue: vk::Queue, what: &'static str) -> Result<(), VkError> {
+        self.answers()?;
+        // SAFETY: `device` is live, and the structure outlives the call.
+        let fence = unsafe { self.device.create_fence(&vk::FenceCreateInfo::default(), None) }
+            .map_err(VkError::of("vkCreateFence"))?;
+        // SAFETY: the fence is new; the queue is this device's, and the caller has it to itself.
+        let submitted = unsafe { self.device.queue_submit2(queue, &[], fence) }
+            .map_err(VkError::of("vkQueueSubmit2"));
+        let outcome = submitted.and_then(|()| {
+            self.in_slices(what, "vkWaitForFences", || {
+                // SAFETY: the fence is ours, of this device; the array outlives the call.
+                unsafe { self.device.wait_for_fences(&[fence], true, SLICE_NS) }
+            })
+        });
+        if !self.is_given_up() {
+            // SAFETY: the fence is ours and goes once. It was signalled, was not submitted, or the
+            // device is lost; of a device that was given up it stays.
+            unsafe { self.device.destroy_fence(fence, None) };
+        }
+        outcome
+    }
+
+    /// Repeats a wait of [`SLICE_NS`] while it times out, until the device is given up.
+    fn in_slices(
+        &self,
+        what: &'static str,
+        call: &'static str,
+        wait: impl Fn() -> Result<(), vk::Result>,
+    ) -> Result<(), VkError> {
+        self.answers()?;
         let mut slices = 0;
         loop {
             let answer = match fault::hit(fault::Point::Wait) {
                 true => Err(vk::Result::TIMEOUT),
-                // SAFETY: the semaphore is ours, of this device; arrays outlive the call.
-                false => unsafe { self.device.wait_semaphores(&info, SLICE_NS) },
+                false => wait(),
             };
             match answer {
                 Err(vk::Result::TIMEOUT) => slices += 1,
-                answer => return answer.map_err(VkError::of("vkWaitSemaphores")),
+                answer => return answer.map_err(VkError::of(call)),
             }
             let most = if task::is_cancelled() { SLICES_CANCELLED } else { SLICES };
             if slices >= most {

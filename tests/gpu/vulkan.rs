@@ -415,7 +415,9 @@ mod faults {
 
     /// Runs in a process of its own.
     fn child_waits_for_a_hung_device() {
-        let mut gpu = common::gpu(Validate::Sync).expect("the parent found a device");
+        let is_assisted = std::env::var_os("INTIMA_TEST_ASSISTED").is_some();
+        let validate = if is_assisted { Validate::GpuAssisted } else { Validate::Sync };
+        let mut gpu = common::gpu(validate).expect("the parent found a device");
         let token = CancelToken::default();
         token.enter();
         if std::env::var_os("INTIMA_TEST_CANCELLED").is_some() {
@@ -447,6 +449,11 @@ mod faults {
             // Nothing that the device may use is destroyed, and no later wait takes as long.
             assert_eq!(child::said(&child::run(name, &env)), [said.as_str(), said.as_str(), "[]"]);
         }
+        // Nor does a wait of GPU-assisted validation, which is by a fence.
+        let env = [("INTIMA_FAULT", "wait:1"), ("INTIMA_TEST_ASSISTED", "1")];
+        let said = child::said(&child::run(name, &env));
+        assert!(said[0].starts_with("the device did not answer for 120 s"), "{said:?}");
+        assert!(said[0].ends_with("lost: true") && said[2] == "[]", "{said:?}");
         // A device that takes its time is not given up.
         let said = child::said(&child::run(
             "vulkan::faults::planted_faults_come_back_typed_and_leave_nothing_behind",
