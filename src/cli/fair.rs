@@ -12,7 +12,7 @@ use crate::device::Device;
 use crate::formats::{Space, read_mesh, shown, write_mesh};
 use crate::session::{
     Clock, MeshWork, VolumeSource, gradient_bytes, gradient_normals, mesh_bytes,
-    read_orthogonal_volume, smoothed_normals,
+    read_orthogonal_volume, resident_memory_mb, smoothed_normals,
 };
 use crate::surface::{Adjacency, Smoothing, VoxelFrame};
 
@@ -55,14 +55,18 @@ impl Args {
         let field = field
             .map(|p| read_orthogonal_volume(&VolumeSource::file(p), global.max_memory))
             .transpose()?;
+        let before_mb = resident_memory_mb();
         let mut device = global.open()?;
+        // A driver of software Vulkan stays in memory where it was looked at and not taken.
+        let looked_at_mb = (resident_memory_mb() - before_mb).max(0.0);
         let (faces, on_gpu) = (mesh.faces.len(), matches!(device, Device::Gpu(_)));
         let bytes = match (&field, smoothing) {
             (Some(volume), _) => gradient_bytes(volume, self.mask.is_some(), faces, on_gpu),
             (None, Smoothing::Multiscale) => mesh_bytes(MeshWork::Multiscale, faces, on_gpu),
             (None, Smoothing::Steps(_)) => mesh_bytes(MeshWork::Steps, faces, on_gpu),
         };
-        global.check_memory(bytes, "estimated for the normals")?;
+        let driver = if on_gpu { 0 } else { (1e6 * looked_at_mb) as u64 };
+        global.check_memory(bytes + driver, "estimated for the normals")?;
         let (normals, timing) = timed(
             global,
             &mut device,
