@@ -60,10 +60,10 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
     let has_plans = makes(Product::Fields) || distance || makes(Product::Wall);
     // The program, the volume, a mask, and Vulkan once a plan opens it.
     let held = 13 * MB + size.stored + size.mask + when(has_plans, 45 * MB);
-    // Let go once the lumen is there: values, levels and growth of the wall field, and what the
-    // search for an organ labels.
-    let choosing = when(size.is_field, 40 * MB + 20_000 * size.field_bricks)
-        + when(size.is_organ, size.voxels * 5 / 2);
+    // Let go once the lumen is there: what the search for an organ labels, and after it values,
+    // levels and growth of the wall field.
+    let choosing = when(size.is_field, 14 * MB + 22_500 * size.field_bricks)
+        .max(when(size.is_organ, size.voxels * 5 / 2));
     let kept = when(size.is_field, 38 * MB);
     let products = when(makes(Product::Fields) || distance, 6200 * size.bricks)
         // Written as a dense file, some slices at a time.

@@ -283,11 +283,6 @@ impl Session {
             }
         };
         let bricks = lumen.bricks.len() as u64;
-        // The estimate of volumes in memory is fitted to their lumens' bricks.
-        let field_bricks = match &loaded.volume {
-            InputVolume::Whole(_) => field_bricks.map(|_| bricks),
-            InputVolume::Parts(_) => field_bricks,
-        };
         let size = RunSize {
             stored: loaded.volume.bytes(),
             mask,
