@@ -55,9 +55,6 @@ impl SessionArgs {
     ///
     /// * `frames`: the folder of the frames, the one of the outputs or within it.
     pub fn check_files(&self, frames: &Path) -> Result<(), CliError> {
-        if let Some(video) = &self.frames.video {
-            VideoWriter::check(video)?;
-        }
         let within = |folder: &Path, name| place(&folder.join(name));
         // Through a file in it, so that a link to a folder is followed.
         let folder_of = |folder: &Path| within(folder, "file").parent().map(Path::to_owned);
@@ -86,7 +83,8 @@ impl SessionArgs {
             }
             taken.push(at);
         }
-        Ok(())
+        // Last: what is wrong in the command line is said on a machine without ffmpeg too.
+        Ok(self.frames.video.as_deref().map_or(Ok(()), VideoWriter::check)?)
     }
 
     /// Returns the files of a recording with its frames in `folder`.
