@@ -90,6 +90,8 @@ pub struct Model {
     lumen_side_mm: Option<f64>,
     /// Side from which the overview shows the organ, and how near.
     pub framing: Framing,
+    /// Whether that side was chosen by someone.
+    is_framed: bool,
     /// Corners of the wall's box, LPS mm.
     wall_bounds: Option<(Vec3, Vec3)>,
     /// Centre and width of the slices' grey values.
@@ -236,6 +238,7 @@ impl Model {
         let volume_came = came(&[Product::Volume, Product::ValueRange]);
         let lumen_came = came(&[Product::Lumen]);
         let wall_came = came(&[Product::Wall]);
+        let line_came = came(&[Product::Centerline]);
         let fields_came = came(&[Product::Fields, Product::TriangleTree]);
         let sections_came = came(&[Product::Sections]);
         if let Some(volume) = self.volume().filter(|_| volume_came) {
@@ -251,6 +254,12 @@ impl Model {
         }
         if fields_came {
             self.stand_in_the_widest_place();
+        }
+        if let Some(centered) = self.products.centerline.as_ref().filter(|_| line_came)
+            && !self.is_framed
+        {
+            let points = centered.line.branches.iter().flat_map(|b| &b.points);
+            self.framing = Framing::of_path(points.map(|p| p.position_mm));
         }
         if let (None, Some(flight)) = (&self.path, self.products.flight.clone()) {
             self.set_path(&flight, self.route);
@@ -412,6 +421,7 @@ impl Model {
                 let full = std::f32::consts::TAU;
                 let upright = std::f32::consts::FRAC_PI_2;
                 self.framing.orbit[0] = (self.framing.orbit[0] + about).rem_euclid(full);
+                self.is_framed = true;
                 self.framing.orbit[1] = (self.framing.orbit[1] + tilt).clamp(-upright, upright);
             }
             Action::Frame { zoom, pan_mm } if pan_mm.iter().all(|v| v.is_finite()) => {

@@ -1,6 +1,6 @@
 //! Projection, and a camera that shows the whole organ.
 
-use glam::{Mat4, Quat, Vec2, Vec3, Vec4};
+use glam::{DMat3, DVec3, Mat4, Quat, Vec2, Vec3, Vec4};
 
 use crate::geometry::{Lens, Pose};
 
@@ -63,7 +63,40 @@ impl Default for Framing {
     }
 }
 
+/// Steps of half a turn about the vertical axis, among which the side of an overview is chosen.
+const SIDES: u32 = 12;
+/// Share of the largest spread from any side that the spread from the front has to have: else the
+/// overview looks from another side.
+const MIN_FRONT_SPREAD: f64 = 0.5;
+
 impl Framing {
+    /// Returns the side, head up, that shows a path: the front, or where the path lies nearly along
+    /// the line of sight there, the side from which it spreads most.
+    pub fn of_path(points: impl Iterator<Item = DVec3> + Clone) -> Self {
+        let count = points.clone().count().max(1) as f64;
+        let mean = points.clone().sum::<DVec3>() / count;
+        let mut covariance = DMat3::ZERO;
+        for p in points.map(|p| p - mean) {
+            covariance += DMat3::from_cols(p * p.x, p * p.y, p * p.z) * (1.0 / count);
+        }
+        let all = (0..3).map(|i| covariance.col(i)[i]).sum::<f64>();
+        // Product of the standard deviations along the principal axes of the picture, each with a
+        // tenth of that of the whole path: a straight path spreads along one axis alone.
+        let spread = |about: f64| {
+            let right = DVec3::new(about.cos(), -about.sin(), 0.0);
+            let [xx, xy, yy] = [(right, right), (right, DVec3::Z), (DVec3::Z, DVec3::Z)]
+                .map(|(a, b)| a.dot(covariance * b));
+            let (mean, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+            let sd = |variance: f64| variance.max(0.0).sqrt() + 0.1 * all.sqrt();
+            sd(mean + half) * sd(mean - half)
+        };
+        let sides = (0..SIDES).map(|i| -std::f64::consts::PI * f64::from(i) / f64::from(SIDES));
+        let best = sides.max_by(|a, b| spread(*a).total_cmp(&spread(*b)).then(b.total_cmp(a)));
+        let best = best.filter(|side| spread(0.0) < MIN_FRONT_SPREAD * spread(*side));
+        let orbit = best.map_or(0.0, |side| side.rem_euclid(std::f64::consts::TAU) as f32);
+        Self { orbit: [orbit, 0.0], ..Self::default() }
+    }
+
     /// Returns a pose and lens that show the box as [`framing`] does, from this side and so near.
     pub fn camera(&self, low: Vec3, high: Vec3, aspect: f32) -> (Pose, Lens) {
         let (mut pose, mut lens) = framing_turned(low, high, aspect, self.orbit);
@@ -143,6 +176,30 @@ mod tests {
         let right = middle + 8.0 * (pose.rotation * Vec3::X) + 5.0 * pose.up();
         let panned = at(Framing { pan_mm: [8.0, 5.0], ..plain }, right);
         assert!(panned.truncate().length() < 1e-4, "{panned}");
+    }
+
+    #[test]
+    fn a_path_that_runs_from_front_to_back_is_not_shown_end_on() {
+        let path = |ahead: f64, across: f64, up: f64| {
+            (0..50).map(move |i| {
+                let t = f64::from(i) / 49.0;
+                DVec3::new(
+                    across * (9.0 * t).sin(),
+                    ahead * t,
+                    up * (1.0 - 4.0 * (t - 0.5).powi(2)),
+                )
+            })
+        };
+        // An arch from front to back: seen from the patient's left, the front on the left.
+        let side = Framing::of_path(path(300.0, 15.0, 30.0));
+        let (pose, _) = side.camera(Vec3::splat(-50.0), Vec3::splat(50.0), 1.0);
+        assert!(pose.forward().x < -0.9 && (pose.rotation * Vec3::X).y > 0.9, "{side:?}");
+        assert!(pose.up().z > 0.999, "head up");
+        // A path that the front shows, if not at its best, is shown from there.
+        for at in [path(30.0, 15.0, 300.0), path(100.0, 80.0, 200.0), path(0.0, 0.0, 0.0)] {
+            assert_eq!(Framing::of_path(at), Framing::default());
+        }
+        assert_eq!(Framing::of_path(std::iter::empty()), Framing::default());
     }
 
     fn seen(m: Mat4, p: Vec3) -> Vec3 {

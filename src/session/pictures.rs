@@ -12,8 +12,8 @@ use crate::flight::{Coverage, Flight, FlightPath};
 use crate::formats::encode_png;
 use crate::geometry::{Centerline, Mesh};
 use crate::render::{
-    FrameStats, MISSED, MeshHandle, PreparedMesh, RenderError, Renderer, Scene, Shot, View,
-    clip_from_world, framing,
+    FrameStats, Framing, MISSED, MeshHandle, PreparedMesh, RenderError, Renderer, Scene, Shot,
+    View, clip_from_world,
 };
 use crate::surface::shading;
 use crate::vk::Gpu;
@@ -218,6 +218,7 @@ impl Session {
         let coverage = locked(&self.slots.coverage).clone();
         let colours = patch_colours(&wall.mesh, coverage.as_deref());
         let pieces = self.flown_pieces(&present(&self.slots.centerline).line)?;
+        let side = Framing::of_path(pieces.iter().flatten().map(|p| p.as_dvec3()));
         let frame = renderer.size();
         let size = if frame[1] >= OVERVIEW_HEIGHT { frame } else { SMALL_OVERVIEW };
         let rgb = display.with_gpu(|gpu| {
@@ -228,12 +229,12 @@ impl Session {
                 outcome?;
             }
             let mesh = renderer.upload_coloured_mesh(gpu, &prepared, &colours)?;
-            let outcome = draw_overview(gpu, renderer, mesh, &pieces, size, flight);
+            let outcome = draw_overview(gpu, renderer, mesh, &pieces, size, (flight, side));
             renderer.remove_mesh(mesh);
             renderer.resize(gpu, frame[0], frame[1])?;
             outcome
         })?;
-        let (pose, lens) = framing(bounds.0, bounds.1, size[0] as f32 / size[1] as f32);
+        let (pose, lens) = side.camera(bounds.0, bounds.1, size[0] as f32 / size[1] as f32);
         let clip = clip_from_world(&pose, &lens);
         let part = frame_about(&clip, bounds, size);
         let (picture, corner) = (cut(&rgb, size[0], part), part.map(|ends| ends[0]));
@@ -241,19 +242,19 @@ impl Session {
     }
 }
 
-/// Draws the whole organ with the path, without a camera.
+/// Draws the whole organ with the path, without a camera, from a side.
 fn draw_overview(
     gpu: &mut Gpu,
     renderer: &mut Renderer,
     mesh: MeshHandle,
     pieces: &[Vec<Vec3>],
     size: [u32; 2],
-    flight: &Flight,
+    (flight, framing): (&Flight, Framing),
 ) -> Result<Vec<u8>, RenderError> {
     let has_path = pieces.iter().any(|p| p.len() > 1);
     let path = has_path.then(|| renderer.upload_path(gpu, pieces)).transpose()?;
     renderer.resize(gpu, size[0], size[1])?;
-    let scene = Scene { path, camera: false, ..Scene::of(mesh) };
+    let scene = Scene { path, framing, camera: false, ..Scene::of(mesh) };
     renderer.render(gpu, &scene, &shot(flight, 0, View::Overview))
 }
 
@@ -321,7 +322,7 @@ mod tests {
     fn a_cut_overview_shows_the_whole_box_and_knows_where_points_are() {
         let (low, high) = (Vec3::new(-40.0, 10.0, 300.0), Vec3::new(25.0, 60.0, 420.0));
         let size = [960, 720];
-        let (pose, lens) = framing(low, high, 960.0 / 720.0);
+        let (pose, lens) = Framing::default().camera(low, high, 960.0 / 720.0);
         let clip = clip_from_world(&pose, &lens);
         let kept = frame_about(&clip, (low, high), size);
         let picture = cut(&vec![7; 3 * 960 * 720], 960, kept);

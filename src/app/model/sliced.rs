@@ -82,6 +82,7 @@ impl Model {
 
     /// Draws the overview nearer, about another place; all of the organ where it is no nearer.
     pub(super) fn frame_overview(&mut self, zoom: f32, pan_mm: [f32; 2]) {
+        self.is_framed = true;
         let framing = &mut self.framing;
         *framing = match zoom > 1.0 {
             true => Framing { zoom: zoom.min(MAX_ZOOM), pan_mm, ..*framing },
