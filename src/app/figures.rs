@@ -5,7 +5,8 @@ use egui::Ui;
 use super::action::{Action, ActionQueue};
 use super::model::Model;
 use super::style::FAINT;
-use crate::organ::Organ;
+use crate::flight::NoSection;
+use crate::organ::{ColonEnds, Organ};
 
 /// A figure with its unit, and what it says where the pointer rests.
 struct Figure {
@@ -31,11 +32,16 @@ pub(super) fn figures(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
 }
 
 /// Names of the ends of a colon's path, and how they are given by hand. Of a label map it is not
-/// known whether it is a colon.
+/// known whether it is a colon: it may be where its path is as long as a colon's.
 fn ends(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     let lumen = model.products.lumen.as_ref();
     let organ = lumen.and_then(|l| l.organ.as_ref()).map(|o| o.organ);
-    if model.path.is_none() || organ.is_some_and(|organ| organ != Organ::Colon) {
+    let Some(path) = &model.path else { return };
+    let may_be_colon = match organ {
+        Some(organ) => organ == Organ::Colon,
+        None => path.length_mm() >= ColonEnds::MIN_LENGTH_MM,
+    };
+    if !may_be_colon && model.ends.is_none() {
         return;
     }
     ui.horizontal(|ui| {
@@ -101,16 +107,34 @@ fn of_eye(model: &Model) -> impl Iterator<Item = Figure> {
         }
         None if model.path.is_some() && model.products.wall.is_some() => {
             // As many lines as with a section: what is below does not move in a flight.
-            out.extend(["Section here", "Diameters"].map(|name| Figure {
-                name,
-                value: "none".into(),
-                about: "The plane across the path runs along the lumen here: its area is no \
-                        cross-section.",
-            }));
+            let (why, about) = without_section(model.no_section);
+            out.push(Figure { name: "Section here", value: why.into(), about });
+            out.push(Figure { name: "Diameters", value: "none".into(), about });
         }
         None => {}
     }
     out.into_iter()
+}
+
+/// Says why there is no section: in the panel, and where the pointer rests.
+fn without_section(why: Option<NoSection>) -> (&'static str, &'static str) {
+    match why {
+        Some(NoSection::AlongBranch) => (
+            "crosses a branch",
+            "The plane across the path cuts a branch lengthwise here: its area is no \
+             cross-section of either.",
+        ),
+        Some(NoSection::AlongLumen) => (
+            "runs along the lumen",
+            "The lumen bends so sharply here that the plane across the path runs along it: its \
+             area is no cross-section.",
+        ),
+        Some(NoSection::NoOutline) => (
+            "wall is open",
+            "No outline of the wall closes about the eye in the plane across the path.",
+        ),
+        None => ("none", "The section is not known yet."),
+    }
 }
 
 fn of_wall(model: &Model) -> impl Iterator<Item = Figure> {
@@ -125,4 +149,64 @@ fn of_wall(model: &Model) -> impl Iterator<Item = Figure> {
         out.push(figure("Missed patches", c.patches.len().to_string()));
     }
     out.into_iter()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::junctions::tests::{path, tree};
+    use super::super::model::flown_model;
+    use super::super::panel_tests::TestScreen;
+    use super::*;
+    use crate::volume::phantom::Kind;
+
+    fn shown(model: &Model) -> Vec<String> {
+        let mut screen = TestScreen::new();
+        let texts = screen.frame(Vec::new(), |ui| figures(ui, model, &mut ActionQueue::default()));
+        texts.into_iter().map(|t| t.0).collect()
+    }
+
+    #[test]
+    fn ends_are_asked_for_only_where_the_path_may_be_a_colons() {
+        let mut model = Model::new(20.0);
+        model.path = Some(path(&tree(), 0));
+        assert!(!shown(&model).iter().any(|t| t == "Ends"), "60 mm are no colon");
+        let mut long = tree();
+        for p in long.branches.iter_mut().flat_map(|b| &mut b.points) {
+            p.position_mm *= 20.0;
+        }
+        model.path = Some(path(&long, 0));
+        assert!(shown(&model).iter().any(|t| t == "Ends"), "1,200 mm may be one");
+    }
+
+    #[test]
+    fn beside_a_branch_a_missing_section_is_said_to_cross_it() {
+        let (mut model, _session) = flown_model(Kind::Y, |s| s.centerline.tree = true);
+        let branches: Vec<f64> = model.choices.iter().map(|c| c.arc_mm).collect();
+        let length = model.path.as_ref().unwrap().length_mm();
+        let mut crossing = Vec::new();
+        for i in 0..=200 {
+            model.step(0.0, &[Action::Seek(length * f64::from(i) / 200.0)]);
+            assert_eq!(model.section.is_none(), model.no_section.is_some());
+            let is_crossing = model.no_section == Some(NoSection::AlongBranch);
+            crossing.extend(is_crossing.then_some(model.arc_mm));
+        }
+        assert!(!crossing.is_empty(), "the branches leave at {branches:?} mm");
+        let is_near = |arc: &f64| branches.iter().any(|b| (b - arc).abs() < 15.0);
+        assert!(crossing.iter().all(is_near), "{crossing:?} beside {branches:?}");
+    }
+
+    #[test]
+    fn where_there_is_no_section_the_panel_says_why() {
+        let (mut model, _session) = flown_model(Kind::Tube, |_| {});
+        assert!(model.section.is_some() && model.no_section.is_none());
+        for (why, text) in [
+            (NoSection::AlongBranch, "crosses a branch"),
+            (NoSection::AlongLumen, "runs along the lumen"),
+            (NoSection::NoOutline, "wall is open"),
+        ] {
+            (model.section, model.no_section) = (None, Some(why));
+            let texts = shown(&model);
+            assert!(texts.iter().any(|t| t == text), "{texts:?}");
+        }
+    }
 }

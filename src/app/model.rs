@@ -25,7 +25,7 @@ use super::coverage_recorder::SeenFaces;
 use super::grey_window::default_window;
 use super::junctions::{BranchChoice, choices};
 use super::measure::Measurement;
-use crate::flight::{Flight, FlightPath, SectionFigures};
+use crate::flight::{Flight, FlightPath, NoSection, SectionFigures};
 use crate::formats::InputInfo;
 use crate::geometry::{CrossSection, Pose};
 use crate::organ::{ColonEnds, Glance, Organ};
@@ -143,6 +143,8 @@ pub struct Model {
     /// The cross-section of the lumen at the eye, across the path; before there is one across the
     /// view. `None` where the plane runs along the lumen.
     pub section: Option<CrossSection>,
+    /// Reason why there is no section, where the wall was cut.
+    pub no_section: Option<NoSection>,
     /// Whether the keys are shown.
     pub help: bool,
     /// Request that waits for the answer whether notes are to be saved before.

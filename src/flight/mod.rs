@@ -17,7 +17,7 @@ pub use collide_and_slide::collide_and_slide;
 pub use coverage::{Coverage, CoverageMap, LISTED_FROM_MM2, MissedPatch, coverage, unseen_voxels};
 pub use gaze::Track;
 pub use lumen_profile::{LumenProfile, NarrowPlace};
-pub use path::{FlightPath, SectionFigures, sections_along};
+pub use path::{FlightPath, NoSection, SectionFigures, sections_along};
 pub use plan::{FOV_DEG, Flight, FlightError, FlightOptions, Frames, MAX_FRAMES};
 pub use profile::{MAX_TURN_RAD_PER_S, Profile};
 

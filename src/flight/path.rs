@@ -30,6 +30,17 @@ impl SectionFigures {
     }
 }
 
+/// Reasons why there is no cross-section of the lumen at a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoSection {
+    /// No outline of the wall closes about the place.
+    NoOutline,
+    /// The plane runs along the lumen, which bends there.
+    AlongLumen,
+    /// The plane runs along another branch.
+    AlongBranch,
+}
+
 /// Computes the cross-section of the lumen at each pose of a flight; `None` where there is none
 /// across the path.
 pub fn sections_along(
@@ -40,6 +51,7 @@ pub fn sections_along(
     let at = |i: usize| {
         let p = path.poses[i].position_mm.as_dvec3();
         path.section_at(wall, tree, p, path.across_at(path.arc_mm[i]))
+            .ok()
             .as_ref()
             .map(SectionFigures::of)
     };
@@ -153,18 +165,25 @@ impl FlightPath {
         self.places.nearest(p_mm).map(|place| place.direction)
     }
 
-    /// Returns the cross-section of the lumen at a point. `None` where the plane does not cut it
-    /// across: no outline closes about the point, or more than [`MAX_ASTRAY`] of the area belongs
-    /// to another stretch of the centerline.
+    /// Returns the cross-section of the lumen at a point.
+    ///
+    /// # Errors
+    /// The reason where the plane does not cut the lumen across: no outline closes about the point,
+    /// or more than [`MAX_ASTRAY`] of the area belongs to another stretch of the centerline.
     pub fn section_at(
         &self,
         wall: &Mesh,
         tree: &TriangleBvh,
         at_mm: DVec3,
         across: DVec3,
-    ) -> Option<CrossSection> {
-        let section = cross_section(wall, tree, at_mm, across)?;
-        (self.places.astray(&section, at_mm) <= MAX_ASTRAY).then_some(section)
+    ) -> Result<CrossSection, NoSection> {
+        let section = cross_section(wall, tree, at_mm, across).ok_or(NoSection::NoOutline)?;
+        let [on_it, on_others] = self.places.astray_shares(&section, at_mm);
+        match on_it + on_others <= MAX_ASTRAY {
+            true => Ok(section),
+            false if on_others > on_it => Err(NoSection::AlongBranch),
+            false => Err(NoSection::AlongLumen),
+        }
     }
 
     /// Stores cross-sections, one a pose; those of another number of poses are ignored.

@@ -84,22 +84,33 @@ impl CenterlinePlaces {
     /// place of the centerline is farther along than the outline is off it, so that the plane
     /// meets the lumen there at more than 45°.
     pub fn astray(&self, section: &CrossSection, at_mm: DVec3) -> f64 {
-        let Some(of) = self.nearest(at_mm) else { return 0.0 };
-        let is_astray = |p: DVec3| {
-            let near = self.nearest(p);
-            near.is_some_and(|n| n.position_mm.distance(of.position_mm) > n.distance_mm)
+        self.astray_shares(section, at_mm).iter().sum()
+    }
+
+    /// Returns the share of a cross-section's area that is astray on the branch that the section is
+    /// of, and that on other branches.
+    pub fn astray_shares(&self, section: &CrossSection, at_mm: DVec3) -> [f64; 2] {
+        let Some(of) = self.nearest(at_mm) else { return [0.0; 2] };
+        // 1 astray on the same branch, 2 on another one.
+        let kind = |p: DVec3| match self.nearest(p) {
+            Some(n) if n.position_mm.distance(of.position_mm) > n.distance_mm => {
+                1 + u8::from(n.at.branch != of.at.branch)
+            }
+            _ => 0,
         };
         let step = section.outline.len().div_ceil(MAX_PARTS).max(1);
         let outline: Vec<DVec3> = section.outline.iter().step_by(step).copied().collect();
-        let flags: Vec<bool> = outline.iter().map(|p| is_astray(*p)).collect();
-        let (mut all, mut astray) = (0.0, 0.0);
+        let kinds: Vec<u8> = outline.iter().map(|p| kind(*p)).collect();
+        let (mut all, mut astray) = (0.0, [0.0; 2]);
         for (i, a) in outline.iter().enumerate() {
             let j = (i + 1) % outline.len();
             let area = 0.5 * (*a - at_mm).cross(outline[j] - at_mm).length();
             all += area;
-            astray += area * 0.5 * f64::from(u8::from(flags[i]) + u8::from(flags[j]));
+            for kind in [kinds[i], kinds[j]].into_iter().filter(|k| *k > 0) {
+                astray[usize::from(kind) - 1] += 0.5 * area;
+            }
         }
-        if all > 0.0 { astray / all } else { 0.0 }
+        if all > 0.0 { astray.map(|a| a / all) } else { [0.0; 2] }
     }
 }
 

@@ -2,10 +2,6 @@
 
 use glam::DVec3;
 
-/// Shortest path that both ends of a colon are named on, mm: a shorter one is part of a colon, and
-/// its ends are where the scan or the gas ends.
-const MIN_LENGTH_MM: f64 = 600.0;
-
 /// Names of the ends of a colon's path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ColonEnds {
@@ -16,6 +12,10 @@ pub struct ColonEnds {
 }
 
 impl ColonEnds {
+    /// Shortest path that both ends of a colon are named on, mm: a shorter one is part of a colon,
+    /// and its ends are where the scan or the gas ends.
+    pub const MIN_LENGTH_MM: f64 = 600.0;
+
     /// Names the ends of a path by their place in the patient: the rectum lies at the pelvic floor
     /// in front of the sacrum, nearer to the feet and to the back than the caecum, also of a
     /// patient who lies on the front. The end that is farther to feet and back, both added, is the
@@ -24,7 +24,7 @@ impl ColonEnds {
     pub fn of(start_mm: DVec3, end_mm: DVec3, length_mm: f64) -> Option<Self> {
         let by = start_mm - end_mm;
         let (feet, back) = (-by.z, by.y);
-        let is_colon = length_mm >= MIN_LENGTH_MM && by.is_finite();
+        let is_colon = length_mm >= Self::MIN_LENGTH_MM && by.is_finite();
         let is_sure = feet * back > 0.0;
         is_colon.then_some(Self { starts_at_rectum: feet + back >= 0.0, is_sure })
     }

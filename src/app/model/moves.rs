@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::super::junctions::BranchChoice;
 use super::Model;
-use crate::flight::{Clearance, SectionFigures, collide_and_slide};
+use crate::flight::{Clearance, NoSection, SectionFigures, collide_and_slide};
 use crate::geometry::{CrossSection, Lens, Pose, cross_section};
 
 /// Least speed at which the eye flies to a place that was clicked, mm/s.
@@ -201,19 +201,23 @@ impl Model {
         };
         (self.pose, self.near_mm) = (Some(pose), near);
         self.crosshair_mm = at;
-        self.section = self.section_at(at, pose);
+        let section = self.section_at(at, pose);
+        self.no_section = section.as_ref().and_then(|s| s.as_ref().err().copied());
+        self.section = section.and_then(Result::ok);
     }
 
-    fn section_at(&self, at: DVec3, pose: Pose) -> Option<CrossSection> {
+    /// Cuts the wall at the eye; `None` before there is a wall.
+    fn section_at(&self, at: DVec3, pose: Pose) -> Option<Result<CrossSection, NoSection>> {
         let (wall, tree) = (self.products.wall.as_ref()?, self.products.triangle_tree.as_ref()?);
         let Some(path) = &self.path else {
-            return cross_section(&wall.mesh, tree, at, pose.forward().as_dvec3());
+            let section = cross_section(&wall.mesh, tree, at, pose.forward().as_dvec3());
+            return Some(section.ok_or(NoSection::NoOutline));
         };
         let across = match self.on_path {
             true => path.across_at(self.arc_mm),
             false => path.direction_near(at)?,
         };
-        path.section_at(&wall.mesh, tree, at, across)
+        Some(path.section_at(&wall.mesh, tree, at, across))
     }
 
     fn with_clearance<T>(&self, ask: impl FnOnce(&Clearance<'_>) -> T) -> Option<T> {
