@@ -15,6 +15,10 @@ struct Figure {
     about: &'static str,
 }
 
+/// Explanation of a missed patch.
+pub(super) const MISSED: &str = "Connected parts of the wall that neither the flight there nor the \
+    flight back shows: behind folds, and in branches that are not flown.";
+
 /// Lays the figures out, a line each.
 pub(super) fn figures(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     ui.strong("Figures");
@@ -141,12 +145,28 @@ fn of_wall(model: &Model) -> impl Iterator<Item = Figure> {
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     let mut out = Vec::new();
     if !model.seen.faces.is_empty() {
-        out.push(figure("Wall seen so far", percent(model.seen.fraction)));
+        out.push(Figure {
+            name: "Wall seen so far",
+            value: percent(model.seen.fraction),
+            about: "Share of the wall's area that the inside view has shown since it was opened.",
+        });
     }
     if let Some(c) = &model.products.coverage {
-        out.push(figure("Flight sees, one way", percent(c.one_way_fraction)));
-        out.push(figure("Both ways", percent(c.both_ways_fraction)));
-        out.push(figure("Missed patches", c.patches.len().to_string()));
+        out.push(Figure {
+            name: "Flight sees, one way",
+            value: percent(c.one_way_fraction),
+            about: "Share of the wall's area that the flight along the path shows.",
+        });
+        out.push(Figure {
+            name: "Both ways",
+            value: percent(c.both_ways_fraction),
+            about: "Share of the wall's area that the flight shows there and back.",
+        });
+        out.push(Figure {
+            name: "Missed patches",
+            value: c.patches.len().to_string(),
+            about: MISSED,
+        });
     }
     out.into_iter()
 }

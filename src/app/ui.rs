@@ -7,6 +7,7 @@ use super::action::{Action, ActionQueue, FOV_DEG, Pane, Request, SPEED_MM_S, Wal
 use super::branch_panel::branch_under;
 use super::computation::WorkStatus;
 use super::dialogs::{Dialogs, FILES, ask_to_save, opened};
+use super::figures::MISSED;
 use super::inside_marks::{in_pane, inside_marks, mark_under, measurements, missed_mark, ray_at};
 use super::keys::{help, keys};
 use super::labels::Labels;
@@ -225,7 +226,8 @@ fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut Acti
         commands.act(Action::BackToPath);
     }
     let missed = model.products.coverage.as_ref().is_some_and(|c| !c.patches.is_empty());
-    if ui.add_enabled(missed, egui::Button::new("Next missed patch")).clicked() {
+    let next = ui.add_enabled(missed, egui::Button::new("Next missed patch"));
+    if next.on_hover_text(MISSED).on_disabled_hover_text(MISSED).clicked() {
         commands.act(Action::NextMissed);
     }
     if ui.button("Keys").clicked() {
