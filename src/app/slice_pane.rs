@@ -62,10 +62,10 @@ pub(super) fn show_slice(
         // Moved by something else since: all slices follow it.
         (views.held_mm, views.dragged_to_mm) = Default::default();
     }
-    let middle = model.crosshair_mm + views.pan_mm[index] + views.held_mm[index];
-    let Some(plane) = SlicePlane::of(pane, middle, mm_per_px, model.across_pose()) else {
-        return;
-    };
+    let at = |place| SlicePlane::of(pane, place, mm_per_px, model.across_pose());
+    let Some(mut plane) = at(model.crosshair_mm) else { return };
+    let way = plane.way_into(volume, size);
+    plane.centre_mm += way + views.pan_mm[index] + views.held_mm[index];
     let lumen = model.products.lumen.as_ref().map(|l| &l.lumen);
     let made_of = (plane, size, model.window, lumen.is_some());
     let slot = &mut views.textures[index];
@@ -171,7 +171,11 @@ fn pointer_input(
         let place = shown.place(p);
         if primary {
             let to = nearest_inside(volume, place);
-            views.held_mm[index] += model.crosshair_mm - to;
+            // With what the picture is shifted by at an end of the volume.
+            let middle = |at: DVec3| {
+                at + SlicePlane { centre_mm: at, ..*plane }.way_into(volume, shown.size)
+            };
+            views.held_mm[index] += middle(model.crosshair_mm) - middle(to);
             views.dragged_to_mm = Some(to);
             commands.act(Action::Crosshair(to.to_array()));
         } else if response.clicked() {
@@ -394,6 +398,61 @@ pub(super) mod tests {
         assert_eq!(places[11..=14], [places[11]; 4], "it rests with the pointer");
         let last = places[places.len() - 1] - places[0];
         assert!((31.0..=32.0).contains(&last), "it ends at the side of the volume: {last} mm");
+    }
+
+    #[test]
+    fn at_an_end_of_the_volume_no_half_of_a_slice_is_empty() {
+        let model = model_of_a_volume();
+        let volume = model.volume().unwrap();
+        let [first, last] =
+            [0.0, 63.0].map(|v| volume.grid.world_from_voxel().transform_point3(DVec3::splat(v)));
+        let (size, turn) = ([100, 60], glam::DQuat::from_rotation_z(0.5));
+        let pose =
+            crate::geometry::Pose { position_mm: glam::Vec3::ZERO, rotation: turn.as_quat() };
+        for at in [first, last, DVec3::new(first.x, last.y, first.z)] {
+            for pane in [Pane::Axial, Pane::Coronal, Pane::Sagittal, Pane::Across] {
+                for mm_per_px in [0.3, 1.5] {
+                    let mut plane = SlicePlane::of(pane, at, mm_per_px, Some(pose)).unwrap();
+                    let way = plane.way_into(volume, size);
+                    assert!(way.dot(plane.right.cross(plane.down)).abs() < 1e-9, "another slice");
+                    plane.centre_mm += way;
+                    let seen = (0..6000).filter(|i| {
+                        let px = [i % 100, i / 100].map(|v| f64::from(v) + 0.5);
+                        value_at(volume, plane.at(px, size)).is_some()
+                    });
+                    // As much as there is of the volume and room for it; a corner of a slice
+                    // askew is a triangle.
+                    let all = (64.0 / mm_per_px).min(100.0) * (64.0 / mm_per_px).min(60.0);
+                    let least = if pane == Pane::Across { 0.0 } else { 0.95 * all };
+                    let seen = seen.count() as f64;
+                    assert!(seen >= least, "{pane:?} {mm_per_px} {at}: {seen} of {all} pixels");
+                }
+            }
+        }
+        // In the middle nothing is shifted.
+        let middle = model.crosshair_mm;
+        let plane = SlicePlane::of(Pane::Axial, middle, 0.3, None).unwrap();
+        assert!(plane.way_into(volume, size).length() < 1e-9);
+    }
+
+    #[test]
+    fn a_crosshair_dragged_to_an_end_of_the_volume_stays_under_the_pointer() {
+        let mut model = model_of_a_volume();
+        // Half of the volume is shown: near its side the slice stays while the crosshair goes on.
+        let begin = model.crosshair_mm + 20.0 * DVec3::X;
+        model.step(0.0, &[Action::Crosshair(begin.to_array())]);
+        model.step(0.0, &[Action::Extent(SliceExtent::Mm(32.0))]);
+        let at = |x: f32| pos2(x, 100.0);
+        // The slice ends 31.5 mm from the middle, so that 15.5 are in view of the 16 to its centre.
+        let from = 100.0 + (20.0 - 15.5) / 32.0 * 200.0;
+        let mut frames = vec![vec![egui::Event::PointerMoved(at(from))]];
+        frames.push(vec![button(at(from), true)]);
+        frames.extend((1..=10).map(|i| vec![egui::Event::PointerMoved(at(from - 6.0 * i as f32))]));
+        frames.push(vec![button(at(from - 60.0), false)]);
+        let mut last = begin;
+        shown_of(model, &frames, |model, _| last = model.crosshair_mm);
+        let moved = begin.x - last.x;
+        assert!((moved - 60.0 / 200.0 * 32.0).abs() < 0.3, "{moved} mm for 60 of 200 points");
     }
 
     #[test]

@@ -39,6 +39,60 @@ impl SlicePlane {
         Some(Self { centre_mm, right, down, mm_per_px })
     }
 
+    /// Returns the way of the picture's centre, in its plane, to where the volume fills the picture,
+    /// or lies in its middle where it is smaller. Beyond an end of the volume there is nothing to
+    /// see.
+    pub fn way_into(&self, volume: &Volume, size: [usize; 2]) -> DVec3 {
+        let axes = [self.right, self.down];
+        let [x, y] = match self.range_in(volume) {
+            None => return DVec3::ZERO,
+            Some(ranges) => [0, 1].map(|i| {
+                let half = 0.5 * size[i] as f64 * self.mm_per_px;
+                let [low, high] = ranges[i];
+                match high - low > 2.0 * half {
+                    true => 0.0f64.clamp(low + half, high - half),
+                    false => 0.5 * (low + high),
+                }
+            }),
+        };
+        axes[0] * x + axes[1] * y
+    }
+
+    /// Ranges of the part of the plane that lies in a volume, along both of its axes from its
+    /// centre, mm; `None` where the plane passes it by.
+    fn range_in(&self, volume: &Volume) -> Option<[[f64; 2]; 2]> {
+        let grid = &volume.grid;
+        let to_world = grid.world_from_voxel();
+        let corner = |i: u32| {
+            let far = DVec3::from_array([0, 1, 2].map(|axis| f64::from(i >> axis & 1)));
+            let voxel = far * (grid.dims.as_dvec3() - 1.0);
+            to_world.transform_point3(voxel) - self.centre_mm
+        };
+        let normal = self.right.cross(self.down);
+        let mut ranges = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+        for (a, axis) in (0..8u32).flat_map(|a| [1, 2, 4].map(|axis| (a, axis))) {
+            if a & axis != 0 {
+                continue;
+            }
+            let (p, q) = (corner(a), corner(a | axis));
+            let (from, to) = (p.dot(normal), q.dot(normal));
+            // An edge in the plane, or one that crosses it.
+            const IN_PLANE_MM: f64 = 1e-6;
+            let ends = match (from.abs() < IN_PLANE_MM, to.abs() < IN_PLANE_MM) {
+                (true, true) => [p, q],
+                _ if from * to <= 0.0 => [p.lerp(q, from / (from - to)); 2],
+                _ => continue,
+            };
+            for point in ends {
+                for (range, along) in ranges.iter_mut().zip([self.right, self.down]) {
+                    let at = point.dot(along);
+                    *range = [range[0].min(at), range[1].max(at)];
+                }
+            }
+        }
+        (ranges[0][0] <= ranges[0][1]).then_some(ranges)
+    }
+
     /// The place under a pixel of a picture so large.
     pub fn at(&self, px: [f64; 2], size: [usize; 2]) -> DVec3 {
         let [x, y] = [0, 1].map(|i| (px[i] - 0.5 * size[i] as f64) * self.mm_per_px);
