@@ -212,13 +212,15 @@ fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut Acti
     }
     let mut speed = model.speed_mm_s;
     let slider = egui::DragValue::new(&mut speed).range(SPEED_MM_S).speed(0.5);
-    let slider = slider.prefix("cruise ").suffix(" mm/s").max_decimals(1);
+    // Else as many as a point of the screen has pixels for.
+    let slider = slider.prefix("cruise ").suffix(" mm/s").fixed_decimals(1);
     let tip = "Cruising speed; where it is narrow or winding the flight is slower";
     if ui.add(slider).on_hover_text(tip).changed() {
         commands.act(Action::Speed(speed));
     }
     let mut fov = model.fov_deg;
-    let slider = egui::DragValue::new(&mut fov).range(FOV_DEG).suffix("°").speed(0.5);
+    let slider =
+        egui::DragValue::new(&mut fov).range(FOV_DEG).suffix("°").speed(0.5).fixed_decimals(0);
     if ui.add(slider).on_hover_text("Vertical field of view").changed() {
         commands.act(Action::FieldOfView(fov));
     }
