@@ -138,7 +138,7 @@ mod tests {
                 repeat: false,
                 modifiers: egui::Modifiers::NONE,
             };
-            let keys = |ui: &mut Ui| super::super::keys::keys(ui, model, &mut commands);
+            let keys = |ui: &mut Ui| super::super::keys::keys(ui, model, false, &mut commands);
             TestScreen::new().frame(vec![event], keys);
             commands
         };

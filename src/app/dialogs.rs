@@ -30,6 +30,13 @@ impl Default for Dialogs {
     }
 }
 
+impl Dialogs {
+    /// Whether one of them is shown.
+    pub fn is_any_open(&self) -> bool {
+        [&self.open, &self.save].iter().any(|d| *d.state() == DialogState::Open)
+    }
+}
+
 /// Files dropped on the window, or chosen in the dialog.
 pub(super) fn opened(ui: &Ui, dialogs: &mut Dialogs, commands: &mut ActionQueue) {
     let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));

@@ -8,7 +8,9 @@ use super::branch_panel::branch_keys;
 use super::model::Model;
 
 /// Keys, unless a text field has them.
-pub(super) fn keys(ui: &Ui, model: &Model, commands: &mut ActionQueue) {
+///
+/// * `is_escape_taken`: something was open that Escape closes by itself.
+pub(super) fn keys(ui: &Ui, model: &Model, is_escape_taken: bool, commands: &mut ActionQueue) {
     if ui.ctx().egui_wants_keyboard_input() {
         return;
     }
@@ -77,7 +79,7 @@ pub(super) fn keys(ui: &Ui, model: &Model, commands: &mut ActionQueue) {
     if with(Key::B, |m| !m.shift) {
         commands.act(Action::Bookmark(String::new()));
     }
-    if pressed(Key::Escape) {
+    if pressed(Key::Escape) && !is_escape_taken {
         commands.act(match (model.help, model.ruler) {
             (true, _) => Action::ToggleHelp,
             (false, Some(_)) => Action::Measure(None),
@@ -163,6 +165,7 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
         ("B", "bookmark"),
         ("U", "next missed patch"),
         ("double click", "one pane, all panes"),
+        ("Escape", "leave what is open: dialog, text, keys, measuring, a single pane"),
         ("F1 or ?", "these keys"),
         ("Ctrl + Q", "quit"),
     ];
@@ -232,7 +235,7 @@ mod tests {
         let moved = |events| {
             let mut commands = ActionQueue::default();
             let input = egui::RawInput { events, ..Default::default() };
-            let mut output = context.run_ui(input, |ui| keys(ui, &model, &mut commands));
+            let mut output = context.run_ui(input, |ui| keys(ui, &model, false, &mut commands));
             output.textures_delta.clear();
             matches!(commands.actions[..], [Action::Travel(mm)] if mm > 0.0)
         };

@@ -39,6 +39,9 @@ pub struct UiState {
     /// When a pane was clicked, s, and what that leads to.
     click: Option<(f64, Action)>,
     dialogs: Dialogs,
+    /// Whether the last frame showed something that Escape closes by itself: a text field takes
+    /// the focus back before the keys of a frame are looked at.
+    is_escape_taken: bool,
 }
 
 impl UiState {
@@ -68,7 +71,7 @@ pub fn window(
     status: Option<&WorkStatus>,
     commands: &mut ActionQueue,
 ) -> PaneSizes {
-    keys(ui, model, commands);
+    keys(ui, model, state.is_escape_taken, commands);
     opened(ui, &mut state.dialogs, commands);
     egui::Panel::top("top").show(ui, |ui| top_bar(ui, model, state, status, commands));
     egui::Panel::bottom("timeline")
@@ -104,6 +107,10 @@ pub fn window(
     if model.help {
         help(ui, commands);
     }
+    state.is_escape_taken = ui.ctx().egui_wants_keyboard_input()
+        || egui::Popup::is_any_open(ui.ctx())
+        || state.dialogs.is_any_open()
+        || model.leaving.is_some();
     sizes
 }
 
@@ -427,6 +434,7 @@ fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat
 #[cfg(test)]
 mod tests {
     use super::super::model::Bookmark;
+    use super::super::panel_tests::TestScreen;
     use super::super::slice_pane::tests::{button, model_of_a_volume};
     use super::*;
 
@@ -464,6 +472,54 @@ mod tests {
         assert!(matches!(single[..], [Action::LookAt(_)]), "{single:?}");
         let two = after_clicks(&[2, 22]);
         assert!(matches!(two[..], [Action::LookAt(_)]), "the second flies later: {two:?}");
+    }
+
+    #[test]
+    fn escape_leaves_an_open_text_field_before_a_maximised_pane() {
+        let mut model = model_of_a_volume();
+        model.maximised = Some(Pane::Axial);
+        let mut state = UiState::default();
+        let mut screen = TestScreen::sized(vec2(1280.0, 1200.0));
+        let mut frame = |events| {
+            let mut commands = ActionQueue::default();
+            let texts = screen.frame(events, |ui| {
+                window(ui, &model, &mut state, None, &mut commands);
+            });
+            (texts, commands.actions)
+        };
+        let escape = || egui::Event::Key {
+            key: egui::Key::Escape,
+            physical_key: None,
+            pressed: true,
+            repeat: false,
+            modifiers: egui::Modifiers::NONE,
+        };
+        frame(Vec::new());
+        let (texts, _) = frame(Vec::new());
+        let note = texts.iter().find(|(t, _)| t == "note").expect("a field for a note").1.center();
+        frame(vec![egui::Event::PointerMoved(note)]);
+        frame(vec![button(note, true)]);
+        frame(vec![button(note, false)]);
+        frame(Vec::new());
+        assert_eq!(frame(vec![escape()]).1, [], "it leaves the text field");
+        frame(Vec::new());
+        assert_eq!(frame(vec![escape()]).1, [Action::Maximise(None)], "then the pane");
+        // A menu closes by itself too.
+        let open = texts.iter().find(|(t, _)| t == "Open").unwrap().1.center();
+        frame(vec![egui::Event::PointerMoved(open)]);
+        frame(vec![button(open, true)]);
+        frame(vec![button(open, false)]);
+        assert!(frame(Vec::new()).0.iter().any(|(t, _)| t == "Folder"), "the menu is open");
+        assert_eq!(frame(vec![escape()]).1, [], "it closes the menu");
+    }
+
+    #[test]
+    fn the_speed_has_the_same_decimals_at_every_scale() {
+        for scale in [1.0, 1.5, 2.0] {
+            let shown = texts(vec2(1280.0, 800.0), scale, None);
+            assert!(shown.iter().any(|(t, _)| t == "20.0"), "{scale}: {shown:?}");
+            assert!(shown.iter().any(|(t, _)| t == "90"), "{scale}: {shown:?}");
+        }
     }
 
     /// Texts of the window at a size, with their places, after turning the wheel over a point.
