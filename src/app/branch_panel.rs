@@ -1,9 +1,9 @@
 //! Branches that can be taken: their list in the panel, their keys, and clicks on their marks.
 
-use egui::{Key, Pos2, Rect, Ui};
+use egui::{Key, Pos2, Rect, Ui, pos2};
 
 use super::action::{Action, ActionQueue, Request};
-use super::inside_marks::in_pane;
+use super::inside_marks::{in_pane, taken_parts};
 use super::model::Model;
 use super::style::FAINT;
 
@@ -72,10 +72,47 @@ pub(super) fn branch_keys(ui: &Ui, model: &Model, commands: &mut ActionQueue) ->
 
 /// The branch whose mark in the inside view lies under a point.
 pub(super) fn branch_under(rect: Rect, p: Pos2, model: &Model) -> Option<usize> {
-    let is_under = |at: Pos2| at.distance(p) <= MARK_RADIUS;
-    let mut offered = model.offered().into_iter();
-    offered
-        .find_map(|c| in_pane(rect, c.ahead_mm, model).filter(|at| is_under(*at)).map(|_| c.branch))
+    let marks = branch_marks(rect, &taken_parts(rect, model), model);
+    marks.into_iter().find(|mark| mark.at.distance(p) <= MARK_RADIUS).map(|mark| mark.branch)
+}
+
+/// Mark of a branch in the inside view.
+pub(super) struct BranchMark {
+    pub branch: usize,
+    /// Number of its key.
+    pub number: usize,
+    /// Place in the picture where the branch begins.
+    pub place: Pos2,
+    /// Middle of the mark.
+    pub at: Pos2,
+}
+
+/// Returns the marks of the branches that begin in the picture: where they begin, or beside what
+/// lies over the picture there.
+pub(super) fn branch_marks(rect: Rect, taken: &[Rect], model: &Model) -> Vec<BranchMark> {
+    let inside = rect.shrink(MARK_RADIUS);
+    let mark = |(i, branch, place): (usize, usize, Pos2)| {
+        let at = taken.iter().fold(inside.clamp(place), |at, part| {
+            let part = part.expand(MARK_RADIUS + 1.0);
+            if !part.contains(at) {
+                return at;
+            }
+            let beside = [
+                pos2(part.left(), at.y),
+                pos2(part.right(), at.y),
+                pos2(at.x, part.top()),
+                pos2(at.x, part.bottom()),
+            ];
+            let free = beside.into_iter().filter(|p| inside.contains(*p));
+            free.min_by(|a, b| a.distance(at).total_cmp(&b.distance(at))).unwrap_or(at)
+        });
+        BranchMark { branch, number: i + 1, place, at }
+    };
+    let seen = model.offered().into_iter().enumerate().filter_map(|(i, c)| {
+        let place = in_pane(rect, c.ahead_mm, model).filter(|at| rect.contains(*at))?;
+        Some((i, c.branch, place))
+    });
+    seen.map(mark).collect()
 }
 
 #[cfg(test)]
@@ -84,6 +121,7 @@ mod tests {
     use super::super::junctions::tests::{path, tree};
     use super::super::panel_tests::TestScreen;
     use super::*;
+    use crate::volume::phantom::Kind;
 
     /// A model at a place where so many branches leave.
     fn model_with(branches: usize) -> Model {
@@ -98,6 +136,27 @@ mod tests {
         };
         model.choices = (0..branches).map(choice).collect();
         model
+    }
+
+    #[test]
+    fn a_branch_mark_lies_beside_a_legend_and_is_clicked_there() {
+        let (model, _session) = super::super::model::flown_model(Kind::Y, |s| {
+            s.centerline.tree = true;
+        });
+        let rect = Rect::from_min_size(pos2(0.0, 0.0), egui::vec2(500.0, 400.0));
+        let mut model = model;
+        let choice = model.choices.first().expect("a branch").arc_mm;
+        model.step(0.0, &[Action::Seek(choice - 8.0)]);
+        let free = branch_marks(rect, &[], &model);
+        let [mark, ..] = &free[..] else { panic!("no branch is in view") };
+        assert_eq!((mark.number, mark.place), (1, mark.at));
+        // A legend over it: the mark is beside, and names the same place.
+        let legend = Rect::from_center_size(mark.at, egui::vec2(60.0, 30.0));
+        let moved = &branch_marks(rect, &[legend], &model)[0];
+        assert_eq!(moved.place, mark.place);
+        let ground = Rect::from_center_size(moved.at, egui::Vec2::splat(2.0 * MARK_RADIUS));
+        assert!(!ground.intersects(legend) && rect.contains_rect(ground), "{ground:?}");
+        assert_eq!(branch_under(rect, mark.at, &model), Some(mark.branch));
     }
 
     #[test]

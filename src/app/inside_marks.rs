@@ -5,7 +5,7 @@ use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, Vec2, pos2, vec
 use glam::{DVec2, DVec3};
 
 use super::action::{Colouring, WallView};
-use super::branch_panel::{BRANCH_KEYS, MARK_RADIUS};
+use super::branch_panel::{BRANCH_KEYS, BranchMark, MARK_RADIUS, branch_marks};
 use super::colouring::{NO_WALL, SHEET, scale_colour};
 use super::labels::Labels;
 use super::model::Model;
@@ -54,11 +54,11 @@ pub(super) fn shadowed(
 /// Everything that lies over the inside view.
 pub(super) fn inside_marks(painter: &Painter, rect: Rect, model: &Model) {
     let mut labels = Labels::new(painter, rect);
-    labels.reserve(Rect::from_min_size(rect.min, TITLE));
-    labels.reserve(Rect::from_min_max(rect.left_bottom() + MARKER, rect.left_bottom()));
+    let taken = taken_parts(rect, model);
+    taken.iter().for_each(|part| labels.reserve(*part));
     match model.view {
         WallView::Eye => {
-            offered_branches(painter, &mut labels, rect, model);
+            offered_branches(painter, &mut labels, &taken, model);
             crosshair_mark(painter, rect, model);
             missed_mark(painter, model, true, |p| in_pane(rect, p, model));
             measurements(painter, model, |p| in_pane(rect, p, model));
@@ -86,16 +86,37 @@ const TITLE: Vec2 = vec2(60.0, 20.0);
 /// Corner of the room that the patient's axes take, from the pane's lower left one.
 const MARKER: Vec2 = vec2(92.0, -92.0);
 
-/// Branches by their numbers on the keys, each where it begins.
-fn offered_branches(painter: &Painter, labels: &mut Labels<'_>, rect: Rect, model: &Model) {
-    let offered = model.offered();
-    for (i, choice) in offered.iter().enumerate() {
-        let text = (i + 1).to_string();
-        if let Some(at) = in_pane(rect, choice.ahead_mm, model).filter(|at| rect.contains(*at)) {
-            painter.circle_filled(at, MARK_RADIUS, SHADOW);
-            painter.circle_stroke(at, MARK_RADIUS, Stroke::new(2.0, ACCENT));
-            painter.text(at, Align2::CENTER_CENTER, text, FontId::proportional(13.0), ACCENT);
+/// Room of the scale of colours and of the legend, from the pane's right side and its corner.
+const SCALE: Vec2 = vec2(64.0, 184.0);
+const LEGEND: Vec2 = vec2(190.0, 48.0);
+
+/// Parts of the inside pane that are taken by its name, the patient's axes and a legend.
+pub(super) fn taken_parts(rect: Rect, model: &Model) -> Vec<Rect> {
+    let title = Rect::from_min_size(rect.min, TITLE);
+    let axes = Rect::from_min_max(rect.left_bottom() + MARKER, rect.left_bottom());
+    let scale = Rect::from_min_size(rect.right_center() - vec2(SCALE.x, 0.5 * SCALE.y), SCALE);
+    let legend = Rect::from_min_size(rect.right_bottom() - LEGEND, LEGEND);
+    let colours = match model.colouring {
+        Colouring::Radius => Some(scale),
+        Colouring::Evidence => Some(legend),
+        _ => None,
+    };
+    [title, axes].into_iter().chain(colours).collect()
+}
+
+/// Branches by their numbers on the keys, each where it begins, or joined with that place by a line.
+fn offered_branches(painter: &Painter, labels: &mut Labels<'_>, taken: &[Rect], model: &Model) {
+    let (rect, offered) = (labels.rect(), model.offered());
+    let stroke = Stroke::new(2.0, ACCENT);
+    for BranchMark { number, place, at, .. } in branch_marks(rect, taken, model) {
+        if place.distance(at) > MARK_RADIUS {
+            painter.line_segment([at + (place - at).normalized() * MARK_RADIUS, place], stroke);
         }
+        painter.circle_filled(at, MARK_RADIUS, SHADOW);
+        painter.circle_stroke(at, MARK_RADIUS, stroke);
+        let (anchor, font) = (Align2::CENTER_CENTER, FontId::proportional(13.0));
+        painter.text(at, anchor, number.to_string(), font, ACCENT);
+        labels.reserve(Rect::from_center_size(at, Vec2::splat(2.0 * MARK_RADIUS)));
     }
     if !offered.is_empty() {
         let keys = match offered.len() {
