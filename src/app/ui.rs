@@ -403,11 +403,16 @@ fn inside_input(
 /// A notch of the wheel along the path, mm.
 const WHEEL_MM: f64 = 5.0;
 
+/// Shorter side of a pane from which on the patient's axes have their full size, points.
+const MARKED_PANE: f32 = 200.0;
+
 /// The patient's axes as the eye sees them.
 fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat) {
-    let centre = rect.left_bottom() + vec2(44.0, -44.0);
+    // Less of a small pane, whose picture it would hide.
+    let scale = (rect.size().min_elem() / MARKED_PANE).clamp(0.6, 1.0);
+    let centre = rect.left_bottom() + vec2(44.0, -44.0) * scale;
     // Grey letters are to be read on a light wall too.
-    painter.circle_filled(centre, 42.0, Color32::from_black_alpha(110));
+    painter.circle_filled(centre, 42.0 * scale, Color32::from_black_alpha(110));
     let inverse = rotation.conjugate();
     let mut axes: Vec<(DVec3, &str)> = vec![
         (DVec3::X, "L"),
@@ -421,13 +426,14 @@ fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat
     axes.sort_by(|a, b| (inverse * a.0).z.total_cmp(&(inverse * b.0).z));
     for (axis, letter) in axes {
         let v = inverse * axis;
-        let to = centre + vec2(v.x as f32, -v.y as f32) * 26.0;
+        let to = centre + vec2(v.x as f32, -v.y as f32) * 26.0 * scale;
         let near = (0.5 + 0.5 * v.z) as f32;
         let grey = (90.0 + 150.0 * near) as u8;
         let colour = Color32::from_gray(grey);
         painter.line_segment([centre, to], Stroke::new(1.5, colour));
-        let at = centre + vec2(v.x as f32, -v.y as f32) * 35.0;
-        painter.text(at, Align2::CENTER_CENTER, letter, FontId::proportional(12.0), colour);
+        let at = centre + vec2(v.x as f32, -v.y as f32) * 35.0 * scale;
+        let font = FontId::proportional((12.0 * scale).max(9.0));
+        painter.text(at, Align2::CENTER_CENTER, letter, font, colour);
     }
 }
 
