@@ -404,7 +404,7 @@ fn inside_input(
 const WHEEL_MM: f64 = 5.0;
 
 /// Shorter side of a pane from which on the patient's axes have their full size, points.
-const MARKED_PANE: f32 = 200.0;
+const MARKED_PANE: f32 = 330.0;
 
 /// The patient's axes as the eye sees them.
 fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat) {
