@@ -1,12 +1,26 @@
 //! The flight by arc length: poses, lumen radius, cross-sections.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::Flight;
 use crate::geometry::{
     Centerline, CenterlinePlaces, CrossSection, MAX_ASTRAY, Mesh, Pose, TriangleBvh, cross_section,
 };
+
+/// Returns the length flown up to each place, mm.
+///
+/// * `cuts`: indices of places that begin another piece; the jumps to them do not count.
+pub(super) fn flown_mm(places: &[Vec3], cuts: &[usize]) -> Vec<f64> {
+    let mut flown = 0.0;
+    let up_to = |i: usize| {
+        if i > 0 && !cuts.contains(&i) {
+            flown += f64::from(places[i - 1].distance(places[i]));
+        }
+        flown
+    };
+    (0..places.len()).map(up_to).collect()
+}
 
 /// Size of a cross-section.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -85,12 +99,8 @@ impl FlightPath {
         if poses.len() < 2 {
             return None;
         }
-        let mut arc_mm = vec![0.0];
-        for (i, w) in poses.windows(2).enumerate() {
-            let step = f64::from(w[0].position_mm.distance(w[1].position_mm));
-            let step = if flight.cuts.contains(&(i + 1)) { 0.0 } else { step };
-            arc_mm.push(arc_mm[i] + step);
-        }
+        let eyes: Vec<Vec3> = poses.iter().map(|p| p.position_mm).collect();
+        let arc_mm = flown_mm(&eyes, &flight.cuts);
         let points: Vec<_> = line.branches.iter().flat_map(|b| &b.points).collect();
         // The nearest point, searched about the one before.
         let mut at = 0;
@@ -248,7 +258,7 @@ impl FlightPath {
 mod tests {
     use super::*;
     use crate::geometry::{Branch, CenterlinePoint};
-    use glam::{Quat, Vec3};
+    use glam::Quat;
 
     fn flight() -> (Flight, Centerline) {
         let at = |x: f32| Pose { position_mm: Vec3::X * x, rotation: Quat::IDENTITY };

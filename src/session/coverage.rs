@@ -19,9 +19,11 @@ impl Session {
             // What is behind the eye is seen on the way there already.
             true => (all_round(&flight), Vec::new()),
         };
+        let views_a_pose = there.len() / flight.poses.len().max(1);
+        let cuts: Vec<usize> = flight.cuts.iter().map(|i| i * views_a_pose).collect();
         let (tree, exterior) = (present(&self.slots.triangle_tree), present(&self.slots.exterior));
         let map = || CoverageMap::new(&wall.mesh, &tree, exterior.grid.as_deref());
-        let seen = || coverage(map(), &there, &back);
+        let seen = || coverage(map(), &there, &back, &cuts);
         Ok(clock.time("coverage", "faces", seen, |_| faces))
     }
 

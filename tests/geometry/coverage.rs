@@ -109,7 +109,7 @@ fn by_rays(wall: &Mesh, views: &[(Pose, Lens)], every: usize) -> (f64, Vec<Optio
 /// Coverage of a closed wall.
 fn coverage(wall: &Mesh, there: &[(Pose, Lens)], back: &[(Pose, Lens)]) -> Coverage {
     let (tree, exterior) = (TriangleBvh::new(wall), occlusion_grid(wall));
-    flight::coverage(CoverageMap::new(wall, &tree, Some(&exterior)), there, back)
+    flight::coverage(CoverageMap::new(wall, &tree, Some(&exterior)), there, back, &[])
 }
 
 /// Prints both figures and how far they are from rays.

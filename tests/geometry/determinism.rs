@@ -107,7 +107,7 @@ fn products(volume: &Volume) -> Products {
         .collect();
     all.insert("flight", bytes(&poses));
     let (tree, grid) = (TriangleBvh::new(&surface.mesh), occlusion_grid(&surface.mesh));
-    let seen = coverage(CoverageMap::new(&surface.mesh, &tree, Some(&grid)), &there, &back);
+    let seen = coverage(CoverageMap::new(&surface.mesh, &tree, Some(&grid)), &there, &back, &[]);
     let fractions = [seen.one_way_fraction, seen.both_ways_fraction, seen.area_mm2];
     let flags: Vec<u8> = seen.seen_both_ways.iter().map(|s| u8::from(*s)).collect();
     all.insert("coverage", [bytes(&fractions), flags].concat());

@@ -1,6 +1,6 @@
 //! Connected patches of wall that no view saw.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use crate::geometry::{DisjointSets, Mesh};
 
@@ -11,7 +11,7 @@ pub struct MissedPatch {
     pub area_mm2: f64,
     /// Area-weighted mean of the faces, LPS mm; may lie off a curved patch.
     pub center_mm: DVec3,
-    /// Length flown up to the eye nearest to the centre, mm since the first frame.
+    /// Length flown up to the eye nearest to the centre, mm; jumps between pieces do not count.
     pub arc_mm: f64,
     /// Number of faces.
     pub faces: usize,
@@ -19,14 +19,14 @@ pub struct MissedPatch {
 
 /// Returns all missed patches, largest first, and the rank of the patch that each face belongs to.
 ///
-/// * `eyes`: positions of the eye, LPS mm, in the order flown.
+/// * `eyes`: positions of the eye, LPS mm, in the order flown, each with the length flown up to it.
 ///
 /// Equally large patches stand in the order of their first faces.
 pub(super) fn missed_patches(
     wall: &Mesh,
     areas: &[f64],
     missed: impl Fn(usize) -> bool,
-    eyes: &[DVec3],
+    eyes: &[(Vec3, f64)],
 ) -> (Vec<MissedPatch>, Vec<Option<u32>>) {
     let faces: Vec<u32> = (0..wall.faces.len()).filter(|f| missed(*f)).map(|f| f as u32).collect();
     let first_of = components(wall, &faces);
@@ -48,7 +48,7 @@ pub(super) fn missed_patches(
     (found.into_iter().map(|f| f.0).collect(), patch_of_face)
 }
 
-fn patch(wall: &Mesh, areas: &[f64], faces: &[u32], eyes: &[DVec3]) -> MissedPatch {
+fn patch(wall: &Mesh, areas: &[f64], faces: &[u32], eyes: &[(Vec3, f64)]) -> MissedPatch {
     let mut area_mm2 = 0.0;
     let mut moment = DVec3::ZERO;
     for f in faces {
@@ -62,10 +62,9 @@ fn patch(wall: &Mesh, areas: &[f64], faces: &[u32], eyes: &[DVec3]) -> MissedPat
 }
 
 /// Returns the length flown up to the eye nearest to a place, mm; the first of equally near ones.
-fn arc_at(eyes: &[DVec3], place: DVec3) -> f64 {
-    let near = |i: &usize| eyes[*i].distance_squared(place);
-    let nearest = (0..eyes.len()).min_by(|a, b| near(a).total_cmp(&near(b))).unwrap_or(0);
-    eyes.windows(2).take(nearest).map(|w| w[0].distance(w[1])).sum()
+fn arc_at(eyes: &[(Vec3, f64)], place: DVec3) -> f64 {
+    let near = |eye: &(Vec3, f64)| eye.0.as_dvec3().distance_squared(place);
+    eyes.iter().min_by(|a, b| near(a).total_cmp(&near(b))).map_or(0.0, |eye| eye.1)
 }
 
 /// Returns, for each of `faces`, ascending, the position in the list of the first face of its

@@ -12,7 +12,7 @@ fn coverage(wall: &Mesh, there: &[(Pose, Lens)], back: &[(Pose, Lens)]) -> Cover
     let is_closed = wall.positions.iter().all(|p| p.is_finite()) && Adjacency::of(wall).1;
     let exterior = is_closed.then(|| ExteriorGrid::new(wall, 10_000));
     let tree = TriangleBvh::new(wall);
-    super::coverage(CoverageMap::new(wall, &tree, exterior.as_ref()), there, back)
+    super::coverage(CoverageMap::new(wall, &tree, exterior.as_ref()), there, back, &[])
 }
 
 /// Views along the six axes, 90 degrees wide: everything about a place.
@@ -245,4 +245,24 @@ fn coverage_is_the_same_at_any_number_of_threads_and_in_any_order_of_views() {
         (other.seen_one_way, other.seen_both_ways),
         (want.seen_one_way, want.seen_both_ways)
     );
+}
+
+#[test]
+fn the_arc_length_of_a_missed_patch_counts_no_jump_between_pieces() {
+    let mut wall = sphere(10.0, 24);
+    let other = wall.clone();
+    let first = wall.positions.len() as u32;
+    wall.positions.extend(other.positions.iter().map(|p| *p + 100.0 * Vec3::X));
+    wall.faces.extend(other.faces.iter().map(|f| f.map(|v| v + first)));
+    // Two eyes in each sphere, all looking away from the half that is missed.
+    let eyes = [0.0, 2.0, 100.0, 103.0].map(|x| view(x * Vec3::X, Vec3::X, FRAC_PI_2));
+    let tree = TriangleBvh::new(&wall);
+    let arcs = |cuts: &[usize]| {
+        let seen = super::coverage(CoverageMap::new(&wall, &tree, None), &eyes, &[], cuts);
+        let mut arcs: Vec<f64> = seen.patches.iter().map(|p| p.arc_mm).collect();
+        arcs.sort_by(f64::total_cmp);
+        arcs
+    };
+    assert_eq!(arcs(&[2]), [0.0, 2.0]);
+    assert_eq!(arcs(&[]), [0.0, 100.0], "flown through, the way between them counts");
 }
