@@ -37,7 +37,8 @@ pub fn dist(args: &[&str]) -> Result<(), TaskError> {
     };
     let release = Release::of_commit(dirty)?;
     run(cargo(&["build", "--release", "--locked", "--package", "intima"])
-        .env("INTIMA_COMMIT", &release.commit))?;
+        .env("INTIMA_COMMIT", &release.commit)
+        .env("RUSTFLAGS", flags_without_paths()))?;
     let out = root().join(OUT);
     clear(&out)?;
     let tree = release.tree(&out)?;
@@ -51,6 +52,18 @@ pub fn dist(args: &[&str]) -> Result<(), TaskError> {
     write(&out.join("SHA256SUMS"), &sums)?;
     print!("{sums}");
     Ok(())
+}
+
+/// Compiler flags by which no path of the building machine gets into the program: those of messages
+/// and panics begin with `~` or `intima`.
+fn flags_without_paths() -> String {
+    let given = std::env::var("RUSTFLAGS").unwrap_or_default();
+    // The last prefix that fits is taken: the project may lie in the home folder.
+    let home = std::env::home_dir().map(|home| (home, "~"));
+    let folders = home.into_iter().chain([(root(), "intima")]);
+    folders.fold(given, |flags, (folder, name)| {
+        format!("{flags} --remap-path-prefix={}={name}", folder.display())
+    })
 }
 
 impl Release {
