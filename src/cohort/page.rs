@@ -62,7 +62,8 @@ fn summary(table: &QualityTable) -> Markup {
     html! {
         p {
             (table.rows.len()) " cases: " (done) " done, " (failed) " failed, "
-            (of(CaseState::Missing)) " missing. Press a heading to sort."
+            (of(CaseState::Missing)) " missing."
+            span.screen { " Press a heading to sort." }
         }
     }
 }
@@ -116,10 +117,10 @@ fn cell(row: &QualityRow, measure: usize, decimals: usize) -> Markup {
 fn notes(row: &QualityRow) -> Markup {
     html! {
         @if let Some((reason, error)) = &row.failure { p { strong { (reason) } " " (error) } }
-        @for (title, texts) in [("warnings", &row.warnings), ("gates", &row.gates)] {
+        @for (title, texts) in [("warning", &row.warnings), ("gate", &row.gates)] {
             @if !texts.is_empty() {
                 details {
-                    summary { (texts.len()) " " (title) }
+                    summary { (texts.len()) " " (title) @if texts.len() != 1 { "s" } }
                     ul { @for text in texts { li { (text) } } }
                 }
             }
