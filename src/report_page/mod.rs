@@ -134,7 +134,10 @@ fn warnings(warnings: &[String]) -> Markup {
 
 /// The figures that are read first.
 fn tiles(report: &Report) -> Markup {
-    let narrowest = report.profile.as_ref().and_then(|p| p.narrowest.first());
+    let narrowest = report.profile.as_ref().and_then(|p| {
+        // The list has the largest narrowing first.
+        p.narrowest.iter().min_by(|a, b| a.radius_mm.total_cmp(&b.radius_mm))
+    });
     html! {
         section id="summary" class="tiles" {
             @if let Some(l) = &report.lumen {

@@ -58,7 +58,7 @@ fn marked(overview: &OverviewPicture, report: &Report) -> Markup {
     html! {
         figure {
             div class="marked" {
-                (image(&overview.picture, "The organ from in front, with path and marks"))
+                (image(&overview.picture, "The whole organ, with path and marks"))
                 svg viewBox=(format!("0 0 {width} {height}")) aria-hidden="true" {
                     @for (mark, [x, y]) in &marks {
                         line x1=(round(mark.at[0])) y1=(round(mark.at[1])) x2=(round(*x)) y2=(round(*y))
@@ -71,7 +71,8 @@ fn marked(overview: &OverviewPicture, report: &Report) -> Markup {
                 }
             }
             figcaption {
-                "From in front: the patient's left is on the right. S and E are start and end of the path; letters are its narrowest places"
+                @if overview.on_the_right() == "left" { "From in front: the" } @else { "Head up: the" }
+                " patient's " (overview.on_the_right()) " is on the right. S and E are start and end of the path; letters are its narrowest places"
                 @if has_patches { "; numbers are the patches of wall that the flight missed, drawn in blue" }
                 "."
             }

@@ -59,9 +59,23 @@ pub struct OverviewPicture {
     whole: [u32; 2],
     /// Column and row of its corner that the picture begins at.
     corner: [u32; 2],
+    /// Direction to the right in the picture, LPS.
+    right: Vec3,
 }
 
 impl OverviewPicture {
+    /// Returns the side of the patient that is on the picture's right: `left` where it was taken from
+    /// in front.
+    pub fn on_the_right(&self) -> &'static str {
+        let Vec3 { x, y, .. } = self.right;
+        match (x.abs() >= y.abs(), x > 0.0, y > 0.0) {
+            (true, true, _) => "left",
+            (true, false, _) => "right",
+            (false, _, true) => "back",
+            (false, _, false) => "front",
+        }
+    }
+
     /// Returns the column and row over a point, LPS mm.
     pub fn at(&self, p_mm: [f64; 3]) -> [f64; 2] {
         let [x, y] = pixel(&self.clip, DVec3::from(p_mm).as_vec3(), self.whole);
@@ -238,7 +252,8 @@ impl Session {
         let clip = clip_from_world(&pose, &lens);
         let part = frame_about(&clip, bounds, size);
         let (picture, corner) = (cut(&rgb, size[0], part), part.map(|ends| ends[0]));
-        Ok((Some(OverviewPicture { picture, clip, whole: size, corner }), kept))
+        let right = pose.rotation * Vec3::X;
+        Ok((Some(OverviewPicture { picture, clip, whole: size, corner, right }), kept))
     }
 }
 
@@ -327,7 +342,8 @@ mod tests {
         let kept = frame_about(&clip, (low, high), size);
         let picture = cut(&vec![7; 3 * 960 * 720], 960, kept);
         let corner = kept.map(|ends| ends[0]);
-        let overview = OverviewPicture { picture, clip, whole: size, corner };
+        let right = pose.rotation * Vec3::X;
+        let overview = OverviewPicture { picture, clip, whole: size, corner, right };
         let [width, height] = overview.picture.size.map(f64::from);
         assert!(width < 500.0 && height > 600.0, "{width} x {height}");
         for p in [low, high] {
@@ -337,5 +353,8 @@ mod tests {
         let [left, bottom] = overview.at(low.as_dvec3().to_array());
         let [right, top] = overview.at(high.as_dvec3().to_array());
         assert!(left < right && top < bottom, "the patient's left on the right, head up");
+        assert_eq!(overview.on_the_right(), "left");
+        let from_left = OverviewPicture { right: Vec3::new(0.3, 0.9, 0.0), ..overview };
+        assert_eq!(from_left.on_the_right(), "back");
     }
 }
