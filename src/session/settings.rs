@@ -171,7 +171,7 @@ pub enum Lod {
     Clusters,
     /// The paper's: a base mesh subdivided where the camera looks.
     Vds,
-    /// The whole mesh, less what a camera cannot see of it; the same pixels as all of it.
+    /// The whole mesh, less what a camera cannot see of it; the same picture.
     Culled,
     /// The whole mesh.
     Off,
