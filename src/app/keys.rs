@@ -165,7 +165,7 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
         ("B", "bookmark"),
         ("U", "next missed patch"),
         ("double click", "one pane, all panes"),
-        ("Escape", "leave what is open: dialog, text, keys, measuring, a single pane"),
+        ("Escape", "close the dialog, text field, list of keys, ruler or single pane"),
         ("F1 or ?", "these keys"),
         ("Ctrl + Q", "quit"),
     ];

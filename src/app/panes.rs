@@ -156,7 +156,7 @@ impl Panes {
             self.radius_mm = self.inside.renderer.mean_radius_mm(mesh);
             self.mesh = Some(mesh);
         }
-        // Eyes are inside a closed wall. One with open ends is drawn without them, from levels alone.
+        // Only of a closed wall the tree is that of the mesh with its caps.
         if let (Some(culling), Some(mesh), false) = (&products.culling, self.mesh, self.is_culled)
             && culling.closed.is_some()
         {

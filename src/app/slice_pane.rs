@@ -171,7 +171,7 @@ fn pointer_input(
         let place = shown.place(p);
         if primary {
             let to = nearest_inside(volume, place);
-            // With what the picture is shifted by at an end of the volume.
+            // Plus the shift of the slice at an end of the volume.
             let middle = |at: DVec3| {
                 at + SlicePlane { centre_mm: at, ..*plane }.way_into(volume, shown.size)
             };

@@ -79,7 +79,8 @@ struct DeviceSummary {
     plans: usize,
     /// Submissions of the chain.
     submissions: u64,
-    /// Counts of what the chain asked of a Vulkan device that had the memory of an earlier chain.
+    /// Allocations, submissions, waits and bytes of the chain on a Vulkan device that keeps the memory
+    /// of an earlier chain.
     asked: PlanCounts,
     /// Least that it had to ask.
     least: PlanCounts,
