@@ -54,6 +54,14 @@ impl PreparedMesh {
         prepare(mesh, false)
     }
 
+    /// Shades a mesh as [`PreparedMesh::new`] and leaves out its caps.
+    ///
+    /// # Errors
+    /// [`RenderError::BadFace`].
+    pub fn without_caps(mesh: &Mesh) -> Result<Self, RenderError> {
+        prepare(mesh, true)
+    }
+
     /// Takes a mesh that was shaded before.
     ///
     /// # Errors

@@ -273,9 +273,9 @@ products! {
     /// The drawn wall, with or without caps.
     pub(super) DrawnWall drawn_wall: DrawnWall =
         "drawn wall" 0.1 [Wall] (wall.open_ends) Cpu always run_drawn_wall;
-    /// The wall with its caps, ready for a device.
+    /// The wall with all its vertices, ready for a device; with or without caps.
     pub PreparedWall prepared_wall: PreparedMesh =
-        "prepared wall" 1.0 [Wall] () Cpu always run_prepared_wall;
+        "prepared wall" 1.0 [Wall] (wall.open_ends) Cpu always run_prepared_wall;
     /// Evidence of the wall at each vertex; `None` where it does not follow grey values.
     pub Evidence evidence: Option<Vec<Evidence>> =
         "evidence" 0.2 [Lumen Wall] () Cpu always run_evidence;

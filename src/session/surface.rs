@@ -147,7 +147,10 @@ impl Session {
     ) -> Result<PreparedMesh, SessionError> {
         let wall = present(&self.slots.wall);
         let faces = wall.mesh.faces.len() as u64;
-        let prepare = || PreparedMesh::new(&wall.mesh);
+        let prepare = || match self.settings.wall.open_ends {
+            true => PreparedMesh::without_caps(&wall.mesh),
+            false => PreparedMesh::new(&wall.mesh),
+        };
         Ok(clock.time("prepared wall", "faces", prepare, |_| faces)?)
     }
 

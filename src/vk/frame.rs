@@ -213,7 +213,13 @@ impl Gpu {
         place
     }
 
-    fn memory_barrier(&self, cmd: vk::CommandBuffer, from: StageAccess, to: StageAccess) {
+    /// Records a memory barrier.
+    pub(super) fn memory_barrier(
+        &self,
+        cmd: vk::CommandBuffer,
+        from: StageAccess,
+        to: StageAccess,
+    ) {
         let barriers = [vk::MemoryBarrier2::default()
             .src_stage_mask(from.0)
             .src_access_mask(from.1)

@@ -215,17 +215,10 @@ impl Gpu {
         Ok(())
     }
 
-    /// Records a memory barrier.
+    /// Records a memory barrier of a plan, and counts it.
     pub(super) fn barrier(&mut self, cmd: vk::CommandBuffer, from: StageAccess, to: StageAccess) {
         self.counts[0].barriers += 1;
-        let barriers = [vk::MemoryBarrier2::default()
-            .src_stage_mask(from.0)
-            .src_access_mask(from.1)
-            .dst_stage_mask(to.0)
-            .dst_access_mask(to.1)];
-        let info = vk::DependencyInfo::default().memory_barriers(&barriers);
-        // SAFETY: `cmd` is recording on this device; a memory barrier names no handle.
-        unsafe { self.device.cmd_pipeline_barrier2(cmd, &info) };
+        self.memory_barrier(cmd, from, to);
     }
 }
 

@@ -619,6 +619,32 @@ fn without_levels_of_detail_the_window_draws_the_whole_wall() {
     assert!(done.status.code() == Some(2) && said.contains("--core is not for"), "{said}");
 }
 
+/// Without levels of detail the window drew the caps that `--open-ends` leaves out.
+#[test]
+fn an_open_end_is_open_in_the_window() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    let inside = |i: usize| ((i % 20) as f64 - 9.5).hypot((i / 20 % 20) as f64 - 9.5) < 6.0;
+    let voxels: Vec<u8> = (0..20 * 20 * 40).map(|i| u8::from(inside(i))).collect();
+    let grid = intima::volume::Grid::axis_aligned([20, 20, 40], [1.0; 3]);
+    let volume = intima::volume::Volume::new(grid, voxels.into());
+    intima::formats::write_volume(&tmp.path().join("mask.nrrd"), &volume).unwrap();
+    let script = r#"{"schema": "intima.script/1", "size": [900, 600], "steps": [
+        {"wait": "complete"}, {"do": {"seek": 10}}, {"frames": 2}, {"picture": "p"}]}"#;
+    std::fs::write(tmp.path().join("s.json"), script).unwrap();
+    let shown = |out: &str, more: &[&str]| {
+        let args = ["--script", "s.json", "--frames-out", out];
+        let done = fly(tmp.path(), &[&args[..], &["--lod-cache", "off"], more].concat());
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        intima::formats::read_png(&tmp.path().join(out).join("p.png")).unwrap().2
+    };
+    let apart = |a: &[u8], b: &[u8]| a.chunks(3).zip(b.chunks(3)).filter(|(a, b)| a != b).count();
+    let (closed, open) = (shown("closed", &[]), shown("open", &["--open-ends"]));
+    assert!(apart(&closed, &open) > 1000, "{} pixels", apart(&closed, &open));
+}
+
 /// Plays a script of these steps with a session file; it succeeds.
 fn play(dir: &Path, more: &[&str], steps: &str) {
     let script =
