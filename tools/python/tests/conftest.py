@@ -8,11 +8,6 @@ import pytest
 import intima
 
 
-@pytest.fixture(autouse=True)
-def _names_in_doctests(doctest_namespace):
-    doctest_namespace.update(np=np, intima=intima)
-
-
 def tube(shape, spacing, axis, radius):
     """Mask of the voxels nearer to a polyline (mm, x y z from voxel 0) than a radius, mm."""
     z, y, x = np.meshgrid(*(np.arange(n) * s for n, s in zip(shape, spacing)), indexing="ij")
