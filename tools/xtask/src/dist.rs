@@ -89,7 +89,9 @@ impl Release {
         let tree = out.join("tree");
         let at = |path: &str| tree.join("usr").join(path);
         let program = at("bin/intima");
-        copy(&root().join("target/release/intima"), &program)?;
+        let built = std::env::var_os("CARGO_TARGET_DIR")
+            .map_or_else(|| root().join("target"), PathBuf::from);
+        copy(&built.join("release/intima"), &program)?;
         run(&mut command("strip", &["--strip-debug", text(&program)?]))?;
         for (shell, path) in SHELLS {
             let script = output(&mut command(text(&program)?, &["completions", shell]))?;
