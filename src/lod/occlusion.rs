@@ -11,7 +11,7 @@ use glam::DVec3;
 use crate::geometry::{ExteriorGrid, Mesh, Sphere};
 
 /// Number of grid cells, about.
-const CELLS: usize = 262_144;
+const CELLS: usize = 1_048_576;
 
 /// Conservative occlusion test against a closed wall.
 #[derive(Debug)]
