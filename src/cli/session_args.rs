@@ -83,7 +83,7 @@ impl SessionArgs {
             }
             taken.push(at);
         }
-        // Last: what is wrong in the command line is said on a machine without ffmpeg too.
+        // The last check: on a machine without ffmpeg errors of the command line are reported first.
         Ok(self.frames.video.as_deref().map_or(Ok(()), VideoWriter::check)?)
     }
 

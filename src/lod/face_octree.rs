@@ -2,8 +2,8 @@
 //!
 //! Faces are stored in the order of the tree, so that each cell is one range of the index buffer. A
 //! camera draws the cells that are inside its view frustum, do not face away and are not occluded;
-//! no pixel changes by what is left out of a closed wall. It is built in about a fifteenth of the
-//! time of clusters, and has no coarser levels.
+//! of a closed wall those hold no visible face. The tree is built in about a fifteenth of the time
+//! of clusters, and has no coarser levels.
 
 use std::ops::Range;
 
@@ -42,8 +42,8 @@ impl FaceOctree {
 
     /// Ranges of [`Self::indices`] that `camera` can see, ascending.
     ///
-    /// * `closed`: of a closed wall with the eye inside it, whose back faces are never seen; what it
-    ///   hides by itself is left out too.
+    /// * `closed`: occlusion test of a closed wall with the eye inside it. Cells of back faces and
+    ///   occluded cells are left out then.
     pub fn visible(&self, camera: &Camera, closed: Option<&OcclusionTest>) -> Vec<Range<u32>> {
         let frustum = ViewFrustum::new(camera);
         let mut ranges: Vec<Range<u32>> = Vec::new();

@@ -294,27 +294,30 @@ impl Session {
         Ok(BuiltClusters { clusters: built, cached: false, keep: file })
     }
 
+    /// Occlusion test of the drawn wall. There is none where its caps are left out: through its open
+    /// ends an eye sees faces that the whole wall occludes.
+    ///
+    /// * `margin_mm`: largest distance of any drawn surface from the wall, mm.
+    fn occlusion_test(&self, margin_mm: f64) -> Option<Arc<OcclusionTest>> {
+        let grid = present(&self.slots.exterior).grid.clone();
+        let grid = grid.filter(|_| present(&self.slots.drawn_wall).closed)?;
+        Some(Arc::new(OcclusionTest::new(grid, margin_mm)))
+    }
+
     pub(super) fn run_cluster_levels(&self, _: &mut Clock) -> Result<Levels, SessionError> {
         let built = present(&self.slots.clusters);
-        let exterior = present(&self.slots.exterior);
-        // Where caps are left out, an eye sees what the whole wall hides.
-        let grid = exterior.grid.clone().filter(|_| present(&self.slots.drawn_wall).closed);
-        let margin = built.clusters.largest_error_mm();
-        let occlusion = grid.map(|grid| Arc::new(OcclusionTest::new(grid, margin)));
+        let occlusion = self.occlusion_test(built.clusters.largest_error_mm());
         let clusters = Arc::clone(&built.clusters);
         let error = self.settings.levels.pixel_error;
         Ok(Levels::of_clusters(clusters, error, built.cached, occlusion))
     }
 
     pub(super) fn run_culling(&self, clock: &mut Clock) -> Result<Culling, SessionError> {
-        let (drawn, exterior) = (present(&self.slots.drawn_wall), present(&self.slots.exterior));
+        let drawn = present(&self.slots.drawn_wall);
         let faces = drawn.mesh().faces.len() as u64;
         let build = || Arc::new(FaceOctree::new(drawn.mesh()));
         let octree = clock.time("octree", "faces", build, |_| faces);
-        // Where caps are left out, an eye sees what the whole wall hides.
-        let grid = exterior.grid.clone().filter(|_| drawn.closed);
-        let closed = grid.map(|grid| Arc::new(OcclusionTest::new(grid, 0.0)));
-        Ok(Culling { octree, closed })
+        Ok(Culling { octree, closed: self.occlusion_test(0.0) })
     }
 
     pub(super) fn run_subdivision_levels(&self, clock: &mut Clock) -> Result<Levels, SessionError> {

@@ -60,8 +60,8 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
     let has_plans = makes(Product::Fields) || distance || makes(Product::Wall);
     // The program, the volume, a mask, and Vulkan once a plan opens it.
     let held = 13 * MB + size.stored + size.mask + when(has_plans, 45 * MB);
-    // Let go once the lumen is there: what the search for an organ labels, and after it values,
-    // levels and growth of the wall field.
+    // Memory that is freed once the lumen is made: labels of the search for an organ, and after them
+    // values, levels and growth of the wall field.
     let choosing = when(size.is_field, 14 * MB + 22_500 * size.field_bricks)
         .max(when(size.is_organ, size.voxels * 5 / 2));
     let kept = when(size.is_field, 38 * MB);

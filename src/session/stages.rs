@@ -298,7 +298,7 @@ products! {
     /// Space outside the wall, where it is watertight.
     pub Exterior exterior: Exterior =
         "outside" 1.0 [Wall] () Cpu always run_exterior;
-    /// Faces of the drawn wall by place, and what the wall hides by itself.
+    /// Octree of the drawn wall's faces, and the wall's occlusion test.
     pub Culling culling: Culling =
         "octree" 0.3 [DrawnWall Exterior] () Cpu always run_culling;
     /// The wall at many levels of detail, ready to be refined.
