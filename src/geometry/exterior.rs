@@ -7,10 +7,11 @@
 //! reaches. A line of sight that crosses the exterior has crossed the wall before it.
 
 use glam::{DVec3, IVec3, UVec3, Vec3};
+use rayon::prelude::*;
 
 use super::Mesh;
+use super::cell_bits::CellBits;
 use crate::fault;
-use crate::task::checkpoint;
 
 /// Largest distance that is stored, in cells; larger ones are clamped to it.
 const MAX_DISTANCE: u8 = 100;
@@ -39,15 +40,14 @@ impl ExteriorGrid {
         // One cell of margin on every side.
         let dims = ((size / cell_mm).floor() + 3.0).as_uvec3();
         let mut this = Self { lo: lo - cell_mm, cell_mm, dims, distance: Vec::new() };
-        let mut outside = this.reached_from_border(&this.touched(mesh));
-        let inwards = this.chebyshev(&outside);
-        outside.iter_mut().for_each(|o| *o = !*o);
-        let mut outwards = this.chebyshev(&outside);
-        if fault::hit(fault::Point::Occlusion) {
-            outwards.iter_mut().filter(|d| **d > 0).for_each(|d| *d = MAX_DISTANCE);
-        }
-        let signed = |(out, inside): (u8, u8)| out.cast_signed() - inside.cast_signed();
-        this.distance = outwards.into_iter().zip(inwards).map(signed).collect();
+        let outside = this.touched(mesh).inverted().reached_from_border();
+        let mut distance = vec![0; dims.as_usizevec3().element_product()];
+        let exaggerates = fault::hit(fault::Point::Occlusion);
+        outside.each_distance(MAX_DISTANCE, |i, d| {
+            distance[i] = if exaggerates { MAX_DISTANCE } else { d }.cast_signed();
+        });
+        outside.inverted().each_distance(MAX_DISTANCE, |i, d| distance[i] = -d.cast_signed());
+        this.distance = distance;
         this
     }
 
@@ -63,94 +63,29 @@ impl ExteriorGrid {
     }
 
     /// Returns the cells that the bounding box of some triangle meets.
-    fn touched(&self, mesh: &Mesh) -> Vec<bool> {
-        let mut touched = vec![false; self.dims.as_usizevec3().element_product()];
+    fn touched(&self, mesh: &Mesh) -> CellBits {
         // Tolerance for rounding, so that no touched cell is missed.
         let hair = 1e-6 * (1.0 + self.cell_mm * self.dims.as_dvec3().max_element());
-        for f in &mesh.faces {
+        let touch = |mut touched: CellBits, f: &[u32; 3]| {
             let [a, b, c] = f.map(|v| mesh.positions[v as usize]);
-            let first = self.cell(a.min(b).min(c).as_dvec3() - hair);
-            let last = self.cell(a.max(b).max(c).as_dvec3() + hair);
+            let first = self.cell(a.min(b).min(c).as_dvec3() - hair).as_usizevec3();
+            let last = self.cell(a.max(b).max(c).as_dvec3() + hair).as_usizevec3();
             for z in first.z..=last.z {
                 for y in first.y..=last.y {
-                    let row = self.index(IVec3::new(first.x, y, z));
-                    touched[row..=row + (last.x - first.x) as usize].fill(true);
+                    touched.add_run(first.x, last.x, y, z);
                 }
             }
-        }
-        touched
-    }
-
-    /// Returns the untouched cells that a flood fill from the border reaches (6-connected), and the
-    /// border.
-    fn reached_from_border(&self, touched: &[bool]) -> Vec<bool> {
-        let d = self.dims.as_usizevec3();
-        let (row, layer) = (d.x, d.x * d.y);
-        let rim = |k: usize, n: usize| k == 0 || k == n - 1;
-        let mut reached = vec![false; touched.len()];
-        for (k, own) in reached.chunks_exact_mut(row).enumerate() {
-            if rim(k % d.y, d.y) || rim(k / d.y, d.z) {
-                own.fill(true);
-            }
-            (own[0], own[row - 1]) = (true, true);
-        }
-        // Cells inside the border have all six neighbours in the grid.
-        let neighbors = |i: usize| [i - 1, i + 1, i - row, i + row, i - layer, i + layer];
-        let inner = |i: &usize| !reached[*i] && neighbors(*i).iter().any(|j| reached[*j]);
-        let mut open: Vec<usize> = (0..touched.len()).filter(inner).collect();
-        while let Some(i) = open.pop() {
-            if !touched[i] && !std::mem::replace(&mut reached[i], true) {
-                open.extend(neighbors(i).into_iter().filter(|j| !reached[*j]));
-            }
-        }
-        reached
-    }
-
-    /// Computes the Chebyshev distance of each cell to the nearest one of `set`, in cells: a
-    /// transform in two passes, exact for this metric (Borgefors 1986,
-    /// doi:10.1016/S0734-189X(86)80047-0). Each cell takes the minimum of the neighbours that
-    /// precede it in the scan direction, plus one.
-    fn chebyshev(&self, set: &[bool]) -> Vec<u8> {
-        let mut distance: Vec<u8> = set.iter().map(|s| if *s { 0 } else { MAX_DISTANCE }).collect();
-        let [nx, ny, nz] = self.dims.to_array().map(|n| n as usize);
-        let rows = ny * nz;
-        let mut near = vec![0u8; nx];
-        for forwards in [true, false] {
-            for k in 0..rows {
-                if k % 1024 == 0 {
-                    checkpoint();
-                }
-                let at = if forwards { k } else { rows - 1 - k };
-                let (y, z) = (at % ny, at / ny);
-                // The three rows of the previous layer, and the previous row of this layer.
-                let step =
-                    |n: usize, by: isize| n.checked_add_signed(if forwards { by } else { -by });
-                let others = [(-1, -1), (0, -1), (1, -1), (-1, 0)].map(|(dy, dz)| {
-                    let y = step(y, dy).filter(|y| *y < ny)?;
-                    let z = step(z, dz).filter(|z| *z < nz)?;
-                    Some((y + ny * z) * nx)
-                });
-                near.fill(MAX_DISTANCE);
-                for first in others.into_iter().flatten() {
-                    let row = &distance[first..first + nx];
-                    near.iter_mut().zip(row).for_each(|(n, s)| *n = (*n).min(*s));
-                }
-                let own = &mut distance[at * nx..][..nx];
-                let neighbors = |x: usize| near[x.saturating_sub(1)].min(near[(x + 1).min(nx - 1)]);
-                (0..nx).for_each(|x| own[x] = own[x].min(near[x].min(neighbors(x)) + 1));
-                let mut last = MAX_DISTANCE;
-                let mut along = |s: &mut u8| {
-                    *s = (*s).min(last + 1);
-                    last = *s;
-                };
-                if forwards {
-                    own.iter_mut().for_each(&mut along);
-                } else {
-                    own.iter_mut().rev().for_each(&mut along);
-                }
-            }
-        }
-        distance
+            touched
+        };
+        let part = mesh.faces.len().div_ceil(rayon::current_num_threads()).max(1);
+        mesh.faces
+            .par_chunks(part)
+            .map(|faces| faces.iter().fold(CellBits::new(self.dims, false), touch))
+            .reduce_with(|mut a, b| {
+                a.add(&b);
+                a
+            })
+            .unwrap_or_else(|| CellBits::new(self.dims, false))
     }
 
     /// Whether a point lies in a cell that is not exterior.

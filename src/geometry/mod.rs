@@ -4,6 +4,7 @@
 mod bounds;
 mod bvh;
 mod camera;
+mod cell_bits;
 mod centerline;
 mod centerline_distances;
 mod centerline_places;

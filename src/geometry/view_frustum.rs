@@ -38,6 +38,10 @@ pub struct ViewFrustum {
     tangent: [f64; 2],
     /// 1 / cosine of those half-angles.
     secant: [f64; 2],
+    /// Inward normals of the four sides, LPS; all planes pass through the eye.
+    sides: [DVec3; 4],
+    /// Direction of the view, LPS.
+    forward: DVec3,
     near: f64,
     /// Pixels a radian at the centre.
     focal_px: f64,
@@ -56,6 +60,15 @@ impl ViewFrustum {
             camera_from_world: DMat3::from_quat(turn.conjugate()),
             tangent: [t_x, t_y],
             secant: [(1.0 + t_x * t_x).sqrt(), (1.0 + t_y * t_y).sqrt()],
+            // The camera looks along -z: a place is inside where |x| <= -z tan and |y| <= -z tan.
+            sides: [
+                DVec3::new(1.0, 0.0, -t_x),
+                DVec3::new(-1.0, 0.0, -t_x),
+                DVec3::new(0.0, 1.0, -t_y),
+                DVec3::new(0.0, -1.0, -t_y),
+            ]
+            .map(|n| turn * n),
+            forward: turn * DVec3::NEG_Z,
             near: f64::from(camera.lens.near_mm),
             focal_px: f64::from(camera.height_px) / (2.0 * t_y),
             corner_secant: (1.0 + t_x * t_x + t_y * t_y).sqrt(),
@@ -74,6 +87,21 @@ impl ViewFrustum {
         // Planes through the eye, normals inwards (camera looks along -z).
         -c.z >= self.near - r
             && (0..2).all(|k| c[k].abs() - self.tangent[k] * -c.z <= r * self.secant[k])
+    }
+
+    /// Frustum culling: whether a box may be in the image; false only if all of it is beyond one of
+    /// the planes.
+    ///
+    /// * `centre`: of the box, relative to the eye, along the axes of LPS like `half`, its half
+    ///   extent.
+    pub fn intersects_box(&self, centre: DVec3, half: DVec3) -> bool {
+        let reach = |n: DVec3| n.dot(centre) + n.abs().dot(half);
+        reach(self.forward) >= self.near && self.sides.iter().all(|n| reach(*n) >= 0.0)
+    }
+
+    /// Whether a point, relative to the eye, is in the image.
+    pub fn contains(&self, p: DVec3) -> bool {
+        self.forward.dot(p) >= self.near && self.sides.iter().all(|n| n.dot(p) >= 0.0)
     }
 
     /// Screen-space error: upper bound, in pixels, of the projected distance of two points that are

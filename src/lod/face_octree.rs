@@ -46,14 +46,17 @@ impl FaceOctree {
     ///   occluded cells are left out then.
     pub fn visible(&self, camera: &Camera, closed: Option<&OcclusionTest>) -> Vec<Range<u32>> {
         let frustum = ViewFrustum::new(camera);
+        let eye = frustum.position();
         let mut ranges: Vec<Range<u32>> = Vec::new();
         self.tree.traverse(
             |n| {
+                let (lo, hi) = (n.lo.as_dvec3(), n.hi.as_dvec3());
+                let (centre, half) = (0.5 * (lo + hi), 0.5 * (hi - lo));
                 let hidden = |test: &OcclusionTest| {
                     frustum.is_backfacing(&n.sphere, &n.cone)
-                        || test.is_occluded(frustum.position(), &n.sphere)
+                        || test.is_box_occluded(eye, centre, half)
                 };
-                frustum.intersects(&n.sphere) && !closed.is_some_and(hidden)
+                frustum.intersects_box(centre - eye, half) && !closed.is_some_and(hidden)
             },
             |_, n| {
                 let own = 3 * n.first..3 * (n.first + n.count);

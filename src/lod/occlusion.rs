@@ -11,7 +11,7 @@ use glam::DVec3;
 use crate::geometry::{ExteriorGrid, Mesh, Sphere};
 
 /// Number of grid cells, about.
-const CELLS: usize = 1_048_576;
+const CELLS: usize = 4_194_304;
 
 /// Conservative occlusion test against a closed wall.
 #[derive(Debug)]
@@ -35,6 +35,11 @@ impl OcclusionTest {
     /// Whether the wall hides the whole sphere from an eye inside it.
     pub fn is_occluded(&self, eye: DVec3, s: &Sphere) -> bool {
         self.grid.hides(eye, s.centre.as_dvec3(), f64::from(s.radius), self.margin_mm)
+    }
+
+    /// Whether the wall hides the whole box from an eye inside it.
+    pub fn is_box_occluded(&self, eye: DVec3, centre: DVec3, half: DVec3) -> bool {
+        self.grid.hides(eye, centre, half.max_element(), self.margin_mm)
     }
 }
 

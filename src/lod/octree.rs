@@ -262,14 +262,23 @@ pub fn bounding_cone(cones: impl Iterator<Item = Cone> + Clone) -> Cone {
         return Cone::default();
     };
     // Angles add; f64, since a cosine near 1 says little in f32.
+    let a = axis.as_dvec3().normalize();
     let mut widest: f64 = 0.0;
+    // Cosine and sine of the cone that is widest so far: cones within both need no angles.
+    let mut of_widest = (1.0, -1.0);
     for c in cones {
         if c.sine.is_nan() || c.sine >= 1.0 {
             return Cone::default();
         }
-        let (a, b) = (axis.as_dvec3(), c.axis.as_dvec3());
-        let between = a.cross(b).length().atan2(a.dot(b));
-        widest = widest.max(between + f64::from(c.sine).asin());
+        let (b, sine) = (c.axis.as_dvec3(), f64::from(c.sine));
+        let cosine = a.dot(b) / b.length();
+        if cosine >= of_widest.0 && sine <= of_widest.1 {
+            continue;
+        }
+        let angle = cosine.clamp(-1.0, 1.0).acos() + sine.asin();
+        if angle >= widest {
+            (widest, of_widest) = (angle, (cosine, sine));
+        }
     }
     if widest >= std::f64::consts::FRAC_PI_2 {
         return Cone::default();

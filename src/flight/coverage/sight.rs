@@ -1,10 +1,12 @@
 //! Faces of a wall that views see, by frustum, facing and ray tests on the triangle hierarchy.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::LARGE_FACE_MM2;
-use crate::geometry::{ExteriorGrid, Lens, Mesh, Pose, Subtree, TriangleBvh};
+use crate::geometry::{Camera, ExteriorGrid, Lens, Mesh, Pose, Subtree, TriangleBvh, ViewFrustum};
 use crate::task::checkpoint;
 
 /// Most triangles of the subtrees that threads take. Fixed, so that the work is divided the same
@@ -12,6 +14,8 @@ use crate::task::checkpoint;
 const PORTION: usize = 2048;
 /// Least number of triangles of a subtree that is tested for occlusion by the exterior.
 const WALKED_TO: usize = 64;
+/// Most rays that are traced together.
+const LANES: usize = TriangleBvh::LANES;
 /// Index that stands for no triangle.
 const NONE: u32 = u32::MAX;
 
@@ -48,12 +52,12 @@ impl<'a> CoverageMap<'a> {
     /// Adds the faces that views see: pose and lens of each.
     pub fn add(&mut self, views: &[(Pose, Lens)]) {
         let (tree, exterior) = (self.tree, self.exterior);
-        let frusta: Vec<Frustum<'_>> =
-            views.iter().map(|(pose, lens)| Frustum::new(*pose, *lens, exterior)).collect();
+        let views: Vec<Sight<'_>> =
+            views.iter().map(|(pose, lens)| Sight::new(*pose, *lens, exterior)).collect();
         self.portions.par_iter_mut().for_each(|portion| {
-            for i in portion.nearest_first(tree, &frusta) {
+            for i in portion.nearest_first(tree, &views) {
                 checkpoint();
-                portion.look_below(tree, portion.subtree, &frusta[i]);
+                portion.look_below(tree, portion.subtree, &views[i]);
             }
         });
     }
@@ -119,48 +123,19 @@ fn box_about(tree: &TriangleBvh, s: Subtree, eye: DVec3) -> (DVec3, DVec3) {
     (0.5 * (lo + hi) - eye, 0.5 * (hi - lo))
 }
 
-/// View frustum of one view, as planes with inward normals, relative to the eye.
-struct Frustum<'a> {
+/// One view.
+struct Sight<'a> {
     eye: DVec3,
     /// Cells outside the wall, where they are known and the eye is inside.
     exterior: Option<&'a ExteriorGrid>,
-    /// Inward normals of the four sides; all planes pass through the eye.
-    sides: [DVec3; 4],
-    forward: DVec3,
-    near_mm: f64,
+    frustum: ViewFrustum,
 }
 
-impl<'a> Frustum<'a> {
+impl<'a> Sight<'a> {
     fn new(pose: Pose, lens: Lens, exterior: Option<&'a ExteriorGrid>) -> Self {
         let eye = pose.position_mm.as_dvec3();
-        let rotation = pose.rotation.as_dquat().normalize();
-        let y = (0.5 * f64::from(lens.fov_y_rad)).tan();
-        let x = y * f64::from(lens.aspect);
-        // The camera looks along -z: a place is inside where |x| <= -z tan and |y| <= -z tan.
-        let sides = [
-            DVec3::new(1.0, 0.0, -x),
-            DVec3::new(-1.0, 0.0, -x),
-            DVec3::new(0.0, 1.0, -y),
-            DVec3::new(0.0, -1.0, -y),
-        ];
-        Self {
-            eye,
-            exterior: exterior.filter(|e| e.is_interior(eye)),
-            sides: sides.map(|n| rotation * n),
-            forward: rotation * DVec3::NEG_Z,
-            near_mm: f64::from(lens.near_mm),
-        }
-    }
-
-    /// Whether a point, relative to the eye, is inside.
-    fn contains(&self, p: DVec3) -> bool {
-        self.forward.dot(p) >= self.near_mm && self.sides.iter().all(|n| n.dot(p) >= 0.0)
-    }
-
-    /// Whether a box, relative to the eye, lies outside one of the planes.
-    fn misses(&self, centre: DVec3, half: DVec3) -> bool {
-        let reach = |n: DVec3| n.dot(centre) + n.abs().dot(half);
-        reach(self.forward) < self.near_mm || self.sides.iter().any(|n| reach(*n) < 0.0)
+        let frustum = ViewFrustum::new(&Camera { pose, lens, height_px: 1 });
+        Self { eye, exterior: exterior.filter(|e| e.is_interior(eye)), frustum }
     }
 }
 
@@ -199,12 +174,12 @@ impl Portion {
 
     /// Returns indices of views, nearest to the subtree first: they see most of it, and faces
     /// already seen are not tested again.
-    fn nearest_first(&self, tree: &TriangleBvh, frusta: &[Frustum<'_>]) -> Vec<usize> {
-        let distance2 = |f: &Frustum<'_>| {
-            let (centre, half) = box_about(tree, self.subtree, f.eye);
+    fn nearest_first(&self, tree: &TriangleBvh, views: &[Sight<'_>]) -> Vec<usize> {
+        let distance2 = |view: &Sight<'_>| {
+            let (centre, half) = box_about(tree, self.subtree, view.eye);
             (centre.abs() - half).max(DVec3::ZERO).length_squared()
         };
-        let mut order: Vec<(f64, usize)> = frusta.iter().map(distance2).zip(0..).collect();
+        let mut order: Vec<(f64, usize)> = views.iter().map(distance2).zip(0..).collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         order.into_iter().map(|o| o.1).collect()
     }
@@ -214,73 +189,99 @@ impl Portion {
     }
 
     /// Adds the samples that one view sees of a subtree.
-    fn look_below(&mut self, tree: &TriangleBvh, s: Subtree, frustum: &Frustum<'_>) {
+    fn look_below(&mut self, tree: &TriangleBvh, s: Subtree, view: &Sight<'_>) {
         let node = s.node - self.subtree.node;
         if self.done[node] {
             return;
         }
-        let (centre, half) = box_about(tree, s, frustum.eye);
-        if frustum.misses(centre, half) {
+        let (centre, half) = box_about(tree, s, view.eye);
+        if !view.frustum.intersects_box(centre, half) {
             return;
         }
         // Below that a walk takes longer than what it saves.
         if s.count >= WALKED_TO
-            && frustum.exterior.is_some_and(|e| {
-                e.hides(frustum.eye, frustum.eye + centre, half.max_element(), 0.0)
-            })
+            && view
+                .exterior
+                .is_some_and(|e| e.hides(view.eye, view.eye + centre, half.max_element(), 0.0))
         {
             return;
         }
         if s.is_leaf() {
             let first = s.first - self.subtree.first;
             let all = first..first + s.count;
-            all.clone().for_each(|i| self.look_at(tree, i, frustum));
+            self.look_at(tree, all.clone(), view);
             self.done[node] = all.clone().all(|i| self.sample_counts[i] == 0 || self.is_seen(i));
             return;
         }
         let halves = s.children();
-        halves.iter().for_each(|half| self.look_below(tree, *half, frustum));
+        halves.iter().for_each(|half| self.look_below(tree, *half, view));
         self.done[node] = halves.iter().all(|half| self.done[half.node - self.subtree.node]);
     }
 
-    fn look_at(&mut self, tree: &TriangleBvh, i: usize, frustum: &Frustum<'_>) {
-        let count = self.sample_counts[i];
-        if count == 0 || self.is_seen(i) {
+    /// Adds the samples that one view sees of some triangles of a leaf.
+    fn look_at(&mut self, tree: &TriangleBvh, triangles: Range<usize>, view: &Sight<'_>) {
+        let mut rays: [(usize, u8, DVec3); LANES] = [(0, 0, DVec3::ZERO); LANES];
+        let mut waiting = 0;
+        for i in triangles {
+            let count = self.sample_counts[i];
+            if count == 0 || self.is_seen(i) {
+                continue;
+            }
+            let triangle = self.subtree.first + i;
+            let [a, b, c] = tree.corners_about(triangle, view.eye);
+            // The right-hand normal points into the lumen; the eye is the origin here.
+            if (b - a).cross(c - a).dot(a) >= 0.0 {
+                continue;
+            }
+            let unseen = !self.samples[i];
+            for k in (0..count).filter(|k| unseen >> k & 1 != 0) {
+                let sample = match (count, k) {
+                    (1, _) => (a + b + c) / 3.0,
+                    (_, 0) => (4.0 * a + b + c) / 6.0,
+                    (_, 1) => (a + 4.0 * b + c) / 6.0,
+                    _ => (a + b + 4.0 * c) / 6.0,
+                };
+                if !view.frustum.contains(sample) {
+                    continue;
+                }
+                let hides = |t: u32| {
+                    t != NONE && t as usize != triangle && tree.meets(t as usize, view.eye, sample)
+                };
+                if hides(self.occluders[i]) {
+                    continue;
+                }
+                if hides(self.occluder) {
+                    self.occluders[i] = self.occluder;
+                    continue;
+                }
+                rays[waiting] = (i, k, sample);
+                waiting += 1;
+                if waiting == LANES {
+                    self.trace(tree, &rays, view.eye);
+                    waiting = 0;
+                }
+            }
+        }
+        self.trace(tree, &rays[..waiting], view.eye);
+    }
+
+    /// Adds those samples that nothing hides from an eye.
+    fn trace(&mut self, tree: &TriangleBvh, rays: &[(usize, u8, DVec3)], eye: DVec3) {
+        if rays.is_empty() {
             return;
         }
-        let triangle = self.subtree.first + i;
-        let [a, b, c] = tree.corners_about(triangle, frustum.eye);
-        // The right-hand normal points into the lumen; the eye is the origin here.
-        if (b - a).cross(c - a).dot(a) >= 0.0 {
-            return;
+        let mut segments = [(DVec3::ZERO, 0); LANES];
+        for (segment, (i, _, sample)) in segments.iter_mut().zip(rays) {
+            *segment = (*sample, self.subtree.first + i);
         }
-        let unseen = !self.samples[i];
-        for k in (0..count).filter(|k| unseen >> k & 1 != 0) {
-            let sample = match (count, k) {
-                (1, _) => (a + b + c) / 3.0,
-                (_, 0) => (4.0 * a + b + c) / 6.0,
-                (_, 1) => (a + 4.0 * b + c) / 6.0,
-                _ => (a + b + 4.0 * c) / 6.0,
-            };
-            if !frustum.contains(sample) {
-                continue;
-            }
-            let hides = |t: u32| {
-                t != NONE && t as usize != triangle && tree.meets(t as usize, frustum.eye, sample)
-            };
-            if hides(self.occluders[i]) {
-                continue;
-            }
-            if hides(self.occluder) {
-                self.occluders[i] = self.occluder;
-                continue;
-            }
-            match tree.occluder(frustum.eye, sample, triangle) {
+        let found = tree.occluders(eye, &segments[..rays.len()]);
+        for ((i, k, _), found) in rays.iter().zip(found) {
+            match found {
                 Some(t) => {
                     self.occluder = t as u32;
-                    self.occluders[i] = t as u32;
+                    self.occluders[*i] = t as u32;
                 }
-                None => self.samples[i] |= 1 << k,
+                None => self.samples[*i] |= 1 << k,
             }
         }
     }

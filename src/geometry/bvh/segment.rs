@@ -1,6 +1,6 @@
 //! Intersections of triangles with a segment.
 
-use glam::{DVec3, Vec3A};
+use glam::{DVec3, Vec3, Vec3A, Vec4};
 
 use super::{Bounds, DEPTH, TriangleBvh};
 
@@ -23,46 +23,95 @@ impl Bounds {
         let far = a.max(b).min_element() * (1.0 + SLAB_SLACK);
         if near <= far.min(1.0) { near } else { f32::INFINITY }
     }
+
+    /// Returns the segments, one bit each, that enter the box before their end, and the least of
+    /// their entries, as [`Self::enter`].
+    ///
+    /// * `inverse`: reciprocals of the segments' components, by axis.
+    #[inline]
+    fn enter_all(&self, from: Vec3, inverse: &[Vec4; 3]) -> (u32, f32) {
+        let (mut near, mut far) = (Vec4::ZERO, Vec4::INFINITY);
+        for axis in 0..3 {
+            let a = (self.lo[axis] - from[axis]) * inverse[axis];
+            let b = (self.hi[axis] - from[axis]) * inverse[axis];
+            near = near.max(a.min(b));
+            far = far.min(a.max(b));
+        }
+        let enters = near.cmple((far * (1.0 + SLAB_SLACK)).min(Vec4::ONE));
+        (enters.bitmask(), Vec4::select(enters, near, Vec4::INFINITY).min_element())
+    }
 }
 
+/// Most segments that are tested at once.
+const LANES: usize = TriangleBvh::LANES;
+
 impl TriangleBvh {
+    /// Most segments of one call of [`Self::occluders`].
+    pub const LANES: usize = 4;
+
     /// Returns a triangle's corners relative to a point.
     #[inline]
     pub fn corners_about(&self, place: usize, from: DVec3) -> [DVec3; 3] {
         self.triangles[place].map(|p| p.as_dvec3() - from)
     }
 
-    /// Returns the first triangle found, from the eye on, that meets the segment from an eye to
-    /// `eye + along`, other than the one at place `own`, by its place in the leaves.
+    /// Returns a triangle that meets the segment from an eye to `eye + along`, as
+    /// [`Self::occluders`] of one segment.
+    pub fn occluder(&self, eye: DVec3, along: DVec3, own: usize) -> Option<usize> {
+        self.occluders(eye, &[(along, own)])[0]
+    }
+
+    /// Returns for each of up to four segments from one eye a triangle that meets it, by its place
+    /// in the leaves: the first that is found, other than the segment's own.
     ///
     /// * `eye`: coordinates that single precision holds.
-    pub fn occluder(&self, eye: DVec3, along: DVec3, own: usize) -> Option<usize> {
-        // A component of 0 would give NaN in planes through the eye.
-        let from = eye.as_vec3a();
-        let inverse = along.map(|d| if d.abs() < 1e-30 { 1e30 } else { 1.0 / d }).as_vec3a();
-        let mut open = [self.root(); DEPTH];
+    /// * `segments`: vector from the eye to the end, and place of the triangle that does not count.
+    ///
+    /// Boxes are tested against all segments at once, which pays where they lie close together.
+    pub fn occluders(&self, eye: DVec3, segments: &[(DVec3, usize)]) -> [Option<usize>; LANES] {
+        assert!(segments.len() <= LANES, "{} segments", segments.len());
+        let from = eye.as_vec3();
+        let mut inverse = [Vec4::splat(1e30); 3];
+        for (lane, (along, _)) in segments.iter().enumerate() {
+            for axis in 0..3 {
+                // A component of 0 would give NaN in planes through the eye.
+                if along[axis].abs() >= 1e-30 {
+                    inverse[axis][lane] = (1.0 / along[axis]) as f32;
+                }
+            }
+        }
+        let mut found = [None; LANES];
+        let mut open = [(self.root(), (1u32 << segments.len()) - 1); DEPTH];
         let mut depth = 1;
-        while depth > 0 {
+        let mut sought = (1u32 << segments.len()) - 1;
+        while depth > 0 && sought != 0 {
             depth -= 1;
-            let s = open[depth];
+            let (s, lanes) = open[depth];
+            let lanes = lanes & sought;
+            if lanes == 0 {
+                continue;
+            }
             if s.is_leaf() {
-                let found = s.triangles().find(|t| *t != own && self.meets(*t, eye, along));
-                if found.is_some() {
-                    return found;
+                for lane in (0..LANES).filter(|lane| lanes >> lane & 1 != 0) {
+                    let (along, own) = segments[lane];
+                    found[lane] = s.triangles().find(|t| *t != own && self.meets(*t, eye, along));
+                    sought &= !(u32::from(found[lane].is_some()) << lane);
                 }
                 continue;
             }
-            let [left, right] = s.children();
-            let [a, b] = [left, right].map(|s| self.nodes[s.node].enter(from, inverse));
-            let order = if a <= b { [(right, b), (left, a)] } else { [(left, a), (right, b)] };
-            for (s, enter) in order {
-                if enter.is_finite() {
-                    open[depth] = s;
+            let halves = s.children();
+            let entered = halves.each_ref().map(|s| self.nodes[s.node].enter_all(from, &inverse));
+            // The child that one of the segments enters first is opened first.
+            let first = usize::from(entered[1].1 < entered[0].1);
+            for child in [1 - first, first] {
+                let lanes = entered[child].0 & lanes;
+                if lanes != 0 {
+                    open[depth] = (halves[child], lanes);
                     depth += 1;
                 }
             }
         }
-        None
+        found
     }
 
     /// Returns the intersection nearest to an eye of the segment from it to `eye + along` with a
