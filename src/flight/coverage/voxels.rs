@@ -1,10 +1,15 @@
 //! Boundary voxels that a flight does not see.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Coverage;
 use crate::geometry::TriangleBvh;
 use crate::lumen::Lumen;
+
+/// Factor by which a limit of search exceeds the distance to a known point of the wall: the search
+/// finds nothing at the limit itself, and that point was rounded.
+const BEYOND: f64 = 1.0 + 1e-9;
 
 /// Returns the boundary voxels whose wall neither way saw: field element and rank of the missed
 /// patch, in element order.
@@ -22,10 +27,19 @@ pub fn unseen_voxels(lumen: &Lumen, tree: &TriangleBvh, coverage: &Coverage) -> 
     elements
         .into_par_iter()
         .with_min_len(256)
-        .filter_map(|e| {
-            let centre = world.transform_point3(lumen.bricks.voxel(e).as_dvec3());
-            let face = tree.closest(centre)?.at.face;
-            Some((e as u32, coverage.patch_of_face[face as usize]?))
-        })
+        .map_init(
+            || None,
+            |last: &mut Option<DVec3>, e| {
+                let centre = world.transform_point3(lumen.bricks.voxel(e).as_dvec3());
+                // The point nearest to the voxel before is hardly ever far from this one, which
+                // spares most of the search.
+                let limit = last.map_or(f64::INFINITY, |p| BEYOND * p.distance(centre));
+                let nearest =
+                    tree.closest_within(centre, limit).or_else(|| tree.closest(centre))?;
+                *last = Some(nearest.point);
+                Some((e as u32, coverage.patch_of_face[nearest.at.face as usize]?))
+            },
+        )
+        .flatten_iter()
         .collect()
 }
