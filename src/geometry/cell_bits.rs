@@ -1,12 +1,12 @@
-//! A set of cells of a grid, one bit a cell, with the operations of an exterior grid: flood fill and
-//! Chebyshev distance, 64 cells at a time.
+//! Bit set of the cells of a grid, with flood fill and Chebyshev distance transform, 64 cells at a
+//! time.
 
 use glam::{USizeVec3, UVec3};
 use rayon::prelude::*;
 
 use crate::task::checkpoint;
 
-/// Cells of a grid. Rows along x are whole words; bits behind the end of a row mean nothing.
+/// Cells of a grid. Rows along x are whole words; bits padding the end of a row mean nothing.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct CellBits {
     dims: USizeVec3,
@@ -103,9 +103,9 @@ impl CellBits {
         let (words, layer) = (self.row_words, self.row_words * ny);
         let mut set = self.words.clone();
         let [mut narrow, mut flat] = [set.clone(), set.clone()];
-        // The bits behind the end of a row stand for what is beyond the grid, which is no cell.
-        let behind = u64::MAX.checked_shl(nx as u32 - 64 * (words as u32 - 1)).unwrap_or(0);
-        set.iter_mut().skip(words - 1).step_by(words).for_each(|w| *w |= behind);
+        // Padding bits at the end of a row are set: no distance is measured to outside the grid.
+        let padding = u64::MAX.checked_shl(nx as u32 - 64 * (words as u32 - 1)).unwrap_or(0);
+        set.iter_mut().skip(words - 1).step_by(words).for_each(|w| *w |= padding);
         for distance in 1..=most {
             checkpoint();
             narrow
@@ -128,14 +128,14 @@ impl CellBits {
                 let in_row = w % words;
                 let mut gone = if last { *set } else { set & !next };
                 if in_row == words - 1 {
-                    gone &= !behind;
+                    gone &= !padding;
                 }
                 let first = w / words * nx + 64 * in_row;
                 while gone != 0 {
                     put(first + gone.trailing_zeros() as usize, distance);
                     gone &= gone - 1;
                 }
-                left |= if in_row == words - 1 { next & !behind } else { *next };
+                left |= if in_row == words - 1 { next & !padding } else { *next };
             }
             narrow = std::mem::replace(&mut set, next);
             if left == 0 {
@@ -145,12 +145,11 @@ impl CellBits {
     }
 }
 
-/// Adds to the cells of a row those that are free and joined to them by free ones of the row.
+/// Flood fill of a row: extends the filled cells through adjacent free ones, in both directions.
 fn spread(filled: &mut [u64], free: &[u64]) {
     let mut carry = 0;
     for (w, f) in filled.iter_mut().zip(free) {
         let seeds = *w | carry & f;
-        // Free cells that follow a seed: adding a seed to its run carries through the run's end.
         *w = seeds | upwards(seeds, *f);
         carry = *w >> 63;
     }
@@ -162,7 +161,8 @@ fn spread(filled: &mut [u64], free: &[u64]) {
     }
 }
 
-/// Returns the free cells that are joined to a seed by free cells below them, by doubling.
+/// Flood fill of a word towards its high bits, by doubling: the seeds and the runs of free cells above
+/// them.
 fn upwards(seeds: u64, free: u64) -> u64 {
     let (mut filled, mut free) = (seeds, free);
     for step in [1, 2, 4, 8, 16, 32] {
@@ -172,8 +172,8 @@ fn upwards(seeds: u64, free: u64) -> u64 {
     filled
 }
 
-/// Keeps of every line of `count` groups of `stride` words those bits that are set in both
-/// neighbours too; beyond the ends counts as set.
+/// Erosion along y or z: the intersection of each group of `stride` words with both its neighbours;
+/// `count` groups are a line, and the grid's ends do not erode.
 fn eroded_along(from: &[u64], to: &mut [u64], stride: usize, count: usize) {
     let groups = to.par_chunks_exact_mut(stride).enumerate();
     groups.with_min_len((4096 / stride).max(1)).for_each(|(i, to)| {
