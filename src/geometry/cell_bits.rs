@@ -34,6 +34,46 @@ impl CellBits {
         }
     }
 
+    /// Adds a cell.
+    pub fn insert(&mut self, cell: USizeVec3) {
+        self.add_run(cell.x, cell.x, cell.y, cell.z);
+    }
+
+    /// Removes a cell.
+    pub fn remove(&mut self, cell: USizeVec3) {
+        let (word, bit) = self.place(cell);
+        self.words[word] &= !(1 << bit);
+    }
+
+    /// Removes the cells of another set.
+    pub fn remove_all(&mut self, other: &Self) {
+        self.words.iter_mut().zip(&other.words).for_each(|(a, b)| *a &= !b);
+    }
+
+    /// Whether a cell is in the set.
+    pub fn contains(&self, cell: USizeVec3) -> bool {
+        let (word, bit) = self.place(cell);
+        self.words[word] >> bit & 1 != 0
+    }
+
+    /// Returns the word of a cell and its bit there.
+    fn place(&self, cell: USizeVec3) -> (usize, usize) {
+        let row = cell.y + self.dims.y * cell.z;
+        (row * self.row_words + cell.x / 64, cell.x % 64)
+    }
+
+    /// Calls `visit` with each cell of the set, row by row.
+    pub fn each(&self, mut visit: impl FnMut(USizeVec3)) {
+        for (w, word) in self.words.iter().enumerate() {
+            let (row, mut left) = (w / self.row_words, *word);
+            while left != 0 {
+                let x = w % self.row_words * 64 + left.trailing_zeros() as usize;
+                visit(USizeVec3::new(x, row % self.dims.y, row / self.dims.y));
+                left &= left - 1;
+            }
+        }
+    }
+
     /// Adds the cells of another set.
     pub fn add(&mut self, other: &Self) {
         self.words.iter_mut().zip(&other.words).for_each(|(a, b)| *a |= b);
@@ -142,6 +182,46 @@ impl CellBits {
                 break;
             }
         }
+    }
+}
+
+/// Cells of a set, numbered row by row (rank; Jacobson 1989, doi:10.1109/SFCS.1989.63533).
+#[derive(Debug)]
+pub(super) struct RankedCells {
+    cells: CellBits,
+    /// Number of cells before each word.
+    before: Vec<u32>,
+    count: usize,
+}
+
+impl RankedCells {
+    /// Numbers the cells of a set, whose padding bits must be clear.
+    pub fn new(cells: CellBits) -> Self {
+        let mut count = 0;
+        let before = cells.words.iter().map(|w| {
+            count += w.count_ones();
+            count - w.count_ones()
+        });
+        let before = before.collect();
+        Self { cells, before, count: count as usize }
+    }
+
+    /// Returns the cells.
+    pub fn cells(&self) -> &CellBits {
+        &self.cells
+    }
+
+    /// Returns the number of cells.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Returns the number of a cell; `None` of one that is not in the set.
+    pub fn number(&self, cell: USizeVec3) -> Option<usize> {
+        let (word, bit) = self.cells.place(cell);
+        let bits = self.cells.words[word];
+        let below = bits & !(u64::MAX << bit);
+        (bits >> bit & 1 != 0).then(|| self.before[word] as usize + below.count_ones() as usize)
     }
 }
 

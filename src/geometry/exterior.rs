@@ -1,31 +1,82 @@
-//! Exterior of a closed wall on a grid of cells, to tell boxes that the wall hides from an eye
-//! inside.
+//! Exterior of a closed wall on a grid of two levels, to tell what the wall hides from an eye inside.
 //!
 //! A bent organ passes the eye several times: half of the triangles in the frustum of a colon view
-//! belong to other loops, behind centimetres of tissue. The grid divides space into cells and marks
-//! as exterior those that no triangle touches and that a flood fill from the border of the grid
-//! reaches. A line of sight that crosses the exterior has crossed the wall before it.
+//! belong to other loops, behind tissue, and of the eye's own loop folds hide the most. The grid
+//! divides space into cells and marks as exterior those that no triangle touches and that a flood
+//! fill from the border of the grid reaches. Cells that a triangle touches are bricks of 4×4×4 fine
+//! cells, a bit each, so that folds of a few voxels have an exterior too. A line of sight that
+//! crosses the exterior has crossed the wall before it.
 
-use glam::{DVec3, IVec3, UVec3, Vec3};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glam::{DVec3, IVec3, USizeVec3, UVec3, Vec3};
 use rayon::prelude::*;
 
 use super::Mesh;
-use super::cell_bits::CellBits;
+use super::cell_bits::{CellBits, RankedCells};
 use crate::fault;
+use crate::task::checkpoint;
 
 /// Largest distance that is stored, in cells; larger ones are clamped to it.
 const MAX_DISTANCE: u8 = 100;
+/// Fine cells along the side of a brick.
+const SIDE: i32 = 4;
+/// Bits of the fine cells at the lower x side of a brick, and at the lower y side.
+const LOWER_X: u64 = 0x1111_1111_1111_1111;
+const LOWER_Y: u64 = 0x000F_000F_000F_000F;
 
 /// Grid over the bounding box of a closed wall, with the distance of each cell to the border
 /// between the exterior and the rest.
 #[derive(Debug)]
 pub struct ExteriorGrid {
     lo: DVec3,
-    cell_mm: f64,
+    /// Side of a fine cell.
+    fine_mm: f64,
+    /// Number of cells, not of fine ones.
     dims: UVec3,
-    /// Signed Chebyshev distance in cells: of an exterior cell to the nearest one that is not, and
-    /// of another, negative, to the nearest exterior one.
+    /// Signed Chebyshev distance in cells: of a cell that is exterior as a whole to the nearest one
+    /// that is not; of one that no exterior is in, negative, to the nearest one with any; 0 of a
+    /// brick that is exterior in part.
     distance: Vec<i8>,
+    /// Cells that are bricks.
+    bricks: RankedCells,
+    /// Exterior fine cells of each brick: bit x + 4 y + 16 z.
+    exterior: Vec<u64>,
+}
+
+/// Returns the bits of the fine cells of a brick from `lo` to `hi`, both in it.
+fn box_bits(lo: IVec3, hi: IVec3) -> u64 {
+    let x = 0xF << lo.x & 0xF >> (3 - hi.x);
+    let y = 0xFFFF << (4 * lo.y) & 0xFFFF >> (4 * (3 - hi.y));
+    let z = u64::MAX << (16 * lo.z) & u64::MAX >> (16 * (3 - hi.z));
+    (x * LOWER_X) & (y * 0x0001_0001_0001_0001) & z
+}
+
+/// Flood fill within a brick.
+fn flooded(mut seeds: u64, free: u64) -> u64 {
+    loop {
+        let up = seeds << 1 & !LOWER_X | seeds << 4 & !LOWER_Y | seeds << 16;
+        let down = seeds >> 1 & !(LOWER_X << 3) | seeds >> 4 & !(LOWER_Y << 12) | seeds >> 16;
+        let next = seeds | (up | down) & free;
+        if next == seeds {
+            return seeds;
+        }
+        seeds = next;
+    }
+}
+
+/// Returns the fine cells of a brick that share a face with some of a neighbour's.
+///
+/// * `side`: at which the neighbour is: -x, +x, -y, +y, -z, +z.
+fn beside(neighbour: u64, side: usize) -> u64 {
+    match side {
+        0 => neighbour >> 3 & LOWER_X,
+        1 => (neighbour & LOWER_X) << 3,
+        2 => neighbour >> 12 & LOWER_Y,
+        3 => (neighbour & LOWER_Y) << 12,
+        4 => neighbour >> 48,
+        _ => neighbour << 48,
+    }
 }
 
 impl ExteriorGrid {
@@ -39,37 +90,76 @@ impl ExteriorGrid {
         let cell_mm = cell_mm.max(size.max_element() / (4.0 * (cells as f64).cbrt())).max(1e-3);
         // One cell of margin on every side.
         let dims = ((size / cell_mm).floor() + 3.0).as_uvec3();
-        let mut this = Self { lo: lo - cell_mm, cell_mm, dims, distance: Vec::new() };
-        let outside = this.touched(mesh).inverted().reached_from_border();
-        let mut distance = vec![0; dims.as_usizevec3().element_product()];
-        let exaggerates = fault::hit(fault::Point::Occlusion);
-        outside.each_distance(MAX_DISTANCE, |i, d| {
-            distance[i] = if exaggerates { MAX_DISTANCE } else { d }.cast_signed();
+        let mut this = Self {
+            lo: lo - cell_mm,
+            fine_mm: cell_mm / f64::from(SIDE),
+            dims,
+            distance: Vec::new(),
+            bricks: RankedCells::new(CellBits::new(dims, false)),
+            exterior: Vec::new(),
+        };
+        this.bricks = RankedCells::new(this.touched(mesh));
+        let free = this.free_bits(mesh);
+        let outside = this.fill(&free);
+        let mut any = outside.clone();
+        this.bricks.cells().each(|cell| {
+            if this.exterior_bits(cell) != Some(0) {
+                any.insert(cell);
+            }
         });
-        outside.inverted().each_distance(MAX_DISTANCE, |i, d| distance[i] = -d.cast_signed());
+        let mut distance = vec![0; dims.as_usizevec3().element_product()];
+        outside.each_distance(MAX_DISTANCE, |i, d| distance[i] = d.cast_signed());
+        any.inverted().each_distance(MAX_DISTANCE, |i, d| distance[i] = -d.cast_signed());
+        if fault::hit(fault::Point::Occlusion) {
+            // The exterior reaches into the wall.
+            let near = distance.iter_mut().filter(|d| **d >= -1);
+            near.for_each(|d| *d = MAX_DISTANCE.cast_signed());
+        }
         this.distance = distance;
         this
     }
 
-    fn cell(&self, p: DVec3) -> IVec3 {
-        // Truncation instead of floor: values below 0 become 0 either way.
-        let c = ((p - self.lo) / self.cell_mm).as_ivec3();
-        c.clamp(IVec3::ZERO, self.dims.as_ivec3() - 1)
+    /// Returns the fine cell of a point; of one outside the grid, the nearest.
+    fn fine_cell(&self, p: DVec3) -> IVec3 {
+        self.clamped((p - self.lo) / self.fine_mm)
     }
 
-    fn index(&self, c: IVec3) -> usize {
-        let [x, y, z] = c.as_uvec3().to_array().map(|v| v as usize);
-        x + self.dims.x as usize * (y + self.dims.y as usize * z)
+    /// Returns the fine cell at coordinates that count fine cells.
+    fn clamped(&self, fine: DVec3) -> IVec3 {
+        // Truncation instead of floor: values below 0 become 0 either way.
+        fine.as_ivec3().clamp(IVec3::ZERO, SIDE * self.dims.as_ivec3() - 1)
+    }
+
+    fn index(&self, c: USizeVec3) -> usize {
+        c.x + self.dims.x as usize * (c.y + self.dims.y as usize * c.z)
+    }
+
+    /// Returns the exterior fine cells of a brick; `None` of a cell that is none.
+    fn exterior_bits(&self, cell: USizeVec3) -> Option<u64> {
+        self.bricks.number(cell).map(|brick| self.exterior[brick])
+    }
+
+    /// Returns the first and the last fine cell of the bounding box of each triangle of a part of
+    /// the mesh.
+    fn boxes<'a>(
+        &'a self,
+        mesh: &'a Mesh,
+        faces: &'a [[u32; 3]],
+    ) -> impl Iterator<Item = (IVec3, IVec3)> + 'a {
+        // Tolerance for rounding, so that no touched cell is missed.
+        let hair =
+            1e-6 * (1.0 + self.fine_mm * f64::from(SIDE) * self.dims.as_dvec3().max_element());
+        faces.iter().map(move |f| {
+            let [a, b, c] = f.map(|v| mesh.positions[v as usize]);
+            let first = self.fine_cell(a.min(b).min(c).as_dvec3() - hair);
+            (first, self.fine_cell(a.max(b).max(c).as_dvec3() + hair))
+        })
     }
 
     /// Returns the cells that the bounding box of some triangle meets.
     fn touched(&self, mesh: &Mesh) -> CellBits {
-        // Tolerance for rounding, so that no touched cell is missed.
-        let hair = 1e-6 * (1.0 + self.cell_mm * self.dims.as_dvec3().max_element());
-        let touch = |mut touched: CellBits, f: &[u32; 3]| {
-            let [a, b, c] = f.map(|v| mesh.positions[v as usize]);
-            let first = self.cell(a.min(b).min(c).as_dvec3() - hair).as_usizevec3();
-            let last = self.cell(a.max(b).max(c).as_dvec3() + hair).as_usizevec3();
+        let touch = |mut touched: CellBits, (first, last): (IVec3, IVec3)| {
+            let (first, last) = ((first / SIDE).as_usizevec3(), (last / SIDE).as_usizevec3());
             for z in first.z..=last.z {
                 for y in first.y..=last.y {
                     touched.add_run(first.x, last.x, y, z);
@@ -78,53 +168,205 @@ impl ExteriorGrid {
             touched
         };
         let part = mesh.faces.len().div_ceil(rayon::current_num_threads()).max(1);
+        let none = || CellBits::new(self.dims, false);
         mesh.faces
             .par_chunks(part)
-            .map(|faces| faces.iter().fold(CellBits::new(self.dims, false), touch))
+            .map(|faces| self.boxes(mesh, faces).fold(none(), touch))
             .reduce_with(|mut a, b| {
                 a.add(&b);
                 a
             })
-            .unwrap_or_else(|| CellBits::new(self.dims, false))
+            .unwrap_or_else(none)
     }
 
-    /// Whether a point lies in a cell that is not exterior.
-    pub fn is_interior(&self, p: DVec3) -> bool {
-        self.distance[self.index(self.cell(p))] < 0
-    }
-
-    /// Returns, in an exterior cell, a lower bound of the Chebyshev distance of a point to all
-    /// others, mm; elsewhere, negative, of that to all exterior cells.
-    fn clearance_mm(&self, p: DVec3) -> f64 {
-        let distance = self.distance[self.index(self.cell(p))];
-        f64::from(distance - distance.signum()) * self.cell_mm
-    }
-
-    /// Whether the wall hides a whole box from an eye inside it; `false` where that is not known.
-    ///
-    /// Every segment from the eye to a point of the box passes through each of the cubes between
-    /// them: the box's own, scaled down towards the eye. If one of these cubes, widened by the
-    /// margin, is exterior, every such segment has crossed the wall before it.
-    ///
-    /// * `centre`: of the box, LPS mm.
-    /// * `reach_mm`: largest distance of a point of the box from its centre along an axis.
-    /// * `margin_mm`: largest distance of any drawn surface from the wall.
-    pub fn hides(&self, eye: DVec3, centre: DVec3, reach_mm: f64, margin_mm: f64) -> bool {
-        let way = centre - eye;
-        let length = way.abs().max_element();
-        let reach = reach_mm * (1.0 + 1e-6) + 1e-6;
-        let mut travelled = 0.0;
-        while travelled < length - reach {
-            let t = travelled / length;
-            let needed = reach * t + margin_mm;
-            let clearance = self.clearance_mm(eye + way * t);
-            if clearance > needed {
-                return true;
+    /// Returns the fine cells of each brick that the bounding box of no triangle meets.
+    fn free_bits(&self, mesh: &Mesh) -> Vec<u64> {
+        let bits: Vec<AtomicU64> = (0..self.bricks.count()).map(|_| AtomicU64::new(0)).collect();
+        mesh.faces.par_chunks(4096).for_each(|faces| {
+            for (first, last) in self.boxes(mesh, faces) {
+                let (from, to) = (first / SIDE, last / SIDE);
+                for z in from.z..=to.z {
+                    for y in from.y..=to.y {
+                        for x in from.x..=to.x {
+                            let cell = IVec3::new(x, y, z);
+                            let lo = (first - SIDE * cell).max(IVec3::ZERO);
+                            let hi = (last - SIDE * cell).min(IVec3::splat(SIDE - 1));
+                            if let Some(brick) = self.bricks.number(cell.as_usizevec3()) {
+                                bits[brick].fetch_or(box_bits(lo, hi), Ordering::Relaxed);
+                            }
+                        }
+                    }
+                }
             }
-            // Clearance changes by at most the distance travelled, but for whole cells.
-            travelled += (needed - clearance).max(0.5 * self.cell_mm);
+        });
+        bits.into_iter().map(|touched| !touched.into_inner()).collect()
+    }
+
+    /// Flood fill from the border of the grid, through cells and fine cells that nothing touches.
+    /// Returns the cells, but for bricks, that it reaches, and keeps the fine cells.
+    fn fill(&mut self, free: &[u64]) -> CellBits {
+        let mut outside = self.bricks.cells().inverted().reached_from_border();
+        // Rounding may put fine cells of the border into the bounding box of the wall.
+        outside.remove_all(self.bricks.cells());
+        self.exterior = vec![0; free.len()];
+        let dims = self.dims.as_usizevec3();
+        let reached = |exterior: &[u64], outside: &CellBits, cell| match self.bricks.number(cell) {
+            Some(brick) => exterior[brick],
+            None if outside.contains(cell) => u64::MAX,
+            None => 0,
+        };
+        let mut exterior = std::mem::take(&mut self.exterior);
+        // Cells whose neighbours have changed since they were filled.
+        let mut open = Vec::new();
+        self.bricks.cells().each(|cell| open.push(cell));
+        let mut waits = self.bricks.cells().clone();
+        while let Some(cell) = open.pop() {
+            waits.remove(cell);
+            let mut inflow = 0;
+            let near: [Option<USizeVec3>; 6] = std::array::from_fn(|side| {
+                let mut near = cell;
+                if side % 2 == 0 {
+                    near[side / 2] = near[side / 2].checked_sub(1)?;
+                } else {
+                    near[side / 2] += 1;
+                    (near[side / 2] < dims[side / 2]).then_some(())?;
+                }
+                inflow |= beside(reached(&exterior, &outside, near), side);
+                Some(near)
+            });
+            let changed = if let Some(brick) = self.bricks.number(cell) {
+                let before = exterior[brick];
+                exterior[brick] = flooded(before | inflow & free[brick], free[brick]);
+                exterior[brick] != before
+            } else {
+                let enters = inflow != 0 && !outside.contains(cell);
+                if enters {
+                    outside.insert(cell);
+                }
+                enters
+            };
+            if changed {
+                for near in near.into_iter().flatten() {
+                    let is_filled = !self.bricks.cells().contains(near) && outside.contains(near);
+                    if !is_filled && !waits.contains(near) {
+                        waits.insert(near);
+                        open.push(near);
+                    }
+                }
+            }
         }
-        false
+        self.exterior = exterior;
+        checkpoint();
+        outside
+    }
+
+    /// Whether a point lies in a fine cell that is not exterior.
+    pub fn is_interior(&self, p: DVec3) -> bool {
+        let fine = self.fine_cell(p);
+        !self.is_exterior(fine, fine)
+    }
+
+    /// Whether all fine cells from `lo` to `hi` are exterior.
+    fn is_exterior(&self, lo: IVec3, hi: IVec3) -> bool {
+        let (from, to) = (lo / SIDE, hi / SIDE);
+        (from.z..=to.z).all(|z| {
+            (from.y..=to.y).all(|y| {
+                (from.x..=to.x).all(|x| {
+                    let cell = IVec3::new(x, y, z);
+                    match self.distance[self.index(cell.as_usizevec3())] {
+                        0 => {
+                            let lo = (lo - SIDE * cell).max(IVec3::ZERO);
+                            let hi = (hi - SIDE * cell).min(IVec3::splat(SIDE - 1));
+                            let asked = box_bits(lo, hi);
+                            self.exterior_bits(cell.as_usizevec3())
+                                .is_some_and(|b| b & asked == asked)
+                        }
+                        distance => distance > 0,
+                    }
+                })
+            })
+        })
+    }
+
+    /// Returns a beam of rectangular cross-section from an eye.
+    ///
+    /// * `way`: of its axis, LPS, of depth 1.
+    /// * `reach`: half extent, along the axes of LPS, of its cross-section at depth 1.
+    /// * `margin_mm`: by which the cross-section is widened.
+    pub fn beam(&self, eye: DVec3, way: DVec3, reach: DVec3, margin_mm: f64) -> Beam<'_> {
+        let per_mm = self.fine_mm.recip();
+        let (origin, way) = ((eye - self.lo) * per_mm, way * per_mm);
+        let ends = f64::from(SIDE) * self.dims.as_dvec3();
+        // Depths at which the axis leaves the grid along each axis, or NaN.
+        let out = ((ends * way.signum() + ends) * 0.5 - origin) / way;
+        Beam {
+            grid: self,
+            origin,
+            way,
+            reach: reach * per_mm * (1.0 + 1e-6),
+            margin: margin_mm * per_mm + 1e-6,
+            rate: way.abs().max_element(),
+            farthest: out.to_array().into_iter().fold(f64::INFINITY, f64::min),
+        }
+    }
+}
+
+/// A beam through the cells. Depths are millimetres, other lengths fine cells.
+pub struct Beam<'a> {
+    grid: &'a ExteriorGrid,
+    origin: DVec3,
+    way: DVec3,
+    reach: DVec3,
+    margin: f64,
+    /// Chebyshev distance that the axis travels a millimetre of depth.
+    rate: f64,
+    /// Depth at which the axis leaves the grid; there is no wall beyond.
+    farthest: f64,
+}
+
+impl Beam<'_> {
+    /// Returns the place of the axis at a depth, and the stored distance of its cell.
+    fn at(&self, depth: f64) -> (DVec3, i8) {
+        let at = self.origin + depth * self.way;
+        let cell = self.grid.clamped(at) / SIDE;
+        (at, self.grid.distance[self.grid.index(cell.as_usizevec3())])
+    }
+
+    /// Returns a depth from `depth` on up to which the whole beam is in cells that have no exterior.
+    pub fn inside_to(&self, mut depth: f64) -> f64 {
+        let (reach, side) = (self.reach.max_element(), f64::from(SIDE));
+        loop {
+            let distance = f64::from(self.at(depth).1);
+            let free = side * (-distance - 1.0) - reach * depth - self.margin;
+            if free < 0.5 * side || depth > self.farthest {
+                return depth;
+            }
+            depth += free / (self.rate + reach);
+        }
+    }
+
+    /// Returns a depth from `depth` on at which the whole cross-section is exterior; infinite if none
+    /// is found.
+    pub fn hidden_from(&self, mut depth: f64) -> f32 {
+        let side = f64::from(SIDE);
+        while depth < self.farthest {
+            let (at, distance) = self.at(depth);
+            let distance = f64::from(distance);
+            let half = self.reach * depth + self.margin;
+            // Wide cross-sections need no fine cells: the distance alone, its lower bound, tells.
+            let clear = half.max_element() - side * (distance - 1.0);
+            let is_wide = half.max_element() > 3.0 * side;
+            // Upper bound of that distance; it changes by the distance travelled.
+            let off = if is_wide { clear } else { half.min_element() - side * (distance + 1.0) };
+            if off < 0.0 {
+                let [lo, hi] = [at - half, at + half].map(|p| self.grid.clamped(p));
+                if clear < 0.0 || self.grid.is_exterior(lo, hi) {
+                    return depth as f32;
+                }
+            }
+            depth += off.max(1.0) / self.rate;
+        }
+        f32::INFINITY
     }
 }
 
@@ -145,26 +387,96 @@ mod tests {
         })
     }
 
+    /// Places of a grid, row by row.
+    fn places(dims: IVec3) -> impl Iterator<Item = IVec3> {
+        (0..dims.z).flat_map(move |z| {
+            (0..dims.y).flat_map(move |y| (0..dims.x).map(move |x| IVec3::new(x, y, z)))
+        })
+    }
+
+    #[test]
+    fn fine_cells_are_exterior_where_a_queue_reaches_them_from_the_border() {
+        let mesh = ring(60, 30);
+        let grid = ExteriorGrid::new(&mesh, 4_000);
+        let dims = SIDE * grid.dims.as_ivec3();
+        let at = |c: IVec3| (c.x + dims.x * (c.y + dims.y * c.z)) as usize;
+        let mut free = vec![true; dims.as_usizevec3().element_product()];
+        for (lo, hi) in grid.boxes(&mesh, &mesh.faces) {
+            places(hi - lo + 1).for_each(|c| free[at(lo + c)] = false);
+        }
+        let mut open = vec![IVec3::ZERO];
+        let mut reached = vec![false; free.len()];
+        while let Some(c) = open.pop() {
+            if !std::mem::replace(&mut reached[at(c)], true) {
+                let steps = [IVec3::X, IVec3::Y, IVec3::Z].into_iter().flat_map(|s| [c - s, c + s]);
+                open.extend(
+                    steps.filter(|n| {
+                        n.cmpge(IVec3::ZERO).all() && n.cmplt(dims).all() && free[at(*n)]
+                    }),
+                );
+            }
+        }
+        let found: Vec<bool> = places(dims).map(|c| grid.is_exterior(c, c)).collect();
+        assert!(found == reached);
+        let of = |brick: u64| brick.count_ones() as usize;
+        let in_bricks: usize = grid.exterior.iter().map(|b| of(*b)).sum();
+        assert!(in_bricks > 10_000, "{in_bricks} exterior fine cells of bricks");
+        // Boxes are exterior where all their cells are.
+        for lo in places(dims - 7).step_by(1009) {
+            let size = IVec3::new(lo.x % 7, lo.y % 6, lo.z % 5);
+            let all = places(size + 1).all(|c| reached[at(lo + c)]);
+            assert_eq!(grid.is_exterior(lo, lo + size), all, "{lo} {size}");
+        }
+    }
+
     #[test]
     fn grid_distance_is_the_signed_chebyshev_distance_to_the_nearest_cell_of_the_other_kind() {
-        let grid = ExteriorGrid::new(&ring(60, 30), 100_000);
-        let d = grid.dims.as_ivec3();
-        let all = || {
-            (0..d.z).flat_map(|z| {
-                (0..d.y).flat_map(move |y| (0..d.x).map(move |x| IVec3::new(x, y, z)))
-            })
+        let grid = ExteriorGrid::new(&ring(60, 30), 20_000);
+        let all = || places(grid.dims.as_ivec3());
+        let found = |c: IVec3| i32::from(grid.distance[grid.index(c.as_usizevec3())]);
+        let exterior_bits = |c: IVec3| {
+            let fine = |k: IVec3| SIDE * c + k;
+            places(IVec3::splat(SIDE)).filter(|k| grid.is_exterior(fine(*k), fine(*k))).count()
         };
-        let found = |c: IVec3| i32::from(grid.distance[grid.index(c)]);
-        let (exterior, interior): (Vec<IVec3>, Vec<IVec3>) = all().partition(|c| found(*c) > 0);
-        assert!(interior.len() > 1000 && exterior.len() > interior.len());
+        let whole: Vec<IVec3> = all().filter(|c| exterior_bits(*c) < 64).collect();
+        let any: Vec<IVec3> = all().filter(|c| exterior_bits(*c) > 0).collect();
+        assert!(whole.len() > 1000 && any.len() > 1000);
         for c in all().step_by(97) {
-            let sign = found(c).signum();
-            let others = if sign > 0 { &interior } else { &exterior };
+            let others = if found(c) > 0 { &whole } else { &any };
             let nearest = others.iter().map(|n| (c - *n).abs().max_element()).min();
-            assert_eq!(found(c), sign * nearest.unwrap_or(i32::MAX), "{c}");
+            assert_eq!(found(c).abs(), nearest.unwrap_or(i32::MAX), "{c}");
         }
-        // Of both kinds there are cells far from the other.
+        // Of all kinds there are cells, some far from the others.
         let span = all().map(found).fold((0, 0), |(lo, hi), v| (lo.min(v), hi.max(v)));
-        assert!(span.0 <= -4 && span.1 >= 4, "{span:?}");
+        assert!(span.0 <= -2 && span.1 >= 3, "{span:?}");
+        assert!(all().any(|c| found(c) == 0));
+    }
+
+    #[test]
+    fn bits_of_a_box_and_of_neighbours_are_those_of_their_fine_cells() {
+        let bit = |c: IVec3| 1u64 << (c.x + 4 * c.y + 16 * c.z);
+        let side = || places(IVec3::splat(SIDE));
+        for (lo, hi) in side().flat_map(|lo| side().map(move |hi| (lo, hi))) {
+            if lo.cmple(hi).all() {
+                let inside = side().filter(|c| c.cmpge(lo).all() && c.cmple(hi).all());
+                assert_eq!(box_bits(lo, hi), inside.map(bit).sum::<u64>(), "{lo} {hi}");
+            }
+        }
+        for (k, step) in [IVec3::X, IVec3::Y, IVec3::Z].into_iter().enumerate() {
+            for c in side() {
+                let [below, above] = [c + step - SIDE * step, c - step + SIDE * step];
+                let is_lower = c[k] == 0;
+                let is_upper = c[k] == SIDE - 1;
+                assert_eq!(beside(bit(c), 2 * k), if is_upper { bit(below) } else { 0 }, "{c}");
+                assert_eq!(beside(bit(c), 2 * k + 1), if is_lower { bit(above) } else { 0 }, "{c}");
+            }
+        }
+        assert_eq!(flooded(1, u64::MAX), u64::MAX);
+        // A bent tunnel, and a cell that touches it by an edge alone.
+        let tunnel = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [2, 1, 1], [2, 1, 2], [3, 1, 2]];
+        let tunnel: u64 = tunnel.map(|c| bit(IVec3::from(c))).iter().sum();
+        let apart = bit(IVec3::new(1, 2, 2));
+        assert_eq!(flooded(1, tunnel | apart), tunnel);
+        assert_eq!(flooded(bit(IVec3::new(3, 1, 2)), tunnel | apart), tunnel);
     }
 }

@@ -80,6 +80,57 @@ impl ViewFrustum {
         self.position
     }
 
+    /// Returns the tangents of half the horizontal and vertical field of view.
+    pub fn tangents(&self) -> [f64; 2] {
+        self.tangent
+    }
+
+    /// Returns the way, LPS, of the ray through a point of the image, of depth 1: tangents of its
+    /// angles off the axis.
+    pub fn way(&self, x: f64, y: f64) -> DVec3 {
+        self.camera_from_world.transpose() * DVec3::new(x, y, -1.0)
+    }
+
+    /// Returns the half extent, along the axes of LPS, of a rectangle across the view.
+    ///
+    /// * `x`, `y`: half its width and height.
+    pub fn reach(&self, x: f64, y: f64) -> DVec3 {
+        let turn = self.camera_from_world.transpose();
+        turn.x_axis.abs() * x + turn.y_axis.abs() * y
+    }
+
+    /// Returns the smallest rectangle, in tangents, around the image of a box, and the box's least
+    /// depth; `None` of one that the plane of the eye cuts or that is behind it. Rounded outwards.
+    ///
+    /// * `centre`, `half`: as for [`Self::intersects_box`].
+    pub fn rectangle(&self, centre: DVec3, half: DVec3) -> Option<([f64; 2], [f64; 2], f64)> {
+        let c = self.camera_from_world * centre;
+        let axes = [
+            self.camera_from_world.x_axis * half.x,
+            self.camera_from_world.y_axis * half.y,
+            self.camera_from_world.z_axis * half.z,
+        ];
+        let (mut lo, mut hi, mut least) = ([f64::MAX; 2], [f64::MIN; 2], f64::MAX);
+        for corner in 0..8 {
+            let mut p = c;
+            for (k, axis) in axes.iter().enumerate() {
+                if corner >> k & 1 == 0 { p -= *axis } else { p += *axis }
+            }
+            let depth = -p.z;
+            if depth <= 1e-6 {
+                return None;
+            }
+            let per = depth.recip();
+            for k in 0..2 {
+                lo[k] = lo[k].min(p[k] * per);
+                hi[k] = hi[k].max(p[k] * per);
+            }
+            least = least.min(depth);
+        }
+        let hair = |t: f64| 1e-9 * (1.0 + t.abs());
+        Some((lo.map(|t| t - hair(t)), hi.map(|t| t + hair(t)), least * (1.0 - 1e-9)))
+    }
+
     /// Frustum culling: whether any point of the sphere may be in the image; false only if none is.
     pub fn intersects(&self, s: &Sphere) -> bool {
         let c = self.camera_from_world * (s.centre.as_dvec3() - self.position);

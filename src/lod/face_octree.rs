@@ -11,10 +11,10 @@ use rayon::prelude::*;
 
 use super::OcclusionTest;
 use super::octree::{Item, Octree};
-use crate::geometry::{Camera, Mesh, ViewFrustum};
+use crate::geometry::{Camera, HierarchicalZ, Mesh, ViewFrustum};
 
 /// Most faces of a leaf. Fewer are culled more tightly, but each range of faces is a draw.
-const LEAF_FACES: usize = 128;
+const LEAF_FACES: usize = 64;
 
 /// Faces of a mesh in the order of an octree.
 #[derive(Debug)]
@@ -48,15 +48,15 @@ impl FaceOctree {
         let frustum = ViewFrustum::new(camera);
         let eye = frustum.position();
         let mut ranges: Vec<Range<u32>> = Vec::new();
+        let depths = closed.map(|test| test.depths(&frustum));
         self.tree.traverse(
             |n| {
                 let (lo, hi) = (n.lo.as_dvec3(), n.hi.as_dvec3());
                 let (centre, half) = (0.5 * (lo + hi), 0.5 * (hi - lo));
-                let hidden = |test: &OcclusionTest| {
-                    frustum.is_backfacing(&n.sphere, &n.cone)
-                        || test.is_box_occluded(eye, centre, half)
+                let hidden = |depths: &HierarchicalZ| {
+                    frustum.is_backfacing(&n.sphere, &n.cone) || depths.hides(centre - eye, half)
                 };
-                frustum.intersects_box(centre - eye, half) && !closed.is_some_and(hidden)
+                frustum.intersects_box(centre - eye, half) && !depths.as_ref().is_some_and(hidden)
             },
             |_, n| {
                 let own = 3 * n.first..3 * (n.first + n.count);

@@ -191,12 +191,12 @@ impl Pages {
     /// number of triangles. With `backs`, patches that face away or are hidden are drawn too.
     pub fn visible_ranges(&self, camera: &Camera, backs: bool) -> (Vec<IndexedRange>, u64) {
         let frustum = ViewFrustum::new(camera);
+        let depths = self.outside.as_ref().filter(|_| !backs).map(|o| o.depths(&frustum));
         let mut triangles = 0;
         let seen = |d: &&VisiblePatch| {
             let hidden = || {
-                let outside = self.outside.as_ref();
                 frustum.is_backfacing(&d.sphere, &d.cone)
-                    || outside.is_some_and(|o| o.is_occluded(frustum.position(), &d.sphere))
+                    || depths.as_ref().is_some_and(|depths| depths.hides_sphere(&d.sphere))
             };
             d.triangles > 0 && frustum.intersects(&d.sphere) && (backs || !hidden())
         };

@@ -108,10 +108,11 @@ fn view(colon: &Colon, camera: &Camera, pixels: f32, found: &mut Found) {
     pages.settle(&mut lod, camera, &Tolerance { pixels }, cache);
     assert!(!pages.last.degraded);
     let frustum = ViewFrustum::new(camera);
+    let depths = colon.occlusion.depths(&frustum);
     let visible = pages.triangles_where(|d| {
         frustum.intersects(&d.sphere)
             && !frustum.is_backfacing(&d.sphere, &d.cone)
-            && !colon.occlusion.is_occluded(frustum.position(), &d.sphere)
+            && !depths.hides_sphere(&d.sphere)
     });
     let whole = pages.corners();
     found.drawn_share += visible.len() as f64 / colon.clusters.finest_faces() as f64;

@@ -6,7 +6,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::LARGE_FACE_MM2;
-use crate::geometry::{Camera, ExteriorGrid, Lens, Mesh, Pose, Subtree, TriangleBvh, ViewFrustum};
+use crate::geometry::{
+    Camera, ExteriorGrid, HierarchicalZ, Lens, Mesh, Pose, Subtree, TriangleBvh, ViewFrustum,
+};
 use crate::task::checkpoint;
 
 /// Most triangles of the subtrees that threads take. Fixed, so that the work is divided the same
@@ -52,8 +54,8 @@ impl<'a> CoverageMap<'a> {
     /// Adds the faces that views see: pose and lens of each.
     pub fn add(&mut self, views: &[(Pose, Lens)]) {
         let (tree, exterior) = (self.tree, self.exterior);
-        let views: Vec<Sight<'_>> =
-            views.iter().map(|(pose, lens)| Sight::new(*pose, *lens, exterior)).collect();
+        let views: Vec<Sight> =
+            views.par_iter().map(|(pose, lens)| Sight::new(*pose, *lens, exterior)).collect();
         self.portions.par_iter_mut().for_each(|portion| {
             for i in portion.nearest_first(tree, &views) {
                 checkpoint();
@@ -124,18 +126,20 @@ fn box_about(tree: &TriangleBvh, s: Subtree, eye: DVec3) -> (DVec3, DVec3) {
 }
 
 /// One view.
-struct Sight<'a> {
+struct Sight {
     eye: DVec3,
-    /// Cells outside the wall, where they are known and the eye is inside.
-    exterior: Option<&'a ExteriorGrid>,
     frustum: ViewFrustum,
+    /// Depths behind which the wall hides, where they are known and the eye is inside.
+    depths: Option<HierarchicalZ>,
 }
 
-impl<'a> Sight<'a> {
-    fn new(pose: Pose, lens: Lens, exterior: Option<&'a ExteriorGrid>) -> Self {
+impl Sight {
+    fn new(pose: Pose, lens: Lens, exterior: Option<&ExteriorGrid>) -> Self {
         let eye = pose.position_mm.as_dvec3();
         let frustum = ViewFrustum::new(&Camera { pose, lens, height_px: 1 });
-        Self { eye, exterior: exterior.filter(|e| e.is_interior(eye)), frustum }
+        let exterior = exterior.filter(|e| e.is_interior(eye));
+        let depths = exterior.map(|e| HierarchicalZ::new(&frustum, e, 0.0));
+        Self { eye, frustum, depths }
     }
 }
 
@@ -174,8 +178,8 @@ impl Portion {
 
     /// Returns indices of views, nearest to the subtree first: they see most of it, and faces
     /// already seen are not tested again.
-    fn nearest_first(&self, tree: &TriangleBvh, views: &[Sight<'_>]) -> Vec<usize> {
-        let distance2 = |view: &Sight<'_>| {
+    fn nearest_first(&self, tree: &TriangleBvh, views: &[Sight]) -> Vec<usize> {
+        let distance2 = |view: &Sight| {
             let (centre, half) = box_about(tree, self.subtree, view.eye);
             (centre.abs() - half).max(DVec3::ZERO).length_squared()
         };
@@ -189,7 +193,7 @@ impl Portion {
     }
 
     /// Adds the samples that one view sees of a subtree.
-    fn look_below(&mut self, tree: &TriangleBvh, s: Subtree, view: &Sight<'_>) {
+    fn look_below(&mut self, tree: &TriangleBvh, s: Subtree, view: &Sight) {
         let node = s.node - self.subtree.node;
         if self.done[node] {
             return;
@@ -200,9 +204,7 @@ impl Portion {
         }
         // Below that a walk takes longer than what it saves.
         if s.count >= WALKED_TO
-            && view
-                .exterior
-                .is_some_and(|e| e.hides(view.eye, view.eye + centre, half.max_element(), 0.0))
+            && view.depths.as_ref().is_some_and(|depths| depths.hides(centre, half))
         {
             return;
         }
@@ -219,7 +221,7 @@ impl Portion {
     }
 
     /// Adds the samples that one view sees of some triangles of a leaf.
-    fn look_at(&mut self, tree: &TriangleBvh, triangles: Range<usize>, view: &Sight<'_>) {
+    fn look_at(&mut self, tree: &TriangleBvh, triangles: Range<usize>, view: &Sight) {
         let mut rays: [(usize, u8, DVec3); LANES] = [(0, 0, DVec3::ZERO); LANES];
         let mut waiting = 0;
         for i in triangles {

@@ -302,13 +302,13 @@ impl LodHierarchy for ClusterLod {
         let rooted = self.make_resident(self.roots.iter().copied(), cache, &mut step.uploads);
         if rooted.is_ok() {
             let clusters = Arc::clone(&self.clusters);
-            let occlusion = self.occlusion.clone();
+            let frustum = ViewFrustum::new(camera);
             let criterion = CutCriterion {
-                frustum: ViewFrustum::new(camera),
+                frustum,
                 pixels: f64::from(tolerance.pixels).max(1e-9),
                 shading: f64::from(self.shading_rad).max(1e-9),
                 clusters: &clusters,
-                occlusion: occlusion.as_deref(),
+                depths: self.occlusion.as_ref().map(|test| test.depths(&frustum)),
             };
             // Pages of one group stay free, so that any change can be made.
             let room = i64::from(cache.pages()) - i64::from(self.least_pages());

@@ -2,8 +2,8 @@
 //! tolerances, where the group is visible.
 
 use super::{Clusters, Group};
-use crate::geometry::{ProjectedBounds, Sphere, ViewFrustum};
-use crate::lod::{FULL_SHADING_PX, OcclusionTest};
+use crate::geometry::{HierarchicalZ, ProjectedBounds, Sphere, ViewFrustum};
+use crate::lod::FULL_SHADING_PX;
 
 /// Decides whether a camera accepts a group.
 pub struct CutCriterion<'a> {
@@ -15,15 +15,14 @@ pub struct CutCriterion<'a> {
     pub shading: f64,
     /// The hierarchy.
     pub clusters: &'a Clusters,
-    /// Occlusion test, if there is one.
-    pub occlusion: Option<&'a OcclusionTest>,
+    /// Depths behind which the wall hides, if they are known.
+    pub depths: Option<HierarchicalZ>,
 }
 
 impl CutCriterion<'_> {
     /// Whether any point of the sphere may be visible: inside the frustum and not occluded.
     fn is_visible(&self, s: &Sphere) -> bool {
-        self.frustum.intersects(s)
-            && !self.occlusion.is_some_and(|o| o.is_occluded(self.frustum.position(), s))
+        self.frustum.intersects(s) && !self.depths.as_ref().is_some_and(|d| d.hides_sphere(s))
     }
 
     /// Ratio of the screen-space error of a group to what is allowed; `px` maps millimetres to

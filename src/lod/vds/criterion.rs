@@ -3,8 +3,8 @@
 use super::measure::PatchBounds;
 use super::patch::{MORPH_STEPS, PatchVertex};
 use super::template::{SHAPE, SPLITS};
-use crate::geometry::{ProjectedBounds, Sphere, ViewFrustum};
-use crate::lod::{FULL_SHADING_PX, OcclusionTest};
+use crate::geometry::{HierarchicalZ, ProjectedBounds, Sphere, ViewFrustum};
+use crate::lod::FULL_SHADING_PX;
 
 /// Fineness: [`MORPH_STEPS`] to a level.
 pub type Fineness = u16;
@@ -16,18 +16,19 @@ pub const STEP: Fineness = MORPH_STEPS as Fineness;
 const PLACE: u32 = SPLITS - 1;
 
 /// Demands of a camera.
-pub struct Criterion<'a> {
+pub struct Criterion {
     pub frustum: ViewFrustum,
     /// Distance tolerance, pixels.
     pub pixels: f64,
     /// Shading tolerance, radians.
     pub shading: f64,
-    pub occlusion: Option<&'a OcclusionTest>,
+    /// Depths behind which the wall hides, if they are known.
+    pub depths: Option<HierarchicalZ>,
     /// Whether levels pass gradually into each other.
     pub morph: bool,
 }
 
-impl Criterion<'_> {
+impl Criterion {
     /// Whether any point of a patch may be visible.
     pub fn is_visible(&self, b: &PatchBounds) -> bool {
         self.frustum.intersects(&b.sphere)
@@ -36,7 +37,7 @@ impl Criterion<'_> {
     }
 
     pub fn is_occluded(&self, s: &Sphere) -> bool {
-        self.occlusion.is_some_and(|o| o.is_occluded(self.frustum.position(), s))
+        self.depths.as_ref().is_some_and(|d| d.hides_sphere(s))
     }
 
     /// The least fineness of a patch, counted from its corners and not below level `lowest`, at

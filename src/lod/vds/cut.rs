@@ -80,7 +80,7 @@ impl Vds {
     }
 
     /// Decides for a node and all below it.
-    fn refine(&mut self, id: u32, criterion: &Criterion<'_>) {
+    fn refine(&mut self, id: u32, criterion: &Criterion) {
         let surface = Arc::clone(&self.surface);
         let bounds = &surface.bounds[id as usize];
         let least = self.least(id);
@@ -248,7 +248,7 @@ impl Vds {
     }
 
     /// Brings the cut to that of a camera.
-    fn select(&mut self, criterion: &Criterion<'_>) {
+    fn select(&mut self, criterion: &Criterion) {
         let surface = Arc::clone(&self.surface);
         self.states.fill(NodeState::Above);
         self.states[..surface.finest.len()].fill(NodeState::Drawn(0));
@@ -266,12 +266,12 @@ impl Vds {
 
 impl LodHierarchy for Vds {
     fn step(&mut self, camera: &Camera, tolerance: &Tolerance, _: &mut PageCache) -> LodStep {
-        let occlusion = self.occlusion.clone();
+        let frustum = ViewFrustum::new(camera);
         self.select(&Criterion {
-            frustum: ViewFrustum::new(camera),
+            frustum,
             pixels: f64::from(tolerance.pixels),
             shading: f64::from(self.surface.options.shading_rad),
-            occlusion: occlusion.as_deref(),
+            depths: self.occlusion.as_ref().map(|test| test.depths(&frustum)),
             morph: self.surface.options.morph,
         });
         let drawn = self.patches();
