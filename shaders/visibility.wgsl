@@ -12,7 +12,8 @@
 // tol  exact: integers throughout
 // src  He, Hong, Chen & Liang 2001 (reliable path); Amanatides & Woo 1987,
 //      doi:10.2312/egtp.19871000 (ray walk)
-// ours rays run between voxel centres in exact integer arithmetic, ties step x before y before z;
+// ours rays run between voxel centres in exact integer arithmetic, ties step x before y before z,
+//      and are walked from the seen voxel, whose end is hidden more often than the viewer's;
 //      the first viewer is found by going through the candidates in rank order, which equals
 //      inserting them one by one and keeping those that see something new
 @group(0) @binding(0) var<storage, read> near: array<u32>;
@@ -36,25 +37,24 @@ fn voxel_of(e: u32) -> vec3<i32> {
     return vec3(corner[s], corner[s + 1u], corner[s + 2u]) + position(e & 511u);
 }
 
-// Whether every voxel strictly between two voxels' centres is open.
-fn sees(from_element: u32, d: vec3<i32>) -> bool {
-    let n = vec3<u32>(abs(d));
+// Whether every voxel strictly between the centres of a voxel and of the one `d` before it is open.
+fn sees(to_element: u32, d: vec3<i32>) -> bool {
+    let n = abs(d);
     let way = sign(d);
-    var slot = from_element >> 9u;
-    var p = position(from_element & 511u);
-    // Steps made along each axis; the next crossing is at (2 i + 1) / (2 n).
-    var done = vec3(0u);
+    var slot = to_element >> 9u;
+    var p = position(to_element & 511u);
+    // The last crossing of an axis that is left is at last / (2 n).
+    var last = 2 * n - vec3(1);
     let steps = n.x + n.y + n.z;
-    for (var k = 1u; k < steps; k++) {
-        let next = 2u * done + vec3(1u);
-        var axis = 2u;
-        if n.x > 0u && done.x < n.x && (n.y == 0u || next.x * n.y <= next.y * n.x) && (n.z == 0u || next.x * n.z <= next.z * n.x) {
-            axis = 0u;
-        } else if n.y > 0u && done.y < n.y && (n.z == 0u || next.y * n.z <= next.z * n.y) {
+    for (var k = 1; k < steps; k++) {
+        var axis = 0u;
+        if last.z > 0 && last.z * n.x >= last.x * n.z && last.z * n.y >= last.y * n.z {
+            axis = 2u;
+        } else if last.y > 0 && last.y * n.x >= last.x * n.y {
             axis = 1u;
         }
-        done[axis] += 1u;
-        p[axis] += way[axis];
+        last[axis] -= 2;
+        p[axis] -= way[axis];
         if p[axis] < 0 {
             slot = below(slot, axis);
             p[axis] = 7;
@@ -86,7 +86,7 @@ fn main(
         let v = viewer[rank];
         let d = here - voxel_of(v);
         let d2 = vec3<u32>(d * d) * params.weight;
-        if d2.x + d2.y + d2.z <= reach[rank] && sees(v, d) {
+        if d2.x + d2.y + d2.z <= reach[rank] && sees(s, d) {
             found = rank;
             break;
         }

@@ -205,7 +205,7 @@ pub fn add_viewers(
         let target = lumen.bricks.voxel(s as usize);
         let in_sight = |e: usize| {
             let d = target - lumen.bricks.voxel(e);
-            kernel::sees(near, open, e, d)
+            kernel::sees(near, open, s as usize, d)
         };
         let mut at = s as usize;
         loop {
@@ -226,7 +226,7 @@ pub fn add_viewers(
         let before = left.len();
         left.retain(|&e| {
             let d = lumen.bricks.voxel(e as usize) - here;
-            (d.as_dvec3() * h).length() > reach_mm || !kernel::sees(near, open, at, d)
+            (d.as_dvec3() * h).length() > reach_mm || !kernel::sees(near, open, e as usize, d)
         });
         if left.len() == before {
             hopeless.push(s);

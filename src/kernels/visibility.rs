@@ -16,29 +16,30 @@ pub static KERNEL: Kernel =
 /// Index that marks a voxel no candidate sees.
 pub const UNSEEN: u32 = u32::MAX;
 
-/// Whether every voxel strictly between the centres of a voxel and the one `d` away is open.
+/// Whether every voxel strictly between the centres of a voxel and of the one `d` before it is open.
+/// The ray is walked back from `to`: a viewer's own end of it lies within a ball that is open.
 ///
 /// * `open`: one bit a voxel, 16 words a slot; voxels without a brick are closed.
-pub fn sees(near: &[u32], open: &[u32], from: usize, d: IVec3) -> bool {
-    let n = d.abs().as_uvec3();
+pub fn sees(near: &[u32], open: &[u32], to: usize, d: IVec3) -> bool {
+    let n = d.abs();
     let way = d.signum();
-    let mut slot = from / BRICK;
-    let l = (from % BRICK) as i32;
+    let mut slot = to / BRICK;
+    let l = (to % BRICK) as i32;
     let mut p = [l & 7, l >> 3 & 7, l >> 6];
-    let mut done = UVec3::ZERO;
+    // The last crossing of an axis that is left is at `last` / (2 n).
+    let mut last = 2 * n - 1;
     for _ in 1..n.element_sum() {
-        // The next crossing of an axis is at (2 i + 1) / (2 n); ties go x before y before z.
-        let next = 2 * done + 1;
-        let sooner = |a: usize, b: usize| n[b] == 0 || next[a] * n[b] <= next[b] * n[a];
-        let axis = if done.x < n.x && sooner(0, 1) && sooner(0, 2) {
-            0
-        } else if done.y < n.y && sooner(1, 2) {
+        // Forward, ties go x before y before z.
+        let later = |a: usize, b: usize| last[a] * n[b] >= last[b] * n[a];
+        let axis = if last.z > 0 && later(2, 0) && later(2, 1) {
+            2
+        } else if last.y > 0 && later(1, 0) {
             1
         } else {
-            2
+            0
         };
-        done[axis] += 1;
-        p[axis] += way[axis];
+        last[axis] -= 2;
+        p[axis] -= way[axis];
         if p[axis] & !7 != 0 {
             match neighbour(near, slot, axis, p[axis] > 7) {
                 Some(s) => slot = s,
@@ -71,7 +72,7 @@ fn twin(args: &mut CpuArgs<'_>) {
             let v = s.viewer[rank as usize];
             let d = here - voxel(v);
             let d2 = (d * d).as_uvec3() * weight;
-            d2.element_sum() <= s.reach[rank as usize] && sees(s.near, s.open, v as usize, d)
+            d2.element_sum() <= s.reach[rank as usize] && sees(s.near, s.open, e as usize, d)
         });
         *first = found.copied().unwrap_or(UNSEEN);
     });

@@ -77,7 +77,7 @@ impl RidgeNet<'_> {
         let near: &[u32] = bytemuck::cast_slice(self.lumen.bricks.near());
         let open: &[u32] = bytemuck::cast_slice(&self.lumen.inside);
         self.length(a, b) <= self.kept[a].reach_mm + self.kept[b].reach_mm
-            && sees(near, open, self.kept[a].element, self.points[b] - self.points[a])
+            && sees(near, open, self.kept[b].element, self.points[b] - self.points[a])
     }
 
     /// Dijkstra from one point; lengths in µm so that the order is total.

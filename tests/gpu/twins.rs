@@ -70,7 +70,7 @@ fn the_ray_walk_equals_sorting_all_crossings() {
                 let v = lumen.bricks.voxel(a);
                 let d = lumen.bricks.voxel(b) - v;
                 let want = walk(d, |q| lumen.holds(v + q));
-                assert_eq!(sees(&near, open, a, d), want, "{name} from {v} by {d}");
+                assert_eq!(sees(&near, open, b, d), want, "{name} from {v} by {d}");
             }
         }
     }
