@@ -52,7 +52,8 @@ impl CoverageRecorder {
                     batches += 1;
                 }
                 map.add(&batch);
-                let seen = SeenFaces { fraction: map.fraction(), faces: map.seen() };
+                let faces = map.seen();
+                let seen = SeenFaces { fraction: map.fraction_of(&faces), faces };
                 if ours.send((batches, seen)).is_err() {
                     return;
                 }

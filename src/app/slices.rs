@@ -3,12 +3,12 @@
 //! Patient's right is on the left of axial and coronal slices, front is up in axial and on the left
 //! of sagittal ones, head is up in the other two: as radiology shows them.
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, IVec3, USizeVec3};
 
 use super::action::Pane;
 use crate::geometry::Pose;
 use crate::lumen::Lumen;
-use crate::volume::Volume;
+use crate::volume::{Sample, Volume, with_samples};
 
 /// A plane that is looked at: LPS mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -144,19 +144,31 @@ pub fn slice(
     size: [usize; 2],
     window: [f64; 2],
 ) -> Vec<[u8; 3]> {
-    let [width, height] = size;
     let walk = Walk::new(plane, &volume.grid.voxel_from_world(), size);
+    // The samples' type is asked once, not for each of eight million values of a frame.
+    let mut out = with_samples!(&volume.samples, |s| grey(volume, s, &walk, size, window));
+    if let Some(lumen) = lumen {
+        outline(lumen, plane, size, &mut out);
+    }
+    out
+}
+
+/// Grey values of a slice, without the lumen.
+fn grey<T: Sample>(
+    volume: &Volume,
+    samples: &[T],
+    walk: &Walk,
+    [width, height]: [usize; 2],
+    window: [f64; 2],
+) -> Vec<[u8; 3]> {
     let low = window[0] - 0.5 * window[1];
     let scale = 255.0 / window[1];
     let mut out = Vec::with_capacity(width * height);
     for y in 0..height {
         for x in 0..width {
-            let value = trilinear(volume, walk.at(x, y));
+            let value = trilinear(volume, samples, walk.at(x, y));
             out.push(value.map_or(OUTSIDE, |v| [((v - low) * scale).clamp(0.0, 255.0) as u8; 3]));
         }
-    }
-    if let Some(lumen) = lumen {
-        outline(lumen, plane, size, &mut out);
     }
     out
 }
@@ -165,7 +177,11 @@ pub fn slice(
 /// the other way round.
 fn outline(lumen: &Lumen, plane: &SlicePlane, [width, height]: [usize; 2], out: &mut [[u8; 3]]) {
     let walk = Walk::new(plane, &lumen.grid.voxel_from_world(), [width, height]);
-    let inside = |x: usize, y: usize| lumen.holds(walk.at(x, y).round().as_ivec3());
+    let inside = |x: usize, y: usize| {
+        let voxel = walk.at(x, y) + 0.5;
+        let nearest: IVec3 = voxel.as_ivec3();
+        voxel.cmpge(DVec3::ZERO).all() && lumen.holds(nearest)
+    };
     let row = |y: usize| (0..width).map(|x| inside(x, y)).collect::<Vec<bool>>();
     let mut above = row(0);
     for y in 1..height {
@@ -199,20 +215,20 @@ impl Walk {
 }
 
 /// The value between eight voxels; `None` farther than half a voxel outside.
-fn trilinear(volume: &Volume, v: DVec3) -> Option<f64> {
+fn trilinear<T: Sample>(volume: &Volume, samples: &[T], v: DVec3) -> Option<f64> {
     let last = volume.grid.dims.as_dvec3() - 1.0;
     if !(v.cmpge(DVec3::splat(-0.5)) & v.cmple(last + 0.5)).all() {
         return None;
     }
     let v = v.clamp(DVec3::ZERO, last);
-    let low = v.floor().min((last - 1.0).max(DVec3::ZERO));
-    let t = v - low;
     let d = volume.grid.dims.as_usizevec3();
-    let i = low.as_usizevec3();
+    // Truncation instead of floor, which is a call: nothing is below 0.
+    let i = v.as_usizevec3().min(d.saturating_sub(USizeVec3::splat(2)));
+    let t = v - i.as_dvec3();
     let step = |n: usize, s: usize| if n > 1 { s } else { 0 };
     let (sx, sy, sz) = (step(d.x, 1), step(d.y, d.x), step(d.z, d.x * d.y));
     let first = i.x + d.x * (i.y + d.y * i.z);
-    let get = |o: usize| volume.samples.get(first + o);
+    let get = |o: usize| samples[first + o].to_f64();
     let mix = |a: f64, b: f64, t: f64| a + (b - a) * t;
     let row = |o: usize| mix(get(o), get(o + sx), t.x);
     let face = |o: usize| mix(row(o), row(o + sy), t.y);
@@ -238,7 +254,8 @@ mod tests {
     #[test]
     fn values_between_voxels_are_those_of_a_linear_field_and_there_are_none_outside() {
         let v = volume();
-        let at = |x, y, z| trilinear(&v, DVec3::new(x, y, z));
+        let Samples::I16(samples) = &v.samples else { panic!("the samples above") };
+        let at = |x, y, z| trilinear(&v, samples, DVec3::new(x, y, z));
         assert_eq!(at(1.5, 2.25, 3.75), Some(1.5 + 22.5 + 375.0));
         assert_eq!(at(4.0, 5.0, 6.0), Some(654.0));
         assert_eq!(at(-0.4, 0.0, 0.0), Some(0.0));
@@ -280,9 +297,9 @@ mod tests {
         let v = volume();
         let plane = SlicePlane::of(Pane::Axial, DVec3::new(2.0, 4.0, 9.0), 1.0, None).unwrap();
         let of = |window| slice(&v, None, &plane, [2, 2], window)[0][0];
-        let value =
-            trilinear(&v, v.grid.voxel_from_world().transform_point3(plane.at([0.5, 0.5], [2, 2])));
-        let value = value.unwrap();
+        let Samples::I16(samples) = &v.samples else { panic!("the samples above") };
+        let place = v.grid.voxel_from_world().transform_point3(plane.at([0.5, 0.5], [2, 2]));
+        let value = trilinear(&v, samples, place).unwrap();
         assert_eq!(of([value, 2.0]), 127);
         assert_eq!((of([value + 10.0, 2.0]), of([value - 10.0, 2.0])), (0, 255));
     }

@@ -80,9 +80,11 @@ impl<'a> CoverageMap<'a> {
         &self.areas
     }
 
-    /// Returns the share of the wall's area that was seen, 0 to 1; 0 of a wall without area.
-    pub fn fraction(&self) -> f64 {
-        share_of_area(&self.areas, &self.seen())
+    /// Computes the share of the wall's area that faces have, 0 to 1; 0 of a wall without area.
+    ///
+    /// * `faces`: one flag a face of the wall, such as [`Self::seen`].
+    pub fn fraction_of(&self, faces: &[bool]) -> f64 {
+        share_of_area(&self.areas, faces)
     }
 }
 
