@@ -3,7 +3,7 @@
 //! Patient's right is on the left of axial and coronal slices, front is up in axial and on the left
 //! of sagittal ones, head is up in the other two: as radiology shows them.
 
-use glam::{DAffine3, DVec3, IVec3, USizeVec3};
+use glam::{DAffine3, DVec3, USizeVec3};
 
 use super::action::Pane;
 use crate::geometry::Pose;
@@ -145,7 +145,7 @@ pub fn slice(
     window: [f64; 2],
 ) -> Vec<[u8; 3]> {
     let walk = Walk::new(plane, &volume.grid.voxel_from_world(), size);
-    // The samples' type is asked once, not for each of eight million values of a frame.
+    // The samples' type is matched once, not for each of eight values a pixel.
     let mut out = with_samples!(&volume.samples, |s| grey(volume, s, &walk, size, window));
     if let Some(lumen) = lumen {
         outline(lumen, plane, size, &mut out);
@@ -178,9 +178,9 @@ fn grey<T: Sample>(
 fn outline(lumen: &Lumen, plane: &SlicePlane, [width, height]: [usize; 2], out: &mut [[u8; 3]]) {
     let walk = Walk::new(plane, &lumen.grid.voxel_from_world(), [width, height]);
     let inside = |x: usize, y: usize| {
+        // Rounded by truncation, which is no call.
         let voxel = walk.at(x, y) + 0.5;
-        let nearest: IVec3 = voxel.as_ivec3();
-        voxel.cmpge(DVec3::ZERO).all() && lumen.holds(nearest)
+        voxel.cmpge(DVec3::ZERO).all() && lumen.holds(voxel.as_ivec3())
     };
     let row = |y: usize| (0..width).map(|x| inside(x, y)).collect::<Vec<bool>>();
     let mut above = row(0);

@@ -1,11 +1,11 @@
-//! Exterior of a closed wall on a grid of two levels, to tell what the wall hides from an eye inside.
+//! Exterior of a closed wall on a grid of two levels, for occlusion culling from inside the wall.
 //!
 //! A bent organ passes the eye several times: half of the triangles in the frustum of a colon view
-//! belong to other loops, behind tissue, and of the eye's own loop folds hide the most. The grid
-//! divides space into cells and marks as exterior those that no triangle touches and that a flood
-//! fill from the border of the grid reaches. Cells that a triangle touches are bricks of 4×4×4 fine
-//! cells, a bit each, so that folds of a few voxels have an exterior too. A line of sight that
-//! crosses the exterior has crossed the wall before it.
+//! belong to other loops, behind tissue, and of the eye's own loop folds occlude the most. Cells that
+//! no triangle touches are exterior if a flood fill from the border of the grid reaches them. Cells
+//! that a triangle touches are bricks of 4×4×4 fine cells, a bit each, and these are exterior by the
+//! same rule, so that folds of a few voxels have an exterior too. A line of sight that crosses the
+//! exterior has crossed the wall before it.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -34,9 +34,9 @@ pub struct ExteriorGrid {
     fine_mm: f64,
     /// Number of cells, not of fine ones.
     dims: UVec3,
-    /// Signed Chebyshev distance in cells: of a cell that is exterior as a whole to the nearest one
-    /// that is not; of one that no exterior is in, negative, to the nearest one with any; 0 of a
-    /// brick that is exterior in part.
+    /// Signed Chebyshev distance in cells: of an exterior cell to the nearest that is not exterior as
+    /// a whole; of an interior cell, negative, to the nearest that is exterior at least in part; 0 of
+    /// a brick that is exterior in part.
     distance: Vec<i8>,
     /// Cells that are bricks.
     bricks: RankedCells,
@@ -99,8 +99,8 @@ impl ExteriorGrid {
             exterior: Vec::new(),
         };
         this.bricks = RankedCells::new(this.touched(mesh));
-        let free = this.free_bits(mesh);
-        let outside = this.fill(&free);
+        let (outside, exterior) = this.filled(&this.free_bits(mesh));
+        this.exterior = exterior;
         let mut any = outside.clone();
         this.bricks.cells().each(|cell| {
             if this.exterior_bits(cell) != Some(0) {
@@ -202,20 +202,21 @@ impl ExteriorGrid {
         bits.into_iter().map(|touched| !touched.into_inner()).collect()
     }
 
-    /// Flood fill from the border of the grid, through cells and fine cells that nothing touches.
-    /// Returns the cells, but for bricks, that it reaches, and keeps the fine cells.
-    fn fill(&mut self, free: &[u64]) -> CellBits {
+    /// Flood fill from the border of the grid, through untouched cells and fine cells. Returns the
+    /// cells that it reaches, without bricks, and the fine cells of each brick.
+    ///
+    /// * `free`: untouched fine cells of each brick.
+    fn filled(&self, free: &[u64]) -> (CellBits, Vec<u64>) {
         let mut outside = self.bricks.cells().inverted().reached_from_border();
         // Rounding may put fine cells of the border into the bounding box of the wall.
         outside.remove_all(self.bricks.cells());
-        self.exterior = vec![0; free.len()];
+        let mut exterior = vec![0; free.len()];
         let dims = self.dims.as_usizevec3();
         let reached = |exterior: &[u64], outside: &CellBits, cell| match self.bricks.number(cell) {
             Some(brick) => exterior[brick],
             None if outside.contains(cell) => u64::MAX,
             None => 0,
         };
-        let mut exterior = std::mem::take(&mut self.exterior);
         // Cells whose neighbours have changed since they were filled.
         let mut open = Vec::new();
         self.bricks.cells().each(|cell| open.push(cell));
@@ -255,9 +256,8 @@ impl ExteriorGrid {
                 }
             }
         }
-        self.exterior = exterior;
         checkpoint();
-        outside
+        (outside, exterior)
     }
 
     /// Whether a point lies in a fine cell that is not exterior.

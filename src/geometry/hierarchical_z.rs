@@ -1,19 +1,19 @@
-//! Hierarchical z-buffer of a closed wall seen from inside it, to tell boxes that it hides.
+//! Hierarchical z-buffer of a view from inside a closed wall, for occlusion culling.
 //!
 //! Greene, Kass & Miller, "Hierarchical Z-buffer visibility", SIGGRAPH 1993,
-//! doi:10.1145/166117.166147. Ours draws no occluders: the depth of a tile of the image is where its
-//! beam lies wholly in the exterior of the wall, found by sphere tracing (Hart 1996,
-//! doi:10.1007/s003710050084) in the grid of the exterior. Thus it is ready before anything is
-//! drawn, and bounds the depth of every point in the tile instead of sampling it.
+//! doi:10.1145/166117.166147. Ours draws no occluders: the depth of a tile of the image is the one at
+//! which the cross-section of its beam lies wholly in the exterior of the wall, found by sphere
+//! tracing (Hart 1996, doi:10.1007/s003710050084) in the exterior grid. Thus it is ready before the
+//! frame is drawn, and bounds the depth of every visible point of the tile instead of sampling it.
 
 use glam::{DVec3, UVec2};
 use rayon::prelude::*;
 
 use super::{ExteriorGrid, Sphere, ViewFrustum};
 
-/// Tiles along the height of the image; a power of two.
+/// Tiles along the height of the image.
 const ROWS: u32 = 32;
-/// Level of the widest beams.
+/// Level of the widest beams: 2³ by 2³ tiles.
 const TOP: u32 = 3;
 
 /// Depths behind which each tile of an image is hidden, at several resolutions.
@@ -57,16 +57,19 @@ impl DepthTiles {
 }
 
 impl HierarchicalZ {
-    /// Traces the beams of a view.
+    /// Traces the beams of a view. From an eye outside the wall no depth is known.
     ///
-    /// * `frustum`: of the view. Outside the wall nothing hides.
+    /// * `frustum`: of the view.
     /// * `margin_mm`: largest distance of any drawn surface from the wall.
     pub fn new(frustum: &ViewFrustum, exterior: &ExteriorGrid, margin_mm: f64) -> Self {
         let [t_x, t_y] = frustum.tangents();
         let columns = (f64::from(ROWS) * t_x / t_y).round().clamp(1.0, f64::from(8 * ROWS));
         let dims = UVec2::new(columns as u32, ROWS);
         let scale = [f64::from(dims.x) / (2.0 * t_x), f64::from(dims.y) / (2.0 * t_y)];
-        let is_inside = exterior.is_interior(frustum.position());
+        if !exterior.is_interior(frustum.position()) {
+            let depths = vec![f32::INFINITY; (dims.x * dims.y) as usize];
+            return Self { frustum: *frustum, scale, levels: vec![DepthTiles { dims, depths }] };
+        }
         // Depths up to which the wide beams lie wholly inside the wall.
         let mut above = vec![0f32];
         let mut width = 1;
@@ -80,9 +83,6 @@ impl HierarchicalZ {
                 let way = frustum.way(centre[0] / scale[0] - t_x, centre[1] / scale[1] - t_y);
                 let reach = frustum.reach(0.5 * size / scale[0], 0.5 * size / scale[1]);
                 let beam = exterior.beam(frustum.position(), way, reach, margin_mm);
-                if !is_inside {
-                    return f32::INFINITY;
-                }
                 let free = beam.inside_to(f64::from(from));
                 if level > 0 { free as f32 } else { beam.hidden_from(free).next_up() }
             };
