@@ -22,7 +22,7 @@ pub struct HierarchicalZ {
     frustum: ViewFrustum,
     /// Tiles a unit of the tangent, horizontally and vertically.
     scale: [f64; 2],
-    /// From the finest to the coarsest.
+    /// Resolutions, the finest first.
     levels: Vec<DepthTiles>,
 }
 
