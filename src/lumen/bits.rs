@@ -203,6 +203,27 @@ impl BitVolume {
         })
     }
 
+    /// The mask with its x and y exchanged.
+    pub fn transposed_xy(&self) -> Self {
+        let UVec3 { x, y, z } = self.dims;
+        let mut out = Self::new(UVec3::new(y, x, z));
+        let words = out.row_words;
+        // Eight rows of the result are a byte of each row here.
+        out.update(|x0, z, rows| {
+            for y0 in (0..y).step_by(BLOCK_ROWS) {
+                let Some(block) = &self.blocks[self.block_of(y0, z)] else { continue };
+                let from = block.iter().skip(x0 as usize >> 6).step_by(self.row_words);
+                let byte = |word: &u64| (word >> (x0 & 63)) as u8;
+                let mut bytes = [0; BLOCK_ROWS];
+                bytes.iter_mut().zip(from).for_each(|(to, word)| *to = byte(word));
+                let turned = transposed_8x8(u64::from_le_bytes(bytes)).to_le_bytes();
+                let to = rows.iter_mut().skip(y0 as usize >> 6).step_by(words);
+                to.zip(turned).for_each(|(to, byte)| *to |= u64::from(byte) << (y0 & 63));
+            }
+        });
+        out
+    }
+
     /// Every set voxel, in z, y, x order.
     pub fn voxels(&self) -> impl Iterator<Item = UVec3> + '_ {
         let rows = (0..self.dims.z).flat_map(|z| (0..self.dims.y).map(move |y| (y, z)));
@@ -264,6 +285,18 @@ pub(super) fn set_run(row: &mut [u64], (x0, x1): Run) {
         row[w0 + 1..w1].fill(!0);
         row[w1] |= last;
     }
+}
+
+/// A matrix of 8 × 8 bits, a row a byte, transposed by exchanging blocks of 1, 2 and 4 bits (Warren,
+/// "Hacker's Delight", 2002, section 7-3).
+fn transposed_8x8(mut m: u64) -> u64 {
+    for (shift, mask) in
+        [(7, 0x00aa_00aa_00aa_00aa), (14, 0x0000_cccc_0000_cccc), (28, 0x0000_0000_f0f0_f0f0)]
+    {
+        let t: u64 = (m ^ (m >> shift)) & mask;
+        m ^= t ^ (t << shift);
+    }
+    m
 }
 
 fn ones(words: &[u64]) -> u64 {
@@ -346,5 +379,23 @@ mod tests {
         assert_eq!(after(BitVolume::remove), voxels(&[(0, 0), (18, 2)]));
         assert_eq!(after(BitVolume::add), voxels(&[(0, 0), (1, 0), (9, 1), (17, 2), (18, 2)]));
         assert_eq!(a.inverted().count(), u64::from(dims.element_product()) - a.count());
+    }
+
+    #[test]
+    fn a_transposed_mask_has_every_voxel_with_x_and_y_exchanged() {
+        let dims = UVec3::new(131, 77, 5);
+        let mut b = BitVolume::new(dims);
+        let mut i = 0u32;
+        for v in (0..dims.z).flat_map(|z| (0..dims.y).map(move |y| (y, z))) {
+            for x in 0..dims.x {
+                i = i.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                if i >> 29 == 0 && v.0 / 8 != 3 {
+                    b.set(x, v.0, v.1);
+                }
+            }
+        }
+        let turned = b.transposed_xy();
+        assert_eq!((turned.dims(), turned.count()), (UVec3::new(77, 131, 5), b.count()));
+        assert!(b.count() > 5000 && b.voxels().all(|v| turned.at(v.y, v.x, v.z)));
     }
 }

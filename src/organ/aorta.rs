@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::OrganError;
 use super::gates::Gates;
-use super::sections::{Section, SectionRegion, Slices, longest_chain, regions};
+use super::sections::{Section, SectionRegion, SlicedMask, Slices, longest_chain};
 use super::values::{MIN_HU, between, quantile};
 use crate::lumen::{BitVolume, opened};
 use crate::volume::{Grid, SampleBuffer, Samples, Volume};
@@ -94,6 +94,7 @@ fn across(coarse: &Volume, factor: UVec3, axis: usize) -> Vec<Aorta> {
     for level in LEVELS_HU {
         crate::task::checkpoint();
         let bright = opened(&between(coarse, level, f64::INFINITY), flat, 1.0);
+        let bright = SlicedMask::new(&bright, &slices);
         let of = |slice: usize| sections_of(coarse, &bright, &slices, slice as u32);
         let found: Vec<_> = (0..sections.len()).into_par_iter().map(of).collect();
         sections.iter_mut().zip(found).for_each(|(all, found)| all.extend(found));
@@ -143,7 +144,7 @@ fn across(coarse: &Volume, factor: UVec3, axis: usize) -> Vec<Aorta> {
 /// The sections of a slice, each with its contrast.
 fn sections_of(
     volume: &Volume,
-    bright: &BitVolume,
+    bright: &SlicedMask<'_>,
     slices: &Slices,
     slice: u32,
 ) -> Vec<(Section, f64)> {
@@ -165,7 +166,7 @@ fn sections_of(
         let contrast = section.value - quantile(&ring, 0.5);
         (contrast >= MIN_CONTRAST_HU).then_some((section, contrast))
     };
-    regions(bright, slices, slice, &AREA_MM2).iter().filter_map(section).collect()
+    bright.regions(slice, &AREA_MM2).iter().filter_map(section).collect()
 }
 
 /// Whether bone lies beside a section, and whether gas does.

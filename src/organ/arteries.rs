@@ -4,7 +4,7 @@ use super::aorta::{self, Aorta};
 use super::body::PatientBody;
 use super::branches::{Mouths, follow};
 use super::gates::Gates;
-use super::sections::{Slices, regions};
+use super::sections::{SlicedMask, Slices};
 use super::smooth::smoothed;
 use super::values::{MIN_HU, between, noise, quantile, sorted};
 use super::vessel::{MAX_ML, SURE_ML, shape};
@@ -75,8 +75,9 @@ fn bone(volume: &Volume, least: f64, axis: usize) -> BitVolume {
     holes.remove(&bone);
     let slices = Slices::of(volume, axis);
     let mut out = bone;
+    let holes = SlicedMask::new(&holes, &slices);
     for slice in 0..grid.dims[axis] {
-        for hole in regions(&holes, &slices, slice, &(0.0..BONE_HOLE_MM2)) {
+        for hole in holes.regions(slice, &(0.0..BONE_HOLE_MM2)) {
             hole.voxels(&slices, slice).for_each(|v| out.set(v.x, v.y, v.z));
         }
     }

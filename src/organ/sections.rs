@@ -1,9 +1,13 @@
 //! Cross sections of tubes: regions of a slice with their shape and surroundings, and chains of them
 //! from slice to slice.
 
+use std::borrow::Cow;
+use std::ops::Range;
+
 use glam::{DVec2, UVec3};
 
-use crate::lumen::{BitVolume, open_background};
+use crate::geometry::DisjointSets;
+use crate::lumen::{BitVolume, Run, open_background};
 use crate::volume::Volume;
 
 /// A cross section.
@@ -44,45 +48,71 @@ impl Slices {
     }
 }
 
-/// The 4-connected regions of a mask in a slice that do not touch its edge and have an area of half
-/// the least or more and less than the most.
-pub(super) fn regions(
-    mask: &BitVolume,
-    slices: &Slices,
-    slice: u32,
-    area_mm2: &std::ops::Range<f64>,
-) -> Vec<SectionRegion> {
-    let (width, height) = (slices.width, slices.height);
-    // Pixels of the mask that are in no region yet. The mask is read once a pixel, not once a
-    // neighbour: its bits lie apart, and most organs are looked for in every slice of three axes.
-    let places = (0..height).flat_map(|q| (0..width).map(move |p| (p, q)));
-    let mut left: Vec<bool> =
-        places.map(|(p, q)| slices.voxel(slice, p, q)).map(|v| mask.at(v.x, v.y, v.z)).collect();
-    let mut out = Vec::new();
-    let pixel = slices.pixel_mm.x * slices.pixel_mm.y;
-    for start in 0..width * height {
-        if !std::mem::take(&mut left[start]) {
-            continue;
-        }
-        let (mut pixels, mut at_edge, mut next) = (vec![start], false, 0);
-        while let Some(&i) = pixels.get(next) {
-            next += 1;
-            let (p, q) = (i % width, i / width);
-            at_edge |= p == 0 || q == 0 || p + 1 == width || q + 1 == height;
-            let near = [
-                (p > 0).then(|| i - 1),
-                (p + 1 < width).then(|| i + 1),
-                (q > 0).then(|| i - width),
-                (q + 1 < height).then(|| i + width),
-            ];
-            pixels.extend(near.into_iter().flatten().filter(|j| std::mem::take(&mut left[*j])));
-        }
-        let area = pixels.len() as f64 * pixel;
-        if !at_edge && (0.5 * area_mm2.start..area_mm2.end).contains(&area) {
-            out.push(SectionRegion::filled(&pixels, slices));
-        }
+/// A mask read slice by slice, each row of a slice in runs.
+pub(super) struct SlicedMask<'a> {
+    /// The mask; with x and y exchanged for slices across x, whose rows lie along y.
+    mask: Cow<'a, BitVolume>,
+    slices: Slices,
+}
+
+impl<'a> SlicedMask<'a> {
+    pub fn new(mask: &'a BitVolume, slices: &Slices) -> Self {
+        let mask = match slices.axis {
+            0 => Cow::Owned(mask.transposed_xy()),
+            _ => Cow::Borrowed(mask),
+        };
+        Self { mask, slices: *slices }
     }
-    out
+
+    /// Runs of a row of pixels, ascending.
+    fn runs(&self, slice: u32, row: u32) -> impl Iterator<Item = Run> + '_ {
+        let (y, z) = if self.slices.axis == 2 { (row, slice) } else { (slice, row) };
+        self.mask.runs(y, z)
+    }
+
+    /// The 4-connected regions of a slice that do not touch its edge and have an area of half the
+    /// least or more and less than the most, in the order of their first pixels.
+    ///
+    /// Runs of neighbouring rows that overlap are joined in disjoint sets (He, Chao & Suzuki 2008,
+    /// doi:10.1109/TIP.2008.919369).
+    pub fn regions(&self, slice: u32, area_mm2: &Range<f64>) -> Vec<SectionRegion> {
+        let slices = &self.slices;
+        let (last_column, last_row) = (slices.width as u32 - 1, slices.height as u32 - 1);
+        let mut runs: Vec<(u32, Run)> = Vec::new();
+        let mut sets = DisjointSets::default();
+        let mut above = 0;
+        for q in 0..=last_row {
+            let row = runs.len();
+            runs.extend(self.runs(slice, q).map(|run| (q, run)));
+            let mut first = above;
+            for (i, (_, (low, high))) in runs.iter().enumerate().skip(row) {
+                sets.push();
+                // A run above may reach beyond this one and touch the next one too.
+                while first < row && runs[first].1.1 < *low {
+                    first += 1;
+                }
+                let touching = runs[first..row].iter().take_while(|(_, up)| up.0 <= *high);
+                (first..).zip(touching).for_each(|(up, _)| {
+                    sets.join(up as u32, i as u32);
+                });
+            }
+            above = row;
+        }
+        // Runs by region: a region's number is that of its first run.
+        let mut found: Vec<(Vec<(u32, Run)>, bool)> = vec![Default::default(); runs.len()];
+        for (i, (q, run)) in runs.iter().enumerate() {
+            let (of, at_edge) = &mut found[sets.root(i as u32) as usize];
+            *at_edge |= *q == 0 || *q == last_row || run.0 == 0 || run.1 == last_column;
+            of.push((*q, *run));
+        }
+        let pixel = slices.pixel_mm.x * slices.pixel_mm.y;
+        let fits = |of: &[(u32, Run)]| {
+            let pixels = of.iter().map(|(_, (low, high))| u64::from(high - low + 1)).sum::<u64>();
+            (0.5 * area_mm2.start..area_mm2.end).contains(&(pixels as f64 * pixel))
+        };
+        let regions = found.iter().filter(|(of, at_edge)| !of.is_empty() && !at_edge && fits(of));
+        regions.map(|(of, _)| SectionRegion::filled(of)).collect()
+    }
 }
 
 /// A region of a slice without holes, in a frame of its own with a margin.
@@ -96,21 +126,27 @@ pub(super) struct SectionRegion {
 }
 
 impl SectionRegion {
-    fn filled(pixels: &[usize], slices: &Slices) -> Self {
-        let place = |i: &usize| (i % slices.width, i / slices.width);
-        let of = |f: fn((usize, usize)) -> usize| pixels.iter().map(move |i| f(place(i)));
-        let low = [of(|p| p.0).min().unwrap_or(0), of(|p| p.1).min().unwrap_or(0)];
-        let high = [of(|p| p.0).max().unwrap_or(0), of(|p| p.1).max().unwrap_or(0)];
-        let (width, height) = (high[0] - low[0] + 3, high[1] - low[1] + 3);
+    /// * `runs`: of a region, each with its row, ascending.
+    fn filled(runs: &[(u32, Run)]) -> Self {
+        let columns = || runs.iter().map(|(_, run)| run);
+        let rows = || runs.iter().map(|(q, _)| *q as usize);
+        let low_p = columns().map(|run| run.0 as usize).min().unwrap_or(0);
+        let high_p = columns().map(|run| run.1 as usize).max().unwrap_or(0);
+        let (low_q, high_q) = (rows().min().unwrap_or(0), rows().max().unwrap_or(0));
+        let (width, height) = (high_p - low_p + 3, high_q - low_q + 3);
         let mut set = vec![false; width * height];
-        for (p, q) in pixels.iter().map(place) {
-            set[p - low[0] + 1 + width * (q - low[1] + 1)] = true;
+        let mut pixels = 0;
+        for (q, (first, last)) in runs {
+            let row = width * (*q as usize - low_q + 1);
+            let [first, last] = [first, last].map(|p| row + *p as usize - low_p + 1);
+            set[first..=last].fill(true);
+            pixels += last - first + 1;
         }
         let open = open_background(width, height, |i| set[i]);
         let inside: Vec<bool> = open.iter().map(|o| !o).collect();
         let all = inside.iter().filter(|i| **i).count();
-        let holes = 1.0 - pixels.len() as f64 / all.max(1) as f64;
-        Self { low, width, height, inside, holes }
+        let holes = 1.0 - pixels as f64 / all.max(1) as f64;
+        Self { low: [low_p, low_q], width, height, inside, holes }
     }
 
     fn at(&self, p: usize, q: usize) -> bool {
@@ -203,7 +239,7 @@ impl SectionRegion {
         volume: &Volume,
         slices: &Slices,
         slice: u32,
-        ring: &std::ops::Range<f64>,
+        ring: &Range<f64>,
     ) -> Vec<f64> {
         let h = slices.pixel_mm;
         let rim: Vec<DVec2> = self
@@ -283,4 +319,84 @@ pub(super) fn longest_chain(
     }
     chain.reverse();
     chain
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::Grid;
+
+    /// Regions of a slice by a queue over pixels.
+    fn by_queue(mask: &BitVolume, slices: &Slices, slice: u32) -> Vec<(Vec<[usize; 2]>, bool)> {
+        let (w, h) = (slices.width, slices.height);
+        let set = |p: usize, q: usize| {
+            let v = slices.voxel(slice, p, q);
+            mask.at(v.x, v.y, v.z)
+        };
+        let mut seen = vec![false; w * h];
+        let mut out = Vec::new();
+        for start in (0..w * h).filter(|i| set(i % w, i / w)) {
+            let (mut pixels, mut next) = (Vec::new(), vec![start]);
+            while let Some(i) = next.pop() {
+                let (p, q) = (i % w, i / w);
+                if !set(p, q) || std::mem::replace(&mut seen[i], true) {
+                    continue;
+                }
+                pixels.push([q, p]);
+                next.extend((p > 0).then(|| i - 1).into_iter().chain((p + 1 < w).then(|| i + 1)));
+                next.extend((q > 0).then(|| i - w).into_iter().chain((q + 1 < h).then(|| i + w)));
+            }
+            if !pixels.is_empty() {
+                pixels.sort_unstable();
+                let edge = |[q, p]: &[usize; 2]| *p == 0 || *q == 0 || p + 1 == w || q + 1 == h;
+                let at_edge = pixels.iter().any(edge);
+                out.push((pixels, at_edge));
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn regions_by_runs_are_those_of_a_queue_across_every_axis() {
+        let dims = UVec3::new(83, 37, 70);
+        let (mut seed, mut mask) = (7u64, BitVolume::new(dims));
+        for z in 0..dims.z {
+            for y in 0..dims.y {
+                for x in 0..dims.x {
+                    seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    // More and more dense: specks first, regions with holes and arms later.
+                    if (seed >> 33) % 100 < u64::from(20 + z) && (x + y + z) % 23 > 2 {
+                        mask.set(x, y, z);
+                    }
+                }
+            }
+        }
+        let grid = Grid::axis_aligned(dims.to_array(), [1.0; 3]);
+        let volume = Volume::new(grid, vec![0u8; grid.len()].into());
+        let (mut all, mut with_holes) = (0, 0);
+        for axis in 0..3 {
+            let slices = Slices::of(&volume, axis);
+            let sliced = SlicedMask::new(&mask, &slices);
+            for slice in 0..dims[axis] {
+                let (least, most) = (6.0, 400.0);
+                let wanted = by_queue(&mask, &slices, slice).into_iter();
+                let size = |n: usize| n as f64 >= 0.5 * least && (n as f64) < most;
+                let wanted: Vec<_> = wanted.filter(|(p, e)| !e && size(p.len())).collect();
+                let found = sliced.regions(slice, &(least..most));
+                assert_eq!(found.len(), wanted.len(), "axis {axis}, slice {slice}");
+                for (region, (pixels, _)) in found.iter().zip(&wanted) {
+                    let own: Vec<[usize; 2]> = region
+                        .pixels()
+                        .map(|(p, q)| [q + region.low[1] - 1, p + region.low[0] - 1])
+                        .collect();
+                    assert!(pixels.iter().all(|p| own.contains(p)), "axis {axis}, slice {slice}");
+                    let holes = 1.0 - pixels.len() as f64 / own.len() as f64;
+                    assert!((region.holes - holes).abs() < 1e-12);
+                    all += 1;
+                    with_holes += usize::from(holes > 0.0);
+                }
+            }
+        }
+        assert!(all > 2000 && with_holes > 100, "{all} regions, {with_holes} with holes");
+    }
 }

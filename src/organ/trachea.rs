@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3, UVec3};
 use rayon::prelude::*;
 
-use super::sections::{Section, SectionRegion, Slices, longest_chain, regions};
+use super::sections::{Section, SectionRegion, SlicedMask, Slices, longest_chain};
 use super::values::{MIN_HU, between, quantile};
 use crate::lumen::{BitVolume, closed};
 use crate::volume::Volume;
@@ -68,6 +68,7 @@ fn across(volume: &Volume, air: &BitVolume, axis: usize) -> Vec<Trachea> {
     let mut flat = DVec3::splat(1e9);
     (flat[slices.u], flat[slices.v]) = (1.0, 1.0);
     let air = closed(air, flat, 1.5);
+    let air = SlicedMask::new(&air, &slices);
     let mut sections: Vec<Vec<Section>> = (0..volume.grid.dims[axis])
         .into_par_iter()
         .map(|slice| sections(volume, &air, &slices, slice))
@@ -132,7 +133,7 @@ impl Trachea {
 }
 
 /// The cross sections of a slice that may be a trachea's.
-fn sections(volume: &Volume, air: &BitVolume, slices: &Slices, slice: u32) -> Vec<Section> {
+fn sections(volume: &Volume, air: &SlicedMask<'_>, slices: &Slices, slice: u32) -> Vec<Section> {
     let is_trachea = |shape: &SectionRegion| {
         let section = shape.section(slices, slice, ASPECT)?;
         let is_round = AREA_MM2.contains(&section.area_mm2) && section.circularity >= CIRCULARITY;
@@ -140,5 +141,5 @@ fn sections(volume: &Volume, air: &BitVolume, slices: &Slices, slice: u32) -> Ve
         let has_wall = |ring: Vec<f64>| !ring.is_empty() && quantile(&ring, 0.5) >= RING_HU;
         (is_round && has_wall(ring())).then_some(section)
     };
-    regions(air, slices, slice, &AREA_MM2).iter().filter_map(is_trachea).collect()
+    air.regions(slice, &AREA_MM2).iter().filter_map(is_trachea).collect()
 }
