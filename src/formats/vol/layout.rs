@@ -1,11 +1,12 @@
 //! Layout of a volume's samples in a file, checked and then read in one pass.
 
 use std::collections::TryReserveError;
-use std::io::{self, BufRead, BufReader, Read};
+use std::io::{self, BufRead, BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
+use rayon::prelude::*;
 
 use super::FormatError;
 use super::info::SegmentInfo;
@@ -13,6 +14,9 @@ use super::source::{DataFile, fill};
 use crate::volume::{
     Grid, Rescale, Sample, SampleBuffer, SampleType, Samples, Volume, with_samples,
 };
+
+/// Bytes of raw samples that are read by one thread at a time.
+const RAW_PART: usize = 4 << 20;
 
 /// Encoding of the stored samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -112,15 +116,26 @@ impl Layout {
         Ok(samples)
     }
 
-    /// Samples as they lie in the file. It is long enough for them, so they are allocated at once.
+    /// Samples as they lie in the file. It is long enough for them, so they are allocated at once,
+    /// and read in parts side by side: most of the time goes into fresh pages of memory.
     fn read_raw(&self, mut source: DataFile) -> Result<Samples, FormatError> {
         let mut samples = zeroed(&self.path, self.sample_type, self.len())?;
-        let bytes = samples.bytes_mut();
-        let found = fill(&mut source, bytes).map_err(|e| self.decode_error(e))?;
-        if found < bytes.len() {
-            return Err(self.truncated("samples", found as u64));
+        let start = source.stream_position().map_err(|e| self.decode_error(e))?;
+        let parts = samples.bytes_mut().par_chunks_mut(RAW_PART).enumerate();
+        let found: Vec<(usize, usize)> = parts
+            .map(|(i, part)| {
+                let at = start + (i * RAW_PART) as u64;
+                let found = fill(&mut ReadAt { source: &source, at }, part)?;
+                Ok((found, part.len()))
+            })
+            .collect::<io::Result<_>>()
+            .map_err(|e| self.decode_error(e))?;
+        // What lies behind the first part that ends early is not counted.
+        let whole = found.iter().take_while(|(found, len)| found == len).count();
+        match found.get(whole) {
+            Some((some, _)) => Err(self.truncated("samples", (whole * RAW_PART + some) as u64)),
+            None => Ok(samples),
         }
-        Ok(samples)
     }
 
     /// Samples of a compressed stream in a file of `packed` bytes.
@@ -199,6 +214,20 @@ fn fill_growing<T: Sample>(
     }
     *out = samples.into();
     Ok((len * size) as u64)
+}
+
+/// Reading of a file from an offset on.
+struct ReadAt<'a> {
+    source: &'a DataFile,
+    at: u64,
+}
+
+impl Read for ReadAt<'_> {
+    fn read(&mut self, buf: &mut [u8]) -> io::Result<usize> {
+        let found = self.source.read_at(buf, self.at)?;
+        self.at += found as u64;
+        Ok(found)
+    }
 }
 
 fn buffered(source: DataFile) -> BufReader<DataFile> {

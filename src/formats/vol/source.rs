@@ -22,6 +22,17 @@ impl DataFile {
         Ok(Self { file, len })
     }
 
+    /// Reads at an offset, whatever was read before: from several threads at once.
+    pub fn read_at(&self, buf: &mut [u8], at: u64) -> io::Result<usize> {
+        if fault::hit(fault::Point::Read) {
+            return Ok(0);
+        }
+        #[cfg(unix)]
+        return std::os::unix::fs::FileExt::read_at(&self.file, buf, at);
+        #[cfg(windows)]
+        return std::os::windows::fs::FileExt::seek_read(&self.file, buf, at);
+    }
+
     /// Opens at an offset.
     pub fn open_at(path: &Path, offset: u64) -> Result<Self, FormatError> {
         let mut source = Self::open(path)?;
