@@ -1,7 +1,8 @@
 // surface: the wall, seen from within by head-light, or from outside as glass.
 // in   position  LPS mm; normal xyz unit, into the lumen; normal w k / (1 + |k|) with k the mean
 //      curvature times mean radius, plus a half: 0 on a plain tube, positive on ridges
-// out  linear colour; `ghost` and `shell` are layers of glass, colour premultiplied, a = opacity
+// out  linear colour; `ghost` and `shell` are layers of glass, colour premultiplied, a = opacity of
+//      `ghost`, transmittance of `shell`
 // src  Blinn 1977, doi:10.1145/563858.563893
 // ours light and ambient fall off with distance; curvature shifts colour as crevices do
 //
@@ -252,7 +253,7 @@ fn form(wall: Wall, tissue: vec3<f32>) -> vec4<f32> {
     let colour = tissue * (0.10 + 0.75 * lit) * (1.0 + 0.7 * k);
     let gloss = 0.10 * pow(facing, 40.0);
     let a = thickened(mix(0.34, 0.94, rim * sqrt(rim)));
-    return vec4((colour + gloss) * a, a);
+    return vec4((colour + gloss) * a, 1.0 - a);
 }
 
 @fragment
@@ -263,9 +264,4 @@ fn shell(wall: Wall) -> @location(0) vec4<f32> {
 @fragment
 fn shell_coloured(wall: ColouredWall) -> @location(0) vec4<f32> {
     return form(plain(wall), mix(TISSUE, wall.colour.rgb, wall.colour.a));
-}
-
-@fragment
-fn nothing(wall: Wall) -> @location(0) vec4<f32> {
-    return vec4(0.0);
 }

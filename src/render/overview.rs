@@ -2,8 +2,8 @@
 //!
 //! The glass depends on mesh, size, framing and opacity alone, so it is drawn once into an image
 //! of its own (colour of all layers, and in alpha their remaining transmittance) and laid over each
-//! frame's path and camera. It consists of two kinds of layer: every wall, faint, all of one
-//! colour, so that their order cannot show; and the nearest wall, found by a depth pass.
+//! frame's path and camera. It consists of two kinds of layer: the nearest wall, drawn first with a
+//! depth test; and under it every wall, faint, all of one colour, so that their order cannot show.
 
 use glam::Vec3;
 

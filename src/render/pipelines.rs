@@ -20,10 +20,10 @@ pub(super) struct Pipelines {
     /// Inside view of a wall whose vertices have colours.
     pub inside_coloured: DrawPipelineId,
     pub lines: DrawPipelineId,
-    /// Overview's glass: faint layers, depth, and the nearest wall.
-    pub glass: [DrawPipelineId; 3],
+    /// Overview's glass: the nearest wall, and faint layers.
+    pub glass: [DrawPipelineId; 2],
     /// Overview's glass of a wall whose vertices have colours.
-    pub glass_coloured: [DrawPipelineId; 3],
+    pub glass_coloured: [DrawPipelineId; 2],
     pub stack: DrawPipelineId,
     pub panorama: DrawPipelineId,
 }
@@ -78,9 +78,8 @@ impl Pipelines {
                 })
             };
             Ok::<_, VkError>([
-                layer("ghost", DepthUse::Ignore, Blend::Layer)?,
-                layer("nothing", DepthUse::Nearest, Blend::DepthOnly)?,
-                layer(shell, DepthUse::Equal, Blend::Layer)?,
+                layer(shell, DepthUse::Nearest, Blend::Opaque)?,
+                layer("ghost", DepthUse::Ignore, Blend::Under)?,
             ])
         };
         let plain_glass = glass(&surface, "shell")?;
@@ -261,7 +260,7 @@ mod tests {
         let [colour_many, depth_many] = [PICTURE, DEPTH].map(|f| make(image(f, 16, 4)));
         let glass = make(image(GLASS, 16, 1));
         let draw = s.draw();
-        let (inside, lines, ghost) = (s.pipelines.inside, s.pipelines.lines, s.pipelines.glass[0]);
+        let (inside, lines, ghost) = (s.pipelines.inside, s.pipelines.lines, s.pipelines.glass[1]);
         let lay = Draw {
             pipeline: s.pipelines.stack,
             push: Vec::new(),

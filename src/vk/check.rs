@@ -81,7 +81,7 @@ impl Gpu {
         let depth = pass.depth.map(|d| self.spec(d).format);
         assert_eq!(p.depth, depth, "depth format of pipeline and pass");
         assert_eq!(p.samples, target.samples, "samples of pipeline and pass");
-        let replaces = matches!(p.blend, Blend::Opaque | Blend::DepthOnly);
+        let replaces = p.blend == Blend::Opaque;
         assert!(!pass.encoded || replaces, "encoded colours are not blended");
         if let Some(s) = draw.scissor {
             let within = |from: u32, n: u32, low: u32, side: u32| {

@@ -17,8 +17,6 @@ pub enum DepthUse {
     Ignore,
     /// A nearer fragment passes and writes its depth.
     Nearest,
-    /// A fragment passes only at exactly the depth written before.
-    Equal,
 }
 
 /// Blending of a fragment with the colour in the target; colours are linear.
@@ -26,11 +24,9 @@ pub enum DepthUse {
 pub enum Blend {
     /// The fragment's colour replaces the target's.
     Opaque,
-    /// No colour is written.
-    DepthOnly,
-    /// One layer of glass: colour `rgb + (1 - a) dst`; the target's alpha, its remaining
-    /// transmittance, is multiplied by `1 - a`.
-    Layer,
+    /// One layer of glass behind those in the target: colour `dst + t rgb` with the target's alpha
+    /// t, their transmittance, which is multiplied by `1 - a`.
+    Under,
     /// Stack of glass layers over a picture: `rgb + a dst`.
     Stack,
     /// Premultiplied colour over the target's: `rgb + (1 - a) dst`; alpha alike.
@@ -271,10 +267,7 @@ impl Gpu {
         let depth = vk::PipelineDepthStencilStateCreateInfo::default()
             .depth_test_enable(spec.depth_use != DepthUse::Ignore)
             .depth_write_enable(spec.depth_use == DepthUse::Nearest)
-            .depth_compare_op(match spec.depth_use {
-                DepthUse::Equal => vk::CompareOp::EQUAL,
-                _ => vk::CompareOp::GREATER,
-            });
+            .depth_compare_op(vk::CompareOp::GREATER);
         let blends = [blend(spec.blend)];
         let blend_state = vk::PipelineColorBlendStateCreateInfo::default().attachments(&blends);
         let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
@@ -320,8 +313,7 @@ fn blend(blend: Blend) -> vk::PipelineColorBlendAttachmentState {
     match blend {
         Blend::Opaque => vk::PipelineColorBlendAttachmentState::default()
             .color_write_mask(vk::ColorComponentFlags::RGBA),
-        Blend::DepthOnly => vk::PipelineColorBlendAttachmentState::default(),
-        Blend::Layer => mixed(F::ONE_MINUS_SRC_ALPHA, F::ONE_MINUS_SRC_ALPHA),
+        Blend::Under => mixed(F::ONE, F::ONE_MINUS_SRC_ALPHA).src_color_blend_factor(F::DST_ALPHA),
         Blend::Stack => mixed(F::SRC_ALPHA, F::ONE),
         Blend::Over => {
             mixed(F::ONE_MINUS_SRC_ALPHA, F::ONE_MINUS_SRC_ALPHA).src_alpha_blend_factor(F::ONE)
