@@ -96,8 +96,8 @@ impl Session {
     /// What the stages and the drawing fail with.
     pub fn compute_all(&self) -> Result<FrameStream, SessionError> {
         self.expect(&self.products_of_folder(false));
-        self.prepare(&self.products_of_frames())?;
-        let needs = [Product::Coverage, Product::Inputs, Product::LumenProfile];
+        self.prepare(&self.products_of_recording())?;
+        let needs = [Product::Coverage, Product::LumenProfile];
         let products = || self.prepare(&needs);
         if self.pool.current_num_threads() == 1 {
             products()?;
@@ -121,7 +121,7 @@ impl Session {
         let mut locks = FolderLocks::default();
         locks.claim(&to.frames)?;
         self.progress.begin_work();
-        self.prepare(&self.products_of_frames())?;
+        self.prepare(&self.products_of_recording())?;
         self.write_camera_path(to, &to.frames)?;
         make_folder(&to.frames)?;
         locks.claim(&to.frames)?;
@@ -220,7 +220,7 @@ impl Session {
         // Before anything is computed, and again once they were made.
         folders.iter().try_for_each(|f| locked(&self.folders).claim(f))?;
         self.expect(&self.products_of_folder(recording.base));
-        self.prepare(&self.products_of_frames())?;
+        self.prepare(&self.products_of_recording())?;
         self.write_camera_path(recording, folder)?;
         for folder in folders {
             make_folder(folder)?;
@@ -258,6 +258,14 @@ impl Session {
         atomic_file::write_atomic(&path, |o| o.write_all(text.as_bytes()))?;
         self.release_folders();
         Ok(())
+    }
+
+    /// Products that a recorded flight needs before its first frame. The hash of the volume is among
+    /// them, though only the report shows it: nothing else keeps the volume in memory by then.
+    fn products_of_recording(&self) -> Vec<Product> {
+        let mut products = self.products_of_frames();
+        products.push(Product::Inputs);
+        products
     }
 
     /// Products that a folder holds beside frames.

@@ -30,6 +30,8 @@ fn status_mb(name: &str) -> f64 {
 pub(super) struct RunSize {
     /// Bytes of the stored samples.
     pub stored: u64,
+    /// Whether they stay in memory when no stage reads them any more.
+    pub keeps_stored: bool,
     /// Bytes of a mask.
     pub mask: u64,
     /// Voxels of the volume.
@@ -58,8 +60,10 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
     let when = |is_made: bool, bytes: u64| if is_made { bytes } else { 0 };
     let distance = makes(Product::Distance);
     let has_plans = makes(Product::Fields) || distance || makes(Product::Wall);
-    // The program, the volume, a mask, and Vulkan once a plan opens it.
-    let held = 13 * MB + size.stored + size.mask + when(has_plans, 45 * MB);
+    // The program, a mask, and Vulkan once a plan opens it.
+    let held = 13 * MB + size.mask + when(has_plans, 45 * MB);
+    // The volume is dropped before trees and frames where its hash was taken by then.
+    let stored_to_end = when(size.keeps_stored || !makes(Product::Inputs), size.stored);
     // Memory that is freed once the lumen is made: labels of the search for an organ, and after them
     // values, levels and growth of the wall field.
     let choosing = when(size.is_field, 14 * MB + 22_500 * size.field_bricks)
@@ -80,7 +84,8 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
         + when(makes(Product::Display), 45 * MB + 60 * size.pixels)
         // Pictures of a run's report.
         + when(makes(Product::LumenProfile), 50 * MB + 250 * size.wall_sides);
-    held + products + choosing.max(kept + recorded)
+    let computed = size.stored + choosing.max(kept);
+    held + products + computed.max(stored_to_end + kept + recorded)
 }
 
 /// The program without any data, bytes.

@@ -54,11 +54,13 @@ impl Board {
         self.changed.notify_all();
     }
 
-    /// Takes the first row that can start, or waits for one; `None` when all have ended or `stop`
-    /// has an error.
+    /// Takes the first row that can start, or waits for one; `None` when all that are needed have
+    /// ended or `stop` has an error. A product that nobody asked for is needed until all rows that
+    /// need it have ended: a volume that was dropped then is not read again.
     fn take(
         &self,
         plan: &[&'static Stage],
+        asked: &[Product],
         stop: &Mutex<Option<SessionError>>,
     ) -> Option<&'static Stage> {
         let mut state = self.lock();
@@ -66,11 +68,16 @@ impl Board {
             let stopped = stop.lock().unwrap_or_else(PoisonError::into_inner).is_some();
             let status = state.status;
             let ready = |p: &Product| status[*p as usize] == Status::Ready;
-            if stopped || plan.iter().all(|s| ready(&s.product)) {
+            let is_needed = |p: Product| {
+                let open = |s: &&Stage| s.needs.contains(&p) && !ready(&s.product);
+                asked.contains(&p) || plan.iter().any(open)
+            };
+            if stopped || plan.iter().all(|s| ready(&s.product) || !is_needed(s.product)) {
                 return None;
             }
             let can_start = |s: &&&Stage| {
                 status[s.product as usize] == Status::Missing
+                    && is_needed(s.product)
                     && s.needs.iter().all(ready)
                     && !(s.runs_on == RunsOn::Device && state.device_busy)
             };
@@ -117,7 +124,7 @@ impl Session {
             return Ok(());
         }
         self.progress.add(plan.iter().map(|s| s.weight).sum());
-        self.run_plan(&plan)
+        self.run_plan(&plan, products)
     }
 
     /// Computes products as [`Session::prepare`] does, each group before the next one; progress is
@@ -131,18 +138,20 @@ impl Session {
         if !plan.is_empty() {
             self.progress.add(plan.iter().map(|s| s.weight).sum());
         }
-        groups.iter().try_for_each(|group| self.run_plan(&self.plan(group)?))
+        groups.iter().try_for_each(|group| self.run_plan(&self.plan(group)?, group))
     }
 
     /// Runs stages on two threads.
-    fn run_plan(&self, plan: &[&'static Stage]) -> Result<(), SessionError> {
+    ///
+    /// * `asked`: products that the plan is for.
+    fn run_plan(&self, plan: &[&'static Stage], asked: &[Product]) -> Result<(), SessionError> {
         let error = Mutex::new(None);
         let lanes = self.pool.current_num_threads().min(SIDE_BY_SIDE).min(plan.len());
         std::thread::scope(|scope| {
             for _ in 1..lanes {
-                scope.spawn(|| self.work(plan, &error));
+                scope.spawn(|| self.work(plan, asked, &error));
             }
-            self.work(plan, &error);
+            self.work(plan, asked, &error);
         });
         error.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
     }
@@ -187,8 +196,13 @@ impl Session {
     }
 
     /// Runs stages of a plan until there are none left or one has failed.
-    fn work(&self, plan: &[&'static Stage], error: &Mutex<Option<SessionError>>) {
-        while let Some(stage) = self.board.take(plan, error) {
+    fn work(
+        &self,
+        plan: &[&'static Stage],
+        asked: &[Product],
+        error: &Mutex<Option<SessionError>>,
+    ) {
+        while let Some(stage) = self.board.take(plan, asked, error) {
             let outcome = self.run_stage(stage);
             if let Err(e) = &outcome {
                 tracing::debug!("{}: {e}", stage.name);

@@ -10,7 +10,7 @@ use glam::IVec3;
 
 use super::load::{InputVolume, Loaded};
 use super::memory::{RunSize, estimate_bytes, in_parts_bytes};
-use super::settings::{Seed, Source, WallMethod};
+use super::settings::{Seed, Source, VolumeSource, WallMethod};
 use super::{Clock, Session, SessionError, present, read_any_volume, refuse_above};
 use crate::compute::Plan;
 use crate::device::Device;
@@ -283,8 +283,10 @@ impl Session {
             }
         };
         let bricks = lumen.bricks.len() as u64;
+        let (Source::Image(source) | Source::Mask { mask: source, .. }) = &self.source;
         let size = RunSize {
             stored: loaded.volume.bytes(),
+            keeps_stored: self.keep_volume || matches!(source, VolumeSource::Memory(_)),
             mask,
             voxels,
             bricks,

@@ -97,6 +97,24 @@ fn another_threshold_forgets_the_lumen_and_reads_no_volume() {
     assert_eq!(Some(&session.lumen().unwrap().options.selection), range(-900.0).as_ref());
 }
 
+/// Its hash was taken for the report after the last frame, and kept it in memory until then.
+#[test]
+fn the_volume_is_read_once_and_dropped_when_its_last_reader_ends() {
+    let tmp = tempfile::tempdir().unwrap();
+    let file = tmp.path().join("ct.nrrd");
+    let scan = Phantom::new(Kind::Bend, 32, [1.0; 3]).unwrap().grey(None, 0);
+    intima::formats::write_volume(&file, &scan).unwrap();
+    let mut settings = Settings::default();
+    settings.lumen.select = Some(IntensitySelection::Range { lo: -2000.0, hi: -500.0 });
+    let session = Session::new(Source::Image(VolumeSource::file(&file)), settings).unwrap();
+    session.prepare(&[Product::Inputs, Product::Wall, Product::Flight]).unwrap();
+    assert!(session.products(&[Product::Volume]).volume().is_none(), "kept");
+    let reads = || session.clock().stages.iter().filter(|s| s.name == "read").count();
+    assert_eq!(reads(), 1, "it was dropped in the middle of a plan and read again");
+    session.prepare(&[Product::ValueRange]).unwrap();
+    assert_eq!(reads(), 2);
+}
+
 #[test]
 fn changed_settings_forget_exactly_the_products_that_depend_on_them() {
     use Product as P;
