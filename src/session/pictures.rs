@@ -16,7 +16,7 @@ use crate::render::{
     View, clip_from_world,
 };
 use crate::surface::shading;
-use crate::vk::Gpu;
+use crate::vk::{Gpu, return_freed_memory};
 
 /// Number of places of the flight that are shown from inside.
 const INSIDE: usize = 4;
@@ -192,6 +192,8 @@ impl Session {
         self.prepare(&[Product::DrawnWall, Product::Display])?;
         let start = Instant::now();
         let display = present(&self.slots.display);
+        // The whole wall is drawn in one pass: writing the products before left room for it.
+        return_freed_memory();
         let (overview, kept) = match stream {
             Some(stream) => {
                 let kept = std::mem::take(&mut stream.kept);

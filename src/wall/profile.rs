@@ -246,15 +246,16 @@ impl<'a> WallInput<'a> {
         };
         plan.launch(&wall_peak::KERNEL, bindings, params, n, n);
 
+        // Others than before: while peaks are found, nothing holds their memory.
+        let spare = [0, 1].map(|_| plan.undefined::<i32>("spare", n));
         let [peak1, weight1] = [peak, weight].map(|from| {
             let to = plan.undefined::<i32>("narrow mean", n);
             shape.blur(plan, &self.weights.narrow, from, spare, to, 0);
             to
         });
-        let [peak, weight] = [(peak, calm), (weight, paths[0])].map(|(from, to)| {
-            shape.blur(plan, &self.weights.wide, from, spare, to, 0);
-            to
-        });
+        for mean in [peak, weight] {
+            shape.blur(plan, &self.weights.wide, mean, spare, mean, 0);
+        }
         let lumen = if self.is_vessel() {
             let lumen = plan.undefined::<i32>("lumen's values", n);
             self.local_lumen(plan, &shape, value, spare, lumen);
