@@ -24,6 +24,10 @@ impl Storage {
             words.iter_mut().step_by(PAGE).for_each(|w| *w = std::hint::black_box(0));
         });
     }
+    /// Writes zeros.
+    pub fn clear(&mut self) {
+        self.0.par_chunks_mut(1 << 15).for_each(|words| words.fill(0));
+    }
     pub fn from_bytes(bytes: &[u8]) -> Self {
         let mut s = Self::zeroed(bytes.len());
         bytemuck::cast_slice_mut::<u64, u8>(&mut s.0)[..bytes.len()].copy_from_slice(bytes);

@@ -1,10 +1,11 @@
 //! The CPU runner: executes the twins in order. Twins use rayon and must not let the number of
 //! threads show in their results.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
 
 use super::array::Storage;
-use super::{Contents, CpuArgs, Outputs, Plan, StepTime};
+use super::{BufId, Contents, CpuArgs, Outputs, Plan, StepTime};
 
 /// Bytes of undefined contents in builds with debug assertions: floats are tiny and negative,
 /// integers huge.
@@ -13,6 +14,54 @@ const NONSENSE: u8 = 0xA5;
 enum BufferData<'a> {
     Input(&'a [u8]),
     Own(Storage),
+}
+
+/// Storage of buffers that are not needed any more, for later ones of the same size: the system
+/// clears fresh pages, which takes as long as a pass over them. No more is kept than is asked for
+/// later, so that the plan takes no more memory than it would without.
+struct KeptStorage {
+    free: Vec<(Storage, usize)>,
+    /// Number of buffers of each size that have no storage yet.
+    to_come: BTreeMap<usize, usize>,
+}
+
+impl KeptStorage {
+    fn of(plan: &Plan<'_>) -> Self {
+        let used: BTreeSet<BufId> = plan.steps().iter().flat_map(|s| &s.buffers).copied().collect();
+        let mut to_come = BTreeMap::new();
+        for b in used.iter().map(|id| &plan.buffers()[id.0 as usize]) {
+            if matches!(b.contents, Contents::Zeroed | Contents::Undefined) {
+                *to_come.entry(b.bytes).or_default() += 1;
+            }
+        }
+        Self { free: Vec::new(), to_come }
+    }
+
+    /// Storage for a buffer that has none yet; zeros if it is not undefined.
+    fn take(&mut self, bytes: usize, is_undefined: bool, is_read: bool) -> Storage {
+        if let Some(count) = self.to_come.get_mut(&bytes) {
+            *count = count.saturating_sub(1);
+        }
+        if let Some(at) = self.free.iter().position(|(_, size)| *size == bytes) {
+            let (mut storage, _) = self.free.swap_remove(at);
+            if !is_undefined {
+                storage.clear();
+            }
+            return storage;
+        }
+        let mut fresh = Storage::zeroed(bytes);
+        if is_read {
+            fresh.touch();
+        }
+        fresh
+    }
+
+    fn give(&mut self, storage: Storage, bytes: usize) {
+        let has = self.free.iter().filter(|(_, size)| *size == bytes).count();
+        if self.to_come.get(&bytes).is_some_and(|count| *count > has) {
+            self.free.push((storage, bytes));
+        }
+    }
 }
 
 /// Executes a plan with the CPU twins on the current rayon pool.
@@ -38,6 +87,7 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
         })
         .collect();
 
+    let mut kept = KeptStorage::of(plan);
     let mut times = Vec::with_capacity(steps.len());
     for (i, step) in steps.iter().enumerate() {
         crate::task::checkpoint();
@@ -49,13 +99,10 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
             let bytes = plan.buffers()[at].bytes;
             let slot = &mut held[at];
             if slot.is_none() {
-                let mut fresh = Storage::zeroed(bytes);
-                if cfg!(debug_assertions)
-                    && matches!(plan.buffers()[at].contents, Contents::Undefined)
-                {
+                let is_undefined = matches!(plan.buffers()[at].contents, Contents::Undefined);
+                let mut fresh = kept.take(bytes, is_undefined, binding.read);
+                if cfg!(debug_assertions) && is_undefined {
                     fresh.typed_mut::<u8>(bytes).fill(NONSENSE);
-                } else if binding.read {
-                    fresh.touch();
                 }
                 *slot = Some(BufferData::Own(fresh));
             }
@@ -93,8 +140,10 @@ pub fn run_cpu(plan: &Plan<'_>) -> Outputs {
             }
         }
         for id in &step.buffers {
-            if last_use[id.0 as usize] == i {
-                held[id.0 as usize] = None;
+            if last_use[id.0 as usize] == i
+                && let Some(BufferData::Own(storage)) = held[id.0 as usize].take()
+            {
+                kept.give(storage, plan.buffers()[id.0 as usize].bytes);
             }
         }
         times.push(StepTime {
