@@ -66,7 +66,7 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
     let stored_to_end = when(size.keeps_stored || !makes(Product::Inputs), size.stored);
     // Memory that is freed once the lumen is made: labels of the search for an organ, and after them
     // values, levels and growth of the wall field.
-    let choosing = when(size.is_field, 14 * MB + 22_500 * size.field_bricks)
+    let choosing = when(size.is_field, 14 * MB + 20_500 * size.field_bricks)
         .max(when(size.is_organ, size.voxels * 5 / 2));
     let kept = when(size.is_field, 38 * MB);
     let products = when(makes(Product::Fields) || distance, 6200 * size.bricks)
