@@ -192,7 +192,7 @@ impl Session {
         self.prepare(&[Product::DrawnWall, Product::Display])?;
         let start = Instant::now();
         let display = present(&self.slots.display);
-        // The whole wall is drawn in one pass: writing the products before left room for it.
+        // Memory that was freed after the products were written is room for the overview.
         return_freed_memory();
         let (overview, kept) = match stream {
             Some(stream) => {

@@ -246,7 +246,7 @@ impl<'a> WallInput<'a> {
         };
         plan.launch(&wall_peak::KERNEL, bindings, params, n, n);
 
-        // Others than before: while peaks are found, nothing holds their memory.
+        // Scratch buffers of their own: those of the blurs above are free while peaks are found.
         let spare = [0, 1].map(|_| plan.undefined::<i32>("spare", n));
         let [peak1, weight1] = [peak, weight].map(|from| {
             let to = plan.undefined::<i32>("narrow mean", n);

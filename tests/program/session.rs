@@ -97,7 +97,7 @@ fn another_threshold_forgets_the_lumen_and_reads_no_volume() {
     assert_eq!(Some(&session.lumen().unwrap().options.selection), range(-900.0).as_ref());
 }
 
-/// Its hash was taken for the report after the last frame, and kept it in memory until then.
+/// The hash was taken for the report after the last frame, and kept the volume until then.
 #[test]
 fn the_volume_is_read_once_and_dropped_when_its_last_reader_ends() {
     let tmp = tempfile::tempdir().unwrap();

@@ -130,7 +130,7 @@ impl Layout {
             })
             .collect::<io::Result<_>>()
             .map_err(|e| self.decode_error(e))?;
-        // What lies behind the first part that ends early is not counted.
+        // Bytes are counted up to the end of the first part that ends early.
         let whole = found.iter().take_while(|(found, len)| found == len).count();
         match found.get(whole) {
             Some((some, _)) => Err(self.truncated("samples", (whole * RAW_PART + some) as u64)),
