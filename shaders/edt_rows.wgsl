@@ -20,6 +20,9 @@ fn row_bits(slot: u32, row: u32) -> u32 {
     return (inside[slot * 16u + (row >> 2u)] >> (8u * (row & 3u))) & 255u;
 }
 
+// Steps to the nearest external voxel, nine words a row: no two rows begin in the same bank.
+var<workgroup> steps: array<u32, 576>;
+
 @compute @workgroup_size(64)
 fn main(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -27,30 +30,32 @@ fn main(
     @builtin(local_invocation_index) row: u32,
 ) {
     let slot = thread(group, groups, 0u, 1u);
-    if slot >= params.slots { return; }
-    let bits = row_bits(slot, row);
+    var bits = 0u;
+    if slot < params.slots { bits = row_bits(slot, row); }
     // Inside voxels that continue the row without a gap, below and above it.
     var low = 0u;
     var high = 0u;
     if (bits & 1u) != 0u {
         var s = below(slot, 0u);
         while s != NONE {
+            // Both loads at once: each depends on the brick alone.
+            let next = below(s, 0u);
             let b = row_bits(s, row);
             if b != 255u { low += countLeadingZeros(~(b << 24u)); break; }
             low += 8u;
-            s = below(s, 0u);
+            s = next;
         }
     }
     if (bits & 128u) != 0u {
         var s = above(slot, 0u);
         while s != NONE {
+            let next = above(s, 0u);
             let b = row_bits(s, row);
             if b != 255u { high += countTrailingZeros(~b); break; }
             high += 8u;
-            s = above(s, 0u);
+            s = next;
         }
     }
-    let base = slot * 512u + row * 8u;
     for (var x = 0u; x < 8u; x++) {
         var k = 0u;
         if ((bits >> x) & 1u) != 0u {
@@ -61,6 +66,14 @@ fn main(
             let right = select(ones_above, 8u - x + high, ones_above == 8u - x);
             k = min(left, right);
         }
-        square[base + x] = params.step2 * f32(k) * f32(k);
+        steps[9u * row + x] = k;
+    }
+    workgroupBarrier();
+    if slot >= params.slots { return; }
+    // Neighbouring threads write neighbouring elements.
+    for (var i = 0u; i < 8u; i++) {
+        let voxel = i * 64u + row;
+        let k = f32(steps[9u * (voxel >> 3u) + (voxel & 7u)]);
+        square[slot * 512u + voxel] = params.step2 * k * k;
     }
 }

@@ -24,7 +24,9 @@ pub fn distance(plan: &mut Plan<'_>, lumen: &LumenBuffers) -> Buf<f32> {
     let rows = plan.undefined::<f32>("distance² along x", n);
     let bindings = edt_rows::Bindings { near, inside: lumen.inside, square: rows };
     let params = edt_rows::Params { slots, step2: step2.x };
-    plan.launch(&edt_rows::KERNEL, bindings, params, slots as usize * 64, lumen.items);
+    // A thread a row of eight voxels, here as along y and z.
+    let threads = slots as usize * 64;
+    plan.launch(&edt_rows::KERNEL, bindings, params, threads, lumen.items);
 
     let mut f = rows;
     for (axis, finish) in [(1u32, 0u32), (2, 1)] {
@@ -32,7 +34,13 @@ pub fn distance(plan: &mut Plan<'_>, lumen: &LumenBuffers) -> Buf<f32> {
             plan.undefined::<f32>(if finish == 1 { "distance" } else { "distance² in x, y" }, n);
         let step2 = step2[axis as usize];
         let params = edt_axis::Params { slots, axis, step2, finish, scale };
-        plan.launch(&edt_axis::KERNEL, edt_axis::Bindings { near, f, g }, params, n, lumen.items);
+        plan.launch(
+            &edt_axis::KERNEL,
+            edt_axis::Bindings { near, f, g },
+            params,
+            threads,
+            lumen.items,
+        );
         f = g;
     }
     f

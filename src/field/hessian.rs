@@ -44,7 +44,7 @@ pub fn smooth(
         let bindings =
             gauss_axis::Bindings { near: lumen.near, corner: lumen.corner, weight, f, g };
         let params = gauss_axis::Params { slots: lumen.slots, axis, radius, low, high };
-        plan.launch(&gauss_axis::KERNEL, bindings, params, lumen.field_len(), lumen.items);
+        plan.launch(&gauss_axis::KERNEL, bindings, params, lumen.slots as usize * 64, lumen.items);
         f = g;
     }
     f
@@ -86,7 +86,7 @@ pub fn hessian(
         let bindings = kernel::Bindings { near: lumen.near, inside: lumen.inside, f, response };
         // Of the lumen's voxels each buffer has its share of slots.
         let items = lumen.items * slots as usize / lumen.slots as usize;
-        plan.launch(&kernel::KERNEL, bindings, params, voxels, items);
+        plan.launch(&kernel::KERNEL, bindings, params, slots as usize * 64, items);
         out.push(response);
     }
     out

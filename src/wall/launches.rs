@@ -47,7 +47,7 @@ impl BrickLaunches {
             };
             let bindings =
                 blur_axis::Bindings { near: self.near, corner: self.corner, weight, f, g };
-            plan.launch(&blur_axis::KERNEL, bindings, params, n, n);
+            plan.launch(&blur_axis::KERNEL, bindings, params, n / 8, n);
         }
     }
 }

@@ -44,7 +44,7 @@ fn far() -> Case {
         let g = plan.undefined::<f32>("g", lumen.bricks.field_len());
         let params = edt_axis::Params { slots, axis, step2: 1.0, finish, scale: 1.0 };
         let bindings = edt_axis::Bindings { near, f: square, g };
-        plan.launch(&edt_axis::KERNEL, bindings, params, threads, threads);
+        plan.launch(&edt_axis::KERNEL, bindings, params, threads / 8, threads);
         square = g;
     }
     plan.download(square);
@@ -65,7 +65,7 @@ fn one_pass() -> Vec<Case> {
             let step2 = spacing[axis as usize].powi(2);
             let params = edt_axis::Params { slots: slots as u32, axis, step2, finish, scale: 0.5 };
             let bindings = edt_axis::Bindings { near, f, g };
-            plan.launch(&edt_axis::KERNEL, bindings, params, slots * BRICK, slots * BRICK);
+            plan.launch(&edt_axis::KERNEL, bindings, params, slots * 64, slots * BRICK);
             plan.download(g);
         }
     })
@@ -89,7 +89,7 @@ pub fn gauss_axis() -> Vec<Case> {
                 let radius = weights.len() as u32 - 1;
                 let params = gauss_axis::Params { slots: slots as u32, axis, radius, low, high };
                 let bindings = gauss_axis::Bindings { near, corner, weight, f, g };
-                plan.launch(&gauss_axis::KERNEL, bindings, params, slots * BRICK, slots * BRICK);
+                plan.launch(&gauss_axis::KERNEL, bindings, params, slots * 64, slots * BRICK);
                 plan.download(g);
             }
         }
@@ -125,7 +125,7 @@ pub fn hessian() -> Vec<Case> {
                 ..Default::default()
             };
             let bindings = hessian::Bindings { near, inside, f, response };
-            plan.launch(&hessian::KERNEL, bindings, params, slots * BRICK, slots * BRICK);
+            plan.launch(&hessian::KERNEL, bindings, params, slots * 64, slots * BRICK);
             plan.download(response);
         }
     })

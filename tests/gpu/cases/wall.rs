@@ -31,7 +31,7 @@ pub fn blur_axis() -> Vec<Case> {
                 missing: 4096,
             };
             let bindings = blur_axis::Bindings { near, corner, weight, f, g };
-            plan.launch(&blur_axis::KERNEL, bindings, params, slots * BRICK, slots * BRICK);
+            plan.launch(&blur_axis::KERNEL, bindings, params, slots * 64, slots * BRICK);
             plan.download(g);
         }
     })
