@@ -292,6 +292,7 @@ impl DeviceSummary {
     fn counts(&self) -> impl Iterator<Item = String> {
         let Self { device, asked, least, .. } = self;
         let mb = |bytes: u64| format!("{:.3}", bytes as f64 / 1e6);
+        let ms = |us: u64| format!("{:.3}", us as f64 / 1e3);
         let rows = [
             ("pieces of memory", asked.allocations.to_string(), least.allocations.to_string()),
             ("submissions", asked.submissions.to_string(), least.submissions.to_string()),
@@ -302,6 +303,10 @@ impl DeviceSummary {
             ("copied by the device, MB", mb(asked.copied_bytes), mb(least.copied_bytes)),
             ("read back, MB", mb(asked.read_back_bytes), mb(least.read_back_bytes)),
             ("memory of the largest plan, MB", mb(asked.arena_bytes), mb(least.arena_bytes)),
+            ("host, ms", ms(asked.host_us), "-".to_owned()),
+            ("  writing inputs, ms", ms(asked.write_us), "-".to_owned()),
+            ("  waiting for the device, ms", ms(asked.wait_us), "-".to_owned()),
+            ("  taking results, ms", ms(asked.take_us), "-".to_owned()),
         ];
         let head = format!(
             "{device}: {} plans with {} launches{:>14}{:>12}",

@@ -30,6 +30,14 @@ pub struct PlanCounts {
     pub read_back_bytes: u64,
     /// Largest memory of one plan's buffers.
     pub arena_bytes: u64,
+    /// Duration of the plans on the host, µs, from their first buffer made to the last freed.
+    pub host_us: u64,
+    /// Time of it spent writing inputs, µs.
+    pub write_us: u64,
+    /// Time of it spent waiting for the device, µs.
+    pub wait_us: u64,
+    /// Time of it spent taking results, µs.
+    pub take_us: u64,
 }
 
 impl PlanCounts {
@@ -67,6 +75,7 @@ impl PlanCounts {
             copied_bytes: if staged { uploaded_bytes + read_back_bytes } else { 0 },
             read_back_bytes,
             arena_bytes: layout.least_bytes,
+            ..Self::default()
         }
     }
 
@@ -86,6 +95,10 @@ impl PlanCounts {
             copied_bytes: self.copied_bytes - earlier.copied_bytes,
             read_back_bytes: self.read_back_bytes - earlier.read_back_bytes,
             arena_bytes: self.arena_bytes,
+            host_us: self.host_us - earlier.host_us,
+            write_us: self.write_us - earlier.write_us,
+            wait_us: self.wait_us - earlier.wait_us,
+            take_us: self.take_us - earlier.take_us,
         }
     }
 
@@ -102,5 +115,9 @@ impl PlanCounts {
         self.copied_bytes += later.copied_bytes;
         self.read_back_bytes += later.read_back_bytes;
         self.arena_bytes = self.arena_bytes.max(later.arena_bytes);
+        self.host_us += later.host_us;
+        self.write_us += later.write_us;
+        self.wait_us += later.wait_us;
+        self.take_us += later.take_us;
     }
 }

@@ -102,7 +102,7 @@ pub struct Gpu {
     /// Counts of what plans asked of the device, and of the least that they had to.
     pub(super) counts: [PlanCounts; 2],
     /// Number of times that the host waited for the device.
-    pub(super) waits: Cell<u64>,
+    pub(super) waits: Cell<(u64, Duration)>,
     /// The longest submission of a plan so far.
     pub(super) longest_piece: Duration,
     started: Instant,
@@ -201,7 +201,7 @@ impl Gpu {
             arena: Arena::default(),
             readback: None,
             counts: Default::default(),
-            waits: Cell::new(0),
+            waits: Cell::new((0, Duration::ZERO)),
             longest_piece: Duration::ZERO,
             started,
             first_dispatch: None,
@@ -266,11 +266,14 @@ impl Gpu {
 
     /// Blocks until the device has reached a timeline value; `what` names its work in the error.
     pub(super) fn wait(&self, value: u64, what: &'static str) -> Result<(), VkError> {
-        self.waits.set(self.waits.get() + 1);
-        match self.instance.validate {
+        let start = Instant::now();
+        let done = match self.instance.validate {
             Validate::GpuAssisted => self.wait_idle(what),
             _ => self.timeline.wait(value, what),
-        }
+        };
+        let (waits, waited) = self.waits.get();
+        self.waits.set((waits + 1, waited + start.elapsed()));
+        done
     }
 
     /// Waits until the device has nothing left to do. Returns false where it was given up: then

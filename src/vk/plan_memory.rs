@@ -1,10 +1,13 @@
 //! Memory of a plan's buffers: an arena that is kept for the next plan.
 
+use std::time::Instant;
+
 use ash::vk;
 use gpu_allocator::vulkan::Allocation;
 
 use super::arena::ArenaLayout;
 use super::memory::{Buffer, MemoryUse};
+use super::transfers::copy_bytes;
 use super::{Gpu, VkError};
 use crate::compute::{Contents, Plan};
 
@@ -126,14 +129,16 @@ impl Gpu {
 
     /// Puts what the host has into the device's memory, where that is the host's too.
     pub(super) fn write_in_place(&mut self, plan: &Plan<'_>, held: &mut PlanMemory) {
+        let start = Instant::now();
         for (at, b) in plan.buffers().iter().enumerate() {
             if let Some(data) = input(&b.contents)
                 && let Some(to) = held.mapped_mut(at, b.bytes)
             {
-                to.copy_from_slice(data);
+                copy_bytes(to, data);
                 self.counts[0].uploaded_bytes += data.len() as u64;
             }
         }
+        self.counts[0].write_us += start.elapsed().as_micros() as u64;
     }
 
     /// Destroys the buffers of a plan that the device is done with, and keeps their memory for the

@@ -5,6 +5,7 @@
 use std::time::{Duration, Instant};
 
 use ash::vk;
+use tracing::debug;
 
 use super::arena::bound;
 use super::counts::PlanCounts;
@@ -12,7 +13,7 @@ use super::hazards::Hazards;
 use super::pieces::{AIM, LaunchSegment, Pieces, most_threads};
 use super::pipeline::Compute;
 use super::plan_memory::{PlanMemory, input};
-use super::transfers::{HOST_READ, TRANSFER_WRITE, input_batches, result_batches};
+use super::transfers::{HOST_READ, TRANSFER_WRITE, copy_bytes, input_batches, result_batches};
 use super::{Gpu, StageAccess, VkError};
 use crate::compute::{Contents, Outputs, Plan, Step, StepTime};
 use crate::{fault, task};
@@ -56,6 +57,7 @@ impl Gpu {
     pub fn run_with(&mut self, plan: &Plan<'_>, options: RunOptions) -> Result<Outputs, VkError> {
         let bound = bound(plan);
         self.check(plan, &bound)?;
+        let (start, counted) = (Instant::now(), self.counts[0]);
         let before = (self.timeline.submitted, self.waits.get(), self.memory.allocations());
         let mut held = RunResources::default();
         let result = self.run_held(plan, &bound, options, &mut held);
@@ -66,11 +68,27 @@ impl Gpu {
             launches: plan.steps().len() as u64,
             allocations: self.memory.allocations() - before.2,
             submissions: self.timeline.submitted - before.0,
-            waits: self.waits.get() - before.1,
+            waits: self.waits.get().0 - before.1.0,
             arena_bytes: layout.blocks.iter().sum(),
+            wait_us: (self.waits.get().1 - before.1.1).as_micros() as u64,
             ..PlanCounts::default()
         });
         self.destroy_run(held, result.is_err());
+        let host_us = start.elapsed().as_micros() as u64;
+        self.counts[0].host_us += host_us;
+        let now = self.counts[0].since(&counted);
+        debug!(
+            launches = plan.steps().len(),
+            host_us,
+            write_us = now.write_us,
+            wait_us = now.wait_us,
+            take_us = now.take_us,
+            kernels_us = result
+                .as_ref()
+                .map_or(0.0, |o| o.times.iter().map(|t| t.seconds * 1e6).sum::<f64>())
+                .round(),
+            "plan"
+        );
         result
     }
 
@@ -214,7 +232,9 @@ impl Gpu {
                     None => out.insert_bytes(*id, &vec![0; bytes]),
                 }
             } else if !staged && let Some(data) = held.memory.mapped(at, bytes) {
-                out.insert_bytes(*id, data);
+                let start = Instant::now();
+                copy_bytes(out.bytes_mut(*id, bytes), data);
+                self.counts[0].take_us += start.elapsed().as_micros() as u64;
                 self.counts[0].read_back_bytes += bytes as u64;
             }
         }

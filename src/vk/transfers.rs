@@ -1,7 +1,10 @@
 //! Inputs and results of a plan through mapped memory, where the host does not reach the device's:
 //! in batches of a few megabytes, so that the device copies one while the host handles the next.
 
+use std::time::Instant;
+
 use ash::vk;
+use rayon::prelude::*;
 
 use super::memory::MemoryUse;
 use super::plan_memory::{PlanMemory, input};
@@ -12,6 +15,9 @@ use crate::compute::{BufId, Outputs, Plan};
 const INPUT_BATCH: u64 = STAGING_BYTES / 4;
 /// Most bytes of a batch of results: two are under way.
 const RESULT_BATCH: u64 = 16 << 20;
+
+/// Size of what a thread copies at once, bytes.
+const COPIED_AT_ONCE: usize = 512 << 10;
 
 /// Region of a buffer that is copied at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,6 +74,16 @@ pub(super) fn result_batches(plan: &Plan<'_>, held: &PlanMemory) -> Vec<Batch> {
     batches(bound.map(|at| (at, plan.buffers()[at].bytes as u64)), RESULT_BATCH)
 }
 
+/// Copies bytes on all threads: one alone does not fill the bus to a graphics card, and the pages of
+/// fresh memory, which the system clears when they are first written, take longer than the copy.
+pub(super) fn copy_bytes(to: &mut [u8], from: &[u8]) {
+    if from.len() <= COPIED_AT_ONCE {
+        return to.copy_from_slice(from);
+    }
+    let parts = to.par_chunks_mut(COPIED_AT_ONCE).zip(from.par_chunks(COPIED_AT_ONCE));
+    parts.for_each(|(to, from)| to.copy_from_slice(from));
+}
+
 impl Gpu {
     /// Sends batches of inputs, each in a submission of its own.
     pub(super) fn send_inputs(
@@ -95,13 +111,15 @@ impl Gpu {
         self.make_room(all)?;
         let reached = self.reached()?;
         let place = self.stage(all, reached)?;
+        let start = Instant::now();
         let mut at = place;
         for part in batch {
             let data = input(&plan.buffers()[part.buffer].contents).expect("an input");
             let data = &data[part.offset as usize..][..part.bytes as usize];
-            self.staging.bytes_mut(at, part.bytes).copy_from_slice(data);
+            copy_bytes(self.staging.bytes_mut(at, part.bytes), data);
             at += part.bytes;
         }
+        self.counts[0].write_us += start.elapsed().as_micros() as u64;
         self.counts[0].uploaded_bytes += all;
         Ok(place)
     }
@@ -176,13 +194,15 @@ impl Gpu {
         mut place: u64,
         out: &mut Outputs,
     ) {
+        let start = Instant::now();
         let mapped = self.readback.as_ref().and_then(|r| r.mapped()).expect("mapped for reading");
         for part in batch {
             let (id, all) = (BufId(part.buffer as u32), plan.buffers()[part.buffer].bytes);
             let to = &mut out.bytes_mut(id, all)[part.offset as usize..][..part.bytes as usize];
-            to.copy_from_slice(&mapped[place as usize..][..part.bytes as usize]);
+            copy_bytes(to, &mapped[place as usize..][..part.bytes as usize]);
             place += part.bytes;
         }
+        self.counts[0].take_us += start.elapsed().as_micros() as u64;
         self.counts[0].read_back_bytes += bytes_of(batch);
     }
 
