@@ -38,7 +38,7 @@ fn goldens() -> Vec<(&'static str, u32, Shot)> {
     vec![
         ("inside_straight", 4, shot(View::Inside, 15.0)),
         ("inside_bend_1x", 1, shot(View::Inside, 140.0)),
-        ("overview", 4, shot(View::Overview, 75.0)),
+        ("overview", 4, shot(View::Overview, 73.1)),
         ("split", 4, shot(View::Split, 140.0)),
     ]
 }

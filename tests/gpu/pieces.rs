@@ -61,14 +61,19 @@ fn a_plan_in_many_pieces_gives_the_bytes_of_one_submission() {
     let folded = folded();
     for (what, plan) in [("chain", &chain(&lumen)), ("folded", &folded)] {
         let (whole, one) = run(&mut gpu, plan, Some(Duration::MAX));
-        assert_eq!(one, 1, "{what}");
-        // The second run knows how fast each kernel is.
-        for ms in [2, 2, 5] {
-            let (cut, several) = run(&mut gpu, plan, Some(Duration::from_millis(ms)));
-            println!("{what}: {several} submissions of {ms} ms");
-            assert!(several > 1, "{what}: {several}");
+        // Where the host does not reach the device's memory, batches of inputs come before.
+        assert!(one == 1 || gpu.info().is_real(), "{what}: {one}");
+        // The second run knows how fast each kernel is, and a card is a hundred times as fast as
+        // software.
+        let seconds: f64 = whole.times.iter().map(|t| t.seconds).sum();
+        let most = if seconds > 0.0 { seconds } else { 0.02 };
+        for share in [0.1, 0.1, 0.25] {
+            let piece = Duration::from_secs_f64(share * most);
+            let (cut, several) = run(&mut gpu, plan, Some(piece));
+            println!("{what}: {several} submissions of {piece:?}");
+            assert!(several > one, "{what}: {several}");
             for id in plan.downloads() {
-                assert!(whole.words(*id) == cut.words(*id), "{what}: {id:?} at {ms} ms");
+                assert!(whole.words(*id) == cut.words(*id), "{what}: {id:?} at {piece:?}");
             }
             assert_eq!(whole.times.len(), cut.times.len());
         }

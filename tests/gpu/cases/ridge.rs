@@ -40,7 +40,8 @@ fn clear_of_limits(lumen: &Lumen, f: &[f32], h: Vec3) -> Vec<u32> {
         let t = (r.offset_mm / h).abs();
         let unsure = t.to_array().iter().any(|t| close(*t, 0.6, 2e-3) || t.is_nan())
             || close(r.values.y * h.min_element(), -1e-4, 1e-3)
-            || r.values.y - r.values.x < 1e-4 && r.values.z - r.values.y < 1e-3;
+            // The axis is free to turn, and the offset across it with it.
+            || r.values.z - r.values.y < 1e-3;
         if unsure {
             bits[e / 32] &= !(1 << (e % 32));
         }
