@@ -8,6 +8,7 @@
 
 mod affine;
 mod dicom;
+mod gzip;
 mod info;
 mod layout;
 mod metaimage;

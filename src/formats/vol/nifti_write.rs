@@ -3,11 +3,10 @@
 use std::io::Write;
 use std::path::Path;
 
-use flate2::Compression;
-use flate2::write::GzEncoder;
 use glam::{DMat3, DQuat};
 
 use super::affine::RAS;
+use super::gzip::GzipWriter;
 use super::rescale::real_samples;
 use super::{FormatError, lower_name};
 use crate::formats::atomic_file::write_atomic;
@@ -30,10 +29,10 @@ pub(super) fn write(path: &Path, volume: &Volume) -> Result<(), FormatError> {
             out.write_all(&head)?;
             return out.write_all(samples.bytes());
         }
-        let mut out = GzEncoder::new(out, Compression::fast());
+        let mut out = GzipWriter::new(out)?;
         out.write_all(&head)?;
         out.write_all(samples.bytes())?;
-        out.finish().map(|_| ())
+        out.finish()
     })
 }
 

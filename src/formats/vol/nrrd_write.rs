@@ -3,11 +3,10 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use flate2::Compression;
-use flate2::write::GzEncoder;
 use glam::{DVec3, IVec3};
 
 use super::FormatError;
+use super::gzip::GzipWriter;
 use super::rescale::real_samples;
 use super::segment_description::SegmentDescription;
 use crate::formats::atomic_file::write_atomic;
@@ -96,9 +95,9 @@ fn body(
     samples: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
     writeln!(out, "{fields}{keys}")?;
-    let mut out = GzEncoder::new(out, Compression::fast());
+    let mut out = GzipWriter::new(out)?;
     samples(&mut out)?;
-    out.finish().map(|_| ())
+    out.finish()
 }
 
 fn header(grid: &Grid, sample_type: SampleType, components: Option<u32>) -> String {
