@@ -275,18 +275,41 @@ impl Session {
         products
     }
 
-    /// Computes and writes everything that is no picture.
+    /// Computes and writes everything that is no picture: what is there already while the rest is
+    /// computed.
     fn write_products(&self, folder: &Path, recording: &Recording) -> Result<(), SessionError> {
-        self.prepare(&self.products_of_folder(recording.base))?;
-        let mut clock = self.clock().fork();
-        let files = 8 + u64::from(recording.base);
-        let write = || self.write_files(folder, recording.base);
-        let written = clock.time("write", "files", write, |_| files);
-        self.clock().merge(clock);
-        written
+        let needs = self.products_of_folder(recording.base);
+        let write = || {
+            let mut clock = self.clock().fork();
+            let written = clock.time("write", "files", || self.write_files(folder), |_| 7);
+            self.clock().merge(clock);
+            written
+        };
+        if self.pool.current_num_threads() == 1 {
+            self.prepare(&needs)?;
+            write()?;
+        } else {
+            std::thread::scope(|scope| {
+                let written = scope.spawn(write);
+                let computed = self.prepare(&needs);
+                let written = written.join();
+                computed.and(written.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            })?;
+        }
+        if recording.base {
+            self.write_mesh(&folder.join(BASE_FILE), &*self.base()?)?;
+        }
+        let csv = self.unseen_csv()?;
+        Ok(atomic_file::write_atomic(&folder.join("unseen.csv"), |o| o.write_all(csv.as_bytes()))?)
     }
 
-    fn write_files(&self, out: &Path, with_base: bool) -> Result<(), SessionError> {
+    fn write_mesh(&self, path: &Path, mesh: &Mesh) -> Result<(), SessionError> {
+        let mesh = written_mesh(mesh, self.settings.wall.open_ends);
+        Ok(write_wall(path, &mesh, self.settings.wall.facing)?)
+    }
+
+    /// Writes what a flight needs too.
+    fn write_files(&self, out: &Path) -> Result<(), SessionError> {
         let (segmented, fields) = (self.lumen()?, self.fields()?);
         let (wall, centered) = (self.wall()?, self.centerline()?);
         let lumen: &Lumen = &segmented.lumen;
@@ -295,20 +318,11 @@ impl Session {
         let classes = lumen.class_field();
         write_layers(&out.join("mask.nrrd"), grid, |put| lumen.each_layer(&classes, 0, put))?;
         write_layers(&out.join("distance.nrrd"), grid, |put| lumen.each_layer(distance, 0.0, put))?;
-        let write = |name: &str, mesh: &Mesh| {
-            let mesh = written_mesh(mesh, self.settings.wall.open_ends);
-            write_wall(&out.join(name), &mesh, self.settings.wall.facing)
-        };
-        write("surface.ply", &wall.mesh)?;
-        if with_base {
-            write(BASE_FILE, &*self.base()?)?;
-        }
+        self.write_mesh(&out.join("surface.ply"), &wall.mesh)?;
         for name in ["centerline.vtp", "centerline.csv", "centerline.mrk.json"] {
             write_centerline(&out.join(name), &centered.line)?;
         }
-        write_branches(&out.join("branches.vtp"), &centered.line)?;
-        let csv = self.unseen_csv()?;
-        Ok(atomic_file::write_atomic(&out.join("unseen.csv"), |o| o.write_all(csv.as_bytes()))?)
+        Ok(write_branches(&out.join("branches.vtp"), &centered.line)?)
     }
 }
 

@@ -9,8 +9,9 @@ use super::{Session, SessionError};
 use crate::task::{catch_cancelled, checkpoint};
 
 /// Stages that run at once, at most. Each keeps one worker busy while it is serial, so there are
-/// never more than there are workers.
-const SIDE_BY_SIDE: usize = 2;
+/// never more than there are workers. After the wall there is work for four: its normals, its trees,
+/// the space outside it, and the route.
+const SIDE_BY_SIDE: usize = 4;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Status {
@@ -141,7 +142,7 @@ impl Session {
         groups.iter().try_for_each(|group| self.run_plan(&self.plan(group)?, group))
     }
 
-    /// Runs stages on two threads.
+    /// Runs stages side by side.
     ///
     /// * `asked`: products that the plan is for.
     fn run_plan(&self, plan: &[&'static Stage], asked: &[Product]) -> Result<(), SessionError> {
