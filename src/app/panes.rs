@@ -157,7 +157,8 @@ impl Panes {
             self.mesh = Some(mesh);
         }
         // Only of a closed wall the tree is that of the mesh with its caps.
-        if let (Some(culling), Some(mesh), false) = (&products.culling, self.mesh, self.is_culled)
+        if let (Some(culling), Some(mesh), false) =
+            (products.culling.as_deref().and_then(Option::as_ref), self.mesh, self.is_culled)
             && culling.closed.is_some()
         {
             self.inside.renderer.cull_mesh(gpu, mesh, Culling::clone(culling))?;

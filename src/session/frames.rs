@@ -103,10 +103,13 @@ impl Session {
         let chosen = self.settings.drawn_lod();
         let is_whole = matches!(chosen, Lod::Auto | Lod::Culled | Lod::Off);
         let (scene, worker, lod) = if is_whole {
-            let lod = LodReport::whole(mesh.faces.len() as u64, chosen != Lod::Off);
+            let culling = match chosen {
+                Lod::Off => None,
+                _ => Option::<Culling>::clone(&*self.culling()?),
+            };
+            let lod = LodReport::whole(mesh.faces.len() as u64, culling.is_some());
             let handle = upload_whole(&mut renderer)?;
-            if chosen != Lod::Off {
-                let culling = Culling::clone(&*self.culling()?);
+            if let Some(culling) = culling {
                 display.with_gpu(|gpu| renderer.cull_mesh(gpu, handle, culling))?;
             }
             held.meshes.push(handle);

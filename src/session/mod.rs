@@ -84,6 +84,8 @@ pub struct OpenDevice {
     pub name: String,
     /// Whether it can draw too.
     pub draws: bool,
+    /// Whether it is a GPU, and not the CPU or software Vulkan.
+    pub is_real_gpu: bool,
 }
 
 impl OpenDevice {
@@ -332,7 +334,9 @@ impl Session {
     fn run_device(&self, _: &mut Clock) -> Result<OpenDevice, SessionError> {
         let device = Device::open(self.settings.device)?;
         tracing::info!("computing on {}", device.name());
-        let (name, draws) = (device.name().to_owned(), device.info().is_some_and(|i| i.draws));
-        Ok(OpenDevice { device: Mutex::new(device), name, draws })
+        let (name, info) = (device.name().to_owned(), device.info());
+        let draws = info.is_some_and(|i| i.draws);
+        let is_real_gpu = info.is_some_and(|i| i.is_real());
+        Ok(OpenDevice { device: Mutex::new(device), name, draws, is_real_gpu })
     }
 }

@@ -164,7 +164,8 @@ pub struct WallSettings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Lod {
-    /// The fastest in all on the organs that were measured: as `culled`.
+    /// The fastest in all on the organs that were measured: as `culled`, or, where a GPU draws up to
+    /// a million faces, as `off`; the same picture.
     #[default]
     Auto,
     /// Clusters of original triangles and ever coarser ones above them.

@@ -298,9 +298,10 @@ products! {
     /// Space outside the wall, where it is watertight.
     pub Exterior exterior: Exterior =
         "outside" 1.0 [Wall] () Cpu always run_exterior;
-    /// Octree of the drawn wall's faces, and the wall's occlusion test.
-    pub Culling culling: Culling =
-        "octree" 0.3 [DrawnWall Exterior] () Cpu always run_culling;
+    /// Octree of the drawn wall's faces, and the wall's occlusion test; `None` where the device
+    /// draws the whole wall sooner.
+    pub Culling culling: Option<Culling> =
+        "octree" 0.3 [Device DrawnWall Exterior] (levels.lod) Cpu always run_culling;
     /// The wall at many levels of detail, ready to be refined.
     pub Levels levels: Levels =
         "levels" 0.1 [DrawnWall Shading Clusters Exterior] (levels.pixel_error) Cpu clusters run_cluster_levels

@@ -149,7 +149,7 @@ fn changed_settings_forget_exactly_the_products_that_depend_on_them() {
     assert_eq!(forgotten(|s| s.wall.base_faces = Some(9)), [P::Base]);
     assert_eq!(forgotten(|s| s.levels.pixel_error = 9.0), [P::Levels]);
     let without_levels = forgotten(|s| s.levels.lod = Lod::Off);
-    assert_eq!(without_levels, [P::DrawnTree, P::Clusters, P::Levels, P::Base]);
+    assert_eq!(without_levels, [P::DrawnTree, P::Clusters, P::Culling, P::Levels, P::Base]);
     let of_the_path = [P::Route, P::Visibility, P::Centerline, P::Flight, P::Coverage, P::Sections];
     let tree = forgotten(|s| s.centerline.tree = true);
     assert_eq!(tree, [&of_the_path[..], &[P::LumenProfile, P::CenterlineDistances]].concat());
