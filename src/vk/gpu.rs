@@ -162,13 +162,16 @@ impl Gpu {
             Purpose::Compute | Purpose::Draw => None,
         };
         let display = window.as_ref().map(display_of).transpose()?;
-        let instance = Instance::new(options.validate, display)?;
+        let mut instance = Instance::new(options.validate, display)?;
         let surface =
             window.map(|window| PresentationSurface::new(&instance, window)).transpose()?;
         let presents = |physical, family| {
             surface.as_ref().is_none_or(|s: &PresentationSurface| s.is_supported(physical, family))
         };
         let (physical, mut info) = info::choose(&instance, choice, to_draw, presents)?;
+        if info.is_real() {
+            instance.keep_driver();
+        }
         info.limits.restricted |= options.restricted;
         info.limits.groups = info.limits.groups.map(|most| most.min(options.groups_at_once));
         info.limits.draws_at_once = info.limits.draws_at_once.min(options.draws_at_once);

@@ -1,6 +1,7 @@
 //! The loader, the instance and the messages of the validation layer.
 
 use std::ffi::{CStr, c_char, c_void};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use ash::{ext, khr, vk};
@@ -58,9 +59,21 @@ pub(super) struct Instance {
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     messages: Box<Messages>,
     pub validate: Validate,
+    /// Whether the driver has to stay loaded when this instance is gone.
+    keeps_driver: bool,
 }
 
+/// Whether an instance was left alive so that the driver of a graphics card stays loaded.
+static DRIVER_KEPT: AtomicBool = AtomicBool::new(false);
+
 impl Instance {
+    /// Keeps the driver loaded to the end of the process. Drivers of graphics cards run code at the
+    /// end of each thread that called them; unloaded with the last instance, that code is gone, and
+    /// a thread that ends later takes the process with it (seen with NVIDIA's 580.159).
+    pub fn keep_driver(&mut self) {
+        self.keeps_driver = true;
+    }
+
     /// Creates an instance.
     ///
     /// * `display`: display of the windows that will be drawn to, if any.
@@ -137,7 +150,8 @@ impl Instance {
             vk::Result::ERROR_INCOMPATIBLE_DRIVER => VkError::NoDriver,
             result => VkError::of("vkCreateInstance")(result),
         })?;
-        let mut instance = Self { entry, raw, messenger: None, messages, validate };
+        let mut instance =
+            Self { entry, raw, messenger: None, messages, validate, keeps_driver: false };
         if on {
             VkError::planted("vkCreateDebugUtilsMessengerEXT")?;
             let utils = ext::debug_utils::Instance::new(&instance.entry, &instance.raw);
@@ -168,13 +182,22 @@ impl Instance {
 
 impl Drop for Instance {
     fn drop(&mut self) {
+        // One instance that stays holds the loader and the driver for all later ones.
+        let stays = self.keeps_driver && !DRIVER_KEPT.swap(true, Ordering::SeqCst);
         // SAFETY: both handles are ours and go once, messenger before instance; the device was
-        // dropped before (it borrows nothing, `Gpu` orders its fields), so nothing uses them.
+        // dropped before (it borrows nothing, `Gpu` orders its fields), so nothing uses them. What
+        // an instance that stays may reach, its library and its messages, stays with it.
         unsafe {
             if let Some((utils, messenger)) = self.messenger.take() {
                 utils.destroy_debug_utils_messenger(messenger, None);
             }
-            self.raw.destroy_instance(None);
+            if stays {
+                std::mem::forget(self.entry.clone());
+                let none = Box::new(Messages(Mutex::default()));
+                std::mem::forget(std::mem::replace(&mut self.messages, none));
+            } else {
+                self.raw.destroy_instance(None);
+            }
         }
     }
 }

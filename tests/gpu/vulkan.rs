@@ -114,6 +114,17 @@ fn writes_that_overlap_or_pass_the_end_are_refused_before_anything_is_recorded()
     common::assert_silent(&gpu);
 }
 
+/// Drivers of graphics cards run code at the end of each thread that called them. It was gone with
+/// the last instance, and threads that ended then ended the process.
+#[test]
+fn threads_end_after_the_last_device_was_closed() {
+    for _ in 0..4 {
+        let opened = |_| std::thread::spawn(|| drop(common::gpu(Validate::Off)));
+        let threads: Vec<_> = (0..3).map(opened).collect();
+        threads.into_iter().for_each(|t| t.join().unwrap());
+    }
+}
+
 #[test]
 fn a_frame_larger_than_the_staging_ring_is_refused_and_smaller_ones_take_turns() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
