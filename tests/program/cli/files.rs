@@ -18,8 +18,12 @@ fn ffmpeg_that(dir: &Path, does: &str) -> std::ffi::OsString {
     let folder = dir.join("bin");
     std::fs::create_dir_all(&folder).unwrap();
     let script = format!("#!/bin/sh\nfor last; do :; done\n{does}\n");
-    std::fs::write(folder.join("ffmpeg"), script).unwrap();
-    std::fs::set_permissions(folder.join("ffmpeg"), Permissions::from_mode(0o755)).unwrap();
+    let program = folder.join("ffmpeg");
+    // Written once: a run that was ended may be starting it at this moment, and then it is busy.
+    if std::fs::read(&program).ok().as_deref() != Some(script.as_bytes()) {
+        std::fs::write(&program, script).unwrap();
+        std::fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
+    }
     let path = std::env::var_os("PATH").unwrap_or_default();
     let all = std::iter::once(folder).chain(std::env::split_paths(&path));
     std::env::join_paths(all).unwrap()
