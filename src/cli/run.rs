@@ -42,6 +42,7 @@ impl Args {
         let recording = Recording {
             pictures: !self.no_page,
             base: self.base || self.flags.surface.decimate.is_some(),
+            release_products: true,
             ..self.flags.recording(frames)
         };
         let mut timing = None;

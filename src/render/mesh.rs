@@ -91,9 +91,11 @@ fn check_faces(mesh: &Mesh) -> Result<(), RenderError> {
 /// Brings a mesh whose vertices were shaded before into the form that is drawn.
 fn prepare_shaded(mesh: &Mesh, shading: Shading, skip_caps: bool) -> PreparedMesh {
     let shown = |i: usize| !(skip_caps && mesh.caps.get(i).copied().unwrap_or(false));
+    let mut indices = Vec::with_capacity(3 * mesh.faces.len());
+    indices.extend((0..mesh.faces.len()).filter(|i| shown(*i)).flat_map(|i| mesh.faces[i]));
     PreparedMesh {
         vertices: shading.vertices,
-        indices: (0..mesh.faces.len()).filter(|i| shown(*i)).flat_map(|i| mesh.faces[i]).collect(),
+        indices,
         bounds: mesh.bounds(),
         mean_radius_mm: shading.mean_radius_mm,
     }

@@ -52,6 +52,8 @@ pub struct Recording {
     pub pictures: bool,
     /// Whether the simplified wall is made and written.
     pub base: bool,
+    /// Whether a run drops products that it needs no more. They are made anew for who asks later.
+    pub release_products: bool,
 }
 
 /// A run whose files are written, save its report.
@@ -243,6 +245,12 @@ impl Session {
                 stream.and_then(|stream| products.map(|()| stream))
             })?
         };
+        if recording.release_products {
+            let searched = [Product::TriangleTree, Product::DrawnTree, Product::Exterior];
+            let drawn = [Product::Culling, Product::Levels, Product::Clusters];
+            stream.end();
+            self.release(&[searched, drawn].concat());
+        }
         let pictures =
             recording.pictures.then(|| self.report_pictures(Some(&mut stream))).transpose()?;
         Ok(RunOutcome { report: self.report(Some(&stream))?, stream, pictures })
@@ -281,7 +289,8 @@ impl Session {
         let needs = self.products_of_folder(recording.base);
         let write = || {
             let mut clock = self.clock().fork();
-            let written = clock.time("write", "files", || self.write_files(folder), |_| 7);
+            let written =
+                clock.time("write", "files", || self.write_files(folder, recording), |_| 7);
             self.clock().merge(clock);
             written
         };
@@ -308,16 +317,23 @@ impl Session {
         Ok(write_wall(path, &mesh, self.settings.wall.facing)?)
     }
 
-    /// Writes what a flight needs too.
-    fn write_files(&self, out: &Path) -> Result<(), SessionError> {
-        let (segmented, fields) = (self.lumen()?, self.fields()?);
-        let (wall, centered) = (self.wall()?, self.centerline()?);
+    /// Writes what a flight needs too. The distance comes first: nothing else keeps it in memory.
+    fn write_files(&self, out: &Path, recording: &Recording) -> Result<(), SessionError> {
+        let segmented = self.lumen()?;
         let lumen: &Lumen = &segmented.lumen;
-        let distance: &[f32] = &fields.distance;
         let grid = &lumen.grid;
+        let fields = self.fields()?;
+        write_layers(&out.join("distance.nrrd"), grid, |put| {
+            lumen.each_layer(&fields.distance, 0.0, put)
+        })?;
+        drop(fields);
+        if recording.release_products {
+            self.release(&[Product::Fields, Product::Distance]);
+        }
         let classes = lumen.class_field();
         write_layers(&out.join("mask.nrrd"), grid, |put| lumen.each_layer(&classes, 0, put))?;
-        write_layers(&out.join("distance.nrrd"), grid, |put| lumen.each_layer(distance, 0.0, put))?;
+        drop(classes);
+        let (wall, centered) = (self.wall()?, self.centerline()?);
         self.write_mesh(&out.join("surface.ply"), &wall.mesh)?;
         for name in ["centerline.vtp", "centerline.csv", "centerline.mrk.json"] {
             write_centerline(&out.join(name), &centered.line)?;

@@ -1,5 +1,6 @@
 //! Reading the volumes of a session.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use glam::DVec3;
@@ -7,7 +8,7 @@ use glam::DVec3;
 use super::memory::in_parts_bytes;
 use super::report::hash_of;
 use super::settings::{Reading, Settings, Source, VolumeSource};
-use super::{Clock, InputReport, Session, SessionError, locked, present, refuse_above};
+use super::{Clock, InputReport, Session, SessionError, locked, present, put, refuse_above};
 use crate::formats::{
     FormatError, InputInfo, ReadOptions, VolumeParts, inspect, read_mesh, read_volume, shown,
 };
@@ -17,10 +18,12 @@ use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
 /// Bytes of samples above which a volume is read in parts, where that is possible.
 pub const IN_PARTS_ABOVE: u64 = 1 << 30;
 
-/// A volume in memory, or one that is read in parts.
+/// A volume in memory, one that is read in parts, or what is left of one in memory.
 pub(super) enum InputVolume {
     Whole(Arc<Volume>),
     Parts(Box<InputParts>),
+    /// A volume whose samples were dropped once no stage read them any more.
+    Released(Box<(Grid, InputReport)>),
 }
 
 /// A volume that is read in parts, after the first time from end to end.
@@ -37,7 +40,7 @@ impl InputVolume {
     pub fn whole(&self) -> Option<&Arc<Volume>> {
         match self {
             Self::Whole(volume) => Some(volume),
-            Self::Parts(_) => None,
+            Self::Parts(_) | Self::Released(_) => None,
         }
     }
 
@@ -46,6 +49,19 @@ impl InputVolume {
         match self {
             Self::Whole(volume) => &volume.grid,
             Self::Parts(input) => input.parts.grid(),
+            Self::Released(left) => &left.0,
+        }
+    }
+
+    /// Describes the volume, without a hash of its samples.
+    fn report(&self) -> InputReport {
+        match self {
+            Self::Whole(volume) => InputReport::without_hash(volume),
+            Self::Parts(input) => {
+                let sample_type = input.parts.sample_type().name().to_owned();
+                InputReport::of_header(input.parts.grid(), sample_type)
+            }
+            Self::Released(left) => left.1.clone(),
         }
     }
 
@@ -85,6 +101,8 @@ pub(super) struct Loaded {
     pub resampled: Option<InputReport>,
     /// Whether it is a label map given as such.
     pub is_mask: bool,
+    /// Whether core and wall read no more samples.
+    samples_done: AtomicBool,
 }
 
 /// Inputs as the report describes them.
@@ -94,6 +112,10 @@ pub(super) struct Inputs {
 }
 
 impl Loaded {
+    fn new(volume: InputVolume, image: Option<InputReport>, is_mask: bool) -> Self {
+        Self { volume, image, resampled: None, is_mask, samples_done: AtomicBool::new(false) }
+    }
+
     /// Values or labels inside; `None` where neither settings nor volume say.
     pub fn selection(&self, chosen: Option<&IntensitySelection>) -> Option<IntensitySelection> {
         let is_labels = || self.is_mask || self.volume.whole().is_some_and(|v| is_label_map(v));
@@ -118,22 +140,17 @@ impl Session {
     }
 
     pub(super) fn run_identity(&self, _: &mut Clock) -> Result<String, SessionError> {
-        Ok(match &present(&self.slots.loaded).volume {
-            InputVolume::Whole(volume) => hash_of(volume),
+        let loaded = present(&self.slots.loaded);
+        Ok(match &loaded.volume {
             InputVolume::Parts(input) => input.hash.clone(),
+            _ => hash_of(&*self.whole(&loaded)?),
         })
     }
 
     pub(super) fn run_inputs(&self, _: &mut Clock) -> Result<Inputs, SessionError> {
         let (loaded, identity) = (present(&self.slots.loaded), present(&self.slots.identity));
-        let own = || match &loaded.volume {
-            InputVolume::Whole(volume) => InputReport::with_hash(volume, String::clone(&identity)),
-            InputVolume::Parts(input) => {
-                let sample_type = input.parts.sample_type().name().to_owned();
-                let hash = Some(String::clone(&identity));
-                InputReport { hash, ..InputReport::of_header(input.parts.grid(), sample_type) }
-            }
-        };
+        let hash = || Some(String::clone(&identity));
+        let own = || InputReport { hash: hash(), ..loaded.volume.report() };
         let own = loaded.resampled.clone().unwrap_or_else(own);
         Ok(match loaded.is_mask {
             true => Inputs { input: loaded.image.clone(), mask: Some(own) },
@@ -174,12 +191,12 @@ impl Session {
         match &self.source {
             Source::Image(source) => {
                 let volume = InputVolume::Whole(read_orthogonal_volume(source, limit)?);
-                Ok(Loaded { volume, image: None, resampled: None, is_mask: false })
+                Ok(Loaded::new(volume, None, false))
             }
             Source::Mask { mask, image } => {
                 let mut volume = read_orthogonal_volume(mask, limit)?;
                 let image = image.as_ref().map(geometry).transpose()?;
-                let mut resampled_from = None;
+                let mut resampled = None;
                 if let Some((grid, _)) = &image
                     && !same_grid(grid, &volume.grid)
                 {
@@ -189,11 +206,11 @@ impl Session {
                             "the mask lies on another grid: resampled to the input's, nearest label"
                         ),
                     }
-                    resampled_from = Some(InputReport::of(&volume));
-                    volume = Arc::new(resampled(&volume, *grid));
+                    resampled = Some(InputReport::of(&volume));
+                    volume = Arc::new(resample(&volume, *grid));
                 }
                 let (image, volume) = (image.map(|i| i.1), InputVolume::Whole(volume));
-                Ok(Loaded { volume, image, resampled: resampled_from, is_mask: true })
+                Ok(Loaded { resampled, ..Loaded::new(volume, image, true) })
             }
         }
     }
@@ -229,17 +246,54 @@ impl Session {
         let d = parts.grid().dims;
         tracing::info!("reading {} x {} x {} voxels in parts", d.x, d.y, d.z);
         let volume = InputVolume::Parts(Box::new(InputParts::read(parts, selection)?));
-        Ok(Some(Loaded { volume, image: None, resampled: None, is_mask }))
+        Ok(Some(Loaded::new(volume, None, is_mask)))
     }
 
-    /// The whole volume, of one that is read in parts too.
+    /// The whole volume, of one that is read in parts or whose samples were released too.
     pub(super) fn whole(&self, loaded: &Loaded) -> Result<Arc<Volume>, SessionError> {
         match (&loaded.volume, &self.source) {
             (InputVolume::Whole(volume), _) => Ok(Arc::clone(volume)),
+            (InputVolume::Released(_), _) => self.whole(&self.load()?),
             (_, Source::Image(source) | Source::Mask { mask: source, .. }) => {
                 read_any_volume(source, self.settings.max_memory_mb)
             }
         }
+    }
+
+    /// The volume with its samples, which are read again where they were released.
+    pub(super) fn with_samples(&self) -> Result<Arc<Loaded>, SessionError> {
+        let loaded = present(&self.slots.loaded);
+        if !matches!(loaded.volume, InputVolume::Released(_)) {
+            return Ok(loaded);
+        }
+        put(&self.slots.loaded, self.load()?);
+        Ok(present(&self.slots.loaded))
+    }
+
+    /// Takes note that neither core nor wall read more samples, and drops them unless they are
+    /// hashed or kept. Returns the bytes that stay in memory.
+    pub(super) fn end_samples(&self) -> u64 {
+        present(&self.slots.loaded).samples_done.store(true, Ordering::Relaxed);
+        self.release_volume();
+        present(&self.slots.loaded).volume.bytes()
+    }
+
+    /// Drops the samples of a file's volume if neither core nor wall read more of them; what
+    /// describes the volume stays.
+    pub(super) fn release_samples(&self) {
+        let mut slot = locked(&self.slots.loaded);
+        let Some(loaded) = &*slot else { return };
+        let (Source::Image(source) | Source::Mask { mask: source, .. }) = &self.source;
+        let is_whole = loaded.volume.whole().is_some();
+        let is_file = matches!(source, VolumeSource::File { .. });
+        if !loaded.samples_done.load(Ordering::Relaxed) || !is_whole || !is_file {
+            return;
+        }
+        let left = (*loaded.volume.grid(), loaded.volume.report());
+        let volume = InputVolume::Released(Box::new(left));
+        let resampled = loaded.resampled.clone();
+        let image = loaded.image.clone();
+        *slot = Some(Arc::new(Loaded { resampled, ..Loaded::new(volume, image, loaded.is_mask) }));
     }
 }
 
@@ -354,7 +408,7 @@ fn geometry(source: &VolumeSource) -> Result<(Grid, InputReport), SessionError> 
 }
 
 /// Labels of `mask` at the voxel centres of `grid`, nearest; 0 beyond the mask.
-fn resampled(mask: &Volume, grid: Grid) -> Volume {
+fn resample(mask: &Volume, grid: Grid) -> Volume {
     fn pick<T: Copy + Default>(from: &[T], mask: &Grid, grid: &Grid) -> Vec<T> {
         let map = mask.voxel_from_world() * grid.world_from_voxel();
         let step = map.transform_vector3(DVec3::X);

@@ -71,6 +71,7 @@ use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::device::Device;
+use crate::vk::return_freed_memory;
 
 use folder_lock::FolderLocks;
 use progress::ProgressState;
@@ -294,6 +295,12 @@ impl Session {
             gone.push(Product::Distance);
         }
         gone.iter().for_each(|p| self.forget_one(*p));
+    }
+
+    /// Drops these products alone: what was made from them stays.
+    fn release(&self, products: &[Product]) {
+        products.iter().for_each(|p| self.forget_one(*p));
+        return_freed_memory();
     }
 
     /// Begins a new clock.

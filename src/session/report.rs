@@ -499,20 +499,13 @@ pub(super) fn hash_of(volume: &Volume) -> String {
 impl InputReport {
     /// Hash and geometry of a volume.
     pub fn of(volume: &Volume) -> Self {
-        Self::with_hash(volume, hash_of(volume))
+        Self { hash: Some(hash_of(volume)), ..Self::without_hash(volume) }
     }
 
-    /// Returns the hash and geometry of a volume whose hash is known.
-    pub(super) fn with_hash(volume: &Volume, hash: String) -> Self {
-        Self {
-            hash: Some(hash),
-            dims: volume.grid.dims.to_array(),
-            spacing_mm: volume.grid.spacing_mm.to_array(),
-            sample_type: volume.samples.sample_type().name().to_owned(),
-            modality: None,
-            series_hash: None,
-        }
-        .of_acquisition(volume.acquisition.as_ref())
+    /// Geometry and acquisition of a volume.
+    pub(super) fn without_hash(volume: &Volume) -> Self {
+        let sample_type = volume.samples.sample_type().name().to_owned();
+        Self::of_header(&volume.grid, sample_type).of_acquisition(volume.acquisition.as_ref())
     }
 
     /// Geometry of an image of which only the header was read.

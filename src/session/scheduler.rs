@@ -240,13 +240,18 @@ impl Session {
         outcome.unwrap_or(Err(SessionError::Cancelled))
     }
 
-    /// Drops the volume once every product that reads it is there. One that is asked for later is
-    /// read again and kept until another reader ends.
-    fn release_volume(&self) {
+    /// Drops the volume once every product that reads it is there, and its samples once no more of
+    /// them are read. One that is asked for later is read again and kept until another reader ends.
+    pub(super) fn release_volume(&self) {
+        if self.keep_volume {
+            return;
+        }
         let used = STAGES.iter().filter(|s| (s.when)(&self.settings));
         let mut readers = used.filter(|s| reads_volume(s));
-        if !self.keep_volume && readers.all(|s| self.board.is_ready(s.product)) {
+        if readers.all(|s| self.board.is_ready(s.product)) {
             self.forget_one(Product::Volume);
+        } else if self.board.is_ready(Product::Identity) || !self.expects(Product::Identity) {
+            self.release_samples();
         }
     }
 }

@@ -110,6 +110,12 @@ impl Session {
         }
     }
 
+    /// Whether the surface lies where grey values between two voxels cross a threshold.
+    pub(super) fn crosses_grey(&self, method: WallMethod, selection: &IntensitySelection) -> bool {
+        let is_range = matches!(selection, IntensitySelection::Range { .. });
+        is_range && method == WallMethod::Exact && !self.settings.wall.from_mask
+    }
+
     /// The grey values that the wall is drawn from, whole.
     fn grey_volume(&self, loaded: &Loaded) -> Result<Arc<Volume>, SessionError> {
         match &self.source {
@@ -124,7 +130,7 @@ impl Session {
     /// and the number of bricks it was computed on.
     fn wall_about(
         &self,
-        loaded: &Loaded,
+        loaded: Arc<Loaded>,
         core: &Core,
         clock: &mut Clock,
     ) -> Result<((Lumen, WallField), u64), SessionError> {
@@ -145,33 +151,43 @@ impl Session {
             drop(grey);
             return wall_field(device, held, wall, limit, clock);
         }
-        let volume = self.grey_volume(loaded)?;
-        let held = volume.samples.bytes().len() as u64;
-        match core.organ.as_ref().and_then(|o| o.fluid.as_ref()) {
+        let volume = self.grey_volume(&loaded)?;
+        drop(loaded);
+        let fluid = core.organ.as_ref().and_then(|o| o.fluid.as_ref());
+        let cleansed = match fluid {
             Some(fluid) => {
                 let (mask, down) = (&fluid.mask, fluid.down);
-                let fluid = CleansedFluid::new(&volume, core.voxels(), &core.mask, mask, down)?;
-                wall_field(device, held, WallInput::cleansed(&fluid), limit, clock)
+                Some(CleansedFluid::new(&volume, core.voxels(), &core.mask, mask, down)?)
             }
-            None => {
-                let wall = WallInput::new(GreyValues::Whole(&volume), core.voxels(), tissue)?;
-                wall_field(device, held, wall, limit, clock)
-            }
-        }
+            None => None,
+        };
+        let wall = match &cleansed {
+            Some(fluid) => WallInput::cleansed(fluid),
+            None => WallInput::new(GreyValues::Whole(&volume), core.voxels(), tissue)?,
+        };
+        // Its values were copied.
+        drop(volume);
+        let held = self.end_samples();
+        wall_field(device, held, wall, limit, clock)
     }
 
     pub(super) fn run_lumen(&self, clock: &mut Clock) -> Result<Segmented, SessionError> {
-        let loaded = present(&self.slots.loaded);
+        let loaded = self.with_samples()?;
         let core = present(&self.slots.core);
         let method = self.wall_method(&loaded, &core);
-        let is_field = method == WallMethod::Field;
-        let (lumen, wall, field_bricks) = if is_field {
-            let ((lumen, wall), bricks) = self.wall_about(&loaded, &core, clock)?;
+        let input = InputSize::of(&loaded.volume);
+        let (lumen, wall, field_bricks) = if method == WallMethod::Field {
+            let ((lumen, wall), bricks) = self.wall_about(loaded, &core, clock)?;
             (lumen, Some(wall), Some(bricks))
         } else {
-            (Lumen::new(*loaded.volume.grid(), &core.mask), None, None)
+            let grid = *loaded.volume.grid();
+            drop(loaded);
+            if !self.crosses_grey(method, &core.options.selection) {
+                self.end_samples();
+            }
+            (Lumen::new(grid, &core.mask), None, None)
         };
-        self.check_memory(&loaded, &core, &lumen, field_bricks)?;
+        self.check_memory(&input, &core, &lumen, field_bricks)?;
         let mut notes = core.notes.clone();
         if lumen.touches_edge {
             notes.push(TOUCHES_EDGE.into());
@@ -183,7 +199,7 @@ impl Session {
     }
 
     pub(super) fn run_core(&self, clock: &mut Clock) -> Result<Core, SessionError> {
-        let loaded = present(&self.slots.loaded);
+        let loaded = self.with_samples()?;
         let grid = *loaded.volume.grid();
         let settings = &self.settings.lumen;
         let name = || match &self.source {
@@ -270,22 +286,20 @@ impl Session {
 
     fn check_memory(
         &self,
-        loaded: &Loaded,
+        input: &InputSize,
         core: &Core,
         lumen: &Lumen,
         field_bricks: Option<u64>,
     ) -> Result<(), SessionError> {
         let voxels = lumen.grid.len() as u64;
-        let mask = match &loaded.volume {
-            InputVolume::Whole(_) => voxels / 8,
-            InputVolume::Parts(input) => {
-                2 * core.mask.bytes() + box_bytes(lumen) + input.parts.reading_bytes()
-            }
+        let mask = match input.parts {
+            None => voxels / 8,
+            Some([reading, _]) => 2 * core.mask.bytes() + box_bytes(lumen) + reading,
         };
         let bricks = lumen.bricks.len() as u64;
         let (Source::Image(source) | Source::Mask { mask: source, .. }) = &self.source;
         let size = RunSize {
-            stored: loaded.volume.bytes(),
+            stored: input.stored,
             keeps_stored: self.keep_volume || matches!(source, VolumeSource::Memory(_)),
             mask,
             voxels,
@@ -297,12 +311,29 @@ impl Session {
             pixels: self.settings.flight.size.iter().map(|s| u64::from(*s)).product(),
         };
         let bytes = estimate_bytes(&size, |p| self.expects(p));
-        let bytes = match &loaded.volume {
-            InputVolume::Whole(_) => bytes,
-            InputVolume::Parts(input) => bytes.max(in_parts_bytes(&input.parts)),
-        };
+        let bytes = bytes.max(input.parts.map_or(0, |[_, selecting]| selecting));
         tracing::info!("about {} MB will be needed", bytes / 1_000_000);
         refuse_above(self.settings.max_memory_mb, bytes, "estimated for all stages")
+    }
+}
+
+/// Bytes that an input takes.
+struct InputSize {
+    /// Samples in memory.
+    stored: u64,
+    /// Chunks while samples are read in parts, and the peak of the first time they were.
+    parts: Option<[u64; 2]>,
+}
+
+impl InputSize {
+    fn of(volume: &InputVolume) -> Self {
+        let parts = match volume {
+            InputVolume::Parts(input) => {
+                Some([input.parts.reading_bytes(), in_parts_bytes(&input.parts)])
+            }
+            _ => None,
+        };
+        Self { stored: volume.bytes(), parts }
     }
 }
 

@@ -27,8 +27,6 @@ use crate::wall::{
 /// Options for making the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct SurfaceOptions {
-    /// Whether grey values give sub-voxel crossings, where the selection is a threshold.
-    from_grey: bool,
     /// Smoothing of the normals.
     smoothing: Smoothing,
     /// Start of a walk along +x that hits first the component to keep; all are kept without one.
@@ -112,23 +110,25 @@ pub fn written_mesh(mesh: &Mesh, open_ends: bool) -> Cow<'_, Mesh> {
 
 impl Session {
     pub(super) fn run_wall(&self, clock: &mut Clock) -> Result<Wall, SessionError> {
-        let (loaded, segmented) = (present(&self.slots.loaded), present(&self.slots.lumen));
+        let segmented = present(&self.slots.lumen);
+        // Crossings of a wall field are in the field.
+        let crosses_grey = self.crosses_grey(segmented.method, &segmented.options.selection);
+        let loaded = if crosses_grey { Some(self.with_samples()?) } else { None };
         let device = present(&self.slots.device);
         let options = SurfaceOptions {
-            from_grey: !self.settings.wall.from_mask,
             smoothing: self.settings.smoothing(),
             track_from: segmented.track_from(),
         };
-        let bricks = match &loaded.volume {
-            // Crossings of a wall field are in the field.
-            InputVolume::Parts(input) if segmented.wall.is_none() && options.from_grey => {
+        let bricks = match loaded.as_ref().map(|l| &l.volume) {
+            Some(InputVolume::Parts(input)) => {
                 Some(GreyBricks::read(&input.parts, segmented.lumen.bricks.clone())?)
             }
             _ => None,
         };
-        let grey = match (&bricks, loaded.volume.whole()) {
-            (Some(bricks), _) => Some(GreyValues::Bricks(bricks)),
-            (None, volume) => volume.map(|volume| GreyValues::Whole(volume)),
+        let whole = loaded.as_ref().and_then(|l| l.volume.whole());
+        let grey = match &bricks {
+            Some(bricks) => Some(GreyValues::Bricks(bricks)),
+            None => whole.map(|volume| GreyValues::Whole(volume)),
         };
         wall(&mut device.lock(), grey, &segmented, options, clock)
     }
@@ -174,6 +174,8 @@ impl Session {
 
 /// Extracts and fairs the surface of a lumen.
 ///
+/// * `grey`: values that give crossings between voxels, where the selection is a threshold.
+///
 /// # Errors
 /// The device's.
 fn wall(
@@ -185,14 +187,13 @@ fn wall(
 ) -> Result<Wall, SessionError> {
     let Segmented { lumen, wall, options: segmentation, method, .. } = segmented;
     let relaxed = *method == WallMethod::Relaxed;
-    let grey = grey.filter(|_| options.from_grey);
     let grey = grey.and_then(|grey| Grey::new(grey, &segmentation.selection));
     let mesh = clock.time(
         "surface",
         "faces",
         || match (wall, grey) {
             (Some(field), _) => stage::extract(lumen, &FieldCrossing { lumen, field }),
-            (None, Some(grey)) if !relaxed => stage::extract(lumen, &grey),
+            (None, Some(grey)) => stage::extract(lumen, &grey),
             (None, _) => stage::extract(lumen, &Midpoint),
         },
         |mesh| mesh.faces.len() as u64,
