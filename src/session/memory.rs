@@ -30,7 +30,7 @@ fn status_mb(name: &str) -> f64 {
 pub(super) struct RunSize {
     /// Bytes of the stored samples.
     pub stored: u64,
-    /// Whether they stay in memory when no stage reads them any more.
+    /// Whether they stay in memory once the lumen is made.
     pub keeps_stored: bool,
     /// Bytes of a mask.
     pub mask: u64,
@@ -62,12 +62,12 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
     let has_plans = makes(Product::Fields) || distance || makes(Product::Wall);
     // The program, a mask, and Vulkan once a plan opens it.
     let held = 13 * MB + size.mask + when(has_plans, 45 * MB);
-    // The volume is dropped before trees and frames where its hash was taken by then.
-    let stored_to_end = when(size.keeps_stored || !makes(Product::Inputs), size.stored);
+    // Samples that outlive the choice of the lumen.
+    let stored_after = when(size.keeps_stored, size.stored);
     // Memory that is freed once the lumen is made: labels of the search for an organ, and after them
     // values, levels and growth of the wall field.
-    let choosing = when(size.is_field, 14 * MB + 20_500 * size.field_bricks)
-        .max(when(size.is_organ, size.voxels * 5 / 2));
+    let searched = size.stored + when(size.is_organ, size.voxels * 5 / 2);
+    let levels = stored_after + when(size.is_field, 14 * MB + 20_500 * size.field_bricks);
     let kept = when(size.is_field, 38 * MB);
     let products = when(makes(Product::Fields) || distance, 6200 * size.bricks)
         // Written as a dense file, some slices at a time.
@@ -84,8 +84,7 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
         + when(makes(Product::Display), 45 * MB + 60 * size.pixels)
         // Pictures of a run's report.
         + when(makes(Product::LumenProfile), 50 * MB + 250 * size.wall_sides);
-    let computed = size.stored + choosing.max(kept);
-    held + products + computed.max(stored_to_end + kept + recorded)
+    held + searched.max(levels).max(products + stored_after + kept + recorded)
 }
 
 /// The program without any data, bytes.

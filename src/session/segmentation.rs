@@ -187,7 +187,7 @@ impl Session {
             }
             (Lumen::new(grid, &core.mask), None, None)
         };
-        self.check_memory(&input, &core, &lumen, field_bricks)?;
+        self.check_memory(&input, method, &core, &lumen, field_bricks)?;
         let mut notes = core.notes.clone();
         if lumen.touches_edge {
             notes.push(TOUCHES_EDGE.into());
@@ -287,6 +287,7 @@ impl Session {
     fn check_memory(
         &self,
         input: &InputSize,
+        method: WallMethod,
         core: &Core,
         lumen: &Lumen,
         field_bricks: Option<u64>,
@@ -300,7 +301,9 @@ impl Session {
         let (Source::Image(source) | Source::Mask { mask: source, .. }) = &self.source;
         let size = RunSize {
             stored: input.stored,
-            keeps_stored: self.keep_volume || matches!(source, VolumeSource::Memory(_)),
+            keeps_stored: self.keep_volume
+                || self.crosses_grey(method, &core.options.selection)
+                || matches!(source, VolumeSource::Memory(_)),
             mask,
             voxels,
             bricks,
