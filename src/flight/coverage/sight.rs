@@ -54,8 +54,11 @@ impl<'a> CoverageMap<'a> {
     /// Adds the faces that views see: pose and lens of each.
     pub fn add(&mut self, views: &[(Pose, Lens)]) {
         let (tree, exterior) = (self.tree, self.exterior);
-        let views: Vec<Sight> =
-            views.par_iter().map(|(pose, lens)| Sight::new(*pose, *lens, exterior)).collect();
+        let sight = |(pose, lens): &(Pose, Lens)| {
+            checkpoint();
+            Sight::new(*pose, *lens, exterior)
+        };
+        let views: Vec<Sight> = views.par_iter().map(sight).collect();
         self.portions.par_iter_mut().for_each(|portion| {
             for i in portion.nearest_first(tree, &views) {
                 checkpoint();
