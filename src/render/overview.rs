@@ -4,6 +4,7 @@
 //! of its own (colour of all layers, and in alpha their remaining transmittance) and laid over each
 //! frame's path and camera. It consists of two kinds of layer: the nearest wall, drawn first with a
 //! depth test; and under it every wall, faint, all of one colour, so that their order cannot show.
+//! Where frames have four samples a pixel, the glass has four pixels, averaged as it is laid.
 
 use glam::Vec3;
 
@@ -62,7 +63,8 @@ impl Renderer {
         });
         let lay = Draw {
             pipeline: self.pipelines.stack,
-            push: Vec::new(),
+            push: bytemuck::bytes_of(&host::stack::Params { grid: self.targets.glass_grid })
+                .to_vec(),
             vertices: None,
             indices: None,
             range: DrawRange::Direct(0..3),
@@ -81,7 +83,10 @@ impl Renderer {
     }
 
     fn glass_pass(&self, key: GlassKey, pose: &Pose, lens: &Lens) -> Pass {
-        let area = key.area;
+        let t = &self.targets;
+        let grid = t.glass_grid;
+        let Area { x, y, width, height } = key.area;
+        let area = Area { x: grid * x, y: grid * y, width: grid * width, height: grid * height };
         let model = key.mesh.map(|m| self.model(m));
         // From above and the side, far enough that it does not fall off.
         let corner = model.and_then(|m| m.bounds).map_or(Vec3::ZERO, |b| b.0);
@@ -95,12 +100,10 @@ impl Renderer {
         let p = &self.pipelines;
         let has_colours = model.is_some_and(|m| m.uncoloured.is_some());
         let layers = if has_colours { p.glass_coloured } else { p.glass };
-        let t = &self.targets;
-        let (colour, resolve) = t.glass_many.map_or((t.glass, None), |many| (many, Some(t.glass)));
         Pass {
-            colour,
-            resolve,
-            depth: Some(t.depth),
+            colour: t.glass,
+            resolve: None,
+            depth: Some(t.glass_depth),
             encoded: false,
             clear: Some([0.0, 0.0, 0.0, 1.0]),
             area,

@@ -73,6 +73,7 @@ impl Pipelines {
                     entries,
                     colour: GLASS,
                     depth_use,
+                    samples: 1,
                     blend,
                     ..wall.clone()
                 })

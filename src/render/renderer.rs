@@ -52,8 +52,10 @@ pub(super) struct Targets {
     pub picture: ImageId,
     /// Multisampled twin of the picture.
     pub picture_many: Option<ImageId>,
+    /// Glass, with `glass_grid` by `glass_grid` pixels for each of the picture, and its depth.
     pub glass: ImageId,
-    pub glass_many: Option<ImageId>,
+    pub glass_depth: ImageId,
+    pub glass_grid: u32,
     pub depth: ImageId,
 }
 
@@ -66,19 +68,30 @@ impl Targets {
         if !possible || width < 2 || height < 1 || width > most || height > most {
             return Err(RenderError::BadSize { width, height, samples });
         }
+        // A whole organ's triangles are smaller than a pixel: four samples of each cost more than
+        // four pixels.
+        let glass_grid = if samples > 1 && 2 * width.max(height) <= most { 2 } else { 1 };
+        let fine = extent.map(|side| glass_grid * side);
         gpu.all_or_none(|gpu| {
-            let mut image =
-                |name, format, samples| gpu.image(name, ImageSpec { format, extent, samples });
-            let many = samples > 1;
-            let mut twin = |name, format| many.then(|| image(name, format, samples)).transpose();
-            let (picture_many, glass_many) = (twin("picture", PICTURE)?, twin("glass", GLASS)?);
+            let mut image = |name, format, extent, samples| {
+                gpu.image(name, ImageSpec { format, extent, samples })
+            };
+            let depth = image("depth", DEPTH, extent, samples)?;
+            let (picture_many, glass_depth) = match samples {
+                1 => (None, depth),
+                _ => (
+                    Some(image("picture", PICTURE, extent, samples)?),
+                    image("depth of the glass", DEPTH, fine, 1)?,
+                ),
+            };
             Ok(Self {
                 extent,
-                picture: image("picture", PICTURE, 1)?,
+                picture: image("picture", PICTURE, extent, 1)?,
                 picture_many,
-                glass: image("glass", GLASS, 1)?,
-                glass_many,
-                depth: image("depth", DEPTH, samples)?,
+                glass: image("glass", GLASS, fine, 1)?,
+                glass_depth,
+                glass_grid,
+                depth,
             })
         })
     }
@@ -89,8 +102,9 @@ impl Targets {
     }
 
     pub fn release(&self, releaser: &Releaser) {
-        let Self { extent: _, picture, picture_many, glass, glass_many, depth } = *self;
-        let all = [Some(picture), picture_many, Some(glass), glass_many, Some(depth)];
+        let Self { picture, picture_many, glass, glass_depth, depth, .. } = *self;
+        let own_depth = (glass_depth != depth).then_some(glass_depth);
+        let all = [Some(picture), picture_many, Some(glass), own_depth, Some(depth)];
         all.into_iter().flatten().for_each(|i| releaser.image(i));
     }
 }
