@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::CliError;
 use crate::flight::{CameraPath, FOV_DEG, Frames, MAX_FRAMES};
 use crate::formats::{atomic_file, read_plain};
+use crate::lod::vds::Scheme;
 use crate::render::View;
 use crate::session::{FlightRoute, FlightSettings, LevelSettings, Lod};
 
@@ -115,6 +116,9 @@ pub struct LevelArgs {
     /// Level of detail of the wall; auto is culled, the whole mesh less what a camera cannot see
     #[arg(long, value_enum, default_value = "auto")]
     pub lod: Lod,
+    /// Subdivision scheme of --lod vds (default: 1-to-4)
+    #[arg(long, value_enum)]
+    pub scheme: Option<Scheme>,
     /// Pixels that clusters and vds may be away from the full mesh
     #[arg(long, value_name = "T", default_value_t = 1.0)]
     pub pixel_error: f32,
@@ -135,7 +139,12 @@ impl LevelArgs {
             Some(folder) => Some(folder.clone()),
             None => atomic_file::user_cache(),
         };
-        Ok(LevelSettings { lod: self.lod, pixel_error: self.pixel_error, cache })
+        let Self { lod, scheme, pixel_error, .. } = *self;
+        if scheme.is_some() && lod != Lod::Vds {
+            return Err(CliError::Usage("--scheme: of --lod vds only".into()));
+        }
+        let scheme = scheme.unwrap_or_default();
+        Ok(LevelSettings { lod, scheme, pixel_error, cache })
     }
 }
 

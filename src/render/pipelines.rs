@@ -264,7 +264,7 @@ mod tests {
         let (inside, lines, ghost) = (s.pipelines.inside, s.pipelines.lines, s.pipelines.glass[1]);
         let lay = Draw {
             pipeline: s.pipelines.stack,
-            push: Vec::new(),
+            push: vec![0; host::stack::SHADER.push_bytes() as usize],
             vertices: None,
             images: vec![glass],
             ..draw.clone()

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use super::settings::Lod;
+use super::settings::{LevelSettings, Lod};
 use super::{Clock, Session, SessionError, level_cache, locked, present};
 use crate::geometry::{ExteriorGrid, Mesh, TriangleBvh, Vertex};
 use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
@@ -52,6 +52,12 @@ enum LevelKind {
 pub struct LodReport {
     /// Kind of levels, `clusters` or `vds`; `culled` or `off` where the whole wall is drawn.
     pub mode: &'static str,
+    /// Subdivision scheme, of `vds`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scheme: Option<&'static str>,
+    /// Distance of the finest surface from the wall, mm, of `vds`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub finest_error_mm: Option<f32>,
     /// Cost by which the base was simplified, where there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub metric: Option<&'static str>,
@@ -113,10 +119,6 @@ pub fn base(
     Ok(clock.time("base", "faces", work, |_| mesh.faces.len() as u64)?)
 }
 
-/// The paper's level of detail has this many faces of the wall to one of its base: a base face is
-/// the least that is drawn.
-const VDS_BASE: usize = 160;
-
 /// A GPU draws a wall of at most so many faces sooner than the CPU finds what of it can be seen: an
 /// H100 draws 860,000 in 0.7 ms, 16 cores find it in 1.2.
 const DRAWN_WHOLE: u64 = 1_000_000;
@@ -161,7 +163,7 @@ impl Levels {
     ///
     /// * `tree`: hierarchy of the mesh's faces.
     /// * `metric`: cost of a collapse.
-    /// * `finest_mm`: distance from the mesh at which triangles are not split further.
+    /// * `vds`: options of the subdivision.
     ///
     /// # Errors
     /// [`SessionError`]: a mesh that half-edges cannot hold, or that is too large.
@@ -171,7 +173,7 @@ impl Levels {
         tree: &TriangleBvh,
         base: usize,
         metric: Metric,
-        finest_mm: f32,
+        vds: VdsOptions,
         pixel_error: f32,
         clock: &mut Clock,
     ) -> Result<Self, SessionError> {
@@ -186,12 +188,13 @@ impl Levels {
             |_| mesh.faces.len() as u64,
         )?;
         let original = ParameterizedOriginal::new(mesh, vertices, tree, &simplified, &maps);
-        let options = VdsOptions { finest_mm, ..VdsOptions::default() };
-        let build = || SubdivisionSurface::new(&simplified.mesh, &original, options);
+        let build = || SubdivisionSurface::new(&simplified.mesh, &original, vds);
         let count = simplified.mesh.faces.len() as u64;
         let surface = clock.time("subdivision", "base faces", build, |_| count)?;
         let report = LodReport {
             mode: "vds",
+            scheme: Some(vds.scheme.name()),
+            finest_error_mm: Some(surface.finest_error_mm()),
             metric: Some(metric.name()),
             pixel_error,
             base_faces: surface.base_faces(),
@@ -333,15 +336,19 @@ impl Session {
     pub(super) fn run_subdivision_levels(&self, clock: &mut Clock) -> Result<Levels, SessionError> {
         let drawn = present(&self.slots.drawn_wall);
         let shading = present(&self.slots.shading);
-        let (mesh, error) = (drawn.mesh(), self.settings.levels.pixel_error);
+        let mesh = drawn.mesh();
+        let LevelSettings { scheme, pixel_error, .. } = self.settings.levels;
         return_freed_memory();
-        let base = (mesh.faces.len() / VDS_BASE).max(MIN_BASE_FACES.min(mesh.faces.len()));
+        let base =
+            (mesh.faces.len() / scheme.original_faces()).max(MIN_BASE_FACES.min(mesh.faces.len()));
         let metric = self.settings.methods().metric;
         let tree = present(&self.slots.drawn_tree);
         let spacing = present(&self.slots.lumen).lumen.grid.spacing_mm.min_element();
-        let (vertices, finest) = (&shading.vertices, (0.1 * spacing) as f32);
+        let finest_mm = (0.1 * spacing) as f32;
+        let vds = VdsOptions { finest_mm, scheme, ..VdsOptions::default() };
+        let vertices = &shading.vertices;
         let levels =
-            Levels::of_subdivision(mesh, vertices, &tree, base, metric, finest, error, clock)?;
+            Levels::of_subdivision(mesh, vertices, &tree, base, metric, vds, pixel_error, clock)?;
         let grid = present(&self.slots.exterior).grid.clone().filter(|_| drawn.closed);
         Ok(match grid {
             Some(grid) => levels.with_occlusion(grid),

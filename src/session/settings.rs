@@ -11,6 +11,7 @@ use crate::centerline::Loops;
 use crate::device::DeviceChoice;
 use crate::flight::{CameraPath, Frames};
 use crate::formats::{Facing, ReadOptions, shown};
+use crate::lod::vds::Scheme;
 use crate::lumen::IntensitySelection;
 use crate::organ::OrganOptions;
 use crate::render::View;
@@ -183,6 +184,8 @@ pub enum Lod {
 pub struct LevelSettings {
     /// Level-of-detail method.
     pub lod: Lod,
+    /// Subdivision scheme of [`Lod::Vds`].
+    pub scheme: Scheme,
     /// Largest distance of what is drawn from the full mesh, pixels.
     pub pixel_error: f32,
     /// Folder where clusters are kept between runs; `None` keeps none.
@@ -191,7 +194,7 @@ pub struct LevelSettings {
 
 impl Default for LevelSettings {
     fn default() -> Self {
-        Self { lod: Lod::default(), pixel_error: 1.0, cache: None }
+        Self { lod: Lod::default(), scheme: Scheme::default(), pixel_error: 1.0, cache: None }
     }
 }
 

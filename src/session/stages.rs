@@ -305,7 +305,7 @@ products! {
     /// The wall at many levels of detail, ready to be refined.
     pub Levels levels: Levels =
         "levels" 0.1 [DrawnWall Shading Clusters Exterior] (levels.pixel_error) Cpu clusters run_cluster_levels
-        | "subdivision" 25.0 [Lumen DrawnWall Shading DrawnTree Exterior] (mode, levels.pixel_error) Cpu subdivision run_subdivision_levels;
+        | "subdivision" 25.0 [Lumen DrawnWall Shading DrawnTree Exterior] (mode, levels.scheme, levels.pixel_error) Cpu subdivision run_subdivision_levels;
     /// The wall with few faces.
     pub Base base: Mesh =
         "base" 3.0 [Wall Clusters] (mode, wall.base_faces) Cpu base_from_clusters run_base_from_clusters

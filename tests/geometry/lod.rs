@@ -5,6 +5,7 @@ use common::cast::Cast;
 use common::pages::Pages;
 use common::{screen, tube};
 use intima::geometry::{Camera, Lens, Mesh, TriangleBvh};
+use intima::lod::vds::VdsOptions;
 use intima::lod::{PageCache, Tolerance};
 use intima::mesh::Metric;
 use intima::session::{Clock, Levels};
@@ -26,7 +27,8 @@ fn subdivision(mesh: &Mesh) -> Levels {
     let vertices = shading(mesh).vertices;
     let clock = &mut Clock::default();
     let (base, tree) = (mesh.faces.len() / 100, TriangleBvh::new(mesh));
-    Levels::of_subdivision(mesh, &vertices, &tree, base, Metric::NormalQem, 0.0, 1.0, clock)
+    let vds = VdsOptions::default();
+    Levels::of_subdivision(mesh, &vertices, &tree, base, Metric::NormalQem, vds, 1.0, clock)
         .unwrap()
 }
 

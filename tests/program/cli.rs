@@ -205,9 +205,10 @@ fn every_way_of_drawing_shows_nearly_the_same_and_keeps_its_clusters() {
     let tmp = tempfile::tempdir().unwrap();
     phantom(tmp.path(), Kind::Bend, 128);
     let film = |lod: &str, out: &str| {
-        let args = ["record", "--mask", "mask.nrrd", "--out", out, "--lod", lod, "--json"];
+        let args = ["record", "--mask", "mask.nrrd", "--out", out, "--json", "--lod"];
+        let lod: Vec<&str> = lod.split(' ').collect();
         let more = ["--frames", "3", "--size", "160x120", "--msaa", "1", "--lod-cache", "kept"];
-        let report = works(tmp.path(), &[&args[..], &more].concat());
+        let report = works(tmp.path(), &[&args[..], &lod, &more].concat());
         let pictures: Vec<Vec<u8>> = names(&tmp.path().join(out))
             .iter()
             .map(|n| read_png(&tmp.path().join(out).join(n)).unwrap().2)
@@ -216,11 +217,18 @@ fn every_way_of_drawing_shows_nearly_the_same_and_keeps_its_clusters() {
     };
     let (whole, want) = film("off", "off");
     assert_eq!(whole["lod"]["mode"], "off");
-    for (lod, out, cached) in
-        [("clusters", "a", false), ("clusters", "b", true), ("vds", "c", false)]
-    {
+    for (lod, out, cached) in [
+        ("clusters", "a", false),
+        ("clusters", "b", true),
+        ("vds", "c", false),
+        ("vds --scheme sqrt3", "d", false),
+        ("vds --scheme 4-8", "e", false),
+    ] {
         let (report, got) = film(lod, out);
-        assert_eq!(report["lod"]["mode"], lod);
+        let mode = lod.split(' ').next();
+        assert_eq!(report["lod"]["mode"].as_str(), mode);
+        let scheme = lod.split(' ').nth(2).or((mode == Some("vds")).then_some("1-to-4"));
+        assert_eq!(report["lod"]["scheme"].as_str(), scheme);
         assert_eq!(report["lod"]["cached"], cached, "{lod} {out}");
         for (a, b) in want.iter().zip(&got) {
             let sum: u64 = a.iter().zip(b).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
@@ -499,6 +507,7 @@ fn bad_input_is_one_line_that_names_it_with_its_own_exit_code_and_leaves_nothing
         (&["segment", "ct.nrrd", "--threshold", "5:1", "-o", "o.nrrd"], 2, "5:1"),
         (&["surface", "--mask", "mask.nrrd", "--lambda", "1", "-o", "o.ply"], 2, "--lambda"),
         (&["record", "--mask", "mask.nrrd", "--size", "0x9", "--out", "o"], 2, "--size"),
+        (&["record", "--mask", "mask.nrrd", "--scheme", "4-8", "--out", "o"], 2, "--scheme"),
         (&["distance", "--mask", "mask.nrrd", "-o", "o.xyz"], 2, "o.xyz"),
         (&["distance", "--mask", "mask.nrrd", "-o", "no/such/o.nrrd"], 2, "no folder"),
         (

@@ -2,7 +2,7 @@
 
 use super::measure::PatchBounds;
 use super::patch::{MORPH_STEPS, PatchVertex};
-use super::template::{SHAPE, SPLITS};
+use super::template::PatchShape;
 use crate::geometry::{HierarchicalZ, ProjectedBounds, Sphere, ViewFrustum};
 use crate::lod::FULL_SHADING_PX;
 
@@ -11,9 +11,6 @@ pub type Fineness = u16;
 
 /// Steps of fineness to a level.
 pub const STEP: Fineness = MORPH_STEPS as Fineness;
-
-/// Level whose triangles, widened by its error, say where a patch is.
-const PLACE: u32 = SPLITS - 1;
 
 /// Demands of a camera.
 pub struct Criterion {
@@ -24,6 +21,8 @@ pub struct Criterion {
     pub shading: f64,
     /// Depths behind which the wall hides, if they are known.
     pub depths: Option<HierarchicalZ>,
+    /// Shape of all patches.
+    pub shape: &'static PatchShape,
     /// Whether levels pass gradually into each other.
     pub morph: bool,
 }
@@ -53,27 +52,29 @@ impl Criterion {
         if by_sphere == Some(lowest as Fineness * STEP) {
             return by_sphere;
         }
-        let places = self.places(b.error_mm[PLACE as usize], vertices);
+        // Triangles of the level before the finest, widened by its error, say where the patch is.
+        let level = self.shape.finest() - 1;
+        let places = self.places(level, b.error_mm[level as usize], vertices);
         self.least(b, lowest, |mm| {
             places.iter().map(|s| self.frustum.bounds_error_px(s, mm)).fold(0.0, f64::max)
         })
     }
 
-    /// Places of a patch's triangles in the image.
-    fn places(&self, margin_mm: f32, vertices: &[PatchVertex]) -> Vec<ProjectedBounds> {
+    /// Places of a patch's triangles of a level in the image.
+    fn places(&self, level: u32, margin_mm: f32, vertices: &[PatchVertex]) -> Vec<ProjectedBounds> {
         let mut known: [Option<ProjectedBounds>; SHAPE_POINTS] = [None; SHAPE_POINTS];
         let mut of = |i: usize| {
             *known[i]
                 .get_or_insert_with(|| self.frustum.project(vertices[i].own.position(), margin_mm))
         };
-        let triangles = SHAPE.faces(SHAPE.template(PLACE, 0));
+        let triangles = self.shape.faces(self.shape.template(level, 0));
         let union = |[a, b, c]: [usize; 3]| of(a).union(&of(b)).union(&of(c));
         triangles.map(union).collect()
     }
 
     /// [`Self::required`] with errors in pixels by `px`.
     fn least(&self, b: &PatchBounds, lowest: u32, px: impl Fn(f32) -> f64) -> Option<Fineness> {
-        let level = (lowest..=SPLITS).find(|l| self.is_enough(b, *l, 1.0, &px))?;
+        let level = (lowest..=self.shape.finest()).find(|l| self.is_enough(b, *l, 1.0, &px))?;
         let finest = level as Fineness * STEP;
         if level == lowest || !self.morph {
             return Some(finest);

@@ -16,7 +16,6 @@ use super::forest::NONE;
 use super::measure::{PatchBounds, lowest_level};
 use super::patch::MORPH_STEPS;
 use super::surface::SubdivisionSurface;
-use super::template::{SHAPE, SPLITS};
 use crate::geometry::{Camera, ViewFrustum};
 use crate::lod::{
     LodHierarchy, LodStep, OcclusionTest, PageCache, ResidentPatch, Tolerance, VisiblePatch,
@@ -73,6 +72,11 @@ impl Vds {
         self.surface.forest.node(id).depth as Fineness * STEP
     }
 
+    /// Largest fineness of a node that is drawn.
+    fn finest(&self, id: u32) -> Fineness {
+        self.origin(id) + self.surface.shape().finest() as Fineness * STEP
+    }
+
     /// Least fineness of a node that is drawn.
     pub(super) fn least(&self, id: u32) -> Fineness {
         let depth = self.surface.forest.node(id).depth;
@@ -90,7 +94,7 @@ impl Vds {
         }
         let depth = surface.forest.node(id).depth;
         let children = surface.forest.children(id);
-        let whole = self.origin(id) + SPLITS as Fineness * STEP;
+        let whole = self.finest(id);
         let most = match surface.finest.get(id as usize) {
             Some(level) if children.is_empty() => self.origin(id) + *level as Fineness * STEP,
             _ => whole,
@@ -183,7 +187,7 @@ impl Vds {
         while let Some((m, _)) = self.across(id, side)
             && self.fineness(m) < need
         {
-            if need <= self.origin(m) + SPLITS as Fineness * STEP {
+            if need <= self.finest(m) {
                 self.states[m as usize] = NodeState::Drawn(need);
                 raised(m, need);
                 return;
@@ -240,7 +244,7 @@ impl Vds {
         let sides = self.sides[id as usize].map(|q| u32::from(q - origin));
         let level = own.div_ceil(MORPH_STEPS);
         let split = |e: usize| u32::from(sides[e].div_ceil(MORPH_STEPS) > level) << e;
-        let template = SHAPE.template(level, split(0) | split(1) | split(2));
+        let template = self.surface.shape().template(level, split(0) | split(1) | split(2));
         let morph = own | sides[0] << 8 | sides[1] << 16 | sides[2] << 24;
         let PatchBounds { sphere, cone, .. } = self.surface.bounds[id as usize];
         let resident = Some(ResidentPatch { first_index: template.first, morph });
@@ -272,7 +276,8 @@ impl LodHierarchy for Vds {
             pixels: f64::from(tolerance.pixels),
             shading: f64::from(self.surface.options.shading_rad),
             depths: self.occlusion.as_ref().map(|test| test.depths(&frustum)),
-            morph: self.surface.options.morph,
+            shape: self.surface.shape(),
+            morph: self.surface.options.morph && self.surface.options.scheme.morphs(),
         });
         let drawn = self.patches();
         let leaves_changed = changes(&self.drawn, &drawn);

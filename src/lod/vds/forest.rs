@@ -7,14 +7,15 @@
 //! level from a leaf across its sides.
 
 use super::base_mesh::BaseMesh;
-use super::template::{GridPoint, STEPS};
+use super::template::GridPoint;
 
 /// Stands for "no node" and "no half-edge".
 pub const NONE: u32 = u32::MAX;
 /// Largest depth of a node.
 pub const MAX_DEPTH: u32 = 8;
-/// Steps of the grid of a base face: points of the deepest patches have whole coordinates.
-pub const FACE_STEPS: u32 = STEPS << MAX_DEPTH;
+/// Steps of the grid of a base face: points of the deepest patches of 1-to-4 splits (16 steps) have
+/// whole coordinates, and those of other shapes in a base face (9 and 48 steps).
+pub const FACE_STEPS: u32 = (9 * 16) << MAX_DEPTH;
 
 /// A patch of the forest.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,9 +35,9 @@ pub struct PatchNode {
 }
 
 impl PatchNode {
-    /// Coordinates, on the grid of the face, of a point of the patch.
-    pub fn place(&self, p: GridPoint) -> GridPoint {
-        [0, 1, 2].map(|k| (0..3).map(|c| p[c] * self.corners[c][k]).sum::<u32>() / STEPS)
+    /// Coordinates, on the grid of the face, of a point of the patch that has `steps` along a side.
+    pub fn place(&self, p: GridPoint, steps: u32) -> GridPoint {
+        [0, 1, 2].map(|k| (0..3).map(|c| p[c] * self.corners[c][k]).sum::<u32>() / steps)
     }
 }
 

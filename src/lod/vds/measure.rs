@@ -11,15 +11,13 @@ use glam::{DVec3, Vec3};
 use super::base_mesh::BaseMesh;
 use super::forest::{FACE_STEPS, PatchNode};
 use super::original::Original;
-use super::template::{GridPoint, SHAPE, SPLITS};
+use super::scheme::Scheme;
+use super::template::{GridPoint, LEVELS, PatchShape, SPLITS};
 use crate::geometry::{Cone, Sphere, Vertex, point_triangle_distance};
 use crate::lod::octree::{Item, bounding_cone};
 
 /// Safety factor for deviations between the measured points.
 const BETWEEN: f64 = 1.1;
-
-/// Levels of a patch.
-pub const LEVELS: usize = SPLITS as usize + 1;
 
 /// Bounds of a patch, by which a camera judges it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,19 +65,24 @@ pub fn lowest_level(depth: u32) -> u32 {
 pub struct PatchSampler<'a> {
     base: &'a BaseMesh,
     original: &'a dyn Original,
+    shape: &'static PatchShape,
     /// First face and corner at each vertex.
     corners: Vec<(u32, usize)>,
 }
 
 impl<'a> PatchSampler<'a> {
-    pub fn new(base: &'a BaseMesh, original: &'a dyn Original) -> Self {
+    pub fn new(base: &'a BaseMesh, original: &'a dyn Original, scheme: Scheme) -> Self {
         let mut corners = vec![(u32::MAX, 0); base.vertices];
         for (f, face) in base.faces.iter().enumerate().rev() {
             for (c, v) in face.iter().enumerate() {
                 corners[*v as usize] = (f as u32, c);
             }
         }
-        Self { base, original, corners }
+        Self { base, original, shape: PatchShape::of(scheme), corners }
+    }
+
+    pub fn shape(&self) -> &'static PatchShape {
+        self.shape
     }
 
     /// The original at a grid point of a face: the same bits from every face that it lies in.
@@ -104,7 +107,9 @@ impl<'a> PatchSampler<'a> {
 
     /// Takes the samples of a patch.
     pub fn samples(&self, node: &PatchNode) -> Vec<Vertex> {
-        SHAPE.points.iter().map(|p| self.at(node.face, node.place(p.at))).collect()
+        let steps = self.shape.steps;
+        let points = self.shape.points.iter();
+        points.map(|p| self.at(node.face, node.place(p.at, steps))).collect()
     }
 
     /// Measures a patch with these samples; `inside` are the vertices of the original in it.
@@ -112,21 +117,21 @@ impl<'a> PatchSampler<'a> {
         let positions: Vec<Vec3> = samples.iter().map(Vertex::position).collect();
         let mut error_mm = [f32::INFINITY; LEVELS];
         let (mut angle_rad, mut edge_mm) = ([0.0; LEVELS], [0.0; LEVELS]);
-        for level in lowest_level(depth)..=SPLITS {
-            let cells = cells(level, samples);
+        for level in lowest_level(depth)..=self.shape.finest() {
+            let cells = cells(self.shape, level, samples);
             let error = BETWEEN * self.distance(level, &cells, samples, inside);
             let l = level as usize;
             // Rounded up.
             error_mm[l] = (error * (1.0 + 1e-6)) as f32;
-            angle_rad[l] = angle(level, &cells, inside) as f32;
+            angle_rad[l] = angle(&cells, inside) as f32;
             edge_mm[l] = cells.iter().map(Cell::longest_mm).fold(0.0, f64::max) as f32;
         }
         let lo = positions.iter().fold(Vec3::INFINITY, |a, p| a.min(*p));
         let hi = positions.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));
         let centre = 0.5 * (lo + hi);
         let reach = positions.iter().map(|p| p.distance(centre)).fold(0.0, f32::max);
-        let radius = reach * (1.0 + 1e-6) + error_mm[LEVELS - 1];
-        let cone = cone(lowest_level(depth), &positions);
+        let radius = reach * (1.0 + 1e-6) + error_mm[self.shape.finest() as usize];
+        let cone = cone(self.shape, lowest_level(depth), &positions);
         PatchBounds { error_mm, angle_rad, edge_mm, sphere: Sphere { centre, radius }, cone }
     }
 
@@ -139,7 +144,7 @@ impl<'a> PatchSampler<'a> {
     ) -> f64 {
         let to_level = |p: &OriginalPoint| {
             let x = p.vertex.position().as_dvec3();
-            let about = cells.iter().filter(|c| c.is_about(p, level));
+            let about = cells.iter().filter(|c| c.is_about(p));
             about.map(|c| point_triangle_distance(x, c.corners)).fold(f64::INFINITY, f64::min)
         };
         let there = inside.iter().map(to_level).fold(0.0, f64::max);
@@ -153,18 +158,14 @@ impl<'a> PatchSampler<'a> {
         for cell in cells {
             let [p, q, r] = cell.corners;
             worst = worst.max(self.original.distance_mm((p + q + r) / 3.0));
-            // Upright triangles have each edge once.
-            if !cell.is_upright() {
-                continue;
-            }
-            for (e, middle) in
-                [(p, q), (q, r), (r, p)].map(|(a, b)| 0.5 * (a + b)).into_iter().enumerate()
-            {
-                // The sample there is on the original, and most often near enough.
-                let known = cell.middle(e, level).map(|i| samples[i].position().as_dvec3());
-                if known.is_none_or(|x| x.distance(middle) > worst) {
-                    worst = worst.max(self.original.distance_mm(middle));
-                }
+        }
+        let at = |i: u32| samples[i as usize].position().as_dvec3();
+        for edge in self.shape.edges(level) {
+            let middle = 0.5 * (at(edge.ends[0]) + at(edge.ends[1]));
+            // Samples of the original are most often near enough.
+            let known = edge.middle.filter(|_| self.original.is_sampled()).map(at);
+            if known.is_none_or(|x| x.distance(middle) > worst) {
+                worst = worst.max(self.original.distance_mm(middle));
             }
         }
         worst
@@ -173,29 +174,23 @@ impl<'a> PatchSampler<'a> {
 
 /// A triangle of a level.
 struct Cell {
-    /// Coordinates of its corners, in steps of the level.
+    /// Barycentric coordinates of its corners in the patch.
     grid: [DVec3; 3],
     corners: [DVec3; 3],
     normals: [DVec3; 3],
 }
 
+/// Places are about a triangle up to this many times the distance of its corners from its centre,
+/// by coordinate: so it is for 1.4 times the side of triangles on a grid.
+const ABOUT: f64 = 2.1;
+
 impl Cell {
     /// Whether the place of a point is in the triangle or in one that touches it.
-    fn is_about(&self, p: &OriginalPoint, level: u32) -> bool {
-        let at = DVec3::from(p.weights).clamp(DVec3::ZERO, DVec3::ONE) * f64::from(1 << level);
+    fn is_about(&self, p: &OriginalPoint) -> bool {
+        let at = DVec3::from(p.weights).clamp(DVec3::ZERO, DVec3::ONE);
         let centre = self.grid.iter().sum::<DVec3>() / 3.0;
-        (at - centre).abs().max_element() < 1.4
-    }
-
-    fn is_upright(&self) -> bool {
-        self.grid[0].x > self.grid[1].x
-    }
-
-    /// The patch's point in the middle of side `e`, if it has one.
-    fn middle(&self, e: usize, level: u32) -> Option<usize> {
-        let step = f64::from(super::template::STEPS >> level);
-        let at = 0.5 * step * (self.grid[e] + self.grid[(e + 1) % 3]);
-        SHAPE.find(at.to_array().map(|c| c as u32))
+        let away = |p: DVec3| (p - centre).abs().max_element();
+        away(at) < ABOUT * self.grid.map(away).into_iter().fold(0.0, f64::max)
     }
 
     fn longest_mm(&self) -> f64 {
@@ -203,33 +198,34 @@ impl Cell {
         p.distance(q).max(q.distance(r)).max(r.distance(p))
     }
 
-    /// The interpolated normal at the place of a point, if that is in the triangle.
-    fn normal_at(&self, p: &OriginalPoint, level: u32) -> Option<DVec3> {
-        let at = DVec3::from(p.weights) * f64::from(1 << level);
+    /// The interpolated normal, of any length, at the place of a point, if that is in the triangle.
+    fn normal_at(&self, p: &OriginalPoint) -> Option<DVec3> {
+        let at = DVec3::from(p.weights);
         let [a, b, c] = self.grid;
         let area = |p: DVec3, q: DVec3| {
             (p.truncate() - at.truncate()).perp_dot(q.truncate() - at.truncate())
         };
         let weights = [area(b, c), area(c, a), area(a, b)];
-        let is_inside = weights.iter().all(|w| *w >= -1e-9);
+        let least = -1e-9 * weights.iter().sum::<f64>();
+        let is_inside = weights.iter().all(|w| *w >= least);
         is_inside.then(|| self.normals.iter().zip(weights).map(|(n, w)| *n * w).sum())
     }
 }
 
-fn cells(level: u32, samples: &[Vertex]) -> Vec<Cell> {
-    let step = f64::from(super::template::STEPS >> level);
+fn cells(shape: &PatchShape, level: u32, samples: &[Vertex]) -> Vec<Cell> {
+    let steps = f64::from(shape.steps);
     let one = |t: [usize; 3]| Cell {
-        grid: t.map(|i| DVec3::from(SHAPE.points[i].at.map(f64::from)) / step),
+        grid: t.map(|i| DVec3::from(shape.points[i].at.map(f64::from)) / steps),
         corners: t.map(|i| samples[i].position().as_dvec3()),
         normals: t.map(|i| samples[i].normal().as_dvec3()),
     };
-    SHAPE.faces(SHAPE.template(level, 0)).map(one).collect()
+    shape.faces(shape.template(level, 0)).map(one).collect()
 }
 
 /// Root mean square angle of normals at the vertices of the original.
-fn angle(level: u32, cells: &[Cell], inside: &[OriginalPoint]) -> f64 {
+fn angle(cells: &[Cell], inside: &[OriginalPoint]) -> f64 {
     let square = |p: &OriginalPoint| {
-        let normal = cells.iter().find_map(|c| c.normal_at(p, level))?;
+        let normal = cells.iter().find_map(|c| c.normal_at(p))?;
         let own = p.vertex.normal().as_dvec3();
         Some(normal.cross(own).length().atan2(normal.dot(own)).powi(2))
     };
@@ -239,10 +235,10 @@ fn angle(level: u32, cells: &[Cell], inside: &[OriginalPoint]) -> f64 {
 
 /// Cone of the triangles of all templates from a level on. Those of geomorphs have their corners
 /// between these samples; their normals are not included.
-fn cone(lowest: u32, positions: &[Vec3]) -> Cone {
+fn cone(shape: &PatchShape, lowest: u32, positions: &[Vec3]) -> Cone {
     let mut cones = Vec::new();
-    for (level, sides) in (lowest..=SPLITS).flat_map(|l| [(l, 0), (l, 7)]) {
-        for t in SHAPE.faces(SHAPE.template(level, sides)) {
+    for (level, sides) in (lowest..=shape.finest()).flat_map(|l| [(l, 0), (l, 7)]) {
+        for t in shape.faces(shape.template(level, sides)) {
             let cone = Item::triangle(t.map(|i| positions[i])).cone;
             // Degenerate triangles have no normal and are not visible.
             if cone.sine < 1.0 {

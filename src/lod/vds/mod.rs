@@ -4,7 +4,8 @@
 //!
 //! The unit is a patch: a base face, or a part of one, with the samples of a few levels. All
 //! patches stay in buffers on the device. A step decides how fine each is; a change is another
-//! index template and other morphing weights in its draw command, and nothing is uploaded.
+//! index template and other morphing weights in its draw command, and nothing is uploaded. Other
+//! [schemes](Scheme) than 1-to-4 have other templates over the same machinery.
 //!
 //! Departures. The paper resamples while it flies; here every sample is taken once, when the
 //! surface is made. The paper's levels meet in cracks; here neighbouring patches differ by at most
@@ -14,22 +15,22 @@
 //! ([`SubdivisionSurface::finest_error_mm`]).
 
 mod base_mesh;
+mod butterfly;
 mod criterion;
 mod cut;
 mod forest;
 mod measure;
 mod original;
 mod patch;
-pub mod schemes;
+mod scheme;
 mod surface;
 mod template;
 
 pub use cut::Vds;
 pub use original::{Original, ParameterizedOriginal};
 pub use patch::ResidentPatches;
+pub use scheme::Scheme;
 pub use surface::{SubdivisionSurface, VdsError, VdsOptions};
 
-#[cfg(test)]
-mod large_meshes;
 #[cfg(test)]
 mod tests;

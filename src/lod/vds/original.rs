@@ -13,6 +13,11 @@ pub trait Original: Sync {
     /// on an edge need agree between both faces only up to rounding.
     fn at(&self, face: u32, weights: [f64; 3]) -> Vertex;
 
+    /// Whether [`Self::at`] gives points of the original.
+    fn is_sampled(&self) -> bool {
+        true
+    }
+
     /// Number of vertices at which errors are measured.
     fn vertices(&self) -> u32;
 

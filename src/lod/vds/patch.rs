@@ -4,7 +4,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::template::{PatchPoint, SHAPE};
+use super::scheme::Scheme;
+use super::template::{PatchPoint, PatchShape};
 use crate::geometry::Vertex;
 use crate::lod::{ResidentPatch, VisiblePatch};
 
@@ -25,7 +26,10 @@ pub struct PatchVertex {
 }
 
 /// Vertices of a patch whose points have these samples.
-pub fn vertices(samples: &[Vertex]) -> impl Iterator<Item = PatchVertex> + '_ {
+pub fn vertices<'a>(
+    shape: &'a PatchShape,
+    samples: &'a [Vertex],
+) -> impl Iterator<Item = PatchVertex> + 'a {
     let one = |(p, own): (&PatchPoint, &Vertex)| {
         let [a, b] = p.parents.map(|q| samples[q as usize]);
         // Addition commutes: patches on both sides of an edge get the same bits.
@@ -37,7 +41,7 @@ pub fn vertices(samples: &[Vertex]) -> impl Iterator<Item = PatchVertex> + '_ {
         let carrier = (8 * p.carrier) | ((MORPH_STEPS * p.born) << 8);
         PatchVertex { own: *own, on_edge, carrier }
     };
-    SHAPE.points.iter().zip(samples).map(one)
+    shape.points.iter().zip(samples).map(one)
 }
 
 /// Vertices of all patches, and the index templates.
@@ -45,9 +49,14 @@ pub fn vertices(samples: &[Vertex]) -> impl Iterator<Item = PatchVertex> + '_ {
 pub struct ResidentPatches {
     /// Vertices of each patch, one patch after the other.
     pub(super) vertices: Vec<PatchVertex>,
+    pub(super) scheme: Scheme,
 }
 
 impl ResidentPatches {
+    pub(super) fn shape(&self) -> &'static PatchShape {
+        PatchShape::of(self.scheme)
+    }
+
     /// Bytes of all vertices.
     pub fn vertex_bytes(&self) -> &[u8] {
         bytemuck::cast_slice(&self.vertices)
@@ -55,22 +64,23 @@ impl ResidentPatches {
 
     /// Vertices of one patch.
     pub fn patch_vertices(&self) -> u32 {
-        SHAPE.points.len() as u32
+        self.shape().points.len() as u32
     }
 
     /// Number of patches.
     pub fn patches(&self) -> usize {
-        self.vertices.len() / SHAPE.points.len()
+        self.vertices.len() / self.shape().points.len()
     }
 
     /// Vertices of a patch, in the order of [`PatchShape::points`](super::template::PatchShape).
     pub(super) fn vertices_of(&self, patch: u32) -> &[PatchVertex] {
-        &self.vertices[patch as usize * SHAPE.points.len()..][..SHAPE.points.len()]
+        let points = self.shape().points.len();
+        &self.vertices[patch as usize * points..][..points]
     }
 
     /// All index templates.
     pub fn indices(&self) -> &[u32] {
-        &SHAPE.indices
+        &self.shape().indices
     }
 
     /// Triangles of a patch as the device draws them: twin of `project_patch` in
@@ -78,7 +88,7 @@ impl ResidentPatches {
     pub fn triangles(&self, d: &VisiblePatch) -> Vec<[Vertex; 3]> {
         let ResidentPatch { first_index, morph } = d.resident.expect("a resident patch");
         let own = self.vertices_of(d.page);
-        let indices = &SHAPE.indices[first_index as usize..][..3 * d.triangles as usize];
+        let indices = &self.shape().indices[first_index as usize..][..3 * d.triangles as usize];
         let at = |i: &u32| morphed(&own[*i as usize], morph);
         indices.chunks_exact(3).map(|t| [at(&t[0]), at(&t[1]), at(&t[2])]).collect()
     }

@@ -7,18 +7,18 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::base_mesh::BaseMesh;
+use super::butterfly::Predicted;
 use super::forest::PatchForest;
 use super::measure::{OriginalPoint, PatchBounds, PatchSampler};
 use super::original::Original;
 use super::patch::{PatchVertex, ResidentPatches, vertices};
-use super::template::SPLITS;
+use super::scheme::Scheme;
+use super::template::PatchShape;
 use crate::geometry::{Mesh, Vertex};
 use crate::lod::octree::{Item, Octree, bounding_cone};
 
 /// Most patches: 0.8 GB of vertices.
 const MAX_PATCHES: usize = 1 << 18;
-/// Triangles of a patch at its finest level.
-const PATCH_FACES: u64 = 1 << (2 * SPLITS);
 
 /// Options of the subdivision.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,14 +30,22 @@ pub struct VdsOptions {
     pub finest_share: f64,
     /// Shading tolerance, radians: as [`crate::lod::clusters::DEFAULT_SHADING_RAD`].
     pub shading_rad: f32,
-    /// Geomorphing: new vertices move into place instead of popping.
+    /// Subdivision scheme.
+    pub scheme: Scheme,
+    /// Geomorphing, where the scheme has it: new vertices move into place instead of popping.
     pub morph: bool,
 }
 
 impl Default for VdsOptions {
     fn default() -> Self {
         let shading_rad = crate::lod::clusters::DEFAULT_SHADING_RAD;
-        Self { finest_mm: 0.0, finest_share: 1.2, shading_rad, morph: true }
+        Self {
+            finest_mm: 0.0,
+            finest_share: 1.2,
+            shading_rad,
+            scheme: Scheme::default(),
+            morph: true,
+        }
     }
 }
 
@@ -116,7 +124,7 @@ impl PatchGrowth<'_> {
             (from..self.forest.nodes.len()).into_par_iter().map(one).collect::<Result<_, _>>()?;
         for (bounds, samples) in new {
             self.bounds.push(bounds);
-            self.vertices.extend(vertices(&samples));
+            self.vertices.extend(vertices(self.sampler.shape(), &samples));
         }
         Ok(())
     }
@@ -136,7 +144,7 @@ impl PatchGrowth<'_> {
     }
 
     fn error_mm(&self, id: u32) -> f32 {
-        self.bounds[id as usize].error_mm[SPLITS as usize]
+        self.bounds[id as usize].error_mm[self.sampler.shape().finest() as usize]
     }
 }
 
@@ -161,9 +169,12 @@ impl SubdivisionSurface {
             faces if faces > MAX_PATCHES => return Err(VdsError::TooLarge { faces }),
             _ => {}
         }
+        let scheme = options.scheme;
+        let predicted = (scheme == Scheme::Butterfly).then(|| Predicted::new(base, original));
+        let original = predicted.as_ref().map_or(original, |p| p);
         let base = BaseMesh::new(base.faces.clone(), vertices);
         let mut growth = PatchGrowth {
-            sampler: PatchSampler::new(&base, original),
+            sampler: PatchSampler::new(&base, original, scheme),
             forest: PatchForest::new(&base),
             bounds: Vec::new(),
             vertices: Vec::new(),
@@ -177,12 +188,15 @@ impl SubdivisionSurface {
             }
         }
         growth.measure()?;
+        let shape = PatchShape::of(scheme);
         let finest: Vec<u32> = (0..base.faces.len())
-            .map(|f| enough(&growth.bounds[f], growth.inside[f].len(), options.finest_mm))
+            .map(|f| enough(shape, &growth.bounds[f], growth.inside[f].len(), options.finest_mm))
             .collect();
-        let mut total: u64 = finest.iter().map(|l| 1 << (2 * l)).sum();
+        let mut total: u64 = finest.iter().map(|l| shape.triangles(*l)).sum();
         let budget = (options.finest_share * original.faces() as f64) as u64;
-        grow(&mut growth, &finest, options.finest_mm, budget, &mut total)?;
+        if scheme.nests() {
+            grow(&mut growth, &finest, options.finest_mm, budget, &mut total)?;
+        }
         Ok(Self::finish(growth, finest, options, total))
     }
 
@@ -210,8 +224,12 @@ impl SubdivisionSurface {
         };
         let items: Vec<Item> = bounds[..finest.len()].iter().map(item).collect();
         let tree = Octree::with_leaves(&items, LEAF_FACES);
-        let patches = Arc::new(ResidentPatches { vertices });
+        let patches = Arc::new(ResidentPatches { vertices, scheme: options.scheme });
         Self { forest, bounds, finest, tree, patches, options, finest_faces }
+    }
+
+    pub(super) fn shape(&self) -> &'static PatchShape {
+        PatchShape::of(self.options.scheme)
     }
 
     /// Vertices of all patches and the index templates.
@@ -237,7 +255,8 @@ impl SubdivisionSurface {
     /// Two-sided distance of the finest surface to the original, mm; the paper assumes 0.
     pub fn finest_error_mm(&self) -> f32 {
         let leaves = (0..self.bounds.len()).filter(|n| self.forest.children(*n as u32).is_empty());
-        leaves.map(|n| self.bounds[n].error_mm[SPLITS as usize]).fold(0.0, f32::max)
+        let finest = self.shape().finest() as usize;
+        leaves.map(|n| self.bounds[n].error_mm[finest]).fold(0.0, f32::max)
     }
 
     /// Memory, bytes.
@@ -250,11 +269,11 @@ impl SubdivisionSurface {
 }
 
 /// The least level of a base face that is near enough to the original, or has as many triangles.
-fn enough(bounds: &PatchBounds, vertices: usize, finest_mm: f32) -> u32 {
-    let faces = 2 * vertices;
-    (0..SPLITS)
-        .find(|l| bounds.error_mm[*l as usize] <= finest_mm || 1 << (2 * l) >= faces)
-        .unwrap_or(SPLITS)
+fn enough(shape: &PatchShape, bounds: &PatchBounds, vertices: usize, finest_mm: f32) -> u32 {
+    let faces = 2 * vertices as u64;
+    (0..shape.finest())
+        .find(|l| bounds.error_mm[*l as usize] <= finest_mm || shape.triangles(*l) >= faces)
+        .unwrap_or(shape.finest())
 }
 
 /// Splits the patches that are furthest from the original, in rounds of half the distance, until
@@ -266,7 +285,9 @@ fn grow(
     budget: u64,
     total: &mut u64,
 ) -> Result<(), VdsError> {
-    let can_grow = |id: u32| finest.get(id as usize).is_none_or(|l| *l == SPLITS);
+    let shape = growth.sampler.shape();
+    let (most, patch_faces) = (shape.finest(), shape.triangles(shape.finest()));
+    let can_grow = |id: u32| finest.get(id as usize).is_none_or(|l| *l == most);
     let ids = |g: &PatchGrowth| 0..g.forest.nodes.len() as u32;
     let mut limit = ids(growth).map(|n| growth.error_mm(n)).fold(0.0, f32::max);
     loop {
@@ -281,11 +302,11 @@ fn grow(
         worst.sort_unstable_by_key(|n| key(growth, *n));
         for id in worst {
             let room = growth.forest.nodes.len() + 4 * 16 <= MAX_PATCHES;
-            if *total + 3 * PATCH_FACES > budget || !room {
+            if *total + 3 * patch_faces > budget || !room {
                 return growth.measure();
             }
             if growth.forest.can_split(id) {
-                *total += 3 * PATCH_FACES * growth.split(id);
+                *total += 3 * patch_faces * growth.split(id);
             }
         }
         growth.measure()?;

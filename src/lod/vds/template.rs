@@ -1,16 +1,30 @@
 //! Shape of a patch: its grid points, and the index templates that all patches share.
 //!
-//! A patch is a triangle split [`SPLITS`] times. It has the grid points of that, and on its sides
-//! those of one split more. Its template at a level (0 ..= [`SPLITS`]) has the triangles of that
+//! A patch is a triangle subdivided by a [`Scheme`] a few times. It has the vertices of all levels,
+//! and on its sides those of one level more. Its template at a level has the triangles of that
 //! level; where a neighbour is a level finer, the triangles along that side are split to match
 //! (red-green refinement: Bank, Sherman & Weiser 1983).
+//!
+//! - 1-to-4: every side is halved.
+//! - 4-8 (Velho & Zorin 2001, doi:10.1016/S0167-8396(01)00039-5): a vertex at the centre, so that
+//!   each side is the diagonal of a quad; then each triangle is bisected from its newest corner.
+//!   Departure: pairs of faces are not joined.
+//! - √3 (Kobbelt 2000, doi:10.1145/344779.344835): a vertex at the centre of each triangle, then
+//!   edges between old vertices are flipped. Two steps split a side in three. Edges on the sides of
+//!   a patch wait for the second step, as those at the border of a refined region do in the paper:
+//!   so a patch depends on its sides alone.
 
+use std::collections::{BTreeSet, HashMap};
 use std::sync::LazyLock;
 
-/// Levels inside a patch.
+use super::scheme::Scheme;
+
+/// Levels inside a patch of 1-to-4 splits.
 pub const SPLITS: u32 = 3;
-/// Steps of the grid along a side.
-pub const STEPS: u32 = 2 << SPLITS;
+/// Steps of its grid along a side.
+const STEPS: u32 = 2 << SPLITS;
+/// Most levels of any shape, the coarsest included.
+pub const LEVELS: usize = 6;
 
 /// A point of a triangular grid: barycentric coordinates, in steps.
 pub type GridPoint = [u32; 3];
@@ -18,13 +32,13 @@ pub type GridPoint = [u32; 3];
 /// A point of a patch.
 #[derive(Clone, Copy, Debug)]
 pub struct PatchPoint {
-    /// Coordinates; they add up to [`STEPS`].
+    /// Coordinates; they add up to [`PatchShape::steps`].
     pub at: GridPoint,
     /// Level at which the point is inserted; 0 for corners.
     pub born: u32,
     /// Carrier of its morph: 0 the patch, 1 + e its side from corner e to e + 1.
     pub carrier: u32,
-    /// Points at the ends of the edge that it splits; itself, twice, for corners.
+    /// Points at the ends of the edge that it splits; itself, twice, where it splits none.
     pub parents: [u32; 2],
 }
 
@@ -35,66 +49,131 @@ pub struct Template {
     pub triangles: u32,
 }
 
+/// An edge of a level: points at its ends, and the one at its middle, if there is one.
+#[derive(Clone, Copy, Debug)]
+pub struct PatchEdge {
+    pub ends: [u32; 2],
+    pub middle: Option<u32>,
+}
+
 /// Points and templates.
 pub struct PatchShape {
+    /// Steps of the grid along a side.
+    pub steps: u32,
     pub points: Vec<PatchPoint>,
     pub indices: Vec<u32>,
     /// Templates by level, and by which sides are split once more.
     templates: Vec<[Template; 8]>,
+    /// Edges by level, each once.
+    edges: Vec<Vec<PatchEdge>>,
 }
 
-/// The shape of every patch.
-pub static SHAPE: LazyLock<PatchShape> = LazyLock::new(PatchShape::new);
+type GridTriangle = [GridPoint; 3];
 
 impl PatchShape {
-    fn new() -> Self {
-        let mut at = Vec::new();
-        for i in 0..=STEPS {
-            at.extend((0..=STEPS - i).map(|j| [i, j, STEPS - i - j]));
+    /// The shape of every patch of a scheme.
+    pub fn of(scheme: Scheme) -> &'static Self {
+        static ONE_TO_FOUR: LazyLock<PatchShape> = LazyLock::new(|| {
+            let scaled =
+                |l: u32| triangles(1 << l).map(move |t| t.map(|p| p.map(|c| c * (STEPS >> l))));
+            PatchShape::new(STEPS, (0..=SPLITS).map(|l| scaled(l).collect()).collect(), 2)
+        });
+        static SQRT3: LazyLock<PatchShape> =
+            LazyLock::new(|| PatchShape::new(9, sqrt3_levels(), 1));
+        static FOUR_EIGHT: LazyLock<PatchShape> =
+            LazyLock::new(|| PatchShape::new(48, four_eight_levels(), 1));
+        match scheme {
+            Scheme::OneToFour | Scheme::Butterfly => &ONE_TO_FOUR,
+            Scheme::Sqrt3 => &SQRT3,
+            Scheme::FourEight => &FOUR_EIGHT,
         }
-        at.retain(|p| p.iter().all(|c| c % 2 == 0) || p.contains(&0));
-        let id =
-            |p: GridPoint| at.iter().position(|q| *q == p).expect("a point of the grid") as u32;
-        let points = at.iter().map(|p| point(*p, &id)).collect();
-        let mut shape = Self { points, indices: Vec::new(), templates: Vec::new() };
-        for level in 0..=SPLITS {
-            let of = |sides: u32| {
-                let mut faces = Vec::new();
-                let step = STEPS >> level;
-                for t in triangles(1 << level) {
-                    let t = t.map(|p| p.map(|c| c * step));
-                    let middle = [0, 1, 2].map(|e| {
-                        let (p, q) = (t[e], t[(e + 1) % 3]);
-                        // The side opposite corner k has coordinate k = 0 and begins at k + 1.
-                        let side = (0..3).find(|k| p[*k] == 0 && q[*k] == 0)?;
-                        (sides >> ((side + 1) % 3) & 1 == 1)
-                            .then(|| id([0, 1, 2].map(|k| (p[k] + q[k]) / 2)))
-                    });
-                    template(t.map(id), middle, &mut faces);
-                }
-                faces
-            };
-            let mut row = [Template::default(); 8];
-            for (sides, place) in row.iter_mut().enumerate() {
-                let faces = of(sides as u32);
-                let first = shape.indices.len() as u32;
-                *place = Template { first, triangles: faces.len() as u32 };
-                shape.indices.extend(faces.into_iter().flatten());
-            }
-            shape.templates.push(row);
-        }
-        shape
     }
 
-    /// The point with some coordinates.
-    pub fn find(&self, at: GridPoint) -> Option<usize> {
-        // In the order of the first coordinate, then of the second.
-        self.points.binary_search_by_key(&at, |p| p.at).ok()
+    /// * `levels`: triangles of each level, on the grid.
+    /// * `beyond`: into how many parts one level more would split a segment of a side.
+    fn new(steps: u32, levels: Vec<Vec<GridTriangle>>, beyond: u32) -> Self {
+        let mut sides: Vec<BTreeSet<GridPoint>> = levels
+            .iter()
+            .map(|l| l.iter().flatten().copied().filter(|p| p.contains(&0)).collect())
+            .collect();
+        let finest = levels.len() - 1;
+        let last =
+            levels[finest].iter().flat_map(edges_of).filter(|(p, q)| side_of(*p, *q).is_some());
+        let more = last.flat_map(|(p, q)| (1..beyond).map(move |i| part(p, q, i, beyond)));
+        let more = sides[finest].iter().copied().chain(more).collect();
+        sides.push(more);
+        let born: HashMap<GridPoint, u32> = (0..=finest as u32 + 1)
+            .rev()
+            .flat_map(|l| {
+                let inner = levels.get(l as usize).into_iter().flatten().flatten();
+                inner.chain(&sides[l as usize]).map(move |p| (*p, l))
+            })
+            .collect();
+        let mut at: Vec<GridPoint> = born.keys().copied().collect();
+        at.sort_unstable();
+        let id = |p: GridPoint| at.binary_search(&p).expect("a point of the grid") as u32;
+        let point = |p: &GridPoint| {
+            let born = born[p];
+            let split = || {
+                let mut edges = levels[(born - 1) as usize].iter().flat_map(edges_of);
+                edges.find(|(a, b)| (0..3).all(|k| a[k] + b[k] == 2 * p[k]))
+            };
+            let (a, b) = (born > 0).then(split).flatten().unwrap_or((*p, *p));
+            let zero = p.iter().position(|c| *c == 0).filter(|_| born > 0);
+            let carrier = zero.map_or(0, |zero| 1 + (zero as u32 + 1) % 3);
+            PatchPoint { at: *p, born, carrier, parents: [id(a), id(b)] }
+        };
+        let points = at.iter().map(point).collect();
+        let (mut indices, mut templates, mut edges) = (Vec::new(), Vec::new(), Vec::new());
+        for (level, triangles) in levels.iter().enumerate() {
+            let mut row = [Template::default(); 8];
+            for (split, place) in row.iter_mut().enumerate() {
+                let faces =
+                    triangles.iter().flat_map(|t| split_sides(*t, split, &sides[level + 1]));
+                let first = indices.len() as u32;
+                indices.extend(faces.flatten().map(id));
+                *place = Template { first, triangles: (indices.len() as u32 - first) / 3 };
+            }
+            templates.push(row);
+            let ends: BTreeSet<[u32; 2]> = triangles
+                .iter()
+                .flat_map(edges_of)
+                .map(|(p, q)| [id(p).min(id(q)), id(p).max(id(q))])
+                .collect();
+            let middle = |ends: [u32; 2]| {
+                let [p, q] = ends.map(|i| at[i as usize]);
+                let sum = [0, 1, 2].map(|k| p[k] + q[k]);
+                let whole = sum.iter().all(|c| c % 2 == 0);
+                whole
+                    .then(|| at.binary_search(&sum.map(|c| c / 2)).ok())
+                    .flatten()
+                    .map(|i| i as u32)
+            };
+            edges.push(
+                ends.into_iter().map(|ends| PatchEdge { ends, middle: middle(ends) }).collect(),
+            );
+        }
+        Self { steps, points, indices, templates, edges }
+    }
+
+    /// The finest level.
+    pub fn finest(&self) -> u32 {
+        self.templates.len() as u32 - 1
     }
 
     /// The template of a level; bit e of `sides` says that the side from corner e is split.
     pub fn template(&self, level: u32, sides: u32) -> Template {
         self.templates[level as usize][sides as usize]
+    }
+
+    /// Triangles of a level.
+    pub fn triangles(&self, level: u32) -> u64 {
+        u64::from(self.template(level, 0).triangles)
+    }
+
+    /// Edges of a level, each once.
+    pub fn edges(&self, level: u32) -> &[PatchEdge] {
+        &self.edges[level as usize]
     }
 
     /// Triangles of a template, as indices of points.
@@ -104,20 +183,90 @@ impl PatchShape {
     }
 }
 
-fn point(at: GridPoint, id: &dyn Fn(GridPoint) -> u32) -> PatchPoint {
-    let unit = (at[0] | at[1] | at[2] | STEPS).trailing_zeros();
-    let born = SPLITS + 1 - unit;
-    let carrier = at.iter().position(|c| *c == 0).map_or(0, |zero| 1 + (zero as u32 + 1) % 3);
-    if born == 0 {
-        return PatchPoint { at, born, carrier: 0, parents: [id(at); 2] };
+fn edges_of(t: &GridTriangle) -> [(GridPoint, GridPoint); 3] {
+    [0, 1, 2].map(|e| (t[e], t[(e + 1) % 3]))
+}
+
+/// The point `i` of `n` parts along an edge.
+fn part(p: GridPoint, q: GridPoint, i: u32, n: u32) -> GridPoint {
+    [0, 1, 2].map(|k| (p[k] * (n - i) + q[k] * i) / n)
+}
+
+/// The side of the patch on which an edge lies.
+fn side_of(p: GridPoint, q: GridPoint) -> Option<usize> {
+    // The side opposite corner k has coordinate k = 0 and begins at k + 1.
+    (0..3).find(|k| p[*k] == 0 && q[*k] == 0).map(|k| (k + 1) % 3)
+}
+
+/// A triangle, split at the points `next` that lie within its edges on sides of the set `sides`.
+fn split_sides(t: GridTriangle, sides: usize, next: &BTreeSet<GridPoint>) -> Vec<GridTriangle> {
+    let within = edges_of(&t).map(|(p, q)| {
+        let chosen = side_of(p, q).is_some_and(|side| sides >> side & 1 == 1);
+        let parts = if chosen && next.contains(&part(p, q, 1, 2)) && is_whole(p, q, 2) {
+            2
+        } else if chosen && is_whole(p, q, 3) && next.contains(&part(p, q, 1, 3)) {
+            3
+        } else {
+            1
+        };
+        (1..parts).map(|i| part(p, q, i, parts)).collect::<Vec<_>>()
+    });
+    let mut faces = Vec::new();
+    match within.iter().position(|w| w.len() > 1) {
+        // In three: a fan. Only one side of such a triangle is on a side of the patch.
+        Some(e) => {
+            let (p, q, apex) = (t[e], t[(e + 1) % 3], t[(e + 2) % 3]);
+            faces.extend([[p, within[e][0], apex], [within[e][0], within[e][1], apex]]);
+            faces.push([within[e][1], q, apex]);
+        }
+        None => template(t, within.map(|w| w.first().copied()), &mut faces),
     }
-    // Two coordinates are odd on the grid of that level: the edge runs along these.
-    let even = (0..3).find(|k| at[*k] >> unit & 1 == 0).unwrap_or(0);
-    let (i, j, d) = ((even + 1) % 3, (even + 2) % 3, 1 << unit);
-    let (mut p, mut q) = (at, at);
-    (p[i], p[j]) = (at[i] + d, at[j] - d);
-    (q[i], q[j]) = (at[i] - d, at[j] + d);
-    PatchPoint { at, born, carrier, parents: [id(p), id(q)] }
+    faces
+}
+
+fn is_whole(p: GridPoint, q: GridPoint, n: u32) -> bool {
+    (0..3).all(|k| (p[k] * (n - 1) + q[k]).is_multiple_of(n))
+}
+
+/// Levels of 4-8 subdivision: triangles (a, b, c) whose next split side is (a, b), opposite the
+/// newest corner c.
+fn four_eight_levels() -> Vec<Vec<GridTriangle>> {
+    let [a, b, c] = [[48, 0, 0], [0, 48, 0], [0, 0, 48]];
+    let m = [16; 3];
+    let mut levels = vec![vec![[a, b, m], [b, c, m], [c, a, m]]];
+    for _ in 1..LEVELS {
+        let bisect = |[a, b, c]: &GridTriangle| {
+            let m = part(*a, *b, 1, 2);
+            [[*c, *a, m], [*b, *c, m]]
+        };
+        let next = levels[levels.len() - 1].iter().flat_map(bisect).collect();
+        levels.push(next);
+    }
+    levels
+}
+
+/// Levels of √3 subdivision: at even levels the sides are in three parts, and all within is a grid;
+/// at odd ones each of its triangles has a vertex at its centre and edges within are flipped.
+fn sqrt3_levels() -> Vec<Vec<GridTriangle>> {
+    let even = |n: u32| triangles(n).map(move |t| t.map(|p| p.map(|c| c * (9 / n)))).collect();
+    let odd = |n: u32| {
+        let grid: Vec<GridTriangle> = even(n);
+        let centre = |t: &GridTriangle| [0, 1, 2].map(|k| (t[0][k] + t[1][k] + t[2][k]) / 3);
+        let left: HashMap<(GridPoint, GridPoint), GridPoint> =
+            grid.iter().flat_map(|t| edges_of(t).map(|e| (e, centre(t)))).collect();
+        let mut faces = Vec::new();
+        for t in &grid {
+            for (p, q) in edges_of(t) {
+                match left.get(&(q, p)) {
+                    None => faces.push([p, q, centre(t)]),
+                    // Each of the two triangles at the edge makes one of the new ones.
+                    Some(beyond) => faces.push([p, *beyond, centre(t)]),
+                }
+            }
+        }
+        faces
+    };
+    vec![even(1), odd(1), even(3), odd(3), even(9)]
 }
 
 /// Triangles of a triangular grid with `m` steps a side, all oriented like the whole: first the
@@ -162,38 +311,82 @@ mod tests {
         u[0] * v[1] - u[1] * v[0]
     }
 
+    const ALL: [Scheme; 3] = [Scheme::OneToFour, Scheme::Sqrt3, Scheme::FourEight];
+
     #[test]
     fn templates_tile_the_patch_and_split_exactly_the_given_sides() {
-        let whole = i64::from(STEPS * STEPS);
-        for level in 0..=SPLITS {
-            for sides in 0..8 {
-                let t = SHAPE.template(level, sides);
-                let at = |i: usize| SHAPE.points[i].at;
-                let faces: Vec<_> = SHAPE.faces(t).map(|t| t.map(at)).collect();
-                assert!(faces.iter().all(|t| twice_area(*t) > 0));
-                assert_eq!(faces.iter().map(|t| twice_area(*t)).sum::<i64>(), whole);
-                for e in 0..3 {
-                    let on = |p: GridPoint| p[(e + 2) % 3] == 0;
-                    let along: usize = faces
-                        .iter()
-                        .flat_map(|t| [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])])
-                        .filter(|(p, q)| on(*p) && on(*q))
-                        .count();
-                    assert_eq!(along, 1 << (level + (sides >> e & 1)), "{level} {sides:03b} {e}");
+        for scheme in ALL {
+            let shape = PatchShape::of(scheme);
+            let whole = i64::from(shape.steps * shape.steps);
+            // Parts of a side, by level.
+            let parts = |level: u32| match scheme {
+                Scheme::Sqrt3 => 3usize.pow(level / 2),
+                Scheme::FourEight => 1 << level.div_ceil(2),
+                _ => 1 << level,
+            };
+            for level in 0..=shape.finest() {
+                for sides in 0..8 {
+                    let t = shape.template(level, sides);
+                    let at = |i: usize| shape.points[i].at;
+                    let faces: Vec<_> = shape.faces(t).map(|t| t.map(at)).collect();
+                    assert!(faces.iter().all(|t| twice_area(*t) > 0), "{scheme:?} {level}");
+                    assert_eq!(faces.iter().map(|t| twice_area(*t)).sum::<i64>(), whole);
+                    for e in 0..3 {
+                        let on = |p: GridPoint| p[(e + 2) % 3] == 0;
+                        let along = faces.iter().flat_map(edges_of);
+                        let along = along.filter(|(p, q)| on(*p) && on(*q)).count();
+                        let wanted = parts(level + (sides >> e & 1));
+                        assert_eq!(along, wanted, "{scheme:?} {level} {sides:03b} {e}");
+                    }
                 }
             }
         }
     }
 
     #[test]
-    fn parents_of_a_point_are_older_and_on_its_side() {
-        for p in &SHAPE.points {
-            let [a, b] = p.parents.map(|q| SHAPE.points[q as usize]);
-            for k in 0..3 {
-                assert_eq!(a.at[k] + b.at[k], 2 * p.at[k]);
-                assert!(p.at[k] > 0 || a.at[k] == 0 && b.at[k] == 0);
+    fn schemes_have_three_two_and_four_times_the_triangles_at_each_level() {
+        let triangles = |scheme| {
+            let shape = PatchShape::of(scheme);
+            (0..=shape.finest()).map(|l| shape.triangles(l)).collect::<Vec<_>>()
+        };
+        assert_eq!(triangles(Scheme::OneToFour), [1, 4, 16, 64]);
+        assert_eq!(triangles(Scheme::Sqrt3), [1, 3, 9, 27, 81]);
+        assert_eq!(triangles(Scheme::FourEight), [3, 6, 12, 24, 48, 96]);
+    }
+
+    /// Neighbours of vertices inside: six for 1-to-4 and √3, four or eight for 4-8 and fewer on its
+    /// newest triangles.
+    #[test]
+    fn vertices_inside_have_the_neighbours_of_their_scheme() {
+        for (scheme, wanted) in [
+            (Scheme::OneToFour, &[6][..]),
+            (Scheme::Sqrt3, &[6]),
+            (Scheme::FourEight, &[3, 4, 6, 8]),
+        ] {
+            let shape = PatchShape::of(scheme);
+            let mut around = vec![0; shape.points.len()];
+            for e in shape.edges(shape.finest()) {
+                e.ends.iter().for_each(|i| around[*i as usize] += 1);
             }
-            assert!(p.born == 0 || a.born < p.born && b.born < p.born);
+            let inside = shape.points.iter().zip(around).filter(|(p, _)| !p.at.contains(&0));
+            let found: BTreeSet<i32> = inside.map(|(_, n)| n).filter(|n| *n > 0).collect();
+            assert!(found.iter().all(|n| wanted.contains(n)), "{scheme:?}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn parents_of_a_point_are_older_and_on_its_side() {
+        for scheme in ALL {
+            let shape = PatchShape::of(scheme);
+            for p in &shape.points {
+                let [a, b] = p.parents.map(|q| shape.points[q as usize]);
+                for k in 0..3 {
+                    assert_eq!(a.at[k] + b.at[k], 2 * p.at[k]);
+                    assert!(p.at[k] > 0 || a.at[k] == 0 && b.at[k] == 0);
+                }
+                let older = a.born < p.born && b.born < p.born;
+                assert!(p.born == 0 || older || !scheme.morphs());
+            }
         }
     }
 }

@@ -10,7 +10,7 @@ pub(super) use ring::Ring;
 
 use super::criterion::STEP;
 use super::cut::NodeState;
-use super::template::{SHAPE, SPLITS};
+use super::template::{PatchShape, SPLITS};
 use super::*;
 use crate::geometry::{
     Camera, Lens, Mesh, Pose, Sphere, TriangleBvh, Vertex, ViewFrustum, point_triangle_distance,
@@ -19,6 +19,10 @@ use crate::lod::{LodHierarchy, LodStep, PageCache, Tolerance, VisiblePatch};
 use ring::RING_MM;
 
 const PIXELS: Tolerance = Tolerance { pixels: 4.0 };
+
+fn shape() -> &'static PatchShape {
+    PatchShape::of(Scheme::OneToFour)
+}
 
 fn noise(seed: &mut u64) -> f64 {
     *seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -88,10 +92,13 @@ fn is_closed(triangles: &[[Vec3; 3]]) -> bool {
     !triangles.is_empty() && open_edges(triangles).is_empty()
 }
 
+const SCHEMES: [Scheme; 4] =
+    [Scheme::OneToFour, Scheme::Butterfly, Scheme::Sqrt3, Scheme::FourEight];
+
 #[test]
 fn cuts_are_watertight_during_geomorphs_and_levels_differ_by_at_most_one() {
-    for morph in [true, false] {
-        let surface = surface(VdsOptions { morph, ..deep() });
+    for (morph, scheme) in [true, false].into_iter().flat_map(|m| SCHEMES.map(|s| (m, s))) {
+        let surface = surface(VdsOptions { morph, scheme, ..deep() });
         let mut vds = Vds::new(surface.clone());
         let mut depths = HashSet::new();
         let seed = &mut 11;
@@ -107,7 +114,7 @@ fn cuts_are_watertight_during_geomorphs_and_levels_differ_by_at_most_one() {
                 }
             }
         }
-        assert!(depths.iter().any(|d| d.0 >= 1), "{depths:?}");
+        assert_eq!(depths.iter().any(|d| d.0 >= 1), scheme.nests(), "{depths:?}");
         assert!(depths.len() > 3, "{depths:?}");
     }
 }
@@ -115,7 +122,12 @@ fn cuts_are_watertight_during_geomorphs_and_levels_differ_by_at_most_one() {
 /// Any fineness of any patches, as no camera would ask for it.
 #[test]
 fn arbitrary_cuts_are_watertight_and_use_every_template() {
-    let surface = surface(deep());
+    SCHEMES.into_iter().for_each(arbitrary_cuts_are_watertight);
+}
+
+fn arbitrary_cuts_are_watertight(scheme: Scheme) {
+    let surface = surface(VdsOptions { scheme, ..deep() });
+    let shape = PatchShape::of(scheme);
     let mut vds = Vds::new(surface.clone());
     let (seed, mut used) = (&mut 3, HashSet::new());
     for round in 0..40 {
@@ -130,20 +142,22 @@ fn arbitrary_cuts_are_watertight_and_use_every_template() {
                 todo.extend(children);
                 continue;
             }
-            let (least, most) = (vds.least(id), vds.origin(id) + SPLITS as u16 * STEP);
+            let (least, most) = (vds.least(id), vds.origin(id) + shape.finest() as u16 * STEP);
             let most = if open < 0.5 { most.min(least + STEP + 8) } else { most };
             let q = f64::from(least) + noise(seed).powi(2) * f64::from(most - least);
-            vds.states[id as usize] = NodeState::Drawn(q as u16);
+            let q = if scheme.morphs() { q as u16 } else { q as u16 / STEP * STEP };
+            vds.states[id as usize] = NodeState::Drawn(q);
         }
         vds.balance();
         let drawn = vds.patches();
-        assert!(is_closed(&corners(&surface, &drawn)), "round {round}");
+        assert!(is_closed(&corners(&surface, &drawn)), "{scheme:?}, round {round}");
         used.extend(drawn.iter().filter_map(|d| d.resident).map(|r| r.first_index));
     }
-    let all = (0..=SPLITS).flat_map(|l| (0..8).map(move |s| SHAPE.template(l, s).first));
+    let all = (0..=shape.finest()).flat_map(|l| (0..8).map(move |s| shape.template(l, s).first));
     let unused: Vec<u32> = all.filter(|t| !used.contains(t)).collect();
     // A base face that is one triangle rarely has finer faces on all sides.
-    assert!(unused.len() <= 2, "{unused:?}");
+    // Base faces at their finest have no finer ones beside them where patches do not nest.
+    assert!(!scheme.nests() || unused.len() <= 2, "{unused:?}");
 }
 
 /// The check for cracks can fail: sampled from both faces, edges crack as soon as the two answers
@@ -241,10 +255,10 @@ fn spread_over([a, b, c]: [DVec3; 3]) -> impl Iterator<Item = DVec3> {
 
 /// A patch at one of its levels, on its own.
 fn alone(id: u32, surface: &SubdivisionSurface, level: u32) -> Vec<[DVec3; 3]> {
-    let t = SHAPE.template(level, 0);
+    let t = shape().template(level, 0);
     let own = surface.patches().vertices_of(id);
     let at = |i: usize| own[i].own.position().as_dvec3();
-    SHAPE.faces(t).map(|t| t.map(at)).collect()
+    shape().faces(t).map(|t| t.map(at)).collect()
 }
 
 #[test]
@@ -319,6 +333,27 @@ fn visible_points_are_within_the_screen_space_tolerance() {
     assert!(met > 500 && worst < most && worst > 0.2 * most, "{worst} px of {most}, {met}");
 }
 
+#[test]
+fn each_scheme_comes_nearer_at_each_level_and_samples_err_less_than_predictions() {
+    let finest = SCHEMES.map(|scheme| {
+        let surface = surface(VdsOptions { scheme, ..VdsOptions::default() });
+        let levels = PatchShape::of(scheme).finest() as usize;
+        let mean = |level: usize| {
+            let bounds = &surface.bounds[..surface.base_faces() as usize];
+            bounds.iter().map(|b| b.error_mm[level]).sum::<f32>() / bounds.len() as f32
+        };
+        // Two levels of √3 and of 4-8 halve a side at least.
+        let apart = if matches!(scheme, Scheme::Sqrt3 | Scheme::FourEight) { 2 } else { 1 };
+        for level in (apart..=levels).step_by(apart) {
+            let (coarse, fine) = (mean(level - apart), mean(level));
+            assert!(fine < coarse, "{scheme:?}, level {level}: {coarse} to {fine} mm");
+        }
+        mean(levels)
+    });
+    let [sampled, predicted, ..] = finest;
+    assert!(predicted > 2.0 * sampled, "{finest:?}");
+}
+
 /// Simplified, recorded, resampled.
 #[test]
 fn a_simplified_mesh_is_refined_back_to_its_original() {
@@ -354,9 +389,12 @@ fn a_simplified_mesh_is_refined_back_to_its_original() {
 #[test]
 fn vertices_reach_both_ends_of_their_morph() {
     let place = |x: f32| Vertex::new(Vec3::new(x, 0.0, 0.0), Vec3::X, 0.5);
-    let samples: Vec<Vertex> = (0..SHAPE.points.len()).map(|i| place(i as f32)).collect();
-    let patches = ResidentPatches { vertices: patch::vertices(&samples).collect() };
-    let template = SHAPE.template(SPLITS, 0);
+    let samples: Vec<Vertex> = (0..shape().points.len()).map(|i| place(i as f32)).collect();
+    let patches = ResidentPatches {
+        vertices: patch::vertices(shape(), &samples).collect(),
+        scheme: Scheme::OneToFour,
+    };
+    let template = shape().template(SPLITS, 0);
     let drawn = |q: u32| VisiblePatch {
         page: 0,
         resident: Some(crate::lod::ResidentPatch {
@@ -369,9 +407,9 @@ fn vertices_reach_both_ends_of_their_morph() {
     };
     let level = |l: u32| SPLITS * u32::from(STEP) - (SPLITS - l) * u32::from(STEP);
     let [fine, coarse] = [SPLITS, SPLITS - 1].map(|l| patches.triangles(&drawn(level(l))));
-    for (t, (fine, coarse)) in SHAPE.faces(template).zip(fine.iter().zip(&coarse)) {
+    for (t, (fine, coarse)) in shape().faces(template).zip(fine.iter().zip(&coarse)) {
         for (c, i) in t.into_iter().enumerate() {
-            let p = SHAPE.points[i];
+            let p = shape().points[i];
             let [a, b] = p.parents.map(|q| q as f32);
             let edge = if p.born == SPLITS { 0.5 * (a + b) } else { i as f32 };
             assert_eq!((fine[c].position().x, coarse[c].position().x), (i as f32, edge));

@@ -9,6 +9,7 @@ use intima::centerline::Loops;
 use intima::device::DeviceChoice;
 use intima::flight::{CameraPath, FOV_DEG, Frames, MAX_FRAMES};
 use intima::formats::{Facing, ReadOptions};
+use intima::lod::vds::Scheme;
 use intima::lumen::IntensitySelection;
 use intima::mesh::Metric;
 use intima::organ::{Organ, OrganOptions};
@@ -262,12 +263,19 @@ fn levels(given: &Remaining<'_>) -> PyResult<LevelSettings> {
         ("culled", Lod::Culled),
         ("off", Lod::Off),
     ];
+    let schemes = [
+        ("1-to-4", Scheme::OneToFour),
+        ("butterfly", Scheme::Butterfly),
+        ("sqrt3", Scheme::Sqrt3),
+        ("4-8", Scheme::FourEight),
+    ];
     let pixel_error = given.take("pixel_error")?.unwrap_or(1.0);
     if !(0.01..=100.0).contains(&pixel_error) {
         return Err(argument(format!("pixel_error={pixel_error}: 0.01 to 100 pixels")));
     }
     Ok(LevelSettings {
         lod: given.word("lod", &methods)?.unwrap_or_default(),
+        scheme: given.word("scheme", &schemes)?.unwrap_or_default(),
         pixel_error,
         cache: given.take::<PathBuf>("lod_cache")?,
     })

@@ -115,6 +115,8 @@ class Settings(WallSettings, CenterlineSettings, total=False):
     """Fly this camera path (intima.path/1)."""
     lod: Literal["auto", "clusters", "vds", "culled", "off"]
     """Level of detail."""
+    scheme: Literal["1-to-4", "butterfly", "sqrt3", "4-8"]
+    """Subdivision scheme of vds."""
     pixel_error: float
     """Pixels that what is drawn may be away from the full mesh."""
     lod_cache: PathLike | None

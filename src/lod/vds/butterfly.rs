@@ -1,4 +1,4 @@
-//! Modified butterfly subdivision: where a smooth interpolating surface would have its new
+//! Modified butterfly subdivision: where a smooth interpolating surface through the base has its new
 //! vertices.
 //!
 //! After Zorin, Schröder & Sweldens 1996 (doi:10.1145/237170.237254): eight points around an edge
@@ -7,22 +7,90 @@
 //! near a boundary lacks are reflected, and a boundary vertex counts as regular, instead of the
 //! five special rules of the paper's table.
 //!
-//! Resampling gives the true place of a vertex; the difference to the prediction is what a
-//! compressed file would store and what a preview without the original would lack.
+//! The paper names the butterfly as its scheme. Samples of the original are nearer to it; the
+//! difference is what the base alone does not know.
 
 use std::f64::consts::TAU;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
-use crate::geometry::Mesh;
-use crate::lod::vds::base_mesh::BaseMesh;
+use super::base_mesh::BaseMesh;
+use super::original::Original;
+use crate::geometry::{Mesh, Vertex};
+
+/// Splits of the base at which the surface is evaluated: those of a patch and one more at its sides.
+const SPLITS: u32 = 4;
+
+/// The surface that the butterfly predicts from a base mesh, instead of samples of the original.
+/// Errors are measured to the original all the same.
+pub struct Predicted<'a> {
+    original: &'a dyn Original,
+    /// The base, split four times.
+    fine: Mesh,
+}
+
+impl<'a> Predicted<'a> {
+    pub fn new(base: &Mesh, original: &'a dyn Original) -> Self {
+        let (positions, faces) = (base.positions.clone(), base.faces.clone());
+        let mut fine = Mesh { positions, faces, ..Mesh::default() };
+        for _ in 0..SPLITS {
+            fine = subdivide(&fine);
+        }
+        fine.normals = vec![Vec3::ZERO; fine.positions.len()];
+        for f in &fine.faces {
+            let [a, b, c] = f.map(|v| fine.positions[v as usize]);
+            let normal = (b - a).cross(c - a);
+            f.iter().for_each(|v| fine.normals[*v as usize] += normal);
+        }
+        Self { original, fine }
+    }
+}
+
+impl Original for Predicted<'_> {
+    /// The vertex at the point, or the nearest one, as weights go.
+    fn at(&self, face: u32, weights: [f64; 3]) -> Vertex {
+        let (mut f, mut w) = (face as usize, weights);
+        for _ in 0..SPLITS {
+            let child = w.iter().position(|w| *w >= 0.5);
+            w = match child {
+                Some(c) => [0, 1, 2].map(|k| 2.0 * w[k] - f64::from(u8::from(k == c))),
+                None => [1.0 - 2.0 * w[2], 1.0 - 2.0 * w[0], 1.0 - 2.0 * w[1]],
+            };
+            f = 4 * f + child.unwrap_or(3);
+        }
+        let corner = (0..3).max_by(|a, b| w[*a].total_cmp(&w[*b])).unwrap_or(0);
+        let v = self.fine.faces[f][corner] as usize;
+        let tint = self.original.at(face, weights).w();
+        Vertex::new(self.fine.positions[v], self.fine.normals[v].normalize_or_zero(), tint)
+    }
+
+    fn is_sampled(&self) -> bool {
+        false
+    }
+
+    fn vertices(&self) -> u32 {
+        self.original.vertices()
+    }
+
+    fn vertex(&self, vertex: u32) -> Option<(u32, [f64; 3], Vertex)> {
+        self.original.vertex(vertex)
+    }
+
+    fn faces(&self) -> u64 {
+        self.original.faces()
+    }
+
+    fn distance_mm(&self, p: DVec3) -> f64 {
+        self.original.distance_mm(p)
+    }
+}
 
 /// Splits every face 1-to-4: old vertices keep their ids and positions, then one vertex for each
 /// edge, where the modified butterfly puts it. Normals and caps are left out.
 ///
 /// # Panics
 /// If a face has a vertex index out of range.
-pub fn subdivide(mesh: &Mesh) -> Mesh {
+fn subdivide(mesh: &Mesh) -> Mesh {
     let base = BaseMesh::new(mesh.faces.clone(), mesh.positions.len());
     let rings = VertexHalfEdges::new(&base);
     let at = |v: u32| mesh.positions[v as usize].as_dvec3();
@@ -166,8 +234,6 @@ fn extraordinary(v: DVec3, ring: &[u32], at: &dyn Fn(u32) -> DVec3) -> DVec3 {
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec3;
-
     use super::*;
 
     /// A sheet of n × n quads, each halved, so that inner vertices have six neighbours.
