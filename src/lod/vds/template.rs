@@ -92,68 +92,42 @@ impl PatchShape {
     /// * `levels`: triangles of each level, on the grid.
     /// * `beyond`: into how many parts one level more would split a segment of a side.
     fn new(steps: u32, levels: Vec<Vec<GridTriangle>>, beyond: u32) -> Self {
-        let mut sides: Vec<BTreeSet<GridPoint>> = levels
-            .iter()
-            .map(|l| l.iter().flatten().copied().filter(|p| p.contains(&0)).collect())
-            .collect();
-        let finest = levels.len() - 1;
-        let last =
-            levels[finest].iter().flat_map(edges_of).filter(|(p, q)| side_of(*p, *q).is_some());
-        let more = last.flat_map(|(p, q)| (1..beyond).map(move |i| part(p, q, i, beyond)));
-        let more = sides[finest].iter().copied().chain(more).collect();
-        sides.push(more);
-        let born: HashMap<GridPoint, u32> = (0..=finest as u32 + 1)
-            .rev()
-            .flat_map(|l| {
-                let inner = levels.get(l as usize).into_iter().flatten().flatten();
-                inner.chain(&sides[l as usize]).map(move |p| (*p, l))
-            })
-            .collect();
+        let sides = points_on_sides(&levels, beyond);
+        let born = levels_of_birth(&levels, &sides);
         let mut at: Vec<GridPoint> = born.keys().copied().collect();
         at.sort_unstable();
         let id = |p: GridPoint| at.binary_search(&p).expect("a point of the grid") as u32;
         let point = |p: &GridPoint| {
             let born = born[p];
-            let split = || {
-                let mut edges = levels[(born - 1) as usize].iter().flat_map(edges_of);
-                edges.find(|(a, b)| (0..3).all(|k| a[k] + b[k] == 2 * p[k]))
-            };
-            let (a, b) = (born > 0).then(split).flatten().unwrap_or((*p, *p));
+            let before = (born > 0).then(|| &levels[born as usize - 1]);
+            let (a, b) = before.and_then(|l| edge_split_at(l, *p)).unwrap_or((*p, *p));
             let zero = p.iter().position(|c| *c == 0).filter(|_| born > 0);
             let carrier = zero.map_or(0, |zero| 1 + (zero as u32 + 1) % 3);
             PatchPoint { at: *p, born, carrier, parents: [id(a), id(b)] }
         };
-        let points = at.iter().map(point).collect();
-        let (mut indices, mut templates, mut edges) = (Vec::new(), Vec::new(), Vec::new());
-        for (level, triangles) in levels.iter().enumerate() {
-            let mut row = [Template::default(); 8];
-            for (split, place) in row.iter_mut().enumerate() {
-                let faces =
-                    triangles.iter().flat_map(|t| split_sides(*t, split, &sides[level + 1]));
-                let first = indices.len() as u32;
-                indices.extend(faces.flatten().map(id));
-                *place = Template { first, triangles: (indices.len() as u32 - first) / 3 };
-            }
-            templates.push(row);
-            let ends: BTreeSet<[u32; 2]> = triangles
-                .iter()
-                .flat_map(edges_of)
-                .map(|(p, q)| [id(p).min(id(q)), id(p).max(id(q))])
-                .collect();
-            let middle = |ends: [u32; 2]| {
-                let [p, q] = ends.map(|i| at[i as usize]);
-                let sum = [0, 1, 2].map(|k| p[k] + q[k]);
-                let whole = sum.iter().all(|c| c % 2 == 0);
-                whole
-                    .then(|| at.binary_search(&sum.map(|c| c / 2)).ok())
-                    .flatten()
-                    .map(|i| i as u32)
-            };
-            edges.push(
-                ends.into_iter().map(|ends| PatchEdge { ends, middle: middle(ends) }).collect(),
-            );
-        }
-        Self { steps, points, indices, templates, edges }
+        let mut indices = Vec::new();
+        let mut template = |faces: Vec<GridTriangle>| {
+            let first = indices.len() as u32;
+            indices.extend(faces.iter().flatten().map(|p| id(*p)));
+            Template { first, triangles: faces.len() as u32 }
+        };
+        let row = |(triangles, next): (&Vec<GridTriangle>, &BTreeSet<GridPoint>)| {
+            let with = |s| triangles.iter().flat_map(|t| split_sides(*t, s, next)).collect();
+            [0, 1, 2, 3, 4, 5, 6, 7].map(|sides| template(with(sides)))
+        };
+        let templates = levels.iter().zip(&sides[1..]).map(row).collect();
+        let middle = |ends: [u32; 2]| {
+            let [p, q] = ends.map(|i| at[i as usize]);
+            let middle = is_whole(p, q, 2).then(|| part(p, q, 1, 2))?;
+            at.binary_search(&middle).ok().map(|i| i as u32)
+        };
+        let edges = |triangles: &Vec<GridTriangle>| {
+            let ends = triangles.iter().flat_map(edges_of).map(|(p, q)| [id(p), id(q)]);
+            let once: BTreeSet<[u32; 2]> = ends.map(|[a, b]| [a.min(b), a.max(b)]).collect();
+            once.into_iter().map(|ends| PatchEdge { ends, middle: middle(ends) }).collect()
+        };
+        let edges = levels.iter().map(edges).collect();
+        Self { steps, points: at.iter().map(point).collect(), indices, templates, edges }
     }
 
     /// The finest level.
@@ -185,6 +159,41 @@ impl PatchShape {
 
 fn edges_of(t: &GridTriangle) -> [(GridPoint, GridPoint); 3] {
     [0, 1, 2].map(|e| (t[e], t[(e + 1) % 3]))
+}
+
+/// Points on the sides of a patch by level, and those of one level more.
+fn points_on_sides(levels: &[Vec<GridTriangle>], beyond: u32) -> Vec<BTreeSet<GridPoint>> {
+    let on_sides = |level: &Vec<GridTriangle>| {
+        level.iter().flatten().copied().filter(|p| p.contains(&0)).collect()
+    };
+    let mut sides: Vec<BTreeSet<GridPoint>> = levels.iter().map(on_sides).collect();
+    let finest = levels.last().into_iter().flatten();
+    let segments = finest.flat_map(edges_of).filter(|(p, q)| side_of(*p, *q).is_some());
+    let new = segments.flat_map(|(p, q)| (1..beyond).map(move |i| part(p, q, i, beyond)));
+    let next = sides.last().into_iter().flatten().copied().chain(new).collect();
+    sides.push(next);
+    sides
+}
+
+/// The level at which each point is inserted.
+fn levels_of_birth(
+    levels: &[Vec<GridTriangle>],
+    sides: &[BTreeSet<GridPoint>],
+) -> HashMap<GridPoint, u32> {
+    let mut born = HashMap::new();
+    for (level, on_sides) in (0..).zip(sides) {
+        let inside = levels.get(level as usize).into_iter().flatten().flatten();
+        inside.chain(on_sides).for_each(|p| {
+            born.entry(*p).or_insert(level);
+        });
+    }
+    born
+}
+
+/// The edge of a level of which a point is the middle.
+fn edge_split_at(level: &[GridTriangle], p: GridPoint) -> Option<(GridPoint, GridPoint)> {
+    let halves = |a: GridPoint, b: GridPoint| (0..3).all(|k| a[k] + b[k] == 2 * p[k]);
+    level.iter().flat_map(edges_of).find(|(a, b)| halves(*a, *b))
 }
 
 /// The point `i` of `n` parts along an edge.
