@@ -18,7 +18,7 @@ use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
 /// Bytes of samples above which a volume is read in parts, where that is possible.
 pub const IN_PARTS_ABOVE: u64 = 1 << 30;
 
-/// A volume in memory, one that is read in parts, or what is left of one in memory.
+/// A volume in memory, one that is read in parts, or a header whose samples were dropped.
 pub(super) enum InputVolume {
     Whole(Arc<Volume>),
     Parts(Box<InputParts>),

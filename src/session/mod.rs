@@ -297,7 +297,7 @@ impl Session {
         gone.iter().for_each(|p| self.forget_one(*p));
     }
 
-    /// Drops these products alone: what was made from them stays.
+    /// Drops these products; products made from them stay.
     fn release(&self, products: &[Product]) {
         products.iter().for_each(|p| self.forget_one(*p));
         return_freed_memory();

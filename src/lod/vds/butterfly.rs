@@ -7,14 +7,15 @@
 //! near a boundary lacks are reflected, and a boundary vertex counts as regular, instead of the
 //! five special rules of the paper's table.
 //!
-//! The paper names the butterfly as its scheme. Samples of the original are nearer to it; the
-//! difference is what the base alone does not know.
+//! The paper names the butterfly as its scheme. Samples of the original are nearer to it: details
+//! that the simplification removed are not in the base.
 
 use std::f64::consts::TAU;
 
 use glam::{DVec3, Vec3};
 
 use super::base_mesh::BaseMesh;
+use super::measure::in_child;
 use super::original::Original;
 use crate::geometry::{Mesh, Vertex};
 
@@ -51,12 +52,8 @@ impl Original for Predicted<'_> {
     fn at(&self, face: u32, weights: [f64; 3]) -> Vertex {
         let (mut f, mut w) = (face as usize, weights);
         for _ in 0..SPLITS {
-            let child = w.iter().position(|w| *w >= 0.5);
-            w = match child {
-                Some(c) => [0, 1, 2].map(|k| 2.0 * w[k] - f64::from(u8::from(k == c))),
-                None => [1.0 - 2.0 * w[2], 1.0 - 2.0 * w[0], 1.0 - 2.0 * w[1]],
-            };
-            f = 4 * f + child.unwrap_or(3);
+            let (child, inner) = in_child(w);
+            (f, w) = (4 * f + child as usize, inner);
         }
         let corner = (0..3).max_by(|a, b| w[*a].total_cmp(&w[*b])).unwrap_or(0);
         let v = self.fine.faces[f][corner] as usize;
@@ -100,7 +97,7 @@ fn subdivide(mesh: &Mesh) -> Mesh {
     let mut faces = Vec::with_capacity(4 * mesh.faces.len());
     for (&[a, b, c], edges) in mesh.faces.iter().zip(&base.face_edges) {
         let [ab, bc, ca] = edges.map(|e| first + (e >> 1));
-        faces.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        faces.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [bc, ca, ab]]);
     }
     Mesh { positions, normals: Vec::new(), faces, caps: Vec::new() }
 }

@@ -45,13 +45,18 @@ pub struct OriginalPoint {
 impl OriginalPoint {
     /// The child of the patch that it lies in, and the point there.
     pub fn in_child(&self) -> (u32, Self) {
-        let w = self.weights;
-        let double = |c: usize| [0, 1, 2].map(|k| 2.0 * w[k] - f64::from(u8::from(k == c)));
-        let (child, weights) = match w.iter().position(|w| *w >= 0.5) {
-            Some(c) => (c as u32, double(c)),
-            None => (3, w.map(|w| 1.0 - 2.0 * w)),
-        };
+        let (child, weights) = in_child(self.weights);
         (child, Self { weights, ..*self })
+    }
+}
+
+/// The child of a triangle split 1-to-4 in which a point with barycentric weights lies, and its
+/// weights there. Child 3 is the middle one, turned round.
+pub fn in_child(w: [f64; 3]) -> (u32, [f64; 3]) {
+    let double = |c: usize| [0, 1, 2].map(|k| 2.0 * w[k] - f64::from(u8::from(k == c)));
+    match w.iter().position(|w| *w >= 0.5) {
+        Some(c) => (c as u32, double(c)),
+        None => (3, w.map(|w| 1.0 - 2.0 * w)),
     }
 }
 

@@ -43,7 +43,7 @@ impl Scheme {
     }
 
     /// Whether a patch can be split into patches. The parts of a triangle have its shape under
-    /// 1-to-4 splits only; what the butterfly predicts comes no nearer to the original.
+    /// 1-to-4 splits only. More splits bring predictions of the butterfly no nearer to the original.
     pub(super) fn nests(self) -> bool {
         self == Self::OneToFour
     }

@@ -23,6 +23,9 @@ use super::scheme::Scheme;
 pub const SPLITS: u32 = 3;
 /// Steps of its grid along a side.
 const STEPS: u32 = 2 << SPLITS;
+/// Steps of the grids of √3, four levels of it, and of 4-8.
+const SQRT3_STEPS: u32 = 9;
+const FOUR_EIGHT_STEPS: u32 = 48;
 /// Most levels of any shape, the coarsest included.
 pub const LEVELS: usize = 6;
 
@@ -79,9 +82,9 @@ impl PatchShape {
             PatchShape::new(STEPS, (0..=SPLITS).map(|l| scaled(l).collect()).collect(), 2)
         });
         static SQRT3: LazyLock<PatchShape> =
-            LazyLock::new(|| PatchShape::new(9, sqrt3_levels(), 1));
+            LazyLock::new(|| PatchShape::new(SQRT3_STEPS, sqrt3_levels(), 1));
         static FOUR_EIGHT: LazyLock<PatchShape> =
-            LazyLock::new(|| PatchShape::new(48, four_eight_levels(), 1));
+            LazyLock::new(|| PatchShape::new(FOUR_EIGHT_STEPS, four_eight_levels(), 1));
         match scheme {
             Scheme::OneToFour | Scheme::Butterfly => &ONE_TO_FOUR,
             Scheme::Sqrt3 => &SQRT3,
@@ -211,13 +214,8 @@ fn side_of(p: GridPoint, q: GridPoint) -> Option<usize> {
 fn split_sides(t: GridTriangle, sides: usize, next: &BTreeSet<GridPoint>) -> Vec<GridTriangle> {
     let within = edges_of(&t).map(|(p, q)| {
         let chosen = side_of(p, q).is_some_and(|side| sides >> side & 1 == 1);
-        let parts = if chosen && next.contains(&part(p, q, 1, 2)) && is_whole(p, q, 2) {
-            2
-        } else if chosen && is_whole(p, q, 3) && next.contains(&part(p, q, 1, 3)) {
-            3
-        } else {
-            1
-        };
+        let splits = |n: &u32| chosen && is_whole(p, q, *n) && next.contains(&part(p, q, 1, *n));
+        let parts = [2, 3].into_iter().find(splits).unwrap_or(1);
         (1..parts).map(|i| part(p, q, i, parts)).collect::<Vec<_>>()
     });
     let mut faces = Vec::new();
@@ -233,6 +231,7 @@ fn split_sides(t: GridTriangle, sides: usize, next: &BTreeSet<GridPoint>) -> Vec
     faces
 }
 
+/// Whether the first of `n` parts along an edge ends at a point of the grid.
 fn is_whole(p: GridPoint, q: GridPoint, n: u32) -> bool {
     (0..3).all(|k| (p[k] * (n - 1) + q[k]).is_multiple_of(n))
 }
@@ -240,8 +239,9 @@ fn is_whole(p: GridPoint, q: GridPoint, n: u32) -> bool {
 /// Levels of 4-8 subdivision: triangles (a, b, c) whose next split side is (a, b), opposite the
 /// newest corner c.
 fn four_eight_levels() -> Vec<Vec<GridTriangle>> {
-    let [a, b, c] = [[48, 0, 0], [0, 48, 0], [0, 0, 48]];
-    let m = [16; 3];
+    let n = FOUR_EIGHT_STEPS;
+    let [a, b, c] = [[n, 0, 0], [0, n, 0], [0, 0, n]];
+    let m = [n / 3; 3];
     let mut levels = vec![vec![[a, b, m], [b, c, m], [c, a, m]]];
     for _ in 1..LEVELS {
         let bisect = |[a, b, c]: &GridTriangle| {
@@ -257,7 +257,8 @@ fn four_eight_levels() -> Vec<Vec<GridTriangle>> {
 /// Levels of √3 subdivision: at even levels the sides are in three parts, and all within is a grid;
 /// at odd ones each of its triangles has a vertex at its centre and edges within are flipped.
 fn sqrt3_levels() -> Vec<Vec<GridTriangle>> {
-    let even = |n: u32| triangles(n).map(move |t| t.map(|p| p.map(|c| c * (9 / n)))).collect();
+    let even =
+        |n: u32| triangles(n).map(move |t| t.map(|p| p.map(|c| c * (SQRT3_STEPS / n)))).collect();
     let odd = |n: u32| {
         let grid: Vec<GridTriangle> = even(n);
         let centre = |t: &GridTriangle| [0, 1, 2].map(|k| (t[0][k] + t[1][k] + t[2][k]) / 3);
@@ -275,7 +276,7 @@ fn sqrt3_levels() -> Vec<Vec<GridTriangle>> {
         }
         faces
     };
-    vec![even(1), odd(1), even(3), odd(3), even(9)]
+    vec![even(1), odd(1), even(3), odd(3), even(SQRT3_STEPS)]
 }
 
 /// Triangles of a triangular grid with `m` steps a side, all oriented like the whole: first the

@@ -255,8 +255,7 @@ fn smoothing(given: &Remaining<'_>) -> PyResult<Option<Smoothing>> {
 }
 
 fn levels(given: &Remaining<'_>) -> PyResult<LevelSettings> {
-    let methods =
-        [
+    let methods = [
         ("auto", Lod::Auto),
         ("clusters", Lod::Clusters),
         ("vds", Lod::Vds),
@@ -273,9 +272,14 @@ fn levels(given: &Remaining<'_>) -> PyResult<LevelSettings> {
     if !(0.01..=100.0).contains(&pixel_error) {
         return Err(argument(format!("pixel_error={pixel_error}: 0.01 to 100 pixels")));
     }
+    let lod = given.word("lod", &methods)?.unwrap_or_default();
+    let scheme = given.word("scheme", &schemes)?;
+    if scheme.is_some() && lod != Lod::Vds {
+        return Err(argument("scheme: of lod=\"vds\" only".into()));
+    }
     Ok(LevelSettings {
-        lod: given.word("lod", &methods)?.unwrap_or_default(),
-        scheme: given.word("scheme", &schemes)?.unwrap_or_default(),
+        lod,
+        scheme: scheme.unwrap_or_default(),
         pixel_error,
         cache: given.take::<PathBuf>("lod_cache")?,
     })
