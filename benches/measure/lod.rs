@@ -52,8 +52,11 @@ fn fly(
     let (scene, worker) = match lod {
         None => (Scene::of(r.upload_mesh(gpu, mesh, false).unwrap()), None),
         Some((clusters, radius)) => {
-            let outside =
-                Arc::new(OcclusionTest::new(occlusion_grid(mesh), clusters.largest_error_mm()));
+            let outside = Arc::new(OcclusionTest::new(
+                occlusion_grid(mesh),
+                0.0,
+                clusters.largest_error_mm(),
+            ));
             let refine = ClusterLod::new(Arc::clone(clusters), DEFAULT_SHADING_RAD);
             let refine = Box::new(refine.with_occlusion(Arc::clone(&outside)));
             let count = (clusters.clusters().len() as u32).min(MAX_PAGES);

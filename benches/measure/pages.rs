@@ -86,6 +86,7 @@ pub fn pages_against_one_mesh() {
             .iter()
             .map(|d| VisiblePatch {
                 sphere: Sphere { radius: 1e6, ..d.sphere },
+                half: Vec3::splat(1e6),
                 cone: Cone::default(),
                 ..*d
             })

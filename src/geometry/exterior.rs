@@ -12,8 +12,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use glam::{DVec3, IVec3, USizeVec3, UVec3, Vec3};
 use rayon::prelude::*;
 
-use super::Mesh;
 use super::cell_bits::{CellBits, RankedCells};
+use super::{DepthMargin, Mesh};
 use crate::fault;
 use crate::task::checkpoint;
 
@@ -292,8 +292,8 @@ impl ExteriorGrid {
     ///
     /// * `way`: of its axis, LPS, of depth 1.
     /// * `reach`: half extent, along the axes of LPS, of its cross-section at depth 1.
-    /// * `margin_mm`: by which the cross-section is widened.
-    pub fn beam(&self, eye: DVec3, way: DVec3, reach: DVec3, margin_mm: f64) -> Beam<'_> {
+    /// * `margin`: by which the cross-section is widened.
+    pub fn beam(&self, eye: DVec3, way: DVec3, reach: DVec3, margin: DepthMargin) -> Beam<'_> {
         let per_mm = self.fine_mm.recip();
         let (origin, way) = ((eye - self.lo) * per_mm, way * per_mm);
         let ends = f64::from(SIDE) * self.dims.as_dvec3();
@@ -304,7 +304,8 @@ impl ExteriorGrid {
             origin,
             way,
             reach: reach * per_mm * (1.0 + 1e-6),
-            margin: margin_mm * per_mm + 1e-6,
+            margin,
+            per_mm,
             rate: way.abs().max_element(),
             farthest: out.to_array().into_iter().fold(f64::INFINITY, f64::min),
         }
@@ -317,7 +318,9 @@ pub struct Beam<'a> {
     origin: DVec3,
     way: DVec3,
     reach: DVec3,
-    margin: f64,
+    margin: DepthMargin,
+    /// Fine cells a millimetre.
+    per_mm: f64,
     /// Chebyshev distance that the axis travels a millimetre of depth.
     rate: f64,
     /// Depth at which the axis leaves the grid; there is no wall beyond.
@@ -337,7 +340,8 @@ impl Beam<'_> {
         let (reach, side) = (self.reach.max_element(), f64::from(SIDE));
         loop {
             let distance = f64::from(self.at(depth).1);
-            let free = side * (-distance - 1.0) - reach * depth - self.margin;
+            // Without the margin: a cross-section is hidden if all of it is exterior.
+            let free = side * (-distance - 1.0) - reach * depth;
             if free < 0.5 * side || depth > self.farthest {
                 return depth;
             }
@@ -352,7 +356,7 @@ impl Beam<'_> {
         while depth < self.farthest {
             let (at, distance) = self.at(depth);
             let distance = f64::from(distance);
-            let half = self.reach * depth + self.margin;
+            let half = self.reach * depth + (self.margin.at(depth) * self.per_mm + 1e-6);
             // Wide cross-sections need no fine cells: the distance alone, its lower bound, tells.
             let clear = half.max_element() - side * (distance - 1.0);
             let is_wide = half.max_element() > 3.0 * side;

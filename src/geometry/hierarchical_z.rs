@@ -6,7 +6,7 @@
 //! tracing (Hart 1996, doi:10.1007/s003710050084) in the exterior grid. Thus it is ready before the
 //! frame is drawn, and bounds the depth of every visible point of the tile instead of sampling it.
 
-use glam::{DVec3, UVec2};
+use glam::{DVec3, UVec2, Vec3};
 use rayon::prelude::*;
 
 use super::{ExteriorGrid, Sphere, ViewFrustum};
@@ -16,8 +16,31 @@ const ROWS: u32 = 32;
 /// Level of the widest beams: 2³ by 2³ tiles.
 const TOP: u32 = 3;
 
+/// Largest distance of any drawn surface from the wall, by view depth.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DepthMargin {
+    /// Millimetres a millimetre of depth.
+    pub slope: f64,
+    /// Least margin, mm.
+    pub least_mm: f64,
+    /// Largest margin, mm.
+    pub most_mm: f64,
+}
+
+impl DepthMargin {
+    /// Margin that is the same at all depths.
+    pub fn constant(mm: f64) -> Self {
+        Self { slope: 0.0, least_mm: mm, most_mm: mm }
+    }
+
+    /// Returns the margin at a view depth, mm both.
+    pub fn at(&self, depth: f64) -> f64 {
+        (self.slope * depth).max(self.least_mm).min(self.most_mm)
+    }
+}
+
 /// Depths behind which each tile of an image is hidden, at several resolutions.
-#[derive(Debug)]
+#[derive(Debug, PartialEq)]
 pub struct HierarchicalZ {
     frustum: ViewFrustum,
     /// Tiles a unit of the tangent, horizontally and vertically.
@@ -27,7 +50,7 @@ pub struct HierarchicalZ {
 }
 
 /// Largest visible depth in each tile, mm; infinite where nothing is known to hide.
-#[derive(Debug)]
+#[derive(Debug, PartialEq)]
 struct DepthTiles {
     dims: UVec2,
     depths: Vec<f32>,
@@ -60,8 +83,8 @@ impl HierarchicalZ {
     /// Traces the beams of a view. From an eye outside the wall no depth is known.
     ///
     /// * `frustum`: of the view.
-    /// * `margin_mm`: largest distance of any drawn surface from the wall.
-    pub fn new(frustum: &ViewFrustum, exterior: &ExteriorGrid, margin_mm: f64) -> Self {
+    /// * `margin`: of the surfaces drawn in this view.
+    pub fn new(frustum: &ViewFrustum, exterior: &ExteriorGrid, margin: DepthMargin) -> Self {
         let [t_x, t_y] = frustum.tangents();
         let columns = (f64::from(ROWS) * t_x / t_y).round().clamp(1.0, f64::from(8 * ROWS));
         let dims = UVec2::new(columns as u32, ROWS);
@@ -82,7 +105,7 @@ impl HierarchicalZ {
                 let centre = [x, y].map(|t| (f64::from(t) + 0.5) * size);
                 let way = frustum.way(centre[0] / scale[0] - t_x, centre[1] / scale[1] - t_y);
                 let reach = frustum.reach(0.5 * size / scale[0], 0.5 * size / scale[1]);
-                let beam = exterior.beam(frustum.position(), way, reach, margin_mm);
+                let beam = exterior.beam(frustum.position(), way, reach, margin);
                 let free = beam.inside_to(f64::from(from));
                 if level > 0 { free as f32 } else { beam.hidden_from(free).next_up() }
             };
@@ -101,10 +124,19 @@ impl HierarchicalZ {
         Self { frustum: *frustum, scale, levels }
     }
 
+    /// Returns the view.
+    pub fn frustum(&self) -> &ViewFrustum {
+        &self.frustum
+    }
+
+    /// [`Self::hides`] of a box, LPS mm.
+    pub fn hides_box(&self, centre: Vec3, half: Vec3) -> bool {
+        self.hides(centre.as_dvec3() - self.frustum.position(), half.as_dvec3())
+    }
+
     /// [`Self::hides`] of a sphere, LPS mm.
     pub fn hides_sphere(&self, s: &Sphere) -> bool {
-        let half = DVec3::splat(f64::from(s.radius));
-        self.hides(s.centre.as_dvec3() - self.frustum.position(), half)
+        self.hides_box(s.centre, Vec3::splat(s.radius))
     }
 
     /// Whether the wall hides a whole box, or it is outside the image; `false` where that is not
@@ -138,8 +170,6 @@ impl HierarchicalZ {
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec3;
-
     use super::*;
     use crate::geometry::shapes::torus;
     use crate::geometry::{Camera, Lens, Pose, TriangleBvh};
@@ -158,7 +188,7 @@ mod tests {
         for (turn, aspect) in [(0.0f32, 1.6f32), (0.4, 1.0), (1.3, 0.3), (2.6, 2.4)] {
             let eye = Vec3::new(10.0, 0.5, 0.2);
             let view = view(eye, eye + Vec3::new(turn.sin(), turn.cos(), 0.1), aspect);
-            let z = HierarchicalZ::new(&view, &exterior, 0.0);
+            let z = HierarchicalZ::new(&view, &exterior, DepthMargin::default());
             let [t_x, t_y] = view.tangents();
             let mut found = 0;
             for (level, tiles) in z.levels.iter().enumerate() {

@@ -38,7 +38,7 @@ pub use cross_section::{CrossSection, cross_section};
 pub use cube::cube_faces;
 pub use disjoint_sets::DisjointSets;
 pub use exterior::ExteriorGrid;
-pub use hierarchical_z::HierarchicalZ;
+pub use hierarchical_z::{DepthMargin, HierarchicalZ};
 pub use mesh::{Mesh, MeshPoint};
 pub use morton::morton_code;
 pub use point_triangle::{nearest_on_segment, nearest_on_triangle, point_triangle_distance};

@@ -30,7 +30,7 @@ impl ProjectedBounds {
 
 /// The view frustum of a camera, with the products that each test needs. In f64: conservative tests
 /// must not be broken by rounding.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewFrustum {
     position: DVec3,
     camera_from_world: DMat3,
@@ -78,6 +78,11 @@ impl ViewFrustum {
     /// Returns the position of the eye, LPS mm.
     pub fn position(&self) -> DVec3 {
         self.position
+    }
+
+    /// Returns the number of pixels a radian at the centre of the image.
+    pub fn focal_px(&self) -> f64 {
+        self.focal_px
     }
 
     /// Returns the tangents of half the horizontal and vertical field of view.

@@ -84,7 +84,7 @@ mod tests {
         let mesh = torus(400, 120);
         let octree = FaceOctree::new(&mesh);
         let face_of = |i: u32| [0, 1, 2].map(|k| octree.indices()[3 * i as usize + k]);
-        let test = OcclusionTest::new(occlusion_grid(&mesh), 0.0);
+        let test = OcclusionTest::of_wall(occlusion_grid(&mesh));
         let tree = TriangleBvh::new(&mesh);
         let mut seed = 9u64;
         let mut noise = || {

@@ -5,10 +5,10 @@
 //! towards the one that a camera needs and returns the patches to write into pages of the
 //! [`PageCache`] and the list of pages to draw. A cut always covers the whole surface, coarsely
 //! outside the view frustum, so a late step shows less detail but never a hole. Frustum and
-//! back-face culling happen when the cut is drawn ([`ViewFrustum`](crate::geometry::ViewFrustum));
-//! the [`OcclusionTest`] rejects what the wall itself hides.
+//! back-face culling happen when the cut is drawn ([`ViewFrustum`]); the [`OcclusionTest`] rejects
+//! what the wall itself hides.
 //!
-//! * [`clusters`]: the default for long flights, a hierarchy of triangle clusters with two-sided error bounds.
+//! * [`clusters`]: a hierarchy of triangle clusters with two-sided error bounds.
 //! * [`vds`]: the view-dependent subdivision of the paper (Li et al. 2004).
 //!
 //! A [`FaceOctree`] has one resolution: it culls the whole wall.
@@ -22,11 +22,15 @@ pub mod vds;
 mod worker;
 
 pub use face_octree::FaceOctree;
-pub use occlusion::{OcclusionTest, occlusion_grid};
+pub use occlusion::{OcclusionTest, occlusion_grid, occlusion_grid_around};
 pub use page_cache::{NoPage, PageCache};
 pub use worker::{Worker, WorkerError};
 
-use crate::geometry::{Camera, Cone, Sphere, Vertex};
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::geometry::{Camera, Cone, HierarchicalZ, Sphere, Vertex, ViewFrustum};
 
 /// Most vertices of one page. Not much more than clusters fill, since unused memory between pages
 /// is fetched with them.
@@ -79,8 +83,26 @@ pub struct VisiblePatch {
     pub triangles: u32,
     /// Bounding sphere of the patch.
     pub sphere: Sphere,
+    /// Half extent of the patch's bounding box, which has the centre of the sphere, mm.
+    pub half: Vec3,
     /// Cone that contains the normals of all its faces.
     pub cone: Cone,
+}
+
+impl VisiblePatch {
+    /// Whether any point of the patch may be inside the view frustum.
+    pub fn is_inside(&self, frustum: &ViewFrustum) -> bool {
+        let centre = self.sphere.centre.as_dvec3() - frustum.position();
+        frustum.intersects_box(centre, self.half.as_dvec3())
+    }
+
+    /// Whether a patch of a wall seen from within may be seen: it is inside the view frustum, does
+    /// not face away, and is not occluded.
+    pub fn is_visible(&self, frustum: &ViewFrustum, depths: Option<&HierarchicalZ>) -> bool {
+        self.is_inside(frustum)
+            && !frustum.is_backfacing(&self.sphere, &self.cone)
+            && !depths.is_some_and(|d| d.hides_box(self.sphere.centre, self.half))
+    }
 }
 
 /// Result of one step: what changed, and what to draw from now on.
@@ -97,6 +119,9 @@ pub struct LodStep {
     /// Whether the required cut did not fit the page cache: settled, but coarser than the tolerance
     /// asks.
     pub degraded: bool,
+    /// Depths behind which the wall hides from the camera of the step; `None` if the cut is not
+    /// within the tolerance, or without an occlusion test.
+    pub depths: Option<Arc<HierarchicalZ>>,
 }
 
 /// A surface at many resolutions.

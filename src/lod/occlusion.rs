@@ -6,7 +6,9 @@
 
 use std::sync::Arc;
 
-use crate::geometry::{ExteriorGrid, HierarchicalZ, Mesh, ViewFrustum};
+use glam::Vec3;
+
+use crate::geometry::{DepthMargin, ExteriorGrid, HierarchicalZ, Mesh, ViewFrustum};
 
 /// Number of grid cells, about. A colon's are 3 mm wide, their fine cells 0.7.
 const CELLS: usize = 1_048_576;
@@ -15,7 +17,8 @@ const CELLS: usize = 1_048_576;
 #[derive(Debug)]
 pub struct OcclusionTest {
     grid: Arc<ExteriorGrid>,
-    margin_mm: f64,
+    finest_mm: f64,
+    coarsest_mm: f64,
 }
 
 /// The grid that the test takes, of a closed wall (LPS mm).
@@ -23,23 +26,56 @@ pub fn occlusion_grid(mesh: &Mesh) -> ExteriorGrid {
     ExteriorGrid::new(mesh, CELLS)
 }
 
+/// The grid of a wall where drawn surfaces may be anywhere in some boxes, which thus hide nothing.
+///
+/// * `boxes`: smallest and largest corner of each.
+pub fn occlusion_grid_around(mesh: &Mesh, boxes: &[[Vec3; 2]]) -> ExteriorGrid {
+    let mut all =
+        Mesh { positions: mesh.positions.clone(), faces: mesh.faces.clone(), ..Mesh::default() };
+    for corners in boxes {
+        let first = all.positions.len() as u32;
+        all.positions.extend(corners);
+        // The grid takes in the bounding box of each face.
+        all.faces.push([first, first + 1, first + 1]);
+    }
+    occlusion_grid(&all)
+}
+
 impl OcclusionTest {
     /// * `grid`: of the wall.
-    /// * `margin_mm`: largest distance of any drawn surface from the wall, mm.
-    pub fn new(grid: impl Into<Arc<ExteriorGrid>>, margin_mm: f64) -> Self {
-        Self { grid: grid.into(), margin_mm }
+    /// * `finest_mm`, `coarsest_mm`: largest distance of the finest surface drawn from the wall, and
+    ///   of any, mm.
+    pub fn new(grid: impl Into<Arc<ExteriorGrid>>, finest_mm: f64, coarsest_mm: f64) -> Self {
+        Self { grid: grid.into(), finest_mm, coarsest_mm }
     }
 
-    /// Returns the depths behind which the wall hides, of a view from inside it.
+    /// Test of the wall itself, drawn as it is.
+    pub fn of_wall(grid: impl Into<Arc<ExteriorGrid>>) -> Self {
+        Self::new(grid, 0.0, 0.0)
+    }
+
+    /// Returns the depths behind which any drawn surface hides, of a view from inside the wall.
     pub fn depths(&self, frustum: &ViewFrustum) -> HierarchicalZ {
-        HierarchicalZ::new(frustum, &self.grid, self.margin_mm)
+        HierarchicalZ::new(frustum, &self.grid, DepthMargin::constant(self.coarsest_mm))
+    }
+
+    /// Returns the depths behind which a surface hides that is as fine as the tolerance asks in the
+    /// image, or the finest.
+    ///
+    /// A point of such a surface at view depth z is at most `pixels` z / F from the wall, F pixels a
+    /// radian, or else at most the finest surface's distance. So there is none in a cross-section
+    /// that is exterior by more than that margin, and no need for that of the coarsest surface.
+    pub fn depths_within(&self, frustum: &ViewFrustum, pixels: f64) -> HierarchicalZ {
+        let slope = pixels / frustum.focal_px();
+        let (least_mm, most_mm) = (self.finest_mm, self.coarsest_mm);
+        HierarchicalZ::new(frustum, &self.grid, DepthMargin { slope, least_mm, most_mm })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{DVec3, Vec3};
+    use glam::DVec3;
 
     use crate::geometry::shapes::closed_lattice;
     use crate::geometry::{Camera, Lens, Pose, Sphere};
@@ -70,7 +106,7 @@ mod tests {
 
     #[test]
     fn occluded_spheres_in_a_torus_are_reached_by_no_ray_and_most_of_the_far_side_is_occluded() {
-        let test = OcclusionTest::new(occlusion_grid(&ring(300, 90)), 0.1);
+        let test = OcclusionTest::new(occlusion_grid(&ring(300, 90)), 0.1, 0.1);
         let mut seed = 3u64;
         let mut noise = || {
             seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -108,7 +144,7 @@ mod tests {
     #[test]
     fn coarse_grids_and_empty_meshes_occlude_nothing() {
         for mesh in [Mesh::default(), ring(12, 5)] {
-            let test = OcclusionTest::new(occlusion_grid(&mesh), 100.0);
+            let test = OcclusionTest::new(occlusion_grid(&mesh), 100.0, 100.0);
             let s = Sphere { centre: Vec3::new(-30.0, 0.0, 0.0), radius: 1.0 };
             let view = view(DVec3::new(30.0, 0.0, 0.0), s.centre);
             assert!(!test.depths(&view).hides_sphere(&s));
@@ -129,7 +165,7 @@ mod tests {
             let [a, b, c, d] = s.map(|k: u32| first + k);
             mesh.faces.extend([[a, b, c], [a, c, d]]);
         }
-        let test = OcclusionTest::new(occlusion_grid(&mesh), 0.1);
+        let test = OcclusionTest::new(occlusion_grid(&mesh), 0.1, 0.1);
         let s = Sphere { centre: Vec3::new(-30.0, 0.0, 0.0), radius: 1.0 };
         let view = view(DVec3::new(30.0, 0.0, 0.0), s.centre);
         assert!(!test.depths(&view).hides_sphere(&s));

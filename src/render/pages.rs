@@ -19,7 +19,7 @@ use std::sync::Arc;
 use super::renderer::Renderer;
 use super::scene::PagesHandle;
 use super::{FrameStats, RenderError};
-use crate::geometry::{Camera, Vertex, ViewFrustum};
+use crate::geometry::{Camera, HierarchicalZ, Vertex, ViewFrustum};
 use crate::lod::vds::ResidentPatches;
 use crate::lod::{LodStep, OcclusionTest, PAGE_TRIANGLES, PAGE_VERTICES, Upload, VisiblePatch};
 use crate::vk::{BufferId, Frame, Gpu, ImageId, IndexedRange, Pass, Releaser, Write};
@@ -62,6 +62,8 @@ pub(super) struct Pages {
     /// Pending changes by page, in ascending order so that copies ascend.
     pending: BTreeMap<u32, PageWrite>,
     drawn: Vec<VisiblePatch>,
+    /// Depths behind which the wall hides from the camera of the cut, if it is within its tolerance.
+    depths: Option<Arc<HierarchicalZ>>,
     leaves_changed: u64,
     degraded: bool,
 }
@@ -106,6 +108,7 @@ impl Pages {
             filled: Vec::new(),
             pending: BTreeMap::new(),
             drawn: Vec::new(),
+            depths: None,
             leaves_changed: 0,
             degraded: false,
         }
@@ -139,6 +142,7 @@ impl Pages {
         self.drawn = step.drawn;
         self.leaves_changed += u64::from(step.leaves_changed);
         self.degraded = step.degraded;
+        self.depths = step.depths;
         Ok(())
     }
 
@@ -191,14 +195,18 @@ impl Pages {
     /// number of triangles. With `backs`, patches that face away or are hidden are drawn too.
     pub fn visible_ranges(&self, camera: &Camera, backs: bool) -> (Vec<IndexedRange>, u64) {
         let frustum = ViewFrustum::new(camera);
-        let depths = self.outside.as_ref().filter(|_| !backs).map(|o| o.depths(&frustum));
+        // Those of the cut, if it is of this camera.
+        let known = self.depths.as_ref().filter(|d| *d.frustum() == frustum);
+        let of_any = || self.outside.as_ref().map(|o| Arc::new(o.depths(&frustum)));
+        let depths = if backs { None } else { known.cloned().or_else(of_any) };
         let mut triangles = 0;
         let seen = |d: &&VisiblePatch| {
-            let hidden = || {
-                frustum.is_backfacing(&d.sphere, &d.cone)
-                    || depths.as_ref().is_some_and(|depths| depths.hides_sphere(&d.sphere))
+            let shown = if backs {
+                d.is_inside(&frustum)
+            } else {
+                d.is_visible(&frustum, depths.as_deref())
             };
-            d.triangles > 0 && frustum.intersects(&d.sphere) && (backs || !hidden())
+            d.triangles > 0 && shown
         };
         let range = |d: &VisiblePatch| {
             triangles += u64::from(d.triangles);
@@ -392,6 +400,7 @@ mod tests {
             resident: None,
             triangles,
             sphere: Sphere { centre: Vec3::new(x, 0.0, 0.0), radius: 0.5 },
+            half: Vec3::splat(0.5),
             cone: Cone { axis, sine: 0.1 },
         };
         let (away, facing) = (Vec3::X, Vec3::NEG_X);

@@ -130,13 +130,7 @@ impl Levels {
     /// Levels of clusters.
     ///
     /// * `cached`: they were read, not built.
-    /// * `occlusion`: of a closed wall, with as much margin as the largest error of any group.
-    pub fn of_clusters(
-        clusters: impl Into<Arc<Clusters>>,
-        pixel_error: f32,
-        cached: bool,
-        occlusion: Option<Arc<OcclusionTest>>,
-    ) -> Self {
+    pub fn of_clusters(clusters: impl Into<Arc<Clusters>>, pixel_error: f32, cached: bool) -> Self {
         let clusters = clusters.into();
         let count = clusters.clusters().len() as u64;
         let base = |c: u32| u64::from(clusters.clusters()[c as usize].triangles);
@@ -155,7 +149,7 @@ impl Levels {
         let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
         let pages = (count.min(u64::from(most)) as u32).max(least);
         let report = LodReport { pages, ..report };
-        Self { kind: LevelKind::Clusters(clusters), pages, report, occlusion }
+        Self { kind: LevelKind::Clusters(clusters), pages, report, occlusion: None }
     }
 
     /// The paper's: the mesh simplified to `base` faces, subdivided where the camera looks, every
@@ -210,14 +204,19 @@ impl Levels {
 
     /// Leaves out what the wall itself hides.
     ///
-    /// * `grid`: exterior of the closed wall whose levels these are; eyes are inside the wall.
+    /// * `grid`: exterior of the closed wall whose levels these are, if it is known; eyes are inside
+    ///   the wall.
+    /// * `wall`: that wall.
     #[must_use]
-    pub fn with_occlusion(self, grid: Arc<ExteriorGrid>) -> Self {
-        let margin = match &self.kind {
-            LevelKind::Clusters(clusters) => clusters.largest_error_mm(),
-            LevelKind::Subdivision(surface) => f64::from(surface.coarsest_error_mm()),
+    pub fn with_occlusion(self, grid: Option<Arc<ExteriorGrid>>, wall: &Mesh) -> Self {
+        let Some(grid) = grid else { return self };
+        let occlusion = match &self.kind {
+            LevelKind::Clusters(clusters) => {
+                OcclusionTest::new(grid, 0.0, clusters.largest_error_mm())
+            }
+            LevelKind::Subdivision(surface) => surface.occlusion_test(grid, wall),
         };
-        Self { occlusion: Some(Arc::new(OcclusionTest::new(grid, margin))), ..self }
+        Self { occlusion: Some(Arc::new(occlusion)), ..self }
     }
 
     /// Patches that stay on the device, of levels that have such.
@@ -302,22 +301,20 @@ impl Session {
         Ok(BuiltClusters { clusters: built, cached: false, keep: file })
     }
 
-    /// Occlusion test of the drawn wall. There is none where its caps are left out: through its open
-    /// ends an eye sees faces that the whole wall occludes.
-    ///
-    /// * `margin_mm`: largest distance of any drawn surface from the wall, mm.
-    fn occlusion_test(&self, margin_mm: f64) -> Option<Arc<OcclusionTest>> {
+    /// Exterior of the drawn wall. There is none where its caps are left out: through its open ends
+    /// an eye sees faces that the whole wall occludes.
+    fn exterior_of_closed(&self) -> Option<Arc<ExteriorGrid>> {
         let grid = present(&self.slots.exterior).grid.clone();
-        let grid = grid.filter(|_| present(&self.slots.drawn_wall).closed)?;
-        Some(Arc::new(OcclusionTest::new(grid, margin_mm)))
+        grid.filter(|_| present(&self.slots.drawn_wall).closed)
     }
 
     pub(super) fn run_cluster_levels(&self, _: &mut Clock) -> Result<Levels, SessionError> {
         let built = present(&self.slots.clusters);
-        let occlusion = self.occlusion_test(built.clusters.largest_error_mm());
         let clusters = Arc::clone(&built.clusters);
         let error = self.settings.levels.pixel_error;
-        Ok(Levels::of_clusters(clusters, error, built.cached, occlusion))
+        let levels = Levels::of_clusters(clusters, error, built.cached);
+        let drawn = present(&self.slots.drawn_wall);
+        Ok(levels.with_occlusion(self.exterior_of_closed(), drawn.mesh()))
     }
 
     pub(super) fn run_culling(&self, clock: &mut Clock) -> Result<Option<Culling>, SessionError> {
@@ -330,7 +327,8 @@ impl Session {
         }
         let build = || Arc::new(FaceOctree::new(drawn.mesh()));
         let octree = clock.time("octree", "faces", build, |_| faces);
-        Ok(Some(Culling { octree, closed: self.occlusion_test(0.0) }))
+        let test = |grid| Arc::new(OcclusionTest::of_wall(grid));
+        Ok(Some(Culling { octree, closed: self.exterior_of_closed().map(test) }))
     }
 
     pub(super) fn run_subdivision_levels(&self, clock: &mut Clock) -> Result<Levels, SessionError> {
@@ -349,11 +347,7 @@ impl Session {
         let vertices = &shading.vertices;
         let levels =
             Levels::of_subdivision(mesh, vertices, &tree, base, metric, vds, pixel_error, clock)?;
-        let grid = present(&self.slots.exterior).grid.clone().filter(|_| drawn.closed);
-        Ok(match grid {
-            Some(grid) => levels.with_occlusion(grid),
-            None => levels,
-        })
+        Ok(levels.with_occlusion(self.exterior_of_closed(), mesh))
     }
 
     pub(super) fn run_base_from_clusters(&self, clock: &mut Clock) -> Result<Mesh, SessionError> {

@@ -20,7 +20,7 @@ fn clusters(mesh: &Mesh) -> Levels {
     let vertices = shading(mesh).vertices;
     let built =
         intima::lod::clusters::Clusters::build(mesh, &vertices, &TriangleBvh::new(mesh)).unwrap();
-    Levels::of_clusters(built, 1.0, false, None)
+    Levels::of_clusters(built, 1.0, false)
 }
 
 fn subdivision(mesh: &Mesh) -> Levels {

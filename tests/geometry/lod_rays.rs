@@ -51,7 +51,7 @@ static COLON: LazyLock<Colon> = LazyLock::new(|| {
     );
     assert!(clusters.groups().len() > 100, "{} groups", clusters.groups().len());
     let margin = clusters.largest_error_mm();
-    let occlusion = Arc::new(OcclusionTest::new(occlusion_grid(&mesh), margin));
+    let occlusion = Arc::new(OcclusionTest::new(occlusion_grid(&mesh), 0.0, margin));
     let axis = &phantom.truth().branches[0].points;
     let point = |i: usize| DVec3::new(axis[i][0], axis[i][1], axis[i][2]).as_vec3();
     let seed = &mut 17;
@@ -108,12 +108,9 @@ fn view(colon: &Colon, camera: &Camera, pixels: f32, found: &mut Found) {
     pages.settle(&mut lod, camera, &Tolerance { pixels }, cache);
     assert!(!pages.last.degraded);
     let frustum = ViewFrustum::new(camera);
-    let depths = colon.occlusion.depths(&frustum);
-    let visible = pages.triangles_where(|d| {
-        frustum.intersects(&d.sphere)
-            && !frustum.is_backfacing(&d.sphere, &d.cone)
-            && !depths.hides_sphere(&d.sphere)
-    });
+    let depths = pages.last.depths.clone().expect("a settled cut");
+    assert!(*depths.frustum() == frustum);
+    let visible = pages.triangles_where(|d| d.is_visible(&frustum, Some(&depths)));
     let whole = pages.corners();
     found.drawn_share += visible.len() as f64 / colon.clusters.finest_faces() as f64;
     let (visible, whole) = (Cast::new(corners(&visible)), Cast::new(whole));

@@ -39,7 +39,7 @@ fn occlusion_culling_in_a_torus_changes_no_pixel_and_draws_less() {
     let clusters =
         Arc::new(Clusters::build(&mesh, &shaded.vertices, &TriangleBvh::new(&mesh)).unwrap());
     let occlusion =
-        Arc::new(OcclusionTest::new(occlusion_grid(&mesh), clusters.largest_error_mm()));
+        Arc::new(OcclusionTest::new(occlusion_grid(&mesh), 0.0, clusters.largest_error_mm()));
     let count = clusters.clusters().len() as u32;
     let mut r = Renderer::new(&mut gpu, 160, 120, 1).unwrap();
     let mut fly = |hide: bool| {

@@ -7,7 +7,8 @@ use rayon::prelude::*;
 
 use super::LARGE_FACE_MM2;
 use crate::geometry::{
-    Camera, ExteriorGrid, HierarchicalZ, Lens, Mesh, Pose, Subtree, TriangleBvh, ViewFrustum,
+    Camera, DepthMargin, ExteriorGrid, HierarchicalZ, Lens, Mesh, Pose, Subtree, TriangleBvh,
+    ViewFrustum,
 };
 use crate::task::checkpoint;
 
@@ -143,7 +144,7 @@ impl Sight {
         let eye = pose.position_mm.as_dvec3();
         let frustum = ViewFrustum::new(&Camera { pose, lens, height_px: 1 });
         let exterior = exterior.filter(|e| e.is_interior(eye));
-        let depths = exterior.map(|e| HierarchicalZ::new(&frustum, e, 0.0));
+        let depths = exterior.map(|e| HierarchicalZ::new(&frustum, e, DepthMargin::default()));
         Self { eye, frustum, depths }
     }
 }

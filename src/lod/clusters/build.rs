@@ -147,6 +147,7 @@ impl Clusters {
             first_triangle: self.triangles.len() as u32,
             triangles: draft.triangles.len() as u32,
             sphere: bounds.sphere,
+            half: bounds.half,
             cone: bounds.cone,
             error_mm: round_up(draft.error).min(most),
             output_of,
@@ -290,9 +291,10 @@ impl Clusters {
     }
 }
 
-/// Bounding sphere of a cluster and cone of its normals.
+/// Bounding sphere and box of a cluster and cone of its normals.
 struct ClusterBounds {
     sphere: Sphere,
+    half: Vec3,
     cone: Cone,
 }
 
@@ -301,7 +303,10 @@ impl ClusterBounds {
         let at = |v: u32| positions[v as usize];
         let cones: Vec<Cone> = draft.faces().map(|f| Item::triangle(f.map(at)).cone).collect();
         let sphere = bounding_sphere(draft.vertices.iter().map(|v| (at(*v), 0.0)));
-        Self { sphere, cone: bounding_cone(cones.into_iter()) }
+        // The centre may be off the middle by rounding.
+        let away = |v: &u32| (at(*v) - sphere.centre).abs();
+        let half = draft.vertices.iter().map(away).fold(Vec3::ZERO, Vec3::max) * (1.0 + 1e-6);
+        Self { sphere, half, cone: bounding_cone(cones.into_iter()) }
     }
 }
 

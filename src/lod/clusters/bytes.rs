@@ -12,10 +12,10 @@ use crate::lod::{PAGE_TRIANGLES, PAGE_VERTICES};
 
 const MAGIC: &[u8; 8] = b"intimaCL";
 /// Raised whenever the same mesh gives other clusters or other bytes.
-const VERSION: u32 = 10;
+const VERSION: u32 = 11;
 const HEADER: usize = 8 + 4 + 32 + 6 * 8;
 const HASH: usize = 32;
-const CLUSTER_WORDS: usize = 15;
+const CLUSTER_WORDS: usize = 18;
 const GROUP_WORDS: usize = 17;
 const VERTEX_WORDS: usize = size_of::<Vertex>() / 4;
 
@@ -127,6 +127,8 @@ impl Clusters {
             let groups = self.groups.len() as u32;
             let known = [c.output_of, c.input_of].iter().all(|g| *g == NO_GROUP || *g < groups);
             let shaped = sound(&c.sphere)
+                && c.half.is_finite()
+                && c.half.cmpge(Vec3::ZERO).all()
                 && c.cone.axis.is_finite()
                 && !c.cone.sine.is_nan()
                 && c.error_mm >= 0.0;
@@ -214,12 +216,13 @@ fn sound(s: &Sphere) -> bool {
 
 fn cluster_words(c: &Cluster) -> [u32; CLUSTER_WORDS] {
     let [x, y, z, r] = sphere_words(&c.sphere);
+    let [p, q, s] = c.half.to_array().map(f32::to_bits);
     let [a, b, d] = c.cone.axis.to_array().map(f32::to_bits);
     let sine = c.cone.sine.to_bits();
     let place = [c.first_vertex, c.vertices, c.first_triangle, c.triangles];
     let [i, j, k, l] = place;
     let error = c.error_mm.to_bits();
-    [i, j, k, l, x, y, z, r, a, b, d, sine, error, c.output_of, c.input_of]
+    [i, j, k, l, x, y, z, r, p, q, s, a, b, d, sine, error, c.output_of, c.input_of]
 }
 
 fn read_cluster(next: &mut impl FnMut() -> u32) -> Cluster {
@@ -229,6 +232,7 @@ fn read_cluster(next: &mut impl FnMut() -> u32) -> Cluster {
         first_triangle: next(),
         triangles: next(),
         sphere: read_sphere(next),
+        half: read_vector(next),
         cone: Cone { axis: read_vector(next), sine: f32::from_bits(next()) },
         error_mm: f32::from_bits(next()),
         output_of: next(),

@@ -6,7 +6,7 @@ use std::collections::{BTreeSet, BinaryHeap};
 use std::sync::Arc;
 
 use super::cut_criterion::CutCriterion;
-use super::{Clusters, NO_GROUP};
+use super::{Cluster, Clusters, NO_GROUP};
 use crate::geometry::{Camera, ViewFrustum};
 use crate::lod::{
     LodHierarchy, LodStep, NoPage, OcclusionTest, PageCache, Tolerance, Upload, VisiblePatch,
@@ -303,12 +303,15 @@ impl LodHierarchy for ClusterLod {
         if rooted.is_ok() {
             let clusters = Arc::clone(&self.clusters);
             let frustum = ViewFrustum::new(camera);
+            let pixels = f64::from(tolerance.pixels).max(1e-9);
+            let within = |test: &Arc<OcclusionTest>| test.depths_within(&frustum, pixels);
+            let depths = self.occlusion.as_ref().map(within).map(Arc::new);
             let criterion = CutCriterion {
                 frustum,
-                pixels: f64::from(tolerance.pixels).max(1e-9),
+                pixels,
                 shading: f64::from(self.shading_rad).max(1e-9),
                 clusters: &clusters,
-                depths: self.occlusion.as_ref().map(|test| test.depths(&frustum)),
+                depths: depths.as_deref(),
             };
             // Pages of one group stay free, so that any change can be made.
             let room = i64::from(cache.pages()) - i64::from(self.least_pages());
@@ -317,6 +320,7 @@ impl LodHierarchy for ClusterLod {
             let closed = self.close_unwanted(&wanted.groups, cache, &mut step);
             step.settled = opened && closed;
             step.degraded = wanted.degraded;
+            step.depths = depths.filter(|_| step.settled && !step.degraded);
         } else {
             // Too few pages for the coarsest surface, or not yet.
             step.degraded = rooted == Err(NoPage::AllDrawn);
@@ -326,10 +330,9 @@ impl LodHierarchy for ClusterLod {
         step.drawn.reserve(self.cut.len());
         for &c in &self.cut {
             if let Some(page) = cache.touch(u64::from(c)) {
-                let c = &all[c as usize];
-                let (sphere, cone) = (c.sphere, c.cone);
-                let (triangles, resident) = (c.triangles, None);
-                step.drawn.push(VisiblePatch { page, resident, triangles, sphere, cone });
+                let Cluster { sphere, half, cone, triangles, .. } = all[c as usize];
+                let resident = None;
+                step.drawn.push(VisiblePatch { page, resident, triangles, sphere, half, cone });
             }
         }
         step

@@ -1,7 +1,7 @@
 //! Refinement criterion of the view-dependent cut: the screen-space error of a group against the
 //! tolerances, where the group is visible.
 
-use super::{Clusters, Group};
+use super::{Cluster, Clusters, Group};
 use crate::geometry::{HierarchicalZ, ProjectedBounds, Sphere, ViewFrustum};
 use crate::lod::FULL_SHADING_PX;
 
@@ -16,13 +16,19 @@ pub struct CutCriterion<'a> {
     /// The hierarchy.
     pub clusters: &'a Clusters,
     /// Depths behind which the wall hides, if they are known.
-    pub depths: Option<HierarchicalZ>,
+    pub depths: Option<&'a HierarchicalZ>,
 }
 
 impl CutCriterion<'_> {
     /// Whether any point of the sphere may be visible: inside the frustum and not occluded.
     fn is_visible(&self, s: &Sphere) -> bool {
-        self.frustum.intersects(s) && !self.depths.as_ref().is_some_and(|d| d.hides_sphere(s))
+        self.frustum.intersects(s) && !self.depths.is_some_and(|d| d.hides_sphere(s))
+    }
+
+    /// Whether the wall hides a whole cluster and all that is within its error of it.
+    fn is_hidden(&self, cluster: &Cluster) -> bool {
+        let half = cluster.half + cluster.error_mm * (1.0 + 1e-6);
+        self.depths.is_some_and(|d| d.hides_box(cluster.sphere.centre, half))
     }
 
     /// Ratio of the screen-space error of a group to what is allowed; `px` maps millimetres to
@@ -60,13 +66,15 @@ impl CutCriterion<'_> {
         if self.error_ratio_in(g, g.error_mm, &g.sphere) <= 1.0 {
             return false;
         }
+        let shown: Vec<u32> =
+            c.outputs(group).filter(|id| !self.is_hidden(&c.clusters[*id as usize])).collect();
         // Most groups that fail do so everywhere in some cluster; then its triangles need not be
         // fetched.
-        let everywhere = |id: u32| {
-            let own = &c.clusters[id as usize];
+        let everywhere = |id: &u32| {
+            let own = &c.clusters[*id as usize];
             self.frustum.min_error_px(&own.sphere, own.error_mm) > self.pixels
         };
-        if c.outputs(group).any(everywhere) {
+        if shown.iter().any(everywhere) {
             return true;
         }
         // Each cluster has its own error, and each triangle its own longest edge.
@@ -84,13 +92,13 @@ impl CutCriterion<'_> {
             self.error_ratio(g, (e, edge), |mm| self.frustum.bounds_error_px(&s, mm)) > 1.0
         };
         // Most of the remaining ones fail at their first triangle.
-        let first = |id: u32| {
-            let e = c.clusters[id as usize].error_mm;
+        let first = |id: &u32| {
+            let e = c.clusters[*id as usize].error_mm;
             let bounds = |f: [u32; 3]| f.map(|v| self.frustum.project(place(v), e));
-            c.faces(id).next().is_some_and(|f| exceeds(f, bounds(f).each_ref(), e))
+            c.faces(*id).next().is_some_and(|f| exceeds(f, bounds(f).each_ref(), e))
         };
-        c.outputs(group).any(first)
-            || c.outputs(group).filter_map(|id| Some((id, coarse(id)?))).any(|(id, e)| {
+        shown.iter().any(first)
+            || shown.iter().filter_map(|id| Some((*id, coarse(*id)?))).any(|(id, e)| {
                 let ids = c.vertex_ids(id);
                 let bounds: Vec<ProjectedBounds> =
                     ids.iter().map(|v| self.frustum.project(place(*v), e)).collect();

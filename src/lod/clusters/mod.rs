@@ -40,6 +40,8 @@ pub use bytes::key;
 pub use cut::{ClusterLod, DEFAULT_SHADING_RAD};
 pub use error::ClusterError;
 
+use glam::Vec3;
+
 use crate::geometry::{Cone, Sphere, Vertex};
 
 /// Stands for "no group".
@@ -58,6 +60,8 @@ pub struct Cluster {
     pub triangles: u32,
     /// Bounding sphere of its triangles.
     pub sphere: Sphere,
+    /// Half extent of their bounding box, which has the centre of the sphere, mm.
+    pub half: Vec3,
     /// Cone that contains the normals of its triangles.
     pub cone: Cone,
     /// Cluster error bound: two-sided distance bound to the source patch, the part of the original

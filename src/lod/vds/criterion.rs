@@ -1,9 +1,13 @@
 //! Refinement criterion: how fine a camera asks a patch to be.
 
+use std::sync::Arc;
+
+use glam::Vec3;
+
 use super::measure::PatchBounds;
 use super::patch::{MORPH_STEPS, PatchVertex};
 use super::template::PatchShape;
-use crate::geometry::{HierarchicalZ, ProjectedBounds, Sphere, ViewFrustum};
+use crate::geometry::{HierarchicalZ, ProjectedBounds, ViewFrustum};
 use crate::lod::FULL_SHADING_PX;
 
 /// Fineness: [`MORPH_STEPS`] to a level.
@@ -20,7 +24,7 @@ pub struct Criterion {
     /// Shading tolerance, radians.
     pub shading: f64,
     /// Depths behind which the wall hides, if they are known.
-    pub depths: Option<HierarchicalZ>,
+    pub depths: Option<Arc<HierarchicalZ>>,
     /// Shape of all patches.
     pub shape: &'static PatchShape,
     /// Whether levels pass gradually into each other.
@@ -30,13 +34,14 @@ pub struct Criterion {
 impl Criterion {
     /// Whether any point of a patch may be visible.
     pub fn is_visible(&self, b: &PatchBounds) -> bool {
-        self.frustum.intersects(&b.sphere)
-            && !self.frustum.is_backfacing(&b.sphere, &b.cone)
-            && !self.is_occluded(&b.sphere)
+        !self.frustum.is_backfacing(&b.sphere, &b.cone) && self.is_in_sight(b.sphere.centre, b.half)
     }
 
-    pub fn is_occluded(&self, s: &Sphere) -> bool {
-        self.depths.as_ref().is_some_and(|d| d.hides_sphere(s))
+    /// Whether any point of a box may be inside the view frustum and not occluded.
+    pub fn is_in_sight(&self, centre: Vec3, half: Vec3) -> bool {
+        let away = centre.as_dvec3() - self.frustum.position();
+        self.frustum.intersects_box(away, half.as_dvec3())
+            && !self.depths.as_ref().is_some_and(|d| d.hides_box(centre, half))
     }
 
     /// The least fineness of a patch, counted from its corners and not below level `lowest`, at

@@ -246,9 +246,9 @@ impl Vds {
         let split = |e: usize| u32::from(sides[e].div_ceil(MORPH_STEPS) > level) << e;
         let template = self.surface.shape().template(level, split(0) | split(1) | split(2));
         let morph = own | sides[0] << 8 | sides[1] << 16 | sides[2] << 24;
-        let PatchBounds { sphere, cone, .. } = self.surface.bounds[id as usize];
+        let PatchBounds { sphere, half, cone, .. } = self.surface.bounds[id as usize];
         let resident = Some(ResidentPatch { first_index: template.first, morph });
-        VisiblePatch { page: id, triangles: template.triangles, sphere, cone, resident }
+        VisiblePatch { page: id, triangles: template.triangles, sphere, half, cone, resident }
     }
 
     /// Brings the cut to that of a camera.
@@ -257,7 +257,7 @@ impl Vds {
         self.states.fill(NodeState::Above);
         self.states[..surface.finest.len()].fill(NodeState::Drawn(0));
         surface.tree.traverse(
-            |n| criterion.frustum.intersects(&n.sphere) && !criterion.is_occluded(&n.sphere),
+            |n| criterion.is_in_sight(0.5 * (n.lo + n.hi), 0.5 * (n.hi - n.lo)),
             |at, _| {
                 for f in surface.tree.items_of(at) {
                     self.refine(*f, criterion);
@@ -271,18 +271,21 @@ impl Vds {
 impl LodHierarchy for Vds {
     fn step(&mut self, camera: &Camera, tolerance: &Tolerance, _: &mut PageCache) -> LodStep {
         let frustum = ViewFrustum::new(camera);
+        let pixels = f64::from(tolerance.pixels);
+        let within = |test: &Arc<OcclusionTest>| test.depths_within(&frustum, pixels);
+        let depths = self.occlusion.as_ref().map(within).map(Arc::new);
         self.select(&Criterion {
             frustum,
-            pixels: f64::from(tolerance.pixels),
+            pixels,
             shading: f64::from(self.surface.options.shading_rad),
-            depths: self.occlusion.as_ref().map(|test| test.depths(&frustum)),
+            depths: depths.clone(),
             shape: self.surface.shape(),
             morph: self.surface.options.morph && self.surface.options.scheme.morphs(),
         });
         let drawn = self.patches();
         let leaves_changed = changes(&self.drawn, &drawn);
         self.drawn.clone_from(&drawn);
-        LodStep { drawn, leaves_changed, settled: true, ..LodStep::default() }
+        LodStep { drawn, leaves_changed, settled: true, depths, ..LodStep::default() }
     }
 
     fn state_hash(&self) -> u64 {

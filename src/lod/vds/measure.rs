@@ -22,7 +22,8 @@ const BETWEEN: f64 = 1.1;
 /// Bounds of a patch, by which a camera judges it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PatchBounds {
-    /// Two-sided distance to the original by level, mm; infinite for levels that are not drawn.
+    /// Two-sided distance to the original by level, mm, not less than that of any finer level;
+    /// infinite for levels that are not drawn.
     pub error_mm: [f32; LEVELS],
     /// Root mean square of the angle between the normals of the original's vertices and the
     /// interpolated ones there, by level, radians.
@@ -31,6 +32,8 @@ pub struct PatchBounds {
     pub edge_mm: [f32; LEVELS],
     /// Bounding sphere of the patch at every level and of the original there.
     pub sphere: Sphere,
+    /// Half extent of a box about the centre of the sphere around the same, mm.
+    pub half: Vec3,
     /// Cone that contains the normals of the triangles of every level.
     pub cone: Cone,
 }
@@ -135,9 +138,11 @@ impl<'a> PatchSampler<'a> {
         let hi = positions.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));
         let centre = 0.5 * (lo + hi);
         let reach = positions.iter().map(|p| p.distance(centre)).fold(0.0, f32::max);
-        let radius = reach * (1.0 + 1e-6) + error_mm[self.shape.finest() as usize];
+        let finest_mm = error_mm[self.shape.finest() as usize];
+        let sphere = Sphere { centre, radius: reach * (1.0 + 1e-6) + finest_mm };
+        let half = 0.5 * (hi - lo) * (1.0 + 1e-6) + finest_mm;
         let cone = cone(self.shape, lowest_level(depth), &positions);
-        PatchBounds { error_mm, angle_rad, edge_mm, sphere: Sphere { centre, radius }, cone }
+        PatchBounds { error_mm, angle_rad, edge_mm, sphere, half, cone }
     }
 
     fn distance(

@@ -13,9 +13,10 @@ use super::measure::{OriginalPoint, PatchBounds, PatchSampler};
 use super::original::Original;
 use super::patch::{PatchVertex, ResidentPatches, vertices};
 use super::scheme::Scheme;
-use super::template::PatchShape;
-use crate::geometry::{Mesh, Vertex};
+use super::template::{PatchShape, SPLITS};
+use crate::geometry::{ExteriorGrid, Mesh, Vertex};
 use crate::lod::octree::{Item, Octree, bounding_cone};
+use crate::lod::{OcclusionTest, occlusion_grid_around};
 
 /// Most patches: 0.8 GB of vertices.
 const MAX_PATCHES: usize = 1 << 18;
@@ -48,6 +49,9 @@ impl Default for VdsOptions {
         }
     }
 }
+
+/// A patch is far from the original beyond this multiple of [`VdsOptions::finest_mm`].
+const FAR: f32 = 10.0;
 
 /// Base faces of a leaf of the octree.
 const LEAF_FACES: usize = 12;
@@ -207,20 +211,32 @@ impl SubdivisionSurface {
         finest_faces: u64,
     ) -> Self {
         let PatchGrowth { forest, mut bounds, vertices, .. } = growth;
-        for id in (0..forest.nodes.len() as u32).rev().filter(|n| !forest.children(*n).is_empty()) {
-            let own = bounds[id as usize];
+        let shape = PatchShape::of(options.scheme);
+        for id in (0..forest.nodes.len() as u32).rev() {
+            let mut own = bounds[id as usize];
             let below = || forest.children(id).map(|c| &bounds[c as usize]);
+            let mut least_mm = below().map(|b| b.error_mm[SPLITS as usize - 1]).fold(0.0, f32::max);
+            for error_mm in own.error_mm[..=shape.finest() as usize].iter_mut().rev() {
+                *error_mm = error_mm.max(least_mm);
+                least_mm = *error_mm;
+            }
             let reach = |b: &PatchBounds| {
                 own.sphere.centre.distance(b.sphere.centre) * (1.0 + 1e-6) + b.sphere.radius
             };
             let radius = below().map(reach).fold(own.sphere.radius, f32::max);
+            let extent = |b: &PatchBounds| {
+                ((own.sphere.centre - b.sphere.centre).abs() + b.half) * (1.0 + 1e-6)
+            };
+            let half = below().map(extent).fold(own.half, Vec3::max);
             let cones: Vec<_> = below().map(|b| b.cone).chain([own.cone]).collect();
-            bounds[id as usize].sphere.radius = radius;
-            bounds[id as usize].cone = bounding_cone(cones.into_iter());
+            own.sphere.radius = radius;
+            bounds[id as usize] =
+                PatchBounds { half, cone: bounding_cone(cones.into_iter()), ..own };
         }
         let item = |b: &PatchBounds| {
-            let (centre, reach) = (b.sphere.centre, Vec3::splat(b.sphere.radius));
-            Item { lo: centre - reach, hi: centre + reach, centre, cone: b.cone }
+            let PatchBounds { sphere, half, cone, .. } = *b;
+            let centre = sphere.centre;
+            Item { lo: centre - half, hi: centre + half, centre, cone }
         };
         let items: Vec<Item> = bounds[..finest.len()].iter().map(item).collect();
         let tree = Octree::with_leaves(&items, LEAF_FACES);
@@ -254,9 +270,39 @@ impl SubdivisionSurface {
 
     /// Two-sided distance of the finest surface to the original, mm; the paper assumes 0.
     pub fn finest_error_mm(&self) -> f32 {
+        self.leaves().map(|(_, error_mm)| error_mm).fold(0.0, f32::max)
+    }
+
+    /// Occlusion test of this surface. A few patches that stay far from the original would widen
+    /// the margin everywhere; where they are drawn nothing counts as exterior instead.
+    ///
+    /// * `grid`: exterior of `wall`, the closed original.
+    pub fn occlusion_test(&self, grid: Arc<ExteriorGrid>, wall: &Mesh) -> OcclusionTest {
+        let far_mm = self.finest_error_mm().min(FAR * self.options.finest_mm);
+        let far = self.far_boxes(far_mm);
+        let grid = if far.is_empty() { grid } else { Arc::new(occlusion_grid_around(wall, &far)) };
+        OcclusionTest::new(grid, f64::from(far_mm), f64::from(self.coarsest_error_mm()))
+    }
+
+    /// Boxes, smallest and largest corner, around the patches of the finest surface that are further
+    /// than `limit_mm` from the original.
+    fn far_boxes(&self, limit_mm: f32) -> Vec<[Vec3; 2]> {
+        let corners = |n: u32| {
+            let positions = self.patches.vertices_of(n).iter().map(|v| v.own.position());
+            positions.fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |b, p| [b[0].min(p), b[1].max(p)])
+        };
+        let far = self.leaves().filter(|(_, error_mm)| *error_mm > limit_mm);
+        far.map(|(n, _)| corners(n)).collect()
+    }
+
+    /// Patches of the finest surface, and their distance to the original, mm.
+    fn leaves(&self) -> impl Iterator<Item = (u32, f32)> + '_ {
+        let finest = self.shape().finest();
         let leaves = (0..self.bounds.len()).filter(|n| self.forest.children(*n as u32).is_empty());
-        let finest = self.shape().finest() as usize;
-        leaves.map(|n| self.bounds[n].error_mm[finest]).fold(0.0, f32::max)
+        leaves.map(move |n| {
+            let level = self.finest.get(n).copied().unwrap_or(finest);
+            (n as u32, self.bounds[n].error_mm[level as usize])
+        })
     }
 
     /// Memory, bytes.

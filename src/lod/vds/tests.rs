@@ -15,7 +15,9 @@ use super::*;
 use crate::geometry::{
     Camera, Lens, Mesh, Pose, Sphere, TriangleBvh, Vertex, ViewFrustum, point_triangle_distance,
 };
-use crate::lod::{LodHierarchy, LodStep, PageCache, Tolerance, VisiblePatch};
+use crate::lod::{
+    LodHierarchy, LodStep, OcclusionTest, PageCache, Tolerance, VisiblePatch, occlusion_grid,
+};
 use ring::RING_MM;
 
 const PIXELS: Tolerance = Tolerance { pixels: 4.0 };
@@ -35,9 +37,9 @@ fn camera(seed: &mut u64) -> Camera {
     let u = v(TAU / 2.0);
     let (radial, along) = (DVec3::new(u.cos(), u.sin(), 0.0), DVec3::new(-u.sin(), u.cos(), 0.0));
     let at = radial * (RING_MM + v(4.0)) + DVec3::Z * v(4.0);
-    let to = at + along + radial * v(0.8) + DVec3::Z * v(0.8);
+    let ahead = along + radial * v(0.8) + DVec3::Z * v(0.8);
     Camera {
-        pose: Pose::looking(at.as_vec3(), to.as_vec3(), Vec3::Z),
+        pose: Pose::looking(at.as_vec3(), ahead.as_vec3(), Vec3::Z),
         lens: Lens { fov_y_rad: 1.4, aspect: 1.5, near_mm: 0.2 },
         height_px: 600,
     }
@@ -67,6 +69,8 @@ fn corners(surface: &SubdivisionSurface, drawn: &[VisiblePatch]) -> Vec<[Vec3; 3
             let t = t.map(|v| v.position());
             let away = |p: Vec3| d.sphere.centre.distance(p);
             assert!(t.iter().all(|p| away(*p) <= d.sphere.radius * (1.0 + 1e-6)));
+            let off = |p: Vec3| (p - d.sphere.centre).abs() - d.half;
+            assert!(t.iter().all(|p| off(*p).max_element() <= 1e-5));
             all.push(t);
         }
     }
@@ -333,6 +337,63 @@ fn visible_points_are_within_the_screen_space_tolerance() {
     assert!(met > 500 && worst < most && worst > 0.2 * most, "{worst} px of {most}, {met}");
 }
 
+/// Rays into a surface that is near the original everywhere, and into one that the test takes to be
+/// far from it in places.
+#[test]
+fn rays_meet_nothing_before_the_patches_that_are_visible() {
+    let ring = Ring::new([60, 20], 9);
+    let grid = Arc::new(occlusion_grid(&ring.mesh));
+    for (finest_mm, is_far) in [(0.02, false), (1e-4, true)] {
+        let options = VdsOptions { finest_mm, ..VdsOptions::default() };
+        let surface = SubdivisionSurface::new(&ring.base(), &ring, options).unwrap();
+        let surface = Arc::new(surface);
+        let test = Arc::new(surface.occlusion_test(Arc::clone(&grid), &ring.mesh));
+        let plain = OcclusionTest::new(
+            Arc::clone(&grid),
+            f64::from(surface.finest_error_mm()),
+            f64::from(surface.coarsest_error_mm()),
+        );
+        assert_eq!(surface.finest_error_mm() > 10.0 * finest_mm, is_far);
+        let mut vds = Vds::new(surface.clone()).with_occlusion(test);
+        let (mut met, mut inside, mut visible, mut by_worst) = (0, 0, 0, 0);
+        let seed = &mut 77;
+        for _ in 0..12 {
+            let cam = camera(seed);
+            let step = step(&mut vds, &cam);
+            let frustum = ViewFrustum::new(&cam);
+            let worst = plain.depths(&frustum);
+            let shown = |d: &&VisiblePatch| d.is_visible(&frustum, step.depths.as_deref());
+            let seen: Vec<VisiblePatch> = step.drawn.iter().filter(shown).copied().collect();
+            inside += step.drawn.iter().filter(|d| d.is_visible(&frustum, None)).count();
+            by_worst += step.drawn.iter().filter(|d| d.is_visible(&frustum, Some(&worst))).count();
+            visible += seen.len();
+            let tree = |drawn| {
+                let corners = corners(&surface, drawn);
+                let faces = (0..corners.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+                let faces = faces.collect();
+                TriangleBvh::new(&Mesh {
+                    positions: corners.into_iter().flatten().collect(),
+                    faces,
+                    ..Mesh::default()
+                })
+            };
+            let (whole, seen) = (tree(&step.drawn), tree(&seen));
+            let eye = frustum.position();
+            for _ in 0..300 {
+                let [t_x, t_y] = frustum.tangents();
+                let mut at = |t: f64| t * (2.0 * noise(seed) - 1.0);
+                let along = 200.0 * frustum.way(at(t_x), at(t_y));
+                let Some(hit) = whole.first_hit(eye, along) else { continue };
+                met += 1;
+                let found = seen.first_hit(eye, along).map(|p| p.distance(hit));
+                assert!(found.is_some_and(|d| d < 1e-3), "{hit} from {eye}: {found:?}");
+            }
+        }
+        println!("{visible} of {inside} patches are visible, {by_worst} by the worst error");
+        assert!(met > 3_500 && 10 * visible < 9 * inside && visible <= by_worst, "{met} rays");
+    }
+}
+
 #[test]
 fn each_scheme_comes_nearer_at_each_level_and_samples_err_less_than_predictions() {
     let finest = SCHEMES.map(|scheme| {
@@ -403,6 +464,7 @@ fn vertices_reach_both_ends_of_their_morph() {
         }),
         triangles: template.triangles,
         sphere: Sphere::default(),
+        half: Vec3::ZERO,
         cone: Default::default(),
     };
     let level = |l: u32| SPLITS * u32::from(STEP) - (SPLITS - l) * u32::from(STEP);

@@ -48,12 +48,14 @@ fn step_writing(page: u32, number: u32, settled: bool) -> LodStep {
         resident: None,
         triangles: number,
         sphere: Default::default(),
+        half: Default::default(),
         cone: Default::default(),
     };
     LodStep {
         uploads: vec![upload],
         drawn: vec![drawn],
         leaves_changed: 1,
+        depths: None,
         settled,
         degraded: false,
     }

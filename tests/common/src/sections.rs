@@ -53,6 +53,7 @@ pub fn cut(vertices: &[Vertex], faces: &[[u32; 3]], most: usize) -> Vec<Patch> {
             resident: None,
             triangles: triangles.len() as u32,
             sphere,
+            half: Vec3::splat(sphere.radius),
             cone: cone(&own, &triangles),
         };
         patches.push(Patch { upload: Upload { page: 0, vertices: own, triangles }, drawn });
@@ -87,7 +88,7 @@ fn cone(vertices: &[Vertex], triangles: &[[u8; 3]]) -> Cone {
 pub fn whole(mesh: &Mesh, most: usize) -> LodStep {
     let patches = cut(&shading(mesh).vertices, &mesh.faces, most);
     let (uploads, drawn) = patches.iter().enumerate().map(|(i, p)| p.at(i as u32)).unzip();
-    LodStep { uploads, drawn, leaves_changed: 0, settled: true, degraded: false }
+    LodStep { uploads, drawn, settled: true, ..LodStep::default() }
 }
 
 const SIDES: u32 = PAGE_TRIANGLES as u32 / 2;
