@@ -13,7 +13,7 @@ use crate::lod::vds::{
     ParameterizedOriginal, ResidentPatches, SubdivisionSurface, Vds, VdsOptions,
 };
 use crate::lod::{FaceOctree, LodHierarchy, OcclusionTest, PAGE_BYTES, Tolerance, Worker};
-use crate::mesh::{MeshError, Metric, Parameterization, SimplifyOptions, make_manifold, simplify};
+use crate::mesh::{MeshError, Parameterization, SimplifyOptions, make_manifold, simplify};
 use crate::render::{Culling, IN_FLIGHT, PagesHandle, RenderError, Renderer};
 use crate::vk::{Gpu, return_freed_memory};
 
@@ -152,11 +152,11 @@ impl Levels {
         Self { kind: LevelKind::Clusters(clusters), pages, report, occlusion: None }
     }
 
-    /// The paper's: the mesh simplified to `base` faces, subdivided where the camera looks, every
-    /// new vertex on the original by the record of the collapses.
+    /// The paper's: the mesh simplified to a base, subdivided where the camera looks, every new vertex
+    /// on the original by the record of the collapses.
     ///
     /// * `tree`: hierarchy of the mesh's faces.
-    /// * `metric`: cost of a collapse.
+    /// * `base`: simplification to the base; kept vertices do not move.
     /// * `vds`: options of the subdivision.
     ///
     /// # Errors
@@ -165,16 +165,14 @@ impl Levels {
         mesh: &Mesh,
         vertices: &[Vertex],
         tree: &TriangleBvh,
-        base: usize,
-        metric: Metric,
+        base: SimplifyOptions<'_>,
         vds: VdsOptions,
         pixel_error: f32,
         clock: &mut Clock,
     ) -> Result<Self, SessionError> {
         let mut maps = Parameterization::new(mesh)?;
         // The samples are the original's own: a base that moved would only mislead the bounds.
-        let options =
-            SimplifyOptions { metric, relocate: false, ..SimplifyOptions::to_faces(base) };
+        let options = SimplifyOptions { relocate: false, ..base };
         let simplified = clock.time(
             "simplify",
             "faces",
@@ -189,7 +187,7 @@ impl Levels {
             mode: "vds",
             scheme: Some(vds.scheme.name()),
             finest_error_mm: Some(surface.finest_error_mm()),
-            metric: Some(metric.name()),
+            metric: Some(options.metric.name()),
             pixel_error,
             base_faces: surface.base_faces(),
             finest_faces: surface.finest_faces(),
@@ -337,16 +335,21 @@ impl Session {
         let mesh = drawn.mesh();
         let LevelSettings { scheme, pixel_error, .. } = self.settings.levels;
         return_freed_memory();
-        let base =
+        let faces =
             (mesh.faces.len() / scheme.original_faces()).max(MIN_BASE_FACES.min(mesh.faces.len()));
         let metric = self.settings.methods().metric;
         let tree = present(&self.slots.drawn_tree);
         let spacing = present(&self.slots.lumen).lumen.grid.spacing_mm.min_element();
+        // Thin branches must not collapse: a base without them has no place for their vertices.
+        let base = SimplifyOptions {
+            metric,
+            max_error_mm: Some(spacing),
+            ..SimplifyOptions::to_faces(faces)
+        };
         let finest_mm = (0.1 * spacing) as f32;
         let vds = VdsOptions { finest_mm, scheme, ..VdsOptions::default() };
         let vertices = &shading.vertices;
-        let levels =
-            Levels::of_subdivision(mesh, vertices, &tree, base, metric, vds, pixel_error, clock)?;
+        let levels = Levels::of_subdivision(mesh, vertices, &tree, base, vds, pixel_error, clock)?;
         Ok(levels.with_occlusion(self.exterior_of_closed(), mesh))
     }
 

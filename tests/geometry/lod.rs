@@ -7,7 +7,7 @@ use common::{screen, tube};
 use intima::geometry::{Camera, Lens, Mesh, TriangleBvh};
 use intima::lod::vds::VdsOptions;
 use intima::lod::{PageCache, Tolerance};
-use intima::mesh::Metric;
+use intima::mesh::{Metric, SimplifyOptions};
 use intima::session::{Clock, Levels};
 use intima::surface::shading;
 
@@ -26,10 +26,10 @@ fn clusters(mesh: &Mesh) -> Levels {
 fn subdivision(mesh: &Mesh) -> Levels {
     let vertices = shading(mesh).vertices;
     let clock = &mut Clock::default();
-    let (base, tree) = (mesh.faces.len() / 100, TriangleBvh::new(mesh));
-    let vds = VdsOptions::default();
-    Levels::of_subdivision(mesh, &vertices, &tree, base, Metric::NormalQem, vds, 1.0, clock)
-        .unwrap()
+    let base = SimplifyOptions::to_faces(mesh.faces.len() / 100);
+    let base = SimplifyOptions { metric: Metric::NormalQem, ..base };
+    let (tree, vds) = (TriangleBvh::new(mesh), VdsOptions::default());
+    Levels::of_subdivision(mesh, &vertices, &tree, base, vds, 1.0, clock).unwrap()
 }
 
 /// Compares every pixel of a flight through the tube.

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use glam::DVec3;
 use intima::device::DeviceChoice;
 use intima::flight::Frames;
 use intima::lumen::IntensitySelection;
@@ -14,8 +15,8 @@ use intima::session::{
     Settings, Source, VolumeSource, WallMethod,
 };
 use intima::surface::{Fairing, Smoothing};
-use intima::volume::Volume;
 use intima::volume::phantom::{Kind, Phantom};
+use intima::volume::{Grid, Samples, Volume};
 
 fn phantom(kind: Kind, size: u32) -> Arc<Volume> {
     Arc::new(Phantom::new(kind, size, [1.0; 3]).unwrap().mask())
@@ -412,4 +413,50 @@ fn a_flight_of_any_length_draws_what_cameras_see_of_the_whole_wall() {
     let (short, long) = (lod(2), lod(2500));
     assert_eq!((short.mode, long.mode), ("culled", "culled"));
     assert_eq!(short.finest_faces, long.finest_faces);
+}
+
+/// A ball with thin, winding branches: voxels of 1 mm.
+fn ball_with_branches() -> Arc<Volume> {
+    const SIDE: usize = 128;
+    let mut voxels = vec![0u8; SIDE * SIDE * SIDE];
+    let middle = DVec3::splat(0.5 * SIDE as f64);
+    let mut fill = |centre: DVec3, radius: f64| {
+        let reach = DVec3::splat(radius);
+        let (lo, hi) = ((centre - reach).as_usizevec3(), (centre + reach).as_usizevec3());
+        for z in lo.z..=hi.z {
+            for y in lo.y..=hi.y {
+                for x in lo.x..=hi.x {
+                    if centre.distance(DVec3::new(x as f64, y as f64, z as f64)) <= radius {
+                        voxels[x + SIDE * (y + SIDE * z)] = 1;
+                    }
+                }
+            }
+        }
+    };
+    fill(middle, 14.0);
+    for branch in 0..20 {
+        // Evenly spread over the sphere.
+        let height = (f64::from(branch) + 0.5) / 10.0 - 1.0;
+        let turn = 2.4 * f64::from(branch);
+        let around = (1.0 - height * height).sqrt();
+        let out = DVec3::new(around * turn.cos(), around * turn.sin(), height);
+        let (u, v) = out.any_orthonormal_pair();
+        for step in 0..200 {
+            let along = 12.0 + 0.22 * f64::from(step);
+            let wave = 3.0 * ((0.2 * along).sin() * u + (0.27 * along).cos() * v);
+            fill(middle + along * out + wave, 1.3);
+        }
+    }
+    let grid = Grid::axis_aligned([SIDE as u32; 3], [1.0; 3]);
+    Arc::new(Volume::new(grid, Samples::U8(voxels.into())))
+}
+
+#[test]
+fn thin_branches_do_not_collapse_with_the_base_of_a_subdivision() {
+    let volume = ball_with_branches();
+    let levels = LevelSettings { lod: Lod::Vds, ..LevelSettings::default() };
+    let session = session(&volume, Settings { levels, ..Settings::default() });
+    let report = &session.levels().unwrap().report;
+    // 15 mm where the base may lose branches.
+    assert!(report.finest_error_mm.unwrap() < 2.0, "{report:?}");
 }

@@ -31,11 +31,12 @@ impl Scheme {
         }
     }
 
-    /// Number of the original's faces to one of the base. A base face is the least that is drawn;
-    /// where patches do not nest, one has no more triangles than its finest level.
+    /// Number of the original's faces to one of the base. A base face is the least that is drawn; but
+    /// over too large ones the parameterization is distorted. Where patches do not nest, a base face
+    /// has no more triangles than its finest level.
     pub fn original_faces(self) -> usize {
         if self.nests() {
-            return 160;
+            return 48;
         }
         let shape = PatchShape::of(self);
         // The finest level has about 1.2 times the original's triangles, as that of nested patches.
