@@ -52,8 +52,8 @@ pub(super) struct RunSize {
 
 /// Estimates the peak of resident memory, bytes, of a run that makes these products.
 ///
-/// Fitted to the peaks of seven commands on nine label maps and scans with 2 to 120 million voxels,
-/// 30 thousand to 430 thousand vertices of the wall, on software Vulkan
+/// Fitted to the peaks of ten commands on nine label maps and scans with 2 to 120 million voxels,
+/// 30 thousand to 730 thousand vertices of the wall, on software Vulkan
 /// (`tests/program/memory.rs` holds it to a quarter).
 pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) -> u64 {
     const MB: u64 = 1_000_000;
@@ -73,17 +73,15 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
         // Written as a dense file, some slices at a time.
         + when(distance, 15 * MB + size.voxels / 4)
         + when(makes(Product::Wall), 235 * size.wall_sides);
-    // Trees, clusters and base mesh of the wall, and frames.
+    // Levels and base mesh of the wall, its trees, and frames.
     let has_levels = makes(Product::Clusters) || makes(Product::Levels);
-    let is_recorded = has_levels || makes(Product::Base) || makes(Product::Coverage);
-    let recorded = when(is_recorded, 793 * size.wall_sides)
-        + when(
-            makes(Product::Levels) && !makes(Product::Clusters),
-            60 * MB + 600 * size.wall_sides,
-        )
-        + when(makes(Product::Display), 45 * MB + 60 * size.pixels)
+    let is_subdivided = makes(Product::Levels) && !makes(Product::Clusters);
+    let recorded = when(has_levels, 250 * size.wall_sides)
+        + when(is_subdivided, 30 * MB)
+        + when(makes(Product::Base), 250 * size.wall_sides)
+        + when(makes(Product::Display), 45 * MB + 60 * size.pixels + 226 * size.wall_sides)
         // Pictures of a run's report.
-        + when(makes(Product::LumenProfile), 50 * MB + 250 * size.wall_sides);
+        + when(makes(Product::LumenProfile), 80 * MB);
     held + searched.max(levels).max(products + stored_after + kept + recorded)
 }
 
