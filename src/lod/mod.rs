@@ -6,7 +6,7 @@
 //! [`PageCache`] and the list of pages to draw. A cut always covers the whole surface, coarsely
 //! outside the view frustum, so a late step shows less detail but never a hole. Frustum and
 //! back-face culling happen when the cut is drawn ([`ViewFrustum`]); the [`OcclusionTest`] rejects
-//! what the wall itself hides.
+//! patches that the wall itself occludes.
 //!
 //! * [`clusters`]: a hierarchy of triangle clusters with two-sided error bounds.
 //! * [`vds`]: the view-dependent subdivision of the paper (Li et al. 2004).
