@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::{FormatError, Mesh};
+use super::{FacedMesh, FormatError};
 use crate::formats::atomic_file;
 
 /// glTF's codes.
@@ -18,7 +18,8 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 pub(super) const MATRIX: [f64; 16] =
     [1e-3, 0., 0., 0., 0., 0., -1e-3, 0., 0., 1e-3, 0., 0., 0., 0., 0., 1.];
 
-pub(super) fn write(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), FormatError> {
+pub(super) fn write(path: &Path, faced: &FacedMesh<'_>) -> Result<(), FormatError> {
+    let mesh = &*faced.whole();
     let Some((low, high)) = mesh.bounds().filter(|_| !mesh.faces.is_empty()) else {
         return Err(FormatError::unsupported(path, "a mesh without faces as glTF"));
     };
@@ -51,7 +52,7 @@ pub(super) fn write(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), Format
         "count": 3 * mesh.faces.len(), "type": "SCALAR",
     }));
     let mut extras = json!({"SPACE": "LPS", "units": "mm"});
-    if !facing.is_empty() {
+    if let Some(facing) = faced.tag() {
         extras["FACING"] = facing.into();
     }
     let document = json!({

@@ -12,6 +12,7 @@ mod vtp;
 mod vtp_read;
 mod xml;
 
+use std::borrow::Cow;
 use std::path::Path;
 use std::str::FromStr;
 
@@ -93,7 +94,7 @@ pub fn read_mesh(path: &Path, space: Option<Space>) -> Result<(Mesh, Vec<String>
 /// for an unknown extension or a mesh too large for the format, [`FormatError::Io`]; nothing is
 /// left behind then.
 pub fn write_mesh(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
-    write_tagged(path, mesh, "")
+    write_faced(path, &FacedMesh { mesh, facing: None })
 }
 
 /// Writes a wall whose faces and normals look into the lumen, turned over where they are to look
@@ -102,20 +103,10 @@ pub fn write_mesh(path: &Path, mesh: &Mesh) -> Result<(), FormatError> {
 /// # Errors
 /// As [`write_mesh`].
 pub fn write_wall(path: &Path, wall: &Mesh, facing: Facing) -> Result<(), FormatError> {
-    if facing == Facing::In {
-        return write_tagged(path, wall, "IN");
-    }
-    let turned = Mesh {
-        positions: wall.positions.clone(),
-        normals: wall.normals.iter().map(|n| Vec3::ZERO - *n).collect(),
-        faces: wall.faces.iter().map(|[a, b, c]| [*a, *c, *b]).collect(),
-        caps: wall.caps.clone(),
-    };
-    write_tagged(path, &turned, "OUT")
+    write_faced(path, &FacedMesh { mesh: wall, facing: Some(facing) })
 }
 
-/// * `facing`: what the file says of the side its faces look to; nothing where empty.
-fn write_tagged(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), FormatError> {
+fn write_faced(path: &Path, mesh: &FacedMesh<'_>) -> Result<(), FormatError> {
     let write = match extension(path).as_str() {
         "ply" => ply::write,
         "stl" => stl::write,
@@ -127,8 +118,49 @@ fn write_tagged(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), FormatErro
             return Err(FormatError::unsupported(path, what));
         }
     };
-    check(path, mesh)?;
-    write(path, mesh, facing)
+    check(path, mesh.mesh)?;
+    write(path, mesh)
+}
+
+/// A mesh on its way into a file: turned over as it is written where its faces are to look out, so
+/// that a large wall is not copied.
+struct FacedMesh<'a> {
+    mesh: &'a Mesh,
+    /// Side the faces look to in the file; `None` leaves them as they are.
+    facing: Option<Facing>,
+}
+
+impl<'a> FacedMesh<'a> {
+    /// Returns the value of the file's `FACING` tag; a file without one has none.
+    fn tag(&self) -> Option<&'static str> {
+        self.facing.map(|facing| match facing {
+            Facing::In => "IN",
+            Facing::Out => "OUT",
+        })
+    }
+
+    fn normals(&self) -> impl Iterator<Item = Vec3> + use<'a> {
+        let out = self.facing == Some(Facing::Out);
+        self.mesh.normals.iter().map(move |n| if out { Vec3::ZERO - *n } else { *n })
+    }
+
+    fn faces(&self) -> impl Iterator<Item = [u32; 3]> + use<'a> {
+        let out = self.facing == Some(Facing::Out);
+        self.mesh.faces.iter().map(move |&[a, b, c]| if out { [a, c, b] } else { [a, b, c] })
+    }
+
+    /// Returns the mesh as a whole, for formats that hold its parts as blocks.
+    fn whole(&self) -> Cow<'a, Mesh> {
+        if self.facing != Some(Facing::Out) {
+            return Cow::Borrowed(self.mesh);
+        }
+        Cow::Owned(Mesh {
+            positions: self.mesh.positions.clone(),
+            normals: self.normals().collect(),
+            faces: self.faces().collect(),
+            caps: self.mesh.caps.clone(),
+        })
+    }
 }
 
 fn extension(path: &Path) -> String {

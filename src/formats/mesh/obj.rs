@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use super::{FormatError, Mesh, RawMesh, space_tag};
+use super::{FacedMesh, FormatError, RawMesh, space_tag};
 use crate::formats::atomic_file;
 
 pub(super) fn read(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), FormatError> {
@@ -108,19 +108,20 @@ fn index(word: &str, count: usize) -> Option<usize> {
     usize::try_from(i).ok().filter(|&i| i < count)
 }
 
-pub(super) fn write(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), FormatError> {
+pub(super) fn write(path: &Path, faced: &FacedMesh<'_>) -> Result<(), FormatError> {
+    let mesh = faced.mesh;
     atomic_file::write_atomic(path, |out| {
         writeln!(out, "# SPACE=LPS\n# units mm")?;
-        if !facing.is_empty() {
+        if let Some(facing) = faced.tag() {
             writeln!(out, "# FACING={facing}")?;
         }
         for p in &mesh.positions {
             writeln!(out, "v {} {} {}", p.x, p.y, p.z)?;
         }
-        for n in &mesh.normals {
+        for n in faced.normals() {
             writeln!(out, "vn {} {} {}", n.x, n.y, n.z)?;
         }
-        for f in &mesh.faces {
+        for f in faced.faces() {
             let [a, b, c] = f.map(|v| v + 1);
             match mesh.normals.is_empty() {
                 true => writeln!(out, "f {a} {b} {c}")?,

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::Vec3;
 
 use super::raw_mesh::finite;
-use super::{FormatError, Mesh, RawMesh, space_tag};
+use super::{FacedMesh, FormatError, RawMesh, space_tag};
 use crate::formats::atomic_file;
 
 const HEADER: usize = 80;
@@ -119,16 +119,17 @@ impl<'a> Welder<'a> {
     }
 }
 
-pub(super) fn write(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), FormatError> {
+pub(super) fn write(path: &Path, faced: &FacedMesh<'_>) -> Result<(), FormatError> {
+    let mesh = faced.mesh;
     atomic_file::write_atomic(path, |out| {
         // A header that begins with `solid` would pass for the text form.
         let mut header = [b' '; HEADER];
-        let facing = if facing.is_empty() { String::new() } else { format!(", FACING={facing}") };
+        let facing = faced.tag().map_or_else(String::new, |tag| format!(", FACING={tag}"));
         let title = format!("intima surface, units mm, SPACE=LPS{facing}");
         header[..title.len()].copy_from_slice(title.as_bytes());
         out.write_all(&header)?;
         out.write_all(&(mesh.faces.len() as u32).to_le_bytes())?;
-        for &f in &mesh.faces {
+        for f in faced.faces() {
             let normal = mesh.face_cross(f).normalize_or_zero();
             let [a, b, c] = f.map(|v| mesh.positions[v as usize]);
             let mut row = [0; ROW];

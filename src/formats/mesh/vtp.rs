@@ -3,16 +3,17 @@
 use std::path::Path;
 
 use super::polydata::{DataArray, PolyData};
-use super::{FormatError, Mesh};
+use super::{FacedMesh, FormatError};
 use crate::formats::atomic_file;
 
-pub(super) fn write(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), FormatError> {
+pub(super) fn write(path: &Path, faced: &FacedMesh<'_>) -> Result<(), FormatError> {
+    let mesh = &*faced.whole();
     let flat = |v| bytemuck::cast_slice::<glam::Vec3, f32>(v);
     let offsets: Vec<i32> = (1..=mesh.faces.len() as i32).map(|k| 3 * k).collect();
     let caps: Vec<u8> = mesh.caps.iter().map(|&c| u8::from(c)).collect();
     let with_normals = !mesh.normals.is_empty();
     let data = PolyData {
-        facing,
+        facing: faced.tag().unwrap_or_default(),
         points: DataArray::new("Points", 3, flat(&mesh.positions)),
         point_count: mesh.positions.len(),
         point_data: with_normals

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use super::{FormatError, Mesh, RawMesh};
+use super::{FacedMesh, FormatError, RawMesh};
 use crate::formats::atomic_file;
 use header::{Body, Element, Property, header};
 
@@ -125,11 +125,12 @@ fn rows(
     Ok(())
 }
 
-pub(super) fn write(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), FormatError> {
+pub(super) fn write(path: &Path, faced: &FacedMesh<'_>) -> Result<(), FormatError> {
+    let mesh = faced.mesh;
     let with_normals = !mesh.normals.is_empty();
     atomic_file::write_atomic(path, |out| {
         writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment SPACE=LPS\ncomment units mm")?;
-        if !facing.is_empty() {
+        if let Some(facing) = faced.tag() {
             writeln!(out, "comment FACING={facing}")?;
         }
         writeln!(out, "element vertex {}", mesh.positions.len())?;
@@ -139,14 +140,13 @@ pub(super) fn write(path: &Path, mesh: &Mesh, facing: &str) -> Result<(), Format
         }
         writeln!(out, "element face {}", mesh.faces.len())?;
         writeln!(out, "property list uchar int vertex_indices\nend_header")?;
-        for (i, p) in mesh.positions.iter().enumerate() {
-            for c in
-                p.to_array().iter().chain(mesh.normals.get(i).map_or(&[0.0; 0][..], |n| n.as_ref()))
-            {
-                out.write_all(&c.to_le_bytes())?;
+        let mut normals = faced.normals();
+        for position in &mesh.positions {
+            for vector in [Some(*position), normals.next()].into_iter().flatten() {
+                vector.to_array().iter().try_for_each(|c| out.write_all(&c.to_le_bytes()))?;
             }
         }
-        for f in &mesh.faces {
+        for f in faced.faces() {
             let mut row = [3; 13];
             for (bytes, v) in row[1..].chunks_exact_mut(4).zip(f) {
                 bytes.copy_from_slice(&v.to_le_bytes());
