@@ -157,11 +157,12 @@ impl Panes {
             self.mesh = Some(mesh);
         }
         // Only of a closed wall the tree is that of the mesh with its caps.
-        if let (Some(culling), Some(mesh), false) =
-            (products.culling.as_deref().and_then(Option::as_ref), self.mesh, self.is_culled)
+        let culling = products.culling.as_deref().and_then(Option::as_ref);
+        if let (Some(culling), Some(mesh), Some(wall), false) =
+            (culling, self.mesh, &products.prepared_wall, self.is_culled)
             && culling.closed.is_some()
         {
-            self.inside.renderer.cull_mesh(gpu, mesh, Culling::clone(culling))?;
+            self.inside.renderer.cull_mesh(gpu, mesh, wall, Culling::clone(culling))?;
             self.is_culled = true;
         }
         if let (Some(centered), None) = (&products.centerline, self.path) {

@@ -1,6 +1,6 @@
 //! Octree of a mesh's faces, by which the part of a whole mesh that a camera can see is drawn.
 //!
-//! Faces are stored in the order of the tree, so that each cell is one range of the index buffer. A
+//! Faces are drawn in the order of the tree, so that each cell is one range of the index buffer. A
 //! camera draws the cells that are inside its view frustum, do not face away and are not occluded;
 //! of a closed wall those hold no visible face. The tree is built in about a fifteenth of the time
 //! of clusters, and has no coarser levels.
@@ -16,12 +16,10 @@ use crate::geometry::{Camera, HierarchicalZ, Mesh, ViewFrustum};
 /// Most faces of a leaf. Fewer are culled more tightly, but each range of faces is a draw.
 const LEAF_FACES: usize = 64;
 
-/// Faces of a mesh in the order of an octree.
+/// Octree of a mesh's faces.
 #[derive(Debug)]
 pub struct FaceOctree {
-    /// Cells; their items are in `indices`.
     tree: Octree,
-    indices: Vec<u32>,
 }
 
 impl FaceOctree {
@@ -29,15 +27,19 @@ impl FaceOctree {
     pub fn new(mesh: &Mesh) -> Self {
         let corners = |f: u32| mesh.faces[f as usize].map(|v| mesh.positions[v as usize]);
         let triangle = |f| Item::triangle(corners(f));
-        let mut tree = Octree::from_fn(mesh.faces.len(), LEAF_FACES, triangle);
-        let items = std::mem::take(&mut tree.items);
-        let indices = items.into_par_iter().flat_map_iter(|f| mesh.faces[f as usize]).collect();
-        Self { tree, indices }
+        Self { tree: Octree::from_fn(mesh.faces.len(), LEAF_FACES, triangle) }
     }
 
-    /// Vertices of the faces, three a face, in the order of the tree.
-    pub fn indices(&self) -> &[u32] {
-        &self.indices
+    /// Returns the number of faces.
+    pub fn face_count(&self) -> usize {
+        self.tree.items.len()
+    }
+
+    /// Returns the vertices of the faces, three a face, in the order of the tree.
+    ///
+    /// * `faces`: those of the mesh that the tree was built of.
+    pub fn indices(&self, faces: &[[u32; 3]]) -> Vec<u32> {
+        self.tree.items.par_iter().flat_map_iter(|f| faces[*f as usize]).collect()
     }
 
     /// Ranges of [`Self::indices`] that `camera` can see, ascending.
@@ -83,7 +85,8 @@ mod tests {
     fn a_ray_from_the_eye_meets_no_face_that_is_left_out() {
         let mesh = torus(400, 120);
         let octree = FaceOctree::new(&mesh);
-        let face_of = |i: u32| [0, 1, 2].map(|k| octree.indices()[3 * i as usize + k]);
+        let indices = octree.indices(&mesh.faces);
+        let face_of = |i: u32| [0, 1, 2].map(|k| indices[3 * i as usize + k]);
         let test = OcclusionTest::of_wall(occlusion_grid(&mesh));
         let tree = TriangleBvh::new(&mesh);
         let mut seed = 9u64;
@@ -125,6 +128,6 @@ mod tests {
         let lens = Lens { fov_y_rad: 1.0, aspect: 1.0, near_mm: 0.1 };
         let pose = Pose::looking(Vec3::ZERO, Vec3::X, Vec3::Z);
         let camera = Camera { pose, lens, height_px: 9 };
-        assert!(octree.visible(&camera, None).is_empty() && octree.indices().is_empty());
+        assert!(octree.visible(&camera, None).is_empty() && octree.indices(&[]).is_empty());
     }
 }

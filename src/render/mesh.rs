@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::RenderError;
-use crate::geometry::{Camera, Mesh, Vertex};
+use crate::geometry::{Camera, Mesh};
 use crate::lod::{FaceOctree, OcclusionTest};
 use crate::surface::{Shading, shading};
 use crate::vk::IndexedRange;
@@ -15,22 +15,29 @@ use crate::vk::IndexedRange;
 /// it takes most of the time of putting a mesh on the device, and needs no device.
 #[derive(Debug)]
 pub struct PreparedMesh {
-    pub(super) vertices: Vec<Vertex>,
+    pub(super) shading: Arc<Shading>,
     pub(super) indices: Vec<u32>,
     pub(super) bounds: Option<(Vec3, Vec3)>,
-    pub(super) mean_radius_mm: f32,
+    /// Culling in whose order the faces are.
+    pub(super) culling: Option<Culling>,
 }
 
 /// Culling of the faces of a mesh that a camera cannot see.
 #[derive(Clone, Debug)]
 pub struct Culling {
-    /// Faces in their order on the device.
+    /// Octree of the faces, in whose order they are on the device.
     pub octree: Arc<FaceOctree>,
     /// Occlusion of a closed wall by itself, where eyes are inside one; else back faces are drawn.
     pub closed: Option<Arc<OcclusionTest>>,
 }
 
 impl Culling {
+    /// Returns the vertices of the faces, three a face, in the order of the octree.
+    pub(super) fn indices(&self, faces: &[[u32; 3]]) -> Vec<u32> {
+        assert_eq!(self.octree.face_count(), faces.len(), "the faces of the mesh");
+        self.octree.indices(faces)
+    }
+
     /// Returns the index ranges that `camera` can see, and their number of triangles.
     pub(super) fn visible_ranges(&self, camera: &Camera) -> (Vec<IndexedRange>, u64) {
         let ranges = self.octree.visible(camera, self.closed.as_deref());
@@ -66,16 +73,38 @@ impl PreparedMesh {
     ///
     /// # Errors
     /// [`RenderError::BadFace`].
-    pub fn shaded(mesh: &Mesh, shading: &Shading) -> Result<Self, RenderError> {
+    pub fn shaded(mesh: &Mesh, shading: Arc<Shading>) -> Result<Self, RenderError> {
         check_faces(mesh)?;
-        Ok(prepare_shaded(mesh, shading.clone(), false))
+        Ok(prepare_shaded(mesh, shading, false))
+    }
+
+    /// Takes a mesh that was shaded before, with a culling of all its faces: inside views leave out
+    /// what their camera cannot see.
+    ///
+    /// # Errors
+    /// [`RenderError::BadFace`].
+    ///
+    /// # Panics
+    /// If the culling is of another number of faces.
+    pub fn culled(
+        mesh: &Mesh,
+        shading: Arc<Shading>,
+        culling: Culling,
+    ) -> Result<Self, RenderError> {
+        check_faces(mesh)?;
+        Ok(Self {
+            shading,
+            indices: culling.indices(&mesh.faces),
+            bounds: mesh.bounds(),
+            culling: Some(culling),
+        })
     }
 }
 
 /// Brings a mesh into the form that is drawn; caps are left out on request.
 pub(super) fn prepare(mesh: &Mesh, skip_caps: bool) -> Result<PreparedMesh, RenderError> {
     check_faces(mesh)?;
-    Ok(prepare_shaded(mesh, shading(mesh), skip_caps))
+    Ok(prepare_shaded(mesh, Arc::new(shading(mesh)), skip_caps))
 }
 
 fn check_faces(mesh: &Mesh) -> Result<(), RenderError> {
@@ -89,16 +118,11 @@ fn check_faces(mesh: &Mesh) -> Result<(), RenderError> {
 }
 
 /// Brings a mesh whose vertices were shaded before into the form that is drawn.
-fn prepare_shaded(mesh: &Mesh, shading: Shading, skip_caps: bool) -> PreparedMesh {
+fn prepare_shaded(mesh: &Mesh, shading: Arc<Shading>, skip_caps: bool) -> PreparedMesh {
     let shown = |i: usize| !(skip_caps && mesh.caps.get(i).copied().unwrap_or(false));
     let mut indices = Vec::with_capacity(3 * mesh.faces.len());
     indices.extend((0..mesh.faces.len()).filter(|i| shown(*i)).flat_map(|i| mesh.faces[i]));
-    PreparedMesh {
-        vertices: shading.vertices,
-        indices,
-        bounds: mesh.bounds(),
-        mean_radius_mm: shading.mean_radius_mm,
-    }
+    PreparedMesh { shading, indices, bounds: mesh.bounds(), culling: None }
 }
 
 #[cfg(test)]

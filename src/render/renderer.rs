@@ -1,6 +1,7 @@
 //! The renderer: its resources on the device, and frames in flight.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
@@ -15,6 +16,7 @@ use super::scene::{
 };
 use super::{RenderError, host};
 use crate::geometry::{Camera, Lens, Mesh, Pose, Vertex};
+use crate::surface::Shading;
 use crate::vk::{
     Area, BufferId, Draw, DrawPipelineId, DrawRange, Gpu, ImageId, ImageSpec, Pass, Releaser,
 };
@@ -35,7 +37,7 @@ pub(super) struct PlacedMesh {
     pub bounds: Option<(Vec3, Vec3)>,
     pub mean_radius_mm: f32,
     /// Vertices without their colours, of a mesh that has colours, to be coloured anew.
-    pub uncoloured: Option<Vec<Vertex>>,
+    pub uncoloured: Option<Arc<Shading>>,
     pub culling: Option<Culling>,
 }
 
@@ -219,10 +221,8 @@ impl Renderer {
         skip_caps: bool,
     ) -> Result<MeshHandle, RenderError> {
         self.check_device(gpu);
-        let p = mesh::prepare(mesh, skip_caps)?;
-        let model = upload(gpu, &p.vertices, &p.indices, p.bounds, p.mean_radius_mm)?;
-        self.models.push(Some(model));
-        Ok(MeshHandle(self.models.len() - 1))
+        let prepared = mesh::prepare(mesh, skip_caps)?;
+        self.upload_prepared_mesh(gpu, &prepared)
     }
 
     /// Puts a mesh on the device that was prepared before, on any thread.
@@ -235,8 +235,9 @@ impl Renderer {
         mesh: &PreparedMesh,
     ) -> Result<MeshHandle, RenderError> {
         self.check_device(gpu);
-        let model = upload(gpu, &mesh.vertices, &mesh.indices, mesh.bounds, mesh.mean_radius_mm)?;
-        self.models.push(Some(model));
+        let Shading { vertices, mean_radius_mm } = &*mesh.shading;
+        let model = upload(gpu, vertices, &mesh.indices, mesh.bounds, *mean_radius_mm)?;
+        self.models.push(Some(PlacedMesh { culling: mesh.culling.clone(), ..model }));
         Ok(MeshHandle(self.models.len() - 1))
     }
 
@@ -257,9 +258,10 @@ impl Renderer {
         colours: &[[u8; 4]],
     ) -> Result<MeshHandle, RenderError> {
         self.check_device(gpu);
-        let coloured = coloured(&mesh.vertices, colours);
-        let model = upload(gpu, &coloured, &mesh.indices, mesh.bounds, mesh.mean_radius_mm)?;
-        self.models.push(Some(PlacedMesh { uncoloured: Some(mesh.vertices.clone()), ..model }));
+        let shading = &mesh.shading;
+        let coloured = coloured(&shading.vertices, colours);
+        let model = upload(gpu, &coloured, &mesh.indices, mesh.bounds, shading.mean_radius_mm)?;
+        self.models.push(Some(PlacedMesh { uncoloured: Some(Arc::clone(shading)), ..model }));
         Ok(MeshHandle(self.models.len() - 1))
     }
 
@@ -278,7 +280,7 @@ impl Renderer {
     ) -> Result<(), RenderError> {
         self.check_device(gpu);
         let plain = self.model(mesh).uncoloured.as_ref().expect("a mesh with colours");
-        let coloured = coloured(plain, colours);
+        let coloured = coloured(&plain.vertices, colours);
         let vertices = gpu.vertex_buffer("vertices", bytemuck::cast_slice(&coloured))?;
         let model = self.models[mesh.0].as_mut().expect("a mesh that was not removed");
         self.releaser.buffer(std::mem::replace(&mut model.vertices, vertices));
@@ -288,7 +290,8 @@ impl Renderer {
 
     /// Leaves what a camera cannot see of a mesh out of later inside views.
     ///
-    /// * `culling`: of this mesh with all its faces.
+    /// * `prepared`: the mesh as it was put on the device, with all its faces.
+    /// * `culling`: of these faces.
     ///
     /// # Errors
     /// [`RenderError::Vulkan`] when the device runs out of memory; nothing is left out then.
@@ -299,12 +302,13 @@ impl Renderer {
         &mut self,
         gpu: &mut Gpu,
         mesh: MeshHandle,
+        prepared: &PreparedMesh,
         culling: Culling,
     ) -> Result<(), RenderError> {
         self.check_device(gpu);
-        let ordered = culling.octree.indices();
+        let ordered = culling.indices(prepared.indices.as_chunks().0);
         assert_eq!(ordered.len(), self.model(mesh).count as usize, "the faces of the mesh");
-        let indices = gpu.index_buffer("indices", ordered)?;
+        let indices = gpu.index_buffer("indices", &ordered)?;
         let model = self.models[mesh.0].as_mut().expect("a mesh that was not removed");
         self.releaser.buffer(std::mem::replace(&mut model.indices, indices));
         model.culling = Some(culling);

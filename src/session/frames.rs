@@ -96,8 +96,11 @@ impl Session {
         let overview = matches!(s.view, View::Overview | View::Split);
         let mut held = Held::default();
         let shading = present(&self.slots.shading);
-        let upload_whole = |renderer: &mut Renderer| {
-            let prepared = PreparedMesh::shaded(mesh, &shading)?;
+        let upload_whole = |renderer: &mut Renderer, culling: Option<Culling>| {
+            let prepared = match culling {
+                None => PreparedMesh::shaded(mesh, Arc::clone(&shading))?,
+                Some(culling) => PreparedMesh::culled(mesh, Arc::clone(&shading), culling)?,
+            };
             display.with_gpu(|gpu| renderer.upload_prepared_mesh(gpu, &prepared))
         };
         let chosen = self.settings.drawn_lod();
@@ -108,15 +111,12 @@ impl Session {
                 _ => Option::<Culling>::clone(&*self.culling()?),
             };
             let lod = LodReport::whole(mesh.faces.len() as u64, culling.is_some());
-            let handle = upload_whole(&mut renderer)?;
-            if let Some(culling) = culling {
-                display.with_gpu(|gpu| renderer.cull_mesh(gpu, handle, culling))?;
-            }
+            let handle = upload_whole(&mut renderer, culling)?;
             held.meshes.push(handle);
             (Scene::of(handle), None, lod)
         } else {
             let levels = self.levels()?;
-            let of_overview = overview.then(|| upload_whole(&mut renderer)).transpose()?;
+            let of_overview = overview.then(|| upload_whole(&mut renderer, None)).transpose()?;
             held.meshes.extend(of_overview);
             let radius = shading.mean_radius_mm;
             let pages = display.with_gpu(|gpu| levels.open(&mut renderer, gpu, radius))?;

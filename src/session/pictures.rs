@@ -139,7 +139,7 @@ fn patch_colours(wall: &Mesh, coverage: Option<&Coverage>) -> Vec<[u8; 4]> {
     let mut colours = vec![[0; 4]; wall.positions.len()];
     let Some(coverage) = coverage else { return colours };
     for (face, patch) in wall.faces.iter().zip(&coverage.patch_of_face) {
-        if patch.is_some_and(|p| (p as usize) < coverage.patches.len()) {
+        if patch.is_some_and(|p| p.get() as usize <= coverage.patches.len()) {
             face.iter().for_each(|v| colours[*v as usize] = MISSED);
         }
     }
@@ -230,7 +230,7 @@ impl Session {
         };
         let shaded = locked(&self.slots.shading).clone();
         let shaded = shaded.unwrap_or_else(|| Arc::new(shading(drawn.mesh())));
-        let prepared = PreparedMesh::shaded(drawn.mesh(), &shaded)?;
+        let prepared = PreparedMesh::shaded(drawn.mesh(), shaded)?;
         let coverage = locked(&self.slots.coverage).clone();
         let colours = patch_colours(&wall.mesh, coverage.as_deref());
         let pieces = self.flown_pieces(&present(&self.slots.centerline).line)?;
@@ -245,6 +245,9 @@ impl Session {
                 outcome?;
             }
             let mesh = renderer.upload_coloured_mesh(gpu, &prepared, &colours)?;
+            // The device needs room for the triangles of the whole organ now.
+            drop((prepared, colours));
+            return_freed_memory();
             let outcome = draw_overview(gpu, renderer, mesh, &pieces, size, (flight, side));
             renderer.remove_mesh(mesh);
             renderer.resize(gpu, frame[0], frame[1])?;

@@ -10,8 +10,8 @@ use intima::lod::{
     FaceOctree, LodHierarchy, LodStep, PAGE_BYTES, Tolerance, Upload, VisiblePatch, Worker,
 };
 use intima::render::{
-    Culling, FrameSequence, FrameStats, IN_FLIGHT, Look, RenderError, Renderer, Scene, SceneWall,
-    Shot, View,
+    Culling, FrameSequence, FrameStats, IN_FLIGHT, Look, PreparedMesh, RenderError, Renderer,
+    Scene, SceneWall, Shot, View,
 };
 use intima::surface::shading;
 use intima::vk::{Gpu, STAGING_BYTES, Validate};
@@ -110,11 +110,18 @@ fn a_culled_mesh_draws_the_same_image_as_the_whole_mesh_through_open_ends_too() 
         let plain = Scene::of(r.upload_mesh(&mut gpu, &mesh, false).unwrap());
         let want = pictures(&mut gpu, &mut r, &plain, &shots);
         let culling = Culling { octree: Arc::new(FaceOctree::new(&mesh)), closed: None };
-        let handle = r.upload_mesh(&mut gpu, &mesh, false).unwrap();
-        r.cull_mesh(&mut gpu, handle, culling).unwrap();
+        let prepared =
+            PreparedMesh::culled(&mesh, Arc::new(shading(&mesh)), Culling::clone(&culling))
+                .unwrap();
+        let at_once_culled = r.upload_prepared_mesh(&mut gpu, &prepared).unwrap();
+        let later = PreparedMesh::new(&mesh).unwrap();
+        let handle = r.upload_prepared_mesh(&mut gpu, &later).unwrap();
+        r.cull_mesh(&mut gpu, handle, &later, culling).unwrap();
         let culled = Scene::of(handle);
-        let got = pictures(&mut gpu, &mut r, &culled, &shots);
-        assert!(got == want, "{samples} samples, {at_once} draws at once");
+        for scene in [&Scene::of(at_once_culled), &culled] {
+            let got = pictures(&mut gpu, &mut r, scene, &shots);
+            assert!(got == want, "{samples} samples, {at_once} draws at once");
+        }
         let ticket = r.begin_frame(&mut gpu, &culled, &shots[2]).unwrap();
         let FrameStats { triangles, draws, .. } = ticket.stats;
         assert!(triangles > 0 && 2 * triangles < 3 * mesh.faces.len() as u64 && draws > 1);

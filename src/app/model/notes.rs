@@ -28,7 +28,7 @@ impl MissedMark {
         // An edge of one face of the patch alone is one of its outline.
         let mut edges = BTreeMap::new();
         for (face, own) in wall.faces.iter().zip(&coverage.patch_of_face) {
-            if *own == Some(patch as u32) {
+            if own.is_some_and(|own| own.get() as usize == patch + 1) {
                 for (a, b) in [(0, 1), (1, 2), (2, 0)].map(|(i, k)| (face[i], face[k])) {
                     *edges.entry((a.min(b), a.max(b))).or_insert(0u32) += 1;
                 }
@@ -140,7 +140,9 @@ impl Model {
         };
         let mut unseen_mm2 = vec![0.0; coverage.patches.len()];
         for (face, patch) in coverage.patch_of_face.iter().enumerate() {
-            let Some(area) = patch.and_then(|p| unseen_mm2.get_mut(p as usize)) else { continue };
+            let Some(area) = patch.and_then(|p| unseen_mm2.get_mut(p.get() as usize - 1)) else {
+                continue;
+            };
             if !self.seen.faces.get(face).copied().unwrap_or(false) {
                 *area += 0.5 * f64::from(wall.mesh.face_cross(wall.mesh.faces[face]).length());
             }
@@ -169,6 +171,7 @@ impl Model {
 
 #[cfg(test)]
 mod tests {
+    use std::num::NonZeroU32;
     use std::sync::Arc;
 
     use super::super::flown_model;
@@ -186,7 +189,8 @@ mod tests {
         let is_missed = |face: &[u32; 3]| wall.mesh.positions[face[0] as usize].x > centre.x;
         let faces = &wall.mesh.faces;
         let mut coverage = Coverage::clone(model.products.coverage.as_ref().unwrap());
-        coverage.patch_of_face = faces.iter().map(|f| is_missed(f).then_some(0)).collect();
+        coverage.patch_of_face =
+            faces.iter().map(|f| is_missed(f).then_some(NonZeroU32::MIN)).collect();
         let area_mm2 = 1000.0;
         let center_mm = centre.as_dvec3() + DVec3::X;
         coverage.patches = vec![MissedPatch { area_mm2, center_mm, arc_mm: 0.0, faces: 1 }];

@@ -9,6 +9,8 @@ pub use patches::MissedPatch;
 pub use sight::CoverageMap;
 pub use voxels::unseen_voxels;
 
+use std::num::NonZeroU32;
+
 use glam::Vec3;
 
 use super::path::flown_mm;
@@ -20,7 +22,7 @@ use crate::geometry::{Lens, Pose};
 pub const LISTED_FROM_MM2: f64 = 300.0;
 
 /// Area, mm², above which a face has three samples instead of one.
-const LARGE_FACE_MM2: f64 = 2.0;
+const LARGE_FACE_MM2: f32 = 2.0;
 
 /// Share of the wall that the frames of a flight saw, and the patches they missed.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,9 +43,9 @@ pub struct Coverage {
     pub seen_one_way: Vec<bool>,
     /// Whether either way saw a face, one flag a face of the wall.
     pub seen_both_ways: Vec<bool>,
-    /// Rank of the missed patch that a face belongs to, largest patch first, one entry a face.
-    /// `None` for seen faces, caps and faces without area.
-    pub patch_of_face: Vec<Option<u32>>,
+    /// Number of the missed patch that a face belongs to, from 1, largest patch first; one entry a
+    /// face. `None` for seen faces, caps and faces without area.
+    pub patch_of_face: Vec<Option<NonZeroU32>>,
 }
 
 /// Computes the share of a wall's area that two sets of views saw.
@@ -75,20 +77,22 @@ pub fn coverage(
     let seen_one_way = map.seen();
     map.add(backward);
     let seen_both_ways = map.seen();
-    let areas = map.areas_mm2();
+    // Patches need the memory that the map takes.
+    let (wall, areas) = map.into_areas();
+    let areas = &areas[..];
     let share = |seen: &[bool]| sight::share_of_area(areas, seen);
     let missed = |f: usize| areas[f] > 0.0 && !seen_both_ways[f];
     let (path, cuts) = if forward.is_empty() { (backward, &[][..]) } else { (forward, cuts) };
     let places: Vec<Vec3> = path.iter().map(|(pose, _)| pose.position_mm).collect();
     let arcs_mm = flown_mm(&places, cuts);
     let eyes: Vec<(Vec3, f64)> = places.into_iter().zip(arcs_mm).collect();
-    let (mut patches, patch_of_face) = patches::missed_patches(map.wall(), areas, missed, &eyes);
+    let (mut patches, patch_of_face) = patches::missed_patches(wall, areas, missed, &eyes);
     let listed = patches.partition_point(|p| p.area_mm2 >= LISTED_FROM_MM2);
     let smaller = patches.split_off(listed);
     Coverage {
         one_way_fraction: share(&seen_one_way),
         both_ways_fraction: share(&seen_both_ways),
-        area_mm2: areas.iter().sum(),
+        area_mm2: areas.iter().map(|a| f64::from(*a)).sum(),
         patches,
         smaller_patches: smaller.len(),
         smaller_patches_mm2: smaller.iter().map(|p| p.area_mm2).sum(),

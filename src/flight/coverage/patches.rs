@@ -1,5 +1,7 @@
 //! Connected patches of wall that no view saw.
 
+use std::num::NonZeroU32;
+
 use glam::{DVec3, Vec3};
 
 use crate::geometry::{DisjointSets, Mesh};
@@ -17,17 +19,18 @@ pub struct MissedPatch {
     pub faces: usize,
 }
 
-/// Returns all missed patches, largest first, and the rank of the patch that each face belongs to.
+/// Returns all missed patches, largest first, and the number, from 1, of the patch that each face
+/// belongs to.
 ///
 /// * `eyes`: positions of the eye, LPS mm, in the order flown, each with the length flown up to it.
 ///
 /// Equally large patches stand in the order of their first faces.
 pub(super) fn missed_patches(
     wall: &Mesh,
-    areas: &[f64],
+    areas: &[f32],
     missed: impl Fn(usize) -> bool,
     eyes: &[(Vec3, f64)],
-) -> (Vec<MissedPatch>, Vec<Option<u32>>) {
+) -> (Vec<MissedPatch>, Vec<Option<NonZeroU32>>) {
     let faces: Vec<u32> = (0..wall.faces.len()).filter(|f| missed(*f)).map(|f| f as u32).collect();
     let first_of = components(wall, &faces);
     // Sums by component, components in the order of their first faces.
@@ -42,18 +45,18 @@ pub(super) fn missed_patches(
         .collect();
     found.sort_by(|a, b| b.0.area_mm2.total_cmp(&a.0.area_mm2));
     let mut patch_of_face = vec![None; wall.faces.len()];
-    for (rank, (_, ids)) in found.iter().enumerate() {
-        ids.iter().for_each(|f| patch_of_face[*f as usize] = Some(rank as u32));
+    for (number, (_, ids)) in (1..).zip(&found) {
+        ids.iter().for_each(|f| patch_of_face[*f as usize] = NonZeroU32::new(number));
     }
     (found.into_iter().map(|f| f.0).collect(), patch_of_face)
 }
 
-fn patch(wall: &Mesh, areas: &[f64], faces: &[u32], eyes: &[(Vec3, f64)]) -> MissedPatch {
+fn patch(wall: &Mesh, areas: &[f32], faces: &[u32], eyes: &[(Vec3, f64)]) -> MissedPatch {
     let mut area_mm2 = 0.0;
     let mut moment = DVec3::ZERO;
     for f in faces {
         let corners = wall.faces[*f as usize].map(|v| wall.positions[v as usize].as_dvec3());
-        let area = areas[*f as usize];
+        let area = f64::from(areas[*f as usize]);
         area_mm2 += area;
         moment += area / 3.0 * corners.iter().sum::<DVec3>();
     }

@@ -30,7 +30,7 @@ pub struct CoverageMap<'a> {
     tree: &'a TriangleBvh,
     exterior: Option<&'a ExteriorGrid>,
     /// Area of each face, mm²; a face of area 0 hides others and is never seen.
-    areas: Vec<f64>,
+    areas: Vec<f32>,
     portions: Vec<Portion>,
 }
 
@@ -42,7 +42,7 @@ impl<'a> CoverageMap<'a> {
     /// * `exterior`: exterior of the wall, where it is closed. Saves time; the result does not
     ///   depend on it.
     pub fn new(wall: &'a Mesh, tree: &'a TriangleBvh, exterior: Option<&'a ExteriorGrid>) -> Self {
-        let areas: Vec<f64> = (0..wall.faces.len()).map(|f| wall_area_mm2(wall, f)).collect();
+        let areas: Vec<f32> = (0..wall.faces.len()).map(|f| wall_area_mm2(wall, f)).collect();
         let portions = portions(tree).into_iter().map(|s| Portion::new(tree, s, &areas)).collect();
         Self { wall, tree, exterior, areas, portions }
     }
@@ -79,9 +79,9 @@ impl<'a> CoverageMap<'a> {
         seen
     }
 
-    /// Returns the area of each face that counts as wall, mm².
-    pub fn areas_mm2(&self) -> &[f64] {
-        &self.areas
+    /// Returns the wall and the area of each face that counts as wall, mm²; frees the rest.
+    pub(super) fn into_areas(self) -> (&'a Mesh, Vec<f32>) {
+        (self.wall, self.areas)
     }
 
     /// Computes the share of the wall's area that faces have, 0 to 1; 0 of a wall without area.
@@ -93,17 +93,17 @@ impl<'a> CoverageMap<'a> {
 }
 
 /// Computes the share of a wall's area that flags choose; 0 of a wall without area.
-pub(super) fn share_of_area(areas: &[f64], chosen: &[bool]) -> f64 {
-    let all: f64 = areas.iter().sum();
-    let sum: f64 = areas.iter().zip(chosen).filter(|(_, c)| **c).map(|(a, _)| a).sum();
+pub(super) fn share_of_area(areas: &[f32], chosen: &[bool]) -> f64 {
+    let all: f64 = areas.iter().map(|a| f64::from(*a)).sum();
+    let sum: f64 = areas.iter().zip(chosen).filter(|(_, c)| **c).map(|(a, _)| f64::from(*a)).sum();
     if all > 0.0 { sum / all } else { 0.0 }
 }
 
 /// Computes the area of a face that counts as wall, mm²; 0 for caps and where a vertex is not
 /// finite.
-fn wall_area_mm2(wall: &Mesh, face: usize) -> f64 {
+fn wall_area_mm2(wall: &Mesh, face: usize) -> f32 {
     let [a, b, c] = wall.faces[face].map(|v| wall.positions[v as usize].as_dvec3());
-    let area = 0.5 * (b - a).cross(c - a).length();
+    let area = (0.5 * (b - a).cross(c - a).length()) as f32;
     let cap = wall.caps.get(face).copied().unwrap_or(false);
     if cap || !area.is_finite() { 0.0 } else { area }
 }
@@ -165,7 +165,7 @@ struct Portion {
 }
 
 impl Portion {
-    fn new(tree: &TriangleBvh, subtree: Subtree, areas: &[f64]) -> Self {
+    fn new(tree: &TriangleBvh, subtree: Subtree, areas: &[f32]) -> Self {
         let sample_count = |face: u32| match areas[face as usize] {
             a if a > LARGE_FACE_MM2 => 3,
             a if a > 0.0 => 1,

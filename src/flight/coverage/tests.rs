@@ -176,8 +176,9 @@ fn one_way_misses_the_back_of_a_fold_and_what_is_behind_the_start_and_both_ways_
     assert!(fold.center_mm.truncate().length() < 0.01);
     let sum = start.area_mm2 + fold.area_mm2 + one.smaller_patches_mm2;
     assert!((sum - missed).abs() < 1e-6 * missed);
-    let faces = |rank| one.patch_of_face.iter().filter(|p| **p == Some(rank)).count();
-    assert_eq!([faces(0), faces(1)], [start.faces, fold.faces]);
+    let faces =
+        |number| one.patch_of_face.iter().filter(|p| p.is_some_and(|p| p.get() == number)).count();
+    assert_eq!([faces(1), faces(2)], [start.faces, fold.faces]);
 }
 
 #[test]

@@ -12,7 +12,7 @@ use crate::lumen::Lumen;
 const BEYOND: f64 = 1.0 + 1e-9;
 
 /// Returns the boundary voxels whose wall neither way saw: field element and rank of the missed
-/// patch, in element order.
+/// patch, from 0, in element order.
 ///
 /// * `tree`: triangles of the wall that the coverage was computed for.
 ///
@@ -37,7 +37,8 @@ pub fn unseen_voxels(lumen: &Lumen, tree: &TriangleBvh, coverage: &Coverage) -> 
                 let nearest =
                     tree.closest_within(centre, limit).or_else(|| tree.closest(centre))?;
                 *last = Some(nearest.point);
-                Some((e as u32, coverage.patch_of_face[nearest.at.face as usize]?))
+                let patch = coverage.patch_of_face[nearest.at.face as usize]?;
+                Some((e as u32, patch.get() - 1))
             },
         )
         .flatten_iter()
