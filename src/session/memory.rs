@@ -48,6 +48,8 @@ pub(super) struct RunSize {
     pub is_organ: bool,
     /// Pixels of a frame.
     pub pixels: u64,
+    /// Whether a pixel has several samples.
+    pub is_multisampled: bool,
 }
 
 /// Estimates the peak of resident memory, bytes, of a run that makes these products.
@@ -76,12 +78,16 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
     // Levels and base mesh of the wall, its trees, and frames.
     let has_levels = makes(Product::Clusters) || makes(Product::Levels);
     let is_subdivided = makes(Product::Levels) && !makes(Product::Clusters);
+    // A run drops what it has used.
+    let is_run = makes(Product::LumenProfile);
+    let drawn = if is_run { 90 } else { 150 } * size.wall_sides;
+    let [of_frames, of_pictures] = if size.is_multisampled { [60, 70] } else { [30, 0] };
     let recorded = when(has_levels, 250 * size.wall_sides)
-        + when(is_subdivided, 30 * MB)
+        + when(is_subdivided, 10 * MB)
         + when(makes(Product::Base), 250 * size.wall_sides)
-        + when(makes(Product::Display), 45 * MB + 60 * size.pixels + 226 * size.wall_sides)
-        // Pictures of a run's report.
-        + when(makes(Product::LumenProfile), 80 * MB);
+        + when(makes(Product::Display), 45 * MB + of_frames * size.pixels + drawn)
+        // Pictures of the report.
+        + when(is_run, 85 * MB + of_pictures * size.pixels);
     held + searched.max(levels).max(products + stored_after + kept + recorded)
 }
 

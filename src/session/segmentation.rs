@@ -312,6 +312,7 @@ impl Session {
             is_field: field_bricks.is_some(),
             is_organ: self.settings.lumen.organ.is_some(),
             pixels: self.settings.flight.size.iter().map(|s| u64::from(*s)).product(),
+            is_multisampled: self.settings.flight.samples > 1,
         };
         let bytes = estimate_bytes(&size, |p| self.expects(p));
         let bytes = bytes.max(input.parts.map_or(0, |[_, selecting]| selecting));

@@ -12,7 +12,7 @@ use crate::render::Spares;
 
 /// Frames that may wait for each encoder: bounds what waits in memory, and lasts until the drawing
 /// leaves the encoders some time.
-const QUEUED: usize = 6;
+const QUEUED: usize = 2;
 
 /// Name of a frame's file, counted from 1.
 pub fn frame_file(number: usize) -> String {
