@@ -52,8 +52,7 @@ impl CoverageRecorder {
                     batches += 1;
                 }
                 map.add(&batch);
-                let faces = map.seen();
-                let seen = SeenFaces { fraction: map.fraction_of(&faces), faces };
+                let seen = SeenFaces { fraction: map.fraction(), faces: map.seen().to_vec() };
                 if ours.send((batches, seen)).is_err() {
                     return;
                 }

@@ -74,13 +74,12 @@ pub fn coverage(
     cuts: &[usize],
 ) -> Coverage {
     map.add(forward);
-    let seen_one_way = map.seen();
+    let (one_way_fraction, seen_one_way) = (map.fraction(), map.seen().to_vec());
     map.add(backward);
-    let seen_both_ways = map.seen();
+    let (both_ways_fraction, seen_both_ways) = (map.fraction(), map.seen().to_vec());
     // Patches need the memory that the map takes.
     let (wall, areas) = map.into_areas();
     let areas = &areas[..];
-    let share = |seen: &[bool]| sight::share_of_area(areas, seen);
     let missed = |f: usize| areas[f] > 0.0 && !seen_both_ways[f];
     let (path, cuts) = if forward.is_empty() { (backward, &[][..]) } else { (forward, cuts) };
     let places: Vec<Vec3> = path.iter().map(|(pose, _)| pose.position_mm).collect();
@@ -90,8 +89,8 @@ pub fn coverage(
     let listed = patches.partition_point(|p| p.area_mm2 >= LISTED_FROM_MM2);
     let smaller = patches.split_off(listed);
     Coverage {
-        one_way_fraction: share(&seen_one_way),
-        both_ways_fraction: share(&seen_both_ways),
+        one_way_fraction,
+        both_ways_fraction,
         area_mm2: areas.iter().map(|a| f64::from(*a)).sum(),
         patches,
         smaller_patches: smaller.len(),

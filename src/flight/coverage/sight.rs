@@ -32,6 +32,10 @@ pub struct CoverageMap<'a> {
     /// Area of each face, mm²; a face of area 0 hides others and is never seen.
     areas: Vec<f32>,
     portions: Vec<Portion>,
+    /// Whether each face was seen.
+    seen: Vec<bool>,
+    /// Area of the wall, mm², summed as the seen area of each portion is.
+    area_mm2: f64,
 }
 
 impl<'a> CoverageMap<'a> {
@@ -43,8 +47,14 @@ impl<'a> CoverageMap<'a> {
     ///   depend on it.
     pub fn new(wall: &'a Mesh, tree: &'a TriangleBvh, exterior: Option<&'a ExteriorGrid>) -> Self {
         let areas: Vec<f32> = (0..wall.faces.len()).map(|f| wall_area_mm2(wall, f)).collect();
-        let portions = portions(tree).into_iter().map(|s| Portion::new(tree, s, &areas)).collect();
-        Self { wall, tree, exterior, areas, portions }
+        let portions: Vec<Portion> =
+            portions(tree).into_iter().map(|s| Portion::new(tree, s, &areas)).collect();
+        let area_of = |p: &Portion| -> f64 {
+            p.subtree.triangles().map(|t| f64::from(areas[tree.face(t) as usize])).sum()
+        };
+        let area_mm2 = portions.iter().map(area_of).sum();
+        let seen = vec![false; areas.len()];
+        Self { wall, tree, exterior, areas, portions, seen, area_mm2 }
     }
 
     /// Returns the wall.
@@ -66,37 +76,34 @@ impl<'a> CoverageMap<'a> {
                 portion.look_below(tree, portion.subtree, &views[i]);
             }
         });
+        // A few views change little of the wall.
+        for portion in self.portions.iter_mut().filter(|p| p.has_changed) {
+            (portion.has_changed, portion.seen_mm2) = (false, 0.0);
+            for (i, place) in portion.subtree.triangles().enumerate() {
+                let face = tree.face(place) as usize;
+                self.seen[face] = portion.is_seen(i);
+                if self.seen[face] {
+                    portion.seen_mm2 += f64::from(self.areas[face]);
+                }
+            }
+        }
     }
 
     /// Returns one flag a face of the wall: whether it was seen.
-    pub fn seen(&self) -> Vec<bool> {
-        let mut seen = vec![false; self.areas.len()];
-        for portion in &self.portions {
-            for (i, place) in portion.subtree.triangles().enumerate() {
-                seen[self.tree.face(place) as usize] = portion.is_seen(i);
-            }
-        }
-        seen
+    pub fn seen(&self) -> &[bool] {
+        &self.seen
+    }
+
+    /// Returns the share of the wall's area that was seen, 0 to 1; 0 of a wall without area.
+    pub fn fraction(&self) -> f64 {
+        let sum: f64 = self.portions.iter().map(|p| p.seen_mm2).sum();
+        if self.area_mm2 > 0.0 { sum / self.area_mm2 } else { 0.0 }
     }
 
     /// Returns the wall and the area of each face that counts as wall, mm²; frees the rest.
     pub(super) fn into_areas(self) -> (&'a Mesh, Vec<f32>) {
         (self.wall, self.areas)
     }
-
-    /// Computes the share of the wall's area that faces have, 0 to 1; 0 of a wall without area.
-    ///
-    /// * `faces`: one flag a face of the wall, such as [`Self::seen`].
-    pub fn fraction_of(&self, faces: &[bool]) -> f64 {
-        share_of_area(&self.areas, faces)
-    }
-}
-
-/// Computes the share of a wall's area that flags choose; 0 of a wall without area.
-pub(super) fn share_of_area(areas: &[f32], chosen: &[bool]) -> f64 {
-    let all: f64 = areas.iter().map(|a| f64::from(*a)).sum();
-    let sum: f64 = areas.iter().zip(chosen).filter(|(_, c)| **c).map(|(a, _)| f64::from(*a)).sum();
-    if all > 0.0 { sum / all } else { 0.0 }
 }
 
 /// Computes the area of a face that counts as wall, mm²; 0 for caps and where a vertex is not
@@ -162,6 +169,10 @@ struct Portion {
     occluders: Vec<u32>,
     /// Triangle that hid a sample last, which most often hides neighbouring ones too.
     occluder: u32,
+    /// Whether samples were seen since the flags of the faces were set.
+    has_changed: bool,
+    /// Area of the faces seen, mm².
+    seen_mm2: f64,
 }
 
 impl Portion {
@@ -179,6 +190,8 @@ impl Portion {
             done: vec![false; subtree.nodes()],
             occluders: vec![NONE; subtree.count],
             occluder: NONE,
+            has_changed: false,
+            seen_mm2: 0.0,
         }
     }
 
@@ -289,7 +302,10 @@ impl Portion {
                     self.occluder = t as u32;
                     self.occluders[*i] = t as u32;
                 }
-                None => self.samples[*i] |= 1 << k,
+                None => {
+                    self.samples[*i] |= 1 << k;
+                    self.has_changed = true;
+                }
             }
         }
     }
