@@ -290,7 +290,7 @@ impl Renderer {
 
     /// Leaves what a camera cannot see of a mesh out of later inside views.
     ///
-    /// * `prepared`: the mesh as it was put on the device, with all its faces.
+    /// * `prepared`: the mesh as it was put on the device, with all its faces and without a culling.
     /// * `culling`: of these faces.
     ///
     /// # Errors

@@ -78,7 +78,7 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
     // Levels and base mesh of the wall, its trees, and frames.
     let has_levels = makes(Product::Clusters) || makes(Product::Levels);
     let is_subdivided = makes(Product::Levels) && !makes(Product::Clusters);
-    // A run drops what it has used.
+    // `run` releases products after their last reader, `record` keeps them.
     let is_run = makes(Product::LumenProfile);
     let drawn = if is_run { 90 } else { 150 } * size.wall_sides;
     let [of_frames, of_pictures] = if size.is_multisampled { [60, 70] } else { [30, 0] };
