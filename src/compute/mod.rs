@@ -4,11 +4,13 @@
 mod array;
 mod cpu;
 mod cpu_args;
+mod device_copy;
 mod kernel;
 mod plan;
 
 pub use array::Array;
 pub use cpu::run_cpu;
 pub use cpu_args::{CpuArgs, CpuSlices};
+pub use device_copy::DeviceCopy;
 pub use kernel::{Binding, BufId, Kernel, Launch, Shader, ShaderNeeds, Tolerance};
 pub use plan::{Buf, Contents, Outputs, Plan, PlanBuffer, Step, StepTime};

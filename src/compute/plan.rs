@@ -6,7 +6,7 @@ use std::marker::PhantomData;
 use bytemuck::Pod;
 
 use super::array::Storage;
-use super::{Array, BufId, Kernel, Launch};
+use super::{Array, BufId, DeviceCopy, Kernel, Launch};
 
 /// Handle to a buffer of a plan, with its element type.
 pub struct Buf<T> {
@@ -61,6 +61,8 @@ pub struct PlanBuffer<'a> {
     pub float: bool,
     /// Initial contents.
     pub contents: Contents<'a>,
+    /// Copy that stays on the device after the plan, or was left there by an earlier one.
+    pub copy: Option<&'a DeviceCopy>,
 }
 
 /// One kernel launch.
@@ -96,13 +98,29 @@ impl<'a> Plan<'a> {
         let id = BufId(self.buffers.len() as u32);
         let stride = size_of::<T>();
         let float = std::any::type_name::<T>().contains("f32");
-        self.buffers.push(PlanBuffer { name, bytes: len * stride, stride, float, contents });
+        let bytes = len * stride;
+        self.buffers.push(PlanBuffer { name, bytes, stride, float, contents, copy: None });
         Buf { id, len, of: PhantomData }
     }
 
     /// Adds a buffer with borrowed contents.
     pub fn upload<T: Pod>(&mut self, name: &'static str, data: &'a [T]) -> Buf<T> {
         self.push(name, data.len(), Contents::Borrowed(bytemuck::cast_slice(data)))
+    }
+
+    /// Adds a buffer with borrowed contents that stay on the device: a plan with the same `copy`
+    /// uploads nothing. Launches only read it.
+    ///
+    /// * `copy`: that of `data`, which has not changed since the copy was made.
+    pub fn upload_kept<T: Pod>(
+        &mut self,
+        name: &'static str,
+        data: &'a [T],
+        copy: &'a DeviceCopy,
+    ) -> Buf<T> {
+        let buf = self.upload(name, data);
+        self.buffers[buf.id.0 as usize].copy = Some(copy);
+        buf
     }
 
     /// Adds a buffer with contents of its own.
@@ -126,8 +144,8 @@ impl<'a> Plan<'a> {
     /// Appends a launch over `threads` invocations that work on `items` units.
     ///
     /// # Panics
-    /// If a writable buffer is bound twice, or the immediate's size is not the shader's: both are
-    /// errors of the stage that builds the plan.
+    /// If a writable buffer is bound twice or is an input that stays on the device, or the
+    /// immediate's size is not the shader's: errors of the stage that builds the plan.
     pub fn launch<L: Launch>(
         &mut self,
         kernel: &'static Kernel,
@@ -143,6 +161,10 @@ impl<'a> Plan<'a> {
         for (i, b) in shader.bindings.iter().enumerate() {
             let shared = buffers.iter().filter(|id| **id == buffers[i]).count() > 1;
             assert!(!(b.writable && shared), "{}: `{}` is bound twice", shader.name, b.name);
+            let buffer = &self.buffers[buffers[i].0 as usize];
+            let is_input = matches!(buffer.contents, Contents::Borrowed(_) | Contents::Owned(_));
+            let is_kept = is_input && buffer.copy.is_some();
+            assert!(!(b.writable && is_kept), "{}: writes `{}`", shader.name, buffer.name);
         }
         let params = bytemuck::bytes_of(&params).to_vec();
         self.steps.push(Step { kernel, buffers, params, threads, items });
@@ -153,6 +175,19 @@ impl<'a> Plan<'a> {
         if !self.downloads.contains(&buf.id) {
             self.downloads.push(buf.id);
         }
+    }
+
+    /// Requests a buffer's contents, which stay on the device too, as the copy of what
+    /// [`Outputs::take`] returns.
+    ///
+    /// # Panics
+    /// If the host has filled the buffer.
+    pub fn download_kept<T>(&mut self, buf: Buf<T>, copy: &'a DeviceCopy) {
+        let buffer = &mut self.buffers[buf.id.0 as usize];
+        let is_result = matches!(buffer.contents, Contents::Zeroed | Contents::Undefined);
+        assert!(is_result, "`{}` is no result", buffer.name);
+        buffer.copy = Some(copy);
+        self.download(buf);
     }
 
     /// Puts not-a-number into elements of the uploads of floats, for tests: a third, a half and two

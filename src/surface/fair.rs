@@ -97,8 +97,7 @@ pub fn fair<'a>(
     fairing: Fairing,
 ) -> Buf<f32> {
     let vertices = start.len() / 3;
-    let rows = plan.upload("adjacency rows", &adjacency.start);
-    let near = plan.upload("adjacent vertices", &adjacency.near);
+    let (rows, near) = adjacency.upload(plan);
     let weight = plan.upload("weights", weight);
     let mut normal = plan.upload("normals", start);
     let mut spare: Option<Buf<f32>> = None;

@@ -249,8 +249,7 @@ pub fn multiscale_normals<'a>(
     let n = normals.len() / 3;
     let vertices = n as u32;
     let h = frame.spacing_mm;
-    let start = plan.upload("adjacency rows", &adjacency.start);
-    let near = plan.upload("adjacent vertices", &adjacency.near);
+    let (start, near) = adjacency.upload(plan);
     let weight = plan.upload("exchange", weight);
     let normal = plan.upload("face normals", normals);
 

@@ -171,8 +171,7 @@ pub fn relax<'a>(
 ) -> Buf<f32> {
     let n = input.edges.len();
     let vertices = n as u32;
-    let start = plan.upload("adjacency rows", &adjacency.start);
-    let near = plan.upload("adjacent vertices", &adjacency.near);
+    let (start, near) = adjacency.upload(plan);
     let edge = plan.upload("grid edges", &input.edges);
     let bound = plan.undefined::<[f32; 2]>("offsets and limits", n);
     let coupling = plan.undefined::<f32>("couplings", adjacency.near.len());

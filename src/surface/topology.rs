@@ -3,15 +3,17 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::compute::{Buf, DeviceCopy, Plan};
 use crate::geometry::{Mesh, in_rows};
 
 /// Adjacent vertices of every vertex, ascending, in compressed rows.
 #[derive(Clone, Debug, Default)]
 pub struct Adjacency {
     /// Index of the first entry of each vertex, and the end: V + 1 numbers.
-    pub start: Vec<u32>,
+    pub(super) start: Vec<u32>,
     /// Adjacent vertices, by vertex.
-    pub near: Vec<u32>,
+    pub(super) near: Vec<u32>,
+    copies: [DeviceCopy; 2],
 }
 
 /// Topological counts of a surface.
@@ -41,6 +43,19 @@ impl Topology {
 }
 
 impl Adjacency {
+    fn new(start: Vec<u32>, near: Vec<u32>) -> Self {
+        Self { start, near, copies: Default::default() }
+    }
+
+    /// Adds the rows and their entries to a plan.
+    pub(super) fn upload<'a>(&'a self, plan: &mut Plan<'a>) -> (Buf<u32>, Buf<u32>) {
+        let [start, near] = &self.copies;
+        (
+            plan.upload_kept("adjacency rows", &self.start, start),
+            plan.upload_kept("adjacent vertices", &self.near, near),
+        )
+    }
+
     /// Computes the adjacency of a mesh of any kind, and whether it is watertight.
     pub fn of(mesh: &Mesh) -> (Self, bool) {
         let n = mesh.positions.len();
@@ -67,7 +82,7 @@ impl Adjacency {
                 rest = tail;
             }
             rows.into_par_iter().with_min_len(4096).for_each(|r| r.sort_unstable());
-            return (Self { start: out_start, near: out }, true);
+            return (Self::new(out_start, out), true);
         }
         let both = |(a, b)| [(a, b), (b, a)];
         let mut pairs: Vec<(u32, u32)> =
@@ -75,7 +90,12 @@ impl Adjacency {
         pairs.par_sort_unstable();
         pairs.dedup();
         let (start, near) = in_rows(n, || pairs.iter().copied());
-        (Self { start, near }, false)
+        (Self::new(start, near), false)
+    }
+
+    /// Returns the index of the first entry of each vertex, with the end, and the entries.
+    pub fn rows(&self) -> (&[u32], &[u32]) {
+        (&self.start, &self.near)
     }
 
     /// Returns the adjacent vertices of `v`.

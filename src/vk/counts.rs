@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::arena::ArenaLayout;
+use super::plan_memory::PlanMemory;
 use crate::compute::{Contents, Plan};
 
 /// Counts of what plans asked of a device. Sizes in bytes.
@@ -46,13 +46,14 @@ impl PlanCounts {
     /// result taken once.
     ///
     /// * `bound`: whether a launch binds each buffer.
-    /// * `layout`: knows the largest size of buffers in use at once.
+    /// * `memory`: knows the largest size of buffers in use at once, and which were on the device
+    ///   already.
     /// * `staged`: whether the host cannot reach the device's memory, so that inputs and results
     ///   have to be copied.
     pub(super) fn least(
         plan: &Plan<'_>,
         bound: &[bool],
-        layout: &ArenaLayout,
+        memory: &PlanMemory,
         staged: bool,
     ) -> Self {
         let sum = |keep: &dyn Fn(&Contents<'_>) -> bool| {
@@ -60,7 +61,8 @@ impl PlanCounts {
                 plan.buffers().iter().zip(bound).filter(|(b, bound)| **bound && keep(&b.contents));
             of.map(|(b, _)| b.bytes as u64).sum::<u64>()
         };
-        let uploaded_bytes = sum(&|c| matches!(c, Contents::Borrowed(_) | Contents::Owned(_)));
+        let inputs = sum(&|c| matches!(c, Contents::Borrowed(_) | Contents::Owned(_)));
+        let uploaded_bytes = inputs - memory.resident_bytes(plan);
         let results = plan.downloads().iter().map(|id| id.0 as usize).filter(|at| bound[*at]);
         let read_back_bytes = results.map(|at| plan.buffers()[at].bytes as u64).sum();
         Self {
@@ -74,7 +76,7 @@ impl PlanCounts {
             uploaded_bytes,
             copied_bytes: if staged { uploaded_bytes + read_back_bytes } else { 0 },
             read_back_bytes,
-            arena_bytes: layout.least_bytes,
+            arena_bytes: memory.least_bytes(),
             ..Self::default()
         }
     }

@@ -8,8 +8,8 @@ use gpu_allocator::vulkan::Allocation;
 use super::arena::ArenaLayout;
 use super::memory::{Buffer, MemoryUse};
 use super::transfers::copy_bytes;
-use super::{Gpu, VkError};
-use crate::compute::{Contents, Plan};
+use super::{BufferId, Gpu, Releaser, VkError};
+use crate::compute::{Contents, DeviceCopy, Plan, PlanBuffer};
 
 /// Most bytes of a block of an arena, where no buffer is larger: every device takes as many at once.
 const BLOCK_BYTES: u64 = 1 << 30;
@@ -26,11 +26,44 @@ pub(super) struct Arena {
     type_bits: u32,
 }
 
-/// A buffer of a plan, bound to a place in the arena.
+/// A buffer of a plan with its memory.
 pub(super) struct PlacedBuffer {
     pub raw: vk::Buffer,
     /// Size, bytes: whole words.
     pub bytes: u64,
+    owner: BufferOwner,
+}
+
+/// Owner of a buffer's memory.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum BufferOwner {
+    /// The arena: the buffer goes when the plan ends.
+    Arena,
+    /// This buffer, which becomes a device copy when the plan ends.
+    Plan,
+    /// A device copy of an earlier plan.
+    Copy,
+}
+
+impl PlacedBuffer {
+    /// Whether an earlier plan left it on the device with its contents.
+    pub fn is_resident(&self) -> bool {
+        self.owner == BufferOwner::Copy
+    }
+}
+
+/// Memory of a [`DeviceCopy`](crate::compute::DeviceCopy), freed when it is dropped.
+struct CopyMemory {
+    id: BufferId,
+    /// Size of the array, bytes.
+    bytes: usize,
+    releaser: Releaser,
+}
+
+impl Drop for CopyMemory {
+    fn drop(&mut self) {
+        self.releaser.buffer(self.id);
+    }
 }
 
 /// Buffers of a plan and their memory.
@@ -42,12 +75,40 @@ pub(super) struct PlanMemory {
     /// Buffer that is bound in place of those without bytes. A shader sees four words there and no
     /// size, so kernels take their sizes from the immediate block.
     pub dummy: Option<Buffer>,
+    /// Buffers that become device copies, each with its index.
+    copies: Vec<(usize, Buffer)>,
     arena: Arena,
 }
 
 impl PlanMemory {
+    /// Size of all memory, bytes.
+    pub fn bytes(&self) -> u64 {
+        self.layout.blocks.iter().sum::<u64>() + self.copied_bytes()
+    }
+
+    /// Size of the buffers in use at once and of the device copies, bytes.
+    pub fn least_bytes(&self) -> u64 {
+        self.layout.least_bytes + self.copied_bytes()
+    }
+
+    /// Size of inputs that were on the device already, bytes.
+    pub fn resident_bytes(&self, plan: &Plan<'_>) -> u64 {
+        let with_buffers = plan.buffers().iter().zip(&self.buffers);
+        let resident = with_buffers.filter(|(_, b)| b.as_ref().is_some_and(|b| b.is_resident()));
+        resident.map(|(b, _)| b.bytes as u64).sum()
+    }
+
+    /// Size of the buffers that are or become device copies, bytes.
+    fn copied_bytes(&self) -> u64 {
+        let placed = self.buffers.iter().flatten();
+        placed.filter(|b| b.owner != BufferOwner::Arena).map(|b| b.bytes).sum()
+    }
+
     /// The bytes of a buffer, where the host reaches them. The caller has waited for the device.
     pub fn mapped(&self, at: usize, bytes: usize) -> Option<&[u8]> {
+        if let Some((_, copy)) = self.copies.iter().find(|c| c.0 == at) {
+            return copy.mapped().map(|all| &all[..bytes]);
+        }
         let place = self.layout.places[at]?;
         let block = self.arena.blocks[place.block].mapped_slice()?;
         Some(&block[place.offset as usize..][..bytes])
@@ -55,6 +116,9 @@ impl PlanMemory {
 
     /// The bytes of a buffer for writing, where the host reaches them. The device is not using them.
     pub fn mapped_mut(&mut self, at: usize, bytes: usize) -> Option<&mut [u8]> {
+        if let Some((_, copy)) = self.copies.iter_mut().find(|c| c.0 == at) {
+            return copy.mapped_mut().map(|all| &mut all[..bytes]);
+        }
         let place = self.layout.places[at]?;
         let block = self.arena.blocks[place.block].mapped_slice_mut()?;
         Some(&mut block[place.offset as usize..][..bytes])
@@ -80,8 +144,13 @@ impl Gpu {
                 continue;
             }
             let bytes = b.bytes as u64;
+            if let Some(copy) = b.copy {
+                held.buffers[at] = Some(self.copied_buffer(at, b, copy, storage, held)?);
+                continue;
+            }
             let (raw, needs) = self.with_memory(|m| m.unbound_buffer(b.name, bytes, storage))?;
-            held.buffers[at] = Some(PlacedBuffer { raw, bytes: bytes.next_multiple_of(4).max(16) });
+            let (bytes, owner) = (bytes.next_multiple_of(4).max(16), BufferOwner::Arena);
+            held.buffers[at] = Some(PlacedBuffer { raw, bytes, owner });
             sizes[at] = needs.size;
             alignment = alignment.max(needs.alignment);
             type_bits &= needs.memory_type_bits;
@@ -99,6 +168,40 @@ impl Gpu {
             }
         }
         Ok(())
+    }
+
+    /// The device copy of a buffer, or memory for one.
+    fn copied_buffer(
+        &mut self,
+        at: usize,
+        buffer: &PlanBuffer<'_>,
+        copy: &DeviceCopy,
+        usage: vk::BufferUsageFlags,
+        held: &mut PlanMemory,
+    ) -> Result<PlacedBuffer, VkError> {
+        let bytes = (buffer.bytes as u64).next_multiple_of(4).max(16);
+        let own = copy.memory::<CopyMemory>().filter(|m| self.owns(&m.releaser));
+        if let (Some(m), true) = (own, input(&buffer.contents).is_some()) {
+            assert_eq!(m.bytes, buffer.bytes, "`{}` is the copy of another array", buffer.name);
+            let raw = self.buffers[m.id].buffer.raw;
+            return Ok(PlacedBuffer { raw, bytes, owner: BufferOwner::Copy });
+        }
+        let new = self.new_buffer(buffer.name, bytes, usage, MemoryUse::Device)?;
+        let raw = new.raw;
+        held.copies.push((at, new));
+        Ok(PlacedBuffer { raw, bytes, owner: BufferOwner::Plan })
+    }
+
+    /// Leaves the buffers that stay on the device to their copies. The plan has succeeded.
+    pub(super) fn leave_copies(&mut self, plan: &Plan<'_>, held: &mut PlanMemory) {
+        for (at, buffer) in held.copies.drain(..) {
+            let PlanBuffer { bytes, copy, .. } = &plan.buffers()[at];
+            let id = self.insert(buffer, vk::BufferUsageFlags::STORAGE_BUFFER, 0, 0);
+            let memory = CopyMemory { id, bytes: *bytes, releaser: self.releaser() };
+            if let Some(copy) = copy {
+                copy.set(memory);
+            }
+        }
     }
 
     /// Makes an arena's blocks as large as is needed.
@@ -144,7 +247,10 @@ impl Gpu {
     /// Destroys the buffers of a plan that the device is done with, and keeps their memory for the
     /// next plan where it is not too large.
     pub(super) fn free_plan(&mut self, held: PlanMemory) {
-        held.buffers.into_iter().flatten().for_each(|b| self.memory.free_unbound(b.raw));
+        let placed = held.buffers.into_iter().flatten();
+        let of_arena = placed.filter(|b| b.owner == BufferOwner::Arena);
+        of_arena.for_each(|b| self.memory.free_unbound(b.raw));
+        held.copies.into_iter().for_each(|(_, b)| self.memory.free_buffer(b));
         held.dummy.into_iter().for_each(|b| self.memory.free_buffer(b));
         let kept = if self.memory.unified() {
             KEPT_UNIFIED_BYTES

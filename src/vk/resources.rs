@@ -222,7 +222,8 @@ impl Gpu {
         Ok(self.insert(buffer, usage, index_bytes, max_index))
     }
 
-    fn insert(
+    /// Takes over a buffer; returns its handle.
+    pub(super) fn insert(
         &mut self,
         buffer: Buffer,
         usage: vk::BufferUsageFlags,

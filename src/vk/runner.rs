@@ -61,15 +61,18 @@ impl Gpu {
         let before = (self.timeline.submitted, self.waits.get(), self.memory.allocations());
         let mut held = RunResources::default();
         let result = self.run_held(plan, &bound, options, &mut held);
-        let layout = &held.memory.layout;
-        self.counts[1].add(&PlanCounts::least(plan, &bound, layout, !self.memory.unified()));
+        if result.is_ok() {
+            self.leave_copies(plan, &mut held.memory);
+        }
+        let (memory, staged) = (&held.memory, !self.memory.unified());
+        self.counts[1].add(&PlanCounts::least(plan, &bound, memory, staged));
         self.counts[0].add(&PlanCounts {
             plans: 1,
             launches: plan.steps().len() as u64,
             allocations: self.memory.allocations() - before.2,
             submissions: self.timeline.submitted - before.0,
             waits: self.waits.get().0 - before.1.0,
-            arena_bytes: layout.blocks.iter().sum(),
+            arena_bytes: memory.bytes(),
             wait_us: (self.waits.get().1 - before.1.1).as_micros() as u64,
             ..PlanCounts::default()
         });
@@ -79,6 +82,8 @@ impl Gpu {
         let now = self.counts[0].since(&counted);
         debug!(
             launches = plan.steps().len(),
+            uploaded_bytes = now.uploaded_bytes,
+            read_back_bytes = now.read_back_bytes,
             host_us,
             write_us = now.write_us,
             wait_us = now.wait_us,
@@ -155,6 +160,8 @@ impl Gpu {
         let mut pieces = Pieces::new(plan, self.info.limits.groups[0]);
         let mut hazards = Hazards::new(&held.memory.layout.aliases);
         let mut seconds = vec![0.0; plan.steps().len()];
+        // Earlier plans wrote the copies that they left.
+        let mut sees_copies = !held.memory.buffers.iter().flatten().any(|b| b.is_resident());
         loop {
             let piece = pieces.next(plan, &self.rates, options.piece.unwrap_or(AIM));
             let is_last = pieces.is_done();
@@ -166,6 +173,9 @@ impl Gpu {
             if let (Some(batch), Some(place)) = (&inputs, place) {
                 self.record_inputs(cmd, &held.memory, batch, place);
                 self.barrier(cmd, TRANSFER_WRITE, COMPUTE_ACCESS);
+            }
+            if !std::mem::replace(&mut sees_copies, true) {
+                self.barrier(cmd, ALL_WRITES, COMPUTE_ACCESS);
             }
             self.stamp(cmd, held, 0);
             for (i, segment) in piece.iter().enumerate() {
@@ -225,8 +235,9 @@ impl Gpu {
         for id in plan.downloads() {
             let at = id.0 as usize;
             let bytes = plan.buffers()[at].bytes;
-            if held.memory.buffers[at].is_none() {
-                // No launch touches it: what went in comes out.
+            let buffer = &held.memory.buffers[at];
+            if buffer.as_ref().is_none_or(|b| b.is_resident()) {
+                // No launch writes it: what went in comes out.
                 match input(&plan.buffers()[at].contents) {
                     Some(data) => out.insert_bytes(*id, data),
                     None => out.insert_bytes(*id, &vec![0; bytes]),
@@ -426,6 +437,16 @@ impl Gpu {
 
 const COMPUTE_WRITE: StageAccess =
     (vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_STORAGE_WRITE);
+/// Writes by launches, copies and fills.
+const ALL_WRITES: StageAccess = (
+    vk::PipelineStageFlags2::from_raw(
+        vk::PipelineStageFlags2::ALL_TRANSFER.as_raw()
+            | vk::PipelineStageFlags2::COMPUTE_SHADER.as_raw(),
+    ),
+    vk::AccessFlags2::from_raw(
+        vk::AccessFlags2::TRANSFER_WRITE.as_raw() | vk::AccessFlags2::SHADER_STORAGE_WRITE.as_raw(),
+    ),
+);
 const COMPUTE_ACCESS: StageAccess = (
     vk::PipelineStageFlags2::COMPUTE_SHADER,
     vk::AccessFlags2::from_raw(

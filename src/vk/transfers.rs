@@ -62,15 +62,16 @@ fn bytes_of(batch: &Batch) -> u64 {
 /// Batches of a plan's inputs.
 pub(super) fn input_batches(plan: &Plan<'_>, held: &PlanMemory) -> Vec<Batch> {
     let buffers = plan.buffers().iter().enumerate();
-    let inputs =
-        buffers.filter(|(at, b)| held.buffers[*at].is_some() && input(&b.contents).is_some());
+    let is_written = |at: usize| held.buffers[at].as_ref().is_some_and(|b| !b.is_resident());
+    let inputs = buffers.filter(|(at, b)| is_written(*at) && input(&b.contents).is_some());
     batches(inputs.map(|(at, b)| (at, b.bytes as u64)), INPUT_BATCH)
 }
 
 /// Batches of a plan's results.
 pub(super) fn result_batches(plan: &Plan<'_>, held: &PlanMemory) -> Vec<Batch> {
     let results = plan.downloads().iter().map(|id| id.0 as usize);
-    let bound = results.filter(|at| held.buffers[*at].is_some());
+    let is_made = |at: &usize| held.buffers[*at].as_ref().is_some_and(|b| !b.is_resident());
+    let bound = results.filter(is_made);
     batches(bound.map(|at| (at, plan.buffers()[at].bytes as u64)), RESULT_BATCH)
 }
 

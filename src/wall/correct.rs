@@ -18,9 +18,9 @@ impl WallProfile<'_> {
         let input = &self.input;
         let slots = input.bricks.len() as u32;
         let n = input.bricks.field_len();
-        let shape = BrickLaunches::new(plan, &input.bricks, &input.grid);
+        let shape = BrickLaunches::new(plan, &input.bricks, &input.brick_copies, &input.grid);
         let inside = plan.upload("inside", bytemuck::cast_slice::<u64, u32>(&self.inside));
-        let level = plan.upload("levels", &self.level);
+        let level = plan.upload_kept("levels", &self.level, &input.level_copy);
         let [offset, edge, filled, closed] =
             ["offsets", "edge", "filled", "closed"].map(|name| plan.undefined::<i32>(name, n));
         let near = shape.near;

@@ -1,6 +1,6 @@
 //! Launches over bricks.
 
-use crate::compute::{Buf, Plan};
+use crate::compute::{Buf, DeviceCopy, Plan};
 use crate::kernels::blur_axis;
 use crate::lumen::Bricks;
 use crate::volume::Grid;
@@ -13,11 +13,25 @@ pub(super) struct BrickLaunches {
     edge: [i32; 3],
 }
 
+/// Copies of the tables of bricks on a device.
+#[derive(Default)]
+pub(super) struct BrickCopies {
+    near: DeviceCopy,
+    corner: DeviceCopy,
+}
+
 impl BrickLaunches {
-    pub fn new<'p>(plan: &mut Plan<'p>, bricks: &'p Bricks, grid: &Grid) -> Self {
+    /// * `copies`: those of the tables of `bricks`.
+    pub fn new<'p>(
+        plan: &mut Plan<'p>,
+        bricks: &'p Bricks,
+        copies: &'p BrickCopies,
+        grid: &Grid,
+    ) -> Self {
+        let (near, corner) = (bricks.near(), bricks.corners());
         Self {
-            near: plan.upload("near", bytemuck::cast_slice(bricks.near())),
-            corner: plan.upload("corner", bytemuck::cast_slice(bricks.corners())),
+            near: plan.upload_kept("near", bytemuck::cast_slice(near), &copies.near),
+            corner: plan.upload_kept("corner", bytemuck::cast_slice(corner), &copies.corner),
             slots: bricks.len() as u32,
             edge: (grid.dims.as_ivec3() - 1).to_array(),
         }

@@ -4,9 +4,9 @@ use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
 use super::contrast::{Contrast, ROUNDS, UNIT, of_hu, values_in};
-use super::launches::BrickLaunches;
+use super::launches::{BrickCopies, BrickLaunches};
 use super::{CleansedFluid, OFFSET, Tissue, WallError, law, select};
-use crate::compute::{Array, Buf, Outputs, Plan};
+use crate::compute::{Array, Buf, DeviceCopy, Outputs, Plan};
 use crate::kernels::blur_axis::integer_weights;
 use crate::kernels::{least_axis, ridge_grow, wall_level, wall_peak};
 use crate::lumen::bricks::near_offset;
@@ -51,6 +51,7 @@ pub struct WallInput<'a> {
     pub(super) tissue: Tissue,
     pub(super) contrast: Contrast,
     pub(super) bricks: Bricks,
+    pub(super) brick_copies: BrickCopies,
     core_bits: Vec<u64>,
     values: Vec<i32>,
     pub(super) weights: GaussianWeights,
@@ -58,6 +59,8 @@ pub struct WallInput<'a> {
     pub(super) zone: Option<&'a BitVolume>,
     law: Vec<i32>,
     cap: Vec<i32>,
+    /// Copy of [`WallProfile::level`].
+    pub(super) level_copy: DeviceCopy,
 }
 
 /// Integer weights of the Gaussians, by axis.
@@ -142,8 +145,21 @@ impl<'a> WallInput<'a> {
         let least = (3.0 * contrast.noise_units()).max(f64::from(of_hu(40.0))) / UNIT;
         let law = law::table(contrast.beyond, least.min(0.5));
         let cap = (0..10).map(|d| (OFFSET * (f64::from(d).sqrt() - REACH_VOX)) as i32).collect();
-        let zone = None;
-        Self { core, grid, tissue, contrast, bricks, core_bits, values, weights, zone, law, cap }
+        Self {
+            core,
+            grid,
+            tissue,
+            contrast,
+            bricks,
+            brick_copies: BrickCopies::default(),
+            core_bits,
+            values,
+            weights,
+            zone: None,
+            law,
+            cap,
+            level_copy: DeviceCopy::default(),
+        }
     }
 
     /// Returns the number of voxels of the bricks that the field is computed on.
@@ -175,7 +191,7 @@ impl<'a> WallInput<'a> {
     pub fn profile<'p>(&'p self, plan: &mut Plan<'p>) -> ProfileBuffers {
         let slots = self.bricks.len() as u32;
         let n = self.bricks.field_len();
-        let shape = BrickLaunches::new(plan, &self.bricks, &self.grid);
+        let shape = BrickLaunches::new(plan, &self.bricks, &self.brick_copies, &self.grid);
         let core = plan.upload("core", bytemuck::cast_slice::<u64, u32>(&self.core_bits));
         let raw = plan.upload("grey values", &self.values);
         let spare = [0, 1].map(|_| plan.undefined::<i32>("spare", n));
@@ -285,7 +301,7 @@ impl<'a> WallInput<'a> {
         plan.launch(&wall_level::KERNEL, bindings, wall_level::Params { slots, forced }, n, n);
         plan.download(value);
         plan.download(mark);
-        plan.download(level);
+        plan.download_kept(level, &self.level_copy);
         ProfileBuffers { value, mark, level }
     }
 

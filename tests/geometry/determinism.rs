@@ -59,8 +59,9 @@ fn products(volume: &Volume) -> Products {
     assert_eq!(surface.topology.components, 2);
     assert!(surface.topology.watertight);
     all.insert("surface", mesh_bytes(&surface.mesh));
-    let (Adjacency { start, near }, _) = Adjacency::of(&surface.mesh);
-    all.insert("adjacency", [bytes(&start), bytes(&near)].concat());
+    let (adjacency, _) = Adjacency::of(&surface.mesh);
+    let (start, near) = adjacency.rows();
+    all.insert("adjacency", [bytes(start), bytes(near)].concat());
 
     let [default, steps] = normals(&surface, &lumen);
     surface.mesh.normals = default.chunks_exact(3).map(glam::Vec3::from_slice).collect();

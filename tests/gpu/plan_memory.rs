@@ -1,6 +1,6 @@
 //! Memory of plans: shared between buffers, kept between plans, and filled through batches.
 
-use intima::compute::{Buf, Outputs, Plan, run_cpu};
+use intima::compute::{Array, Buf, DeviceCopy, Outputs, Plan, run_cpu};
 use intima::field::{LumenBuffers, Response, distance, hessian, smooth};
 use intima::kernels::copy;
 use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
@@ -80,6 +80,73 @@ fn a_plan_like_the_one_before_takes_no_memory_and_one_submission() {
         assert!(took.arena_bytes < 6 * 80_000 && took.arena_bytes >= least.arena_bytes, "{took:?}");
         common::assert_silent(&gpu);
     }
+}
+
+/// A copy of `source`, which stays on the device as `from`, and stays there itself as `to`.
+fn kept_copy<'a>(
+    source: &'a [[u32; 4]],
+    [from, to]: [&'a DeviceCopy; 2],
+) -> (Plan<'a>, Buf<[u32; 4]>) {
+    let mut plan = Plan::new();
+    let from = plan.upload_kept("source", source, from);
+    let copied = plan.undefined("copied", source.len());
+    let params = copy::Params { quads: source.len() as u32 };
+    let bindings = copy::Bindings { source: from, copied };
+    plan.launch(&copy::KERNEL, bindings, params, source.len(), source.len());
+    plan.download_kept(copied, to);
+    (plan, copied)
+}
+
+/// A plan uploads neither what an earlier one has uploaded nor what it has computed.
+#[test]
+fn arrays_that_stay_on_the_device_are_uploaded_once() {
+    for staged in [false, true] {
+        let opened =
+            if staged { common::staging_gpu(Validate::Sync) } else { common::gpu(Validate::Sync) };
+        let Some(mut gpu) = opened else { return };
+        let before = gpu.live_resources();
+        let quads: Vec<[u32; 4]> = (0..3_000_000).map(|i| [i, !i, i ^ 77, 5]).collect();
+        let bytes = size_of_val(&quads[..]) as u64;
+        {
+            let copies: [DeviceCopy; 3] = Default::default();
+            let (plan, copied) = kept_copy(&quads, [&copies[0], &copies[1]]);
+            let (mut out, [took, _]) = counted(&mut gpu, &plan);
+            assert_eq!((took.uploaded_bytes, took.read_back_bytes), (bytes, bytes));
+            let first: Array<[u32; 4]> = out.take(copied);
+            assert!(first[..] == quads[..]);
+            // The input again, then the result as an input, which is read back too.
+            let none = DeviceCopy::default();
+            for (source, from, to) in [(&quads[..], 0, &none), (&first[..], 1, &copies[2])] {
+                let (mut plan, copied) = kept_copy(source, [&copies[from], to]);
+                let kept = plan.upload_kept("read back", source, &copies[from]);
+                plan.download(kept);
+                let (out, [took, least]) = counted(&mut gpu, &plan);
+                assert_eq!((took.uploaded_bytes, least.uploaded_bytes), (0, 0), "from {from}");
+                assert!(out.get(copied) == &quads[..] && out.get(kept) == &quads[..]);
+            }
+            // Source, result, that of its copy and the one nobody asks for again.
+            assert_eq!(gpu.live_resources(), before + 4);
+            // The CPU and another device have no use for the copy.
+            let (plan, copied) = kept_copy(&quads, [&copies[0], &none]);
+            assert!(run_cpu(&plan).get(copied) == &quads[..]);
+            let Some(mut other) = common::gpu(Validate::Sync) else { return };
+            let (out, [took, _]) = counted(&mut other, &plan);
+            assert!(out.get(copied) == &quads[..] && took.uploaded_bytes == bytes);
+            common::assert_silent(&other);
+        }
+        counted(&mut gpu, &copies(&quads[..1], 1).0);
+        assert_eq!(gpu.live_resources(), before, "the copies are gone");
+        common::assert_silent(&gpu);
+    }
+}
+
+#[test]
+#[should_panic(expected = "copy of another array")]
+fn a_copy_of_another_array_is_refused() {
+    let Some(mut gpu) = common::gpu(Validate::Sync) else { panic!("copy of another array") };
+    let (quads, kept) = (vec![[1u32; 4]; 100], DeviceCopy::default());
+    gpu.run(&kept_copy(&quads, [&kept, &DeviceCopy::default()]).0).unwrap();
+    let _ = gpu.run(&kept_copy(&quads[..99], [&kept, &DeviceCopy::default()]).0);
 }
 
 #[test]
