@@ -92,7 +92,9 @@ struct Running {
     times: FrameTimes,
 }
 
-/// Durations of frames, from the first look at the products to the end of the present call.
+/// Durations of frames, from the first look at the products to the end of the present call; where
+/// that is left to the next frame of a flight, to the end of the submission, so that a frame has
+/// the present call of the one before.
 #[derive(Default)]
 struct FrameTimes {
     /// Milliseconds, while something was computed and after.
@@ -274,6 +276,7 @@ impl Running {
         let received = now.elapsed();
         let PhysicalSize { width, height } = self.window.inner_size();
         let Some(image) = self.gpu.acquire([width, height])? else {
+            self.gpu.present()?;
             // Nothing to draw to: a window without pixels waits to be resized.
             let hidden = width == 0 || height == 0;
             self.again_at = (!hidden).then(|| now + PROGRESS);
@@ -290,10 +293,16 @@ impl Running {
         let mut prepared = acquired;
         let end = self.viewer.frame(gpu, input, commands, dt, &target, |gpu, frame| {
             prepared = now.elapsed();
+            gpu.present()?;
             window.pre_present_notify();
-            gpu.present(frame)
+            gpu.submit_to_window(frame)
         })?;
         let FrameEnd { platform, quit, again_in } = end;
+        // Software Vulkan draws on the cores of the CPU and returns from the present call when it
+        // has: the next frame of a flight is prepared meanwhile.
+        if gpu.info().is_real() || again_in != Some(0.0) {
+            gpu.present()?;
+        }
         self.egui.handle_platform_output(&self.window, platform);
         self.name_window();
         let saved = self.viewer.save_notes();

@@ -1,4 +1,4 @@
-//! Pictures in a window: surface, swapchain, and the two steps of a frame, acquire and present.
+//! Pictures in a window: surface, swapchain, and the steps of a frame: acquire, submit, present.
 //!
 //! Two frames are in flight. Each has a semaphore that the presentation engine signals when an
 //! image is free; each image has one that it waits for before it shows the image: an image comes
@@ -97,6 +97,8 @@ struct Swapchain {
     /// Size of the window it was made for.
     asked: [u32; 2],
     acquired: usize,
+    /// Whether two images may be held between acquire and present.
+    holds_two: bool,
 }
 
 impl Swapchain {
@@ -118,8 +120,10 @@ pub(super) struct Presenter {
     /// waited for it last.
     acquired: Vec<(vk::Semaphore, u64)>,
     slot: usize,
-    /// Index and handle of the image that was acquired and not presented yet.
+    /// Index and handle of the image that was acquired and not drawn to yet.
     current: Option<(u32, ImageId)>,
+    /// Index of the image that a submission draws to and that was not presented yet.
+    submitted: Option<u32>,
     /// Whether the swapchain does not fit the surface any more.
     is_stale: bool,
     surface_lost: bool,
@@ -141,6 +145,7 @@ impl Presenter {
             acquired: Vec::new(),
             slot: 0,
             current: None,
+            submitted: None,
             is_stale: false,
             surface_lost: false,
             physical,
@@ -162,25 +167,37 @@ impl Gpu {
     /// [`VkError::DeviceLost`], [`VkError::OutOfMemory`], or the failing call.
     ///
     /// # Panics
-    /// If the device was not opened for a window, or the last image was not presented.
+    /// If the device was not opened for a window, or the last image was not submitted.
     pub fn acquire(&mut self, size: [u32; 2]) -> Result<Option<ImageId>, VkError> {
         let mut p = self.presenter.take().expect("a device opened for a window");
-        assert!(p.current.is_none(), "the image before was presented");
+        assert!(p.current.is_none(), "the image before was submitted");
         let image = self.acquire_from(&mut p, size);
         self.presenter = Some(p);
         image
     }
 
-    /// Submits a frame that draws to the image taken last, and shows it.
+    /// Submits a frame that draws to the image taken last; [`Gpu::present`] shows it.
     ///
     /// # Errors
     /// As [`Gpu::submit_draws`]; the image is given up then.
     ///
     /// # Panics
-    /// If no image was taken; as [`Gpu::submit_draws`].
-    pub fn present(&mut self, frame: &Frame<'_>) -> Result<(), VkError> {
+    /// If no image was taken, or the one before was not presented; as [`Gpu::submit_draws`].
+    pub fn submit_to_window(&mut self, frame: &Frame<'_>) -> Result<(), VkError> {
         let mut p = self.presenter.take().expect("a device opened for a window");
-        let shown = self.present_to(&mut p, frame);
+        let sent = self.submit_to(&mut p, frame);
+        self.presenter = Some(p);
+        sent
+    }
+
+    /// Shows the image that was submitted last, if it was not presented yet. Software Vulkan
+    /// returns when the image is drawn.
+    ///
+    /// # Errors
+    /// [`VkError::DeviceLost`], [`VkError::OutOfMemory`], or the failing call.
+    pub fn present(&mut self) -> Result<(), VkError> {
+        let Some(mut p) = self.presenter.take() else { return Ok(()) };
+        let shown = self.present_submitted(&mut p);
         self.presenter = Some(p);
         shown
     }
@@ -204,6 +221,9 @@ impl Gpu {
             }
             let serves = |c: &Swapchain| Swapchain::serves(c.asked, c.extent, size);
             let fits = !p.is_stale && p.chain.as_ref().is_some_and(serves);
+            if !fits || p.chain.as_ref().is_some_and(|c| !c.holds_two) {
+                self.present_submitted(p)?;
+            }
             if !fits && !self.remake_chain(p, size)? {
                 return Ok(None);
             }
@@ -237,7 +257,8 @@ impl Gpu {
         Ok(None)
     }
 
-    fn present_to(&mut self, p: &mut Presenter, frame: &Frame<'_>) -> Result<(), VkError> {
+    fn submit_to(&mut self, p: &mut Presenter, frame: &Frame<'_>) -> Result<(), VkError> {
+        assert!(p.submitted.is_none(), "the image before was presented");
         let (index, image) = p.current.take().expect("an image of the window");
         let chain = p.chain.as_ref().expect("the chain of an image");
         let finished = chain.finished[index as usize];
@@ -253,6 +274,14 @@ impl Gpu {
         }
         p.acquired[p.slot].1 = self.timeline.submitted;
         p.slot = (p.slot + 1) % p.acquired.len();
+        p.submitted = Some(index);
+        Ok(())
+    }
+
+    fn present_submitted(&mut self, p: &mut Presenter) -> Result<(), VkError> {
+        let Some(index) = p.submitted.take() else { return Ok(()) };
+        let chain = p.chain.as_ref().expect("the chain of an image");
+        let finished = chain.finished[index as usize];
         let (waits, chains, indices) = ([finished], [chain.raw], [index]);
         let info = vk::PresentInfoKHR::default()
             .wait_semaphores(&waits)
@@ -335,12 +364,15 @@ impl Gpu {
         };
         let extent = [extent.width, extent.height];
         let (images, finished) = (Vec::new(), Vec::new());
-        let mut chain = Swapchain { raw, images, finished, extent, asked: size, acquired: 0 };
+        let (acquired, holds_two) = (0, false);
+        let mut chain =
+            Swapchain { raw, images, finished, extent, asked: size, acquired, holds_two };
         let filled = self.fill_chain(p, &mut chain, format);
         if let Err(e) = filled {
             self.destroy_chain(p, chain);
             return Err(e);
         }
+        chain.holds_two = chain.images.len() > can.min_image_count as usize;
         p.chain = Some(chain);
         p.is_stale = false;
         Ok(true)
@@ -441,7 +473,7 @@ impl Gpu {
             // SAFETY: ours, and the device is idle.
             unsafe { self.device.destroy_semaphore(semaphore, None) };
         }
-        (p.slot, p.current) = (0, None);
+        (p.slot, p.current, p.submitted) = (0, None, None);
     }
 
     /// Gives the window up: another device may be opened for it, and this one presents no more.
