@@ -14,16 +14,40 @@ use crate::volume::Volume;
 
 const CROSSHAIR: Color32 = Color32::from_rgba_premultiplied(120, 94, 28, 150);
 
-/// A slice as a texture, and what it was made of.
+/// Inputs of a slice but the volume.
+#[derive(Clone, Copy, PartialEq)]
+struct SliceInput {
+    plane: SlicePlane,
+    /// Columns and rows, pixels.
+    size: [usize; 2],
+    /// Centre and width of the grey values.
+    window: [f64; 2],
+    has_lumen: bool,
+}
+
+/// A slice as a texture.
 struct SliceTexture {
     texture: egui::TextureHandle,
-    made_of: (SlicePlane, [usize; 2], [f64; 2], bool),
+    input: SliceInput,
+    /// Frame in which it was sampled.
+    frame: u64,
+}
+
+impl SliceTexture {
+    /// Whether it is shown for a frame more although its plane has moved: it was sampled in the last
+    /// frame, and this one samples others.
+    fn waits(&self, index: usize, frame: u64, input: SliceInput) -> bool {
+        let only_moved = SliceInput { plane: self.input.plane, ..input } == self.input;
+        only_moved && frame <= self.frame + 1 && (frame + index as u64) % 2 == 1
+    }
 }
 
 /// Offset and textures of the slices.
 #[derive(Default)]
 pub(super) struct SliceViews {
     textures: [Option<SliceTexture>; 4],
+    /// Whether slices are sampled in turn while the eye flies.
+    pub in_turn: bool,
     /// Number of times that the model had led the slices to a place.
     centred: u64,
     /// Offset from the crosshair to the middle of each slice, LPS mm.
@@ -36,6 +60,13 @@ pub(super) struct SliceViews {
     grabbed: Option<(usize, usize)>,
     /// Measurement, and point of it, that is dragged in the inside view.
     pub grabbed_inside: Option<(usize, usize)>,
+}
+
+impl SliceViews {
+    /// * `in_turn`: while the eye flies, half of the slices are sampled in a frame.
+    pub fn new(in_turn: bool) -> Self {
+        Self { in_turn, ..Self::default() }
+    }
 }
 
 /// Samples the slice where it has changed, and takes crosshair, window and zoom from the mouse.
@@ -67,9 +98,17 @@ pub(super) fn show_slice(
     let way = plane.way_into(volume, size);
     plane.centre_mm += way + views.pan_mm[index] + views.held_mm[index];
     let lumen = model.products.lumen.as_ref().map(|l| &l.lumen);
-    let made_of = (plane, size, model.window, lumen.is_some());
+    let input = SliceInput { plane, size, window: model.window, has_lumen: lumen.is_some() };
     let slot = &mut views.textures[index];
-    if slot.as_ref().is_none_or(|s| s.made_of != made_of) {
+    let frame = ui.ctx().cumulative_frame_nr();
+    let takes_turns = views.in_turn && model.playing;
+    let is_stale = slot.as_ref().is_none_or(|s| s.input != input);
+    let waits = |s: &&mut SliceTexture| takes_turns && s.waits(index, frame, input);
+    if is_stale && let Some(s) = slot.as_mut().filter(waits) {
+        // Marks belong to what is shown.
+        plane = s.input.plane;
+        ui.ctx().request_repaint();
+    } else if is_stale {
         let rgb = slice(volume, lumen, &plane, size, model.window);
         let pixels = rgb.into_iter().map(|[r, g, b]| Color32::from_rgb(r, g, b)).collect();
         let image = egui::ColorImage::new(size, pixels);
@@ -77,11 +116,11 @@ pub(super) fn show_slice(
         match slot {
             Some(s) => {
                 s.texture.set(image, options);
-                s.made_of = made_of;
+                (s.input, s.frame) = (input, frame);
             }
             None => {
                 let texture = ui.ctx().load_texture(pane.title(), image, options);
-                *slot = Some(SliceTexture { texture, made_of });
+                *slot = Some(SliceTexture { texture, input, frame });
             }
         }
     }
@@ -372,6 +411,35 @@ pub(super) mod tests {
             output.textures_delta.clear();
             model.step(0.0, &commands.actions);
             each(&model, &commands);
+        }
+    }
+
+    #[test]
+    fn while_the_eye_flies_slices_are_sampled_in_turn() {
+        let (mut model, context) = (model_of_a_volume(), egui::Context::default());
+        let mut views = SliceViews::new(true);
+        let rect = Rect::from_min_size(Pos2::ZERO, vec2(200.0, 200.0));
+        let mut sampled = Vec::new();
+        for i in 0..8 {
+            model.playing = i < 6;
+            model.crosshair_mm += DVec3::splat(0.01);
+            let input = egui::RawInput { screen_rect: Some(rect), ..Default::default() };
+            let mut output = context.run_ui(input, |ui| {
+                for pane in [Pane::Axial, Pane::Coronal] {
+                    let id = ui.id().with(pane.title());
+                    let response = ui.interact(rect, id, egui::Sense::click_and_drag());
+                    let mut commands = ActionQueue::default();
+                    show_slice(ui, pane, rect, &response, &model, &mut views, &mut commands);
+                }
+            });
+            output.textures_delta.clear();
+            let now = context.cumulative_frame_nr() - 1;
+            let frame = |index: usize| views.textures[index].as_ref().unwrap().frame;
+            sampled.push([0, 1].map(|index| frame(index) == now));
+        }
+        assert_eq!([sampled[0], sampled[6], sampled[7]], [[true; 2]; 3]);
+        for pair in sampled[1..6].windows(2) {
+            assert!(pair[0][0] != pair[0][1] && pair[0] != pair[1], "{sampled:?}");
         }
     }
 

@@ -45,9 +45,14 @@ pub struct UiState {
 }
 
 impl UiState {
+    /// * `is_live`: while the eye flies, slices are sampled in turn, half of them a frame.
+    pub fn new(is_live: bool) -> Self {
+        Self { slices: SliceViews::new(is_live), ..Self::default() }
+    }
+
     /// Forgets the slices and their zoom, for another volume.
     pub fn reset(&mut self) {
-        self.slices = SliceViews::default();
+        self.slices = SliceViews::new(self.slices.in_turn);
         (self.panel.lumen, self.click) = (None, None);
     }
 }

@@ -159,7 +159,7 @@ impl Viewer {
         let mut viewer = Self {
             model: Model::new(planned_mm_s),
             context,
-            ui: UiState::default(),
+            ui: UiState::new(detail == Detail::Live),
             panes: Panes::new(gpu, samples)?,
             canvas: Canvas::default(),
             options,
