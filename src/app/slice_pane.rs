@@ -105,7 +105,7 @@ pub(super) fn show_slice(
     let is_stale = slot.as_ref().is_none_or(|s| s.input != input);
     let waits = |s: &&mut SliceTexture| takes_turns && s.waits(index, frame, input);
     if is_stale && let Some(s) = slot.as_mut().filter(waits) {
-        // Marks belong to what is shown.
+        // Marks lie on the shown plane.
         plane = s.input.plane;
         ui.ctx().request_repaint();
     } else if is_stale {

@@ -17,7 +17,7 @@ use super::canvas::Target;
 use super::error::AppError;
 use super::panes::Detail;
 use super::viewer::{FrameEnd, Viewer, ViewerOptions};
-use crate::vk::{Choice, Gpu, OpenOptions, WindowHandles};
+use crate::vk::{Choice, Gpu, OpenOptions, VkError, WindowHandles};
 
 /// Options of the window.
 #[derive(Clone, Debug)]
@@ -92,9 +92,9 @@ struct Running {
     times: FrameTimes,
 }
 
-/// Durations of frames, from the first look at the products to the end of the present call; where
-/// that is left to the next frame of a flight, to the end of the submission, so that a frame has
-/// the present call of the one before.
+/// Durations of frames, from the first look at the products to the end of the present call; of
+/// software Vulkan, where a frame follows at once, to the end of the submission: that frame then
+/// holds the present call of this one.
 #[derive(Default)]
 struct FrameTimes {
     /// Milliseconds, while something was computed and after.
@@ -142,6 +142,16 @@ const MAX_REOPENED: u32 = 5;
 fn open_gpu(device: Choice, window: &Arc<Window>) -> Result<Gpu, AppError> {
     let handles: Arc<dyn WindowHandles> = Arc::clone(window) as _;
     Ok(Gpu::open_for_window(device, OpenOptions::default(), handles)?)
+}
+
+/// Presents the submitted image, if there is one. The system is told just before: Wayland gives no
+/// further redraw until an image comes that was announced.
+fn present(gpu: &mut Gpu, window: &Window) -> Result<(), VkError> {
+    if gpu.awaits_present() {
+        window.pre_present_notify();
+        gpu.present()?;
+    }
+    Ok(())
 }
 
 /// Samples a pixel of the drawn panes.
@@ -276,8 +286,8 @@ impl Running {
         let received = now.elapsed();
         let PhysicalSize { width, height } = self.window.inner_size();
         let Some(image) = self.gpu.acquire([width, height])? else {
-            self.gpu.present()?;
             // Nothing to draw to: a window without pixels waits to be resized.
+            present(&mut self.gpu, &self.window)?;
             let hidden = width == 0 || height == 0;
             self.again_at = (!hidden).then(|| now + PROGRESS);
             return Ok(false);
@@ -293,15 +303,14 @@ impl Running {
         let mut prepared = acquired;
         let end = self.viewer.frame(gpu, input, commands, dt, &target, |gpu, frame| {
             prepared = now.elapsed();
-            gpu.present()?;
-            window.pre_present_notify();
+            present(gpu, window)?;
             gpu.submit_to_window(frame)
         })?;
         let FrameEnd { platform, quit, again_in } = end;
         // Software Vulkan draws on the cores of the CPU and returns from the present call when it
-        // has: the next frame of a flight is prepared meanwhile.
+        // has: a frame that follows at once is prepared meanwhile.
         if gpu.info().is_real() || again_in != Some(0.0) {
-            gpu.present()?;
+            present(gpu, window)?;
         }
         self.egui.handle_platform_output(&self.window, platform);
         self.name_window();

@@ -190,6 +190,11 @@ impl Gpu {
         sent
     }
 
+    /// Whether an image was submitted and not presented yet.
+    pub fn awaits_present(&self) -> bool {
+        self.presenter.as_ref().is_some_and(|p| p.submitted.is_some())
+    }
+
     /// Shows the image that was submitted last, if it was not presented yet. Software Vulkan
     /// returns when the image is drawn.
     ///
