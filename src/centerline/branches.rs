@@ -66,9 +66,10 @@ impl BranchRoute {
     /// Returns the ends of the route with the directions out of it.
     ///
     /// * `place`: position of a node, local mm.
-    pub fn piece(&self, place: impl Fn(u32) -> DVec3) -> PathPiece {
+    /// * `inwards`: number of nodes from an end to the one that its direction is taken from.
+    pub fn piece(&self, place: impl Fn(u32) -> DVec3, inwards: usize) -> PathPiece {
         let n = &self.chain.nodes;
-        let inner = [n[2.min(n.len() - 1)], n[n.len().saturating_sub(3)]];
+        let inner = [n[inwards.min(n.len() - 1)], n[n.len().saturating_sub(1 + inwards)]];
         let ends = self.ends.map(|e| e.point);
         let outward = [0, 1].map(|i| (ends[i] - place(inner[i])).normalize_or_zero());
         PathPiece { ends, outward }

@@ -143,7 +143,9 @@ impl ChainRouter<'_> {
         };
         for (i, &node) in chain.nodes.iter().enumerate() {
             go(node, here, deepest(node), &mut walk);
-            station(&walk);
+            if i % self.complex.stride() == 0 {
+                station(&walk);
+            }
             here = deepest(node);
             let Some(&c) = chain.contacts.get(i) else { continue };
             let contact = &self.complex.contacts[c as usize];

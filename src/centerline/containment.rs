@@ -217,7 +217,7 @@ mod tests {
                 bits.set(v.x, v.y, v.z);
             }
         }
-        let l = Lumen::new(grid, &bits);
+        let l = Lumen::of_volume(grid, &bits);
         let h = grid.spacing_mm;
         let hole = DVec3::new(10.0, 9.0, 8.0);
         for i in 0..200u32 {
@@ -241,7 +241,7 @@ mod tests {
         for v in [[1, 2, 3], [2, 3, 3], [3, 4, 4], [3, 5, 3]] {
             bits.set(v[0], v[1], v[2]);
         }
-        let lumen = Lumen::new(grid, &bits);
+        let lumen = Lumen::of_volume(grid, &bits);
         let h = grid.spacing_mm;
         let place = |x, y, z| DVec3::new(x, y, z) * h;
         // Through two edges and a corner; the curve bends at the last edge.

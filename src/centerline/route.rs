@@ -207,7 +207,9 @@ fn in_order(pieces: Vec<Vec<BranchRoute>>, view: &ArcGraph<'_>, tree: bool) -> V
     let mut order: Vec<(usize, bool)> = (0..pieces.len()).map(|i| (i, false)).collect();
     if !tree && pieces.len() > 1 {
         let place = |n: u32| view.adjacency.place_mm[n as usize];
-        order = pieces::order(&pieces.iter().map(|p| p[0].piece(place)).collect::<Vec<_>>());
+        let inwards = 2 * view.complex.stride();
+        order =
+            pieces::order(&pieces.iter().map(|p| p[0].piece(place, inwards)).collect::<Vec<_>>());
         // The end with more room comes first, as of one path.
         let room = |(i, back): (usize, bool)| view.f.at(pieces[i][0].end(back).point);
         let (first, last) = (order[0], order[order.len() - 1]);
@@ -269,7 +271,7 @@ impl RouteComponent {
 /// one, and all [`tips`] as seen from that node.
 fn ends_of_branches(
     complex: &CellComplex,
-    adjacency: &NodeContacts,
+    adjacency: &NodeContacts<'_>,
     component: &[u32],
 ) -> Vec<u32> {
     let nodes = &complex.nodes;
@@ -326,7 +328,7 @@ fn given(lumen: &Lumen, which: &'static str, at: DVec3) -> Result<PathEnd, Cente
 pub(super) struct ArcGraph<'a> {
     pub net: &'a Net<'a>,
     pub complex: &'a CellComplex,
-    pub adjacency: &'a NodeContacts,
+    pub adjacency: &'a NodeContacts<'a>,
     pub router: ChainRouter<'a>,
     pub d: Sampler<'a>,
     pub f: Sampler<'a>,
@@ -340,10 +342,11 @@ impl ArcGraph<'_> {
     fn graph_nodes(&self, widest: Option<u32>) -> Vec<GraphNode> {
         let place = |n: u32| self.adjacency.place_mm[n as usize];
         let element = |n: u32| self.complex.nodes[n as usize].deepest;
+        let reach = 2 * self.complex.stride();
         let mut all: BTreeMap<u32, DVec3> = BTreeMap::new();
         for arc in self.net.arcs() {
             for (i, &n) in arc.nodes.iter().enumerate() {
-                let (a, b) = (i.saturating_sub(2), (i + 2).min(arc.nodes.len() - 1));
+                let (a, b) = (i.saturating_sub(reach), (i + reach).min(arc.nodes.len() - 1));
                 all.entry(element(n)).or_insert(place(arc.nodes[b]) - place(arc.nodes[a]));
             }
         }

@@ -38,17 +38,18 @@ impl Args {
             timed_products(global, &mut session, &needs, &anew, |s| Ok(s.distance()?))?;
         let segmented = session.lumen()?;
         let lumen = &segmented.lumen;
+        let grid = lumen.stored_grid();
         let start = std::time::Instant::now();
         // The time to a dense field in memory is an answer; of a large one there is none.
-        let is_large = is_layered(&self.output) && lumen.grid.len() > LARGE_VOXELS;
+        let is_large = is_layered(&self.output) && grid.len() > LARGE_VOXELS;
         let dense = (!is_large).then(|| lumen.dense(&field, 0.0f32));
         let dense_s = start.elapsed().as_secs_f64();
         match dense {
             Some(dense) => {
-                write_volume(&self.output, &Volume::new(lumen.grid, Samples::from(dense)))?;
+                write_volume(&self.output, &Volume::new(grid, Samples::from(dense)))?;
             }
             None => {
-                write_layers(&self.output, &lumen.grid, |put| lumen.each_layer(&field, 0.0, put))?;
+                write_layers(&self.output, &grid, |put| lumen.each_layer(&field, 0.0, put))?;
             }
         }
         self.lumen.write_choice(&session, global)?;

@@ -65,16 +65,16 @@ impl Args {
             self.of_distance(global, &mut session)?
         };
         let (lumen, sigma, response) = (&*bricks, settings.sigma_mm, settings.response);
-        let start = Instant::now();
+        let (grid, start) = (lumen.stored_grid(), Instant::now());
         if response == Response::Eigenvalues {
             let triples: &[[f32; 3]] = bytemuck::cast_slice(&field);
             let dense = lumen.dense(triples, [0.0; 3]);
             copied += start.elapsed();
-            write_vector_field(&self.output, &lumen.grid, 3, bytemuck::cast_slice(&dense))?;
+            write_vector_field(&self.output, &grid, 3, bytemuck::cast_slice(&dense))?;
         } else {
             let dense = lumen.dense(&field, 0.0f32);
             copied += start.elapsed();
-            write_volume(&self.output, &Volume::new(lumen.grid, Samples::from(dense)))?;
+            write_volume(&self.output, &Volume::new(grid, Samples::from(dense)))?;
         }
         global.say(format_args!("wrote {} (sigma {sigma} mm)", shown(&self.output)))?;
         global.answer(&timing.with("sigma_mm", sigma).with("dense_s", copied.as_secs_f64()))

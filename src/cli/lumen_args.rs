@@ -121,9 +121,11 @@ impl LumenArgs {
         let Some(file) = &self.core else { return Ok(()) };
         global.check_output(file, MASKS)?;
         let (core, segmented) = (session.core()?, session.lumen()?);
-        let grid = segmented.lumen.grid;
+        let (own, grid) = (segmented.lumen.volume_grid(), segmented.lumen.stored_grid());
         let mut voxels = vec![0u8; grid.len()];
-        core.voxels().voxels().for_each(|v| voxels[grid.index(v)] = 1);
+        for v in core.voxels().voxels() {
+            voxels[grid.index(own.stored_voxel(v.as_ivec3()).as_uvec3())] = 1;
+        }
         write_mask(file, &grid, voxels, &segmented.description())?;
         global.say(format_args!("wrote {}", shown(file)))
     }

@@ -49,15 +49,15 @@ impl Args {
             classes.iter_mut().for_each(|c| *c = (*c).min(1));
         }
         let segment = segmented.description();
-        let dense = || lumen.dense(&classes, 0);
+        let (grid, dense) = (lumen.stored_grid(), || lumen.dense(&classes, 0));
         match series {
             Some(series) => {
                 series.write_segment(&self.output, &dense(), &segment, self.keep_patient)?;
             }
             None if is_layered(&self.output) => {
-                write_layers(&self.output, &lumen.grid, |put| lumen.each_layer(&classes, 0, put))?;
+                write_layers(&self.output, &grid, |put| lumen.each_layer(&classes, 0, put))?;
             }
-            None => write_mask(&self.output, &lumen.grid, dense(), &segment)?,
+            None => write_mask(&self.output, &grid, dense(), &segment)?,
         }
         self.lumen.write_choice(&session, global)?;
         global.say(format_args!(

@@ -71,7 +71,7 @@ mod tests {
             for v in (0..grid.len()).map(|i| grid.voxel(i)).filter(|v| inside(*v)) {
                 mask.set(v.x, v.y, v.z);
             }
-            let l = Lumen::new(grid, &mask);
+            let l = Lumen::of_volume(grid, &mask);
             let mut plan = Plan::new();
             let b = LumenBuffers::new(&mut plan, &l);
             let d = distance(&mut plan, &b);

@@ -108,7 +108,7 @@ mod tests {
                 mask.set(v.x, v.y, v.z);
             }
         }
-        let lumen = Lumen::new(grid, &mask);
+        let lumen = Lumen::of_volume(grid, &mask);
         let run = |response, most_bytes| {
             let mut plan = Plan::new();
             let b = LumenBuffers::new(&mut plan, &lumen);

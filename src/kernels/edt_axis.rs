@@ -226,7 +226,7 @@ mod tests {
         for v in (0..grid.len()).filter(|i| i % 1999 != 7).map(|i| grid.voxel(i)) {
             mask.set(v.x, v.y, v.z);
         }
-        Lumen::new(grid, &mask)
+        Lumen::of_volume(grid, &mask)
     }
 
     #[test]

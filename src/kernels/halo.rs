@@ -70,7 +70,7 @@ mod tests {
         for v in (0..grid.len()).filter(|i| i % 5 < 3).map(|i| grid.voxel(i)) {
             mask.set(v.x, v.y, v.z);
         }
-        let lumen = Lumen::new(grid, &mask);
+        let lumen = Lumen::of_volume(grid, &mask);
         let near: Vec<u32> = lumen.bricks.near().iter().flatten().copied().collect();
         let f: Vec<f32> = (0..lumen.bricks.field_len())
             .map(|e| {

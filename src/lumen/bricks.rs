@@ -40,7 +40,7 @@ pub const fn near_offset(n: usize) -> IVec3 {
 impl Bricks {
     /// Bricks that hold the voxels of a mask, and their 26-neighbours.
     pub fn about(mask: &BitVolume) -> Self {
-        of_mask(mask, mask.bounds()).0
+        of_mask(mask, mask.bounds(), IVec3::ZERO).0
     }
     /// Number of bricks.
     pub fn len(&self) -> usize {
@@ -123,7 +123,12 @@ pub fn bit_field(bits: &[u64]) -> Vec<f32> {
 /// Bricks of a mask and its bits in slot order (eight words a slot, one a z-layer; bit x + 8 y).
 ///
 /// * `bounds`: the mask's own.
-pub(super) fn of_mask(mask: &BitVolume, bounds: Option<(UVec3, UVec3)>) -> (Bricks, Vec<u64>) {
+/// * `corner`: voxel of the mask that is voxel (0, 0, 0) of the bricks.
+pub(super) fn of_mask(
+    mask: &BitVolume,
+    bounds: Option<(UVec3, UVec3)>,
+    corner: IVec3,
+) -> (Bricks, Vec<u64>) {
     let Some((lo, hi)) = bounds else {
         let empty = Bricks {
             origin: IVec3::ZERO,
@@ -134,9 +139,10 @@ pub(super) fn of_mask(mask: &BitVolume, bounds: Option<(UVec3, UVec3)>) -> (Bric
         };
         return (empty, Vec::new());
     };
+    let (first, last): (IVec3, IVec3) =
+        ((lo.as_ivec3() - corner) >> 3i32, (hi.as_ivec3() - corner) >> 3i32);
     // One brick of margin all around holds any rim.
-    let origin: IVec3 = (lo.as_ivec3() >> 3i32) - 1;
-    let last: IVec3 = hi.as_ivec3() >> 3i32;
+    let origin: IVec3 = first - 1;
     let table_dims = (last + 2 - origin).as_uvec3();
     let d = table_dims.as_usizevec3();
     let index = |b: IVec3| {
@@ -144,12 +150,12 @@ pub(super) fn of_mask(mask: &BitVolume, bounds: Option<(UVec3, UVec3)>) -> (Bric
         b.x + d.x * (b.y + d.y * b.z)
     };
     // Bits of the bricks that hold some, in scan order of the table.
-    let filled: Vec<(IVec3, [u64; 8])> = (lo.z >> 3..(hi.z >> 3) + 1)
+    let filled: Vec<(IVec3, [u64; 8])> = (first.z..last.z + 1)
         .into_par_iter()
         .map(|bz| {
             let mut layer = Vec::new();
-            for by in lo.y >> 3..=hi.y >> 3 {
-                filled_of(mask, (lo.x, hi.x), by, bz, &mut layer);
+            for by in first.y..=last.y {
+                filled_of(mask, corner, (first.x, last.x), (by, bz), &mut layer);
             }
             layer
         })
@@ -205,7 +211,7 @@ pub(super) fn of_mask(mask: &BitVolume, bounds: Option<(UVec3, UVec3)>) -> (Bric
 pub fn surrounding_bricks(mask: &BitVolume, reach_vox: f64) -> Bricks {
     let near = super::dilated(mask, glam::DVec3::ONE, reach_vox);
     let bounds = near.bounds();
-    let (bricks, inside) = of_mask(&near, bounds);
+    let (bricks, inside) = of_mask(&near, bounds, IVec3::ZERO);
     // A voxel in the middle of a brick stands for it, and calls for no other.
     let last: IVec3 = (mask.dims().as_ivec3() - 1) >> 3i32;
     let mut coarse = BitVolume::new((last + 1).as_uvec3());
@@ -222,7 +228,7 @@ pub fn surrounding_bricks(mask: &BitVolume, reach_vox: f64) -> Bricks {
         marks.set(v.x, v.y, v.z);
     }
     let bounds = marks.bounds();
-    of_mask(&marks, bounds).0
+    of_mask(&marks, bounds, IVec3::ZERO).0
 }
 
 /// The bits of a mask in bricks: eight words a slot, as [`super::Lumen::inside`].
@@ -247,27 +253,42 @@ pub fn bits_in(bricks: &Bricks, mask: &BitVolume) -> Vec<u64> {
 }
 
 /// Appends the bricks with bits of one row of bricks along x, ascending.
+///
+/// * `first`, `last`: places of the row's bricks along x; `by`, `bz`: the row's place.
 fn filled_of(
     mask: &BitVolume,
-    (first, last): (u32, u32),
-    by: u32,
-    bz: u32,
+    corner: IVec3,
+    (first, last): (i32, i32),
+    (by, bz): (i32, i32),
     out: &mut Vec<(IVec3, [u64; 8])>,
 ) {
-    let dims = mask.dims();
+    let dims = mask.dims().as_ivec3();
     let rows: [&[u64]; 64] = std::array::from_fn(|l| {
-        let (y, z) = (8 * by + (l as u32 & 7), 8 * bz + (l as u32 >> 3));
-        if y < dims.y && z < dims.z { mask.row(y, z) } else { &[] }
+        let (y, z) = (corner.y + 8 * by + (l as i32 & 7), corner.z + 8 * bz + (l as i32 >> 3));
+        let is_row = (0..dims.y).contains(&y) && (0..dims.z).contains(&z);
+        if is_row { mask.row(y as u32, z as u32) } else { &[] }
     });
-    for w in (first >> 6) as usize..=(last >> 6) as usize {
-        let words = rows.map(|row| row.get(w).copied().unwrap_or(0));
+    // Eight bricks at a time are a word of each row, which may begin within one of the mask's.
+    for b in (first..=last).step_by(8) {
+        let x = corner.x + 8 * b;
+        let words = rows.map(|row| word_at(row, x));
         let any = words.iter().fold(0, |any, w| any | w);
         for k in (0..8).filter(|k| any >> (8 * k) & 255 != 0) {
             let bits = std::array::from_fn(|z| {
                 (0..8).fold(0, |layer, y| layer | (words[8 * z + y] >> (8 * k) & 255) << (8 * y))
             });
-            out.push((UVec3::new(8 * w as u32 + k, by, bz).as_ivec3(), bits));
+            out.push((IVec3::new(b + k, by, bz), bits));
         }
+    }
+}
+
+/// Returns the 64 bits of a row from a voxel on, which may lie before the row.
+fn word_at(row: &[u64], x: i32) -> u64 {
+    let word = |i: i32| usize::try_from(i).ok().and_then(|i| row.get(i)).copied().unwrap_or(0);
+    let (low, shift) = (x >> 6, x & 63);
+    match shift {
+        0 => word(low),
+        _ => word(low) >> shift | word(low + 1) << (64 - shift),
     }
 }
 

@@ -10,6 +10,7 @@ mod grow;
 mod leak;
 mod intensity_selection;
 mod morphology;
+mod stored_layers;
 mod streamed;
 mod thickening;
 mod voxelized;
@@ -27,12 +28,13 @@ pub use streamed::{
 pub use thickening::{Neighborhood, thickened};
 pub use voxelized::{VoxelizeError, enclosing_grid, voxelized};
 
-use glam::{IVec3, UVec3};
+use glam::{DVec3, IVec3, UVec3};
 use rayon::prelude::*;
 
-use crate::volume::{Grid, Volume};
+use crate::volume::{AxisOrder, Grid, Volume};
 use body::BodyHull;
-use bricks::{BRICK, NONE, near_index};
+use bricks::{NONE, near_index};
+use stored_layers::StoredLayers;
 
 /// Reasons why there is no lumen.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -131,10 +133,17 @@ pub struct SegmentationStats {
 }
 
 /// The lumen in bricks.
+///
+/// Bricks and everything that is computed in them stand in the lumen's own frame: axes nearest to
+/// LPS, and a corner at the lumen's box. So no product depends on how much background the volume
+/// has around the lumen, or on the order in which its file stores the axes. Files are written in the
+/// frame of the file that was read.
 #[derive(Clone, Debug)]
 pub struct Lumen {
-    /// Grid of the volume.
+    /// Grid about the lumen: voxel (1, 1, 1) is the lowest corner of the lumen's box.
     pub grid: Grid,
+    /// Place of that grid in the volume.
+    place: VolumePlace,
     /// Bricks that cover the lumen.
     pub bricks: Bricks,
     /// Inside bits, eight words a slot, one a z-layer, bit x + 8 y.
@@ -147,6 +156,15 @@ pub struct Lumen {
     pub boundary_voxels: u64,
     /// Whether the lumen reaches the edge of the volume.
     pub touches_edge: bool,
+}
+
+/// Place of a lumen's grid in the volume that the lumen lies in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct VolumePlace {
+    /// Grid of the volume.
+    volume: Grid,
+    /// Voxel of the volume that is the grid's first.
+    corner: IVec3,
 }
 
 impl SegmentationOptions {
@@ -259,28 +277,95 @@ impl SegmentationOptions {
 
 impl Lumen {
     /// Builds the bricks and classes of a mask.
-    pub fn new(grid: Grid, mask: &BitVolume) -> Self {
+    ///
+    /// * `volume`: the mask's grid.
+    pub fn new(volume: Grid, mask: &BitVolume) -> Self {
+        Self::with_margin(volume, mask, UVec3::ONE)
+    }
+
+    /// Builds the bricks and classes of a mask with so many voxels between the lumen's box and the
+    /// corner of its grid: a figure that depends on them depends on where the bricks' sides lie.
+    pub fn with_margin(volume: Grid, mask: &BitVolume, margin: UVec3) -> Self {
         let bounds = mask.bounds();
-        let (bricks, inside) = bricks::of_mask(mask, bounds);
+        let (lo, hi) = bounds.unwrap_or_default();
+        let corner = lo.as_ivec3() - margin.as_ivec3();
+        let dims = (hi.as_ivec3() - corner + 2).as_uvec3();
+        let corner_mm = volume.world_from_voxel().transform_point3(corner.as_dvec3());
+        let grid = Grid { dims, origin_mm: rounded_mm(corner_mm), ..volume };
+        Self::on_grid(grid, VolumePlace { volume, corner }, mask, bounds)
+    }
+
+    /// Builds the bricks and classes of a mask on the grid of its whole volume.
+    pub fn of_volume(volume: Grid, mask: &BitVolume) -> Self {
+        Self::on_grid(volume, VolumePlace { volume, corner: IVec3::ZERO }, mask, mask.bounds())
+    }
+
+    fn on_grid(
+        grid: Grid,
+        place: VolumePlace,
+        mask: &BitVolume,
+        bounds: Option<(UVec3, UVec3)>,
+    ) -> Self {
+        let (bricks, inside) = bricks::of_mask(mask, bounds, place.corner);
         let boundary = boundary_of(&bricks, &inside);
         let count = |b: &[u64]| b.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
         let boundary_voxels = count(&boundary);
         let internal_voxels = count(&inside) - boundary_voxels;
-        let top = grid.dims - 1;
+        let top = place.volume.dims - 1;
         let touches_edge =
             bounds.is_some_and(|(lo, hi)| lo.cmpeq(UVec3::ZERO).any() || hi.cmpeq(top).any());
-        Self { grid, bricks, inside, boundary, internal_voxels, boundary_voxels, touches_edge }
+        let grid = Grid { order: AxisOrder::IDENTITY, ..grid };
+        Self {
+            grid,
+            place,
+            bricks,
+            inside,
+            boundary,
+            internal_voxels,
+            boundary_voxels,
+            touches_edge,
+        }
     }
 
-    /// The inside voxels as a mask of the whole grid.
+    /// Grid of the volume that the lumen lies in.
+    pub fn volume_grid(&self) -> &Grid {
+        &self.place.volume
+    }
+
+    /// The voxel of the volume that a voxel of the lumen's grid is; it may lie beyond the volume.
+    #[inline]
+    pub fn volume_voxel(&self, v: IVec3) -> IVec3 {
+        v + self.place.corner
+    }
+
+    /// The voxel of the lumen's grid that a voxel of the volume is.
+    #[inline]
+    pub fn own_voxel(&self, of_volume: IVec3) -> IVec3 {
+        of_volume - self.place.corner
+    }
+
+    /// Whether a voxel of the lumen's grid lies in the volume.
+    #[inline]
+    pub fn is_in_volume(&self, v: IVec3) -> bool {
+        self.place.volume.contains(v + self.place.corner)
+    }
+
+    /// The voxel of the file that a voxel of the lumen's grid is.
+    pub fn stored_voxel(&self, v: IVec3) -> IVec3 {
+        self.place.volume.stored_voxel(self.volume_voxel(v))
+    }
+
+    /// Grid of the file: that of all dense volumes below.
+    pub fn stored_grid(&self) -> Grid {
+        self.place.volume.as_stored()
+    }
+
+    /// The inside voxels as a mask of the whole volume.
     pub fn mask(&self) -> BitVolume {
-        let mut out = BitVolume::new(self.grid.dims);
-        for (words, c) in self.inside.as_chunks::<8>().0.iter().zip(self.bricks.corners()) {
-            for (z, word) in words.iter().enumerate().filter(|(_, word)| **word != 0) {
-                for (y, byte) in word.to_le_bytes().into_iter().enumerate() {
-                    out.set_byte(c[0], c[1] + y as i32, c[2] + z as i32, byte);
-                }
-            }
+        let mut out = BitVolume::new(self.place.volume.dims);
+        for element in self.elements(&self.inside) {
+            let v = self.volume_voxel(self.bricks.voxel(element)).as_uvec3();
+            out.set(v.x, v.y, v.z);
         }
         out
     }
@@ -332,17 +417,17 @@ impl Lumen {
         slots.map(sides).sum()
     }
 
-    /// A field as a dense volume over the whole grid, `outside` elsewhere.
+    /// A field as a dense volume as the file stores it, `outside` beyond the bricks.
     pub fn dense<T: Copy + Send + Sync>(&self, field: &[T], outside: T) -> Vec<T> {
-        let mut out = vec![outside; self.grid.len()];
-        let layer = self.layer_len();
-        let layers = out.par_chunks_mut(layer).enumerate();
-        layers.for_each(|(layer, out)| self.fill_layer(layer, field, out));
+        let writer = StoredLayers::new(self);
+        let mut out = vec![outside; self.place.volume.len()];
+        let layers = out.par_chunks_mut(writer.layer_len()).enumerate();
+        layers.for_each(|(layer, out)| writer.fill(layer, field, out));
         out
     }
 
-    /// Passes a field as a dense volume to `put`, eight slices at a time, so that a file can be
-    /// written without holding the whole volume.
+    /// Passes a field as a dense volume as the file stores it to `put`, eight slices at a time, so
+    /// that a file can be written without holding the whole volume.
     ///
     /// # Errors
     /// The first error of `put`, which is not called again.
@@ -352,54 +437,17 @@ impl Lumen {
         outside: T,
         put: &mut dyn FnMut(&[T]) -> Result<(), E>,
     ) -> Result<(), E> {
-        let (all, layer) = (self.grid.len(), self.layer_len());
+        let writer = StoredLayers::new(self);
+        let (all, layer) = (self.place.volume.len(), writer.layer_len());
         let mut out = vec![outside; layer.min(all)];
         for i in 0..all.div_ceil(layer) {
             let out = &mut out[..layer.min(all - i * layer)];
-            self.fill_layer(i, field, out);
+            writer.fill(i, field, out);
             put(out)?;
-            // Only the rows just filled differ from `outside`.
-            self.layer_rows(i, out.len(), |_, to| out[to].fill(outside));
+            // Only the voxels just filled differ from `outside`.
+            writer.each(i, out.len(), |_, to| out[to] = outside);
         }
         Ok(())
-    }
-
-    /// Voxels of eight slices.
-    fn layer_len(&self) -> usize {
-        8 * self.grid.dims.x as usize * self.grid.dims.y as usize
-    }
-
-    /// Fills up to eight slices from the bricks that lie in them.
-    fn fill_layer<T: Copy>(&self, layer: usize, field: &[T], out: &mut [T]) {
-        self.layer_rows(layer, out.len(), |from, to| out[to].copy_from_slice(&field[from]));
-    }
-
-    /// Calls `each` for every row of a brick within the first `len` voxels of a layer, with its
-    /// range in the field and its range in the layer. Bricks are in z order.
-    fn layer_rows(
-        &self,
-        layer: usize,
-        len: usize,
-        mut each: impl FnMut(std::ops::Range<usize>, std::ops::Range<usize>),
-    ) {
-        let d = self.grid.dims;
-        let slice = d.x as usize * d.y as usize;
-        let corners = self.bricks.corners();
-        let z0 = 8 * layer as i32;
-        let first = corners.partition_point(|c| c[2] < z0);
-        let end = corners.partition_point(|c| c[2] <= z0);
-        for (slot, &[cx, cy, _]) in corners.iter().enumerate().take(end).skip(first) {
-            let (x0, x1) = (cx.max(0), (cx + 8).min(d.x as i32));
-            for l in 0..64 {
-                let (y, z) = (cy + (l as i32 & 7), l >> 3);
-                if x0 < x1 && y >= 0 && y < d.y as i32 && (z + 1) * slice <= len {
-                    let to = z * slice + y as usize * d.x as usize + x0 as usize;
-                    let from = slot * BRICK + 8 * l + (x0 - cx) as usize;
-                    let n = (x1 - x0) as usize;
-                    each(from..from + n, to..to + n);
-                }
-            }
-        }
     }
 
     /// The classes of the paper as a dense volume: 0 external, 1 internal, 2 boundary.
@@ -417,6 +465,16 @@ impl Lumen {
     pub fn bytes(&self) -> u64 {
         (self.bricks.len() * (12 + 108 + 128)) as u64
     }
+}
+
+/// A place to 2^-20 mm, a nanometer: background that was added to a volume or cut off moves its
+/// origin, and the last bits of a place in it.
+fn rounded_mm(at: DVec3) -> DVec3 {
+    const STEPS: f64 = (1u32 << 20) as f64;
+    /// Sums of spacings lie halfway between two steps in one of some cases, and would be rounded to
+    /// either; they do not lie there.
+    const SHIFT: f64 = 0.618_033_988_75;
+    (at * STEPS + SHIFT).floor() / STEPS + DVec3::ZERO
 }
 
 /// Bit of a field element.

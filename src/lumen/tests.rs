@@ -33,6 +33,11 @@ fn flood(seed: IVec3, holds: impl Fn(IVec3) -> bool) -> std::collections::BTreeS
     seen
 }
 
+/// The voxel of the volume that an element is.
+fn place(lumen: &Lumen, element: usize) -> IVec3 {
+    lumen.volume_voxel(lumen.bricks.voxel(element))
+}
+
 #[test]
 fn growing_equals_a_plain_flood_and_bricks_hold_every_voxel_and_its_rim() {
     for (k, dims) in [[17, 9, 13], [8, 8, 8], [70, 5, 3], [1, 1, 1]].into_iter().enumerate() {
@@ -49,15 +54,16 @@ fn growing_equals_a_plain_flood_and_bricks_hold_every_voxel_and_its_rim() {
         let (lumen, found) = options.apply(&v).unwrap();
         assert_eq!(found.grown_voxels as usize, want.len());
         let got: std::collections::BTreeSet<_> =
-            lumen.elements(&lumen.inside).map(|e| lumen.bricks.voxel(e).to_array()).collect();
+            lumen.elements(&lumen.inside).map(|e| place(&lumen, e).to_array()).collect();
         assert_eq!(got, want);
         for p in &want {
             for n in 0..27 {
                 let d = IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1);
                 let q = IVec3::from(*p) + d;
-                let e = lumen.bricks.element(q).expect("the rim has a brick");
-                assert_eq!(lumen.bricks.voxel(e), q);
-                let from = lumen.bricks.element(IVec3::from(*p)).unwrap();
+                let own = |v: IVec3| lumen.bricks.element(lumen.own_voxel(v));
+                let e = own(q).expect("the rim has a brick");
+                assert_eq!(place(&lumen, e), q);
+                let from = own(IVec3::from(*p)).unwrap();
                 assert_eq!(lumen.bricks.step(from, d), Some(e));
             }
         }
@@ -232,7 +238,7 @@ fn a_field_laid_out_densely_is_its_own_at_every_voxel() {
         let field: Vec<u32> = (0..lumen.bricks.field_len() as u32).collect();
         let dense = lumen.dense(&field, u32::MAX);
         for (i, d) in dense.iter().enumerate() {
-            let e = lumen.bricks.element(v.grid.voxel(i).as_ivec3());
+            let e = lumen.bricks.element(lumen.own_voxel(v.grid.voxel(i).as_ivec3()));
             assert_eq!(*d, e.map_or(u32::MAX, |e| e as u32));
         }
         let mut layers: Vec<Vec<u32>> = Vec::new();

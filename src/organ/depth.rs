@@ -26,7 +26,11 @@ impl Depth {
     }
 
     pub fn at(&self, v: IVec3) -> f32 {
-        self.lumen.bricks.element(v).map_or(0.0, |e| self.mm[e])
+        self.lumen.bricks.element(self.lumen.own_voxel(v)).map_or(0.0, |e| self.mm[e])
+    }
+
+    fn volume_voxel(&self, element: usize) -> IVec3 {
+        self.lumen.volume_voxel(self.lumen.bricks.voxel(element))
     }
 
     /// The deepest voxel, of equal ones the first, and its depth in mm.
@@ -35,14 +39,14 @@ impl Depth {
         let deepest =
             elements.max_by(|a, b| self.mm[*a].total_cmp(&self.mm[*b]).then_with(|| b.cmp(a)));
         deepest.map_or((UVec3::ZERO, 0.0), |e| {
-            (self.lumen.bricks.voxel(e).as_uvec3(), f64::from(self.mm[e]))
+            (self.volume_voxel(e).as_uvec3(), f64::from(self.mm[e]))
         })
     }
 
     /// Voxels no neighbour of which lies deeper: the ridge, roughly.
     pub fn ridge(&self) -> impl Iterator<Item = UVec3> + '_ {
         self.lumen.elements(&self.lumen.inside).filter_map(|e| {
-            let v = self.lumen.bricks.voxel(e);
+            let v = self.volume_voxel(e);
             let own = self.mm[e];
             let around = (0..27).map(|n| v + near_offset(n));
             around.into_iter().all(|w| self.at(w) <= own).then(|| v.as_uvec3())

@@ -105,7 +105,7 @@ impl AxisView {
                 for step in (0..along).step_by(stride) {
                     let v = self.voxel(grid, i % self.width, i / self.width, step);
                     sum += volume.real(grid.index(v)).clamp(low, high) - low;
-                    inside += u32::from(lumen.holds(v.as_ivec3()));
+                    inside += u32::from(lumen.holds(lumen.own_voxel(v.as_ivec3())));
                     n += 1;
                 }
                 let n = f64::from(n.max(1));

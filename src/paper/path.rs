@@ -214,7 +214,7 @@ mod tests {
                 bits.set(v.x, v.y, v.z);
             }
         }
-        let lumen = Lumen::new(grid, &bits);
+        let lumen = Lumen::of_volume(grid, &bits);
         let element = |x| lumen.bricks.element(IVec3::new(x, 4, 4)).unwrap();
         let kept =
             (0..12).map(|k| Viewpoint { element: element(3 + 4 * k), reach_mm: 2.5 }).collect();

@@ -148,7 +148,7 @@ mod tests {
                 mask.set(v.x, v.y, v.z);
             }
         }
-        Lumen::new(grid, &mask)
+        Lumen::of_volume(grid, &mask)
     }
 
     fn found(lumen: &Lumen, capacity: usize) -> Result<Vec<RidgePoint>, usize> {

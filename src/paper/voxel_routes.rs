@@ -104,7 +104,7 @@ mod tests {
         for v in (0..grid.len()).map(|i| grid.voxel(i)).filter(|v| deep(*v) || rough(*v)) {
             bits.set(v.x, v.y, v.z);
         }
-        let l = Lumen::new(grid, &bits);
+        let l = Lumen::of_volume(grid, &bits);
         let mut free = 0;
         for e in l.elements(&l.inside) {
             let v = l.bricks.voxel(e);
@@ -133,7 +133,7 @@ mod tests {
                 bits.set(v.x, v.y, v.z);
             }
         }
-        let l = Lumen::new(grid, &bits);
+        let l = Lumen::of_volume(grid, &bits);
         let source = l.bricks.element(IVec3::new(1, 1, 7)).unwrap();
         let routes = VoxelRoutes::from(&l, source);
         let length = |a: usize, b: usize| {

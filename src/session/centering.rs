@@ -71,7 +71,7 @@ impl Session {
         // A colon is flown from the rectum, an airway from the trachea.
         let lumen = present(&self.slots.lumen);
         let first = lumen.organ.as_ref().and_then(|organ| organ.segments.first());
-        let to_world = lumen.lumen.grid.world_from_voxel();
+        let to_world = lumen.lumen.volume_grid().world_from_voxel();
         let starts_near = first.map(|s| to_world.transform_point3(s.seed.as_dvec3()));
         let ends = Ends { from: c.from, to: c.to };
         RouteOptions { ends, tree: c.tree, loops: c.loops, starts_near }

@@ -41,6 +41,7 @@ impl Session {
         for (element, patch) in unseen_voxels(lumen, &tree, &coverage) {
             let v = lumen.bricks.voxel(element as usize);
             let p = world.transform_point3(v.as_dvec3());
+            let v = lumen.stored_voxel(v);
             let (x, y, z) = (p.x, p.y, p.z);
             let _ = writeln!(out, "{},{},{},{x:.4},{y:.4},{z:.4},{patch}", v.x, v.y, v.z);
         }

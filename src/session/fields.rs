@@ -65,7 +65,7 @@ pub(super) fn volume_as_bricks(volume: &Volume) -> (Lumen, Vec<f32>) {
             all.set_run((0, grid.dims.x - 1), y, z);
         }
     }
-    let lumen = Lumen::new(grid, &all);
+    let lumen = Lumen::of_volume(grid, &all);
     let field = values_in(&lumen, volume);
     (lumen, field)
 }

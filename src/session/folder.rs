@@ -321,7 +321,7 @@ impl Session {
     fn write_files(&self, out: &Path, recording: &Recording) -> Result<(), SessionError> {
         let segmented = self.lumen()?;
         let lumen: &Lumen = &segmented.lumen;
-        let grid = &lumen.grid;
+        let grid = &lumen.stored_grid();
         let fields = self.fields()?;
         write_layers(&out.join("distance.nrrd"), grid, |put| {
             lumen.each_layer(&fields.distance, 0.0, put)

@@ -190,12 +190,14 @@ impl Session {
         let limit = self.settings.max_memory_mb;
         match &self.source {
             Source::Image(source) => {
-                let volume = InputVolume::Whole(read_orthogonal_volume(source, limit)?);
+                let volume = read_orthogonal_volume(source, limit)?;
+                let volume = InputVolume::Whole(canonical(volume));
                 Ok(Loaded::new(volume, None, false))
             }
             Source::Mask { mask, image } => {
-                let mut volume = read_orthogonal_volume(mask, limit)?;
+                let mut volume = canonical(read_orthogonal_volume(mask, limit)?);
                 let image = image.as_ref().map(geometry).transpose()?;
+                let image = image.map(|(grid, report)| (grid.canonical(), report));
                 let mut resampled = None;
                 if let Some((grid, _)) = &image
                     && !same_grid(grid, &volume.grid)
@@ -208,6 +210,9 @@ impl Session {
                     }
                     resampled = Some(InputReport::of(&volume));
                     volume = Arc::new(resample(&volume, *grid));
+                } else if let Some((grid, _)) = &image {
+                    // Files are written as the image is stored.
+                    Arc::make_mut(&mut volume).grid.order = grid.order;
                 }
                 let (image, volume) = (image.map(|i| i.1), InputVolume::Whole(volume));
                 Ok(Loaded { resampled, ..Loaded::new(volume, image, true) })
@@ -243,6 +248,7 @@ impl Session {
         }
         check_axes(parts.grid(), source)?;
         refuse_above(*max_memory_mb, in_parts_bytes(&parts), "reading the volume in parts")?;
+        let parts = parts.canonical();
         let d = parts.grid().dims;
         tracing::info!("reading {} x {} x {} voxels in parts", d.x, d.y, d.z);
         let volume = InputVolume::Parts(Box::new(InputParts::read(parts, selection)?));
@@ -255,7 +261,7 @@ impl Session {
             (InputVolume::Whole(volume), _) => Ok(Arc::clone(volume)),
             (InputVolume::Released(_), _) => self.whole(&self.load()?),
             (_, Source::Image(source) | Source::Mask { mask: source, .. }) => {
-                read_any_volume(source, self.settings.max_memory_mb)
+                Ok(canonical(read_any_volume(source, self.settings.max_memory_mb)?))
             }
         }
     }
@@ -295,6 +301,15 @@ impl Session {
         let image = loaded.image.clone();
         *slot = Some(Arc::new(Loaded { resampled, ..Loaded::new(volume, image, loaded.is_mask) }));
     }
+}
+
+/// The volume with the axes nearest to left, posterior and superior.
+pub(super) fn canonical(volume: Arc<Volume>) -> Arc<Volume> {
+    if volume.grid.canonical().order.is_identity() {
+        return volume;
+    }
+    // What nobody else holds is turned where it is.
+    Arc::new(Arc::unwrap_or_clone(volume).canonical())
 }
 
 /// Reads a volume after checking its size against a limit.

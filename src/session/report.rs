@@ -510,7 +510,8 @@ impl InputReport {
 
     /// Geometry of an image of which only the header was read.
     pub(super) fn of_header(grid: &Grid, sample_type: String) -> Self {
-        let (dims, spacing_mm) = (grid.dims.to_array(), grid.spacing_mm.to_array());
+        let stored = grid.as_stored();
+        let (dims, spacing_mm) = (stored.dims.to_array(), stored.spacing_mm.to_array());
         Self { hash: None, dims, spacing_mm, sample_type, modality: None, series_hash: None }
     }
 
@@ -525,8 +526,9 @@ impl InputReport {
 const LISTED: usize = 5;
 
 impl SelectionReport {
-    fn of(Segmented { options, organ, .. }: &Segmented) -> Option<Self> {
-        let seed_voxel = options.seed.map(|s| s.to_array());
+    fn of(Segmented { lumen, options, organ, .. }: &Segmented) -> Option<Self> {
+        let stored = |seed: UVec3| lumen.volume_grid().stored_voxel(seed.as_ivec3());
+        let seed_voxel = options.seed.map(|seed| stored(seed).as_uvec3().to_array());
         let end = |v: f64| v.is_finite().then_some(v);
         let (range, labels) = match &options.selection {
             IntensitySelection::Range { lo, hi } => (Some([end(*lo), end(*hi)]), None),
@@ -541,7 +543,7 @@ impl LumenReport {
     pub fn of(segmented: &Segmented) -> Self {
         let Segmented { lumen, found, .. } = segmented;
         let component =
-            |c: &Component, outside_body| ComponentReport::of(c, &lumen.grid, outside_body);
+            |c: &Component, outside_body| ComponentReport::of(c, lumen.volume_grid(), outside_body);
         let listed = |all: &[Component], outside_body| -> Vec<ComponentReport> {
             all.iter().take(LISTED).map(|c| component(c, outside_body)).collect()
         };
@@ -558,7 +560,7 @@ impl LumenReport {
             other_components: found.others.len(),
             other_voxels: found.other_voxels,
             outside_components: found.outside.len(),
-            outside_ml: found.outside.iter().map(|c| c.volume_ml(&lumen.grid)).sum(),
+            outside_ml: found.outside.iter().map(|c| c.volume_ml(lumen.volume_grid())).sum(),
             taken: found.taken.map(|c| component(&c, false)),
             left_out,
             touches_edge: lumen.touches_edge,
@@ -590,10 +592,12 @@ impl OrganReport {
     /// Reports the organ that was found, if one was looked for.
     pub fn of(Segmented { lumen, organ, .. }: &Segmented) -> Option<Self> {
         let organ = organ.as_ref()?;
-        let to_world = lumen.grid.world_from_voxel();
+        let grid = lumen.volume_grid();
+        let to_world = grid.world_from_voxel();
+        let stored = |v: UVec3| grid.stored_voxel(v.as_ivec3()).as_uvec3().to_array();
         let point = |v: UVec3| to_world.transform_point3(v.as_dvec3()).to_array();
         let segment =
-            |s: &Segment| SegmentReport { volume_ml: s.volume_ml, seed_voxel: s.seed.to_array() };
+            |s: &Segment| SegmentReport { volume_ml: s.volume_ml, seed_voxel: stored(s.seed) };
         Some(Self {
             name: organ.organ.name(),
             threshold: organ.threshold,
@@ -610,7 +614,7 @@ impl ComponentReport {
         Self {
             voxels: c.voxels,
             volume_ml: c.volume_ml(grid),
-            first_voxel: c.first.to_array(),
+            first_voxel: grid.stored_voxel(c.first.as_ivec3()).as_uvec3().to_array(),
             first_mm: grid.world_from_voxel().transform_point3(c.first.as_dvec3()).to_array(),
             outside_body,
         }

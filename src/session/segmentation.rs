@@ -6,9 +6,9 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::IVec3;
+use glam::{IVec3, UVec3};
 
-use super::load::{InputVolume, Loaded};
+use super::load::{InputVolume, Loaded, canonical};
 use super::memory::{RunSize, estimate_bytes, in_parts_bytes};
 use super::settings::{Seed, Source, VolumeSource, WallMethod};
 use super::{Clock, Session, SessionError, present, read_any_volume, refuse_above};
@@ -71,7 +71,8 @@ impl Segmented {
         if self.wall.is_some() {
             return None;
         }
-        self.options.seed.filter(|_| !self.options.all_components).map(|s| s.as_ivec3())
+        let seed = self.options.seed.filter(|_| !self.options.all_components)?;
+        Some(self.lumen.own_voxel(seed.as_ivec3()))
     }
 
     /// Returns what the lumen is in a segmentation that is written of it: the organ, or any lumen.
@@ -120,7 +121,7 @@ impl Session {
     fn grey_volume(&self, loaded: &Loaded) -> Result<Arc<Volume>, SessionError> {
         match &self.source {
             Source::Mask { image: Some(image), .. } => {
-                read_any_volume(image, self.settings.max_memory_mb)
+                Ok(canonical(read_any_volume(image, self.settings.max_memory_mb)?))
             }
             _ => self.whole(loaded),
         }
@@ -215,7 +216,7 @@ impl Session {
         };
         let seed = match settings.seed {
             None => None,
-            Some(Seed::Voxel(v)) => Some(v),
+            Some(Seed::Voxel(v)) => Some(canonical_seed(v, &grid)?),
             Some(Seed::Point(p)) => {
                 let v = grid.nearest_voxel(p);
                 Some(v.ok_or(LumenError::SeedPoint(p.to_array()))?)
@@ -229,7 +230,7 @@ impl Session {
             leak_control: settings.leak_control,
         };
         let voxels = |r: &Result<Chosen, _>| r.as_ref().map_or(0, |r| r.0.count());
-        let choose = || self.choose(&loaded, &options);
+        let choose = || self.choose(&loaded, &options).map_err(|error| as_stored(error, &grid));
         let (mask, found) = clock.time("segment", "voxels", choose, voxels)?;
         if mask.is_empty() {
             let (selection, range) = (options.selection.clone(), None);
@@ -292,7 +293,7 @@ impl Session {
         lumen: &Lumen,
         field_bricks: Option<u64>,
     ) -> Result<(), SessionError> {
-        let voxels = lumen.grid.len() as u64;
+        let voxels = lumen.volume_grid().len() as u64;
         let mask = match input.parts {
             None => voxels / 8,
             Some([reading, _]) => 2 * core.mask.bytes() + box_bytes(lumen) + reading,
@@ -341,6 +342,29 @@ impl InputSize {
     }
 }
 
+/// The voxel of a canonical grid that a seed in the file's own is.
+///
+/// # Errors
+/// [`LumenError::SeedOutside`].
+fn canonical_seed(seed: UVec3, grid: &Grid) -> Result<UVec3, LumenError> {
+    let dims = grid.as_stored().dims;
+    if seed.cmpge(dims).any() {
+        return Err(LumenError::SeedOutside { seed, dims });
+    }
+    Ok(grid.canonical_voxel(seed.as_ivec3()).as_uvec3())
+}
+
+/// An error whose seed is a voxel of the file.
+fn as_stored(error: SessionError, grid: &Grid) -> SessionError {
+    match error {
+        SessionError::Lumen(LumenError::SeedValue { seed, value, selection }) => {
+            let seed = grid.stored_voxel(seed.as_ivec3()).as_uvec3();
+            LumenError::SeedValue { seed, value, selection }.into()
+        }
+        other => other,
+    }
+}
+
 /// Mask of a lumen, with what choosing it found.
 type Chosen = (BitVolume, SegmentationStats);
 
@@ -352,7 +376,8 @@ const WALL_BYTES: u64 = 40;
 /// Bytes of what spans the box of a large volume, however thin its lumen: tables of bricks here and
 /// on the device, and the slices of classes and distances that are written at a time.
 fn box_bytes(lumen: &Lumen) -> u64 {
-    let slice = u64::from(lumen.grid.dims.x) * u64::from(lumen.grid.dims.y);
+    let dims = lumen.stored_grid().dims;
+    let slice = u64::from(dims.x) * u64::from(dims.y);
     3 * 4 * lumen.bricks.table().2.len() as u64 + 8 * (4 + 1) * slice
 }
 
@@ -422,7 +447,10 @@ fn notes(grid: &Grid, found: &SegmentationStats) -> Vec<String> {
 /// Returns the note on the components taken and left out.
 fn taken_note(grid: &Grid, found: &SegmentationStats) -> String {
     let list = |all: &[Component]| {
-        let named = |c: &Component| format!("{:.3} ml from voxel {}", c.volume_ml(grid), c.first);
+        let named = |c: &Component| {
+            let first = grid.stored_voxel(c.first.as_ivec3());
+            format!("{:.3} ml from voxel {first}", c.volume_ml(grid))
+        };
         let listed: Vec<String> = all.iter().take(3).map(named).collect();
         listed.join(", ") + if all.len() > 3 { ", …" } else { "" }
     };

@@ -13,7 +13,7 @@ use crate::compute::Plan;
 use crate::device::Device;
 use crate::field::Sampler;
 use crate::geometry::Mesh;
-use crate::lumen::{GreyBricks, GreyValues, Lumen};
+use crate::lumen::{Bricks, GreyBricks, GreyValues, Lumen};
 use crate::render::PreparedMesh;
 use crate::surface::{
     self as stage, Adjacency, Grey, Midpoint, MultiscaleNormals, Shading, Smoothing, Surface,
@@ -121,7 +121,7 @@ impl Session {
         };
         let bricks = match loaded.as_ref().map(|l| &l.volume) {
             Some(InputVolume::Parts(input)) => {
-                Some(GreyBricks::read(&input.parts, segmented.lumen.bricks.clone())?)
+                Some(GreyBricks::read(&input.parts, Bricks::about(&segmented.lumen.mask()))?)
             }
             _ => None,
         };
@@ -187,7 +187,7 @@ fn wall(
 ) -> Result<Wall, SessionError> {
     let Segmented { lumen, wall, options: segmentation, method, .. } = segmented;
     let relaxed = *method == WallMethod::Relaxed;
-    let grey = grey.and_then(|grey| Grey::new(grey, &segmentation.selection));
+    let grey = grey.and_then(|grey| Grey::new(lumen, grey, &segmentation.selection));
     let mesh = clock.time(
         "surface",
         "faces",

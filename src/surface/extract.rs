@@ -244,7 +244,6 @@ fn faces_of(
     let l = layers(&lumen.bricks, &lumen.inside, slot);
     let near = &lumen.bricks.near()[slot];
     let corner = IVec3::from(lumen.bricks.corners()[slot]);
-    let dims = lumen.grid.dims.as_ivec3();
     let mirrored = lumen.grid.is_left_handed();
     for z in 0..8usize {
         for b in set_bits(mixed(&l[z], &l[z + 1])) {
@@ -267,7 +266,7 @@ fn faces_of(
             }
             if lumen.touches_edge {
                 let low = corner + p;
-                let cap = low.cmplt(IVec3::ZERO).any() || (low + 1).cmpge(dims).any();
+                let cap = !(lumen.is_in_volume(low) && lumen.is_in_volume(low + 1));
                 caps.resize(caps.len() + faces.len() - before, cap);
             }
         }

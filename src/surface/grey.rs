@@ -3,7 +3,7 @@
 use glam::IVec3;
 
 use super::extract::{Crossing, clamp_fraction};
-use crate::lumen::{GreyValues, IntensitySelection};
+use crate::lumen::{GreyValues, IntensitySelection, Lumen};
 
 /// Crossings of the two-sided threshold function f = max(LO − v, v − HI), negative inside, by
 /// linear interpolation between voxel centres.
@@ -12,6 +12,7 @@ use crate::lumen::{GreyValues, IntensitySelection};
 /// selection but not in the component) f is clamped to 0, on the mask's side. Integer thresholds
 /// lie half a stored unit outside the inclusive bounds, so that f is never 0 on a sample.
 pub struct Grey<'a> {
+    lumen: &'a Lumen,
     values: GreyValues<'a>,
     lo: f64,
     hi: f64,
@@ -20,15 +21,19 @@ pub struct Grey<'a> {
 impl<'a> Grey<'a> {
     /// Prepares crossings for a range of intensities; `None` for labels, between which nothing is
     /// interpolated.
-    pub fn new(values: GreyValues<'a>, selection: &IntensitySelection) -> Option<Self> {
+    pub fn new(
+        lumen: &'a Lumen,
+        values: GreyValues<'a>,
+        selection: &IntensitySelection,
+    ) -> Option<Self> {
         let IntensitySelection::Range { lo, hi } = *selection else { return None };
         let half = if values.is_integer() { 0.5 * values.rescale().slope.abs() } else { 0.0 };
-        Some(Self { values, lo: lo - half, hi: hi + half })
+        Some(Self { lumen, values, lo: lo - half, hi: hi + half })
     }
 
     fn value(&self, v: IVec3) -> Option<f64> {
-        self.values.grid().contains(v).then(|| {
-            let real = self.values.real(v.as_uvec3());
+        self.lumen.is_in_volume(v).then(|| {
+            let real = self.values.real(self.lumen.volume_voxel(v).as_uvec3());
             (self.lo - real).max(real - self.hi)
         })
     }

@@ -153,7 +153,7 @@ fn code(edge: GridEdge, lumen: &Lumen) -> u32 {
     let [x, y, z] = middle.to_array().map(|m| m as u32 & 255);
     let side = if edge.outside.cmplt(edge.inside).any() { OUTSIDE_IS_LOWER } else { 0 };
     // Ends of a lumen that the volume cuts off stay where they are.
-    let fixed = if lumen.grid.contains(edge.outside) { 0 } else { FIXED };
+    let fixed = if lumen.is_in_volume(edge.outside) { 0 } else { FIXED };
     x | y << 8 | z << 16 | side | fixed
 }
 

@@ -10,7 +10,7 @@ fn mask(dims: [u32; 3], inside: impl Fn(UVec3) -> bool) -> Lumen {
     for v in (0..grid.len()).map(|i| grid.voxel(i)).filter(|v| inside(*v)) {
         bits.set(v.x, v.y, v.z);
     }
-    Lumen::new(grid, &bits)
+    Lumen::of_volume(grid, &bits)
 }
 
 /// Vertices and Euler number from the mask alone: inside/outside pairs of 6-neighbours, and the
@@ -121,7 +121,7 @@ fn the_grey_surface_of_a_sphere_converges() {
         let selection = crate::lumen::IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: 0.0 };
         let (lumen, _) =
             crate::lumen::SegmentationOptions::new(selection.clone()).apply(&volume).unwrap();
-        let grey = Grey::new((&volume).into(), &selection).unwrap();
+        let grey = Grey::new(&lumen, (&volume).into(), &selection).unwrap();
         let s = Surface::new(&lumen, &grey, None);
         let pi = std::f64::consts::PI;
         let area = (s.mesh.area_mm2() / (4.0 * pi * r * r) - 1.0).abs();

@@ -2,6 +2,8 @@
 
 use glam::{DAffine3, DMat3, DVec3, IVec3, UVec3};
 
+use super::AxisOrder;
+
 /// Errors of a grid's geometry. Readers wrap this with the file and the field.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -35,6 +37,8 @@ pub struct Grid {
     pub origin_mm: DVec3,
     /// Unit direction of each index axis, as columns.
     pub direction: DMat3,
+    /// Order of the axes in the file; another than the identity after [`Grid::canonical`].
+    pub order: AxisOrder,
 }
 
 impl Grid {
@@ -68,7 +72,8 @@ impl Grid {
             return Err(GridError::Direction(direction.to_cols_array()));
         }
         let dims = UVec3::new(dims[0] as u32, dims[1] as u32, dims[2] as u32);
-        Ok(Self { dims, spacing_mm, origin_mm, direction: unit })
+        let order = AxisOrder::IDENTITY;
+        Ok(Self { dims, spacing_mm, origin_mm, direction: unit, order })
     }
 
     /// Largest number of voxels along an axis: run ends and brick coordinates are kept in 16 bits

@@ -1,10 +1,13 @@
 //! A sampled volume: its grid in patient space (LPS, mm), its samples as they were stored, and
 //! analytic phantoms with exact reference data.
 
+mod axis_order;
 mod grid;
 pub mod phantom;
 mod samples;
 
+pub use axis_order::AxisOrder;
+pub(crate) use axis_order::canonical_samples;
 pub use grid::{Grid, GridError};
 pub(crate) use samples::with_samples;
 pub use samples::{Sample, SampleBuffer, SampleType, Samples, SharedSamples};

@@ -160,6 +160,10 @@ macro_rules! samples {
             fn from(v: Vec<$t>) -> Self { Self::$variant(v.into()) }
         }
 
+        impl From<SampleBuffer<$t>> for Samples {
+            fn from(s: SampleBuffer<$t>) -> Self { Self::$variant(s) }
+        }
+
         impl From<SharedSamples<$t>> for Samples {
             fn from(s: SharedSamples<$t>) -> Self { Self::$variant(SampleBuffer::Shared(s)) }
         })*

@@ -1,6 +1,5 @@
 //! Shift of curved edges by blur, round ends, and the final lumen.
 
-use glam::IVec3;
 use rayon::prelude::*;
 
 use super::launches::BrickLaunches;
@@ -67,20 +66,20 @@ impl WallProfile<'_> {
         let lumen = Lumen::new(input.grid, &mask);
         let stats = stats(&input, sigma_mm, &lumen, &mark, &level);
         let scale = (input.mean_spacing() / OFFSET) as f32;
+        // The lumen has bricks of its own.
+        let element = |own: usize| bricks.element(lumen.volume_voxel(lumen.bricks.voxel(own)));
         let mut offset_mm = vec![0f32; lumen.bricks.field_len()];
         let mut evidence = vec![Evidence::Limit; offset_mm.len()];
         evidence.par_chunks_exact_mut(BRICK).enumerate().for_each(|(slot, out)| {
-            let from = bricks.slot_of(IVec3::from(lumen.bricks.corners()[slot]));
-            let Some(first) = from.map(|s| s * BRICK) else { return };
             for (local, out) in out.iter_mut().enumerate() {
-                *out = Evidence::new(mark[first + local], level[first + local]);
+                let Some(from) = element(slot * BRICK + local) else { continue };
+                *out = Evidence::new(mark[from], level[from]);
             }
         });
         offset_mm.par_chunks_exact_mut(BRICK).enumerate().for_each(|(slot, out)| {
-            let from = bricks.slot_of(IVec3::from(lumen.bricks.corners()[slot]));
             for (local, out) in out.iter_mut().enumerate() {
                 let inside = lumen.is_inside(slot * BRICK + local);
-                let raw = from.map_or(3072, |s| moved[s * BRICK + local]);
+                let raw = element(slot * BRICK + local).map_or(3072, |from| moved[from]);
                 let held = match inside {
                     true => raw.min(-20),
                     false if raw <= 0 => 512,

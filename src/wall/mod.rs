@@ -99,7 +99,7 @@ pub struct FieldCrossing<'a> {
 
 impl Crossing for FieldCrossing<'_> {
     fn fraction(&self, inside: IVec3, outside: IVec3) -> f32 {
-        if !self.lumen.grid.contains(outside) {
+        if !self.lumen.is_in_volume(outside) {
             return 0.5; // the volume's edge
         }
         let at = |v: IVec3| self.lumen.bricks.element(v).map(|e| self.field.offset_mm[e]);

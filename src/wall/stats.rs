@@ -20,10 +20,10 @@ pub fn stats(
     for e in lumen.elements(&lumen.boundary) {
         for side in SIDES {
             let beside = lumen.bricks.voxel(e) + side;
-            if lumen.holds(beside) || !lumen.grid.contains(beside) {
+            if lumen.holds(beside) || !lumen.is_in_volume(beside) {
                 continue;
             }
-            let Some(at) = input.bricks.element(beside) else { continue };
+            let Some(at) = input.bricks.element(lumen.volume_voxel(beside)) else { continue };
             thresholds.push(wall_level::threshold(level[at]));
             match Evidence::new(mark[at], level[at]) {
                 Evidence::Profile => {}

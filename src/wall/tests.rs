@@ -105,7 +105,7 @@ fn bronchus(radius: f64, noise: f64) -> (Volume, BitVolume) {
 /// Mean and rms of the vertices' distance from a wall, away from the volume's ends, mm.
 fn error(lumen: &Lumen, field: &WallField, off: impl Fn(DVec3) -> f64) -> (f64, f64) {
     let mesh = extract(lumen, &FieldCrossing { lumen, field });
-    let top = (f64::from(lumen.grid.dims.z) - 4.0) * H;
+    let top = (f64::from(lumen.volume_grid().dims.z) - 4.0) * H;
     let inner = |p: &&glam::Vec3| (3.0 * H..top).contains(&f64::from(p.z));
     let all: Vec<f64> = mesh.positions.iter().filter(inner).map(|p| off(p.as_dvec3())).collect();
     assert!(all.len() > 200, "{} vertices", all.len());
@@ -231,7 +231,7 @@ fn a_fold_one_voxel_thick_is_whole_and_a_faint_streak_is_not_drawn() {
     for z in 10..30 {
         for y in 13..21 {
             // Along x through the fold: is there a voxel of wall?
-            let wall = (19..34).any(|x| !lumen.holds(IVec3::new(x, y, z)));
+            let wall = (19..34).any(|x| !lumen.holds(lumen.own_voxel(IVec3::new(x, y, z))));
             crossed += 1;
             open += u32::from(!wall);
         }
@@ -240,7 +240,9 @@ fn a_fold_one_voxel_thick_is_whole_and_a_faint_streak_is_not_drawn() {
     let streak = |p: DVec3| ((p.x - 17.0).abs() < 0.7 && p.y < 17.0).then_some(-900.0);
     let (volume, core) = gas_box(streak);
     let (lumen, _) = wall_of(&volume, &core, Tissue::Colon);
-    let inside = |x: i32| (12..30).all(|z| (13..30).all(|y| lumen.holds(IVec3::new(x, y, z))));
+    let inside = |x: i32| {
+        (12..30).all(|z| (13..30).all(|y| lumen.holds(lumen.own_voxel(IVec3::new(x, y, z)))))
+    };
     assert!((16..32).all(inside), "the streak is wall");
 }
 
@@ -311,7 +313,7 @@ fn polyps_keep_their_volume_and_specks_of_noise_vanish() {
     };
     let (volume, core) = gas_box(polyp);
     let (lumen, field) = wall_of(&volume, &core, Tissue::Colon);
-    assert!(lumen.holds(IVec3::new(24, 25, 20)), "the speck is wall");
+    assert!(lumen.holds(lumen.own_voxel(IVec3::new(24, 25, 20))), "the speck is wall");
     // Height of the polyp above the wall of the box at y = 6.8 mm.
     let mesh = extract(&lumen, &FieldCrossing { lumen: &lumen, field: &field });
     let near = |p: &&glam::Vec3| {

@@ -50,7 +50,7 @@ fn open_space(path: impl Fn(f64) -> DVec3, length_mm: f64, step_mm: f64, radius:
     for v in (0..grid.len()).map(|i| grid.voxel(i)) {
         bits.set(v.x, v.y, v.z);
     }
-    let lumen = Lumen::new(grid, &bits);
+    let lumen = Lumen::of_volume(grid, &bits);
     let distance = vec![20.0; lumen.bricks.field_len()];
     let n = (length_mm / step_mm) as usize;
     let path = (0..=n)
@@ -399,7 +399,7 @@ fn channel(half: impl Fn(u32) -> u32) -> Organ {
             bits.set(v.x, v.y, v.z);
         }
     }
-    let lumen = Lumen::new(grid, &bits);
+    let lumen = Lumen::of_volume(grid, &bits);
     let mut plan = Plan::new();
     let buffers = LumenBuffers::new(&mut plan, &lumen);
     let d = distance(&mut plan, &buffers);

@@ -20,7 +20,7 @@ fn lumen(dims: [u32; 3], inside: impl Fn(IVec3) -> bool) -> Lumen {
     for v in (0..grid.len()).map(|i| grid.voxel(i)).filter(|v| inside(v.as_ivec3())) {
         bits.set(v.x, v.y, v.z);
     }
-    Lumen::new(grid, &bits)
+    Lumen::of_volume(grid, &bits)
 }
 
 fn torus(centre: DVec3, major: f64, minor: f64) -> impl Fn(IVec3) -> bool {
@@ -219,7 +219,7 @@ fn a_path_is_the_same_after_shifting_swapping_and_mirroring_the_volume() {
         let moved = lumen([n as u32; 3], |v| case.lumen.holds(from(v)));
         route(moved, false).points(0)
     };
-    let home = case.local(0);
+    let home = case.points(0);
     type Map<'a, T> = &'a dyn Fn(T) -> T;
     let checks: [(&str, Map<'_, IVec3>, Map<'_, DVec3>); 4] = [
         ("shift", &|v| v - IVec3::new(1, 2, 3), &|p| p - DVec3::new(1.0, 2.0, 3.0)),
@@ -271,7 +271,7 @@ fn a_collapsed_colon_is_flown_piece_by_piece_in_order() {
         .map(|i| grid.voxel(i))
         .filter(|v| bits(*v))
         .for_each(|v| left.set(v.x, v.y, v.z));
-    let cut = route(Lumen::new(grid, &left), false);
+    let cut = route(Lumen::of_volume(grid, &left), false);
     let line = &cut.routed.line;
     assert_eq!((line.branches.len(), line.pieces().count()), (3, 3));
     let along: Vec<f64> = (0..3)

@@ -5,6 +5,7 @@ mod coverage;
 mod determinism;
 mod flight;
 mod graph;
+mod invariance;
 mod lod;
 mod lod_determinism;
 mod lod_rays;

@@ -120,7 +120,7 @@ impl Case {
                 bits.set(v.x, v.y, v.z);
             }
         }
-        let lumen = Lumen::new(grid, &bits);
+        let lumen = Lumen::of_volume(grid, &bits);
         let surface = Surface::new(&lumen, &Midpoint, None);
         Self { shape, turn, centre, spacing: h, lumen, surface }
     }

@@ -130,7 +130,7 @@ fn a_segment_is_the_lumen_of_a_session_on_the_image_that_it_was_drawn_on() {
     let source = Source::Mask { mask, image: Some(image) };
     let session = Session::new(source, Settings::default()).unwrap();
     let lumen = session.lumen().unwrap();
-    assert_eq!(lumen.lumen.grid.dims, UVec3::new(22, 18, 14), "the image's grid");
+    assert_eq!(lumen.lumen.volume_grid().dims, UVec3::new(22, 18, 14), "the image's grid");
     let truth = volume("seg/truth.nrrd");
     let wanted = (0..truth.grid.len()).filter(|i| truth.samples.get(*i) as u64 & 1 == 1).count();
     assert_eq!(lumen.lumen.inside_voxels(), wanted as u64);

@@ -24,7 +24,7 @@ fn a_curve_through_uneven_pockets_does_not_fold() {
             bits.set(v.x, v.y, v.z);
         }
     }
-    let case = route(Lumen::new(grid, &bits), false);
+    let case = route(Lumen::of_volume(grid, &bits), false);
     let points = case.points(0);
     case.assert_inside(&points, "pockets");
     let length = case.routed.line.length_mm();
@@ -93,7 +93,7 @@ fn a_single_path_without_ends_starts_in_the_trunk_and_not_between_two_side_branc
             bits.set(v.x, v.y, v.z);
         }
     }
-    let lumen = Lumen::new(grid, &bits);
+    let lumen = Lumen::of_volume(grid, &bits);
     let mut plan = intima::compute::Plan::new();
     let buffers = intima::field::LumenBuffers::new(&mut plan, &lumen);
     let d = intima::field::distance(&mut plan, &buffers);

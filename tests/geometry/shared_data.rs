@@ -94,7 +94,7 @@ fn assert_surface(
     }
     let mut solid = BitVolume::new(volume.grid.dims);
     for e in filled.elements(&filled.inside) {
-        let v = filled.bricks.voxel(e).as_uvec3();
+        let v = filled.volume_voxel(filled.bricks.voxel(e)).as_uvec3();
         solid.set(v.x, v.y, v.z);
     }
     for (lumen, bits, how) in [(&plain, &grown, "as grown"), (&filled, &solid, "filled")] {
@@ -171,7 +171,7 @@ fn the_colon_grows_and_its_surface_is_the_masks() {
         ..SegmentationOptions::new(at_most(-800.0))
     };
     let case = curves::route(options.apply(&volume).unwrap().0, false);
-    let line = case.local(0);
+    let line = case.points(0);
     case.assert_inside(&line, "colon");
     let turns = curves::turns(&line);
     let mean = turns.iter().sum::<f64>() / turns.len() as f64;

@@ -124,8 +124,10 @@ fn distance_is_that_of_a_search_on_random_masks_20_to_40_voxels_deep() {
     ];
     let mut all: Vec<Device> = devices();
     for (dims, depth, specks, spacing, seed) in cases {
-        let lumen =
-            Lumen::new(Grid::axis_aligned(dims, spacing), &random_mask(dims, depth, specks, seed));
+        let lumen = Lumen::of_volume(
+            Grid::axis_aligned(dims, spacing),
+            &random_mask(dims, depth, specks, seed),
+        );
         let want = by_search(&lumen, 13);
         let deepest = want.iter().map(|w| w.1).fold(0.0, f64::max);
         let least = 20.0 * spacing[0].min(spacing[1]);

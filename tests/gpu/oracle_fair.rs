@@ -140,7 +140,7 @@ impl Row {
                 bits.set(v.x, v.y, v.z);
             }
         }
-        Lumen::new(grid, &bits)
+        Lumen::of_volume(grid, &bits)
     }
 
     /// Root of the mean square angle to the analytic normals, degrees.
@@ -253,7 +253,7 @@ fn multiscale_normals_keep_box_faces_flat_and_edges_sharper_than_steps() {
             bits.set(v.x, v.y, v.z);
         }
     }
-    let surface = Surface::new(&Lumen::new(grid, &bits), &Midpoint, None);
+    let surface = Surface::new(&Lumen::of_volume(grid, &bits), &Midpoint, None);
     let off = |normals: &[DVec3], near: f64, far: f64| {
         // Largest and mean turn from the nearest side, between two distances from the box's edge.
         let angles: Vec<f64> = surface

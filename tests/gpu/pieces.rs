@@ -129,7 +129,7 @@ fn a_cancelled_token_ends_a_plan_between_pieces_and_leaves_nothing() {
 fn pieces_of_a_full_volume_stay_short() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
     let grid = Grid::axis_aligned([256; 3], [1.0; 3]);
-    let lumen = Lumen::new(grid, &BitVolume::new(grid.dims).inverted());
+    let lumen = Lumen::of_volume(grid, &BitVolume::new(grid.dims).inverted());
     let mut plan = Plan::new();
     let buffers = LumenBuffers::new(&mut plan, &lumen);
     let d = distance(&mut plan, &buffers);

@@ -139,7 +139,9 @@ impl Model {
         let Some(view) = self.restoring.take() else { return };
         self.seek_while(self.start_mm, false);
         if let Some(eye) = view.eye {
-            let rotation = Quat::from_array(eye.rotation.map(|v| v as f32)).normalize();
+            // A unit quaternion stays as it was saved: the picture is then the same to the pixel.
+            let saved = Quat::from_array(eye.rotation.map(|v| v as f32));
+            let rotation = if saved.is_normalized() { saved } else { saved.normalize() };
             self.on_path = false;
             self.place(Pose { position_mm: DVec3::from(eye.position_mm).as_vec3(), rotation });
         }

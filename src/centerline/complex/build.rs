@@ -271,8 +271,9 @@ fn greatest(all: impl Iterator<Item = (u32, f32)>) -> (u32, f32) {
 }
 
 impl CellComplex {
-    /// The complex of a lumen. `distance`: exact distance to the wall, mm, in slot order.
-    pub fn new(lumen: &Lumen, distance: &[f32]) -> Self {
+    /// The complex of a lumen's cells of 4³ voxels. `distance`: exact distance to the wall, mm, in
+    /// slot order.
+    pub(super) fn of_cells(lumen: &Lumen, distance: &[f32]) -> Self {
         let h = lumen.grid.spacing_mm.min_element();
         let bricks = lumen.bricks.len();
         let bits = (0..CELLS * bricks).into_par_iter().with_min_len(4096);
@@ -288,6 +289,12 @@ impl CellComplex {
         let corners = Lists::new(bricks, CELLS, |s, i, out| {
             cells.corner(&runs, CELLS * s + i, out);
         });
-        Self { nodes: nodes.all, contacts: contacts.all, runs: runs.all, corners: corners.all }
+        Self {
+            nodes: nodes.all,
+            contacts: contacts.all,
+            runs: runs.all,
+            corners: corners.all,
+            node_of: Vec::new(),
+        }
     }
 }

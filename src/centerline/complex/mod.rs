@@ -1,6 +1,8 @@
-//! The lumen as a cell complex that is coarse in space and exact in topology.
+//! The lumen as a cell complex.
 //!
-//! Bricks are cut into cells of 4³ voxels. A *node* is a 6-connected component of the lumen in a
+//! The complex of a lumen of up to [`CellComplex::MAX_FINE_VOXELS`] voxels has a node for every voxel:
+//! a thin lumen, of which a voxel more or less decides where a branch ends. A larger lumen is coarse
+//! in space and exact in topology: its bricks are cut into cells of 4³ voxels. A *node* is a 6-connected component of the lumen in a
 //! cell; a *contact* a component of the face that two nodes share; a *run* a stretch of the edge
 //! where four cells meet whose voxels are all inside; a *corner* eight cells' common corner with all
 //! voxels inside. They are the elements of dimension 0 to 3 of a regular complex: a contact joins
@@ -11,6 +13,7 @@
 //! every loop of the complex is left (discrete Morse theory: Forman 1998, Advances in Mathematics
 //! 134:90, doi:10.1006/aima.1997.1650).
 
+use crate::lumen::Lumen;
 use crate::lumen::bricks::BRICK;
 
 mod build;
@@ -18,6 +21,7 @@ pub mod cell;
 mod collapse;
 pub mod net;
 pub mod sweep;
+mod voxels;
 
 pub use collapse::{Collapsed, collapse};
 
@@ -84,9 +88,33 @@ pub struct CellComplex {
     pub runs: Vec<EdgeRun>,
     /// Elements of dimension 3.
     pub corners: Vec<Corner>,
+    /// Node of each field element, where every voxel is a node; empty otherwise.
+    node_of: Vec<u32>,
 }
 
 impl CellComplex {
+    /// Largest number of voxels of a lumen whose complex has a node for each. A larger one would take
+    /// longer than a second and hundreds of megabytes.
+    pub const MAX_FINE_VOXELS: u64 = 1_000_000;
+
+    /// The complex of a lumen. `distance`: exact distance to the wall, mm, in slot order.
+    pub fn new(lumen: &Lumen, distance: &[f32]) -> Self {
+        match lumen.inside_voxels() <= Self::MAX_FINE_VOXELS {
+            true => Self::of_voxels(lumen, distance),
+            false => Self::of_cells(lumen, distance),
+        }
+    }
+
+    /// Whether every voxel is a node.
+    pub fn is_fine(&self) -> bool {
+        !self.node_of.is_empty()
+    }
+
+    /// Number of nodes along a chain that are about a cell's side apart.
+    pub fn stride(&self) -> usize {
+        if self.is_fine() { cell::SIDE } else { 1 }
+    }
+
     /// Field element of a voxel of a node's cell, by its bit ([`cell`]).
     pub fn element(&self, node: u32, bit: u32) -> u32 {
         let (slot, place) =
@@ -99,6 +127,9 @@ impl CellComplex {
 
     /// The node of an inside voxel, by its field element.
     pub fn node_at(&self, element: usize) -> Option<u32> {
+        if self.is_fine() {
+            return self.node_of.get(element).copied().filter(|n| *n != u32::MAX);
+        }
         let (slot, place) = (element / BRICK, element % BRICK);
         let (x, y, z) = (place & 7, place >> 3 & 7, place >> 6);
         let cell = (8 * slot + (x >> 2) + 2 * (y >> 2) + 4 * (z >> 2)) as u32;

@@ -25,7 +25,7 @@ pub struct Arc {
 /// Graph of arcs between tips and junctions.
 pub struct Net<'a> {
     complex: &'a CellComplex,
-    adjacency: &'a NodeContacts,
+    adjacency: &'a NodeContacts<'a>,
     distance: Sampler<'a>,
     /// Smallest spacing, mm.
     h: f64,
@@ -46,7 +46,7 @@ impl<'a> Net<'a> {
     /// * `distance`: to the wall, mm.
     pub fn new(
         complex: &'a CellComplex,
-        adjacency: &'a NodeContacts,
+        adjacency: &'a NodeContacts<'a>,
         left: &Collapsed,
         held: &[u32],
         distance: Sampler<'a>,
@@ -146,9 +146,29 @@ impl<'a> Net<'a> {
         self.width_mm(self.complex.contacts[contact as usize].key)
     }
 
-    fn length_mm(&self, contacts: &[u32]) -> f64 {
-        let units = contacts.iter().map(|c| u64::from(self.adjacency.length[*c as usize]));
-        units.sum::<u64>() as f64 * self.adjacency.unit_mm
+    fn length_mm(&self, arc: &Arc) -> f64 {
+        self.units(arc) as f64 * self.adjacency.unit_mm
+    }
+
+    /// Length of an arc in the unit of [`NodeContacts::unit_mm`]. Where every voxel is a node, a
+    /// chain of them is a stair: its length is that of chords between nodes some steps apart.
+    fn units(&self, arc: &Arc) -> u64 {
+        if !self.complex.is_fine() {
+            return self.contact_units(arc);
+        }
+        let stride = self.complex.stride();
+        let last = arc.nodes.len() - 1;
+        let chord = |i: usize| {
+            let [a, b] = [i, (i + stride).min(last)].map(|i| arc.nodes[i] as usize);
+            let apart = self.adjacency.place_mm[a].distance(self.adjacency.place_mm[b]);
+            (apart / self.adjacency.unit_mm).round() as u64
+        };
+        (0..last).step_by(stride).map(chord).sum()
+    }
+
+    /// Sum of the lengths of an arc's contacts.
+    fn contact_units(&self, arc: &Arc) -> u64 {
+        arc.contacts.iter().map(|c| u64::from(self.adjacency.length[*c as usize])).sum()
     }
 
     /// Returns key, number and index of the narrowest contact, of several the lowest.
@@ -223,15 +243,17 @@ impl<'a> Net<'a> {
 
     /// Length of an arc in the unit of [`NodeContacts::unit_mm`].
     pub fn length(&self, i: usize) -> u64 {
-        let contacts = self.arcs[i].iter().flat_map(|a| &a.contacts);
-        contacts.map(|c| u64::from(self.adjacency.length[*c as usize])).sum()
+        self.arcs[i].as_ref().map_or(0, |arc| self.units(arc))
     }
 
     /// ∫(h/d)² along an arc, h the smallest spacing, d the distance to the wall at its contacts, in
     /// the unit of [`NodeContacts::unit_mm`] over 256.
     pub fn centrality(&self, i: usize) -> u64 {
-        let contacts = self.arcs[i].iter().flat_map(|a| &a.contacts);
-        contacts.map(|c| self.contact_centrality(*c)).sum()
+        let Some(arc) = &self.arcs[i] else { return 0 };
+        let sum: u64 = arc.contacts.iter().map(|c| self.contact_centrality(*c)).sum();
+        // Contacts count with their lengths, of which a stair has too much.
+        let share = self.units(arc) as f64 / self.contact_units(arc).max(1) as f64;
+        (sum as f64 * share).round() as u64
     }
 
     /// Computes ∫(h/d)² along one contact, in the unit of [`Self::centrality`]. The contact's key

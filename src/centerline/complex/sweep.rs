@@ -1,13 +1,15 @@
 //! Geodesic lengths over the contacts of a complex, and the tips they find.
 
+use std::array::from_fn;
 use std::cmp::Reverse;
 
-use glam::DVec3;
+use glam::{DVec3, IVec3};
 
 use super::CellComplex;
 use crate::centerline::queue::Queue;
 use crate::geometry::{DisjointSets, in_rows};
 use crate::lumen::Lumen;
+use crate::lumen::bricks::{near_index, near_offset};
 use crate::task::checkpoint;
 
 /// Length that no path has: the node was not reached.
@@ -16,7 +18,10 @@ pub const UNREACHED: u32 = u32::MAX;
 pub const UNITS: f64 = 64.0;
 
 /// Contacts at each node, with their lengths.
-pub struct NodeContacts {
+pub struct NodeContacts<'a> {
+    /// Steps to diagonal neighbors too, where every voxel is a node: contacts alone would measure
+    /// lengths along the axes.
+    steps: Option<VoxelSteps<'a>>,
     start: Vec<u32>,
     /// Contacts and the nodes at their other ends, by node; contacts ascend.
     meeting: Vec<(u32, u32)>,
@@ -29,9 +34,9 @@ pub struct NodeContacts {
     pub place_mm: Vec<DVec3>,
 }
 
-impl NodeContacts {
+impl<'a> NodeContacts<'a> {
     /// Collects all contacts of a complex.
-    pub fn new(complex: &CellComplex, lumen: &Lumen) -> Self {
+    pub fn new(complex: &'a CellComplex, lumen: &'a Lumen) -> Self {
         let h = lumen.grid.spacing_mm;
         let unit_mm = h.min_element() / UNITS;
         let at = |e: u32| lumen.bricks.voxel(e as usize).as_dvec3() * h;
@@ -49,13 +54,27 @@ impl NodeContacts {
                 [(a, (c, b)), (b, (c, a))]
             })
         });
-        Self { start, meeting, length, unit_mm, place_mm }
+        let steps = complex.is_fine().then(|| VoxelSteps::new(complex, lumen, unit_mm));
+        Self { steps, start, meeting, length, unit_mm, place_mm }
     }
 
     /// Contacts of a node, each with the node beyond.
     #[inline]
     pub fn of(&self, node: u32) -> &[(u32, u32)] {
         &self.meeting[self.start[node as usize] as usize..self.start[node as usize + 1] as usize]
+    }
+
+    /// Visits the nodes a step away, each with the step's length.
+    #[inline]
+    fn each_step(&self, node: u32, mut visit: impl FnMut(u32, u32)) {
+        match &self.steps {
+            Some(steps) => steps.each(node, visit),
+            None => {
+                for &(contact, to) in self.of(node) {
+                    visit(to, self.length[contact as usize]);
+                }
+            }
+        }
     }
 
     /// Number of nodes.
@@ -67,7 +86,11 @@ impl NodeContacts {
     /// with Dial's buckets).
     pub fn lengths(&self, sources: &[u32]) -> Vec<u32> {
         let mut length = vec![UNREACHED; self.len()];
-        let most = self.length.iter().copied().max().unwrap_or(0);
+        let most = match &self.steps {
+            Some(steps) => steps.length.into_iter().max(),
+            None => self.length.iter().copied().max(),
+        };
+        let most = most.unwrap_or(0);
         let mut queue = Queue::new(most, 0);
         for &s in sources {
             length[s as usize] = 0;
@@ -80,13 +103,13 @@ impl NodeContacts {
                 if length[node as usize] != at {
                     continue; // reached sooner since
                 }
-                for &(contact, to) in self.of(node) {
-                    let new = at.saturating_add(self.length[contact as usize]);
+                self.each_step(node, |to, step| {
+                    let new = at.saturating_add(step);
                     if new < length[to as usize] {
                         length[to as usize] = new;
                         queue.push(new, to);
                     }
-                }
+                });
             }
         }
         length
@@ -116,6 +139,50 @@ impl NodeContacts {
     }
 }
 
+/// Steps from voxel to voxel. A diagonal one is legal where every voxel of the block that it spans is
+/// inside: the straight segment then stays inside the surface.
+struct VoxelSteps<'a> {
+    complex: &'a CellComplex,
+    lumen: &'a Lumen,
+    /// Length of each step, by its place among the 27 neighbors.
+    length: [u32; 27],
+    /// Voxels that have to be inside for each step, as bits of the 27 neighbors.
+    block: [u32; 27],
+}
+
+impl<'a> VoxelSteps<'a> {
+    fn new(complex: &'a CellComplex, lumen: &'a Lumen, unit_mm: f64) -> Self {
+        let h = lumen.grid.spacing_mm;
+        let length = |n| ((near_offset(n).as_dvec3() * h).length() / unit_mm).round() as u32;
+        let block = |n| {
+            let corner = |k: i32| near_offset(n) * IVec3::new(k & 1, k >> 1 & 1, k >> 2);
+            let bit = |d: IVec3| 1u32 << near_index(d.x, d.y, d.z);
+            (0..8).fold(0, |bits, k| bits | bit(corner(k)))
+        };
+        Self { complex, lumen, length: from_fn(length), block: from_fn(block) }
+    }
+
+    #[inline]
+    fn each(&self, node: u32, mut visit: impl FnMut(u32, u32)) {
+        const OWN: usize = near_index(0, 0, 0);
+        let element = self.complex.nodes[node as usize].deepest as usize;
+        let mut near = [u32::MAX; 27];
+        let mut inside = 0u32;
+        for (n, near) in near.iter_mut().enumerate() {
+            let to = self.lumen.bricks.step(element, near_offset(n));
+            if let Some(to) = to.and_then(|to| self.complex.node_at(to)) {
+                *near = to;
+                inside |= 1 << n;
+            }
+        }
+        for n in (0..27).filter(|n| *n != OWN) {
+            if self.block[n] & inside == self.block[n] {
+                visit(near[n], self.length[n]);
+            }
+        }
+    }
+}
+
 /// Per component the node that comes first by `order`.
 pub fn first_of_each<K: Ord>(component: &[u32], order: impl Fn(u32) -> K) -> Vec<u32> {
     let count = component.iter().max().map_or(0, |c| *c as usize + 1);
@@ -138,7 +205,7 @@ pub fn first_of_each<K: Ord>(component: &[u32], order: impl Fn(u32) -> K) -> Vec
 ///
 /// Of each component the farthest node is one. In ascending order.
 pub fn tips(
-    adjacency: &NodeContacts,
+    adjacency: &NodeContacts<'_>,
     length: &[u32],
     width: impl Fn(u32) -> u32,
     least: u32,

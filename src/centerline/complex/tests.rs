@@ -12,7 +12,7 @@ fn lumen(dims: [u32; 3], holds: impl Fn(IVec3) -> bool) -> Lumen {
     for v in (0..grid.len()).map(|i| grid.voxel(i)).filter(|v| holds(v.as_ivec3())) {
         bits.set(v.x, v.y, v.z);
     }
-    Lumen::new(grid, &bits)
+    Lumen::of_volume(grid, &bits)
 }
 
 /// Distance to the nearest external voxel centre, by looking at all near ones.
@@ -57,9 +57,18 @@ fn random(v: IVec3, seed: u32) -> u32 {
     mix(mix(mix(v.x as u32 ^ seed) ^ v.y as u32) ^ v.z as u32) >> 8
 }
 
+/// The complex of cells of a lumen, and what it collapses to; that of its voxels has no loop less.
 fn checked(lumen: &Lumen) -> (CellComplex, Collapsed) {
-    let complex = CellComplex::new(lumen, &distance(lumen));
+    let distance = distance(lumen);
+    let complex = CellComplex::of_cells(lumen, &distance);
     assert_eq!(complex.euler() - euler_of_mask(lumen), complex.euler_within_cells());
+    let fine = CellComplex::of_voxels(lumen, &distance);
+    assert_eq!((fine.euler(), fine.euler_within_cells()), (euler_of_mask(lumen), 0));
+    let of_voxels = collapse(&fine, &[]);
+    let components = sweep::NodeContacts::new(&fine, lumen).components();
+    let components = components.into_iter().max().map_or(0, |c| c as usize + 1);
+    let left = components as i64 - fine.euler() + of_voxels.shells as i64;
+    assert_eq!(loops(&of_voxels, components) as i64, left, "loops of the complex of voxels");
     let collapsed = collapse(&complex, &[]);
     (complex, collapsed)
 }
@@ -141,7 +150,7 @@ fn what_is_left_of_a_ball_is_its_middle_and_of_a_torus_its_circle() {
 fn anchors_stay_with_what_joins_them() {
     let tube = |v: IVec3| (v.as_vec3().truncate() - glam::Vec2::splat(7.0)).length() <= 5.0;
     let l = lumen([15, 15, 80], tube);
-    let complex = CellComplex::new(&l, &distance(&l));
+    let complex = CellComplex::of_cells(&l, &distance(&l));
     let of = |v: IVec3| {
         let holds = |n: &Node| l.bricks.voxel(n.deepest as usize).distance_squared(v) < 9;
         complex.nodes.iter().position(holds).unwrap() as u32
@@ -170,7 +179,7 @@ fn a_cavity_is_opened_and_counted() {
 fn no_element_is_deeper_than_what_bounds_it_and_threads_do_not_show() {
     let l = lumen([45, 45, 21], torus([22.0, 22.0, 10.0], 14.0, 5.0));
     let d = distance(&l);
-    let complex = CellComplex::new(&l, &d);
+    let complex = CellComplex::of_cells(&l, &d);
     for c in &complex.contacts {
         assert!(c.nodes.iter().all(|n| complex.nodes[*n as usize].key >= c.key));
     }
@@ -183,7 +192,7 @@ fn no_element_is_deeper_than_what_bounds_it_and_threads_do_not_show() {
     assert!(complex.corners.len() > 10);
     for threads in [1, 3] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let again = pool.install(|| CellComplex::new(&l, &d));
+        let again = pool.install(|| CellComplex::of_cells(&l, &d));
         assert_eq!(
             (again.nodes, again.contacts),
             (complex.nodes.clone(), complex.contacts.clone())
@@ -193,9 +202,13 @@ fn no_element_is_deeper_than_what_bounds_it_and_threads_do_not_show() {
 }
 
 /// Hands over the net of a lumen with its tips held, before any rule.
-fn with_net<T>(l: &Lumen, work: impl FnOnce(net::Net<'_>) -> T) -> T {
+fn with_net<T>(
+    l: &Lumen,
+    complex_of: impl Fn(&Lumen, &[f32]) -> CellComplex,
+    work: impl FnOnce(net::Net<'_>) -> T,
+) -> T {
     let field = distance(l);
-    let complex = CellComplex::new(l, &field);
+    let complex = complex_of(l, &field);
     let adjacency = sweep::NodeContacts::new(&complex, l);
     let component = adjacency.components();
     let depth = |n: u32| std::cmp::Reverse(complex.nodes[n as usize].key);
@@ -222,13 +235,16 @@ fn with_net<T>(l: &Lumen, work: impl FnOnce(net::Net<'_>) -> T) -> T {
 
 /// Loops of the graph with its tips held, before and after the rules; rules that ended loops; ends.
 fn pruned(l: &Lumen) -> (usize, usize, Vec<net::Rule>, usize) {
-    with_net(l, |mut net| {
+    let work = |mut net: net::Net<'_>| {
         let raw = net.loops();
         let kept = net.prune(net::PruneLimits::default());
         assert_eq!(net.loops(), kept.len());
-        let rules = net.ended.iter().filter_map(|l| l.ended).collect();
+        let rules: Vec<net::Rule> = net.ended.iter().filter_map(|l| l.ended).collect();
         (raw, kept.len(), rules, net.leaves().len())
-    })
+    };
+    let cells = with_net(l, CellComplex::of_cells, work);
+    assert_eq!(with_net(l, CellComplex::of_voxels, work), cells, "cells and voxels");
+    cells
 }
 
 #[test]
@@ -236,7 +252,7 @@ fn ctrl_c_does_not_wait_until_all_loops_are_pruned() {
     use crate::task::{CancelToken, Cancelled, catch_cancelled};
     let torus = lumen([45, 45, 21], torus([22.0, 22.0, 10.0], 14.0, 5.0));
     let cancelled = || {
-        with_net(&torus, |mut net| {
+        with_net(&torus, CellComplex::of_cells, |mut net| {
             let token = CancelToken::default();
             token.enter();
             token.cancel();

@@ -9,7 +9,7 @@ use super::layout::{Encoding, Layout, zeroed};
 use super::source::fill;
 use super::zarr::ZarrImage;
 use super::{FileKind, FormatError, ReadOptions, kind, layout_of, warn};
-use crate::volume::{Grid, Rescale, SampleType, Samples};
+use crate::volume::{Grid, Rescale, SampleType, Samples, canonical_samples};
 
 /// A volume on disk of which any box can be read: OME-Zarr, and uncompressed NRRD, MetaImage and
 /// NIfTI.
@@ -69,6 +69,13 @@ impl VolumeParts {
         }
     }
 
+    /// Returns the same volume with the axes nearest to left, posterior and superior.
+    #[must_use]
+    pub fn canonical(mut self) -> Self {
+        self.grid = self.grid.canonical();
+        self
+    }
+
     /// Says what was assumed of the file, as reading it whole does.
     pub fn warn(&self) {
         warn(self.format, &self.notes);
@@ -105,8 +112,12 @@ impl VolumeParts {
     /// Shape of the boxes, from the first voxel on, that cost least to read: chunks, or rows.
     pub fn block(&self) -> UVec3 {
         match &self.source {
-            PartSource::Zarr(image) => image.block().into(),
-            PartSource::Raw(..) => UVec3::new(self.grid.dims.x, 8, 8).min(self.grid.dims),
+            PartSource::Zarr(image) => self.grid.order.canonical(image.block()).into(),
+            PartSource::Raw(..) => {
+                let dims = self.grid.as_stored().dims;
+                let block = UVec3::new(dims.x, 8, 8).min(dims);
+                self.grid.order.canonical(block.to_array()).into()
+            }
         }
     }
 
@@ -118,13 +129,18 @@ impl VolumeParts {
     /// [`FormatError`] of a file that is damaged, cut short since it was opened, or unreadable.
     ///
     /// # Panics
-    /// If the box is not in the grid.
+    /// If the box is empty or not in the grid.
     pub fn read(&self, lo: UVec3, hi: UVec3) -> Result<Samples, FormatError> {
-        assert!(lo.cmple(hi).all() && hi.cmple(self.grid.dims).all(), "a box of the grid");
-        match &self.source {
-            PartSource::Zarr(image) => image.read(lo.to_array(), hi.to_array()),
-            PartSource::Raw(layout, offset) => read_raw(layout, *offset, lo, hi),
-        }
+        assert!(lo.cmplt(hi).all() && hi.cmple(self.grid.dims).all(), "a box of the grid");
+        // The same box in the file.
+        let stored = |v: UVec3| self.grid.stored_voxel(v.as_ivec3());
+        let (a, b) = (stored(lo), stored(hi - 1));
+        let (first, end) = (a.min(b).as_uvec3(), (a.max(b) + 1).as_uvec3());
+        let samples = match &self.source {
+            PartSource::Zarr(image) => image.read(first.to_array(), end.to_array())?,
+            PartSource::Raw(layout, offset) => read_raw(layout, *offset, first, end)?,
+        };
+        Ok(canonical_samples(samples, hi - lo, self.grid.order))
     }
 }
 

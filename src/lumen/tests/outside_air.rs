@@ -76,7 +76,7 @@ fn assert_colon(scene: &Scene, volume: &Volume, lo: f64) -> SegmentationStats {
     let at = volume.grid.world_from_voxel();
     let colon = |v: UVec3| scene.holds(at.transform_point3(v.as_dvec3()));
     let all = (0..volume.grid.len()).filter(|&i| colon(volume.grid.voxel(i))).count();
-    let taken = |e: usize| colon(lumen.bricks.voxel(e).as_uvec3());
+    let taken = |e: usize| colon(lumen.volume_voxel(lumen.bricks.voxel(e)).as_uvec3());
     assert!(lumen.elements(&lumen.inside).all(taken), "{found:?}");
     assert_eq!(found.taken.map(|c| c.voxels), Some(lumen.inside_voxels()));
     assert_eq!(lumen.inside_voxels() as usize, all);
@@ -144,7 +144,10 @@ fn assert_largest_of_all(volume: &Volume) -> SegmentationStats {
         SegmentationOptions::new(IntensitySelection::Labels(vec![])).apply(&labels).unwrap();
     assert_eq!(lumen.inside, largest.inside);
     let top = volume.grid.dims.x as i32 - 1;
-    let cut = lumen.elements(&lumen.inside).filter(|&e| lumen.bricks.voxel(e).x == top).count();
+    let cut = lumen
+        .elements(&lumen.inside)
+        .filter(|&e| lumen.volume_voxel(lumen.bricks.voxel(e)).x == top)
+        .count();
     assert!(cut > 100, "the face cuts {cut} voxels");
     found
 }

@@ -39,7 +39,7 @@ fn lumen(grid: Grid, inside: impl Fn(DVec3) -> bool) -> Lumen {
             bits.set(v.x, v.y, v.z);
         }
     }
-    Lumen::new(grid, &bits)
+    Lumen::of_volume(grid, &bits)
 }
 
 fn cube(size: u32, inside: impl Fn(DVec3) -> bool) -> Lumen {

@@ -7,8 +7,7 @@ use intima::field::{LumenBuffers, Sampler, distance, smooth};
 use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
 use intima::volume::phantom::{Kind, Phantom, Truth};
 
-/// A lumen, its exact distance, and what came of it. Axes of phantoms are their grid's and the
-/// first voxel is the origin: patient space and local millimetres agree.
+/// A lumen, its exact distance, and what came of it.
 pub struct Case {
     pub lumen: Lumen,
     pub distance: Vec<f32>,
@@ -18,7 +17,9 @@ pub struct Case {
 pub fn run(kind: Kind, size: u32, spacing_mm: f64, tree: bool) -> (Case, Truth) {
     let phantom = Phantom::new(kind, size, [spacing_mm; 3]).unwrap();
     let options = SegmentationOptions::new(IntensitySelection::Labels(vec![1]));
-    (route(options.apply(&phantom.mask()).unwrap().0, tree), phantom.truth())
+    let mask = phantom.mask();
+    let lumen = Lumen::of_volume(mask.grid, &options.select(&mask).unwrap().0);
+    (route(lumen, tree), phantom.truth())
 }
 
 pub fn route(lumen: Lumen, tree: bool) -> Case {
@@ -43,11 +44,11 @@ impl Case {
         self.lumen.grid.spacing_mm.x
     }
 
-    /// A branch in millimetres along the grid's axes.
-    pub fn local(&self, branch: usize) -> Vec<DVec3> {
+    /// Points in millimetres along the axes of the lumen's grid.
+    pub fn local(&self, points: &[DVec3]) -> Vec<DVec3> {
         let inverse = self.lumen.grid.voxel_from_world();
         let h = self.lumen.grid.spacing_mm;
-        self.points(branch).iter().map(|p| inverse.transform_point3(*p) * h).collect()
+        points.iter().map(|p| inverse.transform_point3(*p) * h).collect()
     }
 
     /// A branch in patient space.
@@ -57,7 +58,7 @@ impl Case {
 
     /// Every point and every quarter voxel between must lie in an inside voxel.
     pub fn assert_inside(&self, points: &[DVec3], what: &str) {
-        for w in points.windows(2) {
+        for w in self.local(points).windows(2) {
             let n = (w[0].distance(w[1]) / (0.25 * self.h())).ceil().max(1.0);
             for k in 0..=n as u32 {
                 let p = w[0].lerp(w[1], f64::from(k) / n);
@@ -71,7 +72,7 @@ impl Case {
     /// itself has, a fiftieth of it left out at either end: two dozen rays as far as the wall.
     pub fn least_clearance(&self, points: &[DVec3]) -> f64 {
         let d = Sampler { lumen: &self.lumen, field: &self.distance };
-        let q = resample(points, self.h().max(1.0));
+        let q = resample(&self.local(points), self.h().max(1.0));
         let (n, h) = (q.len(), 0.5 * self.h());
         let ratio = |i: usize| {
             let t = (q[(i + 1).min(n - 1)] - q[i.saturating_sub(1)]).normalize();

@@ -42,7 +42,7 @@ pub fn selected(volume: &Volume) -> BitVolume {
 
 pub fn lumen(name: &str) -> Lumen {
     let volume = mask(name);
-    Lumen::new(volume.grid, &selected(&volume))
+    Lumen::of_volume(volume.grid, &selected(&volume))
 }
 
 pub fn int(v: &Value) -> i64 {

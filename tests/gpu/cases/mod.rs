@@ -66,7 +66,7 @@ fn lumen_of(dims: [u32; 3], spacing: [f64; 3], inside: &dyn Fn(UVec3) -> bool) -
     for v in (0..grid.len()).map(|i| grid.voxel(i)).filter(|v| inside(*v)) {
         mask.set(v.x, v.y, v.z);
     }
-    Lumen::new(grid, &mask)
+    Lumen::of_volume(grid, &mask)
 }
 
 /// Small lumens every brick kernel must survive.

@@ -149,7 +149,7 @@ impl Session {
 
     /// Shape, spacing, origin and direction of all products.
     fn geometry<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let grid = self.run(py, |s| Ok(s.volume()?.grid))?;
+        let grid = self.run(py, |s| Ok(s.volume()?.grid.as_stored()))?;
         array::geometry(py, &grid)
     }
 
@@ -163,7 +163,7 @@ impl Session {
                 "wall": WallReport::of(&found),
                 "organ": organ,
             });
-            Ok((found.lumen.classes(), found.lumen.grid, to_text(&report)?, found.notes.clone()))
+            Ok((found.lumen.classes(), found.lumen.stored_grid(), to_text(&report)?, found.notes.clone()))
         })?;
         let out = array::geometry(py, &grid)?;
         out.set_item("classes", array::dense(py, classes, &grid)?)?;
@@ -177,7 +177,7 @@ impl Session {
         let (field, grid) = self.run(py, |s| {
             let (segmented, distance) = (s.lumen()?, s.distance()?);
             let lumen = &segmented.lumen;
-            Ok((lumen.dense(&distance, 0.0f32), lumen.grid))
+            Ok((lumen.dense(&distance, 0.0f32), lumen.stored_grid()))
         })?;
         array::dense(py, field, &grid)
     }

@@ -41,7 +41,7 @@ impl Net<'_> {
         };
         let about = side(false) + side(true);
         let balls = self.node_mm(arc.nodes[0]) + self.node_mm(arc.nodes[arc.nodes.len() - 1]);
-        let outside = self.length_mm(&arc.contacts) - balls;
+        let outside = self.length_mm(arc) - balls;
         (about - PLATE * throat_mm).min(outside)
     }
 

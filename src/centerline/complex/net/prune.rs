@@ -283,8 +283,7 @@ impl Net<'_> {
         let [a, b] = arc.ends();
         let rest = forest.path(a, b);
         let others = || rest.iter().filter_map(|i| self.arcs[*i].as_ref());
-        let cycle_mm = self.length_mm(&arc.contacts)
-            + others().map(|o| self.length_mm(&o.contacts)).sum::<f64>();
+        let cycle_mm = self.length_mm(arc) + others().map(|o| self.length_mm(o)).sum::<f64>();
         let nodes = || arc.nodes.iter().chain(others().flat_map(|o| &o.nodes)).copied();
         let widest = nodes().min_by_key(|n| (Reverse(self.complex.nodes[*n as usize].key), *n));
         let widest_mm = widest.map_or(0.0, |n| self.node_mm(n));
