@@ -180,7 +180,7 @@ mod tests {
         assert!(of(&|s| s.lumen.organ = Some(Organ::Airway.into())));
         assert!(!of(&|s| s.lumen.organ = Some(Organ::Colon.into())));
         assert!(!of(&|s| s.lumen.all_components = true));
-        assert!(!of(&|s| s.centerline.to = Some(DVec3::ZERO)), "it ends there");
+        assert!(!of(&|s| s.centerline.to = Some(DVec3::ZERO.into())), "it ends there");
         assert!(of(&|s| (s.centerline.tree, s.lumen.all_components) = (true, true)), "asked for");
     }
 }

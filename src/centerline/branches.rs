@@ -51,6 +51,16 @@ impl BranchRoute {
         self.ends[usize::from(last)]
     }
 
+    /// Length of the route, about, mm: of chords between nodes some steps apart.
+    ///
+    /// * `place`: position of a node, local mm.
+    pub fn length_mm(&self, place: impl Fn(u32) -> DVec3) -> f64 {
+        const STRIDE: usize = 4;
+        let nodes = self.chain.nodes.iter().step_by(STRIDE).chain(self.chain.nodes.last());
+        let places: Vec<DVec3> = nodes.map(|n| place(*n)).collect();
+        places.windows(2).map(|w| w[0].distance(w[1])).sum()
+    }
+
     /// Numbers the branches it is attached to from another start.
     pub fn shift(&mut self, by: usize) {
         self.parent = self.parent.map(|p| p + by);

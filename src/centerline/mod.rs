@@ -6,7 +6,9 @@ mod chain_route;
 mod recenter;
 mod clearance_refine;
 pub mod complex;
+mod ends;
 mod frames;
+mod inscribed;
 mod pieces;
 mod containment;
 mod queue;
@@ -14,12 +16,16 @@ mod route;
 mod section;
 mod spline;
 mod visibility;
+mod within_wall;
 
 pub use containment::{Proof, safe_by_distance, safe_by_voxels};
+pub use ends::{ChosenEnd, EndRule};
 pub use frames::{CurveFrame, frames, tangents};
+pub use inscribed::measure_radius;
 pub use recenter::{arc_lengths, resample};
 pub use route::{Ends, GraphNode, Loops, LumenLoop, RouteOptions, Routed, centerline};
 pub use visibility::{Pending, Viewpoint, VisibilityInput, add_viewers};
+pub use within_wall::{WithinWall, clearance_mm, within_wall};
 
 use glam::DVec3;
 
@@ -39,6 +45,14 @@ pub enum CenterlineError {
         at: DVec3,
         /// Distance to the nearest inside voxel centre, mm.
         nearest_mm: f64,
+    },
+    /// The tree has no branch of a number.
+    #[error("no branch {branch}: the tree has {branches}, numbered from 0")]
+    NoTip {
+        /// Number that was asked for.
+        branch: usize,
+        /// Branches of the tree.
+        branches: usize,
     },
     /// The paper's method makes one path: its points carry no order that a tree could be read from.
     #[error("the paper's method (Li et al. 2004) joins its points into one path; it has no tree")]

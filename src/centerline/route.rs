@@ -17,11 +17,13 @@ use super::complex::net::{Loop, Net, PruneLimits, Rule};
 use super::complex::sweep::{NodeContacts, first_of_each, tips};
 use super::complex::{CellComplex, cell, collapse};
 use super::containment::Proof;
+use super::ends::{Beyond, ChosenEnd, EndCandidates, EndChoice, EndRule, TipChoice};
 use super::pieces;
 use super::recenter::cap_centre;
 use crate::field::Sampler;
 use crate::geometry::Centerline;
 use crate::lumen::Lumen;
+use crate::organ::ColonEnds;
 
 /// Given ends, LPS mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -52,8 +54,11 @@ pub struct RouteOptions {
     pub tree: bool,
     /// Treatment of loops in a tree.
     pub loops: Loops,
-    /// Point, LPS mm, that orients a path whose ends are found: the end nearer to it is the start.
+    /// Point, LPS mm, in the first piece of an organ: where the place of the ends in the patient does
+    /// not say which is the start, the end nearer to the point is.
     pub starts_near: Option<DVec3>,
+    /// Upper end of a trachea that the organ search found, LPS mm: the start of path and tree.
+    pub trachea: Option<DVec3>,
 }
 
 /// A loop of the lumen, kept or ended by a rule.
@@ -89,6 +94,12 @@ pub struct Routed {
     pub nodes: Vec<GraphNode>,
     /// Loops in the order in which rules ended them, then the kept ones.
     pub loops: Vec<LumenLoop>,
+    /// Start and end of the path or trunk, with the rules that chose them.
+    pub ends: [ChosenEnd; 2],
+    /// Places where branches part, LPS mm.
+    pub junctions: Vec<DVec3>,
+    /// Length of what lies above a trachea, where path and tree begin below it, mm.
+    pub beyond_mm: Option<f64>,
 }
 
 /// A place on an arc of the graph.
@@ -100,25 +111,17 @@ pub struct GraphNode {
     pub chord: DVec3,
 }
 
-/// Least ratio of the distance to the wall at another end to that at the root for the other end to
-/// be the root instead.
+/// Least ratio of the distance to the wall at the last end of several pieces to that at the first
+/// for the last to be the start instead.
 const MORE_ROOM: f64 = 1.05;
-/// Least ratio of the distance to the wall at a third tip to that at both ends of the longest path
-/// for the third tip to be the start: a trachea beside two bronchi.
-const TRUNK_ROOM: f64 = 1.5;
-
-/// Inverse of the least length by which such a tip lies off the longest path, as a share of that
-/// path's length: pockets of a wide lumen are no trunks.
-const TRUNK_LENGTH: u64 = 10;
 
 /// Extracts a path or tree.
 ///
 /// * `distance`: exact distance, mm; `smooth`: after a Gaussian of one voxel.
 ///
-/// Ends that are not given are the two tips farthest apart along the graph, moved to the centres of
-/// the caps they lie on. The root is the end with more room; where the tip farthest off that path has
-/// half as much again, the path starts there; of a tree the tip with the most. Where several ways
-/// join two ends, the one of least ∫(h/d)² is taken.
+/// Ends that are not given are tips of the graph, chosen by the rules of [`EndRule`], moved to the
+/// centres of the caps they lie on. Where several ways join two ends, the one of least ∫(h/d)² is
+/// taken.
 ///
 /// # Errors
 /// [`CenterlineError`].
@@ -151,6 +154,16 @@ pub fn centerline(
     let mut net = Net::new(&complex, &adjacency, &left, &held, d);
     let kept = net.prune(PruneLimits::default());
 
+    // Larynx and pharynx are no part of a tree that begins at the trachea.
+    let beyond = if held.is_empty() {
+        beyond_trachea(&net, (&complex, &adjacency, &component), (d, smooth), options)
+    } else {
+        None
+    };
+    if let Some(beyond) = &beyond {
+        net.cut_beyond(beyond.start, beyond.tip);
+    }
+
     let loops = net.ended.iter().chain(&kept).map(|found| LumenLoop {
         throat_at: contact_at(&complex, lumen, found.throat),
         found: found.clone(),
@@ -165,31 +178,29 @@ pub fn centerline(
         || (0..parts.len()).max_by_key(|p| (parts[*p].depth(&complex), Reverse(*p))).unwrap_or(0),
         |n| component[*n as usize] as usize,
     );
-    let mut routes = view.routes(&parts[main], (from, to), options);
+    let ChosenRoutes { mut routes, mut ends } = view.routes(&parts[main], (from, to), options);
     let mut unreachable: u64 = parts.iter().map(|p| p.voxels).sum::<u64>() - parts[main].voxels;
     if held.is_empty() {
         let mut pieces = vec![routes];
         let least_mm = PIECE_RADIUS * lumen.grid.spacing_mm.min_element();
         for part in parts.iter().enumerate().filter(|(i, _)| *i != main).map(|(_, part)| part) {
-            let route = view.routes(part, (None, None), options);
+            let route = view.routes(part, (None, None), options).routes;
             let radius_mm = d.at(view.adjacency.place_mm[part.widest as usize]);
             if radius_mm >= least_mm && route[0].is_piece(d) {
                 unreachable -= part.voxels;
                 pieces.push(route);
             }
         }
+        let several = pieces.len() > 1;
         routes = in_order(pieces, &view, options.tree);
-    }
-    if let Some(near) = options.starts_near.filter(|_| !options.tree && held.is_empty()) {
-        let near = lumen.grid.voxel_from_world().transform_point3(near) * lumen.grid.spacing_mm;
-        let off = |route: Option<&BranchRoute>, last| {
-            route.map_or(f64::INFINITY, |r| r.end(last).point.distance(near))
-        };
-        if off(routes.last(), true) < off(routes.first(), false) {
-            routes.reverse();
-            routes.iter_mut().for_each(BranchRoute::reverse);
+        if !options.tree && (several || options.starts_near.is_some()) {
+            orient(&mut routes, &mut ends, (lumen, &adjacency), options.starts_near);
         }
     }
+    let [start, end] = ends;
+    let start = start.described(lumen, routes.first().map(|r| r.end(false).point));
+    let last = if options.tree { routes.first() } else { routes.last() };
+    let end = end.described(lumen, last.map(|r| r.end(true).point));
     routes.par_iter_mut().for_each(|r| r.follow(&view.router));
     let branches = Branches::new(view.d, view.f, &routes);
     Ok(Routed {
@@ -198,7 +209,71 @@ pub fn centerline(
         unreachable: unreachable as usize,
         nodes: view.graph_nodes(Some(parts[main].widest)),
         loops,
+        ends: [start, end],
+        junctions: view.junctions(),
+        beyond_mm: beyond.map(|beyond| beyond.length_mm),
     })
+}
+
+/// Returns the stretch above the trachea of the deepest component.
+fn beyond_trachea(
+    net: &Net<'_>,
+    (complex, adjacency, component): (&CellComplex, &NodeContacts<'_>, &[u32]),
+    (d, smooth): (Sampler<'_>, &[f32]),
+    options: RouteOptions,
+) -> Option<Beyond> {
+    let router = ChainRouter { complex, distance: d };
+    let f = Sampler { lumen: d.lumen, field: smooth };
+    let view = ArcGraph { net, complex, adjacency, router, d, f };
+    let parts = RouteComponent::all(complex, component, net);
+    let deepest = parts.iter().max_by_key(|p| (p.depth(complex), Reverse(p.widest)))?;
+    let mut leaves = net.leaves();
+    leaves.retain(|n| deepest.nodes.binary_search(n).is_ok());
+    if leaves.len() < 3 {
+        return None;
+    }
+    let trachea = options.trachea.map(|at| view.local(at));
+    EndCandidates::new(view, &leaves, &deepest.nodes).beyond_trachea(trachea)
+}
+
+/// Routes through a component, and the reasons of the trunk's ends.
+struct ChosenRoutes {
+    routes: Vec<BranchRoute>,
+    ends: [EndChoice; 2],
+}
+
+/// Turns the pieces of a path about where it starts at the wrong end: from the rectum on where the
+/// place of the ends says which that is, else from the first piece on.
+fn orient(
+    routes: &mut [BranchRoute],
+    ends: &mut [EndChoice; 2],
+    (lumen, adjacency): (&Lumen, &NodeContacts<'_>),
+    starts_near: Option<DVec3>,
+) {
+    let (Some(first), Some(last)) = (routes.first(), routes.last()) else { return };
+    let (p, q) = (first.end(false).point, last.end(true).point);
+    let place = |n: u32| adjacency.place_mm[n as usize];
+    let length_mm = routes.iter().map(|r| r.length_mm(place)).sum();
+    let world = |p: DVec3| {
+        let grid = &lumen.grid;
+        grid.world_from_voxel().transform_point3(p / grid.spacing_mm)
+    };
+    let [a, b] = [p, q].map(world);
+    let by_place = ColonEnds::of(a, b, length_mm).filter(|ends| ends.is_sure);
+    let (turned, rule) = match (by_place, starts_near) {
+        (Some(ends), _) => (!ends.starts_at_rectum, EndRule::Rectum),
+        (None, Some(near)) => (b.distance(near) < a.distance(near), EndRule::FirstPiece),
+        (None, None) => return,
+    };
+    if turned {
+        routes.reverse();
+        routes.iter_mut().for_each(BranchRoute::reverse);
+    }
+    // The rule of a single tube said so already.
+    if rule != ends[0].rule {
+        let margin = by_place.map(|_| 1.0);
+        *ends = [EndChoice { margin, ..EndChoice::by(rule) }, EndChoice::by(EndRule::FarthestTip)];
+    }
 }
 
 /// Routes of several parts one after another: paths in the order in which they follow each other,
@@ -335,7 +410,7 @@ pub(super) struct ArcGraph<'a> {
 }
 
 /// An end with its node.
-type At = (PathEnd, u32);
+pub(super) type NodeEnd = (PathEnd, u32);
 
 impl ArcGraph<'_> {
     /// Deepest voxels of all nodes on arcs, and of the widest node.
@@ -354,69 +429,60 @@ impl ArcGraph<'_> {
         all.into_iter().map(|(element, chord)| GraphNode { element, chord }).collect()
     }
 
+    /// Places where more than two arcs meet, LPS mm.
+    fn junctions(&self) -> Vec<DVec3> {
+        let grid = &self.d.lumen.grid;
+        let world = |n: u32| {
+            let voxel = self.adjacency.place_mm[n as usize] / grid.spacing_mm;
+            grid.world_from_voxel().transform_point3(voxel)
+        };
+        self.net.nodes().filter(|n| self.net.degree(*n) > 2).map(world).collect()
+    }
+
     /// The trunk, of a tree with all other branches.
     ///
     /// Their ways have no points yet.
     fn routes(
         &self,
         part: &RouteComponent,
-        (from, to): (Option<At>, Option<At>),
+        (from, to): (Option<NodeEnd>, Option<NodeEnd>),
         options: RouteOptions,
-    ) -> Vec<BranchRoute> {
+    ) -> ChosenRoutes {
         let nodes = &part.nodes[..];
+        let given = EndChoice::by(EndRule::Given);
         if nodes.is_empty() {
-            return vec![self.within(part.widest, (from, to))];
+            let of =
+                |end: Option<NodeEnd>| end.map_or(EndChoice::by(EndRule::FarthestTip), |_| given);
+            let ends = [of(from), of(to)];
+            return ChosenRoutes { routes: vec![self.within(part.widest, (from, to))], ends };
         }
         let mut leaves = self.net.leaves();
         leaves.retain(|n| nodes.binary_search(n).is_ok());
-        let (from, to) = match (from, to) {
-            (Some(a), Some(b)) => (a, b),
-            (Some(a), None) => (a, self.farthest(a.1, nodes)),
-            (None, Some(b)) => (self.farthest(b.1, nodes), b),
-            (None, None) if leaves.is_empty() => {
-                // Rings only: the widest is flown once round.
-                let trunk = self.ring(nodes);
-                return grow(self, trunk, nodes, options);
+        if leaves.is_empty() && from.is_none() && to.is_none() {
+            // Rings only: the widest is flown once round.
+            let routes = grow(self, self.ring(nodes), nodes, options);
+            return ChosenRoutes { routes, ends: [EndChoice::by(EndRule::Ring); 2] };
+        }
+        let candidates = EndCandidates::new(*self, &leaves, nodes);
+        let trachea = options.trachea.map(|at| self.local(at));
+        let tip = |choice: &TipChoice| (self.tip(choice.node), choice.node);
+        let (from, to, ends) = match (from, to) {
+            (Some(a), Some(b)) => (a, b, [given; 2]),
+            (Some(a), None) => {
+                let end = candidates.farthest_from(a.1);
+                (a, tip(&end), [given, candidates.reason(&end)])
             }
-            (None, None) => self.between_tips(&leaves, options.tree),
+            (None, Some(b)) => {
+                let start = candidates.start_of_path_to(b, trachea);
+                (tip(&start), b, [candidates.reason(&start), given])
+            }
+            (None, None) => {
+                let (start, end) = candidates.choose(trachea);
+                (tip(&start), tip(&end), [&start, &end].map(|choice| candidates.reason(choice)))
+            }
         };
         let trunk = BranchRoute::between(from, to, self.way(from.1, to.1));
-        grow(self, trunk, nodes, options)
-    }
-
-    /// The two tips farthest apart, the one with more room first; or a third with far more room and
-    /// the tip farthest from it.
-    fn between_tips(&self, leaves: &[u32], tree: bool) -> (At, At) {
-        let far = |ways: &Ways| {
-            let of = leaves.iter().map(|n| (ways.get(n).map_or(0, |w| w.0), Reverse(*n)));
-            of.max().map_or(leaves[0], |m| m.1.0)
-        };
-        let lengths = |from: u32| self.net.ways(from, |i| self.net.length(i));
-        let a = far(&lengths(leaves[0]));
-        let from_a = lengths(a);
-        let b = far(&from_a);
-        let from_b = lengths(b);
-        let end = |n: u32| (self.tip(n), n);
-        let room = |e: &At| self.f.at(e.0.point);
-        let (a, b) = (end(a), end(b));
-        // The end with more room is the root: trachea, aorta, rectum.
-        let (root, other) = if room(&b) > MORE_ROOM * room(&a) { (b, a) } else { (a, b) };
-        // Both may be side branches. The trunk then is a tip off the way between them.
-        let of = |ways: &Ways, n: u32| ways.get(&n).map_or(0, |w| w.0);
-        let between = of(&from_a, b.1);
-        let off = |n: u32| (of(&from_a, n) + of(&from_b, n)).saturating_sub(between) / 2;
-        let trunks = leaves.iter().copied().filter(|n| off(*n) * TRUNK_LENGTH >= between);
-        let third = if tree {
-            let widest = |x: &At, y: &At| room(x).total_cmp(&room(y)).then(y.1.cmp(&x.1));
-            trunks.map(end).max_by(widest).filter(|t| room(t) > MORE_ROOM * room(&root))
-        } else {
-            let farthest = trunks.max_by_key(|n| (off(*n), Reverse(*n))).map(end);
-            farthest.filter(|t| room(t) > TRUNK_ROOM * room(&root))
-        };
-        match third {
-            Some(root) => (root, end(far(&lengths(root.1)))),
-            None => (root, other),
-        }
+        ChosenRoutes { routes: grow(self, trunk, nodes, options), ends }
     }
 
     /// Whether the centre of a cap lies outside the ball at the junction its branch begins at: a
@@ -426,16 +492,14 @@ impl ArcGraph<'_> {
         tip.point.distance(at) >= self.d.at(at)
     }
 
-    /// The node farthest along arcs from another.
-    fn farthest(&self, from: u32, nodes: &[u32]) -> At {
-        let ways = self.net.ways(from, |i| self.net.length(i));
-        let of = nodes.iter().map(|n| (ways.get(n).map_or(0, |w| w.0), Reverse(*n)));
-        let node = of.max().map_or(from, |m| m.1.0);
-        (self.tip(node), node)
+    /// Local place of a point in the patient, mm.
+    fn local(&self, at: DVec3) -> DVec3 {
+        let grid = &self.d.lumen.grid;
+        grid.voxel_from_world().transform_point3(at) * grid.spacing_mm
     }
 
     /// The most central way between two nodes.
-    fn way(&self, from: u32, to: u32) -> Chain {
+    pub fn way(&self, from: u32, to: u32) -> Chain {
         let ways = self.net.ways(from, |i| self.net.centrality(i));
         self.chain(&ways, to, |_| false)
     }
@@ -481,7 +545,7 @@ impl ArcGraph<'_> {
     }
 
     /// The way between the voxels farthest apart in a component of one node, or between given ones.
-    fn within(&self, node: u32, (from, to): (Option<At>, Option<At>)) -> BranchRoute {
+    fn within(&self, node: u32, (from, to): (Option<NodeEnd>, Option<NodeEnd>)) -> BranchRoute {
         let n = &self.complex.nodes[node as usize];
         let end = |bit: u32| {
             let voxel = self.complex.element(node, bit);

@@ -9,7 +9,9 @@ use super::mode::{ModeArg, modes};
 use super::repeat::timed_products;
 use crate::centerline::Loops;
 use crate::formats::{atomic_file, shown, to_json, write_branches, write_centerline};
-use crate::session::{CenterlineReport, CenterlineSettings, Product, Radius, Session, Settings};
+use crate::session::{
+    CenterlineReport, CenterlineSettings, EndPoint, Product, Radius, Session, Settings,
+};
 
 /// `intima centerline INPUT LUMEN -o LINE`
 #[derive(Debug, clap::Args)]
@@ -46,11 +48,12 @@ pub struct PathArgs {
     /// Treatment of loops in a tree
     #[arg(long, value_enum, default_value = "keep", requires = "tree")]
     pub loops: Loops,
-    /// Start here, LPS mm
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    /// Start here: a place, LPS mm, the root of the tree or the tip of a branch of it (--tree numbers
+    /// them)
+    #[arg(long, value_name = "X,Y,Z|root|tip:N", allow_hyphen_values = true)]
     pub from: Option<String>,
-    /// End here, LPS mm
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    /// End here, as --from
+    #[arg(long, value_name = "X,Y,Z|root|tip:N", allow_hyphen_values = true)]
     pub to: Option<String>,
     /// Range of sight of a point of the path (default: by mode)
     #[arg(long, value_enum)]
@@ -60,7 +63,7 @@ pub struct PathArgs {
 impl PathArgs {
     /// Checks the flags.
     pub fn settings(&self) -> Result<CenterlineSettings, CliError> {
-        let end = |s: &Option<String>, flag| s.as_deref().map(|s| point(s, flag)).transpose();
+        let end = |s: &Option<String>, flag| s.as_deref().map(|s| end_point(s, flag)).transpose();
         Ok(CenterlineSettings {
             from: end(&self.from, "--from")?,
             to: end(&self.to, "--to")?,
@@ -68,6 +71,19 @@ impl PathArgs {
             loops: self.loops,
             radius: self.radius,
         })
+    }
+}
+
+/// An end of the path by its place or name.
+fn end_point(text: &str, flag: &'static str) -> Result<EndPoint, CliError> {
+    if text == "root" {
+        return Ok(EndPoint::Root);
+    }
+    match text.strip_prefix("tip:") {
+        None => Ok(EndPoint::Point(point(text, flag)?)),
+        Some(number) => number.parse().map(EndPoint::Tip).map_err(|_| {
+            CliError::Usage(format!("{flag} {text}: tip:N with the number of a branch"))
+        }),
     }
 }
 

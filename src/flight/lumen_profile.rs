@@ -1,9 +1,11 @@
-//! Size of the lumen along a path: radius and cross-section at even steps, and the narrowest places.
+//! Size of the lumen along a path: radius and cross-section at even steps, and the narrowest places
+//! against the lumen about them.
 
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::stenosis::{RadiusSample, ReferenceLine, references};
 use crate::geometry::{
     CenterlinePlaces, CenterlinePoint, MAX_ASTRAY, Mesh, TriangleBvh, cross_section,
 };
@@ -40,7 +42,7 @@ pub struct LumenProfile {
     pub narrowest: Vec<NarrowPlace>,
 }
 
-/// A place where the radius has a minimum.
+/// A place that is narrower than the lumen about it would be without it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NarrowPlace {
     /// Length of the path up to it.
@@ -49,9 +51,14 @@ pub struct NarrowPlace {
     pub center_mm: [f64; 3],
     /// Distance to the wall.
     pub radius_mm: f64,
-    /// Share of the radius beside it that is missing, 0 to 1. The radius beside it is the smaller of
-    /// the largest ones on either side before the lumen is narrower again.
+    /// Share of the reference diameter that is missing, 0 to 1: of discs of the sections' areas.
     pub narrowing: f64,
+    /// Share of the reference area that is missing.
+    pub narrowing_area: f64,
+    /// Radius of the reference: a line through the wider sections of the segment between branches.
+    pub reference_radius_mm: f64,
+    /// Arc lengths between which the reference was fitted.
+    pub reference_arc_mm: [f64; 2],
     /// Area of the section across the path.
     pub area_mm2: Option<f64>,
     /// Least Feret diameter of that section.
@@ -75,6 +82,8 @@ impl LumenProfile {
     /// * `wall`: closed, LPS mm; `tree` is its hierarchy.
     /// * `places`: points of the whole centerline by place. A section of which more than [`MAX_ASTRAY`] lies beside
     ///   another stretch of it is none across the path.
+    /// * `junctions`: places where branches part, LPS mm. Nothing is measured within a radius of them
+    ///   and of ends, where sections open into branches.
     /// * `resolved_mm`: side of a voxel. A place with a smaller radius, or narrower by less than half
     ///   of it, is not listed as narrow: that is noise.
     pub fn new(
@@ -82,6 +91,7 @@ impl LumenProfile {
         wall: &Mesh,
         tree: &TriangleBvh,
         places: &CenterlinePlaces,
+        junctions: &[DVec3],
         resolved_mm: f64,
     ) -> Self {
         let samples = samples(pieces);
@@ -95,8 +105,15 @@ impl LumenProfile {
             .collect();
         let radius_mm: Vec<f64> = samples.iter().map(|s| rounded(s.radius_mm)).collect();
         let cuts: Vec<usize> = (1..samples.len()).filter(|i| samples[*i].begins_piece).collect();
-        let narrow = |(i, narrowing): (usize, f64)| NarrowPlace {
-            narrowing: rounded(narrowing),
+        let areas: Vec<Option<f64>> =
+            sections.iter().map(|s| s.as_ref().map(|s| s.area_mm2)).collect();
+        let narrow = |(i, line): (usize, ReferenceLine)| NarrowPlace {
+            narrowing: rounded(narrowing(disc_radius(areas[i]), line, samples[i].arc_mm)),
+            narrowing_area: rounded(
+                1.0 - (disc_radius(areas[i]) / line.radius_mm(samples[i].arc_mm)).powi(2),
+            ),
+            reference_radius_mm: rounded(line.radius_mm(samples[i].arc_mm)),
+            reference_arc_mm: line.arc_mm.map(rounded),
             arc_mm: rounded(samples[i].arc_mm),
             center_mm: samples[i].position_mm.to_array().map(rounded),
             radius_mm: radius_mm[i],
@@ -112,7 +129,10 @@ impl LumenProfile {
             end_mm: place(samples.last()),
             arc_mm: samples.iter().map(|s| rounded(s.arc_mm)).collect(),
             area_mm2: sections.iter().map(|s| Some(rounded(s.as_ref()?.area_mm2))).collect(),
-            narrowest: narrowest(&radius_mm, &cuts, resolved_mm).into_iter().map(narrow).collect(),
+            narrowest: narrowest(&samples, &areas, (&cuts, junctions), resolved_mm)
+                .into_iter()
+                .map(narrow)
+                .collect(),
             radius_mm,
             cuts,
         }
@@ -173,30 +193,68 @@ fn at(points: &[CenterlinePoint], arcs: &[f64], arc: f64) -> (DVec3, f64) {
     (a.position_mm.lerp(b.position_mm, t), a.radius_mm + (b.radius_mm - a.radius_mm) * t)
 }
 
-/// Returns the indices of the deepest minima and their narrowing. Ends of a path, which run into the
-/// wall, are none.
-fn narrowest(radius: &[f64], cuts: &[usize], resolved_mm: f64) -> Vec<(usize, f64)> {
-    let starts = std::iter::once(0).chain(cuts.iter().copied());
-    let ends = cuts.iter().copied().chain(std::iter::once(radius.len()));
-    let mut found: Vec<(usize, f64)> = Vec::new();
-    for (start, end) in starts.zip(ends) {
-        for i in start..end {
-            let here = radius[i];
-            let widest = |side: &mut dyn Iterator<Item = &f64>| side.fold(here, |a, b| a.max(*b));
-            // The first of equal radii is the minimum.
-            let before = widest(&mut radius[start..i].iter().rev().take_while(|r| **r > here));
-            let after = widest(&mut radius[i + 1..end].iter().take_while(|r| **r >= here));
-            let narrowing = 1.0 - here / before.min(after);
-            let missing_mm = before.min(after) - here;
-            let is_resolved = here >= resolved_mm && missing_mm >= 0.5 * resolved_mm;
-            if is_resolved && narrowing >= MIN_NARROWING {
-                found.push((i, narrowing));
-            }
-        }
+/// Radius of a disc of an area; 0 without one.
+fn disc_radius(area_mm2: Option<f64>) -> f64 {
+    (area_mm2.unwrap_or(0.0) / std::f64::consts::PI).sqrt()
+}
+
+fn narrowing(radius_mm: f64, line: ReferenceLine, arc_mm: f64) -> f64 {
+    1.0 - radius_mm / line.radius_mm(arc_mm)
+}
+
+/// Returns the indices of the narrowest places, each the deepest of a stretch that is narrower than
+/// its reference, with the reference.
+fn narrowest(
+    samples: &[PathSample],
+    areas: &[Option<f64>],
+    (cuts, junctions): (&[usize], &[DVec3]),
+    resolved_mm: f64,
+) -> Vec<(usize, ReferenceLine)> {
+    let Some(last) = samples.len().checked_sub(1) else { return Vec::new() };
+    // Places that sections are refused about, with the reach: branches, and ends of pieces.
+    let nearest = |p: &DVec3| {
+        let off = |i: &usize| samples[*i].position_mm.distance_squared(*p);
+        let i = (0..=last).min_by(|a, b| off(a).total_cmp(&off(b)))?;
+        let is_on_path = off(&i).sqrt() <= 2.0 * samples[i].radius_mm.max(resolved_mm);
+        is_on_path.then_some(i)
+    };
+    let branches: Vec<usize> = junctions.iter().filter_map(nearest).collect();
+    let piece_ends = cuts.iter().flat_map(|i| [i - 1, *i]).chain([0, last]);
+    let refused: Vec<(f64, f64)> = piece_ends
+        .chain(branches.iter().copied())
+        .map(|i| (samples[i].arc_mm, disc_radius(areas[i]).max(samples[i].radius_mm)))
+        .collect();
+    let is_measured = |arc: f64| refused.iter().all(|(at, reach)| (arc - at).abs() > *reach);
+    let measured: Vec<RadiusSample> = (0..=last)
+        .filter(|i| areas[*i].is_some() && is_measured(samples[*i].arc_mm))
+        .map(|index| RadiusSample {
+            index,
+            arc_mm: samples[index].arc_mm,
+            radius_mm: disc_radius(areas[index]),
+        })
+        .collect();
+    let mut ends: Vec<f64> = cuts.iter().chain(&branches).map(|i| samples[*i].arc_mm).collect();
+    ends.sort_by(f64::total_cmp);
+    let all = references(&measured, &ends);
+    // Stretches below the reference; each is as narrow as its deepest place.
+    let loss = |s: &RadiusSample, line: &ReferenceLine| narrowing(s.radius_mm, *line, s.arc_mm);
+    let is_narrow = |(_, s, line): &(usize, RadiusSample, ReferenceLine)| {
+        let missing_mm = line.radius_mm(s.arc_mm) - s.radius_mm;
+        let is_resolved = s.radius_mm >= resolved_mm && missing_mm >= 0.5 * resolved_mm;
+        is_resolved && loss(s, line) >= MIN_NARROWING
+    };
+    let mut found: Vec<(usize, f64, ReferenceLine)> = Vec::new();
+    for stretch in all.chunk_by(|a, b| is_narrow(a) && is_narrow(b) && b.0 == a.0 + 1) {
+        let by = |a: &&(usize, RadiusSample, ReferenceLine),
+                  b: &&(usize, RadiusSample, ReferenceLine)| {
+            loss(&a.1, &a.2).total_cmp(&loss(&b.1, &b.2)).then(b.0.cmp(&a.0))
+        };
+        let deepest = stretch.iter().filter(|s| is_narrow(s)).max_by(by);
+        found.extend(deepest.map(|(i, s, line)| (*i, loss(s, line), *line)));
     }
     found.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     found.truncate(LISTED);
-    found
+    found.into_iter().map(|(i, _, line)| (i, line)).collect()
 }
 
 #[cfg(test)]
@@ -214,20 +272,28 @@ mod tests {
     }
 
     #[test]
-    fn minima_between_wider_places_are_narrow_and_the_ends_of_a_path_are_not() {
-        //            0    1    2    3    4    5    6    7    8    9   10
-        let radius = [1.0, 5.0, 4.0, 6.0, 5.9, 6.0, 3.0, 3.0, 6.0, 2.0, 1.0];
-        let of = |radius: &[f64], cuts: &[usize], resolved| -> Vec<usize> {
-            narrowest(radius, cuts, resolved).into_iter().map(|n| n.0).collect()
-        };
-        assert_eq!(of(&radius, &[], 0.5), [6, 2], "not the ripple at 4, nor the ends");
-        assert_eq!(narrowest(&radius, &[], 0.5)[0].1, 0.5, "half of the radius is missing");
-        assert_eq!(of(&radius, &[7], 0.5), [2], "a cut is an end too");
-        assert_eq!(of(&radius, &[], 2.5), [6], "a narrowing by less than half a voxel is noise");
-        assert!(of(&radius, &[], 3.5).is_empty(), "a radius below a voxel is noise");
-        assert!(of(&[], &[], 0.5).is_empty() && of(&[1.0], &[], 0.5).is_empty());
-        // Within a narrow place the lowest dip is the one that is listed.
-        assert_eq!(of(&[9.0, 2.0, 2.1, 1.9, 9.0], &[], 0.5), [3]);
+    fn narrow_places_are_those_below_a_line_and_none_lies_by_a_branch_or_an_end() {
+        let samples = samples(&[path(&[(0.0, 4.0), (120.0, 4.0)])]);
+        let disc = |r: f64| Some(std::f64::consts::PI * r * r);
+        let areas: Vec<Option<f64>> = samples
+            .iter()
+            .map(|s| match s.arc_mm {
+                a if (28.0..33.0).contains(&a) => disc(2.0),
+                a if (60.0..62.0).contains(&a) => disc(3.0),
+                // By a branch, and at an end.
+                a if (88.0..92.0).contains(&a) || a < 3.0 => disc(1.0),
+                _ => disc(4.0),
+            })
+            .collect();
+        let junction = DVec3::new(90.0, 3.0, 0.0);
+        let found = narrowest(&samples, &areas, (&[], &[junction]), 0.5);
+        let arcs: Vec<f64> = found.iter().map(|(i, _)| samples[*i].arc_mm).collect();
+        assert_eq!(arcs, [28.0, 60.0]);
+        let (i, line) = found[0];
+        let got = narrowing(disc_radius(areas[i]), line, samples[i].arc_mm);
+        assert!((got - 0.5).abs() < 1e-6 && line.arc_mm[1] < 90.0, "{got} {line:?}");
+        assert!(narrowest(&samples, &areas, (&[], &[junction]), 2.5).is_empty(), "below a voxel");
+        assert!(narrowest(&[], &[], (&[], &[]), 0.5).is_empty());
     }
 
     #[test]
@@ -258,7 +324,7 @@ mod tests {
         let line =
             Centerline { branches: vec![Branch { points: points.clone(), ..Branch::default() }] };
         let (tree, places) = (TriangleBvh::new(&wall), CenterlinePlaces::new(&line));
-        let profile = LumenProfile::new(&[points], &wall, &tree, &places, 0.0);
+        let profile = LumenProfile::new(&[points], &wall, &tree, &places, &[], 0.0);
         assert_eq!(profile.area_mm2[0], Some(rounded(side.y * side.z)));
         assert_eq!(*profile.area_mm2.last().unwrap(), None);
         assert!(profile.length_mm() > 1.7 * side.x && profile.narrowest.is_empty());

@@ -5,6 +5,7 @@ mod clearance;
 mod coverage;
 mod gaze;
 mod lumen_profile;
+mod stenosis;
 mod path;
 mod plan;
 mod profile;

@@ -80,6 +80,12 @@ impl Centerline {
         self.branches.iter().filter(|b| b.start.is_none())
     }
 
+    /// Returns the branch at whose last point path or trunk end: the last one of several pieces.
+    pub fn last_of_trunk(&self) -> Option<&Branch> {
+        let is_path = self.branches.iter().all(|b| b.start.is_none());
+        if is_path { self.branches.last() } else { self.branches.first() }
+    }
+
     /// Checks that all attachments are points of the centerline, those of starts on earlier
     /// branches.
     ///

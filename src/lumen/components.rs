@@ -27,18 +27,19 @@ impl Component {
 }
 
 /// Runs of a box of rows, joined to components.
-struct RunSet {
+pub(super) struct RunSet {
     lo: UVec3,
-    rows_y: u32,
+    /// Rows of a slice of the box.
+    pub rows_y: u32,
     /// First run of each row, and the end.
     row_start: Vec<u32>,
-    runs: Vec<Run>,
+    pub runs: Vec<Run>,
     /// Runs of one component are one set.
-    sets: DisjointSets,
+    pub sets: DisjointSets,
 }
 
 impl RunSet {
-    fn of(bits: &BitVolume, lo: UVec3, hi: UVec3, background: bool) -> Self {
+    pub fn of(bits: &BitVolume, lo: UVec3, hi: UVec3, background: bool) -> Self {
         let rows_y = hi.y - lo.y + 1;
         let mut set = Self {
             lo,
@@ -71,7 +72,8 @@ impl RunSet {
         set
     }
 
-    fn row(&self, r: usize) -> std::ops::Range<usize> {
+    /// Runs of a row.
+    pub fn row(&self, r: usize) -> std::ops::Range<usize> {
         self.row_start[r] as usize..self.row_start[r + 1] as usize
     }
 
@@ -99,7 +101,8 @@ impl RunSet {
         }
     }
 
-    fn rows(&self) -> impl Iterator<Item = (usize, u32, u32)> + use<> {
+    /// Rows of the box: number, y and z.
+    pub fn rows(&self) -> impl Iterator<Item = (usize, u32, u32)> + use<> {
         let (lo, rows_y) = (self.lo, self.rows_y);
         (0..self.row_start.len() - 1)
             .map(move |r| (r, lo.y + r as u32 % rows_y, lo.z + r as u32 / rows_y))

@@ -7,6 +7,7 @@ mod body;
 pub mod bricks;
 mod components;
 mod grow;
+mod joining;
 mod leak;
 mod intensity_selection;
 mod morphology;
@@ -126,6 +127,8 @@ pub struct SegmentationStats {
     pub outside: Vec<Component>,
     /// Number of voxels grown before filling.
     pub grown_voxels: u64,
+    /// Voxels added to a label map where parts of it touched by an edge or a corner.
+    pub joined: Vec<UVec3>,
     /// Numbers of voxels and of cavities filled.
     pub filled: (u64, usize),
     /// Report of leak control, if it was on.
@@ -198,6 +201,13 @@ impl SegmentationOptions {
                 found.leak = Some(leak);
                 mask
             }
+            Some(seed) if self.is_labels() => {
+                // What the seed lies in is checked first.
+                grow(volume, &self.selection, seed)?;
+                let mut selected = self.selection.select(volume);
+                found.joined = joining::join_touching(&mut selected);
+                components::containing(&selected, seed)
+            }
             Some(seed) => grow(volume, &self.selection, seed)?,
             None if self.leak_control => return Err(LumenError::LeakWindow),
             None => {
@@ -214,7 +224,7 @@ impl SegmentationOptions {
     /// As [`Self::select`]; no leak control, which tries other selections.
     pub fn select_among(
         &self,
-        selected: BitVolume,
+        mut selected: BitVolume,
         grid: &Grid,
     ) -> Result<(BitVolume, SegmentationStats), LumenError> {
         if self.leak_control {
@@ -222,10 +232,20 @@ impl SegmentationOptions {
         }
         let mut found = SegmentationStats::default();
         let mask = match self.seed {
-            Some(seed) => components::containing(&selected, seed),
+            Some(seed) => {
+                if self.is_labels() {
+                    found.joined = joining::join_touching(&mut selected);
+                }
+                components::containing(&selected, seed)
+            }
             None => self.unseeded(selected, grid, &|| None, &mut found)?,
         };
         self.finish(mask, found, &|| None)
+    }
+
+    /// Whether labels are selected, which someone drew.
+    fn is_labels(&self) -> bool {
+        matches!(self.selection, IntensitySelection::Labels(_))
     }
 
     /// Counts and fills a lumen.
@@ -248,7 +268,7 @@ impl SegmentationOptions {
     /// The largest component, or all of them.
     fn unseeded(
         &self,
-        selected: BitVolume,
+        mut selected: BitVolume,
         grid: &Grid,
         range: &dyn Fn() -> Option<(f64, f64)>,
         found: &mut SegmentationStats,
@@ -256,6 +276,9 @@ impl SegmentationOptions {
         let selection = || self.selection.clone();
         // Labels were drawn by someone; what is bright and open upwards is no air.
         let air = matches!(self.selection, IntensitySelection::Range { hi, .. } if hi.is_finite());
+        if self.is_labels() {
+            found.joined = joining::join_touching(&mut selected);
+        }
         if self.all_components && !air && !selected.is_empty() {
             return Ok(selected);
         }

@@ -49,7 +49,7 @@ fn growing_equals_a_plain_flood_and_bricks_hold_every_voxel_and_its_rim() {
         let options = SegmentationOptions {
             seed: Some(UVec3::ZERO),
             fill: false,
-            ..SegmentationOptions::new(IntensitySelection::Labels(vec![]))
+            ..SegmentationOptions::new(IntensitySelection::Range { lo: 1.0, hi: f64::INFINITY })
         };
         let (lumen, found) = options.apply(&v).unwrap();
         assert_eq!(found.grown_voxels as usize, want.len());
@@ -82,16 +82,17 @@ fn the_largest_component_is_kept_and_the_others_are_reported_with_size_and_place
     for (x, y, z) in [(0, 0, 0), (1, 0, 0), (2, 0, 0), (5, 1, 1), (6, 1, 1), (9, 3, 3)] {
         s[grid.index(UVec3::new(x, y, z))] = 7;
     }
-    // Touching by an edge alone is not connected.
+    // What touches by an edge alone is joined.
     s[grid.index(UVec3::new(7, 2, 1))] = 7;
     let v = Volume::new(grid, Samples::from(s));
     let (lumen, found) =
         SegmentationOptions::new(IntensitySelection::Labels(vec![7])).apply(&v).unwrap();
-    assert_eq!(lumen.inside_voxels(), 3);
+    assert_eq!(lumen.inside_voxels(), 4);
     let others: Vec<_> = found.others.iter().map(|c| (c.voxels, c.first)).collect();
     let at = UVec3::new;
-    assert_eq!(others, [(2, at(5, 1, 1)), (1, at(7, 2, 1)), (1, at(9, 3, 3))]);
-    assert!(lumen.touches_edge);
+    assert_eq!(others, [(3, at(0, 0, 0)), (1, at(9, 3, 3))]);
+    assert_eq!(found.joined, [at(7, 1, 1)]);
+    assert!(!lumen.touches_edge);
 }
 
 #[test]

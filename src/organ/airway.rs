@@ -183,6 +183,7 @@ fn from_trachea(
     }
 
     Ok(FoundOrgan {
+        root: Some(trachea.upper_end),
         organ: Organ::Airway,
         mask,
         core: None,

@@ -140,6 +140,7 @@ fn from_aorta(volume: &Volume, aorta: &Aorta, mut gates: Gates) -> Result<FoundO
     gates.at_least("share of them that is aorta", part, MIN_TUBE, 0.5)?;
     let (seed, _) = shape(volume, &tree, &mask, &mut gates)?;
     Ok(FoundOrgan {
+        root: None,
         organ: Organ::Vessel,
         mask,
         core: None,

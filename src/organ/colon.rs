@@ -65,6 +65,7 @@ pub(super) fn find(volume: &Volume, tagged: bool) -> Result<FoundOrgan, OrganErr
     }
     let segment = |c: &ColonCandidate| Segment { seed: c.seed, volume_ml: c.volume_ml };
     Ok(FoundOrgan {
+        root: None,
         organ: Organ::Colon,
         mask,
         core: Some(core),

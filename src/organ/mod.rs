@@ -98,6 +98,8 @@ pub struct FoundOrgan {
     pub threshold: f64,
     /// Parts of the organ, each 6-connected, in the order in which they follow each other.
     pub segments: Vec<Segment>,
+    /// Voxel at the upper end of an airway's trachea, where the path begins.
+    pub root: Option<UVec3>,
     /// Least margin by which a gate was passed: 0 at its limit, at most 1.
     pub confidence: f64,
     /// Measurements and decisions, one line each.

@@ -41,6 +41,8 @@ pub(super) struct Trachea {
     pub core: BitVolume,
     /// Centre of the middle cross section.
     pub seed: UVec3,
+    /// Centre of the cross section nearest to the head.
+    pub upper_end: UVec3,
     /// Radius of a disc of the mean area, mm.
     pub radius_mm: f64,
     /// Standard deviation of the areas in parts of their mean.
@@ -113,9 +115,14 @@ impl Trachea {
                 }
             }
         }
-        let middle = &chain[chain.len() / 2];
-        let centre = (middle.centre_mm / slices.pixel_mm).round();
-        let seed = slices.voxel(middle.slice, centre.x as usize, centre.y as usize);
+        let centre = |section: &Section| {
+            let centre = (section.centre_mm / slices.pixel_mm).round();
+            slices.voxel(section.slice, centre.x as usize, centre.y as usize)
+        };
+        let seed = centre(&chain[chain.len() / 2]);
+        let height = |v: UVec3| volume.grid.world_from_voxel().transform_point3(v.as_dvec3()).z;
+        let [a, b] = [centre(first), centre(last)];
+        let upper_end = if height(a) > height(b) { a } else { b };
         let radius_mm = (area / std::f64::consts::PI).sqrt();
         let off = mean(|s| s.area_mm2 * s.area_mm2) - area * area;
         let beyond = volume.grid.dims[slices.axis] - 1 - last.slice;
@@ -125,6 +132,7 @@ impl Trachea {
             length_mm,
             core,
             seed,
+            upper_end,
             radius_mm,
             variation: off.max(0.0).sqrt() / area,
             from_end_mm: f64::from(first.slice.min(beyond)) * slices.step_mm,

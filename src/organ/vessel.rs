@@ -75,6 +75,7 @@ fn grown(volume: &Volume, threshold: f64, mut gates: Gates) -> Result<FoundOrgan
     gates.at_most("vessels in ml", volume_ml, MAX_ML, SURE_ML)?;
     let (seed, _) = shape(volume, &tree, &mask, &mut gates)?;
     Ok(FoundOrgan {
+        root: None,
         organ: Organ::Vessel,
         mask,
         core: None,

@@ -88,6 +88,14 @@ fn lumen(l: &LumenReport, unit: &str) -> Markup {
                     }))
                 }
                 @if let Some(taken) = &l.taken { (row("Component taken", component(taken))) }
+                @if l.joined_voxels > 0 {
+                    (row("Voxels added where parts touched by edges or corners", html! {
+                        (count(l.joined_voxels))
+                        @for [x, y, z] in &l.joined_at_mm {
+                            "; (" (decimal(*x, 1)) ", " (decimal(*y, 1)) ", " (decimal(*z, 1)) ") mm"
+                        }
+                    }))
+                }
                 @if l.other_components > 0 {
                     (row("Components left out", html! {
                         (count(l.other_components)) ", " (count(l.other_voxels)) " voxels"

@@ -5,6 +5,7 @@ use maud::{Markup, html};
 use super::chart::charts;
 use super::figures::{count, decimal, percent, place, row};
 use super::overview::letter;
+use crate::centerline::{ChosenEnd, EndRule};
 use crate::flight::{LumenProfile, NarrowPlace};
 use crate::session::{CenterlineReport, Report};
 
@@ -42,14 +43,16 @@ fn narrowest(profile: &LumenProfile) -> Markup {
     html! {
         h3 { "Narrowest places" }
         @if profile.narrowest.is_empty() {
-            p { "None: nowhere that the scan resolves is the lumen narrower than on both sides by 15 %." }
+            p { "None: nowhere that the scan resolves, away from branches and ends, is the lumen narrower by 15 % than the lumen about it." }
         } @else {
             div class="wide" { table {
                 thead { tr {
                     th { "" }
                     th class="n" { "At, mm" }
                     th class="n" { "Radius, mm" }
-                    th class="n" { "Narrower by" }
+                    th class="n" { "Loss of diameter" }
+                    th class="n" { "of area" }
+                    th class="n" { "Reference radius, mm" }
                     th class="n" { "Area, mm²" }
                     th class="n" { "Diameters, mm" }
                     th { "Place, LPS mm" }
@@ -60,6 +63,11 @@ fn narrowest(profile: &LumenProfile) -> Markup {
                         td class="n" { (decimal(n.arc_mm, 0)) }
                         td class="n" { (decimal(n.radius_mm, 1)) }
                         td class="n" { (percent(n.narrowing)) }
+                        td class="n" { (percent(n.narrowing_area)) }
+                        td class="n" {
+                            (decimal(n.reference_radius_mm, 1)) ", from "
+                            (decimal(n.reference_arc_mm[0], 0)) " to " (decimal(n.reference_arc_mm[1], 0))
+                        }
                         td class="n" { (optional(n.area_mm2)) }
                         td class="n" { (diameters(n)) }
                         td class="n" { (place(n.center_mm)) }
@@ -77,6 +85,33 @@ fn diameters(n: &NarrowPlace) -> Markup {
     }
 }
 
+/// The rule of an end, its margin and the runner-up.
+fn end_of(end: &ChosenEnd) -> Markup {
+    let rule = match end.rule {
+        EndRule::Given => "given",
+        EndRule::Trachea => "upper end of the trachea",
+        EndRule::ThickestStem => "free end of the thickest stem",
+        EndRule::Rectum => "rectum: the end nearer to feet and back",
+        EndRule::FirstPiece => "nearer to the first piece",
+        EndRule::WiderEnd => "the wider end",
+        EndRule::NearestToHead => "nearest to the head of ends about as good",
+        EndRule::FarthestTip => "tip farthest from the start",
+        EndRule::Ring => "a place on a ring",
+    };
+    let place = |[x, y, z]: [f64; 3]| {
+        html! {
+            "(" (decimal(x, 1)) ", " (decimal(y, 1)) ", " (decimal(z, 1)) ") mm"
+        }
+    };
+    html! {
+        (rule) ", " (place(end.at_mm))
+        @if let (Some(margin), Some(other)) = (end.margin, end.runner_up_mm) {
+            ", " (percent(margin)) " before " (place(other))
+        }
+        @if end.is_doubtful() { ": in doubt" }
+    }
+}
+
 fn centerline(c: &CenterlineReport) -> Markup {
     html! {
         section id="centerline" {
@@ -84,6 +119,18 @@ fn centerline(c: &CenterlineReport) -> Markup {
             table { tbody {
                 (row("Lines", html! { (count(c.branches)) ", " (decimal(c.length_mm, 0)) " mm together" }))
                 (row("Least distance to the wall", html! { (decimal(c.min_clearance_mm, 2)) " mm" }))
+                @for (end, name) in c.ends.iter().flatten().zip(["Start", "End"]) {
+                    (row(name, end_of(end)))
+                }
+                @if let Some(mm) = c.beyond_start_mm {
+                    (row("Larynx or pharynx above the start", html! { (decimal(mm, 0)) " mm" }))
+                }
+                @if c.rerouted_points > 0 {
+                    (row("Points led back inside the wall", count(c.rerouted_points)))
+                }
+                @if c.points_outside > 0 {
+                    (row("Points beyond the wall", count(c.points_outside)))
+                }
                 @if c.pieces > 1 {
                     (row("Pieces that are not joined", html! {
                         (count(c.pieces)) ", apart by "

@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use glam::DVec3;
+use glam::{DVec3, UVec3};
 use rayon::prelude::*;
 
-use super::{Clock, Fields, Session, SessionError, present};
+use super::{Clock, EndPoint, Fields, Session, SessionError, present};
 use crate::centerline::{
-    Ends, GraphNode, Loops, LumenLoop, Proof, RouteOptions, Routed, Viewpoint, VisibilityInput,
-    add_viewers, centerline,
+    CenterlineError, ChosenEnd, Ends, GraphNode, Loops, LumenLoop, Proof, RouteOptions, Routed,
+    Viewpoint, VisibilityInput, WithinWall, add_viewers, centerline, within_wall,
 };
 use crate::compute::Plan;
 use crate::device::Device;
@@ -39,8 +39,18 @@ pub struct Centered {
     pub unreachable: usize,
     /// Loops of the lumen: the ended ones, then the kept ones.
     pub loops: Vec<LumenLoop>,
-    /// Smallest distance from the line to an external voxel centre, mm.
+    /// Start and end of the path or trunk, with their rules; `None` for the paper's path.
+    pub ends: Option<[ChosenEnd; 2]>,
+    /// Smallest distance from the line to the wall, between its points too, mm.
     pub min_clearance_mm: f64,
+    /// Points that were replaced because the curve passed the wall there.
+    pub rerouted: usize,
+    /// Points beyond the wall, LPS mm: ends that were given there.
+    pub outside_mm: Vec<DVec3>,
+    /// Places where branches of the lumen part, LPS mm; none of the paper's path.
+    pub junctions: Vec<DVec3>,
+    /// Length of larynx and pharynx above the start of path and tree, mm.
+    pub beyond_mm: Option<f64>,
 }
 
 /// Most viewpoints added for unseen voxels; what is still unseen then is listed.
@@ -63,18 +73,51 @@ pub struct Visibility {
 impl Session {
     pub(super) fn run_route(&self, clock: &mut Clock) -> Result<Routed, SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
-        route(&lumen.lumen, &fields, self.route_options(), clock)
+        route(&lumen.lumen, &fields, self.route_options()?, clock)
     }
 
-    pub(super) fn route_options(&self) -> RouteOptions {
+    /// Options of the route, with ends by name as places.
+    ///
+    /// # Errors
+    /// [`CenterlineError::NoTip`]; what the tree fails with by which a name is looked up.
+    pub(super) fn route_options(&self) -> Result<RouteOptions, SessionError> {
+        let options = self.found_ends();
         let c = self.settings.centerline;
-        // A colon is flown from the rectum, an airway from the trachea.
+        let tree = match [c.from, c.to].iter().flatten().all(|e| matches!(e, EndPoint::Point(_))) {
+            true => Centerline::default(),
+            false => {
+                let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
+                let options = RouteOptions { tree: true, ..options };
+                centerline(&lumen.lumen, &fields.distance, &fields.smooth, options)?.line
+            }
+        };
+        let place = |end: EndPoint| {
+            let (branch, last) = match end {
+                EndPoint::Point(at) => return Ok(at),
+                EndPoint::Root => (0, false),
+                EndPoint::Tip(branch) => (branch, true),
+            };
+            let points = tree.branches.get(branch).map(|b| &b.points[..]).unwrap_or_default();
+            let at = if last { points.last() } else { points.first() };
+            let branches = tree.branches.len();
+            at.map(|p| p.position_mm).ok_or(CenterlineError::NoTip { branch, branches })
+        };
+        let ends = Ends { from: c.from.map(place).transpose()?, to: c.to.map(place).transpose()? };
+        Ok(RouteOptions { ends, ..options })
+    }
+
+    /// Options of a route whose ends are all found.
+    fn found_ends(&self) -> RouteOptions {
+        let c = self.settings.centerline;
         let lumen = present(&self.slots.lumen);
-        let first = lumen.organ.as_ref().and_then(|organ| organ.segments.first());
+        let organ = lumen.organ.as_ref();
         let to_world = lumen.lumen.volume_grid().world_from_voxel();
-        let starts_near = first.map(|s| to_world.transform_point3(s.seed.as_dvec3()));
-        let ends = Ends { from: c.from, to: c.to };
-        RouteOptions { ends, tree: c.tree, loops: c.loops, starts_near }
+        let place = |voxel: UVec3| to_world.transform_point3(voxel.as_dvec3());
+        let colon = organ.filter(|found| found.organ == Organ::Colon);
+        let starts_near = colon.and_then(|c| c.segments.first()).map(|s| place(s.seed));
+        let trachea = organ.and_then(|found| found.root).map(place);
+        let ends = Ends::default();
+        RouteOptions { ends, tree: c.tree, loops: c.loops, starts_near, trachea }
     }
 
     /// All branches with the loops they close, whatever path or tree is asked for. Of a mode
@@ -84,7 +127,7 @@ impl Session {
     /// As [`Session::centerline`].
     pub fn graph(&self) -> Result<CenterlineGraph, SessionError> {
         let (centered, _) = (self.centerline()?, self.lumen()?);
-        let options = self.route_options();
+        let options = self.route_options()?;
         if !self.settings.methods().branches || (options.tree && options.loops == Loops::Keep) {
             return Ok(centered.line.graph());
         }
@@ -95,8 +138,10 @@ impl Session {
             .pool
             .install(|| centerline(&lumen.lumen, &fields.distance, &fields.smooth, options))?;
         let branches = all.line.branches.len() as u64;
+        self.triangle_tree()?;
+        let line = self.pool.install(|| self.within_wall(&all.line)).line;
         self.clock().record("all branches", "cpu", start, (branches, "branches"), Vec::new());
-        Ok(all.line.graph())
+        Ok(line.graph())
     }
 
     /// Branches by generation, where a tree was asked for or the organ is one: an airway or a
@@ -154,9 +199,20 @@ impl Session {
     }
 
     pub(super) fn run_centerline(&self, _: &mut Clock) -> Result<Centered, SessionError> {
-        let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
         let (route, seen) = (present(&self.slots.route), present(&self.slots.visibility));
-        Ok(Centered::new(&lumen.lumen, &fields, &route, &seen))
+        Ok(Centered::new(self.within_wall(&route.line), &route, &seen))
+    }
+
+    /// A line with the radius of the wall, on the lumen's side of it.
+    fn within_wall(&self, line: &Centerline) -> WithinWall {
+        let (lumen, tree) = (present(&self.slots.lumen), present(&self.slots.triangle_tree));
+        let c = self.settings.centerline;
+        within_wall(
+            line,
+            &lumen.lumen,
+            &tree,
+            [c.from, c.to].map(|end| matches!(end, Some(EndPoint::Point(_)))),
+        )
     }
 }
 
@@ -187,6 +243,31 @@ impl Centered {
                 "{n} inside voxels are joined to the rest by edges or corners only; no path goes there"
             ));
         }
+        if let Some(mm) = self.beyond_mm {
+            out.push(format!(
+                "{mm:.0} mm of the airway lie above the start of the path and are narrower than the \
+                 trachea: larynx or pharynx"
+            ));
+        }
+        for (end, name) in self.ends.iter().flatten().zip(["start", "end"]) {
+            if let Some([x, y, z]) = end.runner_up_mm.filter(|_| end.is_doubtful()) {
+                out.push(format!(
+                    "the {name} of the path may be another: ({x:.1}, {y:.1}, {z:.1}) mm is as good \
+                     within {:.0} %",
+                    100.0 * end.margin.unwrap_or(0.0)
+                ));
+            }
+        }
+        if !self.outside_mm.is_empty() {
+            let at = self.outside_mm[0];
+            out.push(format!(
+                "{} points of the line lie beyond the wall, the first at ({:.1}, {:.1}, {:.1}) mm",
+                self.outside_mm.len(),
+                at.x,
+                at.y,
+                at.z
+            ));
+        }
         let mut doubtful: Vec<_> = self.loops.iter().filter(|l| l.is_doubtful()).collect();
         doubtful.sort_by(|a, b| b.found.cycle_mm.total_cmp(&a.found.cycle_mm));
         for l in doubtful.iter().take(MAX_LOOPS) {
@@ -205,11 +286,21 @@ impl Centered {
         out
     }
 
-    /// A route with the outcome of the visibility test in the same lumen.
-    fn new(lumen: &Lumen, fields: &Fields, routed: &Routed, seen: &Visibility) -> Self {
+    /// A route within its wall with the outcome of the visibility test in the same lumen.
+    fn new(within: WithinWall, routed: &Routed, seen: &Visibility) -> Self {
+        let mut ends = routed.ends.clone();
+        let places = [within.line.branches.first(), within.line.last_of_trunk()];
+        let [first, last] = places.map(|b| b.map_or(&[][..], |b| &b.points));
+        for (end, at) in ends.iter_mut().zip([first.first(), last.last()]) {
+            end.at_mm = at.map_or(end.at_mm, |p| p.position_mm.to_array());
+        }
         Self {
-            min_clearance_mm: clearance(&routed.line, lumen, &fields.distance),
-            line: routed.line.clone(),
+            min_clearance_mm: within.clearance_mm,
+            rerouted: within.rerouted,
+            outside_mm: within.outside_mm,
+            beyond_mm: routed.beyond_mm,
+            junctions: routed.junctions.clone(),
+            line: within.line,
             proof: Some(routed.proof),
             candidates: seen.candidates,
             on_ridge: seen.on_ridge,
@@ -218,6 +309,7 @@ impl Centered {
             unseen: seen.unseen.clone(),
             unreachable: routed.unreachable,
             loops: routed.loops.clone(),
+            ends: Some(ends),
         }
     }
 }
@@ -281,14 +373,4 @@ pub(super) fn visible(
         &out,
     );
     Ok(input.read(pending, &out))
-}
-
-pub(super) fn clearance(line: &Centerline, lumen: &Lumen, distance: &[f32]) -> f64 {
-    let d = Sampler { lumen, field: distance };
-    let local = lumen.grid.voxel_from_world();
-    line.branches
-        .iter()
-        .flat_map(|b| &b.points)
-        .map(|p| d.at(local.transform_point3(p.position_mm) * lumen.grid.spacing_mm))
-        .fold(f64::INFINITY, f64::min)
 }

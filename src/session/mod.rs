@@ -60,8 +60,8 @@ pub use report::{
 pub use search::Exterior;
 pub use segmentation::{Core, Segmented};
 pub use settings::{
-    CenterlineSettings, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings, Radius,
-    Reading, Seed, Settings, Source, VolumeSource, WallMethod, WallSettings,
+    CenterlineSettings, EndPoint, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings,
+    Radius, Reading, Seed, Settings, Source, VolumeSource, WallMethod, WallSettings,
 };
 pub use stages::{Product, Products, kernels};
 pub use surface::{DrawnWall, Wall, gradient_normals, smoothed_normals, written_mesh};

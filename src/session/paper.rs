@@ -5,10 +5,10 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::centering::{clearance, ranked, visible};
+use super::centering::{ranked, visible};
 use super::fields::distance_and_smooth;
 use super::{Centered, Clock, Fields, Radius, Session, SessionError, Visibility, present};
-use crate::centerline::Viewpoint;
+use crate::centerline::{Viewpoint, clearance_mm, measure_radius};
 use crate::compute::Plan;
 use crate::field::{LumenBuffers, Sampler};
 use crate::paper::{RidgePoint, paper_path, ridge};
@@ -72,16 +72,22 @@ impl Session {
     pub(super) fn run_paper_centerline(&self, clock: &mut Clock) -> Result<Centered, SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
         let (lumen, device) = (&lumen.lumen, present(&self.slots.device));
-        let options = self.route_options();
+        let options = self.route_options()?;
         let viewpoints = self.ridge_viewpoints(fields.ridge.iter());
         let internal: Vec<u64> =
             lumen.inside.iter().zip(&lumen.boundary).map(|(i, b)| i & !b).collect();
         let (kept, unseen) = visible(&mut device.lock(), lumen, &viewpoints, &internal, clock)?;
         let kept: Vec<Viewpoint> = kept.iter().map(|r| viewpoints[*r as usize]).collect();
         let work = || paper_path(lumen, &kept, &fields.distance, options);
-        let line = clock.time("paper path", "kept points", work, |_| kept.len() as u64)?;
+        let mut line = clock.time("paper path", "kept points", work, |_| kept.len() as u64)?;
+        let tree = present(&self.slots.triangle_tree);
+        measure_radius(&mut line, &tree, lumen.grid.spacing_mm.max_element());
         Ok(Centered {
-            min_clearance_mm: clearance(&line, lumen, &fields.distance),
+            min_clearance_mm: clearance_mm(&line, &tree),
+            rerouted: 0,
+            outside_mm: Vec::new(),
+            beyond_mm: None,
+            junctions: Vec::new(),
             line,
             proof: None,
             candidates: viewpoints.len(),
@@ -91,6 +97,7 @@ impl Session {
             unseen,
             unreachable: 0,
             loops: Vec::new(),
+            ends: None,
         })
     }
 }

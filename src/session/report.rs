@@ -11,7 +11,7 @@ use super::levels::LodReport;
 use super::surface::{Wall, written_mesh};
 use super::{Centered, Clock, Product, Segmented, Session, SessionError, StageTime, WallMethod};
 use crate::centerline::complex::net::Rule;
-use crate::centerline::{LumenLoop, Proof};
+use crate::centerline::{ChosenEnd, LumenLoop, Proof};
 use crate::flight::LumenProfile;
 use crate::geometry::{Branch, Centerline, Mesh, TreeSummary};
 use crate::lumen::{Component, IntensitySelection, Lumen};
@@ -138,6 +138,11 @@ pub struct LumenReport {
     pub filled_voxels: u64,
     /// Closed cavities that were filled.
     pub filled_cavities: usize,
+    /// Voxels added to a label map where parts of it touched by an edge or a corner.
+    pub joined_voxels: usize,
+    /// Places of the first of them, LPS mm.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub joined_at_mm: Vec<[f64; 3]>,
     /// Components left out though they lie in the body.
     pub other_components: usize,
     /// Voxels of those components.
@@ -264,8 +269,18 @@ pub struct CenterlineReport {
     pub pieces: usize,
     /// Distance from the end of each piece to the next; nothing proves a way there.
     pub gaps_mm: Vec<f64>,
-    /// Least distance of the lines to the centre of an external voxel.
+    /// Least distance of the lines to the wall, between their points too.
     pub min_clearance_mm: f64,
+    /// Start and end with the rules that chose them; not of the paper's path.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ends: Option<[ChosenEnd; 2]>,
+    /// Length of larynx and pharynx above the start.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub beyond_start_mm: Option<f64>,
+    /// Points that were replaced because the curve passed the wall there.
+    pub rerouted_points: usize,
+    /// Points beyond the wall: ends that were given there.
+    pub points_outside: usize,
     /// Places that viewers were chosen from: nodes of the graph, or ridge candidates.
     pub viewer_candidates: usize,
     /// Ridge points, of the paper's method and with its reach of viewers.
@@ -547,6 +562,8 @@ impl LumenReport {
         let listed = |all: &[Component], outside_body| -> Vec<ComponentReport> {
             all.iter().take(LISTED).map(|c| component(c, outside_body)).collect()
         };
+        let to_world = lumen.volume_grid().world_from_voxel();
+        let place = |v: &UVec3| to_world.transform_point3(v.as_dvec3()).to_array();
         let mut left_out = listed(&found.others, false);
         left_out.extend(listed(&found.outside, true));
         Self {
@@ -557,6 +574,8 @@ impl LumenReport {
             bricks: lumen.bricks.len(),
             filled_voxels: found.filled.0,
             filled_cavities: found.filled.1,
+            joined_voxels: found.joined.len(),
+            joined_at_mm: found.joined.iter().take(LISTED).map(place).collect(),
             other_components: found.others.len(),
             other_voxels: found.other_voxels,
             outside_components: found.outside.len(),
@@ -686,6 +705,10 @@ impl CenterlineReport {
             pieces: c.line.pieces().count(),
             gaps_mm: gaps_mm(&c.line),
             min_clearance_mm: c.min_clearance_mm,
+            ends: c.ends.clone(),
+            beyond_start_mm: c.beyond_mm,
+            rerouted_points: c.rerouted,
+            points_outside: c.outside_mm.len(),
             viewer_candidates: c.candidates,
             ridge_candidates: c.on_ridge.then_some(c.candidates),
             kept: c.kept,

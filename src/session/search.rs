@@ -3,13 +3,16 @@
 
 use std::sync::Arc;
 
-use super::{Clock, Session, SessionError, present};
+use glam::DVec3;
+
+use super::{Centered, Clock, Session, SessionError, present};
+use crate::centerline::EndRule;
 use crate::flight::{Flight, FlightPath, LumenProfile, SectionFigures, sections_along};
 use crate::geometry::{
     Centerline, CenterlineDistances, CenterlinePlaces, ExteriorGrid, Mesh, TriangleBvh,
 };
 use crate::lod::occlusion_grid;
-use crate::organ::Organ;
+use crate::organ::{ColonEnds, Organ};
 
 /// Space outside the wall.
 pub struct Exterior {
@@ -70,26 +73,30 @@ impl Session {
         let (wall, tree) = (present(&self.slots.wall), present(&self.slots.triangle_tree));
         let centered = present(&self.slots.centerline);
         let pieces = self.route_pieces(&centered.line)?;
-        let start = self.start_of_route();
+        let start = self.start_of_route(&centered);
         let voxel_mm = present(&self.slots.lumen).lumen.grid.spacing_mm.max_element();
         let measured = || {
             let places = CenterlinePlaces::new(&centered.line);
-            LumenProfile::new(&pieces, &wall.mesh, &tree, &places, voxel_mm)
+            LumenProfile::new(&pieces, &wall.mesh, &tree, &places, &centered.junctions, voxel_mm)
         };
         let find = || LumenProfile { start, ..measured() };
         Ok(clock.time("profile", "samples", find, |p| p.arc_mm.len() as u64))
     }
 
-    /// Part of the organ that the path starts in: where it was found and nothing says otherwise, a
-    /// colon is flown from the rectum and an airway from the trachea.
-    fn start_of_route(&self) -> Option<&'static str> {
-        if self.settings.centerline.from.is_some() || self.settings.flight.reverse {
+    /// Part of the organ that the path starts in, where a rule says so without doubt.
+    fn start_of_route(&self, centered: &Centered) -> Option<&'static str> {
+        let [start, end] = centered.ends.as_ref()?;
+        if self.settings.flight.reverse || start.is_doubtful() {
             return None;
         }
-        match present(&self.slots.lumen).organ.as_ref()?.organ {
-            Organ::Colon => Some("rectum"),
-            Organ::Airway => Some("trachea"),
-            Organ::Vessel => None,
+        let [from, to] = [start, end].map(|e| DVec3::from(e.at_mm));
+        match (present(&self.slots.lumen).organ.as_ref()?.organ, start.rule) {
+            (Organ::Airway, EndRule::Trachea) => Some("trachea"),
+            (Organ::Colon, EndRule::Rectum) => {
+                let ends = ColonEnds::of(from, to, centered.line.length_mm())?;
+                (ends.is_sure && ends.starts_at_rectum).then_some("rectum")
+            }
+            _ => None,
         }
     }
 

@@ -438,6 +438,14 @@ fn notes(grid: &Grid, found: &SegmentationStats) -> Vec<String> {
         let (t, v) = (leak.threshold, leak.volume_ml);
         out.push(format!("leak control: threshold {t} holds {v:.1} ml; {leaks}"));
     }
+    if let Some(first) = found.joined.first() {
+        let voxel = grid.stored_voxel(first.as_ivec3());
+        out.push(format!(
+            "parts of the label that touch by edges or corners of voxels were joined: {} voxels \
+             added, the first at voxel {voxel}",
+            found.joined.len()
+        ));
+    }
     if !found.others.is_empty() || !found.outside.is_empty() {
         out.push(taken_note(grid, found));
     }

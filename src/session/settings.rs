@@ -131,13 +131,30 @@ pub enum Radius {
     Measured,
 }
 
+/// An end of the path that someone asks for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum EndPoint {
+    /// Place in the lumen, LPS mm.
+    Point(DVec3),
+    /// Root of the tree.
+    Root,
+    /// Tip of a branch of the tree, by its number.
+    Tip(usize),
+}
+
+impl From<DVec3> for EndPoint {
+    fn from(at: DVec3) -> Self {
+        Self::Point(at)
+    }
+}
+
 /// The centerline.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CenterlineSettings {
-    /// Start, LPS mm; found where `None`.
-    pub from: Option<DVec3>,
-    /// End, LPS mm; found where `None`.
-    pub to: Option<DVec3>,
+    /// Start; found where `None`.
+    pub from: Option<EndPoint>,
+    /// End; found where `None`.
+    pub to: Option<EndPoint>,
     /// Whether all branches are wanted instead of one path.
     pub tree: bool,
     /// Loops of a tree.

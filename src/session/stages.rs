@@ -257,6 +257,9 @@ products! {
     /// The wall with smoothed normals, LPS mm.
     pub Wall wall: Wall =
         "surface" 8.0 [Lumen Volume Device] (mode, wall.from_mask, wall.smoothing) Device always run_wall;
+    /// The wall's triangles by place: for rays, nearest points and planes.
+    pub TriangleTree triangle_tree: TriangleBvh =
+        "triangle tree" 0.5 [Wall] () Cpu always run_triangle_tree;
     /// BLAKE3 of the samples of the volume the lumen is chosen from, in hexadecimal.
     pub Identity identity: String =
         "hash" 1.0 [Volume] () Cpu always run_identity;
@@ -268,8 +271,8 @@ products! {
         "inputs" 0.1 [Volume Identity] () Cpu always run_inputs;
     /// Path or tree, centred and proven inside, with the visibility test.
     pub Centerline centerline: Centered =
-        "centerline" 0.1 [Lumen Fields Route Visibility] (mode, centerline.radius) Cpu default_mode run_centerline
-        | "paper path" 30.0 [Lumen Fields Device] (centerline) Device paper_mode run_paper_centerline;
+        "centerline" 0.1 [Lumen Route Visibility TriangleTree] (mode, centerline.radius) Cpu default_mode run_centerline
+        | "paper path" 30.0 [Lumen Fields Device TriangleTree] (centerline) Device paper_mode run_paper_centerline;
     /// The drawn wall, with or without caps.
     pub(super) DrawnWall drawn_wall: DrawnWall =
         "drawn wall" 0.1 [Wall] (wall.open_ends) Cpu always run_drawn_wall;
@@ -282,9 +285,6 @@ products! {
     /// Vertices with curvature tint.
     pub(super) Shading shading: Shading =
         "shading" 1.0 [DrawnWall] () Cpu always run_shading;
-    /// The wall's triangles by place: for rays, nearest points and planes.
-    pub TriangleTree triangle_tree: TriangleBvh =
-        "triangle tree" 0.5 [Wall] () Cpu always run_triangle_tree;
     /// The drawn wall's triangles by place.
     pub(super) DrawnTree drawn_tree: TriangleBvh =
         "drawn tree" 0.1 [DrawnWall TriangleTree] () Cpu levels run_drawn_tree;

@@ -188,7 +188,7 @@ fn components_of_a_volume_read_in_parts_are_those_of_scipy() {
         let volume = read(&fixture(&format!("mask/{name}.mask.nrrd"))).unwrap();
         let path = write_zarr(&dir.path().join(name), &volume, [5, 7, 3]);
         let mut settings = Settings::default();
-        settings.lumen.select = Some(IntensitySelection::Labels(vec![1]));
+        settings.lumen.select = Some(IntensitySelection::Range { lo: 1.0, hi: f64::INFINITY });
         let core = session(&path, Reading::Parts, &settings).core().unwrap();
         let others: Vec<u64> = core.found.others.iter().map(|c| c.voxels).collect();
         assert_eq!(core.found.taken.unwrap().voxels, sizes[0], "{name}");

@@ -10,7 +10,9 @@ use intima::field::Sampler;
 use intima::flight::{Flight, FlightError, FlightOptions, Frames};
 use intima::geometry::{Centerline, CenterlinePoint};
 use intima::lumen::{BitVolume, IntensitySelection, Lumen};
-use intima::session::{CenterlineSettings, LumenSettings, Session, Settings, Source, VolumeSource};
+use intima::session::{
+    CenterlineSettings, LumenSettings, Session, Settings, Source, VolumeSource, WallMethod,
+};
 use intima::volume::Grid;
 use intima::volume::phantom::Kind;
 
@@ -60,8 +62,10 @@ fn loops_of_real_lumens_are_those_of_their_masks_but_for_what_cells_hide() {
     ];
     for (name, loops) in masks {
         let Some(path) = shared_file(&format!("{name}.nii.gz")) else { continue };
-        let select = Some(IntensitySelection::Labels(vec![1]));
-        let lumen = LumenSettings { select, ..LumenSettings::default() };
+        // Parts of a label that touch by edges would be joined.
+        let select = Some(IntensitySelection::Range { lo: 1.0, hi: f64::INFINITY });
+        let wall = WallMethod::Exact;
+        let lumen = LumenSettings { select, wall, ..LumenSettings::default() };
         let settings = Settings { lumen, ..Settings::default() };
         let source = Source::Image(VolumeSource::file(path));
         let session = Session::new(source, settings).unwrap();

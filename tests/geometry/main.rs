@@ -3,12 +3,14 @@
 
 mod coverage;
 mod determinism;
+mod ends;
 mod flight;
 mod graph;
 mod invariance;
 mod lod;
 mod lod_determinism;
 mod lod_rays;
+mod narrowing;
 mod oracle_centerline;
 mod oracle_lumen;
 mod oracle_normals;
@@ -18,4 +20,5 @@ mod oracle_surface;
 mod oracle_tree;
 mod organ;
 mod phantoms;
+mod radius;
 mod shared_data;

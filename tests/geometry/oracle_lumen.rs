@@ -7,6 +7,9 @@ use intima::lumen::{
 use intima::volume::Volume;
 use serde_json::Value;
 
+/// The voxels of a mask: as a label, parts that touch by edges would be joined.
+const SELECTED: IntensitySelection = IntensitySelection::Range { lo: 1.0, hi: f64::INFINITY };
+
 fn selection(case: &Value) -> IntensitySelection {
     let end = |v: &Value, open: f64| v.as_f64().unwrap_or(open);
     IntensitySelection::Range {
@@ -89,10 +92,8 @@ fn assert_classes(lumen: &Lumen, want: &Value, what: &str) {
 fn classes_of_every_mask_as_it_is_filled_and_its_largest_component() {
     for (name, want) in masks() {
         let volume = mask(&name);
-        let options = SegmentationOptions {
-            all_components: true,
-            ..SegmentationOptions::new(IntensitySelection::Labels(vec![1]))
-        };
+        let options =
+            SegmentationOptions { all_components: true, ..SegmentationOptions::new(SELECTED) };
         assert_classes(&Lumen::new(volume.grid, &selected(&volume)), &want, &name);
         let largest = SegmentationOptions { all_components: false, ..options.clone() };
         if int(&want["inside"]) == 0 {
@@ -125,10 +126,9 @@ fn classes_of_every_mask_as_it_is_filled_and_its_largest_component() {
 fn components_grown_from_their_first_voxels_are_those_found() {
     for (name, want) in masks().into_iter().filter(|(_, w)| int(&w["inside"]) > 0) {
         let volume = mask(&name);
-        let (_, found) =
-            SegmentationOptions::new(IntensitySelection::Labels(vec![1])).apply(&volume).unwrap();
+        let (_, found) = SegmentationOptions::new(SELECTED).apply(&volume).unwrap();
         for c in &found.others {
-            let grown = grow(&volume, &IntensitySelection::Labels(vec![1]), c.first).unwrap();
+            let grown = grow(&volume, &SELECTED, c.first).unwrap();
             assert_eq!(grown.count(), c.voxels, "{name}: {c:?}");
         }
         let others = ints(&want["component_sizes"])[1..].iter().sum::<i64>();

@@ -5,6 +5,9 @@ use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
 use intima::surface::{Midpoint, Surface};
 use serde_json::Value;
 
+/// The voxels of a mask: as a label, parts that touch by edges would be joined.
+const SELECTED: IntensitySelection = IntensitySelection::Range { lo: 1.0, hi: f64::INFINITY };
+
 fn assert_counts(lumen: &Lumen, want: &Value, what: &str) {
     let t = Surface::new(lumen, &Midpoint, None).topology;
     assert_eq!(t.vertices as i64, int(&want["vertices"]), "{what}: vertices");
@@ -20,10 +23,8 @@ fn vertices_faces_and_euler_number_are_those_counted_on_the_mask() {
         if int(&want["inside"]) == 0 {
             continue;
         }
-        let options = SegmentationOptions {
-            all_components: true,
-            ..SegmentationOptions::new(IntensitySelection::Labels(vec![1]))
-        };
+        let options =
+            SegmentationOptions { all_components: true, ..SegmentationOptions::new(SELECTED) };
         let filled = options.apply(&mask(&name)).unwrap().0;
         assert_counts(&filled, &want["filled"]["surface"], &format!("{name}, filled"));
         let one =

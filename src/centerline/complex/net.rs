@@ -129,7 +129,8 @@ impl<'a> Net<'a> {
         Some(arc)
     }
 
-    fn degree(&self, node: u32) -> usize {
+    /// Number of arcs that end at a node.
+    pub fn degree(&self, node: u32) -> usize {
         self.at.get(&node).map_or(0, Vec::len)
     }
 
@@ -138,7 +139,8 @@ impl<'a> Net<'a> {
         0.5 * self.h * f64::from(key).sqrt()
     }
 
-    fn node_mm(&self, node: u32) -> f64 {
+    /// Distance to the wall at the deepest voxel of a node, mm.
+    pub fn node_mm(&self, node: u32) -> f64 {
         self.width_mm(self.complex.nodes[node as usize].key)
     }
 
@@ -193,6 +195,41 @@ impl<'a> Net<'a> {
     /// Nodes where arcs end, ascending.
     pub fn nodes(&self) -> impl Iterator<Item = u32> + '_ {
         self.at.keys().copied()
+    }
+
+    /// Removes what lies beyond a node of an arc, on the side of a tip; the node is a tip then.
+    /// Leaves everything as it is where the other side is reached from there too.
+    pub fn cut_beyond(&mut self, node: u32, tip: u32) {
+        let holds = |arc: &Option<Arc>| {
+            arc.as_ref().and_then(|arc| arc.nodes.iter().position(|n| *n == node))
+        };
+        let inner = (0..self.arcs.len()).find_map(|i| Some((i, holds(&self.arcs[i])?)));
+        let Some((i, at)) = inner else { return };
+        // Parts the arc at the node, unless it ends there.
+        if at > 0 && !self.at.contains_key(&node) {
+            let Some(arc) = self.detach(i) else { return };
+            let (nodes, contacts) = (arc.nodes, arc.contacts);
+            let first = Arc { nodes: nodes[..=at].to_vec(), contacts: contacts[..at].to_vec() };
+            let last = Arc { nodes: nodes[at..].to_vec(), contacts: contacts[at..].to_vec() };
+            self.push(first);
+            self.push(last);
+        }
+        let mut beyond = BTreeSet::new();
+        let (mut open, mut seen) = (vec![tip], BTreeSet::from([tip, node]));
+        while let Some(here) = open.pop() {
+            for &i in self.at.get(&here).into_iter().flatten() {
+                beyond.insert(i);
+                let next = self.arcs[i].as_ref().map_or(here, |arc| arc.other_end(here));
+                if seen.insert(next) {
+                    open.push(next);
+                }
+            }
+        }
+        let length = |i: &usize| self.length(*i);
+        let all: u64 = (0..self.arcs.len()).map(|i| self.length(i)).sum();
+        if 2 * beyond.iter().map(length).sum::<u64>() < all {
+            beyond.into_iter().for_each(|i| drop(self.detach(i)));
+        }
     }
 
     /// The node next to a leaf on its arc.

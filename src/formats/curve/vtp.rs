@@ -7,7 +7,7 @@ use std::path::Path;
 
 use super::{FormatError, atomic_file};
 use crate::formats::mesh::polydata::{DataArray, PolyData};
-use crate::geometry::{Centerline, Tract, Tracts};
+use crate::geometry::{Centerline, CenterlinePoint, Tract, Tracts};
 
 /// A path from a root to each tip, a group of its own.
 pub(super) fn write_paths(path: &Path, centerline: &Centerline) -> Result<(), FormatError> {
@@ -28,6 +28,22 @@ pub(super) fn write_tracts(path: &Path, centerline: &Centerline) -> Result<(), F
     write(path, &centerline.tracts())
 }
 
+/// Most paths of which each point says whether it lies on each: the array grows with their square.
+const MAX_OWNERS: usize = 32;
+
+/// For each point a 1 for the path it lies on and 0 for the others, as SimVascular reads them;
+/// `None` of too many paths.
+fn path_of_points(paths: &[Vec<CenterlinePoint>], points: usize) -> Option<Vec<i32>> {
+    let count = paths.len();
+    if count > MAX_OWNERS {
+        return None;
+    }
+    let mut owners = vec![0; points * count];
+    let each = paths.iter().enumerate().flat_map(|(i, p)| std::iter::repeat_n(i, p.len()));
+    each.enumerate().for_each(|(point, path)| owners[point * count + path] = 1);
+    Some(owners)
+}
+
 fn write(path: &Path, Tracts { paths, tracts }: &Tracts) -> Result<(), FormatError> {
     let (mut points, mut radius, mut abscissa) = (Vec::new(), Vec::new(), Vec::new());
     let mut first = Vec::new();
@@ -37,6 +53,7 @@ fn write(path: &Path, Tracts { paths, tracts }: &Tracts) -> Result<(), FormatErr
         radius.extend(p.iter().map(|p| p.radius_mm));
         abscissa.extend(p.iter().map(|p| p.abscissa_mm));
     }
+    let owners = path_of_points(paths, radius.len());
     // Neighbouring tracts share a point: there are at most twice as many entries as points.
     if i32::try_from(2 * radius.len()).is_err() {
         return Err(FormatError::unsupported(path, "polylines of more than 2^30 points"));
@@ -57,11 +74,16 @@ fn write(path: &Path, Tracts { paths, tracts }: &Tracts) -> Result<(), FormatErr
         points: DataArray::new("Points", 3, &points),
         point_count: radius.len(),
         // VMTK asks for the first name, Slicer for the second.
-        point_data: vec![
+        point_data: [
             DataArray::new("MaximumInscribedSphereRadius", 1, &radius),
             DataArray::new("Radius", 1, &radius),
             DataArray::new("Abscissa", 1, &abscissa),
-        ],
+            // SimVascular asks for these two.
+            DataArray::new("Path", 1, &abscissa),
+        ]
+        .into_iter()
+        .chain(owners.as_ref().map(|own| DataArray::new("CenterlineId", paths.len(), own)))
+        .collect(),
         active: "Scalars=\"Radius\"",
         cells: "Lines",
         cell_count: tracts.len(),

@@ -15,7 +15,7 @@ use intima::mesh::Metric;
 use intima::organ::{Organ, OrganOptions};
 use intima::render::View;
 use intima::session::{
-    CenterlineSettings, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings, Mode,
+    CenterlineSettings, EndPoint, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings, Mode,
     Radius, Seed, Settings, WallMethod, WallSettings,
 };
 use intima::surface::{Fairing, Smoothing, Weights};
@@ -210,8 +210,8 @@ fn centerline(given: &Remaining<'_>) -> PyResult<CenterlineSettings> {
     let loops = [("keep", Loops::Keep), ("cut", Loops::Cut)];
     let radii = [("paper", Radius::Paper), ("measured", Radius::Measured)];
     Ok(CenterlineSettings {
-        from: given.point("from_")?,
-        to: given.point("to")?,
+        from: given.point("from_")?.map(EndPoint::Point),
+        to: given.point("to")?.map(EndPoint::Point),
         tree: given.flag("tree", false)?,
         loops: given.word("loops", &loops)?.unwrap_or_default(),
         radius: given.word("radius", &radii)?,

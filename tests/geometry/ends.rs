@@ -1,0 +1,83 @@
+//! Where paths begin: a table of the shared volumes, by hand.
+
+use common::fixtures::{json, list};
+use common::volumes::shared_file;
+use glam::DVec3;
+use intima::centerline::EndRule;
+use intima::lumen::IntensitySelection;
+use intima::organ::{Organ, OrganOptions};
+use intima::session::{EndPoint, Session, Settings, Source, VolumeSource};
+use intima::volume::phantom::{Kind, Phantom};
+
+fn session(file: std::path::PathBuf, select: IntensitySelection) -> Session {
+    let mut settings = Settings::default();
+    settings.lumen.select = Some(select);
+    Session::new(Source::Image(VolumeSource::file(file)), settings).unwrap()
+}
+
+#[test]
+fn paths_begin_at_the_trachea_the_rectum_or_the_trunk() {
+    let table = json("ends.json");
+    for row in list(&table["labels"]) {
+        let name = row["file"].as_str().unwrap();
+        let Some(file) = shared_file(name) else { return };
+        let select = match row["from"].as_f64() {
+            Some(lo) => IntensitySelection::Range { lo, hi: f64::INFINITY },
+            None => IntensitySelection::Labels(Vec::new()),
+        };
+        let session = session(file, select);
+        let centered = session.centerline().unwrap();
+        let [start, end] = centered.ends.as_ref().unwrap();
+        let wanted: Vec<f64> = list(&row["start"]).iter().map(|x| x.as_f64().unwrap()).collect();
+        let off = DVec3::from(start.at_mm).distance(DVec3::from_slice(&wanted));
+        println!("{name}: {off:.1} mm, {start:?}, to {:?}", end.at_mm);
+        assert!(off <= row["within"].as_f64().unwrap(), "{name}: {off:.1} mm from the start");
+        let rule = match row["ends"].as_str().unwrap() {
+            "rectum" => EndRule::Rectum,
+            _ => EndRule::ThickestStem,
+        };
+        assert_eq!((start.rule, end.rule), (rule, EndRule::FarthestTip), "{name}");
+        assert!(!start.is_doubtful(), "{name}: {start:?}");
+        assert!(centered.outside_mm.is_empty(), "{name}: points beyond the wall");
+        let is_larynx = name.contains("c009");
+        assert_eq!(centered.beyond_mm.is_some_and(|mm| mm > 20.0), is_larynx, "{name}");
+    }
+}
+
+#[test]
+fn an_airway_that_was_found_is_flown_from_the_upper_end_of_its_trachea() {
+    let Some(file) = shared_file("chest_ct_sharp_3mm.nrrd") else { return };
+    let mut settings = Settings::default();
+    settings.lumen.organ = Some(OrganOptions::from(Organ::Airway));
+    let session = Session::new(Source::Image(VolumeSource::file(file)), settings).unwrap();
+    let (centered, profile) = (session.centerline().unwrap(), session.lumen_profile().unwrap());
+    let [start, end] = centered.ends.clone().unwrap();
+    assert_eq!((start.rule, profile.start), (EndRule::Trachea, Some("trachea")));
+    assert!(start.at_mm[2] > end.at_mm[2] + 100.0, "{start:?} {end:?}");
+    let tree = session.tree().unwrap().unwrap();
+    assert!(tree.generations[0] == 1 && tree.generation_radii_mm[0] > 5.0, "{tree:?}");
+}
+
+#[test]
+fn ends_by_name_are_the_root_and_the_tips_of_the_tree() {
+    let y = std::sync::Arc::new(Phantom::new(Kind::Y, 64, [1.0; 3]).unwrap().mask());
+    let of = |from, to, tree| {
+        let mut settings = Settings::default();
+        settings.lumen.select = Some(IntensitySelection::Labels(Vec::new()));
+        settings.centerline.from = from;
+        settings.centerline.to = to;
+        settings.centerline.tree = tree;
+        let source = Source::Image(VolumeSource::Memory(y.clone()));
+        Session::new(source, settings).unwrap().centerline()
+    };
+    let tree = of(None, None, true).unwrap();
+    let tip = |branch: usize| tree.line.branches[branch].points.last().unwrap().position_mm;
+    let last = tree.line.branches.len() - 1;
+    let path = of(Some(EndPoint::Tip(last)), Some(EndPoint::Root), false).unwrap();
+    let points = &path.line.branches[0].points;
+    assert!(points[0].position_mm.distance(tip(last)) < 1e-6);
+    let root = tree.line.branches[0].points[0].position_mm;
+    assert!(points[points.len() - 1].position_mm.distance(root) < 1e-6);
+    let none = of(Some(EndPoint::Tip(99)), None, false).err().unwrap();
+    assert!(none.to_string().contains("no branch 99"), "{none}");
+}
