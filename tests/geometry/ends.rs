@@ -1,6 +1,6 @@
 //! Where paths begin: a table of the shared volumes, by hand.
 
-use common::fixtures::{json, list};
+use common::fixtures::path;
 use common::volumes::shared_file;
 use glam::DVec3;
 use intima::centerline::EndRule;
@@ -17,25 +17,25 @@ fn session(file: std::path::PathBuf, select: IntensitySelection) -> Session {
 
 #[test]
 fn paths_begin_at_the_trachea_the_rectum_or_the_trunk() {
-    let table = json("ends.json");
-    for row in list(&table["labels"]) {
-        let name = row["file"].as_str().unwrap();
+    let table = std::fs::read_to_string(path("ends.csv")).unwrap();
+    for row in table.lines().skip(2) {
+        let [name, from, x, y, z, within, rule] = row.split(',').collect::<Vec<_>>()[..] else {
+            panic!("{row}")
+        };
+        let number = |text: &str| text.parse::<f64>().unwrap();
         let Some(file) = shared_file(name) else { return };
-        let select = match row["from"].as_f64() {
-            Some(lo) => IntensitySelection::Range { lo, hi: f64::INFINITY },
-            None => IntensitySelection::Labels(Vec::new()),
+        let select = match from {
+            "" => IntensitySelection::Labels(Vec::new()),
+            lo => IntensitySelection::Range { lo: number(lo), hi: f64::INFINITY },
         };
         let session = session(file, select);
         let centered = session.centerline().unwrap();
         let [start, end] = centered.ends.as_ref().unwrap();
-        let wanted: Vec<f64> = list(&row["start"]).iter().map(|x| x.as_f64().unwrap()).collect();
-        let off = DVec3::from(start.at_mm).distance(DVec3::from_slice(&wanted));
+        let wanted = DVec3::new(number(x), number(y), number(z));
+        let off = DVec3::from(start.at_mm).distance(wanted);
         println!("{name}: {off:.1} mm, {start:?}, to {:?}", end.at_mm);
-        assert!(off <= row["within"].as_f64().unwrap(), "{name}: {off:.1} mm from the start");
-        let rule = match row["ends"].as_str().unwrap() {
-            "rectum" => EndRule::Rectum,
-            _ => EndRule::ThickestStem,
-        };
+        assert!(off <= number(within), "{name}: {off:.1} mm from the start");
+        let rule = if rule == "rectum" { EndRule::Rectum } else { EndRule::ThickestStem };
         assert_eq!((start.rule, end.rule), (rule, EndRule::FarthestTip), "{name}");
         assert!(!start.is_doubtful(), "{name}: {start:?}");
         assert!(centered.outside_mm.is_empty(), "{name}: points beyond the wall");

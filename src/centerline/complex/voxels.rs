@@ -86,9 +86,9 @@ impl<'a> Numbered<'a> {
         let mut number = vec![[NONE; 3]; self.elements.len()];
         for node in 0..self.elements.len() as u32 {
             check(node);
-            for axis in 0..3 {
+            for (axis, number) in number[node as usize].iter_mut().enumerate() {
                 let Some(next) = self.beside(node, IVec3::AXES[axis]) else { continue };
-                number[node as usize][axis] = contacts.len() as u32;
+                *number = contacts.len() as u32;
                 let [a, b] = [node, next].map(|n| n as usize);
                 contacts.push(Contact {
                     nodes: [node, next],
