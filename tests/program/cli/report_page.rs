@@ -79,7 +79,10 @@ fn a_page_agrees_with_the_report_and_only_its_times_differ_between_runs() {
         ("run", &report),
     ];
     let counts = parts.map(|(id, part)| agree(&page, id, part));
-    assert!(counts.iter().all(|n| *n >= 2), "{counts:?}");
+    // The branches of a Y have no narrow place to show.
+    let is_narrow = !report["profile"]["narrowest"].as_array().unwrap().is_empty();
+    let has_numbers = |(i, n): (usize, &usize)| *n >= 2 || parts[i].0 == "profile" && !is_narrow;
+    assert!(counts.iter().enumerate().all(has_numbers), "{counts:?}");
     let shown = |id: &str, value: &Value| {
         let all = page.by_id(id).unwrap().all();
         all.iter().any(|e| e.get("value").parse::<f64>().ok() == value.as_f64())
