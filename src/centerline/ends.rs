@@ -44,7 +44,7 @@ pub struct ChosenEnd {
     pub rule: EndRule,
     /// Position of the end, LPS mm.
     pub at_mm: [f64; 3],
-    /// Share by which the rule's measure exceeds that of the runner-up; absent where there is none.
+    /// Measure of this end over the measure of the runner-up, less 1. Absent without a runner-up.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub margin: Option<f64>,
     /// Position of the next best end, LPS mm.
@@ -168,9 +168,7 @@ impl<'a, 'b> EndCandidates<'a, 'b> {
 
     /// Place in the patient, LPS mm.
     fn world(&self, node: u32) -> DVec3 {
-        let grid = &self.view.d.lumen.grid;
-        let voxel = self.view.adjacency.place_mm[node as usize] / grid.spacing_mm;
-        grid.world_from_voxel().transform_point3(voxel)
+        self.view.world(node)
     }
 
     /// Start and end of a path.

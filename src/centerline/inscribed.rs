@@ -9,6 +9,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::frames::{CurveFrame, frames};
+use super::recenter::arc_lengths;
 use crate::geometry::{Branch, Centerline, TriangleBvh};
 
 /// Rays about a station.
@@ -40,8 +41,8 @@ struct Station {
     shape: Option<SectionShape>,
 }
 
-/// Sets the radius of every point to that of the largest sphere inside a wall there, with the wall's
-/// bumps averaged: at least the distance to the nearest triangle.
+/// Sets the radius of every point: the radius of the largest sphere inside the wall, with the bumps of
+/// the wall averaged. The radius is at least the distance to the nearest triangle.
 ///
 /// * `tree`: triangles of a closed wall, LPS mm.
 /// * `voxel_mm`: largest side of a voxel.
@@ -56,10 +57,7 @@ fn measure_branch(branch: &mut Branch, tree: &TriangleBvh, voxel_mm: f64) {
     let places: Vec<DVec3> = branch.points.iter().map(|p| p.position_mm).collect();
     let distance_mm: Vec<f64> =
         places.par_iter().with_min_len(64).map(|p| tree.distance(*p, f64::INFINITY)).collect();
-    let mut arc_mm = vec![0.0; places.len()];
-    for i in 1..places.len() {
-        arc_mm[i] = arc_mm[i - 1] + places[i].distance(places[i - 1]);
-    }
+    let arc_mm = arc_lengths(&places);
     // Small turns of the curve are not turns of the lumen.
     let tangent = |i: usize| {
         let reach = (0.5 * distance_mm[i]).max(voxel_mm);
@@ -162,12 +160,12 @@ fn section(
         for (way, range) in &near {
             let off = *way * *range - middle;
             mean += off.length();
-            sum += off.normalize_or_zero() * off.length();
+            sum += off;
         }
         let count = near.len() as f64;
         // What rays into a branch leave out of the sum is taken as round.
         let open: DVec2 = (0..RAYS).filter(|k| ranges[*k] > most).map(direction).sum();
-        middle += (sum + open * (mean / count)) * (2.0 / RAYS as f64) * 0.5;
+        middle += (sum + open * (mean / count)) / RAYS as f64;
     }
     let (mut mean, mut oval) = (0.0, DVec2::ZERO);
     for (way, range) in &near {

@@ -84,7 +84,8 @@ impl LumenLoop {
 /// A centerline and what is known about it.
 #[derive(Clone, Debug)]
 pub struct Routed {
-    /// The curve or tree, LPS mm, radius the distance to the wall.
+    /// The curve or tree, LPS mm. Its radius is estimated from the distance to voxel centres, until
+    /// [`super::within_wall`] measures the radius on the wall.
     pub line: Centerline,
     /// Proof that the curves stay inside.
     pub proof: Proof,
@@ -431,12 +432,14 @@ impl ArcGraph<'_> {
 
     /// Places where more than two arcs meet, LPS mm.
     fn junctions(&self) -> Vec<DVec3> {
+        self.net.nodes().filter(|n| self.net.degree(*n) > 2).map(|n| self.world(n)).collect()
+    }
+
+    /// Place of a node in the patient, LPS mm.
+    pub fn world(&self, node: u32) -> DVec3 {
         let grid = &self.d.lumen.grid;
-        let world = |n: u32| {
-            let voxel = self.adjacency.place_mm[n as usize] / grid.spacing_mm;
-            grid.world_from_voxel().transform_point3(voxel)
-        };
-        self.net.nodes().filter(|n| self.net.degree(*n) > 2).map(world).collect()
+        let voxel = self.adjacency.place_mm[node as usize] / grid.spacing_mm;
+        grid.world_from_voxel().transform_point3(voxel)
     }
 
     /// The trunk, of a tree with all other branches.

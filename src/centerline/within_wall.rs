@@ -18,7 +18,7 @@ use crate::lumen::Lumen;
 /// A centerline measured against a wall.
 #[derive(Clone, Debug)]
 pub struct WithinWall {
-    /// The line, its radius that of the maximum inscribed sphere ([`measure_radius`]).
+    /// The line. Its radius is the radius of the inscribed sphere ([`measure_radius`]).
     pub line: Centerline,
     /// Least distance of the curve to the wall, between points too, mm.
     pub clearance_mm: f64,
@@ -196,8 +196,8 @@ impl DrawnSide<'_> {
         (out, place, replaced)
     }
 
-    /// Centres of voxels that share faces on the shortest way between the voxels of two points, of
-    /// which those that a straight piece passes are left out.
+    /// Shortest way between the voxels of two points, over centres of voxels that share faces. Centres
+    /// that a straight piece can skip are left out.
     fn way(&self, from: DVec3, to: DVec3) -> Vec<DVec3> {
         let [a, b] = [from, to].map(|p| self.inside_voxel(p));
         let mut parent: BTreeMap<[i32; 3], IVec3> = BTreeMap::from([(a.to_array(), a)]);

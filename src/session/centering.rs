@@ -79,7 +79,8 @@ impl Session {
     /// Options of the route, with ends by name as places.
     ///
     /// # Errors
-    /// [`CenterlineError::NoTip`]; what the tree fails with by which a name is looked up.
+    /// [`CenterlineError::NoTip`] for a branch that the tree does not have; the errors of extracting
+    /// the tree.
     pub(super) fn route_options(&self) -> Result<RouteOptions, SessionError> {
         let options = self.found_ends();
         let c = self.settings.centerline;

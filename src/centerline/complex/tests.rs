@@ -57,7 +57,8 @@ fn random(v: IVec3, seed: u32) -> u32 {
     mix(mix(mix(v.x as u32 ^ seed) ^ v.y as u32) ^ v.z as u32) >> 8
 }
 
-/// The complex of cells of a lumen, and what it collapses to; that of its voxels has no loop less.
+/// Returns the complex of a lumen's cells with its collapsed graph. Checks that the complex of the
+/// voxels keeps every loop of the mask.
 fn checked(lumen: &Lumen) -> (CellComplex, Collapsed) {
     let distance = distance(lumen);
     let complex = CellComplex::of_cells(lumen, &distance);
