@@ -130,14 +130,25 @@ const TRACHEA_LENGTH: f64 = 4.0;
 const TRACHEA_STRAIGHT: f64 = 0.85;
 const TRACHEA_UPRIGHT: f64 = 0.7;
 
-/// A stretch of the lumen beyond the start of path and tree: larynx and pharynx.
+/// Lumen beyond the caecum is as narrow as this share of the colon before it, over a length of this
+/// range, mm, and of so many radii of the colon: an appendix has 50 to 100 mm, a pointed end less. The
+/// colon's radius is the median over this length, mm.
+const CAECUM_NARROWER: f64 = 0.5;
+const BEYOND_CAECUM_MM: std::ops::RangeInclusive<f64> = 40.0..=250.0;
+const CAECUM_LONGER: f64 = 2.0;
+const CAECUM_BEFORE_MM: f64 = 100.0;
+
+/// A stretch of the lumen beyond an end of path and tree: larynx and pharynx beyond the start, ileum or
+/// appendix beyond the end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Beyond {
-    /// Node at which path and tree begin instead.
-    pub start: u32,
+    /// Node at which path and tree end instead.
+    pub at: u32,
     /// Tip of the stretch.
     pub tip: u32,
     pub length_mm: f64,
+    /// Whether it lies beyond the end, else beyond the start.
+    pub is_after_end: bool,
 }
 
 /// Thickness of an arc.
@@ -289,10 +300,65 @@ impl<'a, 'b> EndCandidates<'a, 'b> {
         Some((trunk, thickness))
     }
 
-    /// Returns the stretch above a trachea: larynx and pharynx.
-    pub fn beyond_trachea(&self, root_mm: Option<DVec3>) -> Option<Beyond> {
+    /// Returns the stretch above a trachea, larynx and pharynx, or beyond a caecum, ileum or appendix.
+    pub fn beyond_organ(&self, root_mm: Option<DVec3>) -> Option<Beyond> {
         let (start, end) = self.choose(root_mm);
         let nodes = self.view.way(start.node, end.node).nodes;
+        match start.rule {
+            EndRule::Rectum => self.beyond_caecum(&nodes),
+            _ => self.beyond_trachea(&nodes, start, root_mm),
+        }
+    }
+
+    /// Distance of each node of a way from its first, mm. Stairs of voxels are longer than what they
+    /// run along, so the way is measured by chords.
+    fn chord_lengths(&self, nodes: &[u32]) -> Vec<f64> {
+        let place = |n: u32| self.view.adjacency.place_mm[n as usize];
+        let stride = self.view.complex.stride();
+        let mut corner = (0.0, nodes.first().map_or(DVec3::ZERO, |n| place(*n)));
+        let mut lengths = Vec::with_capacity(nodes.len());
+        for (i, n) in nodes.iter().enumerate() {
+            let length = corner.0 + corner.1.distance(place(*n));
+            if i % stride == 0 {
+                corner = (length, place(*n));
+            }
+            lengths.push(length);
+        }
+        lengths
+    }
+
+    /// The longest narrow stretch at the end of a way through a colon.
+    fn beyond_caecum(&self, nodes: &[u32]) -> Option<Beyond> {
+        let at_mm = self.chord_lengths(nodes);
+        let all_mm = *at_mm.last()?;
+        let width = |i: usize| self.net().node_mm(nodes[i]);
+        let mut widest = 0.0f64;
+        let mut found = None;
+        for i in (0..nodes.len()).rev() {
+            let beyond_mm = all_mm - at_mm[i];
+            if beyond_mm > *BEYOND_CAECUM_MM.end() || at_mm[i] < ColonEnds::MIN_LENGTH_MM {
+                break;
+            }
+            widest = widest.max(width(i));
+            let from = at_mm.partition_point(|s| *s < at_mm[i] - CAECUM_BEFORE_MM);
+            let mut before: Vec<f64> = (from..=i).map(width).collect();
+            before.sort_by(f64::total_cmp);
+            let colon_mm = before[before.len() / 2];
+            let is_long = beyond_mm >= BEYOND_CAECUM_MM.start().max(CAECUM_LONGER * colon_mm);
+            if is_long && widest <= CAECUM_NARROWER * colon_mm {
+                found = Some((nodes[i], beyond_mm));
+            }
+        }
+        let (at, length_mm) = found?;
+        Some(Beyond { at, tip: *nodes.last()?, length_mm, is_after_end: true })
+    }
+
+    fn beyond_trachea(
+        &self,
+        nodes: &[u32],
+        start: TipChoice,
+        root_mm: Option<DVec3>,
+    ) -> Option<Beyond> {
         let place = |n: u32| self.view.adjacency.place_mm[n as usize];
         let (at, least_mm) = match (start.rule, root_mm) {
             (EndRule::Trachea, Some(root)) => {
@@ -308,15 +374,9 @@ impl<'a, 'b> EndCandidates<'a, 'b> {
             }
             _ => return None,
         };
-        let steps = nodes[..=at].windows(2);
-        let stride = self.view.complex.stride();
-        // Stairs of voxels are longer than what they run along.
-        let corners: Vec<DVec3> = match stride {
-            1 => steps.flatten().map(|n| place(*n)).collect(),
-            _ => (0..=at).step_by(stride).chain([at]).map(|i| place(nodes[i])).collect(),
-        };
-        let length_mm = corners.windows(2).map(|w| w[0].distance(w[1])).sum();
-        (length_mm > least_mm).then_some(Beyond { start: nodes[at], tip: start.node, length_mm })
+        let length_mm = *self.chord_lengths(&nodes[..=at]).last()?;
+        let beyond = Beyond { at: nodes[at], tip: start.node, length_mm, is_after_end: false };
+        (length_mm > least_mm).then_some(beyond)
     }
 
     /// Radius of an arc that has the shape of a trachea: long, straight, upright, with the tip at

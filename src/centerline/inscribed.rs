@@ -20,6 +20,9 @@ const APART: f64 = 0.25;
 const ALONG: (f64, f64) = (1.0, 2.0);
 /// Length of a ray, in lower quartiles of all, beyond which it looks into a branch.
 const FAR: f64 = 1.6;
+/// Least offset of the curve from the middle of a section at which the section is measured from its
+/// middle, in distances to the wall.
+const OFF_MIDDLE: f64 = 0.3;
 /// Greatest amount by which the radius exceeds the distance from the point, or from the middle of the
 /// section, to the nearest triangle, voxels: what a bump of the wall takes away.
 const BUMP: f64 = 0.4;
@@ -128,32 +131,26 @@ fn averaged(stations: &[Station], i: usize, voxel_mm: f64) -> Option<f64> {
 }
 
 /// Measures the section across a curve; `None` where most of it is open.
+///
+/// A curve in a thin lumen runs up to half a radius beside the middle, from where the far wall looks
+/// like an opening; the section is then measured from its middle.
 fn section(
     tree: &TriangleBvh,
     p: DVec3,
     frame: &CurveFrame,
     distance_mm: f64,
 ) -> Option<SectionShape> {
-    // A ray begins at a place that single precision holds.
-    let eye = p.as_vec3().as_dvec3();
-    let binormal = frame.tangent.cross(frame.normal);
-    let longest = 6.0 * distance_mm + 1.0;
-    let direction = |k: usize| DVec2::from_angle(std::f64::consts::TAU * k as f64 / RAYS as f64);
-    let ray = |k: usize| {
-        let way = direction(k);
-        let along = (frame.normal * way.x + binormal * way.y) * longest;
-        tree.first_hit(eye, along).map_or(longest, |hit| hit.distance(eye))
+    let rays = SectionRays::cast(tree, p, frame, distance_mm);
+    let middle = rays.roughly_middle();
+    let is_middle = middle.length() < OFF_MIDDLE * distance_mm;
+    let (p, rays) = match rays.can_see(tree, middle).filter(|_| !is_middle) {
+        Some(at) => (at, SectionRays::cast(tree, at, frame, tree.distance(at, f64::INFINITY))),
+        None => (p, rays),
     };
-    let ranges: [f64; RAYS] = std::array::from_fn(ray);
-    let mut sorted = ranges;
-    sorted.sort_by(f64::total_cmp);
-    let most = FAR * sorted[RAYS / 4];
-    let near: Vec<(DVec2, f64)> =
-        (0..RAYS).filter(|k| ranges[*k] <= most).map(|k| (direction(k), ranges[k])).collect();
-    if 4 * near.len() < 3 * RAYS {
-        return None;
-    }
+    let near = rays.near()?;
     // The middle of the section: the first harmonic of a shifted circle.
+    let open_ways = || (0..RAYS).filter(|k| rays.is_open(*k)).map(ray_direction);
+    let count = near.len() as f64;
     let mut middle = DVec2::ZERO;
     for _ in 0..3 {
         let (mut sum, mut mean) = (DVec2::ZERO, 0.0);
@@ -162,9 +159,8 @@ fn section(
             mean += off.length();
             sum += off;
         }
-        let count = near.len() as f64;
         // What rays into a branch leave out of the sum is taken as round.
-        let open: DVec2 = (0..RAYS).filter(|k| ranges[*k] > most).map(direction).sum();
+        let open: DVec2 = open_ways().sum();
         middle += (sum + open * (mean / count)) / RAYS as f64;
     }
     let (mut mean, mut oval) = (0.0, DVec2::ZERO);
@@ -174,13 +170,71 @@ fn section(
         mean += off.length();
         oval += DVec2::from_angle(2.0 * angle) * off.length();
     }
-    let count = near.len() as f64;
-    let open: DVec2 = (0..RAYS)
-        .filter(|k| ranges[*k] > most)
-        .map(|k| DVec2::from_angle(2.0 * direction(k).to_angle()))
-        .sum();
+    let open: DVec2 = open_ways().map(|way| DVec2::from_angle(2.0 * way.to_angle())).sum();
     let oval = (oval + open * (mean / count)) * (2.0 / RAYS as f64);
-    let centre = p + frame.normal * middle.x + binormal * middle.y;
-    let inscribed_mm = tree.distance(centre, f64::INFINITY);
+    let inscribed_mm = tree.distance(p + rays.across(middle), f64::INFINITY);
     Some(SectionShape { mean_mm: mean / count, oval, inscribed_mm })
+}
+
+/// Directions of the rays in the plane across a curve.
+fn ray_direction(k: usize) -> DVec2 {
+    DVec2::from_angle(std::f64::consts::TAU * k as f64 / RAYS as f64)
+}
+
+/// Rays to the wall about a place, in the plane across a curve.
+struct SectionRays {
+    eye: DVec3,
+    normal: DVec3,
+    binormal: DVec3,
+    ranges: [f64; RAYS],
+    /// Length beyond which a ray looks into a branch.
+    most: f64,
+}
+
+impl SectionRays {
+    fn cast(tree: &TriangleBvh, p: DVec3, frame: &CurveFrame, distance_mm: f64) -> Self {
+        // A ray begins at a place that single precision holds.
+        let eye = p.as_vec3().as_dvec3();
+        let (normal, binormal) = (frame.normal, frame.tangent.cross(frame.normal));
+        let longest = 6.0 * distance_mm + 1.0;
+        let ray = |k: usize| {
+            let way = ray_direction(k);
+            let along = (normal * way.x + binormal * way.y) * longest;
+            tree.first_hit(eye, along).map_or(longest, |hit| hit.distance(eye))
+        };
+        let ranges: [f64; RAYS] = std::array::from_fn(ray);
+        let mut sorted = ranges;
+        sorted.sort_by(f64::total_cmp);
+        Self { eye, normal, binormal, ranges, most: FAR * sorted[RAYS / 4] }
+    }
+
+    fn is_open(&self, k: usize) -> bool {
+        self.ranges[k] > self.most
+    }
+
+    /// Directions and lengths of the rays that do not look into a branch; `None` where those are less
+    /// than three quarters.
+    fn near(&self) -> Option<Vec<(DVec2, f64)>> {
+        let near = (0..RAYS).filter(|k| !self.is_open(*k));
+        let near: Vec<(DVec2, f64)> = near.map(|k| (ray_direction(k), self.ranges[k])).collect();
+        (4 * near.len() >= 3 * RAYS).then_some(near)
+    }
+
+    /// Middle of the section with rays into branches cut off at their median length.
+    fn roughly_middle(&self) -> DVec2 {
+        let mut sorted = self.ranges;
+        sorted.sort_by(f64::total_cmp);
+        let most = FAR * sorted[RAYS / 2];
+        (0..RAYS).map(|k| ray_direction(k) * self.ranges[k].min(most)).sum::<DVec2>() / RAYS as f64
+    }
+
+    fn across(&self, at: DVec2) -> DVec3 {
+        self.normal * at.x + self.binormal * at.y
+    }
+
+    /// The place in the plane, if the eye sees it.
+    fn can_see(&self, tree: &TriangleBvh, at: DVec2) -> Option<DVec3> {
+        let way = self.across(at);
+        tree.first_hit(self.eye, way).is_none().then(|| self.eye + way)
+    }
 }

@@ -99,8 +99,9 @@ pub struct Routed {
     pub ends: [ChosenEnd; 2],
     /// Places where branches part, LPS mm.
     pub junctions: Vec<DVec3>,
-    /// Length of what lies above a trachea, where path and tree begin below it, mm.
-    pub beyond_mm: Option<f64>,
+    /// Length of the narrow lumen beyond start and end, where path and tree begin below it or end
+    /// before it, mm.
+    pub beyond_mm: [Option<f64>; 2],
 }
 
 /// A place on an arc of the graph.
@@ -155,14 +156,14 @@ pub fn centerline(
     let mut net = Net::new(&complex, &adjacency, &left, &held, d);
     let kept = net.prune(PruneLimits::default());
 
-    // Larynx and pharynx are no part of a tree that begins at the trachea.
+    // Larynx and pharynx are no part of a tree that begins at the trachea, an ileum none of a colon.
     let beyond = if held.is_empty() {
-        beyond_trachea(&net, (&complex, &adjacency, &component), (d, smooth), options)
+        beyond_organ(&net, (&complex, &adjacency, &component), (d, smooth), options)
     } else {
         None
     };
     if let Some(beyond) = &beyond {
-        net.cut_beyond(beyond.start, beyond.tip);
+        net.cut_beyond(beyond.at, beyond.tip);
     }
 
     let loops = net.ended.iter().chain(&kept).map(|found| LumenLoop {
@@ -212,12 +213,13 @@ pub fn centerline(
         loops,
         ends: [start, end],
         junctions: view.junctions(),
-        beyond_mm: beyond.map(|beyond| beyond.length_mm),
+        beyond_mm: [false, true]
+            .map(|after| beyond.filter(|b| b.is_after_end == after).map(|beyond| beyond.length_mm)),
     })
 }
 
-/// Returns the stretch above the trachea of the deepest component.
-fn beyond_trachea(
+/// Returns the stretch above the trachea, or beyond the caecum, of the deepest component.
+fn beyond_organ(
     net: &Net<'_>,
     (complex, adjacency, component): (&CellComplex, &NodeContacts<'_>, &[u32]),
     (d, smooth): (Sampler<'_>, &[f32]),
@@ -230,11 +232,11 @@ fn beyond_trachea(
     let deepest = parts.iter().max_by_key(|p| (p.depth(complex), Reverse(p.widest)))?;
     let mut leaves = net.leaves();
     leaves.retain(|n| deepest.nodes.binary_search(n).is_ok());
-    if leaves.len() < 3 {
+    if leaves.len() < 2 {
         return None;
     }
     let trachea = options.trachea.map(|at| view.local(at));
-    EndCandidates::new(view, &leaves, &deepest.nodes).beyond_trachea(trachea)
+    EndCandidates::new(view, &leaves, &deepest.nodes).beyond_organ(trachea)
 }
 
 /// Routes through a component, and the reasons of the trunk's ends.

@@ -103,7 +103,7 @@ impl Args {
         let mut session = Session::new(self.lumen.source(self.input.as_deref())?, settings)?;
         session.expect(&[Product::Centerline]);
         let needs = [Product::Lumen, Product::Device];
-        let anew = [Product::Distance, Product::Fields];
+        let anew = [Product::Distance, Product::Fields, Product::Wall];
         let (found, timing) =
             timed_products(global, &mut session, &needs, &anew, |s| Ok(s.centerline()?))?;
         write_centerline(&self.output, &found.line)?;

@@ -125,6 +125,9 @@ fn centerline(c: &CenterlineReport) -> Markup {
                 @if let Some(mm) = c.beyond_start_mm {
                     (row("Larynx or pharynx above the start", html! { (decimal(mm, 0)) " mm" }))
                 }
+                @if let Some(mm) = c.beyond_end_mm {
+                    (row("Ileum or appendix beyond the end", html! { (decimal(mm, 0)) " mm" }))
+                }
                 @if c.rerouted_points > 0 {
                     (row("Points led back inside the wall", count(c.rerouted_points)))
                 }

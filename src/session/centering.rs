@@ -49,8 +49,9 @@ pub struct Centered {
     pub outside_mm: Vec<DVec3>,
     /// Places where branches of the lumen part, LPS mm; none of the paper's path.
     pub junctions: Vec<DVec3>,
-    /// Length of larynx and pharynx above the start of path and tree, mm.
-    pub beyond_mm: Option<f64>,
+    /// Length of larynx and pharynx above the start of path and tree, and of ileum or appendix beyond
+    /// their end, mm.
+    pub beyond_mm: [Option<f64>; 2],
 }
 
 /// Most viewpoints added for unseen voxels; what is still unseen then is listed.
@@ -244,10 +245,17 @@ impl Centered {
                 "{n} inside voxels are joined to the rest by edges or corners only; no path goes there"
             ));
         }
-        if let Some(mm) = self.beyond_mm {
+        let [above, after] = self.beyond_mm;
+        if let Some(mm) = above {
             out.push(format!(
                 "{mm:.0} mm of the airway lie above the start of the path and are narrower than the \
                  trachea: larynx or pharynx"
+            ));
+        }
+        if let Some(mm) = after {
+            out.push(format!(
+                "{mm:.0} mm beyond the end of the path are less than half as wide as the colon before \
+                 it: ileum or appendix"
             ));
         }
         for (end, name) in self.ends.iter().flatten().zip(["start", "end"]) {

@@ -86,7 +86,7 @@ impl Session {
             min_clearance_mm: clearance_mm(&line, &tree),
             rerouted: 0,
             outside_mm: Vec::new(),
-            beyond_mm: None,
+            beyond_mm: [None; 2],
             junctions: Vec::new(),
             line,
             proof: None,

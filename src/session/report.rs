@@ -277,6 +277,9 @@ pub struct CenterlineReport {
     /// Length of larynx and pharynx above the start.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub beyond_start_mm: Option<f64>,
+    /// Length of ileum or appendix beyond the end of a colon's path.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub beyond_end_mm: Option<f64>,
     /// Points that were replaced because the curve passed the wall there.
     pub rerouted_points: usize,
     /// Points beyond the wall: ends that were given there.
@@ -706,7 +709,8 @@ impl CenterlineReport {
             gaps_mm: gaps_mm(&c.line),
             min_clearance_mm: c.min_clearance_mm,
             ends: c.ends.clone(),
-            beyond_start_mm: c.beyond_mm,
+            beyond_start_mm: c.beyond_mm[0],
+            beyond_end_mm: c.beyond_mm[1],
             rerouted_points: c.rerouted,
             points_outside: c.outside_mm.len(),
             viewer_candidates: c.candidates,

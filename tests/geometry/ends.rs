@@ -8,6 +8,7 @@ use intima::lumen::IntensitySelection;
 use intima::organ::{Organ, OrganOptions};
 use intima::session::{EndPoint, Session, Settings, Source, VolumeSource};
 use intima::volume::phantom::{Kind, Phantom};
+use intima::volume::{Grid, Volume};
 
 fn session(file: std::path::PathBuf, select: IntensitySelection) -> Session {
     let mut settings = Settings::default();
@@ -40,8 +41,52 @@ fn paths_begin_at_the_trachea_the_rectum_or_the_trunk() {
         assert!(!start.is_doubtful(), "{name}: {start:?}");
         assert!(centered.outside_mm.is_empty(), "{name}: points beyond the wall");
         let is_larynx = name.contains("c009");
-        assert_eq!(centered.beyond_mm.is_some_and(|mm| mm > 20.0), is_larynx, "{name}");
+        let [above, after] = centered.beyond_mm;
+        assert_eq!(above.is_some_and(|mm| mm > 20.0), is_larynx, "{name}");
+        // An ileum of 80 mm is joined to the first colon alone.
+        let is_ileum = name.contains("colon_label_1");
+        assert_eq!(after.is_some_and(|mm| mm > 60.0), is_ileum, "{name}: {after:?}");
     }
+}
+
+/// A tube in the form of a U, 640 mm long, with a thin one at its end.
+fn colon_with_a_thin_tube(thin_mm: f64) -> Volume {
+    let grid = Grid::axis_aligned([90, 40, 110], [3.0; 3]);
+    let capsule = |p: DVec3, a: DVec3, b: DVec3, radius: f64| {
+        let t = ((p - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0);
+        p.distance(a.lerp(b, t)) < radius
+    };
+    // Feet and back first: a rectum.
+    let corners = [[40., 90., 20.], [40., 60., 280.], [220., 60., 280.], [220., 60., 80.]];
+    let corners = corners.map(DVec3::from);
+    let is_inside = |p: DVec3| {
+        let end = corners[3];
+        let thin = DVec3::new(end.x - thin_mm, end.y - 18.0, end.z);
+        corners.windows(2).any(|c| capsule(p, c[0], c[1], 18.0))
+            || thin_mm > 0.0 && capsule(p, end, thin, 6.0)
+    };
+    let inside = |i| u8::from(is_inside(grid.voxel(i).as_dvec3() * 3.0));
+    Volume::new(grid, (0..grid.len()).map(inside).collect::<Vec<u8>>().into())
+}
+
+#[test]
+fn the_path_of_a_colon_ends_in_the_caecum_and_not_in_the_ileum() {
+    let end_of = |thin_mm: f64| {
+        let mut settings = Settings::default();
+        settings.lumen.select = Some(IntensitySelection::Labels(Vec::new()));
+        let volume = std::sync::Arc::new(colon_with_a_thin_tube(thin_mm));
+        let source = Source::Image(VolumeSource::Memory(volume));
+        let session = Session::new(source, settings).unwrap();
+        let centered = session.centerline().unwrap();
+        let [start, end] = centered.ends.clone().unwrap();
+        assert_eq!(start.rule, EndRule::Rectum);
+        (DVec3::from(end.at_mm), centered.beyond_mm[1])
+    };
+    let (alone, none) = end_of(0.0);
+    let (with, beyond) = end_of(110.0);
+    assert_eq!(none, None);
+    assert!(alone.distance(with) < 30.0, "{alone} {with}");
+    assert!(beyond.is_some_and(|mm| (60.0..110.0).contains(&mm)), "{beyond:?}");
 }
 
 #[test]

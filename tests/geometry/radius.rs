@@ -54,9 +54,9 @@ fn radii_of_tubes_are_those_of_their_walls() {
     for spacing in [[1.0; 3], [0.7, 0.7, 1.25], [0.6; 3]] {
         for radius in [1.3, 1.9, 3.0, 5.0, 8.0] {
             let (volume, truth) = tube(radius, spacing);
-            // Of a slanted tube two voxels wide from wall to middle, the wall through voxels itself is
-            // a tenth of a voxel too narrow, and one of 1.3 voxels pinches.
-            let is_resolved = radius >= 3.0 * spacing[0].max(spacing[2]);
+            // Triangles are chords of a round wall: below two voxels from wall to middle they lie a
+            // twentieth of the radius inside, and a tube of 1.3 voxels pinches.
+            let is_resolved = radius >= 2.0 * spacing.iter().product::<f64>().cbrt();
             all &= is_true(&format!("{spacing:?}"), &radii(volume), truth) || !is_resolved;
         }
     }
