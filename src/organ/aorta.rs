@@ -3,20 +3,30 @@
 //! No single threshold separates an aorta from the spine, the heart and the veins beside it. So
 //! sections are looked for at several thresholds on a coarse copy of the volume, as those of the
 //! trachea are in air. Heart chambers and kidneys are not round, vertebrae are not even, and none
-//! of them keeps its position and area from slice to slice.
+//! of them keeps its position and area from slice to slice. An aorta lies in front of the spine or to
+//! the left of it; where the spine is not seen, bone has to lie beside it.
 
 use glam::{DMat3, DVec2, DVec3, UVec3};
 use rayon::prelude::*;
 
 use super::OrganError;
+use super::frame::BodyFrame;
 use super::gates::Gates;
 use super::sections::{Section, SectionRegion, SlicedMask, Slices, longest_chain};
+use super::smooth::smoothed;
 use super::values::{MIN_HU, between, quantile};
 use crate::lumen::{BitVolume, opened};
 use crate::volume::{Grid, SampleBuffer, Samples, Volume};
 
 /// Voxel sides of the coarse copy, mm, about.
 const COARSE_MM: f64 = 1.5;
+/// Noise of the coarse copy from which on it is smoothed, HU: sections are even to twice that. Gaussian,
+/// in sides of the smallest voxel side.
+const NOISY_HU: f64 = 20.0;
+const SMOOTHING: f64 = 0.9;
+/// Values of soft tissue, HU, in which noise is measured, on every so many voxels.
+const SOFT_HU: std::ops::Range<f64> = -30.0..130.0;
+const NOISE_EVERY: usize = 7;
 /// Thresholds that are tried, HU.
 const LEVELS_HU: [f64; 10] = [90., 110., 130., 150., 180., 220., 270., 330., 400., 500.];
 /// Areas of an aorta, mm².
@@ -55,8 +65,20 @@ const BONE_HU: f64 = 250.0;
 const BONE_ABOVE_BLOOD_HU: f64 = 60.0;
 /// Radius about a section's centre that counts as the section itself, in radii of the section.
 const OWN_RADII: f64 = 1.3;
-/// Least share of the sections that lie beside bone.
+/// Least share of the sections that lie beside spine or bone.
 const MIN_BESIDE_BONE: f64 = 0.5;
+/// Radius of a vertebra, mm, and greatest gap between it and the aorta, mm.
+const VERTEBRA_MM: f64 = 16.0;
+const SPINE_WITHIN_MM: f64 = 25.0;
+/// Greatest gap to the side, mm.
+const SIDE_MM: f64 = 10.0;
+/// A section whose middle lies this near to that of the spine, mm, is a vertebra; most of the sections
+/// that are.
+const IN_SPINE_MM: f64 = 12.0;
+const MAX_IN_SPINE: f64 = 0.3;
+/// Median distance to the left of the spine's middle from which a chain is no vena cava, mm, and from
+/// which there is no doubt.
+const MIN_LEFT_MM: (f64, f64) = (-14.0, -2.0);
 /// Gas lies this near to the rim of tagged fluid in a colon, mm, covers this much, mm², and is darker
 /// than lung, HU.
 const GAS_WITHIN_MM: f64 = 6.0;
@@ -75,18 +97,26 @@ pub(super) struct Aorta {
     contrast_hu: f64,
     beside_bone: f64,
     beside_gas: f64,
+    /// Share of the sections that are vertebrae.
+    in_spine: f64,
+    /// Median distance to the left of the spine, mm, where it is seen.
+    left_mm: Option<f64>,
 }
 
 /// Chains across any index axis, best first.
-pub(super) fn candidates(volume: &Volume) -> Vec<Aorta> {
-    let (coarse, factor) = coarse(volume);
-    let axes = (0..3).flat_map(|axis| across(&coarse, factor, axis));
+pub(super) fn candidates(volume: &Volume, frame: Option<&BodyFrame>) -> Vec<Aorta> {
+    let (coarse, factor) = coarse(volume, COARSE_MM);
+    let sigma_mm = SMOOTHING * coarse.grid.spacing_mm.min_element();
+    let is_noisy = noise_between_neighbours(&coarse) > NOISY_HU;
+    let coarse = if is_noisy { smoothed(&coarse, sigma_mm, MIN_HU) } else { coarse };
+    let axes = (0..3).flat_map(|axis| across(&coarse, factor, axis, frame));
     let mut out: Vec<Aorta> = axes.collect();
     out.sort_by(|a, b| b.score.total_cmp(&a.score));
     out
 }
 
-fn across(coarse: &Volume, factor: UVec3, axis: usize) -> Vec<Aorta> {
+fn across(coarse: &Volume, factor: UVec3, axis: usize, frame: Option<&BodyFrame>) -> Vec<Aorta> {
+    let frame = frame.filter(|frame| frame.along() == axis);
     let slices = Slices::of(coarse, axis);
     let mut flat = DVec3::splat(1e9);
     (flat[slices.u], flat[slices.v]) = (1.0, 1.0);
@@ -125,16 +155,22 @@ fn across(coarse: &Volume, factor: UVec3, axis: usize) -> Vec<Aorta> {
         let n = chain.len() as f64;
         let round = chain.iter().map(|s| s.circularity).sum::<f64>() / n;
         let contrast = chain.iter().map(|s| contrast_of(s, &with_contrast)).sum::<f64>() / n;
-        let beside: Vec<(bool, bool)> = chain.iter().map(|s| beside(coarse, &slices, s)).collect();
+        let places = |s| SectionPlace::of(coarse, &slices, s, (frame, factor));
+        let places: Vec<SectionPlace> = chain.iter().map(places).collect();
         let share =
-            |of: fn(&(bool, bool)) -> bool| beside.iter().filter(|b| of(b)).count() as f64 / n;
+            |of: fn(&SectionPlace) -> bool| places.iter().filter(|p| of(p)).count() as f64 / n;
+        let mut left: Vec<f64> = places.iter().filter_map(|p| p.from_spine.map(|o| o.x)).collect();
+        left.sort_by(f64::total_cmp);
+        let is_known = 2 * left.len() > chain.len() && frame.is_some_and(|f| !f.is_turned);
         out.push(Aorta {
             slices,
             factor,
             score: length_mm * round,
             contrast_hu: contrast,
-            beside_bone: share(|b| b.0),
-            beside_gas: share(|b| b.1),
+            beside_bone: share(|p| p.is_beside_bone),
+            beside_gas: share(|p| p.is_beside_gas),
+            in_spine: share(|p| p.from_spine.is_some_and(|off| off.length() < IN_SPINE_MM)),
+            left_mm: is_known.then(|| quantile(&left, 0.5)),
             chain,
         });
     }
@@ -169,24 +205,55 @@ fn sections_of(
     bright.regions(slice, &AREA_MM2).iter().filter_map(section).collect()
 }
 
-/// Whether bone lies beside a section, and whether gas does.
-fn beside(volume: &Volume, slices: &Slices, section: &Section) -> (bool, bool) {
-    let least = BONE_HU.max(section.value + BONE_ABOVE_BLOOD_HU);
-    let radius = (section.area_mm2 / std::f64::consts::PI).sqrt();
-    let pixel = slices.pixel_mm.x * slices.pixel_mm.y;
-    let (mut bone, mut gas) = (0.0, 0.0);
-    for (p, q) in disc(slices, section.centre_mm, radius + BONE_WITHIN_MM) {
-        let at = DVec2::new(p as f64, q as f64) * slices.pixel_mm;
-        let off = at.distance(section.centre_mm);
-        let value = volume.real(volume.grid.index(slices.voxel(section.slice, p, q)));
-        if off > OWN_RADII * radius && value >= least {
-            bone += pixel;
+/// Surroundings of a section.
+struct SectionPlace {
+    is_beside_bone: bool,
+    is_beside_gas: bool,
+    /// Offset from the middle of the spine, mm: to the left and to the back.
+    from_spine: Option<DVec2>,
+}
+
+impl SectionPlace {
+    /// * `frame`: of the volume, whose coarse voxels hold so many of its voxels.
+    fn of(
+        coarse: &Volume,
+        slices: &Slices,
+        section: &Section,
+        (frame, factor): (Option<&BodyFrame>, UVec3),
+    ) -> Self {
+        let least = BONE_HU.max(section.value + BONE_ABOVE_BLOOD_HU);
+        let radius = (section.area_mm2 / std::f64::consts::PI).sqrt();
+        let pixel = slices.pixel_mm.x * slices.pixel_mm.y;
+        let (mut bone, mut gas) = (0.0, 0.0);
+        for (p, q) in disc(slices, section.centre_mm, radius + BONE_WITHIN_MM) {
+            let at = DVec2::new(p as f64, q as f64) * slices.pixel_mm;
+            let off = at.distance(section.centre_mm);
+            let value = coarse.real(coarse.grid.index(slices.voxel(section.slice, p, q)));
+            if off > OWN_RADII * radius && value >= least {
+                bone += pixel;
+            }
+            if off < radius + GAS_WITHIN_MM && value <= GAS_HU {
+                gas += pixel;
+            }
         }
-        if off < radius + GAS_WITHIN_MM && value <= GAS_HU {
-            gas += pixel;
-        }
+        let mut at = DVec3::ZERO;
+        let pixel = section.centre_mm / slices.pixel_mm;
+        (at[slices.axis], at[slices.u], at[slices.v]) =
+            (f64::from(section.slice), pixel.x, pixel.y);
+        let at = (at + 0.5) * factor.as_dvec3() - 0.5;
+        let from_spine = frame.and_then(|frame| frame.offset_from_spine(at));
+        let is_beside_bone = match from_spine {
+            // Kidneys lie beside the spine too, but farther to the side, or behind its middle.
+            Some(off) => {
+                let near = radius + VERTEBRA_MM;
+                off.length() <= near + SPINE_WITHIN_MM
+                    && off.y < 0.0
+                    && off.x.abs() <= near + SIDE_MM
+            }
+            None => bone >= BONE_MM2,
+        };
+        Self { is_beside_bone, is_beside_gas: gas >= GAS_MM2, from_spine }
     }
-    (bone >= BONE_MM2, gas >= GAS_MM2)
 }
 
 /// Pixels whose middle lies in a disc.
@@ -257,8 +324,15 @@ impl Aorta {
         gates.at_most("variation of its areas", variation, MAX_VARIATION, 0.25)?;
         let contrast = self.contrast_hu;
         gates.at_least("HU above its surroundings", contrast, MIN_CONTRAST_HU, 100.0)?;
+        gates.at_most("share of it that is vertebrae", self.in_spine, MAX_IN_SPINE, 0.1)?;
         let beside = self.beside_bone;
-        gates.at_least("share of it that lies beside bone", beside, MIN_BESIDE_BONE, 0.8)?;
+        let what = "share of it that lies beside the spine or bone";
+        gates.at_least(what, beside, MIN_BESIDE_BONE, 0.8)?;
+        if let Some(left_mm) = self.left_mm {
+            let what =
+                "mm that it lies to the left of the spine's middle, a vena cava to the right";
+            gates.at_least(what, left_mm, MIN_LEFT_MM.0, MIN_LEFT_MM.1)?;
+        }
         let gas = self.beside_gas;
         gates.at_most("share of it that lies beside gas", gas, MAX_BESIDE_GAS, 0.2)
     }
@@ -306,10 +380,24 @@ pub(super) fn none(gates: &Gates) -> OrganError {
     ))
 }
 
+/// Standard deviation of a volume's noise, from the differences of neighbours along rows in soft tissue.
+fn noise_between_neighbours(volume: &Volume) -> f64 {
+    let width = volume.grid.dims.x as usize;
+    let pairs = (0..volume.grid.len()).step_by(NOISE_EVERY).filter(|i| i % width + 1 < width);
+    let pairs = pairs.map(|i| (volume.real(i), volume.real(i + 1)));
+    let soft = pairs.filter(|(a, b)| SOFT_HU.contains(&(0.5 * (a + b))));
+    let mut off: Vec<f64> = soft.map(|(a, b)| (a - b).abs()).collect();
+    off.sort_by(f64::total_cmp);
+    // Of the difference of two normal values the median is 0.6745 √2 of their deviation.
+    quantile(&off, 0.5) / (0.6745 * std::f64::consts::SQRT_2)
+}
+
 /// Returns the means of blocks of voxels, and the number of a block's voxels along each axis.
-fn coarse(volume: &Volume) -> (Volume, UVec3) {
+///
+/// * `side_mm`: sides of the blocks, about.
+pub(super) fn coarse(volume: &Volume, side_mm: f64) -> (Volume, UVec3) {
     let grid = &volume.grid;
-    let factor = (COARSE_MM / grid.spacing_mm).round().as_uvec3().clamp(UVec3::ONE, grid.dims);
+    let factor = (side_mm / grid.spacing_mm).round().as_uvec3().clamp(UVec3::ONE, grid.dims);
     let dims = grid.dims / factor;
     let spacing_mm = grid.spacing_mm * factor.as_dvec3();
     let slice = dims.x as usize * dims.y as usize;

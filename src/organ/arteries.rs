@@ -3,6 +3,7 @@
 use super::aorta::{self, Aorta};
 use super::body::PatientBody;
 use super::branches::{Mouths, follow};
+use super::frame::BodyFrame;
 use super::gates::Gates;
 use super::sections::{SlicedMask, Slices};
 use super::smooth::smoothed;
@@ -45,8 +46,9 @@ const LISTED: usize = 3;
 /// The aorta of a CT with contrast medium, and its branches.
 pub(super) fn find(volume: &Volume, gates: &Gates) -> Result<FoundOrgan, OrganError> {
     let mut refused = Vec::new();
-    for aorta in aorta::candidates(volume) {
-        match from_aorta(volume, &aorta, gates.clone()) {
+    let frame = BodyFrame::of(volume);
+    for aorta in aorta::candidates(volume, frame.as_ref()) {
+        match from_aorta(volume, &aorta, frame.as_ref(), gates.clone()) {
             Err(OrganError::NotFound { why, .. }) => {
                 refused.push(format!("{}: {why}", aorta.name()));
             }
@@ -57,6 +59,7 @@ pub(super) fn find(volume: &Volume, gates: &Gates) -> Result<FoundOrgan, OrganEr
         return Err(aorta::none(gates));
     }
     refused.truncate(LISTED);
+    refused.push(frame.map_or("no spine seen".into(), |frame| frame.line()));
     Err(gates.refuse(refused.join("; ")))
 }
 
@@ -84,8 +87,14 @@ fn bone(volume: &Volume, least: f64, axis: usize) -> BitVolume {
     dilated(&out, grid.spacing_mm, BONE_RIM_MM)
 }
 
-fn from_aorta(volume: &Volume, aorta: &Aorta, mut gates: Gates) -> Result<FoundOrgan, OrganError> {
+fn from_aorta(
+    volume: &Volume,
+    aorta: &Aorta,
+    frame: Option<&BodyFrame>,
+    mut gates: Gates,
+) -> Result<FoundOrgan, OrganError> {
     let grid = &volume.grid;
+    gates.note(frame.map_or("no spine seen".into(), BodyFrame::line));
     aorta.pass(&mut gates)?;
     let core = sorted(volume, aorta.tube(volume, 0.6, 0.0).voxels());
     let (blood, sigma) = (quantile(&core, 0.5), noise(&core));
@@ -110,6 +119,10 @@ fn from_aorta(volume: &Volume, aorta: &Aorta, mut gates: Gates) -> Result<FoundO
     let mut allowed = between(values, level(BRANCH_PART), top);
     allowed.keep(&body.inside);
     allowed.remove(&bone(values, top, aorta.range().0));
+    // Marrow may be as bright as blood, and thick slices join both through the arteries between the ribs.
+    if let Some(frame) = frame {
+        allowed.remove(&frame.spine(grid.dims));
+    }
     allowed.remove(&around);
     allowed.add(&tube);
     let mouths = Mouths {

@@ -6,6 +6,7 @@ use glam::{DVec3, UVec3};
 use super::fluid::fluid;
 use super::gas::{ColonCandidate, GAS_HU, Gas, MIN_DEEP, MIN_ML, MIN_RADIUS_MM, MIN_TISSUE};
 use super::gates::Gates;
+use super::rivals::GasName;
 use super::values::{MIN_HU, between};
 use super::{FoundOrgan, Organ, OrganError, Segment, TaggedFluid};
 use crate::lumen::{BitVolume, IntensitySelection, dilated, fill_cavities, thickened};
@@ -14,7 +15,7 @@ use crate::volume::Volume;
 /// Least volume of all segments, ml: sinuses and a trachea hold less.
 const MIN_TOTAL_ML: f64 = 60.0;
 /// Least extent of the longest segment, mm.
-const MIN_EXTENT_MM: f64 = 80.0;
+const MIN_EXTENT_MM: f64 = 50.0;
 /// Segments grow to here, HU, by so many voxels: half way between gas and tissue.
 const WALL_HU: f64 = -450.0;
 const WALL_VOXELS: usize = 2;
@@ -97,7 +98,18 @@ fn pass(gas: &Gas, gates: &mut Gates) -> Result<(), OrganError> {
     if !left_out.is_empty() {
         gates.note(format!("left out: {left_out}"));
     }
-    gas.doubtful.iter().for_each(|line| gates.doubt(line.clone(), DOUBTFUL));
+    for c in &gas.colon {
+        if let Some(named) = c.named.filter(GasName::is_near_tie) {
+            let (ml, at) = (c.volume_ml, c.seed);
+            gates.doubt(
+                format!("{ml:.0} ml of gas at {at} may be stomach: {}", named.line()),
+                DOUBTFUL,
+            );
+        }
+    }
+    if gas.is_stomach_doubtful {
+        gates.note("the stomach that was left out may be colon".into());
+    }
     let total: f64 = gas.colon.iter().map(|c| c.volume_ml).sum();
     gates.at_least("ml of gas in all", total, MIN_TOTAL_ML, 400.0)?;
     let extent = gas.colon.iter().map(|c| c.extent_mm).fold(0.0, f64::max);

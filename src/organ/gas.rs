@@ -5,6 +5,7 @@ use glam::{DVec3, UVec3};
 use super::body::PatientBody;
 use super::depth::Depth;
 use super::lungs::{Lungs, lung_of};
+use super::rivals::{GasFeatures, GasName, Rival};
 use super::values::{MIN_HU, between, share};
 use super::{SIDES, airway};
 use crate::lumen::{BitVolume, Piece, dilated, pieces};
@@ -23,12 +24,8 @@ const TISSUE_HU: f64 = -300.0;
 pub(super) const MIN_TISSUE: f64 = 0.9;
 /// Least radius of the largest sphere in a segment, mm.
 pub(super) const MIN_RADIUS_MM: f64 = 6.0;
-/// Greatest length of a stomach, in radii of its widest place …
-const STOMACH_RADII: f64 = 6.0;
-/// … and its greatest distance below the lungs, mm.
-const BELOW_LUNG_MM: f64 = 40.0;
-/// Greatest distance below the lungs, mm, at which a short pocket on the left may still be stomach.
-const DOUBTFUL_BELOW_LUNG_MM: f64 = 80.0;
+/// Share of a piece's height that is its top.
+const TOP: f64 = 0.2;
 
 /// The gas in a body.
 pub(super) struct Gas {
@@ -36,10 +33,10 @@ pub(super) struct Gas {
     pub colon: Vec<ColonCandidate>,
     /// Gas that is not colon.
     pub others: BitVolume,
-    /// Volume left out, and the reason: a line for each piece.
+    /// Volume left out with its names: a line for each piece.
     pub left_out: Vec<String>,
-    /// Segments that may be stomach: a line for each.
-    pub doubtful: Vec<String>,
+    /// Whether a stomach was left out that may be colon.
+    pub is_stomach_doubtful: bool,
 }
 
 /// Masks of the volume by kind of value.
@@ -61,6 +58,8 @@ pub(super) struct ColonCandidate {
     pub deep: f64,
     /// Share of its shell that is tissue.
     pub tissue: f64,
+    /// Name of the piece and the next one.
+    pub named: Option<GasName>,
 }
 
 impl Gas {
@@ -79,47 +78,39 @@ impl Gas {
             colon: Vec::new(),
             others: inside.clone(),
             left_out: Vec::new(),
-            doubtful: Vec::new(),
+            is_stomach_doubtful: false,
         };
-        let (parts, mut other_parts) = out.without_lungs(volume, &inside);
+        let (parts, mut lung_parts) = out.without_lungs(volume, &inside);
         let airway = airway::find(volume, false).ok();
         let kinds = Kinds {
             deep_gas: between(volume, MIN_HU, DEEP_GAS_HU),
             tissue: between(volume, TISSUE_HU, f64::INFINITY),
             gas,
         };
-        for piece in parts {
-            let candidate = ColonCandidate::new(grid, &piece, &kinds);
-            let is_airway = airway.as_ref().is_some_and(|a| share(&candidate.mask, &a.mask) > 0.1);
-            let why = if is_airway { Some("airway".to_owned()) } else { candidate.refusal() };
-            match why {
-                None => out.colon.push(candidate),
-                Some(why) => {
-                    out.leave_out(candidate.volume_ml, &why);
-                    other_parts.push(piece);
-                }
-            }
+        let mut candidates: Vec<ColonCandidate> =
+            parts.iter().map(|piece| ColonCandidate::new(grid, piece, &kinds)).collect();
+        let in_airway =
+            |c: &ColonCandidate| airway.as_ref().map_or(0.0, |a| share(&c.mask, &a.mask));
+        // Lungs say how high the others lie.
+        let mut features: Vec<GasFeatures> =
+            candidates.iter().map(|c| c.values(in_airway(c))).collect();
+        let is_lung = |f: &GasFeatures| GasName::of(f).best.rival == Rival::Lung;
+        let found = parts.into_iter().zip(&features).filter(|(_, f)| is_lung(f));
+        lung_parts.extend(found.map(|(piece, _)| piece));
+        let lungs = Lungs::of(grid, &lung_parts);
+        let place = BodyPlace::of(grid, &body, lungs);
+        for (c, f) in candidates.iter_mut().zip(&mut features) {
+            place.measure(&c.mask, f);
+            c.named = Some(GasName::of(f));
         }
-        let lungs = Lungs::of(grid, &other_parts);
-        let middle_mm = lungs.map_or_else(|| middle_mm(grid, &body), |l| l.middle_mm);
-        let looks = |c: &mut ColonCandidate| {
-            c.is_short_and_left(grid, middle_mm)
-                && c.below_lung_mm(grid, lungs).is_some_and(|mm| mm < BELOW_LUNG_MM)
-        };
-        for stomach in out.colon.extract_if(.., looks).collect::<Vec<_>>() {
-            out.leave_out(stomach.volume_ml, "short, left, under the lung: stomach");
-        }
-        for c in out.colon.iter().filter(|c| c.is_short_and_left(grid, middle_mm)) {
-            let below = c.below_lung_mm(grid, lungs);
-            if below.is_none_or(|mm| mm < DOUBTFUL_BELOW_LUNG_MM) {
-                let place = below.map_or("no lung in the scan to tell".to_owned(), |mm| {
-                    format!("{mm:.0} mm below the lung, stomach up to {BELOW_LUNG_MM:.0}")
-                });
-                let (ml, at) = (c.volume_ml, c.seed);
-                let line =
-                    format!("{ml:.0} ml of gas at {at} may be stomach: short, left, {place}");
-                out.doubtful.push(line);
+        for candidate in candidates {
+            let Some(named) = candidate.named else { continue };
+            if named.best.rival == Rival::Colon {
+                out.colon.push(candidate);
+                continue;
             }
+            out.is_stomach_doubtful |= named.is_near_tie();
+            out.leave_out(candidate.volume_ml, &named.line());
         }
         out.colon.iter().for_each(|c| out.others.remove(&c.mask));
         out.colon = in_order(grid, out.colon);
@@ -165,6 +156,7 @@ impl ColonCandidate {
             volume_ml: piece.component.volume_ml(grid),
             deep: share(&mask, &kinds.deep_gas),
             tissue: share(&shell, &kinds.tissue),
+            named: None,
             mask,
             seed,
             radius_mm,
@@ -172,37 +164,45 @@ impl ColonCandidate {
         }
     }
 
-    /// Returns the reason why the candidate is no colon, if there is one.
-    fn refusal(&self) -> Option<String> {
-        let Self { deep, tissue, radius_mm, .. } = self;
-        if *deep < MIN_DEEP {
-            return Some(format!("only {:.0} % below {DEEP_GAS_HU} HU", 100.0 * deep));
-        }
-        if *tissue < MIN_TISSUE {
-            return Some(format!("only {:.0} % of its shell is tissue", 100.0 * tissue));
-        }
-        let narrow = *radius_mm < MIN_RADIUS_MM;
-        narrow.then(|| format!("its widest place has a radius of {radius_mm:.1} mm"))
-    }
-
-    /// Whether it is a wide, short pocket on the patient's left, as a stomach is.
-    fn is_short_and_left(&self, grid: &Grid, middle_mm: f64) -> bool {
-        let at = grid.world_from_voxel().transform_point3(self.seed.as_dvec3());
-        self.extent_mm < STOMACH_RADII * self.radius_mm && at.x > middle_mm
-    }
-
-    /// Returns the distance of the candidate's widest place below the lungs, mm.
-    fn below_lung_mm(&self, grid: &Grid, lungs: Option<Lungs>) -> Option<f64> {
-        let at = grid.world_from_voxel().transform_point3(self.seed.as_dvec3());
-        lungs.map(|lungs| lungs.lowest_mm - (at.z + self.radius_mm))
+    /// Features of its values and its size.
+    fn values(&self, in_airway: f64) -> GasFeatures {
+        let Self { volume_ml, radius_mm, deep, tissue, .. } = *self;
+        GasFeatures { volume_ml, radius_mm, deep, tissue, in_airway, ..GasFeatures::default() }
     }
 }
 
-/// Middle of a body between left and right, LPS x.
-fn middle_mm(grid: &Grid, body: &BitVolume) -> f64 {
-    let (low, high) = body.bounds().unwrap_or_default();
-    let middle = 0.5 * (low.as_dvec3() + high.as_dvec3());
-    grid.world_from_voxel().transform_point3(middle).x
+/// The body in which a piece lies.
+struct BodyPlace<'a> {
+    grid: &'a Grid,
+    lungs: Option<Lungs>,
+    /// Middle between left and right, and half the width, LPS x, mm.
+    middle_mm: f64,
+    half_mm: f64,
+}
+
+impl<'a> BodyPlace<'a> {
+    fn of(grid: &'a Grid, body: &BitVolume, lungs: Option<Lungs>) -> Self {
+        let (low, high) = body.bounds().unwrap_or_default();
+        let x = |v: UVec3| grid.world_from_voxel().transform_point3(v.as_dvec3()).x;
+        let (a, b) = (x(low), x(high));
+        let middle_mm = lungs.map_or(0.5 * (a + b), |lungs| lungs.middle_mm);
+        Self { grid, lungs, middle_mm, half_mm: (0.5 * (a - b).abs()).max(1.0) }
+    }
+
+    /// Adds the features of place.
+    fn measure(&self, mask: &BitVolume, features: &mut GasFeatures) {
+        let to_world = self.grid.world_from_voxel();
+        let places = || mask.voxels().map(|v| to_world.transform_point3(v.as_dvec3()));
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        places().for_each(|p| (low, high) = (low.min(p), high.max(p)));
+        let top_from = high.z - TOP * (high.z - low.z);
+        let tops = places().filter(|p| p.z >= top_from).map(|p| (p.x, 1u64));
+        let (sum, count) = tops.fold((0.0, 0), |(x, n), (dx, dn)| (x + dx, n + dn));
+        features.top_left = (sum / count.max(1) as f64 - self.middle_mm) / self.half_mm;
+        features.right = (self.middle_mm - low.x) / self.half_mm;
+        features.height_mm = high.z - low.z;
+        features.below_lung_mm = self.lungs.map(|lungs| lungs.lowest_mm - high.z);
+    }
 }
 
 /// Segments from the feet-most one on, each followed by the one with the narrowest gap to it.

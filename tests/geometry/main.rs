@@ -22,3 +22,4 @@ mod organ;
 mod phantoms;
 mod radius;
 mod shared_data;
+mod torsos;

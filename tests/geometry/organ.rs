@@ -54,15 +54,15 @@ fn each_organ_of_a_torso_is_found_and_nothing_else_taken_for_it() {
     let torso = Torso::default();
     let scan = torso.scan();
     let airway = found(TREE, &scan);
-    assert!(dice(&airway.mask, &Torso::truth(&torso.airway)) > 0.85);
+    assert!(dice(&airway.mask, &torso.truth(&torso.airway)) > 0.85);
     // Raising the threshold further takes in what is thin, not the lungs.
     let thin = found(Organ::Airway, &scan);
     assert!(thin.mask.count() >= airway.mask.count());
-    assert!(dice(&thin.mask, &Torso::truth(&torso.airway)) > 0.85);
+    assert!(dice(&thin.mask, &torso.truth(&torso.airway)) > 0.85);
     let colon = found(Organ::Colon, &scan);
-    assert!(dice(&colon.mask, &Torso::truth(&torso.colon)) > 0.9);
+    assert!(dice(&colon.mask, &torso.truth(&torso.colon)) > 0.9);
     let vessel = found(Organ::Vessel, &scan);
-    assert!(dice(&vessel.mask, &Torso::truth(&torso.aorta)) > 0.85);
+    assert!(dice(&vessel.mask, &torso.truth(&torso.aorta)) > 0.85);
     // The segments in order, from the rectum; neither stomach nor small bowel among them.
     let to_world = scan.grid.world_from_voxel();
     let at: Vec<usize> = colon
