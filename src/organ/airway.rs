@@ -12,8 +12,8 @@ use super::trachea::{self, Trachea};
 use super::values::{MIN_HU, between, noise, quantile, share, sorted};
 use super::walled::walled;
 use super::{FoundOrgan, Organ, OrganError, Segment, head_foot_axis};
-use crate::lumen::{BitVolume, Flood, IntensitySelection, grow};
-use crate::volume::Volume;
+use crate::lumen::{BitVolume, Flood, IntensitySelection, dilated, eroded, grow, pieces};
+use crate::volume::{Grid, Volume};
 
 /// Highest value of air and lung, HU.
 const LUNG_HU: f64 = -400.0;
@@ -38,17 +38,25 @@ const MIN_WALLED: f64 = 0.45;
 const MAX_FILLED: f64 = 0.15;
 /// Most noise of the air in the trachea, standard deviation in HU.
 const MAX_NOISE_HU: f64 = 140.0;
-/// Limits for a trachea without lung: most air joined to it, ml; its least length, mm; its greatest
-/// radius, mm; the greatest variation of its cross sections; how near to the first or last slice of
+/// Limits for a trachea without lung: most air joined to it, ml; its least and greatest length, mm; its
+/// least and greatest radius, mm; the greatest variation of its cross sections; how near to the first or last slice of
 /// the scan it comes, mm; its least share of all the air that is joined to it.
 const MAX_SHORT_ML: f64 = 150.0;
 const MIN_SHORT_MM: f64 = 30.0;
+const MAX_SHORT_MM: f64 = 170.0;
+const MIN_SHORT_RADIUS_MM: f64 = 3.0;
 const SHORT_RADIUS_MM: f64 = 14.0;
 const SHORT_VARIATION: f64 = 0.4;
 const SHORT_FROM_END_MM: f64 = 15.0;
 const MIN_TRACHEA: f64 = 0.3;
 /// Least share of it that lies inside the body.
 const SHORT_INSIDE: f64 = 0.8;
+/// Thickness of slices, mm, from which there is doubt, from which thin bronchi are neither looked for
+/// nor kept, and greatest thickness; least radius of a bronchus in thick slices, in thicknesses.
+const DOUBTFUL_SLICE_MM: f64 = 4.0;
+const THICK_MM: f64 = 6.0;
+const MAX_SLICE_MM: f64 = 12.0;
+const THIN_PART: f64 = 0.25;
 /// Bronchi lie this far beside the trachea, mm. Where the side with less lung has this share of it,
 /// and the side with fewer bronchi less than this of them, the confidence is at most that.
 const BESIDE_MM: f64 = 25.0;
@@ -157,7 +165,20 @@ fn from_trachea(
     } else {
         gates.at_most("share of the lung it fills", tree_ml / lung_ml, MAX_FILLED, 0.05)?;
     }
-    if thin {
+    let slice_mm = volume.grid.spacing_mm.max_element();
+    if slice_mm > DOUBTFUL_SLICE_MM {
+        gates.at_most("thickness of slices in mm", slice_mm, MAX_SLICE_MM, DOUBTFUL_SLICE_MM)?;
+    }
+    if slice_mm > THICK_MM {
+        mask = without_thin(&volume.grid, &mask, start.seed, THIN_PART * slice_mm);
+        let ml = mask.count() as f64 * ml;
+        gates.note(format!(
+            "bronchi of less than {:.1} mm radius are left out, as they are thinner than the slices \
+             show: {ml:.1} ml remain",
+            THIN_PART * slice_mm
+        ));
+    }
+    if thin && slice_mm <= THICK_MM {
         match bronchi::grow(values, &mask, threshold) {
             Some(added) => {
                 gates.note(format!(
@@ -196,6 +217,15 @@ fn from_trachea(
     })
 }
 
+/// The part of an airway that is nowhere thinner than some balls, with its rim.
+fn without_thin(grid: &Grid, mask: &BitVolume, seed: UVec3, radius_mm: f64) -> BitVolume {
+    let mut thick =
+        dilated(&eroded(mask, grid.spacing_mm, radius_mm), grid.spacing_mm, 2.0 * radius_mm);
+    thick.keep(mask);
+    let with_seed = pieces(&thick, 1).into_iter().map(|piece| piece.mask(grid.dims));
+    with_seed.into_iter().find(|piece| piece.get(seed.as_ivec3())).unwrap_or_else(|| mask.clone())
+}
+
 /// Share of a mask beside the trachea, some way off, that lies on the side with less of it.
 fn sides(volume: &Volume, mask: &BitVolume, trachea: &Trachea) -> f64 {
     let to_world = volume.grid.world_from_voxel();
@@ -226,6 +256,9 @@ fn pass_without_lung(
     let air_ml = joined_ml * (1.0 - like_lung);
     gates.at_most("ml of that without the values of lung", air_ml, MAX_SHORT_ML, 100.0)?;
     gates.at_least("mm of trachea without lung", trachea.length_mm, MIN_SHORT_MM, 60.0)?;
+    // An oesophagus full of gas is longer and thinner.
+    gates.at_most("mm of trachea without lung", trachea.length_mm, MAX_SHORT_MM, 140.0)?;
+    gates.at_least("its radius in mm", trachea.radius_mm, MIN_SHORT_RADIUS_MM, 5.5)?;
     gates.at_most("its radius in mm", trachea.radius_mm, SHORT_RADIUS_MM, 11.0)?;
     let varies = trachea.variation;
     gates.at_most("variation of its cross sections", varies, SHORT_VARIATION, 0.2)?;

@@ -22,7 +22,7 @@ use crate::volume::{Grid, SampleBuffer, Samples, Volume};
 const COARSE_MM: f64 = 1.5;
 /// Noise of the coarse copy from which on it is smoothed, HU: sections are even to twice that. Gaussian,
 /// in sides of the smallest voxel side.
-const NOISY_HU: f64 = 20.0;
+const NOISY_HU: f64 = 25.0;
 const SMOOTHING: f64 = 0.9;
 /// Values of soft tissue, HU, in which noise is measured, on every so many voxels.
 const SOFT_HU: std::ops::Range<f64> = -30.0..130.0;
@@ -95,28 +95,29 @@ pub(super) struct Aorta {
     factor: UVec3,
     score: f64,
     contrast_hu: f64,
-    beside_bone: f64,
+    /// Whether bone lies beside each section.
+    is_beside_bone: Vec<bool>,
     beside_gas: f64,
-    /// Share of the sections that are vertebrae.
-    in_spine: f64,
-    /// Median distance to the left of the spine, mm, where it is seen.
-    left_mm: Option<f64>,
 }
 
-/// Chains across any index axis, best first.
-pub(super) fn candidates(volume: &Volume, frame: Option<&BodyFrame>) -> Vec<Aorta> {
-    let (coarse, factor) = coarse(volume, COARSE_MM);
+/// The copy in which sections are looked for, and the number of the volume's voxels along each side of
+/// one of its voxels.
+pub(super) fn coarse(volume: &Volume) -> (Volume, UVec3) {
+    block_means(volume, DVec3::splat(COARSE_MM))
+}
+
+/// Chains across any index axis of a coarse copy, best first.
+pub(super) fn candidates(coarse: Volume, factor: UVec3) -> Vec<Aorta> {
     let sigma_mm = SMOOTHING * coarse.grid.spacing_mm.min_element();
     let is_noisy = noise_between_neighbours(&coarse) > NOISY_HU;
     let coarse = if is_noisy { smoothed(&coarse, sigma_mm, MIN_HU) } else { coarse };
-    let axes = (0..3).flat_map(|axis| across(&coarse, factor, axis, frame));
+    let axes = (0..3).flat_map(|axis| across(&coarse, factor, axis));
     let mut out: Vec<Aorta> = axes.collect();
     out.sort_by(|a, b| b.score.total_cmp(&a.score));
     out
 }
 
-fn across(coarse: &Volume, factor: UVec3, axis: usize, frame: Option<&BodyFrame>) -> Vec<Aorta> {
-    let frame = frame.filter(|frame| frame.along() == axis);
+fn across(coarse: &Volume, factor: UVec3, axis: usize) -> Vec<Aorta> {
     let slices = Slices::of(coarse, axis);
     let mut flat = DVec3::splat(1e9);
     (flat[slices.u], flat[slices.v]) = (1.0, 1.0);
@@ -155,22 +156,14 @@ fn across(coarse: &Volume, factor: UVec3, axis: usize, frame: Option<&BodyFrame>
         let n = chain.len() as f64;
         let round = chain.iter().map(|s| s.circularity).sum::<f64>() / n;
         let contrast = chain.iter().map(|s| contrast_of(s, &with_contrast)).sum::<f64>() / n;
-        let places = |s| SectionPlace::of(coarse, &slices, s, (frame, factor));
-        let places: Vec<SectionPlace> = chain.iter().map(places).collect();
-        let share =
-            |of: fn(&SectionPlace) -> bool| places.iter().filter(|p| of(p)).count() as f64 / n;
-        let mut left: Vec<f64> = places.iter().filter_map(|p| p.from_spine.map(|o| o.x)).collect();
-        left.sort_by(f64::total_cmp);
-        let is_known = 2 * left.len() > chain.len() && frame.is_some_and(|f| !f.is_turned);
+        let beside: Vec<(bool, bool)> = chain.iter().map(|s| beside(coarse, &slices, s)).collect();
         out.push(Aorta {
             slices,
             factor,
             score: length_mm * round,
             contrast_hu: contrast,
-            beside_bone: share(|p| p.is_beside_bone),
-            beside_gas: share(|p| p.is_beside_gas),
-            in_spine: share(|p| p.from_spine.is_some_and(|off| off.length() < IN_SPINE_MM)),
-            left_mm: is_known.then(|| quantile(&left, 0.5)),
+            is_beside_bone: beside.iter().map(|b| b.0).collect(),
+            beside_gas: beside.iter().filter(|b| b.1).count() as f64 / n,
             chain,
         });
     }
@@ -205,55 +198,33 @@ fn sections_of(
     bright.regions(slice, &AREA_MM2).iter().filter_map(section).collect()
 }
 
-/// Surroundings of a section.
-struct SectionPlace {
-    is_beside_bone: bool,
-    is_beside_gas: bool,
-    /// Offset from the middle of the spine, mm: to the left and to the back.
-    from_spine: Option<DVec2>,
+/// Whether bone lies beside a section, and whether gas does.
+fn beside(volume: &Volume, slices: &Slices, section: &Section) -> (bool, bool) {
+    let least = BONE_HU.max(section.value + BONE_ABOVE_BLOOD_HU);
+    let radius = section.radius_mm();
+    let pixel = slices.pixel_mm.x * slices.pixel_mm.y;
+    let (mut bone, mut gas) = (0.0, 0.0);
+    for (p, q) in disc(slices, section.centre_mm, radius + BONE_WITHIN_MM) {
+        let at = DVec2::new(p as f64, q as f64) * slices.pixel_mm;
+        let off = at.distance(section.centre_mm);
+        let value = volume.real(volume.grid.index(slices.voxel(section.slice, p, q)));
+        if off > OWN_RADII * radius && value >= least {
+            bone += pixel;
+        }
+        if off < radius + GAS_WITHIN_MM && value <= GAS_HU {
+            gas += pixel;
+        }
+    }
+    (bone >= BONE_MM2, gas >= GAS_MM2)
 }
 
-impl SectionPlace {
-    /// * `frame`: of the volume, whose coarse voxels hold so many of its voxels.
-    fn of(
-        coarse: &Volume,
-        slices: &Slices,
-        section: &Section,
-        (frame, factor): (Option<&BodyFrame>, UVec3),
-    ) -> Self {
-        let least = BONE_HU.max(section.value + BONE_ABOVE_BLOOD_HU);
-        let radius = (section.area_mm2 / std::f64::consts::PI).sqrt();
-        let pixel = slices.pixel_mm.x * slices.pixel_mm.y;
-        let (mut bone, mut gas) = (0.0, 0.0);
-        for (p, q) in disc(slices, section.centre_mm, radius + BONE_WITHIN_MM) {
-            let at = DVec2::new(p as f64, q as f64) * slices.pixel_mm;
-            let off = at.distance(section.centre_mm);
-            let value = coarse.real(coarse.grid.index(slices.voxel(section.slice, p, q)));
-            if off > OWN_RADII * radius && value >= least {
-                bone += pixel;
-            }
-            if off < radius + GAS_WITHIN_MM && value <= GAS_HU {
-                gas += pixel;
-            }
-        }
-        let mut at = DVec3::ZERO;
-        let pixel = section.centre_mm / slices.pixel_mm;
-        (at[slices.axis], at[slices.u], at[slices.v]) =
-            (f64::from(section.slice), pixel.x, pixel.y);
-        let at = (at + 0.5) * factor.as_dvec3() - 0.5;
-        let from_spine = frame.and_then(|frame| frame.offset_from_spine(at));
-        let is_beside_bone = match from_spine {
-            // Kidneys lie beside the spine too, but farther to the side, or behind its middle.
-            Some(off) => {
-                let near = radius + VERTEBRA_MM;
-                off.length() <= near + SPINE_WITHIN_MM
-                    && off.y < 0.0
-                    && off.x.abs() <= near + SIDE_MM
-            }
-            None => bone >= BONE_MM2,
-        };
-        Self { is_beside_bone, is_beside_gas: gas >= GAS_MM2, from_spine }
-    }
+/// Whether a section lies before a vertebra or to its left, as an aorta does. Kidneys lie farther to the
+/// side, or behind the middle of the spine.
+///
+/// * `off`: offset from the middle of the spine to the left and to the back, mm.
+fn is_beside_vertebra(section: &Section, off: DVec2) -> bool {
+    let near = section.radius_mm() + VERTEBRA_MM;
+    off.length() <= near + SPINE_WITHIN_MM && off.y < 0.0 && off.x.abs() <= near + SIDE_MM
 }
 
 /// Pixels whose middle lies in a disc.
@@ -308,8 +279,8 @@ impl Aorta {
         quantile(&values, 0.5)
     }
 
-    /// Refuses a chain that is no aorta.
-    pub fn pass(&self, gates: &mut Gates) -> Result<(), OrganError> {
+    /// Refuses a chain that has not the shape of an aorta.
+    pub fn has_shape(&self, gates: &mut Gates) -> Result<(), OrganError> {
         let area = self.area_mm2();
         let radius = (area / std::f64::consts::PI).sqrt();
         let variation = (self.mean(|s| (s.area_mm2 - area).powi(2))).sqrt() / area;
@@ -324,17 +295,51 @@ impl Aorta {
         gates.at_most("variation of its areas", variation, MAX_VARIATION, 0.25)?;
         let contrast = self.contrast_hu;
         gates.at_least("HU above its surroundings", contrast, MIN_CONTRAST_HU, 100.0)?;
-        gates.at_most("share of it that is vertebrae", self.in_spine, MAX_IN_SPINE, 0.1)?;
-        let beside = self.beside_bone;
-        let what = "share of it that lies beside the spine or bone";
-        gates.at_least(what, beside, MIN_BESIDE_BONE, 0.8)?;
-        if let Some(left_mm) = self.left_mm {
-            let what =
-                "mm that it lies to the left of the spine's middle, a vena cava to the right";
-            gates.at_least(what, left_mm, MIN_LEFT_MM.0, MIN_LEFT_MM.1)?;
-        }
         let gas = self.beside_gas;
         gates.at_most("share of it that lies beside gas", gas, MAX_BESIDE_GAS, 0.2)
+    }
+
+    /// Refuses a chain that lies elsewhere than an aorta.
+    ///
+    /// * `frame`: of the patient, if his spine is seen; else bone has to lie beside the chain.
+    pub fn has_place(
+        &self,
+        frame: Option<&BodyFrame>,
+        gates: &mut Gates,
+    ) -> Result<(), OrganError> {
+        let n = self.chain.len() as f64;
+        let frame = frame.filter(|frame| frame.along() == self.slices.axis);
+        let off = |s: &Section| frame.and_then(|frame| frame.offset_from_spine(self.middle(s)));
+        let places: Vec<Option<DVec2>> = self.chain.iter().map(off).collect();
+        let beside = self.chain.iter().zip(&places).zip(&self.is_beside_bone);
+        let beside = beside.filter(|((section, off), is_beside_bone)| match off {
+            Some(off) => is_beside_vertebra(section, *off),
+            None => **is_beside_bone,
+        });
+        let beside = beside.count() as f64 / n;
+        let inside =
+            places.iter().flatten().filter(|off| off.length() < IN_SPINE_MM).count() as f64;
+        gates.at_most("share of it that is vertebrae", inside / n, MAX_IN_SPINE, 0.1)?;
+        let what = "share of it that lies beside the spine or bone";
+        gates.at_least(what, beside, MIN_BESIDE_BONE, 0.8)?;
+        let mut left: Vec<f64> = places.iter().flatten().map(|off| off.x).collect();
+        left.sort_by(f64::total_cmp);
+        if 2 * left.len() > places.len() && frame.is_some_and(|frame| !frame.is_turned) {
+            let what =
+                "mm that it lies to the left of the spine's middle, a vena cava to the right";
+            let left_mm = quantile(&left, 0.5);
+            gates.at_least(what, left_mm, MIN_LEFT_MM.0, MIN_LEFT_MM.1)?;
+        }
+        Ok(())
+    }
+
+    /// Middle of a section, voxels of the volume.
+    fn middle(&self, section: &Section) -> DVec3 {
+        let pixel = section.centre_mm / self.slices.pixel_mm;
+        let mut at = DVec3::ZERO;
+        (at[self.slices.axis], at[self.slices.u], at[self.slices.v]) =
+            (f64::from(section.slice), pixel.x, pixel.y);
+        (at + 0.5) * self.factor.as_dvec3() - 0.5
     }
 
     /// Voxels of the volume within a part of its radius, and so many mm more.
@@ -394,10 +399,10 @@ fn noise_between_neighbours(volume: &Volume) -> f64 {
 
 /// Returns the means of blocks of voxels, and the number of a block's voxels along each axis.
 ///
-/// * `side_mm`: sides of the blocks, about.
-pub(super) fn coarse(volume: &Volume, side_mm: f64) -> (Volume, UVec3) {
+/// * `sides_mm`: of the blocks, about.
+pub(super) fn block_means(volume: &Volume, sides_mm: DVec3) -> (Volume, UVec3) {
     let grid = &volume.grid;
-    let factor = (side_mm / grid.spacing_mm).round().as_uvec3().clamp(UVec3::ONE, grid.dims);
+    let factor = (sides_mm / grid.spacing_mm).round().as_uvec3().clamp(UVec3::ONE, grid.dims);
     let dims = grid.dims / factor;
     let spacing_mm = grid.spacing_mm * factor.as_dvec3();
     let slice = dims.x as usize * dims.y as usize;

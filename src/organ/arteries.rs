@@ -3,7 +3,7 @@
 use super::aorta::{self, Aorta};
 use super::body::PatientBody;
 use super::branches::{Mouths, follow};
-use super::frame::BodyFrame;
+use super::frame::{BodyFrame, FrameSearch};
 use super::gates::Gates;
 use super::sections::{SlicedMask, Slices};
 use super::smooth::smoothed;
@@ -46,9 +46,10 @@ const LISTED: usize = 3;
 /// The aorta of a CT with contrast medium, and its branches.
 pub(super) fn find(volume: &Volume, gates: &Gates) -> Result<FoundOrgan, OrganError> {
     let mut refused = Vec::new();
-    let frame = BodyFrame::of(volume);
-    for aorta in aorta::candidates(volume, frame.as_ref()) {
-        match from_aorta(volume, &aorta, frame.as_ref(), gates.clone()) {
+    let (copy, factor) = aorta::coarse(volume);
+    let search = FrameSearch::new(volume, &copy, factor);
+    for aorta in aorta::candidates(copy, factor) {
+        match from_aorta(volume, &aorta, &search, gates.clone()) {
             Err(OrganError::NotFound { why, .. }) => {
                 refused.push(format!("{}: {why}", aorta.name()));
             }
@@ -59,7 +60,6 @@ pub(super) fn find(volume: &Volume, gates: &Gates) -> Result<FoundOrgan, OrganEr
         return Err(aorta::none(gates));
     }
     refused.truncate(LISTED);
-    refused.push(frame.map_or("no spine seen".into(), |frame| frame.line()));
     Err(gates.refuse(refused.join("; ")))
 }
 
@@ -90,12 +90,19 @@ fn bone(volume: &Volume, least: f64, axis: usize) -> BitVolume {
 fn from_aorta(
     volume: &Volume,
     aorta: &Aorta,
-    frame: Option<&BodyFrame>,
+    search: &FrameSearch,
     mut gates: Gates,
 ) -> Result<FoundOrgan, OrganError> {
     let grid = &volume.grid;
+    aorta.has_shape(&mut gates)?;
+    // The spine is looked for without the aorta, which may be brighter than bone. Of vertebrae nothing
+    // is left then that looks like a spine behind them.
+    let more_mm = grid.spacing_mm.max_element().min(1.0);
+    let around = aorta.tube(volume, TUBE_RADII, more_mm);
+    let frame = search.find_without(&around);
+    let frame = frame.as_ref();
     gates.note(frame.map_or("no spine seen".into(), BodyFrame::line));
-    aorta.pass(&mut gates)?;
+    aorta.has_place(frame, &mut gates)?;
     let core = sorted(volume, aorta.tube(volume, 0.6, 0.0).voxels());
     let (blood, sigma) = (quantile(&core, 0.5), noise(&core));
     gates.at_most("noise of its blood in HU", sigma, MAX_NOISE_HU, 25.0)?;
@@ -108,8 +115,6 @@ fn from_aorta(
     let Some(body) = PatientBody::of(volume) else { return Err(gates.refuse("no tissue")) };
     let level = |part: f64| SOFT_TISSUE_HU + part * (blood - SOFT_TISSUE_HU);
     let top = blood + BONE_ABOVE_HU.max(BONE_DEVIATIONS * sigma);
-    let more_mm = grid.spacing_mm.max_element().min(1.0);
-    let around = aorta.tube(volume, TUBE_RADII, more_mm);
     let mut tube = between(values, level(TUBE_PART), top);
     tube.keep(&around);
     let Some(tube) = pieces(&tube, 1).into_iter().next() else {

@@ -7,21 +7,30 @@
 //! scored by all of them, and the spine is the best way through the slices. The header says where the
 //! back is; where no spine is seen there, the other directions are tried.
 
+use std::cell::OnceCell;
+
 use glam::{DVec2, DVec3, UVec3};
 use rayon::prelude::*;
 
-use super::aorta::coarse;
+use super::aorta::block_means;
 use super::body::PatientBody;
 use super::head_foot_axis;
 use crate::lumen::BitVolume;
 use crate::volume::{Grid, SampleBuffer, Samples, Volume};
 
+/// Value of soft tissue, HU.
+const SOFT_HU: f32 = 40.0;
 /// Voxel sides of the coarse copy, mm, about.
 const COARSE_MM: f64 = 3.0;
+/// Distance of its slices, mm, about; of each so many the turn of the patient is found.
+const SLICE_MM: f64 = 5.0;
+const FEW: usize = 3;
 /// Values from where on a voxel counts as bright, and counts in full, HU.
-const BRIGHT_HU: (f64, f64) = (120.0, 220.0);
+const BRIGHT_HU: (f64, f64) = (90.0, 170.0);
 /// Values of muscle, HU.
 const MUSCLE_HU: std::ops::Range<f64> = -50.0..130.0;
+/// Least brightness of a vertebra; discs between vertebrae have less.
+const MIN_BRIGHT: f64 = 0.05;
 /// Radius of a vertebra, of its canal, of arch and muscles, mm.
 const VERTEBRA_MM: f64 = 16.0;
 const CANAL_MM: f64 = 6.0;
@@ -72,6 +81,7 @@ const MEDIAN: (f64, f64) = (0.38, 0.55);
 const TURNED: f64 = 0.15;
 
 /// The patient's frame.
+#[derive(Clone)]
 pub(super) struct BodyFrame {
     axes: FrameAxes,
     spacing_mm: DVec3,
@@ -113,6 +123,15 @@ impl FrameAxes {
         Self { axes, falls }
     }
 
+    /// The voxel of a copy at a voxel whose indices lead to left, back and head.
+    fn stored(self, copy: &Volume, v: UVec3) -> UVec3 {
+        let mut at = UVec3::ZERO;
+        for (k, axis) in self.axes.into_iter().enumerate() {
+            at[axis] = if self.falls[k] { copy.grid.dims[axis] - 1 - v[k] } else { v[k] };
+        }
+        at
+    }
+
     /// All others: three axes along the patient with four directions to the back each. Nothing tells
     /// head from feet; both keep the sign that they have.
     fn others(self) -> impl Iterator<Item = Self> {
@@ -129,21 +148,85 @@ impl FrameAxes {
     }
 }
 
-impl BodyFrame {
-    /// Finds the frame of a CT; `None` where no spine is seen.
-    pub fn of(volume: &Volume) -> Option<Self> {
+/// A coarse copy of a CT in which a spine is looked for.
+pub(super) struct FrameSearch {
+    copy: Volume,
+    /// Number of the volume's voxels along each side of a voxel of the copy.
+    factor: UVec3,
+    /// Inside of the body in the copy.
+    inside: BitVolume,
+    axes: FrameAxes,
+    /// Whether back or head lie elsewhere than the header says.
+    is_turned: bool,
+    spacing_mm: DVec3,
+    /// The frame of all that the copy holds.
+    whole: OnceCell<Option<BodyFrame>>,
+}
+
+impl FrameSearch {
+    /// * `means`: of blocks of so many voxels of the volume.
+    pub fn new(volume: &Volume, means: &Volume, block: UVec3) -> Self {
         let header = FrameAxes::of_header(&volume.grid);
-        let (copy, factor) = coarse(volume, COARSE_MM);
-        let first = Column::of(&copy, header);
-        let (mut axes, mut column) = (header, first);
-        if column.as_ref().is_none_or(|c| c.median() < MEDIAN.0) {
-            let least = column.as_ref().map_or(MEDIAN.0, |c| c.median() + TURNED).max(MEDIAN.0);
-            let tried = header.others().filter_map(|axes| Some((axes, Column::of(&copy, axes)?)));
-            let best = tried.max_by(|a, b| a.1.median().total_cmp(&b.1.median()));
-            let (other, found) = best.filter(|(_, column)| column.median() >= least)?;
-            (axes, column) = (other, Some(found));
+        let mut sides_mm = DVec3::splat(COARSE_MM);
+        sides_mm[header.axes[2]] = SLICE_MM;
+        let (copy, factor) = block_means(means, sides_mm);
+        let factor = factor * block;
+        let mut inside = body_across(&copy, header);
+        let median = |axes: FrameAxes, inside: &BitVolume, rolls: &[f64]| {
+            Column::of(&copy, inside, axes, (rolls, FEW)).map_or(0.0, |column| column.median())
+        };
+        let mut axes = header;
+        let own = median(header, &inside, &ROLLS);
+        if own < MEDIAN.0 {
+            let mut best = MEDIAN.0.max(own + TURNED);
+            for along in 0..3 {
+                let others: Vec<FrameAxes> =
+                    header.others().filter(|o| o.axes[2] == along).collect();
+                let body = body_across(&copy, others[0]);
+                for other in others {
+                    let score = median(other, &body, &ROLLS[..1]);
+                    if score >= best {
+                        (best, axes, inside) = (score, other, body.clone());
+                    }
+                }
+            }
         }
-        let column = column?;
+        let spacing_mm = volume.grid.spacing_mm;
+        Self {
+            copy,
+            factor,
+            inside,
+            axes,
+            is_turned: axes != header,
+            spacing_mm,
+            whole: OnceCell::new(),
+        }
+    }
+
+    /// The copy with some voxels of the volume as soft as tissue.
+    fn without(&self, mask: &BitVolume) -> Volume {
+        let grid = self.copy.grid;
+        let mut values: Vec<f32> = (0..grid.len()).map(|i| self.copy.real(i) as f32).collect();
+        for v in mask.voxels().map(|v| v / self.factor).filter(|v| v.cmplt(grid.dims).all()) {
+            let value = &mut values[grid.index(v)];
+            *value = value.min(SOFT_HU);
+        }
+        Volume::new(grid, Samples::F32(SampleBuffer::from(values)))
+    }
+
+    /// Finds the frame of the patient; `None` where no spine is seen.
+    ///
+    /// * `mask`: counts as soft tissue, as a vessel may be as bright as bone; all is looked at where
+    ///   no spine is seen without it.
+    pub fn find_without(&self, mask: &BitVolume) -> Option<BodyFrame> {
+        let whole = || self.whole.get_or_init(|| self.find(&self.copy)).clone();
+        self.find(&self.without(mask)).or_else(whole)
+    }
+
+    fn find(&self, copy: &Volume) -> Option<BodyFrame> {
+        let (axes, factor) = (self.axes, self.factor);
+        let column =
+            Column::of(copy, &self.inside, axes, (&ROLLS, 1)).filter(|c| c.median() >= MEDIAN.0)?;
         let to_volume = |p: [usize; 3], slice: usize| {
             let mut at = DVec3::ZERO;
             for (k, i) in [p[0], p[1], slice].into_iter().enumerate() {
@@ -163,16 +246,18 @@ impl BodyFrame {
         if axes.falls[2] {
             spine.reverse();
         }
-        Some(Self {
+        Some(BodyFrame {
             axes,
-            spacing_mm: volume.grid.spacing_mm,
+            spacing_mm: self.spacing_mm,
             spine,
-            roll: column.roll,
-            is_turned: axes != header,
+            roll: column.degrees.to_radians(),
+            is_turned: self.is_turned,
             confidence: ((column.median() - MEDIAN.0) / (MEDIAN.1 - MEDIAN.0)).clamp(0.0, 1.0),
         })
     }
+}
 
+impl BodyFrame {
     /// The index axis along the patient.
     pub fn along(&self) -> usize {
         self.axes.axes[2]
@@ -247,32 +332,47 @@ impl BodyFrame {
 
 /// The best way through the slices of a coarse copy whose axes lead to left, back and head.
 struct Column {
-    roll: f64,
+    /// Turn of the patient.
+    degrees: f64,
     places: Vec<[usize; 2]>,
     scores: Vec<f64>,
 }
 
 impl Column {
-    fn of(copy: &Volume, axes: FrameAxes) -> Option<Self> {
+    /// * `rolls`: turns about the patient's length that are tried, degrees.
+    /// * `every`: the way leads through each of so many slices.
+    fn of(
+        copy: &Volume,
+        inside: &BitVolume,
+        axes: FrameAxes,
+        (rolls, every): (&[f64], usize),
+    ) -> Option<Self> {
         let turned = turned(copy, axes);
-        let inside = PatientBody::of(&turned)?.inside;
         let slices: Vec<SpineSlice> = (0..turned.grid.dims.z)
             .into_par_iter()
-            .map(|z| SpineSlice::of(&turned, &inside, z))
+            .map(|z| SpineSlice::of(&turned, |v| inside.get(axes.stored(copy, v).as_ivec3()), z))
             .collect();
-        let rolled = |degrees: f64| {
-            crate::task::checkpoint();
-            let roll = degrees.to_radians();
-            let scores: Vec<Vec<f32>> = slices.par_iter().map(|s| s.scores(roll)).collect();
-            let scores = smoothed_along(&turned.grid, scores);
-            let places = best_way(&turned.grid, &scores);
-            let width = turned.grid.dims.x as usize;
-            let own = places.iter().zip(&scores).map(|([x, y], s)| f64::from(s[x + width * y]));
-            Self { roll, scores: own.collect(), places }
-        };
-        let worth = |column: &Self| column.median() - ROLL_COST * column.roll.to_degrees().abs();
+        // The turn from some of the slices, the way through all of them.
+        let turn = |degrees: &f64| Self::through(&turned.grid, &slices, *degrees, FEW);
+        let turns: Vec<Self> = rolls.par_iter().map(turn).collect();
+        let worth = |column: &Self| column.median() - ROLL_COST * column.degrees.abs();
         // Of equal ones the first.
-        ROLLS.into_iter().map(rolled).reduce(|a, b| if worth(&b) > worth(&a) { b } else { a })
+        let best = turns.into_iter().reduce(|a, b| if worth(&b) > worth(&a) { b } else { a })?;
+        Some(Self::through(&turned.grid, &slices, best.degrees, every))
+    }
+
+    /// The best way through each of so many slices.
+    fn through(grid: &Grid, slices: &[SpineSlice], degrees: f64, every: usize) -> Self {
+        crate::task::checkpoint();
+        let roll = degrees.to_radians();
+        let scores: Vec<Vec<f32>> =
+            slices.par_iter().step_by(every).map(|s| s.scores(roll)).collect();
+        let step_mm = grid.spacing_mm.z * every as f64;
+        let scores = smoothed_along(step_mm, scores);
+        let places = best_way(grid, step_mm, &scores);
+        let width = grid.dims.x as usize;
+        let own = places.iter().zip(&scores).map(|([x, y], s)| f64::from(s[x + width * y]));
+        Self { degrees, scores: own.collect(), places }
     }
 
     /// Median of the slices' scores.
@@ -288,16 +388,20 @@ fn turned(copy: &Volume, axes: FrameAxes) -> Volume {
     let from = &copy.grid;
     let dims = axes.axes.map(|axis| from.dims[axis]);
     let grid = Grid::axis_aligned(dims, axes.axes.map(|axis| from.spacing_mm[axis]));
-    let value = |i: usize| {
-        let v = grid.voxel(i);
-        let mut at = UVec3::ZERO;
-        for k in 0..3 {
-            at[axes.axes[k]] = if axes.falls[k] { dims[k] - 1 - v[k] } else { v[k] };
-        }
-        copy.real(from.index(at)) as f32
-    };
+    let value = |i: usize| copy.real(from.index(axes.stored(copy, grid.voxel(i)))) as f32;
     let values: Vec<f32> = (0..grid.len()).into_par_iter().map(value).collect();
     Volume::new(grid, Samples::F32(SampleBuffer::from(values)))
+}
+
+/// Inside of the body in a copy, by slices across the patient.
+fn body_across(copy: &Volume, axes: FrameAxes) -> BitVolume {
+    let mut out = BitVolume::new(copy.grid.dims);
+    let body = PatientBody::of(&turned(copy, axes));
+    for v in body.iter().flat_map(|body| body.inside.voxels()) {
+        let v = axes.stored(copy, v);
+        out.set(v.x, v.y, v.z);
+    }
+    out
 }
 
 /// A slice of a coarse copy whose rows lead to the left and whose columns to the back.
@@ -311,23 +415,25 @@ struct SpineSlice {
 }
 
 impl SpineSlice {
-    fn of(turned: &Volume, inside: &BitVolume, z: u32) -> Self {
+    /// * `is_inside`: whether a voxel of the turned copy lies in the body.
+    fn of(turned: &Volume, is_inside: impl Fn(UVec3) -> bool, z: u32) -> Self {
         let grid = &turned.grid;
         let value = |x: u32, y: u32| turned.real(grid.index(UVec3::new(x, y, z)));
-        let bright = |x, y| {
-            let share = (value(x, y) - BRIGHT_HU.0) / (BRIGHT_HU.1 - BRIGHT_HU.0);
-            if inside.at(x, y, z) { share.clamp(0.0, 1.0) } else { 0.0 }
-        };
-        let muscle = |x, y| f64::from(u8::from(MUSCLE_HU.contains(&value(x, y))));
         let (width, height) = (grid.dims.x, grid.dims.y);
         let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let inside: Vec<bool> = pixels.map(|(x, y)| is_inside(UVec3::new(x, y, z))).collect();
+        let bright = |x: u32, y: u32| {
+            let share = (value(x, y) - BRIGHT_HU.0) / (BRIGHT_HU.1 - BRIGHT_HU.0);
+            if inside[(x + width * y) as usize] { share.clamp(0.0, 1.0) } else { 0.0 }
+        };
+        let muscle = |x, y| f64::from(u8::from(MUSCLE_HU.contains(&value(x, y))));
         Self {
             width: width as usize,
             height: height as usize,
             pixel_mm: grid.spacing_mm.truncate(),
             bright: RowSums::of(grid, bright),
             muscle: RowSums::of(grid, muscle),
-            inside: pixels.map(|(x, y)| inside.at(x, y, z)).collect(),
+            inside,
         }
     }
 
@@ -366,6 +472,9 @@ impl SpineSlice {
             mean(&self.bright, DVec2::new(0.0, behind_mm), radius_mm)
         };
         let body = bright(0.0, VERTEBRA_MM);
+        if body < MIN_BRIGHT {
+            return 0.0;
+        }
         let arch = bright(ARCH_BEHIND_MM, BESIDE_MM).min(ARCH_TIMES * body);
         let canal = 1.0 - bright(CANAL_BEHIND_MM, CANAL_MM);
         // Marrow behind a vessel may be as dark as a canal, but bone lies farther about it.
@@ -427,8 +536,8 @@ impl RowSums {
 }
 
 /// Means over neighbouring slices.
-fn smoothed_along(grid: &Grid, scores: Vec<Vec<f32>>) -> Vec<Vec<f32>> {
-    let reach = (0.5 * ALONG_MM / grid.spacing_mm.z).round() as usize;
+fn smoothed_along(step_mm: f64, scores: Vec<Vec<f32>>) -> Vec<Vec<f32>> {
+    let reach = (0.5 * ALONG_MM / step_mm).round() as usize;
     let mean = |z: usize| {
         let near = &scores[z.saturating_sub(reach)..(z + reach + 1).min(scores.len())];
         let mut out = vec![0.0; scores[z].len()];
@@ -441,9 +550,9 @@ fn smoothed_along(grid: &Grid, scores: Vec<Vec<f32>>) -> Vec<Vec<f32>> {
 }
 
 /// The way through all slices with the greatest sum of scores, in steps aside of `SLOPE`.
-fn best_way(grid: &Grid, scores: &[Vec<f32>]) -> Vec<[usize; 2]> {
+fn best_way(grid: &Grid, step_mm: f64, scores: &[Vec<f32>]) -> Vec<[usize; 2]> {
     let (width, height) = (grid.dims.x as usize, grid.dims.y as usize);
-    let steps = |axis: usize| (SLOPE * grid.spacing_mm.z / grid.spacing_mm[axis]).ceil() as usize;
+    let steps = |axis: usize| (SLOPE * step_mm / grid.spacing_mm[axis]).ceil() as usize;
     let (across, down) = (steps(0), steps(1));
     let near =
         |i: usize, reach: usize, end: usize| i.saturating_sub(reach)..(i + reach + 1).min(end);
@@ -516,10 +625,15 @@ mod tests {
         Volume::new(grid, (0..grid.len()).map(value).collect::<Vec<i16>>().into())
     }
 
+    fn frame_of(volume: &Volume) -> Option<BodyFrame> {
+        let search = FrameSearch::new(volume, volume, UVec3::ONE);
+        search.find(&search.copy)
+    }
+
     #[test]
     fn the_spine_lies_behind_a_vessel_as_bright_as_its_cortex() {
         for (vessel, marrow) in [(150, 200), (300, 230), (500, 110), (160, 160)] {
-            let frame = BodyFrame::of(&torso(vessel, marrow)).unwrap();
+            let frame = frame_of(&torso(vessel, marrow)).unwrap();
             assert!(!frame.is_turned && frame.along() == 2);
             // The middle of the vessel, half way up.
             let off = frame.offset_from_spine(DVec3::new(38.0, 28.0, 30.0)).unwrap();
@@ -539,7 +653,7 @@ mod tests {
             })
             .collect();
         let turned = Volume::new(grid, Samples::F32(SampleBuffer::from(values)));
-        let frame = BodyFrame::of(&turned).unwrap();
+        let frame = frame_of(&turned).unwrap();
         assert!(frame.is_turned && frame.along() == 1);
         let off = frame.offset_from_spine(DVec3::new(21.0, 30.0, 38.0)).unwrap();
         assert!(off.x.abs() < 25.0 && (off.y + 33.0).abs() < 9.0, "{off}");
@@ -551,6 +665,6 @@ mod tests {
         let values: Vec<f32> =
             (0..soft.grid.len()).map(|i| soft.real(i).min(60.0) as f32).collect();
         let soft = Volume::new(soft.grid, Samples::F32(SampleBuffer::from(values)));
-        assert!(BodyFrame::of(&soft).is_none());
+        assert!(frame_of(&soft).is_none());
     }
 }

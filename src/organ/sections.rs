@@ -21,6 +21,13 @@ pub(super) struct Section {
     pub value: f64,
 }
 
+impl Section {
+    /// Radius of a disc of the section's area.
+    pub fn radius_mm(&self) -> f64 {
+        (self.area_mm2 / std::f64::consts::PI).sqrt()
+    }
+}
+
 /// Pixels of the slices across an axis.
 #[derive(Clone, Copy)]
 pub(super) struct Slices {

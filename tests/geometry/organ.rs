@@ -78,6 +78,28 @@ fn each_organ_of_a_torso_is_found_and_nothing_else_taken_for_it() {
     assert_eq!(suggest(&scan), Some(Organ::Airway));
 }
 
+/// What shows a fault: blood as bright as cortex, marrow as bright as blood, a stomach with a fluid level.
+#[test]
+fn bright_blood_bright_marrow_and_a_stomach_are_told_apart() {
+    let Some(folder) = shared_data() else { return };
+    let fault = |name: &str| read(&folder.join("faults").join(name)).unwrap();
+    let ml = |found: &FoundOrgan, volume: &Volume| {
+        found.mask.count() as f64 * volume.grid.voxel_mm3() / 1000.0
+    };
+    for name in ["s3_aorta_blood200_spine380.nrrd", "s3_aorta_blood300_spine380.nrrd"] {
+        let volume = fault(name);
+        let aorta = found(Organ::Vessel, &volume);
+        assert!((58.0..66.0).contains(&ml(&aorta, &volume)), "{name}");
+    }
+    let volume = fault("s4r2_tcga_aorta_spine_crop_half.nrrd");
+    let aorta = found(Organ::Vessel, &volume);
+    // Lumbar vertebrae lie behind row 42 of the lower slices, the aorta in front of it.
+    let behind = aorta.mask.voxels().filter(|v| v.z < 18 && v.y > 42).count();
+    assert!(behind < 60 && ml(&aorta, &volume) < 75.0, "{behind}");
+    let why = refused(Organ::Colon, &fault("s5_stomach_fluid_level.nrrd"));
+    assert!(why.contains("ml of gas: stomach"), "{why}");
+}
+
 #[test]
 fn an_organ_that_is_not_there_is_refused_with_the_gate_that_failed() {
     let none = Torso {
@@ -247,6 +269,12 @@ fn the_airway_of_a_real_chest_is_found_in_noise_thick_slices_and_parts_of_it() {
     assert!(airway(&volume, &truth) > 0.97);
     assert!(airway(&noisy(&volume, 40.0), &truth) > 0.9);
     assert!(airway(&thicker(&volume, 5.0), &thicker_mask(&truth, &volume.grid, 5.0)) > 0.91);
+    // Slices thicker than bronchi show none of them, and that is said once.
+    let thick = found(Organ::Airway, &thicker(&volume, 8.0));
+    let said = thick.reasons.iter().filter(|r| r.contains("thinner than the slices show")).count();
+    assert!(said == 1 && thick.confidence <= 0.5, "{:?}", thick.reasons);
+    let eight = found(Organ::Airway, &thicker(&volume, 5.0)).mask.count() as f64 * 5.0 / 8.0;
+    assert!((thick.mask.count() as f64) < eight);
     for axis in 0..3 {
         let (part, truth) = cropped(&volume, &truth, axis);
         assert!(airway(&part, &truth) > 0.97);
