@@ -40,6 +40,8 @@ const SMOOTHING: f64 = 0.9;
 const MAX_NOISE_HU: f64 = 120.0;
 /// Least share of the mask that is aorta: the rest are its branches.
 const MIN_TUBE: f64 = 0.2;
+/// Confidence of a chain's shape and place from which no other is looked at.
+const SURE_PLACE: f64 = 0.5;
 /// Most chains that a refusal names.
 const LISTED: usize = 3;
 
@@ -48,8 +50,20 @@ pub(super) fn find(volume: &Volume, gates: &Gates) -> Result<FoundOrgan, OrganEr
     let mut refused = Vec::new();
     let (copy, factor) = aorta::coarse(volume);
     let search = FrameSearch::new(volume, &copy, factor);
+    let mut placed: Vec<PlacedAorta> = Vec::new();
     for aorta in aorta::candidates(copy, factor) {
-        match from_aorta(volume, &aorta, &search, gates.clone()) {
+        match PlacedAorta::of(volume, aorta, &search, gates.clone()) {
+            Ok(found) => placed.push(found),
+            Err(why) => refused.push(why),
+        }
+        if placed.last().is_some_and(|found| found.gates.confidence >= SURE_PLACE) {
+            break;
+        }
+    }
+    // A vena cava may pass too, but by less.
+    placed.sort_by(|a, b| b.gates.confidence.total_cmp(&a.gates.confidence));
+    for PlacedAorta { aorta, around, frame, gates } in placed {
+        match from_aorta(volume, &aorta, (&around, frame.as_ref()), gates) {
             Err(OrganError::NotFound { why, .. }) => {
                 refused.push(format!("{}: {why}", aorta.name()));
             }
@@ -87,22 +101,46 @@ fn bone(volume: &Volume, least: f64, axis: usize) -> BitVolume {
     dilated(&out, grid.spacing_mm, BONE_RIM_MM)
 }
 
+/// A chain of sections with the shape and the place of an aorta.
+struct PlacedAorta {
+    aorta: Aorta,
+    /// Voxels in and about it.
+    around: BitVolume,
+    frame: Option<BodyFrame>,
+    gates: Gates,
+}
+
+impl PlacedAorta {
+    /// Returns the words of a refusal where the chain is none.
+    fn of(
+        volume: &Volume,
+        aorta: Aorta,
+        search: &FrameSearch,
+        mut gates: Gates,
+    ) -> Result<Self, String> {
+        let words = |e: OrganError| match e {
+            OrganError::NotFound { why, .. } => format!("{}: {why}", aorta.name()),
+            other => other.to_string(),
+        };
+        aorta.has_shape(&mut gates).map_err(words)?;
+        // The spine is looked for without the aorta, which may be brighter than bone. Of vertebrae
+        // nothing is left then that looks like a spine behind them.
+        let more_mm = volume.grid.spacing_mm.max_element().min(1.0);
+        let around = aorta.tube(volume, TUBE_RADII, more_mm);
+        let frame = search.find_without(&around);
+        gates.note(frame.as_ref().map_or("no spine seen".into(), BodyFrame::line));
+        aorta.has_place(frame.as_ref(), &mut gates).map_err(words)?;
+        Ok(Self { aorta, around, frame, gates })
+    }
+}
+
 fn from_aorta(
     volume: &Volume,
     aorta: &Aorta,
-    search: &FrameSearch,
+    (around, frame): (&BitVolume, Option<&BodyFrame>),
     mut gates: Gates,
 ) -> Result<FoundOrgan, OrganError> {
     let grid = &volume.grid;
-    aorta.has_shape(&mut gates)?;
-    // The spine is looked for without the aorta, which may be brighter than bone. Of vertebrae nothing
-    // is left then that looks like a spine behind them.
-    let more_mm = grid.spacing_mm.max_element().min(1.0);
-    let around = aorta.tube(volume, TUBE_RADII, more_mm);
-    let frame = search.find_without(&around);
-    let frame = frame.as_ref();
-    gates.note(frame.map_or("no spine seen".into(), BodyFrame::line));
-    aorta.has_place(frame, &mut gates)?;
     let core = sorted(volume, aorta.tube(volume, 0.6, 0.0).voxels());
     let (blood, sigma) = (quantile(&core, 0.5), noise(&core));
     gates.at_most("noise of its blood in HU", sigma, MAX_NOISE_HU, 25.0)?;
@@ -116,7 +154,7 @@ fn from_aorta(
     let level = |part: f64| SOFT_TISSUE_HU + part * (blood - SOFT_TISSUE_HU);
     let top = blood + BONE_ABOVE_HU.max(BONE_DEVIATIONS * sigma);
     let mut tube = between(values, level(TUBE_PART), top);
-    tube.keep(&around);
+    tube.keep(around);
     let Some(tube) = pieces(&tube, 1).into_iter().next() else {
         return Err(gates.refuse("no bright voxels in it"));
     };
@@ -128,7 +166,7 @@ fn from_aorta(
     if let Some(frame) = frame {
         allowed.remove(&frame.spine(grid.dims));
     }
-    allowed.remove(&around);
+    allowed.remove(around);
     allowed.add(&tube);
     let mouths = Mouths {
         tube: &tube,
