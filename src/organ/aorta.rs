@@ -72,8 +72,8 @@ const VERTEBRA_MM: f64 = 16.0;
 const SPINE_WITHIN_MM: f64 = 25.0;
 /// Greatest gap to the side, mm.
 const SIDE_MM: f64 = 10.0;
-/// A section whose middle lies this near to that of the spine, mm, is a vertebra; most of the sections
-/// that are.
+/// Distance between the middles of section and spine up to which the section is a vertebra, mm, and
+/// greatest share of vertebrae in an aorta's chain.
 const IN_SPINE_MM: f64 = 12.0;
 const MAX_IN_SPINE: f64 = 0.3;
 /// Median distance to the left of the spine's middle from which a chain is no vena cava, mm, and from

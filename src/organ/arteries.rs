@@ -111,7 +111,7 @@ struct PlacedAorta {
 }
 
 impl PlacedAorta {
-    /// Returns the words of a refusal where the chain is none.
+    /// Checks shape and place of a chain. The error is the text of the refusal.
     fn of(
         volume: &Volume,
         aorta: Aorta,

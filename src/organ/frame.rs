@@ -49,8 +49,8 @@ const FAR_WEIGHT: f64 = 0.8;
 const CANAL_BEHIND_MM: f64 = 25.0;
 const ARCH_BEHIND_MM: f64 = 42.0;
 const MUSCLE_OFF_MM: (f64, f64) = (38.0, 32.0);
-/// Weight of the arch, at most so many times as bright as the vertebra, and of the muscles, beside
-/// that of the vertebra.
+/// Weights of the arch and of the muscles, where the vertebra weighs 1. The brightness of the arch counts
+/// up to so many times the brightness of the vertebra.
 const ARCH_WEIGHT: f64 = 0.7;
 const ARCH_TIMES: f64 = 1.5;
 const MUSCLE_WEIGHT: f64 = 0.3;
@@ -77,7 +77,7 @@ const SLOPE: f64 = 0.7;
 const SEEN: f64 = 0.25;
 /// Median score of a spine, and score at which there is no doubt.
 const MEDIAN: (f64, f64) = (0.38, 0.55);
-/// Score by which another direction has to exceed that of the header.
+/// Score by which another direction has to exceed the score of the header's direction.
 const TURNED: f64 = 0.15;
 
 /// The patient's frame.
@@ -284,7 +284,7 @@ impl BodyFrame {
             .then(|| DVec2::from_angle(-self.roll).rotate(DVec2::new(off(0, left), off(1, back))))
     }
 
-    /// Voxels of the vertebrae and of what lies behind them, where the spine is seen.
+    /// Voxels of the vertebrae, their arches and the muscles behind them, where the spine is seen.
     pub fn spine(&self, dims: UVec3) -> BitVolume {
         let [left, back, along] = self.axes.axes;
         let mut out = BitVolume::new(dims);

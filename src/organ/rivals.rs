@@ -1,10 +1,9 @@
 //! Organs that a piece of gas may be, each by measured features beside their limits. A piece gets the
 //! first name of the table all of whose rows it passes; the name that fails by least is the runner-up.
 //!
-//! Limits of shape and place are rounded from anatomy of adults: a stomach hangs from the oesophagus
+//! Limits of shape and place are rounded from textbook anatomy of adults: a stomach hangs from the oesophagus
 //! under the left dome, crosses the middle to the pylorus near the first lumbar vertebra and ends
-//! there; a colon frames the belly from flank to flank and reaches the pelvis (Gray's Anatomy, 42nd
-//! edition, chapters 64 and 66). Limits of values were measured on the shared scans (docs/segmentation.md).
+//! there; a colon frames the belly from flank to flank and reaches the pelvis. Limits of values were measured on the shared scans (docs/segmentation.md).
 
 use std::fmt::Write;
 
