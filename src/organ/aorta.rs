@@ -6,17 +6,19 @@
 //! of them keeps its position and area from slice to slice. An aorta lies in front of the spine or to
 //! the left of it; where the spine is not seen, bone has to lie beside it.
 
-use glam::{DMat3, DVec2, DVec3, UVec3};
+use glam::{DVec2, DVec3, UVec3};
 use rayon::prelude::*;
 
 use super::OrganError;
+use super::coarse::{block_means, noise_between_neighbours};
 use super::frame::BodyFrame;
 use super::gates::Gates;
 use super::sections::{Section, SectionRegion, SlicedMask, Slices, longest_chain};
 use super::smooth::smoothed;
 use super::values::{MIN_HU, between, quantile};
+use super::vertebrae::VERTEBRA_MM;
 use crate::lumen::{BitVolume, opened};
-use crate::volume::{Grid, SampleBuffer, Samples, Volume};
+use crate::volume::Volume;
 
 /// Voxel sides of the coarse copy, mm, about.
 const COARSE_MM: f64 = 1.5;
@@ -24,9 +26,6 @@ const COARSE_MM: f64 = 1.5;
 /// in sides of the smallest voxel side.
 const NOISY_HU: f64 = 25.0;
 const SMOOTHING: f64 = 0.9;
-/// Values of soft tissue, HU, in which noise is measured, on every so many voxels.
-const SOFT_HU: std::ops::Range<f64> = -30.0..130.0;
-const NOISE_EVERY: usize = 7;
 /// Thresholds that are tried, HU.
 const LEVELS_HU: [f64; 10] = [90., 110., 130., 150., 180., 220., 270., 330., 400., 500.];
 /// Areas of an aorta, mm².
@@ -67,8 +66,7 @@ const BONE_ABOVE_BLOOD_HU: f64 = 60.0;
 const OWN_RADII: f64 = 1.3;
 /// Least share of the sections that lie beside spine or bone.
 const MIN_BESIDE_BONE: f64 = 0.5;
-/// Radius of a vertebra, mm, and greatest gap between it and the aorta, mm.
-const VERTEBRA_MM: f64 = 16.0;
+/// Greatest gap between a vertebra and the aorta, mm.
 const SPINE_WITHIN_MM: f64 = 25.0;
 /// Greatest gap to the side, mm.
 const SIDE_MM: f64 = 10.0;
@@ -383,48 +381,4 @@ pub(super) fn none(gates: &Gates) -> OrganError {
          {MIN_CONTRAST_HU} above their surroundings), {MIN_CHAIN_MM} mm or longer: no aorta \
          with contrast medium"
     ))
-}
-
-/// Standard deviation of a volume's noise, from the differences of neighbours along rows in soft tissue.
-fn noise_between_neighbours(volume: &Volume) -> f64 {
-    let width = volume.grid.dims.x as usize;
-    let pairs = (0..volume.grid.len()).step_by(NOISE_EVERY).filter(|i| i % width + 1 < width);
-    let pairs = pairs.map(|i| (volume.real(i), volume.real(i + 1)));
-    let soft = pairs.filter(|(a, b)| SOFT_HU.contains(&(0.5 * (a + b))));
-    let mut off: Vec<f64> = soft.map(|(a, b)| (a - b).abs()).collect();
-    off.sort_by(f64::total_cmp);
-    // Of the difference of two normal values the median is 0.6745 √2 of their deviation.
-    quantile(&off, 0.5) / (0.6745 * std::f64::consts::SQRT_2)
-}
-
-/// Returns the means of blocks of voxels, and the number of a block's voxels along each axis.
-///
-/// * `sides_mm`: of the blocks, about.
-pub(super) fn block_means(volume: &Volume, sides_mm: DVec3) -> (Volume, UVec3) {
-    let grid = &volume.grid;
-    let factor = (sides_mm / grid.spacing_mm).round().as_uvec3().clamp(UVec3::ONE, grid.dims);
-    let dims = grid.dims / factor;
-    let spacing_mm = grid.spacing_mm * factor.as_dvec3();
-    let slice = dims.x as usize * dims.y as usize;
-    let mut values = vec![0f32; slice * dims.z as usize];
-    let n = f64::from(factor.x * factor.y * factor.z);
-    values.par_chunks_mut(slice).enumerate().for_each(|(z, out)| {
-        for (i, out) in out.iter_mut().enumerate() {
-            let at = UVec3::new(i as u32 % dims.x, i as u32 / dims.x, z as u32) * factor;
-            let mut sum = 0.0;
-            for dz in 0..factor.z {
-                for dy in 0..factor.y {
-                    let first = grid.index(at + UVec3::new(0, dy, dz));
-                    let row = first..first + factor.x as usize;
-                    sum += row.map(|j| volume.real(j).max(MIN_HU)).sum::<f64>();
-                }
-            }
-            *out = (sum / n) as f32;
-        }
-    });
-    let samples = Samples::F32(SampleBuffer::from(values));
-    let axes = DMat3::IDENTITY;
-    let grid =
-        Grid::new(dims.to_array().map(u64::from), spacing_mm, DVec3::ZERO, axes).unwrap_or(*grid);
-    (Volume::new(grid, samples), factor)
 }

@@ -12,9 +12,10 @@ use std::cell::OnceCell;
 use glam::{DVec2, DVec3, UVec3};
 use rayon::prelude::*;
 
-use super::aorta::block_means;
 use super::body::PatientBody;
+use super::coarse::block_means;
 use super::head_foot_axis;
+use super::vertebrae::SpineColumn;
 use crate::lumen::BitVolume;
 use crate::volume::{Grid, SampleBuffer, Samples, Volume};
 
@@ -22,44 +23,8 @@ use crate::volume::{Grid, SampleBuffer, Samples, Volume};
 const SOFT_HU: f32 = 40.0;
 /// Voxel sides of the coarse copy, mm, about.
 const COARSE_MM: f64 = 3.0;
-/// Distance of its slices, mm, about; of each so many the turn of the patient is found.
+/// Distance of its slices, mm, about.
 const SLICE_MM: f64 = 5.0;
-const FEW: usize = 3;
-/// Values from where on a voxel counts as bright, and counts in full, HU.
-const BRIGHT_HU: (f64, f64) = (90.0, 170.0);
-/// Values of muscle, HU.
-const MUSCLE_HU: std::ops::Range<f64> = -50.0..130.0;
-/// Least brightness of a vertebra; discs between vertebrae have less.
-const MIN_BRIGHT: f64 = 0.05;
-/// Radius of a vertebra, of its canal, of arch and muscles, mm.
-const VERTEBRA_MM: f64 = 16.0;
-const CANAL_MM: f64 = 6.0;
-const BESIDE_MM: f64 = 9.0;
-/// Radii of a ring about the canal, mm, and its brightness from where on the canal counts as enclosed.
-const RING_MM: std::ops::Range<f64> = 8.0..13.0;
-const RING_BRIGHT: f64 = 0.35;
-/// A place so far behind a vertebra, of such a radius, mm, is not bright; brightness from where on it
-/// counts in full, and weight.
-const FAR_BEHIND_MM: f64 = 80.0;
-const FAR_MM: f64 = 14.0;
-const FAR_BRIGHT: f64 = 0.35;
-const FAR_WEIGHT: f64 = 0.8;
-/// Distance of canal and arch behind the middle of a vertebra, and of the muscles: behind and beside
-/// it, mm.
-const CANAL_BEHIND_MM: f64 = 25.0;
-const ARCH_BEHIND_MM: f64 = 42.0;
-const MUSCLE_OFF_MM: (f64, f64) = (38.0, 32.0);
-/// Weights of the arch and of the muscles, where the vertebra weighs 1. The brightness of the arch counts
-/// up to so many times the brightness of the vertebra.
-const ARCH_WEIGHT: f64 = 0.7;
-const ARCH_TIMES: f64 = 1.5;
-const MUSCLE_WEIGHT: f64 = 0.3;
-/// Distance of a vertebra's middle from the skin of the back, mm, and from the middle of the body,
-/// at which nothing counts any more.
-const FROM_SKIN_MM: std::ops::Range<f64> = 20.0..150.0;
-const OFF_MIDDLE_MM: f64 = 60.0;
-/// Share of the score that the greatest distance from the skin takes.
-const DEEPER: f64 = 0.4;
 /// Half axes of a vertebra, to the side and to the front, mm; half the width of arch and processes, and
 /// their reach behind the middle of the vertebra, mm.
 const BODY_MM: (f64, f64) = (22.0, 17.0);
@@ -67,11 +32,6 @@ const ARCH_SIDE_MM: f64 = 35.0;
 const BEHIND_MM: f64 = 70.0;
 /// Turns of the patient about his length that are tried, degrees.
 const ROLLS: [f64; 5] = [0.0, -10.0, 10.0, -20.0, 20.0];
-/// Score by which a turn has to be better, for each degree.
-const ROLL_COST: f64 = 0.004;
-/// Length along the patient over which scores are averaged, mm, and step aside per mm along.
-const ALONG_MM: f64 = 15.0;
-const SLOPE: f64 = 0.7;
 /// Score of a slice in which the spine is seen. Measured: medians of five spines 0.69 to 1.04, of two
 /// skulls 0.23 and 0.41.
 const SEEN: f64 = 0.25;
@@ -92,7 +52,7 @@ pub(super) struct BodyFrame {
     /// Whether back or head lie elsewhere than the header says.
     pub is_turned: bool,
     /// Margin by which the spine was seen, 0 to 1.
-    pub confidence: f64,
+    confidence: f64,
 }
 
 /// The middle of the spine in a slice.
@@ -115,7 +75,7 @@ impl FrameAxes {
     /// The axes nearest to those of the header.
     fn of_header(grid: &Grid) -> Self {
         let head = head_foot_axis(grid);
-        let [u, v] = [(1, 2), (0, 2), (0, 1)].map(<[usize; 2]>::from)[head];
+        let (u, v) = [(1, 2), (0, 2), (0, 1)][head];
         let side = |axis: usize| grid.direction.col(axis).x.abs();
         let (left, back) = if side(u) >= side(v) { (u, v) } else { (v, u) };
         let axes = [left, back, head];
@@ -173,7 +133,7 @@ impl FrameSearch {
         let factor = factor * block;
         let mut inside = body_across(&copy, header);
         let median = |axes: FrameAxes, inside: &BitVolume, rolls: &[f64]| {
-            Column::of(&copy, inside, axes, (rolls, FEW)).map_or(0.0, |column| column.median())
+            column(&copy, inside, axes, (rolls, true)).median()
         };
         let mut axes = header;
         let own = median(header, &inside, &ROLLS);
@@ -225,22 +185,17 @@ impl FrameSearch {
 
     fn find(&self, copy: &Volume) -> Option<BodyFrame> {
         let (axes, factor) = (self.axes, self.factor);
-        let column =
-            Column::of(copy, &self.inside, axes, (&ROLLS, 1)).filter(|c| c.median() >= MEDIAN.0)?;
-        let to_volume = |p: [usize; 3], slice: usize| {
-            let mut at = DVec3::ZERO;
-            for (k, i) in [p[0], p[1], slice].into_iter().enumerate() {
-                let axis = axes.axes[k];
-                let last = copy.grid.dims[axis] as usize - 1;
-                let i = if axes.falls[k] { last - i } else { i };
-                at[axis] = (i as f64 + 0.5) * f64::from(factor[axis]) - 0.5;
-            }
-            at
-        };
+        let column = column(copy, &self.inside, axes, (&ROLLS, false));
+        let median = column.median();
+        if median < MEDIAN.0 {
+            return None;
+        }
         let mut spine: Vec<SpinePoint> = (0..column.places.len())
             .map(|slice| {
                 let [x, y] = column.places[slice];
-                SpinePoint { at: to_volume([x, y, 0], slice), score: column.scores[slice] }
+                let at = axes.stored(copy, UVec3::new(x as u32, y as u32, slice as u32));
+                let at = (at.as_dvec3() + 0.5) * factor.as_dvec3() - 0.5;
+                SpinePoint { at, score: column.scores[slice] }
             })
             .collect();
         if axes.falls[2] {
@@ -252,7 +207,7 @@ impl FrameSearch {
             spine,
             roll: column.degrees.to_radians(),
             is_turned: self.is_turned,
-            confidence: ((column.median() - MEDIAN.0) / (MEDIAN.1 - MEDIAN.0)).clamp(0.0, 1.0),
+            confidence: ((median - MEDIAN.0) / (MEDIAN.1 - MEDIAN.0)).clamp(0.0, 1.0),
         })
     }
 }
@@ -330,59 +285,6 @@ impl BodyFrame {
     }
 }
 
-/// The best way through the slices of a coarse copy whose axes lead to left, back and head.
-struct Column {
-    /// Turn of the patient.
-    degrees: f64,
-    places: Vec<[usize; 2]>,
-    scores: Vec<f64>,
-}
-
-impl Column {
-    /// * `rolls`: turns about the patient's length that are tried, degrees.
-    /// * `every`: the way leads through each of so many slices.
-    fn of(
-        copy: &Volume,
-        inside: &BitVolume,
-        axes: FrameAxes,
-        (rolls, every): (&[f64], usize),
-    ) -> Option<Self> {
-        let turned = turned(copy, axes);
-        let slices: Vec<SpineSlice> = (0..turned.grid.dims.z)
-            .into_par_iter()
-            .map(|z| SpineSlice::of(&turned, |v| inside.get(axes.stored(copy, v).as_ivec3()), z))
-            .collect();
-        // The turn from some of the slices, the way through all of them.
-        let turn = |degrees: &f64| Self::through(&turned.grid, &slices, *degrees, FEW);
-        let turns: Vec<Self> = rolls.par_iter().map(turn).collect();
-        let worth = |column: &Self| column.median() - ROLL_COST * column.degrees.abs();
-        // Of equal ones the first.
-        let best = turns.into_iter().reduce(|a, b| if worth(&b) > worth(&a) { b } else { a })?;
-        Some(Self::through(&turned.grid, &slices, best.degrees, every))
-    }
-
-    /// The best way through each of so many slices.
-    fn through(grid: &Grid, slices: &[SpineSlice], degrees: f64, every: usize) -> Self {
-        crate::task::checkpoint();
-        let roll = degrees.to_radians();
-        let scores: Vec<Vec<f32>> =
-            slices.par_iter().step_by(every).map(|s| s.scores(roll)).collect();
-        let step_mm = grid.spacing_mm.z * every as f64;
-        let scores = smoothed_along(step_mm, scores);
-        let places = best_way(grid, step_mm, &scores);
-        let width = grid.dims.x as usize;
-        let own = places.iter().zip(&scores).map(|([x, y], s)| f64::from(s[x + width * y]));
-        Self { degrees, scores: own.collect(), places }
-    }
-
-    /// Median of the slices' scores.
-    fn median(&self) -> f64 {
-        let mut sorted = self.scores.clone();
-        sorted.sort_by(f64::total_cmp);
-        sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
-    }
-}
-
 /// The copy with its axes to left, back and head.
 fn turned(copy: &Volume, axes: FrameAxes) -> Volume {
     let from = &copy.grid;
@@ -393,6 +295,19 @@ fn turned(copy: &Volume, axes: FrameAxes) -> Volume {
     Volume::new(grid, Samples::F32(SampleBuffer::from(values)))
 }
 
+/// The best way through a copy.
+///
+/// * `rolls`: turns of the patient that are tried, degrees, and whether a rough way is enough.
+fn column(
+    copy: &Volume,
+    inside: &BitVolume,
+    axes: FrameAxes,
+    (rolls, is_rough): (&[f64], bool),
+) -> SpineColumn {
+    let is_inside = |v| inside.get(axes.stored(copy, v).as_ivec3());
+    SpineColumn::of(&turned(copy, axes), is_inside, rolls, is_rough)
+}
+
 /// Inside of the body in a copy, by slices across the patient.
 fn body_across(copy: &Volume, axes: FrameAxes) -> BitVolume {
     let mut out = BitVolume::new(copy.grid.dims);
@@ -401,196 +316,6 @@ fn body_across(copy: &Volume, axes: FrameAxes) -> BitVolume {
         let v = axes.stored(copy, v);
         out.set(v.x, v.y, v.z);
     }
-    out
-}
-
-/// A slice of a coarse copy whose rows lead to the left and whose columns to the back.
-struct SpineSlice {
-    width: usize,
-    height: usize,
-    pixel_mm: DVec2,
-    bright: RowSums,
-    muscle: RowSums,
-    inside: Vec<bool>,
-}
-
-impl SpineSlice {
-    /// * `is_inside`: whether a voxel of the turned copy lies in the body.
-    fn of(turned: &Volume, is_inside: impl Fn(UVec3) -> bool, z: u32) -> Self {
-        let grid = &turned.grid;
-        let value = |x: u32, y: u32| turned.real(grid.index(UVec3::new(x, y, z)));
-        let (width, height) = (grid.dims.x, grid.dims.y);
-        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-        let inside: Vec<bool> = pixels.map(|(x, y)| is_inside(UVec3::new(x, y, z))).collect();
-        let bright = |x: u32, y: u32| {
-            let share = (value(x, y) - BRIGHT_HU.0) / (BRIGHT_HU.1 - BRIGHT_HU.0);
-            if inside[(x + width * y) as usize] { share.clamp(0.0, 1.0) } else { 0.0 }
-        };
-        let muscle = |x, y| f64::from(u8::from(MUSCLE_HU.contains(&value(x, y))));
-        Self {
-            width: width as usize,
-            height: height as usize,
-            pixel_mm: grid.spacing_mm.truncate(),
-            bright: RowSums::of(grid, bright),
-            muscle: RowSums::of(grid, muscle),
-            inside,
-        }
-    }
-
-    /// Score of each pixel as the middle of a vertebra.
-    ///
-    /// * `roll`: turn of the patient, radians.
-    fn scores(&self, roll: f64) -> Vec<f32> {
-        let Self { width, height, pixel_mm, .. } = *self;
-        let mut out = vec![0.0; width * height];
-        // The skin of the back in each column, and the middle of the body.
-        let skin = |x: usize| (0..height).rev().find(|y| self.inside[x + width * y]);
-        let columns: Vec<(usize, usize)> = (0..width).filter_map(|x| Some((x, skin(x)?))).collect();
-        let middle =
-            columns.iter().map(|c| c.0).sum::<usize>() as f64 / columns.len().max(1) as f64;
-        for (x, last) in columns {
-            let central = 1.0 - (x as f64 - middle).abs() * pixel_mm.x / OFF_MIDDLE_MM;
-            for y in (0..=last).filter(|y| central > 0.0 && self.inside[x + width * y]) {
-                let from_skin = (last - y) as f64 * pixel_mm.y;
-                if FROM_SKIN_MM.contains(&from_skin) {
-                    let near = 1.0 - DEEPER * (from_skin / FROM_SKIN_MM.end);
-                    let at = DVec2::new(x as f64, y as f64);
-                    out[x + width * y] = (central * near * self.vertebra(at, roll)) as f32;
-                }
-            }
-        }
-        out
-    }
-
-    /// Likeness of a place to the middle of a vertebra.
-    fn vertebra(&self, at: DVec2, roll: f64) -> f64 {
-        let turn = DVec2::from_angle(roll);
-        let mean = |of: &RowSums, off_mm: DVec2, radius_mm: f64| {
-            of.mean(at + turn.rotate(off_mm) / self.pixel_mm, radius_mm / self.pixel_mm)
-        };
-        let bright = |behind_mm: f64, radius_mm: f64| {
-            mean(&self.bright, DVec2::new(0.0, behind_mm), radius_mm)
-        };
-        let body = bright(0.0, VERTEBRA_MM);
-        if body < MIN_BRIGHT {
-            return 0.0;
-        }
-        let arch = bright(ARCH_BEHIND_MM, BESIDE_MM).min(ARCH_TIMES * body);
-        let canal = 1.0 - bright(CANAL_BEHIND_MM, CANAL_MM);
-        // Marrow behind a vessel may be as dark as a canal, but bone lies farther about it.
-        let disc = |r: f64| r * r * bright(CANAL_BEHIND_MM, r);
-        let ring_mm2 = RING_MM.end * RING_MM.end - RING_MM.start * RING_MM.start;
-        let ring = (disc(RING_MM.end) - disc(RING_MM.start)) / ring_mm2;
-        let enclosed = 0.5 + 0.5 * (ring / RING_BRIGHT).min(1.0);
-        let (back, side) = MUSCLE_OFF_MM;
-        let muscles = [-side, side].map(|x| mean(&self.muscle, DVec2::new(x, back), BESIDE_MM));
-        // Behind a vessel the arch lies as far again as behind a vertebra.
-        let far = (bright(FAR_BEHIND_MM, FAR_MM) / FAR_BRIGHT).min(1.0);
-        let bone = (body + ARCH_WEIGHT * arch) * canal * canal * enclosed;
-        let beside = MUSCLE_WEIGHT * 0.5 * (muscles[0] + muscles[1]);
-        (bone + beside) * (1.0 - FAR_WEIGHT * far)
-    }
-}
-
-/// Sums of a slice's rows from their first pixels on, for means over discs.
-struct RowSums {
-    width: usize,
-    height: usize,
-    sums: Vec<f64>,
-}
-
-impl RowSums {
-    fn of(grid: &Grid, value: impl Fn(u32, u32) -> f64) -> Self {
-        let (width, height) = (grid.dims.x, grid.dims.y);
-        let mut sums = Vec::with_capacity((width as usize + 1) * height as usize);
-        for y in 0..height {
-            let mut sum = 0.0;
-            sums.push(sum);
-            for x in 0..width {
-                sum += value(x, y);
-                sums.push(sum);
-            }
-        }
-        Self { width: width as usize, height: height as usize, sums }
-    }
-
-    /// Mean over a disc, whose pixels beyond the slice count as 0.
-    ///
-    /// * `radius`: along rows and columns, pixels.
-    fn mean(&self, centre: DVec2, radius: DVec2) -> f64 {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for y in (centre.y - radius.y).ceil() as i64..=(centre.y + radius.y).floor() as i64 {
-            let off = (y as f64 - centre.y) / radius.y;
-            let half = radius.x * (1.0 - off * off).max(0.0).sqrt();
-            let (first, end) =
-                ((centre.x - half).ceil() as i64, (centre.x + half).floor() as i64 + 1);
-            count += (end - first) as f64;
-            if (0..self.height as i64).contains(&y) {
-                let row = (self.width + 1) * y as usize;
-                let at = |x: i64| self.sums[row + x.clamp(0, self.width as i64) as usize];
-                sum += at(end) - at(first);
-            }
-        }
-        if count > 0.0 { sum / count } else { 0.0 }
-    }
-}
-
-/// Means over neighbouring slices.
-fn smoothed_along(step_mm: f64, scores: Vec<Vec<f32>>) -> Vec<Vec<f32>> {
-    let reach = (0.5 * ALONG_MM / step_mm).round() as usize;
-    let mean = |z: usize| {
-        let near = &scores[z.saturating_sub(reach)..(z + reach + 1).min(scores.len())];
-        let mut out = vec![0.0; scores[z].len()];
-        for slice in near {
-            out.iter_mut().zip(slice).for_each(|(sum, s)| *sum += s / near.len() as f32);
-        }
-        out
-    };
-    (0..scores.len()).into_par_iter().map(mean).collect()
-}
-
-/// The way through all slices with the greatest sum of scores, in steps aside of `SLOPE`.
-fn best_way(grid: &Grid, step_mm: f64, scores: &[Vec<f32>]) -> Vec<[usize; 2]> {
-    let (width, height) = (grid.dims.x as usize, grid.dims.y as usize);
-    let steps = |axis: usize| (SLOPE * step_mm / grid.spacing_mm[axis]).ceil() as usize;
-    let (across, down) = (steps(0), steps(1));
-    let near =
-        |i: usize, reach: usize, end: usize| i.saturating_sub(reach)..(i + reach + 1).min(end);
-    // Best sum that ends at each pixel of each slice.
-    let mut sums: Vec<Vec<f32>> = Vec::with_capacity(scores.len());
-    for own in scores {
-        let Some(before) = sums.last() else {
-            sums.push(own.clone());
-            continue;
-        };
-        let most = |i: usize, pick: &dyn Fn(usize) -> f32, reach: usize, end: usize| {
-            near(i, reach, end).map(pick).fold(f32::NEG_INFINITY, f32::max)
-        };
-        let rows: Vec<f32> = (0..width * height)
-            .map(|i| {
-                let row = i / width * width;
-                most(i % width, &|x| before[row + x], across, width)
-            })
-            .collect();
-        let next = (0..width * height).map(|i| {
-            let x = i % width;
-            own[i] + most(i / width, &|y| rows[x + width * y], down, height)
-        });
-        sums.push(next.collect());
-    }
-    let greatest = |all: &mut dyn Iterator<Item = (f32, [usize; 2])>| {
-        all.reduce(|a, b| if b.0 > a.0 { b } else { a }).map_or([0; 2], |best| best.1)
-    };
-    let mut out: Vec<[usize; 2]> = Vec::with_capacity(sums.len());
-    for sums in sums.iter().rev() {
-        let (xs, ys) = match out.last() {
-            None => (0..width, 0..height),
-            Some([x, y]) => (near(*x, across, width), near(*y, down, height)),
-        };
-        let mut all = ys.flat_map(|y| xs.clone().map(move |x| [x, y]));
-        out.push(greatest(&mut all.by_ref().map(|[x, y]| (sums[x + width * y], [x, y]))));
-    }
-    out.reverse();
     out
 }
 

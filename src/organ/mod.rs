@@ -11,6 +11,7 @@ mod arteries;
 mod body;
 mod branches;
 mod bronchi;
+mod coarse;
 mod colon;
 mod colon_ends;
 mod depth;
@@ -26,6 +27,7 @@ mod sections;
 mod smooth;
 mod trachea;
 mod values;
+mod vertebrae;
 mod vessel;
 mod walled;
 

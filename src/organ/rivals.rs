@@ -81,7 +81,7 @@ const TABLE: &[FeatureRow] = &[
     (Rival::Colon, "its radius in mm", |f| Some(f.radius_mm), 6.0, 12.0),
 ];
 
-/// Margin by which a name that fails is a near tie.
+/// Margin about the limits of a stomach within which a piece may be stomach or colon.
 const NEAR: f64 = 0.25;
 
 /// Fit of a name to a piece.
@@ -149,9 +149,11 @@ impl GasName {
 
     /// Whether a colon may be stomach, or a stomach colon.
     pub fn is_near_tie(&self) -> bool {
-        let pair = [self.best.rival, self.second.rival];
-        let is_pair = pair.contains(&Rival::Colon) && pair.contains(&Rival::Stomach);
-        is_pair && self.second.margin > if self.best.rival == Rival::Colon { -NEAR } else { 0.0 }
+        match (self.best.rival, self.second.rival) {
+            (Rival::Colon, Rival::Stomach) => self.second.margin > -NEAR,
+            (Rival::Stomach, Rival::Colon) => self.best.margin < NEAR && self.second.margin > 0.0,
+            _ => false,
+        }
     }
 
     /// Describes both names in a line.
