@@ -51,7 +51,7 @@ def arguments():
                         "../shared/data beside the repository where that is there")
     parser.add_argument("--out", type=Path, default=Path("out/compare"), metavar="DIR")
     parser.add_argument("--render", action="store_true", help="only write table and plot of DIR/results.json anew")
-    parser.add_argument("--readme", action="store_true", help="also put the short table into README.md")
+    parser.add_argument("--readme", action="store_true", help="also put the short table into docs/comparison.md")
     args = parser.parse_args()
     args.cases, args.without = ([part for part in text.split(",") if part] for text in (args.cases, args.without))
     unknown = set(args.stages.split(",")) - set(STAGES)
@@ -230,7 +230,7 @@ def main():
                 kept.write_text(json.dumps(made, indent=1))
     report.write(args.out, json.loads(kept.read_text()))
     if args.readme:
-        report.readme(HERE.parents[1] / "README.md", json.loads(kept.read_text()))
+        report.readme(HERE.parents[1] / "docs/comparison.md", json.loads(kept.read_text()))
     print("\n" + shlex.join(["ls", str(args.out)]) + ": table.md results.json plot.svg")
 
 

@@ -1,4 +1,4 @@
-"""What was measured, for people: a table, a plot, and the short table of the README."""
+"""What was measured, for people: a table, a plot, and the short table of docs/comparison.md."""
 
 import json
 import os
@@ -204,7 +204,7 @@ def write(out, results):
 
 
 def readme(path, results):
-    """The short table between the marks of README.md."""
+    """The short table between the marks of docs/comparison.md."""
     text = path.read_text()
     before, mark, rest = text.partition(MARKS[0])
     inside, end, after = rest.partition(MARKS[1])

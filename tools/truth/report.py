@@ -1,4 +1,4 @@
-"""What was measured, for people: tables, the short table of the README, the record."""
+"""What was measured, for people: tables, the short table of docs/comparison.md, the record."""
 
 import json
 import os
@@ -173,7 +173,7 @@ def record(folder, results):
 
 
 def readme(path, results):
-    """The short table between the marks of README.md."""
+    """The short table between the marks of docs/comparison.md."""
     text = path.read_text()
     before, mark, rest = text.partition(MARKS[0])
     _, end, after = rest.partition(MARKS[1])

@@ -38,7 +38,7 @@ def arguments():
     parser.add_argument("--out", type=Path, default=Path("out/truth"), metavar="DIR")
     parser.add_argument("--render", action="store_true", help="only write tables of DIR/results.json anew")
     parser.add_argument("--record", action="store_true", help="also put them into benches/results")
-    parser.add_argument("--readme", action="store_true", help="also put the short table into README.md")
+    parser.add_argument("--readme", action="store_true", help="also put the short table into docs/comparison.md")
     args = parser.parse_args()
     args.data = args.data or (DATA if DATA.is_dir() else None)
     args.parts, args.wall, args.cases = ([p for p in t.split(",") if p] for t in (args.parts, args.wall, args.cases))
@@ -97,7 +97,7 @@ def main():
     if args.record:
         print(report.record(ROOT / "benches" / "results", results))
     if args.readme:
-        report.readme(ROOT / "README.md", results)
+        report.readme(ROOT / "docs/comparison.md", results)
 
 
 if __name__ == "__main__":

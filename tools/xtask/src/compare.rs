@@ -22,7 +22,7 @@ usage: cargo xtask compare [FLAGS]
   --out DIR            where everything lands (default: out/compare)
   --python PATH        an interpreter that has tools/compare/requirements.txt installed
   --intima PATH        this program instead of building one
-  --readme             also put the short table into README.md
+  --readme             also put the short table into docs/comparison.md
   --render             only write table and plot anew from what is in --out
 ";
 
@@ -210,11 +210,11 @@ mod tests {
     }
 
     #[test]
-    fn the_readme_has_a_place_for_the_table() {
+    fn the_page_has_a_place_for_the_table() {
         let script = std::fs::read_to_string(root().join("tools/compare/report.py")).unwrap();
         let marks = script.lines().find_map(|l| l.strip_prefix("MARKS = ")).unwrap();
-        let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
-        let found: Vec<_> = marks.split('"').skip(1).step_by(2).map(|m| readme.find(m)).collect();
+        let page = std::fs::read_to_string(root().join("docs/comparison.md")).unwrap();
+        let found: Vec<_> = marks.split('"').skip(1).step_by(2).map(|m| page.find(m)).collect();
         assert!(found.len() == 2 && found[0].is_some() && found[0] < found[1], "{found:?}");
     }
 

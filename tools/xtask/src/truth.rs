@@ -20,7 +20,7 @@ usage: cargo xtask truth [FLAGS]
   --python PATH        an interpreter that has tools/truth/requirements.txt installed
   --intima PATH        this program instead of building one
   --record             also put results and table into benches/results
-  --readme             also put the short table into README.md
+  --readme             also put the short table into docs/comparison.md
   --render             only write the tables anew from what is in --out
 ";
 
@@ -84,11 +84,11 @@ mod tests {
     }
 
     #[test]
-    fn the_readme_has_a_place_for_the_table() {
+    fn the_page_has_a_place_for_the_table() {
         let script = text("tools/truth/report.py");
         let marks = script.lines().find_map(|l| l.strip_prefix("MARKS = ")).unwrap();
-        let readme = text("README.md");
-        let found: Vec<_> = marks.split('"').skip(1).step_by(2).map(|m| readme.find(m)).collect();
+        let page = text("docs/comparison.md");
+        let found: Vec<_> = marks.split('"').skip(1).step_by(2).map(|m| page.find(m)).collect();
         assert!(found.len() == 2 && found[0].is_some() && found[0] < found[1], "{found:?}");
     }
 }
