@@ -38,9 +38,9 @@ const MIN_WALLED: f64 = 0.45;
 const MAX_FILLED: f64 = 0.15;
 /// Most noise of the air in the trachea, standard deviation in HU.
 const MAX_NOISE_HU: f64 = 140.0;
-/// Limits for a trachea without lung: most air joined to it, ml; its least and greatest length, mm; its
-/// least and greatest radius, mm; the greatest variation of its cross sections; how near to the first or last slice of
-/// the scan it comes, mm; its least share of all the air that is joined to it.
+/// Limits for a trachea without lung: most air joined to it, ml; its least and greatest length and its
+/// least and greatest radius, mm; the greatest variation of its cross sections; how near to the first or
+/// last slice of the scan it comes, mm; its least share of all the air that is joined to it.
 const MAX_SHORT_ML: f64 = 150.0;
 const MIN_SHORT_MM: f64 = 30.0;
 const MAX_SHORT_MM: f64 = 170.0;

@@ -4,9 +4,9 @@
 use glam::{DVec3, UVec3};
 
 use super::fluid::fluid;
-use super::gas::{ColonCandidate, GAS_HU, Gas, MIN_DEEP, MIN_ML, MIN_RADIUS_MM, MIN_TISSUE};
+use super::gas::{ColonCandidate, GAS_HU, Gas, MIN_ML};
 use super::gates::Gates;
-use super::rivals::GasName;
+use super::rivals::Rival;
 use super::values::{MIN_HU, between};
 use super::{FoundOrgan, Organ, OrganError, Segment, TaggedFluid};
 use crate::lumen::{BitVolume, IntensitySelection, dilated, fill_cavities, thickened};
@@ -64,7 +64,7 @@ pub(super) fn find(volume: &Volume, tagged: bool) -> Result<FoundOrgan, OrganErr
         }
         None => gates.note("no tagged fluid below the gas".into()),
     }
-    let segment = |c: &ColonCandidate| Segment { seed: c.seed, volume_ml: c.volume_ml };
+    let segment = |c: &ColonCandidate| Segment { seed: c.seed, volume_ml: c.features.volume_ml };
     Ok(FoundOrgan {
         root: None,
         organ: Organ::Colon,
@@ -89,28 +89,25 @@ fn pass(gas: &Gas, gates: &mut Gates) -> Result<(), OrganError> {
         }));
     }
     for c in &gas.colon {
-        let (v, r, d, t) = (c.volume_ml, c.radius_mm, c.deep, c.tissue);
-        gates.note(format!("{v:.0} ml of gas, radius {r:.1} mm, at {}", c.seed));
-        gates.at_least("its share below -900 HU", d, MIN_DEEP, 0.95)?;
-        gates.at_least("share of its shell that is tissue", t, MIN_TISSUE, 0.97)?;
-        gates.at_least("its radius in mm", r, MIN_RADIUS_MM, 12.0)?;
+        let (ml, radius_mm) = (c.features.volume_ml, c.features.radius_mm);
+        gates.note(format!("{ml:.0} ml of gas, radius {radius_mm:.1} mm, at {}", c.seed));
+        for (what, value, limit, sure) in Rival::Colon.rows(&c.features) {
+            gates.at_least(what, value, limit, sure)?;
+        }
     }
     if !left_out.is_empty() {
         gates.note(format!("left out: {left_out}"));
     }
     for c in &gas.colon {
-        if let Some(named) = c.named.filter(GasName::is_near_tie) {
-            let (ml, at) = (c.volume_ml, c.seed);
-            gates.doubt(
-                format!("{ml:.0} ml of gas at {at} may be stomach: {}", named.line()),
-                DOUBTFUL,
-            );
+        if c.name.is_near_tie() {
+            let (ml, at, names) = (c.features.volume_ml, c.seed, c.name.line());
+            gates.doubt(format!("{ml:.0} ml of gas at {at} may be stomach: {names}"), DOUBTFUL);
         }
     }
     if gas.is_stomach_doubtful {
         gates.note("the stomach that was left out may be colon".into());
     }
-    let total: f64 = gas.colon.iter().map(|c| c.volume_ml).sum();
+    let total: f64 = gas.colon.iter().map(|c| c.features.volume_ml).sum();
     gates.at_least("ml of gas in all", total, MIN_TOTAL_ML, 400.0)?;
     let extent = gas.colon.iter().map(|c| c.extent_mm).fold(0.0, f64::max);
     gates.at_least("extent of the longest segment in mm", extent, MIN_EXTENT_MM, 200.0)

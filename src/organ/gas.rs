@@ -13,17 +13,12 @@ use crate::volume::{Grid, Volume};
 
 /// Highest value of gas, HU.
 pub(super) const GAS_HU: f64 = -800.0;
-/// Highest value of gas away from walls, HU, and least share of a segment that has it.
+/// Highest value of gas away from walls, HU.
 const DEEP_GAS_HU: f64 = -900.0;
-pub(super) const MIN_DEEP: f64 = 0.8;
 /// Least volume of a segment, ml.
 pub(super) const MIN_ML: f64 = 15.0;
-/// Least value of the tissue that encloses the colon, HU, and least share of a segment's shell that
-/// has it.
+/// Least value of the tissue that encloses the colon, HU.
 const TISSUE_HU: f64 = -300.0;
-pub(super) const MIN_TISSUE: f64 = 0.9;
-/// Least radius of the largest sphere in a segment, mm.
-pub(super) const MIN_RADIUS_MM: f64 = 6.0;
 /// Share of a piece's height that is its top.
 const TOP: f64 = 0.2;
 
@@ -49,17 +44,11 @@ struct Kinds {
 /// A piece of gas that may be colon.
 pub(super) struct ColonCandidate {
     pub mask: BitVolume,
-    pub volume_ml: f64,
     pub seed: UVec3,
-    pub radius_mm: f64,
     /// Longest side of its box, mm.
     pub extent_mm: f64,
-    /// Share of its voxels that are gas away from walls.
-    pub deep: f64,
-    /// Share of its shell that is tissue.
-    pub tissue: f64,
-    /// Name of the piece and the next one.
-    pub named: Option<GasName>,
+    pub features: GasFeatures,
+    pub name: GasName,
 }
 
 impl Gas {
@@ -87,30 +76,26 @@ impl Gas {
             tissue: between(volume, TISSUE_HU, f64::INFINITY),
             gas,
         };
-        let mut candidates: Vec<ColonCandidate> =
-            parts.iter().map(|piece| ColonCandidate::new(grid, piece, &kinds)).collect();
-        let in_airway =
-            |c: &ColonCandidate| airway.as_ref().map_or(0.0, |a| share(&c.mask, &a.mask));
+        let airway = airway.as_ref().map(|airway| &airway.mask);
+        let candidate = |piece| ColonCandidate::new(grid, piece, &kinds, airway);
+        let mut candidates: Vec<ColonCandidate> = parts.iter().map(candidate).collect();
         // Lungs say how high the others lie.
-        let mut features: Vec<GasFeatures> =
-            candidates.iter().map(|c| c.values(in_airway(c))).collect();
-        let is_lung = |f: &GasFeatures| GasName::of(f).best.rival == Rival::Lung;
-        let found = parts.into_iter().zip(&features).filter(|(_, f)| is_lung(f));
+        let named = parts.into_iter().zip(&candidates);
+        let found = named.filter(|(_, c)| c.name.best.rival == Rival::Lung);
         lung_parts.extend(found.map(|(piece, _)| piece));
         let lungs = Lungs::of(grid, &lung_parts);
         let place = BodyPlace::of(grid, &body, lungs);
-        for (c, f) in candidates.iter_mut().zip(&mut features) {
-            place.measure(&c.mask, f);
-            c.named = Some(GasName::of(f));
+        for c in &mut candidates {
+            place.measure(&c.mask, &mut c.features);
+            c.name = GasName::of(&c.features);
         }
-        for candidate in candidates {
-            let Some(named) = candidate.named else { continue };
-            if named.best.rival == Rival::Colon {
-                out.colon.push(candidate);
-                continue;
+        for c in candidates {
+            if c.name.best.rival == Rival::Colon {
+                out.colon.push(c);
+            } else {
+                out.is_stomach_doubtful |= c.name.is_near_tie();
+                out.leave_out(c.features.volume_ml, &c.name.line());
             }
-            out.is_stomach_doubtful |= named.is_near_tie();
-            out.leave_out(candidate.volume_ml, &named.line());
         }
         out.colon.iter().for_each(|c| out.others.remove(&c.mask));
         out.colon = in_order(grid, out.colon);
@@ -143,7 +128,8 @@ impl Gas {
 }
 
 impl ColonCandidate {
-    fn new(grid: &Grid, piece: &Piece, kinds: &Kinds) -> Self {
+    /// Measures a piece, its place apart.
+    fn new(grid: &Grid, piece: &Piece, kinds: &Kinds, airway: Option<&BitVolume>) -> Self {
         let mask = piece.mask(grid.dims);
         let mut shell = dilated(&mask, DVec3::ONE, 3.0);
         shell.remove(&dilated(&mask, DVec3::ONE, 2.0));
@@ -151,23 +137,21 @@ impl ColonCandidate {
         shell.remove(&kinds.gas);
         let (seed, radius_mm) = Depth::of(*grid, &mask).deepest();
         let (lo, hi) = piece.bounds();
-        let extent_mm = ((hi - lo).as_dvec3() * grid.spacing_mm).max_element();
-        Self {
+        let features = GasFeatures {
             volume_ml: piece.component.volume_ml(grid),
+            radius_mm,
             deep: share(&mask, &kinds.deep_gas),
             tissue: share(&shell, &kinds.tissue),
-            named: None,
+            in_airway: airway.map_or(0.0, |airway| share(&mask, airway)),
+            ..GasFeatures::default()
+        };
+        Self {
+            name: GasName::of(&features),
+            extent_mm: ((hi - lo).as_dvec3() * grid.spacing_mm).max_element(),
             mask,
             seed,
-            radius_mm,
-            extent_mm,
+            features,
         }
-    }
-
-    /// Features of its values and its size.
-    fn values(&self, in_airway: f64) -> GasFeatures {
-        let Self { volume_ml, radius_mm, deep, tissue, .. } = *self;
-        GasFeatures { volume_ml, radius_mm, deep, tissue, in_airway, ..GasFeatures::default() }
     }
 }
 

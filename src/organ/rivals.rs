@@ -21,6 +21,15 @@ impl Rival {
     /// All names, in the order in which they are given.
     const ALL: [Self; 5] = [Self::Airway, Self::Lung, Self::Stomach, Self::Colon, Self::Bowel];
 
+    /// Rows of the name whose features were measured: feature, value, limit, and value without doubt.
+    pub fn rows(
+        self,
+        features: &GasFeatures,
+    ) -> impl Iterator<Item = (&'static str, f64, f64, f64)> {
+        let own = TABLE.iter().filter(move |row| row.0 == self);
+        own.filter_map(|row| Some((row.1, (row.2)(features)?, row.3, row.4)))
+    }
+
     fn name(self) -> &'static str {
         match self {
             Self::Airway => "airway",
@@ -99,18 +108,17 @@ pub(super) struct Fit {
 impl Fit {
     fn of(rival: Rival, features: &GasFeatures) -> Self {
         let mut fit = Self { rival, margin: 1.0, decided_by: None, is_open: false };
-        for (_, what, feature, limit, sure) in TABLE.iter().filter(|row| row.0 == rival) {
-            let Some(value) = feature(features) else {
-                fit.is_open = true;
-                continue;
-            };
+        let mut measured = 0;
+        for row in rival.rows(features) {
+            let (_, value, limit, sure) = row;
             let margin = ((value - limit) / (sure - limit)).clamp(-1.0, 1.0);
             if fit.decided_by.is_none() || margin < fit.margin {
-                fit.margin = margin;
-                fit.decided_by = Some((what, value, *limit, *sure));
+                (fit.margin, fit.decided_by) = (margin, Some(row));
             }
+            measured += 1;
         }
-        if rival == Rival::Bowel {
+        fit.is_open = measured < TABLE.iter().filter(|row| row.0 == rival).count();
+        if measured == 0 {
             fit.margin = 0.0;
         }
         fit
