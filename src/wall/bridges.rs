@@ -8,8 +8,6 @@ use glam::IVec3;
 use crate::geometry::DisjointSets;
 use crate::lumen::{BitVolume, Bricks, Neighborhood, pieces};
 
-/// Largest number of voxels of a bridge's narrowest section.
-const MAX_VOXELS: usize = 12;
 /// Labels of voxels that the front has not reached, and of those left over as a bridge.
 const OUT: u32 = 0;
 const LEFT: u32 = u32::MAX;
@@ -22,11 +20,13 @@ const LEFT: u32 = u32::MAX;
 /// tunnels.
 ///
 /// * `depth`: function of a voxel's element that is lower for deeper voxels.
+/// * `max_voxels`: largest number of voxels of a narrowest section.
 pub(super) fn cut_bridges(
     mask: &mut BitVolume,
     zone: &BitVolume,
     bricks: &Bricks,
     depth: impl Fn(usize) -> i32,
+    max_voxels: usize,
 ) {
     let around = Neighborhood::tables();
     let mut label = vec![OUT; bricks.field_len()];
@@ -112,7 +112,7 @@ pub(super) fn cut_bridges(
             }
             next += 1;
         }
-        if sheet.len() <= MAX_VOXELS {
+        if sheet.len() <= max_voxels {
             let mut cut = BitVolume::new(mask.dims());
             sheet.iter().map(|e| bricks.voxel(*e).as_uvec3()).for_each(|v| cut.set(v.x, v.y, v.z));
             mask.remove(&cut);

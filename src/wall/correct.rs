@@ -1,15 +1,30 @@
 //! Shift of curved edges by blur, round ends, and the final lumen.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
+use super::bridges::cut_bridges;
 use super::launches::BrickLaunches;
 use super::profile::WallProfile;
 use super::stats::stats;
-use super::{Evidence, OFFSET, Tissue, WallError, WallField, bridges, select};
+use super::{Evidence, OFFSET, Tissue, WallError, WallField, select};
 use crate::compute::{Buf, Plan};
 use crate::kernels::{wall_correct, wall_peak, wall_sides};
-use crate::lumen::Lumen;
 use crate::lumen::bricks::BRICK;
+use crate::lumen::{BitVolume, Lumen, eroded};
+
+/// Largest number of voxels of a section that is cut: a hole in a fold, a contact of two bronchi.
+const MAX_HOLE_VOXELS: usize = 12;
+const MAX_CONTACT_VOXELS: usize = 40;
+/// Erosion, voxels, of which thin parts of an airway keep nothing.
+const THIN_VOXELS: f64 = 2.0;
+
+/// Returns the parts of an airway in which neighbouring bronchi may touch: an airway is a tree.
+fn thin_parts(mask: &BitVolume) -> BitVolume {
+    let mut thin = mask.clone();
+    thin.remove(&eroded(mask, DVec3::ONE, THIN_VOXELS));
+    thin
+}
 
 impl WallProfile<'_> {
     /// Appends the correction of curved edges and of closed ends.
@@ -61,7 +76,10 @@ impl WallProfile<'_> {
         let lumen_at = |e: usize| mark[e] & wall_peak::JOINED != 0 && moved[e] < 0;
         let mut mask = select::lumen(bricks, &mask, lumen_at).ok_or(WallError::Empty)?;
         if let Some(zone) = input.zone {
-            bridges::cut_bridges(&mut mask, zone, bricks, |e| moved[e]);
+            cut_bridges(&mut mask, zone, bricks, |e| moved[e], MAX_HOLE_VOXELS);
+        } else if input.tissue == Tissue::Airway {
+            let thin = thin_parts(&mask);
+            cut_bridges(&mut mask, &thin, bricks, |e| moved[e], MAX_CONTACT_VOXELS);
         }
         let lumen = Lumen::new(input.grid, &mask);
         let stats = stats(&input, sigma_mm, &lumen, &mark, &level);

@@ -295,12 +295,39 @@ fn small_bridges_through_a_sheet_are_cut_and_wide_ones_stay() {
         }
         let bricks = crate::lumen::surrounding_bricks(&mask, 1.0);
         let before = mask.count();
-        bridges::cut_bridges(&mut mask, &zone, &bricks, |e| (bricks.voxel(e).x == 12).into());
+        let is_sheet = |e: usize| (bricks.voxel(e).x == 12).into();
+        bridges::cut_bridges(&mut mask, &zone, &bricks, is_sheet, 12);
         before - mask.count()
     };
     assert_eq!(opened(1, true), 1);
     assert_eq!(opened(3, true), 9);
     assert_eq!((opened(5, true), opened(3, false)), (0, 0));
+}
+
+#[test]
+fn two_bronchi_that_touch_have_a_wall_between_them() {
+    // A fork along z whose branches lie side by side, with a hole in the wall between them.
+    let off = |p: DVec3| {
+        let tube = |x: f64| (p.x - x).hypot(p.y - 14.0) - 3.0;
+        let trunk = (p.x - 14.0).hypot(p.y - 14.0) - 7.0;
+        let hole = (p - DVec3::new(14.0, 14.0, 16.0)).length() - 1.4;
+        tube(10.5).min(tube(17.5)).min(if p.z < 6.0 { trunk } else { hole })
+    };
+    let volume = scan([40, 40, 40], 20.0, |p| match off(p) {
+        d if d < 0.0 => -950.0,
+        d if d < 1.2 => 40.0,
+        _ => -850.0,
+    });
+    let core = core(&volume, -890.0, UVec3::new(15, 20, 20));
+    let tunnels = |tissue: Tissue| {
+        let (lumen, field) = wall_of(&volume, &core, tissue);
+        let mesh = extract(&lumen, &FieldCrossing { lumen: &lumen, field: &field });
+        let (adjacency, watertight) = Adjacency::of(&mesh);
+        let topology = adjacency.topology(&mesh, watertight);
+        assert_eq!((topology.components, watertight), (1, true));
+        topology.tunnels()
+    };
+    assert_eq!((tunnels(Tissue::Unknown), tunnels(Tissue::Airway)), (1, 0));
 }
 
 #[test]
