@@ -237,8 +237,8 @@ fn sides(volume: &Volume, mask: &BitVolume, trachea: &Trachea) -> f64 {
 }
 
 /// A trachea in a scan that ends near the carina or above it opens into little lung or none: it is an
-/// even tube along the patient that the scan's first or last slice cuts, and no other air is joined
-/// to it.
+/// even tube along the patient that the scan's last slice before the feet cuts, and no other air is
+/// joined to it. An oesophagus full of gas ends above it.
 ///
 /// * `like_lung`: share of what is joined to it with the values of lung.
 fn pass_without_lung(
@@ -249,7 +249,7 @@ fn pass_without_lung(
     gates: &mut Gates,
 ) -> Result<(), OrganError> {
     let what = "ml of air and lung it opens into";
-    if trachea.axis != head_foot_axis(&volume.grid) || trachea.from_end_mm > SHORT_FROM_END_MM {
+    if trachea.axis != head_foot_axis(&volume.grid) || trachea.below_mm > SHORT_FROM_END_MM {
         gates.at_least(what, joined_ml, MIN_LUNG_ML, 1000.0)?;
     }
     gates.note(format!("{what} {joined_ml:.1}: a scan that ends near the carina, or no trachea"));

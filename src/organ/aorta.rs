@@ -77,6 +77,10 @@ const MAX_IN_SPINE: f64 = 0.3;
 /// Median distance to the left of the spine's middle from which a chain is no vena cava, mm, and from
 /// which there is no doubt.
 const MIN_LEFT_MM: (f64, f64) = (-14.0, -2.0);
+/// Share of a chain beside which another one, or the spine, has to run to be compared with it, and the
+/// least ratio of their values at which the brighter one is the artery.
+const BESIDE: f64 = 0.25;
+const BRIGHTER: f64 = 1.1;
 /// Gas lies this near to the rim of tagged fluid in a colon, mm, covers this much, mm², and is darker
 /// than lung, HU.
 const GAS_WITHIN_MM: f64 = 6.0;
@@ -305,30 +309,72 @@ impl Aorta {
         frame: Option<&BodyFrame>,
         gates: &mut Gates,
     ) -> Result<(), OrganError> {
-        let n = self.chain.len() as f64;
-        let frame = frame.filter(|frame| frame.along() == self.slices.axis);
-        let off = |s: &Section| frame.and_then(|frame| frame.offset_from_spine(self.middle(s)));
-        let places: Vec<Option<DVec2>> = self.chain.iter().map(off).collect();
-        let beside = self.chain.iter().zip(&places).zip(&self.is_beside_bone);
-        let beside = beside.filter(|((section, off), is_beside_bone)| match off {
-            Some(off) => is_beside_vertebra(section, *off),
-            None => **is_beside_bone,
-        });
-        let beside = beside.count() as f64 / n;
-        let inside =
-            places.iter().flatten().filter(|off| off.length() < IN_SPINE_MM).count() as f64;
-        gates.at_most("share of it that is vertebrae", inside / n, MAX_IN_SPINE, 0.1)?;
+        let places = self.places(frame);
+        let inside = self.share_in_spine(&places);
+        gates.at_most("share of it that is vertebrae", inside, MAX_IN_SPINE, 0.1)?;
         let what = "share of it that lies beside the spine or bone";
-        gates.at_least(what, beside, MIN_BESIDE_BONE, 0.8)?;
-        let mut left: Vec<f64> = places.iter().flatten().map(|off| off.x).collect();
-        left.sort_by(f64::total_cmp);
-        if 2 * left.len() > places.len() && frame.is_some_and(|frame| !frame.is_turned) {
+        gates.at_least(what, self.beside_spine(&places), MIN_BESIDE_BONE, 0.8)?;
+        if let Some(left_mm) = frame.and_then(|frame| self.left_mm(&places, frame)) {
             let what =
                 "mm that it lies to the left of the spine's middle, a vena cava to the right";
-            let left_mm = quantile(&left, 0.5);
             gates.at_least(what, left_mm, MIN_LEFT_MM.0, MIN_LEFT_MM.1)?;
         }
         Ok(())
+    }
+
+    /// Offset of each section from the middle of the spine there, mm.
+    fn places(&self, frame: Option<&BodyFrame>) -> Vec<Option<DVec2>> {
+        let frame = frame.filter(|frame| frame.along() == self.slices.axis);
+        let off = |s: &Section| frame.and_then(|frame| frame.offset_from_spine(self.middle(s)));
+        self.chain.iter().map(off).collect()
+    }
+
+    fn share_in_spine(&self, places: &[Option<DVec2>]) -> f64 {
+        let inside = places.iter().flatten().filter(|off| off.length() < IN_SPINE_MM).count();
+        inside as f64 / self.chain.len() as f64
+    }
+
+    /// Whether too much of it lies in the spine for an aorta.
+    pub fn is_vertebrae(&self, frame: &BodyFrame) -> bool {
+        self.share_in_spine(&self.places(Some(frame))) > MAX_IN_SPINE
+    }
+
+    /// Share of its sections beside the spine, or beside bone where no spine is seen.
+    fn beside_spine(&self, places: &[Option<DVec2>]) -> f64 {
+        let all = self.chain.iter().zip(places).zip(&self.is_beside_bone);
+        let beside = all.filter(|((section, off), is_beside_bone)| match off {
+            Some(off) => is_beside_vertebra(section, *off),
+            None => **is_beside_bone,
+        });
+        beside.count() as f64 / self.chain.len() as f64
+    }
+
+    /// Median distance to the left of the spine's middle, mm, where most of the spine beside it and the
+    /// patient's sides are known.
+    fn left_mm(&self, places: &[Option<DVec2>], frame: &BodyFrame) -> Option<f64> {
+        let mut left: Vec<f64> = places.iter().flatten().map(|off| off.x).collect();
+        left.sort_by(f64::total_cmp);
+        (2 * left.len() > places.len() && !frame.is_turned).then(|| quantile(&left, 0.5))
+    }
+
+    /// Whether it is the vena cava beside an aorta: to the right of the spine, and near it.
+    pub fn is_vena_cava(&self, aorta: &Self, frame: &BodyFrame) -> bool {
+        let places = self.places(Some(frame));
+        let is_right = self.left_mm(&places, frame).is_some_and(|mm| mm < MIN_LEFT_MM.0);
+        is_right && self.runs_beside(aorta) && self.beside_spine(&places) >= BESIDE
+    }
+
+    /// Whether it is the artery of two vessels that run side by side: veins are no brighter.
+    pub fn is_artery_beside(&self, other: &Self) -> bool {
+        let is_brighter = self.blood_hu() > BRIGHTER * other.blood_hu();
+        is_brighter && self.length_mm() >= MIN_MM && other.runs_beside(self)
+    }
+
+    /// Whether its sections lie in slices of another chain, a quarter of them at least.
+    fn runs_beside(&self, other: &Self) -> bool {
+        let (first, last) = (other.chain[0].slice, other.chain[other.chain.len() - 1].slice);
+        let beside = self.chain.iter().filter(|s| (first..=last).contains(&s.slice)).count() as f64;
+        self.slices.axis == other.slices.axis && beside >= BESIDE * self.chain.len() as f64
     }
 
     /// Middle of a section, voxels of the volume.

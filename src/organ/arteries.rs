@@ -42,6 +42,8 @@ const MAX_NOISE_HU: f64 = 120.0;
 const MIN_TUBE: f64 = 0.2;
 /// Confidence of a chain's shape and place from which no other is looked at.
 const SURE_PLACE: f64 = 0.5;
+/// Confidence at most where no spine is seen.
+const NO_SPINE: f64 = 0.4;
 /// Most chains that a refusal names.
 const LISTED: usize = 3;
 
@@ -50,23 +52,39 @@ pub(super) fn find(volume: &Volume, gates: &Gates) -> Result<FoundOrgan, OrganEr
     let mut refused = Vec::new();
     let (copy, factor) = aorta::coarse(volume);
     let search = FrameSearch::new(volume, &copy, factor);
-    let mut placed: Vec<PlacedAorta> = Vec::new();
-    for aorta in aorta::candidates(copy, factor) {
-        match PlacedAorta::of(volume, aorta, &search, gates.clone()) {
-            Ok(found) => placed.push(found),
-            Err(why) => refused.push(why),
+    let chains = aorta::candidates(copy, factor);
+    let mut shaped: Vec<ShapedChain> = Vec::new();
+    for (i, aorta) in chains.iter().enumerate() {
+        match ShapedChain::of(volume, aorta, &search, gates.clone()) {
+            Ok(found) => shaped.push(found),
+            Err(why) => refused.push(format!("{}: {why}", aorta.name())),
         }
-        if placed.last().is_some_and(|found| found.gates.confidence >= SURE_PLACE) {
+        let has_rival = |found: &ShapedChain| {
+            chains[i + 1..].iter().any(|other| other.is_artery_beside(found.aorta))
+        };
+        if shaped.last().is_some_and(|found| found.is_sure() && !has_rival(found)) {
             break;
         }
     }
-    // A vena cava may pass too, but by less.
-    placed.sort_by(|a, b| b.gates.confidence.total_cmp(&a.gates.confidence));
-    for PlacedAorta { aorta, around, frame, gates } in placed {
-        match from_aorta(volume, &aorta, (&around, frame.as_ref()), gates) {
-            Err(OrganError::NotFound { why, .. }) => {
-                refused.push(format!("{}: {why}", aorta.name()));
+    // A vena cava may pass too, but is darker, or passes by less.
+    let vessels = shaped.iter().filter(|found| !found.is_vertebrae());
+    let vessels: Vec<&Aorta> = vessels.map(|found| found.aorta).collect();
+    shaped.sort_by(|a, b| b.gates.confidence.total_cmp(&a.gates.confidence));
+    for found in shaped {
+        let name = found.aorta.name();
+        let artery = vessels.iter().find(|other| other.is_artery_beside(found.aorta));
+        let made = match (found.place.clone(), artery) {
+            (Err(why), _) => Err(why),
+            (Ok(()), Some(artery)) => {
+                Err(found.gates.refuse(format!("a vein beside {}", artery.name())))
             }
+            (Ok(()), None) => {
+                let veins: Vec<&Aorta> = chains.iter().filter(|c| found.is_vein(c)).collect();
+                from_aorta(volume, found, &veins)
+            }
+        };
+        match made {
+            Err(OrganError::NotFound { why, .. }) => refused.push(format!("{name}: {why}")),
             other => return other,
         }
     }
@@ -101,45 +119,64 @@ fn bone(volume: &Volume, least: f64, axis: usize) -> BitVolume {
     dilated(&out, grid.spacing_mm, BONE_RIM_MM)
 }
 
-/// A chain of sections with the shape and the place of an aorta.
-struct PlacedAorta {
-    aorta: Aorta,
+/// A chain of sections with the shape of an aorta.
+struct ShapedChain<'a> {
+    aorta: &'a Aorta,
     /// Voxels in and about it.
     around: BitVolume,
     frame: Option<BodyFrame>,
     gates: Gates,
+    /// Whether its place is that of an aorta.
+    place: Result<(), OrganError>,
 }
 
-impl PlacedAorta {
-    /// Checks shape and place of a chain. The error is the text of the refusal.
+impl<'a> ShapedChain<'a> {
+    /// Checks shape and place of a chain.
+    ///
+    /// # Errors
+    /// [`OrganError::NotFound`] for another shape.
     fn of(
         volume: &Volume,
-        aorta: Aorta,
+        aorta: &'a Aorta,
         search: &FrameSearch,
         mut gates: Gates,
-    ) -> Result<Self, String> {
-        let words = |e: OrganError| match e {
-            OrganError::NotFound { why, .. } => format!("{}: {why}", aorta.name()),
-            other => other.to_string(),
-        };
-        aorta.has_shape(&mut gates).map_err(words)?;
+    ) -> Result<Self, OrganError> {
+        aorta.has_shape(&mut gates)?;
         // The spine is looked for without the aorta, which may be brighter than bone. Of vertebrae
         // nothing is left then that looks like a spine behind them.
         let more_mm = volume.grid.spacing_mm.max_element().min(1.0);
         let around = aorta.tube(volume, TUBE_RADII, more_mm);
         let frame = search.find_without(&around);
-        gates.note(frame.as_ref().map_or("no spine seen".into(), BodyFrame::line));
-        aorta.has_place(frame.as_ref(), &mut gates).map_err(words)?;
-        Ok(Self { aorta, around, frame, gates })
+        match &frame {
+            Some(frame) => gates.note(frame.line()),
+            None => gates.doubt("no spine seen, which tells aorta from vena cava".into(), NO_SPINE),
+        }
+        let place = aorta.has_place(frame.as_ref(), &mut gates);
+        Ok(Self { aorta, around, frame, gates, place })
+    }
+
+    fn is_sure(&self) -> bool {
+        self.place.is_ok() && self.gates.confidence >= SURE_PLACE
+    }
+
+    fn is_vertebrae(&self) -> bool {
+        self.frame.as_ref().is_some_and(|frame| self.aorta.is_vertebrae(frame))
+    }
+
+    /// Whether another chain is a vein beside it.
+    fn is_vein(&self, chain: &Aorta) -> bool {
+        let is_cava = |frame: &BodyFrame| chain.is_vena_cava(self.aorta, frame);
+        self.frame.as_ref().is_some_and(is_cava) || self.aorta.is_artery_beside(chain)
     }
 }
 
+/// * `veins`: chains beside the aorta that its branches do not enter.
 fn from_aorta(
     volume: &Volume,
-    aorta: &Aorta,
-    (around, frame): (&BitVolume, Option<&BodyFrame>),
-    mut gates: Gates,
+    found: ShapedChain<'_>,
+    veins: &[&Aorta],
 ) -> Result<FoundOrgan, OrganError> {
+    let ShapedChain { aorta, around, frame, mut gates, .. } = found;
     let grid = &volume.grid;
     let core = sorted(volume, aorta.tube(volume, 0.6, 0.0).voxels());
     let (blood, sigma) = (quantile(&core, 0.5), noise(&core));
@@ -154,7 +191,7 @@ fn from_aorta(
     let level = |part: f64| SOFT_TISSUE_HU + part * (blood - SOFT_TISSUE_HU);
     let top = blood + BONE_ABOVE_HU.max(BONE_DEVIATIONS * sigma);
     let mut tube = between(values, level(TUBE_PART), top);
-    tube.keep(around);
+    tube.keep(&around);
     let Some(tube) = pieces(&tube, 1).into_iter().next() else {
         return Err(gates.refuse("no bright voxels in it"));
     };
@@ -166,7 +203,11 @@ fn from_aorta(
     if let Some(frame) = frame {
         allowed.remove(&frame.spine(grid.dims));
     }
-    allowed.remove(around);
+    for vein in veins {
+        gates.note(format!("a vein beside it: {}", vein.name()));
+        allowed.remove(&vein.tube(volume, TUBE_RADII, 0.0));
+    }
+    allowed.remove(&around);
     allowed.add(&tube);
     let mouths = Mouths {
         tube: &tube,

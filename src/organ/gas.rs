@@ -8,7 +8,7 @@ use super::lungs::{Lungs, lung_of};
 use super::rivals::{GasFeatures, GasName, Rival};
 use super::values::{MIN_HU, between, share};
 use super::{SIDES, airway};
-use crate::lumen::{BitVolume, Piece, dilated, pieces};
+use crate::lumen::{BitVolume, Piece, dilated, fill_cavities, pieces};
 use crate::volume::{Grid, Volume};
 
 /// Highest value of gas, HU.
@@ -90,7 +90,7 @@ impl Gas {
             c.name = GasName::of(&c.features);
         }
         for c in candidates {
-            if c.name.best.rival == Rival::Colon {
+            if c.name.best.rival == Rival::Colon && !c.name.is_undecided() {
                 out.colon.push(c);
             } else {
                 out.is_stomach_doubtful |= c.name.is_near_tie();
@@ -135,7 +135,10 @@ impl ColonCandidate {
         shell.remove(&dilated(&mask, DVec3::ONE, 2.0));
         // Other gas is judged by itself.
         shell.remove(&kinds.gas);
-        let (seed, radius_mm) = Depth::of(*grid, &mask).deepest();
+        // Noise leaves specks in the gas.
+        let mut filled = mask.clone();
+        fill_cavities(&mut filled);
+        let (seed, radius_mm) = Depth::of(*grid, &filled).deepest();
         let (lo, hi) = piece.bounds();
         let features = GasFeatures {
             volume_ml: piece.component.volume_ml(grid),
@@ -162,6 +165,8 @@ struct BodyPlace<'a> {
     /// Middle between left and right, and half the width, LPS x, mm.
     middle_mm: f64,
     half_mm: f64,
+    /// The scan's end at the patient's head, LPS z, mm.
+    head_mm: f64,
 }
 
 impl<'a> BodyPlace<'a> {
@@ -170,7 +175,11 @@ impl<'a> BodyPlace<'a> {
         let x = |v: UVec3| grid.world_from_voxel().transform_point3(v.as_dvec3()).x;
         let (a, b) = (x(low), x(high));
         let middle_mm = lungs.map_or(0.5 * (a + b), |lungs| lungs.middle_mm);
-        Self { grid, lungs, middle_mm, half_mm: (0.5 * (a - b).abs()).max(1.0) }
+        let half_mm = (0.5 * (a - b).abs()).max(1.0);
+        let last = grid.dims.as_dvec3() - 1.0;
+        let ends = [DVec3::ZERO, last].map(|v| grid.world_from_voxel().transform_point3(v).z);
+        let head_mm = ends[0].max(ends[1]);
+        Self { grid, lungs, middle_mm, half_mm, head_mm }
     }
 
     /// Adds the features of place.
@@ -186,6 +195,7 @@ impl<'a> BodyPlace<'a> {
         features.right = (self.middle_mm - low.x) / self.half_mm;
         features.height_mm = high.z - low.z;
         features.below_lung_mm = self.lungs.map(|lungs| lungs.lowest_mm - high.z);
+        features.below_end_mm = self.head_mm - high.z;
     }
 }
 

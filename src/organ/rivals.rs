@@ -56,6 +56,8 @@ pub(super) struct GasFeatures {
     /// Distance of its top below the lowest place of the lungs, mm; negative above it. `None` without
     /// lungs in the scan.
     pub below_lung_mm: Option<f64>,
+    /// Distance of its top below the head end of the scan, mm: lungs that are not in it lie above.
+    pub below_end_mm: f64,
     /// Distance of its upper fifth from the middle of the body, to the left, in half widths of the body.
     pub top_left: f64,
     /// Reach of it to the right of the middle, in half widths of the body.
@@ -72,7 +74,13 @@ const TABLE: &[FeatureRow] = &[
     (Rival::Lung, "ml", |f| Some(f.volume_ml), 200.0, 600.0),
     (Rival::Lung, "share below -900 HU", |f| Some(f.deep), 0.8, 0.65),
     (Rival::Stomach, "its share below -900 HU", |f| Some(f.deep), 0.8, 0.9),
-    (Rival::Stomach, "mm of its top below the lungs", |f| f.below_lung_mm, 60.0, 20.0),
+    (
+        Rival::Stomach,
+        "mm of its top below the lungs or the scan's end",
+        |f| Some(f.below_lung_mm.unwrap_or(f.below_end_mm)),
+        60.0,
+        20.0,
+    ),
     (Rival::Stomach, "its top to the left in half widths", |f| Some(f.top_left), 0.1, 0.3),
     (Rival::Stomach, "its reach to the right in half widths", |f| Some(f.right), 0.5, 0.3),
     // A descending colon lies in the flank.
@@ -101,24 +109,22 @@ pub(super) struct Fit {
     pub margin: f64,
     /// The row with that margin: feature, value, limit, and value without doubt.
     decided_by: Option<(&'static str, f64, f64, f64)>,
-    /// Whether a feature could not be measured.
+    /// Whether a feature is only a bound: how far a pocket lies below lungs that are not in the scan.
     is_open: bool,
 }
 
 impl Fit {
     fn of(rival: Rival, features: &GasFeatures) -> Self {
-        let mut fit = Self { rival, margin: 1.0, decided_by: None, is_open: false };
-        let mut measured = 0;
+        let is_open = rival == Rival::Stomach && features.below_lung_mm.is_none();
+        let mut fit = Self { rival, margin: 1.0, decided_by: None, is_open };
         for row in rival.rows(features) {
             let (_, value, limit, sure) = row;
             let margin = ((value - limit) / (sure - limit)).clamp(-1.0, 1.0);
             if fit.decided_by.is_none() || margin < fit.margin {
                 (fit.margin, fit.decided_by) = (margin, Some(row));
             }
-            measured += 1;
         }
-        fit.is_open = measured < TABLE.iter().filter(|row| row.0 == rival).count();
-        if measured == 0 {
+        if fit.decided_by.is_none() {
             fit.margin = 0.0;
         }
         fit
@@ -146,13 +152,18 @@ impl GasName {
     /// Names a piece of gas.
     pub fn of(features: &GasFeatures) -> Self {
         let fits = Rival::ALL.map(|rival| Fit::of(rival, features));
-        // Without lungs nothing says that a pocket is stomach.
+        // Without lungs nothing says that a pocket lies under the dome.
         let passes = |fit: &&Fit| fit.margin > 0.0 && !fit.is_open;
         let bowel = fits[fits.len() - 1];
         let best = *fits.iter().find(passes).unwrap_or(&bowel);
         let others = fits.iter().filter(|fit| fit.rival != best.rival && fit.rival != Rival::Bowel);
         let second = others.max_by(|a, b| a.margin.total_cmp(&b.margin)).copied();
         Self { best, second: second.unwrap_or(bowel) }
+    }
+
+    /// Whether a piece passes as colon and, but for lungs that are not in the scan, as stomach.
+    pub fn is_undecided(&self) -> bool {
+        self.best.rival == Rival::Colon && self.second.is_open && self.second.margin > 0.0
     }
 
     /// Whether a colon may be stomach, or a stomach colon.
@@ -166,6 +177,10 @@ impl GasName {
 
     /// Describes both names in a line.
     pub fn line(&self) -> String {
+        if self.is_undecided() {
+            let second = self.second.words();
+            return format!("colon or {second}: no lungs are in the scan, which would tell");
+        }
         format!("{}; else {}", self.best.words(), self.second.words())
     }
 }
@@ -181,6 +196,7 @@ mod tests {
         tissue: 1.0,
         in_airway: 0.0,
         below_lung_mm: Some(15.0),
+        below_end_mm: 300.0,
         top_left: 0.4,
         right: 0.4,
         height_mm: 110.0,
@@ -208,11 +224,16 @@ mod tests {
     }
 
     #[test]
-    fn without_lungs_a_pocket_is_colon_in_doubt() {
-        let named = GasName::of(&GasFeatures { below_lung_mm: None, ..POCKET });
-        assert!(named.best.rival == Rival::Colon && named.is_near_tie(), "{}", named.line());
-        let low = GasFeatures { below_lung_mm: None, height_mm: 300.0, ..POCKET };
-        assert!(!GasName::of(&low).is_near_tie());
+    fn without_lungs_a_pocket_near_the_head_end_is_undecided_and_a_lower_one_colon() {
+        let high = GasFeatures { below_lung_mm: None, below_end_mm: 30.0, ..POCKET };
+        let named = GasName::of(&high);
+        assert!(named.is_undecided() && named.is_near_tie(), "{}", named.line());
+        for low in
+            [GasFeatures { below_end_mm: 80.0, ..high }, GasFeatures { height_mm: 300.0, ..high }]
+        {
+            let named = GasName::of(&low);
+            assert!(named.best.rival == Rival::Colon && !named.is_near_tie(), "{}", named.line());
+        }
     }
 
     #[test]

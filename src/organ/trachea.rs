@@ -47,9 +47,8 @@ pub(super) struct Trachea {
     pub radius_mm: f64,
     /// Standard deviation of the areas in parts of their mean.
     pub variation: f64,
-    /// Distance from the chain's ends to the first or last slice of the volume, whichever is
-    /// nearer, mm.
-    pub from_end_mm: f64,
+    /// Distance from the chain's lower end to the volume's end there, mm.
+    pub below_mm: f64,
 }
 
 /// Chains across any index axis, best first: a gut that is full of gas has some too.
@@ -122,10 +121,10 @@ impl Trachea {
         let seed = centre(&chain[chain.len() / 2]);
         let height = |v: UVec3| volume.grid.world_from_voxel().transform_point3(v.as_dvec3()).z;
         let [a, b] = [centre(first), centre(last)];
-        let upper_end = if height(a) > height(b) { a } else { b };
+        let beyond = volume.grid.dims[slices.axis] - 1 - last.slice;
+        let (upper_end, below) = if height(a) > height(b) { (a, beyond) } else { (b, first.slice) };
         let radius_mm = (area / std::f64::consts::PI).sqrt();
         let off = mean(|s| s.area_mm2 * s.area_mm2) - area * area;
-        let beyond = volume.grid.dims[slices.axis] - 1 - last.slice;
         Some(Self {
             axis: slices.axis,
             score: length_mm * circularity,
@@ -135,7 +134,7 @@ impl Trachea {
             upper_end,
             radius_mm,
             variation: off.max(0.0).sqrt() / area,
-            from_end_mm: f64::from(first.slice.min(beyond)) * slices.step_mm,
+            below_mm: f64::from(below) * slices.step_mm,
         })
     }
 }
