@@ -444,16 +444,30 @@ fn halved(volume: &Volume) -> Volume {
 
 #[test]
 fn organs_of_flipped_cropped_thick_and_noisy_scans_are_right_or_refused() {
+    organs_of_variants_are_right_or_refused(halved, &[30.0]);
+}
+
+#[test]
+#[ignore = "minutes: cargo test --release --test geometry whole_variants -- --ignored --nocapture"]
+fn organs_of_whole_variants_are_right_or_refused() {
+    organs_of_variants_are_right_or_refused(Volume::clone, &[20.0, 40.0, 80.0]);
+}
+
+/// * `scale`: makes the volume that is asked.
+/// * `noise_hu`: noises that are added.
+fn organs_of_variants_are_right_or_refused(scale: fn(&Volume) -> Volume, noise_hu: &[f64]) {
     let chest = unzipped("chest_ct_fnndsc.zip");
     let trunk = unzipped("trunk_ct_contrast.zip");
     let Some((folder, (chest, trunk))) = shared_data().zip(chest.zip(trunk)) else { return };
-    let colon = read(&folder.join("colon_ct_prone_half.nrrd")).unwrap();
+    let read = |name: &str| read(&folder.join(name)).unwrap();
     // Whether an organ is in the scan.
     for (name, volume, has) in [
-        ("chest", halved(&chest), [true, false, false]),
-        ("trunk", halved(&trunk), [true, true, true]),
-        ("colon", halved(&colon), [false, true, false]),
+        ("chest", chest, [true, false, false]),
+        ("trunk", trunk, [true, true, true]),
+        ("colon", read("colon_ct_prone_half.nrrd"), [false, true, false]),
+        ("sharp chest", read("chest_ct_sharp_3mm.nrrd"), [true, false, false]),
     ] {
+        let volume = scale(&volume);
         let dims = volume.grid.dims;
         let all = BitVolume::new(dims).inverted();
         let references: Vec<Option<BitVolume>> =
@@ -466,7 +480,7 @@ fn organs_of_flipped_cropped_thick_and_noisy_scans_are_right_or_refused() {
                     continue;
                 };
                 println!("{name} {what} {}: {:.2}", organ.name(), found.confidence);
-                assert!(has[k], "{:?}", found.reasons);
+                assert!(has[k], "{name} {what}: {:?}", found.reasons);
                 // Of a trunk's gas any part is a part of its bowel.
                 if organ != Organ::Colon || name == "colon" {
                     let wanted = moved(references[k].as_ref().expect("found in the whole scan"));
@@ -488,7 +502,9 @@ fn organs_of_flipped_cropped_thick_and_noisy_scans_are_right_or_refused() {
                 check(&what, &scan, &|mask| part(&volume, mask, from, end).1);
             }
         }
-        check("noise of 30 HU", &noisy(&volume, 30.0), &BitVolume::clone);
+        for sigma in noise_hu {
+            check(&format!("noise of {sigma} HU"), &noisy(&volume, *sigma), &BitVolume::clone);
+        }
         let thick_mm = 1.5 * volume.grid.spacing_mm.z;
         check("thick slices", &thicker(&volume, thick_mm), &|mask| {
             thicker_mask(mask, &volume.grid, thick_mm)
