@@ -47,7 +47,7 @@ pub struct LumenArgs {
     /// Leave an airway's thin bronchi out
     #[arg(long, requires = "organ", conflicts_with = "thin_bronchi")]
     pub no_thin_bronchi: bool,
-    /// Draw the segmented organ in projections of the volume: a PNG
+    /// Draw the segmented organ in projections of the volume, a PNG, and say what else is there
     #[arg(long, value_name = "FILE.png", requires = "organ")]
     pub explain: Option<PathBuf>,
     /// Keep every component
@@ -138,6 +138,9 @@ impl LumenArgs {
             segmented.organ.iter().flat_map(|o| &o.segments).map(|s| s.seed).collect();
         let (width, height, rgb) = organ::explain(&volume, &segmented.lumen, &seeds);
         write_png(file, width, height, &rgb)?;
+        for line in organ::named_components(&volume) {
+            global.say(line)?;
+        }
         global.say(format_args!("wrote {}", shown(file)))
     }
 

@@ -49,38 +49,20 @@ const LISTED: usize = 3;
 
 /// The aorta of a CT with contrast medium, and its branches.
 pub(super) fn find(volume: &Volume, gates: &Gates) -> Result<FoundOrgan, OrganError> {
-    let mut refused = Vec::new();
     let (copy, factor) = aorta::coarse(volume);
     let search = FrameSearch::new(volume, &copy, factor);
     let chains = aorta::candidates(copy, factor);
-    let mut shaped: Vec<ShapedChain> = Vec::new();
-    for (i, aorta) in chains.iter().enumerate() {
-        match ShapedChain::of(volume, aorta, &search, gates.clone()) {
-            Ok(found) => shaped.push(found),
-            Err(why) => refused.push(format!("{}: {why}", aorta.name())),
-        }
-        let has_rival = |found: &ShapedChain| {
-            chains[i + 1..].iter().any(|other| other.is_artery_beside(found.aorta))
-        };
-        if shaped.last().is_some_and(|found| found.is_sure() && !has_rival(found)) {
-            break;
-        }
-    }
-    // A vena cava may pass too, but is darker, or passes by less.
-    let vessels = shaped.iter().filter(|found| !found.is_vertebrae());
-    let vessels: Vec<&Aorta> = vessels.map(|found| found.aorta).collect();
-    shaped.sort_by(|a, b| b.gates.confidence.total_cmp(&a.gates.confidence));
-    for found in shaped {
-        let name = found.aorta.name();
-        let artery = vessels.iter().find(|other| other.is_artery_beside(found.aorta));
-        let made = match (found.place.clone(), artery) {
-            (Err(why), _) => Err(why),
-            (Ok(()), Some(artery)) => {
-                Err(found.gates.refuse(format!("a vein beside {}", artery.name())))
-            }
-            (Ok(()), None) => {
-                let veins: Vec<&Aorta> = chains.iter().filter(|c| found.is_vein(c)).collect();
-                from_aorta(volume, found, &veins)
+    let mut found = ShapedChains::of(volume, &chains, &search, gates, true);
+    found.shaped.sort_by(|a, b| b.gates.confidence.total_cmp(&a.gates.confidence));
+    let mut refused = std::mem::take(&mut found.refused);
+    let vessels = found.vessels();
+    for chain in found.shaped {
+        let name = chain.aorta.name();
+        let made = match chain.refusal(&vessels) {
+            Some(why) => Err(why),
+            None => {
+                let veins: Vec<&Aorta> = chains.iter().filter(|c| chain.is_vein(c)).collect();
+                from_aorta(volume, chain, &veins)
             }
         };
         match made {
@@ -93,6 +75,72 @@ pub(super) fn find(volume: &Volume, gates: &Gates) -> Result<FoundOrgan, OrganEr
     }
     refused.truncate(LISTED);
     Err(gates.refuse(refused.join("; ")))
+}
+
+/// Describes the patient's frame and each chain of bright sections with its name: a line each.
+pub(super) fn named(volume: &Volume) -> Vec<String> {
+    let (copy, factor) = aorta::coarse(volume);
+    let search = FrameSearch::new(volume, &copy, factor);
+    let frame = search.find_without(&BitVolume::new(volume.grid.dims));
+    let mut lines = vec![frame.map_or("no spine seen".into(), |frame| frame.line())];
+    let chains = aorta::candidates(copy, factor);
+    let found = ShapedChains::of(volume, &chains, &search, &Gates::new(Organ::Vessel), false);
+    let vessels = found.vessels();
+    for chain in &found.shaped {
+        let words = match chain.refusal(&vessels) {
+            None => "aorta".into(),
+            Some(OrganError::NotFound { why, .. }) if chain.is_vertebrae() => {
+                format!("vertebrae; else aorta ({why})")
+            }
+            Some(OrganError::NotFound { why, .. }) => format!("other vessel; else aorta ({why})"),
+            Some(other) => other.to_string(),
+        };
+        lines.push(format!("{}: {words}", chain.aorta.name()));
+    }
+    lines.extend(found.refused.iter().map(|line| format!("other; else aorta: {line}")));
+    lines
+}
+
+/// Chains of bright sections, sorted by shape.
+struct ShapedChains<'a> {
+    shaped: Vec<ShapedChain<'a>>,
+    /// Texts of the refusals of the others.
+    refused: Vec<String>,
+}
+
+impl<'a> ShapedChains<'a> {
+    /// * `until_sure`: whether to end with a chain that leaves no doubt.
+    fn of(
+        volume: &Volume,
+        chains: &'a [Aorta],
+        search: &FrameSearch,
+        gates: &Gates,
+        until_sure: bool,
+    ) -> Self {
+        let mut out = Self { shaped: Vec::new(), refused: Vec::new() };
+        for (i, aorta) in chains.iter().enumerate() {
+            match ShapedChain::of(volume, aorta, search, gates.clone()) {
+                Ok(found) => out.shaped.push(found),
+                Err(OrganError::NotFound { why, .. }) => {
+                    out.refused.push(format!("{}: {why}", aorta.name()));
+                }
+                Err(other) => out.refused.push(other.to_string()),
+            }
+            let has_rival = |found: &ShapedChain| {
+                chains[i + 1..].iter().any(|other| other.is_artery_beside(found.aorta))
+            };
+            if until_sure && out.shaped.last().is_some_and(|c| c.is_sure() && !has_rival(c)) {
+                break;
+            }
+        }
+        out
+    }
+
+    /// The chains that are no vertebrae.
+    fn vessels(&self) -> Vec<&'a Aorta> {
+        let vessels = self.shaped.iter().filter(|chain| !chain.is_vertebrae());
+        vessels.map(|chain| chain.aorta).collect()
+    }
 }
 
 /// Bone and the marrow that it encloses in the slices across an axis, with its rim.
@@ -153,6 +201,15 @@ impl<'a> ShapedChain<'a> {
         }
         let place = aorta.has_place(frame.as_ref(), &mut gates);
         Ok(Self { aorta, around, frame, gates, place })
+    }
+
+    /// Why it is no aorta: it lies elsewhere, or is darker than a vessel beside it.
+    fn refusal(&self, vessels: &[&Aorta]) -> Option<OrganError> {
+        if let Err(why) = &self.place {
+            return Some(why.clone());
+        }
+        let artery = vessels.iter().find(|other| other.is_artery_beside(self.aorta))?;
+        Some(self.gates.refuse(format!("a vein beside {}", artery.name())))
     }
 
     fn is_sure(&self) -> bool {

@@ -1,9 +1,13 @@
 //! A picture of the segmented organ: the volume seen from the front, from the left and from the
-//! feet, as an X-ray would show it, with the organ and its seeds in colour.
+//! feet, as an X-ray would show it, with the organ and its seeds in colour. And the names of what a CT
+//! holds, one line for each piece of gas and each chain of bright sections.
 
 use glam::{DVec3, UVec3};
 use rayon::prelude::*;
 
+use super::arteries;
+use super::gas::Gas;
+use super::vessel::CT_HU;
 use crate::lumen::Lumen;
 use crate::volume::{Grid, Volume};
 
@@ -42,6 +46,24 @@ pub fn explain(volume: &Volume, lumen: &Lumen, seeds: &[UVec3]) -> Picture {
         left += view.width + GAP_PX;
     }
     (width as u32, height as u32, rgb)
+}
+
+/// Describes the patient's frame and the components of a CT with their names, a line each; of other
+/// volumes nothing.
+pub fn named_components(volume: &Volume) -> Vec<String> {
+    if volume.range().is_none_or(|(low, _)| low >= CT_HU) {
+        return Vec::new();
+    }
+    let mut lines = arteries::named(volume);
+    if let Some(gas) = Gas::of(volume) {
+        let taken = gas.colon.iter().map(|c| {
+            let ml = c.features.volume_ml;
+            format!("{ml:.0} ml of gas at {}: {}", c.seed, c.name.line())
+        });
+        lines.extend(taken);
+        lines.extend(gas.left_out);
+    }
+    lines
 }
 
 /// A view along the index axis nearest to a direction of patient space.

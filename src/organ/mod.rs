@@ -32,7 +32,7 @@ mod vessel;
 mod walled;
 
 pub use colon_ends::ColonEnds;
-pub use explain::{Picture, explain};
+pub use explain::{Picture, explain, named_components};
 pub use glance::{Glance, glance};
 
 use glam::{IVec3, UVec3};

@@ -11,7 +11,7 @@ use crate::lumen::{BitVolume, IntensitySelection, Piece, dilated, eroded, pieces
 use crate::volume::Volume;
 
 /// A volume with values below this is a CT in HU with air in it.
-const CT_HU: f64 = -500.0;
+pub(super) const CT_HU: f64 = -500.0;
 /// Least number of slices along each axis: less shows no tree.
 const MIN_SIDE: u32 = 12;
 /// Most of a volume that vessels fill.
