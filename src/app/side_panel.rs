@@ -255,6 +255,7 @@ mod tests {
             description: ScreenText("Thorax lung".into()),
             kernel: ScreenText("B70f".into()),
             thickness_mm: Some(1.0),
+            plane: "axial",
         };
         let details = "CT, 1 mm, B70f, 275 slices, 512 x 512";
         assert_eq!(series_texts(&series), ["Thorax lung", details]);

@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use super::CliError;
 use super::dicom_args::DicomArgs;
 use super::global::Global;
-use crate::formats::{FormatError, inspect, read_volume};
+use crate::formats::{FormatError, inspect, is_mesh, read_mesh, read_volume};
 use crate::session::reading_bytes;
 
 /// `intima info INPUT`
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Volume: DICOM folder or file, OME-Zarr folder, .nii[.gz], .nrrd/.nhdr, .mha/.mhd
+    /// Volume (DICOM folder or file, OME-Zarr folder, .nii[.gz], .nrrd/.nhdr, .mha/.mhd) or mesh
     input: PathBuf,
     #[command(flatten)]
     dicom: DicomArgs,
@@ -31,6 +31,9 @@ impl Args {
     /// Prints a table, or JSON.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
         let options = self.dicom.options();
+        if is_mesh(&self.input) {
+            return self.mesh(global);
+        }
         let info = inspect(&self.input, &options)?;
         let range = match &info.image {
             Some(image) => {
@@ -75,9 +78,10 @@ impl Args {
         }
         for s in &info.series {
             let [x, y, z] = s.dims;
-            let n = s.slices;
+            let (n, of) = (s.slices, s.distinction());
+            let of = if of.is_empty() { of } else { format!(" of {of}") };
             global.say(format_args!(
-                "series {:3}   {} {} {x} x {y} x {z}, {n} slices",
+                "series {:3}   {} {} {x} x {y} x {z}, {n} slices{of}",
                 s.index, s.uid, s.modality
             ))?;
         }
@@ -88,5 +92,25 @@ impl Args {
             global.say(format_args!("note         {n}"))?;
         }
         global.answer(&FileInfo { info, range })
+    }
+
+    /// Describes a mesh.
+    fn mesh(&self, global: &Global) -> Result<(), CliError> {
+        let (mesh, notes) = read_mesh(&self.input, None)?;
+        let (low, high) = mesh.bounds().unwrap_or_default();
+        let [x, y, z] = (high - low).to_array();
+        let (vertices, faces) = (mesh.positions.len(), mesh.faces.len());
+        global.say(format_args!("format       mesh"))?;
+        global.say(format_args!("vertices     {vertices}"))?;
+        global.say(format_args!("faces        {faces}"))?;
+        global.say(format_args!("box          {x} x {y} x {z} mm"))?;
+        for n in &notes {
+            global.say(format_args!("note         {n}"))?;
+        }
+        let size_mm = [x, y, z];
+        global.answer(&serde_json::json!({
+            "format": "mesh", "vertices": vertices, "faces": faces, "box_mm": size_mm,
+            "notes": notes,
+        }))
     }
 }

@@ -21,7 +21,7 @@ use crate::volume::{Grid, Samples, Volume};
 pub struct LumenArgs {
     /// Label map: FILE, FILE:LABEL or FILE:LABEL,LABEL…
     #[arg(long, value_name = "FILE[:LABEL…]", conflicts_with = "threshold")]
-    pub mask: Option<String>,
+    pub mask: Option<PathBuf>,
     /// Inclusive range in HU or stored units after rescale; either side may be empty
     #[arg(long, value_name = "LO:HI", allow_hyphen_values = true)]
     pub threshold: Option<String>,
@@ -206,11 +206,11 @@ pub fn write_mask(
 }
 
 /// `FILE:1,2` into path and labels; a path that exists as it stands has no labels.
-fn split_labels(spec: &str) -> (PathBuf, Vec<i64>) {
-    if Path::new(spec).exists() {
+fn split_labels(spec: &Path) -> (PathBuf, Vec<i64>) {
+    if spec.exists() {
         return (spec.into(), Vec::new());
     }
-    let labels = spec.rsplit_once(':').and_then(|(path, labels)| {
+    let labels = spec.to_str().and_then(|spec| spec.rsplit_once(':')).and_then(|(path, labels)| {
         let labels: Option<Vec<i64>> = labels.split(',').map(|l| l.trim().parse().ok()).collect();
         Some((PathBuf::from(path), labels?))
     });
@@ -267,7 +267,7 @@ mod tests {
 
     #[test]
     fn labels_follow_the_last_colon_only_when_they_are_numbers() {
-        let split = split_labels;
+        let split = |spec: &str| split_labels(Path::new(spec));
         assert_eq!(split("a.nrrd:1,2"), ("a.nrrd".into(), vec![1, 2]));
         assert_eq!(split("a:b.nrrd"), ("a:b.nrrd".into(), vec![]));
     }

@@ -88,12 +88,23 @@ enum CliCommand {
     /// Open a window and fly by hand
     #[cfg(feature = "window")]
     Fly(fly::Args),
+    #[cfg(not(feature = "window"))]
+    #[command(hide = true)]
+    Fly(NoWindow),
     /// Time kernels and stages on each device
     Bench(bench::Args),
     /// Print shell completions
     Completions(generate::CompletionArgs),
     /// Print the manual pages, or write them into a folder
     Man(generate::ManArgs),
+}
+
+/// Arguments of `fly` where there is no window: any.
+#[cfg(not(feature = "window"))]
+#[derive(Debug, clap::Args)]
+struct NoWindow {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    _rest: Vec<std::ffi::OsString>,
 }
 
 /// The whole grammar, for completions and tests.
@@ -184,6 +195,10 @@ impl CliCommand {
             Self::Bids(a) => a.run(global),
             #[cfg(feature = "window")]
             Self::Fly(a) => a.run(global),
+            #[cfg(not(feature = "window"))]
+            Self::Fly(_) => Err(CliError::Usage(
+                "this build has no window; the feature `window` builds it".into(),
+            )),
             Self::Bench(a) => a.run(global),
             Self::Completions(a) => a.run(),
             Self::Man(args) => args.run(),

@@ -84,7 +84,8 @@ impl SessionArgs {
             taken.push(at);
         }
         // The last check: on a machine without ffmpeg errors of the command line are reported first.
-        Ok(self.frames.video.as_deref().map_or(Ok(()), VideoWriter::check)?)
+        let check = |video| VideoWriter::check(video, self.frames.fps);
+        Ok(self.frames.video.as_deref().map_or(Ok(()), check)?)
     }
 
     /// Returns the files of a recording with its frames in `folder`.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::{Case, CohortError};
+use super::{Case, CaseNames, CohortError};
 use crate::formats::{FormatError, NOTICE, atomic_file, read_plain, to_pretty_json};
 
 /// Version of BIDS that outputs follow.
@@ -64,9 +64,14 @@ impl Dataset {
 
     /// Writes the description of the dataset and the list of files for validators to pass over.
     ///
+    /// * `names`: an input whose paths are hashed is not linked to, unless only by steps upwards.
+    ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn describe(&self, input: &Path) -> Result<(), FormatError> {
+    pub fn describe(&self, input: &Path, names: CaseNames) -> Result<(), FormatError> {
+        let link = link(&self.folder, input);
+        let shows_path = names == CaseNames::Hash && link.starts_with("file:");
+        let links = if shows_path { json!({}) } else { json!({ "raw": link }) };
         let description = json!({
             "Name": "Virtual endoscopy by intima",
             "BIDSVersion": BIDS_VERSION,
@@ -77,7 +82,7 @@ impl Dataset {
                 "Version": env!("CARGO_PKG_VERSION"),
                 "Description": NOTICE,
             }],
-            "DatasetLinks": { "raw": link(&self.folder, input) },
+            "DatasetLinks": links,
         });
         let text = to_pretty_json(&description).expect("a value is JSON") + "\n";
         self.write_if_changed("dataset_description.json", &text)?;
@@ -174,12 +179,27 @@ mod tests {
         std::fs::write(at("theirs/dataset_description.json"), "{\"Name\": \"raw\"}").unwrap();
         assert!(matches!(open("theirs"), Err(CohortError::Output { .. })));
         let ours = open("in/derivatives/ours").unwrap();
-        ours.describe(&at("in")).unwrap();
+        ours.describe(&at("in"), CaseNames::Hash).unwrap();
         assert!(open("in/derivatives/ours").is_ok(), "our own is taken again");
         let text = std::fs::read(at("in/derivatives/ours/dataset_description.json")).unwrap();
         let value: Value = serde_json::from_slice(&text).unwrap();
         assert_eq!(value["DatasetLinks"]["raw"], "../..");
         assert_eq!(value["DatasetType"], "derivative");
+    }
+
+    #[test]
+    fn the_path_of_an_input_whose_names_are_hashed_is_not_in_the_description() {
+        let dir = tempfile::tempdir().unwrap();
+        let (input, out) = (dir.path().join("Doe^Jane"), dir.path().join("out"));
+        std::fs::create_dir(&input).unwrap();
+        let dataset = Dataset::open(&out, &input).unwrap();
+        let links = |names: CaseNames| {
+            dataset.describe(&input, names).unwrap();
+            let text = std::fs::read(out.join("dataset_description.json")).unwrap();
+            serde_json::from_slice::<Value>(&text).unwrap()["DatasetLinks"].clone()
+        };
+        assert!(links(CaseNames::Folder)["raw"].as_str().unwrap().ends_with("/Doe%5EJane"));
+        assert_eq!(links(CaseNames::Hash), json!({}));
     }
 
     #[test]

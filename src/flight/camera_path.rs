@@ -264,7 +264,10 @@ impl From<&Flight> for CameraPath {
             }
         };
         Self {
-            fov_y_deg: f64::from(flight.fov_y_rad).to_degrees(),
+            // One degree of 32 bits is a little less than one.
+            fov_y_deg: f64::from(flight.fov_y_rad)
+                .to_degrees()
+                .clamp(*FOV_DEG.start(), *FOV_DEG.end()),
             shots: (0..flight.poses.len()).map(shot).collect(),
         }
     }

@@ -19,7 +19,7 @@ pub use curve::{write_branches, write_centerline};
 pub use error::{FieldValue, FormatError, shown, shown_lines};
 pub use image::{encode_png, png_size, read_png, write_png};
 pub use json::{to_json, to_pretty_json};
-pub use mesh::{Facing, Space, read_mesh, write_mesh, write_wall};
+pub use mesh::{Facing, Space, is_mesh, read_mesh, write_mesh, write_wall};
 pub use video::{NoFfmpeg, VideoWriter};
 pub use vol::{
     ImageInfo, InputInfo, ReadOptions, ScreenText, SegmentDescription, SegmentInfo, SeriesInfo,

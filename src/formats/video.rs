@@ -11,6 +11,8 @@ use super::atomic_file::{AtomicFile, TemporaryFile};
 use super::error::FieldValue;
 use super::{FormatError, NOTICE};
 
+/// Time between two looks at whether ffmpeg has ended.
+const POLL: std::time::Duration = std::time::Duration::from_millis(20);
 /// Encoders that may still run.
 static ENCODERS: Mutex<Vec<Weak<Mutex<Child>>>> = Mutex::new(Vec::new());
 
@@ -56,6 +58,17 @@ impl Container {
             }
         }
     }
+
+    /// Refuses a number of frames a second that the container does not hold. A GIF counts hundredths of
+    /// a second, and players slow frames of one hundredth down.
+    fn check_rate(self, path: &Path, fps: f64) -> Result<(), FormatError> {
+        let (most, why) = match self {
+            Self::Mp4 => (1000.0, "not in (0, 1000]"),
+            Self::Gif => (50.0, "a GIF holds 50 at most; .mp4 holds more"),
+        };
+        let is_held = fps > 0.0 && fps <= most;
+        if is_held { Ok(()) } else { Err(FormatError::field(path, "frames a second", fps, why)) }
+    }
 }
 
 /// A video being written. It takes its name at [`VideoWriter::finish`]; dropped before that, it
@@ -83,13 +96,13 @@ impl VideoWriter {
         program().is_some()
     }
 
-    /// Checks what can be known of a video before its first frame: its extension, and that there is an
-    /// ffmpeg.
+    /// Checks what can be known of a video before its first frame: its extension, its rate, and that
+    /// there is an ffmpeg.
     ///
     /// # Errors
-    /// [`FormatError::Unsupported`], [`FormatError::Io`] around [`NoFfmpeg`].
-    pub fn check(path: &Path) -> Result<(), FormatError> {
-        Container::of(path)?;
+    /// [`FormatError::Unsupported`], [`FormatError::Field`], [`FormatError::Io`] around [`NoFfmpeg`].
+    pub fn check(path: &Path, fps: f64) -> Result<(), FormatError> {
+        Container::of(path)?.check_rate(path, fps)?;
         program_for(path).map(drop)
     }
 
@@ -106,13 +119,13 @@ impl VideoWriter {
             let size = FieldValue::size(width, height);
             return Err(FormatError::field(path, "frame size", size, "not 1 to 16384 a side"));
         }
-        if !(fps > 0.0 && fps <= 1000.0) {
-            return Err(FormatError::field(path, "frames a second", fps, "not in (0, 1000]"));
-        }
+        container.check_rate(path, fps)?;
         let fail = |e| FormatError::io(path, e);
         let program = program_for(path)?;
         let temporary = TemporaryFile::create(path).map_err(fail)?;
-        let log = tempfile::tempfile().map_err(fail)?;
+        // Beside the video: the system's folder of temporary files may not be there.
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+        let log = tempfile::tempfile_in(folder.unwrap_or(Path::new("."))).map_err(fail)?;
         let mut command = Command::new(program);
         command
             .args(arguments(container, width, height, fps))
@@ -171,7 +184,15 @@ impl VideoWriter {
         if let Some(mut stdout) = self.stdout.take() {
             let _ = io::copy(&mut stdout, &mut io::sink());
         }
-        let status = locked(&self.child).wait().map_err(|e| FormatError::io(&self.path, e))?;
+        // An ffmpeg may close its output and go on: the lock is held for no wait, so that it can be ended.
+        let status = loop {
+            let ended =
+                locked(&self.child).try_wait().map_err(|e| FormatError::io(&self.path, e))?;
+            match ended {
+                Some(status) => break status,
+                None => std::thread::sleep(POLL),
+            }
+        };
         if !status.success() {
             return Err(self.complaint());
         }

@@ -10,7 +10,8 @@ use super::report::hash_of;
 use super::settings::{Reading, Settings, Source, VolumeSource};
 use super::{Clock, InputReport, Session, SessionError, locked, present, put, refuse_above};
 use crate::formats::{
-    FormatError, InputInfo, ReadOptions, VolumeParts, inspect, read_mesh, read_volume, shown,
+    FormatError, InputInfo, ReadOptions, VolumeParts, inspect, is_mesh, read_mesh, read_volume,
+    shown,
 };
 use crate::lumen::{BitVolume, IntensitySelection, enclosing_grid, select_in_parts, voxelized};
 use crate::volume::{Grid, Rescale, SampleType, Samples, Volume, with_samples};
@@ -362,12 +363,6 @@ fn read_file(
     let d = volume.grid.dims;
     tracing::info!("read {} x {} x {} voxels", d.x, d.y, d.z);
     Ok(volume)
-}
-
-/// Whether a file is a surface by its name.
-fn is_mesh(path: &std::path::Path) -> bool {
-    let name = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-    name.is_some_and(|e| ["ply", "stl", "obj", "vtp", "glb"].contains(&e.as_str()))
 }
 
 /// Label map of the voxels that a closed surface encloses.

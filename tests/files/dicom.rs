@@ -70,7 +70,7 @@ fn dicom_series_that_are_no_box_are_refused_with_the_miss() {
     let inverse = |_: usize, s: &mut volumes::Slice| s.photometric = "MONOCHROME1";
     assert!(refused(&[0.0, 2.0], &inverse).contains("MONOCHROME1"));
     let frames = |_: usize, s: &mut volumes::Slice| s.frames = "12";
-    assert!(refused(&[0.0, 2.0], &frames).contains("12 frames are described by 0"));
+    assert!(refused(&[0.0, 2.0], &frames).contains("12 frames in a file that does not say where"));
 }
 
 /// A volume that grows linearly in all directions, on slices that are pushed and uneven.
@@ -316,9 +316,12 @@ fn several_series_are_told_apart_by_size_and_thickness_and_not_by_uid() {
     }
     let said = refusal(dir.path());
     let lines: Vec<&str> = said.lines().skip(1).collect();
-    assert!(lines[0].starts_with("  0  CT  ") && lines[0].ends_with("3 slices of 2 mm"), "{said}");
     assert!(
-        lines[1].starts_with("  1  CT  ") && lines[1].ends_with("3 slices of 0.75 mm"),
+        lines[0].starts_with("  0  CT  ") && lines[0].ends_with("3 slices of 2 mm, axial"),
+        "{said}"
+    );
+    assert!(
+        lines[1].starts_with("  1  CT  ") && lines[1].ends_with("3 slices of 0.75 mm, axial"),
         "{said}"
     );
     assert!(!said.contains("1.2.826"), "{said}");
@@ -466,7 +469,7 @@ fn several_dicom_series_are_listed_and_one_is_chosen() {
     let dir = tempfile::tempdir().unwrap();
     let second = dir.path().join("b");
     std::fs::create_dir(&second).unwrap();
-    series(dir.path(), &[0.0, 1.0], |_, s| s.series = "1.2.3");
+    series(dir.path(), &[0.0, 1.0, 2.0], |_, s| s.series = "1.2.3");
     series(&second, &[0.0, 2.0, 4.0], |_, s| s.series = "1.2.4");
     let e = read(dir.path()).unwrap_err();
     assert!(matches!(e, FormatError::Series { .. }));
@@ -481,6 +484,36 @@ fn several_dicom_series_are_listed_and_one_is_chosen() {
     }
     let options = ReadOptions { series: Some("9".to_owned()), ..Default::default() };
     assert!(matches!(read_volume(dir.path(), &options), Err(FormatError::Series { .. })));
+}
+
+#[test]
+fn a_stray_series_of_two_slices_is_named_and_the_other_one_taken() {
+    let dir = tempfile::tempdir().unwrap();
+    let second = dir.path().join("b");
+    std::fs::create_dir(&second).unwrap();
+    series(dir.path(), &[0.0, 1.0], |_, s| s.series = "1.2.3");
+    series(&second, &[0.0, 2.0, 4.0], |_, s| s.series = "1.2.4");
+    assert_eq!(read(dir.path()).unwrap().grid.dims.z, 3);
+    let info = inspect(dir.path(), &ReadOptions::default()).unwrap();
+    assert_eq!(info.image.unwrap().dims[2], 3);
+    let named = |note: &String| note.contains("passed over series 0 (CT, 2 slices)");
+    assert!(info.notes.iter().any(named), "{:?}", info.notes);
+    let options = ReadOptions { series: Some("0".into()), ..Default::default() };
+    assert_eq!(read_volume(dir.path(), &options).unwrap().grid.dims.z, 2);
+}
+
+#[test]
+fn series_of_two_kernels_and_planes_are_told_apart_in_the_message() {
+    let dir = tempfile::tempdir().unwrap();
+    let parts = [("a", "1.2.3", "B70f"), ("b", "1.2.4", "B40f"), ("c", "1.2.5", "DOE JANE")];
+    for (folder, uid, kernel) in parts {
+        let at = dir.path().join(folder);
+        std::fs::create_dir(&at).unwrap();
+        series(&at, &[0.0, 1.0, 2.0], |_, s| (s.series, s.kernel) = (uid, kernel));
+    }
+    let said = refusal(dir.path());
+    assert!(said.contains("axial, B70f") && said.contains("axial, B40f"), "{said}");
+    assert!(!said.contains("DOE"), "{said}");
 }
 
 #[test]

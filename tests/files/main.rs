@@ -9,6 +9,7 @@ mod in_parts;
 mod layers;
 mod memory;
 mod meshes;
+mod others;
 mod pictures;
 mod segments;
 mod volumes;

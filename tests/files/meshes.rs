@@ -479,7 +479,6 @@ fn hostile_stl_and_obj_are_named_not_believed() {
         "f -5 1 2",
         "f 1 2",
         "f a b c",
-        "f 1//1 2//1 3//1",
         "v 1 2",
         "v nan 0 0",
         "f 1 2 99999999999999999999",

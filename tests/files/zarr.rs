@@ -152,7 +152,7 @@ fn version_0_5_and_a_collection_are_found_and_what_no_unit_is_given_for_is_said(
         "attributes": { "ome": { "bioformats2raw.layout": 3 } } });
     std::fs::write(dir.path().join("scan/zarr.json"), top.to_string()).unwrap();
     let info = inspect(&dir.path().join("scan"), &ReadOptions::default()).unwrap();
-    let said = ["no orientation", "no unit", "a collection"];
+    let said = ["no scale", "no orientation", "no unit", "a collection"];
     assert!(
         info.notes.iter().zip(said).all(|(note, what)| note.contains(what)),
         "{:?}",

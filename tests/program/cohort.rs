@@ -233,6 +233,27 @@ fn a_failed_case_is_a_row_with_its_reason_and_stops_no_other() {
 }
 
 #[test]
+fn a_folder_with_the_name_of_a_patient_is_in_no_output_of_hashed_cases() {
+    let cohort = Cohort::new();
+    cohort.scan("../Doe^Jane/a.nrrd", Kind::Tube);
+    let absolute = cohort.dir().join("Doe^Jane");
+    for (input, out) in [("Doe^Jane", "out"), (absolute.to_str().unwrap(), "out_2")] {
+        for level in ["participant", "group"] {
+            let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
+            command.args(["bids", input, out, level, "--case-names", "hash"]).args(SMALL);
+            let run = command.current_dir(cohort.dir()).stdin(Stdio::null()).output().unwrap();
+            assert_eq!(run.status.code(), Some(0), "{}", String::from_utf8_lossy(&run.stderr));
+            let said = [run.stdout, run.stderr].concat();
+            assert!(!String::from_utf8_lossy(&said).contains("Doe"));
+        }
+        let mut grep = Command::new("grep");
+        grep.args(["-r", "-l", "-e", "Doe.*Jane"]).arg(out).current_dir(cohort.dir());
+        let found = grep.output().unwrap();
+        assert_eq!(String::from_utf8_lossy(&found.stdout), "");
+    }
+}
+
+#[test]
 fn flags_that_cannot_suit_every_case_are_refused() {
     let cohort = Cohort::plain();
     for flags in [&["--mask", "m.nrrd"][..], &["--video", "v.mp4"], &["--repeat", "2"]] {

@@ -9,8 +9,8 @@ use std::sync::{Mutex, PoisonError};
 use serde::Serialize;
 use serde_json::json;
 
-use super::Args;
 use super::case::CaseLock;
+use super::{Args, counted_cases};
 use crate::cli::CliError;
 use crate::cli::global::Global;
 use crate::cohort::{Case, CaseStatus, Check, Dataset, InputFile, Recipe};
@@ -72,7 +72,7 @@ impl Args {
         if self.list {
             return engine.list(&cases);
         }
-        dataset.describe(&self.bids_dir)?;
+        dataset.describe(&self.bids_dir, self.case_names)?;
         std::thread::scope(|scope| {
             let workers: Vec<_> = (0..self.jobs).map(|_| scope.spawn(|| engine.work())).collect();
             let join = |w: std::thread::ScopedJoinHandle<'_, Result<(), CliError>>| {
@@ -242,7 +242,8 @@ impl Engine<'_> {
         let [done, up_to_date, failed] = ["done", "up to date", "failed"].map(count);
         let total = outcomes.len();
         self.global.say(format_args!(
-            "{total} cases: {done} done, {up_to_date} up to date, {failed} failed"
+            "{}: {done} done, {up_to_date} up to date, {failed} failed",
+            counted_cases(total)
         ))?;
         self.global.answer(&json!({
             "cases": outcomes, "done": done, "up_to_date": up_to_date, "failed": failed,

@@ -82,6 +82,11 @@ enum Level {
     Group,
 }
 
+/// A number of cases in words.
+fn counted_cases(count: usize) -> String {
+    format!("{count} case{}", if count == 1 { "" } else { "s" })
+}
+
 /// Flags of a run that are the same for all cases.
 #[derive(Clone, Debug, clap::Args)]
 struct RunArgs {
@@ -187,7 +192,7 @@ impl Args {
             names.sort();
             names.dedup();
         }
-        dataset.describe(&self.bids_dir)?;
+        dataset.describe(&self.bids_dir, self.case_names)?;
         let table = QualityTable::read(dataset, &names);
         let page = quality_page(dataset, &table);
         for (name, text) in [("quality.tsv", table.tsv()), ("quality.html", page)] {
@@ -199,8 +204,8 @@ impl Args {
         let [done, failed, missing] =
             [CaseState::Done, CaseState::Failed, CaseState::Missing].map(count);
         global.say(format_args!(
-            "{} cases: {done} done, {failed} failed, {missing} missing",
-            names.len()
+            "{}: {done} done, {failed} failed, {missing} missing",
+            counted_cases(names.len())
         ))?;
         global.answer(&json!({ "done": done, "failed": failed, "missing": missing }))
     }

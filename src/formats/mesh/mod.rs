@@ -5,6 +5,7 @@ mod glb_read;
 mod obj;
 mod ply;
 pub(super) mod polydata;
+mod polygons;
 mod raw_mesh;
 mod stl;
 mod vtk_data;
@@ -54,7 +55,7 @@ impl FromStr for Space {
 }
 
 /// Reads a surface (.ply, .stl, .obj, .vtp, .glb) into LPS; lengths are taken as millimetres, those
-/// of glTF's world as metres with y up. Polygons become fans of triangles, faces with a repeated
+/// of glTF's world as metres with y up. Polygons become triangles, faces with a repeated
 /// vertex are dropped, and an STL's equal points become one vertex. The file's `SPACE` tag (a
 /// comment, VTK field data, extras of the glTF asset) says where x and y point; without one,
 /// `space` does; without either, LPS is assumed and a warning says so. Of a .vtp the caps come
@@ -82,6 +83,7 @@ pub fn read_mesh(path: &Path, space: Option<Space>) -> Result<(Mesh, Vec<String>
     read(path, &bytes, &mut counted)?;
     let mut raw = RawMesh::keeping(path, &counted)?;
     read(path, &bytes, &mut raw)?;
+    raw.cut_concave();
     Ok(finish(raw, space))
 }
 
@@ -163,6 +165,11 @@ impl<'a> FacedMesh<'a> {
     }
 }
 
+/// Whether a file has the extension of a mesh that is read.
+pub fn is_mesh(path: &Path) -> bool {
+    ["ply", "stl", "obj", "vtp", "glb"].contains(&extension(path).as_str())
+}
+
 fn extension(path: &Path) -> String {
     path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
 }
@@ -178,6 +185,20 @@ fn space_tag(text: &str) -> Option<Space> {
     [("SPACE=LPS", Space::Lps), ("SPACE=RAS", Space::Ras)]
         .into_iter()
         .find_map(|(tag, space)| text.contains(tag).then_some(space))
+}
+
+/// Least and greatest distance between the corners of a mesh's box that an organ may have, mm.
+const PLAUSIBLE_MM: std::ops::RangeInclusive<f32> = 1.2..=3000.0;
+
+/// Asks about the unit of a mesh that is no size of an organ.
+fn doubt_of_size(positions: &[Vec3]) -> Option<String> {
+    let low = positions.iter().copied().reduce(Vec3::min)?;
+    let high = positions.iter().copied().reduce(Vec3::max)?;
+    let mm = low.distance(high);
+    let is_organ = mm == 0.0 || PLAUSIBLE_MM.contains(&mm);
+    (!is_organ).then(|| {
+        format!("the mesh is {mm:.3} mm across: lengths are taken as millimetres; are they?")
+    })
 }
 
 /// Makes a mesh in LPS of a raw one, without degenerate faces or unusable normals.
@@ -220,6 +241,7 @@ fn finish(raw: RawMesh, space: Option<Space>) -> (Mesh, Vec<String>) {
             *v = Vec3::new(0.0 - v.x, 0.0 - v.y, v.z);
         }
     }
+    warnings.extend(doubt_of_size(&positions));
     (Mesh { positions, normals, faces, caps }, warnings)
 }
 

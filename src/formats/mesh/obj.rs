@@ -11,7 +11,7 @@ use crate::formats::atomic_file;
 pub(super) fn read(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), FormatError> {
     let mut normals = Vec::new();
     let mut normal_of: Vec<Option<u32>> = Vec::new();
-    let (mut several, mut normal_count) = (false, 0);
+    let (mut several, mut absent, mut normal_count) = (false, false, 0);
     for (number, line) in lines(bytes) {
         // Names in the file may be in any encoding; what is read here is ASCII.
         let Ok(line) = std::str::from_utf8(&line) else { continue };
@@ -40,12 +40,15 @@ pub(super) fn read(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), F
                     let v = parts.next().and_then(|w| index(w, raw.vertex_count()));
                     let v = v.ok_or_else(|| bad("names a vertex that is not there"))?;
                     if let Some(w) = parts.nth(1).filter(|w| !w.is_empty()) {
-                        let n = index(w, normal_count)
-                            .ok_or_else(|| bad("names a normal that is not there"))?;
-                        if raw.keeps() {
-                            several |=
-                                normal_of[v].is_some_and(|m| normals[m as usize] != normals[n]);
-                            normal_of[v] = Some(n as u32);
+                        match index(w, normal_count) {
+                            // Normals are computed anyway.
+                            None => absent = true,
+                            Some(n) if raw.keeps() => {
+                                several |=
+                                    normal_of[v].is_some_and(|m| normals[m as usize] != normals[n]);
+                                normal_of[v] = Some(n as u32);
+                            }
+                            Some(_) => {}
                         }
                     }
                     corners = raw.polygon_vertex(v as u32);
@@ -61,7 +64,9 @@ pub(super) fn read(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), F
     if !raw.keeps() {
         return Ok(());
     }
-    if several {
+    if absent {
+        raw.warnings.push("faces name normals that are not there: all normals dropped".into());
+    } else if several {
         raw.warnings.push("vertices with several normals: all normals dropped".into());
     } else if !normals.is_empty() {
         normal_of.resize(raw.vertex_count(), None);

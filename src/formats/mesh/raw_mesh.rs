@@ -30,6 +30,8 @@ pub(super) struct RawMesh {
     /// Largest vertex that a triangle names, and that triangle.
     highest: Option<(u32, usize)>,
     polygon: Polygon,
+    /// First triangle and number of triangles of each polygon of four corners or more.
+    pub polygons: Vec<(usize, usize)>,
 }
 
 /// The polygon that is being read, made a fan of triangles as its vertices come.
@@ -120,6 +122,11 @@ impl RawMesh {
             0 => self.polygon.first = v,
             1 => {}
             _ => self.push_face([first, last, v], cap),
+        }
+        match vertices {
+            3 if self.keeps => self.polygons.push((self.face_count - 2, 2)),
+            4.. if self.keeps => self.polygons.last_mut().into_iter().for_each(|p| p.1 += 1),
+            _ => {}
         }
         self.polygon.last = v;
         self.polygon.vertices = vertices + 1;

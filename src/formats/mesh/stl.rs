@@ -22,7 +22,9 @@ pub(super) fn read(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), F
     let size = |n: u32| (HEADER + 4) as u64 + u64::from(n) * ROW as u64;
     // Some programs begin binary files with `solid` too; the size tells them apart.
     let exact = count.is_some_and(|n| size(n) == bytes.len() as u64);
-    if !exact && bytes.trim_ascii_start().starts_with(b"solid") {
+    let start = bytes.trim_ascii_start();
+    let is_solid = start.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
+    if !exact && is_solid {
         return text(path, bytes, raw);
     }
     let count = count.ok_or_else(|| truncated("STL header", (HEADER + 4) as u64))?;
@@ -56,7 +58,7 @@ fn text(path: &Path, bytes: &[u8], raw: &mut RawMesh) -> Result<(), FormatError>
         |number: usize, why: &str| FormatError::text(path, format!("line {}", number + 1), why);
     for (number, line) in lines().enumerate() {
         let mut words = line.split_ascii_whitespace();
-        match words.next() {
+        match words.next().map(str::to_ascii_lowercase).as_deref() {
             Some("vertex") => {
                 let mut next = || words.next().and_then(|w| w.parse().ok());
                 let (Some(x), Some(y), Some(z)) = (next(), next(), next()) else {

@@ -102,13 +102,39 @@ pub struct SeriesInfo {
     /// Thickness of a slice, mm, where the series says.
     #[serde(skip)]
     pub thickness_mm: Option<f64>,
+    /// Plane of the slices: axial, coronal, sagittal or oblique; empty where none is said.
+    pub plane: &'static str,
 }
+
+/// Kernels that a manufacturer calls by a word.
+const KERNEL_NAMES: [&str; 8] =
+    ["BONE", "BONEPLUS", "CHST", "DETAIL", "EDGE", "LUNG", "SOFT", "STANDARD"];
 
 impl SeriesInfo {
     /// Thickness of a slice, or the step from one to the next where none is said: mm, to hundredths.
     pub fn slice_mm(&self) -> Option<f64> {
         let mm = self.thickness_mm.or(self.spacing_mm.map(|spacing| spacing[2]))?;
         Some((100.0 * mm).round() / 100.0)
+    }
+
+    /// Kernel in the manner of a code, such as `B70f`, `FC52` or `STANDARD`: other text of the input goes
+    /// into no message.
+    pub fn kernel_code(&self) -> Option<&str> {
+        let kernel = self.kernel.0.as_str();
+        let is_code = kernel.len() <= 8
+            && kernel.starts_with(|c: char| c.is_ascii_alphabetic())
+            && kernel.bytes().all(|b| b.is_ascii_alphanumeric())
+            && kernel.bytes().any(|b| b.is_ascii_digit());
+        (is_code || KERNEL_NAMES.contains(&kernel)).then_some(kernel)
+    }
+
+    /// Thickness, plane and kernel, as far as they are known, joined by commas.
+    pub fn distinction(&self) -> String {
+        let mm = self.slice_mm().map(|mm| format!("{mm} mm"));
+        let plane = Some(self.plane.to_owned()).filter(|plane| !plane.is_empty());
+        let kernel = self.kernel_code().map(str::to_owned);
+        let known: Vec<String> = [mm, plane, kernel].into_iter().flatten().collect();
+        known.join(", ")
     }
 }
 

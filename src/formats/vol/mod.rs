@@ -25,6 +25,7 @@ mod source;
 mod text;
 mod zarr;
 
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 pub use dicom::SourceSeries;
@@ -212,6 +213,15 @@ fn layout_of(path: &Path, kind: FileKind) -> Result<Layout, FormatError> {
     }
 }
 
+/// The first bytes of what a gzip file holds; fewer where it is damaged.
+fn gzip_prefix(path: &Path) -> Result<Vec<u8>, FormatError> {
+    let file = source::DataFile::open(path)?.take(1 << 20);
+    let mut bytes = vec![0; 512];
+    let n = source::fill(&mut flate2::read::MultiGzDecoder::new(file), &mut bytes).unwrap_or(0);
+    bytes.truncate(n);
+    Ok(bytes)
+}
+
 fn warn(format: &str, notes: &[String]) {
     notes.iter().for_each(|note| tracing::warn!("{format}: {note}"));
 }
@@ -231,6 +241,15 @@ fn kind(path: &Path) -> Result<FileKind, FormatError> {
     let head = source::prefix(path, 512)?;
     let name = lower_name(path);
     let ends = |list: &[&str]| list.iter().any(|e| name.ends_with(e));
+    if ends(&[".npz", ".npy"]) {
+        let what = "arrays of NumPy, which say no size of a voxel; save them as .nii.gz or .nrrd";
+        return Err(FormatError::unsupported(path, what));
+    }
+    if super::is_mesh(path) {
+        let what = "a mesh here; commands that need a lumen cut its inside into voxels of \
+                    --mesh-spacing";
+        return Err(FormatError::unsupported(path, what));
+    }
     if head.starts_with(b"PK\x03\x04") || ends(&[".zip"]) {
         return Err(FormatError::unsupported(path, "a zip archive; unzip it and give the folder"));
     }
@@ -238,7 +257,7 @@ fn kind(path: &Path) -> Result<FileKind, FormatError> {
         let what = "volumes of FreeSurfer (.mgz, .mgh); mri_convert turns them into .nii.gz";
         return Err(FormatError::unsupported(path, what));
     }
-    if ends(&[".nii", ".nii.gz", ".hdr", ".img"]) {
+    if ends(&[".nii", ".nii.gz", ".hdr", ".img", ".hdr.gz", ".img.gz"]) {
         return Ok(FileKind::Nifti);
     }
     if ends(&[".nrrd", ".nhdr"]) || head.starts_with(b"NRRD000") {
@@ -250,8 +269,21 @@ fn kind(path: &Path) -> Result<FileKind, FormatError> {
     if ends(&[".dcm", ".dicom", ".ima"]) || head.get(128..132) == Some(b"DICM") {
         return Ok(FileKind::Dicom);
     }
-    let magic = head.get(344..348);
-    if magic == Some(b"n+1\0") || magic == Some(b"ni1\0") || head.starts_with(&[0x1f, 0x8b]) {
+    let is_nifti = |head: &[u8]| {
+        let magic = head.get(344..348);
+        magic == Some(b"n+1\0") || magic == Some(b"ni1\0")
+    };
+    if head.starts_with(&[0x1f, 0x8b]) {
+        let inner = gzip_prefix(path)?;
+        let what = match () {
+            () if is_nifti(&inner) => return Ok(FileKind::Nifti),
+            () if inner.get(128..132) == Some(b"DICM") => "a gzipped DICOM file; gunzip it",
+            () if inner.starts_with(b"NRRD000") => "a gzipped NRRD file; gunzip it",
+            () => "a gzip file of something else than NIfTI-1",
+        };
+        return Err(FormatError::unsupported(path, what));
+    }
+    if is_nifti(&head) {
         return Ok(FileKind::Nifti);
     }
     if head.starts_with(b"ObjectType") || head.starts_with(b"NDims") {

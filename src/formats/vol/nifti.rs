@@ -17,6 +17,8 @@ use super::source::{DataFile, fill, is_within_folder, prefix};
 use crate::volume::{Grid, Rescale, SampleType};
 
 const HEADER: usize = 348;
+/// Distance between corners by sform and by qform of which nothing is said, in sides of a voxel.
+const MAX_OFF: f64 = 0.1;
 
 pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
     let (header_path, image_path) = pair(path);
@@ -72,11 +74,23 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
 /// Header and image of an `.hdr`/`.img` pair; a single file is both.
 fn pair(path: &Path) -> (PathBuf, PathBuf) {
     let name = path.to_string_lossy();
-    match name.get(name.len().saturating_sub(4)..).map(str::to_ascii_lowercase).as_deref() {
-        Some(".hdr") => (path.to_owned(), path.with_extension("img")),
-        Some(".img") => (path.with_extension("hdr"), path.to_owned()),
-        _ => (path.to_owned(), path.to_owned()),
+    let lower = name.to_ascii_lowercase();
+    for gz in ["", ".gz"] {
+        for (own, other, is_header) in [(".hdr", ".img", true), (".img", ".hdr", false)] {
+            let own = format!("{own}{gz}");
+            if !lower.ends_with(&own) {
+                continue;
+            }
+            let stem = &name[..name.len() - own.len()];
+            // Either may be compressed, or both.
+            let beside = |gz: &str| PathBuf::from(format!("{stem}{other}{gz}"));
+            let other = [gz, "", ".gz"].map(beside).into_iter().find(|p| p.exists());
+            let other = other.unwrap_or_else(|| beside(gz));
+            let path = path.to_owned();
+            return if is_header { (path, other) } else { (other, path) };
+        }
     }
+    (path.to_owned(), path.to_owned())
 }
 
 fn header_bytes(path: &Path) -> Result<Vec<u8>, FormatError> {
@@ -139,32 +153,86 @@ fn geometry(path: &Path, h: &NiftiHeader, notes: &mut Vec<String>) -> Result<Gri
     };
     let side = |i: usize| f64::from(h.pixdim[i]);
     let mut spacing = DVec3::new(side(1), side(2), side(3));
+    if h.dim[0] == 2 && spacing.z == 0.0 {
+        notes.push("one slice without a thickness; 1 mm is assumed".to_owned());
+        spacing.z = 1.0 / mm;
+    }
+    let (sform, qform) = (sform(path, h, dims, spacing, mm), qform(path, h, dims, spacing, mm));
+    match (sform, qform) {
+        (Some(Ok(sform)), Some(Ok(qform))) => {
+            let off_mm = farthest_corners(&sform, &qform);
+            if off_mm > MAX_OFF * sform.spacing_mm.min_element() {
+                notes.push(format!(
+                    "sform and qform disagree by up to {off_mm:.1} mm; the sform is taken"
+                ));
+            }
+            Ok(sform)
+        }
+        (Some(Err(_)), Some(Ok(qform))) => {
+            notes.push("the sform cannot be used; the qform is taken".to_owned());
+            Ok(qform)
+        }
+        (Some(sform), _) => sform,
+        (None, Some(qform)) => qform,
+        (None, None) => {
+            let note = "neither sform nor qform; axes are taken as right, anterior, superior";
+            notes.push(note.to_owned());
+            grid(path, dims, spacing * mm, DVec3::ZERO, DMat3::from_diagonal(RAS))
+        }
+    }
+}
+
+/// The grid of the affine, where the header has one.
+fn sform(
+    path: &Path,
+    h: &NiftiHeader,
+    dims: [u64; 3],
+    spacing: DVec3,
+    mm: f64,
+) -> Option<Result<Grid, FormatError>> {
     let rows = [h.srow_x, h.srow_y, h.srow_z].map(|r| r.map(f64::from));
-    if h.sform_code > 0 {
-        let col = |j: usize| DVec3::new(rows[0][j], rows[1][j], rows[2][j]);
-        let steps = DMat3::from_cols(col(0), col(1), col(2));
+    let col = |j: usize| DVec3::new(rows[0][j], rows[1][j], rows[2][j]);
+    let steps = DMat3::from_cols(col(0), col(1), col(2));
+    let made = || {
         let mut found = grid_from_steps(path, dims, steps, col(3), RAS * mm)?;
         // The lengths of 32-bit columns carry noise that would make an isotropic volume look
         // anisotropic; where pixdim says the same without it, pixdim is taken.
         if (found.spacing_mm / (spacing * mm) - 1.0).abs().max_element() < 1e-5 {
             found.spacing_mm = spacing * mm;
         }
-        return Ok(found);
-    }
-    if h.dim[0] == 2 && spacing.z == 0.0 {
-        notes.push("one slice without a thickness; 1 mm is assumed".to_owned());
-        spacing.z = 1.0 / mm;
-    }
-    if h.qform_code > 0 {
+        Ok(found)
+    };
+    (h.sform_code > 0).then(made)
+}
+
+/// The grid of the quaternion, where the header has one.
+fn qform(
+    path: &Path,
+    h: &NiftiHeader,
+    dims: [u64; 3],
+    spacing: DVec3,
+    mm: f64,
+) -> Option<Result<Grid, FormatError>> {
+    let made = || {
         let rotation = quaternion(path, h)?;
         let handed = if h.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
         let place = [h.quatern_x, h.quatern_y, h.quatern_z].map(f64::from);
         let axes = DMat3::from_cols(rotation.x_axis, rotation.y_axis, rotation.z_axis * handed);
         let flip = DMat3::from_diagonal(RAS);
-        return grid(path, dims, spacing * mm, DVec3::from(place) * RAS * mm, flip * axes);
-    }
-    notes.push("neither sform nor qform; axes are taken as right, anterior, superior".to_owned());
-    grid(path, dims, spacing * mm, DVec3::ZERO, DMat3::from_diagonal(RAS))
+        grid(path, dims, spacing * mm, DVec3::from(place) * RAS * mm, flip * axes)
+    };
+    (h.qform_code > 0).then(made)
+}
+
+/// Largest distance between the same corner of two grids, mm.
+fn farthest_corners(a: &Grid, b: &Grid) -> f64 {
+    let last = a.dims.as_dvec3() - 1.0;
+    let corner = |k: u32| last * DVec3::new((k & 1).into(), (k >> 1 & 1).into(), (k >> 2).into());
+    let off = |v: DVec3| {
+        let [p, q] = [a, b].map(|grid| grid.world_from_voxel().transform_point3(v));
+        p.distance(q)
+    };
+    (0..8).map(|k| off(corner(k))).fold(0.0, f64::max)
 }
 
 /// Rotation of the qform, its first component recovered as the standard says.

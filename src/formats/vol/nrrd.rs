@@ -17,13 +17,16 @@ use crate::volume::{Grid, Rescale, SampleType};
 
 /// The fields that are read, lower case and without blanks. Others are passed over and take no
 /// memory, however many there are.
-const FIELDS: [&str; 16] = [
+const FIELDS: [&str; 19] = [
     "axismins",
     "byteskip",
+    "centerings",
+    "centers",
     "datafile",
     "dimension",
     "encoding",
     "endian",
+    "kinds",
     "lineskip",
     "sizes",
     "space",
@@ -86,6 +89,11 @@ impl<'a> NrrdHeader<'a> {
                 Some((name, value)) => {
                     let name: String = name.split_whitespace().collect();
                     let name = name.to_ascii_lowercase();
+                    // The names of the files stand in the lines that follow.
+                    if name == "datafile" && value.trim_start().starts_with("LIST") {
+                        let what = "`data file: LIST`, samples in several files";
+                        return Err(FormatError::unsupported(path, what));
+                    }
                     if let Some(known) = FIELDS.into_iter().find(|f| *f == name) {
                         fields.insert(known, field_value(path, known, value)?);
                     }
@@ -149,8 +157,9 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
     let (grid, layers) = geometry(&h, &mut notes)?;
     let segments = h.segments(layers);
     let (file, start) = match h.get("data file") {
-        Some(name) if name.starts_with("LIST") || name.contains('%') => {
-            return Err(FormatError::unsupported(path, "`data file` with several files"));
+        Some(name) if name.contains('%') => {
+            let what = "`data file` with a pattern, samples in several files";
+            return Err(FormatError::unsupported(path, what));
         }
         Some(name) => (sibling(path, "data file", name)?, 0),
         None => (path.to_owned(), h.end.ok_or_else(|| no_end(path))?),
@@ -254,7 +263,8 @@ fn offset(
     let bad = |why: &str| FormatError::field(h.path, "byte skip", bytes, why);
     match (encoding, u64::try_from(bytes)) {
         (Encoding::Raw, Err(_)) if bytes == -1 => Ok((None, 0)),
-        (_, Err(_)) => Err(bad("only -1, with encoding raw, may be negative")),
+        (Encoding::Raw, Err(_)) => Err(bad("only -1 may be negative")),
+        (_, Err(_)) => Err(bad("samples at the end of the file are of encoding raw alone")),
         (Encoding::Gzip, Ok(n)) => Ok((Some(at), n)),
         (_, Ok(n)) => {
             let too_far = || bad("beyond the end of the file");
@@ -292,13 +302,23 @@ fn geometry(h: &NrrdHeader, notes: &mut Vec<String>) -> Result<(Grid, usize), Fo
         (Some(v), _) => vectors(h, v, 1)?[0].unwrap_or(DVec3::ZERO),
         (None, Some(v)) if !described => {
             let mins = numbers::<f64>(h.path, "axis mins", v, axes)?;
-            let origin = pick(&mins);
+            // A cell's least place is its edge, a node's its middle.
+            let edge = DVec3::from_array(std::array::from_fn(|k| {
+                0.5 * f64::from(u8::from(!is_node(h, spatial[k]))) * steps.col(k)[k]
+            }));
+            let origin = pick(&mins) + edge;
             if origin.is_finite() { origin } else { DVec3::ZERO }
         }
         _ => DVec3::ZERO,
     };
     let dims = [sizes[spatial[0]], sizes[spatial[1]], sizes[spatial[2]]];
     Ok((grid_from_steps(h.path, dims, steps, origin, to_lps * unit)?, layers))
+}
+
+/// Whether samples along an axis lie at the ends of its range, not in the middle of cells.
+fn is_node(h: &NrrdHeader, axis: usize) -> bool {
+    let all = h.get("centers").or(h.get("centerings"));
+    all.and_then(|all| all.split_whitespace().nth(axis)).is_some_and(|word| word == "node")
 }
 
 /// The three axes of space, and the layers of a segmentation: its first axis, beside those of
@@ -308,6 +328,15 @@ fn spatial_axes(
     sizes: &[u64],
     directions: Option<&[Option<DVec3>]>,
 ) -> Result<([usize; 3], usize), FormatError> {
+    // Axes of vectors, colours and other values of one voxel.
+    let values = ["domain", "space", "time", "none", "???", "stub"];
+    let kinds: Vec<&str> = h.get("kinds").unwrap_or("").split_whitespace().collect();
+    let of_values = |i: &usize| kinds.get(*i).is_some_and(|kind| !values.contains(kind));
+    let components = (0..sizes.len()).find(|i| of_values(i) && sizes[*i] != 1);
+    if let Some(axis) = components.filter(|_| h.segments.is_empty()) {
+        let what = format!("vectors: axis {axis} holds {} values a voxel", sizes[axis]);
+        return Err(FormatError::unsupported(h.path, what));
+    }
     let mut spatial: Vec<usize> = match directions {
         Some(d) => (0..sizes.len()).filter(|&i| d[i].is_some()).collect(),
         None => (0..sizes.len()).collect(),

@@ -275,9 +275,20 @@ fn jpeg_ls(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
     if frame.marker != 0xf7 || size.bits_allocated > 16 {
         return Err("no JPEG-LS frame of 16 bits at most".into());
     }
-    let (samples, ..) =
-        jpegls::decode(bytes, size.columns, size.rows).map_err(|e| e.to_string())?;
+    let decode = |bytes: &[u8]| {
+        let decoded = jpegls::decode(bytes, size.columns, size.rows);
+        decoded.map(|(samples, ..)| samples).map_err(|e| e.to_string())
+    };
+    // A zero byte may stand between the last scan and the end marker; the decoder takes none there.
+    let samples = decode(bytes).or_else(|why| decode(&without_zero(bytes).ok_or(why)?))?;
     Ok(samples.into_iter().map(i32::from).collect())
+}
+
+/// A JPEG-LS stream without the zero byte before its end marker, where it has one.
+fn without_zero(bytes: &[u8]) -> Option<Vec<u8>> {
+    let end = bytes.windows(2).rposition(|two| two == [0xff, 0xd9])?;
+    let body = bytes[..end].strip_suffix(&[0])?;
+    Some([body, &bytes[end..]].concat())
 }
 
 /// Holds the SIZ marker of a codestream against the file (ISO/IEC 15444-1 A.5.1).

@@ -3,6 +3,7 @@
 
 use std::ops::Range;
 
+use super::charset::CharacterSet;
 use super::syntax;
 
 /// Group and element number.
@@ -22,13 +23,15 @@ pub(super) enum ElementScope {
 }
 use ElementScope::{File, Frames, Segments};
 
+pub(super) const CHARACTER_SET: Tag = (0x0008, 0x0005);
 pub(super) const SEGMENT_NUMBER: Tag = (0x0062, 0x0004);
 pub(super) const SEGMENT_LABEL: Tag = (0x0062, 0x0005);
 
 /// Elements that may be read. What is not on the list (names, dates, other descriptions) is never
 /// decoded. The description of a series is free text: it is shown where one is chosen from several
 /// and goes into no file, report or message.
-const READABLE: [(Tag, &Vr, &[ElementScope]); 39] = [
+const READABLE: [(Tag, &Vr, &[ElementScope]); 40] = [
+    (CHARACTER_SET, b"CS", &[File]),
     ((0x0008, 0x0008), b"CS", &[File]),         // image type
     ((0x0008, 0x0016), b"UI", &[File]),         // SOP class
     ((0x0008, 0x0060), b"CS", &[File]),         // modality
@@ -165,11 +168,10 @@ impl ElementHead {
     }
 
     /// A value as text, several joined by backslashes; `None` if it is cut within a number.
-    pub fn text(&self, c: ElementCoding, value: &[u8]) -> Option<String> {
+    pub fn text(&self, c: ElementCoding, set: CharacterSet, value: &[u8]) -> Option<String> {
         let vr = self.stored_as();
         if &vr != b"US" && &vr != b"SS" {
-            // Numbers, codes and UIDs are ASCII; a label of another character set shows marks.
-            return Some(String::from_utf8_lossy(value).into_owned());
+            return Some(set.decoded(value));
         }
         let (words, rest) = value.as_chunks::<2>();
         let number = |w: &[u8; 2]| match &vr {
@@ -232,11 +234,17 @@ mod tests {
         let c = ElementCoding { explicit: true, big: true };
         let (padding, long) = ElementHead::new(c, *b"\0\x28\x01\x20SS\0\x02");
         assert!(!long && padding.is_readable(File) && !padding.is_readable(Frames));
-        assert_eq!(padding.text(c, &[0xf8, 0x30]).as_deref(), Some("-2000"));
-        assert_eq!(padding.text(c, &[0xf8]), None);
+        assert_eq!(
+            padding.text(c, CharacterSet::default(), &[0xf8, 0x30]).as_deref(),
+            Some("-2000")
+        );
+        assert_eq!(padding.text(c, CharacterSet::default(), &[0xf8]), None);
         let c = ElementCoding { explicit: false, big: false };
         let (padding, _) = ElementHead::new(c, *b"\x28\0\x20\x01\x04\0\0\0");
-        assert_eq!(padding.text(c, &[0x30, 0xf8, 1, 0]).as_deref(), Some("63536\\1"));
+        assert_eq!(
+            padding.text(c, CharacterSet::default(), &[0x30, 0xf8, 1, 0]).as_deref(),
+            Some("63536\\1")
+        );
     }
 
     #[test]

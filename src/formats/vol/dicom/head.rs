@@ -47,6 +47,9 @@ const MODALITIES: [&str; 12] =
 pub(super) const ENHANCED: [&str; 3] =
     ["1.2.840.10008.5.1.4.1.1.2.1", "1.2.840.10008.5.1.4.1.1.4.1", "1.2.840.10008.5.1.4.1.1.130"];
 
+/// Parametric map storage, whose pixels are of floating point.
+const PARAMETRIC_MAP: &str = "1.2.840.10008.5.1.4.1.1.30";
+
 /// Segmentation and label map segmentation storage.
 const SEGMENTATIONS: [&str; 2] = ["1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7"];
 
@@ -102,6 +105,12 @@ pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
         head.fragments = parts.pop().unwrap_or_default();
         return Ok(Some(vec![head]));
     }
+    if groups.frames.is_empty() {
+        let what = format!(
+            "{frames} frames in a file that does not say where each lies (no functional groups)"
+        );
+        return Err(FormatError::unsupported(file, what));
+    }
     if groups.frames.len() != frames {
         let what = format!(
             "a multi-frame file whose {frames} frames are described by {} functional groups",
@@ -135,6 +144,16 @@ impl Head {
     /// Whether it is a picture to plan a scan on, as its type says.
     pub fn is_localizer(&self) -> bool {
         self.text(0x0008, 0x0008).split('\\').nth(2).is_some_and(|t| t.trim() == "LOCALIZER")
+    }
+
+    /// Whether it holds the slices of a volume side by side in one picture, as Siemens writes them.
+    pub fn is_mosaic(&self) -> bool {
+        self.text(0x0008, 0x0008).split('\\').any(|word| word.trim() == "MOSAIC")
+    }
+
+    /// Whether its pixels are numbers of floating point.
+    pub fn is_parametric_map(&self) -> bool {
+        self.text(0x0008, 0x0016) == PARAMETRIC_MAP
     }
 
     /// Whether its pixels say which segment they belong to.

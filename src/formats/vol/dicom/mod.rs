@@ -6,6 +6,7 @@
 //! miss, never read as if it were one.
 
 mod bare;
+mod charset;
 mod codec;
 mod data_set;
 mod element;
@@ -38,6 +39,9 @@ use head::Head;
 use segmentation::Segmentation;
 use stack::Stack;
 
+/// Most slices of a series beside another one that does not stop a run: a reference picture, a dose
+/// sheet.
+const STRAY_SLICES: usize = 2;
 /// More files than any series; a folder beyond it is not one.
 const MAX_FILES: usize = 100_000;
 
@@ -123,6 +127,21 @@ struct Found {
     notes: Vec<String>,
 }
 
+impl Found {
+    /// Notes on the stray series beside the one that is taken without being named.
+    fn strays(&self, options: &ReadOptions) -> Option<String> {
+        let main = main_series(&self.series).filter(|_| options.series.is_none())?;
+        let others = (0..self.series.len()).filter(|i| *i != main);
+        let named = others.map(|i| {
+            let s = &self.series[i];
+            format!("{i} ({}, {} slices)", s.heads[0].modality, s.heads.len())
+        });
+        let named: Vec<String> = named.collect();
+        let passed = format!("passed over series {}; --series takes one", named.join(", "));
+        (!named.is_empty()).then_some(passed)
+    }
+}
+
 /// Whether a file begins as a data set without preamble does.
 pub(super) fn is_bare(head: &[u8]) -> bool {
     bare::syntax_of(head).is_some()
@@ -130,7 +149,7 @@ pub(super) fn is_bare(head: &[u8]) -> bool {
 
 pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Volume, FormatError> {
     let found = find(path)?;
-    for note in &found.notes {
+    for note in found.notes.iter().chain(&found.strays(options)) {
         tracing::warn!("DICOM: {note}");
     }
     let chosen = choose(path, &found.series, options)?;
@@ -154,8 +173,10 @@ pub(super) fn read(path: &Path, options: &ReadOptions) -> Result<Volume, FormatE
 pub(super) fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatError> {
     let found = find(path)?;
     let series = list(path, &found.series, options);
-    let mut notes = found.notes;
-    let open = found.series.len() > 1 && options.series.is_none();
+    let mut notes = found.notes.clone();
+    notes.extend(found.strays(options));
+    let open =
+        options.series.is_none() && found.series.len() > 1 && main_series(&found.series).is_none();
     let mut segments = Vec::new();
     let mut acquisition = None;
     let image = if open {
@@ -204,8 +225,13 @@ fn find(path: &Path) -> Result<Found, FormatError> {
                 if first.pixels.is_none() {
                     without_pixels += 1;
                     if !folder {
-                        let modality = first.modality;
-                        let what = format!("a DICOM file without pixels (modality {modality})");
+                        let what = match first.is_parametric_map() {
+                            true => "a parametric map, whose pixels are of floating point".into(),
+                            false => {
+                                let modality = first.modality;
+                                format!("a DICOM file without pixels (modality {modality})")
+                            }
+                        };
                         return Err(FormatError::unsupported(path, what));
                     }
                 } else if folder && first.is_localizer() {
@@ -305,13 +331,20 @@ pub(super) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, FormatError> {
     Ok(files)
 }
 
+/// The only series with more slices than a stray picture has.
+fn main_series(series: &[Series]) -> Option<usize> {
+    let mut long = (0..series.len()).filter(|i| series[*i].heads.len() > STRAY_SLICES);
+    long.next().filter(|_| long.next().is_none())
+}
+
 fn choose(path: &Path, series: &[Series], options: &ReadOptions) -> Result<usize, FormatError> {
     let fail = |why: String| {
         // By what tells them apart at a glance. A UID is for machines and leads to the patient; the
-        // description and the kernel are text of the input, which no message shows.
+        // description is text of the input, which no message shows.
         let line = |s: &SeriesInfo| {
             let [x, y, _] = s.dims;
-            let of = s.slice_mm().map(|mm| format!(" of {mm} mm")).unwrap_or_default();
+            let of = Some(s.distinction()).filter(|words| !words.is_empty());
+            let of = of.map_or_else(String::new, |words| format!(" of {words}"));
             format!("\n  {}  {}  {x}x{y}, {} slices{of}", s.index, s.modality, s.slices)
         };
         let list = list(path, series, options).iter().map(line).collect();
@@ -319,6 +352,7 @@ fn choose(path: &Path, series: &[Series], options: &ReadOptions) -> Result<usize
     };
     match options.series.as_deref().map(str::trim) {
         None if series.len() == 1 => Ok(0),
+        None if main_series(series).is_some() => Ok(main_series(series).unwrap_or_default()),
         None => Err(fail(format!("holds {} series", series.len()))),
         Some(wish) => {
             let mut of_uid = (0..series.len()).filter(|i| series[*i].uid == wish);
@@ -354,6 +388,7 @@ fn list(path: &Path, series: &[Series], options: &ReadOptions) -> Vec<SeriesInfo
             description: ScreenText(printable(&first.text(0x0008, 0x103e))),
             kernel: ScreenText(printable(&first.text(0x0018, 0x1210).replace('\\', " "))),
             thickness_mm: thickness.ok().flatten().map(|[mm]| mm),
+            plane: stack::plane(first).map_or("", |plane| plane.name()),
         }
     };
     series.iter().enumerate().map(info).collect()

@@ -18,6 +18,8 @@ use crate::volume::{Grid, Rescale, SampleType};
 const MAX_TILT_DEG: f64 = 0.1;
 /// Largest sideways drift of a slice, in pixels.
 const MAX_DRIFT_PIXELS: f64 = 0.1;
+/// Cosine of 20 degrees: a plane that is turned by more is oblique.
+const NEAR_AXIS: f64 = 0.94;
 /// Largest deviation of a step from the usual one, as a fraction.
 pub(super) const MAX_UNEVEN: f64 = 0.01;
 
@@ -157,6 +159,13 @@ impl Plane {
     pub fn normal(&self) -> DVec3 {
         self.along_row.cross(self.along_column).normalize_or_zero()
     }
+
+    /// The plane's name in the patient.
+    pub fn name(&self) -> &'static str {
+        let normal = self.normal().abs();
+        let names = [(normal.x, "sagittal"), (normal.y, "coronal"), (normal.z, "axial")];
+        names.into_iter().find(|(along, _)| *along > NEAR_AXIS).map_or("oblique", |(_, name)| name)
+    }
 }
 
 /// Refuses a slice that cannot be read whatever its geometry.
@@ -172,6 +181,11 @@ fn refuse_unreadable(h: &Head) -> Result<(), FormatError> {
             return refuse(format!("colour, {n} samples a pixel"));
         }
         (n, _) => return refuse(format!("{n} samples a pixel in an unknown colour space")),
+    }
+    if h.is_mosaic() {
+        let what =
+            "a mosaic of Siemens, all slices of a volume in one picture; dcm2niix takes it apart";
+        return refuse(what.to_owned());
     }
     if !syntax::is_plain(&h.syntax) && Codec::of(&h.syntax).is_none() {
         let name = syntax::describe(&h.syntax);

@@ -65,6 +65,7 @@ fn name(uid: &str) -> &'static str {
         Some("4.111" | "4.112") => "JPEG XL",
         Some("4.201" | "4.202" | "4.203") => "High-Throughput JPEG 2000",
         Some("5") => "RLE Lossless",
+        Some("8.1") => "Deflated Image Frame Compression",
         _ => "unknown",
     }
 }

@@ -16,8 +16,9 @@ use std::path::Path;
 
 use super::super::FormatError;
 use super::super::source::{DataFile, fill};
+use super::charset::CharacterSet;
 use super::element::{
-    ElementCoding, ElementHead, ElementScope, ElementValues, MAX_VALUE, UNDEFINED,
+    CHARACTER_SET, ElementCoding, ElementHead, ElementScope, ElementValues, MAX_VALUE, UNDEFINED,
 };
 use super::fragments::Fragment;
 use super::{bare, syntax};
@@ -61,6 +62,7 @@ struct Walker<'a, R> {
     input: BufReader<R>,
     at: u64,
     end: u64,
+    charset: CharacterSet,
 }
 
 /// Walks a file; `None` if it is not DICOM.
@@ -87,7 +89,7 @@ pub(super) fn inflate(file: &Path) -> Result<Inflated, FormatError> {
 fn data_set_offset(file: &Path) -> Result<u64, FormatError> {
     let source = DataFile::open(file)?;
     let end = source.len;
-    let mut w = Walker { file, input: BufReader::new(source), at: 0, end };
+    let mut w = Walker::new(file, BufReader::new(source), end);
     w.skip(132.min(end))?;
     w.meta()?;
     Ok(w.at)
@@ -98,7 +100,7 @@ impl<'a> Walker<'a, DataFile> {
     fn open(file: &'a Path) -> Result<Option<(Self, String)>, FormatError> {
         let source = DataFile::open(file)?;
         let end = source.len;
-        let mut w = Walker { file, input: BufReader::with_capacity(1 << 14, source), at: 0, end };
+        let mut w = Walker::new(file, BufReader::with_capacity(1 << 14, source), end);
         let mut preamble = [0; 132];
         let n = fill(&mut w.input, &mut preamble).map_err(|e| FormatError::io(file, e))?;
         w.at = n as u64;
@@ -121,11 +123,15 @@ impl<'a> Walker<'a, Inflated> {
     fn inflated(file: &'a Path, offset: u64) -> Result<Self, FormatError> {
         let inflated = Inflated::open(file, offset)?;
         let end = inflated.most();
-        Ok(Walker { file, input: BufReader::with_capacity(1 << 14, inflated), at: 0, end })
+        Ok(Walker::new(file, BufReader::with_capacity(1 << 14, inflated), end))
     }
 }
 
-impl<R: Read + Seek> Walker<'_, R> {
+impl<'a, R: Read + Seek> Walker<'a, R> {
+    fn new(file: &'a Path, input: BufReader<R>, end: u64) -> Self {
+        Self { file, input, at: 0, end, charset: CharacterSet::default() }
+    }
+
     fn cut(&self, wanted: u64) -> FormatError {
         let (file, found) = (self.file.to_owned(), self.end);
         let wanted = self.at.saturating_add(wanted);
@@ -195,7 +201,7 @@ impl<R: Read + Seek> Walker<'_, R> {
     /// The value of a readable element.
     fn text(&mut self, c: ElementCoding, h: &ElementHead) -> Result<String, FormatError> {
         let value = self.bytes(u64::from(h.len))?;
-        h.text(c, &value).ok_or_else(|| {
+        h.text(c, self.charset, &value).ok_or_else(|| {
             let why = format!("{} bytes are no numbers of two", h.len);
             FormatError::field(self.file, name(h), "damaged", why)
         })
@@ -254,6 +260,9 @@ impl<R: Read + Seek> Walker<'_, R> {
             } else if h.is_readable(ElementScope::File) && last < Some(h.tag) {
                 last = Some(h.tag);
                 let text = self.text(c, &h)?;
+                if h.tag == CHARACTER_SET {
+                    self.charset = CharacterSet::of(&text);
+                }
                 values.push(h.tag, &text);
             } else {
                 self.skip(len)?;

@@ -109,11 +109,15 @@ impl ZarrImage {
         let dataset = dataset.ok_or_else(|| meta.bad("datasets", "the array is none of them"))?;
         let rank = array.shape.len();
         let axes = axes(&meta, &scales["axes"], rank)?;
-        let mut map = Scaling { scale: vec![1.0; rank], translation: vec![0.0; rank] };
+        let mut map =
+            Scaling { scale: vec![1.0; rank], translation: vec![0.0; rank], is_said: false };
         for list in [&dataset["coordinateTransformations"], &scales["coordinateTransformations"]] {
             map.follow(&meta, list)?;
         }
         let mut notes = Vec::new();
+        if !map.is_said {
+            notes.push("the file gives no scale; voxels of one unit are assumed".to_owned());
+        }
         let directions = directions(&meta, &axes, &mut notes)?;
         let places = spatial(&meta, &axes, &array.shape)?;
         let unit_mm = units(&meta, &axes, places, &mut notes)?;
@@ -197,6 +201,8 @@ fn multiscales(attributes: &Value) -> &Value {
 struct Scaling {
     scale: Vec<f64>,
     translation: Vec<f64>,
+    /// Whether a scale was among the transformations.
+    is_said: bool,
 }
 
 impl Scaling {
@@ -214,6 +220,7 @@ impl Scaling {
             let numbers = numbers.filter(|n| n.len() == self.scale.len());
             let why = "expected a list of a number an axis";
             let numbers = numbers.ok_or_else(|| meta.bad("coordinateTransformations", why))?;
+            self.is_said |= kind == Some("scale");
             for (k, n) in numbers.into_iter().enumerate() {
                 if kind == Some("scale") {
                     self.scale[k] *= n;
