@@ -51,6 +51,8 @@ const SHORT_FROM_END_MM: f64 = 15.0;
 const MIN_TRACHEA: f64 = 0.3;
 /// Least share of it that lies inside the body.
 const SHORT_INSIDE: f64 = 0.8;
+/// Least share of the air beside a trachea without lung on the side with less of it.
+const MIN_FORK_SIDE: f64 = 0.2;
 /// Thickness of slices, mm, from which there is doubt, from which thin bronchi are neither looked for
 /// nor kept, and greatest thickness; least radius of a bronchus in thick slices, in thicknesses.
 const DOUBTFUL_SLICE_MM: f64 = 4.0;
@@ -123,7 +125,7 @@ fn from_trachea(
     let like_lung = share(opens_into, lung_like);
     let is_short = lung_ml < MIN_LUNG_ML;
     if is_short {
-        pass_without_lung(volume, trachea, lung_ml, like_lung, &mut gates)?;
+        pass_without_lung(volume, trachea, opens_into, like_lung, &mut gates)?;
     } else {
         gates.at_least("ml of air and lung it opens into", lung_ml, MIN_LUNG_ML, 1000.0)?;
         gates.at_least("share of that with the values of lung", like_lung, MIN_LUNG_SHARE, 0.8)?;
@@ -237,19 +239,23 @@ fn sides(volume: &Volume, mask: &BitVolume, trachea: &Trachea) -> f64 {
 }
 
 /// A trachea in a scan that ends near the carina or above it opens into little lung or none: it is an
-/// even tube along the patient that the scan's last slice before the feet cuts, and no other air is
-/// joined to it. An oesophagus full of gas ends above it.
+/// even tube along the patient, and no other air is joined to it. It forks to both sides, or the scan's
+/// last slice before the feet cuts it: an oesophagus full of gas ends above.
 ///
+/// * `joined`: air and lung joined to it.
 /// * `like_lung`: share of what is joined to it with the values of lung.
 fn pass_without_lung(
     volume: &Volume,
     trachea: &Trachea,
-    joined_ml: f64,
+    joined: &BitVolume,
     like_lung: f64,
     gates: &mut Gates,
 ) -> Result<(), OrganError> {
     let what = "ml of air and lung it opens into";
-    if trachea.axis != head_foot_axis(&volume.grid) || trachea.below_mm > SHORT_FROM_END_MM {
+    let joined_ml = joined.count() as f64 * volume.grid.voxel_mm3() / 1000.0;
+    let is_upright = trachea.axis == head_foot_axis(&volume.grid);
+    let is_cut = trachea.below_mm <= SHORT_FROM_END_MM;
+    if !is_upright || !(is_cut || sides(volume, joined, trachea) >= MIN_FORK_SIDE) {
         gates.at_least(what, joined_ml, MIN_LUNG_ML, 1000.0)?;
     }
     gates.note(format!("{what} {joined_ml:.1}: a scan that ends near the carina, or no trachea"));
