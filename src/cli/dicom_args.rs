@@ -9,6 +9,9 @@ pub struct DicomArgs {
     /// DICOM series: UID, or index from 0
     #[arg(long, value_name = "UID|INDEX")]
     pub series: Option<String>,
+    /// Which of several volumes at the same places (times, echoes, phases), from 0: DICOM, NIfTI, NRRD
+    #[arg(long, value_name = "N")]
+    pub volume: Option<usize>,
     /// Interpolate where DICOM slices are uneven or missing
     #[arg(long)]
     pub fill_gaps: bool,
@@ -28,6 +31,7 @@ impl DicomArgs {
     pub fn options(&self) -> ReadOptions {
         ReadOptions {
             series: self.series.clone(),
+            volume: self.volume,
             fill_gaps: self.fill_gaps,
             allow_burned_in: self.allow_burned_in,
             segments: self.segment.clone(),

@@ -84,7 +84,7 @@ impl LumenArgs {
             }
             let mut options = self.dicom.options();
             if input.is_some() {
-                options.series = None;
+                (options.series, options.volume) = (None, None);
             }
             let mask = VolumeSource::File { path, options };
             let options = self.image_options();

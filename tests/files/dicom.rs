@@ -334,15 +334,21 @@ fn two_acquisitions_at_the_same_places_are_two_stacks_of_one_series() {
         s.acquisition = if n < 2 { "1" } else { "2" };
         s.pixels = vec![10 + n as u16; 12];
     });
-    assert!(refusal(dir.path()).contains("holds 2 series"));
+    let said = refusal(dir.path());
+    assert!(said.contains("2 volumes of one series; --volume 0 to 1 takes one"), "{said}");
     let pick = |wish: &str| {
         let series = Some(wish.to_owned());
         read_volume(dir.path(), &ReadOptions { series, ..ReadOptions::default() })
     };
+    let volume = |n: usize| {
+        read_volume(dir.path(), &ReadOptions { volume: Some(n), ..ReadOptions::default() })
+    };
     let values = |v: Volume| [v.real(0) + 1024.0, v.real(12) + 1024.0];
     assert_eq!(values(pick("0").unwrap()), [12.0, 13.0]);
     assert_eq!(values(pick("1").unwrap()), [10.0, 11.0]);
-    assert!(pick("1.2.3.4").unwrap_err().to_string().contains("several stacks in that series"));
+    assert!(pick("1.2.3.4").unwrap_err().to_string().contains("2 volumes of one series"));
+    assert_eq!([0, 1].map(|n| values(volume(n).unwrap())), [[12.0, 13.0], [10.0, 11.0]]);
+    assert!(volume(2).unwrap_err().to_string().contains("there is no 2"));
 }
 
 #[test]

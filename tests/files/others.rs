@@ -1,7 +1,7 @@
 //! Files of other programs that were refused, read wrongly, or accepted without a word: each by a
 //! small one of its kind, and by the shared ones where they are.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use common::volumes::shared_data;
 use glam::DVec3;
@@ -113,6 +113,47 @@ fn a_nifti_whose_sform_is_empty_is_read_by_its_qform_and_one_whose_forms_disagre
 }
 
 #[test]
+fn one_volume_of_a_series_in_time_is_read_and_the_choice_is_asked_for() {
+    let volume = |path: &Path, n: Option<usize>| {
+        let options = ReadOptions { volume: n, ..Default::default() };
+        read_volume(path, &options).map_err(|e| e.to_string())
+    };
+    // Two volumes of 4 x 3 x 2 voxels one after the other, as NIfTI plain and gzipped, and as NRRD.
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let grid = Grid::axis_aligned([4, 3, 4], [1.0; 3]);
+    let both = Volume::new(grid, (0..48).collect::<Vec<i16>>().into());
+    write_volume(&at("a.nii"), &both).unwrap();
+    let mut bytes = std::fs::read(at("a.nii")).unwrap();
+    for (field, value) in [4i16, 4, 3, 2, 2].iter().enumerate() {
+        bytes[40 + 2 * field..42 + 2 * field].copy_from_slice(&value.to_le_bytes());
+    }
+    std::fs::write(at("a.nii"), &bytes).unwrap();
+    std::fs::write(at("b.nii.gz"), gzipped(&bytes)).unwrap();
+    let head = "NRRD0004\ntype: short\nencoding: raw\nendian: little\ndimension: 4\n\
+                sizes: 4 3 2 2\nkinds: domain domain domain time\nspacings: 1 1 1 nan\n\n";
+    std::fs::write(at("c.nrrd"), [head.as_bytes(), &bytes[352..]].concat()).unwrap();
+    for name in ["a.nii", "b.nii.gz", "c.nrrd"] {
+        let values = |n: usize| {
+            let found = volume(&at(name), Some(n)).unwrap_or_else(|e| panic!("{name}: {e}"));
+            (found.grid.dims.z, found.real(0), found.real(23))
+        };
+        assert_eq!([values(0), values(1)], [(2, 0.0, 23.0), (2, 24.0, 47.0)], "{name}");
+        let why = volume(&at(name), None).unwrap_err();
+        assert!(why.contains("--volume 0 to 1 takes one"), "{name}: {why}");
+        assert!(volume(&at(name), Some(2)).unwrap_err().contains("counted from 0"), "{name}");
+        let notes = inspect(&at(name), &ReadOptions::default()).unwrap().notes;
+        assert!(notes.iter().any(|n| n.contains("2 volumes")), "{name}: {notes:?}");
+    }
+}
+
+fn gzipped(bytes: &[u8]) -> Vec<u8> {
+    let mut zipped = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    std::io::Write::write_all(&mut zipped, bytes).unwrap();
+    zipped.finish().unwrap()
+}
+
+#[test]
 fn a_pair_of_gzipped_header_and_image_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let whole = folder.path().join("a.nii");
@@ -128,10 +169,7 @@ fn a_pair_of_gzipped_header_and_image_is_read() {
         for (name, part) in [(header_name, &header[..]), (image_name, &bytes[352..])] {
             let mut part = part.to_vec();
             if name.ends_with(".gz") {
-                let fast = flate2::Compression::fast();
-                let mut zipped = flate2::write::GzEncoder::new(Vec::new(), fast);
-                std::io::Write::write_all(&mut zipped, &part).unwrap();
-                part = zipped.finish().unwrap();
+                part = gzipped(&part);
             }
             std::fs::write(folder.path().join(name), part).unwrap();
         }
@@ -169,11 +207,6 @@ fn messages_name_what_is_not_supported() {
         let why = nrrd(&fields).unwrap_err();
         assert!(why.contains(words), "{why}");
     }
-    let gzipped = |bytes: &[u8]| {
-        let mut zipped = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
-        std::io::Write::write_all(&mut zipped, bytes).unwrap();
-        zipped.finish().unwrap()
-    };
     let dicom = [&[0; 128][..], b"DICM", &[0; 600]].concat();
     for (name, bytes, words) in [
         ("a.dcm.gz", gzipped(&dicom), "a gzipped DICOM file"),

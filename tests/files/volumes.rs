@@ -267,7 +267,7 @@ fn nifti_units_and_frames_are_heeded() {
     write(NiftiHeader { dim4: 1, ..plain.clone() });
     assert!(read(&path).is_ok());
     write(NiftiHeader { dim4: 2, ..plain.clone() });
-    assert!(refusal(&path).contains("dim[4] = 2"));
+    assert!(refusal(&path).contains("2 volumes one after the other; --volume 0 to 1"));
     write(NiftiHeader { code: 1792, ..plain });
     assert!(refusal(&path).contains("complex"));
 }

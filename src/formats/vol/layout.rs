@@ -35,6 +35,8 @@ pub(super) struct Layout {
     pub sample_type: SampleType,
     /// Samples of a voxel, one after the other: the layers of a segmentation; else 1.
     pub layers: usize,
+    /// Number of volumes, one after the other.
+    pub volumes: usize,
     /// Named segments; empty where the file names none.
     pub segments: Vec<SegmentInfo>,
     pub rescale: Rescale,
@@ -70,6 +72,43 @@ impl Layout {
     /// Bytes of all samples once decoded.
     fn promised(&self) -> u64 {
         (self.len() as u64).saturating_mul(self.sample_type.size() as u64)
+    }
+
+    /// Words for the choice of one of several volumes.
+    pub fn choice(&self) -> String {
+        let n = self.volumes;
+        format!("{n} volumes one after the other; --volume 0 to {} takes one", n - 1)
+    }
+
+    /// The layout of one of the volumes.
+    ///
+    /// # Errors
+    /// [`FormatError::Unsupported`] where one has to be chosen, [`FormatError::Field`] for one that is
+    /// not there.
+    pub fn at_volume(mut self, volume: Option<usize>) -> Result<Self, FormatError> {
+        let Some(volume) = volume.or((self.volumes == 1).then_some(0)) else {
+            return Err(FormatError::unsupported(&self.path, self.choice()));
+        };
+        if volume >= self.volumes {
+            let why = format!("the file holds {}, counted from 0", self.volumes);
+            return Err(FormatError::field(&self.path, "volume", volume, why));
+        }
+        let before = self.promised().saturating_mul(volume as u64);
+        match (self.encoding, self.offset) {
+            _ if self.volumes == 1 => {}
+            (Encoding::Ascii, _) => {
+                let what = "several volumes as text";
+                return Err(FormatError::unsupported(&self.path, what));
+            }
+            (Encoding::Raw, Some(offset)) => self.offset = Some(offset.saturating_add(before)),
+            // They end with the file.
+            (Encoding::Raw, None) => {
+                let after = self.promised().saturating_mul((self.volumes - volume) as u64);
+                self.offset = Some(DataFile::open(&self.file)?.len.saturating_sub(after));
+            }
+            _ => self.skip = self.skip.saturating_add(before),
+        }
+        Ok(self)
     }
 
     /// Opens the samples' file at their first byte, after holding the promise against its size.

@@ -154,6 +154,7 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
         grid: geometry(&h, &mut notes)?,
         sample_type,
         layers: 1,
+        volumes: 1,
         segments: Vec::new(),
         rescale: rescale(&h)?,
         path: path.to_owned(),

@@ -47,6 +47,8 @@ use zarr::ZarrImage;
 pub struct ReadOptions {
     /// DICOM series: its UID, or its index in the listing (from 0).
     pub series: Option<String>,
+    /// Which of several volumes at the same places, from 0: of a time, an echo, a phase.
+    pub volume: Option<usize>,
     /// DICOM: whether to interpolate where slices are uneven or missing.
     pub fill_gaps: bool,
     /// DICOM: read pixels that may show who the patient is: burned-in text, a face, a screen.
@@ -93,8 +95,12 @@ pub fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatEr
             })
         }
         k => {
-            let layout = layout_of(path, k)?;
+            // What is described is the first of several.
+            let mut layout = layout_of(path, k, options.volume.or(Some(0)))?;
             layout.open()?;
+            if options.volume.is_none() && layout.volumes > 1 {
+                layout.notes.push(layout.choice());
+            }
             Ok(InputInfo {
                 format: layout.format.to_owned(),
                 image: Some(ImageInfo::of(&layout.grid, layout.sample_type, layout.rescale)),
@@ -125,7 +131,7 @@ pub fn input_files(path: &Path) -> Result<Vec<PathBuf>, FormatError> {
             path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")),
         );
     }
-    let samples = kind(path).and_then(|k| layout_of(path, k)).map(|layout| layout.file);
+    let samples = kind(path).and_then(|k| layout_of(path, k, Some(0))).map(|layout| layout.file);
     let mut files = vec![path.to_owned()];
     files.extend(samples.ok().filter(|file| file != path));
     files.sort();
@@ -148,7 +154,7 @@ pub fn read_volume(path: &Path, options: &ReadOptions) -> Result<Volume, FormatE
             image.load()
         }
         k => {
-            let layout = layout_of(path, k)?;
+            let layout = layout_of(path, k, options.volume)?;
             warn(layout.format, &layout.notes);
             segments::read(layout, &options.segments)
         }
@@ -203,14 +209,15 @@ pub fn write_segment(
     nrrd_write::write_segment(path, grid, mask, segment)
 }
 
-fn layout_of(path: &Path, kind: FileKind) -> Result<Layout, FormatError> {
-    match kind {
-        FileKind::Nifti => nifti::layout(path),
-        FileKind::Nrrd => nrrd::layout(path),
-        FileKind::MetaImage => metaimage::layout(path),
-        FileKind::Dicom => Err(FormatError::unsupported(path, "a DICOM input here")),
-        FileKind::Zarr => Err(FormatError::unsupported(path, "a Zarr input here")),
-    }
+fn layout_of(path: &Path, kind: FileKind, volume: Option<usize>) -> Result<Layout, FormatError> {
+    let layout = match kind {
+        FileKind::Nifti => nifti::layout(path)?,
+        FileKind::Nrrd => nrrd::layout(path)?,
+        FileKind::MetaImage => metaimage::layout(path)?,
+        FileKind::Dicom => return Err(FormatError::unsupported(path, "a DICOM input here")),
+        FileKind::Zarr => return Err(FormatError::unsupported(path, "a Zarr input here")),
+    };
+    layout.at_volume(volume)
 }
 
 /// The first bytes of what a gzip file holds; fewer where it is damaged.

@@ -54,11 +54,13 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
     let start = offset(path, &h, single)?;
     let gz = prefix(&file, 2)? == [0x1f, 0x8b];
     let mut notes = Vec::new();
+    let volumes = volumes(path, &h)?;
     Ok(Layout {
         format: "NIfTI-1",
         grid: geometry(path, &h, &mut notes)?,
         sample_type: sample_type(path, h.datatype)?,
         layers: 1,
+        volumes,
         segments: Vec::new(),
         rescale: rescale(path, &h)?,
         path: file.clone(),
@@ -130,14 +132,20 @@ fn dims(path: &Path, h: &NiftiHeader) -> Result<[u64; 3], FormatError> {
         return Err(FormatError::field(path, "dim[0]", n, "2 to 7 axes are possible"));
     }
     let side = |i: usize| if i <= n { u64::from(h.dim[i]) } else { 1 };
-    for i in 4..=n {
+    Ok([side(1), side(2), side(3)])
+}
+
+/// The number of volumes along the axis of time.
+fn volumes(path: &Path, h: &NiftiHeader) -> Result<usize, FormatError> {
+    let n = usize::from(h.dim[0]);
+    for i in 5..=n.min(7) {
         // Some writers leave zeros behind the last axis in use.
         if h.dim[i] > 1 {
-            let what = format!("dim[{i}] = {}: more than one frame or component", h.dim[i]);
+            let what = format!("dim[{i}] = {}: more than one component", h.dim[i]);
             return Err(FormatError::unsupported(path, what));
         }
     }
-    Ok([side(1), side(2), side(3)])
+    Ok(if n >= 4 { usize::from(h.dim[4]).max(1) } else { 1 })
 }
 
 fn geometry(path: &Path, h: &NiftiHeader, notes: &mut Vec<String>) -> Result<Grid, FormatError> {

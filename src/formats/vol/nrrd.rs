@@ -154,7 +154,7 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
     let mut notes = Vec::new();
     let sample_type = sample_type(&h)?;
     let encoding = encoding(&h)?;
-    let (grid, layers) = geometry(&h, &mut notes)?;
+    let (grid, layers, volumes) = geometry(&h, &mut notes)?;
     let segments = h.segments(layers);
     let (file, start) = match h.get("data file") {
         Some(name) if name.contains('%') => {
@@ -179,6 +179,7 @@ pub(super) fn layout(path: &Path) -> Result<Layout, FormatError> {
         grid,
         sample_type,
         layers,
+        volumes,
         segments,
         rescale,
         path,
@@ -273,15 +274,15 @@ fn offset(
     }
 }
 
-/// The grid, and how many samples a voxel has.
-fn geometry(h: &NrrdHeader, notes: &mut Vec<String>) -> Result<(Grid, usize), FormatError> {
+/// The grid, how many samples a voxel has, and how many volumes there are.
+fn geometry(h: &NrrdHeader, notes: &mut Vec<String>) -> Result<(Grid, usize, usize), FormatError> {
     let axes: usize = number(h.path, "dimension", h.need("dimension")?)?;
     if !(1..=16).contains(&axes) {
         return Err(FormatError::field(h.path, "dimension", axes, "1 to 16 are possible"));
     }
     let sizes: Vec<u64> = numbers(h.path, "sizes", h.need("sizes")?, axes)?;
     let directions = h.get("space directions").map(|v| vectors(h, v, axes)).transpose()?;
-    let (spatial, layers) = spatial_axes(h, &sizes, directions.as_deref())?;
+    let (spatial, layers, volumes) = spatial_axes(h, &sizes, directions.as_deref())?;
     let (to_lps, described) = frame(h, notes)?;
     let pick = |v: &[f64]| DVec3::new(v[spatial[0]], v[spatial[1]], v[spatial[2]]);
     let (steps, unit) = if let Some(d) = &directions {
@@ -312,7 +313,7 @@ fn geometry(h: &NrrdHeader, notes: &mut Vec<String>) -> Result<(Grid, usize), Fo
         _ => DVec3::ZERO,
     };
     let dims = [sizes[spatial[0]], sizes[spatial[1]], sizes[spatial[2]]];
-    Ok((grid_from_steps(h.path, dims, steps, origin, to_lps * unit)?, layers))
+    Ok((grid_from_steps(h.path, dims, steps, origin, to_lps * unit)?, layers, volumes))
 }
 
 /// Whether samples along an axis lie at the ends of its range, not in the middle of cells.
@@ -321,18 +322,19 @@ fn is_node(h: &NrrdHeader, axis: usize) -> bool {
     all.and_then(|all| all.split_whitespace().nth(axis)).is_some_and(|word| word == "node")
 }
 
-/// The three axes of space, and the layers of a segmentation: its first axis, beside those of
-/// space. Every other axis must have size 1.
+/// The three axes of space; the layers of a segmentation, its first axis beside those of space; and
+/// the volumes along a last axis behind them. Every other axis must have size 1.
 fn spatial_axes(
     h: &NrrdHeader,
     sizes: &[u64],
     directions: Option<&[Option<DVec3>]>,
-) -> Result<([usize; 3], usize), FormatError> {
+) -> Result<([usize; 3], usize, usize), FormatError> {
     // Axes of vectors, colours and other values of one voxel.
     let values = ["domain", "space", "time", "none", "???", "stub"];
     let kinds: Vec<&str> = h.get("kinds").unwrap_or("").split_whitespace().collect();
     let of_values = |i: &usize| kinds.get(*i).is_some_and(|kind| !values.contains(kind));
-    let components = (0..sizes.len()).find(|i| of_values(i) && sizes[*i] != 1);
+    let last = sizes.len() - 1;
+    let components = (0..sizes.len()).find(|i| of_values(i) && *i != last && sizes[*i] != 1);
     if let Some(axis) = components.filter(|_| h.segments.is_empty()) {
         let what = format!("vectors: axis {axis} holds {} values a voxel", sizes[axis]);
         return Err(FormatError::unsupported(h.path, what));
@@ -342,16 +344,19 @@ fn spatial_axes(
         None => (0..sizes.len()).collect(),
     };
     while directions.is_none() && spatial.len() > 3 {
-        let Some(i) = spatial.iter().position(|&a| sizes[a] == 1) else { break };
+        let one = spatial.iter().position(|&a| sizes[a] == 1);
+        let is_apart = spatial.len() == 4 && (of_values(&last) || is_time(&kinds, last));
+        let Some(i) = one.or(is_apart.then_some(3)) else { break };
         spatial.remove(i);
     }
     let extra = (0..sizes.len()).find(|i| !spatial.contains(i) && sizes[*i] != 1);
     match (<[usize; 3]>::try_from(spatial), extra) {
-        (Ok(axes), None) => Ok((axes, 1)),
+        (Ok(axes), None) => Ok((axes, 1, 1)),
+        (Ok(axes @ [0, 1, 2]), Some(3)) => Ok((axes, 1, sizes[3] as usize)),
         (Ok(axes), Some(0))
             if !h.segments.is_empty() && (1..=MAX_SEGMENTS as u64).contains(&sizes[0]) =>
         {
-            Ok((axes, sizes[0] as usize))
+            Ok((axes, sizes[0] as usize, 1))
         }
         (Ok(_), Some(axis)) => {
             let what = format!("axis {axis} holds {} values a voxel", sizes[axis]);
@@ -362,6 +367,11 @@ fn spatial_axes(
             Err(FormatError::unsupported(h.path, what))
         }
     }
+}
+
+/// Whether an axis is one of time.
+fn is_time(kinds: &[&str], axis: usize) -> bool {
+    kinds.get(axis).is_some_and(|kind| *kind == "time")
 }
 
 /// Signs from the file's space to LPS, and whether the file names a space at all.

@@ -51,7 +51,7 @@ impl VolumeParts {
                 }))
             }
             k => {
-                let layout = layout_of(path, k)?;
+                let layout = layout_of(path, k, options.volume)?;
                 if layout.encoding != Encoding::Raw || layout.layers != 1 {
                     return Ok(None);
                 }

@@ -130,7 +130,8 @@ struct Found {
 impl Found {
     /// Notes on the stray series beside the one that is taken without being named.
     fn strays(&self, options: &ReadOptions) -> Option<String> {
-        let main = main_series(&self.series).filter(|_| options.series.is_none())?;
+        let main = main_series(&self.series)
+            .filter(|_| options.series.is_none() && options.volume.is_none())?;
         let others = (0..self.series.len()).filter(|i| *i != main);
         let named = others.map(|i| {
             let s = &self.series[i];
@@ -175,8 +176,10 @@ pub(super) fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, F
     let series = list(path, &found.series, options);
     let mut notes = found.notes.clone();
     notes.extend(found.strays(options));
-    let open =
-        options.series.is_none() && found.series.len() > 1 && main_series(&found.series).is_none();
+    let open = options.series.is_none()
+        && options.volume.is_none()
+        && found.series.len() > 1
+        && main_series(&found.series).is_none();
     let mut segments = Vec::new();
     let mut acquisition = None;
     let image = if open {
@@ -338,6 +341,10 @@ fn main_series(series: &[Series]) -> Option<usize> {
 }
 
 fn choose(path: &Path, series: &[Series], options: &ReadOptions) -> Result<usize, FormatError> {
+    if series.len() == 1 && options.series.is_none() && options.volume.unwrap_or(0) == 0 {
+        return Ok(0);
+    }
+    let listed = list(path, series, options);
     let fail = |why: String| {
         // By what tells them apart at a glance. A UID is for machines and leads to the patient; the
         // description is text of the input, which no message shows.
@@ -347,21 +354,46 @@ fn choose(path: &Path, series: &[Series], options: &ReadOptions) -> Result<usize
             let of = of.map_or_else(String::new, |words| format!(" of {words}"));
             format!("\n  {}  {}  {x}x{y}, {} slices{of}", s.index, s.modality, s.slices)
         };
-        let list = list(path, series, options).iter().map(line).collect();
+        let list = listed.iter().map(line).collect();
         FormatError::Series { file: path.to_owned(), why, list }
     };
-    match options.series.as_deref().map(str::trim) {
-        None if series.len() == 1 => Ok(0),
-        None if main_series(series).is_some() => Ok(main_series(series).unwrap_or_default()),
-        None => Err(fail(format!("holds {} series", series.len()))),
+    let stacks_of =
+        |uid: &str| -> Vec<usize> { (0..series.len()).filter(|i| series[*i].uid == uid).collect() };
+    let stacks = match options.series.as_deref().map(str::trim) {
         Some(wish) => {
-            let mut of_uid = (0..series.len()).filter(|i| series[*i].uid == wish);
-            let by_uid = of_uid.next();
-            if of_uid.next().is_some() {
-                return Err(fail("holds several stacks in that series".into()));
+            let index = wish.parse().ok().filter(|&i: &usize| i < series.len());
+            match (stacks_of(wish), index) {
+                (stacks, _) if !stacks.is_empty() => stacks,
+                // With a volume, an index stands for its whole series.
+                (_, Some(i)) if options.volume.is_some() => stacks_of(&series[i].uid),
+                (_, Some(i)) => vec![i],
+                (_, None) => return Err(fail("holds no series of that UID or index".into())),
             }
-            let by_index = wish.parse().ok().filter(|&i: &usize| i < series.len());
-            by_uid.or(by_index).ok_or_else(|| fail("holds no series of that UID or index".into()))
+        }
+        None if series.iter().all(|s| s.uid == series[0].uid) => (0..series.len()).collect(),
+        None => match main_series(series) {
+            Some(main) => vec![main],
+            None => return Err(fail(format!("holds {} series", series.len()))),
+        },
+    };
+    let (count, main) = (stacks.len(), main_series(series).filter(|i| stacks.contains(i)));
+    match (options.volume, main) {
+        (Some(n), _) => stacks.get(n).copied().ok_or_else(|| {
+            fail(format!("holds {count} volumes of that series, counted from 0: there is no {n}"))
+        }),
+        (None, _) if count == 1 => Ok(stacks[0]),
+        (None, Some(main)) => Ok(main),
+        (None, None) => {
+            // What was varied: orientation and size, or time, echo, phase.
+            let shape = |i: &usize| (listed[*i].dims, listed[*i].plane);
+            let are_alike = stacks.iter().all(|i| shape(i) == shape(&stacks[0]));
+            Err(fail(match are_alike {
+                true => {
+                    let last = count - 1;
+                    format!("holds {count} volumes of one series; --volume 0 to {last} takes one")
+                }
+                false => format!("holds {count} series"),
+            }))
         }
     }
 }
