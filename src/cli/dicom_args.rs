@@ -9,7 +9,7 @@ pub struct DicomArgs {
     /// DICOM series: UID, or index from 0
     #[arg(long, value_name = "UID|INDEX")]
     pub series: Option<String>,
-    /// Which of several volumes at the same places (times, echoes, phases), from 0: DICOM, NIfTI, NRRD
+    /// Number of the volume among several at the same places (times, echoes, phases), from 0: DICOM, NIfTI, NRRD
     #[arg(long, value_name = "N")]
     pub volume: Option<usize>,
     /// Interpolate where DICOM slices are uneven or missing

@@ -30,11 +30,15 @@ struct FileInfo {
 impl Args {
     /// Prints a table, or JSON.
     pub fn run(&self, global: &Global) -> Result<(), CliError> {
-        let options = self.dicom.options();
+        let mut options = self.dicom.options();
         if is_mesh(&self.input) {
             return self.mesh(global);
         }
         let info = inspect(&self.input, &options)?;
+        if info.format != "DICOM" {
+            // What is described is the first of several volumes.
+            options.volume = options.volume.or(Some(0));
+        }
         let range = match &info.image {
             Some(image) => {
                 global.check_memory(reading_bytes(image), "estimated for reading")?;

@@ -47,7 +47,7 @@ use zarr::ZarrImage;
 pub struct ReadOptions {
     /// DICOM series: its UID, or its index in the listing (from 0).
     pub series: Option<String>,
-    /// Which of several volumes at the same places, from 0: of a time, an echo, a phase.
+    /// Number of the volume among several at the same places, from 0: times, echoes, phases.
     pub volume: Option<usize>,
     /// DICOM: whether to interpolate where slices are uneven or missing.
     pub fill_gaps: bool,

@@ -113,7 +113,7 @@ pub(super) fn read(file: &Path) -> Result<Option<Vec<Head>>, FormatError> {
     }
     if groups.frames.len() != frames {
         let what = format!(
-            "a multi-frame file whose {frames} frames are described by {} functional groups",
+            "a multi-frame file that says it has {frames} frames and describes {}",
             groups.frames.len()
         );
         return Err(FormatError::unsupported(file, what));
