@@ -335,7 +335,8 @@ fn check(o: &FlightOptions<'_>) -> Result<(), FlightError> {
     let err = |what, value, range: &str| {
         Err(FlightError::Option { what, value, range: range.to_owned() })
     };
-    let fov = f64::from(o.fov_y_rad).to_degrees();
+    // One degree of 32 bits is a little less than one.
+    let fov = 1e-5 * (1e5 * f64::from(o.fov_y_rad).to_degrees()).round();
     if !FOV_DEG.contains(&fov) {
         let range = format!("{} to {}", FOV_DEG.start(), FOV_DEG.end());
         return err("the vertical field of view in degrees", fov, &range);

@@ -149,11 +149,13 @@ fn a_run_whose_ffmpeg_hangs_ends_on_ctrl_c() {
     }
     let tmp = tempfile::tempdir().unwrap();
     phantom(tmp.path(), Kind::Bend, 32);
-    // It reads nothing, so that a write of frames waits; or all, and does not end.
-    let pictures = ["5000", "3"];
-    for (does, frames) in
-        ["exec sleep 1000", "cat > /dev/null\nexec sleep 1000"].iter().zip(pictures)
-    {
+    // It reads nothing, so that a write of frames waits; or all, and does not end; or all with its
+    // output closed, so that nothing but its end is waited for.
+    for (does, frames) in [
+        ("exec sleep 1000", "5000"),
+        ("cat > /dev/null\nexec sleep 1000", "3"),
+        ("exec >&-\ncat > /dev/null\nexec sleep 1000", "3"),
+    ] {
         let hangs = format!("echo begun > \"$last\"\n{does}");
         let mut child = Command::new(env!("CARGO_BIN_EXE_intima"))
             .args(VIDEO)
@@ -208,6 +210,56 @@ fn a_video_that_ffmpeg_did_not_write_is_an_error_and_no_empty_file() {
         assert!(why != "no ffmpeg" || !tmp.path().join("f").exists(), "{why}");
         let _ = std::fs::remove_dir_all(tmp.path().join("f"));
     }
+}
+
+#[test]
+fn a_video_needs_no_folder_of_temporary_files_and_a_gif_at_most_50_frames_a_second() {
+    if !can_draw() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Bend, 32);
+    let run = |args: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
+        command.args(args).current_dir(tmp.path()).env("PATH", ffmpeg(tmp.path()));
+        let out = command.env("TMPDIR", "/nowhere").output().unwrap();
+        (out.status.code(), String::from_utf8_lossy(&out.stderr).into_owned())
+    };
+    let (code, err) = run(&[&VIDEO[..], &["--frames", "3", "--fov", "1"]].concat());
+    assert_eq!(code, Some(0), "{err}");
+    assert!(tmp.path().join("v.mp4").exists());
+    let gif: Vec<&str> = VIDEO.iter().map(|a| if *a == "v.mp4" { "v.gif" } else { a }).collect();
+    let (code, err) = run(&[&gif[..], &["--frames", "3", "--fps", "60"]].concat());
+    assert!(code != Some(0) && err.contains("a GIF holds 50 at most"), "{code:?} {err}");
+}
+
+#[test]
+fn a_label_map_whose_name_is_not_utf_8_is_a_mask() {
+    use std::os::unix::ffi::OsStrExt;
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Bend, 32);
+    let name = std::ffi::OsStr::from_bytes(b"m\xe9.nrrd");
+    std::fs::rename(tmp.path().join("mask.nrrd"), tmp.path().join(name)).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
+    command.args(["segment", "-o", "out.nrrd", "--mask"]).arg(name).current_dir(tmp.path());
+    assert_eq!(command.output().unwrap().status.code(), Some(0));
+}
+
+#[test]
+fn meshes_and_volumes_in_time_are_described() {
+    let tmp = tempfile::tempdir().unwrap();
+    phantom(tmp.path(), Kind::Bend, 32);
+    works(tmp.path(), &["surface", "--mask", "mask.nrrd", "-o", "wall.ply", "-q"]);
+    let mesh = works(tmp.path(), &["info", "wall.ply", "--json"]);
+    assert!(mesh["faces"].as_u64().unwrap() > 1000 && mesh["box_mm"][0].as_f64().unwrap() > 5.0);
+    let head = "NRRD0004\ntype: uchar\nencoding: raw\ndimension: 4\nsizes: 4 3 2 2\n\
+                kinds: domain domain domain time\nspacings: 1 1 1 nan\n\n";
+    std::fs::write(tmp.path().join("t.nrrd"), [head.as_bytes(), &[1; 48]].concat()).unwrap();
+    let series = works(tmp.path(), &["info", "t.nrrd", "--json"]);
+    assert!(series["notes"].to_string().contains("2 volumes one after the other"), "{series}");
+    let out = intima(tmp.path(), &["convert", "t.nrrd", "-o", "one.nrrd"]);
+    assert_eq!(out.status.code(), Some(3));
+    works(tmp.path(), &["convert", "t.nrrd", "-o", "one.nrrd", "--volume", "1"]);
 }
 
 #[test]
