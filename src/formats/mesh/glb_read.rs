@@ -417,7 +417,11 @@ impl<'a> Reader<'a> {
             let what = format!("{what} in whole numbers, the glTF extension {QUANTIZATION}");
             return Err(FormatError::unsupported(self.path, what));
         }
-        if a.shape != shape || !components.contains(&a.component_type) || a.sparse.is_some() {
+        if a.sparse.is_some() {
+            let what = format!("{what} as a sparse accessor of glTF");
+            return Err(FormatError::unsupported(self.path, what));
+        }
+        if a.shape != shape || !components.contains(&a.component_type) {
             return Err(self.bad(what, "another type than a surface has"));
         }
         let view = a.buffer_view.and_then(|v| doc.buffer_views.0.get(v));
