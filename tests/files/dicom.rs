@@ -65,6 +65,8 @@ fn dicom_series_that_are_no_box_are_refused_with_the_miss() {
     assert!(plain.contains("RLE Lossless (1.2.840.10008.1.2.5) has them in fragments"), "{plain}");
     let progressive = |_: usize, s: &mut volumes::Slice| s.syntax = "1.2.840.10008.1.2.4.55";
     assert!(refused(&[0.0, 2.0], &progressive).contains("JPEG Full Progression"));
+    let deflated = |_: usize, s: &mut volumes::Slice| s.syntax = "1.2.840.10008.1.2.8.1";
+    assert!(refused(&[0.0, 2.0], &deflated).contains("Deflated Image Frame Compression"));
     let no_spacing = |_: usize, s: &mut volumes::Slice| s.pixel_spacing = "";
     assert!(refused(&[0.0, 2.0], &no_spacing).contains("PixelSpacing"));
     let inverse = |_: usize, s: &mut volumes::Slice| s.photometric = "MONOCHROME1";

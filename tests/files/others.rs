@@ -203,6 +203,10 @@ fn messages_name_what_is_not_supported() {
     for (fields, words) in [
         (format!("dimension: 3\n{grid}\ndata file: LIST\na.raw\nb.raw"), "data file: LIST"),
         (vectors.to_owned(), "vectors: axis 0 holds 3 values a voxel"),
+        (
+            format!("dimension: 3\n{grid}\nencoding: gzip\nbyte skip: -1"),
+            "samples at the end of the file are of encoding raw alone",
+        ),
     ] {
         let why = nrrd(&fields).unwrap_err();
         assert!(why.contains(words), "{why}");
