@@ -265,7 +265,7 @@ impl Session {
     /// Draws all frames into a video; their number.
     fn video(&self, py: Python<'_>, path: PathBuf, fps: f64) -> PyResult<usize> {
         self.run(py, |s| {
-            VideoWriter::check(&path)?;
+            VideoWriter::check(&path, fps)?;
             write_video(s.frames()?, &path, fps)
         })
     }

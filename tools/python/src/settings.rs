@@ -131,6 +131,7 @@ impl Given {
 fn read(given: &Remaining<'_>) -> PyResult<ReadOptions> {
     Ok(ReadOptions {
         series: given.take("series")?,
+        volume: given.take("volume")?,
         segments: given.take("segment")?.unwrap_or_default(),
         fill_gaps: given.flag("fill_gaps", false)?,
         allow_burned_in: given.flag("allow_burned_in", false)?,

@@ -48,6 +48,8 @@ class LumenSettings(DeviceSettings, total=False):
     """Default methods, or those of the paper."""
     series: str | int | None
     """DICOM series of a path, by UID or number."""
+    volume: int | None
+    """Which of several volumes of a path at the same places, from 0: of a time, an echo, a phase."""
     segment: Sequence[str] | None
     """Names of the segments of a segmentation's path."""
     fill_gaps: bool

@@ -57,6 +57,7 @@ class Volume:
         path: PathLike,
         *,
         series: str | int | None = None,
+        volume: int | None = None,
         segment: Sequence[str] | None = None,
         fill_gaps: bool = False,
         allow_burned_in: bool = False,
@@ -70,6 +71,8 @@ class Volume:
             File or folder.
         series
             DICOM series, by UID or by its number in the listing.
+        volume
+            Which of several volumes at the same places, from 0: of a time, an echo, a phase.
         segment
             Names of the segments of a segmentation that are read, together as 1.
         fill_gaps
@@ -81,6 +84,7 @@ class Volume:
         """
         settings = {
             "series": None if series is None else str(series),
+            "volume": volume,
             "segment": None if segment is None else list(segment),
             "fill_gaps": fill_gaps,
             "allow_burned_in": allow_burned_in,
