@@ -36,7 +36,7 @@ impl Args {
         }
         let info = inspect(&self.input, &options)?;
         if info.format != "DICOM" {
-            // What is described is the first of several volumes.
+            // Of several volumes the first is described.
             options.volume = options.volume.or(Some(0));
         }
         let range = match &info.image {

@@ -47,7 +47,7 @@ pub struct LumenArgs {
     /// Leave an airway's thin bronchi out
     #[arg(long, requires = "organ", conflicts_with = "thin_bronchi")]
     pub no_thin_bronchi: bool,
-    /// Draw the segmented organ in projections of the volume, a PNG, and say what else is there
+    /// Draw the segmented organ in projections of the volume, a PNG, and print the names of all gas and bright vessels
     #[arg(long, value_name = "FILE.png", requires = "organ")]
     pub explain: Option<PathBuf>,
     /// Keep every component

@@ -99,7 +99,7 @@ enum CliCommand {
     Man(generate::ManArgs),
 }
 
-/// Arguments of `fly` where there is no window: any.
+/// Arguments of `fly` in a build without the window: any arguments are taken.
 #[cfg(not(feature = "window"))]
 #[derive(Debug, clap::Args)]
 struct NoWindow {

@@ -1,6 +1,6 @@
 //! A picture of the segmented organ: the volume seen from the front, from the left and from the
-//! feet, as an X-ray would show it, with the organ and its seeds in colour. And the names of what a CT
-//! holds, one line for each piece of gas and each chain of bright sections.
+//! feet, as an X-ray would show it, with the organ and its seeds in colour. And the names of the
+//! components of a CT, one line for each piece of gas and each chain of bright sections.
 
 use glam::{DVec3, UVec3};
 use rayon::prelude::*;

@@ -95,7 +95,7 @@ pub fn inspect(path: &Path, options: &ReadOptions) -> Result<InputInfo, FormatEr
             })
         }
         k => {
-            // What is described is the first of several.
+            // Of several volumes the first is described.
             let mut layout = layout_of(path, k, options.volume.or(Some(0)))?;
             layout.open()?;
             if options.volume.is_none() && layout.volumes > 1 {

@@ -161,11 +161,15 @@ fn geometry(path: &Path, h: &NiftiHeader, notes: &mut Vec<String>) -> Result<Gri
     };
     let side = |i: usize| f64::from(h.pixdim[i]);
     let mut spacing = DVec3::new(side(1), side(2), side(3));
-    if h.dim[0] == 2 && spacing.z == 0.0 {
-        notes.push("one slice without a thickness; 1 mm is assumed".to_owned());
+    let is_flat = h.dim[0] == 2 && spacing.z == 0.0;
+    if is_flat {
         spacing.z = 1.0 / mm;
     }
-    let (sform, qform) = (sform(path, h, dims, spacing, mm), qform(path, h, dims, spacing, mm));
+    let forms = GridForms { path, h, dims, spacing_mm: spacing * mm, mm };
+    let (sform, qform) = (forms.sform(), forms.qform());
+    if is_flat && !matches!(sform, Some(Ok(_))) {
+        notes.push("one slice without a thickness; 1 mm is assumed".to_owned());
+    }
     match (sform, qform) {
         (Some(Ok(sform)), Some(Ok(qform))) => {
             let off_mm = farthest_corners(&sform, &qform);
@@ -185,51 +189,54 @@ fn geometry(path: &Path, h: &NiftiHeader, notes: &mut Vec<String>) -> Result<Gri
         (None, None) => {
             let note = "neither sform nor qform; axes are taken as right, anterior, superior";
             notes.push(note.to_owned());
-            grid(path, dims, spacing * mm, DVec3::ZERO, DMat3::from_diagonal(RAS))
+            grid(path, dims, forms.spacing_mm, DVec3::ZERO, DMat3::from_diagonal(RAS))
         }
     }
 }
 
-/// The grid of the affine, where the header has one.
-fn sform(
-    path: &Path,
-    h: &NiftiHeader,
+/// The two forms in which a header says where its voxels lie.
+struct GridForms<'a> {
+    path: &'a Path,
+    h: &'a NiftiHeader,
     dims: [u64; 3],
-    spacing: DVec3,
+    spacing_mm: DVec3,
+    /// Millimetres in the header's unit.
     mm: f64,
-) -> Option<Result<Grid, FormatError>> {
-    let rows = [h.srow_x, h.srow_y, h.srow_z].map(|r| r.map(f64::from));
-    let col = |j: usize| DVec3::new(rows[0][j], rows[1][j], rows[2][j]);
-    let steps = DMat3::from_cols(col(0), col(1), col(2));
-    let made = || {
-        let mut found = grid_from_steps(path, dims, steps, col(3), RAS * mm)?;
-        // The lengths of 32-bit columns carry noise that would make an isotropic volume look
-        // anisotropic; where pixdim says the same without it, pixdim is taken.
-        if (found.spacing_mm / (spacing * mm) - 1.0).abs().max_element() < 1e-5 {
-            found.spacing_mm = spacing * mm;
-        }
-        Ok(found)
-    };
-    (h.sform_code > 0).then(made)
 }
 
-/// The grid of the quaternion, where the header has one.
-fn qform(
-    path: &Path,
-    h: &NiftiHeader,
-    dims: [u64; 3],
-    spacing: DVec3,
-    mm: f64,
-) -> Option<Result<Grid, FormatError>> {
-    let made = || {
-        let rotation = quaternion(path, h)?;
-        let handed = if h.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
-        let place = [h.quatern_x, h.quatern_y, h.quatern_z].map(f64::from);
-        let axes = DMat3::from_cols(rotation.x_axis, rotation.y_axis, rotation.z_axis * handed);
-        let flip = DMat3::from_diagonal(RAS);
-        grid(path, dims, spacing * mm, DVec3::from(place) * RAS * mm, flip * axes)
-    };
-    (h.qform_code > 0).then(made)
+impl GridForms<'_> {
+    /// The grid of the affine, where the header has one.
+    fn sform(&self) -> Option<Result<Grid, FormatError>> {
+        let h = self.h;
+        let rows = [h.srow_x, h.srow_y, h.srow_z].map(|r| r.map(f64::from));
+        let col = |j: usize| DVec3::new(rows[0][j], rows[1][j], rows[2][j]);
+        let steps = DMat3::from_cols(col(0), col(1), col(2));
+        let made = || {
+            let mut found = grid_from_steps(self.path, self.dims, steps, col(3), RAS * self.mm)?;
+            // The lengths of 32-bit columns carry noise that would make an isotropic volume look
+            // anisotropic; where pixdim says the same without it, pixdim is taken.
+            if (found.spacing_mm / self.spacing_mm - 1.0).abs().max_element() < 1e-5 {
+                found.spacing_mm = self.spacing_mm;
+            }
+            Ok(found)
+        };
+        (h.sform_code > 0).then(made)
+    }
+
+    /// The grid of the quaternion, where the header has one.
+    fn qform(&self) -> Option<Result<Grid, FormatError>> {
+        let h = self.h;
+        let made = || {
+            let rotation = quaternion(self.path, h)?;
+            let handed = if h.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
+            let place = [h.quatern_x, h.quatern_y, h.quatern_z].map(f64::from);
+            let axes = DMat3::from_cols(rotation.x_axis, rotation.y_axis, rotation.z_axis * handed);
+            let origin_mm = DVec3::from(place) * RAS * self.mm;
+            let direction = DMat3::from_diagonal(RAS) * axes;
+            grid(self.path, self.dims, self.spacing_mm, origin_mm, direction)
+        };
+        (h.qform_code > 0).then(made)
+    }
 }
 
 /// Largest distance between the same corner of two grids, mm.

@@ -384,7 +384,7 @@ fn choose(path: &Path, series: &[Series], options: &ReadOptions) -> Result<usize
         (None, _) if count == 1 => Ok(stacks[0]),
         (None, Some(main)) => Ok(main),
         (None, None) => {
-            // What was varied: orientation and size, or time, echo, phase.
+            // Stacks of one shape differ in time, echo or phase, the others in orientation or size.
             let shape = |i: &usize| (listed[*i].dims, listed[*i].plane);
             let are_alike = stacks.iter().all(|i| shape(i) == shape(&stacks[0]));
             Err(fail(match are_alike {
