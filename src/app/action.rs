@@ -228,6 +228,10 @@ pub enum Request {
     Lumen(LumenChoice),
     /// Finds an organ in the same volume.
     Organ(Organ),
+    /// Flies through the same lumen from this place, LPS mm.
+    StartAt([f64; 3]),
+    /// Flies through the same lumen to this place, LPS mm.
+    EndAt([f64; 3]),
     /// Opens one of several DICOM series of the opened folder, by its index.
     Series(usize),
     /// Opens one of several segments of the opened file, by its name.

@@ -11,6 +11,7 @@ mod canvas;
 mod colouring;
 mod computation;
 mod coverage_recorder;
+mod doubts;
 mod dialogs;
 mod error;
 mod export;

@@ -10,7 +10,7 @@ use crate::formats::ReadOptions;
 use crate::lumen::IntensitySelection;
 use crate::organ::Organ;
 use crate::session::{
-    CenterlineSettings, LumenSettings, Seed, Session, Settings, Source, VolumeSource,
+    CenterlineSettings, EndPoint, LumenSettings, Seed, Session, Settings, Source, VolumeSource,
 };
 
 /// Choice of a lumen as it is made in the window.
@@ -113,6 +113,15 @@ impl Opening {
                 return read(is_mask, &|o| o.series = Some(index.to_string()));
             }
             Request::Segment(name) => return read(true, &|o| o.segments = vec![name.clone()]),
+            Request::StartAt(at) | Request::EndAt(at) => {
+                let mut settings = settings;
+                let at = Some(EndPoint::Point(DVec3::from(*at)));
+                match request {
+                    Request::StartAt(_) => settings.centerline.from = at,
+                    _ => settings.centerline.to = at,
+                }
+                return Some(Self { source: None, settings, is_same_volume: true });
+            }
             Request::Organ(organ) => SavedLumen::Organ(*organ).settings(),
             Request::Lumen(choice) => SavedLumen::Range(*choice).settings(),
             _ => return None,
@@ -122,7 +131,12 @@ impl Opening {
             let volume = session?.products(&[crate::session::Product::Volume]);
             Some(Source::Image(VolumeSource::Memory(Arc::clone(volume.volume()?))))
         });
-        let settings = Settings { lumen, ..settings };
+        // Ends are of one lumen.
+        let ends = match SavedLumen::of(&settings.lumen) {
+            Some(_) => CenterlineSettings { from: None, to: None, ..settings.centerline },
+            None => settings.centerline,
+        };
+        let settings = Settings { lumen, centerline: ends, ..settings };
         Some(Self { source, settings, is_same_volume: true })
     }
 }
@@ -167,6 +181,25 @@ mod tests {
         let by_voxel = LumenSettings { seed: voxel, ..SavedLumen::Range(range(0.0)).settings() };
         assert_eq!(SavedLumen::of(&by_voxel), None, "its place is not known");
         assert_eq!(SavedLumen::of(&LumenSettings::default()), None, "nobody chose");
+    }
+
+    #[test]
+    fn ends_that_were_chosen_stay_with_their_lumen() {
+        let after = |settings: &Settings, request| {
+            Opening::of(&request, None, settings, false).unwrap().settings
+        };
+        let settings = after(&Settings::default(), Request::Organ(Organ::Vessel));
+        let at = [1.0, 2.0, 3.0];
+        let started = after(&settings, Request::StartAt(at));
+        assert_eq!(started.centerline.from, Some(DVec3::from(at).into()));
+        assert_eq!(started.lumen.organ, settings.lumen.organ);
+        let ended = after(&started, Request::EndAt(at));
+        assert_eq!(
+            (ended.centerline.from, ended.centerline.to),
+            (started.centerline.from, ended.centerline.from)
+        );
+        let other = after(&ended, Request::Organ(Organ::Airway)).centerline;
+        assert_eq!((other.from, other.to), (None, None), "ends of another lumen");
     }
 
     #[test]

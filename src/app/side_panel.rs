@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use super::action::{Action, ActionQueue, Colouring, Export, Request, Ruler, WallView};
 use super::branch_panel::branch_list;
+use super::doubts::{doubtful_ends, reasons};
 use super::figures::figures;
 use super::grey_window::slice_controls;
 use super::lumen_panel::{EnteredRange, lumen_choice};
@@ -46,6 +47,8 @@ pub(super) fn side_panel(
 fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut ActionQueue) {
     ui.add_space(4.0);
     figures(ui, model, commands);
+    doubtful_ends(ui, model, commands);
+    reasons(ui, model);
     ui.separator();
     if let Some((info, _)) = &model.contents {
         contents(ui, info, commands);

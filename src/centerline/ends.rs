@@ -37,6 +37,23 @@ pub enum EndRule {
     Ring,
 }
 
+impl EndRule {
+    /// Describes the rule for a reader.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Given => "given",
+            Self::Trachea => "upper end of the trachea",
+            Self::ThickestStem => "free end of the thickest stem",
+            Self::Rectum => "rectum: the end nearer to feet and back",
+            Self::FirstPiece => "nearer to the first piece",
+            Self::WiderEnd => "the wider end",
+            Self::NearestToHead => "nearest to the head of ends about as good",
+            Self::FarthestTip => "tip farthest from the start",
+            Self::Ring => "a place on a ring",
+        }
+    }
+}
+
 /// An end with the reason why it is one.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ChosenEnd {

@@ -38,6 +38,8 @@ const HOLES: f64 = 0.05;
 /// Largest standard deviation of a section's values, and largest median, HU.
 const MAX_SPREAD_HU: f64 = 40.0;
 const MAX_BLOOD_HU: f64 = 700.0;
+/// Least share of a parted section's values that lie within the largest deviation about their median.
+const MIN_ALIKE: f64 = 0.5;
 /// Inner and outer distance of the ring about a section, mm or pixels, and least difference of the
 /// section's median from the ring's, HU.
 const RING: std::ops::Range<f64> = 1.0..2.2;
@@ -89,6 +91,37 @@ const GAS_HU: f64 = -930.0;
 /// Most of the sections that lie beside gas.
 const MAX_BESIDE_GAS: f64 = 0.5;
 
+/// Content of a section.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum SectionContent {
+    /// Blood of one value.
+    Even,
+    /// Blood with a flap between two lumens, with the wires of a stent or with clot.
+    Parted,
+}
+
+impl SectionContent {
+    /// Value of the blood; `None` for values that are no such content.
+    ///
+    /// * `values`: of a section, sorted.
+    fn blood_hu(self, values: &[f64]) -> Option<f64> {
+        let n = values.len() as f64;
+        let median = quantile(values, 0.5);
+        let mean = values.iter().sum::<f64>() / n;
+        let fits = match self {
+            Self::Even => {
+                let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
+                variance.sqrt() <= MAX_SPREAD_HU
+            }
+            Self::Parted => {
+                let alike = values.iter().filter(|v| (*v - median).abs() <= MAX_SPREAD_HU).count();
+                alike as f64 >= MIN_ALIKE * n
+            }
+        };
+        (values.len() >= 4 && fits && median <= MAX_BLOOD_HU).then_some(median)
+    }
+}
+
 /// A chain of sections.
 pub(super) struct Aorta {
     slices: Slices,
@@ -109,17 +142,18 @@ pub(super) fn coarse(volume: &Volume) -> (Volume, UVec3) {
 }
 
 /// Chains across any index axis of a coarse copy, best first.
-pub(super) fn candidates(coarse: Volume, factor: UVec3) -> Vec<Aorta> {
+pub(super) fn candidates(coarse: &Volume, factor: UVec3, content: SectionContent) -> Vec<Aorta> {
     let sigma_mm = SMOOTHING * coarse.grid.spacing_mm.min_element();
-    let is_noisy = noise_between_neighbours(&coarse) > NOISY_HU;
-    let coarse = if is_noisy { smoothed(&coarse, sigma_mm, MIN_HU) } else { coarse };
-    let axes = (0..3).flat_map(|axis| across(&coarse, factor, axis));
+    let is_noisy = noise_between_neighbours(coarse) > NOISY_HU;
+    let calm = is_noisy.then(|| smoothed(coarse, sigma_mm, MIN_HU));
+    let coarse = calm.as_ref().unwrap_or(coarse);
+    let axes = (0..3).flat_map(|axis| across(coarse, factor, axis, content));
     let mut out: Vec<Aorta> = axes.collect();
     out.sort_by(|a, b| b.score.total_cmp(&a.score));
     out
 }
 
-fn across(coarse: &Volume, factor: UVec3, axis: usize) -> Vec<Aorta> {
+fn across(coarse: &Volume, factor: UVec3, axis: usize, content: SectionContent) -> Vec<Aorta> {
     let slices = Slices::of(coarse, axis);
     let mut flat = DVec3::splat(1e9);
     (flat[slices.u], flat[slices.v]) = (1.0, 1.0);
@@ -128,7 +162,7 @@ fn across(coarse: &Volume, factor: UVec3, axis: usize) -> Vec<Aorta> {
         crate::task::checkpoint();
         let bright = opened(&between(coarse, level, f64::INFINITY), flat, 1.0);
         let bright = SlicedMask::new(&bright, &slices);
-        let of = |slice: usize| sections_of(coarse, &bright, &slices, slice as u32);
+        let of = |slice: usize| sections_of(coarse, &bright, &slices, slice as u32, content);
         let found: Vec<_> = (0..sections.len()).into_par_iter().map(of).collect();
         sections.iter_mut().zip(found).for_each(|(all, found)| all.extend(found));
     }
@@ -178,6 +212,7 @@ fn sections_of(
     bright: &SlicedMask<'_>,
     slices: &Slices,
     slice: u32,
+    content: SectionContent,
 ) -> Vec<(Section, f64)> {
     let section = |shape: &SectionRegion| {
         let mut section = shape.section(slices, slice, ASPECT)?;
@@ -185,14 +220,7 @@ fn sections_of(
         if !is_round || shape.holes > HOLES {
             return None;
         }
-        let values = shape.inner_values(volume, slices, slice);
-        section.value = quantile(&values, 0.5);
-        let n = values.len() as f64;
-        let mean = values.iter().sum::<f64>() / n;
-        let spread = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
-        if values.len() < 4 || spread > MAX_SPREAD_HU || section.value > MAX_BLOOD_HU {
-            return None;
-        }
+        section.value = content.blood_hu(&shape.inner_values(volume, slices, slice))?;
         let ring = shape.ring_values(volume, slices, slice, &RING);
         let contrast = section.value - quantile(&ring, 0.5);
         (contrast >= MIN_CONTRAST_HU).then_some((section, contrast))

@@ -1,6 +1,6 @@
 //! The aorta and its branches in a CT with contrast medium.
 
-use super::aorta::{self, Aorta};
+use super::aorta::{self, Aorta, SectionContent};
 use super::body::PatientBody;
 use super::branches::{Mouths, follow};
 use super::frame::{BodyFrame, FrameSearch};
@@ -44,30 +44,44 @@ const MIN_TUBE: f64 = 0.2;
 const SURE_PLACE: f64 = 0.5;
 /// Confidence at most where no spine is seen.
 const NO_SPINE: f64 = 0.4;
+/// Confidence at most where its sections are not of one value.
+const UNEVEN: f64 = 0.4;
+const PARTED: &str =
+    "its sections hold more than blood: a flap between two lumens, a stent or clot";
 /// Most chains that a refusal names.
 const LISTED: usize = 3;
 
-/// The aorta of a CT with contrast medium, and its branches.
+/// The aorta of a CT with contrast medium, and its branches: sections of even blood come first, and
+/// sections that a flap, a stent or clot parts where there is no other aorta.
 pub(super) fn find(volume: &Volume, gates: &Gates) -> Result<FoundOrgan, OrganError> {
     let (copy, factor) = aorta::coarse(volume);
     let search = FrameSearch::new(volume, &copy, factor);
-    let chains = aorta::candidates(copy, factor);
-    let mut found = ShapedChains::of(volume, &chains, &search, gates, true);
-    found.shaped.sort_by(|a, b| b.gates.confidence.total_cmp(&a.gates.confidence));
-    let mut refused = std::mem::take(&mut found.refused);
-    let vessels = found.vessels();
-    for chain in found.shaped {
-        let name = chain.aorta.name();
-        let made = match chain.refusal(&vessels) {
-            Some(why) => Err(why),
-            None => {
-                let veins: Vec<&Aorta> = chains.iter().filter(|c| chain.is_vein(c)).collect();
-                from_aorta(volume, chain, &veins)
+    let mut refused = Vec::new();
+    for content in [SectionContent::Even, SectionContent::Parted] {
+        let chains = aorta::candidates(&copy, factor, content);
+        let mut found = ShapedChains::of(volume, &chains, &search, gates, true);
+        found.shaped.sort_by(|a, b| b.gates.confidence.total_cmp(&a.gates.confidence));
+        if content == SectionContent::Even {
+            refused.append(&mut found.refused);
+        }
+        let vessels = found.vessels();
+        for mut chain in found.shaped {
+            let name = chain.aorta.name();
+            let made = match chain.refusal(&vessels) {
+                Some(why) => Err(why),
+                None if content == SectionContent::Parted && chain.frame.is_none() => continue,
+                None => {
+                    if content == SectionContent::Parted {
+                        chain.gates.doubt(PARTED.into(), UNEVEN);
+                    }
+                    let veins: Vec<&Aorta> = chains.iter().filter(|c| chain.is_vein(c)).collect();
+                    from_aorta(volume, chain, &veins)
+                }
+            };
+            match made {
+                Err(OrganError::NotFound { why, .. }) => refused.push(format!("{name}: {why}")),
+                other => return other,
             }
-        };
-        match made {
-            Err(OrganError::NotFound { why, .. }) => refused.push(format!("{name}: {why}")),
-            other => return other,
         }
     }
     if refused.is_empty() {
@@ -83,7 +97,7 @@ pub(super) fn named(volume: &Volume) -> Vec<String> {
     let search = FrameSearch::new(volume, &copy, factor);
     let frame = search.find_without(&BitVolume::new(volume.grid.dims));
     let mut lines = vec![frame.map_or("no spine seen".into(), |frame| frame.line())];
-    let chains = aorta::candidates(copy, factor);
+    let chains = aorta::candidates(&copy, factor, SectionContent::Even);
     let found = ShapedChains::of(volume, &chains, &search, &Gates::new(Organ::Vessel), false);
     let vessels = found.vessels();
     for chain in &found.shaped {

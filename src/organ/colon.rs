@@ -90,6 +90,9 @@ fn pass(gas: &Gas, gates: &mut Gates) -> Result<(), OrganError> {
     }
     for c in &gas.colon {
         let (ml, radius_mm) = (c.features.volume_ml, c.features.radius_mm);
+        if let Some(gap) = &c.gap {
+            gates.note(gap.line());
+        }
         gates.note(format!("{ml:.0} ml of gas, radius {radius_mm:.1} mm, at {}", c.seed));
         for (what, value, limit, sure) in Rival::Colon.rows(&c.features) {
             gates.at_least(what, value, limit, sure)?;

@@ -2,12 +2,13 @@
 
 use glam::{DVec3, UVec3};
 
+use super::airway;
 use super::body::PatientBody;
+use super::colon_order::{SegmentGap, in_order};
 use super::depth::Depth;
 use super::lungs::{Lungs, lung_of};
 use super::rivals::{GasFeatures, GasName, Rival};
 use super::values::{MIN_HU, between, share};
-use super::{SIDES, airway};
 use crate::lumen::{BitVolume, Piece, dilated, fill_cavities, pieces};
 use crate::volume::{Grid, Volume};
 
@@ -49,6 +50,8 @@ pub(super) struct ColonCandidate {
     pub extent_mm: f64,
     pub features: GasFeatures,
     pub name: GasName,
+    /// The way to it from the segment before.
+    pub gap: Option<SegmentGap>,
 }
 
 impl Gas {
@@ -98,7 +101,7 @@ impl Gas {
             }
         }
         out.colon.iter().for_each(|c| out.others.remove(&c.mask));
-        out.colon = in_order(grid, out.colon);
+        out.colon = in_order(volume, out.colon);
         Some(out)
     }
 
@@ -154,6 +157,7 @@ impl ColonCandidate {
             mask,
             seed,
             features,
+            gap: None,
         }
     }
 }
@@ -197,35 +201,4 @@ impl<'a> BodyPlace<'a> {
         features.below_lung_mm = self.lungs.map(|lungs| lungs.lowest_mm - high.z);
         features.below_end_mm = self.head_mm - high.z;
     }
-}
-
-/// Segments from the feet-most one on, each followed by the one with the narrowest gap to it.
-fn in_order(grid: &Grid, mut left: Vec<ColonCandidate>) -> Vec<ColonCandidate> {
-    let to_world = grid.world_from_voxel();
-    // A sample of up to about a thousand of the rim's voxels.
-    let rim = |c: &ColonCandidate| -> Vec<DVec3> {
-        let on_rim = |v: &UVec3| SIDES.iter().any(|d| !c.mask.get(v.as_ivec3() + d));
-        let all: Vec<UVec3> = c.mask.voxels().filter(on_rim).collect();
-        let each = all.len().div_ceil(1000).max(1);
-        let some = all.iter().step_by(each);
-        some.map(|v| to_world.transform_point3(v.as_dvec3())).collect()
-    };
-    let mut rims: Vec<Vec<DVec3>> = left.iter().map(rim).collect();
-    let lowest = |r: &Vec<DVec3>| r.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
-    let first = (0..left.len()).min_by(|a, b| lowest(&rims[*a]).total_cmp(&lowest(&rims[*b])));
-    let mut out = Vec::new();
-    let mut next = first;
-    while let Some(i) = next {
-        let here = rims.remove(i);
-        out.push(left.remove(i));
-        let gap = |r: &Vec<DVec3>| {
-            let to = |p: &DVec3| {
-                here.iter().map(|q| p.distance_squared(*q)).fold(f64::INFINITY, f64::min)
-            };
-            r.iter().map(to).fold(f64::INFINITY, f64::min)
-        };
-        let gaps: Vec<f64> = rims.iter().map(gap).collect();
-        next = (0..gaps.len()).min_by(|a, b| gaps[*a].total_cmp(&gaps[*b]));
-    }
-    out
 }

@@ -14,6 +14,7 @@ mod bronchi;
 mod coarse;
 mod colon;
 mod colon_ends;
+mod colon_order;
 mod depth;
 mod explain;
 mod fluid;

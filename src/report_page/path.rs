@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::chart::charts;
 use super::figures::{count, decimal, percent, place, row};
 use super::overview::letter;
-use crate::centerline::{ChosenEnd, EndRule};
+use crate::centerline::ChosenEnd;
 use crate::flight::{LumenProfile, NarrowPlace};
 use crate::session::{CenterlineReport, Report};
 
@@ -87,17 +87,7 @@ fn diameters(n: &NarrowPlace) -> Markup {
 
 /// The rule of an end, its margin and the runner-up.
 fn end_of(end: &ChosenEnd) -> Markup {
-    let rule = match end.rule {
-        EndRule::Given => "given",
-        EndRule::Trachea => "upper end of the trachea",
-        EndRule::ThickestStem => "free end of the thickest stem",
-        EndRule::Rectum => "rectum: the end nearer to feet and back",
-        EndRule::FirstPiece => "nearer to the first piece",
-        EndRule::WiderEnd => "the wider end",
-        EndRule::NearestToHead => "nearest to the head of ends about as good",
-        EndRule::FarthestTip => "tip farthest from the start",
-        EndRule::Ring => "a place on a ring",
-    };
+    let rule = end.rule.words();
     let place = |[x, y, z]: [f64; 3]| {
         html! {
             "(" (decimal(x, 1)) ", " (decimal(y, 1)) ", " (decimal(z, 1)) ") mm"

@@ -1,8 +1,10 @@
 //! Organs of torsos made by formula, of any contrast, marrow, thickness, noise, crop and position: what
 //! is found is that organ, and what is there is found.
 
-use common::torso::{Torso, Tube};
+use common::torso::{AortaDisease, Torso, Tube};
+use glam::DVec3;
 use intima::organ::{Organ, OrganError, OrganOptions};
+use intima::volume::Grid;
 
 /// Outcome of a question for an organ.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,6 +45,25 @@ fn ask(torso: &Torso, organ: Organ, scan: &intima::volume::Volume) -> Answer {
             Answer { outcome, confidence: 0.0, words: why }
         }
         Err(other) => panic!("{other}"),
+    }
+}
+
+#[test]
+fn an_aorta_with_a_flap_a_stent_or_clot_is_found() {
+    let diseases = [
+        (AortaDisease::Dissection { false_hu: 330.0 }, true),
+        (AortaDisease::Dissection { false_hu: 200.0 }, false),
+        (AortaDisease::Stent { wire_hu: 3000.0 }, true),
+        (AortaDisease::Clot { radius_mm: 35.0 }, false),
+    ];
+    for (disease, is_parted) in diseases {
+        let mut torso = Torso { disease: Some(disease), ..Torso::default() };
+        torso.grid = Grid::axis_aligned([240, 160, 165], [1.5, 1.5, 2.0]);
+        torso.grid.origin_mm = DVec3::new(-180.0, -120.0, -155.0);
+        let answer = ask(&torso, Organ::Vessel, &torso.scan());
+        assert_eq!(answer.outcome, Outcome::Right, "{disease:?}: {}", answer.words);
+        assert_eq!(answer.words.contains("a flap"), is_parted, "{disease:?}: {}", answer.words);
+        assert!(!is_parted || answer.confidence <= 0.4, "{disease:?}: {}", answer.confidence);
     }
 }
 

@@ -50,6 +50,17 @@ fn ellipsoid(p: DVec3, centre: [f64; 3], radii: [f64; 3]) -> f64 {
     (((p - c) / r).length() - 1.0) * r.min_element()
 }
 
+/// A disease of the descending aorta, or its treatment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AortaDisease {
+    /// A flap of 1.5 mm that turns about the middle, and the value of the false lumen, HU.
+    Dissection { false_hu: f64 },
+    /// Rings of wire in the wall, 1 mm thick, 8 mm apart, and their value, HU.
+    Stent { wire_hu: f64 },
+    /// A sac of this radius about the lumen below the diaphragm, filled with clot of 60 HU, mm.
+    Clot { radius_mm: f64 },
+}
+
 /// What a torso holds, and how it was scanned.
 pub struct Torso {
     pub airway: Vec<Tube>,
@@ -57,6 +68,7 @@ pub struct Torso {
     pub colon: Vec<Tube>,
     /// Empty without contrast medium.
     pub aorta: Vec<Tube>,
+    pub disease: Option<AortaDisease>,
     pub has_stomach: bool,
     /// Height of the fluid in the stomach over its back, mm, and gas in the oesophagus.
     pub stomach_fluid_mm: f64,
@@ -82,6 +94,7 @@ impl Default for Torso {
             airway: airway(),
             colon: colon(),
             aorta: aorta(),
+            disease: None,
             has_stomach: true,
             stomach_fluid_mm: 0.0,
             has_oesophagus: false,
@@ -198,6 +211,7 @@ impl Torso {
             airway: airway(),
             colon,
             aorta: if has_contrast { aorta() } else { Vec::new() },
+            disease: None,
             has_stomach: random.is(0.6),
             stomach_fluid_mm: if random.is(0.6) { random.between(5.0, 35.0) } else { 0.0 },
             has_oesophagus: random.is(0.3),
@@ -301,7 +315,7 @@ impl Torso {
         self.put_bones(p, torso, &mut put);
         let cava = [([-26., 12., -95.], 10.), ([-24., 10., -40.], 11.), ([-22., -5., 45.], 11.)];
         put(Tube::new(&cava).distance(p), self.vein_hu);
-        put(of(&self.aorta), self.blood_hu);
+        self.put_aorta(p, &mut put);
         // Folds of the colon.
         put(of(&self.colon) + 2.5 * (0.25 * (p.x + p.y + p.z)).sin().abs(), -1000.0);
         if self.has_oesophagus {
@@ -319,6 +333,36 @@ impl Torso {
             put(ellipsoid(p, at, [9., 8., 8.]), -1000.0);
         }
         hu
+    }
+
+    fn put_aorta(&self, p: DVec3, put: &mut impl FnMut(f64, f64)) {
+        let lumen = self.aorta.iter().map(|t| t.distance(p)).fold(f64::INFINITY, f64::min);
+        if let Some(AortaDisease::Clot { radius_mm }) = self.disease {
+            put(ellipsoid(p, [12., 4., -52.], [radius_mm, radius_mm, 35.]), 60.0);
+        }
+        put(lumen, self.blood_hu);
+        // Place in the section of the descending aorta.
+        let Some(descending) =
+            self.aorta.first().filter(|t| (-90.0..120.0).contains(&p.z) && t.distance(p) < 2.0)
+        else {
+            return;
+        };
+        let ends = descending.points.windows(2).find(|w| p.z <= w[0].0.z && p.z >= w[1].0.z);
+        let Some(&[(upper, _), (lower, _)]) = ends else { return };
+        let middle = upper.lerp(lower, (upper.z - p.z) / (upper.z - lower.z));
+        match self.disease {
+            Some(AortaDisease::Dissection { false_hu }) => {
+                let side = (p - middle).truncate().dot(DVec2::from_angle(p.z / 60.0)) - 2.0;
+                put(lumen.max(-side), false_hu);
+                put(lumen.max(side.abs() - 0.75), 50.0);
+            }
+            Some(AortaDisease::Stent { wire_hu }) => {
+                let along = (p.z + 2.0 * (4.0 * (p.y - middle.y).atan2(p.x - middle.x)).sin())
+                    .rem_euclid(8.0);
+                put(lumen.abs().max((along - 4.0).abs()) - 0.5, wire_hu);
+            }
+            _ => {}
+        }
     }
 
     fn put_bones(&self, p: DVec3, torso: f64, put: &mut impl FnMut(f64, f64)) {
