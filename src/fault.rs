@@ -21,7 +21,7 @@ pub enum Point {
     Submit,
     /// Creating an instance: answers as a machine without a driver.
     Instance,
-    /// Error bounds of clusters: answers with an eighth of the measured error.
+    /// Error bounds of patches: answers with an eighth of the measured error.
     ErrorBound,
     /// Clearance of exterior cells in the occlusion test: answers with the largest there is.
     Occlusion,

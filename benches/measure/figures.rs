@@ -5,14 +5,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use common::fly;
-use common::pages::Pages;
 use glam::Vec3;
 use intima::formats::write_png;
 use intima::geometry::{Camera, Mesh, Pose, TriangleBvh};
-use intima::lod::vds::{ParameterizedOriginal, SubdivisionSurface, Vds, VdsOptions};
-use intima::lod::{PageCache, Tolerance, Worker};
+use intima::lod::Tolerance;
+use intima::lod::vds::{ParameterizedOriginal, SubdividedWall, SubdivisionSurface, VdsOptions};
 use intima::mesh::{Parameterization, SimplifyOptions, simplify};
-use intima::render::{FrameSequence, Renderer, Scene, Shot, View};
+use intima::render::{PreparedMesh, Renderer, Scene, Shot, View};
 use intima::surface::shading;
 use intima::vk::Validate;
 
@@ -111,19 +110,14 @@ pub fn trachea_and_colon_as_in_the_papers_figures() {
         }
         for (tag, pixels) in ["c_coarse", "d_fine"].into_iter().zip(bounds) {
             let tolerance = Tolerance { pixels };
-            let mut vds = Vds::new(Arc::clone(&surface));
+            let wall = Arc::new(SubdividedWall::new(Arc::clone(&surface), tolerance, None));
             let camera = Camera { pose, lens: shot.lens, height_px: SIZE[1] };
-            let mut cut = Pages::of(Some(Arc::clone(surface.patches())));
-            let cache = &mut PageCache::new(0, 0, 0);
-            cut.settle(&mut vds, &camera, &tolerance, cache);
-            let triangles = cut.triangles();
-            let radius = shaded.mean_radius_mm;
-            let pages = r.open_patches(&mut gpu, surface.patches(), radius).unwrap();
-            let refine = Box::new(Vds::new(Arc::clone(&surface)));
-            let w = Worker::spawn(refine, tolerance, 0, 4 << 20, 3).unwrap();
-            let mut sequence = FrameSequence::new(Scene::paged(pages, None), vec![shot], Some(w));
-            let (rgb, _) = sequence.next_frame(&mut r, &mut gpu).unwrap().expect("one frame");
-            let corners: Vec<_> = triangles.iter().map(|t| t.map(|v| v.position())).collect();
+            let cut = wall.cut(&camera);
+            let triangles = cut.iter().flat_map(|d| surface.patches().triangles(d));
+            let prepared = PreparedMesh::subdivided(Arc::clone(&wall), shaded.mean_radius_mm);
+            let handle = r.upload_prepared_mesh(&mut gpu, &prepared).unwrap();
+            let rgb = r.render(&mut gpu, &Scene::with(handle, None), &shot).unwrap();
+            let corners: Vec<_> = triangles.map(|t| t.map(|v| v.position())).collect();
             save(tag, &rgb, &corners);
         }
     }

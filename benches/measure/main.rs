@@ -2,18 +2,14 @@
 //! The folder holds meshes as PLY with their axes as JSON (`tests/common/src/fly.rs`); what is not
 //! there is left out. Figures go to `benches/results`.
 
-mod clusters;
 mod figures;
 mod lod;
-mod pages;
 mod simplify;
 
-const ALL: [(&str, fn()); 7] = [
-    ("cluster-statistics", clusters::statistics_of_a_large_mesh),
+const ALL: [(&str, fn()); 5] = [
     ("figures", figures::trachea_and_colon_as_in_the_papers_figures),
-    ("frame-times", lod::frame_times_with_and_without_level_of_detail),
+    ("frame-times", lod::frame_times_of_each_form),
     ("growth", lod::growth_of_the_frame_time),
-    ("pages", pages::pages_against_one_mesh),
     ("pixels", lod::pixels_inside_the_bound),
     ("simplify", simplify::times_and_deviations),
 ];

@@ -9,19 +9,16 @@ use glam::Vec3;
 use super::action::{Colouring, WallView};
 use super::colouring::{distance_colours, evidence_colours, missed_colours};
 use super::model::Model;
-use crate::geometry::Camera;
-use crate::lod::{Tolerance, Worker};
 use crate::render::{
-    Culling, Framing, Look, MeshHandle, PagesHandle, PathHandle, RenderError, Renderer, Scene,
-    SceneWall, Shot, View,
+    Look, MeshHandle, PathHandle, PreparedMesh, RenderError, Renderer, Scene, Shot, View,
 };
-use crate::session::{Levels, Products, SessionError};
+use crate::session::{Products, SessionError, WallForm};
 use crate::vk::{Frame, Gpu, ImageId};
 
-/// Whether a picture waits for its level of detail.
+/// Whether a picture waits for all of its parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detail {
-    /// Shows what is there; later steps are drawn when they come.
+    /// Shows what is there; later parts are drawn when they come.
     Live,
     /// Waits, so that the picture depends on its camera alone.
     Settled,
@@ -88,10 +85,10 @@ struct Coloured {
 pub struct Panes {
     inside: DrawnPane,
     overview: DrawnPane,
-    /// The whole mesh in the inside view, until there are levels.
+    /// The wall of the inside view: the whole mesh, until it is culled or subdivided.
     mesh: Option<MeshHandle>,
-    /// Whether what a camera cannot see of that mesh is left out.
-    is_culled: bool,
+    /// Whether that wall has its last form.
+    has_form: bool,
     glass: Option<MeshHandle>,
     /// Whether the wall is on the device for the inside view.
     has_wall: bool,
@@ -100,13 +97,6 @@ pub struct Panes {
     path: Option<PathHandle>,
     /// Mean radius of the organ, for the light, mm.
     radius_mm: f32,
-    levels: Option<(Worker, PagesHandle, Arc<Levels>)>,
-    /// Whether the pages hold a cut.
-    has_cut: bool,
-    /// The camera whose levels were asked for last.
-    asked: Option<Camera>,
-    /// Whether steps are still to come for it.
-    is_settling: bool,
     coloured: Option<Coloured>,
     /// Whether colours are older than what was shown.
     is_paint_old: bool,
@@ -125,16 +115,12 @@ impl Panes {
             inside: DrawnPane::new(gpu, samples)?,
             overview: DrawnPane::new(gpu, samples)?,
             mesh: None,
-            is_culled: false,
+            has_form: false,
             glass: None,
             has_wall: false,
             is_glass_next: false,
             path: None,
             radius_mm: 1.0,
-            levels: None,
-            has_cut: false,
-            asked: None,
-            is_settling: false,
             coloured: None,
             is_paint_old: false,
         })
@@ -143,27 +129,32 @@ impl Panes {
     /// Puts products on the device that came since the last time.
     ///
     /// # Errors
-    /// The renderer's; the level-of-detail thread's.
-    pub fn take(
-        &mut self,
-        gpu: &mut Gpu,
-        products: &Products,
-        tolerance: Tolerance,
-    ) -> Result<(), SessionError> {
+    /// The renderer's.
+    pub fn take(&mut self, gpu: &mut Gpu, products: &Products) -> Result<(), SessionError> {
+        let renderer = &mut self.inside.renderer;
         if let (Some(wall), false) = (&products.prepared_wall, self.has_wall) {
             self.has_wall = true;
-            let mesh = self.inside.renderer.upload_prepared_mesh(gpu, wall)?;
-            self.radius_mm = self.inside.renderer.mean_radius_mm(mesh);
+            let mesh = renderer.upload_prepared_mesh(gpu, wall)?;
+            self.radius_mm = renderer.mean_radius_mm(mesh);
             self.mesh = Some(mesh);
         }
-        // Only of a closed wall the tree is that of the mesh with its caps.
-        let culling = products.culling.as_deref().and_then(Option::as_ref);
-        if let (Some(culling), Some(mesh), Some(wall), false) =
-            (culling, self.mesh, &products.prepared_wall, self.is_culled)
-            && culling.closed.is_some()
+        if let (Some(levels), Some(mesh), Some(whole), false) =
+            (&products.levels, self.mesh, &products.prepared_wall, self.has_form)
         {
-            self.inside.renderer.cull_mesh(gpu, mesh, wall, Culling::clone(culling))?;
-            self.is_culled = true;
+            self.has_form = true;
+            match &levels.form {
+                // Only of a closed wall the octree is that of the mesh with its caps.
+                WallForm::Culled(wall) if wall.closed.is_some() => {
+                    renderer.cull_mesh(gpu, mesh, whole, Arc::clone(wall))?;
+                }
+                WallForm::Culled(_) | WallForm::Whole => {}
+                WallForm::Subdivided(wall) => {
+                    let wall = PreparedMesh::subdivided(Arc::clone(wall), self.radius_mm);
+                    self.mesh = Some(renderer.upload_prepared_mesh(gpu, &wall)?);
+                    renderer.remove_mesh(mesh);
+                }
+            }
+            self.inside.version += 1;
         }
         if let (Some(centered), None) = (&products.centerline, self.path) {
             let places = |b: &crate::geometry::Branch| -> Vec<Vec3> {
@@ -172,12 +163,6 @@ impl Panes {
             let pieces: Vec<Vec<Vec3>> = centered.line.branches.iter().map(places).collect();
             let path = self.overview.renderer.upload_path(gpu, &pieces)?;
             self.path = Some(path);
-        }
-        if let (Some(levels), None) = (&products.levels, &self.levels) {
-            let renderer = &mut self.inside.renderer;
-            let pages = levels.open(renderer, gpu, self.radius_mm)?;
-            let worker = levels.worker(tolerance)?;
-            self.levels = Some((worker, pages, Arc::clone(levels)));
         }
         Ok(())
     }
@@ -204,7 +189,7 @@ impl Panes {
     /// * `inside`, `overview`: columns and rows of each, where it is shown.
     ///
     /// # Errors
-    /// The renderer's; the level-of-detail thread's.
+    /// The renderer's.
     pub fn draw(
         &mut self,
         gpu: &mut Gpu,
@@ -227,19 +212,10 @@ impl Panes {
         // Where the eye is along the path does not show inside.
         let room_mm = model.light_room_mm().map(|mm| mm as f32);
         let shot = Shot { view, pose, lens: model.lens(), progress: 0.0, room_mm };
-        if let Some(size) = inside {
-            self.inside.renderer.resize(gpu, size[0], size[1])?;
-            if !view.is_all_round() && self.coloured.is_none() {
-                self.refine(&shot, detail)?;
-            }
-        }
         self.arrange(model);
         let mut any = false;
         if let Some(size) = inside {
-            any |= match view.is_all_round() && self.draws_pages() {
-                true => self.draw_all_round(gpu, shot, size)?,
-                false => self.inside.draw(gpu, shot, size)?,
-            };
+            any |= self.inside.draw(gpu, shot, size)?;
         }
         if let Some(size) = overview {
             let lens = model.lens();
@@ -250,36 +226,11 @@ impl Panes {
         Ok(any)
     }
 
-    /// Whether the inside view shows a cut of the levels.
-    fn draws_pages(&self) -> bool {
-        matches!(self.inside.scene, Some(Scene { wall: SceneWall::Pages { .. }, .. }))
-    }
-
     /// Sets the scene of each pane as the model wants it.
     fn arrange(&mut self, model: &Model) {
-        let pages = self.levels.as_ref().filter(|_| self.has_cut).map(|l| l.1);
-        let wall = match (&self.coloured, pages, self.mesh) {
-            (Some(c), ..) => Some(SceneWall::Mesh(c.inside)),
-            (None, Some(pages), _) => Some(SceneWall::Pages { pages, backs: false }),
-            (None, None, mesh) => mesh.map(SceneWall::Mesh),
-        };
+        let wall = self.coloured.as_ref().map(|c| c.inside).or(self.mesh);
         if let Some(wall) = wall.filter(|w| self.inside.scene.is_none_or(|s| s.wall != *w)) {
-            let look = Look::default();
-            let scene = Scene {
-                wall,
-                overview: None,
-                path: None,
-                camera: true,
-                framing: Framing::default(),
-                look,
-            };
-            self.inside.change(scene);
-        }
-        // Nothing shows the whole mesh any more.
-        if self.has_cut
-            && let Some(mesh) = self.mesh.take()
-        {
-            self.inside.renderer.remove_mesh(mesh);
+            self.inside.change(Scene::with(wall, None));
         }
         let Some(glass) = self.coloured.as_ref().map(|c| c.overview).or(self.glass) else { return };
         let look = Look { opacity: model.opacity, ..Look::default() };
@@ -345,63 +296,9 @@ impl Panes {
         Ok(())
     }
 
-    /// Draws everything about the eye, each face from its own settled cut.
-    fn draw_all_round(
-        &mut self,
-        gpu: &mut Gpu,
-        shot: Shot,
-        size: [u32; 2],
-    ) -> Result<bool, SessionError> {
-        let Some(scene) = self.inside.scene.filter(|_| self.inside.is_stale(shot, size)) else {
-            return Ok(false);
-        };
-        for (eye, camera) in self.inside.renderer.cameras(&shot).into_iter().enumerate() {
-            if let Some((worker, pages, _)) = &mut self.levels {
-                let step = worker.converge(camera)?;
-                self.inside.renderer.apply(*pages, step)?;
-            }
-            self.inside.renderer.draw_eye(gpu, &scene, &shot, eye)?;
-        }
-        // The pages are those of the last face.
-        self.asked = None;
-        self.inside.is_drawn(shot, size);
-        Ok(true)
-    }
-
-    /// Asks for the levels of a camera and takes in what has come.
-    fn refine(&mut self, shot: &Shot, detail: Detail) -> Result<(), SessionError> {
-        let Some((worker, pages, _)) = &mut self.levels else { return Ok(()) };
-        let Some(camera) = self.inside.renderer.cameras(shot).first().copied() else {
-            return Ok(());
-        };
-        let is_new = self.asked != Some(camera);
-        let mut steps = Vec::new();
-        match detail {
-            Detail::Settled if is_new => steps.push(worker.converge(camera)?),
-            Detail::Settled => {}
-            Detail::Live => {
-                if is_new {
-                    worker.set_camera(&camera);
-                    self.is_settling = true;
-                }
-                while let Some(step) = worker.try_recv()? {
-                    self.is_settling = !step.settled;
-                    steps.push(step);
-                }
-            }
-        }
-        self.asked = Some(camera);
-        for step in steps {
-            self.inside.renderer.apply(*pages, step)?;
-            self.has_cut = true;
-            self.inside.version += 1;
-        }
-        Ok(())
-    }
-
-    /// Whether finer levels of what is shown are still to come.
+    /// Whether parts of what is shown are still to come.
     pub fn is_settling(&self) -> bool {
-        self.is_settling || self.is_paint_old || self.is_glass_next
+        self.is_paint_old || self.is_glass_next
     }
 
     /// The inside view as it was drawn last: columns, rows, RGB. Waits for the device.

@@ -85,7 +85,6 @@ mod tests {
         let mut settings = Settings::default();
         settings.flight.frames = Frames::Count(100);
         settings.flight.size = [64, 48];
-        settings.levels.cache = None;
         Session::new(source, settings).unwrap()
     }
 

@@ -24,9 +24,8 @@ use super::session_file::SessionFile;
 use super::ui::{self, INSIDE, OVERVIEW, UiState};
 use crate::flight::Frames;
 use crate::geometry::cube_faces;
-use crate::lod::Tolerance;
 use crate::organ::glance;
-use crate::session::{FlightRoute, Lod, Product, Session, SessionError, Settings, Source};
+use crate::session::{FlightRoute, Product, Session, SessionError, Settings, Source};
 use crate::vk::{Frame, Gpu, VkError};
 
 /// Volume that is opened, its settings, and folders of files.
@@ -55,7 +54,7 @@ impl ViewerOptions {
 
 /// Products that are shown, in the order in which a script takes them in: its pictures show those
 /// up to what it waited for, whatever else is there.
-const SHOWN: [Product; 17] = [
+const SHOWN: [Product; 16] = [
     Product::Volume,
     Product::ValueRange,
     Product::Lumen,
@@ -65,7 +64,6 @@ const SHOWN: [Product; 17] = [
     Product::Identity,
     Product::TriangleTree,
     Product::Exterior,
-    Product::Culling,
     Product::Fields,
     Product::Centerline,
     Product::Flight,
@@ -74,18 +72,6 @@ const SHOWN: [Product; 17] = [
     Product::CenterlineDistances,
     Product::Coverage,
 ];
-
-/// Returns those of these products that a session makes: levels of detail where they are asked for,
-/// else what culls the whole wall.
-fn made(products: &[Product], session: &Session) -> Vec<Product> {
-    let lod = session.settings().levels.lod;
-    let is_made = |p: &Product| match p {
-        Product::Levels => matches!(lod, Lod::Clusters | Lod::Vds),
-        Product::Culling => lod != Lod::Off,
-        _ => true,
-    };
-    products.iter().copied().filter(is_made).collect()
-}
 
 /// Number of products of [`SHOWN`] that the first picture of the wall needs.
 const FIRST_PICTURE: usize = 5;
@@ -218,8 +204,7 @@ impl Viewer {
             };
             self.spawn(TaskKind::Products, move |session| {
                 // First what the first picture needs, then the rest side by side.
-                let all = made(&SHOWN, session);
-                let groups = [known_first, &SHOWN[..FIRST_PICTURE], &all];
+                let groups = [known_first, &SHOWN[..FIRST_PICTURE], &SHOWN];
                 let outcome = session.prepare_in_order(&groups);
                 let contents = outcome.as_ref().err().and_then(|e| session.contents(e));
                 match &outcome {
@@ -271,8 +256,7 @@ impl Viewer {
         let Some(computation) = &self.computation else { return Ok(false) };
         let at = SHOWN.iter().position(|p| *p == last).expect("a product that is shown");
         if self.shown_count <= at {
-            let session = &computation.session;
-            session.prepare(&made(&SHOWN[..=at], session))?;
+            computation.session.prepare(&SHOWN[..=at])?;
             self.show_first(gpu, at + 1)?;
         }
         if self.shown_count == SHOWN.len() {
@@ -286,8 +270,7 @@ impl Viewer {
     pub fn wait_for_failure(&mut self, gpu: &mut Gpu) -> Result<bool, AppError> {
         let Some(computation) = &self.computation else { return Ok(false) };
         let session = Arc::clone(&computation.session);
-        let made = made(&SHOWN, &session);
-        let wanted = SHOWN.iter().enumerate().filter(|(_, product)| made.contains(product));
+        let wanted = SHOWN.iter().enumerate();
         let failed =
             wanted.map(|(count, product)| Some((count, session.prepare(&[*product]).err()?)));
         let Some((count, e)) = failed.flatten().next() else {
@@ -319,11 +302,7 @@ impl Viewer {
             let wake = Arc::clone(&self.wake);
             self.recorder = Some(CoverageRecorder::spawn(of, move || wake())?);
         }
-        Ok(self.panes.take(gpu, &self.model.products, self.tolerance())?)
-    }
-
-    fn tolerance(&self) -> Tolerance {
-        Tolerance { pixels: self.options.settings.levels.pixel_error }
+        Ok(self.panes.take(gpu, &self.model.products)?)
     }
 
     /// Whether something is being computed, or will be when it is waited for.
@@ -492,7 +471,7 @@ impl Viewer {
     pub fn reopen(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
         self.canvas.forget_device();
         self.panes = Panes::new(gpu, self.samples)?;
-        Ok(self.panes.take(gpu, &self.model.products, self.tolerance())?)
+        Ok(self.panes.take(gpu, &self.model.products)?)
     }
 
     /// Whether the wall is drawn.

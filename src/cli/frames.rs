@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::CliError;
 use crate::flight::{CameraPath, FOV_DEG, Frames, MAX_FRAMES};
-use crate::formats::{atomic_file, read_plain};
+use crate::formats::read_plain;
 use crate::lod::vds::Scheme;
 use crate::render::View;
 use crate::session::{FlightRoute, FlightSettings, LevelSettings, Lod};
@@ -119,12 +119,9 @@ pub struct LevelArgs {
     /// Subdivision scheme of --lod vds (default: 1-to-4)
     #[arg(long, value_enum)]
     pub scheme: Option<Scheme>,
-    /// Pixels that clusters and vds may be away from the full mesh
+    /// Pixels that vds may be away from the full mesh
     #[arg(long, value_name = "T", default_value_t = 1.0)]
     pub pixel_error: f32,
-    /// Folder where clusters are kept between runs, or off (default: the user's cache folder)
-    #[arg(long, value_name = "DIR|off")]
-    pub lod_cache: Option<PathBuf>,
 }
 
 impl LevelArgs {
@@ -134,17 +131,12 @@ impl LevelArgs {
             let error = self.pixel_error;
             return Err(CliError::Usage(format!("--pixel-error {error}: 0.01 to 100 pixels")));
         }
-        let cache = match &self.lod_cache {
-            Some(off) if off.as_os_str() == "off" => None,
-            Some(folder) => Some(folder.clone()),
-            None => atomic_file::user_cache(),
-        };
-        let Self { lod, scheme, pixel_error, .. } = *self;
+        let Self { lod, scheme, pixel_error } = *self;
         if scheme.is_some() && lod != Lod::Vds {
             return Err(CliError::Usage("--scheme: of --lod vds only".into()));
         }
         let scheme = scheme.unwrap_or_default();
-        Ok(LevelSettings { lod, scheme, pixel_error, cache })
+        Ok(LevelSettings { lod, scheme, pixel_error })
     }
 }
 

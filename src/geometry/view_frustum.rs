@@ -196,21 +196,6 @@ impl ViewFrustum {
         }
     }
 
-    /// Returns a lower bound of [`Self::bounds_error_px`] for every region within the sphere: the
-    /// error on the axis at its far side. 0 where the sphere is not entirely in the image.
-    pub fn min_error_px(&self, s: &Sphere, error_mm: f32) -> f64 {
-        let e = f64::from(error_mm);
-        let c = self.camera_from_world * (s.centre.as_dvec3() - self.position);
-        let r = f64::from(s.radius) * (1.0 + 1e-6) + 1e-6;
-        let inside = -c.z - r >= self.near
-            && (0..2).all(|k| c[k].abs() + r * self.secant[k] <= self.tangent[k] * -c.z);
-        let far = r - c.z;
-        if !inside || e <= 0.0 {
-            return 0.0;
-        }
-        if far <= 2.0 * e { f64::INFINITY } else { self.focal_px * e / (far - e) }
-    }
-
     /// Projects the ball of radius `margin_mm` around `p`.
     pub fn project(&self, p: Vec3, margin_mm: f32) -> ProjectedBounds {
         let c = self.camera_from_world * (p.as_dvec3() - self.position);
@@ -357,29 +342,6 @@ mod tests {
             assert!(frustum.intersects(&large) || !frustum.intersects(&small));
             assert!(frustum.error_px(&large, 0.05) >= frustum.error_px(&small, 0.05) * 0.9999);
         }
-    }
-
-    #[test]
-    fn min_error_px_bounds_every_region_in_the_sphere_from_below() {
-        let seed = &mut 5;
-        let frustum = ViewFrustum::new(&camera(90.0));
-        let (mut whole, mut closest) = (0, 0.0f64);
-        for _ in 0..20_000 {
-            let mut v = |s: f64| DVec3::from_array([(); 3].map(|()| s * (2.0 * noise(seed) - 1.0)));
-            let centre = (frustum.position + v(12.0)).as_vec3();
-            let radius = v(2.0).x.abs() as f32;
-            let error = 0.1 * v(1.0).x.abs() as f32;
-            let least = frustum.min_error_px(&Sphere { centre, radius }, error);
-            let at = v(1.0).clamp_length_max(1.0) * f64::from(radius);
-            let bounds = frustum.project((centre.as_dvec3() + at).as_vec3(), error);
-            let px = frustum.bounds_error_px(&bounds, error);
-            assert!(least <= px, "{least} px, of a spot {px}");
-            if least > 0.0 {
-                assert!(frustum.intersects(&Sphere { centre, radius: 0.0 }));
-                (whole, closest) = (whole + 1, closest.max(least / px));
-            }
-        }
-        assert!(whole > 500 && closest > 0.9, "{whole} in the picture, {closest}");
     }
 
     #[test]

@@ -2,15 +2,15 @@
 //!
 //! Faces are drawn in the order of the tree, so that each cell is one range of the index buffer. A
 //! camera draws the cells that are inside its view frustum, do not face away and are not occluded;
-//! of a closed wall those hold no visible face. The tree is built in about a fifteenth of the time
-//! of clusters, and has no coarser levels.
+//! of a closed wall those hold no visible face.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::OcclusionTest;
 use super::octree::{Item, Octree};
+use super::{DrawnRange, DrawnWall, OcclusionTest, VisibleWall};
 use crate::geometry::{Camera, HierarchicalZ, Mesh, ViewFrustum};
 
 /// Most faces of a leaf. Fewer are culled more tightly, but each range of faces is a draw.
@@ -69,6 +69,32 @@ impl FaceOctree {
             },
         );
         ranges
+    }
+}
+
+/// The whole wall, less what a camera cannot see of it.
+#[derive(Clone, Debug)]
+pub struct CulledWall {
+    /// Octree of the faces, in whose order they are on the device.
+    pub octree: Arc<FaceOctree>,
+    /// Occlusion test of a closed wall, where eyes are inside it; else back faces are drawn.
+    pub closed: Option<Arc<OcclusionTest>>,
+}
+
+impl DrawnWall for CulledWall {
+    fn visible(&self, camera: &Camera) -> VisibleWall {
+        let ranges = self.octree.visible(camera, self.closed.as_deref()).into_iter();
+        let range = |r: Range<u32>| DrawnRange {
+            first_index: r.start,
+            indices: r.end - r.start,
+            first_vertex: 0,
+            morph: 0,
+        };
+        ranges.map(range).collect()
+    }
+
+    fn shows_backs(&self) -> bool {
+        self.closed.is_none()
     }
 }
 

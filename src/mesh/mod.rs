@@ -26,7 +26,6 @@ pub use halfedge::HalfEdges;
 pub use make_manifold::{Repairs, make_manifold};
 pub use options::{Metric, SimplifyOptions, StopReason};
 pub use parameterization::{MappedPoint, Parameterization, ParameterizationError};
-pub(crate) use quadric::Quadric;
 pub use simplify::{Simplified, simplify};
 
 #[cfg(test)]

@@ -1,55 +1,35 @@
-//! A mesh as the device draws it.
+//! A wall as the device draws it.
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use glam::Vec3;
 
 use super::RenderError;
-use crate::geometry::{Camera, Mesh};
-use crate::lod::{FaceOctree, OcclusionTest};
+use crate::geometry::Mesh;
+use crate::lod::vds::{ResidentPatches, SubdividedWall};
+use crate::lod::{CulledWall, DrawnWall};
 use crate::surface::{Shading, shading};
-use crate::vk::IndexedRange;
 
-/// A mesh in the form that is drawn: vertices, indices, and the sizes the light depends on. Making
-/// it takes most of the time of putting a mesh on the device, and needs no device.
+/// A wall in the form that is drawn: vertices, indices, the sizes the light depends on, and what a
+/// camera sees of it. Making it takes most of the time of putting a mesh on the device, and needs no
+/// device.
 #[derive(Debug)]
 pub struct PreparedMesh {
-    pub(super) shading: Arc<Shading>,
+    pub(super) vertices: WallVertices,
     pub(super) indices: Vec<u32>,
     pub(super) bounds: Option<(Vec3, Vec3)>,
-    /// Culling in whose order the faces are.
-    pub(super) culling: Option<Culling>,
+    pub(super) mean_radius_mm: f32,
+    /// Part of it that a camera sees; all of it where `None`.
+    pub(super) drawn: Option<Arc<dyn DrawnWall>>,
 }
 
-/// Culling of the faces of a mesh that a camera cannot see.
-#[derive(Clone, Debug)]
-pub struct Culling {
-    /// Octree of the faces, in whose order they are on the device.
-    pub octree: Arc<FaceOctree>,
-    /// Occlusion of a closed wall by itself, where eyes are inside one; else back faces are drawn.
-    pub closed: Option<Arc<OcclusionTest>>,
-}
-
-impl Culling {
-    /// Returns the vertices of the faces, three a face, in the order of the octree.
-    pub(super) fn indices(&self, faces: &[[u32; 3]]) -> Vec<u32> {
-        assert_eq!(self.octree.face_count(), faces.len(), "the faces of the mesh");
-        self.octree.indices(faces)
-    }
-
-    /// Returns the index ranges that `camera` can see, and their number of triangles.
-    pub(super) fn visible_ranges(&self, camera: &Camera) -> (Vec<IndexedRange>, u64) {
-        let ranges = self.octree.visible(camera, self.closed.as_deref());
-        let triangles = ranges.iter().map(|r| r.len() as u64 / 3).sum();
-        let range = |r: Range<u32>| IndexedRange {
-            first_index: r.start,
-            indices: r.end - r.start,
-            first_vertex: 0,
-            instance: 0,
-        };
-        (ranges.into_iter().map(range).collect(), triangles)
-    }
+/// Vertices of a wall.
+#[derive(Debug)]
+pub(super) enum WallVertices {
+    /// Vertices of a mesh.
+    Mesh(Arc<Shading>),
+    /// Vertices of patches, which are moved as a patch gets finer.
+    Patches(Arc<ResidentPatches>),
 }
 
 impl PreparedMesh {
@@ -78,27 +58,54 @@ impl PreparedMesh {
         Ok(prepare_shaded(mesh, shading, false))
     }
 
-    /// Takes a mesh that was shaded before, with a culling of all its faces: inside views leave out
+    /// Takes a mesh that was shaded before, with the octree of all its faces: inside views leave out
     /// what their camera cannot see.
     ///
     /// # Errors
     /// [`RenderError::BadFace`].
     ///
     /// # Panics
-    /// If the culling is of another number of faces.
+    /// If the octree is of another number of faces.
     pub fn culled(
         mesh: &Mesh,
         shading: Arc<Shading>,
-        culling: Culling,
+        wall: Arc<CulledWall>,
     ) -> Result<Self, RenderError> {
         check_faces(mesh)?;
-        Ok(Self {
-            shading,
-            indices: culling.indices(&mesh.faces),
-            bounds: mesh.bounds(),
-            culling: Some(culling),
-        })
+        let whole = prepare_shaded(mesh, shading, false);
+        Ok(Self { indices: ordered(&wall, &mesh.faces), drawn: Some(wall), ..whole })
     }
+
+    /// Takes a subdivided wall.
+    ///
+    /// * `mean_radius_mm`: mean radius of the organ, for the light (see [`crate::surface::shading`]).
+    pub fn subdivided(wall: Arc<SubdividedWall>, mean_radius_mm: f32) -> Self {
+        let patches = Arc::clone(wall.surface().patches());
+        Self {
+            indices: patches.indices().to_vec(),
+            vertices: WallVertices::Patches(patches),
+            bounds: None,
+            mean_radius_mm,
+            drawn: Some(wall),
+        }
+    }
+
+    /// Returns the vertices of a mesh.
+    ///
+    /// # Panics
+    /// If it is a wall of patches.
+    pub(super) fn shading(&self) -> &Arc<Shading> {
+        match &self.vertices {
+            WallVertices::Mesh(shading) => shading,
+            WallVertices::Patches(_) => panic!("a mesh, not patches"),
+        }
+    }
+}
+
+/// The vertices of a wall's faces in the order in which they are drawn.
+pub(super) fn ordered(wall: &CulledWall, faces: &[[u32; 3]]) -> Vec<u32> {
+    assert_eq!(wall.octree.face_count(), faces.len(), "the faces of the mesh");
+    wall.octree.indices(faces)
 }
 
 /// Brings a mesh into the form that is drawn; caps are left out on request.
@@ -122,7 +129,9 @@ fn prepare_shaded(mesh: &Mesh, shading: Arc<Shading>, skip_caps: bool) -> Prepar
     let shown = |i: usize| !(skip_caps && mesh.caps.get(i).copied().unwrap_or(false));
     let mut indices = Vec::with_capacity(3 * mesh.faces.len());
     indices.extend((0..mesh.faces.len()).filter(|i| shown(*i)).flat_map(|i| mesh.faces[i]));
-    PreparedMesh { shading, indices, bounds: mesh.bounds(), culling: None }
+    let mean_radius_mm = shading.mean_radius_mm;
+    let (vertices, bounds) = (WallVertices::Mesh(shading), mesh.bounds());
+    PreparedMesh { vertices, indices, bounds, mean_radius_mm, drawn: None }
 }
 
 #[cfg(test)]

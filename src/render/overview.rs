@@ -31,7 +31,7 @@ impl Renderer {
         area: Area,
         passes: &mut Vec<Pass>,
     ) {
-        let mesh = scene.overview_mesh();
+        let mesh = scene.overview;
         let path = scene.path.and_then(|p| self.paths[p.0].as_ref());
         let bounds = mesh.map_or(path.and_then(|p| p.bounds), |m| self.model(m).bounds);
         let (low, high) = bounds.unwrap_or((Vec3::ZERO, Vec3::ONE));

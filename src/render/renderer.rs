@@ -1,24 +1,22 @@
 //! The renderer: its resources on the device, and frames in flight.
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
 use super::lines::Tubes;
-use super::mesh::{self, Culling, PreparedMesh};
-use super::pages::Pages;
+use super::mesh::{self, PreparedMesh, WallVertices};
 use super::picture::{Spares, without_alpha};
 use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
-use super::scene::{
-    FrameStats, GlassKey, MeshHandle, PathHandle, Scene, SceneWall, Shot, UnfoldedFace, View,
-};
+use super::scene::{FrameStats, GlassKey, MeshHandle, PathHandle, Scene, Shot, UnfoldedFace, View};
 use super::{RenderError, host};
 use crate::geometry::{Camera, Lens, Mesh, Pose, Vertex};
+use crate::lod::{CulledWall, DrawnRange, DrawnWall, VisibleWall};
 use crate::surface::Shading;
 use crate::vk::{
-    Area, BufferId, Draw, DrawPipelineId, DrawRange, Gpu, ImageId, ImageSpec, Pass, Releaser,
+    Area, BufferId, Draw, DrawPipelineId, DrawRange, Frame, Gpu, ImageId, ImageSpec, IndexedRange,
+    Pass, Releaser,
 };
 
 /// A frame that was submitted and not fetched yet.
@@ -38,7 +36,10 @@ pub(super) struct PlacedMesh {
     pub mean_radius_mm: f32,
     /// Vertices without their colours, of a mesh that has colours, to be coloured anew.
     pub uncoloured: Option<Arc<Shading>>,
-    pub culling: Option<Culling>,
+    /// Whether its vertices are those of patches.
+    is_patches: bool,
+    /// Part of it that a camera sees; all of it where `None`.
+    pub drawn: Option<Arc<dyn DrawnWall>>,
 }
 
 impl PlacedMesh {
@@ -143,7 +144,6 @@ pub struct Renderer {
     pub(super) faces: Option<Targets>,
     pub(super) models: Vec<Option<PlacedMesh>>,
     pub(super) paths: Vec<Option<PlacedMesh>>,
-    pub(super) pages: Vec<Option<Pages>>,
     pub(super) frustum: PlacedMesh,
     pub(super) ball: PlacedMesh,
     /// Inputs of the glass image as it is now.
@@ -175,7 +175,6 @@ impl Renderer {
                 faces: None,
                 models: Vec::new(),
                 paths: Vec::new(),
-                pages: Vec::new(),
                 glass_of: None,
                 slots,
                 idle: (0..IN_FLIGHT).collect(),
@@ -235,9 +234,13 @@ impl Renderer {
         mesh: &PreparedMesh,
     ) -> Result<MeshHandle, RenderError> {
         self.check_device(gpu);
-        let Shading { vertices, mean_radius_mm } = &*mesh.shading;
-        let model = upload(gpu, vertices, &mesh.indices, mesh.bounds, *mean_radius_mm)?;
-        self.models.push(Some(PlacedMesh { culling: mesh.culling.clone(), ..model }));
+        let vertices = match &mesh.vertices {
+            WallVertices::Mesh(shading) => bytemuck::cast_slice(&shading.vertices),
+            WallVertices::Patches(patches) => patches.vertex_bytes(),
+        };
+        let model = upload(gpu, vertices, &mesh.indices, mesh.bounds, mesh.mean_radius_mm)?;
+        let is_patches = matches!(mesh.vertices, WallVertices::Patches(_));
+        self.models.push(Some(PlacedMesh { is_patches, drawn: mesh.drawn.clone(), ..model }));
         Ok(MeshHandle(self.models.len() - 1))
     }
 
@@ -258,7 +261,7 @@ impl Renderer {
         colours: &[[u8; 4]],
     ) -> Result<MeshHandle, RenderError> {
         self.check_device(gpu);
-        let shading = &mesh.shading;
+        let shading = mesh.shading();
         let coloured = coloured(&shading.vertices, colours);
         let model = upload(gpu, &coloured, &mesh.indices, mesh.bounds, shading.mean_radius_mm)?;
         self.models.push(Some(PlacedMesh { uncoloured: Some(Arc::clone(shading)), ..model }));
@@ -290,8 +293,8 @@ impl Renderer {
 
     /// Leaves what a camera cannot see of a mesh out of later inside views.
     ///
-    /// * `prepared`: the mesh as it was put on the device, with all its faces and without a culling.
-    /// * `culling`: of these faces.
+    /// * `prepared`: the mesh as it was put on the device, with all its faces.
+    /// * `wall`: with the octree of these faces.
     ///
     /// # Errors
     /// [`RenderError::Vulkan`] when the device runs out of memory; nothing is left out then.
@@ -303,15 +306,15 @@ impl Renderer {
         gpu: &mut Gpu,
         mesh: MeshHandle,
         prepared: &PreparedMesh,
-        culling: Culling,
+        wall: Arc<CulledWall>,
     ) -> Result<(), RenderError> {
         self.check_device(gpu);
-        let ordered = culling.indices(prepared.indices.as_chunks().0);
+        let ordered = mesh::ordered(&wall, prepared.indices.as_chunks().0);
         assert_eq!(ordered.len(), self.model(mesh).count as usize, "the faces of the mesh");
         let indices = gpu.index_buffer("indices", &ordered)?;
         let model = self.models[mesh.0].as_mut().expect("a mesh that was not removed");
         self.releaser.buffer(std::mem::replace(&mut model.indices, indices));
-        model.culling = Some(culling);
+        model.drawn = Some(wall);
         Ok(())
     }
 
@@ -373,21 +376,22 @@ impl Renderer {
         scene: &Scene,
         shot: &Shot,
     ) -> Result<Ticket, RenderError> {
-        self.begin_frame_from(gpu, scene, shot, 0)
+        self.begin_seen_frame(gpu, scene, shot, None)
     }
 
-    /// Submits a frame of a shot some of whose cameras were drawn already ([`Renderer::draw_eye`]),
-    /// those before index `eye`.
-    pub(super) fn begin_frame_from(
+    /// Submits a frame as [`Renderer::begin_frame`].
+    ///
+    /// * `seen`: what each of the shot's cameras sees of the wall, if it is known.
+    pub(super) fn begin_seen_frame(
         &mut self,
         gpu: &mut Gpu,
         scene: &Scene,
         shot: &Shot,
-        eye: usize,
+        seen: Option<&[VisibleWall]>,
     ) -> Result<Ticket, RenderError> {
         self.check_device(gpu);
         let slot = self.idle.pop().expect("at most three frames in flight");
-        let begun = self.submit_frame(gpu, scene, shot, eye, slot);
+        let begun = self.submit_frame(gpu, scene, shot, seen, slot);
         if begun.is_err() {
             self.idle.push(slot);
             self.glass_of = None;
@@ -400,7 +404,7 @@ impl Renderer {
         gpu: &mut Gpu,
         scene: &Scene,
         shot: &Shot,
-        eye: usize,
+        seen: Option<&[VisibleWall]>,
         slot: usize,
     ) -> Result<FrameStats, RenderError> {
         if self.slots[slot].extent != self.size() {
@@ -408,7 +412,7 @@ impl Renderer {
             self.releaser.buffer(std::mem::replace(&mut self.slots[slot], new).buffer);
         }
         let picture = (self.targets.picture, self.slots[slot].buffer);
-        self.submit_eyes(gpu, scene, shot, eye..usize::MAX, Some(picture))
+        self.submit_eyes(gpu, scene, shot, seen, Some(picture))
     }
 
     /// Draws one frame to [`Renderer::picture`] and does not read it back. Returns at once; later
@@ -422,33 +426,8 @@ impl Renderer {
         scene: &Scene,
         shot: &Shot,
     ) -> Result<FrameStats, RenderError> {
-        self.draw_eyes(gpu, scene, shot, 0..usize::MAX)
-    }
-
-    /// Draws the view of one of a shot's cameras ([`Renderer::cameras`]), so that a wall in pages
-    /// can be refined for each. The picture is complete once all were drawn, in their order.
-    ///
-    /// # Errors
-    /// [`RenderError::Vulkan`].
-    pub fn draw_eye(
-        &mut self,
-        gpu: &mut Gpu,
-        scene: &Scene,
-        shot: &Shot,
-        eye: usize,
-    ) -> Result<FrameStats, RenderError> {
-        self.draw_eyes(gpu, scene, shot, eye..eye + 1)
-    }
-
-    fn draw_eyes(
-        &mut self,
-        gpu: &mut Gpu,
-        scene: &Scene,
-        shot: &Shot,
-        eyes: Range<usize>,
-    ) -> Result<FrameStats, RenderError> {
         self.check_device(gpu);
-        let drawn = self.submit_eyes(gpu, scene, shot, eyes, None);
+        let drawn = self.submit_eyes(gpu, scene, shot, None, None);
         if drawn.is_err() {
             self.glass_of = None;
         }
@@ -465,29 +444,25 @@ impl Renderer {
         gpu: &mut Gpu,
         scene: &Scene,
         shot: &Shot,
-        eyes: Range<usize>,
+        seen: Option<&[VisibleWall]>,
         picture: Option<(ImageId, BufferId)>,
     ) -> Result<FrameStats, RenderError> {
         self.room_for_faces(gpu, shot.view)?;
-        let all = self.eyes(shot);
         let mut passes = Vec::new();
         let mut stats = FrameStats::default();
-        if shot.view.is_all_round() && eyes.start == 0 {
+        if shot.view.is_all_round() {
             passes.push(self.clear_pass(scene.look.background));
         }
-        let end = eyes.end.min(all.len());
-        for eye in &all[eyes.start..end] {
-            passes.push(self.inside_pass(scene, shot, eye, &mut stats));
+        for (i, eye) in self.eyes(shot).iter().enumerate() {
+            passes.push(self.inside_pass(scene, shot, eye, seen.map(|seen| &seen[i]), &mut stats));
         }
-        if end == all.len() {
-            if let Some(area) = self.areas(shot.view).1 {
-                self.overview_passes(scene, shot, area, &mut passes);
-            }
-            if shot.view == View::Panorama {
-                passes.extend(self.panorama_pass());
-            }
+        if let Some(area) = self.areas(shot.view).1 {
+            self.overview_passes(scene, shot, area, &mut passes);
         }
-        self.submit_with_changes(gpu, scene.pages(), passes, picture, &mut stats)?;
+        if shot.view == View::Panorama {
+            passes.extend(self.panorama_pass());
+        }
+        gpu.submit_draws(&Frame { passes, picture, ..Frame::default() })?;
         Ok(stats)
     }
 
@@ -513,10 +488,15 @@ impl Renderer {
         }
     }
 
-    /// Returns the cameras of a shot's inside views, as the wall's level of detail needs them: one,
-    /// six of a shot that shows everything about the eye, none where there is no such view.
+    /// Returns the cameras of a shot's inside views: one, six of a shot that shows everything about
+    /// the eye, none where there is no such view.
     pub fn cameras(&self, shot: &Shot) -> Vec<Camera> {
         self.eyes(shot).into_iter().map(|eye| eye.camera).collect()
+    }
+
+    /// Returns what a scene's wall shows of itself; `None` of a mesh that is drawn whole.
+    pub(super) fn drawn_wall(&self, scene: &Scene) -> Option<Arc<dyn DrawnWall>> {
+        self.model(scene.wall).drawn.clone()
     }
 
     /// Waits for a frame and takes it: RGB, eight bits each, rows from the top.
@@ -549,14 +529,13 @@ impl Renderer {
         scene: &Scene,
         shot: &Shot,
         eye: &UnfoldedFace,
+        seen: Option<&VisibleWall>,
         stats: &mut FrameStats,
     ) -> Pass {
         let UnfoldedFace { camera, area } = eye;
         let (camera, area) = (*camera, *area);
-        let radius = match scene.wall {
-            SceneWall::Mesh(mesh) => self.model(mesh).mean_radius_mm,
-            SceneWall::Pages { pages, .. } => self.wall_pages(pages).mean_radius_mm,
-        };
+        let model = self.model(scene.wall);
+        let radius = model.mean_radius_mm;
         let room = shot.room_mm.filter(|r| *r > 0.0).unwrap_or(radius);
         let falloff = scene.look.falloff_mm.unwrap_or(super::look::FALLOFF_ROOMS * room);
         // The light sits beside the lens, as on an endoscope: relief needs a shadow side. The faces
@@ -566,50 +545,30 @@ impl Renderer {
         let light = shot.pose.position_mm + beside * shot.pose.up();
         let push = surface_push(&camera.pose, &camera.lens, area, light, falloff);
         let push = bytemuck::bytes_of(&push);
-        let seen = match scene.wall {
-            SceneWall::Mesh(mesh) => {
-                let model = self.model(mesh);
-                let p = &self.pipelines;
-                let pipeline = match (&model.uncoloured, &model.culling) {
-                    (Some(_), _) => p.inside_coloured,
-                    (None, Some(Culling { closed: Some(_), .. })) => p.inside_fronts,
-                    (None, _) => p.inside,
-                };
-                let (range, count, triangles) = match &model.culling {
-                    None => (DrawRange::Direct(0..model.count), 1, u64::from(model.count / 3)),
-                    Some(culling) => {
-                        let (ranges, triangles) = culling.visible_ranges(&camera);
-                        let count = ranges.len() as u32;
-                        (DrawRange::Indirect(ranges), count, triangles)
-                    }
-                };
-                let all = draw(pipeline, model, push, Vec::new()).filter(|_| triangles > 0);
-                stats.draws += if all.is_some() { count } else { 0 };
-                stats.triangles += triangles;
-                all.map(|draw| Draw { range, ..draw })
-            }
-            SceneWall::Pages { pages, backs } => {
-                let own = self.wall_pages(pages);
-                let (ranges, triangles) = own.visible_ranges(&camera, backs);
-                stats.draws += ranges.len() as u32;
-                stats.triangles += triangles;
-                let p = &self.pipelines;
-                (triangles > 0).then(|| Draw {
-                    pipeline: match (own.resident, backs) {
-                        (None, true) => p.inside,
-                        (None, false) => p.inside_fronts,
-                        (Some(_), true) => p.patches,
-                        (Some(_), false) => p.patch_fronts,
-                    },
-                    push: push.to_vec(),
-                    vertices: Some(own.vertices),
-                    indices: Some(own.indices),
-                    range: DrawRange::Indirect(ranges),
-                    images: Vec::new(),
-                    scissor: None,
-                })
+        let p = &self.pipelines;
+        let shows_backs = model.drawn.as_ref().is_none_or(|drawn| drawn.shows_backs());
+        let pipeline = match (&model.uncoloured, model.is_patches, shows_backs) {
+            (Some(_), ..) => p.inside_coloured,
+            (None, false, true) => p.inside,
+            (None, false, false) => p.inside_fronts,
+            (None, true, true) => p.patches,
+            (None, true, false) => p.patch_fronts,
+        };
+        let found = match (&model.drawn, seen) {
+            (Some(drawn), None) => Some(drawn.visible(&camera)),
+            _ => None,
+        };
+        let (range, count, triangles) = match found.as_ref().or(seen) {
+            None => (DrawRange::Direct(0..model.count), 1, u64::from(model.count / 3)),
+            Some(visible) => {
+                let ranges: Vec<IndexedRange> = visible.ranges.iter().map(indexed).collect();
+                (DrawRange::Indirect(ranges), visible.ranges.len() as u32, visible.triangles())
             }
         };
+        let drawn = draw(pipeline, model, push, Vec::new()).filter(|_| triangles > 0);
+        stats.draws += if drawn.is_some() { count } else { 0 };
+        stats.triangles += triangles;
+        let drawn = drawn.map(|draw| Draw { range, ..draw });
         let targets = match (&self.faces, shot.view) {
             (Some(faces), View::Panorama) => faces,
             _ => &self.targets,
@@ -625,7 +584,7 @@ impl Renderer {
             encoded,
             clear: Some([r, g, b, 1.0]),
             area,
-            draws: seen.into_iter().collect(),
+            draws: drawn.into_iter().collect(),
         }
     }
 }
@@ -633,13 +592,21 @@ impl Renderer {
 impl Drop for Renderer {
     fn drop(&mut self) {
         let releaser = &self.releaser;
-        self.pages.iter().flatten().for_each(|p| p.release(releaser));
         let models = self.models.iter().chain(&self.paths).flatten();
         models.chain([&self.frustum, &self.ball]).for_each(|m| m.release(releaser));
         self.pipelines.release(releaser);
         self.slots.iter().for_each(|s| releaser.buffer(s.buffer));
         self.targets.release(releaser);
         self.faces.iter().for_each(|f| f.release(releaser));
+    }
+}
+
+fn indexed(range: &DrawnRange) -> IndexedRange {
+    IndexedRange {
+        first_index: range.first_index,
+        indices: range.indices,
+        first_vertex: range.first_vertex,
+        instance: range.morph,
     }
 }
 
@@ -740,7 +707,8 @@ fn upload<V: Pod>(
             bounds,
             mean_radius_mm,
             uncoloured: None,
-            culling: None,
+            is_patches: false,
+            drawn: None,
         })
     })
 }

@@ -4,11 +4,7 @@ use super::{Framing, Look};
 use crate::geometry::{Camera, Lens, Pose};
 use crate::vk::Area;
 
-/// A wall in pages on the device.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PagesHandle(pub(super) usize);
-
-/// A mesh on the device.
+/// A mesh, or a wall of patches, on the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MeshHandle(pub(super) usize);
 
@@ -21,27 +17,8 @@ pub struct PathHandle(pub(super) usize);
 pub struct FrameStats {
     /// Number of wall triangles that were submitted.
     pub triangles: u64,
-    /// Number of draws they were submitted in: pages, or one for a mesh.
+    /// Number of draws they were submitted in.
     pub draws: u32,
-    /// Number of bytes written to pages.
-    pub uploaded_bytes: u64,
-    /// Number of octree leaves whose state changed since the frame before.
-    pub leaves_changed: u64,
-    /// Whether the cut did not fit its pages and is coarser than asked for.
-    pub degraded: bool,
-}
-
-impl FrameStats {
-    /// Adds the statistics of another part of the same frame.
-    pub(super) fn plus(self, o: Self) -> Self {
-        Self {
-            triangles: self.triangles + o.triangles,
-            draws: self.draws + o.draws,
-            uploaded_bytes: self.uploaded_bytes + o.uploaded_bytes,
-            leaves_changed: self.leaves_changed + o.leaves_changed,
-            degraded: self.degraded || o.degraded,
-        }
-    }
 }
 
 /// Views of a frame.
@@ -68,28 +45,12 @@ impl View {
     }
 }
 
-/// Geometry that the wall is drawn from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SceneWall {
-    /// Mesh, drawn as a whole.
-    Mesh(MeshHandle),
-    /// Pages of a cut, drawn as far as the camera can see them.
-    Pages {
-        /// Handle of the pages.
-        pages: PagesHandle,
-        /// Whether back faces are drawn too. From inside a closed wall they are always hidden;
-        /// through open ends, or from outside, they are not.
-        backs: bool,
-    },
-}
-
 /// Wall, path and light that frames show.
 #[derive(Clone, Copy, Debug)]
 pub struct Scene {
-    /// The wall.
-    pub wall: SceneWall,
-    /// Wall of the overview; by default that of the inside view, if it is a mesh. Without any, the
-    /// overview shows path and camera alone.
+    /// The wall of the inside view.
+    pub wall: MeshHandle,
+    /// Mesh of the overview, which shows path and camera alone without one.
     pub overview: Option<MeshHandle>,
     /// The path, drawn in the overview.
     pub path: Option<PathHandle>,
@@ -104,33 +65,13 @@ pub struct Scene {
 impl Scene {
     /// Creates a scene of one mesh.
     pub fn of(mesh: MeshHandle) -> Self {
-        Self::with(SceneWall::Mesh(mesh), None)
+        Self::with(mesh, Some(mesh))
     }
 
-    /// Creates a scene of one closed wall in pages, and a mesh of it for the overview.
-    pub fn paged(pages: PagesHandle, overview: Option<MeshHandle>) -> Self {
-        let wall = SceneWall::Pages { pages, backs: false };
-        Self::with(wall, overview)
-    }
-
-    fn with(wall: SceneWall, overview: Option<MeshHandle>) -> Self {
+    /// Creates a scene of a wall, and of a mesh of it for the overview.
+    pub fn with(wall: MeshHandle, overview: Option<MeshHandle>) -> Self {
         let (framing, look) = (Framing::default(), Look::default());
         Self { wall, overview, path: None, camera: true, framing, look }
-    }
-
-    /// Returns the mesh the overview shows.
-    pub(super) fn overview_mesh(&self) -> Option<MeshHandle> {
-        self.overview.or(match self.wall {
-            SceneWall::Mesh(mesh) => Some(mesh),
-            SceneWall::Pages { .. } => None,
-        })
-    }
-
-    pub(super) fn pages(&self) -> Option<PagesHandle> {
-        match self.wall {
-            SceneWall::Mesh(_) => None,
-            SceneWall::Pages { pages, .. } => Some(pages),
-        }
     }
 }
 

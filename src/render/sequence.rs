@@ -1,40 +1,44 @@
-//! Frames in order, several in flight; with level of detail, each from a settled cut.
+//! Frames in order, several in flight.
 
 use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::mpsc::{Receiver, channel};
 
 use super::RenderError;
 use super::renderer::{IN_FLIGHT, Renderer, Ticket};
-use super::scene::{FrameStats, Scene, SceneWall, Shot};
+use super::scene::{FrameStats, Scene, Shot};
 use crate::geometry::Camera;
-use crate::lod::Worker;
+use crate::lod::VisibleWall;
 use crate::vk::Gpu;
 
-/// Frames of a list of shots, drawn as they are asked for while the device draws the next ones.
-///
-/// With a worker each shows the settled cut of its own camera; the worker refines for the next
-/// frame while this one is drawn. Frames depend on cameras alone, not on timing or number of
-/// threads; their pages do depend on the frames before.
+/// Frames whose visible wall is found together, on a thread of its own, while those before are drawn.
+const AHEAD: usize = 8;
+
+/// Visible wall of some shots, by their cameras; or why finding it panicked.
+type SeenShots = std::thread::Result<Vec<Vec<VisibleWall>>>;
+
+/// Frames of a list of shots, drawn as they are asked for while the device draws the next ones. Each
+/// depends on its shot alone.
 pub struct FrameSequence {
     scene: Scene,
     shots: Vec<Shot>,
-    worker: Option<Worker>,
+    /// Visible wall of the next shots, by their cameras.
+    seen: VecDeque<Vec<VisibleWall>>,
+    /// Visible wall of the shots after them, once it is found.
+    coming: Option<Receiver<SeenShots>>,
+    /// Shots whose visible wall was asked for.
+    asked: usize,
     /// Shots submitted so far.
     begun: usize,
     in_flight: VecDeque<Ticket>,
 }
 
 impl FrameSequence {
-    /// Creates a sequence; nothing is drawn yet. `worker` is that of the scene's pages; without it,
-    /// pages show the steps applied to them before.
-    ///
-    /// # Panics
-    /// If there is a worker and the scene's wall is not in pages.
-    pub fn new(scene: Scene, shots: Vec<Shot>, worker: Option<Worker>) -> Self {
-        assert!(
-            worker.is_none() || matches!(scene.wall, SceneWall::Pages { .. }),
-            "a worker refines a wall in pages"
-        );
-        Self { scene, shots, worker, begun: 0, in_flight: VecDeque::with_capacity(IN_FLIGHT) }
+    /// Creates a sequence; nothing is drawn yet.
+    pub fn new(scene: Scene, shots: Vec<Shot>) -> Self {
+        let in_flight = VecDeque::with_capacity(IN_FLIGHT);
+        let seen = VecDeque::new();
+        Self { scene, shots, seen, coming: None, asked: 0, begun: 0, in_flight }
     }
 
     /// Returns the number of frames in all.
@@ -46,8 +50,7 @@ impl FrameSequence {
     /// must be the same in each call and have no other frame in flight.
     ///
     /// # Errors
-    /// The device's; [`RenderError::Detail`] if the worker fails. There are no more frames then,
-    /// and none in flight.
+    /// The device's. There are no more frames then, and none in flight.
     pub fn next_frame(
         &mut self,
         renderer: &mut Renderer,
@@ -55,7 +58,7 @@ impl FrameSequence {
     ) -> Result<Option<(Vec<u8>, FrameStats)>, RenderError> {
         let next = self.begin_and_fetch(renderer, gpu);
         if next.is_err() {
-            self.give_up(renderer, gpu);
+            self.finish(renderer, gpu);
         }
         next
     }
@@ -66,19 +69,11 @@ impl FrameSequence {
         gpu: &mut Gpu,
     ) -> Result<Option<(Vec<u8>, FrameStats)>, RenderError> {
         while self.in_flight.len() < IN_FLIGHT && self.begun < self.shots.len() {
-            let shot = self.shots[self.begun];
-            let cameras = renderer.cameras(&shot);
-            let last = cameras.len().max(1) - 1;
-            let mut stats = FrameStats::default();
-            for (eye, camera) in cameras.iter().enumerate() {
-                let next = cameras.get(eye + 1).copied();
-                self.settle(renderer, *camera, next)?;
-                if eye < last {
-                    stats = stats.plus(renderer.draw_eye(gpu, &self.scene, &shot, eye)?);
-                }
+            if self.seen.is_empty() {
+                self.take_seen(renderer);
             }
-            let mut ticket = renderer.begin_frame_from(gpu, &self.scene, &shot, last)?;
-            ticket.stats = ticket.stats.plus(stats);
+            let (shot, seen) = (self.shots[self.begun], self.seen.pop_front());
+            let ticket = renderer.begin_seen_frame(gpu, &self.scene, &shot, seen.as_deref())?;
             self.in_flight.push_back(ticket);
             self.begun += 1;
         }
@@ -87,61 +82,49 @@ impl FrameSequence {
         Ok(Some((renderer.fetch(gpu, ticket)?, stats)))
     }
 
-    /// Brings the pages to the settled cut of a camera and asks for the next one's: that of the
-    /// same frame, or the first of the next frame.
-    fn settle(
-        &mut self,
-        renderer: &mut Renderer,
-        camera: Camera,
-        next: Option<Camera>,
-    ) -> Result<(), RenderError> {
-        let after = || renderer.cameras(self.shots.get(self.begun + 1)?).first().copied();
-        let next = next.or_else(after);
-        let Some(worker) = &mut self.worker else { return Ok(()) };
-        // Asked already while the eye before was drawn; asked now for the first.
-        if worker.outstanding() == 0 {
-            worker.request(camera);
+    /// Waits for the visible wall of the next shots, and asks for that of the shots after them.
+    fn take_seen(&mut self, renderer: &Renderer) {
+        let coming = self.coming.take().or_else(|| self.ask(renderer));
+        let Some(coming) = coming else { return };
+        match coming.recv().expect("an answer or a panic") {
+            Ok(seen) => self.seen.extend(seen),
+            Err(panic) => resume_unwind(panic),
         }
-        // The answer is taken before the next question, so that at most one is on its way.
-        self.apply_answers(renderer)?;
-        if let (Some(worker), Some(camera)) = (&mut self.worker, next) {
-            worker.request(camera);
-        }
-        Ok(())
+        self.coming = self.ask(renderer);
     }
 
-    fn apply_answers(&mut self, renderer: &mut Renderer) -> Result<(), RenderError> {
-        let (Some(worker), SceneWall::Pages { pages, .. }) = (&mut self.worker, self.scene.wall)
-        else {
-            return Ok(());
+    /// Has the visible wall of some shots found on another thread; `None` after the last shot, and of
+    /// a wall that is drawn whole.
+    fn ask(&mut self, renderer: &Renderer) -> Option<Receiver<SeenShots>> {
+        let wall = renderer.drawn_wall(&self.scene)?;
+        let shots = self.asked..self.shots.len().min(self.asked + AHEAD);
+        if shots.is_empty() {
+            return None;
+        }
+        self.asked = shots.end;
+        let cameras: Vec<Vec<Camera>> =
+            self.shots[shots].iter().map(|shot| renderer.cameras(shot)).collect();
+        let (answer, coming) = channel();
+        let look = move || {
+            let of = |cameras: &Vec<Camera>| cameras.iter().map(|c| wall.visible(c)).collect();
+            let seen = catch_unwind(AssertUnwindSafe(|| cameras.iter().map(of).collect()));
+            // Nobody listens any more where the sequence ended early.
+            let _ = answer.send(seen);
         };
-        while worker.outstanding() > 0 {
-            renderer.apply(pages, worker.recv()?)?;
+        // A thread of its own: the session's pool may be busy for long with other stages.
+        match std::thread::Builder::new().name("ahead".into()).spawn(look) {
+            Ok(_) => Some(coming),
+            // Without it each frame finds its own.
+            Err(_) => None,
         }
-        Ok(())
     }
 
-    /// Drops the frames in flight: their slots are free once the device is done with them.
-    fn give_up(&mut self, renderer: &mut Renderer, gpu: &mut Gpu) {
+    /// Ends the sequence, also before its last frame: the renderer then has no frame in flight.
+    pub fn finish(&mut self, renderer: &mut Renderer, gpu: &mut Gpu) {
         self.begun = self.shots.len();
         for ticket in self.in_flight.drain(..) {
+            // Frames that nobody wants; their slots are free once the device is done with them.
             let _ = renderer.fetch(gpu, ticket);
         }
-    }
-
-    /// Ends the sequence, also before its last frame: the renderer then has no frame in flight, and
-    /// the pages hold the content the worker assumes. Returns the worker.
-    ///
-    /// # Errors
-    /// [`RenderError::Detail`] if the worker fails; the renderer is free even so.
-    pub fn finish(
-        mut self,
-        renderer: &mut Renderer,
-        gpu: &mut Gpu,
-    ) -> Result<Option<Worker>, RenderError> {
-        self.give_up(renderer, gpu);
-        // A frame that was never drawn may have been refined for: its pages are not lost.
-        self.apply_answers(renderer)?;
-        Ok(self.worker)
     }
 }

@@ -7,8 +7,6 @@ use crate::centerline::CenterlineError;
 use crate::device::DeviceError;
 use crate::flight::{CameraPathError, FlightError};
 use crate::formats::{FormatError, shown};
-use crate::lod::WorkerError;
-use crate::lod::clusters::ClusterError;
 use crate::lod::vds::VdsError;
 use crate::lumen::{LumenError, VoxelizeError};
 use crate::mesh::{MeshError, ParameterizationError};
@@ -42,9 +40,6 @@ pub enum SessionError {
     /// The device.
     #[error(transparent)]
     Device(DeviceError),
-    /// Clusters of a mesh.
-    #[error(transparent)]
-    Clusters(#[from] ClusterError),
     /// A surface that cannot be subdivided.
     #[error(transparent)]
     Subdivision(#[from] VdsError),
@@ -63,9 +58,6 @@ pub enum SessionError {
     /// The renderer.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// The thread that refines.
-    #[error(transparent)]
-    Worker(#[from] WorkerError),
     /// A grid whose axes are not orthogonal.
     #[error("{name}: the grid's axes are not orthogonal (sheared); distances would be wrong")]
     ShearedGrid {

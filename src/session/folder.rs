@@ -128,7 +128,7 @@ impl Session {
         make_folder(&to.frames)?;
         locks.claim(&to.frames)?;
         clear_folder(&to.frames)?;
-        self.draw_and_keep_levels(to)
+        self.draw_to_files(to)
     }
 
     /// The first thing written: where it fails, no folder was made, save that of the run where the
@@ -143,20 +143,6 @@ impl Session {
         }
         let json = CameraPath::from(&*self.flight()?).to_json();
         Ok(atomic_file::write_atomic(path, |o| o.write_all(json.as_bytes()))?)
-    }
-
-    fn draw_and_keep_levels(&self, to: &Recording) -> Result<FrameStream, SessionError> {
-        std::thread::scope(|scope| {
-            // Nobody waits for the cache of levels.
-            let serial = self.pool.current_num_threads() == 1;
-            let keeping = (!serial).then(|| scope.spawn(|| self.keep_levels()));
-            let outcome = self.draw_to_files(to);
-            match keeping {
-                Some(thread) => drop(thread.join()),
-                None => self.keep_levels(),
-            }
-            outcome
-        })
     }
 
     fn draw_to_files(&self, to: &Recording) -> Result<FrameStream, SessionError> {
@@ -233,23 +219,21 @@ impl Session {
         remove_file(&folder.join(BASE_FILE))?;
         clear_folder(&recording.frames)?;
         let mut stream = if self.pool.current_num_threads() == 1 {
-            let stream = self.draw_and_keep_levels(recording)?;
+            let stream = self.draw_to_files(recording)?;
             self.write_products(folder, recording)?;
             stream
         } else {
             std::thread::scope(|scope| {
                 let products = scope.spawn(|| self.write_products(folder, recording));
-                let stream = self.draw_and_keep_levels(recording);
+                let stream = self.draw_to_files(recording);
                 let products = products.join();
                 let products = products.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
                 stream.and_then(|stream| products.map(|()| stream))
             })?
         };
         if recording.release_products {
-            let searched = [Product::TriangleTree, Product::DrawnTree, Product::Exterior];
-            let drawn = [Product::Culling, Product::Levels, Product::Clusters];
             stream.end();
-            self.release(&[searched, drawn].concat());
+            self.release(&[Product::TriangleTree, Product::Exterior, Product::Levels]);
         }
         let pictures =
             recording.pictures.then(|| self.report_pictures(Some(&mut stream))).transpose()?;

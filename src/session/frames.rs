@@ -5,17 +5,14 @@ use std::time::Instant;
 
 use glam::Vec3;
 
-use super::levels::LodReport;
+use super::levels::{LodReport, WallForm};
 use super::pictures::KeptFrames;
-use super::settings::Lod;
 use super::{Clock, FramesReport, OpenDevice, Product, Session, SessionError, locked, present};
 use crate::device::{Device, DeviceError};
 use crate::flight::Flight;
 use crate::geometry::{Centerline, CenterlinePoint, Pose};
-use crate::lod::Tolerance;
 use crate::render::{
-    Culling, FrameSequence, FrameStats, MeshHandle, PagesHandle, PreparedMesh, Renderer, Scene,
-    SceneWall, Shot, Spares, View,
+    FrameSequence, FrameStats, MeshHandle, PreparedMesh, Renderer, Scene, Shot, Spares, View,
 };
 use crate::task::CancelToken;
 use crate::vk::{Choice, Gpu, return_freed_memory};
@@ -66,15 +63,13 @@ impl Session {
 
     /// Products that a stream of frames needs.
     pub fn products_of_frames(&self) -> Vec<Product> {
-        let lod = match self.settings.drawn_lod() {
-            Lod::Off => None,
-            Lod::Auto | Lod::Culled => Some(Product::Culling),
-            Lod::Clusters | Lod::Vds => Some(Product::Levels),
-        };
-        let mut needs =
-            vec![Product::DrawnWall, Product::Shading, Product::Flight, Product::Display];
-        needs.extend(lod);
-        needs
+        vec![
+            Product::DrawnWall,
+            Product::Shading,
+            Product::Flight,
+            Product::Display,
+            Product::Levels,
+        ]
     }
 
     /// The frames of the flight, in order. Everything they need is computed first; each is drawn
@@ -84,7 +79,7 @@ impl Session {
     /// What the stages fail with; the renderer's.
     pub fn frames(&self) -> Result<FrameStream, SessionError> {
         self.prepare(&self.products_of_frames())?;
-        // What building levels took is larger than the pages that come now.
+        // Building levels took more memory than frames do.
         return_freed_memory();
         let drawn = present(&self.slots.drawn_wall);
         let flight = self.flight()?;
@@ -93,43 +88,32 @@ impl Session {
         let s = &self.settings.flight;
         let mut renderer = self.take_renderer(&display)?;
         let mesh = drawn.mesh();
-        let overview = matches!(s.view, View::Overview | View::Split);
-        let mut held = Held::default();
+        let is_overview = matches!(s.view, View::Overview | View::Split);
         let shading = present(&self.slots.shading);
-        let upload_whole = |renderer: &mut Renderer, culling: Option<Culling>| {
-            let prepared = match culling {
-                None => PreparedMesh::shaded(mesh, Arc::clone(&shading))?,
-                Some(culling) => PreparedMesh::culled(mesh, Arc::clone(&shading), culling)?,
-            };
-            display.with_gpu(|gpu| renderer.upload_prepared_mesh(gpu, &prepared))
+        let levels = self.levels()?;
+        let whole = || PreparedMesh::shaded(mesh, Arc::clone(&shading));
+        let wall = match &levels.form {
+            WallForm::Whole => whole()?,
+            WallForm::Culled(wall) => {
+                PreparedMesh::culled(mesh, Arc::clone(&shading), Arc::clone(wall))?
+            }
+            WallForm::Subdivided(wall) => {
+                PreparedMesh::subdivided(Arc::clone(wall), shading.mean_radius_mm)
+            }
         };
-        let chosen = self.settings.drawn_lod();
-        let is_whole = matches!(chosen, Lod::Auto | Lod::Culled | Lod::Off);
-        let (scene, worker, lod) = if is_whole {
-            let culling = match chosen {
-                Lod::Off => None,
-                _ => Option::<Culling>::clone(&*self.culling()?),
-            };
-            let lod = LodReport::whole(mesh.faces.len() as u64, culling.is_some());
-            let handle = upload_whole(&mut renderer, culling)?;
-            held.meshes.push(handle);
-            (Scene::of(handle), None, lod)
-        } else {
-            let levels = self.levels()?;
-            let of_overview = overview.then(|| upload_whole(&mut renderer, None)).transpose()?;
-            held.meshes.extend(of_overview);
-            let radius = shading.mean_radius_mm;
-            let pages = display.with_gpu(|gpu| levels.open(&mut renderer, gpu, radius))?;
-            held.pages = Some(pages);
-            let worker = levels.worker(Tolerance { pixels: self.settings.levels.pixel_error })?;
-            let mut scene = Scene::paged(pages, of_overview);
-            // Through an open end the back of a wall can be seen.
-            scene.wall = SceneWall::Pages { pages, backs: !drawn.closed };
-            (scene, Some(worker), levels.report.clone())
+        let mut upload =
+            |wall: &PreparedMesh| display.with_gpu(|gpu| renderer.upload_prepared_mesh(gpu, wall));
+        let inside = upload(&wall)?;
+        // An overview shows a mesh.
+        let overview = match &levels.form {
+            WallForm::Subdivided(_) => is_overview.then(|| upload(&whole()?)).transpose()?,
+            _ => Some(inside),
         };
+        let mut held = vec![inside];
+        held.extend(overview.filter(|mesh| *mesh != inside));
+        let mut scene = Scene::with(inside, overview);
         let pieces = self.flown_pieces(&centered.line)?;
-        let mut scene = scene;
-        if overview && pieces.iter().any(|p| p.len() > 1) {
+        if is_overview && pieces.iter().any(|p| p.len() > 1) {
             scene.path = Some(display.with_gpu(|gpu| renderer.upload_path(gpu, &pieces))?);
         }
         let shots = shots(&flight, s.view, &share_of_path(&pieces, &flight));
@@ -139,10 +123,10 @@ impl Session {
             kept: KeptFrames::default(),
             renderer: Some(renderer),
             display,
-            sequence: Some(FrameSequence::new(scene, shots, worker)),
+            sequence: Some(FrameSequence::new(scene, shots)),
             held,
             flight,
-            lod,
+            lod: levels.report.clone(),
             cancel: self.cancel.clone(),
             given: 0,
             started: Instant::now(),
@@ -201,13 +185,6 @@ pub struct DrawnFrame {
     pub stats: FrameStats,
 }
 
-/// Meshes and pages that a stream holds on the device.
-#[derive(Default)]
-struct Held {
-    meshes: Vec<MeshHandle>,
-    pages: Option<PagesHandle>,
-}
-
 /// Figures of every frame given so far.
 #[derive(Default)]
 struct Figures {
@@ -215,13 +192,14 @@ struct Figures {
     stats: Vec<FrameStats>,
 }
 
-/// Frames of a flight, drawn as they are asked for. Each shows the settled cut of its own camera,
-/// so frames depend on cameras alone, not on timing or number of threads.
+/// Frames of a flight, drawn as they are asked for. They depend on cameras alone, not on timing or
+/// number of threads.
 pub struct FrameStream {
     renderer: Option<Renderer>,
     display: Arc<Display>,
     sequence: Option<FrameSequence>,
-    held: Held,
+    /// Meshes that the stream holds on the device.
+    held: Vec<MeshHandle>,
     flight: Arc<Flight>,
     size: [u32; 2],
     spares: Spares,
@@ -254,8 +232,7 @@ impl FrameStream {
     /// The next frame; `None` after the last.
     ///
     /// # Errors
-    /// The renderer's and the refining thread's; [`SessionError::Cancelled`]. After an error there
-    /// are no more frames.
+    /// The renderer's; [`SessionError::Cancelled`]. After an error there are no more frames.
     pub fn next_frame(&mut self) -> Result<Option<DrawnFrame>, SessionError> {
         if self.cancel.is_cancelled() {
             return Err(SessionError::Cancelled);
@@ -279,8 +256,6 @@ impl FrameStream {
         let [width, height] = self.size;
         let [p50_ms, p99_ms] = f.both(|i| f.ms[i]);
         let [triangles_p50, triangles_p99] = f.both(|i| f.stats[i].triangles);
-        let [uploaded_bytes_p50, uploaded_bytes_p99] = f.both(|i| f.stats[i].uploaded_bytes);
-        let [leaves_changed_p50, leaves_changed_p99] = f.both(|i| f.stats[i].leaves_changed);
         FramesReport {
             count: self.given,
             width,
@@ -289,11 +264,6 @@ impl FrameStream {
             p99_ms,
             triangles_p50,
             triangles_p99,
-            uploaded_bytes_p50,
-            uploaded_bytes_p99,
-            leaves_changed_p50,
-            leaves_changed_p99,
-            degraded: f.stats.iter().filter(|s| s.degraded).count(),
             total_ms: self.since.duration_since(self.started).as_secs_f64() * 1000.0,
             min_near_clearance_mm: self.flight.min_margin_mm(),
             flight_seconds: self.flight.seconds.last().copied().unwrap_or(0.0),
@@ -315,26 +285,16 @@ impl FrameStream {
             let n = self.flight.left_out;
             warnings.push(format!("{n} pieces or branches are too narrow to be flown"));
         }
-        let degraded = self.figures.stats.iter().filter(|s| s.degraded).count();
-        if degraded > 0 {
-            warnings.push(format!(
-                "{degraded} frames needed more patches than there is room for and are coarser than asked for"
-            ));
-        }
         warnings
     }
 
-    /// Ends the drawing of frames, whose meshes and pages are freed, and returns the renderer.
+    /// Ends the drawing of frames, whose meshes are freed, and returns the renderer.
     pub(super) fn end(&mut self) -> &mut Renderer {
         let renderer = self.renderer.as_mut().expect("held until the stream is dropped");
-        if let Some(sequence) = self.sequence.take() {
-            // Frames nobody wants any more; their pages are closed whatever is in them.
-            let _ = self.display.with_gpu(|gpu| sequence.finish(renderer, gpu));
+        if let Some(mut sequence) = self.sequence.take() {
+            self.display.with_gpu(|gpu| sequence.finish(renderer, gpu));
         }
-        self.held.meshes.drain(..).for_each(|m| renderer.remove_mesh(m));
-        if let Some(pages) = self.held.pages.take() {
-            renderer.close_pages(pages);
-        }
+        self.held.drain(..).for_each(|m| renderer.remove_mesh(m));
         renderer
     }
 }

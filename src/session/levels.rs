@@ -1,56 +1,41 @@
-//! Levels of detail of the wall and its simplified base, and what the report says of them.
+//! The wall as frames draw it, its simplified base, and what the report says of them.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::Serialize;
 
 use super::settings::{LevelSettings, Lod};
-use super::{Clock, Session, SessionError, level_cache, locked, present};
+use super::{Clock, Session, SessionError, present};
 use crate::geometry::{ExteriorGrid, Mesh, TriangleBvh, Vertex};
-use crate::lod::clusters::{ClusterLod, Clusters, DEFAULT_SHADING_RAD};
-use crate::lod::vds::{
-    ParameterizedOriginal, ResidentPatches, SubdivisionSurface, Vds, VdsOptions,
-};
-use crate::lod::{FaceOctree, LodHierarchy, OcclusionTest, PAGE_BYTES, Tolerance, Worker};
+use crate::lod::vds::{ParameterizedOriginal, SubdividedWall, SubdivisionSurface, VdsOptions};
+use crate::lod::{CulledWall, FaceOctree, OcclusionTest, Tolerance};
 use crate::mesh::{MeshError, Parameterization, SimplifyOptions, make_manifold, simplify};
-use crate::render::{Culling, IN_FLIGHT, PagesHandle, RenderError, Renderer};
-use crate::vk::{Gpu, return_freed_memory};
+use crate::vk::return_freed_memory;
 
-/// Bytes written to pages in one step, at most.
-const UPLOAD_BYTES: u64 = 4 << 20;
-/// Bytes of all pages, at most.
-const RESIDENT_BYTES: u64 = 256 << 20;
-
-/// Clusters as they were built or read.
-pub(super) struct BuiltClusters {
-    pub clusters: Arc<Clusters>,
-    /// Whether they were read from the cache.
-    cached: bool,
-    /// File to keep them in, where they were built.
-    keep: Option<PathBuf>,
-}
-
-/// A wall at many levels of detail; each flight refines its own [`Levels::hierarchy`] of it.
+/// The wall in the form in which frames draw it.
+#[derive(Debug)]
 pub struct Levels {
-    kind: LevelKind,
-    /// Number of pages a hierarchy is given.
-    pub pages: u32,
+    /// Form of the wall.
+    pub form: WallForm,
     /// Report of the levels.
     pub report: LodReport,
-    /// Occlusion test of a closed wall, where there is one.
-    pub occlusion: Option<Arc<OcclusionTest>>,
 }
 
-enum LevelKind {
-    Clusters(Arc<Clusters>),
-    Subdivision(Arc<SubdivisionSurface>),
+/// Form in which a wall is drawn.
+#[derive(Clone, Debug)]
+pub enum WallForm {
+    /// The whole mesh.
+    Whole,
+    /// The whole mesh, less what a camera cannot see.
+    Culled(Arc<CulledWall>),
+    /// The subdivision of a base.
+    Subdivided(Arc<SubdividedWall>),
 }
 
 /// Level of detail.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct LodReport {
-    /// Kind of levels, `clusters` or `vds`; `culled` or `off` where the whole wall is drawn.
+    /// `vds`; `culled` or `off` where the whole wall is drawn.
     pub mode: &'static str,
     /// Subdivision scheme, of `vds`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -67,19 +52,15 @@ pub struct LodReport {
     pub base_faces: u64,
     /// Faces of the finest.
     pub finest_faces: u64,
-    /// Clusters or leaves.
+    /// Patches of the subdivision.
     pub patches: u64,
-    /// Found on disk instead of built.
-    pub cached: bool,
     /// Size of all levels.
     pub bytes: u64,
-    /// Pages of the persistent buffers.
-    pub pages: u32,
 }
 
 impl LodReport {
     /// The whole wall of so many faces is drawn, or what cameras can see of it.
-    pub(super) fn whole(faces: u64, culled: bool) -> Self {
+    fn whole(faces: u64, culled: bool) -> Self {
         let mode = if culled { "culled" } else { "off" };
         Self { mode, base_faces: faces, finest_faces: faces, ..Self::default() }
     }
@@ -90,25 +71,16 @@ pub fn base_faces(mesh: &Mesh) -> usize {
     (mesh.faces.len() / 20).max(MIN_BASE_FACES.min(mesh.faces.len()))
 }
 
-/// A base is made of a surface of so many times its faces, where there is one.
-const BASE_OF: u64 = 6;
-
 /// Simplifies a mesh to few faces. Where fans of faces touch they are parted first.
-///
-/// The simplification begins with what `clusters` of the mesh have at six times the faces, where
-/// there are any: that errs a small part of what the base will, and takes three tenths of the time.
 ///
 /// # Errors
 /// [`SessionError::Mesh`] for a mesh that makes no sense.
 pub fn base(
     mesh: &Mesh,
-    clusters: Option<&Clusters>,
     options: &SimplifyOptions,
     clock: &mut Clock,
 ) -> Result<Mesh, SessionError> {
     let work = || -> Result<Mesh, MeshError> {
-        let begun = clusters.map(|c| c.uniform_cut(BASE_OF * options.faces as u64).0);
-        let mesh = begun.as_ref().unwrap_or(mesh);
         match simplify(mesh, options, &mut ()) {
             Err(MeshError::NonManifoldEdge { .. } | MeshError::NonManifoldVertex { .. }) => {
                 Ok(simplify(&make_manifold(mesh)?.0, options, &mut ())?.mesh)
@@ -127,31 +99,6 @@ const DRAWN_WHOLE: u64 = 1_000_000;
 const MIN_BASE_FACES: usize = 500;
 
 impl Levels {
-    /// Levels of clusters.
-    ///
-    /// * `cached`: they were read, not built.
-    pub fn of_clusters(clusters: impl Into<Arc<Clusters>>, pixel_error: f32, cached: bool) -> Self {
-        let clusters = clusters.into();
-        let count = clusters.clusters().len() as u64;
-        let base = |c: u32| u64::from(clusters.clusters()[c as usize].triangles);
-        let report = LodReport {
-            mode: "clusters",
-            pixel_error,
-            base_faces: clusters.roots().map(base).sum(),
-            finest_faces: clusters.finest_faces(),
-            patches: count,
-            bytes: clusters.bytes() as u64,
-            cached,
-            ..Default::default()
-        };
-        let least = ClusterLod::new(Arc::clone(&clusters), DEFAULT_SHADING_RAD).least_pages();
-        // All of it if it fits: then nothing is ever driven out.
-        let most = (RESIDENT_BYTES / PAGE_BYTES) as u32;
-        let pages = (count.min(u64::from(most)) as u32).max(least);
-        let report = LodReport { pages, ..report };
-        Self { kind: LevelKind::Clusters(clusters), pages, report, occlusion: None }
-    }
-
     /// The paper's: the mesh simplified to a base, subdivided where the camera looks, every new vertex
     /// on the original by the record of the collapses.
     ///
@@ -193,112 +140,30 @@ impl Levels {
             finest_faces: surface.finest_faces(),
             patches: surface.patches().patches() as u64,
             bytes: surface.bytes() as u64,
-            ..Default::default()
         };
-        // Patches stay on the device; there are no pages.
-        let kind = LevelKind::Subdivision(Arc::new(surface));
-        Ok(Self { kind, pages: 0, report, occlusion: None })
+        let tolerance = Tolerance { pixels: pixel_error };
+        let wall = SubdividedWall::new(Arc::new(surface), tolerance, None);
+        Ok(Self { form: WallForm::Subdivided(Arc::new(wall)), report })
     }
 
-    /// Leaves out what the wall itself hides.
+    /// Leaves out what a closed wall hides from the eyes inside it.
     ///
-    /// * `grid`: exterior of the closed wall whose levels these are, if it is known; eyes are inside
-    ///   the wall.
+    /// * `grid`: exterior of the closed wall whose subdivision this is, if it is known.
     /// * `wall`: that wall.
     #[must_use]
     pub fn with_occlusion(self, grid: Option<Arc<ExteriorGrid>>, wall: &Mesh) -> Self {
-        let Some(grid) = grid else { return self };
-        let occlusion = match &self.kind {
-            LevelKind::Clusters(clusters) => {
-                OcclusionTest::new(grid, 0.0, clusters.largest_error_mm())
-            }
-            LevelKind::Subdivision(surface) => surface.occlusion_test(grid, wall),
+        let (WallForm::Subdivided(subdivided), Some(grid)) = (&self.form, grid) else {
+            return self;
         };
-        Self { occlusion: Some(Arc::new(occlusion)), ..self }
-    }
-
-    /// Patches that stay on the device, of levels that have such.
-    pub fn resident(&self) -> Option<Arc<ResidentPatches>> {
-        match &self.kind {
-            LevelKind::Clusters(_) => None,
-            LevelKind::Subdivision(surface) => Some(Arc::clone(surface.patches())),
-        }
-    }
-
-    /// Gives the wall its place on the device.
-    ///
-    /// # Errors
-    /// [`RenderError`]: the device runs out of memory.
-    pub fn open(
-        &self,
-        renderer: &mut Renderer,
-        gpu: &mut Gpu,
-        mean_radius_mm: f32,
-    ) -> Result<PagesHandle, RenderError> {
-        let pages = match &self.kind {
-            LevelKind::Clusters(_) => renderer.open_pages(gpu, self.pages, mean_radius_mm)?,
-            LevelKind::Subdivision(surface) => {
-                renderer.open_patches(gpu, surface.patches(), mean_radius_mm)?
-            }
-        };
-        if let Some(occlusion) = &self.occlusion {
-            renderer.hide(pages, Arc::clone(occlusion));
-        }
-        Ok(pages)
-    }
-
-    /// A thread that refines for one flight.
-    ///
-    /// # Errors
-    /// [`RenderError::Detail`]: the system could not start it.
-    pub fn worker(&self, tolerance: Tolerance) -> Result<Worker, RenderError> {
-        let in_flight = IN_FLIGHT as u32;
-        Ok(Worker::spawn(self.hierarchy(), tolerance, self.pages, UPLOAD_BYTES, in_flight)?)
-    }
-
-    /// A hierarchy with nothing refined, for one flight.
-    pub fn hierarchy(&self) -> Box<dyn LodHierarchy> {
-        match &self.kind {
-            LevelKind::Clusters(clusters) => {
-                let lod = ClusterLod::new(Arc::clone(clusters), DEFAULT_SHADING_RAD);
-                Box::new(match &self.occlusion {
-                    Some(test) => lod.with_occlusion(Arc::clone(test)),
-                    None => lod,
-                })
-            }
-            LevelKind::Subdivision(surface) => {
-                let lod = Vds::new(Arc::clone(surface));
-                Box::new(match &self.occlusion {
-                    Some(test) => lod.with_occlusion(Arc::clone(test)),
-                    None => lod,
-                })
-            }
-        }
+        let surface = subdivided.surface();
+        let closed = Some(Arc::new(surface.occlusion_test(grid, wall)));
+        let tolerance = Tolerance { pixels: self.report.pixel_error };
+        let hidden = SubdividedWall::new(Arc::clone(surface), tolerance, closed);
+        Self { form: WallForm::Subdivided(Arc::new(hidden)), ..self }
     }
 }
 
 impl Session {
-    pub(super) fn run_clusters(&self, clock: &mut Clock) -> Result<BuiltClusters, SessionError> {
-        let drawn = present(&self.slots.drawn_wall);
-        let shading = present(&self.slots.shading);
-        let (mesh, vertices) = (drawn.mesh(), &shading.vertices);
-        let faces = mesh.faces.len() as u64;
-        let folder = self.settings.levels.cache.as_deref();
-        let file = folder.and_then(|folder| level_cache::file_of(folder, mesh, vertices));
-        let read = |path: &PathBuf| level_cache::read(path, mesh, vertices);
-        if let Some(path) = &file
-            && let Some(found) = clock.time("kept clusters", "faces", || read(path), |_| faces)
-        {
-            let clusters = Arc::new(found);
-            return Ok(BuiltClusters { clusters, cached: true, keep: None });
-        }
-        return_freed_memory();
-        let tree = present(&self.slots.drawn_tree);
-        let build = || Clusters::build(mesh, vertices, &tree);
-        let built = Arc::new(clock.time("clusters", "faces", build, |_| faces)?);
-        Ok(BuiltClusters { clusters: built, cached: false, keep: file })
-    }
-
     /// Exterior of the drawn wall. There is none where its caps are left out: through its open ends
     /// an eye sees faces that the whole wall occludes.
     fn exterior_of_closed(&self) -> Option<Arc<ExteriorGrid>> {
@@ -306,27 +171,24 @@ impl Session {
         grid.filter(|_| present(&self.slots.drawn_wall).closed)
     }
 
-    pub(super) fn run_cluster_levels(&self, _: &mut Clock) -> Result<Levels, SessionError> {
-        let built = present(&self.slots.clusters);
-        let clusters = Arc::clone(&built.clusters);
-        let error = self.settings.levels.pixel_error;
-        let levels = Levels::of_clusters(clusters, error, built.cached);
-        let drawn = present(&self.slots.drawn_wall);
-        Ok(levels.with_occlusion(self.exterior_of_closed(), drawn.mesh()))
-    }
-
-    pub(super) fn run_culling(&self, clock: &mut Clock) -> Result<Option<Culling>, SessionError> {
+    pub(super) fn run_whole_levels(&self, clock: &mut Clock) -> Result<Levels, SessionError> {
         let drawn = present(&self.slots.drawn_wall);
         let faces = drawn.mesh().faces.len() as u64;
         let device = present(&self.slots.device);
         let is_quick = device.draws && device.is_real_gpu && faces <= DRAWN_WHOLE;
-        if self.settings.drawn_lod() == Lod::Auto && is_quick {
-            return Ok(None);
-        }
-        let build = || Arc::new(FaceOctree::new(drawn.mesh()));
-        let octree = clock.time("octree", "faces", build, |_| faces);
-        let test = |grid| Arc::new(OcclusionTest::of_wall(grid));
-        Ok(Some(Culling { octree, closed: self.exterior_of_closed().map(test) }))
+        let form = match self.settings.drawn_lod() {
+            Lod::Off => WallForm::Whole,
+            Lod::Auto if is_quick => WallForm::Whole,
+            _ => {
+                let build = || Arc::new(FaceOctree::new(drawn.mesh()));
+                let octree = clock.time("octree", "faces", build, |_| faces);
+                let test = |grid| Arc::new(OcclusionTest::of_wall(grid));
+                let closed = self.exterior_of_closed().map(test);
+                WallForm::Culled(Arc::new(CulledWall { octree, closed }))
+            }
+        };
+        let is_culled = matches!(form, WallForm::Culled(_));
+        Ok(Levels { form, report: LodReport::whole(faces, is_culled) })
     }
 
     pub(super) fn run_subdivision_levels(&self, clock: &mut Clock) -> Result<Levels, SessionError> {
@@ -338,7 +200,7 @@ impl Session {
         let faces =
             (mesh.faces.len() / scheme.original_faces()).max(MIN_BASE_FACES.min(mesh.faces.len()));
         let metric = self.settings.methods().metric;
-        let tree = present(&self.slots.drawn_tree);
+        let tree = self.drawn_tree(clock);
         let spacing = present(&self.slots.lumen).lumen.grid.spacing_mm.min_element();
         // Thin branches must not collapse: a base without them has no place for their vertices.
         let base = SimplifyOptions {
@@ -353,16 +215,7 @@ impl Session {
         Ok(levels.with_occlusion(self.exterior_of_closed(), mesh))
     }
 
-    pub(super) fn run_base_from_clusters(&self, clock: &mut Clock) -> Result<Mesh, SessionError> {
-        let built = present(&self.slots.clusters);
-        self.make_base(Some(&built.clusters), clock)
-    }
-
-    pub(super) fn run_base_from_wall(&self, clock: &mut Clock) -> Result<Mesh, SessionError> {
-        self.make_base(None, clock)
-    }
-
-    fn make_base(&self, clusters: Option<&Clusters>, c: &mut Clock) -> Result<Mesh, SessionError> {
+    pub(super) fn run_base(&self, clock: &mut Clock) -> Result<Mesh, SessionError> {
         let wall = present(&self.slots.wall);
         let faces = self.settings.wall.base_faces.unwrap_or_else(|| base_faces(&wall.mesh));
         let methods = self.settings.methods();
@@ -371,17 +224,6 @@ impl Session {
             relocate: methods.relocate,
             ..SimplifyOptions::to_faces(faces)
         };
-        base(&wall.mesh, clusters, &options, c)
-    }
-
-    /// Keeps clusters that were built for the next session, where settings name a folder. Nobody
-    /// waits for the file, so it can be written beside the drawing.
-    pub fn keep_levels(&self) {
-        let built = locked(&self.slots.clusters).clone();
-        if let Some(built) = built
-            && let Some(path) = &built.keep
-        {
-            level_cache::write(path, &built.clusters);
-        }
+        base(&wall.mesh, &options, clock)
     }
 }

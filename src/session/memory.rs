@@ -50,6 +50,8 @@ pub(super) struct RunSize {
     pub pixels: u64,
     /// Whether a pixel has several samples.
     pub is_multisampled: bool,
+    /// Whether the wall is drawn as a subdivision.
+    pub is_subdivided: bool,
 }
 
 /// Estimates the peak of resident memory, bytes, of a run that makes these products.
@@ -76,14 +78,12 @@ pub(super) fn estimate_bytes(size: &RunSize, makes: impl Fn(Product) -> bool) ->
         + when(distance, 15 * MB + size.voxels / 4)
         + when(makes(Product::Wall), 235 * size.wall_sides);
     // Levels and base mesh of the wall, its trees, and frames.
-    let has_levels = makes(Product::Clusters) || makes(Product::Levels);
-    let is_subdivided = makes(Product::Levels) && !makes(Product::Clusters);
+    let is_subdivided = size.is_subdivided && makes(Product::Levels);
     // `run` releases products after their last reader, `record` keeps them.
     let is_run = makes(Product::LumenProfile);
     let drawn = if is_run { 90 } else { 150 } * size.wall_sides;
     let [of_frames, of_pictures] = if size.is_multisampled { [60, 70] } else { [30, 0] };
-    let recorded = when(has_levels, 250 * size.wall_sides)
-        + when(is_subdivided, 10 * MB)
+    let recorded = when(is_subdivided, 10 * MB + 250 * size.wall_sides)
         + when(makes(Product::Base), 250 * size.wall_sides)
         + when(makes(Product::Display), 45 * MB + of_frames * size.pixels + drawn)
         // Pictures of the report.

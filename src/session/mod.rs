@@ -19,7 +19,6 @@ mod flight;
 mod folder;
 mod folder_lock;
 mod frames;
-mod level_cache;
 pub mod levels;
 mod load;
 mod memory;
@@ -43,7 +42,7 @@ pub use error::SessionError;
 pub use fields::{Fields, GreyHessian, HessianSettings, grey_hessian};
 pub use folder::{PAGE_FILE, REPORT_FILE, RUN_FILES, Recording, RunOutcome};
 pub use frames::{DrawnFrame, FrameStream};
-pub use levels::{Levels, LodReport};
+pub use levels::{Levels, LodReport, WallForm};
 pub use load::{IN_PARTS_ABOVE, read_any_volume, read_orthogonal_volume};
 pub use memory::{
     MeshWork, converting_bytes, gradient_bytes, mesh_bytes, peak_memory_mb, reading_bytes,
@@ -64,7 +63,7 @@ pub use settings::{
     Radius, Reading, Seed, Settings, Source, VolumeSource, WallMethod, WallSettings,
 };
 pub use stages::{Product, Products, kernels};
-pub use surface::{DrawnWall, Wall, gradient_normals, smoothed_normals, written_mesh};
+pub use surface::{ShownWall, Wall, gradient_normals, smoothed_normals, written_mesh};
 pub use writer::{FrameWriter, is_frame_file};
 
 use std::sync::atomic::AtomicU64;

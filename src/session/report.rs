@@ -352,16 +352,6 @@ pub struct FramesReport {
     pub triangles_p50: u64,
     /// Triangles drawn a frame, 99th percentile.
     pub triangles_p99: u64,
-    /// Bytes written to patches a frame, median.
-    pub uploaded_bytes_p50: u64,
-    /// Bytes written to patches a frame, 99th percentile.
-    pub uploaded_bytes_p99: u64,
-    /// Octree leaves that changed their state a frame, median.
-    pub leaves_changed_p50: u64,
-    /// Octree leaves that changed their state a frame, 99th percentile.
-    pub leaves_changed_p99: u64,
-    /// Frames coarser than asked for, for want of room.
-    pub degraded: usize,
     /// Time from the first frame to the last.
     pub total_ms: f64,
     /// Smallest distance between the near plane's ball and the wall over all frames.

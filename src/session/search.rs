@@ -25,15 +25,12 @@ impl Session {
         Ok(triangle_tree(&present(&self.slots.wall).mesh, clock))
     }
 
-    pub(super) fn run_drawn_tree(
-        &self,
-        clock: &mut Clock,
-    ) -> Result<Arc<TriangleBvh>, SessionError> {
-        let drawn = present(&self.slots.drawn_wall);
-        Ok(match &drawn.open {
+    /// The drawn wall's triangles by place.
+    pub(super) fn drawn_tree(&self, clock: &mut Clock) -> Arc<TriangleBvh> {
+        match &present(&self.slots.drawn_wall).open {
             None => present(&self.slots.triangle_tree),
             Some(open) => Arc::new(triangle_tree(open, clock)),
-        })
+        }
     }
 
     pub(super) fn run_exterior(&self, clock: &mut Clock) -> Result<Exterior, SessionError> {

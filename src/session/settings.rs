@@ -186,8 +186,6 @@ pub enum Lod {
     /// a million faces, as `off`; the same picture.
     #[default]
     Auto,
-    /// Clusters of original triangles and ever coarser ones above them.
-    Clusters,
     /// The paper's: a base mesh subdivided where the camera looks.
     Vds,
     /// The whole mesh, less what a camera cannot see of it; the same picture.
@@ -205,13 +203,11 @@ pub struct LevelSettings {
     pub scheme: Scheme,
     /// Largest distance of what is drawn from the full mesh, pixels.
     pub pixel_error: f32,
-    /// Folder where clusters are kept between runs; `None` keeps none.
-    pub cache: Option<PathBuf>,
 }
 
 impl Default for LevelSettings {
     fn default() -> Self {
-        Self { lod: Lod::default(), scheme: Scheme::default(), pixel_error: 1.0, cache: None }
+        Self { lod: Lod::default(), scheme: Scheme::default(), pixel_error: 1.0 }
     }
 }
 

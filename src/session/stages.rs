@@ -10,18 +10,17 @@
 use std::sync::Arc;
 
 use super::frames::Display;
-use super::levels::BuiltClusters;
 use super::load::{Inputs, Loaded};
 use super::settings::{Lod, Settings};
 use super::{
-    Centered, Clock, Core, DrawnWall, Exterior, Fields, Levels, Mode, OpenDevice, Radius,
-    Segmented, Session, SessionError, Slot, Visibility, Wall, locked, put,
+    Centered, Clock, Core, Exterior, Fields, Levels, Mode, OpenDevice, Radius, Segmented, Session,
+    SessionError, ShownWall, Slot, Visibility, Wall, locked, put,
 };
 use crate::centerline::Routed;
 use crate::compute::{Array, Kernel};
 use crate::flight::{Coverage, Flight, LumenProfile, SectionFigures};
 use crate::geometry::{CenterlineDistances, Mesh, TriangleBvh};
-use crate::render::{Culling, PreparedMesh};
+use crate::render::PreparedMesh;
 use crate::surface::Shading;
 use crate::wall::Evidence;
 
@@ -91,24 +90,12 @@ fn from_ridge(s: &Settings) -> bool {
     default_mode(s) && ridge(s)
 }
 
-fn clusters(s: &Settings) -> bool {
-    s.drawn_lod() == Lod::Clusters
-}
-
 fn subdivision(s: &Settings) -> bool {
     s.drawn_lod() == Lod::Vds
 }
 
-fn levels(s: &Settings) -> bool {
-    clusters(s) || subdivision(s)
-}
-
-fn base_from_clusters(s: &Settings) -> bool {
-    clusters(s) && default_mode(s)
-}
-
-fn base_from_wall(s: &Settings) -> bool {
-    !base_from_clusters(s)
+fn whole(s: &Settings) -> bool {
+    !subdivision(s)
 }
 
 /// Makes the products, their slots and getters, and the stages.
@@ -274,7 +261,7 @@ products! {
         "centerline" 0.1 [Lumen Route Visibility TriangleTree] (mode, centerline.radius) Cpu default_mode run_centerline
         | "paper path" 30.0 [Lumen Fields Device TriangleTree] (centerline) Device paper_mode run_paper_centerline;
     /// The drawn wall, with or without caps.
-    pub(super) DrawnWall drawn_wall: DrawnWall =
+    pub(super) DrawnWall drawn_wall: ShownWall =
         "drawn wall" 0.1 [Wall] (wall.open_ends) Cpu always run_drawn_wall;
     /// The wall with all its vertices, ready for a device; with or without caps.
     pub PreparedWall prepared_wall: PreparedMesh =
@@ -285,12 +272,6 @@ products! {
     /// Vertices with curvature tint.
     pub(super) Shading shading: Shading =
         "shading" 1.0 [DrawnWall] () Cpu always run_shading;
-    /// The drawn wall's triangles by place.
-    pub(super) DrawnTree drawn_tree: TriangleBvh =
-        "drawn tree" 0.1 [DrawnWall TriangleTree] () Cpu levels run_drawn_tree;
-    /// Clusters of the wall at every level.
-    pub(super) Clusters clusters: BuiltClusters =
-        "clusters" 25.0 [DrawnWall Shading DrawnTree] (levels.cache) Cpu clusters run_clusters;
     /// Poses of the flight along the first path.
     pub Flight flight: Flight =
         "flight" 1.0 [Lumen Fields Centerline TriangleTree] (flight.frames, flight.size, flight.view, flight.fov_y_rad, flight.reverse, flight.route,
@@ -298,18 +279,13 @@ products! {
     /// Space outside the wall, where it is watertight.
     pub Exterior exterior: Exterior =
         "outside" 1.0 [Wall] () Cpu always run_exterior;
-    /// Octree of the drawn wall's faces, and the wall's occlusion test; `None` where the device
-    /// draws the whole wall sooner.
-    pub Culling culling: Option<Culling> =
-        "octree" 0.3 [Device DrawnWall Exterior] (levels.lod) Cpu always run_culling;
-    /// The wall at many levels of detail, ready to be refined.
+    /// The wall in the form in which frames draw it.
     pub Levels levels: Levels =
-        "levels" 0.1 [DrawnWall Shading Clusters Exterior] (levels.pixel_error) Cpu clusters run_cluster_levels
-        | "subdivision" 25.0 [Lumen DrawnWall Shading DrawnTree Exterior] (mode, levels.scheme, levels.pixel_error) Cpu subdivision run_subdivision_levels;
+        "octree" 0.3 [Device DrawnWall Exterior] (levels.lod) Cpu whole run_whole_levels
+        | "subdivision" 25.0 [Lumen DrawnWall Shading TriangleTree Exterior] (mode, levels.scheme, levels.pixel_error) Cpu subdivision run_subdivision_levels;
     /// The wall with few faces.
     pub Base base: Mesh =
-        "base" 3.0 [Wall Clusters] (mode, wall.base_faces) Cpu base_from_clusters run_base_from_clusters
-        | "base" 10.0 [Wall] (mode, wall.base_faces) Cpu base_from_wall run_base_from_wall;
+        "base" 10.0 [Wall] (mode, wall.base_faces) Cpu always run_base;
     /// Coverage of the wall by the frames of the flight, weighted by area.
     pub Coverage coverage: Coverage =
         "coverage" 5.0 [Wall Flight TriangleTree Exterior] (flight.view) Cpu always run_coverage;
@@ -396,26 +372,15 @@ mod tests {
     #[test]
     fn a_stage_has_the_same_name_in_table_and_report() {
         // They take no time worth a row of the report, or need another input.
-        const NOT_REPORTED: [&str; 9] = [
-            "device",
-            "organ",
-            "renderer",
-            "hash",
-            "inputs",
-            "centerline",
-            "drawn wall",
-            "drawn tree",
-            "levels",
-        ];
+        const NOT_REPORTED: [&str; 7] =
+            ["device", "organ", "renderer", "hash", "inputs", "centerline", "drawn wall"];
         let bend = Phantom::new(Kind::Bend, 32, [1.0; 3]).unwrap();
         let mut grey = Settings::default();
         grey.lumen.select = Some(IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -500.0 });
         let mut paper = Settings { mode: Mode::Paper, ..Settings::default() };
         paper.levels.lod = Lod::Vds;
-        let mut clusters = Settings::default();
-        clusters.levels.lod = Lod::Clusters;
         let mut names = reported(bend.grey(None, 1), grey);
-        names.extend(reported(bend.mask(), clusters));
+        names.extend(reported(bend.mask(), Settings::default()));
         names.extend(reported(bend.mask(), paper));
         for stage in STAGES.iter().filter(|s| !NOT_REPORTED.contains(&s.name)) {
             assert!(names.contains(&stage.name), "{} is not in {names:?}", stage.name);
@@ -424,7 +389,7 @@ mod tests {
 
     fn all_settings() -> impl Iterator<Item = Settings> {
         let modes = [Mode::Default, Mode::Paper];
-        let lods = [Lod::Auto, Lod::Clusters, Lod::Vds, Lod::Culled, Lod::Off];
+        let lods = [Lod::Auto, Lod::Vds, Lod::Culled, Lod::Off];
         let views = [View::Inside, View::Overview];
         modes.into_iter().flat_map(move |mode| {
             lods.into_iter().flat_map(move |lod| {

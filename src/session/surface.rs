@@ -55,7 +55,7 @@ impl Wall {
 }
 
 /// Part of a wall that is drawn and written.
-pub struct DrawnWall {
+pub struct ShownWall {
     wall: Arc<Wall>,
     /// The wall without caps, where they are left out and there are any.
     pub(super) open: Option<Mesh>,
@@ -63,7 +63,7 @@ pub struct DrawnWall {
     pub closed: bool,
 }
 
-impl DrawnWall {
+impl ShownWall {
     /// The mesh that is drawn.
     pub fn mesh(&self) -> &Mesh {
         self.open.as_ref().unwrap_or(&self.wall.mesh)
@@ -133,12 +133,12 @@ impl Session {
         wall(&mut device.lock(), grey, &segmented, options, clock)
     }
 
-    pub(super) fn run_drawn_wall(&self, _: &mut Clock) -> Result<DrawnWall, SessionError> {
+    pub(super) fn run_drawn_wall(&self, _: &mut Clock) -> Result<ShownWall, SessionError> {
         let wall = present(&self.slots.wall);
         let open = self.settings.wall.open_ends && wall.mesh.caps.contains(&true);
         let closed = wall.topology.watertight && !open;
         let open = open.then(|| without_caps(&wall.mesh));
-        Ok(DrawnWall { wall, open, closed })
+        Ok(ShownWall { wall, open, closed })
     }
 
     pub(super) fn run_prepared_wall(

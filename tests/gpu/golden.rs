@@ -244,7 +244,7 @@ fn frames_in_flight_are_the_frames_drawn_one_by_one() {
     let shots: Vec<Shot> =
         (0..8).map(|i| shot([View::Split, View::Inside][i / 4], 20.0 * i as f32 + 10.0)).collect();
     let single: Vec<_> = shots.iter().map(|s| r.render(&mut gpu, &scene, s).unwrap()).collect();
-    let mut sequence = FrameSequence::new(scene, shots, None);
+    let mut sequence = FrameSequence::new(scene, shots);
     assert_eq!(sequence.count(), single.len());
     for (i, single) in single.iter().enumerate() {
         let (rgb, _) = sequence.next_frame(&mut r, &mut gpu).unwrap().expect("another frame");
@@ -261,9 +261,9 @@ fn a_sequence_that_ends_early_leaves_no_frame_in_flight() {
     let (mut r, scene) = stage(&mut gpu, SIZE, 1);
     let shots: Vec<Shot> = (0..10).map(|i| shot(View::Inside, 10.0 * i as f32)).collect();
     let at = shots[1];
-    let mut sequence = FrameSequence::new(scene, shots, None);
+    let mut sequence = FrameSequence::new(scene, shots);
     sequence.next_frame(&mut r, &mut gpu).unwrap().expect("the first of ten");
-    assert!(sequence.finish(&mut r, &mut gpu).unwrap().is_none());
+    sequence.finish(&mut r, &mut gpu);
     // Every slot is free: one more would panic.
     let tickets: Vec<_> =
         (0..IN_FLIGHT).map(|_| r.begin_frame(&mut gpu, &scene, &at).unwrap()).collect();

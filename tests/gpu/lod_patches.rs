@@ -3,12 +3,14 @@
 use std::sync::Arc;
 
 use common::tube;
-use intima::geometry::{Camera, Lens, TriangleBvh, Vertex};
-use intima::lod::vds::{ParameterizedOriginal, Scheme, SubdivisionSurface, Vds, VdsOptions};
-use intima::lod::{LodHierarchy, LodStep, PageCache, Tolerance, Upload, VisiblePatch};
+use intima::geometry::{Camera, Lens, Mesh, TriangleBvh, Vertex};
+use intima::lod::Tolerance;
+use intima::lod::vds::{
+    ParameterizedOriginal, Scheme, SubdividedWall, SubdivisionSurface, VdsOptions,
+};
 use intima::mesh::{Parameterization, SimplifyOptions, simplify};
-use intima::render::{RenderError, Renderer, Scene, Shot, View};
-use intima::surface::shading;
+use intima::render::{PreparedMesh, Renderer, Scene, Shot, View};
+use intima::surface::{Shading, shading};
 use intima::vk::Validate;
 
 const SIZE: [u32; 2] = [160, 120];
@@ -27,24 +29,19 @@ fn surface(scheme: Scheme) -> (Arc<SubdivisionSurface>, f32) {
     (Arc::new(surface), shaded.mean_radius_mm)
 }
 
-/// The same triangles in pages.
-fn in_pages(surface: &SubdivisionSurface, step: &LodStep) -> LodStep {
-    let mut out = LodStep { settled: true, ..LodStep::default() };
-    for d in &step.drawn {
-        for part in surface.patches().triangles(d).chunks(32) {
-            let page = out.uploads.len() as u32;
-            let vertices: Vec<Vertex> = part.iter().flatten().copied().collect();
-            let triangles = (0..part.len() as u8).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
-            out.uploads.push(Upload { page, vertices, triangles });
-            let triangles = part.len() as u32;
-            out.drawn.push(VisiblePatch { page, resident: None, triangles, ..*d });
-        }
-    }
-    out
+/// Triangles as a mesh whose vertices are drawn as they are.
+fn as_mesh(triangles: Vec<[Vertex; 3]>, mean_radius_mm: f32) -> PreparedMesh {
+    let vertices: Vec<Vertex> = triangles.into_iter().flatten().collect();
+    let mesh = Mesh {
+        positions: vertices.iter().map(Vertex::position).collect(),
+        faces: (0..vertices.len() as u32 / 3).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect(),
+        ..Mesh::default()
+    };
+    PreparedMesh::shaded(&mesh, Arc::new(Shading { vertices, mean_radius_mm })).unwrap()
 }
 
 #[test]
-fn resident_patches_draw_the_same_image_as_their_triangles_in_pages() {
+fn patches_draw_the_same_image_as_their_triangles_in_a_mesh() {
     for (samples, at_once, scheme) in [
         (1, u32::MAX, Scheme::OneToFour),
         (4, u32::MAX, Scheme::OneToFour),
@@ -57,24 +54,22 @@ fn resident_patches_draw_the_same_image_as_their_triangles_in_pages() {
         let (surface, radius) = surface(scheme);
         let Some(mut gpu) = common::few_draws_gpu(at_once, Validate::Sync) else { return };
         let mut r = Renderer::new(&mut gpu, SIZE[0], SIZE[1], samples).unwrap();
-        let patches = r.open_patches(&mut gpu, surface.patches(), radius).unwrap();
-        let mut vds = Vds::new(Arc::clone(&surface));
+        let tolerance = Tolerance { pixels: 0.5 };
+        let wall = Arc::new(SubdividedWall::new(Arc::clone(&surface), tolerance, None));
+        let prepared = PreparedMesh::subdivided(Arc::clone(&wall), radius);
+        let patches = r.upload_prepared_mesh(&mut gpu, &prepared).unwrap();
         let mut between = 0;
         for s in [20.0, 90.0, 160.0] {
             let (pose, lens) = (tube::pose(s), LENS);
             let camera = Camera { pose, lens, height_px: SIZE[1] };
-            let cache = &mut PageCache::new(0, 0, 1);
-            let step = vds.step(&camera, &Tolerance { pixels: 0.5 }, cache);
-            let morphs = step.drawn.iter().filter_map(|d| d.resident).map(|m| m.morph);
-            between += morphs.filter(|m| m % 32 != 0).count();
-            let paged = in_pages(&surface, &step);
-            let pages = r.open_pages(&mut gpu, paged.uploads.len() as u32, radius).unwrap();
-            r.apply(patches, step).unwrap();
-            r.apply(pages, paged).unwrap();
+            let cut = wall.cut(&camera);
+            between += cut.iter().filter(|d| d.morph % 32 != 0).count();
+            let triangles = cut.iter().flat_map(|d| surface.patches().triangles(d)).collect();
+            let mesh = r.upload_prepared_mesh(&mut gpu, &as_mesh(triangles, radius)).unwrap();
             let shot = Shot { view: View::Inside, pose, lens, progress: 0.5, room_mm: None };
-            let mut draw = |of| r.render(&mut gpu, &Scene::paged(of, None), &shot).unwrap();
-            let (got, want) = (draw(patches), draw(pages));
-            r.close_pages(pages);
+            let mut draw = |of| r.render(&mut gpu, &Scene::with(of, None), &shot).unwrap();
+            let (got, want) = (draw(patches), draw(mesh));
+            r.remove_mesh(mesh);
             let apart: Vec<u32> =
                 got.iter().zip(&want).map(|(a, b)| u32::from(a.abs_diff(*b))).collect();
             let mean = f64::from(apart.iter().sum::<u32>()) / apart.len() as f64;
@@ -91,28 +86,4 @@ fn resident_patches_draw_the_same_image_as_their_triangles_in_pages() {
         assert!(scheme != Scheme::Sqrt3 || between == 0, "flipped edges do not morph");
         common::assert_silent(&gpu);
     }
-}
-
-#[test]
-fn patches_that_do_not_lie_on_the_device_are_refused() {
-    let (surface, radius) = surface(Scheme::OneToFour);
-    let Some(mut gpu) = common::gpu(Validate::Sync) else { return };
-    let mut r = Renderer::new(&mut gpu, SIZE[0], SIZE[1], 1).unwrap();
-    let patches = r.open_patches(&mut gpu, surface.patches(), radius).unwrap();
-    let camera = Camera { pose: tube::pose(50.0), lens: LENS, height_px: SIZE[1] };
-    let mut vds = Vds::new(Arc::clone(&surface));
-    let step = vds.step(&camera, &Tolerance { pixels: 0.5 }, &mut PageCache::new(0, 0, 1));
-    let first = step.drawn[0];
-    let beyond = surface.patches().patches() as u32;
-    for bad in [
-        VisiblePatch { page: beyond, ..first },
-        VisiblePatch { resident: None, ..first },
-        VisiblePatch { triangles: 1 << 20, ..first },
-    ] {
-        let step = LodStep { drawn: vec![bad], ..LodStep::default() };
-        let e = r.apply(patches, step).unwrap_err();
-        assert!(matches!(e, RenderError::NoPatch { .. }), "{e}");
-    }
-    let pages = r.open_pages(&mut gpu, 4, radius).unwrap();
-    assert!(matches!(r.apply(pages, step), Err(RenderError::NoPatch { patches: 0, .. })));
 }

@@ -75,7 +75,7 @@ fn run_writes_every_product_and_a_report_of_this_run() {
     phantom(tmp.path(), Kind::Bend, 64);
     let args = ["run", "ct.nrrd", "--threshold", ":-455", "--out", "out", "--frames", "3"];
     let more = [
-        "--size", "96x64", "--mode", "both", "--view", "split", "--base", "--lod", "clusters",
+        "--size", "96x64", "--mode", "both", "--view", "split", "--base", "--lod", "culled",
         "--json",
     ];
     let json = works(tmp.path(), &[&args[..], &more].concat());
@@ -107,7 +107,7 @@ fn run_writes_every_product_and_a_report_of_this_run() {
     assert_eq!(report["surface"]["watertight"], true);
     assert_eq!(report["surface"]["euler"], 2);
     assert_eq!(report["frames"]["count"], 3);
-    assert_eq!(report["lod"]["mode"], "clusters");
+    assert_eq!(report["lod"]["mode"], "culled");
     assert_eq!(report["lod"]["finest_faces"], report["surface"]["faces"]);
     let drawn = report["frames"]["triangles_p99"].as_u64().unwrap();
     assert!(drawn > 0 && drawn < report["surface"]["faces"].as_u64().unwrap());
@@ -198,7 +198,7 @@ fn frames_are_the_same_bytes_with_one_thread_and_with_two() {
 }
 
 #[test]
-fn every_way_of_drawing_shows_nearly_the_same_and_keeps_its_clusters() {
+fn every_way_of_drawing_shows_nearly_the_same() {
     if !can_draw() {
         return;
     }
@@ -207,7 +207,7 @@ fn every_way_of_drawing_shows_nearly_the_same_and_keeps_its_clusters() {
     let film = |lod: &str, out: &str| {
         let args = ["record", "--mask", "mask.nrrd", "--out", out, "--json", "--lod"];
         let lod: Vec<&str> = lod.split(' ').collect();
-        let more = ["--frames", "3", "--size", "160x120", "--msaa", "1", "--lod-cache", "kept"];
+        let more = ["--frames", "3", "--size", "160x120", "--msaa", "1"];
         let report = works(tmp.path(), &[&args[..], &lod, &more].concat());
         let pictures: Vec<Vec<u8>> = names(&tmp.path().join(out))
             .iter()
@@ -217,19 +217,12 @@ fn every_way_of_drawing_shows_nearly_the_same_and_keeps_its_clusters() {
     };
     let (whole, want) = film("off", "off");
     assert_eq!(whole["lod"]["mode"], "off");
-    for (lod, out, cached) in [
-        ("clusters", "a", false),
-        ("clusters", "b", true),
-        ("vds", "c", false),
-        ("vds --scheme sqrt3", "d", false),
-        ("vds --scheme 4-8", "e", false),
-    ] {
+    for (lod, out) in [("vds", "c"), ("vds --scheme sqrt3", "d"), ("vds --scheme 4-8", "e")] {
         let (report, got) = film(lod, out);
         let mode = lod.split(' ').next();
         assert_eq!(report["lod"]["mode"].as_str(), mode);
         let scheme = lod.split(' ').nth(2).or((mode == Some("vds")).then_some("1-to-4"));
         assert_eq!(report["lod"]["scheme"].as_str(), scheme);
-        assert_eq!(report["lod"]["cached"], cached, "{lod} {out}");
         for (a, b) in want.iter().zip(&got) {
             let sum: u64 = a.iter().zip(b).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
             let mean = sum as f64 / a.len() as f64;
@@ -246,17 +239,6 @@ fn every_way_of_drawing_shows_nearly_the_same_and_keeps_its_clusters() {
     }
     let drawn = |report: &Value| report["frames"]["triangles_p50"].as_u64().unwrap();
     assert!(2 * drawn(&culled) < drawn(&whole), "{} of {}", drawn(&culled), drawn(&whole));
-    // What is kept is checked: damage costs a build, nothing else.
-    let kept = names(&tmp.path().join("kept"));
-    assert_eq!(kept.len(), 1, "{kept:?}");
-    let file = tmp.path().join("kept").join(&kept[0]);
-    let mut bytes = std::fs::read(&file).unwrap();
-    let middle = bytes.len() / 2;
-    bytes[middle] ^= 1;
-    std::fs::write(&file, bytes).unwrap();
-    let (report, again) = film("clusters", "d");
-    assert_eq!(report["lod"]["cached"], false);
-    assert!(again == film("clusters", "e").1, "a cut depends on where its clusters come from");
 }
 
 #[test]
@@ -429,7 +411,7 @@ fn every_command_that_reads_or_writes_says_the_most_memory_it_held() {
     phantom(tmp.path(), Kind::Tube, 48);
     works(tmp.path(), &["surface", "--mask", "mask.nrrd", "-o", "in.ply"]);
     let lumen = ["ct.nrrd", "--threshold", ":-455"];
-    let film = ["--frames", "1", "--size", "16x16", "--lod-cache", "off", "--out", "film"];
+    let film = ["--frames", "1", "--size", "16x16", "--out", "film"];
     let mut all: Vec<Vec<&str>> = vec![
         vec!["info", "ct.nrrd"],
         vec!["convert", "ct.nrrd", "-o", "o.nii"],

@@ -10,7 +10,7 @@ use intima::volume::phantom::{Kind, Phantom};
 use serde_json::Value;
 
 /// Settings under which a case takes well under a second.
-const SMALL: [&str; 6] = ["--frames", "2", "--size", "64x48", "--lod-cache", "off"];
+const SMALL: [&str; 4] = ["--frames", "2", "--size", "64x48"];
 
 /// A folder `in` of scans, and `out` beside it.
 struct Cohort(tempfile::TempDir);

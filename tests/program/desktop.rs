@@ -193,7 +193,7 @@ fn a_window_is_flown_by_keys_and_pointer_and_keeps_what_was_found() {
     let tmp = folder(Kind::Y);
     let session = tmp.path().join("notes.json");
     let args = ["mask.nrrd", "--session", "notes.json", "--export", "out"];
-    let args = [&args[..], &["--lod-cache", "off", "--size", "1000x700"]].concat();
+    let args = [&args[..], &["--size", "1000x700"]].concat();
     let Some(mut d) = Desktop::open(tmp.path(), &args, &[]) else { return };
     d.wait_for("everything is computed");
 
@@ -275,7 +275,7 @@ fn a_window_is_flown_by_keys_and_pointer_and_keeps_what_was_found() {
 #[test]
 fn bookmarks_that_no_file_has_are_not_lost_by_closing_without_a_word() {
     let tmp = folder(Kind::Bend);
-    let args = ["mask.nrrd", "--device", "cpu", "--lod-cache", "off"];
+    let args = ["mask.nrrd", "--device", "cpu"];
     let Some(mut d) = Desktop::open(tmp.path(), &args, &[]) else { return };
     d.wait_for("everything is computed");
     d.key("b");
@@ -299,7 +299,7 @@ fn resident_mb(process: u32) -> u64 {
 #[test]
 fn a_window_that_is_resized_again_and_again_takes_no_more_memory() {
     let tmp = folder(Kind::Bend);
-    let args = ["mask.nrrd", "--device", "cpu", "--lod-cache", "off", "--size", "900x640"];
+    let args = ["mask.nrrd", "--device", "cpu", "--size", "900x640"];
     let Some(mut d) = Desktop::open(tmp.path(), &args, &[("INTIMA_VALIDATE", "")]) else { return };
     d.wait_for("everything is computed");
     let window = d.window.clone();
@@ -324,7 +324,7 @@ fn a_window_that_is_resized_again_and_again_takes_no_more_memory() {
 fn a_full_disk_is_said_and_bookmarks_are_saved_once_there_is_room() {
     let tmp = folder(Kind::Bend);
     let session = tmp.path().join("notes.json");
-    let args = ["mask.nrrd", "--device", "cpu", "--session", "notes.json", "--lod-cache", "off"];
+    let args = ["mask.nrrd", "--device", "cpu", "--session", "notes.json"];
     // The picture, the bookmark, and the bookmark once more.
     let env = [("INTIMA_FAULT", "write:1-3")];
     let Some(mut d) = Desktop::open(tmp.path(), &args, &env) else { return };
@@ -341,7 +341,7 @@ fn a_full_disk_is_said_and_bookmarks_are_saved_once_there_is_room() {
 fn a_lost_device_is_opened_again_and_nothing_noted_is_lost() {
     let tmp = folder(Kind::Bend);
     let session = tmp.path().join("notes.json");
-    let args = ["mask.nrrd", "--device", "cpu", "--session", "notes.json", "--lod-cache", "off"];
+    let args = ["mask.nrrd", "--device", "cpu", "--session", "notes.json"];
     // The window's own submissions are the only ones of a session that computes on the CPU.
     let env = [("INTIMA_FAULT", "submit:60-60")];
     let Some(mut d) = Desktop::open(tmp.path(), &args, &env) else { return };

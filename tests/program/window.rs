@@ -482,8 +482,7 @@ fn a_script_played_twice_gives_the_same_pictures_and_saves_its_bookmarks() {
     for (out, threads) in [("a", "1"), ("b", "2")] {
         let session = format!("{out}.json");
         let args = ["--script", "s.json", "--frames-out", out, "--session", &session];
-        let done =
-            fly(tmp.path(), &[&args[..], &["--threads", threads, "--lod-cache", "off"]].concat());
+        let done = fly(tmp.path(), &[&args[..], &["--threads", threads]].concat());
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
         let names = [
             "begin", "played", "flown", "looked", "axial", "sought", "cube", "panorama", "missed",
@@ -542,7 +541,7 @@ fn a_session_opened_again_leads_to_the_same_pictures() {
     for script in ["make", "back"] {
         let file = format!("{script}.json");
         let args = ["--script", &file, "--frames-out", script, "--session", "notes.json"];
-        let done = fly(tmp.path(), &[&args[..], &["--lod-cache", "off"]].concat());
+        let done = fly(tmp.path(), &[&args[..], &[]].concat());
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     }
     let read = |name: &str| std::fs::read(tmp.path().join(name)).unwrap();
@@ -567,7 +566,7 @@ fn a_volume_is_opened_in_the_window_and_its_lumen_chosen_there() {
         {"do": {"open": "mask.nrrd"}}, {"wait": "complete"}, {"picture": "label"}]}"#;
     std::fs::write(tmp.path().join("s.json"), script).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
-    command.args(["fly", "--script", "s.json", "--frames-out", "out", "--lod-cache", "off"]);
+    command.args(["fly", "--script", "s.json", "--frames-out", "out"]);
     let done = command.current_dir(tmp.path()).env_remove("INTIMA_FAULT").output().unwrap();
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     let read = |n: &str| std::fs::read(tmp.path().join("out").join(format!("{n}.png"))).unwrap();
@@ -577,7 +576,7 @@ fn a_volume_is_opened_in_the_window_and_its_lumen_chosen_there() {
     }
 }
 
-/// `fly` took `--lod off` for clusters, and left `--core` out without a word.
+/// `fly` took `--lod off` for another form, and left `--core` out without a word.
 #[test]
 fn without_levels_of_detail_the_window_draws_the_whole_wall() {
     if common::gpu(intima::vk::Validate::Off).is_none() {
@@ -593,7 +592,7 @@ fn without_levels_of_detail_the_window_draws_the_whole_wall() {
         let out = format!("{lod}-{error}");
         let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
         command.args(["fly", "--mask", "mask.nrrd", "--script", "s.json", "--frames-out", &out]);
-        command.args(["--lod", lod, "--pixel-error", error, "--lod-cache", "off"]);
+        command.args(["--lod", lod, "--pixel-error", error]);
         let done = command.current_dir(tmp.path()).env_remove("INTIMA_FAULT").output().unwrap();
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
         intima::formats::read_png(&tmp.path().join(out).join("p.png")).unwrap().2
@@ -611,7 +610,7 @@ fn without_levels_of_detail_the_window_draws_the_whole_wall() {
     // On the crest of a fold front and back may have the same depth, and the back win.
     let (pixels, most) = apart(&whole, &shown("culled", "1"));
     assert!(pixels <= 20 && most < 64, "{pixels} pixels see what was left out, by {most}");
-    assert!(whole != shown("clusters", "8"), "a cut is drawn instead of the whole wall");
+    assert!(whole != shown("vds", "8"), "a cut is drawn instead of the whole wall");
     let mut core = Command::new(env!("CARGO_BIN_EXE_intima"));
     core.args(["fly", "--mask", "mask.nrrd", "--core", "c.nrrd"]).current_dir(tmp.path());
     let done = core.args(["--script", "s.json", "--frames-out", "out"]).output().unwrap();
@@ -636,7 +635,7 @@ fn an_open_end_is_open_in_the_window() {
     std::fs::write(tmp.path().join("s.json"), script).unwrap();
     let shown = |out: &str, more: &[&str]| {
         let args = ["--script", "s.json", "--frames-out", out];
-        let done = fly(tmp.path(), &[&args[..], &["--lod-cache", "off"], more].concat());
+        let done = fly(tmp.path(), &[&args[..], &[], more].concat());
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
         intima::formats::read_png(&tmp.path().join(out).join("p.png")).unwrap().2
     };
@@ -651,7 +650,7 @@ fn play(dir: &Path, more: &[&str], steps: &str) {
         format!(r#"{{"schema": "intima.script/1", "size": [640, 400], "steps": [{steps}]}}"#);
     std::fs::write(dir.join("s.json"), script).unwrap();
     let args = ["--script", "s.json", "--frames-out", "out", "--session", "notes.json"];
-    let done = fly(dir, &[&args[..], &["--lod-cache", "off"], more].concat());
+    let done = fly(dir, &[&args[..], &[], more].concat());
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
 }
 
@@ -737,7 +736,7 @@ fn a_session_is_opened_in_a_window_of_its_volume_and_another_file_changes_nothin
         {"frames": 3}, {"do": {"export": "view"}}, {"do": {"open_session": "o.json"}},
         {"frames": 2}, {"do": {"export": "view"}}]}"#;
     std::fs::write(tmp.path().join("o.json"), script).unwrap();
-    let args = ["--script", "o.json", "--frames-out", "out", "--lod-cache", "off"];
+    let args = ["--script", "o.json", "--frames-out", "out"];
     let done = fly(tmp.path(), &args);
     let said = String::from_utf8_lossy(&done.stderr);
     assert!(done.status.success() && said.contains("o.json: no session file"), "{said}");
@@ -775,7 +774,7 @@ fn notes_made_without_a_session_file_are_saved_as_one_with_their_pictures() {
         {"wait": "complete"}, {"do": {"bookmark": "first"}}, {"do": {"save_as": "notes.json"}},
         {"do": {"bookmark": "second"}}, {"do": "quit"}]}"#;
     std::fs::write(tmp.path().join("s.json"), script).unwrap();
-    let args = ["--script", "s.json", "--frames-out", "out", "--lod-cache", "off"];
+    let args = ["--script", "s.json", "--frames-out", "out"];
     let done = fly(tmp.path(), &args);
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     let names = ["notes-bookmark-1.png", "notes-bookmark-2.png"];
@@ -818,7 +817,7 @@ fn a_series_a_segment_and_an_organ_are_chosen_in_the_window() {
         {"do": {"organ": "vessel"}}, {"wait": "wall"}, {"picture": "aorta"}]}"#;
     std::fs::write(tmp.path().join("s.json"), script).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
-    command.args(["fly", "--script", "s.json", "--frames-out", "out", "--lod-cache", "off"]);
+    command.args(["fly", "--script", "s.json", "--frames-out", "out"]);
     let done = command.current_dir(tmp.path()).env_remove("INTIMA_FAULT").output().unwrap();
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     let names = ["two_series", "series", "segments", "segment", "no_lumen", "aorta"];

@@ -21,7 +21,7 @@ use crate::cohort::{
 };
 use crate::device::DeviceChoice;
 use crate::formats::{atomic_file, shown};
-use crate::session::{LevelSettings, Settings};
+use crate::session::Settings;
 
 /// `intima bids BIDS_DIR OUT_DIR participant|group`
 #[derive(Debug, clap::Args)]
@@ -138,7 +138,7 @@ impl RunArgs {
             threads: None,
             max_memory_mb: None,
             device: DeviceChoice::Auto,
-            levels: LevelSettings { cache: None, ..all.levels },
+            levels: all.levels,
             ..all
         };
         let (read, both) = (self.lumen.dicom.options(), self.mode.is_both());

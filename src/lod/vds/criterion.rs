@@ -1,7 +1,5 @@
 //! Refinement criterion: how fine a camera asks a patch to be.
 
-use std::sync::Arc;
-
 use glam::Vec3;
 
 use super::measure::PatchBounds;
@@ -24,7 +22,9 @@ pub struct Criterion {
     /// Shading tolerance, radians.
     pub shading: f64,
     /// Depths behind which the wall hides, if they are known.
-    pub depths: Option<Arc<HierarchicalZ>>,
+    pub depths: Option<HierarchicalZ>,
+    /// Whether faces that look away from the eye are drawn.
+    pub shows_backs: bool,
     /// Shape of all patches.
     pub shape: &'static PatchShape,
     /// Whether levels pass gradually into each other.
@@ -34,7 +34,8 @@ pub struct Criterion {
 impl Criterion {
     /// Whether any point of a patch may be visible.
     pub fn is_visible(&self, b: &PatchBounds) -> bool {
-        !self.frustum.is_backfacing(&b.sphere, &b.cone) && self.is_in_sight(b.sphere.centre, b.half)
+        let faces_away = || self.frustum.is_backfacing(&b.sphere, &b.cone);
+        (self.shows_backs || !faces_away()) && self.is_in_sight(b.sphere.centre, b.half)
     }
 
     /// Whether any point of a box may be inside the view frustum and not occluded.

@@ -9,17 +9,11 @@
 //!
 //! A cut depends on the camera alone. It is found anew in each step, from the octree down.
 
-use std::sync::Arc;
-
 use super::criterion::{Criterion, Fineness, STEP};
 use super::forest::NONE;
-use super::measure::{PatchBounds, lowest_level};
-use super::patch::MORPH_STEPS;
+use super::measure::lowest_level;
+use super::patch::{DrawnPatch, MORPH_STEPS};
 use super::surface::SubdivisionSurface;
-use crate::geometry::{Camera, ViewFrustum};
-use crate::lod::{
-    LodHierarchy, LodStep, OcclusionTest, PageCache, ResidentPatch, Tolerance, VisiblePatch,
-};
 
 /// State of a node in a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,43 +26,37 @@ pub(super) enum NodeState {
     Below,
 }
 
-/// View-dependent subdivision of a surface and its current cut.
-pub struct Vds {
-    surface: Arc<SubdivisionSurface>,
-    occlusion: Option<Arc<OcclusionTest>>,
-    pub(super) states: Vec<NodeState>,
+/// A cut while it is found.
+pub(super) struct Cut<'a> {
+    surface: &'a SubdivisionSurface,
+    pub states: Vec<NodeState>,
+    /// Whether a node that is drawn may be seen.
+    is_seen: Vec<bool>,
     /// Fineness of the sides of nodes that are drawn.
     sides: Vec<[Fineness; 3]>,
-    /// Patches drawn by the step before.
-    drawn: Vec<VisiblePatch>,
 }
 
-impl Vds {
+impl<'a> Cut<'a> {
     /// Starts with nothing drawn.
-    pub fn new(surface: Arc<SubdivisionSurface>) -> Self {
+    pub fn new(surface: &'a SubdivisionSurface) -> Self {
         let nodes = surface.forest.nodes.len();
         Self {
-            states: vec![NodeState::Above; nodes],
-            sides: vec![[0; 3]; nodes],
-            occlusion: None,
-            drawn: Vec::new(),
             surface,
+            states: vec![NodeState::Above; nodes],
+            is_seen: vec![false; nodes],
+            sides: vec![[0; 3]; nodes],
         }
     }
 
-    /// Never refines what the occlusion test rejects. Cameras must be inside the wall.
-    #[must_use]
-    pub fn with_occlusion(self, occlusion: Arc<OcclusionTest>) -> Self {
-        Self { occlusion: Some(occlusion), ..self }
-    }
-
-    /// The surface.
-    pub fn surface(&self) -> &Arc<SubdivisionSurface> {
-        &self.surface
+    /// The cut that a camera requires.
+    pub fn of(surface: &'a SubdivisionSurface, criterion: &Criterion) -> Self {
+        let mut cut = Self::new(surface);
+        cut.select(criterion);
+        cut
     }
 
     /// Fineness of a corner of a node, from the base.
-    pub(super) fn origin(&self, id: u32) -> Fineness {
+    pub fn origin(&self, id: u32) -> Fineness {
         self.surface.forest.node(id).depth as Fineness * STEP
     }
 
@@ -78,18 +66,19 @@ impl Vds {
     }
 
     /// Least fineness of a node that is drawn.
-    pub(super) fn least(&self, id: u32) -> Fineness {
+    pub fn least(&self, id: u32) -> Fineness {
         let depth = self.surface.forest.node(id).depth;
         (depth + lowest_level(depth)) as Fineness * STEP
     }
 
     /// Decides for a node and all below it.
     fn refine(&mut self, id: u32, criterion: &Criterion) {
-        let surface = Arc::clone(&self.surface);
+        let surface = self.surface;
         let bounds = &surface.bounds[id as usize];
         let least = self.least(id);
         self.states[id as usize] = NodeState::Drawn(least);
-        if !criterion.is_visible(bounds) {
+        self.is_seen[id as usize] = criterion.is_visible(bounds);
+        if !self.is_seen[id as usize] {
             return;
         }
         let depth = surface.forest.node(id).depth;
@@ -119,7 +108,7 @@ impl Vds {
 
     /// The node that is drawn across side `e` of a node that is drawn, and which of its sides that
     /// is: of the same depth or less. `None` on a boundary, and where smaller ones are drawn.
-    pub(super) fn across(&self, id: u32, e: usize) -> Option<(u32, usize)> {
+    pub fn across(&self, id: u32, e: usize) -> Option<(u32, usize)> {
         let forest = &self.surface.forest;
         let twin = forest.node(id).twins[e];
         if twin == NONE {
@@ -136,7 +125,7 @@ impl Vds {
         }
     }
 
-    pub(super) fn fineness(&self, id: u32) -> Fineness {
+    pub fn fineness(&self, id: u32) -> Fineness {
         match self.states[id as usize] {
             NodeState::Drawn(q) => q,
             _ => 0,
@@ -144,7 +133,7 @@ impl Vds {
     }
 
     /// Raises patches that are more than a level coarser than a neighbour, finest first.
-    pub(super) fn balance(&mut self) {
+    pub fn balance(&mut self) {
         let mut open: Vec<Vec<u32>> = Vec::new();
         let push = |open: &mut Vec<Vec<u32>>, id: u32, q: Fineness| {
             if open.len() <= usize::from(q) {
@@ -196,6 +185,7 @@ impl Vds {
             for c in self.surface.forest.children(m) {
                 let least = self.least(c);
                 self.states[c as usize] = NodeState::Drawn(least);
+                self.is_seen[c as usize] = self.is_seen[m as usize];
                 raised(c, least);
             }
         }
@@ -232,29 +222,30 @@ impl Vds {
     }
 
     /// Patches to draw of a balanced cut.
-    pub(super) fn patches(&mut self) -> Vec<VisiblePatch> {
+    pub fn patches(&mut self) -> Vec<DrawnPatch> {
         let nodes = self.nodes();
         self.settle_sides(&nodes);
         nodes.into_iter().map(|id| self.patch(id)).collect()
     }
 
-    fn patch(&self, id: u32) -> VisiblePatch {
+    fn patch(&self, id: u32) -> DrawnPatch {
         let origin = self.origin(id);
         let own = u32::from(self.fineness(id) - origin);
         let sides = self.sides[id as usize].map(|q| u32::from(q - origin));
         let level = own.div_ceil(MORPH_STEPS);
         let split = |e: usize| u32::from(sides[e].div_ceil(MORPH_STEPS) > level) << e;
         let template = self.surface.shape().template(level, split(0) | split(1) | split(2));
-        let morph = own | sides[0] << 8 | sides[1] << 16 | sides[2] << 24;
-        let PatchBounds { sphere, half, cone, .. } = self.surface.bounds[id as usize];
-        let resident = Some(ResidentPatch { first_index: template.first, morph });
-        VisiblePatch { page: id, triangles: template.triangles, sphere, half, cone, resident }
+        DrawnPatch {
+            patch: id,
+            first_index: template.first,
+            triangles: template.triangles,
+            morph: own | sides[0] << 8 | sides[1] << 16 | sides[2] << 24,
+            is_seen: self.is_seen[id as usize],
+        }
     }
 
-    /// Brings the cut to that of a camera.
     fn select(&mut self, criterion: &Criterion) {
-        let surface = Arc::clone(&self.surface);
-        self.states.fill(NodeState::Above);
+        let surface = self.surface;
         self.states[..surface.finest.len()].fill(NodeState::Drawn(0));
         surface.tree.traverse(
             |n| criterion.is_in_sight(0.5 * (n.lo + n.hi), 0.5 * (n.hi - n.lo)),
@@ -266,49 +257,4 @@ impl Vds {
         );
         self.balance();
     }
-}
-
-impl LodHierarchy for Vds {
-    fn step(&mut self, camera: &Camera, tolerance: &Tolerance, _: &mut PageCache) -> LodStep {
-        let frustum = ViewFrustum::new(camera);
-        let pixels = f64::from(tolerance.pixels);
-        let within = |test: &Arc<OcclusionTest>| test.depths_within(&frustum, pixels);
-        let depths = self.occlusion.as_ref().map(within).map(Arc::new);
-        self.select(&Criterion {
-            frustum,
-            pixels,
-            shading: f64::from(self.surface.options.shading_rad),
-            depths: depths.clone(),
-            shape: self.surface.shape(),
-            morph: self.surface.options.morph && self.surface.options.scheme.morphs(),
-        });
-        let drawn = self.patches();
-        let leaves_changed = changes(&self.drawn, &drawn);
-        self.drawn.clone_from(&drawn);
-        LodStep { drawn, leaves_changed, settled: true, depths, ..LodStep::default() }
-    }
-
-    fn state_hash(&self) -> u64 {
-        let words = |d: &VisiblePatch| [d.page, d.resident.map_or(0, |r| r.morph)];
-        // FNV-1a.
-        self.drawn.iter().flat_map(words).fold(0xcbf2_9ce4_8422_2325, |h, w| {
-            (h ^ u64::from(w)).wrapping_mul(0x0000_0100_0000_01b3)
-        })
-    }
-
-    fn finest_faces(&self) -> u64 {
-        self.surface.finest_faces()
-    }
-}
-
-/// Number of patches that are drawn after and were not drawn the same way before.
-fn changes(before: &[VisiblePatch], after: &[VisiblePatch]) -> u32 {
-    let mut old = before.iter().peekable();
-    let mut changed = 0;
-    for d in after {
-        while old.next_if(|o| o.page < d.page).is_some() {}
-        let same = old.next_if(|o| o.page == d.page).is_some_and(|o| o.resident == d.resident);
-        changed += u32::from(!same);
-    }
-    changed
 }

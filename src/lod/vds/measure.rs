@@ -13,6 +13,7 @@ use super::forest::{FACE_STEPS, PatchNode};
 use super::original::Original;
 use super::scheme::Scheme;
 use super::template::{GridPoint, LEVELS, PatchShape, SPLITS};
+use crate::fault;
 use crate::geometry::{Cone, Sphere, Vertex, point_triangle_distance};
 use crate::lod::octree::{Item, bounding_cone};
 
@@ -127,7 +128,10 @@ impl<'a> PatchSampler<'a> {
         let (mut angle_rad, mut edge_mm) = ([0.0; LEVELS], [0.0; LEVELS]);
         for level in lowest_level(depth)..=self.shape.finest() {
             let cells = cells(self.shape, level, samples);
-            let error = BETWEEN * self.distance(level, &cells, samples, inside);
+            let mut error = BETWEEN * self.distance(level, &cells, samples, inside);
+            if fault::hit(fault::Point::ErrorBound) {
+                error *= 0.125;
+            }
             let l = level as usize;
             // Rounded up.
             error_mm[l] = (error * (1.0 + 1e-6)) as f32;

@@ -3,7 +3,7 @@
 //! parameterisation (MAPS, Lee et al. 1998, doi:10.1145/280814.280828).
 //!
 //! The unit is a patch: a base face, or a part of one, with the samples of a few levels. All
-//! patches stay in buffers on the device. A step decides how fine each is; a change is another
+//! patches stay in buffers on the device. A camera decides how fine each is: a change is another
 //! index template and other morphing weights in its draw command, and nothing is uploaded. Other
 //! [schemes](Scheme) than 1-to-4 have other templates over the same machinery.
 //!
@@ -25,12 +25,13 @@ mod patch;
 mod scheme;
 mod surface;
 mod template;
+mod wall;
 
-pub use cut::Vds;
 pub use original::{Original, ParameterizedOriginal};
-pub use patch::ResidentPatches;
+pub use patch::{DrawnPatch, ResidentPatches};
 pub use scheme::Scheme;
 pub use surface::{SubdivisionSurface, VdsError, VdsOptions};
+pub use wall::SubdividedWall;
 
 #[cfg(test)]
 mod tests;

@@ -7,7 +7,6 @@ use bytemuck::{Pod, Zeroable};
 use super::scheme::Scheme;
 use super::template::{PatchPoint, PatchShape};
 use crate::geometry::Vertex;
-use crate::lod::{ResidentPatch, VisiblePatch};
 
 /// Steps of a morph from one level to the next.
 pub const MORPH_STEPS: u32 = 32;
@@ -85,13 +84,27 @@ impl ResidentPatches {
 
     /// Triangles of a patch as the device draws them: twin of `project_patch` in
     /// `shaders/draw/surface.wgsl`.
-    pub fn triangles(&self, d: &VisiblePatch) -> Vec<[Vertex; 3]> {
-        let ResidentPatch { first_index, morph } = d.resident.expect("a resident patch");
-        let own = self.vertices_of(d.page);
-        let indices = &self.shape().indices[first_index as usize..][..3 * d.triangles as usize];
-        let at = |i: &u32| morphed(&own[*i as usize], morph);
+    pub fn triangles(&self, d: &DrawnPatch) -> Vec<[Vertex; 3]> {
+        let own = self.vertices_of(d.patch);
+        let indices = &self.shape().indices[d.first_index as usize..][..3 * d.triangles as usize];
+        let at = |i: &u32| morphed(&own[*i as usize], d.morph);
         indices.chunks_exact(3).map(|t| [at(&t[0]), at(&t[1]), at(&t[2])]).collect()
     }
+}
+
+/// A patch of a cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DrawnPatch {
+    /// Number of the patch.
+    pub patch: u32,
+    /// First index of its template.
+    pub first_index: u32,
+    /// Number of its triangles.
+    pub triangles: u32,
+    /// Fineness of the patch and of its three sides, a byte each.
+    pub morph: u32,
+    /// Whether the camera may see it.
+    pub is_seen: bool,
 }
 
 fn morphed(v: &PatchVertex, word: u32) -> Vertex {

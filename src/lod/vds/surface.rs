@@ -29,7 +29,8 @@ pub struct VdsOptions {
     /// Triangles of the finest level, as a multiple of the original's. The base alone may have
     /// more.
     pub finest_share: f64,
-    /// Shading tolerance, radians: as [`crate::lod::clusters::DEFAULT_SHADING_RAD`].
+    /// Shading tolerance: root mean square angle between the normals that are drawn and those of
+    /// the original, radians.
     pub shading_rad: f32,
     /// Subdivision scheme.
     pub scheme: Scheme,
@@ -39,16 +40,18 @@ pub struct VdsOptions {
 
 impl Default for VdsOptions {
     fn default() -> Self {
-        let shading_rad = crate::lod::clusters::DEFAULT_SHADING_RAD;
         Self {
             finest_mm: 0.0,
             finest_share: 1.2,
-            shading_rad,
+            shading_rad: DEFAULT_SHADING_RAD,
             scheme: Scheme::default(),
             morph: true,
         }
     }
 }
+
+/// Shading tolerance, radians. It changes the light by a tenth at most.
+const DEFAULT_SHADING_RAD: f32 = 0.1;
 
 /// A patch is far from the original beyond this multiple of [`VdsOptions::finest_mm`].
 const FAR: f32 = 10.0;

@@ -9,15 +9,13 @@ use glam::{DVec3, Vec3};
 pub(super) use ring::Ring;
 
 use super::criterion::STEP;
-use super::cut::NodeState;
+use super::cut::{Cut, NodeState};
 use super::template::{PatchShape, SPLITS};
 use super::*;
 use crate::geometry::{
     Camera, Lens, Mesh, Pose, Sphere, TriangleBvh, Vertex, ViewFrustum, point_triangle_distance,
 };
-use crate::lod::{
-    LodHierarchy, LodStep, OcclusionTest, PageCache, Tolerance, VisiblePatch, occlusion_grid,
-};
+use crate::lod::{DrawnWall, OcclusionTest, Tolerance, occlusion_grid};
 use ring::RING_MM;
 
 const PIXELS: Tolerance = Tolerance { pixels: 4.0 };
@@ -55,21 +53,22 @@ fn deep() -> VdsOptions {
     VdsOptions { finest_share: 2.0, ..VdsOptions::default() }
 }
 
-fn step(vds: &mut Vds, camera: &Camera) -> LodStep {
-    vds.step(camera, &PIXELS, &mut PageCache::new(1, 0, 1))
+fn wall(surface: &Arc<SubdivisionSurface>, pixels: f32) -> SubdividedWall {
+    SubdividedWall::new(Arc::clone(surface), Tolerance { pixels }, None)
 }
 
 /// Corners of all triangles that are drawn.
-fn corners(surface: &SubdivisionSurface, drawn: &[VisiblePatch]) -> Vec<[Vec3; 3]> {
+fn corners(surface: &SubdivisionSurface, drawn: &[DrawnPatch]) -> Vec<[Vec3; 3]> {
     let mut all = Vec::new();
     for d in drawn {
         let own = surface.patches().triangles(d);
         assert_eq!(own.len(), d.triangles as usize);
+        let bounds = &surface.bounds[d.patch as usize];
         for t in own {
             let t = t.map(|v| v.position());
-            let away = |p: Vec3| d.sphere.centre.distance(p);
-            assert!(t.iter().all(|p| away(*p) <= d.sphere.radius * (1.0 + 1e-6)));
-            let off = |p: Vec3| (p - d.sphere.centre).abs() - d.half;
+            let away = |p: Vec3| bounds.sphere.centre.distance(p);
+            assert!(t.iter().all(|p| away(*p) <= bounds.sphere.radius * (1.0 + 1e-6)));
+            let off = |p: Vec3| (p - bounds.sphere.centre).abs() - bounds.half;
             assert!(t.iter().all(|p| off(*p).max_element() <= 1e-5));
             all.push(t);
         }
@@ -103,18 +102,18 @@ const SCHEMES: [Scheme; 4] =
 fn cuts_are_watertight_during_geomorphs_and_levels_differ_by_at_most_one() {
     for (morph, scheme) in [true, false].into_iter().flat_map(|m| SCHEMES.map(|s| (m, s))) {
         let surface = surface(VdsOptions { morph, scheme, ..deep() });
-        let mut vds = Vds::new(surface.clone());
+        let wall = wall(&surface, 1.0);
         let mut depths = HashSet::new();
         let seed = &mut 11;
         for _ in 0..20 {
-            let tolerance = Tolerance { pixels: 1.0 };
-            let step = vds.step(&camera(seed), &tolerance, &mut PageCache::new(1, 0, 1));
-            assert!(step.settled && is_closed(&corners(&surface, &step.drawn)));
-            for d in &step.drawn {
-                let own = vds.fineness(d.page);
-                depths.insert((surface.forest.node(d.page).depth, own / STEP));
-                for (m, _) in (0..3).filter_map(|e| vds.across(d.page, e)) {
-                    assert!(own.abs_diff(vds.fineness(m)) <= STEP);
+            let mut cut = Cut::of(&surface, &wall.criterion(&camera(seed)));
+            let drawn = cut.patches();
+            assert!(is_closed(&corners(&surface, &drawn)));
+            for d in &drawn {
+                let own = cut.fineness(d.patch);
+                depths.insert((surface.forest.node(d.patch).depth, own / STEP));
+                for (m, _) in (0..3).filter_map(|e| cut.across(d.patch, e)) {
+                    assert!(own.abs_diff(cut.fineness(m)) <= STEP);
                 }
             }
         }
@@ -132,30 +131,30 @@ fn arbitrary_cuts_are_watertight_and_use_every_template() {
 fn arbitrary_cuts_are_watertight(scheme: Scheme) {
     let surface = surface(VdsOptions { scheme, ..deep() });
     let shape = PatchShape::of(scheme);
-    let mut vds = Vds::new(surface.clone());
+    let mut cut = Cut::new(&surface);
     let (seed, mut used) = (&mut 3, HashSet::new());
     for round in 0..40 {
-        vds.states.fill(NodeState::Above);
+        cut.states.fill(NodeState::Above);
         // Where nothing is fine, base faces have all levels.
         let open = if round % 4 == 0 { 0.0 } else { 0.8 };
         let mut todo: Vec<u32> = (0..surface.base_faces() as u32).collect();
         while let Some(id) = todo.pop() {
             let children = surface.forest.children(id);
             if !children.is_empty() && noise(seed) < open {
-                vds.states[id as usize] = NodeState::Below;
+                cut.states[id as usize] = NodeState::Below;
                 todo.extend(children);
                 continue;
             }
-            let (least, most) = (vds.least(id), vds.origin(id) + shape.finest() as u16 * STEP);
+            let (least, most) = (cut.least(id), cut.origin(id) + shape.finest() as u16 * STEP);
             let most = if open < 0.5 { most.min(least + STEP + 8) } else { most };
             let q = f64::from(least) + noise(seed).powi(2) * f64::from(most - least);
             let q = if scheme.morphs() { q as u16 } else { q as u16 / STEP * STEP };
-            vds.states[id as usize] = NodeState::Drawn(q);
+            cut.states[id as usize] = NodeState::Drawn(q);
         }
-        vds.balance();
-        let drawn = vds.patches();
+        cut.balance();
+        let drawn = cut.patches();
         assert!(is_closed(&corners(&surface, &drawn)), "{scheme:?}, round {round}");
-        used.extend(drawn.iter().filter_map(|d| d.resident).map(|r| r.first_index));
+        used.extend(drawn.iter().map(|d| d.first_index));
     }
     let all = (0..=shape.finest()).flat_map(|l| (0..8).map(move |s| shape.template(l, s).first));
     let unused: Vec<u32> = all.filter(|t| !used.contains(t)).collect();
@@ -181,32 +180,24 @@ fn edges_sampled_from_both_faces_crack() {
         }
         let options = VdsOptions { finest_share: 0.0, ..VdsOptions::default() };
         let surface = Arc::new(SubdivisionSurface::new(&base, &ring, options).unwrap());
-        let mut vds = Vds::new(surface.clone());
+        let mut cut = Cut::new(&surface);
         // The same level everywhere: faces without shared edges cannot be balanced.
-        vds.states.fill(NodeState::Drawn(SPLITS as u16 * STEP));
-        let drawn = vds.patches();
+        cut.states.fill(NodeState::Drawn(SPLITS as u16 * STEP));
+        let drawn = cut.patches();
         assert_eq!(drawn.len() as u64, surface.base_faces());
         assert_eq!(is_closed(&corners(&surface, &drawn)), want, "jitter {jitter}, apart {apart}");
     }
 }
 
 #[test]
-fn the_cut_depends_on_the_camera_alone_and_standing_still_changes_nothing() {
+fn the_cut_depends_on_the_camera_alone() {
     let surface = surface(deep());
-    let mut vds = Vds::new(surface.clone());
-    let (seed, mut changed) = (&mut 77, 0);
-    for _ in 0..20 {
-        let camera = camera(seed);
-        let flown = step(&mut vds, &camera);
-        changed += flown.leaves_changed;
-        let mut anew = Vds::new(surface.clone());
-        assert_eq!(step(&mut anew, &camera).drawn, flown.drawn);
-        assert_eq!(vds.state_hash(), anew.state_hash());
-        let again = step(&mut vds, &camera);
-        assert_eq!((again.leaves_changed, again.drawn), (0, flown.drawn));
-        assert!(again.uploads.is_empty());
-    }
-    assert!(changed > 300, "{changed}");
+    let wall = wall(&surface, PIXELS.pixels);
+    let cameras: Vec<Camera> = (0..20).scan(77, |seed, _| Some(camera(seed))).collect();
+    let flown: Vec<_> = cameras.iter().map(|c| wall.cut(c)).collect();
+    let back: Vec<_> = cameras.iter().rev().map(|c| wall.cut(c)).collect();
+    assert!(flown.iter().eq(back.iter().rev()));
+    assert!(flown.windows(2).all(|w| w[0] != w[1]), "cameras that see the same");
 }
 
 #[test]
@@ -216,11 +207,10 @@ fn an_open_base_has_no_boundary_but_its_own() {
     // A part of the ring is taken out; face ids of the rest stay what they were.
     base.faces.truncate(12 * 9);
     let surface = Arc::new(SubdivisionSurface::new(&base, &ring, deep()).unwrap());
-    let mut vds = Vds::new(surface.clone());
+    let wall = wall(&surface, PIXELS.pixels);
     let seed = &mut 71;
     for _ in 0..8 {
-        let step = step(&mut vds, &camera(seed));
-        let open = open_edges(&corners(&surface, &step.drawn));
+        let open = open_edges(&corners(&surface, &wall.cut(&camera(seed))));
         // The rims lie in two planes through the ring's axis.
         let around = |p: Vec3| f64::from(p.y).atan2(f64::from(p.x));
         let rim = |u: f64| u.abs() < 1e-3 || (u - (0.75 * TAU - TAU)).abs() < 1e-3;
@@ -242,10 +232,11 @@ fn invalid_base_meshes_are_refused_and_non_manifold_ones_are_drawn() {
     base.faces[1] = base.faces[0];
     base.faces[2] = [base.faces[0][0], base.faces[0][1], 37];
     base.faces[3] = [5, 5, 5];
-    let mut vds = Vds::new(Arc::new(SubdivisionSurface::new(&base, &ring, deep()).unwrap()));
+    let surface = Arc::new(SubdivisionSurface::new(&base, &ring, deep()).unwrap());
+    let wall = wall(&surface, PIXELS.pixels);
     let seed = &mut 31;
     for _ in 0..4 {
-        assert!(!step(&mut vds, &camera(seed)).drawn.is_empty());
+        assert!(!wall.visible(&camera(seed)).ranges.is_empty());
     }
     base.faces[0][1] = 72;
     assert!(matches!(new(&base), Err(VdsError::NoVertex { face: 0, vertex: 72, vertices: 72 })));
@@ -306,16 +297,16 @@ fn errors_are_never_below_sampled_distance_either_way() {
 fn visible_points_are_within_the_screen_space_tolerance() {
     let ring = Ring::new([12, 6], 16);
     let surface = surface(deep());
-    let mut vds = Vds::new(surface.clone());
+    let wall = wall(&surface, PIXELS.pixels);
     let (mut worst, mut met) = (0.0f64, 0);
     let most = f64::from(PIXELS.pixels);
     for s in 0..6u64 {
         let mut cam = camera(&mut (s * 1234 + 5));
         cam.height_px = 200;
         let frustum = ViewFrustum::new(&cam);
-        for d in step(&mut vds, &cam).drawn {
-            let own = &surface.bounds[d.page as usize];
-            let is_leaf = surface.forest.children(d.page).is_empty();
+        for d in wall.cut(&cam) {
+            let own = &surface.bounds[d.patch as usize];
+            let is_leaf = surface.forest.children(d.patch).is_empty();
             let finest = frustum.error_px(&own.sphere, own.error_mm[SPLITS as usize]);
             if !frustum.intersects(&own.sphere) || is_leaf && finest > most {
                 continue;
@@ -354,18 +345,27 @@ fn rays_meet_nothing_before_the_patches_that_are_visible() {
             f64::from(surface.coarsest_error_mm()),
         );
         assert_eq!(surface.finest_error_mm() > 10.0 * finest_mm, is_far);
-        let mut vds = Vds::new(surface.clone()).with_occlusion(test);
+        let wall = SubdividedWall::new(Arc::clone(&surface), PIXELS, Some(test));
         let (mut met, mut inside, mut visible, mut by_worst) = (0, 0, 0, 0);
         let seed = &mut 77;
         for _ in 0..12 {
             let cam = camera(seed);
-            let step = step(&mut vds, &cam);
+            let drawn = wall.cut(&cam);
             let frustum = ViewFrustum::new(&cam);
             let worst = plain.depths(&frustum);
-            let shown = |d: &&VisiblePatch| d.is_visible(&frustum, step.depths.as_deref());
-            let seen: Vec<VisiblePatch> = step.drawn.iter().filter(shown).copied().collect();
-            inside += step.drawn.iter().filter(|d| d.is_visible(&frustum, None)).count();
-            by_worst += step.drawn.iter().filter(|d| d.is_visible(&frustum, Some(&worst))).count();
+            let is_in_front = |d: &&DrawnPatch| {
+                let b = &surface.bounds[d.patch as usize];
+                let away = b.sphere.centre.as_dvec3() - frustum.position();
+                frustum.intersects_box(away, b.half.as_dvec3())
+                    && !frustum.is_backfacing(&b.sphere, &b.cone)
+            };
+            let is_unhidden = |d: &&DrawnPatch| {
+                let b = &surface.bounds[d.patch as usize];
+                !worst.hides_box(b.sphere.centre, b.half)
+            };
+            let seen: Vec<DrawnPatch> = drawn.iter().filter(|d| d.is_seen).copied().collect();
+            inside += drawn.iter().filter(is_in_front).count();
+            by_worst += drawn.iter().filter(is_in_front).filter(is_unhidden).count();
             visible += seen.len();
             let tree = |drawn| {
                 let corners = corners(&surface, drawn);
@@ -377,7 +377,7 @@ fn rays_meet_nothing_before_the_patches_that_are_visible() {
                     ..Mesh::default()
                 })
             };
-            let (whole, seen) = (tree(&step.drawn), tree(&seen));
+            let (whole, seen) = (tree(&drawn), tree(&seen));
             let eye = frustum.position();
             for _ in 0..300 {
                 let [t_x, t_y] = frustum.tangents();
@@ -440,10 +440,9 @@ fn a_simplified_mesh_is_refined_back_to_its_original() {
     assert!(finest < 0.3 * coarsest, "{coarsest} {finest}");
     let share = surface.finest_faces() as f64 / mesh.faces.len() as f64;
     assert!(share > 0.9 && share <= 1.2, "{share} of the original's faces");
-    let mut vds = Vds::new(surface.clone());
+    let wall = wall(&surface, PIXELS.pixels);
     for s in 0..6 {
-        let step = step(&mut vds, &camera(&mut (s * 71 + 3)));
-        assert!(is_closed(&corners(&surface, &step.drawn)));
+        assert!(is_closed(&corners(&surface, &wall.cut(&camera(&mut (s * 71 + 3))))));
     }
 }
 
@@ -456,16 +455,12 @@ fn vertices_reach_both_ends_of_their_morph() {
         scheme: Scheme::OneToFour,
     };
     let template = shape().template(SPLITS, 0);
-    let drawn = |q: u32| VisiblePatch {
-        page: 0,
-        resident: Some(crate::lod::ResidentPatch {
-            first_index: template.first,
-            morph: q * 0x0101_0101,
-        }),
+    let drawn = |q: u32| DrawnPatch {
+        patch: 0,
+        first_index: template.first,
         triangles: template.triangles,
-        sphere: Sphere::default(),
-        half: Vec3::ZERO,
-        cone: Default::default(),
+        morph: q * 0x0101_0101,
+        is_seen: true,
     };
     let level = |l: u32| SPLITS * u32::from(STEP) - (SPLITS - l) * u32::from(STEP);
     let [fine, coarse] = [SPLITS, SPLITS - 1].map(|l| patches.triangles(&drawn(level(l))));

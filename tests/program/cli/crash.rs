@@ -30,22 +30,9 @@ const RECORD: &[&str] = &[
     "64x48",
     "--video",
     "out/v.mp4",
-    "--lod-cache",
-    "off",
 ];
-const RUN: &[&str] = &[
-    "run",
-    "--mask",
-    "mask.nrrd",
-    "--out",
-    "out",
-    "--frames",
-    "4",
-    "--size",
-    "64x48",
-    "--lod-cache",
-    "off",
-];
+const RUN: &[&str] =
+    &["run", "--mask", "mask.nrrd", "--out", "out", "--frames", "4", "--size", "64x48"];
 
 /// Files below a folder, with their bytes. Times of reports differ from run to run: `report.json`
 /// is left out, and so is the part of the page that has them.

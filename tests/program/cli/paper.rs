@@ -33,16 +33,16 @@ fn the_papers_chain_flies_every_phantom_between_given_ends() {
             let args =
                 ["run", "--mask", "mask.nrrd", "--mode", "paper", "--out", out, "--lod", lod];
             let more = ["--from", from, "--to", to, "--frames", "2", "--size", "64x48"];
-            works(tmp.path(), &[&args[..], &more, &["--lod-cache", "off"]].concat());
+            works(tmp.path(), &[&args[..], &more, &[]].concat());
             (path(&tmp.path().join(out)), report(&tmp.path().join(out)))
         };
-        let (line, clusters) = fly(&start, &end, "clusters", "a");
+        let (line, culled) = fly(&start, &end, "culled", "a");
         let (again, vds) = fly(&start, &end, "vds", "b");
         assert_eq!(line, again, "{kind:?}");
         let (back, _) = fly(&end, &start, "vds", "c");
         let name = kind.name();
         // The ends are kept points: nearer to the end asked for than a tenth of the way.
-        let tenth = 0.1 * clusters["centerline"]["length_mm"].as_f64().unwrap();
+        let tenth = 0.1 * culled["centerline"]["length_mm"].as_f64().unwrap();
         for (found, asked) in [
             (line[0], truth.start),
             (line[line.len() - 1], truth.ends[0]),
@@ -56,7 +56,7 @@ fn the_papers_chain_flies_every_phantom_between_given_ends() {
         assert_eq!(vds["lod"]["mode"], "vds", "{name}");
         assert_eq!(vds["lod"]["metric"], "paper", "{name}");
         assert_eq!(vds["frames"]["count"], 2, "{name}");
-        assert!(clusters["centerline"]["proof"].is_null(), "{name}: the paper proves nothing");
+        assert!(culled["centerline"]["proof"].is_null(), "{name}: the paper proves nothing");
         let stages: Vec<&str> =
             vds["stages"].as_array().unwrap().iter().filter_map(|s| s["name"].as_str()).collect();
         for stage in ["paper path", "subdivision", "simplify"] {

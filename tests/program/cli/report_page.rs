@@ -58,7 +58,7 @@ fn a_page_agrees_with_the_report_and_only_its_times_differ_between_runs() {
     let title = "<script>alert(\"1\")</script> & more\u{7}";
     let run = |out: &str, threads: &str, more: &[&str]| {
         let args = ["run", "ct.nrrd", "--threshold", ":-455", "--out", out, "--tree", "--frames"];
-        let rest = ["5", "--size", "96x64", "--threads", threads, "--lod-cache", "off"];
+        let rest = ["5", "--size", "96x64", "--threads", threads];
         works(tmp.path(), &[&args[..], &rest, more].concat());
         std::fs::read_to_string(tmp.path().join(out).join("report.html")).unwrap_or_default()
     };

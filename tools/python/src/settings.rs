@@ -258,7 +258,6 @@ fn smoothing(given: &Remaining<'_>) -> PyResult<Option<Smoothing>> {
 fn levels(given: &Remaining<'_>) -> PyResult<LevelSettings> {
     let methods = [
         ("auto", Lod::Auto),
-        ("clusters", Lod::Clusters),
         ("vds", Lod::Vds),
         ("culled", Lod::Culled),
         ("off", Lod::Off),
@@ -278,12 +277,7 @@ fn levels(given: &Remaining<'_>) -> PyResult<LevelSettings> {
     if scheme.is_some() && lod != Lod::Vds {
         return Err(argument("scheme: of lod=\"vds\" only".into()));
     }
-    Ok(LevelSettings {
-        lod,
-        scheme: scheme.unwrap_or_default(),
-        pixel_error,
-        cache: given.take::<PathBuf>("lod_cache")?,
-    })
+    Ok(LevelSettings { lod, scheme: scheme.unwrap_or_default(), pixel_error })
 }
 
 fn flight(given: &Remaining<'_>, fps: f64) -> PyResult<FlightSettings> {

@@ -188,9 +188,8 @@ def _native(settings: dict[str, Any]) -> dict[str, Any]:
         out["series"] = str(out["series"])
     if out.get("labels") is not None:
         out["labels"] = [int(label) for label in out["labels"]]
-    for name in ("path", "lod_cache"):
-        if out.get(name) is not None:
-            out[name] = os.fspath(out[name])
+    if out.get("path") is not None:
+        out["path"] = os.fspath(out["path"])
     return out
 
 

@@ -115,11 +115,9 @@ class Settings(WallSettings, CenterlineSettings, total=False):
     """trunk, all, or leaf:N with the number of a branch."""
     path: PathLike | None
     """Fly this camera path (intima.path/1)."""
-    lod: Literal["auto", "clusters", "vds", "culled", "off"]
+    lod: Literal["auto", "vds", "culled", "off"]
     """Level of detail."""
     scheme: Literal["1-to-4", "butterfly", "sqrt3", "4-8"]
     """Subdivision scheme of vds."""
     pixel_error: float
     """Pixels that what is drawn may be away from the full mesh."""
-    lod_cache: PathLike | None
-    """Folder where clusters are kept between runs; None keeps none."""

@@ -1,23 +1,24 @@
-//! Page cache: which patch occupies which page on the device, and when a page may be overwritten.
+//! Slot cache: which patch occupies which slot of a buffer on the device, and when a slot may be
+//! overwritten.
 //! Replacement is least recently used.
 
 use std::collections::{BTreeSet, HashMap, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 
-/// Why no page could be allocated.
+/// Why no slot could be allocated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NoPage {
+pub enum NoSlot {
     /// This step has used up its upload budget; the next one continues.
     UploadBudget,
-    /// Every free page may still be read by a frame in flight; a later step succeeds.
+    /// Every free slot may still be read by a frame in flight; a later step succeeds.
     InFlight,
-    /// Every page holds a patch of the current cut.
+    /// Every slot holds a patch of the current cut.
     AllDrawn,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Resident {
-    page: u32,
+    slot: u32,
     /// Step in which it was last part of the cut.
     last_used: u64,
     /// Step under which it stands in `by_age`.
@@ -44,46 +45,46 @@ impl Hasher for KeyHasher {
     }
 }
 
-/// Map from the key of a patch to the page that holds it.
+/// Map from the key of a patch to the slot that holds it.
 ///
-/// A patch that leaves the cut keeps its page until space is needed, so that turning back costs
-/// nothing. Space is needed when all pages are taken, and also from twice the size of the cut:
-/// memory that was never touched comes from the system page by page, which can take longer than
-/// writing the patch. A page is overwritten only after `in_flight` further steps, when no frame
+/// A patch that leaves the cut keeps its slot until space is needed, so that turning back costs
+/// nothing. Space is needed when all slots are taken, and also from twice the size of the cut:
+/// memory that was never touched comes from the system slot by slot, which can take longer than
+/// writing the patch. A slot is overwritten only after `in_flight` further steps, when no frame
 /// that drew it can still be running.
 #[derive(Debug)]
-pub struct PageCache {
+pub struct SlotCache {
     free: Vec<u32>,
-    /// Freed pages with the step in which they were last drawn, oldest first.
+    /// Freed slots with the step in which they were last drawn, oldest first.
     cooling: VecDeque<(u64, u32)>,
     residents: HashMap<u64, Resident, BuildHasherDefault<KeyHasher>>,
     /// (step, key) of every resident patch: last used in that step or later. Updated lazily, when
     /// something is evicted, which is rare, and not at each use.
     by_age: BTreeSet<(u64, u64)>,
-    pages: u32,
+    slots: u32,
     in_flight: u64,
     step: u64,
     upload_budget: u32,
     uploads_left: u32,
     /// Patches touched or allocated in this step.
     touched: usize,
-    /// Number of residents from which the oldest is evicted although pages are still free.
+    /// Number of residents from which the oldest is evicted although slots are still free.
     soft_capacity: usize,
 }
 
 /// Residents that are never evicted early.
 const MIN_RESIDENT: usize = 2048; // 5 MB
 
-impl PageCache {
-    /// `pages` pages; at most `uploads` of them are written in one step; frames of the last
+impl SlotCache {
+    /// `slots` slots; at most `uploads` of them are written in one step; frames of the last
     /// `in_flight` steps may still be running.
-    pub fn new(pages: u32, uploads: u32, in_flight: u32) -> Self {
+    pub fn new(slots: u32, uploads: u32, in_flight: u32) -> Self {
         Self {
-            free: (0..pages).rev().collect(),
+            free: (0..slots).rev().collect(),
             cooling: VecDeque::new(),
             residents: HashMap::default(),
             by_age: BTreeSet::new(),
-            pages,
+            slots,
             in_flight: u64::from(in_flight),
             step: 0,
             upload_budget: uploads,
@@ -93,17 +94,17 @@ impl PageCache {
         }
     }
 
-    /// Capacity in pages.
-    pub fn pages(&self) -> u32 {
-        self.pages
+    /// Capacity in slots.
+    pub fn slots(&self) -> u32 {
+        self.slots
     }
 
-    /// Number of pages that hold a patch.
-    pub fn resident_pages(&self) -> u32 {
+    /// Number of slots that hold a patch.
+    pub fn resident_slots(&self) -> u32 {
         self.residents.len() as u32
     }
 
-    /// Number of pages that may still be written in this step.
+    /// Number of slots that may still be written in this step.
     pub fn uploads_left(&self) -> u32 {
         self.uploads_left
     }
@@ -114,21 +115,21 @@ impl PageCache {
         self.uploads_left = self.upload_budget;
         self.soft_capacity = MIN_RESIDENT.max(2 * self.touched);
         self.touched = 0;
-        while let Some(&(last_used, page)) = self.cooling.front() {
+        while let Some(&(last_used, slot)) = self.cooling.front() {
             if last_used + self.in_flight >= self.step {
                 break;
             }
             self.cooling.pop_front();
-            self.free.push(page);
+            self.free.push(slot);
         }
     }
 
-    /// The page that holds `key`; marks it as used in this step.
+    /// The slot that holds `key`; marks it as used in this step.
     pub fn touch(&mut self, key: u64) -> Option<u32> {
         let r = self.residents.get_mut(&key)?;
         r.last_used = self.step;
         self.touched += 1;
-        Some(r.page)
+        Some(r.slot)
     }
 
     /// Whether `key` is resident.
@@ -136,35 +137,35 @@ impl PageCache {
         self.residents.contains_key(&key)
     }
 
-    /// Allocates a page for a `key` that is not resident, to be written and drawn in this step.
+    /// Allocates a slot for a `key` that is not resident, to be written and drawn in this step.
     /// Patches that stay in the cut must have been touched before, or they may be evicted.
     ///
     /// # Errors
-    /// [`NoPage`]: why there is none.
+    /// [`NoSlot`]: why there is none.
     ///
     /// # Panics
     /// If `key` is resident.
-    pub fn allocate(&mut self, key: u64) -> Result<u32, NoPage> {
-        assert!(!self.residents.contains_key(&key), "a patch has one page");
+    pub fn allocate(&mut self, key: u64) -> Result<u32, NoSlot> {
+        assert!(!self.residents.contains_key(&key), "a patch has one slot");
         if self.uploads_left == 0 {
-            return Err(NoPage::UploadBudget);
+            return Err(NoSlot::UploadBudget);
         }
         if self.free.is_empty() {
             self.evict(self.step);
         } else if self.residents.len() >= self.soft_capacity {
             self.evict(self.step.saturating_sub(self.in_flight));
         }
-        let Some(page) = self.free.pop() else {
-            return Err(if self.cooling.is_empty() { NoPage::AllDrawn } else { NoPage::InFlight });
+        let Some(slot) = self.free.pop() else {
+            return Err(if self.cooling.is_empty() { NoSlot::AllDrawn } else { NoSlot::InFlight });
         };
         self.uploads_left -= 1;
         self.touched += 1;
-        self.residents.insert(key, Resident { page, last_used: self.step, queued: self.step });
+        self.residents.insert(key, Resident { slot, last_used: self.step, queued: self.step });
         self.by_age.insert((self.step, key));
-        Ok(page)
+        Ok(slot)
     }
 
-    /// Removes a patch and frees its page.
+    /// Removes a patch and frees its slot.
     pub fn remove(&mut self, key: u64) {
         if let Some(r) = self.residents.remove(&key) {
             self.by_age.remove(&(r.queued, key));
@@ -192,11 +193,11 @@ impl PageCache {
 
     fn release(&mut self, r: Resident) {
         if r.last_used + self.in_flight < self.step {
-            self.free.push(r.page);
+            self.free.push(r.slot);
         } else {
             // Sorted by step, so that `begin_step` looks at the front alone.
             let at = self.cooling.partition_point(|c| c.0 <= r.last_used);
-            self.cooling.insert(at, (r.last_used, r.page));
+            self.cooling.insert(at, (r.last_used, r.slot));
         }
     }
 }
@@ -206,16 +207,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_page_is_not_overwritten_while_frames_that_drew_it_are_in_flight() {
-        let mut cache = PageCache::new(2, 10, 3);
+    fn a_slot_is_not_overwritten_while_frames_that_drew_it_are_in_flight() {
+        let mut cache = SlotCache::new(2, 10, 3);
         cache.begin_step();
         let a = cache.allocate(1).unwrap();
         cache.allocate(2).unwrap();
-        assert_eq!(cache.allocate(3), Err(NoPage::AllDrawn));
+        assert_eq!(cache.allocate(3), Err(NoSlot::AllDrawn));
         for wait in 0..3 {
             cache.begin_step();
             cache.touch(2);
-            assert_eq!(cache.allocate(3), Err(NoPage::InFlight), "after {wait} steps");
+            assert_eq!(cache.allocate(3), Err(NoSlot::InFlight), "after {wait} steps");
         }
         cache.begin_step();
         cache.touch(2);
@@ -225,7 +226,7 @@ mod tests {
 
     #[test]
     fn eviction_is_least_recently_used_and_never_takes_the_current_cut() {
-        let mut cache = PageCache::new(3, 10, 0);
+        let mut cache = SlotCache::new(3, 10, 0);
         for key in 1..=3 {
             cache.begin_step();
             cache.allocate(key).unwrap();
@@ -236,49 +237,49 @@ mod tests {
         assert!(!cache.contains(2) && cache.contains(1) && cache.contains(3));
         cache.allocate(5).unwrap();
         assert!(!cache.contains(3));
-        assert_eq!(cache.allocate(6), Err(NoPage::AllDrawn));
-        assert_eq!(cache.resident_pages(), 3);
+        assert_eq!(cache.allocate(6), Err(NoSlot::AllDrawn));
+        assert_eq!(cache.resident_slots(), 3);
     }
 
     #[test]
-    fn stale_pages_are_reused_before_untouched_memory() {
-        let mut cache = PageCache::new(10 * MIN_RESIDENT as u32, u32::MAX, 3);
-        let mut pages = BTreeSet::new();
+    fn stale_slots_are_reused_before_untouched_memory() {
+        let mut cache = SlotCache::new(10 * MIN_RESIDENT as u32, u32::MAX, 3);
+        let mut slots = BTreeSet::new();
         // A flight that never turns back: a cut of 100 patches, ten of them new in each step.
         for step in 0..3 * MIN_RESIDENT as u64 / 10 {
             cache.begin_step();
             for key in 10 * step..10 * step + 100 {
                 if cache.touch(key).is_none() {
-                    pages.insert(cache.allocate(key).unwrap());
+                    slots.insert(cache.allocate(key).unwrap());
                 }
             }
         }
-        assert_eq!(pages.len(), MIN_RESIDENT);
-        // A larger cut still finds pages, and twice its size stays resident.
+        assert_eq!(slots.len(), MIN_RESIDENT);
+        // A larger cut still finds slots, and twice its size stays resident.
         for _ in 0..2 {
             cache.begin_step();
             for key in 1_000_000..1_000_000 + 3 * MIN_RESIDENT as u64 {
                 assert!(cache.touch(key).is_some() || cache.allocate(key).is_ok());
             }
         }
-        assert!(cache.resident_pages() as usize >= 3 * MIN_RESIDENT);
+        assert!(cache.resident_slots() as usize >= 3 * MIN_RESIDENT);
         cache.begin_step();
         assert_eq!(cache.soft_capacity, 6 * MIN_RESIDENT);
     }
 
     #[test]
     fn allocations_stop_at_the_upload_budget() {
-        let mut cache = PageCache::new(10, 2, 1);
+        let mut cache = SlotCache::new(10, 2, 1);
         cache.begin_step();
         assert!(cache.allocate(1).is_ok() && cache.allocate(2).is_ok());
-        assert_eq!(cache.allocate(3), Err(NoPage::UploadBudget));
+        assert_eq!(cache.allocate(3), Err(NoSlot::UploadBudget));
         cache.begin_step();
         assert!(cache.allocate(3).is_ok());
     }
 
     #[test]
-    fn no_page_belongs_to_two_patches() {
-        let mut cache = PageCache::new(8, 100, 1);
+    fn no_slot_belongs_to_two_patches() {
+        let mut cache = SlotCache::new(8, 100, 1);
         let mut seed = 1u64;
         let mut drawn: Vec<u64> = Vec::new();
         for _ in 0..500 {
@@ -292,10 +293,10 @@ mod tests {
                     drawn.push(key);
                 }
             }
-            let mut pages: Vec<u32> = cache.residents.values().map(|r| r.page).collect();
-            pages.extend(cache.free.iter().chain(cache.cooling.iter().map(|c| &c.1)));
-            pages.sort_unstable();
-            assert_eq!(pages, (0..8).collect::<Vec<_>>());
+            let mut slots: Vec<u32> = cache.residents.values().map(|r| r.slot).collect();
+            slots.extend(cache.free.iter().chain(cache.cooling.iter().map(|c| &c.1)));
+            slots.sort_unstable();
+            assert_eq!(slots, (0..8).collect::<Vec<_>>());
         }
     }
 }
