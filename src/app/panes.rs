@@ -18,7 +18,7 @@ use crate::vk::{Frame, Gpu, ImageId};
 /// Whether a picture waits for all of its parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detail {
-    /// Shows what is there; later parts are drawn when they come.
+    /// Shows the parts that are there; later parts are drawn when they come.
     Live,
     /// Waits, so that the picture depends on its camera alone.
     Settled,
@@ -296,7 +296,7 @@ impl Panes {
         Ok(())
     }
 
-    /// Whether parts of what is shown are still to come.
+    /// Whether a pane waits for a part of its picture: new colours, or the wall of the overview.
     pub fn is_settling(&self) -> bool {
         self.is_paint_old || self.is_glass_next
     }

@@ -6,8 +6,8 @@
 //! * [`CulledWall`]: the whole mesh, less the cells of a [`FaceOctree`] that the camera cannot see.
 //! * [`vds::SubdividedWall`]: the view-dependent subdivision of the paper (Li et al. 2004).
 //!
-//! Both leave out what lies outside the [`ViewFrustum`](crate::geometry::ViewFrustum), faces away or
-//! is hidden by the wall itself ([`OcclusionTest`]).
+//! Both leave out faces outside the [`ViewFrustum`](crate::geometry::ViewFrustum), faces that look away
+//! from the eye, and faces that the wall itself hides ([`OcclusionTest`]).
 
 mod face_octree;
 pub mod octree;

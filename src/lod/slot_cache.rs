@@ -1,6 +1,5 @@
 //! Slot cache: which patch occupies which slot of a buffer on the device, and when a slot may be
-//! overwritten.
-//! Replacement is least recently used.
+//! overwritten. The least recently used patch goes first.
 
 use std::collections::{BTreeSet, HashMap, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};

@@ -51,8 +51,8 @@ const PARTED: &str =
 /// Most chains that a refusal names.
 const LISTED: usize = 3;
 
-/// The aorta of a CT with contrast medium, and its branches: sections of even blood come first, and
-/// sections that a flap, a stent or clot parts where there is no other aorta.
+/// The aorta of a CT with contrast medium, and its branches: sections of even blood come first. Without
+/// an aorta among them, sections with a flap, a stent or clot are searched.
 pub(super) fn find(volume: &Volume, gates: &Gates) -> Result<FoundOrgan, OrganError> {
     let (copy, factor) = aorta::coarse(volume);
     let search = FrameSearch::new(volume, &copy, factor);

@@ -488,8 +488,8 @@ impl Renderer {
         }
     }
 
-    /// Returns the cameras of a shot's inside views: one, six of a shot that shows everything about
-    /// the eye, none where there is no such view.
+    /// Returns the cameras of a shot's inside views: one camera of an inside view, six cameras of a
+    /// view of everything about the eye, no camera of an overview.
     pub fn cameras(&self, shot: &Shot) -> Vec<Camera> {
         self.eyes(shot).into_iter().map(|eye| eye.camera).collect()
     }

@@ -26,8 +26,6 @@ pub struct FrameSequence {
     seen: VecDeque<Vec<VisibleWall>>,
     /// Visible wall of the shots after them, once it is found.
     coming: Option<Receiver<SeenShots>>,
-    /// Shots whose visible wall was asked for.
-    asked: usize,
     /// Shots submitted so far.
     begun: usize,
     in_flight: VecDeque<Ticket>,
@@ -38,7 +36,7 @@ impl FrameSequence {
     pub fn new(scene: Scene, shots: Vec<Shot>) -> Self {
         let in_flight = VecDeque::with_capacity(IN_FLIGHT);
         let seen = VecDeque::new();
-        Self { scene, shots, seen, coming: None, asked: 0, begun: 0, in_flight }
+        Self { scene, shots, seen, coming: None, begun: 0, in_flight }
     }
 
     /// Returns the number of frames in all.
@@ -97,13 +95,12 @@ impl FrameSequence {
     /// a wall that is drawn whole.
     fn ask(&mut self, renderer: &Renderer) -> Option<Receiver<SeenShots>> {
         let wall = renderer.drawn_wall(&self.scene)?;
-        let shots = self.asked..self.shots.len().min(self.asked + AHEAD);
-        if shots.is_empty() {
+        let first = self.begun + self.seen.len();
+        let next = self.shots.iter().skip(first).take(AHEAD);
+        let cameras: Vec<Vec<Camera>> = next.map(|shot| renderer.cameras(shot)).collect();
+        if cameras.is_empty() {
             return None;
         }
-        self.asked = shots.end;
-        let cameras: Vec<Vec<Camera>> =
-            self.shots[shots].iter().map(|shot| renderer.cameras(shot)).collect();
         let (answer, coming) = channel();
         let look = move || {
             let of = |cameras: &Vec<Camera>| cameras.iter().map(|c| wall.visible(c)).collect();
@@ -112,11 +109,9 @@ impl FrameSequence {
             let _ = answer.send(seen);
         };
         // A thread of its own: the session's pool may be busy for long with other stages.
-        match std::thread::Builder::new().name("ahead".into()).spawn(look) {
-            Ok(_) => Some(coming),
-            // Without it each frame finds its own.
-            Err(_) => None,
-        }
+        // Without one the renderer finds the visible wall of each frame as it draws.
+        let thread = std::thread::Builder::new().name("ahead".into()).spawn(look);
+        thread.is_ok().then_some(coming)
     }
 
     /// Ends the sequence, also before its last frame: the renderer then has no frame in flight.

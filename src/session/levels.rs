@@ -1,4 +1,4 @@
-//! The wall as frames draw it, its simplified base, and what the report says of them.
+//! Form in which frames draw the wall, the simplified base, and the report of both.
 
 use std::sync::Arc;
 

@@ -32,13 +32,8 @@ impl SubdividedWall {
         &self.surface
     }
 
-    /// Returns the occlusion test.
-    pub fn occlusion(&self) -> Option<&Arc<OcclusionTest>> {
-        self.closed.as_ref()
-    }
-
-    /// Returns the patches of the whole cut, those that the camera cannot see too. The cut depends on
-    /// the camera alone.
+    /// Returns all patches of the cut, with a mark at the patches that the camera may see. The cut
+    /// depends on the camera alone.
     pub fn cut(&self, camera: &Camera) -> Vec<DrawnPatch> {
         Cut::of(&self.surface, &self.criterion(camera)).patches()
     }
