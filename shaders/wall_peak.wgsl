@@ -13,7 +13,9 @@
 // out  weight [512 S] i32  weight times 4096
 // grid one thread a voxel
 // tol  none
-// src  ours; the first maximum along the gradient is the peak of the plate that blurs into it
+// src  ours; the first maximum along the gradient is the peak of the plate that blurs into it. A
+//      crest falls on both sides by so many thirds of its rise within two least spacings along the
+//      gradient: bulges of thick tissue are no sheets
 // ours the rim are voxels that joined, and core voxels beside one that did not. Rays take `steps`
 //      steps and end where the value has fallen by `fall` below its greatest, or where no brick is.
 //      Values between voxels are trilinear in steps of 1/256; beyond the volume its edge repeats
@@ -38,6 +40,7 @@ struct Params {
     gain: i32,        // weight's root a gradient, see below
     crest: i32,       // least fall on both sides of a crest
     strong: i32,      // least fall of a strong crest
+    rise: i32,        // thirds of the rise that a crest falls on both sides
 }
 var<immediate> params: Params;
 
@@ -125,15 +128,6 @@ fn main(
         return;
     }
     let here = value[voxel];
-    let fall = crest_fall(slot, p, here);
-    if fall > params.crest && 2 * fall > here && here > 614 {
-        // A crest lies up to half a voxel beside its voxel: half as much is lost in the mean.
-        let top = clamp((here + sharp[voxel]) / 2, 0, 4096);
-        mark[voxel] = 11u | select(0u, 4u, fall > params.strong) | (u32(top) << 8u);
-        peak[voxel] = top * 64;
-        weight[voxel] = 64 << 12u;
-        return;
-    }
     var g = vec3(0);
     for (var axis = 0u; axis < 3u; axis++) {
         var d = vec3(0);
@@ -146,6 +140,7 @@ fn main(
     g = g >> vec3(excess);
     let length = length_of(g);
     var run = here;
+    var rise = 0;
     if length > 0 {
         let step = (g * params.step) / vec3(length);
         var at = p << vec3(16u);
@@ -154,8 +149,20 @@ fn main(
             var v = 0;
             if !sample(slot, at, &v) { break; }
             run = max(run, v);
+            if n < 4 { rise = run - here; }
             if run - v > params.fall { break; }
         }
+    }
+    // A bulge of thick tissue is lower on both sides too, but rises behind: no sheet.
+    let fall = crest_fall(slot, p, here);
+    let is_thin = fall > params.crest && 2 * fall > here && 3 * fall >= params.rise * rise;
+    if is_thin && here > 614 {
+        // A crest lies up to half a voxel beside its voxel: half as much is lost in the mean.
+        let top = clamp((here + sharp[voxel]) / 2, 0, 4096);
+        mark[voxel] = 11u | select(0u, 4u, fall > params.strong) | (u32(top) << 8u);
+        peak[voxel] = top * 64;
+        weight[voxel] = 64 << 12u;
+        return;
     }
     let top = clamp(run, 0, 4096);
     // The gradient over twelve hundredths of the contrast a voxel, times 256.

@@ -23,6 +23,8 @@ pub const JOINED: u32 = 8;
 const WALL: i32 = 4096;
 /// Least value of a crest above the lumen.
 const MIN_CREST: i32 = 614;
+/// Steps of a ray within two least spacings.
+const NEAR_STEPS: i32 = 4;
 
 /// Values about a brick, positions counted from its first voxel.
 #[derive(Clone, Copy)]
@@ -126,16 +128,15 @@ fn twin(args: &mut CpuArgs<'_>) {
                 }
                 let here = s.value[e];
                 let fall = view.crest_fall(q, here);
+                let (ray_top, ray_weight, rise) = along_gradient(view, s.calm, q, here, &p);
+                let is_thin = fall > p.crest && 2 * fall > here && 3 * fall >= p.rise * rise;
                 let (top, w, flags);
-                if fall > p.crest && 2 * fall > here && here > MIN_CREST {
+                if is_thin && here > MIN_CREST {
                     let strong = if fall > p.strong { 4 } else { 0 };
                     let top_between = ((here + s.sharp[e]) / 2).clamp(0, WALL);
                     (top, w, flags) = (top_between, 64, RIM | CREST | JOINED | strong);
                 } else {
-                    let ray;
-                    (top, ray) = along_gradient(view, s.calm, q, here, &p);
-                    w = ray;
-                    flags = RIM | JOINED;
+                    (top, w, flags) = (ray_top, ray_weight, RIM | JOINED);
                 }
                 mark[local] = flags | (top as u32) << 8;
                 peak[local] = top * w;
@@ -144,14 +145,15 @@ fn twin(args: &mut CpuArgs<'_>) {
         });
 }
 
-/// Returns the first maximum along the gradient, and the weight of this voxel.
+/// Returns the first maximum along the gradient, the weight of this voxel, and the rise of the value
+/// within two least spacings.
 fn along_gradient(
     view: BrickView<'_>,
     calm: &[i32],
     q: [i32; 3],
     here: i32,
     p: &Params,
-) -> (i32, i32) {
+) -> (i32, i32, i32) {
     let g: [i32; 3] = std::array::from_fn(|axis| {
         let mut d = [0; 3];
         d[axis] = 1;
@@ -165,18 +167,22 @@ fn along_gradient(
     let g = g.map(|c| c >> excess);
     let length = length_of(g);
     let mut run = here;
+    let mut rise = 0;
     if length > 0 {
         let step: [i32; 3] = std::array::from_fn(|a| g[a] * p.step[a] / length);
         let mut at = q.map(|c| c << 16);
-        for _ in 0..p.steps {
+        for n in 0..p.steps {
             at = std::array::from_fn(|a| at[a] + step[a]);
             let Some(v) = view.sample(at) else { break };
             run = run.max(v);
+            if n < NEAR_STEPS {
+                rise = run - here;
+            }
             if run - v > p.fall {
                 break;
             }
         }
     }
     let root = ((length * p.gain) >> (20 - excess)).clamp(5, 256);
-    (run.clamp(0, WALL), ((root * root) >> 10).max(1))
+    (run.clamp(0, WALL), ((root * root) >> 10).max(1), rise)
 }

@@ -16,10 +16,11 @@ use crate::lumen::{BitVolume, Lumen, eroded};
 /// Largest number of voxels of a section that is cut: a hole in a fold, a contact of two bronchi.
 const MAX_HOLE_VOXELS: usize = 12;
 const MAX_CONTACT_VOXELS: usize = 40;
-/// Erosion, voxels, of which thin parts of an airway keep nothing.
+/// Erosion, voxels, of which thin parts of a lumen keep nothing.
 const THIN_VOXELS: f64 = 2.0;
 
-/// Returns the parts of an airway in which neighbouring bronchi may touch: an airway is a tree.
+/// Returns the parts of a lumen by its wall, in which neighbouring bronchi may touch and a fold may
+/// have a hole.
 fn thin_parts(mask: &BitVolume) -> BitVolume {
     let mut thin = mask.clone();
     thin.remove(&eroded(mask, DVec3::ONE, THIN_VOXELS));
@@ -75,11 +76,17 @@ impl WallProfile<'_> {
         let bricks = &input.bricks;
         let lumen_at = |e: usize| mark[e] & wall_peak::JOINED != 0 && moved[e] < 0;
         let mut mask = select::lumen(bricks, &mask, lumen_at).ok_or(WallError::Empty)?;
-        if let Some(zone) = input.zone {
-            cut_bridges(&mut mask, zone, bricks, |e| moved[e], MAX_HOLE_VOXELS);
-        } else if input.tissue == Tissue::Airway {
-            let thin = thin_parts(&mask);
-            cut_bridges(&mut mask, &thin, bricks, |e| moved[e], MAX_CONTACT_VOXELS);
+        let most = match input.tissue {
+            Tissue::Airway => Some(MAX_CONTACT_VOXELS),
+            Tissue::Colon => Some(MAX_HOLE_VOXELS),
+            Tissue::Vessel | Tissue::Unknown => None,
+        };
+        if let Some(most) = most {
+            let mut zone = thin_parts(&mask);
+            if let Some(fluid) = input.zone {
+                zone.add(fluid);
+            }
+            cut_bridges(&mut mask, &zone, bricks, |e| moved[e], most);
         }
         let lumen = Lumen::new(input.grid, &mask);
         let stats = stats(&input, sigma_mm, &lumen, &mark, &level);

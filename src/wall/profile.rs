@@ -36,6 +36,9 @@ const MAX_OF_VESSEL: i32 = 3400;
 const REACH_VOX: f64 = 2.5;
 /// Offset of a strong crest, mean spacings.
 const CREST_OFFSET: f64 = 0.12;
+/// Thirds of the rise behind it by which a crest of an airway falls on both sides. A colon has thin
+/// folds and polyps, which such a rule would wear away.
+const AIRWAY_RISE: i32 = 2;
 /// Least peak of a wall, as a share of the contrast, from which blur is estimated: lower ones say
 /// little about it.
 const MIN_PEAK: f64 = 0.5;
@@ -245,6 +248,7 @@ impl<'a> WallInput<'a> {
             gain: ((266.7 * self.mean_spacing() / least).round() as i32).min(1 << 14),
             crest: at_least(3.0, 40.0),
             strong: at_least(4.0, 60.0),
+            rise: if self.tissue == Tissue::Airway { AIRWAY_RISE } else { 0 },
             ..bytemuck::Zeroable::zeroed()
         };
         let (near, corner) = (shape.near, shape.corner);

@@ -331,6 +331,22 @@ fn two_bronchi_that_touch_have_a_wall_between_them() {
 }
 
 #[test]
+fn the_wall_of_a_bulge_of_thick_tissue_does_not_lie_too_far_in() {
+    // A tilted post, lower on both sides as a sheet is.
+    let along = DVec3::new(0.2, -0.1, 1.0).normalize();
+    let foot = DVec3::new(16.8, 16.8, 14.0);
+    let off = |p: DVec3| (p - foot).reject_from_normalized(along).length() - 3.0;
+    let (volume, core) = gas_box(|p| (off(p) < 0.0).then_some(40.0));
+    let (lumen, field) = wall_of(&volume, &core, Tissue::Airway);
+    let mesh = extract(&lumen, &FieldCrossing { lumen: &lumen, field: &field });
+    let of_post = |p: &DVec3| off(*p) < 3.0 && (p.z - foot.z).abs() < 7.0;
+    let places = mesh.positions.iter().map(|p| p.as_dvec3()).filter(of_post);
+    let far: Vec<f64> = places.map(off).collect();
+    let most = far.iter().fold(0.0, |most: f64, d| most.max(d.abs()));
+    assert!(far.len() > 300 && most < 0.25, "{most} mm of {}", far.len());
+}
+
+#[test]
 fn polyps_keep_their_volume_and_specks_of_noise_vanish() {
     let centre = DVec3::new(16.8, 6.8, 14.0);
     let radius = 1.5 * H + 0.6;

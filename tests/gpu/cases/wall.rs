@@ -111,6 +111,7 @@ pub fn wall_peak() -> Vec<Case> {
             fall: 90,
             gain: 300,
             crest: 150,
+            rise: 2,
             strong: 300,
             ..bytemuck::Zeroable::zeroed()
         };
