@@ -21,7 +21,7 @@ pub struct DicomArgs {
     /// Take this segment of a segmentation (.seg.nrrd, DICOM SEG) given as INPUT or --mask, by its name; may be repeated
     #[arg(long, value_name = "NAME", help_heading = "Choosing the lumen")]
     pub segment: Vec<String>,
-    /// Side of the voxels that a closed mesh (.ply .stl .obj .vtp .glb) given as INPUT or --mask is cut into, mm
+    /// Side of the voxels that a closed mesh (.ply .stl .obj .vtp) given as INPUT or --mask is cut into, mm
     #[arg(long, value_name = "MM", help_heading = "Choosing the lumen")]
     pub mesh_spacing: Option<f64>,
 }

@@ -19,7 +19,7 @@ use crate::surface::{Adjacency, Smoothing, VoxelFrame};
 /// `intima fair MESH -o MESH`
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Mesh: .ply, .stl, .obj, .vtp or .glb
+    /// Mesh: .ply, .stl, .obj or .vtp
     mesh: PathBuf,
     /// Mesh to write: .ply, .stl, .obj, .vtp or .glb
     #[arg(short, long, value_name = "MESH")]

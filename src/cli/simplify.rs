@@ -19,7 +19,7 @@ use crate::session::{Clock, MeshWork, Mode, mesh_bytes};
 /// `intima simplify MESH --faces N -o MESH`
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Mesh: .ply, .stl, .obj, .vtp or .glb
+    /// Mesh: .ply, .stl, .obj or .vtp
     mesh: PathBuf,
     /// Faces wanted
     #[arg(long, value_name = "N", required_unless_present = "from_maps")]

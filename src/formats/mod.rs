@@ -1,5 +1,5 @@
 //! Files in and out. Volumes: DICOM in; NIfTI, NRRD, MetaImage in and out. Meshes: PLY, STL, OBJ,
-//! VTP and glTF in and out. Centerlines: VTP, CSV and Slicer curve out. Pictures: PNG and, through
+//! VTP in and out, glTF out. Centerlines: VTP, CSV and Slicer curve out. Pictures: PNG and, through
 //! ffmpeg, video.
 //!
 //! Coordinates are converted to LPS mm at the door. Every output appears whole or not at all

@@ -276,7 +276,7 @@ fn meshes() -> Vec<(&'static str, Vec<u8>)> {
     };
     let dir = tempfile::tempdir().unwrap();
     let mut files = Vec::new();
-    for name in ["m.ply", "m.stl", "m.obj", "m.vtp", "m.glb"] {
+    for name in ["m.ply", "m.stl", "m.obj", "m.vtp"] {
         let path = dir.path().join(name);
         write_mesh(&path, &mesh).unwrap();
         files.push((name, std::fs::read(&path).unwrap()));
@@ -323,7 +323,7 @@ fn no_refusal_repeats_text_of_a_header() {
         for (from, to) in spans {
             let tail = &bytes[to.min(bytes.len())..];
             std::fs::write(&path, [&bytes[..from], NAME, tail].concat()).unwrap();
-            let mesh = ["ply", "stl", "obj", "vtp", "glb"].iter().any(|e| name.ends_with(e));
+            let mesh = ["ply", "stl", "obj", "vtp"].iter().any(|e| name.ends_with(e));
             let said = match mesh {
                 true => read_mesh(&path, None).map(|(_, warnings)| warnings.join(" ")),
                 false => read_volume(&path, &ReadOptions::default()).map(|_| String::new()),

@@ -37,7 +37,7 @@ fn read(name: &str, content: impl AsRef<[u8]>) -> Result<(Mesh, Vec<String>), Fo
 fn every_format_gives_back_every_bit_and_stl_every_triangle() {
     let mesh = chiral();
     assert!(mesh.volume_mm3() > 0.0, "normals point inwards");
-    for name in ["a.ply", "a.obj", "a.STL", "a.vtp", "a.glb"] {
+    for name in ["a.ply", "a.obj", "a.STL", "a.vtp"] {
         let (_dir, path) = scratch(name, "");
         write_mesh(&path, &mesh).unwrap();
         // The file's own tag beats the option.
@@ -147,6 +147,9 @@ fn a_wall_is_written_outwards_unless_asked_and_every_format_says_which() {
             let codes = if tag == "IN" { ">73 78 0<" } else { ">79 85 84 0<" };
             let says = [format!("FACING={tag}"), format!("\"FACING\":\"{tag}\""), codes.into()];
             assert!(says.iter().any(|s| text.contains(s)), "{name} {tag}");
+            if name == "a.glb" {
+                continue;
+            }
             let (back, warnings) = read_mesh(&path, None).unwrap();
             assert!(warnings.is_empty(), "{name}: {warnings:?}");
             // Faces are the side that shows: positive where they look inwards.
@@ -210,126 +213,6 @@ fn vtp_of_other_writers_is_read_where_it_is_plain() {
         let message = read("a.vtp", whole.replace(from, to)).unwrap_err().to_string();
         assert!(!message.contains("JANE"), "{message}");
     }
-}
-
-/// A .glb with its description changed.
-fn glb_with(file: &[u8], change: &dyn Fn(&mut serde_json::Value)) -> Vec<u8> {
-    let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap()) as usize;
-    let mut json: serde_json::Value = serde_json::from_slice(&file[20..20 + word(12)]).unwrap();
-    change(&mut json);
-    let mut text = json.to_string().into_bytes();
-    text.resize(text.len().next_multiple_of(4), b' ');
-    let bin = &file[20 + word(12)..];
-    let mut out = b"glTF\x02\0\0\0".to_vec();
-    out.extend(((20 + text.len() + bin.len()) as u32).to_le_bytes());
-    out.extend((text.len() as u32).to_le_bytes());
-    out.extend(b"JSON");
-    out.extend(text);
-    out.extend(bin);
-    out
-}
-
-#[test]
-fn glb_of_other_writers_is_turned_from_metres_with_y_up() {
-    let mesh = chiral();
-    let (_dir, path) = scratch("a.glb", "");
-    write_mesh(&path, &mesh).unwrap();
-    let ours = std::fs::read(&path).unwrap();
-    let rebuilt = |change: &dyn Fn(&mut serde_json::Value)| read("a.glb", glb_with(&ours, change));
-    // The same turn and scale as a rotation, below a node that moves by a metre up.
-    let (moved, warnings) = rebuilt(&|j| {
-        j["asset"] = serde_json::json!({"version": "2.0"});
-        let half = 0.5f64.sqrt();
-        j["nodes"] = serde_json::json!([
-            {"children": [1], "translation": [0, 1, 0]},
-            {"mesh": 0, "scale": [1e-3, 1e-3, 1e-3], "rotation": [-half, 0, 0, half]},
-        ]);
-    })
-    .unwrap();
-    assert!(warnings[0].contains("LPS assumed"), "{warnings:?}");
-    for (a, b) in moved.positions.iter().zip(&mesh.positions) {
-        assert!((*a - *b - Vec3::Z * 1000.0).length() < 1e-3, "{a} {b}");
-    }
-    for (a, b) in moved.normals.iter().zip(&mesh.normals) {
-        assert!((*a - *b).length() < 1e-5, "{a} {b}");
-    }
-    let (flat, _) = rebuilt(&|j| j["nodes"][0]["matrix"][0] = (-1e-3).into()).unwrap();
-    assert_eq!(flat.faces[0], [0, 2, 1], "a mirror turns the faces");
-    type Change = dyn Fn(&mut serde_json::Value);
-    let refused: [&Change; 9] = [
-        &|j| j["nodes"][0]["children"] = serde_json::json!([0]),
-        &|j| j["scene"] = 7.into(),
-        &|j| j["accessors"][0]["count"] = u64::MAX.into(),
-        &|j| j["accessors"][0]["count"] = 5.into(),
-        &|j| j["bufferViews"][0]["byteOffset"] = (u64::MAX - 3).into(),
-        &|j| j["bufferViews"][0]["byteStride"] = 0.into(),
-        &|j| j["meshes"][0]["primitives"][0]["mode"] = 1.into(),
-        &|j| j["nodes"] = serde_json::json!(vec![0; 5000]),
-        &|j| {
-            let one = j["meshes"][0]["primitives"][0].clone();
-            j["meshes"][0]["primitives"] = serde_json::json!(vec![one; 4000]);
-        },
-    ];
-    for (i, change) in refused.iter().enumerate() {
-        assert!(rebuilt(change).is_err(), "case {i}");
-    }
-}
-
-#[test]
-fn glb_with_shared_meshes_and_accessors_is_read() {
-    let mesh = chiral();
-    let (_dir, path) = scratch("a.glb", "");
-    write_mesh(&path, &mesh).unwrap();
-    let ours = std::fs::read(&path).unwrap();
-    let one = |j: &serde_json::Value| j["meshes"][0]["primitives"][0].clone();
-    // Two parts of one mesh with the same vertices.
-    let (parts, _) = read(
-        "a.glb",
-        glb_with(&ours, &|j| {
-            j["meshes"][0]["primitives"] = serde_json::json!([one(j), one(j)]);
-        }),
-    )
-    .unwrap();
-    assert_eq!(parts.positions, mesh.positions, "shared vertices are there once");
-    assert_eq!(parts.faces, [&mesh.faces[..], &mesh.faces[..]].concat());
-    // A mesh in three places.
-    let (placed, _) = read(
-        "a.glb",
-        glb_with(&ours, &|j| {
-            let node = j["nodes"][0].clone();
-            let moved = |x: f64| {
-                let mut node = node.clone();
-                node["matrix"][12] = x.into();
-                node
-            };
-            j["nodes"] = serde_json::json!([node, moved(1.0), moved(2.0)]);
-            j["scenes"][0]["nodes"] = serde_json::json!([0, 1, 2]);
-        }),
-    )
-    .unwrap();
-    assert_eq!((placed.positions.len(), placed.faces.len()), (12, 12));
-    for (i, p) in placed.positions.iter().enumerate() {
-        let there = mesh.positions[i % 4] + Vec3::X * 1000.0 * (i / 4) as f32;
-        assert!(p.distance(there) < 1e-3, "{p} {there}");
-    }
-}
-
-#[test]
-fn glb_of_draco_or_quantized_is_refused_by_the_extensions_name() {
-    let (_dir, path) = scratch("a.glb", "");
-    write_mesh(&path, &chiral()).unwrap();
-    let ours = std::fs::read(&path).unwrap();
-    let requires = |name: &str| {
-        let changed = glb_with(&ours, &|j| j["extensionsRequired"] = serde_json::json!([name]));
-        read("a.glb", changed).map_err(|e| e.to_string())
-    };
-    for name in ["KHR_draco_mesh_compression", "KHR_mesh_quantization", "EXT_meshopt_compression"] {
-        assert!(requires(name).unwrap_err().contains(name));
-    }
-    assert!(!requires("JANE_DOE").unwrap_err().contains("JANE"));
-    assert!(requires("KHR_materials_unlit").is_ok(), "colours move no vertex");
-    let short = glb_with(&ours, &|j| j["accessors"][0]["componentType"] = 5122.into());
-    assert!(read("a.glb", short).unwrap_err().to_string().contains("KHR_mesh_quantization"));
 }
 
 #[test]
@@ -488,6 +371,7 @@ fn hostile_stl_and_obj_are_named_not_believed() {
         assert!(message.contains("line 6") || message.contains("vertex 4"), "{face}: {message}");
     }
     assert!(read("a.xyz", "").unwrap_err().to_string().contains(".xyz"));
+    assert!(read("a.glb", "glTF").unwrap_err().to_string().contains("there are ply, stl"));
     assert!(read("a", "").is_err());
 }
 
@@ -690,7 +574,7 @@ fn damaged_files_give_an_error_or_a_sound_mesh_and_never_a_panic() {
     let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
                 property float z\nelement face 1\nproperty list uchar int vertex_indices\n\
                 end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
-    for name in ["a.ply", "b.ply", "a.stl", "a.obj", "a.vtp", "a.glb"] {
+    for name in ["a.ply", "b.ply", "a.stl", "a.obj", "a.vtp"] {
         let path = dir.path().join(name);
         write_mesh(&path, &chiral()).unwrap();
         let good = if name == "b.ply" { text.into() } else { std::fs::read(&path).unwrap() };

@@ -8,15 +8,14 @@ use super::{FacedMesh, FormatError};
 use crate::formats::atomic_file;
 
 /// glTF's codes.
-pub(super) const FLOAT: u32 = 5126;
-pub(super) const UNSIGNED_INT: u32 = 5125;
+const FLOAT: u32 = 5126;
+const UNSIGNED_INT: u32 = 5125;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// World of glTF from LPS mm, column by column: left to +x, head to +y, front to +z. Its
 /// determinant is positive, so nothing is mirrored.
-pub(super) const MATRIX: [f64; 16] =
-    [1e-3, 0., 0., 0., 0., 0., -1e-3, 0., 0., 1e-3, 0., 0., 0., 0., 0., 1.];
+const MATRIX: [f64; 16] = [1e-3, 0., 0., 0., 0., 0., -1e-3, 0., 0., 1e-3, 0., 0., 0., 0., 0., 1.];
 
 pub(super) fn write(path: &Path, faced: &FacedMesh<'_>) -> Result<(), FormatError> {
     let mesh = &*faced.whole();

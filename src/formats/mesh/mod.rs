@@ -1,7 +1,6 @@
-//! Meshes: PLY, STL, OBJ, VTP and glTF in and out.
+//! Meshes: PLY, STL, OBJ and VTP in and out, glTF out.
 
 mod glb;
-mod glb_read;
 mod obj;
 mod ply;
 pub(super) mod polydata;
@@ -54,10 +53,9 @@ impl FromStr for Space {
     }
 }
 
-/// Reads a surface (.ply, .stl, .obj, .vtp, .glb) into LPS; lengths are taken as millimetres, those
-/// of glTF's world as metres with y up. Polygons become triangles, faces with a repeated
-/// vertex are dropped, and an STL's equal points become one vertex. The file's `SPACE` tag (a
-/// comment, VTK field data, extras of the glTF asset) says where x and y point; without one,
+/// Reads a surface (.ply, .stl, .obj, .vtp) into LPS; lengths are taken as millimetres. Polygons
+/// become triangles, faces with a repeated vertex are dropped, and an STL's equal points become one
+/// vertex. The file's `SPACE` tag (a comment, VTK field data) says where x and y point; without one,
 /// `space` does; without either, LPS is assumed and a warning says so. Of a .vtp the caps come
 /// back too.
 ///
@@ -72,9 +70,8 @@ pub fn read_mesh(path: &Path, space: Option<Space>) -> Result<(Mesh, Vec<String>
         "stl" => stl::read,
         "obj" => obj::read,
         "vtp" => vtp_read::read,
-        "glb" => glb_read::read,
         other => {
-            let what = unknown(other, "ply, stl, obj, vtp and glb");
+            let what = unknown(other, "ply, stl, obj and vtp");
             return Err(FormatError::unsupported(path, what));
         }
     };
@@ -165,7 +162,7 @@ impl<'a> FacedMesh<'a> {
     }
 }
 
-/// Whether a file has the extension of a mesh that is read.
+/// Whether a file has the extension of a mesh. A `.glb` is one, though [`read_mesh`] refuses it.
 pub fn is_mesh(path: &Path) -> bool {
     ["ply", "stl", "obj", "vtp", "glb"].contains(&extension(path).as_str())
 }

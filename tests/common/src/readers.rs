@@ -13,7 +13,7 @@ pub fn read(path: &Path, bytes: &[u8]) -> Result<(), String> {
     let extension = path.extension().map(|e| e.to_string_lossy().into_owned()).unwrap_or_default();
     match extension.as_str() {
         "json" => CameraPath::parse(bytes).map(drop).map_err(|e| e.to_string()),
-        "ply" | "stl" | "obj" | "vtp" | "glb" => {
+        "ply" | "stl" | "obj" | "vtp" => {
             let (mesh, _) = read_mesh(path, None).map_err(|e| e.to_string())?;
             let count = mesh.positions.len();
             assert!(mesh.faces.iter().flatten().all(|v| (*v as usize) < count));

@@ -1,7 +1,0 @@
-//! GLB.
-#![no_main]
-
-#[path = "../file.rs"]
-mod file;
-
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| file::read("a.glb", bytes));
