@@ -3,6 +3,7 @@
 //! takes little memory for what it refuses. `INTIMA_FUZZ_ROUNDS` sets how many mutants of each file
 //! are tried; the default takes some ten seconds in all.
 
+use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
@@ -154,7 +155,7 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
         faces: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
         caps: vec![true, false, false, false],
     };
-    for name in ["m.ply", "m.stl", "m.obj", "m.vtp", "m.glb"] {
+    for name in ["m.ply", "m.stl", "m.obj", "m.vtp"] {
         write_mesh(&dir.path().join(name), &mesh).unwrap();
         seeds.push((name, std::fs::read(dir.path().join(name)).unwrap()));
     }
@@ -193,8 +194,8 @@ fn judged(path: &Path, bytes: &[u8]) -> Result<Option<usize>, String> {
     }
 }
 
-/// What coverage-guided fuzzing found to be of interest (`fuzz/corpus`, a folder for each extension).
-/// `INTIMA_BLESS=1` adds the small files that mutation starts from.
+/// Inputs that coverage-guided fuzzing found to be of interest (`fuzz/corpus.tar.gz`, a folder for each
+/// extension). `INTIMA_BLESS=1` writes the small files that mutation starts from into `fuzz/corpus`.
 #[test]
 fn every_file_of_the_fuzz_corpus_is_read_or_refused_in_one_line_with_little_memory() {
     if !child::alone(
@@ -202,27 +203,33 @@ fn every_file_of_the_fuzz_corpus_is_read_or_refused_in_one_line_with_little_memo
     ) {
         return;
     }
-    let corpus = common::root().join("fuzz/corpus");
     if std::env::var("INTIMA_BLESS").is_ok_and(|v| v == "1") {
         for (name, bytes) in seeds() {
-            let reader = corpus.join(name.split_once('.').unwrap().1.replace('.', "_"));
+            let extension = name.split_once('.').unwrap().1.replace('.', "_");
+            let reader = common::root().join("fuzz/corpus").join(extension);
             std::fs::create_dir_all(&reader).unwrap();
             std::fs::write(reader.join(blake3::hash(&bytes).to_hex().as_str()), &bytes).unwrap();
         }
     }
     let dir = common::scratch();
     let (mut well, mut refused) = (0, 0);
-    for reader in std::fs::read_dir(&corpus).unwrap().map(|e| e.unwrap().path()) {
-        let extension = reader.file_name().unwrap().to_string_lossy().replace('_', ".");
+    let packed = std::fs::File::open(common::root().join("fuzz/corpus.tar.gz")).unwrap();
+    for file in tar::Archive::new(flate2::read::GzDecoder::new(packed)).entries().unwrap() {
+        let mut file = file.unwrap();
+        if !file.header().entry_type().is_file() {
+            continue;
+        }
+        let name = file.path().unwrap().into_owned();
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes).unwrap();
+        let reader = name.parent().and_then(Path::file_name).unwrap();
+        let extension = reader.to_string_lossy().replace('_', ".");
         let path = dir.path().join("a").with_extension(extension);
-        for file in std::fs::read_dir(&reader).unwrap().map(|e| e.unwrap().path()) {
-            let bytes = std::fs::read(&file).unwrap();
-            std::fs::write(&path, &bytes).unwrap();
-            match judged(&path, &bytes) {
-                Ok(None) => well += 1,
-                Ok(Some(_)) => refused += 1,
-                Err(fault) => panic!("{}: {fault}", file.display()),
-            }
+        std::fs::write(&path, &bytes).unwrap();
+        match judged(&path, &bytes) {
+            Ok(None) => well += 1,
+            Ok(Some(_)) => refused += 1,
+            Err(fault) => panic!("{}: {fault}", name.display()),
         }
     }
     println!("{well} read, {refused} refused");
