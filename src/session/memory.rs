@@ -137,8 +137,6 @@ pub enum MeshWork {
     Simplify,
     /// Simplification, and the distance to the original.
     SimplifyAndMeasure,
-    /// Simplification with the parameterization of the original.
-    SimplifyWithMaps,
     /// Multiscale smoothing of normals.
     Multiscale,
     /// Smoothing of normals in steps.
@@ -152,7 +150,6 @@ pub fn mesh_bytes(work: MeshWork, faces: usize, on_gpu: bool) -> u64 {
     let [fixed, each] = match (work, on_gpu) {
         (MeshWork::Simplify, _) => [0, 220],
         (MeshWork::SimplifyAndMeasure, _) => [0, 250],
-        (MeshWork::SimplifyWithMaps, _) => [0, 390],
         (MeshWork::Multiscale | MeshWork::Steps, true) => [VULKAN, 190],
         (MeshWork::Multiscale, false) => [0, 125],
         (MeshWork::Steps, false) => [0, 74],

@@ -73,7 +73,7 @@ fn products(volume: &Volume) -> Products {
     let options = SimplifyOptions { relocate: true, ..SimplifyOptions::to_faces(10_000) };
     let base = simplify(&surface.mesh, &options, &mut parameterization).unwrap();
     all.insert("base", [mesh_bytes(&base.mesh), bytes(&base.vertex_ids)].concat());
-    all.insert("parameterization", parameterization.to_bytes());
+    all.insert("parameterization", format!("{parameterization:?}").into_bytes());
 
     let case = curves::route(lumen, true);
     all.insert("distance", bytes(&case.distance));

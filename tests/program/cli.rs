@@ -422,8 +422,7 @@ fn every_command_that_reads_or_writes_says_the_most_memory_it_held() {
         [&["centerline"], &lumen[..], &["-o", "o.csv"]].concat(),
         [&["surface"], &lumen[..], &["-o", "o.ply"]].concat(),
         vec!["fair", "in.ply", "-o", "o.ply"],
-        vec!["simplify", "in.ply", "--faces", "300", "--maps", "m.bin", "-o", "o.ply"],
-        vec!["simplify", "in.ply", "--from-maps", "m.bin", "-o", "o.ply"],
+        vec!["simplify", "in.ply", "--faces", "300", "-o", "o.ply"],
     ];
     if can_draw() {
         all.push([&["record"], &lumen[..], &film].concat());

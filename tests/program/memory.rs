@@ -80,11 +80,10 @@ fn memory_of_volumes_and_meshes_alone_is_estimated_within_a_quarter() {
     works(&["phantom", "colon", "--size", "320", "-o", "ct.nrrd", "-q"]);
     works(&["phantom", "colon", "--size", "256", "--mask", "-o", "m.nrrd", "-q"]);
     works(&["surface", "--mask", "m.nrrd", "--wall", "exact", "-o", "s.ply", "-q"]);
-    let commands: [&[&str]; 8] = [
+    let commands: [&[&str]; 7] = [
         &["info", "ct.nrrd"],
         &["convert", "ct.nrrd", "-o", "o.nii.gz"],
         &["simplify", "s.ply", "--faces", "5000", "-o", "b.ply"],
-        &["simplify", "s.ply", "--faces", "5000", "-o", "b.ply", "--maps", "b.maps"],
         &["fair", "s.ply", "-o", "f.ply", "--device", "cpu"],
         // It looks for a GPU first.
         &["fair", "s.ply", "-o", "f.ply", "--device", "auto"],

@@ -54,7 +54,6 @@ CASES = [
     case("surface-paper", f"surface {AIRWAY} --mode paper -o s.ply --json"),
     case("surface-organs", f"surface {PRONE} -o colon.ply", f"surface {CHEST} -o airway.ply"),
     case("simplify", f"surface {AIRWAY} -o s.ply", *[f"simplify s.ply --faces 4000 --metric {m} -o {m}.ply --json" for m in ("qem", "normal-qem", "paper")]),
-    case("simplify-maps", f"surface {AIRWAY} -o s.ply", "simplify s.ply --faces 4000 --maps m.maps -o b.ply", "simplify s.ply --from-maps m.maps -o c.ply"),
     case("fair", f"surface {AIRWAY} -o s.ply", f"fair s.ply {AIRWAY} -o f.ply --json"),
     # lines
     *[case(f"path-{n}", f"centerline {a} -o p.csv --graph g.json --json") for n, a in LABELS.items()],

@@ -158,26 +158,6 @@ impl<E: Flat> FlatRing<'_, E> {
         (0..self.kind.pre(k)).all(|i| wide(self.pre(i))) && (0..k - 2).all(|j| wide(self.post(j)))
     }
 
-    /// Whether the points run around the origin exactly once, or on a boundary exactly half.
-    /// Results of [`flatten`] do, those read from a file may not.
-    pub fn winds_once(&self) -> bool {
-        let turn = |i: usize| {
-            let [_, a, b] = self.pre(i);
-            (a[0] * b[1] - a[1] * b[0]).atan2(a[0] * b[0] + a[1] * b[1])
-        };
-        let k = self.ring.len();
-        let sum: f64 = (0..self.kind.pre(k)).map(turn).sum();
-        let far = self.ring.iter().all(|e| e.flat()[0].hypot(e.flat()[1]) < 1.001);
-        match self.kind {
-            FanPlace::Inner => far && (sum - 2.0 * PI).abs() < 0.01,
-            _ => {
-                let (a, b) = (self.ring[0].flat(), self.ring[k - 1].flat());
-                let straight = a[1] == 0.0 && b[1] == 0.0 && a[0] > 0.0 && b[0] < 0.0;
-                far && straight && (sum - PI).abs() < 0.01
-            }
-        }
-    }
-
     /// Pre face that holds `p`, and the weights of its corners.
     pub fn find_pre(&self, p: [f64; 2]) -> (usize, [f64; 3]) {
         nearest((0..self.kind.pre(self.ring.len())).map(|i| self.pre(i)), p)

@@ -12,7 +12,6 @@
 //! vertices only, and the surface between them straddles base edges. No re-triangulation: a
 //! collapse whose flattened polygon would fold is refused.
 
-mod bytes;
 mod flatten;
 mod replay;
 #[cfg(test)]
@@ -29,56 +28,6 @@ const NONE: u32 = u32::MAX;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ParameterizationError {
-    /// The bytes are not a parameterisation.
-    #[error("not a parameterisation: the first bytes are not `{}`", bytes::MAGIC.escape_ascii())]
-    Magic,
-    /// The bytes were written by another version.
-    #[error("parameterisation of version {found}; this program reads version {}", bytes::VERSION)]
-    Version {
-        /// Version in the bytes.
-        found: u32,
-    },
-    /// The bytes are too few or too many.
-    #[error("parameterisation of {found} bytes where its header asks for {wanted}")]
-    Length {
-        /// Length that the header asks for, bytes.
-        wanted: u64,
-        /// Length found, bytes.
-        found: u64,
-    },
-    /// The bytes changed since they were written.
-    #[error("parameterisation is damaged: its bytes do not have the hash at their end")]
-    Damaged,
-    /// The parameterisation was made with another mesh.
-    #[error(
-        "parameterisation belongs to another mesh, of {vertices} vertices and {faces} faces \
-         (hash {hash}); this one has {here_vertices} and {here_faces} (hash {here})"
-    )]
-    OtherMesh {
-        /// Number of vertices of the mesh it was made with.
-        vertices: u32,
-        /// Number of faces of the mesh it was made with.
-        faces: u32,
-        /// First digits of that mesh's hash.
-        hash: String,
-        /// Number of vertices of the mesh given.
-        here_vertices: u32,
-        /// Number of faces of the mesh given.
-        here_faces: u32,
-        /// First digits of the given mesh's hash.
-        here: String,
-    },
-    /// The collapses end in another base mesh than recorded.
-    #[error("parameterisation contradicts itself: its collapses do not end in its base mesh")]
-    OtherBase,
-    /// A collapse that cannot have happened.
-    #[error("collapse {collapse} of the parameterisation: {why}")]
-    Record {
-        /// Number of the collapse, from 0.
-        collapse: u32,
-        /// Reason why it is impossible.
-        why: &'static str,
-    },
     /// A face that does not exist.
     #[error("face {face} is not a face of the {mesh} mesh")]
     NoFace {
@@ -164,14 +113,12 @@ struct Triangle {
 /// Faces of the original go by their index, faces of the base by the index of the original face
 /// that they replace (the simplifier's half-edge face). A base face keeps the order of its
 /// vertices: where a collapse replaces a corner, the new vertex has the index of the old one.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Parameterization {
     /// Number of vertices of the original.
     vertices: u32,
     /// Number of faces of the original.
     faces: u32,
-    /// Hash of the original.
-    original: [u8; 32],
     triangles: Vec<Triangle>,
     records: Vec<Record>,
     entries: Vec<RingEntry>,
@@ -201,7 +148,6 @@ impl Parameterization {
         Ok(Self {
             vertices: vertices as u32,
             faces: faces as u32,
-            original: bytes::mesh_hash(mesh),
             triangles: mesh.faces.iter().enumerate().map(triangle).collect(),
             current: (0..faces as u32).collect(),
             ..Self::default()

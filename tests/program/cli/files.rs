@@ -341,7 +341,7 @@ fn a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for() {
     let tmp = tempfile::tempdir().unwrap();
     let dir = tmp.path();
     phantom(dir, Kind::Tube, 24);
-    for name in ["p.stl", "p.nrrd", "p.json", "p.dcm", "p.maps"] {
+    for name in ["p.stl", "p.nrrd", "p.json", "p.dcm"] {
         let made = Command::new("mkfifo").arg(dir.join(name)).status().unwrap();
         assert!(made.success());
     }
@@ -349,7 +349,6 @@ fn a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for() {
     let mut commands = vec![
         vec!["fair", "p.stl", "-o", "o.ply"],
         vec!["simplify", "p.stl", "--faces", "50", "-o", "o.ply"],
-        vec!["simplify", "s.ply", "--from-maps", "p.maps", "-o", "o.ply"],
         vec!["segment", "p.stl", "-o", "o.nrrd"],
         vec!["info", "p.nrrd"],
         vec!["info", "p.dcm"],
