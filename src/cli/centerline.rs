@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::CliError;
 use super::global::{Global, LINES};
 use super::lumen_args::{LumenArgs, point};
-use super::mode::{ModeArg, modes};
+use super::mode::ModeArg;
 use super::repeat::timed_products;
 use crate::centerline::Loops;
 use crate::formats::{atomic_file, shown, to_json, write_branches, write_centerline};
@@ -95,7 +95,7 @@ impl Args {
         self.branches.as_deref().map_or(Ok(()), |p| global.check_output(p, &[".vtp"]))?;
         self.mode.check(self.path.tree)?;
         let settings = Settings {
-            mode: self.mode.main(),
+            mode: self.mode.mode,
             lumen: self.lumen.settings()?,
             centerline: self.path.settings()?,
             ..global.settings()
@@ -131,10 +131,6 @@ impl Args {
             if report.branches == 1 { "" } else { "es" },
             report.min_clearance_mm,
         ))?;
-        let mut timing = timing.with("centerline", &report);
-        if let Some(modes) = modes(&session, self.mode.is_both())? {
-            timing = timing.with("modes", modes);
-        }
-        global.answer(&timing)
+        global.answer(&timing.with("centerline", &report))
     }
 }

@@ -2,7 +2,6 @@
 
 use super::CliError;
 use super::global::Global;
-use super::mode::modes;
 use super::repeat::timed_products;
 use super::session_args::SessionArgs;
 use crate::formats::shown;
@@ -35,7 +34,6 @@ impl Args {
         self.flags.lumen.write_choice(&session, global)?;
         let mut report = session.report(Some(&stream))?;
         report.stages = timing.stages.clone();
-        report.modes = modes(&session, self.flags.mode.is_both())?;
         report.timing = timing.keys();
         let frames = stream.report();
         global.say(format_args!(

@@ -4,7 +4,6 @@ use std::path::Path;
 
 use super::CliError;
 use super::global::Global;
-use super::mode::modes;
 use super::repeat::timed_products;
 use super::session_args::SessionArgs;
 use crate::formats::shown;
@@ -56,7 +55,6 @@ impl Args {
         let RunOutcome { mut report, pictures, stream: _stream } =
             global.watched(&session, || session.run_to_folder(out, &recording))?;
         self.flags.lumen.write_choice(&session, global)?;
-        report.modes = modes(&session, self.flags.mode.is_both())?;
         match &timing {
             Some(repeats) => {
                 report.timing = repeats.keys();

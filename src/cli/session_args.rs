@@ -39,7 +39,7 @@ impl SessionArgs {
         self.mode.check(tree)?;
         let source = self.lumen.source(self.input.as_deref())?;
         let settings = Settings {
-            mode: self.mode.main(),
+            mode: self.mode.mode,
             lumen: self.lumen.settings()?,
             centerline: CenterlineSettings { tree, ..self.path.settings()? },
             wall: self.surface.settings()?,

@@ -89,22 +89,17 @@ impl Reached {
 }
 
 impl Args {
-    fn metric(&self, mode: Mode) -> Metric {
-        self.metric.unwrap_or(match mode {
+    fn metric(&self) -> Metric {
+        self.metric.unwrap_or(match self.mode.mode {
             Mode::Default => Metric::NormalQem,
             Mode::Paper => Metric::Paper,
         })
     }
 
-    fn simplified(
-        &self,
-        mesh: &Mesh,
-        mode: Mode,
-        clock: &mut Clock,
-    ) -> Result<Simplified, CliError> {
+    fn simplified(&self, mesh: &Mesh, clock: &mut Clock) -> Result<Simplified, CliError> {
         let options = SimplifyOptions {
-            metric: self.metric(mode),
-            relocate: mode == Mode::Default && !self.keep_vertices,
+            metric: self.metric(),
+            relocate: self.mode.mode == Mode::Default && !self.keep_vertices,
             max_error_mm: self.max_error,
             ..SimplifyOptions::to_faces(self.faces)
         };
@@ -137,7 +132,7 @@ impl Args {
             |()| (),
             |()| {
                 let mut clock = Clock::default();
-                let made = self.simplified(&mesh, self.mode.main(), &mut clock)?;
+                let made = self.simplified(&mesh, &mut clock)?;
                 Ok((made, clock))
             },
         )?;
@@ -159,22 +154,7 @@ impl Args {
                 d.hausdorff_mm, d.mean_mm, d.normal_mean_deg
             ))?;
         }
-        let value = |r: &Reached| serde_json::to_value(r).unwrap_or_default();
-        let mut timing = timing.with("mesh", value(&reached));
-        if self.mode.is_both() {
-            let mut clock = Clock::default();
-            let paper = self.simplified(&mesh, Mode::Paper, &mut clock)?;
-            let ms = clock.stages.iter().map(|s| s.ms).sum::<f64>();
-            timing = timing.with(
-                "modes",
-                serde_json::json!({
-                    "default": value(&reached),
-                    "paper": value(&Reached::of(&paper, &mesh, wanted, self.measure)),
-                    "paper_ms": ms,
-                }),
-            );
-        }
-        global.answer(&timing)
+        global.answer(&timing.with("mesh", &reached))
     }
 
     fn named(&self, e: MeshError) -> CliError {

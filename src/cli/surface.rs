@@ -10,7 +10,7 @@ use super::repeat::timed_products;
 use super::surface_args::{SurfaceArgs, SurfaceFrom};
 use crate::formats::{shown, write_wall};
 use crate::session::{
-    LevelSettings, Lod, Mode, Product, Session, Settings, SurfaceReport, WallReport, written_mesh,
+    LevelSettings, Lod, Product, Session, Settings, SurfaceReport, WallReport, written_mesh,
 };
 
 /// `intima surface INPUT LUMEN -o MESH`
@@ -39,7 +39,7 @@ impl Args {
         let mut wall = self.surface.settings()?;
         wall.from_mask |= self.from == Some(SurfaceFrom::Mask);
         let settings = Settings {
-            mode: self.mode.main(),
+            mode: self.mode.mode,
             lumen: self.lumen.settings()?,
             wall,
             // The simplified surface begins with the wall itself.
@@ -47,9 +47,6 @@ impl Args {
             ..global.settings()
         };
         let mut session = Session::new(self.lumen.source(self.input.as_deref())?, settings)?;
-        if self.mode.is_both() {
-            session.keep_volume();
-        }
         let simplify = self.surface.decimate.is_some();
         let products: &[Product] =
             if simplify { &[Product::Wall, Product::Base] } else { &[Product::Wall] };
@@ -83,21 +80,6 @@ impl Args {
         }
         let timing = timing.with("decimated_faces", base.as_ref().map(|b| b.faces.len()));
         let timing = timing.with("wall", WallReport::of(&*session.lumen()?));
-        let mut timing = timing.with("surface", &report);
-        if self.mode.is_both() {
-            let paper = session.in_mode(Mode::Paper).wall()?;
-            let apart = wall.mesh.normals.iter().zip(&paper.mesh.normals);
-            let mean: f64 = apart.map(|(a, b)| f64::from(a.angle_between(*b))).sum::<f64>()
-                / wall.mesh.normals.len().max(1) as f64;
-            timing = timing.with(
-                "modes",
-                serde_json::json!({
-                    "default": SurfaceReport::of(wall.topology, wall.mesh.area_mm2()),
-                    "paper": SurfaceReport::of(paper.topology, paper.mesh.area_mm2()),
-                    "normals_apart_mean_deg": mean.to_degrees(),
-                }),
-            );
-        }
-        global.answer(&timing)
+        global.answer(&timing.with("surface", &report))
     }
 }

@@ -53,8 +53,8 @@ pub use pictures::{InsidePicture, OverviewPicture, PngPicture, ReportPictures};
 pub use progress::Progress;
 pub use report::{
     CenterlineReport, ComponentReport, CoverageReport, CoveredFlight, FramesReport, InputReport,
-    LumenReport, Modes, OrganReport, PatchReport, Report, SegmentReport, SelectionReport,
-    SurfaceReport, WallFieldReport, WallReport,
+    LumenReport, OrganReport, PatchReport, Report, SegmentReport, SelectionReport, SurfaceReport,
+    WallFieldReport, WallReport,
 };
 pub use search::Exterior;
 pub use segmentation::{Core, Segmented};

@@ -7,11 +7,12 @@ use crate::surface::{Fairing, Smoothing};
 
 /// Methods that the chain follows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Mode {
-    /// Our own methods.
+    /// Our own methods
     #[default]
     Default,
-    /// Methods of the paper (Li et al. 2004), errors and all.
+    /// Methods of the paper (Li et al. 2004), errors and all
     Paper,
 }
 

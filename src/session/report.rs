@@ -68,9 +68,6 @@ pub struct Report {
     /// Wall seen by the flight.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coverage: Option<CoverageReport>,
-    /// Default and paper mode side by side, with `--mode both`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub modes: Option<Modes>,
     /// Levels of detail.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lod: Option<LodReport>,
@@ -324,15 +321,6 @@ pub struct LoopReport {
     pub length_mm: f64,
     /// Whether it was cut at one of two places about as narrow: the other may be the one to cut.
     pub doubtful: bool,
-}
-
-/// Both modes side by side.
-#[derive(Clone, Debug, Serialize)]
-pub struct Modes {
-    /// Centerline of the default mode.
-    pub default: CenterlineReport,
-    /// Centerline of the paper mode.
-    pub paper: CenterlineReport,
 }
 
 /// Frames that were drawn.

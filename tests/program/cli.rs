@@ -74,10 +74,7 @@ fn run_writes_every_product_and_a_report_of_this_run() {
     let tmp = tempfile::tempdir().unwrap();
     phantom(tmp.path(), Kind::Bend, 64);
     let args = ["run", "ct.nrrd", "--threshold", ":-455", "--out", "out", "--frames", "3"];
-    let more = [
-        "--size", "96x64", "--mode", "both", "--view", "split", "--base", "--lod", "culled",
-        "--json",
-    ];
+    let more = ["--size", "96x64", "--view", "split", "--base", "--lod", "culled", "--json"];
     let json = works(tmp.path(), &[&args[..], &more].concat());
     let out = tmp.path().join("out");
     let want = [
@@ -111,7 +108,6 @@ fn run_writes_every_product_and_a_report_of_this_run() {
     assert_eq!(report["lod"]["finest_faces"], report["surface"]["faces"]);
     let drawn = report["frames"]["triangles_p99"].as_u64().unwrap();
     assert!(drawn > 0 && drawn < report["surface"]["faces"].as_u64().unwrap());
-    assert!(report["modes"]["paper"]["ridge_candidates"].as_u64() > Some(0));
     assert!(report["frames"]["min_near_clearance_mm"].as_f64() > Some(0.0));
     let names: Vec<&str> =
         report["stages"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap()).collect();

@@ -60,13 +60,11 @@ CASES = [
     *[case(f"tree-{n}", f"centerline {LABELS[n]} --tree -o p.vtp --branches b.vtp --json") for n in ("airway-lidc1", "brain", "pulmonary")],
     case("path-paper-airway", f"centerline {AIRWAY} --mode paper -o p.csv --unseen u.csv --json"),
     case("path-paper-colon", f"centerline {COLON} --mode paper -o p.csv --json"),
-    case("path-both", f"centerline {AIRWAY} --mode both -o p.csv --json"),
     # whole runs
     case("run-colon", f"run {COLON} --out r {FRAMES} --json"),
     case("run-airway-vds", f"run {AIRWAY} --out r {FRAMES} --lod vds --json"),
     case("run-airway-whole", f"run {AIRWAY} --out r {FRAMES} --lod off --json"),
     case("run-airway-paper", f"run {AIRWAY} --out r {FRAMES} --mode paper --json"),
-    case("run-airway-both", f"run {AIRWAY} --out r {FRAMES} --mode both --json"),
     case("run-airway-gpu", f"run {AIRWAY} --out r {FRAMES} --device gpu --json"),
     case("run-chest", f"run {CHEST} --out r {FRAMES} --json"),
     case("run-prone", f"run {PRONE} --out r {FRAMES} --json"),

@@ -141,8 +141,7 @@ impl RunArgs {
             levels: all.levels,
             ..all
         };
-        let (read, both) = (self.lumen.dicom.options(), self.mode.is_both());
-        let settings = format!("{settings:?} {read:?} both: {both}");
+        let settings = format!("{settings:?} {:?}", self.lumen.dicom.options());
         Ok(Recipe { build: build_id(), settings, device: global.device.to_string() })
     }
 }

@@ -104,7 +104,7 @@ fn keeps_quiet(dir: &Path, args: &[&str]) -> usize {
 fn run_keeps_quiet(dir: &Path, input: &str) {
     let args = ["run", input, "--threshold", ":-455", "--out", "out/all", "--frames", "2"];
     let more = ["--size", "64x48", "--video", "out/v.mp4", "--write-path", "out/path.json"];
-    let last = ["--mode", "both", "-vvv", "--json"];
+    let last = ["-vvv", "--json"];
     let files = keeps_quiet(dir, &[&args[..], &more, &last].concat());
     assert!(files > 12, "{files} files");
     let report = std::fs::read_to_string(dir.join("out/all/report.json")).unwrap();

@@ -75,41 +75,15 @@ fn the_papers_chain_flies_every_phantom_between_given_ends() {
 }
 
 #[test]
-fn both_modes_are_reported_side_by_side() {
-    if !can_draw() {
-        return;
-    }
-    let tmp = tempfile::tempdir().unwrap();
-    phantom(tmp.path(), Kind::Colon, 64);
-    let args = ["record", "--mask", "mask.nrrd", "--mode", "both", "--out", "f", "--lod", "vds"];
-    let more = ["--frames", "1", "--size", "64x48", "--json"];
-    let json = works(tmp.path(), &[&args[..], &more].concat());
-    let length = |mode: &str| json["modes"][mode]["length_mm"].as_f64().unwrap();
-    let alone = |mode: &str| {
-        let args = ["centerline", "--mask", "mask.nrrd", "--mode", mode, "-o", "l.csv", "--json"];
-        works(tmp.path(), &args)["centerline"]["length_mm"].as_f64().unwrap()
-    };
-    for mode in ["default", "paper"] {
-        assert_eq!(length(mode), alone(mode), "{mode}");
-    }
-    assert_ne!(length("default"), length("paper"));
-    // What is flown is the default's.
-    assert_eq!(json["centerline"]["length_mm"].as_f64(), Some(length("default")));
-    assert_eq!(json["lod"]["metric"], "normal-qem");
-}
-
-#[test]
 fn the_paper_has_no_tree_and_says_so_before_anything_is_computed() {
     let tmp = tempfile::tempdir().unwrap();
     phantom(tmp.path(), Kind::Y, 32);
-    for mode in ["paper", "both"] {
-        for (command, output) in [("run", "--out"), ("record", "--out"), ("centerline", "-o")] {
-            let args = [command, "--mask", "mask.nrrd", "--mode", mode, "--tree", output, "o.csv"];
-            let out = intima(tmp.path(), &args);
-            let err = String::from_utf8_lossy(&out.stderr);
-            assert_eq!(out.status.code(), Some(3), "{args:?}: {err}");
-            assert!(err.contains("no tree"), "{args:?}: {err}");
-            assert_eq!(names(tmp.path()), ["ct.nrrd", "mask.nrrd"], "{args:?}");
-        }
+    for (command, output) in [("run", "--out"), ("record", "--out"), ("centerline", "-o")] {
+        let args = [command, "--mask", "mask.nrrd", "--mode", "paper", "--tree", output, "o.csv"];
+        let out = intima(tmp.path(), &args);
+        let err = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(3), "{args:?}: {err}");
+        assert!(err.contains("no tree"), "{args:?}: {err}");
+        assert_eq!(names(tmp.path()), ["ct.nrrd", "mask.nrrd"], "{args:?}");
     }
 }
