@@ -9,9 +9,7 @@ use super::mode::ModeArg;
 use super::repeat::timed_products;
 use crate::centerline::Loops;
 use crate::formats::{atomic_file, shown, to_json, write_branches, write_centerline};
-use crate::session::{
-    CenterlineReport, CenterlineSettings, EndPoint, Product, Radius, Session, Settings,
-};
+use crate::session::{CenterlineReport, CenterlineSettings, EndPoint, Product, Session, Settings};
 
 /// `intima centerline INPUT LUMEN -o LINE`
 #[derive(Debug, clap::Args)]
@@ -55,9 +53,6 @@ pub struct PathArgs {
     /// End here, as --from
     #[arg(long, value_name = "X,Y,Z|root|tip:N", allow_hyphen_values = true)]
     pub to: Option<String>,
-    /// Range of sight of a point of the path (default: by mode)
-    #[arg(long, value_enum)]
-    pub radius: Option<Radius>,
 }
 
 impl PathArgs {
@@ -69,7 +64,6 @@ impl PathArgs {
             to: end(&self.to, "--to")?,
             tree: self.tree,
             loops: self.loops,
-            radius: self.radius,
         })
     }
 }

@@ -1,4 +1,4 @@
-//! The paper's own chain (Li et al. 2004, sections 3.1 and 3.2): for `--mode paper`, in part for `--radius paper`.
+//! The paper's own chain (Li et al. 2004, sections 3.1 and 3.2): for `--mode paper`.
 //!
 //! [`ridge`] finds the points of the distance map's ridge; each sees as far as Eq. 5 says
 //! ([`RidgePoint::viewpoint`]). [`paper_path`] joins those that the visibility test keeps by Dijkstra's

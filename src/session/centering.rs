@@ -61,8 +61,6 @@ const MAX_ADDED: usize = 10_000;
 pub struct Visibility {
     /// Places that viewers were chosen from.
     candidates: usize,
-    /// Whether they are ridge points.
-    on_ridge: bool,
     /// Viewers kept, added ones included.
     kept: usize,
     /// Viewers added.
@@ -177,17 +175,16 @@ impl Session {
         };
         let work = || ranked.par_iter().with_min_len(64).map(viewpoint).collect::<Vec<_>>();
         let viewpoints = clock.time("reach", "candidates", work, |v| v.len() as u64);
-        self.visibility_from(&viewpoints, (nodes.len(), false), clock)
+        self.visibility_from(&viewpoints, nodes.len(), clock)
     }
 
     /// Runs the visibility test on viewpoints, and adds some for voxels that none of them sees.
     ///
     /// * `candidates`: number of places that the viewpoints were chosen from.
-    /// * `on_ridge`: whether those are ridge points.
-    pub(super) fn visibility_from(
+    fn visibility_from(
         &self,
         viewpoints: &[Viewpoint],
-        (candidates, on_ridge): (usize, bool),
+        candidates: usize,
         clock: &mut Clock,
     ) -> Result<Visibility, SessionError> {
         let (lumen, device) = (present(&self.slots.lumen), present(&self.slots.device));
@@ -197,7 +194,7 @@ impl Session {
         let count = unseen.len() as u64;
         let (added, unseen) = clock.time("unseen", "boundary voxels", work, |_| count);
         let (kept, added) = (kept.len() + added.len(), added.len());
-        Ok(Visibility { candidates, on_ridge, kept, added, unseen })
+        Ok(Visibility { candidates, kept, added, unseen })
     }
 
     pub(super) fn run_centerline(&self, _: &mut Clock) -> Result<Centered, SessionError> {
@@ -312,7 +309,7 @@ impl Centered {
             line: within.line,
             proof: Some(routed.proof),
             candidates: seen.candidates,
-            on_ridge: seen.on_ridge,
+            on_ridge: false,
             kept: seen.kept,
             added: seen.added,
             unseen: seen.unseen.clone(),

@@ -60,7 +60,7 @@ pub use search::Exterior;
 pub use segmentation::{Core, Segmented};
 pub use settings::{
     CenterlineSettings, EndPoint, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings,
-    Radius, Reading, Seed, Settings, Source, VolumeSource, WallMethod, WallSettings,
+    Reading, Seed, Settings, Source, VolumeSource, WallMethod, WallSettings,
 };
 pub use stages::{Product, Products, kernels};
 pub use surface::{ShownWall, Wall, gradient_normals, smoothed_normals, written_mesh};

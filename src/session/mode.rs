@@ -1,7 +1,7 @@
 //! Mode of the chain: our methods or the paper's. The paper's stages are rows of the table of stages;
 //! this table has the stages that both modes have, with different methods.
 
-use super::{Radius, WallMethod};
+use super::WallMethod;
 use crate::mesh::Metric;
 use crate::surface::{Fairing, Smoothing};
 
@@ -18,8 +18,6 @@ pub enum Mode {
 
 /// Methods of a mode, for what the settings leave open.
 pub(super) struct Methods {
-    /// Reach of viewpoints.
-    pub radius: Radius,
     /// Normal smoothing.
     pub smoothing: Smoothing,
     /// Place of the wall.
@@ -37,7 +35,6 @@ impl Mode {
     pub(super) fn methods(self) -> &'static Methods {
         match self {
             Self::Default => &Methods {
-                radius: Radius::Measured,
                 smoothing: Smoothing::Multiscale,
                 wall: WallMethod::Auto,
                 metric: Metric::NormalQem,
@@ -45,7 +42,6 @@ impl Mode {
                 branches: true,
             },
             Self::Paper => &Methods {
-                radius: Radius::Paper,
                 smoothing: Smoothing::Steps(Fairing::PAPER),
                 wall: WallMethod::Exact,
                 metric: Metric::Paper,

@@ -3,14 +3,12 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use rayon::prelude::*;
-
-use super::centering::{ranked, visible};
+use super::centering::visible;
 use super::fields::distance_and_smooth;
-use super::{Centered, Clock, Fields, Radius, Session, SessionError, Visibility, present};
+use super::{Centered, Clock, Fields, Session, SessionError, present};
 use crate::centerline::{Viewpoint, clearance_mm, measure_radius};
 use crate::compute::Plan;
-use crate::field::{LumenBuffers, Sampler};
+use crate::field::LumenBuffers;
 use crate::paper::{RidgePoint, paper_path, ridge};
 
 impl Session {
@@ -40,40 +38,13 @@ impl Session {
         }
     }
 
-    /// Returns the viewpoints at ridge points.
-    fn ridge_viewpoints<'a>(&self, at: impl Iterator<Item = &'a RidgePoint>) -> Vec<Viewpoint> {
-        let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
-        let distance = Sampler { lumen: &lumen.lumen, field: &fields.distance };
-        let radius = self.settings.radius();
-        let points: Vec<&RidgePoint> = at.collect();
-        let viewpoint = |point: &&RidgePoint| match radius {
-            Radius::Paper => point.viewpoint(),
-            Radius::Measured => Viewpoint::measured(point.element, point.axis, distance),
-        };
-        points.par_iter().with_min_len(64).map(viewpoint).collect()
-    }
-
-    /// The visibility test from the ridge instead of the graph: Eq. 5 needs the eigenvalues there.
-    pub(super) fn run_ridge_visibility(
-        &self,
-        clock: &mut Clock,
-    ) -> Result<Visibility, SessionError> {
-        let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
-        let of = |point: &RidgePoint| (point.element, point.distance_mm);
-        let places: Vec<_> = fields.ridge.iter().map(of).collect();
-        let ranked = ranked(&lumen.lumen, &places);
-        let work = || self.ridge_viewpoints(ranked.iter().map(|at| &fields.ridge[*at]));
-        let viewpoints = clock.time("reach", "candidates", work, |v| v.len() as u64);
-        self.visibility_from(&viewpoints, (places.len(), true), clock)
-    }
-
     /// The paper's chain: ridge points in index order, boundary voxels block, kept points joined by
     /// Dijkstra.
     pub(super) fn run_paper_centerline(&self, clock: &mut Clock) -> Result<Centered, SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
         let (lumen, device) = (&lumen.lumen, present(&self.slots.device));
         let options = self.route_options()?;
-        let viewpoints = self.ridge_viewpoints(fields.ridge.iter());
+        let viewpoints: Vec<Viewpoint> = fields.ridge.iter().map(RidgePoint::viewpoint).collect();
         let internal: Vec<u64> =
             lumen.inside.iter().zip(&lumen.boundary).map(|(i, b)| i & !b).collect();
         let (kept, unseen) = visible(&mut device.lock(), lumen, &viewpoints, &internal, clock)?;

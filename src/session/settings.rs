@@ -121,16 +121,6 @@ impl Default for LumenSettings {
     }
 }
 
-/// Range of sight of the candidates.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
-pub enum Radius {
-    /// The paper's Eq. 5, from ridge points: k·d, k = λ1/λ2 clamped to [1, 3].
-    Paper,
-    /// Longest of 32 rays across the lumen, plus a voxel's diagonal.
-    Measured,
-}
-
 /// An end of the path that someone asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EndPoint {
@@ -159,8 +149,6 @@ pub struct CenterlineSettings {
     pub tree: bool,
     /// Loops of a tree.
     pub loops: Loops,
-    /// Range of sight of a viewpoint; by mode where `None`.
-    pub radius: Option<Radius>,
 }
 
 /// The wall.
@@ -304,11 +292,6 @@ impl Settings {
     /// Methods of the mode, for what the settings leave open.
     pub(super) fn methods(&self) -> &'static Methods {
         self.mode.methods()
-    }
-
-    /// Reach of viewpoints.
-    pub(super) fn radius(&self) -> Radius {
-        self.centerline.radius.unwrap_or(self.methods().radius)
     }
 
     /// Normal smoothing.

@@ -13,7 +13,7 @@ use super::frames::Display;
 use super::load::{Inputs, Loaded};
 use super::settings::{Lod, Settings};
 use super::{
-    Centered, Clock, Core, Exterior, Fields, Levels, Mode, OpenDevice, Radius, Segmented, Session,
+    Centered, Clock, Core, Exterior, Fields, Levels, Mode, OpenDevice, Segmented, Session,
     SessionError, ShownWall, Slot, Visibility, Wall, locked, put,
 };
 use crate::centerline::Routed;
@@ -71,23 +71,6 @@ fn organ(s: &Settings) -> bool {
 
 fn selection(s: &Settings) -> bool {
     !organ(s)
-}
-
-/// Whether ridge points are found.
-fn ridge(s: &Settings) -> bool {
-    paper_mode(s) || s.radius() == Radius::Paper
-}
-
-fn no_ridge(s: &Settings) -> bool {
-    !ridge(s)
-}
-
-fn from_graph(s: &Settings) -> bool {
-    default_mode(s) && !ridge(s)
-}
-
-fn from_ridge(s: &Settings) -> bool {
-    default_mode(s) && ridge(s)
 }
 
 fn subdivision(s: &Settings) -> bool {
@@ -227,10 +210,10 @@ products! {
     /// Exact distance to the nearest external voxel centre, mm, in slot order of the lumen.
     pub Distance distance: Array<f32> =
         "distance" 3.0 [Lumen Device] () Device always run_distance;
-    /// Distance and smoothed distance, and the ridge where it is asked for, in one plan.
+    /// Distance and smoothed distance, and in paper mode the ridge, in one plan.
     pub Fields fields: Fields =
-        "distance, smooth" 6.0 [Lumen Device] () Device no_ridge run_fields
-        | "distance, ridge" 6.0 [Lumen Device] () Device ridge run_ridge_fields;
+        "distance, smooth" 6.0 [Lumen Device] () Device default_mode run_fields
+        | "distance, ridge" 6.0 [Lumen Device] () Device paper_mode run_ridge_fields;
     /// The renderer on its device.
     pub(super) Display display: Display =
         "renderer" 1.0 [Device] (flight.size, flight.samples) Cpu always run_display;
@@ -239,8 +222,7 @@ products! {
         "route" 15.0 [Lumen Fields] (centerline.from, centerline.to, centerline.tree, centerline.loops) Cpu default_mode run_route;
     /// Outcome of the visibility test, with the boundary voxels that no viewpoint sees.
     pub(super) Visibility visibility: Visibility =
-        "visibility" 5.0 [Lumen Fields Route Device] (mode, centerline.radius) Device from_graph run_visibility
-        | "visibility" 5.0 [Lumen Fields Route Device] (mode, centerline.radius) Device from_ridge run_ridge_visibility;
+        "visibility" 5.0 [Lumen Fields Route Device] () Device default_mode run_visibility;
     /// The wall with smoothed normals, LPS mm.
     pub Wall wall: Wall =
         "surface" 8.0 [Lumen Volume Device] (mode, wall.from_mask, wall.smoothing) Device always run_wall;
@@ -258,7 +240,7 @@ products! {
         "inputs" 0.1 [Volume Identity] () Cpu always run_inputs;
     /// Path or tree, centred and proven inside, with the visibility test.
     pub Centerline centerline: Centered =
-        "centerline" 0.1 [Lumen Route Visibility TriangleTree] (mode, centerline.radius) Cpu default_mode run_centerline
+        "centerline" 0.1 [Lumen Route Visibility TriangleTree] (mode) Cpu default_mode run_centerline
         | "paper path" 30.0 [Lumen Fields Device TriangleTree] (centerline) Device paper_mode run_paper_centerline;
     /// The drawn wall, with or without caps.
     pub(super) DrawnWall drawn_wall: ShownWall =

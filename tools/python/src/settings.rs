@@ -16,7 +16,7 @@ use intima::organ::{Organ, OrganOptions};
 use intima::render::View;
 use intima::session::{
     CenterlineSettings, EndPoint, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings, Mode,
-    Radius, Seed, Settings, WallMethod, WallSettings,
+    Seed, Settings, WallMethod, WallSettings,
 };
 use intima::surface::{Fairing, Smoothing, Weights};
 use pyo3::prelude::*;
@@ -209,13 +209,11 @@ fn seed(given: &Remaining<'_>) -> PyResult<Option<Seed>> {
 
 fn centerline(given: &Remaining<'_>) -> PyResult<CenterlineSettings> {
     let loops = [("keep", Loops::Keep), ("cut", Loops::Cut)];
-    let radii = [("paper", Radius::Paper), ("measured", Radius::Measured)];
     Ok(CenterlineSettings {
         from: given.point("from_")?.map(EndPoint::Point),
         to: given.point("to")?.map(EndPoint::Point),
         tree: given.flag("tree", false)?,
         loops: given.word("loops", &loops)?.unwrap_or_default(),
-        radius: given.word("radius", &radii)?,
     })
 }
 

@@ -88,8 +88,6 @@ class CenterlineSettings(LumenSettings, total=False):
     """Start here, LPS mm (x, y, z)."""
     to: Sequence[float] | None
     """End here, LPS mm (x, y, z)."""
-    radius: Literal["paper", "measured"] | None
-    """Range of sight of a point of the path."""
 
 
 class Settings(WallSettings, CenterlineSettings, total=False):
