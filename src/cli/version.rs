@@ -6,11 +6,8 @@ use std::sync::LazyLock;
 const COMMIT: &str = env!("INTIMA_COMMIT");
 
 /// Optional features, and whether they were built in.
-const FEATURES: [(&str, bool); 3] = [
-    ("window", cfg!(feature = "window")),
-    ("jpeg-12", cfg!(feature = "jpeg-12")),
-    ("jpeg-xl", cfg!(feature = "jpeg-xl")),
-];
+const FEATURES: [(&str, bool); 2] =
+    [("window", cfg!(feature = "window")), ("jpeg-12", cfg!(feature = "jpeg-12"))];
 
 /// Version, commit, features and target, a line each.
 pub fn long() -> &'static str {

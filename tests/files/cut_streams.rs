@@ -39,12 +39,9 @@ fn a_stream_cut_short_and_closed_with_an_end_marker_is_refused() {
         ("jpeg_ls", b"\xff\xd9"),
         ("jpeg_2000", b"\xff\xd9"),
         ("htj2k", b"\xff\xd9"),
-        ("jpeg_xl", b""),
     ] {
         let feature = name.replace('_', "-");
-        if ["jpeg-12", "jpeg-xl"].contains(&&*feature)
-            && volumes::read(&fixture(&format!("codec/{name}.dcm"))).is_err()
-        {
+        if feature == "jpeg-12" && volumes::read(&fixture(&format!("codec/{name}.dcm"))).is_err() {
             println!("{name}: not in this build");
             continue;
         }

@@ -18,10 +18,7 @@ const FEATURES: [&str; 3] = ["--no-default-features", "--features", "cli"];
 /// `cargo xtask demo`
 pub fn demo() -> Result<(), TaskError> {
     setup(Purpose::Running)?;
-    eprintln!(
-        "The demo's intima has no window and no rare codecs (12-bit JPEG, JPEG XL); \
-         `cargo build --release` builds all of it."
-    );
+    eprintln!("The demo's intima has no window; `cargo build --release` has it.");
     run(&mut cargo(&[&["build", "--release", "--locked"], &FEATURES[..]].concat()))?;
     let folder = root().join(OUT);
     fs::create_dir_all(&folder).map_err(|e| TaskError::Failed(format!("{OUT}: {e}")))?;

@@ -36,9 +36,17 @@ pub fn dist(args: &[&str]) -> Result<(), TaskError> {
         other => return Err(TaskError::Usage(format!("dist: no such flag: {}", other.join(" ")))),
     };
     let release = Release::of_commit(dirty)?;
-    run(cargo(&["build", "--release", "--locked", "--package", "intima"])
-        .env("INTIMA_COMMIT", &release.commit)
-        .env("RUSTFLAGS", flags_without_paths()))?;
+    run(cargo(&[
+        "build",
+        "--release",
+        "--locked",
+        "--package",
+        "intima",
+        "--features",
+        "jpeg-12",
+    ])
+    .env("INTIMA_COMMIT", &release.commit)
+    .env("RUSTFLAGS", flags_without_paths()))?;
     let out = root().join(OUT);
     clear(&out)?;
     let tree = release.tree(&out)?;

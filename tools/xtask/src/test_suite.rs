@@ -6,13 +6,11 @@ use crate::{TaskError, check, timings, vulkan};
 use std::path::PathBuf;
 use std::process::Command;
 
-/// Features of what the tests build: all but the rare codecs, 17 crates of 245. What is released has
-/// them, and is linted with them (`check::builds`).
-pub const FEATURES: [&str; 3] = ["--no-default-features", "--features", "cli,window,faults"];
+/// Features of what the tests build, beside the default ones.
+pub const FEATURES: [&str; 2] = ["--features", "faults"];
 
 /// The tests of every package.
-pub const ALL: [&str; 6] =
-    ["test", "--workspace", "--locked", FEATURES[0], FEATURES[1], FEATURES[2]];
+pub const ALL: [&str; 5] = ["test", "--workspace", "--locked", FEATURES[0], FEATURES[1]];
 
 /// `cargo xtask test [--gpu] [--timings | -- ARGUMENTS OF CARGO TEST]`
 pub fn test(args: &[&str]) -> Result<(), TaskError> {

@@ -10,13 +10,10 @@ use super::jpeg_scan::{Process, check_complete};
 use super::syntax::Codec;
 
 /// Most pixels of a compressed frame, 8192 a side: beyond those of any scanner, and what a few bytes
-/// of JPEG 2000 or JPEG XL may claim in full earnest, each taking four bytes and more to decode.
+/// of JPEG 2000 may claim in full earnest, each taking four bytes and more to decode.
 const MAX_PIXELS: u64 = 1 << 26;
 /// Most tiles of a JPEG 2000 codestream.
 const MAX_TILES: u64 = 65_535;
-/// Memory that a JPEG XL decoder may take beside 64 bytes a pixel.
-#[cfg(feature = "jpeg-xl")]
-const JXL_MEMORY: usize = 64 << 20;
 
 /// Size of a frame as the file gives it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,7 +33,6 @@ impl FrameSize {
 /// The feature of this crate that a frame's decoder needs and this build lacks.
 pub(super) fn missing_feature(codec: Codec, bytes: &[u8]) -> Option<&'static str> {
     match codec {
-        Codec::JpegXl if !cfg!(feature = "jpeg-xl") => Some("jpeg-xl"),
         Codec::Jpeg if !cfg!(feature = "jpeg-12") => {
             jpeg_frame(bytes).filter(JpegFrame::is_12_bit).map(|_| "jpeg-12")
         }
@@ -62,7 +58,7 @@ pub(super) fn check_claim(codec: Codec, [columns, rows]: [u32; 2], len: u64) -> 
         // A line has a code at least.
         Codec::JpegLs => u64::from(rows) / 8,
         // Equal pixels take none.
-        Codec::Jpeg2000 | Codec::JpegXl => 0,
+        Codec::Jpeg2000 => 0,
     };
     if len < least {
         return Err(format!("{len} bytes for {columns}x{rows} pixels"));
@@ -71,13 +67,12 @@ pub(super) fn check_claim(codec: Codec, [columns, rows]: [u32; 2], len: u64) -> 
 }
 
 /// Memory that a frame takes while it is decoded, bytes a pixel, its number of four bytes among
-/// them. Measured on frames of 2048 x 2048 pixels; of JPEG and JPEG XL what their decoders keep.
+/// them. Measured on frames of 2048 x 2048 pixels; of JPEG what its decoder keeps.
 pub(super) fn bytes_a_pixel(codec: Codec) -> u64 {
     match codec {
         Codec::Rle => 4,
         Codec::Jpeg | Codec::JpegLs => 6,
         Codec::Jpeg2000 => 9,
-        Codec::JpegXl => 16,
     }
 }
 
@@ -92,10 +87,6 @@ pub(super) fn decode(codec: Codec, bytes: &[u8], size: FrameSize) -> Result<Vec<
         Codec::Jpeg => jpeg(bytes, size),
         Codec::JpegLs => jpeg_ls(bytes, size),
         Codec::Jpeg2000 => jpeg_2000(bytes, size),
-        #[cfg(feature = "jpeg-xl")]
-        Codec::JpegXl => jpeg_xl(bytes, size),
-        #[cfg(not(feature = "jpeg-xl"))]
-        Codec::JpegXl => Err("no JPEG XL in this build".into()),
     }));
     let samples = decoded.unwrap_or_else(|_| Err("its decoder gave up".into()))?;
     if samples.len() != size.pixels() {
@@ -329,24 +320,6 @@ fn jpeg_2000(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
     }
 }
 
-#[cfg(feature = "jpeg-xl")]
-fn jpeg_xl(bytes: &[u8], size: FrameSize) -> Result<Vec<i32>, String> {
-    use jxl_oxide::{AllocTracker, JxlImage, JxlThreadPool};
-    let memory = 64 * size.pixels() + JXL_MEMORY;
-    let image = JxlImage::builder()
-        // Slices are decoded side by side already.
-        .pool(JxlThreadPool::none())
-        .alloc_tracker(AllocTracker::with_limit(memory))
-        .read(bytes)
-        .map_err(|e| e.to_string())?;
-    let bits = image.image_header().metadata.bit_depth.bits_per_sample();
-    let channels = image.pixel_format().channels() as u32;
-    agrees([image.width(), image.height(), channels, bits], size)?;
-    let most = ((1u64 << bits.min(31)) - 1) as f32;
-    let frame = image.render_frame(0).map_err(|e| e.to_string())?.image_all_channels();
-    Ok(frame.buf().iter().map(|v| (v.clamp(0.0, 1.0) * most).round() as i32).collect())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -418,7 +391,7 @@ mod tests {
         assert!(e.contains("8192x8192"), "{e}");
         let e = decode(Codec::Jpeg2000, &j2k, size(1 << 13, 1 << 13, 16)).unwrap_err();
         assert!(e.contains("tiles"), "{e}");
-        for codec in [Codec::Jpeg, Codec::JpegLs, Codec::Jpeg2000, Codec::JpegXl] {
+        for codec in [Codec::Jpeg, Codec::JpegLs, Codec::Jpeg2000] {
             assert!(decode(codec, &[], size(2, 2, 16)).is_err());
             assert!(decode(codec, &[0xff; 40], size(2, 2, 16)).is_err());
         }

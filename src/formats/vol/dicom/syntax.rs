@@ -16,8 +16,6 @@ pub(super) enum Codec {
     JpegLs,
     /// JPEG 2000, High-Throughput too.
     Jpeg2000,
-    /// JPEG XL.
-    JpegXl,
 }
 
 impl Codec {
@@ -28,7 +26,6 @@ impl Codec {
             "4.50" | "4.51" | "4.57" | "4.70" => Some(Self::Jpeg),
             "4.80" | "4.81" => Some(Self::JpegLs),
             "4.90" | "4.91" | "4.201" | "4.202" | "4.203" => Some(Self::Jpeg2000),
-            "4.110" | "4.111" | "4.112" => Some(Self::JpegXl),
             _ => None,
         }
     }

@@ -53,10 +53,10 @@ pub fn check() -> Result<(), TaskError> {
     let doc = ["doc", "--no-deps", "--lib", "--locked", "--package", "intima"];
     let steps = [
         run(&mut cargo(&["fmt", "--all", "--check"])),
-        builds::lint(&all),
+        run(&mut cargo(&[&["clippy"], &all[..], &["--", "-D", "warnings"]].concat())),
         run(cargo(&[&doc[..], &FEATURES].concat()).env("RUSTDOCFLAGS", "-D warnings")),
         builds::library(),
-        builds::without_faults(),
+        builds::released(),
         rules(),
     ];
     let failed = steps.into_iter().filter_map(Result::err).map(|stop| match stop {
