@@ -249,7 +249,6 @@ impl<'a> WallInput<'a> {
             crest: at_least(3.0, 40.0),
             strong: at_least(4.0, 60.0),
             rise: if self.tissue == Tissue::Airway { AIRWAY_RISE } else { 0 },
-            ..bytemuck::Zeroable::zeroed()
         };
         let (near, corner) = (shape.near, shape.corner);
         let bindings = wall_peak::Bindings {

@@ -113,7 +113,6 @@ pub fn wall_peak() -> Vec<Case> {
             crest: 150,
             rise: 2,
             strong: 300,
-            ..bytemuck::Zeroable::zeroed()
         };
         let bindings = wall_peak::Bindings {
             near,
