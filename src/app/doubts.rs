@@ -54,7 +54,7 @@ pub(super) fn reasons(ui: &mut Ui, model: &Model) {
     CollapsingHeader::new("Why").show(ui, |ui| {
         ScrollArea::vertical().id_salt("reasons").max_height(REASONS_HEIGHT).show(ui, |ui| {
             for line in &lines {
-                ui.label(RichText::new(line).small().color(FAINT));
+                ui.label(RichText::new(line).color(FAINT));
             }
         });
     });

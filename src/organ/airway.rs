@@ -119,7 +119,7 @@ fn from_trachea(
         trachea.radius_mm,
         ["i", "j", "k"][trachea.axis]
     ));
-    gates.at_least("trachea in mm", trachea.length_mm, 15.0, 40.0)?;
+    gates.at_least("length of the trachea, mm", trachea.length_mm, 15.0, 40.0)?;
     let ml = volume.grid.voxel_mm3() / 1000.0;
     let lung_ml = opens_into.count() as f64 * ml;
     let like_lung = share(opens_into, lung_like);
@@ -127,13 +127,13 @@ fn from_trachea(
     if is_short {
         pass_without_lung(volume, trachea, opens_into, like_lung, &mut gates)?;
     } else {
-        gates.at_least("ml of air and lung it opens into", lung_ml, MIN_LUNG_ML, 1000.0)?;
-        gates.at_least("share of that with the values of lung", like_lung, MIN_LUNG_SHARE, 0.8)?;
+        gates.at_least("air and lung that the trachea opens into, ml", lung_ml, MIN_LUNG_ML, 1000.0)?;
+        gates.at_least("share of this air with the values of lung", like_lung, MIN_LUNG_SHARE, 0.8)?;
     }
     let air = sorted(volume, trachea.core.voxels());
     let sigma = noise(&air);
-    gates.note(format!("air in it: median {:.0} HU", quantile(&air, 0.5)));
-    gates.at_most("its noise in HU", sigma, MAX_NOISE_HU, NOISY_HU)?;
+    gates.note(format!("air of the trachea: median {:.0} HU", quantile(&air, 0.5)));
+    gates.at_most("noise of the trachea's air, HU", sigma, MAX_NOISE_HU, NOISY_HU)?;
 
     let (mut start, mut calm) = (None, None);
     if sigma <= NOISY_HU {
@@ -157,19 +157,19 @@ fn from_trachea(
     let tree = Tree::grown(values, &start, &mut gates)?;
     let (threshold, mut mask) = (tree.threshold, tree.mask);
     let tree_ml = mask.count() as f64 * ml;
-    gates.at_most("airway in ml", tree_ml, MAX_AIRWAY_ML, 80.0)?;
+    gates.at_most("airway, ml", tree_ml, MAX_AIRWAY_ML, 80.0)?;
     let has_wall = walled(values, mask.voxels(), |v| mask.get(v));
-    gates.at_least("share of its boundary that is wall", has_wall, MIN_WALLED, 0.6)?;
+    gates.at_least("share of the airway's boundary that is wall", has_wall, MIN_WALLED, 0.6)?;
     if is_short {
         let area_mm2 = std::f64::consts::PI * trachea.radius_mm * trachea.radius_mm;
         let part = trachea.length_mm * area_mm2 / 1000.0 / tree_ml;
-        gates.at_least("share of it that is trachea", part, MIN_TRACHEA, 0.6)?;
+        gates.at_least("share of the airway that is trachea", part, MIN_TRACHEA, 0.6)?;
     } else {
-        gates.at_most("share of the lung it fills", tree_ml / lung_ml, MAX_FILLED, 0.05)?;
+        gates.at_most("share of the lung that the airway fills", tree_ml / lung_ml, MAX_FILLED, 0.05)?;
     }
     let slice_mm = volume.grid.spacing_mm.max_element();
     if slice_mm > DOUBTFUL_SLICE_MM {
-        gates.at_most("thickness of slices in mm", slice_mm, MAX_SLICE_MM, DOUBTFUL_SLICE_MM)?;
+        gates.at_most("thickness of slices, mm", slice_mm, MAX_SLICE_MM, DOUBTFUL_SLICE_MM)?;
     }
     if slice_mm > THICK_MM {
         mask = without_thin(&volume.grid, &mask, start.seed, THIN_PART * slice_mm);
@@ -251,26 +251,26 @@ fn pass_without_lung(
     like_lung: f64,
     gates: &mut Gates,
 ) -> Result<(), OrganError> {
-    let what = "ml of air and lung it opens into";
+    let what = "air and lung that the trachea opens into, ml";
     let joined_ml = joined.count() as f64 * volume.grid.voxel_mm3() / 1000.0;
     let is_upright = trachea.axis == head_foot_axis(&volume.grid);
     let is_cut = trachea.below_mm <= SHORT_FROM_END_MM;
     if !is_upright || !(is_cut || sides(volume, joined, trachea) >= MIN_FORK_SIDE) {
         gates.at_least(what, joined_ml, MIN_LUNG_ML, 1000.0)?;
     }
-    gates.note(format!("{what} {joined_ml:.1}: a scan that ends near the carina, or no trachea"));
+    gates.note(format!("{what}: {joined_ml:.1}; a scan that ends near the carina, or no trachea"));
     let air_ml = joined_ml * (1.0 - like_lung);
-    gates.at_most("ml of that without the values of lung", air_ml, MAX_SHORT_ML, 100.0)?;
-    gates.at_least("mm of trachea without lung", trachea.length_mm, MIN_SHORT_MM, 60.0)?;
+    gates.at_most("air without the values of lung, ml", air_ml, MAX_SHORT_ML, 100.0)?;
+    gates.at_least("length of a trachea without lung, mm", trachea.length_mm, MIN_SHORT_MM, 60.0)?;
     // An oesophagus full of gas is longer and thinner.
-    gates.at_most("mm of trachea without lung", trachea.length_mm, MAX_SHORT_MM, 140.0)?;
-    gates.at_least("its radius in mm", trachea.radius_mm, MIN_SHORT_RADIUS_MM, 5.5)?;
-    gates.at_most("its radius in mm", trachea.radius_mm, SHORT_RADIUS_MM, 11.0)?;
+    gates.at_most("length of a trachea without lung, mm", trachea.length_mm, MAX_SHORT_MM, 140.0)?;
+    gates.at_least("radius of the trachea, mm", trachea.radius_mm, MIN_SHORT_RADIUS_MM, 5.5)?;
+    gates.at_most("radius of the trachea, mm", trachea.radius_mm, SHORT_RADIUS_MM, 11.0)?;
     let varies = trachea.variation;
-    gates.at_most("variation of its cross sections", varies, SHORT_VARIATION, 0.2)?;
+    gates.at_most("variation of the trachea's sections", varies, SHORT_VARIATION, 0.2)?;
     // A hollow rail of the table is such a tube too.
     let inside = PatientBody::of(volume).map_or(0.0, |body| share(&trachea.core, &body.inside));
-    gates.at_least("share of it inside the body", inside, SHORT_INSIDE, 1.0)
+    gates.at_least("share of the trachea inside the body", inside, SHORT_INSIDE, 1.0)
 }
 
 /// An airway grown from the trachea to just before lung joins.

@@ -319,14 +319,14 @@ impl Aorta {
             self.name(),
             self.blood_hu()
         ));
-        gates.at_least("its length in mm", self.length_mm(), MIN_MM, 120.0)?;
-        gates.at_least("its radius in mm", radius, RADIUS_MM.start, 7.0)?;
-        gates.at_most("its radius in mm", radius, RADIUS_MM.end, 16.0)?;
-        gates.at_most("variation of its areas", variation, MAX_VARIATION, 0.25)?;
+        gates.at_least("length of the aorta, mm", self.length_mm(), MIN_MM, 120.0)?;
+        gates.at_least("radius of the aorta, mm", radius, RADIUS_MM.start, 7.0)?;
+        gates.at_most("radius of the aorta, mm", radius, RADIUS_MM.end, 16.0)?;
+        gates.at_most("variation of the aorta's sections", variation, MAX_VARIATION, 0.25)?;
         let contrast = self.contrast_hu;
-        gates.at_least("HU above its surroundings", contrast, MIN_CONTRAST_HU, 100.0)?;
+        gates.at_least("aorta above its surroundings, HU", contrast, MIN_CONTRAST_HU, 100.0)?;
         let gas = self.beside_gas;
-        gates.at_most("share of it that lies beside gas", gas, MAX_BESIDE_GAS, 0.2)
+        gates.at_most("share of the aorta by gas", gas, MAX_BESIDE_GAS, 0.2)
     }
 
     /// Refuses a chain that lies elsewhere than an aorta.
@@ -339,12 +339,12 @@ impl Aorta {
     ) -> Result<(), OrganError> {
         let places = self.places(frame);
         let inside = self.share_in_spine(&places);
-        gates.at_most("share of it that is vertebrae", inside, MAX_IN_SPINE, 0.1)?;
-        let what = "share of it that lies beside the spine or bone";
+        gates.at_most("share of the aorta that is vertebrae", inside, MAX_IN_SPINE, 0.1)?;
+        let what = "share of the aorta by the spine or bone";
         gates.at_least(what, self.beside_spine(&places), MIN_BESIDE_BONE, 0.8)?;
         if let Some(left_mm) = frame.and_then(|frame| self.left_mm(&places, frame)) {
-            let what =
-                "mm that it lies to the left of the spine's middle, a vena cava to the right";
+            // A vena cava lies to the right.
+            let what = "distance of the aorta to the left of the spine's middle, mm";
             gates.at_least(what, left_mm, MIN_LEFT_MM.0, MIN_LEFT_MM.1)?;
         }
         Ok(())

@@ -251,7 +251,7 @@ fn from_aorta(
     let grid = &volume.grid;
     let core = sorted(volume, aorta.tube(volume, 0.6, 0.0).voxels());
     let (blood, sigma) = (quantile(&core, 0.5), noise(&core));
-    gates.at_most("noise of its blood in HU", sigma, MAX_NOISE_HU, 25.0)?;
+    gates.at_most("noise of the blood, HU", sigma, MAX_NOISE_HU, 25.0)?;
     let calm = (sigma > NOISY_HU).then(|| {
         let sigma_mm = SMOOTHING * grid.spacing_mm.min_element();
         gates.note(format!("smoothed with a Gaussian of {sigma_mm:.2} mm against noise"));
@@ -303,9 +303,9 @@ fn from_aorta(
     };
     let mask = tree.mask(grid.dims);
     let volume_ml = tree.component.volume_ml(grid);
-    gates.at_most("vessels in ml", volume_ml, MAX_ML, SURE_ML)?;
+    gates.at_most("vessels, ml", volume_ml, MAX_ML, SURE_ML)?;
     let part = tube_ml / volume_ml;
-    gates.at_least("share of them that is aorta", part, MIN_TUBE, 0.5)?;
+    gates.at_least("share of the vessels that is aorta", part, MIN_TUBE, 0.5)?;
     let (seed, _) = shape(volume, &tree, &mask, &mut gates)?;
     Ok(FoundOrgan {
         root: None,

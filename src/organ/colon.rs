@@ -111,9 +111,9 @@ fn pass(gas: &Gas, gates: &mut Gates) -> Result<(), OrganError> {
         gates.note("the stomach that was left out may be colon".into());
     }
     let total: f64 = gas.colon.iter().map(|c| c.features.volume_ml).sum();
-    gates.at_least("ml of gas in all", total, MIN_TOTAL_ML, 400.0)?;
+    gates.at_least("gas of the colon, ml", total, MIN_TOTAL_ML, 400.0)?;
     let extent = gas.colon.iter().map(|c| c.extent_mm).fold(0.0, f64::max);
-    gates.at_least("extent of the longest segment in mm", extent, MIN_EXTENT_MM, 200.0)
+    gates.at_least("extent of the longest segment, mm", extent, MIN_EXTENT_MM, 200.0)
 }
 
 /// The segments with the voxels at their wall, but none of what touches other gas.

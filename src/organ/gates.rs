@@ -47,7 +47,7 @@ impl Gates {
         value: f64,
         (side, limit, sure): (&str, f64, f64),
     ) -> Result<(), OrganError> {
-        let line = format!("{what} {}, {side} {}", short(value), short(limit));
+        let line = format!("{what}: {} ({side} {})", short(value), short(limit));
         let margin = (value - limit) / (sure - limit);
         if margin.is_nan() || margin < 0.0 {
             return Err(self.refuse(line));

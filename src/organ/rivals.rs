@@ -71,31 +71,31 @@ type FeatureRow = (Rival, &'static str, fn(&GasFeatures) -> Option<f64>, f64, f6
 
 const TABLE: &[FeatureRow] = &[
     (Rival::Airway, "share in the airway", |f| Some(f.in_airway), 0.1, 0.2),
-    (Rival::Lung, "ml", |f| Some(f.volume_ml), 200.0, 600.0),
+    (Rival::Lung, "volume, ml", |f| Some(f.volume_ml), 200.0, 600.0),
     (Rival::Lung, "share below -900 HU", |f| Some(f.deep), 0.8, 0.65),
-    (Rival::Stomach, "its share below -900 HU", |f| Some(f.deep), 0.8, 0.9),
+    (Rival::Stomach, "share below -900 HU", |f| Some(f.deep), 0.8, 0.9),
     (
         Rival::Stomach,
-        "mm of its top below the lungs or the scan's end",
+        "depth of the top below the lungs or the scan's end, mm",
         |f| Some(f.below_lung_mm.unwrap_or(f.below_end_mm)),
         60.0,
         20.0,
     ),
-    (Rival::Stomach, "its top to the left in half widths", |f| Some(f.top_left), 0.1, 0.3),
-    (Rival::Stomach, "its reach to the right in half widths", |f| Some(f.right), 0.5, 0.3),
+    (Rival::Stomach, "top to the left, half widths", |f| Some(f.top_left), 0.1, 0.3),
+    (Rival::Stomach, "reach to the right, half widths", |f| Some(f.right), 0.5, 0.3),
     // A descending colon lies in the flank.
     (
         Rival::Stomach,
-        "its least distance left of the middle in half widths",
+        "least distance left of the middle, half widths",
         |f| Some(-f.right),
         0.25,
         0.1,
     ),
-    (Rival::Stomach, "its height in mm", |f| Some(f.height_mm), 170.0, 120.0),
-    (Rival::Stomach, "its radius in mm", |f| Some(f.radius_mm), 12.0, 20.0),
-    (Rival::Colon, "its share below -900 HU", |f| Some(f.deep), 0.8, 0.95),
-    (Rival::Colon, "share of its shell that is tissue", |f| Some(f.tissue), 0.9, 0.97),
-    (Rival::Colon, "its radius in mm", |f| Some(f.radius_mm), 6.0, 12.0),
+    (Rival::Stomach, "height, mm", |f| Some(f.height_mm), 170.0, 120.0),
+    (Rival::Stomach, "radius, mm", |f| Some(f.radius_mm), 12.0, 20.0),
+    (Rival::Colon, "share below -900 HU", |f| Some(f.deep), 0.8, 0.95),
+    (Rival::Colon, "share of the shell that is tissue", |f| Some(f.tissue), 0.9, 0.97),
+    (Rival::Colon, "radius, mm", |f| Some(f.radius_mm), 6.0, 12.0),
 ];
 
 /// Margin about the limits of a stomach within which a piece may be stomach or colon.
@@ -135,7 +135,7 @@ impl Fit {
         let mut out = self.rival.name().to_owned();
         if let Some((what, value, limit, sure)) = self.decided_by {
             let side = if sure > limit { "at least" } else { "at most" };
-            let _ = write!(out, " ({what} {value:.2}, {side} {limit})");
+            let _ = write!(out, " ({what}: {value:.2}, {side} {limit})");
         }
         out
     }

@@ -72,7 +72,7 @@ fn grown(volume: &Volume, threshold: f64, mut gates: Gates) -> Result<FoundOrgan
     gates.note(format!("threshold {threshold:.0}: {volume_ml:.2} ml"));
     let alike = flat_share(volume, &mask);
     gates.at_most("share of inner voxels that equal all neighbours", alike, MAX_FLAT, 0.5)?;
-    gates.at_most("vessels in ml", volume_ml, MAX_ML, SURE_ML)?;
+    gates.at_most("vessels, ml", volume_ml, MAX_ML, SURE_ML)?;
     let (seed, _) = shape(volume, &tree, &mask, &mut gates)?;
     Ok(FoundOrgan {
         root: None,
@@ -114,7 +114,7 @@ pub(super) fn shape(
     let (lo, hi) = tree.bounds();
     let length_mm = ((hi - lo).as_dvec3() * grid.spacing_mm).length();
     let radii = length_mm / radius_mm.max(1e-9);
-    gates.at_least("extent in mm", length_mm, MIN_MM, 150.0)?;
+    gates.at_least("extent, mm", length_mm, MIN_MM, 150.0)?;
     gates.at_least("extent in radii of the widest place", radii, MIN_RADII, 16.0)?;
     let inner = eroded(mask, DVec3::ONE, 1.0).count() as f64 / mask.count().max(1) as f64;
     gates.at_least("share of voxels off the surface", inner, MIN_INNER, 0.4)?;

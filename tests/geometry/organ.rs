@@ -555,7 +555,7 @@ fn padding_brighter_than_all_values_does_not_end_the_search_for_vessels() {
     volume.padding = Some([32_767.0; 2]);
     // Too short to be taken for one; but looked at.
     let why = refused(Organ::Vessel, &volume);
-    assert!(why.contains("extent in mm"), "{why}");
+    assert!(why.contains("extent, mm"), "{why}");
 }
 
 #[test]
@@ -603,8 +603,8 @@ fn the_command_line_says_what_it_chose_and_why_and_draws_it() {
     assert_eq!(organ["seeds_mm"].as_array().unwrap().len(), 4);
     assert!(organ["confidence"].as_f64().unwrap() > 0.0 && organ["threshold"] == -450.0);
     let reasons = organ["reasons"].to_string();
-    assert!(reasons.contains("share of its shell that is tissue"), "{reasons}");
-    assert!(!err.contains("share of its shell"), "a choice is no warning: {err}");
+    assert!(reasons.contains("share of the shell that is tissue"), "{reasons}");
+    assert!(!err.contains("share of the shell"), "a choice is no warning: {err}");
     assert_eq!(answer["wall"]["method"], "field");
     assert!(answer["wall"]["closed_by_limit_share"].as_f64().unwrap() < 0.05);
     let (width, height, rgb) = intima::formats::read_png(&picture).unwrap();
