@@ -1,6 +1,7 @@
 //! Colours of the wall's vertices: what was missed, or how wide the lumen is.
 
-use crate::geometry::{CenterlineDistances, Mesh};
+use crate::flight::CenterlineDistances;
+use crate::geometry::Mesh;
 use crate::render::MISSED;
 use crate::wall::Evidence;
 

@@ -6,9 +6,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::stenosis::{RadiusSample, ReferenceLine, references};
-use crate::geometry::{
-    CenterlinePlaces, CenterlinePoint, MAX_ASTRAY, Mesh, TriangleBvh, cross_section,
-};
+use super::{CenterlinePlaces, MAX_ASTRAY, cross_section};
+use crate::geometry::{CenterlinePoint, Mesh, TriangleBvh};
 
 /// Largest number of samples; a long path has longer steps.
 const MAX_SAMPLES: f64 = 500.0;

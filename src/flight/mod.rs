@@ -1,21 +1,27 @@
 //! The flight: speed and viewing direction along a path, and the proof that no near plane cuts the
 //! wall. Millimetres and patient space (LPS) throughout, seconds for time.
 
+mod camera_path;
+mod centerline_distances;
+mod centerline_places;
 mod clearance;
+mod collide_and_slide;
 mod coverage;
+mod cross_section;
 mod gaze;
 mod lumen_profile;
-mod stenosis;
 mod path;
 mod plan;
 mod profile;
-mod camera_path;
-mod collide_and_slide;
+mod stenosis;
 
 pub use camera_path::{CameraPath, CameraPathError, CameraPathPose, MAX_BYTES, SCHEMA};
+pub use centerline_distances::CenterlineDistances;
+pub use centerline_places::{CenterlinePlace, CenterlinePlaces, MAX_ASTRAY};
 pub use clearance::{Clearance, MIN_NEAR_MM, SAFETY};
 pub use collide_and_slide::collide_and_slide;
 pub use coverage::{Coverage, CoverageMap, LISTED_FROM_MM2, MissedPatch, coverage, unseen_voxels};
+pub use cross_section::{CrossSection, cross_section};
 pub use gaze::Track;
 pub use lumen_profile::{LumenProfile, NarrowPlace};
 pub use path::{FlightPath, NoSection, SectionFigures, sections_along};

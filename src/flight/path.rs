@@ -3,10 +3,8 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::Flight;
-use crate::geometry::{
-    Centerline, CenterlinePlaces, CrossSection, MAX_ASTRAY, Mesh, Pose, TriangleBvh, cross_section,
-};
+use super::{CenterlinePlaces, CrossSection, Flight, MAX_ASTRAY, cross_section};
+use crate::geometry::{Centerline, Mesh, Pose, TriangleBvh};
 
 /// Returns the length flown up to each place, mm.
 ///

@@ -64,6 +64,15 @@ pub struct AttachmentError {
 }
 
 impl Centerline {
+    /// Returns the branches with a tip of their own: no other branch leaves their last point.
+    pub fn tips(&self) -> impl Iterator<Item = usize> {
+        (0..self.branches.len()).filter(|b| {
+            let point = self.branches[*b].points.len().saturating_sub(1);
+            let end = Attachment { branch: *b, point };
+            !self.branches.iter().any(|child| child.start == Some(end))
+        })
+    }
+
     /// Returns the number of points of all branches.
     pub fn point_count(&self) -> usize {
         self.branches.iter().map(|b| b.points.len()).sum()

@@ -10,8 +10,8 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::octree::{Item, Octree};
-use super::{DrawnRange, DrawnWall, OcclusionTest, VisibleWall};
-use crate::geometry::{Camera, HierarchicalZ, Mesh, ViewFrustum};
+use super::{DrawnRange, DrawnWall, HierarchicalZ, OcclusionTest, ViewFrustum, VisibleWall};
+use crate::geometry::{Camera, Mesh};
 
 /// Most faces of a leaf. Fewer are culled more tightly, but each range of faces is a draw.
 const LEAF_FACES: usize = 64;

@@ -6,18 +6,25 @@
 //! * [`CulledWall`]: the whole mesh, less the cells of a [`FaceOctree`] that the camera cannot see.
 //! * [`vds::SubdividedWall`]: the view-dependent subdivision of the paper (Li et al. 2004).
 //!
-//! Both leave out faces outside the [`ViewFrustum`](crate::geometry::ViewFrustum), faces that look away
+//! Both leave out faces outside the [`ViewFrustum`], faces that look away
 //! from the eye, and faces that the wall itself hides ([`OcclusionTest`]).
 
+mod cell_bits;
+mod exterior;
 mod face_octree;
+mod hierarchical_z;
 pub mod octree;
 mod occlusion;
 mod slot_cache;
 pub mod vds;
+mod view_frustum;
 
+pub use exterior::ExteriorGrid;
 pub use face_octree::{CulledWall, FaceOctree};
+pub use hierarchical_z::{DepthMargin, HierarchicalZ};
 pub use occlusion::{OcclusionTest, occlusion_grid, occlusion_grid_around};
 pub use slot_cache::{NoSlot, SlotCache};
+pub use view_frustum::{ProjectedBounds, ViewFrustum};
 
 use std::fmt::Debug;
 

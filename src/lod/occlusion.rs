@@ -8,7 +8,8 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::geometry::{DepthMargin, ExteriorGrid, HierarchicalZ, Mesh, ViewFrustum};
+use super::{DepthMargin, ExteriorGrid, HierarchicalZ, ViewFrustum};
+use crate::geometry::Mesh;
 
 /// Number of grid cells, about. A colon's are 3 mm wide, their fine cells 0.7.
 const CELLS: usize = 1_048_576;

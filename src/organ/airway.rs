@@ -127,8 +127,18 @@ fn from_trachea(
     if is_short {
         pass_without_lung(volume, trachea, opens_into, like_lung, &mut gates)?;
     } else {
-        gates.at_least("air and lung that the trachea opens into, ml", lung_ml, MIN_LUNG_ML, 1000.0)?;
-        gates.at_least("share of this air with the values of lung", like_lung, MIN_LUNG_SHARE, 0.8)?;
+        gates.at_least(
+            "air and lung that the trachea opens into, ml",
+            lung_ml,
+            MIN_LUNG_ML,
+            1000.0,
+        )?;
+        gates.at_least(
+            "share of this air with the values of lung",
+            like_lung,
+            MIN_LUNG_SHARE,
+            0.8,
+        )?;
     }
     let air = sorted(volume, trachea.core.voxels());
     let sigma = noise(&air);
@@ -165,7 +175,12 @@ fn from_trachea(
         let part = trachea.length_mm * area_mm2 / 1000.0 / tree_ml;
         gates.at_least("share of the airway that is trachea", part, MIN_TRACHEA, 0.6)?;
     } else {
-        gates.at_most("share of the lung that the airway fills", tree_ml / lung_ml, MAX_FILLED, 0.05)?;
+        gates.at_most(
+            "share of the lung that the airway fills",
+            tree_ml / lung_ml,
+            MAX_FILLED,
+            0.05,
+        )?;
     }
     let slice_mm = volume.grid.spacing_mm.max_element();
     if slice_mm > DOUBTFUL_SLICE_MM {
@@ -261,9 +276,19 @@ fn pass_without_lung(
     gates.note(format!("{what}: {joined_ml:.1}; a scan that ends near the carina, or no trachea"));
     let air_ml = joined_ml * (1.0 - like_lung);
     gates.at_most("air without the values of lung, ml", air_ml, MAX_SHORT_ML, 100.0)?;
-    gates.at_least("length of a trachea without lung, mm", trachea.length_mm, MIN_SHORT_MM, 60.0)?;
+    gates.at_least(
+        "length of a trachea without lung, mm",
+        trachea.length_mm,
+        MIN_SHORT_MM,
+        60.0,
+    )?;
     // An oesophagus full of gas is longer and thinner.
-    gates.at_most("length of a trachea without lung, mm", trachea.length_mm, MAX_SHORT_MM, 140.0)?;
+    gates.at_most(
+        "length of a trachea without lung, mm",
+        trachea.length_mm,
+        MAX_SHORT_MM,
+        140.0,
+    )?;
     gates.at_least("radius of the trachea, mm", trachea.radius_mm, MIN_SHORT_RADIUS_MM, 5.5)?;
     gates.at_most("radius of the trachea, mm", trachea.radius_mm, SHORT_RADIUS_MM, 11.0)?;
     let varies = trachea.variation;

@@ -6,7 +6,8 @@ use serde::Serialize;
 
 use super::settings::{LevelSettings, Lod};
 use super::{Clock, Session, SessionError, present};
-use crate::geometry::{ExteriorGrid, Mesh, TriangleBvh, Vertex};
+use crate::geometry::{Mesh, TriangleBvh, Vertex};
+use crate::lod::ExteriorGrid;
 use crate::lod::vds::{ParameterizedOriginal, SubdividedWall, SubdivisionSurface, VdsOptions};
 use crate::lod::{CulledWall, FaceOctree, OcclusionTest, Tolerance};
 use crate::mesh::{MeshError, Parameterization, SimplifyOptions, make_manifold, simplify};

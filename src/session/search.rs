@@ -7,10 +7,10 @@ use glam::DVec3;
 
 use super::{Centered, Clock, Session, SessionError, present};
 use crate::centerline::EndRule;
+use crate::flight::{CenterlineDistances, CenterlinePlaces};
 use crate::flight::{Flight, FlightPath, LumenProfile, SectionFigures, sections_along};
-use crate::geometry::{
-    Centerline, CenterlineDistances, CenterlinePlaces, ExteriorGrid, Mesh, TriangleBvh,
-};
+use crate::geometry::{Centerline, Mesh, TriangleBvh};
+use crate::lod::ExteriorGrid;
 use crate::lod::occlusion_grid;
 use crate::organ::{ColonEnds, Organ};
 

@@ -18,8 +18,9 @@ use super::{
 };
 use crate::centerline::Routed;
 use crate::compute::{Array, Kernel};
+use crate::flight::CenterlineDistances;
 use crate::flight::{Coverage, Flight, LumenProfile, SectionFigures};
-use crate::geometry::{CenterlineDistances, Mesh, TriangleBvh};
+use crate::geometry::{Mesh, TriangleBvh};
 use crate::render::PreparedMesh;
 use crate::surface::Shading;
 use crate::wall::Evidence;

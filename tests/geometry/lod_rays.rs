@@ -14,7 +14,8 @@ use common::cast::Cast;
 #[cfg(feature = "faults")]
 use common::child;
 use glam::{DVec3, Vec3};
-use intima::geometry::{Camera, ExteriorGrid, Lens, Mesh, Pose, TriangleBvh, Vertex};
+use intima::geometry::{Camera, Lens, Mesh, Pose, TriangleBvh, Vertex};
+use intima::lod::ExteriorGrid;
 use intima::lod::vds::{ParameterizedOriginal, SubdividedWall, SubdivisionSurface, VdsOptions};
 use intima::lod::{CulledWall, DrawnWall, FaceOctree, OcclusionTest, Tolerance, occlusion_grid};
 use intima::lumen::{IntensitySelection, SegmentationOptions};

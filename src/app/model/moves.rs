@@ -5,7 +5,8 @@ use glam::DVec3;
 use super::super::junctions::BranchChoice;
 use super::Model;
 use crate::flight::{Clearance, NoSection, SectionFigures, collide_and_slide};
-use crate::geometry::{CrossSection, Lens, Pose, cross_section};
+use crate::flight::{CrossSection, cross_section};
+use crate::geometry::{Lens, Pose};
 
 /// Least speed at which the eye flies to a place that was clicked, mm/s.
 const MIN_APPROACH_MM_S: f64 = 60.0;

@@ -6,10 +6,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::LARGE_FACE_MM2;
-use crate::geometry::{
-    Camera, DepthMargin, ExteriorGrid, HierarchicalZ, Lens, Mesh, Pose, Subtree, TriangleBvh,
-    ViewFrustum,
-};
+use crate::geometry::{Camera, Lens, Mesh, Pose, Subtree, TriangleBvh};
+use crate::lod::{DepthMargin, ExteriorGrid, HierarchicalZ, ViewFrustum};
 use crate::task::checkpoint;
 
 /// Most triangles of the subtrees that threads take. Fixed, so that the work is divided the same

@@ -4,7 +4,8 @@ use glam::Vec3;
 
 use super::{Coverage, CoverageMap};
 use crate::geometry::shapes::{boxed, sphere};
-use crate::geometry::{ExteriorGrid, Lens, Mesh, Pose, TriangleBvh};
+use crate::geometry::{Lens, Mesh, Pose, TriangleBvh};
+use crate::lod::ExteriorGrid;
 use crate::surface::Adjacency;
 
 /// Coverage of a wall, with the space outside it where it is closed.

@@ -3,6 +3,7 @@
 mod csv;
 mod mrk;
 mod swc;
+mod tracts;
 mod vtp;
 
 use std::path::Path;

@@ -5,9 +5,10 @@
 
 use std::path::Path;
 
+use super::tracts::{Tract, Tracts};
 use super::{FormatError, atomic_file};
 use crate::formats::mesh::polydata::{DataArray, PolyData};
-use crate::geometry::{Centerline, CenterlinePoint, Tract, Tracts};
+use crate::geometry::{Centerline, CenterlinePoint};
 
 /// A path from a root to each tip, a group of its own.
 pub(super) fn write_paths(path: &Path, centerline: &Centerline) -> Result<(), FormatError> {

@@ -5,8 +5,7 @@ use glam::Vec3;
 use super::measure::PatchBounds;
 use super::patch::{MORPH_STEPS, PatchVertex};
 use super::template::PatchShape;
-use crate::geometry::{HierarchicalZ, ProjectedBounds, ViewFrustum};
-use crate::lod::FULL_SHADING_PX;
+use crate::lod::{FULL_SHADING_PX, HierarchicalZ, ProjectedBounds, ViewFrustum};
 
 /// Fineness: [`MORPH_STEPS`] to a level.
 pub type Fineness = u16;

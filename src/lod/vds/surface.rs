@@ -14,9 +14,9 @@ use super::original::Original;
 use super::patch::{PatchVertex, ResidentPatches, vertices};
 use super::scheme::Scheme;
 use super::template::{PatchShape, SPLITS};
-use crate::geometry::{ExteriorGrid, Mesh, Vertex};
+use crate::geometry::{Mesh, Vertex};
 use crate::lod::octree::{Item, Octree, bounding_cone};
-use crate::lod::{OcclusionTest, occlusion_grid_around};
+use crate::lod::{ExteriorGrid, OcclusionTest, occlusion_grid_around};
 
 /// Most patches: 0.8 GB of vertices.
 const MAX_PATCHES: usize = 1 << 18;

@@ -13,9 +13,9 @@ use super::cut::{Cut, NodeState};
 use super::template::{PatchShape, SPLITS};
 use super::*;
 use crate::geometry::{
-    Camera, Lens, Mesh, Pose, Sphere, TriangleBvh, Vertex, ViewFrustum, point_triangle_distance,
+    Camera, Lens, Mesh, Pose, Sphere, TriangleBvh, Vertex, point_triangle_distance,
 };
-use crate::lod::{DrawnWall, OcclusionTest, Tolerance, occlusion_grid};
+use crate::lod::{DrawnWall, OcclusionTest, Tolerance, ViewFrustum, occlusion_grid};
 use ring::RING_MM;
 
 const PIXELS: Tolerance = Tolerance { pixels: 4.0 };

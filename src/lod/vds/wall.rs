@@ -6,8 +6,8 @@ use super::criterion::Criterion;
 use super::cut::Cut;
 use super::patch::DrawnPatch;
 use super::surface::SubdivisionSurface;
-use crate::geometry::{Camera, ViewFrustum};
-use crate::lod::{DrawnRange, DrawnWall, OcclusionTest, Tolerance, VisibleWall};
+use crate::geometry::Camera;
+use crate::lod::{DrawnRange, DrawnWall, OcclusionTest, Tolerance, ViewFrustum, VisibleWall};
 
 /// A subdivided wall, as fine as a tolerance asks.
 #[derive(Debug)]

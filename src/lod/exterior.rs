@@ -12,9 +12,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use glam::{DVec3, IVec3, USizeVec3, UVec3, Vec3};
 use rayon::prelude::*;
 
+use super::DepthMargin;
 use super::cell_bits::{CellBits, RankedCells};
-use super::{DepthMargin, Mesh};
 use crate::fault;
+use crate::geometry::Mesh;
 use crate::task::checkpoint;
 
 /// Largest distance that is stored, in cells; larger ones are clamped to it.

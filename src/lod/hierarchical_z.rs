@@ -9,7 +9,8 @@
 use glam::{DVec3, UVec2, Vec3};
 use rayon::prelude::*;
 
-use super::{ExteriorGrid, Sphere, ViewFrustum};
+use super::{ExteriorGrid, ViewFrustum};
+use crate::geometry::Sphere;
 
 /// Tiles along the height of the image.
 const ROWS: u32 = 32;

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DQuat, DVec3, Vec3};
 
-use super::{Camera, Cone, Sphere};
+use crate::geometry::{Camera, Cone, Sphere};
 
 /// Bounds of a projected convex region, tighter than a bounding sphere: image sides, depth and
 /// angle off the axis, each bounded by its values at the corners. Sides and depth are linear, and

@@ -3,7 +3,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::{Mesh, TriangleBvh};
+use crate::geometry::{Mesh, TriangleBvh};
 
 /// Cross-section of the lumen by a plane, about a point.
 #[derive(Clone, Debug, PartialEq)]

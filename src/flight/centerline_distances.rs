@@ -3,7 +3,8 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Attachment, Centerline, CenterlinePlaces, Mesh, TriangleBvh};
+use super::CenterlinePlaces;
+use crate::geometry::{Attachment, Centerline, Mesh, TriangleBvh};
 
 /// Distances of a wall's vertices from a centerline.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -84,9 +85,9 @@ fn spread(wall: &Mesh, places: &CenterlinePlaces, owned: &mut [Owned]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::shapes::closed_lattice;
-    use super::super::{Branch, CenterlinePoint};
     use super::*;
+    use crate::geometry::shapes::closed_lattice;
+    use crate::geometry::{Branch, CenterlinePoint};
     use glam::DVec3;
 
     #[test]

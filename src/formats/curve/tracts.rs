@@ -11,7 +11,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use super::centerline::{Attachment, Centerline, CenterlinePoint};
+use crate::geometry::{Attachment, Centerline, CenterlinePoint};
 
 /// A stretch of a path.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -48,15 +48,6 @@ struct Bifurcation {
 }
 
 impl Centerline {
-    /// Returns the branches with a tip of their own: no other branch leaves their last point.
-    pub fn tips(&self) -> impl Iterator<Item = usize> {
-        (0..self.branches.len()).filter(|b| {
-            let point = self.branches[*b].points.len().saturating_sub(1);
-            let end = Attachment { branch: *b, point };
-            !self.branches.iter().any(|child| child.start == Some(end))
-        })
-    }
-
     /// Splits all paths at bifurcations.
     ///
     /// # Panics

@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 
-use super::{Attachment, Branch, Centerline, CrossSection, Mesh, TriangleBvh, nearest_on_segment};
+use super::CrossSection;
+use crate::geometry::{Attachment, Branch, Centerline, Mesh, TriangleBvh, nearest_on_segment};
 
 /// Largest share of a cross-section's area that may belong to another stretch of the centerline.
 pub const MAX_ASTRAY: f64 = 0.2;
@@ -118,9 +119,10 @@ impl CenterlinePlaces {
 mod tests {
     use std::f64::consts::{PI, TAU};
 
-    use super::super::shapes::torus;
-    use super::super::{CenterlinePoint, cross_section};
+    use super::super::cross_section;
     use super::*;
+    use crate::geometry::CenterlinePoint;
+    use crate::geometry::shapes::torus;
 
     /// The axis of a torus of radius 10 mm.
     fn ring() -> Centerline {
