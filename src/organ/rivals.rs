@@ -206,7 +206,7 @@ mod tests {
     fn a_pocket_under_the_left_dome_that_ends_near_the_middle_is_stomach() {
         let named = GasName::of(&POCKET);
         assert_eq!((named.best.rival, named.second.rival), (Rival::Stomach, Rival::Colon));
-        assert!(named.line().starts_with("stomach (its reach to the right"), "{}", named.line());
+        assert!(named.line().starts_with("stomach (reach to the right"), "{}", named.line());
     }
 
     #[test]

@@ -320,7 +320,7 @@ fn a_scan_that_ends_near_the_carina_shows_the_trachea() {
         assert!(airway.confidence < 0.8);
     }
     let (top, _) = part(&volume, &truth, UVec3::new(0, 0, 145), volume.grid.dims);
-    assert!(refused(Organ::Airway, &top).contains("mm of trachea without lung"));
+    assert!(refused(Organ::Airway, &top).contains("length of a trachea without lung"));
 }
 
 #[test]
@@ -444,18 +444,23 @@ fn halved(volume: &Volume) -> Volume {
 
 #[test]
 fn organs_of_flipped_cropped_thick_and_noisy_scans_are_right_or_refused() {
-    organs_of_variants_are_right_or_refused(halved, &[30.0]);
+    organs_of_variants_are_right_or_refused(halved, &[30.0], 2..3);
 }
 
 #[test]
 #[ignore = "minutes: cargo test --release --test geometry whole_variants -- --ignored --nocapture"]
 fn organs_of_whole_variants_are_right_or_refused() {
-    organs_of_variants_are_right_or_refused(Volume::clone, &[20.0, 40.0, 80.0]);
+    organs_of_variants_are_right_or_refused(Volume::clone, &[20.0, 40.0, 80.0], 0..3);
 }
 
 /// * `scale`: makes the volume that is asked.
 /// * `noise_hu`: noises that are added.
-fn organs_of_variants_are_right_or_refused(scale: fn(&Volume) -> Volume, noise_hu: &[f64]) {
+/// * `cropped`: axes at whose ends chests are cropped; the trunk and the colon are along each.
+fn organs_of_variants_are_right_or_refused(
+    scale: fn(&Volume) -> Volume,
+    noise_hu: &[f64],
+    cropped: std::ops::Range<usize>,
+) {
     let chest = unzipped("chest_ct_fnndsc.zip");
     let trunk = unzipped("trunk_ct_contrast.zip");
     let Some((folder, (chest, trunk))) = shared_data().zip(chest.zip(trunk)) else { return };
@@ -472,8 +477,9 @@ fn organs_of_variants_are_right_or_refused(scale: fn(&Volume) -> Volume, noise_h
         let all = BitVolume::new(dims).inverted();
         let references: Vec<Option<BitVolume>> =
             Organ::ALL.iter().map(|o| find(*o, &volume).ok().map(|f| f.mask)).collect();
-        let (mut right, mut refusals) = (0, 0);
+        let (mut variants, mut right, mut refusals) = (0, 0, 0);
         let mut check = |what: &str, scan: &Volume, moved: &dyn Fn(&BitVolume) -> BitVolume| {
+            variants += 1;
             for (k, organ) in Organ::ALL.into_iter().enumerate() {
                 let Ok(found) = find(organ, scan) else {
                     refusals += 1;
@@ -492,7 +498,8 @@ fn organs_of_variants_are_right_or_refused(scale: fn(&Volume) -> Volume, noise_h
                 right += 1;
             }
         };
-        for axis in 0..3 {
+        let is_chest = name.ends_with("chest");
+        for axis in if is_chest { cropped.clone() } else { 0..3 } {
             let fifth = dims[axis] / 5;
             let (mut from, mut end) = (UVec3::ZERO, dims);
             (from[axis], end[axis]) = (fifth, dims[axis] - fifth);
@@ -519,7 +526,7 @@ fn organs_of_variants_are_right_or_refused(scale: fn(&Volume) -> Volume, noise_h
             out
         });
         println!("{name}: {right} right, {refusals} refused");
-        assert!(right >= 7, "{name}: {right}");
+        assert!(right + 2 >= variants, "{name}: {right} of {variants}");
     }
 }
 

@@ -22,9 +22,9 @@ const USAGE: &str = "\
 usage: cargo xtask TASK
 
   demo           set up, build, and fly a phantom: everything lands in out/demo/
-  test [--gpu]   set up, check, and run every test, on software Vulkan unless --gpu
+  test [--gpu]   set up and run every test, on software Vulkan unless --gpu
                  (what follows `--` goes to `cargo test`)
-  test --timings every test without the checks, and the longest ten with their seconds
+  test --timings every test, and the longest ten with their seconds
   check          what needs no device: format, lints, docs, builds, project rules
   check --rules  the project rules alone
   bless          write the golden frames anew; then look at them

@@ -2,7 +2,7 @@
 
 use crate::process::{cargo, root, run};
 use crate::setup::{Purpose, setup};
-use crate::{TaskError, check, timings, vulkan};
+use crate::{TaskError, timings, vulkan};
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -28,7 +28,6 @@ pub fn test(args: &[&str]) -> Result<(), TaskError> {
         other => return Err(TaskError::Usage(format!("not for test: {}", other.join(" ")))),
     };
     setup(Purpose::Testing)?;
-    check::check()?;
     run(with_device(&mut cargo(&[&ALL, more].concat()), gpu))
 }
 
