@@ -113,8 +113,7 @@ impl Args {
             atomic_file::write_atomic(path, |o| o.write_all(text.as_bytes()))?;
         }
         let tree = global.watched(&session, || session.tree())?;
-        let report =
-            CenterlineReport { tree, ..CenterlineReport::of(&found, &session.lumen()?.lumen) };
+        let report = CenterlineReport { tree, ..CenterlineReport::of(&found, &*session.lumen()?) };
         let of_tree = report.tree.as_ref().map(|t| format!("\n  tree: {t}")).unwrap_or_default();
         global.say(format_args!(
             "wrote {}: {} points, {:.1} mm, {} branch{}, clearance at least {:.2} mm{of_tree}",

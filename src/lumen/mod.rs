@@ -131,6 +131,8 @@ pub struct SegmentationStats {
     pub joined: Vec<UVec3>,
     /// Numbers of voxels and of cavities filled.
     pub filled: (u64, usize),
+    /// Voxels of the filled cavities, where there are cavities.
+    pub cavities: Option<BitVolume>,
     /// Report of leak control, if it was on.
     pub leak: Option<LeakReport>,
 }
@@ -260,7 +262,13 @@ impl SegmentationOptions {
             return Err(LumenError::Empty { selection: self.selection.clone(), range: range() });
         }
         if self.fill {
+            let grown = mask.clone();
             found.filled = components::fill_cavities(&mut mask);
+            if found.filled.0 > 0 {
+                let mut cavities = mask.clone();
+                cavities.remove(&grown);
+                found.cavities = Some(cavities);
+            }
         }
         Ok((mask, found))
     }

@@ -121,6 +121,9 @@ fn centerline(c: &CenterlineReport) -> Markup {
                 @if c.rerouted_points > 0 {
                     (row("Points led back inside the wall", count(c.rerouted_points)))
                 }
+                @if c.points_in_cavities > 0 {
+                    (row("Points in filled cavities of the mask", count(c.points_in_cavities)))
+                }
                 @if c.points_outside > 0 {
                     (row("Points beyond the wall", count(c.points_outside)))
                 }

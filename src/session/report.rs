@@ -4,7 +4,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use glam::UVec3;
+use glam::{DVec3, UVec3};
 use serde::Serialize;
 
 use super::levels::LodReport;
@@ -14,7 +14,7 @@ use crate::centerline::complex::net::Rule;
 use crate::centerline::{ChosenEnd, LumenLoop, Proof};
 use crate::flight::LumenProfile;
 use crate::geometry::{Branch, Centerline, Mesh, TreeSummary};
-use crate::lumen::{Component, IntensitySelection, Lumen};
+use crate::lumen::{BitVolume, Component, IntensitySelection};
 use crate::organ::Segment;
 use crate::surface::{Adjacency, Topology};
 use crate::volume::{Acquisition, Grid, Volume};
@@ -281,6 +281,8 @@ pub struct CenterlineReport {
     pub rerouted_points: usize,
     /// Points beyond the wall: ends that were given there.
     pub points_outside: usize,
+    /// Points in filled cavities: within the wall, and outside the mask that was given.
+    pub points_in_cavities: usize,
     /// Places that viewers were chosen from: nodes of the graph, or ridge candidates.
     pub viewer_candidates: usize,
     /// Ridge points, of the paper's method and with its reach of viewers.
@@ -434,7 +436,7 @@ impl Session {
             let tree = self.tree()?;
             Ok::<_, SessionError>(CenterlineReport {
                 tree,
-                ..CenterlineReport::of(centered, &lumen.lumen)
+                ..CenterlineReport::of(centered, lumen)
             })
         });
         let surface = there.wall.as_deref();
@@ -676,8 +678,17 @@ impl LoopReport {
 
 impl CenterlineReport {
     /// Figures of a centerline.
-    pub fn of(c: &Centered, lumen: &Lumen) -> Self {
+    pub fn of(c: &Centered, segmented: &Segmented) -> Self {
+        let lumen = &segmented.lumen;
         let boundary = lumen.boundary_voxels.max(1) as f64;
+        let in_cavity = |cavities: &BitVolume, at_mm: DVec3| {
+            let voxel = lumen.volume_grid().nearest_voxel(at_mm);
+            voxel.is_some_and(|v| cavities.at(v.x, v.y, v.z))
+        };
+        let points_in_cavities = segmented.found.cavities.as_ref().map_or(0, |cavities| {
+            let points = c.line.branches.iter().flat_map(|branch| &branch.points);
+            points.filter(|point| in_cavity(cavities, point.position_mm)).count()
+        });
         Self {
             points: c.line.point_count(),
             length_mm: c.line.length_mm(),
@@ -691,6 +702,7 @@ impl CenterlineReport {
             beyond_end_mm: c.beyond_mm[1],
             rerouted_points: c.rerouted,
             points_outside: c.outside_mm.len(),
+            points_in_cavities,
             viewer_candidates: c.candidates,
             ridge_candidates: c.on_ridge.then_some(c.candidates),
             kept: c.kept,

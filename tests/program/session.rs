@@ -11,8 +11,8 @@ use intima::lumen::IntensitySelection;
 use intima::organ::Organ;
 use intima::render::View;
 use intima::session::{
-    FlightRoute, LevelSettings, Lod, LumenSettings, Mode, Product, Session, SessionError, Settings,
-    Source, VolumeSource, WallMethod,
+    CenterlineReport, FlightRoute, LevelSettings, Lod, LumenSettings, Mode, Product, Session,
+    SessionError, Settings, Source, VolumeSource, WallMethod,
 };
 use intima::surface::{Fairing, Smoothing};
 use intima::volume::phantom::{Kind, Phantom};
@@ -307,6 +307,30 @@ fn the_paper_s_mode_shares_the_core_and_finds_another_line() {
     let paper = session.in_mode(Mode::Paper);
     assert!(Arc::ptr_eq(&session.core().unwrap(), &paper.core().unwrap()));
     assert_ne!(line.line, paper.centerline().unwrap().line);
+}
+
+#[test]
+fn points_in_a_filled_cavity_of_a_mask_are_told_apart() {
+    let whole = phantom(Kind::Bend, 48);
+    let points_in_cavities = |volume: &Arc<Volume>| {
+        let session = session(volume, Settings::default());
+        let report =
+            CenterlineReport::of(&session.centerline().unwrap(), &session.lumen().unwrap());
+        report.points_in_cavities
+    };
+    assert_eq!(points_in_cavities(&whole), 0);
+    // A cavity about the middle of the path.
+    let line = session(&whole, Settings::default()).centerline().unwrap();
+    let points = &line.line.branches[0].points;
+    let middle = points[points.len() / 2].position_mm;
+    let labels: Vec<u8> = (0..whole.grid.len())
+        .map(|i| {
+            let at = whole.grid.world_from_voxel().transform_point3(whole.grid.voxel(i).as_dvec3());
+            if at.distance(middle) < 1.8 { 0 } else { whole.real(i) as u8 }
+        })
+        .collect();
+    let hollow = Arc::new(Volume::new(whole.grid, Samples::from(labels)));
+    assert!((2..12).contains(&points_in_cavities(&hollow)));
 }
 
 #[test]
