@@ -122,7 +122,7 @@ class Ours:
         return found[0] if self.path.endswith(".nrrd") else found
 
     def version(self):
-        return subprocess.check_output([str(self.command[0]), "--version"], text=True).split()[-1]
+        return subprocess.check_output([str(self.command[0]), "-V"], text=True).split()[-1]
 
 
 class Peer:

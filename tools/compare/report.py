@@ -30,7 +30,7 @@ def machine(intima):
             "cpu": (cpu or [platform.processor() or platform.machine()])[0], "cores": os.cpu_count(),
             "memory_mb": (memory or [None])[0], "os": (system or [platform.platform()])[0],
             "vulkan": [d["name"] for d in devices], "python": platform.python_version(),
-            "intima": said(str(intima), "--version"), "commit": commit,
+            "intima": said(str(intima), "-V"), "commit": commit,
             "load_start": os.getloadavg()[0]}
 
 

@@ -57,7 +57,7 @@ def machine(intima):
         return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
     info = Path("/proc/cpuinfo")
     cpu = [s.split(":", 1)[1].strip() for s in info.read_text().splitlines() if s.startswith("model name")] if info.exists() else []
-    return {"date": datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC"), "intima": report(str(intima), "--version"),
+    return {"date": datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC"), "intima": report(str(intima), "-V"),
             "commit": report("git", "-C", str(Path(__file__).resolve().parent), "rev-parse", "--short", "HEAD"),
             "cpu": (cpu or [platform.machine()])[0], "cores": os.cpu_count(), "load_start": os.getloadavg()[0]}
 
