@@ -66,7 +66,7 @@ def machine(intima):
     devices = json.loads(_said(str(intima), "devices", "--json") or "[]")
     return {"date": datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC"), "cores": os.cpu_count(),
             "system": platform.system(), "vulkan": [d["name"] for d in devices], "python": platform.python_version(),
-            "intima": _said(str(intima), "--version"),
+            "intima": _said(str(intima), "-V"),
             "commit": _said("git", "-C", str(Path(__file__).resolve().parent), "rev-parse", "--short", "HEAD")}
 
 
