@@ -209,7 +209,7 @@ impl Session {
         let (line, report) = self.run(py, |s| {
             let (centered, found) = (s.centerline()?, s.lumen()?);
             let tree = s.tree()?;
-            let report = CenterlineReport { tree, ..CenterlineReport::of(&centered, &found.lumen) };
+            let report = CenterlineReport { tree, ..CenterlineReport::of(&centered, &found) };
             Ok((centered.line.clone(), to_text(&report)?))
         })?;
         let out = line_arrays(py, &line)?;
