@@ -143,7 +143,7 @@ impl Panes {
         {
             self.has_form = true;
             match &levels.form {
-                // Only of a closed wall the octree is that of the mesh with its caps.
+                // The mesh has its caps; the octree has the caps only if the wall is closed.
                 WallForm::Culled(wall) if wall.closed.is_some() => {
                     renderer.cull_mesh(gpu, mesh, whole, Arc::clone(wall))?;
                 }

@@ -140,7 +140,7 @@ impl SlotCache {
     /// Patches that stay in the cut must have been touched before, or they may be evicted.
     ///
     /// # Errors
-    /// [`NoSlot`]: why there is none.
+    /// [`NoSlot`] with the reason.
     ///
     /// # Panics
     /// If `key` is resident.

@@ -131,7 +131,7 @@ pub struct SegmentationStats {
     pub joined: Vec<UVec3>,
     /// Numbers of voxels and of cavities filled.
     pub filled: (u64, usize),
-    /// Voxels of the filled cavities, where there are cavities.
+    /// Voxels of the filled cavities; `None` if no cavity was filled.
     pub cavities: Option<BitVolume>,
     /// Report of leak control, if it was on.
     pub leak: Option<LeakReport>,

@@ -80,7 +80,8 @@ impl FrameSequence {
         Ok(Some((renderer.fetch(gpu, ticket)?, stats)))
     }
 
-    /// Waits for the visible wall of the next shots, and asks for that of the shots after them.
+    /// Waits for the visible wall of the next shots, and asks for the visible wall of the shots after
+    /// them.
     fn take_seen(&mut self, renderer: &Renderer) {
         let coming = self.coming.take().or_else(|| self.ask(renderer));
         let Some(coming) = coming else { return };
