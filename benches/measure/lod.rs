@@ -7,7 +7,7 @@ use common::cast::Cast;
 use common::{fly, screen};
 use intima::geometry::{Camera, Mesh, TriangleBvh};
 use intima::lod::vds::{SubdividedWall, VdsOptions};
-use intima::lod::{CulledWall, FaceOctree, OcclusionTest, occlusion_grid};
+use intima::lod::{CulledWall, DrawnWall, FaceOctree, OcclusionTest, occlusion_grid};
 use intima::mesh::SimplifyOptions;
 use intima::render::{FrameSequence, FrameStats, PreparedMesh, Renderer, Scene, Shot, View};
 use intima::session::{Clock, Levels, WallForm};
@@ -116,6 +116,37 @@ pub fn frame_times_of_each_form() {
                     triangles[triangles.len() / 2]
                 );
             }
+        }
+    }
+}
+
+/// Time of one thread to find what a camera sees of each form.
+pub fn times_of_the_cut() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    for name in ["colon_label_1", "airway_label_lidc1", "colon_62k"] {
+        let Some((mesh, axis)) = fly::named(name) else { continue };
+        let octree = Arc::new(FaceOctree::new(&mesh));
+        let closed = Some(Arc::new(OcclusionTest::of_wall(occlusion_grid(&mesh))));
+        let culled = CulledWall { octree, closed };
+        let subdivided = subdivided(&mesh, &shading(&mesh)).unwrap();
+        let walls: [(&str, &(dyn DrawnWall + Sync)); 2] =
+            [("culled", &culled), ("vds", &*subdivided)];
+        for (form, wall) in walls {
+            let (mut ms, mut triangles) = (Vec::new(), 0);
+            for pose in fly::poses(&axis, 100) {
+                let camera = Camera { pose, lens: fly::lens(90.0), height_px: 360 };
+                triangles += wall.visible(&camera).triangles() / 100;
+                let rounds = (0..5).map(|_| {
+                    let start = Instant::now();
+                    pool.install(|| std::hint::black_box(wall.visible(&camera)));
+                    start.elapsed().as_secs_f64() * 1e3
+                });
+                ms.push(median(rounds.collect()));
+            }
+            let mean = ms.iter().sum::<f64>() / ms.len() as f64;
+            println!(
+                "{name}, {form}: {mean:.2} ms, {triangles} triangles in the mean of 100 frames"
+            );
         }
     }
 }

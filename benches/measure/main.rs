@@ -6,7 +6,8 @@ mod figures;
 mod lod;
 mod simplify;
 
-const ALL: [(&str, fn()); 5] = [
+const ALL: [(&str, fn()); 6] = [
+    ("cut", lod::times_of_the_cut),
     ("figures", figures::trachea_and_colon_as_in_the_papers_figures),
     ("frame-times", lod::frame_times_of_each_form),
     ("growth", lod::growth_of_the_frame_time),

@@ -300,14 +300,16 @@ impl ExteriorGrid {
         let ends = f64::from(SIDE) * self.dims.as_dvec3();
         // Depths at which the axis leaves the grid along each axis, or NaN.
         let out = ((ends * way.signum() + ends) * 0.5 - origin) / way;
+        let reach = reach * per_mm * (1.0 + 1e-6);
         Beam {
             grid: self,
             origin,
             way,
-            reach: reach * per_mm * (1.0 + 1e-6),
+            reach,
+            reach_range: [reach.min_element(), reach.max_element()],
             margin,
             per_mm,
-            rate: way.abs().max_element(),
+            pace: way.abs().max_element().recip(),
             farthest: out.to_array().into_iter().fold(f64::INFINITY, f64::min),
         }
     }
@@ -319,11 +321,13 @@ pub struct Beam<'a> {
     origin: DVec3,
     way: DVec3,
     reach: DVec3,
+    /// Least and largest component of `reach`.
+    reach_range: [f64; 2],
     margin: DepthMargin,
     /// Fine cells a millimetre.
     per_mm: f64,
-    /// Chebyshev distance that the axis travels a millimetre of depth.
-    rate: f64,
+    /// Depth in which the axis travels a Chebyshev distance of one.
+    pace: f64,
     /// Depth at which the axis leaves the grid; there is no wall beyond.
     farthest: f64,
 }
@@ -338,7 +342,8 @@ impl Beam<'_> {
 
     /// Returns a depth from `depth` on up to which the whole beam is in cells that have no exterior.
     pub fn inside_to(&self, mut depth: f64) -> f64 {
-        let (reach, side) = (self.reach.max_element(), f64::from(SIDE));
+        let (reach, side) = (self.reach_range[1], f64::from(SIDE));
+        let pace = (self.pace.recip() + reach).recip();
         loop {
             let distance = f64::from(self.at(depth).1);
             // Without the margin: a cross-section is hidden if all of it is exterior.
@@ -346,7 +351,7 @@ impl Beam<'_> {
             if free < 0.5 * side || depth > self.farthest {
                 return depth;
             }
-            depth += free / (self.rate + reach);
+            depth += free * pace;
         }
     }
 
@@ -357,19 +362,21 @@ impl Beam<'_> {
         while depth < self.farthest {
             let (at, distance) = self.at(depth);
             let distance = f64::from(distance);
-            let half = self.reach * depth + (self.margin.at(depth) * self.per_mm + 1e-6);
+            let margin = self.margin.at(depth) * self.per_mm + 1e-6;
+            let [least, most] = self.reach_range.map(|reach| reach * depth + margin);
             // Wide cross-sections need no fine cells: the distance alone, its lower bound, tells.
-            let clear = half.max_element() - side * (distance - 1.0);
-            let is_wide = half.max_element() > 3.0 * side;
+            let clear = most - side * (distance - 1.0);
+            let is_wide = most > 3.0 * side;
             // Upper bound of that distance; it changes by the distance travelled.
-            let off = if is_wide { clear } else { half.min_element() - side * (distance + 1.0) };
+            let off = if is_wide { clear } else { least - side * (distance + 1.0) };
             if off < 0.0 {
+                let half = self.reach * depth + margin;
                 let [lo, hi] = [at - half, at + half].map(|p| self.grid.clamped(p));
                 if clear < 0.0 || self.grid.is_exterior(lo, hi) {
                     return depth as f32;
                 }
             }
-            depth += off.max(1.0) / self.rate;
+            depth += off.max(1.0) * self.pace;
         }
         f32::INFINITY
     }

@@ -13,7 +13,7 @@ use super::{ExteriorGrid, ViewFrustum};
 use crate::geometry::Sphere;
 
 /// Tiles along the height of the image.
-const ROWS: u32 = 32;
+const ROWS: u32 = 26;
 /// Level of the widest beams: 2³ by 2³ tiles.
 const TOP: u32 = 3;
 

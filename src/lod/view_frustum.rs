@@ -4,6 +4,74 @@ use glam::{DMat3, DQuat, DVec3, Vec3};
 
 use crate::geometry::{Camera, Cone, Sphere};
 
+/// Size in the image of errors at one place: an error of e mm is up to `slope_px` e /
+/// (`depth_mm` - e) pixels, and without limit from half the depth on.
+#[derive(Clone, Copy, Debug)]
+pub struct ErrorScale {
+    /// Least depth of the place, mm.
+    depth_mm: f64,
+    /// Pixels a radian times the secant of the angle off the axis.
+    slope_px: f64,
+}
+
+impl ErrorScale {
+    /// Returns the largest size of an error, pixels.
+    pub fn px(&self, error_mm: f64) -> f64 {
+        if error_mm <= 0.0 {
+            0.0
+        } else if self.depth_mm <= 2.0 * error_mm {
+            f64::INFINITY
+        } else {
+            self.slope_px * error_mm / (self.depth_mm - error_mm)
+        }
+    }
+
+    /// Returns the largest error, mm, of at most a size: the inverse of [`Self::px`].
+    pub fn error_mm(&self, px: f64) -> f64 {
+        // Half the depth itself is too much.
+        let most = 0.5 * self.depth_mm * (1.0 - f64::EPSILON);
+        (px * self.depth_mm / (self.slope_px + px)).min(most)
+    }
+
+    /// Returns the share of the way from a finer level back to a coarser one up to which the product
+    /// of two figures is at most `limit`: the size of an error in pixels, and a factor. Both change
+    /// linearly along the way. With n the factor, e the error, s the slope and z the depth, the
+    /// product is n s e / (z - e), and the share the first root of n s e - limit (z - e).
+    ///
+    /// * `error_mm`, `factor`: at the finer level, and at the coarser one.
+    pub fn share_of_product(&self, error_mm: [f64; 2], factor: [f64; 2], limit: f64) -> f64 {
+        let [e, n] = [error_mm[0], factor[0]];
+        let [de, dn] = [error_mm[1] - e, factor[1] - n];
+        let a = dn * self.slope_px * de;
+        let b = self.slope_px * (n * de + dn * e) + limit * de;
+        let c = n * self.slope_px * e - limit * (self.depth_mm - e);
+        // Errors of half the depth and more have no limit.
+        let left_mm = 0.5 * self.depth_mm - e;
+        if left_mm <= 0.0 {
+            return 0.0;
+        }
+        let to_half = if de > 0.0 { left_mm / de } else { f64::INFINITY };
+        first_root(a, b, c).min(to_half)
+    }
+}
+
+/// First root of a u² + b u + c above 0, of a polynomial that is not positive at 0; infinite where it
+/// stays so, 0 where it is positive.
+fn first_root(a: f64, b: f64, c: f64) -> f64 {
+    if c > 0.0 {
+        return 0.0;
+    }
+    let square = b * b - 4.0 * a * c;
+    // Without cancellation (Press et al., Numerical Recipes, 5.6).
+    let sum = -0.5 * (b + square.max(0.0).sqrt().copysign(b));
+    let positive = |root: f64| if root > 0.0 { root } else { f64::INFINITY };
+    match square {
+        _ if a == 0.0 => positive(-c / b),
+        square if square < 0.0 => f64::INFINITY,
+        _ => positive(sum / a).min(positive(c / sum)),
+    }
+}
+
 /// Bounds of a projected convex region, tighter than a bounding sphere: image sides, depth and
 /// angle off the axis, each bounded by its values at the corners. Sides and depth are linear, and
 /// the set of points within some angle of the axis is convex.
@@ -166,16 +234,11 @@ impl ViewFrustum {
     /// displacement δ the image point moves by F (δ_xy − δ_z tan θ) / (z + δ_z), and the operator
     /// norm of (δ_xy, δ_z) ↦ δ_xy − δ_z tan θ is sec θ. The usual F ε / distance is too small by
     /// 1.7 (60° lens) to 14 (120°, corner). Infinite where the nearest depth is not at least 2 ε.
-    pub fn error_px(&self, s: &Sphere, error_mm: f32) -> f64 {
-        self.error_px_fn(s)(error_mm)
-    }
-
-    /// Returns [`Self::error_px`] as a function of the error, for one sphere.
-    pub fn error_px_fn(&self, s: &Sphere) -> impl Fn(f32) -> f64 + use<> {
+    pub fn error_scale(&self, s: &Sphere) -> ErrorScale {
         let c = self.camera_from_world * (s.centre.as_dvec3() - self.position);
         let r = f64::from(s.radius) * (1.0 + 1e-6) + 1e-6;
         // Nothing nearer than the near plane is drawn.
-        let z = (-c.z - r).max(self.near);
+        let depth_mm = (-c.z - r).max(self.near);
         // The largest angle off the axis is the centre's and half of what the sphere spans; the
         // cosine of the sum, without the angles. Beyond the picture's corner nothing is drawn.
         let (square, span) = (c.length_squared(), c.length_squared() - r * r);
@@ -183,17 +246,7 @@ impl ViewFrustum {
         if span > 0.0 {
             cosine = cosine.max((-c.z * span.sqrt() - c.truncate().length() * r) / square);
         }
-        let focal_px = self.focal_px;
-        move |error_mm| {
-            let e = f64::from(error_mm);
-            if e <= 0.0 {
-                0.0
-            } else if z <= 2.0 * e {
-                f64::INFINITY
-            } else {
-                focal_px * e / ((z - e) * cosine)
-            }
-        }
+        ErrorScale { depth_mm, slope_px: self.focal_px / cosine }
     }
 
     /// Projects the ball of radius `margin_mm` around `p`.
@@ -212,18 +265,13 @@ impl ViewFrustum {
         ProjectedBounds { outside_planes, min_depth_mm, secant }
     }
 
-    /// Returns [`Self::error_px`] for projected bounds instead of a sphere; 0 where they are
+    /// Returns [`Self::error_scale`] of projected bounds instead of a sphere; `None` where they are
     /// outside the image.
-    pub fn bounds_error_px(&self, s: &ProjectedBounds, error_mm: f32) -> f64 {
-        let e = f64::from(error_mm);
-        if e <= 0.0 || s.outside_planes != 0 {
-            return 0.0;
-        }
-        let z = s.min_depth_mm.max(self.near);
-        if z <= 2.0 * e {
-            return f64::INFINITY;
-        }
-        self.focal_px * e * s.secant.min(self.corner_secant) / (z - e)
+    pub fn bounds_error_scale(&self, s: &ProjectedBounds) -> Option<ErrorScale> {
+        (s.outside_planes == 0).then(|| ErrorScale {
+            depth_mm: s.min_depth_mm.max(self.near),
+            slope_px: self.focal_px * s.secant.min(self.corner_secant),
+        })
     }
 
     /// Back-face culling: whether every face with its normal in the cone and its position in the
@@ -279,11 +327,33 @@ mod tests {
                 let world = frustum.position + frustum.camera_from_world.transpose() * at;
                 let s = Sphere { centre: world.as_vec3(), radius: 1e-4 };
                 assert!(frustum.intersects(&s));
-                let bound = frustum.error_px(&s, error as f32 * 1.000_001);
+                let bound = frustum.error_scale(&s).px(error * 1.000_001);
                 assert!(seen <= bound * 1.001, "{seen} px, bound {bound}");
                 closest = closest.max(seen / bound);
             }
             assert!(closest > 0.9, "the bound is loose: {closest}");
+        }
+    }
+
+    #[test]
+    fn the_largest_error_and_the_share_of_a_product_agree_with_a_search() {
+        let seed = &mut 23;
+        let mut v = |s: f64| s * noise(seed);
+        for _ in 0..20_000 {
+            let scale = ErrorScale { depth_mm: 0.5 + v(20.0), slope_px: 50.0 + v(500.0) };
+            let px = v(30.0);
+            let error_mm = scale.error_mm(px);
+            assert!(scale.px(error_mm) <= px * (1.0 + 1e-9));
+            assert!(scale.px(error_mm * 1.000_001) > px * (1.0 - 1e-9), "{scale:?} {px}");
+            let (error, angle, limit) = ([v(1.0), v(4.0)], [v(1.0), v(1.0)], v(100.0));
+            let share = scale.share_of_product(error, angle, limit);
+            let product = |u: f64| {
+                let at = |f: [f64; 2]| f[0] + u * (f[1] - f[0]);
+                at(angle) * scale.px(at(error))
+            };
+            let steps = (0..=1000).map(|k| f64::from(k) / 1000.0);
+            let found = steps.take_while(|u| product(*u) <= limit).last().unwrap_or(0.0);
+            assert!((share.min(1.0) - found).abs() < 1.1e-3, "{share} {found} {scale:?}");
         }
     }
 
@@ -299,7 +369,8 @@ mod tests {
             let error = 0.1 * v(1.0).x.abs() as f32;
             let [a, b, c] = corners.map(|p| frustum.project(p, error));
             let bounds = a.union(&b).union(&c);
-            let bound = frustum.bounds_error_px(&bounds, error);
+            let bound =
+                frustum.bounds_error_scale(&bounds).map_or(0.0, |scale| scale.px(error.into()));
             // Points of the triangle and points no farther than the error from those, seen or not.
             for _ in 0..4 {
                 let w = v(1.0).abs();
@@ -340,7 +411,8 @@ mod tests {
             let large =
                 Sphere { centre: small.centre + shift, radius: small.radius + shift.length() };
             assert!(frustum.intersects(&large) || !frustum.intersects(&small));
-            assert!(frustum.error_px(&large, 0.05) >= frustum.error_px(&small, 0.05) * 0.9999);
+            let [large, small] = [large, small].map(|s| frustum.error_scale(&s).px(0.05));
+            assert!(large >= small * 0.9999);
         }
     }
 

@@ -5,7 +5,8 @@ use glam::Vec3;
 use super::measure::PatchBounds;
 use super::patch::{MORPH_STEPS, PatchVertex};
 use super::template::PatchShape;
-use crate::lod::{FULL_SHADING_PX, HierarchicalZ, ProjectedBounds, ViewFrustum};
+use crate::lod::view_frustum::{ErrorScale, ProjectedBounds};
+use crate::lod::{FULL_SHADING_PX, HierarchicalZ, ViewFrustum};
 
 /// Fineness: [`MORPH_STEPS`] to a level.
 pub type Fineness = u16;
@@ -53,20 +54,17 @@ impl Criterion {
         vertices: &[PatchVertex],
         lowest: u32,
     ) -> Option<Fineness> {
-        let by_sphere = self.least(b, lowest, self.frustum.error_px_fn(&b.sphere));
+        let by_sphere = self.least(b, lowest, &[self.frustum.error_scale(&b.sphere)]);
         if by_sphere == Some(lowest as Fineness * STEP) {
             return by_sphere;
         }
         // Triangles of the level before the finest, widened by its error, say where the patch is.
         let level = self.shape.finest() - 1;
-        let places = self.places(level, b.error_mm[level as usize], vertices);
-        self.least(b, lowest, |mm| {
-            places.iter().map(|s| self.frustum.bounds_error_px(s, mm)).fold(0.0, f64::max)
-        })
+        self.least(b, lowest, &self.scales(level, b.error_mm[level as usize], vertices))
     }
 
-    /// Places of a patch's triangles of a level in the image.
-    fn places(&self, level: u32, margin_mm: f32, vertices: &[PatchVertex]) -> Vec<ProjectedBounds> {
+    /// Scales of errors at a patch's triangles of a level, of those that may be in the image.
+    fn scales(&self, level: u32, margin_mm: f32, vertices: &[PatchVertex]) -> Vec<ErrorScale> {
         let mut known: [Option<ProjectedBounds>; SHAPE_POINTS] = [None; SHAPE_POINTS];
         let mut of = |i: usize| {
             *known[i]
@@ -74,36 +72,72 @@ impl Criterion {
         };
         let triangles = self.shape.faces(self.shape.template(level, 0));
         let union = |[a, b, c]: [usize; 3]| of(a).union(&of(b)).union(&of(c));
-        triangles.map(union).collect()
+        triangles.map(union).filter_map(|s| self.frustum.bounds_error_scale(&s)).collect()
     }
 
-    /// [`Self::required`] with errors in pixels by `px`.
-    fn least(&self, b: &PatchBounds, lowest: u32, px: impl Fn(f32) -> f64) -> Option<Fineness> {
-        let level = (lowest..=self.shape.finest()).find(|l| self.is_enough(b, *l, 1.0, &px))?;
+    /// [`Self::required`] of a patch at places where errors have these scales.
+    fn least(&self, b: &PatchBounds, lowest: u32, scales: &[ErrorScale]) -> Option<Fineness> {
+        let allowed_mm = least_of(scales, |s| s.error_mm(self.pixels));
+        let is_enough = |level: &u32| {
+            f64::from(b.error_mm[*level as usize]) <= allowed_mm
+                && self.shades_well(b, *level, scales)
+        };
+        let level = (lowest..=self.shape.finest()).find(is_enough)?;
         let finest = level as Fineness * STEP;
         if level == lowest || !self.morph {
             return Some(finest);
         }
-        let (mut low, mut high) = (0, STEP);
-        while high - low > 1 {
-            let middle = Fineness::midpoint(low, high);
-            let share = f32::from(middle) / f32::from(STEP);
-            if self.is_enough(b, level, share, &px) { high = middle } else { low = middle }
-        }
-        Some(finest - STEP + high)
+        let share = self.coarser_share(b, level, allowed_mm, scales);
+        let back = (share * f64::from(STEP)) as Fineness;
+        Some(finest - back.min(STEP - 1))
     }
 
-    /// Whether a patch at a level, its newest vertices moved by `share`, is near enough to the
-    /// original. Between two levels vertices are between their places at both, so what was measured
-    /// is interpolated.
-    fn is_enough(&self, b: &PatchBounds, level: u32, share: f32, px: impl Fn(f32) -> f64) -> bool {
-        let at = |of: &[f32]| match share {
-            1.0 => of[level as usize],
-            _ => of[level as usize - 1] * (1.0 - share) + of[level as usize] * share,
-        };
-        let size = (px(at(&b.edge_mm)) / FULL_SHADING_PX).min(1.0);
-        px(at(&b.error_mm)) <= self.pixels && f64::from(at(&b.angle_rad)) * size <= self.shading
+    /// Whether the light of a patch at a level is near enough to the original's.
+    fn shades_well(&self, b: &PatchBounds, level: u32, scales: &[ErrorScale]) -> bool {
+        let angle = f64::from(b.angle_rad[level as usize]);
+        let edge_mm = || f64::from(b.edge_mm[level as usize]);
+        angle <= self.shading
+            || edge_mm() <= least_of(scales, |s| s.error_mm(self.shading_px() / angle))
     }
+
+    /// The share of the way from a level back to the one before it up to which a patch is near enough
+    /// to the original. Vertices on the way are between their places at both levels, so figures of
+    /// both are interpolated.
+    fn coarser_share(
+        &self,
+        b: &PatchBounds,
+        level: u32,
+        allowed_mm: f64,
+        scales: &[ErrorScale],
+    ) -> f64 {
+        let of_both = |of: &[f32]| [level, level - 1].map(|l| f64::from(of[l as usize]));
+        let share_below = |[fine, coarse]: [f64; 2], most: f64| match (fine <= most, coarse <= most)
+        {
+            (false, _) => 0.0,
+            (true, true) => 1.0,
+            (true, false) => (most - fine) / (coarse - fine),
+        };
+        let by_distance = share_below(of_both(&b.error_mm), allowed_mm);
+        let angle = of_both(&b.angle_rad);
+        // Large triangles shade well by the angle alone, small ones by angle times size.
+        let by_angle = share_below(angle, self.shading);
+        if by_angle >= by_distance {
+            return by_distance;
+        }
+        let edge = of_both(&b.edge_mm);
+        let by_size = least_of(scales, |s| s.share_of_product(edge, angle, self.shading_px()));
+        by_distance.min(by_angle.max(by_size))
+    }
+
+    /// Largest product of the angle between normals, radians, and the size of a triangle, pixels.
+    fn shading_px(&self) -> f64 {
+        self.shading * FULL_SHADING_PX
+    }
+}
+
+/// The least of some figures; infinite of no figure.
+fn least_of<T>(all: &[T], figure: impl Fn(&T) -> f64) -> f64 {
+    all.iter().map(figure).fold(f64::INFINITY, f64::min)
 }
 
 /// Points of a patch, at most.

