@@ -177,7 +177,7 @@ pub fn growth_of_the_frame_time() {
 
 /// Share of pixels whose point lies within the bound on screen.
 pub fn pixels_inside_the_bound() {
-    for name in ["vessel_143k", "trachea_96k", "colon_250k"] {
+    for name in ["colon_label_1", "colon_label_2", "airway_label_lidc1"] {
         let Some((mesh, axis)) = fly::named(name) else { continue };
         let original = Cast::of(&mesh);
         let wall = subdivided(&mesh, &shading(&mesh)).unwrap();

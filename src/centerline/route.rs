@@ -35,7 +35,8 @@ pub struct Ends {
 }
 
 /// Treatment of loops in a tree.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Loops {
     /// A branch that closes a loop ends on another.

@@ -5,7 +5,7 @@ use crate::device::DeviceError;
 use crate::flight::CameraPathError;
 use crate::formats::FormatError;
 use crate::mesh::{MeshError, ParameterizationError};
-use crate::session::SessionError;
+use crate::session::{SessionError, SettingError};
 use crate::volume::GridError;
 
 /// Failure of a command.
@@ -151,6 +151,9 @@ impl From<SessionError> for CliError {
                      --threshold LO:HI alone for the largest component"
                 ))
             }
+            SessionError::Setting(SettingError { name, value, allowed }) => {
+                Self::Usage(format!("--{} {value}: {allowed}", name.replace('_', "-")))
+            }
             SessionError::Memory { needed_mb, allowed_mb, what } => {
                 Self::Memory { needed_mb, allowed_mb, what }
             }
@@ -185,6 +188,12 @@ impl From<ParameterizationError> for CliError {
 
 impl From<CameraPathError> for CliError {
     fn from(e: CameraPathError) -> Self {
+        SessionError::from(e).into()
+    }
+}
+
+impl From<SettingError> for CliError {
+    fn from(e: SettingError) -> Self {
         SessionError::from(e).into()
     }
 }

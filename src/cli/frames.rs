@@ -3,11 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use super::CliError;
-use crate::flight::{CameraPath, FOV_DEG, Frames, MAX_FRAMES};
+use crate::flight::{CameraPath, Frames};
 use crate::formats::read_plain;
 use crate::lod::vds::Scheme;
 use crate::render::View;
-use crate::session::{FlightRoute, FlightSettings, LevelSettings, Lod};
+use crate::session::{
+    FlightRoute, FlightSettings, LevelSettings, Lod, check_frame_rate, check_frame_size,
+};
 
 /// Flags of the frames.
 #[derive(Clone, Debug, clap::Args)]
@@ -56,12 +58,11 @@ pub struct FrameArgs {
 
 /// `WxH`.
 pub fn frame_size(text: &str) -> Result<[u32; 2], CliError> {
-    let size = text.split_once(['x', 'X']).and_then(|(w, h)| {
-        let side = |s: &str| s.parse::<u32>().ok().filter(|n| (16..=8192).contains(n));
-        Some([side(w)?, side(h)?])
-    });
-    let wrong = || CliError::Usage(format!("--size `{text}`: WxH, each side 16 to 8192"));
-    size.ok_or_else(wrong)
+    let size =
+        text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    let size = size.ok_or_else(|| CliError::Usage(format!("--size `{text}`: WxH")))?;
+    check_frame_size(size)?;
+    Ok(size)
 }
 
 /// Parses the branches to fly.
@@ -75,25 +76,11 @@ fn route(text: &str) -> Result<FlightRoute, String> {
 }
 
 impl FrameArgs {
-    /// Checks the flags before anything is computed.
+    /// Settings of the flight; the session checks them, but for the rate of a video.
     pub fn settings(&self) -> Result<FlightSettings, CliError> {
-        let size = frame_size(&self.size)?;
-        if !FOV_DEG.contains(&f64::from(self.fov)) {
-            let (low, high) = (FOV_DEG.start(), FOV_DEG.end());
-            let why = format!("--fov {}: {low} to {high} degrees", self.fov);
-            return Err(CliError::Usage(why));
-        }
-        if self.frames.is_some_and(|n| !(1..=MAX_FRAMES).contains(&n)) {
-            return Err(CliError::Usage(format!("--frames: 1 to {MAX_FRAMES}")));
-        }
-        if !(self.fps > 0.0 && self.fps <= 1000.0) {
-            return Err(CliError::Usage(format!("--fps {}: above 0, at most 1000", self.fps)));
-        }
-        if self.speed.is_some_and(|s| !(s > 0.0 && s <= 10_000.0)) {
-            return Err(CliError::Usage("--speed: above 0, at most 10000 mm/s".into()));
-        }
+        check_frame_rate(self.fps)?;
         Ok(FlightSettings {
-            size,
+            size: frame_size(&self.size)?,
             frames: match self.speed {
                 Some(mm_per_s) => Frames::Speed { mm_per_s, fps: self.fps },
                 None => Frames::Count(self.frames.unwrap_or(120)),
@@ -116,27 +103,21 @@ pub struct LevelArgs {
     /// Level of detail of the wall; auto is culled, the whole mesh less what a camera cannot see
     #[arg(long, value_enum, default_value = "auto")]
     pub lod: Lod,
-    /// Subdivision scheme of --lod vds (default: 1-to-4)
-    #[arg(long, value_enum)]
-    pub scheme: Option<Scheme>,
+    /// Subdivision scheme of --lod vds
+    #[arg(long, value_enum, default_value = "1-to-4")]
+    pub scheme: Scheme,
     /// Pixels that vds may be away from the full mesh
     #[arg(long, value_name = "T", default_value_t = 1.0)]
     pub pixel_error: f32,
 }
 
 impl LevelArgs {
-    /// Checks the flags.
+    /// Settings of the levels.
     pub fn settings(&self) -> Result<LevelSettings, CliError> {
-        if !(0.01..=100.0).contains(&self.pixel_error) {
-            let error = self.pixel_error;
-            return Err(CliError::Usage(format!("--pixel-error {error}: 0.01 to 100 pixels")));
-        }
         let Self { lod, scheme, pixel_error } = *self;
-        if scheme.is_some() && lod != Lod::Vds {
-            return Err(CliError::Usage("--scheme: of --lod vds only".into()));
-        }
-        let scheme = scheme.unwrap_or_default();
-        Ok(LevelSettings { lod, scheme, pixel_error })
+        let levels = LevelSettings { lod, scheme, pixel_error };
+        levels.check()?;
+        Ok(levels)
     }
 }
 

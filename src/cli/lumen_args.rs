@@ -160,9 +160,6 @@ impl LumenArgs {
             (None, Some(s)) => Some(Seed::Point(point(s, "--seed-mm")?)),
             (None, None) => None,
         };
-        if self.leak_control && seed.is_none() {
-            return Err(CliError::Usage("--leak-control needs --seed or --seed-mm".into()));
-        }
         for (flag, is_given, name, organ) in [
             ("--tagged", self.tagged, "colon", Organ::Colon),
             ("--no-tagged", self.no_tagged, "colon", Organ::Colon),

@@ -50,26 +50,23 @@ pub enum SurfaceFrom {
 impl FairArgs {
     /// The smoothing asked for; `None` where it is left open.
     pub fn smoothing(&self) -> Result<Option<Smoothing>, CliError> {
-        let steps =
-            match self.smooth.as_str() {
-                "auto" => None,
-                n => Some(n.parse().ok().filter(|n| *n <= 10_000).ok_or_else(|| {
-                    CliError::Usage(format!("--smooth `{n}`: 0 to 10000, or auto"))
-                })?),
-            };
+        let steps = match self.smooth.as_str() {
+            "auto" => None,
+            n => Some(n.parse().map_err(|_| {
+                CliError::Usage(format!("--smooth `{n}`: a number of steps, or auto"))
+            })?),
+        };
         if steps.is_none() && self.lambda.is_none() && self.weights.is_none() {
             return Ok(None);
         }
         let paper = Fairing::PAPER;
-        let lambda = self.lambda.unwrap_or(paper.lambda);
-        if !(lambda > 0.0 && lambda < 1.0) {
-            return Err(CliError::Usage(format!(
-                "--lambda {lambda}: between 0 and 1; at 1 the steps oscillate"
-            )));
-        }
-        let weights = self.weights.unwrap_or(paper.weights);
-        let steps = steps.unwrap_or(paper.steps);
-        Ok(Some(Smoothing::Steps(Fairing { steps, lambda, weights })))
+        let fairing = Fairing {
+            steps: steps.unwrap_or(paper.steps),
+            lambda: self.lambda.unwrap_or(paper.lambda),
+            weights: self.weights.unwrap_or(paper.weights),
+        };
+        fairing.check()?;
+        Ok(Some(Smoothing::Steps(fairing)))
     }
 }
 

@@ -1,7 +1,8 @@
 //! Options of a simplification, and the reason why it ended.
 
 /// Cost of a collapse.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Metric {
     /// Squared distances to the planes of the faces, by area (Garland and Heckbert 1997).

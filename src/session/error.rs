@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::Product;
+use super::{Product, SettingError};
 use crate::centerline::CenterlineError;
 use crate::device::DeviceError;
 use crate::flight::{CameraPathError, FlightError};
@@ -58,6 +58,9 @@ pub enum SessionError {
     /// The renderer.
     #[error(transparent)]
     Render(#[from] RenderError),
+    /// A setting out of its range.
+    #[error(transparent)]
+    Setting(#[from] SettingError),
     /// A grid whose axes are not orthogonal.
     #[error("{name}: the grid's axes are not orthogonal (sheared); distances would be wrong")]
     ShearedGrid {

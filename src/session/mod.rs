@@ -31,6 +31,7 @@ mod scheduler;
 mod search;
 mod segmentation;
 mod settings;
+mod settings_check;
 pub mod stages;
 mod surface;
 mod writer;
@@ -62,6 +63,7 @@ pub use settings::{
     CenterlineSettings, EndPoint, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings,
     Reading, Seed, Settings, Source, VolumeSource, WallMethod, WallSettings,
 };
+pub use settings_check::{SettingError, check_frame_rate, check_frame_size};
 pub use stages::{Product, Products, kernels};
 pub use surface::{ShownWall, Wall, gradient_normals, smoothed_normals, written_mesh};
 pub use writer::{FrameWriter, is_frame_file};
@@ -164,8 +166,10 @@ impl Session {
     /// A session. Nothing is read or computed until a product is asked for.
     ///
     /// # Errors
-    /// [`SessionError::System`] if the system gives no threads.
+    /// [`SessionError::Setting`] for a setting out of its range, [`SessionError::System`] if the
+    /// system gives no threads.
     pub fn new(source: Source, settings: Settings) -> Result<Self, SessionError> {
+        settings.check()?;
         let cancel = CancelToken::default();
         let pool = pool(settings.threads, &cancel)?;
         Ok(Self::on_pool(source, settings, pool, cancel))
@@ -214,9 +218,9 @@ impl Session {
     /// or not at all. The volume is not read again.
     ///
     /// # Errors
-    /// [`SessionError::System`] if the system gives no other number of threads; then nothing is
-    /// changed.
+    /// Those of [`Self::new`]; then nothing is changed.
     pub fn apply(&mut self, settings: Settings) -> Result<(), SessionError> {
+        settings.check()?;
         if settings.threads != self.settings.threads {
             self.pool = pool(settings.threads, &self.cancel)?;
         }

@@ -6,7 +6,8 @@ use crate::mesh::Metric;
 use crate::surface::{Fairing, Smoothing};
 
 /// Methods that the chain follows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Mode {
     /// Our own methods

@@ -72,7 +72,7 @@ pub enum Seed {
 }
 
 /// Method by which the wall of the lumen is placed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum WallMethod {
@@ -167,7 +167,8 @@ pub struct WallSettings {
 }
 
 /// Level-of-detail method by which a wall is drawn.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Lod {
     /// The fastest in all on the organs that were measured: as `culled`, or, where a GPU draws up to

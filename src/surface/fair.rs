@@ -9,7 +9,8 @@ use crate::geometry::Mesh;
 use crate::kernels::fair as kernel;
 
 /// Weights of the discrete Laplacian (Li et al. 2004, section 2).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Weights {
     /// Equal weights 1/m, m the valence.

@@ -32,7 +32,8 @@ pub enum Space {
 }
 
 /// Side of an organ's wall to which the faces and normals of a mesh look.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Facing {
     /// Into the lumen, as our own meshes do

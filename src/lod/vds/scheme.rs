@@ -3,11 +3,13 @@
 use super::template::PatchShape;
 
 /// Scheme by which the triangles of the base are subdivided.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Scheme {
     /// Each triangle into four, gaps closed by templates; new vertices on the original.
     #[default]
+    #[serde(rename = "1-to-4")]
     #[cfg_attr(feature = "cli", value(name = "1-to-4"))]
     OneToFour,
     /// Templates of 1-to-4; new vertices where the modified butterfly predicts them from the base
@@ -16,6 +18,7 @@ pub enum Scheme {
     /// Each triangle into three, edges flipped; new vertices on the original, without morphing.
     Sqrt3,
     /// Triangles bisected from their newest corner; new vertices on the original.
+    #[serde(rename = "4-8")]
     #[cfg_attr(feature = "cli", value(name = "4-8"))]
     FourEight,
 }

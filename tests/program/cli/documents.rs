@@ -80,7 +80,12 @@ fn every_field_of_the_report_is_in_its_page() {
         all[begin..][..all[begin..].find(to).unwrap()].to_owned()
     };
     let parts = [
-        part("src/session/report.rs", "pub struct Report", "impl Session"),
+        part("src/session/report/mod.rs", "pub struct Report", "impl Session"),
+        text("src/session/report/centerline.rs"),
+        text("src/session/report/frames.rs"),
+        text("src/session/report/input.rs"),
+        text("src/session/report/lumen.rs"),
+        text("src/session/report/surface.rs"),
         part("src/session/levels.rs", "pub struct LodReport", "\n}"),
         part("src/flight/lumen_profile.rs", "pub struct LumenProfile", "/// A point of the path"),
         part("src/session/clock.rs", "pub struct StageTime", "/// Collects stages."),

@@ -38,7 +38,7 @@ pub fn failure(text: String) -> PyErr {
 pub fn session(error: SessionError) -> PyErr {
     use SessionError as S;
     let class = match &error {
-        S::LumenNotChosen { .. } | S::Unavailable { .. } => "ArgumentError",
+        S::LumenNotChosen { .. } | S::Unavailable { .. } | S::Setting(_) => "ArgumentError",
         S::Format(e) if e.is_bad_input() => "InputError",
         S::Lumen(_) | S::Organ(_) | S::Centerline(_) | S::Mesh(_) | S::Maps(_) => "InputError",
         S::Flight(_) | S::CameraPath(_) | S::ShearedGrid { .. } | S::Enclosed { .. } => {

@@ -12,7 +12,7 @@ use pyo3::types::PyDict;
 use crate::array;
 use crate::call::call;
 use crate::error::argument;
-use crate::settings::{METRICS, choice};
+use crate::settings::word;
 
 /// Simplifies a triangle mesh to `target` faces by half-edge collapse: a dictionary of arrays.
 #[pyfunction]
@@ -41,7 +41,7 @@ pub fn simplify<'py>(
         return Err(argument(format!("max_error={e}: above 0 mm")));
     }
     let options = SimplifyOptions {
-        metric: choice("metric", metric, &METRICS)?,
+        metric: word("metric", metric)?,
         relocate: !keep_vertices,
         max_error_mm: max_error,
         ..SimplifyOptions::to_faces(target)

@@ -1,26 +1,23 @@
 //! Settings of a session from a dictionary. Names and meanings are the command line's, with
 //! underscores; `None` is as good as a setting that is not there.
 
-use std::f32::consts::PI;
 use std::path::PathBuf;
 
 use glam::{DVec3, UVec3};
-use intima::centerline::Loops;
 use intima::device::DeviceChoice;
-use intima::flight::{CameraPath, FOV_DEG, Frames, MAX_FRAMES};
-use intima::formats::{Facing, ReadOptions};
-use intima::lod::vds::Scheme;
+use intima::flight::{CameraPath, Frames};
+use intima::formats::ReadOptions;
 use intima::lumen::IntensitySelection;
-use intima::mesh::Metric;
-use intima::organ::{Organ, OrganOptions};
-use intima::render::View;
+use intima::organ::OrganOptions;
 use intima::session::{
-    CenterlineSettings, EndPoint, FlightRoute, FlightSettings, LevelSettings, Lod, LumenSettings, Mode,
-    Seed, Settings, WallMethod, WallSettings,
+    CenterlineSettings, EndPoint, FlightRoute, FlightSettings, LevelSettings, LumenSettings, Seed,
+    SettingError, Settings, WallSettings,
 };
-use intima::surface::{Fairing, Smoothing, Weights};
+use intima::surface::{Fairing, Smoothing};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use serde::Deserialize;
+use serde::de::IntoDeserializer as _;
 
 use crate::error::argument;
 
@@ -54,10 +51,9 @@ impl<'py> Remaining<'py> {
         Ok(self.take(name)?.unwrap_or(default))
     }
 
-    /// Takes a word of a few.
-    fn word<T: Copy>(&self, name: &str, words: &[(&str, T)]) -> PyResult<Option<T>> {
-        let Some(given) = self.take::<String>(name)? else { return Ok(None) };
-        choice(name, &given, words).map(Some)
+    /// Takes a word of those that the engine knows.
+    fn word<T: for<'de> Deserialize<'de>>(&self, name: &str) -> PyResult<Option<T>> {
+        self.take::<String>(name)?.map(|given| word(name, &given)).transpose()
     }
 
     fn point(&self, name: &str) -> PyResult<Option<DVec3>> {
@@ -77,17 +73,18 @@ impl<'py> Remaining<'py> {
     }
 }
 
-/// Value of a word.
-pub fn choice<T: Copy>(name: &str, given: &str, words: &[(&str, T)]) -> PyResult<T> {
-    words.iter().find(|(word, _)| *word == given).map(|(_, value)| *value).ok_or_else(|| {
-        let all: Vec<_> = words.iter().map(|(word, _)| *word).collect();
-        argument(format!("{name}=`{given}`: one of {}", all.join(", ")))
-    })
+/// Value of a word, by the engine's names.
+pub fn word<T: for<'de> Deserialize<'de>>(name: &str, given: &str) -> PyResult<T> {
+    let deserializer: serde::de::value::StrDeserializer<'_, serde::de::value::Error> =
+        given.into_deserializer();
+    T::deserialize(deserializer).map_err(|e| argument(format!("{name}: {e}")))
 }
 
-/// Cost of a collapse by its name.
-pub const METRICS: [(&str, Metric); 3] =
-    [("qem", Metric::Qem), ("normal-qem", Metric::NormalQem), ("paper", Metric::Paper)];
+/// Refusal of a setting, by the name it has here.
+pub fn refused(e: &SettingError) -> PyErr {
+    let name = if e.name == "lambda" { "lambda_" } else { e.name };
+    argument(format!("{name}={}: {}", e.value, e.allowed))
+}
 
 impl Given {
     /// Reads all settings.
@@ -98,22 +95,13 @@ impl Given {
         let given = Remaining(settings.copy()?);
         let device = given.take::<String>("device")?;
         let device = device.map(|d| d.parse::<DeviceChoice>().map_err(argument)).transpose()?;
-        let modes = [("default", Mode::Default), ("paper", Mode::Paper)];
-        let fps = given.take("fps")?.unwrap_or(25.0);
-        if !(fps > 0.0 && fps <= 1000.0) {
-            return Err(argument(format!("fps={fps}: above 0, at most 1000")));
-        }
-        let threads: Option<usize> = given.take("threads")?;
-        if threads.is_some_and(|n| !(1..=1024).contains(&n)) {
-            return Err(argument("threads: 1 to 1024".into()));
-        }
-        let flight = flight(&given, fps)?;
+        let flight = flight(&given)?;
         let mut centerline = centerline(&given)?;
         centerline.tree |= flight.route != FlightRoute::Trunk;
         let settings = Settings {
-            mode: given.word("mode", &modes)?.unwrap_or_default(),
+            mode: given.word("mode")?.unwrap_or_default(),
             device: device.unwrap_or_default(),
-            threads,
+            threads: given.take("threads")?,
             max_memory_mb: given.take("max_memory")?,
             lumen: lumen(&given)?,
             centerline,
@@ -124,6 +112,7 @@ impl Given {
         };
         let read = read(&given)?;
         given.finish()?;
+        settings.check().map_err(|e| refused(&e))?;
         Ok(Self { settings, read })
     }
 }
@@ -140,11 +129,10 @@ fn read(given: &Remaining<'_>) -> PyResult<ReadOptions> {
 }
 
 fn lumen(given: &Remaining<'_>) -> PyResult<LumenSettings> {
-    let organs = Organ::ALL.map(|organ| (organ.name(), organ));
-    let organ = given.word("organ", &organs)?;
     let tagged = given.flag("tagged", false)?;
     let thin = given.flag("thin_bronchi", true)?;
-    if tagged && organ != Some(Organ::Colon) {
+    let organ = given.word("organ")?.map(|organ| OrganOptions { organ, tagged, thin });
+    if tagged && organ.is_none() {
         return Err(argument("tagged needs organ=\"colon\"".into()));
     }
     let labels = given.take::<Vec<i64>>("labels")?.map(IntensitySelection::Labels);
@@ -156,30 +144,14 @@ fn lumen(given: &Remaining<'_>) -> PyResult<LumenSettings> {
         (labels, None) => labels,
         (None, Some(range)) => Some(threshold(range)?),
     };
-    let seed = seed(given)?;
-    let leak_control = given.flag("leak_control", false)?;
-    if leak_control && seed.is_none() {
-        return Err(argument("leak_control needs seed or seed_mm".into()));
-    }
-    let all_components = given.flag("all_components", false)?;
-    let is_chosen = select.is_some() || seed.is_some() || all_components;
-    if organ.is_some() && is_chosen {
-        return Err(argument("organ chooses threshold, labels, seed and components itself".into()));
-    }
-    let walls = [
-        ("auto", WallMethod::Auto),
-        ("field", WallMethod::Field),
-        ("relaxed", WallMethod::Relaxed),
-        ("exact", WallMethod::Exact),
-    ];
     Ok(LumenSettings {
-        organ: organ.map(|organ| OrganOptions { organ, tagged, thin }),
+        organ,
         select,
-        seed,
-        all_components,
+        seed: seed(given)?,
+        all_components: given.flag("all_components", false)?,
         fill: given.flag("fill", true)?,
-        leak_control,
-        wall: given.word("wall", &walls)?.unwrap_or_default(),
+        leak_control: given.flag("leak_control", false)?,
+        wall: given.word("wall")?.unwrap_or_default(),
     })
 }
 
@@ -208,124 +180,70 @@ fn seed(given: &Remaining<'_>) -> PyResult<Option<Seed>> {
 }
 
 fn centerline(given: &Remaining<'_>) -> PyResult<CenterlineSettings> {
-    let loops = [("keep", Loops::Keep), ("cut", Loops::Cut)];
     Ok(CenterlineSettings {
         from: given.point("from_")?.map(EndPoint::Point),
         to: given.point("to")?.map(EndPoint::Point),
         tree: given.flag("tree", false)?,
-        loops: given.word("loops", &loops)?.unwrap_or_default(),
+        loops: given.word("loops")?.unwrap_or_default(),
     })
 }
 
 fn wall(given: &Remaining<'_>) -> PyResult<WallSettings> {
-    let sources = [("grey", false), ("mask", true)];
-    let facing = [("in", Facing::In), ("out", Facing::Out)];
-    let base_faces: Option<usize> = given.take("decimate")?;
-    if base_faces.is_some_and(|n| n < 4) {
-        return Err(argument("decimate: at least 4 faces".into()));
-    }
+    let source = given.take::<String>("surface_from")?;
+    let from_mask = match source.as_deref() {
+        None | Some("grey") => false,
+        Some("mask") => true,
+        Some(other) => return Err(argument(format!("surface_from=`{other}`: grey or mask"))),
+    };
     Ok(WallSettings {
-        from_mask: given.word("surface_from", &sources)?.unwrap_or(false),
+        from_mask,
         smoothing: smoothing(given)?,
         open_ends: given.flag("open_ends", false)?,
-        base_faces,
-        facing: given.word("facing", &facing)?.unwrap_or_default(),
+        base_faces: given.take("decimate")?,
+        facing: given.word("facing")?.unwrap_or_default(),
     })
 }
 
 fn smoothing(given: &Remaining<'_>) -> PyResult<Option<Smoothing>> {
-    let weights = [("uniform", Weights::Uniform), ("inverse-distance", Weights::InverseDistance)];
     let steps: Option<u32> = given.take("smooth")?;
     let lambda: Option<f32> = given.take("lambda_")?;
-    let weights = given.word("weights", &weights)?;
+    let weights = given.word("weights")?;
     if steps.is_none() && lambda.is_none() && weights.is_none() {
         return Ok(None);
     }
     let paper = Fairing::PAPER;
-    let (steps, lambda) = (steps.unwrap_or(paper.steps), lambda.unwrap_or(paper.lambda));
-    if steps > 10_000 {
-        return Err(argument(format!("smooth={steps}: 0 to 10000")));
-    }
-    if !(lambda > 0.0 && lambda < 1.0) {
-        return Err(argument(format!("lambda_={lambda}: between 0 and 1")));
-    }
-    let weights = weights.unwrap_or(paper.weights);
-    Ok(Some(Smoothing::Steps(Fairing { steps, lambda, weights })))
+    Ok(Some(Smoothing::Steps(Fairing {
+        steps: steps.unwrap_or(paper.steps),
+        lambda: lambda.unwrap_or(paper.lambda),
+        weights: weights.unwrap_or(paper.weights),
+    })))
 }
 
 fn levels(given: &Remaining<'_>) -> PyResult<LevelSettings> {
-    let methods = [
-        ("auto", Lod::Auto),
-        ("vds", Lod::Vds),
-        ("culled", Lod::Culled),
-        ("off", Lod::Off),
-    ];
-    let schemes = [
-        ("1-to-4", Scheme::OneToFour),
-        ("butterfly", Scheme::Butterfly),
-        ("sqrt3", Scheme::Sqrt3),
-        ("4-8", Scheme::FourEight),
-    ];
-    let pixel_error = given.take("pixel_error")?.unwrap_or(1.0);
-    if !(0.01..=100.0).contains(&pixel_error) {
-        return Err(argument(format!("pixel_error={pixel_error}: 0.01 to 100 pixels")));
-    }
-    let lod = given.word("lod", &methods)?.unwrap_or_default();
-    let scheme = given.word("scheme", &schemes)?;
-    if scheme.is_some() && lod != Lod::Vds {
-        return Err(argument("scheme: of lod=\"vds\" only".into()));
-    }
-    Ok(LevelSettings { lod, scheme: scheme.unwrap_or_default(), pixel_error })
+    Ok(LevelSettings {
+        lod: given.word("lod")?.unwrap_or_default(),
+        scheme: given.word("scheme")?.unwrap_or_default(),
+        pixel_error: given.take("pixel_error")?.unwrap_or(1.0),
+    })
 }
 
-fn flight(given: &Remaining<'_>, fps: f64) -> PyResult<FlightSettings> {
-    let views = [
-        ("inside", View::Inside),
-        ("overview", View::Overview),
-        ("split", View::Split),
-        ("cube", View::Cube),
-        ("panorama", View::Panorama),
-    ];
+fn flight(given: &Remaining<'_>) -> PyResult<FlightSettings> {
+    let fps = given.take("fps")?.unwrap_or(25.0);
     let count: Option<usize> = given.take("frames")?;
-    if count.is_some_and(|n| !(1..=MAX_FRAMES).contains(&n)) {
-        return Err(argument(format!("frames: 1 to {MAX_FRAMES}")));
-    }
-    let speed: Option<f64> = given.take("speed")?;
-    let frames = match (count, speed) {
+    let frames = match (count, given.take("speed")?) {
         (Some(_), Some(_)) => {
             return Err(argument("frames and speed are two choices of the same thing".into()));
         }
-        (_, Some(mm_per_s)) if mm_per_s > 0.0 && mm_per_s <= 10_000.0 => {
-            Frames::Speed { mm_per_s, fps }
-        }
-        (_, Some(speed)) => {
-            return Err(argument(format!("speed={speed}: above 0, at most 10000 mm/s")));
-        }
+        (_, Some(mm_per_s)) => Frames::Speed { mm_per_s, fps },
         (count, None) => Frames::Count(count.unwrap_or(120)),
     };
-    let size = given.take::<[u32; 2]>("size")?.unwrap_or([1280, 720]);
-    if !size.iter().all(|side| (16..=8192).contains(side)) {
-        return Err(argument(format!("size={size:?}: width and height, 16 to 8192 each")));
-    }
-    let fov: f32 = given.take("fov")?.unwrap_or(90.0);
-    if !FOV_DEG.contains(&f64::from(fov)) {
-        return Err(argument(format!(
-            "fov={fov}: {} to {} degrees",
-            FOV_DEG.start(),
-            FOV_DEG.end()
-        )));
-    }
-    let samples = given.take::<u32>("msaa")?.unwrap_or(4);
-    if ![1, 4].contains(&samples) {
-        return Err(argument(format!("msaa={samples}: 1 or 4")));
-    }
     let script = given.take::<PathBuf>("path")?.map(|path| read_script(&path)).transpose()?;
     Ok(FlightSettings {
         frames,
-        size,
-        view: given.word("view", &views)?.unwrap_or_default(),
-        fov_y_rad: fov * PI / 180.0,
-        samples,
+        size: given.take("size")?.unwrap_or([1280, 720]),
+        view: given.word("view")?.unwrap_or_default(),
+        fov_y_rad: given.take::<f32>("fov")?.unwrap_or(90.0).to_radians(),
+        samples: given.take("msaa")?.unwrap_or(4),
         reverse: given.flag("reverse", false)?,
         route: route(given)?,
         script,

@@ -126,13 +126,13 @@ def test_errors_are_values_of_one_family(tmp_path):
 @pytest.mark.parametrize(
     "settings, what",
     [
-        ({"organ": "heart"}, "airway, colon, vessel"),
-        ({"organ": "colon", "threshold": (0, 1)}, "organ chooses"),
+        ({"organ": "heart"}, "one of `airway`, `colon`, `vessel`"),
+        ({"organ": "colon", "threshold": (0, 1)}, "organ=colon: chooses"),
         ({"tagged": True}, "organ=\"colon\""),
         ({"threshold": (2, 1)}, "the lower end"),
         ({"threshold": 3}, "threshold"),
         ({"seed": (1, 2, 3), "seed_mm": (1, 2, 3)}, "two choices"),
-        ({"leak_control": True}, "needs seed"),
+        ({"leak_control": True}, "needs a seed"),
         ({"threads": 0}, "threads"),
         ({"device": "cuda"}, "auto, cpu, gpu"),
         ({"size": (8, 8)}, "16 to 8192"),

@@ -72,7 +72,12 @@ pub fn rules() -> Result<(), TaskError> {
         Tree::read(&root()).map_err(|e| TaskError::Failed(format!("reading the tree: {e}")))?;
     let broken = report(&tree);
     if broken.is_empty() {
-        eprintln!("{} rules hold over {} files", RULES.len(), tree.len());
+        let lines = size::code_lines(&tree);
+        eprintln!(
+            "{} rules hold over {} files; {lines} lines of code in src",
+            RULES.len(),
+            tree.len()
+        );
         return Ok(());
     }
     Err(TaskError::Failed(broken.join("\n")))
