@@ -4,16 +4,13 @@
 
 mod bless;
 mod check;
-mod compare;
 mod demo;
 mod dist;
-mod pictures;
+mod judge;
 mod process;
-mod scaling;
 mod setup;
 mod test_suite;
 mod timings;
-mod truth;
 mod vulkan;
 
 use std::process::ExitCode;
@@ -28,16 +25,11 @@ usage: cargo xtask TASK
   check          what needs no device: format, lints, docs, builds, project rules
   check --rules  the project rules alone
   bless          write the golden frames anew; then look at them
-  compare        intima beside other programs: times, memory, accuracy, in out/compare/
-                 (`compare --help` has the flags, tools/compare/README.md the rest)
-  pictures       intima beside VTK from the same places, sheets in out/pictures/
-                 (`pictures --help` has the flags, tools/pictures/README.md the rest)
+  judge PART     intima from outside, in out/PART/: speed (beside other programs), walls
+                 (beside known walls and grey values), pictures (beside VTK), growth (of time
+                 and memory); `judge PART --help` has the flags, tools/judge/README.md the rest
   dist           a release in out/dist/: archive, Debian package, container recipe, sums
                  (`--dirty` allows files that differ from the commit, and names the build so)
-  scaling        threads, growth, memory and device beside their limits, in out/scaling/
-                 (`scaling --help` has the flags, tools/scaling/README.md the rest)
-  truth          walls against phantoms of known walls and against grey values, in out/truth/
-                 (`truth --help` has the flags, tools/truth/README.md the rest)
   setup          install a Vulkan loader and driver where none answer
   setup --test   the same, and what the tests need beside it
 ";
@@ -71,10 +63,7 @@ fn dispatch(args: &[&str]) -> Result<(), TaskError> {
         ["test", rest @ ..] => test_suite::test(rest),
         ["check"] => check::check(),
         ["check", "--rules"] => check::rules(),
-        ["compare", rest @ ..] => compare::compare(rest),
-        ["pictures", rest @ ..] => pictures::pictures(rest),
-        ["scaling", rest @ ..] => scaling::scaling(rest),
-        ["truth", rest @ ..] => truth::truth(rest),
+        ["judge", rest @ ..] => judge::judge(rest),
         ["dist", rest @ ..] => dist::dist(rest),
         ["bless"] => bless::bless(),
         ["setup"] => setup::setup(setup::Purpose::Running),

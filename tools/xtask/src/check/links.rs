@@ -188,7 +188,7 @@ mod tests {
                 "src/lod/mod.rs",
                 "//! `lod/cut.rs`, `shaders/lib/b.wgsl`, `common/fly.rs`, `src/lod`.",
             ),
-            ("src/lod/cut.rs", "// https://x.org/a/b.rs, out/compare/table.md, src/NAME.rs"),
+            ("src/lod/cut.rs", "// https://x.org/a/b.rs, out/speed/table.md, src/NAME.rs"),
             ("shaders/lib/b.wgsl", "// lib/b.wgsl"),
             ("tests/common/fly.rs", ""),
             ("benches/results/2026/x.md", "`src/gone.rs`"),
