@@ -100,7 +100,7 @@ fn shots(axis: &[glam::DVec3]) -> Vec<Shot> {
 /// Frame times and triangles of each form.
 pub fn frame_times_of_each_form() {
     let Some(mut gpu) = common::gpu(Validate::Off) else { return };
-    for name in ["colon_62k", "colon_250k", "colon_1m", "vessel_143k", "trachea_96k"] {
+    for name in ["colon_62k", "colon_250k", "colon_1m", "vessel_143k", "trachea_96k", "torus_20m"] {
         let Some((mesh, axis)) = fly::named(name) else { continue };
         println!("{name}: {} faces", mesh.faces.len());
         let (forms, shots) = (Forms::of(&mesh), shots(&axis));

@@ -6,12 +6,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::arc_graph::{ArcGraph, PathEnd, Ways};
 use super::chain_route::{Chain, ChainRouter};
 use super::complex::net::PruneLimits;
 use super::containment::{Proof, mend, safe, settle};
 use super::pieces::PathPiece;
 use super::recenter::{Fixed, arc_lengths, recenter};
-use super::route::{ArcGraph, Loops, PathEnd, RouteOptions, Ways};
+use super::route_options::{Loops, RouteOptions};
 use crate::field::Sampler;
 use crate::geometry::{Attachment, Branch, Centerline, CenterlinePoint};
 

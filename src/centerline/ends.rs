@@ -6,8 +6,8 @@ use std::collections::{BTreeMap, BinaryHeap};
 use glam::DVec3;
 use serde::Serialize;
 
+use super::arc_graph::{ArcGraph, NodeEnd};
 use super::complex::net::Net;
-use super::route::{ArcGraph, NodeEnd};
 use crate::lumen::Lumen;
 use crate::organ::ColonEnds;
 

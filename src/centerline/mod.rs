@@ -1,6 +1,7 @@
 //! The centerline: the lumen's graph, paths and trees along it, smooth centred curves that are proven
 //! inside, frames along them; the visibility test.
 
+mod arc_graph;
 mod branches;
 mod chain_route;
 mod recenter;
@@ -13,6 +14,7 @@ mod pieces;
 mod containment;
 mod queue;
 mod route;
+mod route_options;
 mod section;
 mod spline;
 mod visibility;
@@ -23,7 +25,8 @@ pub use ends::{ChosenEnd, EndRule};
 pub use frames::{CurveFrame, frames, tangents};
 pub use inscribed::measure_radius;
 pub use recenter::{arc_lengths, resample};
-pub use route::{Ends, GraphNode, Loops, LumenLoop, RouteOptions, Routed, centerline};
+pub use route::{GraphNode, LumenLoop, Routed, centerline};
+pub use route_options::{Ends, Loops, RouteOptions};
 pub use visibility::{Pending, Viewpoint, VisibilityInput, add_viewers};
 pub use within_wall::{WithinWall, clearance_mm, within_wall};
 

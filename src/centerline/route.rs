@@ -11,6 +11,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::CenterlineError;
+use super::arc_graph::{ArcGraph, NodeEnd, PathEnd};
 use super::branches::{BranchRoute, Branches, grow};
 use super::chain_route::{Chain, ChainRouter};
 use super::complex::net::{Loop, Net, PruneLimits, Rule};
@@ -19,48 +20,11 @@ use super::complex::{CellComplex, cell, collapse};
 use super::containment::Proof;
 use super::ends::{Beyond, ChosenEnd, EndCandidates, EndChoice, EndRule, TipChoice};
 use super::pieces;
-use super::recenter::cap_centre;
+use super::route_options::RouteOptions;
 use crate::field::Sampler;
 use crate::geometry::Centerline;
 use crate::lumen::Lumen;
 use crate::organ::ColonEnds;
-
-/// Given ends, LPS mm.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Ends {
-    /// Start of the path, or root of the tree.
-    pub from: Option<DVec3>,
-    /// End of the path.
-    pub to: Option<DVec3>,
-}
-
-/// Treatment of loops in a tree.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
-pub enum Loops {
-    /// A branch that closes a loop ends on another.
-    #[default]
-    Keep,
-    /// A branch that closes a loop is cut where both sides are equally far from the root.
-    Cut,
-}
-
-/// Options of the extraction.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct RouteOptions {
-    /// Given ends; the others are found.
-    pub ends: Ends,
-    /// Whether all branches are extracted instead of one path.
-    pub tree: bool,
-    /// Treatment of loops in a tree.
-    pub loops: Loops,
-    /// Point, LPS mm, in the first piece of an organ: where the place of the ends in the patient does
-    /// not say which is the start, the end nearer to the point is.
-    pub starts_near: Option<DVec3>,
-    /// Upper end of a trachea that the organ search found, LPS mm: the start of path and tree.
-    pub trachea: Option<DVec3>,
-}
 
 /// A loop of the lumen, kept or ended by a rule.
 #[derive(Clone, Debug, PartialEq)]
@@ -375,17 +339,6 @@ fn contact_at(complex: &CellComplex, lumen: &Lumen, contact: u32) -> DVec3 {
     lumen.grid.world_from_voxel().transform_point3(0.5 * (p + q))
 }
 
-/// An end of the path.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct PathEnd {
-    /// Field element of the voxel in which the path to this end terminates.
-    pub voxel: u32,
-    /// Position of the end, local mm.
-    pub point: DVec3,
-    /// Whether the user gave the end: the curve then meets it exactly.
-    pub given: bool,
-}
-
 /// Returns an end that the user gave, or an error if it is outside the lumen.
 fn given(lumen: &Lumen, which: &'static str, at: DVec3) -> Result<PathEnd, CenterlineError> {
     let grid = &lumen.grid;
@@ -401,20 +354,6 @@ fn given(lumen: &Lumen, which: &'static str, at: DVec3) -> Result<PathEnd, Cente
         }
     }
 }
-
-/// Graph of arcs with the data that routes over it need.
-#[derive(Clone, Copy)]
-pub(super) struct ArcGraph<'a> {
-    pub net: &'a Net<'a>,
-    pub complex: &'a CellComplex,
-    pub adjacency: &'a NodeContacts<'a>,
-    pub router: ChainRouter<'a>,
-    pub d: Sampler<'a>,
-    pub f: Sampler<'a>,
-}
-
-/// An end with its node.
-pub(super) type NodeEnd = (PathEnd, u32);
 
 impl ArcGraph<'_> {
     /// Deepest voxels of all nodes on arcs, and of the widest node.
@@ -436,13 +375,6 @@ impl ArcGraph<'_> {
     /// Places where more than two arcs meet, LPS mm.
     fn junctions(&self) -> Vec<DVec3> {
         self.net.nodes().filter(|n| self.net.degree(*n) > 2).map(|n| self.world(n)).collect()
-    }
-
-    /// Place of a node in the patient, LPS mm.
-    pub fn world(&self, node: u32) -> DVec3 {
-        let grid = &self.d.lumen.grid;
-        let voxel = self.adjacency.place_mm[node as usize] / grid.spacing_mm;
-        grid.world_from_voxel().transform_point3(voxel)
     }
 
     /// The trunk, of a tree with all other branches.
@@ -491,44 +423,6 @@ impl ArcGraph<'_> {
         ChosenRoutes { routes: grow(self, trunk, nodes, options), ends }
     }
 
-    /// Whether the centre of a cap lies outside the ball at the junction its branch begins at: a
-    /// pocket of a wide lumen has none there.
-    pub fn leads_out(&self, junction: u32, tip: PathEnd) -> bool {
-        let at = self.adjacency.place_mm[junction as usize];
-        tip.point.distance(at) >= self.d.at(at)
-    }
-
-    /// Local place of a point in the patient, mm.
-    fn local(&self, at: DVec3) -> DVec3 {
-        let grid = &self.d.lumen.grid;
-        grid.voxel_from_world().transform_point3(at) * grid.spacing_mm
-    }
-
-    /// The most central way between two nodes.
-    pub fn way(&self, from: u32, to: u32) -> Chain {
-        let ways = self.net.ways(from, |i| self.net.centrality(i));
-        self.chain(&ways, to, |_| false)
-    }
-
-    /// The way to a node as a chain, from where it leaves the nodes that `owned` says.
-    pub fn chain(&self, ways: &Ways, to: u32, owned: impl Fn(u32) -> bool) -> Chain {
-        let mut chain = Chain { nodes: vec![to], contacts: Vec::new() };
-        let mut node = to;
-        while let Some(arc) = ways.get(&node).and_then(|w| self.net.arc(w.1?)) {
-            if owned(node) {
-                break;
-            }
-            let mut piece = Chain { nodes: arc.nodes.clone(), contacts: arc.contacts.clone() };
-            if arc.nodes[0] != node {
-                piece.reverse();
-            }
-            chain.extend(&piece.nodes, &piece.contacts);
-            node = arc.other_end(node);
-        }
-        chain.reverse();
-        chain
-    }
-
     /// The longest arc of a component without leaves; a ring if there is one.
     fn ring(&self, nodes: &[u32]) -> BranchRoute {
         let arcs = self.net.arcs_of(nodes);
@@ -567,25 +461,4 @@ impl ArcGraph<'_> {
         let chain = Chain { nodes: vec![node], contacts: Vec::new() };
         BranchRoute::between((from, node), (to, node), chain)
     }
-
-    /// The end of an arc at a node that no other meets: the voxel of the node that lies farthest
-    /// along, and the centre of the cap there.
-    pub fn tip(&self, node: u32) -> PathEnd {
-        let lumen = self.d.lumen;
-        let n = &self.complex.nodes[node as usize];
-        let before = self.net.beside(node).unwrap_or(node);
-        let from = self.adjacency.place_mm[before as usize];
-        let at = |bit: u32| {
-            let voxel = lumen.bricks.voxel(self.complex.element(node, bit) as usize);
-            voxel.as_dvec3() * lumen.grid.spacing_mm
-        };
-        let off = |bit: u32| at(bit).distance(from);
-        let bits = cell::voxels(n.voxels);
-        let far = bits.max_by(|a, b| off(*a).total_cmp(&off(*b)).then(b.cmp(a))).unwrap_or(0);
-        let voxel = self.complex.element(node, far);
-        PathEnd { voxel, point: cap_centre(at(far), self.d, self.f), given: false }
-    }
 }
-
-/// Length to each node and the arc that leads there.
-pub(super) type Ways = BTreeMap<u32, (u64, Option<usize>)>;

@@ -7,6 +7,7 @@ use glam::UVec3;
 use super::body::PatientBody;
 use super::bronchi;
 use super::gates::Gates;
+use super::numbers::of_airway::airway::*;
 use super::smooth::smoothed;
 use super::trachea::{self, Trachea};
 use super::values::{MIN_HU, between, noise, quantile, share, sorted};
@@ -15,64 +16,8 @@ use super::{FoundOrgan, Organ, OrganError, Segment, head_foot_axis};
 use crate::lumen::{BitVolume, Flood, IntensitySelection, dilated, eroded, grow, pieces};
 use crate::volume::{Grid, Volume};
 
-/// Highest value of air and lung, HU.
-const LUNG_HU: f64 = -400.0;
 /// Values of most of a lung, HU.
 const LUNG_RANGE_HU: (f64, f64) = (-950.0, -600.0);
-/// Least volume of the air and lung that the trachea opens into, ml …
-const MIN_LUNG_ML: f64 = 300.0;
-/// … and least share of it with the values of lung.
-const MIN_LUNG_SHARE: f64 = 0.5;
-/// The flood ends here, ml: no airway is larger.
-const MAX_FLOOD_ML: f64 = 400.0;
-/// Largest airway, ml.
-const MAX_AIRWAY_ML: f64 = 120.0;
-/// Least volume that joins in a step for the step to be judged a leak or not, ml …
-const JUDGED_ML: f64 = 1.0;
-/// … and, for it to be reported, least volume, ml, and least share of the tree before it.
-const JUMP_ML: f64 = 5.0;
-const JUMP_SHARE: f64 = 0.2;
-/// Least share of the boundary of bronchi that is wall. Measured: bronchi 0.66 to 0.93, lung 0.17.
-const MIN_WALLED: f64 = 0.45;
-/// Most of the lung that an airway fills: 0.015 of a whole chest.
-const MAX_FILLED: f64 = 0.15;
-/// Most noise of the air in the trachea, standard deviation in HU.
-const MAX_NOISE_HU: f64 = 140.0;
-/// Limits for a trachea without lung: most air joined to it, ml; its least and greatest length and its
-/// least and greatest radius, mm; the greatest variation of its cross sections; how near to the first or
-/// last slice of the scan it comes, mm; its least share of all the air that is joined to it.
-const MAX_SHORT_ML: f64 = 150.0;
-const MIN_SHORT_MM: f64 = 30.0;
-const MAX_SHORT_MM: f64 = 170.0;
-const MIN_SHORT_RADIUS_MM: f64 = 3.0;
-const SHORT_RADIUS_MM: f64 = 14.0;
-const SHORT_VARIATION: f64 = 0.4;
-const SHORT_FROM_END_MM: f64 = 15.0;
-const MIN_TRACHEA: f64 = 0.3;
-/// Least share of it that lies inside the body.
-const SHORT_INSIDE: f64 = 0.8;
-/// Least share of the air beside a trachea without lung on the side with less of it.
-const MIN_FORK_SIDE: f64 = 0.2;
-/// Thickness of slices, mm, from which there is doubt, from which thin bronchi are neither looked for
-/// nor kept, and greatest thickness; least radius of a bronchus in thick slices, in thicknesses.
-const DOUBTFUL_SLICE_MM: f64 = 4.0;
-const THICK_MM: f64 = 6.0;
-const MAX_SLICE_MM: f64 = 12.0;
-const THIN_PART: f64 = 0.25;
-/// Bronchi lie this far beside the trachea, mm. Where the side with less lung has this share of it,
-/// and the side with fewer bronchi less than this of them, the confidence is at most that.
-const BESIDE_MM: f64 = 25.0;
-const MIN_LUNG_SIDE: f64 = 0.2;
-const MIN_TREE_SIDE: f64 = 0.05;
-const ONE_SIDED: f64 = 0.3;
-/// Most chains that a refusal names.
-const LISTED: usize = 4;
-/// Share of the trachea's core that must have joined before a jump in volume counts as a leak.
-const JOINED: f64 = 0.95;
-/// Noise above which the volume is smoothed, standard deviation in HU.
-const NOISY_HU: f64 = 20.0;
-/// Standard deviations of the smoothing that is tried, in sides of the smallest voxel side.
-const SMOOTHING: [f64; 3] = [0.6, 0.9, 1.3];
 
 /// * `thin`: look for bronchi beyond the threshold.
 pub(super) fn find(volume: &Volume, thin: bool) -> Result<FoundOrgan, OrganError> {

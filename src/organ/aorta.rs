@@ -13,6 +13,7 @@ use super::OrganError;
 use super::coarse::{block_means, noise_between_neighbours};
 use super::frame::BodyFrame;
 use super::gates::Gates;
+use super::numbers::of_vessel::aorta::*;
 use super::sections::{Section, SectionRegion, SlicedMask, Slices, longest_chain};
 use super::smooth::smoothed;
 use super::values::{MIN_HU, between, quantile};
@@ -20,76 +21,9 @@ use super::vertebrae::VERTEBRA_MM;
 use crate::lumen::{BitVolume, opened};
 use crate::volume::Volume;
 
-/// Voxel sides of the coarse copy, mm, about.
-const COARSE_MM: f64 = 1.5;
-/// Noise of the coarse copy from which on it is smoothed, HU: sections are even to twice that. Gaussian,
-/// in sides of the smallest voxel side.
-const NOISY_HU: f64 = 25.0;
-const SMOOTHING: f64 = 0.9;
-/// Thresholds that are tried, HU.
-const LEVELS_HU: [f64; 10] = [90., 110., 130., 150., 180., 220., 270., 330., 400., 500.];
-/// Areas of an aorta, mm².
-const AREA_MM2: std::ops::Range<f64> = 60.0..1800.0;
-/// Least circularity 4πA/P², and longest axis over the shortest.
-const CIRCULARITY: f64 = 0.7;
-const ASPECT: f64 = 1.7;
-/// Most of a section that may be holes.
-const HOLES: f64 = 0.05;
-/// Largest standard deviation of a section's values, and largest median, HU.
-const MAX_SPREAD_HU: f64 = 40.0;
-const MAX_BLOOD_HU: f64 = 700.0;
-/// Least share of a parted section's values that lie within the largest deviation about their median.
-const MIN_ALIKE: f64 = 0.5;
-/// Inner and outer distance of the ring about a section, mm or pixels, and least difference of the
-/// section's median from the ring's, HU.
-const RING: std::ops::Range<f64> = 1.0..2.2;
-const MIN_CONTRAST_HU: f64 = 50.0;
-/// Ratio of the areas of neighbouring sections, and the difference of their medians, HU.
-const AREA_RATIO: std::ops::RangeInclusive<f64> = 0.6..=1.67;
-const VALUE_STEP_HU: f64 = 30.0;
-/// Largest displacement of a section's centre from slice to slice, mm; more where slice steps or
-/// pixels are larger.
-const REACH_MM: f64 = 2.5;
-/// Length of the shortest chain considered, mm, and number of chains across each axis.
-const MIN_CHAIN_MM: f64 = 30.0;
-const MAX_CHAINS: usize = 3;
-/// Shortest chain that is an aorta, mm, and the bounds of its mean radius, mm.
-const MIN_MM: f64 = 60.0;
-const RADIUS_MM: std::ops::Range<f64> = 5.0..20.0;
-/// Most variation of its areas, standard deviation in parts of the mean.
-const MAX_VARIATION: f64 = 0.5;
-/// Bone lies this far from a section's rim, mm, covers this much, mm², and is at least as bright as
-/// this, HU, and brighter than the blood by so much.
-const BONE_WITHIN_MM: f64 = 20.0;
-const BONE_MM2: f64 = 40.0;
-const BONE_HU: f64 = 250.0;
-const BONE_ABOVE_BLOOD_HU: f64 = 60.0;
-/// Radius about a section's centre that counts as the section itself, in radii of the section.
-const OWN_RADII: f64 = 1.3;
-/// Least share of the sections that lie beside spine or bone.
-const MIN_BESIDE_BONE: f64 = 0.5;
-/// Greatest gap between a vertebra and the aorta, mm.
-const SPINE_WITHIN_MM: f64 = 25.0;
-/// Greatest gap to the side, mm.
-const SIDE_MM: f64 = 10.0;
-/// Distance between the middles of section and spine up to which the section is a vertebra, mm, and
-/// greatest share of vertebrae in an aorta's chain.
-const IN_SPINE_MM: f64 = 12.0;
-const MAX_IN_SPINE: f64 = 0.3;
 /// Median distance to the left of the spine's middle from which a chain is no vena cava, mm, and from
 /// which there is no doubt.
 const MIN_LEFT_MM: (f64, f64) = (-14.0, -2.0);
-/// Share of a chain beside which another one, or the spine, has to run to be compared with it, and the
-/// least ratio of their values at which the brighter one is the artery.
-const BESIDE: f64 = 0.25;
-const BRIGHTER: f64 = 1.1;
-/// Gas lies this near to the rim of tagged fluid in a colon, mm, covers this much, mm², and is darker
-/// than lung, HU.
-const GAS_WITHIN_MM: f64 = 6.0;
-const GAS_MM2: f64 = 20.0;
-const GAS_HU: f64 = -930.0;
-/// Most of the sections that lie beside gas.
-const MAX_BESIDE_GAS: f64 = 0.5;
 
 /// Content of a section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

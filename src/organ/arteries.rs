@@ -5,6 +5,7 @@ use super::body::PatientBody;
 use super::branches::{Mouths, follow};
 use super::frame::{BodyFrame, FrameSearch};
 use super::gates::Gates;
+use super::numbers::of_vessel::arteries::*;
 use super::sections::{SlicedMask, Slices};
 use super::smooth::smoothed;
 use super::values::{MIN_HU, between, noise, quantile, sorted};
@@ -13,43 +14,8 @@ use super::{FoundOrgan, Organ, OrganError, Segment};
 use crate::lumen::{BitVolume, IntensitySelection, closed, dilated, holes_filled, pieces};
 use crate::volume::Volume;
 
-/// Soft tissue, HU: thresholds of a CT lie between it and the blood, half way in the aorta and so far
-/// in its branches, which organs with contrast medium surround.
-const SOFT_TISSUE_HU: f64 = 45.0;
-const TUBE_PART: f64 = 0.5;
-const BRANCH_PART: f64 = 0.75;
-/// Bone is brighter than blood by this, HU, and by so many standard deviations of the noise;
-/// voxels nearer to it than this, mm, are mixed with it.
-const BONE_ABOVE_HU: f64 = 120.0;
-const BONE_DEVIATIONS: f64 = 4.0;
-const BONE_RIM_MM: f64 = 2.0;
-/// Least piece of bone, ml; gaps in its cortex that are closed, mm; largest marrow or canal that it
-/// encloses in a slice, mm²: the ring of the pelvis encloses more.
-const BONE_ML: f64 = 0.5;
-const BONE_GAP_MM: f64 = 3.0;
-const BONE_HOLE_MM2: f64 = 3000.0;
-/// The aorta lies within this many of its radii about the middle of its sections, and a voxel more.
-const TUBE_RADII: f64 = 1.15;
-/// Greatest area of a branch and of the arch, in areas of the aorta.
-const BRANCH_AREAS: f64 = 0.6;
-const ARCH_AREAS: f64 = 1.6;
-/// Noise above which branches are followed in a smoothed copy, HU, and its Gaussian in sides of the
-/// smallest voxel side; most noise.
-const NOISY_HU: f64 = 15.0;
-const SMOOTHING: f64 = 0.9;
-const MAX_NOISE_HU: f64 = 120.0;
-/// Least share of the mask that is aorta: the rest are its branches.
-const MIN_TUBE: f64 = 0.2;
-/// Confidence of a chain's shape and place from which no other is looked at.
-const SURE_PLACE: f64 = 0.5;
-/// Confidence at most where no spine is seen.
-const NO_SPINE: f64 = 0.4;
-/// Confidence at most where its sections are not of one value.
-const UNEVEN: f64 = 0.4;
 const PARTED: &str =
     "its sections hold more than blood: a flap between two lumens, a stent or clot";
-/// Most chains that a refusal names.
-const LISTED: usize = 3;
 
 /// The aorta of a CT with contrast medium, and its branches: sections of even blood come first. Without
 /// an aorta among them, sections with a flap, a stent or clot are searched.

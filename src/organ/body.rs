@@ -9,21 +9,10 @@ use glam::UVec3;
 use rayon::prelude::*;
 
 use super::head_foot_axis;
+use super::numbers::of_every_organ::body::*;
 use super::values::between;
 use crate::lumen::{BitVolume, closed, dilated, eroded, open_background, pieces};
 use crate::volume::Volume;
-
-/// Least value of tissue, HU: foam, air and lung lie below.
-const TISSUE_HU: f64 = -300.0;
-/// Radius of the opening, mm: half of more than a table's plate and of less than a body's wall …
-const OPENING_MM: f64 = 5.0;
-/// … or this part of a small volume's least side across the patient.
-const OPENING_PART: f64 = 1.0 / 20.0;
-/// Tissue joined to the core within so many radii of the opening belongs to the body: a wall over
-/// distended bowel is thin, and a table's plate leads away from the body.
-const REACH_RADII: u32 = 5;
-/// Gaps in the wall that are closed in each slice, in radii of the opening.
-const GAP_RADII: f64 = 0.6;
 
 /// The body of a patient.
 pub(super) struct PatientBody {

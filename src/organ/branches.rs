@@ -5,19 +5,10 @@
 use glam::IVec3;
 
 use super::SIDES;
+use super::numbers::of_airway::branches::*;
 use crate::lumen::BitVolume;
 use crate::lumen::bricks::near_offset;
 use crate::volume::Grid;
-
-/// Layers from whose areas the greatest area of a branch follows.
-const FIRST_LAYERS: std::ops::Range<usize> = 2..8;
-/// Limit of the total area of a branch's fronts, in medians of it, and least such limit, mm².
-const MAX_GROWTH: f64 = 3.0;
-const MIN_LIMIT_MM2: f64 = 25.0;
-/// A front of voxels that share sides has this many times as many as its area needs.
-const LAYER_FACTOR: f64 = 1.3;
-/// Branches that end before this, mm, are roughness.
-const MIN_MM: f64 = 5.0;
 
 /// Tube whose surface fronts start from, with the limits of their areas.
 pub(super) struct Mouths<'a> {

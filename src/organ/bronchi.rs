@@ -12,27 +12,11 @@
 use glam::{IVec3, UVec3};
 
 use super::SIDES;
+use super::numbers::of_airway::bronchi::*;
 use super::values::MIN_HU;
 use super::walled::walled;
 use crate::lumen::BitVolume;
 use crate::volume::Volume;
-
-/// Largest rise of the threshold, and size of a step, HU.
-const RISE_HU: f64 = 160.0;
-const STEP_HU: f64 = 8.0;
-/// Largest piece that joins at one threshold, ml.
-const MAX_PIECE_ML: f64 = 0.25;
-/// Largest branch behind a narrow place, ml, and the least share of its boundary that is wall.
-const MAX_BRANCH_ML: f64 = 60.0;
-const MIN_WALLED: f64 = 0.6;
-/// Number of thresholds at which a branch behind a narrow place is looked for, from that of the
-/// tree down, and their spacing, HU: lung behind such a place may leak where the tree does not.
-const FALLS: usize = 8;
-const FALL_HU: f64 = 16.0;
-/// Volume of the smallest piece added, ml: smaller ones are roughness.
-const MIN_PIECE_ML: f64 = 0.01;
-/// Largest volume added, as a share of the tree: more than this is lung, found bit by bit.
-const MAX_ADDED: f64 = 0.5;
 
 /// Tree with the bronchi added to it.
 pub(super) struct Added {

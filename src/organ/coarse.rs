@@ -3,12 +3,9 @@
 use glam::{DMat3, DVec3, UVec3};
 use rayon::prelude::*;
 
+use super::numbers::of_vessel::coarse::*;
 use super::values::{MIN_HU, quantile};
 use crate::volume::{Grid, SampleBuffer, Samples, Volume};
-
-/// Values of soft tissue, HU, in which noise is measured, on every so many voxels.
-const SOFT_HU: std::ops::Range<f64> = -30.0..130.0;
-const NOISE_EVERY: usize = 7;
 
 /// Standard deviation of a volume's noise, from the differences of neighbours along rows in soft tissue.
 pub(super) fn noise_between_neighbours(volume: &Volume) -> f64 {

@@ -6,25 +6,12 @@ use glam::{DVec3, UVec3};
 use super::fluid::fluid;
 use super::gas::{ColonCandidate, GAS_HU, Gas, MIN_ML};
 use super::gates::Gates;
+use super::numbers::of_colon::colon::*;
 use super::rivals::Rival;
 use super::values::{MIN_HU, between};
 use super::{FoundOrgan, Organ, OrganError, Segment, TaggedFluid};
 use crate::lumen::{BitVolume, IntensitySelection, dilated, fill_cavities, thickened};
 use crate::volume::Volume;
-
-/// Least volume of all segments, ml: sinuses and a trachea hold less.
-const MIN_TOTAL_ML: f64 = 60.0;
-/// Least extent of the longest segment, mm.
-const MIN_EXTENT_MM: f64 = 50.0;
-/// Segments grow to here, HU, by so many voxels: half way between gas and tissue.
-const WALL_HU: f64 = -450.0;
-const WALL_VOXELS: usize = 2;
-/// Longest voxel side at which a fold can be told from the gas beside it, mm: folds are about as thick.
-const FOLD_MM: f64 = 3.0;
-/// Confidence at most where a segment may be stomach.
-const DOUBTFUL: f64 = 0.3;
-/// Most pieces of gas that a message names.
-const MAX_NAMED: usize = 4;
 
 pub(super) fn find(volume: &Volume, tagged: bool) -> Result<FoundOrgan, OrganError> {
     let mut gates = Gates::new(Organ::Colon);

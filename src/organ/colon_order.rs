@@ -4,12 +4,9 @@ use glam::{DVec3, UVec3};
 
 use super::SIDES;
 use super::gas::{ColonCandidate, GAS_HU};
+use super::numbers::of_colon::colon_order::*;
 use crate::volume::Volume;
 
-/// Most places of a segment's rim that distances to it are taken from.
-const RIM_PLACES: usize = 1000;
-/// Step along a gap, mm.
-const STEP_MM: f64 = 0.5;
 /// Values between the segments with their names, each up to a value, HU.
 const CONTENTS: [(f64, &str); 5] = [
     (GAS_HU, "gas"),

@@ -3,20 +3,10 @@
 use glam::{DVec3, IVec3, UVec3};
 
 use super::head_foot_axis;
+use super::numbers::of_colon::fluid::*;
 use super::values::{between, quantile, sorted};
 use crate::lumen::{BitVolume, dilated, opened, pieces};
 use crate::volume::Volume;
-
-/// Least value at which fluid is looked for, HU.
-const FLUID_HU: f64 = 200.0;
-/// Soft tissue, HU: the threshold lies half way between it and the fluid.
-const SOFT_TISSUE_HU: f64 = 40.0;
-/// Largest distance below gas at which fluid begins, voxels: in between lie mixed values.
-const LAYER_VOXELS: i32 = 3;
-/// Least area in which a pool meets the gas, mm² …
-const MIN_CONTACT_MM2: f64 = 100.0;
-/// … and least share of its top: bones and small bowel only touch.
-const MIN_CONTACT_SHARE: f64 = 0.25;
 
 /// Fluid with contrast medium.
 pub(super) struct Fluid {

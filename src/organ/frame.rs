@@ -15,30 +15,16 @@ use rayon::prelude::*;
 use super::body::PatientBody;
 use super::coarse::block_means;
 use super::head_foot_axis;
+use super::numbers::of_every_organ::frame::*;
 use super::vertebrae::SpineColumn;
 use crate::lumen::BitVolume;
 use crate::volume::{Grid, SampleBuffer, Samples, Volume};
 
-/// Value of soft tissue, HU.
-const SOFT_HU: f32 = 40.0;
-/// Voxel sides of the coarse copy, mm, about.
-const COARSE_MM: f64 = 3.0;
-/// Distance of its slices, mm, about.
-const SLICE_MM: f64 = 5.0;
 /// Half axes of a vertebra, to the side and to the front, mm; half the width of arch and processes, and
 /// their reach behind the middle of the vertebra, mm.
 const BODY_MM: (f64, f64) = (22.0, 17.0);
-const ARCH_SIDE_MM: f64 = 35.0;
-const BEHIND_MM: f64 = 70.0;
-/// Turns of the patient about his length that are tried, degrees.
-const ROLLS: [f64; 5] = [0.0, -10.0, 10.0, -20.0, 20.0];
-/// Score of a slice in which the spine is seen. Measured: medians of five spines 0.69 to 1.04, of two
-/// skulls 0.23 and 0.41.
-const SEEN: f64 = 0.25;
 /// Median score of a spine, and score at which there is no doubt.
 const MEDIAN: (f64, f64) = (0.38, 0.55);
-/// Score by which another direction has to exceed the score of the header's direction.
-const TURNED: f64 = 0.15;
 
 /// The patient's frame.
 #[derive(Clone)]

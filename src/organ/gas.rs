@@ -7,21 +7,12 @@ use super::body::PatientBody;
 use super::colon_order::{SegmentGap, in_order};
 use super::depth::Depth;
 use super::lungs::{Lungs, lung_of};
+use super::numbers::of_colon::gas::*;
+pub(super) use super::numbers::of_colon::gas::{GAS_HU, MIN_ML};
 use super::rivals::{GasFeatures, GasName, Rival};
 use super::values::{MIN_HU, between, share};
 use crate::lumen::{BitVolume, Piece, dilated, fill_cavities, pieces};
 use crate::volume::{Grid, Volume};
-
-/// Highest value of gas, HU.
-pub(super) const GAS_HU: f64 = -800.0;
-/// Highest value of gas away from walls, HU.
-const DEEP_GAS_HU: f64 = -900.0;
-/// Least volume of a segment, ml.
-pub(super) const MIN_ML: f64 = 15.0;
-/// Least value of the tissue that encloses the colon, HU.
-const TISSUE_HU: f64 = -300.0;
-/// Share of a piece's height that is its top.
-const TOP: f64 = 0.2;
 
 /// The gas in a body.
 pub(super) struct Gas {

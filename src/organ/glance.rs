@@ -4,31 +4,11 @@
 
 use glam::{IVec3, UVec3};
 
+use super::numbers::of_every_organ::glance::*;
 use super::values::MIN_HU;
 use super::{Organ, SIDES, head_foot_axis};
 use crate::lumen::{BitVolume, pieces};
 use crate::volume::Volume;
-
-/// Distance between the samples that are looked at, mm, about.
-const STEP_MM: f64 = 4.0;
-/// Most samples along an axis.
-const MAX_STEPS: u32 = 256;
-/// A volume with values below this is a CT in HU with air in it.
-const CT_HU: f64 = -500.0;
-/// Values of tissue, of lung, of gas without lung, and of blood with contrast medium, HU.
-const TISSUE_HU: f64 = -300.0;
-const LUNG_HU: std::ops::Range<f64> = -950.0..-600.0;
-const GAS_HU: f64 = -940.0;
-const CONTRAST_HU: std::ops::Range<f64> = 140.0..600.0;
-/// Least volumes of lung, of gas beside no lung, and of contrast medium, ml.
-const LUNG_ML: f64 = 300.0;
-const GAS_ML: f64 = 100.0;
-const CONTRAST_ML: f64 = 60.0;
-/// Most of an angiogram's range of values that its median reaches: nearly all of it is dark.
-const DARK: f64 = 0.2;
-
-/// Most different values of a label map.
-const LABELS: usize = 32;
 
 /// Content that a volume seems to have.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -2,18 +2,10 @@
 
 use glam::{DVec3, UVec3};
 
+use super::numbers::of_airway::lungs::*;
 use super::{SIDES, head_foot_axis};
 use crate::lumen::{BitVolume, Piece, eroded, pieces};
 use crate::volume::{Grid, Volume};
-
-/// Volume above which a piece of gas is taken for lung, ml.
-const MIN_LUNG_ML: f64 = 200.0;
-/// Least volume of a core, ml.
-const MIN_CORE_ML: f64 = 15.0;
-/// Largest number of cores: labels are a byte.
-const MAX_CORES: usize = 254;
-/// Lungs hold blood: their mean lies this far above that of gas, HU. Emphysema begins at −950.
-const ABOVE_GAS_HU: f64 = 20.0;
 
 /// Position of the lungs.
 #[derive(Clone, Copy, Debug)]

@@ -23,6 +23,7 @@ mod gas;
 mod gates;
 mod glance;
 mod lungs;
+mod numbers;
 mod rivals;
 mod sections;
 mod smooth;

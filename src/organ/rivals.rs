@@ -5,6 +5,7 @@
 //! under the left dome, crosses the middle to the pylorus near the first lumbar vertebra and ends
 //! there; a colon frames the belly from flank to flank and reaches the pelvis. Limits of values were measured on the shared scans (docs/segmentation.md).
 
+use super::numbers::of_every_organ::rivals::*;
 use std::fmt::Write;
 
 /// Name of a piece of gas, the more special ones first.
@@ -97,9 +98,6 @@ const TABLE: &[FeatureRow] = &[
     (Rival::Colon, "share of the shell that is tissue", |f| Some(f.tissue), 0.9, 0.97),
     (Rival::Colon, "radius, mm", |f| Some(f.radius_mm), 6.0, 12.0),
 ];
-
-/// Margin about the limits of a stomach within which a piece may be stomach or colon.
-const NEAR: f64 = 0.25;
 
 /// Fit of a name to a piece.
 #[derive(Clone, Copy, Debug)]

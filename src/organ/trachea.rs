@@ -3,31 +3,11 @@
 use glam::{DVec2, DVec3, UVec3};
 use rayon::prelude::*;
 
+use super::numbers::of_airway::trachea::*;
 use super::sections::{Section, SectionRegion, SlicedMask, Slices, longest_chain};
 use super::values::{MIN_HU, between, quantile};
 use crate::lumen::{BitVolume, closed};
 use crate::volume::Volume;
-
-/// Highest value of the trachea's air in a cross section, HU.
-const AIR_HU: f64 = -900.0;
-/// Areas of a trachea, mm².
-const AREA_MM2: std::ops::Range<f64> = 40.0..1500.0;
-/// Least circularity 4πA/P².
-const CIRCULARITY: f64 = 0.55;
-/// Longest axis over the shortest.
-const ASPECT: f64 = 2.2;
-/// The ring around a cross section where tissue is looked for: mm, or pixels where those are larger.
-const RING: std::ops::Range<f64> = 1.0..3.0;
-/// Least median value of the ring, HU.
-const RING_HU: f64 = -300.0;
-/// Ratio of the areas of neighbouring cross sections.
-const AREA_RATIO: std::ops::RangeInclusive<f64> = 0.5..=2.0;
-/// Shortest chain that is looked at, mm.
-const MIN_CHAIN_MM: f64 = 15.0;
-/// Most chains that are looked at across an axis.
-const MAX_CHAINS: usize = 4;
-/// Share of the radius in which a cross section is all air.
-const CORE: f64 = 0.6;
 
 /// A chain of cross sections.
 pub(super) struct Trachea {

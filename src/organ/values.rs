@@ -2,12 +2,9 @@
 
 use glam::UVec3;
 
+pub(super) use super::numbers::of_every_organ::values::MIN_HU;
 use crate::lumen::{BitVolume, IntensitySelection};
 use crate::volume::Volume;
-
-/// Least value that a scanner measures, HU: below lies padding of Philips (-2000), GE (-1500,
-/// -3024). Noise of air reaches it at a standard deviation of 130 HU only.
-pub(super) const MIN_HU: f64 = -1400.0;
 
 /// Voxels between two values, inclusive.
 pub(super) fn between(volume: &Volume, lo: f64, hi: f64) -> BitVolume {

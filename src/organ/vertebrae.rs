@@ -4,51 +4,14 @@
 use glam::{DVec2, UVec3};
 use rayon::prelude::*;
 
+pub(super) use super::numbers::of_vessel::vertebrae::VERTEBRA_MM;
+use super::numbers::of_vessel::vertebrae::*;
 use super::values::quantile;
 use crate::volume::{Grid, Volume};
 
 /// Values from where on a voxel counts as bright, and counts in full, HU.
 const BRIGHT_HU: (f64, f64) = (90.0, 170.0);
-/// Values of muscle, HU.
-const MUSCLE_HU: std::ops::Range<f64> = -50.0..130.0;
-/// Least brightness of a vertebra; discs between vertebrae have less.
-const MIN_BRIGHT: f64 = 0.05;
-/// Radius of a vertebra, of its canal, of arch and muscles, mm.
-pub(super) const VERTEBRA_MM: f64 = 16.0;
-const CANAL_MM: f64 = 6.0;
-const BESIDE_MM: f64 = 9.0;
-/// Radii of a ring about the canal, mm, and its brightness from where on the canal counts as enclosed.
-const RING_MM: std::ops::Range<f64> = 8.0..13.0;
-const RING_BRIGHT: f64 = 0.35;
-/// A place so far behind a vertebra, of such a radius, mm, is not bright; brightness from where on it
-/// counts in full, and weight.
-const FAR_BEHIND_MM: f64 = 80.0;
-const FAR_MM: f64 = 14.0;
-const FAR_BRIGHT: f64 = 0.35;
-const FAR_WEIGHT: f64 = 0.8;
-/// Distance of canal and arch behind the middle of a vertebra, and of the muscles: behind and beside
-/// it, mm.
-const CANAL_BEHIND_MM: f64 = 25.0;
-const ARCH_BEHIND_MM: f64 = 42.0;
 const MUSCLE_OFF_MM: (f64, f64) = (38.0, 32.0);
-/// Weights of the arch and of the muscles, where the vertebra weighs 1. The brightness of the arch counts
-/// up to so many times the brightness of the vertebra.
-const ARCH_WEIGHT: f64 = 0.7;
-const ARCH_TIMES: f64 = 1.5;
-const MUSCLE_WEIGHT: f64 = 0.3;
-/// Distance of a vertebra's middle from the skin of the back, mm, and from the middle of the body,
-/// at which nothing counts any more.
-const FROM_SKIN_MM: std::ops::Range<f64> = 20.0..150.0;
-const OFF_MIDDLE_MM: f64 = 60.0;
-/// Share of the score that the greatest distance from the skin takes.
-const DEEPER: f64 = 0.4;
-/// Slices of which one is looked at where the turn of the patient is found.
-const FEW: usize = 3;
-/// Score by which a turn has to be better, for each degree.
-const ROLL_COST: f64 = 0.004;
-/// Length along the patient over which scores are averaged, mm, and step aside per mm along.
-const ALONG_MM: f64 = 15.0;
-const SLOPE: f64 = 0.7;
 
 /// The best way through the slices of a coarse copy.
 pub(super) struct SpineColumn {

@@ -5,42 +5,15 @@ use glam::{DVec3, IVec3, UVec3};
 use super::arteries;
 use super::depth::Depth;
 use super::gates::Gates;
+use super::numbers::of_vessel::vessel::*;
+pub(super) use super::numbers::of_vessel::vessel::{CT_HU, MAX_ML, SURE_ML};
 use super::values::{between, quantile, sorted};
 use super::{FoundOrgan, Organ, OrganError, SIDES, Segment};
 use crate::lumen::{BitVolume, IntensitySelection, Piece, dilated, eroded, pieces};
 use crate::volume::Volume;
 
-/// A volume with values below this is a CT in HU with air in it.
-pub(super) const CT_HU: f64 = -500.0;
-/// Least number of slices along each axis: less shows no tree.
-const MIN_SIDE: u32 = 12;
-/// Most of a volume that vessels fill.
-const MAX_SHARE: f64 = 0.1;
-/// Least length in radii of the widest place.
-const MIN_RADII: f64 = 8.0;
-/// Least share of the tree's voxels that are not on its surface: below it the vessels are a voxel
-/// wide, and joined by chance.
-const MIN_INNER: f64 = 0.1;
-/// Least length, mm: a pool of tagged fluid is shorter.
-const MIN_MM: f64 = 60.0;
-/// Largest volume of vessels, and volume up to which confidence is 1, ml: a heart, a liver or bones
-/// hold more.
-pub(super) const MAX_ML: f64 = 500.0;
-pub(super) const SURE_ML: f64 = 250.0;
-/// Least number of different values of an image: a label map has fewer.
-const MIN_VALUES: usize = 16;
-/// Largest share of a mask's inner voxels that equal all their neighbours: it is 0.85 in a label
-/// map, and 0.44 in an angiogram whose brightest values were clipped.
-const MAX_FLAT: f64 = 0.65;
 /// Inner and outer radius of the shell that surrounds a vessel, voxels.
 const AROUND_VOXELS: (f64, f64) = (2.5, 5.0);
-/// Largest value of a background that was removed, as a share of the peak.
-const ZEROED: f64 = 0.1;
-/// Largest distance of the median from zero, as a share of the peak, where noise or the ringing of
-/// resampling came after the background was set to zero.
-const NEAR_ZERO: f64 = 0.02;
-/// Number of bins of a histogram.
-const BINS: usize = 1024;
 
 pub(super) fn find(volume: &Volume) -> Result<FoundOrgan, OrganError> {
     let mut gates = Gates::new(Organ::Vessel);

@@ -3,14 +3,9 @@
 use glam::{IVec3, UVec3};
 
 use super::SIDES;
+pub(super) use super::numbers::of_airway::walled::WALL_HU;
+use super::numbers::of_airway::walled::*;
 use crate::volume::Volume;
-
-/// Least value of a wall, HU: a wall thinner than a voxel is mixed with the air on both sides, and
-/// lung lies below −700.
-pub(super) const WALL_HU: f64 = -700.0;
-/// Length of the rays on which a wall is looked for, mm, and its bounds in voxels.
-const REACH_MM: f64 = 2.5;
-const REACH_VOXELS: std::ops::RangeInclusive<i32> = 2..=4;
 
 /// Returns the share of the rays leaving a part of some air through its voxels' six sides that meet
 /// a value of a wall. Rays that leave the volume at once do not count. 1 where no ray leaves.

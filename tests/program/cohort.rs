@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use common::patience::until;
 use intima::formats::write_volume;
 use intima::volume::phantom::{Kind, Phantom};
 use serde_json::Value;
@@ -307,11 +308,8 @@ fn a_cohort_killed_at_any_moment_goes_on_to_the_same_files() {
         engine.wait().unwrap();
         if !of_case {
             // Nobody works on whose engine is gone.
-            let until = Instant::now() + Duration::from_secs(20);
-            while !processes_of(killed.dir()).is_empty() {
-                assert!(Instant::now() < until, "a case outlives its cohort");
-                std::thread::sleep(Duration::from_millis(20));
-            }
+            let all_ended = || processes_of(killed.dir()).is_empty().then_some(());
+            until("no case outlives its cohort", all_ended);
         }
     }
     let (code, states) = killed.states(&[]);
@@ -339,12 +337,8 @@ fn a_killed_case_is_a_failure_that_the_next_run_mends() {
     let mut engine = Command::new(env!("CARGO_BIN_EXE_intima"));
     engine.args(["bids", "in", "out", "participant", "--size", "64x48"]).args(long);
     let mut engine = engine.current_dir(cohort.dir()).stderr(Stdio::null()).spawn().unwrap();
-    let until = Instant::now() + Duration::from_secs(60);
-    let frames = cohort.out("logs/sub-a/work/frames/frame_00001.png");
-    while !frames.exists() {
-        assert!(Instant::now() < until, "no frame is drawn");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    let frame = cohort.out("logs/sub-a/work/frames/frame_00001.png");
+    until("a frame is drawn", || frame.exists().then_some(()));
     let others = processes_of(cohort.dir());
     others.into_iter().filter(|pid| *pid != engine.id()).for_each(kill);
     assert_eq!(engine.wait().unwrap().code(), Some(137));

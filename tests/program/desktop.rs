@@ -9,6 +9,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use common::cast::Cast;
+use common::patience::{PATIENCE, end_of, until};
 use glam::DVec3;
 use intima::formats::{read_png, write_volume};
 use intima::session::{Session, Settings, Source, VolumeSource};
@@ -54,8 +55,6 @@ struct Desktop {
     log: Vec<String>,
     _server: Ended,
 }
-
-const PATIENCE: Duration = Duration::from_secs(120);
 
 impl Desktop {
     fn open(dir: &Path, args: &[&str], env: &[(&str, &str)]) -> Option<Self> {
@@ -130,14 +129,7 @@ impl Desktop {
 
     /// Waits until something is so.
     fn until<T>(&self, what: &str, ready: impl Fn() -> Option<T>) -> T {
-        let begun = Instant::now();
-        loop {
-            if let Some(found) = ready() {
-                return found;
-            }
-            assert!(begun.elapsed() < PATIENCE, "not so: {what}; {:#?}", self.log);
-            std::thread::sleep(Duration::from_millis(30));
-        }
+        until(what, ready)
     }
 
     /// Makes a bookmark and waits for it; where it is, and how the eye is turned.
@@ -162,14 +154,7 @@ impl Desktop {
         self.xdotool(&["keydown", "ctrl", "key", "q"]);
         let _ =
             Command::new("xdotool").args(["keyup", "ctrl"]).env("DISPLAY", &self.display).output();
-        let begun = Instant::now();
-        let code = loop {
-            if let Some(status) = self.program.0.try_wait().expect("its state") {
-                break status.code();
-            }
-            assert!(begun.elapsed() < PATIENCE, "it does not end: {:#?}", self.log);
-            std::thread::sleep(Duration::from_millis(20));
-        };
+        let code = end_of(&mut self.program.0, "the window").code();
         self.log.extend(self.said.iter());
         (code, self.log)
     }

@@ -7,6 +7,7 @@ pub mod curves;
 pub mod fixtures;
 pub mod fly;
 pub mod html;
+pub mod patience;
 pub mod readers;
 pub mod screen;
 pub mod torso;

@@ -3,7 +3,9 @@
 use std::fs::{File, Permissions};
 use std::os::unix::fs::PermissionsExt;
 use std::process::{Child, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
+
+use common::patience::{end_of, until_while_running};
 
 use super::*;
 
@@ -105,17 +107,11 @@ fn ctrl_c_leaves_no_temporary_file_of_a_video() {
     let more = ["--size", "64x48", "--video", "v.mp4", "--lod", "off"];
     for name in ["-INT", "-TERM"] {
         let mut child = start(tmp.path(), &[&args[..], &more].concat());
-        let since = Instant::now();
         // The encoder has begun once its file holds something.
-        let begun = || {
+        until_while_running(&mut child, "its video has begun", || {
             let files = temporary(tmp.path());
             files.iter().any(|p| std::fs::read(p).is_ok_and(|b| b == b"begun\n"))
-        };
-        while !begun() {
-            assert!(child.try_wait().unwrap().is_none(), "ended before its video began");
-            assert!(since.elapsed() < Duration::from_secs(120));
-            std::thread::sleep(Duration::from_millis(5));
-        }
+        });
         signal(&child, name);
         let status = child.wait().unwrap();
         assert_eq!(status.code(), Some(130), "{name}: {status}");
@@ -164,20 +160,15 @@ fn a_run_whose_ffmpeg_hangs_ends_on_ctrl_c() {
             .env("PATH", ffmpeg_that(tmp.path(), &hangs))
             .spawn()
             .unwrap();
-        let since = Instant::now();
-        while temporary(tmp.path()).iter().all(|p| std::fs::read(p).is_ok_and(|b| b != b"begun\n"))
-        {
-            assert!(child.try_wait().unwrap().is_none(), "ended before its video began");
-            assert!(since.elapsed() < Duration::from_secs(120));
-            std::thread::sleep(Duration::from_millis(5));
-        }
+        until_while_running(&mut child, "its video has begun", || {
+            let files = temporary(tmp.path());
+            files.iter().any(|p| std::fs::read(p).is_ok_and(|b| b == b"begun\n"))
+        });
         // Long enough to fill the pipe, or to draw the last frame.
         std::thread::sleep(Duration::from_secs(2));
-        let since = Instant::now();
         signal(&child, "-INT");
-        let status = child.wait().unwrap();
+        let status = end_of(&mut child, does);
         assert_eq!(status.code(), Some(130), "{does}: {status}");
-        assert!(since.elapsed() < Duration::from_secs(10), "{does}: {:?}", since.elapsed());
         assert_eq!(temporary(tmp.path()), Vec::<std::path::PathBuf>::new(), "{does}");
         assert!(!tmp.path().join("v.mp4").exists());
     }
@@ -364,18 +355,8 @@ fn a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for() {
     }
     for args in commands {
         let mut child = start(dir, &args);
-        let since = Instant::now();
-        let status = loop {
-            if let Some(status) = child.try_wait().unwrap() {
-                break status.code();
-            }
-            if since.elapsed() > Duration::from_secs(30) {
-                child.kill().unwrap();
-                panic!("{args:?} waits");
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        };
-        assert_eq!(status, Some(3), "{args:?}");
+        let status = end_of(&mut child, args[0]);
+        assert_eq!(status.code(), Some(3), "{args:?}");
     }
 }
 
@@ -432,12 +413,8 @@ fn a_second_run_into_a_folder_is_refused_until_the_first_is_gone() {
     // (first, its frames, second); frames of a run are in a folder below.
     for (first, frames, second) in [("run", "o/frames", "run"), ("record", "o", "record")] {
         let mut child = start(dir, &call(first, "90000"));
-        let since = Instant::now();
-        while !dir.join(frames).join("frame_00003.png").exists() {
-            assert!(child.try_wait().unwrap().is_none(), "ended before its frames");
-            assert!(since.elapsed() < Duration::from_secs(120));
-            std::thread::sleep(Duration::from_millis(5));
-        }
+        let third = dir.join(frames).join("frame_00003.png");
+        until_while_running(&mut child, "it has drawn frames", || third.exists());
         let out = intima(dir, &[&call(second, "2")[..], &["--json"]].concat());
         let err = String::from_utf8_lossy(&out.stderr);
         assert_eq!(out.status.code(), Some(1), "{err}");

@@ -39,7 +39,6 @@ const RULES: &[Rule] = &[
     ("every dependency has a reason", manifest::reasons),
     ("committed pictures and tables stay small", size::budgets),
     ("a type name stands once", words::types_once),
-    ("doc comments name the thing first", words::doc_openings),
     ("limits begin with MAX_ or MIN_", words::limits),
     ("counts end in _count", words::counts),
     ("fields of JSON are documented", words::json_fields),

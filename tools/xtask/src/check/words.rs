@@ -90,35 +90,6 @@ pub fn counts(tree: &Tree) -> Vec<String> {
     found
 }
 
-/// First words of a sentence whose noun the reader has to find elsewhere.
-const WITHOUT_NOUN: &[&str] = &[
-    "As", "At", "By", "From", "Here", "How", "It", "Its", "Of", "On", "Same", "So", "That",
-    "The same", "Their", "There", "These", "They", "Those", "To", "What", "Where", "Which", "Who",
-    "Whose",
-];
-
-/// Doc comments of `src` whose first sentence does not name what it is about.
-pub fn doc_openings(tree: &Tree) -> Vec<String> {
-    let mut found = Vec::new();
-    for path in tree.rust("src/").map(|(path, _)| path.to_owned()).collect::<Vec<_>>() {
-        let mut in_doc = false;
-        for (i, text) in tree.text(&path).unwrap_or_default().lines().enumerate() {
-            let doc = text.trim_start();
-            let doc = doc.strip_prefix("///").or_else(|| doc.strip_prefix("//!"));
-            let doc = doc.map(str::trim_start);
-            if let Some(doc) = doc.filter(|_| !in_doc) {
-                let opens =
-                    |word: &str| doc.strip_prefix(word).is_some_and(|r| !r.starts_with(is_word));
-                if WITHOUT_NOUN.iter().any(|w| opens(w)) {
-                    found.push(format!("{path}:{}: {doc}", i + 1));
-                }
-            }
-            in_doc = doc.is_some();
-        }
-    }
-    found
-}
-
 /// Fields of types that are written as JSON and have no doc comment.
 pub fn json_fields(tree: &Tree) -> Vec<String> {
     let mut found = Vec::new();
@@ -177,12 +148,6 @@ mod tests {
     fn a_count_by_a_prefix_is_caught() {
         assert_eq!(of(counts, "src/a.rs", "let n_faces = 1;"), ["src/a.rs:1: n_…"]);
         assert_eq!(of(counts, "src/a.rs", "let face_count = 1; let in_faces = 2;"), [""; 0]);
-    }
-
-    #[test]
-    fn a_doc_comment_without_its_noun_is_caught() {
-        let text = "/// What is kept.\nx\n/// Whether it is.\n/// Which is more.\ny\n//! Offset.\n";
-        assert_eq!(of(doc_openings, "src/a.rs", text), ["src/a.rs:1: What is kept."]);
     }
 
     #[test]
