@@ -172,7 +172,8 @@ mod tests {
     use crate::organ::OrganOptions;
     use crate::surface::Weights;
 
-    /// Every setting out of its range, by name.
+    type Change = fn(&mut Settings);
+
     #[test]
     fn a_setting_out_of_its_range_is_refused_by_name_and_the_defaults_are_not() {
         assert_eq!(Settings::default().check(), Ok(()));
@@ -180,7 +181,7 @@ mod tests {
             let weights = Weights::Uniform;
             Some(Smoothing::Steps(Fairing { steps, lambda, weights }))
         };
-        let refused: [(&str, fn(&mut Settings)); 9] = [
+        let refused: [(&str, Change); 9] = [
             ("threads", |s| s.threads = Some(0)),
             ("pixel_error", |s| s.levels.pixel_error = f32::NAN),
             ("size", |s| s.flight.size = [15, 720]),
