@@ -3,7 +3,7 @@
 //!
 //! Limits of shape and place are rounded from textbook anatomy of adults: a stomach hangs from the oesophagus
 //! under the left dome, crosses the middle to the pylorus near the first lumbar vertebra and ends
-//! there; a colon frames the belly from flank to flank and reaches the pelvis. Limits of values were measured on the shared scans (docs/segmentation.md).
+//! there; a colon frames the belly from flank to flank and reaches the pelvis. Limits of values were measured on the shared scans (docs/organs.md).
 
 use super::numbers::of_every_organ::rivals::*;
 use std::fmt::Write;
