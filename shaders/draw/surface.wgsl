@@ -22,21 +22,21 @@ struct Params {
 }
 var<immediate> params: Params;
 
-// Pink tissue. The diffuse part is the square of the cosine, hardly any light fills in, and a lamp as
-// bright as the tone curve bears: slopes of a wall that faces a light this near show only so. Plain
-// viewers write the cosine unencoded, which is its power of 2.2 in light.
+// Pale, wet tissue. The diffuse part is the cube of the cosine and hardly any light fills in: under a
+// lamp this near, slopes of a wall that faces it show only so.
 // Constants, not parameters, which software devices are slow to fetch.
-const TISSUE = vec3<f32>(0.76, 0.24, 0.175);
-const PALE = vec3<f32>(0.95, 0.55, 0.42); // ridges go towards it
-const DEEP = vec3<f32>(0.45, 0.10, 0.08); // crevices
+const TISSUE = vec3<f32>(0.71, 0.30, 0.23);
+const PALE = vec3<f32>(0.86, 0.56, 0.45); // ridges go towards it
+const DEEP = vec3<f32>(0.44, 0.12, 0.095); // crevices
 const TINT: f32 = 0.35; // how far
 const CAVITY: f32 = 0.5; // share of light that a full ridge gains and a crevice loses
-const EXPOSURE: f32 = 1.8; // before the tone curve
+const EXPOSURE: f32 = 1.75; // before the tone curve
 const AMBIENT: f32 = EXPOSURE * 0.03;
 const DIFFUSE: f32 = EXPOSURE * 0.9;
-const SPECULAR: f32 = EXPOSURE * 0.08;
-const POWER: f32 = 40.0;
+const SPECULAR: f32 = EXPOSURE * 0.2;
+const POWER: f32 = 60.0;
 const RELIEF: f32 = 0.45; // weight of curvature seen from outside
+const OUTSIDE = vec3<f32>(0.76, 0.24, 0.175); // of the wall there
 
 struct Wall {
     @builtin(position) @invariant at: vec4<f32>, // to fragments: pixel, depth, 1 / w
@@ -124,8 +124,10 @@ fn place(wall: Wall, ray: vec3<f32>) -> vec3<f32> {
     return ray * (1.0 / wall.at.w);
 }
 
-// Ridges pale and bright, crevices deep and dark.
-fn tinted(curvature: f32) -> vec3<f32> {
+// Ridges pale and bright, crevices deep and dark. With four samples a fragment at the rim of a triangle
+// may have a curvature from beyond the triangle.
+fn tinted(extrapolated: f32) -> vec3<f32> {
+    let curvature = clamp(extrapolated, -1.0, 1.0);
     let way = select(TISSUE - DEEP, PALE - TISSUE, curvature > 0.0);
     return (TISSUE + (TINT * curvature) * way) * (1.0 + CAVITY * curvature);
 }
@@ -168,7 +170,7 @@ fn lit_wall(wall: Wall, front: bool, colour: vec3<f32>) -> vec3<f32> {
     let l4 = (line * line) * (line * line);
     let l16 = (l4 * l4) * (l4 * l4);
     let gloss = l16 * l16 * lit;
-    return (colour * (AMBIENT + DIFFUSE * lit * lit) + SPECULAR * gloss) * near;
+    return (colour * (AMBIENT + DIFFUSE * lit * lit * lit) + SPECULAR * gloss) * near;
 }
 
 fn lit_tissue(wall: Wall, front: bool) -> vec3<f32> {
@@ -180,9 +182,11 @@ fn lit_coloured(wall: ColouredWall, front: bool) -> vec3<f32> {
     return lit_wall(plain(wall), front, colour);
 }
 
-// Light of 2.2 is white; highlights saturate gently (Reinhard et al. 2002, doi:10.1145/566654.566575).
+// The tone curve of Reinhard et al. 2002 (doi:10.1145/566654.566575) with white at 1.2, of the luminance
+// (Rec. 709): of each channel, it would take the colour out of bright tissue, and relief with it.
 fn toned(light: vec3<f32>) -> vec4<f32> {
-    return vec4(light * (1.0 + light * (1.0 / 4.84)) / (1.0 + light), 1.0);
+    let y = dot(light, vec3(0.2126, 0.7152, 0.0722));
+    return vec4(light * ((1.0 + y * (1.0 / 1.44)) / (1.0 + y)), 1.0);
 }
 
 @fragment
@@ -198,11 +202,11 @@ fn inside_coloured(
     return toned(lit_coloured(wall, front));
 }
 
-// The same and sRGB (IEC 61966-2-1) of light up to 2.2, beyond which it stays white, as one fraction:
-// off by 0.66 of 255 at most, by 0.73 below 20.
+// The same and sRGB (IEC 61966-2-1) as a fraction: off by 0.47 of 255 at most.
 fn encoded(light: vec3<f32>) -> vec4<f32> {
-    let over = light * (14.462713614 + light * 135.883293771);
-    let under = 1.0 + light * (60.159749410 + light * (137.173521087 - light * 10.288693153));
+    let x = min(toned(light).rgb, vec3(1.0));
+    let over = x * (15.017668168 + x * 164.141531111);
+    let under = 1.0 + x * (66.575546120 + x * (142.094631090 - x * 30.836282520));
     // One division for the three.
     let others = under.yzx * under.zxy;
     return vec4(over * others * (1.0 / (under.x * others.x)), 1.0);
@@ -258,10 +262,10 @@ fn form(wall: Wall, tissue: vec3<f32>) -> vec4<f32> {
 
 @fragment
 fn shell(wall: Wall) -> @location(0) vec4<f32> {
-    return form(wall, TISSUE);
+    return form(wall, OUTSIDE);
 }
 
 @fragment
 fn shell_coloured(wall: ColouredWall) -> @location(0) vec4<f32> {
-    return form(plain(wall), mix(TISSUE, wall.colour.rgb, wall.colour.a));
+    return form(plain(wall), mix(OUTSIDE, wall.colour.rgb, wall.colour.a));
 }

@@ -19,7 +19,7 @@ use crate::geometry::{Attachment, Branch, Centerline, CenterlinePoint};
 /// A branch as a path on the graph: parents come before children.
 pub(super) struct BranchRoute {
     parent: Option<usize>,
-    /// The branch that it ends on: it closes a loop.
+    /// Branch on which this branch ends, if it closes a loop; for a ring, the ring itself.
     pub joined: Option<usize>,
     /// Chain from the branching point on the parent, or from the root, to the tip.
     chain: Chain,
@@ -52,7 +52,7 @@ impl BranchRoute {
         self.ends[usize::from(last)]
     }
 
-    /// Length of the route, about, mm: of chords between nodes some steps apart.
+    /// Approximate length of the route, mm: the sum of chords between every fourth node.
     ///
     /// * `place`: position of a node, local mm.
     pub fn length_mm(&self, place: impl Fn(u32) -> DVec3) -> f64 {
@@ -62,23 +62,23 @@ impl BranchRoute {
         places.windows(2).map(|w| w[0].distance(w[1])).sum()
     }
 
-    /// Numbers the branches it is attached to from another start.
-    pub fn shift(&mut self, by: usize) {
-        self.parent = self.parent.map(|p| p + by);
-        self.joined = self.joined.map(|j| j + by);
+    /// Adds an offset to the indices of the parent and of the joined branch.
+    pub fn offset_indices(&mut self, offset: usize) {
+        self.parent = self.parent.map(|parent| parent + offset);
+        self.joined = self.joined.map(|joined| joined + offset);
     }
 
-    /// Whether a part of the lumen with this way through it is long enough to be flown.
-    pub fn is_piece(&self, d: Sampler<'_>) -> bool {
+    /// Whether the route is long enough for a flight through its part of the lumen.
+    pub fn is_long_enough(&self, d: Sampler<'_>) -> bool {
         let [a, b] = self.ends.map(|e| e.point);
         a.distance(b) >= (2.0 * d.at(a).max(d.at(b))).max(PruneLimits::default().twig_mm)
     }
 
-    /// Returns the ends of the route with the directions out of it.
+    /// Returns the ends of the route, each with the direction in which the route leaves it.
     ///
     /// * `place`: position of a node, local mm.
     /// * `inwards`: number of nodes from an end to the one that its direction is taken from.
-    pub fn piece(&self, place: impl Fn(u32) -> DVec3, inwards: usize) -> PathPiece {
+    pub fn path_piece(&self, place: impl Fn(u32) -> DVec3, inwards: usize) -> PathPiece {
         let n = &self.chain.nodes;
         let inner = [n[inwards.min(n.len() - 1)], n[n.len().saturating_sub(1 + inwards)]];
         let ends = self.ends.map(|e| e.point);
@@ -87,49 +87,50 @@ impl BranchRoute {
     }
 }
 
-/// Returns the trunk, followed by the other branches if a tree is asked for: tips are taken from
-/// the farthest from the root on, and each branch starts where its path leaves the branches before
-/// it. Arcs that close loops come last.
+/// Returns the trunk and, for a tree, its branches. Tips are visited from the farthest to the nearest.
+/// The branch to a tip starts where the way from the root leaves the branches found so far. Arcs that
+/// close loops come last.
 ///
 /// * `nodes`: nodes at which arcs of the component end, ascending.
-pub(super) fn grow(
-    view: &ArcGraph<'_>,
+pub(super) fn grow_branches(
+    graph: &ArcGraph<'_>,
     trunk: BranchRoute,
     nodes: &[u32],
     options: RouteOptions,
 ) -> Vec<BranchRoute> {
     let root = trunk.chain.nodes[0];
     let mut routes = vec![trunk];
-    if options.tree {
-        let ways = view.net.ways(root, |i| view.net.centrality(i));
-        // Branch that each node of the graph is on.
-        let mut owner: BTreeMap<u32, usize> = BTreeMap::new();
-        owner.extend(routes[0].chain.nodes.iter().map(|n| (*n, 0)));
-        let lengths = view.net.ways(root, |i| view.net.length(i));
-        let mut leaves = view.net.leaves();
-        leaves.retain(|n| nodes.binary_search(n).is_ok() && !owner.contains_key(n));
-        leaves.sort_by_key(|n| (Reverse(lengths.get(n).map_or(0, |w| w.0)), *n));
-        for leaf in leaves {
-            let chain = view.chain(&ways, leaf, |n| owner.contains_key(&n));
-            let tip = view.tip(leaf);
-            let from = chain.nodes[0];
-            if !view.leads_out(from, tip) {
-                continue;
-            }
-            let parent = owner.get(&from).copied().unwrap_or(0);
-            let id = routes.len();
-            own(&mut owner, &chain, id);
-            let ends = [junction(view, from), tip];
-            routes.push(BranchRoute {
-                parent: Some(parent),
-                joined: None,
-                chain,
-                ends,
-                points: Vec::new(),
-            });
-        }
-        close_loops(view, &mut routes, &mut owner, &ways, (nodes, options.loops));
+    if !options.tree {
+        return routes;
     }
+
+    // 1. Most central ways from the root, and the branch on each node.
+    let ways = graph.net.ways(root, |i| graph.net.centrality(i));
+    let mut owner: BTreeMap<u32, usize> = BTreeMap::new();
+    owner.extend(routes[0].chain.nodes.iter().map(|n| (*n, 0)));
+
+    // 2. Tips, the farthest first.
+    let lengths = graph.net.ways(root, |i| graph.net.length(i));
+    let mut tips = graph.net.leaves();
+    tips.retain(|n| nodes.binary_search(n).is_ok() && !owner.contains_key(n));
+    tips.sort_by_key(|n| (Reverse(lengths.get(n).map_or(0, |w| w.0)), *n));
+
+    // 3. A branch to each tip.
+    for node in tips {
+        let chain = graph.chain(&ways, node, |n| owner.contains_key(&n));
+        let tip = graph.tip(node);
+        let from = chain.nodes[0];
+        if !graph.leads_out(from, tip) {
+            continue;
+        }
+        let parent = owner.get(&from).copied().or(Some(0));
+        own(&mut owner, &chain, routes.len());
+        let ends = [junction(graph, from), tip];
+        routes.push(BranchRoute { parent, joined: None, chain, ends, points: Vec::new() });
+    }
+
+    // 4. Arcs that no branch follows.
+    close_loops(graph, &mut routes, &mut owner, &ways, nodes, options.loops);
     routes
 }
 
@@ -140,82 +141,96 @@ fn own(owner: &mut BTreeMap<u32, usize>, chain: &Chain, id: usize) {
     }
 }
 
-fn junction(view: &ArcGraph<'_>, node: u32) -> PathEnd {
-    let voxel = view.complex.nodes[node as usize].deepest;
-    PathEnd { voxel, point: view.adjacency.place_mm[node as usize], given: false }
+/// The deepest place of a node, as an end.
+fn junction(graph: &ArcGraph<'_>, node: u32) -> PathEnd {
+    let voxel = graph.complex.nodes[node as usize].deepest;
+    PathEnd { voxel, point: graph.adjacency.place_mm[node as usize], given: false }
 }
 
-/// Adds branches along the arcs that belong to no branch yet: each closes a loop, or is cut in two.
+/// Adds branches along arcs that no branch follows yet. An arc between two branches closes a loop: it
+/// becomes one branch, or two halves if loops are cut.
 fn close_loops(
-    view: &ArcGraph<'_>,
+    graph: &ArcGraph<'_>,
     routes: &mut Vec<BranchRoute>,
     owner: &mut BTreeMap<u32, usize>,
     ways: &Ways,
-    (nodes, loops): (&[u32], Loops),
+    nodes: &[u32],
+    loops: Loops,
 ) {
-    let mut left: Vec<usize> = view.net.arcs_of(nodes).collect();
-    // The trunk may run along arcs that the ways from its root do not.
-    let taken: BTreeSet<u32> =
+    // 1. Collect the arcs that no branch follows. The trunk may follow arcs that the most central ways
+    // do not.
+    let used_contacts: BTreeSet<u32> =
         routes.iter().flat_map(|r| r.chain.contacts.iter().copied()).collect();
-    let first = |i: usize| view.net.arc(i).and_then(|a| a.contacts.first());
-    left.retain(|i| first(*i).is_none_or(|c| !taken.contains(c)));
-    // An arc whose ends no branch has waits for one that leads there.
-    while let Some(at) = left.iter().position(|i| {
-        view.net.arc(*i).is_some_and(|a| a.ends().iter().any(|n| owner.contains_key(n)))
+    let is_unused = |i: &usize| {
+        let first_contact = graph.net.arc(*i).and_then(|arc| arc.contacts.first());
+        first_contact.is_none_or(|contact| !used_contacts.contains(contact))
+    };
+    let mut unused_arcs: Vec<usize> = graph.net.arcs_of(nodes).filter(is_unused).collect();
+
+    // 2. Take the first unused arc that touches a branch, until no unused arc touches one.
+    while let Some(at) = unused_arcs.iter().position(|i| {
+        graph.net.arc(*i).is_some_and(|arc| arc.ends().iter().any(|n| owner.contains_key(n)))
     }) {
-        let i = left.remove(at);
-        let Some(arc) = view.net.arc(i) else { continue };
+        let Some(arc) = graph.net.arc(unused_arcs.remove(at)) else { continue };
+
+        // 3. Start the chain on a branch.
         let mut chain = Chain { nodes: arc.nodes.clone(), contacts: arc.contacts.clone() };
         if !owner.contains_key(&chain.nodes[0]) {
             chain.reverse();
         }
-        let last = chain.nodes[chain.nodes.len() - 1];
-        let (from, to) = (owner[&chain.nodes[0]], owner.get(&last).copied());
-        let id = routes.len();
-        own(owner, &chain, id);
-        let ends = [junction(view, chain.nodes[0]), junction(view, last)];
+        let [start, end] = [chain.nodes[0], chain.nodes[chain.nodes.len() - 1]];
+        let (from, to) = (owner[&start], owner.get(&end).copied());
+        own(owner, &chain, routes.len());
+
+        // 4. Keep it as one branch, or cut it.
         if loops == Loops::Keep || to.is_none() {
-            routes.push(BranchRoute {
-                parent: Some(from),
-                joined: to,
-                chain,
-                ends,
-                points: Vec::new(),
-            });
-            continue;
-        }
-        for (half, parent) in halves(view, chain, ways).into_iter().zip([Some(from), to]) {
-            let start = half.nodes[0];
-            let place = |n: u32| view.adjacency.place_mm[n as usize];
-            let far = half.nodes.iter().map(|n| place(*n).distance(place(start)));
-            let least = (2.0 * view.d.at(place(start))).max(PruneLimits::default().twig_mm);
-            if far.fold(0.0, f64::max) < least {
-                continue;
-            }
-            let ends = [start, half.nodes[half.nodes.len() - 1]].map(|n| junction(view, n));
-            routes.push(BranchRoute {
-                parent,
-                joined: None,
-                chain: half,
-                ends,
-                points: Vec::new(),
-            });
+            let ends = [junction(graph, start), junction(graph, end)];
+            let parent = Some(from);
+            routes.push(BranchRoute { parent, joined: to, chain, ends, points: Vec::new() });
+        } else {
+            add_halves(graph, routes, halves(graph, chain, ways), [Some(from), to]);
         }
     }
 }
 
-/// A chain cut where both ends are equally far from the root; both halves lead there.
-fn halves(view: &ArcGraph<'_>, mut chain: Chain, ways: &Ways) -> [Chain; 2] {
-    let cost = |n: u32| ways.get(&n).map_or(0, |w| w.0);
-    let (a, b) = (cost(chain.nodes[0]), cost(chain.nodes[chain.nodes.len() - 1]));
-    let each: Vec<u64> = chain.contacts.iter().map(|c| view.net.contact_centrality(*c)).collect();
-    let total: u64 = each.iter().sum();
-    let mut along = a;
-    let before = each.iter().take_while(|c| {
-        along += **c;
-        2 * along <= a + b + total
-    });
-    let cut = before.count().min(each.len() - 1);
+/// Adds each half of a cut chain as a branch if it reaches far enough from its start.
+fn add_halves(
+    graph: &ArcGraph<'_>,
+    routes: &mut Vec<BranchRoute>,
+    halves: [Chain; 2],
+    parents: [Option<usize>; 2],
+) {
+    let place = |node: u32| graph.adjacency.place_mm[node as usize];
+    for (chain, parent) in halves.into_iter().zip(parents) {
+        let [start, end] = [chain.nodes[0], chain.nodes[chain.nodes.len() - 1]];
+        let min_reach_mm = (2.0 * graph.d.at(place(start))).max(PruneLimits::default().twig_mm);
+        if chain.nodes.iter().any(|n| place(*n).distance(place(start)) >= min_reach_mm) {
+            let ends = [junction(graph, start), junction(graph, end)];
+            routes.push(BranchRoute { parent, joined: None, chain, ends, points: Vec::new() });
+        }
+    }
+}
+
+/// Cuts a chain where the ways from the root over its two ends cost the same. Each half runs from an
+/// end of the chain to the cut.
+fn halves(graph: &ArcGraph<'_>, mut chain: Chain, ways: &Ways) -> [Chain; 2] {
+    let cost = |node: u32| ways.get(&node).map_or(0, |w| w.0);
+    let end = chain.nodes[chain.nodes.len() - 1];
+    let [start_cost, end_cost] = [cost(chain.nodes[0]), cost(end)];
+    let contact_costs: Vec<u64> =
+        chain.contacts.iter().map(|c| graph.net.contact_centrality(*c)).collect();
+    let total: u64 = contact_costs.iter().sum();
+
+    // The contact at the cut belongs to neither half.
+    let mut cost_to_cut = start_cost;
+    let mut cut = contact_costs.len() - 1;
+    for (i, cost) in contact_costs.iter().enumerate() {
+        cost_to_cut += cost;
+        if 2 * cost_to_cut > start_cost + end_cost + total {
+            cut = i;
+            break;
+        }
+    }
     let mut second = Chain {
         nodes: chain.nodes.split_off(cut + 1),
         contacts: chain.contacts.split_off(cut + 1),
@@ -225,52 +240,70 @@ fn halves(view: &ArcGraph<'_>, mut chain: Chain, ways: &Ways) -> [Chain; 2] {
     [chain, second]
 }
 
-/// Length by which a ring is repeated at either end, in distances to the wall: more than the length
-/// over which the ends of a curve influence it.
+/// Length of the repeats at either end of a ring, in distances to the wall at its start. It is longer
+/// than the influence of the ends of a curve.
 const RING_OVERLAP: f64 = 8.0;
 /// Fewest points of a route that is smoothed as a ring.
 const MIN_LAP: usize = 8;
 
+/// The curve along a route, local mm, and its proof.
+struct ProvenCurve {
+    points: Vec<DVec3>,
+    proof: Proof,
+}
+
+/// A curve, and the branches on which it starts and ends.
+struct AttachedCurve {
+    parent: Option<usize>,
+    joined: Option<usize>,
+    /// Points, local mm.
+    points: Vec<DVec3>,
+}
+
 /// Curves of branches.
-pub(super) struct Branches<'a> {
+pub(super) struct BranchCurves<'a> {
     d: Sampler<'a>,
     f: Sampler<'a>,
-    /// Parent, branch joined at the end, and points (local mm) of each branch.
-    branches: Vec<(Option<usize>, Option<usize>, Vec<DVec3>)>,
+    curves: Vec<AttachedCurve>,
     /// Sum of the proofs of all curves.
     pub proof: Proof,
 }
 
-impl<'a> Branches<'a> {
-    /// Curves along all routes, in parallel as soon as the curves they are attached to exist.
+impl<'a> BranchCurves<'a> {
+    /// Computes the curves of all routes. A route waits for the curves that it starts and ends on;
+    /// routes that are ready run in parallel.
+    ///
+    /// * `d`, `f`: distance to the wall, exact and smoothed.
     pub fn new(d: Sampler<'a>, f: Sampler<'a>, routes: &[BranchRoute]) -> Self {
-        let mut curves: Vec<Option<(Vec<DVec3>, Proof)>> = routes.iter().map(|_| None).collect();
-        let mut this = Self { d, f, branches: Vec::new(), proof: Proof::default() };
+        let mut this = Self { d, f, curves: Vec::new(), proof: Proof::default() };
+        let mut computed: Vec<Option<ProvenCurve>> = routes.iter().map(|_| None).collect();
         loop {
-            let ready = |i: usize| {
-                let needs = [routes[i].parent, routes[i].joined.filter(|j| *j != i)];
-                curves[i].is_none() && needs.iter().flatten().all(|n| curves[*n].is_some())
+            let is_ready = |i: &usize| {
+                // A ring ends on itself.
+                let needed = [routes[*i].parent, routes[*i].joined.filter(|joined| joined != i)];
+                computed[*i].is_none() && needed.iter().flatten().all(|n| computed[*n].is_some())
             };
-            let made: Vec<(usize, (Vec<DVec3>, Proof))> = (0..routes.len())
-                .into_par_iter()
-                .filter(|i| ready(*i))
-                .map(|i| {
-                    let of = |n: Option<usize>| {
-                        n.filter(|n| *n != i).and_then(|n| curves[n].as_ref()).map(|c| &c.0[..])
-                    };
-                    (i, this.curve(&routes[i], of(routes[i].parent), of(routes[i].joined)))
-                })
-                .collect();
-            if made.is_empty() {
+            let ready: Vec<usize> = (0..routes.len()).filter(is_ready).collect();
+            if ready.is_empty() {
                 break;
             }
-            made.into_iter().for_each(|(i, c)| curves[i] = Some(c));
+            let points_of = |branch: Option<usize>| Some(&computed[branch?].as_ref()?.points[..]);
+            let curve = |i: &usize| {
+                this.curve(&routes[*i], points_of(routes[*i].parent), points_of(routes[*i].joined))
+            };
+            let curves: Vec<ProvenCurve> = ready.par_iter().map(curve).collect();
+            for (i, curve) in ready.into_iter().zip(curves) {
+                computed[i] = Some(curve);
+            }
         }
-        for (route, (points, proof)) in routes.iter().zip(curves.into_iter().flatten()) {
+        for (route, ProvenCurve { points, proof }) in
+            routes.iter().zip(computed.into_iter().flatten())
+        {
             this.proof.by_distance += proof.by_distance;
             this.proof.by_voxels += proof.by_voxels;
             this.proof.replaced += proof.replaced;
-            this.branches.push((route.parent, route.joined, points));
+            let BranchRoute { parent, joined, .. } = *route;
+            this.curves.push(AttachedCurve { parent, joined, points });
         }
         this
     }
@@ -281,13 +314,13 @@ impl<'a> Branches<'a> {
         route: &BranchRoute,
         parent: Option<&[DVec3]>,
         joined: Option<&[DVec3]>,
-    ) -> (Vec<DVec3>, Proof) {
+    ) -> ProvenCurve {
         let [from, to] = route.ends;
         let mut points = dense(&route.points, self.d.lumen.grid.spacing_mm.min_element());
         let is_ring = route.parent.is_none() && route.joined.is_some();
-        let start_fixed = self.meet(&mut points, from, (parent, is_ring));
+        let start_fixed = self.attach_start(&mut points, from, parent, is_ring);
         points.reverse();
-        let end_fixed = self.meet(&mut points, to, (joined, route.joined.is_some()));
+        let end_fixed = self.attach_start(&mut points, to, joined, is_ring);
         points.reverse();
         points.dedup();
         let fixed = Fixed { start: start_fixed, end: end_fixed };
@@ -301,12 +334,14 @@ impl<'a> Branches<'a> {
             let replaced = points.len();
             (points, Proof { replaced, ..Proof::default() })
         });
-        (settle(&curve, [!fixed.start, !fixed.end], self.d.lumen), proof)
+        let points = settle(&curve, [!fixed.start, !fixed.end], self.d.lumen);
+        ProvenCurve { points, proof }
     }
 
-    /// The closed curve along a route that ends where it begins: centred with a stretch of it
-    /// repeated at either end, of which one lap away from both ends is kept.
+    /// Recentres a ring. Part of the lap is repeated before its start and after its end, so that the ends
+    /// of the curve do not influence the lap. Then one lap is cut out and closed.
     fn ring(&self, route: &[DVec3]) -> Vec<DVec3> {
+        // 1. Unroll the ring, with repeats at both ends.
         let lap = &route[..route.len() - 1];
         let overlap_mm = RING_OVERLAP * self.d.at(route[0]);
         let repeated = arc_lengths(lap).iter().take_while(|s| **s < overlap_mm).count();
@@ -314,37 +349,45 @@ impl<'a> Branches<'a> {
         let unrolled: Vec<DVec3> = places.map(|i| lap[i % lap.len()]).collect();
         let mut curve = recenter(&unrolled, self.d, self.f, Fixed { start: false, end: false });
 
+        // 2. Cut one lap out. It starts where the first repeat ends. It ends at the point nearest to its
+        // start, searched from one and a half repeats before the end of the curve.
         let s = arc_lengths(&curve);
         let total = s[s.len() - 1];
-        let share = repeated as f64 / unrolled.len() as f64;
-        let first = s.partition_point(|s| *s < share * total).min(curve.len() - 2);
-        let off = |i: &usize| curve[*i].distance_squared(curve[first]);
-        let late = s.partition_point(|s| *s < (1.0 - 1.5 * share) * total).max(first + 1);
-        let last = (late..curve.len()).min_by(|a, b| off(a).total_cmp(&off(b)));
+        let repeated_share = repeated as f64 / unrolled.len() as f64;
+        let first = s.partition_point(|s| *s < repeated_share * total).min(curve.len() - 2);
+        let search_mm = (1.0 - 1.5 * repeated_share) * total;
+        let search_from = s.partition_point(|s| *s < search_mm).max(first + 1);
+        let to_start = |i: &usize| curve[*i].distance_squared(curve[first]);
+        let last = (search_from..curve.len()).min_by(|a, b| to_start(a).total_cmp(&to_start(b)));
         let last = last.unwrap_or(curve.len() - 1);
-        // The two laps differ by little where they overlap; the first fades into the second.
+
+        // 3. Close the lap: spread the gap between its ends over its last overlap.
         let gap = curve[first] - curve[last];
         for i in first..=last {
-            let before = (s[last] - s[i]) / overlap_mm.max(1e-9);
-            curve[i] += gap * (1.0 - before).max(0.0).powi(2);
+            let overlaps_to_end = (s[last] - s[i]) / overlap_mm.max(1e-9);
+            curve[i] += gap * (1.0 - overlaps_to_end).max(0.0).powi(2);
         }
         curve[last] = curve[first];
         curve.truncate(last + 1);
         curve.split_off(first)
     }
 
-    /// Makes a route begin where it should: at the nearest point of a curve it is attached to, at a
-    /// given end, at the centre of a cap. Whether that place is fixed.
-    fn meet(
+    /// Moves the start of a route to its proper place: the nearest point of the curve it starts on, a
+    /// given end, or the centre of the cap. Returns whether the start must stay where it is.
+    ///
+    /// * `curve`: curve on which the route starts, if any.
+    /// * `is_ring`: the route ends where it starts.
+    fn attach_start(
         &self,
         points: &mut Vec<DVec3>,
         end: PathEnd,
-        (on, is_ring): (Option<&[DVec3]>, bool),
+        curve: Option<&[DVec3]>,
+        is_ring: bool,
     ) -> bool {
-        let near = |p: &DVec3| p.distance_squared(points[0]);
-        let attached =
-            on.and_then(|c| c.iter().min_by(|a, b| near(a).total_cmp(&near(b))).copied());
-        if let Some(at) = attached {
+        let to_start = |p: &DVec3| p.distance_squared(points[0]);
+        let nearest_on_curve = curve
+            .and_then(|c| c.iter().min_by(|a, b| to_start(a).total_cmp(&to_start(b))).copied());
+        if let Some(at) = nearest_on_curve {
             if safe(at, points[0], self.d) {
                 points.insert(0, at);
             }
@@ -355,8 +398,8 @@ impl<'a> Branches<'a> {
         }
         if !end.given {
             // The centre of the cap may lie back along the way.
-            let off = |i: usize| points[i].distance_squared(end.point);
-            let nearest = (0..points.len() - 1).min_by(|i, j| off(*i).total_cmp(&off(*j)));
+            let to_end = |i: usize| points[i].distance_squared(end.point);
+            let nearest = (0..points.len() - 1).min_by(|i, j| to_end(*i).total_cmp(&to_end(*j)));
             points.drain(..nearest.unwrap_or(0));
         }
         if safe(end.point, points[0], self.d) {
@@ -372,7 +415,7 @@ impl<'a> Branches<'a> {
         // The distance is to external voxel centres; the wall lies half a voxel before them.
         let half = 0.5 * (grid.spacing_mm.element_product()).cbrt();
         let mut line = Centerline::default();
-        for (parent, _, points) in &self.branches {
+        for AttachedCurve { parent, points, .. } in &self.curves {
             // A branch starts at one of its parent's points.
             let first = world.transform_point3(points[0] / grid.spacing_mm);
             let start = parent.map(|branch| nearest(&line, branch, first));
@@ -388,7 +431,8 @@ impl<'a> Branches<'a> {
                 .collect();
             line.branches.push(Branch { start, end: None, points });
         }
-        for (i, joined) in self.branches.iter().enumerate().filter_map(|(i, b)| Some((i, b.1?))) {
+        for (i, curve) in self.curves.iter().enumerate() {
+            let Some(joined) = curve.joined else { continue };
             let last = line.branches[i].points.last().map(|p| p.position_mm);
             line.branches[i].end = last.map(|p| match joined == i {
                 true => Attachment { branch: i, point: 0 },

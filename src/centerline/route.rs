@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::CenterlineError;
 use super::arc_graph::{ArcGraph, NodeEnd, PathEnd};
-use super::branches::{BranchRoute, Branches, grow};
+use super::branches::{BranchCurves, BranchRoute, grow_branches};
 use super::chain_route::{Chain, ChainRouter};
 use super::complex::net::{Loop, Net, PruneLimits, Rule};
 use super::complex::sweep::{NodeContacts, first_of_each, tips};
@@ -153,7 +153,7 @@ pub fn centerline(
         for part in parts.iter().enumerate().filter(|(i, _)| *i != main).map(|(_, part)| part) {
             let route = view.routes(part, (None, None), options).routes;
             let radius_mm = d.at(view.adjacency.place_mm[part.widest as usize]);
-            if radius_mm >= least_mm && route[0].is_piece(d) {
+            if radius_mm >= least_mm && route[0].is_long_enough(d) {
                 unreachable -= part.voxels;
                 pieces.push(route);
             }
@@ -169,7 +169,7 @@ pub fn centerline(
     let last = if options.tree { routes.first() } else { routes.last() };
     let end = end.described(lumen, last.map(|r| r.end(true).point));
     routes.par_iter_mut().for_each(|r| r.follow(&view.router));
-    let branches = Branches::new(view.d, view.f, &routes);
+    let branches = BranchCurves::new(view.d, view.f, &routes);
     Ok(Routed {
         line: branches.finish(),
         proof: branches.proof,
@@ -251,8 +251,9 @@ fn in_order(pieces: Vec<Vec<BranchRoute>>, view: &ArcGraph<'_>, tree: bool) -> V
     if !tree && pieces.len() > 1 {
         let place = |n: u32| view.adjacency.place_mm[n as usize];
         let inwards = 2 * view.complex.stride();
-        order =
-            pieces::order(&pieces.iter().map(|p| p[0].piece(place, inwards)).collect::<Vec<_>>());
+        order = pieces::order(
+            &pieces.iter().map(|p| p[0].path_piece(place, inwards)).collect::<Vec<_>>(),
+        );
         // The end with more room comes first, as of one path.
         let room = |(i, back): (usize, bool)| view.f.at(pieces[i][0].end(back).point);
         let (first, last) = (order[0], order[order.len() - 1]);
@@ -266,7 +267,7 @@ fn in_order(pieces: Vec<Vec<BranchRoute>>, view: &ArcGraph<'_>, tree: bool) -> V
     for (i, back) in order {
         let before = all.len();
         for mut route in pieces[i].take().into_iter().flatten() {
-            route.shift(before);
+            route.offset_indices(before);
             if back {
                 route.reverse();
             }
@@ -398,7 +399,7 @@ impl ArcGraph<'_> {
         leaves.retain(|n| nodes.binary_search(n).is_ok());
         if leaves.is_empty() && from.is_none() && to.is_none() {
             // Rings only: the widest is flown once round.
-            let routes = grow(self, self.ring(nodes), nodes, options);
+            let routes = grow_branches(self, self.ring(nodes), nodes, options);
             return ChosenRoutes { routes, ends: [EndChoice::by(EndRule::Ring); 2] };
         }
         let candidates = EndCandidates::new(*self, &leaves, nodes);
@@ -420,7 +421,7 @@ impl ArcGraph<'_> {
             }
         };
         let trunk = BranchRoute::between(from, to, self.way(from.1, to.1));
-        ChosenRoutes { routes: grow(self, trunk, nodes, options), ends }
+        ChosenRoutes { routes: grow_branches(self, trunk, nodes, options), ends }
     }
 
     /// The longest arc of a component without leaves; a ring if there is one.

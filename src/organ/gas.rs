@@ -20,9 +20,9 @@ pub(super) struct Gas {
     pub colon: Vec<ColonCandidate>,
     /// Gas that is not colon.
     pub others: BitVolume,
-    /// Volume left out with its names: a line for each piece.
+    /// One line for each piece that was left out: its volume and names.
     pub left_out: Vec<String>,
-    /// Whether a stomach was left out that may be colon.
+    /// Whether a piece that was left out as stomach may be colon.
     pub is_stomach_doubtful: bool,
 }
 
@@ -41,7 +41,7 @@ pub(super) struct ColonCandidate {
     pub extent_mm: f64,
     pub features: GasFeatures,
     pub name: GasName,
-    /// The way to it from the segment before.
+    /// Gap between the previous segment and this one.
     pub gap: Option<SegmentGap>,
 }
 
@@ -53,8 +53,10 @@ impl Gas {
         if gas.is_empty() {
             return None;
         }
-        let body = PatientBody::of(volume).map(|body| body.inside);
-        let body = body.unwrap_or_else(|| BitVolume::new(grid.dims));
+
+        // 1. Cut the gas inside the body into pieces. Lung joined to other gas becomes a piece of its own.
+        let body =
+            PatientBody::of(volume).map_or_else(|| BitVolume::new(grid.dims), |found| found.inside);
         let mut inside = gas.clone();
         inside.keep(&body);
         let mut out = Self {
@@ -64,25 +66,34 @@ impl Gas {
             is_stomach_doubtful: false,
         };
         let (parts, mut lung_parts) = out.without_lungs(volume, &inside);
+
+        // 2. Measure the values of each piece and name it; its position is not measured yet.
         let airway = airway::find(volume, false).ok();
         let kinds = Kinds {
             deep_gas: between(volume, MIN_HU, DEEP_GAS_HU),
             tissue: between(volume, TISSUE_HU, f64::INFINITY),
             gas,
         };
-        let airway = airway.as_ref().map(|airway| &airway.mask);
-        let candidate = |piece| ColonCandidate::new(grid, piece, &kinds, airway);
+        let airway_mask = airway.as_ref().map(|airway| &airway.mask);
+        let candidate = |piece| ColonCandidate::new(grid, piece, &kinds, airway_mask);
         let mut candidates: Vec<ColonCandidate> = parts.iter().map(candidate).collect();
-        // Lungs say how high the others lie.
-        let named = parts.into_iter().zip(&candidates);
-        let found = named.filter(|(_, c)| c.name.best.rival == Rival::Lung);
-        lung_parts.extend(found.map(|(piece, _)| piece));
+
+        // 3. Locate the lungs: those of phase 1, and the pieces named lung.
+        for (piece, candidate) in parts.into_iter().zip(&candidates) {
+            if candidate.name.best.rival == Rival::Lung {
+                lung_parts.push(piece);
+            }
+        }
         let lungs = Lungs::of(grid, &lung_parts);
+
+        // 4. Measure the position of each piece relative to body and lungs, and name it again.
         let place = BodyPlace::of(grid, &body, lungs);
         for c in &mut candidates {
             place.measure(&c.mask, &mut c.features);
             c.name = GasName::of(&c.features);
         }
+
+        // 5. Keep the pieces named colon; record the others.
         for c in candidates {
             if c.name.best.rival == Rival::Colon && !c.name.is_undecided() {
                 out.colon.push(c);
@@ -92,11 +103,14 @@ impl Gas {
             }
         }
         out.colon.iter().for_each(|c| out.others.remove(&c.mask));
+
+        // 6. Order the segments along the colon.
         out.colon = in_order(volume, out.colon);
         Some(out)
     }
 
-    /// Returns the pieces of gas that may be colon, and the lung that was joined to them.
+    /// Separates lung from other gas. Returns the pieces of other gas and those of lung; records the lung
+    /// as left out.
     fn without_lungs(&mut self, volume: &Volume, inside: &BitVolume) -> (Vec<Piece>, Vec<Piece>) {
         let ml = volume.grid.voxel_mm3() / 1000.0;
         let least = (MIN_ML / ml).ceil() as u64;
@@ -122,12 +136,12 @@ impl Gas {
 }
 
 impl ColonCandidate {
-    /// Measures a piece, its place apart.
+    /// Measures the values and size of a piece, and names it. [`BodyPlace::measure`] adds its position.
     fn new(grid: &Grid, piece: &Piece, kinds: &Kinds, airway: Option<&BitVolume>) -> Self {
         let mask = piece.mask(grid.dims);
         let mut shell = dilated(&mask, DVec3::ONE, 3.0);
         shell.remove(&dilated(&mask, DVec3::ONE, 2.0));
-        // Other gas is judged by itself.
+        // Neighbouring gas is a piece of its own, not part of the shell.
         shell.remove(&kinds.gas);
         // Noise leaves specks in the gas.
         let mut filled = mask.clone();
@@ -153,7 +167,7 @@ impl ColonCandidate {
     }
 }
 
-/// The body in which a piece lies.
+/// Extent of the body and lungs, to which positions of pieces relate.
 struct BodyPlace<'a> {
     grid: &'a Grid,
     lungs: Option<Lungs>,
@@ -177,16 +191,21 @@ impl<'a> BodyPlace<'a> {
         Self { grid, lungs, middle_mm, half_mm, head_mm }
     }
 
-    /// Adds the features of place.
+    /// Measures the position of a piece and adds it to its features.
     fn measure(&self, mask: &BitVolume, features: &mut GasFeatures) {
         let to_world = self.grid.world_from_voxel();
         let places = || mask.voxels().map(|v| to_world.transform_point3(v.as_dvec3()));
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         places().for_each(|p| (low, high) = (low.min(p), high.max(p)));
-        let top_from = high.z - TOP * (high.z - low.z);
-        let tops = places().filter(|p| p.z >= top_from).map(|p| (p.x, 1u64));
-        let (sum, count) = tops.fold((0.0, 0), |(x, n), (dx, dn)| (x + dx, n + dn));
-        features.top_left = (sum / count.max(1) as f64 - self.middle_mm) / self.half_mm;
+        // Mean x of the upper part.
+        let top_from = high.z - TOP_SHARE * (high.z - low.z);
+        let (mut top_x_sum, mut top_count) = (0.0, 0u64);
+        for p in places().filter(|p| p.z >= top_from) {
+            top_x_sum += p.x;
+            top_count += 1;
+        }
+        let top_x = top_x_sum / top_count.max(1) as f64;
+        features.top_left = (top_x - self.middle_mm) / self.half_mm;
         features.right = (self.middle_mm - low.x) / self.half_mm;
         features.height_mm = high.z - low.z;
         features.below_lung_mm = self.lungs.map(|lungs| lungs.lowest_mm - high.z);

@@ -64,7 +64,7 @@ impl Session {
     /// Products that a stream of frames needs.
     pub fn products_of_frames(&self) -> Vec<Product> {
         vec![
-            Product::DrawnWall,
+            Product::ShownWall,
             Product::Shading,
             Product::Flight,
             Product::Display,
@@ -81,7 +81,7 @@ impl Session {
         self.prepare(&self.products_of_frames())?;
         // Building levels took more memory than frames do.
         return_freed_memory();
-        let drawn = present(&self.slots.drawn_wall);
+        let drawn = present(&self.slots.shown_wall);
         let flight = self.flight()?;
         let centered = self.centerline()?;
         let display = self.display()?;

@@ -169,11 +169,11 @@ impl Session {
     /// an eye sees faces that the whole wall occludes.
     fn exterior_of_closed(&self) -> Option<Arc<ExteriorGrid>> {
         let grid = present(&self.slots.exterior).grid.clone();
-        grid.filter(|_| present(&self.slots.drawn_wall).closed)
+        grid.filter(|_| present(&self.slots.shown_wall).closed)
     }
 
     pub(super) fn run_whole_levels(&self, clock: &mut Clock) -> Result<Levels, SessionError> {
-        let drawn = present(&self.slots.drawn_wall);
+        let drawn = present(&self.slots.shown_wall);
         let faces = drawn.mesh().faces.len() as u64;
         let device = present(&self.slots.device);
         let is_quick = device.draws && device.is_real_gpu && faces <= DRAWN_WHOLE;
@@ -193,7 +193,7 @@ impl Session {
     }
 
     pub(super) fn run_subdivision_levels(&self, clock: &mut Clock) -> Result<Levels, SessionError> {
-        let drawn = present(&self.slots.drawn_wall);
+        let drawn = present(&self.slots.shown_wall);
         let shading = present(&self.slots.shading);
         let mesh = drawn.mesh();
         let LevelSettings { scheme, pixel_error, .. } = self.settings.levels;

@@ -189,7 +189,7 @@ impl Session {
         stream: Option<&mut FrameStream>,
     ) -> Result<ReportPictures, SessionError> {
         let (flight, centered) = (self.flight()?, self.centerline()?);
-        self.prepare(&[Product::DrawnWall, Product::Display])?;
+        self.prepare(&[Product::ShownWall, Product::Display])?;
         let start = Instant::now();
         let display = present(&self.slots.display);
         // Memory that was freed after the products were written is room for the overview.
@@ -223,7 +223,7 @@ impl Session {
         flight: &Flight,
         inside: bool,
     ) -> Result<(Option<OverviewPicture>, KeptFrames), SessionError> {
-        let (drawn, wall) = (present(&self.slots.drawn_wall), present(&self.slots.wall));
+        let (drawn, wall) = (present(&self.slots.shown_wall), present(&self.slots.wall));
         let mut kept = KeptFrames::default();
         let (Some(bounds), Some(_)) = (drawn.mesh().bounds(), flight.poses.first()) else {
             return Ok((None, kept));

@@ -27,7 +27,7 @@ impl Session {
 
     /// The drawn wall's triangles by place.
     pub(super) fn drawn_tree(&self, clock: &mut Clock) -> Arc<TriangleBvh> {
-        match &present(&self.slots.drawn_wall).open {
+        match &present(&self.slots.shown_wall).open {
             None => present(&self.slots.triangle_tree),
             Some(open) => Arc::new(triangle_tree(open, clock)),
         }

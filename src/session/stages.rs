@@ -1,11 +1,11 @@
 //! The table of products and stages: what each product is, what it needs, where it is made.
 //!
-//! To follow the data, read the table from the top. A product stands below what it needs. It has a
-//! row for each way to make it; a row is used when its condition holds for the session's settings,
-//! and exactly one row of a product is, or none.
+//! Read the table from the top to follow the data. A product stands below the products that it needs. It
+//! has one row for each way to make it. For given settings at most one row of a product has a true
+//! condition, and that row is used.
 //!
 //! A row of `products!` is: name, share of the time, products it needs, settings it reads, where it
-//! runs, condition, function. Other values of those settings make the product again.
+//! runs, condition, function. If one of these settings changes, the product is made again.
 
 use std::sync::Arc;
 
@@ -42,10 +42,10 @@ pub struct Stage {
     pub needs: &'static [Product],
     /// Processor that it runs on.
     pub runs_on: RunsOn,
-    /// Name of the stage: shown while it runs, in reports and in `bench`. A stage that is timed in several
-    /// steps has its own name on one of them.
+    /// Name of the stage, shown while it runs, in reports and in `bench`. If a stage is timed in several
+    /// steps, one of the steps has this name.
     pub name: &'static str,
-    /// Usual share of a run without frames, per cent: for progress only.
+    /// Usual share of the run time, per cent, without frames. Used for progress only.
     pub weight: f32,
     /// Whether these settings use this row.
     pub when: fn(&Settings) -> bool,
@@ -58,28 +58,28 @@ fn always(_: &Settings) -> bool {
     true
 }
 
-fn default_mode(s: &Settings) -> bool {
+fn is_default_mode(s: &Settings) -> bool {
     s.mode == Mode::Default
 }
 
-fn paper_mode(s: &Settings) -> bool {
+fn is_paper_mode(s: &Settings) -> bool {
     s.mode == Mode::Paper
 }
 
-fn organ(s: &Settings) -> bool {
+fn has_organ(s: &Settings) -> bool {
     s.lumen.organ.is_some()
 }
 
-fn selection(s: &Settings) -> bool {
-    !organ(s)
+fn has_no_organ(s: &Settings) -> bool {
+    !has_organ(s)
 }
 
-fn subdivision(s: &Settings) -> bool {
+fn draws_subdivision(s: &Settings) -> bool {
     s.drawn_lod() == Lod::Vds
 }
 
-fn whole(s: &Settings) -> bool {
-    !subdivision(s)
+fn draws_whole_wall(s: &Settings) -> bool {
+    !draws_subdivision(s)
 }
 
 /// Makes the products, their slots and getters, and the stages.
@@ -100,14 +100,14 @@ macro_rules! products {
             pub const ALL: &[Self] = &[$(Self::$product),*];
         }
 
-        /// The products that a session had when it was asked, to be read without waiting.
+        /// Snapshot of the products of a session.
         #[derive(Clone, Default)]
         pub struct Products {
             $($(#[$doc])* $vis $slot: Option<Arc<$kind>>,)*
         }
 
         impl Products {
-            /// Whether a product was there.
+            /// Whether the snapshot holds a product.
             pub fn has(&self, product: Product) -> bool {
                 match product {
                     $(Product::$product => self.$slot.is_some(),)*
@@ -115,7 +115,7 @@ macro_rules! products {
             }
         }
 
-        /// The products that are there.
+        /// Storage of a session: one slot per product.
         #[derive(Default)]
         pub(super) struct Slots {
             $(pub $slot: Slot<$kind>,)*
@@ -129,7 +129,8 @@ macro_rules! products {
                 }
             }
 
-            /// Puts what another has of a product into this slot too; whether it has it.
+            /// Copies a product, or its absence, from another session. Returns whether the other session
+            /// has it.
             pub fn share(&self, other: &Self, product: Product) -> bool {
                 match product {
                     $(Product::$product => {
@@ -143,12 +144,12 @@ macro_rules! products {
         }
 
         impl Session {
-            /// Returns those of these products that are there, each with all of them it was made of.
-            /// Never waits for one.
-            pub fn products(&self, of: &[Product]) -> Products {
+            /// Returns a snapshot of the requested products that exist. If it holds a product, it also
+            /// holds the requested products that this product was made from. Never waits.
+            pub fn products(&self, requested: &[Product]) -> Products {
                 let mut there = Products::default();
                 // From the bottom of the table: what a product needs was there before it.
-                for product in Product::ALL.iter().rev().filter(|p| of.contains(p)) {
+                for product in Product::ALL.iter().rev().filter(|p| requested.contains(p)) {
                     match product {
                         $(Product::$product => {
                             there.$slot = locked(&self.slots.$slot).clone();
@@ -161,8 +162,8 @@ macro_rules! products {
             $($(#[$doc])*
             ///
             /// # Errors
-            /// What its stages fail with; [`SessionError::Cancelled`];
-            /// [`SessionError::Unavailable`] where the settings leave it out.
+            /// The error of the stage that failed; [`SessionError::Cancelled`];
+            /// [`SessionError::Unavailable`] if the settings leave it out.
             // Some products are for stages alone.
             #[allow(dead_code)]
             $vis fn $slot(&self) -> Result<Arc<$kind>, SessionError> {
@@ -170,8 +171,8 @@ macro_rules! products {
             })*
         }
 
-        /// All stages. Where several could start, the upper one does: what others wait for longest
-        /// stands above what few need.
+        /// All stages. If several stages can start, the uppermost starts first. So a stage that holds up
+        /// many others stands high in the table.
         pub static STAGES: &[Stage] = &[$($(Stage {
             product: Product::$product,
             needs: products!(@needs $needs),
@@ -203,8 +204,8 @@ products! {
     /// The mask that decides which lumen is meant.
     pub Core core: Core =
         "segment" 2.0 [Volume] (lumen.select, lumen.seed, lumen.all_components, lumen.fill,
-            lumen.leak_control) Cpu selection run_core
-        | "organ" 30.0 [Volume] (lumen.organ, lumen.fill) Cpu organ run_core;
+            lumen.leak_control) Cpu has_no_organ run_core
+        | "organ" 30.0 [Volume] (lumen.organ, lumen.fill) Cpu has_organ run_core;
     /// The lumen in bricks, with what choosing it found, and its wall field.
     pub Lumen lumen: Segmented =
         "wall field" 3.0 [Core Volume Device] (mode, lumen.wall, wall.from_mask) Device always run_lumen;
@@ -213,17 +214,17 @@ products! {
         "distance" 3.0 [Lumen Device] () Device always run_distance;
     /// Distance and smoothed distance, and in paper mode the ridge, in one plan.
     pub Fields fields: Fields =
-        "distance, smooth" 6.0 [Lumen Device] () Device default_mode run_fields
-        | "distance, ridge" 6.0 [Lumen Device] () Device paper_mode run_ridge_fields;
+        "distance, smooth" 6.0 [Lumen Device] () Device is_default_mode run_fields
+        | "distance, ridge" 6.0 [Lumen Device] () Device is_paper_mode run_ridge_fields;
     /// The renderer on its device.
     pub(super) Display display: Display =
         "renderer" 1.0 [Device] (flight.size, flight.samples) Cpu always run_display;
     /// The centred route: path or tree.
     pub(super) Route route: Routed =
-        "route" 15.0 [Lumen Fields] (centerline.from, centerline.to, centerline.tree, centerline.loops) Cpu default_mode run_route;
+        "route" 15.0 [Lumen Fields] (centerline.from, centerline.to, centerline.tree, centerline.loops) Cpu is_default_mode run_route;
     /// Outcome of the visibility test, with the boundary voxels that no viewpoint sees.
     pub(super) Visibility visibility: Visibility =
-        "visibility" 5.0 [Lumen Fields Route Device] () Device default_mode run_visibility;
+        "visibility" 5.0 [Lumen Fields Route Device] () Device is_default_mode run_visibility;
     /// The wall with smoothed normals, LPS mm.
     pub Wall wall: Wall =
         "surface" 8.0 [Lumen Volume Device] (mode, wall.from_mask, wall.smoothing) Device always run_wall;
@@ -241,11 +242,11 @@ products! {
         "inputs" 0.1 [Volume Identity] () Cpu always run_inputs;
     /// Path or tree, centred and proven inside, with the visibility test.
     pub Centerline centerline: Centered =
-        "centerline" 0.1 [Lumen Route Visibility TriangleTree] (mode) Cpu default_mode run_centerline
-        | "paper path" 30.0 [Lumen Fields Device TriangleTree] (centerline) Device paper_mode run_paper_centerline;
-    /// The drawn wall, with or without caps.
-    pub(super) DrawnWall drawn_wall: ShownWall =
-        "drawn wall" 0.1 [Wall] (wall.open_ends) Cpu always run_drawn_wall;
+        "centerline" 0.1 [Lumen Route Visibility TriangleTree] (mode) Cpu is_default_mode run_centerline
+        | "paper path" 30.0 [Lumen Fields Device TriangleTree] (centerline) Device is_paper_mode run_paper_centerline;
+    /// The wall as shown: with or without caps.
+    pub(super) ShownWall shown_wall: ShownWall =
+        "shown wall" 0.1 [Wall] (wall.open_ends) Cpu always run_shown_wall;
     /// The wall with all its vertices, ready for a device; with or without caps.
     pub PreparedWall prepared_wall: PreparedMesh =
         "prepared wall" 1.0 [Wall] (wall.open_ends) Cpu always run_prepared_wall;
@@ -254,7 +255,7 @@ products! {
         "evidence" 0.2 [Lumen Wall] () Cpu always run_evidence;
     /// Vertices with curvature tint.
     pub(super) Shading shading: Shading =
-        "shading" 1.0 [DrawnWall] () Cpu always run_shading;
+        "shading" 1.0 [ShownWall] () Cpu always run_shading;
     /// Poses of the flight along the first path.
     pub Flight flight: Flight =
         "flight" 1.0 [Lumen Fields Centerline TriangleTree] (flight.frames, flight.size, flight.view, flight.fov_y_rad, flight.reverse, flight.route,
@@ -262,10 +263,10 @@ products! {
     /// Space outside the wall, where it is watertight.
     pub Exterior exterior: Exterior =
         "outside" 1.0 [Wall] () Cpu always run_exterior;
-    /// The wall in the form in which frames draw it.
+    /// The wall in the form in which frames draw it (a [`DrawnWall`](crate::lod::DrawnWall)).
     pub Levels levels: Levels =
-        "octree" 0.3 [Device DrawnWall Exterior] (levels.lod) Cpu whole run_whole_levels
-        | "subdivision" 25.0 [Lumen DrawnWall Shading TriangleTree Exterior] (mode, levels.scheme, levels.pixel_error) Cpu subdivision run_subdivision_levels;
+        "octree" 0.3 [Device ShownWall Exterior] (levels.lod) Cpu draws_whole_wall run_whole_levels
+        | "subdivision" 25.0 [Lumen ShownWall Shading TriangleTree Exterior] (mode, levels.scheme, levels.pixel_error) Cpu draws_subdivision run_subdivision_levels;
     /// The wall with few faces.
     pub Base base: Mesh =
         "base" 10.0 [Wall] (mode, wall.base_faces) Cpu always run_base;
@@ -283,7 +284,7 @@ products! {
         "centerline distances" 0.5 [Wall TriangleTree Centerline] () Cpu always run_centerline_distances;
 }
 
-/// Every kernel that a stage launches, and the copy that rates a device.
+/// Returns all kernels: those of the stages, and the copy kernel that measures the speed of a device.
 pub fn kernels() -> impl Iterator<Item = &'static Kernel> {
     crate::kernels::ALL.iter().chain(crate::paper::kernels::ALL).copied()
 }
@@ -294,14 +295,10 @@ pub(super) const PRODUCTS: usize = Product::ALL.len();
 /// The row that makes a product with these settings.
 ///
 /// # Errors
-/// [`SessionError::Unavailable`] where none does.
+/// [`SessionError::Unavailable`] if the settings leave the product out.
 pub(super) fn row(product: Product, settings: &Settings) -> Result<&'static Stage, SessionError> {
-    let is_used = |s: &&Stage| s.product == product && (s.when)(settings);
-    let settings = || settings.deciding();
-    STAGES
-        .iter()
-        .find(is_used)
-        .ok_or_else(|| SessionError::Unavailable { product, settings: settings() })
+    let used = STAGES.iter().find(|stage| stage.product == product && (stage.when)(settings));
+    used.ok_or_else(|| SessionError::Unavailable { product, settings: settings.deciding() })
 }
 
 /// Returns these products and all that the settings make from them.
@@ -316,15 +313,15 @@ pub(super) fn with_dependents(mut products: Vec<Product>, settings: &Settings) -
     products
 }
 
-/// Products of a session that had some settings which are others under those it has now.
-pub(super) fn stale(had: &Settings, has: &Settings) -> Vec<Product> {
-    let row_of = |product, settings| row(product, settings).ok();
-    let is_made_alike = |product: &Product| match (row_of(*product, had), row_of(*product, has)) {
-        (Some(a), Some(b)) => std::ptr::eq(a, b) && (a.same)(had, has),
-        (before, after) => before.is_none() && after.is_none(),
+/// Returns the products that must be made again when the settings of a session change.
+pub(super) fn stale(before: &Settings, after: &Settings) -> Vec<Product> {
+    let is_unchanged = |product: &Product| match (row(*product, before), row(*product, after)) {
+        (Ok(a), Ok(b)) => std::ptr::eq(a, b) && (a.same)(before, after),
+        (Err(_), Err(_)) => true,
+        _ => false,
     };
-    let changed = Product::ALL.iter().copied().filter(|p| !is_made_alike(p)).collect();
-    with_dependents(changed, has)
+    let changed = Product::ALL.iter().copied().filter(|p| !is_unchanged(p)).collect();
+    with_dependents(changed, after)
 }
 
 #[cfg(test)]
@@ -356,7 +353,7 @@ mod tests {
     fn a_stage_has_the_same_name_in_table_and_report() {
         // They take no time worth a row of the report, or need another input.
         const NOT_REPORTED: [&str; 7] =
-            ["device", "organ", "renderer", "hash", "inputs", "centerline", "drawn wall"];
+            ["device", "organ", "renderer", "hash", "inputs", "centerline", "shown wall"];
         let bend = Phantom::new(Kind::Bend, 32, [1.0; 3]).unwrap();
         let mut grey = Settings::default();
         grey.lumen.select = Some(IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -500.0 });

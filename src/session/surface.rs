@@ -133,7 +133,7 @@ impl Session {
         wall(&mut device.lock(), grey, &segmented, options, clock)
     }
 
-    pub(super) fn run_drawn_wall(&self, _: &mut Clock) -> Result<ShownWall, SessionError> {
+    pub(super) fn run_shown_wall(&self, _: &mut Clock) -> Result<ShownWall, SessionError> {
         let wall = present(&self.slots.wall);
         let open = self.settings.wall.open_ends && wall.mesh.caps.contains(&true);
         let closed = wall.topology.watertight && !open;
@@ -166,7 +166,7 @@ impl Session {
     }
 
     pub(super) fn run_shading(&self, clock: &mut Clock) -> Result<Shading, SessionError> {
-        let drawn = present(&self.slots.drawn_wall);
+        let drawn = present(&self.slots.shown_wall);
         let count = |s: &Shading| s.vertices.len() as u64;
         Ok(clock.time("shading", "vertices", || shading(drawn.mesh()), count))
     }

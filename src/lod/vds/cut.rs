@@ -1,11 +1,11 @@
 //! The cut that a camera requires: which patches are drawn, and how fine.
 //!
-//! Fineness counts [`MORPH_STEPS`] to a level: q = 32 (l - 1) + a is level l of the base face whose
-//! newest vertices have moved a / 32 of the way from the edge that they split. A patch of depth d
-//! is drawn at levels d + 2 and d + 3, a base face also at 0 and 1; coarser, the patch above it is
-//! drawn. Neighbours differ by at most one level (a restricted subdivision): a patch is at most 32
-//! coarser than each neighbour. A side has the larger fineness of all patches at it, and is that of
-//! the largest of them, so that all see the same points on it.
+//! Fineness counts [`MORPH_STEPS`] = 32 steps per level. At fineness 32 (l - 1) + a the base face has
+//! level l, and its newest vertices have moved a / 32 of the way from the edge that they split. With
+//! 1-to-4 splits, a patch of depth d is drawn at levels d + 2 and d + 3. For coarser levels its parent
+//! is drawn; a base face has no parent and is drawn at levels 0 and 1 too. Neighbours differ by at most
+//! one level (a restricted subdivision). A side belongs to the largest patch at it and takes the largest
+//! fineness of all patches at it, so that they all place the same points on it.
 //!
 //! A cut depends on the camera alone. It is found anew in each step, from the octree down.
 
@@ -18,12 +18,12 @@ use super::surface::SubdivisionSurface;
 /// State of a node in a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum NodeState {
-    /// Node below one that is drawn.
-    Above,
-    /// Node that is drawn, and its fineness.
+    /// An ancestor is drawn instead.
+    UnderDrawn,
+    /// Drawn, with its fineness.
     Drawn(Fineness),
-    /// Node above some that are drawn.
-    Below,
+    /// Descendants are drawn instead.
+    Split,
 }
 
 /// A cut while it is found.
@@ -42,7 +42,7 @@ impl<'a> Cut<'a> {
         let nodes = surface.forest.nodes.len();
         Self {
             surface,
-            states: vec![NodeState::Above; nodes],
+            states: vec![NodeState::UnderDrawn; nodes],
             is_seen: vec![false; nodes],
             sides: vec![[0; 3]; nodes],
         }
@@ -55,72 +55,98 @@ impl<'a> Cut<'a> {
         cut
     }
 
-    /// Fineness of a corner of a node, from the base.
+    /// Chooses the drawn patches. Base faces that the octree finds out of sight stay at level 0.
+    fn select(&mut self, criterion: &Criterion) {
+        let surface = self.surface;
+        self.states[..surface.finest.len()].fill(NodeState::Drawn(0));
+        surface.tree.traverse(
+            |n| criterion.is_in_sight(0.5 * (n.lo + n.hi), 0.5 * (n.hi - n.lo)),
+            |at, _| {
+                for f in surface.tree.items_of(at) {
+                    self.refine(*f, criterion);
+                }
+            },
+        );
+        self.balance();
+    }
+
+    /// Fineness of level 0 of a patch: `depth` levels above the base face.
     pub fn origin(&self, id: u32) -> Fineness {
         self.surface.forest.node(id).depth as Fineness * STEP
     }
 
-    /// Largest fineness of a node that is drawn.
-    fn finest(&self, id: u32) -> Fineness {
+    /// Largest fineness at which a patch can be drawn.
+    fn max_fineness(&self, id: u32) -> Fineness {
         self.origin(id) + self.surface.shape().finest() as Fineness * STEP
     }
 
-    /// Least fineness of a node that is drawn.
-    pub fn least(&self, id: u32) -> Fineness {
+    /// Smallest fineness at which a patch can be drawn.
+    pub fn min_fineness(&self, id: u32) -> Fineness {
         let depth = self.surface.forest.node(id).depth;
         (depth + lowest_level(depth)) as Fineness * STEP
     }
 
-    /// Decides for a node and all below it.
+    /// Chooses the drawn patches in the subtree of a node.
     fn refine(&mut self, id: u32, criterion: &Criterion) {
         let surface = self.surface;
         let bounds = &surface.bounds[id as usize];
-        let least = self.least(id);
-        self.states[id as usize] = NodeState::Drawn(least);
+
+        // 1. A patch that the camera cannot see is drawn as coarsely as possible.
+        self.states[id as usize] = NodeState::Drawn(self.min_fineness(id));
         self.is_seen[id as usize] = criterion.is_visible(bounds);
         if !self.is_seen[id as usize] {
             return;
         }
-        let depth = surface.forest.node(id).depth;
+
+        // 2. The patch itself is drawn if it can be fine enough, or if it has no children.
         let children = surface.forest.children(id);
-        let whole = self.finest(id);
-        let most = match surface.finest.get(id as usize) {
+        let finest = self.max_fineness(id);
+        let limit = match surface.finest.get(id as usize) {
             Some(level) if children.is_empty() => self.origin(id) + *level as Fineness * STEP,
-            _ => whole,
+            _ => finest,
         };
         let vertices = surface.patches().vertices_of(id);
-        let required = criterion.required(bounds, vertices, lowest_level(depth));
+        let lowest = lowest_level(surface.forest.node(id).depth);
+        let required = criterion.required(bounds, vertices, lowest);
         if required.is_some() || children.is_empty() {
-            let q = required.map_or(whole, |q| self.origin(id) + q);
-            self.states[id as usize] = NodeState::Drawn(q.min(most));
+            let fineness = required.map_or(finest, |from_origin| self.origin(id) + from_origin);
+            self.states[id as usize] = NodeState::Drawn(fineness.min(limit));
             return;
         }
-        children.clone().for_each(|c| self.refine(c, criterion));
-        // Smaller spheres may say that this level is enough everywhere.
-        let is_least = |c: u32| self.states[c as usize] == NodeState::Drawn(whole);
-        if children.clone().all(is_least) {
-            children.for_each(|c| self.states[c as usize] = NodeState::Above);
-            self.states[id as usize] = NodeState::Drawn(whole);
+
+        // 3. Otherwise descendants are drawn.
+        for child in children.clone() {
+            self.refine(child, criterion);
+        }
+
+        // 4. The coarsest level of the children has the triangles of this patch's finest level. If no
+        // child needs more, this patch is drawn.
+        let is_coarsest = |child: u32| self.states[child as usize] == NodeState::Drawn(finest);
+        if children.clone().all(is_coarsest) {
+            for child in children {
+                self.states[child as usize] = NodeState::UnderDrawn;
+            }
+            self.states[id as usize] = NodeState::Drawn(finest);
         } else {
-            self.states[id as usize] = NodeState::Below;
+            self.states[id as usize] = NodeState::Split;
         }
     }
 
-    /// The node that is drawn across side `e` of a node that is drawn, and which of its sides that
-    /// is: of the same depth or less. `None` on a boundary, and where smaller ones are drawn.
-    pub fn across(&self, id: u32, e: usize) -> Option<(u32, usize)> {
+    /// Returns the drawn patch across a side of a drawn patch, and the number of the shared side there.
+    /// Returns `None` on a boundary, and if smaller patches are drawn across.
+    pub fn across(&self, id: u32, side: usize) -> Option<(u32, usize)> {
         let forest = &self.surface.forest;
-        let twin = forest.node(id).twins[e];
+        let twin = forest.node(id).twins[side];
         if twin == NONE {
             return None;
         }
-        let (mut m, side) = (twin / 3, twin as usize % 3);
+        let (mut other, other_side) = (twin / 3, twin as usize % 3);
         loop {
-            match self.states[m as usize] {
-                NodeState::Drawn(_) => return Some((m, side)),
-                NodeState::Below => return None,
+            match self.states[other as usize] {
+                NodeState::Drawn(_) => return Some((other, other_side)),
+                NodeState::Split => return None,
                 // Corner children lie on the sides of their parent with the same numbers.
-                NodeState::Above => m = forest.node(m).parent,
+                NodeState::UnderDrawn => other = forest.node(other).parent,
             }
         }
     }
@@ -132,33 +158,27 @@ impl<'a> Cut<'a> {
         }
     }
 
-    /// Raises patches that are more than a level coarser than a neighbour, finest first.
+    /// Raises patches until no patch is more than one level coarser than a neighbour. Starts with the
+    /// finest.
     pub fn balance(&mut self) {
-        let mut open: Vec<Vec<u32>> = Vec::new();
-        let push = |open: &mut Vec<Vec<u32>>, id: u32, q: Fineness| {
-            if open.len() <= usize::from(q) {
-                open.resize_with(usize::from(q) + 1, Vec::new);
-            }
-            open[usize::from(q)].push(id);
-        };
+        let mut buckets: Vec<Vec<u32>> = Vec::new();
         for id in 0..self.states.len() as u32 {
-            if let NodeState::Drawn(q) = self.states[id as usize]
-                && q > STEP
+            if let NodeState::Drawn(fineness) = self.states[id as usize]
+                && fineness > STEP
             {
-                push(&mut open, id, q);
+                push(&mut buckets, id, fineness);
             }
         }
-        for q in (usize::from(STEP) + 1..open.len()).rev() {
-            let mut i = 0;
-            while i < open[q].len() {
-                let id = open[q][i];
-                i += 1;
-                if self.states[id as usize] != NodeState::Drawn(q as Fineness) {
-                    continue;
-                }
-                let need = q as Fineness - STEP;
-                for e in 0..3 {
-                    self.raise_across(id, e, need, |m, q| push(&mut open, m, q));
+        // A raise never reaches the fineness of the patch that asked for it, so a bucket is complete
+        // when its turn comes.
+        for fineness in (STEP + 1..buckets.len() as Fineness).rev() {
+            for id in std::mem::take(&mut buckets[usize::from(fineness)]) {
+                // Others were raised or split since.
+                if self.states[id as usize] == NodeState::Drawn(fineness) {
+                    for side in 0..3 {
+                        let raised = |other, to| push(&mut buckets, other, to);
+                        self.raise_across(id, side, fineness - STEP, raised);
+                    }
                 }
             }
         }
@@ -176,14 +196,14 @@ impl<'a> Cut<'a> {
         while let Some((m, _)) = self.across(id, side)
             && self.fineness(m) < need
         {
-            if need <= self.finest(m) {
+            if need <= self.max_fineness(m) {
                 self.states[m as usize] = NodeState::Drawn(need);
                 raised(m, need);
                 return;
             }
-            self.states[m as usize] = NodeState::Below;
+            self.states[m as usize] = NodeState::Split;
             for c in self.surface.forest.children(m) {
-                let least = self.least(c);
+                let least = self.min_fineness(c);
                 self.states[c as usize] = NodeState::Drawn(least);
                 self.is_seen[c as usize] = self.is_seen[m as usize];
                 raised(c, least);
@@ -202,42 +222,52 @@ impl<'a> Cut<'a> {
         for id in nodes {
             self.sides[*id as usize] = [self.fineness(*id); 3];
         }
-        // First each node raises the sides across, then its own: a side of a large patch has two
-        // small ones across it. The coarsest raise no side.
+        // 1. Each patch raises the side across, if an equal or larger patch lies there. Two small patches
+        // may raise the side of a large one. The coarsest patches raise no side.
         for id in nodes {
             let own = self.fineness(*id);
-            let raising = if own == 0 { 0..0 } else { 0..3 };
-            for e in raising {
-                if let Some((m, side)) = self.across(*id, e) {
-                    let there = &mut self.sides[m as usize][side];
-                    *there = own.max(*there);
+            if own == 0 {
+                continue;
+            }
+            for side in 0..3 {
+                if let Some((other, other_side)) = self.across(*id, side) {
+                    let shared = &mut self.sides[other as usize][other_side];
+                    *shared = own.max(*shared);
                 }
             }
         }
+        // 2. Each patch takes over the fineness of the side across.
         for id in nodes {
-            for e in 0..3 {
-                if let Some((m, side)) = self.across(*id, e) {
-                    let q = self.sides[m as usize][side].max(self.sides[*id as usize][e]);
-                    self.sides[*id as usize][e] = q;
+            for side in 0..3 {
+                if let Some((other, other_side)) = self.across(*id, side) {
+                    let there = self.sides[other as usize][other_side];
+                    let shared = &mut self.sides[*id as usize][side];
+                    *shared = there.max(*shared);
                 }
             }
         }
     }
 
     /// Patches to draw of a balanced cut.
-    pub fn patches(&mut self) -> Vec<DrawnPatch> {
+    pub fn drawn_patches(&mut self) -> Vec<DrawnPatch> {
         let nodes = self.nodes();
         self.settle_sides(&nodes);
-        nodes.into_iter().map(|id| self.patch(id)).collect()
+        nodes.into_iter().map(|id| self.drawn_patch(id)).collect()
     }
 
-    fn patch(&self, id: u32) -> DrawnPatch {
+    fn drawn_patch(&self, id: u32) -> DrawnPatch {
         let origin = self.origin(id);
         let own = u32::from(self.fineness(id) - origin);
-        let sides = self.sides[id as usize].map(|q| u32::from(q - origin));
+        let sides = self.sides[id as usize].map(|fineness| u32::from(fineness - origin));
         let level = own.div_ceil(MORPH_STEPS);
-        let split = |e: usize| u32::from(sides[e].div_ceil(MORPH_STEPS) > level) << e;
-        let template = self.surface.shape().template(level, split(0) | split(1) | split(2));
+        // A bit for each side that is split once more.
+        let mut split_sides = 0;
+        for (side, fineness) in sides.iter().enumerate() {
+            if fineness.div_ceil(MORPH_STEPS) > level {
+                split_sides |= 1 << side;
+            }
+        }
+        let template = self.surface.shape().template(level, split_sides);
         DrawnPatch {
             patch: id,
             first_index: template.first,
@@ -246,18 +276,12 @@ impl<'a> Cut<'a> {
             is_seen: self.is_seen[id as usize],
         }
     }
+}
 
-    fn select(&mut self, criterion: &Criterion) {
-        let surface = self.surface;
-        self.states[..surface.finest.len()].fill(NodeState::Drawn(0));
-        surface.tree.traverse(
-            |n| criterion.is_in_sight(0.5 * (n.lo + n.hi), 0.5 * (n.hi - n.lo)),
-            |at, _| {
-                for f in surface.tree.items_of(at) {
-                    self.refine(*f, criterion);
-                }
-            },
-        );
-        self.balance();
+/// Adds a patch to those of its fineness.
+fn push(buckets: &mut Vec<Vec<u32>>, id: u32, fineness: Fineness) {
+    if buckets.len() <= usize::from(fineness) {
+        buckets.resize_with(usize::from(fineness) + 1, Vec::new);
     }
+    buckets[usize::from(fineness)].push(id);
 }

@@ -107,7 +107,7 @@ fn cuts_are_watertight_during_geomorphs_and_levels_differ_by_at_most_one() {
         let seed = &mut 11;
         for _ in 0..20 {
             let mut cut = Cut::of(&surface, &wall.criterion(&camera(seed)));
-            let drawn = cut.patches();
+            let drawn = cut.drawn_patches();
             assert!(is_closed(&corners(&surface, &drawn)));
             for d in &drawn {
                 let own = cut.fineness(d.patch);
@@ -134,25 +134,26 @@ fn arbitrary_cuts_are_watertight(scheme: Scheme) {
     let mut cut = Cut::new(&surface);
     let (seed, mut used) = (&mut 3, HashSet::new());
     for round in 0..40 {
-        cut.states.fill(NodeState::Above);
+        cut.states.fill(NodeState::UnderDrawn);
         // Where nothing is fine, base faces have all levels.
         let open = if round % 4 == 0 { 0.0 } else { 0.8 };
         let mut todo: Vec<u32> = (0..surface.base_faces() as u32).collect();
         while let Some(id) = todo.pop() {
             let children = surface.forest.children(id);
             if !children.is_empty() && noise(seed) < open {
-                cut.states[id as usize] = NodeState::Below;
+                cut.states[id as usize] = NodeState::Split;
                 todo.extend(children);
                 continue;
             }
-            let (least, most) = (cut.least(id), cut.origin(id) + shape.finest() as u16 * STEP);
+            let (least, most) =
+                (cut.min_fineness(id), cut.origin(id) + shape.finest() as u16 * STEP);
             let most = if open < 0.5 { most.min(least + STEP + 8) } else { most };
             let q = f64::from(least) + noise(seed).powi(2) * f64::from(most - least);
             let q = if scheme.morphs() { q as u16 } else { q as u16 / STEP * STEP };
             cut.states[id as usize] = NodeState::Drawn(q);
         }
         cut.balance();
-        let drawn = cut.patches();
+        let drawn = cut.drawn_patches();
         assert!(is_closed(&corners(&surface, &drawn)), "{scheme:?}, round {round}");
         used.extend(drawn.iter().map(|d| d.first_index));
     }
@@ -183,7 +184,7 @@ fn edges_sampled_from_both_faces_crack() {
         let mut cut = Cut::new(&surface);
         // The same level everywhere: faces without shared edges cannot be balanced.
         cut.states.fill(NodeState::Drawn(SPLITS as u16 * STEP));
-        let drawn = cut.patches();
+        let drawn = cut.drawn_patches();
         assert_eq!(drawn.len() as u64, surface.base_faces());
         assert_eq!(is_closed(&corners(&surface, &drawn)), want, "jitter {jitter}, apart {apart}");
     }

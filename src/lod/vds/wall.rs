@@ -35,7 +35,7 @@ impl SubdividedWall {
     /// Returns all patches of the cut, with a mark at the patches that the camera may see. The cut
     /// depends on the camera alone.
     pub fn cut(&self, camera: &Camera) -> Vec<DrawnPatch> {
-        Cut::of(&self.surface, &self.criterion(camera)).patches()
+        Cut::of(&self.surface, &self.criterion(camera)).drawn_patches()
     }
 
     /// Criterion by which a camera judges patches.

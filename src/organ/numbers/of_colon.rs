@@ -11,7 +11,7 @@ pub mod gas {
     /// Least value of the tissue that encloses the colon, HU.
     pub const TISSUE_HU: f64 = -300.0;
     /// Share of a piece's height that is its top.
-    pub const TOP: f64 = 0.2;
+    pub const TOP_SHARE: f64 = 0.2;
 }
 
 /// Numbers of `colon.rs`.
