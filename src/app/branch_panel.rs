@@ -3,7 +3,7 @@
 use egui::{Key, Pos2, Rect, Ui, pos2};
 
 use super::action::{Action, ActionQueue, Request};
-use super::inside_marks::{in_pane, taken_parts};
+use super::inside_pane::{in_pane, taken_parts};
 use super::model::Model;
 use super::style::FAINT;
 

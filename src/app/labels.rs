@@ -3,7 +3,7 @@
 
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
 
-use super::inside_marks::SHADOW;
+use super::style::SHADOW;
 use super::style::TEXT;
 
 /// Texts of one pane.

@@ -18,6 +18,7 @@ mod export;
 mod figures;
 mod grey_window;
 mod inside_marks;
+mod inside_pane;
 mod junctions;
 mod keys;
 mod labels;

@@ -7,6 +7,7 @@ pub(super) const FAINT: Color32 = Color32::from_rgb(150, 156, 165);
 pub(super) const ACCENT: Color32 = Color32::from_rgb(90, 210, 140);
 pub(super) const WRONG: Color32 = Color32::from_rgb(255, 120, 110);
 pub(super) const CAMERA: Color32 = Color32::from_rgb(255, 200, 60);
+pub(super) const SHADOW: Color32 = Color32::from_black_alpha(150);
 
 /// Columns and rows of a rectangle of the screen, at least 2.
 pub(super) fn pixels(ui: &Ui, rect: Rect) -> [u32; 2] {

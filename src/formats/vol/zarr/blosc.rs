@@ -6,7 +6,7 @@
 
 use std::io;
 
-use super::codec::{damaged, inflate_zlib, lz4_block, zstd};
+use super::decompress::{damaged, inflate_zlib, lz4_block, zstd};
 
 const HEADER: usize = 16;
 /// Most bytes of a type whose streams are split, and least samples of a block that are.

@@ -7,6 +7,7 @@
 mod array;
 mod blosc;
 mod codec;
+mod decompress;
 mod read;
 
 use std::path::{Component, Path, PathBuf};
