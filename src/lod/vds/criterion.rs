@@ -63,7 +63,8 @@ impl Criterion {
         self.least(b, lowest, &self.scales(level, b.error_mm[level as usize], vertices))
     }
 
-    /// Scales of errors at a patch's triangles of a level, of those that may be in the image.
+    /// Returns how errors look at the triangles of a level of a patch. Triangles outside the image are
+    /// left out.
     fn scales(&self, level: u32, margin_mm: f32, vertices: &[PatchVertex]) -> Vec<ErrorScale> {
         let mut known: [Option<ProjectedBounds>; SHAPE_POINTS] = [None; SHAPE_POINTS];
         let mut of = |i: usize| {

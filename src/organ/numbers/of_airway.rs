@@ -129,8 +129,8 @@ pub mod bronchi {
     /// Largest branch behind a narrow place, ml, and the least share of its boundary that is wall.
     pub const MAX_BRANCH_ML: f64 = 60.0;
     pub const MIN_WALLED: f64 = 0.6;
-    /// Number of thresholds at which a branch behind a narrow place is looked for, from that of the
-    /// tree down, and their spacing, HU: lung behind such a place may leak where the tree does not.
+    /// A branch behind a narrow place is looked for at this number of thresholds, from the tree's
+    /// threshold down, this far apart, HU: behind such a place lung may leak where the tree does not.
     pub const FALLS: usize = 8;
     pub const FALL_HU: f64 = 16.0;
     /// Volume of the smallest piece added, ml: smaller ones are roughness.

@@ -73,7 +73,7 @@ pub struct LoopReport {
     pub throat_at_mm: [f64; 3],
     /// Distance to the wall there, mm.
     pub throat_mm: f64,
-    /// Distance to the wall at the next narrowest place, mm; null if there is none.
+    /// Distance to the wall at the second narrowest place, mm; null if the loop has one narrow place.
     pub next_throat_mm: Option<f64>,
     /// Length of the narrow passage about the throat, mm.
     pub passage_mm: f64,

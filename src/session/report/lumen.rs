@@ -120,7 +120,7 @@ pub struct SegmentReport {
     pub seed_voxel: [u32; 3],
 }
 
-/// A component of what was selected.
+/// A component of the selected voxels.
 #[derive(Clone, Debug, Serialize)]
 pub struct ComponentReport {
     /// Voxels of the component.

@@ -6,6 +6,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
+from pages import replace_between
+
 MARKS = ("<!-- pictures: written by `cargo xtask judge pictures --docs` -->", "<!-- /pictures -->")
 NOTICE = "Research and education only. Not for diagnosis."
 GAP, LINE = 6, 26
@@ -136,7 +138,4 @@ def docs(path, folder, results, pages):
             save(pages[found["name"]], folder / f"{found['name']}.jpg")
             parts += [f"## {found['title']}\n", _about(found) + "\n",
                       f"![{found['title']}: {', '.join(found['columns'])}]({folder.name}/{found['name']}.jpg)\n"]
-    text = path.read_text()
-    before, rest = text.split(MARKS[0])
-    after = rest.split(MARKS[1])[1]
-    path.write_text(f"{before}{MARKS[0]}\n\n" + "\n".join(parts) + f"\n{MARKS[1]}{after}")
+    replace_between(path, MARKS, "\n".join(parts))

@@ -9,6 +9,7 @@ from pathlib import Path
 from xml.sax.saxutils import escape
 
 from inputs import GRIDS, MESHES, REAL
+from pages import replace_between
 from stages import STAGES
 
 MARKS = ("<!-- compare: written by `cargo xtask judge speed --readme` -->", "<!-- /compare -->")
@@ -205,9 +206,4 @@ def write(out, results):
 
 def readme(path, results):
     """The short table between the marks of docs/comparison.md."""
-    text = path.read_text()
-    before, mark, rest = text.partition(MARKS[0])
-    inside, end, after = rest.partition(MARKS[1])
-    if not mark or not end:
-        raise SystemExit(f"{path}: no place for the table between {MARKS[0]} and {MARKS[1]}")
-    path.write_text(f"{before}{mark}\n\n{short(results)}\n{end}{after}")
+    replace_between(path, MARKS, short(results))

@@ -8,6 +8,8 @@ import subprocess
 from datetime import datetime, timezone
 from pathlib import Path
 
+from pages import replace_between
+
 MARKS = ("<!-- truth: written by `cargo xtask judge walls --readme` -->", "<!-- /truth -->")
 TITLES = {
     "phantoms": ("CT volumes with known walls",
@@ -174,9 +176,4 @@ def record(folder, results):
 
 def readme(path, results):
     """The short table between the marks of docs/comparison.md."""
-    text = path.read_text()
-    before, mark, rest = text.partition(MARKS[0])
-    _, end, after = rest.partition(MARKS[1])
-    if not mark or not end:
-        raise SystemExit(f"{path}: no place for the table between {MARKS[0]} and {MARKS[1]}")
-    path.write_text(f"{before}{mark}\n\n{short(results)}\n{end}{after}")
+    replace_between(path, MARKS, short(results))
