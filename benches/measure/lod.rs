@@ -6,8 +6,9 @@ use std::time::Instant;
 use common::cast::Cast;
 use common::{fly, screen};
 use intima::geometry::{Camera, Mesh, TriangleBvh};
+use intima::lod::refined::{RefinedWall, RefinedWallInput};
 use intima::lod::vds::{SubdividedWall, VdsOptions};
-use intima::lod::{CulledWall, DrawnWall, FaceOctree, OcclusionTest, occlusion_grid};
+use intima::lod::{CulledWall, DrawnWall, FaceOctree, OcclusionTest, Tolerance, occlusion_grid};
 use intima::mesh::SimplifyOptions;
 use intima::render::{FrameSequence, FrameStats, PreparedMesh, Renderer, Scene, Shot, View};
 use intima::session::{Clock, Levels, WallForm};
@@ -55,6 +56,19 @@ impl Forms {
         let all = [("off", &self.whole), ("culled", &self.culled)];
         all.into_iter().chain(self.subdivided.as_ref().map(|wall| ("vds", wall)))
     }
+}
+
+/// A mesh that is refined by its normals.
+fn refined(mesh: &Mesh, shading: &Shading) -> RefinedWall {
+    RefinedWall::new(RefinedWallInput {
+        mesh,
+        shading,
+        is_fixed: vec![false; mesh.positions.len()],
+        smooth: None,
+        exterior: Some(Arc::new(occlusion_grid(mesh))),
+        reach_mm: 0.0,
+        tolerance: Tolerance { pixels: TAU },
+    })
 }
 
 fn subdivided(mesh: &Mesh, shading: &Shading) -> Result<Arc<SubdividedWall>, String> {
@@ -128,9 +142,11 @@ pub fn times_of_the_cut() {
         let octree = Arc::new(FaceOctree::new(&mesh));
         let closed = Some(Arc::new(OcclusionTest::of_wall(occlusion_grid(&mesh))));
         let culled = CulledWall { octree, closed };
-        let subdivided = subdivided(&mesh, &shading(&mesh)).unwrap();
-        let walls: [(&str, &(dyn DrawnWall + Sync)); 2] =
-            [("culled", &culled), ("vds", &*subdivided)];
+        let shading = shading(&mesh);
+        let refined = refined(&mesh, &shading);
+        let subdivided = subdivided(&mesh, &shading).unwrap();
+        let walls: [(&str, &(dyn DrawnWall + Sync)); 3] =
+            [("culled", &culled), ("refined", &refined), ("vds", &*subdivided)];
         for (form, wall) in walls {
             let (mut ms, mut triangles) = (Vec::new(), 0);
             for pose in fly::poses(&axis, 100) {

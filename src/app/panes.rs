@@ -38,17 +38,20 @@ struct DrawnPane {
     scene: Option<Scene>,
     version: u64,
     drawn: Option<Drawn>,
+    /// Whether the picture has faces that are not yet as fine as it asks.
+    is_coarse: bool,
 }
 
 impl DrawnPane {
     fn new(gpu: &mut Gpu, samples: u32) -> Result<Self, RenderError> {
         let renderer = Renderer::new(gpu, 64, 64, samples)?;
-        Ok(Self { renderer, scene: None, version: 0, drawn: None })
+        Ok(Self { renderer, scene: None, version: 0, drawn: None, is_coarse: false })
     }
 
     /// Whether the picture shows something else.
     fn is_stale(&self, shot: Shot, size: [u32; 2]) -> bool {
-        self.scene.is_some() && self.drawn != Some(Drawn { shot, size, scene: self.version })
+        let now = Drawn { shot, size, scene: self.version };
+        self.scene.is_some() && (self.is_coarse || self.drawn != Some(now))
     }
 
     /// Draws a shot unless it is what the picture shows; whether it was drawn.
@@ -57,7 +60,8 @@ impl DrawnPane {
             return Ok(false);
         };
         self.renderer.resize(gpu, size[0], size[1])?;
-        self.renderer.draw_picture(gpu, &scene, &shot)?;
+        let stats = self.renderer.draw_picture(gpu, &scene, &shot)?;
+        self.is_coarse = stats.waiting > 0;
         self.is_drawn(shot, size);
         Ok(true)
     }
@@ -105,6 +109,9 @@ pub struct Panes {
 /// Colours of a wall that is being seen are brought up to date no more often.
 const PAINT_EVERY: Duration = Duration::from_millis(200);
 
+/// Refined faces of each level that are made for one frame: 5 ms of one thread at most.
+const MADE_PER_FRAME: u32 = 200;
+
 impl Panes {
     /// * `samples`: a pixel, 1 or 4.
     ///
@@ -148,6 +155,11 @@ impl Panes {
                     renderer.cull_mesh(gpu, mesh, whole, Arc::clone(wall))?;
                 }
                 WallForm::Culled(_) | WallForm::Whole => {}
+                WallForm::Refined(wall) => {
+                    let wall = PreparedMesh::refined(Arc::clone(wall));
+                    self.mesh = Some(renderer.upload_prepared_mesh(gpu, &wall)?);
+                    renderer.remove_mesh(mesh);
+                }
                 WallForm::Subdivided(wall) => {
                     let wall = PreparedMesh::subdivided(Arc::clone(wall), self.radius_mm);
                     self.mesh = Some(renderer.upload_prepared_mesh(gpu, &wall)?);
@@ -215,6 +227,8 @@ impl Panes {
         self.arrange(model);
         let mut any = false;
         if let Some(size) = inside {
+            let made = if detail == Detail::Settled { u32::MAX } else { MADE_PER_FRAME };
+            self.inside.renderer.make_at_most(made);
             any |= self.inside.draw(gpu, shot, size)?;
         }
         if let Some(size) = overview {
@@ -296,9 +310,10 @@ impl Panes {
         Ok(())
     }
 
-    /// Whether a pane waits for a part of its picture: new colours, or the wall of the overview.
+    /// Whether a pane waits for a part of its picture: new colours, the wall of the overview, or faces
+    /// as fine as the camera asks.
     pub fn is_settling(&self) -> bool {
-        self.is_paint_old || self.is_glass_next
+        self.is_paint_old || self.is_glass_next || self.inside.is_coarse
     }
 
     /// The inside view as it was drawn last: columns, rows, RGB. Waits for the device.

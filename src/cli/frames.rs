@@ -100,13 +100,13 @@ impl FrameArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Level of detail")]
 pub struct LevelArgs {
-    /// Level of detail of the wall; auto is culled, the whole mesh less what a camera cannot see
+    /// Level of detail of the wall; auto is culled, with faces near the eye split onto the smooth wall
     #[arg(long, value_enum, default_value = "auto")]
     pub lod: Lod,
     /// Subdivision scheme of --lod vds
     #[arg(long, value_enum, default_value = "1-to-4")]
     pub scheme: Scheme,
-    /// Pixels that vds may be away from the full mesh
+    /// Pixels that a drawn edge may sag from the smooth wall (auto), or vds be away from the mesh
     #[arg(long, value_name = "T", default_value_t = 1.0)]
     pub pixel_error: f32,
 }

@@ -7,7 +7,7 @@ use super::global::{Global, MESHES};
 use super::lumen_args::LumenArgs;
 use super::mode::ModeArg;
 use super::repeat::timed_products;
-use super::surface_args::{SurfaceArgs, SurfaceFrom};
+use super::surface_args::{RefineArgs, SurfaceArgs, SurfaceFrom};
 use crate::formats::{shown, write_wall};
 use crate::session::{
     LevelSettings, Lod, Product, Session, Settings, SurfaceReport, WallReport, written_mesh,
@@ -29,6 +29,8 @@ pub struct Args {
     #[command(flatten)]
     surface: SurfaceArgs,
     #[command(flatten)]
+    refine: RefineArgs,
+    #[command(flatten)]
     lumen: LumenArgs,
 }
 
@@ -38,18 +40,22 @@ impl Args {
         global.check_output(&self.output, MESHES)?;
         let mut wall = self.surface.settings()?;
         wall.from_mask |= self.from == Some(SurfaceFrom::Mask);
+        let refine = self.refine.refine;
+        let lod = if refine.is_some() { Lod::Auto } else { Lod::Off };
         let settings = Settings {
             mode: self.mode.mode,
             lumen: self.lumen.settings()?,
             wall,
-            // The simplified surface begins with the wall itself.
-            levels: LevelSettings { lod: Lod::Off, ..LevelSettings::default() },
+            levels: LevelSettings { lod, ..LevelSettings::default() },
             ..global.settings()
         };
         let mut session = Session::new(self.lumen.source(self.input.as_deref())?, settings)?;
         let simplify = self.surface.decimate.is_some();
-        let products: &[Product] =
-            if simplify { &[Product::Wall, Product::Base] } else { &[Product::Wall] };
+        let products: &[Product] = match (simplify, refine) {
+            (true, _) => &[Product::Wall, Product::Base],
+            (false, Some(_)) => &[Product::Wall, Product::Levels],
+            (false, None) => &[Product::Wall],
+        };
         session.expect(&[Product::Wall]);
         let needs = [Product::Lumen, Product::Volume, Product::Device];
         let ((), timing) = timed_products(global, &mut session, &needs, &[Product::Wall], |s| {
@@ -57,11 +63,12 @@ impl Args {
         })?;
         let wall = session.wall()?;
         let base = simplify.then(|| session.base()).transpose()?;
-        let whole = base.as_deref().unwrap_or(&wall.mesh);
+        let refined = refine.map(|level| session.refined_mesh(level)).transpose()?;
+        let whole = refined.as_ref().or(base.as_deref()).unwrap_or(&wall.mesh);
         let written = written_mesh(whole, self.surface.open_ends);
         write_wall(&self.output, &written, self.surface.facing)?;
         self.lumen.write_choice(&session, global)?;
-        let report = match &base {
+        let report = match base.as_deref().or(refined.as_ref()) {
             Some(_) => SurfaceReport::of_mesh(&written),
             None => SurfaceReport::of_written(&wall, self.surface.open_ends),
         };

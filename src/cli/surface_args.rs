@@ -41,6 +41,20 @@ pub struct SurfaceArgs {
     pub decimate: Option<u32>,
 }
 
+/// Splitting of the surface that `surface` writes.
+#[derive(Clone, Debug, clap::Args)]
+pub struct RefineArgs {
+    /// Split every face 1-to-4 so many times onto the smooth wall
+    #[arg(
+        long,
+        value_name = "N",
+        conflicts_with = "decimate",
+        value_parser = clap::value_parser!(u32).range(1..=3),
+        help_heading = "Surface"
+    )]
+    pub refine: Option<u32>,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum SurfaceFrom {
     Grey,

@@ -5,6 +5,7 @@ use glam::{DAffine3, DMat3, DVec3, IVec3};
 use crate::centerline::safe_by_voxels;
 use crate::field::Sampler;
 use crate::geometry::{Lens, TriangleBvh};
+use crate::lod::refined::RefinedWall;
 use crate::lumen::Lumen;
 
 /// Least distance to the wall, in near-ball radii.
@@ -12,27 +13,69 @@ pub const SAFETY: f64 = 1.05;
 /// Nearest near plane before a pose is refused, mm.
 pub const MIN_NEAR_MM: f64 = 0.05;
 
+/// A wall as it is drawn, by its distance.
+pub trait WallDistance: std::fmt::Debug + Sync {
+    /// Returns a distance from a point (LPS mm) that no drawn point is nearer than, mm; `limit_mm` if
+    /// that is less.
+    fn proven_mm(&self, p_mm: DVec3, limit_mm: f64) -> f64;
+
+    /// Returns the distance from a point (LPS mm) to the wall as it is usually drawn, mm; `limit_mm`
+    /// if that is less.
+    fn nominal_mm(&self, p_mm: DVec3, limit_mm: f64) -> f64;
+
+    /// Returns the largest distance of any drawn point from the mesh of the wall, mm.
+    fn departure_mm(&self) -> f64;
+}
+
+impl WallDistance for TriangleBvh {
+    fn proven_mm(&self, p_mm: DVec3, limit_mm: f64) -> f64 {
+        self.distance(p_mm, limit_mm)
+    }
+
+    fn nominal_mm(&self, p_mm: DVec3, limit_mm: f64) -> f64 {
+        self.distance(p_mm, limit_mm)
+    }
+
+    fn departure_mm(&self) -> f64 {
+        0.0
+    }
+}
+
+impl WallDistance for RefinedWall {
+    fn proven_mm(&self, p_mm: DVec3, limit_mm: f64) -> f64 {
+        self.distance(p_mm, limit_mm).proven_mm
+    }
+
+    fn nominal_mm(&self, p_mm: DVec3, limit_mm: f64) -> f64 {
+        self.distance(p_mm, limit_mm).nominal_mm
+    }
+
+    fn departure_mm(&self) -> f64 {
+        f64::from(RefinedWall::departure_mm(self))
+    }
+}
+
 /// Lower bounds of the distance from a point to the wall.
 ///
 /// The first bound comes from the distance field: every point of the extracted surface lies in a
 /// cell with an external corner, so the wall is at least max(dᵢ − |c − xᵢ|) − ‖h‖ away, over the
-/// eight voxels xᵢ about c. It is too small by up to three voxels; where it does not suffice and
-/// the wall is known, the exact distance to its triangles decides.
+/// eight voxels xᵢ about c, less what the drawn wall departs from that surface. It is too small by
+/// up to three voxels; where it does not suffice and the wall is known, the distance to what is
+/// drawn decides.
 ///
-/// The bound holds for the surface as extracted; of a mesh that was simplified afterwards, only
-/// the exact distance is true.
+/// Without the drawn wall the bound holds for the surface as extracted.
 pub struct Clearance<'a> {
     distance: Sampler<'a>,
     local_from_world: DAffine3,
-    wall: Option<&'a TriangleBvh>,
+    wall: Option<&'a dyn WallDistance>,
 }
 
 impl<'a> Clearance<'a> {
     /// Wraps a distance field and, where it is known, the wall.
     ///
     /// * `distance`: exact distance to external voxel centres, mm, in slot order.
-    /// * `wall`: triangles of the surface that is drawn, LPS mm.
-    pub fn new(lumen: &'a Lumen, distance: &'a [f32], wall: Option<&'a TriangleBvh>) -> Self {
+    /// * `wall`: the surface that is drawn.
+    pub fn new(lumen: &'a Lumen, distance: &'a [f32], wall: Option<&'a dyn WallDistance>) -> Self {
         let scale = DAffine3::from_mat3(DMat3::from_diagonal(lumen.grid.spacing_mm));
         Self {
             distance: Sampler { lumen, field: distance },
@@ -82,28 +125,29 @@ impl<'a> Clearance<'a> {
             .map(|k| base + IVec3::new(k & 1, k >> 1 & 1, k >> 2))
             .map(|v| self.distance.voxel(v) - c.distance(v.as_dvec3() * h))
             .fold(0.0, f64::max);
-        (bound - h.length()).max(0.0)
+        let departure = self.wall.map_or(0.0, |wall| wall.departure_mm());
+        (bound - h.length() - departure).max(0.0)
     }
 
-    /// Returns the exact distance to the mesh, mm, at most `limit_mm`; 0 outside, `None` without
-    /// the wall.
+    /// Returns the distance to the drawn wall that can be proven, mm, at most `limit_mm`; 0 outside,
+    /// `None` without the wall.
     pub fn exact_mm(&self, p_mm: DVec3, limit_mm: f64) -> Option<f64> {
-        let tree = self.wall?;
-        if !self.holds(p_mm) || !self.joins_its_voxel(p_mm, tree) {
+        let wall = self.wall?;
+        if !self.holds(p_mm) || !self.joins_its_voxel(p_mm, wall) {
             return Some(0.0);
         }
-        Some(tree.distance(p_mm, limit_mm))
+        Some(wall.proven_mm(p_mm, limit_mm))
     }
 
-    /// Whether no triangle lies between a point and the centre of its voxel, which is inside: the
+    /// Whether no wall lies between a point and the centre of its voxel, which is inside: the
     /// segment is marched in steps as long as the distance to the wall.
-    fn joins_its_voxel(&self, p_mm: DVec3, tree: &TriangleBvh) -> bool {
+    fn joins_its_voxel(&self, p_mm: DVec3, wall: &dyn WallDistance) -> bool {
         let Some(v) = self.voxel(p_mm) else { return false };
         let goal = self.distance.lumen.grid.world_from_voxel().transform_point3(v.as_dvec3());
         let mut at = p_mm;
         for _ in 0..256 {
             let left = at.distance(goal);
-            let free = tree.distance(at, left + 1e-9);
+            let free = wall.nominal_mm(at, left + 1e-9);
             if free >= left {
                 return true;
             }

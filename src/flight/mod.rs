@@ -18,7 +18,7 @@ mod stenosis;
 pub use camera_path::{CameraPath, CameraPathError, CameraPathPose, MAX_BYTES, SCHEMA};
 pub use centerline_distances::CenterlineDistances;
 pub use centerline_places::{CenterlinePlace, CenterlinePlaces, MAX_ASTRAY};
-pub use clearance::{Clearance, MIN_NEAR_MM, SAFETY};
+pub use clearance::{Clearance, MIN_NEAR_MM, SAFETY, WallDistance};
 pub use collide_and_slide::collide_and_slide;
 pub use coverage::{Coverage, CoverageMap, LISTED_FROM_MM2, MissedPatch, coverage, unseen_voxels};
 pub use cross_section::{CrossSection, cross_section};

@@ -5,9 +5,9 @@ use std::ops::RangeInclusive;
 use glam::DVec3;
 
 use super::profile::median;
-use super::{Clearance, Profile, Track};
+use super::{Clearance, Profile, Track, WallDistance};
 use crate::centerline::arc_lengths;
-use crate::geometry::{CenterlinePoint, Lens, Pose, TriangleBvh};
+use crate::geometry::{CenterlinePoint, Lens, Pose};
 use crate::lumen::Lumen;
 
 /// Largest number of frames of a flight: ten hours at 25 a second.
@@ -46,8 +46,8 @@ pub struct FlightOptions<'a> {
     pub aspect: f32,
     /// Whether to fly from the last point to the first.
     pub reverse: bool,
-    /// Triangles of the surface that is drawn, LPS mm: lets thin places be proven by exact distances.
-    pub wall: Option<&'a TriangleBvh>,
+    /// The surface that is drawn: lets thin places be proven by its distance.
+    pub wall: Option<&'a dyn WallDistance>,
 }
 
 impl Default for FlightOptions<'_> {

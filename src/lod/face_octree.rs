@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::octree::{Item, Octree};
+use super::octree::{Item, Octree, OctreeNode};
 use super::{DrawnRange, DrawnWall, HierarchicalZ, OcclusionTest, ViewFrustum, VisibleWall};
 use crate::geometry::{Camera, Mesh};
 
@@ -42,33 +42,64 @@ impl FaceOctree {
         self.tree.items.par_iter().flat_map_iter(|f| faces[*f as usize]).collect()
     }
 
+    /// Builds the octree of faces with these bounds.
+    pub fn of_items(faces: usize, item: impl Fn(u32) -> Item + Sync) -> Self {
+        Self { tree: Octree::from_fn(faces, LEAF_FACES, item) }
+    }
+
+    /// Returns the faces in the order of the tree.
+    pub fn faces(&self) -> &[u32] {
+        &self.tree.items
+    }
+
+    /// Returns the nodes of the tree.
+    pub(super) fn nodes(&self) -> &[OctreeNode] {
+        &self.tree.nodes
+    }
+
+    /// Returns the children of a node of the tree.
+    pub(super) fn children(&self, node: usize) -> Range<usize> {
+        self.tree.children(node)
+    }
+
     /// Ranges of [`Self::indices`] that `camera` can see, ascending.
     ///
     /// * `closed`: occlusion test of a closed wall with the eye inside it. Cells of back faces and
     ///   occluded cells are left out then.
     pub fn visible(&self, camera: &Camera, closed: Option<&OcclusionTest>) -> Vec<Range<u32>> {
         let frustum = ViewFrustum::new(camera);
-        let eye = frustum.position();
-        let mut ranges: Vec<Range<u32>> = Vec::new();
         let depths = closed.map(|test| test.depths(&frustum));
-        self.tree.traverse(
-            |n| {
-                let (lo, hi) = (n.lo.as_dvec3(), n.hi.as_dvec3());
-                let (centre, half) = (0.5 * (lo + hi), 0.5 * (hi - lo));
-                let hidden = |depths: &HierarchicalZ| {
-                    frustum.is_backfacing(&n.sphere, &n.cone) || depths.hides(centre - eye, half)
-                };
-                frustum.intersects_box(centre - eye, half) && !depths.as_ref().is_some_and(hidden)
-            },
-            |_, n| {
-                let own = 3 * n.first..3 * (n.first + n.count);
-                match ranges.last_mut() {
-                    Some(last) if last.end == own.start => last.end = own.end,
-                    _ => ranges.push(own),
-                }
-            },
-        );
+        let mut ranges: Vec<Range<u32>> = Vec::new();
+        self.visible_leaves(&frustum, depths.as_ref(), |_, n| {
+            let own = 3 * n.first..3 * (n.first + n.count);
+            match ranges.last_mut() {
+                Some(last) if last.end == own.start => last.end = own.end,
+                _ => ranges.push(own),
+            }
+        });
         ranges
+    }
+
+    /// Calls `leaf` with each leaf that may be seen, in the order of the tree.
+    ///
+    /// * `depths`: depths behind which a closed wall hides, seen from inside it. Cells of back faces
+    ///   and occluded cells are left out then.
+    pub(super) fn visible_leaves(
+        &self,
+        frustum: &ViewFrustum,
+        depths: Option<&HierarchicalZ>,
+        leaf: impl FnMut(usize, &OctreeNode),
+    ) {
+        let eye = frustum.position();
+        let is_seen = |n: &OctreeNode| {
+            let (lo, hi) = (n.lo.as_dvec3(), n.hi.as_dvec3());
+            let (centre, half) = (0.5 * (lo + hi), 0.5 * (hi - lo));
+            let hidden = |depths: &HierarchicalZ| {
+                frustum.is_backfacing(&n.sphere, &n.cone) || depths.hides(centre - eye, half)
+            };
+            frustum.intersects_box(centre - eye, half) && !depths.is_some_and(hidden)
+        };
+        self.tree.traverse(is_seen, leaf);
     }
 }
 

@@ -1,20 +1,23 @@
 //! The drawn wall: which part of it a camera sees, and how fine.
 //!
 //! A [`DrawnWall`] is a pair of buffers that stay on the device and a function of the camera that
-//! names the ranges of indices to draw. There are two:
+//! names the ranges of indices to draw. There are three:
 //!
+//! * [`refined::RefinedWall`]: the whole mesh, with faces near the eye split onto the smooth wall.
 //! * [`CulledWall`]: the whole mesh, less the cells of a [`FaceOctree`] that the camera cannot see.
 //! * [`vds::SubdividedWall`]: the view-dependent subdivision of the paper (Li et al. 2004).
 //!
-//! Both leave out faces outside the [`ViewFrustum`], faces that look away
+//! All leave out faces outside the [`ViewFrustum`], faces that look away
 //! from the eye, and faces that the wall itself hides ([`OcclusionTest`]).
 
 mod cell_bits;
 mod exterior;
 mod face_octree;
 mod hierarchical_z;
+mod morph;
 pub mod octree;
 mod occlusion;
+pub mod refined;
 mod slot_cache;
 pub mod vds;
 mod view_frustum;
@@ -60,18 +63,21 @@ pub struct DrawnRange {
 pub struct VisibleWall {
     /// Ranges in an order that depends on the camera alone.
     pub ranges: Vec<DrawnRange>,
+    /// Faces that are refined, of a wall that has such.
+    pub refined: Vec<refined::RefinedFace>,
 }
 
 impl VisibleWall {
     /// Returns the number of triangles.
     pub fn triangles(&self) -> u64 {
-        self.ranges.iter().map(|range| u64::from(range.indices / 3)).sum()
+        let flat: u64 = self.ranges.iter().map(|range| u64::from(range.indices / 3)).sum();
+        flat + self.refined.iter().map(|face| u64::from(face.triangles())).sum::<u64>()
     }
 }
 
 impl FromIterator<DrawnRange> for VisibleWall {
     fn from_iter<I: IntoIterator<Item = DrawnRange>>(ranges: I) -> Self {
-        Self { ranges: ranges.into_iter().collect() }
+        Self { ranges: ranges.into_iter().collect(), refined: Vec::new() }
     }
 }
 

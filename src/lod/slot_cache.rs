@@ -63,7 +63,6 @@ pub struct SlotCache {
     slots: u32,
     in_flight: u64,
     step: u64,
-    upload_budget: u32,
     uploads_left: u32,
     /// Patches touched or allocated in this step.
     touched: usize,
@@ -75,9 +74,8 @@ pub struct SlotCache {
 const MIN_RESIDENT: usize = 2048; // 5 MB
 
 impl SlotCache {
-    /// `slots` slots; at most `uploads` of them are written in one step; frames of the last
-    /// `in_flight` steps may still be running.
-    pub fn new(slots: u32, uploads: u32, in_flight: u32) -> Self {
+    /// `slots` slots; frames of the last `in_flight` steps may still be running.
+    pub fn new(slots: u32, in_flight: u32) -> Self {
         Self {
             free: (0..slots).rev().collect(),
             cooling: VecDeque::new(),
@@ -86,8 +84,7 @@ impl SlotCache {
             slots,
             in_flight: u64::from(in_flight),
             step: 0,
-            upload_budget: uploads,
-            uploads_left: uploads,
+            uploads_left: 0,
             touched: 0,
             soft_capacity: MIN_RESIDENT,
         }
@@ -108,10 +105,10 @@ impl SlotCache {
         self.uploads_left
     }
 
-    /// Begins the next step.
-    pub fn begin_step(&mut self) {
+    /// Begins the next step, in which at most `uploads` slots are written.
+    pub fn begin_step(&mut self, uploads: u32) {
         self.step += 1;
-        self.uploads_left = self.upload_budget;
+        self.uploads_left = uploads;
         self.soft_capacity = MIN_RESIDENT.max(2 * self.touched);
         self.touched = 0;
         while let Some(&(last_used, slot)) = self.cooling.front() {
@@ -207,17 +204,17 @@ mod tests {
 
     #[test]
     fn a_slot_is_not_overwritten_while_frames_that_drew_it_are_in_flight() {
-        let mut cache = SlotCache::new(2, 10, 3);
-        cache.begin_step();
+        let mut cache = SlotCache::new(2, 3);
+        cache.begin_step(u32::MAX);
         let a = cache.allocate(1).unwrap();
         cache.allocate(2).unwrap();
         assert_eq!(cache.allocate(3), Err(NoSlot::AllDrawn));
         for wait in 0..3 {
-            cache.begin_step();
+            cache.begin_step(u32::MAX);
             cache.touch(2);
             assert_eq!(cache.allocate(3), Err(NoSlot::InFlight), "after {wait} steps");
         }
-        cache.begin_step();
+        cache.begin_step(u32::MAX);
         cache.touch(2);
         assert_eq!(cache.allocate(3), Ok(a));
         assert!(!cache.contains(1) && cache.contains(2) && cache.contains(3));
@@ -225,12 +222,12 @@ mod tests {
 
     #[test]
     fn eviction_is_least_recently_used_and_never_takes_the_current_cut() {
-        let mut cache = SlotCache::new(3, 10, 0);
+        let mut cache = SlotCache::new(3, 0);
         for key in 1..=3 {
-            cache.begin_step();
+            cache.begin_step(u32::MAX);
             cache.allocate(key).unwrap();
         }
-        cache.begin_step();
+        cache.begin_step(u32::MAX);
         cache.touch(1);
         cache.allocate(4).unwrap();
         assert!(!cache.contains(2) && cache.contains(1) && cache.contains(3));
@@ -242,11 +239,11 @@ mod tests {
 
     #[test]
     fn stale_slots_are_reused_before_untouched_memory() {
-        let mut cache = SlotCache::new(10 * MIN_RESIDENT as u32, u32::MAX, 3);
+        let mut cache = SlotCache::new(10 * MIN_RESIDENT as u32, 3);
         let mut slots = BTreeSet::new();
         // A flight that never turns back: a cut of 100 patches, ten of them new in each step.
         for step in 0..3 * MIN_RESIDENT as u64 / 10 {
-            cache.begin_step();
+            cache.begin_step(u32::MAX);
             for key in 10 * step..10 * step + 100 {
                 if cache.touch(key).is_none() {
                     slots.insert(cache.allocate(key).unwrap());
@@ -256,33 +253,33 @@ mod tests {
         assert_eq!(slots.len(), MIN_RESIDENT);
         // A larger cut still finds slots, and twice its size stays resident.
         for _ in 0..2 {
-            cache.begin_step();
+            cache.begin_step(u32::MAX);
             for key in 1_000_000..1_000_000 + 3 * MIN_RESIDENT as u64 {
                 assert!(cache.touch(key).is_some() || cache.allocate(key).is_ok());
             }
         }
         assert!(cache.resident_slots() as usize >= 3 * MIN_RESIDENT);
-        cache.begin_step();
+        cache.begin_step(u32::MAX);
         assert_eq!(cache.soft_capacity, 6 * MIN_RESIDENT);
     }
 
     #[test]
     fn allocations_stop_at_the_upload_budget() {
-        let mut cache = SlotCache::new(10, 2, 1);
-        cache.begin_step();
+        let mut cache = SlotCache::new(10, 1);
+        cache.begin_step(2);
         assert!(cache.allocate(1).is_ok() && cache.allocate(2).is_ok());
         assert_eq!(cache.allocate(3), Err(NoSlot::UploadBudget));
-        cache.begin_step();
+        cache.begin_step(2);
         assert!(cache.allocate(3).is_ok());
     }
 
     #[test]
     fn no_slot_belongs_to_two_patches() {
-        let mut cache = SlotCache::new(8, 100, 1);
+        let mut cache = SlotCache::new(8, 1);
         let mut seed = 1u64;
         let mut drawn: Vec<u64> = Vec::new();
         for _ in 0..500 {
-            cache.begin_step();
+            cache.begin_step(u32::MAX);
             seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1);
             drawn.retain(|k| (k ^ seed >> 33) & 3 != 0);
             drawn.retain(|&k| cache.touch(k).is_some());

@@ -6,6 +6,7 @@ use glam::Vec3;
 
 use super::RenderError;
 use crate::geometry::Mesh;
+use crate::lod::refined::RefinedWall;
 use crate::lod::vds::{ResidentPatches, SubdividedWall};
 use crate::lod::{CulledWall, DrawnWall};
 use crate::surface::{Shading, shading};
@@ -21,6 +22,8 @@ pub struct PreparedMesh {
     pub(super) mean_radius_mm: f32,
     /// Part of it that a camera sees; all of it where `None`.
     pub(super) drawn: Option<Arc<dyn DrawnWall>>,
+    /// The wall whose faces are refined, of such a wall.
+    pub(super) refined: Option<Arc<RefinedWall>>,
 }
 
 /// Vertices of a wall.
@@ -87,6 +90,21 @@ impl PreparedMesh {
             bounds: None,
             mean_radius_mm,
             drawn: Some(wall),
+            refined: None,
+        }
+    }
+
+    /// Takes a wall whose faces are refined near the eye.
+    pub fn refined(wall: Arc<RefinedWall>) -> Self {
+        let shading = Arc::clone(wall.shading());
+        let bounds = shading.vertices.iter().map(|v| (v.position(), v.position()));
+        Self {
+            indices: wall.faces().as_flattened().to_vec(),
+            bounds: bounds.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))),
+            mean_radius_mm: shading.mean_radius_mm,
+            vertices: WallVertices::Mesh(shading),
+            drawn: Some(Arc::clone(&wall) as Arc<dyn DrawnWall>),
+            refined: Some(wall),
         }
     }
 
@@ -131,7 +149,7 @@ fn prepare_shaded(mesh: &Mesh, shading: Arc<Shading>, skip_caps: bool) -> Prepar
     indices.extend((0..mesh.faces.len()).filter(|i| shown(*i)).flat_map(|i| mesh.faces[i]));
     let mean_radius_mm = shading.mean_radius_mm;
     let (vertices, bounds) = (WallVertices::Mesh(shading), mesh.bounds());
-    PreparedMesh { vertices, indices, bounds, mean_radius_mm, drawn: None }
+    PreparedMesh { vertices, indices, bounds, mean_radius_mm, drawn: None, refined: None }
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ mod overlay;
 mod overview;
 mod picture;
 mod pipelines;
+mod refined_faces;
 mod renderer;
 mod scene;
 mod sequence;

@@ -9,9 +9,11 @@ use super::lines::Tubes;
 use super::mesh::{self, PreparedMesh, WallVertices};
 use super::picture::{Spares, without_alpha};
 use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
+use super::refined_faces::RefinedFaces;
 use super::scene::{FrameStats, GlassKey, MeshHandle, PathHandle, Scene, Shot, UnfoldedFace, View};
 use super::{RenderError, host};
 use crate::geometry::{Camera, Lens, Mesh, Pose, Vertex};
+use crate::lod::refined::PlacedFaces;
 use crate::lod::{CulledWall, DrawnRange, DrawnWall, VisibleWall};
 use crate::surface::Shading;
 use crate::vk::{
@@ -40,12 +42,17 @@ pub(super) struct PlacedMesh {
     is_patches: bool,
     /// Part of it that a camera sees; all of it where `None`.
     pub drawn: Option<Arc<dyn DrawnWall>>,
+    /// Faces of it that are refined, of such a wall.
+    refined: Option<RefinedFaces>,
 }
 
 impl PlacedMesh {
     fn release(&self, releaser: &Releaser) {
         releaser.buffer(self.vertices);
         releaser.buffer(self.indices);
+        if let Some(refined) = &self.refined {
+            refined.release(releaser);
+        }
     }
 }
 
@@ -151,6 +158,8 @@ pub struct Renderer {
     slots: Vec<ReadbackSlot>,
     idle: Vec<usize>,
     spares: Spares,
+    /// Largest number of refined faces of each level that are made for one frame.
+    made: u32,
     pub(super) releaser: Releaser,
 }
 
@@ -179,6 +188,7 @@ impl Renderer {
                 slots,
                 idle: (0..IN_FLIGHT).collect(),
                 spares: Spares::default(),
+                made: u32::MAX,
                 releaser: gpu.releaser(),
             })
         })
@@ -207,6 +217,13 @@ impl Renderer {
     /// Columns and rows of a frame.
     pub fn size(&self) -> [u32; 2] {
         self.targets.extent
+    }
+
+    /// Makes at most so many refined faces of each level for each later frame: the frames of a window
+    /// do not wait, and [`FrameStats::waiting`] counts the faces that are flat until then. Without
+    /// this call a frame waits for all of them.
+    pub fn make_at_most(&mut self, faces: u32) {
+        self.made = faces;
     }
 
     /// Puts a mesh on the device; faces tagged as caps are left out on request.
@@ -240,7 +257,11 @@ impl Renderer {
         };
         let model = upload(gpu, vertices, &mesh.indices, mesh.bounds, mesh.mean_radius_mm)?;
         let is_patches = matches!(mesh.vertices, WallVertices::Patches(_));
-        self.models.push(Some(PlacedMesh { is_patches, drawn: mesh.drawn.clone(), ..model }));
+        let refined = mesh.refined.clone();
+        let refined = refined.map(|wall| RefinedFaces::new(gpu, wall)).transpose();
+        let refined = refined.inspect_err(|_| model.release(&self.releaser))?;
+        let drawn = mesh.drawn.clone();
+        self.models.push(Some(PlacedMesh { is_patches, drawn, refined, ..model }));
         Ok(MeshHandle(self.models.len() - 1))
     }
 
@@ -448,13 +469,48 @@ impl Renderer {
         picture: Option<(ImageId, BufferId)>,
     ) -> Result<FrameStats, RenderError> {
         self.room_for_faces(gpu, shot.view)?;
-        let mut passes = Vec::new();
+        let eyes = self.eyes(shot);
+
+        // 1. What each eye sees of the wall, and the vertices that are not there yet.
+        let found: Vec<VisibleWall>;
+        let seen = match (&self.model(scene.wall).drawn, seen) {
+            (Some(drawn), None) => {
+                found = eyes.iter().map(|eye| drawn.visible(&eye.camera)).collect();
+                Some(&found[..])
+            }
+            (_, seen) => seen,
+        };
         let mut stats = FrameStats::default();
+        let mut placed: Option<Vec<PlacedFaces>> = None;
+        let mut writes = Vec::new();
+        let model = self.models[scene.wall.0].as_mut().expect("a mesh that was not removed");
+        if let (Some(refined), Some(seen)) = (&mut model.refined, seen) {
+            let (faces, waiting);
+            (faces, writes, waiting) = refined.place(gpu, seen, self.made)?;
+            placed = Some(faces);
+            stats.waiting = waiting as u32;
+        }
+
+        // 2. Passes.
+        let mut passes = Vec::new();
         if shot.view.is_all_round() {
             passes.push(self.clear_pass(scene.look.background));
         }
-        for (i, eye) in self.eyes(shot).iter().enumerate() {
-            passes.push(self.inside_pass(scene, shot, eye, seen.map(|seen| &seen[i]), &mut stats));
+        for (i, eye) in eyes.iter().enumerate() {
+            let visible = match (&placed, seen) {
+                (Some(placed), _) => Some(DrawnParts {
+                    ranges: &placed[i].flat.ranges,
+                    refined: &placed[i].refined,
+                    triangles: placed[i].triangles,
+                }),
+                (None, Some(seen)) => Some(DrawnParts {
+                    ranges: &seen[i].ranges,
+                    refined: &[],
+                    triangles: seen[i].triangles(),
+                }),
+                (None, None) => None,
+            };
+            passes.push(self.inside_pass(scene, shot, eye, visible, &mut stats));
         }
         if let Some(area) = self.areas(shot.view).1 {
             self.overview_passes(scene, shot, area, &mut passes);
@@ -462,7 +518,13 @@ impl Renderer {
         if shot.view == View::Panorama {
             passes.extend(self.panorama_pass());
         }
-        gpu.submit_draws(&Frame { passes, picture, ..Frame::default() })?;
+        let sent = gpu.submit_draws(&Frame { writes, passes, picture, ..Frame::default() });
+        if sent.is_err() {
+            // Nothing was written.
+            let refined = self.models[scene.wall.0].as_mut().and_then(|m| m.refined.as_mut());
+            refined.into_iter().for_each(RefinedFaces::forget);
+        }
+        sent?;
         Ok(stats)
     }
 
@@ -529,7 +591,7 @@ impl Renderer {
         scene: &Scene,
         shot: &Shot,
         eye: &UnfoldedFace,
-        seen: Option<&VisibleWall>,
+        visible: Option<DrawnParts<'_>>,
         stats: &mut FrameStats,
     ) -> Pass {
         let UnfoldedFace { camera, area } = eye;
@@ -547,28 +609,41 @@ impl Renderer {
         let push = bytemuck::bytes_of(&push);
         let p = &self.pipelines;
         let shows_backs = model.drawn.as_ref().is_none_or(|drawn| drawn.shows_backs());
+        let patches = if shows_backs { p.patches } else { p.patch_fronts };
         let pipeline = match (&model.uncoloured, model.is_patches, shows_backs) {
             (Some(_), ..) => p.inside_coloured,
+            (None, true, _) => patches,
             (None, false, true) => p.inside,
             (None, false, false) => p.inside_fronts,
-            (None, true, true) => p.patches,
-            (None, true, false) => p.patch_fronts,
         };
-        let found = match (&model.drawn, seen) {
-            (Some(drawn), None) => Some(drawn.visible(&camera)),
-            _ => None,
-        };
-        let (range, count, triangles) = match found.as_ref().or(seen) {
-            None => (DrawRange::Direct(0..model.count), 1, u64::from(model.count / 3)),
-            Some(visible) => {
-                let ranges: Vec<IndexedRange> = visible.ranges.iter().map(indexed).collect();
-                (DrawRange::Indirect(ranges), visible.ranges.len() as u32, visible.triangles())
+        let mut draws: Vec<Draw> = draw(pipeline, model, push, Vec::new()).into_iter().collect();
+        match visible {
+            None => {
+                stats.draws += draws.len() as u32;
+                stats.triangles += u64::from(model.count / 3);
             }
-        };
-        let drawn = draw(pipeline, model, push, Vec::new()).filter(|_| triangles > 0);
-        stats.draws += if drawn.is_some() { count } else { 0 };
-        stats.triangles += triangles;
-        let drawn = drawn.map(|draw| Draw { range, ..draw });
+            Some(visible) => {
+                let indirect =
+                    |of: &[DrawnRange]| DrawRange::Indirect(of.iter().map(indexed).collect());
+                draws.iter_mut().for_each(|draw| draw.range = indirect(visible.ranges));
+                if let Some(refined) = &model.refined {
+                    draws.push(Draw {
+                        pipeline: patches,
+                        push: push.to_vec(),
+                        vertices: Some(refined.vertices),
+                        indices: Some(refined.indices),
+                        range: indirect(visible.refined),
+                        images: Vec::new(),
+                        scissor: None,
+                    });
+                }
+                stats.draws += (visible.ranges.len() + visible.refined.len()) as u32;
+                stats.triangles += visible.triangles;
+                let is_empty =
+                    |d: &Draw| matches!(&d.range, DrawRange::Indirect(of) if of.is_empty());
+                draws.retain(|draw| !is_empty(draw));
+            }
+        }
         let targets = match (&self.faces, shot.view) {
             (Some(faces), View::Panorama) => faces,
             _ => &self.targets,
@@ -584,9 +659,18 @@ impl Renderer {
             encoded,
             clear: Some([r, g, b, 1.0]),
             area,
-            draws: drawn.into_iter().collect(),
+            draws,
         }
     }
+}
+
+/// What an eye sees of a wall.
+struct DrawnParts<'a> {
+    /// Ranges of the wall's own indices.
+    ranges: &'a [DrawnRange],
+    /// Ranges of the templates of refined faces.
+    refined: &'a [DrawnRange],
+    triangles: u64,
 }
 
 impl Drop for Renderer {
@@ -709,6 +793,7 @@ fn upload<V: Pod>(
             uncoloured: None,
             is_patches: false,
             drawn: None,
+            refined: None,
         })
     })
 }

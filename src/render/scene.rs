@@ -19,6 +19,8 @@ pub struct FrameStats {
     pub triangles: u64,
     /// Number of draws they were submitted in.
     pub draws: u32,
+    /// Number of faces that are not yet as fine as the camera asks.
+    pub waiting: u32,
 }
 
 /// Views of a frame.

@@ -1,19 +1,37 @@
 //! The flight along the centerline.
 
-use super::settings::FlightRoute;
+use super::settings::{FlightRoute, Lod};
 use super::{Centered, Clock, Session, SessionError, present};
-use crate::flight::{Clearance, Flight, FlightError, FlightOptions};
-use crate::geometry::{Centerline, CenterlinePoint, TriangleBvh};
+use crate::flight::{Clearance, Flight, FlightError, FlightOptions, WallDistance};
+use crate::geometry::{Centerline, CenterlinePoint};
 use crate::lumen::Lumen;
 use crate::render::View;
 
 impl Session {
     pub(super) fn run_flight(&self, clock: &mut Clock) -> Result<Flight, SessionError> {
+        let tree = present(&self.slots.triangle_tree);
+        self.plan_flight(&*tree, clock)
+    }
+
+    /// Plans the flight with room for a wall that is refined near the eye.
+    pub(super) fn run_flight_by_refined_wall(
+        &self,
+        clock: &mut Clock,
+    ) -> Result<Flight, SessionError> {
+        let levels = present(&self.slots.levels);
+        let tree = present(&self.slots.triangle_tree);
+        self.plan_flight(levels.drawn_distance().unwrap_or(&*tree), clock)
+    }
+
+    fn plan_flight(
+        &self,
+        wall: &dyn WallDistance,
+        clock: &mut Clock,
+    ) -> Result<Flight, SessionError> {
         let (lumen, fields) = (present(&self.slots.lumen), present(&self.slots.fields));
-        let (centered, wall) =
-            (present(&self.slots.centerline), present(&self.slots.triangle_tree));
+        let centered = present(&self.slots.centerline);
         let route = self.settings.flight.route;
-        let plan = || self.fly(&lumen.lumen, &fields.distance, &centered, &wall, route);
+        let plan = || self.fly(&lumen.lumen, &fields.distance, &centered, wall, route);
         let count = |f: &Result<Flight, _>| f.as_ref().map_or(0, |f| f.poses.len() as u64);
         clock.time("flight", "frames", plan, count)
     }
@@ -24,8 +42,11 @@ impl Session {
     /// What the stages fail with; [`FlightError::NoBranch`].
     pub fn flight_along(&self, route: FlightRoute) -> Result<Flight, SessionError> {
         let (lumen, fields) = (self.lumen()?, self.fields()?);
-        let (centered, wall) = (self.centerline()?, self.triangle_tree()?);
-        self.pool.install(|| self.fly(&lumen.lumen, &fields.distance, &centered, &wall, route))
+        let (centered, tree) = (self.centerline()?, self.triangle_tree()?);
+        let is_refined = self.settings.drawn_lod() == Lod::Auto;
+        let levels = is_refined.then(|| self.levels()).transpose()?;
+        let wall = levels.as_ref().and_then(|levels| levels.drawn_distance()).unwrap_or(&*tree);
+        self.pool.install(|| self.fly(&lumen.lumen, &fields.distance, &centered, wall, route))
     }
 
     fn fly(
@@ -33,7 +54,7 @@ impl Session {
         lumen: &Lumen,
         distance: &[f32],
         centered: &Centered,
-        wall: &TriangleBvh,
+        wall: &dyn WallDistance,
         route: FlightRoute,
     ) -> Result<Flight, SessionError> {
         let s = &self.settings.flight;

@@ -97,6 +97,7 @@ impl Session {
             WallForm::Culled(wall) => {
                 PreparedMesh::culled(mesh, Arc::clone(&shading), Arc::clone(wall))?
             }
+            WallForm::Refined(wall) => PreparedMesh::refined(Arc::clone(wall)),
             WallForm::Subdivided(wall) => {
                 PreparedMesh::subdivided(Arc::clone(wall), shading.mean_radius_mm)
             }

@@ -6,12 +6,15 @@ use serde::Serialize;
 
 use super::settings::{LevelSettings, Lod};
 use super::{Clock, Session, SessionError, present};
+use crate::flight::WallDistance;
 use crate::geometry::{Mesh, TriangleBvh, Vertex};
 use crate::lod::ExteriorGrid;
+use crate::lod::refined::{RefinedWall, RefinedWallInput, SmoothWall};
 use crate::lod::vds::{ParameterizedOriginal, SubdividedWall, SubdivisionSurface, VdsOptions};
 use crate::lod::{CulledWall, FaceOctree, OcclusionTest, Tolerance};
 use crate::mesh::{MeshError, Parameterization, SimplifyOptions, make_manifold, simplify};
 use crate::vk::return_freed_memory;
+use crate::wall::WallSpline;
 
 /// The wall in the form in which frames draw it.
 #[derive(Debug)]
@@ -29,6 +32,8 @@ pub enum WallForm {
     Whole,
     /// The whole mesh, less what a camera cannot see.
     Culled(Arc<CulledWall>),
+    /// The whole mesh, less what a camera cannot see, with faces near the eye split onto the wall.
+    Refined(Arc<RefinedWall>),
     /// The subdivision of a base.
     Subdivided(Arc<SubdividedWall>),
 }
@@ -36,7 +41,7 @@ pub enum WallForm {
 /// Level of detail.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct LodReport {
-    /// `vds`; `culled` or `off` where the whole wall is drawn.
+    /// `vds`; `refined`, `culled` or `off` where the whole wall is drawn.
     pub mode: &'static str,
     /// Subdivision scheme, of `vds`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -61,8 +66,7 @@ pub struct LodReport {
 
 impl LodReport {
     /// The whole wall of so many faces is drawn, or what cameras can see of it.
-    fn whole(faces: u64, culled: bool) -> Self {
-        let mode = if culled { "culled" } else { "off" };
+    fn whole(faces: u64, mode: &'static str) -> Self {
         Self { mode, base_faces: faces, finest_faces: faces, ..Self::default() }
     }
 }
@@ -92,14 +96,22 @@ pub fn base(
     Ok(clock.time("base", "faces", work, |_| mesh.faces.len() as u64)?)
 }
 
-/// A GPU draws a wall of at most so many faces sooner than the CPU finds what of it can be seen: an
-/// H100 draws 860,000 in 0.7 ms, 16 cores find it in 1.2.
-const DRAWN_WHOLE: u64 = 1_000_000;
+/// Largest distance that a vertex moves onto the smooth wall, least spacings. The linear crossing of
+/// a grid edge differs from the spline's by less.
+const REACH_VOX: f64 = 0.5;
 
 /// Below this a base saves nothing worth having.
 const MIN_BASE_FACES: usize = 500;
 
 impl Levels {
+    /// Returns the drawn wall, where its distance is not that of the mesh.
+    pub fn drawn_distance(&self) -> Option<&dyn WallDistance> {
+        match &self.form {
+            WallForm::Refined(wall) => Some(&**wall),
+            _ => None,
+        }
+    }
+
     /// The paper's: the mesh simplified to a base, subdivided where the camera looks, every new vertex
     /// on the original by the record of the collapses.
     ///
@@ -165,6 +177,21 @@ impl Levels {
 }
 
 impl Session {
+    /// Returns the wall with all its faces split so many times onto the smooth wall; the wall itself
+    /// if the settings draw another form.
+    ///
+    /// * `level`: 1 to 4; a split quadruples the faces.
+    ///
+    /// # Errors
+    /// What the stages fail with.
+    pub fn refined_mesh(&self, level: u32) -> Result<Mesh, SessionError> {
+        let (levels, drawn) = (self.levels()?, self.shown_wall()?);
+        Ok(match &levels.form {
+            WallForm::Refined(wall) => wall.mesh(level, &drawn.mesh().caps),
+            _ => drawn.mesh().clone(),
+        })
+    }
+
     /// Exterior of the drawn wall. There is none where its caps are left out: through its open ends
     /// an eye sees faces that the whole wall occludes.
     fn exterior_of_closed(&self) -> Option<Arc<ExteriorGrid>> {
@@ -175,21 +202,55 @@ impl Session {
     pub(super) fn run_whole_levels(&self, clock: &mut Clock) -> Result<Levels, SessionError> {
         let drawn = present(&self.slots.shown_wall);
         let faces = drawn.mesh().faces.len() as u64;
-        let device = present(&self.slots.device);
-        let is_quick = device.draws && device.is_real_gpu && faces <= DRAWN_WHOLE;
-        let form = match self.settings.drawn_lod() {
-            Lod::Off => WallForm::Whole,
-            Lod::Auto if is_quick => WallForm::Whole,
-            _ => {
-                let build = || Arc::new(FaceOctree::new(drawn.mesh()));
-                let octree = clock.time("octree", "faces", build, |_| faces);
-                let test = |grid| Arc::new(OcclusionTest::of_wall(grid));
-                let closed = self.exterior_of_closed().map(test);
-                WallForm::Culled(Arc::new(CulledWall { octree, closed }))
-            }
+        if self.settings.drawn_lod() == Lod::Off {
+            return Ok(Levels { form: WallForm::Whole, report: LodReport::whole(faces, "off") });
+        }
+        let build = || Arc::new(FaceOctree::new(drawn.mesh()));
+        let octree = clock.time("octree", "faces", build, |_| faces);
+        let test = |grid| Arc::new(OcclusionTest::of_wall(grid));
+        let closed = self.exterior_of_closed().map(test);
+        let form = WallForm::Culled(Arc::new(CulledWall { octree, closed }));
+        Ok(Levels { form, report: LodReport::whole(faces, "culled") })
+    }
+
+    pub(super) fn run_spline(&self, clock: &mut Clock) -> Result<WallSpline, SessionError> {
+        let drawn = present(&self.slots.shown_wall);
+        let found = present(&self.slots.lumen);
+        let mesh = drawn.mesh();
+        let make = || match &found.wall {
+            Some(field) => WallSpline::of_field(&found.lumen, field, &mesh.positions),
+            None => WallSpline::of_mesh(&found.lumen, mesh),
         };
-        let is_culled = matches!(form, WallForm::Culled(_));
-        Ok(Levels { form, report: LodReport::whole(faces, is_culled) })
+        Ok(clock.time("smooth wall", "vertices", make, |_| mesh.positions.len() as u64))
+    }
+
+    pub(super) fn run_refined_levels(&self, clock: &mut Clock) -> Result<Levels, SessionError> {
+        let drawn = present(&self.slots.shown_wall);
+        let shading = present(&self.slots.shading);
+        let found = present(&self.slots.lumen);
+        let mesh = drawn.mesh();
+        let smooth = present(&self.slots.spline) as Arc<dyn SmoothWall>;
+
+        // Vertices of caps stay in the plane of the cut.
+        let caps = drawn.whole();
+        let mut is_fixed = vec![false; mesh.positions.len()];
+        let cut = caps.faces.iter().zip(&caps.caps).filter(|(_, is_cap)| **is_cap);
+        cut.flat_map(|(face, _)| face).for_each(|v| is_fixed[*v as usize] = true);
+        let pixel_error = self.settings.levels.pixel_error;
+        let input = RefinedWallInput {
+            mesh,
+            shading: &shading,
+            is_fixed,
+            smooth: Some(smooth),
+            exterior: self.exterior_of_closed(),
+            reach_mm: (REACH_VOX * found.lumen.grid.spacing_mm.min_element()) as f32,
+            tolerance: Tolerance { pixels: pixel_error },
+        };
+        let faces = mesh.faces.len() as u64;
+        let build = || Arc::new(RefinedWall::new(input));
+        let wall = clock.time("refined wall", "faces", build, |_| faces);
+        let report = LodReport { pixel_error, ..LodReport::whole(faces, "refined") };
+        Ok(Levels { form: WallForm::Refined(wall), report })
     }
 
     pub(super) fn run_subdivision_levels(&self, clock: &mut Clock) -> Result<Levels, SessionError> {

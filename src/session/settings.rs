@@ -171,8 +171,8 @@ pub struct WallSettings {
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Lod {
-    /// The fastest in all on the organs that were measured: as `culled`, or, where a GPU draws up to
-    /// a million faces, as `off`; the same picture.
+    /// As `culled`, and faces near the eye are split and put on the smooth wall, so that no voxel
+    /// shows.
     #[default]
     Auto,
     /// The paper's: a base mesh subdivided where the camera looks.
@@ -308,6 +308,11 @@ impl Settings {
 
     /// The levels that are drawn: an overview alone shows the whole mesh.
     pub(super) fn drawn_lod(&self) -> Lod {
-        if self.flight.view == View::Overview { Lod::Off } else { self.levels.lod }
+        match self.levels.lod {
+            _ if self.flight.view == View::Overview => Lod::Off,
+            // The paper draws the mesh of its voxels.
+            Lod::Auto if self.mode == Mode::Paper => Lod::Culled,
+            lod => lod,
+        }
     }
 }

@@ -23,7 +23,7 @@ use crate::flight::{Coverage, Flight, LumenProfile, SectionFigures};
 use crate::geometry::{Mesh, TriangleBvh};
 use crate::render::PreparedMesh;
 use crate::surface::Shading;
-use crate::wall::Evidence;
+use crate::wall::{Evidence, WallSpline};
 
 /// Processor that a stage runs on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,7 +79,15 @@ fn draws_subdivision(s: &Settings) -> bool {
 }
 
 fn draws_whole_wall(s: &Settings) -> bool {
-    !draws_subdivision(s)
+    !draws_subdivision(s) && !draws_refined_wall(s)
+}
+
+fn draws_refined_wall(s: &Settings) -> bool {
+    s.drawn_lod() == Lod::Auto
+}
+
+fn draws_mesh_or_subdivision(s: &Settings) -> bool {
+    !draws_refined_wall(s)
 }
 
 /// Makes the products, their slots and getters, and the stages.
@@ -256,17 +264,23 @@ products! {
     /// Vertices with curvature tint.
     pub(super) Shading shading: Shading =
         "shading" 1.0 [ShownWall] () Cpu always run_shading;
-    /// Poses of the flight along the first path.
-    pub Flight flight: Flight =
-        "flight" 1.0 [Lumen Fields Centerline TriangleTree] (flight.frames, flight.size, flight.view, flight.fov_y_rad, flight.reverse, flight.route,
-            flight.script, flight.script_frames) Cpu always run_flight;
     /// Space outside the wall, where it is watertight.
     pub Exterior exterior: Exterior =
         "outside" 1.0 [Wall] () Cpu always run_exterior;
+    /// The wall as the zero of a spline.
+    pub Spline spline: WallSpline =
+        "smooth wall" 1.0 [Lumen ShownWall] () Cpu always run_spline;
     /// The wall in the form in which frames draw it (a [`DrawnWall`](crate::lod::DrawnWall)).
     pub Levels levels: Levels =
-        "octree" 0.3 [Device ShownWall Exterior] (levels.lod) Cpu draws_whole_wall run_whole_levels
+        "octree" 0.3 [ShownWall Exterior] (levels.lod) Cpu draws_whole_wall run_whole_levels
+        | "refined wall" 0.5 [Lumen Spline ShownWall Shading Exterior] (mode, levels.lod, levels.pixel_error) Cpu draws_refined_wall run_refined_levels
         | "subdivision" 25.0 [Lumen ShownWall Shading TriangleTree Exterior] (mode, levels.scheme, levels.pixel_error) Cpu draws_subdivision run_subdivision_levels;
+    /// Poses of the flight along the first path.
+    pub Flight flight: Flight =
+        "flight" 1.0 [Lumen Fields Centerline TriangleTree Levels] (mode, levels.lod, flight.frames, flight.size, flight.view, flight.fov_y_rad,
+            flight.reverse, flight.route, flight.script, flight.script_frames) Cpu draws_refined_wall run_flight_by_refined_wall
+        | "flight" 1.0 [Lumen Fields Centerline TriangleTree] (mode, levels.lod, flight.frames, flight.size, flight.view, flight.fov_y_rad,
+            flight.reverse, flight.route, flight.script, flight.script_frames) Cpu draws_mesh_or_subdivision run_flight;
     /// The wall with few faces.
     pub Base base: Mesh =
         "base" 10.0 [Wall] (mode, wall.base_faces) Cpu always run_base;
@@ -359,7 +373,10 @@ mod tests {
         grey.lumen.select = Some(IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -500.0 });
         let mut paper = Settings { mode: Mode::Paper, ..Settings::default() };
         paper.levels.lod = Lod::Vds;
+        let mut culled = Settings::default();
+        culled.levels.lod = Lod::Culled;
         let mut names = reported(bend.grey(None, 1), grey);
+        names.extend(reported(bend.mask(), culled));
         names.extend(reported(bend.mask(), Settings::default()));
         names.extend(reported(bend.mask(), paper));
         for stage in STAGES.iter().filter(|s| !NOT_REPORTED.contains(&s.name)) {

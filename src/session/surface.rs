@@ -68,6 +68,11 @@ impl ShownWall {
     pub fn mesh(&self) -> &Mesh {
         self.open.as_ref().unwrap_or(&self.wall.mesh)
     }
+
+    /// The mesh with its caps.
+    pub(super) fn whole(&self) -> &Mesh {
+        &self.wall.mesh
+    }
 }
 
 /// The mesh without its caps.

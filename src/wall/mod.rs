@@ -20,9 +20,11 @@ mod evidence;
 mod fluid;
 mod launches;
 mod law;
+mod mesh_field;
 mod normals;
 mod profile;
 mod select;
+mod spline;
 mod stats;
 
 pub use contrast::{Contrast, bricks_about};
@@ -30,6 +32,7 @@ pub use evidence::{Evidence, vertex_evidence};
 pub use fluid::CleansedFluid;
 pub use normals::{field_normals, smoothed_field};
 pub use profile::{ProfileBuffers, WallInput, WallProfile};
+pub use spline::WallSpline;
 
 use glam::IVec3;
 

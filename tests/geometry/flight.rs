@@ -6,7 +6,8 @@ use intima::centerline::{RouteOptions, centerline};
 use intima::compute::{Plan, run_cpu};
 use intima::field::{LumenBuffers, distance, smooth};
 use intima::flight::{
-    CameraPath, Clearance, Flight, FlightError, FlightOptions, Frames, Track, collide_and_slide,
+    CameraPath, Clearance, Flight, FlightError, FlightOptions, Frames, Track, WallDistance,
+    collide_and_slide,
 };
 use intima::geometry::{CenterlinePoint, Mesh, TriangleBvh};
 use intima::lumen::{IntensitySelection, Lumen, SegmentationOptions};
@@ -270,7 +271,7 @@ fn no_near_plane_corner_reaches_the_wall_of_a_real_colon() {
     let (fov_y_rad, aspect) = (90f32.to_radians(), 16.0 / 9.0);
     let frames = Frames::Count(1000);
     let index = TriangleBvh::new(&o.wall);
-    let wall = Some(&index);
+    let wall: Option<&dyn WallDistance> = Some(&index);
     let f = o.fly(FlightOptions { frames, fov_y_rad, aspect, wall, reverse: false }).unwrap();
     // The frames with the least room, and some along the way.
     let mut tightest: Vec<usize> = (0..f.poses.len()).collect();

@@ -150,7 +150,8 @@ fn changed_settings_forget_exactly_the_products_that_depend_on_them() {
     assert_eq!(forgotten(|s| s.wall.base_faces = Some(9)), [P::Base]);
     assert_eq!(forgotten(|s| s.levels.pixel_error = 9.0), [P::Levels]);
     let without_levels = forgotten(|s| s.levels.lod = Lod::Off);
-    assert_eq!(without_levels, [P::Levels]);
+    let of_what_is_drawn = [P::Levels, P::Flight, P::Coverage, P::Sections];
+    assert_eq!(without_levels, of_what_is_drawn, "a flight keeps away from it");
     let of_the_path = [P::Route, P::Visibility, P::Centerline, P::Flight, P::Coverage, P::Sections];
     let tree = forgotten(|s| s.centerline.tree = true);
     assert_eq!(tree, [&of_the_path[..], &[P::LumenProfile, P::CenterlineDistances]].concat());
@@ -252,7 +253,9 @@ fn an_overview_and_a_wall_without_levels_are_drawn_whole() {
     };
     assert_eq!(mode(|s| s.levels.lod = Lod::Off), "off");
     assert_eq!(mode(|s| s.flight.view = View::Overview), "off");
-    assert_eq!(mode(|_| ()), "culled");
+    assert_eq!(mode(|s| s.levels.lod = Lod::Culled), "culled");
+    assert_eq!(mode(|s| s.mode = Mode::Paper), "culled");
+    assert_eq!(mode(|_| ()), "refined");
 }
 
 #[test]
@@ -387,7 +390,7 @@ fn a_flight_of_any_length_draws_what_cameras_see_of_the_whole_wall() {
         session.frames().unwrap().lod().clone()
     };
     let (short, long) = (lod(2), lod(2500));
-    assert_eq!((short.mode, long.mode), ("culled", "culled"));
+    assert_eq!((short.mode, long.mode), ("refined", "refined"));
     assert_eq!(short.finest_faces, long.finest_faces);
 }
 

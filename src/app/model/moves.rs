@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::super::junctions::BranchChoice;
 use super::Model;
-use crate::flight::{Clearance, NoSection, SectionFigures, collide_and_slide};
+use crate::flight::{Clearance, NoSection, SectionFigures, WallDistance, collide_and_slide};
 use crate::flight::{CrossSection, cross_section};
 use crate::geometry::{Lens, Pose};
 
@@ -224,7 +224,9 @@ impl Model {
     fn with_clearance<T>(&self, ask: impl FnOnce(&Clearance<'_>) -> T) -> Option<T> {
         let p = &self.products;
         let (lumen, fields) = (p.lumen.as_ref()?, p.fields.as_ref()?);
-        let wall = p.triangle_tree.as_deref();
+        let mesh = p.triangle_tree.as_deref().map(|tree| tree as &dyn WallDistance);
+        let drawn = p.levels.as_ref().and_then(|levels| levels.drawn_distance());
+        let wall = drawn.or(mesh);
         Some(ask(&Clearance::new(&lumen.lumen, &fields.distance, wall)))
     }
 

@@ -2,27 +2,10 @@
 //! that it splits, between which the vertex shader moves it (geomorph, Hoppe 1996,
 //! doi:10.1145/237170.237216).
 
-use bytemuck::{Pod, Zeroable};
-
 use super::scheme::Scheme;
 use super::template::{PatchPoint, PatchShape};
 use crate::geometry::Vertex;
-
-/// Steps of a morph from one level to the next.
-pub const MORPH_STEPS: u32 = 32;
-
-/// A vertex of a patch, as the shader reads it.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct PatchVertex {
-    /// Vertex on the original.
-    pub own: Vertex,
-    /// Middle of the edge that it splits.
-    pub on_edge: Vertex,
-    /// Bits 0 to 7: bit of the patch's word at which the fineness of its carrier begins; bits 8 to
-    /// 15: [`MORPH_STEPS`] times the level at which it is inserted.
-    pub carrier: u32,
-}
+pub use crate::lod::morph::{MORPH_STEPS, PatchVertex};
 
 /// Vertices of a patch whose points have these samples.
 pub fn vertices<'a>(
@@ -37,7 +20,7 @@ pub fn vertices<'a>(
             (a.normal() + b.normal()).normalize_or_zero(),
             (a.w() + b.w()) * 0.5,
         );
-        let carrier = (8 * p.carrier) | ((MORPH_STEPS * p.born) << 8);
+        let carrier = PatchVertex::carrier_word(p.carrier, p.born);
         PatchVertex { own: *own, on_edge, carrier }
     };
     shape.points.iter().zip(samples).map(one)
@@ -87,7 +70,7 @@ impl ResidentPatches {
     pub fn triangles(&self, d: &DrawnPatch) -> Vec<[Vertex; 3]> {
         let own = self.vertices_of(d.patch);
         let indices = &self.shape().indices[d.first_index as usize..][..3 * d.triangles as usize];
-        let at = |i: &u32| morphed(&own[*i as usize], d.morph);
+        let at = |i: &u32| own[*i as usize].morphed(d.morph);
         indices.chunks_exact(3).map(|t| [at(&t[0]), at(&t[1]), at(&t[2])]).collect()
     }
 }
@@ -105,19 +88,4 @@ pub struct DrawnPatch {
     pub morph: u32,
     /// Whether the camera may see it.
     pub is_seen: bool,
-}
-
-fn morphed(v: &PatchVertex, word: u32) -> Vertex {
-    let fine = word >> (v.carrier & 0xff) & 0xff;
-    let gone = (fine + MORPH_STEPS).saturating_sub(v.carrier >> 8).min(MORPH_STEPS);
-    if gone == MORPH_STEPS {
-        return v.own;
-    }
-    let a = gone as f32 / MORPH_STEPS as f32;
-    let mix = |p: glam::Vec3, q: glam::Vec3| p * (1.0 - a) + q * a;
-    Vertex::new(
-        mix(v.on_edge.position(), v.own.position()),
-        mix(v.on_edge.normal(), v.own.normal()),
-        v.on_edge.w() * (1.0 - a) + v.own.w() * a,
-    )
 }
