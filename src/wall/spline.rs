@@ -298,7 +298,7 @@ impl WallSpline {
     }
 
     /// Computes the spline of the offsets from a mesh with normals (LPS mm), where no field placed
-    /// its wall ([`super::mesh_field`]).
+    /// its wall: a moving average of the planes through the vertices.
     pub fn of_mesh(lumen: &Lumen, mesh: &Mesh) -> Self {
         Self::of_offsets(lumen, &mesh_offsets(lumen, mesh), &mesh.positions)
     }

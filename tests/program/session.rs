@@ -7,12 +7,14 @@ use std::time::Duration;
 use glam::DVec3;
 use intima::device::DeviceChoice;
 use intima::flight::Frames;
+use intima::geometry::{Camera, Vertex, point_triangle_distance};
+use intima::lod::DrawnWall;
 use intima::lumen::IntensitySelection;
 use intima::organ::Organ;
 use intima::render::View;
 use intima::session::{
     CenterlineReport, FlightRoute, LevelSettings, Lod, LumenSettings, Mode, Product, Session,
-    SessionError, Settings, Source, VolumeSource, WallMethod,
+    SessionError, Settings, Source, VolumeSource, WallForm, WallMethod,
 };
 use intima::surface::{Fairing, Smoothing};
 use intima::volume::phantom::{Kind, Phantom};
@@ -256,6 +258,36 @@ fn an_overview_and_a_wall_without_levels_are_drawn_whole() {
     assert_eq!(mode(|s| s.levels.lod = Lod::Culled), "culled");
     assert_eq!(mode(|s| s.mode = Mode::Paper), "culled");
     assert_eq!(mode(|_| ()), "refined");
+}
+
+/// The near plane of each pose against the triangles that its camera draws, refined ones too.
+#[test]
+fn no_near_plane_reaches_the_wall_as_it_is_drawn() {
+    let mut refined = 0;
+    for kind in [Kind::Bend, Kind::Y, Kind::Aneurysm] {
+        let mut settings = Settings { device: DeviceChoice::Cpu, ..Settings::default() };
+        settings.flight.frames = Frames::Count(40);
+        let session = session(&phantom(kind, 48), settings);
+        let (flight, levels) = (session.flight().unwrap(), session.levels().unwrap());
+        let WallForm::Refined(wall) = &levels.form else { panic!("a refined wall") };
+        let corner = |v: u32| wall.shading().vertices[v as usize];
+        for i in 0..flight.poses.len() {
+            let camera = Camera { pose: flight.poses[i], lens: flight.lens(i), height_px: 480 };
+            let seen = wall.visible(&camera);
+            refined += seen.refined.len();
+            let flat = seen.ranges.iter();
+            let flat = flat.flat_map(|r| r.first_index / 3..(r.first_index + r.indices) / 3);
+            let flat = flat.map(|f| wall.faces()[f as usize].map(corner));
+            let all = flat.chain(seen.refined.iter().flat_map(|f| wall.triangles(*f)));
+            let eye = camera.pose.position_mm.as_dvec3();
+            let away =
+                |t: [Vertex; 3]| point_triangle_distance(eye, t.map(|v| v.position().as_dvec3()));
+            let least = all.map(away).fold(f64::INFINITY, f64::min);
+            let ball = f64::from(camera.lens.near_ball_mm());
+            assert!(least > ball, "{kind:?} frame {i}: {least} mm, near ball {ball}");
+        }
+    }
+    assert!(refined > 1000, "{refined}");
 }
 
 #[test]

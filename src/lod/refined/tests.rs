@@ -5,7 +5,7 @@ use glam::Vec3;
 
 use super::*;
 use crate::geometry::shapes::torus;
-use crate::geometry::{Camera, Lens, Mesh, Pose, Vertex};
+use crate::geometry::{Camera, Lens, Mesh, Pose, Vertex, point_triangle_distance};
 use crate::lod::morph::PatchVertex;
 use crate::lod::{DrawnWall, Tolerance, occlusion_grid};
 use crate::surface::{Adjacency, shading};
@@ -255,4 +255,32 @@ fn a_split_mesh_is_closed_on_the_wall_and_keeps_its_caps_flat() {
     let heights: Vec<f32> = flat.flatten().map(|v| split.positions[*v as usize].z).collect();
     assert_eq!(heights.len(), 48);
     assert!(heights.iter().all(|z| *z == 0.0));
+}
+
+#[test]
+fn proven_distances_are_not_more_than_those_to_any_drawn_point() {
+    let (_, wall) = wall(0.5);
+    let (mut loss, mut count) = (0.0, 0);
+    for camera in cameras() {
+        let eye = camera.pose.position_mm.as_dvec3();
+        let found = wall.distance(eye, 50.0);
+        // What this camera draws, and coarser and finer ones.
+        let mut drawn = f64::INFINITY;
+        for (scale, near) in [(1, 0.05), (8, 0.05), (40, 0.05)] {
+            let lens = Lens { near_mm: near, ..camera.lens };
+            let other = Camera { height_px: camera.height_px * scale / 8 + 1, lens, ..camera };
+            for t in triangles(&wall, &other) {
+                let corners = t.map(|v| v.position().as_dvec3());
+                drawn = drawn.min(point_triangle_distance(eye, corners));
+            }
+        }
+        assert!(found.proven_mm <= drawn, "{found:?} {drawn}");
+        assert!(found.proven_mm <= found.nominal_mm, "{found:?}");
+        let exact = f64::from(-Torus::offset(camera.pose.position_mm));
+        assert!((found.nominal_mm - exact).abs() < 0.02, "{found:?} {exact}");
+        (loss, count) = (loss + found.nominal_mm - found.proven_mm, count + 1);
+    }
+    assert!(loss / f64::from(count) < 0.15, "{}", loss / f64::from(count));
+    let far = wall.distance(glam::DVec3::splat(500.0), 3.0);
+    assert_eq!((far.nominal_mm, far.proven_mm), (3.0, 3.0));
 }

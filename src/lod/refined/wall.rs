@@ -60,7 +60,7 @@ impl SmoothWall for WallSpline {
 pub struct RefinedFace {
     /// Number of the face, in the order of the tree.
     pub face: u32,
-    /// Fineness inside and on the three sides, a byte each, [`MORPH_STEPS`] to a level.
+    /// Fineness inside and on the three sides, a byte each, 32 to a level.
     pub fineness: u32,
 }
 
