@@ -224,7 +224,11 @@ pub fn silhouettes_beside_ray_casting() {
     let flight = session.flight().expect("a flight");
     let levels = session.levels().expect("a wall");
     let WallForm::Refined(wall) = &levels.form else { panic!("a refined wall") };
-    let spline = session.spline().expect("a wall");
+    let (found, mesh) = (session.lumen().expect("a lumen"), session.wall().expect("a wall"));
+    let spline = match &found.wall {
+        Some(field) => WallSpline::of_field(&found.lumen, field, &mesh.mesh.positions),
+        None => WallSpline::of_mesh(&found.lumen, &mesh.mesh),
+    };
     let grid = *session.lumen().expect("a lumen").lumen.volume_grid();
     let spacing = grid.spacing_mm.min_element();
     let whole = TriangleBvh::new(&session.wall().expect("a wall").mesh);

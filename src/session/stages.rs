@@ -267,7 +267,7 @@ products! {
     /// Space outside the wall, where it is watertight.
     pub Exterior exterior: Exterior =
         "outside" 1.0 [Wall] () Cpu always run_exterior;
-    /// The wall as the zero of a spline.
+    /// The wall as the zero of a spline; known nowhere if no wall field placed it.
     pub Spline spline: WallSpline =
         "smooth wall" 1.0 [Lumen ShownWall] () Cpu always run_spline;
     /// The wall in the form in which frames draw it (a [`DrawnWall`](crate::lod::DrawnWall)).

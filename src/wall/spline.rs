@@ -297,6 +297,11 @@ impl WallSpline {
         Self::of_offsets(lumen, &sided(lumen, field), positions)
     }
 
+    /// Returns a spline that is known nowhere: it has no value and no zero.
+    pub fn unknown(lumen: &Lumen) -> Self {
+        Self::of_offsets(lumen, &[], &[])
+    }
+
     /// Computes the spline of the offsets from a mesh with normals (LPS mm), where no field placed
     /// its wall: a moving average of the planes through the vertices.
     pub fn of_mesh(lumen: &Lumen, mesh: &Mesh) -> Self {
