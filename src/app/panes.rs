@@ -109,7 +109,7 @@ pub struct Panes {
 /// Colours of a wall that is being seen are brought up to date no more often.
 const PAINT_EVERY: Duration = Duration::from_millis(200);
 
-/// Refined faces of each level that are made for one frame: 5 ms of one thread at most.
+/// Largest number of refined faces of each level that are made for one frame.
 const MADE_PER_FRAME: u32 = 200;
 
 impl Panes {

@@ -36,8 +36,8 @@ impl RefinedFaces {
         self.slots = RefinedSlots::new();
     }
 
-    /// Returns what each eye of a frame draws, what is to be written before, and the number of faces
-    /// that wait for a later frame.
+    /// Finds slots for the refined faces of a frame. Returns the draws of each eye, the writes that the
+    /// frame needs before them, and the number of faces that wait for a later frame.
     ///
     /// * `made`: largest number of faces of each level that are made.
     pub fn place(

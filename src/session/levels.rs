@@ -183,7 +183,7 @@ impl Session {
     /// * `level`: 1 to 4; a split quadruples the faces.
     ///
     /// # Errors
-    /// What the stages fail with.
+    /// The error of the stage that failed.
     pub fn refined_mesh(&self, level: u32) -> Result<Mesh, SessionError> {
         let (levels, drawn) = (self.levels()?, self.shown_wall()?);
         Ok(match &levels.form {

@@ -37,7 +37,7 @@ const MAX_OFFSET: f64 = 2.0;
 /// spacings.
 pub(super) const MIN_OFFSET: f32 = 0.06;
 const MIN_AWAY_OFFSET: f32 = 0.6;
-/// Slot number where there is no tile.
+/// Entry of the table for a brick without a tile.
 const NONE: u32 = u32::MAX;
 
 /// Offset at the zero, mm, that counts as on the wall.
@@ -141,11 +141,6 @@ impl WallSpline {
             coefficients(samples)
         });
         Self { first, dims, table, tiles: tiles.collect(), voxel_from_world }
-    }
-
-    /// Returns the number of bytes of the coefficients.
-    pub fn bytes(&self) -> usize {
-        size_of_val(&self.tiles[..]) + size_of_val(&self.table[..])
     }
 
     /// Returns the offset from the wall at a point (LPS mm), mm, negative inside, and its gradient,

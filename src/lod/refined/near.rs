@@ -11,7 +11,7 @@ use crate::geometry::point_triangle_distance;
 
 /// Splits by which a face is measured.
 const LEVEL: u32 = 2;
-/// Most faces that are kept: 250 bytes each.
+/// Largest number of faces that are kept.
 const MAX_KEPT: usize = 1 << 18;
 
 /// A face as distances are measured to it.
@@ -41,9 +41,9 @@ impl RefinedWall {
     /// Returns the distance from a point (LPS mm) to the wall at any fineness; both figures are
     /// `limit_mm` if nothing is nearer.
     ///
-    /// The proof: a point of a level differs from that of the next finer one by at most the distance
-    /// of the new vertices from the middles of their edges. Those of three levels are measured; those
-    /// of the fourth count as much as those of the third.
+    /// The bound: between two levels, a point of the face moves by at most the distance of the new
+    /// vertices from the middles of their edges. We measure this distance for three levels, and take
+    /// the third level's distance for the fourth level too.
     pub fn distance(&self, p: DVec3, limit_mm: f64) -> RefinedDistance {
         let mut best = RefinedDistance { nominal_mm: limit_mm, proven_mm: limit_mm };
         let nodes = self.octree.nodes();

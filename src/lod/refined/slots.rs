@@ -7,7 +7,7 @@ use super::wall::{RefinedFace, RefinedWall};
 use crate::lod::morph::PatchVertex;
 use crate::lod::{DrawnRange, SlotCache, VisibleWall};
 
-/// Slots for faces of each level, from 1: about 15 MB each.
+/// Slots for faces of each level, from 1: 14 to 22 MB a level.
 const SLOTS: [u32; MAX_LEVEL as usize] = [1 << 16, 1 << 15, 1 << 13, 1 << 11];
 /// Bytes of a vertex.
 const VERTEX: u64 = size_of::<PatchVertex>() as u64;
@@ -35,9 +35,9 @@ pub struct PlacedFaces {
 /// Slots of one buffer on the device that hold the vertices of refined faces. The faces that were not
 /// drawn for the longest time give way.
 ///
-/// A frame draws at most as many faces of a level as there are slots for it; the rest, and while
-/// faces are made those that wait, stay flat. Their neighbours are flat at the common edge then, so
-/// that no crack opens.
+/// A frame draws at most as many faces of a level as the level has slots. All other faces stay flat,
+/// also faces that wait for their vertices. A neighbour of a flat face is flat along the common edge,
+/// so that no crack opens.
 #[derive(Debug)]
 pub struct RefinedSlots {
     /// By level, from 1.

@@ -86,7 +86,7 @@ fn triangles(wall: &RefinedWall, camera: &Camera) -> Vec<[Vertex; 3]> {
 }
 
 /// Asserts that the triangles of a picture meet in every bit: in its inner, near the eye, each
-/// half-edge has its twin. Farther on, what is seen has a rim.
+/// half-edge has its twin. Farther from the eye, the drawn part of the wall ends.
 fn assert_no_crack(all: &[[Vertex; 3]], camera: &Camera) {
     let key = |v: &Vertex| v.position().to_array().map(f32::to_bits);
     let mut open: HashMap<_, Vec3> = HashMap::new();
@@ -157,9 +157,9 @@ fn drawn_points_are_within_the_tolerance_but_between_sides_of_other_fineness() {
 
 /// Buffer of vertices as the device has it.
 #[derive(Default)]
-struct Buffer(HashMap<u64, PatchVertex>);
+struct SlotBuffer(HashMap<u64, PatchVertex>);
 
-impl Buffer {
+impl SlotBuffer {
     fn write(&mut self, writes: &[SlotWrite]) {
         for w in writes {
             let first = w.offset / size_of::<PatchVertex>() as u64;
@@ -167,7 +167,7 @@ impl Buffer {
         }
     }
 
-    /// Triangles of what is drawn.
+    /// Returns all triangles of one camera.
     fn triangles(&self, placed: &PlacedFaces, wall: &RefinedWall) -> Vec<[Vertex; 3]> {
         let flat = placed.flat.ranges.iter();
         let flat = flat.flat_map(|r| r.first_index / 3..(r.first_index + r.indices) / 3);
@@ -186,7 +186,7 @@ impl Buffer {
 fn slots_hold_the_same_triangles_as_the_wall_and_are_rarely_written_twice() {
     let (_, wall) = wall(0.5);
     let mut slots = RefinedSlots::new();
-    let mut buffer = Buffer::default();
+    let mut buffer = SlotBuffer::default();
     let (mut written, mut drawn) = (0, 0);
     for _ in 0..2 {
         for camera in cameras() {
@@ -208,7 +208,7 @@ fn faces_that_wait_leave_no_crack_and_are_made_later() {
     let camera = cameras().nth(20).unwrap();
     let seen = wall.visible(&camera);
     let mut slots = RefinedSlots::new();
-    let mut buffer = Buffer::default();
+    let mut buffer = SlotBuffer::default();
     for frames in 1.. {
         let (placed, writes, waiting) = slots.place(&wall, &[&seen], 40);
         assert!(writes.len() <= 4 * 40, "{}", writes.len());

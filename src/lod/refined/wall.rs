@@ -248,11 +248,6 @@ impl RefinedWall {
         &self.faces
     }
 
-    /// Returns the number of bytes that it takes.
-    pub fn bytes(&self) -> usize {
-        size_of_val(&self.shading.vertices[..]) + size_of_val(&self.faces[..]) + self.is_fixed.len()
-    }
-
     /// Ends of an edge of a face.
     #[inline]
     fn edge(&self, face: usize, edge: usize) -> [WallPoint; 2] {
