@@ -141,7 +141,7 @@ impl Built {
                 e.name
             );
         }
-        let images = self.images();
+        let (images, buffers) = self.images_and_buffers();
         // Every device has that many.
         assert!(images <= 16, "{stem}: a stage reads 16 images, this one {images}");
         format!(
@@ -152,6 +152,7 @@ impl Built {
         entries: &[{entries}],
         push_bytes: {push_bytes},
         images: {images},
+        buffers: {buffers},
     }};
     {params}
 }}\n"
@@ -170,9 +171,10 @@ impl Built {
         function.arguments.iter().map(of).sum()
     }
 
-    /// Images a module for drawing reads: bindings 0, 1, … of group 0, and nothing else is bound.
-    fn images(&self) -> u32 {
-        let mut slots = Vec::new();
+    /// Images and buffers that a module for drawing reads: bindings 0, 1, … of group 0, images first,
+    /// and nothing else is bound.
+    fn images_and_buffers(&self) -> (u32, u32) {
+        let (mut slots, mut buffers) = (Vec::new(), Vec::new());
         for (_, var) in self.module.global_variables.iter() {
             match var.space {
                 AddressSpace::Immediate | AddressSpace::Private => {}
@@ -183,13 +185,21 @@ impl Built {
                     assert_eq!(slot.group, 0, "{}: one bind group", self.stem);
                     slots.push(slot.binding);
                 }
+                AddressSpace::Storage { access } => {
+                    assert!(!access.contains(StorageAccess::STORE), "{}: draws read", self.stem);
+                    let slot = var.binding.as_ref().expect("a buffer has a binding");
+                    assert_eq!(slot.group, 0, "{}: one bind group", self.stem);
+                    buffers.push(slot.binding);
+                }
                 other => panic!("{}: address space {other:?} is not used here", self.stem),
             }
         }
+        let counts = (slots.len() as u32, buffers.len() as u32);
         slots.sort_unstable();
-        let count = slots.len() as u32;
-        assert!(slots.into_iter().eq(0..count), "{}: bindings are 0, 1, 2, …", self.stem);
-        count
+        buffers.sort_unstable();
+        let is_dense = slots.into_iter().chain(buffers).eq(0..counts.0 + counts.1);
+        assert!(is_dense, "{}: bindings are 0, 1, 2, …, images first", self.stem);
+        counts
     }
 
     fn kernel_module(&self, most: &mut Most) -> String {

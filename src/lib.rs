@@ -41,6 +41,7 @@ pub mod surface;
 pub mod wall;
 pub mod mesh;
 pub mod lod;
+pub mod behind;
 pub mod flight;
 pub mod vk;
 pub mod render;

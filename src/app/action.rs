@@ -74,6 +74,8 @@ pub enum Colouring {
     Radius,
     /// Evidence in the scan: places without a wall, and places where a thin sheet is all it shows.
     Evidence,
+    /// Tissue behind the wall, by its CT numbers.
+    Behind,
 }
 
 /// Quantity that is measured by clicking.

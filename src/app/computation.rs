@@ -18,6 +18,8 @@ pub(super) enum TaskKind {
     Products,
     /// Plans the flight along a branch.
     Branch,
+    /// Prepares the tissue behind the wall.
+    Behind,
     /// Draws and writes the flight.
     SavedFlight,
     /// Draws pictures and writes the page of the report.
@@ -30,6 +32,7 @@ impl TaskKind {
             Self::Glance => "glance",
             Self::Products => "products",
             Self::Branch => "flight",
+            Self::Behind => "behind",
             Self::SavedFlight => "export",
             Self::Report => "report",
         }

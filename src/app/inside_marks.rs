@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::action::{Colouring, WallView};
 use super::branch_panel::{BRANCH_KEYS, BranchMark, MARK_RADIUS, branch_marks};
 use super::colouring::{NO_WALL, SHEET, scale_colour};
-use super::inside_pane::{in_pane, taken_parts};
+use super::inside_pane::{in_pane, ray_at, taken_parts};
 use super::labels::Labels;
 use super::model::Model;
 use super::style::{ACCENT, CAMERA, SHADOW, TEXT};
@@ -53,6 +53,9 @@ pub(super) fn inside_marks(painter: &Painter, rect: Rect, model: &Model) {
     }
     if model.colouring == Colouring::Evidence {
         evidence_legend(painter, rect, model);
+    }
+    if model.colouring == Colouring::Behind {
+        behind_legend(painter, rect, model);
     }
     if let Some(ruler) = model.ruler {
         let left = ruler.points() - model.marks_mm.len();
@@ -198,6 +201,35 @@ fn evidence_legend(painter: &Painter, rect: Rect, model: &Model) {
         painter.rect_filled(square, 2.0, Color32::from_rgb(r, g, b));
         at.y -= 19.0;
     }
+}
+
+/// Colours of the tissue behind the wall.
+fn behind_legend(painter: &Painter, rect: Rect, model: &Model) {
+    let Some(behind) = &model.products.behind else { return };
+    let mut at = rect.right_bottom() - vec2(8.0, 8.0);
+    for (name, [r, g, b]) in behind.opacity.legend() {
+        shadowed(painter, at - vec2(16.0, 0.0), Align2::RIGHT_BOTTOM, name, 12.0, TEXT);
+        let square = Rect::from_min_size(at - vec2(11.0, 13.0), vec2(11.0, 11.0));
+        painter.rect_filled(square, 2.0, Color32::from_rgb(r, g, b));
+        at.y -= 19.0;
+    }
+}
+
+/// What lies behind the wall under the pointer: its largest value.
+pub(super) fn value_behind(painter: &Painter, rect: Rect, model: &Model, pointer: Pos2) {
+    let is_looking = model.colouring == Colouring::Behind && model.view == WallView::Eye;
+    let Some(behind) = model.products.behind.as_ref().filter(|_| is_looking) else { return };
+    let ray = ray_at(rect, pointer, model);
+    let (Some(place), Some(pose)) = (model.wall_behind(ray), model.pose) else { return };
+    let way = (pose.rotation.as_dquat() * ray.normalize()).as_vec3();
+    let Some(largest) = behind.seen(place, way).largest else { return };
+    let text = format!(
+        "at most {largest:.0} HU within {} mm; no measurement of what is under {:.1} mm",
+        behind.band.depth_mm,
+        3.0 * behind.tissue.mean_side_mm()
+    );
+    let at = rect.center_bottom() - vec2(0.0, 8.0);
+    shadowed(painter, at, Align2::CENTER_BOTTOM, &text, 12.0, TEXT);
 }
 
 fn radius_scale(painter: &Painter, rect: Rect, model: &Model) {

@@ -41,6 +41,7 @@ pub(super) fn taken_parts(rect: Rect, model: &Model) -> Vec<Rect> {
     let colours = match model.colouring {
         Colouring::Radius => Some(scale),
         Colouring::Evidence => Some(legend),
+        Colouring::Behind => Some(Rect::from_min_max(legend.min - vec2(0.0, 38.0), legend.max)),
         _ => None,
     };
     [title, axes].into_iter().chain(colours).collect()

@@ -60,6 +60,9 @@ pub(super) fn keys(ui: &Ui, model: &Model, is_escape_taken: bool, commands: &mut
         Colouring::Tissue => Colouring::Missed,
         Colouring::Missed if model.products.centerline_distances.is_some() => Colouring::Radius,
         Colouring::Missed | Colouring::Radius if model.evidence().is_some() => Colouring::Evidence,
+        Colouring::Missed | Colouring::Radius | Colouring::Evidence if model.may_look_behind() => {
+            Colouring::Behind
+        }
         _ => Colouring::Tissue,
     };
     let ruler = |wanted| Action::Measure((model.ruler != Some(wanted)).then_some(wanted));

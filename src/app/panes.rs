@@ -10,7 +10,8 @@ use super::action::{Colouring, WallView};
 use super::colouring::{distance_colours, evidence_colours, missed_colours};
 use super::model::Model;
 use crate::render::{
-    Look, MeshHandle, PathHandle, PreparedMesh, RenderError, Renderer, Scene, Shot, View,
+    Look, MeshHandle, PathHandle, PreparedMesh, RenderError, Renderer, Scene, Shot, TissueHandle,
+    View,
 };
 use crate::session::{Products, SessionError, WallForm};
 use crate::vk::{Frame, Gpu, ImageId};
@@ -102,6 +103,8 @@ pub struct Panes {
     /// Mean radius of the organ, for the light, mm.
     radius_mm: f32,
     coloured: Option<Coloured>,
+    /// Tissue behind the wall.
+    tissue: Option<TissueHandle>,
     /// Whether colours are older than what was shown.
     is_paint_old: bool,
 }
@@ -129,6 +132,7 @@ impl Panes {
             path: None,
             radius_mm: 1.0,
             coloured: None,
+            tissue: None,
             is_paint_old: false,
         })
     }
@@ -167,6 +171,9 @@ impl Panes {
                 }
             }
             self.inside.version += 1;
+        }
+        if let (Some(behind), None) = (&products.behind, self.tissue) {
+            self.tissue = Some(self.inside.renderer.upload_tissue(gpu, behind)?);
         }
         if let (Some(centered), None) = (&products.centerline, self.path) {
             let places = |b: &crate::geometry::Branch| -> Vec<Vec3> {
@@ -243,8 +250,10 @@ impl Panes {
     /// Sets the scene of each pane as the model wants it.
     fn arrange(&mut self, model: &Model) {
         let wall = self.coloured.as_ref().map(|c| c.inside).or(self.mesh);
-        if let Some(wall) = wall.filter(|w| self.inside.scene.is_none_or(|s| s.wall != *w)) {
-            self.inside.change(Scene::with(wall, None));
+        let behind = self.tissue.filter(|_| model.colouring == Colouring::Behind);
+        let shown = self.inside.scene.map(|scene| (scene.wall, scene.behind));
+        if let Some(wall) = wall.filter(|wall| shown != Some((*wall, behind))) {
+            self.inside.change(Scene { behind, ..Scene::with(wall, None) });
         }
         let Some(glass) = self.coloured.as_ref().map(|c| c.overview).or(self.glass) else { return };
         let look = Look { opacity: model.opacity, ..Look::default() };
@@ -260,7 +269,7 @@ impl Panes {
     fn colour(&mut self, gpu: &mut Gpu, model: &Model, detail: Detail) -> Result<(), RenderError> {
         let p = &model.products;
         let wanted = match model.colouring {
-            Colouring::Tissue => None,
+            Colouring::Tissue | Colouring::Behind => None,
             Colouring::Missed => Some(model.seen_version),
             Colouring::Radius => p.centerline_distances.as_ref().map(|_| 0),
             Colouring::Evidence => model.evidence().map(|_| 0),

@@ -172,6 +172,12 @@ fn appearance(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
             model.evidence().is_some(),
             "Where the scan shows no wall, or only a thin sheet; of grey values, not of label maps",
         ),
+        (
+            Colouring::Behind,
+            "behind",
+            model.may_look_behind(),
+            "Tissue behind the wall, by its CT numbers; of grey values, not of label maps",
+        ),
     ];
     ui.horizontal_wrapped(|ui| {
         ui.label(egui::RichText::new("Colour").color(FAINT));

@@ -8,7 +8,7 @@ use super::branch_panel::branch_under;
 use super::computation::WorkStatus;
 use super::dialogs::{Dialogs, FILES, ask_to_save, opened};
 use super::figures::MISSED;
-use super::inside_marks::{inside_marks, mark_under, measurements, missed_mark};
+use super::inside_marks::{inside_marks, mark_under, measurements, missed_mark, value_behind};
 use super::inside_pane::{in_pane, ray_at};
 use super::keys::{help, keys};
 use super::labels::Labels;
@@ -300,6 +300,8 @@ fn show_pane(
         Pane::Inside if model.pose.is_some() && model.products.wall.is_some() => {
             painter.image(INSIDE, rect, all, Color32::WHITE);
             inside_marks(&painter, rect, model);
+            let pointer = response.hover_pos();
+            pointer.into_iter().for_each(|at| value_behind(&painter, rect, model, at));
             inside_input(ui, &response, rect, model, &mut slices.grabbed_inside, commands);
         }
         Pane::Overview if model.pose.is_some() && model.products.wall.is_some() => {

@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use egui::ViewportId;
 
-use super::action::{ActionQueue, Export, Request, WallView};
+use super::action::{ActionQueue, Colouring, Export, Request, WallView};
 use super::canvas::{Canvas, Target};
 use super::computation::{Computation, Outcome, TaskKind, WorkStatus};
 use super::coverage_recorder::CoverageRecorder;
@@ -293,7 +293,9 @@ impl Viewer {
     /// Takes those of these products in that are there.
     fn show(&mut self, gpu: &mut Gpu, products: &[Product]) -> Result<(), AppError> {
         let Some(computation) = &self.computation else { return Ok(()) };
-        self.model.update(computation.session.products(products));
+        let behind = (self.model.colouring == Colouring::Behind).then_some(Product::Behind);
+        let products: Vec<Product> = products.iter().copied().chain(behind).collect();
+        self.model.update(computation.session.products(&products));
         let p = &self.model.products;
         if let (Some(wall), Some(tree), Some(exterior), None) =
             (&p.wall, &p.triangle_tree, &p.exterior, &self.recorder)
@@ -356,6 +358,7 @@ impl Viewer {
         let bookmarks = self.model.bookmarks.len();
         self.model.step(dt, &commands.actions);
         self.record_coverage(sizes.inside.is_some());
+        self.look_behind(gpu)?;
         self.panes.draw(gpu, &self.model, (sizes.inside, sizes.overview), self.detail)?;
         if self.model.bookmarks.len() > bookmarks {
             self.picture_bookmark(gpu)?;
@@ -446,6 +449,29 @@ impl Viewer {
         self.shown_count = 0;
         self.panes = Panes::new(gpu, self.samples)?;
         self.compute(opening)
+    }
+
+    /// Has the tissue behind the wall prepared, once somebody looks at it.
+    fn look_behind(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
+        let model = &self.model;
+        let is_wanted = model.colouring == Colouring::Behind && model.may_look_behind();
+        let Some(computation) = self.computation.as_ref().filter(|_| is_wanted) else {
+            return Ok(());
+        };
+        if self.model.products.behind.is_some() || computation.runs(TaskKind::Behind) {
+            return Ok(());
+        }
+        match self.detail {
+            Detail::Settled => {
+                let outcome = computation.session.behind();
+                outcome.err().iter().for_each(|e| self.model.refuse_behind(e));
+                self.show(gpu, &SHOWN[..self.shown_count])
+            }
+            Detail::Live => Ok(self.spawn(TaskKind::Behind, |session| {
+                let outcome = session.behind();
+                Box::new(move |model| outcome.err().iter().for_each(|e| model.refuse_behind(e)))
+            })?),
+        }
     }
 
     /// Records what the inside view shows of the wall from now on.

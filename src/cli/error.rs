@@ -72,7 +72,11 @@ impl CliError {
             S::LumenNotChosen { .. } => 2,
             S::Format(e) if e.is_bad_input() => 3,
             S::Lumen(_) | S::Organ(_) | S::Centerline(_) | S::Mesh(_) | S::Maps(_) => 3,
-            S::Flight(_) | S::CameraPath(_) | S::ShearedGrid { .. } | S::Enclosed { .. } => 3,
+            S::Tissue(_)
+            | S::Flight(_)
+            | S::CameraPath(_)
+            | S::ShearedGrid { .. }
+            | S::Enclosed { .. } => 3,
             S::Device(e) if e.is_no_device() => 4,
             S::Render(e) if e.is_no_device() => 4,
             S::Cancelled => 130,
@@ -102,6 +106,7 @@ impl CliError {
                 S::Mesh(e) => format!("mesh/{}", variant(e)),
                 S::Flight(e) => format!("flight/{}", variant(e)),
                 S::CameraPath(e) => format!("camera-path/{}", variant(e)),
+                S::Tissue(e) => format!("tissue/{}", variant(e)),
                 S::Render(e) => format!("render/{}", variant(e)),
                 other => variant(other),
             },

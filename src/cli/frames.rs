@@ -30,6 +30,10 @@ pub struct FrameArgs {
     /// View that a frame shows
     #[arg(long, value_enum, default_value = "inside")]
     pub view: View,
+    /// Show so many mm of tissue behind the wall, by its CT numbers; the translucent view alone shows 5
+    /// (8 behind an airway)
+    #[arg(long, value_name = "MM")]
+    pub behind: Option<f32>,
     /// Vertical field of view, degrees
     #[arg(long, value_name = "DEG", default_value_t = 90.0)]
     pub fov: f32,
@@ -86,6 +90,7 @@ impl FrameArgs {
                 None => Frames::Count(self.frames.unwrap_or(120)),
             },
             view: self.view,
+            behind_mm: self.behind,
             fov_y_rad: self.fov.to_radians(),
             samples: if self.msaa == "1" { 1 } else { 4 },
             reverse: self.reverse,

@@ -1,8 +1,10 @@
 //! Pictures without a window: the wall from inside, the whole organ from outside, both halves
 //! side by side, or everything about the eye. Drawing is described as passes and handed to [`crate::vk`]; no Vulkan here.
 
+mod behind;
 mod camera;
 mod error;
+mod inside;
 mod lines;
 mod look;
 mod mesh;
@@ -14,6 +16,7 @@ mod refined_faces;
 mod renderer;
 mod scene;
 mod sequence;
+mod targets;
 mod unfold;
 
 pub use camera::{Framing, clip_from_world, framing};
@@ -23,7 +26,7 @@ pub use mesh::PreparedMesh;
 pub use overlay::{FlatMesh, FlatVertex, Overlay};
 pub use picture::Spares;
 pub use renderer::{IN_FLIGHT, Renderer, Ticket};
-pub use scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, View};
+pub use scene::{FrameStats, MeshHandle, PathHandle, Scene, Shot, TissueHandle, View};
 pub use sequence::FrameSequence;
 pub use unfold::cube_areas;
 

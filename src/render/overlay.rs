@@ -111,6 +111,7 @@ impl Overlay {
                 indices: None,
                 range: DrawRange::Direct(first..first + count),
                 images: vec![mesh.picture],
+                buffers: Vec::new(),
                 scissor: Some(clip),
             });
             first += count;
@@ -123,6 +124,7 @@ impl Overlay {
             colour: target,
             resolve: None,
             depth: None,
+            kept_depth: None,
             encoded: false,
             clear: Some(background),
             area,

@@ -10,7 +10,8 @@ use glam::Vec3;
 
 use super::camera::clip_from_world;
 use super::host;
-use super::renderer::{Renderer, draw, surface_push};
+use super::inside::surface_push;
+use super::renderer::{Renderer, draw};
 use super::scene::{GlassKey, Scene, Shot};
 use crate::geometry::{Lens, Pose};
 use crate::vk::{Area, Draw, DrawRange, Pass};
@@ -49,6 +50,7 @@ impl Renderer {
             colour,
             resolve,
             depth: Some(self.targets.depth),
+            kept_depth: None,
             encoded: false,
             clear: Some([r, g, b, 1.0]),
             area,
@@ -69,12 +71,14 @@ impl Renderer {
             indices: None,
             range: DrawRange::Direct(0..3),
             images: vec![self.targets.glass],
+            buffers: Vec::new(),
             scissor: None,
         };
         passes.push(Pass {
             colour: self.targets.picture,
             resolve: None,
             depth: None,
+            kept_depth: None,
             encoded: false,
             clear: None,
             area,
@@ -104,6 +108,7 @@ impl Renderer {
             colour: t.glass,
             resolve: None,
             depth: Some(t.glass_depth),
+            kept_depth: None,
             encoded: false,
             clear: Some([0.0, 0.0, 0.0, 1.0]),
             area,

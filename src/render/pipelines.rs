@@ -26,6 +26,8 @@ pub(super) struct Pipelines {
     pub glass_coloured: [DrawPipelineId; 2],
     pub stack: DrawPipelineId,
     pub panorama: DrawPipelineId,
+    /// Tissue behind the wall.
+    pub behind: DrawPipelineId,
 }
 
 impl Pipelines {
@@ -116,6 +118,12 @@ impl Pipelines {
                 shader: &host::panorama::SHADER,
                 entries: ["whole", "unroll"],
                 blend: Blend::Opaque,
+                ..stack.clone()
+            })?,
+            behind: gpu.draw_pipeline(&DrawSpec {
+                shader: &host::behind::SHADER,
+                entries: ["whole", "look"],
+                blend: Blend::Over,
                 ..stack
             })?,
         })
@@ -124,7 +132,7 @@ impl Pipelines {
     pub fn release(&self, releaser: &Releaser) {
         let Self { inside, inside_fronts, inside_coloured, lines, stack, panorama, .. } = *self;
         let single = [inside, inside_fronts, inside_coloured, lines, stack, panorama];
-        let single = single.into_iter().chain([self.patches, self.patch_fronts]);
+        let single = single.into_iter().chain([self.patches, self.patch_fronts, self.behind]);
         for p in single.chain(self.glass).chain(self.glass_coloured) {
             releaser.draw_pipeline(p);
         }
@@ -181,6 +189,7 @@ mod tests {
                 indices: None,
                 range: DrawRange::Direct(0..3),
                 images: Vec::new(),
+                buffers: Vec::new(),
                 scissor: None,
             }
         }
@@ -190,6 +199,7 @@ mod tests {
                 colour: self.colour,
                 resolve: None,
                 depth: Some(self.depth),
+                kept_depth: None,
                 encoded: true,
                 clear: Some([0.0; 4]),
                 area: Area { x: 0, y: 0, width: 16, height: 16 },
@@ -244,6 +254,7 @@ mod tests {
             ("indirect ranges of no indices", Draw { indices: None, ..indirect(0, 3, 0) }),
             ("a short immediate block", Draw { push: vec![0; 4], ..fits.clone() }),
             ("an image too many", Draw { images: vec![colour], ..fits.clone() }),
+            ("a buffer too many", Draw { buffers: vec![vertices], ..fits.clone() }),
         ];
         for (what, draw) in wrong {
             assert!(refused(draw), "{what}");
@@ -275,6 +286,7 @@ mod tests {
             colour: colour_many,
             resolve: Some(s.colour),
             depth: Some(depth_many),
+            kept_depth: None,
             encoded: false,
             draws: with(many.inside),
             ..fits.clone()
@@ -317,6 +329,17 @@ mod tests {
             ("a target that is read", {
                 Pass { draws: vec![Draw { images: vec![s.colour], ..lay.clone() }], ..laid.clone() }
             }),
+            ("a vertex buffer that fragments read", {
+                let look = Draw {
+                    pipeline: s.pipelines.behind,
+                    push: vec![0; host::behind::SHADER.push_bytes() as usize],
+                    images: vec![s.depth],
+                    buffers: vec![s.vertices; 3],
+                    ..lay.clone()
+                };
+                Pass { draws: vec![look], ..laid.clone() }
+            }),
+            ("one depth that becomes one", Pass { kept_depth: Some(small), ..fits.clone() }),
             ("an image of four samples that is read", {
                 Pass { draws: vec![Draw { images: vec![colour_many], ..lay }], ..laid.clone() }
             }),

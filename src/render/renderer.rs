@@ -3,23 +3,23 @@
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 
+use super::RenderError;
+use super::behind::PlacedTissue;
+use super::inside::DrawnParts;
 use super::lines::Tubes;
 use super::mesh::{self, PreparedMesh, WallVertices};
 use super::picture::{Spares, without_alpha};
-use super::pipelines::{DEPTH, GLASS, PICTURE, Pipelines};
+use super::pipelines::Pipelines;
 use super::refined_faces::RefinedFaces;
 use super::scene::{FrameStats, GlassKey, MeshHandle, PathHandle, Scene, Shot, UnfoldedFace, View};
-use super::{RenderError, host};
-use crate::geometry::{Camera, Lens, Mesh, Pose, Vertex};
+use super::targets::Targets;
+use crate::geometry::{Camera, Lens, Mesh, Vertex};
 use crate::lod::refined::PlacedFaces;
-use crate::lod::{CulledWall, DrawnRange, DrawnWall, VisibleWall};
+use crate::lod::{CulledWall, DrawnWall, VisibleWall};
 use crate::surface::Shading;
-use crate::vk::{
-    Area, BufferId, Draw, DrawPipelineId, DrawRange, Frame, Gpu, ImageId, ImageSpec, IndexedRange,
-    Pass, Releaser,
-};
+use crate::vk::{Area, BufferId, Draw, DrawPipelineId, DrawRange, Frame, Gpu, ImageId, Releaser};
 
 /// A frame that was submitted and not fetched yet.
 #[derive(Debug)]
@@ -39,11 +39,11 @@ pub(super) struct PlacedMesh {
     /// Vertices without their colours, of a mesh that has colours, to be coloured anew.
     pub uncoloured: Option<Arc<Shading>>,
     /// Whether its vertices are those of patches.
-    is_patches: bool,
+    pub is_patches: bool,
     /// Part of it that a camera sees; all of it where `None`.
     pub drawn: Option<Arc<dyn DrawnWall>>,
     /// Faces of it that are refined, of such a wall.
-    refined: Option<RefinedFaces>,
+    pub refined: Option<RefinedFaces>,
 }
 
 impl PlacedMesh {
@@ -53,69 +53,6 @@ impl PlacedMesh {
         if let Some(refined) = &self.refined {
             refined.release(releaser);
         }
-    }
-}
-
-/// Images of one size.
-pub(super) struct Targets {
-    pub extent: [u32; 2],
-    pub picture: ImageId,
-    /// Multisampled twin of the picture.
-    pub picture_many: Option<ImageId>,
-    /// Glass, with `glass_grid` by `glass_grid` pixels for each of the picture, and its depth.
-    pub glass: ImageId,
-    pub glass_depth: ImageId,
-    pub glass_grid: u32,
-    pub depth: ImageId,
-}
-
-impl Targets {
-    /// Creates all images, or none.
-    pub fn new(gpu: &mut Gpu, extent: [u32; 2], samples: u32) -> Result<Self, RenderError> {
-        let [width, height] = extent;
-        let possible = matches!(samples, 1 | 4) && samples <= gpu.info().max_samples;
-        let most = gpu.info().max_image_side.min(MAX_SIDE);
-        if !possible || width < 2 || height < 1 || width > most || height > most {
-            return Err(RenderError::BadSize { width, height, samples });
-        }
-        // A whole organ's triangles are smaller than a pixel: four samples of each cost more than
-        // four pixels.
-        let glass_grid = if samples > 1 && 2 * width.max(height) <= most { 2 } else { 1 };
-        let fine = extent.map(|side| glass_grid * side);
-        gpu.all_or_none(|gpu| {
-            let mut image = |name, format, extent, samples| {
-                gpu.image(name, ImageSpec { format, extent, samples })
-            };
-            let depth = image("depth", DEPTH, extent, samples)?;
-            let (picture_many, glass_depth) = match samples {
-                1 => (None, depth),
-                _ => (
-                    Some(image("picture", PICTURE, extent, samples)?),
-                    image("depth of the glass", DEPTH, fine, 1)?,
-                ),
-            };
-            Ok(Self {
-                extent,
-                picture: image("picture", PICTURE, extent, 1)?,
-                picture_many,
-                glass: image("glass", GLASS, fine, 1)?,
-                glass_depth,
-                glass_grid,
-                depth,
-            })
-        })
-    }
-
-    /// Returns the colour target and the image it is resolved to.
-    pub fn drawn_and_resolved(&self) -> (ImageId, Option<ImageId>) {
-        self.picture_many.map_or((self.picture, None), |many| (many, Some(self.picture)))
-    }
-
-    pub fn release(&self, releaser: &Releaser) {
-        let Self { picture, picture_many, glass, glass_depth, depth, .. } = *self;
-        let own_depth = (glass_depth != depth).then_some(glass_depth);
-        let all = [Some(picture), picture_many, Some(glass), own_depth, Some(depth)];
-        all.into_iter().flatten().for_each(|i| releaser.image(i));
     }
 }
 
@@ -135,9 +72,6 @@ impl ReadbackSlot {
 
 /// Number of frames that may be submitted and not fetched.
 pub const IN_FLIGHT: usize = 3;
-/// Largest number of columns and rows, whatever the device can.
-const MAX_SIDE: u32 = 16384;
-
 /// Draws frames of one size.
 ///
 /// It holds handles to its resources on a [`Gpu`] and borrows no `Gpu`: each call that needs the
@@ -151,6 +85,7 @@ pub struct Renderer {
     pub(super) faces: Option<Targets>,
     pub(super) models: Vec<Option<PlacedMesh>>,
     pub(super) paths: Vec<Option<PlacedMesh>>,
+    pub(super) tissues: Vec<Option<PlacedTissue>>,
     pub(super) frustum: PlacedMesh,
     pub(super) ball: PlacedMesh,
     /// Inputs of the glass image as it is now.
@@ -184,6 +119,7 @@ impl Renderer {
                 faces: None,
                 models: Vec::new(),
                 paths: Vec::new(),
+                tissues: Vec::new(),
                 glass_of: None,
                 slots,
                 idle: (0..IN_FLIGHT).collect(),
@@ -511,6 +447,7 @@ impl Renderer {
                 (None, None) => None,
             };
             passes.push(self.inside_pass(scene, shot, eye, visible, &mut stats));
+            passes.extend(self.behind_pass(scene, shot, eye));
         }
         if let Some(area) = self.areas(shot.view).1 {
             self.overview_passes(scene, shot, area, &mut passes);
@@ -535,7 +472,7 @@ impl Renderer {
         let left = Area { width: width / 2, ..whole };
         let right = Area { x: width / 2, width: width - width / 2, ..whole };
         match view {
-            View::Inside => (Some(whole), None),
+            View::Inside | View::Translucent => (Some(whole), None),
             View::Overview => (None, Some(whole)),
             View::Split => (Some(left), Some(right)),
             View::Cube | View::Panorama => (None, None),
@@ -585,92 +522,6 @@ impl Renderer {
     pub(super) fn model(&self, mesh: MeshHandle) -> &PlacedMesh {
         self.models[mesh.0].as_ref().expect("a mesh that was not removed")
     }
-
-    fn inside_pass(
-        &self,
-        scene: &Scene,
-        shot: &Shot,
-        eye: &UnfoldedFace,
-        visible: Option<DrawnParts<'_>>,
-        stats: &mut FrameStats,
-    ) -> Pass {
-        let UnfoldedFace { camera, area } = eye;
-        let (camera, area) = (*camera, *area);
-        let model = self.model(scene.wall);
-        let radius = model.mean_radius_mm;
-        let room = shot.room_mm.filter(|r| *r > 0.0).unwrap_or(radius);
-        let falloff = scene.look.falloff_mm.unwrap_or(super::look::FALLOFF_ROOMS * room);
-        // The light sits beside the lens, as on an endoscope: relief needs a shadow side. The faces
-        // of a cube share one light, in the eye, or they would not meet.
-        let beside = super::look::LIGHT_ROOMS * room;
-        let beside = if shot.view.is_all_round() { 0.0 } else { beside };
-        let light = shot.pose.position_mm + beside * shot.pose.up();
-        let push = surface_push(&camera.pose, &camera.lens, area, light, falloff);
-        let push = bytemuck::bytes_of(&push);
-        let p = &self.pipelines;
-        let shows_backs = model.drawn.as_ref().is_none_or(|drawn| drawn.shows_backs());
-        let patches = if shows_backs { p.patches } else { p.patch_fronts };
-        let pipeline = match (&model.uncoloured, model.is_patches, shows_backs) {
-            (Some(_), ..) => p.inside_coloured,
-            (None, true, _) => patches,
-            (None, false, true) => p.inside,
-            (None, false, false) => p.inside_fronts,
-        };
-        let mut draws: Vec<Draw> = draw(pipeline, model, push, Vec::new()).into_iter().collect();
-        match visible {
-            None => {
-                stats.draws += draws.len() as u32;
-                stats.triangles += u64::from(model.count / 3);
-            }
-            Some(visible) => {
-                let indirect =
-                    |of: &[DrawnRange]| DrawRange::Indirect(of.iter().map(indexed).collect());
-                draws.iter_mut().for_each(|draw| draw.range = indirect(visible.ranges));
-                if let Some(refined) = &model.refined {
-                    draws.push(Draw {
-                        pipeline: patches,
-                        push: push.to_vec(),
-                        vertices: Some(refined.vertices),
-                        indices: Some(refined.indices),
-                        range: indirect(visible.refined),
-                        images: Vec::new(),
-                        scissor: None,
-                    });
-                }
-                stats.draws += (visible.ranges.len() + visible.refined.len()) as u32;
-                stats.triangles += visible.triangles;
-                let is_empty =
-                    |d: &Draw| matches!(&d.range, DrawRange::Indirect(of) if of.is_empty());
-                draws.retain(|draw| !is_empty(draw));
-            }
-        }
-        let targets = match (&self.faces, shot.view) {
-            (Some(faces), View::Panorama) => faces,
-            _ => &self.targets,
-        };
-        let (colour, resolve) = targets.drawn_and_resolved();
-        let encoded = resolve.is_none();
-        let background = scene.look.background;
-        let [r, g, b] = if encoded { super::look::srgb(background) } else { background };
-        Pass {
-            colour,
-            resolve,
-            depth: Some(targets.depth),
-            encoded,
-            clear: Some([r, g, b, 1.0]),
-            area,
-            draws,
-        }
-    }
-}
-
-/// What an eye sees of a wall.
-struct DrawnParts<'a> {
-    /// Ranges of the wall's own indices.
-    ranges: &'a [DrawnRange],
-    /// Ranges of the templates of refined faces.
-    refined: &'a [DrawnRange],
-    triangles: u64,
 }
 
 impl Drop for Renderer {
@@ -678,19 +529,11 @@ impl Drop for Renderer {
         let releaser = &self.releaser;
         let models = self.models.iter().chain(&self.paths).flatten();
         models.chain([&self.frustum, &self.ball]).for_each(|m| m.release(releaser));
+        self.tissues.iter().flatten().for_each(|tissue| tissue.release(releaser));
         self.pipelines.release(releaser);
         self.slots.iter().for_each(|s| releaser.buffer(s.buffer));
         self.targets.release(releaser);
         self.faces.iter().for_each(|f| f.release(releaser));
-    }
-}
-
-fn indexed(range: &DrawnRange) -> IndexedRange {
-    IndexedRange {
-        first_index: range.first_index,
-        indices: range.indices,
-        first_vertex: range.first_vertex,
-        instance: range.morph,
     }
 }
 
@@ -713,41 +556,9 @@ pub(super) fn draw(
         indices: Some(model.indices),
         range: DrawRange::Direct(0..model.count),
         images,
+        buffers: Vec::new(),
         scissor: None,
     })
-}
-
-/// Range of the falloff, mm, within which squares of distances stay finite.
-const FALLOFFS_MM: (f32, f32) = (1e-3, 1e6);
-
-/// Returns the parameters of the surface shader; `light` in LPS mm, halved at `falloff` mm. Pixels
-/// are square: the lens has the area's aspect.
-pub(super) fn surface_push(
-    pose: &Pose,
-    lens: &Lens,
-    area: Area,
-    light: Vec3,
-    falloff: f32,
-) -> host::surface::Params {
-    let focal = super::camera::focal(lens);
-    let size = Vec2::new(area.width as f32, area.height as f32);
-    let middle = Vec2::new(area.x as f32, area.y as f32) + 0.5 * size;
-    let depth = -0.5 * size.y * focal.y;
-    let falloff = falloff.clamp(FALLOFFS_MM.0, FALLOFFS_MM.1);
-    let scale = (depth * falloff).recip();
-    let turn = pose.rotation.conjugate();
-    host::surface::Params {
-        turn: turn.to_array(),
-        eye: pose.position_mm.to_array(),
-        near: lens.near_mm * scale,
-        light: ((turn * (light - pose.position_mm)) / falloff).to_array(),
-        scale,
-        focal: focal.to_array(),
-        middle: middle.to_array(),
-        depth,
-        opacity: 1.0,
-        ..bytemuck::Zeroable::zeroed()
-    }
 }
 
 fn upload_tubes(gpu: &mut Gpu, tubes: &Tubes) -> Result<PlacedMesh, RenderError> {

@@ -12,6 +12,10 @@ pub struct MeshHandle(pub(super) usize);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PathHandle(pub(super) usize);
 
+/// The tissue behind a wall, on the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TissueHandle(pub(super) usize);
+
 /// Statistics of drawing a frame's inside view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameStats {
@@ -31,6 +35,8 @@ pub enum View {
     /// The wall as the camera sees it.
     #[default]
     Inside,
+    /// The wall as glass, with the tissue behind it.
+    Translucent,
     /// The whole organ from in front of the patient, as glass, with path and camera.
     Overview,
     /// Inside view on the left, overview on the right.
@@ -53,6 +59,8 @@ impl View {
 pub struct Scene {
     /// The wall of the inside view.
     pub wall: MeshHandle,
+    /// Tissue behind the wall, where the inside views show it.
+    pub behind: Option<TissueHandle>,
     /// Mesh of the overview, which shows path and camera alone without one.
     pub overview: Option<MeshHandle>,
     /// The path, drawn in the overview.
@@ -74,7 +82,7 @@ impl Scene {
     /// Creates a scene of a wall, and of a mesh of it for the overview.
     pub fn with(wall: MeshHandle, overview: Option<MeshHandle>) -> Self {
         let (framing, look) = (Framing::default(), Look::default());
-        Self { wall, overview, path: None, camera: true, framing, look }
+        Self { wall, behind: None, overview, path: None, camera: true, framing, look }
     }
 }
 

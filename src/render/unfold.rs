@@ -7,8 +7,9 @@
 
 use super::RenderError;
 use super::host;
-use super::renderer::{Renderer, Targets};
+use super::renderer::Renderer;
 use super::scene::{Shot, UnfoldedFace, View};
+use super::targets::Targets;
 use crate::geometry::{Camera, cube_faces};
 use crate::vk::{Area, Draw, DrawRange, Gpu, Pass};
 
@@ -60,7 +61,7 @@ impl Renderer {
                 // A texel beyond each edge.
                 (std::array::from_fn(|i| at(i as u32)), 2.0 / (side as f32 - 2.0))
             }
-            View::Inside | View::Overview | View::Split => return Vec::new(),
+            View::Inside | View::Translucent | View::Overview | View::Split => return Vec::new(),
         };
         let views = cube_faces(&shot.pose, &shot.lens, margin);
         let face = |((pose, lens), area): (_, Area)| UnfoldedFace {
@@ -95,6 +96,7 @@ impl Renderer {
             colour: self.targets.picture,
             resolve: None,
             depth: None,
+            kept_depth: None,
             encoded: false,
             clear: Some([r, g, b, 1.0]),
             area: Area { x: 0, y: 0, width, height },
@@ -119,12 +121,14 @@ impl Renderer {
             indices: None,
             range: DrawRange::Direct(0..3),
             images: vec![faces.picture],
+            buffers: Vec::new(),
             scissor: None,
         };
         Some(Pass {
             colour: self.targets.picture,
             resolve: None,
             depth: None,
+            kept_depth: None,
             encoded: false,
             clear: None,
             area,

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::{Product, SettingError};
+use crate::behind::TissueError;
 use crate::centerline::CenterlineError;
 use crate::device::DeviceError;
 use crate::flight::{CameraPathError, FlightError};
@@ -49,6 +50,9 @@ pub enum SessionError {
     /// A parameterisation.
     #[error(transparent)]
     Maps(#[from] ParameterizationError),
+    /// The tissue behind the wall.
+    #[error(transparent)]
+    Tissue(#[from] TissueError),
     /// The flight.
     #[error(transparent)]
     Flight(#[from] FlightError),

@@ -8,11 +8,13 @@ use glam::Vec3;
 use super::levels::{LodReport, WallForm};
 use super::pictures::KeptFrames;
 use super::{Clock, FramesReport, OpenDevice, Product, Session, SessionError, locked, present};
+use crate::behind::BehindWall;
 use crate::device::{Device, DeviceError};
 use crate::flight::Flight;
 use crate::geometry::{Centerline, CenterlinePoint, Pose};
 use crate::render::{
-    FrameSequence, FrameStats, MeshHandle, PreparedMesh, Renderer, Scene, Shot, Spares, View,
+    FrameSequence, FrameStats, MeshHandle, PreparedMesh, Renderer, Scene, Shot, Spares,
+    TissueHandle, View,
 };
 use crate::task::CancelToken;
 use crate::vk::{Choice, Gpu, return_freed_memory};
@@ -63,13 +65,15 @@ impl Session {
 
     /// Products that a stream of frames needs.
     pub fn products_of_frames(&self) -> Vec<Product> {
-        vec![
+        let mut products = vec![
             Product::ShownWall,
             Product::Shading,
             Product::Flight,
             Product::Display,
             Product::Levels,
-        ]
+        ];
+        products.extend(self.settings.shows_tissue().then_some(Product::Behind));
+        products
     }
 
     /// The frames of the flight, in order. Everything they need is computed first; each is drawn
@@ -110,9 +114,14 @@ impl Session {
             WallForm::Subdivided(_) => is_overview.then(|| upload(&whole()?)).transpose()?,
             _ => Some(inside),
         };
+        let shows_tissue = self.settings.shows_tissue();
+        let behind = shows_tissue.then(|| self.behind()).transpose()?;
+        let mut upload =
+            |wall: &BehindWall| display.with_gpu(|gpu| renderer.upload_tissue(gpu, wall));
+        let tissue = behind.as_deref().map(&mut upload).transpose()?;
         let mut held = vec![inside];
         held.extend(overview.filter(|mesh| *mesh != inside));
-        let mut scene = Scene::with(inside, overview);
+        let mut scene = Scene { behind: tissue, ..Scene::with(inside, overview) };
         let pieces = self.flown_pieces(&centered.line)?;
         if is_overview && pieces.iter().any(|p| p.len() > 1) {
             scene.path = Some(display.with_gpu(|gpu| renderer.upload_path(gpu, &pieces))?);
@@ -126,6 +135,7 @@ impl Session {
             display,
             sequence: Some(FrameSequence::new(scene, shots)),
             held,
+            tissue,
             flight,
             lod: levels.report.clone(),
             cancel: self.cancel.clone(),
@@ -201,6 +211,7 @@ pub struct FrameStream {
     sequence: Option<FrameSequence>,
     /// Meshes that the stream holds on the device.
     held: Vec<MeshHandle>,
+    tissue: Option<TissueHandle>,
     flight: Arc<Flight>,
     size: [u32; 2],
     spares: Spares,
@@ -296,6 +307,7 @@ impl FrameStream {
             self.display.with_gpu(|gpu| sequence.finish(renderer, gpu));
         }
         self.held.drain(..).for_each(|m| renderer.remove_mesh(m));
+        self.tissue.take().into_iter().for_each(|tissue| renderer.remove_tissue(tissue));
         renderer
     }
 }

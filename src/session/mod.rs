@@ -8,6 +8,7 @@
 //! takes other settings and forgets what depends on them; a program that must not wait reads
 //! [`Session::products`] when [`Session::wake_by`] has it woken.
 
+mod behind;
 mod centering;
 mod clock;
 pub mod copy_rate;

@@ -221,6 +221,9 @@ pub struct FlightSettings {
     pub size: [u32; 2],
     /// View that a frame shows.
     pub view: View,
+    /// Depth of the tissue behind the wall that inside views show, mm. Where `None`, the translucent
+    /// view alone shows tissue, as deep as the organ asks.
+    pub behind_mm: Option<f32>,
     /// Vertical field of view, radians.
     pub fov_y_rad: f32,
     /// Samples a pixel, 1 or 4.
@@ -241,6 +244,7 @@ impl Default for FlightSettings {
             frames: Frames::Count(120),
             size: [1280, 720],
             view: View::Inside,
+            behind_mm: None,
             fov_y_rad: std::f32::consts::FRAC_PI_2,
             samples: 4,
             reverse: false,
@@ -304,6 +308,12 @@ impl Settings {
     pub(super) fn deciding(&self) -> String {
         let (mode, lod, view) = (self.mode, self.levels.lod, self.flight.view);
         format!("mode {mode:?}, levels.lod {lod:?} and flight.view {view:?}")
+    }
+
+    /// Whether frames show the tissue behind the wall.
+    pub(super) fn shows_tissue(&self) -> bool {
+        let s = &self.flight;
+        s.view == View::Translucent || (s.behind_mm.is_some() && s.view != View::Overview)
     }
 
     /// The levels that are drawn: an overview alone shows the whole mesh.

@@ -15,6 +15,8 @@ const THREADS: RangeInclusive<usize> = 1..=1024;
 const PIXEL_ERROR: RangeInclusive<f32> = 0.01..=100.0;
 /// Columns, and rows, of a frame.
 const SIDE_PX: RangeInclusive<u32> = 16..=8192;
+/// Depth behind the wall, mm.
+const BEHIND_MM: RangeInclusive<f32> = 0.5..=25.0;
 /// Most steps of normal smoothing.
 const MAX_STEPS: u32 = 10_000;
 /// Least number of faces of a simplified surface: a tetrahedron's.
@@ -132,6 +134,7 @@ impl FlightSettings {
         // Degrees that were made radians come back within a hair.
         let fov_deg = (f64::from(self.fov_y_rad.to_degrees()) * 1e4).round() / 1e4;
         within("fov", fov_deg, &FOV_DEG, " degrees")?;
+        self.behind_mm.map_or(Ok(()), |mm| within("behind", mm, &BEHIND_MM, " mm"))?;
         ensure([1, 4].contains(&self.samples), "msaa", self.samples, || "1 or 4".into())?;
         let counts = 1..=MAX_FRAMES;
         self.script_frames.map_or(Ok(()), |n| within("frames", n, &counts, ""))?;

@@ -16,6 +16,7 @@ use super::{
     Centered, Clock, Core, Exterior, Fields, Levels, Mode, OpenDevice, Segmented, Session,
     SessionError, ShownWall, Slot, Visibility, Wall, locked, put,
 };
+use crate::behind::BehindWall;
 use crate::centerline::Routed;
 use crate::compute::{Array, Kernel};
 use crate::flight::CenterlineDistances;
@@ -281,6 +282,9 @@ products! {
             flight.reverse, flight.route, flight.script, flight.script_frames) Cpu draws_refined_wall run_flight_by_refined_wall
         | "flight" 1.0 [Lumen Fields Centerline TriangleTree] (mode, levels.lod, flight.frames, flight.size, flight.view, flight.fov_y_rad,
             flight.reverse, flight.route, flight.script, flight.script_frames) Cpu draws_mesh_or_subdivision run_flight;
+    /// The tissue behind the wall.
+    pub Behind behind: BehindWall =
+        "behind the wall" 2.0 [Volume Lumen TriangleTree] (lumen.organ, flight.behind_mm) Cpu always run_behind;
     /// The wall with few faces.
     pub Base base: Mesh =
         "base" 10.0 [Wall] (mode, wall.base_faces) Cpu always run_base;
@@ -355,7 +359,11 @@ mod tests {
         settings.device = DeviceChoice::Cpu;
         let source = Source::Image(VolumeSource::Memory(Arc::new(volume)));
         let session = Session::new(source, settings).unwrap();
-        let made = STAGES.iter().filter(|s| (s.when)(session.settings()));
+        let has_values = session.settings().lumen.select.is_some();
+        let is_made = |s: &&Stage| {
+            (s.when)(session.settings()) && (has_values || s.product != Product::Behind)
+        };
+        let made = STAGES.iter().filter(is_made);
         // One by one, so that the distance is made without the other fields.
         for stage in made.filter(|s| s.product != Product::Display) {
             session.prepare(&[stage.product]).unwrap();

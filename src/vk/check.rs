@@ -51,7 +51,8 @@ impl Gpu {
         assert!(colour.format != Format::Depth32, "a colour target holds colours");
         let area = pass.area;
         assert!(area.width > 0 && area.height > 0, "an area of no pixels");
-        for image in [Some(pass.colour), pass.resolve, pass.depth].into_iter().flatten() {
+        let targets = [Some(pass.colour), pass.resolve, pass.depth, pass.kept_depth];
+        for image in targets.into_iter().flatten() {
             let [width, height] = self.spec(image).extent;
             let within =
                 |from: u32, n: u32, side: u32| u64::from(from) + u64::from(n) <= side.into();
@@ -66,6 +67,11 @@ impl Gpu {
         if let Some(depth) = pass.depth.map(|d| self.spec(d)) {
             assert_eq!(depth.format, Format::Depth32, "a depth target");
             assert_eq!(depth.samples, colour.samples, "samples of colour and depth");
+        }
+        if let Some(kept) = pass.kept_depth.map(|d| self.spec(d)) {
+            let is_kept = kept.format == Format::Depth32 && kept.samples == 1;
+            let depth = pass.depth.map(|d| self.spec(d).samples);
+            assert!(is_kept && depth.is_some_and(|n| n > 1), "several depths become one");
         }
         let stored = colour.format == Format::Rgba8Srgb && colour.samples == 1;
         assert!(!pass.encoded || stored, "an encoded target is stored as sRGB, one sample a pixel");
@@ -93,8 +99,9 @@ impl Gpu {
         }
         for image in &draw.images {
             let read = self.spec(*image);
-            assert!(read.format != Format::Depth32 && read.samples == 1, "an image to be read");
-            let drawn_to = [Some(pass.colour), pass.resolve].contains(&Some(*image));
+            assert!(read.samples == 1, "an image to be read");
+            let targets = [Some(pass.colour), pass.resolve, pass.depth, pass.kept_depth];
+            let drawn_to = targets.contains(&Some(*image));
             assert!(!drawn_to, "a target is not read while it is drawn to");
         }
     }
@@ -104,6 +111,9 @@ impl Gpu {
         let p = &self.draw_pipelines[draw.pipeline];
         assert_eq!(draw.push.len(), p.push_bytes as usize, "immediate block");
         assert_eq!(draw.images.len(), p.images as usize, "images");
+        assert_eq!(draw.buffers.len(), p.buffers as usize, "buffers");
+        let are_storage = draw.buffers.iter().all(|b| self.buffers[*b].is_storage);
+        assert!(are_storage, "buffers that shaders may read");
         let bytes = |id: Option<BufferId>| id.map_or(0, |b| self.buffers[b].buffer.bytes);
         assert!(
             draw.vertices.is_none_or(|v| self.buffers[v].holds_vertices),

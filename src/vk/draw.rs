@@ -63,8 +63,17 @@ pub struct Draw {
     /// Images the fragments read, as many as the pipeline has. One kept as sRGB is read as linear
     /// light, or, by a pipeline that draws stored numbers, as its bytes are.
     pub images: Vec<ImageId>,
+    /// Buffers the fragments read ([`Gpu::storage_buffer`]), as many as the pipeline has.
+    pub buffers: Vec<BufferId>,
     /// The part of the pass's area that is drawn to; all of it where `None`.
     pub scissor: Option<Area>,
+}
+
+impl Draw {
+    /// Whether the fragments read images or buffers.
+    pub(super) fn has_set(&self) -> bool {
+        !self.images.is_empty() || !self.buffers.is_empty()
+    }
 }
 
 /// Draws to one set of targets. Each pass sees everything earlier passes drew.
@@ -76,6 +85,9 @@ pub struct Pass {
     pub resolve: Option<ImageId>,
     /// Depth target; always cleared to infinity.
     pub depth: Option<ImageId>,
+    /// Image of one sample a pixel that takes the depth of the first sample at the end. A depth target
+    /// of one sample that a later pass reads is its own.
+    pub kept_depth: Option<ImageId>,
     /// Whether shaders write sRGB themselves ([`super::Format::Rgba8Stored`]): the colour target,
     /// one sample a pixel and not resolved, takes their numbers as they are.
     pub encoded: bool,
@@ -156,7 +168,8 @@ impl Gpu {
         let now = sent?;
         let used = passes.iter().flat_map(|p| &p.draws).flat_map(|d| [d.vertices, d.indices]);
         let written = frame.writes.iter().map(|w| w.to);
-        for id in used.flatten().chain(written).chain(frame.picture.map(|p| p.1)) {
+        let read = passes.iter().flat_map(|p| &p.draws).flat_map(|d| &d.buffers).copied();
+        for id in used.flatten().chain(read).chain(written).chain(frame.picture.map(|p| p.1)) {
             self.buffers[id].last_use = now;
         }
         Ok(())
@@ -199,27 +212,33 @@ impl Gpu {
         sent
     }
 
-    /// Allocates a pool with one set for each draw that reads images, in order.
+    /// Allocates a pool with one set for each draw that reads images or buffers, in order.
     fn image_sets(
         &mut self,
         passes: &[Pass],
     ) -> Result<(vk::DescriptorPool, Vec<vk::DescriptorSet>), VkError> {
         let draws: Vec<&Draw> =
-            passes.iter().flat_map(|p| &p.draws).filter(|d| !d.images.is_empty()).collect();
+            passes.iter().flat_map(|p| &p.draws).filter(|d| d.has_set()).collect();
         if draws.is_empty() {
             return Ok((vk::DescriptorPool::null(), Vec::new()));
         }
         let images: usize = draws.iter().map(|d| d.images.len()).sum();
-        let sizes = [vk::DescriptorPoolSize {
-            ty: vk::DescriptorType::SAMPLED_IMAGE,
-            descriptor_count: images as u32,
-        }];
+        let buffers: usize = draws.iter().map(|d| d.buffers.len()).sum();
+        let kinds = [
+            (vk::DescriptorType::SAMPLED_IMAGE, images),
+            (vk::DescriptorType::STORAGE_BUFFER, buffers),
+        ];
+        let sizes: Vec<_> = kinds
+            .into_iter()
+            .filter(|kind| kind.1 > 0)
+            .map(|(ty, n)| vk::DescriptorPoolSize { ty, descriptor_count: n as u32 })
+            .collect();
         let info =
             vk::DescriptorPoolCreateInfo::default().max_sets(draws.len() as u32).pool_sizes(&sizes);
         let layouts: Vec<_> = draws.iter().map(|d| self.draw_pipelines[d.pipeline].set).collect();
         // SAFETY: the device is live, the layouts are ours, the pool has room for one set a draw.
-        // The sets are fresh, so nothing uses them while they are written; the views live until
-        // the retire queue lets go of their images.
+        // The sets are fresh, so nothing uses them while they are written; views and buffers live
+        // until the retire queue lets go of them.
         unsafe {
             let pool = self
                 .device
@@ -247,6 +266,19 @@ impl Gpu {
                         .dst_binding(i as u32)
                         .descriptor_type(vk::DescriptorType::SAMPLED_IMAGE)
                         .image_info(&shown);
+                    self.device.update_descriptor_sets(&[write], &[]);
+                }
+                for (i, buffer) in draw.buffers.iter().enumerate() {
+                    let whole = [vk::DescriptorBufferInfo {
+                        buffer: self.buffers[*buffer].buffer.raw,
+                        offset: 0,
+                        range: vk::WHOLE_SIZE,
+                    }];
+                    let write = vk::WriteDescriptorSet::default()
+                        .dst_set(*set)
+                        .dst_binding((draw.images.len() + i) as u32)
+                        .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                        .buffer_info(&whole);
                     self.device.update_descriptor_sets(&[write], &[]);
                 }
             }

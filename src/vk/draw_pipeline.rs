@@ -82,6 +82,8 @@ pub struct DrawShader {
     pub(crate) push_bytes: u32,
     /// Images that the fragment stage reads, bindings 0, 1, … of group 0.
     pub(crate) images: u32,
+    /// Buffers that the fragment stage reads, bindings after those of the images.
+    pub(crate) buffers: u32,
 }
 
 impl DrawShader {
@@ -127,6 +129,7 @@ pub(super) struct DrawPipeline {
     pub(super) stride: u32,
     pub(super) push_bytes: u32,
     pub(super) images: u32,
+    pub(super) buffers: u32,
     pub(super) colour: Format,
     pub(super) depth: Option<Format>,
     pub(super) samples: u32,
@@ -152,11 +155,15 @@ impl Gpu {
         let reads = shader.entry(spec.entries[0], true).attributes as usize;
         assert!(reads <= spec.attributes.len(), "`{}` reads {reads} attributes", spec.entries[0]);
         shader.entry(spec.entries[1], false);
-        let bindings: Vec<_> = (0..shader.images)
+        let bindings: Vec<_> = (0..shader.images + shader.buffers)
             .map(|i| {
+                let kind = match i < shader.images {
+                    true => vk::DescriptorType::SAMPLED_IMAGE,
+                    false => vk::DescriptorType::STORAGE_BUFFER,
+                };
                 vk::DescriptorSetLayoutBinding::default()
                     .binding(i)
-                    .descriptor_type(vk::DescriptorType::SAMPLED_IMAGE)
+                    .descriptor_type(kind)
                     .descriptor_count(1)
                     .stage_flags(vk::ShaderStageFlags::FRAGMENT)
             })
@@ -173,13 +180,14 @@ impl Gpu {
             stride,
             push_bytes: shader.push_bytes,
             images: shader.images,
+            buffers: shader.buffers,
             colour: spec.colour,
             depth: spec.depth,
             samples: spec.samples,
             blend: spec.blend,
         };
         let sets = [set];
-        let sets = if shader.images > 0 { &sets[..] } else { &[] };
+        let sets = if bindings.is_empty() { &[] } else { &sets[..] };
         let built =
             pipeline_layout(&self.device, sets, shader.push_bytes, STAGES).and_then(|layout| {
                 made.layout = layout;

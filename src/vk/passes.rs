@@ -66,7 +66,8 @@ impl Gpu {
         let depth_layout = DEPTH_LAYOUT;
         let mut transitions = vec![(pass.colour, colour_layout)];
         transitions.extend(pass.resolve.map(|r| (r, colour_layout)));
-        transitions.extend(pass.depth.map(|d| (d, depth_layout)));
+        transitions
+            .extend([pass.depth, pass.kept_depth].into_iter().flatten().map(|d| (d, depth_layout)));
         for image in pass.draws.iter().flat_map(|d| &d.images) {
             if transitions.iter().all(|t| t.0 != *image) {
                 transitions.push((*image, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL));
@@ -105,12 +106,25 @@ impl Gpu {
         let colours = [colour];
         let far = vk::ClearDepthStencilValue { depth: 0.0, stencil: 0 };
         let depth = pass.depth.map(|d| {
-            vk::RenderingAttachmentInfo::default()
-                .image_view(self.images[d].image.view)
+            let target = &self.images[d];
+            let store = match target.spec.samples {
+                1 => vk::AttachmentStoreOp::STORE,
+                _ => vk::AttachmentStoreOp::DONT_CARE,
+            };
+            let depth = vk::RenderingAttachmentInfo::default()
+                .image_view(target.image.view)
                 .image_layout(depth_layout)
                 .load_op(vk::AttachmentLoadOp::CLEAR)
-                .store_op(vk::AttachmentStoreOp::DONT_CARE)
-                .clear_value(vk::ClearValue { depth_stencil: far })
+                .store_op(store)
+                .clear_value(vk::ClearValue { depth_stencil: far });
+            match pass.kept_depth {
+                // Every device can take the first sample.
+                Some(kept) => depth
+                    .resolve_mode(vk::ResolveModeFlags::SAMPLE_ZERO)
+                    .resolve_image_view(self.images[kept].image.view)
+                    .resolve_image_layout(depth_layout),
+                None => depth,
+            }
         });
         let mut info = vk::RenderingInfo::default()
             .render_area(rect)
@@ -133,8 +147,8 @@ impl Gpu {
                 let p = &self.draw_pipelines[draw.pipeline];
                 let point = vk::PipelineBindPoint::GRAPHICS;
                 self.device.cmd_bind_pipeline(cmd, point, p.pipeline);
-                if !draw.images.is_empty() {
-                    let set = sets.next().expect("one set a draw with images");
+                if draw.has_set() {
+                    let set = sets.next().expect("one set a draw that reads");
                     self.device.cmd_bind_descriptor_sets(cmd, point, p.layout, 0, &[set], &[]);
                 }
                 if !draw.push.is_empty() {

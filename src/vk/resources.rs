@@ -68,6 +68,8 @@ pub(super) struct GpuBuffer {
     /// Bytes of an index; 0 where the buffer holds none.
     pub(super) index_bytes: u8,
     pub(super) holds_vertices: bool,
+    /// Whether shaders of draws read it.
+    pub(super) is_storage: bool,
     /// Whether the host reads it.
     pub(super) reads_back: bool,
     /// Largest vertex that the indices of an index buffer name, or have ever named.
@@ -128,6 +130,19 @@ impl Gpu {
         self.filled(name, bytemuck::cast_slice(data), vk::BufferUsageFlags::INDEX_BUFFER, 4, max)
     }
 
+    /// Creates a buffer of words on the device that the fragments of draws read.
+    ///
+    /// # Errors
+    /// As [`Gpu::vertex_buffer`]; [`VkError::TooLarge`] if the device cannot bind so many.
+    pub fn storage_buffer(&mut self, name: &'static str, data: &[u8]) -> Result<BufferId, VkError> {
+        let (bytes, limit) = (data.len() as u64, self.info.max_storage_buffer_range);
+        if bytes > limit {
+            let device = self.info.name.clone();
+            return Err(VkError::TooLarge { buffer: name, bytes, limit, device });
+        }
+        self.filled(name, data, vk::BufferUsageFlags::STORAGE_BUFFER, 0, 0)
+    }
+
     /// Creates a persistently mapped buffer that images are copied to.
     ///
     /// # Errors
@@ -138,8 +153,8 @@ impl Gpu {
         Ok(self.insert(buffer, usage, 0, 0))
     }
 
-    /// Creates an image to draw to; with one sample a pixel it can also be read in shaders, written
-    /// and read back.
+    /// Creates an image to draw to; with one sample a pixel it can also be read in shaders, and one of
+    /// colours written and read back.
     ///
     /// # Errors
     /// As [`Gpu::vertex_buffer`].
@@ -147,6 +162,7 @@ impl Gpu {
         use vk::ImageUsageFlags as Use;
         let depth = spec.format == Format::Depth32;
         let usage = match (depth, spec.samples) {
+            (true, 1) => Use::DEPTH_STENCIL_ATTACHMENT | Use::SAMPLED,
             (true, _) => Use::DEPTH_STENCIL_ATTACHMENT,
             (false, 1) => {
                 Use::COLOR_ATTACHMENT | Use::TRANSFER_SRC | Use::TRANSFER_DST | Use::SAMPLED
@@ -235,6 +251,7 @@ impl Gpu {
             last_use: self.timeline.submitted,
             index_bytes,
             holds_vertices: usage.contains(vk::BufferUsageFlags::VERTEX_BUFFER),
+            is_storage: usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER),
             reads_back: usage == vk::BufferUsageFlags::TRANSFER_DST,
             max_index,
             initialized: None,

@@ -1,6 +1,7 @@
 //! Vulkan: kernels beside their CPU twins, pictures, validation, planted faults.
 
 mod all_round;
+mod behind;
 mod cases;
 mod compare;
 mod golden;

@@ -1,9 +1,13 @@
 //! Outcome of the computation as the model takes it in: done, stopped, a question, or a failure.
 
+use std::sync::Arc;
+
+use super::super::action::Colouring;
 use super::Model;
 use crate::formats::{FormatError, InputInfo};
+use crate::lumen::IntensitySelection;
 use crate::organ::Glance;
-use crate::session::SessionError;
+use crate::session::{Segmented, SessionError};
 
 impl Model {
     /// Takes in how the computation ended, and what has to be chosen from because of that.
@@ -33,6 +37,20 @@ impl Model {
             }
             Err(e) => self.failure = Some(without_flags(&e.to_string())),
         }
+    }
+
+    /// Whether there is a wall, and values behind it.
+    pub fn may_look_behind(&self) -> bool {
+        let lumen = self.products.lumen.as_ref();
+        let is_labels =
+            |l: &Arc<Segmented>| matches!(l.options.selection, IntensitySelection::Labels(_));
+        self.products.wall.is_some() && lumen.is_some_and(|l| !is_labels(l))
+    }
+
+    /// Takes in that nothing is to be seen behind the wall, and why.
+    pub fn refuse_behind(&mut self, error: &SessionError) {
+        self.message = Some(without_flags(&error.to_string()));
+        self.colouring = Colouring::Tissue;
     }
 
     /// Takes in what the volume seems to show.

@@ -242,6 +242,7 @@ fn flight(given: &Remaining<'_>) -> PyResult<FlightSettings> {
         frames,
         size: given.take("size")?.unwrap_or([1280, 720]),
         view: given.word("view")?.unwrap_or_default(),
+        behind_mm: given.take("behind")?,
         fov_y_rad: given.take::<f32>("fov")?.unwrap_or(90.0).to_radians(),
         samples: given.take("msaa")?.unwrap_or(4),
         reverse: given.flag("reverse", false)?,

@@ -101,8 +101,10 @@ class Settings(WallSettings, CenterlineSettings, total=False):
     """Frames a second of a video."""
     size: tuple[int, int]
     """Columns and rows of a frame."""
-    view: Literal["inside", "overview", "split", "cube", "panorama"]
+    view: Literal["inside", "translucent", "overview", "split", "cube", "panorama"]
     """View that a frame shows."""
+    behind: float | None
+    """Depth of the tissue behind the wall that a frame shows, mm; the translucent view alone shows some."""
     fov: float
     """Vertical field of view, degrees."""
     msaa: Literal[1, 4]

@@ -20,6 +20,7 @@ pub const ORDER: &[&str] = &[
     "wall",
     "mesh",
     "lod",
+    "behind",
     "flight",
     "vk",
     "render",

@@ -1,0 +1,76 @@
+//! Images that frames are drawn to.
+
+use super::RenderError;
+use super::pipelines::{DEPTH, GLASS, PICTURE};
+use crate::vk::{Gpu, ImageId, ImageSpec, Releaser};
+
+/// Largest number of columns and rows, whatever the device can.
+const MAX_SIDE: u32 = 16384;
+
+/// Images of one size.
+pub(super) struct Targets {
+    pub extent: [u32; 2],
+    pub picture: ImageId,
+    /// Multisampled twin of the picture.
+    pub picture_many: Option<ImageId>,
+    /// Glass, with `glass_grid` by `glass_grid` pixels for each of the picture, and its depth.
+    pub glass: ImageId,
+    pub glass_depth: ImageId,
+    pub glass_grid: u32,
+    pub depth: ImageId,
+    /// Depth of one sample a pixel, which a later pass may read.
+    pub kept_depth: ImageId,
+}
+
+impl Targets {
+    /// Creates all images, or none.
+    pub fn new(gpu: &mut Gpu, extent: [u32; 2], samples: u32) -> Result<Self, RenderError> {
+        let [width, height] = extent;
+        let possible = matches!(samples, 1 | 4) && samples <= gpu.info().max_samples;
+        let most = gpu.info().max_image_side.min(MAX_SIDE);
+        if !possible || width < 2 || height < 1 || width > most || height > most {
+            return Err(RenderError::BadSize { width, height, samples });
+        }
+        // A whole organ's triangles are smaller than a pixel: four samples of each cost more than
+        // four pixels.
+        let glass_grid = if samples > 1 && 2 * width.max(height) <= most { 2 } else { 1 };
+        let fine = extent.map(|side| glass_grid * side);
+        gpu.all_or_none(|gpu| {
+            let mut image = |name, format, extent, samples| {
+                gpu.image(name, ImageSpec { format, extent, samples })
+            };
+            let depth = image("depth", DEPTH, extent, samples)?;
+            let (picture_many, glass_depth, kept_depth) = match samples {
+                1 => (None, depth, depth),
+                _ => (
+                    Some(image("picture", PICTURE, extent, samples)?),
+                    image("depth of the glass", DEPTH, fine, 1)?,
+                    image("depth of one sample", DEPTH, extent, 1)?,
+                ),
+            };
+            Ok(Self {
+                extent,
+                picture: image("picture", PICTURE, extent, 1)?,
+                picture_many,
+                glass: image("glass", GLASS, fine, 1)?,
+                glass_depth,
+                glass_grid,
+                depth,
+                kept_depth,
+            })
+        })
+    }
+
+    /// Returns the colour target and the image it is resolved to.
+    pub fn drawn_and_resolved(&self) -> (ImageId, Option<ImageId>) {
+        self.picture_many.map_or((self.picture, None), |many| (many, Some(self.picture)))
+    }
+
+    pub fn release(&self, releaser: &Releaser) {
+        let Self { picture, picture_many, glass, glass_depth, depth, kept_depth, .. } = *self;
+        let own = |image| (image != depth).then_some(image);
+        let all = [Some(picture), picture_many, Some(glass), Some(depth)];
+        let all = all.into_iter().chain([own(glass_depth), own(kept_depth)]);
+        all.flatten().for_each(|image| releaser.image(image));
+    }
+}
