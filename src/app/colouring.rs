@@ -23,15 +23,19 @@ pub const NO_WALL: [u8; 3] = [205, 50, 190];
 /// Colour of wall drawn on a thin sheet, sRGB.
 pub const SHEET: [u8; 3] = [235, 190, 60];
 
-/// Marks the vertices where the scan shows no wall, and those where it shows a thin sheet.
+/// Colour of the surface of a pool of fluid, sRGB.
+pub const LEVEL: [u8; 3] = [60, 150, 220];
+
+/// Marks the vertices where the scan shows no wall, a thin sheet, or the surface of a pool of fluid.
 pub fn evidence_colours(evidence: &[Evidence]) -> Vec<[u8; 4]> {
     let over =
         |[red, green, blue]: [u8; 3], share| [linear(red), linear(green), linear(blue), share];
-    let (no_wall, sheet) = (over(NO_WALL, 225), over(SHEET, 150));
+    let (no_wall, sheet, level) = (over(NO_WALL, 225), over(SHEET, 150), over(LEVEL, 200));
     let colour = |evidence: &Evidence| match evidence {
         Evidence::Profile => [0; 4],
         Evidence::Sheet => sheet,
         Evidence::Limit => no_wall,
+        Evidence::FluidLevel => level,
     };
     evidence.iter().map(colour).collect()
 }

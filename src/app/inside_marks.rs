@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::action::{Colouring, WallView};
 use super::branch_panel::{BRANCH_KEYS, BranchMark, MARK_RADIUS, branch_marks};
-use super::colouring::{NO_WALL, SHEET, scale_colour};
+use super::colouring::{LEVEL, NO_WALL, SHEET, scale_colour};
 use super::inside_pane::{in_pane, ray_at, taken_parts};
 use super::labels::Labels;
 use super::model::Model;
@@ -189,13 +189,19 @@ fn face_names(painter: &Painter, rect: Rect) {
 /// Draws the legend of the wall's evidence: each colour with its share of the wall.
 fn evidence_legend(painter: &Painter, rect: Rect, model: &Model) {
     let Some(field) = model.products.lumen.as_ref().and_then(|l| l.wall.as_ref()) else { return };
-    let rows = [
-        (NO_WALL, "no wall in the scan", field.stats.closed_by_limit_share),
-        (SHEET, "thin sheet", field.stats.sheet_share),
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    let levels = model.products.wall.as_ref().map_or(&[][..], |wall| &wall.levels);
+    let area: f64 = levels.iter().map(|level| level.area_mm2).sum();
+    let mut rows = vec![
+        (NO_WALL, "no wall in the scan", percent(field.stats.closed_by_limit_share)),
+        (SHEET, "thin sheet", percent(field.stats.sheet_share)),
     ];
+    if !levels.is_empty() {
+        rows.push((LEVEL, "level of fluid", format!("{area:.0} mm²")));
+    }
     let mut at = rect.right_bottom() - vec2(8.0, 8.0);
     for ([r, g, b], name, share) in rows {
-        let text = format!("{name} {:.1} %", 100.0 * share);
+        let text = format!("{name} {share}");
         shadowed(painter, at - vec2(16.0, 0.0), Align2::RIGHT_BOTTOM, &text, 12.0, TEXT);
         let square = Rect::from_min_size(at - vec2(11.0, 13.0), vec2(11.0, 11.0));
         painter.rect_filled(square, 2.0, Color32::from_rgb(r, g, b));

@@ -12,7 +12,7 @@ const TITLE: Vec2 = vec2(60.0, 20.0);
 const MARKER: Vec2 = vec2(92.0, -92.0);
 /// Room of the scale of colours and of the legend, from the pane's right side and its corner.
 const SCALE: Vec2 = vec2(64.0, 184.0);
-const LEGEND: Vec2 = vec2(190.0, 48.0);
+const LEGEND: Vec2 = vec2(190.0, 86.0);
 
 /// The direction that a point of the inside pane looks in, in the camera's own axes.
 pub(super) fn ray_at(rect: Rect, p: Pos2, model: &Model) -> DVec3 {
@@ -40,8 +40,7 @@ pub(super) fn taken_parts(rect: Rect, model: &Model) -> Vec<Rect> {
     let legend = Rect::from_min_size(rect.right_bottom() - LEGEND, LEGEND);
     let colours = match model.colouring {
         Colouring::Radius => Some(scale),
-        Colouring::Evidence => Some(legend),
-        Colouring::Behind => Some(Rect::from_min_max(legend.min - vec2(0.0, 38.0), legend.max)),
+        Colouring::Evidence | Colouring::Behind => Some(legend),
         _ => None,
     };
     [title, axes].into_iter().chain(colours).collect()

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::load::{InputVolume, canonical};
+use super::surface::MAX_GAS_HU;
 use super::{
     Clock, Segmented, Session, SessionError, Source, present, read_any_volume, refuse_above,
 };
@@ -11,8 +12,6 @@ use crate::lumen::{GreyBricks, GreyValues, IntensitySelection, Lumen};
 use crate::organ::Organ;
 use crate::volume::Volume;
 
-/// Value below which a lumen is filled with gas, HU.
-const MAX_GAS_HU: f64 = -200.0;
 /// Voxels of the lumen that are looked at for its own value.
 const LUMEN_SAMPLES: usize = 4096;
 /// Depth behind the wall that is shown unless somebody asks for another, mm: of a colon or a vessel, and

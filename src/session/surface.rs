@@ -21,8 +21,12 @@ use crate::surface::{
 };
 use crate::volume::Volume;
 use crate::wall::{
-    Evidence, FieldCrossing, WallField, field_normals, smoothed_field, vertex_evidence,
+    Evidence, FieldCrossing, FluidLevel, WallField, field_normals, fluid_levels, smoothed_field,
+    vertex_evidence,
 };
+
+/// Value below which a lumen is filled with gas, HU.
+pub(super) const MAX_GAS_HU: f64 = -200.0;
 
 /// Options for making the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,18 +43,29 @@ pub struct Wall {
     pub mesh: Mesh,
     /// Counts.
     pub topology: Topology,
+    /// Surfaces of fluid under gas in it, the largest first.
+    pub levels: Vec<FluidLevel>,
 }
 
 impl Wall {
-    /// Returns a note for a reader of the surface.
-    pub(super) fn notes(&self) -> Option<String> {
+    /// Returns notes for a reader of the surface.
+    pub(super) fn notes(&self) -> impl Iterator<Item = String> {
+        let levels = self.levels.len();
+        let area: f64 = self.levels.iter().map(|level| level.area_mm2).sum();
+        let levels = (levels > 0).then(|| {
+            format!(
+                "{levels} flat piece(s) of the wall, {area:.0} mm² in all, are levels of fluid and no \
+                 mucosa"
+            )
+        });
         let tunnels = self.topology.tunnels();
-        (tunnels > 0).then(|| {
+        let tunnels = (tunnels > 0).then(|| {
             format!(
                 "the lumen has {tunnels} tunnels (touching folds, loops, noise); the centerline \
                  follows a tree through them"
             )
-        })
+        });
+        tunnels.into_iter().chain(levels)
     }
 }
 
@@ -165,7 +180,13 @@ impl Session {
     ) -> Result<Option<Vec<Evidence>>, SessionError> {
         let (found, wall) = (present(&self.slots.lumen), present(&self.slots.wall));
         let vertices = wall.mesh.positions.len() as u64;
-        let of = |field| vertex_evidence(&found.lumen, field, &wall.mesh);
+        let of = |field| {
+            let mut evidence = vertex_evidence(&found.lumen, field, &wall.mesh);
+            for v in wall.levels.iter().flat_map(|level| &level.vertices) {
+                evidence[*v as usize] = Evidence::FluidLevel;
+            }
+            evidence
+        };
         let find = || found.wall.as_ref().map(of);
         Ok(clock.time("evidence", "vertices", find, |_| vertices))
     }
@@ -221,7 +242,13 @@ fn wall(
     if relaxed {
         mesh.positions = relaxed_positions(device, lumen, (&mesh, &adjacency), clock)?;
     }
-    Ok(Wall { mesh, topology })
+    let levels = match wall {
+        Some(field) if field.stats.contrast.lumen < MAX_GAS_HU => {
+            fluid_levels(&mesh, lumen.grid.spacing_mm.element_product().cbrt())
+        }
+        _ => Vec::new(),
+    };
+    Ok(Wall { mesh, topology, levels })
 }
 
 /// Positions of a halfway mesh's vertices after they have slid along their grid edges to where the

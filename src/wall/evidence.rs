@@ -19,6 +19,8 @@ pub enum Evidence {
     Sheet,
     /// Limit of growth: the values show no wall there.
     Limit,
+    /// Surface of a pool of fluid ([`super::fluid_levels`]): no mucosa.
+    FluidLevel,
 }
 
 impl Evidence {

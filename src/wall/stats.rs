@@ -26,7 +26,7 @@ pub fn stats(
             let Some(at) = input.bricks.element(lumen.volume_voxel(beside)) else { continue };
             thresholds.push(wall_level::threshold(level[at]));
             match Evidence::new(mark[at], level[at]) {
-                Evidence::Profile => {}
+                Evidence::Profile | Evidence::FluidLevel => {}
                 Evidence::Sheet => sheets += 1,
                 Evidence::Limit => closed += 1,
             }

@@ -5,6 +5,7 @@ mod coverage;
 mod determinism;
 mod ends;
 mod flight;
+mod fluid_levels;
 mod graph;
 mod invariance;
 mod lod;

@@ -3,6 +3,7 @@
 use crate::geometry::Mesh;
 use crate::session::{Wall, written_mesh};
 use crate::surface::{Adjacency, Topology};
+use crate::wall::FluidLevel;
 use serde::Serialize;
 use std::borrow::Cow;
 
@@ -23,15 +24,19 @@ pub struct SurfaceReport {
     pub watertight: bool,
     /// Area of all faces.
     pub area_mm2: f64,
+    /// Flat pieces that are levels of fluid under gas and no mucosa, the largest first.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub fluid_levels: Vec<FluidLevel>,
 }
 
 impl SurfaceReport {
     /// Counts of a wall as it is written.
     pub fn of_written(wall: &Wall, open_ends: bool) -> Self {
-        match written_mesh(&wall.mesh, open_ends) {
+        let counts = match written_mesh(&wall.mesh, open_ends) {
             Cow::Borrowed(mesh) => Self::of(wall.topology, mesh.area_mm2()),
             Cow::Owned(mesh) => Self::of_mesh(&mesh),
-        }
+        };
+        Self { fluid_levels: wall.levels.clone(), ..counts }
     }
 
     /// Counts of any mesh.
@@ -44,6 +49,7 @@ impl SurfaceReport {
     pub fn of(topology: Topology, area_mm2: f64) -> Self {
         let Topology { vertices, faces, components, euler, watertight, .. } = topology;
         let tunnels = topology.tunnels();
-        Self { vertices, faces, components, euler, tunnels, watertight, area_mm2 }
+        let fluid_levels = Vec::new();
+        Self { vertices, faces, components, euler, tunnels, watertight, area_mm2, fluid_levels }
     }
 }
