@@ -16,6 +16,7 @@ class Case:
     licence: str  # empty: none found, the pictures stay in out/
     source: str
     level: float | None = None
+    ct: bool = False  # whether values are CT numbers, which say what lies behind the wall
 
     def lumen(self, path):
         """Arguments of intima that choose the lumen of the volume at `path`."""
@@ -30,13 +31,13 @@ CASES = [
     Case("chest", "Airway of a CT", "chest_ct_fnndsc.zip", "airway", "CC BY 3.0",
          "LIDC-IDRI-0314 of The Cancer Imaging Archive (Armato et al., Data From LIDC-IDRI, 2015, "
          "doi:10.7937/K9/TCIA.2015.LO9QL9SX; Med. Phys. 38, 2011, doi:10.1118/1.3528204), through "
-         "github.com/FNNDSC/data (Apache-2.0), de-identified by the archive", -500.0),
+         "github.com/FNNDSC/data (Apache-2.0), de-identified by the archive", -500.0, ct=True),
     Case("trunk-airway", "Airway of a CT with slices of 2.5 mm", "trunk_ct_contrast.zip", "airway", "MIT",
-         "github.com/nis1/Visualization-DMIM, series br_153, anonymized at its source", -500.0),
+         "github.com/nis1/Visualization-DMIM, series br_153, anonymized at its source", -500.0, ct=True),
     Case("trunk-aorta", "Aorta of the same CT", "trunk_ct_contrast.zip", "vessel", "MIT",
-         "github.com/nis1/Visualization-DMIM, series br_153, anonymized at its source", 100.0),
+         "github.com/nis1/Visualization-DMIM, series br_153, anonymized at its source", 100.0, ct=True),
     Case("colon-ct", "Colon of a CT", "colon_ct_prone_half.nrrd", "colon", "",
-         "github.com/tristancodez/Virtual-Colonoscopy-and-3d-Modelling", -450.0),
+         "github.com/tristancodez/Virtual-Colonoscopy-and-3d-Modelling", -450.0, ct=True),
     Case("colon-label", "Colon of a label map", "colon_label_3.nii.gz", "colon", "CC BY 4.0",
          "EdinGCA_3D_00090 of the Edinburgh Gut Cell Atlas, github.com/Comparative-Pathology/GCA-Models"),
     Case("airway-label", "Airway of a label map", "airway_label_atm_305.nii.gz", "airway", "MIT",

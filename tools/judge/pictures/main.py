@@ -80,6 +80,16 @@ def before(program, lumen, flown, taken, folder):
     return found
 
 
+def translucent(program, lumen, flown, taken, folder):
+    """What the frames `taken` show of the tissue behind the wall."""
+    path, out = folder / "poses.json", folder / "translucent"
+    poses = [{**flown.poses[frame], "seconds": float(i)} for i, frame in enumerate(taken)]
+    path.write_text(json.dumps({"schema": "intima.path/1", "space": "LPS", "unit": "mm",
+                                "fov_y_deg": flown.fov_y_deg, "poses": poses}))
+    program.run("record", *lumen, "--path", path, "--out", out, "--size", size_text(), "--view", "translucent")
+    return [np.asarray(Image.open(f).convert("RGB")) for f in sorted(out.rglob("frame_*.png"))]
+
+
 def drawn(case, args):
     """-> (what is known of a case's sheet, its rows)."""
     folder = args.out / "files" / case.name
@@ -98,6 +108,9 @@ def drawn(case, args):
         window = view.Window(wall, SIZE, flown.fov_y_deg, at_eye)
         columns.append(f"{name}, {'light at the eye' if at_eye else 'its headlight'}")
         cells.append([window.draw(flown.poses[i]) for i in taken])
+    if case.ct:
+        columns.append("intima, translucent")
+        cells.append(translucent(Program("intima", args.intima), lumen, flown, taken, folder))
     if args.before:
         columns.append("intima before")
         cells.append(before(Program("before", args.before), lumen, flown, taken, folder))
