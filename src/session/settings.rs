@@ -312,8 +312,7 @@ impl Settings {
 
     /// Whether frames show the tissue behind the wall.
     pub(super) fn shows_tissue(&self) -> bool {
-        let s = &self.flight;
-        s.view == View::Translucent || (s.behind_mm.is_some() && s.view != View::Overview)
+        self.flight.view == View::Translucent || self.flight.behind_mm.is_some()
     }
 
     /// The levels that are drawn: an overview alone shows the whole mesh.

@@ -7,6 +7,7 @@ use super::settings::{FlightSettings, LevelSettings, Lod, LumenSettings, Setting
 use crate::flight::{FOV_DEG, Frames, MAX_FRAMES};
 use crate::lod::vds::Scheme;
 use crate::organ::Organ;
+use crate::render::View;
 use crate::surface::{Fairing, Smoothing};
 
 /// Threads of a session.
@@ -135,6 +136,10 @@ impl FlightSettings {
         let fov_deg = (f64::from(self.fov_y_rad.to_degrees()) * 1e4).round() / 1e4;
         within("fov", fov_deg, &FOV_DEG, " degrees")?;
         self.behind_mm.map_or(Ok(()), |mm| within("behind", mm, &BEHIND_MM, " mm"))?;
+        let has_inside = self.behind_mm.is_none() || self.view != View::Overview;
+        ensure(has_inside, "behind", self.behind_mm.unwrap_or_default(), || {
+            "for views from inside, not for the overview".into()
+        })?;
         ensure([1, 4].contains(&self.samples), "msaa", self.samples, || "1 or 4".into())?;
         let counts = 1..=MAX_FRAMES;
         self.script_frames.map_or(Ok(()), |n| within("frames", n, &counts, ""))?;

@@ -68,6 +68,11 @@ fn volumes_without_ct_numbers_show_nothing_behind_the_wall_and_say_why() {
     assert_eq!(done.status.code(), Some(2), "{said}");
     assert!(said.contains("0.5 to 25 mm"), "{said}");
 
+    let far = ["record", "scan.nrrd", "--threshold", ":-500", "--out", "out", "--view", "overview"];
+    let done = intima(tmp.path(), &[&far[..], &["--behind", "5"]].concat());
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.code() == Some(2) && said.contains("not for the overview"), "{said}");
+
     let acquisition = Some(Acquisition { modality: "MR", series_hash: None });
     let scan = Phantom::new(Kind::Tube, 32, [1.0; 3]).unwrap().grey(None, 0);
     let scan = Arc::new(Volume { acquisition, ..scan });
