@@ -247,7 +247,9 @@ impl Session {
             return;
         }
         let used = STAGES.iter().filter(|s| (s.when)(&self.settings));
-        let mut readers = used.filter(|s| reads_volume(s));
+        // Few sessions look behind the wall.
+        let is_wanted = |s: &&Stage| s.product != Product::Behind || self.settings.shows_tissue();
+        let mut readers = used.filter(is_wanted).filter(|s| reads_volume(s));
         if readers.all(|s| self.board.is_ready(s.product)) {
             self.forget_one(Product::Volume);
         } else if self.board.is_ready(Product::Identity) || !self.expects(Product::Identity) {
