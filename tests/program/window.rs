@@ -12,8 +12,9 @@ use common::{torso, volumes};
 use glam::{DQuat, DVec3, IVec3};
 use intima::app::{Action, CoverageRecorder, Model, Ruler};
 use intima::flight::Frames;
+use intima::geometry::{Mesh, Vertex};
 use intima::lumen::IntensitySelection;
-use intima::session::{FlightRoute, Product, Session, Settings, Source, VolumeSource};
+use intima::session::{FlightRoute, Product, Session, Settings, Source, VolumeSource, WallForm};
 use intima::volume::phantom::{Kind, Phantom};
 
 fn session(kind: Kind, size: u32) -> Session {
@@ -46,11 +47,21 @@ fn is_cut(wall: &Cast, from: DVec3, to: DVec3) -> bool {
     from != to && wall.ray(from, to - from).is_some_and(|hit| hit.t <= 1.0)
 }
 
+/// The wall as it is drawn where no face is refined: the vertices of the mesh, put on the smooth wall.
+fn flat_wall(session: &Session) -> Mesh {
+    match &session.levels().unwrap().form {
+        WallForm::Refined(wall) => {
+            let positions = wall.shading().vertices.iter().map(Vertex::position).collect();
+            Mesh { positions, faces: wall.faces().to_vec(), ..Mesh::default() }
+        }
+        _ => session.wall().unwrap().mesh.clone(),
+    }
+}
+
 /// Moves at random and casts segments from each eye to the corners of its near plane, and from the
-/// eye before to it: to the mesh, and to the wall as it is drawn near the eye.
+/// eye before to it: to the wall as it is drawn far from the eye, and near it.
 fn wander(session: &Session, moves: u32) {
-    let walls =
-        [Cast::of(&session.wall().unwrap().mesh), Cast::of(&session.refined_mesh(2).unwrap())];
+    let walls = [Cast::of(&flat_wall(session)), Cast::of(&session.refined_mesh(2).unwrap())];
     let is_cut = |from, to| walls.iter().any(|wall| is_cut(wall, from, to));
     let mut model = model(session);
     let length = model.path.as_ref().unwrap().length_mm();
