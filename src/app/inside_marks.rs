@@ -230,7 +230,7 @@ pub(super) fn value_behind(painter: &Painter, rect: Rect, model: &Model, pointer
     let way = (pose.rotation.as_dquat() * ray.normalize()).as_vec3();
     let Some(largest) = behind.seen(place, way).largest else { return };
     let text = format!(
-        "at most {largest:.0} HU within {} mm; no measurement of what is under {:.1} mm",
+        "largest value {largest:.0} HU within {} mm; a thing under {:.1} mm is not measured",
         behind.band.depth_mm,
         3.0 * behind.tissue.mean_side_mm()
     );

@@ -1,4 +1,4 @@
-//! What lies behind the wall: a band of tissue that rays from the drawn wall pass through.
+//! The tissue behind the wall: a band that rays from the drawn wall pass through.
 //!
 //! A ray starts at the wall and goes on outwards. Tissue takes light from it by its CT number
 //! ([`Opacity`]), down to a depth behind the wall, so that fat, soft tissue, tagged stool, vessels and
@@ -16,7 +16,7 @@
 //! 2001, doi:10.1145/383507.383515), and the first sample lies exactly where the band begins. Both
 //! together halve the error of steps of one voxel; without the second, the first is worse than neither.
 //!
-//! The colour of what is smaller than three voxels is no measurement: its largest value is given beside
+//! The colour of a thing smaller than three voxels is no measurement: the largest value is given beside
 //! the colour ([`Seen::largest`]).
 
 mod cast;

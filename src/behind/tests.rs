@@ -10,13 +10,13 @@ use crate::surface::{Midpoint, extract};
 use crate::volume::{Grid, Samples, Volume};
 
 /// A volume whose lumen holds some voxels, with the wall half way between voxels.
-struct Scene {
+struct WalledVolume {
     lumen: Lumen,
     mesh: Mesh,
     volume: Volume,
 }
 
-impl Scene {
+impl WalledVolume {
     fn new(
         dims: [u32; 3],
         spacing_mm: [f64; 3],
@@ -58,7 +58,7 @@ fn distances_are_those_of_a_search_through_all_triangles_and_voxels() {
     let spacing = [0.7, 0.9, 1.4];
     let middle = DVec3::new(14.0, 14.0, 14.0);
     let inside = |p: DVec3| p.distance(middle) < 7.0 || (p.x - 14.0).abs() < 1.0 && p.y > 14.0;
-    let scene = Scene::new([40, 34, 22], spacing, inside, |p| p.x as f32);
+    let scene = WalledVolume::new([40, 34, 22], spacing, inside, |p| p.x as f32);
     let tissue = scene.tissue(6.0);
     let tree = TriangleBvh::new(&scene.mesh);
     let world = scene.lumen.grid.world_from_voxel();
@@ -71,7 +71,7 @@ fn distances_are_those_of_a_search_through_all_triangles_and_voxels() {
             if true_mm > 6.0 {
                 continue;
             }
-            let (_, got) = Scene::word(&tissue, v).unwrap();
+            let (_, got) = WalledVolume::word(&tissue, v).unwrap();
             assert_eq!(got < 0.0, scene.lumen.holds(v), "{v}");
             let off = (f64::from(got.abs()) - true_mm).abs();
             let is_near = true_mm < if got < 0.0 { 0.9 } else { 2.0 };
@@ -88,7 +88,8 @@ fn distances_are_those_of_a_search_through_all_triangles_and_voxels() {
 #[test]
 fn every_cell_within_the_band_has_its_values() {
     let value = |p: DVec3| (3.0 * p.x - 5.0 * p.y + 7.0 * p.z) as f32;
-    let scene = Scene::new([30, 30, 30], [1.0; 3], |p| p.distance(DVec3::splat(14.0)) < 6.0, value);
+    let scene =
+        WalledVolume::new([30, 30, 30], [1.0; 3], |p| p.distance(DVec3::splat(14.0)) < 6.0, value);
     let tissue = scene.tissue(4.0);
     let table = OpacityTable::new(Opacity::Colon, 1.0);
     let band = Band { skin_vox: 0.0, depth_mm: 4.0 };
@@ -120,7 +121,7 @@ fn a_steep_and_a_grazing_ray_end_at_the_same_depth() {
             600.0
         }
     };
-    let scene = Scene::new([60, 20, 40], [1.0; 3], |p| slab(p.z), value);
+    let scene = WalledVolume::new([60, 20, 40], [1.0; 3], |p| slab(p.z), value);
     let tissue = scene.tissue(6.0);
     let table = OpacityTable::new(Opacity::Colon, 1.0);
     let seen = |depth_mm, way: Vec3| {
@@ -140,9 +141,7 @@ fn a_ray_that_leaves_a_fold_meets_the_next_wall() {
     // A fold 6 mm thick between z = 12 and 18; the next wall is at z = 30.
     let inside = |p: DVec3| p.z < 30.0 && !(12.0..18.0).contains(&p.z);
     let value = |p: DVec3| if inside(p) { -1000.0 } else { 40.0 };
-    let mut scene = Scene::new([24, 24, 44], [1.0; 3], inside, value);
-    // Both sides belong to one lumen in a real colon; here both are kept.
-    scene.mesh.caps.clear();
+    let scene = WalledVolume::new([24, 24, 44], [1.0; 3], inside, value);
     let tissue = scene.tissue(5.0);
     let table = OpacityTable::new(Opacity::Colon, 1.0);
     let band = Band { skin_vox: 1.3, depth_mm: 5.0 };
@@ -181,10 +180,10 @@ fn an_entry_is_the_light_of_many_thin_pieces() {
 
 #[test]
 fn too_many_bricks_are_refused_before_memory_is_taken() {
-    let scene = Scene::new([520, 520, 24], [1.0; 3], |p| slab(p.z), |_| 0.0);
+    let scene = WalledVolume::new([520, 520, 24], [1.0; 3], |p| slab(p.z), |_| 0.0);
     let error = TissueBricks::new(&scene.lumen, 25.0).map(|b| b.working_bytes());
     assert!(error.is_ok_and(|bytes| bytes < 200_000_000), "a slab of 520 x 520 voxels fits");
-    let big = Scene::new([1024, 1024, 24], [1.0; 3], |p| slab(p.z), |_| 0.0);
+    let big = WalledVolume::new([1024, 1024, 24], [1.0; 3], |p| slab(p.z), |_| 0.0);
     let error = TissueBricks::new(&big.lumen, 25.0).unwrap_err();
     assert!(error.to_string().contains("look less far behind it"), "{error}");
 }

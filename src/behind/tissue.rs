@@ -159,6 +159,11 @@ impl TissueBricks {
         (!ABSENT.contains(&word)).then_some(word as usize)
     }
 
+    /// Whether a voxel of the lumen's grid lies in one of the bricks.
+    pub fn holds(&self, v: IVec3) -> bool {
+        self.slot(v >> 3i32).is_some()
+    }
+
     /// The bricks of the volume whose values are read, for a volume that is read in parts.
     pub fn of_volume(&self, lumen: &Lumen) -> Bricks {
         let dims = lumen.volume_grid().dims;

@@ -60,8 +60,8 @@ impl WallDistance for RefinedWall {
 /// The first bound comes from the distance field: every point of the extracted surface lies in a
 /// cell with an external corner, so the wall is at least max(dᵢ − |c − xᵢ|) − ‖h‖ away, over the
 /// eight voxels xᵢ about c, less what the drawn wall departs from that surface. It is too small by
-/// up to three voxels; where it does not suffice and the wall is known, the distance to what is
-/// drawn decides.
+/// up to three voxels; if the bound does not suffice and the drawn wall is known, the distance
+/// to the drawn wall decides.
 ///
 /// Without the drawn wall the bound holds for the surface as extracted.
 pub struct Clearance<'a> {

@@ -25,7 +25,6 @@ impl Session {
         let segmented = present(&self.slots.lumen);
         let wall = present(&self.slots.triangle_tree);
         let lumen = &segmented.lumen;
-        let opacity_of_lumen = |values: GreyValues<'_>| self.opacity(&segmented, values);
         let usual_mm = if self.is_airway() { USUAL_DEPTH_MM[1] } else { USUAL_DEPTH_MM[0] };
         let depth_mm = self.settings.flight.behind_mm.unwrap_or(usual_mm);
 
@@ -53,7 +52,7 @@ impl Session {
         };
         let noise = segmented.wall.as_ref().map_or(USUAL_NOISE_HU, |w| w.stats.contrast.noise);
         let make = || {
-            let opacity = opacity_of_lumen(values);
+            let opacity = self.opacity(lumen, &bricks, values);
             let tissue = TissueField::new(lumen, bricks, values, &wall);
             BehindWall::new(tissue, opacity, noise as f32, depth_mm)
         };
@@ -88,8 +87,8 @@ impl Session {
     }
 
     /// Opacity of the tissue behind the wall of this lumen: by the organ, or by what fills the lumen.
-    fn opacity(&self, segmented: &Segmented, values: GreyValues<'_>) -> Opacity {
-        let filling = value_inside(&segmented.lumen, values);
+    fn opacity(&self, lumen: &Lumen, bricks: &TissueBricks, values: GreyValues<'_>) -> Opacity {
+        let filling = value_inside(lumen, bricks, values);
         match self.is_airway() {
             _ if filling > MAX_GAS_HU => Opacity::Vessel(filling as f32),
             true => Opacity::Airway,
@@ -109,12 +108,13 @@ enum ValueSource {
     Parts,
 }
 
-/// Returns the median value of voxels inside a lumen, taken at even steps.
-fn value_inside(lumen: &Lumen, values: GreyValues<'_>) -> f64 {
+/// Returns the median value of voxels inside a lumen and near its wall, taken at even steps: of a volume
+/// that is read in parts, values deep inside are not read.
+fn value_inside(lumen: &Lumen, bricks: &TissueBricks, values: GreyValues<'_>) -> f64 {
     let step = (lumen.inside_voxels() as usize / LUMEN_SAMPLES).max(1);
-    let voxel = |e: usize| lumen.volume_voxel(lumen.bricks.voxel(e)).as_uvec3();
-    let inside = lumen.elements(&lumen.inside).step_by(step);
-    let mut all: Vec<f64> = inside.map(|e| values.real(voxel(e))).collect();
+    let inside = lumen.elements(&lumen.inside).step_by(step).map(|e| lumen.bricks.voxel(e));
+    let near = inside.filter(|v| bricks.holds(*v)).map(|v| lumen.volume_voxel(v).as_uvec3());
+    let mut all: Vec<f64> = near.map(|v| values.real(v)).collect();
     all.sort_by(f64::total_cmp);
     all.get(all.len() / 2).copied().unwrap_or(f64::NEG_INFINITY)
 }

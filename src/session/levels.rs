@@ -104,7 +104,7 @@ const REACH_VOX: f64 = 0.5;
 const MIN_BASE_FACES: usize = 500;
 
 impl Levels {
-    /// Returns the drawn wall, where its distance is not that of the mesh.
+    /// Returns the refined wall; `None` if the drawn wall is as far from a point as the mesh.
     pub fn drawn_distance(&self) -> Option<&dyn WallDistance> {
         match &self.form {
             WallForm::Refined(wall) => Some(&**wall),

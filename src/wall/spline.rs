@@ -405,7 +405,7 @@ impl<'a, F: Fn(IVec3) -> Option<&'a [f32]>> Surroundings<'_, F> {
         }
     }
 
-    /// Replaces what is infinite by the least of all offsets of the row, plus the growth on the way,
+    /// Replaces each infinite offset by the least of all offsets of the row, plus the growth on the way,
     /// along one axis after the other.
     fn grow(&self, samples: &mut [f32]) {
         for (axis, stride) in [1, WIDE, WIDE * WIDE].into_iter().enumerate() {

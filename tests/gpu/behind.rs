@@ -8,7 +8,7 @@ use intima::behind::BehindWall;
 use intima::geometry::{Lens, Pose};
 use intima::lumen::IntensitySelection;
 use intima::render::{PreparedMesh, Renderer, Scene, Shot, View};
-use intima::session::{LumenSettings, Session, Settings, Source, VolumeSource};
+use intima::session::{LumenSettings, Reading, Session, Settings, Source, VolumeSource};
 use intima::vk::Validate;
 use intima::volume::{Grid, Samples, Volume};
 
@@ -134,6 +134,24 @@ fn the_wall_itself_is_not_told_to_be_fat() {
     };
     let soft = (0..200).filter(|i| tells(*i)).count();
     assert!(soft >= 194, "{soft} of 200");
+}
+
+#[test]
+fn a_volume_read_in_parts_shows_the_same_tissue() {
+    let tmp = tempfile::tempdir().unwrap();
+    let file = tmp.path().join("scan.mha");
+    intima::formats::write_volume(&file, &volume(20.0)).unwrap();
+    let plain = |reading| {
+        let source = Source::Image(VolumeSource::file(&file));
+        let mut settings = session(20.0).settings().clone();
+        settings.reading = reading;
+        settings.flight.behind_mm = Some(1.0);
+        Session::new(source, settings).unwrap()
+    };
+    let [whole, parts] = [Reading::Whole, Reading::Parts].map(plain);
+    let (a, b) = (whole.behind().unwrap(), parts.behind().unwrap());
+    assert_eq!(a.opacity, b.opacity);
+    assert!(a.tissue.words() == b.tissue.words());
 }
 
 const SIZE: [u32; 2] = [96, 72];

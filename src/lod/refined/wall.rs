@@ -102,7 +102,7 @@ pub struct RefinedWallInput<'a> {
     pub shading: &'a Shading,
     /// For each vertex whether it stays where it is: on a cap, the wall is cut and not smooth.
     pub is_fixed: Vec<bool>,
-    /// The smooth wall, where there is one. Without it the normals of the mesh say how it curves.
+    /// The smooth wall. If it is `None`, the normals of the mesh say how the mesh curves.
     pub smooth: Option<Arc<dyn SmoothWall>>,
     /// Exterior of the mesh, if it is closed.
     pub exterior: Option<Arc<ExteriorGrid>>,
