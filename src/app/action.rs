@@ -208,6 +208,10 @@ pub enum Action {
     GoToBookmark(usize),
     /// Moves the eye to the largest patch of the wall that was missed and not yet visited.
     NextMissed,
+    /// Takes the last change of the notes or of the grey window back.
+    Undo,
+    /// Makes a change again that was taken back.
+    Redo,
     /// Shows or hides the keys.
     ToggleHelp,
     /// Stays with what is open, where notes of it are not saved.
@@ -224,8 +228,14 @@ pub enum Request {
     Export(Export),
     /// Opens a file or a DICOM folder instead of what is shown.
     Open(PathBuf),
-    /// Opens a session file of the volume that is open.
+    /// Opens a session file, with its volume unless that is open.
     OpenSession(PathBuf),
+    /// Opens a case that was opened before, by its kept file.
+    OpenKept(PathBuf),
+    /// Takes the notes of this volume that were kept before.
+    TakeKept,
+    /// Leaves them.
+    LeaveKept,
     /// Takes another lumen of the same volume.
     Lumen(LumenChoice),
     /// Finds an organ in the same volume.

@@ -7,7 +7,7 @@ use super::action::{Action, ActionQueue, Request};
 use super::model::Model;
 
 /// Kinds of files that can be opened.
-pub(super) const FILES: &str = "NIfTI, NRRD, MetaImage, DICOM; or a session file of what is open";
+pub(super) const FILES: &str = "NIfTI, NRRD, MetaImage, DICOM; or a session file";
 
 /// Dialogs for choosing files.
 pub(super) struct Dialogs {
@@ -54,6 +54,10 @@ pub(super) fn opened(ui: &Ui, dialogs: &mut Dialogs, commands: &mut ActionQueue)
     }
 }
 
+/// Said of notes that are in no file of the user's.
+const NOTES_KEPT: &str = "Bookmarks and measurements are in no file of yours yet. They are kept, and \
+    offered when this scan is opened again.";
+
 /// Asks what becomes of notes that no file has, and of a flight that is being saved.
 pub(super) fn ask_to_save(
     ui: &Ui,
@@ -67,7 +71,10 @@ pub(super) fn ask_to_save(
     let asked = egui::Modal::new(egui::Id::new("unsaved")).show(ui.ctx(), |ui| {
         let has_notes = model.has_unsaved_notes();
         if has_notes {
-            ui.label("Bookmarks and measurements are not saved.");
+            ui.label(match model.are_notes_kept {
+                true => NOTES_KEPT,
+                false => "Bookmarks and measurements are not saved.",
+            });
         }
         if model.leaves_flight {
             ui.label("A flight is being saved; it ends here.");
@@ -76,7 +83,11 @@ pub(super) fn ask_to_save(
             if has_notes && ui.button("Save as").clicked() {
                 dialogs.save.save_file();
             }
-            let go = if has_notes { "Do not save" } else { "End it" };
+            let go = match (has_notes, model.are_notes_kept) {
+                (true, true) => "Close",
+                (true, false) => "Do not save",
+                (false, _) => "End it",
+            };
             if ui.button(go).clicked() {
                 commands.ask(Request::Discard);
             }

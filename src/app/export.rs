@@ -26,8 +26,8 @@ pub(super) fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<PathBuf, 
 }
 
 /// A name `STEM-1.png`, `STEM-2.png`, … that no file of the folder has.
-pub(super) fn free_name(folder: &Path, stem: &str) -> String {
-    let names = (1u32..).map(|i| format!("{stem}-{i}.png"));
+pub(super) fn free_name(folder: &Path, stem: &str, extension: &str) -> String {
+    let names = (1u32..).map(|i| format!("{stem}-{i}.{extension}"));
     let mut free = names.filter(|n| !folder.join(n).exists());
     free.next().expect("numbers do not end")
 }
@@ -106,7 +106,7 @@ fn branch_at(graph: &CenterlineGraph, p: DVec3) -> Option<String> {
 }
 
 /// The picture of a bookmark, from memory or from its file.
-fn picture(b: &Bookmark, folder: Option<&Path>) -> Option<PngPicture> {
+pub(super) fn picture(b: &Bookmark, folder: Option<&Path>) -> Option<PngPicture> {
     const MAX_BYTES: u64 = 64 << 20;
     let png = match &b.png {
         Some(png) => png.to_vec(),
@@ -209,7 +209,7 @@ mod tests {
         assert_eq!(views(&model), [Some([3, 2]); 2]);
         std::fs::write(dir.path().join("p-1.png"), "secret").unwrap();
         assert_eq!(views(&model), [Some([3, 2]), None], "a file that is no picture");
-        assert_eq!(free_name(dir.path(), "p"), "p-2.png");
+        assert_eq!(free_name(dir.path(), "p", "png"), "p-2.png");
     }
 
     #[test]

@@ -89,8 +89,14 @@ pub(super) fn keys(ui: &Ui, model: &Model, is_escape_taken: bool, commands: &mut
             (false, None) => Action::Maximise(None),
         });
     }
-    if with(Key::Q, |m| m.ctrl && !m.shift && !m.alt) {
+    if with(Key::Q, |m| m.command && !m.shift && !m.alt) {
         commands.ask(Request::Quit);
+    }
+    if with(Key::Z, |m| m.command && !m.shift) {
+        commands.act(Action::Undo);
+    }
+    if with(Key::Z, |m| m.command && m.shift) || with(Key::Y, |m| m.command) {
+        commands.act(Action::Redo);
     }
     held_keys(ui, commands);
 }
@@ -168,6 +174,7 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
         ("B", "bookmark"),
         ("U", "next missed patch"),
         ("double click", "one pane, all panes"),
+        ("Ctrl + Z, Ctrl + Shift + Z", "undo, redo: notes, measurements, grey window"),
         ("Escape", "close the dialog, text field, list of keys, ruler or single pane"),
         ("F1 or ?", "these keys"),
         ("Ctrl + Q", "quit"),

@@ -1,6 +1,7 @@
 //! State of the window: the eye, the view, bookmarks and measurements. No drawing here and
 //! no input devices: panels and scripts alike send [`Action`]s, and [`Model::step`] carries them out.
 
+mod history;
 mod moves;
 mod notes;
 mod outcome;
@@ -24,6 +25,7 @@ use super::action::{
 use super::coverage_recorder::SeenFaces;
 use super::grey_window::default_window;
 use super::junctions::{BranchChoice, choices};
+use super::kept_notes::{KeptOffer, RecentCase};
 use super::measure::Measurement;
 use crate::flight::CrossSection;
 use crate::flight::{Flight, FlightPath, NoSection, SectionFigures};
@@ -34,6 +36,7 @@ use crate::render::Framing;
 use crate::session::{FlightRoute, Product, Products};
 use crate::volume::Volume;
 use crate::wall::Evidence;
+use history::History;
 use speedometer::Speedometer;
 
 /// A noted place.
@@ -57,6 +60,17 @@ pub struct Bookmark {
     #[serde(skip)]
     pub png: Option<Arc<Vec<u8>>>,
 }
+
+impl Bookmark {
+    /// Whether another one notes the same; its picture may not be there.
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        let plain = |b: &Self| Self { picture: None, png: None, ..b.clone() };
+        plain(self) == plain(other)
+    }
+}
+
+/// Largest centre and width of the grey values' window: what a panel has room for.
+const MAX_VALUE: f64 = 1e7;
 
 /// State of the window.
 #[derive(Default)]
@@ -101,8 +115,11 @@ pub struct Model {
     pub maximised: Option<Pane>,
     /// Noted places.
     pub bookmarks: Vec<Bookmark>,
-    /// Whether bookmarks were made or forgotten since they were saved.
-    unsaved: bool,
+    /// Number of changes of the notes, and of those that the user's file has.
+    notes_version: u64,
+    saved_version: u64,
+    /// Notes as they were before the changes that can be taken back.
+    history: History,
     /// Missed patches that were visited, by their rank.
     visited: Vec<usize>,
     /// Missed patch that was asked for last.
@@ -150,6 +167,12 @@ pub struct Model {
     pub help: bool,
     /// Request that waits for the answer whether notes are to be saved before.
     pub leaving: Option<Request>,
+    /// Whether the notes are kept for the next time, if in no file of the user's.
+    pub are_notes_kept: bool,
+    /// Notes of this volume from before, which can be taken.
+    pub kept_offer: Option<KeptOffer>,
+    /// Cases that were opened before.
+    pub recent: Vec<RecentCase>,
     /// Whether that request would end a flight that is being saved.
     pub leaves_flight: bool,
     /// The last message to the user.
@@ -197,10 +220,16 @@ impl Model {
         }
     }
 
+    /// Nothing yet but the cases that were opened before.
+    pub(super) fn with_recent(planned_mm_s: f64, recent: Vec<RecentCase>) -> Self {
+        Self { recent, ..Self::new(planned_mm_s) }
+    }
+
     /// A model of another volume; how the window shows it stays.
     pub fn reset(&self) -> Self {
         let (aspect, fov_deg) = (self.aspect, self.fov_deg);
-        Self { aspect, fov_deg, view: self.view, ..Self::new(self.planned_mm_s) }
+        let recent = self.recent.clone();
+        Self { aspect, fov_deg, view: self.view, recent, ..Self::new(self.planned_mm_s) }
     }
 
     /// A model of another lumen of the same volume: notes stay, without places on the path that
@@ -208,8 +237,18 @@ impl Model {
     pub fn reset_lumen(&self) -> Self {
         let (mut bookmarks, measurements) = (self.bookmarks.clone(), self.measurements.clone());
         bookmarks.iter_mut().for_each(|b| b.arc_mm = None);
+        let (notes_version, saved_version) = (self.notes_version, self.saved_version);
         let (window, extent) = (self.window, self.extent);
-        Self { bookmarks, measurements, unsaved: self.unsaved, window, extent, ..self.reset() }
+        Self {
+            bookmarks,
+            measurements,
+            notes_version,
+            saved_version,
+            kept_offer: self.kept_offer.clone(),
+            window,
+            extent,
+            ..self.reset()
+        }
     }
 
     /// Takes in newer coverage of the wall by the inside view.
@@ -334,22 +373,32 @@ impl Model {
         self.place(Pose::looking(at.as_vec3(), Vec3::Z, Vec3::NEG_Y));
     }
 
-    /// Whether there are changes of the bookmarks that no file has.
+    /// Whether there are changes of the notes that no file of the user's has.
     pub fn has_unsaved_notes(&self) -> bool {
-        self.unsaved
+        self.notes_version != self.saved_version
     }
 
-    /// A file has the bookmarks as they are now.
+    /// Number of changes of the notes.
+    pub(super) fn notes_version(&self) -> u64 {
+        self.notes_version
+    }
+
+    /// A file has the notes as they are now.
     pub fn notes_saved(&mut self) {
-        self.unsaved = false;
+        self.saved_version = self.notes_version;
+    }
+
+    fn notes_changed(&mut self) {
+        self.notes_version += 1;
     }
 
     /// Carries out actions, then lets `dt` seconds pass.
     pub fn step(&mut self, dt: f64, actions: &[Action]) {
         self.showed_speed = self.flown_mm_s().is_some();
         for action in actions {
-            self.act(action);
+            self.act_with_history(action);
         }
+        self.history.end_of_frame(actions);
         if dt > 0.0 && self.goal_mm.is_some() {
             self.approach_goal(dt);
         } else if self.playing && dt > 0.0 {
@@ -418,7 +467,7 @@ impl Model {
             }
             Action::RemoveMeasurement(i) if *i < self.measurements.len() => {
                 self.measurements.remove(*i);
-                self.unsaved = true;
+                self.notes_changed();
             }
             Action::Orbit([about, tilt]) if about.is_finite() && tilt.is_finite() => {
                 let full = std::f32::consts::TAU;
@@ -434,14 +483,14 @@ impl Model {
                 self.crosshair_mm = DVec3::from(*p);
             }
             Action::Window([centre, width]) if centre.is_finite() && width.is_finite() => {
-                self.window = [*centre, width.max(1e-3)];
+                self.window = [centre.clamp(-MAX_VALUE, MAX_VALUE), width.clamp(1e-3, MAX_VALUE)];
             }
             Action::Maximise(pane) => self.maximised = *pane,
             Action::RectumAtStart(at_start) => self.set_rectum_at_start(*at_start),
             Action::Bookmark(text) => self.bookmark(text),
             Action::RemoveBookmark(i) if *i < self.bookmarks.len() => {
                 self.bookmarks.remove(*i);
-                self.unsaved = true;
+                self.notes_changed();
             }
             Action::GoToBookmark(i) => self.go_to_bookmark(*i),
             Action::NextMissed => self.next_missed(),

@@ -2,18 +2,19 @@
 
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec3, UVec3};
 use serde::{Deserialize, Serialize};
 
 use super::action::{LumenChoice, Request};
 use crate::formats::ReadOptions;
 use crate::lumen::IntensitySelection;
-use crate::organ::Organ;
+use crate::organ::{Organ, OrganOptions};
 use crate::session::{
     CenterlineSettings, EndPoint, LumenSettings, Seed, Session, Settings, Source, VolumeSource,
+    WallMethod,
 };
 
-/// Choice of a lumen as it is made in the window.
+/// Choice of a lumen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SavedLumen {
@@ -21,11 +22,98 @@ pub enum SavedLumen {
     Organ(Organ),
     /// Grey values, and where the lumen begins.
     Range(LumenChoice),
+    /// Any other choice, as the command line makes it.
+    Settings(SavedSettings),
+}
+
+/// Every setting of a lumen.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SavedSettings {
+    /// Organ that is found.
+    organ: Option<Organ>,
+    /// Whether a colon's tagged fluid is taken too.
+    tagged: bool,
+    /// Whether an airway's thinnest bronchi are left out.
+    no_thin_bronchi: bool,
+    /// Least and largest value inside; without a number the end is open.
+    range: Option<[Option<f64>; 2]>,
+    /// Label values inside; all but 0 where the list is empty.
+    labels: Option<Vec<i64>>,
+    /// Place where the lumen begins, LPS mm.
+    seed_mm: Option<[f64; 3]>,
+    /// Voxel where the lumen begins, as the file counts them.
+    seed_voxel: Option<[u32; 3]>,
+    /// Whether every component is kept.
+    all_components: bool,
+    /// Whether closed cavities stay.
+    no_fill: bool,
+    /// Whether the threshold is drawn in to just before the first leak.
+    leak_control: bool,
+    /// Method by which the wall is placed.
+    wall: WallMethod,
+}
+
+impl SavedSettings {
+    fn of(settings: &LumenSettings) -> Self {
+        let end = |v: f64| v.is_finite().then_some(v);
+        let (range, labels) = match &settings.select {
+            Some(IntensitySelection::Range { lo, hi }) => (Some([end(*lo), end(*hi)]), None),
+            Some(IntensitySelection::Labels(labels)) => (None, Some(labels.clone())),
+            None => (None, None),
+        };
+        let (seed_mm, seed_voxel) = match settings.seed {
+            Some(Seed::Point(p)) => (Some(p.to_array()), None),
+            Some(Seed::Voxel(v)) => (None, Some(v.to_array())),
+            None => (None, None),
+        };
+        Self {
+            organ: settings.organ.map(|o| o.organ),
+            tagged: settings.organ.is_some_and(|o| o.tagged),
+            no_thin_bronchi: settings.organ.is_some_and(|o| !o.thin),
+            range,
+            labels,
+            seed_mm,
+            seed_voxel,
+            all_components: settings.all_components,
+            no_fill: !settings.fill,
+            leak_control: settings.leak_control,
+            wall: settings.wall,
+        }
+    }
+
+    fn settings(&self) -> LumenSettings {
+        let (tagged, thin) = (self.tagged, !self.no_thin_bronchi);
+        let range = self.range.map(|[lo, hi]| IntensitySelection::Range {
+            lo: lo.unwrap_or(f64::NEG_INFINITY),
+            hi: hi.unwrap_or(f64::INFINITY),
+        });
+        let by_point = self.seed_mm.map(|p| Seed::Point(DVec3::from(p)));
+        let by_voxel = self.seed_voxel.map(|v| Seed::Voxel(UVec3::from(v)));
+        LumenSettings {
+            organ: self.organ.map(|organ| OrganOptions { organ, tagged, thin }),
+            select: range.or_else(|| self.labels.clone().map(IntensitySelection::Labels)),
+            seed: by_point.or(by_voxel),
+            all_components: self.all_components,
+            fill: !self.no_fill,
+            leak_control: self.leak_control,
+            wall: self.wall,
+        }
+    }
 }
 
 impl SavedLumen {
-    /// Returns the choice that has these settings; `None` where no window can make it.
+    /// Returns the choice that has these settings; `None` where nobody has chosen.
     pub(super) fn of(settings: &LumenSettings) -> Option<Self> {
+        let all = Self::Settings(SavedSettings::of(settings));
+        match (&settings.organ, &settings.select) {
+            (None, None) => None,
+            _ => Some(Self::in_the_window(settings).unwrap_or(all)),
+        }
+    }
+
+    /// Returns the choice if a window offers it.
+    fn in_the_window(settings: &LumenSettings) -> Option<Self> {
         let choice = match (&settings.organ, &settings.select) {
             (Some(organ), _) => Self::Organ(organ.organ),
             (None, Some(IntensitySelection::Range { lo, hi })) => {
@@ -43,18 +131,10 @@ impl SavedLumen {
     /// Whether its numbers are some: JSON has no others.
     fn is_finite(&self) -> bool {
         match self {
-            Self::Organ(_) => true,
+            Self::Organ(_) | Self::Settings(_) => true,
             Self::Range(LumenChoice { range, seed_mm }) => {
                 range.iter().chain(seed_mm.iter().flatten()).all(|v| v.is_finite())
             }
-        }
-    }
-
-    /// Returns the request that makes the choice.
-    pub(super) fn request(&self) -> Request {
-        match self {
-            Self::Organ(organ) => Request::Organ(*organ),
-            Self::Range(choice) => Request::Lumen(*choice),
         }
     }
 
@@ -68,6 +148,7 @@ impl SavedLumen {
                 seed: seed_mm.map(|p| Seed::Point(DVec3::from(p))),
                 ..LumenSettings::default()
             },
+            Self::Settings(saved) => saved.settings(),
         }
     }
 }
@@ -83,6 +164,51 @@ pub struct Opening {
 }
 
 impl Opening {
+    /// Returns the lumen of a session file, of the same volume.
+    ///
+    /// * `session`: what is open.
+    /// * `settings`: those of the session.
+    pub fn of_saved(saved: &SavedLumen, session: Option<&Session>, settings: &Settings) -> Self {
+        match saved {
+            // A label map's own lumen: its labels are chosen.
+            SavedLumen::Settings(_) => Self {
+                source: None,
+                settings: Settings { lumen: saved.settings(), ..settings.clone() },
+                is_same_volume: true,
+            },
+            SavedLumen::Organ(_) | SavedLumen::Range(_) => {
+                Self::with_lumen(saved, session, settings.clone())
+            }
+        }
+    }
+
+    /// Another lumen of the same volume. Of a mask it is the labels that the slices show that are
+    /// chosen from.
+    fn with_lumen(lumen: &SavedLumen, session: Option<&Session>, settings: Settings) -> Self {
+        let is_mask = session.is_some_and(|s| matches!(s.source(), Source::Mask { .. }));
+        let labels = session.filter(|_| is_mask).and_then(|session| {
+            let volume = session.products(&[crate::session::Product::Volume]);
+            Some(Source::Image(VolumeSource::Memory(Arc::clone(volume.volume()?))))
+        });
+        // Ends are of one lumen.
+        let ends = match SavedLumen::of(&settings.lumen) {
+            Some(_) => CenterlineSettings { from: None, to: None, ..settings.centerline },
+            None => settings.centerline,
+        };
+        let settings = Settings { lumen: lumen.settings(), centerline: ends, ..settings };
+        Self { source: labels, settings, is_same_volume: true }
+    }
+
+    /// Returns a case's files, without a lumen.
+    ///
+    /// * `settings`: those of the window; its ends and its lumen are of what was open before.
+    pub fn of_case(source: Source, settings: &Settings) -> Self {
+        let ends = CenterlineSettings { from: None, to: None, ..settings.centerline };
+        let lumen = LumenSettings::default();
+        let settings = Settings { lumen, centerline: ends, ..settings.clone() };
+        Self { source: Some(source), settings, is_same_volume: false }
+    }
+
     /// Returns what a request opens; `None` where it opens nothing.
     ///
     /// * `session`: what is open.
@@ -100,19 +226,12 @@ impl Opening {
             let source = source.clone().map(|s| with_options(s, is_mask, set));
             Some(Self { source, settings: settings.clone(), is_same_volume: false })
         };
-        let lumen = match request {
+        match request {
             Request::Open(path) => {
-                let ends = CenterlineSettings { from: None, to: None, ..settings.centerline };
-                // The lumen of another volume is not chosen yet.
-                let lumen = LumenSettings::default();
-                let settings = Settings { lumen, centerline: ends, ..settings };
-                let source = Some(Source::Image(VolumeSource::file(path)));
-                return Some(Self { source, settings, is_same_volume: false });
+                Some(Self::of_case(Source::Image(VolumeSource::file(path)), &settings))
             }
-            Request::Series(index) => {
-                return read(is_mask, &|o| o.series = Some(index.to_string()));
-            }
-            Request::Segment(name) => return read(true, &|o| o.segments = vec![name.clone()]),
+            Request::Series(index) => read(is_mask, &|o| o.series = Some(index.to_string())),
+            Request::Segment(name) => read(true, &|o| o.segments = vec![name.clone()]),
             Request::StartAt(at) | Request::EndAt(at) => {
                 let mut settings = settings;
                 let at = Some(EndPoint::Point(DVec3::from(*at)));
@@ -120,24 +239,16 @@ impl Opening {
                     Request::StartAt(_) => settings.centerline.from = at,
                     _ => settings.centerline.to = at,
                 }
-                return Some(Self { source: None, settings, is_same_volume: true });
+                Some(Self { source: None, settings, is_same_volume: true })
             }
-            Request::Organ(organ) => SavedLumen::Organ(*organ).settings(),
-            Request::Lumen(choice) => SavedLumen::Range(*choice).settings(),
-            _ => return None,
-        };
-        // Of a mask it is the labels that the slices show that are chosen from.
-        let source = source.filter(|s| matches!(s, Source::Mask { .. })).and_then(|_| {
-            let volume = session?.products(&[crate::session::Product::Volume]);
-            Some(Source::Image(VolumeSource::Memory(Arc::clone(volume.volume()?))))
-        });
-        // Ends are of one lumen.
-        let ends = match SavedLumen::of(&settings.lumen) {
-            Some(_) => CenterlineSettings { from: None, to: None, ..settings.centerline },
-            None => settings.centerline,
-        };
-        let settings = Settings { lumen, centerline: ends, ..settings };
-        Some(Self { source, settings, is_same_volume: true })
+            Request::Organ(organ) => {
+                Some(Self::with_lumen(&SavedLumen::Organ(*organ), session, settings))
+            }
+            Request::Lumen(choice) => {
+                Some(Self::with_lumen(&SavedLumen::Range(*choice), session, settings))
+            }
+            _ => None,
+        }
     }
 }
 
@@ -170,17 +281,45 @@ fn with_options(mut source: Source, is_mask: bool, set: &dyn Fn(&mut ReadOptions
 mod tests {
     use super::*;
 
+    /// The choice as a file gives it back.
+    fn read_back(settings: &LumenSettings) -> LumenSettings {
+        let saved = SavedLumen::of(settings).expect("it is chosen");
+        let json = serde_json::to_string(&saved).unwrap();
+        serde_json::from_str::<SavedLumen>(&json).unwrap().settings()
+    }
+
     #[test]
-    fn a_choice_of_the_lumen_is_saved_where_a_window_can_make_it_again() {
-        let range = |hi| LumenChoice { range: [-1000.0, hi], seed_mm: Some([1.0, 2.0, 3.0]) };
-        for choice in [SavedLumen::Organ(Organ::Colon), SavedLumen::Range(range(-500.0))] {
-            assert_eq!(SavedLumen::of(&choice.settings()), Some(choice));
+    fn any_choice_of_a_lumen_is_saved_and_read_back() {
+        let below = |hi| Some(IntensitySelection::Range { lo: f64::NEG_INFINITY, hi });
+        let tagged = OrganOptions { organ: Organ::Colon, tagged: true, thin: true };
+        let coarse = OrganOptions { organ: Organ::Airway, tagged: false, thin: false };
+        let none = LumenSettings::default;
+        let labels = Some(IntensitySelection::Labels(vec![3, 5]));
+        for settings in [
+            LumenSettings { organ: Some(Organ::Vessel.into()), ..none() },
+            LumenSettings { organ: Some(tagged), ..none() },
+            LumenSettings { organ: Some(coarse), fill: false, ..none() },
+            LumenSettings { select: below(-800.0), ..none() },
+            LumenSettings {
+                select: below(-500.0),
+                seed: Some(Seed::Voxel(UVec3::new(1, 2, 3))),
+                leak_control: true,
+                ..none()
+            },
+            LumenSettings {
+                select: labels,
+                all_components: true,
+                wall: WallMethod::Relaxed,
+                ..none()
+            },
+        ] {
+            assert_eq!(read_back(&settings), settings);
         }
-        assert_eq!(SavedLumen::of(&SavedLumen::Range(range(f64::INFINITY)).settings()), None);
-        let voxel = Some(Seed::Voxel(glam::UVec3::ONE));
-        let by_voxel = LumenSettings { seed: voxel, ..SavedLumen::Range(range(0.0)).settings() };
-        assert_eq!(SavedLumen::of(&by_voxel), None, "its place is not known");
-        assert_eq!(SavedLumen::of(&LumenSettings::default()), None, "nobody chose");
+        assert_eq!(SavedLumen::of(&none()), None, "nobody chose");
+        // What a window offers is written as windows before wrote it.
+        let choice = LumenChoice { range: [-1000.0, -500.0], seed_mm: Some([1.0, 2.0, 3.0]) };
+        let range = SavedLumen::Range(choice);
+        assert_eq!(SavedLumen::of(&range.settings()), Some(range));
     }
 
     #[test]

@@ -6,19 +6,18 @@ use std::path::{Path, PathBuf};
 use crate::formats::{FormatError, VideoWriter, shown};
 use crate::session::{Recording, Session, SessionError, is_frame_file};
 
-/// Draws the flight of a session into a new folder `flight-1`, `flight-2`, … and a video of that
-/// name; returns where it is. Where it does not end, nothing is left of it, and flights that were
+/// Draws the flight of a session into a new folder `STEM-1`, `STEM-2`, … and a video of that name;
+/// returns where it is. Where it does not end, nothing is left of it, and flights that were
 /// saved before stay.
 ///
 /// # Errors
 /// As [`Session::record`]; [`FormatError::Io`] if there can be no folder.
 pub(super) fn save_flight(
     session: &Session,
-    folder: &Path,
+    (folder, stem): (&Path, &str),
     fps: f64,
 ) -> Result<String, SessionError> {
-    let frames = new_folder(folder)?;
-    let path = frames.with_extension("mp4");
+    let (frames, path) = new_folder(folder, stem)?;
     let video = VideoWriter::available().then(|| (path.clone(), fps));
     let to = Recording { frames: frames.clone(), video, ..Recording::default() };
     let recorded = session.record(&to);
@@ -40,16 +39,17 @@ pub(super) fn save_flight(
     Ok(format!("wrote {of_video}{count} frames to {}", absolute(&frames)))
 }
 
-/// Makes a folder that nothing is in, with a name that no video has.
-fn new_folder(folder: &Path) -> Result<PathBuf, FormatError> {
+/// Makes a folder that nothing is in; returns it, and a video of its name that is not there.
+fn new_folder(folder: &Path, stem: &str) -> Result<(PathBuf, PathBuf), FormatError> {
     std::fs::create_dir_all(folder).map_err(|e| FormatError::io(folder, e))?;
     for i in 1u32.. {
-        let path = folder.join(format!("flight-{i}"));
-        if path.with_extension("mp4").exists() {
+        let (path, video) =
+            (folder.join(format!("{stem}-{i}")), folder.join(format!("{stem}-{i}.mp4")));
+        if video.exists() {
             continue;
         }
         match std::fs::create_dir(&path) {
-            Ok(()) => return Ok(path),
+            Ok(()) => return Ok((path, video)),
             Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
             Err(e) => return Err(FormatError::io(&path, e)),
         }
@@ -101,7 +101,7 @@ mod tests {
         }
         let tmp = tempfile::tempdir().unwrap();
         let session = session();
-        let said = save_flight(&session, tmp.path(), 25.0).unwrap();
+        let said = save_flight(&session, (tmp.path(), "flight"), 25.0).unwrap();
         let first = tmp.path().join("flight-1");
         assert!(said.contains("100 frames") && said.contains(&*first.to_string_lossy()), "{said}");
         let names = || -> Vec<String> {
@@ -114,7 +114,7 @@ mod tests {
         let before = names();
         let cancel = session.cancel_token();
         let stopped = std::thread::scope(|scope| {
-            let saving = scope.spawn(|| save_flight(&session, tmp.path(), 25.0));
+            let saving = scope.spawn(|| save_flight(&session, (tmp.path(), "flight"), 25.0));
             // Once some frames are drawn.
             while !saving.is_finished()
                 && session.progress().frames.is_none_or(|(done, _)| done < 3)
@@ -129,7 +129,7 @@ mod tests {
         assert_eq!(std::fs::read_dir(&first).unwrap().count(), 100);
         // What was stopped can be asked for again.
         cancel.reset();
-        save_flight(&session, tmp.path(), 25.0).unwrap();
+        save_flight(&session, (tmp.path(), "flight"), 25.0).unwrap();
         assert_eq!(std::fs::read_dir(tmp.path().join("flight-2")).unwrap().count(), 100);
     }
 }

@@ -187,6 +187,7 @@ pub fn play(
         }
     }
     player.viewer.save_session()?;
+    player.viewer.keep_notes(true)?;
     Ok(player.pictures)
 }
 

@@ -1,7 +1,7 @@
 //! Notes on a volume as a file: bookmarks and how the window was set. Geometry only; nothing of a
 //! patient.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
@@ -10,6 +10,7 @@ use super::error::AppError;
 use super::measure::Measurement;
 use super::model::{Bookmark, Model, SavedView};
 use super::opening::SavedLumen;
+use super::saved_case::SavedCase;
 use crate::formats::{FormatError, atomic_file, read_plain};
 
 /// Name and version of the format.
@@ -47,13 +48,17 @@ pub struct SessionFile {
     /// Way in which the organ was shown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub view: Option<SavedView>,
-    /// Choice of the lumen, where a window can make it.
+    /// Choice of the lumen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lumen: Option<SavedLumen>,
+    /// Files of the case.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub case: Option<SavedCase>,
 }
 
 impl SessionFile {
-    /// The state of a window, without the choice of its lumen; `None` before the volume is known.
+    /// The state of a window, without its files and the choice of its lumen; `None` before the volume
+    /// is known.
     pub fn of(model: &Model) -> Option<Self> {
         Some(Self {
             schema: SESSION_SCHEMA.into(),
@@ -68,6 +73,7 @@ impl SessionFile {
             measurements: model.measurements.clone(),
             view: Some(model.saved_view()),
             lumen: None,
+            case: None,
         })
     }
 
@@ -140,6 +146,28 @@ impl SessionFile {
         Ok(atomic_file::write_atomic(path, |o| o.write_all(&json))?)
     }
 
+    /// Number of notes.
+    pub fn notes(&self) -> usize {
+        self.bookmarks.len() + self.measurements.len()
+    }
+
+    /// Returns the notes of another file that neither this one has nor the one it came from.
+    pub(super) fn lacks(&self, other: &Self, origin: Option<&Self>) -> AddedNotes {
+        let known = |of: &dyn Fn(&Self) -> bool| of(self) || origin.is_some_and(of);
+        let is_new = |b: &&Bookmark| !known(&|file| file.bookmarks.iter().any(|a| a.is_same(b)));
+        let is_own = |m: &&Measurement| !known(&|file| file.measurements.contains(m));
+        AddedNotes {
+            bookmarks: other.bookmarks.iter().filter(is_new).cloned().collect(),
+            measurements: other.measurements.iter().filter(is_own).cloned().collect(),
+        }
+    }
+
+    /// Takes notes in behind its own.
+    pub(super) fn add(&mut self, added: &AddedNotes) {
+        self.bookmarks.extend_from_slice(&added.bookmarks);
+        self.measurements.extend_from_slice(&added.measurements);
+    }
+
     /// Sets a window as the file says.
     ///
     /// # Errors
@@ -164,6 +192,82 @@ impl SessionFile {
         self.view.iter().for_each(|view| model.restore_view(view));
         Ok(())
     }
+}
+
+/// Notes that came from elsewhere.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct AddedNotes {
+    pub bookmarks: Vec<Bookmark>,
+    pub measurements: Vec<Measurement>,
+}
+
+impl AddedNotes {
+    pub fn count(&self) -> usize {
+        self.bookmarks.len() + self.measurements.len()
+    }
+}
+
+/// A file that a window writes its notes into, and another window may too.
+pub(super) struct NotesFile {
+    pub path: PathBuf,
+    /// What the file held when this window read or wrote it last.
+    known: Option<SessionFile>,
+    /// Whether a file that is there is replaced whatever it holds, as its user said.
+    replaces: bool,
+}
+
+impl NotesFile {
+    /// A file that was read, or is not there yet.
+    pub fn new(path: PathBuf, known: Option<SessionFile>) -> Self {
+        Self { path, known, replaces: false }
+    }
+
+    /// A file that is replaced if it is there.
+    pub fn replacing(path: PathBuf) -> Self {
+        Self { path, known: None, replaces: true }
+    }
+
+    /// Writes notes, and with them those that another window has written since the file was read or
+    /// written here. Returns these.
+    ///
+    /// * `locks`: folder of the locks by which windows wait for each other.
+    ///
+    /// # Errors
+    /// [`AppError::Format`]; [`AppError::SessionFile`] if the file is no session file any more, or is of
+    /// another volume by now. It is then as it was.
+    pub fn write(
+        &mut self,
+        mut own: SessionFile,
+        locks: Option<&Path>,
+    ) -> Result<AddedNotes, AppError> {
+        let _lock = locks.and_then(|folder| lock(folder, &self.path));
+        let there = match self.path.exists() && !self.replaces {
+            true => Some(SessionFile::read(&self.path)?),
+            false => None,
+        };
+        if there.as_ref().is_some_and(|there| there.input != own.input) {
+            let what = "it is of another volume by now and is not overwritten".into();
+            return Err(AppError::SessionFile { path: self.path.clone(), what });
+        }
+        let added = there.map(|there| own.lacks(&there, self.known.as_ref())).unwrap_or_default();
+        own.add(&added);
+        own.write(&self.path)?;
+        (self.known, self.replaces) = (Some(own), false);
+        Ok(added)
+    }
+}
+
+/// Waits for the lock of a file; it is let go with what is returned. Where the system or the file
+/// system has no locks, nobody waits.
+fn lock(folder: &Path, file: &Path) -> Option<std::fs::File> {
+    std::fs::create_dir_all(folder).ok()?;
+    let parent = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let whole = parent.canonicalize().ok()?.join(file.file_name()?);
+    let name = blake3::hash(whole.as_os_str().as_encoded_bytes()).to_hex();
+    let path = folder.join(&name[..32]);
+    let lock = std::fs::File::options().create(true).append(true).open(path).ok()?;
+    lock.lock().ok()?;
+    Some(lock)
 }
 
 /// Whether a text names a file of the same folder, and nothing else.
@@ -203,6 +307,7 @@ mod tests {
             }],
             view: Some(Model::new(20.0).saved_view()),
             lumen: Some(SavedLumen::Organ(crate::organ::Organ::Airway)),
+            case: None,
         }
     }
 
@@ -247,6 +352,55 @@ mod tests {
         let eye = serde_json::json!({"position_mm": [0, 0, 0], "rotation": [0, 0, 0, 9]});
         assert!(refused(|j| j["view"]["eye"] = eye.clone()).ends_with("its view is no place"));
         assert!(refused(|j| j["window"] = "wide".into()).ends_with("missing or wrong"));
+    }
+
+    fn named(names: &[&str]) -> SessionFile {
+        let of = |text: &&str| Bookmark { text: (*text).into(), ..file().bookmarks.remove(0) };
+        let bookmarks = names.iter().map(of).collect();
+        SessionFile { bookmarks, measurements: Vec::new(), ..file() }
+    }
+
+    fn names_in(path: &Path) -> Vec<String> {
+        SessionFile::read(path).unwrap().bookmarks.into_iter().map(|b| b.text).collect()
+    }
+
+    #[test]
+    fn two_windows_on_one_file_keep_the_notes_of_both() {
+        let dir = tempfile::tempdir().unwrap();
+        let (path, locks) = (dir.path().join("s.json"), dir.path().join("locks"));
+        named(&["a"]).write(&path).unwrap();
+        let open = || NotesFile::new(path.clone(), Some(SessionFile::read(&path).unwrap()));
+        let (mut first, mut second) = (open(), open());
+        let mut write = |file: &mut NotesFile, names: &[&str]| -> Vec<String> {
+            let added = file.write(named(names), Some(&locks)).unwrap();
+            added.bookmarks.into_iter().map(|b| b.text).collect()
+        };
+        assert!(write(&mut first, &["a", "b"]).is_empty());
+        assert_eq!(write(&mut second, &["a", "c"]), ["b"]);
+        assert_eq!(names_in(&path), ["a", "c", "b"]);
+        // The second window has taken "b" in by now; the first forgets "a".
+        assert_eq!(write(&mut first, &["b"]), ["c"]);
+        assert_eq!(names_in(&path), ["b", "c"]);
+        assert!(write(&mut second, &["a", "c", "b"]).is_empty(), "what one keeps is not lost");
+        assert_eq!(names_in(&path), ["a", "c", "b"]);
+    }
+
+    #[test]
+    fn a_file_that_became_another_one_is_not_overwritten() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.json");
+        let mut own = NotesFile::new(path.clone(), None);
+        own.write(named(&["a"]), None).unwrap();
+        let other = SessionFile { input: "cd".into(), ..named(&["x"]) };
+        other.write(&path).unwrap();
+        let why = own.write(named(&["a", "b"]), None).unwrap_err().to_string();
+        assert!(why.ends_with("of another volume by now and is not overwritten"), "{why}");
+        std::fs::write(&path, "{}").unwrap();
+        assert!(own.write(named(&["a", "b"]), None).is_err());
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "{}");
+        // Chosen anew by its user, it is.
+        NotesFile::replacing(path.clone()).write(named(&["a"]), None).unwrap();
+        assert_eq!(names_in(&path), ["a"]);
     }
 
     #[test]

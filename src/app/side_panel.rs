@@ -9,6 +9,7 @@ use super::branch_panel::branch_list;
 use super::doubts::{doubtful_ends, reasons};
 use super::figures::figures;
 use super::grey_window::slice_controls;
+use super::kept_notes::{KeptOffer, ago};
 use super::lumen_panel::{EnteredRange, lumen_choice};
 use super::model::Model;
 use super::style::FAINT;
@@ -46,6 +47,7 @@ pub(super) fn side_panel(
 
 fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut ActionQueue) {
     ui.add_space(4.0);
+    kept_notes(ui, model, commands);
     figures(ui, model, commands);
     doubtful_ends(ui, model, commands);
     reasons(ui, model);
@@ -101,6 +103,28 @@ fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut Act
             }
         });
     }
+}
+
+/// Offers notes of this volume from before.
+fn kept_notes(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
+    let Some(KeptOffer { counts: [bookmarks, measurements], days }) = model.kept_offer else {
+        return;
+    };
+    let of = |n: usize, name: &str| format!("{n} {name}{}", if n == 1 { "" } else { "s" });
+    let parts = [(bookmarks, "bookmark"), (measurements, "measurement")];
+    let parts: Vec<_> = parts.iter().filter(|p| p.0 > 0).map(|(n, name)| of(*n, name)).collect();
+    let what = format!("Notes of this scan, {}: {}", ago(days), parts.join(", "));
+    ui.add(egui::Label::new(what).wrap());
+    ui.horizontal(|ui| {
+        if ui.button("Take them").clicked() {
+            commands.ask(Request::TakeKept);
+        }
+        let leave = ui.button("Leave them");
+        if leave.on_hover_text("Their file is set aside, not removed").clicked() {
+            commands.ask(Request::LeaveKept);
+        }
+    });
+    ui.separator();
 }
 
 /// A button no wider than the panel; the whole text where the pointer rests.

@@ -8,6 +8,7 @@ use super::branch_panel::branch_under;
 use super::computation::WorkStatus;
 use super::dialogs::{Dialogs, FILES, ask_to_save, opened};
 use super::figures::MISSED;
+use super::first_page::first_page;
 use super::inside_marks::{inside_marks, mark_under, measurements, missed_mark, value_behind};
 use super::inside_pane::{in_pane, ray_at};
 use super::keys::{help, keys};
@@ -281,6 +282,11 @@ fn what_is_at_work(
     }
 }
 
+/// Whether nothing is open, and nothing on its way.
+fn is_empty(model: &Model, is_computing: bool) -> bool {
+    model.volume().is_none() && model.failure.is_none() && model.question.is_none() && !is_computing
+}
+
 /// One pane with what lies over it. `stage`: something is being computed.
 fn show_pane(
     ui: &mut Ui,
@@ -315,6 +321,7 @@ fn show_pane(
             }
         }
         Pane::Inside if model.asks_for_lumen() => lumen_question(ui, rect, model, commands),
+        Pane::Inside if is_empty(model, stage) => first_page(ui, rect, model, commands),
         Pane::Inside | Pane::Overview => {
             let question = model.question.unwrap_or_default();
             let (text, colour) = match (&model.failure, stage) {
@@ -322,9 +329,7 @@ fn show_pane(
                 (Some(failure), _) => (format!("{failure}\n\n{}", what_next(model)), WRONG),
                 (None, _) if model.question.is_some() => (question.into(), TEXT),
                 (None, true) => ("the wall is being made".into(), FAINT),
-                (None, false) => {
-                    ("drop a volume or a DICOM folder here, or open one above".into(), FAINT)
-                }
+                (None, false) => (String::new(), FAINT),
             };
             let font = FontId::proportional(14.0);
             let text = painter.layout(text, font, colour, (rect.width() - 16.0).max(80.0));

@@ -16,17 +16,19 @@ use super::canvas::{Canvas, Target};
 use super::computation::{Computation, Outcome, TaskKind, WorkStatus};
 use super::coverage_recorder::CoverageRecorder;
 use super::error::AppError;
+use super::kept_notes::KeptNotes;
 use super::keys;
 use super::model::Model;
 use super::opening::{Opening, with_branches};
 use super::panes::{Detail, Panes};
-use super::session_file::SessionFile;
+use super::session_file::{NotesFile, SessionFile};
 use super::ui::{self, INSIDE, OVERVIEW, UiState};
 use crate::flight::Frames;
 use crate::geometry::cube_faces;
 use crate::organ::glance;
 use crate::session::{FlightRoute, Product, Session, SessionError, Settings, Source};
 use crate::vk::{Frame, Gpu, VkError};
+use notes::Files;
 
 /// Volume that is opened, its settings, and folders of files.
 #[derive(Clone, Debug)]
@@ -39,6 +41,8 @@ pub struct ViewerOptions {
     pub session_file: Option<PathBuf>,
     /// Folder of exported files.
     pub export: PathBuf,
+    /// Folder of notes that are kept from one start to the next; nothing is kept without one.
+    pub state: Option<PathBuf>,
 }
 
 impl ViewerOptions {
@@ -57,11 +61,12 @@ impl ViewerOptions {
 const SHOWN: [Product; 16] = [
     Product::Volume,
     Product::ValueRange,
+    // Notes are kept by it, from the first on.
+    Product::Identity,
     Product::Lumen,
     Product::Wall,
     Product::PreparedWall,
     Product::Evidence,
-    Product::Identity,
     Product::TriangleTree,
     Product::Exterior,
     Product::Fields,
@@ -74,7 +79,7 @@ const SHOWN: [Product; 16] = [
 ];
 
 /// Number of products of [`SHOWN`] that the first picture of the wall needs.
-const FIRST_PICTURE: usize = 5;
+const FIRST_PICTURE: usize = 6;
 
 /// Work to be done after a frame.
 pub struct FrameEnd {
@@ -102,8 +107,8 @@ pub struct Viewer {
     /// Whether frames are drawn with what is there, or wait for what was asked for.
     detail: Detail,
     samples: u32,
-    /// Notes of the session file, until the volume is known.
-    notes: Option<SessionFile>,
+    /// Files of the notes.
+    files: Files,
     wake: Arc<dyn Fn() + Send + Sync>,
 }
 
@@ -124,7 +129,10 @@ impl Viewer {
         (detail, samples): (Detail, u32),
         wake: impl Fn() + Send + Sync + 'static,
     ) -> Result<Self, AppError> {
-        let notes = options.notes()?;
+        let waiting = options.notes()?;
+        let own = options.session_file.clone().map(|p| NotesFile::new(p, waiting.clone()));
+        let store = KeptNotes::new(options.state.clone());
+        let recent = store.recent();
         let context = egui::Context::default();
         context.set_theme(egui::Theme::Dark);
         context.global_style_mut(|style| {
@@ -143,7 +151,7 @@ impl Viewer {
             is_same_volume: false,
         };
         let mut viewer = Self {
-            model: Model::new(planned_mm_s),
+            model: Model::with_recent(planned_mm_s, recent),
             context,
             ui: UiState::new(detail == Detail::Live),
             panes: Panes::new(gpu, samples)?,
@@ -154,7 +162,7 @@ impl Viewer {
             recorder: None,
             detail,
             samples,
-            notes,
+            files: Files::new(own, waiting, store),
             wake: Arc::new(wake),
         };
         viewer.compute(opening)?;
@@ -411,8 +419,7 @@ impl Viewer {
         });
         if let Some((opening, is_other_volume)) = opening {
             if is_other_volume {
-                // Notes are of one volume.
-                (self.notes, self.options.session_file) = (None, None);
+                self.leave_volume();
             }
             self.open(gpu, opening)?;
         }
@@ -425,7 +432,10 @@ impl Viewer {
                     self.model.resume();
                     self.compute_on()?;
                 }
-                Request::OpenSession(path) => self.open_session(gpu, path)?,
+                Request::OpenSession(path) => self.open_session(gpu, path, true)?,
+                Request::OpenKept(path) => self.open_session(gpu, path, false)?,
+                Request::TakeKept => self.take_kept_notes(),
+                Request::LeaveKept => self.leave_kept_notes(),
                 Request::Branch(branch) => self.plan_branch(FlightRoute::Leaf(*branch))?,
                 Request::Export(Export::Flight) => self.export_flight()?,
                 Request::Export(Export::Report) => self.export_report()?,

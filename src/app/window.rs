@@ -3,7 +3,7 @@
 //! One thread: winit, panels, and drawing of panes that changed. What takes long is done by the
 //! session's threads and by that of the levels of detail; they wake the window.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use winit::application::ApplicationHandler;
@@ -50,20 +50,44 @@ pub fn open(options: WindowOptions) -> Result<(), AppError> {
     let no_display = |_| AppError::NoDisplay("neither X11 nor Wayland answers".into());
     let events = EventLoop::<()>::with_user_event().build().map_err(no_display)?;
     let proxy = events.create_proxy();
+    *locked(&OPEN) = Some((proxy.clone(), false));
     let begun = Instant::now();
     let mut app = App { options, proxy, running: None, failed: None, begun };
     let ran = events.run_app(&mut app);
     if let Some(running) = app.running.as_mut().filter(|_| app.failed.is_none()) {
         let saved = running.viewer.save_session();
         running.report_save(saved);
+        let kept = running.viewer.keep_notes(true);
+        running.report_save(kept);
     }
     // The window goes before the display connection does.
     app.running = None;
+    *locked(&OPEN) = None;
     match (app.failed, ran) {
         (Some(e), _) => Err(e),
         (None, Err(_)) => Err(AppError::NoDisplay("the connection to the display broke".into())),
         (None, Ok(())) => Ok(()),
     }
+}
+
+/// The window that is open, and whether it was asked to close.
+static OPEN: Mutex<Option<(EventLoopProxy<()>, bool)>> = Mutex::new(None);
+
+/// Asks the window that is open to save its notes and close, as a signal does. False if there is no
+/// window, or it was asked before: nobody need wait for it then.
+pub fn close_window() -> bool {
+    match &mut *locked(&OPEN) {
+        Some((proxy, asked)) if !*asked => {
+            *asked = true;
+            proxy.send_event(()).is_ok()
+        }
+        _ => false,
+    }
+}
+
+/// A flag and a proxy are whole whatever panicked.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 struct App {
@@ -246,7 +270,10 @@ impl ApplicationHandler for App {
         }
     }
 
-    fn user_event(&mut self, _: &ActiveEventLoop, (): ()) {
+    fn user_event(&mut self, events: &ActiveEventLoop, (): ()) {
+        if locked(&OPEN).as_ref().is_some_and(|(_, asked)| *asked) {
+            events.exit();
+        }
         self.running.iter().for_each(|r| r.window.request_redraw());
     }
 
@@ -281,7 +308,8 @@ impl Running {
         self.viewer.receive(&mut self.gpu)?;
         if let Err(e) = self.viewer.apply_notes(&mut self.gpu) {
             tracing::error!("{e}");
-            self.viewer.model.failure = Some(e.to_string());
+            // Slices and wall are as good as ever.
+            self.viewer.model.message = Some(e.to_string());
         }
         let received = now.elapsed();
         let PhysicalSize { width, height } = self.window.inner_size();

@@ -11,7 +11,7 @@ use super::surface_args::SurfaceArgs;
 use crate::app::{self, AppError, Script, ViewerOptions, WindowOptions};
 use crate::device::DeviceChoice;
 use crate::flight::Frames;
-use crate::formats::shown;
+use crate::formats::{atomic_file, shown};
 use crate::session::{FlightSettings, Settings};
 use crate::vk::{Choice, Gpu};
 
@@ -30,6 +30,10 @@ pub struct Args {
     /// Folder of what is exported from the window: pictures, the flight, the report
     #[arg(long, value_name = "DIR", default_value = "intima-export", conflicts_with = "script")]
     export: PathBuf,
+    /// Folder of notes that are kept from one start to the next, and of the cases opened last; of a
+    /// window $XDG_STATE_HOME/intima or ~/.local/state/intima, of a script none
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
     /// Play this script instead of opening a window (intima.script/1)
     #[arg(long, value_name = "FILE.json", requires = "frames_out")]
     script: Option<PathBuf>,
@@ -87,13 +91,15 @@ impl Args {
                 let script = Script::read(script)?;
                 let mut gpu = Gpu::open(device).map_err(AppError::from)?;
                 let export = folder.clone();
-                let options = ViewerOptions { source, settings, session_file, export };
+                let state = self.state.clone();
+                let options = ViewerOptions { source, settings, session_file, export, state };
                 let pictures = app::play(&mut gpu, options, &script)?;
                 global.say(format_args!("wrote {} pictures to {}", pictures.len(), shown(folder)))
             }
             _ => {
                 let export = self.export.clone();
-                let viewer = ViewerOptions { source, settings, session_file, export };
+                let state = self.state.clone().or_else(atomic_file::user_state);
+                let viewer = ViewerOptions { source, settings, session_file, export, state };
                 Ok(app::open(WindowOptions { size, device, viewer })?)
             }
         }

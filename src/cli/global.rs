@@ -75,6 +75,10 @@ impl Global {
             memory_limit::watch(self, allowed_mb);
         }
         ctrlc::set_handler(|| {
+            #[cfg(feature = "window")]
+            if crate::app::close_window() {
+                return;
+            }
             atomic_file::discard_unfinished();
             crate::vk::exit_now(130);
         })

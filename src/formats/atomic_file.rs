@@ -282,8 +282,20 @@ pub fn write_atomic(
 
 /// Returns the user's cache of recomputable files: `$XDG_CACHE_HOME/intima` or `~/.cache/intima`.
 pub fn user_cache() -> Option<PathBuf> {
+    user_folder("XDG_CACHE_HOME", ".cache")
+}
+
+/// Returns the folder of what a program keeps for its user from one start to the next:
+/// `$XDG_STATE_HOME/intima` or `~/.local/state/intima`.
+pub fn user_state() -> Option<PathBuf> {
+    user_folder("XDG_STATE_HOME", ".local/state")
+}
+
+/// The program's folder in one that a variable names (XDG Base Directory Specification 0.8), or in
+/// another below the user's home.
+fn user_folder(variable: &str, below_home: &str) -> Option<PathBuf> {
     let set = |name| std::env::var_os(name).map(PathBuf::from).filter(|p| p.is_absolute());
-    let base = set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")))?;
+    let base = set(variable).or_else(|| Some(set("HOME")?.join(below_home)))?;
     Some(base.join("intima"))
 }
 

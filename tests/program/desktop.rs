@@ -65,6 +65,7 @@ impl Desktop {
             .current_dir(dir)
             .env("DISPLAY", &display)
             .env("INTIMA_VALIDATE", "sync")
+            .env("XDG_STATE_HOME", dir.join("state"))
             .env_remove("WAYLAND_DISPLAY")
             .env_remove("INTIMA_FAULT")
             .envs(env.iter().copied())
@@ -149,11 +150,23 @@ impl Desktop {
     }
 
     /// Quits by key; the exit code, and everything that was said.
-    fn quit(mut self) -> (Option<i32>, Vec<String>) {
+    fn quit(self) -> (Option<i32>, Vec<String>) {
         // Pressed and let go by themselves: the window is gone before the key is up.
         self.xdotool(&["keydown", "ctrl", "key", "q"]);
         let _ =
             Command::new("xdotool").args(["keyup", "ctrl"]).env("DISPLAY", &self.display).output();
+        self.end()
+    }
+
+    /// Sends the program a signal.
+    fn terminate(&self, signal: &str) {
+        let process = self.program.0.id().to_string();
+        let sent = Command::new("kill").args(["-s", signal, &process]).status();
+        assert!(sent.expect("kill starts").success());
+    }
+
+    /// Waits for the end of the program; the exit code, and everything that was said.
+    fn end(mut self) -> (Option<i32>, Vec<String>) {
         let code = end_of(&mut self.program.0, "the window").code();
         self.log.extend(self.said.iter());
         (code, self.log)
@@ -239,7 +252,7 @@ fn a_window_is_flown_by_keys_and_pointer_and_keeps_what_was_found() {
 
     // The view and the report leave the window; a resize does it no harm.
     d.key("e");
-    let view = tmp.path().join("out/view-1.png");
+    let view = tmp.path().join("out/mask-view-1.png");
     let (width, height, _) = d.until("the view is written", || read_png(&view).ok());
     assert!(width > 300 && height > 300);
     let window = d.window.clone();
@@ -249,7 +262,7 @@ fn a_window_is_flown_by_keys_and_pointer_and_keeps_what_was_found() {
     d.click([300, 480]);
     std::thread::sleep(Duration::from_millis(500));
     d.key("e");
-    let second = tmp.path().join("out/view-2.png");
+    let second = tmp.path().join("out/mask-view-2.png");
     let (small, ..) = d.until("the second view is written", || read_png(&second).ok());
     assert!(small < width, "{small} of {width}");
     let (code, log) = d.quit();
@@ -257,21 +270,93 @@ fn a_window_is_flown_by_keys_and_pointer_and_keeps_what_was_found() {
     assert_silent(&log);
 }
 
+/// The kept file of the one volume that was opened, once it holds so many bookmarks.
+fn kept(dir: &Path, bookmarks: usize) -> serde_json::Value {
+    until("the notes are kept", || {
+        let entries = std::fs::read_dir(dir.join("state/intima/cases")).ok()?;
+        let mut files = entries.map(|e| e.unwrap().path()).filter(|p| is_json(p));
+        let json: serde_json::Value = serde_json::from_slice(&std::fs::read(files.next()?).ok()?)
+            .expect("a kept file is whole at any time");
+        (json["bookmarks"].as_array()?.len() == bookmarks).then_some(json)
+    })
+}
+
+fn is_json(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e == "json")
+}
+
+/// The second of two presses closed the window, and the notes were gone.
 #[test]
-fn bookmarks_that_no_file_has_are_not_lost_by_closing_without_a_word() {
+fn a_window_whose_notes_are_in_no_file_asks_and_a_second_press_is_no_answer() {
     let tmp = folder(Kind::Bend);
     let args = ["mask.nrrd", "--device", "cpu"];
     let Some(mut d) = Desktop::open(tmp.path(), &args, &[]) else { return };
     d.wait_for("everything is computed");
     d.key("b");
-    std::thread::sleep(Duration::from_millis(500));
+    kept(tmp.path(), 1);
     d.xdotool(&["key", "ctrl+q"]);
-    d.wait_for("bookmarks are in no file yet");
-    std::thread::sleep(Duration::from_millis(500));
+    d.wait_for("bookmarks are in no file of the user's yet");
+    d.xdotool(&["key", "ctrl+q"]);
+    std::thread::sleep(Duration::from_millis(700));
     assert!(d.program.0.try_wait().unwrap().is_none(), "it asks instead of closing");
-    let (code, log) = d.quit();
-    assert_eq!(code, Some(0), "asked for again, it closes: {log:#?}");
+    d.terminate("TERM");
+    let (code, log) = d.end();
+    assert_eq!(code, Some(0), "{log:#?}");
     assert_silent(&log);
+}
+
+/// Notes made without a session file were gone with the process.
+#[test]
+fn notes_and_place_outlive_signals_and_are_offered_when_the_scan_is_opened_again() {
+    let tmp = folder(Kind::Bend);
+    let args = ["mask.nrrd", "--device", "cpu"];
+    for (i, signal) in ["TERM", "INT", "HUP", "KILL"].into_iter().enumerate() {
+        let Some(mut d) = Desktop::open(tmp.path(), &args, &[]) else { return };
+        d.wait_for("everything is computed");
+        d.key("b");
+        // What was kept before and nobody has taken stays beside what is new.
+        let count = kept(tmp.path(), i + 1)["bookmarks"].as_array().unwrap().len();
+        assert_eq!(count, i + 1);
+        d.key("End");
+        if signal == "KILL" {
+            // A place is kept once the eye has rested for a moment.
+            let at_end = || (kept(tmp.path(), i + 1)["arc_mm"].as_f64()? > 10.0).then_some(());
+            d.until("the place is kept", at_end);
+        } else {
+            std::thread::sleep(Duration::from_millis(300));
+        }
+        d.terminate(signal);
+        let (code, log) = d.end();
+        assert_eq!(code, (signal != "KILL").then_some(0), "{log:#?}");
+        let json = kept(tmp.path(), i + 1);
+        assert!(json["arc_mm"].as_f64().unwrap() > 10.0, "the place is not: {signal}");
+    }
+}
+
+/// The later window overwrote what the earlier one had noted.
+#[test]
+fn two_windows_on_one_session_file_keep_the_notes_of_both() {
+    let tmp = folder(Kind::Bend);
+    let session = tmp.path().join("notes.json");
+    let args = ["mask.nrrd", "--device", "cpu", "--session", "notes.json"];
+    let Some(mut first) = Desktop::open(tmp.path(), &args, &[]) else { return };
+    first.wait_for("everything is computed");
+    first.bookmark(&session, 1);
+    let mut second = Desktop::open(tmp.path(), &args, &[]).expect("another one");
+    second.wait_for("everything is computed");
+    second.bookmark(&session, 2);
+    // Notes that are the same in all are one.
+    first.key("End");
+    first.bookmark(&session, 3);
+    second.bookmark(&session, 4);
+    for window in [first, second] {
+        let (code, log) = window.quit();
+        assert_eq!(code, Some(0), "{log:#?}");
+        assert_silent(&log);
+    }
+    let json: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(&session).unwrap()).unwrap();
+    assert_eq!(json["bookmarks"].as_array().unwrap().len(), 4);
 }
 
 /// Resident memory of a process, MB.
@@ -311,7 +396,8 @@ fn a_full_disk_is_said_and_bookmarks_are_saved_once_there_is_room() {
     let session = tmp.path().join("notes.json");
     let args = ["mask.nrrd", "--device", "cpu", "--session", "notes.json"];
     // The picture, the bookmark, and the bookmark once more.
-    let env = [("INTIMA_FAULT", "write:1-3")];
+    // Notes are kept nowhere else, as that would count too.
+    let env = [("INTIMA_FAULT", "write:1-3"), ("XDG_STATE_HOME", "/dev/null/none")];
     let Some(mut d) = Desktop::open(tmp.path(), &args, &env) else { return };
     d.wait_for("everything is computed");
     d.bookmark(&session, 1);

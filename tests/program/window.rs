@@ -510,9 +510,11 @@ fn a_script_played_twice_gives_the_same_pictures_and_saves_its_bookmarks() {
         assert_eq!(json["measurements"].as_array().unwrap().len(), 1);
         let name = json["bookmarks"][0]["picture"].as_str().unwrap();
         let bookmark = intima::formats::read_png(&tmp.path().join(name)).unwrap();
-        let view = intima::formats::read_png(&tmp.path().join(out).join("view-1.png")).unwrap();
+        let view =
+            intima::formats::read_png(&tmp.path().join(out).join("mask-view-1.png")).unwrap();
         assert_eq!((bookmark.0, bookmark.1), (view.0, view.1), "both are the inside pane");
-        let html = std::fs::read_to_string(tmp.path().join(out).join("report.html")).unwrap();
+        let html =
+            std::fs::read_to_string(tmp.path().join(out).join("mask-report-1.html")).unwrap();
         let page = common::html::read(&html);
         let findings = page.by_id("findings").unwrap();
         assert!(findings.text.contains("1. Place 1") && findings.text.contains("Wall at"));
@@ -555,9 +557,9 @@ fn a_session_opened_again_leads_to_the_same_pictures() {
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     }
     let read = |name: &str| std::fs::read(tmp.path().join(name)).unwrap();
-    assert!(read("notes-bookmark-2.png") == read("back/view-1.png"), "off the path");
-    assert!(read("notes-bookmark-1.png") == read("back/view-2.png"), "on the path");
-    assert_ne!(read("back/view-1.png"), read("back/view-2.png"));
+    assert!(read("notes-bookmark-2.png") == read("back/mask-view-1.png"), "off the path");
+    assert!(read("notes-bookmark-1.png") == read("back/mask-view-2.png"), "on the path");
+    assert_ne!(read("back/mask-view-1.png"), read("back/mask-view-2.png"));
 }
 
 #[test]
@@ -722,7 +724,7 @@ fn a_session_closed_and_opened_without_options_is_the_same_to_the_pixel() {
         r#"{"wait": "complete"}, {"wait": "levels"}, {"frames": 2}, {"picture": "opened"},
         {"do": {"export": "view"}}"#,
     );
-    assert!(picture("view-1") == picture("view-2"), "the inside view");
+    assert!(picture("mask-view-1") == picture("mask-view-2"), "the inside view");
     assert_ne!(picture("asked"), picture("closed"));
     let again = notes(tmp.path());
     assert_eq!((&json["view"], &json["lumen"]), (&again["view"], &again["lumen"]));
@@ -750,7 +752,7 @@ fn a_session_is_opened_in_a_window_of_its_volume_and_another_file_changes_nothin
     let done = fly(tmp.path(), &args);
     let said = String::from_utf8_lossy(&done.stderr);
     assert!(done.status.success() && said.contains("o.json: no session file"), "{said}");
-    let view = |i: u32| std::fs::read(tmp.path().join(format!("out/view-{i}.png"))).unwrap();
+    let view = |i: u32| std::fs::read(tmp.path().join(format!("out/mask-view-{i}.png"))).unwrap();
     assert!(view(1) == view(2) && view(2) == view(3));
 }
 
@@ -760,7 +762,7 @@ fn a_session_begins_at_the_place_on_the_path_where_it_ended() {
         return;
     }
     let tmp = folder();
-    let view = |i: u32| std::fs::read(tmp.path().join(format!("out/view-{i}.png"))).unwrap();
+    let view = |i: u32| std::fs::read(tmp.path().join(format!("out/mask-view-{i}.png"))).unwrap();
     play(
         tmp.path(),
         &[],
@@ -772,6 +774,108 @@ fn a_session_begins_at_the_place_on_the_path_where_it_ended() {
     play(tmp.path(), &[], r#"{"wait": "distance"}"#);
     play(tmp.path(), &[], r#"{"wait": "complete"}, {"do": {"export": "view"}}"#);
     assert!(view(3) == view(2) && view(3) != view(1));
+}
+
+/// Plays a script without a volume or a session file of its own; what the program says.
+fn play_alone(dir: &Path, args: &[&str], steps: &str) -> String {
+    let script =
+        format!(r#"{{"schema": "intima.script/1", "size": [900, 600], "steps": [{steps}]}}"#);
+    std::fs::write(dir.join("s.json"), script).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_intima"));
+    command.args(["-v", "fly", "--script", "s.json", "--frames-out", "out"]).args(args);
+    let done = command.current_dir(dir).env_remove("INTIMA_FAULT").output().unwrap();
+    let said = String::from_utf8_lossy(&done.stderr).into_owned();
+    assert!(done.status.success(), "{said}");
+    said
+}
+
+/// The window asked for a lumen, showed no finding, and the file held no way to its volume.
+#[test]
+fn a_session_file_alone_opens_its_volume_and_a_lumen_that_no_window_can_choose() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = tempfile::tempdir().unwrap();
+    let scan = Phantom::new(Kind::Bend, 48, [1.0; 3]).unwrap().grey(None, 0);
+    std::fs::create_dir(tmp.path().join("case")).unwrap();
+    intima::formats::write_volume(&tmp.path().join("case/ct.nrrd"), &scan).unwrap();
+    play_alone(
+        tmp.path(),
+        &["case/ct.nrrd", "--threshold", ":-500", "--no-fill", "--session", "case/s.json"],
+        r#"{"wait": "complete"}, {"do": {"seek": 20}}, {"do": {"bookmark": "here"}},
+        {"do": {"export": "view"}}"#,
+    );
+    std::fs::rename(tmp.path().join("case"), tmp.path().join("moved")).unwrap();
+    let steps = r#"{"do": {"open_session": "moved/s.json"}}, {"wait": "complete"},
+        {"do": {"export": "view"}}, {"do": {"bookmark": "again"}}"#;
+    play_alone(tmp.path(), &[], steps);
+    let view = |i: u32| std::fs::read(tmp.path().join(format!("out/ct-view-{i}.png"))).unwrap();
+    assert!(view(1) == view(2), "the place of the session");
+    let json = std::fs::read(tmp.path().join("moved/s.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    let texts: Vec<_> = json["bookmarks"].as_array().unwrap().iter().map(|b| &b["text"]).collect();
+    assert_eq!(texts, ["here", "again"], "saved where it was opened");
+    assert_eq!(json["lumen"]["settings"]["range"], serde_json::json!([null, -500.0]));
+    assert_eq!(json["case"]["image"]["path"], "ct.nrrd");
+    // Without its volume, the reason is said and nothing is lost.
+    std::fs::remove_file(tmp.path().join("moved/ct.nrrd")).unwrap();
+    let said = play_alone(tmp.path(), &[], r#"{"do": {"open_session": "moved/s.json"}}"#);
+    assert!(said.contains("s.json: its volume is not there: ct.nrrd"), "{said}");
+}
+
+#[test]
+fn notes_of_no_file_are_kept_offered_and_taken_with_their_pictures() {
+    if common::gpu(intima::vk::Validate::Off).is_none() {
+        return;
+    }
+    let tmp = folder();
+    let args = ["mask.nrrd", "--state", "state"];
+    let kept = || {
+        let cases = std::fs::read_dir(tmp.path().join("state/cases")).unwrap();
+        let paths = cases.map(|e| e.unwrap().path());
+        let mut files: Vec<_> =
+            paths.filter(|p| p.extension().is_some_and(|e| e == "json")).collect();
+        assert_eq!(files.len(), 1, "one volume: {files:?}");
+        files.remove(0)
+    };
+    let texts = |file: &Path| -> Vec<String> {
+        let json: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(file).unwrap()).unwrap();
+        let bookmarks = json["bookmarks"].as_array().unwrap().clone();
+        bookmarks.iter().map(|b| b["text"].as_str().unwrap().to_owned()).collect()
+    };
+    play_alone(tmp.path(), &args, r#"{"wait": "complete"}, {"do": {"bookmark": "first"}}"#);
+    // Nobody answers: both are kept.
+    play_alone(
+        tmp.path(),
+        &args,
+        r#"{"wait": "complete"}, {"do": {"bookmark": "second"}}, {"picture": "offer"}"#,
+    );
+    assert_eq!(texts(&kept()), ["second", "first"]);
+    play_alone(
+        tmp.path(),
+        &args,
+        r#"{"wait": "complete"}, {"frames": 1}, {"do": "take_kept"},
+        {"do": {"save_as": "mine.json"}}"#,
+    );
+    assert_eq!(texts(&tmp.path().join("mine.json")), ["second", "first"]);
+    for i in [1, 2] {
+        assert!(tmp.path().join(format!("mine-bookmark-{i}.png")).exists());
+    }
+    // The case is opened by its kept file alone, from anywhere.
+    let file = kept();
+    let steps = format!(
+        r#"{{"do": {{"open_kept": {file:?}}}}}, {{"wait": "complete"}},
+        {{"do": {{"bookmark": "third"}}}}"#
+    );
+    play_alone(tmp.path(), &["--state", "state"], &steps);
+    assert_eq!(texts(&file), ["second", "first", "third"]);
+    // Left, they are set aside.
+    let steps = r#"{"wait": "complete"}, {"frames": 1}, {"do": "leave_kept"}, {"frames": 1}"#;
+    play_alone(tmp.path(), &args, steps);
+    assert!(texts(&kept()).is_empty());
+    let aside = kept().with_extension("1.aside");
+    assert_eq!(texts(&aside), ["second", "first", "third"]);
 }
 
 #[test]

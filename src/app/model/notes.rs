@@ -6,6 +6,7 @@ use glam::{DVec3, Quat};
 
 use super::super::action::FOV_DEG;
 use super::super::measure::Measurement;
+use super::super::session_file::AddedNotes;
 use super::{Bookmark, Model};
 use crate::flight::{Coverage, LISTED_FROM_MM2};
 use crate::geometry::{Mesh, Pose};
@@ -67,8 +68,15 @@ impl Model {
 
     pub(super) fn set_rectum_at_start(&mut self, at_start: bool) {
         self.rectum_at_start = Some(at_start);
-        self.unsaved = true;
+        self.notes_changed();
         self.name_ends();
+    }
+
+    /// Takes notes in that came from elsewhere, and are in a file already.
+    pub(in super::super) fn add_notes(&mut self, added: &AddedNotes) {
+        self.bookmarks.extend_from_slice(&added.bookmarks);
+        self.measurements.extend_from_slice(&added.measurements);
+        self.notes_changed();
     }
 
     pub(super) fn mark(&mut self, p: DVec3) {
@@ -77,14 +85,14 @@ impl Model {
         if let Some(done) = Measurement::of(ruler, &self.marks_mm) {
             self.measurements.push(done);
             self.marks_mm.clear();
-            self.unsaved = true;
+            self.notes_changed();
         }
     }
 
     pub(super) fn name_measurement(&mut self, i: usize, name: &str) {
         if let Some(m) = self.measurements.get_mut(i) {
             name.clone_into(&mut m.name);
-            self.unsaved = true;
+            self.notes_changed();
         }
     }
 
@@ -92,7 +100,7 @@ impl Model {
         let measured = self.measurements.get_mut(i);
         if let Some(p) = measured.and_then(|m| m.points_mm.get_mut(point)) {
             *p = to;
-            self.unsaved = true;
+            self.notes_changed();
         }
     }
 
@@ -102,7 +110,7 @@ impl Model {
             "" => format!("Place {}", self.bookmarks.len() + 1),
             text => text.to_owned(),
         };
-        self.unsaved = true;
+        self.notes_changed();
         // The list may be scrolled away, or another pane fill the window.
         self.message = Some(format!("bookmark {}: {text}", self.bookmarks.len() + 1));
         self.bookmarks.push(Bookmark {

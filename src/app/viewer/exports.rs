@@ -9,7 +9,7 @@ use super::super::saved_flight::save_flight;
 use super::Viewer;
 use crate::flight::Frames;
 use crate::formats::{encode_png, shown};
-use crate::session::{PAGE_FILE, SessionError};
+use crate::session::SessionError;
 use crate::vk::Gpu;
 
 /// Says where a file was written. A window shows no working folder: the whole path is named.
@@ -30,20 +30,21 @@ impl Viewer {
 
     pub(super) fn export_view(&mut self, gpu: &mut Gpu) -> Result<(), AppError> {
         if let Some(png) = self.inside_png(gpu)? {
-            let name = export::free_name(&self.options.export, "view");
+            let name = export::free_name(&self.options.export, &self.file_stem("view"), "png");
             let written = export::write(&self.options.export, &name, &png);
             self.show_written(written.map(|path| wrote(&path)));
         }
         Ok(())
     }
 
-    /// Writes the page of the report, with the notes as they are now.
+    /// Writes the page of the report, with the notes as they are now, beside those written before.
     pub(super) fn export_report(&mut self) -> Result<(), SessionError> {
-        let notes = Notes::of(&self.model, self.beside_session_file().map(|f| f.0));
-        let folder = self.options.export.clone();
+        let notes = Notes::of(&self.model, self.beside_notes().map(|f| f.0));
+        let (folder, stem) = (self.options.export.clone(), self.file_stem("report"));
         self.spawn(TaskKind::Report, move |session| {
             let page = export::page(session, notes).map_err(AppError::from);
-            let written = page.and_then(|p| export::write(&folder, PAGE_FILE, p.as_bytes()));
+            let name = export::free_name(&folder, &stem, "html");
+            let written = page.and_then(|p| export::write(&folder, &name, p.as_bytes()));
             let message = match written {
                 Ok(path) => wrote(&path),
                 Err(e) => format!("the report is not written: {e}"),
@@ -59,10 +60,10 @@ impl Viewer {
         if self.is_saving() {
             return Ok(());
         }
-        let folder = self.options.export.clone();
+        let (folder, stem) = (self.options.export.clone(), self.file_stem("flight"));
         self.model.message = None;
         self.spawn(TaskKind::SavedFlight, move |session| {
-            let message = save_flight(session, &folder, fps).unwrap_or_else(|e| match e {
+            let message = save_flight(session, (&folder, &stem), fps).unwrap_or_else(|e| match e {
                 SessionError::Cancelled => "saving was stopped; no frame is left".into(),
                 e => format!("the flight is not written: {e}"),
             });

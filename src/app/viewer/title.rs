@@ -13,6 +13,25 @@ impl Viewer {
         let name = self.computation.as_ref().and_then(|c| file_name(c.session.source()));
         name.map_or(PROGRAM.into(), |name| format!("{name} - {PROGRAM}"))
     }
+
+    /// Begins the name of an exported file with that of the case, so that no two cases are mixed up.
+    pub(super) fn file_stem(&self, kind: &str) -> String {
+        let name = self.computation.as_ref().and_then(|c| file_name(c.session.source()));
+        let case = name.as_deref().map(without_extensions).filter(|case| !case.is_empty());
+        case.map_or(kind.into(), |case| format!("{case}-{kind}"))
+    }
+}
+
+/// A file's name up to the endings of volumes, with characters that every system has in names.
+fn without_extensions(name: &str) -> String {
+    const ENDINGS: [&str; 9] =
+        [".gz", ".nii", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm", ".zarr", ".seg"];
+    let mut stem = name;
+    while let Some(shorter) = ENDINGS.iter().find_map(|ending| stem.strip_suffix(ending)) {
+        stem = shorter;
+    }
+    let is_plain = |c: char| c.is_alphanumeric() || "._-".contains(c);
+    stem.chars().map(|c| if is_plain(c) { c } else { '_' }).take(64).collect()
 }
 
 /// Name of the file or folder that the slices show, without the way to it.
@@ -30,6 +49,17 @@ fn file_name(source: &Source) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn exported_files_are_named_by_their_case() {
+        let of = without_extensions;
+        assert_eq!(of("colon_ct.nii.gz"), "colon_ct");
+        assert_eq!(of("label.seg.nrrd"), "label");
+        assert_eq!(of("case 1.2"), "case_1.2");
+        assert_eq!(of("a\\nb.nrrd"), "a_nb");
+        assert_eq!(of(".nrrd"), "");
+        assert_eq!(of(&"x".repeat(300)).len(), 64);
+    }
 
     #[test]
     fn a_title_names_the_file_or_folder_and_not_the_way_to_it() {
