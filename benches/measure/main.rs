@@ -7,11 +7,12 @@ mod lod;
 mod near;
 mod simplify;
 
-const ALL: [(&str, fn()); 8] = [
+const ALL: [(&str, fn()); 9] = [
     ("cut", lod::times_of_the_cut),
     ("figures", figures::trachea_and_colon_as_in_the_papers_figures),
     ("frame-times", lod::frame_times_of_each_form),
     ("growth", lod::growth_of_the_frame_time),
+    ("phantoms", near::silhouettes_of_phantoms),
     ("rings", near::silhouettes_of_rings),
     ("near", near::silhouettes_beside_ray_casting),
     ("pixels", lod::pixels_inside_the_bound),

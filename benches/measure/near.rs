@@ -12,6 +12,7 @@ use intima::lod::refined::RefinedWall;
 use intima::lumen::IntensitySelection;
 use intima::organ::Organ;
 use intima::session::{Session, Settings, Source, VolumeSource, WallForm};
+use intima::volume::phantom::{Kind, Phantom};
 use intima::volume::{Grid, Volume};
 use intima::wall::WallSpline;
 use rayon::prelude::*;
@@ -404,6 +405,60 @@ pub fn silhouettes_of_rings() {
             let flat = depths(&camera, |eye, way| cast_mesh(&whole, eye, way));
             println!("  mesh     {}", compared(&flat, &truth, true));
             println!("  refined  {}", compared(&refined, &truth, true));
+        }
+    }
+}
+
+/// First place along a ray where a phantom's field rises through zero.
+fn cast_phantom(phantom: &Phantom, eye: DVec3, way: DVec3) -> f64 {
+    /// Share of the field's value that a step is: the field of folds is steeper than a distance.
+    const SHARE: f64 = 0.3;
+    let field = |at: f64| phantom.field(eye + at * way);
+    let mut at = 0.0;
+    while at < FAR_MM {
+        let here = field(at);
+        let step = (SHARE * here.abs()).max(0.01);
+        if here < 0.0 && field(at + step) >= 0.0 {
+            let (mut lo, mut hi) = (at, at + step);
+            for _ in 0..24 {
+                let middle = 0.5 * (lo + hi);
+                (lo, hi) = if field(middle) < 0.0 { (middle, hi) } else { (lo, middle) };
+            }
+            return lo;
+        }
+        at += step;
+    }
+    f64::INFINITY
+}
+
+/// Prints silhouettes and depths of phantoms beside the formula of their walls.
+pub fn silhouettes_of_phantoms() {
+    for (kind, is_ct) in [(Kind::Y, true), (Kind::Colon, true), (Kind::Colon, false)] {
+        let phantom = Phantom::new(kind, 128, [1.0; 3]).expect("a phantom");
+        let mut settings = Settings::default();
+        settings.flight.size = SIZE;
+        if is_ct {
+            let range = IntensitySelection::Range { lo: f64::NEG_INFINITY, hi: -500.0 };
+            settings.lumen.select = Some(range);
+        }
+        let volume = if is_ct { phantom.grey(None, 0) } else { phantom.mask() };
+        let source = Source::Image(VolumeSource::Memory(Arc::new(volume)));
+        let session = Session::new(source, settings).expect("a volume");
+        let flight = session.flight().expect("a flight");
+        let levels = session.levels().expect("a wall");
+        let WallForm::Refined(wall) = &levels.form else { panic!("a refined wall") };
+        let whole = TriangleBvh::new(&session.wall().expect("a wall").mesh);
+        println!("{} as {}", kind.name(), if is_ct { "CT" } else { "label map" });
+        for k in 0..4 {
+            let i = (2 * k + 1) * flight.poses.len() / 8;
+            let lens = Lens { aspect: SIZE[0] as f32 / SIZE[1] as f32, ..flight.lens(i) };
+            let camera = Camera { pose: flight.poses[i], lens, height_px: SIZE[1] };
+            let truth = depths(&camera, |eye, way| cast_phantom(&phantom, eye, way));
+            let tree = TriangleBvh::new(&drawn(wall, &camera));
+            let refined = depths(&camera, |eye, way| cast_mesh(&tree, eye, way));
+            let flat = depths(&camera, |eye, way| cast_mesh(&whole, eye, way));
+            println!("  mesh     {}", compared(&flat, &truth, false));
+            println!("  refined  {}", compared(&refined, &truth, false));
         }
     }
 }

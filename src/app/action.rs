@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use super::finding::FindingEdit;
 use crate::organ::Organ;
 
 /// Bounds of the vertical field of view, degrees.
@@ -13,7 +14,7 @@ pub const FOV_DEG: std::ops::RangeInclusive<f32> = 60.0..=140.0;
 pub const SPEED_MM_S: std::ops::RangeInclusive<f64> = 1.0..=300.0;
 
 /// A part of the window that shows the organ.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Pane {
     /// The wall as the eye sees it.
@@ -21,6 +22,7 @@ pub enum Pane {
     /// The whole organ from outside.
     Overview,
     /// A slice across the body, seen from the feet.
+    #[default]
     Axial,
     /// A slice seen from the front.
     Coronal,
@@ -35,6 +37,9 @@ impl Pane {
     pub const ALL: [Self; 6] =
         [Self::Inside, Self::Overview, Self::Axial, Self::Coronal, Self::Sagittal, Self::Across];
 
+    /// The slices.
+    pub const SLICES: [Self; 4] = [Self::Axial, Self::Coronal, Self::Sagittal, Self::Across];
+
     /// Returns the name of the pane.
     pub fn title(self) -> &'static str {
         match self {
@@ -46,6 +51,25 @@ impl Pane {
             Self::Across => "Across the path",
         }
     }
+}
+
+/// Arrangement of the panes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Layout {
+    /// The inside view with the overview in its corner beside one large slice, the other slices small.
+    #[default]
+    Reading,
+    /// One large slice, the others small.
+    Slices,
+    /// All panes.
+    All,
+}
+
+impl Layout {
+    /// All arrangements with their names.
+    pub const ALL: [(Self, &'static str); 3] =
+        [(Self::Reading, "reading"), (Self::Slices, "slices"), (Self::All, "all panes")];
 }
 
 /// Look of the wall in the inside pane.
@@ -114,6 +138,8 @@ pub enum Export {
     Flight,
     /// Bookmarks, measurements and figures as a page of HTML.
     Report,
+    /// Bookmarks with what is said of them as a table.
+    Findings,
 }
 
 /// Grey values of a lumen, and where it begins.
@@ -163,6 +189,8 @@ pub enum Action {
     Measure(Option<Ruler>),
     /// Adds a point to what is being measured, LPS mm.
     Mark([f64; 3]),
+    /// Adds a point of a slice to what is being measured, LPS mm.
+    MarkInSlice([f64; 3]),
     /// Names a measurement.
     NameMeasurement(usize, String),
     /// Moves a point of a measurement.
@@ -198,6 +226,12 @@ pub enum Action {
     Window([f64; 2]),
     /// Fills the window with a pane, or shows all.
     Maximise(Option<Pane>),
+    /// Arranges the panes.
+    Layout(Layout),
+    /// Shows a slice large.
+    LargeSlice(Pane),
+    /// Shows or hides the panel on the right.
+    TogglePanel,
     /// Says whether the path begins at a colon's rectum, or at its caecum.
     RectumAtStart(bool),
     /// Notes the place, with a text.
@@ -206,8 +240,23 @@ pub enum Action {
     RemoveBookmark(usize),
     /// Moves the eye to a noted place.
     GoToBookmark(usize),
-    /// Moves the eye to the largest patch of the wall that was missed and not yet visited.
+    /// Selects a noted place, by its place in the list: what is measured there is of it.
+    SelectFinding(Option<usize>),
+    /// Changes what is said of a noted place.
+    EditFinding(usize, FindingEdit),
+    /// Moves the eye to the noted place after the selected one.
+    NextFinding,
+    /// Moves the eye to the noted place before the selected one.
+    PreviousFinding,
+    /// Moves the eye to the missed patch of the wall after this place of the path that was not shown
+    /// since.
     NextMissed,
+    /// Moves the eye to the one before.
+    PreviousMissed,
+    /// Moves the eye to a missed patch, by its rank in area.
+    GoToMissed(usize),
+    /// Hides the outline of the missed patch.
+    HideMissed,
     /// Takes the last change of the notes or of the grey window back.
     Undo,
     /// Makes a change again that was taken back.
@@ -224,6 +273,9 @@ pub enum Action {
 pub enum Request {
     /// Flies on along a branch of the centerline, by its number.
     Branch(usize),
+    /// Flies through the tree to the place of it that is nearest to a place, LPS mm, and looks at the
+    /// place.
+    FlyThrough([f64; 3]),
     /// Writes to the export folder.
     Export(Export),
     /// Opens a file or a DICOM folder instead of what is shown.
@@ -240,6 +292,8 @@ pub enum Request {
     Lumen(LumenChoice),
     /// Finds an organ in the same volume.
     Organ(Organ),
+    /// Finds a colon with its tagged fluid in the same volume.
+    TaggedColon,
     /// Flies through the same lumen from this place, LPS mm.
     StartAt([f64; 3]),
     /// Flies through the same lumen to this place, LPS mm.

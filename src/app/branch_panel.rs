@@ -23,9 +23,6 @@ pub(super) const BRANCH_KEYS: [Key; 9] = [
 pub(super) const MARK_RADIUS: f32 = 11.0;
 /// Way that is left to where a branch leaves when it is flown to from the list, mm.
 const BEFORE_MM: f64 = 10.0;
-/// Height of the list, points: three branches. It is the same where fewer or none are offered, so
-/// that in a flight nothing below it moves under the pointer.
-const LIST_HEIGHT: f32 = 66.0;
 
 /// Lays out the branches that can be taken here, or the way to the next.
 pub(super) fn branch_list(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
@@ -43,8 +40,7 @@ pub(super) fn branch_list(ui: &mut Ui, model: &Model, commands: &mut ActionQueue
             ui.label(egui::RichText::new("none ahead").color(FAINT));
         }
     });
-    let list = egui::ScrollArea::vertical().id_salt("branches").auto_shrink(false);
-    list.max_height(LIST_HEIGHT).show(ui, |ui| {
+    ui.vertical(|ui| {
         for (i, choice) in offered.iter().enumerate() {
             let ahead = way * (choice.arc_mm - model.arc_mm);
             let place = if ahead < 0.0 { "behind" } else { "ahead" };
@@ -56,6 +52,33 @@ pub(super) fn branch_list(ui: &mut Ui, model: &Model, commands: &mut ActionQueue
             }
         }
     });
+}
+
+/// Lays out the way to a place that was clicked, and how the crosshair becomes such a place.
+pub(super) fn way_to_target(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
+    ui.strong("Way to a place");
+    let can = model.path.is_some();
+    let button = ui.add_enabled(can, egui::Button::new("To the crosshair"));
+    let tip = "Flies through the tree to the place nearest to the crosshair of the slices";
+    if button.on_hover_text(tip).clicked() {
+        commands.ask(Request::FlyThrough(model.crosshair_mm.to_array()));
+    }
+    let Some(way) = &model.way else {
+        let hint = "Or click in a slice or in the overview.";
+        ui.label(egui::RichText::new(hint).color(FAINT));
+        return;
+    };
+    ui.label(format!("{:.0} mm, then {:.0} mm beside the path", way.arc_mm, way.beside_mm));
+    let (diameter, at) = way.narrowest;
+    let narrowest = format!("Narrowest: {diameter:.1} mm across, at {at:.0} mm");
+    ui.label(narrowest)
+        .on_hover_text("Twice the least distance of the path to the wall on the way");
+    for (i, (arc, side)) in way.turns.iter().enumerate() {
+        let text = format!("{}. at {arc:.0} mm towards {side}", i + 1);
+        if ui.selectable_label(false, text).on_hover_text("Fly to the turn").clicked() {
+            commands.act(Action::FlyTo(arc - BEFORE_MM));
+        }
+    }
 }
 
 /// Takes the keys of the branches; whether one was used.

@@ -7,12 +7,13 @@ use glam::{DVec3, Quat};
 
 use super::action::{Pane, Ruler};
 use super::error::AppError;
+use super::finding;
 use super::measure::Measurement;
 use super::model::{Bookmark, Model};
 use super::slices::{SlicePlane, slice};
+use super::wall_outline::draw_wall_outline;
 use crate::formats::{FormatError, atomic_file, encode_png, png_size};
 use crate::geometry::{CenterlineGraph, TriangleBvh};
-use crate::lumen::Lumen;
 use crate::report_page::{Finding, MeasuredValue, ReportPage, SliceView};
 use crate::session::{PngPicture, Product, Session, SessionError};
 use crate::volume::Volume;
@@ -42,6 +43,7 @@ const CROSS: [u8; 3] = [255, 200, 60];
 pub(super) struct Notes {
     findings: Vec<Finding>,
     measurements: Vec<MeasuredValue>,
+    category: Option<&'static str>,
     shown_fraction: Option<f64>,
     /// Centre and width of the slices' grey values.
     window: [f64; 2],
@@ -56,30 +58,49 @@ impl Notes {
         let finding = |b: &Bookmark| {
             let eye = DVec3::from(b.position_mm);
             let nearest = || model.path.as_ref().map(|path| path.nearest_to(eye));
+            let looked_at =
+                || model.products.triangle_tree.as_ref().and_then(|tree| wall_at(b, tree));
+            let branch = || graph.as_ref().and_then(|g| branch_at(g, eye));
             Finding {
                 text: b.text.clone(),
                 eye_mm: b.position_mm,
-                wall_mm: model.products.triangle_tree.as_ref().and_then(|tree| wall_at(b, tree)),
+                wall_mm: b.wall_mm.or_else(looked_at),
                 arc_mm: b.arc_mm.or_else(nearest),
-                segment: graph.as_ref().and_then(|g| branch_at(g, eye)),
+                segment: b.segment.clone().or_else(branch),
+                said: said_of(model, b),
                 view: picture(b, folder),
                 ..Finding::default()
             }
         };
         Self {
             findings: model.bookmarks.iter().map(finding).collect(),
-            measurements: model.measurements.iter().map(measured).collect(),
+            measurements: model.measurements.iter().map(|m| measured(model, m)).collect(),
+            category: finding::category(model),
             shown_fraction: (!model.seen.faces.is_empty()).then_some(model.seen.fraction),
             window: model.window,
         }
     }
 }
 
-fn measured(m: &Measurement) -> MeasuredValue {
+/// Form, mean value and confidence, in this order, those that are known.
+fn said_of(model: &Model, b: &Bookmark) -> Vec<(&'static str, String)> {
+    let mean = finding::mean_value(model, b).map(|v| format!("{v:.0}"));
+    let known = [
+        ("Form", b.shape.map(|s| s.name().into())),
+        ("Mean value within 3 mm", mean),
+        ("Confidence", b.confidence.map(|c| c.name().into())),
+    ];
+    known.into_iter().filter_map(|(name, value)| Some((name, value?))).collect()
+}
+
+fn measured(model: &Model, m: &Measurement) -> MeasuredValue {
     let is_length = m.ruler == Ruler::Length;
+    let of = model.bookmarks.iter().position(|b| m.finding == Some(b.id));
+    let plane = if m.in_slice { " in a slice" } else { "" };
     MeasuredValue {
         name: m.name.clone(),
-        text: m.text(),
+        text: format!("{}{plane}", m.text()),
+        finding: of.map(|i| i + 1),
         points_mm: m.points_mm.clone(),
         is_length,
     }
@@ -123,7 +144,7 @@ pub(super) fn picture(b: &Bookmark, folder: Option<&Path>) -> Option<PngPicture>
 /// Three slices through a place of the wall, with a cross there.
 fn slices(
     volume: &Volume,
-    lumen: Option<&Lumen>,
+    wall: Option<&TriangleBvh>,
     at: [f64; 3],
     window: [f64; 2],
 ) -> Vec<SliceView> {
@@ -132,7 +153,8 @@ fn slices(
     let of = |(name, pane)| {
         let mm_per_px = SLICE_MM / SLICE_PX as f64;
         let plane = SlicePlane::of(pane, DVec3::from(at), mm_per_px, None)?;
-        let mut pixels = slice(volume, lumen, &plane, size, window);
+        let mut pixels = slice(volume, None, &plane, size, window);
+        wall.iter().for_each(|tree| draw_wall_outline(tree, &plane, size, &mut pixels));
         let middle = SLICE_PX / 2;
         for k in (4..14).flat_map(|k| [middle - k, middle + k]) {
             pixels[middle * SLICE_PX + k] = CROSS;
@@ -152,16 +174,15 @@ fn slices(
 /// # Errors
 /// Errors of the profile and of the drawing.
 pub(super) fn page(session: &Session, mut notes: Notes) -> Result<String, SessionError> {
-    let of = [Product::Volume, Product::Lumen, Product::TriangleTree, Product::Flight];
+    let of = [Product::Volume, Product::TriangleTree, Product::Flight];
     let there = session.products(&of);
     let has_path = there.has(Product::TriangleTree) && there.has(Product::Flight);
     let profile = has_path.then(|| session.lumen_profile()).transpose()?;
     let pictures = has_path.then(|| session.report_pictures(None)).transpose()?;
-    let lumen = there.lumen.as_ref().map(|l| &l.lumen);
     for finding in &mut notes.findings {
         finding.start = profile.as_ref().and_then(|p| p.start);
         if let (Some(volume), Some(at)) = (there.volume(), finding.wall_mm) {
-            finding.slices = slices(volume, lumen, at, notes.window);
+            finding.slices = slices(volume, there.triangle_tree.as_deref(), at, notes.window);
         }
     }
     let report = session.report_so_far(None)?;
@@ -172,6 +193,7 @@ pub(super) fn page(session: &Session, mut notes: Notes) -> Result<String, Sessio
         shown_fraction: notes.shown_fraction,
         findings: &notes.findings,
         measurements: &notes.measurements,
+        category: notes.category,
     };
     Ok(page.html())
 }
@@ -192,6 +214,11 @@ mod tests {
             arc_mm: Some(12.0),
             picture: Some("p-1.png".into()),
             png: png.map(Arc::new),
+            id: 1,
+            wall_mm: None,
+            segment: None,
+            shape: None,
+            confidence: None,
         }
     }
 

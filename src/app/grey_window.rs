@@ -44,24 +44,21 @@ pub(super) fn value_text(value: f64, range: (f64, f64)) -> String {
 pub(super) fn slice_controls(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     ui.horizontal(|ui| {
         ui.label(egui::RichText::new("Slices").color(FAINT));
-        for (extent, name, tip) in [
-            (SliceExtent::Lumen, "lumen", "As much as the lumen is long"),
-            (SliceExtent::Volume, "all", "All of the volume"),
-        ] {
-            let button = ui.selectable_label(model.extent == extent, name).on_hover_text(tip);
-            if button.clicked() {
-                commands.act(Action::Extent(extent));
-            }
-        }
-        if ui.button("here").on_hover_text("Near to the crosshair").clicked() {
-            commands.act(Action::ShowInSlices(model.crosshair_mm.to_array()));
-        }
+        extents(ui, model, commands);
     });
     grey_window(ui, model, commands);
 }
 
+/// Controls of the slices in one row, under the large one.
+pub(super) fn slice_row(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
+    if model.volume().is_some() {
+        presets(ui, model, commands);
+        ui.separator();
+        extents(ui, model, commands);
+    }
+}
+
 fn grey_window(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
-    let range = model.value_range();
     ui.horizontal(|ui| {
         ui.label(egui::RichText::new("Window").color(FAINT));
         let [mut centre, mut width] = model.window;
@@ -75,18 +72,37 @@ fn grey_window(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
             commands.act(Action::Window([centre, width]));
         }
     });
-    ui.horizontal_wrapped(|ui| {
-        let none: &[(&str, [f64; 2])] = &[];
-        let presets = if is_hounsfield(range) { &CT_PRESETS[..] } else { none };
-        let reset = ("reset", default_window(range));
-        for (name, window) in presets.iter().chain([&reset]) {
-            let tip = window_text(*window);
-            let button = ui.selectable_label(model.window == *window, *name).on_hover_text(tip);
-            if button.clicked() {
-                commands.act(Action::Window(*window));
-            }
+    ui.horizontal_wrapped(|ui| presets(ui, model, commands));
+}
+
+fn presets(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
+    let range = model.value_range();
+    let none: &[(&str, [f64; 2])] = &[];
+    let presets = if is_hounsfield(range) { &CT_PRESETS[..] } else { none };
+    let reset = ("reset", default_window(range));
+    for (name, window) in presets.iter().chain([&reset]) {
+        let tip = window_text(*window);
+        let button = ui.selectable_label(model.window == *window, *name).on_hover_text(tip);
+        if button.clicked() {
+            commands.act(Action::Window(*window));
         }
-    });
+    }
+}
+
+/// How much of the volume the slices show.
+fn extents(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
+    for (extent, name, tip) in [
+        (SliceExtent::Lumen, "lumen", "As much as the lumen is long"),
+        (SliceExtent::Volume, "all", "All of the volume"),
+    ] {
+        let button = ui.selectable_label(model.extent == extent, name).on_hover_text(tip);
+        if button.clicked() {
+            commands.act(Action::Extent(extent));
+        }
+    }
+    if ui.button("near").on_hover_text("Near to the crosshair").clicked() {
+        commands.act(Action::ShowInSlices(model.crosshair_mm.to_array()));
+    }
 }
 
 /// Centre and width of a window as the slices show them: with a decimal where it is narrow, as that

@@ -34,8 +34,10 @@ pub(super) fn keys(ui: &Ui, model: &Model, is_escape_taken: bool, commands: &mut
         (Key::OpenBracket, Action::Speed(model.speed_mm_s / 1.25)),
         (Key::CloseBracket, Action::Speed(model.speed_mm_s * 1.25)),
         (Key::Num0, Action::BackToPath),
-        (Key::U, Action::NextMissed),
+        (Key::Comma, Action::PreviousFinding),
+        (Key::Period, Action::NextFinding),
         (Key::F1, Action::ToggleHelp),
+        (Key::F4, Action::TogglePanel),
         (Key::Questionmark, Action::ToggleHelp),
     ] {
         if pressed(key) {
@@ -76,17 +78,29 @@ pub(super) fn keys(ui: &Ui, model: &Model, is_escape_taken: bool, commands: &mut
             commands.act(action);
         }
     }
+    if let Some(i) = model.selected.filter(|_| pressed(Key::Delete)) {
+        commands.act(Action::RemoveBookmark(i));
+    }
     if pressed(Key::E) {
         commands.ask(Request::Export(Export::View));
+    }
+    for (fits, action) in [
+        (Modifiers::is_none as fn(&Modifiers) -> bool, Action::NextMissed),
+        (|m| m.shift, Action::PreviousMissed),
+    ] {
+        if with(Key::U, fits) {
+            commands.act(action);
+        }
     }
     if with(Key::B, |m| !m.shift) {
         commands.act(Action::Bookmark(String::new()));
     }
     if pressed(Key::Escape) && !is_escape_taken {
-        commands.act(match (model.help, model.ruler) {
-            (true, _) => Action::ToggleHelp,
-            (false, Some(_)) => Action::Measure(None),
-            (false, None) => Action::Maximise(None),
+        commands.act(match (model.help, model.ruler, &model.missed) {
+            (true, _, _) => Action::ToggleHelp,
+            (false, Some(_), _) => Action::Measure(None),
+            (false, None, Some(_)) => Action::HideMissed,
+            (false, None, None) => Action::Maximise(None),
         });
     }
     if with(Key::Q, |m| m.command && !m.shift && !m.alt) {
@@ -116,8 +130,15 @@ fn branch_in_view(model: &Model) -> Option<usize> {
 /// Millimetres a second of hand-flown motion.
 const HAND_MM_S: f64 = 25.0;
 
+/// Radians a second of turns by keys.
+const HAND_RAD_S: f32 = 0.8;
+
 /// Keys that move as long as they are held.
 fn held_keys(ui: &Ui, commands: &mut ActionQueue) {
+    // Ctrl + S saves, and moves nobody back.
+    if ui.input(|i| i.modifiers.command) {
+        return;
+    }
     let (dt, fast) = ui.input(|i| (f64::from(i.stable_dt).min(0.1), i.modifiers.shift));
     let by = HAND_MM_S * dt * if fast { 3.0 } else { 1.0 };
     // Down at the end of the frame, or pressed and let go within it.
@@ -125,6 +146,10 @@ fn held_keys(ui: &Ui, commands: &mut ActionQueue) {
     let along = down(Key::ArrowUp) - down(Key::ArrowDown);
     if along != 0.0 {
         commands.act(Action::Travel(along * by));
+    }
+    let right = down(Key::ArrowRight) - down(Key::ArrowLeft);
+    if right != 0.0 {
+        commands.act(Action::Turn([(right * dt) as f32 * HAND_RAD_S, 0.0, 0.0]));
     }
     let fly = DVec3::new(
         down(Key::D) - down(Key::A),
@@ -138,9 +163,21 @@ fn held_keys(ui: &Ui, commands: &mut ActionQueue) {
 
 /// Whether a key is held that moves the eye.
 pub fn moves(ctx: &egui::Context) -> bool {
-    const MOVING: [Key; 8] =
-        [Key::ArrowUp, Key::ArrowDown, Key::W, Key::A, Key::S, Key::D, Key::PageUp, Key::PageDown];
-    !ctx.egui_wants_keyboard_input() && ctx.input(|i| MOVING.iter().any(|k| i.key_down(*k)))
+    const MOVING: [Key; 10] = [
+        Key::ArrowUp,
+        Key::ArrowDown,
+        Key::ArrowLeft,
+        Key::ArrowRight,
+        Key::W,
+        Key::A,
+        Key::S,
+        Key::D,
+        Key::PageUp,
+        Key::PageDown,
+    ];
+    let is_down =
+        |i: &egui::InputState| !i.modifiers.command && MOVING.iter().any(|k| i.key_down(*k));
+    !ctx.egui_wants_keyboard_input() && ctx.input(is_down)
 }
 
 /// Height of the title, the frame and the margins of the list of keys, points.
@@ -154,6 +191,7 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
         ("Up, Down, wheel", "along the path (Shift: three times as fast)"),
         ("Home, End", "ends of the path"),
         ("[ ]", "slower, faster"),
+        ("Left, Right", "turn"),
         ("W S A D, Page Up, Page Down", "fly by hand; the wall is never passed"),
         ("drag", "look around; turn the overview"),
         ("Ctrl + drag", "roll"),
@@ -162,8 +200,7 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
         ("0 or 5", "back to the path, level"),
         ("1 to 9, Enter, click on a number", "take a branch; Enter: the one looked at"),
         ("click on the wall", "show the place in the slices"),
-        ("click in a slice", "fly to the nearest place of the path and look there"),
-        ("click in the overview", "fly to the nearest place of the path"),
+        ("click in a slice, the overview", "fly there through the tree"),
         ("drag in a slice", "crosshair (Shift + move: without a button)"),
         ("middle drag, Shift + drag", "pan a slice, the overview"),
         ("wheel in the overview", "zoom"),
@@ -171,11 +208,15 @@ pub(super) fn help(ui: &Ui, commands: &mut ActionQueue) {
         ("C", "colour: tissue, not seen yet, radius, evidence"),
         ("M, N", "measure a length, an angle"),
         ("E", "save the view"),
-        ("B", "bookmark"),
-        ("U", "next missed patch"),
-        ("double click", "one pane, all panes"),
+        ("B", "add a finding of what the eye looks at"),
+        (", .", "previous, next finding"),
+        ("U, Shift + U", "next, previous missed patch"),
+        ("double click", "a small slice large; one pane, all panes"),
+        ("Delete", "delete the selected finding"),
+        ("Ctrl + O, Ctrl + S", "open; save the session"),
         ("Ctrl + Z, Ctrl + Shift + Z", "undo, redo: notes, measurements, grey window"),
         ("Escape", "close the dialog, text field, list of keys, ruler or single pane"),
+        ("F4", "the panel on the right"),
         ("F1 or ?", "these keys"),
         ("Ctrl + Q", "quit"),
     ];

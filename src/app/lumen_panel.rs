@@ -3,6 +3,7 @@
 use egui::{Rect, Ui, UiBuilder};
 
 use super::action::{ActionQueue, LumenChoice, Request};
+use super::finding::range_around;
 use super::model::Model;
 use super::style::{FAINT, TEXT};
 use crate::organ::Organ;
@@ -59,74 +60,50 @@ pub(super) fn lumen_choice(
         false => ([0.5 * (low + high), high], false),
     };
     let (range, at_crosshair) = entered.get_or_insert_with(begin);
-    // Without a lumen there is nothing else to do; once there is one, the room is for what is done
-    // with it.
-    let id = ui.id().with("has lumen");
-    let has_lumen = model.products.lumen.is_some();
-    let had_lumen = ui.data_mut(|d| d.get_temp::<bool>(id)).unwrap_or(has_lumen);
-    ui.data_mut(|d| d.insert_temp(id, has_lumen));
-    let open = match (model.failure.is_some() || model.question.is_some(), has_lumen) {
-        (true, _) => Some(true),
-        (false, true) if !had_lumen => Some(false),
-        (false, _) => None,
-    };
-    egui::CollapsingHeader::new("Lumen").open(open).show(ui, |ui| {
-        ui.horizontal(|ui| {
-            for organ in Organ::ALL {
-                if ui.button(organ.name()).on_hover_text("Find it").clicked() {
-                    commands.ask(Request::Organ(organ));
-                }
+    ui.horizontal(|ui| {
+        for organ in Organ::ALL {
+            if ui.button(organ.name()).on_hover_text("Find it").clicked() {
+                commands.ask(Request::Organ(organ));
             }
-        });
-        ui.horizontal(|ui| {
-            let step = ((high - low) / 500.0).max(1e-3);
-            ui.add(egui::DragValue::new(&mut range[0]).speed(step));
-            ui.label("to");
-            ui.add(egui::DragValue::new(&mut range[1]).speed(step));
-        });
-        ui.horizontal(|ui| {
-            ui.checkbox(at_crosshair, "at the crosshair");
-            if ui.add_enabled(range[0] <= range[1], egui::Button::new("Find")).clicked() {
-                let seed_mm = at_crosshair.then(|| model.crosshair_mm.to_array());
-                commands.ask(Request::Lumen(LumenChoice { range: *range, seed_mm }));
-            }
-        });
+        }
+    });
+    let tip = "Contrast-tagged fluid counts as lumen, as if it were gas";
+    if ui.button("colon with tagged fluid").on_hover_text(tip).clicked() {
+        commands.ask(Request::TaggedColon);
+    }
+    ui.add_space(6.0);
+    ui.label(egui::RichText::new("Or a range of values").color(FAINT));
+    let around = ui.button("around the value at the crosshair");
+    let tip = "Mean and three standard deviations within 3 mm of the crosshair";
+    if around.on_hover_text(tip).clicked()
+        && let Some(found) = model.volume().and_then(|v| range_around(v, model.crosshair_mm))
+    {
+        (*range, *at_crosshair) = (found, true);
+    }
+    ui.horizontal(|ui| {
+        let step = ((high - low) / 500.0).max(1e-3);
+        ui.add(egui::DragValue::new(&mut range[0]).speed(step));
+        ui.label("to");
+        ui.add(egui::DragValue::new(&mut range[1]).speed(step));
+    });
+    ui.horizontal(|ui| {
+        ui.checkbox(at_crosshair, "at the crosshair");
+        if ui.add_enabled(range[0] <= range[1], egui::Button::new("Find")).clicked() {
+            let seed_mm = at_crosshair.then(|| model.crosshair_mm.to_array());
+            commands.ask(Request::Lumen(LumenChoice { range: *range, seed_mm }));
+        }
     });
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::model::flown_model;
     use super::super::panel_tests::TestScreen;
     use super::*;
     use crate::organ::Glance;
     use crate::session::SessionError;
-    use crate::volume::phantom::Kind;
 
     fn not_chosen(organ: Option<Organ>) -> SessionError {
         SessionError::LumenNotChosen { name: "ct.nrrd".into(), organ }
-    }
-
-    #[test]
-    fn the_choice_of_the_lumen_folds_once_there_is_one_and_leaves_room_for_bookmarks() {
-        let (mut model, _session) = flown_model(Kind::Tube, |_| {});
-        let lumen = model.products.lumen.take();
-        model.finish(Err(not_chosen(None)), None);
-        let mut screen = TestScreen::new();
-        let mut entered = None;
-        let mut is_open = |model: &Model, screen: &mut TestScreen| {
-            let mut commands = ActionQueue::default();
-            let mut lay_out = |ui: &mut Ui| lumen_choice(ui, model, &mut entered, &mut commands);
-            (0..30).for_each(|_| drop(screen.frame(Vec::new(), &mut lay_out)));
-            screen.frame(Vec::new(), &mut lay_out).iter().any(|(text, _)| text == "Find")
-        };
-        assert!(is_open(&model, &mut screen), "it is asked for");
-        (model.question, model.products.lumen) = (None, lumen);
-        assert!(!is_open(&model, &mut screen), "it was chosen");
-        screen.click("Lumen", |ui| {
-            lumen_choice(ui, &model, &mut None, &mut ActionQueue::default());
-        });
-        assert!(is_open(&model, &mut screen), "opened by hand it stays open");
     }
 
     #[test]

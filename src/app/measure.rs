@@ -15,6 +15,12 @@ pub struct Measurement {
     pub ruler: Ruler,
     /// LPS mm: two ends of a length; of an angle the second is its vertex.
     pub points_mm: Vec<[f64; 3]>,
+    /// Whether it was measured in a slice, and not between places of the wall.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub in_slice: bool,
+    /// Number of the finding that it is of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub finding: Option<u64>,
 }
 
 impl Ruler {
@@ -32,7 +38,8 @@ impl Measurement {
     pub fn of(ruler: Ruler, points: &[DVec3]) -> Option<Self> {
         let whole = points.len() == ruler.points();
         let points_mm = points.iter().map(DVec3::to_array).collect();
-        whole.then(|| Self { name: String::new(), ruler, points_mm })
+        let name = String::new();
+        whole.then_some(Self { name, ruler, points_mm, in_slice: false, finding: None })
     }
 
     /// Whether it has as many points as it needs, all of them places.

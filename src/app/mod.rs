@@ -16,6 +16,8 @@ mod dialogs;
 mod error;
 mod export;
 mod figures;
+mod finding;
+mod findings_panel;
 mod first_page;
 mod grey_window;
 mod inside_marks;
@@ -24,8 +26,10 @@ mod junctions;
 mod kept_notes;
 mod keys;
 mod labels;
+mod layout;
 mod lumen_panel;
 mod measure;
+mod missed_panel;
 mod model;
 mod opening;
 mod overview_pane;
@@ -43,18 +47,20 @@ mod style;
 mod timeline;
 mod ui;
 mod viewer;
+mod wall_outline;
 mod window;
 
 pub use action::{
-    Action, ActionQueue, Colouring, Command, EXTENT_MM, Export, FOV_DEG, LumenChoice, Pane,
+    Action, ActionQueue, Colouring, Command, EXTENT_MM, Export, FOV_DEG, Layout, LumenChoice, Pane,
     Request, Ruler, SPEED_MM_S, SliceExtent, WallView,
 };
 pub use coverage_recorder::{CoverageRecorder, SeenFaces};
 pub use error::AppError;
+pub use finding::{Confidence, FindingEdit, Shape};
 pub use junctions::BranchChoice;
 pub use kept_notes::{KeptOffer, RecentCase};
 pub use measure::Measurement;
-pub use model::{Bookmark, Model, SavedEye, SavedView};
+pub use model::{Bookmark, Model, SavedEye, SavedView, WayTo};
 pub use opening::{SavedLumen, SavedSettings};
 pub use saved_case::{SavedCase, SavedInput};
 pub use script::{SCRIPT_SCHEMA, Script, ScriptStep, Wait, play};

@@ -6,11 +6,13 @@ mod moves;
 mod notes;
 mod outcome;
 mod restored;
+mod route;
 mod sliced;
 mod speedometer;
 
 pub use notes::MissedMark;
 pub use restored::{SavedEye, SavedView};
+pub use route::WayTo;
 #[cfg(test)]
 pub(super) use sliced::tests::flown_model;
 
@@ -20,9 +22,10 @@ use glam::{DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::action::{
-    Action, Colouring, FOV_DEG, Pane, Request, Ruler, SPEED_MM_S, SliceExtent, WallView,
+    Action, Colouring, FOV_DEG, Layout, Pane, Request, Ruler, SPEED_MM_S, SliceExtent, WallView,
 };
 use super::coverage_recorder::SeenFaces;
+use super::finding::{Confidence, Shape};
 use super::grey_window::default_window;
 use super::junctions::{BranchChoice, choices};
 use super::kept_notes::{KeptOffer, RecentCase};
@@ -59,12 +62,27 @@ pub struct Bookmark {
     /// The picture itself, PNG.
     #[serde(skip)]
     pub png: Option<Arc<Vec<u8>>>,
+    /// Number by which measurements name it; 0 where it has none yet.
+    #[serde(default)]
+    pub id: u64,
+    /// Place of the wall in the middle of the view, LPS mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wall_mm: Option<[f64; 3]>,
+    /// Segment of the organ, or name of the branch, as the reader calls it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub segment: Option<String>,
+    /// Form of the lesion.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shape: Option<Shape>,
+    /// Confidence of the reader.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub confidence: Option<Confidence>,
 }
 
 impl Bookmark {
     /// Whether another one notes the same; its picture may not be there.
     pub(super) fn is_same(&self, other: &Self) -> bool {
-        let plain = |b: &Self| Self { picture: None, png: None, ..b.clone() };
+        let plain = |b: &Self| Self { picture: None, png: None, id: 0, ..b.clone() };
         plain(self) == plain(other)
     }
 }
@@ -101,6 +119,8 @@ pub struct Model {
     pub extent: SliceExtent,
     /// Number of times that the slices were led to a place: they are centred on it.
     pub centred: u64,
+    /// Whether crosshair and grey window are those of the volume that comes: it was open before.
+    keeps_slices: bool,
     /// Longest side of the lumen's box, mm.
     lumen_side_mm: Option<f64>,
     /// Side from which the overview shows the organ, and how near.
@@ -113,21 +133,33 @@ pub struct Model {
     pub window: [f64; 2],
     /// The pane that fills the window.
     pub maximised: Option<Pane>,
+    /// Arrangement of the panes.
+    pub layout: Layout,
+    /// The slice that is shown large.
+    pub large_slice: Pane,
+    /// Whether the panel on the right is hidden.
+    pub hides_panel: bool,
+    /// Where the notes are, in a few words.
+    pub notes_are: &'static str,
     /// Noted places.
     pub bookmarks: Vec<Bookmark>,
+    /// Number of the noted place that is looked at, by its place in the list.
+    pub selected: Option<usize>,
     /// Number of changes of the notes, and of those that the user's file has.
     notes_version: u64,
     saved_version: u64,
     /// Notes as they were before the changes that can be taken back.
     history: History,
-    /// Missed patches that were visited, by their rank.
-    visited: Vec<usize>,
     /// Missed patch that was asked for last.
     pub missed: Option<MissedMark>,
     /// Place on the path that the eye flies to, mm from the start.
     goal_mm: Option<f64>,
     /// Place that the eye looks at once it is there, LPS mm.
     gaze_mm: Option<DVec3>,
+    /// Place that a branch is taken for, LPS mm.
+    way_goes_on_to: Option<DVec3>,
+    /// The way that was set out on last.
+    pub way: Option<WayTo>,
     /// Place on the path to begin at, mm, once there is one.
     start_mm: f64,
     /// View of a session file whose eye waits for its path.
@@ -228,8 +260,16 @@ impl Model {
     /// A model of another volume; how the window shows it stays.
     pub fn reset(&self) -> Self {
         let (aspect, fov_deg) = (self.aspect, self.fov_deg);
-        let recent = self.recent.clone();
-        Self { aspect, fov_deg, view: self.view, recent, ..Self::new(self.planned_mm_s) }
+        Self {
+            aspect,
+            fov_deg,
+            view: self.view,
+            layout: self.layout,
+            large_slice: self.large_slice,
+            hides_panel: self.hides_panel,
+            recent: self.recent.clone(),
+            ..Self::new(self.planned_mm_s)
+        }
     }
 
     /// A model of another lumen of the same volume: notes stay, without places on the path that
@@ -245,6 +285,9 @@ impl Model {
             notes_version,
             saved_version,
             kept_offer: self.kept_offer.clone(),
+            selected: self.selected,
+            crosshair_mm: self.crosshair_mm,
+            keeps_slices: self.volume().is_some(),
             window,
             extent,
             ..self.reset()
@@ -283,7 +326,8 @@ impl Model {
         let line_came = came(&[Product::Centerline]);
         let fields_came = came(&[Product::Fields, Product::TriangleTree]);
         let sections_came = came(&[Product::Sections]);
-        if let Some(volume) = self.volume().filter(|_| volume_came) {
+        let is_new = volume_came && !std::mem::take(&mut self.keeps_slices);
+        if let Some(volume) = self.volume().filter(|_| is_new) {
             let middle = 0.5 * (volume.grid.dims.as_dvec3() - 1.0);
             self.crosshair_mm = volume.grid.world_from_voxel().transform_point3(middle);
             self.window = default_window(self.value_range());
@@ -326,6 +370,7 @@ impl Model {
         self.set_path(flight, route);
         self.set_sections(sections);
         self.restore_eye();
+        self.go_on_along_branch();
     }
 
     /// Begins at a place on the path, at once or when there is one.
@@ -460,7 +505,10 @@ impl Model {
                 self.ruler = *ruler;
                 self.marks_mm.clear();
             }
-            Action::Mark(p) if DVec3::from(*p).is_finite() => self.mark(DVec3::from(*p)),
+            Action::Mark(p) if DVec3::from(*p).is_finite() => self.mark(DVec3::from(*p), false),
+            Action::MarkInSlice(p) if DVec3::from(*p).is_finite() => {
+                self.mark(DVec3::from(*p), true);
+            }
             Action::NameMeasurement(i, name) => self.name_measurement(*i, name),
             Action::MoveMark { measurement, point, to } if DVec3::from(*to).is_finite() => {
                 self.move_mark(*measurement, *point, *to);
@@ -486,14 +534,21 @@ impl Model {
                 self.window = [centre.clamp(-MAX_VALUE, MAX_VALUE), width.clamp(1e-3, MAX_VALUE)];
             }
             Action::Maximise(pane) => self.maximised = *pane,
+            Action::Layout(layout) => (self.layout, self.maximised) = (*layout, None),
+            Action::LargeSlice(pane) if Pane::SLICES.contains(pane) => self.large_slice = *pane,
+            Action::TogglePanel => self.hides_panel = !self.hides_panel,
             Action::RectumAtStart(at_start) => self.set_rectum_at_start(*at_start),
             Action::Bookmark(text) => self.bookmark(text),
-            Action::RemoveBookmark(i) if *i < self.bookmarks.len() => {
-                self.bookmarks.remove(*i);
-                self.notes_changed();
-            }
+            Action::RemoveBookmark(i) if *i < self.bookmarks.len() => self.remove_bookmark(*i),
+            Action::SelectFinding(i) => self.selected = i.filter(|i| *i < self.bookmarks.len()),
+            Action::EditFinding(i, edit) => self.edit_finding(*i, edit),
+            Action::NextFinding => self.go_to_finding_beside(1),
+            Action::PreviousFinding => self.go_to_finding_beside(-1),
             Action::GoToBookmark(i) => self.go_to_bookmark(*i),
-            Action::NextMissed => self.next_missed(),
+            Action::NextMissed => self.go_to_missed_beside(1),
+            Action::PreviousMissed => self.go_to_missed_beside(-1),
+            Action::GoToMissed(patch) => self.go_to_missed(*patch),
+            Action::HideMissed => self.missed = None,
             Action::ToggleHelp => self.help = !self.help,
             Action::Stay => self.leaving = None,
             // Numbers that are none.

@@ -244,6 +244,11 @@ impl Opening {
             Request::Organ(organ) => {
                 Some(Self::with_lumen(&SavedLumen::Organ(*organ), session, settings))
             }
+            Request::TaggedColon => {
+                let organ = Some(Organ::Colon);
+                let tagged = SavedSettings { organ, tagged: true, ..SavedSettings::default() };
+                Some(Self::with_lumen(&SavedLumen::Settings(tagged), session, settings))
+            }
             Request::Lumen(choice) => {
                 Some(Self::with_lumen(&SavedLumen::Range(*choice), session, settings))
             }

@@ -4,7 +4,7 @@
 use egui::{Align2, Pos2, Rect, Response, Ui, Vec2, pos2, vec2};
 use glam::{DVec2, DVec3};
 
-use super::action::{Action, ActionQueue};
+use super::action::{Action, ActionQueue, Request};
 use super::inside_marks::shadowed;
 use super::model::Model;
 use super::style::{FAINT, wheel_notches};
@@ -80,7 +80,7 @@ pub(super) fn overview_input(
         && let Some(p) = response.interact_pointer_pos()
         && let Some(place) = path_under(camera, p, model)
     {
-        commands.act(Action::GoNear(place.to_array()));
+        commands.ask(Request::FlyThrough(place.to_array()));
     }
     let (drag, shift) = (response.drag_delta(), ui.input(|i| i.modifiers.shift));
     let primary = response.dragged_by(egui::PointerButton::Primary);
@@ -111,10 +111,14 @@ pub(super) fn zoom_mark(painter: &egui::Painter, rect: Rect, model: &Model) {
     }
 }
 
-/// The place of the path that is nearest to what lies under a point.
+/// The place of the centerline that is nearest to what lies under a point.
 fn path_under(camera: &OverviewCamera, p: Pos2, model: &Model) -> Option<DVec3> {
-    let along = camera.rotation() * camera.ray(p);
-    model.path.as_ref()?.nearest_to_ray(camera.pose.position_mm.as_dvec3(), along)
+    let along = (camera.rotation() * camera.ray(p)).try_normalize()?;
+    let eye = camera.pose.position_mm.as_dvec3();
+    let line = &model.products.centerline.as_ref()?.line;
+    let points = line.branches.iter().flat_map(|b| &b.points).map(|p| p.position_mm);
+    let off = |p: &DVec3| (*p - eye).cross(along).length_squared();
+    points.min_by(|a, b| off(a).total_cmp(&off(b)))
 }
 
 #[cfg(test)]

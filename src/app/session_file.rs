@@ -115,8 +115,9 @@ impl SessionFile {
             let rotation = DQuat::from_array(b.rotation);
             let turned = rotation.is_finite() && (rotation.length() - 1.0).abs() < 1e-3;
             let arc = b.arc_mm.is_none_or(f64::is_finite);
-            if !DVec3::from(b.position_mm).is_finite() || !turned || !arc || !b.fov_deg.is_finite()
-            {
+            let wall = b.wall_mm.is_none_or(|p| DVec3::from(p).is_finite());
+            let place = DVec3::from(b.position_mm).is_finite() && wall;
+            if !place || !turned || !arc || !b.fov_deg.is_finite() {
                 return Err(format!("bookmark {} is no place", i + 1));
             }
             if b.picture.as_deref().is_some_and(|name| !is_file_name(name)) {
@@ -177,8 +178,12 @@ impl SessionFile {
             return Err("the session file is of another volume".into());
         }
         use super::action::Action;
-        model.bookmarks.clone_from(&self.bookmarks);
-        model.measurements.clone_from(&self.measurements);
+        model.bookmarks.clear();
+        model.measurements.clear();
+        model.add_notes(&AddedNotes {
+            bookmarks: self.bookmarks.clone(),
+            measurements: self.measurements.clone(),
+        });
         model.restore_ends(self.rectum_at_start);
         model.step(
             0.0,
@@ -279,6 +284,7 @@ fn is_file_name(name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::super::action::Ruler;
+    use super::super::finding::{Confidence, Shape};
     use super::*;
 
     fn file() -> SessionFile {
@@ -294,6 +300,11 @@ mod tests {
                 arc_mm: Some(12.5),
                 picture: Some("a-1.png".into()),
                 png: None,
+                id: 1,
+                wall_mm: Some([1.0, 2.0, 3.0]),
+                segment: Some("sigmoid".into()),
+                shape: Some(Shape::Flat),
+                confidence: Some(Confidence::High),
             }],
             window: [40.0, 400.0],
             speed_mm_s: 20.0,
@@ -304,6 +315,8 @@ mod tests {
                 name: "polyp".into(),
                 ruler: Ruler::Length,
                 points_mm: vec![[1.0, 2.0, 3.0], [1.0, 2.0, 7.5]],
+                in_slice: true,
+                finding: Some(1),
             }],
             view: Some(Model::new(20.0).saved_view()),
             lumen: Some(SavedLumen::Organ(crate::organ::Organ::Airway)),
@@ -371,7 +384,7 @@ mod tests {
         named(&["a"]).write(&path).unwrap();
         let open = || NotesFile::new(path.clone(), Some(SessionFile::read(&path).unwrap()));
         let (mut first, mut second) = (open(), open());
-        let mut write = |file: &mut NotesFile, names: &[&str]| -> Vec<String> {
+        let write = |file: &mut NotesFile, names: &[&str]| -> Vec<String> {
             let added = file.write(named(names), Some(&locks)).unwrap();
             added.bookmarks.into_iter().map(|b| b.text).collect()
         };

@@ -1,32 +1,66 @@
-//! The panel on the right: figures, choices of lumen and view, measurements, files, bookmarks.
+//! The panel on the right: findings, missed wall, branches, figures, looks, and the choice of the
+//! lumen, a tab each.
 
+use egui::Ui;
 use egui::style::ScrollStyle;
-use egui::{Key, Ui};
-use glam::DVec3;
 
-use super::action::{Action, ActionQueue, Colouring, Export, Request, Ruler, WallView};
-use super::branch_panel::branch_list;
+use super::action::{Action, ActionQueue, Colouring, Request, WallView};
+use super::branch_panel::{branch_list, way_to_target};
 use super::doubts::{doubtful_ends, reasons};
 use super::figures::figures;
+use super::findings_panel::findings;
 use super::grey_window::slice_controls;
 use super::kept_notes::{KeptOffer, ago};
 use super::lumen_panel::{EnteredRange, lumen_choice};
+use super::missed_panel::missed_patches;
 use super::model::Model;
 use super::style::FAINT;
 use crate::formats::{InputInfo, NOTICE, SeriesInfo};
 
-/// Text and numbers that are being entered.
+/// A group of controls of the panel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Tab {
+    /// Noted places and measurements.
+    #[default]
+    Findings,
+    /// Wall that no picture has shown.
+    Missed,
+    /// Branches that can be taken.
+    Branches,
+    /// Figures of lumen, path and eye.
+    Numbers,
+    /// Look of wall and slices.
+    View,
+    /// Choice of the lumen, and why it is this one.
+    Lumen,
+}
+
+impl Tab {
+    const ALL: [(Self, &str); 6] = [
+        (Self::Findings, "Findings"),
+        (Self::Missed, "Missed"),
+        (Self::Branches, "Branches"),
+        (Self::Numbers, "Numbers"),
+        (Self::View, "View"),
+        (Self::Lumen, "Lumen"),
+    ];
+}
+
+/// Text and numbers that are being entered, and the group that is shown.
 #[derive(Default)]
 pub(super) struct PanelState {
+    pub tab: Tab,
     /// Text of the next bookmark.
-    note: String,
+    pub note: String,
     /// Whether a file for the notes is to be chosen.
     pub saves_session: bool,
     /// Range of a lumen to be chosen.
     pub lumen: EnteredRange,
+    /// Whether the choice of a lumen was asked for in the last frame.
+    asked: bool,
 }
 
-/// Figures, how the wall looks, measuring, export, bookmarks.
+/// The groups as tabs, so that nothing lies below the edge of the window or moves for another group.
 pub(super) fn side_panel(
     ui: &mut Ui,
     model: &Model,
@@ -36,73 +70,60 @@ pub(super) fn side_panel(
     egui::Panel::bottom("notice").show_separator_line(false).show(ui, |ui| {
         ui.add(egui::Label::new(egui::RichText::new(NOTICE).small().color(FAINT)).wrap());
     });
+    // A question that has to be answered is shown when it comes.
+    let asks = model.failure.is_some() || model.question.is_some() || model.contents.is_some();
+    match (asks, std::mem::replace(&mut state.asked, asks)) {
+        (true, false) => state.tab = Tab::Lumen,
+        (false, true) => state.tab = Tab::default(),
+        _ => {}
+    }
+    ui.add_space(4.0);
+    ui.horizontal_wrapped(|ui| {
+        for (tab, name) in Tab::ALL {
+            if ui.selectable_label(state.tab == tab, name).clicked() {
+                state.tab = tab;
+            }
+        }
+    });
+    ui.separator();
+    kept_notes(ui, model, commands);
     // No wider than the panel, whatever a name or a note is; what does not fit below is scrolled to.
     // Its bar is always seen where there is more: it floats otherwise, and shows under the pointer.
     ui.spacing_mut().scroll = ScrollStyle { bar_width: 8.0, ..ScrollStyle::solid() };
-    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+    let list = egui::ScrollArea::vertical().id_salt(state.tab as usize).auto_shrink(false);
+    list.show(ui, |ui| {
         ui.set_max_width(ui.available_width());
-        groups(ui, model, state, commands);
-    });
-}
-
-fn groups(ui: &mut Ui, model: &Model, state: &mut PanelState, commands: &mut ActionQueue) {
-    ui.add_space(4.0);
-    kept_notes(ui, model, commands);
-    figures(ui, model, commands);
-    doubtful_ends(ui, model, commands);
-    reasons(ui, model);
-    ui.separator();
-    if let Some((info, _)) = &model.contents {
-        contents(ui, info, commands);
-        ui.separator();
-    }
-    if model.volume().is_some() {
-        lumen_choice(ui, model, &mut state.lumen, commands);
-        ui.separator();
-    }
-    if !model.choices.is_empty() {
-        branch_list(ui, model, commands);
-        ui.separator();
-    }
-    appearance(ui, model, commands);
-    ui.separator();
-    if model.volume().is_some() {
-        slice_controls(ui, model, commands);
-        ui.separator();
-    }
-    measuring(ui, model, commands);
-    ui.separator();
-    exports(ui, model, commands);
-    ui.separator();
-    ui.horizontal(|ui| {
-        ui.strong("Bookmarks");
-        let save = egui::Button::new("Save session");
-        let tip = "Bookmarks, measurements and the view, as a file that Open shows again";
-        let button = ui.add_enabled(model.products.identity.is_some(), save);
-        state.saves_session |= button.on_hover_text(tip).on_disabled_hover_text(tip).clicked();
-    });
-    ui.horizontal(|ui| {
-        let text =
-            egui::TextEdit::singleline(&mut state.note).hint_text("note").desired_width(120.0);
-        let field = ui.add(text);
-        let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
-        let can = model.pose.is_some();
-        if ui.add_enabled(can, egui::Button::new("Add")).clicked() || (entered && can) {
-            commands.act(Action::Bookmark(std::mem::take(&mut state.note)));
+        match state.tab {
+            Tab::Findings => findings(ui, model, state, commands),
+            Tab::Missed => missed_patches(ui, model, commands),
+            Tab::Branches => {
+                way_to_target(ui, model, commands);
+                ui.separator();
+                branch_list(ui, model, commands);
+            }
+            Tab::Numbers => {
+                figures(ui, model, commands);
+                doubtful_ends(ui, model, commands);
+            }
+            Tab::View => {
+                appearance(ui, model, commands);
+                if model.volume().is_some() {
+                    ui.separator();
+                    slice_controls(ui, model, commands);
+                }
+            }
+            Tab::Lumen => {
+                if let Some((info, _)) = &model.contents {
+                    contents(ui, info, commands);
+                    ui.separator();
+                }
+                if model.volume().is_some() {
+                    lumen_choice(ui, model, &mut state.lumen, commands);
+                }
+                reasons(ui, model);
+            }
         }
     });
-    for (i, b) in model.bookmarks.iter().enumerate() {
-        ui.horizontal(|ui| {
-            if ui.small_button("x").on_hover_text("Forget").clicked() {
-                commands.act(Action::RemoveBookmark(i));
-            }
-            let place = b.arc_mm.map_or("off the path".into(), |mm| format!("{mm:.0} mm"));
-            let text = format!("{place}: {}", b.text);
-            if short_button(ui, &text).clicked() {
-                commands.act(Action::GoToBookmark(i));
-            }
-        });
-    }
 }
 
 /// Offers notes of this volume from before.
@@ -223,50 +244,6 @@ fn appearance(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     });
 }
 
-fn measuring(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
-    ui.horizontal(|ui| {
-        ui.strong("Measure");
-        for (ruler, name) in [(Ruler::Length, "length"), (Ruler::Angle, "angle")] {
-            let on = model.ruler == Some(ruler);
-            if ui.selectable_label(on, name).clicked() {
-                commands.act(Action::Measure((!on).then_some(ruler)));
-            }
-        }
-    });
-    for (i, m) in model.measurements.iter().enumerate() {
-        ui.horizontal(|ui| {
-            if ui.small_button("x").on_hover_text("Forget").clicked() {
-                commands.act(Action::RemoveMeasurement(i));
-            }
-            let mut name = m.name.clone();
-            let text = egui::TextEdit::singleline(&mut name).hint_text("name").desired_width(96.0);
-            if ui.add(text).changed() {
-                commands.act(Action::NameMeasurement(i, name));
-            }
-            let middle = m.points().iter().sum::<DVec3>() / m.points_mm.len().max(1) as f64;
-            if ui.button(m.text()).on_hover_text("Show in the slices").clicked() {
-                commands.act(Action::Crosshair(middle.to_array()));
-            }
-        });
-    }
-}
-
-fn exports(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
-    ui.horizontal(|ui| {
-        ui.strong("Save");
-        let ready = model.path.is_some();
-        for (what, name, can) in [
-            (Export::View, "view", model.pose.is_some()),
-            (Export::Flight, "flight", ready && model.is_complete),
-            (Export::Report, "report", model.volume().is_some()),
-        ] {
-            if ui.add_enabled(can, egui::Button::new(name)).clicked() {
-                commands.ask(Request::Export(what));
-            }
-        }
-    });
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::model::flown_model;
@@ -317,21 +294,41 @@ mod tests {
     fn controls_of_the_panel_do_not_move_under_the_pointer_in_a_flight() {
         let (mut model, _session) = flown_model(Kind::Y, |s| s.centerline.tree = true);
         let length = model.path.as_ref().unwrap().length_mm();
-        let (mut screen, mut state) = (TestScreen::new(), PanelState::default());
-        let (mut places, mut offered) = (Vec::new(), Vec::new());
-        for i in 0..=40 {
-            model.step(0.0, &[Action::Seek(f64::from(i) / 40.0 * length)]);
-            let mut commands = ActionQueue::default();
-            let texts =
-                screen.frame(Vec::new(), |ui| side_panel(ui, &model, &mut state, &mut commands));
-            let view = texts.iter().find(|(text, _)| text == "View").expect("its controls");
-            places.push(view.1.top());
-            offered.push((model.offered().len(), model.section.is_some()));
+        let (mut screen, mut offered) = (TestScreen::new(), Vec::new());
+        for (tab, text) in [(Tab::Findings, "Save session"), (Tab::Numbers, "Missed patches")] {
+            let mut places = Vec::new();
+            for i in 0..=40 {
+                model.step(0.0, &[Action::Seek(f64::from(i) / 40.0 * length)]);
+                let mut state = PanelState { tab, ..PanelState::default() };
+                let mut commands = ActionQueue::default();
+                let texts = screen
+                    .frame(Vec::new(), |ui| side_panel(ui, &model, &mut state, &mut commands));
+                let shown = texts.iter().find(|(shown, _)| shown == text).expect("its controls");
+                places.push(shown.1.top());
+                offered.push((model.offered().len(), model.section.is_some()));
+            }
+            assert!(places.iter().all(|y| *y == places[0]), "{places:?}");
         }
         let of = |what: fn(&(usize, bool)) -> bool| offered.iter().filter(|o| what(o)).count();
         assert!(of(|o| o.0 == 0) > 0 && of(|o| o.0 > 0) > 0, "branches come and go: {offered:?}");
         assert!(of(|o| o.1) > 0 && of(|o| !o.1) > 0, "so do sections: {offered:?}");
-        assert!(places.iter().all(|y| *y == places[0]), "{places:?}");
+    }
+
+    #[test]
+    fn a_question_opens_its_tab_and_the_answer_closes_it() {
+        let mut model = Model::new(20.0);
+        let (mut screen, mut state) = (TestScreen::new(), PanelState::default());
+        let mut tab_of = |model: &Model| {
+            screen.frame(Vec::new(), |ui| {
+                side_panel(ui, model, &mut state, &mut ActionQueue::default());
+            });
+            state.tab
+        };
+        assert_eq!(tab_of(&model), Tab::Findings);
+        model.question = Some("which organ?");
+        assert_eq!(tab_of(&model), Tab::Lumen);
+        model.question = None;
+        assert_eq!(tab_of(&model), Tab::Findings);
     }
 
     #[test]

@@ -3,13 +3,14 @@
 use egui::{Align2, Color32, Pos2, Rect, Response, Stroke, Ui, pos2, vec2};
 use glam::DVec3;
 
-use super::action::{Action, ActionQueue, Pane, SliceExtent};
+use super::action::{Action, ActionQueue, Pane, Request, SliceExtent};
 use super::grey_window::{value_text, window_text};
 use super::inside_marks::{mark_under, measurements, missed_mark};
 use super::labels::Labels;
 use super::model::Model;
 use super::slices::{SlicePlane, slice, value_at};
 use super::style::{CAMERA, TEXT, pixels, wheel_notches};
+use super::wall_outline::draw_wall_outline;
 use crate::volume::Volume;
 
 const CROSSHAIR: Color32 = Color32::from_rgba_premultiplied(120, 94, 28, 150);
@@ -22,7 +23,8 @@ struct SliceInput {
     size: [usize; 2],
     /// Centre and width of the grey values.
     window: [f64; 2],
-    has_lumen: bool,
+    /// Whether there is a lumen to be outlined, or a wall.
+    has: [bool; 2],
 }
 
 /// A slice as a texture.
@@ -97,8 +99,11 @@ pub(super) fn show_slice(
     let Some(mut plane) = at(model.crosshair_mm) else { return };
     let way = plane.way_into(volume, size);
     plane.centre_mm += way + views.pan_mm[index] + views.held_mm[index];
-    let lumen = model.products.lumen.as_ref().map(|l| &l.lumen);
-    let input = SliceInput { plane, size, window: model.window, has_lumen: lumen.is_some() };
+    // Until there is a wall, the outline is that of the voxels.
+    let wall = model.products.triangle_tree.as_deref();
+    let lumen = model.products.lumen.as_ref().map(|l| &l.lumen).filter(|_| wall.is_none());
+    let has = [lumen.is_some(), wall.is_some()];
+    let input = SliceInput { plane, size, window: model.window, has };
     let slot = &mut views.textures[index];
     let frame = ui.ctx().cumulative_frame_nr();
     let takes_turns = views.in_turn && model.playing;
@@ -109,7 +114,8 @@ pub(super) fn show_slice(
         plane = s.input.plane;
         ui.ctx().request_repaint();
     } else if is_stale {
-        let rgb = slice(volume, lumen, &plane, size, model.window);
+        let mut rgb = slice(volume, lumen, &plane, size, model.window);
+        wall.iter().for_each(|tree| draw_wall_outline(tree, &plane, size, &mut rgb));
         let pixels = rgb.into_iter().map(|[r, g, b]| Color32::from_rgb(r, g, b)).collect();
         let image = egui::ColorImage::new(size, pixels);
         let options = egui::TextureOptions::NEAREST;
@@ -218,10 +224,13 @@ fn pointer_input(
             views.dragged_to_mm = Some(to);
             commands.act(Action::Crosshair(to.to_array()));
         } else if response.clicked() {
-            commands.act(match model.ruler {
-                Some(_) => Action::Mark(place.to_array()),
-                None => Action::LookAt(place.to_array()),
-            });
+            match model.ruler {
+                Some(_) => commands.act(Action::MarkInSlice(place.to_array())),
+                None if model.path.is_some() => {
+                    commands.ask(Request::FlyThrough(place.to_array()));
+                }
+                None => commands.act(Action::Crosshair(place.to_array())),
+            }
         }
     } else if let Some(p) = response.hover_pos().filter(|_| shift) {
         // The other slices follow the pointer.

@@ -3,20 +3,23 @@
 use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2};
 use glam::DVec3;
 
-use super::action::{Action, ActionQueue, FOV_DEG, Pane, Request, SPEED_MM_S, WallView};
+use super::action::{
+    Action, ActionQueue, Command, FOV_DEG, Layout, Pane, Request, SPEED_MM_S, WallView,
+};
 use super::branch_panel::branch_under;
 use super::computation::WorkStatus;
 use super::dialogs::{Dialogs, FILES, ask_to_save, opened};
-use super::figures::MISSED;
 use super::first_page::first_page;
+use super::grey_window::slice_row;
 use super::inside_marks::{inside_marks, mark_under, measurements, missed_mark, value_behind};
 use super::inside_pane::{in_pane, ray_at};
 use super::keys::{help, keys};
 use super::labels::Labels;
+use super::layout::places;
 use super::lumen_panel::lumen_question;
 use super::model::Model;
 use super::overview_pane::{OverviewCamera, overview_input, zoom_mark};
-use super::side_panel::{PanelState, side_panel};
+use super::side_panel::{PanelState, Tab, side_panel};
 use super::slice_pane::{SliceViews, show_slice};
 use super::style::{FAINT, TEXT, WRONG, pixels, wheel_notches};
 use super::timeline::timeline;
@@ -39,7 +42,7 @@ pub struct UiState {
     slices: SliceViews,
     panel: PanelState,
     /// When a pane was clicked, s, and what that leads to.
-    click: Option<(f64, Action)>,
+    click: Option<(f64, Command)>,
     dialogs: Dialogs,
     /// Whether the last frame showed something that Escape closes by itself: a text field takes
     /// the focus back before the keys of a frame are looked at.
@@ -56,6 +59,11 @@ impl UiState {
     pub fn reset(&mut self) {
         self.slices = SliceViews::new(self.slices.in_turn);
         (self.panel.lumen, self.click) = (None, None);
+    }
+
+    /// Forgets what is of one lumen; a range that was typed stays, to be tried again.
+    pub fn reset_lumen(&mut self) {
+        self.click = None;
     }
 }
 
@@ -79,15 +87,25 @@ pub fn window(
     commands: &mut ActionQueue,
 ) -> PaneSizes {
     keys(ui, model, state.is_escape_taken, commands);
+    let shortcut = |key| {
+        let keys = egui::KeyboardShortcut::new(egui::Modifiers::COMMAND, key);
+        ui.input_mut(|i| i.consume_shortcut(&keys))
+    };
+    if shortcut(egui::Key::O) {
+        state.dialogs.open.pick_file();
+    }
+    state.panel.saves_session |= shortcut(egui::Key::S) && model.products.identity.is_some();
     opened(ui, &mut state.dialogs, commands);
     egui::Panel::top("top").show(ui, |ui| top_bar(ui, model, state, status, commands));
     egui::Panel::bottom("timeline")
         .exact_size(timeline_height(ui))
         .show(ui, |ui| timeline(ui, model, commands));
-    egui::Panel::right("notes")
-        .resizable(false)
-        .exact_size(236.0)
-        .show(ui, |ui| side_panel(ui, model, &mut state.panel, commands));
+    if !model.hides_panel {
+        egui::Panel::right("notes")
+            .default_size(PANEL)
+            .size_range(PANEL..=2.0 * PANEL)
+            .show(ui, |ui| side_panel(ui, model, &mut state.panel, commands));
+    }
     if std::mem::take(&mut state.panel.saves_session) {
         state.dialogs.save.save_file();
     }
@@ -95,8 +113,14 @@ pub fn window(
     let mut of_panes = ActionQueue::default();
     let is_computing = status.is_some_and(|s| s.is_computing);
     egui::CentralPanel::no_frame().show(ui, |ui| {
-        let whole = ui.max_rect();
-        for (pane, rect) in layout(whole, model.maximised) {
+        let shown = places(ui.max_rect(), model.layout, model.large_slice, model.maximised);
+        if let Some(rect) = shown.transport {
+            row(ui, rect, |ui| transport(ui, model, commands));
+        }
+        if let Some(rect) = shown.presets {
+            row(ui, rect, |ui| slice_row(ui, model, commands));
+        }
+        for (pane, rect) in shown.panes {
             let rect = on_pixels(ui, rect);
             let size = pixels(ui, rect);
             match pane {
@@ -107,7 +131,7 @@ pub fn window(
             show_pane(ui, pane, rect, model, &mut state.slices, is_computing, &mut of_panes);
         }
     });
-    delay_clicks(ui, &mut state.click, &mut of_panes.actions);
+    delay_clicks(ui, &mut state.click, &mut of_panes);
     commands.actions.append(&mut of_panes.actions);
     commands.requests.append(&mut of_panes.requests);
     ask_to_save(ui, model, &mut state.dialogs, commands);
@@ -121,58 +145,49 @@ pub fn window(
     sizes
 }
 
+/// Width of the panel on the right, points; it can be drawn to twice as much.
+const PANEL: f32 = 250.0;
+
+/// Lays out controls in a row of the window.
+fn row(ui: &mut Ui, rect: Rect, controls: impl FnOnce(&mut Ui)) {
+    let inner = egui::UiBuilder::new().max_rect(rect.shrink2(vec2(4.0, 2.0)));
+    ui.scope_builder(inner, |ui| {
+        ui.set_clip_rect(rect);
+        ui.horizontal_wrapped(controls);
+    });
+}
+
 /// Height of the scrub bar: less of a low window.
 fn timeline_height(ui: &Ui) -> f32 {
     (0.15 * ui.available_height()).clamp(48.0, 92.0).round()
 }
 
 /// Holds what a click leads to back until it is known not to be the first of a double click.
-fn delay_clicks(ui: &Ui, click: &mut Option<(f64, Action)>, actions: &mut Vec<Action>) {
+fn delay_clicks(ui: &Ui, click: &mut Option<(f64, Command)>, commands: &mut ActionQueue) {
     let delay = ui.ctx().options(|o| o.input_options.max_double_click_delay);
     let now = ui.input(|i| i.time);
-    let leads_on = |a: &mut Action| {
-        matches!(a, Action::GoNear(_) | Action::LookAt(_) | Action::ShowInSlices(_))
-    };
-    if let Some(led) = actions.extract_if(.., leads_on).last() {
-        *click = Some((now, led));
+    let shows = |a: &mut Action| matches!(a, Action::ShowInSlices(_));
+    if let Some(action) = commands.actions.extract_if(.., shows).last() {
+        *click = Some((now, Command::Action(action)));
     }
-    if actions.iter().any(|a| matches!(a, Action::Maximise(_))) {
+    let flies = |r: &mut Request| matches!(r, Request::FlyThrough(_));
+    if let Some(request) = commands.requests.extract_if(.., flies).last() {
+        *click = Some((now, Command::Request(request)));
+    }
+    let is_double = |a: &Action| matches!(a, Action::Maximise(_) | Action::LargeSlice(_));
+    if commands.actions.iter().any(is_double) {
         *click = None;
     }
-    if let Some((_, led)) = click.take_if(|(at, _)| now - *at >= delay) {
-        actions.push(led);
-    } else if let Some((at, _)) = click {
-        let left = std::time::Duration::from_secs_f64(*at + delay - now);
-        ui.ctx().request_repaint_after(left);
+    match click.take_if(|(at, _)| now - *at >= delay) {
+        Some((_, Command::Action(action))) => commands.act(action),
+        Some((_, Command::Request(request))) => commands.ask(request),
+        None => {
+            if let Some((at, _)) = click {
+                let left = std::time::Duration::from_secs_f64(*at + delay - now);
+                ui.ctx().request_repaint_after(left);
+            }
+        }
     }
-}
-
-/// The rectangles of the panes that are shown.
-fn layout(whole: Rect, maximised: Option<Pane>) -> Vec<(Pane, Rect)> {
-    if let Some(pane) = maximised {
-        return vec![(pane, whole)];
-    }
-    const GAP: f32 = 2.0;
-    let split = (0.56 * whole.width()).round();
-    let left = Rect::from_min_max(whole.min, pos2(whole.min.x + split - GAP, whole.max.y));
-    let right = Rect::from_min_max(pos2(whole.min.x + split, whole.min.y), whole.max);
-    let part = |col: usize, row: usize, cols: usize, rows: usize| {
-        let size = vec2(right.width() / cols as f32, right.height() / rows as f32);
-        let min = right.min + vec2(col as f32 * size.x, row as f32 * size.y);
-        Rect::from_min_size(min, (size - Vec2::splat(GAP)).max(Vec2::splat(1.0)))
-    };
-    // The overview takes the upper third of the right side, slices the rest.
-    let third = right.height() / 3.0;
-    let overview =
-        Rect::from_min_size(part(0, 0, 2, 3).min, vec2(part(0, 0, 2, 3).width(), third - GAP));
-    vec![
-        (Pane::Inside, left),
-        (Pane::Overview, overview),
-        (Pane::Across, part(1, 0, 2, 3)),
-        (Pane::Axial, part(0, 1, 2, 3)),
-        (Pane::Coronal, part(1, 1, 2, 3)),
-        (Pane::Sagittal, part(0, 2, 2, 3).union(part(1, 2, 2, 3))),
-    ]
 }
 
 /// The rectangle on whole pixels, so that pictures are shown one to one.
@@ -206,29 +221,83 @@ fn top_bar(
 const ONE_LINE: f32 = 1000.0;
 
 fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut ActionQueue) {
-    ui.menu_button("Open", |ui| {
+    ui.menu_button("1 Open", |ui| {
         if ui.button("File").on_hover_text(FILES).clicked() {
             state.dialogs.open.pick_file();
         }
         if ui.button("Folder").on_hover_text("A DICOM series").clicked() {
             state.dialogs.open.pick_directory();
         }
+        for case in &model.recent {
+            if ui.button(&case.name).on_hover_text("Opened before").clicked() {
+                commands.ask(Request::OpenKept(case.file.clone()));
+            }
+        }
     });
+    for Step { name, tab, missing } in steps(model) {
+        let is_here = missing.is_none() && state.panel.tab == tab;
+        let button = ui.add_enabled(missing.is_none(), egui::Button::selectable(is_here, name));
+        if button.on_disabled_hover_text(missing.unwrap_or_default()).clicked() {
+            state.panel.tab = tab;
+        }
+    }
     ui.separator();
+    for (layout, name) in Layout::ALL {
+        if ui.selectable_label(model.layout == layout, name).clicked() {
+            commands.act(Action::Layout(layout));
+        }
+    }
+    let panel = egui::Button::selectable(!model.hides_panel, "panel");
+    if ui.add(panel).on_hover_text("The panel on the right (F4)").clicked() {
+        commands.act(Action::TogglePanel);
+    }
+    if ui.button("Keys").on_hover_text("F1").clicked() {
+        commands.act(Action::ToggleHelp);
+    }
+}
+
+/// A step of a reading, and why it cannot be done yet.
+struct Step {
+    name: &'static str,
+    tab: Tab,
+    missing: Option<&'static str>,
+}
+
+/// The steps of a reading after the scan is open, each with the tab that serves it.
+fn steps(model: &Model) -> [Step; 4] {
+    let no_scan = model.volume().is_none().then_some("Open a scan first.");
+    let no_path = model.path.is_none().then_some("There is no path through an organ yet.");
+    let no_coverage = model.products.coverage.is_none();
+    let no_coverage = no_coverage.then_some("The coverage of the flight is not computed yet.");
+    [
+        Step { name: "2 Organ", tab: Tab::Lumen, missing: no_scan },
+        Step { name: "3 Fly", tab: Tab::Branches, missing: no_scan.or(no_path) },
+        Step { name: "4 Review", tab: Tab::Missed, missing: no_scan.or(no_path).or(no_coverage) },
+        Step { name: "5 Report", tab: Tab::Findings, missing: no_scan },
+    ]
+}
+
+/// Controls of the flight, under the picture that they move.
+fn transport(ui: &mut Ui, model: &Model, commands: &mut ActionQueue) {
     let ready = model.path.is_some();
+    let mut button = |ui: &mut Ui, text: &str, can: bool, tip: &str, action: Action| {
+        let button = ui.add_enabled(can, egui::Button::new(text));
+        if button.on_hover_text(tip).clicked() {
+            commands.act(action);
+        }
+    };
+    button(ui, "⏮", ready, "To the start (Home)", Action::Seek(0.0));
     let play = if model.playing { "Pause" } else { "Play" };
-    if ui.add_enabled(ready, egui::Button::new(play)).clicked() {
-        commands.act(Action::TogglePlay);
-    }
+    button(ui, play, ready, "Space", Action::TogglePlay);
     let way = if model.reverse { "Direction: back" } else { "Direction: forward" };
-    if ui.add_enabled(ready, egui::Button::new(way)).clicked() {
-        commands.act(Action::Reverse);
-    }
+    button(ui, way, ready, "R", Action::Reverse);
+    button(ui, "⏭", ready, "To the end (End)", Action::Seek(f64::MAX));
+    button(ui, "Back to path", ready && !model.on_path, "0", Action::BackToPath);
     let mut speed = model.speed_mm_s;
     let slider = egui::DragValue::new(&mut speed).range(SPEED_MM_S).speed(0.5);
     // Else as many as a point of the screen has pixels for.
     let slider = slider.prefix("cruise ").suffix(" mm/s").fixed_decimals(1);
-    let tip = "Cruising speed; where it is narrow or winding the flight is slower";
+    let tip = "Cruising speed ([ ]); where it is narrow or winding the flight is slower";
     if ui.add(slider).on_hover_text(tip).changed() {
         commands.act(Action::Speed(speed));
     }
@@ -238,16 +307,8 @@ fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut Acti
     if ui.add(slider).on_hover_text("Vertical field of view").changed() {
         commands.act(Action::FieldOfView(fov));
     }
-    if ui.add_enabled(ready && !model.on_path, egui::Button::new("Back to path")).clicked() {
-        commands.act(Action::BackToPath);
-    }
-    let missed = model.products.coverage.as_ref().is_some_and(|c| !c.patches.is_empty());
-    let next = ui.add_enabled(missed, egui::Button::new("Next missed patch"));
-    if next.on_hover_text(MISSED).on_disabled_hover_text(MISSED).clicked() {
-        commands.act(Action::NextMissed);
-    }
-    if ui.button("Keys").clicked() {
-        commands.act(Action::ToggleHelp);
+    if let Some(mm_s) = model.flown_mm_s() {
+        ui.label(egui::RichText::new(format!("{mm_s:.1} mm/s")).color(FAINT));
     }
 }
 
@@ -277,7 +338,10 @@ fn what_is_at_work(
                 commands.ask(Request::Resume);
             }
             let message = model.question.or(model.message.as_deref()).unwrap_or_default();
-            ui.add(egui::Label::new(message).truncate()).on_hover_text(message);
+            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                ui.label(egui::RichText::new(model.notes_are).color(FAINT));
+                ui.add(egui::Label::new(message).truncate()).on_hover_text(message);
+            });
         }
     }
 }
@@ -346,7 +410,11 @@ fn show_pane(
         orientation_marker(&painter, rect, pose.rotation.as_dquat());
     }
     if response.double_clicked() {
-        commands.act(Action::Maximise((model.maximised != Some(pane)).then_some(pane)));
+        let is_small = model.layout != Layout::All && model.large_slice != pane;
+        commands.act(match Pane::SLICES.contains(&pane) && is_small && model.maximised.is_none() {
+            true => Action::LargeSlice(pane),
+            false => Action::Maximise((model.maximised != Some(pane)).then_some(pane)),
+        });
     }
 }
 
@@ -452,18 +520,19 @@ fn orientation_marker(painter: &egui::Painter, rect: Rect, rotation: glam::DQuat
 
 #[cfg(test)]
 mod tests {
-    use super::super::model::Bookmark;
+    use super::super::model::{Bookmark, flown_model};
     use super::super::panel_tests::TestScreen;
     use super::super::slice_pane::tests::{button, model_of_a_volume};
     use super::*;
+    use crate::volume::phantom::Kind;
 
-    /// Actions within a second of clicks in the middle of the axial slice, at these frames.
-    fn after_clicks(at: &[usize]) -> Vec<Action> {
-        let mut model = model_of_a_volume();
+    /// Commands within a second of clicks in the middle of the axial slice, at these frames.
+    fn after_clicks(at: &[usize]) -> ActionQueue {
+        let (mut model, _session) = flown_model(Kind::Bend, |_| {});
         model.maximised = Some(Pane::Axial);
         let (context, mut state) = (egui::Context::default(), UiState::default());
         let place = pos2(250.0, 250.0);
-        let mut all = Vec::new();
+        let mut all = ActionQueue::default();
         for i in 0..30 {
             let is_click = at.contains(&i);
             let mut events = vec![egui::Event::PointerMoved(place)];
@@ -474,23 +543,28 @@ mod tests {
             let time = Some(i as f64 / 30.0);
             let input =
                 egui::RawInput { screen_rect: Some(screen), time, events, ..Default::default() };
-            let mut commands = ActionQueue::default();
             let mut output = context.run_ui(input, |ui| {
-                window(ui, &model, &mut state, None, &mut commands);
+                window(ui, &model, &mut state, None, &mut all);
             });
             output.textures_delta.clear();
-            all.append(&mut commands.actions);
         }
         all
     }
 
     #[test]
     fn a_double_click_maximises_a_pane_and_flies_nowhere() {
-        assert_eq!(after_clicks(&[2, 6]), [Action::Maximise(None)]);
-        let single = after_clicks(&[2]);
-        assert!(matches!(single[..], [Action::LookAt(_)]), "{single:?}");
-        let two = after_clicks(&[2, 22]);
-        assert!(matches!(two[..], [Action::LookAt(_)]), "the second flies later: {two:?}");
+        let double = after_clicks(&[2, 6]);
+        assert_eq!(
+            (&double.actions[..], &double.requests[..]),
+            (&[Action::Maximise(None)][..], &[][..])
+        );
+        let flies = |clicks: &[usize]| {
+            let done = after_clicks(clicks);
+            assert!(done.actions.is_empty(), "{done:?}");
+            matches!(done.requests[..], [Request::FlyThrough(_)])
+        };
+        assert!(flies(&[2]));
+        assert!(flies(&[2, 22]), "the second flies later");
     }
 
     #[test]
@@ -515,7 +589,7 @@ mod tests {
         };
         frame(Vec::new());
         let (texts, _) = frame(Vec::new());
-        let note = texts.iter().find(|(t, _)| t == "note").expect("a field for a note").1.center();
+        let note = texts.iter().find(|(t, _)| t == "name").expect("a field for a name").1.center();
         frame(vec![egui::Event::PointerMoved(note)]);
         frame(vec![button(note, true)]);
         frame(vec![button(note, false)]);
@@ -524,7 +598,7 @@ mod tests {
         frame(Vec::new());
         assert_eq!(frame(vec![escape()]).1, [Action::Maximise(None)], "then the pane");
         // A menu closes by itself too.
-        let open = texts.iter().find(|(t, _)| t == "Open").unwrap().1.center();
+        let open = texts.iter().find(|(t, _)| t == "1 Open").unwrap().1.center();
         frame(vec![egui::Event::PointerMoved(open)]);
         frame(vec![button(open, true)]);
         frame(vec![button(open, false)]);
@@ -598,13 +672,13 @@ mod tests {
             [(vec2(640.0, 480.0), 1.0), (vec2(640.0, 400.0), 2.0), (vec2(480.0, 360.0), 1.0)]
         {
             let shown = texts(size, scale, None);
-            for name in ["Open", "Play", "Back to path", "Next missed patch", "Keys"] {
+            for name in ["1 Open", "Play", "Back to path", "4 Review", "Keys"] {
                 let (_, place) = shown.iter().find(|(t, _)| t == name).expect(name);
                 assert!(place.max.x <= size.x, "{name} at {place:?} of {size}");
             }
             let over_panel = pos2(size.x - 120.0, 0.5 * size.y);
             let last =
-                |texts: Vec<(String, Rect)>| texts.iter().any(|(t, _)| t == "off the path: last");
+                |texts: Vec<(String, Rect)>| texts.iter().any(|(t, _)| t.starts_with("20: last"));
             assert!(!last(shown), "{size} has room for all of the panel");
             assert!(last(texts(size, scale, Some(over_panel))), "{size} cannot be scrolled");
         }

@@ -10,6 +10,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use egui::ViewportId;
+use glam::DVec3;
 
 use super::action::{ActionQueue, Colouring, Export, Request, WallView};
 use super::canvas::{Canvas, Target};
@@ -437,8 +438,14 @@ impl Viewer {
                 Request::TakeKept => self.take_kept_notes(),
                 Request::LeaveKept => self.leave_kept_notes(),
                 Request::Branch(branch) => self.plan_branch(FlightRoute::Leaf(*branch))?,
+                Request::FlyThrough(place) => {
+                    if let Some(route) = self.model.set_out_through_tree(DVec3::from(*place)) {
+                        self.plan_branch(route)?;
+                    }
+                }
                 Request::Export(Export::Flight) => self.export_flight()?,
                 Request::Export(Export::Report) => self.export_report()?,
+                Request::Export(Export::Findings) => self.export_findings(),
                 _ => {}
             }
         }
@@ -450,11 +457,13 @@ impl Viewer {
 
     /// Shows other volumes, or another lumen of the same.
     fn open(&mut self, gpu: &mut Gpu, opening: Opening) -> Result<(), AppError> {
-        self.model = match opening.is_same_volume {
-            true => self.model.reset_lumen(),
-            false => self.model.reset(),
-        };
-        self.ui.reset();
+        if opening.is_same_volume {
+            self.model = self.model.reset_lumen();
+            self.ui.reset_lumen();
+        } else {
+            self.model = self.model.reset();
+            self.ui.reset();
+        }
         self.recorder = None;
         self.shown_count = 0;
         self.panes = Panes::new(gpu, self.samples)?;

@@ -227,11 +227,15 @@ impl FlightPath {
         self.arc_mm[j] + (self.arc_mm[j + 1] - self.arc_mm[j]) * u
     }
 
-    /// Returns the arc length of the pose nearest to a point, mm.
+    /// Returns the arc length of the pose nearest to a point, mm. A jump between two pieces has no
+    /// length: the last pose of the first piece is just before it, the first of the second at it.
     pub fn nearest_to(&self, p_mm: DVec3) -> f64 {
         let off = |i: &usize| self.poses[*i].position_mm.as_dvec3().distance_squared(p_mm);
         let near = (0..self.poses.len()).min_by(|a, b| off(a).total_cmp(&off(b)));
-        near.map_or(0.0, |i| self.arc_mm[i])
+        near.map_or(0.0, |i| match self.cuts.contains(&(i + 1)) {
+            true => self.arc_mm[i].next_down(),
+            false => self.arc_mm[i],
+        })
     }
 
     /// Returns the position of the pose that is nearest to a ray, LPS mm.
@@ -292,6 +296,16 @@ mod tests {
         let x = |arc: f64| path.pose_at(arc).position_mm.x;
         assert_eq!((x(-1.0), x(1.0), x(3.0), x(4.5), x(99.0)), (0.0, 1.0, 3.0, 54.5, 55.0));
         assert!((3.99..4.0).contains(&x(3.999)));
+    }
+
+    /// The eye went to the other piece, and looked through the body at what was asked for.
+    #[test]
+    fn the_place_nearest_to_either_side_of_a_cut_is_on_that_side() {
+        let (flight, line) = flight();
+        let path = FlightPath::new(&flight, &line).unwrap();
+        let x = |p: f64| path.pose_at(path.nearest_to(DVec3::X * p)).position_mm.x;
+        assert!((x(5.0) - 4.0).abs() < 1e-5, "{}", x(5.0));
+        assert_eq!(x(53.0), 54.0);
     }
 
     #[test]

@@ -39,6 +39,8 @@ pub struct ReportPage<'a> {
     pub findings: &'a [Finding],
     /// Measurements that the user made.
     pub measurements: &'a [MeasuredValue],
+    /// C-RADS category that follows from the findings of a colon.
+    pub category: Option<&'a str>,
 }
 
 /// Forbids everything but what is within the page.
@@ -93,7 +95,7 @@ impl ReportPage<'_> {
                 (path::section(report))
                 (coverage::section(report, self.shown_fraction))
             }
-            (notes::findings(self.findings, self.measurements))
+            (notes::findings(self.findings, self.measurements, self.category))
             (notes::measurements(self.measurements))
             @if let Some(report) = self.report {
                 (path::tree(report))

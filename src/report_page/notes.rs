@@ -1,6 +1,5 @@
 //! Findings and measurements of the window's user.
 
-use glam::DVec3;
 use maud::{Markup, html};
 
 use super::figures::{grouped, image, plain};
@@ -21,6 +20,8 @@ pub struct Finding {
     pub start: Option<&'static str>,
     /// Branch or piece that the place lies in.
     pub segment: Option<String>,
+    /// What else is said of it: name and value.
+    pub said: Vec<(&'static str, String)>,
     /// View from inside.
     pub view: Option<PngPicture>,
     /// Slices through the wall.
@@ -47,30 +48,34 @@ pub struct MeasuredValue {
     pub points_mm: Vec<[f64; 3]>,
     /// Whether it is a length.
     pub is_length: bool,
+    /// Number of the finding that it is of, from 1.
+    pub finding: Option<usize>,
 }
-
-/// Distance from the wall of a finding within which lengths are taken for its size, mm.
-const NEAR_MM: f64 = 30.0;
 
 fn shown(p: [f64; 3]) -> String {
     p.map(|v| grouped(v, 1)).join(", ")
 }
 
-/// Lengths whose points all lie near the wall of a finding, with their numbers from 1.
-fn sizes<'a>(
-    of: &Finding,
-    all: &'a [MeasuredValue],
-) -> impl Iterator<Item = (usize, &'a MeasuredValue)> + use<'a> {
-    let wall = of.wall_mm.map(DVec3::from);
-    let is_near = move |p: &[f64; 3]| wall.is_some_and(|w| w.distance(DVec3::from(*p)) <= NEAR_MM);
-    let is_size = move |m: &MeasuredValue| m.is_length && m.points_mm.iter().all(is_near);
-    (1..).zip(all).filter(move |(_, m)| is_size(m))
+/// Lengths that were measured of a finding, with their numbers from 1.
+fn sizes(
+    finding: usize,
+    all: &[MeasuredValue],
+) -> impl Iterator<Item = (usize, &MeasuredValue)> + use<'_> {
+    (1..).zip(all).filter(move |(_, m)| m.is_length && m.finding == Some(finding))
 }
 
-pub(super) fn findings(findings: &[Finding], measurements: &[MeasuredValue]) -> Markup {
+pub(super) fn findings(
+    findings: &[Finding],
+    measurements: &[MeasuredValue],
+    category: Option<&str>,
+) -> Markup {
     html! { @if !findings.is_empty() {
         section id="findings" {
             h2 { "Findings" }
+            @if let Some(category) = category {
+                p { "C-RADS " (category) ", by the sizes noted; whether the examination is complete \
+                     (C0) is for its reader to say." }
+            }
             @for (i, f) in findings.iter().enumerate() { (finding(i + 1, f, measurements)) }
         }
     } }
@@ -82,9 +87,10 @@ fn finding(number: usize, f: &Finding, measurements: &[MeasuredValue]) -> Markup
         article class="finding" {
             h3 { (number) ". " (text) }
             p {
-                @for (i, size) in sizes(f, measurements) {
+                @for (i, size) in sizes(number, measurements) {
                     "Size " (size.text) " (measurement " (i) "). "
                 }
+                @for (name, value) in &f.said { (name) ": " (value) ". " }
                 @if let Some(segment) = &f.segment { (plain(segment)) ". " }
                 @if let Some(arc) = f.arc_mm {
                     (grouped(arc, 0)) " mm along the path"
@@ -137,17 +143,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lengths_beside_the_wall_of_a_finding_are_its_size_and_others_are_not() {
-        let of = |is_length, x| MeasuredValue {
+    fn lengths_of_a_finding_are_its_size_and_others_are_not() {
+        let of = |is_length, finding| MeasuredValue {
             name: String::new(),
-            text: format!("{x}"),
-            points_mm: vec![[0.0; 3], [x, 0.0, 0.0]],
+            text: String::new(),
+            points_mm: Vec::new(),
             is_length,
+            finding,
         };
-        let all = [of(false, 2.0), of(true, 90.0), of(true, 6.0)];
-        let finding = Finding { wall_mm: Some([1.0, 0.0, 0.0]), ..Finding::default() };
-        let found: Vec<usize> = sizes(&finding, &all).map(|s| s.0).collect();
+        let all = [of(false, Some(1)), of(true, None), of(true, Some(1)), of(true, Some(2))];
+        let found: Vec<usize> = sizes(1, &all).map(|s| s.0).collect();
         assert_eq!(found, [3]);
-        assert_eq!(sizes(&Finding::default(), &all).count(), 0, "where the wall is not known");
     }
 }

@@ -28,6 +28,8 @@ enum Change {
     Point(usize, usize),
     /// The name of a measurement is typed.
     Name(usize),
+    /// The name or the segment of a finding is typed.
+    Finding(usize),
     /// The grey window is dragged.
     Window,
 }
@@ -37,7 +39,10 @@ impl Change {
     fn of(action: &Action) -> Option<Self> {
         Some(match action {
             Action::Bookmark(_) | Action::RemoveBookmark(_) => Self::Bookmark,
-            Action::Mark(_) | Action::RemoveMeasurement(_) => Self::Measurement,
+            Action::Mark(_) | Action::MarkInSlice(_) | Action::RemoveMeasurement(_) => {
+                Self::Measurement
+            }
+            Action::EditFinding(i, _) => Self::Finding(*i),
             Action::RectumAtStart(_) => Self::Ends,
             Action::MoveMark { measurement, point, .. } => Self::Point(*measurement, *point),
             Action::NameMeasurement(i, _) => Self::Name(*i),
@@ -47,7 +52,7 @@ impl Change {
     }
 
     fn is_gesture(self) -> bool {
-        matches!(self, Self::Point(..) | Self::Name(_) | Self::Window)
+        matches!(self, Self::Point(..) | Self::Name(_) | Self::Finding(_) | Self::Window)
     }
 
     /// Returns the name of the change in a message.
@@ -58,6 +63,7 @@ impl Change {
             Self::Ends => "ends of the path",
             Self::Point(..) => "point of a measurement",
             Self::Name(_) => "name of a measurement",
+            Self::Finding(_) => "what is said of a bookmark",
             Self::Window => "grey window",
         }
     }
@@ -141,6 +147,7 @@ impl Model {
 
     fn restore_noted(&mut self, noted: Noted) {
         self.history.gesture = None;
+        self.selected = self.selected.filter(|i| *i < noted.bookmarks.len());
         let Noted { bookmarks, measurements, rectum_at_start, window } = noted;
         (self.bookmarks, self.measurements, self.window) = (bookmarks, measurements, window);
         self.restore_ends(rectum_at_start);

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use glam::{DVec3, Quat};
 
 use super::super::action::FOV_DEG;
+use super::super::finding::{FindingEdit, OWN_REACH_MM};
 use super::super::measure::Measurement;
 use super::super::session_file::AddedNotes;
 use super::{Bookmark, Model};
@@ -13,9 +14,26 @@ use crate::geometry::{Mesh, Pose};
 use crate::organ::{ColonEnds, Organ};
 use crate::session::FlightRoute;
 
+/// A missed patch, where the path is nearest to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MissedPlace {
+    /// Its rank in area.
+    pub patch: usize,
+    /// Millimetres along the path.
+    pub arc_mm: f64,
+    /// Area that the flight misses, mm².
+    pub area_mm2: f64,
+    /// Area of it that no picture has shown since, mm².
+    pub unseen_mm2: f64,
+    /// Whether next to all of it has been shown since.
+    pub is_shown: bool,
+}
+
 /// Missed patch that is marked in the panes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MissedMark {
+    /// Its rank in area.
+    pub patch: usize,
     /// Area that no picture has shown, mm².
     pub area_mm2: f64,
     /// Middle of the patch, LPS mm.
@@ -38,6 +56,7 @@ impl MissedMark {
         let place = |v: u32| wall.positions[v as usize].as_dvec3();
         let outline = edges.into_iter().filter(|(_, faces)| *faces == 1);
         Self {
+            patch,
             area_mm2,
             center_mm: coverage.patches[patch].center_mm,
             outline_mm: outline.map(|((a, b), _)| [place(a), place(b)]).collect(),
@@ -74,19 +93,83 @@ impl Model {
 
     /// Takes notes in that came from elsewhere, and are in a file already.
     pub(in super::super) fn add_notes(&mut self, added: &AddedNotes) {
-        self.bookmarks.extend_from_slice(&added.bookmarks);
-        self.measurements.extend_from_slice(&added.measurements);
+        let mut new_ids = BTreeMap::new();
+        for bookmark in &added.bookmarks {
+            let is_taken = self.bookmarks.iter().any(|b| b.id == bookmark.id);
+            let id = if bookmark.id == 0 || is_taken { self.free_id() } else { bookmark.id };
+            new_ids.insert(bookmark.id, id);
+            self.bookmarks.push(Bookmark { id, ..bookmark.clone() });
+        }
+        for measurement in &added.measurements {
+            let finding = measurement.finding.map(|id| *new_ids.get(&id).unwrap_or(&id));
+            self.measurements.push(Measurement { finding, ..measurement.clone() });
+        }
         self.notes_changed();
     }
 
-    pub(super) fn mark(&mut self, p: DVec3) {
+    /// A number that no noted place has.
+    fn free_id(&self) -> u64 {
+        self.bookmarks.iter().map(|b| b.id).max().unwrap_or(0).saturating_add(1)
+    }
+
+    pub(super) fn mark(&mut self, p: DVec3, in_slice: bool) {
         let Some(ruler) = self.ruler else { return };
         self.marks_mm.push(p);
         if let Some(done) = Measurement::of(ruler, &self.marks_mm) {
-            self.measurements.push(done);
+            let finding = self.finding_at(&self.marks_mm);
+            self.measurements.push(Measurement { in_slice, finding, ..done });
+            // The next click is for something else.
+            self.ruler = None;
             self.marks_mm.clear();
             self.notes_changed();
         }
+    }
+
+    /// Number of the selected finding, if all of these places are near to it.
+    fn finding_at(&self, places: &[DVec3]) -> Option<u64> {
+        let finding = self.bookmarks.get(self.selected?)?;
+        let at = DVec3::from(finding.wall_mm.unwrap_or(finding.position_mm));
+        places.iter().all(|p| p.distance(at) <= OWN_REACH_MM).then_some(finding.id)
+    }
+
+    /// Forgets a noted place, with what was measured of it.
+    pub(super) fn remove_bookmark(&mut self, i: usize) {
+        let id = self.bookmarks.remove(i).id;
+        self.measurements.retain(|m| m.finding != Some(id));
+        self.selected = None;
+        self.notes_changed();
+    }
+
+    pub(super) fn edit_finding(&mut self, i: usize, edit: &FindingEdit) {
+        let Some(finding) = self.bookmarks.get_mut(i) else { return };
+        match edit {
+            FindingEdit::Name(name) => name.clone_into(&mut finding.text),
+            FindingEdit::Segment(name) => {
+                finding.segment = Some(name.clone()).filter(|name| !name.is_empty());
+            }
+            FindingEdit::Shape(shape) => finding.shape = *shape,
+            FindingEdit::Confidence(confidence) => finding.confidence = *confidence,
+        }
+        self.notes_changed();
+    }
+
+    /// Moves the eye to the noted place so many places after the selected one in the list, which
+    /// goes round.
+    pub(super) fn go_to_finding_beside(&mut self, by: isize) {
+        let count = self.bookmarks.len() as isize;
+        if count > 0 {
+            let from = self.selected.map_or(if by > 0 { -1 } else { 0 }, |i| i as isize);
+            self.go_to_bookmark((from + by).rem_euclid(count) as usize);
+        }
+    }
+
+    /// The wall in the middle of the view, LPS mm.
+    fn wall_ahead(&self) -> Option<[f64; 3]> {
+        /// Farther than any lumen is long.
+        const FAR_MM: f64 = 2000.0;
+        let (pose, tree) = (self.pose?, self.products.triangle_tree.as_ref()?);
+        let along = pose.forward().as_dvec3() * FAR_MM;
+        tree.first_hit(pose.position_mm.as_dvec3(), along).map(|p| p.to_array())
     }
 
     pub(super) fn name_measurement(&mut self, i: usize, name: &str) {
@@ -121,11 +204,18 @@ impl Model {
             arc_mm: self.on_path.then_some(self.arc_mm),
             picture: None,
             png: None,
+            id: self.free_id(),
+            wall_mm: self.wall_ahead(),
+            segment: None,
+            shape: None,
+            confidence: None,
         });
+        self.selected = Some(self.bookmarks.len() - 1);
     }
 
     pub(super) fn go_to_bookmark(&mut self, i: usize) {
         let Some(b) = self.bookmarks.get(i).cloned() else { return };
+        self.selected = Some(i);
         let rotation = Quat::from_array(b.rotation.map(|v| v as f32));
         let position_mm = DVec3::from(b.position_mm).as_vec3();
         self.fov_deg = b.fov_deg.clamp(*FOV_DEG.start(), *FOV_DEG.end());
@@ -139,13 +229,11 @@ impl Model {
         }
     }
 
-    /// Moves the eye to the largest patch that the flight misses, not visited yet nor shown since.
-    pub(super) fn next_missed(&mut self) {
-        let (Some(coverage), Some(wall)) =
-            (self.products.coverage.clone(), self.products.wall.clone())
-        else {
-            return;
-        };
+    /// Returns the missed patches of [`LISTED_FROM_MM2`] or more in the order of the path; `None` before
+    /// the coverage is known.
+    pub fn missed_in_order(&self) -> Option<Vec<MissedPlace>> {
+        let (coverage, wall) = (self.products.coverage.as_ref()?, self.products.wall.as_ref()?);
+        let path = self.path.as_ref()?;
         let mut unseen_mm2 = vec![0.0; coverage.patches.len()];
         for (face, patch) in coverage.patch_of_face.iter().enumerate() {
             let Some(area) = patch.and_then(|p| unseen_mm2.get_mut(p.get() as usize - 1)) else {
@@ -155,25 +243,59 @@ impl Model {
                 *area += 0.5 * f64::from(wall.mesh.face_cross(wall.mesh.faces[face]).length());
             }
         }
-        let open = |i: &usize| unseen_mm2[*i] >= LISTED_FROM_MM2;
-        let left: Vec<usize> = (0..unseen_mm2.len()).filter(open).collect();
-        if left.iter().all(|i| self.visited.contains(i)) {
-            self.visited.clear();
+        let of = |(patch, unseen): (usize, f64)| MissedPlace {
+            patch,
+            arc_mm: path.nearest_to(coverage.patches[patch].center_mm),
+            area_mm2: coverage.patches[patch].area_mm2,
+            unseen_mm2: unseen,
+            is_shown: unseen < LISTED_FROM_MM2,
+        };
+        let mut places: Vec<_> = unseen_mm2.into_iter().enumerate().map(of).collect();
+        places.retain(|p| p.area_mm2 >= LISTED_FROM_MM2);
+        places.sort_by(|a, b| a.arc_mm.total_cmp(&b.arc_mm).then(a.patch.cmp(&b.patch)));
+        Some(places)
+    }
+
+    /// Moves the eye to the next patch along the path that was not shown since, or to the one before;
+    /// the list goes round.
+    pub(super) fn go_to_missed_beside(&mut self, by: isize) {
+        let Some(places) = self.missed_in_order() else { return };
+        // From the patch that is marked, else from the eye.
+        let marked = self.missed.as_ref().map(|m| m.patch);
+        let marked = places.iter().position(|p| Some(p.patch) == marked);
+        let ahead = || places.partition_point(|p| p.arc_mm <= self.arc_mm) as isize;
+        let count = places.len() as isize;
+        let first = match (marked, by > 0) {
+            (Some(i), _) => i as isize + by,
+            (None, true) => ahead(),
+            (None, false) => ahead() - 1,
+        };
+        let order = (0..count).map(|k| &places[(first + k * by).rem_euclid(count) as usize]);
+        match order.clone().find(|p| !p.is_shown) {
+            Some(place) => self.go_to_missed(place.patch),
+            None => {
+                self.message =
+                    Some(format!("no missed patch of {LISTED_FROM_MM2} mm² or more is left"));
+            }
         }
-        let Some(next) = left.iter().find(|i| !self.visited.contains(i)) else {
-            self.message = Some("no missed patch of 300 mm² or more is left".into());
+    }
+
+    /// Moves the eye to a missed patch, looks at it and marks it.
+    pub(super) fn go_to_missed(&mut self, patch: usize) {
+        let (Some(coverage), Some(wall)) =
+            (self.products.coverage.clone(), self.products.wall.clone())
+        else {
             return;
         };
-        self.visited.push(*next);
+        let places = self.missed_in_order().unwrap_or_default();
+        let Some(place) = places.iter().find(|p| p.patch == patch) else { return };
         self.playing = false;
-        self.missed = Some(MissedMark::of(&wall.mesh, &coverage, *next, unseen_mm2[*next]));
-        let centre = coverage.patches[*next].center_mm;
-        if let Some(path) = &self.path {
-            self.seek(path.nearest_to(centre));
-        }
-        self.turn_to(centre);
-        let area = unseen_mm2[*next];
-        self.message = Some(format!("missed patch of {area:.0} mm² ahead"));
+        self.missed = Some(MissedMark::of(&wall.mesh, &coverage, patch, place.unseen_mm2));
+        self.seek(place.arc_mm);
+        self.turn_to(coverage.patches[patch].center_mm);
+        let left = places.iter().filter(|p| !p.is_shown).count();
+        let (area, all) = (place.unseen_mm2, places.len());
+        self.message = Some(format!("missed patch of {area:.0} mm² ahead; {left} of {all} left"));
     }
 }
 

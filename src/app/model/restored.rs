@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3, Quat};
 use serde::{Deserialize, Serialize};
 
-use super::super::action::{Action, Colouring, Pane, SliceExtent, WallView};
+use super::super::action::{Action, Colouring, Layout, Pane, SliceExtent, WallView};
 use super::Model;
 use crate::geometry::Pose;
 use crate::render::Framing;
@@ -31,6 +31,12 @@ pub struct SavedView {
     /// The pane that filled the window.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub maximised: Option<Pane>,
+    /// Arrangement of the panes.
+    #[serde(default)]
+    pub layout: Layout,
+    /// The slice that was shown large.
+    #[serde(default)]
+    pub large_slice: Pane,
     /// Opacity of the overview's wall.
     pub opacity: f32,
     /// Rotation of the overview, radians.
@@ -89,6 +95,8 @@ impl Model {
             extent: self.extent,
             crosshair_mm: self.crosshair_mm.to_array(),
             maximised: self.maximised,
+            layout: self.layout,
+            large_slice: self.large_slice,
             opacity: self.opacity,
             orbit_rad: self.framing.orbit,
             zoom: self.framing.zoom,
@@ -106,6 +114,8 @@ impl Model {
                 Action::View(view.projection),
                 Action::Colour(view.colouring),
                 Action::Extent(view.extent),
+                Action::Layout(view.layout),
+                Action::LargeSlice(view.large_slice),
                 Action::Maximise(view.maximised),
                 Action::Opacity(view.opacity),
                 Action::Orbit(view.orbit_rad),

@@ -5,6 +5,7 @@ use std::path::Path;
 use super::super::computation::TaskKind;
 use super::super::error::AppError;
 use super::super::export::{self, Notes};
+use super::super::finding;
 use super::super::saved_flight::save_flight;
 use super::Viewer;
 use crate::flight::Frames;
@@ -51,6 +52,15 @@ impl Viewer {
             };
             Box::new(move |model| model.message = Some(message))
         })
+    }
+
+    /// Writes the table of the findings, beside those written before.
+    pub(super) fn export_findings(&mut self) {
+        let (folder, stem) = (&self.options.export, self.file_stem("findings"));
+        let name = export::free_name(folder, &stem, "csv");
+        let table = finding::table(&self.model);
+        let written = export::write(folder, &name, table.as_bytes());
+        self.show_written(written.map(|path| wrote(&path)));
     }
 
     /// Draws the flight into a new folder of the export folder and, where there is ffmpeg, a video

@@ -312,7 +312,20 @@ impl Viewer {
         if self.model.has_unsaved_notes() {
             self.save_session()?;
         }
+        self.model.notes_are = self.where_notes_are();
         kept
+    }
+
+    /// Says where the notes are, if there are some.
+    fn where_notes_are(&self) -> &'static str {
+        let count = self.model.bookmarks.len() + self.model.measurements.len();
+        let is_saved = self.files.own.is_some() && !self.model.has_unsaved_notes();
+        match (count, is_saved) {
+            (0, _) => "",
+            (_, true) => "notes saved",
+            (_, false) if self.is_kept() => "notes kept",
+            (_, false) => "notes not saved",
+        }
     }
 
     /// Saves notes, how the window is set, and the place on the path, in the user's file. Where no volume

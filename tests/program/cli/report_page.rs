@@ -183,6 +183,7 @@ fn texts_of_users_and_of_drivers_are_escaped_wherever_they_stand() {
         text: "6.4 mm".into(),
         points_mm: vec![[1.0, 0.0, 0.0], [0.0, 6.0, 0.0]],
         is_length: true,
+        finding: Some(1),
     };
     let page = ReportPage {
         report: Some(&report),
@@ -191,12 +192,15 @@ fn texts_of_users_and_of_drivers_are_escaped_wherever_they_stand() {
         findings: &[finding],
         measurements: &[size],
         shown_fraction: Some(0.25),
+        category: Some("C2: one or two polyps of 6 to 9 mm"),
     };
     let html = html::read(&page.html());
     let clean = hostile.replace(['\u{0}', '\u{fffe}'], " ");
     assert_eq!(html.text.matches(&clean).count(), 8, "title, heading, and six more");
     let findings = &html.by_id("findings").unwrap().text;
-    for part in ["Size 6.4 mm (measurement 1).", "123 mm along the path from the rectum."] {
+    for part in
+        ["C-RADS C2", "Size 6.4 mm (measurement 1).", "123 mm along the path from the rectum."]
+    {
         assert!(findings.contains(part), "{part:?} in {findings}");
     }
     assert_eq!(html.all().iter().filter(|e| e.name == "img").count(), 2);

@@ -1,0 +1,168 @@
+//! Places of the panes in the window.
+
+use egui::{Pos2, Rect, Vec2, pos2, vec2};
+
+use super::action::{Layout, Pane};
+
+/// Gap between panes, points.
+const GAP: f32 = 2.0;
+/// Height of a row of controls under a pane, points.
+const ROW: f32 = 26.0;
+/// Width of the controls of the flight, and of a slice, in one row, points.
+const TRANSPORT: f32 = 540.0;
+const PRESETS: f32 = 420.0;
+/// Most rows.
+const MAX_ROWS: f32 = 4.0;
+/// Least width of two columns; the inside view alone has less.
+const TWO_COLUMNS: f32 = 420.0;
+/// Least height of a pane above controls, points.
+const MIN_HEIGHT: f32 = 100.0;
+/// Share of the width that the inside view takes.
+const INSIDE: f32 = 0.56;
+/// Share of the slices' height that the row of small ones takes.
+const FILMSTRIP: f32 = 0.24;
+/// Side of the overview in a corner of the inside view, as a share of that, and at most, points.
+const INSET: (f32, f32) = (0.34, 220.0);
+
+/// Where panes and their controls are. A pane later in the list lies over one before.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Places {
+    /// Panes that are shown.
+    pub panes: Vec<(Pane, Rect)>,
+    /// Row of controls under the inside view.
+    pub transport: Option<Rect>,
+    /// Row of controls under the large slice.
+    pub presets: Option<Rect>,
+}
+
+/// Returns the places of the panes.
+///
+/// * `large`: the slice that is shown large.
+/// * `maximised`: the pane that fills the window.
+pub(super) fn places(whole: Rect, layout: Layout, large: Pane, maximised: Option<Pane>) -> Places {
+    match (maximised, layout) {
+        (Some(Pane::Inside), _) => with_transport(whole),
+        (Some(Pane::Overview), _) => {
+            Places { panes: vec![(Pane::Overview, whole)], ..Places::default() }
+        }
+        (Some(slice), _) => with_presets(whole, slice),
+        (None, Layout::Reading) => {
+            let [left, right] = columns(whole);
+            let is_wide = whole.width() >= TWO_COLUMNS;
+            let mut all = with_transport(if is_wide { left } else { whole });
+            let inside = all.panes[0].1;
+            let side = (INSET.0 * inside.width().min(inside.height())).min(INSET.1).round();
+            let corner = inside.right_top() + vec2(-side - 6.0, 6.0);
+            all.panes.push((Pane::Overview, Rect::from_min_size(corner, Vec2::splat(side))));
+            if !is_wide {
+                return all;
+            }
+            let slices = large_slice(right, large);
+            Places { panes: [all.panes, slices.panes].concat(), presets: slices.presets, ..all }
+        }
+        (None, Layout::Slices) => large_slice(whole, large),
+        (None, Layout::All) => {
+            let [left, right] = columns(whole);
+            let all = with_transport(left);
+            Places { panes: [all.panes, grid_of_slices(right)].concat(), ..all }
+        }
+    }
+}
+
+fn columns(whole: Rect) -> [Rect; 2] {
+    let split = whole.min.x + (INSIDE * whole.width()).round();
+    let left = Rect::from_min_max(whole.min, pos2(split - GAP, whole.max.y));
+    [left, Rect::from_min_max(pos2(split, whole.min.y), whole.max)]
+}
+
+/// The inside view with its controls below.
+fn with_transport(place: Rect) -> Places {
+    let (inside, controls) = above_controls(place, TRANSPORT);
+    Places { panes: vec![(Pane::Inside, inside)], transport: controls, presets: None }
+}
+
+/// A slice with its controls below.
+fn with_presets(place: Rect, slice: Pane) -> Places {
+    let (slice_place, controls) = above_controls(place, PRESETS);
+    Places { panes: vec![(slice, slice_place)], transport: None, presets: controls }
+}
+
+/// A pane above controls that take so much width in one row.
+fn above_controls(place: Rect, width: f32) -> (Rect, Option<Rect>) {
+    let rows = (width / place.width().max(1.0)).ceil().min(MAX_ROWS);
+    let edge = place.max.y - rows * ROW;
+    if edge < place.min.y + MIN_HEIGHT {
+        return (place, None);
+    }
+    let pane = Rect::from_min_max(place.min, pos2(place.max.x, edge));
+    (pane, Some(Rect::from_min_max(pos2(place.min.x, edge), place.max)))
+}
+
+/// One slice large, the others in a row below.
+fn large_slice(place: Rect, large: Pane) -> Places {
+    let strip = (FILMSTRIP * place.height()).round();
+    let edge = place.max.y - strip;
+    let mut all = with_presets(Rect::from_min_max(place.min, pos2(place.max.x, edge - GAP)), large);
+    let others: Vec<Pane> = Pane::SLICES.into_iter().filter(|p| *p != large).collect();
+    let width = place.width() / others.len() as f32;
+    for (i, pane) in others.into_iter().enumerate() {
+        let min = Pos2::new(place.min.x + i as f32 * width, edge);
+        let size = vec2((width - GAP).max(1.0), strip.max(1.0));
+        all.panes.push((pane, Rect::from_min_size(min, size)));
+    }
+    all
+}
+
+/// The overview and the slice across the path above the three others.
+fn grid_of_slices(right: Rect) -> Vec<(Pane, Rect)> {
+    let part = |col: usize, row: usize| {
+        let size = vec2(right.width() / 2.0, right.height() / 3.0);
+        let min = right.min + vec2(col as f32 * size.x, row as f32 * size.y);
+        Rect::from_min_size(min, (size - Vec2::splat(GAP)).max(Vec2::splat(1.0)))
+    };
+    vec![
+        (Pane::Overview, part(0, 0)),
+        (Pane::Across, part(1, 0)),
+        (Pane::Axial, part(0, 1)),
+        (Pane::Coronal, part(1, 1)),
+        (Pane::Sagittal, part(0, 2).union(part(1, 2))),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn window(width: f32, height: f32) -> Rect {
+        Rect::from_min_size(pos2(0.0, 30.0), vec2(width, height))
+    }
+
+    #[test]
+    fn panes_fill_the_window_and_none_but_the_overview_lies_over_another() {
+        for (width, height) in [(1044.0, 680.0), (1644.0, 960.0), (400.0, 300.0), (60.0, 40.0)] {
+            let whole = window(width, height);
+            for layout in [Layout::Reading, Layout::Slices, Layout::All] {
+                let of = places(whole, layout, Pane::Axial, None);
+                let mut rects: Vec<(Option<Pane>, Rect)> =
+                    of.panes.iter().map(|(pane, rect)| (Some(*pane), *rect)).collect();
+                rects.extend(of.transport.into_iter().chain(of.presets).map(|r| (None, r)));
+                assert!(rects.iter().all(|(_, r)| whole.expand(0.5).contains_rect(*r)));
+                rects.retain(|(pane, _)| *pane != Some(Pane::Overview));
+                for (i, (_, a)) in rects.iter().enumerate() {
+                    for (_, b) in &rects[..i] {
+                        let both = a.intersect(*b);
+                        assert!(both.width() < 0.5 || both.height() < 0.5, "{a:?} and {b:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_large_slice_of_a_laptop_is_twice_as_wide_as_it_was() {
+        let of = places(window(1044.0, 680.0), Layout::Reading, Pane::Coronal, None);
+        let large = of.panes.iter().find(|(pane, _)| *pane == Pane::Coronal).unwrap().1;
+        assert!(large.width() > 450.0 && large.height() > 450.0, "228 by 228 before: {large:?}");
+        assert_eq!(of.panes.len(), 6);
+    }
+}

@@ -1,0 +1,123 @@
+//! Ways through the tree of a lumen: to the place of the centerline that is nearest to another place,
+//! along whichever branch leads there.
+
+use glam::DVec3;
+
+use super::super::slices::side_letters;
+use super::Model;
+use crate::flight::FlightPath;
+use crate::geometry::Centerline;
+use crate::session::FlightRoute;
+
+/// A path passes a place of the tree if it comes as near, mm.
+const PASSES_MM: f64 = 2.0;
+
+/// A way to a place, with what a bronchoscopist asks of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WayTo {
+    /// The place, LPS mm.
+    pub place_mm: DVec3,
+    /// Millimetres along the path to where it is nearest to the place.
+    pub arc_mm: f64,
+    /// From there to the place, mm.
+    pub beside_mm: f64,
+    /// Places on the way where it leaves one branch for another: millimetres along the path, and the
+    /// sides of the patient that it turns to.
+    pub turns: Vec<(f64, String)>,
+    /// Least diameter of the lumen on the way, mm, and where.
+    pub narrowest: (f64, f64),
+}
+
+impl Model {
+    /// Sets out for the place of the tree that is nearest to another place: along the path if that leads
+    /// there. Else returns the route that does; the way goes on when it is taken.
+    pub(in super::super) fn set_out_through_tree(&mut self, place: DVec3) -> Option<FlightRoute> {
+        let line = &self.products.centerline.as_ref()?.line;
+        let path = self.path.as_ref()?;
+        let (branch, near) = nearest_in_tree(line, place)?;
+        let on_path = path.pose_at(path.nearest_to(near)).position_mm.as_dvec3();
+        if on_path.distance(near) <= PASSES_MM || self.choices.is_empty() {
+            self.arrive_at(place);
+            return None;
+        }
+        self.way_goes_on_to = Some(place);
+        Some(FlightRoute::Leaf(branch))
+    }
+
+    /// Flies on to the place that the branch was taken for.
+    pub(super) fn go_on_along_branch(&mut self) {
+        if let Some(place) = self.way_goes_on_to.take() {
+            self.arrive_at(place);
+        }
+    }
+
+    fn arrive_at(&mut self, place: DVec3) {
+        self.look_at(place);
+        self.way = self.path.as_ref().map(|path| {
+            let line = self.products.centerline.as_ref().map(|c| &c.line);
+            way_to(path, line, self.route, place)
+        });
+    }
+}
+
+/// The branch and the place of the centerline nearest to a place.
+fn nearest_in_tree(line: &Centerline, place: DVec3) -> Option<(usize, DVec3)> {
+    let points = line.branches.iter().enumerate();
+    let points = points.flat_map(|(i, b)| b.points.iter().map(move |p| (i, p.position_mm)));
+    points.min_by(|a, b| a.1.distance_squared(place).total_cmp(&b.1.distance_squared(place)))
+}
+
+fn way_to(path: &FlightPath, line: Option<&Centerline>, route: FlightRoute, place: DVec3) -> WayTo {
+    let arc_mm = path.nearest_to(place);
+    let there = path.pose_at(arc_mm).position_mm.as_dvec3();
+    let before = path.arcs_mm().iter().zip(&path.radius_mm).filter(|(arc, _)| **arc <= arc_mm);
+    let narrowest = before.min_by(|a, b| a.1.total_cmp(b.1)).map(|(arc, r)| (2.0 * r, *arc));
+    let turns = line.map(|line| turns(path, line, route, arc_mm)).unwrap_or_default();
+    let narrowest = narrowest.unwrap_or_default();
+    WayTo { place_mm: place, arc_mm, beside_mm: there.distance(place), turns, narrowest }
+}
+
+/// Where the flown branch leaves the one before, from the root on.
+fn turns(
+    path: &FlightPath,
+    line: &Centerline,
+    route: FlightRoute,
+    to_mm: f64,
+) -> Vec<(f64, String)> {
+    /// Way behind a turn over which its direction is taken, mm.
+    const BEHIND_MM: f64 = 8.0;
+    let FlightRoute::Leaf(mut branch) = route else { return Vec::new() };
+    let mut found = Vec::new();
+    while let Some(start) = line.branches[branch].start {
+        let from = line.branches[start.branch].points[start.point].position_mm;
+        let arc = path.nearest_to(from);
+        let behind = path.pose_at(arc + BEHIND_MM).position_mm.as_dvec3();
+        let direction = (behind - from).normalize_or_zero();
+        if arc <= to_mm {
+            found.push((arc, side_letters(direction)));
+        }
+        branch = start.branch;
+    }
+    found.reverse();
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::junctions::tests::{path, tree};
+    use super::*;
+
+    #[test]
+    fn a_way_names_its_turns_and_its_narrowest_place() {
+        let line = tree();
+        let path = path(&line, 3);
+        // Up the branch at 20 mm, and off it at 10 mm more towards the patient's right.
+        let way = way_to(&path, Some(&line), FlightRoute::Leaf(3), DVec3::new(12.0, 11.0, 0.0));
+        let turns: Vec<(f64, &str)> = way.turns.iter().map(|t| (t.0.round(), &t.1[..])).collect();
+        assert_eq!(turns, [(20.0, "P"), (30.0, "R")]);
+        assert_eq!(way.narrowest.0, 2.0);
+        assert!(way.beside_mm < 3.0 && way.arc_mm > 30.0, "{way:?}");
+        let (branch, near) = nearest_in_tree(&line, DVec3::new(41.0, -9.0, 1.0)).unwrap();
+        assert_eq!((branch, near), (2, DVec3::new(40.0, -10.0, 0.0)));
+    }
+}
