@@ -56,7 +56,7 @@ impl Pane {
 /// Arrangement of the panes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Layout {
+pub enum PaneLayout {
     /// The inside view with the overview in its corner beside one large slice, the other slices small.
     #[default]
     Reading,
@@ -66,7 +66,7 @@ pub enum Layout {
     All,
 }
 
-impl Layout {
+impl PaneLayout {
     /// All arrangements with their names.
     pub const ALL: [(Self, &'static str); 3] =
         [(Self::Reading, "reading"), (Self::Slices, "slices"), (Self::All, "all panes")];
@@ -227,7 +227,7 @@ pub enum Action {
     /// Fills the window with a pane, or shows all.
     Maximise(Option<Pane>),
     /// Arranges the panes.
-    Layout(Layout),
+    Layout(PaneLayout),
     /// Shows a slice large.
     LargeSlice(Pane),
     /// Shows or hides the panel on the right.

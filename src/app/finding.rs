@@ -14,7 +14,7 @@ use crate::volume::Volume;
 /// Form of a lesion, as colonography reports it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Shape {
+pub enum LesionShape {
     /// Broad-based: wider than it is high.
     Sessile,
     /// On a stalk.
@@ -29,7 +29,7 @@ pub enum Shape {
     Other,
 }
 
-impl Shape {
+impl LesionShape {
     /// All forms.
     pub const ALL: [Self; 6] =
         [Self::Sessile, Self::Pedunculated, Self::Flat, Self::Mass, Self::Stenosis, Self::Other];
@@ -82,7 +82,7 @@ pub enum FindingEdit {
     /// Segment of the organ, or name of the branch.
     Segment(String),
     /// Its form; `None` where nothing is said.
-    Shape(Option<Shape>),
+    Shape(Option<LesionShape>),
     /// Confidence of the reader; `None` where nothing is said.
     Confidence(Option<Confidence>),
 }
@@ -221,12 +221,12 @@ pub(super) fn category(model: &Model) -> Option<&'static str> {
         return None;
     }
     let counts = |b: &&Bookmark| {
-        !matches!(b.shape, Some(Shape::Stenosis | Shape::Other))
+        !matches!(b.shape, Some(LesionShape::Stenosis | LesionShape::Other))
             && b.confidence != Some(Confidence::Low)
     };
     let polyps: Vec<_> = model.bookmarks.iter().filter(counts).collect();
     let mm: Vec<f64> = polyps.iter().filter_map(|b| sizes(model, b).largest_mm()).collect();
-    let has_mass = polyps.iter().any(|b| b.shape == Some(Shape::Mass));
+    let has_mass = polyps.iter().any(|b| b.shape == Some(LesionShape::Mass));
     (!mm.is_empty() || has_mass).then(|| c_rads(&mm, has_mass))
 }
 
@@ -247,7 +247,7 @@ pub(super) fn table(model: &Model) -> String {
             number(distance_mm(model, b)),
             number(wall_mm),
             number(slice_mm),
-            b.shape.map_or("", Shape::name).into(),
+            b.shape.map_or("", LesionShape::name).into(),
             number(mean_value(model, b)),
             b.confidence.map_or("", Confidence::name).into(),
         ];
@@ -333,7 +333,7 @@ mod tests {
         for text in ["a, \"b\"", "=1+1"] {
             model.step(0.0, &[Action::Bookmark(text.into())]);
         }
-        let shape = FindingEdit::Shape(Some(Shape::Flat));
+        let shape = FindingEdit::Shape(Some(LesionShape::Flat));
         model.step(0.0, &[Action::EditFinding(1, shape)]);
         let table = table(&model);
         let lines: Vec<&str> = table.trim_end().split("\r\n").collect();

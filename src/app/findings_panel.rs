@@ -4,7 +4,9 @@ use egui::{ComboBox, Key, TextEdit, Ui};
 use glam::DVec3;
 
 use super::action::{Action, ActionQueue, Export, Request, Ruler};
-use super::finding::{Confidence, FindingEdit, Shape, category, distance_mm, mean_value, sizes};
+use super::finding::{
+    Confidence, FindingEdit, LesionShape, category, distance_mm, mean_value, sizes,
+};
 use super::measure::Measurement;
 use super::model::{Bookmark, Model};
 use super::side_panel::PanelState;
@@ -95,10 +97,10 @@ fn said(ui: &mut Ui, model: &Model, i: usize, finding: &Bookmark, commands: &mut
         let mut shape = finding.shape;
         ComboBox::from_id_salt("shape")
             .width(90.0)
-            .selected_text(shape.map_or("form", Shape::name))
+            .selected_text(shape.map_or("form", LesionShape::name))
             .show_ui(ui, |ui| {
                 ui.selectable_value(&mut shape, None, "not said");
-                for one in Shape::ALL {
+                for one in LesionShape::ALL {
                     ui.selectable_value(&mut shape, Some(one), one.name());
                 }
             });

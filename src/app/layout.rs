@@ -2,7 +2,7 @@
 
 use egui::{Pos2, Rect, Vec2, pos2, vec2};
 
-use super::action::{Layout, Pane};
+use super::action::{Pane, PaneLayout};
 
 /// Gap between panes, points.
 const GAP: f32 = 2.0;
@@ -39,14 +39,19 @@ pub(super) struct Places {
 ///
 /// * `large`: the slice that is shown large.
 /// * `maximised`: the pane that fills the window.
-pub(super) fn places(whole: Rect, layout: Layout, large: Pane, maximised: Option<Pane>) -> Places {
+pub(super) fn places(
+    whole: Rect,
+    layout: PaneLayout,
+    large: Pane,
+    maximised: Option<Pane>,
+) -> Places {
     match (maximised, layout) {
         (Some(Pane::Inside), _) => with_transport(whole),
         (Some(Pane::Overview), _) => {
             Places { panes: vec![(Pane::Overview, whole)], ..Places::default() }
         }
         (Some(slice), _) => with_presets(whole, slice),
-        (None, Layout::Reading) => {
+        (None, PaneLayout::Reading) => {
             let [left, right] = columns(whole);
             let is_wide = whole.width() >= TWO_COLUMNS;
             let mut all = with_transport(if is_wide { left } else { whole });
@@ -60,8 +65,8 @@ pub(super) fn places(whole: Rect, layout: Layout, large: Pane, maximised: Option
             let slices = large_slice(right, large);
             Places { panes: [all.panes, slices.panes].concat(), presets: slices.presets, ..all }
         }
-        (None, Layout::Slices) => large_slice(whole, large),
-        (None, Layout::All) => {
+        (None, PaneLayout::Slices) => large_slice(whole, large),
+        (None, PaneLayout::All) => {
             let [left, right] = columns(whole);
             let all = with_transport(left);
             Places { panes: [all.panes, grid_of_slices(right)].concat(), ..all }
@@ -141,7 +146,7 @@ mod tests {
     fn panes_fill_the_window_and_none_but_the_overview_lies_over_another() {
         for (width, height) in [(1044.0, 680.0), (1644.0, 960.0), (400.0, 300.0), (60.0, 40.0)] {
             let whole = window(width, height);
-            for layout in [Layout::Reading, Layout::Slices, Layout::All] {
+            for layout in [PaneLayout::Reading, PaneLayout::Slices, PaneLayout::All] {
                 let of = places(whole, layout, Pane::Axial, None);
                 let mut rects: Vec<(Option<Pane>, Rect)> =
                     of.panes.iter().map(|(pane, rect)| (Some(*pane), *rect)).collect();
@@ -160,7 +165,7 @@ mod tests {
 
     #[test]
     fn the_large_slice_of_a_laptop_is_twice_as_wide_as_it_was() {
-        let of = places(window(1044.0, 680.0), Layout::Reading, Pane::Coronal, None);
+        let of = places(window(1044.0, 680.0), PaneLayout::Reading, Pane::Coronal, None);
         let large = of.panes.iter().find(|(pane, _)| *pane == Pane::Coronal).unwrap().1;
         assert!(large.width() > 450.0 && large.height() > 450.0, "228 by 228 before: {large:?}");
         assert_eq!(of.panes.len(), 6);

@@ -51,12 +51,12 @@ mod wall_outline;
 mod window;
 
 pub use action::{
-    Action, ActionQueue, Colouring, Command, EXTENT_MM, Export, FOV_DEG, Layout, LumenChoice, Pane,
-    Request, Ruler, SPEED_MM_S, SliceExtent, WallView,
+    Action, ActionQueue, Colouring, Command, EXTENT_MM, Export, FOV_DEG, LumenChoice, Pane,
+    PaneLayout, Request, Ruler, SPEED_MM_S, SliceExtent, WallView,
 };
 pub use coverage_recorder::{CoverageRecorder, SeenFaces};
 pub use error::AppError;
-pub use finding::{Confidence, FindingEdit, Shape};
+pub use finding::{Confidence, FindingEdit, LesionShape};
 pub use junctions::BranchChoice;
 pub use kept_notes::{KeptOffer, RecentCase};
 pub use measure::Measurement;

@@ -22,10 +22,10 @@ use glam::{DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::action::{
-    Action, Colouring, FOV_DEG, Layout, Pane, Request, Ruler, SPEED_MM_S, SliceExtent, WallView,
+    Action, Colouring, FOV_DEG, Pane, PaneLayout, Request, Ruler, SPEED_MM_S, SliceExtent, WallView,
 };
 use super::coverage_recorder::SeenFaces;
-use super::finding::{Confidence, Shape};
+use super::finding::{Confidence, LesionShape};
 use super::grey_window::default_window;
 use super::junctions::{BranchChoice, choices};
 use super::kept_notes::{KeptOffer, RecentCase};
@@ -73,7 +73,7 @@ pub struct Bookmark {
     pub segment: Option<String>,
     /// Form of the lesion.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub shape: Option<Shape>,
+    pub shape: Option<LesionShape>,
     /// Confidence of the reader.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confidence: Option<Confidence>,
@@ -134,7 +134,7 @@ pub struct Model {
     /// The pane that fills the window.
     pub maximised: Option<Pane>,
     /// Arrangement of the panes.
-    pub layout: Layout,
+    pub layout: PaneLayout,
     /// The slice that is shown large.
     pub large_slice: Pane,
     /// Whether the panel on the right is hidden.

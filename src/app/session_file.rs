@@ -284,7 +284,7 @@ fn is_file_name(name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::super::action::Ruler;
-    use super::super::finding::{Confidence, Shape};
+    use super::super::finding::{Confidence, LesionShape};
     use super::*;
 
     fn file() -> SessionFile {
@@ -303,7 +303,7 @@ mod tests {
                 id: 1,
                 wall_mm: Some([1.0, 2.0, 3.0]),
                 segment: Some("sigmoid".into()),
-                shape: Some(Shape::Flat),
+                shape: Some(LesionShape::Flat),
                 confidence: Some(Confidence::High),
             }],
             window: [40.0, 400.0],

@@ -4,7 +4,7 @@ use egui::{Align2, Color32, FontId, Pos2, Rect, Response, Sense, Stroke, Ui, Vec
 use glam::DVec3;
 
 use super::action::{
-    Action, ActionQueue, Command, FOV_DEG, Layout, Pane, Request, SPEED_MM_S, WallView,
+    Action, ActionQueue, Command, FOV_DEG, Pane, PaneLayout, Request, SPEED_MM_S, WallView,
 };
 use super::branch_panel::branch_under;
 use super::computation::WorkStatus;
@@ -234,7 +234,7 @@ fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut Acti
             }
         }
     });
-    for Step { name, tab, missing } in steps(model) {
+    for ReadingStep { name, tab, missing } in steps(model) {
         let is_here = missing.is_none() && state.panel.tab == tab;
         let button = ui.add_enabled(missing.is_none(), egui::Button::selectable(is_here, name));
         if button.on_disabled_hover_text(missing.unwrap_or_default()).clicked() {
@@ -242,7 +242,7 @@ fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut Acti
         }
     }
     ui.separator();
-    for (layout, name) in Layout::ALL {
+    for (layout, name) in PaneLayout::ALL {
         if ui.selectable_label(model.layout == layout, name).clicked() {
             commands.act(Action::Layout(layout));
         }
@@ -257,23 +257,27 @@ fn controls(ui: &mut Ui, model: &Model, state: &mut UiState, commands: &mut Acti
 }
 
 /// A step of a reading, and why it cannot be done yet.
-struct Step {
+struct ReadingStep {
     name: &'static str,
     tab: Tab,
     missing: Option<&'static str>,
 }
 
 /// The steps of a reading after the scan is open, each with the tab that serves it.
-fn steps(model: &Model) -> [Step; 4] {
+fn steps(model: &Model) -> [ReadingStep; 4] {
     let no_scan = model.volume().is_none().then_some("Open a scan first.");
     let no_path = model.path.is_none().then_some("There is no path through an organ yet.");
     let no_coverage = model.products.coverage.is_none();
     let no_coverage = no_coverage.then_some("The coverage of the flight is not computed yet.");
     [
-        Step { name: "2 Organ", tab: Tab::Lumen, missing: no_scan },
-        Step { name: "3 Fly", tab: Tab::Branches, missing: no_scan.or(no_path) },
-        Step { name: "4 Review", tab: Tab::Missed, missing: no_scan.or(no_path).or(no_coverage) },
-        Step { name: "5 Report", tab: Tab::Findings, missing: no_scan },
+        ReadingStep { name: "2 Organ", tab: Tab::Lumen, missing: no_scan },
+        ReadingStep { name: "3 Fly", tab: Tab::Branches, missing: no_scan.or(no_path) },
+        ReadingStep {
+            name: "4 Review",
+            tab: Tab::Missed,
+            missing: no_scan.or(no_path).or(no_coverage),
+        },
+        ReadingStep { name: "5 Report", tab: Tab::Findings, missing: no_scan },
     ]
 }
 
@@ -410,7 +414,7 @@ fn show_pane(
         orientation_marker(&painter, rect, pose.rotation.as_dquat());
     }
     if response.double_clicked() {
-        let is_small = model.layout != Layout::All && model.large_slice != pane;
+        let is_small = model.layout != PaneLayout::All && model.large_slice != pane;
         commands.act(match Pane::SLICES.contains(&pane) && is_small && model.maximised.is_none() {
             true => Action::LargeSlice(pane),
             false => Action::Maximise((model.maximised != Some(pane)).then_some(pane)),

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3, Quat};
 use serde::{Deserialize, Serialize};
 
-use super::super::action::{Action, Colouring, Layout, Pane, SliceExtent, WallView};
+use super::super::action::{Action, Colouring, Pane, PaneLayout, SliceExtent, WallView};
 use super::Model;
 use crate::geometry::Pose;
 use crate::render::Framing;
@@ -33,7 +33,7 @@ pub struct SavedView {
     pub maximised: Option<Pane>,
     /// Arrangement of the panes.
     #[serde(default)]
-    pub layout: Layout,
+    pub layout: PaneLayout,
     /// The slice that was shown large.
     #[serde(default)]
     pub large_slice: Pane,
